@@ -1,0 +1,32 @@
+"""Spatial (6-D) vector algebra for JAX: wrenches, velocities, momenta, and what is done with them.
+
+    import jaxspatial as js
+
+    F_Bp_E = js.SpatialForce(tau, f)            # torque on top of force, about point Bp
+    F_Bq_E = js.shift(F_Bp_E, p_BpBq_E)         # the same wrench about Bq
+    power = js.dot(F_Bq_E, V_MBq_E)
+
+This list is what is promised; everything else may change.
+"""
+
+# how numbers are added and multiplied
+from jaxspatial.arithmetic.precision import Precision as Precision
+
+# spatial vectors
+from jaxspatial.spatial import SpatialAcceleration as SpatialAcceleration
+from jaxspatial.spatial import SpatialForce as SpatialForce
+from jaxspatial.spatial import SpatialMomentum as SpatialMomentum
+from jaxspatial.spatial import SpatialVelocity as SpatialVelocity
+
+# operations on them
+from jaxspatial.spatial import cross as cross
+from jaxspatial.spatial import dot as dot
+from jaxspatial.spatial import shift as shift
+
+# wrenches and points
+from jaxspatial.spatial import CentralAxis as CentralAxis
+from jaxspatial.spatial import center_of_pressure as center_of_pressure
+from jaxspatial.spatial import central_axis as central_axis
+from jaxspatial.spatial import wrench_from_point_forces as wrench_from_point_forces
+
+__version__ = "0.1.0"

@@ -1,0 +1,77 @@
+"""What comes in from the caller: checked once, with messages that name the argument, what was expected and what came."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+_FLOATS = "float16, bfloat16, float32 or float64"
+
+
+def as_float_array(x, name, dtype=None):
+    """x as an array of floating point; `dtype` is taken on by numbers that have none (Python floats, lists of them).
+
+    NumPy stays NumPy (known while tracing), in JAX's canonical dtype. Integers are refused: whether 1 means 1.0f or
+    1.0 is the caller's to say.
+    """
+    array = _as_array(x, name, dtype)
+    if not jnp.issubdtype(array.dtype, jnp.floating):
+        raise TypeError(f"{name}: expected floating point ({_FLOATS}), got {array.dtype}; convert with .astype(float)")
+    if isinstance(array, np.ndarray):
+        return array.astype(jax.dtypes.canonicalize_dtype(array.dtype), copy=False)
+    # A weakly typed array would make a second trace for what is otherwise the same call.
+    return jax.lax.convert_element_type(array, array.dtype) if getattr(array, "weak_type", False) else array
+
+
+def _as_array(x, name, dtype):
+    if isinstance(x, (np.ndarray, np.generic, jax.Array, jax.ShapeDtypeStruct)) and not isinstance(x, float):
+        return np.asarray(x) if isinstance(x, np.generic) else x
+    try:
+        if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(x)):
+            return jnp.asarray(x)
+        array = np.asarray(x)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"{name}: expected an array of floating point ({_FLOATS}), got {_shown(x)}") from error
+    if array.dtype.kind not in "fiub":
+        raise TypeError(f"{name}: expected an array of floating point ({_FLOATS}), got {_shown(x)}")
+    has_no_dtype = array.dtype.kind == "f" and dtype is not None and not hasattr(x, "__array__")
+    return array.astype(dtype) if has_no_dtype else array
+
+
+def _shown(x):
+    text = repr(x)
+    return f"{type(x).__name__} {text if len(text) <= 60 else text[:57] + '...'}"
+
+
+def as_vectors(x, name, dtype=None, size=3):
+    """x as an array of shape (*batch, size)."""
+    array = as_float_array(x, name, dtype)
+    if array.shape[-1:] != (size,):
+        raise ValueError(f"{name}: expected shape (*batch, {size}), got {array.shape}")
+    return array
+
+
+def require_same_dtype(**arrays):
+    """All dtypes equal: mixed ones would be promoted silently, or not at all, depending on a global flag."""
+    dtypes = {name: np.dtype(a.dtype).name for name, a in arrays.items()}
+    if len(set(dtypes.values())) > 1:
+        came = ", ".join(f"{name}: {dtype}" for name, dtype in dtypes.items())
+        raise TypeError(f"{' and '.join(dtypes)}: expected one dtype, got {came}; convert with .astype")
+
+
+def common_batch_shape(**batch_shapes):
+    """The shape that all batch shapes broadcast to."""
+    try:
+        return np.broadcast_shapes(*batch_shapes.values())
+    except ValueError:
+        came = ", ".join(f"{name}: {shape}" for name, shape in batch_shapes.items())
+        raise ValueError(
+            f"{' and '.join(batch_shapes)}: expected batch shapes that broadcast, got {came}; "
+            "one item against many is jax.vmap(..., in_axes=(0, None))"
+        ) from None
+
+
+def broadcast_batch(batch_shape, *arrays):
+    """Each array (*batch, n) over the common batch; NumPy stays NumPy."""
+    return tuple(
+        (np if isinstance(a, np.ndarray) else jnp).broadcast_to(a, (*batch_shape, *a.shape[-1:])) for a in arrays
+    )

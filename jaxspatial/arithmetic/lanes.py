@@ -1,0 +1,114 @@
+"""Components as lanes: a 3-vector is three separate arrays over the batch, or numbers known while tracing.
+
+A component that is known to be 0 or 1 leaves no operation behind, so that a formula written once becomes the program of
+exactly this scene. A known 0 is an exact zero, also next to an infinity or a NaN; a 0 that arrives as data behaves as
+IEEE 754 says. No axis of length 3 is ever reduced, and no product of matrices reaches a BLAS.
+"""
+
+import operator
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.arithmetic import fast, reproducible
+from jaxspatial.arithmetic.precision import Precision
+
+_PRODUCT = {Precision.FAST: fast.product, Precision.REPRODUCIBLE: reproducible.product}
+
+
+def is_known(a, *values):
+    """True for a number known while tracing, and, with values given, only if it is one of them."""
+    return isinstance(a, np.generic) and (not values or a in values)
+
+
+def unstack(x):
+    """The components of x (*batch, n), each (*batch,); of a NumPy array, numbers wherever one is the same throughout."""
+    if isinstance(x, np.ndarray):
+        return tuple(_number_if_uniform(x[..., i]) for i in range(x.shape[-1]))
+    leading = jnp.moveaxis(x, -1, 0)
+    return tuple(leading[i] for i in range(x.shape[-1]))
+
+
+def _number_if_uniform(column):
+    first = column.flat[0] if column.size else None
+    return first if first is not None and (column == first).all() else jnp.asarray(column)
+
+
+def stack(components, batch_shape=()):
+    """(*batch, n) of n components. Stacked along a leading axis: 2 to 3 times faster on XLA CPU than along the last."""
+    if all(is_known(c) for c in components):
+        return np.broadcast_to(np.stack(components), (*batch_shape, len(components)))
+    full = [jnp.full(batch_shape, c) if is_known(c) else jnp.broadcast_to(c, batch_shape) for c in components]
+    return jnp.moveaxis(jnp.stack(full), 0, -1)
+
+
+def negate(a):
+    return -a
+
+
+def add(a, b):
+    if is_known(a, 0):
+        return b
+    return a if is_known(b, 0) else operator.add(*_alike(a, b))
+
+
+def subtract(a, b):
+    if is_known(a, 0):
+        return negate(b)
+    return a if is_known(b, 0) else operator.sub(*_alike(a, b))
+
+
+def multiply(precision, a, b):
+    for one, other in ((a, b), (b, a)):
+        if is_known(one, 0):
+            return one * one
+        if is_known(one, 1, -1):
+            return other if one == 1 else negate(other)
+    return a * b if is_known(a) and is_known(b) else _PRODUCT[precision](*_alike(a, b))
+
+
+def _alike(a, b):
+    """a and b, a known number beside an array made an array of its shape."""
+    if is_known(a) == is_known(b):
+        return a, b
+    return (jnp.full_like(b, a), b) if is_known(a) else (a, jnp.full_like(a, b))
+
+
+def cross(precision, a, b):
+    """a x b. 9 flops; error <= 2 u mag per component, mag = |a_i b_j| + |a_j b_i|."""
+
+    def difference(i, j):
+        return subtract(multiply(precision, a[i], b[j]), multiply(precision, a[j], b[i]))
+
+    return difference(1, 2), difference(2, 0), difference(0, 1)
+
+
+def dot(precision, a, b):
+    """a . b, summed from the left. 5 flops; error <= 3 u mag, mag = sum of |a_i b_i|."""
+    x, y, z = (multiply(precision, p, q) for p, q in zip(a, b, strict=True))
+    return add(add(x, y), z)
+
+
+def plus(x, components):
+    """x + components, for x (*batch, n)."""
+    return _with_array(operator.add, add, x, components)
+
+
+def minus(x, components):
+    """x - components, for x (*batch, n)."""
+    return _with_array(operator.sub, subtract, x, components)
+
+
+def _with_array(whole, each, x, components):
+    """One addition of arrays where all components are data, else one per component that is not known to be 0.
+
+    The addition of arrays ties the result to the layout of x. Where a transposed stack is itself a result of the
+    program, XLA CPU writes it transposed and copies it in a second pass: 4 times slower, and donated memory unused.
+    """
+    if isinstance(x, np.ndarray) or any(is_known(c) for c in components):
+        return stack([each(a, c) for a, c in zip(unstack(x), components, strict=True)], _batch_shape(x, components))
+    return whole(x, stack(components, x.shape[:-1]))
+
+
+def _batch_shape(x, components):
+    return np.broadcast_shapes(x.shape[:-1], *(c.shape for c in components))

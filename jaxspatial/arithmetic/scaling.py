@@ -1,0 +1,23 @@
+"""Scaling by powers of two: exact, so that intermediate results need neither overflow nor underflow."""
+
+import functools
+
+import jax.numpy as jnp
+from jax import lax
+
+
+def exponent(components):
+    """e with 2^(e-1) <= max |component| < 2^e, and 0 for zeros, infinities and NaN; a constant to derivatives."""
+    largest = functools.reduce(jnp.maximum, (lax.stop_gradient(jnp.abs(c)) for c in components))
+    usable = jnp.isfinite(largest) & (largest > 0)
+    # In float32, which has the range of bfloat16, or float64: frexp knows no 16-bit floats.
+    wide = jnp.where(usable, largest, 1).astype(jnp.float64 if largest.dtype == jnp.float64 else jnp.float32)
+    return jnp.where(usable, jnp.frexp(wide)[1], 0)
+
+
+def times_power_of_two(x, e):
+    """x 2^e, rounded once where it underflows. In three steps, because 2^e alone may lie outside of the format."""
+    first, second = e // 3, (e - e // 3) // 2
+    for part in (first, second, e - first - second):
+        x = x * jnp.exp2(part.astype(x.dtype))
+    return x

@@ -1,0 +1,45 @@
+"""Spatial force and spatial momentum: the two kinds that shift alike."""
+
+import jax
+
+from jaxspatial.arithmetic import lanes
+from jaxspatial.arithmetic.kernel import kernel
+from jaxspatial.spatial.operations import shift
+from jaxspatial.spatial.vector import SpatialVector, shifted, spatial_vector
+
+
+@spatial_vector
+class SpatialForce(SpatialVector):
+    """F_Bp_E: a wrench on body B: a torque on top of a force, about point Bp, expressed in frame E.
+
+    tau: (*batch, 3) torque about Bp, N m
+    f: (*batch, 3) force, N
+
+    The sum of two has a meaning for forces on the same body, about the same point, in the same frame.
+    """
+
+    tau: jax.Array
+    f: jax.Array
+
+
+@spatial_vector
+class SpatialMomentum(SpatialVector):
+    """L_MSp_E: the momentum of system S in frame M, about point Sp, expressed in frame E.
+
+    h: (*batch, 3) angular momentum about Sp, N m s
+    l: (*batch, 3) linear momentum, N s
+    """
+
+    h: jax.Array
+    l: jax.Array  # noqa: E741 - the field's letter
+
+
+@shift.register(SpatialForce)
+@shift.register(SpatialMomentum)
+def _(F_P_E, p_PQ_E, w=None, *, precision=None):
+    return shifted(_shifted, F_P_E, p_PQ_E, w, precision=precision)
+
+
+@kernel
+def _shifted(precision, tau, f, p):
+    return lanes.minus(tau, lanes.cross(precision, lanes.unstack(p), lanes.unstack(f))), f

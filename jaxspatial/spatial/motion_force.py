@@ -1,0 +1,70 @@
+"""Where motion meets force: power, kinetic energy, and the two cross products."""
+
+from jaxspatial.arithmetic import check, lanes
+from jaxspatial.arithmetic.kernel import kernel
+from jaxspatial.spatial.acceleration import SpatialAcceleration
+from jaxspatial.spatial.force import SpatialForce, SpatialMomentum
+from jaxspatial.spatial.operations import cross, dot
+from jaxspatial.spatial.velocity import SpatialVelocity
+
+_FORCES = (SpatialForce, SpatialMomentum)
+_MOTIONS = (SpatialVelocity, SpatialAcceleration)
+
+
+@dot.register(SpatialForce)
+@dot.register(SpatialMomentum)
+def _(F_P_E, V_P_E, *, precision=None):
+    if not isinstance(V_P_E, SpatialVelocity):
+        raise TypeError(f"dot: expected a SpatialVelocity beside a {_kind(F_P_E)}, got {_kind(V_P_E)}")
+    return _dot(precision, *_parts(F_P_E, V_P_E))
+
+
+@dot.register
+def _(V_P_E: SpatialVelocity, F_P_E, *, precision=None):
+    if not isinstance(F_P_E, _FORCES):
+        raise TypeError(f"dot: expected a SpatialForce or SpatialMomentum beside a velocity, got {_kind(F_P_E)}")
+    return dot(F_P_E, V_P_E, precision=precision)
+
+
+@cross.register
+def _(V_P_E: SpatialVelocity, X_P_E, *, precision=None):
+    if not isinstance(X_P_E, _MOTIONS + _FORCES):
+        raise TypeError(f"cross: expected one of the four spatial vectors as second, got {_kind(X_P_E)}")
+    product = _cross_motion if isinstance(X_P_E, _MOTIONS) else _cross_force
+    return X_P_E._like(*product(precision, *_parts(V_P_E, X_P_E)))
+
+
+def _kind(x):
+    return type(x).__name__
+
+
+def _parts(a, b):
+    """The parts of a and b, of one dtype, over their common batch."""
+    check.require_same_dtype(**{_kind(a): a, _kind(b): b} if type(a) is not type(b) else {"first": a, "second": b})
+    batch = check.common_batch_shape(first=a.batch_shape, second=b.batch_shape)
+    return check.broadcast_batch(batch, *a._parts, *b._parts)
+
+
+@kernel
+def _dot(precision, tau, f, w, v):
+    tau, f, w, v = map(lanes.unstack, (tau, f, w, v))
+    return lanes.add(lanes.dot(precision, tau, w), lanes.dot(precision, f, v))
+
+
+@kernel
+def _cross_motion(precision, w, v, w2, v2):
+    return _crosses(precision, w, v, w2, v2)
+
+
+@kernel
+def _cross_force(precision, w, v, tau, f):
+    rate_f, rate_tau = _crosses(precision, w, v, f, tau)
+    return rate_tau, rate_f
+
+
+def _crosses(precision, w, v, x, y):
+    """(w x x, w x y + v x x): both products are this, with the halves of a force exchanged."""
+    batch = w.shape[:-1]
+    w, v, x, y = map(lanes.unstack, (w, v, x, y))
+    sums = map(lanes.add, lanes.cross(precision, w, y), lanes.cross(precision, v, x))
+    return lanes.stack(lanes.cross(precision, w, x), batch), lanes.stack(tuple(sums), batch)

@@ -1,0 +1,263 @@
+"""What all spatial vectors share: two 3-vectors, rotational on top of translational, about one point, in one frame.
+
+Which point, which body and which frame is said by names (monogram notation: `F_Bp_E` acts on body B at point Bp,
+expressed in frame E), never stored: vectors of different frames can be stacked, scanned and batched.
+"""
+
+import dataclasses
+import operator
+
+import jax
+import jax.export
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.reproducible import product
+from jaxspatial.spatial import operations
+
+
+class SpatialVector:
+    """Base of the four kinds. A subclass is a frozen dataclass with two fields, see `spatial_vector`."""
+
+    # NumPy and JAX arrays on the left of an operator leave it to us.
+    __array_ufunc__ = None
+
+    def __post_init__(self):
+        """Checks what a caller passes. JAX rebuilds vectors without it, with whatever leaves it needs."""
+        if any(_is_tree_mark(leaf) for leaf in self._parts):
+            return
+        names = [f"{type(self).__name__}: {field.name}" for field in dataclasses.fields(self)]
+        arrays = {name: _owned(check.as_vectors(x, name)) for name, x in zip(names, self._parts, strict=True)}
+        check.require_same_dtype(**arrays)
+        batch_shapes = {name: a.shape[:-1] for name, a in arrays.items()}
+        if len(set(batch_shapes.values())) > 1:
+            came = ", ".join(f"{name}: {shape}" for name, shape in batch_shapes.items())
+            raise ValueError(f"{type(self).__name__}: expected equal batch shapes, got {came}; see jnp.broadcast_to")
+        for field, array in zip(dataclasses.fields(self), arrays.values(), strict=True):
+            object.__setattr__(self, field.name, array)
+
+    # -- construction -------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def from_array(cls, x6):
+        """From coefficients (*batch, 6), rotational on top."""
+        x6 = check.as_vectors(x6, f"{cls.__name__}.from_array: x6", size=6)
+        return cls(x6[..., :3], x6[..., 3:])
+
+    @classmethod
+    def zero(cls, batch_shape=(), dtype=None):
+        """Six zeros, known while tracing: what is added to them, or made of them, leaves no operation behind."""
+        return cls._filled(0, batch_shape, dtype)
+
+    @classmethod
+    def nan(cls, batch_shape=(), dtype=None):
+        """Six NaNs, for what is yet to be set."""
+        return cls._filled(np.nan, batch_shape, dtype)
+
+    @classmethod
+    def _filled(cls, value, batch_shape, dtype):
+        dtype = jax.dtypes.canonicalize_dtype(float if dtype is None else dtype)
+        return cls(*(np.full((*batch_shape, 3), value, dtype) for _ in range(2)))
+
+    def _like(self, rotational, translational):
+        return _rebuild(type(self), (rotational, translational))
+
+    # -- parts --------------------------------------------------------------------------------------------------------
+
+    @property
+    def _parts(self):
+        return tuple(getattr(self, field.name) for field in dataclasses.fields(self))
+
+    @property
+    def rotational(self):
+        """(*batch, 3) the rotational part."""
+        return self._parts[0]
+
+    @property
+    def translational(self):
+        """(*batch, 3) the translational part."""
+        return self._parts[1]
+
+    def to_array(self):
+        """(*batch, 6) the coefficients, rotational on top."""
+        return jnp.concatenate(self._parts, axis=-1)
+
+    @property
+    def batch_shape(self):
+        return jnp.shape(self.rotational)[:-1]
+
+    @property
+    def dtype(self):
+        return np.dtype(self.rotational.dtype)
+
+    @property
+    def size(self):
+        """6, whatever the batch."""
+        return 6
+
+    def __getitem__(self, i):
+        """The i-th of the six components of one vector, rotational first."""
+        if self.batch_shape:
+            raise IndexError(
+                f"{type(self).__name__}[i] is the i-th component of a single vector, this is a batch of shape "
+                f"{self.batch_shape}; component i of all: x.to_array()[..., i], vector i of the batch: "
+                "jax.tree.map(lambda leaf: leaf[i], x)"
+            )
+        i = operator.index(i)
+        if not -6 <= i < 6:
+            raise IndexError(f"{type(self).__name__}: expected a component index from -6 to 5, got {i}")
+        return self._parts[i % 6 // 3][i % 3]
+
+    # -- arithmetic ---------------------------------------------------------------------------------------------------
+
+    def __add__(self, other):
+        """Component by component. Has a meaning for two vectors about the same point in the same frame only."""
+        return self._combined(operator.add, other)
+
+    def __sub__(self, other):
+        """Component by component. Has a meaning for two vectors about the same point in the same frame only."""
+        return self._combined(operator.sub, other)
+
+    def __neg__(self):
+        return self._like(*(-part for part in self._parts))
+
+    def __mul__(self, scalar):
+        """Times a number, or one number per vector of the batch: error <= u |x_i s| per component."""
+        return self._scaled(product, scalar)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, scalar):
+        """Divided by a number, or by one number per vector of the batch: error <= u |x_i / s| per component."""
+        return self._scaled(operator.truediv, scalar)
+
+    def _combined(self, operation, other):
+        if not isinstance(other, SpatialVector):
+            return NotImplemented
+        a, b = matched(self, other, operation.__name__)
+        return self._like(*(_skipping_zero(operation, x, y) for x, y in zip(a._parts, b._parts, strict=True)))
+
+    def _scaled(self, operation, scalar):
+        if isinstance(scalar, SpatialVector):
+            return NotImplemented
+        name = f"{type(self).__name__} * or / scalar"
+        s = self.dtype.type(scalar) if isinstance(scalar, (int, float)) else check.as_float_array(scalar, name)
+        check.require_same_dtype(**{type(self).__name__: self, "scalar": s})
+        batch = check.common_batch_shape(**{type(self).__name__: self.batch_shape, "scalar": s.shape})
+        s = jnp.broadcast_to(jnp.broadcast_to(s, batch)[..., None], (*batch, 3))
+        return self._like(*(operation(part, s) for part in check.broadcast_batch(batch, *self._parts)))
+
+    # -- operations ---------------------------------------------------------------------------------------------------
+
+    def shift(self, p_PQ_E, w=None, *, precision=None):
+        """See `jaxspatial.shift`."""
+        return operations.shift(self, p_PQ_E, w, precision=precision)
+
+    def dot(self, other, *, precision=None):
+        """See `jaxspatial.dot`."""
+        return operations.dot(self, other, precision=precision)
+
+    # -- comparison: arrays of answers over the batch; NaN never compares as near -------------------------------------
+
+    def get_maximum_absolute_differences(self, other):
+        """(rotational, translational): the largest absolute difference of each part, NaN where either has one."""
+        a, b = matched(self, other, "comparison")
+        return tuple(_largest(abs(x - y)) for x, y in zip(a._parts, b._parts, strict=True))
+
+    def is_nearly_equal_within_absolute_tolerance(self, other, rotational_tolerance, translational_tolerance):
+        """True where the largest absolute difference of each part is at most its tolerance."""
+        rotational, translational = self.get_maximum_absolute_differences(other)
+        return (rotational <= rotational_tolerance) & (translational <= translational_tolerance)
+
+    def is_approx(self, other, tolerance=None):
+        """True where all six absolute differences are at most `tolerance`, by default the dtype's eps."""
+        tolerance = jnp.finfo(self.dtype).eps if tolerance is None else tolerance
+        return self.is_nearly_equal_within_absolute_tolerance(other, tolerance, tolerance)
+
+    def __repr__(self):
+        names = [field.name for field in dataclasses.fields(self)]
+        return f"{type(self).__name__}({', '.join(f'{n}={_shown(p)}' for n, p in zip(names, self._parts, strict=True))})"
+
+
+def spatial_vector(cls):
+    """Class decorator: a frozen dataclass of two 3-vectors, rotational first, known to JAX as a pytree."""
+    cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
+    keys = tuple(jax.tree_util.GetAttrKey(field.name) for field in dataclasses.fields(cls))
+    jax.tree_util.register_pytree_with_keys(
+        cls,
+        lambda x: (tuple(zip(keys, x._parts, strict=True)), None),
+        lambda _, leaves: _rebuild(cls, leaves),
+        lambda x: (x._parts, None),
+    )
+    jax.export.register_pytree_node_serialization(
+        cls,
+        serialized_name=f"jaxspatial.{cls.__name__}",
+        serialize_auxdata=lambda _: b"",
+        deserialize_auxdata=lambda _: None,
+    )
+    return cls
+
+
+def shifted(kernel, X_P_E, p_PQ_E, *no_w, precision, **w):
+    """`kernel` over the parts of X, the offset and, for an acceleration, w; the result of the kind of X."""
+    if no_w not in ((), (None,)):
+        raise TypeError(f"shift: w is for a SpatialAcceleration, not for a {type(X_P_E).__name__}")
+    given = {"p_PQ_E": p_PQ_E, **w}
+    offsets = {name: check.as_vectors(x, f"shift: {name}", X_P_E.dtype) for name, x in given.items()}
+    check.require_same_dtype(**{type(X_P_E).__name__: X_P_E, **offsets})
+    batch_shapes = {name: x.shape[:-1] for name, x in offsets.items()}
+    batch = check.common_batch_shape(**{type(X_P_E).__name__: X_P_E.batch_shape}, **batch_shapes)
+    return X_P_E._like(*kernel(precision, *check.broadcast_batch(batch, *X_P_E._parts, *offsets.values())))
+
+
+def matched(a, b, operation):
+    """a and b, of one kind and dtype, over their common batch."""
+    if type(a) is not type(b):
+        raise TypeError(f"{operation}: expected two of one kind, got {type(a).__name__} and {type(b).__name__}")
+    check.require_same_dtype(left=a, right=b)
+    batch = check.common_batch_shape(left=a.batch_shape, right=b.batch_shape)
+    return tuple(x._like(*check.broadcast_batch(batch, *x._parts)) for x in (a, b))
+
+
+def _rebuild(cls, parts):
+    x = object.__new__(cls)
+    for field, part in zip(dataclasses.fields(cls), parts, strict=True):
+        object.__setattr__(x, field.name, part)
+    return x
+
+
+def _is_tree_mark(leaf):
+    """True for what stands for a leaf in a tree that describes trees: an axis, None, a sharding, a partition spec."""
+    axis = isinstance(leaf, int) and not isinstance(leaf, bool)
+    return leaf is None or axis or isinstance(leaf, (jax.sharding.PartitionSpec, jax.sharding.Sharding))
+
+
+def _owned(array):
+    """A NumPy array as a read-only copy: the caller may write to his own."""
+    if isinstance(array, np.ndarray):
+        array = array.copy()
+        array.setflags(write=False)
+    return array
+
+
+def _skipping_zero(operation, x, y):
+    if isinstance(y, np.ndarray) and not y.any():
+        return x
+    if isinstance(x, np.ndarray) and not x.any():
+        return y if operation is operator.add else -y
+    return operation(x, y)
+
+
+def _largest(x):
+    # Written out: a reduction over an axis of length 3 is a library call on XLA CPU. jnp.maximum keeps NaN.
+    return jnp.maximum(jnp.maximum(x[..., 0], x[..., 1]), x[..., 2])
+
+
+def _shown(part):
+    """The numbers of one vector, the shape of a batch or of something not computed yet."""
+    if isinstance(part, (np.ndarray, jax.Array)) and not isinstance(part, jax.core.Tracer) and part.ndim == 1:
+        return "[" + ", ".join(str(x) for x in np.asarray(part)) + "]"
+    if hasattr(part, "shape") and hasattr(part, "dtype"):
+        return f"{np.dtype(part.dtype).name}[{','.join(map(str, part.shape))}]"
+    return repr(part)

@@ -1,0 +1,14 @@
+"""Every test runs under JAX's strictest rules, and knows how to ask for 64 bits."""
+
+import jax
+import pytest
+
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+
+@pytest.fixture(params=[False, True], ids=["x32", "x64"])
+def x64(request):
+    """Runs the test twice, with 64-bit types off and on."""
+    with jax.enable_x64(request.param):
+        yield request.param
