@@ -19,5 +19,12 @@ def times_power_of_two(x, e):
     """x 2^e, rounded once where it underflows. In three steps, because 2^e alone may lie outside of the format."""
     first, second = e // 3, (e - e // 3) // 2
     for part in (first, second, e - first - second):
-        x = x * jnp.exp2(part.astype(x.dtype))
+        x = x * _power_of_two(part, x.dtype)
     return x
+
+
+def _power_of_two(e, dtype):
+    """2^e exactly, put together from its bits: XLA's exp2 is not exact at integers."""
+    info = jnp.finfo(dtype)
+    bits = (e + (info.maxexp - 1)).astype(f"uint{info.bits}")
+    return lax.bitcast_convert_type(bits << lax.full_like(bits, info.nmant), dtype)

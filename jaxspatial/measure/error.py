@@ -1,0 +1,52 @@
+"""Errors of computed numbers against exact ones, in the two units in which bounds are stated."""
+
+import math
+from fractions import Fraction
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.measure.exact import rationals
+
+
+def unit_roundoff(dtype):
+    """u: half the distance from 1 to the next number, as an exact Fraction."""
+    return Fraction(float(jnp.finfo(dtype).eps)) / 2
+
+
+def in_ulps(computed, exact):
+    """|computed - exact| in units in the last place of the exact value, componentwise, as float64.
+
+    Below the smallest normal number the unit is that of the smallest normal number. NaN and infinities are infinitely
+    far off.
+    """
+    info = jnp.finfo(np.asarray(computed).dtype)
+    return _over(computed, exact, lambda e, _: _ulp(e, info), exact)
+
+
+def in_u_of(computed, exact, magnitude):
+    """|computed - exact| / (u magnitude), componentwise, as float64: the unit in which bounds are promised."""
+    u = unit_roundoff(np.asarray(computed).dtype)
+    return _over(computed, exact, lambda _, m: u * m, magnitude)
+
+
+def _over(computed, exact, unit, magnitude):
+    computed, exact, magnitude = np.broadcast_arrays(np.asarray(computed), exact, magnitude)
+    finite = np.isfinite(computed.astype(np.float64))
+    errors = abs(rationals(np.where(finite, computed, np.zeros_like(computed))) - exact)
+    ratios = np.frompyfunc(lambda error, e, m: _ratio(error, unit(e, m)), 3, 1)(errors, exact, magnitude)
+    return np.where(finite, ratios.astype(np.float64), np.inf)
+
+
+def _ratio(error, unit):
+    return float(error / unit) if unit else (math.inf if error else 0.0)
+
+
+def _ulp(x, info):
+    smallest = Fraction(float(info.tiny)) * Fraction(float(info.eps))
+    if not x:
+        return smallest
+    exponent = abs(x.numerator).bit_length() - x.denominator.bit_length()
+    power = Fraction(2) ** exponent
+    exponent -= power > abs(x)
+    return max(Fraction(2) ** exponent * Fraction(float(info.eps)), smallest)

@@ -1,0 +1,45 @@
+"""Power before and after a shift: the same number, as far as numbers go."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.measure import error, exact
+from jaxspatial.spatial import SpatialForce, SpatialVelocity, dot, shift
+
+# Two shifts of 3 u and two pairings of 4 u, on terms whose sizes add up to mag (see `compare`).
+BOUND = 14.0
+
+
+class Power(NamedTuple):
+    """Total power in watts about P and about Q, and the largest difference for one wrench, over u mag."""
+
+    before: float
+    after: float
+    difference: float
+
+
+def compare(wrenches, offset, dtype, sample=2_000):
+    """Power of all wrenches about P and, force and velocity shifted, about Q; the difference over evenly spaced ones."""
+    with jax.enable_x64(dtype == "float64"):
+        tau, f, w, v = (jnp.asarray(x, dtype) for x in wrenches)
+        F, V, p = SpatialForce(tau, f), SpatialVelocity(w, v), jnp.asarray(offset, dtype)
+        before, after = (np.asarray(x) for x in jax.jit(_both)(F, V, p))
+    some = np.linspace(0, len(before) - 1, min(sample, len(before))).astype(int)
+    F, V = (jax.tree.map(lambda leaf: np.asarray(leaf)[some], x) for x in (F, V))
+    moved = _magnitude(F, V, np.asarray(p))
+    difference = error.in_u_of(after[some], exact.rationals(before[some]), moved).max()
+    return Power(float(before.astype(np.float64).sum()), float(after.astype(np.float64).sum()), float(difference))
+
+
+def _both(F, V, p):
+    return dot(F, V), dot(jax.vmap(shift, in_axes=(0, None))(F, p), jax.vmap(shift, in_axes=(0, None))(V, p))
+
+
+def _magnitude(F, V, p):
+    """The sizes of all terms that make up the power about Q."""
+    _, torque = exact.shift_force(F.tau, F.f, p)
+    _, velocity = exact.shift_velocity(V.w, V.v, p)
+    return (torque * abs(exact.rationals(V.w)) + abs(exact.rationals(F.f)) * velocity).sum(-1)

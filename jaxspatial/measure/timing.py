@@ -1,0 +1,43 @@
+"""Fair timing: every case in one process, in turns, after warm-up, until the result is there."""
+
+import os
+import platform
+import time
+
+import jax
+import jaxlib
+import numpy as np
+
+
+def interleaved(cases, rounds=15, advance=lambda: None):
+    """Seconds per call of every case: name -> array (rounds,).
+
+    cases: name -> function without arguments; what it returns is waited for. In turns, so that what disturbs the
+    machine disturbs all. `advance` is called after every round, for a progress bar.
+    """
+    for call in cases.values():
+        jax.block_until_ready(call())
+        jax.block_until_ready(call())
+    seconds = {name: np.empty(rounds) for name in cases}
+    for i in range(rounds):
+        for name, call in cases.items():
+            start = time.perf_counter()
+            jax.block_until_ready(call())
+            seconds[name][i] = time.perf_counter() - start
+        advance()
+    return seconds
+
+
+def machine():
+    """One line that says where numbers come from."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    versions = f"jax {jax.__version__}, jaxlib {jaxlib.__version__}, numpy {np.__version__}"
+    return f"{_processor()}, {cores} cores in use, {jax.default_backend()}, Python {platform.python_version()}, {versions}"
+
+
+def _processor():
+    try:
+        with open("/proc/cpuinfo") as lines:
+            return next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()

@@ -1,0 +1,113 @@
+"""The definitions that the spatial vectors are held to, written naively: NumPy for the bits, rationals for the value."""
+
+from fractions import Fraction
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxspatial as js
+
+KINDS = (js.SpatialVelocity, js.SpatialAcceleration, js.SpatialForce, js.SpatialMomentum)
+FIELDS = {
+    js.SpatialVelocity: ("w", "v"),
+    js.SpatialAcceleration: ("alpha", "a"),
+    js.SpatialForce: ("tau", "f"),
+    js.SpatialMomentum: ("h", "l"),
+}
+
+every_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+every_precision = pytest.mark.parametrize("precision", list(js.Precision))
+
+
+def _in_the_middle_of_a_batch(function):
+    def call(*args):
+        three = jax.tree.map(lambda x: jnp.stack([jnp.asarray(x)] * 3), args)
+        return jax.tree.map(lambda x: x[1], jax.vmap(function)(*three))
+
+    return call
+
+
+WAYS = {"eager": lambda function: function, "jit": jax.jit, "vmap": _in_the_middle_of_a_batch}
+every_way = pytest.mark.parametrize("way", WAYS.values(), ids=WAYS.keys())
+
+
+# In NumPy every operation rounds once, in the order it is written; on arrays of Fraction none does.
+
+
+def shifted(kind, rotational, translational, p, w=None):
+    """The two parts of the quantity about Q, p from P to Q; w for an acceleration."""
+    if kind in (js.SpatialForce, js.SpatialMomentum):
+        return rotational - np.cross(p, translational), translational
+    translational = translational + np.cross(rotational, p)
+    if kind is js.SpatialAcceleration:
+        translational = translational + np.cross(w, np.cross(w, p))
+    return rotational, translational
+
+
+def shift_magnitudes(kind, rotational, translational, p, w=None):
+    """For both parts, the sum of the absolute values of the terms of each component; 0 where nothing is computed."""
+    r, t, p = (np.abs(np.asarray(x, float)) for x in (rotational, translational, p))
+    if kind in (js.SpatialForce, js.SpatialMomentum):
+        return r + cross_magnitudes(p, t), np.zeros_like(t)
+    t = t + cross_magnitudes(r, p)
+    return np.zeros_like(r), t + (cross_magnitudes(w, cross_magnitudes(w, p)) if kind is js.SpatialAcceleration else 0)
+
+
+def cross_magnitudes(a, b):
+    a, b = (np.abs(np.asarray(x, float)) for x in (a, b))
+    return np.roll(a, -1, -1) * np.roll(b, -2, -1) + np.roll(a, -2, -1) * np.roll(b, -1, -1)
+
+
+def dot(tau, f, w, v):
+    """Each part summed from the left, then both."""
+    (t, x), (f, y) = ((a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1], a[..., 2] * b[..., 2]) for a, b in ((tau, w), (f, v)))
+    return (t + x) + (f + y)
+
+
+def dot_magnitude(tau, f, w, v):
+    return dot(*(np.abs(np.asarray(x, float)) for x in (tau, f, w, v)))
+
+
+def exactly(x):
+    """x as an array of Fraction."""
+    x = np.asarray(x, float)
+    return np.array([Fraction(number) for number in x.ravel().tolist()], object).reshape(x.shape)
+
+
+def unit_roundoff(dtype):
+    return float(np.finfo(dtype).eps) / 2
+
+
+def random_vectors(seed, count, shape, dtype):
+    """`count` arrays of numbers of both signs whose sizes vary from 2^-8 to 2^8."""
+    rng = np.random.default_rng(seed)
+    return tuple((rng.normal(size=shape) * np.exp2(rng.integers(-8, 9, shape))).astype(dtype) for _ in range(count))
+
+
+def assert_same_bits(result, expected):
+    """Of the same dtype and shape, and equal: NaN where NaN is expected, zeros of the same sign."""
+    result, expected = np.asarray(result), np.asarray(expected)
+    assert result.dtype == expected.dtype
+    np.testing.assert_array_equal(result, expected, strict=True)
+    numbers = ~np.isnan(expected)
+    np.testing.assert_array_equal(np.signbit(result[numbers]), np.signbit(expected[numbers]))
+
+
+def assert_parts(x, rotational, translational):
+    """x has exactly these parts, bit by bit."""
+    assert_same_bits(x.rotational, rotational)
+    assert_same_bits(x.translational, translational)
+
+
+def assert_numbers(x, rotational, translational):
+    """x has exactly these numbers for parts, whatever the sign of zeros."""
+    np.testing.assert_array_equal(x.rotational, np.asarray(rotational, x.dtype), strict=True)
+    np.testing.assert_array_equal(x.translational, np.asarray(translational, x.dtype), strict=True)
+
+
+def assert_within(result, exact, bound):
+    """|result - exact| <= bound, in rational arithmetic."""
+    excess = abs(exactly(result) - exact) - exactly(bound)
+    assert (excess <= 0).all(), f"beyond the bound by up to {float(excess.max())}"
