@@ -1,4 +1,4 @@
-"""What comes in from the caller: checked once, with messages that name the argument, what was expected and what came."""
+"""What comes in from the caller, checked once: messages name the argument, what was expected and what came."""
 
 import jax
 import jax.numpy as jnp

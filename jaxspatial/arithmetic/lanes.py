@@ -22,7 +22,7 @@ def is_known(a, *values):
 
 
 def unstack(x):
-    """The components of x (*batch, n), each (*batch,); of a NumPy array, numbers wherever one is the same throughout."""
+    """The components of x (*batch, n), each (*batch,); of a NumPy array, numbers where one is the same throughout."""
     if isinstance(x, np.ndarray):
         return tuple(_number_if_uniform(x[..., i]) for i in range(x.shape[-1]))
     leading = jnp.moveaxis(x, -1, 0)

@@ -34,7 +34,9 @@ def main(arguments=None):
 
 
 def _parser():
-    parser = argparse.ArgumentParser(prog="python -m jaxspatial", description="The speed and accuracy trade, measured here.")
+    parser = argparse.ArgumentParser(
+        prog="python -m jaxspatial", description="The speed and accuracy trade, measured here."
+    )
     parser.add_argument(
         "file",
         nargs="?",
@@ -51,15 +53,24 @@ def _parser():
 
 
 def _finite(text):
-    if not np.isfinite(value := float(text)):
+    value = _number(text, float)
+    if value is None or not np.isfinite(value):
         raise argparse.ArgumentTypeError(f"expected a finite number of metres, got {text}")
     return value
 
 
 def _count(text):
-    if (value := int(text)) < trade.SIZES[0]:
+    value = _number(text, int)
+    if value is None or value < trade.SIZES[0]:
         raise argparse.ArgumentTypeError(f"expected at least {trade.SIZES[0]} wrenches, got {text}")
     return value
+
+
+def _number(text, kind):
+    try:
+        return kind(text)
+    except ValueError:
+        return None
 
 
 def _run(options):

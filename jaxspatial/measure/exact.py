@@ -7,10 +7,10 @@ import numpy as np
 _exactly = np.frompyfunc(Fraction, 1, 1)
 
 
-def rationals(x):
-    """Every number of x as the Fraction it is. For finite floating point of any precision."""
+def rationals(x) -> np.ndarray:
+    """Every number of x as the Fraction it is. For finite floating point of at most 64 bits."""
     x = np.asarray(x)
-    return _exactly(x.astype(np.float64 if x.dtype.itemsize < 8 else x.dtype).astype(object))
+    return np.asarray(_exactly(x.astype(np.float64).astype(object)), dtype=object)
 
 
 def cross(a, b):

@@ -12,7 +12,9 @@ def benign(rng, count, n, dtype):
 def mixed_scales(rng, count, n, dtype):
     """Components whose sizes differ by up to the fourth root of the range of the format."""
     exponents = _spread(dtype)
-    return _rounded(rng.standard_normal((count, n, 3)) * 2.0 ** rng.integers(-exponents, exponents, (count, n, 3)), dtype)
+    return _rounded(
+        rng.standard_normal((count, n, 3)) * 2.0 ** rng.integers(-exponents, exponents, (count, n, 3)), dtype
+    )
 
 
 def parallel(rng, count, n, dtype):
@@ -24,7 +26,8 @@ def parallel(rng, count, n, dtype):
 def nearly_parallel(rng, count, n, dtype):
     """As `parallel`, but for a few units in the last place."""
     eps = float(jnp.finfo(dtype).eps)
-    return [_rounded(x.astype(np.float64) * (1 + 4 * eps * rng.standard_normal((n, 3))), dtype) for x in parallel(rng, count, n, dtype)]
+    wide = (x.astype(np.float64) for x in parallel(rng, count, n, dtype))
+    return [(x * (1 + 4 * eps * rng.standard_normal((n, 3)))).astype(dtype) for x in wide]
 
 
 def just_above_powers_of_two(rng, count, n, dtype):

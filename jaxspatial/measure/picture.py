@@ -30,7 +30,9 @@ def _draw_cost(axes, rows):
         for i, n in enumerate(sizes):
             place = places[label] - 0.4 + (i * len(precisions) + precisions.index(row.case.precision) + 0.5) * width
             times = row.seconds[n] / n * 1e9
-            axes.bar(place, np.median(times), width * 0.92, color=_COLOURS[row.case.precision], alpha=0.45 + 0.5 * i / 2)
+            axes.bar(
+                place, np.median(times), width * 0.92, color=_COLOURS[row.case.precision], alpha=0.45 + 0.5 * i / 2
+            )
             axes.plot([place, place], [times.min(), np.quantile(times, 0.9)], color="black", linewidth=0.8)
     for precision in precisions:
         axes.bar(0, 0, color=_COLOURS[precision], label=precision)

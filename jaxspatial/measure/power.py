@@ -22,7 +22,7 @@ class Power(NamedTuple):
 
 
 def compare(wrenches, offset, dtype, sample=2_000):
-    """Power of all wrenches about P and, force and velocity shifted, about Q; the difference over evenly spaced ones."""
+    """Power of all wrenches about P and, force and velocity shifted, about Q; the difference over a sample of them."""
     with jax.enable_x64(dtype == "float64"):
         tau, f, w, v = (jnp.asarray(x, dtype) for x in wrenches)
         F, V, p = SpatialForce(tau, f), SpatialVelocity(w, v), jnp.asarray(offset, dtype)

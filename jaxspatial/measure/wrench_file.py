@@ -1,4 +1,4 @@
-"""Wrenches in files: `.npz` with arrays, `.csv` with named columns. Read whole and checked, written whole or not at all."""
+"""Wrenches in files: `.npz` with arrays, `.csv` with named columns; checked when read, written whole or not at all."""
 
 import csv
 import os
@@ -25,7 +25,9 @@ class WrenchFile:
         self.path = pathlib.Path(path)
         readers = {".npz": _Npz, ".csv": _Csv}
         if self.path.suffix not in readers:
-            raise WrenchFileError(f"{path}: expected a file ending in .npz or .csv, got {self.path.suffix or 'no ending'}")
+            raise WrenchFileError(
+                f"{path}: expected a file ending in .npz or .csv, got {self.path.suffix or 'no ending'}"
+            )
         if not self.path.is_file():
             raise WrenchFileError(f"{path}: no such file")
         self._content = readers[self.path.suffix](self.path)
@@ -142,7 +144,9 @@ class _Csv:
             return float(self.rows[row][column])
         except ValueError:
             where = f"row {row + 1}, column {self.names[column]}"
-            raise WrenchFileError(f"{self.path}: expected a number, got {self.rows[row][column]!r} in {where}") from None
+            raise WrenchFileError(
+                f"{self.path}: expected a number, got {self.rows[row][column]!r} in {where}"
+            ) from None
 
     def place(self, part, row, column):
         return f"row {row + 1}, column {self._columns(part)[column]}"

@@ -1,18 +1,18 @@
-"""The operations on spatial vectors, as one generic function each; every kind registers what it means for it."""
+"""The operations on spatial vectors, as one generic function each.
+
+They dispatch on the type of the first argument; every kind registers what it means for it. What stands here is the
+answer to all other types.
+"""
 
 import functools
+from typing import Any
 
 
-def _generic(function):
-    """Dispatches on the type of the first argument; `function` is the answer where no type has registered."""
-    return functools.singledispatch(function)
-
-
-def _refuse(operation, expected, x):
+def _refuse(operation, expected, x) -> Any:
     raise TypeError(f"{operation}: expected {expected}, got {type(x).__name__}")
 
 
-@_generic
+@functools.singledispatch
 def shift(X_P_E, p_PQ_E, w=None, *, precision=None):
     """Moves a spatial quantity from point P to point Q of the same body: X_P_E -> X_Q_E.
 
@@ -39,10 +39,10 @@ def shift(X_P_E, p_PQ_E, w=None, *, precision=None):
     Raises TypeError for other kinds, dtypes that differ or integers, ValueError for shapes.
     [Jain 2010, Robot and Multibody Dynamics, 1.4 and 1.5; Featherstone 2008, 2.11] 12 flops; acceleration 33.
     """
-    _refuse("shift", "a SpatialForce, SpatialMomentum, SpatialVelocity or SpatialAcceleration", X_P_E)
+    return _refuse("shift", "a SpatialForce, SpatialMomentum, SpatialVelocity or SpatialAcceleration", X_P_E)
 
 
-@_generic
+@functools.singledispatch
 def dot(F_P_E, V_P_E, *, precision=None):
     """The pairing of a force or momentum with a velocity, in either order, about the same point in the same frame.
 
@@ -58,10 +58,10 @@ def dot(F_P_E, V_P_E, *, precision=None):
     then both. Raises TypeError for other pairs of kinds or dtypes that differ, ValueError for shapes.
     [Jain 2010, 1.5] 11 flops.
     """
-    _refuse("dot", "a SpatialForce or SpatialMomentum and a SpatialVelocity", F_P_E)
+    return _refuse("dot", "a SpatialForce or SpatialMomentum and a SpatialVelocity", F_P_E)
 
 
-@_generic
+@functools.singledispatch
 def cross(V_P_E, X_P_E, *, precision=None):
     """The rate of change of a spatial quantity that is carried along by the motion V, per second.
 
@@ -78,4 +78,4 @@ def cross(V_P_E, X_P_E, *, precision=None):
     are flushed. Raises TypeError for other kinds or dtypes that differ, ValueError for shapes.
     [Featherstone 2008, Rigid Body Dynamics Algorithms, 2.9, equations 2.31 and 2.32] 30 flops.
     """
-    _refuse("cross", "a SpatialVelocity first", V_P_E)
+    return _refuse("cross", "a SpatialVelocity first", V_P_E)

@@ -6,6 +6,7 @@ expressed in frame E), never stored: vectors of different frames can be stacked,
 
 import dataclasses
 import operator
+import typing
 
 import jax
 import jax.export
@@ -19,6 +20,10 @@ from jaxspatial.spatial import operations
 
 class SpatialVector:
     """Base of the four kinds. A subclass is a frozen dataclass with two fields, see `spatial_vector`."""
+
+    if typing.TYPE_CHECKING:
+
+        def __init__(self, rotational, translational): ...
 
     # NumPy and JAX arrays on the left of an operator leave it to us.
     __array_ufunc__ = None
@@ -177,9 +182,12 @@ class SpatialVector:
 
     def __repr__(self):
         names = [field.name for field in dataclasses.fields(self)]
-        return f"{type(self).__name__}({', '.join(f'{n}={_shown(p)}' for n, p in zip(names, self._parts, strict=True))})"
+        return (
+            f"{type(self).__name__}({', '.join(f'{n}={_shown(p)}' for n, p in zip(names, self._parts, strict=True))})"
+        )
 
 
+@typing.dataclass_transform(eq_default=False, frozen_default=True)
 def spatial_vector(cls):
     """Class decorator: a frozen dataclass of two 3-vectors, rotational first, known to JAX as a pytree."""
     cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)

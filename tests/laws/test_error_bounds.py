@@ -1,7 +1,7 @@
 """Every operation keeps the error bound of its docstring, held against exact rationals.
 
-Operations x precisions x dtypes x families of hostile inputs x contexts, with the result used alone. The tolerance is the
-promise itself.
+Operations x precisions x dtypes x families of hostile inputs x contexts, with the result used alone. The tolerance is
+the promise itself.
 """
 
 import jax
@@ -34,23 +34,45 @@ def _point_forces(points, forces):
     return (exact.cross(p, f).sum(-2), exact.cross_magnitude(p, f).sum(-2)), (f.sum(-2), abs(f).sum(-2))
 
 
+def _cross(X):
+    return lambda w, v, x, y, q: js.cross(js.SpatialVelocity(w, v), X(x, y), precision=q)._parts
+
+
 # name -> (number of 3-vectors, function of arrays and a precision giving arrays, exact results with magnitudes, bounds)
 OPERATIONS = {
-    "shift force": (3, lambda t, f, p, q: [js.shift(js.SpatialForce(t, f), p, precision=q).tau],
-                    lambda t, f, p: [exact.shift_force(t, f, p)], [3]),
-    "shift momentum": (3, lambda h, m, p, q: [js.shift(js.SpatialMomentum(h, m), p, precision=q).h],
-                       lambda h, m, p: [exact.shift_force(h, m, p)], [3]),
-    "shift velocity": (3, lambda w, v, p, q: [js.shift(js.SpatialVelocity(w, v), p, precision=q).v],
-                       lambda w, v, p: [exact.shift_velocity(w, v, p)], [3]),
-    "shift acceleration": (4, lambda b, a, p, w, q: [js.shift(js.SpatialAcceleration(b, a), p, w, precision=q).a],
-                           lambda b, a, p, w: [exact.shift_acceleration(b, a, p, w)], [7]),
-    "dot": (4, lambda t, f, w, v, q: [js.dot(js.SpatialForce(t, f), js.SpatialVelocity(w, v), precision=q)],
-            lambda t, f, w, v: [exact.dot(t, f, w, v)], [4]),
-    "cross motion": (4, lambda w, v, x, y, q: js.cross(js.SpatialVelocity(w, v), js.SpatialVelocity(x, y), precision=q)._parts,
-                     _cross_motion, [2, 3]),
-    "cross force": (4, lambda w, v, t, f, q: js.cross(js.SpatialVelocity(w, v), js.SpatialForce(t, f), precision=q)._parts,
-                    _cross_force, [3, 2]),
-}  # fmt: skip
+    "shift force": (
+        3,
+        lambda t, f, p, q: [js.shift(js.SpatialForce(t, f), p, precision=q).tau],
+        lambda t, f, p: [exact.shift_force(t, f, p)],
+        [3],
+    ),
+    "shift momentum": (
+        3,
+        lambda h, m, p, q: [js.shift(js.SpatialMomentum(h, m), p, precision=q).h],
+        lambda h, m, p: [exact.shift_force(h, m, p)],
+        [3],
+    ),
+    "shift velocity": (
+        3,
+        lambda w, v, p, q: [js.shift(js.SpatialVelocity(w, v), p, precision=q).v],
+        lambda w, v, p: [exact.shift_velocity(w, v, p)],
+        [3],
+    ),
+    "shift acceleration": (
+        4,
+        lambda b, a, p, w, q: [js.shift(js.SpatialAcceleration(b, a), p, w, precision=q).a],
+        lambda b, a, p, w: [exact.shift_acceleration(b, a, p, w)],
+        [7],
+    ),
+    "dot": (
+        4,
+        lambda t, f, w, v, q: [js.dot(js.SpatialForce(t, f), js.SpatialVelocity(w, v), precision=q)],
+        lambda t, f, w, v: [exact.dot(t, f, w, v)],
+        [4],
+    ),
+    "cross motion": (4, _cross(js.SpatialVelocity), _cross_motion, [2, 3]),
+    "cross force": (4, _cross(js.SpatialForce), _cross_force, [3, 2]),
+}
 CONTEXTS = {
     "eager": lambda f: f,
     "jit": jax.jit,

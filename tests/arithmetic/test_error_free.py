@@ -1,0 +1,133 @@
+"""Error-free transforms are exact in every surrounding in which a compiler has been seen to break them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+
+from jaxspatial.arithmetic import eft
+from jaxspatial.arithmetic.fence import fence
+from jaxspatial.measure.exact import rationals
+
+DTYPES = ["float16", "bfloat16", "float32", "float64"]
+N = 400
+
+
+def _numbers(dtype, seed=0):
+    rng = np.random.default_rng(seed)
+    reach = {"float16": 2, "bfloat16": 20, "float32": 20, "float64": 150}[dtype]
+    a, b = rng.standard_normal((2, N)) * 2.0 ** rng.integers(-reach, reach, (2, N))
+    return a.astype(jnp.dtype(dtype)), b.astype(jnp.dtype(dtype))
+
+
+# What a transform is used in: both results, the error alone, the error added to something else, inside a scan.
+SURROUNDINGS = {
+    "eager": lambda f: f,
+    "jit": jax.jit,
+    "vmap": lambda f: jax.jit(jax.vmap(f)),
+    "scan": lambda f: jax.jit(lambda a, b: lax.scan(lambda _, x: (None, f(*x)), None, (a, b))[1]),
+    "error alone": lambda f: _joined(jax.jit(lambda a, b: f(a, b)[0]), jax.jit(lambda a, b: f(a, b)[1])),
+    "error alone, vmap": lambda f: _joined(
+        jax.jit(jax.vmap(lambda a, b: f(a, b)[0])), jax.jit(jax.vmap(lambda a, b: f(a, b)[1]))
+    ),
+    "error alone, scan": lambda f: _joined(
+        jax.jit(lambda a, b: f(a, b)[0]), jax.jit(lambda a, b: lax.scan(lambda c, x: (c, f(*x)[1]), 0, (a, b))[1])
+    ),
+}
+
+
+def _joined(result, error):
+    return lambda a, b: (result(a, b), error(a, b))
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("surrounding", SURROUNDINGS)
+def test_two_sum(surrounding, dtype):
+    a, b = _numbers(dtype)
+    with jax.enable_x64(dtype == "float64"):
+        s, e = SURROUNDINGS[surrounding](eft.two_sum)(jnp.asarray(a), jnp.asarray(b))
+    np.testing.assert_array_equal(np.asarray(s), a + b)
+    assert (rationals(s) + rationals(e) == rationals(a) + rationals(b)).all()
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("surrounding", SURROUNDINGS)
+def test_fast_two_sum(surrounding, dtype):
+    a, b = _numbers(dtype)
+    a, b = np.where(abs(a) >= abs(b), a, b), np.where(abs(a) >= abs(b), b, a)
+    with jax.enable_x64(dtype == "float64"):
+        s, e = SURROUNDINGS[surrounding](eft.fast_two_sum)(jnp.asarray(a), jnp.asarray(b))
+    assert (rationals(s) + rationals(e) == rationals(a) + rationals(b)).all()
+
+
+@pytest.mark.parametrize("dtype", ["bfloat16", "float32", "float64"])
+@pytest.mark.parametrize("surrounding", SURROUNDINGS)
+def test_two_product(surrounding, dtype):
+    a, b = _numbers(dtype)
+    with jax.enable_x64(dtype == "float64"):
+        p, e = SURROUNDINGS[surrounding](eft.two_product)(jnp.asarray(a), jnp.asarray(b))
+    np.testing.assert_array_equal(np.asarray(p), a * b)
+    assert (rationals(p) + rationals(e) == rationals(a) * rationals(b)).all()
+
+
+@pytest.mark.parametrize("surrounding", SURROUNDINGS)
+def test_two_product_of_float16_while_its_error_is_normal(surrounding):
+    rng = np.random.default_rng(2)
+    a, b = rng.uniform(1, 2, (2, N)).astype(np.float16) * np.float16(8)
+    p, e = SURROUNDINGS[surrounding](eft.two_product)(jnp.asarray(a), jnp.asarray(b))
+    assert (rationals(p) + rationals(e) == rationals(a) * rationals(b)).all()
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_two_sum_with_a_constant_second(dtype):
+    a, _ = _numbers(dtype)
+    with jax.enable_x64(dtype == "float64"):
+        constant = jnp.asarray(0.7, dtype)
+        s, e = jax.jit(lambda a: eft.two_sum(a, constant))(jnp.asarray(a))
+    assert (rationals(s) + rationals(e) == rationals(a) + rationals(constant)).all()
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_split_has_halves_whose_products_are_exact(dtype):
+    a, b = _numbers(dtype)
+    bits = (jnp.finfo(dtype).nmant + 1 + 1) // 2
+    with jax.enable_x64(dtype == "float64"):
+        halves = [*jax.jit(eft.split)(jnp.asarray(a)), *jax.jit(eft.split)(jnp.asarray(b))]
+    assert (rationals(halves[0]) + rationals(halves[1]) == rationals(a)).all()
+    for half in halves:
+        assert all(_significant_bits(x) <= bits for x in rationals(half))
+
+
+def _significant_bits(x):
+    odd = abs(x.numerator)
+    while odd and odd % 2 == 0:
+        odd //= 2
+    return odd.bit_length()
+
+
+def test_two_product_of_infinity_has_no_error_term():
+    p, e = eft.two_product(jnp.float32(3e38), jnp.float32(10))
+    assert np.isinf(p) and e == 0
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_fence_passes_everything_and_has_derivative_one(dtype):
+    with jax.enable_x64(dtype == "float64"):
+        largest = float(jnp.finfo(dtype).max)
+        x = jnp.array([0.0, -0.0, 1.5, -largest, largest, jnp.inf, -jnp.inf, jnp.nan], dtype)
+        through, given = (np.asarray(y).astype(np.float64) for y in (jax.jit(fence)(x), x))
+        np.testing.assert_array_equal(through, given)
+        np.testing.assert_array_equal(np.signbit(through), np.signbit(given))
+        assert jax.grad(fence)(x[2]) == 1
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("function", [lambda a, b: eft.two_sum(a, b), lambda a, b: eft.two_product(a, b)])
+def test_derivatives_pass_through(function, dtype):
+    """The sum of the pair has the derivatives of a + b, or of a b: the error has none of its own."""
+    with jax.enable_x64(dtype == "float64"):
+        a, b = jnp.asarray(1.3, dtype), jnp.asarray(-0.7, dtype)
+        expected = (1, 1) if function(a, b)[0] == a + b else (b, a)
+        whole = jax.grad(lambda a, b: sum(function(a, b)), (0, 1))(a, b)
+        np.testing.assert_array_equal(np.asarray(whole), np.asarray(expected, dtype))

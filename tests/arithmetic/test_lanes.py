@@ -1,0 +1,87 @@
+"""Numbers known while tracing leave nothing behind, and change nothing else."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxspatial.arithmetic import lanes
+from jaxspatial.arithmetic.precision import Precision, resolve
+from jaxspatial.arithmetic.total import total
+
+P = Precision.REPRODUCIBLE
+X = np.array([0.3, -1.7, 2.9], np.float32)
+
+
+def _operations(function, *arguments):
+    """The names of the arithmetic operations that a function traces to."""
+    quiet = {"slice", "squeeze", "stack", "concatenate", "broadcast_in_dim", "reshape", "transpose", "pad"}
+    return sorted(e.primitive.name for e in jax.make_jaxpr(function)(*arguments).eqns if e.primitive.name not in quiet)
+
+
+@pytest.mark.parametrize("batch", [(), (4,), (2, 3)])
+def test_stack_undoes_unstack(batch):
+    x = np.random.default_rng(0).standard_normal((*batch, 3)).astype(np.float32)
+    for given in (x, jnp.asarray(x)):
+        components = lanes.unstack(given)
+        assert all(np.shape(c) in (batch, ()) for c in components)
+        np.testing.assert_array_equal(np.asarray(lanes.stack(components, batch)), x)
+
+
+def test_a_column_of_one_number_is_known():
+    x = np.array([[0.0, 1.0, 2.0], [0.0, 1.0, 3.0]], np.float32)
+    first, second, third = lanes.unstack(x)
+    assert lanes.is_known(first, 0) and lanes.is_known(second, 1) and not lanes.is_known(third)
+
+
+def test_known_numbers_fold():
+    zero, one, minus_one, two = np.float32([0, 1, -1, 2])
+    assert _operations(lambda x: lanes.multiply(P, zero, x), X) == []
+    assert _operations(lambda x: lanes.multiply(P, x, one), X) == []
+    assert _operations(lambda x: lanes.multiply(P, minus_one, x), X) == ["neg"]
+    assert _operations(lambda x: lanes.add(x, zero), X) == []
+    assert _operations(lambda x: lanes.subtract(x, zero), X) == []
+    assert _operations(lambda x: lanes.subtract(zero, x), X) == ["neg"]
+    assert _operations(lambda x: lanes.multiply(P, lanes.multiply(P, two, two), x), X) == ["jaxspatial_product"]
+    assert lanes.multiply(P, two, two) == 4 and type(lanes.multiply(P, two, two)) is np.float32
+
+
+def test_cross_with_an_axis_is_two_products():
+    axis = lanes.unstack(np.float32([0, 0, 2]))
+    assert _operations(lambda x: lanes.stack(lanes.cross(P, axis, lanes.unstack(x))), X) == [
+        "jaxspatial_product",
+        "jaxspatial_product",
+        "neg",
+    ]
+
+
+def test_parallel_axes_leave_nothing():
+    a, b = (lanes.unstack(np.float32(v)) for v in ([0, 0, 2], [0, 0, -3]))
+    assert all(lanes.is_known(c, 0) for c in lanes.cross(P, a, b))
+
+
+def test_a_known_zero_is_exact_beside_infinity():
+    x = jnp.array([jnp.inf, jnp.nan, 1.0], jnp.float32)
+    axis = lanes.unstack(np.float32([0, 0, 1]))
+    assert lanes.dot(P, axis, lanes.unstack(x)) == 1
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 3, 5, 8, 100])
+def test_total_is_the_sum_by_halving(n):
+    x = np.random.default_rng(n).standard_normal((2, n)).astype(np.float32)
+    expected = np.pad(x, ((0, 0), (0, (1 << max(n - 1, 0).bit_length()) - n)))
+    while expected.shape[1] > 1:
+        half = expected.shape[1] // 2
+        expected = expected[:, :half] + expected[:, half:]
+    for function in (total, jax.jit(total), jax.jit(jax.vmap(total))):
+        np.testing.assert_array_equal(np.asarray(function(jnp.asarray(x))), expected[:, 0])
+
+
+def test_total_keeps_a_negative_zero():
+    assert np.signbit(total(jnp.full((3,), -0.0, jnp.float32)))
+
+
+@pytest.mark.parametrize("name", ["fast", "reproducible"])
+def test_a_precision_is_its_name(name):
+    assert resolve(name) is Precision(name) and resolve(Precision(name)) == name
+    assert resolve(None) is Precision.REPRODUCIBLE

@@ -1,0 +1,154 @@
+"""`reproducible` is NumPy to the last bit, whatever surrounds it; with and without fused multiply-add in the hardware.
+
+The whole file runs a second time in a process whose compiler may not use the FMA units (`test_without_fma`).
+"""
+
+import os
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+
+import jaxspatial as js
+
+SIZES = [1, 7, 257, 4096]
+DTYPES = ["float32", "float64"]
+
+
+def _dot(t, f, w, v):
+    a, b = t * w, f * v
+    return ((a[..., 0] + a[..., 1]) + a[..., 2]) + ((b[..., 0] + b[..., 1]) + b[..., 2])
+
+
+# name -> (number of vectors, function of arrays giving one array, the same formula in NumPy)
+FORMULAS = {
+    "shift force": (3, lambda t, f, p: js.shift(js.SpatialForce(t, f), p).tau, lambda t, f, p: t - np.cross(p, f)),
+    "shift momentum": (3, lambda h, m, p: js.shift(js.SpatialMomentum(h, m), p).h, lambda h, m, p: h - np.cross(p, m)),
+    "shift velocity": (3, lambda w, v, p: js.shift(js.SpatialVelocity(w, v), p).v, lambda w, v, p: v + np.cross(w, p)),
+    "shift acceleration": (
+        4,
+        lambda b, a, p, w: js.shift(js.SpatialAcceleration(b, a), p, w).a,
+        lambda b, a, p, w: a + np.cross(b, p) + np.cross(w, np.cross(w, p)),
+    ),
+    "dot": (4, lambda t, f, w, v: js.dot(js.SpatialForce(t, f), js.SpatialVelocity(w, v)), _dot),
+    "cross motion, top": (
+        4,
+        lambda w, v, x, y: js.cross(js.SpatialVelocity(w, v), js.SpatialVelocity(x, y)).w,
+        lambda w, v, x, y: np.cross(w, x),
+    ),
+    "cross motion, bottom": (
+        4,
+        lambda w, v, x, y: js.cross(js.SpatialVelocity(w, v), js.SpatialVelocity(x, y)).v,
+        lambda w, v, x, y: np.cross(w, y) + np.cross(v, x),
+    ),
+    "cross force, top": (
+        4,
+        lambda w, v, t, f: js.cross(js.SpatialVelocity(w, v), js.SpatialForce(t, f)).tau,
+        lambda w, v, t, f: np.cross(w, t) + np.cross(v, f),
+    ),
+}
+CONTEXTS = {
+    "eager": lambda f: f,
+    "jit": jax.jit,
+    "vmap": lambda f: jax.vmap(f),
+    "jit vmap": lambda f: jax.jit(jax.vmap(f)),
+    "jit vmap, batch last": lambda f: lambda *a: _last(f)(*(x.T for x in a)),
+    "scan": lambda f: jax.jit(lambda *a: lax.scan(lambda _, x: (None, f(*x)), None, a)[1]),
+    "primal of a gradient": lambda f: lambda *a: _primal(f, *a),
+    "inside a larger fusion": lambda f: jax.jit(lambda *a: f(*(x * 2 for x in a)) + 0 * f(*a)),
+}
+
+
+def _last(f):
+    return jax.jit(jax.vmap(f, in_axes=-1, out_axes=0))
+
+
+def _primal(f, *a):
+    return jax.jit(lambda *a: jax.vjp(f, *a)[0])(*a)
+
+
+def _vectors(count, n, dtype, seed=0):
+    rng = np.random.default_rng(seed)
+    return [(x * 2.0 ** rng.integers(-8, 8, x.shape)).astype(dtype) for x in rng.standard_normal((count, n, 3))]
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("n", SIZES)
+@pytest.mark.parametrize("formula", FORMULAS)
+def test_bitwise_numpy(formula, n, dtype):
+    count, function, numpy_formula = FORMULAS[formula]
+    inputs = _vectors(count, n, dtype)
+    with jax.enable_x64(dtype == "float64"):
+        for name, context in CONTEXTS.items():
+            factor = 2 if name == "inside a larger fusion" else 1
+            expected = numpy_formula(*(x * np.asarray(factor, dtype) for x in inputs))
+            computed = np.asarray(context(function)(*map(jnp.asarray, inputs)))
+            np.testing.assert_array_equal(computed, expected, err_msg=name, strict=True)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_jit_of_one_is_the_batch(dtype):
+    inputs = _vectors(3, 257, dtype)
+    function = FORMULAS["shift force"][1]
+    with jax.enable_x64(dtype == "float64"):
+        batch = np.asarray(jax.jit(jax.vmap(function))(*inputs))
+        single = jax.jit(function)
+        for i in (0, 1, 100, 256):
+            np.testing.assert_array_equal(np.asarray(single(*(jnp.asarray(x[i]) for x in inputs))), batch[i])
+
+
+@pytest.mark.parametrize("context", ["eager", "jit", "vmap", "jit vmap"])
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_cross_of_equals_is_zero_and_cross_is_antisymmetric(dtype, context):
+    """Equal values as two arguments: the same tracer twice would hide a contraction behind a common subexpression."""
+    w, v, x, y = _vectors(4, 1000, dtype)
+    with jax.enable_x64(dtype == "float64"):
+        function = CONTEXTS[context](lambda *a: js.cross(js.SpatialVelocity(*a[:2]), js.SpatialVelocity(*a[2:]))._parts)
+        for part in function(w, v, w.copy(), v.copy()):
+            np.testing.assert_array_equal(np.asarray(part), 0)
+        for there, back in zip(function(w, v, x, y), function(x, y, w, v), strict=True):
+            np.testing.assert_array_equal(np.asarray(there), -np.asarray(back))
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("powers", [(3, -7, 5), (-20, 9, -30)])
+def test_powers_of_two_scale_bitwise(powers, dtype):
+    t, f, p = _vectors(3, 500, dtype)
+    a, b = (np.asarray(2.0**k, dtype) for k in (powers[0], powers[1]))
+    with jax.enable_x64(dtype == "float64"):
+        shifted = jax.jit(jax.vmap(js.shift))
+        plain = shifted(js.SpatialForce(t, f), p)
+        scaled = shifted(js.SpatialForce(t * a * b, f * a), p * b)
+        np.testing.assert_array_equal(np.asarray(scaled.tau), np.asarray(plain.tau) * a * b)
+        np.testing.assert_array_equal(np.asarray(scaled.f), np.asarray(plain.f) * a)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_derivatives_are_reproducible_too(dtype):
+    """Tangents and cotangents of a product are rounded products: the same compiled, batched or not."""
+    t, f, p = _vectors(3, 300, dtype)
+    dt, df, dp = _vectors(3, 300, dtype, seed=1)
+    with jax.enable_x64(dtype == "float64"):
+        function = FORMULAS["shift force"][1]
+        tangent = jax.jit(jax.vmap(lambda *a: jax.jvp(function, a[:3], a[3:])[1]))(t, f, p, dt, df, dp)
+        i, j = [1, 2, 0], [2, 0, 1]
+        rate = (dp[:, i] * f[:, j] + p[:, i] * df[:, j]) - (dp[:, j] * f[:, i] + p[:, j] * df[:, i])
+        np.testing.assert_array_equal(np.asarray(tangent), dt - rate)
+        pull = jax.jit(jax.vmap(lambda t, f, p, ct: jax.vjp(function, t, f, p)[1](ct)))(t, f, p, dt)
+        for i in (0, 123, 299):
+            one = jax.vjp(function, *(jnp.asarray(x[i]) for x in (t, f, p)))[1](jnp.asarray(dt[i]))
+            for single, batch in zip(one, pull, strict=True):
+                np.testing.assert_array_equal(np.asarray(single), np.asarray(batch)[i])
+
+
+@pytest.mark.skipif("JAXSPATIAL_LANE" in os.environ, reason="this is the other lane")
+def test_without_fma():
+    """All of this again on the instruction set of a machine without fused multiply-add."""
+    environment = {**os.environ, "XLA_FLAGS": "--xla_cpu_max_isa=AVX", "JAXSPATIAL_LANE": "AVX"}
+    command = [sys.executable, "-m", "pytest", "-q", __file__, "-p", "no:cacheprovider"]
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=900)
+    assert run.returncode == 0, run.stdout[-4000:]

@@ -1,0 +1,171 @@
+"""python -m jaxspatial: the built-in scene, the user's file, and everything that can be wrong with one."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import jaxspatial as js
+from jaxspatial.measure import power, scene, trade
+from jaxspatial.measure.cli import main
+from jaxspatial.measure.wrench_file import WrenchFile, WrenchFileError
+
+OFFSET = ["--offset", "0.1", "-0.2", "0.3"]
+COLUMNS = [f"{part}_{axis}" for part in ("tau", "f", "w", "v") for axis in "xyz"]
+SMALL = ["--largest", "1000"]
+
+
+@pytest.fixture
+def wrenches():
+    return scene.rotating_body(40)
+
+
+def _write_csv(path, wrenches, columns=COLUMNS):
+    table = np.concatenate(wrenches, axis=1)[:, : len(columns)]
+    path.write_text("\n".join([",".join(columns), *(",".join(map(repr, row)) for row in table.tolist())]) + "\n")
+    return path
+
+
+def test_the_scene_is_a_rigid_body(wrenches):
+    """Velocities of points of one body: v - v_C is orthogonal to w, and no faster than |w| times the farthest point."""
+    relative = wrenches.v - np.array([1.0, 0.0, 0.2])
+    np.testing.assert_allclose((relative * wrenches.w).sum(-1), 0, atol=1e-13)
+    assert (np.linalg.norm(relative, axis=-1) <= 3 * 0.5 * np.sqrt(3)).all()
+
+
+def test_built_in_scene(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(SMALL) == 0
+    text = capsys.readouterr().out
+    assert "Power before and after the shift" in text and "n = 1,000" in text and "u mag" in text
+    with Image.open(tmp_path / "jaxspatial_trade.png") as picture:
+        assert picture.size[0] > 1000
+
+
+@pytest.mark.parametrize("dtype", trade.DTYPES)
+def test_power_is_unchanged_and_a_wrong_sign_is_seen(dtype, wrenches, monkeypatch):
+    offset = np.array([0.1, -0.2, 0.3])
+    found = power.compare(wrenches, offset, dtype)
+    assert found.difference <= power.BOUND
+    terms = np.concatenate([wrenches.tau * wrenches.w, wrenches.f * wrenches.v])
+    eps = np.finfo(dtype).eps
+    assert found.before == pytest.approx(terms.sum(), abs=4 * eps * abs(terms).sum())
+    assert found.after == pytest.approx(terms.sum(), abs=14 * eps * abs(terms).sum())
+    monkeypatch.setattr(power, "_both", lambda F, V, p: (js.dot(F, V), js.dot(F.shift(-p), V.shift(p))))
+    assert power.compare(wrenches, offset, dtype).difference > 1e4
+
+
+def test_a_broken_promise_is_an_exit_status(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(trade._BOUND, "shift", 0.1)
+    assert main(SMALL) == 1
+    assert "does not hold here" in capsys.readouterr().out
+
+
+def test_npz_is_shifted_beside_itself(tmp_path, wrenches, capsys):
+    path = tmp_path / "mine.npz"
+    np.savez(path, **wrenches._asdict(), time=np.arange(40))
+    assert main([str(path), *OFFSET, *SMALL]) == 0
+    out = np.load(tmp_path / "mine_shifted.npz")
+    p = np.array([0.1, -0.2, 0.3])
+    np.testing.assert_array_equal(out["tau"], wrenches.tau - np.cross(p, wrenches.f))
+    np.testing.assert_array_equal(out["v"], wrenches.v + np.cross(wrenches.w, p))
+    np.testing.assert_array_equal(out["f"], wrenches.f)
+    np.testing.assert_array_equal(out["time"], np.arange(40))
+    assert (tmp_path / "mine_trade.png").exists()
+
+
+def test_csv_keeps_its_other_columns(tmp_path, wrenches):
+    path = _write_csv(tmp_path / "mine.csv", wrenches)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([f"joint,{lines[0]}", *(f"elbow {i},{line}" for i, line in enumerate(lines[1:]))]))
+    assert main([str(path), *OFFSET, *SMALL]) == 0
+    out = WrenchFile(tmp_path / "mine_shifted.csv")
+    expected = wrenches.tau - np.cross(np.array([0.1, -0.2, 0.3]), wrenches.f)
+    np.testing.assert_array_equal(out.parts["tau"], expected)
+    assert (tmp_path / "mine_shifted.csv").read_text().splitlines()[3].startswith("elbow 2,")
+
+
+def test_float32_stays_float32(tmp_path, wrenches):
+    path = tmp_path / "mine.npz"
+    parts = {name: x.astype(np.float32) for name, x in wrenches._asdict().items() if name in ("tau", "f")}
+    np.savez(path, **parts)
+    assert main([str(path), *OFFSET, *SMALL]) == 0
+    out = np.load(tmp_path / "mine_shifted.npz")["tau"]
+    p = np.array([0.1, -0.2, 0.3], np.float32)
+    np.testing.assert_array_equal(out, parts["tau"] - np.cross(p, parts["f"]), strict=True)
+
+
+def _csv(text):
+    return "bad.csv", lambda path: path.write_text(text)
+
+
+def _npz(**arrays):
+    return "bad.npz", lambda path: np.savez(path, **arrays)
+
+
+_HEADER = "tau_x,tau_y,tau_z,f_x,f_y,f_z\n"
+_ONES = np.ones((4, 3))
+_HOLE = np.where(np.arange(12).reshape(4, 3) == 7, np.nan, _ONES)
+BAD_FILES = {
+    "missing columns": (_csv("tau_x,tau_y,f_x,f_y,f_z\n1,2,3,4,5\n"), "torque as columns tau_x, .*; found tau_x"),
+    "no rows": (_csv(_HEADER), "at least one wrench, got no rows"),
+    "empty": (_csv(""), "found nothing"),
+    "NaN row": (_csv(_HEADER + "1,2,3,4,5,6\n1,nan,3,4,5,6\n"), "finite numbers, got nan in row 2, column tau_y"),
+    "word": (_csv(_HEADER + "1,2,3,4,five,6\n"), "a number, got 'five' in row 1, column f_y"),
+    "short row": (_csv(_HEADER + "1,2,3\n"), "row 1: expected 6 values, got 3"),
+    "not text": (("bad.csv", lambda path: path.write_bytes(b"\xff\xfe\x00\x01")), "text in UTF-8"),
+    "missing array": (_npz(tau=_ONES), "force as array 'f' of shape .n, 3.; found tau"),
+    "half a motion": (_npz(tau=_ONES, f=_ONES, w=_ONES), "velocity as array 'v'"),
+    "wrong shape": (_npz(tau=_ONES, f=np.ones((4, 2))), r"f: expected shape \(4, 3\).*got \(4, 2\)"),
+    "different lengths": (_npz(tau=_ONES, f=np.ones((5, 3))), r"f: expected shape \(4, 3\).*got \(5, 3\)"),
+    "different dtypes": (_npz(tau=_ONES, f=_ONES.astype(np.float32)), "f: expected .*float64.*float32"),
+    "integers": (_npz(tau=_ONES.astype(int), f=_ONES.astype(int)), "tau: expected floating point numbers, got int64"),
+    "NaN array": (_npz(tau=_ONES, f=_HOLE), r"finite numbers, got nan in f\[2, 1\] and in 0 more places"),
+    "no rows, npz": (_npz(tau=np.ones((0, 3)), f=np.ones((0, 3))), "at least one wrench"),
+    "not an archive": (("bad.npz", lambda path: path.write_text("hello")), "NumPy .npz archive"),
+    "other ending": (("bad.txt", lambda path: path.write_text("")), "ending in .npz or .csv, got .txt"),
+    "no file": (("bad.npz", lambda path: None), "no such file"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_bad_file_says_where_and_writes_nothing(case, tmp_path, capsys):
+    (name, write), message = BAD_FILES[case]
+    write(tmp_path / name)
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(WrenchFileError, match=message):
+        WrenchFile(tmp_path / name)
+    assert main([str(tmp_path / name), *OFFSET, *SMALL]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and name in error
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_failed_write_leaves_nothing(tmp_path, wrenches, monkeypatch):
+    path = _write_csv(tmp_path / "mine.csv", wrenches)
+    file = WrenchFile(path)
+    monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
+    with pytest.raises(OSError, match="disk full"):
+        file.write_shifted(file.parts)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["FILE"], "--offset: expected X Y Z"),
+        (["FILE", "--offset", "1", "2"], "expected 3 arguments"),
+        (["FILE", "--offset", "1", "2", "inf"], "expected a finite number of metres, got inf"),
+        (["FILE", "--offset", "1", "2", "three"], "expected a finite number of metres, got three"),
+        (["--largest", "10"], "expected at least 1000 wrenches, got 10"),
+        (["FILE", *OFFSET, "--picture", "nowhere/x.png"], "expected a folder to write to"),
+    ],
+)
+def test_bad_arguments(arguments, message, tmp_path, wrenches, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = _write_csv(tmp_path / "mine.csv", wrenches)
+    try:
+        status = main([str(path) if a == "FILE" else a for a in arguments])
+    except SystemExit as exit:
+        status = exit.code
+    assert status == 2 and message in capsys.readouterr().err

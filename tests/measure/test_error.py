@@ -1,0 +1,74 @@
+"""The yardstick itself: exact references, and errors in ulps and in u mag."""
+
+from fractions import Fraction
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxspatial.measure import error, exact
+from jaxspatial.measure.inputs import FAMILIES
+
+DTYPES = ["float16", "bfloat16", "float32", "float64"]
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_rationals_are_the_numbers(dtype):
+    x = np.array([0.0, -0.5, 3.0, float(jnp.finfo(dtype).max), float(jnp.finfo(dtype).tiny)]).astype(jnp.dtype(dtype))
+    assert [Fraction(float(v)) for v in x] == list(exact.rationals(x))
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_one_ulp_is_one_ulp(dtype):
+    x = np.array([1.0, 1.5, -2.0, 1000.0]).astype(jnp.dtype(dtype))
+    away = np.nextafter(x, x * 2)
+    np.testing.assert_array_equal(error.in_ulps(away, exact.rationals(x)), 1)
+
+
+def test_ulps_agree_with_numpy_spacing():
+    x = np.random.default_rng(0).standard_normal(100) * 10.0 ** np.arange(-50, 50)
+    half = exact.rationals(x) + exact.rationals(np.spacing(abs(x))) / 2
+    np.testing.assert_array_equal(error.in_ulps(x, half), 0.5)
+
+
+def test_an_exact_zero_is_missed_in_smallest_units():
+    tiny, eps = float(jnp.finfo(np.float32).tiny), float(jnp.finfo(np.float32).eps)
+    assert error.in_ulps(np.float32([tiny]), np.array([Fraction(0)])) == 1 / eps
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_is_infinitely_far_off(bad):
+    one = np.array([Fraction(1)])
+    assert error.in_ulps(np.array([bad]), one) == np.inf and error.in_u_of(np.array([bad]), one, one) == np.inf
+
+
+def test_units_of_magnitude():
+    computed, value, magnitude = np.array([1 + 2**-52]), np.array([Fraction(1)]), np.array([Fraction(4)])
+    assert error.in_u_of(computed, value, magnitude) == 0.5
+    zero = np.array([Fraction(0)])
+    assert error.in_u_of(np.array([0.0]), zero, zero) == 0
+    assert error.in_u_of(np.array([1e-300]), zero, zero) == np.inf
+
+
+def test_exact_formulas_are_the_definitions_on_integers():
+    tau, f, p, w = np.array([[0.0, 0, 3], [1, 2, 0], [2, -2, 1], [0, 0, 3]])
+    assert list(exact.shift_force(tau, f, p)[0]) == [2, -1, -3]
+    assert list(exact.shift_velocity(tau, f, np.array([2.0, -2, 0]))[0]) == [7, 8, 0]
+    assert list(exact.shift_acceleration(0 * tau, 0 * f, np.array([1.0, 1, 0]), w)[0]) == [-9, -9, 0]
+    assert (
+        exact.dot(np.array([4.0, 1, -3]), np.array([11.0, 9, -2]), np.array([1.0, 2, 3]), np.array([-2.0, -5, 8]))[0]
+        == -86
+    )
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("family", FAMILIES)
+def test_families_are_finite_and_of_the_dtype(family, dtype):
+    for x in FAMILIES[family](np.random.default_rng(0), 3, 20, jnp.dtype(dtype)):
+        assert x.shape == (20, 3) and x.dtype == jnp.dtype(dtype) and np.isfinite(x.astype(float)).all()
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_parallel_vectors_are(dtype):
+    a, b = map(exact.rationals, FAMILIES["parallel"](np.random.default_rng(0), 2, 20, jnp.dtype(dtype)))
+    assert not exact.cross(a, b).any()

@@ -1,0 +1,66 @@
+"""The folder tree is the architecture: each layer imports only from those below it."""
+
+import ast
+import importlib
+import pathlib
+
+import pytest
+
+import jaxspatial
+
+PACKAGE = pathlib.Path(jaxspatial.__file__).parent
+LAYERS = ["arithmetic", "rotation", "spatial", "inertia", "mechanism", "dynamics", "interop", "measure"]
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+
+def _imported(path):
+    """The layers of jaxspatial that a module imports from, function bodies included."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name.startswith("jaxspatial"))
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            names = (f"{node.module}.{alias.name}" for alias in node.names)
+            yield from (name for name in names if name.startswith("jaxspatial"))
+
+
+def test_every_folder_is_a_layer():
+    folders = {path.name for path in PACKAGE.iterdir() if path.is_dir() and path.name != "__pycache__"}
+    assert folders <= set(LAYERS)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_point_down(path):
+    layer = path.relative_to(PACKAGE).parts[0]
+    if layer in ("__init__.py", "__main__.py"):
+        return
+    for name in _imported(path):
+        below = name.split(".")[1]
+        assert LAYERS.index(below) <= LAYERS.index(layer), f"{layer} imports {name}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_runtime_needs_only_what_is_installed(path):
+    """Optional packages are imported inside functions or in modules that only the command line imports."""
+    allowed = {"jax", "jaxlib", "chex", "numpy", "jaxspatial"}
+    if path.parent.name == "measure" and path.name in ("picture.py", "report.py"):
+        allowed |= {"matplotlib", "rich"}
+    standard = __import__("sys").stdlib_module_names
+    for node in ast.parse(path.read_text()).body:
+        names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+        names += [node.module] if isinstance(node, ast.ImportFrom) else []
+        for name in (n.split(".")[0] for n in names):
+            assert name in allowed or name in standard, f"{path}: {name}"
+
+
+def test_public_names_exist_and_are_documented():
+    exported = [name for name in vars(jaxspatial) if not name.startswith("_") and name not in LAYERS]
+    assert {"SpatialForce", "SpatialVelocity", "shift", "dot", "cross", "Precision"} <= set(exported)
+    for name in exported:
+        assert getattr(jaxspatial, name).__doc__, name
+
+
+def test_import_touches_no_global_configuration():
+    source = "import jax; before = dict(jax.config.values); import jaxspatial; assert before == dict(jax.config.values)"
+    subprocess = importlib.import_module("subprocess")
+    subprocess.run([__import__("sys").executable, "-c", source], check=True)
