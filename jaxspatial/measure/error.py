@@ -24,16 +24,21 @@ def in_ulps(computed, exact):
     return _over(computed, exact, lambda e, _: _ulp(e, info), exact)
 
 
-def in_u_of(computed, exact, magnitude):
-    """|computed - exact| / (u magnitude), componentwise, as float64: the unit in which bounds are promised."""
-    u = unit_roundoff(np.asarray(computed).dtype)
-    return _over(computed, exact, lambda _, m: u * m, magnitude)
+def in_u_of(computed, exact, magnitude, flushed=0):
+    """|computed - exact| / (u magnitude), componentwise, as float64: the unit in which bounds are promised.
+
+    `flushed`: so many of the smallest normal number are forgiven beforehand, for subnormals that were flushed to zero.
+    """
+    dtype = np.asarray(computed).dtype
+    u, forgiven = unit_roundoff(dtype), flushed * Fraction(float(jnp.finfo(dtype).tiny))
+    return _over(computed, exact, lambda _, m: u * m, magnitude, forgiven)
 
 
-def _over(computed, exact, unit, magnitude):
+def _over(computed, exact, unit, magnitude, forgiven=0):
     computed, exact, magnitude = np.broadcast_arrays(np.asarray(computed), exact, magnitude)
     finite = np.isfinite(computed.astype(np.float64))
     errors = abs(rationals(np.where(finite, computed, np.zeros_like(computed))) - exact)
+    errors = np.maximum(errors - forgiven, 0) if forgiven else errors
     ratios = np.frompyfunc(lambda error, e, m: _ratio(error, unit(e, m)), 3, 1)(errors, exact, magnitude)
     return np.where(finite, ratios.astype(np.float64), np.inf)
 

@@ -30,7 +30,7 @@ def compare(wrenches, offset, dtype, sample=2_000):
     some = np.linspace(0, len(before) - 1, min(sample, len(before))).astype(int)
     F, V = (jax.tree.map(lambda leaf: np.asarray(leaf)[some], x) for x in (F, V))
     moved = _magnitude(F, V, np.asarray(p))
-    difference = error.in_u_of(after[some], exact.rationals(before[some]), moved).max()
+    difference = error.in_u_of(after[some], exact.rationals(before[some]), moved, flushed=30).max()
     return Power(float(before.astype(np.float64).sum()), float(after.astype(np.float64).sum()), float(difference))
 
 

@@ -16,6 +16,8 @@ OPERATIONS = ("shift", "dot")
 # Numbers read and written per wrench: shift in place (torque, force, offset; torque), dot (four vectors; power).
 _WORDS = {"shift": 12, "dot": 13}
 _SAMPLE = 1_000
+# One flushed subnormal for each product and each sum.
+_FLUSHED = 11
 
 
 class Case(NamedTuple):
@@ -98,6 +100,6 @@ def _row(case, seconds, wrenches, offset, advance):
             value, magnitude = exact.dot(F.tau, F.f, V.w, V.v)
     advance()
     condition = np.frompyfunc(lambda m, e: float(m / abs(e)) if e else np.inf, 2, 1)(magnitude, value)
-    largest = error.in_u_of(computed, value, magnitude).max()
+    largest = error.in_u_of(computed, value, magnitude, flushed=_FLUSHED).max()
     ulps = error.in_ulps(computed, value).ravel()
     return Row(case, seconds, ulps, condition.astype(np.float64).ravel(), float(largest), _BOUND[case.operation])

@@ -117,11 +117,11 @@ class SpatialVector:
     # -- arithmetic ---------------------------------------------------------------------------------------------------
 
     def __add__(self, other):
-        """Component by component. Has a meaning for two vectors about the same point in the same frame only."""
+        """Component by component, for two about the same point in the same frame: error <= u |x_i + y_i|."""
         return self._combined(operator.add, other)
 
     def __sub__(self, other):
-        """Component by component. Has a meaning for two vectors about the same point in the same frame only."""
+        """Component by component, for two about the same point in the same frame: error <= u |x_i - y_i|."""
         return self._combined(operator.sub, other)
 
     def __neg__(self):
@@ -173,7 +173,7 @@ class SpatialVector:
     def is_nearly_equal_within_absolute_tolerance(self, other, rotational_tolerance, translational_tolerance):
         """True where the largest absolute difference of each part is at most its tolerance."""
         rotational, translational = self.get_maximum_absolute_differences(other)
-        return (rotational <= rotational_tolerance) & (translational <= translational_tolerance)
+        return (rotational <= _plain(rotational_tolerance)) & (translational <= _plain(translational_tolerance))
 
     def is_approx(self, other, tolerance=None):
         """True where all six absolute differences are at most `tolerance`, by default the dtype's eps."""
@@ -260,6 +260,11 @@ def _skipping_zero(operation, x, y):
 def _largest(x):
     # Written out: a reduction over an axis of length 3 is a library call on XLA CPU. jnp.maximum keeps NaN.
     return jnp.maximum(jnp.maximum(x[..., 0], x[..., 1]), x[..., 2])
+
+
+def _plain(number):
+    """A Python number for any that is one (np.float64 is): it takes the dtype of what it is compared with."""
+    return float(number) if isinstance(number, float) else number
 
 
 def _shown(part):

@@ -1,5 +1,7 @@
 """python -m jaxspatial: the built-in scene, the user's file, and everything that can be wrong with one."""
 
+import sys
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -59,6 +61,19 @@ def test_a_broken_promise_is_an_exit_status(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(trade._BOUND, "shift", 0.1)
     assert main(SMALL) == 1
     assert "does not hold here" in capsys.readouterr().out
+
+
+def test_what_is_missing_is_said(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rich", None)
+    assert main(SMALL) == 2
+    assert "pip install 'jaxspatial[plot]'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("scale", [1e-25, 1e-17, 1e15])
+def test_small_and_large_wrenches_keep_the_promises(scale, tmp_path, wrenches):
+    path = tmp_path / "mine.npz"
+    np.savez(path, tau=wrenches.tau * scale, f=wrenches.f * scale)
+    assert main([str(path), *OFFSET, *SMALL]) == 0
 
 
 def test_npz_is_shifted_beside_itself(tmp_path, wrenches, capsys):

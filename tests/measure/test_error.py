@@ -50,6 +50,13 @@ def test_units_of_magnitude():
     assert error.in_u_of(np.array([1e-300]), zero, zero) == np.inf
 
 
+def test_flushed_subnormals_are_forgiven():
+    tiny = float(jnp.finfo(np.float32).tiny)
+    one = np.array([Fraction(tiny)])
+    assert error.in_u_of(np.float32([0]), one, one, flushed=1) == 0
+    assert error.in_u_of(np.float32([0]), 2 * one, one, flushed=1) == 2**24
+
+
 def test_exact_formulas_are_the_definitions_on_integers():
     tau, f, p, w = np.array([[0.0, 0, 3], [1, 2, 0], [2, -2, 1], [0, 0, 3]])
     assert list(exact.shift_force(tau, f, p)[0]) == [2, -1, -3]
