@@ -9,6 +9,7 @@ import operator
 
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from jaxspatial.arithmetic import fast, reproducible
 from jaxspatial.arithmetic.precision import Precision
@@ -42,6 +43,19 @@ def stack(components, batch_shape=()):
     return jnp.moveaxis(jnp.stack(full), 0, -1)
 
 
+def stack_like(x, components):
+    """`stack`, in the layout of the array x (*batch, n), for a result that no addition ties to one.
+
+    x is added as a -0 that the compiler cannot know: half the time on XLA CPU, see `_with_array`.
+    """
+    stacked = stack(components, x.shape[:-1])
+    if isinstance(stacked, np.ndarray) or any(is_known(c) for c in components):
+        return stacked
+    x = lax.stop_gradient(jnp.asarray(x))
+    never = lax.lt(lax.abs(x), lax.full_like(x, -1))
+    return lax.select(never, x, lax.full_like(x, -0.0)) + stacked
+
+
 def negate(a):
     return -a
 
@@ -65,6 +79,13 @@ def multiply(precision, a, b):
         if is_known(one, 1, -1):
             return other if one == 1 else negate(other)
     return a * b if is_known(a) and is_known(b) else _PRODUCT[precision](*_alike(a, b))
+
+
+def divide(a, b):
+    """a / b for a number b known or not; rounded on its own in every precision."""
+    if is_known(b, 1) or is_known(a, 0):
+        return a
+    return a / b if is_known(a) and is_known(b) else reproducible.quotient(*_alike(a, b))
 
 
 def _alike(a, b):

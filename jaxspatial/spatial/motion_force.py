@@ -64,7 +64,6 @@ def _cross_force(precision, w, v, tau, f):
 
 def _crosses(precision, w, v, x, y):
     """(w x x, w x y + v x x): both products are this, with the halves of a force exchanged."""
-    batch = w.shape[:-1]
-    w, v, x, y = map(lanes.unstack, (w, v, x, y))
-    sums = map(lanes.add, lanes.cross(precision, w, y), lanes.cross(precision, v, x))
-    return lanes.stack(lanes.cross(precision, w, x), batch), lanes.stack(tuple(sums), batch)
+    w_, v_, x_, y_ = map(lanes.unstack, (w, v, x, y))
+    sums = tuple(map(lanes.add, lanes.cross(precision, w_, y_), lanes.cross(precision, v_, x_)))
+    return lanes.stack_like(x, lanes.cross(precision, w_, x_)), lanes.stack_like(y, sums)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.reproducible import product
+from jaxspatial.arithmetic.reproducible import product, quotient
 from jaxspatial.spatial import operations
 
 
@@ -135,7 +135,7 @@ class SpatialVector:
 
     def __truediv__(self, scalar):
         """Divided by a number, or by one number per vector of the batch: error <= u |x_i / s| per component."""
-        return self._scaled(operator.truediv, scalar)
+        return self._scaled(quotient, scalar)
 
     def _combined(self, operation, other):
         if not isinstance(other, SpatialVector):

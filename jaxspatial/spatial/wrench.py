@@ -69,16 +69,16 @@ def central_axis(F_P_E, *, precision=None):
 
 
 @kernel
-def _central_axis(precision, tau, f):
-    tau, f = (lanes.unstack(jnp.asarray(x)) for x in (tau, f))
+def _central_axis(precision, tau, f_array):
+    tau, f = (lanes.unstack(jnp.asarray(x)) for x in (tau, f_array))
     tau_exponent, f_exponent = exponent(tau), exponent(f)
     t = tuple(times_power_of_two(c, -tau_exponent) for c in tau)
     u = tuple(times_power_of_two(c, -f_exponent) for c in f)
     squared = lanes.dot(precision, u, u)
     numerators = (lanes.dot(precision, u, t), *lanes.cross(precision, u, t))
-    pitch, *point = (times_power_of_two(n / squared, tau_exponent - f_exponent) for n in numerators)
+    pitch, *point = (times_power_of_two(lanes.divide(n, squared), tau_exponent - f_exponent) for n in numerators)
     couple = (squared == 0) & jnp.logical_or(jnp.logical_or(t[0] != 0, t[1] != 0), t[2] != 0)
-    return jnp.where(couple, jnp.inf, pitch), lanes.stack(point, pitch.shape)
+    return jnp.where(couple, jnp.inf, pitch), lanes.stack_like(f_array, point)
 
 
 def center_of_pressure(F_P_E, normal=(0.0, 0.0, 1.0), *, precision=None):
@@ -109,7 +109,7 @@ def _center_of_pressure(precision, tau, f, normal):
     batch = tau.shape[:-1]
     tau, f, normal = map(lanes.unstack, (tau, f, normal))
     pressing = lanes.dot(precision, normal, f)
-    return lanes.stack([c / pressing for c in lanes.cross(precision, normal, tau)], batch)
+    return lanes.stack([lanes.divide(c, pressing) for c in lanes.cross(precision, normal, tau)], batch)
 
 
 def _require_force(x, operation):

@@ -1,4 +1,4 @@
-"""The definitions that the spatial vectors are held to, written naively: NumPy for the bits, rationals for the value."""
+"""The definitions that spatial vectors are held to, written naively: in NumPy for the bits, in rationals for bounds."""
 
 from fractions import Fraction
 
@@ -36,23 +36,25 @@ every_way = pytest.mark.parametrize("way", WAYS.values(), ids=WAYS.keys())
 # In NumPy every operation rounds once, in the order it is written; on arrays of Fraction none does.
 
 
-def shifted(kind, rotational, translational, p, w=None):
+def shifted(kind, rotational, translational, p, *w):
     """The two parts of the quantity about Q, p from P to Q; w for an acceleration."""
     if kind in (js.SpatialForce, js.SpatialMomentum):
         return rotational - np.cross(p, translational), translational
     translational = translational + np.cross(rotational, p)
-    if kind is js.SpatialAcceleration:
-        translational = translational + np.cross(w, np.cross(w, p))
+    for turning in w:
+        translational = translational + np.cross(turning, np.cross(turning, p))
     return rotational, translational
 
 
-def shift_magnitudes(kind, rotational, translational, p, w=None):
+def shift_magnitudes(kind, rotational, translational, p, *w):
     """For both parts, the sum of the absolute values of the terms of each component; 0 where nothing is computed."""
     r, t, p = (np.abs(np.asarray(x, float)) for x in (rotational, translational, p))
     if kind in (js.SpatialForce, js.SpatialMomentum):
         return r + cross_magnitudes(p, t), np.zeros_like(t)
     t = t + cross_magnitudes(r, p)
-    return np.zeros_like(r), t + (cross_magnitudes(w, cross_magnitudes(w, p)) if kind is js.SpatialAcceleration else 0)
+    for turning in w:
+        t = t + cross_magnitudes(turning, cross_magnitudes(turning, p))
+    return np.zeros_like(r), t
 
 
 def cross_magnitudes(a, b):
@@ -62,8 +64,11 @@ def cross_magnitudes(a, b):
 
 def dot(tau, f, w, v):
     """Each part summed from the left, then both."""
-    (t, x), (f, y) = ((a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1], a[..., 2] * b[..., 2]) for a, b in ((tau, w), (f, v)))
-    return (t + x) + (f + y)
+
+    def three(a, b):
+        return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+
+    return three(tau, w) + three(f, v)
 
 
 def dot_magnitude(tau, f, w, v):
@@ -84,6 +89,17 @@ def random_vectors(seed, count, shape, dtype):
     """`count` arrays of numbers of both signs whose sizes vary from 2^-8 to 2^8."""
     rng = np.random.default_rng(seed)
     return tuple((rng.normal(size=shape) * np.exp2(rng.integers(-8, 9, shape))).astype(dtype) for _ in range(count))
+
+
+def offsets_of(kind):
+    """How many vectors a shift takes: the offset and, for an acceleration, w."""
+    return 2 if kind is js.SpatialAcceleration else 1
+
+
+def random_shift(kind, dtype, shape=(200, 3), offset_shape=None):
+    """A batch of `kind`, and the arrays that shift it."""
+    x = kind(*random_vectors(1, 2, shape, dtype))
+    return x, random_vectors(2, offsets_of(kind), offset_shape or shape, dtype)
 
 
 def assert_same_bits(result, expected):

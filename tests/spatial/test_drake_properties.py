@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from spatial import drake_oracle as oracle
-from spatial.drake_oracle import assert_numbers, assert_parts, assert_same_bits, every_kind, every_way
+from spatial.drake_oracle import assert_numbers, assert_parts, assert_same_bits, every_kind, every_way, random_shift
 
 import jaxspatial as js
 
@@ -104,7 +104,18 @@ def test_scaling_scales_both_parts_from_either_side(kind, way, factor, dtype):
     for scaled in (lambda x: x * python_number, lambda x: python_number * x, lambda x: x * s, lambda x: s * x):
         assert_parts(way(scaled)(x), *expected)
     assert_parts(way(lambda x, s: s * x)(x, s), *expected)
-    assert_parts(way(lambda x, s: x / s)(x, s), *(part / s for part in (x.rotational, x.translational)))
+
+
+@every_kind
+@every_way
+@pytest.mark.parametrize("scalar", [1.1, -0.7])
+def test_division_divides_both_parts_and_rounds_once(kind, way, scalar, dtype):
+    """Drake has none. A compiler likes to multiply by the reciprocal instead, which rounds twice."""
+    x, s = kind(*oracle.random_vectors(4, 2, (200, 3), dtype)), dtype(scalar)
+    expected = [part / s for part in (x.rotational, x.translational)]
+    for divided in (lambda x: x / scalar, lambda x: x / s):
+        assert_parts(way(divided)(x), *expected)
+    assert_parts(way(lambda x, s: x / s)(x, s), *expected)
 
 
 @every_kind
@@ -161,7 +172,7 @@ def test_copies_and_pickles_keep_kind_and_numbers(kind, copied, dtype):
         assert_parts(y, x.rotational, x.translational)
 
 
-# -- comparison, with Drake's numbers -----------------------------------------------------------------------------------
+# -- comparison, with Drake's numbers ---------------------------------------------------------------------------------
 
 
 def displaced(kind, dtype):
@@ -237,7 +248,7 @@ def test_is_approx_allows_one_eps_if_nothing_is_said(kind, way, dtype):
     assert not is_approx(kind(ones, ones), kind(after_those, ones))
 
 
-# -- shift: numbers worked out by hand, then the bits of NumPy ----------------------------------------------------------
+# -- shift: numbers worked out by hand, then the bits of NumPy --------------------------------------------------------
 
 _SHIFTED_BY_HAND = {
     # w x p = 3z x (2, -2, 0) = (6, 6, 0), added to (1, 2, 0)
@@ -266,12 +277,6 @@ def test_shift_gives_the_numbers_worked_out_by_hand(case, way, dtype):
     assert_numbers(way(kind.shift)(x, *offsets), *expected)
 
 
-def random_shift(kind, dtype, shape=(200, 3)):
-    """A batch of `kind` and the arrays that shift it: the offset and, for an acceleration, w."""
-    rotational, translational, p, w = oracle.random_vectors(1, 4, shape, dtype)
-    return kind(rotational, translational), (p, w) if kind is js.SpatialAcceleration else (p,)
-
-
 @every_kind
 @every_way
 def test_shift_has_the_bits_of_the_formula_in_numpy(kind, way, dtype):
@@ -298,7 +303,7 @@ def test_one_offset_for_many_columns_shifts_each_as_if_alone(kind, way, dtype):
 @every_kind
 def test_equal_columns_stay_equal(kind, dtype):
     x = make(kind, [[part] * 3 for part in (ROTATIONAL, TRANSLATIONAL)], dtype)
-    offsets = [np.asarray(o, dtype) for o in ((2, -2, 1), (0.3, 0.1, -7))][: 1 + (kind is js.SpatialAcceleration)]
+    offsets = [np.asarray(o, dtype) for o in ((2, -2, 1), (0.3, 0.1, -7))][: oracle.offsets_of(kind)]
     shifted = js.shift(x, *offsets)
     assert_parts(shifted, *([part[0]] * 3 for part in (shifted.rotational, shifted.translational)))
 
@@ -307,15 +312,15 @@ def test_equal_columns_stay_equal(kind, dtype):
 def test_shift_in_place_there_and_back_returns_the_matrix(kind, dtype):
     """Drake's ShiftInPlace is a compiled shift that is given its input; integers come back exactly."""
     x = jax.tree.map(jnp.asarray, make(kind, [[part] * 3 for part in (ROTATIONAL, TRANSLATIONAL)], dtype))
-    offsets = [np.asarray([o] * 3, dtype) for o in ((2, -2, 1), (0, 0, 3))][: 1 + (kind is js.SpatialAcceleration)]
+    offsets = [np.asarray([o] * 3, dtype) for o in ((2, -2, 1), (0, 0, 3))][: oracle.offsets_of(kind)]
     in_place = jax.jit(js.shift, donate_argnums=0)
     there = in_place(x, *offsets)
     with pytest.raises(RuntimeError, match="deleted"):
-        x.rotational + 0
+        _ = x.rotational + 0
     assert_numbers(in_place(there, -offsets[0], *offsets[1:]), [ROTATIONAL] * 3, [TRANSLATIONAL] * 3)
 
 
-# -- acceleration: the second derivative of a moving point --------------------------------------------------------------
+# -- acceleration: the second derivative of a moving point ------------------------------------------------------------
 
 
 def skew(w):
@@ -359,17 +364,17 @@ def shifted_and_differentiated(turning, path, p_PQ_B):
 
 
 def test_shifted_acceleration_is_the_second_derivative_of_the_path_of_the_point():
-    """What Drake's tests have as a TODO. In float64; the matrix exponential's derivatives are good to some tens of u."""
+    """What Drake's tests have as a TODO. To 40 u mag in float64: 7 for the shift, the rest for the exponential's."""
     with jax.enable_x64(True):
         rng = np.random.default_rng(2)
         motions = rng.normal(size=(20, 3, 3)), rng.normal(size=(20, 3, 3)), rng.normal(size=(20, 3))
         shifted, expected, terms = jax.jit(shifted_and_differentiated)(*motions)
         assert_same_bits(shifted.rotational, terms[0])
         _, magnitude = oracle.shift_magnitudes(js.SpatialAcceleration, *terms)
-        assert (abs(np.asarray(shifted.translational - expected)) <= 100 * oracle.unit_roundoff(float) * magnitude).all()
+        assert (abs(np.asarray(shifted.translational - expected)) <= 40 * oracle.unit_roundoff(float) * magnitude).all()
 
 
-# -- power and kinetic energy ---------------------------------------------------------------------------------------------
+# -- power and kinetic energy -----------------------------------------------------------------------------------------
 
 
 @every_way
