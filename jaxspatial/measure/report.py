@@ -43,7 +43,7 @@ def print_trade(console, rows, sizes):
         table.add_row(*row.case, *costs, *errors)
     console.print(table)
     console.print(
-        "Nanoseconds per wrench (and GB/s), medians; shift in place (donated); n = 1,000 is mostly the cost of a call.\n"
+        "Per wrench: ns (and GB/s), medians; shift in place (donated). n = 1,000 is mostly the cost of a call.\n"
         "Errors against exact rationals: in units in the last place of the exact result, and over u mag, u the unit\n"
         "roundoff, mag the sizes of the terms added up; where terms cancel, the first grows and the second does not.\n"
     )

@@ -78,7 +78,7 @@ def _central_axis(precision, tau, f_array):
     numerators = (lanes.dot(precision, u, t), *lanes.cross(precision, u, t))
     pitch, *point = (times_power_of_two(lanes.divide(n, squared), tau_exponent - f_exponent) for n in numerators)
     couple = (squared == 0) & jnp.logical_or(jnp.logical_or(t[0] != 0, t[1] != 0), t[2] != 0)
-    return jnp.where(couple, jnp.inf, pitch), lanes.stack_like(f_array, point)
+    return jnp.where(couple, jnp.full_like(pitch, jnp.inf), pitch), lanes.stack_like(f_array, point)
 
 
 def center_of_pressure(F_P_E, normal=(0.0, 0.0, 1.0), *, precision=None):

@@ -35,7 +35,7 @@ def test_a_column_of_one_number_is_known():
 
 
 def test_known_numbers_fold():
-    zero, one, minus_one, two = np.float32([0, 1, -1, 2])
+    zero, one, minus_one, two = np.array([0, 1, -1, 2], np.float32)
     assert _operations(lambda x: lanes.multiply(P, zero, x), X) == []
     assert _operations(lambda x: lanes.multiply(P, x, one), X) == []
     assert _operations(lambda x: lanes.multiply(P, minus_one, x), X) == ["neg"]
