@@ -11,6 +11,7 @@ This list is what is promised; everything else may change.
 
 # how numbers are added and multiplied
 from jaxspatial.arithmetic.precision import Precision as Precision
+from jaxspatial.arithmetic.precision import default_precision as default_precision
 
 # spatial vectors
 from jaxspatial.spatial import SpatialAcceleration as SpatialAcceleration

@@ -2,6 +2,8 @@
 
 import enum
 
+import jax
+
 
 class Precision(enum.StrEnum):
     """How sums of products are evaluated; the plain string is accepted wherever a precision is.
@@ -20,10 +22,26 @@ class Precision(enum.StrEnum):
     REPRODUCIBLE = "reproducible"
 
 
+# Part of the key under which jit caches its traces: a function traced under one default is traced again under another.
+_default = jax.make_user_context(default_value=Precision.REPRODUCIBLE)
+
+
+def default_precision(precision: Precision | str):
+    """A context manager: operations inside, called without `precision=`, run in this one. An explicit one wins.
+
+        with js.default_precision("fast"):
+            simulate(state)
+
+    What counts is where a function is called: it is traced once for every default it is called under. Defaults nest,
+    and each thread has its own. Raises ValueError for a name that is no precision.
+    """
+    return _default(resolve(precision))
+
+
 def resolve(precision: Precision | str | None) -> Precision:
     """The named precision, or the default for None."""
     if precision is None:
-        return Precision.REPRODUCIBLE
+        return _default.value
     try:
         return Precision(precision)
     except ValueError:

@@ -11,7 +11,9 @@ def exponent(components):
     largest = functools.reduce(jnp.maximum, (lax.stop_gradient(jnp.abs(c)) for c in components))
     usable = jnp.isfinite(largest) & (largest > 0)
     # In float32, which has the range of bfloat16, or float64: frexp knows no 16-bit floats.
-    wide = jnp.where(usable, largest, jnp.ones_like(largest)).astype(jnp.float64 if largest.dtype == jnp.float64 else jnp.float32)
+    wide = jnp.where(usable, largest, jnp.ones_like(largest)).astype(
+        jnp.float64 if largest.dtype == jnp.float64 else jnp.float32
+    )
     return jnp.where(usable, jnp.frexp(wide)[1], 0)
 
 
