@@ -104,7 +104,8 @@ class SpatialVector:
     def __getitem__(self, i):
         """The i-th of the six components of one vector, rotational first."""
         if self.batch_shape:
-            raise IndexError(
+            # Not an IndexError: Python would take it for the end when iterating.
+            raise TypeError(
                 f"{type(self).__name__}[i] is the i-th component of a single vector, this is a batch of shape "
                 f"{self.batch_shape}; component i of all: x.to_array()[..., i], vector i of the batch: "
                 "jax.tree.map(lambda leaf: leaf[i], x)"
@@ -123,6 +124,15 @@ class SpatialVector:
     def __sub__(self, other):
         """Component by component, for two about the same point in the same frame: error <= u |x_i - y_i|."""
         return self._combined(operator.sub, other)
+
+    def __radd__(self, other):
+        """0 + x is x, for Python's `sum`; nothing else adds to a spatial vector."""
+        if isinstance(other, int) and other == 0:
+            return self
+        return self.__rsub__(other)
+
+    def __rsub__(self, other):
+        raise TypeError(f"+ or -: expected two of one kind, got {type(other).__name__} and {type(self).__name__}")
 
     def __neg__(self):
         return self._like(*(-part for part in self._parts))
@@ -146,8 +156,9 @@ class SpatialVector:
     def _scaled(self, operation, scalar):
         if isinstance(scalar, SpatialVector):
             return NotImplemented
+        number = isinstance(scalar, (int, float))
         name = f"{type(self).__name__} * or / scalar"
-        s = self.dtype.type(scalar) if isinstance(scalar, (int, float)) else check.as_float_array(scalar, name)
+        s = self.dtype.type(scalar) if number else check.as_float_array(scalar, name, self.dtype)
         check.require_same_dtype(**{type(self).__name__: self, "scalar": s})
         batch = check.common_batch_shape(**{type(self).__name__: self.batch_shape, "scalar": s.shape})
         s = jnp.broadcast_to(jnp.broadcast_to(s, batch)[..., None], (*batch, 3))
@@ -209,7 +220,7 @@ def spatial_vector(cls):
 
 def shifted(kernel, X_P_E, p_PQ_E, *no_w, precision, **w):
     """`kernel` over the parts of X, the offset and, for an acceleration, w; the result of the kind of X."""
-    if no_w not in ((), (None,)):
+    if any(x is not None for x in no_w):
         raise TypeError(f"shift: w is for a SpatialAcceleration, not for a {type(X_P_E).__name__}")
     given = {"p_PQ_E": p_PQ_E, **w}
     offsets = {name: check.as_vectors(x, f"shift: {name}", X_P_E.dtype) for name, x in given.items()}

@@ -1,0 +1,276 @@
+"""Every operation gives the same numbers in every transformation, of every dtype, over every batch.
+
+In precision "reproducible" (the default) values are bitwise those of the naive NumPy formula of the table, 16-bit types
+included: eager, jit, vmap, vmap of vmap, scan, cond, checkpoint, and with arguments known while tracing. In precision
+"fast" they keep the bound of the docstring. Derivatives are those of the exact formula, pull-backs belong to tangents.
+"""
+
+import functools
+from fractions import Fraction
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+from operations import OPERATIONS
+
+BATCH = (3, 2)
+CONTEXTS = {
+    "eager": lambda f: f,
+    "jit": jax.jit,
+    "vmap": jax.vmap,
+    "vmap_of_vmap": lambda f: jax.jit(jax.vmap(jax.vmap(f))),
+    "scan": lambda f: lambda *args: lax.scan(lambda _, x: (None, f(*x)), None, args)[1],
+    "cond": lambda f: lambda *args: lax.cond(_true(), f, functools.partial(_zeros_like, f), *args),
+    "checkpoint": lambda f: jax.jit(jax.checkpoint(f)),
+    "known": lambda f: lambda *args: jax.jit(lambda first: f(first, *_known(args[1:])))(args[0]),
+}
+WITH_PRECISION = [name for name, operation in OPERATIONS.items() if operation.bounds]
+# (operation, precision) for all that can be differentiated, None where there is no precision to choose.
+DIFFERENTIABLE = [
+    (name, precision)
+    for name, operation in OPERATIONS.items()
+    if operation.differentiable
+    for precision in (("fast", "reproducible") if operation.bounds else (None,))
+]
+
+OF_SEVERAL = [name for name, operation in OPERATIONS.items() if " " in operation.arguments]
+
+operations = pytest.mark.parametrize("name", OPERATIONS)
+contexts = pytest.mark.parametrize("context", CONTEXTS)
+differentiable = pytest.mark.parametrize(("name", "precision"), DIFFERENTIABLE)
+
+
+@pytest.fixture(
+    params=[("float16", True), ("bfloat16", True), ("float32", False), ("float32", True), ("float64", True)],
+    ids=lambda param: f"{param[0]}-{'x64' if param[1] else 'x32'}",
+)
+def dtype(request):
+    """Each dtype with 64-bit types on, where it must not be widened; float32 with them off as well."""
+    with jax.enable_x64(request.param[1]):
+        yield request.param[0]
+
+
+# -- values -----------------------------------------------------------------------------------------------------------
+
+
+@contexts
+@operations
+def test_value_is_bitwise_the_naive_formula(name, context, dtype):
+    inputs = _inputs(name, dtype, BATCH)
+    result = CONTEXTS[context](OPERATIONS[name].function)(*_on_device(inputs))
+    _assert_same_bits(result, _naive(name, dtype, BATCH))
+
+
+@pytest.mark.parametrize("dtype", ["float16", "bfloat16"])
+@operations
+def test_sixteen_bits_are_the_same_without_64_bit_types(name, dtype):
+    result = OPERATIONS[name].function(*_on_device(_inputs(name, dtype, BATCH)))
+    _assert_same_bits(result, _naive(name, dtype, BATCH))
+
+
+@pytest.mark.parametrize("context", ["eager", "known", "nested_vmap"])
+@pytest.mark.parametrize("batch_shape", [(), (1,), (3, 1, 2, 1)], ids=str)
+@operations
+def test_batch_by_broadcasting_and_by_nested_vmap(name, batch_shape, context, x64):
+    transform = CONTEXTS.get(context) or functools.partial(_nested_vmap, len(batch_shape))
+    inputs = _inputs(name, "float32", batch_shape)
+    result = transform(OPERATIONS[name].function)(*_on_device(inputs))
+    _assert_same_bits(result, _naive(name, "float32", batch_shape))
+
+
+@pytest.mark.parametrize("name", OF_SEVERAL)
+def test_one_item_is_shared_by_a_batch(name, x64):
+    for i in range(len(OPERATIONS[name].arguments.split())):
+        inputs = _one_shared(name, i, BATCH)
+        result = OPERATIONS[name].function(*_on_device(inputs))
+        leaves = jax.tree.leaves(result)
+        assert all(leaf.shape[:2] == BATCH for leaf in leaves)
+        expected = zip(OPERATIONS[name].naive(*inputs), leaves, strict=True)
+        _assert_same_bits(result, [np.broadcast_to(x, leaf.shape) for x, leaf in expected])
+
+
+@contexts
+@pytest.mark.parametrize("name", WITH_PRECISION)
+def test_fast_keeps_the_bound_of_the_docstring_in_every_context(name, context):
+    result = CONTEXTS[context](_function(name, "fast"))(*_on_device(_inputs(name, "float32", BATCH)))
+    _assert_within_bounds(result, name, "float32")
+
+
+@pytest.mark.parametrize("name", WITH_PRECISION)
+def test_fast_keeps_the_bound_of_the_docstring_in_every_dtype(name, dtype):
+    result = jax.jit(_function(name, "fast"))(*_on_device(_inputs(name, dtype, BATCH)))
+    _assert_within_bounds(result, name, dtype)
+
+
+# -- derivatives ------------------------------------------------------------------------------------------------------
+
+
+@differentiable
+def test_tangent_is_the_exact_linearisation(name, precision, dtype):
+    value, tangent = _pushed(name, precision, dtype, jax.config.jax_enable_x64)
+    for array, exact in zip(_leaves(tangent), _linearisation(name, dtype), strict=True):
+        assert array.dtype == dtype
+        assert abs(_fractions(array) - exact).max() <= 32 * _u(dtype) * abs(exact).max()
+    if precision != "fast":
+        _assert_same_bits(value, _naive(name, dtype, BATCH))
+
+
+@differentiable
+def test_pull_back_is_the_transpose_of_the_tangent(name, precision, dtype):
+    x, t = (_on_device(_inputs(name, dtype, BATCH, seed)) for seed in (0, 1))
+    _, tangent = _pushed(name, precision, dtype, jax.config.jax_enable_x64)
+    _assert_transpose(_function(name, precision), x, t, tangent)
+
+
+@pytest.mark.parametrize("how", ["broadcasting", "vmap"])
+@pytest.mark.parametrize(
+    "name", [name for name, precision in DIFFERENTIABLE if name in OF_SEVERAL and precision != "fast"]
+)
+def test_pull_back_of_an_item_shared_by_a_batch(name, how):
+    for i in range(len(OPERATIONS[name].arguments.split())):
+        x, t = (_on_device(_one_shared(name, i, BATCH[:1], seed)) for seed in (0, 1))
+        axes = tuple(None if j == i else 0 for j in range(len(x)))
+        function = OPERATIONS[name].function if how == "broadcasting" else jax.vmap(OPERATIONS[name].function, axes)
+        _assert_transpose(function, x, t, jax.jvp(function, x, t)[1])
+
+
+@pytest.mark.parametrize("name", [name for name, precision in DIFFERENTIABLE if precision != "fast"])
+def test_gradient_is_bitwise_the_same_compiled_and_recomputed(name, dtype):
+    function = OPERATIONS[name].function
+    x = _on_device(_inputs(name, dtype, BATCH))
+    value, pull_back = jax.vjp(function, *x)
+    cotangent = _cotangent(value)
+    gradient = jax.jit(lambda x, c: jax.vjp(jax.checkpoint(function), *x)[1](c))(x, cotangent)
+    _assert_same_bits(gradient, _leaves(pull_back(cotangent)))
+
+
+# -- helpers ----------------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def _inputs(name, dtype, batch_shape, seed=0):
+    return OPERATIONS[name].inputs(batch_shape, dtype, np.random.default_rng(seed))
+
+
+def _one_shared(name, i, batch_shape, seed=0):
+    """Inputs of which the i-th is a single item beside batches."""
+    one, many = (_inputs(name, "float32", shape, seed) for shape in ((), batch_shape))
+    return (*many[:i], one[i], *many[i + 1 :])
+
+
+@functools.cache
+def _naive(name, dtype, batch_shape):
+    return OPERATIONS[name].naive(*_inputs(name, dtype, batch_shape))
+
+
+@functools.cache
+def _sized(name, dtype, batch_shape):
+    return OPERATIONS[name].sized(*_inputs(name, dtype, batch_shape))
+
+
+@functools.cache
+def _pushed(name, precision, dtype, x64):
+    x, t = (_on_device(_inputs(name, dtype, BATCH, seed)) for seed in (0, 1))
+    return jax.jvp(_function(name, precision), x, t)
+
+
+@functools.cache
+def _linearisation(name, dtype):
+    """Central differences over fractions: nothing is rounded, and the step is too small to matter."""
+    step = Fraction(1, 2**100)
+    x, t = ([_fractions(leaf) for leaf in _leaves(_inputs(name, dtype, BATCH, seed))] for seed in (0, 1))
+    ahead, behind = (OPERATIONS[name].naive([a + s * b for a, b in zip(x, t, strict=True)]) for s in (step, -step))
+    return [(a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
+
+
+def _function(name, precision):
+    function = OPERATIONS[name].function
+    return functools.partial(function, precision=precision) if precision else function
+
+
+def _true():
+    return jnp.asarray(True)
+
+
+def _zeros_like(f, *args):
+    return jax.tree.map(jnp.zeros_like, f(*args))
+
+
+def _nested_vmap(depth, f):
+    for _ in range(depth):
+        f = jax.vmap(f)
+    return f
+
+
+def _known(tree):
+    return jax.tree.map(np.asarray, tree)
+
+
+def _on_device(tree):
+    return jax.tree.map(jnp.asarray, tree)
+
+
+def _leaves(tree):
+    return [np.asarray(leaf) for leaf in jax.tree.leaves(tree)]
+
+
+def _types(tree):
+    return [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(tree)]
+
+
+def _assert_transpose(function, x, t, tangent):
+    """cotangent . tangent = pulled . t, and what is pulled back has the shapes and dtypes of x."""
+    value, pull_back = jax.vjp(function, *x)
+    cotangent = _cotangent(value)
+    pulled = pull_back(cotangent)
+    assert jax.tree.structure(pulled) == jax.tree.structure(x)
+    assert _types(pulled) == _types(x)
+    left, left_size = _inner(cotangent, tangent)
+    right, right_size = _inner(pulled, t)
+    assert abs(left - right) <= (left_size + right_size) * 16 * _u(jax.tree.leaves(x)[0].dtype)
+
+
+def _cotangent(value):
+    rng = np.random.default_rng(2)
+    return jax.tree.map(lambda x: jnp.asarray(rng.standard_normal(x.shape).astype(x.dtype)), value)
+
+
+def _inner(a, b):
+    """(the inner product of two trees, the sum of the absolute values of its terms), exactly."""
+    terms = [_fractions(x) * _fractions(y) for x, y in zip(_leaves(a), _leaves(b), strict=True)]
+    return sum(np.sum(x) for x in terms), sum(np.sum(abs(x)) for x in terms)
+
+
+def _assert_within_bounds(result, name, dtype):
+    bounds = OPERATIONS[name].bounds
+    for array, exact, bound in zip(_leaves(result), _sized(name, dtype, BATCH), bounds, strict=True):
+        assert array.dtype == dtype
+        errors = abs(_fractions(array) - _get(exact, "value"))
+        assert (errors <= _allowed(exact, bound, dtype)).all()
+
+
+def _allowed(exact, bound, dtype):
+    of_mag, of_value = map(Fraction, bound)
+    value, mag, condition = (_get(exact, attribute) for attribute in ("value", "mag", "condition"))
+    return (mag * of_mag + abs(value) * condition * of_value) * _u(dtype)
+
+
+def _get(array, attribute):
+    return np.asarray(np.frompyfunc(lambda x: getattr(x, attribute), 1, 1)(array))
+
+
+def _fractions(array):
+    return np.asarray(np.frompyfunc(lambda x: Fraction(float(x)), 1, 1)(array))
+
+
+def _u(dtype) -> Any:
+    return Fraction(float(jnp.finfo(dtype).eps)) / 2
+
+
+def _assert_same_bits(result, expected):
+    assert _types(result) == _types(expected)
+    for x, y in zip(_leaves(result), expected, strict=True):
+        assert x.tobytes() == y.tobytes(), (x, y)
