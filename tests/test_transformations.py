@@ -258,7 +258,7 @@ def _allowed(exact, bound, dtype):
     return (mag * of_mag + abs(value) * condition * of_value) * _u(dtype)
 
 
-def _get(array, attribute):
+def _get(array, attribute) -> Any:
     return np.asarray(np.frompyfunc(lambda x: getattr(x, attribute), 1, 1)(array))
 
 
