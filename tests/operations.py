@@ -7,7 +7,6 @@ fractions also mag, in units of which the docstrings promise their bounds.
 """
 
 from collections.abc import Callable
-from fractions import Fraction
 from typing import NamedTuple
 
 import jax
@@ -15,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxspatial as js
+from jaxspatial.measure.exact import sized
 
 N_POINTS = 5
 
@@ -57,28 +57,7 @@ class Operation(NamedTuple):
 
     def sized(self, *inputs):
         """As `naive`, exactly: arrays of `Sized`."""
-        to_sized = np.frompyfunc(lambda x: Sized(Fraction(float(x))), 1, 1)
-        return [np.asarray(x) for x in self.formula(*(np.asarray(to_sized(x)) for x in jax.tree.leaves(inputs)))]
-
-
-class Sized:
-    """An exact number that knows the sum of the absolute values of its terms, and the condition of its denominator."""
-
-    def __init__(self, value, mag=None, condition=Fraction(1)):
-        self.value, self.mag, self.condition = value, abs(value) if mag is None else mag, condition
-
-    def __add__(self, other):
-        return Sized(self.value + other.value, self.mag + other.mag)
-
-    def __sub__(self, other):
-        return Sized(self.value - other.value, self.mag + other.mag)
-
-    def __mul__(self, other):
-        return Sized(self.value * other.value, self.mag * other.mag)
-
-    def __truediv__(self, other):
-        size = abs(other.value)
-        return Sized(self.value / other.value, self.mag / size, other.mag / size)
+        return [np.asarray(x) for x in self.formula(*map(sized, jax.tree.leaves(inputs)))]
 
 
 def _sum_of_three(x):

@@ -7,7 +7,6 @@ included: eager, jit, vmap, vmap of vmap, scan, cond, checkpoint, and with argum
 
 import functools
 from fractions import Fraction
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +14,9 @@ import numpy as np
 import pytest
 from jax import lax
 from operations import OPERATIONS
+
+from jaxspatial.measure.error import unit_roundoff
+from jaxspatial.measure.exact import attribute, rationals
 
 BATCH = (3, 2)
 CONTEXTS = {
@@ -113,7 +115,7 @@ def test_tangent_is_the_exact_linearisation(name, precision, dtype):
     value, tangent = _pushed(name, precision, dtype, jax.config.jax_enable_x64)
     for array, exact in zip(_leaves(tangent), _linearisation(name, dtype), strict=True):
         assert array.dtype == dtype
-        assert abs(_fractions(array) - exact).max() <= 32 * _u(dtype) * abs(exact).max()
+        assert abs(rationals(array) - exact).max() <= 32 * unit_roundoff(dtype) * abs(exact).max()
     if precision != "fast":
         _assert_same_bits(value, _naive(name, dtype, BATCH))
 
@@ -181,7 +183,7 @@ def _pushed(name, precision, dtype, x64):
 def _linearisation(name, dtype):
     """Central differences over fractions: nothing is rounded, and the step is too small to matter."""
     step = Fraction(1, 2**100)
-    x, t = ([_fractions(leaf) for leaf in _leaves(_inputs(name, dtype, BATCH, seed))] for seed in (0, 1))
+    x, t = ([rationals(leaf) for leaf in _leaves(_inputs(name, dtype, BATCH, seed))] for seed in (0, 1))
     ahead, behind = (OPERATIONS[name].naive([a + s * b for a, b in zip(x, t, strict=True)]) for s in (step, -step))
     return [(a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
 
@@ -230,7 +232,7 @@ def _assert_transpose(function, x, t, tangent):
     assert _types(pulled) == _types(x)
     left, left_size = _inner(cotangent, tangent)
     right, right_size = _inner(pulled, t)
-    assert abs(left - right) <= (left_size + right_size) * 16 * _u(jax.tree.leaves(x)[0].dtype)
+    assert abs(left - right) <= (left_size + right_size) * 16 * unit_roundoff(jax.tree.leaves(x)[0].dtype)
 
 
 def _cotangent(value):
@@ -240,7 +242,7 @@ def _cotangent(value):
 
 def _inner(a, b):
     """(the inner product of two trees, the sum of the absolute values of its terms), exactly."""
-    terms = [_fractions(x) * _fractions(y) for x, y in zip(_leaves(a), _leaves(b), strict=True)]
+    terms = [rationals(x) * rationals(y) for x, y in zip(_leaves(a), _leaves(b), strict=True)]
     return sum(np.sum(x) for x in terms), sum(np.sum(abs(x)) for x in terms)
 
 
@@ -248,26 +250,14 @@ def _assert_within_bounds(result, name, dtype):
     bounds = OPERATIONS[name].bounds
     for array, exact, bound in zip(_leaves(result), _sized(name, dtype, BATCH), bounds, strict=True):
         assert array.dtype == dtype
-        errors = abs(_fractions(array) - _get(exact, "value"))
+        errors = abs(rationals(array) - attribute(exact, "value"))
         assert (errors <= _allowed(exact, bound, dtype)).all()
 
 
 def _allowed(exact, bound, dtype):
     of_mag, of_value = map(Fraction, bound)
-    value, mag, condition = (_get(exact, attribute) for attribute in ("value", "mag", "condition"))
-    return (mag * of_mag + abs(value) * condition * of_value) * _u(dtype)
-
-
-def _get(array, attribute) -> Any:
-    return np.asarray(np.frompyfunc(lambda x: getattr(x, attribute), 1, 1)(array))
-
-
-def _fractions(array):
-    return np.asarray(np.frompyfunc(lambda x: Fraction(float(x)), 1, 1)(array))
-
-
-def _u(dtype) -> Any:
-    return Fraction(float(jnp.finfo(dtype).eps)) / 2
+    value, mag, condition = (attribute(exact, name) for name in ("value", "mag", "condition"))
+    return (mag * of_mag + abs(value) * condition * of_value) * unit_roundoff(dtype)
 
 
 def _assert_same_bits(result, expected):

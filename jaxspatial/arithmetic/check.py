@@ -15,7 +15,8 @@ def as_float_array(x, name, dtype=None):
     """
     array = _as_array(x, name, dtype)
     if not jnp.issubdtype(array.dtype, jnp.floating):
-        raise TypeError(f"{name}: expected floating point ({_FLOATS}), got {array.dtype}; convert with .astype(float)")
+        advice = "; convert with .astype(float)" if np.dtype(array.dtype).kind in "iub" else ""
+        raise TypeError(f"{name}: expected floating point ({_FLOATS}), got {array.dtype}{advice}")
     if isinstance(array, np.ndarray):
         return array.astype(jax.dtypes.canonicalize_dtype(array.dtype), copy=False)
     # A weakly typed array would make a second trace for what is otherwise the same call.
@@ -42,11 +43,12 @@ def _shown(x):
     return f"{type(x).__name__} {text if len(text) <= 60 else text[:57] + '...'}"
 
 
-def as_vectors(x, name, dtype=None, size=3):
-    """x as an array of shape (*batch, size)."""
+def as_vectors(x, name, dtype=None, size=3, many=()):
+    """x as an array of shape (*batch, size), or (*batch, n, size) with n named in `many`."""
     array = as_float_array(x, name, dtype)
-    if array.shape[-1:] != (size,):
-        raise ValueError(f"{name}: expected shape (*batch, {size}), got {array.shape}")
+    if array.shape[-1:] != (size,) or array.ndim <= len(many):
+        shape = ", ".join(("*batch", *many, str(size)))
+        raise ValueError(f"{name}: expected shape ({shape}), got {array.shape}")
     return array
 
 

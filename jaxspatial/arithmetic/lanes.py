@@ -63,13 +63,13 @@ def negate(a):
 def add(a, b):
     if is_known(a, 0):
         return b
-    return a if is_known(b, 0) else _quietly(operator.add, *_alike(a, b))
+    return a if is_known(b, 0) else quietly(operator.add, *_alike(a, b))
 
 
 def subtract(a, b):
     if is_known(a, 0):
         return negate(b)
-    return a if is_known(b, 0) else _quietly(operator.sub, *_alike(a, b))
+    return a if is_known(b, 0) else quietly(operator.sub, *_alike(a, b))
 
 
 def multiply(precision, a, b):
@@ -78,17 +78,17 @@ def multiply(precision, a, b):
             return one * one
         if is_known(one, 1, -1):
             return other if one == 1 else negate(other)
-    return _quietly(operator.mul, a, b) if is_known(a) and is_known(b) else _PRODUCT[precision](*_alike(a, b))
+    return quietly(operator.mul, a, b) if is_known(a) and is_known(b) else _PRODUCT[precision](*_alike(a, b))
 
 
 def divide(a, b):
     """a / b for a number b known or not; rounded on its own in every precision."""
     if is_known(b, 1) or is_known(a, 0):
         return a
-    return _quietly(operator.truediv, a, b) if is_known(a) and is_known(b) else reproducible.quotient(*_alike(a, b))
+    return quietly(operator.truediv, a, b) if is_known(a) and is_known(b) else reproducible.quotient(*_alike(a, b))
 
 
-def _quietly(operation, a, b):
+def quietly(operation, a, b):
     """The operation; on numbers known while tracing NumPy does it now, as silent about overflow and NaN as JAX is."""
     with np.errstate(all="ignore"):
         return operation(a, b)

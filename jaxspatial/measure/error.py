@@ -2,6 +2,7 @@
 
 import math
 from fractions import Fraction
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from jaxspatial.measure.exact import rationals
 
 
-def unit_roundoff(dtype):
+def unit_roundoff(dtype) -> Any:
     """u: half the distance from 1 to the next number, as an exact Fraction."""
     return Fraction(float(jnp.finfo(dtype).eps)) / 2
 

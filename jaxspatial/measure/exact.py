@@ -1,50 +1,74 @@
-"""Exact references: the formulas of the library over rational numbers, and the size of their terms."""
+"""Exact references: the formulas of the library over numbers never rounded, which know the size of their terms."""
 
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
-_exactly = np.frompyfunc(Fraction, 1, 1)
 
-
-def rationals(x) -> np.ndarray:
+def rationals(x) -> Any:
     """Every number of x as the Fraction it is. For finite floating point of at most 64 bits."""
-    x = np.asarray(x)
-    return np.asarray(_exactly(x.astype(np.float64).astype(object)), dtype=object)
+    return np.asarray(np.frompyfunc(Fraction, 1, 1)(np.asarray(x).astype(np.float64).astype(object)), dtype=object)
 
 
-def cross(a, b):
-    """a x b of object arrays (*batch, 3), with nothing rounded."""
-    i, j = np.array([1, 2, 0]), np.array([2, 0, 1])
-    return a[..., i] * b[..., j] - a[..., j] * b[..., i]
+class Sized:
+    """An exact number with mag, the sum of the absolute values of the terms it is made of, and the condition (mag over
+    size) of the last number it was divided by: what error bounds are stated in."""
+
+    def __init__(self, value, mag=None, condition=Fraction(1)):
+        self.value, self.mag, self.condition = value, abs(value) if mag is None else mag, condition
+
+    def __neg__(self):
+        return Sized(-self.value, self.mag)
+
+    def __add__(self, other):
+        return Sized(self.value + other.value, self.mag + other.mag)
+
+    def __sub__(self, other):
+        return Sized(self.value - other.value, self.mag + other.mag)
+
+    def __mul__(self, other):
+        return Sized(self.value * other.value, self.mag * other.mag)
+
+    def __truediv__(self, other):
+        size = abs(other.value)
+        return Sized(self.value / other.value, self.mag / size, other.mag / size)
 
 
-def cross_magnitude(a, b):
-    """The sum of the absolute values of the terms of each component of a x b."""
-    i, j = np.array([1, 2, 0]), np.array([2, 0, 1])
-    return abs(a[..., i] * b[..., j]) + abs(a[..., j] * b[..., i])
+def sized(x) -> Any:
+    """Every number of x as the `Sized` it is; NumPy's formulas work on the array."""
+    return np.asarray(np.frompyfunc(Sized, 1, 1)(rationals(x)), dtype=object)
+
+
+def attribute(array, name) -> Any:
+    """One attribute of every `Sized` of an array: "value", "mag" or "condition"."""
+    return np.asarray(np.frompyfunc(lambda x: getattr(x, name), 1, 1)(array), dtype=object)
+
+
+def evaluate(formula, *arrays):
+    """(exact value, mag) of a formula over arrays: two arrays of Fractions.
+
+    >>> evaluate(lambda tau, f, p: tau - np.cross(p, f), tau, f, p)
+    """
+    result = formula(*map(sized, arrays))
+    return attribute(result, "value"), attribute(result, "mag")
 
 
 def shift_force(tau, f, p):
-    """(exact torque about Q, mag): tau - p x f, as arrays of Fractions."""
-    tau, f, p = map(rationals, (tau, f, p))
-    return tau - cross(p, f), abs(tau) + cross_magnitude(p, f)
+    """(exact torque about Q, mag): tau - p x f."""
+    return evaluate(lambda tau, f, p: tau - np.cross(p, f), tau, f, p)
 
 
 def shift_velocity(w, v, p):
-    """(exact velocity of Q, mag): v + w x p, as arrays of Fractions."""
-    w, v, p = map(rationals, (w, v, p))
-    return v + cross(w, p), abs(v) + cross_magnitude(w, p)
+    """(exact velocity of Q, mag): v + w x p."""
+    return evaluate(lambda w, v, p: v + np.cross(w, p), w, v, p)
 
 
 def shift_acceleration(alpha, a, p, w):
-    """(exact acceleration of Q, mag): a + alpha x p + w x (w x p), as arrays of Fractions."""
-    alpha, a, p, w = map(rationals, (alpha, a, p, w))
-    exact = a + cross(alpha, p) + cross(w, cross(w, p))
-    return exact, abs(a) + cross_magnitude(alpha, p) + cross_magnitude(abs(w), cross_magnitude(w, p))
+    """(exact acceleration of Q, mag): a + alpha x p + w x (w x p)."""
+    return evaluate(lambda b, a, p, w: a + np.cross(b, p) + np.cross(w, np.cross(w, p)), alpha, a, p, w)
 
 
 def dot(tau, f, w, v):
-    """(exact power, mag): tau . w + f . v, as arrays of Fractions."""
-    terms = np.concatenate([rationals(tau) * rationals(w), rationals(f) * rationals(v)], axis=-1)
-    return terms.sum(-1), abs(terms).sum(-1)
+    """(exact power, mag): tau . w + f . v."""
+    return evaluate(lambda tau, f, w, v: (tau * w).sum(-1) + (f * v).sum(-1), tau, f, w, v)

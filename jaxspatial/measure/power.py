@@ -29,7 +29,7 @@ def compare(wrenches, offset, dtype, sample=2_000):
         before, after = (np.asarray(x) for x in jax.jit(_both)(F, V, p))
     some = np.linspace(0, len(before) - 1, min(sample, len(before))).astype(int)
     F, V = (jax.tree.map(lambda leaf: np.asarray(leaf)[some], x) for x in (F, V))
-    moved = _magnitude(F, V, np.asarray(p))
+    _, moved = exact.evaluate(_power_about_Q, F.tau, F.f, V.w, V.v, np.asarray(p))
     difference = error.in_u_of(after[some], exact.rationals(before[some]), moved, flushed=30).max()
     return Power(float(before.astype(np.float64).sum()), float(after.astype(np.float64).sum()), float(difference))
 
@@ -38,8 +38,5 @@ def _both(F, V, p):
     return dot(F, V), dot(jax.vmap(shift, in_axes=(0, None))(F, p), jax.vmap(shift, in_axes=(0, None))(V, p))
 
 
-def _magnitude(F, V, p):
-    """The sizes of all terms that make up the power about Q."""
-    _, torque = exact.shift_force(F.tau, F.f, p)
-    _, velocity = exact.shift_velocity(V.w, V.v, p)
-    return (torque * abs(exact.rationals(V.w)) + abs(exact.rationals(F.f)) * velocity).sum(-1)
+def _power_about_Q(tau, f, w, v, p):
+    return ((tau - np.cross(p, f)) * w).sum(-1) + (f * (v + np.cross(w, p))).sum(-1)

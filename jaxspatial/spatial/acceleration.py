@@ -21,7 +21,7 @@ class SpatialAcceleration(SpatialVector):
 
 
 @shift.register
-def _(A_MP_E: SpatialAcceleration, p_PQ_E, w=None, *, precision=None):
+def _shift_acceleration(A_MP_E: SpatialAcceleration, p_PQ_E, w=None, *, precision=None):
     if w is None:
         raise TypeError("shift: expected w, the angular velocity of the body, (*batch, 3), for a SpatialAcceleration")
     return shifted(_shifted, A_MP_E, p_PQ_E, precision=precision, w_MB_E=w)

@@ -36,7 +36,7 @@ class SpatialMomentum(SpatialVector):
 
 @shift.register(SpatialForce)
 @shift.register(SpatialMomentum)
-def _(F_P_E, p_PQ_E, w=None, *, precision=None):
+def _shift_force(F_P_E, p_PQ_E, w=None, *, precision=None):
     return shifted(_shifted, F_P_E, p_PQ_E, w, precision=precision)
 
 

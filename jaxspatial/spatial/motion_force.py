@@ -13,21 +13,21 @@ _MOTIONS = (SpatialVelocity, SpatialAcceleration)
 
 @dot.register(SpatialForce)
 @dot.register(SpatialMomentum)
-def _(F_P_E, V_P_E, *, precision=None):
+def _dot_force(F_P_E, V_P_E, *, precision=None):
     if not isinstance(V_P_E, SpatialVelocity):
         raise TypeError(f"dot: expected a SpatialVelocity beside a {_kind(F_P_E)}, got {_kind(V_P_E)}")
     return _dot(precision, *_parts(F_P_E, V_P_E))
 
 
 @dot.register
-def _(V_P_E: SpatialVelocity, F_P_E, *, precision=None):
+def _dot_velocity(V_P_E: SpatialVelocity, F_P_E, *, precision=None):
     if not isinstance(F_P_E, _FORCES):
         raise TypeError(f"dot: expected a SpatialForce or SpatialMomentum beside a velocity, got {_kind(F_P_E)}")
     return dot(F_P_E, V_P_E, precision=precision)
 
 
 @cross.register
-def _(V_P_E: SpatialVelocity, X_P_E, *, precision=None):
+def _cross_velocity(V_P_E: SpatialVelocity, X_P_E, *, precision=None):
     if not isinstance(X_P_E, _MOTIONS + _FORCES):
         raise TypeError(f"cross: expected one of the four spatial vectors as second, got {_kind(X_P_E)}")
     product = _cross_motion if isinstance(X_P_E, _MOTIONS) else _cross_force

@@ -13,7 +13,7 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic import check, lanes
 from jaxspatial.arithmetic.reproducible import product, quotient
 from jaxspatial.spatial import operations
 
@@ -63,6 +63,7 @@ class SpatialVector:
     @classmethod
     def _filled(cls, value, batch_shape, dtype):
         dtype = jax.dtypes.canonicalize_dtype(float if dtype is None else dtype)
+        batch_shape = (batch_shape,) if isinstance(batch_shape, int) else batch_shape
         return cls(*(np.full((*batch_shape, 3), value, dtype) for _ in range(2)))
 
     def _like(self, rotational, translational):
@@ -179,7 +180,7 @@ class SpatialVector:
     def get_maximum_absolute_differences(self, other):
         """(rotational, translational): the largest absolute difference of each part, NaN where either has one."""
         a, b = matched(self, other, "comparison")
-        return tuple(_largest(abs(x - y)) for x, y in zip(a._parts, b._parts, strict=True))
+        return tuple(_largest(abs(lanes.quietly(operator.sub, x, y))) for x, y in zip(a._parts, b._parts, strict=True))
 
     def is_nearly_equal_within_absolute_tolerance(self, other, rotational_tolerance, translational_tolerance):
         """True where the largest absolute difference of each part is at most its tolerance."""
@@ -265,7 +266,7 @@ def _skipping_zero(operation, x, y):
         return x
     if isinstance(x, np.ndarray) and not x.any():
         return y if operation is operator.add else -y
-    return operation(x, y)
+    return lanes.quietly(operation, x, y)
 
 
 def _largest(x):

@@ -21,7 +21,7 @@ class SpatialVelocity(SpatialVector):
 
 
 @shift.register
-def _(V_MP_E: SpatialVelocity, p_PQ_E, w=None, *, precision=None):
+def _shift_velocity(V_MP_E: SpatialVelocity, p_PQ_E, w=None, *, precision=None):
     return shifted(_shifted, V_MP_E, p_PQ_E, w, precision=precision)
 
 

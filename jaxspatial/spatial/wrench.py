@@ -24,12 +24,10 @@ def wrench_from_point_forces(points, forces, *, precision=None):
     underflows; plus a few finfo.tiny where subnormals are flushed. Raises TypeError for dtypes that differ or
     integers, ValueError for shapes.
     """
-    points = check.as_vectors(points, "wrench_from_point_forces: points")
-    forces = check.as_vectors(forces, "wrench_from_point_forces: forces", points.dtype)
+    points = check.as_vectors(points, "wrench_from_point_forces: points", many=["n"])
+    forces = check.as_vectors(forces, "wrench_from_point_forces: forces", points.dtype, many=["n"])
     check.require_same_dtype(points=points, forces=forces)
     batch = check.common_batch_shape(points=points.shape[:-1], forces=forces.shape[:-1])
-    if not batch:
-        raise ValueError(f"points: expected shape (*batch, n, 3), got {points.shape}; one point is points[None]")
     return SpatialForce(*_sum_of_moments(precision, *check.broadcast_batch(batch, points, forces)))
 
 
@@ -57,8 +55,8 @@ def central_axis(F_P_E, *, precision=None):
     (pitch f, f).  precision: "fast", "reproducible" (the default) or a `Precision`.
 
     Returns CentralAxis(pitch (*batch,), point (*batch, 3)). A couple (f = 0) has no axis: pitch is an infinity of no
-    meaning in its sign and point is NaN; for a zero wrench both are NaN. Force and torque are scaled by powers of two
-    first, so that nothing over- or underflows before the result does.
+    meaning in its sign, point is NaN, and so are derivatives; for a zero wrench all are NaN. Both parts are scaled
+    by powers of two first, so that nothing over- or underflows before the result does.
 
     Error per component at most 7 u mag, mag the sum of the absolute values of the numerator's terms over f . f, in both
     precisions; plus a few finfo.tiny where subnormals are flushed. Raises TypeError for anything but a SpatialForce.

@@ -77,5 +77,12 @@ def test_families_are_finite_and_of_the_dtype(family, dtype):
 
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_parallel_vectors_are(dtype):
-    a, b = map(exact.rationals, FAMILIES["parallel"](np.random.default_rng(0), 2, 20, jnp.dtype(dtype)))
-    assert not exact.cross(a, b).any()
+    value, mag = exact.evaluate(np.cross, *FAMILIES["parallel"](np.random.default_rng(0), 2, 20, jnp.dtype(dtype)))
+    assert not value.any() and mag.all()
+
+
+def test_sized_numbers_add_up_their_terms():
+    value, mag = exact.evaluate(lambda a, b: a * b - a * b + -b, np.array([2.0]), np.array([-3.0]))
+    assert value == 3 and mag == 15
+    (quotient,) = exact.sized([6.0]) / (exact.sized([3.0]) - exact.sized([1.0]))
+    assert (quotient.value, quotient.mag, quotient.condition) == (3, 3, 2)
