@@ -92,7 +92,7 @@ def shift_step(precision, axis):
 
 def batch_last(tau, f):
     """A SpatialForce whose leaves are (3, n): items along the last axis, for `vmap(..., in_axes=-1)`."""
-    return jax.tree.unflatten(jax.tree.structure(js.SpatialForce.zero()), (tau, f))
+    return jax.vmap(js.SpatialForce, in_axes=-1, out_axes=-1)(tau, f)
 
 
 def plain_step(tau, f, p):

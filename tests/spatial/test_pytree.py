@@ -290,6 +290,16 @@ def test_a_tracer_multiplies_from_either_side(kind):
 
 
 @kinds
+def test_a_batch_along_the_last_axis(kind):
+    """(3, n) leaves are built by vmap, which shows the constructor one item at a time."""
+    x, offsets = _vector(kind, (4,)), _offsets(kind)
+    last = jax.vmap(kind, in_axes=-1, out_axes=-1)(*(jnp.asarray(part).T for part in jax.tree.leaves(x)))
+    assert [leaf.shape for leaf in jax.tree.leaves(last)] == [(3, 4), (3, 4)]
+    shifted = jax.vmap(js.shift, in_axes=(-1, *(None for _ in offsets)), out_axes=-1)(last, *offsets)
+    _assert_equal(jax.tree.map(jnp.transpose, shifted), js.shift(x, *offsets))
+
+
+@kinds
 def test_exported_and_called(kind):
     x, offsets = _vector(kind, (2,)), _offsets(kind)
     _assert_equal(jax.export.export(jax.jit(js.shift))(x, *offsets).call(x, *offsets), js.shift(x, *offsets))
