@@ -30,9 +30,10 @@ def interleaved(cases, rounds=15, advance=lambda: None):
 
 def machine():
     """One line that says where numbers come from."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    n = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    cores = f"{n} core{'' if n == 1 else 's'} in use, {jax.default_backend()}"
     versions = f"jax {jax.__version__}, jaxlib {jaxlib.__version__}, numpy {np.__version__}"
-    return f"{_processor()}, {cores} {'core' if cores == 1 else 'cores'} in use, {jax.default_backend()}, Python {platform.python_version()}, {versions}"
+    return f"{_processor()}, {cores}, Python {platform.python_version()}, {versions}"
 
 
 def _processor():
