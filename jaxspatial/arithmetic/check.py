@@ -1,5 +1,7 @@
 """What comes in from the caller, checked once: messages name the argument, what was expected and what came."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,13 +16,18 @@ def as_float_array(x, name, dtype=None):
     1.0 is the caller's to say.
     """
     array = _as_array(x, name, dtype)
-    if not jnp.issubdtype(array.dtype, jnp.floating):
+    if not _is_floating(array.dtype):
         advice = "; convert with .astype(float)" if np.dtype(array.dtype).kind in "iub" else ""
         raise TypeError(f"{name}: expected floating point ({_FLOATS}), got {array.dtype}{advice}")
     if isinstance(array, np.ndarray):
         return array.astype(jax.dtypes.canonicalize_dtype(array.dtype), copy=False)
     # A weakly typed array would make a second trace for what is otherwise the same call.
     return jax.lax.convert_element_type(array, array.dtype) if getattr(array, "weak_type", False) else array
+
+
+@functools.cache
+def _is_floating(dtype):
+    return jnp.issubdtype(dtype, jnp.floating)
 
 
 def _as_array(x, name, dtype):
@@ -54,16 +61,19 @@ def as_vectors(x, name, dtype=None, size=3, many=()):
 
 def require_same_dtype(**arrays):
     """All dtypes equal: mixed ones would be promoted silently, or not at all, depending on a global flag."""
-    dtypes = {name: np.dtype(a.dtype).name for name, a in arrays.items()}
-    if len(set(dtypes.values())) > 1:
+    if len({a.dtype for a in arrays.values()}) > 1:
+        dtypes = {name: np.dtype(a.dtype).name for name, a in arrays.items()}
         came = ", ".join(f"{name}: {dtype}" for name, dtype in dtypes.items())
         raise TypeError(f"{' and '.join(dtypes)}: expected one dtype, got {came}; convert with .astype")
 
 
 def common_batch_shape(**batch_shapes):
     """The shape that all batch shapes broadcast to."""
+    first, *others = batch_shapes.values()
+    if all(shape == first for shape in others):
+        return first
     try:
-        return np.broadcast_shapes(*batch_shapes.values())
+        return np.broadcast_shapes(first, *others)
     except ValueError:
         came = ", ".join(f"{name}: {shape}" for name, shape in batch_shapes.items())
         raise ValueError(
@@ -74,6 +84,8 @@ def common_batch_shape(**batch_shapes):
 
 def broadcast_batch(batch_shape, *arrays):
     """Each array (*batch, n) over the common batch; NumPy stays NumPy."""
-    return tuple(
-        (np if isinstance(a, np.ndarray) else jnp).broadcast_to(a, (*batch_shape, *a.shape[-1:])) for a in arrays
-    )
+    return tuple(a if a.shape[:-1] == batch_shape else _broadcast(a, (*batch_shape, a.shape[-1])) for a in arrays)
+
+
+def _broadcast(array, shape):
+    return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, shape)

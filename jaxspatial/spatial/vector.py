@@ -25,6 +25,9 @@ class SpatialVector:
 
         def __init__(self, rotational, translational): ...
 
+    # The names of the two fields, set by `spatial_vector`.
+    _names: typing.ClassVar[tuple[str, ...]] = ()
+
     # NumPy and JAX arrays on the left of an operator leave it to us.
     __array_ufunc__ = None
 
@@ -32,15 +35,15 @@ class SpatialVector:
         """Checks what a caller passes. JAX rebuilds vectors without it, with whatever leaves it needs."""
         if any(_is_tree_mark(leaf) for leaf in self._parts):
             return
-        names = [f"{type(self).__name__}: {field.name}" for field in dataclasses.fields(self)]
+        names = [f"{type(self).__name__}: {name}" for name in self._names]
         arrays = {name: _owned(check.as_vectors(x, name)) for name, x in zip(names, self._parts, strict=True)}
         check.require_same_dtype(**arrays)
         batch_shapes = {name: a.shape[:-1] for name, a in arrays.items()}
         if len(set(batch_shapes.values())) > 1:
             came = ", ".join(f"{name}: {shape}" for name, shape in batch_shapes.items())
             raise ValueError(f"{type(self).__name__}: expected equal batch shapes, got {came}; see jnp.broadcast_to")
-        for field, array in zip(dataclasses.fields(self), arrays.values(), strict=True):
-            object.__setattr__(self, field.name, array)
+        for name, array in zip(self._names, arrays.values(), strict=True):
+            object.__setattr__(self, name, array)
 
     # -- construction -------------------------------------------------------------------------------------------------
 
@@ -73,7 +76,7 @@ class SpatialVector:
 
     @property
     def _parts(self):
-        return tuple(getattr(self, field.name) for field in dataclasses.fields(self))
+        return tuple(getattr(self, name) for name in self._names)
 
     @property
     def rotational(self):
@@ -193,17 +196,16 @@ class SpatialVector:
         return self.is_nearly_equal_within_absolute_tolerance(other, tolerance, tolerance)
 
     def __repr__(self):
-        names = [field.name for field in dataclasses.fields(self)]
-        return (
-            f"{type(self).__name__}({', '.join(f'{n}={_shown(p)}' for n, p in zip(names, self._parts, strict=True))})"
-        )
+        parts = ", ".join(f"{name}={_shown(part)}" for name, part in zip(self._names, self._parts, strict=True))
+        return f"{type(self).__name__}({parts})"
 
 
 @typing.dataclass_transform(eq_default=False, frozen_default=True)
 def spatial_vector(cls):
     """Class decorator: a frozen dataclass of two 3-vectors, rotational first, known to JAX as a pytree."""
     cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
-    keys = tuple(jax.tree_util.GetAttrKey(field.name) for field in dataclasses.fields(cls))
+    cls._names = tuple(field.name for field in dataclasses.fields(cls))
+    keys = tuple(map(jax.tree_util.GetAttrKey, cls._names))
     jax.tree_util.register_pytree_with_keys(
         cls,
         lambda x: (tuple(zip(keys, x._parts, strict=True)), None),
@@ -242,8 +244,8 @@ def matched(a, b, operation):
 
 def _rebuild(cls, parts):
     x = object.__new__(cls)
-    for field, part in zip(dataclasses.fields(cls), parts, strict=True):
-        object.__setattr__(x, field.name, part)
+    for name, part in zip(cls._names, parts, strict=True):
+        object.__setattr__(x, name, part)
     return x
 
 
