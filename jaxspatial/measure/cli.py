@@ -76,7 +76,7 @@ def _number(text, kind):
 def _run(options):
     from rich.console import Console
 
-    from jaxspatial.measure import report
+    from jaxspatial.measure import picture, report
 
     if options.file is not None and options.offset is None:
         raise WrenchFileError("--offset: expected X Y Z, the position of the new point from the old, with a file")
@@ -84,18 +84,18 @@ def _run(options):
     offset = np.array(_OFFSET if options.offset is None else options.offset)
     file = WrenchFile(options.file) if options.file else None
     wrenches, about = _wrenches(file, options)
-    picture = options.picture or _beside(file)
-    _check_writable(picture.parent)
+    target = options.picture or _beside(file)
+    _check_writable(target.parent)
     sizes = [n for n in trade.SIZES if n <= options.largest]
     console.print(f"{about}\noffset p_PQ = {offset.tolist()} m\n{timing.machine()}\n")
     powers = {dtype: power.compare(wrenches, offset, dtype) for dtype in trade.DTYPES}
     report.print_power(console, powers)
     rows = report.with_progress(console, lambda advance: trade.measure(wrenches, offset, sizes, advance=advance), sizes)
     report.print_trade(console, rows, sizes)
-    report.draw(rows, picture, f"{about}\n{timing.machine()}")
+    picture.draw(rows, target, f"{about}\n{timing.machine()}")
     if file:
         console.print(f"shifted wrenches: {file.write_shifted(shifted(file.parts, offset))}")
-    console.print(f"picture: {picture}")
+    console.print(f"picture: {target}")
     return _status(console, powers, rows)
 
 

@@ -45,15 +45,16 @@ def _draw_cost(axes, rows):
 
 
 def _draw_worth(axes, rows):
+    rows = [row for row in rows if row.case.operation == "shift"]
     for row in rows:
-        if row.case.operation == "shift":
-            shown = np.isfinite(row.condition) & np.isfinite(row.ulps)
-            style = {"color": _COLOURS[row.case.precision], "marker": _MARKERS[row.case.dtype], "alpha": 0.35}
-            label = f"{row.case.precision}, {row.case.dtype}"
-            error = np.maximum(row.ulps[shown], 1e-2)
-            axes.scatter(row.condition[shown], error, s=9, linewidths=0, label=label, **style)
+        shown = np.isfinite(row.condition) & np.isfinite(row.ulps)
+        style = {"color": _COLOURS[row.case.precision], "marker": _MARKERS[row.case.dtype], "alpha": 0.35}
+        label = f"{row.case.precision}, {row.case.dtype}"
+        error = np.maximum(row.ulps[shown], 1e-2)
+        axes.scatter(row.condition[shown], error, s=9, linewidths=0, label=label, **style)
     condition = np.geomspace(1, max(float(r.condition[np.isfinite(r.condition)].max()) for r in rows), 50)
-    axes.plot(condition, np.maximum(3 * condition, 1), color="black", linewidth=1, label="promised: 3 u mag")
+    bound = rows[0].bound
+    axes.plot(condition, bound * condition, color="black", linewidth=1, label=f"promised: {bound:g} u mag")
     axes.set(xscale="log", yscale="log", title="What it is worth: torque after a shift")
     axes.set_xlabel("condition number: size of the terms / size of the result")
     axes.set_ylabel("error in units in the last place (0 shown as 0.01)")

@@ -5,14 +5,13 @@ from rich import box, progress
 from rich.table import Table
 
 from jaxspatial.measure import power, trade
-from jaxspatial.measure.picture import draw as draw
 
 
-def with_progress(console, work, sizes, rounds=15):
+def with_progress(console, work, sizes):
     """work(advance), with a progress bar that `advance` moves."""
     columns = (progress.TextColumn("measuring"), progress.BarColumn(), progress.MofNCompleteColumn())
     with progress.Progress(*columns, progress.TimeRemainingColumn(), console=console) as bar:
-        task = bar.add_task("", total=trade.steps(sizes, rounds))
+        task = bar.add_task("", total=trade.steps(sizes))
         return work(lambda: bar.advance(task))
 
 

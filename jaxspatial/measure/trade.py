@@ -16,6 +16,7 @@ OPERATIONS = ("shift", "dot")
 # Numbers read and written per wrench: shift in place (torque, force, offset; torque), dot (four vectors; power).
 _WORDS = {"shift": 12, "dot": 13}
 _SAMPLE = 1_000
+_ROUNDS = 15
 # One flushed subnormal for each product and each sum.
 _FLUSHED = 11
 
@@ -49,19 +50,19 @@ CASES = tuple(Case(o, d, str(p)) for o in OPERATIONS for d in DTYPES for p in Pr
 _BOUND = {"shift": 3.0, "dot": 4.0}
 
 
-def steps(sizes, rounds):
+def steps(sizes):
     """How often `measure` calls `advance`."""
-    return len(sizes) * len(DTYPES) * rounds + len(CASES)
+    return len(sizes) * len(DTYPES) * _ROUNDS + len(CASES)
 
 
-def measure(wrenches, offset, sizes=SIZES, rounds=15, advance=lambda: None):
+def measure(wrenches, offset, sizes=SIZES, advance=lambda: None):
     """The rows of the trade for these wrenches (float64 arrays), repeated or cut to each size, and this offset."""
     seconds = {case: {} for case in CASES}
     for n in sizes:
         for dtype in DTYPES:
             with jax.enable_x64(dtype == "float64"):
                 cases = {case: _call(case, wrenches, offset, n) for case in CASES if case.dtype == dtype}
-                for case, times in timing.interleaved(cases, rounds, advance).items():
+                for case, times in timing.interleaved(cases, _ROUNDS, advance).items():
                     seconds[case][n] = times
     return [_row(case, seconds[case], wrenches, offset, advance) for case in CASES]
 

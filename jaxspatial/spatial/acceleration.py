@@ -24,7 +24,7 @@ class SpatialAcceleration(SpatialVector):
 def _shift_acceleration(A_MP_E: SpatialAcceleration, p_PQ_E, w=None, *, precision=None):
     if w is None:
         raise TypeError("shift: expected w, the angular velocity of the body, (*batch, 3), for a SpatialAcceleration")
-    return shifted(_shifted, A_MP_E, p_PQ_E, precision=precision, w_MB_E=w)
+    return shifted(_shifted, A_MP_E, precision, p_PQ_E=p_PQ_E, w=w)
 
 
 @kernel

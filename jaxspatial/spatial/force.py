@@ -5,7 +5,7 @@ import jax
 from jaxspatial.arithmetic import lanes
 from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.spatial.operations import shift
-from jaxspatial.spatial.vector import SpatialVector, shifted, spatial_vector
+from jaxspatial.spatial.vector import SpatialVector, require_no_w, shifted, spatial_vector
 
 
 @spatial_vector
@@ -37,7 +37,8 @@ class SpatialMomentum(SpatialVector):
 @shift.register(SpatialForce)
 @shift.register(SpatialMomentum)
 def _shift_force(F_P_E, p_PQ_E, w=None, *, precision=None):
-    return shifted(_shifted, F_P_E, p_PQ_E, w, precision=precision)
+    require_no_w(F_P_E, w)
+    return shifted(_shifted, F_P_E, precision, p_PQ_E=p_PQ_E)
 
 
 @kernel

@@ -33,7 +33,7 @@ class SpatialVector:
 
     def __post_init__(self):
         """Checks what a caller passes. JAX rebuilds vectors without it, with whatever leaves it needs."""
-        if any(_is_tree_mark(leaf) for leaf in self._parts):
+        if all(_is_tree_mark(leaf) for leaf in self._parts):
             return
         names = [f"{type(self).__name__}: {name}" for name in self._names]
         arrays = {name: _owned(check.as_vectors(x, name)) for name, x in zip(names, self._parts, strict=True)}
@@ -139,6 +139,7 @@ class SpatialVector:
         raise TypeError(f"+ or -: expected two of one kind, got {type(other).__name__} and {type(self).__name__}")
 
     def __neg__(self):
+        """Component by component, exactly."""
         return self._like(*(-part for part in self._parts))
 
     def __mul__(self, scalar):
@@ -221,16 +222,20 @@ def spatial_vector(cls):
     return cls
 
 
-def shifted(kernel, X_P_E, p_PQ_E, *no_w, precision, **w):
-    """`kernel` over the parts of X, the offset and, for an acceleration, w; the result of the kind of X."""
-    if any(x is not None for x in no_w):
+def shifted(kernel, X_P_E, precision, **vectors):
+    """`kernel` over the parts of X and the named vectors that shift it; the result of the kind of X."""
+    kind = type(X_P_E).__name__
+    vectors = {name: check.as_vectors(x, f"shift: {name}", X_P_E.dtype) for name, x in vectors.items()}
+    check.require_same_dtype(**{kind: X_P_E, **vectors})
+    batch_shapes = {name: x.shape[:-1] for name, x in vectors.items()}
+    batch = check.common_batch_shape(**{kind: X_P_E.batch_shape, **batch_shapes})
+    return X_P_E._like(*kernel(precision, *check.broadcast_batch(batch, *X_P_E._parts, *vectors.values())))
+
+
+def require_no_w(X_P_E, w):
+    """Only a SpatialAcceleration needs the angular velocity; anywhere else it is a mistake."""
+    if w is not None:
         raise TypeError(f"shift: w is for a SpatialAcceleration, not for a {type(X_P_E).__name__}")
-    given = {"p_PQ_E": p_PQ_E, **w}
-    offsets = {name: check.as_vectors(x, f"shift: {name}", X_P_E.dtype) for name, x in given.items()}
-    check.require_same_dtype(**{type(X_P_E).__name__: X_P_E, **offsets})
-    batch_shapes = {name: x.shape[:-1] for name, x in offsets.items()}
-    batch = check.common_batch_shape(**{type(X_P_E).__name__: X_P_E.batch_shape}, **batch_shapes)
-    return X_P_E._like(*kernel(precision, *check.broadcast_batch(batch, *X_P_E._parts, *offsets.values())))
 
 
 def matched(a, b, operation):

@@ -5,7 +5,7 @@ import jax
 from jaxspatial.arithmetic import lanes
 from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.spatial.operations import shift
-from jaxspatial.spatial.vector import SpatialVector, shifted, spatial_vector
+from jaxspatial.spatial.vector import SpatialVector, require_no_w, shifted, spatial_vector
 
 
 @spatial_vector
@@ -22,7 +22,8 @@ class SpatialVelocity(SpatialVector):
 
 @shift.register
 def _shift_velocity(V_MP_E: SpatialVelocity, p_PQ_E, w=None, *, precision=None):
-    return shifted(_shifted, V_MP_E, p_PQ_E, w, precision=precision)
+    require_no_w(V_MP_E, w)
+    return shifted(_shifted, V_MP_E, precision, p_PQ_E=p_PQ_E)
 
 
 @kernel

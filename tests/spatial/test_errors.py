@@ -97,7 +97,7 @@ def test_parts_have_one_dtype_and_one_batch_shape(kind):
 
 VECTOR_ARGUMENTS = {
     "shift: p_PQ_E": lambda x: js.shift(F, x),
-    "shift: w_MB_E": lambda x: js.shift(A, P3, x),
+    "shift: w": lambda x: js.shift(A, P3, x),
     "center_of_pressure: normal": lambda x: js.center_of_pressure(F, x),
     "wrench_from_point_forces: points": lambda x: js.wrench_from_point_forces(x, zeros(1, 3)),
     "wrench_from_point_forces: forces": lambda x: js.wrench_from_point_forces(zeros(1, 3), x),
@@ -174,6 +174,14 @@ NO_OPERATORS = {
 @pytest.mark.parametrize("call", NO_OPERATORS.values(), ids=NO_OPERATORS)
 def test_operators_that_have_no_meaning_name_the_kind(call):
     _raises(TypeError, call, "SpatialForce")
+
+
+@pytest.mark.parametrize("mark", [0, None, jax.sharding.PartitionSpec("x")], ids=["axis", "None", "spec"])
+@pytest.mark.parametrize("kind", FIELDS)
+def test_a_mark_of_a_tree_beside_numbers_is_a_mistake(kind, mark):
+    for parts in ((mark, P3), (P3, mark)):
+        with pytest.raises(TypeError, match=rf"{kind.__name__}: \w+: expected"):
+            kind(*parts)
 
 
 def test_python_sums_vectors():
