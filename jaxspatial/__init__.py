@@ -10,8 +10,14 @@ This list is what is promised; everything else may change.
 """
 
 # how numbers are added and multiplied
+from jaxspatial.arithmetic.double_word import DoubleWord as DoubleWord
+from jaxspatial.arithmetic.double_word import from_double_word as from_double_word
+from jaxspatial.arithmetic.double_word import to_double_word as to_double_word
 from jaxspatial.arithmetic.precision import Precision as Precision
 from jaxspatial.arithmetic.precision import default_precision as default_precision
+
+# rotations
+from jaxspatial.rotation import Rotation as Rotation
 
 # spatial vectors
 from jaxspatial.spatial import SpatialAcceleration as SpatialAcceleration
@@ -22,6 +28,7 @@ from jaxspatial.spatial import SpatialVelocity as SpatialVelocity
 # operations on them
 from jaxspatial.spatial import cross as cross
 from jaxspatial.spatial import dot as dot
+from jaxspatial.spatial import rotate as rotate
 from jaxspatial.spatial import shift as shift
 
 # wrenches and points

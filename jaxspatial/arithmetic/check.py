@@ -9,12 +9,18 @@ import numpy as np
 _FLOATS = "float16, bfloat16, float32 or float64"
 
 
+class Number:
+    """Base of what stands for an array of floating point without being one: it passes every check as it is."""
+
+
 def as_float_array(x, name, dtype=None):
     """x as an array of floating point; `dtype` is taken on by numbers that have none (Python floats, lists of them).
 
     NumPy stays NumPy (known while tracing), in JAX's canonical dtype. Integers are refused: whether 1 means 1.0f or
     1.0 is the caller's to say.
     """
+    if isinstance(x, Number):
+        return x
     array = _as_array(x, name, dtype)
     if not _is_floating(array.dtype):
         advice = "; convert with .astype(float)" if np.dtype(array.dtype).kind in "iub" else ""
@@ -88,4 +94,6 @@ def broadcast_batch(batch_shape, *arrays):
 
 
 def _broadcast(array, shape):
+    if isinstance(array, Number):
+        return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), array)
     return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, shape)

@@ -13,13 +13,22 @@ class Precision(enum.StrEnum):
     `REPRODUCIBLE` (the default): every product is rounded on its own. Results are bitwise those of the same formula in
     NumPy, whatever the batch size and whether compiled or not; `cross(a, a) == 0`, `cross(a, b) == -cross(b, a)`;
     inputs scaled by powers of two give outputs scaled by powers of two.
+    `COMPENSATED`: as if computed in twice the precision and rounded once.
+    `FAITHFUL`: within one unit in the last place of the exact result, however much cancels.
 
-    Both hold the bounds stated by each operation in terms of u, the unit roundoff of the inputs' dtype, and mag, the
-    sum of the absolute values of the terms of a component.
+    Each operation states its bounds in terms of u, the unit roundoff of the inputs' dtype, mag, the sum of the absolute
+    values of the terms of a component, and r, the exact component. The last two hold for derivatives of every order.
     """
 
     FAST = "fast"
     REPRODUCIBLE = "reproducible"
+    COMPENSATED = "compensated"
+    FAITHFUL = "faithful"
+
+    @property
+    def sees_whole_sums(self):
+        """True for those that evaluate a sum of products as a whole, and not operation by operation."""
+        return self in (Precision.COMPENSATED, Precision.FAITHFUL)
 
 
 # Part of the key under which jit caches its traces: a function traced under one default is traced again under another.

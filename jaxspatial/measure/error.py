@@ -1,4 +1,4 @@
-"""Errors of computed numbers against exact ones, in the two units in which bounds are stated."""
+"""Errors of computed numbers against exact ones: in ulps by component and by vector, and in the unit of bounds."""
 
 import math
 from fractions import Fraction
@@ -15,6 +15,15 @@ def unit_roundoff(dtype) -> Any:
     return Fraction(float(jnp.finfo(dtype).eps)) / 2
 
 
+def ulp(exact, dtype):
+    """The units in the last place of exact numbers in a format: an array of Fractions.
+
+    Below the smallest normal number the unit is that of the smallest normal number.
+    """
+    info = jnp.finfo(dtype)
+    return np.asarray(np.frompyfunc(lambda x: _ulp(x, info), 1, 1)(exact), dtype=object)
+
+
 def in_ulps(computed, exact):
     """|computed - exact| in units in the last place of the exact value, componentwise, as float64.
 
@@ -23,6 +32,26 @@ def in_ulps(computed, exact):
     """
     info = jnp.finfo(np.asarray(computed).dtype)
     return _over(computed, exact, lambda e, _: _ulp(e, info), exact)
+
+
+def in_ulps_of_norm(computed, exact):
+    """The largest error of a component of a vector in units in the last place of its largest exact component.
+
+    Over the last axis, as float64, one number per vector: the error in the maximum norm. Vectors with NaN or an
+    infinity are infinitely far off.
+    """
+    info, exact = jnp.finfo(np.asarray(computed).dtype), np.asarray(exact, dtype=object)
+    return _over(computed, exact, lambda _, m: _ulp(m, info), abs(exact).max(-1, keepdims=True)).max(-1)
+
+
+def agrees_when_not_finite(computed, expected):
+    """Whether computed is NaN where expected is, the same infinity where expected is one, and finite elsewhere.
+
+    Both floating point; componentwise, as bool. The errors above take only finite exact values.
+    """
+    computed, expected = (np.asarray(x).astype(np.float64) for x in (computed, expected))
+    same = (computed == expected) | (np.isnan(computed) & np.isnan(expected))
+    return np.where(np.isfinite(expected), np.isfinite(computed), same)
 
 
 def in_u_of(computed, exact, magnitude, flushed=0):

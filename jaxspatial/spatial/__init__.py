@@ -5,6 +5,7 @@ from jaxspatial.spatial.force import SpatialForce as SpatialForce
 from jaxspatial.spatial.force import SpatialMomentum as SpatialMomentum
 from jaxspatial.spatial.motion_force import cross as cross
 from jaxspatial.spatial.motion_force import dot as dot
+from jaxspatial.spatial.operations import rotate as rotate
 from jaxspatial.spatial.operations import shift as shift
 from jaxspatial.spatial.velocity import SpatialVelocity as SpatialVelocity
 from jaxspatial.spatial.wrench import CentralAxis as CentralAxis

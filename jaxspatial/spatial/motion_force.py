@@ -39,10 +39,10 @@ def _kind(x):
 
 
 def _parts(a, b):
-    """The parts of a and b, of one dtype, over their common batch."""
+    """The parts of a and b, of one dtype, with batches that broadcast."""
     check.require_same_dtype(**{_kind(a): a, _kind(b): b} if type(a) is not type(b) else {"first": a, "second": b})
-    batch = check.common_batch_shape(first=a.batch_shape, second=b.batch_shape)
-    return check.broadcast_batch(batch, *a._parts, *b._parts)
+    check.common_batch_shape(first=a.batch_shape, second=b.batch_shape)
+    return *a._parts, *b._parts
 
 
 @kernel

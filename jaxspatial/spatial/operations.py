@@ -7,6 +7,8 @@ answer to all other types.
 import functools
 from typing import Any
 
+from jaxspatial.rotation.rotation import Rotation, rotated
+
 
 def _refuse(operation, expected, x) -> Any:
     raise TypeError(f"{operation}: expected {expected}, got {type(x).__name__}")
@@ -79,3 +81,21 @@ def cross(V_P_E, X_P_E, *, precision=None):
     [Featherstone 2008, Rigid Body Dynamics Algorithms, 2.9, equations 2.31 and 2.32] 30 flops.
     """
     return _refuse("cross", "a SpatialVelocity first", V_P_E)
+
+
+def rotate(R_AE, X_P_E, *, precision=None):
+    """Re-expresses a spatial quantity, about the same point, in another frame: X_P_E -> X_P_A. Also `R_AE @ X_P_E`.
+
+    R_AE: Rotation.  X_P_E: any of the four kinds.  Batch shapes broadcast; returns the kind of X.
+
+    Each part v becomes R v. Error per component, mag the sum of the absolute values of its three products: at most
+    3 u mag in "fast" and "reproducible", u |r| + 4 u^2 mag in "compensated", 1 ulp in "faithful", while nothing over-
+    or underflows; plus a few finfo.tiny where subnormals are flushed. Power does not change when both are rotated.
+    Raises TypeError for other kinds or dtypes that differ, ValueError for shapes.
+    [Featherstone 2008, 2.8] 30 flops.
+    """
+    if not isinstance(R_AE, Rotation):
+        raise TypeError(f"rotate: expected a Rotation first, got {type(R_AE).__name__}")
+    if not hasattr(X_P_E, "rotational"):
+        return _refuse("rotate", "one of the four spatial vectors as second", X_P_E)
+    return X_P_E._like(*(rotated(R_AE, part, precision=precision) for part in X_P_E._parts))

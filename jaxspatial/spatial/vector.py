@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, lanes
+from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, to_double_word
 from jaxspatial.arithmetic.reproducible import product, quotient
 from jaxspatial.spatial import operations
 
@@ -90,7 +91,8 @@ class SpatialVector:
 
     def to_array(self):
         """(*batch, 6) the coefficients, rotational on top."""
-        return jnp.concatenate(self._parts, axis=-1)
+        parts = to_double_word(self._parts) if any(map(_is_double, self._parts)) else self._parts
+        return jax.tree.map(lambda top, bottom: jnp.concatenate((top, bottom), axis=-1), *parts)
 
     @property
     def batch_shape(self):
@@ -166,8 +168,9 @@ class SpatialVector:
         s = self.dtype.type(scalar) if number else check.as_float_array(scalar, name, self.dtype)
         check.require_same_dtype(**{type(self).__name__: self, "scalar": s})
         batch = check.common_batch_shape(**{type(self).__name__: self.batch_shape, "scalar": s.shape})
-        s = jnp.broadcast_to(jnp.broadcast_to(s, batch)[..., None], (*batch, 3))
-        return self._like(*(operation(part, s) for part in check.broadcast_batch(batch, *self._parts)))
+        parts = check.broadcast_batch(batch, *self._parts)
+        (s,) = check.broadcast_batch(batch, s.reshape((*s.shape, 1)))
+        return self._like(*(_scaled_part(operation, part, s) for part in parts))
 
     # -- operations ---------------------------------------------------------------------------------------------------
 
@@ -179,12 +182,17 @@ class SpatialVector:
         """See `jaxspatial.dot`."""
         return operations.dot(self, other, precision=precision)
 
+    def __rmatmul__(self, R_AE):
+        """R @ X: see `jaxspatial.rotate`."""
+        return operations.rotate(R_AE, self)
+
     # -- comparison: arrays of answers over the batch; NaN never compares as near -------------------------------------
 
     def get_maximum_absolute_differences(self, other):
         """(rotational, translational): the largest absolute difference of each part, NaN where either has one."""
         a, b = matched(self, other, "comparison")
-        return tuple(_largest(abs(lanes.quietly(operator.sub, x, y))) for x, y in zip(a._parts, b._parts, strict=True))
+        differences = (lanes.quietly(operator.sub, x, y) for x, y in zip(a._parts, b._parts, strict=True))
+        return tuple(_largest(from_double_word(abs(d))) for d in differences)
 
     def is_nearly_equal_within_absolute_tolerance(self, other, rotational_tolerance, translational_tolerance):
         """True where the largest absolute difference of each part is at most its tolerance."""
@@ -228,8 +236,8 @@ def shifted(kernel, X_P_E, precision, **vectors):
     vectors = {name: check.as_vectors(x, f"shift: {name}", X_P_E.dtype) for name, x in vectors.items()}
     check.require_same_dtype(**{kind: X_P_E, **vectors})
     batch_shapes = {name: x.shape[:-1] for name, x in vectors.items()}
-    batch = check.common_batch_shape(**{kind: X_P_E.batch_shape, **batch_shapes})
-    return X_P_E._like(*kernel(precision, *check.broadcast_batch(batch, *X_P_E._parts, *vectors.values())))
+    check.common_batch_shape(**{kind: X_P_E.batch_shape, **batch_shapes})
+    return X_P_E._like(*kernel(precision, *X_P_E._parts, *vectors.values()))
 
 
 def require_no_w(X_P_E, w):
@@ -268,6 +276,18 @@ def _owned(array):
     return array
 
 
+def _is_double(x):
+    return isinstance(x, DoubleWord)
+
+
+def _scaled_part(operation, part, s):
+    """operation(part, s) for s (*batch, 1); a double word knows it as an operator."""
+    if _is_double(part) or _is_double(s):
+        part = to_double_word(part)
+        return part * s if operation is product else part / s
+    return operation(part, jnp.broadcast_to(s, part.shape))
+
+
 def _skipping_zero(operation, x, y):
     if isinstance(y, np.ndarray) and not y.any():
         return x
@@ -288,6 +308,8 @@ def _plain(number):
 
 def _shown(part):
     """The numbers of one vector, the shape of a batch or of something not computed yet."""
+    if _is_double(part):
+        return repr(part)
     if isinstance(part, (np.ndarray, jax.Array)) and not isinstance(part, jax.core.Tracer) and part.ndim == 1:
         return "[" + ", ".join(str(x) for x in np.asarray(part)) + "]"
     if hasattr(part, "shape") and hasattr(part, "dtype"):

@@ -1,15 +1,15 @@
 """Wrenches and points: from point forces to a wrench, and from a wrench to its axis and its centre of pressure."""
 
+import functools
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from jaxspatial.arithmetic import check, lanes
 from jaxspatial.arithmetic.kernel import kernel
+from jaxspatial.arithmetic.precision import resolve
 from jaxspatial.arithmetic.scaling import exponent, times_power_of_two
-from jaxspatial.arithmetic.total import total
 from jaxspatial.spatial.force import SpatialForce
 
 
@@ -27,16 +27,15 @@ def wrench_from_point_forces(points, forces, *, precision=None):
     points = check.as_vectors(points, "wrench_from_point_forces: points", many=["n"])
     forces = check.as_vectors(forces, "wrench_from_point_forces: forces", points.dtype, many=["n"])
     check.require_same_dtype(points=points, forces=forces)
-    batch = check.common_batch_shape(points=points.shape[:-1], forces=forces.shape[:-1])
-    return SpatialForce(*_sum_of_moments(precision, *check.broadcast_batch(batch, points, forces)))
+    check.common_batch_shape(points=points.shape[:-1], forces=forces.shape[:-1])
+    return SpatialForce(*_sum_of_moments(precision, points, forces))
 
 
 @kernel
 def _sum_of_moments(precision, points, forces):
-    batch = np.broadcast_shapes(points.shape[:-1], forces.shape[:-1])
-    f = lanes.unstack(forces)
-    moments = lanes.cross(precision, lanes.unstack(points), f)
-    return tuple(jnp.moveaxis(total(jnp.moveaxis(lanes.stack(x, batch), -1, 0)), 0, -1) for x in (moments, f))
+    p, f = lanes.unstack(points), lanes.unstack(forces)
+    moments = lanes.cross(precision, p, f)
+    return tuple(lanes.summed(lanes.stack(x, lanes.batch_shape(forces))) for x in (moments, f))
 
 
 class CentralAxis(NamedTuple):
@@ -63,20 +62,44 @@ def central_axis(F_P_E, *, precision=None):
     [Featherstone 2008, 2.5; Ball 1900, A Treatise on the Theory of Screws]
     """
     _require_force(F_P_E, "central_axis")
-    return CentralAxis(*_central_axis(precision, F_P_E.tau, F_P_E.f))
+    return CentralAxis(*_central_axis(resolve(precision), F_P_E.tau, F_P_E.f))
+
+
+@functools.partial(jax.jit, static_argnums=0, inline=True)
+def _central_axis(precision, tau, f):
+    """On vectors scaled to about 1: nothing over- or underflows before the result does."""
+    tau_high, f_high = (lanes.unstack(jnp.asarray(jax.tree.leaves(x)[0])) for x in (tau, f))
+    tau_exponent, f_exponent = exponent(tau_high), exponent(f_high)
+    scaled = _scaled(tau, -tau_exponent[..., None]), _scaled(f, -f_exponent[..., None])
+    pitch, point = _axis_of_scaled(precision, *scaled)
+    back = tau_exponent - f_exponent
+    pitch, point = _scaled(pitch, back), _scaled(point, back[..., None])
+    return _infinite_where(_is_zero(f_high) & ~_is_zero(tau_high), pitch), point
+
+
+def _scaled(x, e):
+    return jax.tree.map(lambda word: times_power_of_two(jnp.asarray(word), e), x)
+
+
+def _is_zero(components):
+    x, y, z = components
+    return (x == 0) & (y == 0) & (z == 0)
+
+
+def _infinite_where(condition, x):
+    """x, or an infinity: of a double word in its first word."""
+    words, structure = jax.tree.flatten(x)
+    fill = [jnp.inf] + [0.0] * (len(words) - 1)
+    filled = [jnp.where(condition, jnp.full_like(w, v), w) for w, v in zip(words, fill, strict=True)]
+    return jax.tree.unflatten(structure, filled)
 
 
 @kernel
-def _central_axis(precision, tau, f_array):
-    tau, f = (lanes.unstack(jnp.asarray(x)) for x in (tau, f_array))
-    tau_exponent, f_exponent = exponent(tau), exponent(f)
-    t = tuple(times_power_of_two(c, -tau_exponent) for c in tau)
-    u = tuple(times_power_of_two(c, -f_exponent) for c in f)
+def _axis_of_scaled(precision, tau, f):
+    t, u = map(lanes.unstack, (tau, f))
     squared = lanes.dot(precision, u, u)
-    numerators = (lanes.dot(precision, u, t), *lanes.cross(precision, u, t))
-    pitch, *point = (times_power_of_two(lanes.divide(n, squared), tau_exponent - f_exponent) for n in numerators)
-    couple = (squared == 0) & jnp.logical_or(jnp.logical_or(t[0] != 0, t[1] != 0), t[2] != 0)
-    return jnp.where(couple, jnp.full_like(pitch, jnp.inf), pitch), lanes.stack_like(f_array, point)
+    point = [lanes.divide(c, squared) for c in lanes.cross(precision, u, t)]
+    return lanes.divide(lanes.dot(precision, u, t), squared), lanes.stack_like(f, point)
 
 
 def center_of_pressure(F_P_E, normal=(0.0, 0.0, 1.0), *, precision=None):
@@ -98,16 +121,15 @@ def center_of_pressure(F_P_E, normal=(0.0, 0.0, 1.0), *, precision=None):
     _require_force(F_P_E, "center_of_pressure")
     normal = check.as_vectors(normal, "center_of_pressure: normal", F_P_E.dtype)
     check.require_same_dtype(SpatialForce=F_P_E, normal=normal)
-    batch = check.common_batch_shape(SpatialForce=F_P_E.batch_shape, normal=normal.shape[:-1])
-    return _center_of_pressure(precision, *check.broadcast_batch(batch, F_P_E.tau, F_P_E.f, normal))
+    check.common_batch_shape(SpatialForce=F_P_E.batch_shape, normal=normal.shape[:-1])
+    return _center_of_pressure(precision, F_P_E.tau, F_P_E.f, normal)
 
 
 @kernel
 def _center_of_pressure(precision, tau, f, normal):
-    batch = tau.shape[:-1]
-    tau, f, normal = map(lanes.unstack, (tau, f, normal))
-    pressing = lanes.dot(precision, normal, f)
-    return lanes.stack([lanes.divide(c, pressing) for c in lanes.cross(precision, normal, tau)], batch)
+    t, f, n = map(lanes.unstack, (tau, f, normal))
+    pressing = lanes.dot(precision, n, f)
+    return lanes.stack([lanes.divide(c, pressing) for c in lanes.cross(precision, n, t)], lanes.batch_shape(tau))
 
 
 def _require_force(x, operation):

@@ -65,5 +65,5 @@ def test_each_thread_has_its_own():
 
 
 def test_an_unknown_name_is_refused():
-    with pytest.raises(ValueError, match="precision: expected one of 'fast', 'reproducible' or None, got 'exact'"):
+    with pytest.raises(ValueError, match="precision: expected one of 'fast', 'reproducible', 'compensated', 'faithful' or None, got 'exact'"):
         js.default_precision("exact")

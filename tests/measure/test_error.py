@@ -42,6 +42,37 @@ def test_what_is_not_finite_is_infinitely_far_off(bad):
     assert error.in_ulps(np.array([bad]), one) == np.inf and error.in_u_of(np.array([bad]), one, one) == np.inf
 
 
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_ulps_of_exact_numbers(dtype):
+    info = jnp.finfo(dtype)
+    eps, tiny = Fraction(float(info.eps)), Fraction(float(info.tiny))
+    below_two, zero = 2 - eps / 8, Fraction(0)
+    units = error.ulp(np.array([Fraction(1), below_two, Fraction(-2), Fraction(1, 3), tiny / 2, zero]), dtype)
+    assert list(units) == [eps, eps, 2 * eps, eps / 4, tiny * eps, tiny * eps]
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_ulps_of_the_norm_are_those_of_the_largest_component(dtype):
+    eps, value = float(jnp.finfo(dtype).eps), exact.rationals([[1.0, -4.5, 0.0], [0.0, 0.0, 0.25]])
+    computed = np.array([[1 + 2 * eps, -4.5, 6 * eps], [0, eps, 0.25]]).astype(jnp.dtype(dtype))
+    assert list(error.in_ulps_of_norm(computed, value)) == [1.5, 4]
+    assert error.in_ulps_of_norm(computed[0], value[0]) == 1.5
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_vector_with_one_component_not_finite_is_infinitely_far_off(bad):
+    value = exact.rationals(np.ones((2, 3)))
+    assert list(error.in_ulps_of_norm(np.array([[1, bad, 1], [1, 1, 1]]), value)) == [np.inf, 0]
+
+
+def test_agreement_when_not_finite():
+    nan, inf = np.nan, np.inf
+    expected = np.array([nan, nan, nan, inf, inf, inf, -inf, 1, 1, 1])
+    computed = np.float32([nan, inf, 1, inf, -inf, 1, -inf, 2, nan, inf])
+    agrees = [True, False, False, True, False, False, True, True, False, False]
+    assert list(error.agrees_when_not_finite(computed, expected)) == agrees
+
+
 def test_units_of_magnitude():
     computed, value, magnitude = np.array([1 + 2**-52]), np.array([Fraction(1)]), np.array([Fraction(4)])
     assert error.in_u_of(computed, value, magnitude) == 0.5

@@ -277,7 +277,7 @@ def test_coefficients_are_six(kind):
 def test_unknown_precision(name, precision):
     operation = OPERATIONS[name]
     inputs = operation.inputs((), "float32", np.random.default_rng(0))
-    message = f"precision: expected one of 'fast', 'reproducible' or None, got {precision!r}"
+    message = f"precision: expected one of 'fast', 'reproducible', 'compensated', 'faithful' or None, got {precision!r}"
     _raises(ValueError, lambda: operation.function(*inputs, precision=precision), message)
 
 

@@ -1,0 +1,82 @@
+"""Sums of products as if computed in twice the precision: the rounding errors are summed beside. [Ogita, Rump, Oishi
+2005, Accurate Sum and Dot Product, algorithm 5.3]
+
+The state of a sum is (s, t, e): s the rounded sum, t the errors of its additions, e those of its products. Each is
+summed in pairs, which for tau - (a b - c d) gives an error <= u |r| + 4 u^2 mag. Proof, with A, B the powers of two
+below the products and the partial sums: |e_i| <= u A_i, |t_i| <= u B_i, hence rounding e_1 - e_2, t_1 + t_2 and their
+sum costs at most u^2 (max A + max B + ufp(A_1 + A_2 + B_1 + B_2)), which is <= 4 u^2 ufp(mag) in every case.
+"""
+
+import jax.numpy as jnp
+
+from jaxspatial.arithmetic.eft import fast_two_sum, two_product, two_sum, unguarded
+
+
+def total(terms, guard):
+    """The state of the sum of terms (sign, factors)."""
+    pairs = [product(sign, factors, guard) for sign, factors in terms]
+    s, t = _sum([p for p, _ in pairs])
+    errors = [e for _, e in pairs if e is not None]
+    return s, t, in_pairs(errors) if errors else jnp.zeros_like(s)
+
+
+def product(sign, factors, guard):
+    """(p, e) of sign times the product of up to three factors, p + e exact for two; e None for a single one."""
+    first, *others = factors
+    p, e = guard(-first if sign < 0 else first), None
+    for x in others:
+        q, r = two_product(p, x, guard)
+        p, e = q, r if e is None else r + e * x
+    return p, e
+
+
+def _sum(numbers):
+    """(s, t): the sum of the numbers, and the sum of the errors made."""
+    errors = []
+    while len(numbers) > 1:
+        sums = [two_sum(a, b, unguarded) for a, b in zip(numbers[::2], numbers[1::2], strict=False)]
+        errors += [e for _, e in sums]
+        numbers = [s for s, _ in sums] + numbers[len(numbers) // 2 * 2 :]
+    return numbers[0], in_pairs(errors) if errors else jnp.zeros_like(numbers[0])
+
+
+def in_pairs(numbers):
+    """The sum of the numbers by halving."""
+    while len(numbers) > 1:
+        sums = [a + b for a, b in zip(numbers[::2], numbers[1::2], strict=False)]
+        numbers = sums + numbers[len(numbers) // 2 * 2 :]
+    return numbers[0]
+
+
+def plus(state, sign, x):
+    """The state with one more term, which may be a constant: it goes second."""
+    s, t, e = state
+    s, error = two_sum(s, -x if sign < 0 else x)
+    return s, t + error, e
+
+
+def levelled(states):
+    """The states with zero in place of None."""
+    like = next(state for state in states if state is not None)
+    return [tuple(map(jnp.zeros_like, like)) if state is None else state for state in states]
+
+
+def merge(a, b):
+    """The state of the sum of two."""
+    s, error = two_sum(a[0], b[0], unguarded)
+    return s, (a[1] + b[1]) + error, a[2] + b[2]
+
+
+def value(state, dtype):
+    """Rounded; where something is infinite or NaN, what the plain sum gives."""
+    s, t, e = state
+    r = s + (t + e)
+    return jnp.where(jnp.isfinite(r), r, s).astype(dtype)
+
+
+def pair(state, dtype):
+    """(hi, lo): before the last rounding."""
+    s, t, e = state
+    hi, lo = fast_two_sum(s, t + e)
+    finite = jnp.isfinite(hi)
+    return jnp.where(finite, hi, s).astype(dtype), jnp.where(finite, lo, jnp.zeros_like(lo)).astype(dtype)

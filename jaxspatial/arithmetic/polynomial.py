@@ -1,0 +1,82 @@
+"""Formulas as polynomials: which products of which components a result is the sum of.
+
+A formula written with `lanes` runs here over symbols instead of arrays, and what comes out is not a number but the list
+of its terms. What is known while tracing is gone by then: a component that is 0 takes its terms with it, a factor of 1
+is left out. How the sums are evaluated is decided afterwards, for all precisions that look at a sum as a whole.
+"""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Term(NamedTuple):
+    """sign times the product of factors; a factor (j, k) is component k of array j."""
+
+    sign: int
+    factors: tuple
+
+
+@dataclasses.dataclass(frozen=True)
+class Polynomial:
+    """One component of a formula. `unit`: its value where that is known to be 1 or -1."""
+
+    terms: tuple = ()
+    unit: int | None = None
+
+    def __neg__(self):
+        return Polynomial(tuple(Term(-t.sign, t.factors) for t in self.terms), self.unit and -self.unit)
+
+    def __add__(self, other):
+        return Polynomial(self.terms + other.terms) if self.terms and other.terms else self if self.terms else other
+
+    def __sub__(self, other):
+        return self + -other
+
+    def __mul__(self, other):
+        for one, many in ((self, other), (other, self)):
+            if one.unit:
+                return many if one.unit == 1 else -many
+        products = (Term(s.sign * t.sign, s.factors + t.factors) for s in self.terms for t in other.terms)
+        return Polynomial(tuple(products))
+
+    def __truediv__(self, other):
+        return Quotient(self, other)
+
+
+class Quotient(NamedTuple):
+    """One polynomial by another: what a formula may return, but not go on with."""
+
+    dividend: Polynomial
+    divisor: Polynomial
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Symbol:
+    """An array of the formula, by its components. Returned as it came in, it stays the array.
+
+    `is_summed`: over the last axis of the batch.
+    """
+
+    components: tuple
+    is_summed: bool = False
+
+
+def symbol(arrays, parts):
+    """The Symbol of an array that is the sum of arrays[j] for j in parts: one, or the two of a double word."""
+    known = arrays[parts[0]] if len(parts) == 1 else None
+    return Symbol(tuple(_component(known, parts, k) for k in range(arrays[parts[0]].shape[-1])))
+
+
+def _component(known, parts, k):
+    value = _uniform(known[..., k]) if isinstance(known, np.ndarray) else None
+    if value == 0:
+        return Polynomial()
+    terms = tuple(Term(1, ((j, k),)) for j in parts)
+    return Polynomial(terms, int(value) if value in (1, -1) else None)
+
+
+def _uniform(column):
+    first = column.flat[0] if column.size else None
+    return first if first is not None and (column == first).all() else None

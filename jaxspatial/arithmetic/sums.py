@@ -1,0 +1,211 @@
+"""Sums of products as one primitive: what precisions that look at a whole sum are made of.
+
+It takes arrays and a list of polynomials in their components. Tangents and pull-backs of a sum of products are sums of
+products again, evaluated by the same primitive: derivatives of every order keep the promise of their precision, and a
+cotangent that many terms contribute to is rounded once, over a batch that shares one item too.
+"""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+from jaxspatial.arithmetic.evaluation import evaluate
+from jaxspatial.arithmetic.polynomial import Term
+
+
+class Sum(NamedTuple):
+    """One array of the result: for each of its components the terms; and the axes of the batch it is summed over."""
+
+    components: tuple
+    reduced: tuple = ()
+
+
+class Plan(NamedTuple):
+    """What is to be evaluated: Sums over a batch, in a precision, each as one array or as the pair of a double word.
+
+    `leading`: components are on the first axis, with the batch behind them, and not on the last.
+    """
+
+    sums: tuple
+    batch: tuple
+    precision: str
+    is_pair: bool = False
+    leading: bool = False
+
+    @property
+    def axis(self):
+        return 0 if self.leading else len(self.batch)
+
+    @property
+    def has_products(self):
+        return any(len(t.factors) > 1 for s in self.sums for terms in s.components for t in terms)
+
+    def shape(self, s):
+        """The shape of the result for a Sum; axes that are summed over keep size 1."""
+        batch = [1 if i in s.reduced else n for i, n in enumerate(self.batch)]
+        return (len(s.components), *batch) if self.leading else (*batch, len(s.components))
+
+
+def bind_nonzero(plan, sums, arrays):
+    """For each Sum its result, a list of one array or of the two of a pair; None for a Sum without terms.
+
+    Arrays have the components on the plan's axis, and on each axis of the batch its size or 1.
+    """
+    nonzero = [i for i, s in enumerate(sums) if any(s.components)]
+    if not nonzero:
+        return [None] * len(sums)
+    results = _bind(plan._replace(sums=tuple(sums[i] for i in nonzero)), arrays)
+    width = 1 + plan.is_pair
+    found = {i: results[width * place : width * (place + 1)] for place, i in enumerate(nonzero)}
+    return [found.get(i) for i in range(len(sums))]
+
+
+def _bind(plan, arrays):
+    """All Sums of the plan, with the arrays that they use."""
+    used = sorted({j for s in plan.sums for terms in s.components for t in terms for j, _ in t.factors})
+    places = {j: i for i, j in enumerate(used)}
+    sums = tuple(s._replace(components=_relabelled(s.components, places)) for s in plan.sums)
+    return _sums_p.bind(*_alike([arrays[j] for j in used], plan), plan=plan._replace(sums=sums))
+
+
+def _relabelled(components, places):
+    def relabelled(term):
+        return Term(term.sign, tuple((places[j], k) for j, k in term.factors))
+
+    return tuple(tuple(relabelled(t) for t in terms) for terms in components)
+
+
+# -- arguments: varying over the same axes of a `shard_map`, and sharded alike -----------------------------------------
+
+
+def _alike(arrays, plan):
+    varying = [frozenset(jax.typeof(x).mat.varying) for x in arrays]
+    missing = [tuple(frozenset().union(*varying) - own) for own in varying]
+    arrays = [lax.pcast(x, m, to="varying") if m else x for x, m in zip(arrays, missing, strict=True)]
+    specs = [jax.typeof(x).sharding.spec for x in arrays]
+    if all(spec == specs[0] for spec in specs):
+        return arrays
+    wanted = [_spec(x, _common_spec(specs), plan.axis) for x in arrays]
+    return [x if w == s else jax.sharding.reshard(x, w) for x, s, w in zip(arrays, specs, wanted, strict=True)]
+
+
+def _common_spec(specs):
+    return [next((s for s in entries if s is not None), None) for entries in zip(*specs, strict=True)]
+
+
+def _spec(x, common, axis):
+    """The common spec where x has the batch, None where it is one for all."""
+    entries = [None if n == 1 and i != axis else s for i, (n, s) in enumerate(zip(x.shape, common, strict=True))]
+    return jax.sharding.PartitionSpec(*entries)
+
+
+def _abstract(*arrays, plan):
+    like = arrays[0]
+    common = _common_spec([a.sharding.spec for a in arrays])
+    results = []
+    for shape in map(plan.shape, plan.sums):
+        spec = [None if n == 1 or i == plan.axis else common[i] for i, n in enumerate(shape)]
+        sharding = like.sharding.update(spec=jax.sharding.PartitionSpec(*spec))
+        results += [like.update(shape=shape, sharding=sharding, weak_type=False)] * (1 + plan.is_pair)
+    return results
+
+
+# -- derivatives ------------------------------------------------------------------------------------------------------
+
+
+def _jvp(primals, tangents, *, plan):
+    results = _sums_p.bind(*primals, plan=plan)
+    n = len(primals)
+    moving = {j: n + j for j, t in enumerate(tangents) if type(t) is not ad.Zero}
+    sums = [s._replace(components=tuple(_differential(terms, moving) for terms in s.components)) for s in plan.sums]
+    rates = bind_nonzero(plan, sums, [*primals, *tangents])
+    width = 1 + plan.is_pair
+    rates = [r for rate in rates for r in (rate or [None] * width)]
+    return results, [ad.Zero.from_primal_value(x) if r is None else r for x, r in zip(results, rates, strict=True)]
+
+
+def _differential(terms, moving):
+    """The product rule: each factor in turn replaced by its tangent."""
+    return tuple(
+        Term(t.sign, (*t.factors[:i], (moving[j], k), *t.factors[i + 1 :]))
+        for t in terms
+        for i, (j, k) in enumerate(t.factors)
+        if j in moving
+    )
+
+
+def _transpose(cotangents, *arrays, plan):
+    """The low word of a pair is a rounding error: its cotangent counts for nothing."""
+    cotangents = cotangents[:: 1 + plan.is_pair]
+    n = len(arrays)
+    incoming = {o: n + o for o, c in enumerate(cotangents) if type(c) is not ad.Zero}
+    linear = [j for j, x in enumerate(arrays) if ad.is_undefined_primal(x)]
+    sums = [_pulled_back(plan, incoming, j, arrays[j].aval) for j in linear]
+    pulled = bind_nonzero(plan._replace(is_pair=False), sums, [*arrays, *cotangents])
+    found = {j: x[0] for j, x in zip(linear, pulled, strict=True) if x is not None}
+    return [found.get(j) for j in range(n)]
+
+
+def _pulled_back(plan, incoming, j, aval):
+    """The Sum for the cotangent of array j: from every term that has one of its components, the other factors."""
+    components = [[] for _ in range(aval.shape[plan.axis])]
+    for o, s in enumerate(plan.sums):
+        for k, terms in enumerate(s.components):
+            for sign, factors in terms if o in incoming else ():
+                for i, (array, component) in enumerate(factors):
+                    if array == j:
+                        others = (*factors[:i], *factors[i + 1 :], (incoming[o], k))
+                        components[component].append(Term(sign, others))
+    batch = aval.shape[1:] if plan.leading else aval.shape[:-1]
+    reduced = tuple(i for i, (one, n) in enumerate(zip(batch, plan.batch, strict=True)) if one != n)
+    return Sum(tuple(map(tuple, components)), reduced)
+
+
+# -- batching and lowering --------------------------------------------------------------------------------------------
+
+
+def _batch(arrays, axes, *, plan):
+    """The new axis stays where it is if it is there in all, behind the components where it comes behind them."""
+    given = {axis for axis in axes if axis is not None}
+    leading = plan.leading if plan.batch else given == {1}
+    at = given.pop() if len(given) == 1 else -1
+    first, last = (1, 1 + len(plan.batch)) if leading else (0, len(plan.batch))
+    at = at if first <= at <= last else first
+    size = next(x.shape[axis] for x, axis in zip(arrays, axes, strict=True) if axis is not None)
+    moved = [_moved(x, axis, at) for x, axis in zip(arrays, axes, strict=True)]
+    batched = _batched_plan(plan, at - first, size, leading)
+    return _sums_p.bind(*_alike(moved, batched), plan=batched), [at] * (len(plan.sums) * (1 + plan.is_pair))
+
+
+def _moved(x, axis, at):
+    return lax.expand_dims(x, [at]) if axis is None else jnp.moveaxis(x, axis, at)
+
+
+def _batched_plan(plan, place, size, leading):
+    sums = tuple(s._replace(reduced=tuple(i + (i >= place) for i in s.reduced)) for s in plan.sums)
+    batch = (*plan.batch[:place], size, *plan.batch[place:])
+    return plan._replace(sums=sums, batch=batch, leading=leading)
+
+
+@functools.cache
+def _compiled(plan):
+    return jax.jit(functools.partial(_evaluated, plan=plan))
+
+
+def _evaluated(*arrays, plan):
+    return evaluate(plan, arrays)
+
+
+_sums_p = Primitive("jaxspatial_sums")
+_sums_p.multiple_results = True
+_sums_p.def_abstract_eval(_abstract)
+_sums_p.def_impl(lambda *arrays, plan: _compiled(plan)(*arrays))
+mlir.register_lowering(_sums_p, mlir.lower_fun(_evaluated, multiple_results=True))
+ad.primitive_jvps[_sums_p] = _jvp
+ad.primitive_transposes[_sums_p] = _transpose
+batching.primitive_batchers[_sums_p] = _batch

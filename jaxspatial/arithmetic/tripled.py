@@ -1,0 +1,52 @@
+"""Sums over many items in three times the precision, for `faithful`, whose expansions would grow with their number.
+
+The state of a sum is (s, c, d), each the errors of the one before. [Ogita, Rump, Oishi 2005, algorithm 4.8, K = 3]
+"""
+
+import jax.numpy as jnp
+from jax import lax
+
+from jaxspatial.arithmetic.compensated import in_pairs
+from jaxspatial.arithmetic.eft import fast_two_sum, two_sum, unguarded
+
+
+def from_numbers(numbers):
+    """The state of the sum of numbers in increasing order."""
+    s, errors = _swept(list(numbers))
+    c, errors = _swept(errors[::-1]) if errors else (jnp.zeros_like(s), [])
+    return s, c, in_pairs(errors) if errors else jnp.zeros_like(s)
+
+
+def _swept(numbers):
+    """(the rounded sum, the errors made, of the largest first)."""
+    *others, s = numbers
+    errors = []
+    for x in reversed(others):
+        s, error = two_sum(s, x, unguarded)
+        errors.append(error)
+    return s, errors
+
+
+def merge(a, b):
+    """The state of the sum of two."""
+    s, error = two_sum(a[0], b[0], unguarded)
+    c, first = two_sum(a[1], b[1], unguarded)
+    c, second = two_sum(c, error, unguarded)
+    return s, c, (a[2] + b[2]) + (first + second)
+
+
+def value(state, dtype):
+    """Rounded; where something is infinite or NaN, what the plain sum gives."""
+    s, c = two_sum(*state[:2], unguarded)
+    r = s + (c + state[2])
+    return lax.convert_element_type(jnp.where(jnp.isfinite(r), r, state[0]), dtype)
+
+
+def pair(state, dtype):
+    """(hi, lo): rounded to twice the precision."""
+    s, c = two_sum(*state[:2], unguarded)
+    hi, lo = fast_two_sum(s, c + state[2])
+    finite = jnp.isfinite(hi)
+    hi, lo = jnp.where(finite, hi, state[0]), jnp.where(finite, lo, jnp.zeros_like(lo))
+    high = lax.convert_element_type(hi, dtype)
+    return high, lax.convert_element_type((hi - lax.convert_element_type(high, hi.dtype)) + lo, dtype)
