@@ -1,6 +1,7 @@
 """What comes in from the caller, checked once: messages name the argument, what was expected and what came."""
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +14,7 @@ class Number:
     """Base of what stands for an array of floating point without being one: it passes every check as it is."""
 
 
-def as_float_array(x, name, dtype=None):
+def as_float_array(x, name, dtype=None) -> Any:
     """x as an array of floating point; `dtype` is taken on by numbers that have none (Python floats, lists of them).
 
     NumPy stays NumPy (known while tracing), in JAX's canonical dtype. Integers are refused: whether 1 means 1.0f or
@@ -56,7 +57,7 @@ def _shown(x):
     return f"{type(x).__name__} {text if len(text) <= 60 else text[:57] + '...'}"
 
 
-def as_vectors(x, name, dtype=None, size=3, many=()):
+def as_vectors(x, name, dtype=None, size=3, many=()) -> Any:
     """x as an array of shape (*batch, size), or (*batch, n, size) with n named in `many`."""
     array = as_float_array(x, name, dtype)
     if array.shape[-1:] != (size,) or array.ndim <= len(many):

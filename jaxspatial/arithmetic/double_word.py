@@ -124,7 +124,7 @@ def add(x, y):
     """x + y of two pairs. Error <= (3 u^2 + 13 u^3) |x + y|, also where they cancel. 20 flops. [Algorithm 6]"""
     s, s_error = two_sum(x[0], y[0])
     t, t_error = two_sum(x[1], y[1])
-    high, low = fast_two_sum(s, s_error + t)
+    high, low = _normalised(s, s_error + t)
     return _settled(s, high, t_error + low)
 
 
@@ -173,7 +173,7 @@ def divide(x, y):
     """x / y of two pairs. Error <= (15 u^2 + 56 u^3) |x / y|. 25 flops and 2 splits. [Algorithm 17]"""
     q = quotient(x[0], y[0])
     _, high, low = _times_word(y, q)
-    high, low = fast_two_sum(high, low)
+    high, low = _normalised(high, low)
     # Fenced, here and below: of a constant x the compiler would add up the words, (c1 - e) + c2 = (c1 + c2) - e.
     rest = fence(x[0] - high) + (x[1] - low)
     return _settled(q, q, quotient(rest, y[0]))
@@ -200,13 +200,18 @@ def square_root(x):
     return _settled(r, r, quotient(rest, r + r))
 
 
+def _normalised(high, low):
+    """`fast_two_sum`, with `low` fenced: the compiler would take c1 + (x + c2) for x + (c1 + c2)."""
+    return fast_two_sum(high, fence(low))
+
+
 def _settled(single, high, low):
     """high + low as a normalised pair; where that is not finite, `single`, the operation on the high words, and 0.
 
     An infinity has no error term (inf - inf is NaN), a zero no sign left after its error was added. *unchecked*
     requirement |high| >= |low| or high == 0.
     """
-    high, low = fast_two_sum(high, low)
+    high, low = _normalised(high, low)
     finite = _is_finite(high)
     # Equal numbers of which only `single` has the right sign, if they are 0.
     hi = lax.select(finite & lax.ne(high, single), high, single)

@@ -8,10 +8,10 @@ subnormals: an error below the smallest normal number is lost.
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic.fence import fence
+from jaxspatial.arithmetic.fence import fence, kept
 
 
-def two_sum(a, b, guard=fence):
+def two_sum(a, b, guard=kept):
     """(s, e) with s = fl(a + b) and s + e = a + b exactly. 6 flops. [Knuth, TAOCP 2, 4.2.2, theorem B]
 
     guard: keeps the compiler from looking into s; without it `(x + c) - c` becomes x, and `(x + c1) + c2` becomes
@@ -22,14 +22,14 @@ def two_sum(a, b, guard=fence):
     return s, (a - (s - b_part)) + (b - b_part)
 
 
-def two_difference(a, b, guard=fence):
+def two_difference(a, b, guard=kept):
     """(s, e) with s = fl(a - b) and s + e = a - b exactly: `two_sum` of a and -b."""
     s = guard(a - b)
     b_part = s - a
     return s, (a - (s - b_part)) - (b + b_part)
 
 
-def fast_two_sum(a, b, guard=fence):
+def fast_two_sum(a, b, guard=kept):
     """(s, e) as `two_sum`, in 3 flops. [Dekker 1971]  *unchecked* requirement: |a| >= |b| or a == 0."""
     s = guard(a + b)
     return s, b - (s - a)

@@ -1,4 +1,4 @@
-"""The one construct that keeps XLA from contracting a product into a fused multiply-add."""
+"""What keeps XLA from rewriting arithmetic: products contracted with sums, sums with constants rearranged."""
 
 import jax.numpy as jnp
 from jax import lax
@@ -13,3 +13,13 @@ def fence(x):
     """
     largest = lax.full_like(x, jnp.finfo(x.dtype).max)
     return lax.select(lax.le(lax.abs(x), largest), x, lax.add(x, x))
+
+
+def kept(x):
+    """x, a sum: for XLA's algebraic simplifier not a sum any more.
+
+    It would make x + (c1 + c2) of `(x + c1) + c2`, and x of `(x + c) - c`, for constants c. A rounding to the format
+    that x has already stops that, and is removed before any code is made of it: it costs nothing.
+    """
+    info = jnp.finfo(x.dtype)
+    return lax.reduce_precision(x, exponent_bits=info.nexp, mantissa_bits=info.nmant)

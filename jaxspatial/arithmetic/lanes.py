@@ -9,11 +9,13 @@ In the precisions that look at whole sums the same functions run over symbols, s
 
 import operator
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic import fast, reproducible
+from jaxspatial.arithmetic.fence import kept
 from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, Symbol
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.arithmetic.total import total
@@ -78,13 +80,28 @@ def negate(a):
 def add(a, b):
     if is_known(a, 0):
         return b
-    return a if is_known(b, 0) else quietly(operator.add, *_alike(a, b))
+    return a if is_known(b, 0) else rounded_sum(*_alike(a, b))
 
 
 def subtract(a, b):
     if is_known(a, 0):
         return negate(b)
-    return a if is_known(b, 0) else quietly(operator.sub, *_alike(a, b))
+    return a if is_known(b, 0) else rounded_difference(*_alike(a, b))
+
+
+def rounded_sum(a, b):
+    """fl(a + b), also next to another sum with constants."""
+    return _rounded(operator.add, a, b)
+
+
+def rounded_difference(a, b):
+    """fl(a - b), also next to another sum with constants."""
+    return _rounded(operator.sub, a, b)
+
+
+def _rounded(operation, a, b):
+    result = quietly(operation, a, b)
+    return kept(result) if isinstance(result, jax.Array) else result
 
 
 def multiply(precision, a, b):
@@ -137,12 +154,12 @@ def dot(precision, a, b):
 
 def plus(x, components):
     """x + components, for x (*batch, n)."""
-    return _with_array(operator.add, add, x, components)
+    return _with_array(rounded_sum, add, x, components)
 
 
 def minus(x, components):
     """x - components, for x (*batch, n)."""
-    return _with_array(operator.sub, subtract, x, components)
+    return _with_array(rounded_difference, subtract, x, components)
 
 
 def _with_array(whole, each, x, components):

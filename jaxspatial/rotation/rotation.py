@@ -71,7 +71,8 @@ def rotated(R_AB, v_B, *, precision=None):
     v_B = check.as_vectors(v_B, "Rotation @ v: v", R_AB.dtype)
     check.require_same_dtype(Rotation=R_AB, v=v_B)
     check.common_batch_shape(Rotation=R_AB.batch_shape, v=v_B.shape[:-1])
-    return _rotated(precision, R_AB.entries, v_B)
+    unchanged = isinstance(R_AB.entries, np.ndarray) and (R_AB.entries == np.eye(3).ravel()).all()
+    return v_B if unchanged and not R_AB.batch_shape else _rotated(precision, R_AB.entries, v_B)
 
 
 @kernel
