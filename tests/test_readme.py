@@ -12,6 +12,7 @@ import pytest
 
 import jaxspatial as js
 
+LAYERS = ("arithmetic", "rotation", "spatial", "measure")
 README = (pathlib.Path(__file__).parent.parent / "README.md").read_text()
 
 
@@ -22,12 +23,21 @@ def _table(heading):
     return [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
 
 
+def _examples():
+    return re.findall(r"```python\n(.*?)```", README, re.S)
+
+
 def test_first_example_runs(capsys):
-    (block,) = re.findall(r"```python\n(.*?)```", README, re.S)
+    block = _examples()[0]
     assert len([line for line in block.splitlines() if line and not line.startswith("#")]) <= 20
     exec(block, {})
     printed = capsys.readouterr().out.splitlines()
     assert printed[0] == "SpatialForce(tau=[2.0, -1.0, -3.0], f=[1.0, 2.0, 0.0]) 3.5 3.5"
+
+
+def test_example_of_double_words_runs(capsys):
+    exec(_examples()[1], {})
+    assert capsys.readouterr().out == "SpatialForce(tau=[0.1, 0.2, 0.3], f=[1.0, 2.0, 3.0])\n"
 
 
 def test_quick_start_has_two_lines():
@@ -56,8 +66,8 @@ def test_coming_from_drake(row):
 
 def test_every_public_name_is_in_the_readme():
     for name in js.__dict__:
-        if not name.startswith("_") and name not in ("arithmetic", "spatial", "measure", "Precision", "CentralAxis"):
-            assert f"{name}(" in README, name
+        if not name.startswith("_") and name not in (*LAYERS, "Precision", "CentralAxis"):
+            assert re.search(rf"{name}[(.]", README), name
 
 
 def test_links_and_pictures_exist():

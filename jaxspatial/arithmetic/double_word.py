@@ -5,11 +5,11 @@ call to a function on pairs have one shape and one dtype.
 
 The bounds are relative, in terms of u, the unit roundoff of the words' dtype (float32: 2^-24, so that u^2 is 4e-15;
 float64: 2^-53 and 1e-32). They hold for normalised pairs, hi = fl(hi + lo), which all functions return, while no word
-given is subnormal (XLA CPU takes subnormals for zero) and none exceeds (1 - 2^-12) finfo.max (float64:
-(1 - 2^-27) finfo.max), beyond which products and quotients are those of `hi`. Error terms below finfo.tiny are flushed
-to zero: this adds up to 10 tiny to the error of a sum or product, and up to 10 tiny (1 + 1 / |d|) to that of a quotient
-by d or a root d, so that results below tiny / u^2 (float32: 4e-24, float64: 2e-276, bfloat16: 8e-34, float16: 256!)
-have fewer bits.
+given is subnormal (XLA CPU takes subnormals for zero) and none exceeds (1 - 2^-12) finfo.max (float64: (1 - 2^-27)
+finfo.max), beyond which products and quotients are those of `hi`. Parts of numbers below finfo.tiny are flushed to
+zero: this adds up to 10 tiny to the error of a sum, 10 tiny (1 + |x| + |y|) to that of a product x y, and 10 tiny (1 +
+(1 + |q|) / |d|) to that of a quotient q by d, or of a root with q = d, so that numbers below tiny / u^2 (float32:
+4e-24, float64: 2e-276, bfloat16: 8e-34, float16: 256!) have fewer bits.
 
 Where the operation on the words `hi` alone gives an infinity, a NaN or a zero of either sign, so does `hi`, and `lo`
 is 0 (unless the words `lo` make of that zero a number).

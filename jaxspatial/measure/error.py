@@ -64,6 +64,15 @@ def in_u_of(computed, exact, magnitude, flushed=0):
     return _over(computed, exact, lambda _, m: u * m, magnitude, forgiven)
 
 
+def in_units_of(allowed, computed, exact, flushed=0):
+    """|computed - exact| / allowed, componentwise, as float64: at most 1 where a promise `allowed` (Fractions) is kept.
+
+    `flushed`: as in `in_u_of`.
+    """
+    forgiven = flushed * Fraction(float(jnp.finfo(np.asarray(computed).dtype).tiny))
+    return _over(computed, exact, lambda _, a: a, allowed, forgiven)
+
+
 def _over(computed, exact, unit, magnitude, forgiven=0):
     computed, exact, magnitude = np.broadcast_arrays(np.asarray(computed), exact, magnitude)
     finite = np.isfinite(computed.astype(np.float64))

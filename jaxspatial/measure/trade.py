@@ -1,24 +1,26 @@
-"""The trade of speed for accuracy, measured: operation x dtype x precision x number of wrenches."""
+"""The trade of speed for accuracy, measured: operation x dtype x precision, in cache and streaming through memory."""
 
+import time
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from jaxspatial.arithmetic.precision import Precision
-from jaxspatial.measure import error, exact, timing
-from jaxspatial.spatial import SpatialForce, SpatialVelocity, dot, shift
+from jaxspatial.measure import timing
+from jaxspatial.measure.operation import OPERATIONS
 
-SIZES = (1_000, 100_000, 1_000_000)
-DTYPES = ("float32", "float64")
-OPERATIONS = ("shift", "dot")
-# Numbers read and written per wrench: shift in place (torque, force, offset; torque), dot (four vectors; power).
-_WORDS = {"shift": 12, "dot": 13}
-_SAMPLE = 1_000
-_ROUNDS = 15
-# One flushed subnormal for each product and each sum.
-_FLUSHED = 11
+LARGEST = 1_000_000
+SMALLEST = 1_000
+IN_CACHE = 2_000
+DTYPES = ("float16", "bfloat16", "float32", "float64")
+# The others are there to hold data, not to compute with: one size tells enough.
+STREAMED = ("float32", "float64")
+_STEPS = 100
+_SAMPLE = 500
+_ROUNDS = 11
 
 
 class Case(NamedTuple):
@@ -33,74 +35,168 @@ class Row(NamedTuple):
     """What was measured for a case."""
 
     case: Case
-    seconds: dict  # number of wrenches -> array (rounds,), for the whole batch
-    ulps: np.ndarray  # error against the exact rational, componentwise
-    condition: np.ndarray  # magnitude of the terms over the exact value
-    u_of_magnitude: float  # largest error / (u mag), to be compared with the bound
-    bound: float  # the promise, in the same unit
+    seconds: dict  # number of items -> array (rounds,), per item
+    compile_seconds: float  # tracing and compiling the loop in cache
+    ulps: np.ndarray  # error against the exact rational, of every component of a sample
+    of_promise: float  # the largest error over the bound promised: it holds up to 1
+
+    @property
+    def promise(self):
+        return OPERATIONS[self.case.operation].promise(self.case.precision)
+
+    @property
+    def holds(self):
+        return self.of_promise <= 1
+
+    @property
+    def median_ulps(self):
+        return float(np.median(self.ulps)) if self.ulps.size else np.nan
+
+    @property
+    def worst_ulps(self):
+        return float(np.max(self.ulps)) if self.ulps.size else np.nan
 
     def nanoseconds(self, n):
-        return float(np.median(self.seconds[n])) / n * 1e9
+        """Per item, median; NaN for a size that was not measured."""
+        return float(np.median(self.seconds[n])) * 1e9 if n in self.seconds else np.nan
 
     def gigabytes_per_second(self, n):
-        return _WORDS[self.case.operation] * np.dtype(self.case.dtype).itemsize / self.nanoseconds(n)
+        words = OPERATIONS[self.case.operation].words
+        return words * jnp.dtype(self.case.dtype).itemsize / self.nanoseconds(n)
 
 
-CASES = tuple(Case(o, d, str(p)) for o in OPERATIONS for d in DTYPES for p in Precision)
-_BOUND = {"shift": 3.0, "dot": 4.0}
+def sizes(largest=LARGEST):
+    """(items in cache, items streamed)."""
+    return min(IN_CACHE, largest), largest
 
 
-def steps(sizes):
+def cases(operations=tuple(OPERATIONS), dtypes=DTYPES):
+    """All lines of the trade."""
+    return [Case(o, d, str(p)) for o in operations for d in dtypes for p in Precision]
+
+
+def steps(lines):
     """How often `measure` calls `advance`."""
-    return len(sizes) * len(DTYPES) * _ROUNDS + len(CASES)
+    streamed = sum(case.dtype in STREAMED for case in lines)
+    return len(lines) + streamed + (len(lines) + streamed) // len(Precision) * _ROUNDS
 
 
-def measure(wrenches, offset, sizes=SIZES, advance=lambda: None):
+def measure(wrenches, offset, lines, largest=LARGEST, advance=lambda: None):
     """The rows of the trade for these wrenches (float64 arrays), repeated or cut to each size, and this offset."""
-    seconds = {case: {} for case in CASES}
-    for n in sizes:
-        for dtype in DTYPES:
-            with jax.enable_x64(dtype == "float64"):
-                cases = {case: _call(case, wrenches, offset, n) for case in CASES if case.dtype == dtype}
-                for case, times in timing.interleaved(cases, _ROUNDS, advance).items():
-                    seconds[case][n] = times
-    return [_row(case, seconds[case], wrenches, offset, advance) for case in CASES]
+    groups = dict.fromkeys(case[:2] for case in lines)
+    return [row for group in groups for row in _group(wrenches, offset, [*group], largest, advance)]
 
 
-def _vectors(wrenches, offset, n, dtype):
-    """The first n wrenches, repeated as often as needed, on the device."""
+def _group(wrenches, offset, group, largest, advance):
+    """The rows of one operation in one dtype: its precisions are timed in turns, and share the exact results."""
+    operation, dtype = OPERATIONS[group[0]], group[1]
+    in_cache, streamed = sizes(largest)
+    with jax.enable_x64(dtype == "float64"):
+        arrays = arguments(operation, wrenches, offset, in_cache, dtype)
+        loops = {p: _Loop(operation, p, arrays, advance) for p in Precision}
+        seconds = {p: {in_cache: x} for p, x in _timed(loops, in_cache * _STEPS, advance).items()}
+        if dtype in STREAMED:
+            arrays = arguments(operation, wrenches, offset, streamed, dtype)
+            calls = {p: _Stream(operation, p, arrays, advance) for p in Precision}
+            for p, x in _timed(calls, streamed, advance).items():
+                # In one size both are asked for: the loop is what is in cache.
+                seconds[p].setdefault(streamed, x)
+        errors = _errors(operation, loops)
+    return [Row(Case(*group, str(p)), seconds[p], loops[p].compile_seconds, *errors[p]) for p in Precision]
+
+
+def _timed(calls, items, advance):
+    return {p: x / items for p, x in timing.interleaved(calls, _ROUNDS, advance).items()}
+
+
+def arguments(operation, wrenches, offset, n, dtype):
+    """The arguments of an operation for the first n wrenches, repeated as often as needed, on the device."""
     index = np.arange(n) % len(wrenches.tau)
-    tau, f, w, v = (jnp.asarray(x[index], dtype) for x in wrenches)
-    return SpatialForce(tau, f), SpatialVelocity(w, v), jnp.broadcast_to(jnp.asarray(offset, dtype), (n, 3)) + 0
+    known = {**wrenches._asdict(), "p": np.broadcast_to(np.asarray(offset, np.float64), wrenches.tau.shape)}
+    with np.errstate(over="ignore"):
+        return [jnp.asarray(known[name][index].astype(jnp.dtype(dtype))) for name in operation.arguments]
 
 
-def _call(case, wrenches, offset, n):
-    """A function without arguments that runs the case once over n wrenches."""
-    F, V, p = _vectors(wrenches, offset, n, case.dtype)
-    if case.operation == "dot":
-        power = jax.jit(jax.vmap(lambda F, V: dot(F, V, precision=case.precision)))
-        return lambda: power(F, V)
-    in_place = jax.jit(jax.vmap(lambda F, p: shift(F, p, precision=case.precision)), donate_argnums=0)
-    state = [F]
+def _step(operation, precision):
+    """function(parts before, *arguments) -> parts: in place where the operation can be."""
+    batched, i = operation.batched(precision), operation.replaced
 
-    def call():
-        state[0] = in_place(state[0], p)
-        return state[0]
+    def step(previous, *arrays):
+        return batched(*arrays) if i is None else batched(*arrays[:i], *previous, *arrays[i + 1 :])
 
-    return call
+    return step
 
 
-def _row(case, seconds, wrenches, offset, advance):
-    with jax.enable_x64(case.dtype == "float64"):
-        F, V, p = _vectors(wrenches, offset, _SAMPLE, case.dtype)
-        if case.operation == "shift":
-            computed = jax.jit(jax.vmap(lambda F, p: shift(F, p, precision=case.precision)))(F, p).tau
-            value, magnitude = exact.shift_force(F.tau, F.f, p)
-        else:
-            computed = jax.jit(jax.vmap(lambda F, V: dot(F, V, precision=case.precision)))(F, V)
-            value, magnitude = exact.dot(F.tau, F.f, V.w, V.v)
-    advance()
-    condition = np.frompyfunc(lambda m, e: float(m / abs(e)) if e else np.inf, 2, 1)(magnitude, value)
-    largest = error.in_u_of(computed, value, magnitude, flushed=_FLUSHED).max()
-    ulps = error.in_ulps(computed, value).ravel()
-    return Row(case, seconds, ulps, condition.astype(np.float64).ravel(), float(largest), _BOUND[case.operation])
+def _first(operation, arrays):
+    """Parts to start from: the argument that is replaced, or room for the result."""
+    if operation.replaced is not None:
+        return (arrays[operation.replaced] + 0,)
+    shapes = jax.eval_shape(operation.batched(Precision.REPRODUCIBLE), *arrays)
+    return tuple(jnp.zeros(x.shape, x.dtype) for x in shapes)
+
+
+class _Stream:
+    """One pass over memory; the result takes the place of an argument, or of the result before (no page faults)."""
+
+    def __init__(self, operation, precision, arrays, advance):
+        self._state, self._arrays = _first(operation, arrays), arrays
+        compiled = jax.jit(_step(operation, precision), donate_argnums=0, keep_unused=True)
+        self._run = compiled.lower(self._state, *arrays).compile()
+        advance()
+
+    def __call__(self):
+        self._state = self._run(self._state, *self._arrays)
+        return self._state
+
+
+class _Loop:
+    """Many steps over items that stay in the cache, in one call.
+
+    Some arguments change sign from step to step, which costs a product each: results go there and back, and nothing can
+    be computed before the loop. The number of steps is an argument, so that the program that is timed also gives the
+    result of a single step.
+    """
+
+    def __init__(self, operation, precision, arrays, advance):
+        self.arrays, self._first = arrays, _first(operation, arrays)
+        start = time.perf_counter()
+        looped = jax.jit(_looped(operation, precision))
+        self._run = looped.lower(_STEPS, self._first, *arrays).compile()
+        self.compile_seconds = time.perf_counter() - start
+        advance()
+
+    def __call__(self, count=_STEPS):
+        return self._run(count, self._first, *self.arrays)
+
+
+def _looped(operation, precision):
+    step = _step(operation, precision)
+
+    def run(count, first, *arrays):
+        def body(_, carry):
+            previous, sign = carry
+            turned = [x * sign if i in operation.turned else x for i, x in enumerate(arrays)]
+            return step(previous, *turned), -sign
+
+        return lax.fori_loop(0, count, body, (first, jnp.ones((), arrays[0].dtype)))[0]
+
+    return run
+
+
+def _errors(operation, loops):
+    """precision -> (errors in ulps, the largest over the bound) on the items that do not overflow in this dtype."""
+    arrays = [np.asarray(x)[:_SAMPLE] for x in next(iter(loops.values())).arrays]
+    finite = np.all([np.isfinite(x.astype(np.float64)).all(-1) for x in arrays], axis=0)
+    exactly = operation.exactly(*(x[finite] for x in arrays))
+    inside = _inside(exactly, arrays[0].dtype)
+    chosen = np.flatnonzero(finite)[inside]
+    exactly = [(value[inside], mag[inside]) for value, mag in exactly]
+    computed = {p: [np.asarray(x)[chosen] for x in loop(1)] for p, loop in loops.items()}
+    return {p: operation.of_promise(p, x, exactly)[::-1] for p, x in computed.items()}
+
+
+def _inside(exactly, dtype):
+    """Items whose terms add up to less than half of the largest number."""
+    largest = float(jnp.finfo(dtype).max) / 2
+    small = [(mag < largest).astype(bool).reshape(len(mag), -1).all(-1) for _, mag in exactly]
+    return np.all(small, axis=0)

@@ -66,7 +66,8 @@ def rotated(R_AB, v_B, *, precision=None):
 
     Error per component, mag the sum of the absolute values of its three products: at most 3 u mag in "fast" and
     "reproducible", u |r| + 4 u^2 mag in "compensated", 1 ulp in "faithful", while nothing over- or underflows; plus a
-    few finfo.tiny where subnormals are flushed. Raises TypeError for dtypes that differ, ValueError for shapes. 15 flops.
+    few finfo.tiny where subnormals are flushed. 15 flops.
+    Raises TypeError for dtypes that differ, ValueError for shapes.
     """
     v_B = check.as_vectors(v_B, "Rotation @ v: v", R_AB.dtype)
     check.require_same_dtype(Rotation=R_AB, v=v_B)

@@ -2,6 +2,20 @@
 
 They dispatch on the type of the first argument; every kind registers what it means for it. What stands here is the
 answer to all other types.
+
+What the error bounds of all of them mean. u is the unit roundoff of the inputs' dtype, r the exact component, mag the
+sum of the absolute values of its terms, multiplied out.
+- Bounds hold while nothing over- or underflows. In precision "compensated" and "faithful" that is: while r does not,
+  for float16, bfloat16 and float32, which are evaluated in float64; in "faithful" float64 as well, but for products of
+  three factors. Otherwise an overflow of an intermediate gives what IEEE 754 gives for the formula as it is written.
+- Where subnormals are flushed to zero (XLA CPU) a few finfo.tiny are added. In float64 that means in "compensated" and
+  "faithful": bounds hold while no factor and no product but 0 is below 2^-960; below, errors are those of "fast".
+- In float64 a factor above (1 - 2^-27) finfo.max makes of "compensated" the precision "fast".
+- NaN and infinities go where the formula takes them; an r beyond finfo.max becomes an infinity.
+- Derivatives of every order keep the bounds of "compensated" and "faithful" in each of their components, pull-backs of
+  an item that a batch shares too. In the other two they are sums of products rounded one by one.
+- Double words in place of arrays (`js.to_double_word`) are evaluated as in "compensated", or "faithful" where that is
+  asked for, but not rounded at the end: results are double words, and of the errors the u^2 term alone is left.
 """
 
 import functools
@@ -27,16 +41,20 @@ def shift(X_P_E, p_PQ_E, w=None, *, precision=None):
     p_PQ_E: (*batch, 3) position of Q from P, metres, in the same frame E; floats in a list take the dtype of X.
     w: (*batch, 3) angular velocity of the body, rad/s, in E; for an acceleration, which cannot do without, and only
         for it.
-    precision: "fast", "reproducible" (the default) or a `Precision`.
+    precision: "fast", "reproducible" (the default), "compensated", "faithful" or a `Precision`.
 
     Returns the same kind about Q, of the common batch shape. A batch against one shared offset is
     `jax.vmap(shift, in_axes=(0, None))`, one offset each `jax.vmap(shift)`; leading axes also broadcast. In place:
     `jax.jit(shift, donate_argnums=0)`.
 
-    Error per component, u the unit roundoff, mag the sum of the absolute values of the terms: at most 3 u mag for
-    force, momentum and velocity, 7 u mag for acceleration (mag: |a| + |alpha| |p| + |w| |w| |p|, each as written out),
-    in both precisions, while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed (XLA CPU).
-    NaN and infinities go where the formula takes them. Power `dot(F, V)` is unchanged when both are shifted.
+    Error per component, u the unit roundoff, r the exact value, mag the sum of the absolute values of its terms, for
+    force, momentum and velocity, in brackets for acceleration (mag: |a| + |alpha| |p| + |w| |w| |p|, multiplied out):
+        fast, reproducible   3 u mag [7 u mag]
+        compensated          u |r| + 4 u^2 mag [32 u^2 mag]
+        faithful             1 ulp of r
+    while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed (XLA CPU). What happens at the
+    edges, and to derivatives, is told once for all operations in `jaxspatial.spatial.operations`. NaN and infinities go
+    where the formula takes them. Power `dot(F, V)` is unchanged when both are shifted.
 
     Raises TypeError for other kinds, dtypes that differ or integers, ValueError for shapes.
     [Jain 2010, Robot and Multibody Dynamics, 1.4 and 1.5; Featherstone 2008, 2.11] 12 flops; acceleration 33.
@@ -51,13 +69,15 @@ def dot(F_P_E, V_P_E, *, precision=None):
         power  F . V = tau . w + f . v, watts             L . V = h . w + l . v, twice the kinetic energy, joules
 
     F_P_E: SpatialForce or SpatialMomentum.  V_P_E: SpatialVelocity.
-    precision: "fast", "reproducible" (the default) or a `Precision`.
+    precision: "fast", "reproducible" (the default), "compensated", "faithful" or a `Precision`.
 
     Returns an array (*batch,). Does not change with the point, nor with the frame.
 
-    Error at most 4 u mag, mag the sum of the absolute values of the six products, in both precisions, while nothing
-    over- or underflows; plus a few finfo.tiny where subnormals are flushed. Summed as written: each part from the left,
-    then both. Raises TypeError for other pairs of kinds or dtypes that differ, ValueError for shapes.
+    Error, mag the sum of the absolute values of the six products: at most 4 u mag in "fast" and "reproducible" (summed
+    as written: each part from the left, then both), u |r| + 8 u^2 mag in "compensated", 1 ulp of r in "faithful", while
+    nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed. Edges and derivatives: see
+    `jaxspatial.spatial.operations`.
+    Raises TypeError for other pairs of kinds or dtypes that differ, ValueError for shapes.
     [Jain 2010, 1.5] 11 flops.
     """
     return _refuse("dot", "a SpatialForce or SpatialMomentum and a SpatialVelocity", F_P_E)
@@ -70,14 +90,15 @@ def cross(V_P_E, X_P_E, *, precision=None):
         motion  V x V2 = (w x w2,  w x v2 + v x w2)       force  V x* F = (w x tau + v x f,  w x f)
 
     V_P_E: SpatialVelocity.  X_P_E: any of the four kinds, about the same point, in the same frame.
-    precision: "fast", "reproducible" (the default) or a `Precision`.
+    precision: "fast", "reproducible" (the default), "compensated", "faithful" or a `Precision`.
 
-    Returns the kind of X. Power is conserved: dot(cross(V, F), V2) = -dot(F, cross(V, V2)). In precision
-    "reproducible" cross(V, V) is exactly 0 and cross(V, V2) exactly -cross(V2, V).
+    Returns the kind of X. Power is conserved: dot(cross(V, F), V2) = -dot(F, cross(V, V2)). In all precisions but
+    "fast" cross(V, V) is exactly 0, in "reproducible" cross(V, V2) exactly -cross(V2, V).
 
-    Error per component at most 2 u mag for the single product, 3 u mag for the sum of two, mag the sum of the absolute
-    values of the terms, in both precisions, while nothing over- or underflows; plus a few finfo.tiny where subnormals
-    are flushed. Raises TypeError for other kinds or dtypes that differ, ValueError for shapes.
+    Error per component, mag the sum of the absolute values of the terms: in "fast" and "reproducible" at most 2 u mag
+    for the single product, 3 u mag for the sum of two, u |r| + 4 u^2 mag in "compensated", 1 ulp of r in "faithful",
+    while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed. Edges and derivatives: see
+    `jaxspatial.spatial.operations`. Raises TypeError for other kinds or dtypes that differ, ValueError for shapes.
     [Featherstone 2008, Rigid Body Dynamics Algorithms, 2.9, equations 2.31 and 2.32] 30 flops.
     """
     return _refuse("cross", "a SpatialVelocity first", V_P_E)

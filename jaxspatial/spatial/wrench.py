@@ -17,12 +17,13 @@ def wrench_from_point_forces(points, forces, *, precision=None):
     """The wrench of forces that act at points, about the origin P of the points: tau = sum p_i x f_i, f = sum f_i.
 
     points: (*batch, n, 3) positions p_PQi_E, metres.  forces: (*batch, n, 3) f_Qi_E, newtons, in the same frame.
-    precision: "fast", "reproducible" (the default) or a `Precision`.
+    precision: "fast", "reproducible" (the default), "compensated", "faithful" or a `Precision`.
 
     Returns a SpatialForce of shape (*batch,), zero for n = 0. Summed by halving, always in the same order. Error per
-    component at most (2 + ceil(log2 n)) u mag, mag the sum of the absolute values of the terms, while nothing over- or
-    underflows; plus a few finfo.tiny where subnormals are flushed. Raises TypeError for dtypes that differ or
-    integers, ValueError for shapes.
+    component, L = ceil(log2 n), mag the sum of the absolute values of the terms: at most (2 + L) u mag in "fast" and
+    "reproducible", u |r| + 2 (2 + L)^2 u^2 mag in "compensated", 1 ulp of r in "faithful" while |r| >= n^2 u^2 mag (a
+    sum in three times the precision), while nothing over- or underflows; plus a few finfo.tiny where subnormals are
+    flushed. Raises TypeError for dtypes that differ or integers, ValueError for shapes.
     """
     points = check.as_vectors(points, "wrench_from_point_forces: points", many=["n"])
     forces = check.as_vectors(forces, "wrench_from_point_forces: forces", points.dtype, many=["n"])
@@ -51,14 +52,16 @@ def central_axis(F_P_E, *, precision=None):
         pitch = f . tau / f . f, metres                   p_PA = f x tau / f . f, metres
 
     F_P_E: SpatialForce about P.  The direction of the axis is that of f; about any of its points the wrench is
-    (pitch f, f).  precision: "fast", "reproducible" (the default) or a `Precision`.
+    (pitch f, f).  precision: "fast", "reproducible" (the default), "compensated", "faithful" or a `Precision`.
 
     Returns CentralAxis(pitch (*batch,), point (*batch, 3)). A couple (f = 0) has no axis: pitch is an infinity of no
     meaning in its sign, point is NaN, and so are derivatives; for a zero wrench all are NaN. Both parts are scaled
     by powers of two first, so that nothing over- or underflows before the result does.
 
-    Error per component at most 7 u mag, mag the sum of the absolute values of the numerator's terms over f . f, in both
-    precisions; plus a few finfo.tiny where subnormals are flushed. Raises TypeError for anything but a SpatialForce.
+    Error per component, mag the sum of the absolute values of the numerator's terms over f . f: at most 7 u mag in
+    "fast" and "reproducible", u |r| + 32 u^2 mag in "compensated", 1 ulp of r in "faithful"; plus a few finfo.tiny
+    where subnormals are flushed. Derivatives in the last two are as accurate as in "reproducible" only.
+    Raises TypeError for anything but a SpatialForce.
     [Featherstone 2008, 2.5; Ball 1900, A Treatise on the Theory of Screws]
     """
     _require_force(F_P_E, "central_axis")
@@ -112,10 +115,12 @@ def center_of_pressure(F_P_E, normal=(0.0, 0.0, 1.0), *, precision=None):
     default) or a `Precision`.
 
     Returns (*batch, 3), metres. Where nothing presses (normal . f = 0) components are infinite or NaN.
-    Error per component at most 3.5 u mag + 4 u |p_PC| / c, mag the sum of the absolute values of the numerator's terms
-    over |normal . f|, c = |normal . f| / sum |normal_i f_i| (1 for a normal along an axis), while c >= 24 u and nothing
-    over- or underflows, in both precisions; plus a few finfo.tiny where subnormals are flushed. Raises TypeError for
-    anything but a SpatialForce, ValueError for shapes.
+    Error per component, mag the sum of the absolute values of the numerator's terms over |normal . f|,
+    c = |normal . f| / sum |normal_i f_i| (1 for a normal along an axis): at most 3.5 u mag + 4 u |p_PC| / c in "fast"
+    and "reproducible" while c >= 24 u, u |r| + 32 u^2 (mag + |p_PC| / c) in "compensated" while c >= 24 u^2, 1 ulp of
+    p_PC in "faithful"; while nothing over- or underflows, plus a few finfo.tiny where subnormals are flushed.
+    Derivatives in the last two are as accurate as in "reproducible" only. Raises TypeError for anything but a
+    SpatialForce, ValueError for shapes.
     [Vukobratovic and Borovac 2004, Zero-moment point - thirty five years of its life]
     """
     _require_force(F_P_E, "center_of_pressure")

@@ -1,0 +1,96 @@
+"""Error against condition number: where the results of a precision begin to lose their digits, and where all are lost."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.measure import error
+from jaxspatial.measure.inputs import CONDITIONED
+from jaxspatial.measure.operation import OPERATIONS
+
+DTYPES = ("float32", "float64")
+# Operation -> the name of what makes arguments for it.
+_GENERATORS = {"shift force": "shift_force", "dot": "dot"}
+_ITEMS = 60
+_POINTS = 17
+
+
+class Point(NamedTuple):
+    """The worst of many results with about one condition number (inf: the exact result is 0)."""
+
+    condition: float
+    worst_ulps: float
+    of_promise: float
+
+
+class Curve(NamedTuple):
+    """Points of increasing condition number."""
+
+    operation: str
+    dtype: str
+    precision: str
+    points: tuple
+
+    @property
+    def holds(self):
+        return all(point.of_promise <= 1 for point in self.points)
+
+
+def steps(operations):
+    """How often `measure` calls `advance`."""
+    return sum(name in _GENERATORS for name in operations) * len(DTYPES)
+
+
+def measure(operations=tuple(OPERATIONS), advance=lambda: None, seed=0):
+    """The curves of those operations that arguments can be made for, per dtype and precision."""
+    known = [OPERATIONS[name] for name in operations if name in _GENERATORS]
+    return [curve for o in known for dtype in DTYPES for curve in _curves(o, dtype, advance, seed)]
+
+
+def requested(dtype):
+    """Condition numbers from 1 to 1/u^2, and infinity."""
+    u = float(error.unit_roundoff(dtype))
+    return [*np.geomspace(1, u**-2, _POINTS).tolist(), np.inf]
+
+
+def _curves(operation, dtype, advance, seed):
+    """All items of all condition numbers in one call; then each in the bin of the condition number it has."""
+    generate, rng = CONDITIONED[_GENERATORS[operation.name]], np.random.default_rng(seed)
+    groups = [generate(rng, _ITEMS, dtype, condition) for condition in requested(dtype)]
+    arrays = [np.concatenate(x) for x in zip(*groups, strict=True)]
+    ((value, mag),) = operation.exactly(*arrays)
+    with jax.enable_x64(dtype == "float64"):
+        results = {p: np.asarray(_run(operation.name, p)(*arrays)[0]) for p in Precision}
+    advance()
+    bins = _bins(value, mag)
+    return [Curve(operation.name, dtype, str(p), _points(operation, p, x, value, mag, bins)) for p, x in results.items()]
+
+
+def _run(name, precision):
+    return jax.jit(OPERATIONS[name].batched(precision))
+
+
+def _bins(value, mag):
+    """Condition numbers by factors of 10, as (condition, mask)."""
+    condition = np.frompyfunc(lambda m, r: float(m / abs(r)) if r else np.inf, 2, 1)(mag, value).astype(np.float64)
+    decade = np.where(np.isfinite(condition), np.round(np.log10(np.where(np.isfinite(condition), condition, 1))), np.inf)
+    return [(float(np.median(condition[decade == d])), decade == d) for d in np.unique(decade)]
+
+
+def _points(operation, precision, computed, value, mag, bins):
+    bound = operation.allowed(precision, 0, value, mag, computed.dtype)
+    ratio, ulps = error.in_units_of(bound, computed, value), error.in_ulps(computed, value)
+    return tuple(Point(c, float(ulps[mask].max()), float(ratio[mask].max())) for c, mask in bins)
+
+
+def promised_ulps(curve, condition):
+    """The bound of a curve's precision at a condition number, in ulps at their smallest."""
+    k, c = OPERATIONS[curve.operation].bounds[0]
+    u = float(error.unit_roundoff(jnp.dtype(curve.dtype)))
+    return {
+        Precision.COMPENSATED: 1 + c * u * condition,
+        Precision.FAITHFUL: 1 + 0 * condition,
+    }.get(Precision(curve.precision), k * condition)

@@ -1,0 +1,143 @@
+"""The operations that are measured: all that timing, exact references and promises need to know of one, in one table.
+
+A new operation is one record. Arguments are named after arrays (n, 3): those of `scene.Wrenches`, and p, the offset.
+An acceleration is that of a body of 1 kg and 1 kg m2 under the wrench, so that a file of wrenches has all of them.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.measure import error, exact
+from jaxspatial.spatial import SpatialAcceleration, SpatialForce, SpatialVelocity, cross, dot, shift
+
+# So many flushed subnormals are forgiven in every bound: at least one for each product and each sum, of any operation.
+FLUSHED = 40
+
+
+class Operation(NamedTuple):
+    """One operation; what it computes is given as a tuple of parts, without those that it passes on as they are."""
+
+    name: str
+    arguments: tuple  # names of the arrays it takes
+    function: Callable  # (precision, *arguments of one item) -> parts
+    formulas: tuple  # the same over numbers of any kind, per part
+    bounds: tuple  # per part (k, c): k u mag in fast and reproducible, u |r| + c u^2 mag in compensated
+    size: int  # numbers in all parts of one item
+    turned: tuple  # arguments that change sign when all parts do (see `timing`): no step of a loop is like the next
+    replaced: int | None = None  # the argument whose place the only part takes when it is done in place
+
+    @property
+    def words(self):
+        """Numbers read and written per item."""
+        return 3 * len(self.arguments) + self.size
+
+    def batched(self, precision):
+        """The operation on arrays (n, 3)."""
+        return jax.vmap(lambda *arrays: self.function(str(precision), *arrays))
+
+    def exactly(self, *arrays):
+        """[(exact value, mag)] per part."""
+        return [exact.evaluate(formula, *arrays) for formula in self.formulas]
+
+    def promise(self, precision):
+        """The bound on the error of a component in words."""
+        ks, cs = (" or ".join(dict.fromkeys(f"{x:g}" for x in column)) for column in zip(*self.bounds, strict=True))
+        return {
+            Precision.FAST: f"{ks} u mag",
+            Precision.REPRODUCIBLE: f"{ks} u mag",
+            Precision.COMPENSATED: f"u |r| + {cs} u² mag",
+            Precision.FAITHFUL: "1 ulp",
+        }[Precision(precision)]
+
+    def allowed(self, precision, part, value, mag, dtype):
+        """The bound on the error of each component of a part, as Fractions."""
+        return allowed(precision, self.bounds[part], value, mag, dtype)
+
+    def of_promise(self, precision, computed, exactly):
+        """The largest error over the bound promised, and all errors in ulps (both float64, inf for NaN)."""
+        dtype = np.asarray(computed[0]).dtype
+        worst, ulps = 0.0, []
+        for part, (x, (value, mag)) in enumerate(zip(computed, exactly, strict=True)):
+            bound = self.allowed(precision, part, value, mag, dtype)
+            worst = max(worst, float(np.max(error.in_units_of(bound, x, value, FLUSHED), initial=0.0)))
+            ulps.append(error.in_ulps(x, value).ravel())
+        return worst, np.concatenate(ulps)
+
+
+def allowed(precision, bound, value, mag, dtype):
+    """The promise of a precision with bound (k, c) on components of exact value and mag, as Fractions."""
+    u, (k, c) = error.unit_roundoff(dtype), bound
+    if precision == Precision.FAITHFUL:
+        return error.ulp(value, dtype)
+    return u * abs(value) + c * u**2 * mag if precision == Precision.COMPENSATED else k * u * mag
+
+
+def _shift_force(precision, tau, f, p):
+    return (shift(SpatialForce(tau, f), p, precision=precision).tau,)
+
+
+def _shift_velocity(precision, w, v, p):
+    return (shift(SpatialVelocity(w, v), p, precision=precision).v,)
+
+
+def _shift_acceleration(precision, alpha, a, p, w):
+    return (shift(SpatialAcceleration(alpha, a), p, w, precision=precision).a,)
+
+
+def _cross_motion(precision, w, v, alpha, a):
+    rate = cross(SpatialVelocity(w, v), SpatialAcceleration(alpha, a), precision=precision)
+    return rate.alpha, rate.a
+
+
+def _cross_force(precision, w, v, tau, f):
+    rate = cross(SpatialVelocity(w, v), SpatialForce(tau, f), precision=precision)
+    return rate.tau, rate.f
+
+
+def _dot(precision, tau, f, w, v):
+    return (dot(SpatialForce(tau, f), SpatialVelocity(w, v), precision=precision),)
+
+
+def _single(w, v, x, y):
+    return np.cross(w, x)
+
+
+def _double(w, v, x, y):
+    return np.cross(w, y) + np.cross(v, x)
+
+
+OPERATIONS = {
+    operation.name: operation
+    for operation in (
+        Operation(
+            "shift force", ("tau", "f", "p"), _shift_force, (lambda tau, f, p: tau - np.cross(p, f),),
+            bounds=((3, 4),), size=3, turned=(2,), replaced=0,
+        ),
+        Operation(
+            "shift velocity", ("w", "v", "p"), _shift_velocity, (lambda w, v, p: v + np.cross(w, p),),
+            bounds=((3, 4),), size=3, turned=(2,), replaced=1,
+        ),
+        Operation(
+            "shift acceleration", ("tau", "f", "p", "w"), _shift_acceleration,
+            (lambda b, a, p, w: a + np.cross(b, p) + np.cross(w, np.cross(w, p)),),
+            bounds=((7, 32),), size=3, turned=(2,), replaced=1,
+        ),
+        Operation(
+            "cross motion", ("w", "v", "tau", "f"), _cross_motion, (_single, _double),
+            bounds=((2, 4), (3, 4)), size=6, turned=(0, 1),
+        ),
+        Operation(
+            "cross force", ("w", "v", "tau", "f"), _cross_force,
+            (lambda w, v, tau, f: _double(w, v, f, tau), lambda w, v, tau, f: _single(w, v, f, tau)),
+            bounds=((3, 4), (2, 4)), size=6, turned=(0, 1),
+        ),
+        Operation(
+            "dot", ("tau", "f", "w", "v"), _dot, (lambda tau, f, w, v: (tau * w).sum(-1) + (f * v).sum(-1),),
+            bounds=((4, 8),), size=1, turned=(2, 3),
+        ),
+    )
+}  # fmt: skip

@@ -1,0 +1,284 @@
+"""What each precision costs, what derivatives cost, and how often results of this library and of others mean nothing.
+
+    python tests/benchmarks/precisions.py [--write]
+
+One core, interleaved in one process. Asserts the claims of the README; exit status 1 if one does not hold. `--write`
+renews the table beside this file. jaxlie and Brax are compared where they are installed.
+"""
+
+import os
+
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # one core, before XLA counts them
+
+import argparse  # noqa: E402
+import importlib.util  # noqa: E402
+import pathlib  # noqa: E402
+import sys  # noqa: E402
+from typing import NamedTuple  # noqa: E402
+
+import jax  # noqa: E402
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+from jax import lax  # noqa: E402
+
+import jaxspatial as js  # noqa: E402
+from jaxspatial.measure import exact, inputs, timing  # noqa: E402
+
+HERE = pathlib.Path(__file__).parent
+DTYPES = ("float32", "float64")
+IN_CACHE = 2_000
+STEPS = 100
+
+
+class Claim(NamedTuple):
+    """`slower` takes at most `limit` times as long as `reference` does."""
+
+    slower: str
+    reference: str
+    limit: float
+
+
+class Group(NamedTuple):
+    """Calls to be timed in turns, each over `items` wrenches, and what is claimed of them."""
+
+    name: str
+    calls: dict
+    items: int
+    claims: tuple
+
+
+def vectors(count, n, dtype, seed=0):
+    """Random arrays (n, 3), small enough for a long chain of shifts."""
+    return [jnp.asarray(x, dtype) for x in np.random.default_rng(seed).standard_normal((count, n, 3)) * 0.01]
+
+
+def _torque(precision):
+    return lambda tau, f, p, v: js.shift(js.SpatialForce(tau, f), p, precision=precision).tau
+
+
+def _power(precision):
+    return lambda tau, f, p, v: js.dot(js.SpatialForce(tau, f), js.SpatialVelocity(p, v), precision=precision)
+
+
+OPERATIONS = {"shift": _torque, "dot": _power}
+PRICES = {"reproducible": 1.05, "compensated": 1.25, "faithful": 3.0}
+PRICES_IN_CACHE = {"reproducible": 1.05, "compensated": 2.0, "faithful": 3.0}
+
+
+def _claims(prices):
+    return tuple(Claim(precision, "fast", limit) for precision, limit in prices.items())
+
+
+def streaming(operation, n, dtype):
+    """From memory into new memory, as `jit(vmap(...))` does it."""
+    arrays = vectors(4, n, dtype)
+    runs = {str(q): jax.jit(jax.vmap(OPERATIONS[operation](q))) for q in js.Precision}
+    return Group(f"{operation}, streaming", {q: lambda r=r: r(*arrays) for q, r in runs.items()}, n, _claims(PRICES))
+
+
+def in_place(n, dtype):
+    """From memory, the torque donated and written where it was."""
+    arrays = vectors(4, n, dtype)
+    calls = {str(q): _fed_back(jax.jit(jax.vmap(_torque(q)), donate_argnums=0), arrays) for q in js.Precision}
+    return Group("shift, streaming, in place", calls, n, _claims(PRICES))
+
+
+def _fed_back(run, arrays):
+    held = [arrays[0] + 0]
+
+    def call():
+        held[0] = run(held[0], *arrays[1:])
+        return held[0]
+
+    return call
+
+
+def in_cache(operation, dtype):
+    """Again and again over arrays in the cache; torque and force change places, so that every step has to be done."""
+    tau, f, p, v = vectors(4, IN_CACHE, dtype)
+
+    def repeated(precision):
+        function = jax.vmap(OPERATIONS[operation](precision))
+
+        def step(_, state):
+            tau, f, total = state
+            result = function(tau, f, p, v)
+            return (f, result, total) if operation == "shift" else (f, tau, total + result)
+
+        return jax.jit(lambda tau, f: lax.fori_loop(0, STEPS, step, (tau, f, jnp.zeros_like(tau[:, 0]))))
+
+    runs = {str(q): repeated(q) for q in js.Precision}
+    calls = {q: lambda r=r: r(tau, f) for q, r in runs.items()}
+    return Group(f"{operation}, in cache", calls, IN_CACHE * STEPS, _claims(PRICES_IN_CACHE))
+
+
+def converted(n):
+    """Digits for float32 arrays: asked for by name, or by converting to float64 where the operation is called."""
+    arrays = vectors(4, n, "float32")
+    mine = jax.jit(jax.vmap(_torque("compensated")))
+    plain = jax.jit(jax.vmap(_torque("fast")))
+
+    def wide():
+        return plain(*(x.astype(np.float64) for x in arrays[:3]), arrays[3]).astype(np.float32)
+
+    arrays[3] = arrays[3].astype(np.float64)
+    calls = {"compensated": lambda: mine(*arrays[:3], arrays[0]), "float64 at the caller": wide}
+    return Group(
+        "shift of float32, twice the digits", calls, n, (Claim("compensated", "float64 at the caller", 1 / 1.8),)
+    )
+
+
+def derivatives(n, dtype):
+    """Value alone, and value with gradient in all twelve numbers, of the power of a shifted wrench."""
+    arrays = vectors(4, n, dtype)
+
+    def value(precision):
+        def power(tau, f, p, v):
+            F = js.shift(js.SpatialForce(tau, f), p, precision=precision)
+            return js.dot(F, js.SpatialVelocity(v, v), precision=precision)
+
+        return power
+
+    calls, claims = {}, []
+    for q in map(str, js.Precision):
+        one, both = jax.jit(jax.vmap(value(q))), jax.jit(jax.vmap(jax.value_and_grad(value(q), (0, 1, 2, 3))))
+        calls |= {q: lambda r=one: r(*arrays), f"{q}, with gradient": lambda r=both: r(*arrays)}
+        claims.append(Claim(f"{q}, with gradient", q, 4.0))
+    return Group("power of a shifted wrench", calls, n, tuple(claims))
+
+
+def groups(n, dtype):
+    for operation in OPERATIONS:
+        yield streaming(operation, n, dtype)
+        yield in_cache(operation, dtype)
+    yield in_place(n, dtype)
+    yield derivatives(n // 10, dtype)
+    if dtype == "float32":
+        yield converted(n)
+
+
+# -- how often a result is finite but wrong in all digits --------------------------------------------------------------
+
+
+def _jaxlie_shift(tau, f, p):
+    import jaxlie
+
+    unrotated = jaxlie.SO3(jnp.array([1, 0, 0, 0], tau.dtype))
+    X_PQ = jaxlie.SE3.from_rotation_and_translation(unrotated, p)
+    return (X_PQ.adjoint().T @ jnp.concatenate((f, tau)))[3:]
+
+
+def _brax_shift(tau, f, p):
+    from brax import base
+
+    force = base.Force(ang=tau, vel=f)
+    return base.Transform(pos=-p, rot=jnp.array([1, 0, 0, 0], tau.dtype)).do(force).ang
+
+
+def shifts():
+    """name -> function(tau, f, p): the torque about Q."""
+    yield "plain jnp", lambda tau, f, p: tau - jnp.cross(p, f)
+    for name, function in (("jaxlie", _jaxlie_shift), ("brax", _brax_shift)):
+        if importlib.util.find_spec(name):
+            yield name, function
+    for q in js.Precision:
+        yield str(q), lambda tau, f, p, q=q: js.shift(js.SpatialForce(tau, f), p, precision=q).tau
+
+
+def families(dtype, n=500):
+    """name -> (tau, f, p)."""
+    rng = np.random.default_rng(0)
+    for name, family in (inputs.FAMILIES | inputs.EXTREMES).items():
+        yield name, family(rng, 3, n, jnp.dtype(dtype))
+    _, f, p = inputs.parallel(rng, 3, n, jnp.dtype(dtype))
+    yield "parallel, no torque", (np.zeros_like(f), f, p)
+    u = float(jnp.finfo(dtype).eps) / 2
+    for name, condition in (("condition 1/sqrt(u)", u**-0.5), ("condition 1/u", 1 / u), ("last bit", np.inf)):
+        yield name, inputs.shift_force_with_condition(rng, n, jnp.dtype(dtype), condition)
+
+
+def meaningless(function, tau, f, p):
+    """The share of components that are finite but off by as much as they are, or nonzero where the exact value is 0."""
+    computed = np.asarray(jax.jit(jax.vmap(function))(tau, f, p))
+    usable = np.isfinite([tau, f, p]).all((0, 2))[:, None] & np.isfinite(computed)
+    clean = (np.where(np.isfinite(x), x, np.zeros_like(x)) for x in (tau, f, p))
+    value, _ = exact.shift_force(*clean)
+    errors = abs(exact.rationals(np.where(usable, computed, np.zeros_like(computed))) - value)
+    flushed = exact.rationals(np.full(1, 16 * float(jnp.finfo(computed.dtype).tiny)))[0]
+    return float(np.mean(usable & (errors >= abs(value)) & (errors > flushed)))
+
+
+def table_of_families(dtype):
+    """(header, rows): for each family the share of meaningless components per library."""
+    functions = dict(shifts())
+    rows = {
+        family: {name: meaningless(function, *arrays) for name, function in functions.items()}
+        for family, arrays in families(dtype)
+    }
+    return list(functions), rows
+
+
+# -- report -----------------------------------------------------------------------------------------------------------
+
+
+def ratio(seconds, claim):
+    """Median over the rounds of the ratio of times: both sides of a round saw the same machine."""
+    return float(np.median(seconds[claim.slower] / seconds[claim.reference]))
+
+
+def timed(n, rounds):
+    """(dtype, group, seconds) of every group."""
+    for dtype in DTYPES:
+        with jax.enable_x64(True):
+            for group in groups(n, dtype):
+                yield dtype, group, timing.interleaved(group.calls, rounds)
+
+
+def lines_of_times(dtype, group, seconds):
+    yield f"\n| {group.name}, {dtype} | ns | 10 % | 90 % |\n|---|---|---|---|"
+    for name, s in seconds.items():
+        low, middle, high = np.quantile(s / group.items, [0.1, 0.5, 0.9]) * 1e9
+        yield f"| {name} | {middle:.2f} | {low:.2f} | {high:.2f} |"
+    for claim in group.claims:
+        value = ratio(seconds, claim)
+        verdict = "holds" if value <= claim.limit else "DOES NOT HOLD"
+        yield f"\n{claim.slower} / {claim.reference}: {value:.2f}, at most {claim.limit:.2f}: {verdict}."
+
+
+def lines_of_families(dtype, names, rows):
+    yield f"\n| finite but wrong in all digits, {dtype} | {' | '.join(names)} |\n|---|{'---|' * len(names)}"
+    for family, shares in rows.items():
+        yield f"| {family.replace('_', ' ')} | {' | '.join(f'{100 * shares[name]:.3g} %' for name in names)} |"
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description="What each precision costs, and what it is worth.")
+    parser.add_argument("--n", type=int, default=1_000_000)
+    parser.add_argument("--rounds", type=int, default=21)
+    parser.add_argument("--write", action="store_true", help="write the tables to precisions.md beside this file")
+    options = parser.parse_args(arguments)
+    report, holds = [f"n = {options.n:,} streaming, {IN_CACHE:,} in cache; ns per wrench.", timing.machine()], True
+    for dtype, group, seconds in timed(options.n, options.rounds):
+        report += _printed(lines_of_times(dtype, group, seconds))
+        holds &= all(ratio(seconds, claim) <= claim.limit for claim in group.claims)
+    for dtype in DTYPES:
+        # jaxlie widens float32 where it can.
+        with jax.enable_x64(dtype == "float64"):
+            names, rows = table_of_families(dtype)
+        report += _printed(lines_of_families(dtype, names, rows))
+        holds &= not any(shares[q] for shares in rows.values() for q in ("compensated", "faithful"))
+    if options.write:
+        (HERE / "precisions.md").write_text(
+            "# What each precision costs, and what it is worth\n\n" + "\n".join(report) + "\n"
+        )
+    return 0 if holds else 1
+
+
+def _printed(lines):
+    lines = list(lines)
+    print("\n".join(lines), flush=True)
+    return lines
+
+
+if __name__ == "__main__":
+    sys.exit(main())
