@@ -194,18 +194,27 @@ def _batched_plan(plan, place, size, leading):
 
 @functools.cache
 def _compiled(plan):
-    return jax.jit(functools.partial(_evaluated, plan=plan))
+    return jax.jit(functools.partial(_sums_p.bind, plan=plan))
+
+
+def _lower(context, *arrays, plan):
+    """Traced without shardings and manual axes in the types: the arithmetic is elementwise, and the compiler's to split.
+    (With them, every constant and index made on the way would have to be sharded by hand.)
+    """
+    plain = [jax.core.ShapedArray(a.shape, a.dtype) for a in context.avals_in]
+    return _evaluation(context.replace(avals_in=plain), *arrays, plan=plan)
 
 
 def _evaluated(*arrays, plan):
     return evaluate(plan, arrays)
 
 
+_evaluation = mlir.lower_fun(_evaluated, multiple_results=True)
 _sums_p = Primitive("jaxspatial_sums")
 _sums_p.multiple_results = True
 _sums_p.def_abstract_eval(_abstract)
 _sums_p.def_impl(lambda *arrays, plan: _compiled(plan)(*arrays))
-mlir.register_lowering(_sums_p, mlir.lower_fun(_evaluated, multiple_results=True))
+mlir.register_lowering(_sums_p, _lower)
 ad.primitive_jvps[_sums_p] = _jvp
 ad.primitive_transposes[_sums_p] = _transpose
 batching.primitive_batchers[_sums_p] = _batch

@@ -1,6 +1,7 @@
-"""The command line: the trade on the built-in scene or on the user's own wrenches."""
+"""The command line: the trade on the built-in scene or on the user's own wrenches; and whether the promises hold here."""
 
 import argparse
+import importlib
 import os
 import pathlib
 import sys
@@ -8,8 +9,11 @@ import sys
 import jax
 import numpy as np
 
-from jaxspatial.measure import power, timing, trade
+from jaxspatial.measure import conditions, power, timing, trade
+from jaxspatial.measure.operation import OPERATIONS
+from jaxspatial.measure.result import Result, as_json
 from jaxspatial.measure.scene import Wrenches, rotating_body
+from jaxspatial.measure.self_check import self_check
 from jaxspatial.measure.wrench_file import WrenchFile, WrenchFileError
 from jaxspatial.spatial import SpatialForce, SpatialVelocity, shift
 
@@ -18,13 +22,12 @@ _NEEDED = "python -m jaxspatial shows tables, progress and pictures: pip install
 
 
 def main(arguments=None):
-    """Runs the command; returns its exit status: 0, 1 where power or an error bound does not hold, 2 for bad input."""
+    """Runs the command; returns its exit status: 0, 1 where power or a promise does not hold, 2 for bad input."""
     options = _parser().parse_args(arguments)
-    try:
-        import matplotlib  # noqa: F401
-        import rich  # noqa: F401
-    except ImportError as error:
-        print(f"error: {_NEEDED} ({error})", file=sys.stderr)
+    if options.self_check:
+        return _print_self_check(options)
+    if missing := _missing(options):
+        print(f"error: {_NEEDED} ({missing})", file=sys.stderr)
         return 2
     try:
         return _run(options)
@@ -33,9 +36,41 @@ def main(arguments=None):
         return 2
 
 
+def _missing(options):
+    """What cannot be imported of what will be needed, before any work is done."""
+    needed = {"rich": not options.json, "matplotlib": not options.json or options.picture is not None}
+    for name in (name for name, is_needed in needed.items() if is_needed):
+        try:
+            importlib.import_module(name)
+        except ImportError as error:
+            return error
+    return None
+
+
+def _print_self_check(options):
+    found, console = self_check(), None if options.json else _console()
+    if console:
+        from jaxspatial.measure import report
+
+        report.print_self_check(console, found)
+    else:
+        print(as_json(found.to_dict()) if options.json else found)
+    return 0 if found.holds else 1
+
+
+def _console(stderr=False):
+    """Where tables and progress go; None without rich."""
+    try:
+        from rich.console import Console
+    except ImportError:
+        return None
+    return Console(width=None if sys.stdout.isatty() else 150, stderr=stderr)
+
+
 def _parser():
     parser = argparse.ArgumentParser(
-        prog="python -m jaxspatial", description="The speed and accuracy trade, measured here."
+        prog="python -m jaxspatial",
+        description="The speed and accuracy trade, measured here. Exit status 1 where a promise does not hold.",
     )
     parser.add_argument(
         "file",
@@ -47,8 +82,23 @@ def _parser():
     parser.add_argument(
         "--offset", nargs=3, type=_finite, default=None, metavar=("X", "Y", "Z"), help="from P to Q, metres (p_PQ_E)"
     )
-    parser.add_argument("--largest", type=_count, default=trade.SIZES[-1], help="largest number of wrenches to time")
+    parser.add_argument("--largest", type=_count, default=trade.LARGEST, help="number of wrenches to stream")
     parser.add_argument("--picture", type=pathlib.Path, default=None, help="where to write the picture")
+    for name, choices in (("operation", OPERATIONS), ("dtype", trade.DTYPES)):
+        what = f"only this {name}, may be repeated: {', '.join(choices)}"
+        parser.add_argument(f"--{name}", action="append", choices=tuple(choices), metavar=name.upper(), help=what)
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="everything measured as one JSON object on standard output, progress on standard error; a picture only "
+        "with --picture. Keys: about, machine, versions, offset, sizes, power, rows, conditions, broken, holds, "
+        "explained in jaxspatial/measure/result.py",
+    )
+    parser.add_argument(
+        "--self-check",
+        action="store_true",
+        help="only ask whether the promises of the library hold on this backend and with these flags, in seconds",
+    )
     return parser
 
 
@@ -61,8 +111,8 @@ def _finite(text):
 
 def _count(text):
     value = _number(text, int)
-    if value is None or value < trade.SIZES[0]:
-        raise argparse.ArgumentTypeError(f"expected at least {trade.SIZES[0]} wrenches, got {text}")
+    if value is None or value < trade.SMALLEST:
+        raise argparse.ArgumentTypeError(f"expected at least {trade.SMALLEST} wrenches, got {text}")
     return value
 
 
@@ -74,29 +124,68 @@ def _number(text, kind):
 
 
 def _run(options):
-    from rich.console import Console
-
-    from jaxspatial.measure import picture, report
-
     if options.file is not None and options.offset is None:
         raise WrenchFileError("--offset: expected X Y Z, the position of the new point from the old, with a file")
-    console = Console(width=None if sys.stdout.isatty() else 150)
     offset = np.array(_OFFSET if options.offset is None else options.offset)
     file = WrenchFile(options.file) if options.file else None
     wrenches, about = _wrenches(file, options)
-    target = options.picture or _beside(file)
-    _check_writable(target.parent)
-    sizes = [n for n in trade.SIZES if n <= options.largest]
-    console.print(f"{about}\noffset p_PQ = {offset.tolist()} m\n{timing.machine()}\n")
-    powers = {dtype: power.compare(wrenches, offset, dtype) for dtype in trade.DTYPES}
+    target = options.picture or (None if options.json else _beside(file))
+    _check_writable((target or _beside(file)).parent)
+    console = _console(stderr=options.json)
+    result = _measured(options, console, wrenches, offset, about)
+    if options.json:
+        print(result.to_json())
+    _show(console, result, [*_draw(result, target), *_write_shifted(file, offset)], tables=not options.json)
+    return 1 if result.broken else 0
+
+
+def _measured(options, console, wrenches, offset, about):
+    """All measurements; where there is a console, with the power before, and a progress bar."""
+    powers = {dtype: power.compare(wrenches, offset, dtype) for dtype in trade.STREAMED}
+    operations = list(dict.fromkeys(options.operation or OPERATIONS))
+    lines = trade.cases(operations, dict.fromkeys(options.dtype or trade.DTYPES))
+
+    def work(advance=lambda: None):
+        rows = trade.measure(wrenches, offset, lines, options.largest, advance)
+        return rows, conditions.measure(operations, advance)
+
+    if console:
+        total = trade.steps(lines) + conditions.steps(operations)
+        work = _announced(console, powers, f"{about}\noffset p_PQ = {offset.tolist()} m", work, total)
+    return Result(about, timing.machine(), offset, trade.sizes(options.largest), powers, *work())
+
+
+def _announced(console, powers, about, work, total):
+    """The work, after a word on what it is about, and with a progress bar."""
+    from jaxspatial.measure import report
+
+    console.print(f"{about}\n{timing.machine()}\n")
     report.print_power(console, powers)
-    rows = report.with_progress(console, lambda advance: trade.measure(wrenches, offset, sizes, advance=advance), sizes)
-    report.print_trade(console, rows, sizes)
-    picture.draw(rows, target, f"{about}\n{timing.machine()}")
-    if file:
-        console.print(f"shifted wrenches: {file.write_shifted(shifted(file.parts, offset))}")
-    console.print(f"picture: {target}")
-    return _status(console, powers, rows)
+    return lambda: report.with_progress(console, work, total)
+
+
+def _draw(result, target):
+    if target is None:
+        return []
+    from jaxspatial.measure import picture
+
+    picture.draw(result, target)
+    return [f"picture: {target}"]
+
+
+def _write_shifted(file, offset):
+    return [f"shifted wrenches: {file.write_shifted(shifted(file.parts, offset))}"] if file else []
+
+
+def _show(console, result, written, tables):
+    """Tables, what was written, and what is broken."""
+    if tables:
+        from jaxspatial.measure import report
+
+        report.print_trade(console, result)
+    broken = [f"does not hold here: {what}" for what in result.broken]
+    for text in (*written, *broken):
+        console.print(text, style="bold red" if text in broken else None) if console else print(text, file=sys.stderr)
 
 
 def _wrenches(file, options):
@@ -129,11 +218,3 @@ def shifted(parts, offset):
             V = shift(SpatialVelocity(parts["w"], parts["v"]), p)
             result |= {"w": V.w, "v": V.v}
         return {name: np.asarray(x) for name, x in result.items()}
-
-
-def _status(console, powers, rows):
-    unequal = [dtype for dtype, p in powers.items() if not p.difference <= power.BOUND]
-    broken = [row.case for row in rows if not row.u_of_magnitude <= row.bound]
-    for what in (*unequal, *broken):
-        console.print(f"[bold red]does not hold here: {what}")
-    return 1 if unequal or broken else 0

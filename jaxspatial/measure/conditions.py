@@ -12,8 +12,8 @@ from jaxspatial.measure.inputs import CONDITIONED
 from jaxspatial.measure.operation import OPERATIONS
 
 DTYPES = ("float32", "float64")
-# Operation -> the name of what makes arguments for it.
-_GENERATORS = {"shift force": "shift_force", "dot": "dot"}
+# Those of which a curve is measured; the others do not look different.
+_CURVES = ("shift_force", "dot")
 _ITEMS = 60
 _POINTS = 17
 
@@ -41,12 +41,12 @@ class Curve(NamedTuple):
 
 def steps(operations):
     """How often `measure` calls `advance`."""
-    return sum(name in _GENERATORS for name in operations) * len(DTYPES)
+    return sum(name in _CURVES for name in operations) * len(DTYPES)
 
 
 def measure(operations=tuple(OPERATIONS), advance=lambda: None, seed=0):
     """The curves of those operations that arguments can be made for, per dtype and precision."""
-    known = [OPERATIONS[name] for name in operations if name in _GENERATORS]
+    known = [OPERATIONS[name] for name in operations if name in _CURVES]
     return [curve for o in known for dtype in DTYPES for curve in _curves(o, dtype, advance, seed)]
 
 
@@ -58,7 +58,7 @@ def requested(dtype):
 
 def _curves(operation, dtype, advance, seed):
     """All items of all condition numbers in one call; then each in the bin of the condition number it has."""
-    generate, rng = CONDITIONED[_GENERATORS[operation.name]], np.random.default_rng(seed)
+    generate, rng = CONDITIONED[operation.name], np.random.default_rng(seed)
     groups = [generate(rng, _ITEMS, dtype, condition) for condition in requested(dtype)]
     arrays = [np.concatenate(x) for x in zip(*groups, strict=True)]
     ((value, mag),) = operation.exactly(*arrays)

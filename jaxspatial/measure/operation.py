@@ -27,8 +27,12 @@ class Operation(NamedTuple):
     formulas: tuple  # the same over numbers of any kind, per part
     bounds: tuple  # per part (k, c): k u mag in fast and reproducible, u |r| + c u^2 mag in compensated
     size: int  # numbers in all parts of one item
-    turned: tuple  # arguments that change sign when all parts do (see `timing`): no step of a loop is like the next
+    turned: tuple  # arguments that change sign from step to step of a loop, and all parts with them
     replaced: int | None = None  # the argument whose place the only part takes when it is done in place
+
+    @property
+    def title(self):
+        return self.name.replace("_", " ")
 
     @property
     def words(self):
@@ -114,24 +118,24 @@ OPERATIONS = {
     operation.name: operation
     for operation in (
         Operation(
-            "shift force", ("tau", "f", "p"), _shift_force, (lambda tau, f, p: tau - np.cross(p, f),),
+            "shift_force", ("tau", "f", "p"), _shift_force, (lambda tau, f, p: tau - np.cross(p, f),),
             bounds=((3, 4),), size=3, turned=(2,), replaced=0,
         ),
         Operation(
-            "shift velocity", ("w", "v", "p"), _shift_velocity, (lambda w, v, p: v + np.cross(w, p),),
+            "shift_velocity", ("w", "v", "p"), _shift_velocity, (lambda w, v, p: v + np.cross(w, p),),
             bounds=((3, 4),), size=3, turned=(2,), replaced=1,
         ),
         Operation(
-            "shift acceleration", ("tau", "f", "p", "w"), _shift_acceleration,
+            "shift_acceleration", ("tau", "f", "p", "w"), _shift_acceleration,
             (lambda b, a, p, w: a + np.cross(b, p) + np.cross(w, np.cross(w, p)),),
             bounds=((7, 32),), size=3, turned=(2,), replaced=1,
         ),
         Operation(
-            "cross motion", ("w", "v", "tau", "f"), _cross_motion, (_single, _double),
+            "cross_motion", ("w", "v", "tau", "f"), _cross_motion, (_single, _double),
             bounds=((2, 4), (3, 4)), size=6, turned=(0, 1),
         ),
         Operation(
-            "cross force", ("w", "v", "tau", "f"), _cross_force,
+            "cross_force", ("w", "v", "tau", "f"), _cross_force,
             (lambda w, v, tau, f: _double(w, v, f, tau), lambda w, v, tau, f: _single(w, v, f, tau)),
             bounds=((3, 4), (2, 4)), size=6, turned=(0, 1),
         ),

@@ -1,17 +1,23 @@
-"""What the command prints: progress while it works, then tables."""
+"""What the command prints where rich is installed: progress while it works, then tables."""
 
-import numpy as np
+import itertools
+
 from rich import box, progress
 from rich.table import Table
+from rich.text import Text
 
-from jaxspatial.measure import power, trade
+from jaxspatial.measure import power
+from jaxspatial.measure.operation import OPERATIONS
+from jaxspatial.measure.trade import nanoseconds
+
+_STYLES = {True: "green", False: "bold red", None: "dim"}
 
 
-def with_progress(console, work, sizes):
-    """work(advance), with a progress bar that `advance` moves."""
+def with_progress(console, work, total):
+    """work(advance), with a progress bar that `advance` moves `total` times."""
     columns = (progress.TextColumn("measuring"), progress.BarColumn(), progress.MofNCompleteColumn())
     with progress.Progress(*columns, progress.TimeRemainingColumn(), console=console) as bar:
-        task = bar.add_task("", total=trade.steps(sizes))
+        task = bar.add_task("", total=total)
         return work(lambda: bar.advance(task))
 
 
@@ -27,22 +33,57 @@ def print_power(console, powers):
     console.print(table)
 
 
-def print_trade(console, rows, sizes):
-    """The trade: cost per size, error against exact rationals, promise."""
+def print_trade(console, result):
+    """The trade: cost in cache and streaming, error against exact rationals, promise."""
     table = Table(title="The trade on this machine", box=box.SIMPLE_HEAD, title_justify="left")
     for heading in ("operation", "dtype", "precision"):
         table.add_column(heading)
-    for n in sizes:
-        table.add_column(f"n = {n:,}\nns (GB/s)", justify="right")
-    for heading in ("error, ulps\nmedian", "error, ulps\nworst", "error,\nu mag", "promised,\nu mag"):
+    in_cache, streamed = (f"n = {n:,}" for n in result.sizes)
+    for heading in (f"in cache, {in_cache}\nns (/ fast)", f"streaming, {streamed}\nns (/ fast, GB/s)", "compile,\ns"):
         table.add_column(heading, justify="right")
-    for row in rows:
-        costs = (f"{row.nanoseconds(n):.2f} ({row.gigabytes_per_second(n):.1f})" for n in sizes)
-        errors = (f"{np.median(row.ulps):.2f}", f"{row.ulps.max():.3g}", f"{row.u_of_magnitude:.2f}", f"{row.bound:g}")
-        table.add_row(*row.case, *costs, *errors)
+    for heading in ("error, ulps\nmedian", "error, ulps\nworst", "worst error\n/ promised"):
+        table.add_column(heading, justify="right")
+    table.add_column("promised\nerror")
+    for _, group in itertools.groupby(result.rows, lambda row: row.case[:2]):
+        _add_group(table, list(group))
     console.print(table)
-    console.print(
-        "Per wrench: ns (and GB/s), medians; shift in place (donated). n = 1,000 is mostly the cost of a call.\n"
-        "Errors against exact rationals: in units in the last place of the exact result, and over u mag, u the unit\n"
-        "roundoff, mag the sizes of the terms added up; where terms cancel, the first grows and the second does not.\n"
-    )
+    console.print(_NOTES)
+
+
+def _add_group(table, rows):
+    """The precisions of one operation in one dtype."""
+    fast = rows[0]
+    for row in rows:
+        names = (OPERATIONS[row.case.operation].title, row.case.dtype) if row is fast else ("", "")
+        errors = (f"{row.median_ulps:.2f}", f"{row.worst_ulps:.3g}", f"{row.of_promise:.2f}")
+        table.add_row(*names, row.case.precision, *_costs(row, fast), *errors, row.promise)
+    table.add_section()
+
+
+def _costs(row, fast):
+    cached, streamed = nanoseconds(row.in_cache), nanoseconds(row.streamed)
+    yield f"{cached:.2f} ({cached / nanoseconds(fast.in_cache):.1f})"
+    ratio = streamed / nanoseconds(fast.streamed)
+    yield "" if row.streamed is None else f"{streamed:.2f} ({ratio:.1f}, {row.gigabytes_per_second:.1f})"
+    yield f"{row.compile_seconds:.2f}"
+
+
+_NOTES = """\
+ns per item, medians. In cache: 100 steps in one call, results and arguments stay in the cache. Streaming: one call over
+all items, in place where the operation can be. Momenta shift as forces do; float16 and bfloat16 are timed in cache only.
+Errors against exact rationals: in units in the last place (ulps) of the exact result r, and over the bound promised.
+u is the unit roundoff, mag the sizes of the terms added up: where terms cancel, mag is large next to r.
+"""
+
+
+def print_self_check(console, report):
+    """What `self_check` found."""
+    console.print(report.surroundings, highlight=False)
+    table = Table(box=box.SIMPLE_HEAD, show_header=False)
+    for style in (None, "bold", None):
+        table.add_column(style=style)
+    for finding in report.findings:
+        advice = f"\n-> {finding.advice}" if finding.advice else ""
+        table.add_row(Text(finding.verdict, _STYLES[finding.holds]), finding.name, Text(finding.measured + advice))
+    console.print(table)
+    console.print(report.conclusion, style=_STYLES[report.holds])

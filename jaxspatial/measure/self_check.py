@@ -23,11 +23,7 @@ from jaxspatial.measure.operation import OPERATIONS
 
 _N = 48
 _DTYPES = ("float32", "float64")
-_FAST_MATH = (
-    "A compiler that may reorder sums or assume that nothing is NaN cannot keep promises. Take "
-    "--xla_cpu_enable_fast_math out of XLA_FLAGS (GPU: --xla_gpu_exclude_nondeterministic_ops does not matter; "
-    "compiler_options of jax.jit count too)."
-)
+_SUSPECTS = ("fast_math", "disable_hlo_passes", "xla_backend_extra_options", "fp_mode")
 
 
 class Finding(NamedTuple):
@@ -91,16 +87,21 @@ def self_check() -> Report:
 def _found(name, check):
     """What a check finds; one that cannot even run is a promise that does not hold."""
     try:
-        # Strict about dtypes or not, ours or the caller's: what is checked does not depend on it.
         return Finding(name, *check())
     except Exception as problem:  # noqa: BLE001 - a backend may fail in any way
         return Finding(name, False, f"cannot be run: {type(problem).__name__}: {str(problem)[:200]}", _cause())
 
 
 def _cause():
-    flags = os.environ.get("XLA_FLAGS", "")
-    suspects = [flag for flag in flags.split() if any(word in flag for word in ("fast_math", "disable_hlo_passes"))]
-    return f"XLA_FLAGS has {' '.join(suspects)}: take it out. {_FAST_MATH}" if suspects else _FAST_MATH
+    """What usually is to blame, by name."""
+    flags = os.environ.get("XLA_FLAGS", "").split()
+    suspects = [flag for flag in flags if any(word in flag for word in _SUSPECTS)]
+    if suspects:
+        return f"XLA_FLAGS has {' '.join(suspects)}: take it out"
+    return (
+        "no flag to blame in XLA_FLAGS; what breaks it is --xla_cpu_enable_fast_math (also given as compiler_options), "
+        "or a compiler or device that this library was not tested on: please report it with this text"
+    )
 
 
 def _verdict(shares, what, advice=""):
@@ -160,7 +161,7 @@ def _narrow_formats():
     shares = {}
     for dtype in ("float16", "bfloat16"):
         arrays = inputs.benign(_rng(), 3, 200, jnp.dtype(dtype))
-        shares[dtype] = _differing_from_numpy("shift force", dtype, arrays, jax.jit)
+        shares[dtype] = _differing_from_numpy("shift_force", dtype, arrays, jax.jit)
     if not any(shares.values()):
         return None, "rounded after every operation, as NumPy does", ""
     text = ", ".join(f"{share:.0%} in {dtype}" for dtype, share in shares.items())
@@ -287,7 +288,7 @@ def _reproducible():
     for dtype in _DTYPES:
         a, b, c, d = inputs.mixed_scales(_rng(), 4, 200, dtype)
         equal = np.where(np.arange(200)[:, None] % 2 == 0, a, c), np.where(np.arange(200)[:, None] % 2 == 0, b, d)
-        for name, arrays in (("shift force", (a, b, c)), ("cross motion", (a, b, *equal)), ("dot", (a, b, c, d))):
+        for name, arrays in (("shift_force", (a, b, c)), ("cross_motion", (a, b, *equal)), ("dot", (a, b, c, d))):
             for context in (lambda f: f, jax.jit, lambda f: jax.jit(lambda *x: [p * 1 for p in f(*x)])):
                 shares[dtype] = max(shares[dtype], _differing_from_numpy(name, dtype, arrays, context))
     return _verdict(shares, "NumPy's, bit by bit: shift, cross, dot, alone and in a larger program; cross(V, V) is 0")
@@ -307,13 +308,13 @@ def _bounds(precision):
 
 
 def _values_over(precision, dtype):
-    return max(_over_promise(OPERATIONS[name], precision, _hostile(name, dtype)) for name in ("shift force", "dot"))
+    return max(_over_promise(OPERATIONS[name], precision, _hostile(name, dtype)) for name in ("shift_force", "dot"))
 
 
 def _hostile(name, dtype):
     """Arguments that cancel, up to everything, and differ in size."""
     rng, u = _rng(), float(error.unit_roundoff(dtype))
-    conditioned = inputs.CONDITIONED[name.replace(" ", "_")]
+    conditioned = inputs.CONDITIONED[name]
     groups = [conditioned(rng, _N, dtype, c) for c in (1.5, u**-0.5, 0.3 / u, u**-1.5, np.inf)]
     families = ("mixed_scales", "nearly_parallel", "far_offsets", "small_integers_and_zeros")
     groups += [inputs.FAMILIES[family](rng, len(groups[0]), _N, dtype) for family in families]
@@ -329,7 +330,7 @@ def _over_promise(subject, precision, arrays):
 def _derivatives_over(precision, dtype):
     """Of a shifted torque: its rate, and what is pulled back to the force. Offset and force are nearly parallel."""
     tau, f, p, d = inputs.nearly_parallel(_rng(), 4, 4 * _N, dtype)
-    shifted = OPERATIONS["shift force"].function
+    shifted = OPERATIONS["shift_force"].function
 
     def derivatives(tau, f, p, d):
         torque, pull_back = jax.vjp(lambda *x: shifted(str(precision), *x)[0], tau, f, p)

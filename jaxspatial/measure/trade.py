@@ -35,7 +35,8 @@ class Row(NamedTuple):
     """What was measured for a case."""
 
     case: Case
-    seconds: dict  # number of items -> array (rounds,), per item
+    in_cache: np.ndarray  # seconds per item (rounds,)
+    streamed: np.ndarray | None  # the same; None for formats that only hold data
     compile_seconds: float  # tracing and compiling the loop in cache
     ulps: np.ndarray  # error against the exact rational, of every component of a sample
     of_promise: float  # the largest error over the bound promised: it holds up to 1
@@ -56,13 +57,16 @@ class Row(NamedTuple):
     def worst_ulps(self):
         return float(np.max(self.ulps)) if self.ulps.size else np.nan
 
-    def nanoseconds(self, n):
-        """Per item, median; NaN for a size that was not measured."""
-        return float(np.median(self.seconds[n])) * 1e9 if n in self.seconds else np.nan
-
-    def gigabytes_per_second(self, n):
+    @property
+    def gigabytes_per_second(self):
+        """Of numbers read and written while streaming."""
         words = OPERATIONS[self.case.operation].words
-        return words * jnp.dtype(self.case.dtype).itemsize / self.nanoseconds(n)
+        return words * jnp.dtype(self.case.dtype).itemsize / nanoseconds(self.streamed)
+
+
+def nanoseconds(seconds):
+    """Their median; NaN for what was not measured."""
+    return np.nan if seconds is None else float(np.median(seconds)) * 1e9
 
 
 def sizes(largest=LARGEST):
@@ -94,15 +98,18 @@ def _group(wrenches, offset, group, largest, advance):
     with jax.enable_x64(dtype == "float64"):
         arrays = arguments(operation, wrenches, offset, in_cache, dtype)
         loops = {p: _Loop(operation, p, arrays, advance) for p in Precision}
-        seconds = {p: {in_cache: x} for p, x in _timed(loops, in_cache * _STEPS, advance).items()}
-        if dtype in STREAMED:
-            arrays = arguments(operation, wrenches, offset, streamed, dtype)
-            calls = {p: _Stream(operation, p, arrays, advance) for p in Precision}
-            for p, x in _timed(calls, streamed, advance).items():
-                # In one size both are asked for: the loop is what is in cache.
-                seconds[p].setdefault(streamed, x)
+        cached = _timed(loops, in_cache * _STEPS, advance)
+        stream = _streamed(operation, arguments(operation, wrenches, offset, streamed, dtype), advance)
         errors = _errors(operation, loops)
-    return [Row(Case(*group, str(p)), seconds[p], loops[p].compile_seconds, *errors[p]) for p in Precision]
+    return [Row(Case(*group, p), cached[p], stream[p], loops[p].compile_seconds, *errors[p]) for p in map(str, Precision)]
+
+
+def _streamed(operation, arrays, advance):
+    """precision -> seconds per item (rounds,), None for formats that only hold data."""
+    if arrays[0].dtype.name not in STREAMED:
+        return dict.fromkeys(Precision)
+    calls = {p: _Stream(operation, p, arrays, advance) for p in Precision}
+    return _timed(calls, len(arrays[0]), advance)
 
 
 def _timed(calls, items, advance):

@@ -1,0 +1,107 @@
+"""All that one run of the command measures, what of it breaks a promise, and how it is written down as JSON.
+
+The keys of the JSON object:
+
+    about, machine, versions, offset    what was measured, where: texts, and the offset p_PQ in metres
+    sizes                               {"in_cache": items, "streamed": items}
+    power       {dtype: {"before", "after", "difference", "bound"}}: watts about P and about Q, and the largest
+                difference for one wrench over u mag
+    rows        [{"operation", "dtype", "precision", "words_per_item", "promise", "holds",
+                  "in_cache": {"nanoseconds", "fastest", "ninety_percent"}: per item, median, fastest, 90 % quantile,
+                  "streamed": the same and "gigabytes_per_second"; null for formats that only hold data,
+                  "compile_seconds", "ulps": {"median", "worst"}: errors against exact rationals,
+                  "of_promise": the largest error over the bound promised}]
+    conditions  [{"operation", "dtype", "precision", "holds",
+                  "points": [{"condition", "worst_ulps", "of_promise"}]}]: error against condition number
+    broken      [text]: what does not hold here; "holds": true if nothing is broken
+
+Numbers that are not finite are null: the condition number of an exact result of zero, errors of a NaN.
+"""
+
+import json
+import math
+from typing import NamedTuple
+
+import jax
+import jaxlib
+import numpy as np
+
+from jaxspatial.measure import power
+from jaxspatial.measure.operation import OPERATIONS
+
+
+class Result(NamedTuple):
+    """One run: texts, sizes (in cache, streamed), power per dtype, rows of the trade, curves of `conditions`."""
+
+    about: str
+    machine: str
+    offset: np.ndarray
+    sizes: tuple
+    powers: dict
+    rows: list
+    curves: list
+
+    @property
+    def broken(self):
+        """What does not hold here, as texts."""
+        unequal = [f"power in {dtype}" for dtype, p in self.powers.items() if not p.difference <= power.BOUND]
+        rows = [" ".join(row.case) for row in self.rows if not row.holds]
+        curves = [f"{c.operation} {c.dtype} {c.precision}, terms that cancel" for c in self.curves if not c.holds]
+        return unequal + rows + curves
+
+    def to_json(self):
+        """As text: an object with the keys of the module's docstring."""
+        return as_json(
+            {
+                **{"about": self.about, "machine": self.machine, "versions": _versions()},
+                "offset": [float(x) for x in self.offset],
+                "sizes": dict(zip(("in_cache", "streamed"), self.sizes, strict=True)),
+                "power": {dtype: {**p._asdict(), "bound": power.BOUND} for dtype, p in self.powers.items()},
+                "rows": [_row(row) for row in self.rows],
+                "conditions": [_curve(curve) for curve in self.curves],
+                **{"broken": self.broken, "holds": not self.broken},
+            }
+        )
+
+
+def as_json(x):
+    """A tree of dicts, lists, numbers and texts as JSON that every reader takes: NaN and infinities are null."""
+    return json.dumps(_finite(x), indent=1, allow_nan=False)
+
+
+def _finite(x):
+    if isinstance(x, dict):
+        return {key: _finite(value) for key, value in x.items()}
+    if isinstance(x, (list, tuple)):
+        return [_finite(value) for value in x]
+    return None if isinstance(x, float) and not math.isfinite(x) else x
+
+
+def _versions():
+    return {"jax": jax.__version__, "jaxlib": jaxlib.__version__, "numpy": np.__version__}
+
+
+def _row(row):
+    return {
+        **row.case._asdict(),
+        "words_per_item": OPERATIONS[row.case.operation].words,
+        "in_cache": _times(row.in_cache),
+        "streamed": None if row.streamed is None else _streamed(row),
+        "compile_seconds": row.compile_seconds,
+        "ulps": {"median": row.median_ulps, "worst": row.worst_ulps},
+        **{"promise": row.promise, "of_promise": row.of_promise, "holds": row.holds},
+    }
+
+
+def _times(seconds):
+    fastest, median, ninety = (float(x) * 1e9 for x in np.quantile(seconds, [0, 0.5, 0.9]))
+    return {"nanoseconds": median, "fastest": fastest, "ninety_percent": ninety}
+
+
+def _streamed(row):
+    return {**_times(row.streamed), "gigabytes_per_second": row.gigabytes_per_second}
+
+
+def _curve(curve):
+    named = {name: getattr(curve, name) for name in ("operation", "dtype", "precision", "holds")}
+    return {**named, "points": [point._asdict() for point in curve.points]}
