@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import compensated, faithful, tripled, wide
+from jaxspatial.arithmetic import certified, compensated, faithful, tripled, wide
 from jaxspatial.arithmetic.fence import fence
 from jaxspatial.arithmetic.polynomial import Term
 
@@ -25,28 +25,29 @@ _NEVER = 0x7FF4DEADBEEF0123
 def evaluate(plan, arrays):
     """The results of the plan: one array per Sum, or two for a pair."""
     with jax.enable_x64(True):
-        if plan.precision == "faithful" and arrays[0].dtype == np.float64 and plan.has_products:
-            return _evaluated_by_size(plan, arrays)
-        return _evaluated(plan, False, *arrays)
+        if plan.precision == "faithful" and arrays[0].dtype == np.float64:
+            return _certified_or_again(plan, arrays)
+        tier = _tier(plan.precision, arrays[0].dtype)
+        return _evaluated(plan, tier, arrays)
 
 
-def _evaluated_by_size(plan, arrays):
-    """By a program twice as long if one of the numbers is so large that products may overflow.
+def _certified_or_again(plan, arrays):
+    """Evaluated with a certificate, and if that leaves a NaN in the batch once more, whatever it takes.
 
-    A branch that costs a pass over the arrays, but saves half of the time of the other.
+    A loop of at most one turn: unlike a branch it leaves results where they are in memory.
     """
-    large = functools.reduce(lax.bitwise_or, (_any_large(x) for x in arrays))
-    return lax.cond(large, *(functools.partial(_evaluated, plan, x) for x in (True, False)), *arrays)
+    results = _evaluated(plan, _Tier(certified, certified.total), arrays)
+    is_missing = functools.reduce(lax.bitwise_or, (jnp.any(jnp.isnan(r)) for r in results))
+
+    def again(_):
+        return _evaluated(plan, _Tier(faithful, faithful.total), arrays), jnp.zeros_like(is_missing)
+
+    return lax.while_loop(lambda state: state[1], again, (results, is_missing))[0]
 
 
-def _any_large(x):
-    return jnp.any(~(jnp.abs(x) < jnp.full_like(x, faithful.LARGE_FACTOR)))
-
-
-def _evaluated(plan, is_large, *arrays):
-    lanes, dtype = _Lanes(plan, arrays), arrays[0].dtype
-    tier = _tier(plan, dtype, is_large)
-    return [x for s in plan.sums for x in _results(tier, plan, s, lanes, dtype)]
+def _evaluated(plan, tier, arrays):
+    lanes = _Lanes(plan, arrays)
+    return [x for s in plan.sums for x in _results(tier, plan, s, lanes, arrays[0].dtype)]
 
 
 class _Tier(NamedTuple):
@@ -56,13 +57,11 @@ class _Tier(NamedTuple):
     total: Callable
 
 
-def _tier(plan, dtype, is_large):
-    if plan.precision != "faithful":
-        module = compensated if dtype == np.float64 else wide
-        return _Tier(module, module.total)
-    narrow = dtype != np.float64
-    total = faithful.total_of_narrow if narrow else faithful.total_of_large if is_large else faithful.total
-    return _Tier(faithful, total)
+def _tier(precision, dtype):
+    if precision == "faithful":
+        return _Tier(faithful, faithful.total_of_narrow)
+    module = compensated if dtype == np.float64 else wide
+    return _Tier(module, module.total)
 
 
 def _wide(x):
@@ -164,8 +163,9 @@ def _reduced(tier, plan, s, terms, lanes, dtype):
         return None
     state = _total(tier, terms, lanes)
     verbs = tier.verbs
-    if verbs is faithful:
-        verbs, state = tripled, tripled.from_numbers(faithful.numbers(state))
+    if verbs in (certified, faithful):
+        numbers = state[2::-1] if verbs is certified else faithful.numbers(state)
+        verbs, state = tripled, tripled.from_numbers(numbers)
     for axis in s.reduced:
         state = _halved(verbs, state, axis)
     return verbs.pair(state, dtype) if plan.is_pair else [verbs.value(state, dtype)]

@@ -8,6 +8,8 @@ where the overflowing ones do not cancel to exactly zero: a sum of them that is 
 which what the scaling loses of the other terms is nothing.
 """
 
+import functools
+import operator
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -19,8 +21,6 @@ from jaxspatial.arithmetic.eft import fast_two_sum, two_difference, two_product,
 # A sum of 2^20 products below 2^1000 is finite, and so is 2^2048 scaled by 2^-540 twice.
 _LARGE = 2.0**1000
 _SCALE = 2.0**-540
-# No product of two factors below it is large.
-LARGE_FACTOR = 2.0**500
 
 
 class State(NamedTuple):
@@ -31,14 +31,8 @@ class State(NamedTuple):
     plain: object
 
 
-def total(terms, guard):
-    """The state of the sum of terms (sign, factors), products of two of which are below 2^1000."""
-    products = [_parts(sign, factors, guard) for sign, factors in terms]
-    return _state(products, _plain(products))
-
-
 def total_of_narrow(terms, guard):
-    """As `total`, for numbers of at most half the digits: products of two are exact, and none overflows."""
+    """The state of the sum of terms (sign, factors), factors of at most half the digits: products of two are exact."""
     products = []
     for sign, (first, *others) in terms:
         p = guard(-first * others[0] if sign < 0 else first * others[0]) if others else guard(first * sign)
@@ -46,9 +40,9 @@ def total_of_narrow(terms, guard):
     return _state(products, _plain(products))
 
 
-def total_of_large(terms, guard):
-    """As `total`, where products of two may overflow: then the scaled ones, unless they are exactly zero together."""
-    products = [_parts(sign, factors, guard) for sign, factors in terms]
+def total(terms, guard):
+    """The state of the sum of terms (sign, factors), products of two of which may overflow."""
+    products = [parts(sign, factors, guard) for sign, factors in terms]
     plain = _plain(products)
     zero, one, scale = (jnp.full_like(plain, x) for x in (0.0, 1.0, _SCALE))
     large = [_is_large(p[0]) & (len(f) == 2) for (_, f), p in zip(terms, products, strict=True)]
@@ -74,19 +68,19 @@ def _is_large(p):
     return ~(jnp.abs(p) < jnp.full_like(p, _LARGE))
 
 
-def _parts(sign, factors, guard):
+def parts(sign, factors, guard):
     """The product as one number for each doubling of its digits, largest first; exactly their sum."""
-    parts = [guard(-factors[0] if sign < 0 else factors[0])]
+    found = [guard(-factors[0] if sign < 0 else factors[0])]
     for x in factors[1:]:
-        parts = [y for part in parts for y in two_product(part, x, guard)]
-    return parts
+        found = [y for part in found for y in two_product(part, x, guard)]
+    return found
 
 
-def _scaled_parts(parts, sign, factors, guard, scale):
+def _scaled_parts(unscaled, sign, factors, guard, scale):
     """The parts of a product of two factors, each factor scaled; of all others by as much."""
     if len(factors) == 2:
-        return _parts(sign, [x * scale for x in factors], guard)
-    return [(x * scale) * scale for x in parts]
+        return parts(sign, [x * scale for x in factors], guard)
+    return [(x * scale) * scale for x in unscaled]
 
 
 def _expansion(products):
@@ -154,7 +148,9 @@ def numbers(state):
 
 def value(state, dtype):
     """Rounded; where something is infinite or NaN, what the plain sum gives."""
-    r = _unscaled(_sum(state.expansion), state.unit)
+    # Numbers that do not overlap, added from the smallest: relative error 2^-51, far below a unit of a narrower dtype.
+    total = _sum(state.expansion) if dtype == jnp.float64 else functools.reduce(operator.add, state.expansion)
+    r = _unscaled(total, state.unit)
     return lax.convert_element_type(jnp.where(jnp.isnan(r), state.plain, r), dtype)
 
 

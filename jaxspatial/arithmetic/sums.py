@@ -41,10 +41,6 @@ class Plan(NamedTuple):
     def axis(self):
         return 0 if self.leading else len(self.batch)
 
-    @property
-    def has_products(self):
-        return any(len(t.factors) > 1 for s in self.sums for terms in s.components for t in terms)
-
     def shape(self, s):
         """The shape of the result for a Sum; axes that are summed over keep size 1."""
         batch = [1 if i in s.reduced else n for i, n in enumerate(self.batch)]
@@ -198,7 +194,7 @@ def _compiled(plan):
 
 
 def _lower(context, *arrays, plan):
-    """Traced without shardings and manual axes in the types: the arithmetic is elementwise, and the compiler's to split.
+    """Traced without shardings and manual axes in the types: the arithmetic is elementwise, for the compiler to split.
     (With them, every constant and index made on the way would have to be sharded by hand.)
     """
     plain = [jax.core.ShapedArray(a.shape, a.dtype) for a in context.avals_in]

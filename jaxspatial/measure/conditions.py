@@ -13,7 +13,7 @@ from jaxspatial.measure.operation import OPERATIONS
 
 DTYPES = ("float32", "float64")
 # Those of which a curve is measured; the others do not look different.
-_CURVES = ("shift_force", "dot")
+OPERATIONS_WITH_CURVES = ("shift_force", "dot")
 _ITEMS = 60
 _POINTS = 17
 
@@ -22,6 +22,7 @@ class Point(NamedTuple):
     """The worst of many results with about one condition number (inf: the exact result is 0)."""
 
     condition: float
+    count: int
     worst_ulps: float
     of_promise: float
 
@@ -41,12 +42,12 @@ class Curve(NamedTuple):
 
 def steps(operations):
     """How often `measure` calls `advance`."""
-    return sum(name in _CURVES for name in operations) * len(DTYPES)
+    return sum(name in OPERATIONS_WITH_CURVES for name in operations) * len(DTYPES)
 
 
 def measure(operations=tuple(OPERATIONS), advance=lambda: None, seed=0):
     """The curves of those operations that arguments can be made for, per dtype and precision."""
-    known = [OPERATIONS[name] for name in operations if name in _CURVES]
+    known = [OPERATIONS[name] for name in operations if name in OPERATIONS_WITH_CURVES]
     return [curve for o in known for dtype in DTYPES for curve in _curves(o, dtype, advance, seed)]
 
 
@@ -66,7 +67,9 @@ def _curves(operation, dtype, advance, seed):
         results = {p: np.asarray(_run(operation.name, p)(*arrays)[0]) for p in Precision}
     advance()
     bins = _bins(value, mag)
-    return [Curve(operation.name, dtype, str(p), _points(operation, p, x, value, mag, bins)) for p, x in results.items()]
+    return [
+        Curve(operation.name, dtype, str(p), _points(operation, p, x, value, mag, bins)) for p, x in results.items()
+    ]
 
 
 def _run(name, precision):
@@ -76,21 +79,20 @@ def _run(name, precision):
 def _bins(value, mag):
     """Condition numbers by factors of 10, as (condition, mask)."""
     condition = np.frompyfunc(lambda m, r: float(m / abs(r)) if r else np.inf, 2, 1)(mag, value).astype(np.float64)
-    decade = np.where(np.isfinite(condition), np.round(np.log10(np.where(np.isfinite(condition), condition, 1))), np.inf)
+    decade = np.where(
+        np.isfinite(condition), np.round(np.log10(np.where(np.isfinite(condition), condition, 1))), np.inf
+    )
     return [(float(np.median(condition[decade == d])), decade == d) for d in np.unique(decade)]
 
 
 def _points(operation, precision, computed, value, mag, bins):
     bound = operation.allowed(precision, 0, value, mag, computed.dtype)
-    ratio, ulps = error.in_units_of(bound, computed, value), error.in_ulps(computed, value)
-    return tuple(Point(c, float(ulps[mask].max()), float(ratio[mask].max())) for c, mask in bins)
+    ratio, ulps = error.in_units_of(bound, computed, value, operation.flushed), error.in_ulps(computed, value)
+    return tuple(Point(c, int(mask.sum()), float(ulps[mask].max()), float(ratio[mask].max())) for c, mask in bins)
 
 
 def promised_ulps(curve, condition):
-    """The bound of a curve's precision at a condition number, in ulps at their smallest."""
-    k, c = OPERATIONS[curve.operation].bounds[0]
-    u = float(error.unit_roundoff(jnp.dtype(curve.dtype)))
-    return {
-        Precision.COMPENSATED: 1 + c * u * condition,
-        Precision.FAITHFUL: 1 + 0 * condition,
-    }.get(Precision(curve.precision), k * condition)
+    """The bound of a curve's precision at a condition number, for the largest numbers that share an ulp."""
+    (k, c), u = OPERATIONS[curve.operation].bounds[0], float(error.unit_roundoff(jnp.dtype(curve.dtype)))
+    bounds = {Precision.COMPENSATED: 1 + c * u * condition, Precision.FAITHFUL: 1 + 0 * condition}
+    return bounds.get(Precision(curve.precision), k * condition)

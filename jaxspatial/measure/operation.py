@@ -14,9 +14,6 @@ from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.measure import error, exact
 from jaxspatial.spatial import SpatialAcceleration, SpatialForce, SpatialVelocity, cross, dot, shift
 
-# So many flushed subnormals are forgiven in every bound: at least one for each product and each sum, of any operation.
-FLUSHED = 40
-
 
 class Operation(NamedTuple):
     """One operation; what it computes is given as a tuple of parts, without those that it passes on as they are."""
@@ -26,6 +23,7 @@ class Operation(NamedTuple):
     function: Callable  # (precision, *arguments of one item) -> parts
     formulas: tuple  # the same over numbers of any kind, per part
     bounds: tuple  # per part (k, c): k u mag in fast and reproducible, u |r| + c u^2 mag in compensated
+    flushed: int  # so many finfo.tiny are forgiven: one for each product, its error, and each sum of a component
     size: int  # numbers in all parts of one item
     turned: tuple  # arguments that change sign from step to step of a loop, and all parts with them
     replaced: int | None = None  # the argument whose place the only part takes when it is done in place
@@ -67,7 +65,7 @@ class Operation(NamedTuple):
         worst, ulps = 0.0, []
         for part, (x, (value, mag)) in enumerate(zip(computed, exactly, strict=True)):
             bound = self.allowed(precision, part, value, mag, dtype)
-            worst = max(worst, float(np.max(error.in_units_of(bound, x, value, FLUSHED), initial=0.0)))
+            worst = max(worst, float(np.max(error.in_units_of(bound, x, value, self.flushed), initial=0.0)))
             ulps.append(error.in_ulps(x, value).ravel())
         return worst, np.concatenate(ulps)
 
@@ -119,29 +117,29 @@ OPERATIONS = {
     for operation in (
         Operation(
             "shift_force", ("tau", "f", "p"), _shift_force, (lambda tau, f, p: tau - np.cross(p, f),),
-            bounds=((3, 4),), size=3, turned=(2,), replaced=0,
+            bounds=((3, 4),), flushed=6, size=3, turned=(2,), replaced=0,
         ),
         Operation(
             "shift_velocity", ("w", "v", "p"), _shift_velocity, (lambda w, v, p: v + np.cross(w, p),),
-            bounds=((3, 4),), size=3, turned=(2,), replaced=1,
+            bounds=((3, 4),), flushed=6, size=3, turned=(2,), replaced=1,
         ),
         Operation(
             "shift_acceleration", ("tau", "f", "p", "w"), _shift_acceleration,
             (lambda b, a, p, w: a + np.cross(b, p) + np.cross(w, np.cross(w, p)),),
-            bounds=((7, 32),), size=3, turned=(2,), replaced=1,
+            bounds=((7, 32),), flushed=32, size=3, turned=(2,), replaced=1,
         ),
         Operation(
             "cross_motion", ("w", "v", "tau", "f"), _cross_motion, (_single, _double),
-            bounds=((2, 4), (3, 4)), size=6, turned=(0, 1),
+            bounds=((2, 4), (3, 4)), flushed=12, size=6, turned=(0, 1),
         ),
         Operation(
             "cross_force", ("w", "v", "tau", "f"), _cross_force,
             (lambda w, v, tau, f: _double(w, v, f, tau), lambda w, v, tau, f: _single(w, v, f, tau)),
-            bounds=((3, 4), (2, 4)), size=6, turned=(0, 1),
+            bounds=((3, 4), (2, 4)), flushed=12, size=6, turned=(0, 1),
         ),
         Operation(
             "dot", ("tau", "f", "w", "v"), _dot, (lambda tau, f, w, v: (tau * w).sum(-1) + (f * v).sum(-1),),
-            bounds=((4, 8),), size=1, turned=(2, 3),
+            bounds=((4, 8),), flushed=17, size=1, turned=(2, 3),
         ),
     )
 }  # fmt: skip

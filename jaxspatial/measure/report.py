@@ -33,21 +33,21 @@ def print_power(console, powers):
     console.print(table)
 
 
+_LEFT = ("operation", "dtype", "precision", "promised error")
+
+
 def print_trade(console, result):
     """The trade: cost in cache and streaming, error against exact rationals, promise."""
-    table = Table(title="The trade on this machine", box=box.SIMPLE_HEAD, title_justify="left")
-    for heading in ("operation", "dtype", "precision"):
-        table.add_column(heading)
-    in_cache, streamed = (f"n = {n:,}" for n in result.sizes)
-    for heading in (f"in cache, {in_cache}\nns (/ fast)", f"streaming, {streamed}\nns (/ fast, GB/s)", "compile,\ns"):
-        table.add_column(heading, justify="right")
-    for heading in ("error, ulps\nmedian", "error, ulps\nworst", "worst error\n/ promised"):
-        table.add_column(heading, justify="right")
-    table.add_column("promised\nerror")
+    in_cache, streamed = (f"{n:,}" for n in result.sizes)
+    table = Table(title="The trade on this machine", box=box.SIMPLE_HEAD, title_justify="left", padding=(0, 1))
+    costs = (f"in cache\n{in_cache}\nns", "\n\n/ fast", f"streaming\n{streamed}\nns", "\n\n/ fast", "\n\nGB/s")
+    errors = ("compile\n\ns", "median\nerror\nulps", "worst\nerror\nulps", "worst\nerror\n/ promised")
+    for heading in (*_LEFT[:3], *costs, *errors, _LEFT[3]):
+        table.add_column(heading, justify="left" if heading in _LEFT else "right", no_wrap=True)
     for _, group in itertools.groupby(result.rows, lambda row: row.case[:2]):
         _add_group(table, list(group))
     console.print(table)
-    console.print(_NOTES)
+    console.print(_NOTES, highlight=False)
 
 
 def _add_group(table, rows):
@@ -55,23 +55,27 @@ def _add_group(table, rows):
     fast = rows[0]
     for row in rows:
         names = (OPERATIONS[row.case.operation].title, row.case.dtype) if row is fast else ("", "")
+        costs = (*_relative(row.in_cache, fast.in_cache), *_streamed(row, fast), f"{row.compile_seconds:.2f}")
         errors = (f"{row.median_ulps:.2f}", f"{row.worst_ulps:.3g}", f"{row.of_promise:.2f}")
-        table.add_row(*names, row.case.precision, *_costs(row, fast), *errors, row.promise)
+        table.add_row(*names, row.case.precision, *costs, *errors, row.promise)
     table.add_section()
 
 
-def _costs(row, fast):
-    cached, streamed = nanoseconds(row.in_cache), nanoseconds(row.streamed)
-    yield f"{cached:.2f} ({cached / nanoseconds(fast.in_cache):.1f})"
-    ratio = streamed / nanoseconds(fast.streamed)
-    yield "" if row.streamed is None else f"{streamed:.2f} ({ratio:.1f}, {row.gigabytes_per_second:.1f})"
-    yield f"{row.compile_seconds:.2f}"
+def _streamed(row, fast):
+    if row.streamed is None:
+        return ["", "", ""]
+    return [*_relative(row.streamed, fast.streamed), f"{row.gigabytes_per_second:.1f}"]
+
+
+def _relative(seconds, fast):
+    return [f"{nanoseconds(seconds):.2f}", f"{nanoseconds(seconds) / nanoseconds(fast):.1f}"]
 
 
 _NOTES = """\
-ns per item, medians. In cache: 100 steps in one call, results and arguments stay in the cache. Streaming: one call over
-all items, in place where the operation can be. Momenta shift as forces do; float16 and bfloat16 are timed in cache only.
-Errors against exact rationals: in units in the last place (ulps) of the exact result r, and over the bound promised.
+ns per item, medians. In cache: 100 steps in one call, arguments and results stay in the cache. Streaming: one call over
+all items, in place where the operation can be. compile: tracing and compiling the loop. Momenta shift as forces do;
+float16 and bfloat16 are timed in cache only.
+Errors against exact rationals: in units in the last place (ulp) of the exact result r, and over the bound promised.
 u is the unit roundoff, mag the sizes of the terms added up: where terms cancel, mag is large next to r.
 """
 

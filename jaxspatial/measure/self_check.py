@@ -231,7 +231,10 @@ def _wrong(compiled, operator, a, b):
 def _wrong_with_constants(transform, operator, a):
     c = np.full_like(a, 0.7)
     known = jnp.asarray(c[0])
-    orders = [(lambda a, _: transform(jnp.full_like(a, known), a)), (lambda a, _: transform(a, jnp.full_like(a, known)))]
+    orders = [
+        (lambda a, _: transform(jnp.full_like(a, known), a)),
+        (lambda a, _: transform(a, jnp.full_like(a, known))),
+    ]
     return [_wrong(jax.jit(f), operator, a, c) for f in orders]
 
 
@@ -346,7 +349,7 @@ def _derivatives_over(precision, dtype):
 
 def _over(precision, computed, value, mag):
     bound = operation.allowed(precision, (6, 16), value, mag, np.asarray(computed).dtype)
-    return float(error.in_units_of(bound, computed, value, operation.FLUSHED).max())
+    return float(error.in_units_of(bound, computed, value, OPERATIONS["shift_force"].flushed).max())
 
 
 _CHECKS = {

@@ -9,23 +9,24 @@ import jaxlib
 import numpy as np
 
 
-def interleaved(cases, rounds=15, advance=lambda: None):
+def interleaved(cases, rounds=15, advance=lambda: None, limit=float("inf")):
     """Seconds per call of every case: name -> array (rounds,).
 
     cases: name -> function without arguments; what it returns is waited for. In turns, so that what disturbs the
-    machine disturbs all. `advance` is called after every round, for a progress bar.
+    machine disturbs all. `advance` is called after every round, for a progress bar. limit: no new round begins after so
+    many seconds, but the first three do.
     """
     for call in cases.values():
         jax.block_until_ready(call())
         jax.block_until_ready(call())
-    seconds = {name: np.empty(rounds) for name in cases}
+    seconds, begin = {name: [] for name in cases}, time.perf_counter()
     for i in range(rounds):
-        for name, call in cases.items():
+        for name, call in cases.items() if i < 3 or time.perf_counter() < begin + limit else ():
             start = time.perf_counter()
             jax.block_until_ready(call())
-            seconds[name][i] = time.perf_counter() - start
+            seconds[name].append(time.perf_counter() - start)
         advance()
-    return seconds
+    return {name: np.array(s) for name, s in seconds.items()}
 
 
 def machine():

@@ -21,6 +21,8 @@ STREAMED = ("float32", "float64")
 _STEPS = 100
 _SAMPLE = 500
 _ROUNDS = 11
+# Seconds after which slow cases get fewer rounds.
+_LIMIT = 3.0
 
 
 class Case(NamedTuple):
@@ -101,7 +103,9 @@ def _group(wrenches, offset, group, largest, advance):
         cached = _timed(loops, in_cache * _STEPS, advance)
         stream = _streamed(operation, arguments(operation, wrenches, offset, streamed, dtype), advance)
         errors = _errors(operation, loops)
-    return [Row(Case(*group, p), cached[p], stream[p], loops[p].compile_seconds, *errors[p]) for p in map(str, Precision)]
+    return [
+        Row(Case(*group, p), cached[p], stream[p], loops[p].compile_seconds, *errors[p]) for p in map(str, Precision)
+    ]
 
 
 def _streamed(operation, arrays, advance):
@@ -113,7 +117,7 @@ def _streamed(operation, arrays, advance):
 
 
 def _timed(calls, items, advance):
-    return {p: x / items for p, x in timing.interleaved(calls, _ROUNDS, advance).items()}
+    return {p: x / items for p, x in timing.interleaved(calls, _ROUNDS, advance, _LIMIT).items()}
 
 
 def arguments(operation, wrenches, offset, n, dtype):
