@@ -37,4 +37,7 @@ from jaxspatial.spatial import center_of_pressure as center_of_pressure
 from jaxspatial.spatial import central_axis as central_axis
 from jaxspatial.spatial import wrench_from_point_forces as wrench_from_point_forces
 
+# does it hold here
+from jaxspatial.measure.self_check import self_check as self_check
+
 __version__ = "0.1.0"

@@ -18,7 +18,7 @@ from jaxspatial.arithmetic import certified, compensated, faithful, tripled, wid
 from jaxspatial.arithmetic.fence import fence
 from jaxspatial.arithmetic.polynomial import Term
 
-# A quiet NaN that no operation makes: what a guard asks for, without the compiler knowing that it is never there.
+# A signalling NaN, which no operation returns: a guard asks for it, and the compiler cannot know that it never comes.
 _NEVER = 0x7FF4DEADBEEF0123
 
 

@@ -1,4 +1,4 @@
-"""The command line: the trade on the built-in scene or on the user's own wrenches; and whether the promises hold here."""
+"""The command line: the trade on the built-in scene or on the user's own wrenches; whether the promises hold here."""
 
 import argparse
 import importlib
@@ -145,23 +145,29 @@ def _measured(options, console, wrenches, offset, about):
     operations = list(dict.fromkeys(options.operation or OPERATIONS))
     lines = trade.cases(operations, dict.fromkeys(options.dtype or trade.DTYPES))
 
-    def work(advance=lambda: None):
+    def work(advance):
         rows = trade.measure(wrenches, offset, lines, options.largest, advance)
         return rows, conditions.measure(operations, advance)
 
     if console:
-        total = trade.steps(lines) + conditions.steps(operations)
-        work = _announced(console, powers, f"{about}\noffset p_PQ = {offset.tolist()} m", work, total)
-    return Result(about, timing.machine(), offset, trade.sizes(options.largest), powers, *work())
+        _announce(console, f"{about}\noffset p_PQ = {offset.tolist()} m\n{timing.machine()}\n", powers)
+    measured = _with_progress(console, work, trade.steps(lines) + conditions.steps(operations))
+    return Result(about, timing.machine(), offset, trade.sizes(options.largest), powers, *measured)
 
 
-def _announced(console, powers, about, work, total):
-    """The work, after a word on what it is about, and with a progress bar."""
+def _announce(console, about, powers):
     from jaxspatial.measure import report
 
-    console.print(f"{about}\n{timing.machine()}\n")
+    console.print(about)
     report.print_power(console, powers)
-    return lambda: report.with_progress(console, work, total)
+
+
+def _with_progress(console, work, total):
+    if console is None:
+        return work(lambda: None)
+    from jaxspatial.measure import report
+
+    return report.with_progress(console, work, total)
 
 
 def _draw(result, target):

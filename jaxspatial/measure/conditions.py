@@ -1,4 +1,4 @@
-"""Error against condition number: where the results of a precision begin to lose their digits, and where all are lost."""
+"""Error against condition number: where a precision begins to lose digits, and where it has none left."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from jaxspatial.measure.operation import OPERATIONS
 
 DTYPES = ("float32", "float64")
 # Those of which a curve is measured; the others do not look different.
-OPERATIONS_WITH_CURVES = ("shift_force", "dot")
+CURVED = ("shift_force", "dot")
 _ITEMS = 60
 _POINTS = 17
 
@@ -22,7 +22,7 @@ class Point(NamedTuple):
     """The worst of many results with about one condition number (inf: the exact result is 0)."""
 
     condition: float
-    count: int
+    results: int
     worst_ulps: float
     of_promise: float
 
@@ -42,12 +42,12 @@ class Curve(NamedTuple):
 
 def steps(operations):
     """How often `measure` calls `advance`."""
-    return sum(name in OPERATIONS_WITH_CURVES for name in operations) * len(DTYPES)
+    return sum(name in CURVED for name in operations) * len(DTYPES)
 
 
 def measure(operations=tuple(OPERATIONS), advance=lambda: None, seed=0):
     """The curves of those operations that arguments can be made for, per dtype and precision."""
-    known = [OPERATIONS[name] for name in operations if name in OPERATIONS_WITH_CURVES]
+    known = [OPERATIONS[name] for name in operations if name in CURVED]
     return [curve for o in known for dtype in DTYPES for curve in _curves(o, dtype, advance, seed)]
 
 

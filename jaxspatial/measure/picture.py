@@ -1,4 +1,4 @@
-"""The trade as a picture: what an operation costs and what its result is worth; and where a precision loses its digits."""
+"""The trade as a picture: what an operation costs, what its result is worth, and where a precision loses digits."""
 
 import matplotlib
 
@@ -14,8 +14,8 @@ from jaxspatial.measure.operation import OPERATIONS  # noqa: E402
 _COLOURS = {"fast": "#D55E00", "reproducible": "#0072B2", "compensated": "#009E73", "faithful": "#AA4499"}
 _MARKERS = dict(zip(OPERATIONS, "osD^vX", strict=True))
 _DTYPES = ("float32", "float64")
-# Errors of 0 are shown as this, and of bins of the curves those with so many results.
-_SMALLEST, _ENOUGH = 0.1, 10
+# The lowest error shown, and the number of results that make a point of a curve.
+_LOWEST, _ENOUGH = 0.2, 10
 _LIGHT, _GREY = "0.8", "0.35"
 
 
@@ -42,7 +42,9 @@ def _draw_trade(axes, rows, dtype):
         axes.plot(*zip(*points, strict=True), color=_LIGHT, linewidth=1, zorder=1)
     for row in rows:
         style = {"color": _COLOURS[row.case.precision], "marker": _MARKERS[row.case.operation], "alpha": 0.85}
-        axes.plot(trade.nanoseconds(row.in_cache), _shown(row.worst_ulps), markersize=8, linestyle="", zorder=2, **style)
+        axes.plot(
+            trade.nanoseconds(row.in_cache), _shown(row.worst_ulps), markersize=8, linestyle="", zorder=2, **style
+        )
     axes.set(xscale="log", yscale="log", ylabel=f"worst error in {dtype}, ulps")
     axes.grid(alpha=0.25)
 
@@ -52,7 +54,8 @@ def _of(rows, **names):
 
 
 def _shown(ulps):
-    return np.maximum(np.nan_to_num(ulps, nan=np.nan, posinf=np.nan), _SMALLEST)
+    """What is too small for the scale at its lower end; infinities not at all."""
+    return np.maximum(np.where(np.isfinite(ulps), ulps, np.nan), _LOWEST)
 
 
 def _label_trade(axes, result):
@@ -61,15 +64,15 @@ def _label_trade(axes, result):
     limits = [(low, high) for a in axes for low, high in (a.get_xlim(),)]
     for a in axes:
         a.set_xlim(min(low for low, _ in limits), 2 * max(high for _, high in limits))
-        a.set_ylim(_SMALLEST, None)
+        a.set_ylim(_LOWEST, None)
     first.set_title("What an operation costs, and what its result is worth")
     last.set_xlabel(f"time per item, ns (median, {result.sizes[0]:,} items in cache)")
     known = dict.fromkeys(row.case.operation for row in result.rows)
     precisions = [_key("o", colour, name) for name, colour in _COLOURS.items()]
     operations = [_key(_MARKERS[name], _GREY, OPERATIONS[name].title) for name in known]
-    first.legend(handles=precisions + operations, ncols=2, frameon=False, loc="upper right", fontsize=9)
-    for a, dtype in zip(axes, _DTYPES, strict=True):
-        a.text(0.015, 0.03, dtype, transform=a.transAxes, fontweight="bold", fontsize=11)
+    for handles, place in ((precisions, 0.74), (operations, 1.0)):
+        legend = first.legend(handles=handles, frameon=False, loc="upper right", bbox_to_anchor=(place, 1), fontsize=9)
+        first.add_artist(legend)
 
 
 def _key(marker, colour, label):
@@ -82,24 +85,24 @@ def _key(marker, colour, label):
 def _draw_conditions(axes, curves):
     for curve in curves:
         _draw_curve(axes, curve)
-    axes.set(xscale="log", yscale="log", xlim=(1, 1e33), ylim=(_SMALLEST, 1e19))
+    axes.set(xscale="log", yscale="log", xlim=(1, 1e33), ylim=(_LOWEST, 1e19))
     axes.set_title("Where digits are lost: terms that cancel (shift force, dot)")
     axes.set_xlabel("condition number: sizes of the terms added up / size of the result")
-    axes.set_ylabel(f"worst error, ulps (0 shown as {_SMALLEST})")
+    axes.set_ylabel("worst error, units in the last place (ulps); none where results are exact")
     _draw_ends(axes)
-    _label_conditions(axes, {(curve.dtype, curve.precision) for curve in curves})
+    _label_conditions(axes, {curve.precision for curve in curves})
     axes.grid(alpha=0.25)
 
 
 def _draw_curve(axes, curve):
     """Filled for float32, hollow for float64; the promise as a thin line."""
-    points = [point for point in curve.points if np.isfinite(point.condition) and point.count >= _ENOUGH]
+    points = [point for point in curve.points if np.isfinite(point.condition) and point.results >= _ENOUGH]
     x, colour = np.array([point.condition for point in points]), _COLOURS[curve.precision]
     face = {"markerfacecolor": colour if curve.dtype == "float32" else "white", "markersize": 5}
-    y = _shown(np.array([point.worst_ulps for point in points]))
+    y = [point.worst_ulps or np.nan for point in points]
     axes.plot(x, y, color=colour, marker=_MARKERS[curve.operation], linewidth=1.2, **face)
     dense = np.geomspace(1, x.max(), 200)
-    axes.plot(dense, conditions.promised_ulps(curve, dense), color=colour, linewidth=0.6, linestyle="--")
+    axes.plot(dense, conditions.promised_ulps(curve, dense), color=colour, linewidth=0.8, linestyle="--")
 
 
 def _draw_ends(axes):
@@ -110,17 +113,18 @@ def _draw_ends(axes):
         axes.text(6e32, lost * 1.3, f"{dtype}: no digit is right above", ha="right", fontsize=8, color=_GREY)
 
 
-def _label_conditions(axes, drawn):
-    """Names at the curves, in their colours, at places that every machine's curves leave free."""
+def _label_conditions(axes, precisions):
+    """Names beside the curves, in their colours: where these run is known, as none depends on the machine much."""
     labels = [
-        (3e3, 3e6, "fast and reproducible", "fast", 0, "float32"),
-        (3e13, 4e2, "compensated\nfloat32", "compensated", 0, "float32"),
-        (1e24, 3e4, "compensated\nfloat64", "compensated", 0, "float64"),
-        (1e24, 0.75, "faithful", "faithful", 0, "float64"),
+        (2e14, 3e12, "reproducible", "reproducible"),
+        (2e14, 5e11, "fast", "fast"),
+        (4e14, 2e5, "compensated\nfloat32", "compensated"),
+        (1e24, 3e4, "compensated\nfloat64", "compensated"),
+        (1e24, 1.8, "faithful", "faithful"),
     ]
-    for x, y, text, precision, turned, dtype in labels:
-        if (dtype, precision) in drawn:
-            axes.text(x, y, text, color=_COLOURS[precision], rotation=turned, fontweight="bold", fontsize=10)
-    handles = [_key(_MARKERS[name], _GREY, OPERATIONS[name].title) for name in conditions.OPERATIONS_WITH_CURVES]
-    handles += [Line2D([], [], color=_GREY, linewidth=0.6, linestyle="--", label="promised")]
+    for x, y, text, precision in labels:
+        if precision in precisions:
+            axes.text(x, y, text, color=_COLOURS[precision], fontweight="bold", fontsize=10)
+    handles = [_key(_MARKERS[name], _GREY, OPERATIONS[name].title) for name in conditions.CURVED]
+    handles += [Line2D([], [], color=_GREY, linewidth=0.8, linestyle="--", label="promised")]
     axes.legend(handles=handles, frameon=False, loc="upper left", fontsize=9, title="filled float32, hollow float64")

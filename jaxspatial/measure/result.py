@@ -12,7 +12,7 @@ The keys of the JSON object:
                   "compile_seconds", "ulps": {"median", "worst"}: errors against exact rationals,
                   "of_promise": the largest error over the bound promised}]
     conditions  [{"operation", "dtype", "precision", "holds",
-                  "points": [{"condition", "count", "worst_ulps", "of_promise"}]}]: error against
+                  "points": [{"condition", "results", "worst_ulps", "of_promise"}]}]: error against
                 condition number, the worst of so many components
     broken      [text]: what does not hold here; "holds": true if nothing is broken
 
