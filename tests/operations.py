@@ -1,34 +1,71 @@
-"""The table of operations over which every transformation is tested: a new operation is one line.
+"""The table of operations over which every transformation and every law is tested: a new operation is one line.
 
 An operation says which arguments it takes, what it does with one item (and, by broadcasting, with a batch), and the
 naive formula over the arrays that its arguments consist of. The formula runs over numbers of any kind: over NumPy
 floats, rounded operation by operation, it gives the bits to expect; over fractions the exact value; over `Sized`
-fractions also mag, in units of which the docstrings promise their bounds.
+fractions also mag, in units of which the docstrings promise their bounds; over `duals.Dual` derivatives of all these.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from fractions import Fraction
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 import jaxspatial as js
-from jaxspatial.measure.exact import sized
+from jaxspatial.measure import error
+from jaxspatial.measure.exact import attribute, rationals, sized
 
 N_POINTS = 5
+DTYPES = ("float16", "bfloat16", "float32", "float64")
 
-# The arguments an operation may take: function of draw(*item_shape), an array with the batch in front.
+# The arguments an operation may take: the shapes of the arrays of one item, and what they are made into.
 _ARGUMENTS = {
-    "F": lambda draw: js.SpatialForce(draw(3), draw(3)),
-    "L": lambda draw: js.SpatialMomentum(draw(3), draw(3)),
-    "V": lambda draw: js.SpatialVelocity(draw(3), draw(3)),
-    "A": lambda draw: js.SpatialAcceleration(draw(3), draw(3)),
-    "vector": lambda draw: draw(3),
-    "points": lambda draw: draw(N_POINTS, 3),
-    "coefficients": lambda draw: draw(6),
-    "scalar": lambda draw: draw(),
+    "F": ([(3,), (3,)], js.SpatialForce),
+    "L": ([(3,), (3,)], js.SpatialMomentum),
+    "V": ([(3,), (3,)], js.SpatialVelocity),
+    "A": ([(3,), (3,)], js.SpatialAcceleration),
+    "R": ([(9,)], js.Rotation),
+    "vector": ([(3,)], lambda x: x),
+    "points": ([(N_POINTS, 3)], lambda x: x),
+    "coefficients": ([(6,)], lambda x: x),
+    "scalar": ([()], lambda x: x),
 }
+
+
+class Bound(NamedTuple):
+    """What is promised of the error of one array of a result, in each precision, with c the condition number of the
+    denominator of r (1 where nothing is divided).
+
+    fast, reproducible: k u mag + l u |r| c.  compensated: u |r| + m u^2 mag + n u^2 |r| c.
+    faithful: 1 ulp of r, nothing where r is 0; plus o u^3 mag for sums over many items.
+    """
+
+    k: float = 0
+    m: float = 0
+    l: float = 0  # noqa: E741 - the letter of the sentence above
+    n: float = 0
+    o: float = 0
+
+    def allowed(self, precision, exact, dtype) -> Any:
+        """The bound for every number of an array of `Sized`, as Fractions."""
+        value, mag, c = (attribute(exact, name) for name in ("value", "mag", "condition"))
+        u, (k, m, l, n, o) = error.unit_roundoff(dtype), map(Fraction, self)  # noqa: E741
+        if self == EXACT:
+            return 0 * mag
+        if precision == js.Precision.FAITHFUL:
+            return np.where(value != 0, error.ulp(value, dtype), 0 * mag) + o * u**3 * mag
+        if precision == js.Precision.COMPENSATED:
+            return u * abs(value) + u**2 * (m * mag + n * abs(value) * c)
+        return u * (k * mag + l * abs(value) * c)
+
+    def is_promised(self, precision, exact, dtype) -> Any:
+        """Where there is a promise: not for a denominator of which nothing is known."""
+        roundoff = {js.Precision.COMPENSATED: error.unit_roundoff(dtype) ** 2, js.Precision.FAITHFUL: 0}
+        smallest = 24 * roundoff.get(js.Precision(precision), error.unit_roundoff(dtype))
+        return (attribute(exact, "condition") * smallest <= 1).astype(bool) | (self.l == 0)
 
 
 class Operation(NamedTuple):
@@ -38,18 +75,30 @@ class Operation(NamedTuple):
     arguments: str
     function: Callable
     formula: Callable
-    # Per array of the result (k, l): the error is at most k u mag + l u |r| c, with c the condition number of the
-    # denominator of r (1 where nothing is divided). None: an operation without a precision.
+    # Per array of the result. None: an operation without a precision.
     bounds: tuple | None = None
     differentiable: bool = True
 
+    @property
+    def shapes(self):
+        """Of one item, the shapes of the arrays that the arguments consist of."""
+        return [shape for argument in self.arguments.split() for shape in _ARGUMENTS[argument][0]]
+
+    def build(self, arrays):
+        """The arguments that consist of these arrays."""
+        remaining = iter(arrays)
+        kinds = (_ARGUMENTS[argument] for argument in self.arguments.split())
+        return tuple(kind(*(next(remaining) for _ in shapes)) for shapes, kind in kinds)
+
     def inputs(self, batch_shape, dtype, rng):
         """Random arguments as a tuple of trees of NumPy arrays, components of size 1, none of them zero."""
+        return self.build(
+            rng.standard_normal((*batch_shape, *shape)).astype(jnp.dtype(dtype)) for shape in self.shapes
+        )
 
-        def draw(*item_shape):
-            return rng.standard_normal((*batch_shape, *item_shape)).astype(jnp.dtype(dtype))
-
-        return tuple(_ARGUMENTS[argument](draw) for argument in self.arguments.split())
+    def on_arrays(self, precision):
+        """The operation as a function of arrays that gives a list of arrays."""
+        return lambda *arrays: jax.tree.leaves(self.function(*self.build(arrays), precision=precision))
 
     def naive(self, *inputs):
         """The result of the formula as a list of arrays, in the order of the leaves of the result of `function`."""
@@ -58,6 +107,20 @@ class Operation(NamedTuple):
     def sized(self, *inputs):
         """As `naive`, exactly: arrays of `Sized`."""
         return [np.asarray(x) for x in self.formula(*map(sized, jax.tree.leaves(inputs)))]
+
+
+def violations(bound, precision, computed, exact, flushed=0):
+    """The places of a computed array where the bound is broken, as a mask; `flushed`: so many finfo.tiny are forgiven.
+
+    Where the exact value is below the smallest normal number, that number is forgiven: it may be flushed to zero.
+    """
+    computed, tiny = np.asarray(computed), Fraction(float(jnp.finfo(computed.dtype).tiny))
+    value = attribute(exact, "value")
+    allowed = bound.allowed(precision, exact, computed.dtype) + flushed * tiny
+    allowed = allowed + tiny * ((value != 0) & (abs(value) < tiny)).astype(int) if bound != EXACT else allowed
+    finite = np.isfinite(computed.astype(np.float64))
+    wrong = abs(rationals(np.where(finite, computed, np.zeros_like(computed))) - value) > allowed
+    return (~finite | wrong.astype(bool)) & bound.is_promised(precision, exact, computed.dtype)
 
 
 def _sum_of_three(x):
@@ -88,6 +151,11 @@ def _cross_force(w, v, tau, f):
     return np.cross(w, tau) + np.cross(v, f), np.cross(w, f)
 
 
+def _rotated(entries, tau, f):
+    rows = entries.reshape((*entries.shape[:-1], 3, 3))
+    return tuple(_sum_of_three(rows * part[..., None, :]) for part in (tau, f))
+
+
 def _wrench(points, forces):
     return _sum_of_points(np.cross(points, forces)), _sum_of_points(forces)
 
@@ -114,7 +182,14 @@ def _scaled_force(tau, f, s):
     return tau * s[..., None], f * s[..., None]
 
 
-EXACT, SHIFT, SHIFT_A, SINGLE, SUM, DOT = (0, 0), (3, 0), (7, 0), (2, 0), (3, 0), (4, 0)
+def summed(n):
+    """The bound of the sum of cross products over n items."""
+    rounds = int(np.ceil(np.log2(n)))
+    return Bound(k=2 + rounds, m=2 * (2 + rounds) ** 2, o=n**2)
+
+
+EXACT, SHIFT, SHIFT_A, SINGLE, SUM = Bound(), Bound(k=3, m=4), Bound(k=7, m=32), Bound(k=2, m=4), Bound(k=3, m=4)
+DOT, AXIS, PRESSED = Bound(k=4, m=8), Bound(k=7, m=32), Bound(k=3.5, l=4, m=32, n=32)
 
 OPERATIONS = {
     operation.name: operation
@@ -133,6 +208,7 @@ OPERATIONS = {
         Operation("cross_acceleration", "V A", js.cross, _cross_motion, (SINGLE, SUM)),
         Operation("cross_force", "V F", js.cross, _cross_force, (SUM, SINGLE)),
         Operation("cross_momentum", "V L", js.cross, _cross_force, (SUM, SINGLE)),
+        Operation("rotate", "R F", js.rotate, _rotated, (Bound(k=3, m=4), Bound(k=3, m=4))),
         Operation("add", "F F", lambda F, G: F + G, lambda tau, f, tau2, f2: (tau + tau2, f + f2)),
         Operation("subtract", "V V", lambda V, W: V - W, lambda w, v, w2, v2: (w - w2, v - v2)),
         Operation("negate", "L", lambda L: -L, lambda *parts: tuple(-x for x in parts)),
@@ -140,9 +216,10 @@ OPERATIONS = {
         Operation("multiply_from_left", "scalar F", lambda s, F: s * F, lambda s, tau, f: _scaled_force(tau, f, s)),
         Operation("divide", "A scalar", lambda A, s: A / s,
                   lambda alpha, a, s: (alpha / s[..., None], a / s[..., None])),
-        Operation("wrench_from_point_forces", "points points", js.wrench_from_point_forces, _wrench, ((5, 0), (5, 0))),
-        Operation("central_axis", "F", js.central_axis, _axis, ((7, 0), (7, 0))),
-        Operation("center_of_pressure", "F vector", js.center_of_pressure, _pressed, ((3.5, 4),)),
+        Operation("wrench_from_point_forces", "points points", js.wrench_from_point_forces, _wrench,
+                  (summed(N_POINTS), summed(N_POINTS))),
+        Operation("central_axis", "F", js.central_axis, _axis, (AXIS, AXIS)),
+        Operation("center_of_pressure", "F vector", js.center_of_pressure, _pressed, (PRESSED,)),
         Operation("to_array", "V", js.SpatialVelocity.to_array, lambda w, v: (np.concatenate((w, v), -1),)),
         Operation("from_array", "coefficients", js.SpatialMomentum.from_array, lambda x: (x[..., :3], x[..., 3:])),
         Operation("maximum_absolute_differences", "F F",
@@ -153,3 +230,4 @@ OPERATIONS = {
                   lambda *parts: _near(2.0, 2.0, *parts), differentiable=False),
     )
 }  # fmt: skip
+WITH_PRECISION = [name for name, operation in OPERATIONS.items() if operation.bounds]

@@ -197,14 +197,16 @@ def _lower(context, *arrays, plan):
     """Traced without shardings and manual axes in the types: the arithmetic is elementwise, for the compiler to split.
     (With them, every constant and index made on the way would have to be sharded by hand.)
     """
-    plain = [jax.core.ShapedArray(a.shape, a.dtype) for a in context.avals_in]
-    return _evaluation(context.replace(avals_in=plain), *arrays, plan=plan)
+    with jax.sharding.use_abstract_mesh(_NO_MESH):
+        plain = [jax.core.ShapedArray(a.shape, a.dtype) for a in context.avals_in]
+        return _evaluation(context.replace(avals_in=plain), *arrays, plan=plan)
 
 
 def _evaluated(*arrays, plan):
     return evaluate(plan, arrays)
 
 
+_NO_MESH = jax.sharding.AbstractMesh((), ())
 _evaluation = mlir.lower_fun(_evaluated, multiple_results=True)
 _sums_p = Primitive("jaxspatial_sums")
 _sums_p.multiple_results = True

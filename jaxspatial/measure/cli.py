@@ -64,7 +64,7 @@ def _console(stderr=False):
         from rich.console import Console
     except ImportError:
         return None
-    return Console(width=None if sys.stdout.isatty() else 150, stderr=stderr)
+    return Console(width=None if sys.stdout.isatty() else 144, stderr=stderr)
 
 
 def _parser():
@@ -143,15 +143,16 @@ def _measured(options, console, wrenches, offset, about):
     """All measurements; where there is a console, with the power before, and a progress bar."""
     powers = {dtype: power.compare(wrenches, offset, dtype) for dtype in trade.STREAMED}
     operations = list(dict.fromkeys(options.operation or OPERATIONS))
-    lines = trade.cases(operations, dict.fromkeys(options.dtype or trade.DTYPES))
+    dtypes = list(dict.fromkeys(options.dtype or trade.DTYPES))
+    lines, pairs = trade.cases(operations, dtypes), conditions.subjects(operations, dtypes)
 
     def work(advance):
         rows = trade.measure(wrenches, offset, lines, options.largest, advance)
-        return rows, conditions.measure(operations, advance)
+        return rows, conditions.measure(pairs, advance)
 
     if console:
         _announce(console, f"{about}\noffset p_PQ = {offset.tolist()} m\n{timing.machine()}\n", powers)
-    measured = _with_progress(console, work, trade.steps(lines) + conditions.steps(operations))
+    measured = _with_progress(console, work, trade.steps(lines) + len(pairs))
     return Result(about, timing.machine(), offset, trade.sizes(options.largest), powers, *measured)
 
 

@@ -1,5 +1,6 @@
 """Error against condition number: where a precision begins to lose digits, and where it has none left."""
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -40,15 +41,14 @@ class Curve(NamedTuple):
         return all(point.of_promise <= 1 for point in self.points)
 
 
-def steps(operations):
-    """How often `measure` calls `advance`."""
-    return sum(name in CURVED for name in operations) * len(DTYPES)
+def subjects(operations=CURVED, dtypes=DTYPES):
+    """Those operations and dtypes of which there are curves, as pairs of names."""
+    return [(name, dtype) for name in operations if name in CURVED for dtype in dtypes if dtype in DTYPES]
 
 
-def measure(operations=tuple(OPERATIONS), advance=lambda: None, seed=0):
-    """The curves of those operations that arguments can be made for, per dtype and precision."""
-    known = [OPERATIONS[name] for name in operations if name in CURVED]
-    return [curve for o in known for dtype in DTYPES for curve in _curves(o, dtype, advance, seed)]
+def measure(pairs, advance=lambda: None, seed=0):
+    """The curves of `subjects`, one per precision; calls `advance` after each of them."""
+    return [curve for name, dtype in pairs for curve in _curves(OPERATIONS[name], dtype, advance, seed)]
 
 
 def requested(dtype):
@@ -72,7 +72,9 @@ def _curves(operation, dtype, advance, seed):
     ]
 
 
+@functools.cache
 def _run(name, precision):
+    """Compiled once, however often the curves are measured."""
     return jax.jit(OPERATIONS[name].batched(precision))
 
 

@@ -3,6 +3,7 @@
 import itertools
 
 from rich import box, progress
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -33,21 +34,24 @@ def print_power(console, powers):
     console.print(table)
 
 
+# Of the trade: wider than some terminals, which wrap its lines; cut off it would say nothing.
+_WIDTH = 144
 _LEFT = ("operation", "dtype", "precision", "promised error")
 
 
 def print_trade(console, result):
     """The trade: cost in cache and streaming, error against exact rationals, promise."""
     in_cache, streamed = (f"{n:,}" for n in result.sizes)
-    table = Table(title="The trade on this machine", box=box.SIMPLE_HEAD, title_justify="left", padding=(0, 1))
-    costs = (f"in cache\n{in_cache}\nns", "\n\n/ fast", f"streaming\n{streamed}\nns", "\n\n/ fast", "\n\nGB/s")
-    errors = ("compile\n\ns", "median\nerror\nulps", "worst\nerror\nulps", "worst\nerror\n/ promised")
+    table = Table(title="The trade on this machine", box=box.SIMPLE_HEAD, title_justify="left", padding=(0, 1, 0, 0))
+    costs = (f"in cache\n{in_cache}\nns", "\nover\nfast", f"streaming\n{streamed}\nns", "\nover\nfast", "\n\nGB/s")
+    errors = ("compile\n\ns", "median\nerror\nulps", "worst\nerror\nulps", "worst\nover\npromised")
     for heading in (*_LEFT[:3], *costs, *errors, _LEFT[3]):
         table.add_column(heading, justify="left" if heading in _LEFT else "right", no_wrap=True)
     for _, group in itertools.groupby(result.rows, lambda row: row.case[:2]):
         _add_group(table, list(group))
-    console.print(table)
-    console.print(_NOTES, highlight=False)
+    wide = Console(file=console.file, width=max(console.width, _WIDTH), force_terminal=console.is_terminal)
+    wide.print(table)
+    wide.print(_NOTES, highlight=False)
 
 
 def _add_group(table, rows):
@@ -56,7 +60,7 @@ def _add_group(table, rows):
     for row in rows:
         names = (OPERATIONS[row.case.operation].title, row.case.dtype) if row is fast else ("", "")
         costs = (*_relative(row.in_cache, fast.in_cache), *_streamed(row, fast), f"{row.compile_seconds:.2f}")
-        errors = (f"{row.median_ulps:.2f}", f"{row.worst_ulps:.3g}", f"{row.of_promise:.2f}")
+        errors = (f"{row.median_ulps:.2f}", _short(row.worst_ulps), f"{row.of_promise:.2f}")
         table.add_row(*names, row.case.precision, *costs, *errors, row.promise)
     table.add_section()
 
@@ -67,14 +71,18 @@ def _streamed(row, fast):
     return [*_relative(row.streamed, fast.streamed), f"{row.gigabytes_per_second:.1f}"]
 
 
+def _short(ulps):
+    return f"{ulps:.0f}" if 100 <= ulps < 1e6 else f"{ulps:.3g}"
+
+
 def _relative(seconds, fast):
     return [f"{nanoseconds(seconds):.2f}", f"{nanoseconds(seconds) / nanoseconds(fast):.1f}"]
 
 
 _NOTES = """\
 ns per item, medians. In cache: 100 steps in one call, arguments and results stay in the cache. Streaming: one call over
-all items, in place where the operation can be. compile: tracing and compiling the loop. Momenta shift as forces do;
-float16 and bfloat16 are timed in cache only.
+all items, in place where the operation can be; of few items this is the cost of a call. compile: tracing and compiling
+the loop. Momenta shift as forces do; float16 and bfloat16 are timed in cache only.
 Errors against exact rationals: in units in the last place (ulp) of the exact result r, and over the bound promised.
 u is the unit roundoff, mag the sizes of the terms added up: where terms cancel, mag is large next to r.
 """

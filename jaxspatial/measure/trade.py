@@ -89,14 +89,13 @@ def steps(lines):
 
 def measure(wrenches, offset, lines, largest=LARGEST, advance=lambda: None):
     """The rows of the trade for these wrenches (float64 arrays), repeated or cut to each size, and this offset."""
-    groups = dict.fromkeys(case[:2] for case in lines)
-    return [row for group in groups for row in _group(wrenches, offset, [*group], largest, advance)]
+    groups = dict.fromkeys((case.operation, case.dtype) for case in lines)
+    return [row for name, dtype in groups for row in _group((wrenches, offset), name, dtype, largest, advance)]
 
 
-def _group(wrenches, offset, group, largest, advance):
+def _group(scene, name, dtype, largest, advance):
     """The rows of one operation in one dtype: its precisions are timed in turns, and share the exact results."""
-    operation, dtype = OPERATIONS[group[0]], group[1]
-    in_cache, streamed = sizes(largest)
+    operation, (wrenches, offset), (in_cache, streamed) = OPERATIONS[name], scene, sizes(largest)
     with jax.enable_x64(dtype == "float64"):
         arrays = arguments(operation, wrenches, offset, in_cache, dtype)
         loops = {p: _Loop(operation, p, arrays, advance) for p in Precision}
@@ -104,7 +103,8 @@ def _group(wrenches, offset, group, largest, advance):
         stream = _streamed(operation, arguments(operation, wrenches, offset, streamed, dtype), advance)
         errors = _errors(operation, loops)
     return [
-        Row(Case(*group, p), cached[p], stream[p], loops[p].compile_seconds, *errors[p]) for p in map(str, Precision)
+        Row(Case(name, dtype, p), cached[p], stream[p], loops[p].compile_seconds, *errors[p])
+        for p in map(str, Precision)
     ]
 
 
@@ -121,8 +121,9 @@ def _timed(calls, items, advance):
 
 
 def arguments(operation, wrenches, offset, n, dtype):
-    """The arguments of an operation for the first n wrenches, repeated as often as needed, on the device."""
-    index = np.arange(n) % len(wrenches.tau)
+    """The arguments of an operation for n of the wrenches, evenly spread, or repeated as often as needed."""
+    count = len(wrenches.tau)
+    index = np.linspace(0, count - 1, n).astype(int) if n < count else np.arange(n) % count
     known = {**wrenches._asdict(), "p": np.broadcast_to(np.asarray(offset, np.float64), wrenches.tau.shape)}
     with np.errstate(over="ignore"):
         return [jnp.asarray(known[name][index].astype(jnp.dtype(dtype))) for name in operation.arguments]
@@ -196,11 +197,12 @@ def _looped(operation, precision):
 
 def _errors(operation, loops):
     """precision -> (errors in ulps, the largest over the bound) on the items that do not overflow in this dtype."""
-    arrays = [np.asarray(x)[:_SAMPLE] for x in next(iter(loops.values())).arrays]
+    arrays = [np.asarray(x) for x in next(iter(loops.values())).arrays]
     finite = np.all([np.isfinite(x.astype(np.float64)).all(-1) for x in arrays], axis=0)
-    exactly = operation.exactly(*(x[finite] for x in arrays))
+    some = np.flatnonzero(finite)[:: max(1, len(finite) // _SAMPLE)]
+    exactly = operation.exactly(*(x[some] for x in arrays))
     inside = _inside(exactly, arrays[0].dtype)
-    chosen = np.flatnonzero(finite)[inside]
+    chosen = some[inside]
     exactly = [(value[inside], mag[inside]) for value, mag in exactly]
     computed = {p: [np.asarray(x)[chosen] for x in loop(1)] for p, loop in loops.items()}
     return {p: operation.of_promise(p, x, exactly)[::-1] for p, x in computed.items()}
@@ -209,5 +211,5 @@ def _errors(operation, loops):
 def _inside(exactly, dtype):
     """Items whose terms add up to less than half of the largest number."""
     largest = float(jnp.finfo(dtype).max) / 2
-    small = [(mag < largest).astype(bool).reshape(len(mag), -1).all(-1) for _, mag in exactly]
-    return np.all(small, axis=0)
+    small = [(mag < largest).astype(bool) for _, mag in exactly]
+    return np.all([x.all(tuple(range(1, x.ndim))) for x in small], axis=0)

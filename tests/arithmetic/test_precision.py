@@ -65,5 +65,6 @@ def test_each_thread_has_its_own():
 
 
 def test_an_unknown_name_is_refused():
-    with pytest.raises(ValueError, match="precision: expected one of 'fast', 'reproducible', 'compensated', 'faithful' or None, got 'exact'"):
+    names = "'fast', 'reproducible', 'compensated', 'faithful' or None"
+    with pytest.raises(ValueError, match=f"precision: expected one of {names}, got 'exact'"):
         js.default_precision("exact")

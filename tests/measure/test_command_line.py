@@ -1,5 +1,6 @@
 """python -m jaxspatial: the built-in scene, the user's file, and everything that can be wrong with one."""
 
+import json
 import sys
 
 import numpy as np
@@ -7,13 +8,14 @@ import pytest
 from PIL import Image
 
 import jaxspatial as js
-from jaxspatial.measure import power, scene, trade
+from jaxspatial.measure import power, result, scene, trade
 from jaxspatial.measure.cli import main
+from jaxspatial.measure.operation import OPERATIONS
 from jaxspatial.measure.wrench_file import WrenchFile, WrenchFileError
 
 OFFSET = ["--offset", "0.1", "-0.2", "0.3"]
 COLUMNS = [f"{part}_{axis}" for part in ("tau", "f", "w", "v") for axis in "xyz"]
-SMALL = ["--largest", "1000"]
+SMALL = ["--largest", "1000", "--operation", "shift_force", "--dtype", "float32"]
 
 
 @pytest.fixture
@@ -36,14 +38,70 @@ def test_the_scene_is_a_rigid_body(wrenches):
 
 def test_built_in_scene(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main(SMALL) == 0
+    assert main(SMALL + ["--operation", "dot", "--dtype", "bfloat16"]) == 0
     text = capsys.readouterr().out
-    assert "Power before and after the shift" in text and "n = 1,000" in text and "u mag" in text
+    assert "Power before and after the shift" in text and "1,000" in text
+    for name in ("shift force", "dot", "float32", "bfloat16", *js.Precision, "3 u mag", "u |r| + 8 u² mag", "1 ulp"):
+        assert name in text, name
     with Image.open(tmp_path / "jaxspatial_trade.png") as picture:
         assert picture.size[0] > 1000
 
 
-@pytest.mark.parametrize("dtype", trade.DTYPES)
+def test_json(tmp_path, capsys, monkeypatch):
+    """Nothing but JSON on standard output, no picture, and no need for the packages that show tables and pictures."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("matplotlib", "rich", "rich.console"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert main([*SMALL, "--json"]) == 0
+    out = capsys.readouterr()
+    found = json.loads(out.out, parse_constant=pytest.fail)
+    assert found["holds"] and not found["broken"] and not list(tmp_path.iterdir()) and not out.err
+    assert found["sizes"] == {"in_cache": 1000, "streamed": 1000} and found["versions"].keys() >= {"jax", "jaxlib"}
+    assert found["power"]["float64"]["difference"] <= found["power"]["float64"]["bound"]
+    assert [row["precision"] for row in found["rows"]] == [str(p) for p in js.Precision]
+    for row in found["rows"]:
+        assert row["holds"] and row["of_promise"] <= 1 and row["in_cache"]["nanoseconds"] > 0
+        assert row["streamed"]["gigabytes_per_second"] > 0 and row["ulps"]["worst"] >= row["ulps"]["median"] >= 0
+    curves = {(c["operation"], c["dtype"], c["precision"]): c["points"] for c in found["conditions"]}
+    assert {name for name, _, _ in curves} == {"shift_force"} and len(curves) == 4
+    assert max(point["worst_ulps"] for point in curves["shift_force", "float32", "faithful"]) <= 1
+
+
+def test_json_with_progress_and_picture(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert (
+        main(
+            [
+                *SMALL[:2],
+                "--operation",
+                "dot",
+                "--dtype",
+                "float32",
+                "--dtype",
+                "float16",
+                "--json",
+                "--picture",
+                "mine.png",
+            ]
+        )
+        == 0
+    )
+    out = capsys.readouterr()
+    found = json.loads(out.out, parse_constant=pytest.fail)
+    assert [row["dtype"] for row in found["rows"] if row["streamed"] is None] == ["float16"] * 4
+    assert any(point["condition"] is None for curve in found["conditions"] for point in curve["points"])
+    assert "Power before and after" in out.err and (tmp_path / "mine.png").exists()
+
+
+def test_keys_of_the_json_object_are_documented(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    text = capsys.readouterr().out
+    keys = ("about", "machine", "versions", "offset", "sizes", "power", "rows", "conditions", "broken", "holds")
+    assert all(key in text and key in str(result.__doc__) for key in keys)
+
+
+@pytest.mark.parametrize("dtype", trade.STREAMED)
 def test_power_is_unchanged_and_a_wrong_sign_is_seen(dtype, wrenches, monkeypatch):
     offset = np.array([0.1, -0.2, 0.3])
     found = power.compare(wrenches, offset, dtype)
@@ -58,14 +116,16 @@ def test_power_is_unchanged_and_a_wrong_sign_is_seen(dtype, wrenches, monkeypatc
 
 def test_a_broken_promise_is_an_exit_status(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(trade._BOUND, "shift", 0.1)
+    monkeypatch.setitem(OPERATIONS, "shift_force", OPERATIONS["shift_force"]._replace(bounds=((0.1, 4),)))
     assert main(SMALL) == 1
-    assert "does not hold here" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "does not hold here: shift_force float32 fast" in out and "float32 faithful" not in out
 
 
-def test_what_is_missing_is_said(capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "rich", None)
-    assert main(SMALL) == 2
+@pytest.mark.parametrize(("name", "options"), [("rich", []), ("matplotlib", ["--json", "--picture", "x.png"])])
+def test_what_is_missing_is_said(name, options, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, name, None)
+    assert main(SMALL + options) == 2
     assert "pip install 'jaxspatial[plot]'" in capsys.readouterr().err
 
 
@@ -73,7 +133,8 @@ def test_what_is_missing_is_said(capsys, monkeypatch):
 def test_small_and_large_wrenches_keep_the_promises(scale, tmp_path, wrenches):
     path = tmp_path / "mine.npz"
     np.savez(path, tau=wrenches.tau * scale, f=wrenches.f * scale)
-    assert main([str(path), *OFFSET, *SMALL]) == 0
+    narrow = ["--operation", "cross_force", "--dtype", "float32", "--dtype", "float16"]
+    assert main([str(path), *OFFSET, *SMALL[:2], *narrow]) == 0
 
 
 def test_npz_is_shifted_beside_itself(tmp_path, wrenches, capsys):
@@ -172,6 +233,7 @@ def test_a_failed_write_leaves_nothing(tmp_path, wrenches, monkeypatch):
         (["FILE", "--offset", "1", "2"], "expected 3 arguments"),
         (["FILE", "--offset", "1", "2", "inf"], "expected a finite number of metres, got inf"),
         (["FILE", "--offset", "1", "2", "three"], "expected a finite number of metres, got three"),
+        (["--operation", "twist"], "invalid choice: 'twist'"),
         (["--largest", "10"], "expected at least 1000 wrenches, got 10"),
         (["FILE", *OFFSET, "--picture", "nowhere/x.png"], "expected a folder to write to"),
     ],

@@ -368,10 +368,11 @@ def test_a_zero_next_to_no_number_is_a_zero_if_known(kind, offset, expected, bad
 
 COLLECTIVES = "all-reduce|all-gather|all-to-all|reduce-scatter|collective"
 LAWS = [
-    f"{axis_type.name}-{offset}-{how}"
+    f"{axis_type.name}-{offset}-{how}-{precision}"
     for axis_type in (AxisType.Auto, AxisType.Explicit)
     for offset in ("shared", "own")
     for how in ("broadcasting", "vmap", "shard_map")
+    for precision in ("reproducible", "compensated")
 ]
 
 
@@ -442,7 +443,9 @@ def _gradient(shift, dot):
 
 def _outcome(law):
     try:
-        _check_law(*law.split("-"))
+        *where, precision = law.split("-")
+        with js.default_precision(precision):
+            _check_law(*where)
     except Exception:
         return traceback.format_exc()
     return ""

@@ -1,0 +1,160 @@
+"""Inputs on which bounds are tried, with exact results: every family and condition number in one batch.
+
+One batch, because compiling is what takes the time; and exact results are shared by all precisions and surroundings.
+"""
+
+import functools
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from operations import OPERATIONS, Operation, violations
+
+from jaxspatial.measure.error import unit_roundoff
+from jaxspatial.measure.exact import rationals
+from jaxspatial.measure.inputs import CONDITIONED, FAMILIES, products_with_condition
+
+N = 12
+
+
+class Case(NamedTuple):
+    """Arrays for an operation, and what it makes of them exactly."""
+
+    operation: Operation
+    arrays: list
+    exact: list
+
+    def check(self, precision, results, note, parts=None, flushed=0):
+        """Asserts that the results, by default all parts, keep their bounds."""
+        parts = range(len(self.exact)) if parts is None else parts
+        for part, computed in zip(parts, results, strict=True):
+            bound = self.operation.bounds[part]
+            wrong = _violations(bound, str(precision), np.asarray(computed), _Key(self.exact[part]), flushed)
+            assert not wrong.any(), (self.operation.name, note, part, self.example(wrong, np.asarray(computed), part))
+
+    def example(self, wrong, computed, part):
+        """The first item on which a bound is broken."""
+        i = np.argwhere(wrong)[0][0]
+        exactly = [float(x.value) for x in np.ravel(self.exact[part][i])]
+        return f"{wrong.sum()} wrong", "first", i, [x[i].tolist() for x in self.arrays], computed[i], exactly
+
+
+class _Key(NamedTuple):
+    array: np.ndarray
+
+    def __hash__(self):
+        return id(self.array)
+
+    def __eq__(self, other):
+        return self.array is other.array
+
+
+_known = {}
+
+
+def _violations(bound, precision, computed, key, flushed):
+    """Of one result only once, however many surroundings give the same bits."""
+    where = (bound, precision, computed.dtype, computed.tobytes(), key, flushed)
+    if where not in _known:
+        _known[where] = violations(bound, precision, computed, key.array, flushed)
+    return _known[where]
+
+
+@functools.cache
+def case(name, dtype):
+    """The Case of an operation: all families of `measure.inputs`, and condition numbers from 10 to infinity."""
+    rng = np.random.default_rng(7)
+    groups = [arranged(name, family, rng, N, dtype) for family in FAMILIES.values()]
+    if name in _CONDITIONED:
+        groups += [_CONDITIONED[name](rng, N, dtype, condition) for condition in conditions(dtype)]
+    return made(name, [np.concatenate(x) for x in zip(*groups, strict=True)])
+
+
+def made(name, arrays):
+    """The Case of an operation for these arrays."""
+    operation = OPERATIONS[name]
+    if name in _DEFINED:
+        arrays = [x[np.asarray(_DEFINED[name](*arrays), bool)] for x in arrays]
+    return Case(operation, arrays, operation.sized(arrays))
+
+
+def arranged(name, family, rng, n, dtype):
+    """Arrays of a family in the shapes that the operation takes."""
+    shapes = OPERATIONS[name].shapes
+    rows = max(int(np.prod(shape)) // 3 for shape in shapes)
+    vectors = family(rng, len(shapes), n * rows, jnp.dtype(dtype))
+    return [x.reshape(n, -1)[:, : np.prod(shape)].reshape(n, *shape) for x, shape in zip(vectors, shapes, strict=True)]
+
+
+def conditions(dtype):
+    u = float(unit_roundoff(dtype))
+    return (10.0, u**-0.5, 0.3 / u, 3 / u, u**-1.5, np.inf)
+
+
+def _conditioned(name, *order):
+    """The generator of that name, its arrays in another order."""
+    return lambda *arguments: [CONDITIONED[name](*arguments)[i] for i in order]
+
+
+def _opposed(rng, n, dtype, condition):
+    """w, v, x, y with w x y + v x x of about that condition number: v is y and x is w but for a part of 1 / condition."""
+    w, y, d, e = rng.standard_normal((4, n, 3))
+    w, y = w.astype(dtype), y.astype(dtype)
+    return [w, (y + d / condition).astype(dtype), (w + e / condition).astype(dtype), y]
+
+
+def _opposed_force(*arguments):
+    w, v, x, y = _opposed(*arguments)
+    return [w, v, y, x]
+
+
+def wrench(rng, n, dtype, condition, items=5):
+    """points, forces (n, items, 3): tau_z = sum of p_x f_y - p_y f_x has that condition number, up to 1/u^1.9."""
+    condition = min(condition, float(unit_roundoff(dtype)) ** -1.9)
+    x, y = products_with_condition(rng, 2 * items, n, dtype, condition)
+    p, f = rng.standard_normal((2, n, items, 3)).astype(dtype)
+    p[..., 0], p[..., 1] = x[:, :items], x[:, items:]
+    f[..., 1], f[..., 0] = y[:, :items], -y[:, items:]
+    return [p, f]
+
+
+def _across(rng, v, condition):
+    """Vectors whose product with v has about that condition number."""
+    wide = v.astype(np.float64)
+    return (np.cross(wide, rng.standard_normal(v.shape)) + wide / condition).astype(v.dtype)
+
+
+def _pressed(rng, n, dtype, condition):
+    """tau, f, normal: what presses cancels."""
+    tau, normal = rng.standard_normal((2, n, 3)).astype(dtype)
+    return [tau, _across(rng, normal, condition), normal]
+
+
+def _rotated(rng, n, dtype, condition):
+    """entries, tau, f: the torque is nearly orthogonal to all rows."""
+    tau, f = rng.standard_normal((2, n, 3)).astype(dtype)
+    return [np.concatenate([_across(rng, tau, condition) for _ in range(3)], -1), tau, f]
+
+
+# Whether an item has a result at all.
+_DEFINED = {
+    "central_axis": lambda tau, f: (f != 0).any(-1),
+    "center_of_pressure": lambda tau, f, normal: (rationals(normal) * rationals(f)).sum(-1) != 0,
+}
+_CONDITIONED = {
+    "shift_force": _conditioned("shift_force", 0, 1, 2),
+    "shift_momentum": _conditioned("shift_force", 0, 1, 2),
+    "shift_velocity": _conditioned("shift_velocity", 0, 1, 2),
+    "shift_acceleration": _conditioned("shift_acceleration", 0, 1, 2, 3),
+    "dot_force_velocity": _conditioned("dot", 0, 1, 2, 3),
+    "dot_momentum_velocity": _conditioned("dot", 0, 1, 2, 3),
+    "dot_velocity_force": _conditioned("dot", 2, 3, 0, 1),
+    "dot_velocity_momentum": _conditioned("dot", 2, 3, 0, 1),
+    "cross_velocity": _opposed,
+    "cross_acceleration": _opposed,
+    "cross_force": _opposed_force,
+    "cross_momentum": _opposed_force,
+    "wrench_from_point_forces": wrench,
+    "rotate": _rotated,
+    "center_of_pressure": _pressed,
+}

@@ -1,0 +1,86 @@
+"""The self-check: it holds on compilers that keep promises, and sees those that do not; without the plot extra."""
+
+import json
+import os
+import subprocess
+import sys
+
+import jax
+import pytest
+
+from jaxspatial.measure import self_check as module
+from jaxspatial.measure.cli import main
+from jaxspatial.measure.self_check import self_check
+
+# The command where neither tables nor pictures can be shown.
+_BARE = "import sys; sys.modules.update(rich=None, matplotlib=None); from jaxspatial.measure.cli import main"
+
+
+def _run(flags, *options):
+    """The command in a process whose compiler has these flags and that has no rich and no matplotlib."""
+    program = f"{_BARE}; sys.exit(main(['--self-check', *{list(options)}]))"
+    environment = {**os.environ, "XLA_FLAGS": flags}
+    return subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=300)
+
+
+def _found(run):
+    return {finding["name"]: finding for finding in json.loads(run.stdout)["findings"]}
+
+
+@pytest.fixture(scope="module")
+def quick():
+    """The checks that are quick, for what does not depend on their number."""
+    kept = {name: check for name, check in module._CHECKS.items() if not name.startswith("precision")}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "_CHECKS", kept)
+        yield kept
+
+
+def test_holds_here_and_says_what_was_looked_at():
+    before = dict(jax.config.values)
+    report = self_check()
+    assert report.holds and report.findings and dict(jax.config.values) == before
+    assert {f.name for f in report.findings if f.holds} >= {"error-free sums", "precision 'faithful'", "double words"}
+    assert {f.name for f in report.findings if f.holds is None} >= {
+        "subnormal numbers",
+        "products fused with additions",
+    }
+    text = str(report)
+    assert repr(report) == text and all(f"{f.verdict:<7}{f.name}: " in text for f in report.findings)
+    assert text.endswith("All promises hold here.")
+
+
+def test_64_bit_types_on_or_off_by_the_caller(x64, quick):
+    report = self_check()
+    assert report.holds and len(report.findings) == len(quick)
+
+
+def test_fast_math_is_seen():
+    run = _run("--xla_cpu_enable_fast_math=true", "--json")
+    assert run.returncode == 1, run.stderr
+    found = _found(run)
+    broken = {name for name, finding in found.items() if finding["holds"] is False}
+    assert broken >= {"error-free sums", "error-free products", "precision 'compensated'", "precision 'faithful'"}
+    assert all("--xla_cpu_enable_fast_math=true: take it out" in found[name]["advice"] for name in broken)
+
+
+def test_without_fma_all_holds():
+    run = _run("--xla_cpu_max_isa=AVX")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.endswith("All promises hold here.\n") and "products fused with additions: no" in run.stdout
+
+
+def test_command_prints_a_table(quick, capsys):
+    assert main(["--self-check"]) == 0
+    text = capsys.readouterr().out
+    assert all(name in text for name in quick) and "All promises hold here." in text
+
+
+def test_what_cannot_be_run_does_not_hold(quick, monkeypatch, capsys):
+    def fails():
+        raise NotImplementedError("no 64 bits on this device")
+
+    monkeypatch.setattr(module, "_CHECKS", {"float64": fails})
+    report = self_check()
+    assert not report.holds and "no 64 bits on this device" in str(report) and "--xla_cpu" in report.findings[0].advice
+    assert main(["--self-check"]) == 1 and "1 of the promises do not hold" in capsys.readouterr().out

@@ -1,0 +1,82 @@
+"""Rotations do to vectors what their matrices do; bounds and transformations: see the table of operations."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxspatial as js
+
+
+def _rotations(count, dtype=np.float32):
+    """Orthogonal matrices with determinant 1, but for rounding."""
+    q, _ = np.linalg.qr(np.random.default_rng(0).standard_normal((count, 3, 3)))
+    return (q * np.linalg.det(q)[:, None, None]).astype(dtype)
+
+
+def _vectors(count):
+    return np.random.default_rng(1).standard_normal((count, 3)).astype(np.float32)
+
+
+def test_matrix_vector_and_matrix_matrix(x64):
+    m, v = _rotations(4), _vectors(4)
+    R = js.Rotation.from_matrix(m)
+    np.testing.assert_array_equal(R.to_matrix(), m)
+    np.testing.assert_allclose(np.asarray(R @ v), np.einsum("nij,nj->ni", m, v), atol=1e-6, strict=True)
+    product = R @ js.Rotation.from_matrix(m[::-1].copy())
+    np.testing.assert_allclose(np.asarray(product.to_matrix()), m @ m[::-1], atol=1e-6)
+
+
+def test_inverse_undoes():
+    R, v = js.Rotation.from_matrix(_rotations(4)), _vectors(4)
+    np.testing.assert_allclose(np.asarray(R.inverse() @ (R @ v)), v, atol=1e-6)
+    np.testing.assert_array_equal(R.inverse().inverse().to_matrix(), R.to_matrix())
+
+
+@pytest.mark.parametrize("kind", [js.SpatialForce, js.SpatialMomentum, js.SpatialVelocity, js.SpatialAcceleration])
+def test_rotate_turns_both_parts(kind):
+    R, v, w = js.Rotation.from_matrix(_rotations(1)[0]), _vectors(5), _vectors(5)[::-1].copy()
+    X = kind(v, w)
+    turned = R @ X
+    assert type(turned) is kind
+    np.testing.assert_array_equal(turned.rotational, R @ v)
+    np.testing.assert_array_equal(turned.translational, R @ w)
+    np.testing.assert_array_equal(js.rotate(R, X).to_array(), turned.to_array())
+
+
+def test_power_does_not_change():
+    R = js.Rotation.from_matrix(_rotations(50, np.float32))
+    F, V = js.SpatialForce(_vectors(50), _vectors(50) + 1), js.SpatialVelocity(_vectors(50) - 2, _vectors(50))
+    np.testing.assert_allclose(np.asarray(js.dot(R @ F, R @ V)), np.asarray(js.dot(F, V)), rtol=0, atol=1e-5)
+
+
+def test_identity_and_known_zeros_leave_nothing():
+    v = jnp.asarray(_vectors(2))
+    identity = js.Rotation.identity(dtype=jnp.float32)
+    assert jax.make_jaxpr(lambda v: identity @ v)(v).eqns == []
+    about_z = js.Rotation.from_matrix(np.float32([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]]))
+    names = [e.primitive.name for e in jax.make_jaxpr(lambda v: about_z @ v)(v[0]).eqns]
+    assert names.count("jaxspatial_product") == 4
+
+
+def test_batches_broadcast_and_vmap():
+    m, v = _rotations(4), _vectors(4)
+    R, one = js.Rotation.from_matrix(m), js.Rotation.from_matrix(m[0])
+    assert (R @ v[0]).shape == (4, 3) and (one @ v).shape == (4, 3)
+    np.testing.assert_array_equal(jax.vmap(lambda R, v: R @ v)(R, v), R @ v)
+    np.testing.assert_array_equal(jax.vmap(js.rotate, in_axes=(None, 0))(one, js.SpatialForce(v, v)).tau, one @ v)
+
+
+def test_errors_name_what_came():
+    R = js.Rotation.identity(dtype=jnp.float32)
+    F = js.SpatialForce(np.ones(3, np.float32), np.ones(3, np.float32))
+    with pytest.raises(ValueError, match=r"Rotation.from_matrix: m: expected shape .*, got \(4, 3\)"):
+        js.Rotation.from_matrix(np.ones((4, 3), np.float32))
+    with pytest.raises(TypeError, match="rotate: expected a Rotation first, got ndarray"):
+        js.rotate(np.eye(3, dtype=np.float32), F)
+    with pytest.raises(TypeError, match="rotate: expected one of the four spatial vectors as second, got ndarray"):
+        js.rotate(R, np.ones(3, np.float32))
+    with pytest.raises(TypeError, match="Rotation and v: expected one dtype, got Rotation: float32, v: float16"):
+        R @ np.ones(3, np.float16)
+    with pytest.raises(ValueError, match="Rotation @ v: v: expected shape"):
+        R @ np.ones(4, np.float32)
