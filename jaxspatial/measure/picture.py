@@ -10,10 +10,11 @@ from matplotlib.lines import Line2D  # noqa: E402
 from jaxspatial.measure import conditions, trade  # noqa: E402
 from jaxspatial.measure.operation import OPERATIONS  # noqa: E402
 
+# Drawn where measured; the narrow formats only where nothing else is.
+_DTYPES = ("float32", "float64")
 # After Okabe and Ito 2008: told apart with every kind of colour vision.
 _COLOURS = {"fast": "#D55E00", "reproducible": "#0072B2", "compensated": "#009E73", "faithful": "#AA4499"}
 _MARKERS = dict(zip(OPERATIONS, "osD^vX", strict=True))
-_DTYPES = ("float32", "float64")
 # The lowest error shown, and the number of results that make a point of a curve.
 _LOWEST, _ENOUGH = 0.2, 10
 _LIGHT, _GREY = "0.8", "0.35"
@@ -21,12 +22,15 @@ _LIGHT, _GREY = "0.8", "0.35"
 
 def draw(result, path):
     """Writes the picture of a `Result` to path."""
-    places = [[dtype, "conditions"] for dtype in _DTYPES]
+    known = dict.fromkeys(row.case.dtype for row in result.rows)
+    dtypes = [dtype for dtype in known if dtype in _DTYPES] or list(known)
+    places = [[dtype, "conditions"] if result.curves else [dtype] for dtype in dtypes]
     figure, axes = plt.subplot_mosaic(places, figsize=(15, 8), layout="constrained")
-    for dtype in _DTYPES:
+    for dtype in dtypes:
         _draw_trade(axes[dtype], [row for row in result.rows if row.case.dtype == dtype], dtype)
-    _label_trade([axes[dtype] for dtype in _DTYPES], result)
-    _draw_conditions(axes["conditions"], result.curves)
+    _label_trade([axes[dtype] for dtype in dtypes], result)
+    if result.curves:
+        _draw_conditions(axes["conditions"], result.curves)
     figure.suptitle(f"{result.about}\n{result.machine}", fontsize=9)
     figure.savefig(path, dpi=130)
     plt.close(figure)
@@ -60,7 +64,7 @@ def _shown(ulps):
 
 def _label_trade(axes, result):
     """One scale for both; legends where no point is: errors are large where operations are quick."""
-    first, last = axes
+    first, last = axes[0], axes[-1]
     limits = [(low, high) for a in axes for low, high in (a.get_xlim(),)]
     for a in axes:
         a.set_xlim(min(low for low, _ in limits), 2 * max(high for _, high in limits))

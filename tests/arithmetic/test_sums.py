@@ -14,8 +14,16 @@ PRECISIONS = pytest.mark.parametrize("precision", ["compensated", "faithful"])
 
 def _terms(function, *arguments):
     """How many products and sums each primitive of a program evaluates."""
-    plans = [e.params["plan"] for e in jax.make_jaxpr(function)(*arguments).eqns if "plan" in e.params]
+    plans = _plans(jax.make_jaxpr(function)(*arguments).jaxpr)
     return sum(len(terms) for plan in plans for s in plan.sums for terms in s.components)
+
+
+def _plans(jaxpr):
+    for equation in jaxpr.eqns:
+        inner = [x.jaxpr for x in equation.params.values() if hasattr(x, "jaxpr")]
+        yield from (plan for j in inner for plan in _plans(j))
+        if "plan" in equation.params:
+            yield equation.params["plan"]
 
 
 def _vectors(*shape, dtype=np.float32):

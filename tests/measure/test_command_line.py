@@ -93,6 +93,14 @@ def test_json_with_progress_and_picture(tmp_path, capsys, monkeypatch):
     assert "Power before and after" in out.err and (tmp_path / "mine.png").exists()
 
 
+def test_picture_of_little(tmp_path, monkeypatch):
+    """One narrow format, and no curve: still a picture."""
+    monkeypatch.chdir(tmp_path)
+    assert main([*SMALL[:2], "--operation", "cross_motion", "--dtype", "float16", "--picture", "little.png"]) == 0
+    with Image.open(tmp_path / "little.png") as picture:
+        assert len(picture.convert("RGB").getcolors(2**24)) > 100
+
+
 def test_keys_of_the_json_object_are_documented(capsys):
     with pytest.raises(SystemExit):
         main(["--help"])
