@@ -113,14 +113,17 @@ def violations(bound, precision, computed, exact, flushed=0):
     """The places of a computed array where the bound is broken, as a mask; `flushed`: so many finfo.tiny are forgiven.
 
     Where the exact value is below the smallest normal number, that number is forgiven: it may be flushed to zero.
+    Where it is above the largest, nothing is promised here.
     """
-    computed, tiny = np.asarray(computed), Fraction(float(jnp.finfo(computed.dtype).tiny))
+    computed = np.asarray(computed)
+    tiny, largest = (Fraction(float(getattr(jnp.finfo(computed.dtype), name))) for name in ("tiny", "max"))
     value = attribute(exact, "value")
     allowed = bound.allowed(precision, exact, computed.dtype) + flushed * tiny
     allowed = allowed + tiny * ((value != 0) & (abs(value) < tiny)).astype(int) if bound != EXACT else allowed
     finite = np.isfinite(computed.astype(np.float64))
     wrong = abs(rationals(np.where(finite, computed, np.zeros_like(computed))) - value) > allowed
-    return (~finite | wrong.astype(bool)) & bound.is_promised(precision, exact, computed.dtype)
+    in_range = (abs(value) <= largest).astype(bool)
+    return (~finite | wrong.astype(bool)) & in_range & bound.is_promised(precision, exact, computed.dtype)
 
 
 def _sum_of_three(x):

@@ -9,10 +9,11 @@ that one, and the sum of the absolute values of the last, which bounds what is u
 """
 
 import jax.numpy as jnp
+from jax import lax
 
 from jaxspatial.arithmetic import compensated, tripled
 from jaxspatial.arithmetic.eft import two_sum, unguarded
-from jaxspatial.arithmetic.faithful import parts
+from jaxspatial.arithmetic.faithful import parts, parts_of_narrow
 
 # d is a sum of at most 2^10 numbers: its error is at most 2^-43 size, and what is allowed is 2^-56 |r|.
 _ENOUGH = 2.0**-13
@@ -20,7 +21,15 @@ _ENOUGH = 2.0**-13
 
 def total(terms, guard):
     """The state of the sum of terms (sign, factors)."""
-    products = [parts(sign, factors, guard) for sign, factors in terms]
+    return _total([parts(sign, factors, guard) for sign, factors in terms])
+
+
+def total_of_narrow(terms, guard):
+    """As `total`, for factors of at most half the digits."""
+    return _total([parts_of_narrow(sign, factors, guard) for sign, factors in terms])
+
+
+def _total(products):
     s, errors = _swept([p[0] for p in products])
     lower = errors + [x for p in products for x in p[1:]]
     if not lower:
@@ -58,16 +67,18 @@ def levelled(states):
 
 def value(state, dtype):
     """Rounded, or NaN."""
-    r = tripled.value(state[:3], dtype)
-    return jnp.where(_is_certain(r, state), r, jnp.full_like(r, jnp.nan))
+    r = tripled.value(state[:3], state[0].dtype)
+    return lax.convert_element_type(_or_nan(r, r, state), dtype)
 
 
 def pair(state, dtype):
     """(hi, lo): rounded to twice the precision, or NaN. The error is at most 2^-96 |r|."""
     hi, lo = tripled.pair(state[:3], dtype)
-    return jnp.where(_is_certain(hi, state), hi, jnp.full_like(hi, jnp.nan)), lo
+    return _or_nan(hi, tripled.value(state[:3], state[0].dtype), state), lo
 
 
-def _is_certain(r, state):
-    """Also of an exact 0. False where r is NaN or infinite."""
-    return (state[3] <= jnp.abs(r) * _ENOUGH) & (jnp.abs(r) <= jnp.finfo(r.dtype).max)
+def _or_nan(x, r, state):
+    """x where r is certain, an exact 0 too, but no NaN or infinity."""
+    largest = jnp.finfo(r.dtype).max
+    is_certain = (state[3] <= jnp.abs(r) * _ENOUGH) & (jnp.abs(r) <= largest)
+    return jnp.where(is_certain, x, jnp.full_like(x, jnp.nan))

@@ -23,11 +23,12 @@ def total(terms, guard):
 def product(sign, factors, guard):
     """(p, e) of sign times the product of up to three factors, p + e exact for two; e None for a single one."""
     first, *others = factors
-    p, e = guard(-first if sign < 0 else first), None
+    p, e = first if others else guard(first), None
     for x in others:
         q, r = two_product(p, x, guard)
         p, e = q, r if e is None else r + e * x
-    return p, e
+    # The sign last: a factor that many terms share is split once.
+    return (p, e) if sign > 0 else (-p, None if e is None else -e)
 
 
 def _sum(numbers):

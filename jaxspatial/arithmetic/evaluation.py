@@ -25,22 +25,26 @@ _NEVER = 0x7FF4DEADBEEF0123
 def evaluate(plan, arrays):
     """The results of the plan: one array per Sum, or two for a pair."""
     with jax.enable_x64(True):
-        if plan.precision == "faithful" and arrays[0].dtype == np.float64:
-            return _certified_or_again(plan, arrays)
-        tier = _tier(plan.precision, arrays[0].dtype)
-        return _evaluated(plan, tier, arrays)
+        is_narrow = arrays[0].dtype != np.float64
+        if plan.precision != "faithful":
+            module = wide if is_narrow else compensated
+            return _evaluated(plan, _Tier(module, module.total), arrays)
+        if is_narrow and plan.degree <= 2:
+            return _evaluated(plan, _Tier(faithful, faithful.total_of_narrow), arrays)
+        return _certified_or_again(plan, is_narrow, arrays)
 
 
-def _certified_or_again(plan, arrays):
+def _certified_or_again(plan, is_narrow, arrays):
     """Evaluated with a certificate, and if that leaves a NaN in the batch once more, whatever it takes.
 
     A loop of at most one turn: unlike a branch it leaves results where they are in memory.
     """
-    results = _evaluated(plan, _Tier(certified, certified.total), arrays)
+    first, second = (_Tier(m, m.total_of_narrow if is_narrow else m.total) for m in (certified, faithful))
+    results = _evaluated(plan, first, arrays)
     is_missing = functools.reduce(lax.bitwise_or, (jnp.any(jnp.isnan(r)) for r in results))
 
     def again(_):
-        return _evaluated(plan, _Tier(faithful, faithful.total), arrays), jnp.zeros_like(is_missing)
+        return _evaluated(plan, second, arrays), jnp.zeros_like(is_missing)
 
     return lax.while_loop(lambda state: state[1], again, (results, is_missing))[0]
 
@@ -55,13 +59,6 @@ class _Tier(NamedTuple):
 
     verbs: Any
     total: Callable
-
-
-def _tier(precision, dtype):
-    if precision == "faithful":
-        return _Tier(faithful, faithful.total_of_narrow)
-    module = compensated if dtype == np.float64 else wide
-    return _Tier(module, module.total)
 
 
 def _wide(x):

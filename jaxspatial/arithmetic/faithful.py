@@ -21,6 +21,8 @@ from jaxspatial.arithmetic.eft import fast_two_sum, two_difference, two_product,
 # A sum of 2^20 products below 2^1000 is finite, and so is 2^2048 scaled by 2^-540 twice.
 _LARGE = 2.0**1000
 _SCALE = 2.0**-540
+# So many numbers make an expansion without a loop: their square is the length of the program.
+_UNROLLED = 12
 
 
 class State(NamedTuple):
@@ -31,15 +33,6 @@ class State(NamedTuple):
     plain: object
 
 
-def total_of_narrow(terms, guard):
-    """The state of the sum of terms (sign, factors), factors of at most half the digits: products of two are exact."""
-    products = []
-    for sign, (first, *others) in terms:
-        p = guard(-first * others[0] if sign < 0 else first * others[0]) if others else guard(first * sign)
-        products.append(two_product(p, others[1], guard) if others[1:] else (p,))
-    return _state(products, _plain(products))
-
-
 def total(terms, guard):
     """The state of the sum of terms (sign, factors), products of two of which may overflow."""
     products = [parts(sign, factors, guard) for sign, factors in terms]
@@ -47,21 +40,26 @@ def total(terms, guard):
     zero, one, scale = (jnp.full_like(plain, x) for x in (0.0, 1.0, _SCALE))
     large = [_is_large(p[0]) & (len(f) == 2) for (_, f), p in zip(terms, products, strict=True)]
     scaled = [_scaled_parts(p, sign, f, guard, scale) for p, (sign, f) in zip(products, terms, strict=True)]
-    alone = [[jnp.where(m, x, zero) for x in s] for m, s in zip(large, scaled, strict=True)]
-    is_scaled = _sum(_expansion(alone)) != 0
+    alone = [
+        [jnp.where(m, x, zero) for x in s] for m, s, (_, f) in zip(large, scaled, terms, strict=True) if len(f) == 2
+    ]
+    is_scaled = _sum(_expansion(alone)) != 0 if alone else jnp.zeros(plain.shape, bool)
     chosen = [
         [jnp.where(is_scaled, y, jnp.where(m, zero, x)) for x, y in zip(p, s, strict=True)]
         for m, p, s in zip(large, products, scaled, strict=True)
     ]
-    return _state(chosen, plain)._replace(unit=jnp.where(is_scaled, scale, one))
+    return State(_expansion(chosen), jnp.where(is_scaled, scale, one), plain)
+
+
+def total_of_narrow(terms, guard):
+    """The state of the sum of terms (sign, factors), factors of at most half the digits: no product overflows."""
+    products = [parts_of_narrow(sign, factors, guard) for sign, factors in terms]
+    plain = _plain(products)
+    return State(_expansion(products), jnp.ones_like(plain), plain)
 
 
 def _plain(products):
     return compensated.in_pairs([p[0] for p in products])
-
-
-def _state(products, plain):
-    return State(_expansion(products), jnp.ones_like(plain), plain)
 
 
 def _is_large(p):
@@ -69,11 +67,21 @@ def _is_large(p):
 
 
 def parts(sign, factors, guard):
-    """The product as one number for each doubling of its digits, largest first; exactly their sum."""
-    found = [guard(-factors[0] if sign < 0 else factors[0])]
-    for x in factors[1:]:
+    """The product as one number for each doubling of its digits, exactly their sum: pairs (large, small) in a row."""
+    first, *others = factors
+    found = [first if others else guard(first)]
+    for x in others:
         found = [y for part in found for y in two_product(part, x, guard)]
-    return found
+    return found if sign > 0 else [-x for x in found]
+
+
+def parts_of_narrow(sign, factors, guard):
+    """As `parts`, for factors of at most half the digits: a product of two is exact."""
+    first, *others = factors
+    found = [guard(first * others[0]) if others else guard(first)]
+    if others[1:]:
+        found = two_product(found[0], others[1], guard)
+    return list(found) if sign > 0 else [-x for x in found]
 
 
 def _scaled_parts(unscaled, sign, factors, guard, scale):
@@ -84,15 +92,36 @@ def _scaled_parts(unscaled, sign, factors, guard, scale):
 
 
 def _expansion(products):
-    """The expansion of the sum of products, each the numbers of an expansion, largest first. [Shewchuk 1997, 12]"""
-    expansion, *others = (tuple(reversed(p)) for p in products)
-    for product in others:
-        settled = ()
-        for x in product:
-            lowest, *expansion = _grown(expansion, x)
-            settled = (*settled, lowest)
-        expansion = (*settled, *expansion)
-    return tuple(expansion)
+    """The expansion of the sum of products, each given by its parts."""
+    pairs = [p[i : i + 2] for p in products for i in range(0, len(p), 2)]
+    if sum(map(len, pairs)) > _UNROLLED:
+        return _expansion_in_a_loop([x for pair in pairs for x in pair])
+    expansion, *others = (tuple(reversed(pair)) for pair in pairs)
+    for pair in others:
+        expansion = _merged(expansion, pair)
+    return expansion
+
+
+def _merged(expansion, pair):
+    """The expansion of the sum of two. [Shewchuk 1997, theorem 12]"""
+    settled = ()
+    for x in pair:
+        lowest, *expansion = _grown(expansion, x)
+        settled = (*settled, lowest)
+    return (*settled, *expansion)
+
+
+def _expansion_in_a_loop(numbers):
+    """As `_grown` one by one, slower, in a program whose length does not grow with the square of their number."""
+
+    def add(expansion, x):
+        largest, grown = lax.scan(lambda x, y: two_sum(x, y, unguarded), x, expansion)
+        # As long as there are fewer numbers than places the lowest is 0.
+        return jnp.concatenate([grown[1:], largest[None]]), None
+
+    stacked = jnp.stack(numbers)
+    expansion, _ = lax.scan(add, jnp.zeros_like(stacked), stacked)
+    return tuple(expansion[i] for i in range(len(numbers)))
 
 
 def _grown(expansion, x):

@@ -41,6 +41,11 @@ class Plan(NamedTuple):
     def axis(self):
         return 0 if self.leading else len(self.batch)
 
+    @property
+    def degree(self):
+        """The largest number of factors of a term."""
+        return max(len(t.factors) for s in self.sums for terms in s.components for t in terms)
+
     def shape(self, s):
         """The shape of the result for a Sum; axes that are summed over keep size 1."""
         batch = [1 if i in s.reduced else n for i, n in enumerate(self.batch)]

@@ -51,8 +51,8 @@ CONTEXTS = {
     "primal of a pull-back": lambda f: jax.jit(lambda *a: jax.vjp(f, *a)[0]),
     "inside a larger fusion": _larger,
 }
-# In all surroundings; of the other operations, and in formats of 16 bits, results are computed in one of them.
-REPRESENTATIVES = ("shift_force", "shift_acceleration", "dot_force_velocity", "cross_force")
+# In all surroundings, in float32 and float64; everything else is computed in the first one.
+REPRESENTATIVES = ("shift_force", "dot_force_velocity")
 # Takes half a minute to compile.
 SLOW = ("shift_acceleration", "float64", js.Precision.FAITHFUL)
 
@@ -60,7 +60,7 @@ precisions = pytest.mark.parametrize("precision", js.Precision)
 
 
 def _contexts(name, dtype, precision):
-    all_of_them = name in REPRESENTATIVES and dtype in ("float32", "float64") and (name, dtype, precision) != SLOW
+    all_of_them = name in REPRESENTATIVES and dtype in ("float32", "float64")
     return CONTEXTS if all_of_them else {"jit vmap": CONTEXTS["jit vmap"]}
 
 
@@ -76,8 +76,8 @@ def test_bound_of_the_docstring(name, dtype, precision):
 
 
 @precisions
-@pytest.mark.parametrize("dtype", ["bfloat16", "float32", "float64"])
-@pytest.mark.parametrize("name", REPRESENTATIVES)
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("name", ["shift_force", "shift_acceleration", "cross_force"])
 def test_a_result_used_alone(name, dtype, precision):
     if (name, dtype, precision) == SLOW:
         pytest.skip("compiles for half a minute; its other result is an argument")
@@ -115,37 +115,36 @@ def test_several_results_of_one_program(dtype, precision):
 
 
 CONSTANTS = {
-    "an array": lambda x: jnp.asarray(x),
+    "an array": jnp.asarray,
     "a NumPy array": lambda x: x,
-    "one NumPy array for all": lambda x: np.broadcast_to(x[0], x.shape),
-    "zero, one and a half, in NumPy": lambda x: np.broadcast_to(np.asarray([0, 1, -0.5], x.dtype), x.shape),
+    "a NumPy array, one and zero among its components": lambda x: np.where([True, False, False], x, x.dtype.type(1))
+    * np.asarray([1, 1, 0], x.dtype),
 }
 
 
 @pytest.mark.parametrize("how", CONSTANTS)
 @pytest.mark.parametrize("precision", ["compensated", "faithful"])
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize("name", ["shift_force", "shift_velocity", "dot_force_velocity"])
+@pytest.mark.parametrize("name", REPRESENTATIVES)
 def test_operands_that_are_constants_of_the_program(name, dtype, precision, how):
     """Each in turn, and all but each."""
     whole = hostile.case(name, dtype)
     with jax.enable_x64(dtype == "float64"):
         for i in range(len(whole.arrays)):
-            for is_constant in (lambda j, i=i: j == i, lambda j, i=i: j != i):
-                _check_constants(whole, precision, CONSTANTS[how], is_constant)
+            _check_constants(whole, precision, CONSTANTS[how], {i})
+            _check_constants(whole, precision, CONSTANTS[how], {*range(len(whole.arrays))} - {i})
 
 
-def _check_constants(whole, precision, constant, is_constant):
-    arrays = [constant(x[::5]) if is_constant(j) else x[::5] for j, x in enumerate(whole.arrays)]
-    places = [j for j in range(len(arrays)) if not is_constant(j)]
+def _check_constants(whole, precision, constant, places):
+    arrays = [constant(x[::5]) if j in places else x[::5] for j, x in enumerate(whole.arrays)]
     function = whole.operation.on_arrays(precision)
 
     @jax.jit
     def program(*data):
         given = iter(data)
-        return function(*(x if is_constant(j) else next(given) for j, x in enumerate(arrays)))
+        return function(*(x if j in places else next(given) for j, x in enumerate(arrays)))
 
-    results = program(*(jnp.asarray(arrays[j]) for j in places))
+    results = program(*(jnp.asarray(x) for j, x in enumerate(arrays) if j not in places))
     hostile.made(whole.operation.name, [np.asarray(x) for x in arrays]).check(precision, results, places)
 
 
@@ -169,7 +168,7 @@ def test_bound_when_all_terms_cancel(name, precision, dtype):
 
 @precisions
 @pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("n", [1, 2, 3, 7, 64])
+@pytest.mark.parametrize("n", [1, 2, 7, 64])
 def test_wrench_from_point_forces(n, dtype, precision):
     rng = np.random.default_rng(n)
     groups = [rng.standard_normal((2, 3, n, 3)).astype(jnp.dtype(dtype))]
@@ -179,7 +178,7 @@ def test_wrench_from_point_forces(n, dtype, precision):
     p, f = map(exact.sized, (points, forces))
     expected = np.cross(p, f).sum(-2), f.sum(-2)
     with jax.enable_x64(dtype == "float64"):
-        for context in (lambda g: g, jax.jit, lambda g: jax.jit(jax.vmap(g))):
+        for context in (lambda g: g, lambda g: jax.jit(jax.vmap(g))):
             F = context(lambda p, f: js.wrench_from_point_forces(p, f, precision=precision))(points, forces)
             for computed, exactly in zip((F.tau, F.f), expected, strict=True):
                 assert not violations(summed(n), precision, computed, exactly).any()

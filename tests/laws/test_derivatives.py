@@ -1,0 +1,225 @@
+"""Derivatives keep the bounds of "compensated" and "faithful" in each component, held against exact rationals.
+
+Tangents and pull-backs are sums of products of their own, which may cancel where the value does not.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from laws import duals, hostile
+from operations import EXACT, OPERATIONS, Bound, violations
+
+import jaxspatial as js
+from jaxspatial.measure.inputs import FAMILIES, with_condition
+
+NAMES = (
+    "shift_force",
+    "shift_velocity",
+    "shift_acceleration",
+    "dot_force_velocity",
+    "cross_velocity",
+    "cross_force",
+    "rotate",
+    "wrench_from_point_forces",
+)
+N = 8
+# Dtypes of each operation: in float64 the compiler takes minutes for the faithful derivatives of products of three.
+DTYPES = {name: ("float32", "float64") for name in NAMES} | {"shift_velocity": ("bfloat16", "float32", "float64")}
+SLOW = ("shift_acceleration", "float64", "faithful")
+CASES = [
+    (name, dtype, precision)
+    for name in NAMES
+    for dtype in DTYPES[name]
+    for precision in ("compensated", "faithful")
+    if (name, dtype, precision) != SLOW
+]
+
+cases = pytest.mark.parametrize(("name", "dtype", "precision"), CASES)
+
+
+@cases
+def test_tangent(name, dtype, precision):
+    arrays, tangents = _directions(name, dtype)
+    with jax.enable_x64(dtype == "float64"):
+        results = _jvp(name, precision)(arrays, tangents)
+    _check(name, precision, OPERATIONS[name].bounds, results, _pushed(name, dtype))
+
+
+@cases
+def test_pull_back(name, dtype, precision):
+    arrays, cotangents = _covectors(name, dtype)
+    with jax.enable_x64(dtype == "float64"):
+        results = _vjp(name, precision)(arrays, cotangents)
+    _check(name, precision, [_worst(name)] * len(arrays), results, _pulled(name, dtype))
+
+
+@pytest.mark.parametrize("how", ["vmap", "broadcasting"])
+@pytest.mark.parametrize("precision", ["compensated", "faithful"])
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("name", ["shift_force", "shift_velocity", "dot_force_velocity"])
+def test_pull_back_to_an_item_that_a_batch_shares(name, dtype, precision, how):
+    """One sum over the batch, rounded once: every argument in turn is the same for all."""
+    arrays, cotangents = _covectors(name, dtype)
+    for j in range(len(arrays)):
+        repeated = [np.broadcast_to(x[0], x.shape) if i == j else x for i, x in enumerate(arrays)]
+        expected = duals.pulled(name, repeated, cotangents)[j].sum(0)
+        with jax.enable_x64(dtype == "float64"):
+            shared = [x[0] if i == j else x for i, x in enumerate(arrays)]
+            computed = _shared_vjp(name, precision, j, how)(shared, cotangents)[j]
+        _check(name, precision, [_of_sum(_worst(name), len(cotangents[0]))], [computed], [expected])
+
+
+@pytest.mark.parametrize("precision", js.Precision)
+@pytest.mark.parametrize("name", ["shift_acceleration", "dot_force_velocity"])
+def test_hessian(name, precision):
+    """Of the last result contracted with a vector: exact second differences are what the formula gives."""
+    arrays = [x[0] for x in hostile.arranged(name, FAMILIES["benign"], np.random.default_rng(4), 1, "float32")]
+    places = [(j, k) for j in range(len(arrays)) for k in range(3)]
+    function = OPERATIONS[name].on_arrays(precision)
+    with jax.enable_x64(False):
+        hessian = jax.jit(jax.jacfwd(jax.jacrev(lambda x: jnp.sum(function(*x)[-1]))))([jnp.asarray(x) for x in arrays])
+    computed = np.array([[hessian[j][m][k, n] for m, n in places] for j, k in places])
+    np.testing.assert_allclose(computed, _second_differences(name, arrays, places), rtol=1e-6, atol=1e-6)
+
+
+def _second_differences(name, arrays, places):
+    """In float64, at steps of 1: of polynomials of third degree symmetric differences are exact but for rounding."""
+
+    def value(*steps):
+        moved = [x.astype(np.float64) for x in arrays]
+        for (j, k), step in steps:
+            moved[j][k] += step
+        return np.sum(OPERATIONS[name].naive(*moved)[-1])
+
+    signs = [(s, t) for s in (1, -1) for t in (1, -1)]
+    return [[sum(s * t * value((a, s), (b, t)) for s, t in signs) / 4 for b in places] for a in places]
+
+
+# -- computed ---------------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def _jvp(name, precision):
+    function = OPERATIONS[name].on_arrays(precision)
+    return jax.jit(jax.vmap(lambda x, t: jax.jvp(function, tuple(x), tuple(t))[1]))
+
+
+@functools.cache
+def _vjp(name, precision):
+    function = OPERATIONS[name].on_arrays(precision)
+    return jax.jit(jax.vmap(lambda x, c: jax.vjp(function, *x)[1](list(c))))
+
+
+def _shared_vjp(name, precision, j, how):
+    function = OPERATIONS[name].on_arrays(precision)
+    axes = tuple(None if i == j else 0 for i in range(len(OPERATIONS[name].shapes)))
+    batched = jax.vmap(function, axes) if how == "vmap" else function
+    return jax.jit(lambda x, c: jax.vjp(batched, *x)[1](list(c)))
+
+
+# -- inputs and exact results -----------------------------------------------------------------------------------------
+
+
+@functools.cache
+def _directions(name, dtype):
+    """(arrays, tangents): of every family, and such that the tangents cancel, where a term of their own allows it."""
+    count, rng = len(OPERATIONS[name].shapes), np.random.default_rng(11)
+    groups = [_pair(name, family, rng, dtype) for family in FAMILIES.values()]
+    if name in _FREE:
+        groups += [_cancelling(name, rng, dtype, condition) for condition in hostile.conditions(dtype)]
+    joined = [np.concatenate(x) for x in zip(*groups, strict=True)]
+    return joined[:count], joined[count:]
+
+
+def _pair(name, family, rng, dtype):
+    """Twice the arrays of an operation, all of one draw: as close to parallel as the family makes them."""
+    shapes = OPERATIONS[name].shapes
+    rows = max(int(np.prod(shape)) // 3 for shape in shapes)
+    vectors = family(rng, 2 * len(shapes), N * rows, jnp.dtype(dtype))
+    return [
+        x.reshape(N, -1)[:, : np.prod(shape)].reshape(N, *shape) for x, shape in zip(vectors, shapes * 2, strict=True)
+    ]
+
+
+# The argument that is a term of a result as it stands, and the place of that result.
+_FREE = {"shift_force": (0, 0), "shift_velocity": (1, 1), "shift_acceleration": (1, 1)}
+
+
+def _cancelling(name, rng, dtype, condition):
+    """arrays and tangents, the tangent of the free argument opposed to all other terms."""
+    free, place = _FREE[name]
+    others = _pair(name, FAMILIES["benign"], rng, dtype)
+    count = len(others) // 2
+    rest = [x for i, x in enumerate(others) if i != count + free]
+
+    def rate(first, *rest):
+        full = [*rest[: count + free], first, *rest[count + free :]]
+        return duals.pushed(name, full[:count], full[count:])[place]
+
+    first, *rest = with_condition(rng, rate, rest, condition)
+    return [*rest[: count + free], first, *rest[count + free :]]
+
+
+@functools.cache
+def _pushed(name, dtype):
+    return duals.pushed(name, *_directions(name, dtype))
+
+
+@functools.cache
+def _covectors(name, dtype):
+    """(arrays, cotangents), all of one draw of every family; and such that pull-backs of shifts cancel."""
+    rng = np.random.default_rng(13)
+    groups = [_with_cotangents(name, family, rng, dtype) for family in FAMILIES.values()]
+    if name in ("shift_force", "shift_velocity"):
+        groups += [_cancelling_pull_back(name, rng, dtype, condition) for condition in hostile.conditions(dtype)]
+    joined = [np.concatenate(x) for x in zip(*groups, strict=True)]
+    count = len(OPERATIONS[name].shapes)
+    return joined[:count], joined[count:]
+
+
+def _with_cotangents(name, family, rng, dtype):
+    arrays = _pair(name, family, rng, dtype)
+    given, more = arrays[: len(arrays) // 2], arrays[len(arrays) // 2 :]
+    shapes = [np.shape(r) for r in OPERATIONS[name].naive(*given)]
+    pool = [x.reshape(-1) for x in more] * 2
+    return [*given, *(x[: np.prod(shape)].reshape(shape) for x, shape in zip(pool, shapes, strict=False))]
+
+
+def _cancelling_pull_back(name, rng, dtype, condition):
+    """The cotangent of what is passed on is opposed to what comes back from the other result."""
+    arrays = _with_cotangents(name, FAMILIES["benign"], rng, dtype)
+    free = 1 if name == "shift_force" else 0
+    rest = [x for i, x in enumerate(arrays) if i != 3 + free]
+
+    def back(first, *rest):
+        full = [*rest[: 3 + free], first, *rest[3 + free :]]
+        return duals.pulled(name, full[:3], full[3:])[free]
+
+    first, *rest = with_condition(rng, back, rest, condition)
+    return [*rest[: 3 + free], first, *rest[3 + free :]]
+
+
+@functools.cache
+def _pulled(name, dtype):
+    return duals.pulled(name, *_covectors(name, dtype))
+
+
+# -- bounds -----------------------------------------------------------------------------------------------------------
+
+
+def _worst(name):
+    return max((b for b in OPERATIONS[name].bounds if b != EXACT), key=lambda b: b.m)
+
+
+def _of_sum(bound, n):
+    rounds = int(np.ceil(np.log2(n)))
+    return Bound(m=bound.m + 2 * (2 + rounds) ** 2, o=n**2)
+
+
+def _check(name, precision, bounds, results, expected):
+    for i, (bound, computed, exactly) in enumerate(zip(bounds, results, expected, strict=True)):
+        wrong = violations(bound, precision, computed, exactly)
+        assert not wrong.any(), (name, precision, i, int(wrong.sum()), np.argwhere(wrong)[:5].tolist())
