@@ -27,3 +27,18 @@ def test_the_c_kernels_compute_what_we_compute(dtype):
     program = f"import sys; sys.path.insert(0, {str(HERE)!r}); import wrench_kernels as k; k.agree({dtype!r})"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
+
+
+def test_precisions():
+    command = [sys.executable, HERE / "precisions.py", "--n", "640", "--rounds", "2", "--sample", "20"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert run.returncode in (0, 1) and "Traceback" not in run.stderr, run.stderr
+    for dtype in ("float32", "float64"):
+        assert f"shift, streaming, {dtype}" in run.stdout and f"wrong in all digits, {dtype}" in run.stdout
+
+
+def test_results_of_compensated_and_faithful_are_never_meaningless():
+    """What the benchmark asserts without a clock: the table of hostile families, ours never wrong in all digits."""
+    program = f"import sys; sys.path.insert(0, {str(HERE)!r}); import precisions as p; p.require_meaning(100)"
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=600)
+    assert run.returncode == 0, run.stderr

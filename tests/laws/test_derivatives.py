@@ -49,27 +49,42 @@ def test_tangent(name, dtype, precision):
 
 
 @cases
-def test_pull_back(name, dtype, precision):
+def test_pull_back_of_each_result_alone(name, dtype, precision):
+    arrays, cotangents = _covectors(name, dtype)
+    for part in (i for i, bound in enumerate(OPERATIONS[name].bounds) if bound != EXACT):
+        alone = [c if i == part else np.zeros_like(c) for i, c in enumerate(cotangents)]
+        with jax.enable_x64(dtype == "float64"):
+            results = _vjp_of_part(name, precision, part)(arrays, cotangents[part])
+        _check(name, precision, [_worst(name)] * len(arrays), results, duals.pulled(name, arrays, alone))
+
+
+@cases
+def test_pull_back_of_all_results(name, dtype, precision):
+    """Also to arguments that are passed on as they are, or that several results are made of."""
     arrays, cotangents = _covectors(name, dtype)
     with jax.enable_x64(dtype == "float64"):
         results = _vjp(name, precision)(arrays, cotangents)
-    _check(name, precision, [_worst(name)] * len(arrays), results, _pulled(name, dtype))
+    _check(name, precision, [_worst(name)] * len(arrays), results, duals.pulled(name, arrays, cotangents))
 
 
 @pytest.mark.parametrize("how", ["vmap", "broadcasting"])
 @pytest.mark.parametrize("precision", ["compensated", "faithful"])
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize("name", ["shift_force", "shift_velocity", "dot_force_velocity"])
-def test_pull_back_to_an_item_that_a_batch_shares(name, dtype, precision, how):
-    """One sum over the batch, rounded once: every argument in turn is the same for all."""
+@pytest.mark.parametrize(("name", "shared"), [("shift_force", {2}), ("shift_force", {0, 1}), ("shift_velocity", {2}),
+                                              ("dot_force_velocity", {0, 1}), ("dot_force_velocity", {2, 3})])  # fmt: skip
+def test_pull_back_to_an_item_that_a_batch_shares(name, shared, dtype, precision, how):
+    """One sum over the batch, rounded once. Of the result that is computed."""
     arrays, cotangents = _covectors(name, dtype)
-    for j in range(len(arrays)):
-        repeated = [np.broadcast_to(x[0], x.shape) if i == j else x for i, x in enumerate(arrays)]
-        expected = duals.pulled(name, repeated, cotangents)[j].sum(0)
-        with jax.enable_x64(dtype == "float64"):
-            shared = [x[0] if i == j else x for i, x in enumerate(arrays)]
-            computed = _shared_vjp(name, precision, j, how)(shared, cotangents)[j]
-        _check(name, precision, [_of_sum(_worst(name), len(cotangents[0]))], [computed], [expected])
+    part = _FREE.get(name, (0, 0))[1]
+    alone = [c if i == part else np.zeros_like(c) for i, c in enumerate(cotangents)]
+    repeated = [np.broadcast_to(x[0], x.shape) if i in shared else x for i, x in enumerate(arrays)]
+    expected = duals.pulled(name, repeated, alone)
+    with jax.enable_x64(dtype == "float64"):
+        given = [x[0] if i in shared else x for i, x in enumerate(arrays)]
+        computed = _shared_vjp(name, precision, part, shared, how)(given, cotangents[part])
+    bounds = [_of_sum(_worst(name), len(alone[0])) if i in shared else _worst(name) for i in range(len(arrays))]
+    summed = [x.sum(0) if i in shared else x for i, x in enumerate(expected)]
+    _check(name, precision, bounds, computed, summed)
 
 
 @pytest.mark.parametrize("precision", js.Precision)
@@ -113,11 +128,17 @@ def _vjp(name, precision):
     return jax.jit(jax.vmap(lambda x, c: jax.vjp(function, *x)[1](list(c))))
 
 
-def _shared_vjp(name, precision, j, how):
+@functools.cache
+def _vjp_of_part(name, precision, part):
     function = OPERATIONS[name].on_arrays(precision)
-    axes = tuple(None if i == j else 0 for i in range(len(OPERATIONS[name].shapes)))
+    return jax.jit(jax.vmap(lambda x, c: jax.vjp(lambda *a: function(*a)[part], *x)[1](c)))
+
+
+def _shared_vjp(name, precision, part, shared, how):
+    function = OPERATIONS[name].on_arrays(precision)
+    axes = tuple(None if i in shared else 0 for i in range(len(OPERATIONS[name].shapes)))
     batched = jax.vmap(function, axes) if how == "vmap" else function
-    return jax.jit(lambda x, c: jax.vjp(batched, *x)[1](list(c)))
+    return jax.jit(lambda x, c: jax.vjp(lambda *a: batched(*a)[part], *x)[1](c))
 
 
 # -- inputs and exact results -----------------------------------------------------------------------------------------
@@ -200,11 +221,6 @@ def _cancelling_pull_back(name, rng, dtype, condition):
 
     first, *rest = with_condition(rng, back, rest, condition)
     return [*rest[: 3 + free], first, *rest[3 + free :]]
-
-
-@functools.cache
-def _pulled(name, dtype):
-    return duals.pulled(name, *_covectors(name, dtype))
 
 
 # -- bounds -----------------------------------------------------------------------------------------------------------
