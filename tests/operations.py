@@ -92,9 +92,7 @@ class Operation(NamedTuple):
 
     def inputs(self, batch_shape, dtype, rng):
         """Random arguments as a tuple of trees of NumPy arrays, components of size 1, none of them zero."""
-        return self.build(
-            rng.standard_normal((*batch_shape, *shape)).astype(jnp.dtype(dtype)) for shape in self.shapes
-        )
+        return self.build(rng.standard_normal((*batch_shape, *shape)).astype(jnp.dtype(dtype)) for shape in self.shapes)
 
     def on_arrays(self, precision):
         """The operation as a function of arrays that gives a list of arrays."""

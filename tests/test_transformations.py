@@ -1,8 +1,9 @@
 """Every operation gives the same numbers in every transformation, of every dtype, over every batch.
 
 In precision "reproducible" (the default) values are bitwise those of the naive NumPy formula of the table, 16-bit types
-included: eager, jit, vmap, vmap of vmap, scan, cond, checkpoint, and with arguments known while tracing. In precision
-"fast" they keep the bound of the docstring. Derivatives are those of the exact formula, pull-backs belong to tangents.
+included: eager, jit, vmap, vmap of vmap, scan, cond, checkpoint, and with arguments known while tracing. In all other
+precisions they keep the bound of the docstring. Derivatives are those of the exact formula, pull-backs belong to
+tangents.
 """
 
 import functools
@@ -13,10 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
-from operations import OPERATIONS
+from operations import OPERATIONS, WITH_PRECISION, violations
 
+import jaxspatial as js
 from jaxspatial.measure.error import unit_roundoff
-from jaxspatial.measure.exact import attribute, rationals
+from jaxspatial.measure.exact import rationals
 
 BATCH = (3, 2)
 CONTEXTS = {
@@ -29,15 +31,15 @@ CONTEXTS = {
     "checkpoint": lambda f: jax.jit(jax.checkpoint(f)),
     "known": lambda f: lambda *args: jax.jit(lambda first: f(first, *_known(args[1:])))(args[0]),
 }
-WITH_PRECISION = [name for name, operation in OPERATIONS.items() if operation.bounds]
 # (operation, precision) for all that can be differentiated, None where there is no precision to choose.
 DIFFERENTIABLE = [
     (name, precision)
     for name, operation in OPERATIONS.items()
     if operation.differentiable
-    for precision in (("fast", "reproducible") if operation.bounds else (None,))
+    for precision in (js.Precision if operation.bounds else (None,))
 ]
 
+OTHERS = [precision for precision in js.Precision if precision != "reproducible"]
 OF_SEVERAL = [name for name, operation in OPERATIONS.items() if " " in operation.arguments]
 
 operations = pytest.mark.parametrize("name", OPERATIONS)
@@ -95,16 +97,18 @@ def test_one_item_is_shared_by_a_batch(name, x64):
 
 
 @contexts
+@pytest.mark.parametrize("precision", OTHERS)
 @pytest.mark.parametrize("name", WITH_PRECISION)
-def test_fast_keeps_the_bound_of_the_docstring_in_every_context(name, context):
-    result = CONTEXTS[context](_function(name, "fast"))(*_on_device(_inputs(name, "float32", BATCH)))
-    _assert_within_bounds(result, name, "float32")
+def test_bound_of_the_docstring_in_every_context(name, precision, context):
+    result = CONTEXTS[context](_function(name, precision))(*_on_device(_inputs(name, "float32", BATCH)))
+    _assert_within_bounds(result, name, precision, "float32")
 
 
+@pytest.mark.parametrize("precision", OTHERS)
 @pytest.mark.parametrize("name", WITH_PRECISION)
-def test_fast_keeps_the_bound_of_the_docstring_in_every_dtype(name, dtype):
-    result = jax.jit(_function(name, "fast"))(*_on_device(_inputs(name, dtype, BATCH)))
-    _assert_within_bounds(result, name, dtype)
+def test_bound_of_the_docstring_in_every_dtype(name, precision, dtype):
+    result = jax.jit(_function(name, precision))(*_on_device(_inputs(name, dtype, BATCH)))
+    _assert_within_bounds(result, name, precision, dtype)
 
 
 # -- derivatives ------------------------------------------------------------------------------------------------------
@@ -116,7 +120,7 @@ def test_tangent_is_the_exact_linearisation(name, precision, dtype):
     for array, exact in zip(_leaves(tangent), _linearisation(name, dtype), strict=True):
         assert array.dtype == dtype
         assert abs(rationals(array) - exact).max() <= 32 * unit_roundoff(dtype) * abs(exact).max()
-    if precision != "fast":
+    if precision in (None, "reproducible"):
         _assert_same_bits(value, _naive(name, dtype, BATCH))
 
 
@@ -128,18 +132,17 @@ def test_pull_back_is_the_transpose_of_the_tangent(name, precision, dtype):
 
 
 @pytest.mark.parametrize("how", ["broadcasting", "vmap"])
-@pytest.mark.parametrize(
-    "name", [name for name, precision in DIFFERENTIABLE if name in OF_SEVERAL and precision != "fast"]
-)
-def test_pull_back_of_an_item_shared_by_a_batch(name, how):
+@pytest.mark.parametrize(("name", "precision"), [case for case in DIFFERENTIABLE if case[0] in OF_SEVERAL])
+def test_pull_back_of_an_item_shared_by_a_batch(name, precision, how):
+    of_all = _function(name, precision)
     for i in range(len(OPERATIONS[name].arguments.split())):
         x, t = (_on_device(_one_shared(name, i, BATCH[:1], seed)) for seed in (0, 1))
         axes = tuple(None if j == i else 0 for j in range(len(x)))
-        function = OPERATIONS[name].function if how == "broadcasting" else jax.vmap(OPERATIONS[name].function, axes)
+        function = of_all if how == "broadcasting" else jax.vmap(of_all, axes)
         _assert_transpose(function, x, t, jax.jvp(function, x, t)[1])
 
 
-@pytest.mark.parametrize("name", [name for name, precision in DIFFERENTIABLE if precision != "fast"])
+@pytest.mark.parametrize("name", [name for name, precision in DIFFERENTIABLE if precision in (None, "reproducible")])
 def test_gradient_is_bitwise_the_same_compiled_and_recomputed(name, dtype):
     function = OPERATIONS[name].function
     x = _on_device(_inputs(name, dtype, BATCH))
@@ -246,18 +249,10 @@ def _inner(a, b):
     return sum(np.sum(x) for x in terms), sum(np.sum(abs(x)) for x in terms)
 
 
-def _assert_within_bounds(result, name, dtype):
-    bounds = OPERATIONS[name].bounds
-    for array, exact, bound in zip(_leaves(result), _sized(name, dtype, BATCH), bounds, strict=True):
+def _assert_within_bounds(result, name, precision, dtype):
+    for array, exact, bound in zip(_leaves(result), _sized(name, dtype, BATCH), OPERATIONS[name].bounds, strict=True):
         assert array.dtype == dtype
-        errors = abs(rationals(array) - attribute(exact, "value"))
-        assert (errors <= _allowed(exact, bound, dtype)).all()
-
-
-def _allowed(exact, bound, dtype):
-    of_mag, of_value = map(Fraction, bound)
-    value, mag, condition = (attribute(exact, name) for name in ("value", "mag", "condition"))
-    return (mag * of_mag + abs(value) * condition * of_value) * unit_roundoff(dtype)
+        assert not violations(bound, precision, array, exact).any()
 
 
 def _assert_same_bits(result, expected):

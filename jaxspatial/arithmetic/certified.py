@@ -35,7 +35,7 @@ def _total(products):
     if not lower:
         return (s, *[jnp.zeros_like(s)] * 3)
     c, errors = _swept(lower)
-    return s, c, _sum(errors, s), _sum([jnp.abs(x) for x in errors], s)
+    return s, c, _sum(errors, s), _sum([lax.abs(x) for x in errors], s)
 
 
 def _swept(numbers):
@@ -57,7 +57,7 @@ def plus(state, sign, x):
     s, c, d, size = state
     s, error = two_sum(s, -x if sign < 0 else x)
     c, error = two_sum(c, error, unguarded)
-    return s, c, d + error, size + jnp.abs(error)
+    return s, c, d + error, size + lax.abs(error)
 
 
 def levelled(states):
@@ -80,5 +80,5 @@ def pair(state, dtype):
 def _or_nan(x, r, state):
     """x where r is certain, an exact 0 too, but no NaN or infinity."""
     largest = jnp.finfo(r.dtype).max
-    is_certain = (state[3] <= jnp.abs(r) * _ENOUGH) & (jnp.abs(r) <= largest)
-    return jnp.where(is_certain, x, jnp.full_like(x, jnp.nan))
+    is_certain = (state[3] <= lax.abs(r) * _ENOUGH) & (lax.abs(r) <= largest)
+    return lax.select(is_certain, x, jnp.full_like(x, jnp.nan))

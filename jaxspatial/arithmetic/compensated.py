@@ -8,6 +8,7 @@ sum costs at most u^2 (max A + max B + ufp(A_1 + A_2 + B_1 + B_2)), which is <= 
 """
 
 import jax.numpy as jnp
+from jax import lax
 
 from jaxspatial.arithmetic.eft import fast_two_sum, two_product, two_sum, unguarded
 
@@ -72,12 +73,12 @@ def value(state, dtype):
     """Rounded; where something is infinite or NaN, what the plain sum gives."""
     s, t, e = state
     r = s + (t + e)
-    return jnp.where(jnp.isfinite(r), r, s).astype(dtype)
+    return lax.select(lax.is_finite(r), r, s).astype(dtype)
 
 
 def pair(state, dtype):
     """(hi, lo): before the last rounding."""
     s, t, e = state
     hi, lo = fast_two_sum(s, t + e)
-    finite = jnp.isfinite(hi)
-    return jnp.where(finite, hi, s).astype(dtype), jnp.where(finite, lo, jnp.zeros_like(lo)).astype(dtype)
+    finite = lax.is_finite(hi)
+    return lax.select(finite, hi, s).astype(dtype), lax.select(finite, lo, jnp.zeros_like(lo)).astype(dtype)

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.experimental.xla_metadata import set_xla_metadata
 
 from jaxspatial.arithmetic import certified, compensated, faithful, tripled, wide
 from jaxspatial.arithmetic.fence import fence
@@ -24,14 +25,24 @@ _NEVER = 0x7FF4DEADBEEF0123
 
 def evaluate(plan, arrays):
     """The results of the plan: one array per Sum, or two for a pair."""
+    is_narrow = arrays[0].dtype != np.float64
+    is_single = all(_is_single(plan, s) for s in plan.sums)
     with jax.enable_x64(True):
-        is_narrow = arrays[0].dtype != np.float64
-        if plan.precision != "faithful":
-            module = wide if is_narrow else compensated
-            return _evaluated(plan, _Tier(module, module.total), arrays)
+        if is_narrow and (is_single or plan.precision != "faithful"):
+            return _evaluated(plan, _Tier(wide, wide.total), arrays)
         if is_narrow and plan.degree <= 2:
             return _evaluated(plan, _Tier(faithful, faithful.total_of_narrow), arrays)
-        return _certified_or_again(plan, is_narrow, arrays)
+        if is_single:
+            return _evaluated(plan, _Tier(compensated, _rounded), arrays)
+        return _certified_or_again(plan, is_narrow, arrays) if plan.precision == "faithful" else _unfused(plan, arrays)
+
+
+def _unfused(plan, arrays):
+    """As a call that the compiler does not inline. Where one such sum is fused into the next, XLA CPU computes every
+    component again for each it is used in, without vectorising: a shift and a dot then take 7 times as long."""
+    evaluated = jax.jit(functools.partial(_evaluated, plan, _Tier(compensated, compensated.total)))
+    with set_xla_metadata(inlineable="false"):
+        return evaluated(arrays)
 
 
 def _certified_or_again(plan, is_narrow, arrays):
@@ -87,10 +98,26 @@ class _Lanes:
         probe = functools.reduce(lax.add, (self[j, 0] for j in used))
         bits = lax.bitcast_convert_type(probe, np.uint64)
         usual = bits != lax.full_like(bits, _NEVER)
-        return lambda x: jnp.where(usual, x, probe)
+        return lambda x: lax.select(usual, x, probe)
+
+
+def _is_single(plan, s):
+    """True where no component is more than one product of two: rounded once as it is, in every precision."""
+    return not (plan.is_pair or s.reduced) and all(
+        len(terms) <= 1 and all(len(t.factors) <= 2 for t in terms) for terms in s.components
+    )
+
+
+def _rounded(terms, guard):
+    """The state of a single product whose error nobody asks for."""
+    ((sign, factors),) = terms
+    p = guard(functools.reduce(lax.mul, factors))
+    return (p if sign > 0 else -p), jnp.zeros_like(p), jnp.zeros_like(p)
 
 
 def _results(tier, plan, s, lanes, dtype):
+    if tier.verbs is compensated and _is_single(plan, s):
+        tier = _Tier(compensated, _rounded)
     if s.reduced:
         results = [_reduced(tier, plan, s, terms, lanes, dtype) for terms in s.components]
         return [_picked(plan.axis, [x if x is None else x[i] for x in results]) for i in range(1 + plan.is_pair)]
@@ -146,7 +173,7 @@ def _picked(axis, components):
     wide = [jnp.broadcast_to(_expanded(jnp.zeros_like(like) if x is None else x, axis), shape) for x in components]
     picked = wide[-1]
     for k in reversed(range(len(wide) - 1)):
-        picked = jnp.where(index == k, wide[k], picked)
+        picked = lax.select(index == k, wide[k], picked)
     return picked
 
 

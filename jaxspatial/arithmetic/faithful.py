@@ -10,7 +10,7 @@ which what the scaling loses of the other terms is nothing.
 
 import functools
 import operator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jax import lax
@@ -26,11 +26,11 @@ _UNROLLED = 12
 
 
 class State(NamedTuple):
-    """A sum: its expansion, times unit^2; and what the plain sum gives, for infinities and NaN."""
+    """A sum: its expansion, divided by unit^2 (None: 1); and what the plain sum gives, for infinities and NaN."""
 
     expansion: tuple
-    unit: object
-    plain: object
+    plain: Any
+    unit: Any = None
 
 
 def total(terms, guard):
@@ -41,21 +41,21 @@ def total(terms, guard):
     large = [_is_large(p[0]) & (len(f) == 2) for (_, f), p in zip(terms, products, strict=True)]
     scaled = [_scaled_parts(p, sign, f, guard, scale) for p, (sign, f) in zip(products, terms, strict=True)]
     alone = [
-        [jnp.where(m, x, zero) for x in s] for m, s, (_, f) in zip(large, scaled, terms, strict=True) if len(f) == 2
+        [lax.select(m, x, zero) for x in s] for m, s, (_, f) in zip(large, scaled, terms, strict=True) if len(f) == 2
     ]
     is_scaled = _sum(_expansion(alone)) != 0 if alone else jnp.zeros(plain.shape, bool)
     chosen = [
-        [jnp.where(is_scaled, y, jnp.where(m, zero, x)) for x, y in zip(p, s, strict=True)]
+        [lax.select(is_scaled, y, lax.select(m, zero, x)) for x, y in zip(p, s, strict=True)]
         for m, p, s in zip(large, products, scaled, strict=True)
     ]
-    return State(_expansion(chosen), jnp.where(is_scaled, scale, one), plain)
+    return State(_expansion(chosen), plain, lax.select(is_scaled, scale, one))
 
 
 def total_of_narrow(terms, guard):
     """The state of the sum of terms (sign, factors), factors of at most half the digits: no product overflows."""
     products = [parts_of_narrow(sign, factors, guard) for sign, factors in terms]
     plain = _plain(products)
-    return State(_expansion(products), jnp.ones_like(plain), plain)
+    return State(_expansion(products), plain)
 
 
 def _plain(products):
@@ -63,7 +63,7 @@ def _plain(products):
 
 
 def _is_large(p):
-    return ~(jnp.abs(p) < jnp.full_like(p, _LARGE))
+    return ~(lax.abs(p) < jnp.full_like(p, _LARGE))
 
 
 def parts(sign, factors, guard):
@@ -144,9 +144,9 @@ def _sum(expansion):
 
 def plus(state, sign, x):
     """The state with one more term."""
-    scaled = (x * state.unit) * state.unit
+    scaled = x if state.unit is None else (x * state.unit) * state.unit
     plain = state.plain - x if sign < 0 else state.plain + x
-    return State(_grown_by(state.expansion, sign, scaled), state.unit, plain)
+    return State(_grown_by(state.expansion, sign, scaled), plain, state.unit)
 
 
 def _grown_by(expansion, sign, x):
@@ -164,8 +164,9 @@ def pair(state, dtype):
 def levelled(states):
     """The states with zero in place of None, and expansions of one length."""
     like = next(state for state in states if state is not None)
-    zero, one = jnp.zeros_like(like.plain), jnp.ones_like(like.plain)
-    states = [State((), one, zero) if state is None else state for state in states]
+    zero = jnp.zeros_like(like.plain)
+    nothing = State((), zero, None if like.unit is None else jnp.ones_like(zero))
+    states = [nothing if state is None else state for state in states]
     longest = max(len(state.expansion) for state in states)
     return [s._replace(expansion=(zero,) * (longest - len(s.expansion)) + s.expansion) for s in states]
 
@@ -180,9 +181,11 @@ def value(state, dtype):
     # Numbers that do not overlap, added from the smallest: relative error 2^-51, far below a unit of a narrower dtype.
     total = _sum(state.expansion) if dtype == jnp.float64 else functools.reduce(operator.add, state.expansion)
     r = _unscaled(total, state.unit)
-    return lax.convert_element_type(jnp.where(jnp.isnan(r), state.plain, r), dtype)
+    return lax.convert_element_type(lax.select(jnp.isnan(r), state.plain, r), dtype)
 
 
 def _unscaled(x, unit):
-    inverse = jnp.where(unit == 1, unit, jnp.full_like(unit, 1 / _SCALE))
+    if unit is None:
+        return x
+    inverse = lax.select(unit == 1, unit, jnp.full_like(unit, 1 / _SCALE))
     return (x * inverse) * inverse

@@ -39,14 +39,14 @@ def value(state, dtype):
     """Rounded; where something is infinite or NaN, what the plain sum gives."""
     s, c = two_sum(state[0], state[1], unguarded)
     r = s + (c + state[2])
-    return lax.convert_element_type(jnp.where(jnp.isfinite(r), r, state[0]), dtype)
+    return lax.convert_element_type(lax.select(lax.is_finite(r), r, state[0]), dtype)
 
 
 def pair(state, dtype):
     """(hi, lo): rounded to twice the precision."""
     s, c = two_sum(state[0], state[1], unguarded)
     hi, lo = fast_two_sum(s, c + state[2])
-    finite = jnp.isfinite(hi)
-    hi, lo = jnp.where(finite, hi, state[0]), jnp.where(finite, lo, jnp.zeros_like(lo))
+    finite = lax.is_finite(hi)
+    hi, lo = lax.select(finite, hi, state[0]), lax.select(finite, lo, jnp.zeros_like(lo))
     high = lax.convert_element_type(hi, dtype)
     return high, lax.convert_element_type((hi - lax.convert_element_type(high, hi.dtype)) + lo, dtype)

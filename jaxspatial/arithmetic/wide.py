@@ -44,4 +44,4 @@ def pair(state, dtype):
     """(hi, lo) of dtype with the sum of both as near as two of them get."""
     hi = value(state, dtype)
     low = state[0] - lax.convert_element_type(hi, state[0].dtype)
-    return hi, lax.convert_element_type(jnp.where(jnp.isfinite(hi), low, jnp.zeros_like(low)), dtype)
+    return hi, lax.convert_element_type(lax.select(lax.is_finite(hi), low, jnp.zeros_like(low)), dtype)

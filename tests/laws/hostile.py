@@ -4,7 +4,7 @@ One batch, because compiling is what takes the time; and exact results are share
 """
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -22,7 +22,7 @@ class Case(NamedTuple):
 
     operation: Operation
     arrays: list
-    exact: list
+    exact: Any
 
     def check(self, precision, results, note, parts=None, flushed=0):
         """Asserts that the results, by default all parts, keep their bounds."""
@@ -40,7 +40,7 @@ class Case(NamedTuple):
 
 
 class _Key(NamedTuple):
-    array: np.ndarray
+    array: Any
 
     def __hash__(self):
         return id(self.array)
@@ -97,7 +97,7 @@ def _conditioned(name, *order):
 
 
 def _opposed(rng, n, dtype, condition):
-    """w, v, x, y with w x y + v x x of about that condition number: v is y and x is w but for a part of 1 / condition."""
+    """w, v, x, y: w x y + v x x has about that condition number, v being y and x being w but for 1 / condition."""
     w, y, d, e = rng.standard_normal((4, n, 3))
     w, y = w.astype(dtype), y.astype(dtype)
     return [w, (y + d / condition).astype(dtype), (w + e / condition).astype(dtype), y]

@@ -1,14 +1,8 @@
 """Every operation keeps the error bound of its docstring, held against exact rationals.
 
 Operations x precisions x dtypes x hostile inputs x surroundings: a compiler breaks error-free transforms depending on
-what else is computed from what. The tolerance is the promise itself. All of this runs a second time on the instruction
-set of a machine without fused multiply-add (`test_without_fma`).
+what else is computed from what. The tolerance is the promise itself.
 """
-
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +10,7 @@ import numpy as np
 import pytest
 from jax import lax
 from laws import hostile
-from operations import DTYPES, EXACT, OPERATIONS, WITH_PRECISION, summed, violations
+from operations import DTYPES, EXACT, WITH_PRECISION, summed, violations
 
 import jaxspatial as js
 from jaxspatial.measure import error, exact
@@ -53,13 +47,11 @@ CONTEXTS = {
 }
 # In all surroundings, in float32 and float64; everything else is computed in the first one.
 REPRESENTATIVES = ("shift_force", "dot_force_velocity")
-# Takes half a minute to compile.
-SLOW = ("shift_acceleration", "float64", js.Precision.FAITHFUL)
 
 precisions = pytest.mark.parametrize("precision", js.Precision)
 
 
-def _contexts(name, dtype, precision):
+def _contexts(name, dtype):
     all_of_them = name in REPRESENTATIVES and dtype in ("float32", "float64")
     return CONTEXTS if all_of_them else {"jit vmap": CONTEXTS["jit vmap"]}
 
@@ -71,7 +63,7 @@ def test_bound_of_the_docstring(name, dtype, precision):
     case = hostile.case(name, dtype)
     with jax.enable_x64(dtype == "float64"):
         arrays = [jnp.asarray(x) for x in case.arrays]
-        for how, context in _contexts(name, dtype, precision).items():
+        for how, context in _contexts(name, dtype).items():
             case.check(precision, context(case.operation.on_arrays(precision))(*arrays), how)
 
 
@@ -79,8 +71,6 @@ def test_bound_of_the_docstring(name, dtype, precision):
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("name", ["shift_force", "shift_acceleration", "cross_force"])
 def test_a_result_used_alone(name, dtype, precision):
-    if (name, dtype, precision) == SLOW:
-        pytest.skip("compiles for half a minute; its other result is an argument")
     case = hostile.case(name, dtype)
     parts = [part for part, bound in enumerate(case.operation.bounds) if bound != EXACT]
     with jax.enable_x64(dtype == "float64"):
@@ -117,8 +107,9 @@ def test_several_results_of_one_program(dtype, precision):
 CONSTANTS = {
     "an array": jnp.asarray,
     "a NumPy array": lambda x: x,
-    "a NumPy array, one and zero among its components": lambda x: np.where([True, False, False], x, x.dtype.type(1))
-    * np.asarray([1, 1, 0], x.dtype),
+    "a NumPy array, one and zero among its components": lambda x: (
+        np.where([True, False, False], x, x.dtype.type(1)) * np.asarray([1, 1, 0], x.dtype)
+    ),
 }
 
 
@@ -193,14 +184,3 @@ def test_scaling_rounds_once(dtype):
         for scaled, exactly in ((F * factors, exact.rationals(x) * exact.rationals(factors)[:, None]),
                                 (F / factors, exact.rationals(x) / exact.rationals(factors)[:, None])):  # fmt: skip
             assert error.in_u_of(scaled.tau, exactly, abs(exactly)).max() <= 1
-
-
-@pytest.mark.parametrize("file", ["test_error_bounds.py", "test_derivatives.py", "test_extremes.py"])
-@pytest.mark.skipif("JAXSPATIAL_LANE" in os.environ, reason="this is the other lane")
-def test_without_fma(file):
-    """The precisions that need error-free transforms, on the instruction set of a machine without fused multiply-add."""
-    environment = {**os.environ, "XLA_FLAGS": "--xla_cpu_max_isa=AVX", "JAXSPATIAL_LANE": "AVX"}
-    chosen = "(compensated or faithful) and (float32 or float64)"
-    command = [sys.executable, "-m", "pytest", "-q", Path(__file__).with_name(file), "-k", chosen]
-    run = subprocess.run([*command, "-p", "no:cacheprovider"], env=environment, capture_output=True, text=True, timeout=900)
-    assert run.returncode == 0, run.stdout[-4000:]

@@ -1,0 +1,196 @@
+"""At the edges of the formats: overflow on the way, results beyond the largest number, subnormals, NaN and infinities;
+and double words, which lose nothing on the way there and back.
+"""
+
+import functools
+from fractions import Fraction
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+from laws import hostile
+from operations import DTYPES, EXACT, OPERATIONS
+
+import jaxspatial as js
+from jaxspatial.measure import error
+from jaxspatial.measure.exact import attribute
+from jaxspatial.measure.inputs import EXTREMES
+
+# Where intermediate results may overflow: all formats evaluated in a wider one, and whatever is faithful.
+SAFE = [(dtype, precision) for dtype in DTYPES for precision in ("compensated", "faithful")]
+SAFE.remove(("float64", "compensated"))
+NAMES = ("shift_force", "shift_velocity", "dot_force_velocity", "cross_force")
+N = 48
+
+safe = pytest.mark.parametrize(("dtype", "precision"), SAFE)
+precisions = pytest.mark.parametrize("precision", js.Precision)
+
+
+def _results(case, precision):
+    with jax.enable_x64(case.arrays[0].dtype == np.float64):
+        function = case.operation.on_arrays(precision)
+        return [np.asarray(x) for x in jax.jit(jax.vmap(function))(*map(jnp.asarray, case.arrays))]
+
+
+@functools.cache
+def _extreme(name, family, dtype):
+    arrays = hostile.arranged(name, EXTREMES[family], np.random.default_rng(17), N, dtype)
+    return hostile.made(name, arrays)
+
+
+# -- overflow ---------------------------------------------------------------------------------------------------------
+
+
+@safe
+@pytest.mark.parametrize("name", NAMES)
+def test_products_that_overflow_on_the_way_do_not_matter(name, dtype, precision):
+    case = _extreme(name, "near_overflow_of_products", dtype)
+    case.check(precision, _results(case, precision), "overflow", flushed=6)
+
+
+@precisions
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", NAMES)
+def test_huge_factors_beside_tiny_ones(name, dtype, precision):
+    """In float64 tiny ones leave no digits to error-free products: errors are those of "fast" then, and no larger."""
+    case = _extreme(name, "near_overflow_of_splits", dtype)
+    bound = "fast" if dtype == "float64" else precision
+    results, parts = _results(case, precision), [i for i, b in enumerate(case.operation.bounds) if b != EXACT]
+    case.check(bound, [results[i] for i in parts], "splits", parts, flushed=32)
+
+
+@safe
+def test_parallel_vectors_of_which_all_products_overflow(dtype, precision):
+    """The moment of a force along the offset is zero, and the torque stays, to the bit."""
+    big, rng = float(jnp.finfo(dtype).max) ** 0.65, np.random.default_rng(2)
+    direction = np.array([3.0, -5.0, 7.0])
+    p = (np.tile(direction, (N, 1)) * big / 8).astype(jnp.dtype(dtype))
+    f = (p.astype(np.float64) * 2.0 ** rng.integers(-3, 2, (N, 1))).astype(p.dtype)
+    tau = rng.standard_normal((N, 3)).astype(p.dtype)
+    shifted, _ = _results(hostile.made("shift_force", [tau, f, p]), precision)
+    np.testing.assert_array_equal(shifted, tau)
+
+
+@safe
+def test_power_of_huge_products_that_cancel(dtype, precision):
+    """Two products beyond the largest number cancel exactly; the four small ones that are left keep their bound."""
+    big, rng = float(jnp.finfo(dtype).max) ** 0.7, np.random.default_rng(3)
+    tau, f, w, v = rng.standard_normal((4, N, 3)).astype(jnp.dtype(dtype))
+    tau[:, 1], w[:, 1] = (tau[:, 1].astype(np.float64) * big / 16).astype(tau.dtype), tau.dtype.type(big)
+    f[:, 2], v[:, 2] = tau[:, 1], -w[:, 1]
+    case = hostile.made("dot_force_velocity", [tau, f, w, v])
+    case.check(precision, _results(case, precision), "huge products")
+
+
+@precisions
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", ["shift_force", "dot_force_velocity"])
+def test_a_result_beyond_the_largest_number_is_an_infinity(name, dtype, precision):
+    """Of the right sign: all terms of a component have one sign."""
+    big, rng = float(jnp.finfo(dtype).max) ** 0.5, np.random.default_rng(5)
+    shapes = OPERATIONS[name].shapes
+    arrays = [(big * (2 + rng.random((N, 3)))).astype(jnp.dtype(dtype)) for _ in shapes]
+    if name == "shift_force":
+        p, f = np.array([1, 1, 0]), np.array([0, 0, 1])
+        arrays = [arrays[0], *(np.where(m, x, np.zeros_like(x)) for m, x in zip((f, p), arrays[1:], strict=True))]
+    case = hostile.made(name, arrays)
+    for bound, computed, exact in zip(case.operation.bounds, _results(case, precision), case.exact, strict=True):
+        if bound != EXACT:
+            _assert_infinite(computed, attribute(exact, "value"))
+
+
+def _assert_infinite(computed, exact):
+    computed, largest = computed.astype(np.float64), Fraction(float(jnp.finfo(computed.dtype).max))
+    beyond = np.asarray(abs(exact) > 2 * largest, bool)
+    assert beyond.any()
+    signs = np.where(exact > 0, np.inf, -np.inf)
+    np.testing.assert_array_equal(computed[beyond], signs[beyond])
+
+
+# -- underflow --------------------------------------------------------------------------------------------------------
+
+
+@precisions
+@pytest.mark.parametrize("family", ["tiny_products", "subnormals"])
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_flushed_costs_a_few_of_the_smallest_numbers(name, dtype, family, precision):
+    """In float64 the last two are as good as the first two there, beyond that."""
+    case = _extreme(name, family, dtype)
+    results = _results(case, precision)
+    parts = [i for i, bound in enumerate(case.operation.bounds) if bound != EXACT]
+    bound = "reproducible" if dtype == "float64" else precision
+    # A subnormal operand is taken for zero, beside a factor of up to 4; six products, their errors and their sums.
+    case.check(bound, [results[i] for i in parts], family, parts, flushed=32)
+
+
+# -- NaN and infinities -----------------------------------------------------------------------------------------------
+
+
+@precisions
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", [*NAMES, "shift_acceleration"])
+def test_results_are_finite_where_those_of_the_formula_are(name, dtype, precision):
+    for computed, plain in zip(*_not_finite(name, dtype, precision), strict=True):
+        np.testing.assert_array_equal(np.isfinite(computed), np.isfinite(plain))
+
+
+@precisions
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", [*NAMES, "shift_acceleration"])
+def test_nan_and_infinities_go_where_the_formula_takes_them(name, dtype, precision):
+    for computed, plain in zip(*_not_finite(name, dtype, precision), strict=True):
+        assert error.agrees_when_not_finite(computed, plain).all()
+
+
+@functools.cache
+def _not_finite(name, dtype, precision):
+    """(computed, what the formula gives in float64) where a quarter of the numbers is not finite."""
+    operation = OPERATIONS[name]
+    arrays = hostile.arranged(name, EXTREMES["not_finite"], np.random.default_rng(23), 200, dtype)
+    with np.errstate(all="ignore"):
+        expected = operation.formula(*(x.astype(np.float64) for x in arrays))
+    with jax.enable_x64(dtype == "float64"):
+        results = jax.jit(jax.vmap(operation.on_arrays(precision)))(*map(jnp.asarray, arrays))
+    return [np.asarray(x).astype(np.float64) for x in results], expected
+
+
+# -- double words -----------------------------------------------------------------------------------------------------
+
+
+def _loop(convert, back, precision, F, offsets):
+    """Moved along all offsets, and then back along all of them."""
+
+    def step(F, p):
+        return js.shift(F, p, precision=precision), None
+
+    there, _ = lax.scan(step, convert(F), offsets)
+    return back(lax.scan(step, there, -offsets[::-1])[0])
+
+
+@pytest.mark.parametrize("precision", ["compensated", "faithful"])
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_a_hundred_shifts_there_and_back_in_double_words_are_exact(dtype, precision):
+    with jax.enable_x64(dtype == "float64"):
+        F, offsets = _there_and_back(dtype)
+        looped = jax.jit(functools.partial(_loop, js.to_double_word, js.from_double_word, precision))(F, offsets)
+        for x, y in zip(looped._parts, F._parts, strict=True):
+            np.testing.assert_array_equal(np.asarray(x), np.asarray(y))
+
+
+@pytest.mark.parametrize("precision", js.Precision)
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_single_words_do_not_come_back(dtype, precision):
+    """However precise a step is: what counts is how the state is stored in between."""
+    with jax.enable_x64(dtype == "float64"):
+        F, offsets = _there_and_back(dtype)
+        looped = jax.jit(functools.partial(_loop, lambda x: x, lambda x: x, precision))(F, offsets)
+        assert (np.asarray(looped.tau) != np.asarray(F.tau)).mean() > 0.5
+
+
+def _there_and_back(dtype):
+    rng = np.random.default_rng(31)
+    tau, f = map(jnp.asarray, rng.standard_normal((2, 32, 3)).astype(dtype))
+    return js.SpatialForce(tau, f), jnp.asarray(rng.standard_normal((50, 32, 3)).astype(dtype))
