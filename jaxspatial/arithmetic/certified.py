@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxspatial.arithmetic import compensated, tripled
+from jaxspatial.arithmetic.compensated import sum_like, swept
 from jaxspatial.arithmetic.eft import two_sum, unguarded
 from jaxspatial.arithmetic.faithful import parts, parts_of_narrow
 
@@ -30,26 +31,12 @@ def total_of_narrow(terms, guard):
 
 
 def _total(products):
-    s, errors = _swept([p[0] for p in products])
+    s, errors = swept([p[0] for p in products])
     lower = errors + [x for p in products for x in p[1:]]
     if not lower:
         return (s, *[jnp.zeros_like(s)] * 3)
-    c, errors = _swept(lower)
-    return s, c, _sum(errors, s), _sum([lax.abs(x) for x in errors], s)
-
-
-def _swept(numbers):
-    """(the rounded sum, the errors made), in pairs."""
-    errors = []
-    while len(numbers) > 1:
-        sums = [two_sum(a, b, unguarded) for a, b in zip(numbers[::2], numbers[1::2], strict=False)]
-        errors += [e for _, e in sums]
-        numbers = [s for s, _ in sums] + numbers[len(numbers) // 2 * 2 :]
-    return numbers[0], errors
-
-
-def _sum(numbers, like):
-    return compensated.in_pairs(numbers) if numbers else jnp.zeros_like(like)
+    c, errors = swept(lower)
+    return s, c, sum_like(s, errors), sum_like(s, [lax.abs(x) for x in errors])
 
 
 def plus(state, sign, x):

@@ -98,3 +98,9 @@ def _broadcast(array, shape):
     if isinstance(array, Number):
         return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), array)
     return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, shape)
+
+
+def is_tree_mark(leaf):
+    """True for what stands for a leaf in a tree that describes trees: an axis, None, a sharding, a partition spec."""
+    axis = isinstance(leaf, int) and not isinstance(leaf, bool)
+    return leaf is None or axis or isinstance(leaf, (jax.sharding.PartitionSpec, jax.sharding.Sharding))

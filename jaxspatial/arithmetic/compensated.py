@@ -16,9 +16,8 @@ from jaxspatial.arithmetic.eft import fast_two_sum, two_product, two_sum, unguar
 def total(terms, guard):
     """The state of the sum of terms (sign, factors)."""
     pairs = [product(sign, factors, guard) for sign, factors in terms]
-    s, t = _sum([p for p, _ in pairs])
-    errors = [e for _, e in pairs if e is not None]
-    return s, t, in_pairs(errors) if errors else jnp.zeros_like(s)
+    s, errors = swept([p for p, _ in pairs])
+    return s, sum_like(s, errors), sum_like(s, [e for _, e in pairs if e is not None])
 
 
 def product(sign, factors, guard):
@@ -32,14 +31,19 @@ def product(sign, factors, guard):
     return (p, e) if sign > 0 else (-p, None if e is None else -e)
 
 
-def _sum(numbers):
-    """(s, t): the sum of the numbers, and the sum of the errors made."""
+def swept(numbers):
+    """(the rounded sum, the errors made), added in pairs."""
     errors = []
     while len(numbers) > 1:
         sums = [two_sum(a, b, unguarded) for a, b in zip(numbers[::2], numbers[1::2], strict=False)]
         errors += [e for _, e in sums]
         numbers = [s for s, _ in sums] + numbers[len(numbers) // 2 * 2 :]
-    return numbers[0], in_pairs(errors) if errors else jnp.zeros_like(numbers[0])
+    return numbers[0], errors
+
+
+def sum_like(x, numbers):
+    """The sum of the numbers in pairs, 0 in the shape of x where there are none."""
+    return in_pairs(numbers) if numbers else jnp.zeros_like(x)
 
 
 def in_pairs(numbers):

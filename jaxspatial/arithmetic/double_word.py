@@ -318,7 +318,7 @@ class DoubleWord(check.Number):
 
     def __post_init__(self):
         """Checks what a caller passes. JAX rebuilds double words without it, with whatever leaves it needs."""
-        if all(_is_tree_mark(word) for word in (self.hi, self.lo)):
+        if all(check.is_tree_mark(word) for word in (self.hi, self.lo)):
             return
         given = {"DoubleWord: hi": self.hi, "DoubleWord: lo": self.lo}
         words = {name: check.as_float_array(word, name) for name, word in given.items()}
@@ -469,12 +469,6 @@ def _rebuild(words):
     for name, word in zip(("hi", "lo"), words, strict=True):
         object.__setattr__(x, name, word)
     return x
-
-
-def _is_tree_mark(leaf):
-    """True for what stands for a leaf in a tree that describes trees: an axis, None, a sharding, a partition spec."""
-    axis = isinstance(leaf, int) and not isinstance(leaf, bool)
-    return leaf is None or axis or isinstance(leaf, (jax.sharding.PartitionSpec, jax.sharding.Sharding))
 
 
 def _with_zero(word):

@@ -34,7 +34,7 @@ class SpatialVector:
 
     def __post_init__(self):
         """Checks what a caller passes. JAX rebuilds vectors without it, with whatever leaves it needs."""
-        if all(_is_tree_mark(leaf) for leaf in self._parts):
+        if all(check.is_tree_mark(leaf) for leaf in self._parts):
             return
         names = [f"{type(self).__name__}: {name}" for name in self._names]
         arrays = {name: _owned(check.as_vectors(x, name)) for name, x in zip(names, self._parts, strict=True)}
@@ -260,12 +260,6 @@ def _rebuild(cls, parts):
     for name, part in zip(cls._names, parts, strict=True):
         object.__setattr__(x, name, part)
     return x
-
-
-def _is_tree_mark(leaf):
-    """True for what stands for a leaf in a tree that describes trees: an axis, None, a sharding, a partition spec."""
-    axis = isinstance(leaf, int) and not isinstance(leaf, bool)
-    return leaf is None or axis or isinstance(leaf, (jax.sharding.PartitionSpec, jax.sharding.Sharding))
 
 
 def _owned(array):

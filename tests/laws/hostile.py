@@ -28,7 +28,7 @@ class Case(NamedTuple):
         """Asserts that the results, by default all parts, keep their bounds."""
         parts = range(len(self.exact)) if parts is None else parts
         for part, computed in zip(parts, results, strict=True):
-            bound = self.operation.bounds[part]
+            bound = (self.operation.bounds or ())[part]
             wrong = _violations(bound, str(precision), np.asarray(computed), _Key(self.exact[part]), flushed)
             assert not wrong.any(), (self.operation.name, note, part, self.example(wrong, np.asarray(computed), part))
 

@@ -55,7 +55,11 @@ def test_tree_map_keeps_the_kind_whatever_the_leaves_become(kind, function):
         assert str(getattr(mapped, name)) == str(function(leaf))
 
 
-@pytest.mark.parametrize("leaf", [object(), None, "text", 3, (1, 2), jax.ShapeDtypeStruct((3,), jnp.float32)], ids=str)
+@pytest.mark.parametrize(
+    "leaf",
+    [object(), None, "text", 3, (1, 2), jax.ShapeDtypeStruct((3,), jnp.float32)],
+    ids=["object", "None", "text", "3", "tuple", "shape"],
+)
 @kinds
 def test_rebuilt_of_any_leaves_without_complaint(kind, leaf):
     x = jax.tree.unflatten(jax.tree.structure(_vector(kind)), [leaf, leaf])
