@@ -77,7 +77,11 @@ def _quotient_jvp(primals, tangents):
 
 def _sum(result, terms):
     """The sum of at most two tangents of `result`."""
-    return lax.add(*terms) if len(terms) == 2 else terms[0] if terms else ad.Zero.from_primal_value(result)
+    return lax.add(*terms) if len(terms) == 2 else terms[0] if terms else _no_tangent(result)
+
+
+def _no_tangent(x):
+    return ad.Zero(jax.typeof(x).to_tangent_aval())
 
 
 def _product_transpose(cotangent, a, b):

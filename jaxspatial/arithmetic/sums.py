@@ -127,7 +127,11 @@ def _jvp(primals, tangents, *, plan):
     rates = bind_nonzero(plan, sums, [*primals, *tangents])
     width = 1 + plan.is_pair
     rates = [r for rate in rates for r in (rate or [None] * width)]
-    return results, [ad.Zero.from_primal_value(x) if r is None else r for x, r in zip(results, rates, strict=True)]
+    return results, [_no_tangent(x) if r is None else r for x, r in zip(results, rates, strict=True)]
+
+
+def _no_tangent(x):
+    return ad.Zero(jax.typeof(x).to_tangent_aval())
 
 
 def _differential(terms, moving):

@@ -1,7 +1,5 @@
 """A formula run over symbols, and what it asks for evaluated as sums of products: values, double words, quotients."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,20 +10,24 @@ from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, Symbol, symbo
 
 
 def run_symbolically(formula, precision, arrays):
-    """The results of formula(precision, *arrays) in a precision that looks at whole sums."""
+    """The results of formula(precision, *arrays) in a precision that looks at whole sums.
+
+    An array that is passed on as it came is a sum of one term, so that all its cotangents are added in one sum. Numbers
+    known while tracing stay that.
+    """
     words = [jax.tree.leaves(a) for a in arrays]
     places = np.cumsum([0] + [len(w) for w in words])
     flat = [x for w in words for x in w]
     symbols = [symbol(flat, range(i, i + len(w))) for i, w in zip(places, words, strict=False)]
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in flat))
     plan = sums.Plan((), batch, str(precision), is_pair=len(flat) > len(arrays))
-    given = {id(s): functools.partial(_broadcast, a, batch) for s, a in zip(symbols, arrays, strict=True)}
-    evaluate = functools.partial(_evaluated, plan, [_of_rank(x, len(batch) + 1) for x in flat])
+    given = {id(s): a for s, a in zip(symbols, arrays, strict=True) if plan.is_pair or isinstance(a, np.ndarray)}
     results = formula(precision, *symbols)
-    if not isinstance(results, tuple):
-        return given[id(results)]() if id(results) in given else evaluate([results])[0]
-    computed = iter(evaluate([x for x in results if id(x) not in given]))
-    return tuple(given[id(x)]() if id(x) in given else next(computed) for x in results)
+    several = results if isinstance(results, tuple) else (results,)
+    flat = [_of_rank(x, len(batch) + 1) for x in flat]
+    computed = iter(_evaluated(plan, flat, [x for x in several if id(x) not in given]))
+    found = tuple(_broadcast(given[id(x)], batch) if id(x) in given else next(computed) for x in several)
+    return found if isinstance(results, tuple) else found[0]
 
 
 def _broadcast(array, batch):

@@ -70,13 +70,19 @@ def rotated(R_AB, v_B, *, precision=None):
     Raises TypeError for dtypes that differ, ValueError for shapes.
     """
     v_B = check.as_vectors(v_B, "Rotation @ v: v", R_AB.dtype)
-    check.require_same_dtype(Rotation=R_AB, v=v_B)
-    check.common_batch_shape(Rotation=R_AB.batch_shape, v=v_B.shape[:-1])
+    return rotated_together(R_AB, v_B, precision=precision)[0]
+
+
+def rotated_together(R_AB, *vectors, precision=None):
+    """`rotated` for several vectors, in one operation: what a derivative collects from all of them is one sum."""
+    check.require_same_dtype(Rotation=R_AB, **{f"v{i or ''}": v for i, v in enumerate(vectors)})
+    for v in vectors:
+        check.common_batch_shape(Rotation=R_AB.batch_shape, v=v.shape[:-1])
     unchanged = isinstance(R_AB.entries, np.ndarray) and (R_AB.entries == np.eye(3).ravel()).all()
-    return v_B if unchanged and not R_AB.batch_shape else _rotated(precision, R_AB.entries, v_B)
+    return vectors if unchanged and not R_AB.batch_shape else _rotated(precision, R_AB.entries, *vectors)
 
 
 @kernel
-def _rotated(precision, entries, v):
-    r, v_ = lanes.unstack(entries), lanes.unstack(v)
-    return lanes.stack_like(v, [lanes.dot(precision, r[3 * i : 3 * i + 3], v_) for i in range(3)])
+def _rotated(precision, entries, *vectors):
+    rows = [lanes.unstack(entries)[3 * i : 3 * i + 3] for i in range(3)]
+    return tuple(lanes.stack_like(v, [lanes.dot(precision, row, lanes.unstack(v)) for row in rows]) for v in vectors)

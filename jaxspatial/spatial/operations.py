@@ -21,7 +21,7 @@ sum of the absolute values of its terms, multiplied out.
 import functools
 from typing import Any
 
-from jaxspatial.rotation.rotation import Rotation, rotated
+from jaxspatial.rotation.rotation import Rotation, rotated_together
 
 
 def _refuse(operation, expected, x) -> Any:
@@ -119,4 +119,4 @@ def rotate(R_AE, X_P_E, *, precision=None):
         raise TypeError(f"rotate: expected a Rotation first, got {type(R_AE).__name__}")
     if not hasattr(X_P_E, "rotational"):
         return _refuse("rotate", "one of the four spatial vectors as second", X_P_E)
-    return X_P_E._like(*(rotated(R_AE, part, precision=precision) for part in X_P_E._parts))
+    return X_P_E._like(*rotated_together(R_AE, *X_P_E._parts, precision=precision))

@@ -13,9 +13,10 @@ PRECISIONS = pytest.mark.parametrize("precision", ["compensated", "faithful"])
 
 
 def _terms(function, *arguments):
-    """How many products and sums each primitive of a program evaluates."""
+    """How many terms the sums of a program have; an array that is passed on is none."""
     plans = _plans(jax.make_jaxpr(function)(*arguments).jaxpr)
-    return sum(len(terms) for plan in plans for s in plan.sums for terms in s.components)
+    sums = [s.components for plan in plans for s in plan.sums]
+    return sum(len(terms) for s in sums for terms in s if any(len(t) > 1 for t in s))
 
 
 def _plans(jaxpr):
@@ -40,7 +41,7 @@ def test_what_is_known_to_be_zero_leaves_no_term(precision):
     assert _terms(shift, tau, f, p) == 9
     assert _terms(lambda tau, f: shift(tau, f, np.float32([0, 0, 0.3])), tau, f) == 5
     assert _terms(lambda f, p: shift(ZERO, f, p), f, p) == 6
-    assert _terms(lambda tau, p: shift(tau, ZERO, p), tau, p) == 3
+    assert _terms(lambda tau, p: shift(tau, ZERO, p), tau, p) == 0
     assert jax.make_jaxpr(lambda p: shift(ZERO, ZERO, p))(p).eqns == []
 
 
