@@ -44,7 +44,8 @@ def split(x):
     """(hi, lo) with hi + lo = x exactly, each of at most half the bits, so that products of halves are exact.
 
     Rounded in its bits, half away from zero: unlike Veltkamp's multiplication this does not overflow for large x, and
-    it is several times faster than `reduce_precision`. *unchecked* requirement: |x| <= (1 - 2^-12) finfo.max, in
+    it is several times faster than `reduce_precision`. Below tiny / eps, where lo would be flushed to zero and a
+    product lose half of its digits, hi is x: products are then rounded, and good to 3 u. *unchecked* requirement: |x| <= (1 - 2^-12) finfo.max, in
     float64 (1 - 2^-27) finfo.max; beyond, hi rounds to infinity.
     """
     info = jnp.finfo(x.dtype)
@@ -52,7 +53,8 @@ def split(x):
     bits = lax.bitcast_convert_type(x, jnp.dtype(f"uint{info.bits}"))
     half, mask = (bits.dtype.type(n) for n in (1 << (cleared - 1), (1 << info.bits) - (1 << cleared)))
     rounded = (bits + lax.full_like(bits, half)) & lax.full_like(bits, mask)
-    hi = lax.bitcast_convert_type(rounded, x.dtype)
+    has_low_half = lax.ge(lax.abs(x), lax.full_like(x, info.tiny / info.eps))
+    hi = lax.select(has_low_half, lax.bitcast_convert_type(rounded, x.dtype), x)
     return hi, x - hi
 
 
