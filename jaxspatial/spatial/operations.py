@@ -11,7 +11,8 @@ sum of the absolute values of its terms, multiplied out.
 - Where subnormals are flushed to zero (XLA CPU) a few finfo.tiny are added. In float64 that means in "compensated" and
   "faithful": bounds hold while no factor and no product but 0 is below 2^-960; below, errors are at most 7 u mag.
 - In float64 a factor above (1 - 2^-27) finfo.max makes of "compensated" the precision "fast".
-- NaN and infinities go where the formula takes them (an acceleration's, multiplied out); an r beyond finfo.max becomes an infinity.
+- NaN and infinities go where the formula takes them (an acceleration's, multiplied out); an r beyond finfo.max becomes
+  an infinity.
 - Derivatives of every order keep the bounds of "compensated" and "faithful" in each of their components, pull-backs of
   an item that a batch shares too. In the other two they are sums of products rounded one by one.
 - Double words in place of arrays (`js.to_double_word`) are evaluated as in "compensated", or "faithful" where that is
