@@ -45,7 +45,8 @@ def split(x):
 
     Rounded in its bits, half away from zero: unlike Veltkamp's multiplication this does not overflow for large x, and
     it is several times faster than `reduce_precision`. Below tiny / eps, where lo would be flushed to zero and a
-    product lose half of its digits, hi is x: products are then rounded, and good to 3 u. *unchecked* requirement: |x| <= (1 - 2^-12) finfo.max, in
+    product lose half of its digits, hi is x: products are then rounded, and good to 3 u.
+    *unchecked* requirement: |x| <= (1 - 2^-12) finfo.max, in
     float64 (1 - 2^-27) finfo.max; beyond, hi rounds to infinity.
     """
     info = jnp.finfo(x.dtype)
