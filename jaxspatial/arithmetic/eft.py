@@ -70,4 +70,6 @@ def two_product(a, b, guard=fence):
     p = guard(a * b)
     a_hi, a_lo = split(a)
     b_hi, b_lo = split(b)
-    return p, ((a_hi * b_hi - p) + a_hi * b_lo + a_lo * b_hi) + a_lo * b_lo
+    # Kept after each step: of constants it would make `(c1 - p) + c2` to (c1 + c2) - p.
+    e = kept(kept(kept(a_hi * b_hi - p) + a_hi * b_lo) + a_lo * b_hi)
+    return p, e + a_lo * b_lo

@@ -3,10 +3,12 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from jaxspatial.arithmetic import sums
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word
 from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, Symbol, symbol
+from jaxspatial.arithmetic.reproducible import quotient
 
 
 def run_symbolically(formula, precision, arrays):
@@ -56,14 +58,22 @@ def _components(x):
 
 
 def _divided(plan, arrays, x):
-    """Numerators and the one denominator as double words, divided, and rounded once."""
-    pairs = plan._replace(is_pair=True)
-    dividend = Symbol(tuple(q.dividend for q in _components(x)))
-    divisor = Symbol((_components(x)[0].divisor,))
-    above, below = _bound(pairs, arrays, [dividend, divisor])
-    quotient = above / below
-    quotient = quotient if isinstance(x, Symbol) else quotient[..., 0]
-    return quotient if plan.is_pair else from_double_word(quotient)
+    """Numerators and the one denominator, divided, and rounded once."""
+    parts = [Symbol(tuple(q.dividend for q in _components(x))), Symbol((_components(x)[0].divisor,))]
+    dtype = arrays[0].dtype
+    if plan.is_pair or dtype == np.float64:
+        above, below = _bound(plan._replace(is_pair=True), arrays, parts)
+        divided = above / below if plan.is_pair else from_double_word(above / below)
+    else:
+        divided = _divided_wide(plan, arrays, parts, dtype)
+    return divided if isinstance(x, Symbol) else divided[..., 0]
+
+
+def _divided_wide(plan, arrays, parts, dtype):
+    with jax.enable_x64(True):
+        wide = [lax.convert_element_type(a, np.float64) for a in arrays]
+        above, below = _bound(plan, wide, parts)
+        return lax.convert_element_type(quotient(above, jnp.broadcast_to(below, above.shape)), dtype)
 
 
 def _bound(plan, arrays, results):
