@@ -11,7 +11,8 @@ that one, and the sum of the absolute values of the last, which bounds what is u
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic import compensated, tripled
+from jaxspatial.arithmetic import tripled
+from jaxspatial.arithmetic.compensated import levelled as levelled
 from jaxspatial.arithmetic.compensated import sum_like, swept
 from jaxspatial.arithmetic.eft import two_sum, unguarded
 from jaxspatial.arithmetic.faithful import parts, parts_of_narrow
@@ -45,11 +46,6 @@ def plus(state, sign, x):
     s, error = two_sum(s, -x if sign < 0 else x)
     c, error = two_sum(c, error, unguarded)
     return s, c, d + error, size + lax.abs(error)
-
-
-def levelled(states):
-    """The states with zero in place of None."""
-    return compensated.levelled(states)
 
 
 def value(state, dtype):

@@ -174,9 +174,7 @@ def _state(tier, plan, components, lanes):
     states = [_total(tier, terms, lanes) if terms else None for terms in components]
     if all(state is None for state in states):
         return None
-    leaves = zip(*(jax.tree.leaves(state) for state in tier.verbs.levelled(states)), strict=True)
-    structure = jax.tree.structure(tier.verbs.levelled(states)[0])
-    return jax.tree.unflatten(structure, [_picked(plan.axis, x) for x in leaves])
+    return jax.tree.map(lambda *components: _picked(plan.axis, components), *tier.verbs.levelled(states))
 
 
 def _total(tier, terms, lanes):

@@ -16,7 +16,7 @@ from jax import lax
 
 from jaxspatial.arithmetic import fast, reproducible
 from jaxspatial.arithmetic.fence import kept
-from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, Symbol
+from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, Symbol, uniform
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.arithmetic.total import total
 
@@ -44,8 +44,8 @@ def unstack(x):
 
 
 def _number_if_uniform(column):
-    first = column.flat[0] if column.size else None
-    return first if first is not None and (column == first).all() else jnp.asarray(column)
+    number = uniform(column)
+    return jnp.asarray(column) if number is None else number
 
 
 def stack(components, batch_shape=()):

@@ -70,13 +70,14 @@ def symbol(arrays, parts):
 
 
 def _component(known, parts, k):
-    value = _uniform(known[..., k]) if isinstance(known, np.ndarray) else None
+    value = uniform(known[..., k]) if isinstance(known, np.ndarray) else None
     if value == 0:
         return Polynomial()
     terms = tuple(Term(1, ((j, k),)) for j in parts)
     return Polynomial(terms, int(value) if value in (1, -1) else None)
 
 
-def _uniform(column):
+def uniform(column):
+    """The number that a NumPy array is throughout, or None."""
     first = column.flat[0] if column.size else None
     return first if first is not None and (column == first).all() else None

@@ -6,7 +6,7 @@ The state of a sum is (s, c, d), each the errors of the one before. [Ogita, Rump
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic.compensated import in_pairs
+from jaxspatial.arithmetic.compensated import sum_like
 from jaxspatial.arithmetic.eft import fast_two_sum, two_sum, unguarded
 
 
@@ -14,7 +14,7 @@ def from_numbers(numbers):
     """The state of the sum of numbers in increasing order."""
     s, errors = _swept(list(numbers))
     c, errors = _swept(errors[::-1]) if errors else (jnp.zeros_like(s), [])
-    return s, c, in_pairs(errors) if errors else jnp.zeros_like(s)
+    return s, c, sum_like(s, errors)
 
 
 def _swept(numbers):

@@ -9,6 +9,8 @@ import operator
 import jax.numpy as jnp
 from jax import lax
 
+from jaxspatial.arithmetic.compensated import levelled as levelled
+
 
 def total(terms, _):
     """The sum of terms (sign, factors), factors arrays of float64. Error <= 2^-53 times their number, times mag."""
@@ -22,12 +24,6 @@ def _signed(sign, x):
 def plus(state, sign, x):
     """The state with one more term."""
     return (x + state[0] if sign > 0 else state[0] - x,)
-
-
-def levelled(states):
-    """The states with zero in place of None."""
-    like = next(state for state in states if state is not None)
-    return [tuple(map(jnp.zeros_like, like)) if state is None else state for state in states]
 
 
 def merge(a, b):
