@@ -60,7 +60,8 @@ def test_fast_math_is_seen():
     assert run.returncode == 1, run.stderr
     found = _found(run)
     broken = {name for name, finding in found.items() if finding["holds"] is False}
-    assert broken >= {"error-free sums", "error-free products", "precision 'compensated'", "precision 'faithful'"}
+    # Error-free products break under jaxlib 0.10.2; 0.12 leaves them alone.
+    assert broken >= {"error-free sums", "precision 'compensated'", "precision 'faithful'"}
     assert all("--xla_cpu_enable_fast_math=true: take it out" in found[name]["advice"] for name in broken)
 
 
