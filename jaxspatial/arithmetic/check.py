@@ -13,6 +13,11 @@ _FLOATS = "float16, bfloat16, float32 or float64"
 class Number:
     """Base of what stands for an array of floating point without being one: it passes every check as it is."""
 
+    def over_batch(self, batch_shape):
+        """Broadcast to another batch shape."""
+        shape = (*batch_shape, self.shape[-1])
+        return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), self)
+
 
 def as_float_array(x, name, dtype=None) -> Any:
     """x as an array of floating point; `dtype` is taken on by numbers that have none (Python floats, lists of them).
@@ -91,13 +96,24 @@ def common_batch_shape(**batch_shapes):
 
 def broadcast_batch(batch_shape, *arrays):
     """Each array (*batch, n) over the common batch; NumPy stays NumPy."""
-    return tuple(a if a.shape[:-1] == batch_shape else _broadcast(a, (*batch_shape, a.shape[-1])) for a in arrays)
+    return tuple(a if a.shape[:-1] == batch_shape else _broadcast(a, batch_shape) for a in arrays)
 
 
-def _broadcast(array, shape):
+def _broadcast(array, batch_shape):
     if isinstance(array, Number):
-        return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), array)
-    return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, shape)
+        return array.over_batch(batch_shape)
+    return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, (*batch_shape, array.shape[-1]))
+
+
+def goes_with_any_batch(x):
+    """True for what consists of known numbers alone, see `Components`."""
+    return isinstance(x, Number) and not jax.tree.leaves(x)
+
+
+def batch_shape(*parts):
+    """The batch shape of arrays that have one in common, but for those that go with any."""
+    with_batch = [x for x in parts if not goes_with_any_batch(x)]
+    return jnp.shape((with_batch or parts)[0])[:-1]
 
 
 def is_tree_mark(leaf):

@@ -26,6 +26,7 @@ using double-word arithmetic, ACM TOMS 49(1)]
 """
 
 import dataclasses
+import fractions
 import functools
 import typing
 
@@ -275,6 +276,13 @@ def _words_of_numbers(x, dtype, rest=0.0):
         hi = np.where(low == 0, high, high + low)
         lo = low - (hi - high)
     return hi, np.where(low == 0, low, lo)
+
+
+def nearest_double_word(number, dtype):
+    """The DoubleWord nearest to a Fraction or Python number, known while tracing."""
+    high = float(number)
+    rest = float(fractions.Fraction(number) - fractions.Fraction(high)) if np.isfinite(high) else 0.0
+    return _rebuild(word[()] for word in map(np.asarray, _words_of_numbers(high, dtype, rest)))
 
 
 def _wide(a, b):

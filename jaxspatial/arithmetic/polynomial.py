@@ -42,7 +42,7 @@ class Polynomial:
         return Polynomial(tuple(products))
 
     def __truediv__(self, other):
-        return Quotient(self, other)
+        return self * other if other.unit else Quotient(self, other)
 
 
 class Quotient(NamedTuple):

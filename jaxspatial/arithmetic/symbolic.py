@@ -1,13 +1,18 @@
 """A formula run over symbols, and what it asks for evaluated as sums of products: values, double words, quotients."""
 
+import math
+from fractions import Fraction
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import sums
+from jaxspatial.arithmetic import check, components, sums
+from jaxspatial.arithmetic.components import Components
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word
-from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, Symbol, symbol
+from jaxspatial.arithmetic.lanes import is_known, quietly
+from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, Symbol, Term, symbol
 from jaxspatial.arithmetic.reproducible import quotient
 
 
@@ -17,32 +22,67 @@ def run_symbolically(formula, precision, arrays):
     An array that is passed on as it came is a sum of one term, so that all its cotangents are added in one sum. Numbers
     known while tracing stay that.
     """
-    words = [jax.tree.leaves(a) for a in arrays]
-    places = np.cumsum([0] + [len(w) for w in words])
-    flat = [x for w in words for x in w]
-    symbols = [symbol(flat, range(i, i + len(w))) for i, w in zip(places, words, strict=False)]
-    batch = np.broadcast_shapes(*(x.shape[:-1] for x in flat))
-    plan = sums.Plan((), batch, str(precision), is_pair=len(flat) > len(arrays))
+    is_apart = any(isinstance(a, Components) for a in arrays)
+    arrays = tuple(map(components.as_components, arrays)) if is_apart else arrays
+    data = _Data(np.dtype(arrays[0].dtype))
+    symbols = [data.symbol(a) for a in arrays]
+    batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+    plan = sums.Plan((), batch, str(precision), is_pair=any(map(components.has_pairs, arrays)))
     given = {id(s): a for s, a in zip(symbols, arrays, strict=True) if plan.is_pair or isinstance(a, np.ndarray)}
     results = formula(precision, *symbols)
     several = results if isinstance(results, tuple) else (results,)
-    flat = [_of_rank(x, len(batch) + 1) for x in flat]
-    computed = iter(_evaluated(plan, flat, [x for x in several if id(x) not in given]))
-    found = tuple(_broadcast(given[id(x)], batch) if id(x) in given else next(computed) for x in several)
+    evaluated = _evaluated_apart if is_apart else _evaluated
+    computed = iter(evaluated(plan, data, [x for x in several if id(x) not in given]))
+    found = tuple(_passed_on(given[id(x)], batch) if id(x) in given else next(computed) for x in several)
     return found if isinstance(results, tuple) else found[0]
 
 
-def _broadcast(array, batch):
-    return jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, x.shape[-1])), array)
+class _Data:
+    """The arrays that the symbols of a formula stand for, and the numbers of those that are constants."""
+
+    def __init__(self, dtype):
+        self.dtype, self.arrays, self.constants = dtype, [], {}
+
+    def symbol(self, a):
+        if isinstance(a, Components):
+            return Symbol(tuple(map(self._component, a.components)))
+        return symbol(self.arrays, self._placed(jax.tree.leaves(a)))
+
+    def _component(self, c):
+        """Each on its own is an array with one component; a known 0 is none."""
+        if is_known(c, 0):
+            return Polynomial()
+        places = self._placed([word[..., None] for word in jax.tree.leaves(c)])
+        if is_known(c):
+            self.constants[places[0]] = c
+        return Polynomial(tuple(Term(1, ((j, 0),)) for j in places), int(c) if is_known(c, 1, -1) else None)
+
+    def _placed(self, words):
+        self.arrays += words
+        return range(len(self.arrays) - len(words), len(self.arrays))
+
+    def constant(self, factor):
+        """The number of a factor; raises _IsData where there is none."""
+        number = self.constants.get(factor[0])
+        if number is None or not np.isfinite(number):
+            raise _IsData
+        return Fraction(float(number))
+
+    def of_rank(self, rank):
+        """The arrays with axes of size 1 in front: what is shared by a batch stays one item, whose cotangents are
+        summed once."""
+        return [jnp.reshape(x, (1,) * (rank - x.ndim) + x.shape) for x in self.arrays]
 
 
-def _of_rank(x, rank):
-    """x with axes of size 1 in front: what is shared by a batch stays one item, whose cotangents are summed once."""
-    return jnp.reshape(x, (1,) * (rank - x.ndim) + x.shape)
+def _passed_on(array, batch):
+    """An argument returned as it came."""
+    (array,) = check.broadcast_batch(batch, array)
+    return jnp.asarray(array) if isinstance(array, np.ndarray) else array
 
 
-def _evaluated(plan, arrays, results):
+def _evaluated(plan, data, results):
     """What a formula returned, as arrays or double words; everything that is not a quotient in one plan."""
+    arrays = data.of_rank(len(plan.batch) + 1)
     quotients = [x for x in results if _is_quotient(x)]
     plain = iter(_bound(plan, arrays, [x for x in results if not _is_quotient(x)]))
     divided = iter([_divided(plan, arrays, x) for x in quotients])
@@ -55,6 +95,59 @@ def _is_quotient(x):
 
 def _components(x):
     return x.components if isinstance(x, Symbol) else (x,)
+
+
+# -- components apart -------------------------------------------------------------------------------------------------
+
+
+def _evaluated_apart(plan, data, results):
+    """As `_evaluated`, with each component of a result on its own, and known where all its terms are constants."""
+    known = [[_known(data, x, c) for c in _components(x)] for x in results]
+    wanted = [
+        Symbol((c,), _is_summed(x))
+        for x, numbers in zip(results, known, strict=True)
+        for c, number in zip(_components(x), numbers, strict=True)
+        if number is None
+    ]
+    computed = (x[..., 0] for x in (_evaluated(plan, data, wanted) if wanted else ()))
+    lanes = [[next(computed) if number is None else number for number in numbers] for numbers in known]
+    return [_of_lanes(plan, x, c) for x, c in zip(results, lanes, strict=True)]
+
+
+def _of_lanes(plan, x, lanes):
+    if isinstance(x, Symbol):
+        return components.of(lanes)
+    return jnp.broadcast_to(lanes[0], plan.batch) if is_known(lanes[0]) else lanes[0]
+
+
+def _is_summed(x):
+    return isinstance(x, Symbol) and x.is_summed
+
+
+def _known(data, x, c):
+    """The number that a component is, its exact value rounded once; None for data."""
+    try:
+        value = _quotient(data, c) if isinstance(c, Quotient) else _value(data, c)
+        return None if value and _is_summed(x) else quietly(lambda t, number: t.type(number), data.dtype, float(value))
+    except (_IsData, ZeroDivisionError, OverflowError):
+        return None
+
+
+class _IsData(Exception):
+    """A term has a factor that is not known."""
+
+
+def _value(data, polynomial):
+    """The exact value of a polynomial in constants; raises _IsData for others."""
+    return sum((t.sign * math.prod(map(data.constant, t.factors)) for t in polynomial.terms), Fraction())
+
+
+def _quotient(data, c):
+    """0 by whatever is 0, as for lanes."""
+    return _value(data, c.dividend) / _value(data, c.divisor) if c.dividend.terms else Fraction()
+
+
+# -- evaluation -------------------------------------------------------------------------------------------------------
 
 
 def _divided(plan, arrays, x):

@@ -1,0 +1,218 @@
+"""Functions of numbers that every rotation is made of: series in the squared angle, sine and cosine, angles, norms.
+
+None of them calls a library: they are sums and products, the same bits in any batch and surrounding, vectorised along
+with what they are used in, and of twice the precision for double words. The number of terms comes from the unit
+roundoff.
+"""
+
+import functools
+import itertools
+import math
+from fractions import Fraction
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
+from jaxspatial.arithmetic.numbers import (
+    Lane,
+    apart,
+    constant,
+    doubled,
+    high,
+    nearest_integer,
+    times_power_of_two,
+    where,
+)
+from jaxspatial.arithmetic.vectors import scaled
+
+# 60 digits: three words of float64 are known from it.
+_PI = Fraction("3.14159265358979323846264338327950288419716939937510582097494459")
+_LN2 = Fraction("0.69314718055994530941723212145817656807550013436025525412068000950")
+
+
+def unit_roundoff(x):
+    """u of the numbers that x is one of; u^2 for double words."""
+    u = Fraction(1, 2 ** (jnp.finfo(x.dtype).nmant + 1))
+    return u * u if isinstance(x, DoubleWord) else u
+
+
+def series(coefficients, x, largest):
+    """sum of c_n x^n, by Horner's rule, for 0 <= x <= largest; as many terms as u makes a difference for.
+
+    coefficients: an iterable of Fractions, of which those that matter fall off.
+    """
+    needed = []
+    for n, c in enumerate(coefficients):
+        needed.append(c)
+        if abs(c) * Fraction(largest) ** n < unit_roundoff(x) * abs(needed[0]) / 16:
+            break
+    return _polynomial(tuple(needed))(x)
+
+
+@functools.cache
+def _polynomial(coefficients):
+    def evaluated(x):
+        if isinstance(x, DoubleWord):
+            return _scanned(coefficients, x)
+        result = constant(x, coefficients[-1])
+        for c in reversed(coefficients[:-1]):
+            result = result * x + constant(x, c)
+        return result
+
+    return apart(evaluated)
+
+
+def _scanned(coefficients, x):
+    """The polynomial of a double word as a loop: written out, it would compile for seconds."""
+    pairs = [constant(x, c) for c in reversed(coefficients)]
+    first, rest = pairs[0], jax.tree.map(lambda *words: np.stack(words), *pairs[1:])
+    start = jax.tree.map(lambda word, like: jnp.full_like(like, word), first, x)
+    return lax.scan(lambda result, c: (result * x + c, None), start, rest)[0]
+
+
+def _alternating(of):
+    """(-1)^n / of(n)."""
+    return (Fraction((-1) ** n, of(n)) for n in itertools.count())
+
+
+def cosine_series(x, largest):
+    """cos(a) of x = a^2."""
+    return series(_alternating(lambda n: math.factorial(2 * n)), x, largest)
+
+
+def sine_series(x, largest):
+    """sin(a) / a of x = a^2."""
+    return series(_alternating(lambda n: math.factorial(2 * n + 1)), x, largest)
+
+
+def turns(angle, parts):
+    """(k, rest) with angle = k (2 pi / parts) + rest, |rest| <= pi / parts, k an integer: a constant to derivatives.
+
+    The error of rest is a few u |rest| while k has at most half of the bits of a word (float32: |angle| <= 2^13 / parts,
+    float64: 2^28 / parts), and 2 u |angle| beyond, as if the angle had been rounded once more. NaN where not even the
+    turn is known: where u |angle| is larger than an eighth of a part.
+    """
+    step = 2 * _PI / parts
+    k, rest = _remainder(angle, step)
+    is_known = abs(high(k)) <= 2.0 ** (jnp.finfo(angle.dtype).nmant - 2)
+    return k, where(is_known & (abs(high(rest)) <= float(step * 9 / 16)), rest, math.nan)
+
+
+def _remainder(x, step):
+    """(k, x - k step) with k the integer nearest to x / step; see `turns` for errors."""
+    k = nearest_integer(x * constant(x, 1 / step))
+    if isinstance(x, DoubleWord):
+        words = np.array([float(word) for word in _words(step, x)], x.dtype)
+        return k, lax.scan(lambda rest, word: (rest - k * jnp.broadcast_to(word, rest.shape), None), x, words)[0]
+    for word in _words(step, x):
+        x = x - k * constant(x, word)
+    return k, x
+
+
+def _words(fraction, like):
+    """The fraction as a sum of words so short that their products with integers of half a word are exact.
+
+    Of seven, because an angle of that many turns may come as near to a whole one as u / 16, and keeps its digits.
+    """
+    bits = (jnp.finfo(like.dtype).nmant + 1) // 2 - 1
+    for _ in range(7):
+        scale = Fraction(2) ** (bits - math.frexp(float(fraction))[1])
+        word = Fraction(int(fraction * scale)) / scale
+        yield word
+        fraction -= word
+
+
+@apart
+def cosine_sine(angle):
+    """(cos, sin) of an angle, each to 2 u of 1, sine relative to itself near 0. NaN for angles beyond 1 / u."""
+    k, rest = turns(angle, 4)
+    x = rest * rest
+    c, s = cosine_series(x, 0.64), rest * sine_series(x, 0.64)
+    return _quarter_turned(k, c, s)
+
+
+def _quarter_turned(k, c, s):
+    quarter = high(k - 4 * nearest_integer(k * 0.25))  # -2, -1, 0, 1 or 2
+    half = abs(quarter) == 2
+    cos, sin = where(abs(quarter) == 1, s, c), where(abs(quarter) == 1, c, s)
+    return where((quarter == 1) | half, -cos, cos), where((quarter == -1) | half, -sin, sin)
+
+
+@apart
+def angle_ratio(squared_sine, cosine, length=1):
+    """t / sin(t) for the angle 0 <= t <= pi / 2 with that squared sine and cosine; smooth at 0.
+
+    length: by which sine and cosine have to be divided to be those of an angle, as the result then is: t = sine times it.
+    From tan(t/2) = sine / (length + cosine): neither is rounded to unit length first.
+    """
+    ratio = 1 / (cosine + length)
+    return doubled(ratio * _polynomial(_arc_tangent(unit_roundoff(cosine)))(squared_sine * (ratio * ratio)))
+
+
+@functools.cache
+def _arc_tangent(u):
+    """Coefficients of atan(a) / a as a polynomial in a^2 <= 1: Chebyshev's expansion of atan(a) in odd polynomials T,
+
+        atan(a) = 2 sum over k of (-1)^k p^(2k+1) / (2k+1) T_2k+1(a)        p = sqrt(2) - 1
+
+    with three terms more than values need: second derivatives have those digits, too. In multiples of 10^-60.
+    """
+    one = 10**60
+    p = math.isqrt(2 * one * one) - one
+    power, count = p, 3 + math.ceil(math.log(float(u) / 16) / (2 * math.log(p / one)))
+    result, below, odd = [0] * count, [1], [1]  # T_2k-1 / a and T_2k+1 / a by their coefficients; T_-1 = T_1.
+    for k in range(count):
+        for j, c in enumerate(odd):
+            result[j] += 2 * (-1) ** k * power * c // (2 * k + 1)
+        below, odd, power = odd, _next_odd(below, odd), power * p // one * p // one
+    return tuple(Fraction(c, one) for c in result)
+
+
+def _next_odd(below, odd):
+    """T_n+2 = (4 a^2 - 2) T_n - T_n-2."""
+    terms = zip([0, *odd], [*odd, 0], [*below, 0, 0], strict=False)
+    return [4 * shifted - 2 * same - lower for shifted, same, lower in terms]
+
+
+def pi(like):
+    """The number nearest to pi."""
+    return constant(like, _PI)
+
+
+@apart
+def exp(x):
+    """e^x: 0 below what the format holds, an infinity above. Error at most 4 u e^x; smooth.
+
+    2^k e^r with |r| <= ln(2) / 2; with as many terms as |r| = 1 would need, derivatives have all digits too.
+    """
+    largest = jnp.finfo(x.dtype).maxexp
+    is_low, is_high = high(x) < -largest, high(x) > largest
+    k, rest = _remainder(where(is_low | is_high, 0.0, x), _LN2)
+    power = series((Fraction(1, math.factorial(n)) for n in itertools.count()), rest, 1)
+    power = times_power_of_two(power, jnp.asarray(high(k)).astype(jnp.int32))
+    return where(is_low, 0.0, where(is_high, math.inf, power))
+
+
+@apart
+def log(x):
+    """The natural logarithm: -inf at 0, NaN below. Error at most 4 u |log x|, also near 1.
+
+    e ln 2 + 2 artanh((m - 1) / (m + 1)) with x = 2^e m, 3/4 <= m < 3/2.
+    """
+    is_usual = (high(x) > 0) & (high(x) <= jnp.finfo(x.dtype).max)
+    (m,), e = scaled((where(is_usual, x, 1.0),))
+    is_low = high(m) < 0.75
+    m, e = where(is_low, 2 * m, m), jnp.where(is_low, e - 1, e)
+    ratio = (m - 1) / (m + 1)
+    artanh = ratio * series((Fraction(1, 2 * n + 1) for n in itertools.count()), ratio * ratio, Fraction(1, 9))
+    found = _of_integers(x, e) * constant(x, _LN2) + 2 * artanh
+    return where(is_usual, found, where(high(x) == 0, -math.inf, where(high(x) > 0, x, math.nan)))
+
+
+def _of_integers(like, e):
+    """Integers (*batch,) as a number of the kind of another."""
+    e = e.astype(like.dtype)
+    return to_double_word(e) if isinstance(like, DoubleWord) else Lane(like.precision, e)

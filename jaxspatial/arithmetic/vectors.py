@@ -1,0 +1,119 @@
+"""Vectors as tuples of numbers."""
+
+import functools
+import math
+import operator
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.arithmetic import lanes, scaling
+from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers import apart, constant, each, frozen, high, times_power_of_two, where
+
+
+def total(numbers):
+    """Their sum, from the left."""
+    return functools.reduce(operator.add, numbers)
+
+
+def dot(a, b):
+    return total(each(operator.mul, a, b))
+
+
+def dots(pairs):
+    """The dot products of pairs of vectors of one length."""
+    n = len(pairs[0][0])
+    products = each(operator.mul, *([x for pair in pairs for x in pair[side]] for side in (0, 1)))
+    return functools.reduce(functools.partial(each, operator.add), [products[i::n] for i in range(n)])
+
+
+def square(v):
+    """|v|^2 as (rounded, what rounding left), for |v| <= 64; beyond as `dot` has it. Of double words (dot(v, v), None).
+
+    Each component is split on a grid, so coarse that squares of its points add up without rounding.
+    """
+    if isinstance(v[0], DoubleWord):
+        return dot(v, v), None
+    bits = jnp.finfo(v[0].dtype).nmant + 1
+    shift = constant(v[0], 1.5 * 2 ** (bits - 1 - (bits - 12) // 2))
+    grid = tuple((x + shift) - shift for x in v)
+    coarse = dot(grid, grid)
+    fine = total([(x + y) * (x - y) for x, y in zip(v, grid, strict=True)])
+    rounded = coarse + fine
+    return rounded, frozen(fine - (rounded - coarse))
+
+
+def cross(a, b):
+    products = each(operator.mul, _at(a, 1, 2, 0, 2, 0, 1), _at(b, 2, 0, 1, 1, 2, 0))
+    return tuple(each(operator.sub, products[:3], products[3:]))
+
+
+def _at(v, *indices):
+    return [v[i] for i in indices]
+
+
+def plus(*vectors):
+    return tuple(functools.reduce(functools.partial(each, operator.add), vectors))
+
+
+def minus(a, b):
+    return tuple(each(operator.sub, a, b))
+
+
+def times(s, v):
+    return tuple(each(operator.mul, [s] * len(v), v))
+
+
+def matrix_times(m, v):
+    """Of a matrix by its rows."""
+    return tuple(dots([(row, v) for row in m]))
+
+
+def transpose(m):
+    return tuple(zip(*m, strict=True))
+
+
+def product(m, n):
+    """Of two matrices by their rows."""
+    return rows(tuple(dots([(row, column) for row in m for column in transpose(n)])), len(n[0]))
+
+
+def flat(m):
+    return tuple(x for row in m for x in row)
+
+
+def rows(entries, n=3):
+    return tuple(entries[i : i + n] for i in range(0, len(entries), n))
+
+
+def scaled(v):
+    """(v 2^-e, e) with the largest component between 1/2 and 1: squares neither over- nor underflow."""
+    e = _exponent([high(x) for x in v])
+    return tuple(times_power_of_two(x, -e) for x in v), e
+
+
+def _exponent(values):
+    if not all(map(lanes.is_known, values)):
+        return scaling.exponent(values)
+    largest = float(max(map(abs, values)))
+    return np.int32(math.frexp(largest)[1] if math.isfinite(largest) else 0)
+
+
+@apart
+def unit(v):
+    """v / |v|, of any finite length but 0: NaN there, and where a component is infinite or NaN."""
+    v, _ = scaled(v)
+    length = dot(v, v).sqrt()
+    length = where(high(length) < math.inf, length, math.nan)
+    return tuple(each(operator.truediv, v, [length] * len(v)))
+
+
+@apart
+def norm(v):
+    """|v|, without over- or underflow on the way. At 0 derivatives are 0: the subgradient of least norm."""
+    v, e = scaled(v)
+    squared = dot(v, v)
+    is_zero = high(squared) == 0
+    length = where(is_zero, 0.0, where(is_zero, 1.0, squared).sqrt())
+    return times_power_of_two(length, e)
