@@ -21,7 +21,10 @@ def total(terms, guard):
 
 
 def product(sign, factors, guard):
-    """(p, e) of sign times the product of up to three factors, p + e exact for two; e None for a single one."""
+    """(p, e) of sign times the product of factors, p + e exact for two; e None for a single one.
+
+    Of n factors the error is at most n (n - 2) u^2 of the product: 3, 8, 15.
+    """
     first, *others = factors
     p, e = first if others else guard(first), None
     for x in others:

@@ -17,6 +17,7 @@ from jax import lax
 
 from jaxspatial.arithmetic import compensated, tripled
 from jaxspatial.arithmetic.eft import fast_two_sum, two_difference, two_product, two_sum, unguarded
+from jaxspatial.arithmetic.fence import fence
 
 # A sum of 2^20 products below 2^1000 is finite, and so is 2^2048 scaled by 2^-540 twice.
 _LARGE = 2.0**1000
@@ -35,6 +36,8 @@ class State(NamedTuple):
 
 def total(terms, guard):
     """The state of the sum of terms (sign, factors), products of two of which may overflow."""
+    if _is_long(terms, parts):
+        return _long_total(terms)
     products = [parts(sign, factors, guard) for sign, factors in terms]
     plain = _plain(products)
     zero, one, scale = (jnp.full_like(plain, x) for x in (0.0, 1.0, _SCALE))
@@ -53,6 +56,8 @@ def total(terms, guard):
 
 def total_of_narrow(terms, guard):
     """The state of the sum of terms (sign, factors), factors of at most half the digits: no product overflows."""
+    if _is_long(terms, parts_of_narrow):
+        return _long_total_of_narrow(terms)
     products = [parts_of_narrow(sign, factors, guard) for sign, factors in terms]
     plain = _plain(products)
     return State(_expansion(products), plain)
@@ -76,12 +81,8 @@ def parts(sign, factors, guard):
 
 
 def parts_of_narrow(sign, factors, guard):
-    """As `parts`, for factors of at most half the digits: a product of two is exact."""
-    first, *others = factors
-    found = [guard(first * others[0]) if others else guard(first)]
-    if others[1:]:
-        found = two_product(found[0], others[1], guard)
-    return list(found) if sign > 0 else [-x for x in found]
+    """As `parts`, for up to six factors of at most half the digits: products of two are exact, and none overflows."""
+    return parts(sign, [functools.reduce(operator.mul, factors[i : i + 2]) for i in range(0, len(factors), 2)], guard)
 
 
 def _scaled_parts(unscaled, sign, factors, guard, scale):
@@ -94,8 +95,6 @@ def _scaled_parts(unscaled, sign, factors, guard, scale):
 def _expansion(products):
     """The expansion of the sum of products, each given by its parts."""
     pairs = [p[i : i + 2] for p in products for i in range(0, len(p), 2)]
-    if sum(map(len, pairs)) > _UNROLLED:
-        return _expansion_in_a_loop([x for pair in pairs for x in pair])
     expansion, *others = (tuple(reversed(pair)) for pair in pairs)
     for pair in others:
         expansion = _merged(expansion, pair)
@@ -111,25 +110,75 @@ def _merged(expansion, pair):
     return (*settled, *expansion)
 
 
-def _expansion_in_a_loop(numbers):
-    """As `_grown` one by one, slower, in a program whose length does not grow with the square of their number."""
-
-    def add(expansion, x):
-        largest, grown = lax.scan(lambda x, y: two_sum(x, y, unguarded), x, expansion)
-        # As long as there are fewer numbers than places the lowest is 0.
-        return jnp.concatenate([grown[1:], largest[None]]), None
-
-    stacked = jnp.stack(numbers)
-    expansion, _ = lax.scan(add, jnp.zeros_like(stacked), stacked)
-    return tuple(expansion[i] for i in range(len(numbers)))
-
-
 def _grown(expansion, x):
     grown = []
     for y in expansion:
         x, error = two_sum(x, y, unguarded)
         grown.append(error)
     return (*grown, x)
+
+
+# -- long sums: programs whose length does not grow with the square of their number of terms --------------------------
+
+
+def _is_long(terms, of):
+    """True where the products have more parts than are added without a loop."""
+    halved = 2 if of is parts_of_narrow else 1
+    return sum(2 ** ((len(factors) - 1) // halved) for _, factors in terms) > _UNROLLED
+
+
+def _grouped(terms):
+    """The terms with as many factors as one, stacked along a new first axis: a list of factors for each number."""
+    groups = {}
+    for sign, (first, *others) in terms:
+        groups.setdefault(len(others), []).append([first if sign > 0 else -first, *others])
+    return [[jnp.stack(x) for x in zip(*group, strict=True)] for group in groups.values()]
+
+
+def _long_total(terms):
+    """As `total`."""
+    groups = _grouped(terms)
+    products = [parts(1, g, fence) for g in groups]
+    plain = _plain_of_groups(products)
+    large = [_is_large(p[0]) & (len(g) == 2) for p, g in zip(products, groups, strict=True)]
+    scaled = [_scaled_parts(p, 1, g, fence, jnp.full_like(p[0], _SCALE)) for p, g in zip(products, groups, strict=True)]
+    alone = [_where(m, s) for m, s, g in zip(large, scaled, groups, strict=True) if len(g) == 2]
+    is_scaled = _sum(_expansion_in_a_loop(alone)) != 0 if alone else jnp.zeros(plain.shape, bool)
+    others = [_where(~m, p) for m, p in zip(large, products, strict=True)]
+    chosen = [
+        [lax.select(jnp.broadcast_to(is_scaled, x.shape), y, x) for x, y in zip(p, s, strict=True)]
+        for p, s in zip(others, scaled, strict=True)
+    ]
+    unit = lax.select(is_scaled, jnp.full_like(plain, _SCALE), jnp.ones_like(plain))
+    return State(_expansion_in_a_loop(chosen), plain, unit)
+
+
+def _long_total_of_narrow(terms):
+    """As `total_of_narrow`."""
+    products = [parts_of_narrow(1, g, fence) for g in _grouped(terms)]
+    return State(_expansion_in_a_loop(products), _plain_of_groups(products))
+
+
+def _plain_of_groups(products):
+    """What the plain sum gives: of interest where it is infinite or NaN."""
+    return functools.reduce(operator.add, (jnp.sum(p[0], 0) for p in products))
+
+
+def _where(mask, numbers):
+    return [lax.select(mask, x, jnp.zeros_like(x)) for x in numbers]
+
+
+def _expansion_in_a_loop(products):
+    """The expansion of the sum of products, each group given by its parts, grown by one number after the other."""
+
+    def add(expansion, x):
+        largest, grown = lax.scan(lambda x, y: two_sum(x, y, unguarded), x, expansion)
+        # As long as there are fewer numbers than places the lowest is 0.
+        return jnp.concatenate([grown[1:], largest[None]]), None
+
+    numbers = jnp.concatenate([x for p in products for x in p])
+    expansion, _ = lax.scan(add, jnp.zeros_like(numbers), numbers)
+    return tuple(expansion[i] for i in range(len(numbers)))
 
 
 def _sum(expansion):

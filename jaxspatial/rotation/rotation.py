@@ -1,21 +1,55 @@
-"""Rotations, as what they do to vectors."""
+"""Rotations, as what they do to vectors. The mathematics is in the modules beside this one, as formulas over numbers."""
 
 import dataclasses
 
 import jax
-import jax.numpy as jnp
+import jax.export
 import numpy as np
 
-from jaxspatial.arithmetic import check, lanes
+from jaxspatial.arithmetic import check, lanes, vectors
 from jaxspatial.arithmetic.kernel import kernel
+from jaxspatial.arithmetic.numbers import numeric
+from jaxspatial.rotation import angles, directions, exponential, quaternion
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True, eq=False)
+def tree(cls):
+    """Class decorator: a frozen dataclass known to JAX as a pytree, which is rebuilt without the checks of a caller's."""
+    cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
+    names = [field.name for field in dataclasses.fields(cls)]
+
+    def parts(x):
+        return tuple(getattr(x, name) for name in names), None
+
+    def parts_with_keys(x):
+        return tuple((jax.tree_util.GetAttrKey(name), getattr(x, name)) for name in names), None
+
+    def rebuild(_, leaves):
+        x = object.__new__(cls)
+        for name, leaf in zip(names, leaves, strict=True):
+            object.__setattr__(x, name, leaf)
+        return x
+
+    jax.tree_util.register_pytree_with_keys(cls, parts_with_keys, rebuild, parts)
+    jax.export.register_pytree_node_serialization(
+        cls,
+        serialized_name=f"jaxspatial.{cls.__name__}",
+        serialize_auxdata=lambda _: b"",
+        deserialize_auxdata=lambda _: None,
+    )
+    return cls
+
+
+@tree
 class Rotation:
-    """R_AB: re-expresses in frame A what is expressed in frame B. Made by `Rotation.from_matrix`.
+    """R_AB: re-expresses in frame A what is expressed in frame B. Made by the constructors below.
 
     entries: (*batch, 9) the matrix, row by row.
+
+    What the error bounds of all constructors and functions below mean: u is the unit roundoff of the inputs' dtype; an
+    error of k u normwise is one of the whole vector, or matrix in its largest singular value, relative to its size. In
+    "fast" and "reproducible" bounds are those given (float16 and bfloat16 are computed in float32), in "compensated" and
+    "faithful" 1.01 u normwise: evaluated in float64, or for float64 in double words, and rounded once. Derivatives of any
+    order are those of the function, also where it has a removable singularity.
     """
 
     entries: jax.Array
@@ -23,23 +57,145 @@ class Rotation:
     # NumPy and JAX arrays on the left of an operator leave it to us.
     __array_ufunc__ = None
 
-    @classmethod
-    def from_matrix(cls, m):
-        """From matrices (*batch, 3, 3), taken as they are: see that they are orthogonal with determinant 1."""
-        m = check.as_vectors(m, "Rotation.from_matrix: m", many=["3"])
-        if m.shape[-2] != 3:
-            raise ValueError(f"Rotation.from_matrix: m: expected shape (*batch, 3, 3), got {m.shape}")
-        return cls(m.reshape((*m.shape[:-2], 9)))
+    def __post_init__(self):
+        """Checks what a caller passes; marks of a tree of axes or specs pass."""
+        if not check.is_tree_mark(self.entries):
+            object.__setattr__(self, "entries", owned(check.as_vectors(self.entries, "Rotation: entries", size=9)))
+
+    # -- construction -------------------------------------------------------------------------------------------------
 
     @classmethod
     def identity(cls, batch_shape=(), dtype=None):
         """The rotation that changes nothing, known while tracing: it leaves no operation behind."""
         dtype = jax.dtypes.canonicalize_dtype(float if dtype is None else dtype)
+        batch_shape = (batch_shape,) if isinstance(batch_shape, int) else batch_shape
         return cls(np.broadcast_to(np.eye(3, dtype=dtype).ravel(), (*batch_shape, 9)))
+
+    @classmethod
+    def from_matrix(cls, m):
+        """From matrices (*batch, 3, 3), taken as they are: see that they are orthogonal with determinant 1."""
+        return cls(as_matrices(m, "Rotation.from_matrix: m"))
+
+    @classmethod
+    def nearest(cls, m, *, precision=None):
+        """The rotation nearest to matrices (*batch, 3, 3) in the Frobenius norm: what removes the drift of many products.
+
+        NaN where the determinant is not positive. Error at most 16 u normwise for matrices near a rotation, times
+        2 / (s2 + s3) in general, for singular values s1 = 1 >= s2 >= s3. [Higham 1986]
+        """
+        return cls(_nearest(precision, as_matrices(m, "Rotation.nearest: m")))
+
+    @classmethod
+    def from_quaternion(cls, wxyz, *, precision=None):
+        """From quaternions (*batch, 4), real part first, of any length but 0 (NaN). Error at most 6 u normwise."""
+        return cls(_from_quaternion(precision, check.as_vectors(wxyz, "Rotation.from_quaternion: wxyz", size=4)))
+
+    @classmethod
+    def exp(cls, w, *, precision=None):
+        """The rotation about w by |w| radians: what angular velocity w does in unit time.
+
+        w: (*batch, 3), rad. Error at most 8 u normwise for |w| <= pi; beyond, k turns cost k u more. NaN where u |w| is as
+        large as a turn. Right in value and all derivatives at 0 and everywhere else. [Rodrigues 1840]
+        """
+        return cls(_exp(precision, check.as_vectors(w, "Rotation.exp: w")))
+
+    @classmethod
+    def about_x(cls, angle, *, precision=None):
+        """About the x axis by angles (*batch,), rad. Errors of sine and cosine at most 2 u; NaN as for `exp`."""
+        return cls._about(0, angle, precision)
+
+    @classmethod
+    def about_y(cls, angle, *, precision=None):
+        """As `about_x`, about the y axis."""
+        return cls._about(1, angle, precision)
+
+    @classmethod
+    def about_z(cls, angle, *, precision=None):
+        """As `about_x`, about the z axis."""
+        return cls._about(2, angle, precision)
+
+    @classmethod
+    def _about(cls, axis, angle, precision):
+        angle = check.as_float_array(angle, f"Rotation.about_{'xyz'[axis]}: angle")
+        return cls(_about(precision, expanded(angle), axis=axis))
+
+    @classmethod
+    def from_axis_angle(cls, axis, angle, *, precision=None):
+        """About axis (*batch, 3), of any length but 0 (NaN), by angle (*batch,), rad. Error at most 12 u normwise."""
+        axis = check.as_vectors(axis, "Rotation.from_axis_angle: axis")
+        angle = check.as_float_array(angle, "Rotation.from_axis_angle: angle", axis.dtype)
+        return cls(_call(_from_axis_angle, precision, axis=axis, angle=expanded(angle)))
+
+    @classmethod
+    def from_roll_pitch_yaw(cls, rpy, *, precision=None):
+        """Rz(yaw) Ry(pitch) Rx(roll), of (*batch, 3) angles, rad, in that order. Error at most 12 u normwise."""
+        return cls(_from_roll_pitch_yaw(precision, check.as_vectors(rpy, "Rotation.from_roll_pitch_yaw: rpy")))
+
+    @classmethod
+    def from_one_vector(cls, u, axis=2, *, precision=None):
+        """A frame whose axis 0, 1 or 2 points along u (*batch, 3), of any length but 0 (NaN).
+
+        The axis after that one is perpendicular to the coordinate axis along which u is smallest; the frame jumps where
+        that changes. Error at most 8 u normwise.
+        """
+        u = check.as_vectors(u, "Rotation.from_one_vector: u")
+        return cls(_from_one_vector(precision, u, axis=_axis(axis, "Rotation.from_one_vector")))
+
+    @classmethod
+    def from_two_vectors(cls, u, v, axes=(2, 0), *, precision=None):
+        """A frame whose axis axes[0] points along u, with v between that and axis axes[1] (Gram-Schmidt).
+
+        u, v: (*batch, 3), of any length but 0. NaN where they are parallel; error at most 16 u normwise over the sine of
+        the angle between them.
+        """
+        u = check.as_vectors(u, "Rotation.from_two_vectors: u")
+        v = check.as_vectors(v, "Rotation.from_two_vectors: v", u.dtype)
+        axes = tuple(_axis(axis, "Rotation.from_two_vectors") for axis in axes)
+        if len(axes) != 2 or axes[0] == axes[1]:
+            raise ValueError(f"Rotation.from_two_vectors: axes: expected two different axes, got {axes}")
+        return cls(_call(_from_two_vectors, precision, {"axes": axes}, u=u, v=v))
+
+    @classmethod
+    def between(cls, a, b, *, precision=None):
+        """The smallest rotation that takes the direction of a to that of b, (*batch, 3), of any length but 0 (NaN).
+
+        Where they are exactly opposite, by pi about an axis perpendicular to both. Error at most 12 u normwise times
+        2 / |a/|a| + b/|b||, which is 1 unless they are nearly opposite.
+        """
+        a = check.as_vectors(a, "Rotation.between: a")
+        b = check.as_vectors(b, "Rotation.between: b", a.dtype)
+        return cls(_call(_between, precision, a=a, b=b))
+
+    # -- to other forms -----------------------------------------------------------------------------------------------
 
     def to_matrix(self):
         """(*batch, 3, 3)."""
         return self.entries.reshape((*self.batch_shape, 3, 3))
+
+    def to_quaternion(self, *, precision=None):
+        """The unit quaternion (*batch, 4), real part first and not negative. Error at most 6 u normwise."""
+        return _to_quaternion(precision, self.entries)
+
+    def log(self, *, precision=None):
+        """The rotation vector (*batch, 3), rad, of length at most pi, with exp(log(R)) = R.
+
+        Error at most 8 u normwise, also of a vector of 1e-30; right in value and all derivatives at the identity. At
+        angle pi it jumps to its negative, by nature: what comes at exactly pi has a positive largest component.
+        """
+        return _log(precision, self.entries)
+
+    def to_axis_angle(self, *, precision=None):
+        """(axis (*batch, 3), angle (*batch,)), 0 <= angle <= pi. At the identity the axis is x, and derivatives are 0.
+        Errors at most 10 u normwise."""
+        return tuple(_to_axis_angle(precision, self.entries))
+
+    def to_roll_pitch_yaw(self, *, precision=None):
+        """(*batch, 3) with R = Rz(yaw) Ry(pitch) Rx(roll), |pitch| <= pi / 2, |roll| and |yaw| <= pi.
+
+        Near |pitch| = pi / 2 roll and yaw have little meaning but together: their errors grow to 16 u / cos(pitch), that of
+        the rotation they make stays at 32 u.
+        """
+        return _to_roll_pitch_yaw(precision, self.entries)
 
     @property
     def batch_shape(self):
@@ -49,16 +205,41 @@ class Rotation:
     def dtype(self):
         return np.dtype(self.entries.dtype)
 
+    def __repr__(self):
+        return f"Rotation({shown(self.entries, 3)})"
+
+    # -- operations ---------------------------------------------------------------------------------------------------
+
     def inverse(self):
         """R_BA of R_AB: the transpose."""
         return Rotation(self.entries[..., np.array([0, 3, 6, 1, 4, 7, 2, 5, 8])])
 
     def __matmul__(self, other):
-        """R_AB @ v_B is v_A, (*batch, 3), and R_AB @ R_BC is R_AC; see `rotated` for bounds."""
+        """R_AB @ v_B is v_A, (*batch, 3), and R_AB @ R_BC is R_AC; see `rotated` and `composed` for bounds."""
         if isinstance(other, Rotation):
-            columns = [rotated(self, other.entries[..., i::3]) for i in range(3)]
-            return Rotation(jnp.stack(columns, -1).reshape((*columns[0].shape[:-1], 9)))
-        return NotImplemented if hasattr(other, "rotational") else rotated(self, other)
+            return composed(self, other)
+        return NotImplemented if hasattr(other, "__rmatmul__") and not hasattr(other, "shape") else rotated(self, other)
+
+    def interpolate(self, other, t, *, precision=None):
+        """R exp(t log(R^-1 R2)): at constant angular velocity from this rotation, t = 0, to the other, t = 1 (slerp).
+
+        t: (*batch,), any number. The shorter way; at half a turn see `log`. Error at most (32 + 16 |t|) u normwise.
+        """
+        t = check.as_float_array(t, "Rotation.interpolate: t", self.dtype)
+        return Rotation(_call(_interpolated, precision, start=self.entries, end=other.entries, t=expanded(t)))
+
+    @staticmethod
+    def left_jacobian(w, *, precision=None):
+        """J (*batch, 3, 3) with exp(w + e) = exp(J e) exp(w) for small e. Error at most 8 u normwise for |w| <= pi.
+
+        w: (*batch, 3), rad. The right Jacobian is that of -w, its transpose. [Barfoot 2017, 7.1.3]
+        """
+        return matrices(_left_jacobian(precision, check.as_vectors(w, "Rotation.left_jacobian: w")), 3)
+
+    @staticmethod
+    def left_jacobian_inverse(w, *, precision=None):
+        """J^-1 (*batch, 3, 3) of `left_jacobian`, infinite at |w| = 2 pi. Error at most 16 u normwise for |w| <= pi."""
+        return matrices(_left_jacobian_inverse(precision, check.as_vectors(w, "Rotation.left_jacobian_inverse: w")), 3)
 
 
 def rotated(R_AB, v_B, *, precision=None):
@@ -78,11 +259,173 @@ def rotated_together(R_AB, *vectors, precision=None):
     check.require_same_dtype(Rotation=R_AB, **{f"v{i or ''}": v for i, v in enumerate(vectors)})
     for v in vectors:
         check.common_batch_shape(Rotation=R_AB.batch_shape, v=v.shape[:-1])
-    unchanged = isinstance(R_AB.entries, np.ndarray) and (R_AB.entries == np.eye(3).ravel()).all()
-    return vectors if unchanged and not R_AB.batch_shape else _rotated(precision, R_AB.entries, *vectors)
+    return vectors if is_identity(R_AB) else _rotated(precision, R_AB.entries, *vectors)
+
+
+def is_identity(R_AB):
+    """True for a single identity known while tracing."""
+    known = isinstance(R_AB.entries, np.ndarray) and not R_AB.batch_shape
+    return known and (R_AB.entries == np.eye(3).ravel()).all()
+
+
+def composed(R_AB, R_BC, *, precision=None):
+    """R_AC = R_AB R_BC. Error per entry as of a component of `rotated`. 45 flops."""
+    check.require_same_dtype(left=R_AB, right=R_BC)
+    check.common_batch_shape(left=R_AB.batch_shape, right=R_BC.batch_shape)
+    if is_identity(R_AB) or is_identity(R_BC):
+        return R_BC if is_identity(R_AB) else R_AB
+    return Rotation(_composed(precision, R_AB.entries, R_BC.entries))
 
 
 @kernel
 def _rotated(precision, entries, *vectors):
-    rows = [lanes.unstack(entries)[3 * i : 3 * i + 3] for i in range(3)]
+    rows = matrix_rows(entries)
     return tuple(lanes.stack_like(v, [lanes.dot(precision, row, lanes.unstack(v)) for row in rows]) for v in vectors)
+
+
+@kernel
+def _composed(precision, left, right):
+    columns = list(zip(*matrix_rows(right), strict=True))
+    return lanes.stack_like(left, [lanes.dot(precision, row, c) for row in matrix_rows(left) for c in columns])
+
+
+def matrix_rows(entries):
+    """The rows of a matrix given by its entries, of lanes."""
+    return vectors.rows(lanes.unstack(entries))
+
+
+# -- in numbers -------------------------------------------------------------------------------------------------------
+
+
+@numeric
+def _nearest(entries):
+    return vectors.flat(directions.nearest(vectors.rows(entries)))
+
+
+@numeric
+def _from_quaternion(q):
+    return vectors.flat(quaternion.to_matrix(vectors.unit(q)))
+
+
+@numeric
+def _to_quaternion(entries):
+    return quaternion.from_matrix(vectors.rows(entries))
+
+
+@numeric
+def _exp(w):
+    return vectors.flat(exponential.rotation(w))
+
+
+@numeric
+def _log(entries):
+    return exponential.rotation_vector(vectors.rows(entries))
+
+
+@numeric
+def _about(angle, axis):
+    return vectors.flat(angles.about(axis, *angle))
+
+
+@numeric
+def _from_axis_angle(axis, angle):
+    return vectors.flat(quaternion.to_matrix(angles.about_axis(axis, *angle)))
+
+
+@numeric
+def _to_axis_angle(entries):
+    return list(angles.axis_angle(quaternion.from_matrix(vectors.rows(entries))))
+
+
+@numeric
+def _from_roll_pitch_yaw(rpy):
+    return vectors.flat(quaternion.to_matrix(angles.from_roll_pitch_yaw(*rpy)))
+
+
+@numeric
+def _to_roll_pitch_yaw(entries):
+    return angles.roll_pitch_yaw(quaternion.from_matrix(vectors.rows(entries)))
+
+
+@numeric
+def _from_one_vector(u, axis):
+    return vectors.flat(directions.from_one_vector(u, axis))
+
+
+@numeric
+def _from_two_vectors(u, v, axes):
+    return vectors.flat(directions.from_two_vectors(u, v, axes))
+
+
+@numeric
+def _between(a, b):
+    return vectors.flat(quaternion.to_matrix(directions.between(a, b)))
+
+
+@numeric
+def _interpolated(start, end, t):
+    start, end = vectors.rows(start), vectors.rows(end)
+    w = exponential.rotation_vector(vectors.product(vectors.transpose(start), end))
+    return vectors.flat(vectors.product(start, exponential.rotation(vectors.times(*t, w))))
+
+
+@numeric
+def _left_jacobian(w):
+    return vectors.flat(exponential.left_jacobian(w))
+
+
+@numeric
+def _left_jacobian_inverse(w):
+    return vectors.flat(exponential.left_jacobian_inverse(w))
+
+
+# -- what comes in ----------------------------------------------------------------------------------------------------
+
+
+def _call(formula, precision, static=None, **arrays):
+    """The formula over arrays of one dtype, with batches that broadcast; messages use their names."""
+    check.require_same_dtype(**arrays)
+    check.common_batch_shape(**{name: a.shape[:-1] for name, a in arrays.items()})
+    return formula(precision, *arrays.values(), **(static or {}))
+
+
+def as_matrices(m, name, n=3):
+    """Matrices (*batch, n, n) by their entries (*batch, n n)."""
+    m = check.as_vectors(m, name, size=n, many=[str(n)])
+    if m.shape[-2] != n:
+        raise ValueError(f"{name}: expected shape (*batch, {n}, {n}), got {m.shape}")
+    return m.reshape((*m.shape[:-2], n * n))
+
+
+def owned(array):
+    """A NumPy array as a read-only copy: the caller may write to his own."""
+    if isinstance(array, np.ndarray):
+        array = array.copy()
+        array.setflags(write=False)
+    return array
+
+
+def shown(x, n):
+    """The numbers of one item, n in a row; the shape of a batch or of something not computed yet."""
+    if isinstance(x, (np.ndarray, jax.Array)) and not isinstance(x, jax.core.Tracer) and x.ndim == 1:
+        numbers = [str(number) for number in np.asarray(x)]
+        rows = [", ".join(numbers[i : i + n]) for i in range(0, len(numbers), n)]
+        return "[" + "; ".join(rows) + "]"
+    if hasattr(x, "shape") and hasattr(x, "dtype") and not isinstance(x, check.Number):
+        return f"{np.dtype(x.dtype).name}[{','.join(map(str, x.shape))}]"
+    return repr(x)
+
+
+def expanded(x):
+    """(*batch,) as (*batch, 1)."""
+    return x.reshape((*x.shape, 1))
+
+
+def matrices(entries, n):
+    return entries.reshape((*entries.shape[:-1], n, n))
+
+
+def _axis(axis, name):
+    if axis not in (0, 1, 2):
+        raise ValueError(f"{name}: expected axis 0, 1 or 2, got {axis!r}")
+    return int(axis)

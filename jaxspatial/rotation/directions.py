@@ -1,0 +1,78 @@
+"""Rotations from directions and from matrices that are nearly rotations, as formulas over numbers."""
+
+from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.numbers import high, where
+
+
+def from_one_vector(u, axis):
+    """The columns of a rotation whose column `axis` is u / |u|; the next one is perpendicular to the coordinate axis
+    along which u is smallest."""
+    u = vectors.unit(u)
+    smallest = _smallest(u)
+    helper = tuple(where(s, 1.0, 0 * c) for s, c in zip(smallest, u, strict=True))
+    v = vectors.unit(vectors.cross(helper, u))
+    return _placed(axis, u, v, vectors.cross(u, v))
+
+
+def _smallest(u):
+    """Masks over the components: of the smallest in absolute value, the first of equals."""
+    a, b, c = (abs(high(x)) for x in u)
+    is_first, is_second = (a <= b) & (a <= c), b <= c
+    return is_first, ~is_first & is_second, ~is_first & ~is_second
+
+
+def from_two_vectors(u, v, axes):
+    """The columns of a rotation whose column axes[0] is u / |u|, with v in the half plane of that column and column
+    axes[1], on its positive side."""
+    u = vectors.unit(u)
+    normal = vectors.unit(vectors.cross(u, vectors.unit(v)))
+    second = vectors.cross(normal, u)
+    first, other = axes
+    if (other - first) % 3 == 1:
+        return _placed(first, u, second, normal)
+    return _placed(first, u, tuple(-x for x in normal), second)
+
+
+def _placed(axis, *columns):
+    """Rows of the matrix with the columns axis, axis + 1, axis + 2."""
+    return vectors.transpose(tuple(columns[(k - axis) % 3] for k in range(3)))
+
+
+def between(a, b):
+    """The quaternion of the smallest rotation that takes the direction of a to that of b.
+
+    Half way between, h = (a + b) / |a + b|, it is (a . h, a x h). For opposite directions h is any perpendicular one.
+    """
+    a, b = vectors.unit(a), vectors.unit(b)
+    half = vectors.plus(a, b)
+    is_opposite = high(vectors.dot(half, half)) == 0
+    helper = tuple(where(s, 1.0, 0 * c) for s, c in zip(_smallest(a), a, strict=True))
+    sideways = vectors.cross(a, helper)
+    h = vectors.unit(tuple(where(is_opposite, s, x) for s, x in zip(sideways, half, strict=True)))
+    return vectors.dot(a, h), *vectors.cross(a, h)
+
+
+def nearest(m):
+    """The rotation nearest to a matrix of positive determinant, by its rows: its orthogonal polar factor.
+
+    Newton's iteration, the mean of the matrix and its inverse transpose, scaled at the start so that it converges in as
+    many steps as the squares of errors need. [Higham 1986, Computing the polar decomposition; 2008, Functions of
+    matrices, 8.6]
+    """
+    m = vectors.rows(vectors.scaled(vectors.flat(m))[0])
+    for _ in range(12):
+        m = _newton(m)
+    return m
+
+
+def _newton(m):
+    """(s m + m^-T / s) / 2 with s^2 = |m^-T| / |m|: both of about one size."""
+    cofactors = vectors.cross(m[1], m[2]), vectors.cross(m[2], m[0]), vectors.cross(m[0], m[1])
+    determinant = vectors.dot(m[0], cofactors[0])
+    inverse = tuple(tuple(where(high(determinant) > 0, x / determinant, float("nan")) for x in row) for row in cofactors)
+    s = (_size(inverse) / _size(m)).sqrt()
+    return tuple(tuple(0.5 * (s * x + y / s) for x, y in zip(p, q, strict=True)) for p, q in zip(m, inverse, strict=True))
+
+
+def _size(m):
+    return vectors.total([vectors.dot(row, row) for row in m]).sqrt()

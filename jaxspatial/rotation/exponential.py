@@ -1,0 +1,223 @@
+"""Exponential and logarithm of rotations and rigid motions, and their Jacobians, as formulas over numbers.
+
+With t the angle |w| and x its square, everything is made of
+
+    cos(t/2)    S = sin(t/2) / (t/2)    c3 = (t - sin t) / t^3    c4 = (1/2 - (1 - cos t) / t^2) / t^2    c5 = ...
+
+as series in x, which have right derivatives of every order at 0 and need no switch up to pi. Beyond, whole turns are
+taken off first. An error of u x would be one of pi u / 2 of an angle near pi: what rounding took from x is kept. [Barfoot 2017, State Estimation for Robotics, 7.1]
+"""
+
+import itertools
+import math
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.functions import angle_ratio, cosine_series, series, sine_series, turns
+from jaxspatial.arithmetic.numbers import apart, constant, doubled, high, where
+from jaxspatial.rotation import quaternion
+
+# A little above pi^2 and (pi / 2)^2.
+_UP_TO_PI, _UP_TO_HALF_PI = 10, Fraction(5, 2)
+
+
+class Turn(NamedTuple):
+    """What the exponential of w is made of: the angle squared, cos and S of half the angle after whole turns are taken
+    off, what is then left of the angle as a part of it, and where that was done at all."""
+
+    squared: Any
+    cosine: Any
+    sine: Any
+    part: Any
+    is_large: Any
+
+
+@apart
+def turn(w):
+    """The Turn of a rotation vector."""
+    squared, missing = vectors.square(w)
+    is_large = high(squared) > _UP_TO_PI
+    angle = where(is_large, squared, 16.0).sqrt()
+    rest = turns(angle, 1)[1]
+    if missing is not None:
+        rest = rest + 0.5 * (missing / angle)
+    quarter = doubled(where(is_large, rest * rest, squared), -2)
+    cosine, sine = cosine_series(quarter, _UP_TO_HALF_PI), sine_series(quarter, _UP_TO_HALF_PI)
+    if missing is not None:
+        missing = where(is_large, 0.0, 0.25 * missing)
+        # The derivatives -S/2 and -1/6 + x/240 - ...: two digits are enough.
+        cosine, sine = cosine - 0.5 * (sine * missing), sine - (0.167 - quarter * 0.016) * missing
+    return Turn(squared, cosine, sine, where(is_large, rest / angle, 1.0), is_large)
+
+
+def to_quaternion(w):
+    """exp(w) as a unit quaternion."""
+    return _quaternion(turn(w), w)
+
+
+def _quaternion(t, w):
+    return t.cosine, *vectors.times(doubled(t.sine * t.part, -1), w)
+
+
+def from_quaternion(q):
+    """log of a quaternion of a length about 1, with real part >= 0: the rotation vector, of length <= pi."""
+    return _logarithm(q)[0]
+
+
+@apart
+def _logarithm(q):
+    """(w, (t/2) cot(t/2)), of which nothing is rounded to unit length first."""
+    c, *v = q
+    squared = vectors.dot(v, v)
+    half = angle_ratio(squared, c, (c * c + squared).sqrt())
+    return vectors.times(doubled(half), v), half * c
+
+
+def rotation(w):
+    """exp(w) as a matrix by its rows."""
+    return quaternion.to_matrix(to_quaternion(w))
+
+
+def rotation_vector(m):
+    """log of a matrix by its rows."""
+    return from_quaternion(quaternion.proportional(m))
+
+
+# -- coefficients -----------------------------------------------------------------------------------------------------
+
+
+def _coefficient(t, first):
+    """sum of (-x)^n / (2 n + first)! for angles up to pi."""
+    x = where(t.is_large, 0.0, t.squared)
+    return series((Fraction((-1) ** n, math.factorial(2 * n + first)) for n in itertools.count()), x, _UP_TO_PI)
+
+
+def coefficients(t):
+    """c1 = sin t / t, c2 = (1 - cos t) / t^2, c3 = (1 - c1) / t^2."""
+    s = t.sine * t.part
+    c1 = s * t.cosine
+    return c1, doubled(s * s, -1), _beyond_pi(t, 1 - c1, _coefficient(t, 3))
+
+
+def higher_coefficients(t, c2, c3):
+    """c4 = (1/2 - c2) / t^2, c5 = (1/6 - c3) / t^2."""
+    sixth = constant(c3, Fraction(1, 6))
+    return _beyond_pi(t, 0.5 - c2, _coefficient(t, 4)), _beyond_pi(t, sixth - c3, _coefficient(t, 5))
+
+
+def _beyond_pi(t, numerator, up_to_pi):
+    return where(t.is_large, numerator / where(t.is_large, t.squared, 16.0), up_to_pi)
+
+
+def inverse_coefficients(t):
+    """e = (t/2) cot(t/2), d = (1 - e) / t^2: infinite at whole turns but 0."""
+    e = t.cosine / (t.sine * t.part)
+    return e, _missing_to_one(e, t.squared)
+
+
+@apart
+def _missing_to_one(e, squared):
+    """(1 - e) / t^2 of e = (t/2) cot(t/2)."""
+    is_small = high(squared) <= 1
+    closed = (1 - e) / where(is_small, 16.0, squared)
+    return where(is_small, series(_bernoulli(), where(is_small, squared, 0.0), 1), closed)
+
+
+def _bernoulli():
+    """|B_2n| / (2 n)! for n = 1, 2, ...: 1/12, 1/720, ..."""
+    known = [Fraction(1)]
+    for m in itertools.count(1):
+        known.append(-sum(math.comb(m + 1, k) * b for k, b in enumerate(known)) / (m + 1))
+        if m % 2 == 0:
+            yield abs(known[m]) / math.factorial(m)
+
+
+# -- applied ----------------------------------------------------------------------------------------------------------
+
+
+def _combination(c, half, d, w, v):
+    """c v + half w x v + d (w . v) w."""
+    along = d * vectors.dot(w, v)
+    return vectors.plus(vectors.times(c, v), vectors.times(half, vectors.cross(w, v)), vectors.times(along, w))
+
+
+def motion(w, v):
+    """exp(w, v) as a matrix by its rows and a translation."""
+    t = turn(w)
+    return quaternion.to_matrix(_quaternion(t, w)), _translation(t, w, v)
+
+
+def motion_logarithm(m, p):
+    """(w, v) of a matrix by its rows and a translation."""
+    w, e = _logarithm(quaternion.proportional(m))
+    return w, _combination(e, -0.5, _missing_to_one(e, vectors.dot(w, w)), w, p)
+
+
+def translation(w, v):
+    """The translation of exp(w, v)."""
+    return _translation(turn(w), w, v)
+
+
+@apart
+def _translation(t, w, v):
+    """J(w) v, J the left Jacobian. Written without the difference of v and its share
+    along the axis, nothing cancels: at pi, sin t / t is 0."""
+    return _combination(*coefficients(t), w, v)
+
+
+# -- Jacobians --------------------------------------------------------------------------------------------------------
+
+
+def left_jacobian(w):
+    """J with exp(w + e) = exp(J e) exp(w) for small e, by its rows; also of the translation of exp(w, v) in v."""
+    return _operator(*coefficients(turn(w)), w)
+
+
+def left_jacobian_inverse(w):
+    e, d = inverse_coefficients(turn(w))
+    return _operator(e, -0.5, d, w)
+
+
+def _operator(c, half, d, w):
+    """The matrix c 1 + half [w x] + d w w^T."""
+    x, y, z = vectors.times(half, w)
+    turned = ((0, -z, y), (z, 0, -x), (-y, x, 0))
+    dw = vectors.times(d, w)
+    return tuple(
+        tuple(dw[i] * w[j] + (c if i == j else turned[i][j]) for j in range(3)) for i in range(3)
+    )
+
+
+def coupling(w, v):
+    """Q, the lower left block of the left Jacobian of exp(w, v), rotational part on top, by its rows.
+
+    The motion exp((w, v) + (e, 0)) exp(w, v)^-1 moves the point at the origin by d - (J e) x p, where p = J v is the
+    translation and d its derivative along e. With c1, c2, c3 of J = c1 1 + c2 [w x] + c3 w w^T as functions of w^2,
+
+        2 dc1 = c3 - c2        2 dc2 = 2 c4 - c3        2 dc3 = 3 c5 - c4
+    """
+    t = turn(w)
+    c1, c2, c3 = coefficients(t)
+    c4, c5 = higher_coefficients(t, c2, c3)
+    along, turned = vectors.dot(w, v), vectors.cross(w, v)
+    by_square = vectors.plus(
+        vectors.times(c3 - c2, v), vectors.times(2 * c4 - c3, turned), vectors.times((3 * c5 - c4) * along, w)
+    )
+    p, jacobian = _combination(c1, c2, c3, w, v), _operator(c1, c2, c3, w)
+    columns = []
+    for k in range(3):
+        unit = tuple(float(i == k) for i in range(3))
+        sideways = vectors.cross(unit, v)
+        of_axis = tuple(c3 * (v[k] * x + (along if i == k else 0)) for i, x in enumerate(w))
+        moved = vectors.plus(vectors.times(w[k], by_square), vectors.times(c2, sideways), of_axis)
+        carried = vectors.cross(tuple(row[k] for row in jacobian), p)
+        columns.append(tuple(a - b for a, b in zip(moved, carried, strict=True)))
+    return vectors.transpose(columns)
+
+
+def inverse_coupling(w, v):
+    """-J^-1 Q J^-1, the lower left block of the inverse left Jacobian of exp(w, v)."""
+    inverse = left_jacobian_inverse(w)
+    found = vectors.product(inverse, vectors.product(coupling(w, v), inverse))
+    return tuple(tuple(-x for x in row) for row in found)
