@@ -5,8 +5,11 @@ from jaxspatial.spatial.force import SpatialForce as SpatialForce
 from jaxspatial.spatial.force import SpatialMomentum as SpatialMomentum
 from jaxspatial.spatial.motion_force import cross as cross
 from jaxspatial.spatial.motion_force import dot as dot
+from jaxspatial.spatial.operations import act as act
+from jaxspatial.spatial.operations import act_inverse as act_inverse
 from jaxspatial.spatial.operations import rotate as rotate
 from jaxspatial.spatial.operations import shift as shift
+from jaxspatial.spatial.transform import RigidTransform as RigidTransform
 from jaxspatial.spatial.velocity import SpatialVelocity as SpatialVelocity
 from jaxspatial.spatial.wrench import CentralAxis as CentralAxis
 from jaxspatial.spatial.wrench import center_of_pressure as center_of_pressure

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, lanes
+from jaxspatial.arithmetic.components import Components, as_array
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, to_double_word
 from jaxspatial.arithmetic.reproducible import product, quotient
 from jaxspatial.spatial import operations
@@ -39,7 +40,7 @@ class SpatialVector:
         names = [f"{type(self).__name__}: {name}" for name in self._names]
         arrays = {name: _owned(check.as_vectors(x, name)) for name, x in zip(names, self._parts, strict=True)}
         check.require_same_dtype(**arrays)
-        batch_shapes = {name: a.shape[:-1] for name, a in arrays.items()}
+        batch_shapes = {name: a.shape[:-1] for name, a in arrays.items() if not check.goes_with_any_batch(a)}
         if len(set(batch_shapes.values())) > 1:
             came = ", ".join(f"{name}: {shape}" for name, shape in batch_shapes.items())
             raise ValueError(f"{type(self).__name__}: expected equal batch shapes, got {came}; see jnp.broadcast_to")
@@ -91,12 +92,11 @@ class SpatialVector:
 
     def to_array(self):
         """(*batch, 6) the coefficients, rotational on top."""
-        parts = to_double_word(self._parts) if any(map(_is_double, self._parts)) else self._parts
-        return jax.tree.map(lambda top, bottom: jnp.concatenate((top, bottom), axis=-1), *parts)
+        return joined(*self._parts)
 
     @property
     def batch_shape(self):
-        return jnp.shape(self.rotational)[:-1]
+        return check.batch_shape(*self._parts)
 
     @property
     def dtype(self):
@@ -169,7 +169,7 @@ class SpatialVector:
         check.require_same_dtype(**{type(self).__name__: self, "scalar": s})
         batch = check.common_batch_shape(**{type(self).__name__: self.batch_shape, "scalar": s.shape})
         parts = check.broadcast_batch(batch, *self._parts)
-        (s,) = check.broadcast_batch(batch, s.reshape((*s.shape, 1)))
+        s = s if number else check.broadcast_batch(batch, s.reshape((*s.shape, 1)))[0]
         return self._like(*(_scaled_part(operation, part, s) for part in parts))
 
     # -- operations ---------------------------------------------------------------------------------------------------
@@ -192,7 +192,7 @@ class SpatialVector:
         """(rotational, translational): the largest absolute difference of each part, NaN where either has one."""
         a, b = matched(self, other, "comparison")
         differences = (lanes.quietly(operator.sub, x, y) for x, y in zip(a._parts, b._parts, strict=True))
-        return tuple(_largest(from_double_word(abs(d))) for d in differences)
+        return tuple(_largest(from_double_word(abs(as_array(d, a.batch_shape)))) for d in differences)
 
     def is_nearly_equal_within_absolute_tolerance(self, other, rotational_tolerance, translational_tolerance):
         """True where the largest absolute difference of each part is at most its tolerance."""
@@ -240,10 +240,34 @@ def shifted(kernel, X_P_E, precision, **vectors):
     return X_P_E._like(*kernel(precision, *X_P_E._parts, *vectors.values()))
 
 
-def require_no_w(X_P_E, w):
+def require_no_w(X_P_E, w, operation="shift"):
     """Only a SpatialAcceleration needs the angular velocity; anywhere else it is a mistake."""
     if w is not None:
-        raise TypeError(f"shift: w is for a SpatialAcceleration, not for a {type(X_P_E).__name__}")
+        raise TypeError(f"{operation}: w is for a SpatialAcceleration, not for a {type(X_P_E).__name__}")
+
+
+def require_w(A_P_E, w, operation="shift"):
+    """The angular velocity of the body, without which an acceleration does not move."""
+    if w is None:
+        raise TypeError(
+            f"{operation}: expected w, the angular velocity of the body, (*batch, 3), for a SpatialAcceleration"
+        )
+    w = check.as_vectors(w, f"{operation}: w", A_P_E.dtype)
+    check.require_same_dtype(SpatialAcceleration=A_P_E, w=w)
+    check.common_batch_shape(SpatialAcceleration=A_P_E.batch_shape, w=w.shape[:-1])
+    return w
+
+
+def joined(*parts):
+    """(*batch, 6) of the two parts."""
+    parts = tuple(as_array(part, check.batch_shape(*parts)) for part in parts)
+    parts = to_double_word(parts) if any(map(_is_double, parts)) else parts
+    return jax.tree.map(lambda top, bottom: jnp.concatenate((top, bottom), axis=-1), *parts)
+
+
+def require_kind(x, kind, name):
+    if not isinstance(x, kind):
+        raise TypeError(f"{name}: expected a {kind.__name__}, got {type(x).__name__}")
 
 
 def matched(a, b, operation):
@@ -275,9 +299,9 @@ def _is_double(x):
 
 
 def _scaled_part(operation, part, s):
-    """operation(part, s) for s (*batch, 1); a double word knows it as an operator."""
-    if _is_double(part) or _is_double(s):
-        part = to_double_word(part)
+    """operation(part, s) for s (*batch, 1) or a number; double words and Components know it as an operator."""
+    part = to_double_word(part) if _is_double(s) and not isinstance(part, Components) else part
+    if isinstance(part, check.Number):
         return part * s if operation is product else part / s
     return operation(part, jnp.broadcast_to(s, part.shape))
 
@@ -302,7 +326,7 @@ def _plain(number):
 
 def _shown(part):
     """The numbers of one vector, the shape of a batch or of something not computed yet."""
-    if _is_double(part):
+    if isinstance(part, check.Number):
         return repr(part)
     if isinstance(part, (np.ndarray, jax.Array)) and not isinstance(part, jax.core.Tracer) and part.ndim == 1:
         return "[" + ", ".join(str(x) for x in np.asarray(part)) + "]"

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxspatial.arithmetic import check, lanes
+from jaxspatial.arithmetic.components import as_array
 from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.arithmetic.precision import resolve
 from jaxspatial.arithmetic.scaling import exponent, times_power_of_two
@@ -65,7 +66,8 @@ def central_axis(F_P_E, *, precision=None):
     [Featherstone 2008, 2.5; Ball 1900, A Treatise on the Theory of Screws]
     """
     _require_force(F_P_E, "central_axis")
-    return CentralAxis(*_central_axis(resolve(precision), F_P_E.tau, F_P_E.f))
+    parts = (as_array(part, F_P_E.batch_shape) for part in (F_P_E.tau, F_P_E.f))
+    return CentralAxis(*_central_axis(resolve(precision), *parts))
 
 
 @functools.partial(jax.jit, static_argnums=0, inline=True)
