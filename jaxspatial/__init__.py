@@ -10,14 +10,17 @@ This list is what is promised; everything else may change.
 """
 
 # how numbers are added and multiplied
+from jaxspatial.arithmetic.components import Components as Components
+from jaxspatial.arithmetic.components import from_components as from_components
 from jaxspatial.arithmetic.double_word import DoubleWord as DoubleWord
 from jaxspatial.arithmetic.double_word import from_double_word as from_double_word
 from jaxspatial.arithmetic.double_word import to_double_word as to_double_word
 from jaxspatial.arithmetic.precision import Precision as Precision
 from jaxspatial.arithmetic.precision import default_precision as default_precision
 
-# rotations
+# rotations and frames
 from jaxspatial.rotation import Rotation as Rotation
+from jaxspatial.spatial import RigidTransform as RigidTransform
 
 # spatial vectors
 from jaxspatial.spatial import SpatialAcceleration as SpatialAcceleration
@@ -26,10 +29,20 @@ from jaxspatial.spatial import SpatialMomentum as SpatialMomentum
 from jaxspatial.spatial import SpatialVelocity as SpatialVelocity
 
 # operations on them
+from jaxspatial.spatial import act as act
+from jaxspatial.spatial import act_inverse as act_inverse
 from jaxspatial.spatial import cross as cross
 from jaxspatial.spatial import dot as dot
 from jaxspatial.spatial import rotate as rotate
 from jaxspatial.spatial import shift as shift
+
+# inertia
+from jaxspatial.inertia import ArticulatedInertia as ArticulatedInertia
+from jaxspatial.inertia import SpatialInertia as SpatialInertia
+from jaxspatial.inertia import kinetic_energy_regressor as kinetic_energy_regressor
+from jaxspatial.inertia import momentum_regressor as momentum_regressor
+from jaxspatial.inertia import newton_euler as newton_euler
+from jaxspatial.inertia import newton_euler_regressor as newton_euler_regressor
 
 # wrenches and points
 from jaxspatial.spatial import CentralAxis as CentralAxis

@@ -1,0 +1,165 @@
+"""Other ways to say what mass, centre of mass and central inertia say, as functions of arrays, both ways.
+
+mass (*batch, 1), com (*batch, 3), central and inertias about the origin (*batch, 6). What goes from the centre of mass
+to the origin adds; the way back subtracts m |c|^2, which cancels where the body is small next to its distance.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.arithmetic import lanes, vectors
+from jaxspatial.arithmetic.functions import exp, log
+from jaxspatial.arithmetic.kernel import kernel
+from jaxspatial.arithmetic.numbers import high, numeric, where
+from jaxspatial.inertia import symmetric
+
+# Where the ten dynamic parameters stand in a 6 x 6 matrix, and in a pseudo-inertia m, m c, and Sigma.
+_OF_SIX_BY_SIX = np.array([21, 16, 5, 9, 0, 6, 7, 12, 13, 14])
+_OF_PSEUDO = np.array([15, 3, 7, 11, 0, 4, 5, 8, 9, 10])
+_TO_PSEUDO = np.array([0, 1, 3, 6, 1, 2, 4, 7, 3, 4, 5, 8, 6, 7, 8, 9])
+
+
+# -- sums of products: from the centre of mass to the origin ----------------------------------------------------------
+
+
+def _steiner(precision, first_moment, com):
+    """m (|c|^2 1 - c c^T) of m c and c."""
+    xx, yy, zz = (lanes.multiply(precision, p, c) for p, c in zip(first_moment, com, strict=True))
+    xy, xz, yz = (lanes.multiply(precision, first_moment[i], com[j]) for i, j in ((0, 1), (0, 2), (1, 2)))
+    add, negate = lanes.add, lanes.negate
+    return add(yy, zz), negate(xy), add(xx, zz), negate(xz), negate(yz), add(xx, yy)
+
+
+def _first_moment(precision, mass, com):
+    ((m,), c) = map(lanes.unstack, (mass, com))
+    return [lanes.multiply(precision, m, x) for x in c]
+
+
+def _about_origin(precision, mass, com, central):
+    arm = _steiner(precision, _first_moment(precision, mass, com), lanes.unstack(com))
+    return list(map(lanes.add, lanes.unstack(central), arm))
+
+
+@kernel
+def about_origin(precision, mass, com, central):
+    """(*batch, 6) inertia about the origin."""
+    arm = _steiner(precision, _first_moment(precision, mass, com), lanes.unstack(com))
+    return lanes.plus(central, list(arm))
+
+
+@kernel
+def about_center(precision, mass, com, about_origin):
+    """(*batch, 6) inertia about the centre of mass."""
+    arm = _steiner(precision, _first_moment(precision, mass, com), lanes.unstack(com))
+    return lanes.minus(about_origin, list(arm))
+
+
+@kernel
+def dynamic_parameters(precision, mass, com, central):
+    """(*batch, 10) m, m c, inertia about the origin."""
+    moment = _first_moment(precision, mass, com)
+    inertia = _about_origin(precision, mass, com, central)
+    return lanes.stack([*lanes.unstack(mass), *moment, *inertia], lanes.batch_shape(com))
+
+
+@kernel
+def six_by_six(precision, mass, com, central):
+    """(*batch, 36) [[I, m [c x]], [-m [c x], m 1]] about the origin."""
+    x, y, z = _first_moment(precision, mass, com)
+    top = symmetric.rows(_about_origin(precision, mass, com, central))
+    ((m,), zero, negate) = lanes.unstack(mass), lanes.zero_like(com), lanes.negate
+    arm = (zero, negate(z), y), (z, zero, negate(x)), (negate(y), x, zero)
+    bottom = [[m if i == j else zero for j in range(3)] for i in range(3)]
+    entries = [e for a, b in zip(top, arm, strict=True) for e in (*a, *b)]
+    entries += [e for a, b in zip(zip(*arm, strict=True), bottom, strict=True) for e in (*a, *b)]
+    return lanes.stack(entries, lanes.batch_shape(com))
+
+
+@kernel
+def _doubled_second_moments(precision, mass, com, central):
+    """(*batch, 10) 2 Sigma_xx, Sigma_xy, 2 Sigma_yy, Sigma_xz, Sigma_yz, 2 Sigma_zz about the origin, m c, m."""
+    moment, c = _first_moment(precision, mass, com), lanes.unstack(com)
+    xx, xy, yy, xz, yz, zz = lanes.unstack(central)
+
+    def diagonal(i, a, b, minus):
+        square = lanes.multiply(precision, moment[i], c[i])
+        return lanes.add(lanes.subtract(lanes.add(a, b), minus), lanes.add(square, square))
+
+    def product(i, j, entry):
+        return lanes.subtract(lanes.multiply(precision, moment[i], c[j]), entry)
+
+    entries = diagonal(0, yy, zz, xx), product(0, 1, xy), diagonal(1, xx, zz, yy)
+    entries += product(0, 2, xz), product(1, 2, yz), diagonal(2, xx, yy, zz)
+    return lanes.stack([*entries, *moment, *lanes.unstack(mass)], lanes.batch_shape(com))
+
+
+def pseudo_inertia(precision, mass, com, central):
+    """(*batch, 4, 4) [[Sigma, m c], [m c^T, m]] about the origin."""
+    ten = _doubled_second_moments(precision, mass, com, central)
+    halves = np.array([0.5, 1, 0.5, 1, 1, 0.5, 1, 1, 1, 1], ten.dtype)
+    ten = ten * jnp.broadcast_to(halves, ten.shape)
+    return ten[..., _TO_PSEUDO].reshape((*ten.shape[:-1], 4, 4))
+
+
+# -- quotients and roots: back again ----------------------------------------------------------------------------------
+
+
+def from_six_by_six(precision, entries):
+    """(com, central) of a 6 x 6 matrix by its 36 entries; m is entry 21."""
+    return from_dynamic_parameters(precision, entries[..., _OF_SIX_BY_SIX])
+
+
+@numeric
+def from_dynamic_parameters(ten):
+    """[com, central]."""
+    (m, *moment), inertia = ten[:4], ten[4:]
+    com = _center(m, moment)
+    xx, yy, zz = (p * c for p, c in zip(moment, com, strict=True))
+    arm = symmetric.trace_minus((xx, moment[0] * com[1], yy, moment[0] * com[2], moment[1] * com[2], zz), lambda x: -x)
+    return [com, tuple(i - a for i, a in zip(inertia, arm, strict=True))]
+
+
+def _center(m, moment):
+    """m c / m; 0 where nothing is divided by nothing."""
+    return tuple(p / where((high(m) == 0) & (high(p) == 0), 1.0, m) for p in moment)
+
+
+def from_pseudo_inertia(precision, entries):
+    """[com, central] of a 4 x 4 pseudo-inertia by its 16 entries; m is the last."""
+    return _from_pseudo_inertia(precision, entries[..., _OF_PSEUDO])
+
+
+@numeric
+def _from_pseudo_inertia(ten):
+    m, *moment = ten[:4]
+    com = _center(m, moment)
+    products = [moment[i] * com[j] for i, j in ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))]
+    seconds = [s - p for s, p in zip(ten[4:], products, strict=True)]
+    return [com, symmetric.trace_minus(seconds, lambda x: -x)]
+
+
+# -- log-Cholesky -----------------------------------------------------------------------------------------------------
+
+
+@numeric
+def from_log_cholesky(theta):
+    """[mass, com, central]: J = U U^T leaves Sigma = m L L^T about the centre of mass, and t is the centre of mass."""
+    alpha, d1, d2, d3, s12, s23, s13, *t = theta
+    m, e1, e2, e3 = exp(2 * alpha), exp(d1), exp(d2), exp(d3)
+    xx, yy, zz = e1 * e1 + (s12 * s12 + s13 * s13), e2 * e2 + s23 * s23, e3 * e3
+    xy, xz, yz = s12 * e2 + s13 * s23, s13 * e3, s23 * e3
+    central = symmetric.trace_minus((xx, xy, yy, xz, yz, zz), lambda x: -x)
+    return [m, tuple(t), tuple(m * x for x in central)]
+
+
+@numeric
+def log_cholesky(mass, com, central):
+    """The ten parameters: Sigma / m = L L^T, L upper triangular, from the last column on."""
+    ((m,), (ixx, ixy, iyy, ixz, iyz, izz)) = mass, central
+    xx, yy, zz = (0.5 * (x / m) for x in ((iyy - ixx) + izz, (ixx - iyy) + izz, (ixx - izz) + iyy))
+    l33 = zz.sqrt()
+    s13, s23 = -(ixz / m) / l33, -(iyz / m) / l33
+    y = yy - s23 * s23
+    s12 = (-(ixy / m) - s13 * s23) / y.sqrt()
+    x = xx - (s12 * s12 + s13 * s13)
+    return *(0.5 * log(a) for a in (m, x, y, zz)), s12, s23, s13, *com

@@ -1,0 +1,359 @@
+"""A SpatialInertia is mass, centre of mass and central inertia; what is done with it is what its 6 x 6 matrix does.
+
+Bounds of sums of products and transformations: see the table of operations.
+"""
+
+import jax
+import jax.export
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from inertia.exact_inertia import exactly, matrix, random_inertia, six_of, steiner
+
+import jaxspatial as js
+from jaxspatial.measure import error
+from jaxspatial.measure.exact import rationals, sized
+
+DTYPES = ("float16", "bfloat16", "float32", "float64")
+MATRIX = np.array([[2.0, 0.1, -0.2], [0.1, 2.3, 0.3], [-0.2, 0.3, 2.4]])
+SIX = [2.0, 0.1, 2.3, -0.2, 0.3, 2.4]
+
+
+def body(dtype="float32"):
+    return js.SpatialInertia(*(np.asarray(x, dtype) for x in (2.5, [0.1, -0.2, 0.3], SIX)))
+
+
+def dense(M):
+    """The 6 x 6 matrix, naively."""
+    m, c, i = (np.asarray(x, np.float64) for x in M._parts)
+    cross = np.array([[0, -c[2], c[1]], [c[2], 0, -c[0]], [-c[1], c[0], 0]])
+    return np.block([[matrix(i) + m * cross @ cross.T, m * cross], [m * cross.T, m * np.eye(3)]])
+
+
+def motion(kind, batch, dtype, seed=1):
+    rng = np.random.default_rng(seed)
+    return kind(*(jnp.asarray(rng.standard_normal((*batch, 3)).astype(jnp.dtype(dtype))) for _ in range(2)))
+
+
+# -- construction -----------------------------------------------------------------------------------------------------
+
+
+def test_parts_are_what_was_given(x64):
+    M = js.SpatialInertia(np.float32(2.5), np.float32([1, 2, 3]), MATRIX.astype(np.float32))
+    np.testing.assert_array_equal(M.mass, np.float32(2.5))
+    np.testing.assert_array_equal(M.com, np.float32([1, 2, 3]))
+    np.testing.assert_array_equal(M.central, np.float32(SIX))
+    np.testing.assert_array_equal(M.central_matrix(), MATRIX.astype(np.float32))
+    assert (M.batch_shape, M.dtype) == ((), np.float32)
+
+
+def test_of_a_matrix_the_lower_triangle_is_read():
+    asymmetric = MATRIX + np.triu(np.ones((3, 3)), 1)
+    np.testing.assert_array_equal(js.SpatialInertia(1.0, [0.0, 0, 0], asymmetric).central, np.float32(SIX))
+
+
+def test_python_numbers_take_the_dtype_of_arrays_and_batches_broadcast(x64):
+    M = js.SpatialInertia(1.0, jnp.zeros((4, 3), jnp.float16), np.eye(3).tolist())
+    assert [x.shape for x in M._parts] == [(4,), (4, 3), (4, 6)] and {x.dtype.name for x in M._parts} == {"float16"}
+    assert js.SpatialInertia(1.0, [0.0, 0, 0], np.eye(3).tolist()).dtype == (np.float64 if x64 else np.float32)
+
+
+def test_numpy_numbers_stay_known_and_are_copied():
+    com = np.ones(3, np.float32)
+    M = js.SpatialInertia(np.float32(1), com, np.eye(3, dtype=np.float32))
+    com[0] = 7
+    assert all(isinstance(x, np.ndarray) for x in M._parts) and M.com[0] == 1 and not M.com.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("parts", "kind", "message"),
+    [
+        ((1.0, np.ones(2), np.eye(3)), ValueError, r"SpatialInertia: com: expected shape \(\*batch, 3\), got \(2,\)"),
+        ((1.0, np.ones(3), np.ones(5)), ValueError, r"central: expected shape \(\*batch, 3, 3\) or \(\*batch, 6\), got \(5,\)"),
+        ((1, np.ones(3), np.eye(3)), TypeError, "SpatialInertia: mass: expected floating point .*got int64"),
+        ((1.0, [1, 2, 3], np.eye(3)), TypeError, "SpatialInertia: com: expected floating point .*got int64"),
+        ((np.float32(1), np.ones(3, np.float16), np.eye(3, dtype=np.float32)), TypeError, "expected one dtype, got"),
+        ((np.ones(2), np.ones((3, 3)), np.ones((3, 6))), ValueError, "expected batch shapes that broadcast, got"),
+        ((None, np.ones(3), np.eye(3)), TypeError, "SpatialInertia: mass: expected an array of floating point"),
+        (("1", np.ones(3), np.eye(3)), TypeError, "SpatialInertia: mass: expected an array of floating point"),
+    ],
+)
+def test_errors_name_what_came(parts, kind, message):
+    with pytest.raises(kind, match=message):
+        js.SpatialInertia(*parts)
+
+
+def test_no_value_raises():
+    for mass, com, central in ((-1.0, 0.0, -1.0), (np.inf, np.nan, np.nan), (0.0, np.inf, 0.0)):
+        M = js.SpatialInertia(mass, np.full(3, com), central * np.eye(3))
+        assert not M.is_physically_valid()
+
+
+def test_zero_and_nan():
+    zero, nan = js.SpatialInertia.zero((2,), jnp.float32), js.SpatialInertia.nan(dtype=jnp.float16)
+    assert zero.batch_shape == (2,) and not any(x.any() for x in zero._parts)
+    assert nan.dtype == np.float16 and all(np.isnan(x).all() for x in nan._parts)
+
+
+def test_repr():
+    assert repr(body()) == "SpatialInertia(mass=2.5, com=[0.1, -0.2, 0.3], central=[2.0, 0.1, 2.3, -0.2, 0.3, 2.4])"
+    assert repr(js.SpatialInertia.zero((7,), jnp.float32)) == "SpatialInertia(mass=float32[7], com=float32[7,3], central=float32[7,6])"
+    assert "float32[]" in repr(jax.eval_shape(lambda: body()))
+
+
+def test_pytree():
+    M = body()
+    leaves, structure = jax.tree.flatten(M)
+    assert len(leaves) == 3 and [jax.tree_util.keystr(k) for k, _ in jax.tree_util.tree_leaves_with_path(M)] == [
+        ".mass", ".com", ".central"]  # fmt: skip
+    assert isinstance(jax.tree.unflatten(structure, [object(), "x", None]), js.SpatialInertia)
+    axes = js.SpatialInertia(0, None, jax.sharding.PartitionSpec("x"))
+    assert axes.com is None
+    many = random_inertia((4,), "float32")
+    doubled = jax.vmap(lambda M: M + M, in_axes=(js.SpatialInertia(0, 0, 0),))(many)
+    np.testing.assert_array_equal(doubled.mass, 2 * many.mass)
+
+
+def test_export():
+    exported = jax.export.export(jax.jit(lambda M: M.shift(M.com)))(jax.tree.map(jnp.asarray, body()))
+    result = jax.export.deserialize(exported.serialize()).call(jax.tree.map(jnp.asarray, body()))
+    np.testing.assert_array_equal(result.com, np.zeros(3))
+
+
+# -- what its matrix does ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_matrix_is_its_definition(dtype):
+    with jax.enable_x64(dtype == "float64"):
+        M = body(jnp.dtype(dtype))
+        eps = float(jnp.finfo(dtype).eps)
+        np.testing.assert_allclose(np.asarray(M.to_matrix(), np.float64), dense(M), rtol=0, atol=4 * eps)
+        np.testing.assert_array_equal(M.to_matrix()[:3, :3], M.inertia_about_origin())
+        for motion_, kind in ((js.SpatialAcceleration, js.SpatialForce), (js.SpatialVelocity, js.SpatialMomentum)):
+            V = motion(motion_, (), dtype)
+            result = M @ V
+            assert type(result) is kind and result.dtype == jnp.dtype(dtype)
+            expected = dense(M) @ np.asarray(V.to_array(), np.float64)
+            np.testing.assert_allclose(np.asarray(result.to_array(), np.float64), expected, rtol=0, atol=32 * eps)
+
+
+def _applied(mass, com, central, alpha, a):
+    f = mass[..., None] * (a + np.cross(alpha, com))
+    return (matrix(central) * alpha[..., None, :]).sum(-1) + np.cross(com, f), f
+
+
+def _doubled_energy(mass, com, central, w, v):
+    moved = v + np.cross(w, com)
+    return mass * (moved * moved).sum(-1) + (w * (matrix(central) * w[..., None, :]).sum(-1)).sum(-1)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("precision", js.Precision)
+def test_bounds_of_what_cancels(precision, dtype):
+    """Points next to the one that does not move: v = -w x c up to rounding."""
+    with jax.enable_x64(dtype == "float64"):
+        M, V = random_inertia((20,), dtype), motion(js.SpatialVelocity, (20,), dtype)
+        V = js.SpatialVelocity(V.w, -jnp.cross(V.w, M.com))
+        energy, momentum = M.kinetic_energy(V, precision=precision), M.apply(V, precision=precision)
+        arrays = [sized(np.asarray(x)) for x in (*M._parts, *V._parts)]
+        u, k, l, squared = error.unit_roundoff(dtype), 12, (8, 5), 128
+        _require_bound(precision, dtype, np.asarray(energy) * 2, _doubled_energy(*arrays), u, k, squared)
+        for found, exact, k in zip(momentum._parts, _applied(*arrays), l, strict=True):
+            _require_bound(precision, dtype, np.asarray(found), exact, u, k, 64)
+
+
+def _require_bound(precision, dtype, found, exact, u, k, squared):
+    value, mag = (np.frompyfunc(lambda x, n=n: getattr(x, n), 1, 1)(exact) for n in ("value", "mag"))
+    allowed = u * k * mag if precision in ("fast", "reproducible") else u * abs(value) + u**2 * squared * mag
+    allowed = error.ulp(value, dtype) if precision == "faithful" else allowed
+    assert (abs(rationals(found) - value) <= allowed).all()
+
+
+def test_apply_refuses_other_kinds():
+    F = js.SpatialForce(np.ones(3, np.float32), np.ones(3, np.float32))
+    with pytest.raises(TypeError, match="expected a SpatialAcceleration or SpatialVelocity, got SpatialForce"):
+        body() @ F
+    with pytest.raises(TypeError, match="kinetic_energy: expected a SpatialVelocity, got SpatialForce"):
+        body().kinetic_energy(F)
+    with pytest.raises(TypeError, match="expected one dtype"):
+        body() @ motion(js.SpatialVelocity, (), "float16")
+    with pytest.raises(TypeError, match="w is for a SpatialAcceleration"):
+        js.shift(body(), np.ones(3, np.float32), np.ones(3, np.float32))
+
+
+# -- laws -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def scene():
+    with jax.enable_x64(True):
+        rng = np.random.default_rng(5)
+        M, V = random_inertia((50,)), motion(js.SpatialVelocity, (50,), "float64")
+        X = js.RigidTransform(js.Rotation.exp(rng.standard_normal((50, 3))), rng.standard_normal((50, 3)))
+        yield M, V, X
+
+
+def _close(a, b, eps=64):
+    for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
+        np.testing.assert_allclose(x, y, rtol=0, atol=eps * 2.2e-16 * (1 + float(np.abs(y).max())))
+
+
+def test_momentum_of_the_shifted_is_the_shifted_momentum(scene):
+    M, V, X = scene
+    p = X.translation
+    _close(M.shift(p) @ V.shift(p), (M @ V).shift(p))
+
+
+def test_kinetic_energy_does_not_depend_on_point_or_frame(scene):
+    M, V, X = scene
+    energy = M.kinetic_energy(V)
+    _close(M.shift(X.translation).kinetic_energy(V.shift(X.translation)), energy)
+    _close((X.rotation @ M).kinetic_energy(X.rotation @ V), energy)
+    _close(js.act(X, M).kinetic_energy(js.act(X, V)), energy)
+    _close(js.dot(M @ V, V) / 2, energy)
+    V_cm = V.shift(M.com)
+    split = (M.mass * (V_cm.v**2).sum(-1) + jnp.einsum("ni,nij,nj->n", V.w, M.central_matrix(), V.w)) / 2
+    _close(energy, split)
+
+
+def test_act_is_rotate_then_shift_and_can_be_undone(scene):
+    M, V, X = scene
+    _close(js.act(X, M), (X.rotation @ M).shift(-X.translation))
+    _close(js.act_inverse(X, js.act(X, M)), M)
+    _close(js.act_inverse(X, M), js.act(X.inverse(), M))
+    _close(js.act(X, M) @ js.act(X, V), js.act(X, M @ V))
+    adjoint = X.inverse().to_motion_matrix()
+    _close(js.act(X, M).to_matrix(), jnp.swapaxes(adjoint, -1, -2) @ M.to_matrix() @ adjoint, 256)
+
+
+def test_rate_of_the_rotated(scene):
+    """d/dt (R I R^T) = (w x) I - I (w x), by forward differentiation."""
+    M, V, _ = scene
+
+    def turned(t):
+        return (js.Rotation.exp(t * V.w) @ M).central_matrix()
+
+    _, rate = jax.jvp(turned, (jnp.float64(0),), (jnp.float64(1),))
+    cross = jax.vmap(lambda w: jnp.cross(w, jnp.eye(3), axisb=0, axisc=0))(V.w)
+    _close(rate, cross @ M.central_matrix() - M.central_matrix() @ cross)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_no_distance_takes_digits(dtype):
+    with jax.enable_x64(dtype == "float64"):
+        M = random_inertia((10,), dtype)
+        far = np.asarray([1e8, -1e8, 1e8] if dtype != "float16" else [1e4] * 3, jnp.dtype(dtype))
+        there = js.shift(M, far)
+        back = js.shift(there, -far)
+        np.testing.assert_array_equal(back.central, M.central)
+        np.testing.assert_array_equal(back.mass, M.mass)
+        assert there.is_physically_valid().all()
+
+
+def test_identity_and_known_zeros_leave_nothing():
+    M = jax.tree.map(jnp.asarray, body())
+    identity = js.Rotation.identity(dtype=jnp.float32)
+    assert jax.make_jaxpr(lambda M: identity @ M)(M).eqns == []
+    assert jax.make_jaxpr(lambda M: M.shift(np.zeros(3, np.float32)))(M).eqns == []
+
+
+# -- Drake's examples -------------------------------------------------------------------------------------------------
+
+
+def test_reexpress_about_x_exchanges_y_and_z():
+    with jax.enable_x64(True):
+        x, y, z = 0.2, 1.0, 0.5
+        M = js.SpatialInertia(1.3, [0.0, 0, 0], 1.3 / 12 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y]))
+        R = js.Rotation.from_matrix(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]))
+        turned = R @ M.shift(np.array([0.0, 1, 0]))
+        np.testing.assert_array_equal(turned.com, [0, 0, -1])
+        np.testing.assert_array_equal(turned.central, np.asarray(M.central)[[0, 1, 5, 3, 4, 2]])
+
+
+def test_reexpress_of_a_full_inertia():
+    entries = [17.36933842091061, -3.084298624204901, 13.60270381717411, -3.634144189476002, -6.539290790868233, 10.02795776191528]
+    expected = [6.369894432933752, 1.134877977228511, 18.38428249710324, 6.018249975302059, -0.6136491084717202, 16.24582306996301]
+    with jax.enable_x64(True):
+        a, b, c = np.deg2rad([30.0, 70, -70])
+        R = js.Rotation.about_x(a) @ js.Rotation.about_y(b) @ js.Rotation.about_z(c)
+        turned = R.inverse() @ js.SpatialInertia(1.0, [0.0, 0, 0], entries)
+        other = R @ js.SpatialInertia(1.0, [0.0, 0, 0], entries)
+        distance = min(np.abs(np.asarray(x.central) - expected).max() for x in (turned, other))
+        assert distance <= 8 * 2.2e-16 * 20
+
+
+def test_shift_of_a_cylinder():
+    with jax.enable_x64(True):
+        m, r, l = 1.2, 0.05, 1.5
+        across, along = m * (3 * r * r + l * l) / 12, m * r * r / 2
+        M = js.SpatialInertia(m, [0.0, 0, 0], np.diag([across, along, across])).shift(np.array([0, l / 2, 0]))
+        np.testing.assert_array_equal(M.com, [0, -l / 2, 0])
+        np.testing.assert_allclose(np.diag(M.inertia_about_origin()), [across + m * l * l / 4, along, across + m * l * l / 4], rtol=1e-15)
+
+
+def test_central_inertia_far_away():
+    with jax.enable_x64(True):
+        M = js.SpatialInertia(2.0, [3.0, 4.0, 5.0], np.diag([6.0, 7, 8]))
+        np.testing.assert_array_equal(six_of(np.asarray(M.inertia_about_origin())), [88, -24, 75, -30, -40, 58])
+        assert M.is_physically_valid()
+
+
+def test_from_origin_undoes_inertia_about_origin():
+    with jax.enable_x64(True):
+        M = random_inertia((30,))
+        m, c, i = exactly(M)
+        about = six_of(np.asarray(M.inertia_about_origin(precision="faithful")))
+        assert (abs(rationals(about) - (i + steiner(m, c))) <= error.ulp(i + steiner(m, c), "float64")).all()
+        back = js.SpatialInertia.from_origin(M.mass, M.com, M.inertia_about_origin(), precision="compensated")
+        _close(back.central, M.central, 16)
+        again = js.SpatialInertia.from_matrix(M.to_matrix())
+        _close(again, M, 32)
+
+
+# -- transformations --------------------------------------------------------------------------------------------------
+
+FUNCTIONS = {
+    "from_origin": lambda M: js.SpatialInertia.from_origin(*M._parts),
+    "to_matrix": lambda M: M.to_matrix(),
+    "from_matrix": lambda M: js.SpatialInertia.from_matrix(M.to_matrix()),
+    "dynamic_parameters": lambda M: js.SpatialInertia.from_dynamic_parameters(M.to_dynamic_parameters()),
+    "pseudo_inertia": lambda M: js.SpatialInertia.from_pseudo_inertia(M.to_pseudo_inertia()),
+    "log_cholesky": lambda M: js.SpatialInertia.from_log_cholesky(M.to_log_cholesky()),
+    "combine": lambda M: (M + M.shift(M.com * 2.0)) - M,
+    "slack": lambda M: M.validity_slack(),
+    "nearest": lambda M: M.nearest_valid(),
+    "moments": lambda M: M.principal_moments_and_axes(),
+    "ellipsoid": lambda M: M.equivalent_ellipsoid(),
+    "box": lambda M: M.equivalent_box(),
+    "length": lambda M: M.minimum_length(),
+    "central": lambda M: M.central_matrix(),
+}
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_transformations(name, dtype):
+    """The same bits eagerly, compiled, of many and of each; a derivative of every component that is finite."""
+    f = FUNCTIONS[name]
+    with jax.enable_x64(dtype == "float64"):
+        M = random_inertia((2, 3), dtype)
+        expected = f(M)
+        one = jax.tree.map(lambda x: x[1, 2], M)
+        assert all(x.dtype == jnp.dtype(dtype) for x in jax.tree.leaves(expected))
+        for found in (jax.jit(f)(M), jax.vmap(jax.vmap(f))(M)):
+            for x, y in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+                np.testing.assert_array_equal(x, y, strict=True)
+        for x, y in zip(jax.tree.leaves(f(one)), jax.tree.leaves(expected), strict=True):
+            np.testing.assert_array_equal(x, y[1, 2], strict=True)
+        gradient = jax.jit(jax.grad(lambda M: sum(x.astype(jnp.float32).sum() for x in jax.tree.leaves(f(M)))))(M)
+        assert all(np.isfinite(np.asarray(x, np.float32)).all() for x in jax.tree.leaves(gradient))
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_double_words(name):
+    """What takes double words gives them, as near to what float64 gives as both get."""
+    M = random_inertia((3,), "float32")
+    found = js.from_double_word(FUNCTIONS[name](js.to_double_word(M)))
+    for x, y in zip(jax.tree.leaves(found), jax.tree.leaves(FUNCTIONS[name](M)), strict=True):
+        np.testing.assert_allclose(x, y, rtol=0, atol=1e-4 * (1 + float(np.abs(np.asarray(y)).max())))

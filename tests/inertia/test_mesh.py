@@ -1,0 +1,263 @@
+"""What closed meshes enclose: against boxes, tetrahedra and exact sums, near and far, thin and flat, and their sums."""
+
+from fractions import Fraction
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from jaxspatial.arithmetic.numbers import numeric
+from jaxspatial.inertia import SpatialInertia
+from jaxspatial.inertia.reduction import summed
+from jaxspatial.measure.error import unit_roundoff
+from jaxspatial.measure.exact import rationals
+
+CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+BOX = np.array(
+    [[0, 1, 3], [0, 3, 2], [4, 7, 5], [4, 6, 7], [0, 5, 1], [0, 4, 5], [2, 3, 7], [2, 7, 6], [0, 6, 4], [0, 2, 6],
+     [1, 5, 7], [1, 7, 3]]
+)  # fmt: skip
+PAIRS = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)]
+
+
+def globe(rng, levels=3, roughness=0.0):
+    """An octahedron, refined, on a sphere of radius 1, with bumps."""
+    points = [tuple(s * x for x in row) for row in np.eye(3) for s in (1.0, -1.0)]
+    faces = [(a, b, c) for a in (0, 1) for b in (2, 3) for c in (4, 5)]
+    faces = [f if np.linalg.det([points[i] for i in f]) > 0 else f[::-1] for f in faces]
+    for _ in range(levels):
+        middles, refined = {}, []
+        for a, b, c in faces:
+            ab, bc, ca = (_middle(points, middles, *pair) for pair in ((a, b), (b, c), (c, a)))
+            refined += [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        faces = refined
+    points = np.array(points)
+    points = points / np.linalg.norm(points, axis=-1, keepdims=True)
+    return points * (1 + roughness * rng.uniform(-1, 1, (len(points), 1))), np.array(faces)
+
+
+def _middle(points, middles, a, b):
+    key = frozenset((a, b))
+    if key not in middles:
+        middles[key] = len(points)
+        points.append(tuple((x + y) / 2 for x, y in zip(points[a], points[b], strict=True)))
+    return middles[key]
+
+
+def exactly(vertices, faces):
+    """(volume, com, central per unit density as 6) over fractions, from tetrahedra at the origin; and S, r."""
+    a, b, c = (rationals(vertices)[faces[:, i]] for i in range(3))
+    d = (a * np.cross(b, c)).sum(-1)
+    volume = d.sum() / 6
+    s = a + b + c
+    com = (d[:, None] * s).sum(0) / 24 / volume
+    second = sum(
+        (d[:, None, None] * x[:, :, None] * x[:, None, :]).sum(0) for x in (s, a, b, c)
+    ) / 120 - volume * np.outer(com, com)
+    central = np.trace(second) * np.eye(3, dtype=int) - second
+    return volume, com, np.array([central[i, j] for i, j in PAIRS]), *sizes(np.asarray(vertices, float), faces)
+
+
+def sizes(vertices, faces):
+    """S and r of the docstring."""
+    used = vertices[faces.ravel()]
+    seen = vertices - (used.min(0) / 2 + used.max(0) / 2)
+    a, b, c = (seen[faces[:, i]] for i in range(3))
+    norms = (np.linalg.norm(x, axis=-1) for x in (a, b - a, c - a))
+    return Fraction(float(np.prod(list(norms), axis=0).sum())), Fraction(float(np.linalg.norm(seen, axis=-1).max()))
+
+
+def check(vertices, faces, precision, density=2.0):
+    volume, com, central, S, r = exactly(vertices, faces)
+    M = SpatialInertia.triangle_mesh(jnp.asarray(vertices), faces, density=density, precision=precision)
+    assert M.central.dtype == vertices.dtype
+    u, rounds = unit_roundoff(vertices.dtype), int(np.ceil(np.log2(len(faces))))
+    narrow = u if precision in ("fast", "reproducible") else 8 * u * u
+    rho, size = Fraction(density), S / volume
+    once = 0 if narrow == u else u
+    errors = {
+        "mass": (abs(rationals(M.mass) - rho * volume), narrow * (12 + rounds) * rho * S + once * rho * volume),
+        "com": (abs(rationals(M.com) - com).max(), u * abs(com).max() + narrow * (12 + rounds) * r * size),
+        "central": (
+            abs(rationals(M.central) - rho * central).max(),
+            narrow * (24 + 2 * rounds) * rho * volume * r * r * size + once * rho * abs(central).max(),
+        ),
+    }
+    for name, (error, allowed) in errors.items():
+        assert error <= allowed, (name, precision, float(error / allowed))
+
+
+def hostile(dtype):
+    """Meshes: a globe with bumps, also far away; a rod, a plate, an oblique needle; one off its own middle."""
+    rng = np.random.default_rng(1)
+    points, faces = globe(rng, 2, 0.3)
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    far = 1e3 if dtype == "float32" else 1e8
+    return {
+        "globe": (points, faces),
+        "far": (points + far, faces),
+        "rod": (points * [1e-3, 1e-3, 10], faces),
+        "plate": (points * [10, 10, 1e-4], faces),
+        "needle": ((points * [1e-2, 1e-2, 1]) @ turn.T, faces),
+        "tiny": (points * 1e-6, faces),
+        "lopsided": (np.where(points > 0, points * 100, points), faces),
+    }
+
+
+@pytest.mark.parametrize("precision", ["fast", "reproducible", "compensated"])
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_bound_of_the_docstring(dtype, precision):
+    with jax.enable_x64(dtype == "float64"):
+        for points, faces in hostile(dtype).values():
+            check(points.astype(dtype), faces, precision)
+
+
+def test_box_is_a_box():
+    size = np.array([0.5, 2.0, 3.0])
+    for dtype in ("float16", "bfloat16", "float32"):
+        M = SpatialInertia.triangle_mesh((CORNERS * size).astype(jnp.dtype(dtype)), BOX, density=2.0)
+        B = SpatialInertia.solid_box(size.astype(jnp.dtype(dtype)), density=2.0)
+        eps = float(jnp.finfo(dtype).eps)
+        assert isinstance(M.central, np.ndarray) and not np.asarray(M.com, float).any()
+        for x, y in zip(jax.tree.leaves(M), jax.tree.leaves(B), strict=True):
+            np.testing.assert_allclose(np.asarray(x, float), np.asarray(y, float), rtol=2 * eps, atol=2 * eps)
+
+
+def test_far_away_nothing_is_lost():
+    """A cube of 64 m at 2^27 m, where float32 knows every 8 m: bitwise the central inertia of the cube at home."""
+    near = (CORNERS * 64).astype(np.float32)
+    M, F = (SpatialInertia.triangle_mesh(jnp.asarray(x), BOX, mass=3.0) for x in (near, near + np.float32(2**27)))
+    np.testing.assert_array_equal(M.central, F.central)
+    np.testing.assert_array_equal(F.com, np.full(3, 2.0**27))
+    np.testing.assert_allclose(M.central[0], 3 * 64**2 / 6, rtol=2e-7)
+
+
+def test_tetrahedron_and_moved_globe():
+    with jax.enable_x64(True):
+        rng = np.random.default_rng(2)
+        v = rng.standard_normal((4, 3))
+        faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+        faces = faces if np.linalg.det(v[1:] - v[0]) > 0 else faces[:, ::-1]
+        M, T = (SpatialInertia.triangle_mesh(v, faces, density=2.0), SpatialInertia.solid_tetrahedron(v, density=2.0))
+        for x, y in zip(jax.tree.leaves(M), jax.tree.leaves(T), strict=True):
+            np.testing.assert_allclose(x, y, atol=1e-14)
+        points, faces = globe(rng, 2, 0.3)
+        X = js.RigidTransform(js.Rotation.exp(jnp.asarray([0.3, -1.0, 2.0])), jnp.asarray([3.0, 4.0, 5.0]))
+        moved = SpatialInertia.triangle_mesh(X @ jnp.asarray(points), faces, mass=1.5)
+        expected = js.act(X, SpatialInertia.triangle_mesh(jnp.asarray(points), faces, mass=1.5))
+        for x, y in zip(jax.tree.leaves(moved), jax.tree.leaves(expected), strict=True):
+            np.testing.assert_allclose(x, y, atol=32 * np.finfo(float).eps)
+        fine = SpatialInertia.triangle_mesh(*globe(rng, 4), mass=1.0)
+        np.testing.assert_allclose(fine.central[0], 2 / 5, rtol=1e-2)
+        assert bool(fine.is_physically_valid())
+
+
+def test_no_volume_gives_nan():
+    for faces in (BOX[:, ::-1], np.concatenate([BOX, BOX[:, ::-1]])):
+        M = SpatialInertia.triangle_mesh(jnp.asarray(CORNERS, jnp.float32), faces, density=1.0)
+        assert all(np.isnan(x).all() for x in jax.tree.leaves(M))
+        M = SpatialInertia.triangle_mesh(jnp.asarray(CORNERS, jnp.float32), faces, mass=1.0)
+        assert float(M.mass) == 1 and np.isnan(M.com).all() and np.isnan(M.central).all()
+
+
+def test_derivatives_in_the_vertices():
+    """Of a box that grows along x, which all is known about; against central differences over fractions elsewhere."""
+    with jax.enable_x64(True):
+        growing = jnp.asarray(CORNERS * [1, 0, 0]), jnp.asarray(CORNERS)
+
+        def of_length(x):
+            M = SpatialInertia.triangle_mesh(growing[1] + (x - 1) * growing[0] + x, BOX, density=1.0)
+            return jnp.concatenate([M.mass[None], M.com, M.central])
+
+        slope = jax.jit(jax.jacfwd(of_length))(2.0)
+        np.testing.assert_allclose(slope, [1, 1, 1, 1, 1 / 6, 0, 13 / 12, 0, 0, 13 / 12], atol=1e-14)
+        points, faces = globe(np.random.default_rng(4), 1, 0.2)
+        direction = np.random.default_rng(5).standard_normal(points.shape)
+        weights = np.random.default_rng(6).standard_normal(6)
+
+        def energy(v):
+            return (SpatialInertia.triangle_mesh(v, faces, density=1.0).central * weights).sum()
+
+        gradient = jax.jit(jax.grad(energy))(jnp.asarray(points))
+        step = Fraction(1, 10**9)
+        ends = [exactly_moved(points, direction, s * step, faces) @ rationals(weights) for s in (1, -1)]
+        np.testing.assert_allclose((gradient * direction).sum(), float((ends[0] - ends[1]) / (2 * step)), rtol=1e-12)
+
+
+def exactly_moved(points, direction, step, faces):
+    a, b, c = ((rationals(points) + step * rationals(direction))[faces[:, i]] for i in range(3))
+    d, s = (a * np.cross(b, c)).sum(-1), a + b + c
+    com = (d[:, None] * s).sum(0) / 4 / d.sum()
+    second = sum((d[:, None, None] * x[:, :, None] * x[:, None, :]).sum(0) for x in (s, a, b, c)) / 120
+    second = second - d.sum() / 6 * np.outer(com, com)
+    central = np.trace(second) * np.eye(3, dtype=int) - second
+    return np.array([central[i, j] for i, j in PAIRS])
+
+
+def test_batches_and_transformations():
+    rng = np.random.default_rng(7)
+    points, faces = globe(rng, 1, 0.2)
+    many = jnp.asarray(points + 0.01 * rng.standard_normal((3, 2, *points.shape)), jnp.float32)
+    density = jnp.asarray([1.0, 2.0])
+    M = SpatialInertia.triangle_mesh(many, faces, density=density)
+    assert M.batch_shape == (3, 2)
+
+    def one(v, rho):
+        return SpatialInertia.triangle_mesh(v, jnp.asarray(faces), density=rho)
+
+    mapped = jax.jit(jax.vmap(jax.vmap(one), (0, None)))(many, density)
+    for x, y in zip(jax.tree.leaves(M), jax.tree.leaves(mapped), strict=True):
+        np.testing.assert_array_equal(x, y)
+
+
+BAD = {
+    "shape": (ValueError, r"expected shape \(m, 3\) with m >= 1, got \(3,\)", np.array([0, 1, 2])),
+    "none": (ValueError, r"expected shape \(m, 3\) with m >= 1, got \(0, 3\)", np.zeros((0, 3), int)),
+    "floats": (TypeError, "expected integers, got float64", np.zeros((4, 3))),
+    "range": (ValueError, "expected indices from 0 to 7, got 0 to 8", BOX + 1 - (BOX == 0)),
+}
+
+
+@pytest.mark.parametrize(("kind", "message", "faces"), BAD.values(), ids=BAD)
+def test_triangles_that_are_refused(kind, message, faces):
+    with pytest.raises(kind, match="triangle_mesh: triangles: " + message):
+        SpatialInertia.triangle_mesh(CORNERS.astype(np.float32), faces, mass=1.0)
+
+
+# -- sums -------------------------------------------------------------------------------------------------------------
+
+
+@numeric
+def _summed(x, size):
+    return [summed(x, size)]
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 1000])
+@pytest.mark.parametrize("precision", ["reproducible", "compensated"])
+def test_sums_by_halving(n, precision):
+    with jax.enable_x64(True):
+        rng = np.random.default_rng(n)
+        x = rng.standard_normal((2, n, 2)) * 10 ** rng.uniform(-8, 8, (2, n, 2))
+        (total,) = _summed(precision, jnp.asarray(x), size=n)
+        exact, mag = rationals(x).sum(1), abs(rationals(x)).sum(1)
+        u, rounds = unit_roundoff(np.float64), int(np.ceil(np.log2(n)))
+        allowed = u * rounds * mag if precision == "reproducible" else u * abs(exact) + 3 * u * u * rounds * mag
+        assert (abs(rationals(total[:, 0]) - exact) <= allowed).all()
+
+
+def test_a_known_zero_stays_known_in_a_sum():
+    found = []
+
+    @numeric
+    def both(known, data, size):
+        sums = summed((*known, *data), size)
+        found.extend(isinstance(x.value, np.generic) for x in sums)
+        return [sums]
+
+    known = np.array([[0.0, 2.0]] * 3, np.float32)
+    program = jax.jit(lambda x: both(None, known, x, size=3)[0])
+    np.testing.assert_array_equal(program(jnp.ones((3, 1)))[0], [0, 6, 3])
+    assert found == [True, False, False]

@@ -1,0 +1,233 @@
+"""Bodies put together: against sums of fractions, at every scale, and never indefinite."""
+
+from fractions import Fraction
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from inertia.exact_inertia import exactly, is_positive_semidefinite, random_inertia, second_moments, steiner
+
+import jaxspatial as js
+from jaxspatial.measure.error import unit_roundoff
+from jaxspatial.measure.exact import rationals
+
+dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
+precisions = pytest.mark.parametrize("precision", ["fast", "reproducible", "compensated", "faithful"])
+
+
+def _weighted(m, x):
+    return (m[..., None] * x).sum(-2)
+
+
+def exact_sum(m, c, i):
+    """(mass, com, central, mag of com, mag of central) of bodies (..., n), as fractions."""
+    mass = m.sum(-1)
+    com = _weighted(m, c) / mass[..., None]
+    central = (i + steiner(m, c - com[..., None, :])).sum(-2)
+    reach = abs(c) + abs(com[..., None, :])
+    arm = m * (reach * reach).sum(-1)
+    return mass, com, central, _weighted(abs(m), abs(c)) / abs(mass[..., None]), (abs(i) + arm[..., None]).sum(-2)
+
+
+def _require(found, exact, mag, u, k, squared, precision):
+    allowed = u * k * mag if precision in ("fast", "reproducible") else u * abs(exact) + u * u * squared * mag
+    assert (abs(rationals(np.asarray(found)) - exact) <= allowed).all()
+
+
+@precisions
+@dtypes
+def test_two(dtype, precision):
+    with jax.enable_x64(dtype == "float64"):
+        M, N = random_inertia((40,), dtype, 1, 2.0), random_inertia((40,), dtype, 2, 2.0)
+        found = M.combine(N, precision=precision)
+        both = [np.stack(x, 1) for x in zip(exactly(M), exactly(N), strict=True)]
+        mass, com, central, com_mag, _ = exact_sum(*both)
+        u = unit_roundoff(dtype)
+        _require(found.mass, mass, mass, u, 1, 4, precision)
+        _require(found.com, com, com_mag, u, 6, 128, precision)
+        m1, m2, d = both[0][:, 0], both[0][:, 1], both[1][:, 1] - both[1][:, 0]
+        size = (m1 * m2 / (m1 + m2) * (d * d).sum(-1))[:, None]
+        _require(found.central, central, abs(both[2]).sum(1) + size, u, 10, 128, precision)
+
+
+@dtypes
+def test_two_commute_where_neither_is_as_heavy(dtype):
+    with jax.enable_x64(dtype == "float64"):
+        M, N = random_inertia((40,), dtype, 1), random_inertia((40,), dtype, 2)
+        for x, y in zip((M + N)._parts, (N + M)._parts, strict=True):
+            np.testing.assert_array_equal(x, y)
+
+
+def _mixed(dtype, n=1000, seed=3):
+    """Masses over 40 orders, and as many bodies of about the same mass as there are of all others."""
+    M = random_inertia((n,), "float64", seed, 2.0)
+    rng = np.random.default_rng(seed)
+    scale = np.where(np.arange(n) % 2, 10.0 ** rng.uniform(-20, 20, n), 10.0 ** rng.uniform(-1, 1, n))
+    scaled = np.asarray(M.mass) * scale, np.asarray(M.com), np.asarray(M.central) * scale[:, None]
+    return js.SpatialInertia(*(jnp.asarray(x.astype(dtype)) for x in scaled))
+
+
+@precisions
+@dtypes
+@pytest.mark.parametrize("even", [True, False], ids=["even masses", "masses 1e-20 to 1e20"])
+def test_a_thousand_bodies(even, dtype, precision):
+    with jax.enable_x64(True):
+        M = _mixed(dtype)
+        M = jax.tree.map(lambda x: x[::2], M) if even else M
+    with jax.enable_x64(dtype == "float64"):
+        found, rounds = M.sum(precision=precision), int(np.ceil(np.log2(M.batch_shape[0])))
+        mass, com, central, com_mag, central_mag = exact_sum(*exactly(M))
+        u = unit_roundoff(dtype)
+        _require(found.mass, mass, mass, u, rounds, 64 * (rounds + 4), precision)
+        _require(found.com, com, com_mag, u, rounds + 4, 64 * (rounds + 4), precision)
+        _require(found.central, central, central_mag, u, rounds + 10, 64 * (rounds + 4), precision)
+        if precision in ("compensated", "faithful"):
+            for x, exact in zip(found._parts, (mass, com, central), strict=True):
+                assert (abs(rationals(np.asarray(x)) - exact) <= 4 * u * abs(exact)).all()
+
+
+def test_one_by_one_is_nearly_as_good():
+    with jax.enable_x64(True):
+        M = _mixed("float64", 200)
+        one_by_one, _ = jax.lax.scan(lambda N, M: (N + M, None), js.SpatialInertia.zero(dtype=jnp.float64), M)
+        for x, y in zip(one_by_one._parts, M.sum()._parts, strict=True):
+            np.testing.assert_allclose(x, y, rtol=0, atol=200 * 2.2e-16 * float(np.abs(y).max()))
+
+
+def test_double_words_keep_twice_the_digits():
+    M = random_inertia((37,), "float32", 4, 1.0)
+    mass, com, central, com_mag, central_mag = exact_sum(*exactly(M))
+    found = js.to_double_word(M).sum()
+    for x, exact, mag in zip(found._parts, (mass, com, central), (mass, com_mag, central_mag), strict=True):
+        pair = rationals(np.asarray(x.hi)) + rationals(np.asarray(x.lo))
+        assert (abs(pair - exact) <= unit_roundoff("float32") ** 2 * 640 * mag).all()
+
+
+@pytest.mark.parametrize("axis", [0, 1, -1, -3])
+def test_axis(axis):
+    M = random_inertia((4, 3, 5), "float32")
+    found = jax.jit(lambda M: M.sum(axis))(M)
+    moved = jax.tree.map(lambda x: jnp.moveaxis(x, axis % 3, 0), M)
+    for x, y in zip(found._parts, moved.sum()._parts, strict=True):
+        np.testing.assert_array_equal(x, y)
+    one = jax.tree.map(lambda x: x[:, 1, 2], moved).sum()
+    for x, y in zip(found._parts, one._parts, strict=True):
+        np.testing.assert_array_equal(x[1, 2], y)
+    with pytest.raises(ValueError, match=r"axis: expected one of a batch of shape \(4, 3, 5\), got 3"):
+        M.sum(3)
+
+
+def test_nothing_and_one():
+    empty = random_inertia((0, 2), "float32").sum()
+    assert empty.batch_shape == (2,) and not any(np.any(x) for x in empty._parts)
+    M = random_inertia((1,), "float32")
+    for x, y in zip(M.sum()._parts, M._parts, strict=True):
+        np.testing.assert_array_equal(x, y[0])
+
+
+def test_without_mass_com_is_the_mean(x64):
+    M = js.SpatialInertia(np.float32(0), np.float32([1, 2, 3]), np.float32(np.eye(3)))
+    N = js.SpatialInertia(np.float32(0), np.float32([3, 2, 0]), np.float32(np.eye(3)))
+    for both in (M + N, jax.tree.map(lambda *x: jnp.stack(x), M, N).sum()):
+        np.testing.assert_array_equal(both.com, [2, 2, 1.5])
+        np.testing.assert_array_equal(both.mass, 0)
+        np.testing.assert_array_equal(both.central, [2, 0, 2, 0, 0, 2])
+    heavy = js.SpatialInertia(np.float32(2), np.float32([0.1, 0.2, 0.3]), np.float32(np.eye(3)))
+    for both in (heavy + M, M + heavy):
+        np.testing.assert_array_equal(both.com, heavy.com)
+    np.testing.assert_array_equal((M - N).com, M.com)
+
+
+def test_same_centre_of_mass_stays_exactly():
+    M = random_inertia((20,), "float32")
+    N = js.SpatialInertia(M.mass * jnp.float32(0.37), M.com, M.central)
+    np.testing.assert_array_equal((M + N).com, M.com)
+
+
+def test_removing_undoes_adding():
+    with jax.enable_x64(True):
+        M, N = random_inertia((30,), seed=1), random_inertia((30,), seed=2)
+        for x, y in zip(((M + N) - N)._parts, M._parts, strict=True):
+            np.testing.assert_allclose(x, y, rtol=0, atol=5e-14)
+        gone = M - M
+        assert not np.isfinite(np.asarray(gone.com)).any() and not gone.is_physically_valid().any()
+
+
+def test_python_sums_bodies_and_others_are_refused():
+    M = random_inertia((), "float32")
+    np.testing.assert_array_equal(sum([M, M, M]).mass, 3 * M.mass)
+    for call in (lambda: M + 1.0, lambda: 1.0 + M, lambda: M - np.float32(1), lambda: M.combine(2.0)):
+        with pytest.raises(TypeError, match="SpatialInertia"):
+            call()
+
+
+def test_two_cubes_are_a_box():
+    with jax.enable_x64(True):
+        def cube(m, x):
+            return js.SpatialInertia(m, [x, 0.0, 0.0], m * 8 / 12 * np.eye(3))
+
+        both = cube(1.0, 1.0) + cube(1.0, -1.0)
+        box = 2 / 12 * np.diag([4 + 4, 16 + 4, 16 + 4])
+        np.testing.assert_allclose(both.central_matrix(), box, rtol=4e-16)
+        np.testing.assert_array_equal(both.com, [0, 0, 0])
+
+
+@dtypes
+@precisions
+def test_nothing_turns_indefinite(dtype, precision):
+    """Pairs, and crowds, of points on a line, in a plane and in space, far apart and of masses far apart."""
+    with jax.enable_x64(True):
+        rng = np.random.default_rng(8)
+        directions = rng.standard_normal((12, 1, 3))
+        along = directions * rng.standard_normal((12, 6, 1)) * 10.0 ** rng.uniform(-8, 8, (12, 1, 1))
+        points = np.concatenate((along, along * np.array([1, 1, 0.0]) + 1.0, along + rng.standard_normal((12, 6, 3))))
+        mass = 10.0 ** rng.uniform(-12, 12, (36, 6))
+        parts = (jnp.asarray(x.astype(dtype)) for x in (mass, points, np.zeros((36, 6, 6))))
+        M = js.SpatialInertia(*parts)
+    with jax.enable_x64(dtype == "float64"):
+        pair = jax.tree.map(lambda x: x[:, 0], M).combine(jax.tree.map(lambda x: x[:, 1], M), precision=precision)
+        k = 16 if precision in ("fast", "reproducible") else 2
+        for found in (pair, M.sum(axis=1, precision=precision)):
+            assert found.is_physically_valid().all()
+            for six in np.asarray(found.central):
+                seconds = second_moments(six)
+                trace = sum(seconds[i][i] for i in range(3))
+                assert trace >= 0 and is_positive_semidefinite(seconds, k * unit_roundoff(dtype) * trace)
+        bodies = random_inertia((50,), dtype, 5, 3.0) + random_inertia((50,), dtype, 6, 3.0)
+        assert (bodies.validity_slack() > 0).all()
+        assert all(is_positive_semidefinite(second_moments(six)) for six in np.asarray(bodies.central))
+
+
+def test_derivatives():
+    """Of the sum of two against those of mass, first moment and inertia about the origin, which just add."""
+    with jax.enable_x64(True):
+        M, N = random_inertia((), seed=1), random_inertia((), seed=2)
+
+        def combined(M, N):
+            return (M + N).to_dynamic_parameters()
+
+        def added(M, N):
+            return M.to_dynamic_parameters() + N.to_dynamic_parameters()
+
+        for x, y in zip(*(jax.tree.leaves(jax.jacrev(f, (0, 1))(M, N)) for f in (combined, added)), strict=True):
+            np.testing.assert_allclose(x, y, rtol=0, atol=1e-13)
+        stacked = jax.tree.map(lambda *x: jnp.stack(x), M, N)
+        jacobian = jax.jacfwd(lambda M: M.sum().to_dynamic_parameters())(stacked)
+        expected = jax.jacfwd(lambda M: M.to_dynamic_parameters().sum(0))(stacked)
+        for x, y in zip(jax.tree.leaves(jacobian), jax.tree.leaves(expected), strict=True):
+            np.testing.assert_allclose(x, y, rtol=0, atol=1e-13)
+
+
+def test_far_away_and_back():
+    """A metre of distance, a million kilometres from the origin."""
+    with jax.enable_x64(True):
+        far = np.array([1e9, -1e9, 1e9])
+        M, N = random_inertia((), seed=1), random_inertia((), seed=2)
+        moved = (M.shift(-far) + N.shift(-far)).shift(far)
+        c1, c2 = (rationals(np.asarray(x.shift(-far).com)) for x in (M, N))
+        m1, m2 = (Fraction(float(x.mass)) for x in (M, N))
+        *_, i1 = exactly(M)
+        *_, i2 = exactly(N)
+        exact = i1 + i2 + steiner(np.asarray(m1 * m2 / (m1 + m2), dtype=object), c2 - c1)
+        assert np.abs(np.asarray(moved.central) - exact.astype(float)).max() <= 8e-16 * np.abs(exact.astype(float)).max()
