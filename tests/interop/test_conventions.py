@@ -1,0 +1,191 @@
+"""The conventions of each library, on arrays and on whatever has the right attributes; no peer is needed."""
+
+import inspect
+import types
+
+import jax
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from jaxspatial import interop
+from jaxspatial.inertia import SpatialInertia
+from jaxspatial.interop import mujoco, pinocchio
+
+EPS = 2.0**-23
+QUARTER = [0.0, 0.0, 0.0, 1.0]  # wxyz, half a turn about z
+MODULES = [getattr(interop, name) for name in "brax drake jaxlie mujoco orders pinocchio scipy".split()]
+
+
+def vector(*values):
+    return np.array(values, np.float32)
+
+
+def random(*shape, seed=0):
+    return np.random.default_rng(seed).normal(size=shape).astype(np.float32)
+
+
+def _cacc(cacc, cvel):
+    gravity = [0.0, 0.0, -9.81]
+    return mujoco.to_cacc(mujoco.from_cacc(cacc, cvel, gravity), mujoco.from_cvel(cvel), gravity)
+
+
+def _turned(of, to):
+    def round_trip(x, w):
+        R = js.Rotation.exp(w)
+        return to(of(x, R), R)
+
+    return round_trip
+
+
+def _framed(x, w):
+    frame = js.Rotation.exp(w).entries
+    return mujoco.to_contact_force(mujoco.from_contact_force(x, frame), frame)
+
+
+def _object(x):
+    return mujoco.to_object_acceleration(mujoco.from_object_acceleration(x, [0.0, 0.0, -9.81]), [0.0, 0.0, -9.81])
+
+
+# name: (function that gives back its first argument, sizes of its arguments)
+ROUND_TRIPS = {
+    "cvel": (lambda x: mujoco.to_cvel(mujoco.from_cvel(x)), 6),
+    "cdof": (lambda x: mujoco.to_cdof(mujoco.from_cdof(x)), 6),
+    "cacc": (_cacc, 6, 6),
+    "object_acceleration": (_object, 6),
+    "cfrc": (lambda x: mujoco.to_cfrc(mujoco.from_cfrc(x)), 6),
+    "xfrc_applied": (lambda x: mujoco.to_xfrc_applied(mujoco.from_xfrc_applied(x)), 6),
+    "contact_force": (_framed, 6, 3),
+    "xpos_xmat": (lambda p, m: mujoco.to_xpos_xmat(mujoco.from_xpos_xmat(p, m))[0], 3, 9),
+    "free_joint_qvel": (_turned(mujoco.from_free_joint_qvel, mujoco.to_free_joint_qvel), 6, 3),
+    "free_joint_qacc": (_turned(mujoco.from_free_joint_qacc, mujoco.to_free_joint_qacc), 6, 3),
+    "free_joint_qfrc": (_turned(mujoco.from_free_joint_qfrc, mujoco.to_free_joint_qfrc), 6, 3),
+    "cinert": (lambda x: mujoco.to_cinert(mujoco.from_cinert(x)), 10),
+    "free_flyer": (
+        lambda x: pinocchio.to_free_flyer_velocity(pinocchio.from_free_flyer_velocity(x)),
+        6,
+    ),
+    "floating": (lambda x: interop.drake.to_floating_velocities(interop.drake.from_floating_velocities(x)), 6),
+    "tangent": (lambda x: interop.jaxlie.to_tangent(interop.jaxlie.from_tangent(x)), 6),
+}
+
+
+@pytest.mark.parametrize(("function", "sizes"), [(f, sizes) for f, *sizes in ROUND_TRIPS.values()], ids=ROUND_TRIPS)
+def test_round_trips_over_batches_and_transformations(function, sizes):
+    arrays = [random(3, 2, n, seed=i) for i, n in enumerate(sizes)]
+    if sizes == [10]:
+        arrays[0][..., 9] = 2
+    expected = np.asarray(function(*arrays))
+    assert expected.dtype == np.float32
+    np.testing.assert_allclose(expected, arrays[0], rtol=0, atol=64 * EPS)
+    for way in (jax.jit(function), jax.vmap(function), jax.jit(jax.vmap(jax.vmap(function)))):
+        np.testing.assert_array_equal(way(*arrays), expected)
+
+
+def test_wide_types_switched_on_later():
+    """JAX caches what it makes of an array of indices; it must not be of the narrow kind afterwards."""
+    round_trip = ROUND_TRIPS["cinert"][0]
+    jax.jit(round_trip)(np.ones(10, np.float32))
+    with jax.enable_x64(True):
+        assert jax.jit(round_trip)(np.ones(10)).dtype == np.float64
+
+
+def test_the_two_orders_of_mujoco():
+    counted = np.arange(1.0, 7.0, dtype=np.float32)
+    np.testing.assert_array_equal(mujoco.from_cfrc(counted).tau, [1, 2, 3])
+    np.testing.assert_array_equal(mujoco.from_xfrc_applied(counted).f, [1, 2, 3])
+
+
+def test_contact_frame_holds_axes_by_rows():
+    """A normal force, along the first row."""
+    frame = vector(0, 0, 1, 1, 0, 0, 0, 1, 0)
+    for given in (frame, frame.reshape(3, 3)):
+        F = mujoco.from_contact_force(vector(5, 0, 0, 0, 0, 2), given)
+        np.testing.assert_array_equal(F.f, [0, 0, 5])
+        np.testing.assert_array_equal(F.tau, [0, 2, 0])
+
+
+def test_free_joint_is_mixed():
+    """Linear in world axes, angular in those of the body."""
+    R = js.Rotation.from_quaternion(vector(*QUARTER))
+    V = mujoco.from_free_joint_qvel(vector(1, 2, 3, 4, 5, 6), R)
+    np.testing.assert_array_equal(V.v, [1, 2, 3])
+    np.testing.assert_array_equal(V.w, [-4, -5, 6])
+
+
+def test_acceleration_of_free_fall_and_of_rest():
+    gravity, rest = [0.0, 0.0, -9.81], vector(0, 0, 0, 0, 0, 9.81)
+    np.testing.assert_array_equal(mujoco.from_cacc(0 * rest, 0 * rest, gravity).a, vector(0, 0, -9.81))
+    np.testing.assert_array_equal(mujoco.from_cacc(rest, 0 * rest, gravity).a, np.zeros(3))
+
+
+def test_cinert_of_a_point_mass():
+    M = mujoco.from_cinert(vector(2 * 13, 2 * 10, 2 * 5, -2 * 2, -2 * 3, -2 * 6, 2 * 1, 2 * 2, 2 * 3, 2))
+    np.testing.assert_array_equal(M.com, [1, 2, 3])
+    np.testing.assert_array_equal(M.central, np.zeros(6))
+
+
+def test_body_inertia_is_turned_into_the_body():
+    half = np.float32(np.sqrt(0.5))
+    M = mujoco.from_body_inertia(np.float32(2), vector(3, 2, 1), vector(1, 0, 0), vector(half, 0, 0, half))
+    np.testing.assert_allclose(M.central_matrix(), np.diag([2, 3, 1]), rtol=0, atol=8 * EPS)
+    mass, moments, ipos, _ = mujoco.to_body_inertia(M)
+    assert mass == 2
+    np.testing.assert_allclose(moments, [3, 2, 1], rtol=0, atol=8 * EPS)
+    np.testing.assert_array_equal(ipos, [1, 0, 0])
+
+
+def test_full_inertia():
+    M = mujoco.from_full_inertia(np.float32(1), vector(0, 0, 1), vector(1, 2, 3, 0.1, 0.2, 0.3))
+    np.testing.assert_array_equal(M.central_matrix(), np.float32([[1, 0.1, 0.2], [0.1, 2, 0.3], [0.2, 0.3, 3]]))
+    np.testing.assert_array_equal(mujoco.to_full_inertia(M)[2], vector(1, 2, 3, 0.1, 0.2, 0.3))
+
+
+def test_objects_are_read_by_their_attributes():
+    """In JAX's default dtype, NumPy and so known while tracing."""
+    motion = types.SimpleNamespace(angular=np.array([1.0, 2, 3]), linear=np.array([4.0, 5, 6]))
+    F = pinocchio.from_force(motion)
+    assert isinstance(F.tau, np.ndarray)
+    assert F.dtype == np.float32
+    np.testing.assert_array_equal(F.to_array(), [1, 2, 3, 4, 5, 6])
+    A = pinocchio.from_spatial_acceleration(motion, motion)
+    np.testing.assert_array_equal(A.a, np.array([4, 5, 6]) + np.cross([1, 2, 3], [4, 5, 6]))
+    moving = types.SimpleNamespace(ang=vector(1, 2, 3), vel=vector(4, 5, 6))
+    np.testing.assert_array_equal(interop.brax.from_motion(moving).to_array(), [1, 2, 3, 4, 5, 6])
+    pose = types.SimpleNamespace(wxyz_xyz=vector(*QUARTER, 1, 2, 3))
+    np.testing.assert_array_equal(interop.jaxlie.from_se3(pose).to_matrix()[:, 3], [1, 2, 3, 1])
+    turn = types.SimpleNamespace(as_quat=lambda: np.array([0.0, 0, 1, 0]))
+    np.testing.assert_array_equal(interop.scipy.from_rotation(turn).to_matrix(), np.diag([-1, -1, 1]))
+
+
+def test_inertia_of_brax_means_two_things():
+    pose = types.SimpleNamespace(pos=vector(0, 0, 2), rot=vector(1, 0, 0, 0))
+    body = types.SimpleNamespace(transform=pose, i=np.diag(vector(9, 9, 1)), mass=np.float32(2))
+    M, moved = interop.brax.from_inertia(body), interop.brax.from_moved_inertia(body)
+    np.testing.assert_array_equal(M.com, [0, 0, 2])
+    np.testing.assert_array_equal(M.central_matrix(), np.diag([9, 9, 1]))
+    np.testing.assert_array_equal(moved.com, [0, 0, 1])
+    np.testing.assert_array_equal(moved.central_matrix(), np.diag([7, 7, 1]))
+
+
+def test_reference_frames_of_pinocchio():
+    X = js.RigidTransform(js.Rotation.from_quaternion(vector(*QUARTER)), vector(1, 0, 0))
+    F = js.SpatialForce(tau=vector(0, 0, 0), f=vector(0, 1, 0))
+    aligned, world = pinocchio.to_local_world_aligned(X, F), pinocchio.to_world(X, F)
+    np.testing.assert_array_equal(aligned.to_array(), [0, 0, 0, 0, -1, 0])
+    np.testing.assert_array_equal(world.to_array(), [0, 0, -1, 0, -1, 0])
+    np.testing.assert_array_equal(pinocchio.from_local_world_aligned(X, aligned).to_array(), F.to_array())
+    np.testing.assert_array_equal(pinocchio.from_world(X, world).to_array(), F.to_array())
+    M = SpatialInertia(np.float32(1), vector(1, 0, 0), vector(1, 0, 1, 0, 0, 1))
+    np.testing.assert_array_equal(pinocchio.to_world(X, M).com, [0, 0, 0])
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda m: m.__name__.rpartition(".")[2])
+def test_every_function_says_what_it_converts_both_ways(module):
+    functions = {n: f for n, f in inspect.getmembers(module, inspect.isfunction) if f.__module__ == module.__name__}
+    public = {name for name in functions if not name.startswith("_")}
+    assert all(functions[name].__doc__ for name in public)
+    one_way = {"from_momentum", "single"}
+    for name in public - one_way:
+        back = name.replace("from_", "TO_").replace("to_", "from_").replace("TO_", "to_")
+        assert back in public, f"{module.__name__}.{name} has no {back}"

@@ -1,0 +1,72 @@
+"""To and from jaxlie's SO3 and SE3, batched, traced or not, in both directions. U is the unit roundoff."""
+
+import jax
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from jaxspatial import interop
+
+jaxlie = pytest.importorskip("jaxlie")
+
+DTYPES = {"float32": 2.0**-24, "float64": 2.0**-53}
+every_dtype = pytest.mark.parametrize(("dtype", "u"), DTYPES.items(), ids=DTYPES)
+
+
+@pytest.fixture(autouse=True)
+def relaxed(request):
+    """jaxlie mixes integers and float64 into its sums, and ranks."""
+    wide = "float64" in request.node.name
+    with jax.enable_x64(wide), jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        yield
+
+
+def twists(dtype):
+    """Angles from 0.1 to pi, where jaxlie's exponential is good."""
+    rng = np.random.default_rng(0)
+    w, v = rng.normal(size=(2, 50, 3))
+    w *= rng.uniform(0.1, 3.1, (50, 1)) / np.linalg.norm(w, axis=-1, keepdims=True)
+    return js.SpatialVelocity(w.astype(dtype), v.astype(dtype))
+
+
+def near(ours, theirs, tolerance):
+    assert ours.dtype == theirs.dtype
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=tolerance)
+
+
+@every_dtype
+def test_so3_both_ways_and_what_it_does(dtype, u):
+    ours = js.Rotation.exp(twists(dtype).w)
+    theirs = interop.jaxlie.to_so3(ours)
+    near(theirs.as_matrix(), ours.to_matrix(), 12 * u)
+    near(interop.jaxlie.from_so3(theirs).to_matrix(), ours.to_matrix(), 16 * u)
+    v = np.random.default_rng(1).normal(size=(50, 3)).astype(dtype)
+    near(ours @ v, jax.vmap(jaxlie.SO3.apply)(theirs, v), 128 * u)
+    near(ours.log(), theirs.log(), 64 * u)
+
+
+@every_dtype
+def test_se3_both_ways_and_what_it_does(dtype, u):
+    V = twists(dtype)
+    theirs = jaxlie.SE3.exp(interop.jaxlie.to_tangent(V))
+    ours = interop.jaxlie.from_se3(theirs)
+    near(ours.to_matrix(), theirs.as_matrix(), 16 * u)
+    near(js.RigidTransform.exp(V).to_matrix(), theirs.as_matrix(), 256 * u)
+    back = interop.jaxlie.to_se3(ours)
+    near(back.as_matrix(), theirs.as_matrix(), 16 * u)
+    np.testing.assert_array_equal(back.translation(), theirs.translation())
+    near(interop.jaxlie.from_tangent(theirs.log()).to_array(), V.to_array(), 1024 * u)
+
+
+@every_dtype
+def test_adjoint_is_the_motion_matrix(dtype, u):
+    X = js.RigidTransform.exp(twists(dtype))
+    theirs = interop.jaxlie.to_se3(X).adjoint()
+    near(X.to_motion_matrix(), interop.jaxlie.from_adjoint(theirs), 64 * u)
+    near(interop.jaxlie.to_adjoint(X.to_motion_matrix()), theirs, 64 * u)
+
+
+def test_under_jit_and_vmap():
+    X = js.RigidTransform.exp(twists(np.float32))
+    round_trip = jax.jit(jax.vmap(lambda x: interop.jaxlie.from_se3(interop.jaxlie.to_se3(x))))
+    near(round_trip(X).to_matrix(), X.to_matrix(), 16 * 2.0**-24)

@@ -1,0 +1,287 @@
+"""MuJoCo's arrays as ours, against what MuJoCo itself says of a model that moves, in float64; and MJX's arrays.
+
+Tolerances are u = 2^-53 times the sizes that are multiplied, a few times: MuJoCo sums over the tree.
+"""
+
+import operator
+
+import jax
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from jaxspatial import interop
+
+mujoco = pytest.importorskip("mujoco")
+
+U = 2.0**-53
+MODEL = """
+<mujoco>
+  <option gravity="0.3 -0.2 -9.81"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="9 9 .1"/>
+    <body name="a" pos=".1 .2 2" quat=".9 .1 -.3 .2"><freejoint/>
+      <inertial pos=".05 -.02 .03" quat=".8 .2 .3 -.1" mass="2" diaginertia=".04 .03 .02"/>
+      <body name="b" pos=".2 0 .1" quat=".7 .1 .5 -.2"><joint axis=".2 .3 1" pos=".02 .01 -.03"/>
+        <inertial pos=".02 .05 -.04" mass="1.3" fullinertia=".03 .025 .02 .003 -.002 .001"/>
+        <body name="c" pos="0 .3 .1"><joint type="slide" axis="1 1 0"/>
+          <inertial pos="0 .01 0" mass=".7" diaginertia=".02 .02 .01"/>
+        </body>
+      </body>
+    </body>
+    <body name="box" pos="1 1 .28" quat="1 .02 .03 0"><freejoint/><geom type="box" size=".1 .2 .3"/></body>
+  </worldbody>
+</mujoco>
+"""
+NAMES = ("a", "b", "c", "box")
+
+
+@pytest.fixture(autouse=True)
+def float64():
+    with jax.enable_x64(True):
+        yield
+
+
+@pytest.fixture(scope="module")
+def state():
+    """A model that moves, falls, is pushed, and touches the floor with one box."""
+    model = mujoco.MjModel.from_xml_string(MODEL)
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    data.qvel[:] = rng.normal(size=model.nv)
+    data.qpos[7:9] = rng.normal(size=2)
+    data.xfrc_applied[1:4] = rng.normal(size=(3, 6))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_rnePostConstraint(model, data)
+    return model, data
+
+
+def near(ours, theirs, size=1.0, k=64):
+    np.testing.assert_allclose(np.asarray(ours), np.asarray(theirs), rtol=0, atol=k * U * size)
+
+
+def centres(model, data):
+    """C of each body."""
+    return data.subtree_com[model.body_rootid]
+
+
+def body_object(model, data, of, name):
+    """What MuJoCo says of a body's origin, in the world's axes."""
+    result = np.zeros(6)
+    of(model, data, mujoco.mjtObj.mjOBJ_XBODY, model.body(name).id, result, 0)
+    return result
+
+
+def test_poses(state):
+    model, data = state
+    X = interop.mujoco.from_xpos_xmat(data.xpos, data.xmat)
+    near(interop.mujoco.from_xpos_xquat(data.xpos, data.xquat).to_matrix(), X.to_matrix(), k=16)
+    xpos, xmat = interop.mujoco.to_xpos_xmat(X)
+    np.testing.assert_array_equal(xpos, data.xpos)
+    np.testing.assert_array_equal(xmat, data.xmat)
+    xpos, xquat = interop.mujoco.to_xpos_xquat(X)
+    np.testing.assert_array_equal(xpos, data.xpos)
+    near(np.abs(np.sum(np.asarray(xquat) * data.xquat, -1)), 1, k=16)
+    in_mjx = interop.mujoco.from_xpos_xmat(data.xpos, data.xmat.reshape(-1, 3, 3))
+    np.testing.assert_array_equal(in_mjx.to_matrix(), X.to_matrix())
+    near((X @ interop.mujoco.from_xpos_xquat(model.body_ipos, model.body_iquat)).translation, data.xipos, k=16)
+
+
+def test_cvel_shifted_to_the_body_is_its_velocity(state):
+    model, data = state
+    V_WC = interop.mujoco.from_cvel(data.cvel)
+    V_WB = js.shift(V_WC, data.xpos - centres(model, data))
+    for name in NAMES:
+        near(V_WB.to_array()[model.body(name).id], body_object(model, data, mujoco.mj_objectVelocity, name), 10)
+    back = interop.mujoco.to_cvel(js.shift(V_WB, centres(model, data) - data.xpos))
+    near(back, data.cvel, 10)
+
+
+def test_cdof_are_the_columns_of_the_velocity(state):
+    model, data = state
+    columns = interop.mujoco.from_cdof(data.cdof)
+    V_C = (columns * data.qvel).to_array()[:8].sum(0)
+    near(V_C, data.cvel[model.body("c").id], 10)
+    np.testing.assert_array_equal(interop.mujoco.to_cdof(columns), data.cdof)
+
+
+def test_cacc_shifted_to_the_body_is_its_classical_acceleration(state):
+    model, data = state
+    gravity, offset = model.opt.gravity, data.xpos - centres(model, data)
+    V_WC = interop.mujoco.from_cvel(data.cvel)
+    A_WC = interop.mujoco.from_cacc(data.cacc, data.cvel, gravity)
+    A_WB = js.shift(A_WC, offset, V_WC.w)
+    for name in NAMES:
+        theirs = body_object(model, data, mujoco.mj_objectAcceleration, name)
+        ours = jax.tree.map(operator.itemgetter(model.body(name).id), A_WB)
+        near(interop.mujoco.to_object_acceleration(ours, gravity), theirs, 1e3)
+        near(interop.mujoco.from_object_acceleration(theirs, gravity).to_array(), ours.to_array(), 1e3)
+    np.testing.assert_array_equal(A_WC.to_array()[0], np.zeros(6))
+    near(interop.mujoco.to_cacc(A_WC, V_WC, gravity), data.cacc, 1e2)
+
+
+def test_free_joint(state):
+    model, data = state
+    body = model.body("a").id
+    X = interop.mujoco.from_free_joint_qpos(data.qpos[:7])
+    near(X.to_matrix(), interop.mujoco.from_xpos_xmat(data.xpos, data.xmat).to_matrix()[body], 2)
+    near(interop.mujoco.to_free_joint_qpos(X), data.qpos[:7] * np.sign(data.qpos[3]), k=8)
+    V = interop.mujoco.from_free_joint_qvel(data.qvel[:6], X.rotation)
+    near(V.to_array(), body_object(model, data, mujoco.mj_objectVelocity, "a"), 10)
+    near(interop.mujoco.to_free_joint_qvel(V, X.rotation), data.qvel[:6], 10)
+    A = interop.mujoco.from_free_joint_qacc(data.qacc[:6], X.rotation)
+    theirs = body_object(model, data, mujoco.mj_objectAcceleration, "a")
+    near(A.to_array(), interop.mujoco.from_object_acceleration(theirs, model.opt.gravity).to_array(), 1e3)
+    near(interop.mujoco.to_free_joint_qacc(A, X.rotation), data.qacc[:6], 1e3)
+
+
+def test_wrench_on_a_free_body_is_its_generalised_force(state):
+    """xfrc_applied about the centre of mass, force first; in qfrc force first too, torque in body axes."""
+    model, data = state
+    body = model.body("a").id
+    X = interop.mujoco.from_xpos_xmat(data.xpos[body], data.xmat[body])
+    F_Bo = js.SpatialForce(*np.random.default_rng(1).normal(size=(2, 3)))
+    pushed = np.asarray(interop.mujoco.to_xfrc_applied(js.shift(F_Bo, data.xipos[body] - data.xpos[body])))
+    qfrc = np.zeros(model.nv)
+    mujoco.mj_applyFT(model, data, pushed[:3].copy(), pushed[3:].copy(), data.xipos[body], body, qfrc)
+    near(interop.mujoco.from_free_joint_qfrc(qfrc[:6], X.rotation).to_array(), F_Bo.to_array(), 10)
+    near(interop.mujoco.to_free_joint_qfrc(F_Bo, X.rotation), qfrc[:6], 10)
+    F_Bcm = interop.mujoco.from_xfrc_applied(pushed)
+    near(js.shift(F_Bcm, data.xpos[body] - data.xipos[body]).to_array(), F_Bo.to_array(), 10)
+
+
+def test_cfrc_ext_is_what_was_applied_moved_to_the_centre(state):
+    model, data = state
+    applied = interop.mujoco.from_xfrc_applied(data.xfrc_applied[1:4])
+    at_centre = js.shift(applied, (centres(model, data) - data.xipos)[1:4])
+    ours = interop.mujoco.from_cfrc(data.cfrc_ext[1:4])
+    near(ours.to_array(), at_centre.to_array(), 10)
+    np.testing.assert_array_equal(interop.mujoco.to_cfrc(ours), data.cfrc_ext[1:4])
+    power = js.dot(ours, interop.mujoco.from_cvel(data.cvel[1:4])).sum()
+    near(power, data.qvel @ generalised(model, data), 100)
+
+
+def generalised(model, data):
+    """xfrc_applied as MuJoCo puts it into joint coordinates."""
+    qfrc = np.zeros(model.nv)
+    for body in range(1, model.nbody):
+        six = data.xfrc_applied[body]
+        mujoco.mj_applyFT(model, data, six[:3].copy(), six[3:].copy(), data.xipos[body], body, qfrc)
+    return qfrc
+
+
+def test_contact_forces_are_the_force_on_the_box(state):
+    model, data = state
+    box, total = model.body("box").id, js.SpatialForce.zero()
+    assert data.ncon
+    for i in range(data.ncon):
+        contact, six = data.contact[i], np.zeros(6)
+        mujoco.mj_contactForce(model, data, i, six)
+        assert model.geom_bodyid[contact.geom2] == box
+        F = interop.mujoco.from_contact_force(six, contact.frame)
+        near(interop.mujoco.to_contact_force(F, contact.frame), six, 1e3)
+        total = total + js.shift(F, centres(model, data)[box] - contact.pos)
+    assert total.f[2] > 1
+    near(total.to_array(), data.cfrc_ext[box], 1e4)
+
+
+def test_joint_force_is_its_own_part_of_cfrc_int(state):
+    """The axis of a joint times the wrench between its bodies is the force in the joint, whatever else acts."""
+    model, data = state[0], mujoco.MjData(state[0])
+    data.qpos[:], data.qvel[:], data.xfrc_applied[:] = (
+        getattr(state[1], name) for name in ("qpos", "qvel", "xfrc_applied")
+    )
+    data.qfrc_applied[6:8] = 1.7, -0.4
+    mujoco.mj_forward(model, data)
+    mujoco.mj_rnePostConstraint(model, data)
+    bodies = [model.body(name).id for name in "bc"]
+    F, V = interop.mujoco.from_cfrc(data.cfrc_int[bodies]), interop.mujoco.from_cdof(data.cdof[6:8])
+    near(js.dot(F, V), [1.7, -0.4], 1e3)
+    np.testing.assert_array_equal(interop.mujoco.to_cfrc(F), data.cfrc_int[bodies])
+
+
+@pytest.mark.parametrize("kind", [js.SpatialForce, js.SpatialVelocity], ids=lambda kind: kind.__name__)
+def test_transform_spatial_is_shift_then_rotate(kind):
+    rng = np.random.default_rng(2)
+    for six in rng.normal(size=(20, 6)):
+        old, new = rng.normal(size=(2, 3))
+        R, result = js.Rotation.exp(rng.normal(size=3)), np.zeros(6)
+        flag = kind is js.SpatialForce
+        rotation = np.array(R.inverse().entries).reshape(9)
+        mujoco.mju_transformSpatial(result, six, flag, new, old, rotation)
+        ours = js.rotate(R, js.shift(kind.from_array(six), new - old))
+        near(ours.to_array(), result, 10)
+
+
+def test_arrays_of_mjx_are_the_same():
+    mjx = pytest.importorskip("mujoco.mjx")
+    model = mujoco.MjModel.from_xml_string(MODEL.replace('type="box"', 'type="sphere"'))
+    with jax.enable_x64(False), jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        data = mujoco.MjData(model)
+        data.qvel[:] = np.random.default_rng(0).normal(size=model.nv)
+        mujoco.mj_forward(model, data)
+        there = mjx.put_data(model, data)
+        cvel = getattr(there, "cvel", None)
+        cvel = there._impl.cvel if cvel is None else cvel
+        X = interop.mujoco.from_xpos_xmat(there.xpos, there.xmat)
+        V = interop.mujoco.from_cvel(cvel)
+    np.testing.assert_allclose(
+        X.to_matrix(), interop.mujoco.from_xpos_xmat(data.xpos, data.xmat).to_matrix(), atol=1e-6
+    )
+    np.testing.assert_allclose(V.to_array(), data.cvel, atol=1e-6)
+
+
+def test_inertia_of_bodies(state):
+    """From principal axes, about the body's origin, to cinert, about C in world axes; and back."""
+    model, data = state
+    bodies = slice(1, None)
+    arrays = [getattr(model, f"body_{name}")[bodies] for name in ("mass", "inertia", "ipos", "iquat")]
+    M_B = interop.mujoco.from_body_inertia(*arrays)
+    X = interop.mujoco.from_xpos_xmat((data.xpos - centres(model, data))[bodies], data.xmat[bodies])
+    M_C = js.act(X, M_B)
+    near(interop.mujoco.to_cinert(M_C), data.cinert[bodies], 10)
+    back = interop.mujoco.from_cinert(data.cinert[bodies])
+    near(back.to_matrix(), M_C.to_matrix(), 10)
+    near(back.central, M_C.central, 10)
+    mass, inertia, ipos, iquat = interop.mujoco.to_body_inertia(M_B)
+    np.testing.assert_array_equal(mass, arrays[0])
+    near(inertia, arrays[1])
+    np.testing.assert_array_equal(ipos, arrays[2])
+    again = interop.mujoco.from_body_inertia(mass, inertia, ipos, iquat)
+    near(again.central, M_B.central)
+
+
+def test_body_inertia_is_what_the_compiler_makes_of_full_inertia(state):
+    model, _ = state
+    full = np.array([0.03, 0.025, 0.02, 0.003, -0.002, 0.001])
+    M = interop.mujoco.from_full_inertia(1.3, np.array([0.02, 0.05, -0.04]), full)
+    mass, pos, again = interop.mujoco.to_full_inertia(M)
+    np.testing.assert_array_equal(again, full)
+    np.testing.assert_array_equal(pos, M.com)
+    b = model.body("b").id
+    arrays = [getattr(model, f"body_{name}")[b] for name in ("mass", "inertia", "ipos", "iquat")]
+    theirs = interop.mujoco.from_body_inertia(*arrays)
+    # MuJoCo stops the iteration for its eigenvectors at 1e-12.
+    np.testing.assert_allclose(theirs.central, M.central, rtol=0, atol=1e-13)
+    assert (theirs.mass, mass) == (M.mass, M.mass)
+    np.testing.assert_allclose(interop.mujoco.to_body_inertia(M)[1], arrays[1], rtol=0, atol=1e-13)
+
+
+def test_kinetic_energy_and_momentum_of_the_tree(state):
+    """M V of every body about C sums to MuJoCo's momentum, and the energies to its energy."""
+    model, data = state
+    M, V = interop.mujoco.from_cinert(data.cinert), interop.mujoco.from_cvel(data.cvel)
+    mujoco.mj_energyVel(model, data)
+    mujoco.mj_subtreeVel(model, data)
+    near(M.kinetic_energy(V)[1:].sum(), data.energy[1], 100)
+    momentum = (M @ V).to_array()[1:4].sum(0)
+    near(momentum[:3], data.subtree_angmom[1], 100)
+    near(momentum[3:] / model.body_subtreemass[1], data.subtree_linvel[1], 10)
+
+
+def test_composite_inertia_is_the_sum(state):
+    """crb of the root of the tree: all its bodies as one."""
+    _, data = state
+    bodies = interop.mujoco.from_cinert(data.cinert[1:4])
+    theirs = interop.mujoco.from_cinert(data.crb[1])
+    near(bodies.sum().to_matrix(), theirs.to_matrix(), 10)
