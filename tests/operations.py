@@ -17,6 +17,8 @@ import numpy as np
 import jaxspatial as js
 from jaxspatial.measure import error
 from jaxspatial.measure.exact import attribute, rationals, sized
+from jaxspatial.rotation.rotation import composed
+from jaxspatial.spatial.transform import transformed
 
 N_POINTS = 5
 DTYPES = ("float16", "bfloat16", "float32", "float64")
@@ -28,7 +30,9 @@ _ARGUMENTS = {
     "V": ([(3,), (3,)], js.SpatialVelocity),
     "A": ([(3,), (3,)], js.SpatialAcceleration),
     "R": ([(9,)], js.Rotation),
+    "X": ([(9,), (3,)], lambda entries, p: js.RigidTransform(js.Rotation(entries), p)),
     "vector": ([(3,)], lambda x: x),
+    "M": ([(), (3,), (6,)], js.SpatialInertia),
     "points": ([(N_POINTS, 3)], lambda x: x),
     "coefficients": ([(6,)], lambda x: x),
     "scalar": ([()], lambda x: x),
@@ -78,6 +82,10 @@ class Operation(NamedTuple):
     # Per array of the result. None: an operation without a precision.
     bounds: tuple | None = None
     differentiable: bool = True
+    # The operation that runs the same formula, of other types: what is told of that one need not be told again.
+    twin: str | None = None
+    # A result of many terms of many factors, which takes long to compile in precision "faithful".
+    is_long: bool = False
 
     @property
     def shapes(self):
@@ -152,9 +160,106 @@ def _cross_force(w, v, tau, f):
     return np.cross(w, tau) + np.cross(v, f), np.cross(w, f)
 
 
+def _rows(entries):
+    return entries.reshape((*entries.shape[:-1], 3, 3))
+
+
+def _columns(entries):
+    return np.swapaxes(_rows(entries), -1, -2)
+
+
+def _turned(rows, v):
+    return _sum_of_three(rows * v[..., None, :])
+
+
 def _rotated(entries, tau, f):
-    rows = entries.reshape((*entries.shape[:-1], 3, 3))
-    return tuple(_sum_of_three(rows * part[..., None, :]) for part in (tau, f))
+    return tuple(_turned(_rows(entries), part) for part in (tau, f))
+
+
+def _product(left, right):
+    entries = _sum_of_three(_rows(left)[..., :, None, :] * _columns(right)[..., None, :, :])
+    return entries.reshape((*entries.shape[:-2], 9))
+
+
+def _transformed(entries, p, q):
+    return (p + _turned(_rows(entries), q),)
+
+
+def _transforms(entries, p, entries2, p2):
+    return _product(entries, entries2), *_transformed(entries, p, p2)
+
+
+def _inverse_times(entries, p, entries2, p2):
+    inverse = _columns(entries).reshape(entries.shape)
+    return _product(inverse, entries2), _turned(_columns(entries), p2 - p)
+
+
+def _moved(entries, p, x, y):
+    new = _turned(_rows(entries), x)
+    return new, _turned(_rows(entries), y) + np.cross(p, new)
+
+
+def _moved_back(entries, p, x, y):
+    return _turned(_columns(entries), x), _turned(_columns(entries), y - np.cross(p, x))
+
+
+def _moved_acceleration(entries, p, alpha, a, w):
+    new, spin = (_turned(_rows(entries), x) for x in (alpha, w))
+    moved = _turned(_rows(entries), a) + np.cross(p, new)
+    return new, moved + np.cross(spin, np.cross(p, spin))
+
+
+def _acceleration_moved_back(entries, p, alpha, a, w):
+    moved = (a + np.cross(alpha, p)) + np.cross(w, np.cross(w, p))
+    return _turned(_columns(entries), alpha), _turned(_columns(entries), moved)
+
+
+def _composed_velocity(w, v, p, w2, v2):
+    return w + w2, (v + np.cross(w, p)) + v2
+
+
+def _composed_acceleration(alpha, a, p, w, w2, v2, alpha2, a2):
+    coriolis = np.cross(w, v2)
+    moved = (a + np.cross(alpha, p)) + np.cross(w, np.cross(w, p))
+    return (alpha + alpha2) + np.cross(w, w2), (moved + (coriolis + coriolis)) + a2
+
+
+_SYMMETRIC = np.array([0, 1, 3, 1, 2, 4, 3, 4, 5])
+
+
+def _turned_six(rows, six):
+    """R S R^T by its six entries."""
+    half = _sum_of_three(_rows(six[..., _SYMMETRIC])[..., None, :, :] * rows[..., :, None, :])
+    full = _sum_of_three(half[..., :, None, :] * rows[..., None, :, :])
+    return np.stack([full[..., i, j] for i in range(3) for j in range(i + 1)], -1)
+
+
+def _rotated_inertia(entries, mass, com, central):
+    return mass, _turned(_rows(entries), com), _turned_six(_rows(entries), central)
+
+
+def _acted_inertia(entries, p, mass, com, central):
+    return mass, p + _turned(_rows(entries), com), _turned_six(_rows(entries), central)
+
+
+def _inertia_acted_back(entries, p, mass, com, central):
+    return mass, _turned(_columns(entries), com - p), _turned_six(_columns(entries), central)
+
+
+def _applied(mass, com, central, alpha, a):
+    f = mass[..., None] * (a + np.cross(alpha, com))
+    return _turned(_rows(central[..., _SYMMETRIC]), alpha) + np.cross(com, f), f
+
+
+def _twice_energy(mass, com, central, w, v):
+    moved = v + np.cross(w, com)
+    spinning = _sum_of_three(w * _turned(_rows(central[..., _SYMMETRIC]), w))
+    return (mass * _sum_of_three(moved * moved) + spinning,)
+
+
+def _swapped(formula):
+    """Of a force, whose translational part is what turns the other."""
+    return lambda entries, p, tau, f: formula(entries, p, f, tau)[::-1]
 
 
 def _wrench(points, forces):
@@ -189,6 +294,9 @@ def summed(n):
     return Bound(k=2 + rounds, m=2 * (2 + rounds) ** 2, o=n**2)
 
 
+TURNED, ACT, ACT_A = Bound(k=3, m=4), Bound(k=8, m=32), Bound(k=14, m=128)
+TURNED_SIX, FORCE, TORQUE, ENERGY = Bound(k=6, m=32), Bound(k=5, m=64), Bound(k=8, m=64), Bound(k=12, m=128)
+POINT, COMPOSED, COMPOSED_A = Bound(k=4, m=8), Bound(k=4, m=4), Bound(k=10, m=32)
 EXACT, SHIFT, SHIFT_A, SINGLE, SUM = Bound(), Bound(k=3, m=4), Bound(k=7, m=32), Bound(k=2, m=4), Bound(k=3, m=4)
 DOT, AXIS, PRESSED = Bound(k=4, m=8), Bound(k=7, m=32), Bound(k=3.5, l=4, m=32, n=32)
 
@@ -196,20 +304,56 @@ OPERATIONS = {
     operation.name: operation
     for operation in (
         Operation("shift_force", "F vector", js.shift, _shifted_force, (SHIFT, EXACT)),
-        Operation("shift_momentum", "L vector", js.shift, _shifted_force, (SHIFT, EXACT)),
+        Operation("shift_momentum", "L vector", js.shift, _shifted_force, (SHIFT, EXACT),
+                  twin="shift_force"),
         Operation("shift_velocity", "V vector", js.shift, lambda w, v, p: (w, v + np.cross(w, p)), (EXACT, SHIFT)),
         Operation("shift_acceleration", "A vector vector", js.shift,
                   lambda alpha, a, p, w: (alpha, (a + np.cross(alpha, p)) + np.cross(w, np.cross(w, p))),
                   (EXACT, SHIFT_A)),
         Operation("dot_force_velocity", "F V", js.dot, _pairing, (DOT,)),
-        Operation("dot_velocity_force", "V F", js.dot, _reversed_pairing, (DOT,)),
-        Operation("dot_momentum_velocity", "L V", js.dot, _pairing, (DOT,)),
-        Operation("dot_velocity_momentum", "V L", js.dot, _reversed_pairing, (DOT,)),
+        Operation("dot_velocity_force", "V F", js.dot, _reversed_pairing, (DOT,),
+                  twin="dot_force_velocity"),
+        Operation("dot_momentum_velocity", "L V", js.dot, _pairing, (DOT,),
+                  twin="dot_force_velocity"),
+        Operation("dot_velocity_momentum", "V L", js.dot, _reversed_pairing, (DOT,),
+                  twin="dot_force_velocity"),
         Operation("cross_velocity", "V V", js.cross, _cross_motion, (SINGLE, SUM)),
-        Operation("cross_acceleration", "V A", js.cross, _cross_motion, (SINGLE, SUM)),
+        Operation("cross_acceleration", "V A", js.cross, _cross_motion, (SINGLE, SUM),
+                  twin="cross_velocity"),
         Operation("cross_force", "V F", js.cross, _cross_force, (SUM, SINGLE)),
-        Operation("cross_momentum", "V L", js.cross, _cross_force, (SUM, SINGLE)),
+        Operation("cross_momentum", "V L", js.cross, _cross_force, (SUM, SINGLE),
+                  twin="cross_force"),
         Operation("rotate", "R F", js.rotate, _rotated, (Bound(k=3, m=4), Bound(k=3, m=4))),
+        Operation("compose_rotations", "R R", lambda R, S, precision=None: composed(R, S, precision=precision),
+                  lambda *entries: (_product(*entries),), (TURNED,)),
+        Operation("transform_point", "X vector", lambda X, p, precision=None: transformed(X, p, precision=precision),
+                  _transformed, (POINT,)),
+        Operation("compose_transforms", "X X", lambda X, Y, precision=None: transformed(X, Y, precision=precision),
+                  _transforms, (TURNED, POINT), twin="transform_point"),
+        Operation("inverse_times", "X X", js.RigidTransform.inverse_times, _inverse_times, (TURNED, ACT)),
+        Operation("act_velocity", "X V", js.act, _moved, (TURNED, ACT)),
+        Operation("act_force", "X F", js.act, _swapped(_moved), (ACT, TURNED), twin="act_velocity"),
+        Operation("act_inverse_velocity", "X V", js.act_inverse, _moved_back, (TURNED, ACT)),
+        Operation("act_inverse_momentum", "X L", js.act_inverse, _swapped(_moved_back), (ACT, TURNED),
+                  twin="act_inverse_velocity"),
+        Operation("act_acceleration", "X A vector", js.act, _moved_acceleration, (TURNED, ACT_A), is_long=True),
+        Operation("act_inverse_acceleration", "X A vector", js.act_inverse, _acceleration_moved_back, (TURNED, ACT_A),
+                  is_long=True),
+        Operation("compose_velocity", "V vector V", js.SpatialVelocity.compose_with_moving_frame, _composed_velocity,
+                  (SINGLE, COMPOSED)),
+        Operation("compose_acceleration", "A vector vector V A", js.SpatialAcceleration.compose_with_moving_frame,
+                  _composed_acceleration, (COMPOSED, COMPOSED_A), is_long=True),
+        Operation("to_featherstone", "A V", js.SpatialAcceleration.to_featherstone,
+                  lambda alpha, a, w, v: (np.concatenate((alpha, a - np.cross(w, v)), -1),), (SHIFT,), twin="shift_force"),
+        Operation("shift_inertia", "M vector", js.shift, lambda m, c, i, p: (m, c - p, i), (EXACT, Bound(k=1, m=0), EXACT)),
+        Operation("rotate_inertia", "R M", js.rotate, _rotated_inertia, (EXACT, TURNED, TURNED_SIX)),
+        Operation("act_inertia", "X M", js.act, _acted_inertia, (EXACT, POINT, TURNED_SIX), twin="rotate_inertia"),
+        Operation("act_inverse_inertia", "X M", js.act_inverse, _inertia_acted_back, (EXACT, ACT, TURNED_SIX),
+                  twin="rotate_inertia"),
+        Operation("apply_acceleration", "M A", js.SpatialInertia.apply, _applied, (TORQUE, FORCE), is_long=True),
+        Operation("apply_velocity", "M V", js.SpatialInertia.apply, _applied, (TORQUE, FORCE), twin="apply_acceleration"),
+        Operation("kinetic_energy", "M V", lambda M, V, precision=None: M.kinetic_energy(V, precision=precision) * 2,
+                  _twice_energy, (ENERGY,), is_long=True),
         Operation("add", "F F", lambda F, G: F + G, lambda tau, f, tau2, f2: (tau + tau2, f + f2)),
         Operation("subtract", "V V", lambda V, W: V - W, lambda w, v, w2, v2: (w - w2, v - v2)),
         Operation("negate", "L", lambda L: -L, lambda *parts: tuple(-x for x in parts)),
@@ -232,3 +376,7 @@ OPERATIONS = {
     )
 }  # fmt: skip
 WITH_PRECISION = [name for name, operation in OPERATIONS.items() if operation.bounds]
+# One of each formula.
+FORMULAS = [name for name in WITH_PRECISION if not OPERATIONS[name].twin]
+# Of each kind of arithmetic one, which is tried in every surrounding.
+REPRESENTATIVES = ("shift_force", "shift_acceleration", "dot_force_velocity", "cross_velocity", "act_velocity", "wrench_from_point_forces")

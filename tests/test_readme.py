@@ -12,7 +12,7 @@ import pytest
 
 import jaxspatial as js
 
-LAYERS = ("arithmetic", "rotation", "spatial", "measure")
+LAYERS = ("arithmetic", "rotation", "spatial", "inertia", "interop", "measure")
 README = (pathlib.Path(__file__).parent.parent / "README.md").read_text()
 
 

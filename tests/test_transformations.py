@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
-from operations import OPERATIONS, WITH_PRECISION, violations
+from operations import FORMULAS, OPERATIONS, REPRESENTATIVES, violations
 
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
@@ -30,34 +30,51 @@ CONTEXTS = {
     "checkpoint": lambda f: jax.jit(jax.checkpoint(f)),
     "known": lambda f: lambda *args: jax.jit(lambda first: f(first, *_known(args[1:])))(args[0]),
 }
+OF_SEVERAL = [name for name, operation in OPERATIONS.items() if " " in operation.arguments and not operation.twin]
 # (operation, precision) for all that can be differentiated, None where there is no precision to choose.
 DIFFERENTIABLE = [
     (name, precision)
     for name, operation in OPERATIONS.items()
-    if operation.differentiable
+    if operation.differentiable and not operation.twin
     for precision in (("fast", "reproducible") if operation.bounds else (None,))
 ]
-# Those two compile for longer: one operation of each formula will do.
 OF_WHOLE_SUMS = [
     (name, precision)
-    for name, operation in OPERATIONS.items()
-    if operation.bounds and ("momentum" not in name and name not in ("dot_velocity_force", "cross_acceleration"))
+    for name in FORMULAS
     for precision in ("compensated", "faithful")
+    if not (OPERATIONS[name].is_long and precision == "faithful")
 ]
-BOUNDED = [(name, "fast") for name in WITH_PRECISION] + OF_WHOLE_SUMS
-OF_SEVERAL = [name for name, operation in OPERATIONS.items() if " " in operation.arguments]
+BOUNDED = [(name, "fast") for name in FORMULAS] + OF_WHOLE_SUMS
+IN_EVERY_CONTEXT = [case for case in BOUNDED if case[0] in REPRESENTATIVES]
+SHARED = [
+    (name, precision)
+    for name, precision in DIFFERENTIABLE + OF_WHOLE_SUMS
+    if name in OF_SEVERAL
+    and precision not in ("fast", "faithful")
+    and (name in REPRESENTATIVES or precision == "reproducible" or precision is None)
+]
 
 operations = pytest.mark.parametrize("name", OPERATIONS)
 contexts = pytest.mark.parametrize("context", CONTEXTS)
 differentiable = pytest.mark.parametrize(("name", "precision"), DIFFERENTIABLE)
 
 
-@pytest.fixture(
-    params=[("float16", True), ("bfloat16", True), ("float32", False), ("float32", True), ("float64", True)],
-    ids=lambda param: f"{param[0]}-{'x64' if param[1] else 'x32'}",
-)
+# Each dtype with 64-bit types on, where it must not be widened; float32 with them off as well.
+FORMATS = [("float16", True), ("bfloat16", True), ("float32", False), ("float32", True), ("float64", True)]
+SURROUNDINGS = [
+    (dtype, context)
+    for dtype in FORMATS
+    for context in (CONTEXTS if dtype in (("float32", False), ("float64", True)) else ("eager", "vmap", "known"))
+]
+
+
+def _name(surrounding):
+    (dtype, x64), context = surrounding
+    return f"{dtype}-{'x64' if x64 else 'x32'}-{context}"
+
+
+@pytest.fixture(params=FORMATS, ids=lambda param: f"{param[0]}-{'x64' if param[1] else 'x32'}")
 def dtype(request):
-    """Each dtype with 64-bit types on, where it must not be widened; float32 with them off as well."""
     with jax.enable_x64(request.param[1]):
         yield request.param[0]
 
@@ -65,7 +82,7 @@ def dtype(request):
 # -- values -----------------------------------------------------------------------------------------------------------
 
 
-@contexts
+@pytest.mark.parametrize(("dtype", "context"), SURROUNDINGS, indirect=["dtype"], ids=map(_name, SURROUNDINGS))
 @operations
 def test_value_is_bitwise_the_naive_formula(name, context, dtype):
     inputs = _inputs(name, dtype, BATCH)
@@ -102,7 +119,7 @@ def test_one_item_is_shared_by_a_batch(name, x64):
 
 
 @contexts
-@pytest.mark.parametrize(("name", "precision"), BOUNDED)
+@pytest.mark.parametrize(("name", "precision"), IN_EVERY_CONTEXT)
 def test_bound_of_the_docstring_in_every_context(name, precision, context):
     result = CONTEXTS[context](_function(name, precision))(*_on_device(_inputs(name, "float32", BATCH)))
     _assert_within_bounds(result, name, precision, "float32")
@@ -142,10 +159,7 @@ def test_derivatives_of_whole_sums(name, precision):
 
 
 @pytest.mark.parametrize("how", ["broadcasting", "vmap"])
-@pytest.mark.parametrize(
-    ("name", "precision"),
-    [case for case in DIFFERENTIABLE + OF_WHOLE_SUMS if case[0] in OF_SEVERAL and case[1] not in ("fast", "faithful")],
-)
+@pytest.mark.parametrize(("name", "precision"), SHARED)
 def test_pull_back_of_an_item_shared_by_a_batch(name, precision, how):
     of_all = _function(name, precision)
     for i in range(len(OPERATIONS[name].arguments.split())):

@@ -4,6 +4,7 @@ One batch, because compiling is what takes the time; and exact results are share
 """
 
 import functools
+import math
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -81,9 +82,10 @@ def made(name, arrays):
 def arranged(name, family, rng, n, dtype):
     """Arrays of a family in the shapes that the operation takes."""
     shapes = OPERATIONS[name].shapes
-    rows = max(int(np.prod(shape)) // 3 for shape in shapes)
+    rows = max(-(-math.prod(shape) // 3) for shape in shapes)
     vectors = family(rng, len(shapes), n * rows, jnp.dtype(dtype))
-    return [x.reshape(n, -1)[:, : np.prod(shape)].reshape(n, *shape) for x, shape in zip(vectors, shapes, strict=True)]
+    flat = (x.reshape(n, -1) for x in vectors)
+    return [x[:, : math.prod(shape)].reshape(n, *shape) for x, shape in zip(flat, shapes, strict=True)]
 
 
 def conditions(dtype):

@@ -4,13 +4,15 @@ Operations x precisions x dtypes x hostile inputs x surroundings: a compiler bre
 what else is computed from what. The tolerance is the promise itself.
 """
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
 from laws import hostile
-from operations import DTYPES, EXACT, WITH_PRECISION, summed, violations
+from operations import DTYPES, EXACT, FORMULAS, summed, violations
 
 import jaxspatial as js
 from jaxspatial.measure import error, exact
@@ -56,9 +58,18 @@ def _contexts(name, dtype):
     return CONTEXTS if all_of_them else {"jit vmap": CONTEXTS["jit vmap"]}
 
 
-@precisions
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", WITH_PRECISION)
+def _is_slow(name, _, precision):
+    """45 products of five factors: as expansions they compile for minutes."""
+    return name == "act_acceleration" and precision == js.Precision.FAITHFUL
+
+
+@pytest.mark.parametrize(
+    ("name", "dtype", "precision"),
+    [
+        pytest.param(*case, marks=[pytest.mark.slow] * _is_slow(*case))
+        for case in itertools.product(FORMULAS, DTYPES, js.Precision)
+    ],
+)
 def test_bound_of_the_docstring(name, dtype, precision):
     case = hostile.case(name, dtype)
     with jax.enable_x64(dtype == "float64"):
