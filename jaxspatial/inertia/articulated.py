@@ -8,6 +8,7 @@ import jax
 import jax.export
 import jax.numpy as jnp
 import numpy as np
+from jax.experimental.xla_metadata import set_xla_metadata
 
 from jaxspatial.arithmetic import check, lanes, vectors
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, to_double_word
@@ -28,8 +29,8 @@ _FIELDS = ("rotational", "coupling", "translational")
 # triangle, the coupling, transposed, in the lower left block.
 _ROTATIONAL, _TRANSLATIONAL = (np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]]) + first for first in (0, 15))
 _COUPLING = np.arange(6, 15).reshape(3, 3)
-_TO_MATRIX = np.block([[_ROTATIONAL, _COUPLING], [_COUPLING.T, _TRANSLATIONAL]]).ravel()
-_OF_MATRIX = np.array([0, 6, 7, 12, 13, 14, 18, 24, 30, 19, 25, 31, 20, 26, 32, 21, 27, 28, 33, 34, 35])
+_TO_MATRIX = np.block([[_ROTATIONAL, _COUPLING], [_COUPLING.T, _TRANSLATIONAL]]).ravel().astype(np.int32)
+_OF_MATRIX = np.array([0, 6, 7, 12, 13, 14, 18, 24, 30, 19, 25, 31, 20, 26, 32, 21, 27, 28, 33, 34, 35], np.int32)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -213,7 +214,7 @@ def joint_projection(P_P_E, S_P_E, armature=0.0, *, precision=None):
         massless bodies. The inertia left is P - P S (S^T P S + diag(armature))^-1 S^T P, S the 6 x k matrix.
     armature: inertia of the joint itself (rotors ...), a number or (*batch,), of a list one for all or a list of k.
 
-    Returns JointProjection(inertia, U, D), with U SpatialForce. Symmetric; inertia S = 0 without an armature. Where D
+    Returns JointProjection(inertia, U, D), with U SpatialForce. Symmetric; without an armature inertia S = 0, up to errors. Where D
     is 0 or less, by rounding or because nothing hangs on the joint, there is nothing to remove: the inertia stays as it
     is.
 
@@ -441,11 +442,37 @@ def _projected(j, f, m, *arms_and_parts, n):
     """[J, F, M] of what is left, and for each of n motions the halves of U, and (D,)."""
     arms, parts = arms_and_parts[:n], arms_and_parts[n:]
     found = []
+    step = _one_by_one(_removed) if n > 1 else _removed
     for (arm,), w, v in zip(arms, parts[::2], parts[1::2], strict=True):
-        U, D = _felt(j, f, m, w, v, arm)
-        j, f, m = _without(j, f, m, U, D)
+        (j, f, m), U, D = step(j, f, m, w, v, arm)
         found += [U[:3], U[3:], (D,)]
     return [j, f, m, *found]
+
+
+def _removed(j, f, m, w, v, arm):
+    U, D = _felt(j, f, m, w, v, arm)
+    return _without(j, f, m, U, D), U, D
+
+
+def _one_by_one(step):
+    """The step as a call that the compiler does not inline, of Lanes too: fused into the next ones it would be computed
+    again for every use, six of them for minutes. What is known stays so on the way in."""
+
+    def call(*numbers):
+        given, tree = jax.tree.flatten(numbers)
+        lane = next((x for x in given if isinstance(x, Lane)), None)
+        if lane is None:
+            return step(*numbers)
+        data = {i: x.value for i, x in enumerate(given) if not lanes.is_known(x.value)}
+
+        def run(data):
+            found = [Lane(lane.precision, data.get(i, x.value)) for i, x in enumerate(given)]
+            return jax.tree.map(lambda x: x.value, step(*jax.tree.unflatten(tree, found)))
+
+        with set_xla_metadata(inlineable="false"):
+            return jax.tree.map(lambda x: Lane(lane.precision, x), jax.jit(run)(data))
+
+    return call
 
 
 @apart

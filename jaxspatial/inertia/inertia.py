@@ -33,16 +33,17 @@ class SpatialInertia(Shapes):
     mass: (*batch,) kg
     com: (*batch, 3) p_PBcm_E, from P to the centre of mass, m
     central: (*batch, 6) rotational inertia about the centre of mass, kg m2: Ixx, Ixy, Iyy, Ixz, Iyz, Izz, products with
-        the sign that they have in the matrix. Given like that or as (*batch, 3, 3), of which the lower triangle is read.
+        the sign that they have in the matrix. Given like that or as (*batch, 3, 3), of which the lower triangle is
+        read.
 
-    Moving P leaves mass and central as they are, so that no distance takes digits from them. Python floats take the dtype
-    of the arrays beside them, batch shapes broadcast. Bodies without mass are inertias too. Nothing is checked of the
-    values: see `is_physically_valid`.
+    Moving P leaves mass and central as they are, so that no distance takes digits from them. Python floats take the
+    dtype of the arrays beside them, batch shapes broadcast. Bodies without mass are inertias too. Nothing is checked of
+    the values: see `is_physically_valid`.
 
-    What the error bounds below mean: u is the unit roundoff, r the exact component, mag the sum of the absolute values of
-    its terms, multiplied out; for bounds, edges and derivatives of sums of products see `jaxspatial.spatial.operations`.
-    What takes quotients and roots as well is evaluated in float64 for "compensated" and "faithful", or for float64 in
-    double words, and rounded once; float16 and bfloat16 otherwise in float32.
+    What the error bounds below mean: u is the unit roundoff, r the exact component, mag the sum of the absolute values
+    of its terms, multiplied out; for bounds, edges and derivatives of sums of products see
+    `jaxspatial.spatial.operations`. What takes quotients and roots as well is evaluated in float64 for "compensated"
+    and "faithful", or for float64 in double words, and rounded once; float16 and bfloat16 otherwise in float32.
     """
 
     mass: jax.Array
@@ -83,9 +84,9 @@ class SpatialInertia(Shapes):
 
             central = I_P - m (|c|^2 1 - c c^T)
 
-        This cancels: of central as many digits are lost as I_P is larger. What P was far away for the caller has lost them
-        already; give the central inertia where it is known. Error per entry, mag = |I_P| + m |c|^2: at most 5 u mag in
-        "fast" and "reproducible", u |r| + 16 u^2 mag in "compensated", 1 ulp in "faithful".
+        This cancels: of central as many digits are lost as I_P is larger. What P was far away for the caller has lost
+        them already; give the central inertia where it is known. Error per entry, mag = |I_P| + m |c|^2: at most 5 u
+        mag in "fast" and "reproducible", u |r| + 16 u^2 mag in "compensated", 1 ulp in "faithful".
         """
         mass, com, about_origin = _checked("SpatialInertia.from_origin", mass, com, about_origin, "about_origin")
         return cls(mass, com, parameters.about_center(precision, expanded(mass), com, about_origin))
@@ -103,8 +104,9 @@ class SpatialInertia(Shapes):
     def from_dynamic_parameters(cls, pi10, *, precision=None):
         """From (*batch, 10) m, m c, then Ixx, Ixy, Iyy, Ixz, Iyz, Izz about P: Pinocchio's order.
 
-        c = m c / m, 0 for 0 / 0, and central = I_P - m (|c|^2 1 - c c^T), which cancels as in `from_origin`. Error of com
-        u |c|, of central at most 6 u mag, mag = |I_P| + m |c|^2; in "compensated" and "faithful" u |r| + 64 u^2 mag.
+        c = m c / m, 0 for 0 / 0, and central = I_P - m (|c|^2 1 - c c^T), which cancels as in `from_origin`. Error of
+        com u |c|, of central at most 6 u mag, mag = |I_P| + m |c|^2; in "compensated" and "faithful" u |r| + 64 u^2
+        mag.
         """
         pi10 = check.as_vectors(pi10, "SpatialInertia.from_dynamic_parameters: pi10", size=10)
         return cls(pi10[..., 0], *parameters.from_dynamic_parameters(precision, pi10))
@@ -171,17 +173,19 @@ class SpatialInertia(Shapes):
         return parameters.dynamic_parameters(precision, *self._vectors)
 
     def to_pseudo_inertia(self, *, precision=None):
-        """(*batch, 4, 4): see `from_pseudo_inertia`. Errors as of `inertia_about_origin`, mag of Sigma = tr(I) / 2 1 - I."""
+        """(*batch, 4, 4): see `from_pseudo_inertia`. Errors as of `inertia_about_origin`, mag of Sigma = tr(I) / 2 1 -
+        I."""
         return parameters.pseudo_inertia(precision, *self._vectors)
 
     def to_log_cholesky(self, *, precision=None):
-        """(*batch, 10): see `from_log_cholesky`. The inverse of that, by a Cholesky factorisation from the last column on.
+        """(*batch, 10): see `from_log_cholesky`. The inverse of that, by a Cholesky factorisation from the last column
+        on.
 
-        Error of alpha 4 u |alpha|; all others grow with c = tr(Sigma) / (smallest eigenvalue of Sigma), Sigma the second
-        moments about the centre of mass: of the d at most 32 u (c + |d|), of the s 32 u c sqrt(tr(Sigma) / m), so that the
-        way there and back costs 64 u c relative to central; in "compensated" and "faithful" u |r| and u^2 of that.
-        Flat, thin and massless bodies have none: where Sigma is singular, d is -inf and others may be NaN, and NaN where
-        no body can have this inertia. Derivatives grow alike.
+        Error of alpha 4 u |alpha|; all others grow with c = tr(Sigma) / (smallest eigenvalue of Sigma), Sigma the
+        second moments about the centre of mass: of the d at most 32 u (c + |d|), of the s 32 u c sqrt(tr(Sigma) / m),
+        so that the way there and back costs 64 u c relative to central; in "compensated" and "faithful" u |r| and u^2
+        of that. Flat, thin and massless bodies have none: where Sigma is singular, d is -inf and others may be NaN, and
+        NaN where no body can have this inertia. Derivatives grow alike.
         """
         return parameters.log_cholesky(precision, *self._vectors)
 
@@ -208,8 +212,8 @@ class SpatialInertia(Shapes):
         motion_P_E: SpatialAcceleration or SpatialVelocity of P, in the same frame. c is com, I is central. Without the
         terms in w x w that the force on a moving body has as well: those are `newton_euler`'s.
 
-        Error per component: of f and l at most 5 u mag, of tau and h 8 u mag in "fast" and "reproducible", u |r| + 64 u^2
-        mag in "compensated", 1 ulp in "faithful". Raises TypeError for other kinds or dtypes that differ.
+        Error per component: of f and l at most 5 u mag, of tau and h 8 u mag in "fast" and "reproducible", u |r| + 64
+        u^2 mag in "compensated", 1 ulp in "faithful". Raises TypeError for other kinds or dtypes that differ.
         [Jain 2010, 2.1; Drake, SpatialInertia::operator*] 45 flops.
         """
         kind = _RESULTS.get(type(motion_P_E))
@@ -222,8 +226,8 @@ class SpatialInertia(Shapes):
     def kinetic_energy(self, V_MBp_E, *, precision=None):
         """(*batch,) m |v + w x c|^2 / 2 + w . I w / 2, joules, of the body whose point P moves with V in the frame M.
 
-        Not changed by another point or frame. Error at most 12 u mag in "fast" and "reproducible", u |r| + 128 u^2 mag in
-        "compensated", 1 ulp in "faithful". Raises TypeError for anything but a SpatialVelocity. [Jain 2010, 2.1]
+        Not changed by another point or frame. Error at most 12 u mag in "fast" and "reproducible", u |r| + 128 u^2 mag
+        in "compensated", 1 ulp in "faithful". Raises TypeError for anything but a SpatialVelocity. [Jain 2010, 2.1]
         """
         if not isinstance(V_MBp_E, SpatialVelocity):
             raise TypeError(f"kinetic_energy: expected a SpatialVelocity, got {type(V_MBp_E).__name__}")
@@ -249,10 +253,10 @@ class SpatialInertia(Shapes):
 
             com = c1 + (m2 / m) d    central = I1 + I2 + (m1 m2 / m) (|d|^2 1 - d d^T)    d = c2 - c1
 
-        The terms are positive semidefinite, so that nothing cancels and nothing turns indefinite but by rounding an entry:
-        the validity slack falls by at most 16 u. Where the centres of mass coincide, com is exactly theirs. Two bodies
-        without mass have the mean of their com. Error: of mass u m, of com at most 6 u (m1 |c1| + m2 |c2|) / m, of
-        central 10 u mag; in "compensated" and "faithful" u |r| + 128 u^2 mag. Derivatives are exact to a few u.
+        The terms are positive semidefinite, so that nothing cancels and nothing turns indefinite but by rounding an
+        entry: the validity slack falls by at most 16 u. Where the centres of mass coincide, com is exactly theirs. Two
+        bodies without mass have the mean of their com. Error: of mass u m, of com at most 6 u (m1 |c1| + m2 |c2|) / m,
+        of central 10 u mag; in "compensated" and "faithful" u |r| + 128 u^2 mag. Derivatives are exact to a few u.
         [Featherstone 2008, 2.13]
         """
         return self._with(addition.combined, "+", other, precision)
@@ -260,9 +264,9 @@ class SpatialInertia(Shapes):
     def remove(self, other, *, precision=None):
         """The inertia of what is left of this body without a part of it, about the same point in the same frame.
 
-        This cancels: of mass, com and central as many digits are lost as what is left is smaller. Where no mass is left of
-        a body that had some, com and central are infinite or NaN; without mass from the start com stays. Errors as of
-        `combine`, with mag of the differences, com's over the mass that is left.
+        This cancels: of mass, com and central as many digits are lost as what is left is smaller. Where no mass is left
+        of a body that had some, com and central are infinite or NaN; without mass from the start com stays. Errors as
+        of `combine`, with mag of the differences, com's over the mass that is left.
         """
         return self._with(addition.removed, "-", other, precision)
 
@@ -277,14 +281,17 @@ class SpatialInertia(Shapes):
 
             com = sum m_i c_i / m    central = sum (I_i + m_i (|d_i|^2 1 - d_i d_i^T))    d_i = c_i - com
 
-        axis: an integer. Sums by halving, always in the same order; what com is off counts in central by its square only.
-        Without any mass com is the mean; of no bodies at all the result is zero. With L = ceil(log2 n), error of mass at
-        most L u m, of com (L + 4) u sum m_i |c_i| / m, of central (L + 10) u mag, mag = sum (|I_i| + m_i |d_i|^2) with
-        |d_i|^2 <= |c_i|^2 + |com|^2; in "compensated" and "faithful" u |r| + 64 (L + 4) u^2 mag. Nothing turns indefinite
-        but by rounding, as for `combine`. Of double words com and central are good to 64 (L + 4) u^2 mag.
+        axis: an integer. Sums by halving, always in the same order; what com is off counts in central by its square
+        only. Without any mass com is the mean; of no bodies at all the result is zero. With L = ceil(log2 n), error of
+        mass at most L u m, of com (L + 4) u sum m_i |c_i| / m, of central (L + 10) u mag, mag = sum (|I_i| + m_i
+        |d_i|^2) with |d_i|^2 <= |c_i|^2 + |com|^2; in "compensated" and "faithful" u |r| + 64 (L + 4) u^2 mag. Nothing
+        turns indefinite but by rounding, as for `combine`. Of double words com and central are good to 64 (L + 4) u^2
+        mag.
         """
         if not -len(self.batch_shape) <= axis < len(self.batch_shape):
-            raise ValueError(f"SpatialInertia.sum: axis: expected one of a batch of shape {self.batch_shape}, got {axis}")
+            raise ValueError(
+                f"SpatialInertia.sum: axis: expected one of a batch of shape {self.batch_shape}, got {axis}"
+            )
         place = axis % len(self.batch_shape)
         if not self.batch_shape[place]:
             return SpatialInertia.zero((*self.batch_shape[:place], *self.batch_shape[place + 1 :]), self.dtype)
@@ -308,15 +315,15 @@ class SpatialInertia(Shapes):
     def is_physically_valid(self, tolerance=None, *, precision=None):
         """(*batch,) True where a body can be like that: all finite, mass >= 0, `validity_slack` >= -tolerance.
 
-        tolerance: relative, as the slack is; 16 eps by default, for what rounding takes from a plate. Of the point about
-        which the inertia is nothing depends on it.
+        tolerance: relative, as the slack is; 16 eps by default, for what rounding takes from a plate. Of the point
+        about which the inertia is nothing depends on it.
         """
         tolerance = validity.default_tolerance(self.dtype) if tolerance is None else tolerance
         return self.validity_slack(precision=precision) >= -tolerance
 
     def nearest_valid(self, tolerance=None, *, precision=None):
-        """The nearest inertia that a body can have: no mass below 0, second moments about the centre of mass no less than
-        0, the nearest such matrix in the Frobenius norm.
+        """The nearest inertia that a body can have: no mass below 0, second moments about the centre of mass no less
+        than 0, the nearest such matrix in the Frobenius norm.
 
         Mass, or central, that are valid with this tolerance (16 eps by default) stay bit for bit, and so do those that
         are not finite; com always. Error of central at most 32 u times its largest principal moment.
@@ -337,8 +344,8 @@ class SpatialInertia(Shapes):
 
         Where central is diagonal, up to 2 eps of its trace, axes are exactly coordinate axes, the third one reversed if
         they were left-handed else; where the moments differ by no more than 4 eps of the trace, exactly the identity.
-        Error of the moments at most 8 u times the largest, of the axes 32 u times the largest moment over the distance to
-        the next; R is orthonormal to 16 u; in "compensated" and "faithful" 2 u.
+        Error of the moments at most 8 u times the largest, of the axes 32 u times the largest moment over the distance
+        to the next; R is orthonormal to 16 u; in "compensated" and "faithful" 2 u.
 
         Derivatives of the moments are the rates of their matrix along the axes, those of axes divide by the distance of
         moments; of axes with equal moments, which have none, the part within their plane is 0. [Jacobi 1846]

@@ -7,16 +7,17 @@ to the origin adds; the way back subtracts m |c|^2, which cancels where the body
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import lanes, vectors
+from jaxspatial.arithmetic import lanes
 from jaxspatial.arithmetic.functions import exp, log
 from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.arithmetic.numbers import high, numeric, where
 from jaxspatial.inertia import symmetric
 
 # Where the ten dynamic parameters stand in a 6 x 6 matrix, and in a pseudo-inertia m, m c, and Sigma.
-_OF_SIX_BY_SIX = np.array([21, 16, 5, 9, 0, 6, 7, 12, 13, 14])
-_OF_PSEUDO = np.array([15, 3, 7, 11, 0, 4, 5, 8, 9, 10])
-_TO_PSEUDO = np.array([0, 1, 3, 6, 1, 2, 4, 7, 3, 4, 5, 8, 6, 7, 8, 9])
+# Indices of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on (jax 0.10).
+_OF_SIX_BY_SIX = np.array([21, 16, 5, 9, 0, 6, 7, 12, 13, 14], np.int32)
+_OF_PSEUDO = np.array([15, 3, 7, 11, 0, 4, 5, 8, 9, 10], np.int32)
+_TO_PSEUDO = np.array([0, 1, 3, 6, 1, 2, 4, 7, 3, 4, 5, 8, 6, 7, 8, 9], np.int32)
 
 
 # -- sums of products: from the centre of mass to the origin ----------------------------------------------------------

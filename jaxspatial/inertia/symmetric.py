@@ -13,8 +13,9 @@ from jaxspatial.arithmetic.functions import unit_roundoff
 from jaxspatial.arithmetic.numbers import Lane, apart, constant, high, numeric, times_power_of_two, where
 from jaxspatial.arithmetic.precision import Precision
 
-_TO_NINE = np.array([0, 1, 3, 1, 2, 4, 3, 4, 5])
-_OF_NINE = np.array([0, 3, 4, 6, 7, 8])
+# Indices of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on (jax 0.10).
+_TO_NINE = np.array([0, 1, 3, 1, 2, 4, 3, 4, 5], np.int32)
+_OF_NINE = np.array([0, 3, 4, 6, 7, 8], np.int32)
 # Jacobi's sweeps until nothing changes any more, found on random, graded and clustered matrices.
 _SWEEPS = {np.dtype(np.float32): 5, np.dtype(np.float64): 6}
 _SWEEPS_OF_DOUBLE_WORDS = 7

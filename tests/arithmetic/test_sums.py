@@ -1,12 +1,19 @@
 """Sums of products as one primitive: what is known folds, and layouts and memory are kept."""
 
+import functools
+import math
+from fractions import Fraction
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.arithmetic import lanes
+from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.arithmetic.polynomial import Polynomial, symbol
+from jaxspatial.measure.error import ulp, unit_roundoff
 
 ZERO = np.zeros(3, np.float32)
 PRECISIONS = pytest.mark.parametrize("precision", ["compensated", "faithful"])
@@ -94,3 +101,65 @@ def test_float64_inside_a_program_that_knows_none():
         tau, f, p = _vectors(10, 3)
         program = jax.jit(lambda tau, f, p: js.shift(js.SpatialForce(tau, f), p, precision="compensated").tau)
         assert "f64" in program.lower(tau, f, p).as_text() and program(tau, f, p).dtype == np.float32
+
+
+@pytest.mark.parametrize("dtype", ["float16", "float32", "float64"])
+@pytest.mark.parametrize("degree", [3, 4, 5, 6])
+def test_terms_of_any_degree(degree, dtype):
+    """(x y - z) w ... with all digits but those of the last factors cancelling: against fractions."""
+
+    @kernel
+    def difference(precision, x, y):
+        first, second = (_product_of(precision, lanes.unstack(a)) for a in (x, y))
+        return lanes.subtract(first, second)
+
+    with jax.enable_x64(dtype == "float64"):
+        rng = np.random.default_rng(degree)
+        x = (1 + rng.random((40, degree))).astype(dtype)
+        # The same factors in another order: the product is the same, but for one ulp of the last factor.
+        y = x[:, ::-1].copy()
+        y[:20, 0] = np.nextafter(y[:20, 0], np.asarray(0, dtype))
+        exact = [
+            math.prod(map(Fraction, a.tolist())) - math.prod(map(Fraction, b.tolist()))
+            for a, b in zip(x, y, strict=True)
+        ]
+        found = difference("faithful", jnp.asarray(x), jnp.asarray(y))
+        assert all(
+            abs(Fraction(float(a)) - b) <= ulp(np.asarray([b]), dtype)[0] * bool(b)
+            for a, b in zip(found, exact, strict=True)
+        )
+        u, found = unit_roundoff(dtype), difference("compensated", jnp.asarray(x), jnp.asarray(y))
+        mags = [2 * math.prod(map(Fraction, a.tolist())) for a in x]
+        for a, b, mag in zip(found, exact, mags, strict=True):
+            assert abs(Fraction(float(a)) - b) <= u * abs(b) + (degree * (degree - 2) + 4) * u * u * mag
+
+
+def _product_of(precision, factors):
+    return functools.reduce(lambda a, b: lanes.multiply(precision, a, b), factors)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_long_sums_that_cancel(dtype):
+    """More numbers than are added without a loop, of which almost nothing is left, and some of which overflow."""
+
+    @kernel
+    def summed(precision, x, y):
+        x, y = lanes.unstack(x), lanes.unstack(y)
+        products = [lanes.multiply(precision, a, b) for a, b in zip(x, y, strict=True)]
+        return functools.reduce(lanes.add, products)
+
+    with jax.enable_x64(dtype == "float64"):
+        rng = np.random.default_rng(0)
+        x, y = ((1 + rng.random((30, 9))) * 2.0 ** rng.integers(-40, 40, (30, 9)) for _ in range(2))
+        if dtype == "float64":
+            x[20:, :3], y[20:, :3] = x[20:, :3] * 2.0**540, y[20:, :3] * 2.0**540
+        x, y = x.astype(dtype), y.astype(dtype)
+        left, right = np.concatenate((x, -y[:, ::-1], x[:, :1]), 1), np.concatenate((y, x[:, ::-1], x[:, 1:2]), 1)
+        exact = [
+            sum(Fraction(a) * Fraction(b) for a, b in zip(*rows, strict=True))
+            for rows in zip(left.tolist(), right.tolist(), strict=True)
+        ]
+        found = summed("faithful", jnp.asarray(left), jnp.asarray(right))
+        for a, b in zip(found, exact, strict=True):
+            if abs(b) < Fraction(float(jnp.finfo(dtype).max)):
+                assert abs(Fraction(float(a)) - b) <= ulp(np.asarray([b]), dtype)[0]

@@ -22,9 +22,8 @@ def six_of(m):
 
 def steiner(m, c):
     """m (|c|^2 1 - c c^T) by six entries."""
-    m, c = np.asarray(m), np.asarray(c)
-    square = (c * c).sum(-1)
-    return six_of(m[..., None, None] * (square[..., None, None] * np.eye(3, dtype=object) - c[..., :, None] * c[..., None, :]))
+    x, y, z = np.moveaxis(np.asarray(c), -1, 0)
+    return np.stack([m * e for e in (y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y)], -1)
 
 
 def exactly(M):
@@ -40,7 +39,9 @@ def random_inertia(batch, dtype="float64", seed=0, spread=0.0):
     square = (points**2).sum(-1)[..., None, None] * np.eye(3) - points[..., :, None] * points[..., None, :]
     central = mass[..., None, None] * square.mean(-3)
     com = rng.standard_normal((*batch, 3)) * 10.0 ** rng.uniform(-spread, spread, (*batch, 1))
-    return js.SpatialInertia(*(jnp.asarray(np.asarray(x).astype(jnp.dtype(dtype))) for x in (mass, com, six_of(central))))
+    return js.SpatialInertia(
+        *(jnp.asarray(np.asarray(x).astype(jnp.dtype(dtype))) for x in (mass, com, six_of(central)))
+    )
 
 
 def is_positive_semidefinite(m, slack=0):

@@ -1,0 +1,274 @@
+"""Parametrisations against their definitions, and there and back; exp and log of numbers."""
+
+import jax
+import jax.numpy as jnp
+import mpmath
+import numpy as np
+import pytest
+from inertia.exact_inertia import exactly, is_positive_semidefinite, random_inertia, second_moments, steiner
+
+import jaxspatial as js
+from jaxspatial.arithmetic import functions
+from jaxspatial.arithmetic.numbers import numeric
+from jaxspatial.measure.error import ulp, unit_roundoff
+from jaxspatial.measure.exact import rationals
+
+PRECISIONS = pytest.mark.parametrize("precision", js.Precision)
+dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
+
+
+def _allowed(precision, dtype, exact, mag, k, squared):
+    u = unit_roundoff(dtype)
+    if precision in ("fast", "reproducible"):
+        return u * k * mag
+    return (
+        ulp(exact, dtype) if precision == "faithful" and not squared else u * abs(exact) + u * u * (squared or 16) * mag
+    )
+
+
+@PRECISIONS
+@dtypes
+def test_dynamic_parameters_and_pseudo_inertia(dtype, precision):
+    with jax.enable_x64(dtype == "float64"):
+        M = random_inertia((20,), dtype, 1, 2.0)
+        m, c, i = exactly(M)
+        about, first = i + steiner(m, c), m[:, None] * c
+        mag = abs(i) + abs(steiner(m, c))
+        ten = rationals(np.asarray(M.to_dynamic_parameters(precision=precision)))
+        np.testing.assert_array_equal(ten[:, 0], m)
+        assert (abs(ten[:, 1:4] - first) <= unit_roundoff(dtype) * abs(first)).all()
+        assert (abs(ten[:, 4:] - about) <= _allowed(precision, dtype, about, mag, 5, 0)).all()
+        J = rationals(np.asarray(M.to_pseudo_inertia(precision=precision)))
+        sigma = np.array([second_moments(x) for x in np.asarray(M.central)]) + (m[:, None] * c)[..., None] * c[:, None]
+        size = abs(i)[:, [0, 2, 5]].sum(-1)[:, None, None] + abs((m[:, None] * c)[..., None] * c[:, None])
+        assert (abs(J[:, :3, :3] - sigma) <= _allowed(precision, dtype, sigma, size, 5, 0)).all()
+        np.testing.assert_array_equal(J, np.swapaxes(J, -1, -2))
+        np.testing.assert_array_equal(J[:, 3], ten[:, [1, 2, 3, 0]])
+
+
+@PRECISIONS
+@dtypes
+@pytest.mark.parametrize("way", ["dynamic", "pseudo", "matrix"])
+def test_back_again(way, dtype, precision):
+    """Of what was rounded on the way: with mag about the origin, in units of which central is known at all."""
+    with jax.enable_x64(dtype == "float64"):
+        M = random_inertia((20,), dtype, 2, 1.0)
+        if way == "dynamic":
+            there = M.to_dynamic_parameters()
+            back = js.SpatialInertia.from_dynamic_parameters(there, precision=precision)
+        elif way == "pseudo":
+            back = js.SpatialInertia.from_pseudo_inertia(M.to_pseudo_inertia(), precision=precision)
+        else:
+            back = js.SpatialInertia.from_matrix(M.to_matrix(), precision=precision)
+        m, c, i = exactly(M)
+        u = unit_roundoff(dtype)
+        np.testing.assert_array_equal(back.mass, M.mass)
+        assert (abs(rationals(np.asarray(back.com)) - c) <= 3 * u * abs(c)).all()
+        mag = (abs(i) + abs(steiner(m, c)))[:, [0, 2, 5]].sum(-1)[:, None]
+        assert (abs(rationals(np.asarray(back.central)) - i) <= 12 * u * mag).all()
+
+
+@PRECISIONS
+@dtypes
+def test_bound_of_from_dynamic_parameters(dtype, precision):
+    with jax.enable_x64(dtype == "float64"):
+        ten = random_inertia((20,), dtype, 3, 1.0).to_dynamic_parameters()
+        found = js.SpatialInertia.from_dynamic_parameters(ten, precision=precision)
+        m, first, about = (rationals(np.asarray(x)) for x in (ten[:, 0], ten[:, 1:4], ten[:, 4:]))
+        c = first / m[:, None]
+        for x, exact, mag, k in (
+            (found.com, c, abs(c), 1),
+            (found.central, about - steiner(m, c), abs(about) + abs(steiner(m, c)), 6),
+        ):
+            assert (abs(rationals(np.asarray(x)) - exact) <= _allowed(precision, dtype, exact, mag, k, 64)).all()
+
+
+def test_pseudo_inertia_is_the_second_moment_of_points():
+    """J = sum m_i (x_i, 1) (x_i, 1)^T."""
+    with jax.enable_x64(True):
+        rng = np.random.default_rng(0)
+        m, x = rng.random(20), rng.standard_normal((20, 3))
+        points = js.SpatialInertia(m, x, np.zeros((20, 6)))
+        homogeneous = np.concatenate((x, np.ones((20, 1))), 1)
+        expected = (m[:, None, None] * homogeneous[:, :, None] * homogeneous[:, None]).sum(0)
+        np.testing.assert_allclose(points.sum().to_pseudo_inertia(), expected, rtol=0, atol=2e-14)
+
+
+def test_massless(x64):
+    ten = np.zeros(10, np.float32)
+    for M in (
+        js.SpatialInertia.from_dynamic_parameters(ten),
+        js.SpatialInertia.from_pseudo_inertia(np.zeros((4, 4), np.float32)),
+    ):
+        assert all((np.asarray(x) == 0).all() for x in M._parts) and M.is_physically_valid()
+    ten = ten.copy()
+    ten[1] = 1
+    assert not js.SpatialInertia.from_dynamic_parameters(ten).is_physically_valid()
+    assert np.isneginf(js.SpatialInertia.zero(dtype=jnp.float32).to_log_cholesky()[0])
+
+
+# -- log-Cholesky -----------------------------------------------------------------------------------------------------
+
+
+def _reference(theta):
+    """J = U U^T with 60 digits."""
+    alpha, d1, d2, d3, s12, s23, s13, *t = (mpmath.mpf(float(x)) for x in theta)
+    e = mpmath.exp
+    u = mpmath.matrix([[e(d1), s12, s13, t[0]], [0, e(d2), s23, t[1]], [0, 0, e(d3), t[2]], [0, 0, 0, 1]]) * e(alpha)
+    return u * u.T
+
+
+def _central(J):
+    """(central six, mag) of a pseudo-inertia, in mpmath."""
+    m = J[3, 3]
+    s = [[J[i, j] - J[i, 3] * J[j, 3] / m for j in range(3)] for i in range(3)]
+    trace = s[0][0] + s[1][1] + s[2][2]
+    return [trace * (i == j) - s[i][j] for i, j in ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))], trace
+
+
+@PRECISIONS
+@dtypes
+def test_from_log_cholesky(dtype, precision):
+    with mpmath.workdps(60), jax.enable_x64(dtype == "float64"):
+        theta = (np.random.default_rng(0).standard_normal((15, 10)) * ([3] * 4 + [1] * 6)).astype(dtype)
+        M = js.SpatialInertia.from_log_cholesky(jnp.asarray(theta), precision=precision)
+        u = float(unit_roundoff(dtype))
+        wide = precision in ("compensated", "faithful")
+        for x, mass, central in zip(theta, np.asarray(M.mass), np.asarray(M.central), strict=True):
+            J = _reference(x)
+            exact, mag = _central(J)
+            assert abs(mass - J[3, 3]) <= (1.01 if wide else 8) * u * J[3, 3]
+            for a, b in zip(central, exact, strict=True):
+                assert abs(mpmath.mpf(float(a)) - b) <= (u * abs(b) + 64 * u * u * mag if wide else 24 * u * mag)
+        np.testing.assert_array_equal(M.com, theta[:, 7:])
+        assert M.is_physically_valid().all()
+        assert all(is_positive_semidefinite(second_moments(x), 8 * unit_roundoff(dtype) * rationals(x)[[0, 2, 5]].sum())
+                   for x in np.asarray(M.central))  # fmt: skip
+
+
+@PRECISIONS
+@dtypes
+def test_there_and_back(dtype, precision):
+    """The error near the boundary, where Sigma turns singular, is what the docstring says."""
+    with jax.enable_x64(dtype == "float64"):
+        M = random_inertia((200,), dtype, 4)
+        flat = np.diag([1.0, 1, 2]) + np.array([1e-2, 1e-3, 1e-4])[:, None, None] * np.eye(3)
+        plate = js.SpatialInertia(2.0, np.zeros(3, dtype), flat.astype(dtype))
+        for bodies in (M, js.Rotation.exp(jnp.asarray([0.3, 0.2, 0.1], dtype)) @ plate):
+            theta = bodies.to_log_cholesky(precision=precision)
+            back = js.SpatialInertia.from_log_cholesky(theta, precision=precision)
+            condition = 1 / np.asarray(bodies.validity_slack(), np.float64)
+            size = np.abs(np.asarray(bodies.central, np.float64)).max(-1)
+            u = float(unit_roundoff(dtype))
+            error = np.abs(np.asarray(back.central, np.float64) - np.asarray(bodies.central, np.float64)).max(-1) / size
+            assert (error <= 64 * u * condition).all()
+            np.testing.assert_allclose(back.mass, bodies.mass, rtol=16 * u)
+            np.testing.assert_array_equal(back.com, bodies.com)
+
+
+@dtypes
+def test_to_log_cholesky_against_60_digits(dtype):
+    with mpmath.workdps(60), jax.enable_x64(dtype == "float64"):
+        M = random_inertia((40,), dtype, 5)
+        found = {p: np.asarray(M.to_log_cholesky(precision=p)) for p in ("reproducible", "compensated")}
+        u = float(unit_roundoff(dtype))
+        for k, (m, c, six) in enumerate(zip(*map(np.asarray, M._parts), strict=True)):
+            exact = _log_cholesky(m, six)
+            scale, condition = float(np.sqrt(six[[0, 2, 5]].sum() / m)), 1 / float(M.validity_slack()[k])
+            for i, x in enumerate(exact):
+                bound = 4 * abs(x) if i == 0 else 32 * (condition + abs(x)) if i < 4 else 32 * condition * scale
+                assert abs(float(found["reproducible"][k][i]) - x) <= u * bound
+                assert abs(float(found["compensated"][k][i]) - x) <= u * 1.01 * abs(x) + u * u * bound
+            np.testing.assert_array_equal(found["compensated"][k][7:], c)
+
+
+def _log_cholesky(m, six):
+    m, s = mpmath.mpf(float(m)), second_moments(six)
+    s = mpmath.matrix([[mpmath.mpf(x.numerator) / x.denominator / m for x in row] for row in s])
+    l33 = mpmath.sqrt(s[2, 2])
+    s13, s23 = s[0, 2] / l33, s[1, 2] / l33
+    l22 = mpmath.sqrt(s[1, 1] - s23**2)
+    s12 = (s[0, 1] - s13 * s23) / l22
+    l11 = mpmath.sqrt(s[0, 0] - s12**2 - s13**2)
+    return [mpmath.log(m) / 2, *map(mpmath.log, (l11, l22, l33)), s12, s23, s13]
+
+
+def test_where_there_is_no_log_cholesky():
+    plate = js.SpatialInertia(1.0, np.zeros(3, np.float32), np.float32(np.diag([1, 1, 2])))
+    impossible = js.SpatialInertia(1.0, np.zeros(3, np.float32), np.float32(np.diag([1, 1, 3])))
+    assert not np.isfinite(plate.to_log_cholesky()[1:4]).all() and np.isnan(impossible.to_log_cholesky()[1:4]).any()
+    degenerate = js.SpatialInertia.from_log_cholesky(jnp.float32([0, 0, 0, -jnp.inf, 0, 0, 0, 0, 0, 0]))
+    np.testing.assert_array_equal(degenerate.central, np.float32([1, 0, 1, 0, 0, 2]))
+
+
+def test_derivatives_of_log_cholesky():
+    """Jacobian there times Jacobian back is 1, and that of J = U U^T is by hand; the second derivative too."""
+    with jax.enable_x64(True):
+        theta = jnp.asarray(np.random.default_rng(1).standard_normal(10) * 0.5)
+
+        def there(theta):
+            return js.SpatialInertia.from_log_cholesky(theta).to_dynamic_parameters()
+
+        def back(ten):
+            return js.SpatialInertia.from_dynamic_parameters(ten).to_log_cholesky()
+
+        def by_hand(theta):
+            a, d1, d2, d3, s12, s23, s13, x, y, z = theta
+            e, o = jnp.exp, jnp.zeros(())
+            U = e(a) * jnp.array([[e(d1), s12, s13, x], [o, e(d2), s23, y], [o, o, e(d3), z], [o, o, o, o + 1]])
+            return U @ U.T
+
+        product = jax.jacfwd(back)(there(theta)) @ jax.jacrev(there)(theta)
+        np.testing.assert_allclose(product, np.eye(10), rtol=0, atol=1e-12)
+
+        def pseudo(theta):
+            return js.SpatialInertia.from_log_cholesky(theta).to_pseudo_inertia()
+
+        for derivative in (jax.jacfwd(pseudo), jax.jacrev(pseudo), jax.hessian(pseudo)):
+            expected = (jax.hessian if derivative(theta).ndim == 4 else jax.jacfwd)(by_hand)(theta)
+            np.testing.assert_allclose(derivative(theta), expected, rtol=0, atol=2e-13 * float(abs(expected).max()))
+
+
+# -- exp and log of numbers -------------------------------------------------------------------------------------------
+
+
+@numeric
+def _exp(x):
+    return tuple(map(functions.exp, x))
+
+
+@numeric
+def _log(x):
+    return tuple(map(functions.log, x))
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("name", ["exp", "log"])
+def test_exp_and_log(name, dtype):
+    with mpmath.workdps(60), jax.enable_x64(dtype == "float64"):
+        rng = np.random.default_rng(0)
+        largest = {"float32": 87, "float64": 700}[dtype]
+        if name == "exp":
+            x = np.concatenate((rng.uniform(-largest, largest, 60), 10.0 ** rng.uniform(-30, 1, 40), [0.0, -1e-20]))
+        else:
+            x = np.concatenate(
+                (np.exp(rng.uniform(-largest, largest, 60)), 1 + 10.0 ** rng.uniform(-7, -1, 40), [1.0, 0.75])
+            )
+        x = jnp.asarray(x[:, None].astype(dtype))
+        u = float(unit_roundoff(dtype))
+        exact = [getattr(mpmath, name)(mpmath.mpf(float(v))) for v in np.asarray(x)[:, 0]]
+        f = {"exp": _exp, "log": _log}[name]
+        for precision, bound in (("reproducible", 4), ("compensated", 1.01)):
+            found = np.asarray(f(precision, x))[:, 0]
+            assert all(abs(float(a) - b) <= bound * u * abs(b) for a, b in zip(found, exact, strict=True))
+        pair = f(None, js.to_double_word(x[:40]))
+        for hi, lo, b in zip(np.asarray(pair.hi)[:, 0], np.asarray(pair.lo)[:, 0], exact, strict=False):
+            # Where the low word is no subnormal.
+            if abs(b) > float(jnp.finfo(dtype).tiny) / u**2:
+                assert abs(mpmath.mpf(float(hi)) + float(lo) - b) <= 16 * u * u * abs(b)
+
+
+def test_exp_and_log_at_the_edges(x64):
+    x = jnp.float32([[0.0], [-1.0], [jnp.inf], [jnp.nan], [-jnp.inf], [1e30]])
+    np.testing.assert_array_equal(_log(None, x)[:5, 0], np.float32([-np.inf, np.nan, np.inf, np.nan, np.nan]))
+    np.testing.assert_array_equal(_exp(None, x)[jnp.array([0, 2, 3, 4, 5]), 0], [1, np.inf, np.nan, 0, np.inf])

@@ -1,0 +1,347 @@
+"""Principal moments and axes, validity and its slack, the nearest valid inertia and equivalent shapes."""
+
+import jax
+import jax.numpy as jnp
+import mpmath
+import numpy as np
+import pytest
+from inertia.exact_inertia import exactly, matrix, random_inertia, six_of
+
+import jaxspatial as js
+from jaxspatial.measure.error import unit_roundoff
+
+EPS = 2.0**-52
+dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
+
+
+def body(central, mass=1.0, com=(0.0, 0.0, 0.0), dtype="float64"):
+    return js.SpatialInertia(*(np.asarray(x, dtype) for x in (mass, com, central)))
+
+
+@pytest.fixture(autouse=True)
+def doubles():
+    with jax.enable_x64(True):
+        yield
+
+
+def _symmetric(n, seed=0):
+    """Random, graded, clustered and indefinite matrices of all sizes."""
+    rng = np.random.default_rng(seed)
+    q, _ = np.linalg.qr(rng.standard_normal((n, 3, 3)))
+    d = 10.0 ** rng.uniform(-12, 0, (n, 3))
+    d[::4] = 1 + 10.0 ** rng.uniform(-16, -1, (len(d[::4]), 1)) * rng.standard_normal((len(d[::4]), 3))
+    d[1::4] = rng.standard_normal((len(d[1::4]), 3))
+    m = q @ (d[..., None] * np.swapaxes(q, -1, -2)) * 10.0 ** rng.uniform(-10, 10, (n, 1, 1))
+    return six_of((m + np.swapaxes(m, -1, -2)) / 2)
+
+
+# -- principal moments and axes ---------------------------------------------------------------------------------------
+
+
+@dtypes
+@pytest.mark.parametrize("precision", ["reproducible", "compensated"])
+def test_moments_and_axes(precision, dtype):
+    M = js.SpatialInertia(np.ones(80, dtype), np.zeros((80, 3), dtype), _symmetric(80).astype(dtype))
+    moments, R = M.principal_moments_and_axes(precision=precision)
+    u, exactly_wide = float(unit_roundoff(dtype)), precision == "compensated"
+    with mpmath.workdps(50):
+        for six, found, q in zip(np.asarray(M.central), np.asarray(moments), np.asarray(R.to_matrix()), strict=True):
+            A = mpmath.matrix(matrix(six).astype(float).tolist())
+            exact, Q = sorted(mpmath.eigsy(A, eigvals_only=True)), mpmath.matrix(q.astype(float).tolist())
+            size = max(map(abs, exact))
+            worst = max(abs(mpmath.mpf(float(a)) - b) for a, b in zip(found, exact, strict=True))
+            assert worst <= (1.01 if exactly_wide else 8) * u * size
+            assert max(map(abs, Q.T * Q - mpmath.eye(3))) <= (2 if exactly_wide else 16) * u
+            assert abs(mpmath.det(Q) - 1) <= 32 * u
+            # Snapping to the coordinate axes, or to none, is 4 eps of the trace off at most.
+            diagonal = mpmath.diag([mpmath.mpf(float(x)) for x in found])
+            assert max(map(abs, Q * diagonal * Q.T - A)) <= 32 * u * size
+    assert (np.diff(np.asarray(moments)) >= 0).all()
+
+
+def test_moments_of_double_words():
+    six = _symmetric(16, 3)
+    with jax.enable_x64(True):
+        M = js.to_double_word(js.SpatialInertia(np.ones(16), np.zeros((16, 3)), six))
+        moments = M.principal_moments()
+    with mpmath.workdps(60):
+        for s, hi, lo in zip(six, np.asarray(moments.hi), np.asarray(moments.lo), strict=True):
+            exact = sorted(mpmath.eigsy(mpmath.matrix(matrix(s).tolist()), eigvals_only=True))
+            for a, b, c in zip(hi, lo, exact, strict=True):
+                assert abs(mpmath.mpf(float(a)) + float(b) - c) <= 128 * EPS**2 * max(map(abs, exact))
+
+
+def columns(R):
+    return np.asarray(R.to_matrix()).T
+
+
+@pytest.mark.parametrize(
+    ("diagonal", "axes"),
+    [
+        ((2.0, 2.0, 2.0), np.eye(3)),
+        ((1.0, 1.0, 1.0 + 4 * EPS), np.eye(3)),
+        ((2.0, 3.0, 4.0), np.eye(3)),
+        ((3.0, 2.0, 4.0), [[0, 1, 0], [1, 0, 0], [0, 0, -1]]),
+        ((4.0, 2.0, 3.0), [[0, 1, 0], [0, 0, 1], [1, 0, 0]]),
+        ((3.0, 4.0, 2.0), [[0, 0, 1], [1, 0, 0], [0, 1, 0]]),
+        ((0.0, 0.0, 0.0), np.eye(3)),
+    ],
+)
+def test_axes_of_diagonal_inertias(diagonal, axes):
+    moments, R = body(np.diag(diagonal)).principal_moments_and_axes()
+    np.testing.assert_array_equal(moments, sorted(diagonal))
+    np.testing.assert_array_equal(columns(R), axes)
+
+
+def test_axes_of_a_box_turned_there_and_back():
+    R = js.Rotation.from_roll_pitch_yaw(np.deg2rad([20.0, 25, 30]))
+    box = body(np.diag([1 + 25.0, 9 + 25, 9 + 1]) / 12)
+    turned = R @ box
+    np.testing.assert_allclose(
+        turned.principal_moments(), np.sort(np.diag(box.central_matrix())), rtol=0, atol=4 * EPS * 3
+    )
+    back = R.inverse() @ turned
+    assert np.abs(np.asarray(back.central)[[1, 3, 4]]).max() <= 4 * EPS * 6 / 2
+    np.testing.assert_array_equal(columns(back.principal_moments_and_axes()[1]), [[0, 0, 1], [1, 0, 0], [0, 1, 0]])
+
+
+def test_axes_of_a_turned_ellipsoid():
+    moments = 3 / 5 * np.array([16 + 9.0, 25 + 9, 25 + 16])
+    R = js.Rotation.about_z(np.pi / 6)
+    found, axes = (R @ body(np.diag(moments))).principal_moments_and_axes()
+    np.testing.assert_allclose(found, moments, rtol=4 * EPS)
+    np.testing.assert_allclose(np.abs(np.diag(columns(axes) @ np.asarray(R.to_matrix()))), 1, rtol=0, atol=8 * EPS)
+    np.testing.assert_allclose(np.linalg.det(np.asarray(axes.to_matrix())), 1, rtol=0, atol=8 * EPS)
+
+
+def test_derivatives_of_moments_and_axes():
+    """Forward, backward and second, against those of a matrix whose moments and axes are known."""
+    w0, d0 = jnp.array([0.3, -0.5, 0.2]), jnp.array([1.0, 2.0, 3.5])
+
+    def made(x):
+        R = js.Rotation.exp(x[:3])
+        return (
+            R @ js.SpatialInertia(jnp.ones(()), jnp.zeros(3), jnp.zeros(6).at[jnp.array([0, 2, 5])].set(x[3:]))
+        ).central
+
+    def moments(x):
+        return js.SpatialInertia(jnp.ones(()), jnp.zeros(3), made(x)).principal_moments()
+
+    def axes(x):
+        R = js.SpatialInertia(jnp.ones(()), jnp.zeros(3), made(x)).principal_moments_and_axes()[1].to_matrix()
+        return R * jnp.broadcast_to(sign, (3, 3))
+
+    x = jnp.concatenate((w0, d0))
+    sign = jnp.ones(3)
+    sign = jnp.sign(jnp.diag(axes(x).T @ js.Rotation.exp(w0).to_matrix()))
+    for jacobian in (jax.jacfwd, jax.jacrev):
+        np.testing.assert_allclose(jacobian(moments)(x), np.eye(6)[3:], rtol=0, atol=1e-14)
+        expected = jacobian(lambda x: js.Rotation.exp(x[:3]).to_matrix())(x)
+        np.testing.assert_allclose(jacobian(axes)(x), expected, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(jax.hessian(moments)(x), 0, rtol=0, atol=1e-13)
+    expected = jax.hessian(lambda x: js.Rotation.exp(x[:3]).to_matrix())(x)
+    np.testing.assert_allclose(jax.hessian(axes)(x), expected, rtol=0, atol=1e-13)
+
+
+def test_derivatives_where_moments_coincide():
+    """Those of the moments' sum and product are right, no axis moves, nothing is NaN."""
+    ball = jnp.array([2.0, 0, 2, 0, 0, 2])
+
+    def moments_and_axes(six):
+        return js.SpatialInertia(jnp.ones(()), jnp.zeros(3), six).principal_moments_and_axes()
+
+    d_moments, d_R = jax.jacrev(moments_and_axes)(ball)
+    np.testing.assert_array_equal(d_moments.sum(0), [1, 0, 1, 0, 0, 1])
+    np.testing.assert_array_equal(d_R.entries, 0)
+
+
+# -- validity ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("central", "slack"),
+    [
+        (np.diag([2.0, 2, 2]), 1 / 3),
+        (np.diag([1.0, 1, 2]), 0),
+        (np.diag([0.0, 3, 3]), 0),
+        (np.zeros((3, 3)), 0),
+        (np.diag([1.0, 1, 4]), -1 / 5),
+        (np.diag([-1.0, -1, -1]), -1 / 3),
+        (np.diag([2.0, 3, 4]), 0.5 / 4.5),
+    ],
+)
+@pytest.mark.parametrize("dtype", ["float16", "bfloat16", "float32", "float64"])
+@pytest.mark.parametrize("scale", [1, 2.0**-12, 2.0**12])
+def test_slack_of_known_bodies(scale, dtype, central, slack):
+    M = body(np.asarray(central) * scale, dtype=jnp.dtype(dtype))
+    eps = float(jnp.finfo(dtype).eps)
+    np.testing.assert_allclose(np.float64(M.validity_slack()), slack, rtol=0, atol=2 * eps)
+    assert bool(M.is_physically_valid()) == (slack >= 0)
+
+
+def test_slack_is_invariant():
+    M = random_inertia((30,), seed=2, spread=1.0)
+    R = js.Rotation.exp(np.random.default_rng(0).standard_normal((30, 3)))
+    np.testing.assert_allclose((R @ M.shift(M.com * 100.0)).validity_slack(), M.validity_slack(), rtol=0, atol=32 * EPS)
+
+
+# Drake's own examples, with its tolerances where they are relative.
+VALID = {
+    "zero mass": (0.0, (0.0, 0, 0), np.eye(3)),
+    "zero mass, com": (0.0, (1.0, 2, 3), np.zeros((3, 3))),
+    "rod far away": (10.0, (1e4, 2e4, 3e4), np.diag([0.0, 20.8, 20.8])),
+    "tiny plate far away": (1.0, (10.0, 20, 30), np.diag([0.01, 0.01, 0.02]) / np.pi),
+    "moments": (1.0, (0.0, 0, 0), [17.0, -3, 13, -3, -6, 10]),
+    "ball": (1.0, (0.0, 0, 0), 1e-5 * np.eye(3)),
+    "within 8 eps": (1.0, (0.0, 0, 0), np.diag([2.0, 4, 6 + 8 * EPS * 6])),
+    "masses": (1e-20, (0.0, 0, 0), 1e-40 * np.eye(3)),
+    "large": (1e20, (1e30, 0, 0), 1e200 * np.eye(3)),
+}
+INVALID = {
+    "mass": (-1.0, (0.0, 0, 0), np.eye(3)),
+    "infinite mass": (np.inf, (0.0, 0, 0), np.eye(3)),
+    "NaN mass": (np.nan, (0.0, 0, 0), np.eye(3)),
+    "infinite com": (1.0, (0.0, np.inf, 0), np.eye(3)),
+    "NaN moment": (1.0, (0.0, 0, 0), np.diag([1.0, np.nan, 1])),
+    "infinite product": (1.0, (0.0, 0, 0), [1.0, np.inf, 1, 0, 0, 1]),
+    "negated": (1.0, (0.0, 0, 0), -np.array([2.0, 0.1, 3, 0.2, 0.3, 4])),
+    "com too far out": (1.0, (2.0, 0, 0), np.diag([0.4, -3.6, -3.6])),
+    "triangle": (1.0, (0.0, 0, 0), [0.001983, 0.000245, 0.002103, 1.29e-5, 1.5e-6, 0.000408]),
+    "doubled": (1.0, (0.0, 0, 0), [34.0, -3, 13, -3, -6, 10]),
+    "small": (1.0, (0.0, 0, 0), [1.0, -3, 13, -3, -6, 10]),
+    "long": (1.0, (0.0, 0, 0), np.diag([10.0, 10, 30])),
+    "products": (1.0, (0.0, 0, 0), [4.0, 2.1, 4, 0, 0, 4]),
+    "one product": (1.0, (0.0, 0, 0), [2.0, -0.8, 2, 0, -0.8, 2]),
+    "Laplacian": (1.0, (0.0, 0, 0), [2.0, -1, 2, 0, -1, 2]),
+    "beyond 64 eps": (1.0, (0.0, 0, 0), np.diag([2.0, 4, 6 + 64 * EPS * 6])),
+}
+
+
+@pytest.mark.parametrize(
+    ("parts", "expected"), [*((x, True) for x in VALID.values()), *((x, False) for x in INVALID.values())]
+)
+def test_examples(parts, expected):
+    M = js.SpatialInertia(*(np.asarray(x, float) for x in parts))
+    assert bool(M.is_physically_valid()) == expected == bool(jax.jit(js.SpatialInertia.is_physically_valid)(M))
+
+
+def test_masks_work_everywhere():
+    parts = [
+        np.stack(
+            [np.asarray(x[i], float) if i < 2 else np.asarray(js.SpatialInertia(*x).central) for x in INVALID.values()]
+        )
+        for i in range(3)
+    ]
+    M = js.SpatialInertia(*parts)
+    assert not jax.jit(jax.vmap(js.SpatialInertia.is_physically_valid))(M).any()
+    assert M.is_physically_valid(np.inf)[6:].all()
+
+
+def test_rods_and_plates_turned_any_way_are_valid():
+    R = js.Rotation.exp(np.random.default_rng(0).standard_normal((500, 3)))
+    for thin in (np.diag([0.0, 1, 1]), np.diag([1.0, 2, 3])):
+        for dtype in ("float32", "float64"):
+            R_, M = js.Rotation(R.entries.astype(dtype)), body(thin, dtype=dtype)
+            assert (R_ @ M).is_physically_valid().all()
+
+
+# -- nearest ----------------------------------------------------------------------------------------------------------
+
+
+@dtypes
+def test_nearest_valid(dtype):
+    rng = np.random.default_rng(1)
+    M = js.SpatialInertia(
+        rng.standard_normal(100).astype(dtype), np.ones((100, 3), dtype), _symmetric(100, 5).astype(dtype)
+    )
+    N = M.nearest_valid()
+    assert N.is_physically_valid().all()
+    for x, y in zip(N._parts, N.nearest_valid()._parts, strict=True):
+        np.testing.assert_array_equal(x, y)
+    was_valid = np.asarray(js.SpatialInertia(np.abs(M.mass), M.com, M.central).is_physically_valid())
+    assert 0 < was_valid.sum() < 100
+    np.testing.assert_array_equal(np.asarray(N.central)[was_valid], np.asarray(M.central)[was_valid])
+    np.testing.assert_array_equal(N.mass, np.maximum(M.mass, 0))
+    six = np.asarray(M.central, np.float64)
+    sigma = np.trace(matrix(six), axis1=1, axis2=2)[:, None, None] / 2 * np.eye(3) - matrix(six)
+    eigenvalues, q = np.linalg.eigh(sigma)
+    clamped = (q * np.maximum(eigenvalues, 0)[:, None]) @ np.swapaxes(q, -1, -2)
+    expected = np.trace(clamped, axis1=1, axis2=2)[:, None, None] * np.eye(3) - clamped
+    size = np.abs(np.linalg.eigvalsh(matrix(six))).max(-1)[:, None, None]
+    u = float(unit_roundoff(dtype))
+    assert (np.abs(matrix(np.asarray(N.central, np.float64)) - expected) <= 48 * u * size).all()
+
+
+def test_nearest_of_what_is_not_finite_stays():
+    M = js.SpatialInertia(np.nan, np.zeros(3), np.full(6, np.inf))
+    N = M.nearest_valid()
+    assert np.isnan(N.mass) and np.isinf(N.central).all()
+
+
+def test_nearest_has_derivatives():
+    """Of a body beyond the boundary along the normal: those of the projection."""
+    M = body(np.diag([1.0, 1.5, 4.0]))
+    moments = jnp.array([1.0, 0, 1.5, 0, 0, 4.0])
+    jacobian = jax.jacfwd(lambda six: js.SpatialInertia(M.mass, M.com, six).nearest_valid().central)(moments)
+    step = 1e-6
+    for k in range(6):
+        moved = [js.SpatialInertia(M.mass, M.com, moments.at[k].add(s)).nearest_valid().central for s in (step, -step)]
+        np.testing.assert_allclose(jacobian[:, k], (moved[0] - moved[1]) / (2 * step), rtol=0, atol=1e-8)
+
+
+# -- equivalent shapes ------------------------------------------------------------------------------------------------
+
+
+def box(edges, mass=2.0):
+    x, y, z = np.square(edges)
+    return body(mass / 12 * np.diag([y + z, x + z, x + y]), mass)
+
+
+def ellipsoid(axes, mass=3.0):
+    x, y, z = np.square(axes)
+    return body(mass / 5 * np.diag([y + z, x + z, x + y]), mass)
+
+
+def test_equivalent_shapes():
+    lengths, R = ellipsoid([5.0, 4, 3]).equivalent_ellipsoid()
+    np.testing.assert_allclose(lengths, [5, 4, 3], rtol=0, atol=64 * EPS)
+    np.testing.assert_array_equal(R.to_matrix(), np.eye(3))
+    lengths, R = box([5.0, 4, 3]).equivalent_box()
+    np.testing.assert_allclose(lengths, [5, 4, 3], rtol=0, atol=64 * EPS)
+    np.testing.assert_allclose(
+        box([5.0, 4, 3]).equivalent_ellipsoid()[0], np.sqrt(1 / 0.6) * np.array([2.5, 2, 1.5]), rtol=64 * EPS
+    )
+    turn = js.Rotation.about_z(np.pi / 6)
+    turned, axes = (turn @ box([5.0, 4, 3]).shift(np.array([-1.2, -3.4, -5.6]))).equivalent_box()
+    np.testing.assert_allclose(turned, lengths, rtol=0, atol=64 * EPS)
+    np.testing.assert_allclose(np.abs(np.diag(columns(axes) @ np.asarray(turn.to_matrix()))), 1, rtol=0, atol=64 * EPS)
+
+
+def test_flat_and_thin_shapes():
+    np.testing.assert_allclose(box([5.0, 4, 0]).equivalent_box()[0], [5, 4, 0], rtol=0, atol=64 * EPS)
+    np.testing.assert_allclose(box([0.0, 5, 0]).equivalent_box()[0], [5, 0, 0], rtol=0, atol=64 * EPS)
+    np.testing.assert_array_equal(body(np.zeros((3, 3))).equivalent_ellipsoid()[0], np.zeros(3))
+    assert not np.isfinite(body(np.eye(3), 0.0).equivalent_box()[0]).any()
+    gradient = jax.grad(lambda M: M.equivalent_box()[0].sum())(jax.tree.map(jnp.asarray, box([5.0, 4, 0])))
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(gradient))
+
+
+def test_minimum_length():
+    """Of two points that far apart, and by definition."""
+    np.testing.assert_allclose(body(np.diag([0.0, 180**2, 180**2]) * 7, 7.0).minimum_length(), 360, rtol=2 * EPS)
+    M = random_inertia((20,), seed=3, spread=2.0)
+    m, _, i = exactly(M)
+    expected = np.sqrt(2 * (i[:, [0, 2, 5]].sum(-1) / m).astype(float))
+    np.testing.assert_allclose(M.minimum_length(), expected, rtol=4 * EPS)
+
+
+@pytest.mark.parametrize("dtype", ["float16", "float32", "float64"])
+def test_lengths_over_all_magnitudes(dtype):
+    """Nothing over- or underflows before the result does."""
+    tiny, largest = (float(np.sqrt(float(getattr(jnp.finfo(dtype), x)))) for x in ("tiny", "max"))
+    for scale in (tiny * 16, 1.0, largest / 16):
+        M = body(np.eye(3) * scale**2 / 4, scale, dtype=dtype)
+        expected = np.sqrt(2.5 * scale / 4)
+        np.testing.assert_allclose(
+            np.float64(M.equivalent_ellipsoid()[0]), expected, rtol=8 * float(jnp.finfo(dtype).eps)
+        )
