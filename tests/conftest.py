@@ -12,3 +12,10 @@ def x64(request):
     """Runs the test twice, with 64-bit types off and on."""
     with jax.enable_x64(request.param):
         yield request.param
+
+
+@pytest.fixture(autouse=True, scope="module")
+def forget_programs():
+    """Thousands of compiled programs would take gigabytes."""
+    yield
+    jax.clear_caches()

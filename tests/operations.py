@@ -344,7 +344,8 @@ OPERATIONS = {
         Operation("compose_acceleration", "A vector vector V A", js.SpatialAcceleration.compose_with_moving_frame,
                   _composed_acceleration, (COMPOSED, COMPOSED_A), is_long=True),
         Operation("to_featherstone", "A V", js.SpatialAcceleration.to_featherstone,
-                  lambda alpha, a, w, v: (np.concatenate((alpha, a - np.cross(w, v)), -1),), (SHIFT,), twin="shift_force"),
+                  lambda alpha, a, w, v: (np.concatenate((alpha, a - np.cross(w, v)), -1),), (SHIFT,),
+                  twin="shift_force"),
         Operation("shift_inertia", "M vector", js.shift, lambda m, c, i, p: (m, c - p, i), (EXACT, Bound(k=1, m=0), EXACT)),
         Operation("rotate_inertia", "R M", js.rotate, _rotated_inertia, (EXACT, TURNED, TURNED_SIX)),
         Operation("act_inertia", "X M", js.act, _acted_inertia, (EXACT, POINT, TURNED_SIX), twin="rotate_inertia"),
@@ -379,4 +380,5 @@ WITH_PRECISION = [name for name, operation in OPERATIONS.items() if operation.bo
 # One of each formula.
 FORMULAS = [name for name in WITH_PRECISION if not OPERATIONS[name].twin]
 # Of each kind of arithmetic one, which is tried in every surrounding.
-REPRESENTATIVES = ("shift_force", "shift_acceleration", "dot_force_velocity", "cross_velocity", "act_velocity", "wrench_from_point_forces")
+REPRESENTATIVES = ("shift_force", "shift_acceleration", "dot_force_velocity", "cross_velocity", "act_velocity",
+"wrench_from_point_forces")

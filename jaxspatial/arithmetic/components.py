@@ -89,7 +89,7 @@ class Components(check.Number):
     # -- as an array --------------------------------------------------------------------------------------------------
 
     @property
-    def components(self):
+    def components(self) -> tuple[typing.Any, ...]:
         """The n components: arrays or double words (*batch,), and NumPy scalars, which are known."""
         dtype, data = self.dtype, iter(self._data)
         return tuple(_array(next(data)) if c is None else dtype.type(c) for c in self._structure.known)

@@ -91,7 +91,8 @@ def sine_series(x, largest):
 def turns(angle, parts):
     """(k, rest) with angle = k (2 pi / parts) + rest, |rest| <= pi / parts, k an integer: a constant to derivatives.
 
-    The error of rest is a few u |rest| while k has at most half of the bits of a word (float32: |angle| <= 2^13 / parts,
+    The error of rest is a few u |rest| while k has at most half of the bits of a word (float32: |angle| <= 2^13 /
+    parts,
     float64: 2^28 / parts), and 2 u |angle| beyond, as if the angle had been rounded once more. NaN where not even the
     turn is known: where u |angle| is larger than an eighth of a part.
     """
@@ -145,8 +146,8 @@ def _quarter_turned(k, c, s):
 def angle_ratio(squared_sine, cosine, length=1):
     """t / sin(t) for the angle 0 <= t <= pi / 2 with that squared sine and cosine; smooth at 0.
 
-    length: by which sine and cosine have to be divided to be those of an angle, as the result then is: t = sine times it.
-    From tan(t/2) = sine / (length + cosine): neither is rounded to unit length first.
+    length: by which sine and cosine have to be divided to be those of an angle, as the result then is: t = sine times
+    it. From tan(t/2) = sine / (length + cosine): neither is rounded to unit length first.
     """
     ratio = 1 / (cosine + length)
     return doubled(ratio * _polynomial(_arc_tangent(unit_roundoff(cosine)))(squared_sine * (ratio * ratio)))

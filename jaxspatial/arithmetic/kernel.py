@@ -1,6 +1,7 @@
 """How a formula is run: as one compiled program, or written into the program that is being traced."""
 
 import functools
+import typing
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +13,7 @@ from jaxspatial.arithmetic.precision import resolve
 from jaxspatial.arithmetic.symbolic import run_symbolically
 
 
-def kernel(formula):
+def kernel(formula) -> typing.Any:
     """Makes of `formula(precision, *arrays)` a function that compiles once per precision, shapes and dtypes.
 
     Arrays are (*batch, n), with batch shapes that broadcast. Outside of any transformation a call is one compiled

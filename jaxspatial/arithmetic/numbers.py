@@ -164,11 +164,11 @@ def doubled(x, times=1):
     return x * 2.0**times
 
 
-def apart(function):
+def apart(function) -> Any:
     """A function of numbers that are double words becomes a call that the compiler does not inline.
 
-    Each of their operations is ten of the processor's; fused into one another they would be computed again for every use,
-    and compile for minutes.
+    Each of their operations is ten of the processor's; fused into one another they would be computed again for every
+    use, and compile for minutes.
     """
 
     @functools.wraps(function)
@@ -203,7 +203,7 @@ def _is_double_word(x):
 # -- running a formula ------------------------------------------------------------------------------------------------
 
 
-def numeric(formula):
+def numeric(formula) -> Any:
     """Makes of `formula(*vectors, **static)` a function of (precision, *arrays, **static).
 
     Arrays are (*batch, n), with batch shapes that broadcast; the formula gets each as a tuple of n numbers. It returns

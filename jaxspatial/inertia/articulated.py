@@ -1,11 +1,10 @@
 """Articulated-body inertia: what a body feels like when others hang on it by joints."""
 
-import dataclasses
+import functools
 import operator
 from typing import NamedTuple
 
 import jax
-import jax.export
 import jax.numpy as jnp
 import numpy as np
 from jax.experimental.xla_metadata import set_xla_metadata
@@ -14,12 +13,13 @@ from jaxspatial.arithmetic import check, lanes, vectors
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, to_double_word
 from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.arithmetic.numbers import Lane, apart, high, numeric, where
+from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.inertia import parameters, symmetric
 from jaxspatial.inertia.inertia import SpatialInertia
 from jaxspatial.rotation.rotation import as_matrices, expanded, is_identity
 from jaxspatial.spatial.acceleration import SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce
-from jaxspatial.spatial.operations import act, act_inverse, rotate, shift
+from jaxspatial.spatial.operations import acting, acting_inverse, rotate, rotating, shift
 from jaxspatial.spatial.transform import require_transform
 from jaxspatial.spatial.vector import require_no_w
 from jaxspatial.spatial.velocity import SpatialVelocity
@@ -33,7 +33,7 @@ _TO_MATRIX = np.block([[_ROTATIONAL, _COUPLING], [_COUPLING.T, _TRANSLATIONAL]])
 _OF_MATRIX = np.array([0, 6, 7, 12, 13, 14, 18, 24, 30, 19, 25, 31, 20, 26, 32, 21, 27, 28, 33, 34, 35], np.int32)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@tree
 class ArticulatedInertia:
     """P_BPp_E: the force on body B, with what hangs on it, per spatial acceleration: the part that is linear in it.
 
@@ -214,9 +214,9 @@ def joint_projection(P_P_E, S_P_E, armature=0.0, *, precision=None):
         massless bodies. The inertia left is P - P S (S^T P S + diag(armature))^-1 S^T P, S the 6 x k matrix.
     armature: inertia of the joint itself (rotors ...), a number or (*batch,), of a list one for all or a list of k.
 
-    Returns JointProjection(inertia, U, D), with U SpatialForce. Symmetric; without an armature inertia S = 0, up to errors. Where D
-    is 0 or less, by rounding or because nothing hangs on the joint, there is nothing to remove: the inertia stays as it
-    is.
+    Returns JointProjection(inertia, U, D), with U SpatialForce. The inertia is symmetric, and without an armature maps
+    S to 0 but for errors. Where D is 0 or less, by rounding or because nothing hangs on the joint, there is nothing to
+    remove: the inertia stays as it is.
 
     Error per entry of the inertia, for one S, with mag_D the sum of the absolute values of the terms of D and
     mag = |P_ij| + mag_U,i mag_U,j / D: at most 16 u mag mag_D / D in "fast" and "reproducible", u |r| + 64 u^2 mag
@@ -262,25 +262,7 @@ def _arm(P, x):
 
 def _like(parts):
     """From parts that are right as they are."""
-    x = object.__new__(ArticulatedInertia)
-    for name, part in zip(_FIELDS, parts, strict=True):
-        object.__setattr__(x, name, part)
-    return x
-
-
-_KEYS = tuple(map(jax.tree_util.GetAttrKey, _FIELDS))
-jax.tree_util.register_pytree_with_keys(
-    ArticulatedInertia,
-    lambda x: (tuple(zip(_KEYS, x._parts, strict=True)), None),
-    lambda _, leaves: _like(leaves),
-    lambda x: (x._parts, None),
-)
-jax.export.register_pytree_node_serialization(
-    ArticulatedInertia,
-    serialized_name="jaxspatial.ArticulatedInertia",
-    serialize_auxdata=lambda _: b"",
-    deserialize_auxdata=lambda _: None,
-)
+    return rebuilt(ArticulatedInertia, _FIELDS, parts)
 
 
 def _entries(x, name, n):
@@ -313,20 +295,20 @@ def _shift_articulated(P_P_E: ArticulatedInertia, p_PQ_E, w=None, *, precision=N
     return P_P_E.shift(p_PQ_E, precision=precision)
 
 
-@rotate.register
+@rotating.register
 def _rotate_articulated(P_P_E: ArticulatedInertia, R_AE, precision):
     check.require_same_dtype(Rotation=R_AE, ArticulatedInertia=P_P_E)
     check.common_batch_shape(Rotation=R_AE.batch_shape, ArticulatedInertia=P_P_E.batch_shape)
     return P_P_E if is_identity(R_AE) else _like(_rotated(precision, *P_P_E._parts, R_AE.entries))
 
 
-@act.register
+@acting.register
 def _act_articulated(P_Bo_B: ArticulatedInertia, X_AB, w, precision):
     require_no_w(P_Bo_B, w, "act")
     return _acted(_moved, P_Bo_B, X_AB, precision)
 
 
-@act_inverse.register
+@acting_inverse.register
 def _act_inverse_articulated(P_Ao_A: ArticulatedInertia, X_AB, w, precision):
     require_no_w(P_Ao_A, w, "act_inverse")
     return _acted(_moved_back, P_Ao_A, X_AB, precision)
@@ -374,6 +356,32 @@ def _shift(j, f, m, p):
     return rotational, vectors.flat(new), m
 
 
+def _alone(formula):
+    """A formula over Lanes as a call that the compiler does not inline; one over double words consists of such calls.
+
+    Its results are many, and each of all that is given: fused into what comes before and after, that would be computed
+    again for every one of them, 75 times as long for a projection and a change of frame. What is known stays so on the
+    way in, and on the way out where all is.
+    """
+
+    @functools.wraps(formula)
+    def call(*numbers, **static):
+        given, tree = jax.tree.flatten(numbers)
+        data = {i: x.value for i, x in enumerate(given) if isinstance(x, Lane) and not lanes.is_known(x.value)}
+        if not data:
+            return formula(*numbers, **static)
+        precision = next(x.precision for x in given)
+
+        def run(data):
+            numbers = [Lane(precision, data.get(i, x.value)) for i, x in enumerate(given)]
+            return jax.tree.map(lambda x: x.value, formula(*jax.tree.unflatten(tree, numbers), **static))
+
+        with set_xla_metadata(inlineable="false"):
+            return jax.tree.map(lambda x: Lane(precision, x), jax.jit(run)(data))
+
+    return call
+
+
 @numeric
 def _rotated(j, f, m, entries):
     return list(_turn(j, f, m, vectors.rows(entries)))
@@ -397,11 +405,13 @@ def _congruent(six, rows):
 
 
 @numeric
+@_alone
 def _moved(j, f, m, entries, p):
     return list(apart(_shift)(*_turn(j, f, m, vectors.rows(entries)), tuple(-x for x in p)))
 
 
 @numeric
+@_alone
 def _moved_back(j, f, m, entries, p):
     return list(_turn(*apart(_shift)(j, f, m, p), vectors.transpose(vectors.rows(entries))))
 
@@ -442,37 +452,16 @@ def _projected(j, f, m, *arms_and_parts, n):
     """[J, F, M] of what is left, and for each of n motions the halves of U, and (D,)."""
     arms, parts = arms_and_parts[:n], arms_and_parts[n:]
     found = []
-    step = _one_by_one(_removed) if n > 1 else _removed
     for (arm,), w, v in zip(arms, parts[::2], parts[1::2], strict=True):
-        (j, f, m), U, D = step(j, f, m, w, v, arm)
+        (j, f, m), U, D = _removed(j, f, m, w, v, arm)
         found += [U[:3], U[3:], (D,)]
     return [j, f, m, *found]
 
 
+@_alone
 def _removed(j, f, m, w, v, arm):
     U, D = _felt(j, f, m, w, v, arm)
     return _without(j, f, m, U, D), U, D
-
-
-def _one_by_one(step):
-    """The step as a call that the compiler does not inline, of Lanes too: fused into the next ones it would be computed
-    again for every use, six of them for minutes. What is known stays so on the way in."""
-
-    def call(*numbers):
-        given, tree = jax.tree.flatten(numbers)
-        lane = next((x for x in given if isinstance(x, Lane)), None)
-        if lane is None:
-            return step(*numbers)
-        data = {i: x.value for i, x in enumerate(given) if not lanes.is_known(x.value)}
-
-        def run(data):
-            found = [Lane(lane.precision, data.get(i, x.value)) for i, x in enumerate(given)]
-            return jax.tree.map(lambda x: x.value, step(*jax.tree.unflatten(tree, found)))
-
-        with set_xla_metadata(inlineable="false"):
-            return jax.tree.map(lambda x: Lane(lane.precision, x), jax.jit(run)(data))
-
-    return call
 
 
 @apart

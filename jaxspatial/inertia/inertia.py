@@ -3,11 +3,9 @@
 The mathematics is in the modules beside this one, as functions of arrays.
 """
 
-import dataclasses
 from fractions import Fraction
 
 import jax
-import jax.export
 import jax.numpy as jnp
 import numpy as np
 
@@ -15,18 +13,19 @@ from jaxspatial.arithmetic import check, lanes
 from jaxspatial.arithmetic.double_word import DoubleWord
 from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.arithmetic.precision import resolve
+from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.inertia import addition, parameters, symmetric, validity
 from jaxspatial.inertia.shapes import Shapes
 from jaxspatial.rotation.rotation import Rotation, as_matrices, expanded, is_identity, matrix_rows
 from jaxspatial.spatial.acceleration import SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce, SpatialMomentum
-from jaxspatial.spatial.operations import act, act_inverse, rotate, shift
+from jaxspatial.spatial.operations import acting, acting_inverse, rotate, rotating, shift
 from jaxspatial.spatial.transform import columns, require_transform
 from jaxspatial.spatial.vector import require_no_w
 from jaxspatial.spatial.velocity import SpatialVelocity
 
 
-@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+@tree
 class SpatialInertia(Shapes):
     """M_BP_E: the inertia of body B about its point P, expressed in frame E.
 
@@ -382,29 +381,11 @@ class SpatialInertia(Shapes):
 
 
 _NAMES = ("mass", "com", "central")
-_KEYS = tuple(map(jax.tree_util.GetAttrKey, _NAMES))
 _RESULTS = {SpatialAcceleration: SpatialForce, SpatialVelocity: SpatialMomentum}
 
 
 def _rebuild(parts):
-    x = object.__new__(SpatialInertia)
-    for name, part in zip(_NAMES, parts, strict=True):
-        object.__setattr__(x, name, part)
-    return x
-
-
-jax.tree_util.register_pytree_with_keys(
-    SpatialInertia,
-    lambda M: (tuple(zip(_KEYS, M._parts, strict=True)), None),
-    lambda _, leaves: _rebuild(leaves),
-    lambda M: (M._parts, None),
-)
-jax.export.register_pytree_node_serialization(
-    SpatialInertia,
-    serialized_name="jaxspatial.SpatialInertia",
-    serialize_auxdata=lambda _: b"",
-    deserialize_auxdata=lambda _: None,
-)
+    return rebuilt(SpatialInertia, _NAMES, parts)
 
 
 # -- what comes in ----------------------------------------------------------------------------------------------------
@@ -486,19 +467,19 @@ def _shifted(precision, com, p):
     return lanes.minus(com, list(lanes.unstack(p)))
 
 
-@rotate.register
+@rotating.register
 def _rotate_inertia(M_P_E: SpatialInertia, R_AE, precision):
     _require_alike("rotate", Rotation=R_AE, SpatialInertia=M_P_E)
     return M_P_E if is_identity(R_AE) else _moved(_rotated, precision, M_P_E, R_AE.entries)
 
 
-@act.register
+@acting.register
 def _act_inertia(M_Bo_B: SpatialInertia, X_AB, w, precision):
     require_no_w(M_Bo_B, w, "act")
     return _moved(_acted, precision, M_Bo_B, *_pose(X_AB, M_Bo_B))
 
 
-@act_inverse.register
+@acting_inverse.register
 def _act_inverse_inertia(M_Ao_A: SpatialInertia, X_AB, w, precision):
     require_no_w(M_Ao_A, w, "act_inverse")
     return _moved(_acted_back, precision, M_Ao_A, *_pose(X_AB, M_Ao_A))

@@ -69,5 +69,6 @@ def _pitch(a, b, c, d):
 
 def _wrapped(angle):
     """In [-pi, pi], of an angle within 2 pi."""
-    turn = 2 * pi(angle)
-    return where(high(angle) > high(pi(angle)), angle - turn, where(high(angle) < -high(pi(angle)), angle + turn, angle))
+    half = pi(angle)
+    raised = where(high(angle) < -high(half), angle + 2 * half, angle)
+    return where(high(angle) > high(half), angle - 2 * half, raised)

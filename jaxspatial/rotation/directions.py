@@ -69,9 +69,11 @@ def _newton(m):
     """(s m + m^-T / s) / 2 with s^2 = |m^-T| / |m|: both of about one size."""
     cofactors = vectors.cross(m[1], m[2]), vectors.cross(m[2], m[0]), vectors.cross(m[0], m[1])
     determinant = vectors.dot(m[0], cofactors[0])
-    inverse = tuple(tuple(where(high(determinant) > 0, x / determinant, float("nan")) for x in row) for row in cofactors)
+    is_proper = high(determinant) > 0
+    inverse = tuple(tuple(where(is_proper, x / determinant, float("nan")) for x in row) for row in cofactors)
     s = (_size(inverse) / _size(m)).sqrt()
-    return tuple(tuple(0.5 * (s * x + y / s) for x, y in zip(p, q, strict=True)) for p, q in zip(m, inverse, strict=True))
+    mean = (0.5 * (s * x + y / s) for x, y in zip(vectors.flat(m), vectors.flat(inverse), strict=True))
+    return vectors.rows(tuple(mean))
 
 
 def _size(m):

@@ -5,7 +5,8 @@ With t the angle |w| and x its square, everything is made of
     cos(t/2)    S = sin(t/2) / (t/2)    c3 = (t - sin t) / t^3    c4 = (1/2 - (1 - cos t) / t^2) / t^2    c5 = ...
 
 as series in x, which have right derivatives of every order at 0 and need no switch up to pi. Beyond, whole turns are
-taken off first. An error of u x would be one of pi u / 2 of an angle near pi: what rounding took from x is kept. [Barfoot 2017, State Estimation for Robotics, 7.1]
+taken off first. An error of u x would be one of pi u / 2 of an angle near pi: what rounding took from x is kept.
+[Barfoot 2017, State Estimation for Robotics, 7.1]
 """
 
 import itertools
@@ -70,7 +71,8 @@ def _logarithm(q):
     """(w, (t/2) cot(t/2)), of which nothing is rounded to unit length first."""
     c, *v = q
     squared = vectors.dot(v, v)
-    half = angle_ratio(squared, c, (c * c + squared).sqrt())
+    length = (c * c + squared).sqrt()
+    half = angle_ratio(squared, c, where(high(length) < math.inf, length, math.nan))
     return vectors.times(doubled(half), v), half * c
 
 

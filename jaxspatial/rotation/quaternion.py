@@ -10,8 +10,8 @@ from jaxspatial.arithmetic.numbers import apart, doubled, each, high, where
 def to_matrix(q):
     """The matrix of a unit quaternion, as good as that of the exact one in the direction of q.
 
-    What rounding did to the length would count twice. The squares it is taken off with are those of the diagonal, so that
-    their own errors cancel.
+    What rounding did to the length would count twice. The squares it is taken off with are those of the diagonal, so
+    that their own errors cancel.
     """
     w, x, y, z = q
     ww, xx, yy, zz, *doubles = each(operator.mul, (w, x, y, z, x, x, y, w, w, w), (w, x, y, z, y, z, z, x, y, z))

@@ -1,6 +1,5 @@
-"""Rotations, as what they do to vectors. The mathematics is in the modules beside this one, as formulas over numbers."""
+"""Rotations, as what they do to vectors. The mathematics is in the modules beside this one."""
 
-import dataclasses
 
 import jax
 import jax.export
@@ -9,34 +8,8 @@ import numpy as np
 from jaxspatial.arithmetic import check, lanes, vectors
 from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.arithmetic.numbers import numeric
+from jaxspatial.arithmetic.tree import tree
 from jaxspatial.rotation import angles, directions, exponential, quaternion
-
-
-def tree(cls):
-    """Class decorator: a frozen dataclass known to JAX as a pytree, which is rebuilt without the checks of a caller's."""
-    cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
-    names = [field.name for field in dataclasses.fields(cls)]
-
-    def parts(x):
-        return tuple(getattr(x, name) for name in names), None
-
-    def parts_with_keys(x):
-        return tuple((jax.tree_util.GetAttrKey(name), getattr(x, name)) for name in names), None
-
-    def rebuild(_, leaves):
-        x = object.__new__(cls)
-        for name, leaf in zip(names, leaves, strict=True):
-            object.__setattr__(x, name, leaf)
-        return x
-
-    jax.tree_util.register_pytree_with_keys(cls, parts_with_keys, rebuild, parts)
-    jax.export.register_pytree_node_serialization(
-        cls,
-        serialized_name=f"jaxspatial.{cls.__name__}",
-        serialize_auxdata=lambda _: b"",
-        deserialize_auxdata=lambda _: None,
-    )
-    return cls
 
 
 @tree
@@ -47,9 +20,9 @@ class Rotation:
 
     What the error bounds of all constructors and functions below mean: u is the unit roundoff of the inputs' dtype; an
     error of k u normwise is one of the whole vector, or matrix in its largest singular value, relative to its size. In
-    "fast" and "reproducible" bounds are those given (float16 and bfloat16 are computed in float32), in "compensated" and
-    "faithful" 1.01 u normwise: evaluated in float64, or for float64 in double words, and rounded once. Derivatives of any
-    order are those of the function, also where it has a removable singularity.
+    "fast" and "reproducible" bounds are those given (float16 and bfloat16 are computed in float32), in "compensated"
+    and "faithful" 1.01 u normwise: evaluated in float64, or for float64 in double words, and rounded once. Derivatives
+    of any order are those of the function, also where it has a removable singularity.
     """
 
     entries: jax.Array
@@ -78,7 +51,8 @@ class Rotation:
 
     @classmethod
     def nearest(cls, m, *, precision=None):
-        """The rotation nearest to matrices (*batch, 3, 3) in the Frobenius norm: what removes the drift of many products.
+        """The rotation nearest to matrices (*batch, 3, 3) in the Frobenius norm: what removes the drift of many
+        products.
 
         NaN where the determinant is not positive. Error at most 16 u normwise for matrices near a rotation, times
         2 / (s2 + s3) in general, for singular values s1 = 1 >= s2 >= s3. [Higham 1986]
@@ -94,8 +68,8 @@ class Rotation:
     def exp(cls, w, *, precision=None):
         """The rotation about w by |w| radians: what angular velocity w does in unit time.
 
-        w: (*batch, 3), rad. Error at most 8 u normwise for |w| <= pi; beyond, k turns cost k u more. NaN where u |w| is as
-        large as a turn. Right in value and all derivatives at 0 and everywhere else. [Rodrigues 1840]
+        w: (*batch, 3), rad. Error at most 8 u normwise for |w| <= pi; beyond, k turns cost k u more. NaN where u |w| is
+        as large as a turn. Right in value and all derivatives at 0 and everywhere else. [Rodrigues 1840]
         """
         return cls(_exp(precision, check.as_vectors(w, "Rotation.exp: w")))
 
@@ -145,8 +119,8 @@ class Rotation:
     def from_two_vectors(cls, u, v, axes=(2, 0), *, precision=None):
         """A frame whose axis axes[0] points along u, with v between that and axis axes[1] (Gram-Schmidt).
 
-        u, v: (*batch, 3), of any length but 0. NaN where they are parallel; error at most 16 u normwise over the sine of
-        the angle between them.
+        u, v: (*batch, 3), of any length but 0. NaN where they are parallel; error at most 16 u normwise over the sine
+        of the angle between them.
         """
         u = check.as_vectors(u, "Rotation.from_two_vectors: u")
         v = check.as_vectors(v, "Rotation.from_two_vectors: v", u.dtype)
@@ -192,8 +166,8 @@ class Rotation:
     def to_roll_pitch_yaw(self, *, precision=None):
         """(*batch, 3) with R = Rz(yaw) Ry(pitch) Rx(roll), |pitch| <= pi / 2, |roll| and |yaw| <= pi.
 
-        Near |pitch| = pi / 2 roll and yaw have little meaning but together: their errors grow to 16 u / cos(pitch), that of
-        the rotation they make stays at 32 u.
+        Near |pitch| = pi / 2 roll and yaw have little meaning but together: their errors grow to 16 u / cos(pitch),
+        that of the rotation they make stays at 32 u.
         """
         return _to_roll_pitch_yaw(precision, self.entries)
 

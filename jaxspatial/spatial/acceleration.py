@@ -28,14 +28,16 @@ class SpatialAcceleration(SpatialVector):
 
         p_BoCo_E: (*batch, 3) metres.  w_MB_E: (*batch, 3) rad/s.  V_BC_E, A_BC_E: of C in B about Co.  All in frame E.
         The terms are the tangential, centripetal and Coriolis accelerations. Error per component, mag the sum of the
-        absolute values of its terms, multiplied out: at most 10 u mag in "fast" and "reproducible", u |r| + 32 u^2 mag in
-        "compensated", 1 ulp in "faithful". Raises TypeError for other kinds or dtypes that differ, ValueError for shapes.
+        absolute values of its terms, multiplied out: at most 10 u mag in "fast" and "reproducible", u |r| + 32 u^2 mag
+        in "compensated", 1 ulp in "faithful". Raises TypeError for other kinds or dtypes that differ, ValueError for
+        shapes.
         [Mitiguy 2022, Dynamics of Mechanical, Aerospace, and Biomechanical Systems; Featherstone 2008, 2.11] 66 flops.
         """
         name = "compose_with_moving_frame"
         require_kind(V_BC_E, SpatialVelocity, f"{name}: V_BC_E")
         require_kind(A_BC_E, SpatialAcceleration, f"{name}: A_BC_E")
-        p, w = (check.as_vectors(x, f"{name}: {n}", self.dtype) for x, n in ((p_BoCo_E, "p_BoCo_E"), (w_MB_E, "w_MB_E")))
+        p = check.as_vectors(p_BoCo_E, f"{name}: p_BoCo_E", self.dtype)
+        w = check.as_vectors(w_MB_E, f"{name}: w_MB_E", self.dtype)
         given = {"A_MB_E": self, "p_BoCo_E": p, "w_MB_E": w, "V_BC_E": V_BC_E, "A_BC_E": A_BC_E}
         _require_alike(given)
         return self._like(*_composed(precision, *self._parts, p, w, *V_BC_E._parts, *A_BC_E._parts))
@@ -44,8 +46,8 @@ class SpatialAcceleration(SpatialVector):
         """(*batch, 6) Featherstone's spatial acceleration, rotational on top: (alpha, a - w x v).
 
         V_MP_E: SpatialVelocity of the same body, about the same point. The rate of change of the velocity of whatever
-        passes a fixed point, instead of that of one point of the body; Pinocchio's and MuJoCo's accelerations are of this
-        kind. An array, so that nothing takes it for a classical acceleration. Error as of `shift` of a force.
+        passes a fixed point, instead of that of one point of the body; Pinocchio's and MuJoCo's accelerations are of
+        this kind. An array, so that nothing takes it for a classical acceleration. Error as of `shift` of a force.
         [Featherstone 2008, 2.11]
         """
         require_kind(V_MP_E, SpatialVelocity, "to_featherstone: V_MP_E")

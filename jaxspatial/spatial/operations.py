@@ -115,24 +115,25 @@ def act(X_AB, X_Bo_B, w=None, *, precision=None):
         acceleration      alpha_A = R alpha     a_A = R a + p x alpha_A + R w x (p x R w)
         inertia           com_A = R com + p     central_A = R central R^T
 
-    X_AB: RigidTransform with rotation R and translation p = p_AoBo_A.  X_Bo_B: any of the four kinds of spatial vectors,
+    X_AB: RigidTransform with rotation R and translation p = p_AoBo_A.  X_Bo_B: any spatial vector,
     or a SpatialInertia or ArticulatedInertia, about Bo in frame B.  Both points are points of the same body.
     w: (*batch, 3) angular velocity of that body, rad/s, in B; for an acceleration only.
     precision: "fast", "reproducible" (the default), "compensated", "faithful" or a `Precision`.
 
-    Returns the kind of X_Bo_B. `act_inverse` undoes it. Not to be confused with the velocity of a moving frame: for that,
-    `SpatialVelocity.compose_with_moving_frame`. Power does not change when force and velocity are both acted on.
+    Returns the kind of X_Bo_B. `act_inverse` undoes it. Not to be confused with the velocity of a moving frame: for
+    that, `SpatialVelocity.compose_with_moving_frame`. Power does not change when force and velocity are both acted on.
 
     Error per component, mag the sum of the absolute values of its terms, multiplied out: at most 8 u mag in "fast" and
-    "reproducible" [acceleration 14 u mag], u |r| + 32 u^2 mag in "compensated" [128 u^2 mag], 1 ulp in "faithful", while
-    nothing over- or underflows; see the module. Raises TypeError for other kinds or dtypes that differ.
+    "reproducible" [acceleration 14 u mag], u |r| + 32 u^2 mag in "compensated" [128 u^2 mag], 1 ulp in "faithful",
+    while nothing over- or underflows; see the module. Raises TypeError for other kinds or dtypes that differ.
     [Featherstone 2008, 2.8; Jain 2010, 1.5] 42 flops; acceleration 93.
     """
-    return _acting(X_Bo_B, X_AB, w, precision)
+    return acting(X_Bo_B, X_AB, w, precision)
 
 
 @functools.singledispatch
-def _acting(X_Bo_B, X_AB, w, precision):
+def acting(X_Bo_B, X_AB, w, precision) -> Any:
+    """`act`, dispatched on what is acted on."""
     return _refuse("act", "a spatial vector or inertia as second", X_Bo_B)
 
 
@@ -144,16 +145,14 @@ def act_inverse(X_AB, X_Ao_A, w=None, *, precision=None):
         acceleration      alpha_B = R^T alpha   a_B = R^T (a + alpha x p + w x (w x p))
         inertia           com_B = R^T (com - p) central_B = R^T central R
     """
-    return _acting_inverse(X_Ao_A, X_AB, w, precision)
+    return acting_inverse(X_Ao_A, X_AB, w, precision)
 
 
 @functools.singledispatch
-def _acting_inverse(X_Ao_A, X_AB, w, precision):
+def acting_inverse(X_Ao_A, X_AB, w, precision) -> Any:
+    """`act_inverse`, dispatched on what is acted on."""
     return _refuse("act_inverse", "a spatial vector or inertia as second", X_Ao_A)
 
-
-act.register = _acting.register
-act_inverse.register = _acting_inverse.register
 
 
 def rotate(R_AE, X_P_E, *, precision=None):
@@ -161,7 +160,8 @@ def rotate(R_AE, X_P_E, *, precision=None):
 
     R_AE: Rotation.  X_P_E: any of the four kinds, or a SpatialInertia.  Batch shapes broadcast; returns the kind of X.
 
-    Each part v becomes R v; a central inertia R I R^T, with twice the errors, 32 u^2 mag in "compensated". Error per component, mag the sum of the absolute values of its three products: at most
+    Each part v becomes R v; a central inertia R I R^T, with twice the errors, 32 u^2 mag in "compensated". Error per
+    component, mag the sum of the absolute values of its three products: at most
     3 u mag in "fast" and "reproducible", u |r| + 4 u^2 mag in "compensated", 1 ulp in "faithful", while nothing over-
     or underflows; plus a few finfo.tiny where subnormals are flushed. Power does not change when both are rotated.
     Raises TypeError for other kinds or dtypes that differ, ValueError for shapes.
@@ -169,14 +169,13 @@ def rotate(R_AE, X_P_E, *, precision=None):
     """
     if not isinstance(R_AE, Rotation):
         raise TypeError(f"rotate: expected a Rotation first, got {type(R_AE).__name__}")
-    return _rotating(X_P_E, R_AE, precision)
+    return rotating(X_P_E, R_AE, precision)
 
 
 @functools.singledispatch
-def _rotating(X_P_E, R_AE, precision):
+def rotating(X_P_E, R_AE, precision) -> Any:
+    """`rotate`, dispatched on what is rotated."""
     if not hasattr(X_P_E, "rotational"):
         return _refuse("rotate", "one of the four spatial vectors as second", X_P_E)
     return X_P_E._like(*rotated_together(R_AE, *X_P_E._parts, precision=precision))
 
-
-rotate.register = _rotating.register

@@ -6,6 +6,7 @@ import numpy as np
 from jaxspatial.arithmetic import check, lanes, vectors
 from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.arithmetic.numbers import constant, numeric
+from jaxspatial.arithmetic.tree import tree
 from jaxspatial.rotation import exponential
 from jaxspatial.rotation.rotation import (
     Rotation,
@@ -17,11 +18,10 @@ from jaxspatial.rotation.rotation import (
     owned,
     rotated,
     shown,
-    tree,
 )
 from jaxspatial.spatial.acceleration import SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce, SpatialMomentum
-from jaxspatial.spatial.operations import act, act_inverse
+from jaxspatial.spatial.operations import acting, acting_inverse
 from jaxspatial.spatial.vector import require_no_w, require_w
 from jaxspatial.spatial.velocity import SpatialVelocity
 
@@ -139,7 +139,7 @@ class RigidTransform:
 
     @staticmethod
     def left_jacobian_inverse(V, *, precision=None):
-        """J^-1 (*batch, 6, 6) of `left_jacobian`, infinite at |w| = 2 pi. Error at most 128 u normwise for |w| <= pi."""
+        """J^-1 (*batch, 6, 6) of `left_jacobian`, infinite at |w| = 2 pi. Error at most 128 u normwise up to pi."""
         _require_velocity(V, "RigidTransform.left_jacobian_inverse")
         return matrices(_left_jacobian_inverse(precision, V.w, V.v), 6)
 
@@ -198,41 +198,41 @@ def _moved_back(precision, entries, origin, p):
 # -- spatial vectors, moved and re-expressed at once ------------------------------------------------------------------
 
 
-@act.register(SpatialForce)
-@act.register(SpatialMomentum)
+@acting.register(SpatialForce)
+@acting.register(SpatialMomentum)
 def _act_force(F_Bo_B, X_AB, w, precision):
     require_no_w(F_Bo_B, w, "act")
     f, tau = _pair(_moved_pair, precision, X_AB, F_Bo_B, *reversed(F_Bo_B._parts))
     return F_Bo_B._like(tau, f)
 
 
-@act_inverse.register(SpatialForce)
-@act_inverse.register(SpatialMomentum)
+@acting_inverse.register(SpatialForce)
+@acting_inverse.register(SpatialMomentum)
 def _act_inverse_force(F_Ao_A, X_AB, w, precision):
     require_no_w(F_Ao_A, w, "act_inverse")
     f, tau = _pair(_pair_moved_back, precision, X_AB, F_Ao_A, *reversed(F_Ao_A._parts))
     return F_Ao_A._like(tau, f)
 
 
-@act.register
+@acting.register
 def _act_velocity(V_Bo_B: SpatialVelocity, X_AB, w, precision):
     require_no_w(V_Bo_B, w, "act")
     return V_Bo_B._like(*_pair(_moved_pair, precision, X_AB, V_Bo_B, *V_Bo_B._parts))
 
 
-@act_inverse.register
+@acting_inverse.register
 def _act_inverse_velocity(V_Ao_A: SpatialVelocity, X_AB, w, precision):
     require_no_w(V_Ao_A, w, "act_inverse")
     return V_Ao_A._like(*_pair(_pair_moved_back, precision, X_AB, V_Ao_A, *V_Ao_A._parts))
 
 
-@act.register
+@acting.register
 def _act_acceleration(A_Bo_B: SpatialAcceleration, X_AB, w, precision):
     w = require_w(A_Bo_B, w, "act")
     return A_Bo_B._like(*_pair(_moved_acceleration, precision, X_AB, A_Bo_B, *A_Bo_B._parts, w))
 
 
-@act_inverse.register
+@acting_inverse.register
 def _act_inverse_acceleration(A_Ao_A: SpatialAcceleration, X_AB, w, precision):
     w = require_w(A_Ao_A, w, "act_inverse")
     return A_Ao_A._like(*_pair(_acceleration_moved_back, precision, X_AB, A_Ao_A, *A_Ao_A._parts, w))

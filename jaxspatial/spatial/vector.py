@@ -9,7 +9,6 @@ import operator
 import typing
 
 import jax
-import jax.export
 import jax.numpy as jnp
 import numpy as np
 
@@ -17,6 +16,7 @@ from jaxspatial.arithmetic import check, lanes
 from jaxspatial.arithmetic.components import Components, as_array
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, to_double_word
 from jaxspatial.arithmetic.reproducible import product, quotient
+from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.spatial import operations
 
 
@@ -212,21 +212,8 @@ class SpatialVector:
 @typing.dataclass_transform(eq_default=False, frozen_default=True)
 def spatial_vector(cls):
     """Class decorator: a frozen dataclass of two 3-vectors, rotational first, known to JAX as a pytree."""
-    cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
+    cls = tree(cls)
     cls._names = tuple(field.name for field in dataclasses.fields(cls))
-    keys = tuple(map(jax.tree_util.GetAttrKey, cls._names))
-    jax.tree_util.register_pytree_with_keys(
-        cls,
-        lambda x: (tuple(zip(keys, x._parts, strict=True)), None),
-        lambda _, leaves: _rebuild(cls, leaves),
-        lambda x: (x._parts, None),
-    )
-    jax.export.register_pytree_node_serialization(
-        cls,
-        serialized_name=f"jaxspatial.{cls.__name__}",
-        serialize_auxdata=lambda _: b"",
-        deserialize_auxdata=lambda _: None,
-    )
     return cls
 
 
@@ -280,10 +267,7 @@ def matched(a, b, operation):
 
 
 def _rebuild(cls, parts):
-    x = object.__new__(cls)
-    for name, part in zip(cls._names, parts, strict=True):
-        object.__setattr__(x, name, part)
-    return x
+    return rebuilt(cls, cls._names, parts)
 
 
 def _owned(array):

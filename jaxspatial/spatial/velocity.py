@@ -24,10 +24,11 @@ class SpatialVelocity(SpatialVector):
 
             w_MC = w_MB + w_BC            v_MCo = v_MBo + w_MB x p_BoCo + v_BCo
 
-        p_BoCo_E: (*batch, 3) position of Co from Bo, metres.  V_BC_E: SpatialVelocity of C in B about Co.  All in frame E.
-        Composing frame after frame is associative but for rounding. Error per component, mag the sum of the absolute values
-        of its terms: at most 4 u mag in "fast" and "reproducible", u |r| + 4 u^2 mag in "compensated", 1 ulp in "faithful".
-        Raises TypeError for other kinds or dtypes that differ, ValueError for shapes. [Jain 2010, 1.4] 18 flops.
+        p_BoCo_E: (*batch, 3) position of Co from Bo, metres.  V_BC_E: SpatialVelocity of C in B about Co.  All in E.
+        Composing frame after frame is associative but for rounding. Error per component, mag the sum of the absolute
+        values of its terms: at most 4 u mag in "fast" and "reproducible", u |r| + 4 u^2 mag in "compensated", 1 ulp in
+        "faithful". Raises TypeError for other kinds or dtypes that differ, ValueError for shapes. [Jain 2010, 1.4] 18
+        flops.
         """
         require_kind(V_BC_E, SpatialVelocity, "compose_with_moving_frame: V_BC_E")
         p = check.as_vectors(p_BoCo_E, "compose_with_moving_frame: p_BoCo_E", self.dtype)
