@@ -337,8 +337,8 @@ OPERATIONS = {
         Operation("act_inverse_momentum", "X L", js.act_inverse, _swapped(_moved_back), (ACT, TURNED),
                   twin="act_inverse_velocity"),
         Operation("act_acceleration", "X A vector", js.act, _moved_acceleration, (TURNED, ACT_A), is_long=True),
-        Operation("act_inverse_acceleration", "X A vector", js.act_inverse, _acceleration_moved_back, (TURNED, ACT_A),
-                  is_long=True),
+        Operation("act_inverse_acceleration", "X A vector", js.act_inverse, _acceleration_moved_back,
+                  (TURNED, ACT_A), is_long=True),
         Operation("compose_velocity", "V vector V", js.SpatialVelocity.compose_with_moving_frame, _composed_velocity,
                   (SINGLE, COMPOSED)),
         Operation("compose_acceleration", "A vector vector V A", js.SpatialAcceleration.compose_with_moving_frame,
@@ -346,13 +346,15 @@ OPERATIONS = {
         Operation("to_featherstone", "A V", js.SpatialAcceleration.to_featherstone,
                   lambda alpha, a, w, v: (np.concatenate((alpha, a - np.cross(w, v)), -1),), (SHIFT,),
                   twin="shift_force"),
-        Operation("shift_inertia", "M vector", js.shift, lambda m, c, i, p: (m, c - p, i), (EXACT, Bound(k=1, m=0), EXACT)),
+        Operation("shift_inertia", "M vector", js.shift, lambda m, c, i, p: (m, c - p, i),
+                  (EXACT, Bound(k=1, m=0), EXACT)),
         Operation("rotate_inertia", "R M", js.rotate, _rotated_inertia, (EXACT, TURNED, TURNED_SIX)),
         Operation("act_inertia", "X M", js.act, _acted_inertia, (EXACT, POINT, TURNED_SIX), twin="rotate_inertia"),
         Operation("act_inverse_inertia", "X M", js.act_inverse, _inertia_acted_back, (EXACT, ACT, TURNED_SIX),
                   twin="rotate_inertia"),
         Operation("apply_acceleration", "M A", js.SpatialInertia.apply, _applied, (TORQUE, FORCE), is_long=True),
-        Operation("apply_velocity", "M V", js.SpatialInertia.apply, _applied, (TORQUE, FORCE), twin="apply_acceleration"),
+        Operation("apply_velocity", "M V", js.SpatialInertia.apply, _applied, (TORQUE, FORCE),
+                  twin="apply_acceleration"),
         Operation("kinetic_energy", "M V", lambda M, V, precision=None: M.kinetic_energy(V, precision=precision) * 2,
                   _twice_energy, (ENERGY,), is_long=True),
         Operation("add", "F F", lambda F, G: F + G, lambda tau, f, tau2, f2: (tau + tau2, f + f2)),
@@ -380,5 +382,11 @@ WITH_PRECISION = [name for name, operation in OPERATIONS.items() if operation.bo
 # One of each formula.
 FORMULAS = [name for name in WITH_PRECISION if not OPERATIONS[name].twin]
 # Of each kind of arithmetic one, which is tried in every surrounding.
-REPRESENTATIVES = ("shift_force", "shift_acceleration", "dot_force_velocity", "cross_velocity", "act_velocity",
-"wrench_from_point_forces")
+REPRESENTATIVES = (
+    "shift_force",
+    "shift_acceleration",
+    "dot_force_velocity",
+    "cross_velocity",
+    "act_velocity",
+    "wrench_from_point_forces",
+)

@@ -150,14 +150,20 @@ SCENES = {
         "plane": ((R_Z, M_PLANE), 18, 27), "identity": ((ONE, M), 0, 0),
     }),
 }  # fmt: skip
-CASES = [
-    pytest.param(function, *scene, id=f"{name}-{of}")
-    for name, (function, scenes) in SCENES.items()
-    for of, scene in scenes.items()
-]
-KNOWN_CASES = [case for case in CASES if not case.id.endswith("general")]
+
+
+def _cases(operations, *left_out):
+    return [
+        pytest.param(SCENES[name][0], *scene, id=f"{name}-{of}")
+        for name in operations
+        for of, scene in SCENES[name][1].items()
+        if of not in left_out
+    ]
+
+
+CASES, KNOWN_CASES = _cases(SCENES), _cases(SCENES, "general")
 # Of these no output shares anything with another, so that XLA has nothing to compute twice.
-UNSHARED = [case for case in CASES if case.id.split("-")[0] in ("shift_force", "dot", "cross", "rotate", "compose")]
+UNSHARED = _cases(("shift_force", "dot", "cross", "rotate", "compose"))
 NOTHING = [case for case in KNOWN_CASES if case.values[-1] == 0]
 
 

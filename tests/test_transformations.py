@@ -61,9 +61,7 @@ SURROUNDINGS = [
     for dtype in FORMATS
     for context in (CONTEXTS if dtype in (("float32", False), ("float64", True)) else ("eager", "vmap", "known"))
 ]
-DERIVATIVES = [
-    (*case, dtype) for case in DIFFERENTIABLE for dtype in (FORMATS[3:] if case[1] == "fast" else FORMATS)
-]
+DERIVATIVES = [(*case, dtype) for case in DIFFERENTIABLE for dtype in (FORMATS[3:] if case[1] == "fast" else FORMATS)]
 
 
 def _named(case):

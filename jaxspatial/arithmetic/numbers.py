@@ -94,7 +94,7 @@ def _root(x):
     return lax.sqrt(x)
 
 
-@_root.defjvp
+@_root.defjvp  # pyright: ignore[reportFunctionMemberAccess]
 def _root_jvp(primals, tangents):
     """dx / (2 sqrt(x)), the quotient rounded on its own: `lax.sqrt` has one that depends on the program around it."""
     root = _root(*primals)

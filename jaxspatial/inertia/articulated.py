@@ -366,7 +366,7 @@ def _alone(formula):
 
     @functools.wraps(formula)
     def call(*numbers, **static):
-        given, tree = jax.tree.flatten(numbers)
+        given, structure = jax.tree.flatten(numbers)
         data = {i: x.value for i, x in enumerate(given) if isinstance(x, Lane) and not lanes.is_known(x.value)}
         if not data:
             return formula(*numbers, **static)
@@ -374,7 +374,7 @@ def _alone(formula):
 
         def run(data):
             numbers = [Lane(precision, data.get(i, x.value)) for i, x in enumerate(given)]
-            return jax.tree.map(lambda x: x.value, formula(*jax.tree.unflatten(tree, numbers), **static))
+            return jax.tree.map(lambda x: x.value, formula(*jax.tree.unflatten(structure, numbers), **static))
 
         with set_xla_metadata(inlineable="false"):
             return jax.tree.map(lambda x: Lane(precision, x), jax.jit(run)(data))

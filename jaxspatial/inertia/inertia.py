@@ -422,6 +422,8 @@ def _as_six(x, name, dtype):
 def _broadcast(array, shape):
     if isinstance(array, DoubleWord):
         return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), array)
+    if isinstance(array, check.Number):
+        return array.over_batch(shape[:-1])
     return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, shape)
 
 
@@ -494,8 +496,9 @@ def _pose(X_AB, M):
 def _moved(formula, precision, M, *pose):
     """The formula over com and central; mass stays."""
     com, central = formula(precision, *pose, M.com, M.central)
-    (mass,) = check.broadcast_batch(com.shape[:-1], expanded(M.mass))
-    return _rebuild((M.mass if M.batch_shape == com.shape[:-1] else mass[..., 0], com, central))
+    batch = np.broadcast_shapes(M.batch_shape, *(x.shape[:-1] for x in pose))
+    (mass,) = check.broadcast_batch(batch, expanded(M.mass))
+    return _rebuild((M.mass if M.batch_shape == batch else mass[..., 0], com, central))
 
 
 def _turned(precision, rows, v):

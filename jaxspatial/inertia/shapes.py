@@ -150,7 +150,7 @@ class Shapes:
         middle, at most r away, and V the volume: at most (12 + L) u S of the volume, u |com| + (12 + L) u r S / V of
         com, (24 + 2 L) u mass r^2 S / V of an entry of the central inertia in "fast" and "reproducible"; the same with
         u^2 in place of u, 8 times, and 1.01 u of the result, in the other two. For a body as thick as wide S / V is
-        about 20.
+        about 10.
         [Mirtich 1996, Fast and accurate computation of polyhedral mass properties; Eberly 2002]
         """
         kind, amount = _amount("triangle_mesh", mass, density)

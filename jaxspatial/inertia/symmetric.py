@@ -70,7 +70,7 @@ def eigen(precision, six):
     return tuple(_decomposed(precision, six, eps=float(jnp.finfo(six.dtype).eps)))
 
 
-@eigen.defjvp
+@eigen.defjvp  # pyright: ignore[reportFunctionMemberAccess]
 def _eigen_jvp(precision, primals, tangents):
     moments, axes = eigen(precision, *primals)
     plain = from_double_word((moments, axes, *tangents))

@@ -1,7 +1,7 @@
 """Rotations from directions and from matrices that are nearly rotations, as formulas over numbers."""
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import high, where
+from jaxspatial.arithmetic.numbers import apart, high, where
 
 
 def from_one_vector(u, axis):
@@ -60,11 +60,12 @@ def nearest(m):
     matrices, 8.6]
     """
     m = vectors.rows(vectors.scaled(vectors.flat(m))[0])
-    for _ in range(12):
+    for _ in range(9):
         m = _newton(m)
     return m
 
 
+@apart
 def _newton(m):
     """(s m + m^-T / s) / 2 with s^2 = |m^-T| / |m|: both of about one size."""
     cofactors = vectors.cross(m[1], m[2]), vectors.cross(m[2], m[0]), vectors.cross(m[0], m[1])

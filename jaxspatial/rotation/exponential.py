@@ -186,9 +186,7 @@ def _operator(c, half, d, w):
     x, y, z = vectors.times(half, w)
     turned = ((0, -z, y), (z, 0, -x), (-y, x, 0))
     dw = vectors.times(d, w)
-    return tuple(
-        tuple(dw[i] * w[j] + (c if i == j else turned[i][j]) for j in range(3)) for i in range(3)
-    )
+    return tuple(tuple(dw[i] * w[j] + (c if i == j else turned[i][j]) for j in range(3)) for i in range(3))
 
 
 def coupling(w, v):

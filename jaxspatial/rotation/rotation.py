@@ -1,6 +1,5 @@
 """Rotations, as what they do to vectors. The mathematics is in the modules beside this one."""
 
-
 import jax
 import jax.export
 import numpy as np
@@ -186,7 +185,7 @@ class Rotation:
 
     def inverse(self):
         """R_BA of R_AB: the transpose."""
-        return Rotation(self.entries[..., np.array([0, 3, 6, 1, 4, 7, 2, 5, 8])])
+        return Rotation(_transposed(None, self.entries))
 
     def __matmul__(self, other):
         """R_AB @ v_B is v_A, (*batch, 3), and R_AB @ R_BC is R_AC; see `rotated` and `composed` for bounds."""
@@ -255,6 +254,11 @@ def composed(R_AB, R_BC, *, precision=None):
 def _rotated(precision, entries, *vectors):
     rows = matrix_rows(entries)
     return tuple(lanes.stack_like(v, [lanes.dot(precision, row, lanes.unstack(v)) for row in rows]) for v in vectors)
+
+
+@kernel
+def _transposed(_, entries):
+    return lanes.stack(vectors.flat(vectors.transpose(matrix_rows(entries))), lanes.batch_shape(entries))
 
 
 @kernel

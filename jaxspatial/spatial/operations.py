@@ -140,10 +140,10 @@ def acting(X_Bo_B, X_AB, w, precision) -> Any:
 def act_inverse(X_AB, X_Ao_A, w=None, *, precision=None):
     """`act` of X_AB^-1, without forming it: X_Ao_A -> X_Bo_B. Arguments, errors and bounds as there; w is in frame A.
 
-        force, momentum   f_B = R^T f           tau_B = R^T (tau - p x f)
-        velocity          w_B = R^T w           v_B = R^T (v + w x p)
-        acceleration      alpha_B = R^T alpha   a_B = R^T (a + alpha x p + w x (w x p))
-        inertia           com_B = R^T (com - p) central_B = R^T central R
+    force, momentum   f_B = R^T f           tau_B = R^T (tau - p x f)
+    velocity          w_B = R^T w           v_B = R^T (v + w x p)
+    acceleration      alpha_B = R^T alpha   a_B = R^T (a + alpha x p + w x (w x p))
+    inertia           com_B = R^T (com - p) central_B = R^T central R
     """
     return acting_inverse(X_Ao_A, X_AB, w, precision)
 
@@ -152,7 +152,6 @@ def act_inverse(X_AB, X_Ao_A, w=None, *, precision=None):
 def acting_inverse(X_Ao_A, X_AB, w, precision) -> Any:
     """`act_inverse`, dispatched on what is acted on."""
     return _refuse("act_inverse", "a spatial vector or inertia as second", X_Ao_A)
-
 
 
 def rotate(R_AE, X_P_E, *, precision=None):
@@ -178,4 +177,3 @@ def rotating(X_P_E, R_AE, precision) -> Any:
     if not hasattr(X_P_E, "rotational"):
         return _refuse("rotate", "one of the four spatial vectors as second", X_P_E)
     return X_P_E._like(*rotated_together(R_AE, *X_P_E._parts, precision=precision))
-

@@ -64,8 +64,8 @@ class RigidTransform:
     @classmethod
     def from_matrix(cls, m):
         """From homogeneous matrices (*batch, 4, 4), taken as they are, whatever their last row."""
-        m = as_matrices(m, "RigidTransform.from_matrix: m", 4)
-        return cls(Rotation(m[..., np.array([0, 1, 2, 4, 5, 6, 8, 9, 10])]), m[..., np.array([3, 7, 11])])
+        m = matrices(as_matrices(m, "RigidTransform.from_matrix: m", 4), 4)
+        return cls(Rotation.from_matrix(m[..., :3, :3]), m[..., :3, 3])
 
     @classmethod
     def exp(cls, V, *, precision=None):
@@ -96,7 +96,7 @@ class RigidTransform:
 
     @property
     def batch_shape(self):
-        return self.translation.shape[:-1]
+        return check.batch_shape(self.translation, self.rotation.entries)
 
     @property
     def dtype(self):

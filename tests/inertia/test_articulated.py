@@ -184,8 +184,11 @@ def case(dtype, n=12):
     return P, p, R
 
 
-@pytest.mark.parametrize("dtype", ["float16", "bfloat16", "float32", "float64"])
-def test_bounds_of_shift_and_change_of_frame(dtype):
+@pytest.mark.parametrize(
+    ("dtype", "precisions"),
+    [("bfloat16", ["reproducible"]), ("float32", ["reproducible", "compensated"]), ("float64", ["fast"])],
+)
+def test_bounds_of_shift_and_change_of_frame(dtype, precisions):
     P, p, R = case(dtype)
     X = js.RigidTransform(R, p)
     rows = lambda e: e.reshape(3, 3)  # noqa: E731
@@ -195,7 +198,7 @@ def test_bounds_of_shift_and_change_of_frame(dtype):
         "act": references(lambda P, e, p: shifted(turned(P, rows(e)), -p, ZERO), P, R.entries, p),
         "act_inverse": references(lambda P, e, p: turned(shifted(P, p, ZERO), rows(e).T), P, R.entries, p),
     }
-    for precision in ("fast", "reproducible") if dtype != "float32" else ("reproducible", "compensated"):
+    for precision in precisions:
         P_Q = P.shift(p, precision=precision)
         assert_within(P_Q, exact["shift"], (SHIFT, SHIFT, EXACT), precision)
         assert_within(P.rotate(R, precision=precision), exact["rotate"], (TURN,) * 3, precision)
@@ -279,7 +282,7 @@ def test_bound_of_a_projection(dtype, precision):
 # -- what is left of an inertia ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("k", [1, 2, 3, 6])
+@pytest.mark.parametrize("k", [1, 3, 6])
 def test_projection_of_several_freedoms_is_the_dense_one(k):
     rng = np.random.default_rng(4)
     P, armature = random_inertia(rng, 4), [0.1 * (i + 1) for i in range(k)]
@@ -323,8 +326,7 @@ def _rod(mass):
     return ArticulatedInertia.from_spatial_inertia(SpatialInertia.thin_rod(2.0, mass=mass))
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_nothing_turns_indefinite(dtype):
+def test_nothing_turns_indefinite(dtype="float32"):
     """Rods, plates and heavy or light bodies, moved far out and turned, with a joint removed on the way."""
     rng, n = np.random.default_rng(6), 64
     size = 10 ** rng.uniform(-4, 0, (n, 3))
@@ -370,20 +372,20 @@ def test_two_links_move_as_dense_algebra_says():
 def test_batches_transformations_and_derivatives():
     rng = np.random.default_rng(8)
     P, p, R = random_inertia(rng, 6), jnp.asarray(rng.standard_normal((6, 3))), jnp.asarray(rng.standard_normal((6, 3)))
-    V = js.SpatialVelocity(p, R)
+    V, turn = js.SpatialVelocity(p, R), js.Rotation.exp(jnp.asarray([0.3, -0.4, 1.2]))
 
     def chain(P, p, V):
-        return js.act(js.RigidTransform(js.Rotation.exp(p), p), P.shift(p).project_out(V, 0.5)).to_matrix()
+        return js.act(js.RigidTransform(turn, p), P.shift(p).project_out(V, 0.5)).to_matrix()
 
     whole = chain(P, p, V)
     np.testing.assert_array_equal(whole, jax.jit(jax.vmap(chain))(P, p, V))
-    assert chain(jax.tree.map(lambda x: x[0], P), p, V).shape == (6, 6, 6)
+    assert jax.eval_shape(chain, jax.tree.map(lambda x: x[0], P), p, V).shape == (6, 6, 6)
     direction = jax.tree.map(lambda x: jnp.asarray(rng.standard_normal(x.shape)), (P, p, V))
     tangent = jax.jit(lambda x, t: jax.jvp(chain, x, t)[1])((P, p, V), direction)
     step = 1e-6
     ends = [chain(*jax.tree.map(lambda x, t, s=s: x + s * step * t, (P, p, V), direction)) for s in (1, -1)]
     np.testing.assert_allclose(tangent, (ends[0] - ends[1]) / (2 * step), atol=1e-6 * abs(tangent).max())
-    pulled = jax.grad(lambda x: (chain(*x) * whole).sum())((P, p, V))
+    pulled = jax.jit(jax.grad(lambda x: (chain(*x) * whole).sum()))((P, p, V))
     terms = jax.tree.map(lambda a, b: (a * b).sum(), pulled, direction)
     np.testing.assert_allclose(sum(jax.tree.leaves(terms)), (tangent * whole).sum(), rtol=1e-10)
 
@@ -425,5 +427,5 @@ def test_messages():
     with pytest.raises(TypeError, match="times: expected a SpatialAcceleration, got SpatialVelocity"):
         P.times(js.SpatialVelocity.zero())
     with pytest.raises(TypeError):
-        P @ js.SpatialVelocity.zero()
+        _ = P @ js.SpatialVelocity.zero()
     assert attribute(sized(np.ones(1)), "mag")[0] == 1 and rationals(1.0) == 1

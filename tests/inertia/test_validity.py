@@ -56,7 +56,7 @@ def test_moments_and_axes(precision, dtype):
             # Snapping to the coordinate axes, or to none, is 4 eps of the trace off at most.
             diagonal = mpmath.diag([mpmath.mpf(float(x)) for x in found])
             assert max(map(abs, Q * diagonal * Q.T - A)) <= 32 * u * size
-    assert (np.diff(np.asarray(moments)) >= 0).all()
+    assert (np.diff(np.asarray(moments, float)) >= 0).all()
 
 
 def test_moments_of_double_words():

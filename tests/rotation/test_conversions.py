@@ -1,0 +1,254 @@
+"""Rotations from quaternions, axes and angles, roll-pitch-yaw, and back, against 160 digits, and round trips."""
+
+import jax
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+import pytest
+from rotation import exact
+
+import jaxspatial as js
+
+CASES = [
+    ("bfloat16", "reproducible"),
+    ("float32", "reproducible"),
+    ("float32", "faithful"),
+    ("float64", "fast"),
+    ("float64", "compensated"),
+]
+cases = pytest.mark.parametrize(("dtype", "precision"), CASES)
+wide_dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
+
+
+@pytest.fixture(autouse=True)
+def _x64():
+    with jax.enable_x64(True):
+        yield
+
+
+def allowed(dtype, precision, bound):
+    """`bound` u, or what is left of the error of one rounding."""
+    rounded_once = precision in ("compensated", "faithful") or jnp.finfo(dtype).bits < 32
+    return (1.01 if rounded_once else bound) * float(jnp.finfo(dtype).eps) / 2
+
+
+def of_dtype(x, dtype):
+    return jnp.asarray(np.asarray(x, float).astype(jnp.dtype(dtype)))
+
+
+def matrix_errors(R, references):
+    """Relative to the size of a rotation, in the Frobenius norm."""
+    return np.linalg.norm(exact.differences(R.entries, references), axis=1).max() / np.sqrt(3)
+
+
+def quaternions(dtype, count=20):
+    rng = np.random.default_rng(0)
+    q = rng.standard_normal((count, 4))
+    q[:4] = np.eye(4)
+    q[4:8] += 1e3 * np.eye(4)
+    return of_dtype(q, dtype)
+
+
+@cases
+def test_from_quaternion(dtype, precision):
+    q = quaternions(dtype)
+    found = js.Rotation.from_quaternion(q, precision=precision)
+    assert matrix_errors(found, [exact.from_quaternion(exact.vector(x)) for x in q]) <= allowed(dtype, precision, 6)
+
+
+@pytest.mark.parametrize("precision", js.Precision)
+def test_quaternions_of_any_length(precision):
+    q = quaternions("float32")
+    expected = js.Rotation.from_quaternion(q, precision=precision).entries
+    for power in (-90, -30, 100, 120):
+        scaled = js.Rotation.from_quaternion(q * np.float32(2.0**power), precision=precision).entries
+        np.testing.assert_array_equal(scaled, expected)
+    for bad in (np.zeros(4), np.array([np.inf, 1, 0, 0]), np.array([1, 0, np.nan, 0])):
+        assert jnp.isnan(js.Rotation.from_quaternion(bad.astype(np.float32), precision=precision).entries).all()
+
+
+@cases
+def test_to_quaternion(dtype, precision):
+    """The unit quaternion of a matrix as rounded: the row of 4 q q^T with the largest diagonal, normalised."""
+    R = js.Rotation.from_quaternion(quaternions(dtype), precision="compensated")
+    found = R.to_quaternion(precision=precision)
+    assert (np.asarray(found[:, 0], float) >= 0).all()
+    wrong = exact.differences(found, [exact_quaternion(x) for x in R.entries])
+    assert np.linalg.norm(wrong, axis=1).max() <= allowed(dtype, precision, 4)
+
+
+def exact_quaternion(entries):
+    a, b, c, d, e, f, g, h, i = exact.vector(entries)
+    rows = [
+        [1 + a + e + i, h - f, c - g, d - b],
+        [h - f, 1 + a - e - i, b + d, c + g],
+        [c - g, b + d, 1 + e - a - i, f + h],
+        [d - b, c + g, f + h, 1 + i - a - e],
+    ]
+    row = max(rows, key=lambda row: row[rows.index(row)])
+    n = exact.length(row) * (-1 if row[0] < 0 else 1)
+    return [x / n for x in row]
+
+
+@wide_dtypes
+def test_quaternions_return(dtype):
+    """q -> R -> q, also where the row of the largest diagonal changes, and where w is 0."""
+    rng = np.random.default_rng(2)
+    q = rng.standard_normal((4000, 4))
+    q[:1000] = rng.choice([-1, 0, 1], (1000, 4)) + 1e-7 * rng.standard_normal((1000, 4))
+    q = q[np.linalg.norm(q, axis=1) > 0.5]
+    q = (q / np.linalg.norm(q, axis=1)[:, None] * np.where(q[:, :1] < 0, -1, 1)).astype(dtype)
+    back = np.asarray(jax.jit(lambda q: js.Rotation.from_quaternion(q).to_quaternion())(jnp.asarray(q)))
+    wrong = np.minimum(*(np.linalg.norm((back - s * q).astype(float), axis=1) for s in (1, -1)))
+    assert wrong.max() <= 4 * jnp.finfo(dtype).eps
+    assert (np.abs(q[:, 0]) < 1e-6)[np.linalg.norm((back - q).astype(float), axis=1) > 1].all()
+
+
+ANGLES = (0, 1e-30, 1e-8, 1e-3, 0.5, 1.57, 1.5708, 2, 3, 3.14159, 3.1416, -0.7, -2.5, 5, 12.5, -100, 1000)
+
+
+@cases
+def test_axis_and_angle(dtype, precision):
+    rng = np.random.default_rng(3)
+    axis, angle = (
+        of_dtype(rng.standard_normal((len(ANGLES), 3)) * 10 ** rng.uniform(-4, 4, (len(ANGLES), 1)), dtype),
+        of_dtype(ANGLES, dtype),
+    )
+    axis = axis.at[0].set(jnp.asarray([0, -1, 0], dtype))
+    found = js.Rotation.from_axis_angle(axis, angle, precision=precision)
+    exact_ones = []
+    for n, a in zip(map(exact.vector, axis), map(exact.vector, angle), strict=True):
+        exact_ones.append(exact.exp([x * a[0] / exact.length(n) for x in n]))
+    assert matrix_errors(found, exact_ones) <= allowed(dtype, precision, 8)
+    assert jnp.isnan(js.Rotation.from_axis_angle(0 * axis, angle, precision=precision).entries).all()
+
+
+@cases
+@pytest.mark.parametrize("k", [0, 1, 2])
+def test_about_a_coordinate_axis(k, dtype, precision):
+    angle = of_dtype(ANGLES, dtype)
+    found = getattr(js.Rotation, f"about_{'xyz'[k]}")(angle, precision=precision)
+    exact_ones = [exact.exp([a if i == k else 0 for i in range(3)]) for (a,) in map(exact.vector, angle)]
+    assert np.abs(exact.differences(found.entries, exact_ones)).max() <= allowed(dtype, precision, 2)
+    assert not np.isfinite(getattr(js.Rotation, f"about_{'xyz'[k]}")(jnp.asarray(np.inf, dtype)).entries).all()
+
+
+@cases
+def test_to_axis_angle(dtype, precision):
+    angles = np.array([1e-30, 1e-8, 1e-3, 0.5, 1.57, 2, 3, 3.14])
+    rng = np.random.default_rng(4)
+    n = rng.standard_normal((len(angles), 3))
+    w = n / np.linalg.norm(n, axis=1)[:, None] * angles[:, None]
+    R = js.Rotation.exp(of_dtype(w, "float64"))
+    R = js.Rotation(R.entries.astype(dtype))
+    axis, angle = R.to_axis_angle(precision=precision)
+    q = [exact_quaternion(x) for x in R.entries]
+    sines = [exact.length(x[1:]) for x in q]
+    kept = [i for i, s in enumerate(sines) if s]
+    exact_axes = [[x / sines[i] for x in q[i][1:]] for i in kept]
+    assert np.linalg.norm(exact.differences(axis[jnp.array(kept)], exact_axes), axis=1).max() <= allowed(
+        dtype, precision, 6
+    )
+    exact_angles = [2 * mp.atan2(s, x[0]) for s, x in zip(sines, q, strict=True)]
+    wrong = np.abs(exact.differences(angle, [[x] for x in exact_angles])[:, 0])
+    assert (wrong <= allowed(dtype, precision, 8) * np.array(exact_angles, float)).all()
+
+
+def test_axis_angle_of_the_identity():
+    """The axis is x, derivatives are 0 (a subgradient): finite, in both modes."""
+    axis, angle = js.Rotation.identity((2,), np.float32).to_axis_angle()
+    np.testing.assert_array_equal(axis, [[1, 0, 0]] * 2)
+    np.testing.assert_array_equal(angle, [0, 0])
+    for mode in (jax.jacfwd, jax.jacrev):
+        for derivative in mode(lambda e: js.Rotation(e).to_axis_angle())(jnp.eye(3).ravel()):
+            assert not np.asarray(derivative).any()
+
+
+def rolls_pitches_yaws(dtype):
+    rng = np.random.default_rng(5)
+    rpy = rng.uniform(-np.pi, np.pi, (24, 3)) * [1, 0.5, 1]
+    rpy[:8, 1] = np.sign(rpy[:8, 1]) * (np.pi / 2 - 10.0 ** np.array([-1, -2, -4, -6, -8, -12, -16, -30]))
+    rpy[8] = 0
+    rpy[9] = 1e-20
+    return of_dtype(rpy, dtype)
+
+
+@cases
+def test_from_roll_pitch_yaw(dtype, precision):
+    rpy = rolls_pitches_yaws(dtype)
+    found = js.Rotation.from_roll_pitch_yaw(rpy, precision=precision)
+    exact_ones = [exact.from_roll_pitch_yaw(*exact.vector(x)) for x in rpy]
+    assert matrix_errors(found, exact_ones) <= allowed(dtype, precision, 8)
+
+
+@cases
+def test_to_roll_pitch_yaw(dtype, precision):
+    """Up to gimbal lock: the rotation stays, roll and yaw in proportion to 1 / cos(pitch)."""
+    rpy = rolls_pitches_yaws(dtype)
+    R = js.Rotation.from_roll_pitch_yaw(rpy, precision="compensated")
+    found = R.to_roll_pitch_yaw(precision=precision)
+    rebuilt = [exact.from_roll_pitch_yaw(*exact.vector(x)) for x in found]
+    exact_ones = [exact.from_quaternion(exact_quaternion(x)) for x in R.entries]
+    wrong = np.array(
+        [[float(a - b) for a, b in zip(x, y, strict=True)] for x, y in zip(rebuilt, exact_ones, strict=True)]
+    )
+    # Angles up to pi, rounded, turn by up to pi u, three times.
+    assert np.linalg.norm(wrong, axis=1).max() / np.sqrt(3) <= max(
+        allowed(dtype, precision, 24), allowed(dtype, precision, 5)
+    )
+    there, back = np.asarray(rpy, float), np.asarray(found, float)
+    assert (np.abs(back[:, 1]) <= np.pi / 2 + 1e-2).all() and (np.abs(back[:, (0, 2)]) <= np.pi + 1e-2).all()
+    apart = np.abs(back - there)
+    apart = np.minimum(apart, np.abs(apart - 2 * np.pi)) * np.stack(
+        [np.cos(there[:, 1]), np.ones(len(there)), np.cos(there[:, 1])], 1
+    )
+    # Where the matrix was rounded, the pitch is known to sqrt(u) at gimbal lock.
+    u = float(jnp.finfo(dtype).eps) / 2
+    assert apart[:, (0, 2)].max() <= 24 * u and apart[:, 1].max() <= 24 * u
+
+
+@wide_dtypes
+def test_scipy_agrees(dtype):
+    transform = pytest.importorskip("scipy.spatial.transform")
+    rng = np.random.default_rng(6)
+    q = rng.standard_normal((50, 4)).astype(dtype)
+    theirs = transform.Rotation.from_quat(q[:, [1, 2, 3, 0]].astype(float))
+    R = js.Rotation.from_quaternion(jnp.asarray(q))
+    near = 20 * float(jnp.finfo(dtype).eps)
+    np.testing.assert_allclose(np.asarray(R.to_matrix(), float), theirs.as_matrix(), rtol=0, atol=near)
+    np.testing.assert_allclose(np.asarray(R.log(), float), theirs.as_rotvec(), rtol=0, atol=near)
+    np.testing.assert_allclose(
+        np.asarray(R.to_roll_pitch_yaw(), float), theirs.as_euler("xyz"), rtol=0, atol=100 * near
+    )
+    w = theirs.as_rotvec()
+    np.testing.assert_allclose(
+        np.asarray(js.Rotation.exp(of_dtype(w, dtype)).to_matrix(), float), theirs.as_matrix(), rtol=0, atol=near
+    )
+
+
+def test_derivatives_of_conversions():
+    """Against the exact ones: of a quaternion of any length, of angles, at the identity, at gimbal lock from below."""
+    rng = np.random.default_rng(8)
+    functions = {
+        "from_quaternion": (lambda x: js.Rotation.from_quaternion(x).entries, lambda x: list(exact.from_quaternion(x)), rng.standard_normal((5, 4))),
+        "from_roll_pitch_yaw": (
+            lambda x: js.Rotation.from_roll_pitch_yaw(x).entries,
+            lambda x: list(exact.from_roll_pitch_yaw(*x)),
+            np.array([[0.0, 0, 0], [0.1, np.pi / 2, 1], [1, 2, 3], [np.pi, np.pi, np.pi / 4], [1e-30, 1e-8, -7]]),
+        ),
+        "from_axis_angle": (
+            lambda x: js.Rotation.from_axis_angle(x[:3], x[3]).entries,
+            lambda x: list(exact.exp([c * x[3] / exact.length(x[:3]) for c in x[:3]])),
+            np.array([[1.0, 2, 3, 0], [1, 0, 0, 3], [-1, 2, 0.1, 1e-20], [1, 1, 1, 20]]),
+        ),
+        "roll, pitch, yaw there and back": (
+            lambda x: js.Rotation.from_roll_pitch_yaw(x).to_roll_pitch_yaw(),
+            lambda x: x,
+            np.array([[0.0, 0, 0], [1, 1, 1], [-3, -1.3, 2.9], [1.6, 0.1, -1.6]]),
+        ),
+    }  # fmt: skip
+    for name, (f, formula, x) in functions.items():
+        expected = np.array([exact.first_derivatives(formula, exact.vector(v)) for v in x]).astype(float)
+        for mode in (jax.jacfwd, jax.jacrev):
+            found = np.asarray(jax.jit(jax.vmap(mode(f)))(jnp.asarray(x)))
+            np.testing.assert_allclose(found, expected, rtol=0, atol=100 * 2.0**-52, err_msg=name)

@@ -1,0 +1,246 @@
+"""Rotations from directions, and nearest to matrices, against 160 digits; interpolation."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+import pytest
+from rotation import exact
+
+import jaxspatial as js
+
+CASES = [
+    ("bfloat16", "reproducible"),
+    ("float32", "reproducible"),
+    ("float32", "compensated"),
+    ("float64", "fast"),
+    ("float64", "faithful"),
+]
+cases = pytest.mark.parametrize(("dtype", "precision"), CASES)
+wide_dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
+
+
+@pytest.fixture(autouse=True)
+def _x64():
+    with jax.enable_x64(True):
+        yield
+
+
+def allowed(dtype, precision, bound):
+    """`bound` u, or what is left of the error of one rounding."""
+    rounded_once = precision in ("compensated", "faithful") or jnp.finfo(dtype).bits < 32
+    return (1.01 if rounded_once else bound) * float(jnp.finfo(dtype).eps) / 2
+
+
+def of_dtype(x, dtype):
+    return jnp.asarray(np.asarray(x, float).astype(jnp.dtype(dtype)))
+
+
+def errors(R, references):
+    return np.linalg.norm(exact.differences(R.entries, references), axis=1) / np.sqrt(3)
+
+
+def unit(v):
+    n = exact.length(v)
+    return [x / n for x in v]
+
+
+def cross(a, b):
+    return list(exact.cross_matrix(a) * mp.matrix(b))
+
+
+def with_columns(columns):
+    return [columns[j][i] for i in range(3) for j in range(3)]
+
+
+def vectors(dtype, seed, count=12):
+    rng = np.random.default_rng(seed)
+    v = rng.standard_normal((count, 3))
+    v[:3] = np.eye(3)
+    v[3] = [1, 1, 1]
+    v[4:6] *= 1e-3
+    return of_dtype(v, dtype)
+
+
+@cases
+@pytest.mark.parametrize("axis", [0, 2])
+def test_from_one_vector(axis, dtype, precision):
+    u = vectors(dtype, 0)
+    found = js.Rotation.from_one_vector(u, axis, precision=precision)
+    exact_ones = []
+    for x in map(exact.vector, u):
+        first = unit(x)
+        k = min(range(3), key=lambda i: abs(x[i]))
+        second = unit(cross([int(i == k) for i in range(3)], first))
+        columns = [first, second, cross(first, second)]
+        exact_ones.append(with_columns([columns[(j - axis) % 3] for j in range(3)]))
+    assert errors(found, exact_ones).max() <= allowed(dtype, precision, 6)
+    assert jnp.isnan(js.Rotation.from_one_vector(0 * u, axis, precision=precision).entries).all()
+
+
+@cases
+@pytest.mark.parametrize("axes", [(2, 0), (0, 2), (1, 2)])
+def test_from_two_vectors(axes, dtype, precision):
+    u, v = vectors(dtype, 1), vectors(dtype, 2)[::-1]
+    found = js.Rotation.from_two_vectors(u, v, axes, precision=precision)
+    exact_ones, sines = [], []
+    for x, y in zip(map(exact.vector, u), map(exact.vector, v), strict=True):
+        first, normal = unit(x), cross(unit(x), unit(y))
+        sines.append(float(exact.length(normal)))
+        second = cross(unit(normal), first)
+        third = cross(first, second) if (axes[1] - axes[0]) % 3 == 1 else cross(second, first)
+        columns = dict(zip((*axes, 3 - sum(axes)), (first, second, third), strict=True))
+        exact_ones.append(with_columns([columns[k] for k in range(3)]))
+    assert (errors(found, exact_ones) * np.array(sines)).max() <= allowed(dtype, precision, 8)
+    m = np.asarray(found.to_matrix(), float)
+    np.testing.assert_allclose(np.linalg.det(m), 1, atol=0.05)
+    assert not jnp.isfinite(js.Rotation.from_two_vectors(u, -u, axes, precision=precision).entries[:2]).all()
+
+
+@cases
+def test_between(dtype, precision):
+    """The smallest rotation from one direction to the other, up to nearly opposite ones."""
+    rng = np.random.default_rng(3)
+    a = rng.standard_normal((16, 3))
+    b = rng.standard_normal((16, 3))
+    b[:6] = -a[:6] + 10.0 ** np.array([-1, -2, -3, -4, -5, -6])[:, None] * rng.standard_normal((6, 3))
+    b[6] = a[6]
+    a, b = of_dtype(a, dtype), of_dtype(b, dtype)
+    found = js.Rotation.between(a, b, precision=precision)
+    exact_ones, halves = [], []
+    for x, y in zip(map(exact.vector, a), map(exact.vector, b), strict=True):
+        x, y = unit(x), unit(y)
+        n, c = cross(x, y), sum(p * q for p, q in zip(x, y, strict=True))
+        k = exact.cross_matrix(n)
+        exact_ones.append(mp.eye(3) + k + k * k / (1 + c))
+        halves.append(float(mp.sqrt((1 + c) / 2)))
+    assert (errors(found, exact_ones) * np.array(halves)).max() <= allowed(dtype, precision, 8)
+
+
+@wide_dtypes
+def test_between_opposite_directions(dtype):
+    a = vectors(dtype, 4)
+    found = js.Rotation.between(a, -a)
+    turned = np.asarray(found @ a, float)
+    assert np.abs(turned + np.asarray(a, float)).max() <= 8 * jnp.finfo(dtype).eps * np.abs(a).max()
+    np.testing.assert_allclose(np.linalg.norm(np.asarray(found.log(), float), axis=1), np.pi, rtol=1e-6)
+    gradient = jax.jacrev(lambda b: js.Rotation.between(a[7], b).entries)(2 * a[7])
+    assert jnp.isfinite(gradient).all()
+
+
+def polar(m):
+    """The orthogonal polar factor in 160 digits, by Newton's iteration."""
+    m = mp.matrix(3, 3) + mp.matrix([[m[3 * i + j] for j in range(3)] for i in range(3)])
+    for _ in range(60):
+        new = (m + (m**-1).T) / 2
+        if mp.mnorm(new - m, "f") < mp.mpf(10) ** -100:
+            return new
+        m = new
+    raise AssertionError("no convergence")
+
+
+@cases
+def test_nearest(dtype, precision):
+    rng = np.random.default_rng(5)
+    m = rng.standard_normal((16, 3, 3))
+    m *= np.sign(np.linalg.det(m))[:, None, None]
+    near = np.linalg.qr(rng.standard_normal((8, 3, 3)))[0]
+    m[:8] = near * np.linalg.det(near)[:, None, None] + 1e-3 * rng.standard_normal((8, 3, 3))
+    m[8] *= 1e4
+    m[9] *= 1e-4
+    m[10] = m[10] @ np.diag([1, 1e-2, 1e-1])
+    m = of_dtype(m, dtype)
+    found = js.Rotation.nearest(m, precision=precision)
+    values = np.linalg.svd(np.asarray(m, float), compute_uv=False)
+    condition = 2 * values[:, 0] / (values[:, 1] + values[:, 2])
+    wrong = errors(found, [polar(exact.vector(x)) for x in m])
+    assert (wrong <= allowed(dtype, precision, 12) * (condition if precision in ("fast", "reproducible") else 1)).all()
+    for bad in (
+        np.diag([1.0, 1, -1]),
+        np.zeros((3, 3)),
+        np.diag([1.0, 1, 0]),
+        np.diag([np.inf, 1, 1]),
+        np.full((3, 3), np.nan),
+    ):
+        assert jnp.isnan(js.Rotation.nearest(of_dtype(bad, dtype), precision=precision).entries).any()
+
+
+@wide_dtypes
+def test_nearest_removes_drift(dtype):
+    """Of a product of 1000 random rotations, which is off by its rounding errors; twice changes nothing more."""
+    steps = js.Rotation.exp(of_dtype(np.random.default_rng(6).standard_normal((1000, 3)), dtype))
+    product, _ = jax.lax.scan(lambda R, step: (R @ step, None), js.Rotation(jnp.eye(3, dtype=dtype).ravel()), steps)
+    eps = float(jnp.finfo(dtype).eps)
+
+    def off(R):
+        m = np.asarray(R.to_matrix(), np.longdouble)
+        return np.abs(m @ m.T - np.eye(3)).max()
+
+    assert off(product) > 10 * eps
+    cleaned = js.Rotation.nearest(product.to_matrix())
+    assert off(cleaned) <= 8 * eps
+    assert np.abs(np.asarray(cleaned.entries - product.entries, float)).max() <= 2 * off(product)
+    assert np.abs(np.asarray(js.Rotation.nearest(cleaned.to_matrix()).entries - cleaned.entries)).max() <= 8 * eps
+
+
+def test_derivative_of_nearest():
+    """Along symmetric changes 0, along turns the turn: d exp(s w) (1 + s S) at s = 0."""
+    R = js.Rotation.exp(jnp.array([0.3, -2.0, 1.0])).to_matrix()
+    S = jnp.array([[1.0, 2, 3], [2, -1, 0], [3, 0, 2]])
+    K = jnp.array([[0.0, -3, 2], [3, 0, -1], [-2, 1, 0]])
+    for mode in (jax.jacfwd, jax.jacrev):
+        derivative = mode(lambda s: js.Rotation.nearest(R @ (jnp.eye(3) + s * (S + K))).to_matrix())(0.0)
+        np.testing.assert_allclose(np.asarray(derivative), np.asarray(R @ K), atol=1e-14)
+
+
+@wide_dtypes
+def test_interpolation(dtype):
+    """t = 0 and 1 give both ends, between the turn is in proportion, beyond it goes on; also of poses."""
+    rng = np.random.default_rng(7)
+    w = rng.standard_normal((20, 3))
+    start = js.Rotation.exp(of_dtype(rng.standard_normal((20, 3)), dtype))
+    end = start @ js.Rotation.exp(of_dtype(w, dtype))
+    eps = float(jnp.finfo(dtype).eps)
+    interpolated = jax.jit(lambda t: start.interpolate(end, jnp.broadcast_to(t, (20,))))
+    for t in (0.0, 0.5, 1.0, 3.0, -1.0):
+        found = np.asarray(interpolated(jnp.asarray(t, dtype)).to_matrix(), float)
+        expected = np.asarray(start.to_matrix(), float) @ np.asarray(js.Rotation.exp(jnp.asarray(t * w)).to_matrix())
+        assert np.linalg.norm(found - expected, 2, axis=(1, 2)).max() <= (12 + 8 * abs(t)) * eps
+    np.testing.assert_array_equal(interpolated(jnp.asarray(0, dtype)).entries, start.entries)
+    assert jnp.isnan(interpolated(jnp.asarray(np.nan, dtype)).entries).all()
+    p, q = (of_dtype(rng.standard_normal((20, 3)), dtype) for _ in range(2))
+    X, Y = js.RigidTransform(start, p), js.RigidTransform(end, q)
+    poses = jax.jit(lambda t: X.interpolate(Y, jnp.broadcast_to(t, (20,))))
+    sizes = np.linalg.norm(np.asarray(p, float), axis=1) + np.linalg.norm(np.asarray(q, float), axis=1)
+    for t, expected in ((0, p), (1, q)):
+        wrong = np.linalg.norm(np.asarray(poses(jnp.asarray(t, dtype)).translation - expected, float), axis=1)
+        assert (wrong / sizes).max() <= (4 + 8 * t) * eps
+    half = poses(jnp.asarray(0.5, dtype))
+    twice = half @ X.inverse_times(half)
+    assert np.abs(np.asarray(twice.translation - q, float)).max() <= 40 * eps * sizes.max()
+
+
+def test_decisions_agree_with_themselves():
+    """In "fast" too, at the switches: a batch of angles within rounding of |w|^2 = 10 and 1, and rows that tie."""
+    rng = np.random.default_rng(9)
+    d = rng.standard_normal((4000, 3))
+    d /= np.linalg.norm(d, axis=1)[:, None]
+    for size in (np.sqrt(10), 1.0):
+        w = of_dtype(d * size * (1 + rng.integers(-4, 5, (4000, 1)) * 2.0**-24), "float32")
+        for function in (js.Rotation.left_jacobian, js.Rotation.left_jacobian_inverse, js.Rotation.exp):
+            f = functools.partial(_entries, function)
+            fast, exact_ones = (
+                jax.jit(jax.vmap(jax.jacfwd(functools.partial(f, p))))(w) for p in ("fast", "compensated")
+            )
+            assert np.abs(np.asarray(fast - exact_ones)).max() <= 1e-4 * (1 if size < 2 else 4), function
+    q = of_dtype(rng.choice([-0.5, 0.5], (4000, 4)) * (1 + 1e-7 * rng.standard_normal((4000, 4))), "float32")
+    R = js.Rotation.from_quaternion(q)
+    turned = jax.jit(lambda R, S: R.interpolate(S, jnp.ones(4000, jnp.float32), precision="fast"))(R, R @ R)
+    assert np.abs(np.asarray(turned.entries - (R @ R).entries)).max() <= 1e-5
+
+
+def _entries(function, precision, w):
+    found = function(w, precision=precision)
+    return found.entries if isinstance(found, js.Rotation) else found

@@ -1,0 +1,441 @@
+"""exp, log and their Jacobians against 160 digits, for every angle, with a translation that is not scaled along."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+import pytest
+from rotation import exact
+
+import jaxspatial as js
+
+ANGLES = [
+    0,
+    1e-30,
+    1e-20,
+    1e-12,
+    1e-8,
+    1e-6,
+    1e-4,
+    1e-2,
+    0.1,
+    0.3,
+    0.6,
+    0.99,
+    1.0,
+    1.01,
+    1.3,
+    1.57,
+    1.8,
+    2.1,
+    2.4,
+    2.7,
+    2.9,
+]
+NEAR_PI = [3.0, 3.1, 3.13, 3.14, 3.1415]
+PRECISIONS = [str(p) for p in js.Precision]
+DTYPES = ["float16", "bfloat16", "float32", "float64"]
+precisions = pytest.mark.parametrize("precision", PRECISIONS)
+# Every dtype, every precision, and every way to compute: float32, float64 and double words.
+CASES = [
+    ("float16", "reproducible"),
+    ("bfloat16", "compensated"),
+    ("float32", "fast"),
+    ("float32", "reproducible"),
+    ("float32", "compensated"),
+    ("float64", "fast"),
+    ("float64", "reproducible"),
+    ("float64", "faithful"),
+]
+cases = pytest.mark.parametrize(("dtype", "precision"), CASES)
+wide_cases = pytest.mark.parametrize(("dtype", "precision"), CASES[2:])
+differentiated = pytest.mark.parametrize(
+    ("dtype", "precision"), [CASES[2], CASES[3], CASES[6], pytest.param(*CASES[7], marks=pytest.mark.slow)]
+)
+second_differentiated = pytest.mark.parametrize(("dtype", "precision"), [CASES[2], CASES[6]])
+wide_dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
+
+
+@pytest.fixture(autouse=True)
+def _x64():
+    with jax.enable_x64(True):
+        yield
+
+
+def eps(dtype):
+    return float(jnp.finfo(dtype).eps)
+
+
+def allowed(dtype, precision, bound):
+    """`bound` u, or what is left of the error of one rounding."""
+    rounded_once = precision in ("compensated", "faithful") or jnp.finfo(dtype).bits < 32
+    return (1.01 if rounded_once else bound) * eps(dtype) / 2
+
+
+@functools.cache
+def motions(dtype, angles, count=2):
+    """(w, v) as arrays of the dtype: random, perpendicular and parallel v, all of size 1."""
+    rng = np.random.default_rng(5)
+    d = exact.directions(count, rng)
+    w = (d * np.array(angles)[:, None, None]).reshape(-1, 3)
+    d = np.tile(d, (len(angles), 1))
+    v = rng.standard_normal(w.shape)
+    v[1::3] = np.cross(v[1::3], d[1::3])
+    v[2::6] = d[2::6]
+    return jnp.asarray(w.astype(jnp.dtype(dtype))), jnp.asarray(v.astype(jnp.dtype(dtype)))
+
+
+@functools.cache
+def references(dtype, angles):
+    """Lists of exp(w) and of its translation."""
+    w, v = (list(map(exact.vector, x)) for x in motions(dtype, angles))
+    return [exact.exp(x) for x in w], [exact.translation(x, y) for x, y in zip(w, v, strict=True)]
+
+
+def moved(dtype, angles, precision, transformed=jax.jit):
+    w, v = motions(dtype, angles)
+    X = transformed(functools.partial(js.RigidTransform.exp, precision=precision))(js.SpatialVelocity(w, v))
+    return X.rotation.entries, X.translation
+
+
+def relative(differences, references):
+    """Lengths of differences relative to those of the references."""
+    sizes = np.array([float(exact.length(list(r))) for r in references])
+    lengths = np.linalg.norm(differences, axis=1)
+    return np.where(lengths == 0, 0, lengths / np.where(sizes == 0, 1e-300, sizes))
+
+
+def matrix_errors(entries, exact_matrices):
+    """In the largest singular value, and in the Frobenius norm relative to that of a rotation."""
+    d = exact.differences(entries, exact_matrices)
+    return np.linalg.norm(d.reshape(-1, 3, 3), 2, axis=(1, 2)), np.linalg.norm(d, axis=1) / np.sqrt(3)
+
+
+@cases
+def test_exp(dtype, precision):
+    angles = (*ANGLES, *NEAR_PI, float(np.pi))
+    entries, p = moved(dtype, angles, precision)
+    assert entries.dtype == p.dtype == jnp.dtype(dtype)
+    matrices, translations = references(dtype, angles)
+    largest, frobenius = matrix_errors(entries, matrices)
+    assert frobenius.max() <= allowed(dtype, precision, 6)
+    if precision in ("fast", "reproducible"):
+        assert largest.max() <= max(allowed(dtype, precision, 6), 1.7 * eps(dtype) / 2)
+    sizes = np.linalg.norm(np.asarray(motions(dtype, angles)[1], float), axis=1)
+    errors = np.linalg.norm(exact.differences(p, translations), axis=1) / sizes
+    assert errors.max() <= allowed(dtype, precision, 6)
+
+
+@wide_cases
+def test_exp_of_more_than_half_a_turn(dtype, precision):
+    """The angle itself has an error of u |w|: 6 u + 2 u |w|."""
+    angles = (np.pi + 1e-3, 3.17, 4.0, 5.0, 2 * np.pi - 1e-3, 2 * np.pi, 7.0, 20.0, 63.0, 1000.0, 1e4)
+    entries, p = moved(dtype, angles, precision)
+    matrices, translations = references(dtype, angles)
+    w, v = (np.asarray(x, float) for x in motions(dtype, angles))
+    lengths = np.linalg.norm(w, axis=1)
+    growth = 2 * lengths if precision in ("fast", "reproducible") else 0 * lengths
+    assert (matrix_errors(entries, matrices)[1] <= allowed(dtype, precision, 6) + growth * eps(dtype) / 2).all()
+    errors = np.linalg.norm(exact.differences(p, translations), axis=1)
+    assert (errors <= (allowed(dtype, precision, 6) + growth * eps(dtype) / 2) * np.linalg.norm(v, axis=1)).all()
+
+
+def rounded_references(dtype, angles):
+    matrices, translations = references(dtype, angles)
+    entries = np.array([list(m) for m in matrices], object).astype(float)
+    # From the nearest float64: for float16 and bfloat16 rounded twice, by far less than their roundoff.
+    p = np.array([list(t) for t in translations], object).astype(float)
+    return (jnp.asarray(x.astype(jnp.dtype(dtype))) for x in (entries, p))
+
+
+@wide_cases
+def test_log(dtype, precision):
+    """Of the exact motion, rounded: what rounding does to the motion is part of the error, also in "compensated"."""
+    angles = (*ANGLES, *NEAR_PI)
+    entries, p = rounded_references(dtype, angles)
+    X = js.RigidTransform(js.Rotation(entries), p)
+    V = jax.jit(functools.partial(js.RigidTransform.log, precision=precision))(X)
+    w, v = ([exact.vector(x) for x in vs] for vs in motions(dtype, angles))
+    assert relative(exact.differences(V.w, w), w).max() <= 8 * eps(dtype) / 2
+    assert relative(exact.differences(V.v, v), v).max() <= 8 * eps(dtype) / 2
+
+
+def exact_log(entries):
+    """The rotation vector of the quaternion proportional to the row of 4 q q^T with the largest diagonal, as it is."""
+    a, b, c, d, e, f, g, h, i = exact.vector(entries)
+    rows = [
+        [1 + a + e + i, h - f, c - g, d - b],
+        [h - f, 1 + a - e - i, b + d, c + g],
+        [c - g, b + d, 1 + e - a - i, f + h],
+        [d - b, c + g, f + h, 1 + i - a - e],
+    ]
+    k = max(range(4), key=lambda k: rows[k][k])
+    w, *v = (-x for x in rows[k]) if rows[k][0] < 0 else rows[k]
+    s = exact.length(v)
+    return [x * (2 * mp.atan2(s, w) / s if s else 2 / w) for x in v]
+
+
+@cases
+def test_log_of_the_matrix_as_it_is(dtype, precision):
+    angles = (*ANGLES, *NEAR_PI)
+    entries, p = rounded_references(dtype, angles)
+    V = jax.jit(functools.partial(js.RigidTransform.log, precision=precision))(
+        js.RigidTransform(js.Rotation(entries), p)
+    )
+    w = [exact_log(x) for x in entries]
+    v = [exact.left_jacobian(x) ** -1 * mp.matrix(exact.vector(y)) for x, y in zip(w, p, strict=True)]
+    assert relative(exact.differences(V.w, w), w).max() <= allowed(dtype, precision, 6)
+    assert relative(exact.differences(V.v, v), v).max() <= allowed(dtype, precision, 8)
+
+
+@wide_dtypes
+def test_log_undoes_exp(dtype):
+    angles = (*ANGLES, *NEAR_PI)
+    w, v = motions(dtype, angles)
+    V = jax.jit(lambda V: js.RigidTransform.exp(V).log())(js.SpatialVelocity(w, v))
+    for computed, given in ((V.w, w), (V.v, v)):
+        given = [exact.vector(x) for x in given]
+        assert relative(exact.differences(computed, given), given).max() <= 10 * eps(dtype) / 2
+
+
+@wide_dtypes
+def test_at_half_a_turn(dtype):
+    """The logarithm jumps to its negative: at exactly pi its largest component is positive."""
+    d = exact.directions(20, np.random.default_rng(1))
+    q = np.concatenate((np.zeros((len(d), 1)), d), 1).astype(dtype)
+    entries = np.array([list(exact.from_quaternion(exact.vector(x))) for x in q], object).astype(float).astype(dtype)
+    m = entries.reshape(-1, 3, 3)
+    symmetric = js.Rotation(jnp.asarray(((m + m.transpose(0, 2, 1)) / 2).reshape(-1, 9)))
+    w = np.asarray(symmetric.log(), float)
+    largest = np.take_along_axis(w, np.abs(w).argmax(1)[:, None], 1)
+    assert (largest > 0).all()
+    assert np.abs(np.linalg.norm(w, axis=1) - np.pi).max() <= 4 * eps(dtype) * np.pi
+    for sign in (1, -1):
+        for step in (1, 4, 100):
+            a = (np.pi - sign * step * 4 * eps(dtype)) * d
+            back = np.asarray(js.Rotation.exp(jnp.asarray(a.astype(dtype))).log(), float)
+            there = a.astype(dtype).astype(float) if sign > 0 else a - 2 * np.pi * d
+            wrong = np.minimum(*(np.linalg.norm(back - s * there, axis=1) for s in (1, -1)))
+            assert wrong.max() <= 8 * eps(dtype) * np.pi
+            if step == 100:
+                assert np.linalg.norm(back - there, axis=1).max() <= 8 * eps(dtype) * np.pi
+
+
+@precisions
+@pytest.mark.parametrize("bad", [np.inf, -np.inf, np.nan, 1e30])
+def test_what_is_no_angle_is_nan(bad, precision):
+    w = jnp.asarray(np.array([[bad, 0, 0], [0.3, bad, -1], [bad, bad, bad]]))
+    for dtype in ("bfloat16", "float32", "float64"):
+        R = js.Rotation.exp(w.astype(dtype), precision=precision)
+        assert jnp.isnan(R.entries).all()
+    if not np.isfinite(bad):
+        w = jnp.array([[at, -at / 2, at / 3] for at in (0.3, 2.0, 3.1)])
+        entries = np.tile(np.asarray(js.Rotation.exp(w).entries), (9, 1))
+        entries[np.arange(27), np.repeat(np.arange(9), 3)] = bad
+        assert not jnp.isfinite(js.Rotation(jnp.asarray(entries)).log(precision=precision)).any()
+
+
+def transformations(f, *arrays):
+    """What jit, vmap, scan and single items make of f, all as arrays over the batch."""
+    yield "jit", jax.jit(f)(*arrays)
+    yield "vmap", jax.vmap(f)(*arrays)
+    yield "jit of vmap", jax.jit(jax.vmap(f))(*arrays)
+    yield "scan", jax.lax.scan(lambda _, x: (0, f(*x)), 0, arrays)[1]
+    yield "one", jax.tree.map(lambda x: x[None], f(*(x[5] for x in arrays)))
+
+
+@wide_dtypes
+def test_bits_do_not_depend_on_the_program(dtype):
+    """Values and derivatives in "reproducible"."""
+    w, v = motions(dtype, (0, 1e-30, 1e-4, 0.5, 1.0, 2.0, 3.1, 3.2, 7.0), 3)
+
+    def both(w, v):
+        X = js.RigidTransform.exp(js.SpatialVelocity(w, v))
+        V = X.log()
+        return X.rotation.entries, X.translation, V.w, V.v
+
+    weights = [jnp.asarray(np.random.default_rng(n).standard_normal(n).astype(dtype)) for n in (9, 3, 3, 3)]
+
+    def weighted(w, v):
+        terms = (c * x for xs, cs in zip(both(w, v), weights, strict=True) for x, c in zip(xs.T, cs, strict=True))
+        return sum(term.sum() for term in terms)
+
+    def gradients(w, v):
+        return jax.grad(weighted, (0, 1))(w, v)
+
+    for f in (both, gradients):
+        expected = f(w, v)
+        for name, found in transformations(f, w, v):
+            want = jax.tree.map(lambda x: x[5:6], expected) if name == "one" else expected
+            for a, b in zip(found, want, strict=True):
+                np.testing.assert_array_equal(a, b, err_msg=f"{f.__name__} {name}")
+
+
+# -- derivatives ------------------------------------------------------------------------------------------------------
+
+SWITCHES = (
+    0.0,
+    1e-30,
+    1e-8,
+    1e-4,
+    0.3,
+    1 - 1e-6,
+    1 + 1e-6,
+    1.5,
+    2.0,
+    2.5,
+    3.0,
+    3.14,
+    3.1416,
+    3.15,
+    10**0.5 - 1e-6,
+    10**0.5 + 1e-6,
+    4.5,
+)
+
+
+def at_switches(dtype, angles=SWITCHES):
+    rng = np.random.default_rng(7)
+    d = rng.standard_normal((len(angles), 3))
+    w = d / np.linalg.norm(d, axis=1)[:, None] * np.array(angles)[:, None]
+    return jnp.asarray(w.astype(dtype)), jnp.asarray(rng.standard_normal(w.shape).astype(dtype))
+
+
+@functools.cache
+def exact_derivatives(dtype, order):
+    """Of the 9 entries and of the translation, in w."""
+    find = exact.first_derivatives if order == 1 else exact.second_derivatives
+    w, v = at_switches(dtype)
+    return [
+        find(lambda x, y=y: [*exact.exp(x), *exact.translation(x, y)], exact.vector(x))
+        for x, y in zip(w, map(exact.vector, v), strict=True)
+    ]
+
+
+def over_basis(f, n):
+    """Derivatives of f, n numbers of one item: along a direction, of a product with a cotangent, and of that along one.
+
+    Basis vectors come in as a batch: one small program for all components.
+    """
+
+    def forward(x, direction):
+        return jax.jvp(f, (x,), (direction,))[1]
+
+    def reverse(x, cotangent):
+        return jax.vjp(f, x)[1](cotangent)[0]
+
+    def second(x, cotangent, direction):
+        return jax.jvp(lambda y: reverse(y, cotangent), (x,), (direction,))[1]
+
+    return forward, reverse, second
+
+
+def jacobians(f, x, n):
+    """(batch, n, k) by forward and by reverse differentiation."""
+    forward, reverse, _ = over_basis(f, n)
+    columns = jax.jit(jax.vmap(jax.vmap(forward, (None, 0)), (0, None)))(x, jnp.eye(x.shape[-1], dtype=x.dtype))
+    rows = jax.jit(jax.vmap(jax.vmap(reverse, (None, 0)), (0, None)))(x, jnp.eye(n, dtype=x.dtype))
+    return np.asarray(columns).transpose(0, 2, 1), np.asarray(rows)
+
+
+def hessians(f, x, n):
+    """(batch, n, k, k) by forward over reverse differentiation."""
+    second = jax.vmap(jax.vmap(jax.vmap(over_basis(f, n)[2], (None, None, 0)), (None, 0, None)), (0, None, None))
+    return np.asarray(jax.jit(second)(x, jnp.eye(n, dtype=x.dtype), jnp.eye(x.shape[-1], dtype=x.dtype)))
+
+
+def exp_of_both(x, precision):
+    X = js.RigidTransform.exp(js.SpatialVelocity(x[..., :3], x[..., 3:]), precision=precision)
+    return jnp.concatenate((X.rotation.entries, X.translation), -1)
+
+
+@differentiated
+def test_derivatives_of_exp(dtype, precision):
+    w, v = at_switches(dtype)
+    for found in jacobians(functools.partial(exp_of_both, precision=precision), jnp.concatenate((w, v), -1), 12):
+        wrong = exact.differences(found[..., :3], [x.ravel() for x in exact_derivatives(dtype, 1)])
+        assert np.abs(wrong).max() <= 16 * eps(dtype)
+        wrong = exact.differences(found[:, 9:, 3:], [list(exact.left_jacobian(exact.vector(x))) for x in w])
+        assert np.abs(wrong).max() <= 8 * eps(dtype)
+        assert not found[:, :9, 3:].any()
+
+
+@second_differentiated
+def test_second_derivatives_of_exp(dtype, precision):
+    w, v = at_switches(dtype)
+    found = hessians(functools.partial(exp_of_both, precision=precision), jnp.concatenate((w, v), -1), 12)
+    wrong = exact.differences(found[..., :3, :3], [x.ravel() for x in exact_derivatives(dtype, 2)])
+    assert np.abs(wrong).max() <= 32 * eps(dtype)
+    assert not found[..., 3:, 3:].any()
+
+
+LOG_SWITCHES = (0.0, 1e-30, 1e-8, 1e-4, 0.3, 1 - 1e-6, 1 + 1e-6, 1.5, 2.0, 2.09, 2.1, 2.5, 3.0, 3.14, 3.1415)
+
+
+@differentiated
+def test_derivatives_of_log(dtype, precision):
+    """Of log(exp(e) R) at e = 0, the inverse left Jacobian."""
+    w, _ = at_switches(dtype, LOG_SWITCHES)
+    # The rotation goes in as data, beside the number to differentiate by.
+    R = js.Rotation.exp(w, precision="compensated").entries
+    forward = lambda R, d: jax.jvp(lambda e: _stepped(R, e, precision), (0 * d,), (d,))[1]  # noqa: E731
+    reverse = lambda R, c: jax.vjp(lambda e: _stepped(R, e, precision), 0 * c)[1](c)[0]  # noqa: E731
+    exact_ones = [list(exact.left_jacobian(exact.vector(x)) ** -1) for x in w]
+    for f in (forward, reverse):
+        found = np.asarray(jax.jit(jax.vmap(jax.vmap(f, (None, 0)), (0, None)))(R, jnp.eye(3, dtype=dtype)))
+        found = found.transpose(0, 2, 1) if f is forward else found
+        assert np.abs(exact.differences(found, exact_ones)).max() <= 32 * eps(dtype)
+
+
+def _stepped(R, e, precision):
+    return (js.Rotation.exp(e, precision=precision) @ js.Rotation(R)).log(precision=precision)
+
+
+def there_and_back(x):
+    V = js.RigidTransform.exp(js.SpatialVelocity(x[..., :3], x[..., 3:])).log()
+    return jnp.concatenate((V.w, V.v), -1)
+
+
+@wide_dtypes
+def test_derivatives_there_and_back(dtype):
+    """Of log(exp(V)): the identity and 0."""
+    x = jnp.concatenate(at_switches(dtype, LOG_SWITCHES), -1)
+    for found in jacobians(there_and_back, x, 6):
+        assert np.abs(found - np.eye(6)).max() <= 64 * eps(dtype)
+    assert np.abs(hessians(there_and_back, x, 6)).max() <= 256 * eps(dtype)
+
+
+# -- Jacobians --------------------------------------------------------------------------------------------------------
+
+
+def spectral_errors(found, exact_ones):
+    n = int(np.sqrt(len(list(exact_ones[0]))))
+    return np.linalg.norm(exact.differences(found, exact_ones).reshape(-1, n, n), 2, axis=(1, 2))
+
+
+@functools.cache
+def exact_jacobians(dtype):
+    w, v = motions(dtype, JACOBIAN_ANGLES)
+    both = [exact.motion_jacobian(exact.vector(x), exact.vector(y)) for x, y in zip(w, v, strict=True)]
+    return both, [m**-1 for m in both]
+
+
+JACOBIAN_ANGLES = (0, 1e-30, 1e-8, 1e-4, 0.1, 0.5, 0.999, 1.001, 1.5, 2.0, 2.5, 3.0, 3.1, 3.1415)
+
+
+@wide_cases
+def test_left_jacobians(dtype, precision):
+    w, v = motions(dtype, JACOBIAN_ANGLES)
+    sizes = 1 + np.linalg.norm(np.asarray(v, float), axis=1)
+    J, inverse = exact_jacobians(dtype)
+    found = jax.jit(functools.partial(js.Rotation.left_jacobian, precision=precision))(w)
+    assert spectral_errors(found, [m[:3, :3] for m in J]).max() <= allowed(dtype, precision, 6) * 1.7
+    found = jax.jit(functools.partial(js.Rotation.left_jacobian_inverse, precision=precision))(w)
+    assert spectral_errors(found, [m[:3, :3] for m in inverse]).max() <= allowed(dtype, precision, 12) * 2.5
+    V = js.SpatialVelocity(w, v)
+    found = jax.jit(functools.partial(js.RigidTransform.left_jacobian, precision=precision))(V)
+    assert (spectral_errors(found, J) / sizes).max() <= allowed(dtype, precision, 16) * 1.7
+    found = jax.jit(functools.partial(js.RigidTransform.left_jacobian_inverse, precision=precision))(V)
+    assert (spectral_errors(found, inverse) / sizes).max() <= allowed(dtype, precision, 32) * 2.5

@@ -1,0 +1,56 @@
+"""Rigid motions from pose to pose, and what constructors say of wrong arguments."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxspatial as js
+
+N, EPS = 24, float(np.finfo(np.float32).eps)
+
+
+def _poses(seed):
+    w, p = np.random.default_rng(seed).standard_normal((2, N, 3)).astype(np.float32)
+    return js.RigidTransform(js.Rotation.exp(jnp.asarray(w)), p)
+
+
+def _assert_near(X, Y, tolerance):
+    np.testing.assert_allclose(np.asarray(X.to_matrix()), np.asarray(Y.to_matrix()), rtol=0, atol=tolerance)
+
+
+def test_interpolation_is_the_screw_from_pose_to_pose():
+    X, Y = _poses(0), _poses(1)
+    t = jnp.tile(jnp.asarray([0.0, 1.0, 0.5, -0.25, 1.5, 0.1], jnp.float32), N // 6)
+    screw = X @ js.RigidTransform.exp((X.inverse() @ Y).log() * t)
+    _assert_near(X.interpolate(Y, t), screw, 200 * EPS)
+    _assert_near(X.interpolate(Y, jnp.ones(N)), Y, 32 * EPS)
+    _assert_near(X.interpolate(Y, jnp.zeros(N)), X, 8 * EPS)
+
+
+def test_inverse_and_inverse_times_undo():
+    X, Y = _poses(2), _poses(3)
+    identity = js.RigidTransform.identity((N,), np.float32)
+    _assert_near(X.inverse() @ X, identity, 8 * EPS)
+    _assert_near(X.inverse_times(X @ Y), Y, 16 * EPS)
+    _assert_near(js.RigidTransform.exp(X.log()), X, 16 * EPS)
+    assert js.RigidTransform.from_matrix(X.to_matrix()).to_matrix().tolist() == X.to_matrix().tolist()
+
+
+@pytest.mark.parametrize(
+    ("call", "kind", "words"),
+    [
+        (lambda: js.Rotation.from_quaternion(np.ones(3)), ValueError, "wxyz: expected shape (*batch, 4), got (3,)"),
+        (lambda: js.Rotation.from_matrix(np.ones((2, 3))), ValueError, "m: expected shape (*batch, 3, 3), got (2, 3)"),
+        (lambda: js.Rotation.from_one_vector(np.ones(3), 3), ValueError, "expected axis 0, 1 or 2, got 3"),
+        (lambda: js.RigidTransform.exp(np.ones(6)), TypeError, "expected a SpatialVelocity"),
+        (lambda: js.RigidTransform(np.eye(3), np.ones(3)), TypeError, "rotation: expected a Rotation"),
+        (lambda: js.act(js.Rotation.identity(), js.SpatialForce.zero()), TypeError, "expected a RigidTransform"),
+        (lambda: js.act(_poses(0), np.ones(6)), TypeError, "act: expected a spatial vector or inertia"),
+        (lambda: js.act(_poses(0), js.SpatialAcceleration.zero(dtype="float32")), TypeError, "act: expected w"),
+    ],
+    ids=range(8),
+)
+def test_messages_name_what_was_expected(call, kind, words):
+    with pytest.raises(kind) as error:
+        call()
+    assert words in str(error.value)
