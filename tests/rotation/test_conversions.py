@@ -60,7 +60,7 @@ def test_from_quaternion(dtype, precision):
 def test_quaternions_of_any_length(precision):
     q = quaternions("float32")
     expected = js.Rotation.from_quaternion(q, precision=precision).entries
-    for power in (-90, -30, 100, 120):
+    for power in (-90, -30, 90, 110):
         scaled = js.Rotation.from_quaternion(q * np.float32(2.0**power), precision=precision).entries
         np.testing.assert_array_equal(scaled, expected)
     for bad in (np.zeros(4), np.array([np.inf, 1, 0, 0]), np.array([1, 0, np.nan, 0])):
@@ -192,18 +192,15 @@ def test_to_roll_pitch_yaw(dtype, precision):
     wrong = np.array(
         [[float(a - b) for a, b in zip(x, y, strict=True)] for x, y in zip(rebuilt, exact_ones, strict=True)]
     )
-    # Angles up to pi, rounded, turn by up to pi u, three times.
-    assert np.linalg.norm(wrong, axis=1).max() / np.sqrt(3) <= max(
-        allowed(dtype, precision, 24), allowed(dtype, precision, 5)
-    )
+    # Rounding alone turns by up to 2 u, 1 u and 2 u.
+    u = float(jnp.finfo(dtype).eps) / 2
+    assert np.linalg.norm(wrong, axis=1).max() / np.sqrt(3) <= max(allowed(dtype, precision, 24), 5 * u)
     there, back = np.asarray(rpy, float), np.asarray(found, float)
     assert (np.abs(back[:, 1]) <= np.pi / 2 + 1e-2).all() and (np.abs(back[:, (0, 2)]) <= np.pi + 1e-2).all()
     apart = np.abs(back - there)
     apart = np.minimum(apart, np.abs(apart - 2 * np.pi)) * np.stack(
         [np.cos(there[:, 1]), np.ones(len(there)), np.cos(there[:, 1])], 1
     )
-    # Where the matrix was rounded, the pitch is known to sqrt(u) at gimbal lock.
-    u = float(jnp.finfo(dtype).eps) / 2
     assert apart[:, (0, 2)].max() <= 24 * u and apart[:, 1].max() <= 24 * u
 
 
@@ -230,7 +227,11 @@ def test_derivatives_of_conversions():
     """Against the exact ones: of a quaternion of any length, of angles, at the identity, at gimbal lock from below."""
     rng = np.random.default_rng(8)
     functions = {
-        "from_quaternion": (lambda x: js.Rotation.from_quaternion(x).entries, lambda x: list(exact.from_quaternion(x)), rng.standard_normal((5, 4))),
+        "from_quaternion": (
+            lambda x: js.Rotation.from_quaternion(x).entries,
+            lambda x: list(exact.from_quaternion(x)),
+            rng.standard_normal((5, 4)),
+        ),
         "from_roll_pitch_yaw": (
             lambda x: js.Rotation.from_roll_pitch_yaw(x).entries,
             lambda x: list(exact.from_roll_pitch_yaw(*x)),
