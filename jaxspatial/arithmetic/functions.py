@@ -23,6 +23,7 @@ from jaxspatial.arithmetic.numbers import (
     doubled,
     high,
     nearest_integer,
+    shared,
     times_power_of_two,
     where,
 )
@@ -126,7 +127,7 @@ def _words(fraction, like):
         fraction -= word
 
 
-@apart
+@shared
 def cosine_sine(angle):
     """(cos, sin) of an angle, each to 2 u of 1, sine relative to itself near 0. NaN for angles beyond 1 / u."""
     k, rest = turns(angle, 4)

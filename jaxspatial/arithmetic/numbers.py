@@ -181,6 +181,58 @@ def apart(function) -> Any:
     return call
 
 
+def shared(function) -> Any:
+    """`apart`, of lanes too: what many entries of a result are made of, and would be computed again for each."""
+    on_pairs = apart(function)
+
+    @functools.wraps(function)
+    def call(*arguments):
+        leaves, tree = jax.tree.flatten(arguments, is_leaf=_is_number)
+        if any(map(_is_double_word, leaves)) or not any(map(_is_data, leaves)):
+            return on_pairs(*arguments)
+        results = []
+
+        def on_values(values):
+            result = function(*jax.tree.unflatten(tree, _with(leaves, values)))
+            results.extend(jax.tree.flatten(result, is_leaf=_is_number))
+            return _values(results[0])
+
+        with set_xla_metadata(inlineable="false"):
+            values = jax.jit(on_values)(_values(leaves))
+        return jax.tree.unflatten(results[1], _with(results[0], values))
+
+    return call
+
+
+def _is_number(x):
+    return isinstance(x, Number)
+
+
+def _is_data(x):
+    return not lanes.is_known(x.value) if isinstance(x, Lane) else isinstance(x, jax.Array)
+
+
+def _values(leaves):
+    """The arrays of lanes and masks that are not known while tracing."""
+    return [x.value if isinstance(x, Lane) else x for x in leaves if _is_data(x)]
+
+
+def _with(leaves, values):
+    """The leaves, with other arrays for those that `_values` finds."""
+    values = iter(values)
+    return [x if not _is_data(x) else x._new(next(values)) if isinstance(x, Lane) else next(values) for x in leaves]
+
+
+def repeated(function, times, numbers):
+    """The function of a tuple of numbers applied to its own result so many times, as a loop: to be compiled once."""
+    if not all(isinstance(x, DoubleWord) or _is_data(x) for x in numbers):
+        return functools.reduce(lambda x, _: function(x), range(times), numbers)
+    if any(map(_is_double_word, numbers)):
+        return lax.scan(lambda x, _: (function(x), None), numbers, length=times)[0]
+    found = lax.scan(lambda x, _: (_values(function(_with(numbers, x))), None), _values(numbers), length=times)[0]
+    return tuple(_with(numbers, found))
+
+
 def each(operation, *lists) -> list:
     """[operation(a, b) for a, b of the lists]; of double words one operation on all of them, to be compiled once."""
     pairs = [x for numbers in lists for x in numbers if isinstance(x, DoubleWord)]

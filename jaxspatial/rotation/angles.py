@@ -2,7 +2,7 @@
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.functions import angle_ratio, cosine_sine, pi
-from jaxspatial.arithmetic.numbers import constant, high, where
+from jaxspatial.arithmetic.numbers import constant, high, shared, where
 
 
 def about(k, angle):
@@ -30,15 +30,17 @@ def axis_angle(q):
     return axis, 2 * angle_ratio(sine * sine, c) * sine
 
 
+@shared
 def angle_of(s, c):
     """atan2(s, c), in [-pi, pi]; 0 for (0, 0). Of a vector of any length."""
+    is_negative = high(s) < 0
     (s, c), _ = vectors.scaled((s, c))
     squared = s * s
     total = squared + c * c
     is_zero, is_behind = high(total) == 0, high(c) < 0
     length = where(is_zero, 1.0, total).sqrt()
     ahead = angle_ratio(squared, where(is_behind, -c, c), length) * s
-    return where(is_behind, where(high(s) < 0, -pi(s), pi(s)) - ahead, ahead)
+    return where(is_behind, where(is_negative, -pi(s), pi(s)) - ahead, ahead)
 
 
 def from_roll_pitch_yaw(roll, pitch, yaw):

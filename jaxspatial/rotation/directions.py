@@ -1,7 +1,9 @@
 """Rotations from directions and from matrices that are nearly rotations, as formulas over numbers."""
 
+import math
+
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import apart, high, where
+from jaxspatial.arithmetic.numbers import doubled, high, repeated, where
 
 
 def from_one_vector(u, axis):
@@ -59,23 +61,20 @@ def nearest(m):
     many steps as the squares of errors need. [Higham 1986, Computing the polar decomposition; 2008, Functions of
     matrices, 8.6]
     """
-    m = vectors.rows(vectors.scaled(vectors.flat(m))[0])
-    for _ in range(9):
-        m = _newton(m)
-    return m
+    return vectors.rows(repeated(_newton, 12, vectors.scaled(vectors.flat(m))[0]))
 
 
-@apart
-def _newton(m):
+def _newton(entries):
     """(s m + m^-T / s) / 2 with s^2 = |m^-T| / |m|: both of about one size."""
-    cofactors = vectors.cross(m[1], m[2]), vectors.cross(m[2], m[0]), vectors.cross(m[0], m[1])
-    determinant = vectors.dot(m[0], cofactors[0])
-    is_proper = high(determinant) > 0
-    inverse = tuple(tuple(where(is_proper, x / determinant, float("nan")) for x in row) for row in cofactors)
-    s = (_size(inverse) / _size(m)).sqrt()
-    mean = (0.5 * (s * x + y / s) for x, y in zip(vectors.flat(m), vectors.flat(inverse), strict=True))
-    return vectors.rows(tuple(mean))
+    m = vectors.rows(entries)
+    cofactors = (*vectors.cross(m[1], m[2]), *vectors.cross(m[2], m[0]), *vectors.cross(m[0], m[1]))
+    determinant = vectors.dot(m[0], cofactors[:3])
+    is_proper = (high(determinant) > 0) & (high(determinant) < math.inf)
+    inverse = vectors.times(1 / where(is_proper, determinant, math.nan), cofactors)
+    s = (_size(inverse) / _size(entries)).sqrt()
+    mean = vectors.plus(vectors.times(s, entries), vectors.times(1 / s, inverse))
+    return tuple(doubled(x, -1) for x in mean)
 
 
-def _size(m):
-    return vectors.total([vectors.dot(row, row) for row in m]).sqrt()
+def _size(entries):
+    return vectors.dot(entries, entries).sqrt()

@@ -184,8 +184,9 @@ class Rotation:
     # -- operations ---------------------------------------------------------------------------------------------------
 
     def inverse(self):
-        """R_BA of R_AB: the transpose."""
-        return Rotation(_transposed(None, self.entries))
+        """R_BA of R_AB: the transpose. Known while tracing where R_AB is."""
+        is_known = isinstance(self.entries, np.ndarray)
+        return Rotation(self.entries[..., _TRANSPOSED] if is_known else _transposed(None, self.entries))
 
     def __matmul__(self, other):
         """R_AB @ v_B is v_A, (*batch, 3), and R_AB @ R_BC is R_AC; see `rotated` and `composed` for bounds."""
@@ -254,6 +255,9 @@ def composed(R_AB, R_BC, *, precision=None):
 def _rotated(precision, entries, *vectors):
     rows = matrix_rows(entries)
     return tuple(lanes.stack_like(v, [lanes.dot(precision, row, lanes.unstack(v)) for row in rows]) for v in vectors)
+
+
+_TRANSPOSED = np.arange(9).reshape(3, 3).T.ravel()
 
 
 @kernel

@@ -3,8 +3,6 @@
 import mpmath as mp
 import numpy as np
 
-mp.mp.dps = 160
-
 
 def vector(x):
     """The numbers of an array, exactly."""

@@ -105,7 +105,8 @@ def test_between(dtype, precision):
     rng = np.random.default_rng(3)
     a = rng.standard_normal((16, 3))
     b = rng.standard_normal((16, 3))
-    b[:6] = -a[:6] + 10.0 ** np.array([-1, -2, -3, -4, -5, -6])[:, None] * rng.standard_normal((6, 3))
+    off = np.maximum(10.0 ** -np.arange(1, 7), 16 * float(jnp.finfo(dtype).eps))
+    b[:6] = -a[:6] + off[:, None] * rng.standard_normal((6, 3))
     b[6] = a[6]
     a, b = of_dtype(a, dtype), of_dtype(b, dtype)
     found = js.Rotation.between(a, b, precision=precision)

@@ -51,10 +51,6 @@ CASES = [
 ]
 cases = pytest.mark.parametrize(("dtype", "precision"), CASES)
 wide_cases = pytest.mark.parametrize(("dtype", "precision"), CASES[2:])
-differentiated = pytest.mark.parametrize(
-    ("dtype", "precision"), [CASES[2], CASES[3], CASES[6], pytest.param(*CASES[7], marks=pytest.mark.slow)]
-)
-second_differentiated = pytest.mark.parametrize(("dtype", "precision"), [CASES[2], CASES[6]])
 wide_dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
 
 
@@ -239,8 +235,6 @@ def test_what_is_no_angle_is_nan(bad, precision):
 
 def transformations(f, *arrays):
     """What jit, vmap, scan and single items make of f, all as arrays over the batch."""
-    yield "jit", jax.jit(f)(*arrays)
-    yield "vmap", jax.vmap(f)(*arrays)
     yield "jit of vmap", jax.jit(jax.vmap(f))(*arrays)
     yield "scan", jax.lax.scan(lambda _, x: (0, f(*x)), 0, arrays)[1]
     yield "one", jax.tree.map(lambda x: x[None], f(*(x[5] for x in arrays)))
@@ -271,140 +265,6 @@ def test_bits_do_not_depend_on_the_program(dtype):
             want = jax.tree.map(lambda x: x[5:6], expected) if name == "one" else expected
             for a, b in zip(found, want, strict=True):
                 np.testing.assert_array_equal(a, b, err_msg=f"{f.__name__} {name}")
-
-
-# -- derivatives ------------------------------------------------------------------------------------------------------
-
-SWITCHES = (
-    0.0,
-    1e-30,
-    1e-8,
-    1e-4,
-    0.3,
-    1 - 1e-6,
-    1 + 1e-6,
-    1.5,
-    2.0,
-    2.5,
-    3.0,
-    3.14,
-    3.1416,
-    3.15,
-    10**0.5 - 1e-6,
-    10**0.5 + 1e-6,
-    4.5,
-)
-
-
-def at_switches(dtype, angles=SWITCHES):
-    rng = np.random.default_rng(7)
-    d = rng.standard_normal((len(angles), 3))
-    w = d / np.linalg.norm(d, axis=1)[:, None] * np.array(angles)[:, None]
-    return jnp.asarray(w.astype(dtype)), jnp.asarray(rng.standard_normal(w.shape).astype(dtype))
-
-
-@functools.cache
-def exact_derivatives(dtype, order):
-    """Of the 9 entries and of the translation, in w."""
-    find = exact.first_derivatives if order == 1 else exact.second_derivatives
-    w, v = at_switches(dtype)
-    return [
-        find(lambda x, y=y: [*exact.exp(x), *exact.translation(x, y)], exact.vector(x))
-        for x, y in zip(w, map(exact.vector, v), strict=True)
-    ]
-
-
-def over_basis(f, n):
-    """Derivatives of f, n numbers of one item: along a direction, of a product with a cotangent, and of that along one.
-
-    Basis vectors come in as a batch: one small program for all components.
-    """
-
-    def forward(x, direction):
-        return jax.jvp(f, (x,), (direction,))[1]
-
-    def reverse(x, cotangent):
-        return jax.vjp(f, x)[1](cotangent)[0]
-
-    def second(x, cotangent, direction):
-        return jax.jvp(lambda y: reverse(y, cotangent), (x,), (direction,))[1]
-
-    return forward, reverse, second
-
-
-def jacobians(f, x, n):
-    """(batch, n, k) by forward and by reverse differentiation."""
-    forward, reverse, _ = over_basis(f, n)
-    columns = jax.jit(jax.vmap(jax.vmap(forward, (None, 0)), (0, None)))(x, jnp.eye(x.shape[-1], dtype=x.dtype))
-    rows = jax.jit(jax.vmap(jax.vmap(reverse, (None, 0)), (0, None)))(x, jnp.eye(n, dtype=x.dtype))
-    return np.asarray(columns).transpose(0, 2, 1), np.asarray(rows)
-
-
-def hessians(f, x, n):
-    """(batch, n, k, k) by forward over reverse differentiation."""
-    second = jax.vmap(jax.vmap(jax.vmap(over_basis(f, n)[2], (None, None, 0)), (None, 0, None)), (0, None, None))
-    return np.asarray(jax.jit(second)(x, jnp.eye(n, dtype=x.dtype), jnp.eye(x.shape[-1], dtype=x.dtype)))
-
-
-def exp_of_both(x, precision):
-    X = js.RigidTransform.exp(js.SpatialVelocity(x[..., :3], x[..., 3:]), precision=precision)
-    return jnp.concatenate((X.rotation.entries, X.translation), -1)
-
-
-@differentiated
-def test_derivatives_of_exp(dtype, precision):
-    w, v = at_switches(dtype)
-    for found in jacobians(functools.partial(exp_of_both, precision=precision), jnp.concatenate((w, v), -1), 12):
-        wrong = exact.differences(found[..., :3], [x.ravel() for x in exact_derivatives(dtype, 1)])
-        assert np.abs(wrong).max() <= 16 * eps(dtype)
-        wrong = exact.differences(found[:, 9:, 3:], [list(exact.left_jacobian(exact.vector(x))) for x in w])
-        assert np.abs(wrong).max() <= 8 * eps(dtype)
-        assert not found[:, :9, 3:].any()
-
-
-@second_differentiated
-def test_second_derivatives_of_exp(dtype, precision):
-    w, v = at_switches(dtype)
-    found = hessians(functools.partial(exp_of_both, precision=precision), jnp.concatenate((w, v), -1), 12)
-    wrong = exact.differences(found[..., :3, :3], [x.ravel() for x in exact_derivatives(dtype, 2)])
-    assert np.abs(wrong).max() <= 32 * eps(dtype)
-    assert not found[..., 3:, 3:].any()
-
-
-LOG_SWITCHES = (0.0, 1e-30, 1e-8, 1e-4, 0.3, 1 - 1e-6, 1 + 1e-6, 1.5, 2.0, 2.09, 2.1, 2.5, 3.0, 3.14, 3.1415)
-
-
-@differentiated
-def test_derivatives_of_log(dtype, precision):
-    """Of log(exp(e) R) at e = 0, the inverse left Jacobian."""
-    w, _ = at_switches(dtype, LOG_SWITCHES)
-    # The rotation goes in as data, beside the number to differentiate by.
-    R = js.Rotation.exp(w, precision="compensated").entries
-    forward = lambda R, d: jax.jvp(lambda e: _stepped(R, e, precision), (0 * d,), (d,))[1]  # noqa: E731
-    reverse = lambda R, c: jax.vjp(lambda e: _stepped(R, e, precision), 0 * c)[1](c)[0]  # noqa: E731
-    exact_ones = [list(exact.left_jacobian(exact.vector(x)) ** -1) for x in w]
-    for f in (forward, reverse):
-        found = np.asarray(jax.jit(jax.vmap(jax.vmap(f, (None, 0)), (0, None)))(R, jnp.eye(3, dtype=dtype)))
-        found = found.transpose(0, 2, 1) if f is forward else found
-        assert np.abs(exact.differences(found, exact_ones)).max() <= 32 * eps(dtype)
-
-
-def _stepped(R, e, precision):
-    return (js.Rotation.exp(e, precision=precision) @ js.Rotation(R)).log(precision=precision)
-
-
-def there_and_back(x):
-    V = js.RigidTransform.exp(js.SpatialVelocity(x[..., :3], x[..., 3:])).log()
-    return jnp.concatenate((V.w, V.v), -1)
-
-
-@wide_dtypes
-def test_derivatives_there_and_back(dtype):
-    """Of log(exp(V)): the identity and 0."""
-    x = jnp.concatenate(at_switches(dtype, LOG_SWITCHES), -1)
-    for found in jacobians(there_and_back, x, 6):
-        assert np.abs(found - np.eye(6)).max() <= 64 * eps(dtype)
-    assert np.abs(hessians(there_and_back, x, 6)).max() <= 256 * eps(dtype)
 
 
 # -- Jacobians --------------------------------------------------------------------------------------------------------
