@@ -44,6 +44,31 @@ from jaxspatial.inertia import momentum_regressor as momentum_regressor
 from jaxspatial.inertia import newton_euler as newton_euler
 from jaxspatial.inertia import newton_euler_regressor as newton_euler_regressor
 
+# mechanisms
+from jaxspatial.mechanism import Body as Body
+from jaxspatial.mechanism import Frame as Frame
+from jaxspatial.mechanism import Joint as Joint
+from jaxspatial.mechanism import Mechanism as Mechanism
+from jaxspatial.mechanism import random_mechanism as random_mechanism
+from jaxspatial.interop import urdf as _urdf  # noqa: F401 - enters itself as what Mechanism.from_urdf calls
+
+# dynamics
+from jaxspatial.dynamics import bias_forces as bias_forces
+from jaxspatial.dynamics import body_velocities as body_velocities
+from jaxspatial.dynamics import center_of_mass as center_of_mass
+from jaxspatial.dynamics import difference as difference
+from jaxspatial.dynamics import forward_dynamics as forward_dynamics
+from jaxspatial.dynamics import forward_kinematics as forward_kinematics
+from jaxspatial.dynamics import gravity_forces as gravity_forces
+from jaxspatial.dynamics import integrate as integrate
+from jaxspatial.dynamics import interpolate as interpolate
+from jaxspatial.dynamics import inverse_dynamics as inverse_dynamics
+from jaxspatial.dynamics import jacobian as jacobian
+from jaxspatial.dynamics import kinetic_energy as kinetic_energy
+from jaxspatial.dynamics import mass_matrix as mass_matrix
+from jaxspatial.dynamics import potential_energy as potential_energy
+from jaxspatial.dynamics import random_configuration as random_configuration
+
 # wrenches and points
 from jaxspatial.spatial import CentralAxis as CentralAxis
 from jaxspatial.spatial import center_of_pressure as center_of_pressure

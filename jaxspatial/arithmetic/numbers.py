@@ -182,55 +182,57 @@ def apart(function) -> Any:
 
 
 def shared(function) -> Any:
-    """`apart`, of lanes too: what many entries of a result are made of, and would be computed again for each."""
-    on_pairs = apart(function)
+    """`apart`, of lanes too: what many entries of a result are made of, and would be computed again for each.
+
+    What is known stays so on both sides of the call; arguments and results are trees of numbers, and of anything else
+    that is known.
+    """
 
     @functools.wraps(function)
     def call(*arguments):
-        leaves, tree = jax.tree.flatten(arguments, is_leaf=_is_number)
-        if any(map(_is_double_word, leaves)) or not any(map(_is_data, leaves)):
-            return on_pairs(*arguments)
+        leaves, tree = jax.tree.flatten(arguments, is_leaf=is_number)
         results = []
 
-        def on_values(values):
-            result = function(*jax.tree.unflatten(tree, _with(leaves, values)))
-            results.extend(jax.tree.flatten(result, is_leaf=_is_number))
-            return _values(results[0])
+        def on_data(data):
+            result = function(*jax.tree.unflatten(tree, with_data(leaves, data)))
+            results.extend(jax.tree.flatten(result, is_leaf=is_number))
+            return data_of(results[0])
 
+        if not any(map(_is_data, leaves)):
+            return function(*arguments)
         with set_xla_metadata(inlineable="false"):
-            values = jax.jit(on_values)(_values(leaves))
-        return jax.tree.unflatten(results[1], _with(results[0], values))
+            data = jax.jit(on_data)(data_of(leaves))
+        return jax.tree.unflatten(results[1], with_data(results[0], data))
 
     return call
 
 
-def _is_number(x):
+def is_number(x):
+    """True for a Lane or a double word."""
     return isinstance(x, Number)
 
 
 def _is_data(x):
-    return not lanes.is_known(x.value) if isinstance(x, Lane) else isinstance(x, jax.Array)
+    return not lanes.is_known(x.value) if isinstance(x, Lane) else isinstance(x, (jax.Array, DoubleWord))
 
 
-def _values(leaves):
-    """The arrays of lanes and masks that are not known while tracing."""
+def data_of(leaves):
+    """What of numbers and masks is not known while tracing: the arrays of lanes, and double words."""
     return [x.value if isinstance(x, Lane) else x for x in leaves if _is_data(x)]
 
 
-def _with(leaves, values):
-    """The leaves, with other arrays for those that `_values` finds."""
-    values = iter(values)
-    return [x if not _is_data(x) else x._new(next(values)) if isinstance(x, Lane) else next(values) for x in leaves]
+def with_data(leaves, data):
+    """The leaves, with other data for that which `data_of` finds."""
+    data = iter(data)
+    return [x if not _is_data(x) else x._new(next(data)) if isinstance(x, Lane) else next(data) for x in leaves]
 
 
 def repeated(function, times, numbers):
     """The function of a tuple of numbers applied to its own result so many times, as a loop: to be compiled once."""
-    if not all(isinstance(x, DoubleWord) or _is_data(x) for x in numbers):
+    if not all(map(_is_data, numbers)):
         return functools.reduce(lambda x, _: function(x), range(times), numbers)
-    if any(map(_is_double_word, numbers)):
-        return lax.scan(lambda x, _: (function(x), None), numbers, length=times)[0]
-    found = lax.scan(lambda x, _: (_values(function(_with(numbers, x))), None), _values(numbers), length=times)[0]
-    return tuple(_with(numbers, found))
+    found = lax.scan(lambda x, _: (data_of(function(with_data(numbers, x))), None), data_of(numbers), length=times)[0]
+    return tuple(with_data(numbers, found))
 
 
 def each(operation, *lists) -> list:
@@ -281,19 +283,20 @@ def _run(formula, precision, static, *arrays):
     dtype = np.dtype(arrays[0].dtype)
     twice = is_pair or precision.sees_whole_sums
     with jax.enable_x64(bool(jax.config.jax_enable_x64) or twice):
-        given = [_numbers(a, precision, twice) for a in check.broadcast_batch(batch, *arrays)]
+        given = [of_array(a, precision, twice) for a in check.broadcast_batch(batch, *arrays)]
         found = formula(*given, **dict(static))
-        round_ = functools.partial(_rounded, batch, dtype, is_pair, is_apart)
+        round_ = functools.partial(rounded, batch, dtype, is_pair, is_apart)
         return [round_(x) for x in found] if isinstance(found, list) else round_(found)
 
 
-def _numbers(array, precision, twice):
-    """The components of an array (*batch, n) as numbers to compute with."""
+def of_array(array, precision, twice, dtype=None):
+    """The components of an array (*batch, n) as numbers to compute with, such as those of `dtype`, if not its own."""
+    dtype = np.dtype(dtype or array.dtype)
     if isinstance(array, Components):
-        return tuple(_numbers(c[..., None], precision, twice)[0] for c in array.components)
-    if twice and array.dtype == np.float64:
+        return tuple(of_array(c[..., None], precision, twice)[0] for c in array.components)
+    if twice and dtype == np.float64:
         return tuple(to_double_word(array[..., i]) for i in range(array.shape[-1]))
-    wide = np.dtype(np.float64 if twice else np.float32 if jnp.finfo(array.dtype).bits < 32 else array.dtype)
+    wide = np.dtype(np.float64 if twice else np.float32 if jnp.finfo(dtype).bits < 32 else dtype)
     precision = Precision.REPRODUCIBLE if twice else precision
     if isinstance(array, DoubleWord):
         parts = zip(*(lanes.unstack(word) for word in (array.hi, array.lo)), strict=True)
@@ -305,10 +308,10 @@ def _converted(x, dtype):
     return x.astype(dtype) if lanes.is_known(x) else lax.convert_element_type(x, dtype)
 
 
-def _rounded(batch, dtype, is_pair, is_apart, x):
+def rounded(batch, dtype, is_pair, is_apart, x):
     """A result of the formula as an array, or double word, of the inputs' dtype."""
     if isinstance(x, tuple):
-        parts = [_rounded(batch, dtype, is_pair, False, c) for c in x]
+        parts = [rounded(batch, dtype, is_pair, False, c) for c in x]
         if is_apart:
             return components.of(parts)
         return jax.tree.map(lambda *words: lanes.stack(words, batch), *parts)

@@ -15,13 +15,7 @@ def tree(cls):
     """
     cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
     names = [field.name for field in dataclasses.fields(cls)]
-    keys = list(map(jax.tree_util.GetAttrKey, names))
-    jax.tree_util.register_pytree_with_keys(
-        cls,
-        lambda x: (tuple((key, getattr(x, name)) for key, name in zip(keys, names, strict=True)), None),
-        lambda _, leaves: rebuilt(cls, names, leaves),
-        lambda x: (tuple(getattr(x, name) for name in names), None),
-    )
+    _register(cls, names, [])
     jax.export.register_pytree_node_serialization(
         cls,
         serialized_name=f"jaxspatial.{cls.__name__}",
@@ -29,6 +23,32 @@ def tree(cls):
         deserialize_auxdata=lambda _: None,
     )
     return cls
+
+
+@typing.dataclass_transform(eq_default=False, frozen_default=True)
+def tree_of(structure):
+    """As `tree`, with one field that is no array but part of the structure: it has to be hashable."""
+
+    def decorated(cls):
+        cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
+        _register(cls, [field.name for field in dataclasses.fields(cls) if field.name != structure], [structure])
+        return cls
+
+    return decorated
+
+
+def _register(cls, names, static):
+    keys = list(map(jax.tree_util.GetAttrKey, names))
+
+    def structure(x):
+        return tuple(getattr(x, name) for name in static)
+
+    jax.tree_util.register_pytree_with_keys(
+        cls,
+        lambda x: (tuple((key, getattr(x, name)) for key, name in zip(keys, names, strict=True)), structure(x)),
+        lambda static_parts, leaves: rebuilt(cls, [*static, *names], [*static_parts, *leaves]),
+        lambda x: (tuple(getattr(x, name) for name in names), structure(x)),
+    )
 
 
 def rebuilt(cls, names, parts):

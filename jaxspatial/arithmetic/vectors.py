@@ -65,6 +65,11 @@ def times(s, v):
     return tuple(each(operator.mul, [s] * len(v), v))
 
 
+def products(a, b):
+    """Component by component."""
+    return tuple(each(operator.mul, a, b))
+
+
 def matrix_times(m, v):
     """Of a matrix by its rows."""
     return tuple(dots([(row, v) for row in m]))

@@ -22,17 +22,17 @@ from jaxspatial.inertia.reduction import summed
 def combined(mass, com, central, mass2, com2, central2):
     """[mass, com, central] of two bodies as one; without mass, the mean of their centres of mass."""
     (m1,), (m2,) = mass, mass2
-    return _joined(m1, com, central, m2, com2, central2, 0.5)
+    return joined(m1, com, central, m2, com2, central2, 0.5)
 
 
 @numeric
 def removed(mass, com, central, mass2, com2, central2):
     """[mass, com, central] of what is left of the first without the second; without mass, com stays."""
     (m1,), (m2,) = mass, mass2
-    return _joined(m1, com, central, -m2, com2, [-x for x in central2], 0.0)
+    return joined(m1, com, central, -m2, com2, [-x for x in central2], 0.0)
 
 
-def _joined(m1, c1, i1, m2, c2, i2, share):
+def joined(m1, c1, i1, m2, c2, i2, share):
     """Seen from the heavier body: where the centres of mass are one, it is exactly theirs."""
     m = m1 + m2
     is_massless = (high(m1) == 0) & (high(m2) == 0)

@@ -1,18 +1,16 @@
 """Articulated-body inertia: what a body feels like when others hang on it by joints."""
 
-import functools
 import operator
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.experimental.xla_metadata import set_xla_metadata
 
 from jaxspatial.arithmetic import check, lanes, vectors
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, to_double_word
 from jaxspatial.arithmetic.kernel import kernel
-from jaxspatial.arithmetic.numbers import Lane, apart, high, numeric, where
+from jaxspatial.arithmetic.numbers import Lane, apart, constant, high, numeric, shared, where
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.inertia import parameters, symmetric
 from jaxspatial.inertia.inertia import SpatialInertia
@@ -335,7 +333,7 @@ def _with_mass(precision, mass, com):
 
 @kernel
 def _shifted(precision, rotational, coupling, translational, p):
-    j, f, m = _shift(*(_in_lanes(precision, x) for x in (rotational, coupling, translational, p)))
+    j, f, m = shifted(*(_in_lanes(precision, x) for x in (rotational, coupling, translational, p)))
     values = ([x.value for x in part] for part in (j, f))
     return *(lanes.stack_like(x, v) for x, v in zip((rotational, coupling), values, strict=True)), translational
 
@@ -345,7 +343,7 @@ def _in_lanes(precision, array):
     return tuple(Lane(precision, x) for x in lanes.unstack(array))
 
 
-def _shift(j, f, m, p):
+def shifted(j, f, m, p):
     """Of numbers: F' = F - [p]x M, whose columns are those of F less p x m_k; J' = J + (F [p]x)^T + F' [p]x."""
     f, m_rows = vectors.rows(f), symmetric.rows(m)
     moved = tuple(zip(*(vectors.cross(p, row) for row in m_rows), strict=True))
@@ -356,64 +354,53 @@ def _shift(j, f, m, p):
     return rotational, vectors.flat(new), m
 
 
-def _alone(formula):
-    """A formula over Lanes as a call that the compiler does not inline; one over double words consists of such calls.
+def of_body(mass, com, central):
+    """Of numbers: J = I + m (|c|^2 1 - c c^T), F = m [c]x, M = m 1."""
+    zero = constant(mass, 0)
+    x, y, z = vectors.times(mass, com)
+    i, j, k = com
+    steiner = symmetric.trace_minus((x * i, y * i, y * j, z * i, z * j, z * k), operator.neg)
+    return vectors.plus(central, steiner), (zero, -z, y, z, zero, -x, -y, x, zero), (mass, zero, mass, zero, zero, mass)
 
-    Its results are many, and each of all that is given: fused into what comes before and after, that would be computed
-    again for every one of them, 75 times as long for a projection and a change of frame. What is known stays so on the
-    way in, and on the way out where all is.
-    """
 
-    @functools.wraps(formula)
-    def call(*numbers, **static):
-        given, structure = jax.tree.flatten(numbers)
-        data = {i: x.value for i, x in enumerate(given) if isinstance(x, Lane) and not lanes.is_known(x.value)}
-        if not data:
-            return formula(*numbers, **static)
-        precision = next(x.precision for x in given)
-
-        def run(data):
-            numbers = [Lane(precision, data.get(i, x.value)) for i, x in enumerate(given)]
-            return jax.tree.map(lambda x: x.value, formula(*jax.tree.unflatten(structure, numbers), **static))
-
-        with set_xla_metadata(inlineable="false"):
-            return jax.tree.map(lambda x: Lane(precision, x), jax.jit(run)(data))
-
-    return call
+def product(j, f, m, alpha, a):
+    """Of numbers: P (alpha, a), as six."""
+    top, bottom = _by_rows(j, f, m)
+    return tuple(vectors.dot(x, alpha) + vectors.dot(y, a) for x, y in top + bottom)
 
 
 @numeric
 def _rotated(j, f, m, entries):
-    return list(_turn(j, f, m, vectors.rows(entries)))
+    return list(turned(j, f, m, vectors.rows(entries)))
 
 
-def _turn(j, f, m, rows):
-    return _congruent(j, rows), vectors.flat(_sandwiched(vectors.rows(f), rows)), _congruent(m, rows)
+def turned(j, f, m, rows):
+    return congruent(j, rows), vectors.flat(_sandwiched(vectors.rows(f), rows)), congruent(m, rows)
 
 
-@apart
+@shared
 def _sandwiched(m, rows):
     """R m R^T."""
     return vectors.product(rows, vectors.product(m, vectors.transpose(rows)))
 
 
-@apart
-def _congruent(six, rows):
+@shared
+def congruent(six, rows):
     """R S R^T, of the lower triangle."""
     turned = vectors.product(rows, symmetric.rows(six))
     return tuple(vectors.dot(turned[i], rows[k]) for i in range(3) for k in range(i + 1))
 
 
 @numeric
-@_alone
+@shared
 def _moved(j, f, m, entries, p):
-    return list(apart(_shift)(*_turn(j, f, m, vectors.rows(entries)), tuple(-x for x in p)))
+    return list(apart(shifted)(*turned(j, f, m, vectors.rows(entries)), tuple(-x for x in p)))
 
 
 @numeric
-@_alone
+@shared
 def _moved_back(j, f, m, entries, p):
-    return list(_turn(*apart(_shift)(j, f, m, p), vectors.transpose(vectors.rows(entries))))
+    return list(turned(*apart(shifted)(j, f, m, p), vectors.transpose(vectors.rows(entries))))
 
 
 # -- products ---------------------------------------------------------------------------------------------------------
@@ -458,26 +445,30 @@ def _projected(j, f, m, *arms_and_parts, n):
     return [j, f, m, *found]
 
 
-@_alone
 def _removed(j, f, m, w, v, arm):
-    U, D = _felt(j, f, m, w, v, arm)
-    return _without(j, f, m, U, D), U, D
+    U, D = felt(j, f, m, w, v, arm)
+    return without(j, f, m, U, share_of(U, D)), U, D
 
 
-@apart
-def _felt(j, f, m, w, v, arm):
+@shared
+def felt(j, f, m, w, v, arm):
     """U = P S, D = S^T U + armature."""
     top, bottom = _by_rows(j, f, m)
     U = tuple(vectors.dot(a, w) + vectors.dot(b, v) for a, b in top + bottom)
     return U, (vectors.dot(U[:3], w) + vectors.dot(U[3:], v)) + arm
 
 
-@apart
-def _without(j, f, m, U, D):
-    """P - U D^-1 U^T; P where D is not positive."""
+@shared
+def share_of(U, D):
+    """U / D, 0 where D is not positive."""
     is_none = high(D) <= 0
     D = where(is_none, 1.0, D)
-    share = tuple(where(is_none, 0.0, x / D) for x in U)
+    return tuple(where(is_none, 0.0, x / D) for x in U)
+
+
+@shared
+def without(j, f, m, U, share):
+    """P - U share^T."""
     places = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
     rotational = tuple(x - U[a] * share[b] for x, (a, b) in zip(j, places, strict=True))
     translational = tuple(x - U[3 + a] * share[3 + b] for x, (a, b) in zip(m, places, strict=True))

@@ -137,6 +137,6 @@ def test_derivatives_are_reproducible_too(dtype):
 def test_without_fma():
     """All of this again on the instruction set of a machine without fused multiply-add."""
     environment = {**os.environ, "XLA_FLAGS": "--xla_cpu_max_isa=AVX", "JAXSPATIAL_LANE": "AVX"}
-    command = [sys.executable, "-m", "pytest", "-q", __file__, "-p", "no:cacheprovider"]
+    command = [sys.executable, "-m", "pytest", "-q", __file__, "-p", "no:cacheprovider", "-k", "not float16"]
     run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=900)
     assert run.returncode == 0, run.stdout[-4000:]

@@ -240,7 +240,7 @@ def transformations(f, *arrays):
     yield "one", jax.tree.map(lambda x: x[None], f(*(x[5] for x in arrays)))
 
 
-@wide_dtypes
+@pytest.mark.parametrize("dtype", ["float32", pytest.param("float64", marks=pytest.mark.slow)])
 def test_bits_do_not_depend_on_the_program(dtype):
     """Values and derivatives in "reproducible"."""
     w, v = motions(dtype, (0, 1e-30, 1e-4, 0.5, 1.0, 2.0, 3.1, 3.2, 7.0), 3)

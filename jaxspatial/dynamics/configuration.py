@@ -1,0 +1,112 @@
+"""Steps on the manifold of configurations: along motions, between configurations, and random ones."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.numbers import shared
+from jaxspatial.dynamics.scene import algorithm, checked
+from jaxspatial.mechanism import Mechanism
+
+
+def integrate(mechanism, q, v, dt=1.0, *, precision=None):
+    """q (*batch, nq) after the rates v, constant in the axes of the bodies, for the time dt, s.
+
+    mechanism: Mechanism; q (*batch, nq), v (*batch, nv), dt a number or (*batch,)
+    Follows the exponential of the rigid motion of each joint; quaternions come out of unit length. The inverse of
+    `difference`. [Murray, Li, Sastry 1994, 2.36]
+    """
+    q, v = checked("integrate", mechanism, q=q, v=v)
+    dt = check.as_float_array(dt, "integrate: dt", q.dtype)
+    check.require_same_dtype(q=q, dt=dt)
+    return _integrate(precision, mechanism, q, v, dt[..., None])
+
+
+def difference(mechanism, q0, q1, *, precision=None):
+    """The rates (*batch, nv) that in unit time lead from q0 to q1, the short way round: `integrate(q0, v) = q1`.
+
+    mechanism: Mechanism; q0 and q1 (*batch, nq). At half a turn between orientations see `Rotation.log`.
+    """
+    q0, q1 = checked("difference", mechanism, q0=q0, q1=q1)
+    return _difference(precision, mechanism, q0, q1)
+
+
+def interpolate(mechanism, q0, q1, t, *, precision=None):
+    """`integrate(q0, t difference(q0, q1))`: at constant rates from q0, t = 0, to q1, t = 1. t: number or (*batch,)."""
+    return integrate(mechanism, q0, difference(mechanism, q0, q1, precision=precision), t, precision=precision)
+
+
+def random_configuration(mechanism, key, batch_shape=(), dtype=None):
+    """q (*batch, nq): within the limits where there are two, angles else within half a turn, lengths within 1 m of
+    zero, orientations uniform.
+
+    mechanism: Mechanism; key: of jax.random; dtype: that of the mechanism for None
+    """
+    if not isinstance(mechanism, Mechanism):
+        raise TypeError(f"random_configuration: expected a Mechanism first, got {type(mechanism).__name__}")
+    dtype = np.dtype(dtype or mechanism.dtype)
+    batch_shape = (batch_shape,) if isinstance(batch_shape, int) else tuple(batch_shape)
+    t = mechanism.topology
+    parts = [
+        _random(mechanism, i, k, batch_shape, dtype)
+        for i, k in enumerate(jax.random.split(key, len(t)))
+        if not t.is_mimic(i)
+    ]
+    return jnp.concatenate(parts, -1)
+
+
+@algorithm
+def _integrate(scene, v, dt):
+    """With q in the scene; each joint on its own."""
+    (dt,) = scene.numbers(dt)
+    return scene.by_coordinate([_stepped(scene, s, v, dt) for s in scene.segments])
+
+
+def _stepped(scene, segment, v, dt):
+    if scene.topology.is_mimic(segment.start):
+        return ()
+    kind = scene.topology.kind(segment.start)
+    dt = scene.spread(segment, dt)
+    step = tuple(x * dt for x in scene.rates(segment, v))
+    return shared(functools.partial(_of, kind.integrate))(
+        scene.axes(segment), scene.coordinates(segment, scene.q), step
+    )
+
+
+def _of(verb, axes, q, other):
+    return verb(axes, q, other)
+
+
+@algorithm
+def _difference(scene, q1):
+    return scene.by_rate([_apart(scene, s, q1) for s in scene.segments])
+
+
+def _apart(scene, segment, q1):
+    if scene.topology.is_mimic(segment.start):
+        return tuple(scene.known(0.0) for _ in range(scene.topology.kind(segment.start).nv))
+    kind = scene.topology.kind(segment.start)
+    both = (scene.coordinates(segment, q) for q in (scene.q, q1))
+    return shared(functools.partial(_of, kind.difference))(scene.axes(segment), *both)
+
+
+def _random(mechanism, i, key, batch_shape, dtype):
+    kind, own = mechanism.topology.kind(i), mechanism.topology.q_slice(i)
+    if kind.nq > kind.nv:
+        direction, rest = jax.random.normal(key, (*batch_shape, 4), dtype), jax.random.split(key)[0]
+        unit = direction / jnp.sqrt(_squared(direction))[..., None]
+        return jnp.concatenate([unit, jax.random.uniform(rest, (*batch_shape, kind.nq - 4), dtype, -1, 1)], -1)
+    usual = jnp.asarray([np.pi if k in kind.angles else 1.0 for k in range(kind.nq)], dtype)
+    lower, upper = (jnp.asarray(x[own], dtype) for x in (mechanism.lower, mechanism.upper))
+    has_two = jnp.isfinite(lower) & jnp.isfinite(upper)
+    shape = (*batch_shape, kind.nq)
+    lower, upper = (jnp.where(has_two, x, y) for x, y in ((lower, -usual), (upper, usual)))
+    lower, upper = (jnp.broadcast_to(x, shape) for x in (lower, upper))
+    return lower + (upper - lower) * jax.random.uniform(key, shape, dtype)
+
+
+def _squared(x):
+    return x[..., 0] ** 2 + x[..., 1] ** 2 + x[..., 2] ** 2 + x[..., 3] ** 2

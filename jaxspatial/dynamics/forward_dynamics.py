@@ -1,0 +1,174 @@
+"""Forward dynamics: how a mechanism moves under forces at its joints, by articulated bodies."""
+
+from typing import Any, NamedTuple
+
+from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.lanes import is_known
+from jaxspatial.arithmetic.numbers import Lane, constant, high, shared, where
+from jaxspatial.dynamics import recursion
+from jaxspatial.dynamics.links import across, combined, swing, to_parent
+from jaxspatial.dynamics.loads import checked_forces, loads
+from jaxspatial.dynamics.scene import algorithm, checked
+from jaxspatial.inertia import articulated, symmetric
+
+
+def forward_dynamics(mechanism, q, v, tau, external_forces=None, *, precision=None):
+    """vdot (*batch, nv) under the generalised forces tau of the joints: the inverse of `inverse_dynamics`.
+
+    mechanism: Mechanism; q (*batch, nq), v and tau (*batch, nv), tau in N m or N
+    external_forces: SpatialForce by body name, each (*batch,), about the body's origin, in world axes
+    Batch shapes broadcast. A rate that nothing resists, of bodies without mass or armature, keeps vdot = 0.
+    [Featherstone 2008, table 7.1]
+    """
+    q, v, tau = checked("forward_dynamics", mechanism, q=q, v=v, tau=tau)
+    bodies, forces = checked_forces("forward_dynamics", mechanism, external_forces, q)
+    return _forward_dynamics(precision, mechanism, q, v, tau, forces, bodies=bodies)
+
+
+class Articulated(NamedTuple):
+    """What a body feels like with all that hangs on it: the wrench P A + Z makes it accelerate by A = (alpha, a)."""
+
+    J: Any
+    F: Any
+    M: Any
+    Z: Any
+
+
+class Elimination(NamedTuple):
+    """Of one rate: vdot = (u - U . A) / D, with A the acceleration without it."""
+
+    U: Any
+    D: Any
+    u: Any
+
+
+class Drift(NamedTuple):
+    """Of a body: its angular velocity, its acceleration across the joint without vdot, and the wrench it takes at
+    A = 0."""
+
+    w: Any
+    c: Any
+    Z: Any
+
+
+@algorithm
+def _forward_dynamics(scene, v, tau, forces, *, bodies):
+    own = list(zip(scene.links(v, tau), loads(scene, bodies, forces), strict=True))
+    zero = (scene.known(0.0),) * 3
+    drifts = recursion.outward(scene.segments, _drift, zero, own)
+    held = Articulated(zero + zero, zero + zero + zero, zero + zero, zero + zero)
+    both = list(zip(own, drifts, strict=True))
+    eliminated, _ = recursion.inward(scene.segments, _eliminate, held, both)
+    world = zero, tuple(-g for g in scene.numbers(scene.mechanism.gravity))
+    eliminated = list(zip(own, drifts, eliminated, strict=True))
+    return scene.by_rate(recursion.outward(scene.segments, _accelerate, world, eliminated))
+
+
+def _drift(own, w_P):
+    """See `inverse_dynamics.move`."""
+    link, load = own
+    X_PB = across(link.placement, link.hinge)
+    R_BP = vectors.transpose(X_PB.rows)
+    S, (bias_w, bias_v) = link.hinge.subspace, link.hinge.bias(link.v)
+    w_r, v_r = combined(S, link.v)
+    carried = vectors.matrix_times(R_BP, w_P)
+    w = vectors.plus(carried, w_r)
+    arm = vectors.matrix_times(_spin(w_P), X_PB.p)
+    coriolis = vectors.cross(vectors.plus(carried, carried, w_r), v_r)
+    c = (
+        vectors.plus(vectors.cross(carried, w_r), bias_w),
+        vectors.plus(vectors.matrix_times(R_BP, arm), coriolis, bias_v),
+    )
+    Z = vectors.minus(_resting_wrench(link.inertia, w), (*load[0], *load[1]))
+    return Drift(w, c, Z), w
+
+
+def _spin(w):
+    zero = (constant(w[0], 0),) * 3
+    return swing(w, zero)
+
+
+def _resting_wrench(inertia, w):
+    """The wrench that keeps a turning body's frame from accelerating."""
+    f = vectors.times(inertia.mass, vectors.matrix_times(_spin(w), inertia.com))
+    rows = symmetric.rows(inertia.central)
+    return *vectors.plus(vectors.cross(w, vectors.matrix_times(rows, w)), vectors.cross(inertia.com, f)), *f
+
+
+def _eliminate(own, held):
+    """([Elimination of each rate], what the parent feels): with P A' + Z the wrench across the joint, A' the
+    acceleration of the parent at the joint."""
+    (link, _), drift = own
+    P = _held_with(link.inertia, drift, held)
+    found = []
+    for (w, v), tau, armature in zip(link.hinge.subspace, link.vdot, link.armature, strict=True):
+        P, elimination = _without_rate(P, w, v, tau, armature)
+        found.append(elimination)
+    return found, _seen_from_parent(across(link.placement, link.hinge), P)
+
+
+def _held_with(inertia, drift, held):
+    """Of the body itself and what its children pass on, as a function of A': Z + P c in place of Z."""
+    J, F, M = articulated.of_body(*inertia)
+    parts = [vectors.plus(a, b) for a, b in zip((J, F, M, drift.Z), held, strict=True)]
+    c = articulated.product(*parts[:3], *drift.c)
+    return Articulated(*parts[:3], vectors.plus(parts[3], c))
+
+
+def _without_rate(P, w, v, tau, armature):
+    """P with one motion of the joint free, and what finds its rate.
+
+    Across an axis of the frame, without armature, nothing but tau is passed on: these rows are known.
+    """
+    U, D = articulated.felt(P.J, P.F, P.M, w, v, armature)
+    share = articulated.share_of(U, D)
+    u = tau - (vectors.dot(w, P.Z[:3]) + vectors.dot(v, P.Z[3:]))
+    rest = Articulated(*articulated.without(P.J, P.F, P.M, U, share), vectors.plus(P.Z, vectors.times(u, share)))
+    k = _free_axis(w, v, armature)
+    return rest if k is None else _cleared(rest, k, tau), Elimination(U, D, u)
+
+
+def _free_axis(w, v, armature):
+    """Which axis of the frame a motion is known to be along, where nothing else resists it; None for all others."""
+    known = [x.value if isinstance(x, Lane) and is_known(x.value) else None for x in (*w, *v, armature)]
+    if None in known or known[6] != 0 or sorted(map(abs, known[:6])) != [0, 0, 0, 0, 0, 1]:
+        return None
+    return [abs(x) for x in known].index(1)
+
+
+def _cleared(P, k, tau):
+    """P with a row of known zeros, and what this axis passes on."""
+    zero = constant(tau, 0)
+    i, is_turn = k % 3, k < 3
+    six = {0: (0, 1, 3), 1: (1, 2, 4), 2: (3, 4, 5)}[i]
+    nine = [3 * i + j for j in range(3)] if is_turn else [3 * j + i for j in range(3)]
+    J, M = (_at(x, six, zero) if turns == is_turn else x for x, turns in ((P.J, True), (P.M, False)))
+    return Articulated(J, _at(P.F, nine, zero), M, P.Z)
+
+
+def _at(numbers, places, number):
+    return tuple(number if i in places else x for i, x in enumerate(numbers))
+
+
+def _seen_from_parent(X_PB, P):
+    turned = articulated.turned(P.J, P.F, P.M, X_PB.rows)
+    J, F, M = shared(articulated.shifted)(*turned, tuple(-x for x in X_PB.p))
+    tau, f = to_parent(X_PB, P.Z[:3], P.Z[3:])
+    return Articulated(J, F, M, (*tau, *f))
+
+
+def _accelerate(own, parent):
+    """(vdot, (alpha, a)) of a body."""
+    (link, _), drift, eliminated = own
+    X_PB = across(link.placement, link.hinge)
+    R_BP = vectors.transpose(X_PB.rows)
+    alpha, a = parent
+    A = *vectors.matrix_times(R_BP, alpha), *vectors.matrix_times(R_BP, vectors.plus(a, vectors.cross(alpha, X_PB.p)))
+    rates = []
+    for (w, v), (U, D, u) in zip(reversed(link.hinge.subspace), reversed(eliminated), strict=True):
+        is_none = high(D) <= 0
+        rate = where(is_none, 0.0, (u - vectors.dot(U, A)) / where(is_none, 1.0, D))
+        A = vectors.plus(A, vectors.times(rate, (*w, *v)))
+        rates.append(rate)
+    A = vectors.plus(A, (*drift.c[0], *drift.c[1]))
+    return tuple(reversed(rates)), (A[:3], A[3:])

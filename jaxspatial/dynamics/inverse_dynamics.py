@@ -1,0 +1,106 @@
+"""Inverse dynamics: the forces at the joints that make a mechanism move as told."""
+
+from typing import Any, NamedTuple
+
+from jaxspatial.arithmetic import vectors
+from jaxspatial.dynamics import recursion
+from jaxspatial.dynamics.links import across, combined, swing, to_parent
+from jaxspatial.dynamics.loads import checked_forces, loads
+from jaxspatial.dynamics.scene import algorithm, checked
+from jaxspatial.inertia import symmetric
+
+
+def inverse_dynamics(mechanism, q, v, vdot, external_forces=None, *, precision=None):
+    """tau (*batch, nv) = M(q) vdot + C(q, v) v + g(q) - J^T F: generalised forces of the joints, N m or N.
+
+    mechanism: Mechanism; q (*batch, nq), v and vdot (*batch, nv) its coordinates, rates and their derivatives
+    external_forces: SpatialForce by body name, each (*batch,), about the body's origin, in world axes
+    Batch shapes broadcast. Armature is part of M; damping and friction are not: see `Mechanism.damping`. [Luh, Walker,
+    Paul 1980, On-line computational scheme for mechanical manipulators; Featherstone 2008, table 5.1]
+    """
+    q, v, vdot = checked("inverse_dynamics", mechanism, q=q, v=v, vdot=vdot)
+    bodies, forces = checked_forces("inverse_dynamics", mechanism, external_forces, q)
+    return _inverse_dynamics(precision, mechanism, q, v, vdot, forces, bodies=bodies)
+
+
+def bias_forces(mechanism, q, v, external_forces=None, *, precision=None):
+    """C(q, v) v + g(q) - J^T F (*batch, nv): `inverse_dynamics` for vdot = 0, with what that leaves out left out."""
+    q, v = checked("bias_forces", mechanism, q=q, v=v)
+    bodies, forces = checked_forces("bias_forces", mechanism, external_forces, q)
+    return _inverse_dynamics(precision, mechanism, q, v, None, forces, bodies=bodies)
+
+
+def gravity_forces(mechanism, q, *, precision=None):
+    """g(q) (*batch, nv): `inverse_dynamics` at rest."""
+    (q,) = checked("gravity_forces", mechanism, q=q)
+    return _inverse_dynamics(precision, mechanism, q, None, None, (), bodies=())
+
+
+class Motion(NamedTuple):
+    """Of a body's frame, in its axes: angular velocity and acceleration, and the classical acceleration of its origin.
+
+    With gravity as an upward acceleration of the world. No linear velocity: nothing needs it.
+    """
+
+    w: Any
+    alpha: Any
+    a: Any
+
+
+@algorithm
+def _inverse_dynamics(scene, v, vdot, forces, *, bodies):
+    own = scene.links(v, vdot)
+    zero = (scene.known(0.0),) * 3
+    world = Motion(zero, zero, tuple(-g for g in scene.numbers(scene.mechanism.gravity)))
+    motions = recursion.outward(scene.segments, _move, world, own)
+    pulled = loads(scene, bodies, forces)
+    taus, _ = recursion.inward(scene.segments, _carry, (zero, zero), list(zip(own, motions, pulled, strict=True)))
+    return scene.by_rate(taus)
+
+
+def _move(link, parent):
+    motion = move(link, parent)
+    return motion, motion
+
+
+def move(link, parent):
+    """The motion of a body, of that of its parent.
+
+        w = R^T w_P + w_r    alpha = R^T alpha_P + (R^T w_P) x w_r + dw_r
+        a = R^T (a_P + E_P p) + 2 (R^T w_P) x v_r + w_r x v_r + dv_r        E = [alpha]x + [w]x [w]x
+
+    with (w_r, v_r) = S v the motion across the joint in the child's axes, (dw_r, dv_r) = S vdot + dS/dt v.
+    """
+    X_PB = across(link.placement, link.hinge)
+    R_BP = vectors.transpose(X_PB.rows)
+    S, bias = link.hinge.subspace, link.hinge.bias(link.v)
+    (w_r, v_r), (dw, dv) = combined(S, link.v), combined(S, link.vdot)
+    carried = vectors.matrix_times(R_BP, parent.w)
+    arm = vectors.plus(parent.a, vectors.matrix_times(swing(parent.w, parent.alpha), X_PB.p))
+    alpha = vectors.plus(vectors.matrix_times(R_BP, parent.alpha), vectors.cross(carried, w_r), dw, bias[0])
+    coriolis = vectors.cross(vectors.plus(carried, carried, w_r), v_r)
+    return Motion(
+        vectors.plus(carried, w_r), alpha, vectors.plus(vectors.matrix_times(R_BP, arm), coriolis, dv, bias[1])
+    )
+
+
+def _carry(own, held):
+    """(tau, the wrench on the parent) of a body on which its children pull with the wrench `held`, both in its axes.
+
+    f = m (a + E c)    tau = I alpha + w x I w + c x f, with what the children take and without the load
+    """
+    link, motion, load = own
+    tau, f = wrench_of(link.inertia, motion)
+    tau, f = (vectors.minus(vectors.plus(x, y), z) for x, y, z in zip((tau, f), held, load, strict=True))
+    at_joint = [vectors.dot(w, tau) + vectors.dot(v, f) for w, v in link.hinge.subspace]
+    at_rotor = vectors.products(link.armature, link.vdot)
+    return vectors.plus(tuple(at_joint), at_rotor), to_parent(across(link.placement, link.hinge), tau, f)
+
+
+def wrench_of(inertia, motion):
+    """The wrench about the origin that makes the body move so."""
+    E = swing(motion.w, motion.alpha)
+    f = vectors.times(inertia.mass, vectors.plus(motion.a, vectors.matrix_times(E, inertia.com)))
+    rows = symmetric.rows(inertia.central)
+    spin = vectors.cross(motion.w, vectors.matrix_times(rows, motion.w))
+    return vectors.plus(vectors.matrix_times(rows, motion.alpha), spin, vectors.cross(inertia.com, f)), f

@@ -1,0 +1,127 @@
+"""From the base to the tips and back: the one place that knows how a recursion over a tree is compiled.
+
+A step is a call that the compiler does not inline: fused into one another, the steps of a long tree would be computed
+again for each of the many results. Long chains of equal joints are loops, compiled once. Whether a step runs as one or
+the other makes no difference to its results.
+"""
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.lanes import is_known
+from jaxspatial.arithmetic.numbers import Lane, data_of, is_number, shared, where, with_data
+
+
+def outward(segments, step, root, own):
+    """The result of every segment: step(own[i], the state of its parent) gives (result, state), with `root` for the
+    state of the world."""
+    results, states = [], {-1: root}
+    for segment, numbers in zip(segments, own, strict=True):
+        run = along if segment.is_chain else _once
+        result, states[segment.stop - 1] = run(step, numbers, states[segment.parent], reverse=False)
+        results.append(result)
+    return results
+
+
+def inward(segments, step, nothing, own, joined=None):
+    """([the result of every segment], what arrives at the world): step(own[i], what its children pass on) gives
+    (result, what is passed on). Of several children that is `joined`, by default added; `nothing` arrives at tips."""
+    joined = joined or _added
+    arrived, results = {}, []
+    for segment, numbers in zip(reversed(segments), reversed(own), strict=True):
+        given = arrived.pop(segment.stop - 1, nothing)
+        run = along if segment.is_chain else _once
+        result, passed = run(step, numbers, given, reverse=True)
+        beside = arrived.get(segment.parent)
+        arrived[segment.parent] = passed if beside is None else shared(joined)(beside, passed)
+        results.append(result)
+    return results[::-1], arrived.get(-1, nothing)
+
+
+def _added(a, b):
+    leaves, tree = jax.tree.flatten(a, is_leaf=is_number)
+    return jax.tree.unflatten(tree, vectors.plus(tuple(leaves), tuple(jax.tree.leaves(b, is_leaf=is_number))))
+
+
+def _once(step, numbers, state, reverse):
+    return shared(step)(numbers, state)
+
+
+def along(step, numbers, state, reverse):
+    """A chain as a loop: (the results of step(numbers, state), stacked along it, the last state)."""
+    leaves, tree = jax.tree.flatten(numbers, is_leaf=is_number)
+    start, state_tree = jax.tree.flatten(state, is_leaf=is_number)
+    start = list(map(_as_data, start))
+    shape = []
+
+    def body(carry, data):
+        own = jax.tree.unflatten(tree, with_data(leaves, data))
+        result, new = step(own, jax.tree.unflatten(state_tree, with_data(start, carry)))
+        found, result_tree = jax.tree.flatten(result, is_leaf=is_number)
+        shape[:] = [found, result_tree]
+        return data_of(map(_as_data, jax.tree.leaves(new, is_leaf=is_number))), data_of(found)
+
+    last, stacked = lax.scan(body, data_of(start), data_of(leaves), reverse=reverse)
+    return (
+        jax.tree.unflatten(shape[1], with_data(shape[0], stacked)),
+        jax.tree.unflatten(state_tree, with_data(start, last)),
+    )
+
+
+def _as_data(x):
+    """A number that is known as one that is not: a loop has the same of these at every turn."""
+    return x._new(jnp.asarray(x.value)) if isinstance(x, Lane) and is_known(x.value) else x
+
+
+# -- many at once: numbers that are arrays ----------------------------------------------------------------------------
+
+
+def each_column(function, common, columns):
+    """function(common, one of the columns) for all of them: numbers that are arrays along one axis."""
+    leaves, tree = jax.tree.flatten(columns, is_leaf=is_number)
+    shape = []
+
+    def one(data):
+        result = function(common, jax.tree.unflatten(tree, with_data(leaves, data)))
+        found, result_tree = jax.tree.flatten(result, is_leaf=is_number)
+        shape[:] = [list(map(_as_data, found)), result_tree]
+        return data_of(shape[0])
+
+    data = jax.vmap(one)(data_of(leaves))
+    return jax.tree.unflatten(shape[1], with_data(shape[0], data))
+
+
+def repeated_along(x, n):
+    """A number as n columns."""
+    return _mapped(lambda word: jnp.broadcast_to(word, (n,)), _as_data(x))
+
+
+def concatenated(sets):
+    """Sets of columns one after the other."""
+    return tuple(_mapped(lambda *words: jnp.concatenate(words), *parts) for parts in zip(*sets, strict=True))
+
+
+def with_column(columns, place, column):
+    """The columns with another at a place that is data."""
+    return tuple(
+        _mapped(lambda word, x: lax.dynamic_update_index_in_dim(word, x, place, 0), c, _as_data(x))
+        for c, x in zip(columns, column, strict=True)
+    )
+
+
+def added_at(row, place, x):
+    """A row of numbers with one added at a place that is data."""
+    if isinstance(x, Lane) and is_known(x.value, 0):
+        return row
+    here = jnp.arange(jax.tree.leaves(data_of([row]))[0].shape[-1]) == place
+    return where(here, row + repeated_along(x, here.shape[0]), row)
+
+
+def _mapped(function, *numbers):
+    """A function of arrays, applied to numbers that are data, word by word."""
+    words = [jax.tree.leaves(data_of([x])) for x in numbers]
+    found = [function(*parts) for parts in zip(*words, strict=True)]
+    like = numbers[0]
+    return like._new(found[0]) if isinstance(like, Lane) else jax.tree.unflatten(jax.tree.structure(like), found)

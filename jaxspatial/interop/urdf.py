@@ -1,0 +1,171 @@
+"""Mechanisms from the Unified Robot Description Format (wiki.ros.org/urdf/XML).
+
+The package yourdfpy reads the files. Links and joints become bodies and joints of the same name; what serves pictures,
+contact or control (visual, collision, transmission, gazebo, calibration, safety_controller) is no part of a mechanism.
+Everything else that has no counterpart is refused, with its line.
+"""
+
+import io
+import pathlib
+
+import jax
+import numpy as np
+
+from jaxspatial.inertia import SpatialInertia
+from jaxspatial.mechanism import Body, Joint, Mechanism
+from jaxspatial.mechanism.mechanism import READERS
+from jaxspatial.mechanism.parts import WORLD
+from jaxspatial.rotation import Rotation
+from jaxspatial.spatial import RigidTransform
+
+_KINDS = {"floating": "free"} | {kind: kind for kind in ("revolute", "continuous", "prismatic", "fixed", "planar")}
+_ROOT = "root_joint"
+# Entries of a rotation so near to 0 or 1 are what rounding made of quarter turns.
+_ROUNDING = 8 * np.finfo(float).eps
+
+
+def read(path_or_text, floating_base=False, gravity=(0.0, 0.0, -9.81), dtype=None):
+    """The Mechanism of a file, or of its text. The root link is welded to the world, or held by a "free" joint named
+    "root_joint"; a root link named "world" is the world.
+
+    Raises ValueError, with line and reason, for what is malformed or cannot be represented; ImportError without
+    yourdfpy (`pip install jaxspatial[models]`); FileNotFoundError.
+    """
+    source = _text(path_or_text)
+    lines = _Lines(source)
+    robot = _parsed(source)
+    _check_joints(robot, lines)
+    root = _root(robot, lines)
+    bodies = [_body(link, lines) for link in robot.links if link.name != WORLD]
+    joints = [_joint(joint, lines) for joint in robot.joints]
+    if root != WORLD:
+        joints.insert(0, Joint(_ROOT, "free" if floating_base else "fixed", WORLD, root))
+    elif floating_base:
+        raise ValueError('from_urdf: floating_base: the root link is "world", which cannot float')
+    return Mechanism.build(bodies, joints, gravity=gravity, dtype=dtype)
+
+
+READERS["urdf"] = read
+
+
+def _text(path_or_text):
+    """The bytes of the file; text is told by its first sign."""
+    if isinstance(path_or_text, str) and path_or_text.lstrip().startswith("<"):
+        return path_or_text.encode()
+    if not isinstance(path_or_text, (str, pathlib.Path)):
+        raise TypeError(f"from_urdf: path_or_text: expected a path or text, got {type(path_or_text).__name__}")
+    return pathlib.Path(path_or_text).read_bytes()
+
+
+class _Lines:
+    """Where in the source an element is, for messages."""
+
+    def __init__(self, source):
+        from lxml import etree
+
+        try:
+            self.root = etree.parse(io.BytesIO(source)).getroot()
+        except etree.XMLSyntaxError as error:
+            raise ValueError(f"from_urdf: malformed XML: {error}") from None
+        if self.root.tag != "robot":
+            raise ValueError(f"from_urdf: line {self.root.sourceline}: expected <robot>, got <{self.root.tag}>")
+
+    def refuse(self, tag, name, reason):
+        found = [e for e in self.root.findall(tag) if e.get("name") == name]
+        line = f"line {found[0].sourceline}: " if found else ""
+        raise ValueError(f'from_urdf: {line}<{tag} name="{name}">: {reason}')
+
+    def refuse_element(self, element, reason):
+        raise ValueError(f"from_urdf: line {element.sourceline}: <{element.tag}>: {reason}")
+
+
+def _parsed(source):
+    import yourdfpy
+
+    try:
+        return yourdfpy.URDF.load(io.BytesIO(source), build_scene_graph=False, load_meshes=False).robot
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"from_urdf: the reader yourdfpy says {type(error).__name__}: {error}") from error
+
+
+def _check_joints(robot, lines):
+    links = {link.name for link in robot.links}
+    held = {}
+    for joint in robot.joints:
+        if joint.type not in _KINDS:
+            lines.refuse("joint", joint.name, f"type: expected one of {', '.join(_KINDS)}, got {joint.type!r}")
+        for side, name in (("parent", joint.parent), ("child", joint.child)):
+            if name not in links:
+                lines.refuse("joint", joint.name, f"{side}: there is no link {name!r}")
+        if joint.child in held:
+            lines.refuse("joint", joint.name, f"child: {joint.child!r} hangs on {held[joint.child]!r} already: a loop")
+        held[joint.child] = joint.name
+
+
+def _root(robot, lines):
+    roots = [link.name for link in robot.links if link.name not in {joint.child for joint in robot.joints}]
+    if len(roots) != 1:
+        reason = f"expected one link that is no joint's child, got {', '.join(map(repr, roots)) or 'none: a loop'}"
+        lines.refuse_element(lines.root, reason)
+    return roots[0]
+
+
+def _body(link, lines):
+    if link.inertial is None:
+        return Body(link.name)
+    mass, six = link.inertial.mass, link.inertial.inertia
+    if mass is None or six is None:
+        lines.refuse("link", link.name, "inertial: expected mass and inertia")
+    X = _pose(link.inertial.origin)
+    central = X.rotation.entries.reshape(3, 3) @ np.asarray(six, float) @ X.rotation.entries.reshape(3, 3).T
+    if not (np.isfinite(mass) and mass >= 0 and np.isfinite(central).all()):
+        lines.refuse("link", link.name, f"inertial: expected a mass >= 0 and finite numbers, got mass {mass}")
+    return Body(link.name, _in_double(SpatialInertia, np.float64(mass), X.translation, central))
+
+
+def _joint(joint, lines):
+    kind = _KINDS[joint.type]
+    axis = np.array([1.0, 0.0, 0.0]) if joint.axis is None else np.asarray(joint.axis, float)
+    if kind == "planar" and not (axis[:2] == 0).all():
+        lines.refuse("joint", joint.name, f"axis: a planar joint is normal to z here, got {axis.tolist()}")
+    if kind in ("revolute", "continuous", "prismatic") and not axis.any():
+        lines.refuse("joint", joint.name, "axis: expected three numbers, not all zero")
+    numbers = {**_limits(joint, kind, lines), **_dynamics(joint), "mimic": _mimic(joint)}
+    return Joint(joint.name, kind, joint.parent, joint.child, _pose(joint.origin), axis=axis, **numbers)
+
+
+def _limits(joint, kind, lines):
+    if kind == "revolute" and joint.limit is None:
+        lines.refuse("joint", joint.name, "limit: a revolute joint needs one; without, it is continuous")
+    if joint.limit is None:
+        return {}
+    names = {"effort": "effort_limit", "velocity": "velocity_limit"}
+    names |= {"lower": "lower", "upper": "upper"} if kind in ("revolute", "prismatic") else {}
+    given = {new: getattr(joint.limit, old) for old, new in names.items()}
+    return {name: float(x) for name, x in given.items() if x is not None}
+
+
+def _dynamics(joint):
+    if joint.dynamics is None:
+        return {}
+    return {"damping": float(joint.dynamics.damping or 0), "friction_loss": float(joint.dynamics.friction or 0)}
+
+
+def _mimic(joint):
+    if joint.mimic is None:
+        return None
+    multiplier = 1.0 if joint.mimic.multiplier is None else float(joint.mimic.multiplier)
+    return joint.mimic.joint, multiplier, float(joint.mimic.offset or 0.0)
+
+
+def _pose(matrix):
+    """A RigidTransform of a homogeneous matrix; the identity of None."""
+    matrix = np.eye(4) if matrix is None else np.asarray(matrix, float)
+    nearest = np.round(matrix[:3, :3])
+    entries = np.where(abs(matrix[:3, :3] - nearest) <= _ROUNDING, nearest, matrix[:3, :3])
+    return _in_double(lambda m, p: RigidTransform(Rotation(m.ravel()), p), entries, matrix[:3, 3])
+
+
+def _in_double(make, *arrays):
+    with jax.enable_x64(True):
+        return make(*arrays)

@@ -1,0 +1,7 @@
+"""Layer 4: joints, the tree they make of bodies, and the numbers of it."""
+
+from jaxspatial.mechanism.mechanism import Mechanism as Mechanism
+from jaxspatial.mechanism.parts import Body as Body
+from jaxspatial.mechanism.parts import Frame as Frame
+from jaxspatial.mechanism.parts import Joint as Joint
+from jaxspatial.mechanism.random import random_mechanism as random_mechanism

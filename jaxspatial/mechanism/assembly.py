@@ -1,0 +1,227 @@
+"""From the parts that a caller names to the arrays of a Mechanism: the tree put in order, welded bodies merged."""
+
+import functools
+import operator
+
+import jax
+import numpy as np
+
+from jaxspatial.inertia import SpatialInertia
+from jaxspatial.mechanism.joints import KINDS
+from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint, Mimic
+from jaxspatial.mechanism.topology import Topology
+from jaxspatial.rotation import Rotation
+from jaxspatial.spatial import RigidTransform, act
+
+
+def assembled(bodies, joints, frames):
+    """(Topology, its arrays by name) of parts: what `Mechanism` consists of but for gravity, in float64."""
+    _check_names(bodies, joints, frames)
+    with jax.enable_x64(True):
+        tree = _Tree({b.name: b for b in bodies}, {j.name: j for j in joints})
+        tree.hang(WORLD, -1, _identity())
+        _check_reached(bodies, tree)
+        for frame in frames:
+            tree.add_frame(frame)
+        return tree.topology(), tree.arrays()
+
+
+class _Tree:
+    """What has been hung up so far."""
+
+    def __init__(self, bodies, joints):
+        self.bodies = bodies
+        self.held = {}
+        for joint in joints.values():
+            self.held.setdefault(joint.parent, []).append(joint)
+        self.moving, self.parents, self.placements, self.masses = [], [], [], []
+        # Of every body: the moving one that it is a part of, and where on it.
+        self.places = {}
+
+    def hang(self, name, carrier, X):
+        """The body at X on the moving body number `carrier`, and all that hangs on it."""
+        pending = [(name, carrier, X)]
+        while pending:
+            name, carrier, X = pending.pop()
+            self.places[name] = carrier, X
+            if carrier >= 0 and self.bodies[name].inertia is not None:
+                self.masses[carrier].append(act_unless_identity(X, self.bodies[name].inertia))
+            pending += [self._hung(joint, carrier, X) for joint in reversed(self.held.get(name, []))]
+        self._in_depth_first_order()
+
+    def _hung(self, joint, carrier, X):
+        placement = _composed(X, _or_identity(joint.placement))
+        child = _or_identity(joint.child_placement)
+        if joint.kind == "fixed":
+            return joint.child, carrier, _composed(placement, child)
+        self.moving.append(joint)
+        self.parents.append(carrier)
+        self.placements.append(placement)
+        self.masses.append([])
+        return joint.child, len(self.moving) - 1, child
+
+    def _in_depth_first_order(self):
+        """Each body right behind its parent or a branch of it, as chains need it."""
+        children = {i: [k for k, parent in enumerate(self.parents) if parent == i] for i in range(-1, len(self.moving))}
+        order, pending = [], children[-1][::-1]
+        while pending:
+            order.append(pending.pop())
+            pending += children[order[-1]][::-1]
+        new = {old: k for k, old in enumerate(order)} | {-1: -1}
+        self.parents = [new[self.parents[old]] for old in order]
+        for name in ("moving", "placements", "masses"):
+            setattr(self, name, [getattr(self, name)[old] for old in order])
+        self.places = {name: (new[carrier], X) for name, (carrier, X) in self.places.items()}
+
+    def add_frame(self, frame):
+        if frame.body not in self.places:
+            raise ValueError(f"Frame {frame.name!r}: body: there is no body {frame.body!r}")
+        carrier, X = self.places[frame.body]
+        self.places[frame.name] = carrier, _composed(X, _or_identity(frame.placement))
+
+    # -- results ------------------------------------------------------------------------------------------------------
+
+    def topology(self):
+        names = [joint.name for joint in self.moving]
+        return Topology(
+            body_names=tuple(joint.child for joint in self.moving),
+            joint_names=tuple(names),
+            kinds=tuple(joint.kind for joint in self.moving),
+            parents=tuple(self.parents),
+            masters=tuple(self._master(names, i) for i in range(len(names))),
+            frames=tuple((name, carrier) for name, (carrier, _) in self.places.items()),
+        )
+
+    def _master(self, names, i):
+        joint = self.moving[i]
+        if joint.mimic is None:
+            return i
+        mimic = Mimic(*joint.mimic)
+        master = names.index(mimic.joint) if mimic.joint in names else None
+        if master is None or self.moving[master].mimic is not None or KINDS[joint.kind].nq != 1:
+            raise ValueError(
+                f"Joint {joint.name!r}: mimic: expected the name of a joint with one coordinate of its own"
+            )
+        return master
+
+    def arrays(self):
+        own = [joint for joint in self.moving if joint.mimic is None]
+        per_rate = ("armature", "damping", "friction_loss", "effort_limit", "velocity_limit")
+        return {
+            "placements": _stacked(self.placements),
+            "child_placements": _stacked([_or_identity(joint.child_placement) for joint in self.moving]),
+            "axes": _rows([_unit(joint, "axis") for joint in self.moving], 3),
+            "second_axes": _rows([_unit(joint, "second_axis") for joint in self.moving], 3),
+            "pitches": np.array([float(joint.pitch) for joint in self.moving]),
+            "mimics": _rows([Mimic(*joint.mimic)[1:] if joint.mimic else (1.0, 0.0) for joint in self.moving], 2),
+            "inertias": _inertias(self.masses),
+            "frame_placements": _stacked([X for _, X in self.places.values()]),
+            **{f"{name}": _per(own, name, "nv") for name in per_rate},
+            **{name: _per(own, name, "nq") for name in ("lower", "upper")},
+        }
+
+
+# -- checks -----------------------------------------------------------------------------------------------------------
+
+
+def _check_names(bodies, joints, frames):
+    for what, kind, parts in (("bodies", Body, bodies), ("joints", Joint, joints), ("frames", Frame, frames)):
+        for part in parts:
+            if not isinstance(part, kind):
+                raise TypeError(f"Mechanism.build: {what}: expected {kind.__name__}s, got {type(part).__name__}")
+        _check_unique(what, [part.name for part in parts])
+    _check_unique("bodies and frames", [WORLD, *(b.name for b in bodies), *(f.name for f in frames)])
+    _check_unique("joints: children", [joint.child for joint in joints])
+    for joint in joints:
+        for side, name in (("parent", joint.parent), ("child", joint.child)):
+            if name not in {body.name for body in bodies} and (name, side) != (WORLD, "parent"):
+                raise ValueError(f"Joint {joint.name!r}: {side}: there is no body {name!r}")
+
+
+def _check_unique(what, names):
+    seen = set()
+    for name in names:
+        if name in seen:
+            raise ValueError(f"Mechanism.build: {what}: {name!r} comes twice")
+        seen.add(name)
+
+
+def _check_reached(bodies, tree):
+    lost = [body.name for body in bodies if body.name not in tree.places]
+    if lost:
+        raise ValueError(f"Mechanism.build: joints: nothing holds {', '.join(map(repr, lost))} against the world")
+
+
+# -- arrays -----------------------------------------------------------------------------------------------------------
+
+
+def _identity():
+    return RigidTransform.identity(dtype=np.float64)
+
+
+def _or_identity(X):
+    if X is None:
+        return _identity()
+    if not isinstance(X, RigidTransform) or X.batch_shape:
+        raise TypeError(f"placement: expected a single RigidTransform, got {X!r}")
+    return jax.tree.map(_known, X)
+
+
+def _known(x):
+    return np.asarray(x, np.float64)
+
+
+def _is_identity(X):
+    return not X.translation.any() and (X.rotation.entries == np.eye(3).ravel()).all()
+
+
+def _composed(X_AB, X_BC):
+    if _is_identity(X_AB) or _is_identity(X_BC):
+        return X_BC if _is_identity(X_AB) else X_AB
+    return jax.tree.map(_known, X_AB @ X_BC)
+
+
+def act_unless_identity(X_AB, M_BBo_B):
+    """M_BAo_A of M_BBo_B, in float64: bit for bit what it was where A is B."""
+    M = jax.tree.map(_known, M_BBo_B)
+    return M if _is_identity(X_AB) else jax.tree.map(_known, act(X_AB, M))
+
+
+def _unit(joint, name):
+    axis = np.asarray(getattr(joint, name), np.float64)
+    length = np.linalg.norm(axis) if axis.shape == (3,) else 0.0
+    if not (np.isfinite(length) and length > 0):
+        raise ValueError(f"Joint {joint.name!r}: {name}: expected three numbers, not all zero, got {axis.tolist()}")
+    return axis / length
+
+
+def _rows(rows, n):
+    return np.array(rows, np.float64).reshape(len(rows), n)
+
+
+def _stacked(transforms):
+    entries = _rows([X.rotation.entries for X in transforms], 9)
+    return RigidTransform(Rotation(entries), _rows([X.translation for X in transforms], 3))
+
+
+def _inertias(masses):
+    merged = [functools.reduce(operator.add, parts) if parts else _nothing() for parts in masses]
+    leaves = [jax.tree.leaves(jax.tree.map(_known, M)) for M in merged]
+    mass, com, central = ([parts[k] for parts in leaves] for k in range(3))
+    return SpatialInertia(_rows(mass, 1)[:, 0], _rows(com, 3), _rows(central, 6))
+
+
+def _nothing():
+    return SpatialInertia.zero(dtype=np.float64)
+
+
+def _per(joints, name, size):
+    """One number per rate or coordinate, of what is given per joint."""
+    found = []
+    for joint in joints:
+        n = getattr(KINDS[joint.kind], size)
+        value = np.asarray(getattr(joint, name), np.float64)
+        if value.shape not in ((), (n,)):
+            raise ValueError(f"Joint {joint.name!r}: {name}: expected a number or {n} of them, got shape {value.shape}")
+        found.append(np.broadcast_to(value, (n,)))
+    return np.concatenate([np.zeros(0), *found])
