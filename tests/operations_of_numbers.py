@@ -17,7 +17,10 @@ from jaxspatial.inertia.articulated import joint_projection
 
 N_BODIES = 5
 _OCTAHEDRON = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
-_TRIANGLES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
+# Indices of 32 bits: those of 64, first used while 64-bit types are off, fail op by op once they are on (jax 0.10).
+_TRIANGLES = np.array(
+    [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]], np.int32
+)
 
 
 # -- arguments: random arrays of one kind over a batch, of size 1 and well conditioned ----------------------------------
@@ -27,8 +30,8 @@ def _normal(*item):
     return lambda rng, batch: [rng.standard_normal((*batch, *item))]
 
 
-def _positive(*item):
-    return lambda rng, batch: [rng.uniform(0.5, 1.5, (*batch, *item))]
+def _positive(*item, above=0.5):
+    return lambda rng, batch: [above + rng.uniform(0, 1, (*batch, *item))]
 
 
 def _motion(rng, batch):
@@ -147,6 +150,7 @@ _ARGUMENTS: dict[str, tuple[Callable, Callable]] = {
     "vector": (_normal(3), _plain),
     "scalar": (_normal(), _plain),
     "positive": (_positive(), _plain),
+    "larger": (_positive(above=2.0), _plain),
     "edges": (_positive(3), _plain),
     "quaternion": (_normal(4), _plain),
     "matrix": (_near_a_rotation, _plain),
@@ -172,6 +176,8 @@ class Operation(NamedTuple):
     takes_precision: bool = True
     # Evaluated as a whole in the wider format, if in one, and rounded once; else results of one formula enter another.
     is_one_formula: bool = True
+    # What comes is True for the items with even numbers, False for the others.
+    is_mask: bool = False
     # The operation that runs the same formula: what is told of that one need not be told again.
     twin: str | None = None
 
@@ -180,6 +186,10 @@ class Operation(NamedTuple):
         remaining = iter(arrays)
         kinds = (_ARGUMENTS[argument] for argument in self.arguments.split())
         return tuple(make(*(next(remaining) for _ in _arrays(draw))) for draw, make in kinds)
+
+    def places(self):
+        """For each of the arrays, which argument it belongs to."""
+        return [i for i, kind in enumerate(self.arguments.split()) for _ in _arrays(_ARGUMENTS[kind][0])]
 
     def arrays(self, batch_shape, dtype, seed=0):
         """Random arrays that the arguments consist of, as NumPy arrays."""
@@ -197,22 +207,26 @@ def _arrays(draw):
     return draw(np.random.default_rng(0), ())
 
 
-def _shape(name, arguments, axis=(), **options):
-    """A shape by its density, by default; what comes before it in `arguments` are lengths."""
+def _shape(shape, arguments, by="density", name=None, **options):
+    """A body of uniform density; its mass or density comes after its lengths."""
 
-    def function(*given, precision=None):
-        *lengths, density = given
-        return getattr(SpatialInertia, name)(*lengths, density=density, precision=precision)
+    def function(*lengths_and_amount, precision=None):
+        *lengths, amount = lengths_and_amount
+        return getattr(SpatialInertia, shape)(*lengths, **{by: amount}, precision=precision)
 
-    return Operation(name, arguments, function, **options)
-
-
-def _by_mass(name, *lengths, mass, **given):
-    return getattr(SpatialInertia, name)(*lengths, mass=mass, **given)
+    return Operation(name or shape, arguments, function, **options)
 
 
-def _armed(P, S, T, armature, **given):
-    return joint_projection(P, [S, T], armature, **given)
+def _without_two(P, S, T, armature, precision=None):
+    return joint_projection(P, [S, T], armature, precision=precision)
+
+
+def _sum(M, precision=None):
+    return M.sum(-1, precision=precision)
+
+
+def _mesh(vertices, density, precision=None):
+    return SpatialInertia.triangle_mesh(vertices, _TRIANGLES, density=density, precision=precision)
 
 
 OPERATIONS = {
@@ -249,7 +263,7 @@ OPERATIONS = {
         Operation("add", "M M", lambda M, N: M + N, takes_precision=False, twin="combine"),
         Operation("remove", "M part", SpatialInertia.remove),
         Operation("subtract", "M part", lambda M, N: M - N, takes_precision=False, twin="remove"),
-        Operation("sum", "bodies", lambda M, precision=None: M.sum(-1, precision=precision)),
+        Operation("sum", "bodies", _sum),
         Operation("from_dynamic_parameters", "pi10", SpatialInertia.from_dynamic_parameters),
         Operation("from_six_by_six", "six", SpatialInertia.from_matrix, twin="from_dynamic_parameters"),
         Operation("from_pseudo_inertia", "pseudo", SpatialInertia.from_pseudo_inertia),
@@ -258,7 +272,8 @@ OPERATIONS = {
         Operation("principal_moments", "M", SpatialInertia.principal_moments, twin="principal_moments_and_axes"),
         Operation("principal_moments_and_axes", "M", SpatialInertia.principal_moments_and_axes),
         Operation("validity_slack", "doubtful", SpatialInertia.validity_slack, is_one_formula=False),
-        Operation("is_physically_valid", "doubtful", SpatialInertia.is_physically_valid, differentiable=False),
+        Operation("is_physically_valid", "doubtful", SpatialInertia.is_physically_valid, differentiable=False,
+                  is_mask=True),
         Operation("nearest_valid", "doubtful", SpatialInertia.nearest_valid, is_one_formula=False),
         Operation("equivalent_ellipsoid", "M", SpatialInertia.equivalent_ellipsoid, is_one_formula=False),
         Operation("equivalent_box", "M", SpatialInertia.equivalent_box, is_one_formula=False,
@@ -275,30 +290,32 @@ OPERATIONS = {
         _shape("solid_capsule", "positive positive vector positive"),
         _shape("solid_cone", "positive positive vector positive", twin="solid_cylinder_about_end"),
         _shape("solid_tetrahedron", "tetrahedron positive"),
-        Operation("hollow_cylinder", "positive positive positive vector positive",
-                  lambda inner, wall, length, axis, mass, precision=None: SpatialInertia.hollow_cylinder(
-                      inner, inner + wall, length, axis, mass=mass, precision=precision)),
-        Operation("thin_rod", "positive vector positive",
-                  lambda length, axis, mass, precision=None: SpatialInertia.thin_rod(
-                      length, axis, mass=mass, precision=precision), twin="solid_cylinder_about_end"),
-        Operation("box_by_mass", "edges positive",
-                  lambda size, mass, precision=None: SpatialInertia.solid_box(size, mass=mass, precision=precision),
-                  twin="solid_box"),
+        _shape("hollow_cylinder", "positive larger positive vector positive"),
+        _shape("thin_rod", "positive vector positive", by="mass", twin="solid_cylinder_about_end"),
+        _shape("solid_box", "edges positive", by="mass", name="solid_box_by_mass", twin="solid_box"),
         Operation("point_mass", "vector positive", lambda com, mass: SpatialInertia.point_mass(com, mass=mass),
                   takes_precision=False),
-        Operation("triangle_mesh", "octahedron positive",
-                  lambda vertices, density, precision=None: SpatialInertia.triangle_mesh(
-                      vertices, _TRIANGLES, density=density, precision=precision)),
+        Operation("triangle_mesh", "octahedron positive", _mesh),
         # articulated inertia and the motion of one body
         Operation("rotate_articulated", "R P", js.rotate, twin="act_articulated"),
         Operation("act_articulated", "X P", js.act),
         Operation("act_inverse_articulated", "X P", js.act_inverse),
         Operation("project_out", "P V positive", js.ArticulatedInertia.project_out),
-        Operation("project_out_two", "P V V positive", _armed),
+        Operation("project_out_two", "P V V positive", _without_two),
         Operation("is_valid_articulated", "doubtful_P", js.ArticulatedInertia.is_physically_valid,
-                  differentiable=False, takes_precision=False),
+                  differentiable=False, takes_precision=False, is_mask=True),
         Operation("newton_euler", "M A vector", js.newton_euler),
     )
 }  # fmt: skip
 FORMULAS = [name for name, operation in OPERATIONS.items() if not operation.twin]
-MASKS = ("is_physically_valid", "is_valid_articulated")
+# Of each kind of arithmetic one: series, angles, directions, quotients, loops over sweeps, shapes, products.
+REPRESENTATIVES = (
+    "exp",
+    "to_axis_angle",
+    "between",
+    "combine",
+    "principal_moments_and_axes",
+    "solid_capsule",
+    "project_out",
+    "newton_euler",
+)

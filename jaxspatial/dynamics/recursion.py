@@ -98,6 +98,16 @@ def repeated_along(x, n):
     return _mapped(lambda word: jnp.broadcast_to(word, (n,)), _as_data(x))
 
 
+def raveled(x):
+    """A number, or what is many along one axis, as the latter."""
+    return _mapped(jnp.ravel, x)
+
+
+def part(x, end, shape):
+    """Of many numbers those before the end, in the shape () or (n,)."""
+    return _mapped(lambda word: word[end - shape[0] : end] if shape else word[end - 1], x)
+
+
 def concatenated(sets):
     """Sets of columns one after the other."""
     return tuple(_mapped(lambda *words: jnp.concatenate(words), *parts) for parts in zip(*sets, strict=True))

@@ -18,6 +18,7 @@ from jaxspatial.arithmetic.functions import cosine_sine
 from jaxspatial.arithmetic.lanes import is_known
 from jaxspatial.arithmetic.numbers import Lane, data_of, with_data
 from jaxspatial.arithmetic.precision import resolve
+from jaxspatial.dynamics import recursion
 from jaxspatial.inertia.reduction import summed
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.mechanism.joints import Axes
@@ -201,25 +202,24 @@ class Scene:
     def _turned(self, angles):
         """(cosine, sine) of each, those of data in one call: within other formulas they would keep XLA CPU from
         vectorising these."""
-        data = [x for x in angles if isinstance(x, Lane) and not is_known(x.value)]
-        if not data:
-            return map(cosine_sine, angles)
-        flat = jnp.concatenate([jnp.ravel(x.value) for x in data])
-        cosines, sines = (x.value for x in cosine_sine(Lane(self.precision, flat)))
-        parts, start = [], 0
-        for x in data:
-            parts.append(tuple(x._new(_part(words, start, x.value.shape)) for words in (cosines, sines)))
-            start += x.value.size
-        found = iter(parts)
-        return (cosine_sine(x) if is_known(x.value) else next(found) for x in angles)
+        data = [x for x in angles if not _is_known(x)]
+        sizes = [np.shape(numbers.high(x)) for x in data]
+        found = iter(())
+        if data:
+            both = cosine_sine(recursion.concatenated([(recursion.raveled(x),) for x in data])[0])
+            ends = np.cumsum([int(np.prod(size)) for size in sizes])
+            found = iter(
+                [tuple(recursion.part(x, end, size) for x in both) for end, size in zip(ends, sizes, strict=True)]
+            )
+        return (cosine_sine(x) if _is_known(x) else next(found) for x in angles)
+
+
+def _is_known(x):
+    return isinstance(x, Lane) and is_known(x.value)
 
 
 def _sum(a, b):
     return jax.tree.map(lambda x, y: x + y, a, b, is_leaf=numbers.is_number)
-
-
-def _part(array, start, shape):
-    return array[start : start + shape[0]] if shape else array[start]
 
 
 class Pose(NamedTuple):

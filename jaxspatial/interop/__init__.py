@@ -10,6 +10,7 @@ until a function has to make one of its objects: reading takes attributes as the
 from jaxspatial.interop import brax as brax
 from jaxspatial.interop import drake as drake
 from jaxspatial.interop import jaxlie as jaxlie
+from jaxspatial.interop import mjcf as mjcf
 from jaxspatial.interop import mujoco as mujoco
 from jaxspatial.interop import orders as orders
 from jaxspatial.interop import pinocchio as pinocchio

@@ -5,6 +5,7 @@ contact or control (visual, collision, transmission, gazebo, calibration, safety
 Everything else that has no counterpart is refused, with its line.
 """
 
+import importlib
 import io
 import pathlib
 
@@ -31,7 +32,7 @@ def read(path_or_text, floating_base=False, gravity=(0.0, 0.0, -9.81), dtype=Non
     Raises ValueError, with line and reason, for what is malformed or cannot be represented; ImportError without
     yourdfpy (`pip install jaxspatial[models]`); FileNotFoundError.
     """
-    source = _text(path_or_text)
+    source, _ = file_source("from_urdf", path_or_text)
     lines = _Lines(source)
     robot = _parsed(source)
     _check_joints(robot, lines)
@@ -48,21 +49,53 @@ def read(path_or_text, floating_base=False, gravity=(0.0, 0.0, -9.81), dtype=Non
 READERS["urdf"] = read
 
 
-def _text(path_or_text):
-    """The bytes of the file; text is told by its first sign."""
+# -- for readers of other formats too ---------------------------------------------------------------------------------
+
+
+def file_source(operation, path_or_text):
+    """(the bytes of a file, its path), or (those of a text, None): text is told by its first sign."""
     if isinstance(path_or_text, str) and path_or_text.lstrip().startswith("<"):
-        return path_or_text.encode()
+        return path_or_text.encode(), None
     if not isinstance(path_or_text, (str, pathlib.Path)):
-        raise TypeError(f"from_urdf: path_or_text: expected a path or text, got {type(path_or_text).__name__}")
-    return pathlib.Path(path_or_text).read_bytes()
+        raise TypeError(f"{operation}: path_or_text: expected a path or text, got {type(path_or_text).__name__}")
+    return pathlib.Path(path_or_text).read_bytes(), pathlib.Path(path_or_text)
+
+
+def needed(operation, module):
+    """A module of an optional package."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        package = module.split(".")[0]
+        raise ImportError(f"{operation}: needs the package {package}: pip install jaxspatial[models]") from error
+
+
+def in_double(make, *arrays):
+    with jax.enable_x64(True):
+        return make(*arrays)
+
+
+def rotation_of(entries):
+    """(3, 3) of the entries of a rotation, in float64, without the rounding of quarter turns."""
+    entries = np.asarray(entries, np.float64).reshape(3, 3)
+    nearest = np.round(entries)
+    return np.where(abs(entries - nearest) <= _ROUNDING, nearest, entries)
+
+
+def with_moments(mass, X_BI, moments):
+    """M_BBo_B of a body with its centre of mass at I, and the (3, 3) moments about it in the axes of I."""
+    R = X_BI.rotation.entries.reshape(3, 3)
+    return in_double(SpatialInertia, np.float64(mass), X_BI.translation, R @ np.asarray(moments, float) @ R.T)
+
+
+# -- the text ---------------------------------------------------------------------------------------------------------
 
 
 class _Lines:
     """Where in the source an element is, for messages."""
 
     def __init__(self, source):
-        from lxml import etree
-
+        etree = needed("from_urdf", "lxml.etree")
         try:
             self.root = etree.parse(io.BytesIO(source)).getroot()
         except etree.XMLSyntaxError as error:
@@ -80,8 +113,7 @@ class _Lines:
 
 
 def _parsed(source):
-    import yourdfpy
-
+    yourdfpy = needed("from_urdf", "yourdfpy")
     try:
         return yourdfpy.URDF.load(io.BytesIO(source), build_scene_graph=False, load_meshes=False).robot
     except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -117,10 +149,9 @@ def _body(link, lines):
     if mass is None or six is None:
         lines.refuse("link", link.name, "inertial: expected mass and inertia")
     X = _pose(link.inertial.origin)
-    central = X.rotation.entries.reshape(3, 3) @ np.asarray(six, float) @ X.rotation.entries.reshape(3, 3).T
-    if not (np.isfinite(mass) and mass >= 0 and np.isfinite(central).all()):
+    if not (np.isfinite(mass) and mass >= 0 and np.isfinite(np.asarray(six, float)).all()):
         lines.refuse("link", link.name, f"inertial: expected a mass >= 0 and finite numbers, got mass {mass}")
-    return Body(link.name, _in_double(SpatialInertia, np.float64(mass), X.translation, central))
+    return Body(link.name, with_moments(mass, X, six))
 
 
 def _joint(joint, lines):
@@ -161,11 +192,4 @@ def _mimic(joint):
 def _pose(matrix):
     """A RigidTransform of a homogeneous matrix; the identity of None."""
     matrix = np.eye(4) if matrix is None else np.asarray(matrix, float)
-    nearest = np.round(matrix[:3, :3])
-    entries = np.where(abs(matrix[:3, :3] - nearest) <= _ROUNDING, nearest, matrix[:3, :3])
-    return _in_double(lambda m, p: RigidTransform(Rotation(m.ravel()), p), entries, matrix[:3, 3])
-
-
-def _in_double(make, *arrays):
-    with jax.enable_x64(True):
-        return make(*arrays)
+    return in_double(lambda m, p: RigidTransform(Rotation(m.ravel()), p), rotation_of(matrix[:3, :3]), matrix[:3, 3])

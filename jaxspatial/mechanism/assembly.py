@@ -13,6 +13,9 @@ from jaxspatial.mechanism.topology import Topology
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, act
 
+# How these go with the ratio of a gear.
+_POWERS = {"armature": 2, "damping": 2, "friction_loss": 1}
+
 
 def assembled(bodies, joints, frames):
     """(Topology, its arrays by name) of parts: what `Mechanism` consists of but for gravity, in float64."""
@@ -39,15 +42,18 @@ class _Tree:
         self.places = {}
 
     def hang(self, name, carrier, X):
-        """The body at X on the moving body number `carrier`, and all that hangs on it."""
-        pending = [(name, carrier, X)]
+        """The body at X on the moving body number `carrier`, and all that hangs on it: each body right behind its
+        parent or a branch of it, as chains need it."""
+        pending = self._put(name, carrier, X)
         while pending:
-            name, carrier, X = pending.pop()
-            self.places[name] = carrier, X
-            if carrier >= 0 and self.bodies[name].inertia is not None:
-                self.masses[carrier].append(act_unless_identity(X, self.bodies[name].inertia))
-            pending += [self._hung(joint, carrier, X) for joint in reversed(self.held.get(name, []))]
-        self._in_depth_first_order()
+            pending += self._put(*self._hung(*pending.pop()))
+
+    def _put(self, name, carrier, X):
+        """What hangs on a body, the first joint last."""
+        self.places[name] = carrier, X
+        if carrier >= 0 and self.bodies[name].inertia is not None:
+            self.masses[carrier].append(act_unless_identity(X, self.bodies[name].inertia))
+        return [(joint, carrier, X) for joint in reversed(self.held.get(name, []))]
 
     def _hung(self, joint, carrier, X):
         placement = _composed(X, _or_identity(joint.placement))
@@ -59,19 +65,6 @@ class _Tree:
         self.placements.append(placement)
         self.masses.append([])
         return joint.child, len(self.moving) - 1, child
-
-    def _in_depth_first_order(self):
-        """Each body right behind its parent or a branch of it, as chains need it."""
-        children = {i: [k for k, parent in enumerate(self.parents) if parent == i] for i in range(-1, len(self.moving))}
-        order, pending = [], children[-1][::-1]
-        while pending:
-            order.append(pending.pop())
-            pending += children[order[-1]][::-1]
-        new = {old: k for k, old in enumerate(order)} | {-1: -1}
-        self.parents = [new[self.parents[old]] for old in order]
-        for name in ("moving", "placements", "masses"):
-            setattr(self, name, [getattr(self, name)[old] for old in order])
-        self.places = {name: (new[carrier], X) for name, (carrier, X) in self.places.items()}
 
     def add_frame(self, frame):
         if frame.body not in self.places:
@@ -98,7 +91,8 @@ class _Tree:
             return i
         mimic = Mimic(*joint.mimic)
         master = names.index(mimic.joint) if mimic.joint in names else None
-        if master is None or self.moving[master].mimic is not None or KINDS[joint.kind].nq != 1:
+        both = (joint,) if master is None else (joint, self.moving[master])
+        if len(both) < 2 or both[1].mimic is not None or any(KINDS[x.kind].nq != 1 for x in both):
             raise ValueError(
                 f"Joint {joint.name!r}: mimic: expected the name of a joint with one coordinate of its own"
             )
@@ -106,7 +100,7 @@ class _Tree:
 
     def arrays(self):
         own = [joint for joint in self.moving if joint.mimic is None]
-        per_rate = ("armature", "damping", "friction_loss", "effort_limit", "velocity_limit")
+        limits = {"effort_limit": "nv", "velocity_limit": "nv", "lower": "nq", "upper": "nq"}
         return {
             "placements": _stacked(self.placements),
             "child_placements": _stacked([_or_identity(joint.child_placement) for joint in self.moving]),
@@ -116,9 +110,19 @@ class _Tree:
             "mimics": _rows([Mimic(*joint.mimic)[1:] if joint.mimic else (1.0, 0.0) for joint in self.moving], 2),
             "inertias": _inertias(self.masses),
             "frame_placements": _stacked([X for _, X in self.places.values()]),
-            **{f"{name}": _per(own, name, "nv") for name in per_rate},
-            **{name: _per(own, name, "nq") for name in ("lower", "upper")},
+            **{name: self._felt(own, name, power) for name, power in _POWERS.items()},
+            **{name: _per(own, name, size) for name, size in limits.items()},
         }
+
+    def _felt(self, own, name, power):
+        """One number per rate: what a mimic has of it, its master feels."""
+        found = np.split(_per(own, name, "nv"), np.cumsum([KINDS[joint.kind].nv for joint in own])[:-1])
+        places = {joint.name: k for k, joint in enumerate(own)}
+        for joint in self.moving:
+            if joint.mimic is not None:
+                mimic = Mimic(*joint.mimic)
+                found[places[mimic.joint]] += abs(mimic.multiplier) ** power * _per([joint], name, "nv")
+        return np.concatenate([np.zeros(0), *found])
 
 
 # -- checks -----------------------------------------------------------------------------------------------------------

@@ -68,7 +68,7 @@ class Mechanism:
         nothing holds against the world: add a "free" joint for one that floats.
         """
         topology, arrays = assembled(list(bodies), list(joints), list(frames))
-        gravity = check.as_vectors(gravity, "Mechanism.build: gravity")
+        gravity = check.as_vectors(np.asarray(gravity, np.float64), "Mechanism.build: gravity")
         return cls(topology=topology, gravity=np.asarray(gravity, np.float64), **arrays).astype(dtype)
 
     @classmethod

@@ -53,6 +53,10 @@ class Topology:
     def is_mimic(self, i):
         return self.masters[i] != i
 
+    @property
+    def has_mimics(self):
+        return any(map(self.is_mimic, range(len(self))))
+
     @functools.cached_property
     def q_starts(self):
         """Where the coordinates of each joint begin, and their number at the end; those of a mimic are its master's."""

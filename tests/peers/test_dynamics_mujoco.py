@@ -1,0 +1,172 @@
+"""Random small models, written as text, against MuJoCo in float64: poses and every algorithm, relative error 1e-12.
+
+Relative to the largest number of each result. Coordinates go to and from MuJoCo's by `interop.mjcf`. A constraint
+between joints is soft in MuJoCo, and a mimic here: compared is what follows from M and forces without it.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from jaxspatial.interop import mjcf
+
+mujoco = pytest.importorskip("mujoco")
+pytest.importorskip("lxml")
+
+N = 4
+ALLOWED = 1e-12
+# Of each body, the one it hangs on, and its joints; a joint may follow another.
+FIXED = [(-1, ["hinge"]), (0, ["slide", "hinge"]), (1, ["ball"]), (0, []), (3, ["hinge"])]
+FLOATING = [(-1, ["free"]), (0, ["hinge"]), (0, ["slide", "ball"])]
+MIMIC = [(-1, ["slide"]), (0, ["hinge"]), (1, ["slide"]), (0, ["hinge"])]
+FOLLOWS = '<equality><joint joint1="j2" joint2="j3" polycoef=".3 -1.5"/><joint joint1="j1" joint2="j3"/></equality>'
+MODELS = {"fixed": (FIXED, ""), "floating": (FLOATING, ""), "mimics": (MIMIC, FOLLOWS)}
+models = pytest.mark.parametrize("name", MODELS)
+
+
+@pytest.fixture(autouse=True)
+def _x64():
+    with jax.enable_x64(True):
+        yield
+
+
+def text(bodies, rest, seed):
+    """MJCF of bodies with random placements, inertias, axes, anchors, references and armatures."""
+    rng = np.random.default_rng(seed)
+    numbers = lambda n: " ".join(map(repr, rng.standard_normal(n).tolist()))  # noqa: E731
+    count = iter(range(100))
+
+    def joint(kind):
+        if kind == "free":
+            return f'<freejoint name="j{next(count)}"/>'
+        ref = "" if kind == "ball" else f' ref="{rng.standard_normal()}"'
+        axis = "" if kind == "ball" else f' axis="{numbers(3)}"'
+        armature = f' armature="{rng.uniform(0, 0.2)}"' if not rest else ""
+        return f'<joint name="j{next(count)}" type="{kind}" pos="{numbers(3)}"{axis}{ref}{armature}/>'
+
+    def body(i):
+        lengths, d = rng.uniform(0.1, 0.4, 3) ** 2, rng.uniform(0.5, 2)
+        moments = " ".join(repr(float(d * (lengths.sum() - x))) for x in lengths)
+        own = "".join(map(joint, bodies[i][1]))
+        mass = f'<inertial mass="{d}" pos="{numbers(3)}" quat="{numbers(4)}" diaginertia="{moments}"/>'
+        rest = "".join(body(k) for k, (parent, _) in enumerate(bodies) if parent == i)
+        return f'<body name="b{i}" pos="{numbers(3)}" quat="{numbers(4)}">{own}{mass}{rest}</body>'
+
+    roots = "".join(body(i) for i, (parent, _) in enumerate(bodies) if parent < 0)
+    options = f'<compiler angle="radian"/><option gravity="{numbers(3)}"><flag equality="disable"/></option>'
+    return f"<mujoco>{options}<worldbody>{roots}</worldbody>{rest}</mujoco>"
+
+
+@functools.cache
+def case(name):
+    """(the model, our mechanism, q, v, vdot), N states."""
+    source = text(*MODELS[name], seed=7)
+    with jax.enable_x64(True):
+        # The constraints are for us alone.
+        mech = js.Mechanism.from_mjcf(source.replace('equality="disable"', ""), dtype=np.float64)
+        q = js.random_configuration(mech, jax.random.key(1), N, np.float64)
+    v, a = np.random.default_rng(2).standard_normal((2, N, mech.nv))
+    return mujoco.MjModel.from_xml_string(source), mech, q, jnp.asarray(v), jnp.asarray(a)
+
+
+@functools.cache
+def ours(name):
+    _, mech, *state = case(name)
+
+    def all_of_them(q, v, a):
+        X, M = js.forward_kinematics(mech, q), js.mass_matrix(mech, q)
+        tau = js.inverse_dynamics(mech, q, v, a)
+        # MuJoCo's bias is at rest of its own rates.
+        still = mjcf.from_qacc(mech, q, v, jnp.zeros(len(mjcf.to_qvel(mech, q, v))))
+        to_qvel = jax.vmap(functools.partial(mjcf.to_qvel, mech, q), out_axes=1)(jnp.eye(mech.nv))
+        return {
+            "positions": X.translation,
+            "rotations": X.rotation.to_matrix(),
+            "forces": tau,
+            "mass": M,
+            "bias": js.bias_forces(mech, q, v) + jnp.einsum("ij,j->i", M, still, precision="highest"),
+            "accelerations": js.forward_dynamics(mech, q, v, tau),
+            "qpos": mjcf.to_qpos(mech, q),
+            "qvel": mjcf.to_qvel(mech, q, v),
+            "qacc": mjcf.to_qacc(mech, q, v, a),
+            "qfrc": mjcf.to_qfrc(mech, q, tau),
+            "to_qvel": to_qvel,
+        }
+
+    return {what: np.asarray(x) for what, x in jax.jit(jax.vmap(all_of_them))(*state).items()}
+
+
+@functools.cache
+def theirs(name):
+    model, mech, *_ = case(name)
+    found = [_of_state(model, mech, {what: x[i] for what, x in ours(name).items()}) for i in range(N)]
+    return {what: np.stack([state[what] for state in found]) for what in found[0]}
+
+
+def _of_state(model, mech, state):
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.qacc[:] = state["qpos"], state["qvel"], state["qacc"]
+    mujoco.mj_inverse(model, data)
+    columns = np.zeros((model.nv, model.nv))
+    for column, unit in zip(columns, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, column, unit)
+    bodies = [data.body(name) for name in mech.body_names if "/" not in name]
+    found = {
+        "positions": np.stack([body.xpos for body in bodies]),
+        "rotations": np.stack([body.xmat.reshape(3, 3) for body in bodies]),
+        "forces": np.array(data.qfrc_inverse),
+        "mass": columns,
+        "bias": np.array(data.qfrc_bias),
+    }
+    data.qfrc_applied[:] = state["qfrc"]
+    mujoco.mj_forward(model, data)
+    return found | {"accelerations": np.array(data.qacc)}
+
+
+def error(name, what, found, expected):
+    assert found.shape == expected.shape
+    size = abs(found - expected).max() / abs(expected).max()
+    assert size <= ALLOWED, (name, what, size)
+
+
+@models
+def test_poses(name):
+    is_named = ["/" not in body for body in case(name)[1].body_names]
+    for what in ("positions", "rotations"):
+        error(name, what, ours(name)[what][:, is_named], theirs(name)[what])
+
+
+@models
+@pytest.mark.parametrize("what", ["forces", "bias"])
+def test_forces(name, what):
+    _, mech, q, *_ = case(name)
+    error(name, what, ours(name)[what], np.asarray(mjcf.from_qfrc(mech, q, jnp.asarray(theirs(name)[what]))))
+
+
+@models
+def test_mass_matrix(name):
+    T = ours(name)["to_qvel"]
+    error(name, "mass", ours(name)["mass"], np.einsum("bik,bij,bjl->bkl", T, theirs(name)["mass"], T))
+
+
+@pytest.mark.parametrize("name", ["fixed", "floating"])
+def test_accelerations(name):
+    _, mech, q, v, _ = case(name)
+    found = mjcf.from_qacc(mech, q, v, jnp.asarray(theirs(name)["accelerations"]))
+    error(name, "accelerations", ours(name)["accelerations"], np.asarray(found))
+
+
+@models
+def test_states_there_and_back(name):
+    model, mech, q, v, a = case(name)
+    there = ours(name)
+    assert [there[x].shape[-1] for x in ("qpos", "qvel")] == [model.nq, model.nv]
+    np.testing.assert_array_equal(mjcf.from_qpos(mech, there["qpos"]), q)
+    np.testing.assert_allclose(mjcf.from_qvel(mech, q, there["qvel"]), v, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(mjcf.from_qacc(mech, q, v, there["qacc"]), a, rtol=0, atol=4e-14)
+    power = np.einsum("bi,bi->b", there["forces"], v)
+    np.testing.assert_allclose(np.einsum("bi,bi->b", there["qfrc"], there["qvel"]), power, rtol=0, atol=1e-12)

@@ -1,0 +1,281 @@
+"""What takes quotients, roots, angles or decisions gives the same numbers in every transformation, as sums of products
+do in `test_transformations`.
+
+Their formulas are too long to be written a second time in NumPy. What is compared with is the operation itself, run
+op by op: one primitive after another, each a program of its own, in which there is nothing to contract, rewrite or
+fuse. "reproducible" promises its bits, in every program and of any batch; the other precisions, the 16-bit types and
+derivatives run op by op as well, and against float64.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+from operations_of_numbers import FORMULAS, OPERATIONS, REPRESENTATIVES
+
+from jaxspatial.measure.error import unit_roundoff
+from jaxspatial.measure.exact import rationals
+
+BATCH = (3, 1, 2)
+PRECISIONS = ("fast", "reproducible", "compensated", "faithful")
+DTYPES = ("float16", "bfloat16", "float32", "float64")
+FORMATS = [("float32", False), ("float32", True), ("float64", True)]
+DIFFERENTIABLE = [name for name in FORMULAS if OPERATIONS[name].differentiable]
+WITH_PRECISION = [name for name in FORMULAS if OPERATIONS[name].takes_precision]
+OF_SEVERAL = [name for name, operation in OPERATIONS.items() if " " in operation.arguments]
+# Of the values and derivatives of all operations next to float64, in u normwise: cancellation of well conditioned ones.
+ROUNDED, DERIVED = 16, 64
+# Central differences of order 8 at steps of 2^-10, in float64: what rounding leaves of them.
+STEP, WEIGHTS, OF_DIFFERENCES = 2.0**-10, (4 / 5, -1 / 5, 4 / 105, -1 / 280), 1e-11
+
+
+def _nested(f):
+    """scan of vmap of vmap of cond of checkpoint, over a batch with three axes; the condition is known to nobody."""
+
+    def chosen(is_on, *item):
+        return lax.cond(is_on, jax.checkpoint(f), functools.partial(_zeros_like, f), *item)
+
+    def over_batch(is_on, *arrays):
+        one = functools.partial(chosen, is_on)
+        return lax.scan(lambda _, x: (None, jax.vmap(jax.vmap(one))(*x)), None, arrays)[1]
+
+    return lambda *arrays: jax.jit(over_batch)(jnp.asarray(True), *arrays)
+
+
+def _partly_known(f):
+    """All arrays but the first known while tracing; a single one is known."""
+
+    def call(first, *others):
+        known = list(map(np.asarray, others))
+        return jax.jit(lambda x: f(x, *known))(first) if known else jax.jit(lambda: f(np.asarray(first)))()
+
+    return call
+
+
+# (context, which items of the batch, operations, dtype, 64-bit types): each program is compiled for one of them.
+ALL, FIRST, ONE = np.s_[:], np.s_[0, :, 0], np.s_[0, 0, 0]
+PROGRAMS = [
+    ("eager", lambda f: f, ALL, FORMULAS, "float32", False),
+    ("nested", _nested, ALL, OPERATIONS, "float32", False),
+    ("known", _partly_known, FIRST, FORMULAS, "float32", True),
+    ("jit", jax.jit, ONE, FORMULAS, "float64", True),
+]
+CASES = [
+    pytest.param(name, *program[1:3], *program[4:], id=f"{name}-{program[0]}-{program[4]}")
+    for program in PROGRAMS
+    for name in program[3]
+]
+
+
+@pytest.fixture(params=FORMATS, ids=["float32-x32", "float32-x64", "float64-x64"])
+def dtype(request):
+    with jax.enable_x64(request.param[1]):
+        yield request.param[0]
+
+
+# -- values -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "context", "items", "dtype", "x64"), CASES)
+def test_value_is_the_same_compiled(name, context, items, dtype, x64):
+    with jax.enable_x64(x64):
+        arrays = [jnp.asarray(x[items]) for x in _arrays(name, dtype)]
+        result = context(OPERATIONS[name].on_arrays())(*arrays)
+        _assert_same_bits(result, [x[items] for x in _value(name, dtype)])
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_batch_by_broadcasting_and_by_nested_vmap(name, dtype):
+    for items, depth in ((ONE, 0), (FIRST, 1), (ALL, 3)):
+        arrays, expected = ([x[items] for x in xs] for xs in (_arrays(name, dtype), _value(name, dtype)))
+        one = OPERATIONS[name].on_arrays()
+        for function in (one, _nested_vmap(depth, one)):
+            _assert_same_bits(_op_by_op(function, arrays), expected)
+
+
+@pytest.mark.parametrize("name", OF_SEVERAL)
+def test_one_item_is_shared_by_a_batch(name, x64):
+    operation, arrays = OPERATIONS[name], _arrays(name, "float32")
+    places = operation.places()
+    for i in set(places):
+        shared = [x[ONE] if place == i else x for x, place in zip(arrays, places, strict=True)]
+        repeated = [np.broadcast_to(x, y.shape) for x, y in zip(shared, arrays, strict=True)]
+        function = operation.on_arrays()
+        _assert_same_bits(_op_by_op(function, shared), _op_by_op(function, repeated))
+
+
+@pytest.mark.parametrize("name", [name for name, operation in OPERATIONS.items() if operation.is_mask])
+def test_masks(name, dtype):
+    for mask in (_value(name, dtype)[0], *_op_by_op(jax.vmap(OPERATIONS[name].on_arrays()), _arrays(name, dtype))):
+        assert mask.dtype == bool
+        np.testing.assert_array_equal(mask, np.arange(6).reshape(BATCH) % 2 == 0)
+
+
+# -- precisions and dtypes --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_every_precision_keeps_the_dtype_and_agrees_with_float64(name, dtype, precision):
+    """Evaluated in the wider format and rounded once: bit for bit what is rounded of it."""
+    operation, wide = OPERATIONS[name], _evaluated_in(precision, dtype)
+    found = _value(name, dtype, precision)
+    for x, exact, same in zip(found, _widened(name, dtype, "float64"), _widened(name, dtype, wide), strict=True):
+        assert x.dtype in (dtype, bool) and x.shape == exact.shape
+        if operation.is_one_formula and operation.takes_precision and wide != dtype:
+            np.testing.assert_array_equal(x, same.astype(x.dtype))
+        _assert_near(x, exact, ROUNDED if wide == dtype or dtype == "float64" else 4)
+
+
+@pytest.mark.parametrize("precision", ["fast", "compensated"])
+@pytest.mark.parametrize("name", REPRESENTATIVES)
+def test_other_precisions_compiled(name, precision, x64):
+    arrays = map(jnp.asarray, _arrays(name, "float32"))
+    found = jax.jit(OPERATIONS[name].on_arrays(precision))(*arrays)
+    if precision == "compensated":
+        return _assert_same_bits(found, _value(name, "float32", precision))
+    for x, exact in zip(found, _widened(name, "float32", "float64"), strict=True):
+        _assert_near(np.asarray(x), exact, ROUNDED)
+
+
+# -- derivatives ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", DIFFERENTIABLE)
+def test_tangent_is_the_derivative(name):
+    """Of float64 next to differences, of float32 next to that of float64."""
+    wide = _pushed(name, "float64")
+    for x, expected in zip(wide, _differences(name), strict=True):
+        assert abs(x - expected).max() <= OF_DIFFERENCES * max(abs(expected).max(), 1)
+    for x, exact in zip(_pushed(name, "float32"), wide, strict=True):
+        assert x.dtype == np.float32
+        assert abs(x - exact).max() <= DERIVED * float(unit_roundoff("float32")) * abs(exact).max()
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("name", DIFFERENTIABLE)
+def test_pull_back_is_the_transpose_of_the_tangent(name, dtype):
+    """cotangent . tangent = pulled . t, and what is pulled back has the shapes and dtypes of what went in."""
+    arrays, t, tangent = _point(name, dtype), _direction(name, dtype), _pushed(name, dtype)
+    cotangent, pulled = _pulled(name, dtype)
+    assert [(x.shape, x.dtype) for x in pulled] == [(x.shape, x.dtype) for x in arrays]
+    (left, left_size), (right, right_size) = _inner(cotangent, tangent), _inner(pulled, t)
+    assert abs(left - right) <= (left_size + right_size) * 16 * unit_roundoff(dtype)
+
+
+@pytest.mark.parametrize("name", [x if x in REPRESENTATIVES else pytest.param(x, marks=pytest.mark.slow)
+                                  for x in DIFFERENTIABLE])  # fmt: skip
+def test_derivatives_are_the_same_compiled(name):
+    function = jax.checkpoint(OPERATIONS[name].on_arrays())
+    cotangent, pulled = _pulled(name, "float32")
+    arrays, t, c = (
+        [jnp.asarray(x) for x in xs] for xs in (_point(name, "float32"), _direction(name, "float32"), cotangent)
+    )
+    tangent, gradient = jax.jit(lambda x, t, c: (jax.jvp(function, x, t)[1], jax.vjp(function, *x)[1](c)))(arrays, t, c)
+    _assert_same_bits(tangent, _pushed(name, "float32"))
+    _assert_same_bits(gradient, pulled)
+
+
+# -- helpers ----------------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def _arrays(name, dtype, seed=0):
+    return OPERATIONS[name].arrays(BATCH, dtype, seed)
+
+
+def _op_by_op(function, arrays):
+    with jax.disable_jit():
+        return [np.asarray(x) for x in function(*map(jnp.asarray, arrays))]
+
+
+@functools.cache
+def _value(name, dtype, precision=None):
+    """Op by op, with 64-bit types as they are where float32 needs none."""
+    with jax.enable_x64(dtype == "float64" or bool(precision)):
+        return _op_by_op(OPERATIONS[name].on_arrays(precision), _arrays(name, dtype))
+
+
+def _evaluated_in(precision, dtype):
+    if precision in ("compensated", "faithful"):
+        return "float64"
+    return "float32" if dtype in ("float16", "bfloat16") else dtype
+
+
+@functools.cache
+def _widened(name, dtype, wide):
+    """Of inputs of one dtype, what comes in another, in "reproducible"."""
+    with jax.enable_x64(True):
+        return _op_by_op(OPERATIONS[name].on_arrays(), [x.astype(wide) for x in _arrays(name, dtype)])
+
+
+def _point(name, dtype):
+    """The same numbers in every dtype."""
+    return [x.astype(dtype) for x in _arrays(name, "float32")]
+
+
+def _direction(name, dtype, kind="float32"):
+    rng = np.random.default_rng(1)
+    return [rng.standard_normal(x.shape).astype(kind).astype(dtype) for x in _arrays(name, "float32")]
+
+
+@functools.cache
+def _pushed(name, dtype):
+    x, t = _point(name, dtype), _direction(name, dtype)
+    with jax.enable_x64(dtype == "float64"):
+        function = OPERATIONS[name].on_arrays()
+        return _op_by_op(lambda *xt: jax.jvp(function, xt[: len(x)], xt[len(x) :])[1], x + t)
+
+
+@functools.cache
+def _pulled(name, dtype):
+    """(cotangent, what is pulled back)."""
+    rng = np.random.default_rng(2)
+    cotangent = [rng.standard_normal(x.shape).astype(dtype) for x in _pushed(name, dtype)]
+    with jax.enable_x64(dtype == "float64"):
+        function = OPERATIONS[name].on_arrays()
+        return cotangent, _op_by_op(
+            lambda *x: jax.vjp(function, *x)[1](list(map(jnp.asarray, cotangent))), _point(name, dtype)
+        )
+
+
+def _differences(name):
+    x, t = _point(name, "float64"), _direction(name, "float64")
+    steps = STEP * np.array([s * k for k in (1, 2, 3, 4) for s in (1, -1)])
+    spread = [a + steps.reshape((8, *[1] * a.ndim)) * b for a, b in zip(x, t, strict=True)]
+    with jax.enable_x64(True):
+        found = _op_by_op(OPERATIONS[name].on_arrays(), spread)
+    return [sum(w * (y[2 * k] - y[2 * k + 1]) for k, w in enumerate(WEIGHTS)) / STEP for y in found]
+
+
+def _zeros_like(f, *item):
+    return [jnp.zeros(x.shape, x.dtype) for x in jax.eval_shape(f, *item)]
+
+
+def _nested_vmap(depth, f):
+    return _nested_vmap(depth - 1, jax.vmap(f)) if depth else f
+
+
+def _inner(a, b):
+    """(the inner product of two lists of arrays, the sum of the absolute values of its terms), exactly."""
+    terms = [rationals(x) * rationals(y) for x, y in zip(a, b, strict=True)]
+    return sum(np.sum(x) for x in terms), sum(np.sum(abs(x)) for x in terms)
+
+
+def _assert_near(x, exact, n):
+    """Within n u of the largest component, item by item; masks are the same."""
+    if x.dtype == bool:
+        return np.testing.assert_array_equal(x, exact)
+    axes = tuple(range(len(BATCH), x.ndim))
+    size = abs(exact).max(axes, keepdims=True)
+    assert (abs(x.astype(np.float64) - exact) <= n * float(unit_roundoff(x.dtype)) * size).all()
+
+
+def _assert_same_bits(result, expected):
+    for x, y in zip(map(np.asarray, result), expected, strict=True):
+        assert (x.shape, x.dtype) == (y.shape, y.dtype)
+        assert x.tobytes() == y.tobytes(), (x, y)
