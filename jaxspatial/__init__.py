@@ -49,7 +49,9 @@ from jaxspatial.mechanism import Body as Body
 from jaxspatial.mechanism import Frame as Frame
 from jaxspatial.mechanism import Joint as Joint
 from jaxspatial.mechanism import Mechanism as Mechanism
+from jaxspatial.mechanism import lock_joints as lock_joints
 from jaxspatial.mechanism import random_mechanism as random_mechanism
+from jaxspatial.mechanism import subtree as subtree
 from jaxspatial.interop import mjcf as _mjcf  # noqa: F401 - enters itself as what Mechanism.from_mjcf calls
 from jaxspatial.interop import urdf as _urdf  # noqa: F401 - enters itself as what Mechanism.from_urdf calls
 

@@ -23,7 +23,7 @@ _TRIANGLES = np.array(
 )
 
 
-# -- arguments: random arrays of one kind over a batch, of size 1 and well conditioned ----------------------------------
+# -- arguments: random arrays of one kind over a batch, of size 1 and well conditioned --------------------------------
 
 
 def _normal(*item):
@@ -302,7 +302,7 @@ OPERATIONS = {
         Operation("act_inverse_articulated", "X P", js.act_inverse),
         Operation("project_out", "P V positive", js.ArticulatedInertia.project_out),
         Operation("project_out_two", "P V V positive", _without_two),
-        Operation("is_valid_articulated", "doubtful_P", js.ArticulatedInertia.is_physically_valid,
+        Operation("is_valid_articulated", "doubtful_P", lambda P: P.is_physically_valid(2.0**-7),
                   differentiable=False, takes_precision=False, is_mask=True),
         Operation("newton_euler", "M A vector", js.newton_euler),
     )

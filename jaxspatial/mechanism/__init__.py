@@ -1,5 +1,7 @@
 """Layer 4: joints, the tree they make of bodies, and the numbers of it."""
 
+from jaxspatial.mechanism.editing import lock_joints as lock_joints
+from jaxspatial.mechanism.editing import subtree as subtree
 from jaxspatial.mechanism.mechanism import Mechanism as Mechanism
 from jaxspatial.mechanism.parts import Body as Body
 from jaxspatial.mechanism.parts import Frame as Frame

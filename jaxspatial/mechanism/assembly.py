@@ -56,10 +56,10 @@ class _Tree:
         return [(joint, carrier, X) for joint in reversed(self.held.get(name, []))]
 
     def _hung(self, joint, carrier, X):
-        placement = _composed(X, _or_identity(joint.placement))
+        placement = composed(X, _or_identity(joint.placement))
         child = _or_identity(joint.child_placement)
         if joint.kind == "fixed":
-            return joint.child, carrier, _composed(placement, child)
+            return joint.child, carrier, composed(placement, child)
         self.moving.append(joint)
         self.parents.append(carrier)
         self.placements.append(placement)
@@ -70,7 +70,7 @@ class _Tree:
         if frame.body not in self.places:
             raise ValueError(f"Frame {frame.name!r}: body: there is no body {frame.body!r}")
         carrier, X = self.places[frame.body]
-        self.places[frame.name] = carrier, _composed(X, _or_identity(frame.placement))
+        self.places[frame.name] = carrier, composed(X, _or_identity(frame.placement))
 
     # -- results ------------------------------------------------------------------------------------------------------
 
@@ -168,27 +168,27 @@ def _or_identity(X):
         return _identity()
     if not isinstance(X, RigidTransform) or X.batch_shape:
         raise TypeError(f"placement: expected a single RigidTransform, got {X!r}")
-    return jax.tree.map(_known, X)
+    return jax.tree.map(known, X)
 
 
-def _known(x):
+def known(x):
     return np.asarray(x, np.float64)
 
 
-def _is_identity(X):
+def is_identity(X):
     return not X.translation.any() and (X.rotation.entries == np.eye(3).ravel()).all()
 
 
-def _composed(X_AB, X_BC):
-    if _is_identity(X_AB) or _is_identity(X_BC):
-        return X_BC if _is_identity(X_AB) else X_AB
-    return jax.tree.map(_known, X_AB @ X_BC)
+def composed(X_AB, X_BC):
+    if is_identity(X_AB) or is_identity(X_BC):
+        return X_BC if is_identity(X_AB) else X_AB
+    return jax.tree.map(known, X_AB @ X_BC)
 
 
 def act_unless_identity(X_AB, M_BBo_B):
     """M_BAo_A of M_BBo_B, in float64: bit for bit what it was where A is B."""
-    M = jax.tree.map(_known, M_BBo_B)
-    return M if _is_identity(X_AB) else jax.tree.map(_known, act(X_AB, M))
+    M = jax.tree.map(known, M_BBo_B)
+    return M if is_identity(X_AB) else jax.tree.map(known, act(X_AB, M))
 
 
 def _unit(joint, name):
@@ -210,7 +210,7 @@ def _stacked(transforms):
 
 def _inertias(masses):
     merged = [functools.reduce(operator.add, parts) if parts else _nothing() for parts in masses]
-    leaves = [jax.tree.leaves(jax.tree.map(_known, M)) for M in merged]
+    leaves = [jax.tree.leaves(jax.tree.map(known, M)) for M in merged]
     mass, com, central = ([parts[k] for parts in leaves] for k in range(3))
     return SpatialInertia(_rows(mass, 1)[:, 0], _rows(com, 3), _rows(central, 6))
 

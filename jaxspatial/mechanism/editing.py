@@ -1,0 +1,129 @@
+"""Mechanisms made of others: joints locked, subtrees taken out."""
+
+import jax
+import numpy as np
+
+from jaxspatial.arithmetic.numbers import Lane
+from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.inertia import SpatialInertia
+from jaxspatial.mechanism.assembly import composed, is_identity
+from jaxspatial.mechanism.joints import Axes
+from jaxspatial.mechanism.mechanism import Mechanism
+from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
+from jaxspatial.rotation import Rotation
+from jaxspatial.spatial import RigidTransform, act_inverse
+
+_PER_RATE = "armature", "damping", "friction_loss", "effort_limit", "velocity_limit"
+
+
+def lock_joints(mechanism, positions):
+    """The mechanism with joints held where they are told: their bodies become parts of those that carry them.
+
+    positions: coordinates by joint name, a number or nq of them. What is left is known while tracing, and what was
+    locked leaves no operation behind. Names of locked bodies stay as frames. Raises KeyError for names that are no
+    joint's, ValueError for a mimic, and for joints that mimics follow.
+    """
+    bodies, joints, frames = parts(mechanism)
+    for name, q in positions.items():
+        i = mechanism.topology.index(mechanism.joint_names, name, "lock_joints: positions")
+        joints[i] = _locked(mechanism, joints, i, q)
+    return Mechanism.build(bodies, joints, frames, mechanism.gravity, mechanism.dtype)
+
+
+def subtree(mechanism, body):
+    """The mechanism of a body and all that hangs on it; what carried the body is the world. Frames elsewhere are
+    left out. Raises KeyError for a name that is no body's."""
+    t = mechanism.topology
+    root = t.index(mechanism.body_names, body, "subtree: body")
+    kept = {i for i in range(len(t)) if root in t.ancestors(i)}
+    bodies, joints, frames = parts(mechanism)
+    joints = [Joint(**{**vars(j), "parent": WORLD}) if i == root else j for i, j in enumerate(joints) if i in kept]
+    names = {mechanism.body_names[i] for i in kept}
+    left = [frame for frame in frames if frame.body in names]
+    return Mechanism.build([b for b in bodies if b.name in names], joints, left, mechanism.gravity, mechanism.dtype)
+
+
+def parts(mechanism):
+    """(bodies, joints, frames) that `Mechanism.build` makes the mechanism of: all of its numbers have to be known."""
+    if not all(isinstance(x, np.ndarray) for x in jax.tree.leaves(mechanism)):
+        raise TypeError("mechanism: expected known numbers (NumPy), got data; build, and replace numbers after")
+    with jax.enable_x64(True):
+        n = len(mechanism.topology)
+        known = jax.tree.map(lambda x: x.astype(np.float64), mechanism)
+        return [_body(known, i) for i in range(n)], [_joint(known, i) for i in range(n)], _frames(known)
+
+
+def _item(tree, i):
+    return jax.tree.map(lambda x: x[i], tree)
+
+
+def _body(mechanism, i):
+    """With its inertia about its own frame."""
+    M, X_JB = _item(mechanism.inertias, i), _item(mechanism.child_placements, i)
+    M = SpatialInertia(*map(np.asarray, jax.tree.leaves(M)))
+    return Body(mechanism.body_names[i], M if is_identity(X_JB) else act_inverse(X_JB, M))
+
+
+def _joint(mechanism, i):
+    t = mechanism.topology
+    own_q, own_v, parent = t.q_slice(i), t.v_slice(i), t.parents[i]
+    X_PJ = _item(mechanism.placements, i)
+    if parent >= 0:
+        X_PJ = composed(_inverse(_item(mechanism.child_placements, parent)), X_PJ)
+    limits = {} if t.is_mimic(i) else {name: getattr(mechanism, name)[own_v] for name in _PER_RATE}
+    limits |= {} if t.is_mimic(i) else {name: getattr(mechanism, name)[own_q] for name in ("lower", "upper")}
+    return Joint(
+        t.joint_names[i],
+        t.kinds[i],
+        t.body_names[parent] if parent >= 0 else WORLD,
+        t.body_names[i],
+        placement=X_PJ,
+        child_placement=_item(mechanism.child_placements, i),
+        axis=mechanism.axes[i],
+        second_axis=mechanism.second_axes[i],
+        pitch=float(mechanism.pitches[i]),
+        mimic=(t.joint_names[t.masters[i]], *mechanism.mimics[i].tolist()) if t.is_mimic(i) else None,
+        **limits,
+    )
+
+
+def _frames(mechanism):
+    names = {WORLD, *mechanism.body_names}
+    frames = zip(mechanism.topology.frames, range(len(mechanism.topology.frames)), strict=True)
+    return [_frame(mechanism, name, carrier, k) for (name, carrier), k in frames if name not in names]
+
+
+def _frame(mechanism, name, carrier, k):
+    X = _item(mechanism.frame_placements, k)
+    if carrier < 0:
+        return Frame(name, WORLD, X)
+    X_BJ = _inverse(_item(mechanism.child_placements, carrier))
+    return Frame(name, mechanism.body_names[carrier], composed(X_BJ, X))
+
+
+def _locked(mechanism, joints, i, q):
+    t, joint = mechanism.topology, joints[i]
+    if t.is_mimic(i) or any(master == i for k, master in enumerate(t.masters) if k != i):
+        raise ValueError(f"lock_joints: {joint.name!r} is a mimic, or followed by one")
+    q = np.broadcast_to(np.asarray(q, np.float64), (t.kind(i).nq,))
+    with jax.enable_x64(True):
+        X = composed(joint.placement, _transform(t.kind(i), joint, q))
+    return Joint(joint.name, "fixed", joint.parent, joint.child, X, joint.child_placement)
+
+
+def _transform(kind, joint, q):
+    """X across a joint at known coordinates."""
+    numbers = [tuple(map(_lane, v)) for v in (joint.axis, joint.second_axis, q)]
+    axes = Axes(numbers[0], numbers[1], _lane(np.float64(joint.pitch)))
+    turned = {k: tuple(map(_lane, (np.cos(q[k]), np.sin(q[k])))) for k in kind.angles}
+    rows, p = kind.transform(axes, numbers[2], turned)
+    entries = np.array([float(x.value) for row in rows for x in row])
+    return RigidTransform(Rotation(entries), np.array([float(x.value) for x in p]))
+
+
+def _lane(x):
+    return Lane(Precision.REPRODUCIBLE, np.float64(x))
+
+
+def _inverse(X):
+    return X if is_identity(X) else jax.tree.map(np.asarray, X.inverse())

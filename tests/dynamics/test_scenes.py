@@ -1,0 +1,136 @@
+"""What a scene does not have leaves no operation behind: multiplications that algorithms ask for, counted.
+
+A planar arm next to a general one, both of 6 revolute joints, at most 0.35; whatever is absent, exactly the operations
+of the scene without it. (`pytest -s` prints the table.)
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from test_structure import asked_for, flops
+
+import jaxspatial as js
+
+N = 6
+STATE = tuple(jnp.ones(N, jnp.float32) for _ in range(3))
+ALGORITHMS = {
+    "inverse dynamics": (js.inverse_dynamics, 3),
+    "forward dynamics": (js.forward_dynamics, 3),
+    "bias forces": (js.bias_forces, 2),
+    "gravity forces": (js.gravity_forces, 1),
+    "mass matrix": (js.mass_matrix, 1),
+    "kinetic energy": (js.kinetic_energy, 2),
+}
+algorithms = pytest.mark.parametrize("name", ALGORITHMS)
+
+
+def body(rng, name, is_planar=False, is_point=False):
+    a = rng.standard_normal((3, 3)) * 0.2
+    central, com = a @ a.T + np.eye(3) * 0.1, rng.standard_normal(3) * 0.2
+    if is_planar:
+        central, com = np.diag(np.diag(central)), com * [1, 1, 0]
+    central = central * 0 if is_point else central
+    return js.Body(name, js.SpatialInertia(np.float32(1 + rng.random()), com.astype(np.float32), central.astype(np.float32)))
+
+
+def pose(rng, is_planar=False):
+    p, q = rng.standard_normal(3).astype(np.float32), rng.standard_normal(4).astype(np.float32)
+    if is_planar:
+        return js.RigidTransform(js.Rotation.identity(dtype=np.float32), p * np.float32([1, 0, 0]))
+    return js.RigidTransform(js.Rotation.from_quaternion(q / np.linalg.norm(q)), p)
+
+
+def arm(is_planar=False, is_point=False, gravity=(0.0, -9.81, 0.0), n=N):
+    """Its links hang on each other, each by a revolute joint; planar: about z, that all of it is normal to."""
+    rng = np.random.default_rng(0)
+    names = ["world", *(f"link{i}" for i in range(n))]
+    bodies = [body(rng, name, is_planar, is_point) for name in names[1:]]
+    joints = [
+        js.Joint(
+            f"joint{i}",
+            "revolute",
+            names[i],
+            names[i + 1],
+            placement=pose(rng, is_planar),
+            axis=(0, 0, 1) if is_planar else rng.standard_normal(3),
+        )
+        for i in range(n)
+    ]
+    return js.Mechanism.build(bodies, joints, gravity=gravity)
+
+
+def counted(mech, name, **more):
+    function, n = ALGORITHMS[name]
+    state = tuple(x[: mech.nv] for x in STATE[:n])
+    return asked_for(functools.partial(function, mech, precision="fast", **more), *state)
+
+
+@algorithms
+def test_a_planar_arm(name):
+    general, planar = (counted(arm(is_planar=is_planar), name) for is_planar in (False, True))
+    print(f"{name}: {general['multiply']} -> {planar['multiply']} multiplications, {flops(general)} -> {flops(planar)}")
+    assert planar["multiply"] <= 0.35 * general["multiply"]
+    assert flops(planar) <= 0.35 * flops(general)
+
+
+def test_without_gravity():
+    weightless = arm(gravity=(0.0, 0.0, 0.0))
+    assert not counted(weightless, "gravity forces")
+    assert not counted(arm(is_planar=True, gravity=(0.0, 0.0, -9.81)), "gravity forces")  # all of it in the axes
+    for name in ("inverse dynamics", "forward dynamics", "bias forces"):
+        assert counted(weightless, name)["multiply"] < counted(arm(), name)["multiply"]
+
+
+def test_at_rest_is_less_than_in_motion():
+    """Gravity forces are inverse dynamics at rest, bias forces those without acceleration."""
+    counts = [counted(arm(), name)["multiply"] for name in ("gravity forces", "bias forces", "inverse dynamics")]
+    assert counts[0] < 0.7 * counts[1] < counts[1] < counts[2]
+
+
+@algorithms
+def test_without_external_forces(name):
+    if name in ("inverse dynamics", "forward dynamics", "bias forces"):
+        assert counted(arm(), name, external_forces={}) == counted(arm(), name)
+        load = {"link2": js.SpatialForce(np.ones(3, np.float32), np.ones(3, np.float32))}
+        assert counted(arm(), name, external_forces=load)["multiply"] > counted(arm(), name)["multiply"]
+
+
+@algorithms
+def test_welded_bodies(name):
+    """A body welded to another costs nothing: what is left is an arm with one joint less."""
+    rng = np.random.default_rng(0)
+    bodies = [body(rng, f"link{i}") for i in range(3)]
+    held = [("world", "link0", "revolute"), ("link0", "link1", "fixed"), ("link1", "link2", "revolute")]
+    axes, poses = rng.standard_normal((3, 3)), [pose(rng) for _ in held]
+    joints = [
+        js.Joint(child, kind, parent, child, placement=X, axis=axis)
+        for (parent, child, kind), X, axis in zip(held, poses, axes, strict=True)
+    ]
+    assert counted(js.Mechanism.build(bodies, joints), name) == counted(arm(n=2, gravity=(0.0, 0.0, -9.81)), name)
+
+
+@algorithms
+def test_locked_joints(name):
+    """The operations of the scene built without them."""
+    locked = js.lock_joints(arm(), {f"joint{i}": 0.3 for i in (2, 3, 4, 5)})
+    assert counted(locked, name) == counted(arm(n=2), name)
+    if name == "gravity forces":
+        neutral = jax.tree.leaves(js.gravity_forces(js.lock_joints(arm(), {"joint5": 0.0}), STATE[0][:5]))
+        np.testing.assert_allclose(neutral[0], js.gravity_forces(arm(), STATE[0].at[5].set(0.0))[:5], rtol=1e-5)
+
+
+@algorithms
+def test_point_masses(name):
+    if name not in ("gravity forces",):
+        assert counted(arm(is_point=True), name)["multiply"] < counted(arm(), name)["multiply"]
+
+
+@algorithms
+def test_numbers_passed_as_arguments_stay_general(name):
+    """And cost at most a third more than known ones of which nothing is special."""
+    function, n = ALGORITHMS[name]
+    general = asked_for(lambda mech, *x: function(mech, *x, precision="fast"), arm().as_data(), *STATE[:n])
+    assert counted(arm(), name)["multiply"] <= general["multiply"] <= 4 / 3 * counted(arm(), name)["multiply"]
