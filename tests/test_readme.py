@@ -12,7 +12,7 @@ import pytest
 
 import jaxspatial as js
 
-LAYERS = ("arithmetic", "rotation", "spatial", "inertia", "interop", "measure")
+LAYERS = ("arithmetic", "rotation", "spatial", "inertia", "mechanism", "dynamics", "interop", "measure")
 README = (pathlib.Path(__file__).parent.parent / "README.md").read_text()
 
 
@@ -35,8 +35,14 @@ def test_first_example_runs(capsys):
     assert printed[0] == "SpatialForce(tau=[2.0, -1.0, -3.0], f=[1.0, 2.0, 0.0]) 3.5 3.5"
 
 
-def test_example_of_double_words_runs(capsys):
+def test_example_of_a_mechanism_runs(capsys):
     exec(_examples()[1], {})
+    first, *lines = capsys.readouterr().out.splitlines()
+    assert first == "Mechanism(nq=2, nv=2, 2 bodies, float32)" and "elbow: revolute" in lines[-1]
+
+
+def test_example_of_double_words_runs(capsys):
+    exec(_examples()[2], {})
     assert capsys.readouterr().out == "SpatialForce(tau=[0.1, 0.2, 0.3], f=[1.0, 2.0, 3.0])\n"
 
 

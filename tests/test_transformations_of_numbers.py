@@ -20,11 +20,10 @@ from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
 
 BATCH = (3, 1, 2)
-# What runs for representatives only.
-FEW = [("bfloat16", "fast"), ("bfloat16", "faithful"), ("float16", "compensated"), ("float64", "faithful")]
 DIFFERENTIABLE = [name for name in FORMULAS if OPERATIONS[name].differentiable]
 MASKS = [name for name, operation in OPERATIONS.items() if operation.is_mask]
-OF_SEVERAL = [name for name, operation in OPERATIONS.items() if " " in operation.arguments]
+OF_SEVERAL = [name for name in FORMULAS if len(OPERATIONS[name].places()) > 1]
+OF_SEVERAL_ARGUMENTS = [name for name, operation in OPERATIONS.items() if " " in operation.arguments]
 # Of the values and derivatives of all operations next to float64, in u normwise: cancellation of well conditioned ones.
 ROUNDED, DERIVED = 16, 64
 # Central differences of order 8 at steps of 2^-10, in float64: what rounding leaves of them.
@@ -54,46 +53,55 @@ def _partly_known(f):
     return call
 
 
-# (context, which items of the batch, operations, dtype, 64-bit types): each program is compiled for one of them.
 ALL, FIRST, ONE = np.s_[:], np.s_[0, :, 0], np.s_[0, 0, 0]
-PROGRAMS = [
-    ("eager", lambda f: f, ALL, FORMULAS, "float32", False),
-    ("nested", _nested, ALL, OPERATIONS, "float32", False),
-    ("known", _partly_known, FIRST, FORMULAS, "float32", True),
-    ("jit", jax.jit, ONE, FORMULAS, "float64", True),
-]
-CASES = [
-    pytest.param(name, *program[1:3], *program[4:], id=f"{name}-{program[0]}-{program[4]}")
-    for program in PROGRAMS
-    for name in program[3]
-]
+# name: (context, which items of the batch, operations that are not slow, dtype, 64-bit types). To compile all formulas
+# once takes half a minute.
+PROGRAMS = {
+    "nested": (_nested, ALL, FORMULAS, "float32", False),
+    "known": (_partly_known, FIRST, OF_SEVERAL, "float32", True),
+    "eager": (lambda f: f, ALL, REPRESENTATIVES, "float32", False),
+    "jit": (jax.jit, ONE, REPRESENTATIVES, "float64", True),
+}
+COMPILED = [(name, program) for program in PROGRAMS for name in OPERATIONS]
 
 
-# (operation, dtype, precision), op by op. Double words are slow, and 16-bit types two; nothing in a formula but the
-# format depends on either: of each there is a representative in every operation.
+def _cases(cases, is_slow):
+    """Cases with plain names, those that take long marked."""
+    marks = {True: [pytest.mark.slow], False: []}
+    return [pytest.param(*case, id="-".join(case), marks=marks[bool(is_slow(*case))]) for case in cases]
+
+
+# Double words are slow, and 16-bit types two: in a formula nothing but the numbers it runs in depends on either.
 TYPES = [
-    pytest.param(name, dtype, precision, id=f"{name}-{dtype}-{precision}")
+    (name, dtype, precision)
     for dtype in ("float16", "bfloat16", "float32", "float64")
     for precision in ("fast", "reproducible", "compensated", "faithful")
-    for name in FORMULAS
-    if name in REPRESENTATIVES or (dtype, precision) not in FEW
+    for name in (OPERATIONS if (dtype, precision) == ("float32", "reproducible") else FORMULAS)
+]
+OF_FEW = [
+    ("bfloat16", "fast"),
+    ("bfloat16", "faithful"),
+    ("float16", "compensated"),
+    ("float64", "compensated"),
+    ("float64", "faithful"),
 ]
 
 
 # -- values -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "context", "items", "dtype", "x64"), CASES)
-def test_value_is_the_same_compiled(name, context, items, dtype, x64):
+@pytest.mark.parametrize(("name", "program"), _cases(COMPILED, lambda name, program: name not in PROGRAMS[program][2]))
+def test_value_is_the_same_compiled(name, program):
+    context, items, _, dtype, x64 = PROGRAMS[program]
     with jax.enable_x64(x64):
         arrays = [jnp.asarray(x[items]) for x in _arrays(name, dtype)]
         result = context(OPERATIONS[name].on_arrays())(*arrays)
         _assert_same_bits(result, [x[items] for x in _value(name, dtype)])
 
 
-@pytest.mark.parametrize("name", OPERATIONS)
+@pytest.mark.parametrize("name", _cases([(name,) for name in OPERATIONS], lambda name: name not in REPRESENTATIVES))
 def test_batch_by_broadcasting_and_by_nested_vmap(name):
-    """Broadcasting over (3, 1, 2) is what is compared with."""
+    """Broadcasting over (3, 1, 2) is what is compared with. All formulas: see "nested", "known" and "jit" above."""
     function = OPERATIONS[name].on_arrays()
     for items, transformed in (
         (ONE, function),
@@ -105,7 +113,7 @@ def test_batch_by_broadcasting_and_by_nested_vmap(name):
         _assert_same_bits(_op_by_op(transformed, arrays), expected)
 
 
-@pytest.mark.parametrize("name", OF_SEVERAL)
+@pytest.mark.parametrize("name", OF_SEVERAL_ARGUMENTS)
 def test_one_item_is_shared_by_a_batch(name):
     operation, arrays = OPERATIONS[name], _arrays(name, "float32")
     places = operation.places()
@@ -127,7 +135,10 @@ def test_masks(name, dtype):
 # -- precisions and dtypes --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "dtype", "precision"), TYPES)
+@pytest.mark.parametrize(
+    ("name", "dtype", "precision"),
+    _cases(TYPES, lambda name, *types: types in OF_FEW and name not in REPRESENTATIVES),
+)
 def test_every_precision_keeps_the_dtype_and_agrees_with_float64(name, dtype, precision):
     """Evaluated in the wider format and rounded once: bit for bit what is rounded of it."""
     operation, wide = OPERATIONS[name], _evaluated_in(precision, dtype)
@@ -141,7 +152,7 @@ def test_every_precision_keeps_the_dtype_and_agrees_with_float64(name, dtype, pr
 
 @pytest.mark.parametrize("precision", ["fast", "compensated"])
 @pytest.mark.parametrize("name", REPRESENTATIVES)
-def test_other_precisions_compiled(name, precision, x64):
+def test_other_precisions_compiled(name, precision):
     arrays = map(jnp.asarray, _arrays(name, "float32"))
     found = jax.jit(OPERATIONS[name].on_arrays(precision))(*arrays)
     if precision == "compensated":
@@ -164,8 +175,13 @@ def test_tangent_is_the_derivative(name):
         assert abs(x - exact).max() <= DERIVED * float(unit_roundoff("float32")) * abs(exact).max()
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize("name", DIFFERENTIABLE)
+@pytest.mark.parametrize(
+    ("name", "dtype"),
+    _cases(
+        [(name, dtype) for dtype in ("float32", "float64") for name in DIFFERENTIABLE],
+        lambda name, dtype: dtype == "float64" and name not in REPRESENTATIVES,
+    ),
+)
 def test_pull_back_is_the_transpose_of_the_tangent(name, dtype):
     """cotangent . tangent = pulled . t, and what is pulled back has the shapes and dtypes of what went in."""
     arrays, t, tangent = _point(name, dtype), _direction(name, dtype), _pushed(name, dtype)
@@ -175,7 +191,7 @@ def test_pull_back_is_the_transpose_of_the_tangent(name, dtype):
     assert abs(left - right) <= (left_size + right_size) * 16 * unit_roundoff(dtype)
 
 
-@pytest.mark.parametrize("name", REPRESENTATIVES)
+@pytest.mark.parametrize("name", ["between", "combine"])
 def test_derivatives_are_the_same_compiled(name):
     """Op by op a pull-back adds up in another order: calls that are kept apart have sums of their own."""
     function, again = OPERATIONS[name].on_arrays(), jax.checkpoint(OPERATIONS[name].on_arrays())

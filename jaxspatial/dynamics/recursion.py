@@ -54,16 +54,21 @@ def along(step, numbers, state, reverse):
     leaves, tree = jax.tree.flatten(numbers, is_leaf=is_number)
     start, state_tree = jax.tree.flatten(state, is_leaf=is_number)
     start = list(map(_as_data, start))
+    data = data_of(leaves)
+    # What is the same for all of them is no number along the chain.
+    is_along = [jax.tree.leaves(x)[0].ndim > 0 for x in data]
     shape = []
 
-    def body(carry, data):
-        own = jax.tree.unflatten(tree, with_data(leaves, data))
-        result, new = step(own, jax.tree.unflatten(state_tree, with_data(start, carry)))
-        found, result_tree = jax.tree.flatten(result, is_leaf=is_number)
-        shape[:] = [found, result_tree]
-        return data_of(map(_as_data, jax.tree.leaves(new, is_leaf=is_number))), data_of(found)
+    def body(carry, own):
+        own = iter(own)
+        all_of_them = [next(own) if yes else x for yes, x in zip(is_along, data, strict=True)]
+        numbers = jax.tree.unflatten(tree, with_data(leaves, all_of_them))
+        result, new = step(numbers, jax.tree.unflatten(state_tree, with_data(start, carry)))
+        shape[:] = jax.tree.flatten(result, is_leaf=is_number)
+        return data_of(map(_as_data, jax.tree.leaves(new, is_leaf=is_number))), data_of(shape[0])
 
-    last, stacked = lax.scan(body, data_of(start), data_of(leaves), reverse=reverse)
+    along_it = [x for yes, x in zip(is_along, data, strict=True) if yes]
+    last, stacked = lax.scan(body, data_of(start), along_it, reverse=reverse)
     return (
         jax.tree.unflatten(shape[1], with_data(shape[0], stacked)),
         jax.tree.unflatten(state_tree, with_data(start, last)),

@@ -49,12 +49,7 @@ def read(path_or_text, dtype=None):
     _check_bodies(file)
     _check_joints(file)
     _check_tendons(file)
-    rotors = _Rotors(file)
-    mimics = _mimics(file)
-    parts = [_body(file, i) for i in range(1, file.model.nbody)]
-    joints = [joint for i in range(1, file.model.nbody) for joint in _held(file, i, rotors, mimics)]
-    bodies = [*parts, *(Body(joint.child) for joint in joints if joint.child not in {body.name for body in parts})]
-    return Mechanism.build(bodies, joints, _frames(file), file.gravity, dtype)
+    return Mechanism.build(*in_double(_parts, file), file.gravity, dtype)
 
 
 READERS["mjcf"] = read
@@ -219,6 +214,16 @@ def _add_mimic(file, i, found):
 # -- parts ------------------------------------------------------------------------------------------------------------
 
 
+def _parts(file):
+    """(bodies, joints, frames)."""
+    rotors, mimics = _Rotors(file), _mimics(file)
+    moving = range(1, file.model.nbody)
+    joints = [joint for i in moving for joint in _held(file, i, rotors, mimics)]
+    bodies = [_body(file, i) for i in moving]
+    between = {joint.child for joint in joints} - {body.name for body in bodies}
+    return [*bodies, *map(Body, sorted(between))], joints, list(_frames(file))
+
+
 def _body(file, i):
     m = file.model
     X_BI = _pose(m.body_ipos[i], m.body_iquat[i])
@@ -261,13 +266,13 @@ def _anchored(file, j, X_PB):
     back, unturned = -_reference(file, j) * axis, np.eye(3)
     if file.kind(j) == "prismatic":
         return _after(X_PB, unturned, back), None
-    turned = rotation_of(in_double(Rotation.exp, back).entries) if back.any() else unturned
-    return _after(X_PB, turned, anchor), in_double(RigidTransform, Rotation(unturned.ravel()), -anchor)
+    turned = rotation_of(Rotation.exp(back).entries) if back.any() else unturned
+    return _after(X_PB, turned, anchor), RigidTransform(Rotation(unturned.ravel()), -anchor)
 
 
 def _after(X_AB, matrix, p):
-    X_BC = in_double(RigidTransform, Rotation(matrix.ravel()), p)
-    return X_BC if X_AB is None else in_double(lambda: X_AB @ X_BC)
+    X_BC = RigidTransform(Rotation(matrix.ravel()), np.array(p))
+    return X_BC if X_AB is None else X_AB @ X_BC
 
 
 def _reference(file, j):
@@ -304,8 +309,8 @@ def _frames(file):
 
 
 def _pose(p, wxyz):
-    entries = in_double(Rotation.from_quaternion, np.array(wxyz)).entries
-    return in_double(RigidTransform, Rotation(rotation_of(entries).ravel()), np.array(p))
+    entries = Rotation.from_quaternion(np.array(wxyz)).entries
+    return RigidTransform(Rotation(rotation_of(entries).ravel()), np.array(p))
 
 
 # -- states -----------------------------------------------------------------------------------------------------------

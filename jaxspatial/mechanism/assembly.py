@@ -56,8 +56,8 @@ class _Tree:
         return [(joint, carrier, X) for joint in reversed(self.held.get(name, []))]
 
     def _hung(self, joint, carrier, X):
-        placement = composed(X, _or_identity(joint.placement))
-        child = _or_identity(joint.child_placement)
+        placement = composed(X, _or_identity(joint, "placement"))
+        child = _or_identity(joint, "child_placement")
         if joint.kind == "fixed":
             return joint.child, carrier, composed(placement, child)
         self.moving.append(joint)
@@ -70,7 +70,7 @@ class _Tree:
         if frame.body not in self.places:
             raise ValueError(f"Frame {frame.name!r}: body: there is no body {frame.body!r}")
         carrier, X = self.places[frame.body]
-        self.places[frame.name] = carrier, composed(X, _or_identity(frame.placement))
+        self.places[frame.name] = carrier, composed(X, _or_identity(frame, "placement"))
 
     # -- results ------------------------------------------------------------------------------------------------------
 
@@ -103,7 +103,7 @@ class _Tree:
         limits = {"effort_limit": "nv", "velocity_limit": "nv", "lower": "nq", "upper": "nq"}
         return {
             "placements": _stacked(self.placements),
-            "child_placements": _stacked([_or_identity(joint.child_placement) for joint in self.moving]),
+            "child_placements": _stacked([_or_identity(joint, "child_placement") for joint in self.moving]),
             "axes": _rows([_unit(joint, "axis") for joint in self.moving], 3),
             "second_axes": _rows([_unit(joint, "second_axis") for joint in self.moving], 3),
             "pitches": np.array([float(joint.pitch) for joint in self.moving]),
@@ -134,12 +134,22 @@ def _check_names(bodies, joints, frames):
             if not isinstance(part, kind):
                 raise TypeError(f"Mechanism.build: {what}: expected {kind.__name__}s, got {type(part).__name__}")
         _check_unique(what, [part.name for part in parts])
+    for body in bodies:
+        if body.inertia is not None:
+            _check_single(body, "inertia", SpatialInertia)
     _check_unique("bodies and frames", [WORLD, *(b.name for b in bodies), *(f.name for f in frames)])
     _check_unique("joints: children", [joint.child for joint in joints])
     for joint in joints:
         for side, name in (("parent", joint.parent), ("child", joint.child)):
             if name not in {body.name for body in bodies} and (name, side) != (WORLD, "parent"):
                 raise ValueError(f"Joint {joint.name!r}: {side}: there is no body {name!r}")
+
+
+def _check_single(part, name, kind):
+    x = getattr(part, name)
+    if not isinstance(x, kind) or x.batch_shape:
+        came = f"a batch of shape {x.batch_shape}" if isinstance(x, kind) else type(x).__name__
+        raise TypeError(f"{type(part).__name__} {part.name!r}: {name}: expected a single {kind.__name__}, got {came}")
 
 
 def _check_unique(what, names):
@@ -163,11 +173,11 @@ def _identity():
     return RigidTransform.identity(dtype=np.float64)
 
 
-def _or_identity(X):
+def _or_identity(part, name):
+    X = getattr(part, name)
     if X is None:
         return _identity()
-    if not isinstance(X, RigidTransform) or X.batch_shape:
-        raise TypeError(f"placement: expected a single RigidTransform, got {X!r}")
+    _check_single(part, name, RigidTransform)
     return jax.tree.map(known, X)
 
 

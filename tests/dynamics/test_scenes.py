@@ -33,7 +33,9 @@ def body(rng, name, is_planar=False, is_point=False):
     if is_planar:
         central, com = np.diag(np.diag(central)), com * [1, 1, 0]
     central = central * 0 if is_point else central
-    return js.Body(name, js.SpatialInertia(np.float32(1 + rng.random()), com.astype(np.float32), central.astype(np.float32)))
+    return js.Body(
+        name, js.SpatialInertia(np.float32(1 + rng.random()), com.astype(np.float32), central.astype(np.float32))
+    )
 
 
 def pose(rng, is_planar=False):

@@ -1,0 +1,294 @@
+"""MJCF: what is read of it, as a file and as text, what is refused, with its line, and states to and from MuJoCo's.
+
+The numbers of motions are compared with MuJoCo's in `peers/test_dynamics_mujoco.py`.
+"""
+
+import pathlib
+import re
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from jaxspatial.interop import mjcf
+
+mujoco = pytest.importorskip("mujoco")
+pytest.importorskip("lxml")
+
+ARM = """<mujoco model="arm">
+  <compiler angle="radian"/>
+  <option gravity="0 1 -9.81"/>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body name="upper" pos=".5 .25 1" quat="1 0 0 1">
+      <joint name="shoulder" axis="0 0 2" range="-1 2" armature=".5" damping=".25" frictionloss=".125"/>
+      <inertial mass="2" pos="1 2 3" diaginertia="4 5 6"/>
+      <site name="upper" pos="0 0 1"/>
+      <body name="fore">
+        <joint name="slide" type="slide" axis="0 1 0" pos="1 2 3" ref=".5"/>
+        <joint name="elbow" axis="1 0 0" pos="0 0 -1" actuatorfrcrange="-3 3"/>
+        <inertial mass="2" pos="1 2 3" fullinertia="4 5 6 .1 .2 .3"/>
+        <body name="tool" pos="0 0 1"><inertial mass="2" pos="0 0 0" diaginertia="4 5 6"/><site name="tip"/></body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+NAMED = ("upper", "fore/slide", "fore")
+SHOULDER, ELBOW, END = '<joint name="shoulder"', '<joint name="elbow"', "</mujoco>"
+
+
+def read(text=ARM, *changes, **options):
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    return js.Mechanism.from_mjcf(text, **options)
+
+
+def alone(parts):
+    """Of one body with these parts."""
+    return f"<mujoco><worldbody><body>{parts}</body></worldbody></mujoco>"
+
+
+# -- what is read -----------------------------------------------------------------------------------------------------
+
+
+def test_tree():
+    mech = read()
+    assert (mech.body_names, mech.joint_names) == (NAMED, ("shoulder", "slide", "elbow"))
+    assert (mech.topology.kinds, mech.topology.parents) == (("revolute", "prismatic", "revolute"), (-1, 0, 1))
+    assert (mech.nq, mech.nv, mech.dtype) == (3, 3, np.float32)
+    # A site that is called as a body is.
+    frames = {"world": -1, "upper": 0, "fore/slide": 1, "fore": 2, "tool": 2, "upper/upper": 0, "tip": 2}
+    assert dict(mech.topology.frames) == frames
+
+
+def test_numbers(x64):
+    mech = read()
+    assert mech.dtype == (np.float64 if x64 else np.float32)
+    placed = [[0.5, 0.25, 1], [0, -0.5, 0], [0, 0, -1]]
+    np.testing.assert_array_equal(mech.placements.translation, placed)
+    np.testing.assert_array_equal(mech.placements.rotation.entries[0], [0, -1, 0, 1, 0, 0, 0, 0, 1])
+    np.testing.assert_array_equal(mech.child_placements.translation, [[0, 0, 0], [0, 0, 0], [0, 0, 1]])
+    np.testing.assert_array_equal(mech.axes, [[0, 0, 1], [0, 1, 0], [1, 0, 0]])
+    for name, expected in {
+        "lower": [-1, -np.inf, -np.inf],
+        "upper": [2, np.inf, np.inf],
+        "effort_limit": [np.inf, np.inf, 3],
+        "velocity_limit": [np.inf] * 3,
+        "armature": [0.5, 0, 0],
+        "damping": [0.25, 0, 0],
+        "friction_loss": [0.125, 0, 0],
+        "gravity": np.asarray([0, 1, -9.81], mech.dtype),
+    }.items():
+        np.testing.assert_array_equal(getattr(mech, name), expected, err_msg=name)
+    np.testing.assert_array_equal(mech.inertias.mass, [2, 0, 4])
+    np.testing.assert_array_equal(mech.inertias.com[0], [1, 2, 3])
+    np.testing.assert_array_equal(mech.inertias.central[0], [4, 0, 5, 0, 0, 6])
+    assert read(dtype=np.float32).dtype == np.float32
+
+
+def test_full_inertia():
+    mech = read(ARM, ('<body name="tool" pos="0 0 1"><inertial mass="2" pos="0 0 0" diaginertia="4 5 6"/>', "<body>"))
+    # About the elbow, a metre below.
+    np.testing.assert_array_equal(mech.inertias.com[2], [1, 2, 4])
+    np.testing.assert_allclose(mech.inertias.central[2], [4, 0.1, 5, 0.2, 0.3, 6], rtol=4e-7)
+
+
+def test_mass_of_geometries():
+    mech = js.Mechanism.from_mjcf(alone('<freejoint/><geom type="box" size=".5 1 1.5" mass="6"/>'))
+    np.testing.assert_allclose(mech.inertias.central, [[6.5, 0, 5, 0, 0, 2.5]], rtol=4e-7)
+    assert (mech.joint_names, mech.topology.kinds, mech.inertias.mass) == (("joint_0",), ("free",), 6)
+
+
+def test_names_of_what_has_none():
+    changes = (' name="upper" pos', " pos"), (' name="slide"', ""), (' name="tip"', ""), (' name="tool"', "")
+    mech = read(ARM, *changes)
+    assert mech.frame_names == ("world", "body_1", "fore/joint_1", "fore", "body_3", "upper", "site_1")
+    assert mech.joint_names == ("shoulder", "joint_1", "elbow")
+
+
+def test_file_and_path_are_as_the_text(tmp_path):
+    path, part = tmp_path / "arm.xml", tmp_path / "part.xml"
+    path.write_text(ARM)
+    texts = [repr(js.Mechanism.from_mjcf(source)) for source in (ARM, str(path), pathlib.Path(path), "\n" + ARM)]
+    assert len(set(texts)) == 1
+    part.write_text(alone('<joint/><geom size="1"/>').replace("<body>", '<body name="more">'))
+    path.write_text(ARM.replace(END, '<include file="part.xml"/></mujoco>'))
+    assert js.Mechanism.from_mjcf(path).body_names == (*NAMED, "more")
+    with pytest.raises(FileNotFoundError):
+        js.Mechanism.from_mjcf(str(tmp_path / "other.xml"))
+    with pytest.raises(TypeError, match="from_mjcf: path_or_text: expected a path or text, got int"):
+        js.Mechanism.from_mjcf(3)
+
+
+MIMIC = '<equality><joint joint1="elbow" joint2="slide" polycoef=".25 2"/></equality></mujoco>'
+
+
+def test_mimic():
+    """elbow - 0 = 1/4 + 2 (slide - 1/2)"""
+    mech = read(ARM, (END, MIMIC))
+    assert (mech.nq, mech.nv) == (2, 2)
+    np.testing.assert_array_equal(mech.joint_position_indices("elbow"), mech.joint_position_indices("slide"))
+    np.testing.assert_array_equal(mech.mimics, [[1, 0], [1, 0], [2, -0.75]])
+    mech = read(ARM, (END, MIMIC.replace("<joint ", '<joint active="false" ')))
+    assert mech.nq == 3
+
+
+def test_rotors_of_actuators():
+    """Armature and damping of what drives a joint, at its side of the gears."""
+    motors = '<motor joint="elbow" gear="3" armature="2" damping="1"/><position joint="slide" kp="9"/>'
+    mech = read(ARM, (END, f"<actuator>{motors}</actuator></mujoco>"))
+    np.testing.assert_array_equal(mech.armature, [0.5, 0, 18])
+    np.testing.assert_array_equal(mech.damping, [0.25, 0, 9])
+
+
+def test_what_is_switched_off():
+    flags = '<flag gravity="disable" limit="disable" spring="disable" damper="disable"/>'
+    mech = read(ARM, ("<worldbody>", f"<option>{flags}</option><worldbody>"), (SHOULDER, f'{SHOULDER} stiffness="2"'))
+    np.testing.assert_array_equal(mech.gravity, [0, 0, 0])
+    np.testing.assert_array_equal(mech.lower, [-np.inf] * 3)
+    np.testing.assert_array_equal(mech.damping, [0, 0, 0])
+
+
+def test_what_does_not_move_it_is_left_out():
+    more = '<actuator><motor joint="elbow"/></actuator><sensor><jointpos joint="elbow"/></sensor></mujoco>'
+    tendon = '<tendon><fixed><joint joint="elbow" coef="1"/></fixed></tendon>'
+    assert repr(read(ARM, (END, tendon + more))) == repr(read())
+
+
+# -- what is refused --------------------------------------------------------------------------------------------------
+
+
+def _equality(element):
+    return END, f"<equality>{element}</equality></mujoco>"
+
+
+def _tendon(attributes):
+    return END, f'<tendon><fixed {attributes}><joint joint="elbow" coef="1"/></fixed></tendon></mujoco>'
+
+
+_BALL = '<joint name="elbow" type="ball" range="0 1"/><joint name="x" type="slide"'
+_ROD = '<tendon><fixed name="t"><joint joint="elbow" coef="1"/></fixed></tendon>'
+REFUSED = {
+    "malformed": ((END, "</mujo"), "MuJoCo says XML parse error"),
+    "unknown type": ((SHOULDER, f'{SHOULDER} type="screw"'), "MuJoCo says .*'screw'.*line 7"),
+    "missing joint": (_equality('<joint joint1="x"/>'), "MuJoCo says .*'x'"),
+    "stiffness": ((SHOULDER, f'{SHOULDER} stiffness="2"'), 'line 7: <joint name="shoulder">: stiffness'),
+    "gravcomp": (('name="fore"', 'name="fore" gravcomp="1"'), 'line 10: <body name="fore">: gravcomp'),
+    "air": (('-9.81"', '-9.81" density="1.2"'), "line 3: <option>: density"),
+    "oil": (('-9.81"', '-9.81" viscosity="1.2"'), "line 3: <option>: viscosity"),
+    "limited ball": ((ELBOW, _BALL), 'line 12: <joint name="elbow">: range: a ball joint'),
+    "weld": (_equality('<weld body1="tool" body2="upper"/>'), 'line 18: <weld name="eq_0">: expected a tree'),
+    "loop": (
+        _equality('<connect name="c" body1="tool" anchor="0 0 0"/>'),
+        'line 18: <connect name="c">: expected a tree',
+    ),
+    "polynomial": (_equality('<joint joint1="elbow" joint2="slide" polycoef="0 1 2"/>'), "line 18: <joint .*polycoef"),
+    "held joint": (_equality('<joint name="h" joint1="elbow"/>'), "line 18: <joint name=\"h\">: joint2: .*'elbow'"),
+    "two masters": (_equality('<joint joint1="elbow" joint2="slide"/>' * 2), "line 18: <joint .*joint1: 'elbow'"),
+    "chain": (
+        _equality('<joint joint1="elbow" joint2="slide"/><joint joint1="slide" joint2="shoulder"/>'),
+        "line 18: .*'elbow' follows a joint that follows",
+    ),
+    "spring": (_tendon('name="t" stiffness="3"'), 'line 18: <fixed name="t">: stiffness: there are no tendons'),
+    "dashpot": (_tendon('name="t" damping="3"'), "line 18: <fixed .*damping"),
+    "rope": (_tendon('name="t" range="-1 1"'), "line 18: <fixed .*limited"),
+    "rubbing rope": (_tendon('frictionloss="2"'), 'line 18: <fixed name="tendon_0">: frictionloss'),
+    "rotor": (
+        (END, f'{_ROD}<actuator><motor name="m" tendon="t" armature="1"/></actuator></mujoco>'),
+        'line 18: <motor name="m">: armature',
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "message"), REFUSED.values(), ids=REFUSED)
+def test_refused(change, message):
+    with pytest.raises(ValueError, match="^from_mjcf: ") as error:
+        read(ARM, change)
+    assert re.search(message, str(error.value)), str(error.value)
+
+
+@pytest.mark.parametrize("attribute", ["armature", "frictionloss"])
+def test_a_free_joint_has_neither(attribute):
+    text = alone(f'<joint name="f" type="free" {attribute}="1"/><geom size="1"/>')
+    with pytest.raises(ValueError, match=f'line 1: <joint name="f">: {attribute}'):
+        js.Mechanism.from_mjcf(text)
+
+
+@pytest.mark.parametrize("package", ["mujoco", "lxml"])
+def test_without_the_package(monkeypatch, package):
+    for name in [name for name in __import__("sys").modules if name.split(".")[0] == package]:
+        monkeypatch.setitem(__import__("sys").modules, name, None)
+    with pytest.raises(ImportError, match=rf"from_mjcf: needs the package {package}: .*jaxspatial\[models\]"):
+        read()
+
+
+# -- states -----------------------------------------------------------------------------------------------------------
+
+TREE = """<mujoco><worldbody>
+  <body name="base"><freejoint/><geom size="1"/><body name="arm"><joint name="a"/><geom size="1"/>
+    <body name="hand"><joint type="ball"/><geom size="1"/></body></body>
+    <body name="other"><joint name="b"/><geom size="1"/></body></body>
+</worldbody><equality><joint joint1="a" joint2="b" polycoef=".5 -2"/></equality></mujoco>"""
+# A quarter turn about z, and where it is.
+BASE = [np.sqrt(0.5), 0, 0, np.sqrt(0.5), 1, 2, 3]
+Q = np.float32([*BASE, 1, 0, 0, 0, 0.25])
+V = np.float32([1, 2, 3, 10, 20, 30, 4, 5, 6, 7])
+
+
+def test_orders():
+    """In MuJoCo the position comes before the quaternion, the velocity in world axes before the spin in the body's."""
+    mech, model = js.Mechanism.from_mjcf(TREE), mujoco.MjModel.from_xml_string(TREE)
+    qpos, qvel = mjcf.to_qpos(mech, Q), mjcf.to_qvel(mech, Q, V)
+    assert (qpos.shape, qvel.shape) == ((model.nq,), (model.nv,))
+    np.testing.assert_array_equal(qpos, np.float32([*BASE[4:], *BASE[:4], 0, 1, 0, 0, 0, 0.25]))
+    np.testing.assert_allclose(qvel, [-20, 10, 30, 1, 2, 3, -14, 4, 5, 6, 7], rtol=1e-6)
+    np.testing.assert_array_equal(mjcf.from_qpos(mech, qpos), Q)
+    np.testing.assert_allclose(mjcf.from_qvel(mech, Q, qvel), V, rtol=1e-6)
+
+
+def test_acceleration_of_a_turning_body():
+    """In its own axes a constant velocity of a body that turns is an acceleration: w x v."""
+    mech = js.Mechanism.from_mjcf(TREE)
+    qacc = mjcf.to_qacc(mech, Q, V, np.zeros(10, np.float32))
+    w_x_v = np.cross(V[:3], V[3:6])
+    np.testing.assert_allclose(qacc, [-w_x_v[1], w_x_v[0], w_x_v[2], *[0] * 8], rtol=1e-6, atol=4e-6)
+    np.testing.assert_allclose(mjcf.from_qacc(mech, Q, V, qacc), 0, atol=4e-6)
+
+
+def test_forces_have_the_power_of_ours():
+    mech, tau = js.Mechanism.from_mjcf(TREE), np.float32([3, 1, 4, 1, 5, 9, 2, 6, 5, 3])
+    qfrc = mjcf.to_qfrc(mech, Q, tau)
+    np.testing.assert_allclose(qfrc, [-5, 1, 9, 3, 1, 4, 0, 2, 6, 5, 3], rtol=1e-6)
+    np.testing.assert_allclose(qfrc @ mjcf.to_qvel(mech, Q, V), tau @ V, rtol=1e-6)
+    # What acts on the mimic, the master feels, by the ratio of -2.
+    on_all = np.ones(11, np.float32)
+    np.testing.assert_allclose(mjcf.from_qfrc(mech, Q, on_all) @ V, on_all @ mjcf.to_qvel(mech, Q, V), rtol=1e-6)
+
+
+def test_batches_and_transformations(x64):
+    mech = js.Mechanism.from_mjcf(TREE)
+    dtype = jnp.float64 if x64 else jnp.float32
+    q, v = jnp.stack([jnp.asarray(Q, dtype)] * 3), jnp.asarray(V, dtype)
+    for function in (mjcf.to_qvel, jax.jit(lambda q, v: mjcf.to_qvel(mech, q, v))):
+        found = function(mech, q, v) if function is mjcf.to_qvel else function(q, v)
+        assert (found.shape, found.dtype) == ((3, 11), dtype)
+        np.testing.assert_array_equal(found, jnp.stack([mjcf.to_qvel(mech, q[0], v)] * 3))
+    mapped = jax.vmap(lambda q: mjcf.from_qpos(mech, mjcf.to_qpos(mech, q)))(q)
+    np.testing.assert_array_equal(mapped, q)
+    assert jax.jit(mjcf.to_qpos)(mech, q).shape == (3, 13)
+
+
+def test_what_comes_is_checked():
+    mech = js.Mechanism.from_mjcf(TREE)
+    with pytest.raises(ValueError, match=r"mjcf.from_qpos: qpos: expected shape \(\*batch, 13\), got \(12,\)"):
+        mjcf.from_qpos(mech, Q)
+    with pytest.raises(ValueError, match=r"mjcf.to_qvel: v: expected shape \(\*batch, 10\), got \(12,\)"):
+        mjcf.to_qvel(mech, Q, Q)
+    with pytest.raises(TypeError, match="mjcf.to_qpos: expected a Mechanism first, got ndarray"):
+        mjcf.to_qpos(Q, mech)
+    with pytest.raises(ValueError, match="MuJoCo has no joints like 'joint0': planar"):
+        mjcf.to_qpos(js.random_mechanism(0, 1, ["planar"]), np.zeros(3, np.float32))

@@ -1,0 +1,193 @@
+"""URDF: what is read of it, as a file and as text, and what is refused, with its line."""
+
+import pathlib
+import re
+
+import numpy as np
+import pytest
+
+import jaxspatial as js
+
+pytest.importorskip("yourdfpy")
+
+INERTIAL = """<inertial><origin xyz="1 2 3"/><mass value="2"/>
+  <inertia ixx="4" iyy="5" izz="6" ixy=".1" ixz=".2" iyz=".3"/></inertial>"""
+ARM = f"""<robot name="arm">
+  <!-- two links that move, one that is welded -->
+  <material name="grey"/>
+  <link name="base"><visual><geometry><sphere radius="1"/></geometry></visual></link>
+  <link name="upper">{INERTIAL}</link>
+  <link name="fore">{INERTIAL}</link>
+  <link name="tool">{INERTIAL}</link>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/><child link="upper"/><origin xyz=".1 .2 .3" rpy="0 0 1.5707963267948966"/><axis xyz="0 0 2"/>
+    <limit lower="-1" upper="2" effort="3" velocity="4"/><dynamics damping=".5" friction=".25"/>
+  </joint>
+  <joint name="elbow" type="continuous"><parent link="upper"/><child link="fore"/></joint>
+  <joint name="grip" type="fixed"><parent link="fore"/><child link="tool"/><origin xyz="0 0 1"/></joint>
+  <transmission name="drive"/>
+</robot>
+"""
+
+
+def read(text=ARM, *changes, **options):
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    return js.Mechanism.from_urdf(text, **options)
+
+
+# -- what is read -----------------------------------------------------------------------------------------------------
+
+
+def test_tree():
+    mech = read()
+    assert (mech.body_names, mech.joint_names) == (("upper", "fore"), ("shoulder", "elbow"))
+    assert (mech.nq, mech.nv, mech.dtype) == (2, 2, np.float32)
+    assert mech.frame_names == ("world", "base", "upper", "fore", "tool")
+    assert dict(mech.topology.frames) == {"world": -1, "base": -1, "upper": 0, "fore": 1, "tool": 1}
+
+
+def test_numbers(x64):
+    mech = read()
+    assert mech.dtype == (np.float64 if x64 else np.float32)
+    np.testing.assert_array_equal(mech.placements.translation, np.asarray([[0.1, 0.2, 0.3], [0, 0, 0]], mech.dtype))
+    # A quarter turn is exact, whatever the six digits of pi that a file has.
+    np.testing.assert_array_equal(mech.placements.rotation.entries[0], [0, -1, 0, 1, 0, 0, 0, 0, 1])
+    np.testing.assert_array_equal(mech.axes, [[0, 0, 1], [1, 0, 0]])
+    for name, expected in {
+        "lower": [-1, -np.inf],
+        "upper": [2, np.inf],
+        "effort_limit": [3, np.inf],
+        "velocity_limit": [4, np.inf],
+        "damping": [0.5, 0],
+        "friction_loss": [0.25, 0],
+        "armature": [0, 0],
+        "gravity": [0, 0, np.asarray(-9.81, mech.dtype)],
+    }.items():
+        np.testing.assert_array_equal(getattr(mech, name), expected, err_msg=name)
+    np.testing.assert_array_equal(mech.inertias.mass, [2, 4])
+    np.testing.assert_array_equal(mech.inertias.com, [[1, 2, 3], [1, 2, 3.5]])
+    central = np.asarray([4, 0.1, 5, 0.2, 0.3, 6], mech.dtype)
+    np.testing.assert_array_equal(mech.inertias.central[0], central)
+    # Twice the same, one above the other at a distance of 1: reduced mass 1.
+    np.testing.assert_allclose(
+        mech.inertias.central[1], 2 * central + [1, 0, 1, 0, 0, 0], rtol=4 * np.finfo(mech.dtype).eps
+    )
+
+
+def test_inertia_is_turned_by_its_origin():
+    mech = read(ARM, ('<origin xyz="1 2 3"/>', '<origin xyz="1 2 3" rpy="1.5707963267948966 0 0"/>'))
+    # y to z, z to -y
+    expected = np.float32([4, -0.2, 6, 0.1, -0.3, 5])
+    np.testing.assert_array_equal(mech.inertias.central[0], expected)
+
+
+def test_file_and_path_are_as_the_text(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(ARM)
+    texts = [repr(js.Mechanism.from_urdf(source)) for source in (ARM, str(path), pathlib.Path(path), "\n" + ARM)]
+    assert len(set(texts)) == 1
+    declared = '<?xml version="1.0" encoding="utf-8"?>' + ARM
+    assert repr(js.Mechanism.from_urdf(declared)) == texts[0]
+    with pytest.raises(FileNotFoundError):
+        js.Mechanism.from_urdf(str(tmp_path / "other.urdf"))
+    with pytest.raises(TypeError, match="from_urdf: path_or_text: expected a path or text, got int"):
+        js.Mechanism.from_urdf(3)
+
+
+def test_floating_base():
+    mech = read(floating_base=True, gravity=(0.0, 0.0, -1.5))
+    assert mech.body_names == ("base", "upper", "fore")
+    assert mech.joint_names == ("root_joint", "shoulder", "elbow")
+    assert (mech.nq, mech.nv) == (9, 8)
+    np.testing.assert_array_equal(mech.gravity, [0, 0, -1.5])
+    np.testing.assert_array_equal(mech.neutral(), [1, *[0] * 8])
+
+
+def test_a_root_named_world_is_the_world():
+    changes = ('<link name="base">', '<link name="world">'), ('<parent link="base"/>', '<parent link="world"/>')
+    mech = read(ARM, *changes)
+    assert (mech.nq, mech.frame_names) == (2, ("world", "upper", "fore", "tool"))
+    with pytest.raises(ValueError, match="floating_base.*cannot float"):
+        read(ARM, *changes, floating_base=True)
+
+
+MIMIC = ('<child link="fore"/>', '<child link="fore"/><mimic joint="shoulder" multiplier="-2" offset=".5"/>')
+
+
+def test_mimic():
+    mech = read(ARM, MIMIC)
+    assert (mech.nq, mech.nv) == (1, 1)
+    np.testing.assert_array_equal(mech.joint_position_indices("elbow"), [0])
+    np.testing.assert_array_equal(mech.mimics, [[1, 0], [-2, 0.5]])
+    mech = read(ARM, (MIMIC[0], '<child link="fore"/><mimic joint="shoulder"/>'))
+    np.testing.assert_array_equal(mech.mimics, [[1, 0], [1, 0]])
+
+
+@pytest.mark.parametrize(
+    ("kind", "ours", "nq"), [("prismatic", "prismatic", 1), ("floating", "free", 7), ("planar", "planar", 3)]
+)
+def test_other_joints(kind, ours, nq):
+    mech = read(ARM, ('type="continuous"><', f'type="{kind}"><axis xyz="0 0 1"/><'))
+    assert (mech.topology.kinds[1], mech.nq) == (ours, 1 + nq)
+
+
+def test_a_joint_of_the_file_may_be_called_root_joint():
+    assert read(ARM, ('"elbow"', '"root_joint"')).joint_names == ("shoulder", "root_joint")
+    with pytest.raises(ValueError, match='line 15: <joint name="root_joint">: name'):
+        read(ARM, ('"elbow"', '"root_joint"'), floating_base=True)
+
+
+# -- what is refused --------------------------------------------------------------------------------------------------
+
+ELBOW = '<joint name="elbow" type="continuous"><parent link="upper"/><child link="fore"/></joint>'
+_LOOP = '<joint name="loop" type="fixed"><parent link="fore"/><child link="base"/></joint>'
+_WORLD = '<link name="world"/>' + _LOOP.replace('"base"', '"world"')
+REFUSED = {
+    "malformed": (("</robot>", "</robo"), "malformed XML: .*line 1[89]"),
+    "other format": (('<robot name="arm">', "<mujoco>"), "malformed XML"),
+    "no name of the robot": ((' name="arm"', ""), "line 1: <robot>: name: expected one"),
+    "unknown type": (('"continuous"', '"screw"'), "line 15: <joint name=\"elbow\">: type: expected one of .*'screw'"),
+    "no type": ((' type="continuous"', ""), 'line 15: <joint name="elbow">: type: expected one of .*None'),
+    "no name": (('name="elbow" ', ""), "line 15: <joint>: name: expected one"),
+    "name twice": (('"elbow"', '"shoulder"'), "line 15: <joint>: name: 'shoulder' comes twice"),
+    "link twice": (('<link name="fore"', '<link name="upper"'), "line 7: <link>: name: 'upper' comes twice"),
+    "no parent": (('<parent link="upper"/>', ""), 'line 15: <joint name="elbow">: parent: expected a link'),
+    "no child": (('<child link="fore"/>', "<child/>"), 'line 15: <joint name="elbow">: child: expected a link'),
+    "missing parent": (('<parent link="upper"/>', '<parent link="x"/>'), "line 15: .*parent: there is no link 'x'"),
+    "missing child": (('<child link="fore"/>', '<child link="x"/>'), "line 15: .*child: there is no link 'x'"),
+    "loop": (("</robot>", f"{_LOOP}</robot>"), "line 1: <robot>: .*none: a loop"),
+    "held twice": (("</robot>", _LOOP.replace('"base"', '"tool"') + "</robot>"), "line 18: .*'tool' hangs on 'grip'"),
+    "two roots": ((ELBOW, ""), "line 1: <robot>: expected one link .*'base', 'fore'"),
+    "world held": (("</robot>", _WORLD + "</robot>"), "line 18: .*child: the world hangs on nothing"),
+    "no limits": (('<limit lower="-1" upper="2" effort="3" velocity="4"/>', ""), "line 11: .*limit: .*continuous"),
+    "limits reversed": (('lower="-1"', 'lower="7"'), "line 11: .*limit: expected lower <= upper"),
+    "no axis": (('<axis xyz="0 0 2"/>', '<axis xyz="0 0 0"/>'), "line 11: .*axis: expected .*not all zero"),
+    "short axis": (('xyz="0 0 2"', 'xyz="0 2"'), "line 12: <axis>: xyz: expected 3 numbers, got '0 2'"),
+    "not a number": (('xyz="0 0 1"', 'xyz="0 0 x"'), "line 16: <origin>: xyz: expected 3 numbers, got '0 0 x'"),
+    "nan": (('rpy="0 0 1.5707963267948966"', 'rpy="0 0 nan"'), "line 12: <origin>: rpy: expected 3 numbers"),
+    "plane across x": (('"continuous"', '"planar"'), r"line 15: .*a planar joint is normal to z .*\[1.0, 0"),
+    "mimic of nothing": ((MIMIC[0], MIMIC[1].replace("shoulder", "x")), "line 15: .*mimic: expected .*'x'"),
+    "mimic of itself": ((MIMIC[0], MIMIC[1].replace("shoulder", "elbow")), "line 15: .*mimic: expected .*'elbow'"),
+    "mimic of a weld": ((MIMIC[0], MIMIC[1].replace("shoulder", "grip")), "line 15: .*mimic: expected .*'grip'"),
+    "negative mass": (('value="2"', 'value="-2"'), 'line 5: <link name="upper">: inertial: expected a mass >= 0'),
+    "no mass": (('<mass value="2"/>', ""), 'line 5: <link name="upper">: inertial: expected mass and inertia'),
+    "no value": (('value="2"', ""), "line 5: <mass>: value: expected a number"),
+    "no moment": (('iyy="5"', ""), "line 6: <inertia>: iyy: expected a number"),
+    "spring": ((MIMIC[0], MIMIC[0] + "<spring/>"), "line 15: <spring>: there is no counterpart"),
+    "closed loop": (("</robot>", "<loop_joint/></robot>"), "line 18: <loop_joint>: there is no counterpart"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "message"), REFUSED.values(), ids=REFUSED)
+def test_refused(change, message):
+    with pytest.raises(ValueError, match="^from_urdf: ") as error:
+        read(ARM, change)
+    assert re.search(message, str(error.value)), str(error.value)
+
+
+def test_without_the_package(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "yourdfpy", None)
+    with pytest.raises(ImportError, match=r"from_urdf: needs the package yourdfpy: pip install jaxspatial\[models\]"):
+        read()

@@ -1,0 +1,346 @@
+"""Mechanisms built in Python: order, names, welded bodies, mimics, what is refused; and a mechanism as a pytree."""
+
+import functools
+import operator
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from jaxspatial.mechanism.joints import KINDS
+
+U = 2.0**-53
+
+
+@pytest.fixture
+def float64():
+    with jax.enable_x64(True):
+        yield
+
+
+def inertia(seed=0, dtype=np.float64):
+    rng = np.random.default_rng(seed)
+    a = rng.standard_normal((3, 3))
+    central = (a @ a.T + np.eye(3)).astype(dtype)
+    return js.SpatialInertia(dtype(rng.uniform(1, 2)), rng.standard_normal(3).astype(dtype), central)
+
+
+def pose(seed):
+    rng = np.random.default_rng(seed)
+    return js.RigidTransform(js.Rotation.exp(rng.standard_normal(3)), rng.standard_normal(3))
+
+
+def bodies(names):
+    return [js.Body(name) for name in names]
+
+
+def revolute(name, parent, child, **more):
+    return js.Joint(name, "revolute", parent, child, **more)
+
+
+def branches(**more):
+    """world - a - b - d, a - c, world - e, named so that no other order is theirs too."""
+    joints = [("j1", "world", "a"), ("j2", "a", "b"), ("j3", "a", "c"), ("j4", "b", "d"), ("j5", "world", "e")]
+    return js.Mechanism.build(bodies("ecbad"), [revolute(*joint) for joint in joints], **more)
+
+
+# -- order and names --------------------------------------------------------------------------------------------------
+
+
+def test_bodies_come_depth_first_and_children_in_the_order_of_joints():
+    mech = branches()
+    assert mech.body_names == ("a", "b", "d", "c", "e")
+    assert mech.joint_names == ("j1", "j2", "j4", "j3", "j5")
+    assert mech.topology.parents == (-1, 0, 1, 0, -1)
+    assert mech.frame_names == ("world", *mech.body_names)
+
+
+def test_a_welded_body_hands_on_what_hangs_on_it_in_its_place():
+    joints = [revolute("j1", "world", "a"), js.Joint("w", "fixed", "a", "b"), revolute("j2", "b", "c")]
+    mech = js.Mechanism.build(bodies("abcd"), [*joints, revolute("j3", "a", "d")])
+    assert mech.body_names == ("a", "c", "d")
+    assert mech.topology.parents == (-1, 0, 0)
+
+
+def test_coordinates_of_all_kinds():
+    joints = [js.Joint(f"j{i}", kind, "world", f"b{i}") for i, kind in enumerate(KINDS)]
+    mech = js.Mechanism.build([js.Body(joint.child) for joint in joints], joints)
+    assert (mech.nq, mech.nv) == tuple(sum(getattr(kind, n) for kind in KINDS.values()) for n in ("nq", "nv"))
+    found = [mech.joint_position_indices(name) for name in mech.joint_names]
+    np.testing.assert_array_equal(np.concatenate(found), np.arange(mech.nq))
+    found = [mech.joint_velocity_indices(name) for name in mech.joint_names]
+    np.testing.assert_array_equal(np.concatenate(found), np.arange(mech.nv))
+    np.testing.assert_array_equal(mech.neutral(), np.concatenate([kind.neutral for kind in KINDS.values()]))
+    assert mech.neutral().dtype == np.float32
+    with pytest.raises(KeyError, match="joint: expected one of 'j1', .*got 'x'"):
+        mech.joint_position_indices("x")
+
+
+def test_repr_is_the_tree():
+    assert repr(branches()) == (
+        "Mechanism(nq=5, nv=5, 5 bodies, float32)\n"
+        "  a  <- j1: revolute\n"
+        "    b  <- j2: revolute\n"
+        "      d  <- j4: revolute\n"
+        "    c  <- j3: revolute\n"
+        "  e  <- j5: revolute"
+    )
+    assert "  c  <- k: prismatic follows j\n" in repr(geared()) + "\n"
+
+
+# -- welded bodies ----------------------------------------------------------------------------------------------------
+
+
+def welded():
+    """b and c on a, d on the world; and a frame on c."""
+    named = [js.Body(name, inertia(k)) for k, name in enumerate("abcd")]
+    joints = [
+        js.Joint("j", "ball", "world", "a", placement=pose(1), child_placement=pose(2)),
+        js.Joint("w1", "fixed", "a", "b", placement=pose(3)),
+        js.Joint("w2", "fixed", "b", "c", placement=pose(4), child_placement=pose(5)),
+        js.Joint("w3", "fixed", "world", "d", placement=pose(6)),
+    ]
+    return js.Mechanism.build(named, joints, [js.Frame("tip", "c", pose(7))], dtype=np.float64)
+
+
+def test_welded_bodies_are_one(float64):
+    mech, X_JA = welded(), pose(2)
+    X_JB = X_JA @ pose(3)
+    places = [X_JA, X_JB, X_JB @ (pose(4) @ pose(5))]
+    parts = [js.act(X, inertia(k)) for k, X in enumerate(places)]
+    M = jax.tree.map(lambda x: x[0], mech.inertias)
+    expected = functools.reduce(operator.add, parts)
+    jax.tree.map(functools.partial(np.testing.assert_allclose, rtol=16 * U), M, expected)
+    # As dense matrices: mass, centre of mass and moments add.
+    whole = sum(np.asarray(part.to_matrix()) for part in parts)
+    np.testing.assert_allclose(M.to_matrix(), whole, atol=64 * U * abs(whole).max())
+    np.testing.assert_allclose(M.mass, sum(inertia(k).mass for k in range(3)), rtol=4 * U)
+
+
+def test_what_is_welded_to_the_world_moves_nothing(float64):
+    mech = welded()
+    assert (mech.body_names, mech.nv) == (("a",), 3)
+    with_d = np.asarray(js.center_of_mass(mech, mech.neutral()))
+    X_WJ = pose(1)
+    np.testing.assert_allclose(with_d, X_WJ @ mech.inertias.com[0], rtol=1e-14)
+
+
+def test_frames_of_welded_bodies_stay(float64):
+    mech = welded()
+    X_JC = pose(2) @ pose(3) @ (pose(4) @ pose(5))
+    expected = {"world": (-1, None), "a": (0, pose(2)), "b": (0, pose(2) @ pose(3)), "c": (0, X_JC)}
+    expected |= {"tip": (0, X_JC @ pose(7)), "d": (-1, pose(6))}
+    assert dict(mech.topology.frames) == {name: carrier for name, (carrier, _) in expected.items()}
+    for k, name in enumerate(mech.frame_names):
+        X = expected[name][1] or js.RigidTransform.identity(dtype=np.float64)
+        found = jax.tree.map(operator.itemgetter(k), mech.frame_placements)
+        np.testing.assert_allclose(found.to_matrix(), X.to_matrix(), atol=16 * U)
+
+
+def test_a_body_at_its_joint_keeps_its_numbers(float64):
+    mech = js.Mechanism.build([js.Body("a", inertia())], [revolute("j", "world", "a")], dtype=np.float64)
+    jax.tree.map(lambda x, y: np.testing.assert_array_equal(x[0], y), mech.inertias, inertia())
+    massless = js.Mechanism.build(bodies("a"), [revolute("j", "world", "a")])
+    assert not any(x.any() for x in jax.tree.leaves(massless.inertias))
+
+
+# -- numbers of joints ------------------------------------------------------------------------------------------------
+
+
+def geared(**more):
+    """c slides as a turns, three times as far."""
+    numbers = {"armature": 5.0, "damping": 7.0, "friction_loss": 11.0}
+    joints = [
+        revolute("j", "world", "a", armature=1.0, damping=2.0, friction_loss=3.0),
+        js.Joint("i", "ball", "a", "b", damping=(1.0, 2.0, 3.0)),
+        js.Joint("k", "prismatic", "world", "c", mimic=("j", -3.0, 0.5), **numbers),
+    ]
+    return js.Mechanism.build([js.Body(name, inertia(k)) for k, name in enumerate("abc")], joints, **more)
+
+
+def test_a_mimic_has_the_coordinate_of_its_master():
+    mech = geared()
+    assert (mech.nq, mech.nv, mech.topology.masters) == (5, 4, (0, 1, 0))
+    for name in ("j", "k"):
+        np.testing.assert_array_equal(mech.joint_position_indices(name), [0])
+        np.testing.assert_array_equal(mech.joint_velocity_indices(name), [0])
+    np.testing.assert_array_equal(mech.joint_position_indices("i"), [1, 2, 3, 4])
+    np.testing.assert_array_equal(mech.mimics, [[1, 0], [1, 0], [-3, 0.5]])
+    X = js.forward_kinematics(mech, np.float32([2, 1, 0, 0, 0]))
+    np.testing.assert_array_equal(X.translation[2], [0, 0, -5.5])
+
+
+def test_the_master_feels_what_turns_with_its_mimic():
+    """By the square of the ratio, since both the rates and the forces go with it; friction by the ratio."""
+    mech = geared()
+    np.testing.assert_array_equal(mech.armature, [1 + 9 * 5, 0, 0, 0])
+    np.testing.assert_array_equal(mech.damping, [2 + 9 * 7, 1, 2, 3])
+    np.testing.assert_array_equal(mech.friction_loss, [3 + 3 * 11, 0, 0, 0])
+
+
+def test_limits_are_per_rate_or_coordinate():
+    joint = js.Joint("j", "cylindrical", "world", "a", lower=(-1.0, -2.0), upper=3.0, effort_limit=(4.0, 5.0))
+    mech = js.Mechanism.build(bodies("a"), [joint])
+    np.testing.assert_array_equal([mech.lower, mech.upper, mech.effort_limit], [[-1, -2], [3, 3], [4, 5]])
+
+
+def test_axes_become_unit_vectors():
+    mech = js.Mechanism.build(bodies("a"), [revolute("j", "world", "a", axis=(0, -3.0, 4.0))], dtype=np.float32)
+    np.testing.assert_allclose(mech.axes, [[0, -0.6, 0.8]], rtol=1e-7)
+
+
+# -- what is refused --------------------------------------------------------------------------------------------------
+
+A = js.Body("a")
+J = revolute("j", "world", "a")
+BATCHED = revolute("j", "world", "a", child_placement=js.RigidTransform.identity((2,)))
+REFUSED = {
+    "no body": (([3], [J]), TypeError, "Mechanism.build: bodies: expected Bodys, got int"),
+    "no joint": (([A], [A]), TypeError, "Mechanism.build: joints: expected Joints, got Body"),
+    "no frame": (([A], [J], [J]), TypeError, "Mechanism.build: frames: expected Frames, got Joint"),
+    "body twice": (([A, A], [J]), ValueError, "Mechanism.build: bodies: 'a' comes twice"),
+    "joint twice": (([A, js.Body("b")], [J, revolute("j", "a", "b")]), ValueError, "joints: 'j' comes twice"),
+    "two parents": (([A, js.Body("b")], [J, revolute("k", "b", "a")]), ValueError, "joints: children: 'a' comes twice"),
+    "frame as a body": (([A], [J], [js.Frame("a", "a")]), ValueError, "bodies and frames: 'a' comes twice"),
+    "body as the world": (([js.Body("world")], []), ValueError, "bodies and frames: 'world' comes twice"),
+    "missing parent": (([A], [revolute("j", "x", "a")]), ValueError, "Joint 'j': parent: there is no body 'x'"),
+    "missing child": (([A], [revolute("j", "world", "x")]), ValueError, "Joint 'j': child: there is no body 'x'"),
+    "world as a child": (([A], [J, revolute("k", "a", "world")]), ValueError, "child: there is no body 'world'"),
+    "missing frame": (([A], [J], [js.Frame("f", "x")]), ValueError, "Frame 'f': body: there is no body 'x'"),
+    "nothing holds": (([A, js.Body("b")], [J]), ValueError, "joints: nothing holds 'b' against the world"),
+    "loop": (([A, js.Body("b")], [revolute("j", "a", "b"), revolute("k", "b", "a")]), ValueError, "holds 'a', 'b'"),
+    "no axis": (([A], [revolute("j", "world", "a", axis=(0, 0, 0))]), ValueError, "Joint 'j': axis: .* got .0.0, 0.0"),
+    "short axis": (([A], [revolute("j", "world", "a", axis=(1, 0))]), ValueError, "Joint 'j': axis: expected three"),
+    "placement": (([A], [revolute("j", "world", "a", placement=3)]), TypeError, "'j': placement: .*Transform, got int"),
+    "placements": (([A], [BATCHED]), TypeError, r"'j': child_placement: .*got a batch of shape \(2,\)"),
+    "frame placement": (([A], [J], [js.Frame("f", "a", 3)]), TypeError, "Frame 'f': placement: expected .*, got int"),
+    "inertia": (([js.Body("a", 3)], [J]), TypeError, "Body 'a': inertia: expected a single SpatialInertia, got int"),
+    "mimic of nothing": (([A], [revolute("j", "world", "a", mimic=("x",))]), ValueError, "'j': mimic: expected"),
+    "mimic of itself": (([A], [revolute("j", "world", "a", mimic=("j",))]), ValueError, "Joint 'j': mimic"),
+    "mimic of a ball": (
+        ([A, js.Body("b")], [js.Joint("j", "ball", "world", "a"), revolute("k", "a", "b", mimic=("j",))]),
+        ValueError, "Joint 'k': mimic: expected the name of a joint with one coordinate",
+    ),
+    "ball as a mimic": (
+        ([A, js.Body("b")], [J, js.Joint("k", "ball", "a", "b", mimic=("j",))]), ValueError, "Joint 'k': mimic",
+    ),
+    "limits": (([A], [revolute("j", "world", "a", lower=(1.0, 2.0))]), ValueError, r"'j': lower: .*got shape \(2,\)"),
+    "gravity": (([A], [J], (), (0.0, 1.0)), ValueError, r"Mechanism.build: gravity: expected shape .* got \(2,\)"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("arguments", "error", "message"), REFUSED.values(), ids=REFUSED)
+def test_refused(arguments, error, message):
+    with pytest.raises(error, match=message):
+        js.Mechanism.build(*arguments)
+
+
+def test_unknown_kinds_are_refused():
+    with pytest.raises(ValueError, match="Joint 'j': kind: expected one of 'fixed', 'revolute', .*got 'hinge'"):
+        js.Joint("j", "hinge", "world", "a")
+
+
+# -- other numbers ----------------------------------------------------------------------------------------------------
+
+
+def test_dtype_is_what_was_asked_for(x64):
+    for dtype, expected in ((None, np.float64 if x64 else np.float32), (np.float32, np.float32)):
+        for mech in (geared(dtype=dtype), geared().astype(dtype)):
+            assert mech.dtype == expected
+            assert all(isinstance(x, np.ndarray) and x.dtype == expected for x in jax.tree.leaves(mech))
+    assert geared().astype(np.float16).neutral().dtype == np.float16
+
+
+def test_data_is_of_jax():
+    mech = geared()
+    data = mech.as_data()
+    assert all(isinstance(x, jax.Array) for x in jax.tree.leaves(data))
+    jax.tree.map(np.testing.assert_array_equal, data, mech)
+    assert data.topology == mech.topology
+
+
+def test_replace():
+    mech = geared()
+    other = mech.replace(gravity=np.zeros(3, np.float32), armature=2 * mech.armature)
+    np.testing.assert_array_equal(other.gravity, [0, 0, 0])
+    np.testing.assert_array_equal(other.armature, [92, 0, 0, 0])
+    np.testing.assert_array_equal(other.damping, mech.damping)
+    assert mech.gravity[2] == np.float32(-9.81)
+    heavier = mech.replace(inertias=js.SpatialInertia(2 * mech.inertias.mass, mech.inertias.com, mech.inertias.central))
+    np.testing.assert_array_equal(heavier.inertias.mass, 2 * mech.inertias.mass)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"weight": 3}, TypeError, "Mechanism.replace: expected one of placements, .*, gravity, got 'weight'"),
+        ({"topology": 3}, TypeError, "Mechanism.replace: expected one of .* got 'topology'"),
+        ({"gravity": np.zeros(2)}, ValueError, r"Mechanism.replace: gravity: expected shape \(3,\), got \(2,\)"),
+        ({"inertias": np.zeros(3)}, TypeError, "Mechanism.replace: inertias: expected SpatialInertia, got ndarray"),
+    ],
+)
+def test_replace_refuses(changes, error, message):
+    with pytest.raises(error, match=message):
+        geared().replace(**changes)
+
+
+# -- as a pytree ------------------------------------------------------------------------------------------------------
+
+
+def test_there_and_back():
+    mech = geared()
+    leaves, tree = jax.tree.flatten(mech)
+    again = jax.tree.unflatten(tree, leaves)
+    assert again.topology is mech.topology and repr(again) == repr(mech)
+    assert all(x is y for x, y in zip(jax.tree.leaves(again), leaves, strict=True))
+    # JAX rebuilds it with leaves that are no arrays.
+    for leaf in (None, 0, object()):
+        jax.tree.unflatten(tree, [leaf] * len(leaves))
+    paths = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(mech)]
+    assert {".gravity", ".inertias.mass", ".placements.translation"} <= set(paths)
+
+
+def test_topologies_of_equal_mechanisms_are_equal():
+    assert geared().topology == geared().topology and hash(geared().topology) == hash(geared().topology)
+    assert geared().topology != branches().topology
+    assert jax.tree.structure(geared()) == jax.tree.structure(geared(dtype=np.float16))
+
+
+def test_a_mechanism_that_is_built_again_is_not_traced_again():
+    traced = []
+
+    @jax.jit
+    def position(mech, q):
+        traced.append(mech)
+        return js.forward_kinematics(mech, q).translation
+
+    q = jnp.float32([1, 1, 0, 0, 0])
+    first = position(geared(), q)
+    np.testing.assert_array_equal(position(geared(), q), first)
+    position(geared().replace(gravity=np.zeros(3, np.float32)), q)
+    assert len(traced) == 1
+    other = geared()
+    position(other.replace(mimics=2 * other.mimics), q)
+    assert len(traced) == 1
+
+
+def test_known_numbers_and_data_give_the_same(float64):
+    mech = geared(dtype=np.float64)
+    q = jnp.asarray([0.3, 0.5, 0.5, -0.5, 0.5])
+    v, a = jnp.asarray([1.0, -2, 0.5, 3]), jnp.asarray([0.1, 0.2, -3, 1])
+    known = jax.jit(functools.partial(js.inverse_dynamics, mech))(q, v, a)
+    for data in (jax.jit(js.inverse_dynamics)(mech, q, v, a), jax.jit(js.inverse_dynamics)(mech.as_data(), q, v, a)):
+        np.testing.assert_allclose(data, known, rtol=0, atol=16 * U * abs(np.asarray(known)).max())
+    batch = jax.tree.map(lambda x: jnp.stack([x, x]), mech)
+    found = jax.vmap(js.inverse_dynamics, in_axes=(0, None, None, None))(batch, q, v, a)
+    np.testing.assert_allclose(found, [known, known], rtol=0, atol=16 * U * abs(np.asarray(known)).max())
+
+
+def test_random_mechanisms_are_the_same_for_the_same_seed():
+    first, again, other = (js.random_mechanism(seed, 4) for seed in (0, 0, 1))
+    jax.tree.map(np.testing.assert_array_equal, first, again)
+    assert (first.inertias.mass != other.inertias.mass).all()
+    chain = js.random_mechanism(0, 4, ["ball"], is_chain=True)
+    assert (chain.topology.parents, chain.topology.kinds) == ((-1, 0, 1, 2), ("ball",) * 4)
