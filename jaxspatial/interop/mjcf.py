@@ -13,6 +13,7 @@ first, and its linear velocity in the body's axes; a mimic has no coordinate. Th
 """
 
 import itertools
+from typing import NoReturn
 
 import jax.numpy as jnp
 import numpy as np
@@ -94,7 +95,7 @@ class _File:
         array = getattr(self.model, name, None)
         return np.zeros((1 << 16, 0)) if array is None else np.asarray(array).reshape((len(array), -1))
 
-    def refuse(self, what, i, reason):
+    def refuse(self, what, i, reason) -> NoReturn:
         element = self._element(what, i)
         line = "" if element is None else f"line {element.sourceline}: "
         tag = what if element is None else element.tag

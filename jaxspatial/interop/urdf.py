@@ -8,6 +8,7 @@ mechanism. Everything else in a robot, a joint or an inertia that has no counter
 import importlib
 import io
 import pathlib
+from typing import NoReturn
 
 import jax
 import numpy as np
@@ -81,12 +82,12 @@ class _Lines:
         if self.root.tag != "robot":
             raise ValueError(f"from_urdf: line {self.root.sourceline}: expected <robot>, got <{self.root.tag}>")
 
-    def refuse(self, tag, name, reason):
+    def refuse(self, tag, name, reason) -> NoReturn:
         found = [e for e in self.root.findall(tag) if e.get("name") == name]
         line = f"line {found[0].sourceline}: " if found else ""
         raise ValueError(f'from_urdf: {line}<{tag} name="{name}">: {reason}')
 
-    def refuse_element(self, element, reason):
+    def refuse_element(self, element, reason) -> NoReturn:
         raise ValueError(f"from_urdf: line {element.sourceline}: <{element.tag}>: {reason}")
 
 

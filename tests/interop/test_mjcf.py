@@ -235,8 +235,8 @@ TREE = """<mujoco><worldbody>
 </worldbody><equality><joint joint1="a" joint2="b" polycoef=".5 -2"/></equality></mujoco>"""
 # A quarter turn about z, and where it is.
 BASE = [np.sqrt(0.5), 0, 0, np.sqrt(0.5), 1, 2, 3]
-Q = np.float32([*BASE, 1, 0, 0, 0, 0.25])
-V = np.float32([1, 2, 3, 10, 20, 30, 4, 5, 6, 7])
+Q = np.array([*BASE, 1, 0, 0, 0, 0.25], np.float32)
+V = np.array([1, 2, 3, 10, 20, 30, 4, 5, 6, 7], np.float32)
 
 
 def test_orders():
@@ -260,7 +260,7 @@ def test_acceleration_of_a_turning_body():
 
 
 def test_forces_have_the_power_of_ours():
-    mech, tau = js.Mechanism.from_mjcf(TREE), np.float32([3, 1, 4, 1, 5, 9, 2, 6, 5, 3])
+    mech, tau = js.Mechanism.from_mjcf(TREE), np.array([3, 1, 4, 1, 5, 9, 2, 6, 5, 3], np.float32)
     qfrc = mjcf.to_qfrc(mech, Q, tau)
     np.testing.assert_allclose(qfrc, [-5, 1, 9, 3, 1, 4, 0, 2, 6, 5, 3], rtol=1e-6)
     np.testing.assert_allclose(qfrc @ mjcf.to_qvel(mech, Q, V), tau @ V, rtol=1e-6)
