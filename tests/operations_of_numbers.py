@@ -308,14 +308,13 @@ OPERATIONS = {
     )
 }  # fmt: skip
 FORMULAS = [name for name, operation in OPERATIONS.items() if not operation.twin]
-# Of each kind of arithmetic one: series, angles, directions, quotients, loops over sweeps, shapes, products.
+# Of each kind of arithmetic one: series, angles, directions, quotients, loops, shapes, products.
 REPRESENTATIVES = (
-    "exp",
+    "left_jacobian_inverse",
     "to_axis_angle",
-    "between",
+    "from_one_vector",
     "combine",
     "principal_moments_and_axes",
     "solid_capsule",
-    "project_out",
     "newton_euler",
 )

@@ -177,7 +177,7 @@ def _root(robot, lines):
     return roots[0]
 
 
-def _body(link, lines):
+def _body(link, lines: _Lines):
     if link.inertial is None:
         return Body(link.name)
     mass, six = link.inertial.mass, link.inertial.inertia

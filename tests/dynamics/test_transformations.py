@@ -1,0 +1,146 @@
+"""Algorithms under JAX's transformations, also with respect to the numbers of the mechanism."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxspatial as js
+
+N = 3
+KINDS = ["revolute", "prismatic", "ball"]
+
+
+@functools.cache
+def mechanism():
+    return js.random_mechanism(0, 3, KINDS, dtype=np.float64)
+
+
+@functools.cache
+def state():
+    mech, rng = mechanism(), np.random.default_rng(1)
+    q = js.random_configuration(mech, jax.random.key(0), N, np.float64)
+    return q, *(jnp.asarray(x) for x in rng.standard_normal((2, N, mech.nv)))
+
+
+@pytest.fixture(autouse=True)
+def _x64():
+    with jax.enable_x64(True):
+        yield
+
+
+ALGORITHMS = {
+    "inverse dynamics": js.inverse_dynamics,
+    "forward dynamics": js.forward_dynamics,
+    "mass matrix": lambda mech, q, v, a: js.mass_matrix(mech, q),
+    "kinetic energy": lambda mech, q, v, a: js.kinetic_energy(mech, q, v),
+    "jacobian": lambda mech, q, v, a: js.jacobian(mech, q, "body2"),
+}
+algorithms = pytest.mark.parametrize("name", ALGORITHMS)
+of_some = [n if "dynamics" in n else pytest.param(n, marks=pytest.mark.slow) for n in ALGORITHMS]
+
+
+@algorithms
+def test_the_same_bits_however_it_is_called(name):
+    """Batched by leading axes, by vmap, in a scan, recomputed, with the mechanism closed over; as data within a few
+    u."""
+    f, mech, x = ALGORITHMS[name], mechanism(), state()
+    expected = np.asarray(f(mech, *x))
+    own = functools.partial(f, mech)
+    found = {
+        "jit of vmap": jax.jit(jax.vmap(own))(*x),
+        "scan": jax.lax.scan(lambda _, item: (None, own(*item)), None, x)[1],
+        "checkpoint": jax.jit(jax.vmap(jax.checkpoint(own)))(*x),
+        "cond": jax.jit(lambda yes, *x: jax.lax.cond(yes, own, lambda *x: 0 * own(*x), *x))(True, *x),
+    }
+    for how, y in found.items():
+        np.testing.assert_array_equal(np.asarray(y), expected, err_msg=how)
+    as_data = np.asarray(jax.jit(f)(mech.as_data(), *x))
+    assert abs(as_data - expected).max() <= 256 * 2.0**-53 * abs(expected).max()
+
+
+@pytest.mark.parametrize("name", of_some)
+def test_derivatives_with_respect_to_everything(name):
+    """Forward and reverse ones agree, and are the differences that they stand for: of the state, and of all numbers of
+    the mechanism, passed as arguments."""
+    mech, x = mechanism().as_data(), [y[0] for y in state()]
+
+    def of(inertias, placements, axes, q, v, a):
+        return ALGORITHMS[name](mech.replace(inertias=inertias, placements=placements, axes=axes), q, v, a)
+
+    arguments = mech.inertias, mech.placements, mech.axes, *x
+    rng = np.random.default_rng(2)
+    t = jax.tree.map(lambda leaf: jnp.asarray(rng.standard_normal(leaf.shape)), arguments)
+    value, tangent = jax.jit(lambda x, t: jax.jvp(of, x, t))(arguments, t)
+    cotangent = jnp.asarray(rng.standard_normal(value.shape))
+    pulled = jax.jit(lambda x, c: jax.vjp(of, *x)[1](c))(arguments, cotangent)
+    inner = sum(jnp.sum(a * b) for a, b in zip(jax.tree.leaves(pulled), jax.tree.leaves(t), strict=True))
+    size = sum(jnp.sum(abs(a * b)) for a, b in zip(jax.tree.leaves(pulled), jax.tree.leaves(t), strict=True))
+    assert abs(inner - jnp.sum(cotangent * tangent)) <= 1e-13 * size
+    step = 1e-5
+    ahead, behind = (of(*jax.tree.map(lambda a, b, s=s: a + s * b, arguments, t)) for s in (step, -step))
+    assert abs((ahead - behind) / (2 * step) - tangent).max() <= 1e-6 * abs(tangent).max()
+
+
+def test_a_batch_of_mechanisms():
+    """Masses of many, one state."""
+    mech, (q, v, a) = mechanism(), [y[0] for y in state()]
+    factors = jnp.asarray([0.5, 1.0, 2.0])
+
+    def torques(factor):
+        M = mech.inertias
+        inertias = js.SpatialInertia(
+            *(jnp.asarray(x) * y for x, y in zip(jax.tree.leaves(M), (factor, 1.0, factor), strict=True))
+        )
+        return js.inverse_dynamics(mech.replace(inertias=inertias, armature=0 * mech.armature), q, v, a)
+
+    found = jax.vmap(torques)(factors)
+    np.testing.assert_allclose(found, np.asarray(factors)[:, None] * np.asarray(found)[1], rtol=1e-12, atol=1e-12)
+
+
+def test_a_rebuilt_mechanism_is_not_traced_again():
+    traces = []
+
+    @jax.jit
+    def f(mech, q):
+        traces.append(1)
+        return js.gravity_forces(mech, q)
+
+    q = state()[0][0]
+    for seed in (0, 0):
+        f(js.random_mechanism(seed, 3, KINDS, dtype=np.float64), q)
+    f(mechanism().as_data().replace(gravity=jnp.asarray([0.0, 0.0, -1.0])), q)
+    assert len(traces) == 1
+
+
+@pytest.mark.parametrize("dtype", ["float16", "bfloat16", "float32"])
+@pytest.mark.parametrize("precision", js.Precision)
+def test_dtypes_and_precisions(dtype, precision):
+    """The dtype of q, and an error of a few u of the largest number, whether 64-bit types are on or not."""
+    x = [np.asarray(y[0], jnp.dtype(dtype)) for y in state()]
+    expected = np.asarray(js.inverse_dynamics(mechanism(), *(y.astype(np.float64) for y in x)))
+    with jax.enable_x64(False):
+        tau = js.inverse_dynamics(mechanism(), *x, precision=precision)
+    u = float(jnp.finfo(dtype).eps) / 2
+    assert tau.dtype == dtype
+    assert (
+        abs(np.asarray(tau, float) - expected).max()
+        <= (1.01 if precision.sees_whole_sums else 64) * u * abs(expected).max()
+    )
+
+
+def test_errors_name_what_came():
+    mech, (q, v, a) = mechanism(), state()
+    for arguments, error, message in (
+        ((1, q, v, a), TypeError, "inverse_dynamics: expected a Mechanism first, got int"),
+        ((mech, q[:, :2], v, a), ValueError, r"inverse_dynamics: q: expected shape \(\*batch, 6\), got \(3, 2\)"),
+        ((mech, q, v.astype(np.float32), a), TypeError, "expected one dtype, got q: float64, v: float32"),
+        ((mech, q, v, a[:2]), ValueError, "expected batch shapes that broadcast"),
+        ((mech, q, v, a, {"nobody": 1}), KeyError, "external_forces: expected one of 'body0'"),
+        ((mech, q, v, a, {"body1": 1}), TypeError, "expected a SpatialForce, got int"),
+        ((mech, q, v, a, [1]), TypeError, "expected SpatialForces in a dict by body name, got list"),
+    ):
+        with pytest.raises(error, match=message):
+            js.inverse_dynamics(*arguments)
