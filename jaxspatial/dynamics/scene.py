@@ -186,6 +186,9 @@ class Scene:
         ]
 
     def armature(self, segment):
+        """Known zeros for a mimic: its share is its master's, see `mechanism.assembly`."""
+        if self.topology.is_mimic(segment.start):
+            return (self.known(0.0),) * self.topology.kind(segment.start).nv
         return self.coordinates(segment, self.mechanism.armature, of_rates=True)
 
     @functools.cached_property

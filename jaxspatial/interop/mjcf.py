@@ -37,6 +37,8 @@ _SECTIONS = {
     "tendon": ("tendon", None),
     "actuator": ("actuator", None),
 }
+# Arrays with one item for each.
+_COUNTED = {"eq": "eq_type", "tendon": "tendon_num", "actuator": "actuator_trntype"}
 
 
 def read(path_or_text, dtype=None):
@@ -107,9 +109,7 @@ class _File:
         found = [e for part in self.root.findall(section) for e in part.iter(*(tags or ())) if isinstance(e.tag, str)]
         named = [e for e in found if e.get("name") and e.get("name") == getattr(self.model, what)(i).name]
         listed = [e for part in self.root.findall(section) for e in part.iterchildren("*")]
-        is_whole = tags is None and len(listed) == getattr(
-            self.model, "nactuator" if what == "actuator" else f"n{what}"
-        )
+        is_whole = tags is None and len(listed) == len(getattr(self.model, _COUNTED[what]))
         return named[0] if named else listed[i] if is_whole else None
 
 
@@ -251,7 +251,7 @@ def _joint(file, j, parent, child, X_PB, rotors, mimics):
     kind, dofs = file.kind(j), _dofs(file, j)
     numbers = {
         "armature": file.model.dof_armature[dofs] + rotors.armature[j],
-        "damping": file.model.dof_damping[dofs] * file.has("DAMPER", "PASSIVE") + rotors.damping[j],
+        "damping": (file.model.dof_damping[dofs] + rotors.damping[j]) * file.has("DAMPER", "PASSIVE"),
         "friction_loss": file.model.dof_frictionloss[dofs] * file.has("FRICTIONLOSS", "CONSTRAINT"),
         "mimic": mimics.get(j),
         **_limits(file, j),

@@ -161,7 +161,6 @@ def test_mass_matrix(name):
     error(name, "mass", ours(name)["mass"], np.einsum("bik,bij,bjl->bkl", T, theirs(name)["mass"], T))
 
 
-@pytest.mark.xfail(strict=True, reason="Scene.armature gives a mimic its master's, times the ratio")
 def test_armature_of_mimics():
     model, mech = both(text(MIMIC, FOLLOWS, True))
     data, q = mujoco.MjData(model), np.array([0.25, 0.5])
