@@ -33,6 +33,7 @@ _ARGUMENTS = {
     "X": ([(9,), (3,)], lambda entries, p: js.RigidTransform(js.Rotation(entries), p)),
     "vector": ([(3,)], lambda x: x),
     "M": ([(), (3,), (6,)], js.SpatialInertia),
+    "P": ([(6,), (9,), (6,)], js.ArticulatedInertia),
     "points": ([(N_POINTS, 3)], lambda x: x),
     "coefficients": ([(6,)], lambda x: x),
     "scalar": ([()], lambda x: x),
@@ -257,6 +258,119 @@ def _twice_energy(mass, com, central, w, v):
     return (mass * _sum_of_three(moved * moved) + spinning,)
 
 
+def _first_moment(mass, com):
+    return mass[..., None] * com
+
+
+def _steiner(mass, com):
+    """m (|c|^2 1 - c c^T) by its six entries."""
+    p = _first_moment(mass, com)
+    xx, yy, zz = (p[..., i] * com[..., i] for i in range(3))
+    xy, xz, yz = (p[..., i] * com[..., j] for i, j in ((0, 1), (0, 2), (1, 2)))
+    return np.stack([yy + zz, -xy, xx + zz, -xz, -yz, xx + yy], -1)
+
+
+def _about_origin(mass, com, central):
+    return central + _steiner(mass, com)
+
+
+def _skew(v):
+    zero, (x, y, z) = v[..., 0] - v[..., 0], (v[..., i] for i in range(3))
+    return _matrix([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
+
+
+def _matrix(rows):
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def _times_one(m):
+    zero = m - m
+    return _matrix([[m if i == j else zero for j in range(3)] for i in range(3)])
+
+
+def _blocks(a, b, c, d):
+    return np.concatenate([np.concatenate(row, -1) for row in ((a, b), (c, d))], -2)
+
+
+def _six_by_six(mass, com, central):
+    arm = _skew(_first_moment(mass, com))
+    inertia = _rows(_about_origin(mass, com, central)[..., _SYMMETRIC])
+    return (_blocks(inertia, arm, np.swapaxes(arm, -1, -2), _times_one(mass)),)
+
+
+def _dynamic_parameters(mass, com, central):
+    parts = mass[..., None], _first_moment(mass, com), _about_origin(mass, com, central)
+    return (np.concatenate(parts, -1),)
+
+
+def _twice_pseudo_inertia(mass, com, central):
+    p = _first_moment(mass, com)
+    xx, xy, yy, xz, yz, zz = (central[..., i] for i in range(6))
+
+    def diagonal(i, a, b, minus):
+        square = p[..., i] * com[..., i]
+        return ((a + b) - minus) + (square + square)
+
+    def product(i, j, entry):
+        half = p[..., i] * com[..., j] - entry
+        return half + half
+
+    a, b, c = diagonal(0, yy, zz, xx), diagonal(1, xx, zz, yy), diagonal(2, xx, yy, zz)
+    d, e, f = product(0, 1, xy), product(0, 2, xz), product(1, 2, yz)
+    x, y, z = (p[..., i] + p[..., i] for i in range(3))
+    return (_matrix([[a, d, e, x], [d, b, f, y], [e, f, c, z], [x, y, z, mass + mass]]),)
+
+
+def _motion_matrix(entries, p):
+    rows = _rows(entries)
+    moved = np.swapaxes(np.cross(p[..., None, :], np.swapaxes(rows, -1, -2)), -1, -2)
+    return (_blocks(rows, rows - rows, moved, rows),)
+
+
+def _inverse(entries, p):
+    return _columns(entries).reshape(entries.shape), -_turned(_columns(entries), p)
+
+
+def _articulated(mass, com, central):
+    arm = _skew(_first_moment(mass, com))
+    m = _times_one(mass)
+    lower = np.stack([m[..., i, j] for i in range(3) for j in range(i + 1)], -1)
+    return _about_origin(mass, com, central), arm.reshape((*arm.shape[:-2], 9)), lower
+
+
+def _articulated_times(j, f, m, alpha, a):
+    J, F, M = _rows(j[..., _SYMMETRIC]), _rows(f), _rows(m[..., _SYMMETRIC])
+    return _turned(J, alpha) + _turned(F, a), _turned(np.swapaxes(F, -1, -2), alpha) + _turned(M, a)
+
+
+def _articulated_shifted(j, f, m, p):
+    F, M, arm = _rows(f), _rows(m[..., _SYMMETRIC]), p[..., None, :]
+    new = F - np.swapaxes(np.cross(arm, M), -1, -2)
+    before, after = np.cross(F, arm), np.cross(new, arm)
+    added = [before[..., k, i] + after[..., i, k] for i in range(3) for k in range(i + 1)]
+    return j + np.stack(added, -1), new.reshape((*new.shape[:-2], 9)), m
+
+
+def _regressor(alpha, a, w):
+    """Rows of m, of m c, of the moments."""
+    alpha, a, w = np.broadcast_arrays(alpha, a, w)
+    torque = _moments(alpha) + np.cross(w[..., None, :], np.swapaxes(_moments(w), -1, -2)).swapaxes(-1, -2)
+    force = _skew(alpha) + np.cross(w[..., None, :], np.swapaxes(_skew(w), -1, -2)).swapaxes(-1, -2)
+    nothing = a[..., None] - a[..., None]
+    none = torque - torque
+    return (_blocks_of_ten((nothing, -_skew(a), torque), (a[..., None], force, none)),)
+
+
+def _blocks_of_ten(top, bottom):
+    return np.concatenate([np.concatenate(row, -1) for row in (top, bottom)], -2)
+
+
+def _moments(x):
+    """The matrix that gives I x of the six moments."""
+    zero, (x, y, z) = x[..., 0] - x[..., 0], (x[..., i] for i in range(3))
+    return _matrix([[x, y, zero, z, zero, zero], [zero, x, y, zero, z, zero], [zero, zero, zero, x, y, z]])
+
+
 def _swapped(formula):
     """Of a force, whose translational part is what turns the other."""
     return lambda entries, p, tau, f: formula(entries, p, f, tau)[::-1]
@@ -297,6 +411,7 @@ def summed(n):
 TURNED, ACT, ACT_A = Bound(k=3, m=4), Bound(k=8, m=32), Bound(k=14, m=128)
 TURNED_SIX, FORCE, TORQUE, ENERGY = Bound(k=6, m=32), Bound(k=5, m=64), Bound(k=8, m=64), Bound(k=12, m=128)
 POINT, COMPOSED, COMPOSED_A = Bound(k=4, m=8), Bound(k=4, m=4), Bound(k=10, m=32)
+ABOUT = Bound(k=5, m=16)
 EXACT, SHIFT, SHIFT_A, SINGLE, SUM = Bound(), Bound(k=3, m=4), Bound(k=7, m=32), Bound(k=2, m=4), Bound(k=3, m=4)
 DOT, AXIS, PRESSED = Bound(k=4, m=8), Bound(k=7, m=32), Bound(k=3.5, l=4, m=32, n=32)
 
@@ -357,6 +472,26 @@ OPERATIONS = {
                   twin="apply_acceleration"),
         Operation("kinetic_energy", "M V", lambda M, V, precision=None: M.kinetic_energy(V, precision=precision) * 2,
                   _twice_energy, (ENERGY,), is_long=True),
+        Operation("from_origin", "M",
+                  lambda M, precision=None: js.SpatialInertia.from_origin(*jax.tree.leaves(M), precision=precision),
+                  lambda m, c, i: (m, c, i - _steiner(m, c)), (EXACT, EXACT, ABOUT)),
+        Operation("inertia_about_origin", "M", js.SpatialInertia.inertia_about_origin,
+                  lambda *parts: (_rows(_about_origin(*parts)[..., _SYMMETRIC]),), (ABOUT,), twin="from_origin"),
+        Operation("to_matrix", "M", js.SpatialInertia.to_matrix, _six_by_six, (ABOUT,)),
+        Operation("to_dynamic_parameters", "M", js.SpatialInertia.to_dynamic_parameters, _dynamic_parameters,
+                  (ABOUT,), twin="to_matrix"),
+        Operation("to_pseudo_inertia", "M",
+                  lambda M, precision=None: M.to_pseudo_inertia(precision=precision) * 2, _twice_pseudo_inertia,
+                  (ABOUT,), twin="to_matrix"),
+        Operation("newton_euler_regressor", "A vector", js.newton_euler_regressor, _regressor, (SINGLE,), is_long=True),
+        Operation("motion_matrix", "X", js.RigidTransform.to_motion_matrix, _motion_matrix),
+        Operation("inverse_transform", "X", js.RigidTransform.inverse, _inverse, (EXACT, TURNED)),
+        Operation("to_articulated", "M", js.ArticulatedInertia.from_spatial_inertia, _articulated,
+                  (ABOUT, SINGLE, EXACT), twin="to_matrix"),
+        Operation("articulated_times", "P A", js.ArticulatedInertia.times, _articulated_times, (DOT, DOT),
+                  is_long=True),
+        Operation("articulated_shift", "P vector", js.ArticulatedInertia.shift, _articulated_shifted,
+                  (ACT, ACT, EXACT), is_long=True),
         Operation("add", "F F", lambda F, G: F + G, lambda tau, f, tau2, f2: (tau + tau2, f + f2)),
         Operation("subtract", "V V", lambda V, W: V - W, lambda w, v, w2, v2: (w - w2, v - v2)),
         Operation("negate", "L", lambda L: -L, lambda *parts: tuple(-x for x in parts)),

@@ -80,6 +80,7 @@ TYPES = [
     for precision in ("fast", "reproducible", "compensated", "faithful")
     for name in (OPERATIONS if (dtype, precision) == ("float32", "reproducible") else FORMULAS)
 ]
+USUAL = [("float32", "reproducible"), ("float32", "compensated"), ("float16", "faithful"), ("float64", "reproducible")]
 OF_FEW = [
     ("bfloat16", "fast"),
     ("bfloat16", "faithful"),
@@ -143,7 +144,12 @@ def test_masks(name, dtype):
 
 @pytest.mark.parametrize(
     ("name", "dtype", "precision"),
-    _cases(TYPES, lambda name, *types: name not in REPRESENTATIVES and (types in OF_FEW or _is_long(name, *types))),
+    _cases(
+        TYPES,
+        lambda name, *types: (
+            types not in USUAL and (name not in REPRESENTATIVES or types in OF_FEW) or _is_long(name, *types)
+        ),
+    ),
 )
 def test_every_precision_keeps_the_dtype_and_agrees_with_float64(name, dtype, precision):
     """Evaluated in the wider format and rounded once: bit for bit what is rounded of it."""

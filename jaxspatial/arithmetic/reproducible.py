@@ -51,8 +51,8 @@ def _rounded_quotient(a, b):
     """XLA multiplies by the reciprocal of a divisor that is one number for many; not if it depends on the dividend.
 
     Infinities and NaN, for which the other divisor is taken, divide by half of b as they do by b. Of quotients of
-    quotients it makes products, `a / (b c)` of `(a / b) / c`, that may overflow, and a reciprocal root of `1 / sqrt(x)`:
-    not of what is fenced.
+    quotients it makes products, `a / (b c)` of `(a / b) / c`, that may overflow, and of `1 / sqrt(x)` a reciprocal
+    root: not of what is fenced.
     """
     finite = lax.le(lax.abs(a), lax.full_like(a, jnp.finfo(a.dtype).max))
     divisor = lax.select(finite, b, lax.mul(b, lax.full_like(b, 0.5)))

@@ -20,7 +20,7 @@ def tree(cls):
         cls,
         serialized_name=f"jaxspatial.{cls.__name__}",
         serialize_auxdata=lambda _: b"",
-        deserialize_auxdata=lambda _: None,
+        deserialize_auxdata=lambda _: (),
     )
     return cls
 

@@ -37,6 +37,7 @@ def test_precisions():
         assert f"shift, streaming, {dtype}" in run.stdout and f"wrong in all digits, {dtype}" in run.stdout
 
 
+@pytest.mark.slow
 def test_results_of_compensated_and_faithful_are_never_meaningless():
     """What the benchmark asserts without a clock: the table of hostile families, ours never wrong in all digits."""
     program = f"import sys; sys.path.insert(0, {str(HERE)!r}); import precisions as p; p.require_meaning(100)"

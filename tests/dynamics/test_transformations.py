@@ -39,7 +39,7 @@ ALGORITHMS = {
     "jacobian": lambda mech, q, v, a: js.jacobian(mech, q, "body2"),
 }
 algorithms = pytest.mark.parametrize("name", ALGORITHMS)
-of_some = [n if "dynamics" in n else pytest.param(n, marks=pytest.mark.slow) for n in ALGORITHMS]
+of_some = [n if n == "forward dynamics" else pytest.param(n, marks=pytest.mark.slow) for n in ALGORITHMS]
 
 
 @algorithms

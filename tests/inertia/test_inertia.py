@@ -376,7 +376,9 @@ def test_transformations(name):
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(gradient))
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize(
+    "dtype", ["bfloat16", *(pytest.param(x, marks=pytest.mark.slow) for x in DTYPES if x != "bfloat16")]
+)
 def test_the_dtype_of_the_parts_rules(dtype):
     """Every result has it, and is as near to that of twice the digits as rounding the parts lets it be."""
     with jax.enable_x64(True):

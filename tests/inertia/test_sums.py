@@ -75,7 +75,9 @@ def _exact_thousand(even, dtype):
 
 @precisions
 @dtypes
-@pytest.mark.parametrize("even", [True, False], ids=["even masses", "masses 1e-20 to 1e20"])
+@pytest.mark.parametrize(
+    "even", [pytest.param(True, marks=pytest.mark.slow), False], ids=["even masses", "masses 1e-20 to 1e20"]
+)
 def test_a_thousand_bodies(even, dtype, precision):
     with jax.enable_x64(True):
         M = jax.tree.map(lambda x: x[:: 1 + even], _mixed(dtype))

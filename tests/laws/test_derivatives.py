@@ -70,7 +70,7 @@ def test_pull_back_of_all_results(name, dtype, precision):
     _check(name, precision, [_worst(name)] * len(arrays), results, _pulled(name, dtype))
 
 
-@pytest.mark.parametrize("how", ["vmap", "broadcasting"])
+@pytest.mark.parametrize("how", ["vmap", pytest.param("broadcasting", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("precision", ["compensated", "faithful"])
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize(("name", "shared"), SHARED)

@@ -101,7 +101,8 @@ def shifted_by_pinocchio(x):
     }
 
 
-@pytest.mark.parametrize(("robot", "suffix"), [("g1", ".npz"), pytest.param("panda", ".csv", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("robot", "suffix"), [("g1", ".npz"), ("panda", ".csv")])
+@pytest.mark.slow
 def test_command_shifts_real_joint_wrenches_as_pinocchio_does(robot, suffix, tmp_path):
     write, read = {".npz": (write_npz, read_npz), ".csv": (write_csv, read_csv)}[suffix]
     x = joint_wrenches(robot)

@@ -244,6 +244,7 @@ def test_pickle_and_export():
     np.testing.assert_array_equal(again.to_matrix(), X.inverse().to_matrix())
 
 
+@pytest.mark.slow
 def test_double_words():
     """Every operation carries them; results are near those of float64 to 2^-44."""
     with jax.enable_x64(True):
