@@ -258,6 +258,10 @@ def _twice_energy(mass, com, central, w, v):
     return (mass * _sum_of_three(moved * moved) + spinning,)
 
 
+def _from_origin(M, precision=None):
+    return js.SpatialInertia.from_origin(M.mass, M.com, M.central, precision=precision)
+
+
 def _first_moment(mass, com):
     return mass[..., None] * com
 
@@ -472,9 +476,7 @@ OPERATIONS = {
                   twin="apply_acceleration"),
         Operation("kinetic_energy", "M V", lambda M, V, precision=None: M.kinetic_energy(V, precision=precision) * 2,
                   _twice_energy, (ENERGY,), is_long=True),
-        Operation("from_origin", "M",
-                  lambda M, precision=None: js.SpatialInertia.from_origin(*jax.tree.leaves(M), precision=precision),
-                  lambda m, c, i: (m, c, i - _steiner(m, c)), (EXACT, EXACT, ABOUT)),
+        Operation("from_origin", "M", _from_origin, lambda m, c, i: (m, c, i - _steiner(m, c)), (EXACT, EXACT, ABOUT)),
         Operation("inertia_about_origin", "M", js.SpatialInertia.inertia_about_origin,
                   lambda *parts: (_rows(_about_origin(*parts)[..., _SYMMETRIC]),), (ABOUT,), twin="from_origin"),
         Operation("to_matrix", "M", js.SpatialInertia.to_matrix, _six_by_six, (ABOUT,)),

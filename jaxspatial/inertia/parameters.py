@@ -99,7 +99,7 @@ def pseudo_inertia(precision, mass, com, central):
     ten = _doubled_second_moments(precision, mass, com, central)
     halves = np.array([0.5, 1, 0.5, 1, 1, 0.5, 1, 1, 1, 1], ten.dtype)
     ten = ten * jnp.broadcast_to(halves, ten.shape)
-    return ten[..., _TO_PSEUDO].reshape((*ten.shape[:-1], 4, 4))
+    return symmetric.picked(ten, _TO_PSEUDO).reshape((*ten.shape[:-1], 4, 4))
 
 
 # -- quotients and roots: back again ----------------------------------------------------------------------------------

@@ -23,7 +23,14 @@ _SWEEPS_OF_DOUBLE_WORDS = 7
 
 def to_matrix(six):
     """(*batch, 3, 3) of (*batch, 6)."""
-    return six[..., _TO_NINE].reshape((*six.shape[:-1], 3, 3))
+    return picked(six, _TO_NINE).reshape((*six.shape[:-1], 3, 3))
+
+
+def picked(x, places):
+    """x[..., places], of slices: an index by arrays would be a gather. What is known stays so."""
+    if not isinstance(x, (jax.Array, DoubleWord)):
+        return x[..., places]
+    return jax.tree.map(lambda word: jnp.stack([word[..., i] for i in places.tolist()], -1), x)
 
 
 def from_matrix(m):
