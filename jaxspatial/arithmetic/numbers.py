@@ -227,6 +227,19 @@ def with_data(leaves, data):
     return [x if not _is_data(x) else x._new(next(data)) if isinstance(x, Lane) else next(data) for x in leaves]
 
 
+def as_data(x):
+    """A number that is known as one that is not: a loop has the same of these at every turn."""
+    return x._new(jnp.asarray(x.value)) if isinstance(x, Lane) and lanes.is_known(x.value) else x
+
+
+def mapped(function, *numbers):
+    """A function of arrays, applied to numbers that are data, word by word."""
+    words = [jax.tree.leaves(data_of([x])) for x in numbers]
+    found = [function(*parts) for parts in zip(*words, strict=True)]
+    like = numbers[0]
+    return like._new(found[0]) if isinstance(like, Lane) else jax.tree.unflatten(jax.tree.structure(like), found)
+
+
 def repeated(function, times, numbers):
     """The function of a tuple of numbers applied to its own result so many times, as a loop: to be compiled once."""
     if not all(map(_is_data, numbers)):

@@ -9,12 +9,12 @@ from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.lanes import is_known
 from jaxspatial.arithmetic.numbers import Lane, constant, high, shared, where
 from jaxspatial.dynamics import recursion
-from jaxspatial.dynamics.inverse_dynamics import bias_forces
-from jaxspatial.dynamics.links import across, combined, swing, to_parent
+from jaxspatial.dynamics.inverse_dynamics import Motion, bias_forces, move, wrench_of
+from jaxspatial.dynamics.links import across, to_parent
 from jaxspatial.dynamics.loads import checked_forces, loads
 from jaxspatial.dynamics.mass_matrix import mass_matrix
 from jaxspatial.dynamics.scene import algorithm, checked
-from jaxspatial.inertia import articulated, symmetric
+from jaxspatial.inertia import articulated
 
 
 def forward_dynamics(mechanism, q, v, tau, external_forces=None, *, precision=None):
@@ -82,34 +82,13 @@ def _forward_dynamics(scene, v, tau, forces, *, bodies):
 
 
 def _drift(own, w_P):
-    """See `inverse_dynamics.move`."""
+    """The motion without vdot, under a parent that does not accelerate, and the wrench at that angular velocity."""
     link, load = own
-    X_PB = across(link.placement, link.hinge)
-    R_BP = vectors.transpose(X_PB.rows)
-    S, (bias_w, bias_v) = link.hinge.subspace, link.hinge.bias(link.v)
-    w_r, v_r = combined(S, link.v)
-    carried = vectors.matrix_times(R_BP, w_P)
-    w = vectors.plus(carried, w_r)
-    arm = vectors.matrix_times(_spin(w_P), X_PB.p)
-    coriolis = vectors.cross(vectors.plus(carried, carried, w_r), v_r)
-    c = (
-        vectors.plus(vectors.cross(carried, w_r), bias_w),
-        vectors.plus(vectors.matrix_times(R_BP, arm), coriolis, bias_v),
-    )
-    Z = vectors.minus(_resting_wrench(link.inertia, w), (*load[0], *load[1]))
-    return Drift(w, c, Z), w
-
-
-def _spin(w):
-    zero = (constant(w[0], 0),) * 3
-    return swing(w, zero)
-
-
-def _resting_wrench(inertia, w):
-    """The wrench that keeps a turning body's frame from accelerating."""
-    f = vectors.times(inertia.mass, vectors.matrix_times(_spin(w), inertia.com))
-    rows = symmetric.rows(inertia.central)
-    return *vectors.plus(vectors.cross(w, vectors.matrix_times(rows, w)), vectors.cross(inertia.com, f)), *f
+    zero = (constant(w_P[0], 0),) * 3
+    motion = move(link._replace(vdot=tuple(constant(x, 0) for x in link.v)), Motion(w_P, zero, zero))
+    tau, f = wrench_of(link.inertia, Motion(motion.w, zero, zero))
+    Z = vectors.minus((*tau, *f), (*load[0], *load[1]))
+    return Drift(motion.w, (motion.alpha, motion.a), Z), motion.w
 
 
 def _eliminate(own, held):

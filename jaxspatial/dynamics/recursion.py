@@ -11,7 +11,7 @@ from jax import lax
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.lanes import is_known
-from jaxspatial.arithmetic.numbers import Lane, data_of, is_number, shared, where, with_data
+from jaxspatial.arithmetic.numbers import Lane, as_data, data_of, is_number, mapped, shared, where, with_data
 
 
 def outward(segments, step, root, own):
@@ -53,7 +53,7 @@ def along(step, numbers, state, reverse):
     """A chain as a loop: (the results of step(numbers, state), stacked along it, the last state)."""
     leaves, tree = jax.tree.flatten(numbers, is_leaf=is_number)
     start, state_tree = jax.tree.flatten(state, is_leaf=is_number)
-    start = list(map(_as_data, start))
+    start = list(map(as_data, start))
     data = data_of(leaves)
     # What is the same for all of them is no number along the chain.
     is_along = [jax.tree.leaves(x)[0].ndim > 0 for x in data]
@@ -65,7 +65,7 @@ def along(step, numbers, state, reverse):
         numbers = jax.tree.unflatten(tree, with_data(leaves, all_of_them))
         result, new = step(numbers, jax.tree.unflatten(state_tree, with_data(start, carry)))
         shape[:] = jax.tree.flatten(result, is_leaf=is_number)
-        return data_of(map(_as_data, jax.tree.leaves(new, is_leaf=is_number))), data_of(shape[0])
+        return data_of(map(as_data, jax.tree.leaves(new, is_leaf=is_number))), data_of(shape[0])
 
     along_it = [x for yes, x in zip(is_along, data, strict=True) if yes]
     last, stacked = lax.scan(body, data_of(start), along_it, reverse=reverse)
@@ -73,11 +73,6 @@ def along(step, numbers, state, reverse):
         jax.tree.unflatten(shape[1], with_data(shape[0], stacked)),
         jax.tree.unflatten(state_tree, with_data(start, last)),
     )
-
-
-def _as_data(x):
-    """A number that is known as one that is not: a loop has the same of these at every turn."""
-    return x._new(jnp.asarray(x.value)) if isinstance(x, Lane) and is_known(x.value) else x
 
 
 # -- many at once: numbers that are arrays ----------------------------------------------------------------------------
@@ -91,7 +86,7 @@ def each_column(function, common, columns):
     def one(data):
         result = function(common, jax.tree.unflatten(tree, with_data(leaves, data)))
         found, result_tree = jax.tree.flatten(result, is_leaf=is_number)
-        shape[:] = [list(map(_as_data, found)), result_tree]
+        shape[:] = [list(map(as_data, found)), result_tree]
         return data_of(shape[0])
 
     data = jax.vmap(one)(data_of(leaves))
@@ -100,28 +95,28 @@ def each_column(function, common, columns):
 
 def repeated_along(x, n):
     """A number as n columns."""
-    return _mapped(lambda word: jnp.broadcast_to(word, (n,)), _as_data(x))
+    return mapped(lambda word: jnp.broadcast_to(word, (n,)), as_data(x))
 
 
 def raveled(x):
     """A number, or what is many along one axis, as the latter."""
-    return _mapped(jnp.ravel, x)
+    return mapped(jnp.ravel, x)
 
 
 def part(x, end, shape):
     """Of many numbers those before the end, in the shape () or (n,)."""
-    return _mapped(lambda word: word[end - shape[0] : end] if shape else word[end - 1], x)
+    return mapped(lambda word: word[end - shape[0] : end] if shape else word[end - 1], x)
 
 
 def concatenated(sets):
     """Sets of columns one after the other."""
-    return tuple(_mapped(lambda *words: jnp.concatenate(words), *parts) for parts in zip(*sets, strict=True))
+    return tuple(mapped(lambda *words: jnp.concatenate(words), *parts) for parts in zip(*sets, strict=True))
 
 
 def with_column(columns, place, column):
     """The columns with another at a place that is data."""
     return tuple(
-        _mapped(lambda word, x: lax.dynamic_update_index_in_dim(word, x, place, 0), c, _as_data(x))
+        mapped(lambda word, x: lax.dynamic_update_index_in_dim(word, x, place, 0), c, as_data(x))
         for c, x in zip(columns, column, strict=True)
     )
 
@@ -132,11 +127,3 @@ def added_at(row, place, x):
         return row
     here = jnp.arange(jax.tree.leaves(data_of([row]))[0].shape[-1]) == place
     return where(here, row + repeated_along(x, here.shape[0]), row)
-
-
-def _mapped(function, *numbers):
-    """A function of arrays, applied to numbers that are data, word by word."""
-    words = [jax.tree.leaves(data_of([x])) for x in numbers]
-    found = [function(*parts) for parts in zip(*words, strict=True)]
-    like = numbers[0]
-    return like._new(found[0]) if isinstance(like, Lane) else jax.tree.unflatten(jax.tree.structure(like), found)

@@ -16,7 +16,7 @@ import numpy as np
 from jaxspatial.arithmetic import check, numbers, vectors
 from jaxspatial.arithmetic.functions import cosine_sine
 from jaxspatial.arithmetic.lanes import is_known
-from jaxspatial.arithmetic.numbers import Lane, data_of, with_data
+from jaxspatial.arithmetic.numbers import Lane
 from jaxspatial.arithmetic.precision import resolve
 from jaxspatial.dynamics import recursion
 from jaxspatial.inertia.reduction import summed
@@ -40,9 +40,6 @@ class Scene:
     def numbers(self, array):
         """The numbers of an array along its last axis; of the axis before it, one array each."""
         return numbers.of_array(array, self.precision, self.twice, self.q.dtype)
-
-    def number(self, array):
-        return self.numbers(array[..., None])[0]
 
     def of(self, segment, array):
         """The numbers of a segment in an array (n, k) over all bodies."""
@@ -81,7 +78,7 @@ class Scene:
 
     def at(self, segment, place, x):
         """A number of a segment, of one of its bodies."""
-        return with_data([x], [y[place] for y in jax.tree.leaves(data_of([x]))])[0] if self._is_along(segment, x) else x
+        return numbers.mapped(lambda word: word[place], x) if self._is_along(segment, x) else x
 
     def of_body(self, segment, place, tree):
         """A tree of numbers of a segment, of one of its bodies."""
@@ -92,12 +89,7 @@ class Scene:
 
     def spread(self, segment, x):
         """A number as that of every body of a segment."""
-        if not segment.is_chain:
-            return x
-        shape = (segment.stop - segment.start,)
-        if isinstance(x, Lane):
-            return Lane(x.precision, jnp.broadcast_to(jnp.asarray(x.value), shape))
-        return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), x)
+        return recursion.repeated_along(x, segment.stop - segment.start) if segment.is_chain else x
 
     def up_to(self, segment, body, x):
         """A number of a segment, 0 for bodies behind the one given."""
@@ -144,7 +136,7 @@ class Scene:
         if n == 1:
             return x
         (whole,) = summed((self.spread(segment, x),), n)
-        return whole._new(whole.value[0]) if isinstance(whole, Lane) else jax.tree.map(lambda word: word[0], whole)
+        return numbers.mapped(lambda word: word[0], whole)
 
     def stacked(self, found):
         """(n, k) over all bodies of tuples of numbers, one for every segment."""
@@ -309,10 +301,9 @@ def algorithm(formula) -> Any:
 
 def _run(formula, precision, tree, known, n_own, static, data):
     """Vmapped over what has a batch."""
-    batch_of = [jnp.shape(x)[:-1] for k, x in zip(known[n_own:], _merged(known, data)[n_own:], strict=True)]
-    batch = np.broadcast_shapes(*batch_of)
-    item = functools.partial(_item, formula, precision, tree, static)
     leaves = _merged(known, data)
+    batch = np.broadcast_shapes(*(jnp.shape(x)[:-1] for x in leaves[n_own:]))
+    item = functools.partial(_item, formula, precision, tree, static)
     known = [
         k is not None and (i < n_own or jnp.ndim(x) == 1) for i, (k, x) in enumerate(zip(known, leaves, strict=True))
     ]

@@ -42,12 +42,12 @@ def joined(m1, c1, i1, m2, c2, i2, share):
     lighter, heavier = where(is_first, m2, m1), where(is_first, m1, m2)
     part = where(is_massless, share, lighter / divisor)
     com = tuple(where(is_first, a, b) + where(is_first, part, -part) * x for a, b, x in zip(c1, c2, d, strict=True))
-    arm = _steiner(heavier * (lighter / divisor), d)
+    arm = steiner(heavier * (lighter / divisor), d)
     return [m, com, tuple((a + b) + c for a, b, c in zip(i1, i2, arm, strict=True))]
 
 
 @apart
-def _steiner(m, d):
+def steiner(m, d):
     """m (|d|^2 1 - d d^T), of m d first: its square may not be a number of the format where the product is."""
     x, y, z = d
     p, q, r = vectors.times(m, d)
@@ -75,7 +75,7 @@ def _total(mass, com, central):
     mean = 1 / constant(m, shape[-1])
     share = where(is_massless, mean, m / where(is_massless, 1.0, all_of_it))
     center = summed(vectors.times(share, com), shape[-1])
-    arm = _steiner(m, [c - _spread(x, shape) for c, x in zip(com, center, strict=True)])
+    arm = steiner(m, [c - _spread(x, shape) for c, x in zip(com, center, strict=True)])
     return [whole, center, summed(tuple(i + a for i, a in zip(central, arm, strict=True)), shape[-1])]
 
 

@@ -13,6 +13,7 @@ from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.arithmetic.numbers import Lane, apart, constant, high, numeric, shared, where
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.inertia import parameters, symmetric
+from jaxspatial.inertia.addition import steiner
 from jaxspatial.inertia.inertia import SpatialInertia
 from jaxspatial.rotation.rotation import as_matrices, expanded, is_identity
 from jaxspatial.spatial.acceleration import SpatialAcceleration
@@ -358,9 +359,8 @@ def of_body(mass, com, central):
     """Of numbers: J = I + m (|c|^2 1 - c c^T), F = m [c]x, M = m 1."""
     zero = constant(mass, 0)
     x, y, z = vectors.times(mass, com)
-    i, j, k = com
-    steiner = symmetric.trace_minus((x * i, y * i, y * j, z * i, z * j, z * k), operator.neg)
-    return vectors.plus(central, steiner), (zero, -z, y, z, zero, -x, -y, x, zero), (mass, zero, mass, zero, zero, mass)
+    coupling = zero, -z, y, z, zero, -x, -y, x, zero
+    return vectors.plus(central, steiner(mass, com)), coupling, (mass, zero, mass, zero, zero, mass)
 
 
 def product(j, f, m, alpha, a):
