@@ -56,21 +56,37 @@ from jaxspatial.interop import mjcf as _mjcf  # noqa: F401 - enters itself as wh
 from jaxspatial.interop import urdf as _urdf  # noqa: F401 - enters itself as what Mechanism.from_urdf calls
 
 # dynamics
+from jaxspatial.dynamics import ForwardDynamicsDerivatives as ForwardDynamicsDerivatives
+from jaxspatial.dynamics import InverseDynamicsDerivatives as InverseDynamicsDerivatives
+from jaxspatial.dynamics import MassMatrixFactor as MassMatrixFactor
 from jaxspatial.dynamics import bias_forces as bias_forces
+from jaxspatial.dynamics import body_accelerations as body_accelerations
 from jaxspatial.dynamics import body_velocities as body_velocities
 from jaxspatial.dynamics import center_of_mass as center_of_mass
+from jaxspatial.dynamics import center_of_mass_jacobian as center_of_mass_jacobian
+from jaxspatial.dynamics import center_of_mass_velocity as center_of_mass_velocity
+from jaxspatial.dynamics import centroidal_momentum as centroidal_momentum
+from jaxspatial.dynamics import centroidal_momentum_matrix as centroidal_momentum_matrix
+from jaxspatial.dynamics import configuration_rates as configuration_rates
 from jaxspatial.dynamics import difference as difference
 from jaxspatial.dynamics import forward_dynamics as forward_dynamics
+from jaxspatial.dynamics import forward_dynamics_derivatives as forward_dynamics_derivatives
 from jaxspatial.dynamics import forward_kinematics as forward_kinematics
 from jaxspatial.dynamics import gravity_forces as gravity_forces
 from jaxspatial.dynamics import integrate as integrate
 from jaxspatial.dynamics import interpolate as interpolate
 from jaxspatial.dynamics import inverse_dynamics as inverse_dynamics
+from jaxspatial.dynamics import inverse_dynamics_derivatives as inverse_dynamics_derivatives
 from jaxspatial.dynamics import jacobian as jacobian
+from jaxspatial.dynamics import jacobian_rate as jacobian_rate
+from jaxspatial.dynamics import joint_torque_regressor as joint_torque_regressor
 from jaxspatial.dynamics import kinetic_energy as kinetic_energy
 from jaxspatial.dynamics import mass_matrix as mass_matrix
+from jaxspatial.dynamics import mass_matrix_factor as mass_matrix_factor
 from jaxspatial.dynamics import potential_energy as potential_energy
 from jaxspatial.dynamics import random_configuration as random_configuration
+from jaxspatial.dynamics import rk4_step as rk4_step
+from jaxspatial.dynamics import symplectic_step as symplectic_step
 
 # wrenches and points
 from jaxspatial.spatial import CentralAxis as CentralAxis

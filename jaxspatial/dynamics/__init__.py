@@ -1,17 +1,33 @@
 """Layer 5: what mechanisms do."""
 
+from jaxspatial.dynamics.centroid import center_of_mass as center_of_mass
+from jaxspatial.dynamics.centroid import center_of_mass_jacobian as center_of_mass_jacobian
+from jaxspatial.dynamics.centroid import center_of_mass_velocity as center_of_mass_velocity
+from jaxspatial.dynamics.centroid import centroidal_momentum as centroidal_momentum
+from jaxspatial.dynamics.centroid import centroidal_momentum_matrix as centroidal_momentum_matrix
+from jaxspatial.dynamics.configuration import configuration_rates as configuration_rates
 from jaxspatial.dynamics.configuration import difference as difference
 from jaxspatial.dynamics.configuration import integrate as integrate
 from jaxspatial.dynamics.configuration import interpolate as interpolate
 from jaxspatial.dynamics.configuration import random_configuration as random_configuration
-from jaxspatial.dynamics.energy import center_of_mass as center_of_mass
+from jaxspatial.dynamics.derivatives import ForwardDynamicsDerivatives as ForwardDynamicsDerivatives
+from jaxspatial.dynamics.derivatives import InverseDynamicsDerivatives as InverseDynamicsDerivatives
+from jaxspatial.dynamics.derivatives import forward_dynamics_derivatives as forward_dynamics_derivatives
+from jaxspatial.dynamics.derivatives import inverse_dynamics_derivatives as inverse_dynamics_derivatives
 from jaxspatial.dynamics.energy import kinetic_energy as kinetic_energy
 from jaxspatial.dynamics.energy import potential_energy as potential_energy
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics as forward_dynamics
 from jaxspatial.dynamics.inverse_dynamics import bias_forces as bias_forces
 from jaxspatial.dynamics.inverse_dynamics import gravity_forces as gravity_forces
 from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics as inverse_dynamics
+from jaxspatial.dynamics.kinematics import body_accelerations as body_accelerations
 from jaxspatial.dynamics.kinematics import body_velocities as body_velocities
 from jaxspatial.dynamics.kinematics import forward_kinematics as forward_kinematics
 from jaxspatial.dynamics.kinematics import jacobian as jacobian
+from jaxspatial.dynamics.kinematics import jacobian_rate as jacobian_rate
+from jaxspatial.dynamics.mass_matrix import MassMatrixFactor as MassMatrixFactor
 from jaxspatial.dynamics.mass_matrix import mass_matrix as mass_matrix
+from jaxspatial.dynamics.mass_matrix import mass_matrix_factor as mass_matrix_factor
+from jaxspatial.dynamics.regressor import joint_torque_regressor as joint_torque_regressor
+from jaxspatial.dynamics.steps import rk4_step as rk4_step
+from jaxspatial.dynamics.steps import symplectic_step as symplectic_step

@@ -39,6 +39,15 @@ def interpolate(mechanism, q0, q1, t, *, precision=None):
     return integrate(mechanism, q0, difference(mechanism, q0, q1, precision=precision), t, precision=precision)
 
 
+def configuration_rates(mechanism, q, v, *, precision=None):
+    """dq/dt (*batch, nq) of rates v: for solvers that step q as an array, and its tangent along v.
+
+    mechanism: Mechanism; q (*batch, nq), v (*batch, nv). Of a quaternion q (0, w) / 2, which keeps its length.
+    """
+    q, v = checked("configuration_rates", mechanism, q=q, v=v)
+    return _configuration_rates(precision, mechanism, q, v)
+
+
 def random_configuration(mechanism, key, batch_shape=(), dtype=None):
     """q (*batch, nq): within the limits where there are two, angles else within half a turn, lengths within 1 m of
     zero, orientations uniform.
@@ -78,6 +87,19 @@ def _stepped(scene, segment, v, dt):
 
 def _of(verb, axes, q, other):
     return verb(axes, q, other)
+
+
+@algorithm
+def _configuration_rates(scene, v):
+    hinges = zip(scene.segments, scene.joints, strict=True)
+    return scene.by_coordinate([_rates(scene, s, hinge, v) for s, hinge in hinges])
+
+
+def _rates(scene, segment, hinge, v):
+    if scene.topology.is_mimic(segment.start):
+        return ()
+    found = hinge.kind.rates(hinge.axes, hinge.q, hinge.turned, scene.rates(segment, v))
+    return tuple(scene.spread(segment, x) for x in found)
 
 
 @algorithm

@@ -1,7 +1,8 @@
-"""Energies, the centre of mass, and momentum about it."""
+"""Kinetic and potential energy."""
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import doubled, shared
+from jaxspatial.dynamics.centroid import moments
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.dynamics.scene import algorithm, checked
 from jaxspatial.inertia import symmetric
@@ -23,15 +24,6 @@ def potential_energy(mechanism, q, *, precision=None):
     """
     (q,) = checked("potential_energy", mechanism, q=q)
     return _potential_energy(precision, mechanism, q)
-
-
-def center_of_mass(mechanism, q, *, precision=None):
-    """p_WC_W (*batch, 3) of all bodies that move, m; NaN where they have no mass.
-
-    mechanism: Mechanism; q (*batch, nq)
-    """
-    (q,) = checked("center_of_mass", mechanism, q=q)
-    return _center_of_mass(precision, mechanism, q)
 
 
 @algorithm
@@ -56,23 +48,5 @@ def _twice_energy(inertia, V, armature, rates):
 @algorithm
 def _potential_energy(scene):
     upward = tuple(-g for g in scene.numbers(scene.mechanism.gravity))
-    _, moment = _moments(scene)
+    _, moment = moments(scene, poses(scene))
     return vectors.dot(upward, moment)
-
-
-@algorithm
-def _center_of_mass(scene):
-    mass, moment = _moments(scene)
-    return tuple(x / mass for x in moment)
-
-
-def _moments(scene):
-    """(the mass, the sum of m p_WC) of all bodies."""
-    own = [(scene.inertia(s), X) for s, X in zip(scene.segments, poses(scene), strict=True)]
-    parts = [shared(_moment)(inertia, X) for inertia, X in own]
-    masses = [scene.spread(s, inertia.mass) for s, (inertia, _) in zip(scene.segments, own, strict=True)]
-    return scene.total(masses), tuple(scene.total([part[k] for part in parts]) for k in range(3))
-
-
-def _moment(inertia, X_WJ):
-    return vectors.times(inertia.mass, vectors.plus(X_WJ.p, vectors.matrix_times(X_WJ.rows, inertia.com)))

@@ -9,8 +9,8 @@ from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.lanes import is_known
 from jaxspatial.arithmetic.numbers import Lane, constant, high, shared, where
 from jaxspatial.dynamics import recursion
-from jaxspatial.dynamics.inverse_dynamics import Motion, bias_forces, move, wrench_of
-from jaxspatial.dynamics.links import across, to_parent
+from jaxspatial.dynamics.inverse_dynamics import bias_forces, wrench_of
+from jaxspatial.dynamics.links import Motion, across, moved, to_parent
 from jaxspatial.dynamics.loads import checked_forces, loads
 from jaxspatial.dynamics.mass_matrix import mass_matrix
 from jaxspatial.dynamics.scene import algorithm, checked
@@ -85,7 +85,7 @@ def _drift(own, w_P):
     """The motion without vdot, under a parent that does not accelerate, and the wrench at that angular velocity."""
     link, load = own
     zero = (constant(w_P[0], 0),) * 3
-    motion = move(link._replace(vdot=tuple(constant(x, 0) for x in link.v)), Motion(w_P, zero, zero))
+    motion = moved(link._replace(vdot=tuple(constant(x, 0) for x in link.v)), Motion(w_P, zero, zero))
     tau, f = wrench_of(link.inertia, Motion(motion.w, zero, zero))
     Z = vectors.minus((*tau, *f), (*load[0], *load[1]))
     return Drift(motion.w, (motion.alpha, motion.a), Z), motion.w

@@ -1,10 +1,8 @@
 """Inverse dynamics: the forces at the joints that make a mechanism move as told."""
 
-from typing import Any, NamedTuple
-
 from jaxspatial.arithmetic import vectors
 from jaxspatial.dynamics import recursion
-from jaxspatial.dynamics.links import across, combined, swing, to_parent
+from jaxspatial.dynamics.links import Motion, across, move, swing, to_parent
 from jaxspatial.dynamics.loads import checked_forces, loads
 from jaxspatial.dynamics.scene import algorithm, checked
 from jaxspatial.inertia import symmetric
@@ -36,52 +34,15 @@ def gravity_forces(mechanism, q, *, precision=None):
     return _inverse_dynamics(precision, mechanism, q, None, None, (), bodies=())
 
 
-class Motion(NamedTuple):
-    """Of a body's frame, in its axes: angular velocity and acceleration, and the classical acceleration of its origin.
-
-    With gravity as an upward acceleration of the world. No linear velocity: nothing needs it.
-    """
-
-    w: Any
-    alpha: Any
-    a: Any
-
-
 @algorithm
 def _inverse_dynamics(scene, v, vdot, forces, *, bodies):
     own = scene.links(v, vdot)
     zero = (scene.known(0.0),) * 3
     world = Motion(zero, zero, tuple(-g for g in scene.numbers(scene.mechanism.gravity)))
-    motions = recursion.outward(scene.segments, _move, world, own)
+    motions = recursion.outward(scene.segments, move, world, own)
     pulled = loads(scene, bodies, forces)
     taus, _ = recursion.inward(scene.segments, _carry, (zero, zero), list(zip(own, motions, pulled, strict=True)))
     return scene.by_rate(taus)
-
-
-def _move(link, parent):
-    motion = move(link, parent)
-    return motion, motion
-
-
-def move(link, parent):
-    """The motion of a body, of that of its parent.
-
-        w = R^T w_P + w_r    alpha = R^T alpha_P + (R^T w_P) x w_r + dw_r
-        a = R^T (a_P + E_P p) + 2 (R^T w_P) x v_r + w_r x v_r + dv_r        E = [alpha]x + [w]x [w]x
-
-    with (w_r, v_r) = S v the motion across the joint in the child's axes, (dw_r, dv_r) = S vdot + dS/dt v.
-    """
-    X_PB = across(link.placement, link.hinge)
-    R_BP = vectors.transpose(X_PB.rows)
-    S, bias = link.hinge.subspace, link.hinge.bias(link.v)
-    (w_r, v_r), (dw, dv) = combined(S, link.v), combined(S, link.vdot)
-    carried = vectors.matrix_times(R_BP, parent.w)
-    arm = vectors.plus(parent.a, vectors.matrix_times(swing(parent.w, parent.alpha), X_PB.p))
-    alpha = vectors.plus(vectors.matrix_times(R_BP, parent.alpha), vectors.cross(carried, w_r), dw, bias[0])
-    coriolis = vectors.cross(vectors.plus(carried, carried, w_r), v_r)
-    return Motion(
-        vectors.plus(carried, w_r), alpha, vectors.plus(vectors.matrix_times(R_BP, arm), coriolis, dv, bias[1])
-    )
 
 
 def _carry(own, held):

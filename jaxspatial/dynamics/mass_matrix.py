@@ -1,13 +1,12 @@
-"""The mass matrix, by composite rigid bodies."""
+"""The mass matrix, by composite rigid bodies, and its factors."""
 
-import functools
-
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import shared
-from jaxspatial.dynamics import recursion
+from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic.tree import tree
+from jaxspatial.dynamics import columns, recursion
 from jaxspatial.dynamics.links import across, to_parent
 from jaxspatial.dynamics.scene import Inertia, algorithm, checked
 from jaxspatial.inertia import symmetric
@@ -27,107 +26,124 @@ def mass_matrix(mechanism, q, *, precision=None):
 @algorithm
 def _mass_matrix(scene):
     links = scene.links(None, None)
+    found = columns.blocks(scene, _WRENCHES._replace(size=scene.size), list(zip(links, composites(scene), strict=True)))
+    upper = columns.whole(found, sum(map(scene.size, scene.segments)))
+    is_upper = np.triu(np.ones(upper.shape, bool))
+    return columns.without_mimics(scene, jnp.where(is_upper, upper, upper.T))
+
+
+# -- composite bodies -------------------------------------------------------------------------------------------------
+
+
+def composites(scene):
+    """The inertia of every segment with all that hangs on it, about J in its axes."""
     zero = scene.known(0.0)
     nothing = Inertia(zero, (zero,) * 3, (zero,) * 6)
-    composites, _ = recursion.inward(scene.segments, _composite, nothing, links, joined=_joined)
-    return _without_mimics(scene, _whole(_rows(scene, links, composites)))
+    return recursion.inward(scene.segments, _composite, nothing, scene.links(None, None), joined=together)[0]
 
 
 def _composite(link, held):
     """(the inertia of a body with all that hangs on it, the same seen from its parent)."""
-    inertia = _joined(link.inertia, held)
-    X_PB = across(link.placement, link.hinge)
-    com = vectors.plus(X_PB.p, vectors.matrix_times(X_PB.rows, inertia.com))
-    return inertia, Inertia(inertia.mass, com, congruent(inertia.central, X_PB.rows))
+    inertia = together(link.inertia, held)
+    return inertia, inertia_to_parent(across(link.placement, link.hinge), inertia)
 
 
-def _joined(a, b):
+def together(a, b):
     return Inertia(*joined(*a, *b, 0.5))
 
 
-# -- rows of the upper triangle ---------------------------------------------------------------------------------------
-#
-# The wrench that a unit rate of one joint takes at another is carried from tip to base, those of all joints behind a
-# body at once: numbers that are arrays over rates. These are in the order of bodies, depth first, those of a mimic
-# among them, so that the ones behind a body follow its own.
+def inertia_to_parent(X_PB, inertia):
+    com = vectors.plus(X_PB.p, vectors.matrix_times(X_PB.rows, inertia.com))
+    return Inertia(inertia.mass, com, congruent(inertia.central, X_PB.rows))
 
 
-def _rows(scene, links, composites):
-    """The rows of every segment, each from its first rate to the last one behind it: [(where it starts, rows)]."""
-    arrived, blocks, start = {}, [], sum(map(scene.size, scene.segments))
-    for segment, link, composite in zip(reversed(scene.segments), reversed(links), reversed(composites), strict=True):
-        start -= scene.size(segment)
-        own = [_zeros(scene, scene.size(segment))]
-        columns = recursion.concatenated([*own, *arrived.pop(segment.stop - 1, [])])
-        along = jnp.arange(segment.stop - segment.start)
-        step = functools.partial(_step, len(link.hinge.subspace))
-        if segment.is_chain:
-            rows, columns = recursion.along(step, (along, link, composite), columns, reverse=True)
-        else:
-            rows, columns = shared(step)((along[0], link, composite), columns)
-        arrived[segment.parent] = [columns, *arrived.get(segment.parent, [])]
-        blocks.append((start, [scene.rounded(row) for row in rows]))
-    return blocks[::-1]
+# -- the wrench that a unit rate takes --------------------------------------------------------------------------------
 
 
-def _step(n, own, columns):
-    """(the rows of one body, the wrenches seen from its parent), with its own n put among those behind it."""
-    place, link, composite = own
-    for k, motion in enumerate(link.hinge.subspace):
-        columns = recursion.with_column(columns, place * n + k, _felt(composite, motion))
-    X_PB = across(link.placement, link.hinge)
-    rows = [recursion.each_column(_crossing, motion, columns) for motion in link.hinge.subspace]
-    rows = [recursion.added_at(row, place * n + k, link.armature[k]) for k, row in enumerate(rows)]
-    return tuple(rows), recursion.each_column(_to_parent, X_PB, columns)
+def _of_rates(own):
+    link, composite = own
+    return [felt(composite, motion) for motion in link.hinge.subspace]
 
 
-def _felt(inertia, motion):
-    """The wrench that a unit rate takes, at rest."""
+def felt(inertia, motion):
+    """The wrench that a unit of a motion takes, at rest."""
     w, v = motion
     f = vectors.times(inertia.mass, vectors.plus(v, vectors.cross(w, inertia.com)))
     turning = vectors.matrix_times(symmetric.rows(inertia.central), w)
     return *vectors.plus(turning, vectors.cross(inertia.com, f)), *f
 
 
-def _crossing(motion, wrench):
+def _rows(place, own, wrenches):
+    link, _ = own
+    rows = [recursion.each_column(crossing, motion, wrenches) for motion in link.hinge.subspace]
+    n = len(rows)
+    return tuple(recursion.added_at(row, place * n + k, link.armature[k]) for k, row in enumerate(rows))
+
+
+def crossing(motion, wrench):
     """What of a wrench a joint feels."""
     return vectors.dot((*motion[0], *motion[1]), wrench)
 
 
-def _to_parent(X_PB, wrench):
+def _to_parent(own, wrench):
+    return wrench_to_parent(across(own[0].placement, own[0].hinge), wrench)
+
+
+def wrench_to_parent(X_PB, wrench):
     tau, f = to_parent(X_PB, wrench[:3], wrench[3:])
     return *tau, *f
 
 
-def _zeros(scene, n):
-    return tuple(recursion.repeated_along(scene.known(0.0), n) for _ in range(6))
+_WRENCHES = columns.Matrix(None, 6, _of_rates, _rows, _to_parent)
 
 
-# -- put together -----------------------------------------------------------------------------------------------------
+# -- factors ----------------------------------------------------------------------------------------------------------
 
 
-def _whole(blocks):
-    """(n, n), symmetric, of the blocks of its upper triangle."""
-    n = sum(np.prod(rows[0].shape[:-1], dtype=int) * len(rows) for _, rows in blocks)
-    upper = jnp.concatenate([_padded(start, rows, n) for start, rows in blocks])
-    is_upper = np.triu(np.ones((n, n), bool))
-    return jnp.where(is_upper, upper, upper.T)
+@tree
+class MassMatrixFactor:
+    """M = L^T L, with L lower triangular and zero wherever neither of two rates moves the other's joint.
+
+    L: (*batch, nv, nv). NaN where M is not positive: bodies without mass or armature that a rate moves.
+    [Featherstone 2008, 6.5]
+    """
+
+    L: jax.Array
+
+    def solve(self, tau):
+        """M^-1 tau of (*batch, nv): the accelerations of forces, from rest."""
+        tau = check.as_vectors(tau, "MassMatrixFactor.solve: tau", self.L.dtype, self.L.shape[-1])
+        upper = jax.lax.linalg.triangular_solve
+        L, b = _wide(self.L), _wide(tau)[..., None]
+        L, b = (jnp.broadcast_to(x, (*np.broadcast_shapes(L.shape[:-2], b.shape[:-2]), *x.shape[-2:])) for x in (L, b))
+        half = upper(L, b, left_side=True, lower=True, transpose_a=True)
+        return upper(L, half, left_side=True, lower=True)[..., 0].astype(tau.dtype)
+
+    def inverse(self):
+        """M^-1 (*batch, nv, nv)."""
+        eye = jnp.broadcast_to(jnp.eye(self.L.shape[-1], dtype=_wide(self.L).dtype), self.L.shape)
+        half = jax.lax.linalg.triangular_solve(_wide(self.L), eye, left_side=True, lower=True)
+        return (half @ jnp.swapaxes(half, -1, -2)).astype(self.L.dtype)
+
+    def log_determinant(self):
+        """log det M (*batch,)."""
+        return 2 * jnp.log(jnp.diagonal(self.L, axis1=-2, axis2=-1)).sum(-1)
 
 
-def _padded(start, rows, n):
-    """The rows of a segment, those of one body after those of the one before, in full length."""
-    interleaved = jnp.stack(rows, -2).reshape((-1, rows[0].shape[-1]))
-    return jnp.pad(interleaved, ((0, 0), (start, n - start - interleaved.shape[1])))
+def mass_matrix_factor(mechanism, q, *, precision=None):
+    """MassMatrixFactor of `mass_matrix`: for many right-hand sides, the inverse, the determinant.
+
+    For accelerations of one set of forces `forward_dynamics` is faster, and more accurate. Factored in the dtype of q,
+    in float32 for 16-bit types, whatever the precision, which is that of M.
+    """
+    return factored(mass_matrix(mechanism, q, precision=precision))
 
 
-def _without_mimics(scene, M):
-    """What the rate of a mimic does, its master's does."""
-    t = scene.topology
-    starts = np.cumsum([0, *(t.kind(i).nv for i in range(len(t)))])
-    mimics = [i for i in range(len(t)) if t.is_mimic(i)]
-    for i in mimics:
-        factor, own, master = scene.mechanism.mimics[i, 0].astype(M.dtype), starts[i], starts[t.masters[i]]
-        M = M.at[:, master].add(factor * M[:, own])
-        M = M.at[master].add(factor * M[own])
-    kept = [k for k in range(len(M)) if k not in {starts[i] for i in mimics}]
-    return M[np.ix_(kept, kept)] if mimics else M
+def factored(M):
+    """Cholesky's factor from the last rate to the first, which fills no zero in."""
+    backward = jnp.flip(_wide(M), (-2, -1))
+    return MassMatrixFactor(jnp.flip(jnp.linalg.cholesky(backward), (-2, -1)).swapaxes(-1, -2).astype(M.dtype))
+
+
+def _wide(x):
+    return x.astype(np.promote_types(x.dtype, np.float32) if x.dtype.itemsize > 2 else np.dtype(np.float32))

@@ -162,6 +162,11 @@ class Scene:
     def child_placement(self, segment):
         return self._transform(segment, self.mechanism.child_placements)
 
+    def frame_placement(self, frame):
+        """X_JF of one of the named frames."""
+        X = self.mechanism.frame_placements
+        return Pose(vectors.rows(self.numbers(X.rotation.entries[frame])), self.numbers(X.translation[frame]))
+
     def _transform(self, segment, transforms):
         entries = self.of(segment, transforms.rotation.entries)
         return Pose(vectors.rows(entries), self.of(segment, transforms.translation))
@@ -257,8 +262,8 @@ class Hinge(NamedTuple):
     def subspace(self):
         return self.kind.subspace(self.axes, self.turned)
 
-    def bias(self, v):
-        return self.kind.bias(self.axes, self.turned, v)
+    def subspace_rate(self, v):
+        return self.kind.subspace_rate(self.axes, self.turned, v)
 
 
 # -- programs ---------------------------------------------------------------------------------------------------------

@@ -5,7 +5,8 @@ of one item:
 
     transform(axes, q, turned)      (R_PB by its rows, p_PoBo_P)
     subspace(axes, turned)          nv motions (w_PB_B, v_PBo_B), in the child's axes, per rate: the columns of S
-    bias(axes, turned, v)           dS/dt v as (w, v)
+    subspace_rate(axes, turned, v)  dS/dt, nv motions, its entries in the child's axes
+    rates(axes, q, turned, v)       dq/dt, nq numbers
     integrate(axes, q, step)        q after the motion S step, that is as constant in B as S is
     difference(axes, q, q2)         the step that integrates q to q2
 
@@ -18,7 +19,7 @@ from typing import Any, NamedTuple
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.functions import cosine_sine, pi
-from jaxspatial.arithmetic.numbers import constant, nearest_integer, where
+from jaxspatial.arithmetic.numbers import constant, doubled, nearest_integer, where
 from jaxspatial.rotation import exponential, quaternion
 
 
@@ -34,7 +35,7 @@ class Axes(NamedTuple):
 
 
 class Kind:
-    """Base of all kinds: a joint that only turns about and slides along fixed axes has no bias, and adds its steps."""
+    """Base of all kinds: a joint that only turns about and slides along axes fixed in its child adds its steps."""
 
     name: str
     nq: int
@@ -44,11 +45,16 @@ class Kind:
     # The coordinates at zero.
     neutral: tuple = (0.0,)
     takes_axis: bool = True
+    # Whether its rates are as those of joints with one rate each, one after the other.
+    is_sequential: bool = True
+
+    @classmethod
+    def subspace_rate(cls, axes, turned, v):
+        return ((_zero(axes), _zero(axes)),) * cls.nv
 
     @staticmethod
-    def bias(axes, turned, v):
-        zero = (constant(axes.pitch, 0),) * 3
-        return zero, zero
+    def rates(axes, q, turned, v):
+        return v
 
     @staticmethod
     def integrate(axes, q, step):
@@ -152,11 +158,11 @@ class Universal(Kind):
     def subspace(axes, turned):
         return (_carried(axes, turned), _zero(axes)), (axes.second, _zero(axes))
 
-    @staticmethod
-    def bias(axes, turned, v):
+    @classmethod
+    def subspace_rate(cls, axes, turned, v):
         """The first axis turns back in the child's axes, at -q2' k2."""
         turning = vectors.cross(_carried(axes, turned), axes.second)
-        return vectors.times(v[0] * v[1], turning), _zero(axes)
+        return (vectors.times(v[1], turning), _zero(axes)), (_zero(axes), _zero(axes))
 
 
 class Planar(Kind):
@@ -166,6 +172,7 @@ class Planar(Kind):
     """
 
     name, nq, nv, angles, neutral, takes_axis = "planar", 3, 3, (2,), (0.0, 0.0, 0.0), False
+    is_sequential = False
 
     @staticmethod
     def transform(axes, q, turned):
@@ -175,6 +182,11 @@ class Planar(Kind):
     def subspace(axes, turned):
         zero = _zero(axes)
         return (zero, _unit(axes, 0)), (zero, _unit(axes, 1)), (_unit(axes, 2), zero)
+
+    @staticmethod
+    def rates(axes, q, turned, v):
+        c, s = turned[2]
+        return c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]
 
     @staticmethod
     def integrate(axes, q, step):
@@ -194,6 +206,7 @@ class Ball(Kind):
     """Turns about any axis: q a unit quaternion wxyz, v = w_PB_B, rad/s."""
 
     name, nq, nv, neutral, takes_axis = "ball", 4, 3, (1.0, 0.0, 0.0, 0.0), False
+    is_sequential = False
 
     @staticmethod
     def transform(axes, q, turned):
@@ -202,6 +215,11 @@ class Ball(Kind):
     @staticmethod
     def subspace(axes, turned):
         return tuple((_unit(axes, k), _zero(axes)) for k in range(3))
+
+    @staticmethod
+    def rates(axes, q, turned, v):
+        """q (0, v) / 2."""
+        return tuple(doubled(x, -1) for x in quaternion.product(q, (constant(v[0], 0), *v)))
 
     @staticmethod
     def integrate(axes, q, step):
@@ -215,7 +233,7 @@ class Ball(Kind):
 class Free(Kind):
     """Holds nothing: q = (unit quaternion wxyz, p_PoBo_P), v = V_PB_B, angular first, both in the child's axes."""
 
-    name, nq, nv, takes_axis = "free", 7, 6, False
+    name, nq, nv, takes_axis, is_sequential = "free", 7, 6, False, False
     neutral = (1.0, *[0.0] * 6)
 
     @staticmethod
@@ -226,6 +244,10 @@ class Free(Kind):
     def subspace(axes, turned):
         zero, units = _zero(axes), [_unit(axes, k) for k in range(3)]
         return *((unit, zero) for unit in units), *((zero, unit) for unit in units)
+
+    @staticmethod
+    def rates(axes, q, turned, v):
+        return *Ball.rates(axes, q[:4], turned, v[:3]), *vectors.matrix_times(quaternion.to_matrix(q[:4]), v[3:])
 
     @staticmethod
     def integrate(axes, q, step):

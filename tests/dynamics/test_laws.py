@@ -1,6 +1,7 @@
 """Laws of mechanics on random trees with every kind of joint: they need no other engine to compare with."""
 
 import functools
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +19,8 @@ trees = pytest.mark.parametrize("tree", ["every kind", *slow])
 
 @pytest.fixture(autouse=True)
 def _x64():
-    with jax.enable_x64(True):
+    """In the precision that compiles soonest."""
+    with jax.enable_x64(True), js.default_precision("fast"):
         yield
 
 
@@ -123,6 +125,210 @@ def test_jacobian_is_the_derivative_of_the_pose(tree):
 
     rates = np.asarray(jax.jit(jax.vmap(origins))(q, v))
     assert abs(rates - np.asarray(V.v)).max() <= 1e-12 * abs(rates).max()
+
+
+@trees
+def test_accelerations_and_rates_are_derivatives_along_the_motion(tree):
+    """Of velocities, Jacobians, configurations, the centre of mass; of bodies, and of a frame by name."""
+    mech, state_ = mechanism(tree), state(tree)
+    body = mech.body_names[-1]
+
+    def moving(q, v):
+        V = js.body_velocities(mech, q, v, [body, "world"])
+        return V.to_array(), js.jacobian(mech, q, body), js.center_of_mass(mech, q), q
+
+    def both(q, v, a):
+        start = q, v
+        rates = js.configuration_rates(mech, q, v), a
+        A = js.body_accelerations(mech, q, v, a, [body, "world"])
+        found = A.to_array(), js.jacobian_rate(mech, q, v, body), js.center_of_mass_velocity(mech, q, v)
+        step = lambda t: js.integrate(mech, q, t * v)  # noqa: E731
+        return (*found, rates[0]), (*jax.jvp(moving, start, rates)[1][:3], jax.jvp(step, (0.0,), (1.0,))[1])
+
+    for found, expected in zip(*jax.jit(jax.vmap(both))(*state_), strict=True):
+        assert abs(np.asarray(found - expected)).max() <= 256 * 2.0**-53 * max(abs(np.asarray(expected)).max(), 1)
+
+
+@trees
+def test_momentum_about_the_centre_of_mass(tree):
+    """A v, the mass times the velocity of the centre, and the sum over bodies."""
+    mech, (q, v, _) = mechanism(tree), state(tree)
+
+    def all_of_them(q, v):
+        L, A = js.centroidal_momentum(mech, q, v), js.centroidal_momentum_matrix(mech, q)
+        return L, A, js.center_of_mass_jacobian(mech, q), js.center_of_mass_velocity(mech, q, v)
+
+    L, A, J, v_WC = jax.jit(jax.vmap(all_of_them))(q, v)
+    size = abs(np.asarray(L.to_array())).max()
+    np.testing.assert_allclose(np.einsum("bij,bj->bi", A, v), L.to_array(), atol=256 * 2.0**-53 * size, rtol=0)
+    np.testing.assert_allclose(np.einsum("bij,bj->bi", J, v), v_WC, atol=256 * 2.0**-53, rtol=0)
+    np.testing.assert_allclose(np.asarray(mech.inertias.mass).sum() * v_WC, L.l, atol=256 * 2.0**-53 * size, rtol=0)
+    X, V = js.forward_kinematics(mech, q), js.body_velocities(mech, q, v)
+    M = mech.inertias
+    if tree == "free":  # the frames of bodies are those of their joints
+        arm = js.rotate(X.rotation, np.broadcast_to(M.com, (N, *M.com.shape)))
+        at_com = js.shift(V, arm)
+        l = np.asarray(M.mass)[:, None] * at_com.v  # noqa: E741
+        R = np.asarray(X.rotation.to_matrix())
+        spin = np.einsum("bnij,njk,bnlk,bnl->bni", R, central(M), R, V.w)
+        p = np.asarray(X.translation) + arm - np.asarray(js.center_of_mass(mech, q))[:, None]
+        np.testing.assert_allclose((spin + np.cross(p, l)).sum(1), L.h, atol=1e-13 * size)
+
+
+def central(M):
+    xx, xy, yy, xz, yz, zz = np.asarray(M.central).T
+    return np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], -1).reshape((-1, 3, 3))
+
+
+def test_momentum_is_conserved_in_free_fall():
+    """A floating mechanism without gravity, over 100 steps of Runge and Kutta."""
+    mech = js.random_mechanism(3, 4, ["free", "revolute", "ball", "prismatic"], is_chain=True, dtype=np.float64)
+    mech = mech.replace(gravity=np.zeros(3), damping=0 * mech.damping, armature=0 * mech.armature)
+    q = js.random_configuration(mech, jax.random.key(0), (), np.float64)
+    v = jnp.asarray(np.random.default_rng(0).standard_normal(mech.nv))
+
+    def step(x, _):
+        return js.rk4_step(mech, *x, jnp.zeros(mech.nv), 1e-3), (js.centroidal_momentum(mech, *x), energy(mech, *x))
+
+    _, (L, E) = jax.lax.scan(step, (q, v), length=100)
+    L = np.asarray(L.to_array())
+    assert abs(L - L[0]).max() <= 1e-10 * abs(L[0]).max()
+    assert abs(np.asarray(E) - E[0]).max() <= 1e-9 * abs(E[0])
+
+
+def energy(mech, q, v):
+    return js.kinetic_energy(mech, q, v) + js.potential_energy(mech, q)
+
+
+@trees
+def test_torques_are_linear_in_the_inertial_parameters(tree):
+    mech, (q, v, a) = mechanism(tree), state(tree)
+    Y = np.asarray(js.joint_torque_regressor(mech, q, v, a))
+    pi = np.asarray(mech.inertias.to_dynamic_parameters()).ravel()
+    tau = evaluated(tree)[0]
+    assert abs(Y @ pi + mech.armature * np.asarray(a) - tau).max() <= 256 * 2.0**-53 * abs(tau).max()
+
+
+@trees
+@pytest.mark.parametrize("is_pulled", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_derivatives_in_closed_form_are_those_of_autodiff(tree, is_pulled):
+    mech, (q, v, a) = mechanism(tree), state(tree)
+    rng = np.random.default_rng(5)
+    names = {mech.body_names[0], mech.body_names[-1]} if is_pulled else ()
+    forces = {name: js.SpatialForce(*jnp.asarray(rng.standard_normal((2, 3)))) for name in sorted(names)}
+    at = jnp.zeros(mech.nv)
+
+    def autodiff(q, v, a):
+        moving = lambda s, v, a: js.inverse_dynamics(mech, moved(mech, q, s), v, a, forces)  # noqa: E731
+        return jax.jacfwd(moving, (0, 1, 2))(at, v, a)
+
+    def closed(q, v, a):
+        return js.inverse_dynamics_derivatives(mech, q, v, a, forces)
+
+    found, expected = (jax.jit(jax.vmap(f))(q, v, a) for f in (closed, autodiff))
+    for x, y in zip(found, expected, strict=True):
+        assert abs(np.asarray(x) - np.asarray(y)).max() <= 256 * 2.0**-53 * abs(np.asarray(y)).max()
+
+
+def test_derivatives_of_forward_dynamics():
+    mech, (q, v, _) = mechanism("every kind"), [x[0] for x in state("every kind")]
+    tau = jnp.asarray(evaluated("every kind")[0][0])
+
+    def autodiff(v, tau):
+        moving = lambda s, v, tau: js.forward_dynamics(mech, moved(mech, q, s), v, tau)  # noqa: E731
+        return jax.jacfwd(moving, (0, 1, 2))(jnp.zeros(mech.nv), v, tau)
+
+    found = jax.jit(lambda v, tau: js.forward_dynamics_derivatives(mech, q, v, tau))(v, tau)
+    allowed = 64 * 2.0**-53 * np.linalg.cond(evaluated("every kind")[1][0])
+    for x, y in zip(found, jax.jit(autodiff)(v, tau), strict=True):
+        assert abs(np.asarray(x) - np.asarray(y)).max() <= allowed * abs(np.asarray(y)).max()
+
+
+@trees
+def test_rate_of_the_mass_matrix_less_twice_coriolis_is_skew(tree):
+    """With Coriolis' matrix that of Christoffel's symbols: C v = the bias without gravity, and M' = C + C^T."""
+    mech, (q, v, _) = mechanism(tree), state(tree)
+    mech = mech.replace(gravity=np.zeros(3))
+
+    def both(q, v):
+        zero = jnp.zeros(mech.nv)
+        C = js.inverse_dynamics_derivatives(mech, q, v, zero).dtau_dv / 2
+        rates = js.configuration_rates(mech, q, v)
+        dM = jax.jvp(lambda q: js.mass_matrix(mech, q), (q,), (rates,))[1]
+        return C @ v - js.bias_forces(mech, q, v), v @ (dM - 2 * C) @ v, v @ dM @ v
+
+    rest, power, size = jax.jit(jax.vmap(both))(q, v)
+    assert abs(np.asarray(rest)).max() <= 1e-12 * abs(np.asarray(size)).max()
+    assert abs(np.asarray(power)).max() <= 1e-12 * abs(np.asarray(size)).max()
+
+
+def test_factors_of_the_mass_matrix():
+    mech, (q, _, a) = mechanism("every kind"), state("every kind")
+    M = evaluated("every kind")[1]
+    F = js.mass_matrix_factor(mech, q)
+    L = np.asarray(F.L)
+    np.testing.assert_allclose(L.transpose(0, 2, 1) @ L, M, atol=64 * 2.0**-53 * abs(M).max())
+    assert (np.triu(L, 1) == 0).all() and ((M == 0) <= ((L == 0) | (L.transpose(0, 2, 1) == 0))).all()
+    allowed = 64 * 2.0**-53 * max(map(np.linalg.cond, M))
+    np.testing.assert_allclose(F.solve(jnp.einsum("bij,bj->bi", M, a)), a, atol=allowed * abs(np.asarray(a)).max())
+    np.testing.assert_allclose(F.inverse() @ M, np.broadcast_to(np.eye(mech.nv), M.shape), atol=allowed)
+    np.testing.assert_allclose(F.log_determinant(), np.linalg.slogdet(M)[1], rtol=allowed)
+
+
+# -- steps in time ----------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def double_pendulum():
+    rod = js.shift(js.SpatialInertia.thin_rod(1.0, (0.0, 0.0, 1.0), mass=1.0), np.array([0.0, 0.0, 0.5]))
+    below = js.RigidTransform(js.Rotation.identity(dtype=np.float64), np.array([0.0, 0.0, -1.0]))
+    joints = [
+        js.Joint("upper", "revolute", "world", "a", axis=(0, 1, 0)),
+        js.Joint("lower", "revolute", "a", "b", axis=(0, 1, 0), placement=below),
+    ]
+    return js.Mechanism.build([js.Body("a", rod), js.Body("b", rod)], joints, dtype=np.float64)
+
+
+def simulated(step, mech, x, dt, n):
+    def body(x, _):
+        x = step(mech, *x, jnp.zeros(mech.nv), dt)
+        return x, energy(mech, *x)
+
+    return jax.jit(lambda x: jax.lax.scan(body, x, length=n))(x)
+
+
+def test_energy_of_a_double_pendulum_over_many_steps():
+    """A hundred thousand symplectic ones: bounded, in proportion to dt, without a drift."""
+    mech, x = double_pendulum(), (jnp.array([2.0, 1.0]), jnp.zeros(2))
+    start = energy(mech, *x)
+    swing = 2 * 1.5 * 9.81
+    largest = []
+    for dt, n in ((1e-3, 100_000), (5e-4, 20_000)):
+        E = np.asarray(simulated(js.symplectic_step, mech, x, dt, n)[1] - start)
+        largest.append(abs(E).max() / swing)
+        assert abs(E[-n // 4 :].mean() - E[: n // 4].mean()) <= 0.1 * abs(E).max()
+    assert largest[0] <= 0.03 and largest[1] <= 0.75 * largest[0]
+
+
+def test_orders_of_the_steps():
+    """Half the step, half the error, and a sixteenth."""
+    mech, rng = js.random_mechanism(4, 3, ["planar", "ball", "universal"], dtype=np.float64), np.random.default_rng(0)
+    x = js.random_configuration(mech, jax.random.key(1), (), np.float64), jnp.asarray(rng.standard_normal(mech.nv))
+    for step, order in ((js.symplectic_step, 1), (js.rk4_step, 4)):
+        ends = [simulated(step, mech, x, 0.08 / n, n)[0] for n in (8, 16, 32)]
+        errors = [
+            np.linalg.norm(np.concatenate([js.difference(mech, a[0], b[0]), b[1] - a[1]]))
+            for a, b in zip(ends, ends[1:], strict=False)
+        ]
+        assert abs(np.log2(errors[0] / errors[1]) - order) <= 0.3, (step, errors)
+
+
+def test_stiff_damping_is_stable():
+    """Implicit: the rate falls to what the torque keeps up, and no further; explicit it would blow up."""
+    mech = double_pendulum().replace(damping=np.array([1e6, 1e6]))
+    (q, v), _ = simulated(js.symplectic_step, mech, (jnp.array([2.0, 1.0]), jnp.array([1.0, -1.0])), 1e-3, 50)
+    gravity = js.gravity_forces(mech, q)
+    np.testing.assert_allclose(v, -np.asarray(gravity) / 1e6, rtol=1e-5)
 
 
 @trees

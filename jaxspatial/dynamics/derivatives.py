@@ -1,0 +1,311 @@
+"""Derivatives of inverse and forward dynamics with respect to configuration, rates, accelerations and forces.
+
+What the joints of other bodies do to the force at a joint comes in closed form, from composite bodies, with a cost that
+grows as the mass matrix's. As nothing in mechanics depends on the velocity of the observer, every body is seen here by
+one that its own frame rests for: linear velocities never enter, and a fast base loses no digits. [Carpentier, Mansard
+2018; Singh, Russell, Wensing 2022, Efficient analytical derivatives of rigid-body dynamics using spatial vector
+algebra, equations 35 to 38]
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.numbers import constant, doubled
+from jaxspatial.dynamics import columns, recursion
+from jaxspatial.dynamics.forward_dynamics import forward_dynamics
+from jaxspatial.dynamics.inverse_dynamics import wrench_of
+from jaxspatial.dynamics.links import Motion, across, combined, move
+from jaxspatial.dynamics.loads import checked_forces, loads
+from jaxspatial.dynamics.mass_matrix import crossing, factored, felt, inertia_to_parent, together, wrench_to_parent
+from jaxspatial.dynamics.scene import Inertia, algorithm, checked
+from jaxspatial.inertia import articulated, symmetric
+
+
+class InverseDynamicsDerivatives(NamedTuple):
+    """(*batch, nv, nv) each: rows are forces of joints. dtau_dvdot is the mass matrix."""
+
+    dtau_dq: jax.Array
+    dtau_dv: jax.Array
+    dtau_dvdot: jax.Array
+
+
+class ForwardDynamicsDerivatives(NamedTuple):
+    """(*batch, nv, nv) each: rows are accelerations. dvdot_dtau is the inverse of the mass matrix."""
+
+    dvdot_dq: jax.Array
+    dvdot_dv: jax.Array
+    dvdot_dtau: jax.Array
+
+
+def inverse_dynamics_derivatives(mechanism, q, v, vdot, external_forces=None, *, precision=None):
+    """InverseDynamicsDerivatives of `inverse_dynamics`.
+
+    mechanism: Mechanism; q (*batch, nq), v and vdot (*batch, nv); external_forces: see there
+    dtau_dq is with respect to the step of `integrate(mechanism, q, step)`, at zero, with v and vdot the same numbers:
+    the derivative with respect to q for joints whose coordinates are as many as their rates, but "planar".
+    """
+    q, v, vdot = checked("inverse_dynamics_derivatives", mechanism, q=q, v=v, vdot=vdot)
+    bodies, forces = checked_forces("inverse_dynamics_derivatives", mechanism, external_forces, q)
+    return InverseDynamicsDerivatives(*_derivatives(precision, mechanism, q, v, vdot, forces, bodies=bodies))
+
+
+def forward_dynamics_derivatives(mechanism, q, v, tau, external_forces=None, *, precision=None):
+    """ForwardDynamicsDerivatives of `forward_dynamics`: those of inverse dynamics at the accelerations it finds, times
+    the inverse of the mass matrix, which is factored in the dtype of q whatever the precision.
+
+    mechanism: Mechanism; q (*batch, nq), v and tau (*batch, nv); external_forces, dvdot_dq: see
+    `inverse_dynamics_derivatives`. NaN for rates that nothing resists.
+    """
+    vdot = forward_dynamics(mechanism, q, v, tau, external_forces, precision=precision)
+    dq, dv, M = inverse_dynamics_derivatives(mechanism, q, v, vdot, external_forces, precision=precision)
+    inverse = factored(M).inverse()
+    return ForwardDynamicsDerivatives(-(inverse @ dq), -(inverse @ dv), inverse)
+
+
+# -- composite bodies -------------------------------------------------------------------------------------------------
+
+
+class Behind(NamedTuple):
+    """A body with all that hangs on it, about its J, for an observer that J rests for.
+
+    The wrench that it takes; momentum p, and X (3 x 3): a turning y of all of it changes the wrench by (X y, 2 y x p),
+    twice Coriolis' matrix B. pulled, pull: what loads do alike, as these keep their directions: (pulled y, y x pull).
+    """
+
+    inertia: Inertia
+    wrench: Any
+    X: Any
+    p: Any
+    pulled: Any
+    pull: Any
+
+
+@algorithm
+def _derivatives(scene, v, vdot, forces, *, bodies):
+    links = scene.links(v, vdot)
+    zero = (scene.known(0.0),) * 3
+    world = Motion(zero, zero, tuple(-g for g in scene.numbers(scene.mechanism.gravity)))
+    motions = recursion.outward(scene.segments, move, world, links)
+    own = list(zip(links, motions, _pulls(scene, bodies, forces), strict=True))
+    nothing = Behind(Inertia(zero[0], zero, zero + zero), zero + zero, (zero,) * 3, zero, (zero,) * 3, zero)
+    behind, _ = recursion.inward(scene.segments, _gathered, nothing, own, joined=_joined)
+    numbers = list(zip(links, motions, behind, strict=True))
+    matrix = columns.Matrix(scene.size, 24 if bodies else 21, _of_rates, _rows, _passed)
+    return _assembled(scene, columns.blocks(scene, matrix, numbers))
+
+
+def _pulls(scene, bodies, forces):
+    """((tau, f) about J, where the load's point is) of every segment."""
+    placed = [scene.child_placement(s).p for s in scene.segments]
+    return list(zip(loads(scene, bodies, forces), placed, strict=True))
+
+
+def _gathered(own, held):
+    link, motion, load = own
+    behind = _joined(_of_body(link.inertia, motion, load), held)
+    return behind, _seen_from_parent(link, motion, behind)
+
+
+def _of_body(inertia, motion, load):
+    """X = -2 [w]x Sigma, with Sigma = (tr J / 2) 1 - J of J about the origin: what is left of Coriolis' matrix where
+    the origin rests."""
+    (tau, f), r = load
+    J, _, _ = articulated.of_body(*inertia)
+    half_trace = doubled(J[0] + J[2] + J[5], -1)
+    sigma = tuple(half_trace - x if i in (0, 2, 5) else -x for i, x in enumerate(J))
+    X = vectors.product(_skew(tuple(doubled(-x) for x in motion.w)), symmetric.rows(sigma))
+    p = vectors.cross(motion.w, vectors.times(inertia.mass, inertia.com))
+    wrench = (vectors.minus(a, b) for a, b in zip(wrench_of(inertia, motion), (tau, f), strict=True))
+    about_point = vectors.minus(tau, vectors.cross(r, f))
+    pulled = _minus(_skew(tuple(-x for x in about_point)), _twice_crossed(r, f))
+    return Behind(inertia, vectors.flat(wrench), X, p, pulled, f)
+
+
+def _seen_from_parent(link, motion, behind):
+    """d: the velocity of J for an observer that the parent's rests for."""
+    X_PB = across(link.placement, link.hinge)
+    w_r, v_r = combined(link.hinge.subspace, link.v)
+    turn = lambda x: vectors.matrix_times(X_PB.rows, x)  # noqa: E731
+    d = vectors.plus(vectors.cross(turn(vectors.minus(motion.w, w_r)), X_PB.p), turn(v_r))
+    m, com, _ = behind.inertia
+    p = vectors.plus(turn(behind.p), vectors.times(m, d))
+    moved = _plus(_twice_crossed(turn(vectors.times(m, com)), d), _twice_crossed(X_PB.p, p))
+    X = _minus(_turned(behind.X, X_PB.rows), tuple(tuple(doubled(x) for x in row) for row in moved))
+    pull = turn(behind.pull)
+    pulled = _minus(_turned(behind.pulled, X_PB.rows), _twice_crossed(X_PB.p, pull))
+    return Behind(inertia_to_parent(X_PB, behind.inertia), wrench_to_parent(X_PB, behind.wrench), X, p, pulled, pull)
+
+
+def _joined(a, b):
+    parts = (
+        vectors.plus(a.wrench, b.wrench),
+        _plus(a.X, b.X),
+        vectors.plus(a.p, b.p),
+        _plus(a.pulled, b.pulled),
+        vectors.plus(a.pull, b.pull),
+    )
+    return Behind(together(a.inertia, b.inertia), *parts)
+
+
+# -- columns ----------------------------------------------------------------------------------------------------------
+#
+# Of rate i behind joint j, with Psi' and Psi'' the first and second rates of the motion S of j as the parent carries
+# it, S' its own:
+#     dtau_i / dq_j = t . Psi'_w + u . Psi'' + l . S_w       dtau_i / dv_j = t . S_w + u . (Psi' + S')
+#     dtau_j / dq_i = S . a      a = 2 B Psi'_i + I Psi''_i + S_i x* f, and what loads do
+#     dtau_j / dv_i = S . b      b = 2 B S_i + I (Psi'_i + S'_i)
+#     M_ij = S . u               u = I S_i          t = the turning part of 2 B^T S_i, l that of loads
+
+
+def _of_rates(own):
+    link, motion, behind = own
+    found = zip(link.hinge.subspace, _rates(link, motion), strict=True)
+    return [_column(behind, S, *rates) for S, rates in found]
+
+
+def _column(behind, S, first, own, second):
+    """(u, t, a, b, l), 24 numbers; without l where nothing pulls."""
+    w, v = S
+    transposed = vectors.matrix_times(vectors.transpose(behind.X), w)
+    t = vectors.plus(transposed, tuple(doubled(x) for x in vectors.cross(behind.p, v)))
+    loaded = vectors.matrix_times(vectors.transpose(behind.pulled), w)
+    loaded = vectors.plus(loaded, vectors.cross(behind.pull, v))
+    a = vectors.plus(_coriolis(behind, first[0]), felt(behind.inertia, second), _convected(S, behind.wrench))
+    a = vectors.plus(a, (*vectors.matrix_times(behind.pulled, w), *vectors.cross(w, behind.pull)))
+    b = vectors.plus(_coriolis(behind, w), felt(behind.inertia, _sum(first, own)))
+    return *felt(behind.inertia, S), *t, *a, *b, *loaded
+
+
+def _rows(place, own, found):
+    """Of each rate: dtau_i / dq_j, dtau_i / dv_j, dtau_j / dq_i, dtau_j / dv_i, M."""
+    link, motion, _ = own
+    rows = []
+    n = len(link.hinge.subspace)
+    for k, (S, rates) in enumerate(zip(link.hinge.subspace, _rates(link, motion), strict=True)):
+        five = recursion.each_column(_five, (S, *rates), found)
+        rows += [*five[:4], recursion.added_at(five[4], place * n + k, link.armature[k])]
+    return tuple(rows)
+
+
+def _five(motions, column):
+    S, first, own, second = motions
+    u, t, a, b, loaded = column[:6], column[6:9], column[9:15], column[15:21], column[21:]
+    by_q = vectors.dot((*t, *loaded), (*first[0], *(S[0] if loaded else ()))) + crossing(second, u)
+    by_v = vectors.dot(t, S[0]) + crossing(_sum(first, own), u)
+    return by_q, by_v, crossing(S, a), crossing(S, b), crossing(S, u)
+
+
+def _passed(own, column):
+    """t changes with the observer: by 2 d x the force of u."""
+    link, motion, _ = own
+    X_PB = across(link.placement, link.hinge)
+    turn = lambda x: vectors.matrix_times(X_PB.rows, x)  # noqa: E731
+    w_r, v_r = combined(link.hinge.subspace, link.v)
+    d = vectors.plus(vectors.cross(turn(vectors.minus(motion.w, w_r)), X_PB.p), turn(v_r))
+    u, a, b = (wrench_to_parent(X_PB, column[i : i + 6]) for i in (0, 9, 15))
+    t = vectors.plus(turn(column[6:9]), tuple(doubled(x) for x in vectors.cross(d, u[3:])))
+    return *u, *t, *a, *b, *(turn(column[21:]) if column[21:] else ())
+
+
+def _rates(link, motion):
+    """[(Psi', S', Psi'')] of each rate of a joint, for an observer that J rests for."""
+    S, (w_r, v_r) = link.hinge.subspace, combined(link.hinge.subspace, link.v)
+    dw, dv = _sum(combined(S, link.vdot), combined(link.hinge.subspace_rate(link.v), link.v))
+    zero = (constant(motion.w[0], 0),) * 3
+    V, A = (motion.w, zero), (motion.alpha, motion.a)
+    before = vectors.minus(motion.w, w_r), tuple(-x for x in v_r)
+    across_it = vectors.plus(dw, vectors.cross(motion.w, w_r)), vectors.plus(dv, vectors.cross(motion.w, v_r))
+    parents = tuple(vectors.minus(a, b) for a, b in zip(A, across_it, strict=True))
+    if link.hinge.kind.is_sequential:
+        return _one_by_one(link, before, parents)
+    return [_carried(s, before, parents, _crossed(V, s)) for s in S]
+
+
+def _one_by_one(link, V, A):
+    """As joints with one rate each: V and A are those of what carries it."""
+    found = []
+    for s, rate, change in zip(link.hinge.subspace, link.v, link.vdot, strict=True):
+        first, own, second = _carried(s, V, A, _crossed(V, s))
+        found.append((first, own, second))
+        A = _sum(_sum(A, _scaled(change, s)), _scaled(rate, first))
+        V = _sum(V, _scaled(rate, s))
+    return found
+
+
+def _carried(s, V, A, own):
+    first = _crossed(V, s)
+    return first, own, _sum(_crossed(A, s), _crossed(V, first))
+
+
+# -- put together -----------------------------------------------------------------------------------------------------
+
+
+def _assembled(scene, found):
+    """(dtau_dq, dtau_dv, M)."""
+    n = sum(map(scene.size, scene.segments))
+    parts = [columns.whole([(start, rows[k::5]) for start, rows in found], n) for k in range(5)]
+    below = np.array(_is_behind(scene.topology))
+    by_q, by_v = (jnp.where(below, x, y.T) for x, y in zip(parts[2:4], parts[:2], strict=True))
+    M = jnp.where(np.triu(np.ones((n, n), bool)), parts[4], parts[4].T)
+    return tuple(columns.without_mimics(scene, x) for x in (by_q, by_v, M))
+
+
+def _is_behind(t):
+    """(n, n): whether a rate is of a joint after that of another, or after it in a joint that is sequential."""
+    joints = [(i, k) for i in range(len(t)) for k in range(t.kind(i).nv)]
+    return [[i > j or (i == j and t.kind(i).is_sequential and k > m) for i, k in joints] for j, m in joints]
+
+
+# -- spatial algebra over numbers -------------------------------------------------------------------------------------
+
+
+def _crossed(a, b):
+    """Of motions: how b changes, carried by a."""
+    return vectors.cross(a[0], b[0]), vectors.plus(vectors.cross(a[0], b[1]), vectors.cross(a[1], b[0]))
+
+
+def _convected(S, wrench):
+    """How a wrench changes, carried by a motion."""
+    tau, f = wrench[:3], wrench[3:]
+    return *vectors.plus(vectors.cross(S[0], tau), vectors.cross(S[1], f)), *vectors.cross(S[0], f)
+
+
+def _coriolis(behind, y):
+    """2 B of a turning."""
+    return *vectors.matrix_times(behind.X, y), *(doubled(x) for x in vectors.cross(y, behind.p))
+
+
+def _sum(a, b):
+    return tuple(vectors.plus(x, y) for x, y in zip(a, b, strict=True))
+
+
+def _scaled(s, motion):
+    return tuple(vectors.times(s, x) for x in motion)
+
+
+def _skew(v):
+    x, y, z = v
+    zero = constant(x, 0)
+    return (zero, -z, y), (z, zero, -x), (-y, x, zero)
+
+
+def _twice_crossed(a, b):
+    """[a]x [b]x = b a^T - (a . b) 1, by its rows."""
+    inner = vectors.dot(a, b)
+    return tuple(tuple(y * x - inner if i == j else y * x for j, x in enumerate(a)) for i, y in enumerate(b))
+
+
+def _turned(m, rows):
+    return vectors.product(rows, vectors.product(m, vectors.transpose(rows)))
+
+
+def _plus(m, n):
+    return tuple(vectors.plus(a, b) for a, b in zip(m, n, strict=True))
+
+
+def _minus(m, n):
+    return tuple(vectors.minus(a, b) for a, b in zip(m, n, strict=True))

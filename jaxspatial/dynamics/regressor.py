@@ -1,0 +1,64 @@
+"""Joint torques as a linear function of the inertial parameters of all bodies."""
+
+from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.numbers import constant
+from jaxspatial.dynamics import columns, recursion
+from jaxspatial.dynamics.links import Motion, across, move, swing
+from jaxspatial.dynamics.mass_matrix import crossing, wrench_to_parent
+from jaxspatial.dynamics.scene import algorithm, checked
+from jaxspatial.inertia import symmetric
+
+
+def joint_torque_regressor(mechanism, q, v, vdot, *, precision=None):
+    """Y (*batch, nv, 10 n): `inverse_dynamics`, without external forces, is Y pi + armature vdot.
+
+    mechanism: Mechanism; q (*batch, nq), v and vdot (*batch, nv)
+    pi: of each of the n bodies, in the order of `mechanism.body_names`, ten parameters about the origin of its joint's
+        frame, in its axes: `mechanism.inertias.to_dynamic_parameters().ravel()`
+    Zero wherever a joint does not carry a body. [Atkeson, An, Hollerbach 1986; Khalil, Dombre 2002, 12.2]
+    """
+    q, v, vdot = checked("joint_torque_regressor", mechanism, q=q, v=v, vdot=vdot)
+    return _regressor(precision, mechanism, q, v, vdot)
+
+
+@algorithm
+def _regressor(scene, v, vdot):
+    links = scene.links(v, vdot)
+    zero = (scene.known(0.0),) * 3
+    world = Motion(zero, zero, tuple(-g for g in scene.numbers(scene.mechanism.gravity)))
+    motions = recursion.outward(scene.segments, move, world, links)
+    matrix = columns.Matrix(_size, 6, _of_parameters, _rows, _to_parent)
+    found = columns.blocks(scene, matrix, list(zip(links, motions, strict=True)))
+    return columns.rows_of_masters(scene, columns.whole(found, sum(map(_size, scene.segments))))
+
+
+def _size(segment):
+    return 10 * (segment.stop - segment.start)
+
+
+def _of_parameters(own):
+    """The wrench of a unit of mass, of each first moment, of each entry of the inertia, about the origin of J.
+
+    f = m a + E (m c)        tau = (m c) x a + J alpha + w x J w        E = [alpha]x + [w]x [w]x
+    """
+    _, motion = own
+    zero, one = (constant(motion.w[0], x) for x in (0, 1))
+    no_vector = (zero,) * 3
+    units = [tuple(one if i == k else zero for i in range(6)) for k in range(6)]
+    E = vectors.transpose(swing(motion.w, motion.alpha))
+    of_arms = [(*vectors.cross(unit[:3], motion.a), *column) for unit, column in zip(units, E, strict=False)]
+    of_inertia = [(*_torque(symmetric.rows(unit), motion), *no_vector) for unit in units]
+    return [(*no_vector, *motion.a), *of_arms, *of_inertia]
+
+
+def _torque(J, motion):
+    spin = vectors.cross(motion.w, vectors.matrix_times(J, motion.w))
+    return vectors.plus(vectors.matrix_times(J, motion.alpha), spin)
+
+
+def _rows(place, own, wrenches):
+    return tuple(recursion.each_column(crossing, motion, wrenches) for motion in own[0].hinge.subspace)
+
+
+def _to_parent(own, wrench):
+    return wrench_to_parent(across(own[0].placement, own[0].hinge), wrench)
