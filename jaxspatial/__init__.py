@@ -86,6 +86,7 @@ from jaxspatial.dynamics import mass_matrix_factor as mass_matrix_factor
 from jaxspatial.dynamics import potential_energy as potential_energy
 from jaxspatial.dynamics import random_configuration as random_configuration
 from jaxspatial.dynamics import rk4_step as rk4_step
+from jaxspatial.dynamics import semi_implicit_step as semi_implicit_step
 from jaxspatial.dynamics import symplectic_step as symplectic_step
 
 # wrenches and points

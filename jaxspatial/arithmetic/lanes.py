@@ -106,31 +106,33 @@ def negate(a):
     return -a
 
 
-def add(a, b):
+def add(a, b, precision=None):
     if is_known(a, 0):
         return b
-    return a if is_known(b, 0) else rounded_sum(*alike(a, b))
+    return a if is_known(b, 0) else rounded_sum(*alike(a, b), precision)
 
 
-def subtract(a, b):
+def subtract(a, b, precision=None):
     if is_known(a, 0):
         return negate(b)
-    return a if is_known(b, 0) else rounded_difference(*alike(a, b))
+    return a if is_known(b, 0) else rounded_difference(*alike(a, b), precision)
 
 
-def rounded_sum(a, b):
+def rounded_sum(a, b, precision=None):
     """fl(a + b), also next to another sum with constants."""
-    return _rounded(operator.add, a, b)
+    return _rounded(operator.add, a, b, precision)
 
 
-def rounded_difference(a, b):
+def rounded_difference(a, b, precision=None):
     """fl(a - b), also next to another sum with constants."""
-    return _rounded(operator.sub, a, b)
+    return _rounded(operator.sub, a, b, precision)
 
 
-def _rounded(operation, a, b):
+def _rounded(operation, a, b, precision):
+    """In "fast", only next to what is known here: keeping every sum makes a program a third longer to compile."""
     result = quietly(operation, a, b)
-    return kept(result) if isinstance(result, jax.Array) else result
+    is_free = precision is Precision.FAST and not (is_known(a) or is_known(b))
+    return result if is_free or not isinstance(result, jax.Array) else kept(result)
 
 
 def multiply(precision, a, b):

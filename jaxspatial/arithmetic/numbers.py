@@ -43,15 +43,15 @@ class Lane:
         return Lane(self.precision, value)
 
     def __add__(self, other):
-        return self._new(lanes.add(self.value, self._of(other)))
+        return self._new(lanes.add(self.value, self._of(other), self.precision))
 
     __radd__ = __add__
 
     def __sub__(self, other):
-        return self._new(lanes.subtract(self.value, self._of(other)))
+        return self._new(lanes.subtract(self.value, self._of(other), self.precision))
 
     def __rsub__(self, other):
-        return self._new(lanes.subtract(self._of(other), self.value))
+        return self._new(lanes.subtract(self._of(other), self.value, self.precision))
 
     def __mul__(self, other):
         return self._new(lanes.multiply(self.precision, self.value, self._of(other)))

@@ -1,6 +1,6 @@
 """The reproducible precision: products and quotients rounded on their own, in values and derivatives of any order.
 
-They are primitives, because derivatives need them too: written with `fence` alone, the tangent `da * b + a * db` would
+They are primitives, because derivatives need them too: written with a fence alone, the tangent `da * b + a * db` would
 be contracted, and a pull-back could not be fenced at all (a select is not linear). Both arguments have one shape.
 """
 
@@ -10,7 +10,7 @@ from jax import lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jaxspatial.arithmetic.fence import fence
+from jaxspatial.arithmetic.fence import settled
 
 
 def product(a, b):
@@ -44,7 +44,7 @@ def _sharded_alike(a, b):
 
 
 def _rounded_product(a, b):
-    return fence(lax.mul(a, b))
+    return settled(lax.mul(a, b))
 
 
 def _rounded_quotient(a, b):
@@ -56,7 +56,7 @@ def _rounded_quotient(a, b):
     """
     finite = lax.le(lax.abs(a), lax.full_like(a, jnp.finfo(a.dtype).max))
     divisor = lax.select(finite, b, lax.mul(b, lax.full_like(b, 0.5)))
-    return fence(lax.div(a, fence(divisor)))
+    return settled(lax.div(a, settled(divisor)))
 
 
 def _is_zero(tangent):

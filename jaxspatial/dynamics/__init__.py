@@ -30,4 +30,5 @@ from jaxspatial.dynamics.mass_matrix import mass_matrix as mass_matrix
 from jaxspatial.dynamics.mass_matrix import mass_matrix_factor as mass_matrix_factor
 from jaxspatial.dynamics.regressor import joint_torque_regressor as joint_torque_regressor
 from jaxspatial.dynamics.steps import rk4_step as rk4_step
+from jaxspatial.dynamics.steps import semi_implicit_step as semi_implicit_step
 from jaxspatial.dynamics.steps import symplectic_step as symplectic_step

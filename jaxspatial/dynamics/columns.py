@@ -40,7 +40,7 @@ def blocks(scene, matrix, numbers):
         start -= matrix.size(segment)
         mine = [_zeros(scene, matrix.size(segment), matrix.width)]
         columns = recursion.concatenated([*mine, *arrived.pop(segment.stop - 1, [])])
-        places = jnp.arange(segment.stop - segment.start)
+        places = jnp.arange(segment.stop - segment.start, dtype=np.int32)
         if segment.is_chain:
             rows, columns = recursion.along(step, (places, own), columns, reverse=True)
         else:
@@ -82,7 +82,7 @@ def rows_of_masters(scene, M):
     starts, masters, kept = _mimics(scene.topology)
     for i, master in masters:
         M = M.at[master].add(scene.mechanism.mimics[i, 0].astype(M.dtype) * M[starts[i]])
-    return M[kept] if masters else M
+    return M[np.array(kept)] if masters else M
 
 
 def without_mimics(scene, M):

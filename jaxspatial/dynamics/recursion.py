@@ -7,6 +7,7 @@ the other makes no difference to its results.
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic import vectors
@@ -125,5 +126,5 @@ def added_at(row, place, x):
     """A row of numbers with one added at a place that is data."""
     if isinstance(x, Lane) and is_known(x.value, 0):
         return row
-    here = jnp.arange(jax.tree.leaves(data_of([row]))[0].shape[-1]) == place
+    here = jnp.arange(jax.tree.leaves(data_of([row]))[0].shape[-1], dtype=np.int32) == place
     return where(here, row + repeated_along(x, here.shape[0]), row)

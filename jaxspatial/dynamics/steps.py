@@ -1,25 +1,31 @@
 """Steps in time."""
 
+import functools
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.dynamics.configuration import configuration_rates, integrate
+from jaxspatial.dynamics.configuration import configuration_rates, difference, integrate
+from jaxspatial.dynamics.energy import kinetic_energy
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
+from jaxspatial.dynamics.inverse_dynamics import bias_forces
+from jaxspatial.dynamics.mass_matrix import factored, mass_matrix
 from jaxspatial.dynamics.scene import checked
 
 
-def symplectic_step(mechanism, q, v, tau, dt, external_forces=None, *, precision=None):
+def semi_implicit_step(mechanism, q, v, tau, dt, external_forces=None, *, precision=None):
     """(q, v) after the time dt, by the semi-implicit Euler method: the new rates move the configuration.
 
     mechanism: Mechanism; q (*batch, nq), v and tau (*batch, nv), dt a number or (*batch,), s; external_forces: see
     `forward_dynamics`
-    Of first order; energy stays within bounds that shrink with dt, over any number of steps. `Mechanism.damping` acts,
-    implicitly: stable however stiff it is. Friction and limits do not. [Hairer, Lubich, Wanner 2006, I.1.2; Todorov
-    2014, for the damping]
+    The step of most simulators: of first order, one evaluation of `forward_dynamics`. `Mechanism.damping` acts,
+    implicitly: stable however stiff it is. Friction and limits do not. Where the mass matrix depends on q it is not
+    symplectic, and energy drifts in proportion to dt and the time: see `symplectic_step`. [Todorov 2014]
     """
-    q, v, tau, dt = _checked("symplectic_step", mechanism, q, v, tau, dt)
-    damping = jnp.asarray(mechanism.damping, q.dtype) if _is_damped(mechanism) else None
+    q, v, tau, dt = _checked("semi_implicit_step", mechanism, q, v, tau, dt)
+    damping = _damping(mechanism, q)
     if damping is not None:
         tau, mechanism = tau - damping * v, _stiffened(mechanism, damping, dt)
     vdot = forward_dynamics(mechanism, q, v, tau, external_forces, precision=precision)
@@ -27,15 +33,68 @@ def symplectic_step(mechanism, q, v, tau, dt, external_forces=None, *, precision
     return integrate(mechanism, q, v, dt, precision=precision), v
 
 
+def symplectic_step(mechanism, q, v, tau, dt, external_forces=None, *, iterations=5, precision=None):
+    """(q, v) after the time dt, by the variational Euler method: q moves by the new v, the rates of this step.
+
+    mechanism, q, v, tau, dt, external_forces: as of `semi_implicit_step`; dt the same at every step. Of first order.
+    It is the exact motion of a discrete action, the sum of dt T(q, v) - dt V(q): without damping, forces that change
+    or take power, the energy stays within bounds in proportion to dt, over any number of steps, and so do momenta.
+    iterations: the new momentum depends on v, quadratically; each of them takes the error down by dt times the size
+        of v. Chosen for dt |v| up to 0.01 in float64; 2 do in float32.
+    `Mechanism.damping` acts, implicitly; friction and limits do not. About five times the work of the other steps.
+    [Marsden, West 2001, Discrete mechanics and variational integrators, 1.1 to 1.4; Lee, Leok, McClamroch 2007]
+    """
+    q, v, tau, dt = _checked("symplectic_step", mechanism, q, v, tau, dt)
+    apart, damping, h = _moved(mechanism, precision), _damping(mechanism, q), dt[..., None]
+    before = integrate(mechanism, q, v, -dt, precision=precision)
+    momentum = apart(before, q, dt)[1] + h * (tau - _static(mechanism, q, external_forces, precision))
+    M = mass_matrix(mechanism, q, precision=precision)
+    factor = factored(M if damping is None else M + h[..., None] * jnp.diag(damping))
+
+    def nearer(_, v):
+        left = momentum + apart(q, integrate(mechanism, q, v, dt, precision=precision), dt)[0]
+        return v + factor.solve(left if damping is None else left - h * (damping * v))
+
+    v = jax.lax.fori_loop(0, iterations, nearer, v)
+    return integrate(mechanism, q, v, dt, precision=precision), v
+
+
+def _moved(mechanism, precision):
+    """(q, next, dt) -> the derivatives of the kinetic action dt T(q, (next - q) / dt) by motions of q and of next."""
+
+    def action(q, following, dt):
+        v = difference(mechanism, q, following, precision=precision) / dt[..., None]
+        return (dt * kinetic_energy(mechanism, q, v, precision=precision)).sum()
+
+    def derivatives(q, following, dt):
+        found = jax.grad(action, (0, 1))(q, following, dt)
+        return [_along(mechanism, x, g, precision) for x, g in zip((q, following), found, strict=True)]
+
+    return derivatives
+
+
+def _along(mechanism, q, gradient, precision):
+    """The derivative by rates, of one by coordinates."""
+    rates = functools.partial(configuration_rates, mechanism, q, precision=precision)
+    (found,) = jax.vjp(rates, jnp.zeros((*q.shape[:-1], mechanism.nv), q.dtype))[1](gradient)
+    return found
+
+
+def _static(mechanism, q, external_forces, precision):
+    """g(q) - J^T F."""
+    nothing = np.zeros(mechanism.nv, q.dtype)
+    return bias_forces(mechanism, q, nothing, external_forces, precision=precision)
+
+
 def rk4_step(mechanism, q, v, tau, dt, external_forces=None, *, precision=None):
     """(q, v) after the time dt, by the classical Runge-Kutta method of fourth order.
 
-    mechanism, q, v, tau, dt, external_forces: as of `symplectic_step`. tau and the forces stay during the step. On the
+    mechanism, q, v, tau, dt, external_forces: as of `semi_implicit_step`. tau and the forces stay during the step. On the
     coordinates as they are; quaternions are brought back to unit length at the end. `Mechanism.damping` acts, friction
     and limits do not. [Hairer, Norsett, Wanner 1993, II.1]
     """
     q, v, tau, dt = _checked("rk4_step", mechanism, q, v, tau, dt)
-    damping = jnp.asarray(mechanism.damping, q.dtype) if _is_damped(mechanism) else None
+    damping = _damping(mechanism, q)
 
     def rate(q, v):
         forces = tau if damping is None else tau - damping * v
@@ -65,13 +124,14 @@ def _checked(operation, mechanism, q, v, tau, dt):
     return q, v, tau, dt
 
 
-def _is_damped(mechanism):
-    """Whether damping is anything but zeros known while tracing."""
-    return not (isinstance(mechanism.damping, np.ndarray) and not mechanism.damping.any())
+def _damping(mechanism, q):
+    """None for zeros known while tracing."""
+    is_none = isinstance(mechanism.damping, np.ndarray) and not mechanism.damping.any()
+    return None if is_none else jnp.asarray(mechanism.damping, q.dtype)
 
 
 def _stiffened(mechanism, damping, dt):
     """A mechanism whose inertia is M + dt D."""
     if dt.ndim:
-        raise ValueError("symplectic_step: dt: expected a number for a mechanism with damping; vmap over others")
+        raise ValueError("semi_implicit_step: dt: expected a number for a mechanism with damping; vmap over others")
     return mechanism.replace(armature=jnp.asarray(mechanism.armature, damping.dtype) + dt * damping)

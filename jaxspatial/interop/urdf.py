@@ -157,10 +157,13 @@ def _check_joints(robot, lines):
 
 
 def _check_mimics(robot, lines):
-    """Of one coordinate each."""
+    """Of one coordinate each. What is fixed has none: like its axis and limits, what it would follow says nothing."""
+    names = {joint.name for joint in robot.joints}
     own = {joint.name for joint in robot.joints if joint.mimic is None and _is_scalar(joint)}
     for joint in robot.joints:
-        if joint.mimic is not None and not (_is_scalar(joint) and joint.mimic.joint in own):
+        if joint.mimic is not None and joint.mimic.joint not in names:
+            lines.refuse("joint", joint.name, f"mimic: there is no joint {joint.mimic.joint!r}")
+        if joint.mimic is not None and joint.type != "fixed" and not (_is_scalar(joint) and joint.mimic.joint in own):
             reason = f"expected two joints of one coordinate, the second its own, got {joint.mimic.joint!r}"
             lines.refuse("joint", joint.name, f"mimic: {reason}")
 
@@ -221,7 +224,7 @@ def _dynamics(joint):
 
 
 def _mimic(joint):
-    if joint.mimic is None:
+    if joint.mimic is None or joint.type == "fixed":
         return None
     multiplier = 1.0 if joint.mimic.multiplier is None else float(joint.mimic.multiplier)
     return joint.mimic.joint, multiplier, float(joint.mimic.offset or 0.0)

@@ -21,12 +21,13 @@ def lock_joints(mechanism, positions):
 
     positions: coordinates by joint name, a number or nq of them. What is left is known while tracing, and what was
     locked leaves no operation behind. Names of locked bodies stay as frames. Raises KeyError for names that are no
-    joint's, ValueError for a mimic, and for joints that mimics follow.
+    joint's, ValueError for a mimic: it is held where its master's coordinate puts it, once that is locked.
     """
     bodies, joints, frames = parts(mechanism)
     for name, q in positions.items():
         i = mechanism.topology.index(mechanism.joint_names, name, "lock_joints: positions")
-        joints[i] = _locked(mechanism, joints, i, q)
+        for k, x in _with_followers(mechanism, i, q):
+            joints[k] = _locked(mechanism, joints, k, x)
     return Mechanism.build(bodies, joints, frames, mechanism.gravity, mechanism.dtype)
 
 
@@ -101,10 +102,18 @@ def _frame(mechanism, name, carrier, k):
     return Frame(name, mechanism.body_names[carrier], composed(X_BJ, X))
 
 
+def _with_followers(mechanism, i, q):
+    """[(joint, its coordinates)] of a joint and its mimics."""
+    t = mechanism.topology
+    if t.is_mimic(i):
+        master = t.joint_names[t.masters[i]]
+        raise ValueError(f"lock_joints: {t.joint_names[i]!r} is a mimic: lock {master!r}, which it follows")
+    followers = [k for k in range(len(t)) if t.masters[k] == i and k != i]
+    return [(i, q), *((k, mechanism.mimics[k, 0] * q + mechanism.mimics[k, 1]) for k in followers)]
+
+
 def _locked(mechanism, joints, i, q):
     t, joint = mechanism.topology, joints[i]
-    if t.is_mimic(i) or any(master == i for k, master in enumerate(t.masters) if k != i):
-        raise ValueError(f"lock_joints: {joint.name!r} is a mimic, or followed by one")
     q = np.broadcast_to(np.asarray(q, np.float64), (t.kind(i).nq,))
     with jax.enable_x64(True):
         X = composed(joint.placement, _transform(t.kind(i), joint, q))

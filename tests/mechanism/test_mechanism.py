@@ -180,6 +180,33 @@ def test_the_master_feels_what_turns_with_its_mimic():
     np.testing.assert_array_equal(mech.friction_loss, [3 + 3 * 11, 0, 0, 0])
 
 
+def test_a_locked_master_holds_its_mimics():
+    locked = js.lock_joints(geared(dtype=np.float64), {"j": 2.0})
+    assert locked.joint_names == ("i",)
+    with jax.enable_x64(True):
+        X = js.forward_kinematics(locked, np.array([1.0, 0, 0, 0]), ["a", "c"])
+    np.testing.assert_array_equal(X.translation[1], [0, 0, -5.5])
+    with pytest.raises(ValueError, match="lock_joints: 'k' is a mimic: lock 'j', which it follows"):
+        js.lock_joints(geared(), {"k": 0.0})
+
+
+def test_the_algorithms_of_a_mechanism_with_mimics():
+    """Its mass matrix, regressor and derivatives are those that inverse dynamics is linear in."""
+    with jax.enable_x64(True), js.default_precision("fast"):
+        mech, rng = geared(dtype=np.float64), np.random.default_rng(0)
+        q = np.array([0.3, 0.5, 0.5, 0.5, 0.5])
+        v, a = rng.standard_normal((2, mech.nv))
+        tau = js.inverse_dynamics(mech, q, v, a)
+        np.testing.assert_allclose(js.mass_matrix(mech, q) @ a + js.bias_forces(mech, q, v), tau, rtol=1e-13)
+        Y = js.joint_torque_regressor(mech, q, v, a)
+        pi = mech.inertias.to_dynamic_parameters().ravel()
+        np.testing.assert_allclose(Y @ pi + mech.armature * a, tau, rtol=1e-13)
+        found = js.inverse_dynamics_derivatives(mech, q, v, a)
+        expected = jax.jacfwd(lambda v: js.inverse_dynamics(mech, q, v, a))(v)
+        np.testing.assert_allclose(found.dtau_dv, expected, atol=1e-13)
+        np.testing.assert_allclose(js.forward_dynamics(mech, q, v, tau), a, rtol=1e-12)
+
+
 def test_limits_are_per_rate_or_coordinate():
     joint = js.Joint("j", "cylindrical", "world", "a", lower=(-1.0, -2.0), upper=3.0, effort_limit=(4.0, 5.0))
     mech = js.Mechanism.build(bodies("a"), [joint])
