@@ -14,6 +14,8 @@ def center_of_mass(mechanism, q, *, precision=None):
     """p_WC_W (*batch, 3) of all bodies that move, m; NaN where they have no mass.
 
     mechanism: Mechanism; q (*batch, nq)
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two.
     """
     (q,) = checked("center_of_mass", mechanism, q=q)
     return _center_of_mass(precision, mechanism, q)
@@ -23,6 +25,8 @@ def center_of_mass_velocity(mechanism, q, v, *, precision=None):
     """v_WC_W (*batch, 3), m/s: the time derivative of `center_of_mass`.
 
     mechanism: Mechanism; q (*batch, nq), v (*batch, nv)
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two.
     """
     q, v = checked("center_of_mass_velocity", mechanism, q=q, v=v)
     return _center_of_mass_velocity(precision, mechanism, q, v)
@@ -32,6 +36,8 @@ def center_of_mass_jacobian(mechanism, q, *, precision=None):
     """J (*batch, 3, nv), with v_WC_W = J v.
 
     mechanism: Mechanism; q (*batch, nq)
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two.
     """
     (q,) = checked("center_of_mass_jacobian", mechanism, q=q)
     return _center_of_mass_jacobian(precision, mechanism, q)
@@ -41,7 +47,9 @@ def centroidal_momentum(mechanism, q, v, *, precision=None):
     """L_WC_W: the SpatialMomentum (*batch,) of all bodies that move, about their centre of mass, in world axes.
 
     mechanism: Mechanism; q (*batch, nq), v (*batch, nv). That of rotors (armature) is not in it. Free of external
-    forces and gravity, it does not change. [Orin, Goswami, Lee 2013]
+    forces and gravity, it does not change.
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two. [Orin, Goswami, Lee 2013]
     """
     q, v = checked("centroidal_momentum", mechanism, q=q, v=v)
     return SpatialMomentum(*_centroidal_momentum(precision, mechanism, q, v))
@@ -50,7 +58,9 @@ def centroidal_momentum(mechanism, q, v, *, precision=None):
 def centroidal_momentum_matrix(mechanism, q, *, precision=None):
     """A (*batch, 6, nv), rotational on top, with `centroidal_momentum` = A v.
 
-    mechanism: Mechanism; q (*batch, nq). [Orin, Goswami, Lee 2013, equation 25]
+    mechanism: Mechanism; q (*batch, nq).
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two. [Orin, Goswami, Lee 2013, equation 25]
     """
     (q,) = checked("centroidal_momentum_matrix", mechanism, q=q)
     return _centroidal_momentum_matrix(precision, mechanism, q)

@@ -47,6 +47,8 @@ def inverse_dynamics_derivatives(mechanism, q, v, vdot, external_forces=None, *,
     mechanism: Mechanism; q (*batch, nq), v and vdot (*batch, nv); external_forces: see there
     dtau_dq is with respect to the step of `integrate(mechanism, q, step)`, at zero, with v and vdot the same numbers:
     the derivative with respect to q for joints whose coordinates are as many as their rates, but "planar".
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two.
     """
     q, v, vdot = checked("inverse_dynamics_derivatives", mechanism, q=q, v=v, vdot=vdot)
     bodies, forces = checked_forces("inverse_dynamics_derivatives", mechanism, external_forces, q)
@@ -59,6 +61,7 @@ def forward_dynamics_derivatives(mechanism, q, v, tau, external_forces=None, *, 
 
     mechanism: Mechanism; q (*batch, nq), v and tau (*batch, nv); external_forces, dvdot_dq: see
     `inverse_dynamics_derivatives`. NaN for rates that nothing resists.
+    Error of the largest number: n u cond(M) times a small number, in every precision, by the factors.
     """
     vdot = forward_dynamics(mechanism, q, v, tau, external_forces, precision=precision)
     dq, dv, M = inverse_dynamics_derivatives(mechanism, q, v, vdot, external_forces, precision=precision)

@@ -12,6 +12,8 @@ def kinetic_energy(mechanism, q, v, *, precision=None):
     """v^T M v / 2 (*batch,), joules, that of rotors (armature) with it.
 
     mechanism: Mechanism; q (*batch, nq), v (*batch, nv)
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two.
     """
     q, v = checked("kinetic_energy", mechanism, q=q, v=v)
     return _kinetic_energy(precision, mechanism, q, v)
@@ -21,6 +23,8 @@ def potential_energy(mechanism, q, *, precision=None):
     """Of gravity, - sum of m g . p (*batch,), joules: zero where all centres of mass are at the world's origin.
 
     mechanism: Mechanism; q (*batch, nq)
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two.
     """
     (q,) = checked("potential_energy", mechanism, q=q)
     return _potential_energy(precision, mechanism, q)

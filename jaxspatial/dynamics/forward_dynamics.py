@@ -24,7 +24,9 @@ def forward_dynamics(mechanism, q, v, tau, external_forces=None, *, precision=No
     external_forces: SpatialForce by body name, each (*batch,), about the body's origin, in world axes
     Batch shapes broadcast. A rate that nothing resists, of bodies without mass or armature, keeps vdot = 0. With
     mimics the mass matrix is solved instead.
-    [Featherstone 2008, table 7.1]
+    Error of the largest number, for n links one behind the other and c the condition of the mass matrix: at most
+    4 n u c in "fast" and "reproducible"; 1.01 u in the other two, while c < 1 / (4 n u). With mimics the first of these
+    in every precision. [Featherstone 2008, table 7.1]
     """
     q, v, tau = checked("forward_dynamics", mechanism, q=q, v=v, tau=tau)
     bodies, forces = checked_forces("forward_dynamics", mechanism, external_forces, q)

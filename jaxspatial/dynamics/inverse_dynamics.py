@@ -13,8 +13,10 @@ def inverse_dynamics(mechanism, q, v, vdot, external_forces=None, *, precision=N
 
     mechanism: Mechanism; q (*batch, nq), v and vdot (*batch, nv) its coordinates, rates and their derivatives
     external_forces: SpatialForce by body name, each (*batch,), about the body's origin, in world axes
-    Batch shapes broadcast. Armature is part of M; damping and friction are not: see `Mechanism.damping`. [Luh, Walker,
-    Paul 1980, On-line computational scheme for mechanical manipulators; Featherstone 2008, table 5.1]
+    Batch shapes broadcast. Armature is part of M; damping and friction are not: see `Mechanism.damping`.
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two. [Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators; Featherstone 2008,
+    table 5.1]
     """
     q, v, vdot = checked("inverse_dynamics", mechanism, q=q, v=v, vdot=vdot)
     bodies, forces = checked_forces("inverse_dynamics", mechanism, external_forces, q)
@@ -22,14 +24,22 @@ def inverse_dynamics(mechanism, q, v, vdot, external_forces=None, *, precision=N
 
 
 def bias_forces(mechanism, q, v, external_forces=None, *, precision=None):
-    """C(q, v) v + g(q) - J^T F (*batch, nv): `inverse_dynamics` for vdot = 0, with what that leaves out left out."""
+    """C(q, v) v + g(q) - J^T F (*batch, nv): `inverse_dynamics` for vdot = 0, with what that leaves out left out.
+
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two.
+    """
     q, v = checked("bias_forces", mechanism, q=q, v=v)
     bodies, forces = checked_forces("bias_forces", mechanism, external_forces, q)
     return _inverse_dynamics(precision, mechanism, q, v, None, forces, bodies=bodies)
 
 
 def gravity_forces(mechanism, q, *, precision=None):
-    """g(q) (*batch, nv): `inverse_dynamics` at rest."""
+    """g(q) (*batch, nv): `inverse_dynamics` at rest.
+
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two.
+    """
     (q,) = checked("gravity_forces", mechanism, q=q)
     return _inverse_dynamics(precision, mechanism, q, None, None, (), bodies=())
 

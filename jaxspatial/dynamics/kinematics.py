@@ -14,6 +14,8 @@ def forward_kinematics(mechanism, q, frames=None, *, precision=None):
 
     mechanism: Mechanism; q (*batch, nq)
     frames: a sequence of `mechanism.frame_names`, in the order of results; `mechanism.body_names` for None
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two.
     """
     (q,) = checked("forward_kinematics", mechanism, q=q)
     entries, p = _forward_kinematics(precision, mechanism, q, frames=_places(mechanism, frames, "forward_kinematics"))
@@ -24,6 +26,8 @@ def body_velocities(mechanism, q, v, frames=None, *, precision=None):
     """V_WF_W of the origins of frames, in world axes: a SpatialVelocity (*batch, n).
 
     mechanism: Mechanism; q (*batch, nq), v (*batch, nv); frames: see `forward_kinematics`
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two.
     """
     q, v = checked("body_velocities", mechanism, q=q, v=v)
     frames = _places(mechanism, frames, "body_velocities")
@@ -35,6 +39,8 @@ def body_accelerations(mechanism, q, v, vdot, frames=None, *, precision=None):
     `body_velocities`, without gravity.
 
     mechanism: Mechanism; q (*batch, nq), v and vdot (*batch, nv); frames: see `forward_kinematics`
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two.
     """
     q, v, vdot = checked("body_accelerations", mechanism, q=q, v=v, vdot=vdot)
     frames = _places(mechanism, frames, "body_accelerations")
@@ -45,6 +51,8 @@ def jacobian(mechanism, q, body, *, precision=None):
     """J (*batch, 6, nv), rotational on top, with V_WF_W = J v for the origin of a body or frame, in world axes.
 
     mechanism: Mechanism; q (*batch, nq); body: one of `mechanism.frame_names`
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two.
     """
     (q,) = checked("jacobian", mechanism, q=q)
     return _jacobian(precision, mechanism, q, frame=_place(mechanism, body, "jacobian: body"))
@@ -54,6 +62,8 @@ def jacobian_rate(mechanism, q, v, body, *, precision=None):
     """dJ/dt (*batch, 6, nv) of `jacobian` along v: A_WF_W = J vdot + dJ/dt v.
 
     mechanism: Mechanism; q (*batch, nq), v (*batch, nv); body: one of `mechanism.frame_names`
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two.
     """
     q, v = checked("jacobian_rate", mechanism, q=q, v=v)
     return _jacobian_rate(precision, mechanism, q, v, frame=_place(mechanism, body, "jacobian_rate: body"))

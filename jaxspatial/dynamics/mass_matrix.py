@@ -17,7 +17,9 @@ from jaxspatial.inertia.articulated import congruent
 def mass_matrix(mechanism, q, *, precision=None):
     """M(q) (*batch, nv, nv), symmetric, with v^T M v / 2 the kinetic energy; armature is on its diagonal.
 
-    mechanism: Mechanism; q (*batch, nq). Symmetric to the last bit. [Walker, Orin 1982; Featherstone 2008, table 6.2]
+    mechanism: Mechanism; q (*batch, nq). Symmetric to the last bit.
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two. [Walker, Orin 1982; Featherstone 2008, table 6.2]
     """
     (q,) = checked("mass_matrix", mechanism, q=q)
     return _mass_matrix(precision, mechanism, q)

@@ -15,7 +15,9 @@ def joint_torque_regressor(mechanism, q, v, vdot, *, precision=None):
     mechanism: Mechanism; q (*batch, nq), v and vdot (*batch, nv)
     pi: of each of the n bodies, in the order of `mechanism.body_names`, ten parameters about the origin of its joint's
         frame, in its axes: `mechanism.inertias.to_dynamic_parameters().ravel()`
-    Zero wherever a joint does not carry a body. [Atkeson, An, Hollerbach 1986; Khalil, Dombre 2002, 12.2]
+    Zero wherever a joint does not carry a body.
+    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
+    the other two. [Atkeson, An, Hollerbach 1986; Khalil, Dombre 2002, 12.2]
     """
     q, v, vdot = checked("joint_torque_regressor", mechanism, q=q, v=v, vdot=vdot)
     return _regressor(precision, mechanism, q, v, vdot)

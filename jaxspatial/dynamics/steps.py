@@ -89,9 +89,9 @@ def _static(mechanism, q, external_forces, precision):
 def rk4_step(mechanism, q, v, tau, dt, external_forces=None, *, precision=None):
     """(q, v) after the time dt, by the classical Runge-Kutta method of fourth order.
 
-    mechanism, q, v, tau, dt, external_forces: as of `semi_implicit_step`. tau and the forces stay during the step. On the
-    coordinates as they are; quaternions are brought back to unit length at the end. `Mechanism.damping` acts, friction
-    and limits do not. [Hairer, Norsett, Wanner 1993, II.1]
+    mechanism, q, v, tau, dt, external_forces: as of `semi_implicit_step`. tau and the forces stay during the step. On
+    the coordinates as they are; quaternions are brought back to unit length at the end. `Mechanism.damping` acts,
+    friction and limits do not. [Hairer, Norsett, Wanner 1993, II.1]
     """
     q, v, tau, dt = _checked("rk4_step", mechanism, q, v, tau, dt)
     damping = _damping(mechanism, q)

@@ -154,6 +154,13 @@ class Chain:
         rows = [self.inverse_dynamics(v=[0] * n, a=[int(i == k) for i in range(n)], gravity=0) for k in range(n)]
         return [x for row in rows for x in row]
 
+    def forward_dynamics(self):
+        """The accelerations under the forces that stand in the place of accelerations."""
+        n, entries = len(self.q), self.mass_matrix()
+        M = mp.matrix([entries[i * n : i * n + n] for i in range(n)])
+        bias = self.inverse_dynamics(a=[0] * n)
+        return list(mp.lu_solve(M, mp.matrix([x - y for x, y in zip(self.a, bias, strict=True)])))
+
     def derivative(self, of):
         """Of the torques, with respect to q or v, by rows: differences, with a step that 60 digits bear."""
         x, h, n = list(getattr(self, of)), mp.mpf(10) ** -20, len(self.q)

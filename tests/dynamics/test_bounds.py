@@ -1,6 +1,7 @@
 """The error bounds of the docstrings, against 60 digits: chains of n revolute joints, bodies of very different masses.
 
-Relative to the largest number of each result: 4 n u in "fast" and "reproducible", 1.01 u in the other two.
+Relative to the largest number of each result: 4 n u in "fast" and "reproducible", 1.01 u in the other two. For forward
+dynamics the former times the condition of the mass matrix.
 """
 
 import functools
@@ -55,6 +56,7 @@ def expected():
             "accelerations": c.accelerations(),
             "jacobian": c.jacobian(N - 2),
             "inverse dynamics": c.inverse_dynamics(),
+            "forward dynamics": c.forward_dynamics(),
             "gravity forces": c.inverse_dynamics(v=[0] * N, a=[0] * N),
             "mass matrix": c.mass_matrix(),
             "kinetic energy": [kinetic],
@@ -65,6 +67,11 @@ def expected():
             "dtau_dq": c.derivative("q"),
             "dtau_dv": c.derivative("v"),
         }
+
+
+@functools.cache
+def condition():
+    return np.linalg.cond(np.array(expected()["mass matrix"], float).reshape((N, N)))
 
 
 def all_of_ours(precision, q, v, a):
@@ -79,6 +86,7 @@ def all_of_ours(precision, q, v, a):
             "accelerations": A.to_array(),
             "jacobian": js.jacobian(mech, q, f"body{N - 2}"),
             "inverse dynamics": js.inverse_dynamics(mech, q, v, a),
+            "forward dynamics": js.forward_dynamics(mech, q, v, a),
             "gravity forces": js.gravity_forces(mech, q),
             "mass matrix": js.mass_matrix(mech, q),
             "kinetic energy": js.kinetic_energy(mech, q, v),
@@ -103,5 +111,6 @@ def test_every_algorithm(precision, dtype):
     for name, numbers in expected().items():
         ours = np.asarray(found[name][1], np.float64).ravel()
         size = max(map(abs, numbers))
+        limit = allowed * condition() if name == "forward dynamics" and precision != "compensated" else allowed
         error = max(abs(mp.mpf(float(x)) - y) for x, y in zip(ours, numbers, strict=True)) / size
-        assert error <= allowed, (name, float(error / u))
+        assert error <= limit, (name, float(error / u))

@@ -230,15 +230,15 @@ def test_derivatives_in_closed_form_are_those_of_autodiff(tree, is_pulled):
 
 
 def test_derivatives_of_forward_dynamics():
-    mech, (q, v, _) = mechanism("every kind"), [x[0] for x in state("every kind")]
-    tau = jnp.asarray(evaluated("every kind")[0][0])
+    mech, (q, v, _) = mechanism("universal"), [x[0] for x in state("universal")]
+    tau, M, *_ = (x[0] for x in evaluated("universal"))
 
     def autodiff(v, tau):
         moving = lambda s, v, tau: js.forward_dynamics(mech, moved(mech, q, s), v, tau)  # noqa: E731
         return jax.jacfwd(moving, (0, 1, 2))(jnp.zeros(mech.nv), v, tau)
 
     found = jax.jit(lambda v, tau: js.forward_dynamics_derivatives(mech, q, v, tau))(v, tau)
-    allowed = 64 * 2.0**-53 * np.linalg.cond(evaluated("every kind")[1][0])
+    allowed = 64 * 2.0**-53 * np.linalg.cond(M)
     for x, y in zip(found, jax.jit(autodiff)(v, tau), strict=True):
         assert abs(np.asarray(x) - np.asarray(y)).max() <= allowed * abs(np.asarray(y)).max()
 
@@ -300,7 +300,7 @@ def test_energy_of_a_double_pendulum_over_many_steps():
     """A hundred thousand symplectic ones: bounded, in proportion to dt, without a drift."""
     mech, x = double_pendulum(), (jnp.array([2.0, 1.0]), jnp.zeros(2))
     start = energy(mech, *x)
-    swing = 2 * 1.5 * 9.81
+    swing = 2 * (0.5 + 1.5) * 9.81  # of the potential, from lowest to highest
     largest = []
     for dt, n in ((1e-3, 100_000), (5e-4, 20_000)):
         E = np.asarray(simulated(js.symplectic_step, mech, x, dt, n)[1] - start)
@@ -311,7 +311,7 @@ def test_energy_of_a_double_pendulum_over_many_steps():
 
 def test_orders_of_the_steps():
     """Half the step, half the error, and a sixteenth."""
-    mech, rng = js.random_mechanism(4, 3, ["planar", "ball", "universal"], dtype=np.float64), np.random.default_rng(0)
+    mech, rng = js.random_mechanism(4, 2, ["planar", "ball"], dtype=np.float64), np.random.default_rng(0)
     x = js.random_configuration(mech, jax.random.key(1), (), np.float64), jnp.asarray(rng.standard_normal(mech.nv))
     for step, order in ((js.semi_implicit_step, 1), (js.symplectic_step, 1), (js.rk4_step, 4)):
         ends = [simulated(step, mech, x, 0.08 / n, n)[0] for n in (8, 16, 32)]
