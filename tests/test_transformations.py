@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
+from marks import slow, slow_but
 from operations import FORMULAS, OPERATIONS, REPRESENTATIVES, violations
 
 from jaxspatial.measure.error import unit_roundoff
@@ -88,10 +89,33 @@ def _named(case):
     return "-".join(f"{x[0]}-{'x64' if x[1] else 'x32'}" if isinstance(x, tuple) else str(x) for x in case)
 
 
-operations = pytest.mark.parametrize("name", OPERATIONS)
+# What runs by default: each operation in float32, compiled, in "reproducible"; the first of each kind of arithmetic, or
+# all of them where that is cheap, in everything else. Derivatives of formulas with more than three factors are slow.
+FEW = REPRESENTATIVES[:3]
+X32 = ("float32", False)
+USUAL_SURROUNDINGS = [
+    (name, dtype, context)
+    for name, dtype, context in SURROUNDINGS
+    if (name in FEW or dtype == X32 and (context == "vmap" or name in REPRESENTATIVES))
+]
+USUAL_BATCHES = [(name, (3, 1, 2, 1), "nested_vmap") for name in OPERATIONS if not OPERATIONS[name].twin]
+BATCHES = [
+    (name, batch_shape, context)
+    for name in OPERATIONS
+    for batch_shape in ((), (1,), (3, 1, 2, 1))
+    for context in ("eager", "known", "nested_vmap")
+]
+USUAL_DERIVATIVES = [
+    (name, precision, dtype)
+    for name, precision, dtype in DERIVATIVES
+    if name == "shift_force" or (dtype == X32 and precision != "fast" and not OPERATIONS[name].is_long)
+]
 contexts = pytest.mark.parametrize("context", CONTEXTS)
 differentiable = pytest.mark.parametrize(
-    ("name", "precision", "dtype"), DERIVATIVES, indirect=["dtype"], ids=list(map(_named, DERIVATIVES))
+    ("name", "precision", "dtype"),
+    slow_but(USUAL_DERIVATIVES, DERIVATIVES),
+    indirect=["dtype"],
+    ids=list(map(_named, DERIVATIVES)),
 )
 
 
@@ -105,7 +129,10 @@ def dtype(request):
 
 
 @pytest.mark.parametrize(
-    ("name", "dtype", "context"), SURROUNDINGS, indirect=["dtype"], ids=list(map(_named, SURROUNDINGS))
+    ("name", "dtype", "context"),
+    slow_but(USUAL_SURROUNDINGS, SURROUNDINGS),
+    indirect=["dtype"],
+    ids=list(map(_named, SURROUNDINGS)),
 )
 def test_value_is_bitwise_the_naive_formula(name, context, dtype):
     inputs = _inputs(name, dtype, BATCH)
@@ -114,15 +141,17 @@ def test_value_is_bitwise_the_naive_formula(name, context, dtype):
 
 
 @pytest.mark.parametrize("dtype", ["float16", "bfloat16"])
-@operations
+@pytest.mark.parametrize("name", slow_but(REPRESENTATIVES, OPERATIONS))
 def test_sixteen_bits_are_the_same_without_64_bit_types(name, dtype):
     result = OPERATIONS[name].function(*_on_device(_inputs(name, dtype, BATCH)))
     _assert_same_bits(result, _naive(name, dtype, BATCH))
 
 
-@pytest.mark.parametrize("context", ["eager", "known", "nested_vmap"])
-@pytest.mark.parametrize("batch_shape", [(), (1,), (3, 1, 2, 1)], ids=str)
-@operations
+@pytest.mark.parametrize(
+    ("name", "batch_shape", "context"),
+    slow_but(USUAL_BATCHES + [case for case in BATCHES if case[0] in FEW], BATCHES),
+    ids=["-".join(map(str, case)) for case in BATCHES],
+)
 def test_batch_by_broadcasting_and_by_nested_vmap(name, batch_shape, context):
     transform = CONTEXTS.get(context) or functools.partial(_nested_vmap, len(batch_shape))
     inputs = _inputs(name, "float32", batch_shape)
@@ -130,7 +159,7 @@ def test_batch_by_broadcasting_and_by_nested_vmap(name, batch_shape, context):
     _assert_same_bits(result, _naive(name, "float32", batch_shape))
 
 
-@pytest.mark.parametrize("name", OF_SEVERAL)
+@pytest.mark.parametrize("name", slow_but([name for name in OF_SEVERAL if not OPERATIONS[name].is_long], OF_SEVERAL))
 def test_one_item_is_shared_by_a_batch(name, x64):
     for i in range(len(OPERATIONS[name].arguments.split())):
         inputs = _one_shared(name, i, BATCH)
@@ -142,13 +171,16 @@ def test_one_item_is_shared_by_a_batch(name, x64):
 
 
 @contexts
-@pytest.mark.parametrize(("name", "precision"), IN_EVERY_CONTEXT)
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    slow_but([case for case in IN_EVERY_CONTEXT if case[0] in FEW and case[1] == "compensated"], IN_EVERY_CONTEXT),
+)
 def test_bound_of_the_docstring_in_every_context(name, precision, context):
     result = CONTEXTS[context](_function(name, precision))(*_on_device(_inputs(name, "float32", BATCH)))
     _assert_within_bounds(result, name, precision, "float32")
 
 
-@pytest.mark.parametrize(("name", "precision"), OF_FEW)
+@pytest.mark.parametrize(("name", "precision"), slow_but([case for case in OF_FEW if case[0] in FEW], OF_FEW))
 def test_bound_of_the_docstring_with_64_bit_types_on(name, precision):
     """With them off, and in all dtypes: see `laws.test_error_bounds`."""
     with jax.enable_x64(True):
@@ -174,7 +206,10 @@ def test_pull_back_is_the_transpose_of_the_tangent(name, precision, dtype):
     _assert_transpose(_function(name, precision), x, t, tangent)
 
 
-@pytest.mark.parametrize(("name", "precision"), OF_WHOLE_SUMS_ONCE)
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    slow_but([(name, "compensated") for name in REPRESENTATIVES], OF_WHOLE_SUMS_ONCE),
+)
 def test_derivatives_of_whole_sums(name, precision):
     """The last two tests for the precisions that `laws.test_derivatives` holds against their bounds."""
     x, t = (_on_device(_inputs(name, "float32", BATCH, seed)) for seed in (0, 1))
@@ -186,7 +221,7 @@ def test_derivatives_of_whole_sums(name, precision):
 @pytest.mark.parametrize(
     ("name", "precision", "how"),
     [
-        (*case, how)
+        (*case, how) if how == "vmap" and case[0] in REPRESENTATIVES and case[1] == "reproducible" else slow(*case, how)
         for case in SHARED
         for how in (("broadcasting", "vmap") if case[0] in REPRESENTATIVES else ("vmap",))
     ],
@@ -200,8 +235,16 @@ def test_pull_back_of_an_item_shared_by_a_batch(name, precision, how):
         _assert_transpose(function, x, t, jax.jvp(function, x, t)[1])
 
 
-@pytest.mark.parametrize("dtype", OF_DERIVATIVES, indirect=True, ids=lambda param: _named([param]))
-@pytest.mark.parametrize("name", [name for name, precision in DIFFERENTIABLE if precision != "fast"])
+@pytest.mark.parametrize(
+    "dtype",
+    [dtype if dtype == X32 else pytest.param(dtype, marks=pytest.mark.slow) for dtype in OF_DERIVATIVES],
+    indirect=True,
+    ids=lambda param: _named([param]),
+)
+@pytest.mark.parametrize(
+    "name",
+    slow_but(REPRESENTATIVES, [name for name, precision in DIFFERENTIABLE if precision != "fast"]),
+)
 def test_gradient_is_bitwise_the_same_compiled_and_recomputed(name, dtype):
     function = OPERATIONS[name].function
     x = _on_device(_inputs(name, dtype, BATCH))

@@ -308,6 +308,7 @@ def of_array(array, precision, twice, dtype=None):
     if isinstance(array, Components):
         return tuple(of_array(c[..., None], precision, twice)[0] for c in array.components)
     if twice and dtype == np.float64:
+        array = array if array.dtype == dtype else array.astype(dtype)
         return tuple(to_double_word(array[..., i]) for i in range(array.shape[-1]))
     wide = np.dtype(np.float64 if twice else np.float32 if jnp.finfo(dtype).bits < 32 else dtype)
     precision = Precision.REPRODUCIBLE if twice else precision

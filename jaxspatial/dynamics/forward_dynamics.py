@@ -9,12 +9,12 @@ from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.lanes import is_known
 from jaxspatial.arithmetic.numbers import Lane, constant, high, shared, where
 from jaxspatial.dynamics import recursion
-from jaxspatial.dynamics.inverse_dynamics import bias_forces, wrench_of
+from jaxspatial.dynamics.inverse_dynamics import bias_forces
 from jaxspatial.dynamics.links import Motion, across, moved, to_parent
 from jaxspatial.dynamics.loads import checked_forces, loads
 from jaxspatial.dynamics.mass_matrix import mass_matrix
 from jaxspatial.dynamics.scene import algorithm, checked
-from jaxspatial.inertia import articulated
+from jaxspatial.inertia import articulated, symmetric
 
 
 def forward_dynamics(mechanism, q, v, tau, external_forces=None, *, precision=None):
@@ -88,16 +88,23 @@ def _drift(own, w_P):
     link, load = own
     zero = (constant(w_P[0], 0),) * 3
     motion = moved(link._replace(vdot=tuple(constant(x, 0) for x in link.v)), Motion(w_P, zero, zero))
-    tau, f = wrench_of(link.inertia, Motion(motion.w, zero, zero))
-    Z = vectors.minus((*tau, *f), (*load[0], *load[1]))
+    Z = vectors.minus(shared(_of_turning)(link.inertia, motion.w), (*load[0], *load[1]))
     return Drift(motion.w, (motion.alpha, motion.a), Z), motion.w
+
+
+def _of_turning(inertia, w):
+    """The wrench of a body that turns steadily about its origin: tau = w x J w, f = w (w . m c) - m c |w|^2."""
+    J, _, _ = articulated.of_body(*inertia)
+    moment = vectors.times(inertia.mass, inertia.com)
+    f = vectors.minus(vectors.times(vectors.dot(w, moment), w), vectors.times(vectors.dot(w, w), moment))
+    return *vectors.cross(w, vectors.matrix_times(symmetric.rows(J), w)), *f
 
 
 def _eliminate(own, held):
     """([Elimination of each rate], what the parent feels): with P A' + Z the wrench across the joint, A' the
     acceleration of the parent at the joint."""
     (link, _), drift = own
-    P = _held_with(link.inertia, drift, held)
+    P = shared(_held_with)(link.inertia, drift, held)
     found = []
     for (w, v), tau, armature in zip(link.hinge.subspace, link.vdot, link.armature, strict=True):
         P, elimination = _without_rate(P, w, v, tau, armature)
@@ -158,10 +165,7 @@ def _seen_from_parent(X_PB, P):
 def _accelerate(own, parent):
     """(vdot, (alpha, a)) of a body."""
     (link, _), drift, eliminated = own
-    X_PB = across(link.placement, link.hinge)
-    R_BP = vectors.transpose(X_PB.rows)
-    alpha, a = parent
-    A = *vectors.matrix_times(R_BP, alpha), *vectors.matrix_times(R_BP, vectors.plus(a, vectors.cross(alpha, X_PB.p)))
+    A = shared(_carried)(across(link.placement, link.hinge), *parent)
     rates = []
     for (w, v), (U, D, u) in zip(reversed(link.hinge.subspace), reversed(eliminated), strict=True):
         is_none = high(D) <= 0
@@ -170,3 +174,10 @@ def _accelerate(own, parent):
         rates.append(rate)
     A = vectors.plus(A, (*drift.c[0], *drift.c[1]))
     return tuple(reversed(rates)), (A[:3], A[3:])
+
+
+def _carried(X_PB, alpha, a):
+    """The acceleration of the parent where the joint is, in the child's axes."""
+    R_BP = vectors.transpose(X_PB.rows)
+    arm = vectors.cross(alpha, X_PB.p)
+    return *vectors.matrix_times(R_BP, alpha), *vectors.matrix_times(R_BP, vectors.plus(a, arm))

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
+from marks import slow_but
 from operations import DTYPES, OPERATIONS, violations
 
 import jaxspatial as js
@@ -62,7 +63,7 @@ def _assert_same(result, expected):
 # -- values -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", OF_ARRAYS)
+@pytest.mark.parametrize("name", slow_but([n for n in OF_ARRAYS if not OPERATIONS[n].twin], OF_ARRAYS))
 def test_values_are_those_of_arrays(name):
     apart, whole = _inputs(name, "float32")
     expected = OPERATIONS[name].naive(*whole)
@@ -72,7 +73,7 @@ def test_values_are_those_of_arrays(name):
 
 
 @pytest.mark.parametrize("dtype", [dtype for dtype in DTYPES if dtype != "float32"])
-@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize("name", slow_but(["shift_force", "rotate"], SOME))
 def test_values_of_every_dtype_under_vmap(name, dtype):
     with jax.enable_x64(True):
         apart, whole = _inputs(name, dtype)
@@ -80,7 +81,7 @@ def test_values_of_every_dtype_under_vmap(name, dtype):
 
 
 @pytest.mark.parametrize(("dtype", "precision"), WHOLE_SUMS)
-@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize("name", slow_but(["shift_force", "rotate"], SOME))
 def test_bounds_of_whole_sums(name, dtype, precision):
     operation = OPERATIONS[name]
     with jax.enable_x64(dtype == "float64"):
@@ -107,7 +108,7 @@ def test_a_known_number_is_rounded_to_the_dtype():
 # -- what is known ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", KEEPING)
+@pytest.mark.parametrize("name", slow_but([n for n in KEEPING if not OPERATIONS[n].twin], KEEPING))
 def test_structure_depends_neither_on_precision_nor_on_where_it_is_called(name):
     apart, _ = _inputs(name, "float32", ())
     function = OPERATIONS[name].function

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from jax import lax
 from jax.sharding import PartitionSpec
+from marks import slow, slow_but
 
 from jaxspatial.arithmetic import double_word
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, sqrt, to_double_word
@@ -174,7 +175,7 @@ def exact_result(name, given):
 # -- bounds -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("dtype", slow_but(["float32", "float64"], DTYPES))
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_bound_and_normalisation(name, dtype):
     operation, _, bound, _ = OPERATIONS[name]
@@ -270,7 +271,12 @@ IN_ALL_DTYPES = ["vmap", "one word alone, scan"]
 
 @pytest.mark.parametrize(
     "surrounding, dtype",
-    [(s, d) for s in SURROUNDINGS for d in DTYPES if s in IN_ALL_DTYPES or d in ("float32", "float64")],
+    [
+        (s, d) if d == "float32" or (s, d) == ("vmap", "float64") else slow(s, d)
+        for s in SURROUNDINGS
+        for d in DTYPES
+        if s in IN_ALL_DTYPES or d in ("float32", "float64")
+    ],
 )
 def test_bitwise_the_same_in_every_surrounding(surrounding, dtype):
     with jax.enable_x64(dtype == "float64"):
@@ -287,7 +293,7 @@ def require_bitwise(computed, expected):
         )
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", ["float32", slow("float64")])
 def test_one_constant_for_many(dtype):
     """A divisor that is one number is not replaced by its reciprocal, constants are not collected."""
     with jax.enable_x64(dtype == "float64"):
@@ -334,7 +340,7 @@ def four_operations(x, y):
     return [operation(x, y) for operation in (operator.add, operator.sub, operator.mul, operator.truediv)]
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("dtype", slow_but(["float32"], DTYPES))
 def test_special_values_are_those_of_the_words(dtype):
     # Each operation is a program of its own in some dtypes, all of them are one in the others.
     compiled = jax.jit if dtype in ("float32", "bfloat16") else lambda f: f
@@ -352,7 +358,7 @@ def require_special(result, expected):
     np.testing.assert_array_equal(np.signbit(hi)[hi == 0], np.signbit(expected)[expected == 0])
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("dtype", slow_but(["float32"], DTYPES))
 def test_special_values_of_functions_of_one(dtype):
     with jax.enable_x64(dtype == "float64"):
         x = jnp.asarray([*SPECIAL, 4.0], dtype)
@@ -363,7 +369,7 @@ def test_special_values_of_functions_of_one(dtype):
             require_special(result[keep], expected[keep])
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", ["float32", slow("float64")])
 def test_low_words_beside_infinities_and_zeros(dtype):
     with jax.enable_x64(dtype == "float64"):
         x = to_double_word(jnp.ones((3,), dtype)) / 3
@@ -392,7 +398,7 @@ def test_near_the_largest_number_results_are_those_of_the_high_words(dtype):
 COMPARISONS = [operator.lt, operator.le, operator.gt, operator.ge, operator.eq, operator.ne]
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("dtype", slow_but(["float32", "float64"], DTYPES))
 @pytest.mark.parametrize("comparison", COMPARISONS)
 def test_comparisons_are_exact(comparison, dtype):
     rng = np.random.default_rng(5)
@@ -535,7 +541,7 @@ def test_to_and_from_are_exact_for_the_own_dtype(dtype):
             require_bitwise(from_double_word(pair), x)
 
 
-@pytest.mark.parametrize("dtype", ["bfloat16", "float16", "float32"])
+@pytest.mark.parametrize("dtype", [slow("bfloat16"), "float16", "float32"])
 @pytest.mark.parametrize("compiled", [lambda f: f, jax.jit], ids=["eager", "jit"])
 def test_wider_arrays_are_split(compiled, dtype):
     u = unit_roundoff(dtype)
@@ -619,7 +625,7 @@ FUNCTIONS = {
 }
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize("name", slow_but(["divide", "words"], FUNCTIONS))
 def test_derivatives_of_every_order_are_those_of_the_value(name, x64):
     dtype = jnp.float64 if x64 else jnp.float32
     v = jnp.asarray([[1.3, 0.7], [0.4, 5.1], [2.5, 1.1]], dtype)
@@ -643,7 +649,7 @@ def test_third_derivatives():
     np.testing.assert_allclose(third, [[[12, -48], [-48, 192]], [[-48, 192], [192, -768]]], rtol=1e-5)
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", ["float32", slow("float64")])
 def test_gradients_are_exact_where_they_are_numbers(dtype):
     with jax.enable_x64(dtype == "float64"):
         x, y = jnp.asarray(1.3, dtype), jnp.asarray(0.7, dtype)

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
+from marks import slow_but
 
 from jaxspatial.arithmetic import eft
 from jaxspatial.arithmetic.fence import fence
@@ -41,7 +42,7 @@ def _joined(result, error):
     return lambda a, b: (result(a, b), error(a, b))
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("dtype", slow_but(["float32", "float64"], DTYPES))
 @pytest.mark.parametrize("surrounding", SURROUNDINGS)
 def test_two_sum(surrounding, dtype):
     a, b = _numbers(dtype)
@@ -51,7 +52,7 @@ def test_two_sum(surrounding, dtype):
     assert (rationals(s) + rationals(e) == rationals(a) + rationals(b)).all()
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("dtype", slow_but(["float32", "float64"], DTYPES))
 @pytest.mark.parametrize("surrounding", SURROUNDINGS)
 def test_fast_two_sum(surrounding, dtype):
     a, b = _numbers(dtype)
@@ -61,7 +62,7 @@ def test_fast_two_sum(surrounding, dtype):
     assert (rationals(s) + rationals(e) == rationals(a) + rationals(b)).all()
 
 
-@pytest.mark.parametrize("dtype", ["bfloat16", "float32", "float64"])
+@pytest.mark.parametrize("dtype", slow_but(["float32", "float64"], DTYPES[1:]))
 @pytest.mark.parametrize("surrounding", SURROUNDINGS)
 def test_two_product(surrounding, dtype):
     a, b = _numbers(dtype)

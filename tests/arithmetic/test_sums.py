@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from marks import slow
 
 import jaxspatial as js
 from jaxspatial.arithmetic import lanes
@@ -103,7 +104,7 @@ def test_float64_inside_a_program_that_knows_none():
         assert "f64" in program.lower(tau, f, p).as_text() and program(tau, f, p).dtype == np.float32
 
 
-@pytest.mark.parametrize("dtype", ["float16", "float32", "float64"])
+@pytest.mark.parametrize("dtype", ["float16", "float32", slow("float64")])
 @pytest.mark.parametrize("degree", [3, 4, 5, 6])
 def test_terms_of_any_degree(degree, dtype):
     """(x y - z) w ... with all digits but those of the last factors cancelling: against fractions."""

@@ -29,6 +29,8 @@ PREFIX = PACKAGES / "cmeel.prefix"
 FLAGS = ["-O3", "-march=native", "-DNDEBUG", "-std=c++17", "-shared", "-fPIC"]
 MACROS = ["BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS", "BOOST_MPL_LIMIT_LIST_SIZE=30", "BOOST_MPL_LIMIT_VECTOR_SIZE=30"]
 MACROS += ["FUSION_MAX_VECTOR_SIZE=10", "BOOST_FUSION_INVOKE_MAX_ARITY=10"]
+# Models cross the border to the wheel's library, which was built for any x86-64 processor.
+MACROS += ["EIGEN_MAX_ALIGN_BYTES=16", "EIGEN_MAX_STATIC_ALIGN_BYTES=16"]
 SCALARS = {"float32": "float", "float64": "double"}
 ALGORITHMS = ["inverse dynamics", "forward dynamics"]
 GRAVITY = (0.0, 0.0, 0.0, 0.0, 0.0, -9.81)

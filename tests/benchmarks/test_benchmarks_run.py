@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from marks import slow
 
 HERE = pathlib.Path(__file__).parent
 
@@ -21,7 +22,7 @@ def test_wrench_kernels():
 
 
 @pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", ["float32", slow("float64")])
 def test_the_c_kernels_compute_what_we_compute(dtype):
     """Both sides of the comparison end in the same numbers: one shift, one power, 16 shifts, there and back."""
     program = f"import sys; sys.path.insert(0, {str(HERE)!r}); import wrench_kernels as k; k.agree({dtype!r})"
@@ -29,6 +30,7 @@ def test_the_c_kernels_compute_what_we_compute(dtype):
     assert run.returncode == 0, run.stderr
 
 
+@pytest.mark.slow
 def test_precisions():
     command = [sys.executable, HERE / "precisions.py", "--n", "640", "--rounds", "2", "--sample", "20"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=600)

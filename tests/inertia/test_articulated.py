@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from marks import slow
 from operations import EXACT, Bound, violations
 
 import jaxspatial as js
@@ -186,7 +187,11 @@ def case(dtype, n=12):
 
 @pytest.mark.parametrize(
     ("dtype", "precisions"),
-    [("bfloat16", ["reproducible"]), ("float32", ["reproducible", "compensated"]), ("float64", ["fast"])],
+    [
+        slow("bfloat16", ["reproducible"]),
+        ("float32", ["reproducible", "compensated"]),
+        slow("float64", ["fast"]),
+    ],
 )
 def test_bounds_of_shift_and_change_of_frame(dtype, precisions):
     P, p, R = case(dtype)
@@ -207,7 +212,7 @@ def test_bounds_of_shift_and_change_of_frame(dtype, precisions):
         assert P_Q.dtype == dtype
 
 
-@pytest.mark.parametrize("precision", ["compensated", "faithful"])
+@pytest.mark.parametrize("precision", ["compensated", slow("faithful")])
 def test_bounds_in_float64(precision):
     """Kernels, and of what is evaluated in double words one."""
     P, p, R = case("float64")
@@ -260,8 +265,8 @@ def _places(k):
 
 @pytest.mark.parametrize(
     ("dtype", "precision"),
-    [("float32", "fast"), ("float32", "reproducible"), ("float32", "compensated"), ("float64", "reproducible"),
-     ("float64", "compensated")],
+    [slow("float32", "fast"), ("float32", "reproducible"), ("float32", "compensated"), slow("float64", "reproducible"),
+     slow("float64", "compensated")],
 )  # fmt: skip
 def test_bound_of_a_projection(dtype, precision):
     """Random inertias, and bodies light about an oblique axis: thin rods that turn about their own."""
@@ -282,7 +287,7 @@ def test_bound_of_a_projection(dtype, precision):
 # -- what is left of an inertia ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("k", [1, 3, 6])
+@pytest.mark.parametrize("k", [slow(1), 3, slow(6)])
 def test_projection_of_several_freedoms_is_the_dense_one(k):
     rng = np.random.default_rng(4)
     P, armature = random_inertia(rng, 4), [0.1 * (i + 1) for i in range(k)]

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from inertia.exact_inertia import exactly, matrix, random_inertia, six_of, steiner
+from marks import slow_but
 
 import jaxspatial as js
 from jaxspatial.measure import error
@@ -157,8 +158,11 @@ def _doubled_energy(mass, com, central, w, v):
 
 @pytest.mark.parametrize(
     ("precision", "dtype"),
-    [(p, d) for p in ("fast", "reproducible", "compensated") for d in ("float32", "float64")]
-    + [("faithful", "float32")],
+    slow_but(
+        [("reproducible", "float32"), ("compensated", "float32")],
+        [(p, d) for p in ("fast", "reproducible", "compensated") for d in ("float32", "float64")]
+        + [("faithful", "float32")],
+    ),
 )
 def test_bounds_of_what_cancels(precision, dtype):
     """Points next to the one that does not move: v = -w x c up to rounding."""
@@ -249,7 +253,7 @@ def test_rate_of_the_rotated(scene):
     _close(rate, cross @ M.central_matrix() - M.central_matrix() @ cross)
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("dtype", slow_but(["float32"], DTYPES))
 def test_no_distance_takes_digits(dtype):
     with jax.enable_x64(dtype == "float64"):
         M = random_inertia((10,), dtype)
@@ -360,12 +364,16 @@ FUNCTIONS = {
 }
 
 
+# What runs by default: sums of products, quotients, a loop.
+FEW = ("dynamic_parameters", "combine", "moments")
+
+
 def _sum_of_all(name, M):
     """One number that depends on all that a function gives."""
     return sum(x.astype(jnp.float32).sum() for x in jax.tree.leaves(FUNCTIONS[name](M)))
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize("name", slow_but(FEW, FUNCTIONS))
 def test_transformations(name):
     """The same bits eagerly, and compiled for one item mapped over two axes; a derivative that is finite everywhere."""
     M = random_inertia((2, 3), "float32")
@@ -376,9 +384,7 @@ def test_transformations(name):
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(gradient))
 
 
-@pytest.mark.parametrize(
-    "dtype", ["bfloat16", *(pytest.param(x, marks=pytest.mark.slow) for x in DTYPES if x != "bfloat16")]
-)
+@pytest.mark.parametrize("dtype", slow_but(["bfloat16"], DTYPES))
 def test_the_dtype_of_the_parts_rules(dtype):
     """Every result has it, and is as near to that of twice the digits as rounding the parts lets it be."""
     with jax.enable_x64(True):
@@ -393,7 +399,7 @@ def test_the_dtype_of_the_parts_rules(dtype):
             assert (error <= 500 * float(jnp.finfo(dtype).eps) * np.abs(np.asarray(y)).max()).all()
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize("name", slow_but(FEW, FUNCTIONS))
 def test_double_words(name):
     """What takes double words gives them, as near to what float64 gives as both get."""
     M = random_inertia((3,), "float32")

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from marks import slow
 
 import jaxspatial as js
 from jaxspatial.arithmetic.numbers import numeric
@@ -107,8 +108,8 @@ def hostile(dtype):
     }
 
 
-@pytest.mark.parametrize("precision", ["fast", "reproducible", "compensated"])
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("precision", [slow("fast"), "reproducible", "compensated"])
+@pytest.mark.parametrize("dtype", ["float32", slow("float64")])
 def test_bound_of_the_docstring(dtype, precision):
     with jax.enable_x64(dtype == "float64"):
         for points, faces in hostile(dtype).values():
@@ -235,8 +236,11 @@ def _summed(x, size):
     return [summed(x, size)]
 
 
-@pytest.mark.parametrize("n", [1, 2, 7, 1000])
-@pytest.mark.parametrize("precision", ["reproducible", "compensated"])
+@pytest.mark.parametrize(
+    ("precision", "n"),
+    [(precision, n) for precision in ("reproducible", "compensated") for n in (1, 2, 7)]
+    + [("reproducible", 1000), slow("compensated", 1000)],
+)
 def test_sums_by_halving(n, precision):
     with jax.enable_x64(True):
         rng = np.random.default_rng(n)

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from marks import slow, slow_but
 from operations import Bound, violations
 
 import jaxspatial as js
@@ -69,7 +70,10 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("dtype", "precision"), CASES)
+USUAL = [("float32", "reproducible"), ("float32", "compensated"), ("float64", "compensated")]
+
+
+@pytest.mark.parametrize(("dtype", "precision"), slow_but(USUAL, CASES))
 def test_bound_of_the_docstring(dtype, precision):
     arrays = case(dtype)
     F = computed(arrays, precision)
@@ -128,7 +132,8 @@ def naive_regressor(alpha, a, w):
     return np.vstack([top, np.hstack([a[:, None], arm, np.full((3, 6), ZERO)])])
 
 
-def test_force_is_the_regressor_times_the_parameters():
+@pytest.mark.parametrize("precision", slow_but(["reproducible"], js.Precision))
+def test_force_is_the_regressor_times_the_parameters(precision):
     """Exactly, over fractions, of small integers."""
     rng = np.random.default_rng(2)
     arrays = [rng.integers(-9, 10, shape).astype(float) for shape in ((5,), (5, 3), (5, 6), (5, 3), (5, 3), (5, 3))]
@@ -140,21 +145,20 @@ def test_force_is_the_regressor_times_the_parameters():
     M = SpatialInertia(jnp.asarray(m), jnp.asarray(c), jnp.asarray(central))
     pi = np.array([parameters(*item) for item in zip(rationals(m), rationals(c), rationals(central), strict=True)])
     np.testing.assert_array_equal(pi.astype(float), M.to_dynamic_parameters())
-    for precision in js.Precision:
-        Y = newton_euler_regressor(A, V, precision=precision)
-        F = [np.concatenate(naive(*item)) for item in zip(*map(rationals, arrays), strict=True)]
-        assert ((rationals(Y) * pi[:, None]).sum(-1) == np.array(F)).all()
-        np.testing.assert_array_equal(newton_euler(M, A, V, precision=precision).to_array(), np.array(F).astype(float))
-        momentum = (rationals(momentum_regressor(V, precision=precision)) * pi[:, None]).sum(-1)
-        np.testing.assert_array_equal(momentum.astype(float), (M @ V).to_array())
-        energy = (rationals(kinetic_energy_regressor(V, precision=precision)) * pi).sum(-1)
-        np.testing.assert_array_equal(energy.astype(float), M.kinetic_energy(V))
+    Y = newton_euler_regressor(A, V, precision=precision)
+    F = [np.concatenate(naive(*item)) for item in zip(*map(rationals, arrays), strict=True)]
+    assert ((rationals(Y) * pi[:, None]).sum(-1) == np.array(F)).all()
+    np.testing.assert_array_equal(newton_euler(M, A, V, precision=precision).to_array(), np.array(F).astype(float))
+    momentum = (rationals(momentum_regressor(V, precision=precision)) * pi[:, None]).sum(-1)
+    np.testing.assert_array_equal(momentum.astype(float), (M @ V).to_array())
+    energy = (rationals(kinetic_energy_regressor(V, precision=precision)) * pi).sum(-1)
+    np.testing.assert_array_equal(energy.astype(float), M.kinetic_energy(V))
 
 
 @pytest.mark.parametrize(
     ("dtype", "precision"),
-    [("float32", "fast"), ("float32", "reproducible"), ("float32", "compensated"), ("float64", "compensated"),
-     ("float32", "faithful"), ("bfloat16", "reproducible")],
+    [slow("float32", "fast"), ("float32", "reproducible"), ("float32", "compensated"), ("float64", "compensated"),
+     slow("float32", "faithful"), slow("bfloat16", "reproducible")],
 )  # fmt: skip
 def test_bounds_of_the_regressors(dtype, precision):
     *_, alpha, a, w = case(dtype, 6)

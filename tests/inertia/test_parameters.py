@@ -1,11 +1,14 @@
 """Parametrisations against their definitions, and there and back; exp and log of numbers."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
 from inertia.exact_inertia import exactly, is_positive_semidefinite, random_inertia, second_moments, steiner
+from marks import slow, slow_but
 
 import jaxspatial as js
 from jaxspatial.arithmetic import functions
@@ -13,8 +16,10 @@ from jaxspatial.arithmetic.numbers import numeric
 from jaxspatial.measure.error import ulp, unit_roundoff
 from jaxspatial.measure.exact import rationals
 
-PRECISIONS = pytest.mark.parametrize("precision", js.Precision)
-dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
+TYPES = list(itertools.product(["float32", "float64"], js.Precision))
+USUAL = [("float32", "reproducible"), ("float64", "compensated")]
+types = pytest.mark.parametrize(("dtype", "precision"), slow_but(USUAL, TYPES))
+dtypes = pytest.mark.parametrize("dtype", ["float32", slow("float64")])
 
 
 def _allowed(precision, dtype, exact, mag, k, squared):
@@ -26,8 +31,7 @@ def _allowed(precision, dtype, exact, mag, k, squared):
     )
 
 
-@PRECISIONS
-@dtypes
+@types
 def test_dynamic_parameters_and_pseudo_inertia(dtype, precision):
     with jax.enable_x64(dtype == "float64"):
         M = random_inertia((20,), dtype, 1, 2.0)
@@ -46,8 +50,7 @@ def test_dynamic_parameters_and_pseudo_inertia(dtype, precision):
         np.testing.assert_array_equal(J[:, 3], ten[:, [1, 2, 3, 0]])
 
 
-@PRECISIONS
-@dtypes
+@types
 @pytest.mark.parametrize("way", ["dynamic", "pseudo", "matrix"])
 def test_back_again(way, dtype, precision):
     """Of what was rounded on the way: with mag about the origin, in units of which central is known at all."""
@@ -68,8 +71,7 @@ def test_back_again(way, dtype, precision):
         assert (abs(rationals(np.asarray(back.central)) - i) <= 12 * u * mag).all()
 
 
-@PRECISIONS
-@dtypes
+@types
 def test_bound_of_from_dynamic_parameters(dtype, precision):
     with jax.enable_x64(dtype == "float64"):
         ten = random_inertia((20,), dtype, 3, 1.0).to_dynamic_parameters()
@@ -126,8 +128,7 @@ def _central(J):
     return [trace * (i == j) - s[i][j] for i, j in ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))], trace
 
 
-@PRECISIONS
-@dtypes
+@types
 def test_from_log_cholesky(dtype, precision):
     with mpmath.workdps(60), jax.enable_x64(dtype == "float64"):
         theta = (np.random.default_rng(0).standard_normal((15, 10)) * ([3] * 4 + [1] * 6)).astype(dtype)
@@ -146,8 +147,7 @@ def test_from_log_cholesky(dtype, precision):
                    for x in np.asarray(M.central))  # fmt: skip
 
 
-@PRECISIONS
-@dtypes
+@pytest.mark.parametrize(("dtype", "precision"), slow_but(USUAL[:1], TYPES))
 def test_there_and_back(dtype, precision):
     """The error near the boundary, where Sigma turns singular, is what the docstring says."""
     with jax.enable_x64(dtype == "float64"):
@@ -201,8 +201,8 @@ def test_where_there_is_no_log_cholesky():
     np.testing.assert_array_equal(degenerate.central, np.float32([1, 0, 1, 0, 0, 2]))
 
 
-def test_derivatives_of_log_cholesky():
-    """Jacobian there times Jacobian back is 1, and that of J = U U^T is by hand; the second derivative too."""
+def test_derivatives_there_and_back():
+    """Jacobian there times Jacobian back is 1."""
     with jax.enable_x64(True):
         theta = jnp.asarray(np.random.default_rng(1).standard_normal(10) * 0.5)
 
@@ -212,21 +212,28 @@ def test_derivatives_of_log_cholesky():
         def back(ten):
             return js.SpatialInertia.from_dynamic_parameters(ten).to_log_cholesky()
 
+        product = jax.jacfwd(back)(there(theta)) @ jax.jacrev(there)(theta)
+        np.testing.assert_allclose(product, np.eye(10), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("mode", [slow(jax.jacfwd), jax.jacrev, slow(jax.hessian)])
+def test_derivatives_of_log_cholesky(mode):
+    """That of J = U U^T is by hand; the second derivative too."""
+    with jax.enable_x64(True):
+        theta = jnp.asarray(np.random.default_rng(1).standard_normal(10) * 0.5)
+
         def by_hand(theta):
             a, d1, d2, d3, s12, s23, s13, x, y, z = theta
             e, o = jnp.exp, jnp.zeros(())
             U = e(a) * jnp.array([[e(d1), s12, s13, x], [o, e(d2), s23, y], [o, o, e(d3), z], [o, o, o, o + 1]])
             return U @ U.T
 
-        product = jax.jacfwd(back)(there(theta)) @ jax.jacrev(there)(theta)
-        np.testing.assert_allclose(product, np.eye(10), rtol=0, atol=1e-12)
-
         def pseudo(theta):
             return js.SpatialInertia.from_log_cholesky(theta).to_pseudo_inertia()
 
-        for derivative in (jax.jacfwd(pseudo), jax.jacrev(pseudo), jax.hessian(pseudo)):
-            expected = (jax.hessian if derivative(theta).ndim == 4 else jax.jacfwd)(by_hand)(theta)
-            np.testing.assert_allclose(derivative(theta), expected, rtol=0, atol=2e-13 * float(abs(expected).max()))
+        expected = (jax.hessian if mode is jax.hessian else jax.jacfwd)(by_hand)(theta)
+        found = mode(pseudo)(theta)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=2e-13 * float(abs(expected).max()))
 
 
 # -- exp and log of numbers -------------------------------------------------------------------------------------------
@@ -242,7 +249,7 @@ def _log(x):
     return tuple(map(functions.log, x))
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@dtypes
 @pytest.mark.parametrize("name", ["exp", "log"])
 def test_exp_and_log(name, dtype):
     with mpmath.workdps(60), jax.enable_x64(dtype == "float64"):

@@ -1,6 +1,7 @@
 """Bodies put together: against sums of fractions, at every scale, and never indefinite."""
 
 import functools
+import itertools
 from fractions import Fraction
 
 import jax
@@ -8,13 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from inertia.exact_inertia import exactly, is_positive_semidefinite, random_inertia, second_moments, steiner
+from marks import slow, slow_but
 
 import jaxspatial as js
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
 
 dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
-precisions = pytest.mark.parametrize("precision", ["fast", "reproducible", "compensated", "faithful"])
+TYPES = list(itertools.product(["float32", "float64"], ["fast", "reproducible", "compensated", "faithful"]))
+USUAL = [("float32", "reproducible"), ("float32", "compensated")]
+types = pytest.mark.parametrize(("dtype", "precision"), slow_but(USUAL, TYPES))
 
 
 def exact_sum(m, c, i):
@@ -34,8 +38,7 @@ def _require(found, exact, mag, u, k, squared, precision):
     assert np.all(abs(rationals(np.asarray(found)) - exact) <= allowed)
 
 
-@precisions
-@dtypes
+@types
 def test_two(dtype, precision):
     with jax.enable_x64(dtype == "float64"):
         M, N = random_inertia((40,), dtype, 1, 2.0), random_inertia((40,), dtype, 2, 2.0)
@@ -73,11 +76,8 @@ def _exact_thousand(even, dtype):
         return exact_sum(*exactly(jax.tree.map(lambda x: x[:: 1 + even], _mixed(dtype))))
 
 
-@precisions
-@dtypes
-@pytest.mark.parametrize(
-    "even", [pytest.param(True, marks=pytest.mark.slow), False], ids=["even masses", "masses 1e-20 to 1e20"]
-)
+@types
+@pytest.mark.parametrize("even", [slow(True), False], ids=["even masses", "masses 1e-20 to 1e20"])
 def test_a_thousand_bodies(even, dtype, precision):
     with jax.enable_x64(True):
         M = jax.tree.map(lambda x: x[:: 1 + even], _mixed(dtype))
@@ -110,7 +110,7 @@ def test_double_words_keep_twice_the_digits():
         assert np.all(abs(pair - exact) <= unit_roundoff("float32") ** 2 * 640 * mag)
 
 
-@pytest.mark.parametrize("axis", [0, 1, -1, -3])
+@pytest.mark.parametrize("axis", [0, *map(slow, (1, -1, -3))])
 def test_axis(axis):
     M = random_inertia((4, 3, 5), "float32")
     found = jax.jit(lambda M: M.sum(axis))(M)
@@ -180,8 +180,7 @@ def test_two_cubes_are_a_box():
         np.testing.assert_array_equal(both.com, [0, 0, 0])
 
 
-@dtypes
-@precisions
+@types
 def test_nothing_turns_indefinite(dtype, precision):
     """Pairs, and crowds, of points on a line, in a plane and in space, far apart and of masses far apart."""
     with jax.enable_x64(True):

@@ -7,11 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from marks import slow
 
 import jaxspatial as js
 
 N, TOLERANCE = 200, 2e-14
-precisions = pytest.mark.parametrize("precision", ["reproducible", "compensated"])
+precisions = pytest.mark.parametrize("precision", ["reproducible", slow("compensated")])
 
 
 @pytest.fixture(autouse=True)
@@ -49,7 +50,7 @@ def _near(x, y, size=10.0):
         np.testing.assert_allclose(np.asarray(a), np.asarray(b), rtol=0, atol=TOLERANCE * size)
 
 
-@precisions
+@pytest.mark.parametrize("precision", ["reproducible", "compensated"])
 def test_power_changes_neither_with_the_point_nor_with_the_frame(precision):
     F, V, X = _force(), _velocity(), _pose()
     power = js.dot(F, V)

@@ -4,12 +4,14 @@ Tangents and pull-backs are sums of products of their own, which may cancel wher
 """
 
 import functools
+import itertools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from laws import duals, hostile
+from marks import slow, slow_but
 from operations import EXACT, OPERATIONS, Bound, violations
 
 import jaxspatial as js
@@ -39,9 +41,10 @@ SHARED = [
 ]
 
 
-def cases(test):
-    of_precision = pytest.mark.parametrize("precision", ["compensated", "faithful"])
-    return of_precision(pytest.mark.parametrize(("name", "dtype"), CASES)(test))
+# By default all operations in one precision of float32, and one of them in all precisions and dtypes.
+TYPED = [(*case, precision) for case, precision in itertools.product(CASES, ["compensated", "faithful"])]
+USUAL = [case for case in TYPED if case[0] == "shift_velocity" or case[1:] == ("float32", "compensated")]
+cases = pytest.mark.parametrize(("name", "dtype", "precision"), slow_but(USUAL, TYPED))
 
 
 @cases
@@ -70,9 +73,9 @@ def test_pull_back_of_all_results(name, dtype, precision):
     _check(name, precision, [_worst(name)] * len(arrays), results, _pulled(name, dtype))
 
 
-@pytest.mark.parametrize("how", ["vmap", pytest.param("broadcasting", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("precision", ["compensated", "faithful"])
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("how", ["vmap", slow("broadcasting")])
+@pytest.mark.parametrize("precision", ["compensated", slow("faithful")])
+@pytest.mark.parametrize("dtype", ["float32", slow("float64")])
 @pytest.mark.parametrize(("name", "shared"), SHARED)
 def test_pull_back_to_an_item_that_a_batch_shares(name, shared, dtype, precision, how):
     """One sum over the batch, rounded once. Of the result that is computed."""

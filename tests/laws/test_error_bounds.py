@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from jax import lax
 from laws import hostile
-from operations import DTYPES, EXACT, FORMULAS, OPERATIONS, summed, violations
+from marks import slow, slow_but
+from operations import DTYPES, EXACT, FORMULAS, summed, violations
 
 import jaxspatial as js
 from jaxspatial.measure import error, exact
@@ -58,21 +59,18 @@ def _contexts(name, dtype):
     return CONTEXTS if all_of_them else {"jit vmap": CONTEXTS["jit vmap"]}
 
 
-def _is_slow(name, dtype, precision):
-    """Expansions of many products of many factors compile for seconds, those of `act_acceleration` for minutes: of them
-    float64 tells the most, where they are error-free transforms."""
-    is_longest = name == "act_acceleration"
-    is_told = dtype == "float64" and not is_longest or dtype == "bfloat16" and name in REPRESENTATIVES
-    return precision == js.Precision.FAITHFUL and (is_longest or OPERATIONS[name].is_long and not is_told)
+# Expansions of many products of many factors compile for seconds, those of `act_acceleration` for minutes. By default
+# one dtype tells of all operations; all dtypes and precisions of the representatives, which error-free transforms in
+# float64 are made like.
+CASES = list(itertools.product(FORMULAS, DTYPES, js.Precision))
+USUAL = [
+    case
+    for case in CASES
+    if case[0] in REPRESENTATIVES or case[1] == "float32" and case[2] in ("reproducible", "compensated")
+]
 
 
-@pytest.mark.parametrize(
-    ("name", "dtype", "precision"),
-    [
-        pytest.param(*case, marks=[pytest.mark.slow] * _is_slow(*case))
-        for case in itertools.product(FORMULAS, DTYPES, js.Precision)
-    ],
-)
+@pytest.mark.parametrize(("name", "dtype", "precision"), slow_but(USUAL, CASES))
 def test_bound_of_the_docstring(name, dtype, precision):
     case = hostile.case(name, dtype)
     with jax.enable_x64(dtype == "float64"):
@@ -83,7 +81,7 @@ def test_bound_of_the_docstring(name, dtype, precision):
 
 @precisions
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize("name", ["shift_force", "shift_acceleration", "cross_force"])
+@pytest.mark.parametrize("name", ["shift_force", slow("shift_acceleration"), slow("cross_force")])
 def test_a_result_used_alone(name, dtype, precision):
     case = hostile.case(name, dtype)
     parts = [part for part, bound in enumerate(case.operation.bounds) if bound != EXACT]
@@ -129,7 +127,7 @@ CONSTANTS = {
 
 @pytest.mark.parametrize("how", CONSTANTS)
 @pytest.mark.parametrize("precision", ["compensated", "faithful"])
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", ["float32", slow("float64")])
 @pytest.mark.parametrize("name", REPRESENTATIVES)
 def test_operands_that_are_constants_of_the_program(name, dtype, precision, how):
     """Each in turn, and all but each."""
@@ -172,8 +170,8 @@ def test_bound_when_all_terms_cancel(name, precision, dtype):
 
 
 @precisions
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("n", [1, 7, pytest.param(64, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("dtype", slow_but(["float32"], DTYPES))
+@pytest.mark.parametrize("n", [1, 7, slow(64)])
 def test_wrench_from_point_forces(n, dtype, precision):
     rng = np.random.default_rng(n)
     groups = [rng.standard_normal((2, 3, n, 3)).astype(jnp.dtype(dtype))]

@@ -3,6 +3,7 @@ and double words, which lose nothing on the way there and back.
 """
 
 import functools
+import itertools
 from fractions import Fraction
 
 import jax
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from jax import lax
 from laws import hostile
+from marks import slow, slow_but
 from operations import DTYPES, EXACT, OPERATIONS
 
 import jaxspatial as js
@@ -23,6 +25,9 @@ SAFE = [(dtype, precision) for dtype in DTYPES for precision in ("compensated", 
 SAFE.remove(("float64", "compensated"))
 NAMES = ("shift_force", "shift_velocity", "dot_force_velocity", "cross_force")
 N = 48
+# By default the first operation in all dtypes, the others in float32 alone.
+CASES = list(itertools.product([*NAMES, "shift_acceleration"], DTYPES))
+USUAL = [case for case in CASES if case[0] == NAMES[0] or case[1] == "float32" and case[0] in NAMES]
 
 safe = pytest.mark.parametrize(("dtype", "precision"), SAFE)
 precisions = pytest.mark.parametrize("precision", js.Precision)
@@ -44,7 +49,7 @@ def _extreme(name, family, dtype):
 
 
 @safe
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [NAMES[0], *map(slow, NAMES[1:])])
 def test_products_that_overflow_on_the_way_do_not_matter(name, dtype, precision):
     case = _extreme(name, "near_overflow_of_products", dtype)
     case.check(precision, _results(case, precision), "overflow", flushed=6)
@@ -114,8 +119,7 @@ def _assert_infinite(computed, exact):
 
 @precisions
 @pytest.mark.parametrize("family", ["tiny_products", "subnormals"])
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("name", "dtype"), slow_but(USUAL, CASES[: -len(DTYPES)]))
 def test_what_is_flushed_costs_a_few_of_the_smallest_numbers(name, dtype, family, precision):
     """In float64 the last two are as good as the first two there, beyond that."""
     case = _extreme(name, family, dtype)
@@ -130,16 +134,14 @@ def test_what_is_flushed_costs_a_few_of_the_smallest_numbers(name, dtype, family
 
 
 @precisions
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", [*NAMES, "shift_acceleration"])
+@pytest.mark.parametrize(("name", "dtype"), slow_but(USUAL, CASES))
 def test_results_are_finite_where_those_of_the_formula_are(name, dtype, precision):
     for computed, plain in zip(*_not_finite(name, dtype, precision), strict=True):
         np.testing.assert_array_equal(np.isfinite(computed), np.isfinite(plain))
 
 
 @precisions
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", [*NAMES, "shift_acceleration"])
+@pytest.mark.parametrize(("name", "dtype"), slow_but(USUAL, CASES))
 def test_nan_and_infinities_go_where_the_formula_takes_them(name, dtype, precision):
     """A product of three is multiplied out: there it is one of NaN and infinity, not always the same one."""
     for computed, plain in zip(*_not_finite(name, dtype, precision), strict=True):

@@ -3,6 +3,7 @@
 The whole file runs a second time in a process whose compiler may not use the FMA units (`test_without_fma`).
 """
 
+import itertools
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
+from marks import slow, slow_but
 from operations import EXACT, OPERATIONS
 
 import jaxspatial as js
@@ -28,6 +30,11 @@ RESULTS = [
     for part, bound in enumerate(OPERATIONS[name].bounds or ())
     if bound != EXACT
 ]  # fmt: skip
+
+
+# Of all operations one size and dtype; of one operation all of them.
+CASES = [(*result, n, dtype) for result, n, dtype in itertools.product(RESULTS, SIZES, DTYPES)]
+USUAL = [(*case, 257, "float32") for case in RESULTS] + [case for case in CASES if case[0] == "shift_force"]
 
 
 def _alone(name, part):
@@ -65,9 +72,7 @@ def _arrays(shapes, n, dtype, seed=0):
     return [(x * 2.0 ** rng.integers(-8, 8, x.shape)).astype(dtype) for x in normal]
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("n", SIZES)
-@pytest.mark.parametrize(("name", "part"), RESULTS)
+@pytest.mark.parametrize(("name", "part", "n", "dtype"), slow_but(USUAL, CASES))
 def test_bitwise_numpy(name, part, n, dtype):
     inputs = _arrays(OPERATIONS[name].shapes, n, dtype)
     with jax.enable_x64(dtype == "float64"):
@@ -134,9 +139,10 @@ def test_derivatives_are_reproducible_too(dtype):
 
 
 @pytest.mark.skipif("JAXSPATIAL_LANE" in os.environ, reason="this is the other lane")
-def test_without_fma():
-    """All of this again on the instruction set of a machine without fused multiply-add."""
+@pytest.mark.parametrize(("names", "marks"), [("shift_force or derivatives", "not slow"), slow("not without_fma", "")])
+def test_without_fma(names, marks):
+    """All of this again on the instruction set of a machine without fused multiply-add; by default one operation."""
     environment = {**os.environ, "XLA_FLAGS": "--xla_cpu_max_isa=AVX", "JAXSPATIAL_LANE": "AVX"}
-    command = [sys.executable, "-m", "pytest", "-q", __file__, "-p", "no:cacheprovider", "-k", "not float16"]
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=900)
+    command = [sys.executable, "-m", "pytest", "-q", __file__, "-p", "no:cacheprovider", "-k", names, "-m", marks]
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=3600)
     assert run.returncode == 0, run.stdout[-4000:]

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-# By default the two kernels that all others are made like; "slow" are all of them.
-FEW = " and (shift_force or dot_force_velocity)"
+# By default the values of the two kernels that all others are made like; "slow" is everything, slow cases included.
+FEW = " and test_bound_of_the_docstring and (shift_force or dot_force_velocity)"
 CHOSEN = {
     "test_error_bounds.py": "(compensated or faithful) and (float32 or float64) and not bfloat16 and not constants"
     " and not compose and not inverse and not act_acceleration",
@@ -19,12 +19,20 @@ CHOSEN = {
 }
 
 
-@pytest.mark.parametrize("which", [FEW, pytest.param("", marks=pytest.mark.slow)], ids=["few", "all"])
+def test_few_without_fma():
+    _run("test_error_bounds.py", CHOSEN["test_error_bounds.py"] + FEW, "not slow")
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("file", CHOSEN)
-def test_without_fma(file, which):
+def test_all_without_fma(file):
+    _run(file, CHOSEN[file], "")
+
+
+def _run(file, names, marks):
     environment = {**os.environ, "XLA_FLAGS": "--xla_cpu_max_isa=AVX"}
-    command = [sys.executable, "-m", "pytest", "-q", str(Path(__file__).with_name(file)), "-k", CHOSEN[file] + which]
+    command = [sys.executable, "-m", "pytest", "-q", str(Path(__file__).with_name(file)), "-k", names, "-m", marks]
     run = subprocess.run(
-        [*command, "-p", "no:cacheprovider"], env=environment, capture_output=True, text=True, timeout=900
+        [*command, "-p", "no:cacheprovider"], env=environment, capture_output=True, text=True, timeout=3600
     )
     assert run.returncode == 0, run.stdout[-4000:]

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from marks import slow_but
 
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.measure import conditions, error, scene, timing, trade
@@ -54,7 +55,7 @@ def test_an_error_beyond_the_promise_is_seen():
     assert operation.of_promise("fast", [np.full_like(computed, np.nan)], exactly)[0] == np.inf
 
 
-@pytest.mark.parametrize("dtype", trade.DTYPES)
+@pytest.mark.parametrize("dtype", slow_but(["float32"], trade.DTYPES))
 def test_rows(dtype):
     lines = trade.cases(("shift_velocity", "dot"), (dtype,))
     advanced = []

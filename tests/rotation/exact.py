@@ -60,6 +60,19 @@ def from_quaternion(q):
     return mp.eye(3) + 2 * w * k + 2 * k * k
 
 
+def proportional_to_quaternion(entries):
+    """Of 4 q q^T the row with the largest diagonal, its first number not negative; the matrix is taken as it is."""
+    a, b, c, d, e, f, g, h, i = vector(entries)
+    rows = [
+        [1 + a + e + i, h - f, c - g, d - b],
+        [h - f, 1 + a - e - i, b + d, c + g],
+        [c - g, b + d, 1 + e - a - i, f + h],
+        [d - b, c + g, f + h, 1 + i - a - e],
+    ]
+    k = max(range(4), key=lambda k: rows[k][k])
+    return [-x for x in rows[k]] if rows[k][0] < 0 else rows[k]
+
+
 def from_roll_pitch_yaw(roll, pitch, yaw):
     return exp((0, 0, yaw)) * exp((0, pitch, 0)) * exp((roll, 0, 0))
 

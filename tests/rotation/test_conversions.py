@@ -5,7 +5,9 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
+from marks import slow_but
 from rotation import exact
+from rotation.cases import allowed, of_dtype, wide_dtypes
 
 import jaxspatial as js
 
@@ -16,24 +18,14 @@ CASES = [
     ("float64", "fast"),
     ("float64", "compensated"),
 ]
-cases = pytest.mark.parametrize(("dtype", "precision"), CASES)
-wide_dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
+USUAL = [("float32", "reproducible")]
+cases = pytest.mark.parametrize(("dtype", "precision"), slow_but(USUAL, CASES))
 
 
 @pytest.fixture(autouse=True)
 def _x64():
     with jax.enable_x64(True):
         yield
-
-
-def allowed(dtype, precision, bound):
-    """`bound` u, or what is left of the error of one rounding."""
-    rounded_once = precision in ("compensated", "faithful") or jnp.finfo(dtype).bits < 32
-    return (1.01 if rounded_once else bound) * float(jnp.finfo(dtype).eps) / 2
-
-
-def of_dtype(x, dtype):
-    return jnp.asarray(np.asarray(x, float).astype(jnp.dtype(dtype)))
 
 
 def matrix_errors(R, references):
@@ -49,7 +41,7 @@ def quaternions(dtype, count=20):
     return of_dtype(q, dtype)
 
 
-@cases
+@pytest.mark.parametrize(("dtype", "precision"), slow_but([*USUAL, ("float64", "compensated")], CASES))
 def test_from_quaternion(dtype, precision):
     q = quaternions(dtype)
     found = js.Rotation.from_quaternion(q, precision=precision)
@@ -78,16 +70,8 @@ def test_to_quaternion(dtype, precision):
 
 
 def exact_quaternion(entries):
-    a, b, c, d, e, f, g, h, i = exact.vector(entries)
-    rows = [
-        [1 + a + e + i, h - f, c - g, d - b],
-        [h - f, 1 + a - e - i, b + d, c + g],
-        [c - g, b + d, 1 + e - a - i, f + h],
-        [d - b, c + g, f + h, 1 + i - a - e],
-    ]
-    row = max(rows, key=lambda row: row[rows.index(row)])
-    n = exact.length(row) * (-1 if row[0] < 0 else 1)
-    return [x / n for x in row]
+    q = exact.proportional_to_quaternion(entries)
+    return [x / exact.length(q) for x in q]
 
 
 @wide_dtypes
@@ -223,10 +207,10 @@ def test_scipy_agrees(dtype):
     )
 
 
-def test_derivatives_of_conversions():
-    """Against the exact ones: of a quaternion of any length, of angles, at the identity, at gimbal lock from below."""
+def conversions():
+    """(what to differentiate, its formula in 160 digits, where): at the identity, at gimbal lock from below."""
     rng = np.random.default_rng(8)
-    functions = {
+    return {
         "from_quaternion": (
             lambda x: js.Rotation.from_quaternion(x).entries,
             lambda x: list(exact.from_quaternion(x)),
@@ -248,8 +232,16 @@ def test_derivatives_of_conversions():
             np.array([[0.0, 0, 0], [1, 1, 1], [-3, -1.3, 2.9], [1.6, 0.1, -1.6]]),
         ),
     }  # fmt: skip
-    for name, (f, formula, x) in functions.items():
-        expected = np.array([exact.first_derivatives(formula, exact.vector(v)) for v in x]).astype(float)
-        for mode in (jax.jacfwd, jax.jacrev):
-            found = np.asarray(jax.jit(jax.vmap(mode(f)))(jnp.asarray(x)))
-            np.testing.assert_allclose(found, expected, rtol=0, atol=100 * 2.0**-52, err_msg=name)
+
+
+CONVERSIONS = conversions()
+
+
+@pytest.mark.parametrize("name", slow_but(["from_quaternion"], CONVERSIONS))
+def test_derivatives_of_conversions(name):
+    """Against the exact ones: of a quaternion of any length, of angles."""
+    f, formula, x = CONVERSIONS[name]
+    expected = np.array([exact.first_derivatives(formula, exact.vector(v)) for v in x]).astype(float)
+    for mode in (jax.jacfwd, jax.jacrev):
+        found = np.asarray(jax.jit(jax.vmap(mode(f)))(jnp.asarray(x)))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=100 * 2.0**-52)

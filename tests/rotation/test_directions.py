@@ -7,7 +7,9 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
+from marks import slow, slow_but
 from rotation import exact
+from rotation.cases import allowed, of_dtype, wide_dtypes
 
 import jaxspatial as js
 
@@ -18,24 +20,14 @@ CASES = [
     ("float64", "fast"),
     ("float64", "faithful"),
 ]
-cases = pytest.mark.parametrize(("dtype", "precision"), CASES)
-wide_dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
+USUAL = [("float32", "reproducible"), ("float32", "compensated")]
+cases = pytest.mark.parametrize(("dtype", "precision"), slow_but(USUAL, CASES))
 
 
 @pytest.fixture(autouse=True)
 def _x64():
     with jax.enable_x64(True):
         yield
-
-
-def allowed(dtype, precision, bound):
-    """`bound` u, or what is left of the error of one rounding."""
-    rounded_once = precision in ("compensated", "faithful") or jnp.finfo(dtype).bits < 32
-    return (1.01 if rounded_once else bound) * float(jnp.finfo(dtype).eps) / 2
-
-
-def of_dtype(x, dtype):
-    return jnp.asarray(np.asarray(x, float).astype(jnp.dtype(dtype)))
 
 
 def errors(R, references):
@@ -65,7 +57,7 @@ def vectors(dtype, seed, count=12):
 
 
 @cases
-@pytest.mark.parametrize("axis", [0, 2])
+@pytest.mark.parametrize("axis", [0, slow(2)])
 def test_from_one_vector(axis, dtype, precision):
     u = vectors(dtype, 0)
     found = js.Rotation.from_one_vector(u, axis, precision=precision)
@@ -81,7 +73,7 @@ def test_from_one_vector(axis, dtype, precision):
 
 
 @cases
-@pytest.mark.parametrize("axes", [(2, 0), (0, 2), (1, 2)])
+@pytest.mark.parametrize("axes", [(2, 0), slow((0, 2)), slow((1, 2))])
 def test_from_two_vectors(axes, dtype, precision):
     u, v = vectors(dtype, 1), vectors(dtype, 2)[::-1]
     found = js.Rotation.from_two_vectors(u, v, axes, precision=precision)
@@ -186,14 +178,14 @@ def test_nearest_removes_drift(dtype):
     assert np.abs(np.asarray(js.Rotation.nearest(cleaned.to_matrix()).entries - cleaned.entries)).max() <= 8 * eps
 
 
-def test_derivative_of_nearest():
+@pytest.mark.parametrize("mode", [slow(jax.jacfwd), jax.jacrev])
+def test_derivative_of_nearest(mode):
     """Along symmetric changes 0, along turns the turn: d exp(s w) (1 + s S) at s = 0."""
     R = js.Rotation.exp(jnp.array([0.3, -2.0, 1.0])).to_matrix()
     S = jnp.array([[1.0, 2, 3], [2, -1, 0], [3, 0, 2]])
     K = jnp.array([[0.0, -3, 2], [3, 0, -1], [-2, 1, 0]])
-    for mode in (jax.jacfwd, jax.jacrev):
-        derivative = mode(lambda s: js.Rotation.nearest(R @ (jnp.eye(3) + s * (S + K))).to_matrix())(0.0)
-        np.testing.assert_allclose(np.asarray(derivative), np.asarray(R @ K), atol=1e-14)
+    derivative = mode(lambda s: js.Rotation.nearest(R @ (jnp.eye(3) + s * (S + K))).to_matrix())(0.0)
+    np.testing.assert_allclose(np.asarray(derivative), np.asarray(R @ K), atol=1e-14)
 
 
 @wide_dtypes
@@ -223,19 +215,21 @@ def test_interpolation(dtype):
     assert np.abs(np.asarray(twice.translation - q, float)).max() <= 40 * eps * sizes.max()
 
 
-def test_decisions_agree_with_themselves():
-    """In "fast" too, at the switches: a batch of angles within rounding of |w|^2 = 10 and 1, and rows that tie."""
+@pytest.mark.parametrize("name", ["exp", slow("left_jacobian"), slow("left_jacobian_inverse")])
+def test_decisions_of_angles_agree_with_themselves(name):
+    """In "fast" too, at the switches: a batch of angles within rounding of |w|^2 = 10 and 1."""
     rng = np.random.default_rng(9)
     d = rng.standard_normal((4000, 3))
     d /= np.linalg.norm(d, axis=1)[:, None]
     for size in (np.sqrt(10), 1.0):
         w = of_dtype(d * size * (1 + rng.integers(-4, 5, (4000, 1)) * 2.0**-24), "float32")
-        for function in (js.Rotation.left_jacobian, js.Rotation.left_jacobian_inverse, js.Rotation.exp):
-            f = functools.partial(_entries, function)
-            fast, exact_ones = (
-                jax.jit(jax.vmap(jax.jacfwd(functools.partial(f, p))))(w) for p in ("fast", "compensated")
-            )
-            assert np.abs(np.asarray(fast - exact_ones)).max() <= 1e-4 * (1 if size < 2 else 4), function
+        f = functools.partial(_entries, getattr(js.Rotation, name))
+        fast, exact_ones = (jax.jit(jax.vmap(jax.jacfwd(functools.partial(f, p))))(w) for p in ("fast", "compensated"))
+        assert np.abs(np.asarray(fast - exact_ones)).max() <= 1e-4 * (1 if size < 2 else 4)
+
+
+def test_decisions_of_rows_that_tie_agree_with_themselves():
+    rng = np.random.default_rng(10)
     q = of_dtype(rng.choice([-0.5, 0.5], (4000, 4)) * (1 + 1e-7 * rng.standard_normal((4000, 4))), "float32")
     R = js.Rotation.from_quaternion(q)
     turned = jax.jit(lambda R, S: R.interpolate(S, jnp.ones(4000, jnp.float32), precision="fast"))(R, R @ R)

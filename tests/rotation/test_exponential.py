@@ -7,7 +7,9 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
+from marks import slow, slow_but
 from rotation import exact
+from rotation.cases import allowed, eps, wide_dtypes
 
 import jaxspatial as js
 
@@ -37,7 +39,7 @@ ANGLES = [
 NEAR_PI = [3.0, 3.1, 3.13, 3.14, 3.1415]
 PRECISIONS = [str(p) for p in js.Precision]
 DTYPES = ["float16", "bfloat16", "float32", "float64"]
-precisions = pytest.mark.parametrize("precision", PRECISIONS)
+precisions = pytest.mark.parametrize("precision", slow_but(["reproducible"], PRECISIONS))
 # Every dtype, every precision, and every way to compute: float32, float64 and double words.
 CASES = [
     ("float16", "reproducible"),
@@ -49,25 +51,15 @@ CASES = [
     ("float64", "reproducible"),
     ("float64", "faithful"),
 ]
-cases = pytest.mark.parametrize(("dtype", "precision"), CASES)
-wide_cases = pytest.mark.parametrize(("dtype", "precision"), CASES[2:])
-wide_dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
+USUAL = [("float32", "reproducible"), ("float32", "compensated")]
+cases = pytest.mark.parametrize(("dtype", "precision"), slow_but(USUAL, CASES))
+wide_cases = pytest.mark.parametrize(("dtype", "precision"), slow_but(USUAL, CASES[2:]))
 
 
 @pytest.fixture(autouse=True)
 def _x64():
     with jax.enable_x64(True):
         yield
-
-
-def eps(dtype):
-    return float(jnp.finfo(dtype).eps)
-
-
-def allowed(dtype, precision, bound):
-    """`bound` u, or what is left of the error of one rounding."""
-    rounded_once = precision in ("compensated", "faithful") or jnp.finfo(dtype).bits < 32
-    return (1.01 if rounded_once else bound) * eps(dtype) / 2
 
 
 @functools.cache
@@ -160,15 +152,7 @@ def test_log(dtype, precision):
 
 def exact_log(entries):
     """The rotation vector of the quaternion proportional to the row of 4 q q^T with the largest diagonal, as it is."""
-    a, b, c, d, e, f, g, h, i = exact.vector(entries)
-    rows = [
-        [1 + a + e + i, h - f, c - g, d - b],
-        [h - f, 1 + a - e - i, b + d, c + g],
-        [c - g, b + d, 1 + e - a - i, f + h],
-        [d - b, c + g, f + h, 1 + i - a - e],
-    ]
-    k = max(range(4), key=lambda k: rows[k][k])
-    w, *v = (-x for x in rows[k]) if rows[k][0] < 0 else rows[k]
+    w, *v = exact.proportional_to_quaternion(entries)
     s = exact.length(v)
     return [x * (2 * mp.atan2(s, w) / s if s else 2 / w) for x in v]
 
@@ -240,8 +224,9 @@ def transformations(f, *arrays):
     yield "one", jax.tree.map(lambda x: x[None], f(*(x[5] for x in arrays)))
 
 
-@pytest.mark.parametrize("dtype", ["float32", pytest.param("float64", marks=pytest.mark.slow)])
-def test_bits_do_not_depend_on_the_program(dtype):
+@pytest.mark.parametrize("what", ["values", slow("gradients")])
+@wide_dtypes
+def test_bits_do_not_depend_on_the_program(dtype, what):
     """Values and derivatives in "reproducible"."""
     w, v = motions(dtype, (0, 1e-30, 1e-4, 0.5, 1.0, 2.0, 3.1, 3.2, 7.0), 3)
 
@@ -259,12 +244,12 @@ def test_bits_do_not_depend_on_the_program(dtype):
     def gradients(w, v):
         return jax.grad(weighted, (0, 1))(w, v)
 
-    for f in (both, gradients):
-        expected = f(w, v)
-        for name, found in transformations(f, w, v):
-            want = jax.tree.map(lambda x: x[5:6], expected) if name == "one" else expected
-            for a, b in zip(found, want, strict=True):
-                np.testing.assert_array_equal(a, b, err_msg=f"{f.__name__} {name}")
+    f = {"values": both, "gradients": gradients}[what]
+    expected = f(w, v)
+    for name, found in transformations(f, w, v):
+        want = jax.tree.map(lambda x: x[5:6], expected) if name == "one" else expected
+        for a, b in zip(found, want, strict=True):
+            np.testing.assert_array_equal(a, b, err_msg=name)
 
 
 # -- Jacobians --------------------------------------------------------------------------------------------------------
@@ -285,7 +270,7 @@ def exact_jacobians(dtype):
 JACOBIAN_ANGLES = (0, 1e-30, 1e-8, 1e-4, 0.1, 0.5, 0.999, 1.001, 1.5, 2.0, 2.5, 3.0, 3.1, 3.1415)
 
 
-@wide_cases
+@pytest.mark.parametrize(("dtype", "precision"), slow_but(USUAL[:1], CASES[2:]))
 def test_left_jacobians(dtype, precision):
     w, v = motions(dtype, JACOBIAN_ANGLES)
     sizes = 1 + np.linalg.norm(np.asarray(v, float), axis=1)

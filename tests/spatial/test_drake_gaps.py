@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from marks import slow
 from spatial import drake_oracle as oracle
 from spatial.drake_oracle import (
     assert_parts,
@@ -27,9 +28,10 @@ FORCES = pytest.mark.parametrize("kind", [js.SpatialForce, js.SpatialMomentum])
 INFINITIES = [np.nan, np.inf, -np.inf]
 
 
-@pytest.fixture
-def dtype(x64):
-    return np.float64 if x64 else np.float32
+@pytest.fixture(params=[np.float32, slow(np.float64)], ids=["x32", "x64"])
+def dtype(request):
+    with jax.enable_x64(request.param is np.float64):
+        yield request.param
 
 
 def parts_of(x):

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from marks import slow
 from spatial import drake_oracle as oracle
 from spatial.drake_oracle import assert_numbers, assert_parts, assert_same_bits, every_kind, every_way, random_shift
 
@@ -27,9 +28,10 @@ FIRST = ((1, 2, 3), (4, 5, 6))
 SECOND = ((-1, 1.5, -0.5), (5, 7, 8))
 
 
-@pytest.fixture
-def dtype(x64):
-    return np.float64 if x64 else np.float32
+@pytest.fixture(params=[np.float32, slow(np.float64)], ids=["x32", "x64"])
+def dtype(request):
+    with jax.enable_x64(request.param is np.float64):
+        yield request.param
 
 
 def make(kind, parts, dtype):

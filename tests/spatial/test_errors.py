@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from operations import OPERATIONS
+from marks import slow_but
+from operations import OPERATIONS, REPRESENTATIVES
 
 import jaxspatial as js
 
@@ -325,7 +326,7 @@ def test_the_same_messages_while_tracing(call, error, message):
 
 
 @pytest.mark.parametrize("value", [0.0, -0.0, np.inf, -np.inf, np.nan, np.finfo(np.float32).max], ids=str)
-@pytest.mark.parametrize("name", OPERATIONS)
+@pytest.mark.parametrize("name", slow_but(REPRESENTATIVES, OPERATIONS))
 def test_no_value_raises(name, value):
     function = OPERATIONS[name].function
     inputs = OPERATIONS[name].inputs((), "float32", np.random.default_rng(0))

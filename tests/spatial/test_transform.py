@@ -7,6 +7,7 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from marks import slow_but
 
 import jaxspatial as js
 
@@ -45,7 +46,7 @@ def test_to_matrix_and_back():
         np.testing.assert_array_equal(a, b)
 
 
-@pytest.mark.parametrize("precision", js.Precision)
+@pytest.mark.parametrize("precision", slow_but(["reproducible", "compensated"], js.Precision))
 def test_products_are_those_of_matrices(precision):
     X, Y, p = transforms(7), transforms(7, 2), points(7)
     with js.default_precision(precision):
