@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from marks import slow_but
 
 import jaxspatial as js
 from jaxspatial import interop
@@ -10,7 +11,9 @@ from jaxspatial import interop
 jaxlie = pytest.importorskip("jaxlie")
 
 DTYPES = {"float32": 2.0**-24, "float64": 2.0**-53}
-every_dtype = pytest.mark.parametrize(("dtype", "u"), DTYPES.items(), ids=DTYPES)
+every_dtype = pytest.mark.parametrize(
+    ("dtype", "u"), slow_but([("float32", DTYPES["float32"])], DTYPES.items()), ids=DTYPES
+)
 
 
 @pytest.fixture(autouse=True)
