@@ -1,6 +1,8 @@
 """The other sides of `dynamics.py`: Pinocchio and MuJoCo in C++, compiled on the spot, frax and MuJoCo MJX in JAX.
 
-Each is a function (q, v, a) -> the result, for arrays in the order of its own coordinates.
+Each is a function (q, v, a) -> the result, for arrays in the order of its own coordinates. Pinocchio's Python package
+is imported where it is used, after the libraries are loaded: the other way round they would take parts of their code
+from it.
 """
 
 import ctypes
@@ -15,7 +17,6 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-import pinocchio as pin
 from mujoco import mjx
 from mujoco.mjx._src import smooth
 
@@ -33,7 +34,7 @@ MACROS += ["FUSION_MAX_VECTOR_SIZE=10", "BOOST_FUSION_INVOKE_MAX_ARITY=10"]
 MACROS += ["EIGEN_MAX_ALIGN_BYTES=16", "EIGEN_MAX_STATIC_ALIGN_BYTES=16"]
 SCALARS = {"float32": "float", "float64": "double"}
 ALGORITHMS = ["inverse dynamics", "forward dynamics"]
-GRAVITY = (0.0, 0.0, 0.0, 0.0, 0.0, -9.81)
+GRAVITY = (0.0, 0.0, 9.81, 0.0, 0.0, 0.0)  # upwards, linear part first
 
 
 # -- C++ --------------------------------------------------------------------------------------------------------------
@@ -67,7 +68,7 @@ def run(library, algorithm, arrays):
     pointers = [ctypes.c_void_p(x.ctypes.data) for x in (*arrays, out)]
     number, n = ALGORITHMS.index(algorithm), ctypes.c_long(len(out))
 
-    def call():
+    def call(_alive=arrays):
         library.run(number, n, *pointers)
         return out
 
@@ -76,6 +77,8 @@ def run(library, algorithm, arrays):
 
 def load_pinocchio(library, robot):
     """Pinocchio's model in Python, also given to the library."""
+    import pinocchio as pin
+
     root = (pin.JointModelFreeFlyer(),) if robot.floating_base else ()
     model = pin.buildModelFromUrdf(str(robot.urdf), *root)
     with tempfile.NamedTemporaryFile(suffix=".bin") as file:
@@ -149,7 +152,18 @@ def urdf(name):
     return PACKAGES / "frax" / "assets" / places[name]
 
 
+def expected(model, algorithm, arrays):
+    """Of states, by Pinocchio in Python, in float64."""
+    import pinocchio as pin
+
+    data = model.createData()
+    function = pin.rnea if algorithm == "inverse dynamics" else pin.aba
+    return np.stack([function(model, data, *x) for x in zip(*arrays, strict=True)])
+
+
 def versions():
+    import pinocchio as pin
+
     names = f"pin {pin.__version__}, mujoco {mujoco.__version__}, frax {getattr(frax, '__version__', '0.1.0')}"
     return f"g++ {' '.join(FLAGS[:3])}, {names}"
 

@@ -125,6 +125,14 @@ def test_mimic():
     np.testing.assert_array_equal(mech.mimics, [[1, 0], [1, 0]])
 
 
+def test_a_fixed_joint_follows_nothing():
+    """What robots have whose grippers were made rigid: the mimics are fixed, as is the joint they followed."""
+    fixed = ('type="continuous"', 'type="fixed"')
+    expected = repr(read(ARM, fixed))
+    assert repr(read(ARM, fixed, MIMIC)) == expected
+    assert repr(read(ARM, fixed, (MIMIC[0], MIMIC[1].replace("shoulder", "grip")))) == expected
+
+
 @pytest.mark.parametrize(
     ("kind", "ours", "nq"), [("prismatic", "prismatic", 1), ("floating", "free", 7), ("planar", "planar", 3)]
 )
@@ -168,7 +176,7 @@ REFUSED = {
     "not a number": (('xyz="0 0 1"', 'xyz="0 0 x"'), "line 16: <origin>: xyz: expected 3 numbers, got '0 0 x'"),
     "nan": (('rpy="0 0 1.5707963267948966"', 'rpy="0 0 nan"'), "line 12: <origin>: rpy: expected 3 numbers"),
     "plane across x": (('"continuous"', '"planar"'), r"line 15: .*a planar joint is normal to z .*\[1.0, 0"),
-    "mimic of nothing": ((MIMIC[0], MIMIC[1].replace("shoulder", "x")), "line 15: .*mimic: expected .*'x'"),
+    "mimic of nothing": ((MIMIC[0], MIMIC[1].replace("shoulder", "x")), "line 15: .*mimic: there is no joint 'x'"),
     "mimic of itself": ((MIMIC[0], MIMIC[1].replace("shoulder", "elbow")), "line 15: .*mimic: expected .*'elbow'"),
     "mimic of a weld": ((MIMIC[0], MIMIC[1].replace("shoulder", "grip")), "line 15: .*mimic: expected .*'grip'"),
     "negative mass": (('value="2"', 'value="-2"'), 'line 5: <link name="upper">: inertial: expected a mass >= 0'),
