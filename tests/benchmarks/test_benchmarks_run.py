@@ -45,3 +45,22 @@ def test_results_of_compensated_and_faithful_are_never_meaningless():
     program = f"import sys; sys.path.insert(0, {str(HERE)!r}); import precisions as p; p.require_meaning(100)"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=600)
     assert run.returncode == 0, run.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not shutil.which("g++"), reason="needs g++")
+def test_dynamics():
+    """All sides, on few states of one robot."""
+    for name in ("pinocchio", "mujoco.mjx", "frax"):
+        pytest.importorskip(name)
+    options = ["--robots", "panda", "--batches", "4", "--dtypes", "float32", "--rounds", "2"]
+    run = subprocess.run([sys.executable, HERE / "dynamics.py", *options], capture_output=True, text=True, timeout=1800)
+    assert run.returncode == 0 and "Pinocchio C++" in run.stdout, run.stderr
+
+
+@pytest.mark.slow
+def test_robots():
+    pytest.importorskip("pinocchio")
+    command = [sys.executable, HERE / "robots.py", "double_pendulum"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=1800)
+    assert run.returncode == 0 and "| double_pendulum | floating |" in run.stdout, run.stderr
