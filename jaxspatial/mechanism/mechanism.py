@@ -1,6 +1,7 @@
 """The mechanism: a tree of bodies that joints hold against each other, as a pytree of numbers."""
 
 import dataclasses
+import json
 
 import jax
 import numpy as np
@@ -169,3 +170,23 @@ def _check_replaced(name, old, new):
     for a, b in zip(jax.tree.leaves(old), jax.tree.leaves(new), strict=True):
         if np.shape(a) != np.shape(b):
             raise ValueError(f"Mechanism.replace: {name}: expected shape {np.shape(a)}, got {np.shape(b)}")
+
+
+# -- export -----------------------------------------------------------------------------------------------------------
+
+
+def _to_bytes(structure):
+    return json.dumps(dataclasses.astuple(structure[0])).encode()
+
+
+def _from_bytes(data):
+    return (Topology(*map(_as_tuples, json.loads(data))),)
+
+
+def _as_tuples(x):
+    return tuple(map(_as_tuples, x)) if isinstance(x, list) else x
+
+
+jax.export.register_pytree_node_serialization(
+    Mechanism, serialized_name="jaxspatial.Mechanism", serialize_auxdata=_to_bytes, deserialize_auxdata=_from_bytes
+)

@@ -4,8 +4,7 @@ one core, in turns.
     python tests/benchmarks/dynamics.py [--write] [--robots panda g1] [--batches 1 64 4096 65536]
 
 Asserts the claims of the README; exit status 1 if one does not hold. `--write` renews the table and the picture beside
-this file. Needs g++ (with Pinocchio's headers it takes minutes), pin, cmeel-eigen, mujoco-mjx, frax and
-jaxspatial[models,plot].
+this file. Needs g++ (with Pinocchio's headers it takes minutes) and jaxspatial[benchmarks].
 """
 
 import os

@@ -371,3 +371,12 @@ def test_random_mechanisms_are_the_same_for_the_same_seed():
     assert (first.inertias.mass != other.inertias.mass).all()
     chain = js.random_mechanism(0, 4, ["ball"], is_chain=True)
     assert (chain.topology.parents, chain.topology.kinds) == ((-1, 0, 1, 2), ("ball",) * 4)
+
+
+def test_a_program_of_a_mechanism_is_exported():
+    """And takes another with the same tree."""
+    mech, q = geared().as_data(), np.float32([0.3, 1, 0, 0, 0])
+    exported = jax.export.export(jax.jit(js.gravity_forces))(mech, q)
+    again = jax.export.deserialize(exported.serialize())
+    heavier = mech.replace(gravity=2 * mech.gravity)
+    np.testing.assert_allclose(again.call(heavier, q), js.gravity_forces(heavier, q), rtol=1e-6)
