@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.numbers import doubled, numeric
 from jaxspatial.dynamics.configuration import configuration_rates, difference, integrate
 from jaxspatial.dynamics.energy import kinetic_energy
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
@@ -27,9 +28,9 @@ def semi_implicit_step(mechanism, q, v, tau, dt, external_forces=None, *, precis
     q, v, tau, dt = _checked("semi_implicit_step", mechanism, q, v, tau, dt)
     damping = _damping(mechanism, q)
     if damping is not None:
-        tau, mechanism = tau - damping * v, _stiffened(mechanism, damping, dt)
+        tau, mechanism = _damped(precision, tau, damping, v), _stiffened(mechanism, damping, dt)
     vdot = forward_dynamics(mechanism, q, v, tau, external_forces, precision=precision)
-    v = v + dt[..., None] * vdot
+    v = _ahead(precision, v, dt[..., None], vdot)
     return integrate(mechanism, q, v, dt, precision=precision), v
 
 
@@ -45,18 +46,27 @@ def symplectic_step(mechanism, q, v, tau, dt, external_forces=None, *, iteration
     [Marsden, West 2001, Discrete mechanics and variational integrators, 1.1 to 1.4; Lee, Leok, McClamroch 2007]
     """
     q, v, tau, dt = _checked("symplectic_step", mechanism, q, v, tau, dt)
-    apart, damping, h = _moved(mechanism, precision), _damping(mechanism, q), dt[..., None]
+    batch = np.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau)), dt.shape)
+    q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (q, v, tau, dt[..., None]))
+    apart, dt, damping = _moved(mechanism, precision), h[..., 0], _damping(mechanism, q)
+    damping = None if damping is None else h * jnp.broadcast_to(damping, v.shape)
     before = integrate(mechanism, q, v, -dt, precision=precision)
     momentum = apart(before, q, dt)[1] + h * (tau - _static(mechanism, q, external_forces, precision))
     M = mass_matrix(mechanism, q, precision=precision)
-    factor = factored(M if damping is None else M + h[..., None] * jnp.diag(damping))
+    factor = factored(M if damping is None else M + _diagonal(damping))
 
     def nearer(_, v):
         left = momentum + apart(q, integrate(mechanism, q, v, dt, precision=precision), dt)[0]
-        return v + factor.solve(left if damping is None else left - h * (damping * v))
+        return v + factor.solve(left if damping is None else left - damping * v)
 
     v = jax.lax.fori_loop(0, iterations, nearer, v)
     return integrate(mechanism, q, v, dt, precision=precision), v
+
+
+def _diagonal(x):
+    """(*batch, n, n)."""
+    is_diagonal = jnp.broadcast_to(jnp.eye(x.shape[-1], dtype=bool), (*x.shape, x.shape[-1]))
+    return jnp.where(is_diagonal, jnp.broadcast_to(x[..., None], is_diagonal.shape), 0)
 
 
 def _moved(mechanism, precision):
@@ -97,24 +107,39 @@ def rk4_step(mechanism, q, v, tau, dt, external_forces=None, *, precision=None):
     damping = _damping(mechanism, q)
 
     def rate(q, v):
-        forces = tau if damping is None else tau - damping * v
+        forces = tau if damping is None else _damped(precision, tau, damping, v)
         vdot = forward_dynamics(mechanism, q, v, forces, external_forces, precision=precision)
         return configuration_rates(mechanism, q, v, precision=precision), vdot
 
-    q, v = _runge_kutta(rate, (q, v), dt[..., None])
+    q, v = _runge_kutta(precision, rate, (q, v), dt[..., None])
     nowhere = np.zeros(mechanism.nv, q.dtype)
     return integrate(mechanism, q, nowhere, precision=precision), v
 
 
-def _runge_kutta(rate, x, dt):
-    def ahead(share, k):
-        return tuple(a + dt * (b * b.dtype.type(share)) for a, b in zip(x, k, strict=True))
+def _runge_kutta(precision, rate, x, dt):
+    k = [rate(*x)]
+    for share in (0.5, 0.5, 1.0):
+        ahead = (_ahead(precision, a, dt * dt.dtype.type(share), b) for a, b in zip(x, k[-1], strict=True))
+        k.append(rate(*ahead))
+    return tuple(_mean_ahead(precision, a, dt, *rates) for a, *rates in zip(x, *k, strict=True))
 
-    k1 = rate(*x)
-    k2 = rate(*ahead(0.5, k1))
-    k3 = rate(*ahead(0.5, k2))
-    k4 = rate(*ahead(1, k3))
-    return tuple(a + dt * ((p + 2 * q + 2 * r + s) / 6) for a, p, q, r, s in zip(x, k1, k2, k3, k4, strict=True))
+
+@numeric
+def _ahead(x, dt, rate):
+    return tuple(a + dt[0] * b for a, b in zip(x, rate, strict=True))
+
+
+@numeric
+def _mean_ahead(x, dt, *rates):
+    def one(a, k1, k2, k3, k4):
+        return a + dt[0] * ((k1 + k4) + doubled(k2 + k3)) / 6
+
+    return tuple(one(a, *k) for a, *k in zip(x, *rates, strict=True))
+
+
+@numeric
+def _damped(tau, damping, v):
+    return tuple(t - d * x for t, d, x in zip(tau, damping, v, strict=True))
 
 
 def _checked(operation, mechanism, q, v, tau, dt):
