@@ -3,8 +3,7 @@
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import shared
 from jaxspatial.dynamics.kinematics import poses, velocities
-from jaxspatial.dynamics.links import to_parent
-from jaxspatial.dynamics.mass_matrix import composites, felt
+from jaxspatial.dynamics.mass_matrix import composites, felt, wrench_to_parent
 from jaxspatial.dynamics.scene import Pose, algorithm, checked
 from jaxspatial.inertia import symmetric
 from jaxspatial.spatial import SpatialMomentum
@@ -164,6 +163,4 @@ def _of_segment(scene, segment, hinge, composite, X_WJ, center):
 
 
 def _about(composite, motion, X_CJ):
-    wrench = felt(composite, motion)
-    tau, f = to_parent(X_CJ, wrench[:3], wrench[3:])
-    return *tau, *f
+    return wrench_to_parent(X_CJ, felt(composite, motion))

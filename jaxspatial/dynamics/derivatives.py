@@ -7,6 +7,7 @@ one that its own frame rests for: linear velocities never enter, and a fast base
 algebra, equations 35 to 38]
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import jax
@@ -18,7 +19,7 @@ from jaxspatial.arithmetic.numbers import constant, doubled
 from jaxspatial.dynamics import columns, recursion
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.inverse_dynamics import wrench_of
-from jaxspatial.dynamics.links import Motion, across, combined, move
+from jaxspatial.dynamics.links import across, combined, falling, move
 from jaxspatial.dynamics.loads import checked_forces, loads
 from jaxspatial.dynamics.mass_matrix import crossing, factored, felt, inertia_to_parent, together, wrench_to_parent
 from jaxspatial.dynamics.scene import Inertia, algorithm, checked
@@ -91,8 +92,7 @@ class Behind(NamedTuple):
 def _derivatives(scene, v, vdot, forces, *, bodies):
     links = scene.links(v, vdot)
     zero = (scene.known(0.0),) * 3
-    world = Motion(zero, zero, tuple(-g for g in scene.numbers(scene.mechanism.gravity)))
-    motions = recursion.outward(scene.segments, move, world, links)
+    motions = recursion.outward(scene.segments, move, falling(scene), links)
     own = list(zip(links, motions, _pulls(scene, bodies, forces), strict=True))
     nothing = Behind(Inertia(zero[0], zero, zero + zero), zero + zero, (zero,) * 3, zero, (zero,) * 3, zero)
     behind, _ = recursion.inward(scene.segments, _gathered, nothing, own, joined=_joined)
@@ -128,12 +128,16 @@ def _of_body(inertia, motion, load):
     return Behind(inertia, vectors.flat(wrench), X, p, pulled, f)
 
 
-def _seen_from_parent(link, motion, behind):
-    """d: the velocity of J for an observer that the parent's rests for."""
+def _to_observer(link, motion):
+    """(X_PB, a function to the parent's axes, the velocity of J for an observer that the parent's rests for)."""
     X_PB = across(link.placement, link.hinge)
     w_r, v_r = combined(link.hinge.subspace, link.v)
-    turn = lambda x: vectors.matrix_times(X_PB.rows, x)  # noqa: E731
-    d = vectors.plus(vectors.cross(turn(vectors.minus(motion.w, w_r)), X_PB.p), turn(v_r))
+    turn = functools.partial(vectors.matrix_times, X_PB.rows)
+    return X_PB, turn, vectors.plus(vectors.cross(turn(vectors.minus(motion.w, w_r)), X_PB.p), turn(v_r))
+
+
+def _seen_from_parent(link, motion, behind):
+    X_PB, turn, d = _to_observer(link, motion)
     m, com, _ = behind.inertia
     p = vectors.plus(turn(behind.p), vectors.times(m, d))
     moved = _plus(_twice_crossed(turn(vectors.times(m, com)), d), _twice_crossed(X_PB.p, p))
@@ -204,11 +208,7 @@ def _five(motions, column):
 
 def _passed(own, column):
     """t changes with the observer: by 2 d x the force of u."""
-    link, motion, _ = own
-    X_PB = across(link.placement, link.hinge)
-    turn = lambda x: vectors.matrix_times(X_PB.rows, x)  # noqa: E731
-    w_r, v_r = combined(link.hinge.subspace, link.v)
-    d = vectors.plus(vectors.cross(turn(vectors.minus(motion.w, w_r)), X_PB.p), turn(v_r))
+    X_PB, turn, d = _to_observer(*own[:2])
     u, a, b = (wrench_to_parent(X_PB, column[i : i + 6]) for i in (0, 9, 15))
     t = vectors.plus(turn(column[6:9]), tuple(doubled(x) for x in vectors.cross(d, u[3:])))
     return *u, *t, *a, *b, *(turn(column[21:]) if column[21:] else ())

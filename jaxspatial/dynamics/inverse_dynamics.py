@@ -2,7 +2,7 @@
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.dynamics import recursion
-from jaxspatial.dynamics.links import Motion, across, move, swing, to_parent
+from jaxspatial.dynamics.links import across, falling, move, swing, to_parent
 from jaxspatial.dynamics.loads import checked_forces, loads
 from jaxspatial.dynamics.scene import algorithm, checked
 from jaxspatial.inertia import symmetric
@@ -48,8 +48,7 @@ def gravity_forces(mechanism, q, *, precision=None):
 def _inverse_dynamics(scene, v, vdot, forces, *, bodies):
     own = scene.links(v, vdot)
     zero = (scene.known(0.0),) * 3
-    world = Motion(zero, zero, tuple(-g for g in scene.numbers(scene.mechanism.gravity)))
-    motions = recursion.outward(scene.segments, move, world, own)
+    motions = recursion.outward(scene.segments, move, falling(scene), own)
     pulled = loads(scene, bodies, forces)
     taus, _ = recursion.inward(scene.segments, _carry, (zero, zero), list(zip(own, motions, pulled, strict=True)))
     return scene.by_rate(taus)

@@ -17,6 +17,12 @@ class Motion(NamedTuple):
     a: Any
 
 
+def falling(scene):
+    """The motion of the world as bodies feel it: with gravity as an upward acceleration."""
+    zero = (scene.known(0.0),) * 3
+    return Motion(zero, zero, tuple(-g for g in scene.numbers(scene.mechanism.gravity)))
+
+
 def across(placement, hinge):
     """X_PB of a body in its parent."""
     X = hinge.transform

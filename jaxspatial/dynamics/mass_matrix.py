@@ -87,7 +87,8 @@ def crossing(motion, wrench):
     return vectors.dot((*motion[0], *motion[1]), wrench)
 
 
-def _to_parent(own, wrench):
+def carried_wrench(own, wrench):
+    """A wrench on a body, of numbers that begin with its link, as its parent has it."""
     return wrench_to_parent(across(own[0].placement, own[0].hinge), wrench)
 
 
@@ -96,7 +97,7 @@ def wrench_to_parent(X_PB, wrench):
     return *tau, *f
 
 
-_WRENCHES = columns.Matrix(None, 6, _of_rates, _rows, _to_parent)
+_WRENCHES = columns.Matrix(None, 6, _of_rates, _rows, carried_wrench)
 
 
 # -- factors ----------------------------------------------------------------------------------------------------------

@@ -3,8 +3,8 @@
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import constant
 from jaxspatial.dynamics import columns, recursion
-from jaxspatial.dynamics.links import Motion, across, move, swing
-from jaxspatial.dynamics.mass_matrix import crossing, wrench_to_parent
+from jaxspatial.dynamics.links import falling, move, swing
+from jaxspatial.dynamics.mass_matrix import carried_wrench, crossing
 from jaxspatial.dynamics.scene import algorithm, checked
 from jaxspatial.inertia import symmetric
 
@@ -26,10 +26,8 @@ def joint_torque_regressor(mechanism, q, v, vdot, *, precision=None):
 @algorithm
 def _regressor(scene, v, vdot):
     links = scene.links(v, vdot)
-    zero = (scene.known(0.0),) * 3
-    world = Motion(zero, zero, tuple(-g for g in scene.numbers(scene.mechanism.gravity)))
-    motions = recursion.outward(scene.segments, move, world, links)
-    matrix = columns.Matrix(_size, 6, _of_parameters, _rows, _to_parent)
+    motions = recursion.outward(scene.segments, move, falling(scene), links)
+    matrix = columns.Matrix(_size, 6, _of_parameters, _rows, carried_wrench)
     found = columns.blocks(scene, matrix, list(zip(links, motions, strict=True)))
     return columns.rows_of_masters(scene, columns.whole(found, sum(map(_size, scene.segments))))
 
@@ -60,7 +58,3 @@ def _torque(J, motion):
 
 def _rows(place, own, wrenches):
     return tuple(recursion.each_column(crossing, motion, wrenches) for motion in own[0].hinge.subspace)
-
-
-def _to_parent(own, wrench):
-    return wrench_to_parent(across(own[0].placement, own[0].hinge), wrench)
