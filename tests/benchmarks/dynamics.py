@@ -223,8 +223,8 @@ def picture(results, path):
         colours = ["#00798c" if name in PROGRAMS else "#b9b9b9" for name in names]
         bars = axes.barh(names, middle, color=colours)
         axes.bar_label(bars, [f"{x:.2g}" for x in middle], padding=3)
-        axes.set(xscale="log", title=f"{result.robot}, {result.algorithm}, {result.dtype}", xlabel="us per evaluation")
-        axes.margins(x=0.15)
+        axes.set(xscale="log", xlim=(0.1, 200), xlabel="us per evaluation, logarithmic")
+        axes.set_title(f"{result.robot}, {result.algorithm}, {result.dtype}, batch {result.batch}")
         axes.spines[["top", "right"]].set_visible(False)
     figure.tight_layout()
     figure.savefig(path, dpi=110)
