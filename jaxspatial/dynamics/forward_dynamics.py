@@ -114,10 +114,14 @@ def _eliminate(own, held):
 
 def _held_with(inertia, drift, held):
     """Of the body itself and what its children pass on, as a function of A': Z + P c in place of Z."""
-    J, F, M = articulated.of_body(*inertia)
-    parts = [vectors.plus(a, b) for a, b in zip((J, F, M, drift.Z), held, strict=True)]
+    parts = shared(_together)(inertia, drift.Z, held)
     c = articulated.product(*parts[:3], *drift.c)
     return Articulated(*parts[:3], vectors.plus(parts[3], c))
+
+
+def _together(inertia, Z, held):
+    J, F, M = articulated.of_body(*inertia)
+    return [vectors.plus(a, b) for a, b in zip((J, F, M, Z), held, strict=True)]
 
 
 def _without_rate(P, w, v, tau, armature):
@@ -128,9 +132,13 @@ def _without_rate(P, w, v, tau, armature):
     U, D = articulated.felt(P.J, P.F, P.M, w, v, armature)
     share = articulated.share_of(U, D)
     u = tau - (vectors.dot(w, P.Z[:3]) + vectors.dot(v, P.Z[3:]))
-    rest = Articulated(*articulated.without(P.J, P.F, P.M, U, share), vectors.plus(P.Z, vectors.times(u, share)))
+    rest = Articulated(*articulated.without(P.J, P.F, P.M, U, share), shared(_with_share)(P.Z, u, share))
     k = _free_axis(w, v, armature)
     return rest if k is None else _cleared(rest, k, tau), Elimination(U, D, u)
+
+
+def _with_share(Z, u, share):
+    return vectors.plus(Z, vectors.times(u, share))
 
 
 def _free_axis(w, v, armature):
