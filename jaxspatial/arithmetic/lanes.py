@@ -129,7 +129,7 @@ def rounded_difference(a, b, precision=None):
 
 
 def _rounded(operation, a, b, precision):
-    """In "fast", only next to what is known here: keeping every sum makes a program a third longer to compile."""
+    """In "fast", only next to what is known here: keeping every sum makes programs a quarter longer."""
     result = quietly(operation, a, b)
     is_free = precision is Precision.FAST and not (is_known(a) or is_known(b))
     return result if is_free or not isinstance(result, jax.Array) else kept(result)
