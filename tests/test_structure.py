@@ -223,7 +223,7 @@ def test_inertias_that_are_added_share_a_centre_of_mass():
     assert {name: (c["multiply"], flops(c)) for name, c in counted.items() if name != "general"} == {
         "point_mass": (15, 33), "centred": (0, 7), "ball": (0, 4)
     }  # fmt: skip
-    assert flops(counted["general"]) > flops(counted["point_mass"])
+    assert flops(counted["general"]) > 44
 
 
 # -- numbers known as NumPy arrays while tracing ----------------------------------------------------------------------

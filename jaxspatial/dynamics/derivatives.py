@@ -141,9 +141,9 @@ def _seen_from_parent(link, motion, behind):
     m, com, _ = behind.inertia
     p = vectors.plus(turn(behind.p), vectors.times(m, d))
     moved = _plus(_twice_crossed(turn(vectors.times(m, com)), d), _twice_crossed(X_PB.p, p))
-    X = _minus(_turned(behind.X, X_PB.rows), tuple(tuple(doubled(x) for x in row) for row in moved))
+    X = _minus(articulated.sandwiched(behind.X, X_PB.rows), tuple(tuple(doubled(x) for x in row) for row in moved))
     pull = turn(behind.pull)
-    pulled = _minus(_turned(behind.pulled, X_PB.rows), _twice_crossed(X_PB.p, pull))
+    pulled = _minus(articulated.sandwiched(behind.pulled, X_PB.rows), _twice_crossed(X_PB.p, pull))
     return Behind(inertia_to_parent(X_PB, behind.inertia), wrench_to_parent(X_PB, behind.wrench), X, p, pulled, pull)
 
 
@@ -300,10 +300,6 @@ def _twice_crossed(a, b):
     """[a]x [b]x = b a^T - (a . b) 1, by its rows."""
     inner = vectors.dot(a, b)
     return tuple(tuple(y * x - inner if i == j else y * x for j, x in enumerate(a)) for i, y in enumerate(b))
-
-
-def _turned(m, rows):
-    return vectors.product(rows, vectors.product(m, vectors.transpose(rows)))
 
 
 def _plus(m, n):

@@ -2,9 +2,6 @@
 
 from typing import Any, NamedTuple
 
-import jax
-import numpy as np
-
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.lanes import is_known
 from jaxspatial.arithmetic.numbers import Lane, constant, high, shared, where
@@ -12,7 +9,7 @@ from jaxspatial.dynamics import recursion
 from jaxspatial.dynamics.inverse_dynamics import bias_forces
 from jaxspatial.dynamics.links import Motion, across, moved, to_parent
 from jaxspatial.dynamics.loads import checked_forces, loads
-from jaxspatial.dynamics.mass_matrix import mass_matrix
+from jaxspatial.dynamics.mass_matrix import mass_matrix, solved
 from jaxspatial.dynamics.scene import algorithm, checked
 from jaxspatial.inertia import articulated, symmetric
 
@@ -30,18 +27,10 @@ def forward_dynamics(mechanism, q, v, tau, external_forces=None, *, precision=No
     """
     q, v, tau = checked("forward_dynamics", mechanism, q=q, v=v, tau=tau)
     bodies, forces = checked_forces("forward_dynamics", mechanism, external_forces, q)
-    if mechanism.topology.has_mimics:
+    if mechanism.topology.has_mimics:  # they tie joints of different bodies together, which no recursion sees
         bias = bias_forces(mechanism, q, v, external_forces, precision=precision)
-        return _solved(mass_matrix(mechanism, q, precision=precision), tau - bias)
+        return solved(mass_matrix(mechanism, q, precision=precision), tau - bias)
     return _forward_dynamics(precision, mechanism, q, v, tau, forces, bodies=bodies)
-
-
-def _solved(M, tau):
-    """M^-1 tau, in float32 for 16-bit types: coordinates that follow others tie joints of different bodies together,
-    which no recursion from body to body sees."""
-    wide = np.promote_types(M.dtype, np.float32) if M.dtype.itemsize > 2 else np.dtype(np.float32)
-    factor = jax.scipy.linalg.cho_factor(M.astype(wide))
-    return jax.scipy.linalg.cho_solve(factor, tau.astype(wide)[..., None])[..., 0].astype(tau.dtype)
 
 
 class Articulated(NamedTuple):

@@ -116,11 +116,7 @@ class MassMatrixFactor:
     def solve(self, tau):
         """M^-1 tau of (*batch, nv): the accelerations of forces, from rest."""
         tau = check.as_vectors(tau, "MassMatrixFactor.solve: tau", self.L.dtype, self.L.shape[-1])
-        upper = jax.lax.linalg.triangular_solve
-        L, b = _wide(self.L), _wide(tau)[..., None]
-        L, b = (jnp.broadcast_to(x, (*np.broadcast_shapes(L.shape[:-2], b.shape[:-2]), *x.shape[-2:])) for x in (L, b))
-        half = upper(L, b, left_side=True, lower=True, transpose_a=True)
-        return upper(L, half, left_side=True, lower=True)[..., 0].astype(tau.dtype)
+        return _solved(_wide(self.L), tau)
 
     def inverse(self):
         """M^-1 (*batch, nv, nv)."""
@@ -143,9 +139,25 @@ def mass_matrix_factor(mechanism, q, *, precision=None):
 
 
 def factored(M):
-    """Cholesky's factor from the last rate to the first, which fills no zero in."""
+    return MassMatrixFactor(_factor(M).astype(M.dtype))
+
+
+def solved(M, tau):
+    """M^-1 tau, without rounding the factor to 16 bits."""
+    return _solved(_factor(M), tau)
+
+
+def _factor(M):
+    """L of M, by Cholesky from the last rate to the first, which fills no zero in."""
     backward = jnp.flip(_wide(M), (-2, -1))
-    return MassMatrixFactor(jnp.flip(jnp.linalg.cholesky(backward), (-2, -1)).swapaxes(-1, -2).astype(M.dtype))
+    return jnp.flip(jnp.linalg.cholesky(backward), (-2, -1)).swapaxes(-1, -2)
+
+
+def _solved(L, tau):
+    b, solve = _wide(tau)[..., None], jax.lax.linalg.triangular_solve
+    L, b = (jnp.broadcast_to(x, (*np.broadcast_shapes(L.shape[:-2], b.shape[:-2]), *x.shape[-2:])) for x in (L, b))
+    half = solve(L, b, left_side=True, lower=True, transpose_a=True)
+    return solve(L, half, left_side=True, lower=True)[..., 0].astype(tau.dtype)
 
 
 def _wide(x):

@@ -375,11 +375,11 @@ def _rotated(j, f, m, entries):
 
 
 def turned(j, f, m, rows):
-    return congruent(j, rows), vectors.flat(_sandwiched(vectors.rows(f), rows)), congruent(m, rows)
+    return congruent(j, rows), vectors.flat(sandwiched(vectors.rows(f), rows)), congruent(m, rows)
 
 
 @shared
-def _sandwiched(m, rows):
+def sandwiched(m, rows):
     """R m R^T."""
     return vectors.product(rows, vectors.product(m, vectors.transpose(rows)))
 
