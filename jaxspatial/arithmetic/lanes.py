@@ -171,10 +171,15 @@ def quietly(operation, a, b):
 
 
 def alike(a, b):
-    """a and b, a known number beside an array made an array of its shape."""
-    if is_known(a) == is_known(b) or _is_pair(a, b):
+    """a and b over one shape; a known number beside an array made an array."""
+    if (is_known(a) and is_known(b)) or _is_pair(a, b):
         return a, b
-    return (jnp.full_like(b, a), b) if is_known(a) else (a, jnp.full_like(a, b))
+    if is_known(a) or is_known(b):
+        return (jnp.full_like(b, a), b) if is_known(a) else (a, jnp.full_like(a, b))
+    if a.shape == b.shape:
+        return a, b
+    shape = np.broadcast_shapes(a.shape, b.shape)
+    return jnp.broadcast_to(a, shape), jnp.broadcast_to(b, shape)
 
 
 def cross(precision, a, b):

@@ -123,8 +123,8 @@ def where(condition, a, b) -> Any:
 
 
 def _selected(condition, a, b):
-    shape = condition.shape
-    return lax.select(condition, *(jnp.broadcast_to(jnp.asarray(x), shape) for x in (a, b)))
+    shape = np.broadcast_shapes(condition.shape, np.shape(a), np.shape(b))
+    return lax.select(*(jnp.broadcast_to(jnp.asarray(x), shape) for x in (condition, a, b)))
 
 
 def high(x):

@@ -2,9 +2,10 @@
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import shared
+from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.dynamics.mass_matrix import composites, felt, wrench_to_parent
-from jaxspatial.dynamics.scene import Pose, algorithm, checked
+from jaxspatial.dynamics.state import Pose
 from jaxspatial.inertia import symmetric
 from jaxspatial.spatial import SpatialMomentum
 
@@ -68,41 +69,41 @@ def centroidal_momentum_matrix(mechanism, q, *, precision=None):
 # -- sums over bodies -------------------------------------------------------------------------------------------------
 
 
-@algorithm
-def _center_of_mass(scene):
-    return _center(scene, poses(scene))
+@algorithm(*BODIES)
+def _center_of_mass(state):
+    return _center(state, poses(state))
 
 
-def _center(scene, placed):
-    mass, moment = moments(scene, placed)
+def _center(state, placed):
+    mass, moment = moments(state, placed)
     return tuple(x / mass for x in moment)
 
 
-def moments(scene, placed):
-    """(the mass, the sum of m p_WC) of all bodies, with X_WJ of every segment."""
-    own = [(scene.inertia(s), X) for s, X in zip(scene.segments, placed, strict=True)]
-    return _mass(scene), _total(scene, [shared(_moment)(inertia, X) for inertia, X in own])
+def moments(state, placed):
+    """(the mass, the sum of m p_WC) of all bodies, with X_WJ of every bundle."""
+    own = [(state.inertia(b), X) for b, X in zip(state.bundles, placed, strict=True)]
+    return _mass(state), _total(state, [shared(_moment)(inertia, X) for inertia, X in own])
 
 
-def _mass(scene):
-    return scene.total([scene.spread(s, scene.inertia(s).mass) for s in scene.segments])
+def _mass(state):
+    return state.total([state.inertia(b).mass for b in state.bundles])
 
 
-def _total(scene, vectors_):
-    """The sum of vectors, one for every segment."""
-    return tuple(scene.total([x[k] for x in vectors_]) for k in range(len(vectors_[0])))
+def _total(state, vectors_):
+    """The sum of vectors, one for every bundle."""
+    return tuple(state.total([x[k] for x in vectors_]) for k in range(len(vectors_[0])))
 
 
 def _moment(inertia, X_WJ):
     return vectors.times(inertia.mass, vectors.plus(X_WJ.p, vectors.matrix_times(X_WJ.rows, inertia.com)))
 
 
-@algorithm
-def _center_of_mass_velocity(scene, v):
-    both = zip(poses(scene), velocities(scene, v), scene.segments, strict=True)
-    momenta = [shared(_linear_momentum)(scene.inertia(s), X, V) for X, V, s in both]
-    mass = _mass(scene)
-    return tuple(x / mass for x in _total(scene, momenta))
+@algorithm(*BODIES)
+def _center_of_mass_velocity(state, v):
+    both = zip(poses(state), velocities(state, v), state.bundles, strict=True)
+    momenta = [shared(_linear_momentum)(state.inertia(b), X, V) for X, V, b in both]
+    mass = _mass(state)
+    return tuple(x / mass for x in _total(state, momenta))
 
 
 def _linear_momentum(inertia, X_WJ, V):
@@ -110,14 +111,14 @@ def _linear_momentum(inertia, X_WJ, V):
     return vectors.matrix_times(X_WJ.rows, vectors.times(inertia.mass, v))
 
 
-@algorithm
-def _centroidal_momentum(scene, v):
+@algorithm(*BODIES)
+def _centroidal_momentum(state, v):
     """About a point that moves with the centre of mass: each body's velocity is taken relative to it."""
-    placed = poses(scene)
-    both = zip(placed, velocities(scene, v), scene.segments, strict=True)
-    center = _center(scene, placed)
-    momenta = [shared(_momentum)(scene.inertia(s), X, V, tuple(scene.spread(s, x) for x in center)) for X, V, s in both]
-    found = _total(scene, momenta)
+    placed = poses(state)
+    both = zip(placed, velocities(state, v), state.bundles, strict=True)
+    center = _center(state, placed)
+    momenta = [shared(_momentum)(state.inertia(b), X, V, center) for X, V, b in both]
+    found = _total(state, momenta)
     return found[:3], found[3:]
 
 
@@ -131,35 +132,30 @@ def _momentum(inertia, X_WJ, V, p_WC):
 # -- matrices ---------------------------------------------------------------------------------------------------------
 
 
-@algorithm
-def _center_of_mass_jacobian(scene):
+@algorithm(*BODIES)
+def _center_of_mass_jacobian(state):
     """The linear momentum of composite bodies at a unit rate, over the mass."""
-    mass = _mass(scene)
-    found = [
-        tuple(tuple(x / scene.spread(s, mass) for x in column[3:]) for column in columns)
-        for s, columns in zip(scene.segments, _of_rates(scene, None), strict=True)
-    ]
-    return scene.by_rate(found).T
+    mass = _mass(state)
+    found = [tuple(tuple(x / mass for x in column[3:]) for column in columns) for columns in _of_rates(state, None)]
+    return state.matrix_by_rate(found)
 
 
-@algorithm
-def _centroidal_momentum_matrix(scene):
-    return scene.by_rate(_of_rates(scene, True)).T
+@algorithm(*BODIES)
+def _centroidal_momentum_matrix(state):
+    return state.matrix_by_rate(_of_rates(state, True))
 
 
-def _of_rates(scene, about_center):
-    """Of every rate of every segment the momentum of all behind its joint, about the centre of mass or J, in world
+def _of_rates(state, about_center):
+    """Of every rate of every bundle the momentum of all behind its joint, about the centre of mass or J, in world
     axes."""
-    placed = poses(scene)
-    center = _center(scene, placed) if about_center else None
-    zipped = zip(scene.segments, scene.joints, composites(scene), placed, strict=True)
-    return [_of_segment(scene, *numbers, center) for numbers in zipped]
+    placed = poses(state)
+    center = _center(state, placed) if about_center else None
+    return [_of_bundle(*numbers, center) for numbers in zip(state.joints, composites(state), placed, strict=True)]
 
 
-def _of_segment(scene, segment, hinge, composite, X_WJ, center):
-    origin = X_WJ.p if center is None else tuple(scene.spread(segment, x) for x in center)
-    X_CJ = Pose(X_WJ.rows, vectors.minus(X_WJ.p, origin))
-    return tuple(shared(_about)(composite, motion, X_CJ) for motion in hinge.subspace)
+def _of_bundle(joint, composite, X_WJ, center):
+    X_CJ = Pose(X_WJ.rows, vectors.minus(X_WJ.p, X_WJ.p if center is None else center))
+    return tuple(shared(_about)(composite, motion, X_CJ) for motion in joint.subspace)
 
 
 def _about(composite, motion, X_CJ):

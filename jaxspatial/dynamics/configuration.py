@@ -1,14 +1,11 @@
 """Steps on the manifold of configurations: along motions, between configurations, and random ones."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.numbers import shared
-from jaxspatial.dynamics.scene import algorithm, checked
+from jaxspatial.dynamics.algorithm import JOINTS, algorithm, checked
 from jaxspatial.mechanism import Mechanism
 
 
@@ -67,52 +64,23 @@ def random_configuration(mechanism, key, batch_shape=(), dtype=None):
     return jnp.concatenate(parts, -1)
 
 
-@algorithm
-def _integrate(scene, v, dt):
-    """With q in the scene; each joint on its own."""
-    (dt,) = scene.numbers(dt)
-    return scene.by_coordinate([_stepped(scene, s, v, dt) for s in scene.segments])
+@algorithm(*JOINTS)
+def _integrate(state, v, dt):
+    """Each joint on its own: those of one kind side by side."""
+    (dt,) = state.numbers(dt)
+    found = [own.apply("integrate", tuple(x * dt for x in own.rates(v))) for own in state.own_joints]
+    return state.by_coordinate(found, state.topology.kinds_apart)
 
 
-def _stepped(scene, segment, v, dt):
-    if scene.topology.is_mimic(segment.start):
-        return ()
-    kind = scene.topology.kind(segment.start)
-    dt = scene.spread(segment, dt)
-    step = tuple(x * dt for x in scene.rates(segment, v))
-    return shared(functools.partial(_of, kind.integrate))(
-        scene.axes(segment), scene.coordinates(segment, scene.q), step
-    )
+@algorithm(*JOINTS)
+def _configuration_rates(state, v):
+    return state.by_coordinate([own.dq_dt(v) for own in state.own_joints], state.topology.kinds_apart)
 
 
-def _of(verb, axes, q, other):
-    return verb(axes, q, other)
-
-
-@algorithm
-def _configuration_rates(scene, v):
-    hinges = zip(scene.segments, scene.joints, strict=True)
-    return scene.by_coordinate([_rates(scene, s, hinge, v) for s, hinge in hinges])
-
-
-def _rates(scene, segment, hinge, v):
-    if scene.topology.is_mimic(segment.start):
-        return ()
-    found = hinge.kind.rates(hinge.axes, hinge.q, hinge.turned, scene.rates(segment, v))
-    return tuple(scene.spread(segment, x) for x in found)
-
-
-@algorithm
-def _difference(scene, q1):
-    return scene.by_rate([_apart(scene, s, q1) for s in scene.segments])
-
-
-def _apart(scene, segment, q1):
-    if scene.topology.is_mimic(segment.start):
-        return tuple(scene.known(0.0) for _ in range(scene.topology.kind(segment.start).nv))
-    kind = scene.topology.kind(segment.start)
-    both = (scene.coordinates(segment, q) for q in (scene.q, q1))
-    return shared(functools.partial(_of, kind.difference))(scene.axes(segment), *both)
+@algorithm(*JOINTS)
+def _difference(state, q1):
+    found = [own.apply("difference", own.coordinates(q1)) for own in state.own_joints]
+    return state.by_rate(found, state.topology.kinds_apart)
 
 
 def _random(mechanism, i, key, batch_shape, dtype):

@@ -15,14 +15,23 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import constant, doubled
-from jaxspatial.dynamics import columns, recursion
+from jaxspatial.arithmetic.numbers import constant, doubled, shared, where
+from jaxspatial.dynamics import along, pairs, recursion
+from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.inverse_dynamics import wrench_of
 from jaxspatial.dynamics.links import across, combined, falling, move
 from jaxspatial.dynamics.loads import checked_forces, loads
-from jaxspatial.dynamics.mass_matrix import crossing, factored, felt, inertia_to_parent, together, wrench_to_parent
-from jaxspatial.dynamics.scene import Inertia, algorithm, checked
+from jaxspatial.dynamics.mass_matrix import (
+    combine,
+    factored,
+    felt,
+    inertia_to_parent,
+    symmetric_of,
+    with_armature,
+    wrench_to_parent,
+)
+from jaxspatial.dynamics.state import Inertia
 from jaxspatial.inertia import articulated, symmetric
 
 
@@ -52,8 +61,8 @@ def inverse_dynamics_derivatives(mechanism, q, v, vdot, external_forces=None, *,
     the other two.
     """
     q, v, vdot = checked("inverse_dynamics_derivatives", mechanism, q=q, v=v, vdot=vdot)
-    bodies, forces = checked_forces("inverse_dynamics_derivatives", mechanism, external_forces, q)
-    return InverseDynamicsDerivatives(*_derivatives(precision, mechanism, q, v, vdot, forces, bodies=bodies))
+    frames, forces = checked_forces("inverse_dynamics_derivatives", mechanism, external_forces, q)
+    return InverseDynamicsDerivatives(*_derivatives(precision, mechanism, q, v, vdot, forces, frames=frames))
 
 
 def forward_dynamics_derivatives(mechanism, q, v, tau, external_forces=None, *, precision=None):
@@ -88,23 +97,41 @@ class Behind(NamedTuple):
     pull: Any
 
 
-@algorithm
-def _derivatives(scene, v, vdot, forces, *, bodies):
-    links = scene.links(v, vdot)
-    zero = (scene.known(0.0),) * 3
-    motions = recursion.outward(scene.segments, move, falling(scene), links)
-    own = list(zip(links, motions, _pulls(scene, bodies, forces), strict=True))
+@algorithm(*DYNAMICS, *FRAMES)
+def _derivatives(state, v, vdot, forces, *, frames):
+    links = state.links(v, vdot)
+    zero = state.no_vector
+    motions = recursion.outward(state, move, falling(state), links)
+    own = list(zip(links, motions, loads(state, frames, forces, _pulled), strict=True))
     nothing = Behind(Inertia(zero[0], zero, zero + zero), zero + zero, (zero,) * 3, zero, (zero,) * 3, zero)
-    behind, _ = recursion.inward(scene.segments, _gathered, nothing, own, joined=_joined)
-    numbers = list(zip(links, motions, behind, strict=True))
-    matrix = columns.Matrix(scene.size, 24 if bodies else 21, _of_rates, _rows, _passed)
-    return _assembled(scene, columns.blocks(scene, matrix, numbers))
+    behind = recursion.inward(state, _gathered, nothing, own, joined=_joined)
+    placed = recursion.outward(state, _from_root, (*pairs.start(state), zero), _rooted(state, links, motions))
+    told = [shared(_told)(*x) for x in zip(links, motions, behind, placed, strict=True)]
+    rows, columns = ([[x[side] for x in rates] for rates in told] for side in (0, 1))
+    return _assembled(state, links, pairs.matrices(state, _five, rows, columns))
 
 
-def _pulls(scene, bodies, forces):
-    """((tau, f) about J, where the load's point is) of every segment."""
-    placed = [scene.child_placement(s).p for s in scene.segments]
-    return list(zip(loads(scene, bodies, forces), placed, strict=True))
+def _pulled(tau, f, r):
+    """How the wrench of a load at r changes as the body turns, its directions kept: (pulled y, y x f)."""
+    about_point = vectors.minus(tau, vectors.cross(r, f))
+    return _minus(_skew(tuple(-x for x in about_point)), _twice_crossed(r, f))
+
+
+def _rooted(state, links, motions):
+    return [(*x, state.is_root(b)) for *x, b in zip(links, motions, state.bundles, strict=True)]
+
+
+def _from_root(own, parent):
+    """(R, p, v) of a body: as `pairs.from_root`, and its velocity relative to the root."""
+    link, motion, is_root = own
+    X_PB, _, d = _to_observer(link, motion)
+    rows, p, v = parent
+    found = (
+        vectors.product(rows, X_PB.rows),
+        pairs.at_root(is_root, vectors.plus(p, vectors.matrix_times(rows, X_PB.p))),
+        pairs.at_root(is_root, vectors.plus(v, vectors.matrix_times(rows, d))),
+    )
+    return found, found
 
 
 def _gathered(own, held):
@@ -116,22 +143,20 @@ def _gathered(own, held):
 def _of_body(inertia, motion, load):
     """X = -2 [w]x Sigma, with Sigma = (tr J / 2) 1 - J of J about the origin: what is left of Coriolis' matrix where
     the origin rests."""
-    (tau, f), r = load
+    tau, f, pulled = load
     J, _, _ = articulated.of_body(*inertia)
     half_trace = doubled(J[0] + J[2] + J[5], -1)
     sigma = tuple(half_trace - x if i in (0, 2, 5) else -x for i, x in enumerate(J))
     X = vectors.product(_skew(tuple(doubled(-x) for x in motion.w)), symmetric.rows(sigma))
     p = vectors.cross(motion.w, vectors.times(inertia.mass, inertia.com))
     wrench = (vectors.minus(a, b) for a, b in zip(wrench_of(inertia, motion), (tau, f), strict=True))
-    about_point = vectors.minus(tau, vectors.cross(r, f))
-    pulled = _minus(_skew(tuple(-x for x in about_point)), _twice_crossed(r, f))
     return Behind(inertia, vectors.flat(wrench), X, p, pulled, f)
 
 
 def _to_observer(link, motion):
     """(X_PB, a function to the parent's axes, the velocity of J for an observer that the parent's rests for)."""
-    X_PB = across(link.placement, link.hinge)
-    w_r, v_r = combined(link.hinge.subspace, link.v)
+    X_PB = across(link.placement, link.joint)
+    w_r, v_r = combined(link.joint.subspace, link.v)
     turn = functools.partial(vectors.matrix_times, X_PB.rows)
     return X_PB, turn, vectors.plus(vectors.cross(turn(vectors.minus(motion.w, w_r)), X_PB.p), turn(v_r))
 
@@ -155,10 +180,10 @@ def _joined(a, b):
         _plus(a.pulled, b.pulled),
         vectors.plus(a.pull, b.pull),
     )
-    return Behind(together(a.inertia, b.inertia), *parts)
+    return Behind(combine(a.inertia, b.inertia), *parts)
 
 
-# -- columns ----------------------------------------------------------------------------------------------------------
+# -- pairs ------------------------------------------------------------------------------------------------------------
 #
 # Of rate i behind joint j, with Psi' and Psi'' the first and second rates of the motion S of j as the parent carries
 # it, S' its own:
@@ -168,10 +193,16 @@ def _joined(a, b):
 #     M_ij = S . u               u = I S_i          t = the turning part of 2 B^T S_i, l that of loads
 
 
-def _of_rates(own):
-    link, motion, behind = own
-    found = zip(link.hinge.subspace, _rates(link, motion), strict=True)
-    return [_column(behind, S, *rates) for S, rates in found]
+def _told(link, motion, behind, placed):
+    """[(as the joint that feels, as the rate that is felt)] of every rate, in the axes of the world."""
+    turn = functools.partial(vectors.matrix_times, placed[0])
+    where = placed[1:]
+    found = []
+    for S, (first, own, second) in zip(link.joint.subspace, _rates(link, motion), strict=True):
+        six = [tuple(map(turn, x)) for x in (S, first, _sum(first, own), second)]
+        columns = _column(behind, S, first, own, second)
+        found.append(((*six, *where), (*(turn(columns[i : i + 3]) for i in range(0, len(columns), 3)), *where)))
+    return found
 
 
 def _column(behind, S, first, own, second):
@@ -187,43 +218,38 @@ def _column(behind, S, first, own, second):
     return *felt(behind.inertia, S), *t, *a, *b, *loaded
 
 
-def _rows(place, own, found):
-    """Of each rate: dtau_i / dq_j, dtau_i / dv_j, dtau_j / dq_i, dtau_j / dv_i, M."""
-    link, motion, _ = own
-    rows = []
-    n = len(link.hinge.subspace)
-    for k, (S, rates) in enumerate(zip(link.hinge.subspace, _rates(link, motion), strict=True)):
-        five = recursion.each_column(_five, (S, *rates), found)
-        rows += [*five[:4], recursion.added_at(five[4], place * n + k, link.armature[k])]
-    return tuple(rows)
+def _five(row, column):
+    """Of one rate j and one i behind it: dtau_i / dq_j, dtau_i / dv_j, dtau_j / dq_i, dtau_j / dv_i, M. Seen by the
+    observer that j rests for, t has changed by 2 d x the force of u."""
+    S, first, both, second, p, v = row
+    (u, t, a, b, loaded), (p2, v2) = _of_column(column), column[-2:]
+    arm, d = vectors.minus(p2, p), vectors.minus(v2, v)
+    t = vectors.plus(t, tuple(doubled(x) for x in vectors.cross(d, u[1])))
+    u, a, b = ((vectors.plus(tau, vectors.cross(arm, f)), f) for tau, f in (u, a, b))
+    by_q = vectors.dot(t, first[0]) + vectors.dot(loaded, S[0]) + _felt(second, u)
+    by_v = vectors.dot(t, S[0]) + _felt(both, u)
+    return by_q, by_v, _felt(S, a), _felt(S, b), _felt(S, u)
 
 
-def _five(motions, column):
-    S, first, own, second = motions
-    u, t, a, b, loaded = column[:6], column[6:9], column[9:15], column[15:21], column[21:]
-    by_q = vectors.dot((*t, *loaded), (*first[0], *(S[0] if loaded else ()))) + crossing(second, u)
-    by_v = vectors.dot(t, S[0]) + crossing(_sum(first, own), u)
-    return by_q, by_v, crossing(S, a), crossing(S, b), crossing(S, u)
+def _of_column(c):
+    """((tau, f) of u, t, (tau, f) of a, of b, l)."""
+    return (c[0], c[1]), c[2], (c[3], c[4]), (c[5], c[6]), c[7]
 
 
-def _passed(own, column):
-    """t changes with the observer: by 2 d x the force of u."""
-    X_PB, turn, d = _to_observer(*own[:2])
-    u, a, b = (wrench_to_parent(X_PB, column[i : i + 6]) for i in (0, 9, 15))
-    t = vectors.plus(turn(column[6:9]), tuple(doubled(x) for x in vectors.cross(d, u[3:])))
-    return *u, *t, *a, *b, *(turn(column[21:]) if column[21:] else ())
+def _felt(motion, wrench):
+    return vectors.dot(motion[0], wrench[0]) + vectors.dot(motion[1], wrench[1])
 
 
 def _rates(link, motion):
     """[(Psi', S', Psi'')] of each rate of a joint, for an observer that J rests for."""
-    S, (w_r, v_r) = link.hinge.subspace, combined(link.hinge.subspace, link.v)
-    dw, dv = _sum(combined(S, link.vdot), combined(link.hinge.subspace_rate(link.v), link.v))
+    S, (w_r, v_r) = link.joint.subspace, combined(link.joint.subspace, link.v)
+    dw, dv = _sum(combined(S, link.vdot), combined(link.joint.subspace_rate(link.v), link.v))
     zero = (constant(motion.w[0], 0),) * 3
     V, A = (motion.w, zero), (motion.alpha, motion.a)
     before = vectors.minus(motion.w, w_r), tuple(-x for x in v_r)
     across_it = vectors.plus(dw, vectors.cross(motion.w, w_r)), vectors.plus(dv, vectors.cross(motion.w, v_r))
     parents = tuple(vectors.minus(a, b) for a, b in zip(A, across_it, strict=True))
-    if link.hinge.kind.is_sequential:
+    if link.joint.kind.is_sequential:
         return _one_by_one(link, before, parents)
     return [_carried(s, before, parents, _crossed(V, s)) for s in S]
 
@@ -231,7 +257,7 @@ def _rates(link, motion):
 def _one_by_one(link, V, A):
     """As joints with one rate each: V and A are those of what carries it."""
     found = []
-    for s, rate, change in zip(link.hinge.subspace, link.v, link.vdot, strict=True):
+    for s, rate, change in zip(link.joint.subspace, link.v, link.vdot, strict=True):
         first, own, second = _carried(s, V, A, _crossed(V, s))
         found.append((first, own, second))
         A = _sum(_sum(A, _scaled(change, s)), _scaled(rate, first))
@@ -247,14 +273,16 @@ def _carried(s, V, A, own):
 # -- put together -----------------------------------------------------------------------------------------------------
 
 
-def _assembled(scene, found):
-    """(dtau_dq, dtau_dv, M)."""
-    n = sum(map(scene.size, scene.segments))
-    parts = [columns.whole([(start, rows[k::5]) for start, rows in found], n) for k in range(5)]
-    below = np.array(_is_behind(scene.topology))
-    by_q, by_v = (jnp.where(below, x, y.T) for x, y in zip(parts[2:4], parts[:2], strict=True))
-    M = jnp.where(np.triu(np.ones((n, n), bool)), parts[4], parts[4].T)
-    return tuple(columns.without_mimics(scene, x) for x in (by_q, by_v, M))
+def _assembled(state, links, found):
+    """(dtau_dq, dtau_dv, M), (nv, nv, B)."""
+    below = jnp.asarray(np.array(_is_behind(state.topology))[:, :, None])
+    by_q, by_v = (where(below, x, _transposed(y)) for x, y in zip(found[2:4], found[:2], strict=True))
+    by_q, by_v = (pairs.by_rates(state, pairs.by_rates(state, x, 0), 1) for x in (by_q, by_v))
+    return tuple(map(state.rounded, (by_q, by_v, with_armature(state, links, symmetric_of(found[4])))))
+
+
+def _transposed(x):
+    return along.mapped(lambda w: jnp.swapaxes(w, 0, 1), x)
 
 
 def _is_behind(t):

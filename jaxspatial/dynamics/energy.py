@@ -2,9 +2,10 @@
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import doubled, shared
+from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
 from jaxspatial.dynamics.centroid import moments
 from jaxspatial.dynamics.kinematics import poses, velocities
-from jaxspatial.dynamics.scene import algorithm, checked
+from jaxspatial.dynamics.links import upward
 from jaxspatial.inertia import symmetric
 
 
@@ -30,14 +31,13 @@ def potential_energy(mechanism, q, *, precision=None):
     return _potential_energy(precision, mechanism, q)
 
 
-@algorithm
-def _kinetic_energy(scene, v):
-    links = scene.links(v, None)
+@algorithm(*BODIES, "armature")
+def _kinetic_energy(state, v):
     of_bodies = [
         shared(_twice_energy)(link.inertia, V, link.armature, link.v)
-        for link, V in zip(links, velocities(scene, v), strict=True)
+        for link, V in zip(state.links(v), velocities(state, v), strict=True)
     ]
-    return doubled(scene.total(of_bodies), -1)
+    return doubled(state.total(of_bodies), -1)
 
 
 def _twice_energy(inertia, V, armature, rates):
@@ -49,8 +49,7 @@ def _twice_energy(inertia, V, armature, rates):
     return inertia.mass * vectors.dot(at_com, at_com) + turning + of_rotors
 
 
-@algorithm
-def _potential_energy(scene):
-    upward = tuple(-g for g in scene.numbers(scene.mechanism.gravity))
-    _, moment = moments(scene, poses(scene))
-    return vectors.dot(upward, moment)
+@algorithm(*BODIES, "gravity")
+def _potential_energy(state):
+    _, moment = moments(state, poses(state))
+    return vectors.dot(upward(state), moment)

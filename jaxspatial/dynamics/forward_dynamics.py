@@ -7,10 +7,9 @@ from jaxspatial.arithmetic.lanes import is_known
 from jaxspatial.arithmetic.numbers import Lane, constant, high, shared, where
 from jaxspatial.dynamics import recursion
 from jaxspatial.dynamics.inverse_dynamics import bias_forces
-from jaxspatial.dynamics.links import Motion, across, moved, to_parent
+from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, checked
+from jaxspatial.dynamics.links import Motion, across, moved, to_parent, upward
 from jaxspatial.dynamics.loads import checked_forces, loads
-from jaxspatial.dynamics.mass_matrix import mass_matrix, solved
-from jaxspatial.dynamics.scene import algorithm, checked
 from jaxspatial.inertia import articulated, symmetric
 
 
@@ -26,11 +25,11 @@ def forward_dynamics(mechanism, q, v, tau, external_forces=None, *, precision=No
     in every precision. [Featherstone 2008, table 7.1]
     """
     q, v, tau = checked("forward_dynamics", mechanism, q=q, v=v, tau=tau)
-    bodies, forces = checked_forces("forward_dynamics", mechanism, external_forces, q)
+    frames, forces = checked_forces("forward_dynamics", mechanism, external_forces, q)
     if mechanism.topology.has_mimics:  # they tie joints of different bodies together, which no recursion sees
         bias = bias_forces(mechanism, q, v, external_forces, precision=precision)
         return solved(mass_matrix(mechanism, q, precision=precision), tau - bias)
-    return _forward_dynamics(precision, mechanism, q, v, tau, forces, bodies=bodies)
+    return _forward_dynamics(precision, mechanism, q, v, tau, forces, frames=frames)
 
 
 class Articulated(NamedTuple):
@@ -59,17 +58,19 @@ class Drift(NamedTuple):
     Z: Any
 
 
-@algorithm
-def _forward_dynamics(scene, v, tau, forces, *, bodies):
-    own = list(zip(scene.links(v, tau), loads(scene, bodies, forces), strict=True))
-    zero = (scene.known(0.0),) * 3
-    drifts = recursion.outward(scene.segments, _drift, zero, own)
+class ForwardDynamics(Algorithm):
+    """The program of `_forward_dynamics`."""
+
+
+@algorithm(*DYNAMICS, *FRAMES)
+def _forward_dynamics(state, v, tau, forces, *, frames):
+    own = list(zip(state.links(v, tau), loads(state, frames, forces), strict=True))
+    zero = state.no_vector
+    drifts = recursion.outward(state, _drift, zero, own)
     held = Articulated(zero + zero, zero + zero + zero, zero + zero, zero + zero)
-    both = list(zip(own, drifts, strict=True))
-    eliminated, _ = recursion.inward(scene.segments, _eliminate, held, both)
-    world = zero, tuple(-g for g in scene.numbers(scene.mechanism.gravity))
-    eliminated = list(zip(own, drifts, eliminated, strict=True))
-    return scene.by_rate(recursion.outward(scene.segments, _accelerate, world, eliminated))
+    eliminated = recursion.inward(state, _eliminate, held, list(zip(own, drifts, strict=True)))
+    both = list(zip(own, drifts, eliminated, strict=True))
+    return state.by_rate(recursion.outward(state, _accelerate, (zero, upward(state)), both))
 
 
 def _drift(own, w_P):
@@ -95,10 +96,10 @@ def _eliminate(own, held):
     (link, _), drift = own
     P = shared(_held_with)(link.inertia, drift, held)
     found = []
-    for (w, v), tau, armature in zip(link.hinge.subspace, link.vdot, link.armature, strict=True):
+    for (w, v), tau, armature in zip(link.joint.subspace, link.vdot, link.armature, strict=True):
         P, elimination = _without_rate(P, w, v, tau, armature)
         found.append(elimination)
-    return found, _seen_from_parent(across(link.placement, link.hinge), P)
+    return found, _seen_from_parent(across(link.placement, link.joint), P)
 
 
 def _held_with(inertia, drift, held):
@@ -162,9 +163,9 @@ def _seen_from_parent(X_PB, P):
 def _accelerate(own, parent):
     """(vdot, (alpha, a)) of a body."""
     (link, _), drift, eliminated = own
-    A = shared(_carried)(across(link.placement, link.hinge), *parent)
+    A = shared(_carried)(across(link.placement, link.joint), *parent)
     rates = []
-    for (w, v), (U, D, u) in zip(reversed(link.hinge.subspace), reversed(eliminated), strict=True):
+    for (w, v), (U, D, u) in zip(reversed(link.joint.subspace), reversed(eliminated), strict=True):
         is_none = high(D) <= 0
         rate = where(is_none, 0.0, (u - vectors.dot(U, A)) / where(is_none, 1.0, D))
         A = vectors.plus(A, vectors.times(rate, (*w, *v)))

@@ -4,7 +4,7 @@ from jaxspatial.arithmetic import vectors
 from jaxspatial.dynamics import recursion
 from jaxspatial.dynamics.links import across, falling, move, swing, to_parent
 from jaxspatial.dynamics.loads import checked_forces, loads
-from jaxspatial.dynamics.scene import algorithm, checked
+from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked
 from jaxspatial.inertia import symmetric
 
 
@@ -19,8 +19,8 @@ def inverse_dynamics(mechanism, q, v, vdot, external_forces=None, *, precision=N
     table 5.1]
     """
     q, v, vdot = checked("inverse_dynamics", mechanism, q=q, v=v, vdot=vdot)
-    bodies, forces = checked_forces("inverse_dynamics", mechanism, external_forces, q)
-    return _inverse_dynamics(precision, mechanism, q, v, vdot, forces, bodies=bodies)
+    frames, forces = checked_forces("inverse_dynamics", mechanism, external_forces, q)
+    return _inverse_dynamics(precision, mechanism, q, v, vdot, forces, frames=frames)
 
 
 def bias_forces(mechanism, q, v, external_forces=None, *, precision=None):
@@ -30,8 +30,8 @@ def bias_forces(mechanism, q, v, external_forces=None, *, precision=None):
     the other two.
     """
     q, v = checked("bias_forces", mechanism, q=q, v=v)
-    bodies, forces = checked_forces("bias_forces", mechanism, external_forces, q)
-    return _inverse_dynamics(precision, mechanism, q, v, None, forces, bodies=bodies)
+    frames, forces = checked_forces("bias_forces", mechanism, external_forces, q)
+    return _inverse_dynamics(precision, mechanism, q, v, None, forces, frames=frames)
 
 
 def gravity_forces(mechanism, q, *, precision=None):
@@ -41,17 +41,16 @@ def gravity_forces(mechanism, q, *, precision=None):
     the other two.
     """
     (q,) = checked("gravity_forces", mechanism, q=q)
-    return _inverse_dynamics(precision, mechanism, q, None, None, (), bodies=())
+    return _inverse_dynamics(precision, mechanism, q, None, None, (), frames=())
 
 
-@algorithm
-def _inverse_dynamics(scene, v, vdot, forces, *, bodies):
-    own = scene.links(v, vdot)
-    zero = (scene.known(0.0),) * 3
-    motions = recursion.outward(scene.segments, move, falling(scene), own)
-    pulled = loads(scene, bodies, forces)
-    taus, _ = recursion.inward(scene.segments, _carry, (zero, zero), list(zip(own, motions, pulled, strict=True)))
-    return scene.by_rate(taus)
+@algorithm(*DYNAMICS, *FRAMES)
+def _inverse_dynamics(state, v, vdot, forces, *, frames):
+    links = state.links(v, vdot)
+    motions = recursion.outward(state, move, falling(state), links)
+    pulled = loads(state, frames, forces)
+    nothing = state.no_vector, state.no_vector
+    return state.by_rate(recursion.inward(state, _carry, nothing, list(zip(links, motions, pulled, strict=True))))
 
 
 def _carry(own, held):
@@ -61,10 +60,10 @@ def _carry(own, held):
     """
     link, motion, load = own
     tau, f = wrench_of(link.inertia, motion)
-    tau, f = (vectors.minus(vectors.plus(x, y), z) for x, y, z in zip((tau, f), held, load, strict=True))
-    at_joint = [vectors.dot(w, tau) + vectors.dot(v, f) for w, v in link.hinge.subspace]
+    tau, f = (vectors.minus(vectors.plus(x, y), z) for x, y, z in zip((tau, f), held, load[:2], strict=True))
+    at_joint = [vectors.dot(w, tau) + vectors.dot(v, f) for w, v in link.joint.subspace]
     at_rotor = vectors.products(link.armature, link.vdot)
-    return vectors.plus(tuple(at_joint), at_rotor), to_parent(across(link.placement, link.hinge), tau, f)
+    return vectors.plus(tuple(at_joint), at_rotor), to_parent(across(link.placement, link.joint), tau, f)
 
 
 def wrench_of(inertia, motion):

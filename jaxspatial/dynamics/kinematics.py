@@ -1,10 +1,14 @@
 """Where bodies and frames are and how they move."""
 
+import jax.numpy as jnp
+import numpy as np
+
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import shared
-from jaxspatial.dynamics import recursion
+from jaxspatial.arithmetic.numbers import shared, where
+from jaxspatial.dynamics import along, recursion
+from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm, checked
 from jaxspatial.dynamics.links import Motion, across, combined, move, swing
-from jaxspatial.dynamics.scene import Pose, algorithm, checked
+from jaxspatial.dynamics.state import Pose
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialVelocity
 
@@ -84,14 +88,14 @@ def _places(mechanism, names, operation):
 # -- poses ------------------------------------------------------------------------------------------------------------
 
 
-def poses(scene):
-    """X_WJ of every segment."""
-    own = list(zip(map(scene.placement, scene.segments), scene.joints, strict=True))
-    return recursion.outward(scene.segments, _pose, world(scene), own)
+def poses(state):
+    """X_WJ of every bundle."""
+    own = list(zip(map(state.placement, state.bundles), state.joints, strict=True))
+    return recursion.outward(state, _pose, world(state), own)
 
 
-def world(scene):
-    zero, one = (scene.known(x) for x in (0.0, 1.0))
+def world(state):
+    zero, one = (state.known(x) for x in (0.0, 1.0))
     return Pose(((one, zero, zero), (zero, one, zero), (zero, zero, one)), (zero, zero, zero))
 
 
@@ -105,58 +109,59 @@ def composed(X_AB, X_BC):
     return Pose(vectors.product(X_AB.rows, X_BC.rows), p)
 
 
-def _on_joints(scene, frames, found, at_world):
-    """[(X_JF, what was found for J)] of frames, or of all bodies, a segment each, for None."""
+def _on_joints(state, frames, found, at_world):
+    """[(X_JF, what was found for J)] of frames, or of all bodies, a bundle each, for None."""
     if frames is None:
-        return list(zip(map(scene.child_placement, scene.segments), found, strict=True))
-    return [(scene.frame_placement(k), _of_carrier(scene, k, found, at_world)) for k in frames]
+        return list(zip(map(state.child_placement, state.bundles), found, strict=True))
+    return [(state.frame_placement(k), _of_carrier(state, k, found, at_world)) for k in frames]
 
 
-def _of_carrier(scene, frame, found, at_world):
+def _of_carrier(state, frame, found, at_world):
     """What was found for the joint that a frame is carried by."""
-    body = scene.topology.frames[frame][1]
-    if body < 0:
-        return at_world
-    segment, place = scene.place(body)
-    return scene.of_body(segment, place, found[segment])
+    return state.of_body(state.topology.frames[frame][1], found, at_world)
 
 
-@algorithm
-def _forward_kinematics(scene, *, frames):
-    found = [composed(X, X_JF) for X_JF, X in _on_joints(scene, frames, poses(scene), world(scene))]
-    return scene.stacked([vectors.flat(X.rows) for X in found]), scene.stacked([X.p for X in found])
+def _arranged(state, frames, found):
+    """(frames, k, B) of tuples of k numbers: of bundles in the order of bodies, or one for each frame."""
+    if frames is None:
+        return state.by_body(found)
+    return jnp.stack([jnp.stack([state.rounded(c).reshape((-1,)) for c in x]) for x in found])
+
+
+@algorithm(*GEOMETRY, *FRAMES)
+def _forward_kinematics(state, *, frames):
+    found = [composed(X, X_JF) for X_JF, X in _on_joints(state, frames, poses(state), world(state))]
+    return _arranged(state, frames, [vectors.flat(X.rows) for X in found]), _arranged(state, frames, [X.p for X in found])
 
 
 # -- velocities and accelerations -------------------------------------------------------------------------------------
 
 
-def velocities(scene, v):
-    """(w, v) of every segment: V_WJ_J."""
-    zero = (scene.known(0.0),) * 3
-    return recursion.outward(scene.segments, _velocity, (zero, zero), scene.links(v, None))
+def velocities(state, v):
+    """(w, v) of every bundle: V_WJ_J."""
+    return recursion.outward(state, _velocity, (state.no_vector, state.no_vector), state.links(v))
 
 
 def _velocity(link, parent):
-    X_PB = across(link.placement, link.hinge)
+    X_PB = across(link.placement, link.joint)
     R_BP = vectors.transpose(X_PB.rows)
-    w_r, v_r = combined(link.hinge.subspace, link.v)
+    w_r, v_r = combined(link.joint.subspace, link.v)
     arm = vectors.plus(parent[1], vectors.cross(parent[0], X_PB.p))
     V = vectors.plus(vectors.matrix_times(R_BP, parent[0]), w_r), vectors.plus(vectors.matrix_times(R_BP, arm), v_r)
     return V, V
 
 
-def _moving(scene, frames, found, at_world):
+def _moving(state, frames, found, at_world):
     """Those of `_on_joints` with the pose of J."""
-    both = list(zip(poses(scene), found, strict=True))
-    return _on_joints(scene, frames, both, (world(scene), at_world))
+    both = list(zip(poses(state), found, strict=True))
+    return _on_joints(state, frames, both, (world(state), at_world))
 
 
-@algorithm
-def _body_velocities(scene, v, *, frames):
-    zero = (scene.known(0.0),) * 3
-    found = _moving(scene, frames, velocities(scene, v), (zero, zero))
+@algorithm(*GEOMETRY, *FRAMES)
+def _body_velocities(state, v, *, frames):
+    found = _moving(state, frames, velocities(state, v), (state.no_vector, state.no_vector))
     found = [_velocity_in_world(X, X_JF, V) for X_JF, (X, V) in found]
-    return tuple(scene.stacked([V[k] for V in found]) for k in (0, 1))
+    return tuple(_arranged(state, frames, [V[k] for V in found]) for k in (0, 1))
 
 
 def _velocity_in_world(X_WJ, X_JF, V):
@@ -166,13 +171,12 @@ def _velocity_in_world(X_WJ, X_JF, V):
     return vectors.matrix_times(X_WJ.rows, w), vectors.matrix_times(X_WJ.rows, v)
 
 
-@algorithm
-def _body_accelerations(scene, v, vdot, *, frames):
-    zero = (scene.known(0.0),) * 3
-    at_rest = Motion(zero, zero, zero)
-    motions = recursion.outward(scene.segments, move, at_rest, scene.links(v, vdot))
-    found = [_acceleration_in_world(X, X_JF, A) for X_JF, (X, A) in _moving(scene, frames, motions, at_rest)]
-    return tuple(scene.stacked([A[k] for A in found]) for k in (0, 1))
+@algorithm(*GEOMETRY, *FRAMES)
+def _body_accelerations(state, v, vdot, *, frames):
+    at_rest = Motion(*(state.no_vector,) * 3)
+    motions = recursion.outward(state, move, at_rest, state.links(v, vdot))
+    found = [_acceleration_in_world(X, X_JF, A) for X_JF, (X, A) in _moving(state, frames, motions, at_rest)]
+    return tuple(_arranged(state, frames, [A[k] for A in found]) for k in (0, 1))
 
 
 def _acceleration_in_world(X_WJ, X_JF, motion):
@@ -184,26 +188,26 @@ def _acceleration_in_world(X_WJ, X_JF, motion):
 # -- Jacobians --------------------------------------------------------------------------------------------------------
 
 
-@algorithm
-def _jacobian(scene, *, frame):
-    found = poses(scene)
-    p_WF = _origin(scene, frame, found).p
+@algorithm(*GEOMETRY, *FRAMES)
+def _jacobian(state, *, frame):
+    found = poses(state)
+    p_WF = _origin(state, frame, found).p
     columns = [
-        tuple(_column(scene, s, frame, x) for x in _arms(scene, s, hinge, X, p_WF))
-        for s, hinge, X in zip(scene.segments, scene.joints, found, strict=True)
+        tuple(_column(state, b, frame, x) for x in _arms(joint, X, p_WF))
+        for b, joint, X in zip(state.bundles, state.joints, found, strict=True)
     ]
-    return scene.by_rate(columns).T
+    return state.matrix_by_rate(columns)
 
 
-def _origin(scene, frame, found):
+def _origin(state, frame, found):
     """X_WF of one frame."""
-    return composed(_of_carrier(scene, frame, found, world(scene)), scene.frame_placement(frame))
+    return composed(_of_carrier(state, frame, found, world(state)), state.frame_placement(frame))
 
 
-def _arms(scene, segment, hinge, X_WJ, p_WF):
+def _arms(joint, X_WJ, p_WF):
     """Of every motion of a joint: the velocity that it gives the frame."""
-    arm = vectors.minus(tuple(scene.spread(segment, x) for x in p_WF), X_WJ.p)
-    return [shared(_moved)(X_WJ.rows, motion, arm) for motion in hinge.subspace]
+    arm = vectors.minus(p_WF, X_WJ.p)
+    return [shared(_moved)(X_WJ.rows, motion, arm) for motion in joint.subspace]
 
 
 def _moved(rows, motion, arm):
@@ -212,34 +216,33 @@ def _moved(rows, motion, arm):
     return *w, *vectors.plus(v, vectors.cross(w, arm))
 
 
-def _column(scene, segment, frame, column):
-    """The column where the segment carries the frame, else zeros; of a chain, zeros behind the body that does."""
-    body = scene.topology.frames[frame][1]
-    if segment.start not in scene.topology.ancestors(body):
-        return (scene.spread(segment, scene.known(0.0)),) * 6
-    return tuple(scene.up_to(segment, body, x) for x in column)
+def _column(state, bundle, frame, column):
+    """The columns of bodies that carry the frame, zeros for others."""
+    carriers = set(state.topology.ancestors(state.topology.frames[frame][1]))
+    is_carrier = np.isin(bundle.bodies, list(carriers))
+    if not is_carrier.any():
+        return (state.known(0.0),) * 6
+    mask = jnp.asarray(np.broadcast_to(is_carrier[..., None], (*is_carrier.shape, state.n)))
+    return tuple(where(mask, along.spread(x, mask.shape), 0.0) for x in column)
 
 
-@algorithm
-def _jacobian_rate(scene, v, *, frame):
-    zero = (scene.known(0.0),) * 3
-    found = list(zip(poses(scene), velocities(scene, v), strict=True))
-    X, V = _of_carrier(scene, frame, found, (world(scene), (zero, zero)))
-    _, v_WF = _velocity_in_world(X, scene.frame_placement(frame), V)
-    p_WF = _origin(scene, frame, [x for x, _ in found]).p
-    links = scene.links(v, None)
+@algorithm(*GEOMETRY, *FRAMES)
+def _jacobian_rate(state, v, *, frame):
+    found = list(zip(poses(state), velocities(state, v), strict=True))
+    X, V = _of_carrier(state, frame, found, (world(state), (state.no_vector, state.no_vector)))
+    _, v_WF = _velocity_in_world(X, state.frame_placement(frame), V)
+    p_WF = _origin(state, frame, [x for x, _ in found]).p
     columns = [
-        tuple(_column(scene, s, frame, x) for x in _arm_rates(scene, s, link, *own, p_WF, v_WF))
-        for s, link, own in zip(scene.segments, links, found, strict=True)
+        tuple(_column(state, b, frame, x) for x in _arm_rates(link, *own, p_WF, v_WF))
+        for b, link, own in zip(state.bundles, state.links(v), found, strict=True)
     ]
-    return scene.by_rate(columns).T
+    return state.matrix_by_rate(columns)
 
 
-def _arm_rates(scene, segment, link, X_WJ, V_WJ_J, p_WF, v_WF):
+def _arm_rates(link, X_WJ, V_WJ_J, p_WF, v_WF):
     """The time derivatives of `_arms`."""
-    p, v = (tuple(scene.spread(segment, x) for x in y) for y in (p_WF, v_WF))
-    motions = zip(link.hinge.subspace, link.hinge.subspace_rate(link.v), strict=True)
-    return [shared(_moved_rate)(X_WJ, V_WJ_J, motion, rate, p, v) for motion, rate in motions]
+    motions = zip(link.joint.subspace, link.joint.subspace_rate(link.v), strict=True)
+    return [shared(_moved_rate)(X_WJ, V_WJ_J, motion, rate, p_WF, v_WF) for motion, rate in motions]
 
 
 def _moved_rate(X_WJ, V_WJ_J, motion, rate, p_WF, v_WF):

@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.dynamics.scene import Pose
+from jaxspatial.dynamics.state import Pose
 
 
 class Motion(NamedTuple):
@@ -17,15 +17,19 @@ class Motion(NamedTuple):
     a: Any
 
 
-def falling(scene):
+def falling(state):
     """The motion of the world as bodies feel it: with gravity as an upward acceleration."""
-    zero = (scene.known(0.0),) * 3
-    return Motion(zero, zero, tuple(-g for g in scene.numbers(scene.mechanism.gravity)))
+    return Motion(state.no_vector, state.no_vector, upward(state))
 
 
-def across(placement, hinge):
+def upward(state):
+    """The acceleration that stands for gravity."""
+    return tuple(-g for g in state.numbers(state.fields["gravity"]))
+
+
+def across(placement, joint):
     """X_PB of a body in its parent."""
-    X = hinge.transform
+    X = joint.transform
     p = vectors.plus(placement.p, vectors.matrix_times(placement.rows, X.p))
     return Pose(vectors.product(placement.rows, X.rows), p)
 
@@ -64,9 +68,9 @@ def moved(link, parent):
 
     with (w_r, v_r) = S v the motion across the joint in the child's axes, (dw_r, dv_r) = S vdot + dS/dt v.
     """
-    X_PB = across(link.placement, link.hinge)
+    X_PB = across(link.placement, link.joint)
     R_BP = vectors.transpose(X_PB.rows)
-    S, bias = link.hinge.subspace, combined(link.hinge.subspace_rate(link.v), link.v)
+    S, bias = link.joint.subspace, combined(link.joint.subspace_rate(link.v), link.v)
     (w_r, v_r), (dw, dv) = combined(S, link.v), combined(S, link.vdot)
     carried = vectors.matrix_times(R_BP, parent.w)
     arm = vectors.plus(parent.a, vectors.matrix_times(swing(parent.w, parent.alpha), X_PB.p))

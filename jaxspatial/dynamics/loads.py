@@ -1,57 +1,67 @@
 """External forces: what pulls on bodies besides their joints."""
 
+import operator
+
+import jax
+
 from jaxspatial.arithmetic import check, vectors
-from jaxspatial.arithmetic.numbers import shared
-from jaxspatial.dynamics import recursion
-from jaxspatial.dynamics.kinematics import poses
+from jaxspatial.arithmetic.numbers import is_number, shared
+from jaxspatial.dynamics import along
+from jaxspatial.dynamics.kinematics import poses, world
 from jaxspatial.spatial import SpatialForce
 
 
 def checked_forces(operation, mechanism, external_forces, q):
-    """(the numbers of the bodies that are pulled, the arrays (tau, f) of each)."""
+    """(the numbers of the frames that are pulled, the arrays (tau, f) of each)."""
     external_forces = external_forces or {}
     if not isinstance(external_forces, dict):
         came = type(external_forces).__name__
-        raise TypeError(f"{operation}: external_forces: expected SpatialForces in a dict by body name, got {came}")
+        raise TypeError(f"{operation}: external_forces: expected SpatialForces in a dict by name of a frame, got {came}")
     found = {}
     for name, F in external_forces.items():
-        i = mechanism.topology.index(mechanism.body_names, name, f"{operation}: external_forces")
+        i = mechanism.topology.index(mechanism.frame_names, name, f"{operation}: external_forces")
         if not isinstance(F, SpatialForce):
             raise TypeError(f"{operation}: external_forces[{name!r}]: expected a SpatialForce, got {type(F).__name__}")
         check.require_same_dtype(q=q, **{f"external_forces[{name!r}]": F})
         check.common_batch_shape(q=q.shape[:-1], **{f"external_forces[{name!r}]": F.batch_shape})
         found[i] = F.tau, F.f
-    bodies = tuple(sorted(found))
-    return bodies, tuple(found[i] for i in bodies)
+    frames = tuple(sorted(found))
+    return frames, tuple(found[i] for i in frames)
 
 
-def loads(scene, bodies, forces):
-    """(tau, f) of every segment, about J in its axes: known zeros where nothing pulls."""
-    zero = (scene.known(0.0),) * 3
-    found = [(zero, zero)] * len(scene.segments)
-    if not bodies:
-        return found
-    placed = poses(scene)
-    for body, (tau, f) in zip(bodies, forces, strict=True):
-        k, place = scene.place(body)
-        segment = scene.segments[k]
-        frames = (placed[k], scene.child_placement(segment))
-        frames = scene.of_body(k, place, frames)
-        load = shared(_about_joint)(*frames, scene.numbers(tau), scene.numbers(f))
-        found[k] = _put(scene, segment, place, found[k], load)
-    return found
+def loads(state, frames, forces, of_load=None):
+    """(tau, f) of every bundle, about J in its axes: known zeros where nothing pulls.
+
+    of_load: of (tau, f) and the place of the frame, what else is wanted of it, a tuple of numbers that add up.
+    """
+    of_load = of_load or (lambda tau, f, p_JF: ())
+    nothing = (state.no_vector, state.no_vector, of_load(*(state.no_vector,) * 3))
+    on_bodies = {}
+    placed = poses(state) if frames else None
+    for frame, F in zip(frames, forces, strict=True):
+        body = state.topology.frames[frame][1]
+        load = _of_frame(state, placed, frame, body, F, of_load)
+        on_bodies[body] = jax.tree.map(operator.add, on_bodies[body], load, is_leaf=is_number) if body in on_bodies else load
+    return [_of_bundle(state, bundle, on_bodies, nothing) for bundle in state.bundles]
 
 
-def _about_joint(X_WJ, X_JB, tau, f):
-    """Of a wrench about Bo in world axes: about Jo in those of J."""
+def _of_frame(state, placed, frame, body, F, of_load):
+    X_WJ, X_JF = state.of_body(body, placed, world(state)), state.frame_placement(frame)
+    wrench = (tuple(along.mapped(lambda w: w[None], x) for x in state.numbers(part)) for part in F)
+    tau, f = shared(_about_joint)(X_WJ, X_JF, *wrench)
+    return tau, f, of_load(tau, f, X_JF.p)
+
+
+def _about_joint(X_WJ, X_JF, tau, f):
+    """Of a wrench about Fo in world axes: about Jo in those of J."""
     R_JW = vectors.transpose(X_WJ.rows)
     f = vectors.matrix_times(R_JW, f)
-    return vectors.plus(vectors.matrix_times(R_JW, tau), vectors.cross(X_JB.p, f)), f
+    return vectors.plus(vectors.matrix_times(R_JW, tau), vectors.cross(X_JF.p, f)), f
 
 
-def _put(scene, segment, place, old, load):
-    """The loads of a segment, with one of its bodies'."""
-    if not segment.is_chain:
-        return load
-    columns = [tuple(scene.spread(segment, x) for x in part) for part in old]
-    return tuple(recursion.with_column(c, place, x) for c, x in zip(columns, load, strict=True))
+def _of_bundle(state, bundle, on_bodies, nothing):
+    bodies = bundle.bodies.ravel().tolist()
+    if not any(i in on_bodies for i in bodies):
+        return nothing
+    rows = along.concatenated_trees([on_bodies.get(i, nothing) for i in bodies], state.n)
+    return along.mapped_tree(lambda word: word.reshape((bundle.length, bundle.width, -1)), rows)

@@ -5,10 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic.numbers import high, shared, where
 from jaxspatial.arithmetic.tree import tree
-from jaxspatial.dynamics import columns, recursion
+from jaxspatial.dynamics import along, pairs, recursion
+from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
 from jaxspatial.dynamics.links import across, to_parent
-from jaxspatial.dynamics.scene import Inertia, algorithm, checked
+from jaxspatial.dynamics.state import Inertia
 from jaxspatial.inertia import symmetric
 from jaxspatial.inertia.addition import joined
 from jaxspatial.inertia.articulated import congruent
@@ -25,46 +27,88 @@ def mass_matrix(mechanism, q, *, precision=None):
     return _mass_matrix(precision, mechanism, q)
 
 
-@algorithm
-def _mass_matrix(scene):
-    links = scene.links(None, None)
-    found = columns.blocks(scene, _WRENCHES._replace(size=scene.size), list(zip(links, composites(scene), strict=True)))
-    upper = columns.whole(found, sum(map(scene.size, scene.segments)))
-    is_upper = np.triu(np.ones(upper.shape, bool))
-    return columns.without_mimics(scene, jnp.where(is_upper, upper, upper.T))
+@algorithm(*BODIES, "armature")
+def _mass_matrix(state):
+    return state.rounded(matrix_of(state))
+
+
+def matrix_of(state):
+    """M as numbers (nv, nv, B)."""
+    links, placed = state.links(), pairs.from_root(state)
+    both = zip(links, composites(state), placed, strict=True)
+    told = [[shared(_told)(motion, c, X) for motion in link.joint.subspace] for link, c, X in both]
+    rows, columns = ([[x[side] for x in rates] for rates in told] for side in (0, 1))
+    (upper,) = pairs.matrices(state, lambda row, column: (crossing(row, column),), rows, columns)
+    return with_armature(state, links, symmetric_of(upper))
+
+
+def _told(motion, composite, X):
+    """(a motion, the wrench that a unit of it takes), in the axes of the world, with where they are from the root."""
+    return told(X, motion), told(X, halves(felt(composite, motion)))
+
+
+def told(X, vector):
+    """The two parts of a motion or wrench in the axes of the world, and where its point is."""
+    rows, p = X
+    return *(vectors.matrix_times(rows, x) for x in vector), p
+
+
+def halves(six):
+    return six[:3], six[3:]
+
+
+def crossing(row, column):
+    """The generalised force of a wrench (tau, f) at a place, along a motion (w, v) at another: S . F."""
+    (w, v, p), (tau, f, p2) = row, column
+    return vectors.dot(w, vectors.plus(tau, vectors.cross(vectors.minus(p2, p), f))) + vectors.dot(v, f)
+
+
+def symmetric_of(upper):
+    """A symmetric matrix of its upper triangle."""
+    n = np.shape(high(upper))[0]
+    is_upper = jnp.asarray(np.triu(np.ones((n, n), bool))[:, :, None])
+    return where(is_upper, upper, along.mapped(lambda w: jnp.swapaxes(w, 0, 1), upper))
+
+
+def with_armature(state, links, M):
+    """A matrix over all rates, with the inertia of rotors on its diagonal, over v."""
+    M = pairs.by_rates(state, pairs.by_rates(state, M, 0), 1)
+    if all(along.is_constant(x) and x.value == 0 for link in links for x in link.armature):
+        return M
+    (diagonal,) = zip(*(state.numbers(state.fields["armature"][i : i + 1]) for i in range(M_size(M))), strict=True)
+    n = M_size(M)
+    rotors = along.joined([along.spread(along.mapped(lambda w: w[None], x), (1, state.n)) for x in diagonal])
+    on_diagonal = jnp.asarray(np.eye(n, dtype=bool)[:, :, None])
+    return where(on_diagonal, M + along.mapped(lambda w: w[:, None], rotors), M)
+
+
+def M_size(M):
+    return np.shape(high(M))[0]
 
 
 # -- composite bodies -------------------------------------------------------------------------------------------------
 
 
-def composites(scene):
-    """The inertia of every segment with all that hangs on it, about J in its axes."""
-    zero = scene.known(0.0)
+def composites(state):
+    """The inertia of every body with all that hangs on it, about J in its axes."""
+    zero = state.known(0.0)
     nothing = Inertia(zero, (zero,) * 3, (zero,) * 6)
-    return recursion.inward(scene.segments, _composite, nothing, scene.links(None, None), joined=together)[0]
+    return recursion.inward(state, _composite, nothing, state.links(), joined=combine)
 
 
 def _composite(link, held):
     """(the inertia of a body with all that hangs on it, the same seen from its parent)."""
-    inertia = together(link.inertia, held)
-    return inertia, inertia_to_parent(across(link.placement, link.hinge), inertia)
+    inertia = combine(link.inertia, held)
+    return inertia, inertia_to_parent(across(link.placement, link.joint), inertia)
 
 
-def together(a, b):
+def combine(a, b):
     return Inertia(*joined(*a, *b, 0.5))
 
 
 def inertia_to_parent(X_PB, inertia):
     com = vectors.plus(X_PB.p, vectors.matrix_times(X_PB.rows, inertia.com))
     return Inertia(inertia.mass, com, congruent(inertia.central, X_PB.rows))
-
-
-# -- the wrench that a unit rate takes --------------------------------------------------------------------------------
-
-
-def _of_rates(own):
-    link, composite = own
-    return [felt(composite, motion) for motion in link.hinge.subspace]
 
 
 def felt(inertia, motion):
@@ -75,29 +119,9 @@ def felt(inertia, motion):
     return *vectors.plus(turning, vectors.cross(inertia.com, f)), *f
 
 
-def _rows(place, own, wrenches):
-    link, _ = own
-    rows = [recursion.each_column(crossing, motion, wrenches) for motion in link.hinge.subspace]
-    n = len(rows)
-    return tuple(recursion.added_at(row, place * n + k, link.armature[k]) for k, row in enumerate(rows))
-
-
-def crossing(motion, wrench):
-    """What of a wrench a joint feels."""
-    return vectors.dot((*motion[0], *motion[1]), wrench)
-
-
-def carried_wrench(own, wrench):
-    """A wrench on a body, of numbers that begin with its link, as its parent has it."""
-    return wrench_to_parent(across(own[0].placement, own[0].hinge), wrench)
-
-
 def wrench_to_parent(X_PB, wrench):
     tau, f = to_parent(X_PB, wrench[:3], wrench[3:])
     return *tau, *f
-
-
-_WRENCHES = columns.Matrix(None, 6, _of_rates, _rows, carried_wrench)
 
 
 # -- factors ----------------------------------------------------------------------------------------------------------

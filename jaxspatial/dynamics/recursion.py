@@ -1,9 +1,11 @@
 """From the base to the tips and back: the one place that knows how a recursion over a tree is compiled.
 
-A step is a call that the compiler does not inline: fused into one another, the steps of a long tree would be computed
-again for each of the many results. Long chains of equal joints are loops, compiled once. Whether a step runs as one or
-the other makes no difference to its results.
+Chains of equal length that hang side by side are one loop, whose step is compiled once, whatever their length and
+number. What the state has that is known all along a chain stays known: a planar arm has no components out of its
+plane. A bundle of single bodies is its step.
 """
+
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -11,34 +13,37 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.lanes import is_known
-from jaxspatial.arithmetic.numbers import Lane, as_data, data_of, is_number, mapped, shared, where, with_data
+from jaxspatial.arithmetic.numbers import as_data, data_of, is_number, shared, with_data
+from jaxspatial.dynamics import along
 
 
-def outward(segments, step, root, own):
-    """The result of every segment: step(own[i], the state of its parent) gives (result, state), with `root` for the
-    state of the world."""
-    results, states = [], {-1: root}
-    for segment, numbers in zip(segments, own, strict=True):
-        run = along if segment.is_chain else _once
-        result, states[segment.stop - 1] = run(step, numbers, states[segment.parent], reverse=False)
+def outward(state, step, root, own):
+    """The results of every bundle: step(own, the state of the parent) gives (result, state of the body), with `root`
+    for the state of the world."""
+    results, ends = [], {}
+    for bundle, numbers in zip(state.bundles, own, strict=True):
+        start = _beside([ends.get(parent, root) for parent in bundle.parents], state.n)
+        result, last = _run(step, bundle, state.n, numbers, start, reverse=False)
+        ends |= {i + bundle.length - 1: _chain(last, c) for c, i in enumerate(bundle.starts)}
         results.append(result)
     return results
 
 
-def inward(segments, step, nothing, own, joined=None):
-    """([the result of every segment], what arrives at the world): step(own[i], what its children pass on) gives
-    (result, what is passed on). Of several children that is `joined`, by default added; `nothing` arrives at tips."""
+def inward(state, step, nothing, own, joined=None):
+    """The results of every bundle: step(own, what its children pass on) gives (result, what is passed on). Of several
+    children that is `joined`, by default added; `nothing` arrives at tips."""
     joined = joined or _added
     arrived, results = {}, []
-    for segment, numbers in zip(reversed(segments), reversed(own), strict=True):
-        given = arrived.pop(segment.stop - 1, nothing)
-        run = along if segment.is_chain else _once
-        result, passed = run(step, numbers, given, reverse=True)
-        beside = arrived.get(segment.parent)
-        arrived[segment.parent] = passed if beside is None else shared(joined)(beside, passed)
+    for bundle, numbers in zip(reversed(state.bundles), reversed(own), strict=True):
+        ends = [i + bundle.length - 1 for i in bundle.starts]
+        start = _beside([arrived.pop(i, nothing) for i in ends], state.n)
+        result, passed = _run(step, bundle, state.n, numbers, start, reverse=True)
+        for c, parent in enumerate(bundle.parents):
+            if parent >= 0:
+                mine = _chain(passed, c)
+                arrived[parent] = shared(joined)(arrived[parent], mine) if parent in arrived else mine
         results.append(result)
-    return results[::-1], arrived.get(-1, nothing)
+    return results[::-1]
 
 
 def _added(a, b):
@@ -46,85 +51,61 @@ def _added(a, b):
     return jax.tree.unflatten(tree, vectors.plus(tuple(leaves), tuple(jax.tree.leaves(b, is_leaf=is_number))))
 
 
-def _once(step, numbers, state, reverse):
-    return shared(step)(numbers, state)
+def _chain(tree, c):
+    """Of one of the chains: numbers (1, B)."""
+    return along.mapped_tree(lambda word: word[c : c + 1], tree)
 
 
-def along(step, numbers, state, reverse):
-    """A chain as a loop: (the results of step(numbers, state), stacked along it, the last state)."""
-    leaves, tree = jax.tree.flatten(numbers, is_leaf=is_number)
-    start, state_tree = jax.tree.flatten(state, is_leaf=is_number)
-    start = list(map(as_data, start))
-    data = data_of(leaves)
-    # What is the same for all of them is no number along the chain.
-    is_along = [jax.tree.leaves(x)[0].ndim > 0 for x in data]
-    shape = []
+def _beside(trees, n):
+    """The states of chains side by side, (W, B): one tree where all are the same."""
+    same = all(tree is trees[0] for tree in trees)
+    return trees[0] if same else along.concatenated_trees(trees, n)
+
+
+def _run(step, bundle, n, numbers, start, reverse):
+    """(the results of step(numbers, state), stacked along the chain, the last state)."""
+    if bundle.length == 1:
+        first = along.mapped_tree(lambda word: word[0], numbers)
+        result, last = shared(step)(first, start)
+        spread = functools.partial(along.mapped_tree, lambda word: jnp.broadcast_to(word, (bundle.width, n)))
+        return along.mapped_tree(lambda word: word[None], result), spread(last)
+    return _loop(step, numbers, start, (bundle.width, n), reverse)
+
+
+def _loop(step, numbers, start, shape, reverse):
+    """A loop over the bodies of chains. A known number of the state that a step changes is none: tried again, with it
+    as data, until nothing changes."""
+    given, tree = jax.tree.flatten(start, is_leaf=is_number)
+    while True:
+        found = _tried(step, numbers, given, tree, shape, reverse)
+        if not any(found.changed):
+            return found.results, found.last
+        given = [along.spread(x, shape) if c else x for x, c in zip(given, found.changed, strict=True)]
+
+
+class _Tried:
+    """What a loop found: its results, the last state, and which known numbers of the state have changed."""
+
+    results, last, changed = None, None, ()
+
+
+def _tried(step, numbers, given, tree, shape, reverse):
+    leaves, own_tree = jax.tree.flatten(numbers, is_leaf=is_number)
+    given = [x if along.is_constant(x) else along.spread(x, shape) for x in given]
+    found, form = _Tried(), []
 
     def body(carry, own):
-        own = iter(own)
-        all_of_them = [next(own) if yes else x for yes, x in zip(is_along, data, strict=True)]
-        numbers = jax.tree.unflatten(tree, with_data(leaves, all_of_them))
-        result, new = step(numbers, jax.tree.unflatten(state_tree, with_data(start, carry)))
-        shape[:] = jax.tree.flatten(result, is_leaf=is_number)
-        return data_of(map(as_data, jax.tree.leaves(new, is_leaf=is_number))), data_of(shape[0])
+        state = jax.tree.unflatten(tree, with_data(given, carry))
+        result, new = step(jax.tree.unflatten(own_tree, with_data(leaves, own)), state)
+        new = jax.tree.leaves(new, is_leaf=is_number)
+        found.changed = [along.is_constant(x) and not along.alike([x, y]) for x, y in zip(given, new, strict=True)]
+        form[:] = jax.tree.flatten(result, is_leaf=is_number)
+        kept = [along.spread(y, shape) for x, y in zip(given, new, strict=True) if not along.is_constant(x)]
+        return data_of(kept), data_of(form[0])
 
-    along_it = [x for yes, x in zip(is_along, data, strict=True) if yes]
-    last, stacked = lax.scan(body, data_of(start), along_it, reverse=reverse)
-    return (
-        jax.tree.unflatten(shape[1], with_data(shape[0], stacked)),
-        jax.tree.unflatten(state_tree, with_data(start, last)),
-    )
-
-
-# -- many at once: numbers that are arrays ----------------------------------------------------------------------------
-
-
-def each_column(function, common, columns):
-    """function(common, one of the columns) for all of them: numbers that are arrays along one axis."""
-    leaves, tree = jax.tree.flatten(columns, is_leaf=is_number)
-    shape = []
-
-    def one(data):
-        result = function(common, jax.tree.unflatten(tree, with_data(leaves, data)))
-        found, result_tree = jax.tree.flatten(result, is_leaf=is_number)
-        shape[:] = [list(map(as_data, found)), result_tree]
-        return data_of(shape[0])
-
-    data = jax.vmap(one)(data_of(leaves))
-    return jax.tree.unflatten(shape[1], with_data(shape[0], data))
-
-
-def repeated_along(x, n):
-    """A number as n columns."""
-    return mapped(lambda word: jnp.broadcast_to(word, (n,)), as_data(x))
-
-
-def raveled(x):
-    """A number, or what is many along one axis, as the latter."""
-    return mapped(jnp.ravel, x)
-
-
-def part(x, end, shape):
-    """Of many numbers those before the end, in the shape () or (n,)."""
-    return mapped(lambda word: word[end - shape[0] : end] if shape else word[end - 1], x)
-
-
-def concatenated(sets):
-    """Sets of columns one after the other."""
-    return tuple(mapped(lambda *words: jnp.concatenate(words), *parts) for parts in zip(*sets, strict=True))
-
-
-def with_column(columns, place, column):
-    """The columns with another at a place that is data."""
-    return tuple(
-        mapped(lambda word, x: lax.dynamic_update_index_in_dim(word, x, place, 0), c, as_data(x))
-        for c, x in zip(columns, column, strict=True)
-    )
-
-
-def added_at(row, place, x):
-    """A row of numbers with one added at a place that is data."""
-    if isinstance(x, Lane) and is_known(x.value, 0):
-        return row
-    here = jnp.arange(jax.tree.leaves(data_of([row]))[0].shape[-1], dtype=np.int32) == place
-    return where(here, row + repeated_along(x, here.shape[0]), row)
+    # A pull-back runs steps again: it reads what it would have to keep of them more slowly.
+    step_again = jax.checkpoint(body, prevent_cse=False)
+    last, stacked = lax.scan(step_again, data_of(given), data_of(leaves), reverse=reverse)
+    found.results = jax.tree.unflatten(form[1], with_data(form[0], stacked))
+    found.last = jax.tree.unflatten(tree, with_data(given, last))
+    return found

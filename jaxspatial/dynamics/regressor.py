@@ -1,11 +1,11 @@
 """Joint torques as a linear function of the inertial parameters of all bodies."""
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import constant
-from jaxspatial.dynamics import columns, recursion
+from jaxspatial.arithmetic.numbers import constant, shared
+from jaxspatial.dynamics import pairs, recursion
+from jaxspatial.dynamics.algorithm import GEOMETRY, algorithm, checked
 from jaxspatial.dynamics.links import falling, move, swing
-from jaxspatial.dynamics.mass_matrix import carried_wrench, crossing
-from jaxspatial.dynamics.scene import algorithm, checked
+from jaxspatial.dynamics.mass_matrix import crossing, halves, told
 from jaxspatial.inertia import symmetric
 
 
@@ -23,25 +23,24 @@ def joint_torque_regressor(mechanism, q, v, vdot, *, precision=None):
     return _regressor(precision, mechanism, q, v, vdot)
 
 
-@algorithm
-def _regressor(scene, v, vdot):
-    links = scene.links(v, vdot)
-    motions = recursion.outward(scene.segments, move, falling(scene), links)
-    matrix = columns.Matrix(_size, 6, _of_parameters, _rows, carried_wrench)
-    found = columns.blocks(scene, matrix, list(zip(links, motions, strict=True)))
-    return columns.rows_of_masters(scene, columns.whole(found, sum(map(_size, scene.segments))))
+@algorithm(*GEOMETRY, "gravity")
+def _regressor(state, v, vdot):
+    links, placed = state.links(v, vdot), pairs.from_root(state)
+    motions = recursion.outward(state, move, falling(state), links)
+    rows = [[shared(told)(X, S) for S in link.joint.subspace] for link, X in zip(links, placed, strict=True)]
+    columns = [
+        [shared(told)(X, halves(wrench)) for wrench in shared(_of_parameters)(motion)]
+        for X, motion in zip(placed, motions, strict=True)
+    ]
+    (Y,) = pairs.matrices(state, lambda row, column: (crossing(row, column),), rows, columns)
+    return state.in_given_axes(state.rounded(pairs.by_rates(state, Y, 0)))
 
 
-def _size(segment):
-    return 10 * (segment.stop - segment.start)
-
-
-def _of_parameters(own):
+def _of_parameters(motion):
     """The wrench of a unit of mass, of each first moment, of each entry of the inertia, about the origin of J.
 
     f = m a + E (m c)        tau = (m c) x a + J alpha + w x J w        E = [alpha]x + [w]x [w]x
     """
-    _, motion = own
     zero, one = (constant(motion.w[0], x) for x in (0, 1))
     no_vector = (zero,) * 3
     units = [tuple(one if i == k else zero for i in range(6)) for k in range(6)]
@@ -54,7 +53,3 @@ def _of_parameters(own):
 def _torque(J, motion):
     spin = vectors.cross(motion.w, vectors.matrix_times(J, motion.w))
     return vectors.plus(vectors.matrix_times(J, motion.alpha), spin)
-
-
-def _rows(place, own, wrenches):
-    return tuple(recursion.each_column(crossing, motion, wrenches) for motion in own[0].hinge.subspace)

@@ -13,7 +13,7 @@ from jaxspatial.dynamics.energy import kinetic_energy
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.inverse_dynamics import bias_forces
 from jaxspatial.dynamics.mass_matrix import factored, mass_matrix
-from jaxspatial.dynamics.scene import checked
+from jaxspatial.dynamics.algorithm import checked
 
 
 def semi_implicit_step(mechanism, q, v, tau, dt, external_forces=None, *, precision=None):

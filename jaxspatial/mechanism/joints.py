@@ -45,8 +45,15 @@ class Kind:
     # The coordinates at zero.
     neutral: tuple = (0.0,)
     takes_axis: bool = True
+    # The kind that a recursion takes it for: it moves as joints of this name do.
+    moves_as: str
+    # Whether dq/dt depends on its angles.
+    has_turning_rates: bool = False
     # Whether its rates are as those of joints with one rate each, one after the other.
     is_sequential: bool = True
+
+    def __init_subclass__(cls):
+        cls.moves_as = vars(cls).get("moves_as", cls.name)
 
     @classmethod
     def subspace_rate(cls, axes, turned, v):
@@ -96,7 +103,7 @@ class Revolute(Kind):
 class Continuous(Revolute):
     """A revolute joint without limits; differences are the short way round."""
 
-    name = "continuous"
+    name, moves_as = "continuous", "revolute"
 
     @staticmethod
     def difference(axes, q, q2):
@@ -172,7 +179,7 @@ class Planar(Kind):
     """
 
     name, nq, nv, angles, neutral, takes_axis = "planar", 3, 3, (2,), (0.0, 0.0, 0.0), False
-    is_sequential = False
+    is_sequential, has_turning_rates = False, True
 
     @staticmethod
     def transform(axes, q, turned):

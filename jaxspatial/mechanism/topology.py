@@ -5,22 +5,30 @@ import functools
 import itertools
 from typing import NamedTuple
 
+import numpy as np
+
 from jaxspatial.mechanism.joints import KINDS
 
-# Chains of equal joints at least as long as this run as loops: written out, they would compile for minutes.
-LONG_CHAIN = 64
 
+class Bundle(NamedTuple):
+    """Chains of joints of one kind and one length, side by side: what a recursion takes as one loop.
 
-class Segment(NamedTuple):
-    """The bodies start to stop - 1: one, or a chain of which each but the first is the only child of the one before."""
+    starts: the first body of each chain; the others follow it. parents: the body that each chain hangs on.
+    """
 
-    start: int
-    stop: int
-    parent: int
+    kind: type
+    length: int
+    starts: tuple
+    parents: tuple
 
     @property
-    def is_chain(self):
-        return self.stop - self.start > 1
+    def width(self):
+        return len(self.starts)
+
+    @property
+    def bodies(self):
+        """(length, width) of their numbers."""
+        return np.arange(self.length)[:, None] + np.array(self.starts)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +64,9 @@ class Topology:
     @property
     def has_mimics(self):
         return any(map(self.is_mimic, range(len(self))))
+
+    def has_mimics_in(self, bundle):
+        return any(map(self.is_mimic, bundle.bodies.ravel().tolist()))
 
     @functools.cached_property
     def q_starts(self):
@@ -100,22 +111,68 @@ class Topology:
             i = self.parents[i]
 
     @functools.cached_property
-    def segments(self):
-        """All bodies, parents first, long chains of equal joints as one."""
-        found, i = [], 0
-        while i < len(self):
-            stop = i + 1
-            while stop < len(self) and self._continues(stop):
-                stop += 1
-            stop = stop if stop - i >= LONG_CHAIN else i + 1
-            found.append(Segment(i, stop, self.parents[i]))
-            i = stop
-        return tuple(found)
+    def bundles(self):
+        """All bodies, parents first: chains that hang on bodies of bundles before, those alike side by side."""
+        found, level = {}, {-1: -1}
+        for start, stop in self._chains():
+            level[stop - 1] = level[self.parents[start]] + 1
+            found.setdefault((level[stop - 1], self.kind(start).moves_as, stop - start), []).append(start)
+        return tuple(
+            Bundle(KINDS[kind], n, tuple(starts), tuple(self.parents[i] for i in starts))
+            for (_, kind, n), starts in sorted(found.items(), key=lambda item: (item[0][0], item[1]))
+        )
+
+    @functools.cached_property
+    def kinds_apart(self):
+        """All joints that are no mimics, kind by kind: for what needs no tree."""
+        found = {}
+        for i, kind in enumerate(self.kinds):
+            if not self.is_mimic(i):
+                found.setdefault(kind, []).append(i)
+        return tuple(
+            Bundle(KINDS[kind], 1, tuple(own), tuple(self.parents[i] for i in own)) for kind, own in found.items()
+        )
+
+    def _chains(self):
+        """(start, stop) of chains that branch, or change the kind of their joints, at their ends only."""
+        ends = [i for i in range(1, len(self)) if not self._continues(i)]
+        return zip([0, *ends], [*ends, len(self)], strict=True) if len(self) else ()
 
     def _continues(self, i):
-        """Whether body i is the only child of the one before, by a joint of the same kind, and neither follows."""
+        """Whether body i is the only child of the one before, by a joint that moves alike."""
         is_only = self.parents[i] == i - 1 and len(self.children[i - 1]) == 1
-        return is_only and self.kinds[i] == self.kinds[i - 1] and not (self.is_mimic(i) or self.is_mimic(i - 1))
+        return is_only and self.kind(i).moves_as == self.kind(i - 1).moves_as
+
+    @functools.cached_property
+    def places(self):
+        """(bundle, how far along its chains, which of them) of every body."""
+        found = {}
+        for k, bundle in enumerate(self.bundles):
+            for c, start in enumerate(bundle.starts):
+                found |= {start + j: (k, j, c) for j in range(bundle.length)}
+        return found
+
+    def carriers(self, b):
+        """{bundle: [(chain of bundle b, the chain there that carries it)]}, bundle b itself among them."""
+        found = {}
+        for c in range(self.bundles[b].width):
+            k, mine = b, c
+            while k >= 0:
+                found.setdefault(k, []).append((c, mine))
+                k, mine = self._carrier(k, mine)
+        return found
+
+    def _carrier(self, k, c):
+        """(bundle, chain) that a chain hangs on, (-1, 0) for the world."""
+        parent = self.bundles[k].parents[c]
+        return (self.places[parent][0], self.places[parent][2]) if parent >= 0 else (-1, 0)
+
+    @functools.cached_property
+    def skeleton(self):
+        """The same without names: mechanisms of one structure share their programs."""
+        return dataclasses.replace(
+            self, body_names=(), joint_names=(), frames=tuple(("", body) for _, body in self.frames)
+        )
 
     def index(self, names, name, what):
         """Where a name is among others; raises KeyError that lists what there is."""

@@ -1,0 +1,192 @@
+"""How an algorithm is called: a formula over a MechanismState becomes a function of a mechanism and arrays.
+
+What is NumPy in the mechanism is part of the program, which is compiled once for these values; while tracing, so are
+NumPy arrays of coordinates. Of the mechanism a program has only the fields that its formula reads. All is evaluated in
+what the precision asks for, see `numbers`, and rounded once at the end.
+"""
+
+import functools
+import weakref
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.arithmetic import check, numbers
+from jaxspatial.arithmetic.precision import resolve
+from jaxspatial.dynamics import program
+from jaxspatial.dynamics.state import MechanismState
+from jaxspatial.mechanism import Mechanism
+
+# What an algorithm reads of a mechanism, by what it is about.
+JOINTS = ("axes", "second_axes", "pitches", "mimics")
+GEOMETRY = ("placements", *JOINTS)
+BODIES = (*GEOMETRY, "inertias")
+DYNAMICS = (*BODIES, "armature", "gravity")
+FRAMES = ("child_placements", "frame_placements")
+
+
+class Known:
+    """A NumPy array as part of a program."""
+
+    def __init__(self, array):
+        self.array = array
+        self._key = array.dtype.str, array.shape, array.tobytes()
+        self._hash = hash(self._key)
+
+    def __hash__(self):
+        return self._hash
+
+    def __eq__(self, other):
+        return self is other or (isinstance(other, Known) and self._key == other._key)
+
+
+class Algorithm(program.Program):
+    """A formula for one structure, with the numbers that are known. tree: of (fields by name, arrays)."""
+
+    def __init__(self, formula, precision, topology, tree, known, static, place, dtype):
+        self.formula, self.precision, self.topology, self.tree = formula, precision, topology, tree
+        self.known, self.static, self.place, self.dtype = known, static, place, dtype
+        self.out_tree = None
+
+    def _key(self):
+        own = self.formula, self.precision, self.topology, self.tree, self.known, self.static, self.dtype
+        return (type(self), *own)
+
+    @functools.cached_property
+    def _hash(self):
+        return hash(self._key())
+
+    def __hash__(self):
+        return self._hash
+
+    def __eq__(self, other):
+        return self is other or (isinstance(other, Algorithm) and self._key() == other._key())
+
+    def merged(self, data):
+        """All leaves of the tree."""
+        data = iter(data)
+        return [next(data) if k is None else k.array for k in self.known]
+
+    def evaluate(self, *arrays):
+        n = max((x.shape[0] for x in arrays), default=1)
+        leaves = self.merged(jnp.moveaxis(x, 0, -1) for x in arrays)
+        fields, others = jax.tree.unflatten(self.tree, leaves)
+        twice = self.precision.sees_whole_sums
+        with jax.enable_x64(bool(jax.config.jax_enable_x64) or twice):
+            state = MechanismState(self.topology, fields, others[0], n, self.precision, self.dtype)
+            found = self.formula(state, *others[1:], **dict(self.static))
+            results, self.out_tree = jax.tree.flatten(jax.tree.map(state.rounded, found, is_leaf=_is_result))
+        return [jnp.moveaxis(y, -1, 0) for y in results]
+
+    def outputs(self, avals, sizes):
+        def found():
+            given = [jax.ShapeDtypeStruct((n, *a.shape), a.dtype) for a, n in zip(avals, sizes, strict=True)]
+            return [(y.shape[1:], y.dtype) for y in self.traced(given).out_avals]
+
+        return self.made(("outputs", *((a.shape, np.dtype(a.dtype).name) for a in avals)), found)
+
+    def __call__(self, data, n_batch):
+        found = program.bind(self, data, n_batch)
+        return jax.tree.unflatten(self.out_tree, found)
+
+    @functools.cached_property
+    def compiled(self):
+        """A call outside of any transformation, of a number of batch axes."""
+        return jax.jit(lambda n_batch, data: self(data, n_batch), static_argnums=0)
+
+
+def _is_result(x):
+    return numbers.is_number(x) or (type(x) is tuple and all(map(numbers.is_number, x)))
+
+
+# -- programs that are there ------------------------------------------------------------------------------------------
+
+# Equal programs are one. Those of known numbers live as long as a mechanism that has them.
+_PROGRAMS = weakref.WeakValueDictionary()
+_OF_DATA = {}
+_OF_MECHANISM = weakref.WeakKeyDictionary()
+
+
+def interned(own):
+    """The one program that is equal to this."""
+    found = _PROGRAMS.setdefault(own._key(), own)
+    if not any(found.known):
+        _OF_DATA[found._key()] = found
+    return found
+
+
+def algorithm(*reads, kind=Algorithm) -> Any:
+    """Makes of `formula(state, *arrays, **static)` a function of (precision, mechanism, q, *arrays, **static).
+
+    reads: the fields of a Mechanism that the formula uses. q and the arrays are (*batch, n), with batch shapes that
+    broadcast, or trees of such arrays.
+    """
+
+    def decorated(formula):
+        @functools.wraps(formula)
+        def call(precision, mechanism, *arrays, **static):
+            fields = {name: getattr(mechanism, name) for name in reads}
+            given, tree = jax.tree.flatten((fields, arrays))
+            n_own = len(jax.tree.leaves(fields))
+            tracing = any(isinstance(x, jax.core.Tracer) for x in given)
+            is_known = [
+                isinstance(x, np.ndarray) and (i < n_own or (tracing and x.ndim == 1)) for i, x in enumerate(given)
+            ]
+            dtype = np.dtype(arrays[0].dtype)
+            key = formula, resolve(precision), tuple(sorted(static.items())), tree, tuple(is_known), dtype
+            own = _program(kind, key, mechanism, given, n_own)
+            data = [x for x, k in zip(given, is_known, strict=True) if not k]
+            batch = np.broadcast_shapes((), *(x.shape[:-1] for x in given[n_own:]))
+            n_mine = sum(not k for k in is_known[:n_own])
+            data = [_over(x, i < n_mine, len(batch)) for i, x in enumerate(data)]
+            if tracing:
+                found = own(data, len(batch))
+            else:
+                found = own.compiled(len(batch), data)
+            return found
+
+        call.formula = formula
+        return call
+
+    return decorated
+
+
+def _over(x, is_own, n_batch):
+    """With as many batch axes in front: of size 1 where there are less."""
+    shape = (1,) * n_batch + x.shape if is_own else (1,) * (n_batch - x.ndim + 1) + x.shape
+    return x.reshape(shape) if shape != x.shape else x
+
+
+def _program(kind, key, mechanism, given, n_own):
+    formula, precision, static, tree, is_known, dtype = key
+    kept = _OF_MECHANISM.setdefault(mechanism, {})
+    is_lasting = not any(is_known[n_own:]) and all(_is_frozen(x) for x, k in zip(given, is_known, strict=True) if k)
+    if is_lasting and key in kept:
+        return kept[key]
+    known = tuple(Known(x) if k else None for x, k in zip(given, is_known, strict=True))
+    found = interned(kind(formula, precision, mechanism.topology.skeleton, tree, known, static, n_own, dtype))
+    if is_lasting:
+        kept[key] = found
+    return found
+
+
+def _is_frozen(x):
+    """Whether nobody can write to it."""
+    return not x.flags.writeable and (x.base is None or not getattr(x.base, "flags", x.flags).writeable)
+
+
+# -- what a caller passes ---------------------------------------------------------------------------------------------
+
+
+def checked(operation, mechanism, **arrays):
+    """The arrays of coordinates, (*batch, nq) for q and (*batch, nv) for all others, with a dtype in common."""
+    if not isinstance(mechanism, Mechanism):
+        raise TypeError(f"{operation}: expected a Mechanism first, got {type(mechanism).__name__}")
+    sizes = {name: mechanism.nq if name.startswith("q") else mechanism.nv for name in arrays}
+    given = {name: check.as_vectors(x, f"{operation}: {name}", None, sizes[name]) for name, x in arrays.items()}
+    data = [x for x in jax.tree.leaves(mechanism) if not isinstance(x, np.ndarray)]
+    check.require_same_dtype(**given, **({"mechanism": data[0]} if data else {}))
+    check.common_batch_shape(**{name: x.shape[:-1] for name, x in given.items()})
+    return tuple(given.values())

@@ -1,0 +1,100 @@
+"""Numbers that are arrays over bodies and states: rows taken, put side by side, added up."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.arithmetic import numbers
+from jaxspatial.arithmetic.lanes import is_known
+from jaxspatial.arithmetic.numbers import Lane, is_number, where
+
+
+def rows(array, places):
+    """array[places] along its first axis, for known places of any shape: by slices, where it is data."""
+    if isinstance(array, np.ndarray):
+        return array[places]
+    flat = np.ravel(places)
+    ends = [0, *(np.flatnonzero(np.diff(flat) != 1) + 1).tolist(), flat.size]
+    pieces = [array[flat[a] : flat[a] + b - a] for a, b in zip(ends[:-1], ends[1:], strict=True) if b > a]
+    taken = pieces[0] if len(pieces) == 1 else jnp.concatenate(pieces) if pieces else array[:0]
+    return taken.reshape((*np.shape(places), *array.shape[1:]))
+
+
+def is_constant(x):
+    """True for a number that is known while tracing."""
+    return isinstance(x, Lane) and is_known(x.value)
+
+
+def mapped(function, x):
+    """A function of arrays applied to a number word by word; to what is known, not at all."""
+    return numbers.mapped(function, x) if is_number(x) and not is_constant(x) else x
+
+
+def mapped_tree(function, tree):
+    return jax.tree.map(lambda x: mapped(function, x), tree, is_leaf=is_number)
+
+
+def spread(x, shape):
+    """A number as an array of this shape."""
+    if is_constant(x):
+        return x._new(jnp.full(shape, x.value))
+    return numbers.mapped(lambda word: jnp.broadcast_to(word, shape), x)
+
+
+def stacked(parts, shape, axis):
+    """Numbers one beside the other along a new axis, each over the shape."""
+    full = [spread(x, shape) for x in parts]
+    return numbers.mapped(lambda *words: jnp.stack(words, axis), *full)
+
+
+def joined(parts):
+    """Numbers one behind the other along their first axis."""
+    return parts[0] if len(parts) == 1 else numbers.mapped(lambda *words: jnp.concatenate(words), *parts)
+
+
+def split(function, parts):
+    """function(x), a tuple of numbers, of each of the numbers: in one call for all."""
+    shapes = [np.shape(numbers.high(x)) for x in parts]
+    size = max(shape[-1] for shape in shapes)
+    flat = [
+        numbers.mapped(lambda w, s=s: jnp.broadcast_to(w, (*s[:-1], size)).reshape((-1, size)), x)
+        for x, s in zip(parts, shapes, strict=True)
+    ]
+    found = function(joined(flat))
+    ends = np.cumsum([int(np.prod(s[:-1])) for s in shapes])
+    return [
+        tuple(mapped(lambda w, s=s, e=e: w[e - int(np.prod(s[:-1])) : e].reshape((*s[:-1], size)), x) for x in found)
+        for s, e in zip(shapes, ends, strict=True)
+    ]
+
+
+def alike(values):
+    """Whether all are known, and the same number."""
+    return all(map(is_constant, values)) and len({float(x.value) for x in values}) == 1
+
+
+def concatenated_trees(trees, n):
+    """Trees of numbers (1, B) as one of numbers (many, B); known where they are known and alike."""
+    leaves = [jax.tree.leaves(tree, is_leaf=is_number) for tree in trees]
+    found = [xs[0] if alike(xs) else joined([spread(x, (1, n)) for x in xs]) for xs in zip(*leaves, strict=True)]
+    return jax.tree.unflatten(jax.tree.structure(trees[0], is_leaf=is_number), found)
+
+
+def added_at(x, place, y):
+    """x with y (B,) added to one of its rows."""
+    n, size = np.shape(numbers.high(x))
+    here = jnp.asarray(np.arange(n) == place)[:, None]
+    return where(jnp.broadcast_to(here, (n, size)), x + spread(y, (n, size)), x)
+
+
+def total(x):
+    """The sum over the first axis, by halves."""
+    while (n := np.shape(numbers.high(x))[0]) > 1:
+        half = n // 2
+        pairs = _slice(x, 0, half) + _slice(x, half, 2 * half)
+        x = joined([pairs, _slice(x, 2 * half, n)]) if n % 2 else pairs
+    return numbers.mapped(lambda word: word[0], x)
+
+
+def _slice(x, start, stop):
+    return numbers.mapped(lambda word: word[start:stop], x)

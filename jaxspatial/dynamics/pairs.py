@@ -1,0 +1,139 @@
+"""Matrices by pairs: what happens at one joint, as the joints between it and the base feel it.
+
+An entry needs the two joints alone, told in the axes of the root that carries both, with positions from there: entries
+of two bundles, of all pairs of their bodies, are one operation. Nothing is carried from body to body.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.arithmetic import numbers, vectors
+from jaxspatial.arithmetic.numbers import as_data, is_number, shared
+from jaxspatial.dynamics import along, recursion
+from jaxspatial.dynamics.links import across
+
+
+def matrices(state, entry, rows, columns):
+    """Matrices (rows, columns, B), as numbers, of `entry(row, column)`, a tuple of numbers: 0 where the joint of the
+    row does not carry the body of the column.
+
+    rows, columns: for every bundle, of each rate of its joint, or of whatever a body has columns of, a tree of numbers.
+    """
+    starts = [_starts(state.topology, list(map(len, x))) for x in (rows, columns)]
+    rows, columns = ([_one_behind_the_other(state, b, x) for b, x in zip(state.bundles, y)] for y in (rows, columns))
+    whole = None
+    for b, column in enumerate(columns):
+        for a, chains in state.topology.carriers(b).items():
+            if rows[a] is None or column is None:
+                continue
+            block = _block(entry, rows[a], column, chains, state.bundles[a].length if a == b else 0)
+            whole = _with_block(state, whole or _zeros(state, block, starts), block, starts, a, b, chains)
+    return whole
+
+
+def _starts(topology, sizes):
+    """Where the rows of each body begin, and their number."""
+    per_body = [sizes[topology.places[i][0]] for i in range(len(topology))]
+    return np.cumsum([0, *per_body])
+
+
+def _one_behind_the_other(state, bundle, trees):
+    """The trees of all rates of all bodies of a chain as one, of numbers (rows, W, B)."""
+    if not trees:
+        return None
+    shape = bundle.length, bundle.width, state.n
+    leaves = [jax.tree.leaves(tree, is_leaf=is_number) for tree in trees]
+    found = [xs[0] if along.alike(xs) else _interleaved(xs, shape) for xs in zip(*leaves, strict=True)]
+    return jax.tree.unflatten(jax.tree.structure(trees[0], is_leaf=is_number), found)
+
+
+def _interleaved(xs, shape):
+    whole = along.stacked(xs, shape, 1)
+    return along.mapped(lambda w: w.reshape((-1, *shape[1:])), whole)
+
+
+def _block(entry, row, column, chains, length):
+    """Numbers (rows, columns, W, B), of pairs (chain of the column, chain of the row)."""
+    of_columns, of_rows = zip(*chains, strict=True)
+    row = along.mapped_tree(lambda w: _picked(w, of_rows)[:, None], row)
+    found = shared(entry)(row, along.mapped_tree(lambda w: _picked(w, of_columns)[None], column))
+    return tuple(_upper(x, length) if length else x for x in found)
+
+
+def _picked(w, chains):
+    if chains == tuple(range(w.shape[1])) or w.shape[1] == 1:
+        return w
+    return w[:, chains[0] : chains[0] + 1] if len(set(chains)) == 1 else jnp.stack([w[:, c] for c in chains], 1)
+
+
+def _upper(x, length):
+    """Of one chain: 0 where the body of the column comes before that of the row."""
+    n, m = np.shape(numbers.high(x))[:2]
+    is_behind = np.arange(m)[None, :] // (m // length) >= np.arange(n)[:, None] // (n // length)
+    return numbers.where(jnp.asarray(is_behind[:, :, None, None]), x, 0.0)
+
+
+def _zeros(state, block, starts):
+    shape = int(starts[0][-1]), int(starts[1][-1]), state.n
+    return tuple(numbers.mapped(lambda w: jnp.zeros(shape, w.dtype), as_data(x)) for x in block)
+
+
+def _with_block(state, whole, block, starts, a, b, chains):
+    """The matrices with the entries of one pair of bundles."""
+    for k, (c, mine) in enumerate(chains):
+        place = int(starts[0][state.bundles[a].starts[mine]]), int(starts[1][state.bundles[b].starts[c]])
+        whole = tuple(_put(x, y, k, place, state.n) for x, y in zip(whole, block, strict=True))
+    return whole
+
+
+def _put(whole, block, k, place, n):
+    block = along.spread(block, (*np.shape(numbers.high(block))[:3], n))
+
+    def put(x, y):
+        return jax.lax.dynamic_update_slice(x, y[:, :, k if y.shape[2] > 1 else 0], (*place, 0))
+
+    return numbers.mapped(put, whole, block)
+
+
+def by_rates(state, x, axis):
+    """Of a matrix over the rates of all joints, along an axis, that over v: what a mimic feels, times its multiplier,
+    the joint that it follows does."""
+    t = state.topology
+    if not t.has_mimics:
+        return x
+    bodies = np.repeat(np.arange(len(t)), [t.kind(i).nv for i in range(len(t))])
+    first = along.mapped(lambda w: jnp.moveaxis(w, axis, 0), x)
+    shape = np.shape(numbers.high(first))
+    flat = along.mapped(lambda w: w.reshape((shape[0], -1)), first)
+    found = state.following(flat, np.array(t.v_starts)[bodies], bodies)
+    return along.mapped(lambda w: jnp.moveaxis(w.reshape((-1, *shape[1:])), 0, axis), found)
+
+
+# -- where joints are, seen from the root -----------------------------------------------------------------------------
+
+
+def from_root(state):
+    """(R by its rows, p) of every bundle: in the axes of the world, and from the root that carries it."""
+    own = [(state.placement(b), joint, state.is_root(b)) for b, joint in zip(state.bundles, state.joints, strict=True)]
+    return recursion.outward(state, _from_root, start(state), own)
+
+
+def start(state):
+    zero, one = (state.known(x) for x in (0.0, 1.0))
+    return ((one, zero, zero), (zero, one, zero), (zero, zero, one)), state.no_vector
+
+
+def _from_root(own, parent):
+    placement, joint, is_root = own
+    X_PB, (rows, p) = across(placement, joint), parent
+    arm = vectors.plus(p, vectors.matrix_times(rows, X_PB.p))
+    found = vectors.product(rows, X_PB.rows), at_root(is_root, arm)
+    return found, found
+
+
+def at_root(is_root, vector):
+    """Zero for roots."""
+    if isinstance(is_root, bool):
+        return tuple(numbers.constant(x, 0) for x in vector) if is_root else vector
+    return tuple(numbers.where(is_root, 0.0, x) for x in vector)

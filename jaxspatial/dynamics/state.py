@@ -1,0 +1,330 @@
+"""A mechanism at its coordinates: its numbers, bundle by bundle, to compute with.
+
+A number of a bundle is known, the same for all its bodies, or an array (L, W, B): L bodies along each of W chains, for
+B states, with size 1 where it is the same for all. Axes along one of their frame's are turned to z here, which is
+exact: frames, inertias and placements with them.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.arithmetic import numbers, vectors
+from jaxspatial.arithmetic.functions import cosine_sine
+from jaxspatial.arithmetic.lanes import is_known
+from jaxspatial.arithmetic.numbers import Lane
+from jaxspatial.dynamics import alignment, along
+from jaxspatial.mechanism.joints import Axes
+
+
+class Pose(NamedTuple):
+    """(R by its rows, p)."""
+
+    rows: Any
+    p: Any
+
+
+class Inertia(NamedTuple):
+    """Of a body about its J, as SpatialInertia has it."""
+
+    mass: Any
+    com: Any
+    central: Any
+
+
+class Link(NamedTuple):
+    """A body and the joint that carries it. v: rates of the joint; vdot: their derivatives, or the forces tau."""
+
+    placement: Any
+    joint: Any
+    inertia: Any
+    v: Any
+    vdot: Any
+    armature: Any
+
+
+class JointState(NamedTuple):
+    """A joint at its coordinates. turned: (cosine, sine) of those that are angles."""
+
+    kind: Any
+    axes: Any
+    q: Any
+    turned: Any
+
+    @property
+    def transform(self):
+        return Pose(*self.kind.transform(self.axes, self.q, self.turned))
+
+    @property
+    def subspace(self):
+        return self.kind.subspace(self.axes, self.turned)
+
+    def subspace_rate(self, v):
+        return self.kind.subspace_rate(self.axes, self.turned, v)
+
+
+class MechanismState:
+    """The fields of a mechanism by name, NumPy or data (n, ..., B), and q (nq, B)."""
+
+    def __init__(self, topology, fields, q, n, precision, dtype):
+        self.topology, self.q, self.n = topology, q, n
+        self.precision, self.dtype = precision, np.dtype(dtype)
+        self.fields, self._turns = alignment.aligned(topology, fields)
+
+    @property
+    def bundles(self):
+        return self.topology.bundles
+
+    @property
+    def own_joints(self):
+        """The joints that are no mimics, kind by kind."""
+        return [Own(self, bundle) for bundle in self.topology.kinds_apart]
+
+    # -- numbers ------------------------------------------------------------------------------------------------------
+
+    def numbers(self, array):
+        """The numbers of NumPy (..., k) or data (..., k, B)."""
+        array = array[..., None, :] if isinstance(array, np.ndarray) else jnp.moveaxis(array, -2, -1)
+        return numbers.of_array(array, self.precision, self.precision.sees_whole_sums, self.dtype)
+
+    def known(self, number):
+        """A number that is known while tracing."""
+        return self.numbers(np.array([number]))[0]
+
+    @property
+    def no_vector(self):
+        return (self.known(0.0),) * 3
+
+    def of(self, bundle, array):
+        """The numbers of a bundle in an array over all bodies: NumPy (n, k), or data (n, k, B)."""
+        return self.numbers(along.rows(array, bundle.bodies))
+
+    # -- coordinates --------------------------------------------------------------------------------------------------
+
+    def coordinates(self, bundle, array, of_rates=False):
+        """The numbers of a bundle in q, or in an array over rates. Those of mimics follow."""
+        t, size = self.topology, bundle.kind.nv if of_rates else bundle.kind.nq
+        if not size:
+            return ()
+        starts = np.array(t.v_starts if of_rates else t.q_starts)[bundle.bodies]
+        found = self.numbers(along.rows(array, starts[..., None] + np.arange(size)))
+        if not t.has_mimics_in(bundle):
+            return found
+        multiplier, offset = self.of(bundle, self.fields["mimics"])
+        return tuple(multiplier * x if of_rates else multiplier * x + offset for x in found)
+
+    def rates(self, bundle, array):
+        """The numbers of a bundle in an array over rates; known zeros for None."""
+        if array is None:
+            return (self.known(0.0),) * bundle.kind.nv
+        return self.coordinates(bundle, array, of_rates=True)
+
+    def armature(self, bundle):
+        """Zeros for mimics: their share is with the joint that they follow, see `mechanism.assembly`."""
+        t, n = self.topology, bundle.kind.nv
+        if not n:
+            return ()
+        starts = np.array(t.v_starts)[bundle.bodies]
+        own = along.rows(self.fields["armature"], starts[..., None] + np.arange(n))
+        if t.has_mimics_in(bundle):
+            is_own = ~np.vectorize(t.is_mimic)(bundle.bodies)
+            shape = (*is_own.shape, 1, *[1] * (own.ndim - 3))
+            own = own * is_own.reshape(shape).astype(own.dtype)
+        return self.numbers(own)
+
+    # -- bundles ------------------------------------------------------------------------------------------------------
+
+    def axes(self, bundle):
+        first, second, pitch = (self.fields[name] for name in ("axes", "second_axes", "pitches"))
+        return Axes(self.of(bundle, first), self.of(bundle, second), self.of(bundle, pitch)[0])
+
+    def placement(self, bundle):
+        return self._pose(self.fields["placements"], bundle.bodies)
+
+    def child_placement(self, bundle):
+        return self._pose(self.fields["child_placements"], bundle.bodies)
+
+    def frame_placement(self, frame):
+        """X_JF of one of the named frames, as numbers (1, B)."""
+        return self._pose(self.fields["frame_placements"], np.array([frame]))
+
+    def _pose(self, transforms, places):
+        entries, p = (along.rows(x, places) for x in transforms)
+        return Pose(vectors.rows(self.numbers(self._without_dust(entries))), self.numbers(p))
+
+    def _without_dust(self, entries):
+        """Known entries that are no zeros only by the digits of a file (of quarter turns, 5e-12) are, where q has so
+        few digits that it makes no difference in any precision: 2^-12 u."""
+        if not isinstance(entries, np.ndarray):
+            return entries
+        is_dust = abs(entries) < float(jnp.finfo(self.dtype).eps) * 2.0**-13
+        return np.where(is_dust, 0, entries).astype(entries.dtype)
+
+    def inertia(self, bundle):
+        mass, com, central = (self.of(bundle, x) for x in self.fields["inertias"])
+        return Inertia(*mass, com, central)
+
+    def links(self, v=None, vdot=None):
+        """The Link of every bundle; known zeros for None."""
+        has_armature = "armature" in self.fields
+        return [
+            Link(
+                self.placement(b),
+                joint,
+                self.inertia(b) if "inertias" in self.fields else None,
+                self.rates(b, v),
+                self.rates(b, vdot),
+                self.armature(b) if has_armature else None,
+            )
+            for b, joint in zip(self.bundles, self.joints, strict=True)
+        ]
+
+    @functools.cached_property
+    def joints(self):
+        """The JointState of every bundle, with the cosines and sines of all angles computed in one call."""
+        q = [self.coordinates(b, self.q) for b in self.bundles]
+        turned = self._turned([x[k] for x, b in zip(q, self.bundles, strict=True) for k in b.kind.angles])
+        return [
+            JointState(b.kind, self.axes(b), x, {k: next(turned) for k in b.kind.angles})
+            for b, x in zip(self.bundles, q, strict=True)
+        ]
+
+    def _turned(self, angles):
+        """(cosine, sine) of each, those of data in one call: within other formulas they would keep XLA CPU from
+        vectorising these."""
+        data = [x for x in angles if not _is_known(x)]
+        found = iter(along.split(lambda x: cosine_sine(x), data) if data else ())
+        return (cosine_sine(x) if _is_known(x) else next(found) for x in angles)
+
+    def is_root(self, bundle):
+        """Which of its bodies hang on the world: a bool where all are alike."""
+        found = np.array(self.topology.parents)[bundle.bodies] < 0
+        return bool(found.flat[0]) if (found == found.flat[0]).all() else jnp.asarray(found[..., None])
+
+    # -- bodies -------------------------------------------------------------------------------------------------------
+
+    def of_body(self, body, found, at_world):
+        """What was found for all bundles, of one body: numbers (1, B). Of the world for -1."""
+        if body < 0:
+            return at_world
+        k, j, c = self.topology.places[body]
+        return along.mapped_tree(lambda word: word[j, c : c + 1], found[k])
+
+    def of_bodies(self, bodies, found, at_world):
+        """Of many: numbers (bodies, B)."""
+        return along.concatenated_trees([self.of_body(i, found, at_world) for i in bodies], self.n)
+
+    def by_body(self, found):
+        """(n, k, B) of tuples of k numbers, one for every bundle, in the order of bodies."""
+        pieces = [self._rows(b, parts, 3) for b, parts in zip(self.bundles, found, strict=True)]
+        places = np.concatenate([b.bodies.T.ravel() for b in self.bundles])
+        return self.rounded(along.mapped(lambda w: along.rows(w, np.argsort(places)), along.joined(pieces)))
+
+    def _rows(self, bundle, parts, rank):
+        """(rows, B), or (bodies, k, B), of numbers of a bundle, those of a chain one behind the other."""
+        shape = (-1, self.n) if rank == 2 else (bundle.length * bundle.width, len(parts), self.n)
+        whole = along.stacked(parts, (bundle.length, bundle.width, self.n), 2)
+        return along.mapped(lambda w: jnp.swapaxes(w, 0, 1).reshape(shape), whole)
+
+    # -- results ------------------------------------------------------------------------------------------------------
+
+    def rounded(self, x):
+        """A number, or a tuple of them, as an array (..., B): rounded once, to the dtype of q. Arrays as they are."""
+        if numbers.is_number(x):
+            return jnp.broadcast_to(jnp.asarray(self._array(x)), (*np.shape(numbers.high(x))[:-1], self.n))
+        if type(x) is tuple:
+            return jnp.stack([self.rounded(c).reshape((self.n,)) for c in x])
+        return x
+
+    def _array(self, x):
+        return numbers.rounded(np.shape(numbers.high(x)), self.dtype, False, False, x)
+
+    def by_rate(self, found, bundles=None):
+        """(nv, B) of one number per rate, in a tuple for each bundle: what acts on a mimic acts, times its multiplier,
+        on the joint that it follows."""
+        return self.rounded(self.following(*self._gathered(found, bundles or self.bundles, of_rates=True)))
+
+    def following(self, whole, places, bodies):
+        """Of numbers (rows, B) of bodies those that are no mimics', in order, with theirs added."""
+        own = self._own_rows(whole, places, bodies)
+        for row in np.flatnonzero(self._follows(bodies)).tolist():
+            factor = self.numbers(along.rows(self.fields["mimics"], bodies[row]))[0]
+            own = along.added_at(own, places[row], factor * along.mapped(lambda w, k=row: w[k], whole))
+        return own
+
+    def by_coordinate(self, found, bundles=None):
+        """(nq, B) of one number per coordinate, in a tuple for each bundle; those of mimics are no coordinates."""
+        return self.rounded(self._own_rows(*self._gathered(found, bundles or self.bundles, of_rates=False)))
+
+    def matrix_by_rate(self, found):
+        """(k, nv, B) of a tuple of k numbers per rate, in a tuple for each bundle."""
+        k = next(len(parts[0]) for parts in found if parts)
+        return jnp.stack([self.by_rate([tuple(column[i] for column in parts) for parts in found]) for i in range(k)])
+
+    def _gathered(self, found, bundles, of_rates):
+        """(numbers (rows, B), where each row belongs, the body that each is of)."""
+        starts = np.array(self.topology.v_starts if of_rates else self.topology.q_starts)
+        pieces, places, bodies = [], [], []
+        for b, parts in zip(bundles, found, strict=True):
+            if parts:
+                pieces.append(self._rows(b, parts, 2))
+                places.append(starts[b.bodies.T][..., None] + np.arange(len(parts)))
+                bodies.append(np.broadcast_to(b.bodies.T[..., None], places[-1].shape))
+        return along.joined(pieces), *(np.concatenate([x.ravel() for x in y]) for y in (places, bodies))
+
+    def _own_rows(self, whole, places, bodies):
+        own = np.flatnonzero(~self._follows(bodies))
+        order = own[np.argsort(places[own])]
+        return along.mapped(lambda w: along.rows(w, order), whole)
+
+    def _follows(self, bodies):
+        return np.array([self.topology.is_mimic(i) for i in bodies], bool)
+
+    def in_given_axes(self, Y):
+        """A matrix (rows, 10 n, B) over dynamic parameters, of those that a mechanism is given with."""
+        if self._turns is None:
+            return Y
+        which, sign = alignment.of_parameters(self._turns)
+        back = np.argsort(which, 1)
+        places = (10 * np.arange(len(back))[:, None] + back).ravel()
+        sign = jnp.asarray(np.take_along_axis(sign, back, 1).ravel().astype(self.dtype))
+        return jnp.take(Y, jnp.asarray(places, np.int32), axis=1) * sign[None, :, None]
+
+    def total(self, found):
+        """The sum of numbers, one for every bundle, over all bodies: (B,)."""
+        return along.total(along.joined([self._rows(b, (x,), 2) for b, x in zip(self.bundles, found, strict=True)]))
+
+
+class Own:
+    """The joints of one kind that have coordinates of their own, side by side."""
+
+    def __init__(self, state, bundle):
+        self.state, self.bundle, self.kind = state, bundle, bundle.kind
+
+    def coordinates(self, array):
+        return self.state.coordinates(self.bundle, array)
+
+    def rates(self, array):
+        return self.state.coordinates(self.bundle, array, of_rates=True)
+
+    def apply(self, verb, other):
+        """A verb of the kind, of its coordinates and others or a step."""
+        return numbers.shared(functools.partial(_of, getattr(self.kind, verb)))(
+            self.state.axes(self.bundle), self.coordinates(self.state.q), other
+        )
+
+    def dq_dt(self, v):
+        q = self.coordinates(self.state.q)
+        turned = {k: cosine_sine(q[k]) for k in self.kind.angles} if self.kind.has_turning_rates else {}
+        return self.kind.rates(self.state.axes(self.bundle), q, turned, self.rates(v))
+
+
+def _of(verb, axes, q, other):
+    return verb(axes, q, other)
+
+
+def _is_known(x):
+    return isinstance(x, Lane) and is_known(x.value)
