@@ -45,9 +45,9 @@ class Known:
 class Algorithm(program.Program):
     """A formula for one structure, with the numbers that are known. tree: of (fields by name, arrays)."""
 
-    def __init__(self, formula, precision, topology, tree, known, static, place, dtype):
+    def __init__(self, formula, precision, topology, tree, known, static, dtype):
         self.formula, self.precision, self.topology, self.tree = formula, precision, topology, tree
-        self.known, self.static, self.place, self.dtype = known, static, place, dtype
+        self.known, self.static, self.dtype = known, static, dtype
         self.out_tree = None
 
     def _key(self):
@@ -86,6 +86,49 @@ class Algorithm(program.Program):
             return [(y.shape[1:], y.dtype) for y in self.traced(given).out_avals]
 
         return self.made(("outputs", *((a.shape, np.dtype(a.dtype).name) for a in avals)), found)
+
+    # -- of one program another ---------------------------------------------------------------------------------------
+
+    @property
+    def n_fields(self):
+        return self.tree.children()[0].num_leaves
+
+    def sibling(self, call, at=None, arrays=None):
+        """The program of another algorithm, with the same fields; and the same arrays, of which the one at a leaf is
+        data, or the first of them and one behind that is."""
+        known, tree, static = list(self.known), self.tree, self.static
+        if at is not None:
+            known[at] = None
+        if arrays is not None:
+            fields, (own, _) = tree.children()[0], (jax.tree.structure(0),) * 2
+            tree = jax.tree_util.treedef_tuple([fields, jax.tree_util.treedef_tuple([own] * arrays)])
+            known, static = [*known[: self.n_fields + arrays - 1], None], ()
+        own = self.precision, self.topology, tree, tuple(known), static, self.dtype
+        return self.made((call, at, arrays), lambda: interned(call.kind(call.formula, *own)))
+
+    def _place(self, leaf):
+        """Where in the data a leaf is."""
+        return sum(k is None for k in self.known[:leaf])
+
+    def leaf(self, tangents, leaf):
+        """The tangent of a leaf, None for zero."""
+        if self.known[leaf] is not None:
+            return None
+        found = tangents[self._place(leaf)]
+        return None if program.is_zero(found) else found
+
+    def with_leaf(self, data, leaf, x):
+        """The data with x in the place of a leaf, that may have been known."""
+        place = self._place(leaf)
+        return [*data[:place], x, *data[place + (self.known[leaf] is None) :]]
+
+    def tangents(self, primals, tangents, n_batch):
+        """Those of the results, of tangents of which zero and None are none; None for zero."""
+        moving = tuple(t is not None and not program.is_zero(t) for t in tangents)
+        if not any(moving):
+            return [None]
+        given = [t for t, yes in zip(tangents, moving, strict=True) if yes]
+        return program.bind(self.tangent(moving), [*primals, *given], n_batch)
 
     def __call__(self, data, n_batch):
         found = program.bind(self, data, n_batch)
@@ -147,7 +190,7 @@ def algorithm(*reads, kind=Algorithm) -> Any:
                 found = own.compiled(len(batch), data)
             return found
 
-        call.formula = formula
+        call.formula, call.kind = formula, kind
         return call
 
     return decorated
@@ -166,7 +209,7 @@ def _program(kind, key, mechanism, given, n_own):
     if is_lasting and key in kept:
         return kept[key]
     known = tuple(Known(x) if k else None for x, k in zip(given, is_known, strict=True))
-    found = interned(kind(formula, precision, mechanism.topology.skeleton, tree, known, static, n_own, dtype))
+    found = interned(kind(formula, precision, mechanism.topology.skeleton, tree, known, static, dtype))
     if is_lasting:
         kept[key] = found
     return found

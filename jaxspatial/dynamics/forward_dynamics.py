@@ -5,11 +5,12 @@ from typing import Any, NamedTuple
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.lanes import is_known
 from jaxspatial.arithmetic.numbers import Lane, constant, high, shared, where
-from jaxspatial.dynamics import recursion
-from jaxspatial.dynamics.inverse_dynamics import bias_forces
+from jaxspatial.dynamics import dense, program, recursion
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, checked
 from jaxspatial.dynamics.links import Motion, across, moved, to_parent, upward
+from jaxspatial.dynamics.inverse_dynamics import _inverse_dynamics, forces_of
 from jaxspatial.dynamics.loads import checked_forces, loads
+from jaxspatial.dynamics.mass_matrix import matrix_of
 from jaxspatial.inertia import articulated, symmetric
 
 
@@ -26,10 +27,72 @@ def forward_dynamics(mechanism, q, v, tau, external_forces=None, *, precision=No
     """
     q, v, tau = checked("forward_dynamics", mechanism, q=q, v=v, tau=tau)
     frames, forces = checked_forces("forward_dynamics", mechanism, external_forces, q)
-    if mechanism.topology.has_mimics:  # they tie joints of different bodies together, which no recursion sees
-        bias = bias_forces(mechanism, q, v, external_forces, precision=precision)
-        return solved(mass_matrix(mechanism, q, precision=precision), tau - bias)
     return _forward_dynamics(precision, mechanism, q, v, tau, forces, frames=frames)
+
+
+# -- programs ---------------------------------------------------------------------------------------------------------
+#
+# vdot = FD(q, v, tau) means ID(q, v, vdot) = tau: the derivatives of FD are those of ID at vdot, times M^-1.
+
+
+class ForwardDynamics(Algorithm):
+    """The program of `_forward_dynamics`, differentiated through inverse dynamics."""
+
+    def jvp(self, primals, tangents, n_batch):
+        (vdot,) = program.bind(self, primals, n_batch)
+        inverse = self.sibling(_inverse_dynamics, at=self.n_fields + 2)
+        at, moving = (self.with_leaf(x, self.n_fields + 2, y) for x, y in ((primals, vdot), (tangents, None)))
+        (felt,) = inverse.tangents(at, moving, n_batch)
+        force = plus(self.leaf(tangents, self.n_fields + 2), minus(felt))
+        return [vdot], [self.sibling(_solve, arrays=2).of(primals, force, n_batch)]
+
+
+class Solve(Algorithm):
+    """The program of M^-1 times forces, its own transpose. With M a = f, the derivative of a is M^-1 (f' - M' a)."""
+
+    def of(self, primals, force, n_batch):
+        """With the fields and q of another program."""
+        if force is None:
+            return program.no_tangent(primals[-1])
+        n = sum(k is None for k in self.known) - 1
+        (a,) = program.bind(self, [*primals[:n], force], n_batch)
+        return a
+
+    def jvp(self, primals, tangents, n_batch):
+        (a,) = program.bind(self, primals, n_batch)
+        (felt,) = self.sibling(_mass_times).tangents([*primals[:-1], a], [*tangents[:-1], None], n_batch)
+        force = None if program.is_zero(tangents[-1]) else tangents[-1]
+        return [a], [self.of(primals[:-1], plus(force, minus(felt)), n_batch)]
+
+    def transposed(self, cotangents, arguments, n_batch):
+        (a,) = program.bind(self, [*arguments[:-1], *cotangents], n_batch)
+        return [*[None] * (len(arguments) - 1), program.over_own(a, arguments[-1].aval)]
+
+
+def plus(a, b):
+    """The sum of tangents, of which None is zero."""
+    return a if b is None else b if a is None else a + b
+
+
+def minus(a):
+    return None if a is None else -a
+
+
+@algorithm(*DYNAMICS, *FRAMES, kind=ForwardDynamics)
+def _forward_dynamics(state, v, tau, forces, *, frames):
+    return accelerations(state, v, tau, loads(state, frames, forces), upward(state))
+
+
+@algorithm(*DYNAMICS, *FRAMES, kind=Solve)
+def _solve(state, force):
+    nothing = [(state.no_vector, state.no_vector)] * len(state.bundles)
+    return accelerations(state, None, force, nothing, state.no_vector)
+
+
+@algorithm(*DYNAMICS, *FRAMES)
+def _mass_times(state, a):
+    nothing = [(state.no_vector, state.no_vector)] * len(state.bundles)
+    return state.by_rate(forces_of(state, None, a, nothing, state.no_vector))
 
 
 class Articulated(NamedTuple):
@@ -58,19 +121,18 @@ class Drift(NamedTuple):
     Z: Any
 
 
-class ForwardDynamics(Algorithm):
-    """The program of `_forward_dynamics`."""
-
-
-@algorithm(*DYNAMICS, *FRAMES)
-def _forward_dynamics(state, v, tau, forces, *, frames):
-    own = list(zip(state.links(v, tau), loads(state, frames, forces), strict=True))
+def accelerations(state, v, tau, pulled, gravity):
+    """vdot, by articulated bodies; with mimics, which tie joints of different bodies together, by the mass matrix."""
+    if state.topology.has_mimics:
+        bias = state.numbers_by_rate(forces_of(state, v, None, pulled, gravity))
+        return state.rounded(dense.solved(matrix_of(state), dense.rows_of(state, tau) - bias))
+    own = list(zip(state.links(v, tau), pulled, strict=True))
     zero = state.no_vector
     drifts = recursion.outward(state, _drift, zero, own)
     held = Articulated(zero + zero, zero + zero + zero, zero + zero, zero + zero)
     eliminated = recursion.inward(state, _eliminate, held, list(zip(own, drifts, strict=True)))
     both = list(zip(own, drifts, eliminated, strict=True))
-    return state.by_rate(recursion.outward(state, _accelerate, (zero, upward(state)), both))
+    return state.by_rate(recursion.outward(state, _accelerate, (zero, gravity), both))
 
 
 def _drift(own, w_P):

@@ -1,8 +1,9 @@
 """Inverse dynamics: the forces at the joints that make a mechanism move as told."""
 
 from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.numbers import shared
 from jaxspatial.dynamics import recursion
-from jaxspatial.dynamics.links import across, falling, move, swing, to_parent
+from jaxspatial.dynamics.links import Motion, across, move, swing, to_parent, upward
 from jaxspatial.dynamics.loads import checked_forces, loads
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked
 from jaxspatial.inertia import symmetric
@@ -46,11 +47,15 @@ def gravity_forces(mechanism, q, *, precision=None):
 
 @algorithm(*DYNAMICS, *FRAMES)
 def _inverse_dynamics(state, v, vdot, forces, *, frames):
+    return state.by_rate(forces_of(state, v, vdot, loads(state, frames, forces), upward(state)))
+
+
+def forces_of(state, v, vdot, pulled, gravity):
+    """Of every rate of every bundle the force, under loads, with gravity as an upward acceleration of the world."""
     links = state.links(v, vdot)
-    motions = recursion.outward(state, move, falling(state), links)
-    pulled = loads(state, frames, forces)
+    motions = recursion.outward(state, move, Motion(state.no_vector, state.no_vector, gravity), links)
     nothing = state.no_vector, state.no_vector
-    return state.by_rate(recursion.inward(state, _carry, nothing, list(zip(links, motions, pulled, strict=True))))
+    return recursion.inward(state, _carry, nothing, list(zip(links, motions, pulled, strict=True)))
 
 
 def _carry(own, held):
@@ -69,7 +74,11 @@ def _carry(own, held):
 def wrench_of(inertia, motion):
     """The wrench about the origin that makes the body move so."""
     E = swing(motion.w, motion.alpha)
-    f = vectors.times(inertia.mass, vectors.plus(motion.a, vectors.matrix_times(E, inertia.com)))
+    f = shared(_force)(inertia, motion.a, E)
     rows = symmetric.rows(inertia.central)
-    spin = vectors.cross(motion.w, vectors.matrix_times(rows, motion.w))
+    spin = vectors.cross(motion.w, shared(vectors.matrix_times)(rows, motion.w))
     return vectors.plus(vectors.matrix_times(rows, motion.alpha), spin, vectors.cross(inertia.com, f)), f
+
+
+def _force(inertia, a, E):
+    return vectors.times(inertia.mass, vectors.plus(a, vectors.matrix_times(E, inertia.com)))

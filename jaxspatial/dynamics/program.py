@@ -76,8 +76,8 @@ class Program:
 
     def jvp(self, primals, tangents, n_batch):
         """(results, their tangents)."""
-        moving = tuple(not _is_zero(t) for t in tangents)
-        given = [t for t in tangents if not _is_zero(t)]
+        moving = tuple(not is_zero(t) for t in tangents)
+        given = [t for t in tangents if not is_zero(t)]
         return bind(self, primals, n_batch), bind(self.tangent(moving), [*primals, *given], n_batch)
 
     def transposed(self, cotangents, arguments, n_batch):
@@ -165,8 +165,18 @@ class Pullback(Derived):
         return i < len(self.moving) and self.moving[i]
 
 
-def _is_zero(tangent):
+def is_zero(tangent):
     return type(tangent) is ad.Zero
+
+
+def no_tangent(x):
+    return ad.Zero(jax.typeof(x).to_tangent_aval())
+
+
+def over_own(x, aval):
+    """A cotangent over the batch of what it is the cotangent of."""
+    axes = [k for k, (a, b) in enumerate(zip(x.shape, aval.shape, strict=True)) if a != b]
+    return x.sum(axes, keepdims=True) if axes else x
 
 
 def _zeros(aval):
@@ -194,7 +204,7 @@ def _over(x, aval, n_batch):
 
 def bind(program, arrays, n_batch):
     """The results (*batch, ...) of arrays that have n_batch axes in front, of size 1 where they do not vary."""
-    arrays = [c if not _is_zero(c) else _zeros(c.aval) for c in arrays]
+    arrays = [c if not is_zero(c) else _zeros(c.aval) for c in arrays]
     return list(_program_p.bind(*arrays, program=program, n_batch=n_batch))
 
 

@@ -245,7 +245,11 @@ class MechanismState:
     def by_rate(self, found, bundles=None):
         """(nv, B) of one number per rate, in a tuple for each bundle: what acts on a mimic acts, times its multiplier,
         on the joint that it follows."""
-        return self.rounded(self.following(*self._gathered(found, bundles or self.bundles, of_rates=True)))
+        return self.rounded(self.numbers_by_rate(found, bundles))
+
+    def numbers_by_rate(self, found, bundles=None):
+        """The same, as one number over the rates."""
+        return self.following(*self._gathered(found, bundles or self.bundles, of_rates=True))
 
     def following(self, whole, places, bodies):
         """Of numbers (rows, B) of bodies those that are no mimics', in order, with theirs added."""
