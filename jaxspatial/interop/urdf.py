@@ -213,32 +213,36 @@ def _check_once(lines, part, seen):
     seen.add(key)
 
 
-def _check_numbers(lines, element):
-    tag = element.tag
-    for name, n in _NUMBERS.get(tag, {}).items():
-        text = element.get(name)
-        if text is None:
-            continue
-        found = numbers_of(text)
-        if tag == "limit" and text.strip() in _UNLIMITED:
-            found = [_UNLIMITED[text.strip()]]
-        elif found is None or len(found) != n:
-            lines.refuse_element(element, f"{name}: expected {n} number{'s' * (n > 1)}, got {text!r}")
-        elif not all(abs(x) <= (np.finfo(float).max if tag == "limit" else lines.largest) for x in found):
-            lines.refuse_element(element, f"{name}: expected at most {lines.largest:.3g} in this dtype, got {text!r}")
-        if name in _NOT_NEGATIVE.get(tag, ()) and found[0] < 0:
-            lines.refuse_element(element, f"{name}: expected a number >= 0, got {text!r}")
-    for name in _REQUIRED.get(tag, ()):
+def _check_numbers(lines: _Lines, element):
+    for name, n in _NUMBERS.get(element.tag, {}).items():
+        if element.get(name) is not None:
+            _check_number(lines, element, name, n)
+    for name in _REQUIRED.get(element.tag, ()):
         if element.get(name) is None:
             lines.refuse_element(element, f"{name}: expected a number")
 
 
-def _check_inertial(lines, element):
+def _check_number(lines: _Lines, element, name, n):
+    text, is_limit = element.get(name), element.tag == "limit"
+    found = numbers_of(text)
+    if is_limit and text.strip() in _UNLIMITED:
+        found = [_UNLIMITED[text.strip()]]
+    elif found is None or len(found) != n:
+        lines.refuse_element(element, f"{name}: expected {n} number{'s' * (n > 1)}, got {text!r}")
+    elif not all(abs(x) <= (np.finfo(float).max if is_limit else lines.largest) for x in found):
+        lines.refuse_element(element, f"{name}: expected at most {lines.largest:.3g} in this dtype, got {text!r}")
+    if name in _NOT_NEGATIVE.get(element.tag, ()) and found[0] < 0:
+        lines.refuse_element(element, f"{name}: expected a number >= 0, got {text!r}")
+
+
+def _check_inertial(lines: _Lines, element: Any):
     link, mass, moments = element.getparent().get("name"), element.find("mass"), element.find("inertia")
     if mass is None or moments is None:
         lines.refuse("link", link, "inertial: expected mass and inertia")
     if 0 < float(mass.get("value")) < lines.smallest:
-        lines.refuse_element(mass, f"value: expected at least {lines.smallest:.3g} in this dtype, got {mass.attrib}")
+        lines.refuse_element(
+            mass, f"value: expected at least {lines.smallest:.3g} in this dtype, got {mass.get('value')!r}"
+        )
     if _is_impossible([float(moments.get(name, 0)) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]):
         lines.notes.doubt("inertia that no rigid body has", f"{link} in line {moments.sourceline}")
 
@@ -250,7 +254,7 @@ def _is_impossible(six):
     return principal[2] - principal[1] - principal[0] > _DIGITS * abs(principal).sum()
 
 
-def _check_joint(lines, element):
+def _check_joint(lines, element: Any):
     for side in ("parent", "child"):
         if element.find(side) is None or not element.find(side).get("link"):
             lines.refuse("joint", element.get("name"), f"{side}: expected a link")
