@@ -55,12 +55,10 @@ def passive_forces(mechanism, q, v, compliance=None, *, precision=None):
         TypeError: dtypes differ, or the first argument is no Mechanism.
         ValueError: shapes do not fit, or a friction speed that is not above zero.
 
-    Error: at most 8 u times the sum of the sizes of the four terms, in "fast" and "reproducible", where a size of a
-    spring or limit counts its coordinates, not their difference, as exact, and for joints whose rates are those of
-    their coordinates. Of "ball", "free" and "planar" joints the largest component of spring and limit, and a rotation
-    vector beyond pi / 2, count 32 u instead.
-    Source: springs MuJoCo, Computation: passive forces; energy of rotation vectors Chirikjian 2011, 10.7; friction
-    Makkar, Dixon, Sawyer, Hu 2005, smooth; limits Kelvin and Voigt, after Marhefka and Orin 1999.
+    Error: at most 8 u times the sum of the sizes of the four terms, in "fast" and "reproducible"; for "ball", "free"
+    and "planar" of the terms of all rates of the joint. An angle brought within half a turn adds 8 u stiffness, more
+    for many turns.
+    Source: springs and damping MuJoCo, Computation, passive forces; the Jacobian of rotation vectors Barfoot 2017, 7.1.
     """
     q, v = checked("passive_forces", mechanism, q=q, v=v)
     found = acting(mechanism, q, v, compliance, precision)

@@ -64,8 +64,8 @@ def exact(mech, compliance, q, v):
         friction = number(mech.friction_loss[k]) * w / mpmath.sqrt(w**2 + speed**2)
         low = _push(number(mech.lower[k]) - x, -w, stiff, damp)
         high = _push(x - number(mech.upper[k]), w, stiff, damp)
-        sizes = abs(number(mech.stiffness[k]) * x) + abs(spring) + abs(drag) + friction * mpmath.sign(w)
-        sizes += stiff * (abs(x) + 1) + damp * abs(w) if low or high else 0
+        depth = max(number(mech.lower[k]) - x, x - number(mech.upper[k]), mpmath.mpf(0))
+        sizes = abs(spring) + abs(drag) + abs(friction) + (stiff * depth + damp * abs(w) if depth else 0)
         found.append((-spring - drag - friction + low - high, sizes))
     return zip(*found, strict=True)
 
@@ -93,6 +93,66 @@ def test_error(dtype, is_data):
         for k, (r, size) in enumerate(zip(*exact(mech, SOFT, q[i], v[i]), strict=True)):
             assert abs(mpmath.mpf(float(both[0][i, k])) - r) <= 8 * u * size
             assert abs(mpmath.mpf(float(twice[i, k])) - r) <= u * abs(r) + 64 * u**2 * size
+
+
+def exact_vector(mech, q):
+    """(forces, the sum of their sizes) of the springs of a joint with an orientation or a heading."""
+    x, r, k = ([mpmath.mpf(float(y)) for y in ys] for ys in (q, mech.spring_references, mech.stiffness))
+    if len(x) == 3:
+        full = 2 * mpmath.pi
+        turn = x[2] - r[2] - full * mpmath.nint((x[2] - r[2]) / full)
+        R = mpmath.matrix(
+            [[mpmath.cos(x[2]), -mpmath.sin(x[2]), 0], [mpmath.sin(x[2]), mpmath.cos(x[2]), 0], [0, 0, 1]]
+        )
+        pull = mpmath.matrix([-k[0] * (x[0] - r[0]), -k[1] * (x[1] - r[1]), -k[2] * turn])
+        return list(R.T * pull), sum(map(abs, pull))
+    d = _rotation_vector(r[:4], x[:4])
+    turning = mpmath.matrix([-a * b for a, b in zip(k, d, strict=False)])
+    pull = mpmath.matrix([-a * (b - c) for a, b, c in zip(k[3:], x[4:], r[4:], strict=True)])
+    forces = list(_left_jacobian_inverse(d) * turning) + (list(_matrix(x[:4]).T * pull) if len(pull) else [])
+    return forces, sum(map(abs, turning)) + sum(map(abs, pull))
+
+
+def _matrix(q):
+    w, v = q[0], mpmath.matrix(q[1:])
+    K = _cross(v)
+    n = sum(y**2 for y in q)
+    return mpmath.eye(3) + (2 * w * K + 2 * K * K) / n
+
+
+def _cross(v):
+    x, y, z = v
+    return mpmath.matrix([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+
+
+def _rotation_vector(r, x):
+    a, b = mpmath.matrix(r[1:]), mpmath.matrix(x[1:])
+    real = r[0] * x[0] + (a.T * b)[0]
+    vector = r[0] * b - x[0] * a - _cross(a) * b
+    real, vector = (real, vector) if real >= 0 else (-real, -vector)
+    length = mpmath.norm(vector)
+    return list(vector * (2 * mpmath.atan2(length, real) / length))
+
+
+def _left_jacobian_inverse(d):
+    K, t = _cross(d), mpmath.norm(mpmath.matrix(d))
+    return mpmath.eye(3) - K / 2 + K * K * (1 / t**2 - (1 + mpmath.cos(t)) / (2 * t * mpmath.sin(t)))
+
+
+@pytest.mark.parametrize("kind", ["ball", "free", "planar"])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_error_of_springs_that_turn(kind, dtype):
+    with jax.enable_x64(dtype == np.float64):
+        mech = sprung([kind], dtype, **NO_RESISTANCE, **NO_LIMITS)
+        q, v = state(mech, 32, dtype)
+        found = np.asarray(js.passive_forces(mech, q, v))
+    u = float(jnp.finfo(dtype).eps) / 2
+    errors = []
+    for i in range(len(q)):
+        forces, size = exact_vector(mech, q[i])
+        size += mech.stiffness[-1] if kind == "planar" else 0
+        errors.append(max(abs(mpmath.mpf(float(x)) - r) for x, r in zip(found[i], forces, strict=True)) / (u * size))
+    assert max(errors) <= 8, max(errors)
 
 
 @pytest.mark.parametrize("speed", [0.0, 1e-30, 1e-3, 1e25, -1e25])
