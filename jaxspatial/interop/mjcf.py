@@ -81,7 +81,9 @@ _ARE_NUMBERS = {
     "fullinertia", "gravity", "armature", "damping", "frictionloss", "stiffness", "ref", "springref", "springdamper",
     "gear", "polycoef",
 }  # fmt: skip
-_NOT_FINITE = {sign + word for sign in ("", "+", "-") for word in ("nan", "inf", "infinity")}
+_NOT_FINITE = {"nan", "inf", "infinity"}
+# Of these, infinite ones say that there is no limit.
+_RANGES = {"range", "actuatorfrcrange"}
 
 
 def read(path_or_text, dtype=None):
@@ -134,7 +136,8 @@ class _File:
         """Of the text itself, with its lines; MuJoCo would write into a log."""
         for element in self.root.iter("*"):
             for name, text in element.items():
-                if name in _ARE_NUMBERS and not _NOT_FINITE.isdisjoint(text.lower().split()):
+                words = {word.lstrip("+-") for word in text.lower().split()}
+                if ("nan" in words and name in _RANGES) or (words & _NOT_FINITE and name in _ARE_NUMBERS):
                     self.refuse_element(element, f"{name}: expected finite numbers, got {text!r}")
 
     def refuse_element(self, element, reason) -> NoReturn:

@@ -234,7 +234,7 @@ REFUSED = {
         "line 4: <joint>: damping: expected",
     ),
     "nan of a spring": ((SHOULDER, f'{SHOULDER} springref="nan"'), "line 7: <joint>: springref: expected finite"),
-    "range": (('range="-1 2"', 'range="nan 2"'), 'line 7: <joint name="shoulder">: range: expected numbers, got nan'),
+    "range": (('range="-1 2"', 'range="nan 2"'), "line 7: <joint>: range: expected finite numbers, got 'nan 2'"),
     "long axis": (('axis="0 0 2"', 'axis="0 0 1e200"'), 'line 7: <joint name="shoulder">: axis: .*unit vector'),
     "no name": (('<body name="fore">', '<body pos="1e40 0 0">'), 'line 10: <body name="body_2">: pos: .*3.4e.38'),
     "negative damping": (('damping=".25"', 'damping="-1"'), 'line 7: <joint name="shoulder">: damping: .*>= 0'),
