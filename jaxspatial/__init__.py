@@ -56,6 +56,7 @@ from jaxspatial.interop import mjcf as _mjcf  # noqa: F401 - enters itself as wh
 from jaxspatial.interop import urdf as _urdf  # noqa: F401 - enters itself as what Mechanism.from_urdf calls
 
 # dynamics
+from jaxspatial.dynamics import Compliance as Compliance
 from jaxspatial.dynamics import ForwardDynamicsDerivatives as ForwardDynamicsDerivatives
 from jaxspatial.dynamics import InverseDynamicsDerivatives as InverseDynamicsDerivatives
 from jaxspatial.dynamics import MassMatrixFactor as MassMatrixFactor
@@ -83,6 +84,7 @@ from jaxspatial.dynamics import joint_torque_regressor as joint_torque_regressor
 from jaxspatial.dynamics import kinetic_energy as kinetic_energy
 from jaxspatial.dynamics import mass_matrix as mass_matrix
 from jaxspatial.dynamics import mass_matrix_factor as mass_matrix_factor
+from jaxspatial.dynamics import passive_forces as passive_forces
 from jaxspatial.dynamics import potential_energy as potential_energy
 from jaxspatial.dynamics import random_configuration as random_configuration
 from jaxspatial.dynamics import rk4_step as rk4_step

@@ -28,6 +28,8 @@ from jaxspatial.dynamics.kinematics import jacobian_rate as jacobian_rate
 from jaxspatial.dynamics.mass_matrix import MassMatrixFactor as MassMatrixFactor
 from jaxspatial.dynamics.mass_matrix import mass_matrix as mass_matrix
 from jaxspatial.dynamics.mass_matrix import mass_matrix_factor as mass_matrix_factor
+from jaxspatial.dynamics.passive import Compliance as Compliance
+from jaxspatial.dynamics.passive import passive_forces as passive_forces
 from jaxspatial.dynamics.regressor import joint_torque_regressor as joint_torque_regressor
 from jaxspatial.dynamics.steps import rk4_step as rk4_step
 from jaxspatial.dynamics.steps import semi_implicit_step as semi_implicit_step

@@ -8,47 +8,79 @@ import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.numbers import doubled, numeric
+from jaxspatial.dynamics.algorithm import checked
 from jaxspatial.dynamics.configuration import configuration_rates, difference, integrate
 from jaxspatial.dynamics.energy import kinetic_energy
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.inverse_dynamics import bias_forces
 from jaxspatial.dynamics.mass_matrix import factored, mass_matrix
-from jaxspatial.dynamics.algorithm import checked
+from jaxspatial.dynamics.passive import acting, resistance
 
 
-def semi_implicit_step(mechanism, q, v, tau, dt, external_forces=None, *, precision=None):
+def semi_implicit_step(mechanism, q, v, tau, dt, external_forces=None, *, compliance=None, precision=None):
     """(q, v) after the time dt, by the semi-implicit Euler method: the new rates move the configuration.
 
     mechanism: Mechanism; q (*batch, nq), v and tau (*batch, nv), dt a number or (*batch,), s; external_forces: see
-    `forward_dynamics`
-    The step of most simulators: of first order, one evaluation of `forward_dynamics`. `Mechanism.damping` acts,
-    implicitly: stable however stiff it is. Friction and limits do not. Where the mass matrix depends on q it is not
-    symplectic, and energy drifts in proportion to dt and the time: see `symplectic_step`. [Todorov 2014]
+    `forward_dynamics`; compliance: of friction and limits, see `Compliance`
+    The step of most simulators: of first order, one evaluation of `forward_dynamics`. What `passive_forces` has acts.
+    Damping and friction do implicitly, friction by its coefficient at the old rates: stable however stiff, and never
+    a motor. Springs and limits act as they are at the start: stable for dt below 2 / w, of the largest natural
+    frequency w = sqrt(stiffness / inertia), and dt limit_damping below the inertia. Where the mass matrix depends on q
+    the step is not symplectic, and energy drifts in proportion to dt and the time: see `symplectic_step`.
+    [Todorov 2014]
     """
     q, v, tau, dt = _checked("semi_implicit_step", mechanism, q, v, tau, dt)
-    damping = _damping(mechanism, q)
-    if damping is not None:
-        tau, mechanism = _damped(precision, tau, damping, v), _stiffened(mechanism, damping, dt)
-    vdot = forward_dynamics(mechanism, q, v, tau, external_forces, precision=precision)
+    tau = _with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
+    c = resistance(mechanism, v, compliance, precision)
+    accelerated = _accelerated if c is None or (c.ndim == 1 and not dt.ndim) else _each_accelerated
+    vdot = accelerated(mechanism, precision, q, v, tau, dt, c, external_forces)
     v = _ahead(precision, v, dt[..., None], vdot)
     return integrate(mechanism, q, v, dt, precision=precision), v
 
 
-def symplectic_step(mechanism, q, v, tau, dt, external_forces=None, *, iterations=5, precision=None):
+def _with_springs_and_limits(mechanism, q, v, tau, compliance, precision):
+    forces = acting(mechanism, q, v, compliance, precision, with_resistance=False)
+    return tau if forces is None else _plus(precision, tau, forces)
+
+
+def _accelerated(mechanism, precision, q, v, tau, dt, c, external_forces):
+    """dv/dt that leads to rates at which the resistance -c v acts."""
+    if c is not None:
+        # (M + dt c) dv/dt = tau - c v - ...: as if the rotors had the inertia dt c more.
+        armature = jnp.asarray(mechanism.armature, c.dtype) + dt * c
+        tau, mechanism = _damped(precision, tau, c, v), mechanism.replace(armature=armature)
+    return forward_dynamics(mechanism, q, v, tau, external_forces, precision=precision)
+
+
+def _each_accelerated(mechanism, precision, q, v, tau, dt, c, external_forces):
+    """Over a batch with a resistance, or a time, for each."""
+    given = q, v, tau, dt[..., None], c
+    batch = np.broadcast_shapes(*(x.shape[:-1] for x in (*given, *jax.tree.leaves(external_forces))))
+    *given, dt, c = check.broadcast_batch(batch, *given)
+    forces = jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, x.shape[-1])), external_forces)
+    function = functools.partial(_accelerated, mechanism, precision)
+    for _ in batch:
+        function = jax.vmap(function)
+    return function(*given, dt[..., 0], c, forces)
+
+
+def symplectic_step(mechanism, q, v, tau, dt, external_forces=None, *, iterations=5, compliance=None, precision=None):
     """(q, v) after the time dt, by the variational Euler method: q moves by the new v, the rates of this step.
 
-    mechanism, q, v, tau, dt, external_forces: as of `semi_implicit_step`; dt the same at every step. Of first order.
-    It is the exact motion of a discrete action, the sum of dt T(q, v) - dt V(q): without damping, forces that change
-    or take power, the energy stays within bounds in proportion to dt, over any number of steps, and so do momenta.
+    mechanism, q, v, tau, dt, external_forces, compliance: as of `semi_implicit_step`; dt the same at every step. Of
+    first order. It is the exact motion of a discrete action, the sum of dt T(q, v) - dt V(q), the energy of springs in
+    V: without damping, friction, forces that change or take power, the energy stays within bounds in proportion to dt,
+    over any number of steps, and so do momenta.
     iterations: the new momentum depends on v, quadratically; each of them takes the error down by dt times the size
         of v. Chosen for dt |v| up to 0.01 in float64; 2 do in float32.
-    `Mechanism.damping` acts, implicitly; friction and limits do not. About five times the work of the other steps.
+    What `passive_forces` has acts, as in `semi_implicit_step`. About five times the work of the other steps.
     [Marsden, West 2001, Discrete mechanics and variational integrators, 1.1 to 1.4; Lee, Leok, McClamroch 2007]
     """
     q, v, tau, dt = _checked("symplectic_step", mechanism, q, v, tau, dt)
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau)), dt.shape)
     q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (q, v, tau, dt[..., None]))
-    apart, dt, damping = _moved(mechanism, precision), h[..., 0], _damping(mechanism, q)
+    tau = _with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
+    apart, dt, damping = _moved(mechanism, precision), h[..., 0], resistance(mechanism, v, compliance, precision)
     damping = None if damping is None else h * jnp.broadcast_to(damping, v.shape)
     before = integrate(mechanism, q, v, -dt, precision=precision)
     momentum = apart(before, q, dt)[1] + h * (tau - _static(mechanism, q, external_forces, precision))
@@ -96,18 +128,20 @@ def _static(mechanism, q, external_forces, precision):
     return bias_forces(mechanism, q, nothing, external_forces, precision=precision)
 
 
-def rk4_step(mechanism, q, v, tau, dt, external_forces=None, *, precision=None):
+def rk4_step(mechanism, q, v, tau, dt, external_forces=None, *, compliance=None, precision=None):
     """(q, v) after the time dt, by the classical Runge-Kutta method of fourth order.
 
-    mechanism, q, v, tau, dt, external_forces: as of `semi_implicit_step`. tau and the forces stay during the step. On
-    the coordinates as they are; quaternions are brought back to unit length at the end. `Mechanism.damping` acts,
-    friction and limits do not. [Hairer, Norsett, Wanner 1993, II.1]
+    mechanism, q, v, tau, dt, external_forces, compliance: as of `semi_implicit_step`. tau and the forces stay during
+    the step. On the coordinates as they are; quaternions are brought back to unit length at the end. What
+    `passive_forces` has acts, explicitly: stable for dt below 2.8 inertia / c, where c is damping and friction_loss /
+    friction_speed. Where friction or a limit sets in, the step is of first order.
+    [Hairer, Norsett, Wanner 1993, II.1]
     """
     q, v, tau, dt = _checked("rk4_step", mechanism, q, v, tau, dt)
-    damping = _damping(mechanism, q)
 
     def rate(q, v):
-        forces = tau if damping is None else _damped(precision, tau, damping, v)
+        passive = acting(mechanism, q, v, compliance, precision)
+        forces = tau if passive is None else _plus(precision, tau, passive)
         vdot = forward_dynamics(mechanism, q, v, forces, external_forces, precision=precision)
         return configuration_rates(mechanism, q, v, precision=precision), vdot
 
@@ -138,6 +172,11 @@ def _mean_ahead(x, dt, *rates):
 
 
 @numeric
+def _plus(a, b):
+    return tuple(x + y for x, y in zip(a, b, strict=True))
+
+
+@numeric
 def _damped(tau, damping, v):
     return tuple(t - d * x for t, d, x in zip(tau, damping, v, strict=True))
 
@@ -147,16 +186,3 @@ def _checked(operation, mechanism, q, v, tau, dt):
     dt = check.as_float_array(dt, f"{operation}: dt", q.dtype)
     check.require_same_dtype(q=q, dt=dt)
     return q, v, tau, dt
-
-
-def _damping(mechanism, q):
-    """None for zeros known while tracing."""
-    is_none = isinstance(mechanism.damping, np.ndarray) and not mechanism.damping.any()
-    return None if is_none else jnp.asarray(mechanism.damping, q.dtype)
-
-
-def _stiffened(mechanism, damping, dt):
-    """A mechanism whose inertia is M + dt D."""
-    if dt.ndim:
-        raise ValueError("semi_implicit_step: dt: expected a number for a mechanism with damping; vmap over others")
-    return mechanism.replace(armature=jnp.asarray(mechanism.armature, damping.dtype) + dt * damping)

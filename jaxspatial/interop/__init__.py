@@ -16,3 +16,4 @@ from jaxspatial.interop import orders as orders
 from jaxspatial.interop import pinocchio as pinocchio
 from jaxspatial.interop import scipy as scipy
 from jaxspatial.interop import urdf as urdf
+from jaxspatial.interop.files import ModelFileWarning as ModelFileWarning

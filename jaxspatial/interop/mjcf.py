@@ -3,15 +3,17 @@
 The package mujoco compiles the files. Bodies, joints and sites become bodies, joints and frames of the same name,
 "body_<id>", "joint_<id>" and "site_<id>" where they have none; a site with the name of a body is "<body>/<site>". Of
 several joints on one body, each but the last carries a body without mass, "<body>/<joint>". A joint constraint of at
-most first degree makes a mimic, as if it were rigid. What serves pictures, contact or control (geoms but for their
-mass, cameras, sensors, keyframes, actuators but for armature and damping, the bodies of mocap) is no part of a
-mechanism. Everything else that changes the motion and has no counterpart is refused, with its line where the file names
-it.
+most first degree makes a mimic, as if it were rigid. Springs, damping and friction of joints are numbers of the
+mechanism, see `passive_forces`. What serves pictures, contact or control (geoms but for their mass, cameras, sensors,
+keyframes, actuators but for armature and damping, options of MuJoCo's solver, that bodies are of mocap) is no part of a
+mechanism: one `ModelFileWarning` lists it. Everything else that changes the motion and has no counterpart is refused,
+with its line where it is in the text itself; so are numbers that are not finite or that the dtype does not have.
 
 Coordinates of hinges, slides and balls are MuJoCo's: zero is where `ref` is zero. A free joint has its quaternion
 first, and its linear velocity in the body's axes; a mimic has no coordinate. The functions below convert.
 """
 
+import functools
 import itertools
 from typing import NoReturn
 
@@ -19,7 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.interop.urdf import file_source, in_double, needed, rotation_of, with_moments
+from jaxspatial.arithmetic.known import in_double
+from jaxspatial.interop.files import Notes, built, file_source, needed, parsed, range_of, rotation_of, with_moments
 from jaxspatial.mechanism import Body, Frame, Joint, Mechanism
 from jaxspatial.mechanism.mechanism import READERS
 from jaxspatial.mechanism.parts import WORLD, Mimic
@@ -33,26 +36,75 @@ _KINDS = "free", "ball", "prismatic", "revolute"
 _SECTIONS = {
     "body": ("worldbody", ("body",)),
     "joint": ("worldbody", ("joint", "freejoint")),
+    "site": ("worldbody", ("site",)),
     "eq": ("equality", None),
     "tendon": ("tendon", None),
     "actuator": ("actuator", None),
 }
 # Arrays with one item for each.
+_COUNTS = {"joint": "njnt", "site": "nsite"}
 _COUNTED = {"eq": "eq_type", "tendon": "tendon_num", "actuator": "actuator_trntype"}
+# What is left out, by what the arrays of the model say of it.
+_LEFT_OUT = {
+    "geom": "ngeom", "cam": "ncam", "light": "nlight", "skin": "nskin", "mesh": "nmesh", "tex": "ntex", "mat": "nmat",
+    "hfield": "nhfield", "pair": "npair", "exclude": "nexclude", "actuator": "nu", "sensor": "nsensor", "key": "nkey",
+    "tendon": "ntendon", "numeric": "nnumeric", "tuple": "ntuple", "plugin": "nplugin",
+}  # fmt: skip
+_TAGS = {"cam": "camera", "tex": "texture", "mat": "material", "eq": "constraint", "key": "keyframe"}
+# Options and switches that a mechanism has, or that are refused.
+_OPTIONS = {"gravity", "density", "viscosity", "disableflags", "o_margin", "o_solref", "o_solimp", "o_friction"}
+_SWITCHES = {"CONSTRAINT", "EQUALITY", "FRICTIONLOSS", "LIMIT", "SPRING", "DAMPER", "GRAVITY", "PASSIVE"}
+# What makes limits and friction of joints soft in MuJoCo, with the values they have by default.
+_SOFTNESS = {
+    "margin": ("jnt_margin", "margin"),
+    "solreflimit": ("jnt_solref", "solref_limit"),
+    "solimplimit": ("jnt_solimp", "solimp_limit"),
+    "solreffriction": ("dof_solref", "solref_friction"),
+    "solimpfriction": ("dof_solimp", "solimp_friction"),
+}
+# Arrays of the model that become numbers of the mechanism, by what has them, with the names they have in files.
+_NUMBERS = {
+    "body": {"pos": "body_pos", "quat": "body_quat", "inertial pos": "body_ipos", "inertial quat": "body_iquat",
+             "mass": "body_mass", "inertia": "body_inertia"},
+    "joint": {"pos": "jnt_pos", "axis": "jnt_axis", "stiffness": "jnt_stiffness",
+              "actuatorfrcrange": "jnt_actfrcrange"},
+    "site": {"pos": "site_pos", "quat": "site_quat"},
+    "actuator": {"gear": "actuator_gear", "armature": "actuator_armature", "damping": "actuator_damping"},
+    "eq": {"polycoef": "eq_data"},
+}  # fmt: skip
+_OF_RATES = {"armature": "dof_armature", "damping": "dof_damping", "frictionloss": "dof_frictionloss"}
+_OF_COORDINATES = {"ref": "qpos0", "springref": "qpos_spring"}
+_NOT_NEGATIVE = {"mass", "stiffness", "armature", "damping", "frictionloss"}
+# Attributes whose words are numbers, in which MuJoCo takes "nan" and "inf".
+_ARE_NUMBERS = {
+    "pos", "quat", "axis", "euler", "axisangle", "xyaxes", "zaxis", "fromto", "size", "mass", "density", "diaginertia",
+    "fullinertia", "gravity", "armature", "damping", "frictionloss", "stiffness", "ref", "springref", "springdamper",
+    "gear", "polycoef",
+}  # fmt: skip
+_NOT_FINITE = {"nan", "inf", "infinity"}
+# Of these, infinite ones say that there is no limit.
+_RANGES = {"range", "actuatorfrcrange"}
 
 
 def read(path_or_text, dtype=None):
     """The Mechanism of a file, or of its text, with its gravity.
 
-    Raises ValueError, with element and reason, for what MuJoCo does not compile and for what cannot be represented;
-    ImportError without mujoco (`pip install jaxspatial[models]`); FileNotFoundError.
+    Warns with `ModelFileWarning` of what was left out. Raises ValueError, with element and reason, for what MuJoCo does
+    not compile and for what cannot be represented; ImportError without mujoco (`pip install jaxspatial[models]`);
+    FileNotFoundError.
     """
-    file = _File(path_or_text)
+    file = _File(path_or_text, dtype)
     _check_medium(file)
+    _check_numbers(file)
     _check_bodies(file)
     _check_joints(file)
     _check_tendons(file)
-    return Mechanism.build(*in_double(_parts, file), file.gravity, dtype)
+    _leave_out(file)
+    with in_double():
+        parts = _parts(file)
+    mechanism = built(functools.partial(file.refuse_named, "body"), *parts, file.gravity, dtype)
+    file.notes.tell()
+    return mechanism
 
 
 READERS["mjcf"] = read
@@ -61,20 +113,35 @@ READERS["mjcf"] = read
 class _File:
     """The compiled model, and where in the text its elements are."""
 
-    def __init__(self, path_or_text):
-        mujoco, etree = needed("from_mjcf", "mujoco"), needed("from_mjcf", "lxml.etree")
+    def __init__(self, path_or_text, dtype):
+        mujoco = self.mujoco = needed("from_mjcf", "mujoco")
         source, path = file_source("from_mjcf", path_or_text)
+        self.root, self.notes = parsed("from_mjcf", source, path is None), Notes("from_mjcf")
+        self.smallest, self.largest = range_of(dtype)
+        self._check_finite()
         try:
             # By its path, so that MuJoCo finds what the file includes.
             by_text = mujoco.MjModel.from_xml_string
             self.model = by_text(source.decode()) if path is None else mujoco.MjModel.from_xml_path(str(path))
-            self.root = etree.fromstring(source)
-        except (ValueError, etree.XMLSyntaxError) as error:
+        except ValueError as error:
             raise ValueError(f"from_mjcf: MuJoCo says {' '.join(str(error).split())}") from None
         bits = mujoco.mjtDisableBit.__members__
-        self.disabled = {name for name, bit in bits.items() if self.model.opt.disableflags & int(bit)}
+        self.disabled = {
+            name for name, bit in bits.items() if "DSBL" in name and self.model.opt.disableflags & int(bit)
+        }
         self.equalities = {int(value): name for name, value in mujoco.mjtEq.__members__.items()}
         self.on_joints = int(mujoco.mjtTrn.mjTRN_JOINT)
+
+    def _check_finite(self):
+        """Of the text itself, with its lines; MuJoCo would write into a log."""
+        for element in self.root.iter("*"):
+            for name, text in element.items():
+                words = {word.lstrip("+-") for word in text.lower().split()}
+                if ("nan" in words and name in _RANGES) or (words & _NOT_FINITE and name in _ARE_NUMBERS):
+                    self.refuse_element(element, f"{name}: expected finite numbers, got {text!r}")
+
+    def refuse_element(self, element, reason) -> NoReturn:
+        raise ValueError(f"from_mjcf: line {element.sourceline}: <{element.tag}>: {reason}")
 
     def has(self, *flags):
         """Whether none of these is switched off: "SPRING", ..."""
@@ -95,7 +162,7 @@ class _File:
     def numbers(self, name):
         """An array of the model as (n, k); one of zeros, (n, 0), where this version of MuJoCo does not have it."""
         array = getattr(self.model, name, None)
-        return np.zeros((1 << 16, 0)) if array is None else np.asarray(array).reshape((len(array), -1))
+        return np.zeros((1 << 16, 0)) if array is None else np.asarray(array).reshape((len(array), array[:1].size or 1))
 
     def refuse(self, what, i, reason) -> NoReturn:
         element = self._element(what, i)
@@ -103,14 +170,30 @@ class _File:
         tag = what if element is None else element.tag
         raise ValueError(f'from_mjcf: {line}<{tag} name="{self.name(what, i)}">: {reason}')
 
+    def refuse_named(self, what, name, reason) -> NoReturn:
+        """By its name; a body of ours between the joints of one of theirs is not among them."""
+        names = [self.name(what, i) for i in range(getattr(self.model, f"n{what}"))]
+        self.refuse(what, names.index(name) if name in names else names.index(name.rpartition("/")[0]), reason)
+
     def _element(self, what, i):
-        """By its name, or by its place in a section that the model has all elements of; None for all others."""
+        """By its name, or by its place where the text has all elements that the model has; None for all others."""
         section, tags = _SECTIONS[what]
         found = [e for part in self.root.findall(section) for e in part.iter(*(tags or ())) if isinstance(e.tag, str)]
         named = [e for e in found if e.get("name") and e.get("name") == getattr(self.model, what)(i).name]
+        listed, n = self._listed(what)
+        return named[0] if named else listed[i] if len(listed) == n else None
+
+    def _listed(self, what):
+        """(elements in the order of the model, how many it has)."""
+        section, _ = _SECTIONS[what]
+        bodies = [e for part in self.root.findall("worldbody") for e in (part, *part.iter("body"))]
+        if what == "body":
+            return bodies, self.model.nbody
+        if section == "worldbody":
+            tags = _SECTIONS[what][1]
+            return [e for body in bodies for e in body.iterchildren(*tags)], getattr(self.model, _COUNTS[what])
         listed = [e for part in self.root.findall(section) for e in part.iterchildren("*")]
-        is_whole = tags is None and len(listed) == len(getattr(self.model, _COUNTED[what]))
-        return named[0] if named else listed[i] if is_whole else None
+        return listed, len(getattr(self.model, _COUNTED[what]))
 
 
 # -- what there is no counterpart of ----------------------------------------------------------------------------------
@@ -122,8 +205,39 @@ def _check_medium(file):
             found = [e for e in file.root.findall("option") if e.get(name)]
             line = f"line {found[0].sourceline}: " if found else ""
             raise ValueError(f"from_mjcf: {line}<option>: {name}: there is no drag here, expected 0")
+    if not (abs(file.gravity) <= file.largest).all():
+        options = file.root.findall("option")
+        line = f"line {options[0].sourceline}: " if options else ""
+        raise ValueError(f"from_mjcf: {line}<option>: gravity: expected finite numbers, got {file.gravity.tolist()}")
     if file.model.nflex:
         raise ValueError("from_mjcf: <flex>: bodies are rigid here")
+
+
+def _check_numbers(file):
+    """Finite, and not negative where it would be no property of matter, in what the model was compiled to."""
+    for what, arrays in _NUMBERS.items():
+        for name, array in arrays.items():
+            for i, x in enumerate(file.numbers(array)[: len(getattr(file.model, array, ()))]):
+                _check_number(file, what, i, name, x)
+    for j in range(file.model.njnt):
+        q = file.model.jnt_qposadr[j]
+        for name, array in _OF_RATES.items():
+            _check_number(file, "joint", j, name, getattr(file.model, array)[_dofs(file, j)])
+        for name, array in _OF_COORDINATES.items():
+            _check_number(file, "joint", j, name, getattr(file.model, array)[q : q + _coordinates(file, j)])
+        if np.isnan(file.model.jnt_range[j]).any():
+            file.refuse("joint", j, "range: expected numbers, got nan")
+        if not np.isclose(np.linalg.norm(file.model.jnt_axis[j]), 1):
+            file.refuse("joint", j, "axis: expected numbers that MuJoCo can make a unit vector of")
+
+
+def _check_number(file, what, i, name, x):
+    if not (abs(x) <= file.largest).all():
+        file.refuse(what, i, f"{name}: expected finite numbers of at most {file.largest:.3g}, got {x.tolist()}")
+    if name in _NOT_NEGATIVE and (x < 0).any():
+        file.refuse(what, i, f"{name}: expected a number >= 0, got {x.tolist()}")
+    if name == "mass" and 0 < x < file.smallest:
+        file.refuse(what, i, f"mass: expected at least {file.smallest:.3g}, got {x.tolist()}")
 
 
 def _check_bodies(file):
@@ -138,8 +252,10 @@ def _check_joints(file):
     m = file.model
     for j in range(m.njnt):
         dofs = _dofs(file, j)
-        if file.has("SPRING", "PASSIVE") and (m.jnt_stiffness[j] != 0 or file.numbers("jnt_stiffnesspoly")[j].any()):
-            file.refuse("joint", j, "stiffness: joints have no springs here")
+        if file.has("SPRING", "PASSIVE") and file.numbers("jnt_stiffnesspoly")[j].any():
+            file.refuse("joint", j, "stiffness: expected one number, springs are linear here")
+        if file.has("SPRING", "PASSIVE") and file.numbers("jnt_springyield")[j].any():
+            file.refuse("joint", j, "springyield: springs stay elastic here")
         if file.has("DAMPER", "PASSIVE") and file.numbers("dof_dampingpoly")[dofs].any():
             file.refuse("joint", j, "damping: expected one number, forces are linear in the rate here")
         if file.kind(j) == "ball" and _is_limited(file, j):
@@ -159,6 +275,44 @@ def _check_tendons(file):
         for name, flags in forces.items():
             if file.has(*flags) and file.numbers(f"tendon_{name}")[i].any():
                 file.refuse("tendon", i, f"{name.removesuffix('poly')}: there are no tendons here")
+
+
+def _leave_out(file):
+    """What the model has besides, by name."""
+    m = file.model
+    for what, count in _LEFT_OUT.items():
+        for i in range(getattr(m, count, 0)):
+            file.notes.leave_out(_TAGS.get(what, what), getattr(m, what)(i).name or f"{what}_{i}")
+    for i in range(m.neq):
+        if not (m.eq_active0[i] and file.has("EQUALITY", "CONSTRAINT")):
+            file.notes.leave_out("constraint that is not active", file.name("eq", i))
+    for i in range(1, m.nbody):
+        if m.body_mocapid[i] >= 0:
+            file.notes.leave_out("mocap", file.name("body", i))
+    _leave_out_options(file)
+    _leave_out_of_joints(file)
+
+
+def _leave_out_options(file):
+    usual, options = file.mujoco.MjOption(), file.model.opt
+    for name in dir(usual):
+        if not name.startswith("_") and name not in _OPTIONS:
+            if not np.array_equal(getattr(usual, name), getattr(options, name)):
+                file.notes.leave_out("option", name)
+    for name in sorted(file.disabled):
+        if name.removeprefix("mjDSBL_") not in _SWITCHES:
+            file.notes.leave_out("option", f"{name.removeprefix('mjDSBL_').lower()} switched off")
+
+
+def _leave_out_of_joints(file):
+    m, spec = file.model, file.mujoco.MjSpec()
+    for j in range(m.njnt):
+        for name, (array, usual) in _SOFTNESS.items():
+            own = getattr(m, array)[j if array.startswith("jnt") else _dofs(file, j)]
+            if not np.array_equal(own, np.broadcast_to(getattr(spec.default.joint, usual), own.shape)):
+                file.notes.leave_out(name, file.name("joint", j))
+        if m.jnt_actfrclimited[j] and m.jnt_actfrcrange[j].sum() != 0:
+            file.notes.leave_out("side of actuatorfrcrange that is nearer to 0", file.name("joint", j))
 
 
 class _Rotors:
@@ -191,6 +345,9 @@ def _mimics(file):
     for j, (i, master, _, _) in found.items():
         if master in found:
             file.refuse("eq", i, f"{file.name('joint', j)!r} follows a joint that follows another itself")
+    for j in found:
+        if _is_limited(file, j):
+            file.notes.leave_out("range of a mimic", file.name("joint", j))
     return {j: Mimic(file.name("joint", master), *numbers) for j, (_, master, *numbers) in found.items()}
 
 
@@ -253,6 +410,8 @@ def _joint(file, j, parent, child, X_PB, rotors, mimics):
         "armature": file.model.dof_armature[dofs] + rotors.armature[j],
         "damping": (file.model.dof_damping[dofs] + rotors.damping[j]) * file.has("DAMPER", "PASSIVE"),
         "friction_loss": file.model.dof_frictionloss[dofs] * file.has("FRICTIONLOSS", "CONSTRAINT"),
+        "stiffness": file.model.jnt_stiffness[j] * file.has("SPRING", "PASSIVE"),
+        "spring_reference": _rest(file, j),
         "mimic": mimics.get(j),
         **_limits(file, j),
     }
@@ -282,6 +441,12 @@ def _reference(file, j):
     return float(file.model.qpos0[file.model.jnt_qposadr[j]]) if is_number else 0.0
 
 
+def _rest(file, j):
+    """The coordinates at which the spring is; of a free joint the quaternion first."""
+    x = file.model.qpos_spring[file.model.jnt_qposadr[j] :][: _coordinates(file, j)]
+    return np.roll(x, 4) if file.kind(j) == "free" else np.array(x)
+
+
 def _limits(file, j):
     m, limits = file.model, {}
     if _is_limited(file, j):
@@ -300,6 +465,10 @@ def _dofs(file, j):
     """Where the rates of a joint are; of a free joint all are alike."""
     start = file.model.jnt_dofadr[j]
     return slice(start, start + {"free": 6, "ball": 3}.get(file.kind(j), 1))
+
+
+def _coordinates(file, j):
+    return {"free": 7, "ball": 4}.get(file.kind(j), 1)
 
 
 def _frames(file):

@@ -1,20 +1,34 @@
 """Mechanisms from the Unified Robot Description Format (wiki.ros.org/urdf/XML).
 
-The package yourdfpy reads the files. Links and joints become bodies and joints of the same name; what serves pictures,
-contact or control (visual, collision, transmission, gazebo, calibration, safety_controller ...) is no part of a
-mechanism. Everything else in a robot, a joint or an inertia that has no counterpart is refused, with its line.
+The package yourdfpy reads the files, lxml checks them. Links and joints become bodies and joints of the same name. What
+serves pictures, contact or control (visual, collision, transmission, gazebo, calibration, safety_controller ...) is no
+part of a mechanism: one `ModelFileWarning` lists it. Everything else is refused, with its line: elements and attributes
+that are not known (a misspelt one would change the robot), what comes twice, numbers that are not finite or that the
+dtype does not have, joints and inertias that have no counterpart.
+
+Inertias that no rigid body has (a third moment larger than the other two together: a dozen of the robots that are
+passed around have such) are taken as they are; the warning lists their links.
 """
 
-import importlib
+import functools
 import io
-import pathlib
-from typing import NoReturn
+from typing import Any, NoReturn
 
-import jax
 import numpy as np
 
-from jaxspatial.inertia import SpatialInertia
-from jaxspatial.mechanism import Body, Joint, Mechanism
+from jaxspatial.arithmetic.known import in_double
+from jaxspatial.interop.files import (
+    Notes,
+    built,
+    file_source,
+    needed,
+    numbers_of,
+    parsed,
+    range_of,
+    rotation_of,
+    with_moments,
+)
+from jaxspatial.mechanism import Body, Joint
 from jaxspatial.mechanism.mechanism import READERS
 from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.rotation import Rotation
@@ -22,10 +36,26 @@ from jaxspatial.spatial import RigidTransform
 
 _KINDS = {"floating": "free"} | {kind: kind for kind in ("revolute", "continuous", "prismatic", "fixed", "planar")}
 _ROOT = "root_joint"
-# What a robot may have besides links and joints, and the parts of joints and inertias, with their numbers.
-_IGNORED = {"material", "transmission", "gazebo", "ros2_control", "sensor", "frame", "mujoco"}
-_JOINT = {"origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "calibration", "safety_controller"}
-_INERTIAL = {"origin", "mass", "inertia"}
+# What each element consists of, and what it may have besides, which is listed.
+_PARTS = {
+    "robot": {"link", "joint"},
+    "link": {"inertial"},
+    "inertial": {"origin", "mass", "inertia"},
+    "joint": {"origin", "parent", "child", "axis", "limit", "dynamics", "mimic"},
+}
+_MANY = {"link", "joint"}
+_BESIDES_ALL = {"material", "transmission", "gazebo", "ros2_control", "sensor", "visual", "collision"}
+_BESIDES = {
+    "robot": {"frame", "mujoco"},
+    "link": {"contact", "surface", "self_filter", "collision_checking", "kinematic", "gravity", "origin"},
+    "joint": {"calibration", "safety_controller"},
+}
+# What joints of a kind have no use for.
+_USELESS = {
+    "fixed": {"axis", "limit", "dynamics", "mimic"},
+    "floating": {"axis"},
+}
+_LIMITS = "lower", "upper"
 _NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
@@ -35,22 +65,38 @@ _NUMBERS = {
     "dynamics": dict.fromkeys(("damping", "friction"), 1),
     "mimic": dict.fromkeys(("multiplier", "offset"), 1),
 }
+_ATTRIBUTES = {
+    "robot": {"name", "version"},
+    "link": {"name"},
+    "joint": {"name", "type"},
+    "parent": {"link"},
+    "child": {"link"},
+    "mimic": {"joint", "multiplier", "offset"},
+}
+_ATTRIBUTES_BESIDES = {
+    "link": {"type", "drake_ignore"},
+    "joint": {"dont_collapse"},
+    "limit": {"current", "command_effort", "gear_velocity"},
+    "dynamics": {"D", "K", "mu_coulomb", "mu_viscous"},
+}
 _REQUIRED = {"mass": ("value",), "inertia": ("ixx", "iyy", "izz")}
-# Entries of a rotation so near to 0 or 1 are what rounding made of quarter turns.
-_ROUNDING = 8 * np.finfo(float).eps
+_NOT_NEGATIVE = {"dynamics": ("damping", "friction"), "limit": ("effort", "velocity"), "mass": ("value",)}
+_UNLIMITED = {"inf": np.inf, "+inf": np.inf, "-inf": -np.inf}
+# By how much of their sum the digits of a file may make the largest moment larger than the other two together.
+_DIGITS = 1e-4
 
 
 def read(path_or_text, floating_base=False, gravity=(0.0, 0.0, -9.81), dtype=None):
     """The Mechanism of a file, or of its text. The root link is welded to the world, or held by a "free" joint named
     "root_joint"; a root link named "world" is the world.
 
-    Raises ValueError, with line and reason, for what is malformed or cannot be represented; ImportError without
-    yourdfpy (`pip install jaxspatial[models]`); FileNotFoundError.
+    Warns with `ModelFileWarning` of what was left out. Raises ValueError, with line and reason, for what is malformed
+    or cannot be represented; ImportError without yourdfpy (`pip install jaxspatial[models]`); FileNotFoundError.
     """
-    source, _ = file_source("from_urdf", path_or_text)
-    lines = _Lines(source)
-    _check_text(lines)
-    robot = _parsed(source)
+    source, path = file_source("from_urdf", path_or_text)
+    lines = _Lines(source, path is None, dtype)
+    _check(lines, lines.root)
+    robot = _read(lines)
     _check_joints(robot, lines)
     _check_mimics(robot, lines)
     root = _root(robot, lines)
@@ -64,79 +110,172 @@ def read(path_or_text, floating_base=False, gravity=(0.0, 0.0, -9.81), dtype=Non
         joints.insert(0, Joint(name, kind, WORLD, root))
     elif floating_base:
         raise ValueError('from_urdf: floating_base: the root link is "world", which cannot float')
-    return Mechanism.build(bodies, joints, gravity=gravity, dtype=dtype)
+    mechanism = built(functools.partial(lines.refuse, "link"), bodies, joints, (), gravity, dtype)
+    lines.notes.tell()
+    return mechanism
 
 
 READERS["urdf"] = read
 
 
 class _Lines:
-    """Where in the source an element is, for messages."""
+    """Where in the source an element is, for messages, and what is told of it at the end."""
 
-    def __init__(self, source):
-        etree = needed("from_urdf", "lxml.etree")
-        try:
-            self.root = etree.parse(io.BytesIO(source)).getroot()
-        except etree.XMLSyntaxError as error:
-            raise ValueError(f"from_urdf: malformed XML: {error}") from None
+    def __init__(self, source, is_text, dtype):
+        self.root, self.notes = parsed("from_urdf", source, is_text), Notes("from_urdf")
+        self.smallest, self.largest = range_of(dtype)
         if self.root.tag != "robot":
             raise ValueError(f"from_urdf: line {self.root.sourceline}: expected <robot>, got <{self.root.tag}>")
 
+    def element(self, tag, name) -> Any:
+        return next((e for e in self.root.iterchildren(tag) if e.get("name") == name), None)
+
     def refuse(self, tag, name, reason) -> NoReturn:
-        found = [e for e in self.root.findall(tag) if e.get("name") == name]
-        line = f"line {found[0].sourceline}: " if found else ""
+        found = self.element(tag, name)
+        line = "" if found is None else f"line {found.sourceline}: "
         raise ValueError(f'from_urdf: {line}<{tag} name="{name}">: {reason}')
 
     def refuse_element(self, element, reason) -> NoReturn:
         raise ValueError(f"from_urdf: line {element.sourceline}: <{element.tag}>: {reason}")
 
-
-def _check_text(lines):
-    """What yourdfpy would pass over, or say without the line."""
-    if lines.root.get("name") is None:
-        lines.refuse_element(lines.root, "name: expected one")
-    names = set()
-    for e in lines.root.iterchildren("*"):
-        if e.tag not in ("link", "joint"):
-            _check_known(lines, e, e.tag, _IGNORED)
-            continue
-        if not e.get("name") or (e.tag, e.get("name")) in names:
-            lines.refuse_element(e, "name: " + (f"{e.get('name')!r} comes twice" if e.get("name") else "expected one"))
-        names.add((e.tag, e.get("name")))
-        for part in e.iterchildren("*") if e.tag == "joint" else e.iterfind("inertial/*"):
-            _check_known(lines, part, part.tag, _JOINT if e.tag == "joint" else _INERTIAL)
-            _check_numbers(lines, part)
-        for side in ("parent", "child") if e.tag == "joint" else ():
-            if e.find(side) is None or not e.find(side).get("link"):
-                lines.refuse("joint", e.get("name"), f"{side}: expected a link")
+    def leave_out(self, kind, element):
+        """By its own name or that of what it is in; by its line where there is none."""
+        named = next((e.get("name") for e in (element, *element.iterancestors("link", "joint")) if e.get("name")), None)
+        self.notes.leave_out(kind, named or f"line {element.sourceline}")
 
 
-def _check_known(lines, element, tag, known):
-    if tag not in known:
-        lines.refuse_element(element, "there is no counterpart here")
+# -- the text ---------------------------------------------------------------------------------------------------------
 
 
-def _check_numbers(lines, element):
+def _check(lines, element):
+    """An element and all that is in it: what yourdfpy would pass over, or say without the line. What is left out is
+    taken out."""
+    _check_name(lines, element)
+    _check_attributes(lines, element)
+    _check_numbers(lines, element)
+    _check_no_text(lines, element)
+    _check_parts(lines, element)
+    for part in element.iterchildren("*"):
+        _check(lines, part)
+    if element.tag == "inertial":
+        _check_inertial(lines, element)
+    if element.tag == "joint":
+        _check_joint(lines, element)
+
+
+def _check_name(lines, element):
+    if element.tag in ("robot", "link", "joint") and not element.get("name"):
+        lines.refuse_element(element, "name: expected one")
+
+
+def _check_attributes(lines, element):
+    known = _ATTRIBUTES.get(element.tag, set()) | set(_NUMBERS.get(element.tag, ()))
+    for name in element.attrib:
+        if name in _ATTRIBUTES_BESIDES.get(element.tag, ()):
+            lines.leave_out(f"{name} of <{element.tag}>", element)
+        elif name not in known:
+            expected = f"expected one of {', '.join(sorted(known))}" if known else "expected none"
+            lines.refuse_element(element, f"{name}: there is no such attribute, {expected}")
+
+
+def _check_no_text(lines, element):
+    texts = [element.text, *(part.tail for part in element)]
+    if stray := " ".join(text.strip() for text in texts if text).strip():
+        lines.refuse_element(element, f"expected no text, got {stray[:40]!r}")
+
+
+def _check_parts(lines, element):
+    own = _PARTS.get(element.tag, set())
+    besides = _BESIDES.get(element.tag, set()) | _BESIDES_ALL if own else set()
+    seen = set()
+    for part in list(element.iterchildren("*")):
+        if part.tag in besides:
+            lines.leave_out(f"<{part.tag}>", part)
+            element.remove(part)
+        elif part.tag not in own:
+            lines.refuse_element(part, _no_counterpart(part, element, own))
+        else:
+            _check_once(lines, part, seen)
+
+
+def _no_counterpart(part, element, own):
+    if "xacro" in part.tag:
+        return "this is a text for the tool xacro, that makes a URDF of it: run it first"
+    expected = f"expected one of {', '.join(sorted(own))}" if own else "expected nothing"
+    return f"there is no counterpart here for this part of a {element.tag}, {expected}"
+
+
+def _check_once(lines, part, seen):
+    key = (part.tag, part.get("name")) if part.tag in _MANY else part.tag
+    if key in seen:
+        what = f"name: {part.get('name')!r}" if part.tag in _MANY else f"<{part.tag}>"
+        lines.refuse_element(part, f"{what} comes twice")
+    seen.add(key)
+
+
+def _check_numbers(lines: _Lines, element):
     for name, n in _NUMBERS.get(element.tag, {}).items():
-        text = element.get(name)
-        if text is not None and not _are_numbers(text, n):
-            lines.refuse_element(element, f"{name}: expected {n} number{'s' * (n > 1)}, got {text!r}")
+        if element.get(name) is not None:
+            _check_number(lines, element, name, n)
     for name in _REQUIRED.get(element.tag, ()):
         if element.get(name) is None:
             lines.refuse_element(element, f"{name}: expected a number")
 
 
-def _are_numbers(text, n):
-    try:
-        return len(numbers := [float(x) for x in text.split()]) == n and not np.isnan(numbers).any()
-    except ValueError:
-        return False
+def _check_number(lines: _Lines, element, name, n):
+    text, is_limit = element.get(name), element.tag == "limit"
+    found = numbers_of(text)
+    if is_limit and text.strip() in _UNLIMITED:
+        found = [_UNLIMITED[text.strip()]]
+    elif found is None or len(found) != n:
+        lines.refuse_element(element, f"{name}: expected {n} number{'s' * (n > 1)}, got {text!r}")
+    elif not all(abs(x) <= (np.finfo(float).max if is_limit else lines.largest) for x in found):
+        lines.refuse_element(element, f"{name}: expected at most {lines.largest:.3g} in this dtype, got {text!r}")
+    if name in _NOT_NEGATIVE.get(element.tag, ()) and found[0] < 0:
+        lines.refuse_element(element, f"{name}: expected a number >= 0, got {text!r}")
 
 
-def _parsed(source):
-    yourdfpy = needed("from_urdf", "yourdfpy")
+def _check_inertial(lines: _Lines, element: Any):
+    link, mass, moments = element.getparent().get("name"), element.find("mass"), element.find("inertia")
+    if mass is None or moments is None:
+        lines.refuse("link", link, "inertial: expected mass and inertia")
+    if 0 < float(mass.get("value")) < lines.smallest:
+        lines.refuse_element(
+            mass, f"value: expected at least {lines.smallest:.3g} in this dtype, got {mass.get('value')!r}"
+        )
+    if _is_impossible([float(moments.get(name, 0)) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]):
+        lines.notes.doubt("inertia that no rigid body has", f"{link} in line {moments.sourceline}")
+
+
+def _is_impossible(six):
+    """Whether one of the principal moments is larger than the other two together."""
+    xx, xy, xz, yy, yz, zz = np.array(six) / (max(map(abs, six)) or 1.0)
+    principal = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    return principal[2] - principal[1] - principal[0] > _DIGITS * abs(principal).sum()
+
+
+def _check_joint(lines, element: Any):
+    for side in ("parent", "child"):
+        if element.find(side) is None or not element.find(side).get("link"):
+            lines.refuse("joint", element.get("name"), f"{side}: expected a link")
+    kind, is_mimic = element.get("type"), element.find("mimic") is not None
+    for part in element.iterchildren(*_USELESS.get(kind, ("none",))):
+        lines.leave_out(f"<{part.tag}> of a {kind} joint", part)
+    limit = element.find("limit")
+    if limit is not None and is_mimic and kind != "fixed":
+        lines.leave_out("<limit> of a mimic", limit)
+    elif limit is not None and kind in ("continuous", "floating", "planar") and any(map(limit.get, _LIMITS)):
+        lines.leave_out(f"lower and upper limit of a {kind} joint", limit)
+
+
+# -- the robot --------------------------------------------------------------------------------------------------------
+
+
+def _read(lines):
+    etree, yourdfpy = needed("from_urdf", "lxml.etree"), needed("from_urdf", "yourdfpy")
+    source = io.BytesIO(etree.tostring(lines.root))
     try:
-        return yourdfpy.URDF.load(io.BytesIO(source), build_scene_graph=False, load_meshes=False).robot
+        return yourdfpy.URDF.load(source, build_scene_graph=False, load_meshes=False).robot
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"from_urdf: the reader yourdfpy says {type(error).__name__}: {error}") from error
 
@@ -152,8 +291,26 @@ def _check_joints(robot, lines):
                 reason = "the world hangs on nothing" if name in links else f"there is no link {name!r}"
                 lines.refuse("joint", joint.name, f"{side}: {reason}")
         if joint.child in held:
-            lines.refuse("joint", joint.name, f"child: {joint.child!r} hangs on {held[joint.child]!r} already: a loop")
-        held[joint.child] = joint.name
+            other = held[joint.child].name
+            lines.refuse("joint", joint.name, f"child: {joint.child!r} hangs on {other!r} already: a loop")
+        held[joint.child] = joint
+    _check_no_loop(held, lines)
+
+
+def _check_no_loop(held, lines):
+    """Each link on the way from a joint to its root once."""
+    safe = set()
+    for link in held:
+        way = []
+        while link in held and link not in safe:
+            if link in way:
+                joint = held[link].name
+                lines.refuse(
+                    "joint", joint, f"child: {', '.join(map(repr, way[way.index(link) :]))} hold each other: a loop"
+                )
+            way.append(link)
+            link = held[link].parent
+        safe.update(way)
 
 
 def _check_mimics(robot, lines):
@@ -175,21 +332,15 @@ def _is_scalar(joint):
 def _root(robot, lines):
     roots = [link.name for link in robot.links if link.name not in {joint.child for joint in robot.joints}]
     if len(roots) != 1:
-        reason = f"expected one link that is no joint's child, got {', '.join(map(repr, roots)) or 'none: a loop'}"
+        reason = f"expected one link that is no joint's child, got {', '.join(map(repr, roots)) or 'no link at all'}"
         lines.refuse_element(lines.root, reason)
     return roots[0]
 
 
-def _body(link, lines: _Lines):
+def _body(link, lines):
     if link.inertial is None:
         return Body(link.name)
-    mass, six = link.inertial.mass, link.inertial.inertia
-    if mass is None or six is None:
-        lines.refuse("link", link.name, "inertial: expected mass and inertia")
-    X = _pose(link.inertial.origin)
-    if not (np.isfinite(mass) and mass >= 0 and np.isfinite(np.asarray(six, float)).all()):
-        lines.refuse("link", link.name, f"inertial: expected a mass >= 0 and finite numbers, got mass {mass}")
-    return Body(link.name, with_moments(mass, X, six))
+    return Body(link.name, with_moments(link.inertial.mass, _pose(link.inertial.origin), link.inertial.inertia))
 
 
 def _joint(joint, lines):
@@ -197,7 +348,9 @@ def _joint(joint, lines):
     axis = np.array([1.0, 0.0, 0.0]) if joint.axis is None else np.asarray(joint.axis, float)
     if kind == "planar" and not (axis[2] > 0 and not axis[:2].any()):
         lines.refuse("joint", joint.name, f"axis: a planar joint is normal to z here, got {axis.tolist()}")
-    if kind in ("revolute", "continuous", "prismatic") and not axis.any():
+    if kind not in ("revolute", "continuous", "prismatic"):
+        axis = np.array([0.0, 0.0, 1.0])
+    if not axis.any():
         lines.refuse("joint", joint.name, "axis: expected three numbers, not all zero")
     numbers = {**_limits(joint, kind, lines), **_dynamics(joint), "mimic": _mimic(joint)}
     return Joint(joint.name, kind, joint.parent, joint.child, _pose(joint.origin), axis=axis, **numbers)
@@ -209,10 +362,11 @@ def _limits(joint, kind, lines):
     if joint.limit is None:
         return {}
     names = {"effort": "effort_limit", "velocity": "velocity_limit"}
-    names |= {"lower": "lower", "upper": "upper"} if kind in ("revolute", "prismatic") else {}
+    names |= {name: name for name in _LIMITS} if kind in ("revolute", "prismatic") else {}
     given = {new: getattr(joint.limit, old) for old, new in names.items()}
     limits = {name: float(x) for name, x in given.items() if x is not None}
-    if limits.get("lower", -np.inf) > limits.get("upper", np.inf):
+    lower, upper = limits.get("lower", -np.inf), limits.get("upper", np.inf)
+    if not (lower <= upper and lower < np.inf and upper > -np.inf):
         lines.refuse("joint", joint.name, "limit: expected lower <= upper")
     return limits
 
@@ -233,43 +387,5 @@ def _mimic(joint):
 def _pose(matrix):
     """A RigidTransform of a homogeneous matrix; the identity of None."""
     matrix = np.eye(4) if matrix is None else np.asarray(matrix, float)
-    return in_double(lambda m, p: RigidTransform(Rotation(m.ravel()), p), rotation_of(matrix[:3, :3]), matrix[:3, 3])
-
-
-# -- for readers of other formats too ---------------------------------------------------------------------------------
-
-
-def file_source(operation, path_or_text):
-    """(the bytes of a file, its path), or (those of a text, None): text is told by its first sign."""
-    if isinstance(path_or_text, str) and path_or_text.lstrip().startswith("<"):
-        return path_or_text.encode(), None
-    if not isinstance(path_or_text, (str, pathlib.Path)):
-        raise TypeError(f"{operation}: path_or_text: expected a path or text, got {type(path_or_text).__name__}")
-    return pathlib.Path(path_or_text).read_bytes(), pathlib.Path(path_or_text)
-
-
-def needed(operation, module):
-    """A module of an optional package."""
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        package = module.split(".")[0]
-        raise ImportError(f"{operation}: needs the package {package}: pip install jaxspatial[models]") from error
-
-
-def in_double(make, *arrays):
-    with jax.enable_x64(True):
-        return make(*arrays)
-
-
-def rotation_of(entries):
-    """(3, 3) of the entries of a rotation, in float64, without the rounding of quarter turns."""
-    entries = np.asarray(entries, np.float64).reshape(3, 3)
-    nearest = np.round(entries)
-    return np.where(abs(entries - nearest) <= _ROUNDING, nearest, entries)
-
-
-def with_moments(mass, X_BI, moments):
-    """M_BBo_B of a body with its centre of mass at I, and the (3, 3) moments about it in the axes of I."""
-    R = X_BI.rotation.entries.reshape(3, 3)
-    return in_double(SpatialInertia, np.float64(mass), X_BI.translation, R @ np.asarray(moments, float) @ R.T)
+    with in_double():
+        return RigidTransform(Rotation(rotation_of(matrix[:3, :3]).ravel()), matrix[:3, 3])

@@ -6,6 +6,7 @@ import operator
 import jax
 import numpy as np
 
+from jaxspatial.arithmetic.known import in_double
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.joints import KINDS
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint, Mimic
@@ -13,14 +14,16 @@ from jaxspatial.mechanism.topology import Topology
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, act
 
+# How far the length of a quaternion may be from 1.
+_UNIT = 1e-3
 # How these go with the ratio of a gear.
-_POWERS = {"armature": 2, "damping": 2, "friction_loss": 1}
+_POWERS = {"armature": 2, "damping": 2, "friction_loss": 1, "stiffness": 2}
 
 
 def assembled(bodies, joints, frames):
     """(Topology, its arrays by name) of parts: what `Mechanism` consists of but for gravity, in float64."""
     _check_names(bodies, joints, frames)
-    with jax.enable_x64(True):
+    with in_double():
         tree = _Tree({b.name: b for b in bodies}, {j.name: j for j in joints})
         tree.hang(WORLD, -1, _identity())
         _check_reached(bodies, tree)
@@ -112,7 +115,21 @@ class _Tree:
             "frame_placements": _stacked([X for _, X in self.places.values()]),
             **{name: self._felt(own, name, power) for name, power in _POWERS.items()},
             **{name: _per(own, name, size) for name, size in limits.items()},
+            "spring_references": self._references(own),
         }
+
+    def _references(self, own):
+        """Where the springs of each joint and its mimics together rest: the mean of where each does, by stiffness."""
+        return np.concatenate([np.zeros(0), *(self._rests(joint) for joint in own)])
+
+    def _rests(self, joint):
+        own = _spring_reference(joint)
+        springs = [
+            _as_of_master(mimic) for mimic in self.moving if mimic.mimic and Mimic(*mimic.mimic)[0] == joint.name
+        ]
+        stiffness = _per([joint], "stiffness", "nv")[0] if springs else 0.0
+        total = stiffness + sum(k for k, _ in springs)
+        return own if not total else sum((k * x for k, x in springs), stiffness * own) / total
 
     def _felt(self, own, name, power):
         """One number per rate: what a mimic has of it, its master feels."""
@@ -182,6 +199,11 @@ def _or_identity(part, name):
 
 
 def known(x):
+    if isinstance(x, jax.core.Tracer):
+        raise TypeError(
+            "Mechanism.build: expected known numbers (NumPy), got data that is traced; build with known ones, and put "
+            "data in their place with Mechanism.replace (results within jax.ensure_compile_time_eval() are known)"
+        )
     return np.asarray(x, np.float64)
 
 
@@ -202,11 +224,13 @@ def act_unless_identity(X_AB, M_BBo_B):
 
 
 def _unit(joint, name):
-    axis = np.asarray(getattr(joint, name), np.float64)
-    length = np.linalg.norm(axis) if axis.shape == (3,) else 0.0
-    if not (np.isfinite(length) and length > 0):
+    axis = known(getattr(joint, name))
+    # By the largest first, whose square may over- or underflow.
+    largest = abs(axis).max() if axis.shape == (3,) else 0.0
+    if not (np.isfinite(largest) and largest > 0):
         raise ValueError(f"Joint {joint.name!r}: {name}: expected three numbers, not all zero, got {axis.tolist()}")
-    return axis / length
+    axis = axis / 2.0 ** np.floor(np.log2(largest))
+    return axis / np.linalg.norm(axis)
 
 
 def _rows(rows, n):
@@ -229,12 +253,29 @@ def _nothing():
     return SpatialInertia.zero(dtype=np.float64)
 
 
+def _as_of_master(joint):
+    """(stiffness, reference) of the spring of a mimic, at its master's coordinate: of a q + b, and k, a^2 k."""
+    mimic = Mimic(*joint.mimic)
+    stiffness = mimic.multiplier**2 * _per([joint], "stiffness", "nv")[0]
+    return stiffness, (_spring_reference(joint) - mimic.offset) / (mimic.multiplier or 1.0)
+
+
+def _spring_reference(joint):
+    """The coordinates at which the joint's spring rests."""
+    kind = KINDS[joint.kind]
+    found = np.array(kind.neutral) if joint.spring_reference is None else _per([joint], "spring_reference", "nq")
+    if kind.nq > kind.nv and abs(np.linalg.norm(found[:4]) - 1) > _UNIT:
+        came = found[:4].tolist()
+        raise ValueError(f"Joint {joint.name!r}: spring_reference: expected a unit quaternion first, got {came}")
+    return found
+
+
 def _per(joints, name, size):
     """One number per rate or coordinate, of what is given per joint."""
     found = []
     for joint in joints:
         n = getattr(KINDS[joint.kind], size)
-        value = np.asarray(getattr(joint, name), np.float64)
+        value = known(getattr(joint, name))
         if value.shape not in ((), (n,)):
             raise ValueError(f"Joint {joint.name!r}: {name}: expected a number or {n} of them, got shape {value.shape}")
         found.append(np.broadcast_to(value, (n,)))

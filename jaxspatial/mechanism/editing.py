@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 
+from jaxspatial.arithmetic.known import in_double
 from jaxspatial.arithmetic.numbers import Lane
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.inertia import SpatialInertia
@@ -13,7 +14,7 @@ from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, act_inverse
 
-_PER_RATE = "armature", "damping", "friction_loss", "effort_limit", "velocity_limit"
+_PER_RATE = "armature", "damping", "friction_loss", "stiffness", "effort_limit", "velocity_limit"
 
 
 def lock_joints(mechanism, positions):
@@ -48,7 +49,7 @@ def parts(mechanism):
     """(bodies, joints, frames) that `Mechanism.build` makes the mechanism of: all of its numbers have to be known."""
     if not all(isinstance(x, np.ndarray) for x in jax.tree.leaves(mechanism)):
         raise TypeError("mechanism: expected known numbers (NumPy), got data; build, and replace numbers after")
-    with jax.enable_x64(True):
+    with in_double():
         n = len(mechanism.topology)
         known = jax.tree.map(lambda x: x.astype(np.float64), mechanism)
         return [_body(known, i) for i in range(n)], [_joint(known, i) for i in range(n)], _frames(known)
@@ -73,6 +74,7 @@ def _joint(mechanism, i):
         X_PJ = composed(_inverse(_item(mechanism.child_placements, parent)), X_PJ)
     limits = {} if t.is_mimic(i) else {name: getattr(mechanism, name)[own_v] for name in _PER_RATE}
     limits |= {} if t.is_mimic(i) else {name: getattr(mechanism, name)[own_q] for name in ("lower", "upper")}
+    limits |= {} if t.is_mimic(i) else {"spring_reference": mechanism.spring_references[own_q]}
     return Joint(
         t.joint_names[i],
         t.kinds[i],
@@ -115,7 +117,7 @@ def _with_followers(mechanism, i, q):
 def _locked(mechanism, joints, i, q):
     t, joint = mechanism.topology, joints[i]
     q = np.broadcast_to(np.asarray(q, np.float64), (t.kind(i).nq,))
-    with jax.enable_x64(True):
+    with in_double():
         X = composed(joint.placement, _transform(t.kind(i), joint, q))
     return Joint(joint.name, "fixed", joint.parent, joint.child, X, joint.child_placement)
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.tree import tree_of
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.mechanism.assembly import assembled
+from jaxspatial.mechanism.assembly import assembled, known
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.spatial import RigidTransform
 
@@ -32,8 +32,9 @@ class Mechanism:
     pitches: (n,) of helical joints, metres per radian
     mimics: (n, 2) multiplier and offset of coordinates that follow another's; 1 and 0 for all others
     inertias: SpatialInertia (n,) about the origin of J, in the axes of J; bodies welded to it are in it
-    armature, damping, friction_loss, effort_limit, velocity_limit: (nv,)
+    armature, damping, friction_loss, stiffness, effort_limit, velocity_limit: (nv,)
     lower, upper: (nq,) limits of the coordinates
+    spring_references: (nq,) coordinates at which the springs are at rest
     frame_placements: RigidTransform (k,) of all named frames on their J, or in the world
     gravity: (3,) acceleration of free fall in the world, m/s2
 
@@ -51,10 +52,12 @@ class Mechanism:
     armature: jax.Array
     damping: jax.Array
     friction_loss: jax.Array
+    stiffness: jax.Array
     effort_limit: jax.Array
     velocity_limit: jax.Array
     lower: jax.Array
     upper: jax.Array
+    spring_references: jax.Array
     frame_placements: RigidTransform
     gravity: jax.Array
 
@@ -65,11 +68,12 @@ class Mechanism:
         """From lists of Body, Joint and Frame; see there. Bodies held by "fixed" joints become one, their frames stay.
 
         Coordinates are in depth-first order, children in the order of `joints`. Everything is known while tracing, in
-        `dtype`, JAX's default for None. Raises ValueError for names that are missing or come twice and for bodies that
-        nothing holds against the world: add a "free" joint for one that floats.
+        `dtype`, JAX's default for None; this works while JAX traces a function around, too. Raises ValueError for
+        names that are missing or come twice and for bodies that nothing holds against the world: add a "free" joint
+        for one that floats. Raises TypeError for numbers that are traced: put them in with `replace`.
         """
         topology, arrays = assembled(list(bodies), list(joints), list(frames))
-        gravity = check.as_vectors(np.asarray(gravity, np.float64), "Mechanism.build: gravity")
+        gravity = check.as_vectors(known(gravity), "Mechanism.build: gravity")
         return cls(topology=topology, gravity=np.asarray(gravity, np.float64), **arrays).astype(dtype)
 
     @classmethod

@@ -47,8 +47,11 @@ class Joint:
     axis, second_axis: unit vectors in J; the second of "universal" only
     pitch: of "helical", metres per radian
     armature: inertia of what turns with the joint, at its side of the gears: kg m2, kg for what slides
+    stiffness: of springs, N m/rad or N/m, that pull towards the coordinates spring_reference, zero for None; of "ball"
+        and "free" see `passive_forces`
     damping: N m s or N s/m; friction_loss, effort_limit: N m or N; velocity_limit: rad/s or m/s
-    lower, upper: limits of the coordinates. Each of these a number, or one per rate (coordinate, for the limits).
+    lower, upper: limits of the coordinates. Each of these a number, or one per rate (coordinate, for the limits and
+        spring_reference)
     mimic: (joint, multiplier, offset) where the coordinate follows another joint's
     """
 
@@ -64,6 +67,8 @@ class Joint:
     armature: typing.Any = 0.0
     damping: typing.Any = 0.0
     friction_loss: typing.Any = 0.0
+    stiffness: typing.Any = 0.0
+    spring_reference: typing.Any = None
     effort_limit: typing.Any = math.inf
     velocity_limit: typing.Any = math.inf
     lower: typing.Any = -math.inf

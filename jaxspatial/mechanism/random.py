@@ -1,8 +1,8 @@
 """Random mechanisms, for tests."""
 
-import jax
 import numpy as np
 
+from jaxspatial.arithmetic.known import in_double
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.joints import KINDS
 from jaxspatial.mechanism.mechanism import Mechanism
@@ -19,7 +19,7 @@ def random_mechanism(seed, n=12, kinds=None, is_chain=False, dtype=None):
     """
     rng = np.random.default_rng(seed)
     kinds = list(kinds or [name for name in KINDS if name != "fixed"])
-    with jax.enable_x64(True):
+    with in_double():
         bodies = [Body(f"body{i}", _inertia(rng)) for i in range(n)]
         joints = [_joint(rng, i, kinds[i % len(kinds)], is_chain) for i in range(n)]
         return Mechanism.build(bodies, joints, dtype=np.float64).astype(dtype or np.float64)

@@ -17,6 +17,7 @@ import pathlib  # noqa: E402
 import sys  # noqa: E402
 import tempfile  # noqa: E402
 import time  # noqa: E402
+import warnings  # noqa: E402
 from typing import NamedTuple  # noqa: E402
 
 import dynamics_peers as peers  # noqa: E402
@@ -26,6 +27,7 @@ import numpy as np  # noqa: E402
 from dynamics_peers import ALGORITHMS  # noqa: E402
 
 import jaxspatial as js  # noqa: E402
+from jaxspatial.interop import ModelFileWarning  # noqa: E402
 from jaxspatial.measure import timing  # noqa: E402
 
 HERE = pathlib.Path(__file__).parent
@@ -99,7 +101,8 @@ class States:
 
 
 def measured(robot, libraries, dtype, batch, rounds):
-    with jax.enable_x64(True):
+    with jax.enable_x64(True), warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelFileWarning)
         mech = js.Mechanism.from_urdf(robot.urdf, robot.floating_base, dtype=np.float64)
         model = peers.load_pinocchio(libraries[dtype], robot)
         peers.load_mujoco(libraries[MUJOCO], robot)

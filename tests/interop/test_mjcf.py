@@ -3,6 +3,7 @@
 The numbers of motions are compared with MuJoCo's in `peers/test_dynamics_mujoco.py`.
 """
 
+import importlib.util
 import pathlib
 import re
 
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.interop import mjcf
+from jaxspatial.interop import ModelFileWarning, mjcf
 
 mujoco = pytest.importorskip("mujoco")
 pytest.importorskip("lxml")
@@ -40,11 +41,19 @@ NAMED = ("upper", "fore/slide", "fore")
 SHOULDER, ELBOW, END = '<joint name="shoulder"', '<joint name="elbow"', "</mujoco>"
 
 
-def read(text=ARM, *changes, **options):
+# What they leave out is said, and is the subject of tests of its own.
+pytestmark = pytest.mark.filterwarnings("ignore::jaxspatial.interop.ModelFileWarning")
+
+
+def changed(text, *changes):
     for old, new in changes:
         assert old in text
         text = text.replace(old, new, 1)
-    return js.Mechanism.from_mjcf(text, **options)
+    return text
+
+
+def read(text=ARM, *changes, **options):
+    return js.Mechanism.from_mjcf(changed(text, *changes), **options)
 
 
 def alone(parts):
@@ -151,6 +160,42 @@ def test_what_is_switched_off():
     np.testing.assert_array_equal(mech.gravity, [0, 0, 0])
     np.testing.assert_array_equal(mech.lower, [-np.inf] * 3)
     np.testing.assert_array_equal(mech.damping, [0, 0, 0])
+    np.testing.assert_array_equal(mech.stiffness, [0, 0, 0])
+
+
+def test_springs():
+    """Of a free joint MuJoCo has the position first."""
+    springs = (SHOULDER, f'{SHOULDER} stiffness="2" springref=".25"'), ('ref=".5"', 'ref=".5" stiffness="3"')
+    mech = read(ARM, *springs)
+    np.testing.assert_array_equal(mech.stiffness, [2, 3, 0])
+    np.testing.assert_array_equal(mech.spring_references, [0.25, 0, 0])
+    mech = js.Mechanism.from_mjcf(alone('<joint type="free" stiffness="4"/><geom size="1"/>').replace(
+        "<body>", '<body pos="1 2 3" quat="0 1 0 0">'
+    ))  # fmt: skip
+    np.testing.assert_array_equal(mech.stiffness, [4] * 6)
+    np.testing.assert_array_equal(mech.spring_references, [0, 1, 0, 0, 1, 2, 3])
+
+
+HUMANOIDS = [
+    ("brax", "envs/assets/humanoid.xml"),
+    ("brax", "envs/assets/humanoidstandup.xml"),
+    ("mujoco.mjx", "test_data/humanoid/humanoid.xml"),
+]
+
+
+@pytest.mark.parametrize(("package", "path"), HUMANOIDS)
+def test_humanoids_have_springs(package, path):
+    """Those of Brax and MJX."""
+    spec = importlib.util.find_spec(package.partition(".")[0])
+    if spec is None or spec.origin is None:
+        pytest.skip(f"{package} is not installed")
+    file = pathlib.Path(spec.origin).parent.joinpath(*package.split(".")[1:], path)
+    if not file.exists():
+        pytest.skip(f"this version of {package} has no {path}")
+    mech, model = js.Mechanism.from_mjcf(file), mujoco.MjModel.from_xml_path(str(file))
+    stiffness = model.jnt_stiffness[model.dof_jntid]
+    assert stiffness.any()
+    np.testing.assert_array_equal(mech.stiffness, stiffness.astype(np.float32))
 
 
 def test_what_does_not_move_it_is_left_out():
@@ -173,10 +218,32 @@ def _tendon(attributes):
 _BALL = '<joint name="elbow" type="ball" range="0 1"/><joint name="x" type="slide"'
 _ROD = '<tendon><fixed name="t"><joint joint="elbow" coef="1"/></fixed></tendon>'
 REFUSED = {
-    "malformed": ((END, "</mujo"), "MuJoCo says XML parse error"),
+    "malformed": ((END, "</mujo"), "malformed XML: .* line 19"),
+    "unknown attribute": ((SHOULDER, f'{SHOULDER} dampin="1"'), "MuJoCo says .*'dampin'.*line 7"),
+    "nan": (('pos=".5 .25 1"', 'pos=".5 nan 1"'), "line 6: <body>: pos: expected finite numbers, got '.5 nan 1'"),
+    "infinite": (('pos=".5 .25 1"', 'pos=".5 INF 1"'), "line 6: <body>: pos: expected finite numbers"),
+    "too far": (('pos=".5 .25 1"', 'pos=".5 1e400 1"'), "MuJoCo says .*too large.*'pos'.*line 6"),
+    "too far for float32": (('pos=".5 .25 1"', 'pos=".5 1e40 1"'), 'line 6: <body name="upper">: pos: .*3.4e.38'),
+    "gravity": (('gravity="0 1 -9.81"', 'gravity="0 nan 0"'), "line 3: <option>: gravity: expected finite"),
+    "too much gravity": (('gravity="0 1 -9.81"', 'gravity="0 1e40 0"'), "line 3: <option>: gravity: expected finite"),
+    "infinite mass": (('inertial mass="2"', 'inertial mass="inf"'), "line 8: <inertial>: mass: expected finite"),
+    "mass of no dtype": (('inertial mass="2"', 'inertial mass="1e39"'), 'line 6: <body name="upper">: mass: .*3.4e.38'),
+    "infinite damping": (('damping=".25"', 'damping="inf"'), "line 7: <joint>: damping: expected finite"),
+    "nan in a default": (
+        ("<worldbody>", '<default><joint damping="nan"/></default><worldbody>'),
+        "line 4: <joint>: damping: expected",
+    ),
+    "nan of a spring": ((SHOULDER, f'{SHOULDER} springref="nan"'), "line 7: <joint>: springref: expected finite"),
+    "range": (('range="-1 2"', 'range="nan 2"'), "line 7: <joint>: range: expected finite numbers, got 'nan 2'"),
+    "long axis": (('axis="0 0 2"', 'axis="0 0 1e200"'), 'line 7: <joint name="shoulder">: axis: .*unit vector'),
+    "no name": (('<body name="fore">', '<body pos="1e40 0 0">'), 'line 10: <body name="body_2">: pos: .*3.4e.38'),
+    "negative damping": (('damping=".25"', 'damping="-1"'), 'line 7: <joint name="shoulder">: damping: .*>= 0'),
+    "negative friction": (('frictionloss=".125"', 'frictionloss="-1"'), "line 7: <joint .*frictionloss: .*>= 0"),
+    "negative spring": ((SHOULDER, f'{SHOULDER} stiffness="-1"'), "line 7: <joint .*stiffness: expected .*>= 0"),
+    "negative armature": (('armature=".5"', 'armature="-1"'), "line 7: <joint .*armature: expected .*>= 0"),
+    "triangle inequality": (('diaginertia="4 5 6"', 'diaginertia="4 5 9.1"'), "MuJoCo says .*A . B >= C.*line 6"),
     "unknown type": ((SHOULDER, f'{SHOULDER} type="screw"'), "MuJoCo says .*'screw'.*line 7"),
     "missing joint": (_equality('<joint joint1="x"/>'), "MuJoCo says .*'x'"),
-    "stiffness": ((SHOULDER, f'{SHOULDER} stiffness="2"'), 'line 7: <joint name="shoulder">: stiffness'),
     "gravcomp": (('name="fore"', 'name="fore" gravcomp="1"'), 'line 10: <body name="fore">: gravcomp'),
     "air": (('-9.81"', '-9.81" density="1.2"'), "line 3: <option>: density"),
     "oil": (('-9.81"', '-9.81" viscosity="1.2"'), "line 3: <option>: viscosity"),
@@ -224,6 +291,81 @@ def test_without_the_package(monkeypatch, package):
         monkeypatch.setitem(__import__("sys").modules, name, None)
     with pytest.raises(ImportError, match=rf"from_mjcf: needs the package {package}: .*jaxspatial\[models\]"):
         read()
+
+
+def test_springs_that_are_not_linear():
+    """Of MuJoCo from version 4."""
+    for attribute, reason in (("stiffness", "expected one number"), ("springyield", "stay elastic")):
+        numbers = "2 1" if attribute == "stiffness" else "1"
+        try:
+            mujoco.MjModel.from_xml_string(changed(ARM, (SHOULDER, f'{SHOULDER} {attribute}="{numbers}"')))
+        except ValueError:
+            continue
+        with pytest.raises(ValueError, match=f'line 7: <joint name="shoulder">: {attribute}: .*{reason}'):
+            read(ARM, (SHOULDER, f'{SHOULDER} {attribute}="{numbers}"'))
+
+
+def test_sums_beyond_the_dtype_are_refused():
+    with pytest.raises(ValueError, match='^from_mjcf: line 10: <body name="fore">: inertias: .* beyond .* float32'):
+        read(ARM, *[('inertial mass="2"', 'inertial mass="3e38"')] * 3)
+
+
+@pytest.mark.parametrize("text", ["", " \n ", "mujoco\n" * 50])
+def test_what_is_neither_path_nor_text(text):
+    with pytest.raises(ValueError, match="^from_mjcf: path_or_text: expected a path"):
+        js.Mechanism.from_mjcf(text)
+
+
+def test_what_comes_before_the_text_does_no_harm(tmp_path):
+    expected, path = repr(read()), tmp_path / "arm.xml"
+    path.write_text("\ufeff" + ARM, encoding="utf-8")
+    for source in ("\ufeff" + ARM, path, f'\n <?xml version="1.0" encoding="latin-1"?>{ARM}', "\ufeff\n\n" + ARM):
+        assert repr(js.Mechanism.from_mjcf(source)) == expected
+
+
+# -- what is left out -------------------------------------------------------------------------------------------------
+
+CONTROL = """<tendon><fixed name="rope"><joint joint="elbow" coef="1"/></fixed></tendon>
+<actuator><motor name="m" joint="elbow"/><position joint="slide"/></actuator>
+<sensor><jointpos name="s" joint="elbow"/></sensor><keyframe><key name="k" qpos="0 0 0"/></keyframe>
+<contact><exclude name="x" body1="upper" body2="fore"/></contact>
+<equality><joint name="e" active="false" joint1="elbow"/></equality></mujoco>"""
+
+
+def test_what_is_left_out_is_listed_once():
+    options = ('gravity="0 1 -9.81"/>', 'gravity="0 1 -9.81" timestep="1e-3"><flag contact="disable"/></option>')
+    asymmetric = ('actuatorfrcrange="-3 3"', 'actuatorfrcrange="-3 2" solreflimit=".1 1" margin="1"')
+    with pytest.warns(ModelFileWarning) as found:
+        js.Mechanism.from_mjcf(changed(ARM, (END, CONTROL), options, asymmetric))
+    assert len(found) == 1 and found[0].filename == __file__
+    assert found[0].message.left_out == {
+        "geom": ("geom_0",), "exclude": ("x",), "actuator": ("m", "actuator_1"), "sensor": ("s",), "keyframe": ("k",),
+        "tendon": ("rope",), "constraint that is not active": ("e",), "option": ("timestep", "contact switched off"),
+        "margin": ("elbow",), "solreflimit": ("elbow",), "side of actuatorfrcrange that is nearer to 0": ("elbow",),
+    }  # fmt: skip
+
+
+def test_limits_of_mimics_are_listed():
+    with pytest.warns(ModelFileWarning) as found:
+        read(ARM, (END, MIMIC), (ELBOW, f'{ELBOW} range="-1 1"'))
+    assert found[0].message.left_out["range of a mimic"] == ("elbow",)
+
+
+def test_nothing_is_said_of_a_file_that_has_nothing_else(recwarn):
+    read(ARM, ('<geom type="plane" size="1 1 1"/>', ""))
+    assert not recwarn
+
+
+def test_numbers_of_a_file_are_known_while_tracing():
+    expected = read()
+
+    def nothing(x):
+        jax.tree.map(np.testing.assert_array_equal, read(), expected)
+        return x.sum()
+
+    x = np.ones((2, 2), np.float32)
+    for function in (jax.jit(nothing), jax.vmap(nothing), jax.grad(nothing), jax.jit(jax.vmap(jax.grad(nothing)))):
+        function(x)
 
 
 # -- states -----------------------------------------------------------------------------------------------------------

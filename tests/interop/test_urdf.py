@@ -1,12 +1,15 @@
 """URDF: what is read of it, as a file and as text, and what is refused, with its line."""
 
+import importlib.metadata
 import pathlib
 import re
 
+import jax
 import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.interop import ModelFileWarning
 
 pytest.importorskip("yourdfpy")
 
@@ -30,11 +33,19 @@ ARM = f"""<robot name="arm">
 """
 
 
-def read(text=ARM, *changes, **options):
+# What they leave out is said, and is the subject of tests of its own.
+pytestmark = pytest.mark.filterwarnings("ignore::jaxspatial.interop.ModelFileWarning")
+
+
+def changed(text, *changes):
     for old, new in changes:
         assert old in text
         text = text.replace(old, new, 1)
-    return js.Mechanism.from_urdf(text, **options)
+    return text
+
+
+def read(text=ARM, *changes, **options):
+    return js.Mechanism.from_urdf(changed(text, *changes), **options)
 
 
 # -- what is read -----------------------------------------------------------------------------------------------------
@@ -165,7 +176,12 @@ REFUSED = {
     "no child": (('<child link="fore"/>', "<child/>"), 'line 15: <joint name="elbow">: child: expected a link'),
     "missing parent": (('<parent link="upper"/>', '<parent link="x"/>'), "line 15: .*parent: there is no link 'x'"),
     "missing child": (('<child link="fore"/>', '<child link="x"/>'), "line 15: .*child: there is no link 'x'"),
-    "loop": (("</robot>", f"{_LOOP}</robot>"), "line 1: <robot>: .*none: a loop"),
+    "loop": (("</robot>", f"{_LOOP}</robot>"), 'line 1[1-8]: <joint .*hold each other: a loop'),
+    "detached loop": (
+        ("</robot>", '<link name="x"/><link name="y"/>' + _LOOP.replace("fore", "x").replace('"base"', '"y"') +
+         _LOOP.replace("loop", "pool").replace("fore", "y").replace('"base"', '"x"') + "</robot>"),
+        "line 18: <joint .*'[xy]', '[xy]' hold each other: a loop",
+    ),
     "held twice": (("</robot>", _LOOP.replace('"base"', '"tool"') + "</robot>"), "line 18: .*'tool' hangs on 'grip'"),
     "two roots": ((ELBOW, ""), "line 1: <robot>: expected one link .*'base', 'fore'"),
     "world held": (("</robot>", _WORLD + "</robot>"), "line 18: .*child: the world hangs on nothing"),
@@ -179,7 +195,45 @@ REFUSED = {
     "mimic of nothing": ((MIMIC[0], MIMIC[1].replace("shoulder", "x")), "line 15: .*mimic: there is no joint 'x'"),
     "mimic of itself": ((MIMIC[0], MIMIC[1].replace("shoulder", "elbow")), "line 15: .*mimic: expected .*'elbow'"),
     "mimic of a weld": ((MIMIC[0], MIMIC[1].replace("shoulder", "grip")), "line 15: .*mimic: expected .*'grip'"),
-    "negative mass": (('value="2"', 'value="-2"'), 'line 5: <link name="upper">: inertial: expected a mass >= 0'),
+    "negative mass": (('value="2"', 'value="-2"'), "line 5: <mass>: value: expected a number >= 0, got '-2'"),
+    "negative damping": (('damping=".5"', 'damping="-.5"'), "line 13: <dynamics>: damping: expected a number >= 0"),
+    "negative friction": (('friction=".25"', 'friction="-1"'), "line 13: <dynamics>: friction: expected a number >= 0"),
+    "negative effort": (('effort="3"', 'effort="-3"'), "line 13: <limit>: effort: expected a number >= 0, got '-3'"),
+    "heavier than float32": (('value="2"', 'value="1e39"'), "line 5: <mass>: value: expected at most 3.4e.38 in this"),
+    "lighter than float32": (('value="2"', 'value="1e-39"'), "line 5: <mass>: value: expected at least 1.18e-38"),
+    "infinite mass": (('value="2"', 'value="inf"'), "line 5: <mass>: value: expected 1 number, got 'inf'"),
+    "infinite moment": (('iyy="5"', 'iyy="1e400"'), "line 6: <inertia>: iyy: expected at most .* got '1e400'"),
+    "infinitely far": (('xyz="0 0 1"', 'xyz="0 inf 1"'), "line 16: <origin>: xyz: expected 3 numbers, got '0 inf 1'"),
+    "too far": (('xyz="0 0 1"', 'xyz="0 1e400 1"'), "line 16: <origin>: xyz: expected at most 3.4e.38"),
+    "infinite damping": (('damping=".5"', 'damping="inf"'), "line 13: <dynamics>: damping: expected 1 number"),
+    "infinite multiplier": ((MIMIC[0], MIMIC[1].replace('"-2"', '"inf"')), "line 15: <mimic>: multiplier: expected 1"),
+    "infinite lower limit": (('lower="-1"', 'lower="inf"'), "line 11: .*limit: expected lower <= upper"),
+    "limit beyond all": (('lower="-1"', 'lower="-1e400"'), "line 13: <limit>: lower: expected at most"),
+    "underscore": (('value="2"', 'value="1_0"'), "line 5: <mass>: value: expected 1 number, got '1_0'"),
+    "other digits": (('value="2"', 'value="\u0663"'), "line 5: <mass>: value: expected 1 number"),
+    "wide digits": (('xyz="0 0 1"', 'xyz="0 0 \uff11"'), "line 16: <origin>: xyz: expected 3 numbers"),
+    "hexadecimal": (('value="2"', 'value="0x2"'), "line 5: <mass>: value: expected 1 number, got '0x2'"),
+    "empty number": (('value="2"', 'value=""'), "line 5: <mass>: value: expected 1 number, got ''"),
+    "misspelt inertial": (
+        (INERTIAL, INERTIAL.replace("inertial", "Inertial")), "line 5: <Inertial>: .*part of a link, .* inertial"
+    ),
+    "text for xacro": (('name="tool">', 'name="tool"><xacro:x/>'), "malformed XML: Namespace prefix xacro .* line 9"),
+    "declared xacro": (
+        ('<robot name="arm">', '<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:macro/>'),
+        "line 1: <.http://ros.org/wiki/xacro.macro>: .*run it first",
+    ),
+    "misspelt mass": (('<mass value="2"/>', '<Mass value="2"/>'), "line 5: <Mass>: .*part of a inertial"),
+    "misspelt xyz": (('origin xyz="0 0 1"', 'origin xzy="0 0 1"'), "line 16: <origin>: xzy: .*one of rpy, xyz"),
+    "misspelt axis": (('<axis xyz=', '<axis xyz_='), "line 12: <axis>: xyz_: there is no such attribute"),
+    "misspelt type": (('type="continuous"', 'typ="continuous"'), "line 15: <joint>: typ: there is no such attribute"),
+    "unknown attribute": (('<child link="fore"/>', '<child link="fore" at="1"/>'), "line 15: <child>: at: .*of link"),
+    "attribute of inertial": (("<inertial>", '<inertial mass="2">'), "line 5: <inertial>: mass: .*expected none"),
+    "part of a mass": (('<mass value="2"/>', '<mass value="2"><x/></mass>'), "line 5: <x>: .*expected nothing"),
+    "text": (('<mass value="2"/>', '<mass value="2"/>3'), "line 5: <inertial>: expected no text, got '3'"),
+    "two inertials": ((INERTIAL, INERTIAL * 2), "line 6: <inertial>: <inertial> comes twice"),
+    "two origins": (('<origin xyz="0 0 1"/>', '<origin xyz="0 0 1"/><origin/>'), "line 16: <origin>: .*comes twice"),
+    "two masses": (('<mass value="2"/>', '<mass value="2"/><mass value="3"/>'), "line 5: <mass>: <mass> comes twice"),
+    "two limits": (('<limit', '<limit/><limit'), "line 13: <limit>: <limit> comes twice"),
     "no mass": (('<mass value="2"/>', ""), 'line 5: <link name="upper">: inertial: expected mass and inertia'),
     "no value": (('value="2"', ""), "line 5: <mass>: value: expected a number"),
     "no moment": (('iyy="5"', ""), "line 6: <inertia>: iyy: expected a number"),
@@ -188,11 +242,127 @@ REFUSED = {
 }  # fmt: skip
 
 
+def test_sums_beyond_the_dtype_are_refused():
+    """Each number is one that float32 has, what they make together is not."""
+    with pytest.raises(ValueError, match='^from_urdf: line 7: <link name="fore">: inertias: .* beyond .* float32'):
+        read(ARM, *[('value="2"', 'value="3e38"')] * 3)
+
+
 @pytest.mark.parametrize(("change", "message"), REFUSED.values(), ids=REFUSED)
 def test_refused(change, message):
     with pytest.raises(ValueError, match="^from_urdf: ") as error:
         read(ARM, change)
     assert re.search(message, str(error.value)), str(error.value)
+
+
+SOURCES = {
+    "nothing": ("", r"expected a path or text, got ''"),
+    "blanks": (" \n ", r"expected a path or text, got ' \\n '"),
+    "no XML": ("robot\n" * 50, "expected a path, or text that begins with '<', got"),
+    "no element": ("<!-- -->", "malformed XML: "),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), SOURCES.values(), ids=SOURCES)
+def test_what_is_neither_path_nor_text(text, message):
+    with pytest.raises(ValueError, match="^from_urdf: .*" + message):
+        js.Mechanism.from_urdf(text)
+
+
+def test_what_comes_before_the_text_does_no_harm(tmp_path):
+    """A mark of the byte order, blanks before a declaration, and a declaration of what text no longer is."""
+    expected, path = repr(read()), tmp_path / "arm.urdf"
+    declared = '<?xml version="1.0" encoding="latin-1"?>'
+    path.write_text("\ufeff" + ARM, encoding="utf-8")
+    for source in ("\ufeff" + ARM, path, f"\n {declared}{ARM}", "\ufeff\n\n" + ARM):
+        assert repr(js.Mechanism.from_urdf(source)) == expected
+    assert read(declared + ARM, ('"elbow"', '"ellb\xf6gen"')).joint_names[1] == "ellb\xf6gen"
+    with pytest.raises(ValueError, match="line 6: <link>: name: expected one"):
+        read(f"\n\n{declared}{ARM}", ('link name="base"', "link"))
+
+
+def test_a_picture_without_geometry_is_left_out_like_any_other():
+    assert repr(read(ARM, ("<visual>", "<visual/><visual>"))) == repr(read())
+
+
+@pytest.mark.parametrize("axis", ["1e-200 1e-200 0", "1e-320 1e-320 0", "3e38 3e38 0"])
+def test_axes_of_any_length(axis):
+    np.testing.assert_allclose(read(ARM, ("0 0 2", axis)).axes[0], [0.5**0.5, 0.5**0.5, 0], rtol=1e-7)
+
+
+def test_limits_may_be_infinite():
+    mech = read(ARM, ('lower="-1" upper="2" effort="3"', 'lower="-inf" upper="inf" effort="inf"'))
+    np.testing.assert_array_equal([mech.lower[0], mech.upper[0], mech.effort_limit[0]], [-np.inf, np.inf, np.inf])
+
+
+# -- what is left out -------------------------------------------------------------------------------------------------
+
+
+def warned(function, *arguments):
+    with pytest.warns(ModelFileWarning) as found:
+        function(*arguments)
+    assert len(found) == 1 and found[0].filename == __file__
+    return found[0].message
+
+
+def test_what_is_left_out_is_listed_once():
+    fixed = ('<origin xyz="0 0 1"/>', '<origin xyz="0 0 1"/><axis xyz="0 0 1"/>')
+    current = ('velocity="4"', 'velocity="4" current="9"')
+    message = warned(js.Mechanism.from_urdf, changed(ARM, fixed, current))
+    assert message.left_out == {
+        "<material>": ("grey",), "<transmission>": ("drive",), "<visual>": ("base",),
+        "current of <limit>": ("shoulder",), "<axis> of a fixed joint": ("grip",),
+    }  # fmt: skip
+    assert re.match(r"from_urdf: left out, .*: <material> \(1: grey\); .*<visual> \(1: base\)", str(message))
+
+
+def test_every_robot_of_a_collection_is_read():
+    """Of example-robot-data; what is refused is wrong: a mimic of no joint, a robot without a name."""
+    try:
+        files = [f for f in importlib.metadata.files("example-robot-data") or [] if f.suffix == ".urdf"]
+    except importlib.metadata.PackageNotFoundError:
+        pytest.skip("example-robot-data is not installed")
+    refused = {}
+    for file in files:
+        try:
+            read(file.read_text())
+        except ValueError as error:
+            refused[file.stem] = str(error)
+    assert len(files) > 50 and set(refused) == {"alex_psyonic_hands", "ur3"}, refused
+
+
+def test_limits_that_have_no_place_are_listed():
+    limited = changed(MIMIC[1], ("/><mimic", '/><limit lower="0" upper="1"/><mimic'))
+    assert warned(read, ARM, (MIMIC[0], limited)).left_out["<limit> of a mimic"] == ("elbow",)
+    limited = limited.partition("<mimic")[0]
+    found = warned(read, ARM, (MIMIC[0], limited)).left_out
+    assert found["lower and upper limit of a continuous joint"] == ("elbow",)
+
+
+def test_inertias_of_no_body_are_listed():
+    """Of a plate the third moment is the sum of the others: what rounding makes of it is none of those."""
+    moments = 'ixx="4" iyy="5" izz="6"'
+    for izz, found in (("9", {}), ("9.1", {"inertia that no rigid body has": ("upper in line 6",)})):
+        text = changed(ARM, (moments, f'ixx="4" iyy="5" izz="{izz}"'), ('ixy=".1" ixz=".2" iyz=".3"', ""))
+        assert warned(js.Mechanism.from_urdf, text).doubtful == found
+
+
+def test_all_is_said_of_a_robot_that_has_nothing_else(recwarn):
+    read(ARM, ("<visual><geometry><sphere radius=\"1\"/></geometry></visual>", ""), ('<material name="grey"/>', ""),
+         ('<transmission name="drive"/>', ""))  # fmt: skip
+    assert not recwarn
+
+
+def test_numbers_of_a_file_are_known_while_tracing():
+    expected = read()
+
+    def nothing(x):
+        jax.tree.map(np.testing.assert_array_equal, read(), expected)
+        return x.sum()
+
+    x = np.ones((2, 2), np.float32)
+    for function in (jax.jit(nothing), jax.vmap(nothing), jax.grad(nothing), jax.jit(jax.vmap(jax.grad(nothing)))):
+        function(x)
 
 
 def test_without_the_package(monkeypatch):

@@ -94,6 +94,10 @@ def test_repr_is_the_tree():
 
 
 def welded():
+    return js.Mechanism.build(*welded_parts(), dtype=np.float64)
+
+
+def welded_parts():
     """b and c on a, d on the world; and a frame on c."""
     named = [js.Body(name, inertia(k)) for k, name in enumerate("abcd")]
     joints = [
@@ -102,7 +106,7 @@ def welded():
         js.Joint("w2", "fixed", "b", "c", placement=pose(4), child_placement=pose(5)),
         js.Joint("w3", "fixed", "world", "d", placement=pose(6)),
     ]
-    return js.Mechanism.build(named, joints, [js.Frame("tip", "c", pose(7))], dtype=np.float64)
+    return named, joints, [js.Frame("tip", "c", pose(7))]
 
 
 def test_welded_bodies_are_one(float64):
@@ -180,6 +184,79 @@ def test_the_master_feels_what_turns_with_its_mimic():
     np.testing.assert_array_equal(mech.friction_loss, [3 + 3 * 11, 0, 0, 0])
 
 
+def sprung(**more):
+    """c slides as a turns, three times as far, and both have springs."""
+    joints = [
+        revolute("j", "world", "a", stiffness=2.0, spring_reference=0.25),
+        js.Joint("i", "ball", "a", "b", stiffness=(1.0, 2.0, 3.0), spring_reference=(0.6, 0.8, 0.0, 0.0)),
+        js.Joint("k", "prismatic", "world", "c", mimic=("j", -3.0, 0.5), stiffness=4.0, spring_reference=1.5),
+        js.Joint("f", "free", "world", "d"),
+    ]
+    return js.Mechanism.build([js.Body(name, inertia(k)) for k, name in enumerate("abcd")], joints, **more)
+
+
+def test_springs_of_mimics_act_on_their_masters():
+    """2 (q - 1/4) and -3 * 4 (-3 q + 1/2 - 3/2) are 38 (q + 11.5 / 38); what has no spring rests at zero."""
+    mech = sprung(dtype=np.float64).astype(np.float32)
+    np.testing.assert_array_equal(mech.stiffness, [38, 1, 2, 3, *[0] * 6])
+    rests = np.float32([-11.5 / 38, 0.6, 0.8, 0, 0, 1, *[0] * 6])
+    np.testing.assert_allclose(mech.spring_references, rests, rtol=2e-7)
+    single = js.Mechanism.build(bodies("a"), [revolute("j", "world", "a", spring_reference=0.25)])
+    np.testing.assert_array_equal(single.spring_references, [0.25])
+
+
+def test_springs_stay_what_they_are_when_a_mechanism_is_edited():
+    with jax.enable_x64(True):
+        mech = sprung()
+        for other in (js.lock_joints(mech, {}), js.lock_joints(mech, {"f": mech.neutral()[5:]})):
+            np.testing.assert_array_equal(other.stiffness[:4], mech.stiffness[:4])
+            np.testing.assert_array_equal(other.spring_references[:5], mech.spring_references[:5])
+        other = js.subtree(mech, "b")
+        np.testing.assert_array_equal(other.stiffness, [1, 2, 3])
+        np.testing.assert_array_equal(other.spring_references, [0.6, 0.8, 0, 0])
+        assert jax.tree.structure(other.as_data()) == jax.tree.structure(other)
+    np.testing.assert_array_equal(mech.replace(stiffness=2 * mech.stiffness).stiffness, 2 * mech.stiffness)
+
+
+@pytest.mark.parametrize("axis", [(1e-200, 1e-200, 0), (1e-320, 1e-320, 0), (1e200, 1e200, 0), (1.7e308, 1.7e308, 0)])
+def test_axes_of_any_length(axis):
+    mech = js.Mechanism.build(bodies("a"), [revolute("j", "world", "a", axis=axis)])
+    np.testing.assert_allclose(mech.axes, [[0.5**0.5, 0.5**0.5, 0]], rtol=1e-7)
+
+
+def test_mechanisms_are_built_while_tracing(x64):
+    """Of known numbers, and are known."""
+    parts = welded_parts()
+
+    def made():
+        mech = js.Mechanism.build(*parts)
+        return [mech, js.lock_joints(mech, {"j": (0.6, 0.8, 0.0, 0.0)}), js.random_mechanism(3, 3)]
+
+    expected = made()
+
+    def nothing(x):
+        found = made()
+        jax.tree.map(np.testing.assert_array_equal, found, expected)
+        assert all(isinstance(x, np.ndarray) for x in jax.tree.leaves(found))
+        return x.sum()
+
+    x = np.ones((2, 2), np.float32)
+    with_scan = jax.jit(lambda x: jax.lax.scan(lambda c, y: (c, nothing(y)), 0, x)[1])
+    for function in (jax.jit(nothing), jax.vmap(nothing), jax.grad(nothing), with_scan):
+        function(x)
+
+
+def test_numbers_that_are_traced_are_refused():
+    def mass(x):
+        body = js.Body("a", js.SpatialInertia(x, np.zeros(3, np.float32), np.eye(3, dtype=np.float32)))
+        return js.Mechanism.build([body], [revolute("j", "world", "a")]).inertias.mass
+
+    with pytest.raises(TypeError, match="Mechanism.build: expected known numbers .* Mechanism.replace"):
+        jax.jit(mass)(np.float32(1))
+    with pytest.raises(TypeError, match="Mechanism.build: expected known numbers"):
+        jax.jit(lambda x: js.Mechanism.build(bodies("a"), [revolute("j", "world", "a", damping=x)]).damping)(1.0)
+
+
 def test_a_locked_master_holds_its_mimics():
     locked = js.lock_joints(geared(dtype=np.float64), {"j": 2.0})
     assert locked.joint_names == ("i",)
@@ -252,6 +329,10 @@ REFUSED = {
     ),
     "ball as a mimic": (
         ([A, js.Body("b")], [J, js.Joint("k", "ball", "a", "b", mimic=("j",))]), ValueError, "Joint 'k': mimic",
+    ),
+    "spring of a ball": (
+        ([A], [js.Joint("j", "ball", "world", "a", spring_reference=(1.0, 1, 0, 0))]),
+        ValueError, "Joint 'j': spring_reference: expected a unit quaternion first, got .1.0, 1.0",
     ),
     "limits": (([A], [revolute("j", "world", "a", lower=(1.0, 2.0))]), ValueError, r"'j': lower: .*got shape \(2,\)"),
     "gravity": (([A], [J], (), (0.0, 1.0)), ValueError, r"Mechanism.build: gravity: expected shape .* got \(2,\)"),

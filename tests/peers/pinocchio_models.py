@@ -7,6 +7,7 @@ import collections
 import functools
 import pathlib
 import sysconfig
+import warnings
 from typing import Any, NamedTuple
 
 import jax
@@ -16,6 +17,7 @@ import pinocchio as pin
 from jax.extend.core import Literal
 
 import jaxspatial as js
+from jaxspatial.interop import ModelFileWarning
 
 FOLDER = pathlib.Path(sysconfig.get_paths()["purelib"], "cmeel.prefix/share/example-robot-data/robots")
 N = 8
@@ -44,10 +46,16 @@ ROBOTS = _robots()
 @functools.cache
 def load(name, floating_base):
     """(Pinocchio's model, ours in float64). Raises ValueError for what `from_urdf` refuses."""
-    with jax.enable_x64(True):
-        mech = js.Mechanism.from_urdf(ROBOTS[name], floating_base, dtype=np.float64)
+    mech = read(ROBOTS[name], floating_base)
     root = (pin.JointModelFreeFlyer(),) if floating_base else ()
     return pin.buildModelFromUrdf(str(ROBOTS[name]), *root), mech
+
+
+def read(source, floating_base):
+    """In float64; what is left out is known."""
+    with jax.enable_x64(True), warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelFileWarning)
+        return js.Mechanism.from_urdf(source, floating_base, dtype=np.float64)
 
 
 class Held(NamedTuple):

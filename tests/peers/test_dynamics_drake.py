@@ -49,8 +49,8 @@ class Robot:
 
     def __init__(self, name, floating_base):
         source = text(name)
+        self.mech = models.read(source, floating_base)
         with jax.enable_x64(True):
-            self.mech = js.Mechanism.from_urdf(source, floating_base, dtype=np.float64)
             self.q = np.array(js.random_configuration(self.mech, jax.random.key(3), N))
         rng = np.random.default_rng(4)
         (self.v, self.a), self.pushes = rng.standard_normal((2, N, self.mech.nv)), rng.standard_normal((N, 6))

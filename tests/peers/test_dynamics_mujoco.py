@@ -170,6 +170,29 @@ def test_armature_of_mimics():
     error("mimics", "mass", np.asarray(js.mass_matrix(mech, q)), T.T @ whole_mass_matrix(model, data) @ T)
 
 
+SPRUNG = """<mujoco><compiler angle="radian"/><worldbody>
+  <body pos="1 2 3" quat=".8 0 .6 0"><joint type="free" stiffness="3" damping="2"/><geom size="1"/>
+    <body><joint stiffness="5" springref=".3" ref=".1" damping=".5"/>
+      <joint type="slide" stiffness="7" springref="-.4"/><geom size="1"/>
+      <body><joint type="ball" stiffness="11" damping="4"/><geom size="1"/></body></body></body>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.filterwarnings("ignore::jaxspatial.interop.ModelFileWarning")
+def test_springs_and_damping():
+    """Of every joint, a ball and a free one too: the generalized forces, which have the power of ours."""
+    model, mech = both(SPRUNG)
+    q = js.random_configuration(mech, jax.random.key(4), N, np.float64)
+    v = jnp.asarray(np.random.default_rng(5).standard_normal((N, mech.nv)))
+    found = jax.jit(lambda q, v: js.passive_forces(mech, q, v))(q, v)
+    data, expected = mujoco.MjData(model), []
+    for qpos, qvel in zip(mjcf.to_qpos(mech, q), mjcf.to_qvel(mech, q, v), strict=True):
+        data.qpos[:], data.qvel[:] = qpos, qvel
+        mujoco.mj_forward(model, data)
+        expected.append(data.qfrc_spring + data.qfrc_damper)
+    error("sprung", "passive", np.asarray(found), np.asarray(mjcf.from_qfrc(mech, q, jnp.asarray(np.array(expected)))))
+
+
 @pytest.mark.parametrize("name", ["fixed", "floating"])
 def test_accelerations(name):
     _, mech, q, v, _ = case(name)

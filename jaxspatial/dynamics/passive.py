@@ -1,0 +1,255 @@
+"""Generalized forces of what a mechanism does by itself at its joints: springs, damping, friction and limits."""
+
+import functools
+import operator
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic.functions import cosine_sine
+from jaxspatial.arithmetic.numbers import numeric, where
+from jaxspatial.dynamics.scene import algorithm, checked
+from jaxspatial.mechanism.joints import Ball, Continuous
+from jaxspatial.rotation import exponential, quaternion
+
+
+class Compliance(NamedTuple):
+    """How soft friction and limits are: numbers, or one per rate (nv,).
+
+    friction_speed: of regularised friction, rad/s or m/s, > 0: there it has 1 / sqrt(2) of its full size
+    limit_stiffness: N m/rad or N/m, per depth beyond a limit; zero leaves limits out
+    limit_damping: N m s/rad or N s/m, per speed of what is beyond a limit
+    """
+
+    friction_speed: Any = 1e-3
+    limit_stiffness: Any = 0.0
+    limit_damping: Any = 0.0
+
+
+def passive_forces(mechanism, q, v, compliance=None, *, precision=None):
+    """Generalized forces (*batch, nv) of springs, damping, friction and limits: what to add to tau.
+
+        tau = -stiffness (q - spring_references) - damping v - friction_loss v / sqrt(v^2 + friction_speed^2) + N
+
+    and N, where a coordinate is x beyond a limit, the larger of limit_stiffness x + limit_damping dx/dt and zero, back
+    into the range: limits push and never pull. Friction is regularised: at rest it holds nothing, what pulls with a
+    part of it creeps at about that part of friction_speed.
+
+    Args:
+        mechanism: Mechanism, with `stiffness`, `spring_references`, `damping`, `friction_loss`, `lower`, `upper`. What
+            is known to be zero, or infinite of limits, leaves no operation behind.
+        q: (*batch, nq) coordinates.
+        v: (*batch, nv) rates. Batch shapes broadcast.
+        compliance: Compliance; None takes the default, in which limits do not act.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        N m, or N of what slides. Springs are the derivative of the energy sum(stiffness d^2) / 2, of deflections d:
+        the difference of coordinates, the short way round for "continuous" joints and the angle of "planar" ones; of
+        positions in "planar" and "free" joints along the axes of the parent; of orientations the rotation vector from
+        the reference. With one stiffness for all axes these are MuJoCo's springs. Limits of quaternions do not act.
+
+    Raises:
+        TypeError: dtypes differ, or the first argument is no Mechanism.
+        ValueError: shapes do not fit, or a friction speed that is not above zero.
+
+    Error: at most 8 u times the sum of the sizes of the four terms, in "fast" and "reproducible"; for "ball", "free"
+    and "planar" of the terms of all rates of the joint. An angle brought within half a turn adds 8 u stiffness, more
+    for many turns.
+    Source: springs and damping MuJoCo, Computation, passive forces; the Jacobian of rotation vectors Barfoot 2017, 7.1.
+    """
+    q, v = checked("passive_forces", mechanism, q=q, v=v)
+    found = acting(mechanism, q, v, compliance, precision)
+    batch = np.broadcast_shapes(q.shape[:-1], v.shape[:-1])
+    return jnp.zeros((*batch, mechanism.nv), q.dtype) if found is None else found
+
+
+def acting(mechanism, q, v, compliance, precision, with_resistance=True):
+    """`passive_forces`, or None where nothing acts; without damping and friction if so asked."""
+    compliance = _checked(mechanism, q, compliance)
+    names = ("stiffness", "damping", "friction_loss") if with_resistance else ("stiffness",)
+    acts = [not is_nothing(getattr(mechanism, name)) for name in names]
+    acts.append(compliance.limit_stiffness is not None and not _is_unlimited(mechanism, slice(None)))
+    if not any(acts):
+        return None
+    return _forces(precision, mechanism, q, v, compliance, with_resistance=with_resistance)
+
+
+def resistance(mechanism, v, compliance, precision):
+    """The coefficients c of damping and friction, force = -c v: (nv,) of damping alone, (*batch, nv) with friction;
+    None where there is neither."""
+    friction_speed = _checked(mechanism, v, compliance).friction_speed
+    damping, friction = (
+        None if is_nothing(x) else jnp.asarray(x, v.dtype) for x in (mechanism.damping, mechanism.friction_loss)
+    )
+    if friction is None:
+        return damping
+    damping = jnp.zeros_like(friction) if damping is None else damping
+    return _coefficients(precision, v, damping, friction, jnp.broadcast_to(friction_speed, friction.shape))
+
+
+def is_nothing(x):
+    """True for zeros known while tracing."""
+    return isinstance(x, np.ndarray) and not x.any()
+
+
+def _is_unlimited(mechanism, own):
+    return all(isinstance(x, np.ndarray) and np.isinf(x[own]).all() for x in (mechanism.lower, mechanism.upper))
+
+
+def _checked(mechanism, like, compliance):
+    """A Compliance of arrays (nv,), limit_stiffness None where limits do not act."""
+    compliance = Compliance() if compliance is None else compliance
+    if not isinstance(compliance, Compliance):
+        raise TypeError(f"compliance: expected a Compliance, got {type(compliance).__name__}")
+    given = [_per_rate(mechanism, like, name, x) for name, x in compliance._asdict().items()]
+    speed, stiffness, damping = given
+    if isinstance(speed, np.ndarray) and not (speed > 0).all():
+        raise ValueError(f"compliance: friction_speed: expected numbers above 0, got {compliance.friction_speed}")
+    acts = not (is_nothing(stiffness) and is_nothing(damping))
+    return Compliance(speed, *((stiffness, damping) if acts else (None, None)))
+
+
+def _per_rate(mechanism, like, name, x):
+    dtype = np.dtype(like.dtype)
+    x = check.as_float_array(x, f"compliance: {name}", dtype)
+    check.require_same_dtype(state=like, **{name: x}) if not isinstance(x, np.ndarray) else None
+    if x.shape not in ((), (mechanism.nv,)):
+        raise ValueError(f"compliance: {name}: expected a number or shape ({mechanism.nv},), got {x.shape}")
+    return (np if isinstance(x, np.ndarray) else jnp).broadcast_to(x, (mechanism.nv,)).astype(dtype)
+
+
+# -- formulas ---------------------------------------------------------------------------------------------------------
+
+
+@numeric
+def _coefficients(v, damping, friction, speed):
+    both = zip(v, damping, friction, speed, strict=True)
+    return tuple(d + f / _length(x, s) for x, d, f, s in both)
+
+
+def _length(x, s):
+    """sqrt(x^2 + s^2), that neither over- nor underflows."""
+    longer, shorter = (where(abs(x) > s, *both) for both in ((abs(x), s), (s, abs(x))))
+    t = shorter / longer
+    return longer * (1 + t * t).sqrt()
+
+
+@algorithm
+def _forces(scene, v, compliance, with_resistance):
+    return scene.by_rate([_of_segment(scene, s, v, compliance, with_resistance) for s in scene.segments])
+
+
+def _of_segment(scene, segment, v, compliance, with_resistance):
+    """Numbers per rate; what a mimic has of them is its master's, see `mechanism.assembly`."""
+    kind = scene.topology.kind(segment.start)
+    terms = []
+    if not scene.topology.is_mimic(segment.start):
+        terms = _positional(scene, segment, kind, v, compliance)
+        terms += _resisting(scene, segment, v, compliance) if with_resistance else []
+    if not terms:
+        return (scene.known(0.0),) * kind.nv
+    return tuple(scene.spread(segment, functools.reduce(operator.add, x)) for x in zip(*terms, strict=True))
+
+
+def _resisting(scene, segment, v, compliance):
+    m, own = scene.mechanism, _rates_of(scene, segment)
+    rates, terms = scene.rates(segment, v), []
+    if not is_nothing(m.damping[own]):
+        terms.append([-d * x for d, x in zip(scene.rates(segment, m.damping), rates, strict=True)])
+    if not is_nothing(m.friction_loss[own]):
+        both = zip(scene.rates(segment, m.friction_loss), rates, strict=True)
+        speeds = scene.rates(segment, compliance.friction_speed)
+        terms.append([-f * (x / _length(x, s)) for (f, x), s in zip(both, speeds, strict=True)])
+    return terms
+
+
+def _positional(scene, segment, kind, v, compliance):
+    """Of springs and limits: of coordinates first, then of the rates."""
+    m = scene.mechanism
+    has_spring = not is_nothing(m.stiffness[_rates_of(scene, segment)])
+    has_limits = compliance.limit_stiffness is not None and not _is_unlimited(m, _coordinates_of(scene, segment))
+    if not kind.nv or not (has_spring or has_limits):
+        return []
+    q = scene.coordinates(segment, scene.q)
+    turning = 4 if kind.nq > kind.nv else 0
+    angles, shifts = _turned_by_spring(scene, segment, q) if turning and has_spring else None, None
+    if kind.nq > turning:
+        turned = {k: cosine_sine(q[k]) for k in kind.angles} if kind.name == "planar" else {}
+        forces = [scene.known(0.0)] * (kind.nq - turning)
+        if has_spring:
+            forces = _plus(forces, _of_springs(scene, segment, kind, q, turning))
+        if has_limits:
+            forces = _plus(forces, _of_limits(scene, segment, kind, q, turned, v, compliance, turning))
+        shifts = _by_rates(kind, q, turned, forces)
+    return [[*(angles or [scene.known(0.0)] * (3 if turning else 0)), *(shifts or [])]]
+
+
+def _plus(a, b):
+    return [x + y for x, y in zip(a, b, strict=True)]
+
+
+def _turned_by_spring(scene, segment, q):
+    """-J^-1 K d of the rotation vector d from the reference, J its left Jacobian: dd/dt = J^-T w."""
+    m = scene.mechanism
+    axes, reference = scene.axes(segment), scene.coordinates(segment, m.spring_references)
+    d = Ball.difference(axes, reference[:4], q[:4])
+    pulls = [-k * x for k, x in zip(scene.rates(segment, m.stiffness)[:3], d, strict=True)]
+    return list(vectors.matrix_times(exponential.left_jacobian_inverse(d), pulls))
+
+
+def _of_springs(scene, segment, kind, q, start):
+    """By coordinate, of those that are numbers."""
+    m = scene.mechanism
+    axes, reference = scene.axes(segment), scene.coordinates(segment, m.spring_references)
+    stiffness = scene.rates(segment, m.stiffness)[start and 3 :]
+    apart = [x - r for x, r in zip(q[start:], reference[start:], strict=True)]
+    if kind.name in ("continuous", "planar"):
+        apart[-1] = Continuous.difference(axes, reference[-1:], q[-1:])[0]
+    return [-k * d for k, d in zip(stiffness, apart, strict=True)]
+
+
+def _of_limits(scene, segment, kind, q, turned, v, compliance, start):
+    m = scene.mechanism
+    rates = scene.rates(segment, v)
+    speeds = rates if kind.is_sequential else kind.rates(scene.axes(segment), q, turned, rates)[start:]
+    softness = [scene.rates(segment, x)[start and 3 :] for x in (compliance.limit_stiffness, compliance.limit_damping)]
+    limits = [scene.coordinates(segment, x)[start:] for x in (m.lower, m.upper)]
+    return [_of_limit(*x) for x in zip(q[start:], speeds, *softness, *limits, strict=True)]
+
+
+def _of_limit(q, speed, stiffness, damping, lower, upper):
+    return _pushed(lower - q, -speed, stiffness, damping) - _pushed(q - upper, speed, stiffness, damping)
+
+
+def _pushed(depth, speed, stiffness, damping):
+    """Zero where the depth is not above zero, minus infinity too."""
+    is_beyond = depth > 0
+    force = stiffness * where(is_beyond, depth, 0.0) + damping * where(is_beyond, speed, 0.0)
+    return where(force > 0, force, 0.0)
+
+
+def _by_rates(kind, q, turned, forces):
+    """Of forces along coordinates: by the transpose of what makes coordinates' rates of the rates."""
+    if kind.name == "free":
+        return list(vectors.matrix_times(vectors.transpose(quaternion.to_matrix(q[:4])), forces))
+    if kind.name == "planar":
+        c, s = turned[2]
+        return [c * forces[0] + s * forces[1], c * forces[1] - s * forces[0], forces[2]]
+    return forces
+
+
+def _rates_of(scene, segment):
+    starts = scene.topology.v_starts
+    return slice(starts[segment.start], starts[segment.start] + scene.topology.kind(segment.start).nv * _count(segment))
+
+
+def _coordinates_of(scene, segment):
+    starts = scene.topology.q_starts
+    return slice(starts[segment.start], starts[segment.start] + scene.topology.kind(segment.start).nq * _count(segment))
+
+
+def _count(segment):
+    return segment.stop - segment.start

@@ -1,0 +1,404 @@
+"""Springs, damping, friction and limits: against exact numbers and their definition; and in steps."""
+
+import functools
+import itertools
+
+import jax
+import jax.numpy as jnp
+import mpmath
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from jaxspatial.dynamics import steps
+from jaxspatial.mechanism.joints import KINDS
+
+KINDS = [name for name in KINDS if name != "fixed"]
+SOFT = js.Compliance(friction_speed=0.25, limit_stiffness=300.0, limit_damping=7.0)
+SEQUENTIAL = ["revolute", "prismatic", "helical", "cylindrical", "universal"]
+
+
+def sprung(kinds, dtype=np.float64, **numbers):
+    """A tree of joints with a spring, damping, friction and limits each, but for what is given."""
+    rng = np.random.default_rng(7)
+    mech = js.random_mechanism(3, len(kinds), kinds)
+    sizes = {"stiffness": mech.nv, "damping": mech.nv, "friction_loss": mech.nv}
+    found = {name: rng.uniform(1, 9, n) for name, n in sizes.items()}
+    found |= {"lower": rng.uniform(-0.9, -0.1, mech.nq), "upper": rng.uniform(0.1, 0.9, mech.nq)}
+    with jax.enable_x64(True):
+        found["spring_references"] = np.asarray(js.random_configuration(mech, jax.random.key(1), (), np.float64))
+        return mech.replace(**found | {k: np.broadcast_to(x, found[k].shape) for k, x in numbers.items()}).astype(dtype)
+
+
+NO_RESISTANCE = {"damping": 0.0, "friction_loss": 0.0}
+NO_LIMITS = {"lower": -np.inf, "upper": np.inf}
+
+
+def state(mech, n, dtype=np.float64, size=1.0):
+    with jax.enable_x64(True):
+        q = js.random_configuration(
+            mech.replace(lower=np.full_like(mech.lower, -np.inf)), jax.random.key(2), n, np.float64
+        )
+        v = size * np.random.default_rng(3).standard_normal((n, mech.nv))
+        return np.asarray(q, dtype), np.asarray(v, dtype)
+
+
+@pytest.fixture
+def float64():
+    with jax.enable_x64(True):
+        yield
+
+
+# -- against exact numbers --------------------------------------------------------------------------------------------
+
+
+def exact(mech, compliance, q, v):
+    """(forces, sizes) in 160 digits, of joints whose rates are those of their coordinates."""
+    number = lambda x: mpmath.mpf(float(x))  # noqa: E731
+    speed, stiff, damp = (number(np.asarray(x, q.dtype)) for x in compliance)
+    found = []
+    for k in range(len(q)):
+        x, w = number(q[k]), number(v[k])
+        spring = number(mech.stiffness[k]) * (x - number(mech.spring_references[k]))
+        drag = number(mech.damping[k]) * w
+        friction = number(mech.friction_loss[k]) * w / mpmath.sqrt(w**2 + speed**2)
+        low = _push(number(mech.lower[k]) - x, -w, stiff, damp)
+        high = _push(x - number(mech.upper[k]), w, stiff, damp)
+        depth = max(number(mech.lower[k]) - x, x - number(mech.upper[k]), mpmath.mpf(0))
+        sizes = abs(spring) + abs(drag) + abs(friction) + (stiff * depth + damp * abs(w) if depth else 0)
+        found.append((-spring - drag - friction + low - high, sizes))
+    return zip(*found, strict=True)
+
+
+def _push(depth, speed, stiffness, damping):
+    return max(stiffness * depth + damping * speed, mpmath.mpf(0)) if depth > 0 else mpmath.mpf(0)
+
+
+@pytest.mark.parametrize("is_data", [False, True], ids=["known", "data"])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_error(dtype, is_data):
+    with jax.enable_x64(dtype == np.float64):
+        mech = sprung(SEQUENTIAL, dtype)
+        q, v = state(mech, 16, dtype)
+        given = mech.as_data() if is_data else mech
+        forces = functools.partial(js.passive_forces, compliance=SOFT)
+        both = [np.asarray(f(given, q, v)) for f in (forces, jax.jit(forces))]
+        both.append(np.asarray(jax.vmap(forces, in_axes=(None, 0, 0))(given, q, v)))
+        twice = np.asarray(forces(given, q, v, precision="compensated"))
+    u = float(jnp.finfo(dtype).eps) / 2
+    for found in both:
+        assert found.dtype == dtype
+        np.testing.assert_array_equal(found, both[0])
+    for i in range(len(q)):
+        for k, (r, size) in enumerate(zip(*exact(mech, SOFT, q[i], v[i]), strict=True)):
+            assert abs(mpmath.mpf(float(both[0][i, k])) - r) <= 8 * u * size
+            assert abs(mpmath.mpf(float(twice[i, k])) - r) <= u * abs(r) + 64 * u**2 * size
+
+
+def exact_vector(mech, q):
+    """(forces, the sum of their sizes) of the springs of a joint with an orientation or a heading."""
+    x, r, k = ([mpmath.mpf(float(y)) for y in ys] for ys in (q, mech.spring_references, mech.stiffness))
+    if len(x) == 3:
+        full = 2 * mpmath.pi
+        turn = x[2] - r[2] - full * mpmath.nint((x[2] - r[2]) / full)
+        R = mpmath.matrix(
+            [[mpmath.cos(x[2]), -mpmath.sin(x[2]), 0], [mpmath.sin(x[2]), mpmath.cos(x[2]), 0], [0, 0, 1]]
+        )
+        pull = mpmath.matrix([-k[0] * (x[0] - r[0]), -k[1] * (x[1] - r[1]), -k[2] * turn])
+        return list(R.T * pull), sum(map(abs, pull))
+    d = _rotation_vector(r[:4], x[:4])
+    turning = mpmath.matrix([-a * b for a, b in zip(k, d, strict=False)])
+    pull = mpmath.matrix([-a * (b - c) for a, b, c in zip(k[3:], x[4:], r[4:], strict=True)])
+    forces = list(_left_jacobian_inverse(d) * turning) + (list(_matrix(x[:4]).T * pull) if len(pull) else [])
+    return forces, sum(map(abs, turning)) + sum(map(abs, pull))
+
+
+def _matrix(q):
+    w, v = q[0], mpmath.matrix(q[1:])
+    K = _cross(v)
+    n = sum(y**2 for y in q)
+    return mpmath.eye(3) + (2 * w * K + 2 * K * K) / n
+
+
+def _cross(v):
+    x, y, z = v
+    return mpmath.matrix([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+
+
+def _rotation_vector(r, x):
+    a, b = mpmath.matrix(r[1:]), mpmath.matrix(x[1:])
+    real = r[0] * x[0] + (a.T * b)[0]
+    vector = r[0] * b - x[0] * a - _cross(a) * b
+    real, vector = (real, vector) if real >= 0 else (-real, -vector)
+    length = mpmath.norm(vector)
+    return list(vector * (2 * mpmath.atan2(length, real) / length))
+
+
+def _left_jacobian_inverse(d):
+    K, t = _cross(d), mpmath.norm(mpmath.matrix(d))
+    return mpmath.eye(3) - K / 2 + K * K * (1 / t**2 - (1 + mpmath.cos(t)) / (2 * t * mpmath.sin(t)))
+
+
+@pytest.mark.parametrize("kind", ["ball", "free", "planar"])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_error_of_springs_that_turn(kind, dtype):
+    with jax.enable_x64(dtype == np.float64):
+        mech = sprung([kind], dtype, **NO_RESISTANCE, **NO_LIMITS)
+        q, v = state(mech, 32, dtype)
+        found = np.asarray(js.passive_forces(mech, q, v))
+    u = float(jnp.finfo(dtype).eps) / 2
+    errors = []
+    for i in range(len(q)):
+        forces, size = exact_vector(mech, q[i])
+        size += mech.stiffness[-1] if kind == "planar" else 0
+        errors.append(max(abs(mpmath.mpf(float(x)) - r) for x, r in zip(found[i], forces, strict=True)) / (u * size))
+    assert max(errors) <= 8, max(errors)
+
+
+@pytest.mark.parametrize("speed", [0.0, 1e-30, 1e-3, 1e25, -1e25])
+def test_friction_at_extreme_speeds(speed):
+    mech = sprung(["revolute"], np.float32, stiffness=0.0, damping=0.0, friction_loss=3.0, **NO_LIMITS)
+    found = js.passive_forces(mech, np.zeros(1, np.float32), np.full(1, speed, np.float32))
+    s, c = np.float64(np.float32(speed)), np.float64(np.float32(1e-3))
+    np.testing.assert_allclose(found, -3 * s / np.hypot(s, c), rtol=4e-7)
+
+
+# -- by their definition ----------------------------------------------------------------------------------------------
+
+
+def spring_energy(mech, q, stiffness=None):
+    """Written naively: of rotation vectors by matrices, else of the difference of coordinates."""
+    t, total = mech.topology, 0.0
+    stiffness = mech.stiffness if stiffness is None else stiffness
+    for i in range(len(t)):
+        x, r, k = q[t.q_slice(i)], mech.spring_references[t.q_slice(i)], stiffness[t.v_slice(i)]
+        if t.kinds[i] in ("ball", "free"):
+            R, R0 = (js.Rotation.from_quaternion(jnp.asarray(y[:4])) for y in (x, r))
+            d = jnp.concatenate([(R0.inverse() @ R).log(), x[4:] - r[4:]])
+        else:
+            d = x - r
+        if t.kinds[i] in ("continuous", "planar"):
+            d = d.at[-1].set((d[-1] + np.pi) % (2 * np.pi) - np.pi)
+        total = total + (k * d**2).sum() / 2
+    return total
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_springs_are_the_derivative_of_an_energy(kind, float64):
+    mech = sprung([kind], **NO_RESISTANCE, **NO_LIMITS)
+    q, v = state(mech, 4)
+
+    def power(q, v):
+        rates = js.configuration_rates(mech, q, v)
+        return -jax.jvp(functools.partial(spring_energy, mech), (q,), (rates,))[1], js.passive_forces(mech, q, v) @ v
+
+    expected, found = jax.jit(jax.vmap(power))(q, v)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_limits_push_back_and_take_power(kind, float64):
+    """By the depth along each coordinate that is a number, and never pull."""
+    mech = sprung([kind], stiffness=0.0, **NO_RESISTANCE)
+    q, v = state(mech, 16, size=0.1)
+    start = 4 if kind in ("ball", "free") else 0
+    beyond = np.maximum(q - mech.upper, 0) - np.maximum(mech.lower - q, 0)
+
+    def powers(q, v, beyond):
+        rates = js.configuration_rates(mech, q, v)
+        elastic = js.passive_forces(mech, q, v, js.Compliance(limit_stiffness=300.0)) @ v
+        return elastic, -300.0 * (beyond * rates)[start:].sum(), js.passive_forces(mech, q, v, SOFT) @ v
+
+    elastic, expected, damped = jax.jit(jax.vmap(powers))(q, v, beyond)
+    np.testing.assert_allclose(elastic, expected, rtol=1e-12, atol=1e-12)
+    assert (damped <= elastic + 1e-12).all()
+    if kind == "revolute":
+        back = js.passive_forces(mech, mech.upper + 1e-3, np.array([-1.0]), SOFT)
+        assert back == 0 and js.passive_forces(mech, mech.upper + 1e-3, np.array([1.0]), SOFT) < -7
+
+
+def test_a_spring_of_a_mimic_acts_on_its_master(float64):
+    joints = [
+        js.Joint("j", "revolute", "world", "a", stiffness=2.0, spring_reference=0.25),
+        js.Joint("k", "prismatic", "a", "b", mimic=("j", -3.0, 0.5), stiffness=4.0, spring_reference=1.5),
+    ]
+    mech = js.Mechanism.build([js.Body("a"), js.Body("b")], joints)
+    q = 0.7
+    expected = -2 * (q - 0.25) + 3 * 4 * (-3 * q + 0.5 - 1.5)
+    np.testing.assert_allclose(js.passive_forces(mech, np.array([q]), np.zeros(1)), [expected], rtol=1e-15)
+
+
+# -- transformations --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("is_data", [False, True], ids=["known", "data"])
+def test_derivatives(is_data, float64):
+    """Against differences, where the forces are smooth; and finite where springs and friction rest."""
+    mech = sprung(["ball", "planar"])
+    given = mech.as_data() if is_data else mech
+    q, v = (x[0] for x in state(mech, 1))
+    direction = np.random.default_rng(5).standard_normal((2, mech.nv))
+
+    def along(t):
+        moved = js.integrate(mech, q, t * direction[0])
+        return js.passive_forces(given, moved, v + t * direction[1], SOFT)
+
+    jacobian = jax.jit(jax.jacfwd(along))
+    difference = (jax.jit(along)(1e-6) - jax.jit(along)(-1e-6)) / 2e-6
+    np.testing.assert_allclose(jacobian(0.0), difference, rtol=1e-6, atol=1e-5)
+
+
+def test_derivatives_at_rest(float64):
+    """Where springs and friction are, and at no distance from a limit; by the mechanism's numbers too."""
+    mech = sprung(["ball", "prismatic"])
+    mech = mech.replace(upper=mech.spring_references)
+    pulled = jax.grad(lambda m, q, v: js.passive_forces(m, q, v, SOFT).sum(), (0, 1, 2))
+    found = jax.jit(pulled)(mech.as_data(), jnp.asarray(mech.spring_references), jnp.zeros(mech.nv))
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(found))
+    np.testing.assert_allclose(found[2], -mech.damping - mech.friction_loss / 0.25, rtol=1e-15)
+    np.testing.assert_array_equal(found[0].friction_loss, np.zeros(4))
+
+
+def test_dtype_is_the_state_s(x64):
+    dtype = np.float32
+    mech = sprung(["revolute", "ball"], dtype)
+    q, v = state(mech, 2, dtype)
+    for function in (js.passive_forces, jax.jit(js.passive_forces)):
+        assert function(mech, q, v).dtype == dtype
+    step = jax.jit(js.semi_implicit_step, static_argnames="precision")
+    assert {x.dtype for x in step(mech, q, v, v, np.float32(1e-3))} == {np.dtype(dtype)}
+
+
+def nothing():
+    return sprung(["revolute", "ball"], np.float32, stiffness=0.0, **NO_RESISTANCE, **NO_LIMITS)
+
+
+def test_nothing_leaves_nothing_behind():
+    mech = nothing()
+    q, v = state(mech, 1, np.float32)
+    program = jax.make_jaxpr(lambda q, v: js.passive_forces(mech, q, v, SOFT))(q[0], v[0])
+    assert [e.primitive.name for e in program.eqns] == ["broadcast_in_dim"]
+    limited = mech.replace(lower=np.full_like(mech.lower, -1))
+
+    def plain(q, v, tau):
+        q, v, tau, dt = steps._checked("plain", mech, q, v, tau, 1e-3)
+        v = steps._ahead(None, v, dt[..., None], js.forward_dynamics(mech, q, v, tau))
+        return js.integrate(mech, q, v, dt), v
+
+    def step(mech, q, v, tau):
+        return js.semi_implicit_step(mech, q, v, tau, 1e-3, compliance=SOFT)
+
+    functions = plain, functools.partial(step, mech), functools.partial(step, limited)
+    texts = [str(jax.make_jaxpr(f)(q[0], v[0], v[0])) for f in functions]
+    assert texts[0] == texts[1] != texts[2]
+    # A limit alone does not compute springs: there is no arc tangent of a rotation vector.
+    program = str(jax.make_jaxpr(lambda q, v: js.passive_forces(limited, q, v, SOFT))(q[0], v[0]))
+    assert "sqrt" not in program and "atan" not in program
+
+
+REFUSED = {
+    "no compliance": (3.0, TypeError, "compliance: expected a Compliance, got float"),
+    "speed": (js.Compliance(friction_speed=0.0), ValueError, "compliance: friction_speed: expected numbers above 0"),
+    "shape": (
+        js.Compliance(limit_stiffness=np.ones(7)),
+        ValueError,
+        r"limit_stiffness: expected .* \(4,\), got \(7,\)",
+    ),
+    "integer": (js.Compliance(limit_damping=3), TypeError, "compliance: limit_damping: expected floating point"),
+}
+
+
+@pytest.mark.parametrize(("compliance", "error", "message"), REFUSED.values(), ids=REFUSED)
+def test_refused(compliance, error, message):
+    mech = nothing()
+    with pytest.raises(error, match=message):
+        js.passive_forces(mech, mech.neutral(), np.zeros(4, np.float32), compliance)
+
+
+# -- in steps ---------------------------------------------------------------------------------------------------------
+
+
+def simulated(step, mech, x, dt, n, **options):
+    def body(x, _):
+        x = step(mech, *x, jnp.zeros_like(x[1]), dt, **options)
+        return x, x
+
+    return jax.jit(lambda x: jax.lax.scan(body, x, length=n)[1])(x)
+
+
+def energy(mech, q, v):
+    return spring_energy(mech, q) + js.kinetic_energy(mech, q, v) + js.potential_energy(mech, q)
+
+
+@pytest.mark.parametrize(
+    ("step", "kinds", "allowed"),
+    [(js.semi_implicit_step, ["revolute", "prismatic"], 0.1), (js.rk4_step, ["ball"], 1e-6)],
+)
+def test_springs_conserve_energy(step, kinds, allowed, float64):
+    """Relative to what moves into the springs and back."""
+    mech = sprung(kinds, **NO_RESISTANCE, **NO_LIMITS)
+    q, v = (jnp.asarray(x[0]) for x in state(mech, 1))
+    all_q, all_v = simulated(step, mech, (q, v), 2e-3, 1000)
+    found = jax.jit(jax.vmap(functools.partial(energy, mech)))(all_q, all_v)
+    moved = np.ptp(jax.vmap(functools.partial(spring_energy, mech))(all_q))
+    assert abs(found - energy(mech, q, v)).max() <= allowed * moved
+
+
+def test_symplectic_steps_keep_the_energy_of_springs(float64):
+    mech = sprung(["revolute", "prismatic"], **NO_RESISTANCE, **NO_LIMITS)
+    q, v = (jnp.asarray(x[0]) for x in state(mech, 1))
+    all_q, all_v = simulated(js.symplectic_step, mech, (q, v), 1e-3, 4000)
+    found = np.asarray(jax.jit(jax.vmap(functools.partial(energy, mech)))(all_q, all_v))
+    moved = np.ptp(jax.vmap(functools.partial(spring_energy, mech))(all_q))
+    apart = abs(found - float(energy(mech, q, v)))
+    assert apart.max() <= 0.02 * moved and abs(found[-1000:].mean() - found[:1000].mean()) <= 2e-3 * moved
+
+
+def pendulum(**numbers):
+    body = js.Body("a", js.shift(js.SpatialInertia.solid_sphere(0.1, mass=1.0), np.array([0.0, 0.0, -1.0])))
+    joint = js.Joint("j", "revolute", "world", "a", axis=(0.0, 1.0, 0.0), **numbers)
+    return js.Mechanism.build([body], [joint], dtype=np.float64)
+
+
+@pytest.mark.parametrize("step", [js.semi_implicit_step, js.symplectic_step], ids=["semi-implicit", "symplectic"])
+def test_friction_stops_what_moves(step, float64):
+    """However large: one that is explicit would throw it about at friction dt / inertia, 20 rad/s."""
+    mech, x = pendulum(friction_loss=2e4), (jnp.array([0.5]), jnp.array([3.0]))
+    _, v = simulated(step, mech, x, 1e-3, 20)
+    assert (v >= -1e-6).all() and abs(v[-1, 0]) <= 1e-6
+
+
+def test_friction_creeps_at_its_part_of_the_speed(float64):
+    """Half of what it holds pulls: x / sqrt(x^2 + s^2) = 1/2 at s / sqrt(3)."""
+    x = jnp.array([0.5]), jnp.array([0.0])
+    pull = -float(js.gravity_forces(pendulum(), x[0])[0])
+    mech = pendulum(friction_loss=2 * abs(pull))
+    _, v = simulated(js.semi_implicit_step, mech, x, 1e-3, 200, compliance=js.Compliance(friction_speed=1e-3))
+    np.testing.assert_allclose(v[-1, 0], np.sign(pull) * 1e-3 / np.sqrt(3), rtol=2e-3)
+
+
+@pytest.mark.parametrize("step", [js.semi_implicit_step, js.symplectic_step, js.rk4_step])
+def test_limits_hold(step, float64):
+    """The pendulum falls on its limit, and comes to rest on it as deep as its weight over the stiffness."""
+    mech = pendulum(lower=-1.0, upper=1.0)
+    soft = js.Compliance(limit_stiffness=1e4, limit_damping=100.0)
+    q, _ = simulated(step, mech, (jnp.array([0.1]), jnp.array([0.0])), 2e-3, 1500, compliance=soft)
+    assert 1.01 < q.max() < 1.1
+    pull = -float(js.gravity_forces(mech, q[-1])[0])
+    np.testing.assert_allclose(q[-1, 0] - 1, pull / 1e4, rtol=1e-3)
+
+
+def test_batches_of_steps_are_as_single_ones(float64):
+    """With friction every item has a resistance of its own; times and external forces too."""
+    mech = sprung(["revolute", "prismatic"])
+    q, v = state(mech, 6)
+    q, v, dt = q.reshape(2, 3, -1), v.reshape(2, 3, -1), np.linspace(1e-3, 2e-3, 3)
+    tau = np.arange(2.0 * mech.nv).reshape(2, 1, mech.nv)
+    forces = {mech.body_names[1]: js.SpatialForce(np.ones((3, 3)), np.arange(9.0).reshape(3, 3))}
+    many = js.semi_implicit_step(mech, q, v, tau, dt, forces, compliance=SOFT)
+    assert many[0].shape == q.shape
+    for i, k in itertools.product(range(2), range(3)):
+        force = jax.tree.map(lambda x, k=k: x[k], forces)
+        one = js.semi_implicit_step(mech, q[i, k], v[i, k], tau[i, 0], dt[k], force, compliance=SOFT)
+        for a, b in zip(many, one, strict=True):
+            np.testing.assert_allclose(a[i, k], b, rtol=1e-13)
