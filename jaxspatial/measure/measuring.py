@@ -1,4 +1,4 @@
-"""`python -m jaxspatial`: the trade on the built-in scene or on the user's own wrenches, as tables, picture and JSON."""
+"""`python -m jaxspatial`: the trade on the built-in scene or on the user's wrenches, as tables, picture and JSON."""
 
 import contextlib
 import importlib
@@ -97,6 +97,8 @@ def _outputs(options):
 def _as_picture(path):
     from jaxspatial.measure import picture
 
+    if path.is_dir():
+        raise files.OutputError(f"{path}: a folder is in the way")
     path = path if path.suffix else path.with_name(f"{path.name}.png")
     if path.suffix[1:].lower() not in picture.ENDINGS:
         raise WrenchFileError(f"--picture: expected a name ending in {', '.join(picture.ENDINGS)}, got {path}")

@@ -1,5 +1,5 @@
-"""`python -m jaxspatial shift FILE`: wrenches of a file, and velocities where they are known, about another point and in
-other axes; nothing else is done."""
+"""`python -m jaxspatial shift FILE`: the wrenches of a file, and velocities where they are known, about another point
+and in other axes; nothing else is done."""
 
 import jax
 import numpy as np
@@ -71,7 +71,7 @@ def _motion(file, options):
     if options.offset is options.rotation is options.pose is None:
         raise WrenchFileError("expected --offset X Y Z, --rotation W X Y Z or --pose W X Y Z PX PY PZ")
     if options.pose is not None and not (options.offset is options.rotation is None):
-        raise WrenchFileError("--pose: has both a rotation and a position; expected no --offset or --rotation beside it")
+        raise WrenchFileError("--pose: is a rotation and a position; expected no --offset or --rotation beside it")
     found = [_resolved(file, entries) for entries in (options.offset, options.rotation, options.pose)]
     for name, x in zip(("rotation", "pose"), found[1:], strict=True):
         _check_quaternions(name, x)

@@ -32,8 +32,8 @@ def measuring():
     """Of the main job."""
     parser = _Parser(
         prog=_PROG,
-        description="The speed and accuracy trade, measured here. Exit status 1 where a promise does not hold, 2 where\n"
-        "something cannot be done, 130 after an interrupt.",
+        description="The speed and accuracy trade, measured here. Exit status 1 where a promise does not hold,\n"
+        "2 where something cannot be done, 130 after an interrupt.",
         epilog=_SUBCOMMANDS,
     )
     parser.add_argument(
@@ -118,11 +118,13 @@ class _Columns(argparse.Action):
 
     def __call__(self, parser, namespace, values, option_string=None):
         known = dict(getattr(namespace, self.dest) or {})
-        for text in values:
+        for text in values or ():
             part, _, names = text.partition("=")
             columns = tuple(name.strip() for name in names.split(","))
             if part not in PARTS or len(columns) not in (1, 3) or not all(columns):
-                parser.error(f"--columns: expected {', '.join(PARTS)} with one name or three, as f=Fx,Fy,Fz, got {text}")
+                parser.error(
+                    f"--columns: expected {', '.join(PARTS)} with one name or three, as f=Fx,Fy,Fz, got {text}"
+                )
             known[part] = columns
         setattr(namespace, self.dest, known)
 

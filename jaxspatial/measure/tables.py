@@ -1,4 +1,4 @@
-"""Tables of wrenches as they lie in files: `.npz` with arrays, `.csv` with named columns; what else is there is kept."""
+"""Tables of wrenches in files: `.npz` with arrays, `.csv` with named columns; what else is there is kept."""
 
 import csv
 import io
@@ -30,7 +30,7 @@ class Npz:
         self.path, self.names, self._named = path, tuple(self.arrays), named
 
     def has(self, part):
-        return all(self._find(name) for name in self._names(part))
+        return all(self._find(name)[0] for name in self._names(part))
 
     def expected(self, part):
         names = self._names(part)
@@ -39,12 +39,14 @@ class Npz:
     def read(self, part):
         columns = [self._values(name) for name in self._names(part)]
         if len({x.shape for x in columns}) > 1:
-            raise WrenchFileError(f"{self.path}: {part}: expected columns of one length, got {[len(x) for x in columns]}")
+            raise WrenchFileError(
+                f"{self.path}: {part}: expected columns of one length, got {[len(x) for x in columns]}"
+            )
         return columns[0] if len(columns) == 1 else np.stack(columns, axis=-1)
 
     def column(self, name):
         """The numbers (n,) of a column, as float64."""
-        found = self._values(name) if self._find(name) else np.empty(())
+        found = self._values(name) if self._find(name)[0] else np.empty(())
         if found.ndim != 1 or not np.issubdtype(found.dtype, np.number) or np.iscomplexobj(found):
             raise _no_column(self, name)
         return found.astype(np.float64)
@@ -65,18 +67,24 @@ class Npz:
         return self._named.get(part, (part,))
 
     def _find(self, name):
-        """(array, index into it) of a name; None where there is nothing of that name."""
+        """(array, index into it) of a name; no array where there is nothing of that name."""
         base, _, last = name.rpartition("_")
         if name in self.arrays:
             return name, ...
-        shape = self.arrays[base].shape if base in self.arrays else ()
-        indices = {axis: i for i, axis in enumerate(_AXES.get(shape[-1], ""))} if len(shape) == 2 else {}
-        indices |= {str(i): i for i in range(shape[-1])} if len(shape) == 2 else {}
-        return (base, (..., indices[last])) if last in indices else None
+        indices = _indices(self.arrays[base]) if base in self.arrays else {}
+        return (base, (..., indices[last])) if last in indices else ("", ...)
 
     def _values(self, name):
         base, index = self._find(name)
         return self.arrays[base][index]
+
+
+def _indices(array):
+    """What the columns of an array (n, k) are called, by their place."""
+    if array.ndim != 2:
+        return {}
+    k = array.shape[1]
+    return {str(i): i for i in range(k)} | {axis: i for i, axis in enumerate(_AXES.get(k, ""))}
 
 
 class Csv:

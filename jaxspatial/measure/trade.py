@@ -133,7 +133,12 @@ def arguments(operation, wrenches, offset, n, dtype):
     """
     count = len(wrenches.tau)
     index = np.linspace(0, count - 1, n).astype(int) if n < count else np.arange(n) % count
-    known = {**wrenches._asdict(), "alpha": wrenches.tau, "a": wrenches.f, "p": np.broadcast_to(np.asarray(offset, np.float64), wrenches.tau.shape)}
+    known = {
+        **wrenches._asdict(),
+        "alpha": wrenches.tau,
+        "a": wrenches.f,
+        "p": np.broadcast_to(np.asarray(offset, np.float64), wrenches.tau.shape),
+    }
     with np.errstate(over="ignore"):
         return [jnp.asarray(known[name][index].astype(jnp.dtype(dtype))) for name in operation.arguments]
 
@@ -205,8 +210,8 @@ def _looped(operation, precision):
 
 
 def _errors(operation, loops):
-    """precision -> (errors in ulps, the largest over the bound, the largest of each part in its unit), on the items that
-    do not overflow in this dtype."""
+    """precision -> (errors in ulps, the largest over the bound, the largest of each part in its unit), on the items
+    that do not overflow in this dtype."""
     arrays = [np.asarray(x) for x in next(iter(loops.values())).arrays]
     finite = np.all([np.isfinite(x.astype(np.float64)).all(-1) for x in arrays], axis=0)
     some = np.flatnonzero(finite)[:: max(1, len(finite) // _SAMPLE)]
