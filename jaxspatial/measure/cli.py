@@ -3,7 +3,7 @@
 import os
 import sys
 
-from jaxspatial.measure import measuring, moving, options
+from jaxspatial.measure import interrupts, measuring, moving, options
 from jaxspatial.measure.result import as_json
 from jaxspatial.measure.self_check import self_check
 from jaxspatial.measure.wrench_file import WrenchFileError
@@ -15,8 +15,9 @@ _IMPOSSIBLE, _INTERRUPTED = 2, 130
 def main(arguments=None):
     """Runs the command; returns its exit status: 0, 1 where a promise does not hold, 2 for what cannot be done, 130."""
     try:
-        status = _run(sys.argv[1:] if arguments is None else list(arguments))
-        sys.stdout.flush()
+        with interrupts.heard():
+            status = _run(sys.argv[1:] if arguments is None else list(arguments))
+            sys.stdout.flush()
         return status
     except KeyboardInterrupt:
         return _failed("interrupted", _INTERRUPTED)

@@ -1,6 +1,7 @@
 """What the command leaves behind: whole files by the umask, none overwritten unasked, one line where it cannot."""
 
 import contextlib
+import gc
 import os
 import pathlib
 import re
@@ -9,11 +10,12 @@ import signal
 import stat
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
 
-from jaxspatial.measure import files, measuring, scene, trade
+from jaxspatial.measure import files, interrupts, measuring, scene, trade
 from jaxspatial.measure.cli import main
 
 OFFSET = ["--offset", "0.1", "-0.2", "0.3"]
@@ -214,6 +216,21 @@ def test_control_c(tmp_path):
     run.send_signal(signal.SIGINT)
     _, error = run.communicate(timeout=60)
     assert run.returncode == 130 and error == "error: interrupted\n" and not os.listdir(tmp_path)
+
+
+def test_an_interrupt_that_python_drops_comes_again(capfd):
+    """As in the callbacks of the garbage collector: JAX has one, and measuring makes much garbage."""
+
+    def callback(*_):
+        gc.callbacks.remove(callback)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), interrupts.heard():
+        gc.callbacks.append(callback)
+        gc.collect()
+        for _ in range(500):
+            time.sleep(0.01)
+    assert not capfd.readouterr().err
 
 
 def test_standard_output_that_is_full(path):
