@@ -1,7 +1,12 @@
-"""python -m jaxspatial: the speed and accuracy trade on this machine."""
+"""python -m jaxspatial: the speed and accuracy trade on this machine; its subcommands."""
 
 import sys
 
-from jaxspatial.measure.cli import main
+try:
+    from jaxspatial.measure.cli import main
 
-sys.exit(main())
+    status = main()
+except KeyboardInterrupt:
+    print("error: interrupted", file=sys.stderr)
+    status = 130
+sys.exit(status)

@@ -1,10 +1,11 @@
 """The operations that are measured: all that timing, exact references and promises need to know of one, in one table.
 
-A new operation is one record. Arguments are named after arrays (n, 3): those of `scene.Wrenches`, and p, the offset.
-An acceleration is that of a body of 1 kg and 1 kg m2 under the wrench, so that a file of wrenches has all of them.
+A new operation is one record. Arguments are named after arrays (n, 3): those of `scene.Wrenches`, the offset p, and
+the accelerations alpha, a (see `trade.arguments`).
 """
 
 from collections.abc import Callable
+from fractions import Fraction
 from typing import NamedTuple
 
 import jax
@@ -22,6 +23,7 @@ class Operation(NamedTuple):
     arguments: tuple  # names of the arrays it takes
     function: Callable  # (precision, *arguments of one item) -> parts
     formulas: tuple  # the same over numbers of any kind, per part
+    units: tuple  # per part
     bounds: tuple  # per part (k, c): k u mag in fast and reproducible, u |r| + c u^2 mag in compensated
     flushed: int  # so many finfo.tiny are forgiven: one for each product, its error, and each sum of a component
     size: int  # numbers in all parts of one item
@@ -58,6 +60,13 @@ class Operation(NamedTuple):
     def allowed(self, precision, part, value, mag, dtype):
         """The bound on the error of each component of a part, as Fractions."""
         return allowed(precision, self.bounds[part], value, mag, dtype)
+
+    @staticmethod
+    def in_units(computed, exactly):
+        """The largest error of each part in its SI unit, as floats; inf for NaN."""
+        pairs = zip(computed, exactly, strict=True)
+        errors = [error.in_units_of(Fraction(1), x, value) for x, (value, _) in pairs]
+        return tuple(float(x.max()) if x.size else np.nan for x in errors)
 
     def of_promise(self, precision, computed, exactly):
         """The largest error over the bound promised, and all errors in ulps (both float64, inf for NaN)."""
@@ -117,29 +126,29 @@ OPERATIONS = {
     for operation in (
         Operation(
             "shift_force", ("tau", "f", "p"), _shift_force, (lambda tau, f, p: tau - np.cross(p, f),),
-            bounds=((3, 4),), flushed=6, size=3, turned=(2,), replaced=0,
+            units=("N m",), bounds=((3, 4),), flushed=6, size=3, turned=(2,), replaced=0,
         ),
         Operation(
             "shift_velocity", ("w", "v", "p"), _shift_velocity, (lambda w, v, p: v + np.cross(w, p),),
-            bounds=((3, 4),), flushed=6, size=3, turned=(2,), replaced=1,
+            units=("m/s",), bounds=((3, 4),), flushed=6, size=3, turned=(2,), replaced=1,
         ),
         Operation(
-            "shift_acceleration", ("tau", "f", "p", "w"), _shift_acceleration,
+            "shift_acceleration", ("alpha", "a", "p", "w"), _shift_acceleration,
             (lambda b, a, p, w: a + np.cross(b, p) + np.cross(w, np.cross(w, p)),),
-            bounds=((7, 32),), flushed=32, size=3, turned=(2,), replaced=1,
+            units=("m/s²",), bounds=((7, 32),), flushed=32, size=3, turned=(2,), replaced=1,
         ),
         Operation(
-            "cross_motion", ("w", "v", "tau", "f"), _cross_motion, (_single, _double),
-            bounds=((2, 4), (3, 4)), flushed=12, size=6, turned=(0, 1),
+            "cross_motion", ("w", "v", "alpha", "a"), _cross_motion, (_single, _double),
+            units=("rad/s³", "m/s³"), bounds=((2, 4), (3, 4)), flushed=12, size=6, turned=(0, 1),
         ),
         Operation(
             "cross_force", ("w", "v", "tau", "f"), _cross_force,
             (lambda w, v, tau, f: _double(w, v, f, tau), lambda w, v, tau, f: _single(w, v, f, tau)),
-            bounds=((3, 4), (2, 4)), flushed=12, size=6, turned=(0, 1),
+            units=("N m/s", "N/s"), bounds=((3, 4), (2, 4)), flushed=12, size=6, turned=(0, 1),
         ),
         Operation(
             "dot", ("tau", "f", "w", "v"), _dot, (lambda tau, f, w, v: (tau * w).sum(-1) + (f * v).sum(-1),),
-            bounds=((4, 8),), flushed=17, size=1, turned=(2, 3),
+            units=("W",), bounds=((4, 8),), flushed=17, size=1, turned=(2, 3),
         ),
     )
 }  # fmt: skip

@@ -5,10 +5,15 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402 - after the choice of a backend without a window
 import numpy as np  # noqa: E402
+from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
+from matplotlib.ticker import LogLocator, NullLocator  # noqa: E402
 
 from jaxspatial.measure import conditions, trade  # noqa: E402
 from jaxspatial.measure.operation import OPERATIONS  # noqa: E402
+
+# Formats by the endings of their names.
+ENDINGS = tuple(sorted(FigureCanvasAgg.get_supported_filetypes()))
 
 # Drawn where measured; the narrow formats only where nothing else is.
 _DTYPES = ("float32", "float64")
@@ -17,22 +22,23 @@ _COLOURS = {"fast": "#D55E00", "reproducible": "#0072B2", "compensated": "#009E7
 _MARKERS = dict(zip(OPERATIONS, "osD^vX", strict=True))
 # The lowest error shown, and the number of results that make a point of a curve.
 _LOWEST, _ENOUGH = 0.2, 10
-_LIGHT, _GREY = "0.8", "0.35"
+_LIGHT, _GREY = "0.75", "0.35"
+_SMALL = 9
 
 
-def draw(result, path):
-    """Writes the picture of a `Result` to path."""
+def draw(result, file, ending="png"):
+    """Writes the picture of a `Result` into a binary file, or to a path."""
     known = dict.fromkeys(row.case.dtype for row in result.rows)
     dtypes = [dtype for dtype in known if dtype in _DTYPES] or list(known)
     places = [[dtype, "conditions"] if result.curves else [dtype] for dtype in dtypes]
-    figure, axes = plt.subplot_mosaic(places, figsize=(15, 8), layout="constrained")
+    figure, axes = plt.subplot_mosaic(places, figsize=(16, 9.5), layout="constrained")
     for dtype in dtypes:
         _draw_trade(axes[dtype], [row for row in result.rows if row.case.dtype == dtype], dtype)
     _label_trade([axes[dtype] for dtype in dtypes], result)
     if result.curves:
         _draw_conditions(axes["conditions"], result.curves)
-    figure.suptitle(f"{result.about}\n{result.machine}", fontsize=9)
-    figure.savefig(path, dpi=130)
+    figure.suptitle(f"{result.about}\n{result.machine}", fontsize=_SMALL)
+    figure.savefig(file, dpi=130, format=ending)
     plt.close(figure)
 
 
@@ -49,7 +55,7 @@ def _draw_trade(axes, rows, dtype):
         axes.plot(
             trade.nanoseconds(row.in_cache), _shown(row.worst_ulps), markersize=8, linestyle="", zorder=2, **style
         )
-    axes.set(xscale="log", yscale="log", ylabel=f"worst error in {dtype}, ulps")
+    axes.set(xscale="log", yscale="log", ylabel=f"{dtype}: worst error,\nulps of a cancelled result")
     axes.grid(alpha=0.25)
 
 
@@ -63,24 +69,50 @@ def _shown(ulps):
 
 
 def _label_trade(axes, result):
-    """One scale for both; legends where no point is: errors are large where operations are quick."""
-    first, last = axes[0], axes[-1]
-    limits = [(low, high) for a in axes for low, high in (a.get_xlim(),)]
+    """One scale for both, and a legend beside each."""
+    limits = [a.get_xlim() for a in axes]
     for a in axes:
-        a.set_xlim(min(low for low, _ in limits), 2 * max(high for _, high in limits))
-        a.set_ylim(_LOWEST, None)
-    first.set_title("What an operation costs, and what its result is worth")
-    last.set_xlabel(f"time per item, ns (median, {result.sizes[0]:,} items in cache)")
-    known = dict.fromkeys(row.case.operation for row in result.rows)
-    precisions = [_key("o", colour, name) for name, colour in _COLOURS.items()]
-    operations = [_key(_MARKERS[name], _GREY, OPERATIONS[name].title) for name in known]
-    for handles, place in ((precisions, 0.74), (operations, 1.0)):
-        legend = first.legend(handles=handles, frameon=False, loc="upper right", bbox_to_anchor=(place, 1), fontsize=9)
-        first.add_artist(legend)
+        a.set(xlim=(min(low for low, _ in limits), max(high for _, high in limits)), ylim=(_LOWEST, None))
+        a.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        a.xaxis.set_major_formatter("{x:g}")
+        a.xaxis.set_minor_locator(NullLocator())
+        a.axhline(0.5, color=_GREY, linewidth=0.8, linestyle=":", zorder=0)
+        _add_keys(a, result)
+    axes[0].set_title("What an operation costs, and what its result is worth")
+    axes[-1].set_xlabel(f"time per item, ns (median, {result.sizes[0]:,} items in cache)")
+    _explain(axes[-1], _OF_TRADE)
 
 
-def _key(marker, colour, label):
-    return Line2D([], [], marker=marker, color=colour, linestyle="", markersize=7, label=label)
+_OF_TRADE = (
+    "The error is that of the worst of 500 results: one whose terms cancel,\n"
+    "so that the result is small, and so is its unit in the last place (ulp)"
+)
+
+
+def _explain(axes, text):
+    """Beneath the label of the x axis."""
+    axes.set_xlabel(f"{axes.get_xlabel()}\n{text}", linespacing=1.4)
+
+
+def _add_keys(axes, result):
+    operations = dict.fromkeys(row.case.operation for row in result.rows)
+    keys = [_heading("precision"), *(_key("o", colour, name) for name, colour in _COLOURS.items())]
+    keys += [_heading("operation"), *(_key(_MARKERS[name], _GREY, OPERATIONS[name].title) for name in operations)]
+    keys += [_heading("lines"), _line("-", "one operation, in\nits four precisions", color=_LIGHT)]
+    keys += [_line(":", "rounded correctly\n(half an ulp)")]
+    axes.legend(handles=keys, frameon=False, loc="upper left", bbox_to_anchor=(1, 1.02), fontsize=_SMALL)
+
+
+def _heading(text):
+    return Line2D([], [], linestyle="", label=f"$\\bf{{{text}}}$")
+
+
+def _line(style, label, **names):
+    return Line2D([], [], linestyle=style, label=label, **{"color": _GREY, "linewidth": 0.8, **names})
+
+
+def _key(marker, colour, label, **style):
+    return Line2D([], [], marker=marker, color=colour, linestyle="", markersize=7, label=label, **style)
 
 
 # -- error against condition number -----------------------------------------------------------------------------------
@@ -90,12 +122,21 @@ def _draw_conditions(axes, curves):
     for curve in curves:
         _draw_curve(axes, curve)
     axes.set(xscale="log", yscale="log", xlim=(1, 1e33), ylim=(_LOWEST, 1e19))
-    axes.set_title("Where digits are lost: terms that cancel (shift force, dot)")
+    names = ", ".join(OPERATIONS[name].title for name in dict.fromkeys(curve.operation for curve in curves))
+    axes.set_title(f"Where digits are lost: terms that cancel ({names})")
     axes.set_xlabel("condition number: sizes of the terms added up / size of the result")
-    axes.set_ylabel("worst error, units in the last place (ulps); none where results are exact")
-    _draw_ends(axes)
-    _label_conditions(axes, {curve.precision for curve in curves})
+    _explain(axes, _OF_CONDITIONS)
+    axes.set_ylabel("worst error, ulps of a cancelled result; no point where all results are exact")
+    _draw_ends(axes, dict.fromkeys(curve.dtype for curve in curves))
+    _label_conditions(axes, {(curve.precision, curve.dtype) for curve in curves})
+    _add_keys_of_conditions(axes, curves)
     axes.grid(alpha=0.25)
+
+
+_OF_CONDITIONS = (
+    "Each point is the worst of 10 results or more of about that condition number;\n"
+    "an ulp is the unit in the last place of the exact result"
+)
 
 
 def _draw_curve(axes, curve):
@@ -109,26 +150,35 @@ def _draw_curve(axes, curve):
     axes.plot(dense, conditions.promised_ulps(curve, dense), color=colour, linewidth=0.8, linestyle="--")
 
 
-def _draw_ends(axes):
+def _draw_ends(axes, dtypes):
     """Where an error is as large as the result."""
-    for dtype in _DTYPES:
+    for dtype in dtypes:
         lost = 2.0 / float(np.finfo(dtype).eps)
         axes.axhline(lost, color=_GREY, linewidth=0.8, linestyle=":")
         axes.text(6e32, lost * 1.3, f"{dtype}: no digit is right above", ha="right", fontsize=8, color=_GREY)
 
 
-def _label_conditions(axes, precisions):
+def _label_conditions(axes, known):
     """Names beside the curves, in their colours: where these run is known, as none depends on the machine much."""
     labels = [
-        (2e14, 3e12, "reproducible", "reproducible"),
-        (2e14, 5e11, "fast", "fast"),
-        (4e14, 2e5, "compensated\nfloat32", "compensated"),
-        (1e24, 3e4, "compensated\nfloat64", "compensated"),
-        (1e24, 1.8, "faithful", "faithful"),
+        (2e14, 3e12, "reproducible", "reproducible", known),
+        (2e14, 5e11, "fast", "fast", known),
+        (4e14, 2e5, "compensated\nfloat32", "compensated", [("compensated", "float32")]),
+        (1e24, 3e4, "compensated\nfloat64", "compensated", [("compensated", "float64")]),
+        (1e24, 1.8, "faithful", "faithful", known),
     ]
-    for x, y, text, precision in labels:
-        if precision in precisions:
+    for x, y, text, precision, needed in labels:
+        if known.intersection(needed):
             axes.text(x, y, text, color=_COLOURS[precision], fontweight="bold", fontsize=10)
-    handles = [_key(_MARKERS[name], _GREY, OPERATIONS[name].title) for name in conditions.CURVED]
-    handles += [Line2D([], [], color=_GREY, linewidth=0.8, linestyle="--", label="promised")]
-    axes.legend(handles=handles, frameon=False, loc="upper left", fontsize=9, title="filled float32, hollow float64")
+
+
+def _add_keys_of_conditions(axes, curves):
+    keys = [_heading("operation")]
+    keys += [_key(_MARKERS[n], _GREY, OPERATIONS[n].title) for n in dict.fromkeys(c.operation for c in curves)]
+    keys += [_heading("dtype")]
+    for dtype in dict.fromkeys(curve.dtype for curve in curves):
+        keys.append(_key("o", _GREY, dtype, markerfacecolor=_GREY if dtype == "float32" else "white"))
+    keys += [_heading("lines"), _line("-", "measured", linewidth=1.2), _line("--", "promised: never above")]
+    keys += [_line(":", "error as large as the result")]
+    legend = axes.legend(handles=keys, loc="upper left", fontsize=_SMALL, framealpha=1, edgecolor="white")
+    legend.set_zorder(3)

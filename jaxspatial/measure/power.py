@@ -34,6 +34,28 @@ def compare(wrenches, offset, dtype, sample=2_000):
     return Power(float(before.astype(np.float64).sum()), float(after.astype(np.float64).sum()), float(difference))
 
 
+def fits(wrenches, offset, dtype):
+    """Whether the terms of torques about Q and, where the motion is known, of power are within the range of a dtype."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        sizes = _sizes(*(None if x is None else abs(x) for x in wrenches), abs(np.asarray(offset, np.float64)))
+    return bool(np.max(sizes) < float(jnp.finfo(dtype).max))
+
+
+def _sizes(tau, f, w, v, p):
+    """The largest of a few sums of absolute values; NaN or infinite beyond float64."""
+    torque = tau + _cross_of_sizes(p, f)
+    if w is None:
+        return [torque.max(), f.max()]
+    powers = (torque * w + f * (v + _cross_of_sizes(w, p))).sum(-1)
+    # The total is added up in float64, whatever the dtype: NaN where it is beyond that.
+    return [torque.max(), f.max(), w.max(), v.max(), powers.max(), 0 * powers.sum()]
+
+
+def _cross_of_sizes(a, b):
+    (a0, a1, a2), (b0, b1, b2) = (np.moveaxis(x, -1, 0) for x in (a, b))
+    return np.stack([a1 * b2 + a2 * b1, a2 * b0 + a0 * b2, a0 * b1 + a1 * b0], axis=-1)
+
+
 def _both(F, V, p):
     return dot(F, V), dot(jax.vmap(shift, in_axes=(0, None))(F, p), jax.vmap(shift, in_axes=(0, None))(V, p))
 

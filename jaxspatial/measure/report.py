@@ -1,15 +1,17 @@
 """What the command prints where rich is installed: progress while it works, then tables."""
 
 import itertools
+import math
 
 from rich import box, progress
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.measure import power
 from jaxspatial.measure.operation import OPERATIONS
-from jaxspatial.measure.trade import nanoseconds
+from jaxspatial.measure.trade import STREAMED, nanoseconds
 
 _STYLES = {True: "green", False: "bold red", None: "dim"}
 
@@ -34,18 +36,77 @@ def print_power(console, powers):
     console.print(table)
 
 
-# Of the trade: wider than some terminals, which wrap its lines; cut off it would say nothing.
-_WIDTH = 144
+# Of the whole table: wider than some terminals, which wrap its lines; cut off it would say nothing.
+_WIDTH = 172
+# Of the short one: fits on every screen.
+_SCREEN = 80
 _LEFT = ("operation", "dtype", "precision", "promised error")
+_SHORT_LINE = "{:<18} {:>5} {:>6} {:>5} {:>6} {:>7} {:>7} {:>5} {:>7} {}"
+_SHORT_HEAD = """\
+                        time, ns per item         worst error of   and of
+                    fast reprod. comp. faithf.   reproducible   compensated
+                                                ulps SI units  ulps SI units"""
 
 
-def print_trade(console, result):
-    """The trade: cost in cache and streaming, error against exact rationals, promise."""
+def print_trade(console, result, full=False):
+    """The trade: at most a screen, or all of it."""
+    _print_full(console, result) if full else _print_short(console, result)
+
+
+# -- a screen ---------------------------------------------------------------------------------------------------------
+
+
+def _print_short(console, result):
+    """Per operation: time in the four precisions, and the worst error of two of them, in ulps and in SI units."""
+    wide = Console(file=console.file, width=max(console.width, _SCREEN), force_terminal=console.is_terminal)
+    wide.print(Text("The trade on this machine", "italic"))
+    wide.print(_SHORT_HEAD, highlight=False)
+    for dtype, rows in _shown_dtypes(result.rows):
+        wide.print(Text(dtype, "bold"))
+        for _, group in itertools.groupby(rows, lambda row: row.case.operation):
+            wide.print(_SHORT_LINE.format(*_short_line(list(group))), highlight=False, soft_wrap=True)
+    wide.print(_SHORT_NOTES.format(result.sizes[0]), highlight=False)
+
+
+def _shown_dtypes(rows):
+    """(dtype, its rows): of more than two, float32 and float64, for no more fits."""
+    known = list(dict.fromkeys(row.case.dtype for row in rows))
+    shown = known if len(known) <= 2 else [dtype for dtype in known if dtype in STREAMED]
+    return [(dtype, [row for row in rows if row.case.dtype == dtype]) for dtype in shown]
+
+
+def _short_line(rows):
+    """One operation in one dtype. Of its parts the one of most terms stands for all."""
+    by_precision = {row.case.precision: row for row in rows}
+    operation = OPERATIONS[rows[0].case.operation]
+    part = operation.bounds.index(max(operation.bounds))
+    errors = [
+        text
+        for row in (by_precision["reproducible"], by_precision["compensated"])
+        for text in (_number(row.worst_ulps), _number(row.worst_in_units[part]))
+    ]
+    times = [_number(nanoseconds(by_precision[name].in_cache)) for name in map(str, Precision)]
+    return [operation.title, *times, *errors, operation.units[part]]
+
+
+_SHORT_NOTES = """\
+Times: {:,} items that stay in the cache. Errors: worst of 500 results against
+exact rationals; an ulp is a unit in the last place of the exact result, small
+where terms cancel. fast promises the errors of reproducible, faithful 1 ulp;
+a shift passes forces on as they are. All dtypes, precisions, times: --full
+"""
+
+
+# -- all of it --------------------------------------------------------------------------------------------------------
+
+
+def _print_full(console, result):
+    """Cost in cache and streaming, error against exact rationals, promise."""
     in_cache, streamed = (f"{n:,}" for n in result.sizes)
     table = Table(title="The trade on this machine", box=box.SIMPLE_HEAD, title_justify="left", padding=(0, 1, 0, 0))
     costs = (f"in cache\n{in_cache}\nns", "\nover\nfast", f"streaming\n{streamed}\nns", "\nover\nfast", "\n\nGB/s")
-    errors = ("compile\n\ns", "median\nerror\nulps", "worst\nerror\nulps", "worst\nover\npromised")
-    for heading in (*_LEFT[:3], *costs, *errors, _LEFT[3]):
+    errors = ("compile\n\ns", "median\nerror\nulps", "worst\nerror\nulps", "worst\nerror\nSI units")
+    for heading in (*_LEFT[:3], *costs, *errors, "worst\nover\npromised", _LEFT[3]):
         table.add_column(heading, justify="left" if heading in _LEFT else "right", no_wrap=True)
     for _, group in itertools.groupby(result.rows, lambda row: row.case[:2]):
         _add_group(table, list(group))
@@ -60,9 +121,13 @@ def _add_group(table, rows):
     for row in rows:
         names = (OPERATIONS[row.case.operation].title, row.case.dtype) if row is fast else ("", "")
         costs = (*_relative(row.in_cache, fast.in_cache), *_streamed(row, fast), f"{row.compile_seconds:.2f}")
-        errors = (f"{row.median_ulps:.2f}", _short(row.worst_ulps), f"{row.of_promise:.2f}")
+        errors = (_number(row.median_ulps), _number(row.worst_ulps), _in_units(row), f"{row.of_promise:.2f}")
         table.add_row(*names, row.case.precision, *costs, *errors, row.promise)
     table.add_section()
+
+
+def _in_units(row):
+    return ", ".join(f"{_number(worst)} {unit}" for unit, worst in row.errors_in_units)
 
 
 def _streamed(row, fast):
@@ -71,8 +136,13 @@ def _streamed(row, fast):
     return [*_relative(row.streamed, fast.streamed), f"{row.gigabytes_per_second:.1f}"]
 
 
-def _short(ulps):
-    return f"{ulps:.0f}" if 100 <= ulps < 1e6 else f"{ulps:.3g}"
+def _number(x):
+    """Two or three digits; a dash for what could not be measured."""
+    if math.isnan(x):
+        return "-"
+    if x == 0 or 0.01 <= x < 1e5:
+        return f"{x:.{2 if 0 < x < 10 else 1 if 0 < x < 100 else 0}f}"
+    return f"{x:.1e}".replace("e-0", "e-").replace("e+0", "e")
 
 
 def _relative(seconds, fast):
@@ -83,8 +153,9 @@ _NOTES = """\
 ns per item, medians. In cache: 100 steps in one call, arguments and results stay in the cache. Streaming: one call over
 all items, in place where the operation can be; of few items this is the cost of a call. compile: tracing and compiling
 the loop. Momenta shift as forces do; float16 and bfloat16 are timed in cache only.
-Errors against exact rationals: in units in the last place (ulp) of the exact result r, and over the bound promised.
-u is the unit roundoff, mag the sizes of the terms added up: where terms cancel, mag is large next to r.
+Errors against exact rationals: in units in the last place (ulp) of the exact result r, which is small where terms
+cancel; in SI units, per part; and over the bound promised. u is the unit roundoff, mag the sizes of the terms added up:
+where terms cancel, mag is large next to r. A shift passes on the part that it does not change without any error.
 """
 
 

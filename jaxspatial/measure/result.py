@@ -5,11 +5,12 @@ The keys of the JSON object:
     about, machine, versions, offset    what was measured, where: texts, and the offset p_PQ in metres
     sizes                               {"in_cache": items, "streamed": items}
     power       {dtype: {"before", "after", "difference", "bound"}}: watts about P and about Q, and the largest
-                difference for one wrench over u mag
+                difference for one wrench over u mag; empty where the motion is not known
     rows        [{"operation", "dtype", "precision", "words_per_item", "promise", "holds",
                   "in_cache": {"nanoseconds", "fastest", "ninety_percent"}: per item, median, fastest, 90 % quantile,
                   "streamed": the same and "gigabytes_per_second"; null for formats that only hold data,
                   "compile_seconds", "ulps": {"median", "worst"}: errors against exact rationals,
+                  "absolute": [{"unit", "worst"}]: the same, the largest of each part in its SI unit,
                   "of_promise": the largest error over the bound promised}]
     conditions  [{"operation", "dtype", "precision", "holds",
                   "points": [{"condition", "results", "worst_ulps", "of_promise"}]}]: error against
@@ -90,6 +91,7 @@ def _row(row):
         "streamed": None if row.streamed is None else _streamed(row),
         "compile_seconds": row.compile_seconds,
         "ulps": {"median": row.median_ulps, "worst": row.worst_ulps},
+        "absolute": [{"unit": unit, "worst": worst} for unit, worst in row.errors_in_units],
         **{"promise": row.promise, "of_promise": row.of_promise, "holds": row.holds},
     }
 

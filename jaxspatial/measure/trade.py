@@ -42,6 +42,7 @@ class Row(NamedTuple):
     compile_seconds: float  # tracing and compiling the loop in cache
     ulps: np.ndarray  # error against the exact rational, of every component of a sample
     of_promise: float  # the largest error over the bound promised: it holds up to 1
+    worst_in_units: tuple  # the largest error of each part, in its SI unit
 
     @property
     def promise(self):
@@ -58,6 +59,11 @@ class Row(NamedTuple):
     @property
     def worst_ulps(self):
         return float(np.max(self.ulps)) if self.ulps.size else np.nan
+
+    @property
+    def errors_in_units(self):
+        """(unit, largest error) of each part."""
+        return list(zip(OPERATIONS[self.case.operation].units, self.worst_in_units, strict=True))
 
     @property
     def gigabytes_per_second(self):
@@ -121,10 +127,18 @@ def _timed(calls, items, advance):
 
 
 def arguments(operation, wrenches, offset, n, dtype):
-    """The arguments of an operation for n of the wrenches, evenly spread, or repeated as often as needed."""
+    """The arguments of an operation for n of the wrenches, evenly spread, or repeated as often as needed.
+
+    Accelerations are those of a body of 1 kg and 1 kg m2 under the wrench.
+    """
     count = len(wrenches.tau)
     index = np.linspace(0, count - 1, n).astype(int) if n < count else np.arange(n) % count
-    known = {**wrenches._asdict(), "p": np.broadcast_to(np.asarray(offset, np.float64), wrenches.tau.shape)}
+    known = {
+        **wrenches._asdict(),
+        "alpha": wrenches.tau,
+        "a": wrenches.f,
+        "p": np.broadcast_to(np.asarray(offset, np.float64), wrenches.tau.shape),
+    }
     with np.errstate(over="ignore"):
         return [jnp.asarray(known[name][index].astype(jnp.dtype(dtype))) for name in operation.arguments]
 
@@ -196,7 +210,8 @@ def _looped(operation, precision):
 
 
 def _errors(operation, loops):
-    """precision -> (errors in ulps, the largest over the bound) on the items that do not overflow in this dtype."""
+    """precision -> (errors in ulps, the largest over the bound, the largest of each part in its unit), on the items
+    that do not overflow in this dtype."""
     arrays = [np.asarray(x) for x in next(iter(loops.values())).arrays]
     finite = np.all([np.isfinite(x.astype(np.float64)).all(-1) for x in arrays], axis=0)
     some = np.flatnonzero(finite)[:: max(1, len(finite) // _SAMPLE)]
@@ -205,7 +220,9 @@ def _errors(operation, loops):
     chosen = some[inside]
     exactly = [(value[inside], mag[inside]) for value, mag in exactly]
     computed = {p: [np.asarray(x)[chosen] for x in loop(1)] for p, loop in loops.items()}
-    return {p: operation.of_promise(p, x, exactly)[::-1] for p, x in computed.items()}
+    return {
+        p: (*operation.of_promise(p, x, exactly)[::-1], operation.in_units(x, exactly)) for p, x in computed.items()
+    }
 
 
 def _inside(exactly, dtype):

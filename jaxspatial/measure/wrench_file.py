@@ -1,59 +1,84 @@
-"""Wrenches in files: `.npz` with arrays, `.csv` with named columns; checked when read, written whole or not at all."""
+"""Wrenches in files: checked when read, written whole or not at all."""
 
-import csv
-import os
 import pathlib
-import tempfile
 
+import jax.numpy as jnp
 import numpy as np
 
-_PARTS = {"tau": "torque", "f": "force", "w": "angular velocity", "v": "velocity"}
+from jaxspatial.measure.tables import Csv, Npz
+from jaxspatial.measure.tables import WrenchFileError as WrenchFileError
+
+PARTS = {"tau": "torque", "f": "force", "w": "angular velocity", "v": "velocity"}
 _REQUIRED, _OPTIONAL = ("tau", "f"), ("w", "v")
+_READERS = {".npz": Npz, ".csv": Csv, ".tsv": Csv}
+_DTYPES = tuple(np.dtype(name) for name in ("float16", "float32", "float64"))
 
 
-class WrenchFileError(ValueError):
-    """A file that does not hold wrenches; the message says where and why."""
+def shifted_path(path):
+    """Where the shifted wrenches of a file go unless told otherwise: beside it."""
+    return path.with_name(f"{path.stem}_shifted{path.suffix}")
 
 
 class WrenchFile:
     """A file of wrenches: `parts` are the arrays (n, 3) it holds under "tau", "f" and, both or none, "w", "v".
 
-    What else is in the file is kept and written out again as it was.
+    named: part -> names of its columns, for files that call them otherwise. What else is in the file is kept and
+    written out again as it was.
     """
 
-    def __init__(self, path):
+    def __init__(self, path, named=None):
         self.path = pathlib.Path(path)
-        readers = {".npz": _Npz, ".csv": _Csv}
-        if self.path.suffix not in readers:
-            raise WrenchFileError(
-                f"{path}: expected a file ending in .npz or .csv, got {self.path.suffix or 'no ending'}"
-            )
+        ending = self.path.suffix.lower()
+        if ending not in _READERS:
+            raise WrenchFileError(f"{path}: expected a file ending in .npz, .csv or .tsv, got {ending or 'no ending'}")
         if not self.path.is_file():
             raise WrenchFileError(f"{path}: no such file")
-        self._content = readers[self.path.suffix](self.path)
-        self.parts = _checked(self.path, self._content)
+        self._content = _READERS[ending](self.path, named or {})
+        self.parts = _checked(self.path, self._content, named or {})
 
-    def write_shifted(self, parts):
-        """Writes a copy of the file, with `parts` in place of its own, beside it; returns its path."""
-        target = self.path.with_name(f"{self.path.stem}_shifted{self.path.suffix}")
-        handle, name = tempfile.mkstemp(dir=target.parent, suffix=target.suffix)
-        os.close(handle)
-        try:
-            self._content.write(name, parts)
-            os.replace(name, target)
-        except BaseException:
-            os.unlink(name)
-            raise
-        return target
+    @property
+    def moves(self):
+        """Whether the motion is known."""
+        return "w" in self.parts
+
+    def __len__(self):
+        return len(self.parts["tau"])
+
+    def column(self, name):
+        """The finite numbers (n,) of a column beside the wrenches, as float64."""
+        numbers = self._content.column(name)
+        if len(numbers) != len(self):
+            raise WrenchFileError(f"{self.path}: {name}: expected {len(self)} numbers, got {len(numbers)}")
+        bad = np.flatnonzero(~np.isfinite(numbers))
+        if len(bad):
+            where = f"row {bad[0] + 1}, column {name}"
+            raise WrenchFileError(f"{self.path}: expected finite numbers, got {numbers[bad[0]]} in {where}")
+        return numbers
+
+    def write(self, file, parts):
+        """Writes a copy into a binary file, with `parts` in place of its own. What did not change stays as it was."""
+        changed = {name: x for name, x in parts.items() if x.tobytes() != self.parts[name].tobytes()}
+        self._content.write(file, changed)
+
+    def check_finite(self, parts):
+        """Refuses results that overflow: the first is named by its place."""
+        for part, array in parts.items():
+            bad = np.argwhere(~np.isfinite(array))
+            if len(bad):
+                where = self._content.place(part, *bad[0])
+                raise WrenchFileError(
+                    f"{self.path}: the {PARTS[part]} about the new point, {where}, is too large for {array.dtype} "
+                    f"(at most {float(jnp.finfo(array.dtype).max):.3g}); so are {len(bad) - 1} more"
+                )
 
 
-def _checked(path, content):
+def _checked(path, content, named):
     present = [part for part in (*_REQUIRED, *_OPTIONAL) if content.has(part)]
-    missing = [part for part in _REQUIRED if part not in present]
+    missing = [part for part in PARTS if part not in present and (part in _REQUIRED or part in named)]
     if len(present) - len(_REQUIRED) == 1:
-        missing += [part for part in _OPTIONAL if part not in present]
+        missing += [part for part in _OPTIONAL if part not in (*present, *missing)]
     if missing:
-        wanted = "; ".join(f"{_PARTS[part]} as {content.expected(part)}" for part in missing)
+        wanted = "; ".join(f"{PARTS[part]} as {content.expected(part)}" for part in missing)
         raise WrenchFileError(f"{path}: expected {wanted}; found {', '.join(content.names) or 'nothing'}")
     parts = {part: content.read(part) for part in present}
     _check_shapes(path, parts)
@@ -75,8 +100,7 @@ def _check_shapes(path, parts):
 
 
 def _check_numbers(path, part, array, content):
-    if not np.issubdtype(array.dtype, np.floating):
-        raise WrenchFileError(f"{path}: {part}: expected floating point numbers, got {array.dtype}")
+    _check_dtype(path, part, array.dtype)
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
         row, column = bad[0]
@@ -86,77 +110,9 @@ def _check_numbers(path, part, array, content):
         )
 
 
-class _Npz:
-    def __init__(self, path):
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                self.arrays = dict(file)
-        except Exception as error:
-            raise WrenchFileError(f"{path}: expected a NumPy .npz archive without pickles: {error}") from error
-        self.names = tuple(self.arrays)
-
-    def has(self, part):
-        return part in self.arrays
-
-    def expected(self, part):
-        return f"array '{part}' of shape (n, 3)"
-
-    def read(self, part):
-        return self.arrays[part]
-
-    def place(self, part, row, column):
-        return f"{part}[{row}, {column}]"
-
-    def write(self, path, parts):
-        with open(path, "wb") as file:
-            np.savez(file, **{**self.arrays, **parts})
-
-
-class _Csv:
-    def __init__(self, path):
-        try:
-            with open(path, newline="", encoding="utf-8-sig") as file:
-                rows = [row for row in csv.reader(file) if row]
-        except UnicodeDecodeError as error:
-            raise WrenchFileError(f"{path}: expected text in UTF-8: {error}") from error
-        self.path, self.names, self.rows = path, tuple(name.strip() for name in rows[0]) if rows else (), rows[1:]
-        for i, row in enumerate(self.rows):
-            if len(row) != len(self.names):
-                raise WrenchFileError(f"{path}: row {i + 1}: expected {len(self.names)} values, got {len(row)}")
-
-    @staticmethod
-    def _columns(part):
-        return tuple(f"{part}_{axis}" for axis in "xyz")
-
-    def has(self, part):
-        return all(name in self.names for name in self._columns(part))
-
-    def expected(self, part):
-        return f"columns {', '.join(self._columns(part))}"
-
-    def read(self, part):
-        indices = [self.names.index(name) for name in self._columns(part)]
-        numbers = [[self._number(i, j) for j in indices] for i in range(len(self.rows))]
-        return np.array(numbers, dtype=np.float64).reshape(-1, 3)
-
-    def _number(self, row, column):
-        try:
-            return float(self.rows[row][column])
-        except ValueError:
-            where = f"row {row + 1}, column {self.names[column]}"
-            raise WrenchFileError(
-                f"{self.path}: expected a number, got {self.rows[row][column]!r} in {where}"
-            ) from None
-
-    def place(self, part, row, column):
-        return f"row {row + 1}, column {self._columns(part)[column]}"
-
-    def write(self, path, parts):
-        rows = [list(row) for row in self.rows]
-        for part, array in parts.items():
-            for axis, name in enumerate(self._columns(part)):
-                column = self.names.index(name)
-                for row, value in zip(rows, array[:, axis].tolist(), strict=True):
-                    row[column] = repr(value)
-        with open(path, "w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([self.names, *rows])
+def _check_dtype(path, part, dtype):
+    if not np.issubdtype(dtype, np.floating):
+        raise WrenchFileError(f"{path}: {part}: expected floating point numbers, got {dtype}")
+    if dtype not in _DTYPES or not dtype.isnative:
+        names = "float16, float32 or float64 in the byte order of this machine"
+        raise WrenchFileError(f"{path}: {part}: expected {names}, got {dtype}; convert it, as with astype('float64')")

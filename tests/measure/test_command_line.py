@@ -9,7 +9,7 @@ from marks import slow
 from PIL import Image
 
 import jaxspatial as js
-from jaxspatial.measure import power, result, scene, trade
+from jaxspatial.measure import measuring, power, result, scene, trade
 from jaxspatial.measure.cli import main
 from jaxspatial.measure.operation import OPERATIONS
 from jaxspatial.measure.wrench_file import WrenchFile, WrenchFileError
@@ -39,10 +39,20 @@ def test_the_scene_is_a_rigid_body(wrenches):
 
 def test_built_in_scene(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main(SMALL + ["--operation", "dot", "--dtype", "bfloat16"]) == 0
+    assert main([*SMALL, "--operation", "dot", "--dtype", "bfloat16", "--full"]) == 0
     text = capsys.readouterr().out
     assert "Power before and after the shift" in text and "1,000" in text
-    for name in ("shift force", "dot", "float32", "bfloat16", *js.Precision, "3 u mag", "u |r| + 8 u² mag", "1 ulp"):
+    for name in (
+        "shift force",
+        "dot",
+        "float32",
+        "bfloat16",
+        *js.Precision,
+        "3 u mag",
+        "u |r| + 8 u² mag",
+        "1 ulp",
+        "N m",
+    ):
         assert name in text, name
     with Image.open(tmp_path / "jaxspatial_trade.png") as picture:
         assert picture.size[0] > 1000
@@ -70,23 +80,8 @@ def test_json(tmp_path, capsys, monkeypatch):
 
 def test_json_with_progress_and_picture(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert (
-        main(
-            [
-                *SMALL[:2],
-                "--operation",
-                "dot",
-                "--dtype",
-                "float32",
-                "--dtype",
-                "float16",
-                "--json",
-                "--picture",
-                "mine.png",
-            ]
-        )
-        == 0
-    )
+    asked = ["--operation", "dot", "--dtype", "float32", "--dtype", "float16", "--json", "--picture", "mine.png"]
+    assert main([*SMALL[:2], *asked]) == 0
     out = capsys.readouterr()
     found = json.loads(out.out, parse_constant=pytest.fail)
     assert [row["dtype"] for row in found["rows"] if row["streamed"] is None] == ["float16"] * 4
@@ -141,7 +136,7 @@ def test_what_is_missing_is_said(name, options, capsys, monkeypatch):
 @pytest.mark.parametrize("scale", [1e-25, slow(1e-17), slow(1e15)])
 def test_small_and_large_wrenches_keep_the_promises(scale, tmp_path, wrenches):
     path = tmp_path / "mine.npz"
-    np.savez(path, tau=wrenches.tau * scale, f=wrenches.f * scale)
+    np.savez(path, **wrenches._replace(tau=wrenches.tau * scale, f=wrenches.f * scale)._asdict())
     narrow = ["--operation", "cross_force", "--dtype", "float32", "--dtype", "float16"]
     assert main([str(path), *OFFSET, *SMALL[:2], *narrow]) == 0
 
@@ -168,6 +163,29 @@ def test_csv_keeps_its_other_columns(tmp_path, wrenches):
     expected = wrenches.tau - np.cross(np.array([0.1, -0.2, 0.3]), wrenches.f)
     np.testing.assert_array_equal(out.parts["tau"], expected)
     assert (tmp_path / "mine_shifted.csv").read_text().splitlines()[3].startswith("elbow 2,")
+
+
+def test_no_motion_is_invented(tmp_path, wrenches, capsys):
+    """Of a file without w and v there is no power, and only what needs neither is measured."""
+    path = _write_csv(tmp_path / "mine.csv", wrenches, COLUMNS[:6])
+    assert main([str(path), *OFFSET, "--largest", "1000", "--dtype", "float32", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["power"] == {} and {row["operation"] for row in found["rows"]} == {"shift_force"}
+    assert "gives no motion" in found["about"] and found["rows"][0]["absolute"][0]["unit"] == "N m"
+    assert main([str(path), *OFFSET, *SMALL, "--operation", "dot", "--overwrite"]) == 2
+    assert "--operation dot: expected w, v" in capsys.readouterr().err
+
+
+def test_no_acceleration_is_invented(tmp_path, wrenches):
+    file = WrenchFile(_write_csv(tmp_path / "mine.csv", wrenches))
+    assert measuring._operations(file, None) == ["shift_force", "shift_velocity", "cross_force", "dot"]
+    assert measuring._operations(None, None) == list(OPERATIONS)
+
+
+def test_trade_is_the_main_job(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["trade", *SMALL, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["about"] == "1,000 wrenches on a rotating body"
 
 
 def test_float32_stays_float32(tmp_path, wrenches):
@@ -208,7 +226,7 @@ BAD_FILES = {
     "NaN array": (_npz(tau=_ONES, f=_HOLE), r"finite numbers, got nan in f\[2, 1\] and in 0 more places"),
     "no rows, npz": (_npz(tau=np.ones((0, 3)), f=np.ones((0, 3))), "at least one wrench"),
     "not an archive": (("bad.npz", lambda path: path.write_text("hello")), "NumPy .npz archive"),
-    "other ending": (("bad.txt", lambda path: path.write_text("")), "ending in .npz or .csv, got .txt"),
+    "other ending": (("bad.txt", lambda path: path.write_text("")), "ending in .npz, .csv or .tsv, got .txt"),
     "no file": (("bad.npz", lambda path: None), "no such file"),
 }  # fmt: skip
 
@@ -226,15 +244,6 @@ def test_bad_file_says_where_and_writes_nothing(case, tmp_path, capsys):
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_a_failed_write_leaves_nothing(tmp_path, wrenches, monkeypatch):
-    path = _write_csv(tmp_path / "mine.csv", wrenches)
-    file = WrenchFile(path)
-    monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
-    with pytest.raises(OSError, match="disk full"):
-        file.write_shifted(file.parts)
-    assert list(tmp_path.iterdir()) == [path]
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -245,6 +254,7 @@ def test_a_failed_write_leaves_nothing(tmp_path, wrenches, monkeypatch):
         (["--operation", "twist"], "invalid choice: 'twist'"),
         (["--largest", "10"], "expected at least 1000 wrenches, got 10"),
         (["FILE", *OFFSET, "--picture", "nowhere/x.png"], "expected a folder to write to"),
+        (["FILE", *OFFSET, "--picture", "x.doc"], "expected a name ending in"),
     ],
 )
 def test_bad_arguments(arguments, message, tmp_path, wrenches, capsys, monkeypatch):

@@ -1,0 +1,195 @@
+"""`python -m jaxspatial`: the trade on the built-in scene or on the user's wrenches, as tables, picture and JSON."""
+
+import contextlib
+import importlib
+import pathlib
+import sys
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxspatial.measure import conditions, files, moving, power, timing, trade
+from jaxspatial.measure.operation import OPERATIONS
+from jaxspatial.measure.result import Result
+from jaxspatial.measure.scene import Wrenches, rotating_body
+from jaxspatial.measure.wrench_file import WrenchFile, WrenchFileError, shifted_path
+
+_OFFSET = (0.3, -0.2, 0.5)
+_NEEDED = "python -m jaxspatial shows tables, progress and pictures: pip install 'jaxspatial[plot]'"
+# Of what is no terminal: room for the whole table.
+_WIDTH = 144
+
+
+class Plan(NamedTuple):
+    """All that is known before anything is measured."""
+
+    about: str
+    wrenches: Wrenches
+    offset: np.ndarray
+    largest: int
+    operations: list
+    dtypes: list
+    outputs: dict  # what is written -> path
+    file: WrenchFile | None
+    shifted: dict  # the parts of the file about Q
+
+
+def run(options):
+    """Measures, shows and writes; returns the exit status, 1 where a promise does not hold."""
+    _check_installed(options)
+    plan, console = _plan(options), console_on(stderr=options.json)
+    result = _measured(plan, console, options)
+    _write(plan, result, options.overwrite)
+    if options.json:
+        print(result.to_json())
+    _show(console, result, plan.outputs, options)
+    return 1 if result.broken else 0
+
+
+def console_on(stderr=False):
+    """Where tables and progress go; None without rich."""
+    try:
+        from rich.console import Console
+    except ImportError:
+        return None
+    return Console(width=None if sys.stdout.isatty() else _WIDTH, stderr=stderr)
+
+
+def _check_installed(options):
+    """Says what is missing before any work is done."""
+    needed = {"rich": not options.json, "matplotlib": not options.json or options.picture is not None}
+    for name in (name for name, is_needed in needed.items() if is_needed):
+        try:
+            importlib.import_module(name)
+        except ImportError as error:
+            raise WrenchFileError(f"{_NEEDED} ({error})") from error
+
+
+# -- what to do: all that can be refused is refused here ---------------------------------------------------------------
+
+
+def _plan(options):
+    if options.file is not None and options.offset is None:
+        raise WrenchFileError("--offset: expected X Y Z, the position of the new point from the old, with a file")
+    outputs, offset = _outputs(options), np.array(_OFFSET if options.offset is None else options.offset)
+    file = WrenchFile(options.file) if options.file else None
+    wrenches, about = _wrenches(file, options.largest)
+    dtypes = list(dict.fromkeys(options.dtype or trade.DTYPES))
+    _check_sizes(wrenches, offset, dtypes, file.path if file else "--offset")
+    operations = _operations(file, options.operation)
+    shifted = moving.moved(file.parts, offset) if file else {}
+    if file:
+        file.check_finite(shifted)
+    return Plan(about, wrenches, offset, options.largest, operations, dtypes, outputs, file, shifted)
+
+
+def _outputs(options):
+    """What is written, and where; a picture that was given no name takes one that is free."""
+    picture, beside = options.picture, options.file or pathlib.Path("jaxspatial.")
+    if picture is None and not options.json:
+        picture = beside.with_name(f"{beside.stem.rstrip('.')}_trade.png")
+        picture = picture if options.overwrite else files.free(picture)
+    found = {"picture": _as_picture(picture)} if picture else {}
+    found |= {"shifted wrenches": shifted_path(options.file)} if options.file else {}
+    return {what: files.checked(path, options.overwrite) for what, path in found.items()}
+
+
+def _as_picture(path):
+    from jaxspatial.measure import picture
+
+    if path.is_dir():
+        raise files.OutputError(f"{path}: a folder is in the way")
+    path = path if path.suffix else path.with_name(f"{path.name}.png")
+    if path.suffix[1:].lower() not in picture.ENDINGS:
+        raise WrenchFileError(f"--picture: expected a name ending in {', '.join(picture.ENDINGS)}, got {path}")
+    return path
+
+
+def _wrenches(file, largest):
+    if file is None:
+        return rotating_body(largest), f"{largest:,} wrenches on a rotating body"
+    parts = {name: x.astype(np.float64) for name, x in file.parts.items()}
+    about = f"{len(file):,} wrenches of {file.path.name}" + ("" if file.moves else ", which gives no motion: no power")
+    return Wrenches(parts["tau"], parts["f"], parts.get("w"), parts.get("v")), about
+
+
+def _operations(file, asked):
+    """Those asked for, as far as the numbers for them are there: neither motions nor accelerations are invented."""
+    names = list(dict.fromkeys(asked or OPERATIONS))
+    if file is None:
+        return names
+    lacking = {name: [x for x in OPERATIONS[name].arguments if x not in (*file.parts, "p")] for name in names}
+    for name in asked or ():
+        if lacking[name]:
+            raise WrenchFileError(f"--operation {name}: expected {', '.join(lacking[name])} in {file.path}")
+    return [name for name in names if not lacking[name]]
+
+
+def _check_sizes(wrenches, offset, dtypes, source):
+    for dtype in dtypes:
+        if dtype in trade.STREAMED and not power.fits(wrenches, offset, dtype):
+            others = "" if dtype == "float64" else "; --dtype float64 measures only float64"
+            raise WrenchFileError(f"{source}: torques, forces or their power are too large for {dtype}{others}")
+
+
+# -- doing it ---------------------------------------------------------------------------------------------------------
+
+
+def _measured(plan, console, options):
+    """All measurements; where there is a console, with the power before, and a progress bar."""
+    moving_at = plan.wrenches if plan.wrenches.w is not None else None
+    fitting = [dtype for dtype in trade.STREAMED if moving_at and power.fits(moving_at, plan.offset, dtype)]
+    powers = {dtype: power.compare(plan.wrenches, plan.offset, dtype) for dtype in fitting}
+    if console:
+        _announce(console, plan, powers)
+    lines, pairs = trade.cases(plan.operations, plan.dtypes), conditions.subjects(plan.operations, plan.dtypes)
+
+    def work(advance):
+        rows = trade.measure(plan.wrenches, plan.offset, lines, plan.largest, advance)
+        return rows, conditions.measure(pairs, advance)
+
+    measured = _with_progress(console, work, trade.steps(lines) + len(pairs))
+    return Result(plan.about, timing.machine(), plan.offset, trade.sizes(plan.largest), powers, *measured)
+
+
+def _announce(console, plan, powers):
+    from jaxspatial.measure import report
+
+    console.print(f"{plan.about}\noffset p_PQ = {plan.offset.tolist()} m\n{timing.machine()}\n")
+    if powers:
+        report.print_power(console, powers)
+
+
+def _with_progress(console, work, total):
+    if console is None:
+        return work(lambda: None)
+    from jaxspatial.measure import report
+
+    return report.with_progress(console, work, total)
+
+
+def _write(plan, result, overwrite):
+    """All files or none."""
+    writers = {"picture": lambda file, path: _draw(result, file, path)}
+    writers["shifted wrenches"] = lambda file, path: plan.file.write(file, plan.shifted)
+    with contextlib.ExitStack() as stack:
+        for what, path in plan.outputs.items():
+            writers[what](stack.enter_context(files.staged(path, overwrite)), path)
+
+
+def _draw(result, file, path):
+    from jaxspatial.measure import picture
+
+    picture.draw(result, file, path.suffix[1:].lower())
+
+
+def _show(console, result, outputs, options):
+    """Tables, what was written, and what is broken."""
+    if not options.json:
+        from jaxspatial.measure import report
+
+        report.print_trade(console, result, options.full)
+    written = [f"{what}: {path}" for what, path in outputs.items()]
+    broken = [f"does not hold here: {what}" for what in result.broken]
+    for text in (*written, *broken):
+        console.print(text, style="bold red" if text in broken else None) if console else print(text, file=sys.stderr)

@@ -1,0 +1,159 @@
+"""What the command can be told: the main job, and its subcommands."""
+
+import argparse
+import math
+import pathlib
+import re
+
+from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.measure import trade
+from jaxspatial.measure.operation import OPERATIONS
+from jaxspatial.measure.wrench_file import PARTS
+
+_PROG = "python -m jaxspatial"
+_XYZ, _WXYZ = ("X", "Y", "Z"), ("W", "X", "Y", "Z")
+_SUBCOMMANDS = """\
+subcommands, each with its own --help:
+  trade        what is done without a subcommand: measure
+  shift FILE   only convert: wrenches about another point, in other axes
+  self-check   as --self-check
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Takes -1e-3 for the number that it is, not for an option."""
+
+    def __init__(self, **names):
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **names)
+        self._negative_number_matcher = re.compile(r"-\.?\d")
+
+
+def measuring():
+    """Of the main job."""
+    parser = _Parser(
+        prog=_PROG,
+        description="The speed and accuracy trade, measured here. Exit status 1 where a promise does not hold,\n"
+        "2 where something cannot be done, 130 after an interrupt.",
+        epilog=_SUBCOMMANDS,
+    )
+    parser.add_argument(
+        "file",
+        nargs="?",
+        type=pathlib.Path,
+        help=".npz with arrays tau, f and, if known, w, v of shape (n, 3), or .csv with columns tau_x, tau_y, tau_z, "
+        "f_x, ...; the shifted wrenches are written beside it. What needs a motion is only measured where the file has "
+        "it. Without: a million wrenches on a rotating body",
+    )
+    parser.add_argument("--offset", nargs=3, type=_metres, metavar=_XYZ, help="from P to Q, metres (p_PQ_E)")
+    parser.add_argument("--largest", type=_count, default=trade.LARGEST, help="number of wrenches to stream")
+    parser.add_argument("--picture", type=pathlib.Path, help="where to write the picture")
+    for name, choices in (("operation", OPERATIONS), ("dtype", trade.DTYPES)):
+        what = f"only this {name}, may be repeated: {', '.join(choices)}"
+        parser.add_argument(f"--{name}", action="append", choices=tuple(choices), metavar=name.upper(), help=what)
+    _add_flags(parser)
+    return parser
+
+
+def _add_flags(parser):
+    parser.add_argument("--full", action="store_true", help="the whole table: every dtype, precision and number")
+    _add_overwrite(parser)
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="everything measured as one JSON object on standard output, progress on standard error; a picture only "
+        "with --picture. Keys: about, machine, versions, offset, sizes, power, rows, conditions, broken, holds, "
+        "explained in jaxspatial/measure/result.py",
+    )
+    parser.add_argument(
+        "--self-check",
+        action="store_true",
+        help="only ask whether the promises of the library hold on this backend and with these flags, in seconds",
+    )
+
+
+def checking():
+    """Of `self-check`."""
+    parser = _Parser(prog=f"{_PROG} self-check", description="Whether the promises of the library hold here.")
+    parser.add_argument("--json", action="store_true", help="as one JSON object: holds, surroundings, findings")
+    return parser
+
+
+def shifting():
+    """Of `shift`."""
+    parser = _Parser(
+        prog=f"{_PROG} shift",
+        description="Wrenches, and velocities where they are known, about another point and in other axes.\n"
+        "X, W, PX ... are numbers, or names of columns of the file: then each row has its own.",
+        epilog=_SHIFTING,
+    )
+    parser.add_argument("file", type=pathlib.Path, help=".npz, .csv or .tsv; separated by commas, semicolons or tabs")
+    motions = (
+        ("offset", _XYZ, "from P to Q, metres, in the axes of the file (p_PQ_E)"),
+        ("rotation", _WXYZ, "unit quaternion of R_AE, from the axes E of the file to other axes A; after the offset"),
+        ("pose", (*_WXYZ, "PX", "PY", "PZ"), "X_AB, as quaternion and position of frame B in A: from B's origin and "
+         "axes, as in the file, to A's"),
+    )  # fmt: skip
+    for name, entries, what in motions:
+        parser.add_argument(f"--{name}", nargs=len(entries), type=_entry, metavar=entries, help=what)
+    parser.add_argument("--columns", nargs="+", action=_Columns, metavar="PART=NAMES", help="what the file calls them")
+    parser.add_argument("--output", type=pathlib.Path, help="where to write; without: FILE_shifted, beside it")
+    _add_overwrite(parser)
+    parser.add_argument("--precision", choices=tuple(map(str, Precision)), help="of the arithmetic")
+    return parser
+
+
+_SHIFTING = """\
+columns: tau_x tau_y tau_z f_x f_y f_z and, if known, w_x ... v_z, or named: --columns tau=Mx,My,Mz f=Fx,Fy,Fz
+(or f=force for force_x, force_y, force_z). In a .npz they are arrays tau, f (n, 3), and a name may be that of an array
+(n,), or of a column of one: p_x of p (n, 3), q_w of q (n, 4), a_0 of a (n, k).
+"""
+
+
+def _add_overwrite(parser):
+    parser.add_argument("--overwrite", action="store_true", help="replace files that exist already")
+
+
+class _Columns(argparse.Action):
+    """part=names, for each part at most once: a dictionary of tuples."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        known = dict(getattr(namespace, self.dest) or {})
+        for text in values or ():
+            part, _, names = text.partition("=")
+            columns = tuple(name.strip() for name in names.split(","))
+            if part not in PARTS or len(columns) not in (1, 3) or not all(columns):
+                parser.error(
+                    f"--columns: expected {', '.join(PARTS)} with one name or three, as f=Fx,Fy,Fz, got {text}"
+                )
+            known[part] = columns
+        setattr(namespace, self.dest, known)
+
+
+def _entry(text):
+    """A number, or the name of a column."""
+    return text if _number(text, float) is None else _finite(text, "number")
+
+
+def _metres(text):
+    return _finite(text, "number of metres")
+
+
+def _finite(text, what):
+    value = _number(text, float)
+    if value is None or not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected a finite {what}, got {text}")
+    return value
+
+
+def _count(text):
+    value = _number(text, int)
+    if value is None or value < trade.SMALLEST:
+        raise argparse.ArgumentTypeError(f"expected at least {trade.SMALLEST} wrenches, got {text}")
+    return value
+
+
+def _number(text, kind):
+    try:
+        return kind(text)
+    except ValueError:
+        return None

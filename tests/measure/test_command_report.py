@@ -1,0 +1,103 @@
+"""What people see: a table of a screen, SI units beside ulps, a picture that says what its lines are."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.measure import conditions, picture, report, trade
+from jaxspatial.measure.conditions import Curve, Point
+from jaxspatial.measure.operation import OPERATIONS
+from jaxspatial.measure.result import Result
+
+SCREEN = (80, 24)
+
+
+def _row(case, worst=3.21e-17):
+    seconds, errors = np.array([1.5e-9, 2.5e-8, 4.5e-8]), np.array([0.25, 77_000.0])
+    streamed = seconds if case.dtype in trade.STREAMED else None
+    return trade.Row(case, seconds, streamed, 0.5, errors, 0.9, tuple(worst for _ in OPERATIONS[case.operation].units))
+
+
+def _curve(name, dtype, precision):
+    return Curve(name, dtype, precision, tuple(Point(10.0**i, 20, 10.0**i, 0.5) for i in range(0, 16, 4)))
+
+
+@pytest.fixture
+def result():
+    """All rows and curves that there can be, with numbers as wide as they come."""
+    rows = [_row(case) for case in trade.cases()]
+    curves = [_curve(name, dtype, str(p)) for name, dtype in conditions.subjects() for p in Precision]
+    return Result("1,000,000 wrenches", "a machine", np.zeros(3), trade.sizes(), {}, rows, curves)
+
+
+def _lines(result, full, capsys):
+    report.print_trade(Console(width=SCREEN[0]), result, full)
+    return capsys.readouterr().out.rstrip().splitlines()
+
+
+def test_the_table_is_a_screen(result, capsys):
+    lines = _lines(result, False, capsys)
+    assert len(lines) < SCREEN[1] and max(map(len, lines)) <= SCREEN[0]
+    for operation in OPERATIONS.values():
+        assert sum(operation.title in line for line in lines) == 2
+    assert "--full" in lines[-1]
+
+
+def test_newtons_beside_ulps(result, capsys):
+    """In both tables: the worst error of a torque, in N m, and in ulps."""
+    line = next(line for line in _lines(result, False, capsys) if line.startswith("shift force"))
+    assert re.fullmatch(r"shift force +25\.0 +25\.0 +25\.0 +25\.0 +77000 +3\.2e-17 +77000 +3\.2e-17 N m", line)
+    line = next(line for line in _lines(result, True, capsys) if "cross force" in line)
+    assert "3.2e-17 N m/s, 3.2e-17 N/s" in line and "77000" in line
+
+
+def test_full_is_everything(result, capsys):
+    text = "\n".join(_lines(result, True, capsys))
+    assert all(name in text for name in (*trade.DTYPES, *Precision, "GB/s", "compile", "promised", "u |r| + 32 u² mag"))
+    assert "…" not in text and text.count("reproducible") == len(OPERATIONS) * len(trade.DTYPES)
+
+
+def test_dtypes_asked_for_are_shown(result, capsys):
+    some = [row for row in result.rows if row.case.dtype in ("float16", "float64")]
+    lines = _lines(result._replace(rows=some), False, capsys)
+    assert {"float16", "float64"} <= set(lines) and "float32" not in lines
+
+
+def test_what_was_not_measured_is_a_dash(result, capsys):
+    rows = [_row(row.case, math.nan)._replace(ulps=np.array([])) for row in result.rows]
+    for full in (False, True):
+        text = "\n".join(_lines(result._replace(rows=rows), full, capsys))
+        assert "nan" not in text and " -" in text
+
+
+def test_errors_in_units_are_exact():
+    """Off by a quarter of a newton metre in one torque of three."""
+    operation = OPERATIONS["shift_force"]
+    tau, f, p = (np.float32([[1, 2, 3], [4, 5, 6]]) for _ in range(3))
+    computed = (tau - np.cross(p, f)).astype(np.float32)
+    computed[1, 2] += 0.25
+    assert operation.in_units([computed], operation.exactly(tau, f, p)) == (0.25,)
+    assert operation.in_units([np.full_like(computed, np.nan)], operation.exactly(tau, f, p)) == (math.inf,)
+    assert all(len(o.units) == len(o.bounds) == len(o.formulas) for o in OPERATIONS.values())
+
+
+def test_the_picture_explains_itself(result, tmp_path):
+    """In SVG the texts and the legends can be found."""
+    picture.draw(result, tmp_path / "x.svg", "svg")
+    text = (tmp_path / "x.svg").read_text()
+    assert text.count("of a cancelled result") == 3
+    assert [f'id="legend_{i}"' in text for i in (1, 2, 3, 4)] == [True, True, True, False]
+    for words in ("one operation, in", "rounded correctly", "promised: never above", "error as large as the result"):
+        assert words in text, words
+    assert text.count("faithful") >= 3 and text.count("shift acceleration") >= 2
+
+
+def test_curves_of_one_dtype_are_labelled_alone(result, tmp_path):
+    curves = [curve for curve in result.curves if curve.dtype == "float32"]
+    picture.draw(result._replace(curves=curves), tmp_path / "x.svg", "svg")
+    text = (tmp_path / "x.svg").read_text()
+    assert "float64: no digit" not in text and "float32: no digit" in text
