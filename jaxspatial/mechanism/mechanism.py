@@ -69,7 +69,7 @@ class Mechanism:
         nothing holds against the world: add a "free" joint for one that floats.
         """
         topology, arrays = assembled(list(bodies), list(joints), list(frames))
-        gravity = check.as_vectors(np.asarray(gravity, np.float64), "Mechanism.build: gravity")
+        gravity = check.as_vectors(np.asarray(gravity, np.float64), "Mechanism.build: gravity", held=True)
         return cls(topology=topology, gravity=np.asarray(gravity, np.float64), **arrays).astype(dtype)
 
     @classmethod
@@ -94,7 +94,7 @@ class Mechanism:
 
     def astype(self, dtype):
         """The same with all arrays in another dtype, JAX's default for None; what is known stays known."""
-        dtype = jax.dtypes.canonicalize_dtype(float if dtype is None else dtype)
+        dtype = check.as_dtype(dtype)
         return jax.tree.map(lambda x: x.astype(dtype), self)
 
     def as_data(self):

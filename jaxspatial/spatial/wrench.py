@@ -4,6 +4,7 @@ import functools
 from typing import NamedTuple
 
 import jax
+import jax.export
 import jax.numpy as jnp
 
 from jaxspatial.arithmetic import check, lanes
@@ -47,6 +48,10 @@ class CentralAxis(NamedTuple):
     point: jax.Array
 
 
+# A NamedTuple is a pytree without being registered; to export it JAX has to know its name.
+jax.export.register_namedtuple_serialization(CentralAxis, serialized_name="jaxspatial.CentralAxis")
+
+
 def central_axis(F_P_E, *, precision=None):
     """The central (Poinsot) axis of a wrench, as its pitch and its point nearest to P.
 
@@ -66,7 +71,7 @@ def central_axis(F_P_E, *, precision=None):
     [Featherstone 2008, 2.5; Ball 1900, A Treatise on the Theory of Screws]
     """
     _require_force(F_P_E, "central_axis")
-    parts = (as_array(part, F_P_E.batch_shape) for part in (F_P_E.tau, F_P_E.f))
+    parts = (as_array(part, F_P_E.batch_shape) for part in check.narrowed_each((F_P_E.tau, F_P_E.f)))
     return CentralAxis(*_central_axis(resolve(precision), *parts))
 
 
