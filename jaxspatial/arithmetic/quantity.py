@@ -55,8 +55,9 @@ class Quantity:
         """Where all components are equal: a mask (*batch,)."""
         if type(other) is not type(self):
             return _not_comparable(self, other)
-        if not (_is_numeric(self) and _is_numeric(other)):
-            return _fields(self) == _fields(other)
+        numeric = _is_numeric(self), _is_numeric(other)
+        if not all(numeric):
+            return not any(numeric) and _fields(self) == _fields(other)
         a, b = matched(self, other, "==")
         pairs = ((as_array(x, a.batch_shape), as_array(y, a.batch_shape)) for x, y in zip(a._vectors, b._vectors))
         return functools.reduce(operator.and_, [_all_equal(x, y) for x, y in pairs])

@@ -127,7 +127,7 @@ class Shapes:
         """
         kind, amount = _amount("solid_tetrahedron", mass, density)
         dtype = _dtype(vertices, amount)
-        v = check.as_vectors(vertices, "solid_tetrahedron: vertices", dtype, many=["4"])
+        v = check.as_vectors(vertices, "solid_tetrahedron: vertices", dtype, many=["4"], held=True)
         if v.shape[-2] != 4:
             raise ValueError(f"solid_tetrahedron: vertices: expected shape (*batch, 4, 3), got {v.shape}")
         amount = _number(amount, f"solid_tetrahedron: {kind}", v.dtype, may_be_zero=True)
@@ -198,7 +198,7 @@ def _dtype(*values):
 
 
 def _number(x, name, dtype, may_be_zero=False):
-    x = check.as_float_array(x, name, dtype)
+    x = check.as_float_array(x, name, dtype, held=True)
     _require_positive(x, name, may_be_zero)
     return x
 
@@ -206,7 +206,7 @@ def _number(x, name, dtype, may_be_zero=False):
 def _lengths(x, name, dtype, n, may_be_zero):
     if n == 1:
         return expanded(_number(x, name, dtype, may_be_zero))
-    x = check.as_vectors(x, name, dtype, size=n)
+    x = check.as_vectors(x, name, dtype, size=n, held=True)
     _require_positive(x, name, may_be_zero)
     return x
 

@@ -159,7 +159,7 @@ def test_objects_are_read_by_their_attributes():
     np.testing.assert_array_equal(interop.brax.from_motion(moving).to_array(), [1, 2, 3, 4, 5, 6])
     pose = types.SimpleNamespace(wxyz_xyz=vector(*QUARTER, 1, 2, 3))
     np.testing.assert_array_equal(interop.jaxlie.from_se3(pose).to_matrix()[:, 3], [1, 2, 3, 1])
-    turn = types.SimpleNamespace(as_quat=lambda: np.array([0.0, 0, 1, 0]))
+    turn = types.SimpleNamespace(as_quat=lambda: vector(0, 0, 1, 0))
     np.testing.assert_array_equal(interop.scipy.from_rotation(turn).to_matrix(), np.diag([-1, -1, 1]))
 
 
