@@ -381,9 +381,8 @@ def _swapped(formula):
     return lambda entries, p, tau, f: formula(entries, p, f, tau)[::-1]
 
 
-def _stacked(*parts):
-    """Of transforms X, X2: their entries, then their translations."""
-    return tuple(np.stack(pair, -2) for pair in (parts[::2], parts[1::2]))
+def _twice(*parts):
+    return tuple(np.stack((part, part), -2) for part in parts)
 
 
 def _wrench(points, forces):
@@ -513,7 +512,7 @@ OPERATIONS = {
         Operation("sum", "forces", lambda F, precision=None: F.sum(-1, precision=precision),
                   lambda tau, f: (_sum_of_points(tau), _sum_of_points(f)), (PLAIN_SUM, PLAIN_SUM)),
         Operation("at_batch", "forces", lambda F: F.at_batch((..., 2)), lambda tau, f: (tau[..., 2, :], f[..., 2, :])),
-        Operation("stack", "X X", lambda X, Y: js.stack([X, Y], -1), _stacked),
+        Operation("stack", "X", lambda X: js.stack([X, X], -1), _twice),
         Operation("equal", "L L", lambda L, L2: L == L2,
                   lambda *parts: (np.all(np.equal(parts[:2], parts[2:]), (0, -1)),), differentiable=False),
         Operation("central_axis", "F", js.central_axis, _axis, (AXIS, AXIS)),

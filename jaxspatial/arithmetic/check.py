@@ -11,7 +11,7 @@ import numpy as np
 
 _FLOATS = "float16, bfloat16, float32 or float64"
 _NARROWED = (
-    "float64 NumPy numbers become float32 in this operation, because JAX's 64-bit types are off. To compute in float64: "
+    "float64 NumPy numbers become float32 in this operation: JAX's 64-bit types are off. To compute in float64: "
     'jax.config.update("jax_enable_x64", True), or a block `with jax.enable_x64(True):`. To compute in float32: give '
     ".astype(np.float32). Said once; to be told where: warnings.simplefilter('error', jaxspatial.NarrowingWarning)"
 )

@@ -35,8 +35,8 @@ class Components(check.Number):
         F = js.SpatialForce(js.Components(0.0, 0.0, tz), f)
         js.shift(F, js.Components(px, py, 0.0)).tau           # Components(0.0, 0.0, tz'): 2 products, not 6
 
-    Each component is data: an array (*batch,) or a DoubleWord, with batches that broadcast; or known: a Python number or
-    NumPy scalar. dtype: that of the data; of known numbers alone it may be named.
+    Each component is data: an array (*batch,) or a DoubleWord, with batches that broadcast; or known: a Python number
+    or NumPy scalar. dtype: that of the data; of known numbers alone it may be named.
 
     Known numbers fold: a known 0, 1 or -1 leaves no operation behind, and a known 0 is an exact zero, also next to an
     infinity or a NaN (-0 is 0). Components take the place of an array wherever the library takes one. What is given any

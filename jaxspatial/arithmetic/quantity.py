@@ -21,9 +21,13 @@ class Quantity:
     NaN. What rounding leaves different is for `is_approx` and its like. Hashes are those of the object.
     """
 
-    if typing.TYPE_CHECKING:
-        batch_shape: tuple
-        dtype: np.dtype
+    @property
+    def batch_shape(self) -> tuple:
+        raise NotImplementedError
+
+    @property
+    def dtype(self) -> np.dtype:
+        raise NotImplementedError
 
     @property
     def _vectors(self) -> tuple:
@@ -59,8 +63,8 @@ class Quantity:
         if not all(numeric):
             return not any(numeric) and _fields(self) == _fields(other)
         a, b = matched(self, other, "==")
-        pairs = ((as_array(x, a.batch_shape), as_array(y, a.batch_shape)) for x, y in zip(a._vectors, b._vectors))
-        return functools.reduce(operator.and_, [_all_equal(x, y) for x, y in pairs])
+        parts = ([as_array(v, x.batch_shape) for v in x._vectors] for x in (a, b))
+        return functools.reduce(operator.and_, map(_all_equal, *parts))
 
     def __ne__(self, other):
         equal = self == other

@@ -108,7 +108,9 @@ def _pose(xyz, wxyz, precision):
 def symmetric_from_diagonal_first(x6):
     """(*batch, 6) [xx, yy, zz, xy, xz, yz], moments first (MuJoCo's `fullinertia` and `cinert`, the six arguments of
     Drake's RotationalInertia), as [xx, xy, yy, xz, yz, zz]."""
-    return check.as_vectors(x6, "symmetric_from_diagonal_first: x6", size=6, held=True)[..., np.array([0, 3, 1, 4, 5, 2])]
+    return check.as_vectors(x6, "symmetric_from_diagonal_first: x6", size=6, held=True)[
+        ..., np.array([0, 3, 1, 4, 5, 2])
+    ]
 
 
 def symmetric_to_diagonal_first(x6):
@@ -118,7 +120,9 @@ def symmetric_to_diagonal_first(x6):
 
 def symmetric_from_upper_triangle(x6):
     """(*batch, 6) [xx, xy, xz, yy, yz, zz], the upper triangle by rows (URDF, SDF), as [xx, xy, yy, xz, yz, zz]."""
-    return check.as_vectors(x6, "symmetric_from_upper_triangle: x6", size=6, held=True)[..., np.array([0, 1, 3, 2, 4, 5])]
+    return check.as_vectors(x6, "symmetric_from_upper_triangle: x6", size=6, held=True)[
+        ..., np.array([0, 1, 3, 2, 4, 5])
+    ]
 
 
 def symmetric_to_upper_triangle(x6):

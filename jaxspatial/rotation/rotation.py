@@ -35,7 +35,9 @@ class Rotation(Quantity):
     def __post_init__(self):
         """Checks what a caller passes; marks of a tree of axes or specs pass."""
         if not check.is_tree_mark(self.entries):
-            object.__setattr__(self, "entries", owned(check.as_vectors(self.entries, "Rotation: entries", size=9, held=True)))
+            object.__setattr__(
+                self, "entries", owned(check.as_vectors(self.entries, "Rotation: entries", size=9, held=True))
+            )
 
     # -- construction -------------------------------------------------------------------------------------------------
 
@@ -412,8 +414,8 @@ def _require_rotations(entries, name):
         which = f"at place {i} of {len(m)} " if len(m) > 1 else ""
         how = f"with an entry of m m^T {off[i]:.3g} off" if off[i] > tolerance else "with a negative determinant"
         raise ValueError(
-            f"{name}: expected rotation matrices, got {which}{m[i].tolist()}, {how}; Rotation.nearest(m) is the nearest "
-            "rotation, Rotation(m.reshape((*m.shape[:-2], 9))) takes numbers as they are"
+            f"{name}: expected rotation matrices, got {which}{m[i].tolist()}, {how}; Rotation.nearest(m) is the "
+            "nearest rotation, Rotation(m.reshape((*m.shape[:-2], 9))) takes numbers as they are"
         )
 
 

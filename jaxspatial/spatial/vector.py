@@ -100,7 +100,7 @@ class SpatialVector(Quantity):
         return self._parts[1]
 
     def to_array(self):
-        """(*batch, 6) the coefficients, rotational on top; of float64 NumPy numbers, while 64-bit types are off, as NumPy."""
+        """(*batch, 6) the coefficients, rotational on top; as NumPy where JAX would narrow them."""
         return joined(*self._parts)
 
     @property

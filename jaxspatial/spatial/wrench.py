@@ -4,7 +4,6 @@ import functools
 from typing import NamedTuple
 
 import jax
-import jax.export
 import jax.numpy as jnp
 
 from jaxspatial.arithmetic import check, lanes
@@ -46,10 +45,6 @@ class CentralAxis(NamedTuple):
 
     pitch: jax.Array
     point: jax.Array
-
-
-# A NamedTuple is a pytree without being registered; to export it JAX has to know its name.
-jax.export.register_namedtuple_serialization(CentralAxis, serialized_name="jaxspatial.CentralAxis")
 
 
 def central_axis(F_P_E, *, precision=None):

@@ -290,9 +290,7 @@ def test_component_index(kind):
     for i in (slice(0, 2), 1.0, None):
         with pytest.raises(TypeError, match=type(i).__name__):
             x[i]
-    with pytest.raises(
-        (IndexError, TypeError), match=rf"{kind.__name__}.* batch of shape \(2,\).*to_array.*at_batch"
-    ):
+    with pytest.raises((IndexError, TypeError), match=rf"{kind.__name__}.* batch of shape \(2,\).*to_array.*at_batch"):
         batch[0]
 
 
