@@ -10,6 +10,7 @@ This list is what is promised; everything else may change.
 """
 
 # how numbers are added and multiplied
+from jaxspatial.arithmetic.check import NarrowingWarning as NarrowingWarning
 from jaxspatial.arithmetic.components import Components as Components
 from jaxspatial.arithmetic.components import from_components as from_components
 from jaxspatial.arithmetic.double_word import DoubleWord as DoubleWord
@@ -27,6 +28,9 @@ from jaxspatial.spatial import SpatialAcceleration as SpatialAcceleration
 from jaxspatial.spatial import SpatialForce as SpatialForce
 from jaxspatial.spatial import SpatialMomentum as SpatialMomentum
 from jaxspatial.spatial import SpatialVelocity as SpatialVelocity
+
+# batches of all of these, and of inertias
+from jaxspatial.arithmetic.quantity import stack as stack
 
 # operations on them
 from jaxspatial.spatial import act as act
@@ -99,5 +103,10 @@ from jaxspatial.spatial import wrench_from_point_forces as wrench_from_point_for
 
 # does it hold here
 from jaxspatial.measure.self_check import self_check as self_check
+
+# every public NamedTuple is known to `jax.export`
+from jaxspatial.arithmetic.tree import named_tuples as _named_tuples
+
+_named_tuples(list(vars().values()))
 
 __version__ = "0.1.0"

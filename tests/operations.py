@@ -35,6 +35,7 @@ _ARGUMENTS = {
     "M": ([(), (3,), (6,)], js.SpatialInertia),
     "P": ([(6,), (9,), (6,)], js.ArticulatedInertia),
     "points": ([(N_POINTS, 3)], lambda x: x),
+    "forces": ([(N_POINTS, 3), (N_POINTS, 3)], js.SpatialForce),
     "coefficients": ([(6,)], lambda x: x),
     "scalar": ([()], lambda x: x),
 }
@@ -380,6 +381,10 @@ def _swapped(formula):
     return lambda entries, p, tau, f: formula(entries, p, f, tau)[::-1]
 
 
+def _twice(*parts):
+    return tuple(np.stack((part, part), -2) for part in parts)
+
+
 def _wrench(points, forces):
     return _sum_of_points(np.cross(points, forces)), _sum_of_points(forces)
 
@@ -412,6 +417,7 @@ def summed(n):
     return Bound(k=2 + rounds, m=2 * (2 + rounds) ** 2, o=n**2)
 
 
+PLAIN_SUM = summed(N_POINTS)._replace(k=3, m=2 * 3**2)
 TURNED, ACT, ACT_A = Bound(k=3, m=4), Bound(k=8, m=32), Bound(k=14, m=128)
 TURNED_SIX, FORCE, TORQUE, ENERGY = Bound(k=6, m=32), Bound(k=5, m=64), Bound(k=8, m=64), Bound(k=12, m=128)
 POINT, COMPOSED, COMPOSED_A = Bound(k=4, m=8), Bound(k=4, m=4), Bound(k=10, m=32)
@@ -503,6 +509,12 @@ OPERATIONS = {
                   lambda alpha, a, s: (alpha / s[..., None], a / s[..., None])),
         Operation("wrench_from_point_forces", "points points", js.wrench_from_point_forces, _wrench,
                   (summed(N_POINTS), summed(N_POINTS))),
+        Operation("sum", "forces", lambda F, precision=None: F.sum(-1, precision=precision),
+                  lambda tau, f: (_sum_of_points(tau), _sum_of_points(f)), (PLAIN_SUM, PLAIN_SUM)),
+        Operation("at_batch", "forces", lambda F: F.at_batch((..., 2)), lambda tau, f: (tau[..., 2, :], f[..., 2, :])),
+        Operation("stack", "X", lambda X: js.stack([X, X], -1), _twice),
+        Operation("equal", "L L", lambda L, L2: L == L2,
+                  lambda *parts: (np.all(np.equal(parts[:2], parts[2:]), (0, -1)),), differentiable=False),
         Operation("central_axis", "F", js.central_axis, _axis, (AXIS, AXIS)),
         Operation("center_of_pressure", "F vector", js.center_of_pressure, _pressed, (PRESSED,)),
         Operation("to_array", "V", js.SpatialVelocity.to_array, lambda w, v: (np.concatenate((w, v), -1),)),

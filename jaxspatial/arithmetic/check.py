@@ -1,6 +1,8 @@
 """What comes in from the caller, checked once: messages name the argument, what was expected and what came."""
 
 import functools
+import operator
+import warnings
 from typing import Any
 
 import jax
@@ -8,6 +10,27 @@ import jax.numpy as jnp
 import numpy as np
 
 _FLOATS = "float16, bfloat16, float32 or float64"
+_NARROWED = (
+    "float64 NumPy numbers become float32 in this operation: JAX's 64-bit types are off. To compute in float64: "
+    'jax.config.update("jax_enable_x64", True), or a block `with jax.enable_x64(True):`. To compute in float32: give '
+    ".astype(np.float32). Said once; to be told where: warnings.simplefilter('error', jaxspatial.NarrowingWarning)"
+)
+
+
+class NarrowingWarning(UserWarning):
+    """An operation computes in float32 with float64 NumPy numbers, because JAX's 64-bit types are off. Said once.
+
+    Numbers that nothing is computed with keep their digits: inside a vector, in `to_array`, in converters.
+
+        jax.config.update("jax_enable_x64", True)                       # compute in float64
+        F.astype(np.float32)                                            # say that float32 is meant
+        warnings.simplefilter("ignore", jaxspatial.NarrowingWarning)    # silence
+        warnings.simplefilter("error", jaxspatial.NarrowingWarning)     # find out where
+    """
+
+
+# What Python's `warnings` keeps in a module that warns: with it nothing is said twice.
+_said: dict = {}
 
 
 class Number:
@@ -19,42 +42,98 @@ class Number:
         return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), self)
 
 
-def as_float_array(x, name, dtype=None) -> Any:
-    """x as an array of floating point; `dtype` is taken on by numbers that have none (Python floats, lists of them).
+def as_float_array(x, name, dtype=None, *, held=False) -> Any:
+    """x as an array of floating point; `dtype` is taken on by Python numbers and lists of them, which have none.
 
-    NumPy stays NumPy (known while tracing), in JAX's canonical dtype. Integers are refused: whether 1 means 1.0f or
-    1.0 is the caller's to say.
+    NumPy stays NumPy (known while tracing): what is only held in its own dtype, what is computed with in JAX's, see
+    `narrowed`. Arrays of integers are refused: whether 1 means 1.0f or 1.0 is the caller's to say.
     """
     if isinstance(x, Number):
         return x
     array = _as_array(x, name, dtype)
     if not _is_floating(array.dtype):
-        advice = "; convert with .astype(float)" if np.dtype(array.dtype).kind in "iub" else ""
-        raise TypeError(f"{name}: expected floating point ({_FLOATS}), got {array.dtype}{advice}")
+        raise TypeError(f"{name}: expected floating point ({_FLOATS}), got {array.dtype}{_advice(x, array, dtype)}")
     if isinstance(array, np.ndarray):
-        return array.astype(jax.dtypes.canonicalize_dtype(array.dtype), copy=False)
+        if held:
+            return array
+        # NumPy's scalar of float64 is a Python float too: nobody asked for its digits.
+        return _in_jax_dtype(array) if isinstance(x, np.float64) else narrowed(array)
     # A weakly typed array would make a second trace for what is otherwise the same call.
     return jax.lax.convert_element_type(array, array.dtype) if getattr(array, "weak_type", False) else array
 
 
 @functools.cache
 def _is_floating(dtype):
-    return jnp.issubdtype(dtype, jnp.floating)
+    return jnp.issubdtype(dtype, jnp.floating) and np.dtype(dtype).itemsize <= 8
+
+
+def _advice(x, array, dtype):
+    if np.dtype(array.dtype).kind not in "iubf":
+        return ""
+    meant = np.dtype(jax.dtypes.canonicalize_dtype(float) if dtype is None else dtype).name
+    return f"; convert with .astype({meant!r})" if hasattr(x, "astype") else "; write 1.0 for 1"
 
 
 def _as_array(x, name, dtype):
     if isinstance(x, (np.ndarray, np.generic, jax.Array, jax.ShapeDtypeStruct)) and not isinstance(x, float):
         return np.asarray(x) if isinstance(x, np.generic) else x
+    leaves = jax.tree.leaves(x)
     try:
-        if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(x)):
+        if any(isinstance(leaf, jax.Array) for leaf in leaves):
             return jnp.asarray(x)
         array = np.asarray(x)
     except (TypeError, ValueError) as error:
         raise TypeError(f"{name}: expected an array of floating point ({_FLOATS}), got {_shown(x)}") from error
     if array.dtype.kind not in "fiub":
         raise TypeError(f"{name}: expected an array of floating point ({_FLOATS}), got {_shown(x)}")
-    has_no_dtype = array.dtype.kind == "f" and dtype is not None and not hasattr(x, "__array__")
-    return array.astype(dtype) if has_no_dtype else array
+    dtype = jax.dtypes.canonicalize_dtype(float) if dtype is None else dtype
+    return array.astype(dtype) if _has_no_dtype(x, leaves, array) else array
+
+
+def _has_no_dtype(x, leaves, array):
+    """True for Python numbers, and lists of them and of NumPy's scalars of floating point."""
+    if hasattr(x, "__array__") or any(np.ndim(leaf) for leaf in leaves):
+        return False
+    return array.dtype.kind == "f" or all(type(leaf) is int for leaf in leaves)
+
+
+def narrowed(tree) -> Any:
+    """The tree with NumPy's float64 as JAX computes with it: as float32 while 64-bit types are off, which is said."""
+    if jax.config.jax_enable_x64:
+        return tree
+    return jax.tree.map(_narrowed, tree)
+
+
+def is_only_held(x):
+    """True for NumPy numbers that JAX would narrow."""
+    return isinstance(x, np.ndarray) and x.dtype == np.float64 and not jax.config.jax_enable_x64
+
+
+def narrowed_each(arrays):
+    """`narrowed`, of a sequence of arrays."""
+    return arrays if jax.config.jax_enable_x64 else tuple(map(_narrowed, arrays))
+
+
+def _narrowed(x):
+    if not isinstance(x, np.ndarray) or x.dtype != np.float64:
+        return x
+    warnings.warn_explicit(_NARROWED, NarrowingWarning, "jaxspatial", 0, "jaxspatial", _said)
+    return _in_jax_dtype(x)
+
+
+def _in_jax_dtype(array):
+    with np.errstate(all="ignore"):
+        return array.astype(jax.dtypes.canonicalize_dtype(array.dtype), copy=False)
+
+
+def as_dtype(x):
+    """The dtype of this name, NumPy's own: None and Python's `float` are JAX's default."""
+    if x is None or x is float:
+        return np.dtype(jax.dtypes.canonicalize_dtype(float))
+    dtype = np.dtype(x)
+    if not _is_floating(dtype):
+        raise TypeError(f"dtype: expected {_FLOATS}, got {dtype}")
+    return dtype
 
 
 def _shown(x):
@@ -62,21 +141,37 @@ def _shown(x):
     return f"{type(x).__name__} {text if len(text) <= 60 else text[:57] + '...'}"
 
 
-def as_vectors(x, name, dtype=None, size=3, many=()) -> Any:
-    """x as an array of shape (*batch, size), or (*batch, n, size) with n named in `many`."""
-    array = as_float_array(x, name, dtype)
+def as_vectors(x, name, dtype=None, size=3, many=(), *, held=False) -> Any:
+    """x as an array of shape (*batch, size), or (*batch, n, size) with n named in `many`; see `as_float_array`."""
+    array = as_float_array(x, name, dtype, held=True)
     if array.shape[-1:] != (size,) or array.ndim <= len(many):
         shape = ", ".join(("*batch", *many, str(size)))
         raise ValueError(f"{name}: expected shape ({shape}), got {array.shape}")
-    return array
+    return array if held else narrowed(array)
 
 
 def require_same_dtype(**arrays):
-    """All dtypes equal: mixed ones would be promoted silently, or not at all, depending on a global flag."""
-    if len({a.dtype for a in arrays.values()}) > 1:
-        dtypes = {name: np.dtype(a.dtype).name for name, a in arrays.items()}
+    """All dtypes equal, as JAX computes with them: mixed ones would be promoted silently, or not at all, depending on a
+    global flag."""
+    if len({a.dtype for a in arrays.values()}) == 1:
+        return
+    dtypes = {name: np.dtype(_computed_in(a)).name for name, a in arrays.items()}
+    if len(set(dtypes.values())) > 1:
         came = ", ".join(f"{name}: {dtype}" for name, dtype in dtypes.items())
         raise TypeError(f"{' and '.join(dtypes)}: expected one dtype, got {came}; convert with .astype")
+
+
+def _computed_in(x):
+    is_numpy = all(isinstance(leaf, np.ndarray) for leaf in jax.tree.leaves(x))
+    return jax.dtypes.canonicalize_dtype(x.dtype) if is_numpy else x.dtype
+
+
+def alike(**arrays):
+    """The arrays, or trees of them, in one dtype: as they are, or as JAX computes with them; see `narrowed`."""
+    if len({a.dtype for a in arrays.values()}) == 1:
+        return arrays
+    require_same_dtype(**arrays)
+    return {name: narrowed(a) for name, a in arrays.items()}
 
 
 def common_batch_shape(**batch_shapes):
@@ -103,6 +198,13 @@ def _broadcast(array, batch_shape):
     if isinstance(array, Number):
         return array.over_batch(batch_shape)
     return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, (*batch_shape, array.shape[-1]))
+
+
+def batch_axis(axis, batch_shape, operation):
+    """An axis of the batch, counted from the front."""
+    if not -len(batch_shape) <= axis < len(batch_shape):
+        raise ValueError(f"{operation}: axis: expected one of a batch of shape {batch_shape}, got {axis}")
+    return operator.index(axis) % len(batch_shape)
 
 
 def goes_with_any_batch(x):

@@ -35,8 +35,8 @@ class Components(check.Number):
         F = js.SpatialForce(js.Components(0.0, 0.0, tz), f)
         js.shift(F, js.Components(px, py, 0.0)).tau           # Components(0.0, 0.0, tz'): 2 products, not 6
 
-    Each component is data: an array (*batch,) or a DoubleWord, with batches that broadcast; or known: a Python float or
-    NumPy scalar. dtype: that of the data; of known numbers alone it may be named.
+    Each component is data: an array (*batch,) or a DoubleWord, with batches that broadcast; or known: a Python number
+    or NumPy scalar. dtype: that of the data; of known numbers alone it may be named.
 
     Known numbers fold: a known 0, 1 or -1 leaves no operation behind, and a known 0 is an exact zero, also next to an
     infinity or a NaN (-0 is 0). Components take the place of an array wherever the library takes one. What is given any
@@ -278,11 +278,11 @@ def has_pairs(x):
 
 
 def _checked(c, name, dtype):
-    """A component as given: a float without a dtype, a NumPy scalar, an array or a DoubleWord."""
+    """A component as given: a Python number as a float, a NumPy scalar, an array or a DoubleWord."""
     if _is_components(c):
         raise TypeError(f"{name}: expected an array (*batch,), a DoubleWord or a float, got Components")
-    if isinstance(c, float) and not isinstance(c, np.generic):
-        return c
+    if type(c) in (float, int):
+        return float(c)
     array = check.as_float_array(c, name, dtype)
     return array[()] if isinstance(c, np.generic) else array
 

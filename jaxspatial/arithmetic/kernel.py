@@ -27,7 +27,7 @@ def kernel(formula) -> typing.Any:
 
     @functools.wraps(formula)
     def call(precision, *arrays):
-        arrays = components.alike(arrays)
+        arrays = components.alike(check.narrowed_each(arrays))
         known = any(isinstance(a, np.ndarray) for a in arrays)
         tracing = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arrays))
         return (program if known and tracing else compiled)(resolve(precision), *arrays)

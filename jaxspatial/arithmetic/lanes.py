@@ -223,11 +223,13 @@ def _with_array(whole, each, x, components):
 
 
 def summed(x):
-    """The sum of x (*batch, n, k) over n: (*batch, k)."""
+    """The sum of x (*batch, n, k) over n: (*batch, k). Known zeros stay that."""
     if isinstance(x, Symbol):
         return Symbol(x.components, is_summed=True)
     if isinstance(x, Apart):
         return _summed_apart(x)
+    if isinstance(x, np.ndarray) and not x.any():
+        return np.zeros((*x.shape[:-2], x.shape[-1]), x.dtype)
     return jnp.moveaxis(total(jnp.moveaxis(x, -1, 0)), 0, -1)
 
 

@@ -281,7 +281,7 @@ def numeric(formula) -> Any:
 
     @functools.wraps(formula)
     def call(precision, *arrays, **static):
-        arrays = components.alike(arrays)
+        arrays = components.alike(check.narrowed_each(arrays))
         known = any(isinstance(a, np.ndarray) for a in arrays)
         tracing = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arrays))
         run = program if known and tracing else compiled

@@ -37,6 +37,13 @@ def tree_of(structure):
     return decorated
 
 
+def named_tuples(types):
+    """Makes exportable what of these types are NamedTuples: pytrees by nature, of which JAX wants a name to write."""
+    for cls in types:
+        if isinstance(cls, type) and issubclass(cls, tuple) and hasattr(cls, "_fields"):
+            jax.export.register_namedtuple_serialization(cls, serialized_name=f"jaxspatial.{cls.__name__}")
+
+
 def _register(cls, names, static):
     keys = list(map(jax.tree_util.GetAttrKey, names))
 

@@ -11,6 +11,7 @@ from jaxspatial.arithmetic import check, lanes, vectors
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, to_double_word
 from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.arithmetic.numbers import Lane, apart, constant, high, numeric, shared, where
+from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.inertia import parameters, symmetric
 from jaxspatial.inertia.addition import steiner
@@ -33,7 +34,7 @@ _OF_MATRIX = np.array([0, 6, 7, 12, 13, 14, 18, 24, 30, 19, 25, 31, 20, 26, 32, 
 
 
 @tree
-class ArticulatedInertia:
+class ArticulatedInertia(Quantity):
     """P_BPp_E: the force on body B, with what hangs on it, per spatial acceleration: the part that is linear in it.
 
         P = [[J, F], [F^T, M]]        tau = J alpha + F a        f = F^T alpha + M a
@@ -61,7 +62,7 @@ class ArticulatedInertia:
             return
         sizes = dict(zip(_FIELDS, (6, 9, 6), strict=True))
         parts = {name: _entries(getattr(self, name), f"ArticulatedInertia: {name}", n) for name, n in sizes.items()}
-        check.require_same_dtype(**parts)
+        parts = check.alike(**parts)
         batch = check.common_batch_shape(**{name: x.shape[:-1] for name, x in parts.items()})
         for name, part in zip(parts, check.broadcast_batch(batch, *parts.values()), strict=True):
             object.__setattr__(self, name, part)
@@ -71,7 +72,7 @@ class ArticulatedInertia:
     @classmethod
     def zero(cls, batch_shape=(), dtype=None):
         """Nothing, known while tracing: what is added to it leaves no operation behind."""
-        dtype = jax.dtypes.canonicalize_dtype(float if dtype is None else dtype)
+        dtype = check.as_dtype(dtype)
         return cls(*(np.zeros((*batch_shape, n), dtype) for n in (6, 9, 6)))
 
     @classmethod
@@ -98,6 +99,13 @@ class ArticulatedInertia:
     def _parts(self):
         return self.rotational, self.coupling, self.translational
 
+    @property
+    def _vectors(self):
+        return self._parts
+
+    def _with_vectors(self, vectors):
+        return _like(vectors)
+
     def to_matrix(self):
         """(*batch, 6, 6), symmetric, rotational on top."""
         parts = to_double_word(self._parts) if any(isinstance(x, DoubleWord) for x in self._parts) else self._parts
@@ -119,8 +127,9 @@ class ArticulatedInertia:
         J and M are of size 1, so that neither metres nor kilograms matter. By Cholesky's decomposition: works under
         jit.
         """
-        tolerance = 64 * float(jnp.finfo(self.dtype).eps) if tolerance is None else float(tolerance)
-        return _is_valid(None, *from_double_word(self._parts), tolerance=tolerance)
+        P = check.narrowed(self)
+        tolerance = 64 * float(jnp.finfo(P.dtype).eps) if tolerance is None else float(tolerance)
+        return _is_valid(None, *from_double_word(P._parts), tolerance=tolerance)
 
     # -- operations ---------------------------------------------------------------------------------------------------
 
@@ -141,9 +150,9 @@ class ArticulatedInertia:
             other = ArticulatedInertia.from_spatial_inertia(other)
         if not isinstance(other, ArticulatedInertia):
             return NotImplemented
-        check.require_same_dtype(left=self, right=other)
-        check.common_batch_shape(left=self.batch_shape, right=other.batch_shape)
-        pairs = zip(self._parts, other._parts, strict=True)
+        left, right = check.alike(left=self, right=other).values()
+        check.common_batch_shape(left=left.batch_shape, right=right.batch_shape)
+        pairs = zip(left._parts, right._parts, strict=True)
         return _like(_combined_part(operation, x, y) for x, y in pairs)
 
     def __matmul__(self, A_P_E):
@@ -250,7 +259,7 @@ def _joint(P, S, armature):
 
 
 def _arm(P, x):
-    x = check.as_float_array(float(x) if isinstance(x, int) else x, "joint_projection: armature", P.dtype)
+    x = check.as_float_array(x, "joint_projection: armature", P.dtype)
     check.require_same_dtype(ArticulatedInertia=P, armature=x)
     check.common_batch_shape(ArticulatedInertia=P.batch_shape, armature=x.shape)
     return expanded(x)
@@ -266,7 +275,7 @@ def _like(parts):
 
 def _entries(x, name, n):
     """Of an array (*batch, n) or matrices (*batch, 3, 3)."""
-    x = check.as_float_array(x, name)
+    x = check.as_float_array(x, name, held=True)
     if x.shape[-1:] == (n,):
         return x
     if x.shape[-2:] != (3, 3):

@@ -13,6 +13,7 @@ from jaxspatial.arithmetic import check, lanes
 from jaxspatial.arithmetic.double_word import DoubleWord
 from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.arithmetic.precision import resolve
+from jaxspatial.arithmetic.quantity import Quantity, moved_to_last
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.inertia import addition, parameters, symmetric, validity
 from jaxspatial.inertia.shapes import Shapes
@@ -26,7 +27,7 @@ from jaxspatial.spatial.velocity import SpatialVelocity
 
 
 @tree
-class SpatialInertia(Shapes):
+class SpatialInertia(Shapes, Quantity):
     """M_BP_E: the inertia of body B about its point P, expressed in frame E.
 
     mass: (*batch,) kg
@@ -73,7 +74,7 @@ class SpatialInertia(Shapes):
 
     @classmethod
     def _filled(cls, value, batch_shape, dtype):
-        dtype = jax.dtypes.canonicalize_dtype(float if dtype is None else dtype)
+        dtype = check.as_dtype(dtype)
         batch_shape = (batch_shape,) if isinstance(batch_shape, int) else tuple(batch_shape)
         return cls(*(np.full((*batch_shape, *item), value, dtype) for item in ((), (3,), (6,))))
 
@@ -141,6 +142,10 @@ class SpatialInertia(Shapes):
     def _vectors(self):
         """The parts as (*batch, n)."""
         return expanded(self.mass), self.com, self.central
+
+    def _with_vectors(self, vectors):
+        mass, com, central = vectors
+        return _rebuild((mass[..., 0], com, central))
 
     @property
     def batch_shape(self):
@@ -287,15 +292,10 @@ class SpatialInertia(Shapes):
         turns indefinite but by rounding, as for `combine`. Of double words com and central are good to 64 (L + 4) u^2
         mag.
         """
-        if not -len(self.batch_shape) <= axis < len(self.batch_shape):
-            raise ValueError(
-                f"SpatialInertia.sum: axis: expected one of a batch of shape {self.batch_shape}, got {axis}"
-            )
-        place = axis % len(self.batch_shape)
+        place = check.batch_axis(axis, self.batch_shape, "SpatialInertia.sum")
         if not self.batch_shape[place]:
             return SpatialInertia.zero((*self.batch_shape[:place], *self.batch_shape[place + 1 :]), self.dtype)
-        last = len(self.batch_shape) - 1
-        moved = [jax.tree.map(lambda x: jnp.moveaxis(x, place, last), x) for x in self._vectors]
+        moved = moved_to_last(check.narrowed_each(self._vectors), place, self.batch_shape)
         return _rebuild(addition.total(resolve(precision), *moved))
 
     # -- what a body can be -------------------------------------------------------------------------------------------
@@ -309,7 +309,7 @@ class SpatialInertia(Shapes):
         moments does not hold; -1 for a negative mass, NaN where a number is not finite. Error at most 32 u.
         [Wensing, Kim and Slotine 2018]
         """
-        return validity.slack(resolve(precision), *self._vectors)
+        return validity.slack(resolve(precision), *check.narrowed_each(self._vectors))
 
     def is_physically_valid(self, tolerance=None, *, precision=None):
         """(*batch,) True where a body can be like that: all finite, mass >= 0, `validity_slack` >= -tolerance.
@@ -317,7 +317,7 @@ class SpatialInertia(Shapes):
         tolerance: relative, as the slack is; 16 eps by default, for what rounding takes from a plate. Of the point
         about which the inertia is nothing depends on it.
         """
-        tolerance = validity.default_tolerance(self.dtype) if tolerance is None else tolerance
+        tolerance = validity.default_tolerance(check.narrowed(self).dtype) if tolerance is None else tolerance
         return self.validity_slack(precision=precision) >= -tolerance
 
     def nearest_valid(self, tolerance=None, *, precision=None):
@@ -327,9 +327,10 @@ class SpatialInertia(Shapes):
         Mass, or central, that are valid with this tolerance (16 eps by default) stay bit for bit, and so do those that
         are not finite; com always. Error of central at most 32 u times its largest principal moment.
         """
-        tolerance = validity.default_tolerance(self.dtype) if tolerance is None else tolerance
-        mass, central = validity.nearest(resolve(precision), *self._vectors, float(tolerance))
-        return _rebuild((mass, self.com, central))
+        M = check.narrowed(self)
+        tolerance = validity.default_tolerance(M.dtype) if tolerance is None else tolerance
+        mass, central = validity.nearest(resolve(precision), *M._vectors, float(tolerance))
+        return _rebuild((mass, M.com, central))
 
     # -- principal axes and equivalent shapes -------------------------------------------------------------------------
 
@@ -349,7 +350,7 @@ class SpatialInertia(Shapes):
         Derivatives of the moments are the rates of their matrix along the axes, those of axes divide by the distance of
         moments; of axes with equal moments, which have none, the part within their plane is 0. [Jacobi 1846]
         """
-        moments, axes = symmetric.eigen(resolve(precision), self.central)
+        moments, axes = symmetric.eigen(resolve(precision), check.narrowed(self.central))
         return moments, Rotation(axes)
 
     def equivalent_ellipsoid(self, *, precision=None):
@@ -394,12 +395,12 @@ def _rebuild(parts):
 def _checked(operation, mass, com, six, name="central"):
     """The three as arrays of one dtype over their common batch, the last by six entries."""
     dtype = next((x.dtype for x in (mass, com, six) if _is_floating(x)), None)
-    arrays = {
-        f"{operation}: mass": check.as_float_array(mass, f"{operation}: mass", dtype),
-        f"{operation}: com": check.as_vectors(com, f"{operation}: com", dtype),
+    given = {
+        f"{operation}: mass": check.as_float_array(mass, f"{operation}: mass", dtype, held=True),
+        f"{operation}: com": check.as_vectors(com, f"{operation}: com", dtype, held=True),
         f"{operation}: {name}": _as_six(six, f"{operation}: {name}", dtype),
     }
-    check.require_same_dtype(**arrays)
+    arrays = check.alike(**given)
     items = dict(zip(arrays, ((), (3,), (6,)), strict=True))
     shapes = {key: x.shape[: len(x.shape) - len(items[key])] for key, x in arrays.items()}
     batch = check.common_batch_shape(**shapes)
@@ -411,7 +412,7 @@ def _is_floating(x):
 
 
 def _as_six(x, name, dtype):
-    array = check.as_float_array(x, name, dtype)
+    array = check.as_float_array(x, name, dtype, held=True)
     if array.shape[-1:] == (6,):
         return array
     if array.shape[-2:] != (3, 3):
@@ -459,6 +460,7 @@ def _shift_inertia(M_P_E: SpatialInertia, p_PQ_E, w=None, *, precision=None):
     p = check.as_vectors(p_PQ_E, "shift: p_PQ_E", M_P_E.dtype)
     check.require_same_dtype(SpatialInertia=M_P_E, p_PQ_E=p)
     batch = check.common_batch_shape(SpatialInertia=M_P_E.batch_shape, p_PQ_E=p.shape[:-1])
+    M_P_E = check.narrowed(M_P_E)
     com = _shifted(precision, M_P_E.com, p)
     mass, central = check.broadcast_batch(batch, expanded(M_P_E.mass), M_P_E.central)
     return _rebuild((mass[..., 0] if M_P_E.batch_shape != batch else M_P_E.mass, com, central))
@@ -495,6 +497,7 @@ def _pose(X_AB, M):
 
 def _moved(formula, precision, M, *pose):
     """The formula over com and central; mass stays."""
+    M = check.narrowed(M)
     com, central = formula(precision, *pose, M.com, M.central)
     batch = np.broadcast_shapes(M.batch_shape, *(x.shape[:-1] for x in pose))
     (mass,) = check.broadcast_batch(batch, expanded(M.mass))

@@ -110,7 +110,7 @@ class Shapes:
     def point_mass(cls, com, *, mass):
         """All mass in one point, com = p_PPcm (*batch, 3)."""
         dtype = _dtype(com, mass)
-        com = check.as_vectors(_floats(com), "point_mass: com", dtype)
+        com = check.as_vectors(com, "point_mass: com", dtype, held=True)
         mass = _number(mass, "point_mass: mass", dtype, may_be_zero=True)
         check.require_same_dtype(com=com, mass=mass)
         batch = check.common_batch_shape(com=com.shape[:-1], mass=mass.shape)
@@ -127,7 +127,7 @@ class Shapes:
         """
         kind, amount = _amount("solid_tetrahedron", mass, density)
         dtype = _dtype(vertices, amount)
-        v = check.as_vectors(_floats(vertices), "solid_tetrahedron: vertices", dtype, many=["4"])
+        v = check.as_vectors(vertices, "solid_tetrahedron: vertices", dtype, many=["4"], held=True)
         if v.shape[-2] != 4:
             raise ValueError(f"solid_tetrahedron: vertices: expected shape (*batch, 4, 3), got {v.shape}")
         amount = _number(amount, f"solid_tetrahedron: {kind}", v.dtype, may_be_zero=True)
@@ -155,7 +155,7 @@ class Shapes:
         """
         kind, amount = _amount("triangle_mesh", mass, density)
         dtype = _dtype(vertices, amount)
-        vertices = check.as_vectors(_floats(vertices), "triangle_mesh: vertices", dtype, many=["n"])
+        vertices = check.as_vectors(vertices, "triangle_mesh: vertices", dtype, many=["n"])
         corners = mesh.corners(vertices, triangles)
         amount = _number(amount, f"triangle_mesh: {kind}", corners.dtype, may_be_zero=True)
         check.require_same_dtype(vertices=corners, **{kind: amount})
@@ -187,7 +187,7 @@ def _made(cls, name, formula, precision, amount, axis=None, may_be_zero=(), n=1,
     if "inner_radius" in given:
         _require_order(name, given["inner_radius"], given["outer_radius"])
     if axis is not None:
-        given["axis"] = check.as_vectors(_floats(axis), f"{name}: axis", dtype)
+        given["axis"] = check.as_vectors(axis, f"{name}: axis", dtype)
     return cls(*_computed(formula, precision, given, by=kind))
 
 
@@ -197,15 +197,8 @@ def _dtype(*values):
     return next((np.dtype(x.dtype) for x in leaves if hasattr(x, "dtype") and not isinstance(x, float)), None)
 
 
-def _floats(x):
-    """Python numbers, in lists too, as floats: an integer is as good a length as any."""
-    if isinstance(x, (list, tuple)):
-        return [_floats(y) for y in x]
-    return float(x) if isinstance(x, (int, float)) and not isinstance(x, bool) else x
-
-
 def _number(x, name, dtype, may_be_zero=False):
-    x = check.as_float_array(_floats(x), name, dtype)
+    x = check.as_float_array(x, name, dtype, held=True)
     _require_positive(x, name, may_be_zero)
     return x
 
@@ -213,7 +206,7 @@ def _number(x, name, dtype, may_be_zero=False):
 def _lengths(x, name, dtype, n, may_be_zero):
     if n == 1:
         return expanded(_number(x, name, dtype, may_be_zero))
-    x = check.as_vectors(_floats(x), name, dtype, size=n)
+    x = check.as_vectors(x, name, dtype, size=n, held=True)
     _require_positive(x, name, may_be_zero)
     return x
 

@@ -1,6 +1,6 @@
 """Drake (pydrake): rotational part first, about a point, accelerations classical, quaternions wxyz: as ours.
 
-Objects of pydrake are single and float64: what is read is NumPy, copied, in JAX's default dtype, known while tracing;
+Objects of pydrake are single and float64: what is read is NumPy, copied, in float64, known while tracing;
 what is made takes one item. Read: Drake's multibody/math and multibody/tree headers, pydrake 1.51.
 """
 
@@ -65,7 +65,7 @@ def to_momentum(L_MSp_E):
 
 def from_columns(kind, m):
     """A batch (n,) of spatial vectors of that kind from (6, n), one column each, as Drake's Jacobians are."""
-    m = check.as_float_array(m, "drake.from_columns: m")
+    m = check.as_float_array(m, "drake.from_columns: m", held=True)
     return kind.from_array(m.T)
 
 

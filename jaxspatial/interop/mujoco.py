@@ -186,7 +186,7 @@ def _to_mixed(x, R_WB, precision):
 
 def _rotation(matrix):
     """Of (*batch, 9) or (*batch, 3, 3), row by row."""
-    matrix = check.as_float_array(matrix, "mujoco: matrix")
+    matrix = check.as_float_array(matrix, "mujoco: matrix", held=True)
     return Rotation.from_matrix(matrix if matrix.shape[-1] == 3 else matrix.reshape((*matrix.shape[:-1], 3, 3)))
 
 

@@ -30,7 +30,7 @@ def to_rotational_first(x):
 def from_linear_first(kind, x6):
     """A spatial vector of that kind from (*batch, 6) [v; w], [f; tau], ...: the order of Pinocchio, jaxlie, jaxsim,
     frax, spatialmath, ROS, and of what users hand to MuJoCo."""
-    x6 = check.as_vectors(x6, "from_linear_first: x6", size=6)
+    x6 = check.as_vectors(x6, "from_linear_first: x6", size=6, held=True)
     return kind(x6[..., 3:], x6[..., :3])
 
 
@@ -41,7 +41,7 @@ def to_linear_first(x):
 
 def matrix_from_linear_first(m):
     """(*batch, 6, 6) between spatial vectors, in the order [v; w] or [f; tau], as ours: inertia, adjoint."""
-    m = check.as_vectors(m, "matrix_from_linear_first: m", size=6, many=["6"])
+    m = check.as_vectors(m, "matrix_from_linear_first: m", size=6, many=["6"], held=True)
     exchanged = np.array([3, 4, 5, 0, 1, 2])
     return m[..., exchanged[:, None], exchanged]
 
@@ -56,17 +56,17 @@ def matrix_to_linear_first(m):
 
 def quaternion_from_xyzw(q):
     """(*batch, 4) real part last (Pinocchio, SciPy, ROS) as wxyz (ours, Drake, MuJoCo, Brax, jaxlie)."""
-    return check.as_vectors(q, "quaternion_from_xyzw: q", size=4)[..., np.array([3, 0, 1, 2])]
+    return check.as_vectors(q, "quaternion_from_xyzw: q", size=4, held=True)[..., np.array([3, 0, 1, 2])]
 
 
 def quaternion_to_xyzw(q):
     """(*batch, 4) wxyz as xyzw."""
-    return check.as_vectors(q, "quaternion_to_xyzw: q", size=4)[..., np.array([1, 2, 3, 0])]
+    return check.as_vectors(q, "quaternion_to_xyzw: q", size=4, held=True)[..., np.array([1, 2, 3, 0])]
 
 
 def pose_from_xyz_xyzw(x7, *, precision=None):
     """X_AB from (*batch, 7) [p_AB; xyzw]: Pinocchio's XYZQUAT, ROS. Errors as of `Rotation.from_quaternion`."""
-    x7 = check.as_vectors(x7, "pose_from_xyz_xyzw: x7", size=7)
+    x7 = check.as_vectors(x7, "pose_from_xyz_xyzw: x7", size=7, held=True)
     return _pose(x7[..., :3], quaternion_from_xyzw(x7[..., 3:]), precision)
 
 
@@ -77,7 +77,7 @@ def pose_to_xyz_xyzw(X_AB, *, precision=None):
 
 def pose_from_xyz_wxyz(x7, *, precision=None):
     """X_AB from (*batch, 7) [p_AB; wxyz]: MuJoCo's free joint. Errors as of `Rotation.from_quaternion`."""
-    x7 = check.as_vectors(x7, "pose_from_xyz_wxyz: x7", size=7)
+    x7 = check.as_vectors(x7, "pose_from_xyz_wxyz: x7", size=7, held=True)
     return _pose(x7[..., :3], x7[..., 3:], precision)
 
 
@@ -89,7 +89,7 @@ def pose_to_xyz_wxyz(X_AB, *, precision=None):
 def pose_from_wxyz_xyz(x7, *, precision=None):
     """X_AB from (*batch, 7) [wxyz; p_AB]: jaxlie, jaxsim, Drake's floating joint, and the free joint here. Errors as of
     `Rotation.from_quaternion`."""
-    x7 = check.as_vectors(x7, "pose_from_wxyz_xyz: x7", size=7)
+    x7 = check.as_vectors(x7, "pose_from_wxyz_xyz: x7", size=7, held=True)
     return _pose(x7[..., 4:], x7[..., :4], precision)
 
 
@@ -108,17 +108,21 @@ def _pose(xyz, wxyz, precision):
 def symmetric_from_diagonal_first(x6):
     """(*batch, 6) [xx, yy, zz, xy, xz, yz], moments first (MuJoCo's `fullinertia` and `cinert`, the six arguments of
     Drake's RotationalInertia), as [xx, xy, yy, xz, yz, zz]."""
-    return check.as_vectors(x6, "symmetric_from_diagonal_first: x6", size=6)[..., np.array([0, 3, 1, 4, 5, 2])]
+    return check.as_vectors(x6, "symmetric_from_diagonal_first: x6", size=6, held=True)[
+        ..., np.array([0, 3, 1, 4, 5, 2])
+    ]
 
 
 def symmetric_to_diagonal_first(x6):
     """(*batch, 6) [xx, xy, yy, xz, yz, zz] as [xx, yy, zz, xy, xz, yz]."""
-    return check.as_vectors(x6, "symmetric_to_diagonal_first: x6", size=6)[..., np.array([0, 2, 5, 1, 3, 4])]
+    return check.as_vectors(x6, "symmetric_to_diagonal_first: x6", size=6, held=True)[..., np.array([0, 2, 5, 1, 3, 4])]
 
 
 def symmetric_from_upper_triangle(x6):
     """(*batch, 6) [xx, xy, xz, yy, yz, zz], the upper triangle by rows (URDF, SDF), as [xx, xy, yy, xz, yz, zz]."""
-    return check.as_vectors(x6, "symmetric_from_upper_triangle: x6", size=6)[..., np.array([0, 1, 3, 2, 4, 5])]
+    return check.as_vectors(x6, "symmetric_from_upper_triangle: x6", size=6, held=True)[
+        ..., np.array([0, 1, 3, 2, 4, 5])
+    ]
 
 
 def symmetric_to_upper_triangle(x6):

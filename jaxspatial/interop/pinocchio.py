@@ -1,8 +1,8 @@
 """Pinocchio: Force [f; tau] and Motion [v; w], linear part first; accelerations are Featherstone's; SE3 as X_AB.
 
 Its Force is a force as well as a momentum, its Motion a velocity as well as an acceleration: which one is meant is said
-by the name of the function here. Objects are single and float64: what is read is NumPy, copied, in JAX's default dtype,
-known while tracing; what is made takes one item. Read: Pinocchio's spatial headers, pin 4.1.
+by the name of the function here. Objects are single and float64: what is read is NumPy, copied, in float64, known while
+tracing; what is made takes one item. Read: Pinocchio's spatial headers, pin 4.1.
 """
 
 import numpy as np

@@ -73,7 +73,7 @@ class Mechanism:
         for one that floats. Raises TypeError for numbers that are traced: put them in with `replace`.
         """
         topology, arrays = assembled(list(bodies), list(joints), list(frames))
-        gravity = check.as_vectors(known(gravity), "Mechanism.build: gravity")
+        gravity = check.as_vectors(known(gravity), "Mechanism.build: gravity", held=True)
         return cls(topology=topology, gravity=np.asarray(gravity, np.float64), **arrays).astype(dtype)
 
     @classmethod
@@ -98,7 +98,7 @@ class Mechanism:
 
     def astype(self, dtype):
         """The same with all arrays in another dtype, JAX's default for None; what is known stays known."""
-        dtype = jax.dtypes.canonicalize_dtype(float if dtype is None else dtype)
+        dtype = check.as_dtype(dtype)
         return jax.tree.map(lambda x: x.astype(dtype), self)
 
     def as_data(self):

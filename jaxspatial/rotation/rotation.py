@@ -1,18 +1,21 @@
 """Rotations, as what they do to vectors. The mathematics is in the modules beside this one."""
 
 import jax
-import jax.export
+import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, lanes, vectors
+from jaxspatial.arithmetic.components import as_array
+from jaxspatial.arithmetic.double_word import from_double_word
 from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.arithmetic.numbers import numeric
-from jaxspatial.arithmetic.tree import tree
+from jaxspatial.arithmetic.quantity import Quantity
+from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.rotation import angles, directions, exponential, quaternion
 
 
 @tree
-class Rotation:
+class Rotation(Quantity):
     """R_AB: re-expresses in frame A what is expressed in frame B. Made by the constructors below.
 
     entries: (*batch, 9) the matrix, row by row.
@@ -32,21 +35,30 @@ class Rotation:
     def __post_init__(self):
         """Checks what a caller passes; marks of a tree of axes or specs pass."""
         if not check.is_tree_mark(self.entries):
-            object.__setattr__(self, "entries", owned(check.as_vectors(self.entries, "Rotation: entries", size=9)))
+            object.__setattr__(
+                self, "entries", owned(check.as_vectors(self.entries, "Rotation: entries", size=9, held=True))
+            )
 
     # -- construction -------------------------------------------------------------------------------------------------
 
     @classmethod
     def identity(cls, batch_shape=(), dtype=None):
         """The rotation that changes nothing, known while tracing: it leaves no operation behind."""
-        dtype = jax.dtypes.canonicalize_dtype(float if dtype is None else dtype)
+        dtype = check.as_dtype(dtype)
         batch_shape = (batch_shape,) if isinstance(batch_shape, int) else batch_shape
         return cls(np.broadcast_to(np.eye(3, dtype=dtype).ravel(), (*batch_shape, 9)))
 
     @classmethod
     def from_matrix(cls, m):
-        """From matrices (*batch, 3, 3), taken as they are: see that they are orthogonal with determinant 1."""
-        return cls(as_matrices(m, "Rotation.from_matrix: m"))
+        """From matrices (*batch, 3, 3), taken as they are, digit by digit.
+
+        Raises ValueError for numbers that are no rotation: where an entry of m m^T is 1e-3 + 16 eps and more off that
+        of the identity, or the determinant is negative. It is there to find a scaled, mirrored or unfinished matrix,
+        not drift: `nearest` removes that. NaN passes. *unchecked* while tracing, and in `Rotation(entries)`.
+        """
+        entries = as_matrices(m, "Rotation.from_matrix: m")
+        _require_rotations(entries, "Rotation.from_matrix: m")
+        return cls(entries)
 
     @classmethod
     def nearest(cls, m, *, precision=None):
@@ -171,6 +183,13 @@ class Rotation:
         return _to_roll_pitch_yaw(precision, self.entries)
 
     @property
+    def _vectors(self):
+        return (self.entries,)
+
+    def _with_vectors(self, vectors):
+        return rebuilt(Rotation, ("entries",), vectors)
+
+    @property
     def batch_shape(self):
         return self.entries.shape[:-1]
 
@@ -224,13 +243,14 @@ def rotated(R_AB, v_B, *, precision=None):
     few finfo.tiny where subnormals are flushed. 15 flops.
     Raises TypeError for dtypes that differ, ValueError for shapes.
     """
-    v_B = check.as_vectors(v_B, "Rotation @ v: v", R_AB.dtype)
+    v_B = check.as_vectors(v_B, "Rotation @ v: v", R_AB.dtype, held=is_identity(R_AB))
+    check.require_same_dtype(Rotation=R_AB, v=v_B)
     return rotated_together(R_AB, v_B, precision=precision)[0]
 
 
 def rotated_together(R_AB, *vectors, precision=None):
-    """`rotated` for several vectors, in one operation: what a derivative collects from all of them is one sum."""
-    check.require_same_dtype(Rotation=R_AB, **{f"v{i or ''}": v for i, v in enumerate(vectors)})
+    """`rotated` for several vectors of the dtype of R, in one operation: what a derivative collects from all of them is
+    one sum."""
     for v in vectors:
         check.common_batch_shape(Rotation=R_AB.batch_shape, v=v.shape[:-1])
     return vectors if is_identity(R_AB) else _rotated(precision, R_AB.entries, *vectors)
@@ -373,10 +393,30 @@ def _call(formula, precision, static=None, **arrays):
 
 def as_matrices(m, name, n=3):
     """Matrices (*batch, n, n) by their entries (*batch, n n)."""
-    m = check.as_vectors(m, name, size=n, many=[str(n)])
+    m = check.as_vectors(m, name, size=n, many=[str(n)], held=True)
     if m.shape[-2] != n:
         raise ValueError(f"{name}: expected shape (*batch, {n}, {n}), got {m.shape}")
     return m.reshape((*m.shape[:-2], n * n))
+
+
+def _require_rotations(entries, name):
+    """Of what is known now; nothing is asked of what is traced."""
+    leaves = jax.tree.leaves(entries)
+    if not leaves or any(isinstance(x, (jax.core.Tracer, jax.ShapeDtypeStruct)) for x in leaves):
+        return
+    tolerance = 1e-3 + 16 * float(jnp.finfo(entries.dtype).eps)
+    m = np.asarray(from_double_word(as_array(entries, entries.shape[:-1]))).astype(np.float64).reshape((-1, 3, 3))
+    with np.errstate(all="ignore"):
+        off = abs(m @ np.swapaxes(m, -1, -2) - np.eye(3)).max((-1, -2), initial=0.0)
+        wrong = np.flatnonzero((off > tolerance) | (np.linalg.det(m) < 0))
+    if wrong.size:
+        i = wrong[0]
+        which = f"at place {i} of {len(m)} " if len(m) > 1 else ""
+        how = f"with an entry of m m^T {off[i]:.3g} off" if off[i] > tolerance else "with a negative determinant"
+        raise ValueError(
+            f"{name}: expected rotation matrices, got {which}{m[i].tolist()}, {how}; Rotation.nearest(m) is the "
+            "nearest rotation, Rotation(m.reshape((*m.shape[:-2], 9))) takes numbers as they are"
+        )
 
 
 def owned(array):

@@ -22,6 +22,7 @@ sum of the absolute values of its terms, multiplied out.
 import functools
 from typing import Any
 
+from jaxspatial.arithmetic import check
 from jaxspatial.rotation.rotation import Rotation, rotated_together
 
 
@@ -176,4 +177,5 @@ def rotating(X_P_E, R_AE, precision) -> Any:
     """`rotate`, dispatched on what is rotated."""
     if not hasattr(X_P_E, "rotational"):
         return _refuse("rotate", "one of the four spatial vectors as second", X_P_E)
+    check.require_same_dtype(Rotation=R_AE, **{type(X_P_E).__name__: X_P_E})
     return X_P_E._like(*rotated_together(R_AE, *X_P_E._parts, precision=precision))

@@ -6,7 +6,8 @@ import numpy as np
 from jaxspatial.arithmetic import check, lanes, vectors
 from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.arithmetic.numbers import constant, numeric
-from jaxspatial.arithmetic.tree import tree
+from jaxspatial.arithmetic.quantity import Quantity
+from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.rotation import exponential
 from jaxspatial.rotation.rotation import (
     Rotation,
@@ -27,7 +28,7 @@ from jaxspatial.spatial.velocity import SpatialVelocity
 
 
 @tree
-class RigidTransform:
+class RigidTransform(Quantity):
     """X_AB: the pose of frame B in frame A. A point p_BoQ_B is p_AoQ_A = X_AB @ p_BoQ_B.
 
     rotation: Rotation R_AB
@@ -46,10 +47,10 @@ class RigidTransform:
             return
         if not isinstance(self.rotation, Rotation):
             raise TypeError(f"RigidTransform: rotation: expected a Rotation, got {type(self.rotation).__name__}")
-        p = check.as_vectors(self.translation, "RigidTransform: translation", self.rotation.dtype)
-        check.require_same_dtype(rotation=self.rotation, translation=p)
-        batch = check.common_batch_shape(rotation=self.rotation.batch_shape, translation=p.shape[:-1])
-        entries, p = check.broadcast_batch(batch, self.rotation.entries, p)
+        p = check.as_vectors(self.translation, "RigidTransform: translation", self.rotation.dtype, held=True)
+        R, p = check.alike(rotation=self.rotation, translation=p).values()
+        batch = check.common_batch_shape(rotation=R.batch_shape, translation=p.shape[:-1])
+        entries, p = check.broadcast_batch(batch, R.entries, p)
         object.__setattr__(self, "rotation", Rotation(entries))
         object.__setattr__(self, "translation", owned(p))
 
@@ -63,7 +64,8 @@ class RigidTransform:
 
     @classmethod
     def from_matrix(cls, m):
-        """From homogeneous matrices (*batch, 4, 4), taken as they are, whatever their last row."""
+        """From homogeneous matrices (*batch, 4, 4), taken as they are, whatever their last row. Raises ValueError for
+        what is no rotation, as `Rotation.from_matrix`."""
         m = matrices(as_matrices(m, "RigidTransform.from_matrix: m", 4), 4)
         return cls(Rotation.from_matrix(m[..., :3, :3]), m[..., :3, 3])
 
@@ -93,6 +95,15 @@ class RigidTransform:
         Errors as of `Rotation.log`, of v at most 24 u |v|; what happens at half a turn is told there.
         """
         return SpatialVelocity(*_log(precision, self.rotation.entries, self.translation))
+
+    @property
+    def _vectors(self):
+        return getattr(self.rotation, "entries", self.rotation), self.translation
+
+    def _with_vectors(self, vectors):
+        entries, p = vectors
+        R = rebuilt(Rotation, ("entries",), (entries,))
+        return rebuilt(RigidTransform, ("rotation", "translation"), (R, p))
 
     @property
     def batch_shape(self):

@@ -15,12 +15,14 @@ import numpy as np
 from jaxspatial.arithmetic import check, lanes
 from jaxspatial.arithmetic.components import Components, as_array
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, to_double_word
+from jaxspatial.arithmetic.kernel import kernel
+from jaxspatial.arithmetic.quantity import Quantity, matched, moved_to_last
 from jaxspatial.arithmetic.reproducible import product, quotient
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.spatial import operations
 
 
-class SpatialVector:
+class SpatialVector(Quantity):
     """Base of the four kinds. A subclass is a frozen dataclass with two fields, see `spatial_vector`."""
 
     if typing.TYPE_CHECKING:
@@ -38,8 +40,8 @@ class SpatialVector:
         if all(check.is_tree_mark(leaf) for leaf in self._parts):
             return
         names = [f"{type(self).__name__}: {name}" for name in self._names]
-        arrays = {name: _owned(check.as_vectors(x, name)) for name, x in zip(names, self._parts, strict=True)}
-        check.require_same_dtype(**arrays)
+        given = zip(names, self._parts, strict=True)
+        arrays = check.alike(**{name: _owned(check.as_vectors(x, name, held=True)) for name, x in given})
         batch_shapes = {name: a.shape[:-1] for name, a in arrays.items() if not check.goes_with_any_batch(a)}
         if len(set(batch_shapes.values())) > 1:
             came = ", ".join(f"{name}: {shape}" for name, shape in batch_shapes.items())
@@ -52,7 +54,7 @@ class SpatialVector:
     @classmethod
     def from_array(cls, x6):
         """From coefficients (*batch, 6), rotational on top."""
-        x6 = check.as_vectors(x6, f"{cls.__name__}.from_array: x6", size=6)
+        x6 = check.as_vectors(x6, f"{cls.__name__}.from_array: x6", size=6, held=True)
         return cls(x6[..., :3], x6[..., 3:])
 
     @classmethod
@@ -67,7 +69,7 @@ class SpatialVector:
 
     @classmethod
     def _filled(cls, value, batch_shape, dtype):
-        dtype = jax.dtypes.canonicalize_dtype(float if dtype is None else dtype)
+        dtype = check.as_dtype(dtype)
         batch_shape = (batch_shape,) if isinstance(batch_shape, int) else batch_shape
         return cls(*(np.full((*batch_shape, 3), value, dtype) for _ in range(2)))
 
@@ -81,6 +83,13 @@ class SpatialVector:
         return tuple(getattr(self, name) for name in self._names)
 
     @property
+    def _vectors(self):
+        return self._parts
+
+    def _with_vectors(self, vectors):
+        return self._like(*vectors)
+
+    @property
     def rotational(self):
         """(*batch, 3) the rotational part."""
         return self._parts[0]
@@ -91,7 +100,7 @@ class SpatialVector:
         return self._parts[1]
 
     def to_array(self):
-        """(*batch, 6) the coefficients, rotational on top."""
+        """(*batch, 6) the coefficients, rotational on top; as NumPy where JAX would narrow them."""
         return joined(*self._parts)
 
     @property
@@ -113,8 +122,7 @@ class SpatialVector:
             # Not an IndexError: Python would take it for the end when iterating.
             raise TypeError(
                 f"{type(self).__name__}[i] is the i-th component of a single vector, this is a batch of shape "
-                f"{self.batch_shape}; component i of all: x.to_array()[..., i], vector i of the batch: "
-                "jax.tree.map(lambda leaf: leaf[i], x)"
+                f"{self.batch_shape}; component i of all: x.to_array()[..., i], vector i of the batch: x.at_batch(i)"
             )
         i = operator.index(i)
         if not -6 <= i < 6:
@@ -145,7 +153,10 @@ class SpatialVector:
         return self._like(*(-part for part in self._parts))
 
     def __mul__(self, scalar):
-        """Times a number, or one number per vector of the batch: error <= u |x_i s| per component."""
+        """Times a number, or one number per vector of the batch: error <= u |x_i s| per component.
+
+        The number does not add axes to the batch: three times one vector is `jax.vmap(operator.mul, (None, 0))(x, s)`.
+        """
         return self._scaled(product, scalar)
 
     __rmul__ = __mul__
@@ -163,14 +174,40 @@ class SpatialVector:
     def _scaled(self, operation, scalar):
         if isinstance(scalar, SpatialVector):
             return NotImplemented
-        number = isinstance(scalar, (int, float))
-        name = f"{type(self).__name__} * or / scalar"
-        s = self.dtype.type(scalar) if number else check.as_float_array(scalar, name, self.dtype)
-        check.require_same_dtype(**{type(self).__name__: self, "scalar": s})
-        batch = check.common_batch_shape(**{type(self).__name__: self.batch_shape, "scalar": s.shape})
-        parts = check.broadcast_batch(batch, *self._parts)
-        s = s if number else check.broadcast_batch(batch, s.reshape((*s.shape, 1)))[0]
+        x, s = check.narrowed(self), self._scalar(scalar)
+        batch = check.common_batch_shape(**{type(self).__name__: x.batch_shape, "scalar": s.shape})
+        parts = check.broadcast_batch(batch, *x._parts)
+        s = s if isinstance(s, np.generic) else check.broadcast_batch(batch, s.reshape((*s.shape, 1)))[0]
         return self._like(*(_scaled_part(operation, part, s) for part in parts))
+
+    def _scalar(self, scalar):
+        """A number, or one per vector of the batch: NumPy's for Python's."""
+        kind = type(self).__name__
+        dtype = check.narrowed(self).dtype
+        if isinstance(scalar, (int, float)):
+            return dtype.type(scalar)
+        s = check.as_float_array(scalar, f"{kind} * or / scalar", dtype)
+        check.require_same_dtype(**{kind: self, "scalar": s})
+        if len(s.shape) > len(self.batch_shape) and not all(map(check.goes_with_any_batch, self._parts)):
+            raise ValueError(
+                f"{kind} * or / scalar: expected a number, or one per vector of the batch of shape {self.batch_shape}, "
+                f"got shape {s.shape}; each of them times all: jax.vmap(operator.mul, in_axes=(None, 0))(x, s)"
+            )
+        return s
+
+    def sum(self, axis=0, *, precision=None):
+        """The sum of all vectors along an axis of the batch, about the same point in the same frame.
+
+        axis: an integer.  precision: "fast", "reproducible" (the default), "compensated", "faithful" or a `Precision`.
+
+        Summed by halving, always in the same order; of no vectors zero. Error per component of n vectors, L =
+        ceil(log2 n), mag the sum of the absolute values: at most L u mag in "fast" and "reproducible", u |r| + 2 L^2
+        u^2 mag in "compensated", 1 ulp of r in "faithful" while |r| >= n^2 u^2 mag (a sum in three times the
+        precision), while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed. Raises
+        ValueError for an axis that the batch does not have. [Higham 2002, 4.2: pairwise summation]
+        """
+        place = check.batch_axis(axis, self.batch_shape, f"{type(self).__name__}.sum")
+        return self._like(*_summed(precision, *moved_to_last(self._parts, place, self.batch_shape)))
 
     # -- operations ---------------------------------------------------------------------------------------------------
 
@@ -201,8 +238,9 @@ class SpatialVector:
 
     def is_approx(self, other, tolerance=None):
         """True where all six absolute differences are at most `tolerance`, by default the dtype's eps."""
-        tolerance = jnp.finfo(self.dtype).eps if tolerance is None else tolerance
-        return self.is_nearly_equal_within_absolute_tolerance(other, tolerance, tolerance)
+        a, b = matched(self, other, "comparison")
+        tolerance = jnp.finfo(a.dtype).eps if tolerance is None else tolerance
+        return a.is_nearly_equal_within_absolute_tolerance(b, tolerance, tolerance)
 
     def __repr__(self):
         parts = ", ".join(f"{name}={_shown(part)}" for name, part in zip(self._names, self._parts, strict=True))
@@ -215,6 +253,11 @@ def spatial_vector(cls):
     cls = tree(cls)
     cls._names = tuple(field.name for field in dataclasses.fields(cls))
     return cls
+
+
+@kernel
+def _summed(precision, rotational, translational):
+    return lanes.summed(rotational), lanes.summed(translational)
 
 
 def shifted(kernel, X_P_E, precision, **vectors):
@@ -246,8 +289,10 @@ def require_w(A_P_E, w, operation="shift"):
 
 
 def joined(*parts):
-    """(*batch, 6) of the two parts."""
+    """(*batch, 6) of the two parts; as NumPy where JAX would narrow them."""
     parts = tuple(as_array(part, check.batch_shape(*parts)) for part in parts)
+    if all(map(check.is_only_held, parts)):
+        return np.concatenate(parts, axis=-1)
     parts = to_double_word(parts) if any(map(_is_double, parts)) else parts
     return jax.tree.map(lambda top, bottom: jnp.concatenate((top, bottom), axis=-1), *parts)
 
@@ -255,15 +300,6 @@ def joined(*parts):
 def require_kind(x, kind, name):
     if not isinstance(x, kind):
         raise TypeError(f"{name}: expected a {kind.__name__}, got {type(x).__name__}")
-
-
-def matched(a, b, operation):
-    """a and b, of one kind and dtype, over their common batch."""
-    if type(a) is not type(b):
-        raise TypeError(f"{operation}: expected two of one kind, got {type(a).__name__} and {type(b).__name__}")
-    check.require_same_dtype(left=a, right=b)
-    batch = check.common_batch_shape(left=a.batch_shape, right=b.batch_shape)
-    return tuple(x._like(*check.broadcast_batch(batch, *x._parts)) for x in (a, b))
 
 
 def _rebuild(cls, parts):
@@ -299,8 +335,9 @@ def _skipping_zero(operation, x, y):
 
 
 def _largest(x):
-    # Written out: a reduction over an axis of length 3 is a library call on XLA CPU. jnp.maximum keeps NaN.
-    return jnp.maximum(jnp.maximum(x[..., 0], x[..., 1]), x[..., 2])
+    # Written out: a reduction over an axis of length 3 is a library call on XLA CPU. Both maxima keep NaN.
+    maximum = np.maximum if isinstance(x, np.ndarray) else jnp.maximum
+    return maximum(maximum(x[..., 0], x[..., 1]), x[..., 2])
 
 
 def _plain(number):

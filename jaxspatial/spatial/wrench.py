@@ -66,7 +66,7 @@ def central_axis(F_P_E, *, precision=None):
     [Featherstone 2008, 2.5; Ball 1900, A Treatise on the Theory of Screws]
     """
     _require_force(F_P_E, "central_axis")
-    parts = (as_array(part, F_P_E.batch_shape) for part in (F_P_E.tau, F_P_E.f))
+    parts = (as_array(part, F_P_E.batch_shape) for part in check.narrowed_each((F_P_E.tau, F_P_E.f)))
     return CentralAxis(*_central_axis(resolve(precision), *parts))
 
 

@@ -82,8 +82,8 @@ def test_quarter_turns_written_with_few_digits():
     """In float32 they cost what quarter turns cost; in float64 they are what the file says."""
     counts = []
     for cosine in (4.9e-12, 0.0):
-        turn = np.array([1, 0, 0, 0, cosine, -1, 0, 1, cosine])
         mech = arm(n=3)
+        turn = np.array([1, 0, 0, 0, cosine, -1, 0, 1, cosine], mech.dtype)
         placements = js.RigidTransform(js.Rotation(np.tile(turn, (3, 1))), mech.placements.translation)
         counts.append(counted(mech.replace(placements=placements), "inverse dynamics"))
     assert counts[0] == counts[1]

@@ -54,7 +54,7 @@ NOT_NUMBERS = {
     "object_array": (np.array([1.0, None, 2.0], object), "object"),
     "string_array": (np.array(["a", "b", "c"]), "<U1"),
     "vector": (F, "SpatialForce SpatialForce(tau=[0.0, 0.0, 0.0], f=[0.0, 0.0, 0.0])"),
-    "integer_list": ([1, 2, 3], "int64"),
+    "integer_scalars": ([np.int64(1), 2, 3], "int64"),
     "integer_array": (np.arange(3), "int64"),
     "integer_jax": (jnp.arange(3), "int32"),
     "booleans": ([True, False, True], "bool"),
@@ -181,7 +181,7 @@ def test_operators_that_have_no_meaning_name_the_kind(call):
 @pytest.mark.parametrize("kind", FIELDS)
 def test_a_mark_of_a_tree_beside_numbers_is_a_mistake(kind, mark):
     for parts in ((mark, P3), (P3, mark)):
-        with pytest.raises(TypeError, match=rf"{kind.__name__}: \w+: expected"):
+        with pytest.raises((TypeError, ValueError), match=rf"{kind.__name__}: \w+: expected"):
             kind(*parts)
 
 
@@ -270,7 +270,7 @@ def test_coefficients_are_six(kind):
     name = f"{kind.__name__}.from_array: x6: expected"
     _raises(ValueError, lambda: kind.from_array(zeros(5)), f"{name} shape (*batch, 6), got (5,)")
     _raises(ValueError, lambda: kind.from_array(zeros(6, 1)), f"{name} shape (*batch, 6), got (6, 1)")
-    _raises(TypeError, lambda: kind.from_array([1, 2, 3, 4, 5, 6]), f"{name} floating point", "got int64")
+    _raises(TypeError, lambda: kind.from_array(np.arange(6)), f"{name} floating point", "got int64")
 
 
 @pytest.mark.parametrize("precision", ["best", "", 2, ["fast"]])
@@ -290,9 +290,7 @@ def test_component_index(kind):
     for i in (slice(0, 2), 1.0, None):
         with pytest.raises(TypeError, match=type(i).__name__):
             x[i]
-    with pytest.raises(
-        (IndexError, TypeError), match=rf"{kind.__name__}.* batch of shape \(2,\).*to_array.*jax\.tree\.map"
-    ):
+    with pytest.raises((IndexError, TypeError), match=rf"{kind.__name__}.* batch of shape \(2,\).*to_array.*at_batch"):
         batch[0]
 
 

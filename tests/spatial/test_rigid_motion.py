@@ -41,7 +41,7 @@ def test_inverse_and_inverse_times_undo():
     [
         (lambda: js.Rotation.from_quaternion(np.ones(3)), ValueError, "wxyz: expected shape (*batch, 4), got (3,)"),
         (lambda: js.Rotation.from_matrix(np.ones((2, 3))), ValueError, "m: expected shape (*batch, 3, 3), got (2, 3)"),
-        (lambda: js.Rotation.from_one_vector(np.ones(3), 3), ValueError, "expected axis 0, 1 or 2, got 3"),
+        (lambda: js.Rotation.from_one_vector([1, 1, 1], 3), ValueError, "expected axis 0, 1 or 2, got 3"),
         (lambda: js.RigidTransform.exp(np.ones(6)), TypeError, "expected a SpatialVelocity"),
         (lambda: js.RigidTransform(np.eye(3), np.ones(3)), TypeError, "rotation: expected a Rotation"),
         (lambda: js.act(js.Rotation.identity(), js.SpatialForce.zero()), TypeError, "expected a RigidTransform"),

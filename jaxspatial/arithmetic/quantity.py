@@ -1,0 +1,188 @@
+"""What all types with a batch can do: change dtype, be indexed, stacked and compared, whatever they hold."""
+
+import dataclasses
+import functools
+import operator
+import typing
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.components import as_array
+from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
+
+
+class Quantity:
+    """Base of spatial vectors, rotations, transforms and inertias: one item, or a batch of them.
+
+    `==` and `!=` compare numbers, one answer per item of the batch: True where all components are equal, never with
+    NaN. What rounding leaves different is for `is_approx` and its like. Hashes are those of the object.
+    """
+
+    @property
+    def batch_shape(self) -> tuple:
+        raise NotImplementedError
+
+    @property
+    def dtype(self) -> np.dtype:
+        raise NotImplementedError
+
+    @property
+    def _vectors(self) -> tuple:
+        """All that this consists of, as arrays (*batch, n)."""
+        raise NotImplementedError
+
+    def _with_vectors(self, vectors) -> typing.Any:
+        """The same kind of other `_vectors`, unchecked."""
+        raise NotImplementedError
+
+    def astype(self, dtype):
+        """The same with all numbers rounded to another dtype; NumPy stays NumPy, also in a dtype that JAX has switched
+        off. None and Python's `float` are JAX's default. Raises TypeError for what is not floating point."""
+        dtype = check.as_dtype(dtype)
+        with np.errstate(all="ignore"):
+            return jax.tree.map(lambda x: x.astype(dtype), self, is_leaf=_is_number)
+
+    def at_batch(self, index):
+        """The items at an index of the batch: `x.at_batch(i)`, or a slice, a mask, an array of integers, a tuple of
+        them (`numpy.s_[:, 0]`), all as NumPy has them. Exact.
+
+        Raises IndexError for what is known to be out of range; traced integers are clamped, as in JAX.
+        """
+        index = tuple(map(_narrow_index, index if isinstance(index, tuple) else (index,)))
+        _require_in_range(self, index)
+        return self._with_vectors(_each(lambda x: x[(*index, slice(None))], self._vectors))
+
+    def __eq__(self, other):
+        """Where all components are equal: a mask (*batch,)."""
+        if type(other) is not type(self):
+            return _not_comparable(self, other)
+        numeric = _is_numeric(self), _is_numeric(other)
+        if not all(numeric):
+            return not any(numeric) and _fields(self) == _fields(other)
+        a, b = matched(self, other, "==")
+        parts = ([as_array(v, x.batch_shape) for v in x._vectors] for x in (a, b))
+        return functools.reduce(operator.and_, map(_all_equal, *parts))
+
+    def __ne__(self, other):
+        equal = self == other
+        return equal if equal is NotImplemented else not equal if isinstance(equal, bool) else ~equal
+
+    __hash__ = object.__hash__
+
+
+def matched(a, b, operation):
+    """a and b, of one kind and dtype, over their common batch."""
+    if type(a) is not type(b):
+        raise TypeError(f"{operation}: expected two of one kind, got {type(a).__name__} and {type(b).__name__}")
+    a, b = check.alike(left=a, right=b).values()
+    batch = check.common_batch_shape(left=a.batch_shape, right=b.batch_shape)
+    return tuple(x._with_vectors(check.broadcast_batch(batch, *x._vectors)) for x in (a, b))
+
+
+def stack(quantities, axis=0):
+    """Quantities of one kind, dtype and batch shape as a batch, along a new axis of the batch. Exact.
+
+        F = js.stack([F_1, F_2, F_3])          # batch shape (3,); F.at_batch(0) is F_1
+
+    quantities: a list of spatial vectors, rotations, transforms or inertias, all of one kind.
+    axis: an integer; where in the batch shape of the result the new axis is: -1 is the last axis of the batch.
+
+    Returns the same kind. All NumPy stays NumPy. Raises TypeError for kinds or dtypes that differ, ValueError for batch
+    shapes that differ and for nothing to stack.
+    """
+    given = {f"quantities[{i}]": x for i, x in enumerate(quantities)}
+    _require_one_kind(given)
+    items = list(check.alike(**given).values())
+    batch = items[0].batch_shape
+    place = check.batch_axis(axis, (*batch, len(items)), "stack")
+    columns = zip(*(x._vectors for x in items), strict=True)
+    return items[0]._with_vectors([_stacked(vectors, batch, place) for vectors in columns])
+
+
+def _require_one_kind(given):
+    if not given:
+        raise ValueError("stack: expected at least one quantity, got none")
+    for name, x in given.items():
+        if not isinstance(x, Quantity):
+            raise TypeError(f"stack: {name}: expected a spatial vector or the like, got {type(x).__name__}")
+    _require_equal({name: type(x).__name__ for name, x in given.items()}, "one kind", TypeError)
+    _require_equal({name: x.batch_shape for name, x in given.items()}, "equal batch shapes", ValueError)
+
+
+def _require_equal(given, expected, error):
+    first, *others = given.items()
+    for name, other in others:
+        if other != first[1]:
+            raise error(f"stack: expected {expected}, got {first[0]}: {first[1]}, {name}: {other}")
+
+
+def _stacked(vectors, batch, place):
+    """What is known of Components stays so where it is the same in all."""
+    if len({jax.tree.structure(x) for x in vectors}) > 1:
+        vectors = [as_array(x, batch) for x in vectors]
+        is_pair = any(isinstance(x, DoubleWord) for x in vectors)
+        vectors = to_double_word(vectors) if is_pair else vectors
+    return jax.tree.map(lambda *words: _stacked_words(words, place), *vectors)
+
+
+def _stacked_words(words, place):
+    if all(isinstance(word, np.ndarray) for word in words):
+        return np.stack(words, place)
+    return jnp.stack([jnp.asarray(word) for word in words], place)
+
+
+def moved_to_last(vectors, place, batch_shape):
+    """Arrays (*batch, n) with one axis of the batch behind the others; Components without data have none."""
+    last = len(batch_shape) - 1
+    return [jax.tree.map(lambda x: jnp.moveaxis(x, place, last), x) if place != last else x for x in vectors]
+
+
+def _each(function, vectors):
+    """Of what consists of known numbers alone there is one for any batch."""
+    return [x if check.goes_with_any_batch(x) else function(x) for x in vectors]
+
+
+def _narrow_index(i):
+    """Integers of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on."""
+    i = np.asarray(i, None if i else np.int32) if isinstance(i, list) else i
+    return i.astype(np.int32) if isinstance(i, np.ndarray) and i.dtype.kind in "iu" else i
+
+
+def _require_in_range(x, index):
+    """JAX takes the last item for what is out of range."""
+    if any(isinstance(i, jax.Array) for i in index):
+        return
+    try:
+        np.broadcast_to(np.False_, x.batch_shape)[index]
+    except IndexError as error:
+        kind = type(x).__name__
+        raise IndexError(f"{kind}.at_batch: expected an index of a batch of shape {x.batch_shape}: {error}") from None
+
+
+def _all_equal(x, y):
+    equal = x == y
+    return functools.reduce(operator.and_, [equal[..., i] for i in range(equal.shape[-1])])
+
+
+def _not_comparable(x, other):
+    """Numbers and arrays are no quantities, and unequal quantities of two kinds have no answer: say so."""
+    if isinstance(other, (Quantity, int, float, complex)) or hasattr(other, "dtype"):
+        kinds = f"{type(x).__name__} and {type(other).__name__}"
+        raise TypeError(f"==: expected two of one kind, got {kinds}; numbers are in x.to_array() or x.to_matrix()")
+    return NotImplemented
+
+
+def _fields(x):
+    return [getattr(x, field.name) for field in dataclasses.fields(x)]
+
+
+def _is_numeric(x):
+    """False for a tree that describes trees, see `check.is_tree_mark`."""
+    return all(hasattr(part, "dtype") for part in _fields(x))
+
+
+def _is_number(x):
+    return isinstance(x, check.Number)
