@@ -86,10 +86,13 @@ def parts_of_narrow(sign, factors, guard):
 
 
 def _scaled_parts(unscaled, sign, factors, guard, scale):
-    """The parts of a product of two factors, each factor scaled; of all others by as much."""
+    """The parts of a product of two factors, each factor scaled; of all others by as much.
+
+    Guarded: of `(a c) (b c)` and `(x c) c` for a constant c XLA makes `(a b) (c c)` and `x (c c)`, on single items.
+    """
     if len(factors) == 2:
-        return parts(sign, [x * scale for x in factors], guard)
-    return [(x * scale) * scale for x in unscaled]
+        return parts(sign, [guard(x * scale) for x in factors], guard)
+    return [guard(x * scale) * scale for x in unscaled]
 
 
 def _expansion(products):

@@ -33,10 +33,16 @@ safe = pytest.mark.parametrize(("dtype", "precision"), SAFE)
 precisions = pytest.mark.parametrize("precision", js.Precision)
 
 
-def _results(case, precision):
+def _results(case, precision, how="jit vmap"):
     with jax.enable_x64(case.arrays[0].dtype == np.float64):
-        function = case.operation.on_arrays(precision)
-        return [np.asarray(x) for x in jax.jit(jax.vmap(function))(*map(jnp.asarray, case.arrays))]
+        run = hostile.SURROUNDINGS[how](case.operation.on_arrays(precision))
+        return [np.asarray(x) for x in run(*map(jnp.asarray, case.arrays))]
+
+
+def _everywhere(case, precision):
+    """Results by surroundings: in all of them in float64, whose products overflow, and else in batches alone."""
+    is_wide = case.arrays[0].dtype == np.float64
+    return {how: _results(case, precision, how) for how in (hostile.SURROUNDINGS if is_wide else ["jit vmap"])}
 
 
 @functools.cache
@@ -52,7 +58,8 @@ def _extreme(name, family, dtype):
 @pytest.mark.parametrize("name", [NAMES[0], *map(slow, NAMES[1:])])
 def test_products_that_overflow_on_the_way_do_not_matter(name, dtype, precision):
     case = _extreme(name, "near_overflow_of_products", dtype)
-    case.check(precision, _results(case, precision), "overflow", flushed=6)
+    for how, results in _everywhere(case, precision).items():
+        case.check(precision, results, how, flushed=6)
 
 
 @precisions
@@ -62,8 +69,9 @@ def test_huge_factors_beside_tiny_ones(name, dtype, precision):
     """In float64 tiny ones leave no digits to error-free products: errors are those of "fast" then, and no larger."""
     case = _extreme(name, "near_overflow_of_splits", dtype)
     bound = "fast" if dtype == "float64" else precision
-    results, parts = _results(case, precision), [i for i, b in enumerate(case.operation.bounds) if b != EXACT]
-    case.check(bound, [results[i] for i in parts], "splits", parts, flushed=32)
+    parts = [i for i, b in enumerate(case.operation.bounds) if b != EXACT]
+    for how, results in _everywhere(case, precision).items():
+        case.check(bound, [results[i] for i in parts], how, parts, flushed=32)
 
 
 @safe
@@ -74,8 +82,8 @@ def test_parallel_vectors_of_which_all_products_overflow(dtype, precision):
     p = (np.tile(direction, (N, 1)) * big / 8).astype(jnp.dtype(dtype))
     f = (p.astype(np.float64) * 2.0 ** rng.integers(-3, 2, (N, 1))).astype(p.dtype)
     tau = rng.standard_normal((N, 3)).astype(p.dtype)
-    shifted, _ = _results(hostile.made("shift_force", [tau, f, p]), precision)
-    np.testing.assert_array_equal(shifted, tau)
+    for shifted, _ in _everywhere(hostile.made("shift_force", [tau, f, p]), precision).values():
+        np.testing.assert_array_equal(shifted, tau)
 
 
 @safe
@@ -86,7 +94,8 @@ def test_power_of_huge_products_that_cancel(dtype, precision):
     tau[:, 1], w[:, 1] = (tau[:, 1].astype(np.float64) * big / 16).astype(tau.dtype), tau.dtype.type(big)
     f[:, 2], v[:, 2] = tau[:, 1], -w[:, 1]
     case = hostile.made("dot_force_velocity", [tau, f, w, v])
-    case.check(precision, _results(case, precision), "huge products")
+    for how, results in _everywhere(case, precision).items():
+        case.check(precision, results, how)
 
 
 @precisions
@@ -101,9 +110,10 @@ def test_a_result_beyond_the_largest_number_is_an_infinity(name, dtype, precisio
         p, f = np.array([1, 1, 0]), np.array([0, 0, 1])
         arrays = [arrays[0], *(np.where(m, x, np.zeros_like(x)) for m, x in zip((f, p), arrays[1:], strict=True))]
     case = hostile.made(name, arrays)
-    for bound, computed, exact in zip(case.operation.bounds, _results(case, precision), case.exact, strict=True):
-        if bound != EXACT:
-            _assert_infinite(computed, attribute(exact, "value"))
+    for results in _everywhere(case, precision).values():
+        for bound, computed, exact in zip(case.operation.bounds, results, case.exact, strict=True):
+            if bound != EXACT:
+                _assert_infinite(computed, attribute(exact, "value"))
 
 
 def _assert_infinite(computed, exact):
@@ -123,11 +133,11 @@ def _assert_infinite(computed, exact):
 def test_what_is_flushed_costs_a_few_of_the_smallest_numbers(name, dtype, family, precision):
     """In float64 the last two are as good as the first two there, beyond that."""
     case = _extreme(name, family, dtype)
-    results = _results(case, precision)
     parts = [i for i, bound in enumerate(case.operation.bounds) if bound != EXACT]
     bound = "reproducible" if dtype == "float64" else precision
     # A subnormal operand is taken for zero, beside a factor of up to 4; six products, their errors and their sums.
-    case.check(bound, [results[i] for i in parts], family, parts, flushed=32)
+    for how, results in _everywhere(case, precision).items():
+        case.check(bound, [results[i] for i in parts], how, parts, flushed=32)
 
 
 # -- NaN and infinities -----------------------------------------------------------------------------------------------
