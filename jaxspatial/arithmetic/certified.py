@@ -60,6 +60,11 @@ def pair(state, dtype):
     return _or_nan(hi, tripled.value(state[:3], state[0].dtype), state), lo
 
 
+def finite_or_nan(x):
+    """x, NaN in place of an infinity: what overflowed on the way is to be computed again."""
+    return lax.select(lax.is_finite(x), x, jnp.full_like(x, jnp.nan))
+
+
 def _or_nan(x, r, state):
     """x where r is certain, an exact 0 too, but no NaN or infinity."""
     largest = jnp.finfo(r.dtype).max

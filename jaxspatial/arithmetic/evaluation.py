@@ -201,14 +201,20 @@ def _reduced(tier, plan, s, terms, lanes, dtype):
     """One component, summed over axes of the batch by halving: a result of size 1 along these."""
     if not terms:
         return None
-    state = _total(tier, terms, lanes)
-    verbs = tier.verbs
-    if verbs in (certified, faithful):
-        numbers = state[2::-1] if verbs is certified else faithful.numbers(state)
-        verbs, state = tripled, tripled.from_numbers(numbers)
+    verbs, state, settled = _summable(tier.verbs, _total(tier, terms, lanes), s.reduced)
     for axis in s.reduced:
         state = _halved(verbs, state, axis)
-    return verbs.pair(state, dtype) if plan.is_pair else [verbs.value(state, dtype)]
+    return [settled(x) for x in (verbs.pair(state, dtype) if plan.is_pair else [verbs.value(state, dtype)])]
+
+
+def _summable(verbs, state, axes):
+    """The verbs and the state in which items are summed along axes, and what remains to be done with the result."""
+    if verbs is certified:
+        return tripled, tripled.from_numbers(state[2::-1]), certified.finite_or_nan
+    if verbs is faithful:
+        numbers, unit = faithful.in_one_unit(state, axes)
+        return tripled, tripled.from_numbers(numbers), lambda x: faithful.unscaled(x, unit)
+    return verbs, state, lambda x: x
 
 
 def _halved(verbs, state, axis):

@@ -5,7 +5,8 @@ The state of a sum is an expansion: numbers in increasing order that do not over
 
 Products that would overflow are computed once more, scaled down together with all other terms, and those are taken
 where the overflowing ones do not cancel to exactly zero: a sum of them that is not zero is at least 2^894, next to
-which what the scaling loses of the other terms is nothing.
+which what the scaling loses of the other terms is nothing. Of a sum over many items all are scaled where one is: its
+error bound, too, is in units of its largest terms.
 """
 
 import functools
@@ -225,18 +226,39 @@ def levelled(states):
 
 def numbers(state):
     """The numbers of the expansion, in increasing order."""
-    return [_unscaled(x, state.unit) for x in state.expansion]
+    return [unscaled(x, state.unit) for x in state.expansion]
+
+
+def in_one_unit(state, axes):
+    """(numbers in increasing order, unit): states to be summed along axes, with one unit for all of a sum.
+
+    Scaled where an item is, or is so large that the sum might overflow on the way. Of an item that is not finite the
+    plain sum is taken.
+    """
+    *others, largest = state.expansion
+    lost = jnp.isnan(functools.reduce(operator.add, state.expansion))
+    if state.unit is None:
+        return [*_where(~lost, others), lax.select(lost, state.plain, largest)], None
+    unit = _unit_of_all(_is_large(largest) | (state.unit != 1), axes, state.unit.dtype)
+    change = lax.select(state.unit == unit, jnp.ones_like(state.unit), jnp.broadcast_to(unit, state.unit.shape))
+    scaled = [(x * change) * change for x in (*others, largest)]
+    return [*_where(~lost, scaled[:-1]), lax.select(lost, (state.plain * unit) * unit, scaled[-1])], unit
+
+
+def _unit_of_all(is_scaled, axes, dtype):
+    return jnp.where(jnp.any(is_scaled, axes, keepdims=True), *(jnp.full((), x, dtype) for x in (_SCALE, 1.0)))
 
 
 def value(state, dtype):
     """Rounded; where something is infinite or NaN, what the plain sum gives."""
     # Numbers that do not overlap, added from the smallest: relative error 2^-51, far below a unit of a narrower dtype.
     total = _sum(state.expansion) if dtype == jnp.float64 else functools.reduce(operator.add, state.expansion)
-    r = _unscaled(total, state.unit)
+    r = unscaled(total, state.unit)
     return lax.convert_element_type(lax.select(jnp.isnan(r), state.plain, r), dtype)
 
 
-def _unscaled(x, unit):
+def unscaled(x, unit):
+    """x unit^-2; None: 1."""
     if unit is None:
         return x
     inverse = lax.select(unit == 1, unit, jnp.full_like(unit, 1 / _SCALE))

@@ -7,7 +7,7 @@ What the error bounds of all of them mean. u is the unit roundoff of the inputs'
 sum of the absolute values of its terms, multiplied out.
 - Bounds hold while nothing over- or underflows. In precision "compensated" and "faithful" that is: while r does not,
   for float16, bfloat16 and float32, which are evaluated in float64; in "faithful" float64 as well, but for products of
-  three factors. Otherwise an overflow of an intermediate gives what IEEE 754 gives for the formula as it is written.
+  three factors; sums over a batch, and pull-backs to what it shares, among them. Otherwise an overflow of an intermediate gives what IEEE 754 gives for the formula as it is written.
 - Where subnormals are flushed to zero (XLA CPU) a few finfo.tiny are added. In float64 that means in "compensated" and
   "faithful": bounds hold while no factor and no product but 0 is below 2^-960; below, errors are at most 7 u mag.
 - In float64 a factor above (1 - 2^-27) finfo.max makes of "compensated" the precision "fast".

@@ -13,11 +13,11 @@ import pytest
 from jax import lax
 from laws import hostile
 from marks import slow, slow_but
-from operations import DTYPES, EXACT, OPERATIONS
+from operations import DTYPES, EXACT, OPERATIONS, summed, violations
 
 import jaxspatial as js
 from jaxspatial.measure import error
-from jaxspatial.measure.exact import attribute
+from jaxspatial.measure.exact import attribute, sized
 from jaxspatial.measure.inputs import EXTREMES
 
 # Where intermediate results may overflow: all formats evaluated in a wider one, and whatever is faithful.
@@ -122,6 +122,58 @@ def _assert_infinite(computed, exact):
     assert beyond.any()
     signs = np.where(exact > 0, np.inf, -np.inf)
     np.testing.assert_array_equal(computed[beyond], signs[beyond])
+
+
+def _moments_beyond(rng, n, items):
+    """points, forces (n, items, 3): moments of pairs of items are beyond the largest number, their sums far below."""
+    half = [rng.standard_normal((n, items // 2, 3)) * 2.0**k for k in (514, 513)]
+    points, forces = (np.concatenate([x, x], 1) for x in half)
+    forces[:, items // 2 :] *= -(1 - 2.0**-12)
+    return points, forces
+
+
+def _check_sums(computed, terms):
+    """Faithful sums (n, 3) of terms (n, items, 3), `Sized`."""
+    exact = terms.sum(-2)
+    assert not violations(summed(terms.shape[1]), "faithful", computed, exact).any()
+
+
+@pytest.mark.parametrize("how", hostile.SURROUNDINGS)
+def test_moments_and_forces_that_overflow_on_the_way_to_their_sums(how):
+    """In float64, where no wider format takes them up; both sums are in range."""
+    rng = np.random.default_rng(11)
+    points, forces = _moments_beyond(rng, 6, 8)
+    largest = np.array([1.5e308, 1.0, -1.6e308])
+    of_large = np.concatenate([np.tile(largest, (6, 4, 1)), np.tile(-largest * (1 - 2.0**-8), (6, 4, 1))], 1)
+    run = hostile.SURROUNDINGS[how](lambda p, f: js.wrench_from_point_forces(p, f, precision="faithful")._parts)
+    for p, f in ((points, forces), (rng.standard_normal(points.shape) / 16, of_large)):
+        with jax.enable_x64(True):
+            tau, total = map(np.asarray, run(p, f))
+        _check_sums(tau, np.cross(sized(p), sized(f)))
+        _check_sums(total, sized(f))
+
+
+def test_a_pull_back_to_a_shared_item_whose_products_overflow():
+    """What the items of a batch give to the one offset they share is a sum over them: sum of cotangent x force."""
+    cotangents, forces = (x[0] for x in _moments_beyond(np.random.default_rng(12), 1, 8))
+
+    def torques(p):
+        return js.shift(js.SpatialForce(jnp.zeros_like(forces), forces), p, precision="faithful").tau
+
+    with jax.enable_x64(True):
+        (pulled,) = jax.jit(lambda p: jax.vjp(torques, p)[1](cotangents))(jnp.ones(3))
+    _check_sums(np.asarray(pulled)[None], np.cross(sized(cotangents), sized(forces))[None])
+
+
+@precisions
+@pytest.mark.parametrize("bad", [np.inf, -np.inf, np.nan])
+def test_what_is_not_finite_in_a_sum_over_points(bad, precision):
+    points, forces = np.ones((2, 3, 3)), np.arange(18.0).reshape(2, 3, 3)
+    forces[1, 1, 1] = bad
+    with jax.enable_x64(True):
+        F = js.wrench_from_point_forces(points, forces, precision=precision)
+    for computed, plain in zip(F._parts, (np.cross(points, forces).sum(1), forces.sum(1)), strict=True):
+        assert error.agrees_when_not_finite(computed, plain).all()
 
 
 # -- underflow --------------------------------------------------------------------------------------------------------
