@@ -14,6 +14,7 @@ from jax import lax
 from jaxspatial.arithmetic import tripled
 from jaxspatial.arithmetic.compensated import levelled as levelled
 from jaxspatial.arithmetic.compensated import sum_like, swept
+from jaxspatial.arithmetic.compensated import times_power_of_two as times_power_of_two
 from jaxspatial.arithmetic.eft import two_sum, unguarded
 from jaxspatial.arithmetic.faithful import parts, parts_of_narrow
 

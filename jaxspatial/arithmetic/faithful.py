@@ -42,11 +42,10 @@ def total(terms, guard):
     products = [parts(sign, factors, guard) for sign, factors in terms]
     plain = _plain(products)
     zero, one, scale = (jnp.full_like(plain, x) for x in (0.0, 1.0, _SCALE))
-    large = [_is_large(p[0]) & (len(f) == 2) for (_, f), p in zip(terms, products, strict=True)]
+    scalable = _scalable([f for _, f in terms])
+    large = [_is_large(p[0]) & s for s, p in zip(scalable, products, strict=True)]
     scaled = [_scaled_parts(p, sign, f, guard, scale) for p, (sign, f) in zip(products, terms, strict=True)]
-    alone = [
-        [lax.select(m, x, zero) for x in s] for m, s, (_, f) in zip(large, scaled, terms, strict=True) if len(f) == 2
-    ]
+    alone = [[lax.select(m, x, zero) for x in s] for m, s, can in zip(large, scaled, scalable, strict=True) if can]
     is_scaled = _sum(_expansion(alone)) != 0 if alone else jnp.zeros(plain.shape, bool)
     chosen = [
         [lax.select(is_scaled, y, lax.select(m, zero, x)) for x, y in zip(p, s, strict=True)]
@@ -66,6 +65,13 @@ def total_of_narrow(terms, guard):
 
 def _plain(products):
     return compensated.in_pairs([p[0] for p in products])
+
+
+def _scalable(factors):
+    """Of each term, whether it is looked at for being large. Of two numbers no sum overflows but that of all; of three
+    one may on the way."""
+    numbers = sum(len(f) == 1 for f in factors)
+    return [len(f) == 2 or (len(f) == 1 and numbers > 2) for f in factors]
 
 
 def _is_large(p):
@@ -200,6 +206,12 @@ def plus(state, sign, x):
     scaled = x if state.unit is None else (x * state.unit) * state.unit
     plain = state.plain - x if sign < 0 else state.plain + x
     return State(_grown_by(state.expansion, sign, scaled), plain, state.unit)
+
+
+def times_power_of_two(state, share):
+    """The state of the sum times a power of two."""
+    *expansion, plain = compensated.times_power_of_two((*state.expansion, state.plain), share)
+    return State(tuple(expansion), plain, state.unit)
 
 
 def _grown_by(expansion, sign, x):
