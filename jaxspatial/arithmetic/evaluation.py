@@ -84,7 +84,7 @@ def _evaluated(plan, tier, arrays):
 
 
 class _Tier(NamedTuple):
-    """A module with the verbs plus, merge, times_power_of_two, value, pair and levelled, and the one of its totals to be used."""
+    """A module with the verbs plus, merge, times_power_of_two, value, pair and levelled; and which total."""
 
     verbs: Any
     total: Callable

@@ -20,8 +20,8 @@ from jaxspatial.arithmetic.polynomial import Term
 
 
 class Sum(NamedTuple):
-    """One array of the result: for each of its components the terms; the axes of the batch it is summed over; and powers
-    of two that the components are multiplied by before they are rounded, none for 1."""
+    """One array of the result: for each of its components the terms; the axes of the batch it is summed over; and the
+    powers of two that components are multiplied by before they are rounded, none for 1."""
 
     components: tuple
     reduced: tuple = ()

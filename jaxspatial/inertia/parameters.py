@@ -4,7 +4,6 @@ mass (*batch, 1), com (*batch, 3), central and inertias about the origin (*batch
 to the origin adds; the way back subtracts m |c|^2, which cancels where the body is small next to its distance.
 """
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import lanes

@@ -179,7 +179,7 @@ def test_bounds_of_what_cancels(precision, dtype):
 
 @pytest.mark.parametrize("precision", js.Precision)
 def test_a_kilogram_at_three_hundred_metres_per_second_in_float16(precision):
-    """45000 J, where twice as many are beyond the largest number; turning at 300 rad/s a unit of inertia has as many."""
+    """45000 J, where twice as many are beyond the largest number; a unit of inertia at 300 rad/s has as many."""
     v, zero, unit = (np.asarray(x, np.float16) for x in ([300, 0, 0], [0, 0, 0], [1, 0, 1, 0, 0, 1]))
     M = js.SpatialInertia(np.float16(1), zero, unit)
     for V in (js.SpatialVelocity(jnp.asarray(zero), jnp.asarray(v)), js.SpatialVelocity(jnp.asarray(v), zero)):

@@ -17,7 +17,7 @@ from operations import DTYPES, EXACT, OPERATIONS, summed, violations
 
 import jaxspatial as js
 from jaxspatial.measure import error
-from jaxspatial.measure.exact import attribute, sized
+from jaxspatial.measure.exact import attribute, rationals, sized
 from jaxspatial.measure.inputs import EXTREMES
 
 # Where intermediate results may overflow: all formats evaluated in a wider one, and whatever is faithful.
@@ -190,6 +190,38 @@ def test_what_is_flushed_costs_a_few_of_the_smallest_numbers(name, dtype, family
     # A subnormal operand is taken for zero, beside a factor of up to 4; six products, their errors and their sums.
     for how, results in _everywhere(case, precision).items():
         case.check(bound, [results[i] for i in parts], how, parts, flushed=32)
+
+
+def _is_flushed(dtype):
+    tiny = jnp.full(8, float(jnp.finfo(dtype).tiny), dtype)
+    return not np.asarray(jax.jit(lax.mul)(tiny, jnp.full_like(tiny, 0.5))).any()
+
+
+@precisions
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_subnormal_numbers_that_are_given_count_as_zero(dtype, precision):
+    """Beside a factor so large that it would matter; those of float16 are numbers as all others."""
+    with jax.enable_x64(dtype == "float64"):
+        p = np.array([[float(jnp.finfo(dtype).tiny) / 4, 0, 0]], np.float64).astype(jnp.dtype(dtype))
+        f = np.array([[0, float(jnp.finfo(dtype).max) / 8, 0]], np.float64).astype(p.dtype)
+        ((_, _, torque),), _ = _results(hostile.made("shift_force", [np.zeros_like(f), f, p]), precision)
+        product = float(p[0, 0]) * float(f[0, 1])
+        is_zero = dtype != "float16" and _is_flushed(dtype)
+        assert torque == 0 if is_zero else abs(float(torque) + product) <= 4 * float(jnp.finfo(dtype).eps) * product
+
+
+@pytest.mark.parametrize("precision", ["compensated", "faithful"])
+def test_three_factors_in_float64(precision):
+    """w x (w x p): while no product of two is below 2^-960 the bound holds; below, a term may be lost altogether."""
+    w, p = np.random.default_rng(41).uniform(1, 2, (2, N, 3))
+    for size, holds in ((2.0**-479, True), (2.0**-600, False)):
+        zero = np.zeros_like(w)
+        case = hostile.made("shift_acceleration", [zero, zero, p / size, w * size])
+        _, a = _results(case, precision)
+        if holds:
+            case.check(precision, [a], size, [1])
+        mag = attribute(case.exact[1], "mag")
+        assert (abs(rationals(a) - attribute(case.exact[1], "value")) <= mag).all()
 
 
 # -- NaN and infinities -----------------------------------------------------------------------------------------------

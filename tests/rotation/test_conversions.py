@@ -117,6 +117,20 @@ def test_about_a_coordinate_axis(k, dtype, precision):
     assert not np.isfinite(getattr(js.Rotation, f"about_{'xyz'[k]}")(jnp.asarray(np.inf, dtype)).entries).all()
 
 
+@pytest.mark.parametrize("precision", ["fast", "reproducible"])
+def test_angles_of_many_turns(precision):
+    """2 u up to 2048, and 2 u |angle| beyond."""
+    angles = np.random.default_rng(9).uniform(1, 2, 4000) * np.repeat([1.0, 1e3, 1e4, 1e5, 1e6], 800)
+    angles = angles.astype(np.float32)
+    entries = np.asarray(js.Rotation.about_x(jnp.asarray(angles), precision=precision).entries, float)
+    u, wide = 2.0**-24, angles.astype(float)
+    allowed = 2 * u * np.where(wide <= 2048, 1, wide)
+    known = np.isfinite(entries[:, 4])
+    assert known[wide < 1e6].all()
+    for found, exactly in ((entries[:, 4], np.cos(wide)), (entries[:, 7], np.sin(wide))):
+        assert (abs(found - exactly) <= allowed)[known].all()
+
+
 @cases
 def test_to_axis_angle(dtype, precision):
     angles = np.array([1e-30, 1e-8, 1e-3, 0.5, 1.57, 2, 3, 3.14])
