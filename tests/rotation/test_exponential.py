@@ -1,6 +1,7 @@
 """exp, log and their Jacobians against 160 digits, for every angle, with a translation that is not scaled along."""
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -283,7 +284,7 @@ def spectral_errors(found, exact_ones):
 
 
 @functools.cache
-def exact_jacobians(dtype):
+def exact_jacobians(dtype) -> Any:
     w, v = motions(dtype, JACOBIAN_ANGLES)
     both = [exact.motion_jacobian(exact.vector(x), exact.vector(y)) for x, y in zip(w, v, strict=True)]
     return both, [m**-1 for m in both]
