@@ -14,6 +14,7 @@ from jax import lax
 from jaxspatial.arithmetic import tripled
 from jaxspatial.arithmetic.compensated import levelled as levelled
 from jaxspatial.arithmetic.compensated import sum_like, swept
+from jaxspatial.arithmetic.compensated import times_power_of_two as times_power_of_two
 from jaxspatial.arithmetic.eft import two_sum, unguarded
 from jaxspatial.arithmetic.faithful import parts, parts_of_narrow
 
@@ -58,6 +59,11 @@ def pair(state, dtype):
     """(hi, lo): rounded to twice the precision, or NaN. The error is at most 2^-96 |r|."""
     hi, lo = tripled.pair(state[:3], dtype)
     return _or_nan(hi, tripled.value(state[:3], state[0].dtype), state), lo
+
+
+def finite_or_nan(x):
+    """x, NaN in place of an infinity: what overflowed on the way is to be computed again."""
+    return lax.select(lax.is_finite(x), x, jnp.full_like(x, jnp.nan))
 
 
 def _or_nan(x, r, state):

@@ -70,6 +70,11 @@ def levelled(states):
     return [tuple(map(jnp.zeros_like, like)) if state is None else state for state in states]
 
 
+def times_power_of_two(state, share):
+    """The state of the sum times a power of two."""
+    return tuple(x * jnp.full_like(x, share) for x in state)
+
+
 def merge(a, b):
     """The state of the sum of two."""
     s, error = two_sum(a[0], b[0], unguarded)

@@ -37,7 +37,7 @@ def _same_as(plan, s, arrays):
     """The index of the array that a Sum just passes on, or None."""
     first = s.components[0]
     j = first[0].factors[0][0] if len(first) == 1 and not plan.is_pair else None
-    if j is None or s.reduced or arrays[j].shape != plan.shape(s):
+    if j is None or s.reduced or s.shares or arrays[j].shape != plan.shape(s):
         return None
     passed = all(terms == (Term(1, ((j, k),)),) for k, terms in enumerate(s.components))
     return j if passed else None
@@ -84,7 +84,7 @@ def _evaluated(plan, tier, arrays):
 
 
 class _Tier(NamedTuple):
-    """A module with the verbs plus, merge, value, pair and levelled, and the one of its totals to be used."""
+    """A module with the verbs plus, merge, times_power_of_two, value, pair and levelled; and which total."""
 
     verbs: Any
     total: Callable
@@ -121,7 +121,7 @@ class _Lanes:
 
 def _is_single(plan, s):
     """True where no component is more than one product of two: rounded once as it is, in every precision."""
-    return not (plan.is_pair or s.reduced) and all(
+    return not (plan.is_pair or s.reduced or s.shares) and all(
         len(terms) <= 1 and all(len(t.factors) <= 2 for t in terms) for terms in s.components
     )
 
@@ -137,10 +137,12 @@ def _results(tier, plan, s, lanes, dtype):
     if tier.verbs is compensated and _is_single(plan, s):
         tier = _Tier(compensated, _rounded)
     if s.reduced:
-        results = [_reduced(tier, plan, s, terms, lanes, dtype) for terms in s.components]
+        results = [_reduced(tier, plan, s, *component, lanes, dtype) for component in _components(s)]
         return [_picked(plan.axis, [x if x is None else x[i] for x in results]) for i in range(1 + plan.is_pair)]
     whole, components = _separated(plan.shape(s), s, lanes.arrays)
-    state = _state(tier, plan, components, lanes)
+    state = _state(
+        tier, plan, [(terms, share) for terms, (_, share) in zip(components, _components(s), strict=True)], lanes
+    )
     if state is None:
         state = tier.total([(sign, [_wide(lanes.arrays[j])]) for sign, j in whole], fence)
         whole = []
@@ -151,6 +153,8 @@ def _results(tier, plan, s, lanes, dtype):
 
 def _separated(shape, s, arrays):
     """((sign, j) for every array j that is a term just as it stands, the other terms of each component)."""
+    if s.shares:
+        return [], list(s.components)
     first = [t for t in s.components[0] if len(t.factors) == 1 and t.factors[0][1] == 0]
     whole = []
     for sign, ((j, _),) in first:
@@ -171,14 +175,20 @@ def _without(terms, taken):
 
 def _state(tier, plan, components, lanes):
     """The state of all components as whole arrays, None if none of them has a term."""
-    states = [_total(tier, terms, lanes) if terms else None for terms in components]
+    states = [_total(tier, *component, lanes) if component[0] else None for component in components]
     if all(state is None for state in states):
         return None
     return jax.tree.map(lambda *components: _picked(plan.axis, components), *tier.verbs.levelled(states))
 
 
-def _total(tier, terms, lanes):
-    return tier.total([(t.sign, [lanes[f] for f in t.factors]) for t in terms], lanes.guard(terms))
+def _components(s):
+    """(terms, share) of each component of a Sum."""
+    return list(zip(s.components, s.shares or [1] * len(s.components), strict=True))
+
+
+def _total(tier, terms, share, lanes):
+    state = tier.total([(t.sign, [lanes[f] for f in t.factors]) for t in terms], lanes.guard(terms))
+    return state if share == 1 else tier.verbs.times_power_of_two(state, share)
 
 
 def _picked(axis, components):
@@ -197,18 +207,24 @@ def _expanded(x, axis):
     return lax.expand_dims(x, [axis])
 
 
-def _reduced(tier, plan, s, terms, lanes, dtype):
+def _reduced(tier, plan, s, terms, share, lanes, dtype):
     """One component, summed over axes of the batch by halving: a result of size 1 along these."""
     if not terms:
         return None
-    state = _total(tier, terms, lanes)
-    verbs = tier.verbs
-    if verbs in (certified, faithful):
-        numbers = state[2::-1] if verbs is certified else faithful.numbers(state)
-        verbs, state = tripled, tripled.from_numbers(numbers)
+    verbs, state, settled = _summable(tier.verbs, _total(tier, terms, share, lanes), s.reduced)
     for axis in s.reduced:
         state = _halved(verbs, state, axis)
-    return verbs.pair(state, dtype) if plan.is_pair else [verbs.value(state, dtype)]
+    return [settled(x) for x in (verbs.pair(state, dtype) if plan.is_pair else [verbs.value(state, dtype)])]
+
+
+def _summable(verbs, state, axes):
+    """The verbs and the state in which items are summed along axes, and what remains to be done with the result."""
+    if verbs is certified:
+        return tripled, tripled.from_numbers(state[2::-1]), certified.finite_or_nan
+    if verbs is faithful:
+        numbers, unit = faithful.in_one_unit(state, axes)
+        return tripled, tripled.from_numbers(numbers), lambda x: faithful.unscaled(x, unit)
+    return verbs, state, lambda x: x
 
 
 def _halved(verbs, state, axis):

@@ -5,7 +5,8 @@ The state of a sum is an expansion: numbers in increasing order that do not over
 
 Products that would overflow are computed once more, scaled down together with all other terms, and those are taken
 where the overflowing ones do not cancel to exactly zero: a sum of them that is not zero is at least 2^894, next to
-which what the scaling loses of the other terms is nothing.
+which what the scaling loses of the other terms is nothing. Of a sum over many items all are scaled where one is: its
+error bound, too, is in units of its largest terms.
 """
 
 import functools
@@ -41,11 +42,10 @@ def total(terms, guard):
     products = [parts(sign, factors, guard) for sign, factors in terms]
     plain = _plain(products)
     zero, one, scale = (jnp.full_like(plain, x) for x in (0.0, 1.0, _SCALE))
-    large = [_is_large(p[0]) & (len(f) == 2) for (_, f), p in zip(terms, products, strict=True)]
+    scalable = _scalable([f for _, f in terms])
+    large = [_is_large(p[0]) & s for s, p in zip(scalable, products, strict=True)]
     scaled = [_scaled_parts(p, sign, f, guard, scale) for p, (sign, f) in zip(products, terms, strict=True)]
-    alone = [
-        [lax.select(m, x, zero) for x in s] for m, s, (_, f) in zip(large, scaled, terms, strict=True) if len(f) == 2
-    ]
+    alone = [[lax.select(m, x, zero) for x in s] for m, s, can in zip(large, scaled, scalable, strict=True) if can]
     is_scaled = _sum(_expansion(alone)) != 0 if alone else jnp.zeros(plain.shape, bool)
     chosen = [
         [lax.select(is_scaled, y, lax.select(m, zero, x)) for x, y in zip(p, s, strict=True)]
@@ -67,6 +67,13 @@ def _plain(products):
     return compensated.in_pairs([p[0] for p in products])
 
 
+def _scalable(factors):
+    """Of each term, whether it is looked at for being large. Of two numbers no sum overflows but that of all; of three
+    one may on the way."""
+    numbers = sum(len(f) == 1 for f in factors)
+    return [len(f) == 2 or (len(f) == 1 and numbers > 2) for f in factors]
+
+
 def _is_large(p):
     return ~(lax.abs(p) < jnp.full_like(p, _LARGE))
 
@@ -86,10 +93,13 @@ def parts_of_narrow(sign, factors, guard):
 
 
 def _scaled_parts(unscaled, sign, factors, guard, scale):
-    """The parts of a product of two factors, each factor scaled; of all others by as much."""
+    """The parts of a product of two factors, each factor scaled; of all others by as much.
+
+    Guarded: of `(a c) (b c)` and `(x c) c` for a constant c XLA makes `(a b) (c c)` and `x (c c)`, on single items.
+    """
     if len(factors) == 2:
-        return parts(sign, [x * scale for x in factors], guard)
-    return [(x * scale) * scale for x in unscaled]
+        return parts(sign, [guard(x * scale) for x in factors], guard)
+    return [guard(x * scale) * scale for x in unscaled]
 
 
 def _expansion(products):
@@ -198,6 +208,12 @@ def plus(state, sign, x):
     return State(_grown_by(state.expansion, sign, scaled), plain, state.unit)
 
 
+def times_power_of_two(state, share):
+    """The state of the sum times a power of two."""
+    *expansion, plain = compensated.times_power_of_two((*state.expansion, state.plain), share)
+    return State(tuple(expansion), plain, state.unit)
+
+
 def _grown_by(expansion, sign, x):
     """The first sum has x second, which may be a constant."""
     first, *others = expansion
@@ -222,18 +238,39 @@ def levelled(states):
 
 def numbers(state):
     """The numbers of the expansion, in increasing order."""
-    return [_unscaled(x, state.unit) for x in state.expansion]
+    return [unscaled(x, state.unit) for x in state.expansion]
+
+
+def in_one_unit(state, axes):
+    """(numbers in increasing order, unit): states to be summed along axes, with one unit for all of a sum.
+
+    Scaled where an item is, or is so large that the sum might overflow on the way. Of an item that is not finite the
+    plain sum is taken.
+    """
+    *others, largest = state.expansion
+    lost = jnp.isnan(functools.reduce(operator.add, state.expansion))
+    if state.unit is None:
+        return [*_where(~lost, others), lax.select(lost, state.plain, largest)], None
+    unit = _unit_of_all(_is_large(largest) | (state.unit != 1), axes, state.unit.dtype)
+    change = lax.select(state.unit == unit, jnp.ones_like(state.unit), jnp.broadcast_to(unit, state.unit.shape))
+    scaled = [(x * change) * change for x in (*others, largest)]
+    return [*_where(~lost, scaled[:-1]), lax.select(lost, (state.plain * unit) * unit, scaled[-1])], unit
+
+
+def _unit_of_all(is_scaled, axes, dtype):
+    return jnp.where(jnp.any(is_scaled, axes, keepdims=True), *(jnp.full((), x, dtype) for x in (_SCALE, 1.0)))
 
 
 def value(state, dtype):
     """Rounded; where something is infinite or NaN, what the plain sum gives."""
     # Numbers that do not overlap, added from the smallest: relative error 2^-51, far below a unit of a narrower dtype.
     total = _sum(state.expansion) if dtype == jnp.float64 else functools.reduce(operator.add, state.expansion)
-    r = _unscaled(total, state.unit)
+    r = unscaled(total, state.unit)
     return lax.convert_element_type(lax.select(jnp.isnan(r), state.plain, r), dtype)
 
 
-def _unscaled(x, unit):
+def unscaled(x, unit):
+    """x unit^-2; None: 1."""
     if unit is None:
         return x
     inverse = lax.select(unit == 1, unit, jnp.full_like(unit, 1 / _SCALE))

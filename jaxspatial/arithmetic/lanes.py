@@ -148,6 +148,11 @@ def multiply(precision, a, b):
     return _PRODUCT[precision](*alike(a, b))
 
 
+def halve(a):
+    """a / 2, exactly but for underflow. Of a whole sum before it is rounded: what overflows twice as large is right."""
+    return a.halved() if is_symbolic(a) else quietly(operator.mul, a, a.dtype.type(0.5))
+
+
 def divide(a, b):
     """a / b for a number b known or not; rounded on its own in every precision."""
     if is_symbolic(a):

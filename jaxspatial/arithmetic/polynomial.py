@@ -6,15 +6,17 @@ is left out. How the sums are evaluated is decided afterwards, for all precision
 """
 
 import dataclasses
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
 
 
 class Term(NamedTuple):
-    """sign times the product of factors; a factor (j, k) is component k of array j."""
+    """sign times the product of factors; a factor (j, k) is component k of array j. Of what was halved the sign is 1/2
+    or less; of the terms of a Sum always 1 or -1."""
 
-    sign: int
+    sign: int | Fraction
     factors: tuple
 
 
@@ -40,6 +42,18 @@ class Polynomial:
                 return many if one.unit == 1 else -many
         products = (Term(s.sign * t.sign, s.factors + t.factors) for s in self.terms for t in other.terms)
         return Polynomial(tuple(products))
+
+    def halved(self):
+        """A half of it."""
+        return Polynomial(tuple(t._replace(sign=Fraction(t.sign, 2)) for t in self.terms))
+
+    def of_whole_terms(self):
+        """(terms of signs 1 and -1, the power of two by which their sum is to be multiplied)."""
+        share = max((Fraction(t.sign).denominator for t in self.terms), default=1)
+        repeated = (
+            Term(1 if t.sign > 0 else -1, t.factors) for t in self.terms for _ in range(int(abs(t.sign) * share))
+        )
+        return tuple(repeated), 1 / share
 
     def __truediv__(self, other):
         return self * other if other.unit else Quotient(self, other)

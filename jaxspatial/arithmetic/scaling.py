@@ -17,6 +17,21 @@ def exponent(components):
     return jnp.where(usable, jnp.frexp(wide)[1], 0)
 
 
+def reciprocal(components):
+    """The power of two that brings the largest |component| to between 1/2 and 1, the very largest numbers to below 4; a
+    constant to derivatives. For where nobody scales back: one multiplication, where `times_power_of_two` takes three.
+
+    Straight from the bits, and right for no NaN, infinity or zero, which stay what they are.
+    """
+    largest = functools.reduce(jnp.maximum, (lax.stop_gradient(jnp.abs(c)) for c in components))
+    info = jnp.finfo(largest.dtype)
+    bits = lax.bitcast_convert_type(largest, jnp.dtype(f"uint{info.bits}"))
+    shift, top, one = (lax.full_like(bits, n) for n in (info.nmant, 2 * info.maxexp - 3, 1))
+    biased = lax.shift_right_logical(bits, shift)
+    found = lax.select(biased < top, top - biased, one)
+    return lax.bitcast_convert_type(lax.shift_left(found, shift), largest.dtype)
+
+
 def times_power_of_two(x, e):
     """x 2^e, rounded once where it underflows. In three steps, because 2^e alone may lie outside of the format."""
     first, second = e // 3, (e - e // 3) // 2

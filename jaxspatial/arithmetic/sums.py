@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
@@ -19,10 +20,12 @@ from jaxspatial.arithmetic.polynomial import Term
 
 
 class Sum(NamedTuple):
-    """One array of the result: for each of its components the terms; and the axes of the batch it is summed over."""
+    """One array of the result: for each of its components the terms; the axes of the batch it is summed over; and the
+    powers of two that components are multiplied by before they are rounded, none for 1."""
 
     components: tuple
     reduced: tuple = ()
+    shares: tuple = ()
 
 
 class Plan(NamedTuple):
@@ -146,7 +149,7 @@ def _differential(terms, moving):
 
 def _transpose(cotangents, *arrays, plan):
     """The low word of a pair is a rounding error: its cotangent counts for nothing."""
-    cotangents = cotangents[:: 1 + plan.is_pair]
+    cotangents = [_shared(plan, s, c) for s, c in zip(plan.sums, cotangents[:: 1 + plan.is_pair], strict=True)]
     n = len(arrays)
     incoming = {o: n + o for o, c in enumerate(cotangents) if type(c) is not ad.Zero}
     linear = [j for j, x in enumerate(arrays) if ad.is_undefined_primal(x)]
@@ -154,6 +157,14 @@ def _transpose(cotangents, *arrays, plan):
     pulled = bind_nonzero(plan._replace(is_pair=False), sums, [*arrays, *cotangents])
     found = {j: x[0] for j, x in zip(linear, pulled, strict=True) if x is not None}
     return [found.get(j) for j in range(n)]
+
+
+def _shared(plan, s, cotangent):
+    """The cotangent of the sum of the terms alone."""
+    if not s.shares or type(cotangent) is ad.Zero:
+        return cotangent
+    shares = np.asarray(s.shares, cotangent.dtype).reshape([-1 if i == plan.axis else 1 for i in range(cotangent.ndim)])
+    return lax.mul(cotangent, jnp.broadcast_to(shares, cotangent.shape))
 
 
 def _pulled_back(plan, incoming, j, aval):

@@ -171,9 +171,14 @@ def _divided_wide(plan, arrays, parts, dtype):
 
 def _bound(plan, arrays, results):
     """The results of a plan for polynomials: an array or double word each; zeros where there are no terms."""
-    wanted = [sums.Sum(tuple(p.terms for p in _components(x)), _reduced(plan, x)) for x in results]
+    wanted = [_sum([p.of_whole_terms() for p in _components(x)], _reduced(plan, x)) for x in results]
     found = iter(sums.bind_nonzero(plan, wanted, arrays))
     return [_shaped(plan, x, s, next(found), arrays[0].dtype) for x, s in zip(results, wanted, strict=True)]
+
+
+def _sum(components, reduced):
+    terms, shares = zip(*components, strict=True)
+    return sums.Sum(terms, reduced, () if set(shares) == {1} else shares)
 
 
 def _reduced(plan, x):

@@ -98,6 +98,15 @@ def scaled(v):
     return tuple(times_power_of_two(x, -e) for x in v), e
 
 
+def _scaled_once(v):
+    """v times a power of two, as `scaled` for who does not need to know it."""
+    values = [high(x) for x in v]
+    if isinstance(v[0], DoubleWord) or all(map(lanes.is_known, values)):
+        return scaled(v)[0]
+    s = scaling.reciprocal(values)
+    return tuple(x if lanes.is_known(x.value, 0) else x._new(x.value * s) for x in v)
+
+
 def _exponent(values):
     if not all(map(lanes.is_known, values)):
         return scaling.exponent(values)
@@ -108,7 +117,7 @@ def _exponent(values):
 @apart
 def unit(v):
     """v / |v|, of any finite length but 0: NaN there, and where a component is infinite or NaN."""
-    v, _ = scaled(v)
+    v = _scaled_once(v)
     length = dot(v, v).sqrt()
     length = where(high(length) < math.inf, length, math.nan)
     return tuple(each(operator.truediv, v, [length] * len(v)))

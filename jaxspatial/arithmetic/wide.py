@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxspatial.arithmetic.compensated import levelled as levelled
+from jaxspatial.arithmetic.compensated import times_power_of_two as times_power_of_two
 
 
 def total(terms, _):

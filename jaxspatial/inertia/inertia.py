@@ -236,7 +236,8 @@ class SpatialInertia(Shapes, Quantity):
         if not isinstance(V_MBp_E, SpatialVelocity):
             raise TypeError(f"kinetic_energy: expected a SpatialVelocity, got {type(V_MBp_E).__name__}")
         _require_alike("kinetic_energy", SpatialInertia=self, SpatialVelocity=V_MBp_E)
-        return _doubled_energy(precision, *self._vectors, *V_MBp_E._parts) * 0.5
+        energy = _energy_of_float16 if self.dtype == np.float16 else _energy
+        return energy(precision, *self._vectors, *V_MBp_E._parts)
 
     # -- bodies put together ------------------------------------------------------------------------------------------
 
@@ -546,10 +547,23 @@ def _applied(precision, mass, com, central, alpha, a):
     return lanes.stack_like(alpha, tau), lanes.stack_like(a, f)
 
 
+def _pairing(precision, m, six, half, w, v):
+    """m (half v . v) + half w . I w, half a function of components."""
+    translating = lanes.multiply(precision, m, lanes.dot(precision, list(map(half, v)), v))
+    return lanes.add(translating, lanes.dot(precision, list(map(half, w)), _turned(precision, symmetric.rows(six), w)))
+
+
 @kernel
-def _doubled_energy(precision, mass, com, central, w, v):
-    """m |v + w x c|^2 + w . I w."""
+def _energy(precision, mass, com, central, w, v):
+    """m |v + w x c|^2 / 2 + w . I w / 2."""
     ((m,), c, six, w_, v_) = map(lanes.unstack, (mass, com, central, w, v))
     moved = list(map(lanes.add, v_, lanes.cross(precision, w_, c)))
-    translating = lanes.multiply(precision, m, lanes.dot(precision, moved, moved))
-    return lanes.add(translating, lanes.dot(precision, w_, _turned(precision, symmetric.rows(six), w_)))
+    return lanes.halve(_pairing(precision, m, six, lambda x: x, w_, moved))
+
+
+@kernel
+def _energy_of_float16(precision, mass, com, central, w, v):
+    """As `_energy`, to the bit; but the range of float16 ends at 65504: halved are vectors, before they are squared."""
+    ((m,), c, six, w_, v_) = map(lanes.unstack, (mass, com, central, w, v))
+    moved = list(map(lanes.add, v_, lanes.cross(precision, w_, c)))
+    return _pairing(precision, m, six, lanes.halve, w_, moved)

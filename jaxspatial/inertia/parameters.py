@@ -4,7 +4,6 @@ mass (*batch, 1), com (*batch, 3), central and inertias about the origin (*batch
 to the origin adds; the way back subtracts m |c|^2, which cancels where the body is small next to its distance.
 """
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import lanes
@@ -77,14 +76,15 @@ def six_by_six(precision, mass, com, central):
 
 
 @kernel
-def _doubled_second_moments(precision, mass, com, central):
-    """(*batch, 10) 2 Sigma_xx, Sigma_xy, 2 Sigma_yy, Sigma_xz, Sigma_yz, 2 Sigma_zz about the origin, m c, m."""
+def _second_moments(precision, mass, com, central):
+    """(*batch, 10) Sigma_xx, Sigma_xy, Sigma_yy, Sigma_xz, Sigma_yz, Sigma_zz about the origin, m c, m."""
     moment, c = _first_moment(precision, mass, com), lanes.unstack(com)
     xx, xy, yy, xz, yz, zz = lanes.unstack(central)
+    xx, yy, zz = map(lanes.halve, (xx, yy, zz))
 
     def diagonal(i, a, b, minus):
         square = lanes.multiply(precision, moment[i], c[i])
-        return lanes.add(lanes.subtract(lanes.add(a, b), minus), lanes.add(square, square))
+        return lanes.add(lanes.subtract(lanes.add(a, b), minus), square)
 
     def product(i, j, entry):
         return lanes.subtract(lanes.multiply(precision, moment[i], c[j]), entry)
@@ -96,9 +96,7 @@ def _doubled_second_moments(precision, mass, com, central):
 
 def pseudo_inertia(precision, mass, com, central):
     """(*batch, 4, 4) [[Sigma, m c], [m c^T, m]] about the origin."""
-    ten = _doubled_second_moments(precision, mass, com, central)
-    halves = np.array([0.5, 1, 0.5, 1, 1, 0.5, 1, 1, 1, 1], ten.dtype)
-    ten = ten * jnp.broadcast_to(halves, ten.shape)
+    ten = _second_moments(precision, mass, com, central)
     return symmetric.picked(ten, _TO_PSEUDO).reshape((*ten.shape[:-1], 4, 4))
 
 

@@ -304,30 +304,49 @@ def _bounds(precision):
         worst = {dtype: max(_values_over(precision, dtype), _derivatives_over(precision, dtype)) for dtype in _DTYPES}
         numbers = ", ".join(f"{ratio:.2g} ({dtype})" for dtype, ratio in worst.items())
         holds = max(worst.values()) <= 1
-        what = "shift and dot at any condition number, and derivatives"
+        what = "shift and dot at any condition number, in batches and item by item, and derivatives"
         return holds, f"{what}: worst error over promised {numbers}", "" if holds else _cause()
 
     return check
 
 
 def _values_over(precision, dtype):
-    return max(_over_promise(OPERATIONS[name], precision, _hostile(name, dtype)) for name in ("shift_force", "dot"))
+    names = ("shift_force", "dot")
+    return max(_over_promise(OPERATIONS[name], precision, _hostile(name, precision, dtype)) for name in names)
 
 
-def _hostile(name, dtype):
-    """Arguments that cancel, up to everything, and differ in size."""
+def _hostile(name, precision, dtype):
+    """Arguments that cancel, up to everything, and differ in size; for a shift, whose results stay in range, also such
+    as have products that overflow, where that is promised not to matter."""
     rng, u = _rng(), float(error.unit_roundoff(dtype))
     conditioned = inputs.CONDITIONED[name]
     groups = [conditioned(rng, _N, dtype, c) for c in (1.5, u**-0.5, 0.3 / u, u**-1.5, np.inf)]
     families = ("mixed_scales", "nearly_parallel", "far_offsets", "small_integers_and_zeros")
     groups += [inputs.FAMILIES[family](rng, len(groups[0]), _N, dtype) for family in families]
+    if name == "shift_force" and (precision is Precision.FAITHFUL or dtype != "float64"):
+        groups.append(inputs.near_overflow_of_products(rng, len(groups[0]), _N, dtype))
     return [np.concatenate(x) for x in zip(*groups, strict=True)]
 
 
 def _over_promise(subject, precision, arrays):
+    exactly = subject.exactly(*arrays)
     with _in(arrays[0].dtype.name):
-        computed = jax.jit(subject.batched(precision))(*arrays)
-    return subject.of_promise(precision, computed, subject.exactly(*arrays))[0]
+        results = [run(subject, precision)(*arrays) for run in (_in_a_batch, _in_a_loop, _one_by_one)]
+    return max(subject.of_promise(precision, computed, exactly)[0] for computed in results)
+
+
+def _in_a_batch(subject, precision):
+    return jax.jit(subject.batched(precision))
+
+
+def _in_a_loop(subject, precision):
+    return jax.jit(_scanned(lambda *item: subject.function(str(precision), *item)))
+
+
+def _one_by_one(subject, precision):
+    """Of scalars a compiler makes other programs than of arrays."""
+    compiled = jax.jit(lambda *item: subject.function(str(precision), *item))
+    return lambda *arrays: [np.stack(x) for x in zip(*map(compiled, *arrays), strict=True)]
 
 
 def _derivatives_over(precision, dtype):

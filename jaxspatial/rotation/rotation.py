@@ -22,9 +22,16 @@ class Rotation(Quantity):
 
     What the error bounds of all constructors and functions below mean: u is the unit roundoff of the inputs' dtype; an
     error of k u normwise is one of the whole vector, or matrix in its largest singular value, relative to its size. In
-    "fast" and "reproducible" bounds are those given (float16 and bfloat16 are computed in float32), in "compensated"
-    and "faithful" 1.01 u normwise: evaluated in float64, or for float64 in double words, and rounded once. Derivatives
-    of any order are those of the function, also where it has a removable singularity.
+    "fast" and "reproducible" bounds are those given (float16 and bfloat16 are computed in float32). In "compensated"
+    and "faithful" formulas are evaluated in float64, or for float64 in double words, and every number r of the result
+    is rounded once: off by u |r|, and by 16 k u^2 of the size of the whole. That is 1.01 u normwise of a vector, and of
+    a matrix in its Frobenius norm; in its largest singular value up to 1.7 u of a rotation. Derivatives of any order
+    are those of the function, also where it has a removable singularity.
+
+    Where subnormals are flushed to zero (XLA CPU), components below finfo.tiny (float32 1.2e-38, float64 2.2e-308)
+    count as 0, also those given, in all precisions: 8 finfo.tiny are added to errors, to those of `log` and
+    `to_quaternion` of the smallest angles, too. A direction given by a vector (`between`, `from_two_vectors`, ...)
+    keeps its digits down to a size of finfo.tiny / eps; scale up what is smaller.
     """
 
     entries: jax.Array
@@ -79,14 +86,16 @@ class Rotation(Quantity):
     def exp(cls, w, *, precision=None):
         """The rotation about w by |w| radians: what angular velocity w does in unit time.
 
-        w: (*batch, 3), rad. Error at most 8 u normwise for |w| <= pi; beyond, k turns cost k u more. NaN where u |w| is
-        as large as a turn. Right in value and all derivatives at 0 and everywhere else. [Rodrigues 1840]
+        w: (*batch, 3), rad. Error at most 8 u normwise for |w| <= pi; beyond, 2 u |w| more, which is 4 pi u for each
+        turn. NaN where u |w| is as large as a turn. Right in value and all derivatives at 0 and everywhere else.
+        [Rodrigues 1840]
         """
         return cls(_exp(precision, check.as_vectors(w, "Rotation.exp: w")))
 
     @classmethod
     def about_x(cls, angle, *, precision=None):
-        """About the x axis by angles (*batch,), rad. Errors of sine and cosine at most 2 u; NaN as for `exp`."""
+        """About the x axis by angles (*batch,), rad; NaN as for `exp`. Errors of sine and cosine at most 2 u for angles
+        up to 2048 (float64: 2^26), 2 u |angle| beyond."""
         return cls._about(0, angle, precision)
 
     @classmethod
@@ -130,7 +139,8 @@ class Rotation(Quantity):
     def from_two_vectors(cls, u, v, axes=(2, 0), *, precision=None):
         """A frame whose axis axes[0] points along u, with v between that and axis axes[1] (Gram-Schmidt).
 
-        u, v: (*batch, 3), of any length but 0. NaN where they are parallel; error at most 16 u normwise over the sine
+        u, v: (*batch, 3), of any length but 0. NaN where they are parallel, or the sine of the angle between them is
+        below finfo.tiny; error at most 16 u normwise over the sine
         of the angle between them.
         """
         u = check.as_vectors(u, "Rotation.from_two_vectors: u")
@@ -144,8 +154,8 @@ class Rotation(Quantity):
     def between(cls, a, b, *, precision=None):
         """The smallest rotation that takes the direction of a to that of b, (*batch, 3), of any length but 0 (NaN).
 
-        Where they are exactly opposite, by pi about an axis perpendicular to both. Error at most 12 u normwise times
-        2 / |a/|a| + b/|b||, which is 1 unless they are nearly opposite.
+        Where they are exactly opposite, or so to finfo.tiny, by pi about an axis perpendicular to both. Error at most
+        12 u normwise times 2 / |a/|a| + b/|b||, which is 1 unless they are nearly opposite.
         """
         a = check.as_vectors(a, "Rotation.between: a")
         b = check.as_vectors(b, "Rotation.between: b", a.dtype)
@@ -164,8 +174,9 @@ class Rotation(Quantity):
     def log(self, *, precision=None):
         """The rotation vector (*batch, 3), rad, of length at most pi, with exp(log(R)) = R.
 
-        Error at most 8 u normwise, also of a vector of 1e-30; right in value and all derivatives at the identity. At
-        angle pi it jumps to its negative, by nature: what comes at exactly pi has a positive largest component.
+        Error at most 8 u normwise, also of a vector of 1e-30, down to the smallest numbers (see `Rotation`); right in
+        value and all derivatives at the identity. At angle pi it jumps to its negative, by nature: what comes at
+        exactly pi has a positive largest component.
         """
         return _log(precision, self.entries)
 

@@ -6,10 +6,14 @@ answer to all other types.
 What the error bounds of all of them mean. u is the unit roundoff of the inputs' dtype, r the exact component, mag the
 sum of the absolute values of its terms, multiplied out.
 - Bounds hold while nothing over- or underflows. In precision "compensated" and "faithful" that is: while r does not,
-  for float16, bfloat16 and float32, which are evaluated in float64; in "faithful" float64 as well, but for products of
-  three factors. Otherwise an overflow of an intermediate gives what IEEE 754 gives for the formula as it is written.
-- Where subnormals are flushed to zero (XLA CPU) a few finfo.tiny are added. In float64 that means in "compensated" and
-  "faithful": bounds hold while no factor and no product but 0 is below 2^-960; below, errors are at most 7 u mag.
+  for float16, bfloat16 and float32, which are evaluated in float64. In "faithful" float64 no overflow on the way
+  matters either, but of products of three factors; in sums over a batch, and in pull-backs to what it shares, neither.
+  Otherwise an overflow of an intermediate gives what IEEE 754 gives for the formula as it is written.
+- Where subnormals are flushed to zero (XLA CPU) a few finfo.tiny are added; and a subnormal number that is given (but
+  for float16, whose are numbers as all others) counts as 0, in all precisions, whatever it is multiplied by. In float64
+  that means in "compensated" and "faithful": bounds hold while no factor, and no product of some or all factors of a
+  term, but 0 is below 2^-960. Below, errors are at most 7 u mag for terms of two factors; one of more may be lost
+  altogether where a product of some of its factors underflows, in whatever order the formula has them.
 - In float64 a factor above (1 - 2^-27) finfo.max makes of "compensated" the precision "fast".
 - NaN and infinities go where the formula takes them (an acceleration's, multiplied out); an r beyond finfo.max becomes
   an infinity.

@@ -23,8 +23,9 @@ def wrench_from_point_forces(points, forces, *, precision=None):
     Returns a SpatialForce of shape (*batch,), zero for n = 0. Summed by halving, always in the same order. Error per
     component, L = ceil(log2 n), mag the sum of the absolute values of the terms: at most (2 + L) u mag in "fast" and
     "reproducible", u |r| + 2 (2 + L)^2 u^2 mag in "compensated", 1 ulp of r in "faithful" while |r| >= n^2 u^2 mag (a
-    sum in three times the precision), while nothing over- or underflows; plus a few finfo.tiny where subnormals are
-    flushed. Raises TypeError for dtypes that differ or integers, ValueError for shapes.
+    sum in three times the precision), while nothing over- or underflows. In "faithful" no moment, force or partial sum
+    that overflows on the way matters; all other edges, and derivatives: see `jaxspatial.spatial.operations`. Raises
+    TypeError for dtypes that differ or integers, ValueError for shapes.
     """
     points = check.as_vectors(points, "wrench_from_point_forces: points", many=["n"])
     forces = check.as_vectors(forces, "wrench_from_point_forces: forces", points.dtype, many=["n"])

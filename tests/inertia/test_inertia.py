@@ -177,6 +177,56 @@ def test_bounds_of_what_cancels(precision, dtype):
             _require_bound(precision, dtype, np.asarray(found), exact, u, k, 64)
 
 
+@pytest.mark.parametrize("precision", js.Precision)
+def test_a_kilogram_at_three_hundred_metres_per_second_in_float16(precision):
+    """45000 J, where twice as many are beyond the largest number; a unit of inertia at 300 rad/s has as many."""
+    v, zero, unit = (np.asarray(x, np.float16) for x in ([300, 0, 0], [0, 0, 0], [1, 0, 1, 0, 0, 1]))
+    M = js.SpatialInertia(np.float16(1), zero, unit)
+    for V in (js.SpatialVelocity(jnp.asarray(zero), jnp.asarray(v)), js.SpatialVelocity(jnp.asarray(v), zero)):
+        assert M.kinetic_energy(V, precision=precision) == 45000
+        assert js.kinetic_energy_regressor(V, precision=precision).max() == 45000
+
+
+# Where an intermediate result may overflow in one format or the other.
+IN_RANGE = [(d, p) for d in DTYPES for p in js.Precision if (d, p) != ("float64", "compensated")]
+
+
+@pytest.mark.parametrize(("dtype", "precision"), IN_RANGE)
+def test_halves_of_sums_that_overflow(dtype, precision):
+    """Second moments are halves of sums of moments that are beyond the largest number."""
+    with jax.enable_x64(dtype == "float64"):
+        unit = 2.0 ** (int(jnp.finfo(dtype).maxexp) - 1)
+        central = jnp.asarray([1.25 * unit, 0, 1.25 * unit, 0, 0, 1.5 * unit], dtype)
+        M = js.SpatialInertia(jnp.ones((), dtype), jnp.zeros(3, dtype), central)
+        J = np.asarray(M.to_pseudo_inertia(precision=precision), np.float64)
+        np.testing.assert_array_equal(np.diag(J), [0.75 * unit, 0.75 * unit, 0.5 * unit, 1])
+
+
+@pytest.mark.parametrize(("dtype", "precision"), IN_RANGE)
+def test_halves_of_squares_that_overflow(dtype, precision):
+    with jax.enable_x64(dtype == "float64"):
+        fast = jnp.asarray([1.25 * float(jnp.finfo(dtype).max) ** 0.5, 0, 0], dtype)
+        y = js.kinetic_energy_regressor(js.SpatialVelocity(fast, fast), precision=precision)
+        half = rationals(np.asarray(fast))[0] ** 2 / 2
+        assert (abs(rationals(np.asarray(y)[[0, 4]]) - half) <= 2 * error.unit_roundoff(dtype) * half).all()
+
+
+def test_derivatives_of_halves():
+    """The momentum, by tangents and by a pull-back, each rounded once: 1 kg at (1, 2, 3) m/s, then with a spin."""
+    v, zero = jnp.asarray([1.0, 2.0, 3.0], "float32"), jnp.zeros(3, "float32")
+    M = js.SpatialInertia(np.float32(1), zero, np.asarray([2, 0, 4, 0, 0, 6], np.float32))
+
+    def energy(w, v):
+        return M.kinetic_energy(js.SpatialVelocity(w, v), precision="compensated")
+
+    for derivative in (jax.grad, jax.jacfwd):
+        spin, push = derivative(energy, (0, 1))(v, v)
+        np.testing.assert_array_equal(spin, [2, 8, 18])
+        np.testing.assert_array_equal(push, v)
+    jacobian = jax.jacrev(lambda i: js.SpatialInertia(M.mass, M.com, i).to_pseudo_inertia(precision="compensated"))
+    np.testing.assert_array_equal(jacobian(jnp.asarray(M.central))[0, 0], [-0.5, 0, 0.5, 0, 0, 0.5])
+
+
 def _require_bound(precision, dtype, found, exact, u, k, squared):
     value, mag = (np.frompyfunc(lambda x, n=n: getattr(x, n), 1, 1)(exact) for n in ("value", "mag"))
     allowed = u * k * mag if precision in ("fast", "reproducible") else u * abs(value) + u**2 * squared * mag

@@ -7,8 +7,10 @@ import functools
 import math
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from operations import OPERATIONS, Operation, violations
 
 from jaxspatial.measure.error import unit_roundoff
@@ -38,6 +40,20 @@ class Case(NamedTuple):
         i = np.argwhere(wrong)[0][0]
         exactly = [float(x.value) for x in np.ravel(self.exact[part][i])]
         return f"{wrong.sum()} wrong", "first", i, [x[i].tolist() for x in self.arrays], computed[i], exactly
+
+
+def single_items(f):
+    """One compiled call for each item: on scalars the compiler rewrites what it leaves alone in batches."""
+    compiled = jax.jit(f)
+    return lambda *a: [np.stack(x) for x in zip(*(compiled(*item) for item in zip(*a, strict=True)), strict=True)]
+
+
+# How a function of one item is applied to all: in one program of arrays, and in programs of scalars.
+SURROUNDINGS = {
+    "jit vmap": lambda f: jax.jit(jax.vmap(f)),
+    "single items": single_items,
+    "lax.map": lambda f: jax.jit(lambda *a: lax.map(lambda item: f(*item), a)),
+}
 
 
 class _Key(NamedTuple):

@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax import lax
 from laws import hostile
 from marks import slow, slow_but
 from operations import DTYPES, EXACT, FORMULAS, summed, violations
@@ -24,10 +23,6 @@ def _batch_last(f):
     return lambda *a: jax.jit(jax.vmap(f, in_axes=-1, out_axes=0))(*(jnp.moveaxis(x, 0, -1) for x in a))
 
 
-def _scan(f):
-    return jax.jit(lambda *a: lax.scan(lambda _, x: (None, f(*x)), None, a)[1])
-
-
 def _larger(f):
     """Operands that are computed, results that are computed with; but by factors of 1, which only we know of."""
 
@@ -39,16 +34,15 @@ def _larger(f):
 
 
 CONTEXTS = {
-    "jit vmap": lambda f: jax.jit(jax.vmap(f)),
+    **hostile.SURROUNDINGS,
     "eager": lambda f: f,
     "jit": jax.jit,
     "vmap": jax.vmap,
     "jit vmap, batch last": _batch_last,
-    "scan": _scan,
     "primal of a pull-back": lambda f: jax.jit(lambda *a: jax.vjp(f, *a)[0]),
     "inside a larger fusion": _larger,
 }
-# In all surroundings, in float32 and float64; everything else is computed in the first one.
+# In all surroundings, in float32 and float64; everything else is computed in batches and item by item.
 REPRESENTATIVES = ("shift_force", "dot_force_velocity")
 
 precisions = pytest.mark.parametrize("precision", js.Precision)
@@ -56,7 +50,7 @@ precisions = pytest.mark.parametrize("precision", js.Precision)
 
 def _contexts(name, dtype):
     all_of_them = name in REPRESENTATIVES and dtype in ("float32", "float64")
-    return CONTEXTS if all_of_them else {"jit vmap": CONTEXTS["jit vmap"]}
+    return CONTEXTS if all_of_them else {how: CONTEXTS[how] for how in ("jit vmap", "single items")}
 
 
 # Expansions of many products of many factors compile for seconds, those of `act_acceleration` for minutes. By default
@@ -87,9 +81,9 @@ def test_a_result_used_alone(name, dtype, precision):
     parts = [part for part, bound in enumerate(case.operation.bounds) if bound != EXACT]
     with jax.enable_x64(dtype == "float64"):
         for part in parts:
-            for how in ("jit vmap", "scan"):
-                alone = CONTEXTS[how](lambda *a, part=part: case.operation.on_arrays(precision)(*a)[part])
-                case.check(precision, [alone(*map(jnp.asarray, case.arrays))], how, [part])
+            for how in hostile.SURROUNDINGS:
+                alone = CONTEXTS[how](lambda *a, part=part: [case.operation.on_arrays(precision)(*a)[part]])
+                case.check(precision, alone(*map(jnp.asarray, case.arrays)), how, [part])
 
 
 @precisions

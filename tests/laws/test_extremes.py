@@ -13,11 +13,11 @@ import pytest
 from jax import lax
 from laws import hostile
 from marks import slow, slow_but
-from operations import DTYPES, EXACT, OPERATIONS
+from operations import DTYPES, EXACT, OPERATIONS, summed, violations
 
 import jaxspatial as js
 from jaxspatial.measure import error
-from jaxspatial.measure.exact import attribute
+from jaxspatial.measure.exact import attribute, rationals, sized
 from jaxspatial.measure.inputs import EXTREMES
 
 # Where intermediate results may overflow: all formats evaluated in a wider one, and whatever is faithful.
@@ -33,10 +33,16 @@ safe = pytest.mark.parametrize(("dtype", "precision"), SAFE)
 precisions = pytest.mark.parametrize("precision", js.Precision)
 
 
-def _results(case, precision):
+def _results(case, precision, how="jit vmap"):
     with jax.enable_x64(case.arrays[0].dtype == np.float64):
-        function = case.operation.on_arrays(precision)
-        return [np.asarray(x) for x in jax.jit(jax.vmap(function))(*map(jnp.asarray, case.arrays))]
+        run = hostile.SURROUNDINGS[how](case.operation.on_arrays(precision))
+        return [np.asarray(x) for x in run(*map(jnp.asarray, case.arrays))]
+
+
+def _everywhere(case, precision):
+    """Results by surroundings: in all of them in float64, whose products overflow, and else in batches alone."""
+    is_wide = case.arrays[0].dtype == np.float64
+    return {how: _results(case, precision, how) for how in (hostile.SURROUNDINGS if is_wide else ["jit vmap"])}
 
 
 @functools.cache
@@ -52,7 +58,8 @@ def _extreme(name, family, dtype):
 @pytest.mark.parametrize("name", [NAMES[0], *map(slow, NAMES[1:])])
 def test_products_that_overflow_on_the_way_do_not_matter(name, dtype, precision):
     case = _extreme(name, "near_overflow_of_products", dtype)
-    case.check(precision, _results(case, precision), "overflow", flushed=6)
+    for how, results in _everywhere(case, precision).items():
+        case.check(precision, results, how, flushed=6)
 
 
 @precisions
@@ -62,8 +69,9 @@ def test_huge_factors_beside_tiny_ones(name, dtype, precision):
     """In float64 tiny ones leave no digits to error-free products: errors are those of "fast" then, and no larger."""
     case = _extreme(name, "near_overflow_of_splits", dtype)
     bound = "fast" if dtype == "float64" else precision
-    results, parts = _results(case, precision), [i for i, b in enumerate(case.operation.bounds) if b != EXACT]
-    case.check(bound, [results[i] for i in parts], "splits", parts, flushed=32)
+    parts = [i for i, b in enumerate(case.operation.bounds) if b != EXACT]
+    for how, results in _everywhere(case, precision).items():
+        case.check(bound, [results[i] for i in parts], how, parts, flushed=32)
 
 
 @safe
@@ -74,8 +82,8 @@ def test_parallel_vectors_of_which_all_products_overflow(dtype, precision):
     p = (np.tile(direction, (N, 1)) * big / 8).astype(jnp.dtype(dtype))
     f = (p.astype(np.float64) * 2.0 ** rng.integers(-3, 2, (N, 1))).astype(p.dtype)
     tau = rng.standard_normal((N, 3)).astype(p.dtype)
-    shifted, _ = _results(hostile.made("shift_force", [tau, f, p]), precision)
-    np.testing.assert_array_equal(shifted, tau)
+    for shifted, _ in _everywhere(hostile.made("shift_force", [tau, f, p]), precision).values():
+        np.testing.assert_array_equal(shifted, tau)
 
 
 @safe
@@ -86,7 +94,8 @@ def test_power_of_huge_products_that_cancel(dtype, precision):
     tau[:, 1], w[:, 1] = (tau[:, 1].astype(np.float64) * big / 16).astype(tau.dtype), tau.dtype.type(big)
     f[:, 2], v[:, 2] = tau[:, 1], -w[:, 1]
     case = hostile.made("dot_force_velocity", [tau, f, w, v])
-    case.check(precision, _results(case, precision), "huge products")
+    for how, results in _everywhere(case, precision).items():
+        case.check(precision, results, how)
 
 
 @precisions
@@ -101,9 +110,10 @@ def test_a_result_beyond_the_largest_number_is_an_infinity(name, dtype, precisio
         p, f = np.array([1, 1, 0]), np.array([0, 0, 1])
         arrays = [arrays[0], *(np.where(m, x, np.zeros_like(x)) for m, x in zip((f, p), arrays[1:], strict=True))]
     case = hostile.made(name, arrays)
-    for bound, computed, exact in zip(case.operation.bounds, _results(case, precision), case.exact, strict=True):
-        if bound != EXACT:
-            _assert_infinite(computed, attribute(exact, "value"))
+    for results in _everywhere(case, precision).values():
+        for bound, computed, exact in zip(case.operation.bounds, results, case.exact, strict=True):
+            if bound != EXACT:
+                _assert_infinite(computed, attribute(exact, "value"))
 
 
 def _assert_infinite(computed, exact):
@@ -112,6 +122,58 @@ def _assert_infinite(computed, exact):
     assert beyond.any()
     signs = np.where(exact > 0, np.inf, -np.inf)
     np.testing.assert_array_equal(computed[beyond], signs[beyond])
+
+
+def _moments_beyond(rng, n, items):
+    """points, forces (n, items, 3): moments of pairs of items are beyond the largest number, their sums far below."""
+    half = [rng.standard_normal((n, items // 2, 3)) * 2.0**k for k in (514, 513)]
+    points, forces = (np.concatenate([x, x], 1) for x in half)
+    forces[:, items // 2 :] *= -(1 - 2.0**-12)
+    return points, forces
+
+
+def _check_sums(computed, terms):
+    """Faithful sums (n, 3) of terms (n, items, 3), `Sized`."""
+    exact = terms.sum(-2)
+    assert not violations(summed(terms.shape[1]), "faithful", computed, exact).any()
+
+
+@pytest.mark.parametrize("how", hostile.SURROUNDINGS)
+def test_moments_and_forces_that_overflow_on_the_way_to_their_sums(how):
+    """In float64, where no wider format takes them up; both sums are in range."""
+    rng = np.random.default_rng(11)
+    points, forces = _moments_beyond(rng, 6, 8)
+    largest = np.array([1.5e308, 1.0, -1.6e308])
+    of_large = np.concatenate([np.tile(largest, (6, 4, 1)), np.tile(-largest * (1 - 2.0**-8), (6, 4, 1))], 1)
+    run = hostile.SURROUNDINGS[how](lambda p, f: js.wrench_from_point_forces(p, f, precision="faithful")._parts)
+    for p, f in ((points, forces), (rng.standard_normal(points.shape) / 16, of_large)):
+        with jax.enable_x64(True):
+            tau, total = map(np.asarray, run(p, f))
+        _check_sums(tau, np.cross(sized(p), sized(f)))
+        _check_sums(total, sized(f))
+
+
+def test_a_pull_back_to_a_shared_item_whose_products_overflow():
+    """What the items of a batch give to the one offset they share is a sum over them: sum of cotangent x force."""
+    cotangents, forces = (x[0] for x in _moments_beyond(np.random.default_rng(12), 1, 8))
+
+    def torques(p):
+        return js.shift(js.SpatialForce(jnp.zeros_like(forces), forces), p, precision="faithful").tau
+
+    with jax.enable_x64(True):
+        (pulled,) = jax.jit(lambda p: jax.vjp(torques, p)[1](cotangents))(jnp.ones(3))
+    _check_sums(np.asarray(pulled)[None], np.cross(sized(cotangents), sized(forces))[None])
+
+
+@precisions
+@pytest.mark.parametrize("bad", [np.inf, -np.inf, np.nan])
+def test_what_is_not_finite_in_a_sum_over_points(bad, precision):
+    points, forces = np.ones((2, 3, 3)), np.arange(18.0).reshape(2, 3, 3)
+    forces[1, 1, 1] = bad
+    with jax.enable_x64(True):
+        F = js.wrench_from_point_forces(points, forces, precision=precision)
+    for computed, plain in zip(F._parts, (np.cross(points, forces).sum(1), forces.sum(1)), strict=True):
+        assert error.agrees_when_not_finite(computed, plain).all()
 
 
 # -- underflow --------------------------------------------------------------------------------------------------------
@@ -123,11 +185,43 @@ def _assert_infinite(computed, exact):
 def test_what_is_flushed_costs_a_few_of_the_smallest_numbers(name, dtype, family, precision):
     """In float64 the last two are as good as the first two there, beyond that."""
     case = _extreme(name, family, dtype)
-    results = _results(case, precision)
     parts = [i for i, bound in enumerate(case.operation.bounds) if bound != EXACT]
     bound = "reproducible" if dtype == "float64" else precision
     # A subnormal operand is taken for zero, beside a factor of up to 4; six products, their errors and their sums.
-    case.check(bound, [results[i] for i in parts], family, parts, flushed=32)
+    for how, results in _everywhere(case, precision).items():
+        case.check(bound, [results[i] for i in parts], how, parts, flushed=32)
+
+
+def _is_flushed(dtype):
+    tiny = jnp.full(8, float(jnp.finfo(dtype).tiny), dtype)
+    return not np.asarray(jax.jit(lax.mul)(tiny, jnp.full_like(tiny, 0.5))).any()
+
+
+@precisions
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_subnormal_numbers_that_are_given_count_as_zero(dtype, precision):
+    """Beside a factor so large that it would matter; those of float16 are numbers as all others."""
+    with jax.enable_x64(dtype == "float64"):
+        p = np.array([[float(jnp.finfo(dtype).tiny) / 4, 0, 0]], np.float64).astype(jnp.dtype(dtype))
+        f = np.array([[0, float(jnp.finfo(dtype).max) / 8, 0]], np.float64).astype(p.dtype)
+        ((_, _, torque),), _ = _results(hostile.made("shift_force", [np.zeros_like(f), f, p]), precision)
+        product = float(p[0, 0]) * float(f[0, 1])
+        is_zero = dtype != "float16" and _is_flushed(dtype)
+        assert torque == 0 if is_zero else abs(float(torque) + product) <= 4 * float(jnp.finfo(dtype).eps) * product
+
+
+@pytest.mark.parametrize("precision", ["compensated", "faithful"])
+def test_three_factors_in_float64(precision):
+    """w x (w x p): while no product of two is below 2^-960 the bound holds; below, a term may be lost altogether."""
+    w, p = np.random.default_rng(41).uniform(1, 2, (2, N, 3))
+    for size, holds in ((2.0**-479, True), (2.0**-600, False)):
+        zero = np.zeros_like(w)
+        case = hostile.made("shift_acceleration", [zero, zero, p / size, w * size])
+        _, a = _results(case, precision)
+        if holds:
+            case.check(precision, [a], size, [1])
+        mag = attribute(case.exact[1], "mag")
+        assert (abs(rationals(a) - attribute(case.exact[1], "value")) <= mag).all()
 
 
 # -- NaN and infinities -----------------------------------------------------------------------------------------------

@@ -8,6 +8,8 @@ import sys
 import jax
 import pytest
 
+import jaxspatial as js
+from jaxspatial.arithmetic import faithful
 from jaxspatial.measure import self_check as module
 from jaxspatial.measure.cli import main
 from jaxspatial.measure.self_check import self_check
@@ -69,6 +71,13 @@ def test_without_fma_all_holds():
     run = _run("--xla_cpu_max_isa=AVX")
     assert run.returncode == 0, run.stdout + run.stderr
     assert run.stdout.endswith("All promises hold here.\n") and "products fused with additions: no" in run.stdout
+
+
+def test_scaling_that_the_compiler_takes_back_on_single_items_is_seen(monkeypatch):
+    """Without guards XLA makes `(a b) (c c)` of `(a c) (b c)`, on scalars only: what overflows does so again."""
+    scaled = faithful._scaled_parts
+    monkeypatch.setattr(faithful, "_scaled_parts", lambda u, s, f, guard, c: scaled(u, s, f, lambda x: x, c))
+    assert module._values_over(js.Precision.FAITHFUL, "float64") == float("inf")
 
 
 def test_command_prints_a_table(quick, capsys):

@@ -10,6 +10,8 @@ from rotation import exact
 from rotation.cases import allowed, of_dtype, wide_dtypes
 
 import jaxspatial as js
+from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.numbers import numeric
 
 CASES = [
     ("bfloat16", "reproducible"),
@@ -115,6 +117,44 @@ def test_about_a_coordinate_axis(k, dtype, precision):
     exact_ones = [exact.exp([a if i == k else 0 for i in range(3)]) for (a,) in map(exact.vector, angle)]
     assert np.abs(exact.differences(found.entries, exact_ones)).max() <= allowed(dtype, precision, 2)
     assert not np.isfinite(getattr(js.Rotation, f"about_{'xyz'[k]}")(jnp.asarray(np.inf, dtype)).entries).all()
+
+
+_unit = numeric(vectors.unit)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_unit_vectors_of_any_length_have_the_bits_of_numpy(dtype):
+    """Scaled by the power of two of the largest component, divided by the length."""
+    info = np.finfo(dtype)
+    lengths = 2.0 ** np.linspace(info.minexp + info.nmant + 2, info.maxexp - 1, 400).round()
+    v = (np.random.default_rng(4).uniform(-1, 1, (400, 4)) * lengths[:, None]).astype(dtype)
+    w, x, y, z = np.ldexp(v, -np.frexp(abs(v).max(-1, keepdims=True))[1]).T
+    length = np.sqrt(((w * w + x * x) + y * y) + z * z)
+    found = np.asarray(jax.jit(lambda v: _unit("reproducible", v))(jnp.asarray(v)))
+    np.testing.assert_array_equal(found, np.stack([w, x, y, z], -1) / length[:, None])
+    for bad in (np.zeros(4), np.array([1, 0, np.nan, 0]), np.array([1, 0, np.inf, 0])):
+        assert np.isnan(_unit("reproducible", jnp.asarray(bad.astype(dtype)))).all()
+
+
+def test_a_unit_vector_takes_one_multiplication_to_scale_a_component():
+    """Three made normalising twice as slow, and a rotation by a quaternion slower than what one would write by hand."""
+    text = jax.jit(lambda v: _unit("fast", v)).lower(jnp.ones((8, 4), "float32")).as_text()
+    # Scaled, squared, and in quotients the half of the divisor that stands in where the dividend is infinite.
+    assert text.count("stablehlo.multiply") == 4 + 4 + 4
+
+
+@pytest.mark.parametrize("precision", ["fast", "reproducible"])
+def test_angles_of_many_turns(precision):
+    """2 u up to 2048, and 2 u |angle| beyond."""
+    angles = np.random.default_rng(9).uniform(1, 2, 4000) * np.repeat([1.0, 1e3, 1e4, 1e5, 1e6], 800)
+    angles = angles.astype(np.float32)
+    entries = np.asarray(js.Rotation.about_x(jnp.asarray(angles), precision=precision).entries, float)
+    u, wide = 2.0**-24, angles.astype(float)
+    allowed = 2 * u * np.where(wide <= 2048, 1, wide)
+    known = np.isfinite(entries[:, 4])
+    assert known[wide < 1e6].all()
+    for found, exactly in ((entries[:, 4], np.cos(wide)), (entries[:, 7], np.sin(wide))):
+        assert (abs(found - exactly) <= allowed)[known].all()
 
 
 @cases

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from marks import slow, slow_but
 from rotation import exact
-from rotation.cases import allowed, of_dtype, wide_dtypes
+from rotation.cases import allowed, eps, of_dtype, wide_dtypes
 
 import jaxspatial as js
 
@@ -54,6 +54,37 @@ def vectors(dtype, seed, count=12):
     v[3] = [1, 1, 1]
     v[4:6] *= 1e-3
     return of_dtype(v, dtype)
+
+
+CONSTRUCTORS = {
+    "from_one_vector": js.Rotation.from_one_vector,
+    "from_two_vectors": lambda v: js.Rotation.from_two_vectors(v, -jnp.roll(v, 1, -1)),
+    "between": lambda v: js.Rotation.between(v, jnp.roll(v, 1, -1)),
+    "from_axis_angle": lambda v: js.Rotation.from_axis_angle(v, jnp.ones(v.shape[:-1], v.dtype)),
+}
+
+
+@pytest.mark.parametrize("name", CONSTRUCTORS)
+@pytest.mark.parametrize("dtype", ["float32", slow("float64")])
+def test_directions_of_the_smallest_vectors(name, dtype):
+    """Down to a size of tiny / eps what is flushed to zero is below their roundoff."""
+    v = np.random.default_rng(8).uniform(0.01, 1, (40, 3))
+    v[::2, 1] *= eps(dtype)
+    v = of_dtype(v / np.abs(v).max(-1, keepdims=True), dtype)
+    small = v * v.dtype.type(float(jnp.finfo(dtype).tiny) / eps(dtype))
+    found, expected = (np.asarray(CONSTRUCTORS[name](x).entries, float) for x in (small, v))
+    assert np.abs(found - expected).max() <= 16 * eps(dtype)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("precision", [slow("reproducible"), "compensated"])
+def test_logarithms_of_the_smallest_angles(dtype, precision):
+    tiny = float(jnp.finfo(dtype).tiny)
+    angles = np.array([0.5, 0.9, 1.1, 1.5, 2.5, 3.5, 4.5, 6.0, 9.0, 50.0]) * tiny
+    R = js.Rotation(of_dtype([[1, -a, 0, a, 1, 0, 0, 0, 1] for a in angles], dtype))
+    log, q = R.log(precision=precision), R.to_quaternion(precision=precision)
+    errors = np.abs([np.float64(log[:, 2]) - angles, np.float64(q[:, 3]) - angles / 2])
+    assert (errors <= 8 * tiny + 4 * eps(dtype) * angles).all()
 
 
 @cases
