@@ -10,7 +10,7 @@ import numpy as np
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.functions import cosine_sine
 from jaxspatial.arithmetic.numbers import numeric, where
-from jaxspatial.dynamics.scene import algorithm, checked
+from jaxspatial.dynamics.algorithm import JOINTS, algorithm, checked
 from jaxspatial.mechanism.joints import Ball, Continuous
 from jaxspatial.rotation import exponential, quaternion
 
@@ -71,7 +71,7 @@ def acting(mechanism, q, v, compliance, precision, with_resistance=True):
     compliance = _checked(mechanism, q, compliance)
     names = ("stiffness", "damping", "friction_loss") if with_resistance else ("stiffness",)
     acts = [not is_nothing(getattr(mechanism, name)) for name in names]
-    acts.append(compliance.limit_stiffness is not None and not _is_unlimited(mechanism, slice(None)))
+    acts.append(compliance.limit_stiffness is not None and not all(map(_is_infinite, (mechanism.lower, mechanism.upper))))
     if not any(acts):
         return None
     return _forces(precision, mechanism, q, v, compliance, with_resistance=with_resistance)
@@ -95,8 +95,12 @@ def is_nothing(x):
     return isinstance(x, np.ndarray) and not x.any()
 
 
-def _is_unlimited(mechanism, own):
-    return all(isinstance(x, np.ndarray) and np.isinf(x[own]).all() for x in (mechanism.lower, mechanism.upper))
+def _is_infinite(x):
+    return isinstance(x, np.ndarray) and np.isinf(x).all()
+
+
+def _is_unlimited(own):
+    return all(_is_infinite(own.rows(own.state.fields[name], of_rates=False)) for name in ("lower", "upper"))
 
 
 def _checked(mechanism, like, compliance):
@@ -137,86 +141,85 @@ def _length(x, s):
     return longer * (1 + t * t).sqrt()
 
 
-@algorithm
-def _forces(scene, v, compliance, with_resistance):
-    return scene.by_rate([_of_segment(scene, s, v, compliance, with_resistance) for s in scene.segments])
+_READ = ("stiffness", "spring_references", "damping", "friction_loss", "lower", "upper")
 
 
-def _of_segment(scene, segment, v, compliance, with_resistance):
-    """Numbers per rate; what a mimic has of them is its master's, see `mechanism.assembly`."""
-    kind = scene.topology.kind(segment.start)
-    terms = []
-    if not scene.topology.is_mimic(segment.start):
-        terms = _positional(scene, segment, kind, v, compliance)
-        terms += _resisting(scene, segment, v, compliance) if with_resistance else []
+@algorithm(*JOINTS, *_READ)
+def _forces(state, v, compliance, *, with_resistance):
+    found = [_of_joints(own, v, compliance, with_resistance) for own in state.own_joints]
+    return state.by_rate(found, state.topology.kinds_apart)
+
+
+def _of_joints(own, v, compliance, with_resistance):
+    """Numbers per rate; what a mimic has of them is with the joint that it follows, see `mechanism.assembly`."""
+    terms = _positional(own, v, compliance)
+    terms += _resisting(own, v, compliance) if with_resistance else []
     if not terms:
-        return (scene.known(0.0),) * kind.nv
-    return tuple(scene.spread(segment, functools.reduce(operator.add, x)) for x in zip(*terms, strict=True))
+        return (own.state.known(0.0),) * own.kind.nv
+    return tuple(functools.reduce(operator.add, x) for x in zip(*terms, strict=True))
 
 
-def _resisting(scene, segment, v, compliance):
-    m, own = scene.mechanism, _rates_of(scene, segment)
-    rates, terms = scene.rates(segment, v), []
-    if not is_nothing(m.damping[own]):
-        terms.append([-d * x for d, x in zip(scene.rates(segment, m.damping), rates, strict=True)])
-    if not is_nothing(m.friction_loss[own]):
-        both = zip(scene.rates(segment, m.friction_loss), rates, strict=True)
-        speeds = scene.rates(segment, compliance.friction_speed)
+def _resisting(own, v, compliance):
+    damping, friction = (own.state.fields[name] for name in ("damping", "friction_loss"))
+    rates, terms = own.rates(v), []
+    if not is_nothing(own.rows(damping)):
+        terms.append([-d * x for d, x in zip(own.rates(damping), rates, strict=True)])
+    if not is_nothing(own.rows(friction)):
+        both = zip(own.rates(friction), rates, strict=True)
+        speeds = own.rates(compliance.friction_speed)
         terms.append([-f * (x / _length(x, s)) for (f, x), s in zip(both, speeds, strict=True)])
     return terms
 
 
-def _positional(scene, segment, kind, v, compliance):
+def _positional(own, v, compliance):
     """Of springs and limits: of coordinates first, then of the rates."""
-    m = scene.mechanism
-    has_spring = not is_nothing(m.stiffness[_rates_of(scene, segment)])
-    has_limits = compliance.limit_stiffness is not None and not _is_unlimited(m, _coordinates_of(scene, segment))
+    kind, zero = own.kind, own.state.known(0.0)
+    has_spring = not is_nothing(own.rows(own.state.fields["stiffness"]))
+    has_limits = compliance.limit_stiffness is not None and not _is_unlimited(own)
     if not kind.nv or not (has_spring or has_limits):
         return []
-    q = scene.coordinates(segment, scene.q)
+    q = own.coordinates(own.state.q)
     turning = 4 if kind.nq > kind.nv else 0
-    angles, shifts = _turned_by_spring(scene, segment, q) if turning and has_spring else None, None
+    angles, shifts = _turned_by_spring(own, q) if turning and has_spring else None, None
     if kind.nq > turning:
         turned = {k: cosine_sine(q[k]) for k in kind.angles} if kind.name == "planar" else {}
-        forces = [scene.known(0.0)] * (kind.nq - turning)
+        forces = [zero] * (kind.nq - turning)
         if has_spring:
-            forces = _plus(forces, _of_springs(scene, segment, kind, q, turning))
+            forces = _plus(forces, _of_springs(own, q, turning))
         if has_limits:
-            forces = _plus(forces, _of_limits(scene, segment, kind, q, turned, v, compliance, turning))
+            forces = _plus(forces, _of_limits(own, q, turned, v, compliance, turning))
         shifts = _by_rates(kind, q, turned, forces)
-    return [[*(angles or [scene.known(0.0)] * (3 if turning else 0)), *(shifts or [])]]
+    return [[*(angles or [zero] * (3 if turning else 0)), *(shifts or [])]]
 
 
 def _plus(a, b):
     return [x + y for x, y in zip(a, b, strict=True)]
 
 
-def _turned_by_spring(scene, segment, q):
+def _turned_by_spring(own, q):
     """-J^-1 K d of the rotation vector d from the reference, J its left Jacobian: dd/dt = J^-T w."""
-    m = scene.mechanism
-    axes, reference = scene.axes(segment), scene.coordinates(segment, m.spring_references)
-    d = Ball.difference(axes, reference[:4], q[:4])
-    pulls = [-k * x for k, x in zip(scene.rates(segment, m.stiffness)[:3], d, strict=True)]
+    fields = own.state.fields
+    reference = own.coordinates(fields["spring_references"])
+    d = Ball.difference(own.axes, reference[:4], q[:4])
+    pulls = [-k * x for k, x in zip(own.rates(fields["stiffness"])[:3], d, strict=True)]
     return list(vectors.matrix_times(exponential.left_jacobian_inverse(d), pulls))
 
 
-def _of_springs(scene, segment, kind, q, start):
+def _of_springs(own, q, start):
     """By coordinate, of those that are numbers."""
-    m = scene.mechanism
-    axes, reference = scene.axes(segment), scene.coordinates(segment, m.spring_references)
-    stiffness = scene.rates(segment, m.stiffness)[start and 3 :]
+    fields = own.state.fields
+    reference, stiffness = own.coordinates(fields["spring_references"]), own.rates(fields["stiffness"])[start and 3 :]
     apart = [x - r for x, r in zip(q[start:], reference[start:], strict=True)]
-    if kind.name in ("continuous", "planar"):
-        apart[-1] = Continuous.difference(axes, reference[-1:], q[-1:])[0]
+    if own.kind.name in ("continuous", "planar"):
+        apart[-1] = Continuous.difference(own.axes, reference[-1:], q[-1:])[0]
     return [-k * d for k, d in zip(stiffness, apart, strict=True)]
 
 
-def _of_limits(scene, segment, kind, q, turned, v, compliance, start):
-    m = scene.mechanism
-    rates = scene.rates(segment, v)
-    speeds = rates if kind.is_sequential else kind.rates(scene.axes(segment), q, turned, rates)[start:]
-    softness = [scene.rates(segment, x)[start and 3 :] for x in (compliance.limit_stiffness, compliance.limit_damping)]
-    limits = [scene.coordinates(segment, x)[start:] for x in (m.lower, m.upper)]
+def _of_limits(own, q, turned, v, compliance, start):
+    fields, rates = own.state.fields, own.rates(v)
+    speeds = rates if own.kind.is_sequential else own.kind.rates(own.axes, q, turned, rates)[start:]
+    softness = [own.rates(x)[start and 3 :] for x in (compliance.limit_stiffness, compliance.limit_damping)]
+    limits = [own.coordinates(fields[name])[start:] for name in ("lower", "upper")]
     return [_of_limit(*x) for x in zip(q[start:], speeds, *softness, *limits, strict=True)]
 
 
@@ -239,17 +242,3 @@ def _by_rates(kind, q, turned, forces):
         c, s = turned[2]
         return [c * forces[0] + s * forces[1], c * forces[1] - s * forces[0], forces[2]]
     return forces
-
-
-def _rates_of(scene, segment):
-    starts = scene.topology.v_starts
-    return slice(starts[segment.start], starts[segment.start] + scene.topology.kind(segment.start).nv * _count(segment))
-
-
-def _coordinates_of(scene, segment):
-    starts = scene.topology.q_starts
-    return slice(starts[segment.start], starts[segment.start] + scene.topology.kind(segment.start).nq * _count(segment))
-
-
-def _count(segment):
-    return segment.stop - segment.start

@@ -314,16 +314,25 @@ class Own:
     def rates(self, array):
         return self.state.coordinates(self.bundle, array, of_rates=True)
 
+    def rows(self, array, of_rates=True):
+        """What an array over rates, or coordinates, has for them: to see what is known of it."""
+        t = self.state.topology
+        slices = ((t.v_slice if of_rates else t.q_slice)(i) for i in self.bundle.starts)
+        return along.rows(array, np.concatenate([np.arange(s.start, s.stop) for s in slices]))
+
+    @property
+    def axes(self):
+        return self.state.axes(self.bundle)
+
     def apply(self, verb, other):
         """A verb of the kind, of its coordinates and others or a step."""
-        return numbers.shared(functools.partial(_of, getattr(self.kind, verb)))(
-            self.state.axes(self.bundle), self.coordinates(self.state.q), other
-        )
+        q = self.coordinates(self.state.q)
+        return numbers.shared(functools.partial(_of, getattr(self.kind, verb)))(self.axes, q, other)
 
     def dq_dt(self, v):
         q = self.coordinates(self.state.q)
         turned = {k: cosine_sine(q[k]) for k in self.kind.angles} if self.kind.has_turning_rates else {}
-        return self.kind.rates(self.state.axes(self.bundle), q, turned, self.rates(v))
+        return self.kind.rates(self.axes, q, turned, self.rates(v))
 
 
 def _of(verb, axes, q, other):
