@@ -10,9 +10,15 @@ from jaxspatial.arithmetic.numbers import Lane, is_number, where
 
 
 def rows(array, places):
-    """array[places] along its first axis, for known places of any shape: by slices, where it is data."""
+    """array[places] along its first axis, for known places (L, W, ...): by slices, where it is data, chain by chain."""
     if isinstance(array, np.ndarray):
         return array[places]
+    if np.ndim(places) > 1:
+        return jnp.swapaxes(_sliced(array, np.swapaxes(places, 0, 1)), 0, 1)
+    return _sliced(array, places)
+
+
+def _sliced(array, places):
     flat = np.ravel(places)
     ends = [0, *(np.flatnonzero(np.diff(flat) != 1) + 1).tolist(), flat.size]
     pieces = [array[flat[a] : flat[a] + b - a] for a, b in zip(ends[:-1], ends[1:], strict=True) if b > a]

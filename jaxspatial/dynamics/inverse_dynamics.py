@@ -3,7 +3,7 @@
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import shared
 from jaxspatial.dynamics import recursion
-from jaxspatial.dynamics.links import Motion, across, move, swing, to_parent, upward
+from jaxspatial.dynamics.links import Motion, across, moved, swing, to_parent, upward
 from jaxspatial.dynamics.loads import checked_forces, loads
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked
 from jaxspatial.inertia import symmetric
@@ -52,29 +52,35 @@ def _inverse_dynamics(state, v, vdot, forces, *, frames):
 
 def forces_of(state, v, vdot, pulled, gravity):
     """Of every rate of every bundle the force, under loads, with gravity as an upward acceleration of the world."""
-    links = state.links(v, vdot)
-    motions = recursion.outward(state, move, Motion(state.no_vector, state.no_vector, gravity), links)
+    own = list(zip(state.links(v, vdot), pulled, strict=True))
+    falling = Motion(state.no_vector, state.no_vector, gravity)
+    wrenches = recursion.outward(state, _pushed, falling, own)
     nothing = state.no_vector, state.no_vector
-    return recursion.inward(state, _carry, nothing, list(zip(links, motions, pulled, strict=True)))
+    return recursion.inward(state, _carry, nothing, list(zip(state.links(v, vdot), wrenches, strict=True)))
+
+
+def _pushed(own, parent):
+    """(the wrench that a body takes besides its load, its motion)."""
+    link, load = own
+    motion = moved(link, parent)
+    return tuple(vectors.minus(x, y) for x, y in zip(wrench_of(link.inertia, motion), load[:2], strict=True)), motion
 
 
 def _carry(own, held):
-    """(tau, the wrench on the parent) of a body on which its children pull with the wrench `held`, both in its axes.
-
-    f = m (a + E c)    tau = I alpha + w x I w + c x f, with what the children take and without the load
-    """
-    link, motion, load = own
-    tau, f = wrench_of(link.inertia, motion)
-    tau, f = (vectors.minus(vectors.plus(x, y), z) for x, y, z in zip((tau, f), held, load[:2], strict=True))
+    """(tau, the wrench on the parent) of a body that takes a wrench, while its children pull with `held`."""
+    link, wrench = own
+    tau, f = (vectors.plus(x, y) for x, y in zip(wrench, held, strict=True))
     at_joint = [vectors.dot(w, tau) + vectors.dot(v, f) for w, v in link.joint.subspace]
     at_rotor = vectors.products(link.armature, link.vdot)
     return vectors.plus(tuple(at_joint), at_rotor), to_parent(across(link.placement, link.joint), tau, f)
 
 
 def wrench_of(inertia, motion):
-    """The wrench about the origin that makes the body move so."""
-    E = swing(motion.w, motion.alpha)
-    f = shared(_force)(inertia, motion.a, E)
+    """The wrench about the origin that makes a body move so.
+
+    f = m (a + E c)    tau = I alpha + w x I w + c x f
+    """
+    f = shared(_force)(inertia, motion.a, swing(motion.w, motion.alpha))
     rows = symmetric.rows(inertia.central)
     spin = vectors.cross(motion.w, shared(vectors.matrix_times)(rows, motion.w))
     return vectors.plus(vectors.matrix_times(rows, motion.alpha), spin, vectors.cross(inertia.com, f)), f
