@@ -94,15 +94,15 @@ class Algorithm(program.Program):
         return self.tree.children()[0].num_leaves
 
     def sibling(self, call, at=None, arrays=None):
-        """The program of another algorithm, with the same fields; and the same arrays, of which the one at a leaf is
-        data, or the first of them and one behind that is."""
+        """The program of another algorithm, with the same fields, and the same arrays, of which the one at a leaf is
+        data; or with so many arrays, of which the first is the same, and others are data."""
         known, tree, static = list(self.known), self.tree, self.static
         if at is not None:
             known[at] = None
         if arrays is not None:
-            fields, (own, _) = tree.children()[0], (jax.tree.structure(0),) * 2
-            tree = jax.tree_util.treedef_tuple([fields, jax.tree_util.treedef_tuple([own] * arrays)])
-            known, static = [*known[: self.n_fields + arrays - 1], None], ()
+            leaf = jax.tree.structure(0)
+            tree = jax.tree_util.treedef_tuple([tree.children()[0], jax.tree_util.treedef_tuple([leaf] * arrays)])
+            known, static = [*known[: self.n_fields + 1], *[None] * (arrays - 1)], ()
         own = self.precision, self.topology, tree, tuple(known), static, self.dtype
         return self.made((call, at, arrays), lambda: interned(call.kind(call.formula, *own)))
 

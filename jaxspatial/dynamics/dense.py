@@ -15,12 +15,12 @@ def rows_of(state, array):
 
 
 def solved(M, b):
-    """M^-1 b of a symmetric positive M (n, n, B), b (n, B), by eliminating one row after the other, in a loop.
+    """M^-1 b of a symmetric positive M (n, n, ...), b (n, ...), by eliminating one row after the other, in a loop.
 
     Where a pivot is not positive nothing resists: its unknown is 0. Error: n u cond(M) times a small number.
     [Golub and Van Loan 2013, 4.1: Gauss and Jordan]
     """
-    n = np.shape(high(b))[0]
+    n, *shape = np.shape(high(b))
     start = [M, b]
 
     def eliminated(k, data):
@@ -29,7 +29,7 @@ def solved(M, b):
         pivot = _row(row, k)
         is_none = high(pivot) <= 0
         scale = where(is_none, 0.0, 1 / where(is_none, 1.0, pivot))
-        here = (np.arange(n, dtype=np.int32) == k)[:, None]
+        here = (np.arange(n, dtype=np.int32) == k).reshape((n, *[1] * len(shape)))
         column = mapped(lambda w: lax.dynamic_index_in_dim(w, k, 1, keepdims=False), M)
         factor = where(here, scale * 0.0, column * _lifted(scale))
         rest = M - mapped(lambda w: w[:, None], factor) * _lifted(row)

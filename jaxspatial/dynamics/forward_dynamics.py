@@ -2,16 +2,20 @@
 
 from typing import Any, NamedTuple
 
+import jax
+import numpy as np
+
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.lanes import is_known
-from jaxspatial.arithmetic.numbers import Lane, constant, high, shared, where
-from jaxspatial.dynamics import dense, program, recursion
+from jaxspatial.arithmetic.numbers import Lane, constant, high, is_number, shared, where
+from jaxspatial.dynamics import along, dense, program, recursion
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, checked
 from jaxspatial.dynamics.links import Motion, across, moved, to_parent, upward
 from jaxspatial.dynamics.inverse_dynamics import _inverse_dynamics, forces_of
 from jaxspatial.dynamics.loads import checked_forces, loads
 from jaxspatial.dynamics.mass_matrix import matrix_of
 from jaxspatial.inertia import articulated, symmetric
+from jaxspatial.mechanism.joints import Free
 
 
 def forward_dynamics(mechanism, q, v, tau, external_forces=None, *, precision=None):
@@ -36,37 +40,52 @@ def forward_dynamics(mechanism, q, v, tau, external_forces=None, *, precision=No
 
 
 class ForwardDynamics(Algorithm):
-    """The program of `_forward_dynamics`, differentiated through inverse dynamics."""
+    """The program of `_forward_dynamics`, differentiated through inverse dynamics. What has found vdot, the factors of
+    the mass matrix, is kept for the derivative."""
 
     def jvp(self, primals, tangents, n_batch):
-        (vdot,) = program.bind(self, primals, n_batch)
-        inverse = self.sibling(_inverse_dynamics, at=self.n_fields + 2)
-        at, moving = (self.with_leaf(x, self.n_fields + 2, y) for x, y in ((primals, vdot), (tangents, None)))
-        (felt,) = inverse.tangents(at, moving, n_batch)
-        force = plus(self.leaf(tangents, self.n_fields + 2), minus(felt))
-        return [vdot], [self.sibling(_solve, arrays=2).of(primals, force, n_batch)]
+        # Its result is one array, whether or not it is ever run on its own.
+        self.out_tree = jax.tree.structure(0)
+        tau = self.n_fields + 2
+        vdot, *factors = program.bind(self.sibling(_with_factors), primals, n_batch)
+        at, moving = self.with_leaf(primals, tau, vdot), self.with_leaf(tangents, tau, None)
+        (felt,) = self.sibling(_inverse_dynamics, at=tau).tangents(at, moving, n_batch)
+        force = plus(self.leaf(tangents, tau), minus(felt))
+        return [vdot], [_solved(self, primals, factors, force, n_batch)]
+
+
+class WithFactors(ForwardDynamics):
+    """The same of `_with_factors`, for derivatives of derivatives."""
+
+    def jvp(self, primals, tangents, n_batch):
+        found = program.bind(self, primals, n_batch)
+        (vdot,), (rate,) = self.sibling(_forward_dynamics).jvp(primals, tangents, n_batch)
+        return [vdot, *found[1:]], [rate, *map(program.no_tangent, found[1:])]
 
 
 class Solve(Algorithm):
     """The program of M^-1 times forces, its own transpose. With M a = f, the derivative of a is M^-1 (f' - M' a)."""
 
-    def of(self, primals, force, n_batch):
-        """With the fields and q of another program."""
-        if force is None:
-            return program.no_tangent(primals[-1])
-        n = sum(k is None for k in self.known) - 1
-        (a,) = program.bind(self, [*primals[:n], force], n_batch)
-        return a
-
     def jvp(self, primals, tangents, n_batch):
         (a,) = program.bind(self, primals, n_batch)
-        (felt,) = self.sibling(_mass_times).tangents([*primals[:-1], a], [*tangents[:-1], None], n_batch)
-        force = None if program.is_zero(tangents[-1]) else tangents[-1]
-        return [a], [self.of(primals[:-1], plus(force, minus(felt)), n_batch)]
+        *own, force = primals
+        n = self._place(self.n_fields + 1)
+        (felt,) = self.sibling(_mass_times, arrays=2).tangents([*own[:n], a], [*tangents[:n], None], n_batch)
+        force = plus(None if program.is_zero(tangents[-1]) else tangents[-1], minus(felt))
+        found = program.no_tangent(a) if force is None else program.bind(self, [*own, force], n_batch)[0]
+        return [a], [found]
 
     def transposed(self, cotangents, arguments, n_batch):
         (a,) = program.bind(self, [*arguments[:-1], *cotangents], n_batch)
         return [*[None] * (len(arguments) - 1), program.over_own(a, arguments[-1].aval)]
+
+
+def _solved(own, primals, factors, force, n_batch):
+    """M^-1 of a tangent, None for zero, with the fields, q and factors of a program."""
+    if force is None:
+        return program.no_tangent(primals[-1])
+    solve = own.sibling(_solve, arrays=2 + len(factors))
+    return program.bind(solve, [*primals[: own._place(own.n_fields + 1)], *factors, force], n_batch)[0]
 
 
 def plus(a, b):
@@ -80,13 +99,28 @@ def minus(a):
 
 @algorithm(*DYNAMICS, *FRAMES, kind=ForwardDynamics)
 def _forward_dynamics(state, v, tau, forces, *, frames):
-    return accelerations(state, v, tau, loads(state, frames, forces), upward(state))
+    return accelerations(state, v, tau, loads(state, frames, forces), upward(state))[0]
+
+
+@algorithm(*DYNAMICS, *FRAMES, kind=WithFactors)
+def _with_factors(state, v, tau, forces, *, frames):
+    """And every word of the factors, as it is."""
+    vdot, factors = accelerations(state, v, tau, loads(state, frames, forces), upward(state))
+    return vdot, *state.words(factors)
 
 
 @algorithm(*DYNAMICS, *FRAMES, kind=Solve)
-def _solve(state, force):
-    nothing = [(state.no_vector, state.no_vector)] * len(state.bundles)
-    return accelerations(state, None, force, nothing, state.no_vector)
+def _solve(state, *factors_and_force):
+    *factors, force = factors_and_force
+    return solution(state, state.of_words(factors, _form(state)), force)
+
+
+def _form(state):
+    """What factors look like."""
+    zero = state.known(0.0)
+    if state.topology.has_mimics:
+        return [zero]
+    return [zero if _floats(state, b) else [((zero,) * 6, zero)] * b.kind.nv for b in state.bundles]
 
 
 @algorithm(*DYNAMICS, *FRAMES)
@@ -112,6 +146,14 @@ class Elimination(NamedTuple):
     u: Any
 
 
+class RootElimination(NamedTuple):
+    """Of a body that floats: matrix vdot = u - P A, with P without rotors; None where A is zero."""
+
+    matrix: Any
+    P: Any
+    u: Any
+
+
 class Drift(NamedTuple):
     """Of a body: its angular velocity, its acceleration across the joint without vdot, and the wrench it takes at
     A = 0."""
@@ -122,17 +164,50 @@ class Drift(NamedTuple):
 
 
 def accelerations(state, v, tau, pulled, gravity):
-    """vdot, by articulated bodies; with mimics, which tie joints of different bodies together, by the mass matrix."""
+    """(vdot, the factors of the mass matrix), by articulated bodies; with mimics, which tie joints of different bodies
+    together, by the matrix."""
     if state.topology.has_mimics:
-        bias = state.numbers_by_rate(forces_of(state, v, None, pulled, gravity))
-        return state.rounded(dense.solved(matrix_of(state), dense.rows_of(state, tau) - bias))
+        M, bias = matrix_of(state), state.numbers_by_rate(forces_of(state, v, None, pulled, gravity))
+        return state.rounded(dense.solved(M, dense.rows_of(state, tau) - bias)), [M]
     own = list(zip(state.links(v, tau), pulled, strict=True))
     zero = state.no_vector
     drifts = recursion.outward(state, _drift, zero, own)
     held = Articulated(zero + zero, zero + zero + zero, zero + zero, zero + zero)
-    eliminated = recursion.inward(state, _eliminate, held, list(zip(own, drifts, strict=True)))
-    both = list(zip(own, drifts, eliminated, strict=True))
-    return state.by_rate(recursion.outward(state, _accelerate, (zero, gravity), both))
+    floats = [_floats(state, b) for b in state.bundles]
+    eliminated = recursion.inward(state, _eliminate, held, list(zip(own, drifts, floats, strict=True)))
+    both = [(link, drift.c, e) for (link, _), drift, e in zip(own, drifts, eliminated, strict=True)]
+    rates = recursion.outward(state, _accelerate, (zero, gravity), both)
+    return state.by_rate(rates), [e.matrix if f else [x[:2] for x in e] for e, f in zip(eliminated, floats, strict=True)]
+
+
+def _floats(state, bundle):
+    """Whether nothing holds its bodies, not even another that moves: all six rates are found at once."""
+    return bundle.kind is Free and state.is_root(bundle) is True
+
+
+def solution(state, factors, force):
+    """M^-1 forces, by the factors that `accelerations` found."""
+    if state.topology.has_mimics:
+        (M,) = factors
+        return state.rounded(dense.solved(M, dense.rows_of(state, force)))
+    zero, links = state.no_vector, state.links(None, force)
+    left = recursion.inward(state, _pass_on, zero + zero, list(zip(links, factors, strict=True)))
+    both = [(link, (zero, zero), e) for link, e in zip(links, left, strict=True)]
+    return state.by_rate(recursion.outward(state, _accelerate, (zero, zero), both))
+
+
+def _pass_on(own, Z):
+    """([Elimination of each rate], the wrench that the parent takes), of the bias Z of what hangs on a body."""
+    link, factors = own
+    if is_number(factors):
+        return RootElimination(factors, None, vectors.minus(link.vdot, Z)), Z
+    found = []
+    for (w, v), (U, D), tau in zip(link.joint.subspace, factors, link.vdot, strict=True):
+        u = tau - (vectors.dot(w, Z[:3]) + vectors.dot(v, Z[3:]))
+        Z = _with_share(Z, u, articulated.share_of(U, D))
+        found.append(Elimination(U, D, u))
+    tau, f = to_parent(across(link.placement, link.joint), Z[:3], Z[3:])
+    return found, (*tau, *f)
 
 
 def _drift(own, w_P):
@@ -155,13 +230,24 @@ def _of_turning(inertia, w):
 def _eliminate(own, held):
     """([Elimination of each rate], what the parent feels): with P A' + Z the wrench across the joint, A' the
     acceleration of the parent at the joint."""
-    (link, _), drift = own
+    (link, _), drift, floats = own
     P = shared(_held_with)(link.inertia, drift, held)
+    if floats:
+        return RootElimination(_matrix(P, link.armature), P, vectors.minus(link.vdot, P.Z)), P
     found = []
     for (w, v), tau, armature in zip(link.joint.subspace, link.vdot, link.armature, strict=True):
         P, elimination = _without_rate(P, w, v, tau, armature)
         found.append(elimination)
     return found, _seen_from_parent(across(link.placement, link.joint), P)
+
+
+def _matrix(P, armature):
+    """P with the inertia of rotors, as one number (6, 6, ...)."""
+    top, bottom = articulated.by_rows(P.J, P.F, P.M)
+    rows = [[*a, *b] for a, b in top + bottom]
+    entries = [x + armature[i] if i == k else x for i, row in enumerate(rows) for k, x in enumerate(row)]
+    shape = np.broadcast_shapes(*(np.shape(high(x)) for x in entries))
+    return along.mapped(lambda w: w.reshape((6, 6, *shape)), along.stacked(entries, shape, 0))
 
 
 def _held_with(inertia, drift, held):
@@ -224,16 +310,28 @@ def _seen_from_parent(X_PB, P):
 
 def _accelerate(own, parent):
     """(vdot, (alpha, a)) of a body."""
-    (link, _), drift, eliminated = own
+    link, c, eliminated = own
     A = shared(_carried)(across(link.placement, link.joint), *parent)
+    if isinstance(eliminated, RootElimination):
+        rates = _floating(eliminated, A)
+        A = vectors.plus(A, rates, (*c[0], *c[1]))
+        return rates, (A[:3], A[3:])
     rates = []
     for (w, v), (U, D, u) in zip(reversed(link.joint.subspace), reversed(eliminated), strict=True):
         is_none = high(D) <= 0
         rate = where(is_none, 0.0, (u - vectors.dot(U, A)) / where(is_none, 1.0, D))
         A = vectors.plus(A, vectors.times(rate, (*w, *v)))
         rates.append(rate)
-    A = vectors.plus(A, (*drift.c[0], *drift.c[1]))
+    A = vectors.plus(A, (*c[0], *c[1]))
     return tuple(reversed(rates)), (A[:3], A[3:])
+
+
+def _floating(eliminated, A):
+    """The six rates of a body that floats."""
+    matrix, P, u = eliminated
+    u = u if P is None else vectors.minus(u, articulated.product(P.J, P.F, P.M, A[:3], A[3:]))
+    found = dense.solved(matrix, along.stacked(u, np.shape(high(matrix))[2:], 0))
+    return tuple(along.mapped(lambda w, k=k: w[k], found) for k in range(6))
 
 
 def _carried(X_PB, alpha, a):

@@ -297,6 +297,23 @@ class MechanismState:
         sign = jnp.asarray(np.take_along_axis(sign, back, 1).ravel().astype(self.dtype))
         return jnp.take(Y, jnp.asarray(places, np.int32), axis=1) * sign[None, :, None]
 
+    # -- numbers kept from one program for another ----------------------------------------------------------------------
+
+    def words(self, found):
+        """The arrays (..., B) that a tree of numbers consists of, not rounded."""
+        leaves, tree = jax.tree.flatten(found, is_leaf=numbers.is_number)
+        full = [along.spread(x, (*np.shape(numbers.high(x))[:-1], self.n)) for x in leaves]
+        return jax.tree.leaves(numbers.data_of(full))
+
+    def of_words(self, arrays, form):
+        """The tree of numbers that consists of these arrays, in the form of another."""
+        leaves, tree = jax.tree.flatten(form, is_leaf=numbers.is_number)
+        like, found = self.known(0.0), iter(arrays)
+        if isinstance(like, Lane):
+            return jax.tree.unflatten(tree, [like._new(next(found)) for _ in leaves])
+        pairs = jax.tree.structure(like)
+        return jax.tree.unflatten(tree, [jax.tree.unflatten(pairs, [next(found), next(found)]) for _ in leaves])
+
     def total(self, found):
         """The sum of numbers, one for every bundle, over all bodies: (B,)."""
         return along.total(along.joined([self._rows(b, (x,), 2) for b, x in zip(self.bundles, found, strict=True)]))

@@ -374,7 +374,7 @@ def of_body(mass, com, central):
 
 def product(j, f, m, alpha, a):
     """Of numbers: P (alpha, a), as six."""
-    top, bottom = _by_rows(j, f, m)
+    top, bottom = by_rows(j, f, m)
     return tuple(vectors.dot(x, alpha) + vectors.dot(y, a) for x, y in top + bottom)
 
 
@@ -424,12 +424,12 @@ def _times(P, A, precision):
 @kernel
 def _product(precision, rotational, coupling, translational, alpha, a):
     parts = [lanes.unstack(x) for x in (rotational, coupling, translational, alpha, a)]
-    top, bottom = _by_rows(*parts[:3])
+    top, bottom = by_rows(*parts[:3])
     sums = [[_dot(precision, row, parts[3:]) for row in half] for half in (top, bottom)]
     return lanes.stack_like(alpha, sums[0]), lanes.stack_like(a, sums[1])
 
 
-def _by_rows(j, f, m):
+def by_rows(j, f, m):
     """The upper and lower three rows, each as the halves of its six components."""
     f = vectors.rows(f)
     top = list(zip(symmetric.rows(j), f, strict=True))
@@ -462,7 +462,7 @@ def _removed(j, f, m, w, v, arm):
 @shared
 def felt(j, f, m, w, v, arm):
     """U = P S, D = S^T U + armature."""
-    top, bottom = _by_rows(j, f, m)
+    top, bottom = by_rows(j, f, m)
     U = tuple(vectors.dot(a, w) + vectors.dot(b, v) for a, b in top + bottom)
     return U, (vectors.dot(U[:3], w) + vectors.dot(U[3:], v)) + arm
 
@@ -493,7 +493,7 @@ def _is_valid(j, f, m, tolerance):
     J, M = (_size(x) for x in (j, m))
     root = J.sqrt() * M.sqrt()
     j, f, m = ([x / s for x in part] for part, s in ((j, J), (f, root), (m, M)))
-    top, bottom = _by_rows(j, f, m)
+    top, bottom = by_rows(j, f, m)
     rows = [[*a, *b] for a, b in top + bottom]
     is_valid = high(rows[0][0]) + tolerance > 0
     for k in range(6):
