@@ -54,6 +54,15 @@ class Algorithm(program.Program):
         own = self.formula, self.precision, self.topology, self.tree, self.known, self.static, self.dtype
         return (type(self), *own)
 
+    @property
+    def block(self):
+        """Fewer states where the results of one are many numbers."""
+        entries = self.formula.entries
+        if entries is None:
+            return program.LARGEST_BLOCK
+        most = program.NUMBERS // max(entries(self.topology), 1)
+        return min(max(most, program.SMALLEST_BLOCK), program.LARGEST_BLOCK)
+
     @functools.cached_property
     def _hash(self):
         return hash(self._key())
@@ -160,14 +169,17 @@ def interned(own):
     return found
 
 
-def algorithm(*reads, kind=Algorithm) -> Any:
+def algorithm(*reads, kind=Algorithm, entries=None) -> Any:
     """Makes of `formula(state, *arrays, **static)` a function of (precision, mechanism, q, *arrays, **static).
 
     reads: the fields of a Mechanism that the formula uses. q and the arrays are (*batch, n), with batch shapes that
-    broadcast, or trees of such arrays.
+    broadcast, or trees of such arrays. kind: of program. entries: of a Topology, how many numbers the results have,
+    where these are matrices.
     """
 
     def decorated(formula):
+        formula.entries = entries
+
         @functools.wraps(formula)
         def call(precision, mechanism, *arrays, **static):
             fields = {name: getattr(mechanism, name) for name in reads}

@@ -97,7 +97,7 @@ class Behind(NamedTuple):
     pull: Any
 
 
-@algorithm(*DYNAMICS, *FRAMES)
+@algorithm(*DYNAMICS, *FRAMES, entries=lambda t: 5 * t.nv**2)
 def _derivatives(state, v, vdot, forces, *, frames):
     links = state.links(v, vdot)
     zero = state.no_vector

@@ -102,7 +102,7 @@ def _forward_dynamics(state, v, tau, forces, *, frames):
     return accelerations(state, v, tau, loads(state, frames, forces), upward(state))[0]
 
 
-@algorithm(*DYNAMICS, *FRAMES, kind=WithFactors)
+@algorithm(*DYNAMICS, *FRAMES, kind=WithFactors, entries=lambda t: 8 * t.nv)
 def _with_factors(state, v, tau, forces, *, frames):
     """And every word of the factors, as it is."""
     vdot, factors = accelerations(state, v, tau, loads(state, frames, forces), upward(state))
@@ -177,7 +177,9 @@ def accelerations(state, v, tau, pulled, gravity):
     eliminated = recursion.inward(state, _eliminate, held, list(zip(own, drifts, floats, strict=True)))
     both = [(link, drift.c, e) for (link, _), drift, e in zip(own, drifts, eliminated, strict=True)]
     rates = recursion.outward(state, _accelerate, (zero, gravity), both)
-    return state.by_rate(rates), [e.matrix if f else [x[:2] for x in e] for e, f in zip(eliminated, floats, strict=True)]
+    return state.by_rate(rates), [
+        e.matrix if f else [x[:2] for x in e] for e, f in zip(eliminated, floats, strict=True)
+    ]
 
 
 def _floats(state, bundle):

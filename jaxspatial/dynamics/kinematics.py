@@ -128,10 +128,12 @@ def _arranged(state, frames, found):
     return jnp.stack([jnp.stack([state.rounded(c).reshape((-1,)) for c in x]) for x in found])
 
 
-@algorithm(*GEOMETRY, *FRAMES)
+@algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 12 * len(t))
 def _forward_kinematics(state, *, frames):
     found = [composed(X, X_JF) for X_JF, X in _on_joints(state, frames, poses(state), world(state))]
-    return _arranged(state, frames, [vectors.flat(X.rows) for X in found]), _arranged(state, frames, [X.p for X in found])
+    return _arranged(state, frames, [vectors.flat(X.rows) for X in found]), _arranged(
+        state, frames, [X.p for X in found]
+    )
 
 
 # -- velocities and accelerations -------------------------------------------------------------------------------------
@@ -188,7 +190,7 @@ def _acceleration_in_world(X_WJ, X_JF, motion):
 # -- Jacobians --------------------------------------------------------------------------------------------------------
 
 
-@algorithm(*GEOMETRY, *FRAMES)
+@algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
 def _jacobian(state, *, frame):
     found = poses(state)
     p_WF = _origin(state, frame, found).p
@@ -226,7 +228,7 @@ def _column(state, bundle, frame, column):
     return tuple(where(mask, along.spread(x, mask.shape), 0.0) for x in column)
 
 
-@algorithm(*GEOMETRY, *FRAMES)
+@algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
 def _jacobian_rate(state, v, *, frame):
     found = list(zip(poses(state), velocities(state, v), strict=True))
     X, V = _of_carrier(state, frame, found, (world(state), (state.no_vector, state.no_vector)))

@@ -16,7 +16,9 @@ def checked_forces(operation, mechanism, external_forces, q):
     external_forces = external_forces or {}
     if not isinstance(external_forces, dict):
         came = type(external_forces).__name__
-        raise TypeError(f"{operation}: external_forces: expected SpatialForces in a dict by name of a frame, got {came}")
+        raise TypeError(
+            f"{operation}: external_forces: expected SpatialForces in a dict by name of a frame, got {came}"
+        )
     found = {}
     for name, F in external_forces.items():
         i = mechanism.topology.index(mechanism.frame_names, name, f"{operation}: external_forces")
@@ -41,7 +43,9 @@ def loads(state, frames, forces, of_load=None):
     for frame, F in zip(frames, forces, strict=True):
         body = state.topology.frames[frame][1]
         load = _of_frame(state, placed, frame, body, F, of_load)
-        on_bodies[body] = jax.tree.map(operator.add, on_bodies[body], load, is_leaf=is_number) if body in on_bodies else load
+        on_bodies[body] = (
+            jax.tree.map(operator.add, on_bodies[body], load, is_leaf=is_number) if body in on_bodies else load
+        )
     return [_of_bundle(state, bundle, on_bodies, nothing) for bundle in state.bundles]
 
 

@@ -71,7 +71,9 @@ def acting(mechanism, q, v, compliance, precision, with_resistance=True):
     compliance = _checked(mechanism, q, compliance)
     names = ("stiffness", "damping", "friction_loss") if with_resistance else ("stiffness",)
     acts = [not is_nothing(getattr(mechanism, name)) for name in names]
-    acts.append(compliance.limit_stiffness is not None and not all(map(_is_infinite, (mechanism.lower, mechanism.upper))))
+    acts.append(
+        compliance.limit_stiffness is not None and not all(map(_is_infinite, (mechanism.lower, mechanism.upper)))
+    )
     if not any(acts):
         return None
     return _forces(precision, mechanism, q, v, compliance, with_resistance=with_resistance)

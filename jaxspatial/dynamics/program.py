@@ -20,8 +20,8 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from jax.interpreters import partial_eval as pe
 
-# How many states run side by side: enough for long loops, few enough for the cache.
-BLOCK = 2048
+# How many states run side by side: enough for long loops, few enough for the cache; and how many numbers of results.
+LARGEST_BLOCK, SMALLEST_BLOCK, NUMBERS = 2048, 32, 2**17
 
 
 class Program:
@@ -30,6 +30,9 @@ class Program:
     `outputs(avals, sizes)`: shape, without the batch, and dtype of the results, of arguments without it, with so many
     states of each.
     """
+
+    # How many states make a block, on processors.
+    block = LARGEST_BLOCK
 
     @functools.cached_property
     def _made(self):
@@ -93,6 +96,10 @@ class Derived(Program):
     def __init__(self, of, moving):
         self.of, self.moving = of, moving
 
+    @property
+    def block(self):
+        return min(self.of.block, 512)
+
     def _split(self, arrays):
         """(the arguments of the program, what comes behind them)."""
         n = len(self.moving)
@@ -106,9 +113,7 @@ class Derived(Program):
 
         def run(*chosen):
             found = iter(chosen)
-            return self.of.evaluate(
-                *(next(found) if yes else x for x, yes in zip(arguments, self.moving, strict=True))
-            )
+            return self.of.evaluate(*(next(found) if yes else x for x, yes in zip(arguments, self.moving, strict=True)))
 
         return run
 
@@ -215,7 +220,7 @@ def _common(shapes):
 def _abstract(*avals, program, n_batch):
     batch = _common([a.shape[:n_batch] for a in avals])
     items = [jax.ShapeDtypeStruct(a.shape[n_batch:], a.dtype) for a in avals]
-    size = block_size(math.prod(batch))
+    size = block_size(math.prod(batch), program.block)
     sizes = [size if math.prod(a.shape[:n_batch]) > 1 else 1 for a in avals]
     specs = [a.sharding.spec for a in avals]
     common = [next((s[k] for s in specs if s[k] is not None), None) for k in range(n_batch)]
@@ -229,7 +234,10 @@ def _abstract(*avals, program, n_batch):
         spec = jax.sharding.PartitionSpec(*common, *[None] * len(shape))
         like = avals[0]
         aval = like.update(
-            shape=(*batch, *shape), dtype=dtype, weak_type=False, sharding=like.sharding.update(spec=spec),
+            shape=(*batch, *shape),
+            dtype=dtype,
+            weak_type=False,
+            sharding=like.sharding.update(spec=spec),
         )
         if varying:
             aval = aval.update(manual_axis_type=like.mat.update(varying=varying)) if hasattr(like, "mat") else aval
@@ -262,11 +270,11 @@ def _moved(x, axis, size, is_own):
 # -- running it -------------------------------------------------------------------------------------------------------
 
 
-def run(program, n_batch, block, *arrays):
-    """With one axis of states, in blocks where a size is given."""
+def run(program, n_batch, in_blocks, *arrays):
+    """With one axis of states, in blocks where so asked."""
     batch = _common([x.shape[:n_batch] for x in arrays])
     flat = [_flat(x, n_batch, batch) for x in arrays]
-    found = _in_blocks(program, block, math.prod(batch), flat)
+    found = _in_blocks(program, program.block if in_blocks else None, math.prod(batch), flat)
     return [_unflat(y, program.owner(i), arrays, n_batch, batch) for i, y in enumerate(found)]
 
 
@@ -289,7 +297,7 @@ def _unflat(y, owner, arrays, n_batch, batch):
     return whole.sum(over, keepdims=True) if over else whole
 
 
-def block_size(n, block=BLOCK):
+def block_size(n, block):
     """How many of n states make a block."""
     return -(-n // -(-n // block)) if n else n
 
@@ -353,12 +361,12 @@ class _Traced:
         return self.run(*arrays)
 
 
-def _lowering(block):
+def _lowering(in_blocks):
     def rule(context, *arrays, program, n_batch):
         """Without shardings and manual axes in the types: the arithmetic is elementwise, for the compiler to split."""
         with jax.sharding.use_abstract_mesh(_NO_MESH):
             plain = [jax.core.ShapedArray(a.shape, a.dtype) for a in context.avals_in]
-            evaluated = mlir.lower_fun(functools.partial(run, program, n_batch, block), multiple_results=True)
+            evaluated = mlir.lower_fun(functools.partial(run, program, n_batch, in_blocks), multiple_results=True)
             return evaluated(context.replace(avals_in=plain), *arrays)
 
     return rule
@@ -369,9 +377,8 @@ _program_p = Primitive("jaxspatial_program")
 _program_p.multiple_results = True
 _program_p.def_abstract_eval(_abstract)
 _program_p.def_impl(lambda *arrays, program, n_batch: program.compiled_with(n_batch)(*arrays))
-mlir.register_lowering(_program_p, _lowering(None))
-mlir.register_lowering(_program_p, _lowering(BLOCK), platform="cpu")
+mlir.register_lowering(_program_p, _lowering(False))
+mlir.register_lowering(_program_p, _lowering(True), platform="cpu")
 ad.primitive_jvps[_program_p] = _jvp
 ad.primitive_transposes[_program_p] = _transpose
 batching.primitive_batchers[_program_p] = _batch
-

@@ -23,7 +23,7 @@ def joint_torque_regressor(mechanism, q, v, vdot, *, precision=None):
     return _regressor(precision, mechanism, q, v, vdot)
 
 
-@algorithm(*GEOMETRY, "gravity")
+@algorithm(*GEOMETRY, "gravity", entries=lambda t: 10 * t.nv * len(t))
 def _regressor(state, v, vdot):
     links, placed = state.links(v, vdot), pairs.from_root(state)
     motions = recursion.outward(state, move, falling(state), links)
