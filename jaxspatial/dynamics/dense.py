@@ -1,6 +1,5 @@
 """Systems of linear equations in numbers, (n, n, B): in the precision that an algorithm has."""
 
-import jax
 import numpy as np
 from jax import lax
 

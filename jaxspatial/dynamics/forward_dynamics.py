@@ -10,8 +10,8 @@ from jaxspatial.arithmetic.lanes import is_known
 from jaxspatial.arithmetic.numbers import Lane, constant, high, is_number, shared, where
 from jaxspatial.dynamics import along, dense, program, recursion
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, checked
-from jaxspatial.dynamics.links import Motion, across, moved, to_parent, upward
 from jaxspatial.dynamics.inverse_dynamics import _inverse_dynamics, forces_of
+from jaxspatial.dynamics.links import Motion, across, moved, to_parent, upward
 from jaxspatial.dynamics.loads import checked_forces, loads
 from jaxspatial.dynamics.mass_matrix import matrix_of
 from jaxspatial.inertia import articulated, symmetric
@@ -184,7 +184,7 @@ def accelerations(state, v, tau, pulled, gravity):
 
 def _floats(state, bundle):
     """Whether nothing holds its bodies, not even another that moves: all six rates are found at once."""
-    return bundle.kind is Free and state.is_root(bundle) is True
+    return bundle.kind is Free and state.is_root(bundle)
 
 
 def solution(state, factors, force):

@@ -3,9 +3,9 @@
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import shared
 from jaxspatial.dynamics import recursion
+from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked
 from jaxspatial.dynamics.links import Motion, across, moved, swing, to_parent, upward
 from jaxspatial.dynamics.loads import checked_forces, loads
-from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked
 from jaxspatial.inertia import symmetric
 
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import numbers, vectors
-from jaxspatial.arithmetic.numbers import as_data, is_number, shared
+from jaxspatial.arithmetic.numbers import is_number, shared
 from jaxspatial.dynamics import along, recursion
 from jaxspatial.dynamics.links import across
 
@@ -20,25 +20,27 @@ def matrices(state, entry, rows, columns):
 
     rows, columns: for every bundle, of each rate of its joint, or of whatever a body has columns of, a tree of numbers.
     """
-    starts = [_starts(state.topology, list(map(len, x))) for x in (rows, columns)]
-    rows, columns = ([_one_behind_the_other(state, b, x) for b, x in zip(state.bundles, y)] for y in (rows, columns))
+    sizes = [[len(x) * b.length for x, b in zip(y, state.bundles, strict=True)] for y in (rows, columns)]
+    starts = [_starts(state.topology, y) for y in (rows, columns)]
+    rows, columns = ([_flat(state, *x) for x in zip(state.bundles, y, strict=True)] for y in (rows, columns))
     whole = None
     for b, column in enumerate(columns):
         for a, chains in state.topology.carriers(b).items():
-            if rows[a] is None or column is None:
-                continue
-            block = _block(entry, rows[a], column, chains, state.bundles[a].length if a == b else 0)
-            whole = _with_block(state, whole or _zeros(state, block, starts), block, starts, a, b, chains)
+            if rows[a] is not None and column is not None:
+                shape = sizes[0][a], sizes[1][b], len(chains), state.n
+                block = _block(entry, rows[a], column, chains, shape)
+                block = [_upper(x, state.bundles[a].length) for x in block] if a == b else block
+                whole = _with_block(state, whole or _zeros(state, block, starts), block, starts, a, b, chains)
     return whole
 
 
-def _starts(topology, sizes):
+def _starts(topology, trees):
     """Where the rows of each body begin, and their number."""
-    per_body = [sizes[topology.places[i][0]] for i in range(len(topology))]
+    per_body = [len(trees[topology.places[i][0]]) for i in range(len(topology))]
     return np.cumsum([0, *per_body])
 
 
-def _one_behind_the_other(state, bundle, trees):
+def _flat(state, bundle, trees):
     """The trees of all rates of all bodies of a chain as one, of numbers (rows, W, B)."""
     if not trees:
         return None
@@ -53,12 +55,12 @@ def _interleaved(xs, shape):
     return along.mapped(lambda w: w.reshape((-1, *shape[1:])), whole)
 
 
-def _block(entry, row, column, chains, length):
+def _block(entry, row, column, chains, shape):
     """Numbers (rows, columns, W, B), of pairs (chain of the column, chain of the row)."""
     of_columns, of_rows = zip(*chains, strict=True)
     row = along.mapped_tree(lambda w: _picked(w, of_rows)[:, None], row)
     found = shared(entry)(row, along.mapped_tree(lambda w: _picked(w, of_columns)[None], column))
-    return tuple(_upper(x, length) if length else x for x in found)
+    return [along.spread(x, shape) for x in found]
 
 
 def _picked(w, chains):
@@ -76,24 +78,19 @@ def _upper(x, length):
 
 def _zeros(state, block, starts):
     shape = int(starts[0][-1]), int(starts[1][-1]), state.n
-    return tuple(numbers.mapped(lambda w: jnp.zeros(shape, w.dtype), as_data(x)) for x in block)
+    return [numbers.mapped(lambda w: jnp.zeros(shape, w.dtype), x) for x in block]
 
 
 def _with_block(state, whole, block, starts, a, b, chains):
     """The matrices with the entries of one pair of bundles."""
     for k, (c, mine) in enumerate(chains):
-        place = int(starts[0][state.bundles[a].starts[mine]]), int(starts[1][state.bundles[b].starts[c]])
-        whole = tuple(_put(x, y, k, place, state.n) for x, y in zip(whole, block, strict=True))
+        place = int(starts[0][state.bundles[a].starts[mine]]), int(starts[1][state.bundles[b].starts[c]]), 0
+        whole = [_put(x, y, k, place) for x, y in zip(whole, block, strict=True)]
     return whole
 
 
-def _put(whole, block, k, place, n):
-    block = along.spread(block, (*np.shape(numbers.high(block))[:3], n))
-
-    def put(x, y):
-        return jax.lax.dynamic_update_slice(x, y[:, :, k if y.shape[2] > 1 else 0], (*place, 0))
-
-    return numbers.mapped(put, whole, block)
+def _put(whole, block, k, place):
+    return numbers.mapped(lambda x, y: jax.lax.dynamic_update_slice(x, y[:, :, k], place), whole, block)
 
 
 def by_rates(state, x, axis):
@@ -134,6 +131,4 @@ def _from_root(own, parent):
 
 def at_root(is_root, vector):
     """Zero for roots."""
-    if isinstance(is_root, bool):
-        return tuple(numbers.constant(x, 0) for x in vector) if is_root else vector
-    return tuple(numbers.where(is_root, 0.0, x) for x in vector)
+    return tuple(numbers.constant(x, 0) for x in vector) if is_root else vector

@@ -9,11 +9,10 @@ import functools
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import as_data, data_of, is_number, shared, with_data
+from jaxspatial.arithmetic.numbers import data_of, is_number, shared, with_data
 from jaxspatial.dynamics import along
 
 
@@ -64,12 +63,18 @@ def _beside(trees, n):
 
 def _run(step, bundle, n, numbers, start, reverse):
     """(the results of step(numbers, state), stacked along the chain, the last state)."""
+    numbers = along.mapped_tree(functools.partial(_along, bundle.length), numbers)
     if bundle.length == 1:
         first = along.mapped_tree(lambda word: word[0], numbers)
         result, last = shared(step)(first, start)
         spread = functools.partial(along.mapped_tree, lambda word: jnp.broadcast_to(word, (bundle.width, n)))
         return along.mapped_tree(lambda word: word[None], result), spread(last)
     return _loop(step, numbers, start, (bundle.width, n), reverse)
+
+
+def _along(length, word):
+    """(L, W, B), of what may be one for all: double words are never known."""
+    return word if word.ndim == 3 else jnp.broadcast_to(word, (length, 1, 1))
 
 
 def _loop(step, numbers, start, shape, reverse):

@@ -200,9 +200,8 @@ class MechanismState:
         return (cosine_sine(x) if _is_known(x) else next(found) for x in angles)
 
     def is_root(self, bundle):
-        """Which of its bodies hang on the world: a bool where all are alike."""
-        found = np.array(self.topology.parents)[bundle.bodies] < 0
-        return bool(found.flat[0]) if (found == found.flat[0]).all() else jnp.asarray(found[..., None])
+        """Whether its bodies hang on the world."""
+        return bundle.parents[0] < 0
 
     # -- bodies -------------------------------------------------------------------------------------------------------
 
@@ -297,7 +296,7 @@ class MechanismState:
         sign = jnp.asarray(np.take_along_axis(sign, back, 1).ravel().astype(self.dtype))
         return jnp.take(Y, jnp.asarray(places, np.int32), axis=1) * sign[None, :, None]
 
-    # -- numbers kept from one program for another ----------------------------------------------------------------------
+    # -- numbers kept from one program for another --------------------------------------------------------------------
 
     def words(self, found):
         """The arrays (..., B) that a tree of numbers consists of, not rounded."""

@@ -139,8 +139,9 @@ class Topology:
         return zip([0, *ends], [*ends, len(self)], strict=True) if len(self) else ()
 
     def _continues(self, i):
-        """Whether body i is the only child of the one before, by a joint that moves alike."""
-        is_only = self.parents[i] == i - 1 and len(self.children[i - 1]) == 1
+        """Whether body i is the only child of the one before, by a joint that moves alike. What hangs on the world is
+        alone: there, most is known."""
+        is_only = self.parents[i] == i - 1 and len(self.children[i - 1]) == 1 and self.parents[i - 1] >= 0
         return is_only and self.kind(i).moves_as == self.kind(i - 1).moves_as
 
     @functools.cached_property

@@ -8,9 +8,10 @@ import mpmath as mp
 import numpy as np
 import pytest
 from dynamics import exact
+from test_structure import asked_for
 
 import jaxspatial as js
-from jaxspatial.mechanism import topology
+from jaxspatial.mechanism import editing
 
 slow = functools.partial(pytest.param, marks=pytest.mark.slow)
 
@@ -52,7 +53,7 @@ def test_compensated_float32_carries_the_state_doubled(n):
 @pytest.mark.parametrize(("scale", "ratio"), [(1.0, 1e10), slow(1e-6, 1.0), slow(1e6, 1.0), slow(1.0, 0.0)])
 def test_masses_and_lengths_of_all_sizes(scale, ratio):
     """Every other mass so much larger, or without mass; lengths scaled."""
-    n = topology.LONG_CHAIN
+    n = 64
     mech, (q, v, a) = without_armature(chain(n)), state(n)
     M = mech.inertias
     factor = np.where(np.arange(n) % 2 == 0, ratio, 1.0)
@@ -70,18 +71,70 @@ def test_masses_and_lengths_of_all_sizes(scale, ratio):
     assert np.isfinite(np.asarray(gradient)).all()
 
 
-@pytest.mark.parametrize("algorithm", ["forward_dynamics", slow("inverse_dynamics"), slow("mass_matrix")])
-def test_a_loop_gives_the_bits_of_what_is_written_out(algorithm, monkeypatch):
-    """Chains from LONG_CHAIN on are loops."""
-    n = 6
-    function, arguments = getattr(js, algorithm), state(n)[: 1 if algorithm == "mass_matrix" else 3]
-    found = []
-    for longest in (n + 1, n):
-        monkeypatch.setattr(topology, "LONG_CHAIN", longest)
-        jax.clear_caches()
-        found.append(np.asarray(function(chain(n), *arguments)))
-    jax.clear_caches()
-    np.testing.assert_array_equal(*found)
+def planar_and_general(n):
+    """Chains of two lengths side by side on a base, and one that is alone."""
+    rng = np.random.default_rng(n)
+    joints, bodies = [js.Joint("root", "free", "world", "base")], [js.Body("base", body(rng))]
+    for name, length in (("a", n), ("b", n), ("c", 1)):
+        for k in range(length):
+            parent = "base" if k == 0 else f"{name}{k - 1}"
+            placement = js.RigidTransform(js.Rotation.identity(dtype=np.float64), rng.standard_normal(3))
+            axis = np.eye(3)[rng.integers(3)] * (-1) ** k
+            joints.append(js.Joint(f"j{name}{k}", "revolute", parent, f"{name}{k}", placement=placement, axis=axis))
+            bodies.append(js.Body(f"{name}{k}", body(rng)))
+    return js.Mechanism.build(bodies, joints, dtype=np.float64)
+
+
+def body(rng):
+    a = rng.standard_normal((3, 3)) / 5
+    return js.SpatialInertia(1 + rng.random(), rng.standard_normal(3) / 5, a @ a.T + np.eye(3) / 10)
+
+
+def alone(mech, name):
+    """The chain of a name with its base: nothing side by side."""
+    names = [x for x in mech.joint_names if x == "root" or x.startswith(f"j{name}")]
+    bodies, joints, frames = editing.parts(mech)
+    kept = [j for j in joints if j.name in names]
+    held = {j.child for j in kept}
+    return js.Mechanism.build([b for b in bodies if b.name in held], kept, (), mech.gravity, mech.dtype)
+
+
+@pytest.mark.parametrize("n", [2, slow(5)])
+def test_chains_side_by_side_have_the_bits_of_each_alone(n):
+    """Positions and velocities of a chain do not depend on what hangs beside it."""
+    mech, rng = planar_and_general(n), np.random.default_rng(0)
+    q = np.concatenate([[1.0, 0, 0, 0, 0.1, 0.2, 0.3], rng.standard_normal(mech.nq - 7)])
+    v = rng.standard_normal(mech.nv)
+    whole = js.body_velocities(mech, q, v).to_array()
+    for name in "abc":
+        part = alone(mech, name)
+        rows = [mech.body_names.index(x) for x in part.body_names]
+        of_q = np.concatenate([mech.joint_position_indices(x) for x in part.joint_names])
+        of_v = np.concatenate([mech.joint_velocity_indices(x) for x in part.joint_names])
+        found = js.body_velocities(part, q[of_q], v[of_v]).to_array()
+        np.testing.assert_array_equal(found, whole[np.array(rows)])
+
+
+def test_programs_do_not_grow_with_chains():
+    """Of 10 or 100 links, of one finger or five, the same operations."""
+    counts = []
+    for n in (10, 100):
+        mech, x = without_armature(chain(n)), state(n)
+        counts.append(asked_for(lambda *x, mech=mech: js.forward_dynamics(mech, *x), *x))
+    assert counts[0] == counts[1]
+    hands = []
+    for fingers in (1, 5):
+        joints = [js.Joint("root", "free", "world", "palm")]
+        names = [f"f{i}{k}" for i in range(fingers) for k in range(4)]
+        rng = np.random.default_rng(1)
+        for name in names:
+            parent = "palm" if name[2] == "0" else f"{name[:2]}{int(name[2]) - 1}"
+            placement = js.RigidTransform(js.Rotation.identity(dtype=np.float64), rng.standard_normal(3))
+            joints.append(js.Joint(f"j{name}", "revolute", parent, name, placement=placement))
+        mech = js.Mechanism.build([js.Body(x, body(rng)) for x in ("palm", *names)], joints, dtype=np.float64)
+        x = np.ones(mech.nq), np.ones(mech.nv), np.ones(mech.nv)
+        hands.append(asked_for(lambda *x, mech=mech: js.inverse_dynamics(mech, *x), *x))
+    assert sum(hands[1].values()) <= 1.2 * sum(hands[0].values())
 
 
 @functools.cache

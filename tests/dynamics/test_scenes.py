@@ -137,8 +137,10 @@ def test_locked_joints(name):
 
 @algorithms
 def test_point_masses(name):
-    """Articulated bodies have inertias about their joints, in which a moment of inertia costs nothing to begin with."""
-    point, general = (counted(arm(is_point=x), name)["multiply"] for x in (True, False))
+    """Articulated bodies have inertias about their joints, in which a moment of inertia costs nothing to begin with;
+    composite ones are no points, and have additions less."""
+    point, general = (counted(arm(is_point=x), name) for x in (True, False))
+    point, general = (flops(x) if name == "mass matrix" else x["multiply"] for x in (point, general))
     assert point == general if name in ("gravity forces", "forward dynamics") else point < general
 
 

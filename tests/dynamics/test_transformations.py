@@ -163,9 +163,9 @@ def test_errors_name_what_came():
         ((mech, q[:, :2], v, a), ValueError, r"inverse_dynamics: q: expected shape \(\*batch, 6\), got \(3, 2\)"),
         ((mech, q, v.astype(np.float32), a), TypeError, "expected one dtype, got q: float64, v: float32"),
         ((mech, q, v, a[:2]), ValueError, "expected batch shapes that broadcast"),
-        ((mech, q, v, a, {"nobody": 1}), KeyError, "external_forces: expected one of 'body0'"),
+        ((mech, q, v, a, {"nobody": 1}), KeyError, "external_forces: expected one of 'world', 'body0'"),
         ((mech, q, v, a, {"body1": 1}), TypeError, "expected a SpatialForce, got int"),
-        ((mech, q, v, a, [1]), TypeError, "expected SpatialForces in a dict by body name, got list"),
+        ((mech, q, v, a, [1]), TypeError, "expected SpatialForces in a dict by name of a frame, got list"),
     ):
         with pytest.raises(error, match=message):
             js.inverse_dynamics(*arguments)

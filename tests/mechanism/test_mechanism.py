@@ -29,7 +29,8 @@ def inertia(seed=0, dtype=np.float64):
 
 def pose(seed):
     rng = np.random.default_rng(seed)
-    return js.RigidTransform(js.Rotation.exp(rng.standard_normal(3)), rng.standard_normal(3))
+    w, p = rng.standard_normal((2, 3)).astype(jax.dtypes.canonicalize_dtype(float))
+    return js.RigidTransform(js.Rotation.exp(w), p)
 
 
 def bodies(names):
