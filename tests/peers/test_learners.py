@@ -145,7 +145,7 @@ def in_nnx(mech, theta, is_data):
         return value
 
     losses = [step(policy, optimizer) for _ in range(30)]
-    return losses, policy.mech, None if theta is None else policy.theta[...]
+    return losses, policy.mech, None if policy.theta is None else policy.theta[...]
 
 
 LIBRARIES = [in_equinox, in_linen, in_nnx]
