@@ -53,6 +53,7 @@ from jaxspatial.mechanism import Body as Body
 from jaxspatial.mechanism import Frame as Frame
 from jaxspatial.mechanism import Joint as Joint
 from jaxspatial.mechanism import Mechanism as Mechanism
+from jaxspatial.mechanism import StaticMechanism as StaticMechanism
 from jaxspatial.mechanism import lock_joints as lock_joints
 from jaxspatial.mechanism import random_mechanism as random_mechanism
 from jaxspatial.mechanism import subtree as subtree

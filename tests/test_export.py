@@ -40,6 +40,7 @@ EXAMPLES = {
     "SpatialInertia": _inertia,
     "SpatialMomentum": lambda: js.SpatialMomentum(_ones(2, 3), _ones(2, 3)),
     "SpatialVelocity": lambda: js.SpatialVelocity(_ones(2, 3), _ones(2, 3)),
+    "StaticMechanism": lambda: js.random_mechanism(0, n=2, dtype=np.float32).as_static(),
 }
 # Descriptions that a mechanism is built of, with names in them: nothing that a program takes.
 DESCRIPTIONS = {"Body", "Frame", "Joint"}

@@ -1,50 +1,142 @@
-"""What the README says runs."""
+"""What the README and the pages of the documentation say runs."""
 
 import copy
 import dataclasses
+import inspect
+import os
 import pathlib
 import re
+import subprocess
+import sys
+import tomllib
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from test_architecture import LAYERS
 
 import jaxspatial as js
+from jaxspatial.mechanism.joints import KINDS
 
-LAYERS = ("arithmetic", "rotation", "spatial", "inertia", "mechanism", "dynamics", "interop", "measure")
-README = (pathlib.Path(__file__).parent.parent / "README.md").read_text()
+ROOT = pathlib.Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text()
+PAGES = {path.name: path.read_text() for path in sorted((ROOT / "notebooks").glob("*.md"))}
+# Imported by pages, and not needed by the package.
+OPTIONAL = ("equinox", "flax", "mujoco", "optax", "orbax.checkpoint")
 
 
-def _table(heading):
+def _table(text, heading):
     """The cells of the table under a heading, without its head."""
-    section = README.split(f"## {heading}\n")[1].split("\n## ")[0]
+    section = re.split(rf"^#+ {heading}\n", text, flags=re.M)[1].split("\n## ")[0]
     rows = [line for line in section.splitlines() if line.startswith("|")][2:]
     return [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
 
 
-def _examples():
-    return re.findall(r"```python\n(.*?)```", README, re.S)
+def _examples(text):
+    return re.findall(r"```python\n(.*?)```", text, re.S)
 
 
-def test_first_example_runs(capsys):
-    block = _examples()[0]
+def _run(blocks):
+    """One after the other, as they are read."""
+    scope = {}
+    for block in blocks:
+        exec(block, scope)
+    return scope
+
+
+def test_first_example_runs_alone(capsys):
+    block = _examples(README)[0]
     assert len([line for line in block.splitlines() if line and not line.startswith("#")]) <= 20
     exec(block, {})
     printed = capsys.readouterr().out.splitlines()
     assert printed[0] == "SpatialForce(tau=[2.0, -1.0, -3.0], f=[1.0, 2.0, 0.0]) 3.5 3.5"
 
 
-def test_example_of_a_mechanism_runs(capsys):
-    exec(_examples()[1], {})
-    first, *lines = capsys.readouterr().out.splitlines()
-    assert first == "Mechanism(nq=2, nv=2, 2 bodies, float32)"
-    assert lines[-2] == "    lower  <- elbow: revolute" and lines[-1].startswith("[")
+def test_first_steps_run(capsys):
+    scope = _run(_examples(README))
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[1] == (
+        "SpatialForce(tau=[2000.0, -1000.0, -3000.0], f=[1000.0, 2000.0, 0.0])"
+        " SpatialForce(tau=[2.0, -1.0, -3.0], f=[1.0, 2.0, 0.0])"
+    )
+    assert printed[2] == "Mechanism(nq=2, nv=2, 2 bodies, float32)"
+    assert printed[4] == "    lower  <- elbow: revolute" and all(line[0] in "[ " for line in printed[5:])
+    assert scope["torques"].shape == (1000, 2)
 
 
-def test_example_of_double_words_runs(capsys):
-    exec(_examples()[2], {})
+def test_the_way_of_a_newcomer_comes_first():
+    headings = re.findall(r"^## (.*)", README, re.M)
+    assert headings[:2] == ["First steps", "Quick start"]
+    words = "install", "wrench is", "A batch", "A robot", "A gradient"
+    places = [README.index(word, README.index("## First steps")) for word in words]
+    assert places == sorted(places)
+
+
+@pytest.mark.parametrize("name", [name for name, text in PAGES.items() if _examples(text)])
+def test_pages_run(name):
+    blocks = _examples(PAGES[name])
+    for module in OPTIONAL:
+        if re.search(rf"^(import|from) {re.escape(module)}\b", "\n".join(blocks), re.M):
+            pytest.importorskip(module)
+    # As users have it; optax and orbax mix dtypes.
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        _run(blocks)
+
+
+def test_example_of_double_words(capsys):
+    exec(_examples(PAGES["precision.md"])[0], {})
     assert capsys.readouterr().out == "SpatialForce(tau=[0.1, 0.2, 0.3], f=[1.0, 2.0, 3.0])\n"
+
+
+def test_coordinates_of_every_kind_of_joint():
+    found = {kind.strip("`"): (int(nq), int(nv)) for kind, nq, nv, _, _ in _table(PAGES["robots.md"], "Coordinates")}
+    assert found == {name: (kind.nq, kind.nv) for name, kind in KINDS.items()}
+
+
+def test_a_floating_base_is_as_told():
+    """q = [wxyz, position], v = [angular, linear] in the axes of the base."""
+    mech = js.Mechanism.build([js.Body("base")], [js.Joint("root", "free", "world", "base")])
+    half = np.float32(0.5**0.5)
+    q = np.float32([half, 0, 0, half, 1, 2, 3])  # a quarter turn about z, at (1, 2, 3)
+    V_WB_W = js.body_velocities(mech, q, np.float32([0, 0, 4, 5, 0, 0])).at_batch(0)
+    np.testing.assert_allclose(js.forward_kinematics(mech, q).translation, [[1, 2, 3]], atol=1e-6)
+    np.testing.assert_allclose(V_WB_W.to_array(), [0, 0, 4, 0, 5, 0], atol=1e-5)
+
+
+def test_every_convention_is_listed():
+    """And nothing else."""
+    for name in ("orders", "mjcf", "urdf", "mujoco", "brax", "pinocchio", "drake", "jaxlie", "scipy"):
+        module = getattr(js.interop, name)
+        own = {k for k, f in vars(module).items() if inspect.isfunction(f) and f.__module__ == module.__name__}
+        rows = _table(PAGES["conventions.md"], f".*`interop.{name}`")
+        listed = {cell.strip("`") for row in rows for cell in row[:2] if cell}
+        assert listed == {k for k in own if k[0] != "_"} - {"single"}, name
+
+
+def test_layers_are_those_there_are():
+    section = README.split("## For developers\n")[1].split("`tests/`")[0]
+    assert [name for name in re.findall(r"`(\w+)`", section) if name in LAYERS] == LAYERS
+
+
+def test_extras_exist():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    for text in (README, *PAGES.values()):
+        for names in re.findall(r"(?:jaxspatial|\.)\[([\w,]+)\]", text):
+            assert set(names.split(",")) <= set(extras), names
+
+
+def test_robots_are_compiled_once_on_disk(tmp_path):
+    """The cache of JAX serves a second process, in which names have other hashes."""
+    source = "import numpy as np, jaxspatial as js; m = js.random_mechanism(0, 2, dtype=np.float32); "
+    source += "js.gravity_forces(m, m.neutral())"
+    setup = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path), "JAX_PERSISTENT_COMPILATION_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+    kept = []
+    for seed in ("1", "2"):
+        environment = os.environ | setup | {"PYTHONHASHSEED": seed, "PYTHONPATH": str(ROOT)}
+        subprocess.run([sys.executable, "-c", source], check=True, env=environment)
+        kept.append({path.name for path in tmp_path.glob("*-cache")})
+    assert kept[0] and kept[0] == kept[1]
 
 
 def test_quick_start_has_two_lines():
@@ -54,7 +146,7 @@ def test_quick_start_has_two_lines():
     assert "python -m jaxspatial" in blocks[0] and "pytest" in blocks[1]
 
 
-@pytest.mark.parametrize("row", _table("Coming from Drake"), ids=lambda row: row[0])
+@pytest.mark.parametrize("row", _table(PAGES["coming_from_drake.md"], "Coming from Drake"), ids=lambda row: row[0])
 def test_coming_from_drake(row):
     """No row is empty, and every expression of ours works."""
     drake, ours, _ = row
@@ -77,7 +169,14 @@ def test_every_public_name_is_in_the_readme():
             assert re.search(rf"\b{name}\b", README), name
 
 
-def test_links_and_pictures_exist():
-    for target in re.findall(r"\]\(([^)#]+)\)", README):
+@pytest.mark.parametrize("name", ["README.md", *PAGES])
+def test_links_and_pictures_exist(name):
+    text, folder = (README, ROOT) if name == "README.md" else (PAGES[name], ROOT / "notebooks")
+    for target in re.findall(r"\]\(([^)#]+)\)", text):
         if not target.startswith("https://"):
-            assert (pathlib.Path(__file__).parent.parent / target).exists(), target
+            assert (folder / target).exists(), target
+
+
+def test_every_page_is_linked():
+    for path in (ROOT / "notebooks").glob("*.*"):
+        assert f"notebooks/{path.name}" in README, path.name

@@ -51,7 +51,7 @@ def parts(mechanism):
         raise TypeError("mechanism: expected known numbers (NumPy), got data; build, and replace numbers after")
     with in_double():
         n = len(mechanism.topology)
-        known = jax.tree.map(lambda x: x.astype(np.float64), mechanism)
+        known = jax.tree.map(lambda x: x.astype(np.float64), mechanism.as_known())
         return [_body(known, i) for i in range(n)], [_joint(known, i) for i in range(n)], _frames(known)
 
 

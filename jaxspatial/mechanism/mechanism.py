@@ -1,7 +1,9 @@
 """The mechanism: a tree of bodies that joints hold against each other, as a pytree of numbers."""
 
 import dataclasses
+import functools
 import json
+import weakref
 
 import jax
 import numpy as np
@@ -10,6 +12,7 @@ from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.tree import tree_of
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.assembly import assembled, known
+from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.spatial import RigidTransform
 
@@ -38,7 +41,12 @@ class Mechanism:
     frame_placements: RigidTransform (k,) of all named frames on their J, or in the world
     gravity: (3,) acceleration of free fall in the world, m/s2
 
-    Known numbers take the dtype of q, whatever theirs; data has to have it.
+    Known numbers take the dtype of q, whatever theirs; data has to have it. NumPy numbers are leaves as well: what
+    trains, casts or saves all leaves of a tree takes them for parameters. `as_static` has none.
+
+    A frame is a name for a place on a body, or on the world: every body is one, where its own frame is, and so is
+    every body welded to it. `frame_body(name)` is the name of the body that carries a frame, `frame_placements` has
+    where on that body's joint it is, `forward_kinematics(mech, q, [name])` where in the world.
     """
 
     topology: Topology
@@ -94,16 +102,36 @@ class Mechanism:
         """
         for name, new in changes.items():
             _check_replaced(name, getattr(self, name, None), new)
-        return dataclasses.replace(self, **changes)
+        return self._as_tree(**changes)
 
     def astype(self, dtype):
         """The same with all arrays in another dtype, JAX's default for None; what is known stays known."""
         dtype = check.as_dtype(dtype)
-        return jax.tree.map(lambda x: x.astype(dtype), self)
+        return jax.tree.map(lambda x: x.astype(dtype), self._as_tree())
 
     def as_data(self):
         """The same with all numbers as data: one compiled program for all values."""
-        return jax.tree.map(jax.numpy.asarray, self)
+        return jax.tree.map(jax.numpy.asarray, self._as_tree())
+
+    def as_known(self):
+        """The same with all numbers known while tracing, NumPy: the way back from `as_data` and `as_static`.
+
+        Raises TypeError for numbers that are traced.
+        """
+        return jax.tree.map(_known, self._as_tree())
+
+    def as_static(self):
+        """The same as a StaticMechanism, without leaves: for a field of a learner's module, or an argument of a
+        function under jit that folds.
+
+        Raises TypeError for numbers that are traced.
+        """
+        own = StaticMechanism(**vars(jax.tree.map(_frozen, self.as_known())))
+        return _STATIC.setdefault(own.contents, own)
+
+    def _as_tree(self, **changes):
+        """A Mechanism with leaves, of these numbers and others."""
+        return Mechanism(**{field.name: getattr(self, field.name) for field in dataclasses.fields(self)} | changes)
 
     # -- structure ----------------------------------------------------------------------------------------------------
 
@@ -136,6 +164,11 @@ class Mechanism:
     def dtype(self):
         return np.dtype(self.gravity.dtype)
 
+    def frame_body(self, name):
+        """The name of the body that carries a frame: itself, the one it is welded to, or "world"."""
+        body = self.topology.frames[self.topology.index(self.frame_names, name, "Mechanism.frame_body: name")][1]
+        return WORLD if body < 0 else self.body_names[body]
+
     def joint_position_indices(self, name):
         """Where in q the coordinates of a joint are; those of a mimic are its master's."""
         return np.arange(self.nq)[self.topology.q_slice(self._joint(name))]
@@ -155,7 +188,7 @@ class Mechanism:
     def __repr__(self):
         """The tree: one line per body, with its joint."""
         t = self.topology
-        head = f"Mechanism(nq={self.nq}, nv={self.nv}, {len(t)} bodies, {self.dtype.name})"
+        head = f"{type(self).__name__}(nq={self.nq}, nv={self.nv}, {len(t)} bodies, {self.dtype.name})"
         return "\n".join([head, *(self._line(i) for i in range(len(t)))])
 
     def _line(self, i):
@@ -176,6 +209,65 @@ def _check_replaced(name, old, new):
             raise ValueError(f"Mechanism.replace: {name}: expected shape {np.shape(a)}, got {np.shape(b)}")
 
 
+def _known(x):
+    if isinstance(x, jax.core.Tracer):
+        raise TypeError(f"Mechanism.as_known: expected numbers (NumPy or JAX arrays), got {type(x).__name__}, traced")
+    return np.asarray(x)
+
+
+def _frozen(x):
+    """A copy that nobody can write to."""
+    x = np.array(x, order="C")
+    x.flags.writeable = False
+    return x
+
+
+# -- without leaves ---------------------------------------------------------------------------------------------------
+
+
+class StaticMechanism(Mechanism):
+    """A Mechanism that is a constant: hashable and equal by its contents, a pytree without leaves.
+
+    `Mechanism.as_static` makes it, the same object for equal ones while one lives. All functions take it as they take
+    a Mechanism, and its numbers fold, as an argument of a function under jit as well, without being named static:
+    there is one program for each of its contents. Gradients, optimizers, casts and checkpoints see nothing of it.
+    `replace`, `as_data` and `as_known` give a Mechanism with leaves. Equal are the tree, its names, dtypes and all
+    numbers, bit by bit.
+    """
+
+    @functools.cached_property
+    def contents(self):
+        """(topology, the arrays as bytes): what it is equal and hashed by."""
+        leaves = jax.tree.leaves(self._as_tree())
+        return self.topology, tuple((x.dtype.name, x.shape, x.tobytes()) for x in leaves)
+
+    @functools.cached_property
+    def _hash(self):
+        return hash(self.contents)
+
+    def __hash__(self):
+        return self._hash
+
+    def __eq__(self, other):
+        return self is other or (isinstance(other, StaticMechanism) and self.contents == other.contents)
+
+    def __reduce__(self):
+        return Mechanism.as_static, (self.as_known(),)
+
+    def astype(self, dtype):
+        """The same in another dtype, JAX's default for None, static too."""
+        return super().astype(dtype).as_static()
+
+    def as_static(self):
+        """Itself."""
+        return self
+
+
+# Equal ones are one, which keeps its programs for all who ask.
+_STATIC = weakref.WeakValueDictionary()
+jax.tree_util.register_static(StaticMechanism)
+
+
 # -- export -----------------------------------------------------------------------------------------------------------
 
 
@@ -191,6 +283,25 @@ def _as_tuples(x):
     return tuple(map(_as_tuples, x)) if isinstance(x, list) else x
 
 
+def _static_to_bytes(static):
+    topology, arrays = static.contents
+    return json.dumps([dataclasses.astuple(topology), [(*x, data.hex()) for *x, data in arrays]]).encode()
+
+
+def _static_from_bytes(data):
+    topology, arrays = json.loads(data)
+    leaves = [np.frombuffer(bytes.fromhex(x), np.dtype(name)).reshape(shape) for name, shape, x in arrays]
+    structure = jax.tree.structure(Mechanism.build([], [])._as_tree(topology=Topology(*map(_as_tuples, topology))))
+    return jax.tree.unflatten(structure, leaves).as_static()
+
+
 jax.export.register_pytree_node_serialization(
     Mechanism, serialized_name="jaxspatial.Mechanism", serialize_auxdata=_to_bytes, deserialize_auxdata=_from_bytes
+)
+jax.export.register_pytree_node_serialization(
+    StaticMechanism,
+    serialized_name="jaxspatial.StaticMechanism",
+    serialize_auxdata=_static_to_bytes,
+    deserialize_auxdata=_static_from_bytes,
+    from_children=lambda static, _: static,
 )

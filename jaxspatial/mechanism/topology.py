@@ -48,6 +48,10 @@ class Topology:
     def __hash__(self):
         return self._hash
 
+    def __reduce__(self):
+        """By its fields: hashes of names differ from one process to the next."""
+        return Topology, dataclasses.astuple(self)
+
     @functools.cached_property
     def _hash(self):
         return hash((self.body_names, self.joint_names, self.kinds, self.parents, self.masters, self.frames))

@@ -4,8 +4,10 @@ Tolerances are u = 2^-53 times the sizes that are multiplied, a few times: MuJoC
 """
 
 import operator
+import re
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -229,6 +231,36 @@ def test_arrays_of_mjx_are_the_same():
         X.to_matrix(), interop.mujoco.from_xpos_xmat(data.xpos, data.xmat).to_matrix(), atol=1e-6
     )
     np.testing.assert_allclose(V.to_array(), data.cvel, atol=1e-6)
+
+
+def test_a_robot_computes_with_states_of_mjx():
+    """From the same file, batched, under jit, with a derivative: the bias forces that MuJoCo has."""
+    mjx = pytest.importorskip("mujoco.mjx")
+    text = re.sub("<geom.*?/>", "", MODEL).replace(
+        "/></body>", '/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'
+    )
+    model, mech = mujoco.MjModel.from_xml_string(text), js.Mechanism.from_mjcf(text, dtype=np.float32).as_static()
+    states = []
+    with jax.enable_x64(False), jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        for seed in range(3):
+            data = mujoco.MjData(model)
+            data.qvel[:] = np.random.default_rng(seed).normal(size=model.nv)
+            mujoco.mj_integratePos(model, data.qpos, data.qvel, 0.3)
+            mujoco.mj_forward(model, data)
+            states.append((mjx.put_data(model, data), data.qfrc_bias.copy()))
+
+        def bias(data):
+            q = interop.mjcf.from_qpos(mech, data.qpos)
+            v = interop.mjcf.from_qvel(mech, q, data.qvel)
+            vdot = interop.mjcf.from_qacc(mech, q, v, jnp.zeros_like(data.qvel))
+            return interop.mjcf.to_qfrc(mech, q, js.inverse_dynamics(mech, q, v, vdot))
+
+        many = jax.tree.map(lambda *x: jnp.stack(x), *(there for there, _ in states))
+        found = jax.jit(jax.vmap(bias))(many)
+        power = jax.jit(jax.grad(lambda qvel, data: bias(data.replace(qvel=qvel)) @ qvel))
+        assert np.isfinite(power(states[0][0].qvel, states[0][0])).all()
+    expected = np.stack([theirs for _, theirs in states])
+    np.testing.assert_allclose(found, expected, atol=2.0**-18 * abs(expected).max())
 
 
 def test_inertia_of_bodies(state):
