@@ -66,7 +66,7 @@ def programs():
 
 @pytest.mark.parametrize("pulled", [*FRAMES, "all"])
 def test_loads_change_derivatives_as_jacobians_change(pulled):
-    """What derivatives of inverse dynamics have of loads is that of -J^T F; nothing is added by rate or acceleration."""
+    """What derivatives of inverse dynamics have of loads is that of -J^T F; none by rate or acceleration."""
     rng, (closed, by_jacobians) = np.random.default_rng(2), programs()
     forces = {name: js.SpatialForce(*rng.standard_normal((2, 3))) for name in FRAMES}
     forces = {name: F if pulled in (name, "all") else F * 0.0 for name, F in forces.items()}
