@@ -176,7 +176,7 @@ def quietly(operation, a, b):
 
 
 def alike(a, b):
-    """a and b over one shape; a known number beside an array made an array."""
+    """a and b over one shape; a known number beside an array made an array. Symbols have no shape."""
     if (is_known(a) and is_known(b)) or _is_pair(a, b) or is_symbolic(a, b):
         return a, b
     if is_known(a) or is_known(b):
