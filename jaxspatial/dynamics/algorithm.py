@@ -6,6 +6,7 @@ what the precision asks for, see `numbers`, and rounded once at the end.
 """
 
 import functools
+import warnings
 import weakref
 from typing import Any
 
@@ -143,11 +144,6 @@ class Algorithm(program.Program):
         found = program.bind(self, data, n_batch)
         return jax.tree.unflatten(self.out_tree, found)
 
-    @functools.cached_property
-    def compiled(self):
-        """A call outside of any transformation, of a number of batch axes."""
-        return jax.jit(lambda n_batch, data: self(data, n_batch), static_argnums=0)
-
 
 def _is_result(x):
     return numbers.is_number(x) or (type(x) is tuple and all(map(numbers.is_number, x)))
@@ -155,18 +151,66 @@ def _is_result(x):
 
 # -- programs that are there ------------------------------------------------------------------------------------------
 
-# Equal programs are one. Those of known numbers live as long as a mechanism that has them.
-_PROGRAMS = weakref.WeakValueDictionary()
+# Equal programs are one. Those of known numbers live as long as a mechanism that they were made for.
+_PROGRAMS, _KEPT = weakref.WeakValueDictionary(), weakref.WeakValueDictionary()
 _OF_DATA = {}
 _OF_MECHANISM = weakref.WeakKeyDictionary()
+# Those that were called outside of any transformation, by what they have in common but for numbers.
+_CALLED = {}
+
+
+class ManyProgramsWarning(UserWarning):
+    """One algorithm was compiled for the numbers of many mechanisms of one structure."""
 
 
 def interned(own):
     """The one program that is equal to this."""
-    found = _PROGRAMS.setdefault(own._key(), own)
-    if not any(found.known):
-        _OF_DATA[found._key()] = found
-    return found
+    return _PROGRAMS.setdefault(own._key(), own)
+
+
+class _Kept:
+    """A program, and its call outside of any transformation. The program does not know the call, which JAX's caches
+    would then keep for good."""
+
+    def __init__(self, own):
+        self.program = own
+        self.call = jax.jit(lambda n_batch, data: own(data, n_batch), static_argnums=0)
+
+
+def _program(kind, key, mechanism, given, n_own):
+    """That of the numbers that are known. Of those that nobody can write to, it is found without looking at them."""
+    formula, precision, static, tree, is_known, dtype = key
+    mine = _OF_MECHANISM.setdefault(mechanism, {})
+    is_fixed = not any(is_known[n_own:]) and all(_is_fixed(x) for x, k in zip(given, is_known, strict=True) if k)
+    if is_fixed and key in mine:
+        return mine[key]
+    known = tuple(Known(x) if k else None for x, k in zip(given, is_known, strict=True))
+    own = kind(formula, precision, mechanism.topology.skeleton, tree, known, static, dtype)
+    kept = _KEPT.setdefault(own._key(), _Kept(interned(own)))
+    if not any(known):
+        _OF_DATA[own._key()] = kept
+    mine[key if is_fixed else kept.program] = kept
+    return kept
+
+
+def _is_fixed(x):
+    """Whether nobody can write to it."""
+    return x.base is None and not x.flags.writeable
+
+
+def _count(own):
+    """Warns once for programs of one structure that are more than three at a time."""
+    alike = _CALLED.setdefault((own.formula, own.topology, own.tree, own.static, own.dtype), weakref.WeakSet())
+    if own not in alike:
+        alike.add(own)
+        if any(own.known) and len(alike) == 4:
+            name = own.formula.__name__.lstrip("_")
+            warnings.warn(
+                f"{name}: compiled for the fourth mechanism of one structure, each for its own numbers. One program "
+                "for all of them: mechanism.as_data(), or a jitted function that takes the mechanism as an argument.",
+                ManyProgramsWarning,
+                stacklevel=4,
+            )
 
 
 def algorithm(*reads, kind=Algorithm, entries=None) -> Any:
@@ -191,16 +235,15 @@ def algorithm(*reads, kind=Algorithm, entries=None) -> Any:
             ]
             dtype = np.dtype(arrays[0].dtype)
             key = formula, resolve(precision), tuple(sorted(static.items())), tree, tuple(is_known), dtype
-            own = _program(kind, key, mechanism, given, n_own)
+            kept = _program(kind, key, mechanism, given, n_own)
             data = [x for x, k in zip(given, is_known, strict=True) if not k]
             batch = np.broadcast_shapes((), *(x.shape[:-1] for x in given[n_own:]))
             n_mine = sum(not k for k in is_known[:n_own])
             data = [_over(x, i < n_mine, len(batch)) for i, x in enumerate(data)]
             if tracing:
-                found = own(data, len(batch))
-            else:
-                found = own.compiled(len(batch), data)
-            return found
+                return kept.program(data, len(batch))
+            _count(kept.program)
+            return kept.call(len(batch), data)
 
         call.formula, call.kind = formula, kind
         return call
@@ -212,24 +255,6 @@ def _over(x, is_own, n_batch):
     """With as many batch axes in front: of size 1 where there are less."""
     shape = (1,) * n_batch + x.shape if is_own else (1,) * (n_batch - x.ndim + 1) + x.shape
     return x.reshape(shape) if shape != x.shape else x
-
-
-def _program(kind, key, mechanism, given, n_own):
-    formula, precision, static, tree, is_known, dtype = key
-    kept = _OF_MECHANISM.setdefault(mechanism, {})
-    is_lasting = not any(is_known[n_own:]) and all(_is_frozen(x) for x, k in zip(given, is_known, strict=True) if k)
-    if is_lasting and key in kept:
-        return kept[key]
-    known = tuple(Known(x) if k else None for x, k in zip(given, is_known, strict=True))
-    found = interned(kind(formula, precision, mechanism.topology.skeleton, tree, known, static, dtype))
-    if is_lasting:
-        kept[key] = found
-    return found
-
-
-def _is_frozen(x):
-    """Whether nobody can write to it."""
-    return not x.flags.writeable and (x.base is None or not getattr(x.base, "flags", x.flags).writeable)
 
 
 # -- what a caller passes ---------------------------------------------------------------------------------------------

@@ -36,7 +36,7 @@ class Program:
 
     @functools.cached_property
     def _made(self):
-        """What is made of a program lives as long as it does: derivatives, traces, compiled calls."""
+        """What is made of a program lives as long as it does: derivatives and traces."""
         return {}
 
     def made(self, key, maker):
@@ -54,10 +54,6 @@ class Program:
         """Traced once for the same shapes."""
         key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), bool(jax.config.jax_enable_x64)
         return self.made(key, lambda: _Traced(self, avals))
-
-    def compiled_with(self, n_batch):
-        """The program on its own, for calls outside of any transformation."""
-        return self.made(n_batch, lambda: jax.jit(functools.partial(_program_p.bind, program=self, n_batch=n_batch)))
 
     def evaluate(self, *arrays):
         raise NotImplementedError
@@ -372,11 +368,17 @@ def _lowering(in_blocks):
     return rule
 
 
+@functools.lru_cache(maxsize=64)
+def _compiled(program, n_batch):
+    """The program on its own, for calls outside of any transformation."""
+    return jax.jit(functools.partial(_program_p.bind, program=program, n_batch=n_batch))
+
+
 _NO_MESH = jax.sharding.AbstractMesh((), ())
 _program_p = Primitive("jaxspatial_program")
 _program_p.multiple_results = True
 _program_p.def_abstract_eval(_abstract)
-_program_p.def_impl(lambda *arrays, program, n_batch: program.compiled_with(n_batch)(*arrays))
+_program_p.def_impl(lambda *arrays, program, n_batch: _compiled(program, n_batch)(*arrays))
 mlir.register_lowering(_program_p, _lowering(False))
 mlir.register_lowering(_program_p, _lowering(True), platform="cpu")
 ad.primitive_jvps[_program_p] = _jvp

@@ -102,12 +102,12 @@ class Mechanism:
         """
         for name, new in changes.items():
             _check_replaced(name, getattr(self, name, None), new)
-        return self._as_tree(**changes)
+        return _read_only(self._as_tree(**changes))
 
     def astype(self, dtype):
         """The same with all arrays in another dtype, JAX's default for None; what is known stays known."""
         dtype = check.as_dtype(dtype)
-        return jax.tree.map(lambda x: x.astype(dtype), self._as_tree())
+        return _read_only(jax.tree.map(lambda x: x.astype(dtype), self._as_tree()))
 
     def as_data(self):
         """The same with all numbers as data: one compiled program for all values."""
@@ -118,7 +118,7 @@ class Mechanism:
 
         Raises TypeError for numbers that are traced.
         """
-        return jax.tree.map(_known, self._as_tree())
+        return _read_only(jax.tree.map(_known, self._as_tree()))
 
     def as_static(self):
         """The same as a StaticMechanism, without leaves: for a field of a learner's module, or an argument of a
@@ -196,6 +196,20 @@ class Mechanism:
         indent = "  " * sum(1 for _ in t.ancestors(i))
         follows = f" follows {t.joint_names[t.masters[i]]}" if t.is_mimic(i) else ""
         return f"{indent}{t.body_names[i]}  <- {t.joint_names[i]}: {t.kinds[i]}{follows}"
+
+
+def _read_only(mechanism):
+    """With NumPy numbers of its own that nobody writes to: programs are made for their values, and found again by the
+    mechanism."""
+    return jax.tree.map(_frozen, mechanism)
+
+
+def _frozen(x):
+    if not isinstance(x, np.ndarray) or (x.base is None and not x.flags.writeable):
+        return x
+    x = x.copy()
+    x.flags.writeable = False
+    return x
 
 
 def _check_replaced(name, old, new):
