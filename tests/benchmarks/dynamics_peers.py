@@ -252,52 +252,50 @@ def expected(model, robot, algorithm, arrays):
     return np.sum(rows, axis=0) if algorithm == BY_INERTIAS else np.stack(rows)
 
 
-def _data(model):
-    return model.createData()
+def _copied(name, model, *arguments):
+    """What a function of Pinocchio returns, a tuple for one array too: views of its data, which end with it."""
+    import pinocchio as pin
+
+    data = model.createData()
+    found = getattr(pin, name)(model, data, *arguments)
+    return [np.array(x) for x in (found if isinstance(found, tuple) else (found,))]
 
 
 def _poses(model, robot, q, v, a, c):
     import pinocchio as pin
 
-    data = _data(model)
+    data = model.createData()
     pin.forwardKinematics(model, data, q)
-    return [x for X in list(data.oMi)[1:] for x in (X.rotation.T, X.translation)]
+    return [np.array(x) for X in list(data.oMi)[1:] for x in (X.rotation.T, X.translation)]
 
 
 def _jacobian(model, robot, q, v, a, c):
     import pinocchio as pin
 
     frame = model.getFrameId(robot.tip)
-    return [pin.computeFrameJacobian(model, _data(model), q, frame, pin.LOCAL_WORLD_ALIGNED).T]
+    return [x.T for x in _copied("computeFrameJacobian", model, q, frame, pin.LOCAL_WORLD_ALIGNED)]
 
 
 def _derivatives(name, model, robot, q, v, a, c):
-    import pinocchio as pin
-
-    return [x.T for x in getattr(pin, name)(model, _data(model), q, v, a)]
+    return [x.T for x in _copied(name, model, q, v, a)]
 
 
 def _gradient(model, robot, q, v, tau, c):
-    return [x @ c for x in _derivatives("computeABADerivatives", model, robot, q, v, tau, c)]
+    return [x.T @ c for x in _copied("computeABADerivatives", model, q, v, tau)]
 
 
 def _simple(name, *used):
-    def found(model, robot, *state):
-        import pinocchio as pin
-
-        return [getattr(pin, name)(model, _data(model), *(state[i] for i in used))]
-
-    return found
+    return lambda model, robot, *state: _copied(name, model, *(state[i] for i in used))
 
 
 def _of_parameters(model, robot, q, v, a, c):
-    return [_simple("computeJointTorqueRegressor", 0, 1, 2)(model, robot, q, v, a)[0].T @ c]
+    return [_copied("computeJointTorqueRegressor", model, q, v, a)[0].T @ c]
 
 
 def _step(model, robot, q, v, tau, c):
     import pinocchio as pin
 
-    after = v + DT * pin.aba(model, _data(model), q, v, tau)
+    after = v + DT * _copied("aba", model, q, v, tau)[0]
     return [pin.integrate(model, q, DT * after), after]
 
 
