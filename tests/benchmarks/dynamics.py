@@ -85,7 +85,6 @@ class Robot:
         """Results of the main batch with the large one, and of one and few states."""
         for cases in (self._main(), self._small()):
             calls = {case: self._ready(case) for case in cases}
-            calls = {case: call for case, call in calls.items() if call is not None}
             self._compared({case: call for case, call in calls.items() if case.batch == self.options.batch})
             found = compiling.in_turns(calls, self.options.rounds, self.options.limit) if calls else {}
             self.results.seconds.update(found)
@@ -103,7 +102,8 @@ class Robot:
             yield from self._sides(algorithm, FEW, (OURS, PINOCCHIO, MUJOCO, FRAX))
         if self._has_mjx:
             for algorithm in (x for x in (STEP, GRADIENT_OF_STEP) if x in self.options.rows):
-                yield from self._sides(algorithm, FEW, (OURS, FRAX, MJX))
+                if not self._takes_too_long(Case(algorithm, FEW, MJX)):
+                    yield from self._sides(algorithm, FEW, (OURS, FRAX, MJX))
 
     def _sides(self, algorithm, batch, who):
         able = {PINOCCHIO: self.pinocchio.sizes, **self.programs}
@@ -115,14 +115,12 @@ class Robot:
     # -- a case -------------------------------------------------------------------------------------------------------
 
     def _ready(self, case):
-        """A function without arguments; None where it would take too long."""
+        """A function without arguments."""
         states = self.states[case.batch]
         if case.who == PINOCCHIO:
             return peers.run(self.pinocchio, case.algorithm, states.pinocchios(self.dtype))
         if case.who == MUJOCO:
             return peers.run(self.mujoco, case.algorithm, states.mujocos(self.dtype))
-        if self._takes_too_long(case):
-            return None
         call, self.results.compiling[case] = compiling.cold(*self._program(case, states))
         print(f"{self.robot.name}, {self.dtype}: {_told(case, self.results.compiling[case])}", flush=True)
         return call
@@ -140,10 +138,8 @@ class Robot:
         return rows.program(compiling.watched(mech), self.robot.tip, case.algorithm, PRECISIONS[case.who])
 
     def _takes_too_long(self, case):
-        """A compilation cannot be stopped: that of a gradient of MJX's is guessed from the step's."""
-        if case.who != MJX or case.algorithm != GRADIENT_OF_STEP:
-            return False
-        step = self.results.compiling.get(case._replace(algorithm=STEP))
+        """A compilation cannot be stopped: that of a gradient of MJX's is guessed from the step's, which was first."""
+        step = self.results.compiling.get(case._replace(algorithm=STEP)) if case.algorithm == GRADIENT_OF_STEP else None
         if step is None or MJX_GRADIENT * step.total <= self.options.mjx_budget:
             return False
         guess = f"about {MJX_GRADIENT * step.total:.0f} s to compile, more than {self.options.mjx_budget:g} s"
