@@ -119,7 +119,7 @@ def _form(state):
     """What factors look like."""
     zero = state.known(0.0)
     if state.topology.has_mimics:
-        return [zero]
+        return [zero, *[()] * (len(state.bundles) - 1)]
     return [zero if _floats(state, b) else [((zero,) * 6, zero)] * b.kind.nv for b in state.bundles]
 
 
@@ -168,7 +168,7 @@ def accelerations(state, v, tau, pulled, gravity):
     together, by the matrix."""
     if state.topology.has_mimics:
         M, bias = matrix_of(state), state.numbers_by_rate(forces_of(state, v, None, pulled, gravity))
-        return state.rounded(dense.solved(M, dense.rows_of(state, tau) - bias)), [M]
+        return state.rounded(dense.solved(M, dense.rows_of(state, tau) - bias)), [M, *[()] * (len(state.bundles) - 1)]
     own = list(zip(state.links(v, tau), pulled, strict=True))
     zero = state.no_vector
     drifts = recursion.outward(state, _drift, zero, own)
@@ -190,7 +190,7 @@ def _floats(state, bundle):
 def solution(state, factors, force):
     """M^-1 forces, by the factors that `accelerations` found."""
     if state.topology.has_mimics:
-        (M,) = factors
+        M, *_ = factors
         return state.rounded(dense.solved(M, dense.rows_of(state, force)))
     zero, links = state.no_vector, state.links(None, force)
     left = recursion.inward(state, _pass_on, zero + zero, list(zip(links, factors, strict=True)))

@@ -299,10 +299,16 @@ class MechanismState:
     # -- numbers kept from one program for another --------------------------------------------------------------------
 
     def words(self, found):
-        """The arrays (..., B) that a tree of numbers consists of, not rounded."""
-        leaves, tree = jax.tree.flatten(found, is_leaf=numbers.is_number)
-        full = [along.spread(x, (*np.shape(numbers.high(x))[:-1], self.n)) for x in leaves]
+        """The arrays (..., B) that trees of numbers of bundles consist of, not rounded."""
+        full = []
+        for b, tree in zip(self.bundles, found, strict=True):
+            shape = b.length, b.width, self.n
+            leaves = jax.tree.leaves(tree, is_leaf=numbers.is_number)
+            full += [along.spread(x, shape if along.is_constant(x) else self._whole(x)) for x in leaves]
         return jax.tree.leaves(numbers.data_of(full))
+
+    def _whole(self, x):
+        return *np.shape(numbers.high(x))[:-1], self.n
 
     def of_words(self, arrays, form):
         """The tree of numbers that consists of these arrays, in the form of another."""

@@ -1,24 +1,42 @@
 """The other sides of `dynamics.py`: Pinocchio and MuJoCo in C++, compiled on the spot, frax and MuJoCo MJX in JAX.
 
-Each is a function (q, v, a) -> the result, for arrays in the order of its own coordinates. Pinocchio's Python package
-is imported where it is used, after the libraries are loaded: the other way round they would take parts of their code
-from it.
+Each takes arrays in the order of its own coordinates. Pinocchio's Python package is imported where it is used, after
+the libraries are loaded: the other way round they would take parts of their code from it.
 """
 
 import ctypes
+import functools
+import hashlib
+import importlib.metadata
+import os
 import pathlib
+import platform
 import subprocess
 import sysconfig
 import tempfile
 import warnings
 import xml.etree.ElementTree
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+from dynamics_claims import (
+    BY_INERTIAS,
+    FORWARD,
+    FORWARD_DERIVATIVES,
+    GRADIENT,
+    GRADIENT_OF_STEP,
+    INVERSE,
+    INVERSE_DERIVATIVES,
+    JACOBIAN,
+    KINEMATICS,
+    MASS,
+    MUJOCO,
+    STEP,
+)
 from mujoco import mjx
-from mujoco.mjx._src import smooth
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
@@ -33,70 +51,128 @@ MACROS += ["FUSION_MAX_VECTOR_SIZE=10", "BOOST_FUSION_INVOKE_MAX_ARITY=10"]
 # Models cross the border to the wheel's library, which was built for any x86-64 processor.
 MACROS += ["EIGEN_MAX_ALIGN_BYTES=16", "EIGEN_MAX_STATIC_ALIGN_BYTES=16"]
 SCALARS = {"float32": "float", "float64": "double"}
-ALGORITHMS = ["inverse dynamics", "forward dynamics"]
 GRAVITY = (0.0, 0.0, 9.81, 0.0, 0.0, 0.0)  # upwards, linear part first
+DT = 0.002  # s, of steps, as in the C++ files
+MODELS = {"panda": "franka_panda/panda.urdf", "g1": "unitree_g1/g1_29dof_rev_1_0.urdf"}
+TIPS = {"panda": "panda_joint7", "g1": "left_wrist_yaw_joint"}  # the joints whose bodies' Jacobians are computed
+
+
+class Robot(NamedTuple):
+    """One of those that come with frax."""
+
+    name: str
+    floating_base: bool
+
+    @property
+    def urdf(self):
+        return PACKAGES / "frax" / "assets" / MODELS[self.name]
+
+    @property
+    def tip(self):
+        return TIPS[self.name]
+
+
+class Library(NamedTuple):
+    """Of one robot, the one that is loaded last. sizes: algorithm -> how many numbers the result of a state has, in
+    the order of the C++ file; 0 for one result of all states, of `n_parameters` numbers."""
+
+    call: Any
+    sizes: dict
+    n_parameters: int
 
 
 # -- C++ --------------------------------------------------------------------------------------------------------------
 
 
-def pinocchio_library(dtype, folder):
-    """Pinocchio's recursions for a dtype, as a library: of the one robot that is loaded last."""
+def built(dtypes, folder, cores):
+    """name -> ctypes library: Pinocchio's algorithms per dtype, side by side on all cores, and MuJoCo's. What is in the
+    folder already is not built again."""
+    pinned = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, cores)  # for the compilers, which inherit it
+    started = {dtype: _started(_pinocchio_command(dtype), folder) for dtype in dtypes}
+    started[MUJOCO] = _started(_mujoco_command(), folder)
+    os.sched_setaffinity(0, pinned)
+    return {name: _finished(*x) for name, x in started.items()}
+
+
+def _pinocchio_command(dtype):
     macros = [f"-D{x}" for x in (f"SCALAR={SCALARS[dtype]}", *MACROS)]
     includes = [f"-I{PREFIX / 'include'}", f"-I{PREFIX / 'include/eigen3'}"]
     links = [f"-L{PREFIX / 'lib'}", "-lpinocchio_default", "-lboost_serialization", f"-Wl,-rpath,{PREFIX / 'lib'}"]
-    return _built("dynamics_pinocchio.cpp", pathlib.Path(folder) / f"pinocchio_{dtype}.so", [*macros, *includes], links)
+    return HERE / "dynamics_pinocchio.cpp", [*macros, *includes, "-w"], links
 
 
-def mujoco_library(folder):
+def _mujoco_command():
     place = pathlib.Path(mujoco.__file__).parent
     (library,) = place.glob("libmujoco.so.*")
-    links = [str(library), f"-Wl,-rpath,{place}"]
-    return _built("dynamics_mujoco.cpp", pathlib.Path(folder) / "mujoco.so", [f"-I{place / 'include'}"], links)
+    return HERE / "dynamics_mujoco.cpp", [f"-I{place / 'include'}"], [str(library), f"-Wl,-rpath,{place}"]
 
 
-def _built(source, library, options, links):
-    if not library.exists():
-        subprocess.run(["g++", *FLAGS, *options, str(HERE / source), "-o", library, *links], check=True)
+def _started(command, folder):
+    """(the compiler, None where nothing is to do; what it writes; the library's place)."""
+    source, options, links = command
+    told = [source.read_text(), *FLAGS, *options, *links, versions(), platform.node()]
+    name = hashlib.sha256("\n".join(told).encode()).hexdigest()[:16]
+    library = pathlib.Path(folder) / f"{source.stem}_{name}.so"
+    if library.exists():
+        return None, None, library
+    library.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = library.with_suffix(f".{os.getpid()}")
+    compiler = subprocess.Popen(["g++", *FLAGS, *options, str(source), "-o", str(unfinished), *links])
+    return compiler, unfinished, library
+
+
+def _finished(compiler, unfinished, library):
+    if compiler is not None:
+        if compiler.wait():
+            raise subprocess.CalledProcessError(compiler.returncode, compiler.args)
+        os.replace(unfinished, library)
     return ctypes.CDLL(str(library))
 
 
 def run(library, algorithm, arrays):
-    """A function without arguments: the whole batch through a library."""
+    """A function without arguments: the whole batch of arrays (q, v, a, cotangent) through a library."""
     arrays = [np.ascontiguousarray(x) for x in arrays]
-    out = np.empty_like(arrays[1])
+    size, n = library.sizes[algorithm], len(arrays[0])
+    out = np.empty((n, size) if size else library.n_parameters, arrays[0].dtype)
     pointers = [ctypes.c_void_p(x.ctypes.data) for x in (*arrays, out)]
-    number, n = ALGORITHMS.index(algorithm), ctypes.c_long(len(out))
+    number, lengths = list(library.sizes).index(algorithm), (ctypes.c_long(n), ctypes.c_long(size))
 
     def call(_alive=arrays):
-        library.run(number, n, *pointers)
+        library.call(number, *lengths, *pointers)
         return out
 
     return call
 
 
 def load_pinocchio(library, robot):
-    """Pinocchio's model in Python, also given to the library."""
+    """(Pinocchio's model in Python, the Library that it was given to)."""
     import pinocchio as pin
 
     root = (pin.JointModelFreeFlyer(),) if robot.floating_base else ()
     model = pin.buildModelFromUrdf(str(robot.urdf), *root)
     with tempfile.NamedTemporaryFile(suffix=".bin") as file:
         model.saveToBinary(file.name)
-        library.load(file.name.encode())
-    return model
+        library.load(file.name.encode(), model.getFrameId(robot.tip))
+    nq, nv, n = model.nq, model.nv, model.njoints - 1
+    sizes = {INVERSE: nv, FORWARD: nv, MASS: nv * nv, KINEMATICS: 12 * n, JACOBIAN: 6 * nv}
+    sizes |= {INVERSE_DERIVATIVES: 3 * nv * nv, FORWARD_DERIVATIVES: 3 * nv * nv}
+    return model, Library(library.run, sizes | {GRADIENT: 3 * nv, BY_INERTIAS: 0, STEP: nq + nv}, 10 * n)
 
 
 def load_mujoco(library, robot):
     model = mujoco_model(robot)
+    body = int(model.jnt_bodyid[model.joint(robot.tip).id])
     with tempfile.NamedTemporaryFile(suffix=".mjb") as file:
         mujoco.mj_saveModel(model, file.name, None)
-        library.load(file.name.encode())
-    return model
+        library.load(file.name.encode(), body)
+    nq, nv = model.nq, model.nv
+    sizes = {INVERSE: nv, FORWARD: nv, MASS: nv * nv, KINEMATICS: 7 * model.nbody, JACOBIAN: 6 * nv, STEP: nq + nv}
+    return Library(library.run, sizes, 0)
 
 
 def mujoco_model(robot):
-    """Of the same URDF, without its shapes."""
+    """Of the same URDF, without its shapes, contacts and limits."""
     root = xml.etree.ElementTree.parse(robot.urdf).getroot()
     for link in root.iter("link"):
         for shape in [x for x in link if x.tag in ("visual", "collision")]:
@@ -108,65 +184,136 @@ def mujoco_model(robot):
     spec = mujoco.MjSpec.from_string(xml.etree.ElementTree.tostring(root, encoding="unicode"))
     if robot.floating_base:
         spec.worldbody.first_body().add_freejoint()
+    spec.option.timestep = DT
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     return spec.compile()
 
 
-# -- JAX --------------------------------------------------------------------------------------------------------------
+# -- JAX: functions of a batch of arrays (q, v, a, cotangent) ---------------------------------------------------------
 
 
-def frax_program(robot, algorithm):
-    """One item; the floating base of frax is its own model of the robot."""
+def pulled_back(function, arguments, cotangents):
+    """The gradients with respect to all arguments of a state."""
+    return jax.vjp(function, *arguments)[1](cotangents)
+
+
+def frax_programs(robot):
+    """algorithm -> program. What frax does not do is not there; the floating base is its own model of the robot."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = {"panda": frax.load_panda, "g1": frax.load_g1}[robot.name]()
-    if algorithm == "inverse dynamics":
-        return lambda q, v, a: model.rnea(q, v, a, jnp.asarray(GRAVITY, q.dtype), None)
-    return lambda q, v, tau: model.forward_dynamics(q, v, tau, None)
+
+    def forward(q, v, tau):
+        return model.forward_dynamics(q, v, tau, None)
+
+    def step(q, v, tau):
+        after = v + DT * forward(q, v, tau)
+        return model.integrate(q, after, DT), after
+
+    programs = {
+        INVERSE: lambda q, v, a, c: model.rnea(q, v, a, jnp.asarray(GRAVITY, q.dtype), None),
+        FORWARD: lambda q, v, tau, c: forward(q, v, tau),
+        MASS: lambda q, v, a, c: model.mass_matrix(q),
+        KINEMATICS: lambda q, v, a, c: model.joint_to_world_transforms(q),
+        JACOBIAN: lambda q, v, a, c: model.left_hand_jacobian(q) if robot.floating_base else model.ee_jacobian(q),
+        GRADIENT: lambda q, v, tau, c: pulled_back(forward, (q, v, tau), c),
+        STEP: lambda q, v, tau, c: step(q, v, tau),
+        GRADIENT_OF_STEP: lambda q, v, tau, c: pulled_back(step, (q, v, tau), (jnp.ones_like(q), c)),
+    }
+    return {name: jax.vmap(program) for name, program in programs.items()}
 
 
-def mjx_program(robot, algorithm):
-    """One item, of the pipeline what the result needs."""
+def mjx_programs(robot):
+    """algorithm -> program: its own step, which takes seconds to compile; its other functions are parts of it."""
     model = mjx.put_model(mujoco_model(robot))
     start = mjx.make_data(model)
 
-    def placed(q, v):
-        d = start.replace(qpos=q, qvel=v)
-        return smooth.com_pos(model, smooth.kinematics(model, d))
+    def step(q, v, tau):
+        after = mjx.step(model, start.replace(qpos=q, qvel=v, qfrc_applied=tau))
+        return after.qpos, after.qvel
 
-    def inverse(q, v, a):
-        d = smooth.com_vel(model, placed(q, v).replace(qacc=a))
-        return smooth.rne(model, d, flg_acc=True).qfrc_bias
-
-    def forward(q, v, tau):
-        d = placed(q, v)
-        d = smooth.factor_m(model, smooth.crb(model, d))
-        bias = smooth.rne(model, smooth.com_vel(model, d)).qfrc_bias
-        return smooth.solve_m(model, d, tau - bias)
-
-    return inverse if algorithm == "inverse dynamics" else forward
+    programs = {
+        STEP: lambda q, v, tau, c: step(q, v, tau),
+        GRADIENT_OF_STEP: lambda q, v, tau, c: pulled_back(step, (q, v, tau), (jnp.ones_like(q), c)),
+    }
+    return {name: jax.vmap(program) for name, program in programs.items()}
 
 
-def urdf(name):
-    """The robots that come with frax."""
-    places = {"panda": "franka_panda/panda.urdf", "g1": "unitree_g1/g1_29dof_rev_1_0.urdf"}
-    return PACKAGES / "frax" / "assets" / places[name]
+# -- what is right, in float64 ----------------------------------------------------------------------------------------
 
 
-def expected(model, algorithm, arrays):
-    """Of states, by Pinocchio in Python, in float64."""
+def expected(model, robot, algorithm, arrays):
+    """Of states, by Pinocchio in Python: rows of numbers as its library writes them. None where it has no such
+    function."""
+    found = _REFERENCES.get(algorithm)
+    if found is None:
+        return None
+    rows = [np.concatenate([x.ravel() for x in found(model, robot, *state)]) for state in zip(*arrays, strict=True)]
+    return np.sum(rows, axis=0) if algorithm == BY_INERTIAS else np.stack(rows)
+
+
+def _copied(name, model, *arguments):
+    """What a function of Pinocchio returns, a tuple for one array too: views of its data, which end with it."""
     import pinocchio as pin
 
     data = model.createData()
-    function = pin.rnea if algorithm == "inverse dynamics" else pin.aba
-    return np.stack([function(model, data, *x) for x in zip(*arrays, strict=True)])
+    found = getattr(pin, name)(model, data, *arguments)
+    return [np.array(x) for x in (found if isinstance(found, tuple) else (found,))]
+
+
+def _poses(model, robot, q, v, a, c):
+    import pinocchio as pin
+
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    return [np.array(x) for X in list(data.oMi)[1:] for x in (X.rotation.T, X.translation)]
+
+
+def _jacobian(model, robot, q, v, a, c):
+    import pinocchio as pin
+
+    frame = model.getFrameId(robot.tip)
+    return [x.T for x in _copied("computeFrameJacobian", model, q, frame, pin.LOCAL_WORLD_ALIGNED)]
+
+
+def _derivatives(name, model, robot, q, v, a, c):
+    return [x.T for x in _copied(name, model, q, v, a)]
+
+
+def _gradient(model, robot, q, v, tau, c):
+    return [x.T @ c for x in _copied("computeABADerivatives", model, q, v, tau)]
+
+
+def _simple(name, *used):
+    return lambda model, robot, *state: _copied(name, model, *(state[i] for i in used))
+
+
+def _of_parameters(model, robot, q, v, a, c):
+    return [_copied("computeJointTorqueRegressor", model, q, v, a)[0].T @ c]
+
+
+def _step(model, robot, q, v, tau, c):
+    import pinocchio as pin
+
+    after = v + DT * _copied("aba", model, q, v, tau)[0]
+    return [pin.integrate(model, q, DT * after), after]
+
+
+_REFERENCES = {
+    INVERSE: _simple("rnea", 0, 1, 2),
+    FORWARD: _simple("aba", 0, 1, 2),
+    MASS: _simple("crba", 0),
+    KINEMATICS: _poses,
+    JACOBIAN: _jacobian,
+    INVERSE_DERIVATIVES: functools.partial(_derivatives, "computeRNEADerivatives"),
+    FORWARD_DERIVATIVES: functools.partial(_derivatives, "computeABADerivatives"),
+    GRADIENT: _gradient,
+    BY_INERTIAS: _of_parameters,
+    STEP: _step,
+}
 
 
 def versions():
-    import pinocchio as pin
-
-    names = f"pin {pin.__version__}, mujoco {mujoco.__version__}, frax {getattr(frax, '__version__', '0.1.0')}"
-    return f"g++ {' '.join(FLAGS[:3])}, {names}"
-
-
-def with_dtype(dtype):
-    return jax.enable_x64(dtype == "float64")
+    """Without importing Pinocchio."""
+    names = ("pin", "mujoco", "mujoco-mjx", "frax")
+    return f"g++ {' '.join(FLAGS[:3])}, {', '.join(f'{name} {importlib.metadata.version(name)}' for name in names)}"

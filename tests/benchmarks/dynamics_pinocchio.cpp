@@ -1,30 +1,117 @@
-// Pinocchio's recursions over a batch of states, rows of arrays, on one core: as a C++ program would call them.
+// Pinocchio's algorithms over a batch of states, rows of arrays, on one core: as a C++ program would call them.
+#include <pinocchio/algorithm/aba-derivatives.hpp>
 #include <pinocchio/algorithm/aba.hpp>
+#include <pinocchio/algorithm/crba.hpp>
+#include <pinocchio/algorithm/frames.hpp>
+#include <pinocchio/algorithm/joint-configuration.hpp>
+#include <pinocchio/algorithm/kinematics.hpp>
+#include <pinocchio/algorithm/regressor.hpp>
+#include <pinocchio/algorithm/rnea-derivatives.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
 #include <pinocchio/serialization.hpp>
 
 namespace pin = pinocchio;
 using T = SCALAR;
-using Model = pin::ModelTpl<SCALAR>;
-using Rows = Eigen::Map<const Eigen::Matrix<T, Eigen::Dynamic, 1>>;
-using Out = Eigen::Map<Eigen::Matrix<T, Eigen::Dynamic, 1>>;
+using Model = pin::ModelTpl<T>;
+using Vector = Eigen::Matrix<T, Eigen::Dynamic, 1>;
+using Matrix = Eigen::Matrix<T, Eigen::Dynamic, Eigen::Dynamic>;
+using Row = Eigen::Map<const Vector>;
+using Out = Eigen::Map<Vector>;
+using OutMatrix = Eigen::Map<Matrix>;  // by columns, as Pinocchio keeps its own
 
 static Model model;
 static pin::DataTpl<T>* data;
+static int frame;
+static const T dt = T(0.002);
 
-extern "C" int load(const char* path) {
+extern "C" int load(const char* path, int frame_of_jacobian) {
   pin::Model read;
   pin::serialization::loadFromBinary(read, path);
   model = read.cast<T>();
   data = new pin::DataTpl<T>(model);
+  frame = frame_of_jacobian;
   return model.nv;
 }
 
-extern "C" void run(int algorithm, long n, const T* q, const T* v, const T* a, T* out) {
+static void inverse_dynamics(const Row& q, const Row& v, const Row& a, const Row&, T* out) {
+  Out(out, model.nv) = pin::rnea(model, *data, q, v, a);
+}
+
+static void forward_dynamics(const Row& q, const Row& v, const Row& tau, const Row&, T* out) {
+  Out(out, model.nv) = pin::aba(model, *data, q, v, tau);
+}
+
+// The upper triangle, which is what it computes.
+static void mass_matrix(const Row& q, const Row&, const Row&, const Row&, T* out) {
+  OutMatrix(out, model.nv, model.nv) = pin::crba(model, *data, q);
+}
+
+static void kinematics(const Row& q, const Row&, const Row&, const Row&, T* out) {
+  pin::forwardKinematics(model, *data, q);
+  for (int i = 1; i < model.njoints; ++i, out += 12) {
+    OutMatrix(out, 3, 3) = data->oMi[i].rotation();
+    Out(out + 9, 3) = data->oMi[i].translation();
+  }
+}
+
+static void jacobian(const Row& q, const Row&, const Row&, const Row&, T* out) {
+  Eigen::Map<Eigen::Matrix<T, 6, Eigen::Dynamic>> J(out, 6, model.nv);
+  J.setZero();
+  pin::computeFrameJacobian(model, *data, q, frame, pin::LOCAL_WORLD_ALIGNED, J);
+}
+
+static void three(const Matrix& x, const Matrix& y, const Matrix& z, T* out) {
+  const int nv = model.nv;
+  OutMatrix(out, nv, nv) = x;
+  OutMatrix(out + nv * nv, nv, nv) = y;
+  OutMatrix(out + 2 * nv * nv, nv, nv) = z;
+}
+
+static void inverse_dynamics_derivatives(const Row& q, const Row& v, const Row& a, const Row&, T* out) {
+  pin::computeRNEADerivatives(model, *data, q, v, a);
+  three(data->dtau_dq, data->dtau_dv, data->M, out);
+}
+
+static void forward_dynamics_derivatives(const Row& q, const Row& v, const Row& tau, const Row&, T* out) {
+  pin::computeABADerivatives(model, *data, q, v, tau);
+  three(data->ddq_dq, data->ddq_dv, data->Minv, out);
+}
+
+// Its derivatives, times what comes back: the gradient as a user of it writes it.
+static void gradient_of_forward_dynamics(const Row& q, const Row& v, const Row& tau, const Row& c, T* out) {
+  const int nv = model.nv;
+  pin::computeABADerivatives(model, *data, q, v, tau);
+  Out(out, nv).noalias() = data->ddq_dq.transpose() * c;
+  Out(out + nv, nv).noalias() = data->ddq_dv.transpose() * c;
+  Out(out + 2 * nv, nv).noalias() = data->Minv.template selfadjointView<Eigen::Upper>() * c;
+}
+
+// Of the whole batch: added up.
+static void gradient_by_inertias(const Row& q, const Row& v, const Row& a, const Row& c, T* out) {
+  const auto& Y = pin::computeJointTorqueRegressor(model, *data, q, v, a);
+  Out(out, Y.cols()).noalias() += Y.transpose() * c;
+}
+
+static void step(const Row& q, const Row& v, const Row& tau, const Row&, T* out) {
+  Out after(out + model.nq, model.nv);
+  after = v + dt * pin::aba(model, *data, q, v, tau);
+  const Vector moved = dt * after;
+  Out q_after(out, model.nq);
+  pin::integrate(model, q, moved, q_after);
+}
+
+using Algorithm = void (*)(const Row&, const Row&, const Row&, const Row&, T*);
+static const Algorithm ALGORITHMS[] = {
+    inverse_dynamics, forward_dynamics, mass_matrix, kinematics, jacobian, inverse_dynamics_derivatives,
+    forward_dynamics_derivatives, gradient_of_forward_dynamics, gradient_by_inertias, step,
+};
+
+// size: numbers of a state's result; 0 for one result of all states.
+extern "C" void run(int algorithm, long n, long size, const T* q, const T* v, const T* a, const T* c, T* out) {
   const int nq = model.nq, nv = model.nv;
+  if (!size) Out(out, 10 * (model.njoints - 1)).setZero();
   for (long i = 0; i < n; ++i) {
-    Rows qi(q + i * nq, nq), vi(v + i * nv, nv), ai(a + i * nv, nv);
-    if (algorithm == 0) Out(out + i * nv, nv) = pin::rnea(model, *data, qi, vi, ai);
-    if (algorithm == 1) Out(out + i * nv, nv) = pin::aba(model, *data, qi, vi, ai);
+    const Row qi(q + i * nq, nq), vi(v + i * nv, nv), ai(a + i * nv, nv), ci(c + i * nv, nv);
+    ALGORITHMS[algorithm](qi, vi, ai, ci, out + i * size);
   }
 }

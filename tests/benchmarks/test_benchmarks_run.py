@@ -49,13 +49,34 @@ def test_results_of_compensated_and_faithful_are_never_meaningless():
 
 @pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("g++"), reason="needs g++")
-def test_dynamics():
-    """All sides, on few states of one robot."""
+@pytest.mark.parametrize("dtype, peer", [("float32", "frax"), ("float64", "MuJoCo C")])
+def test_dynamics(dtype, peer):
+    """All rows but the longest to compile, on few states of one robot: every one is timed, right, and told."""
     for name in ("pinocchio", "mujoco.mjx", "frax"):
         pytest.importorskip(name)
-    options = ["--robots", "panda", "--batches", "4", "--dtypes", "float32", "--rounds", "2"]
+    rows = ["inverse dynamics", "forward dynamics", "mass matrix", "kinematics", "Jacobian", "step"]
+    rows += ["derivatives of inverse dynamics", "gradient by inertial parameters"]
+    options = ["--robots", "panda", "--dtypes", dtype, "--peers", "Pinocchio C++", peer, "--parts", "robots"]
+    options += ["--batch", "40", "--large", "80", "--rounds", "2", "--limit", "1", "--rows", *rows]
+    run = subprocess.run([sys.executable, HERE / "dynamics.py", *options], capture_output=True, text=True, timeout=3000)
+    assert run.returncode in (0, 1) and "Traceback" not in run.stderr, run.stderr
+    assert f"panda, {dtype}: us per state" in run.stdout and f"Pinocchio C++ | {peer}" in run.stdout
+    for row in rows:
+        assert f"\n| {row} | 40 | " in run.stdout and f"\n| panda, {dtype} | {row} | " in run.stdout
+    # What is right is right whatever the machine: the one claim that no clock decides.
+    (agreement,) = (line for line in run.stdout.splitlines() if "largest error over largest number" in line)
+    assert agreement.endswith("| met |"), agreement
+
+
+@pytest.mark.slow
+def test_sizes_of_mechanisms():
+    for name in ("pinocchio", "mujoco.mjx", "frax"):
+        pytest.importorskip(name)
+    options = ["--parts", "sizes", "--batch", "8", "--rounds", "1", "--limit", "1"]
     run = subprocess.run([sys.executable, HERE / "dynamics.py", *options], capture_output=True, text=True, timeout=1800)
-    assert run.returncode == 0 and "Pinocchio C++" in run.stdout, run.stderr
+    assert run.returncode in (0, 1) and "Traceback" not in run.stderr, run.stderr
+    for told in ("1000 links over 10 links", "five fingers over one finger", "four legs over one leg"):
+        assert run.stdout.count(told) >= 2
 
 
 @pytest.mark.slow

@@ -1,0 +1,225 @@
+"""Tables and picture of what was measured."""
+
+import numpy as np
+from dynamics_claims import (
+    FRAX,
+    MJX,
+    MUJOCO,
+    OURS,
+    PEERS,
+    PINOCCHIO,
+    Case,
+    asked_seconds,
+    best_peer,
+    claims,
+    claims_of_shape,
+)
+
+COLOURS = {OURS: "#00798c", PINOCCHIO: "#d1495b", MUJOCO: "#edae49", FRAX: "#66a182", MJX: "#8d6a9f"}
+MARKERS = {OURS: "o", PINOCCHIO: "s", MUJOCO: "D", FRAX: "^", MJX: "v"}
+
+
+def all_claims(results, shapes):
+    return [x for r in results for x in claims(r)] + [x for s in shapes for x in claims_of_shape(s)]
+
+
+def lines(results, shapes, left_out, machine):
+    """The whole report, in Markdown."""
+    yield "One core, everything in one process and in turns, after warm-up; `jax.jit(jax.vmap(...))`, results waited"
+    yield "for. Default precision, known numbers folded. Times are medians of microseconds per state (10 % to 90 % of"
+    yield "the rounds); ratios are medians over the rounds of the ratio within a round. Measured by `dynamics.py`.\n"
+    yield machine
+    yield from _lines_of_claims(all_claims(results, shapes))
+    for result in results:
+        yield from _lines_of_times(result)
+    yield from _lines_of_compiling(results)
+    yield from _lines_of_shapes(shapes)
+    yield "\n## What the rows are\n"
+    yield from NOTES
+    yield from (f"- Left out: {x}." for x in left_out)
+
+
+NOTES = (
+    "- Derivatives: `inverse_dynamics_derivatives`, `forward_dynamics_derivatives` next to Pinocchio's",
+    "  `computeRNEADerivatives` and `computeABADerivatives`: three matrices each.",
+    "- Gradient of forward dynamics: `jax.vjp` by q, v and tau of every state; Pinocchio's is `computeABADerivatives`",
+    "  times what comes back, by a step of q. By inertial parameters: of inverse dynamics, by ten parameters of every",
+    "  body, added up over the batch; Pinocchio's is `computeJointTorqueRegressor`, transposed, times what comes back.",
+    "- A step is `semi_implicit_step`, `mj_step` and `mjx.step` without contacts and limits; of frax and Pinocchio",
+    "  forward dynamics and then `integrate`.",
+    "- Pinocchio writes the upper triangle of a mass matrix, we write both.",
+    "- Errors are of 32 states (of all, by inertial parameters), over the largest number of Pinocchio's in float64.",
+    "- Trace and compile: `lower` and `compile` after `jax.clear_caches()`, of a mechanism read anew.",
+)
+
+
+def asked(claim):
+    return f"at {'most' if claim.is_at_most else 'least'} {claim.asked:g} {claim.unit}".rstrip()
+
+
+def told(claim):
+    return f"{_number(claim.found)} {claim.unit}".rstrip()
+
+
+def _number(x):
+    return f"{x:.3g}" if x < 1000 else f"{x:.0f}"
+
+
+def _spread(seconds, scale=1e6):
+    low, middle, high = (_number(x) for x in np.quantile(seconds, [0.1, 0.5, 0.9]) * scale)
+    return f"{middle} ({low}-{high})"
+
+
+def _lines_of_claims(found):
+    yield f"\n## Claims: {sum(x.is_met for x in found)} of {len(found)} met\n"
+    yield "| | | asked | measured | |\n|---|---|---|---|---|"
+    for x in found:
+        verdict = "met" if x.is_met else "**NOT MET**"
+        yield f"| {x.where} | {x.what} | {asked(x)} | {told(x)} | {verdict} |"
+
+
+def _lines_of_times(result):
+    order = list(dict.fromkeys(x.algorithm for x in result.seconds))
+    measured = sorted({(x.algorithm, x.batch) for x in result.seconds}, key=lambda x: (order.index(x[0]), x[1]))
+    others = dict.fromkeys(x.who for x in result.seconds if x.who != OURS)
+    who = [OURS, *sorted(others, key=lambda x: PEERS.index(x) if x in PEERS else -1)]
+    yield f"\n## {result.robot}, {result.dtype}: us per state\n"
+    yield f"| | batch | {' | '.join(who)} | best peer over ours | error |\n|{'---|' * (len(who) + 4)}"
+    for algorithm, batch in measured:
+        case = Case(algorithm, batch, OURS)
+        times = [case._replace(who=x) for x in who]
+        cells = [_spread(result.seconds[x]) if x in result.seconds else "" for x in times]
+        best, error = best_peer(result, case), result.errors.get(case)
+        cells.append(f"{best[1]:.2f} ({best[0]})" if best else "")
+        cells.append(f"{error:.0e}" if error is not None else "")
+        yield f"| {algorithm} | {batch} | {' | '.join(cells)} |"
+
+
+def _lines_of_compiling(results):
+    who = list(dict.fromkeys(case.who for r in results for case in r.compiling))
+    yield "\n## Seconds to trace and to compile, cold\n"
+    yield f"| | | {' | '.join(f'{x}: trace | compile | both' for x in who)} | asked |\n|{'---|' * (3 + 3 * len(who))}"
+    for result in results:
+        # Of a batch of the same size where there is one: MJX runs on fewer.
+        for algorithm in dict.fromkeys(case.algorithm for case in result.compiling):
+            found = [_of_largest(result, algorithm, x) for x in who]
+            cells = [_cells(x) for x in found]
+            limit = asked_seconds(result.robot, algorithm)
+            yield f"| {result.robot}, {result.dtype} | {algorithm} | {' | '.join(cells)} | {limit or ''} |"
+
+
+def _of_largest(result, algorithm, who):
+    """At the main batch, or the one there is."""
+    found = {case.batch: x for case, x in result.compiling.items() if case[::2] == (algorithm, who)}
+    return found.get(result.many) or next(iter(found.values()), None)
+
+
+def _cells(compiling):
+    numbers = (compiling.trace, compiling.compile, compiling.total) if compiling else (None,) * 3
+    return " | ".join("" if x is None else f"{x:.2f}" for x in numbers)
+
+
+def _lines_of_shapes(shapes):
+    if not shapes:
+        return
+    yield "\n## Size\n"
+    yield "| | | trace and compile, s | us per state | us per state and link |\n|---|---|---|---|---|"
+    for shape in shapes:
+        for size, compiling in shape.compiling.items():
+            per_link = shape.seconds.get(size)
+            cells = (_spread(per_link * int(size.split()[0])), _spread(per_link)) if per_link is not None else ("", "")
+            yield f"| {shape.name}, {shape.algorithm} | {size} | {_spread(compiling, 1)} | {' | '.join(cells)} |"
+
+
+# -- picture ----------------------------------------------------------------------------------------------------------
+
+
+def picture(results, path):
+    """A row for each robot: what compiling costs against what running costs, then us per state in each dtype."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    from matplotlib import pyplot as plt
+
+    robots = list(dict.fromkeys(r.robot for r in results))
+    widest = max(sum(r.robot == x for r in results) for x in robots)
+    figure, panels = plt.subplots(
+        len(robots), 1 + widest, figsize=(6.5 + 5.5 * widest, 6 * len(robots)), squeeze=False, layout="constrained"
+    )
+    for row, robot in zip(panels, robots, strict=True):
+        own = [r for r in results if r.robot == robot]
+        _scatter(row[0], own[0])
+        for axes, result in zip(row[1:], own, strict=False):
+            _dots(axes, result, is_first=result is own[0])
+    shown = [x for x in (OURS, *PEERS) if any((x, r.many) == c[:0:-1] for r in results for c in r.seconds)]
+    handles = [plt.Line2D([], [], marker=MARKERS[x], color=COLOURS[x], ls="", ms=8) for x in shown]
+    figure.legend(handles, shown, loc="outside upper center", ncols=5, frameon=False, fontsize=12)
+    figure.savefig(path, dpi=90)
+    plt.close(figure)
+
+
+def _scatter(axes, result):
+    points = []
+    for case, compiling in result.compiling.items():
+        if case.who in COLOURS and case.batch == result.many and case in result.seconds:
+            x, y = compiling.total, np.median(result.seconds[case]) * 1e6
+            axes.plot(x, y, MARKERS[case.who], color=COLOURS[case.who], ms=7, zorder=3)
+            points.append((case, x, y))
+    where = {(case.algorithm, case.who): (x, y) for case, x, y in points}
+    for (algorithm, who), (x, y) in where.items():
+        other = where.get((algorithm, FRAX))
+        if who == OURS and other:
+            axes.plot((x, other[0]), (y, other[1]), color="#cccccc", lw=1, zorder=1)
+    axes.set(xscale="log", yscale="log", xlabel="seconds to trace and compile, cold", ylabel="us per state")
+    axes.set_title(f"{result.robot}, {result.dtype}, batch {result.many}: compiling against running")
+    _name(axes, [(case.algorithm, x, y) for case, x, y in points if case.who == OURS])
+    _bare(axes)
+
+
+def _name(axes, points):
+    """Names in a column on the right, where room is made, each with a line to its point."""
+    axes.margins(0.1)
+    low, high = axes.get_xlim()
+    axes.set_xlim(low, high * (high / low) ** 0.8)
+    place = -np.inf
+    for name, x, y in sorted(points, key=lambda p: p[2]):
+        height = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))[1]
+        place = max(height, place + 0.045)
+        told = {"xycoords": "data", "textcoords": axes.transAxes, "fontsize": 9, "va": "center"}
+        line = {"arrowstyle": "-", "color": COLOURS[OURS], "lw": 0.6, "alpha": 0.6, "relpos": (0, 0.5)}
+        axes.annotate(name, (x, y), (0.64, place), arrowprops=line, **told)
+
+
+def _dots(axes, result, is_first):
+    """A line for each algorithm, a mark for each side."""
+    algorithms = list(dict.fromkeys(x.algorithm for x in result.seconds if x.batch == result.many))[::-1]
+    for height, algorithm in enumerate(algorithms):
+        found = {x: result.seconds.get(Case(algorithm, result.many, x)) for x in (*PEERS, OURS)}
+        times = {x: np.median(s) * 1e6 for x, s in found.items() if s is not None}
+        axes.plot((min(times.values()), max(times.values())), (height, height), color="#cccccc", lw=1, zorder=1)
+        for who, time in times.items():
+            axes.plot(time, height, MARKERS[who], color=COLOURS[who], ms=8, zorder=3)
+        if OURS in times:
+            told = {"textcoords": "offset points", "ha": "center", "fontsize": 8, "color": COLOURS[OURS]}
+            axes.annotate(_number(times[OURS]), (times[OURS], height), (0, 7), **told)
+    axes.set_yticks(range(len(algorithms)), algorithms if is_first else [""] * len(algorithms))
+    axes.set(xscale="log", xlabel="us per state", ylim=(-0.6, len(algorithms) - 0.3))
+    axes.set_title(f"{result.robot}, {result.dtype}, batch {result.many}")
+    _bare(axes)
+
+
+def _bare(axes):
+    from matplotlib import ticker
+
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(axis="both", which="major", color="#eeeeee", zorder=0)
+    axes.set_axisbelow(True)
+    for axis in (x for x in (axes.xaxis, axes.yaxis) if x.get_scale() == "log"):
+        axis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5) if _decades(axis) < 2 else (1,)))
+        axis.set_major_formatter(ticker.FuncFormatter(lambda x, _: f"{x:g}"))
+        axis.set_minor_formatter(ticker.NullFormatter())
+
+
+def _decades(axis):
+    low, high = axis.get_view_interval()
+    return np.log10(high / low)

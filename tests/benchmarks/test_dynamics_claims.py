@@ -1,0 +1,104 @@
+"""What the benchmark of dynamics says of numbers that are known: which claims are met, and what it ends with."""
+
+import pathlib
+import sys
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(pathlib.Path(__file__).parent))
+
+import dynamics_claims as claims
+import dynamics_report as report
+from dynamics_claims import (
+    FORWARD,
+    FRAX,
+    GRADIENT,
+    INVERSE,
+    LARGE,
+    MANY,
+    MASS,
+    OURS,
+    PINOCCHIO,
+    Case,
+    Compiling,
+    Results,
+    Shape,
+)
+
+
+def results(seconds, compiling=None, errors=None, robot="g1", dtype="float32"):
+    seconds = {case: np.array([x, x, 3 * x]) * 1e-6 for case, x in seconds.items()}
+    return Results(robot, dtype, MANY, LARGE, seconds, compiling or {}, errors or {})
+
+
+def pair(algorithm, batch, other, ratio):
+    """Ours of 10 us per state, and another's."""
+    ours = Case(algorithm, batch, OURS)
+    return {ours: 10.0, ours._replace(who=other): 10.0 * ratio}
+
+
+def verdicts(found):
+    return {x.what: x.is_met for x in claims.claims(found)}
+
+
+@pytest.mark.parametrize(
+    "dtype, algorithm, asked",
+    [("float32", INVERSE, 5.0), ("float64", FORWARD, 2.5), ("float32", MASS, 3.0), ("float64", MASS, 1.5)],
+)
+def test_pinocchios_time_is_asked_to_be_a_multiple_of_ours(dtype, algorithm, asked):
+    for ratio, is_met in ((1.01 * asked, True), (0.99 * asked, False)):
+        (found,) = claims.claims(results(pair(algorithm, MANY, PINOCCHIO, ratio), dtype=dtype))
+        assert (found.asked, found.is_met) == (asked, is_met) and np.isclose(found.found, ratio)
+
+
+def test_seconds_to_trace_and_compile_are_added():
+    case = Case(INVERSE, MANY, OURS)
+    for compile_seconds, is_met in ((1.9, True), (2.1, False)):
+        found = results({}, {case: Compiling(1.0, compile_seconds)})
+        assert verdicts(found) == {f"{INVERSE}: trace and compile": is_met}
+
+
+def test_large_batches_and_gradients_are_compared_with_the_main_batch_and_the_value():
+    value = Case(FORWARD, MANY, OURS)
+    times = {value: 10.0, value._replace(batch=LARGE): 10.9, value._replace(algorithm=GRADIENT): 41.0}
+    large, gradient = claims.claims(results(times))
+    assert large.is_met and np.isclose(large.found, 1.09)
+    assert not gradient.is_met and np.isclose(gradient.found, 4.1)
+
+
+def test_one_state_is_told_in_microseconds_and_next_to_frax():
+    ours, ahead = claims.claims(results(pair(INVERSE, 1, FRAX, 0.9), robot="panda"))
+    assert ours.is_met and np.isclose(ours.found, 10.0) and ours.asked == 20.0
+    assert not ahead.is_met and np.isclose(ahead.found, 0.9)
+
+
+def test_the_worst_error_counts_and_nan_is_the_worst():
+    errors = {Case(INVERSE, MANY, OURS): 1e-7, Case(FORWARD, MANY, OURS): 1e-2, Case(MASS, MANY, PINOCCHIO): 1.0}
+    (found,) = claims.claims(results({}, errors=errors))
+    assert found.found == 1e-2 and not found.is_met
+    (found,) = claims.claims(results({}, errors=errors | {Case(MASS, MANY, OURS): np.nan}))
+    assert np.isnan(found.found) and not found.is_met
+
+
+def test_sizes_are_compared_with_the_smallest():
+    seconds = {"10 links": np.ones(3), "1000 links": np.full(3, 1.4)}
+    compiling, per_link = claims.claims_of_shape(Shape("chain", INVERSE, {k: np.ones(3) for k in seconds}, seconds))
+    assert compiling.is_met and not per_link.is_met and np.isclose(per_link.found, 1.4)
+
+
+def test_the_tables_have_every_time_with_its_spread_its_best_peer_and_its_verdict():
+    times = pair(MASS, MANY, PINOCCHIO, 2.0) | {Case(MASS, MANY, FRAX): 80.0}
+    compiling = {Case(MASS, MANY, OURS): Compiling(1.0, 2.5)}
+    text = "\n".join(report.lines([results(times, compiling)], [], ["MJX: too long"], "a machine"))
+    assert f"| {MASS} | {MANY} | 10 (10-26) | 20 (20-52) | 80 (80-208) | 2.00 (Pinocchio C++) |" in text
+    assert f"| g1, float32 | {MASS} | 1.00 | 2.50 | 3.50 | 4.0 |" in text
+    assert f"{MASS}, batch {MANY}: Pinocchio C++'s time over ours | at least 3 | 2 | **NOT MET** |" in text
+    assert "Claims: 1 of 2 met" in text and "- Left out: MJX: too long." in text and "a machine" in text
+
+
+def test_the_picture_is_drawn_of_what_there_is(tmp_path):
+    pytest.importorskip("matplotlib")
+    found = results(pair(MASS, MANY, PINOCCHIO, 2.0), {Case(MASS, MANY, OURS): Compiling(1.0, 2.5)})
+    report.picture([found, found._replace(dtype="float64")], tmp_path / "picture.png")
+    assert (tmp_path / "picture.png").stat().st_size > 1000

@@ -1,0 +1,140 @@
+"""Which programs there are: one for a structure where numbers are data, one for what is read where they are known."""
+
+import gc
+import subprocess
+import sys
+import warnings
+
+import jax
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from jaxspatial.dynamics import algorithm
+from jaxspatial.dynamics.algorithm import Algorithm, ManyProgramsWarning
+
+Q = np.full(3, 0.3, np.float32)
+
+
+def robot(seed=0):
+    return js.random_mechanism(seed, 3, ["revolute", "prismatic"], dtype=np.float32)
+
+
+@pytest.fixture(autouse=True)
+def _nothing_called_before(monkeypatch):
+    monkeypatch.setattr(algorithm, "_CALLED", {})
+
+
+def programs():
+    gc.collect()
+    return [x for x in gc.get_objects() if isinstance(x, Algorithm)]
+
+
+def test_numbers_that_are_not_read_make_no_new_program():
+    mech = robot()
+    kept = [mech, mech.replace(damping=2 * mech.damping), mech.replace(lower=mech.lower - 1)]
+    before = len(programs())
+    for m in kept:
+        js.forward_dynamics(m, Q, Q, Q)
+    heavier = js.SpatialInertia(2 * mech.inertias.mass, mech.inertias.com, mech.inertias.central)
+    moved = mech.replace(inertias=heavier)
+    for m in (mech, moved):
+        js.forward_kinematics(m, Q)
+    assert len(programs()) == before + 2
+
+
+def test_programs_of_known_numbers_are_let_go():
+    mech = robot(1)
+    before = len(programs())
+    other = mech.replace(gravity=np.float32([0, 0, -1]))
+    js.gravity_forces(other, Q), js.forward_dynamics(other, Q, Q, Q)
+    assert len(programs()) == before + 2
+    del other
+    assert len(programs()) == before
+
+
+def test_a_second_robot_of_the_same_structure_is_not_traced_again():
+    """With numbers as data, whatever its names."""
+    first, second = (robot(seed).as_data() for seed in (0, 1))
+    parents = first.topology.parents
+    second = second if second.topology.parents == parents else first.replace(gravity=2 * first.gravity)
+    js.inverse_dynamics(first, Q, Q, Q)
+    before = len(programs())
+    js.inverse_dynamics(second, Q, Q, Q)
+    assert len(programs()) == before
+
+
+def test_the_fourth_program_of_a_structure_is_told():
+    mech = robot(2)
+    different = [mech.replace(gravity=np.float32([0, 0, -k])) for k in range(5)]
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        for m in different:
+            js.gravity_forces(m, Q)
+    (one,) = (x for x in told if x.category is ManyProgramsWarning)
+    assert "as_data()" in str(one.message)
+
+
+def test_known_numbers_are_read_only():
+    for mech in (robot(), robot().astype(np.float16), robot().replace(gravity=np.zeros(3, np.float32))):
+        with pytest.raises(ValueError, match="read-only"):
+            mech.gravity[2] = 1.0
+    given = np.float32([0, 0, -1])
+    robot().replace(gravity=given)
+    given[2] = 2.0
+
+
+PROCESS = """
+import sys, numpy as np, jax, jaxspatial as js
+jax.config.update("jax_compilation_cache_dir", sys.argv[1])
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+mech = js.random_mechanism(0, 3, ["revolute"])
+q = np.ones((4, 3), np.float32)
+jax.jit(jax.vmap(lambda q: jax.grad(lambda q: js.forward_dynamics(mech, q, q, q).sum())(q)))(q)
+"""
+
+
+def test_the_persistent_cache_hits_in_a_new_process(tmp_path):
+    """Nothing of a program depends on the process that made it."""
+    found = []
+    for seed in ("1", "2"):
+        run = [sys.executable, "-c", PROCESS, str(tmp_path)]
+        subprocess.run(run, check=True, env={**dict(__import__("os").environ), "PYTHONHASHSEED": seed})
+        found.append(sorted(x.name for x in tmp_path.iterdir() if x.name.endswith("-cache")))
+    assert found[0] and found[0] == found[1]
+
+
+def test_derivatives_of_batches_that_share_an_argument():
+    """Cotangents of what a batch shares are added up, over blocks too; of what is one for each item they are not."""
+    mech = robot(3).as_data()
+    q = np.random.default_rng(0).standard_normal((5000, 3)).astype(np.float32)
+
+    def total(gravity, q):
+        own = mech.replace(gravity=gravity)
+        return jax.vmap(lambda x: js.gravity_forces(own, x).sum())(q).sum()
+
+    whole = jax.grad(total)(mech.gravity, q)
+    apart = jax.vmap(lambda x: jax.grad(total)(mech.gravity, x[None]))(q)
+    np.testing.assert_allclose(whole, np.asarray(apart, np.float64).sum(0), rtol=1e-4)
+
+
+def test_any_order_of_derivatives():
+    """Forward over reverse, reverse over reverse and reverse over forward agree, of forward dynamics and its steps."""
+    with jax.enable_x64(True):
+        mech = js.random_mechanism(4, 3, ["revolute", "free"], dtype=np.float64)
+        rng = np.random.default_rng(0)
+        q = np.asarray(js.random_configuration(mech, jax.random.key(0), (), np.float64))
+        v, tau, t = rng.standard_normal((3, mech.nv))
+
+        def f(v):
+            return (js.forward_dynamics(mech, q, v, tau) ** 2).sum()
+
+        ways = (jax.jvp(jax.grad(f), (v,), (t,))[1],
+                jax.grad(lambda v: jax.grad(f)(v) @ t)(v),
+                jax.grad(lambda v: jax.jvp(f, (v,), (t,))[1])(v))  # fmt: skip
+        step = 1e-5
+        expected = (jax.grad(f)(v + step * t) - jax.grad(f)(v - step * t)) / (2 * step)
+        for found in ways:
+            np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * abs(np.asarray(expected)).max())
+            np.testing.assert_allclose(found, ways[0], rtol=1e-10, atol=1e-10 * abs(np.asarray(expected)).max())
