@@ -73,8 +73,8 @@ def _run(step, bundle, n, numbers, start, reverse):
 
 
 def _along(length, word):
-    """(L, W, B), of what may be one for all: double words are never known."""
-    return word if word.ndim == 3 else jnp.broadcast_to(word, (length, 1, 1))
+    """(L, ..., W, B), of what may be one for all: double words are never known."""
+    return word if word.ndim >= 3 else jnp.broadcast_to(word, (length, 1, 1))
 
 
 def _loop(step, numbers, start, shape, reverse):

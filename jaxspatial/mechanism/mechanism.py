@@ -201,15 +201,12 @@ class Mechanism:
 def _read_only(mechanism):
     """With NumPy numbers of its own that nobody writes to: programs are made for their values, and found again by the
     mechanism."""
-    return jax.tree.map(_frozen, mechanism)
+    return jax.tree.map(_of_its_own, mechanism)
 
 
-def _frozen(x):
-    if not isinstance(x, np.ndarray) or (x.base is None and not x.flags.writeable):
-        return x
-    x = x.copy()
-    x.flags.writeable = False
-    return x
+def _of_its_own(x):
+    is_ready = not isinstance(x, np.ndarray) or (x.base is None and not x.flags.writeable)
+    return x if is_ready else _frozen(x)
 
 
 def _check_replaced(name, old, new):

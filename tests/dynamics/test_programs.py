@@ -1,6 +1,7 @@
 """Which programs there are: one for a structure where numbers are data, one for what is read where they are known."""
 
 import gc
+import os
 import subprocess
 import sys
 import warnings
@@ -100,7 +101,7 @@ def test_the_persistent_cache_hits_in_a_new_process(tmp_path):
     found = []
     for seed in ("1", "2"):
         run = [sys.executable, "-c", PROCESS, str(tmp_path)]
-        subprocess.run(run, check=True, env={**dict(__import__("os").environ), "PYTHONHASHSEED": seed})
+        subprocess.run(run, check=True, env={**os.environ, "PYTHONHASHSEED": seed})
         found.append(sorted(x.name for x in tmp_path.iterdir() if x.name.endswith("-cache")))
     assert found[0] and found[0] == found[1]
 
@@ -108,7 +109,7 @@ def test_the_persistent_cache_hits_in_a_new_process(tmp_path):
 def test_derivatives_of_batches_that_share_an_argument():
     """Cotangents of what a batch shares are added up, over blocks too; of what is one for each item they are not."""
     mech = robot(3).as_data()
-    q = np.random.default_rng(0).standard_normal((5000, 3)).astype(np.float32)
+    q = np.random.default_rng(0).standard_normal((2500, 3)).astype(np.float32)
 
     def total(gravity, q):
         own = mech.replace(gravity=gravity)
@@ -119,6 +120,7 @@ def test_derivatives_of_batches_that_share_an_argument():
     np.testing.assert_allclose(whole, np.asarray(apart, np.float64).sum(0), rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_any_order_of_derivatives():
     """Forward over reverse, reverse over reverse and reverse over forward agree, of forward dynamics and its steps."""
     with jax.enable_x64(True):
