@@ -22,12 +22,13 @@ def forward_dynamics(mechanism, q, v, tau, external_forces=None, *, precision=No
     """vdot (*batch, nv) under the generalised forces tau of the joints: the inverse of `inverse_dynamics`.
 
     mechanism: Mechanism; q (*batch, nq), v and tau (*batch, nv), tau in N m or N
-    external_forces: SpatialForce by body name, each (*batch,), about the body's origin, in world axes
+    external_forces: SpatialForce by name of a frame (bodies are frames, welded links too), each (*batch,), about the
+        origin of the frame, in world axes; it acts on the body that carries the frame, see `Mechanism.frame_body`
     Batch shapes broadcast. A rate that nothing resists, of bodies without mass or armature, keeps vdot = 0. With
-    mimics the mass matrix is solved instead.
+    mimics the mass matrix is solved instead, in the same precision. Derivatives, of any order and by all numbers of the
+    mechanism, are those of inverse dynamics times M^-1, rounded to the dtype of q on the way: n u c in every precision.
     Error of the largest number, for n links one behind the other and c the condition of the mass matrix: at most
-    4 n u c in "fast" and "reproducible"; 1.01 u in the other two, while c < 1 / (4 n u). With mimics the first of these
-    in every precision. [Featherstone 2008, table 7.1]
+    4 n u c in "fast" and "reproducible"; 1.01 u in the other two, while c < 1 / (4 n u). [Featherstone 2008, table 7.1]
     """
     q, v, tau = checked("forward_dynamics", mechanism, q=q, v=v, tau=tau)
     frames, forces = checked_forces("forward_dynamics", mechanism, external_forces, q)
@@ -248,7 +249,7 @@ def _matrix(P, armature):
     top, bottom = articulated.by_rows(P.J, P.F, P.M)
     rows = [[*a, *b] for a, b in top + bottom]
     entries = [x + armature[i] if i == k else x for i, row in enumerate(rows) for k, x in enumerate(row)]
-    shape = np.broadcast_shapes(*(np.shape(high(x)) for x in entries))
+    shape = np.broadcast_shapes((1, 1), *(np.shape(high(x)) for x in entries))
     return along.mapped(lambda w: w.reshape((6, 6, *shape)), along.stacked(entries, shape, 0))
 
 
@@ -332,7 +333,8 @@ def _floating(eliminated, A):
     """The six rates of a body that floats."""
     matrix, P, u = eliminated
     u = u if P is None else vectors.minus(u, articulated.product(P.J, P.F, P.M, A[:3], A[3:]))
-    found = dense.solved(matrix, along.stacked(u, np.shape(high(matrix))[2:], 0))
+    shape = np.broadcast_shapes(np.shape(high(matrix))[2:], *(np.shape(high(x)) for x in u))
+    found = dense.solved(matrix, along.stacked(u, shape, 0))
     return tuple(along.mapped(lambda w, k=k: w[k], found) for k in range(6))
 
 

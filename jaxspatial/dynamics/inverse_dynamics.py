@@ -13,7 +13,8 @@ def inverse_dynamics(mechanism, q, v, vdot, external_forces=None, *, precision=N
     """tau (*batch, nv) = M(q) vdot + C(q, v) v + g(q) - J^T F: generalised forces of the joints, N m or N.
 
     mechanism: Mechanism; q (*batch, nq), v and vdot (*batch, nv) its coordinates, rates and their derivatives
-    external_forces: SpatialForce by body name, each (*batch,), about the body's origin, in world axes
+    external_forces: SpatialForce by name of a frame (bodies are frames, welded links too), each (*batch,), about the
+        origin of the frame, in world axes; it acts on the body that carries the frame, see `Mechanism.frame_body`
     Batch shapes broadcast. Armature is part of M; damping and friction are not: see `Mechanism.damping`.
     Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
     the other two. [Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators; Featherstone 2008,
