@@ -130,7 +130,7 @@ def test_robots_are_compiled_once_on_disk(tmp_path):
     """The cache of JAX serves a second process, in which names have other hashes."""
     source = "import numpy as np, jaxspatial as js; m = js.random_mechanism(0, 2, dtype=np.float32); "
     source += "js.gravity_forces(m, m.neutral())"
-    setup = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path), "JAX_PERSISTENT_COMPILATION_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+    setup = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
     kept = []
     for seed in ("1", "2"):
         environment = os.environ | setup | {"PYTHONHASHSEED": seed, "PYTHONPATH": str(ROOT)}

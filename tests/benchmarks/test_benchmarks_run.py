@@ -85,3 +85,21 @@ def test_robots():
     command = [sys.executable, HERE / "robots.py", "double_pendulum"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=1800)
     assert run.returncode == 0 and "| double_pendulum | floating |" in run.stdout, run.stderr
+
+
+def test_mutants_are_drawn_from_the_seed():
+    """The same twice, each another program than the one it is made of, and of the folder asked for."""
+    pytest.importorskip("cosmic_ray")
+    program = "import mutants as m; print([(x.file, x.after) for x in m.sample(6, 1, ['spatial', 'rotation'])])"
+    command = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(HERE)!r}); {program}"]
+    runs = [subprocess.run(command, capture_output=True, text=True, timeout=300) for _ in range(2)]
+    assert runs[0].returncode == 0, runs[0].stderr
+    assert runs[0].stdout == runs[1].stdout and runs[0].stdout.count(".py") == 6
+
+
+@pytest.mark.slow
+def test_mutants():
+    pytest.importorskip("cosmic_ray")
+    command = [sys.executable, HERE / "mutants.py", "--n", "1", "--only", "rotation"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=1800)
+    assert run.returncode in (0, 1) and "1 mutants drawn, 1 run" in run.stdout, run.stderr

@@ -300,11 +300,11 @@ REFUSED = {
     "no compliance": (3.0, TypeError, "compliance: expected a Compliance, got float"),
     "speed": (js.Compliance(friction_speed=0.0), ValueError, "compliance: friction_speed: expected numbers above 0"),
     "shape": (
-        js.Compliance(limit_stiffness=np.ones(7)),
+        js.Compliance(limit_stiffness=np.ones(7, np.float32)),
         ValueError,
         r"limit_stiffness: expected .* \(4,\), got \(7,\)",
     ),
-    "integer": (js.Compliance(limit_damping=3), TypeError, "compliance: limit_damping: expected floating point"),
+    "no number": (js.Compliance(limit_damping="3"), TypeError, "compliance: limit_damping: expected"),
 }
 
 

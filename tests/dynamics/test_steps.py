@@ -63,6 +63,5 @@ def test_a_torque_alone_adds_to_the_rate(step):
     np.testing.assert_allclose(step_of(step, damping=0.0)[1], RATE + DT * TORQUE / INERTIA, rtol=1e-14)
 
 
-@pytest.mark.xfail(strict=True, reason="entries of the mass matrix that are known while tracing have no axes of bodies")
 def test_a_mass_matrix_that_is_known():
     np.testing.assert_array_equal(js.mass_matrix(flywheel(), np.ones(1)), [[INERTIA]])

@@ -122,6 +122,11 @@ def test_from_two_vectors(axes, dtype, precision):
     assert not jnp.isfinite(js.Rotation.from_two_vectors(u, -u, axes, precision=precision).entries[:2]).all()
 
 
+def test_of_two_vectors_the_first_is_along_z_unless_told():
+    u, v = of_dtype(np.array([0.0, 0, 3]), "float32"), of_dtype(np.array([2.0, 0, 1]), "float32")
+    np.testing.assert_array_equal(js.Rotation.from_two_vectors(u, v).to_matrix(), np.eye(3))
+
+
 @cases
 def test_between(dtype, precision):
     """The smallest rotation from one direction to the other, up to nearly opposite ones."""
@@ -189,6 +194,13 @@ def test_nearest(dtype, precision):
         np.full((3, 3), np.nan),
     ):
         assert jnp.isnan(js.Rotation.nearest(of_dtype(bad, dtype), precision=precision).entries).any()
+
+
+def test_no_rotation_is_near_a_reflection():
+    """Of any orientation, rounded on either side of a determinant of -1."""
+    R = np.asarray(js.Rotation.exp(np.random.default_rng(0).standard_normal((512, 3))).to_matrix())
+    m = of_dtype(R * np.array([1, 1, -1]), "float32")
+    assert jnp.isnan(js.Rotation.nearest(m).entries).any(-1).all()
 
 
 @wide_dtypes
