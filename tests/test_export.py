@@ -27,6 +27,7 @@ def _derivatives(kind):
 EXAMPLES = {
     "ArticulatedInertia": lambda: js.ArticulatedInertia.from_spatial_inertia(_inertia()),
     "CentralAxis": lambda: js.central_axis(js.SpatialForce(_ones(2, 3), _ones(2, 3))),
+    "Compliance": lambda: js.Compliance(*(_ones(2) * i for i in (1, 2, 3))),
     "Components": lambda: js.Components(_ones(2), 0.0, 1.0),
     "DoubleWord": lambda: js.to_double_word(_ones(2, 3)),
     "ForwardDynamicsDerivatives": lambda: _derivatives(js.ForwardDynamicsDerivatives),

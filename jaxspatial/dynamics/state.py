@@ -210,7 +210,8 @@ class MechanismState:
         if body < 0:
             return at_world
         k, j, c = self.topology.places[body]
-        return along.mapped_tree(lambda word: word[j, c : c + 1], found[k])
+        # Of what is the same for all chains there is one.
+        return along.mapped_tree(lambda word: word[j, min(c, word.shape[1] - 1)][None], found[k])
 
     def of_bodies(self, bodies, found, at_world):
         """Of many: numbers (bodies, B)."""
