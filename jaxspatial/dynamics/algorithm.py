@@ -265,7 +265,9 @@ def checked(operation, mechanism, **arrays):
     if not isinstance(mechanism, Mechanism):
         raise TypeError(f"{operation}: expected a Mechanism first, got {type(mechanism).__name__}")
     sizes = {name: mechanism.nq if name.startswith("q") else mechanism.nv for name in arrays}
-    given = {name: check.as_vectors(x, f"{operation}: {name}", None, sizes[name]) for name, x in arrays.items()}
+    # Lists of numbers take the dtype of an array beside them.
+    dtype = next((x.dtype for x in arrays.values() if hasattr(x, "dtype")), None)
+    given = {name: check.as_vectors(x, f"{operation}: {name}", dtype, sizes[name]) for name, x in arrays.items()}
     data = [x for x in jax.tree.leaves(mechanism) if not isinstance(x, np.ndarray)]
     check.require_same_dtype(**given, **({"mechanism": data[0]} if data else {}))
     check.common_batch_shape(**{name: x.shape[:-1] for name, x in given.items()})

@@ -24,6 +24,7 @@ def checked_forces(operation, mechanism, external_forces, q):
         i = mechanism.topology.index(mechanism.frame_names, name, f"{operation}: external_forces")
         if not isinstance(F, SpatialForce):
             raise TypeError(f"{operation}: external_forces[{name!r}]: expected a SpatialForce, got {type(F).__name__}")
+        F = check.narrowed(F)
         check.require_same_dtype(q=q, **{f"external_forces[{name!r}]": F})
         check.common_batch_shape(q=q.shape[:-1], **{f"external_forces[{name!r}]": F.batch_shape})
         found[i] = F.tau, F.f

@@ -111,7 +111,7 @@ class Mechanism:
 
     def as_data(self):
         """The same with all numbers as data: one compiled program for all values."""
-        return jax.tree.map(jax.numpy.asarray, self._as_tree())
+        return jax.tree.map(jax.numpy.asarray, check.narrowed(self._as_tree()))
 
     def as_known(self):
         """The same with all numbers known while tracing, NumPy: the way back from `as_data` and `as_static`.

@@ -140,3 +140,16 @@ def test_any_order_of_derivatives():
         for found in ways:
             np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * abs(np.asarray(expected)).max())
             np.testing.assert_allclose(found, ways[0], rtol=1e-10, atol=1e-10 * abs(np.asarray(expected)).max())
+
+
+def test_lists_take_the_dtype_beside_them_and_narrowing_is_said():
+    """Of forces held as float64 NumPy, and of a mechanism made data, while 64-bit types are off."""
+    mech = robot(5)
+    assert js.inverse_dynamics(mech, [1, 0, 0], Q, [0.5, 0.0, 1.0]).dtype == np.float32
+    with jax.enable_x64(True):
+        assert js.inverse_dynamics(mech.as_data(), [1, 0, 0], Q, Q).dtype == np.float32
+    wide = js.SpatialForce(np.ones(3), np.ones(3))
+    for call in (lambda: js.gravity_forces(mech.astype(np.float64).as_data(), Q),
+                 lambda: js.bias_forces(mech, Q, Q, {"body1": wide})):  # fmt: skip
+        with pytest.warns(js.NarrowingWarning):
+            call()
