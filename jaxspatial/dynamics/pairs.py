@@ -23,7 +23,7 @@ def matrices(state, entry, rows, columns):
     sizes = [[len(x) * b.length for x, b in zip(y, state.bundles, strict=True)] for y in (rows, columns)]
     starts = [_starts(state.topology, y) for y in (rows, columns)]
     rows, columns = ([_flat(state, *x) for x in zip(state.bundles, y, strict=True)] for y in (rows, columns))
-    whole = None
+    whole: list = []
     for b, column in enumerate(columns):
         for a, chains in state.topology.carriers(b).items():
             if rows[a] is not None and column is not None:
