@@ -20,6 +20,7 @@ from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.inverse_dynamics import wrench_of
+from jaxspatial.dynamics.kinematics import world
 from jaxspatial.dynamics.links import across, combined, falling, move
 from jaxspatial.dynamics.loads import checked_forces, loads
 from jaxspatial.dynamics.mass_matrix import (
@@ -105,7 +106,7 @@ def _derivatives(state, v, vdot, forces, *, frames):
     own = list(zip(links, motions, loads(state, frames, forces, _pulled), strict=True))
     nothing = Behind(Inertia(zero[0], zero, zero + zero), zero + zero, (zero,) * 3, zero, (zero,) * 3, zero)
     behind = recursion.inward(state, _gathered, nothing, own, joined=_joined)
-    placed = recursion.outward(state, _from_root, (*pairs.start(state), zero), _rooted(state, links, motions))
+    placed = recursion.outward(state, _from_root, (*world(state), zero), _rooted(state, links, motions))
     told = [shared(_told)(*x) for x in zip(links, motions, behind, placed, strict=True)]
     rows, columns = ([[x[side] for x in rates] for rates in told] for side in (0, 1))
     return _assembled(state, links, pairs.matrices(state, _five, rows, columns))

@@ -126,8 +126,7 @@ def _form(state):
 
 @algorithm(*DYNAMICS, *FRAMES)
 def _mass_times(state, a):
-    nothing = [(state.no_vector, state.no_vector)] * len(state.bundles)
-    return state.by_rate(forces_of(state, None, a, nothing, state.no_vector))
+    return state.by_rate(forces_of(state, None, a, loads(state, (), ()), state.no_vector))
 
 
 class Articulated(NamedTuple):

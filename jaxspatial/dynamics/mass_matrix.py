@@ -7,7 +7,7 @@ import numpy as np
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.numbers import high, shared, where
 from jaxspatial.arithmetic.tree import tree
-from jaxspatial.dynamics import along, pairs, recursion
+from jaxspatial.dynamics import along, dense, pairs, recursion
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
 from jaxspatial.dynamics.links import across, to_parent
 from jaxspatial.dynamics.state import Inertia
@@ -75,15 +75,9 @@ def with_armature(state, links, M):
     M = pairs.by_rates(state, pairs.by_rates(state, M, 0), 1)
     if all(along.is_constant(x) and x.value == 0 for link in links for x in link.armature):
         return M
-    (diagonal,) = zip(*(state.numbers(state.fields["armature"][i : i + 1]) for i in range(M_size(M))), strict=True)
-    n = M_size(M)
-    rotors = along.joined([along.spread(along.mapped(lambda w: w[None], x), (1, state.n)) for x in diagonal])
-    on_diagonal = jnp.asarray(np.eye(n, dtype=bool)[:, :, None])
+    rotors = dense.rows_of(state, state.fields["armature"])
+    on_diagonal = jnp.asarray(np.eye(np.shape(high(M))[0], dtype=bool)[:, :, None])
     return where(on_diagonal, M + along.mapped(lambda w: w[:, None], rotors), M)
-
-
-def M_size(M):
-    return np.shape(high(M))[0]
 
 
 # -- composite bodies -------------------------------------------------------------------------------------------------
@@ -164,11 +158,6 @@ def mass_matrix_factor(mechanism, q, *, precision=None):
 
 def factored(M):
     return MassMatrixFactor(_factor(M).astype(M.dtype))
-
-
-def solved(M, tau):
-    """M^-1 tau, without rounding the factor to 16 bits."""
-    return _solved(_factor(M), tau)
 
 
 def _factor(M):

@@ -8,10 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import numbers, vectors
+from jaxspatial.arithmetic import numbers
 from jaxspatial.arithmetic.numbers import is_number, shared
 from jaxspatial.dynamics import along, recursion
+from jaxspatial.dynamics.kinematics import composed, world
 from jaxspatial.dynamics.links import across
+from jaxspatial.dynamics.state import Pose
 
 
 def matrices(state, entry, rows, columns):
@@ -111,21 +113,15 @@ def by_rates(state, x, axis):
 
 
 def from_root(state):
-    """(R by its rows, p) of every bundle: in the axes of the world, and from the root that carries it."""
+    """The Pose of every bundle: in the axes of the world, and from the root that carries it."""
     own = [(state.placement(b), joint, state.is_root(b)) for b, joint in zip(state.bundles, state.joints, strict=True)]
-    return recursion.outward(state, _from_root, start(state), own)
-
-
-def start(state):
-    zero, one = (state.known(x) for x in (0.0, 1.0))
-    return ((one, zero, zero), (zero, one, zero), (zero, zero, one)), state.no_vector
+    return recursion.outward(state, _from_root, world(state), own)
 
 
 def _from_root(own, parent):
     placement, joint, is_root = own
-    X_PB, (rows, p) = across(placement, joint), parent
-    arm = vectors.plus(p, vectors.matrix_times(rows, X_PB.p))
-    found = vectors.product(rows, X_PB.rows), at_root(is_root, arm)
+    X = composed(parent, across(placement, joint))
+    found = Pose(X.rows, at_root(is_root, X.p))
     return found, found
 
 

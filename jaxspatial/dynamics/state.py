@@ -14,7 +14,6 @@ import numpy as np
 
 from jaxspatial.arithmetic import numbers, vectors
 from jaxspatial.arithmetic.functions import cosine_sine
-from jaxspatial.arithmetic.lanes import is_known
 from jaxspatial.arithmetic.numbers import Lane
 from jaxspatial.dynamics import alignment, along
 from jaxspatial.mechanism.joints import Axes
@@ -195,9 +194,9 @@ class MechanismState:
     def _turned(self, angles):
         """(cosine, sine) of each, those of data in one call: within other formulas they would keep XLA CPU from
         vectorising these."""
-        data = [x for x in angles if not _is_known(x)]
-        found = iter(along.split(lambda x: cosine_sine(x), data) if data else ())
-        return (cosine_sine(x) if _is_known(x) else next(found) for x in angles)
+        data = [x for x in angles if not along.is_constant(x)]
+        found = iter(along.split(cosine_sine, data) if data else ())
+        return (cosine_sine(x) if along.is_constant(x) else next(found) for x in angles)
 
     def is_root(self, bundle):
         """Whether its bodies hang on the world."""
@@ -212,10 +211,6 @@ class MechanismState:
         k, j, c = self.topology.places[body]
         # Of what is the same for all chains there is one.
         return along.mapped_tree(lambda word: word[j, min(c, word.shape[1] - 1)][None], found[k])
-
-    def of_bodies(self, bodies, found, at_world):
-        """Of many: numbers (bodies, B)."""
-        return along.concatenated_trees([self.of_body(i, found, at_world) for i in bodies], self.n)
 
     def by_body(self, found):
         """(n, k, B) of tuples of k numbers, one for every bundle, in the order of bodies."""
@@ -360,7 +355,3 @@ class Own:
 
 def _of(verb, axes, q, other):
     return verb(axes, q, other)
-
-
-def _is_known(x):
-    return isinstance(x, Lane) and is_known(x.value)

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tracing import assert_known_while_tracing
 
 import jaxspatial as js
 from jaxspatial.interop import ModelFileWarning, mjcf
@@ -357,15 +358,7 @@ def test_nothing_is_said_of_a_file_that_has_nothing_else(recwarn):
 
 
 def test_numbers_of_a_file_are_known_while_tracing():
-    expected = read()
-
-    def nothing(x):
-        jax.tree.map(np.testing.assert_array_equal, read(), expected)
-        return x.sum()
-
-    x = np.ones((2, 2), np.float32)
-    for function in (jax.jit(nothing), jax.vmap(nothing), jax.grad(nothing), jax.jit(jax.vmap(jax.grad(nothing)))):
-        function(x)
+    assert_known_while_tracing(read)
 
 
 # -- states -----------------------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tracing import assert_known_while_tracing
 
 import jaxspatial as js
 from jaxspatial.mechanism.joints import KINDS
@@ -233,18 +234,7 @@ def test_mechanisms_are_built_while_tracing(x64):
         mech = js.Mechanism.build(*parts)
         return [mech, js.lock_joints(mech, {"j": (0.6, 0.8, 0.0, 0.0)}), js.random_mechanism(3, 3)]
 
-    expected = made()
-
-    def nothing(x):
-        found = made()
-        jax.tree.map(np.testing.assert_array_equal, found, expected)
-        assert all(isinstance(x, np.ndarray) for x in jax.tree.leaves(found))
-        return x.sum()
-
-    x = np.ones((2, 2), np.float32)
-    with_scan = jax.jit(lambda x: jax.lax.scan(lambda c, y: (c, nothing(y)), 0, x)[1])
-    for function in (jax.jit(nothing), jax.vmap(nothing), jax.grad(nothing), with_scan):
-        function(x)
+    assert_known_while_tracing(made)
 
 
 def test_numbers_that_are_traced_are_refused():
