@@ -1,30 +1,30 @@
 """What the benchmark of dynamics says of numbers that are known: which claims are met, and what it ends with."""
 
 import pathlib
-import sys
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(pathlib.Path(__file__).parent))
-
-import dynamics_claims as claims
-import dynamics_report as report
-from dynamics_claims import (
-    FORWARD,
-    FRAX,
-    GRADIENT,
-    INVERSE,
-    LARGE,
-    MANY,
-    MASS,
-    OURS,
-    PINOCCHIO,
-    Case,
-    Compiling,
-    Results,
-    Shape,
-)
+# For these imports only: the folder has a `dynamics.py`, and `dynamics` is a folder of tests too.
+with pytest.MonkeyPatch.context() as patch:
+    patch.syspath_prepend(str(pathlib.Path(__file__).parent))
+    import dynamics_claims as claims
+    import dynamics_report as report
+    from dynamics_claims import (
+        FORWARD,
+        FRAX,
+        GRADIENT,
+        INVERSE,
+        LARGE,
+        MANY,
+        MASS,
+        OURS,
+        PINOCCHIO,
+        Case,
+        Compiling,
+        Results,
+        Shape,
+    )
 
 
 def results(seconds, compiling=None, errors=None, robot="g1", dtype="float32"):
