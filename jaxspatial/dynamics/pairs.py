@@ -22,31 +22,39 @@ def matrices(state, entry, rows, columns):
 
     rows, columns: for every bundle, of each rate of its joint, or of whatever a body has columns of, a tree of numbers.
     """
-    sizes = [[len(x) * b.length for x, b in zip(y, state.bundles, strict=True)] for y in (rows, columns)]
+    chains = state.topology.chains
+    rows, columns = ([_of_chains(state, group, y) for group in chains] for y in (rows, columns))
+    sizes = [[len(x) * g.length for x, g in zip(y, chains, strict=True)] for y in (rows, columns)]
     starts = [_starts(state.topology, y) for y in (rows, columns)]
-    rows, columns = ([_flat(state, *x) for x in zip(state.bundles, y, strict=True)] for y in (rows, columns))
+    rows, columns = ([_flat(state, *x) for x in zip(chains, y, strict=True)] for y in (rows, columns))
     whole: list = []
     for b, column in enumerate(columns):
-        for a, chains in state.topology.carriers(b).items():
+        for a, both in state.topology.carriers(b).items():
             if rows[a] is not None and column is not None:
-                shape = sizes[0][a], sizes[1][b], len(chains), state.n
-                block = _block(entry, rows[a], column, chains, shape)
-                block = [_upper(x, state.bundles[a].length) for x in block] if a == b else block
-                whole = _with_block(state, whole or _zeros(state, block, starts), block, starts, a, b, chains)
+                shape = sizes[0][a], sizes[1][b], len(both), state.n
+                block = _block(entry, rows[a], column, both, shape)
+                block = [_upper(x, chains[a].length) for x in block] if a == b else block
+                whole = _with_block(state, whole or _zeros(state, block, starts), block, starts, a, b, both)
     return whole
+
+
+def _of_chains(state, group, trees):
+    """Of trees of all bundles those of one group of chains."""
+    k, first, _ = state.topology.places[group.starts[0]]
+    return along.mapped_tree(lambda word: word[first : first + group.length, : group.width], trees[k])
 
 
 def _starts(topology, trees):
     """Where the rows of each body begin, and their number."""
-    per_body = [len(trees[topology.places[i][0]]) for i in range(len(topology))]
+    per_body = [len(trees[topology.places_in_chains[i][0]]) for i in range(len(topology))]
     return np.cumsum([0, *per_body])
 
 
-def _flat(state, bundle, trees):
-    """The trees of all rates of all bodies of a chain as one, of numbers (rows, W, B)."""
+def _flat(state, group, trees):
+    """The trees of all rates of all bodies of chains as one, of numbers (rows, W, B)."""
     if not trees:
         return None
-    shape = bundle.length, bundle.width, state.n
+    shape = group.length, group.width, state.n
     leaves = [jax.tree.leaves(tree, is_leaf=is_number) for tree in trees]
     found = [xs[0] if along.alike(xs) else _interleaved(xs, shape) for xs in zip(*leaves, strict=True)]
     return jax.tree.unflatten(jax.tree.structure(trees[0], is_leaf=is_number), found)
@@ -86,7 +94,7 @@ def _zeros(state, block, starts):
 def _with_block(state, whole, block, starts, a, b, chains):
     """The matrices with the entries of one pair of bundles."""
     for k, (c, mine) in enumerate(chains):
-        place = int(starts[0][state.bundles[a].starts[mine]]), int(starts[1][state.bundles[b].starts[c]]), 0
+        place = *(int(s[state.topology.chains[k].starts[i]]) for s, k, i in zip(starts, (a, b), (mine, c))), 0
         whole = [_put(x, y, k, place) for x, y in zip(whole, block, strict=True)]
     return whole
 

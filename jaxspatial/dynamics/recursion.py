@@ -1,14 +1,18 @@
 """From the base to the tips and back: the one place that knows how a recursion over a tree is compiled.
 
 Chains of equal length that hang side by side are one loop, whose step is compiled once, whatever their length and
-number. What the state has that is known all along a chain stays known: a planar arm has no components out of its
-plane. A bundle of single bodies is its step.
+number; so are chains of other lengths that come after them, see `Bundle`: where they end and begin, states wait in a
+memory. What the state has that is known all along a loop stays known: a planar arm has no components out of its plane.
+A bundle of single bodies is its step.
 """
 
 import functools
+import itertools
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic import vectors
@@ -19,11 +23,14 @@ from jaxspatial.dynamics import along
 def outward(state, step, root, own):
     """The results of every bundle: step(own, the state of the parent) gives (result, state of the body), with `root`
     for the state of the world."""
-    results, ends = [], {}
+    results, ends = [], {-1: root}
     for bundle, numbers in zip(state.bundles, own, strict=True):
-        start = _beside([ends.get(parent, root) for parent in bundle.parents], state.n)
-        result, last = _run(step, bundle, state.n, numbers, start, reverse=False)
-        ends |= {i + bundle.length - 1: _chain(last, c) for c, i in enumerate(bundle.starts)}
+        first = bundle.groups[0]
+        start = [ends[i] for i in bundle.beside(first, first.parents)]
+        turns = _turns(state, bundle, lambda i, some=start[0]: ends.get(i, some), _replaced, reverse=False)
+        result, last, kept = _run(step, bundle, state.n, numbers, _beside(start, state.n), turns)
+        ends |= {i: _chain(kept, k) for i, k in turns.rows.items() if i not in ends}
+        ends |= {i: _chain(last, c) for c, i in enumerate(bundle.groups[-1].ends)}
         results.append(result)
     return results
 
@@ -31,18 +38,23 @@ def outward(state, step, root, own):
 def inward(state, step, nothing, own, joined=None):
     """The results of every bundle: step(own, what its children pass on) gives (result, what is passed on). Of several
     children that is `joined`, by default added; `nothing` arrives at tips."""
-    joined = joined or _added
-    arrived, results = {}, []
+    arrived, results, joined = {}, [], joined or _added
     for bundle, numbers in zip(reversed(state.bundles), reversed(own), strict=True):
-        ends = [i + bundle.length - 1 for i in bundle.starts]
-        start = _beside([arrived.pop(i, nothing) for i in ends], state.n)
-        result, passed = _run(step, bundle, state.n, numbers, start, reverse=True)
-        for c, parent in enumerate(bundle.parents):
+        first, last = bundle.groups[0], bundle.groups[-1]
+        start = [arrived.pop(i, nothing) for i in bundle.beside(last, last.ends)]
+        turns = _turns(state, bundle, lambda i: arrived.pop(i, nothing), joined, reverse=True)
+        result, passed, kept = _run(step, bundle, state.n, numbers, _beside(start, state.n), turns)
+        arrived |= {i: _chain(kept, k) for i, k in turns.rows.items() if i not in bundle.ends}
+        for c, parent in enumerate(first.parents):
             if parent >= 0:
                 mine = _chain(passed, c)
                 arrived[parent] = shared(joined)(arrived[parent], mine) if parent in arrived else mine
         results.append(result)
     return results[::-1]
+
+
+def _replaced(_, new):
+    return new
 
 
 def _added(a, b):
@@ -51,7 +63,7 @@ def _added(a, b):
 
 
 def _chain(tree, c):
-    """Of one of the chains: numbers (1, B)."""
+    """Of one of the chains, or one row of a memory: numbers (1, B)."""
     return along.mapped_tree(lambda word: word[c : c + 1], tree)
 
 
@@ -61,15 +73,51 @@ def _beside(trees, n):
     return trees[0] if same else along.concatenated_trees(trees, n)
 
 
-def _run(step, bundle, n, numbers, start, reverse):
-    """(the results of step(numbers, state), stacked along the chain, the last state)."""
+# -- where one group of chains ends and another begins ----------------------------------------------------------------
+
+
+class _Turns(NamedTuple):
+    """kept: the memory, (rows, B). rows: of bodies that groups meet at; the first is of tips, the second of what nobody
+    asks for. at: (rows of the bundle,), after which there is a turn; put, get: (rows, width), where the chains that end
+    put their states, and those that begin find theirs. joined(kept, put): what is kept then."""
+
+    kept: Any
+    rows: dict
+    at: Any
+    put: Any
+    get: Any
+    joined: Any
+    is_reverse: bool
+
+
+def _turns(state, bundle, initial, joined, reverse):
+    meet = [i for g in bundle.groups[1:] for i in g.parents]
+    meet += [i for g in bundle.groups[:-1] for i in g.ends if state.topology.children[i]]
+    rows = {i: k + 2 for k, i in enumerate(dict.fromkeys(meet))}
+    at, put, get = (np.zeros(shape, int) for shape in ((bundle.length,), *[bundle.bodies.shape] * 2))
+    first = 0
+    for a, b in itertools.pairwise(bundle.groups):
+        first += a.length
+        end, begin, row = ((b, b.parents), (a, a.ends), first) if reverse else ((a, a.ends), (b, b.parents), first - 1)
+        at[row] = 1
+        put[row] = [rows.get(i, 1) for i in end[1]] + [1] * (bundle.width - end[0].width)
+        get[row] = [rows.get(i, 0) for i in bundle.beside(*begin)]
+    kept = _beside([initial(None), initial(None), *map(initial, rows)], state.n) if rows else None
+    return _Turns(kept, rows, at, put, get, joined, reverse)
+
+
+# -- loops ------------------------------------------------------------------------------------------------------------
+
+
+def _run(step, bundle, n, numbers, start, turns):
+    """(the results of step(numbers, state), stacked along the bundle, the last state, the memory)."""
     numbers = along.mapped_tree(functools.partial(_along, bundle.length), numbers)
     if bundle.length == 1:
         first = along.mapped_tree(lambda word: word[0], numbers)
         result, last = shared(step)(first, start)
         spread = functools.partial(along.mapped_tree, lambda word: jnp.broadcast_to(word, (bundle.width, n)))
-        return along.mapped_tree(lambda word: word[None], result), spread(last)
-    return _loop(step, numbers, start, (bundle.width, n), reverse)
+        return along.mapped_tree(lambda word: word[None], result), spread(last), None
+    return _loop(step, numbers, start, turns, (bundle.width, n))
 
 
 def _along(length, word):
@@ -77,40 +125,75 @@ def _along(length, word):
     return word if word.ndim >= 3 else jnp.broadcast_to(word, (length, 1, 1))
 
 
-def _loop(step, numbers, start, shape, reverse):
-    """A loop over the bodies of chains. A known number of the state that a step changes is none: tried again, with it
+def _loop(step, numbers, start, turns, shape):
+    """A loop over the rows of a bundle. A known number of the state that a step changes is none: tried again, with it
     as data, until nothing changes."""
     given, tree = jax.tree.flatten(start, is_leaf=is_number)
+    kept = jax.tree.leaves(turns.kept, is_leaf=is_number) if turns.rows else given
+    is_known = [along.alike([x, k]) for x, k in zip(given, kept, strict=True)]
     while True:
-        found = _tried(step, numbers, given, tree, shape, reverse)
-        if not any(found.changed):
-            return found.results, found.last
-        given = [along.spread(x, shape) if c else x for x, c in zip(given, found.changed, strict=True)]
+        tried = _Tried(step, tree, numbers, turns, shape, is_known)
+        results, last, kept_last = tried.run(given, kept)
+        if not any(tried.changed):
+            return results, last, kept_last
+        is_known = [k and not c for k, c in zip(is_known, tried.changed, strict=True)]
 
 
 class _Tried:
-    """What a loop found: its results, the last state, and which known numbers of the state have changed."""
+    """A loop, if of its state what `is_known` stays so. changed: what does not."""
 
-    results, last, changed = None, None, ()
+    def __init__(self, step, tree, numbers, turns, shape, is_known):
+        self.step, self.tree, self.turns, self.shape, self.is_known = step, tree, turns, shape, is_known
+        self.numbers, self.own_tree = jax.tree.flatten(numbers, is_leaf=is_number)
+        self.changed = [False] * len(is_known)
+        self.given, self.results = [], None
 
+    def run(self, given, kept):
+        """(the results, the last state, the memory)."""
+        turns, memory = self.turns, (len(self.turns.rows) + 2, self.shape[1])
+        self.given = self._spread(given, self.shape)
+        start = data_of(self.given), data_of(self._spread(kept, memory)) if turns.rows else None
+        rows = [jnp.asarray(x, np.int32) for x in (turns.at, turns.put, turns.get)] if turns.rows else None
+        # A pull-back runs steps again: it reads what it would have to keep of them more slowly.
+        again = jax.checkpoint(self._row, prevent_cse=False)
+        (last, kept), stacked = lax.scan(again, start, (data_of(self.numbers), rows), reverse=turns.is_reverse)
+        leaves, tree = self.results
+        results = jax.tree.unflatten(tree, with_data(leaves, stacked))
+        return results, self._state(last), self._state(kept) if turns.rows else None
 
-def _tried(step, numbers, given, tree, shape, reverse):
-    leaves, own_tree = jax.tree.flatten(numbers, is_leaf=is_number)
-    given = [x if along.is_constant(x) else along.spread(x, shape) for x in given]
-    found, form = _Tried(), []
+    def _spread(self, leaves, shape):
+        return [x if k else along.spread(x, shape) for x, k in zip(leaves, self.is_known, strict=True)]
 
-    def body(carry, own):
-        state = jax.tree.unflatten(tree, with_data(given, carry))
-        result, new = step(jax.tree.unflatten(own_tree, with_data(leaves, own)), state)
+    def _state(self, data):
+        return jax.tree.unflatten(self.tree, with_data(self.given, data))
+
+    def _data(self, new, shape):
+        """Of a new state what is not known, and a note of what is known no more."""
         new = jax.tree.leaves(new, is_leaf=is_number)
-        found.changed = [along.is_constant(x) and not along.alike([x, y]) for x, y in zip(given, new, strict=True)]
-        form[:] = jax.tree.flatten(result, is_leaf=is_number)
-        kept = [along.spread(y, shape) for x, y in zip(given, new, strict=True) if not along.is_constant(x)]
-        return data_of(kept), data_of(form[0])
+        lost = [k and not along.alike([x, y]) for x, y, k in zip(self.given, new, self.is_known, strict=True)]
+        self.changed = [a or b for a, b in zip(self.changed, lost, strict=True)]
+        return data_of([along.spread(y, shape) for y, k in zip(new, self.is_known, strict=True) if not k])
 
-    # A pull-back runs steps again: it reads what it would have to keep of them more slowly.
-    step_again = jax.checkpoint(body, prevent_cse=False)
-    last, stacked = lax.scan(step_again, data_of(given), data_of(leaves), reverse=reverse)
-    found.results = jax.tree.unflatten(form[1], with_data(form[0], stacked))
-    found.last = jax.tree.unflatten(tree, with_data(given, last))
-    return found
+    def _row(self, carry, given):
+        (state, kept), (own, rows) = carry, given
+        result, new = self.step(jax.tree.unflatten(self.own_tree, with_data(self.numbers, own)), self._state(state))
+        self.results = jax.tree.flatten(result, is_leaf=is_number)
+        state = self._data(new, self.shape)
+        if rows:
+            at, put, get = rows
+            kept, state = lax.cond(at > 0, self._turn, lambda kept, state, *_: (kept, state), kept, state, put, get)
+        return (state, kept), data_of(self.results[0])
+
+    def _turn(self, kept, state, put, get):
+        """(the memory, the state of the chains that begin)."""
+        for c in range(self.shape[0]):
+            both = (self._state(x) for x in (_chains(kept, put[c]), _chains(state, c)))
+            new = self._data(shared(self.turns.joined)(*both), (1, self.shape[1]))
+            kept = jax.tree.map(functools.partial(lax.dynamic_update_slice_in_dim, start_index=put[c], axis=0), kept, new)
+        begin = [_chains(kept, get[c]) for c in range(self.shape[0])]
+        return kept, jax.tree.map(lambda *words: jnp.concatenate(words), *begin)
+
+
+def _chains(data, k):
+    """One chain, or one row of the memory."""
+    return jax.tree.map(lambda w: lax.dynamic_slice_in_dim(w, k, 1), data)

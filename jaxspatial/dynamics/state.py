@@ -200,7 +200,7 @@ class MechanismState:
 
     def is_root(self, bundle):
         """Whether its bodies hang on the world."""
-        return bundle.parents[0] < 0
+        return bundle.is_on_world
 
     # -- bodies -------------------------------------------------------------------------------------------------------
 
@@ -215,14 +215,17 @@ class MechanismState:
     def by_body(self, found):
         """(n, k, B) of tuples of k numbers, one for every bundle, in the order of bodies."""
         pieces = [self._rows(b, parts, 3) for b, parts in zip(self.bundles, found, strict=True)]
-        places = np.concatenate([b.bodies.T.ravel() for b in self.bundles])
+        places = np.concatenate([b.own_bodies for b in self.bundles])
         return self.rounded(along.mapped(lambda w: along.rows(w, np.argsort(places)), along.joined(pieces)))
 
     def _rows(self, bundle, parts, rank):
         """(rows, B), or (bodies, k, B), of numbers of a bundle, those of a chain one behind the other."""
-        shape = (-1, self.n) if rank == 2 else (bundle.length * bundle.width, len(parts), self.n)
+        count = bundle.length * bundle.width
         whole = along.stacked(parts, (bundle.length, bundle.width, self.n), 2)
-        return along.mapped(lambda w: jnp.swapaxes(w, 0, 1).reshape(shape), whole)
+        whole = along.mapped(lambda w: jnp.swapaxes(w, 0, 1).reshape((count, len(parts), self.n)), whole)
+        if len(bundle.own_rows) < count:
+            whole = along.mapped(lambda w: along.rows(w, bundle.own_rows), whole)
+        return along.mapped(lambda w: w.reshape((-1, self.n)), whole) if rank == 2 else whole
 
     # -- results ------------------------------------------------------------------------------------------------------
 
@@ -270,8 +273,8 @@ class MechanismState:
         for b, parts in zip(bundles, found, strict=True):
             if parts:
                 pieces.append(self._rows(b, parts, 2))
-                places.append(starts[b.bodies.T][..., None] + np.arange(len(parts)))
-                bodies.append(np.broadcast_to(b.bodies.T[..., None], places[-1].shape))
+                places.append(starts[b.own_bodies][:, None] + np.arange(len(parts)))
+                bodies.append(np.broadcast_to(b.own_bodies[:, None], places[-1].shape))
         return along.joined(pieces), *(np.concatenate([x.ravel() for x in y]) for y in (places, bodies))
 
     def _own_rows(self, whole, places, bodies):
@@ -335,7 +338,7 @@ class Own:
     def rows(self, array, of_rates=True):
         """What an array over rates, or coordinates, has for them: to see what is known of it."""
         t = self.state.topology
-        slices = ((t.v_slice if of_rates else t.q_slice)(i) for i in self.bundle.starts)
+        slices = ((t.v_slice if of_rates else t.q_slice)(i) for i in self.bundle.own_bodies)
         return along.rows(array, np.concatenate([np.arange(s.start, s.stop) for s in slices]))
 
     @property

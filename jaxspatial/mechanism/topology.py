@@ -10,8 +10,8 @@ import numpy as np
 from jaxspatial.mechanism.joints import KINDS
 
 
-class Bundle(NamedTuple):
-    """Chains of joints of one kind and one length, side by side: what a recursion takes as one loop.
+class Chains(NamedTuple):
+    """Chains of joints of one kind and one length, side by side.
 
     starts: the first body of each chain; the others follow it. parents: the body that each chain hangs on.
     """
@@ -26,9 +26,82 @@ class Bundle(NamedTuple):
         return len(self.starts)
 
     @property
+    def ends(self):
+        return tuple(start + self.length - 1 for start in self.starts)
+
+    @property
     def bodies(self):
         """(length, width) of their numbers."""
         return np.arange(self.length)[:, None] + np.array(self.starts)
+
+
+@dataclasses.dataclass(frozen=True)
+class Bundle:
+    """Chains of joints of one kind, groups of equal ones one after the other: what a recursion takes as one loop.
+
+    A row of it is as wide as the widest group. Where a group is narrower, its first chain stands there again: its twins
+    are computed beside it, and nobody asks for them.
+    """
+
+    groups: tuple
+
+    def __hash__(self):
+        return self._hash
+
+    @functools.cached_property
+    def _hash(self):
+        return hash(self.groups)
+
+    @property
+    def kind(self):
+        return self.groups[0].kind
+
+    @functools.cached_property
+    def width(self):
+        return max(group.width for group in self.groups)
+
+    @functools.cached_property
+    def length(self):
+        return sum(group.length for group in self.groups)
+
+    @property
+    def is_on_world(self):
+        return self.groups[0].parents[0] < 0
+
+    @functools.cached_property
+    def bodies(self):
+        """(length, width) of their numbers."""
+        return np.concatenate([group.bodies[:, list(self._slots(group))] for group in self.groups])
+
+    def _slots(self, group):
+        """The chain of a group that stands in each column."""
+        return (*range(group.width), *[0] * (self.width - group.width))
+
+    def beside(self, group, of_chains):
+        """What there is for each chain of a group, by column."""
+        return [of_chains[c] for c in self._slots(group)]
+
+    @property
+    def ends(self):
+        return tuple(i for group in self.groups for i in group.ends)
+
+    @functools.cached_property
+    def own_rows(self):
+        """Where, with chains one behind the other, all are but the twins."""
+        is_own = np.concatenate(
+            [np.tile(np.arange(self.width) < group.width, (group.length, 1)) for group in self.groups]
+        )
+        return np.flatnonzero(is_own.T)
+
+    @functools.cached_property
+    def own_bodies(self):
+        """Their bodies."""
+        return self.bodies.T.ravel()[self.own_rows]
+
+    @property
+    def cost(self):
+        """Of its rows: what all chains together do, and what a row costs by itself."""
+        return self.length * (self.width + 1)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,16 +188,31 @@ class Topology:
             i = self.parents[i]
 
     @functools.cached_property
-    def bundles(self):
-        """All bodies, parents first: chains that hang on bodies of bundles before, those alike side by side."""
+    def chains(self):
+        """All bodies, parents first: chains that hang on bodies before, those alike side by side."""
         found, level = {}, {-1: -1}
         for start, stop in self._chains():
             level[stop - 1] = level[self.parents[start]] + 1
             found.setdefault((level[stop - 1], self.kind(start).moves_as, stop - start), []).append(start)
         return tuple(
-            Bundle(KINDS[kind], n, tuple(starts), tuple(self.parents[i] for i in starts))
+            Chains(KINDS[kind], n, tuple(starts), tuple(self.parents[i] for i in starts))
             for (_, kind, n), starts in sorted(found.items(), key=lambda item: (item[0][0], item[1]))
         )
+
+    @functools.cached_property
+    def bundles(self):
+        """All chains, parents first, in as few bundles as cost little more than each on its own."""
+        found, place = [], {-1: -1}
+        for group in self.chains:
+            last = max(place[parent] for parent in group.parents)
+            for k in range(max(last, 0), len(found)):
+                if _goes_with(found[k], group):
+                    found[k] = Bundle((*found[k].groups, group))
+                    break
+            else:
+                k, found = len(found), [*found, Bundle((group,))]
+            place |= dict.fromkeys(group.ends, k)
+        return tuple(found)
 
     @functools.cached_property
     def kinds_apart(self):
@@ -134,7 +222,8 @@ class Topology:
             if not self.is_mimic(i):
                 found.setdefault(kind, []).append(i)
         return tuple(
-            Bundle(KINDS[kind], 1, tuple(own), tuple(self.parents[i] for i in own)) for kind, own in found.items()
+            Bundle((Chains(KINDS[kind], 1, tuple(own), tuple(self.parents[i] for i in own)),))
+            for kind, own in found.items()
         )
 
     def _chains(self):
@@ -150,17 +239,28 @@ class Topology:
 
     @functools.cached_property
     def places(self):
-        """(bundle, how far along its chains, which of them) of every body."""
+        """(bundle, row, column) of every body."""
         found = {}
         for k, bundle in enumerate(self.bundles):
-            for c, start in enumerate(bundle.starts):
-                found |= {start + j: (k, j, c) for j in range(bundle.length)}
+            rows = itertools.accumulate((group.length for group in bundle.groups), initial=0)
+            for first, group in zip(rows, bundle.groups, strict=False):
+                found |= {i + j: (k, first + j, c) for c, i in enumerate(group.starts) for j in range(group.length)}
         return found
 
+    @functools.cached_property
+    def places_in_chains(self):
+        """(which of `chains`, how far along them, which of them) of every body."""
+        return {
+            i + j: (k, j, c)
+            for k, group in enumerate(self.chains)
+            for c, i in enumerate(group.starts)
+            for j in range(group.length)
+        }
+
     def carriers(self, b):
-        """{bundle: [(chain of bundle b, the chain there that carries it)]}, bundle b itself among them."""
+        """{which of `chains`: [(chain of b, the chain there that carries it)]}, b itself among them."""
         found = {}
-        for c in range(self.bundles[b].width):
+        for c in range(self.chains[b].width):
             k, mine = b, c
             while k >= 0:
                 found.setdefault(k, []).append((c, mine))
@@ -168,9 +268,10 @@ class Topology:
         return found
 
     def _carrier(self, k, c):
-        """(bundle, chain) that a chain hangs on, (-1, 0) for the world."""
-        parent = self.bundles[k].parents[c]
-        return (self.places[parent][0], self.places[parent][2]) if parent >= 0 else (-1, 0)
+        """(which of `chains`, chain) that a chain hangs on, (-1, 0) for the world."""
+        parent = self.chains[k].parents[c]
+        k, _, c = self.places_in_chains[parent] if parent >= 0 else (-1, 0, 0)
+        return k, c
 
     @functools.cached_property
     def skeleton(self):
@@ -184,3 +285,15 @@ class Topology:
         if name not in names:
             raise KeyError(f"{what}: expected one of {', '.join(map(repr, names))}, got {name!r}")
         return names.index(name)
+
+
+def _goes_with(bundle, group):
+    """Whether a group does as the next rows of a bundle. What hangs on the world does not: there, most is known."""
+    if group.kind.moves_as != bundle.kind.moves_as or bundle.is_on_world:
+        return False
+    apart = sum(Bundle((g,)).cost for g in (*bundle.groups, group))
+    return Bundle((*bundle.groups, group)).cost <= _MOST * apart
+
+
+# How much more than on their own chains may cost together: they are compiled once.
+_MOST = 1.25
