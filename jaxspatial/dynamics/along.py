@@ -53,6 +53,19 @@ def stacked(parts, shape, axis):
     return numbers.mapped(lambda *words: jnp.stack(words, axis), *full)
 
 
+def abreast(trees):
+    """Trees of numbers as one of numbers (k, ...): what is known and alike stays so. A single one as it is."""
+    if len(trees) == 1:
+        return trees[0]
+    leaves = [jax.tree.leaves(tree, is_leaf=is_number) for tree in trees]
+    found = [xs[0] if alike(xs) else stacked(xs, _common_shape(xs), 0) for xs in zip(*leaves, strict=True)]
+    return jax.tree.unflatten(jax.tree.structure(trees[0], is_leaf=is_number), found)
+
+
+def _common_shape(xs):
+    return np.broadcast_shapes((1, 1, 1), *(np.shape(numbers.high(x)) for x in xs))
+
+
 def joined(parts):
     """Numbers one behind the other along their first axis."""
     return parts[0] if len(parts) == 1 else numbers.mapped(lambda *words: jnp.concatenate(words), *parts)

@@ -108,7 +108,7 @@ def _derivatives(state, v, vdot, forces, *, frames):
     behind = recursion.inward(state, _gathered, nothing, own, joined=_joined)
     placed = recursion.outward(state, _from_root, (*world(state), zero), _rooted(state, links, motions))
     told = [shared(_told)(*x) for x in zip(links, motions, behind, placed, strict=True)]
-    rows, columns = ([[x[side] for x in rates] for rates in told] for side in (0, 1))
+    rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, told, strict=True)] for side in (0, 1))
     return _assembled(state, links, pairs.matrices(state, _five, rows, columns))
 
 
@@ -195,15 +195,13 @@ def _joined(a, b):
 
 
 def _told(link, motion, behind, placed):
-    """[(as the joint that feels, as the rate that is felt)] of every rate, in the axes of the world."""
+    """(as the joint that feels, as the rate that is felt), of all rates side by side, in the axes of the world."""
     turn = functools.partial(vectors.matrix_times, placed[0])
     where = placed[1:]
-    found = []
-    for S, (first, own, second) in zip(link.joint.subspace, _rates(link, motion), strict=True):
-        six = [tuple(map(turn, x)) for x in (S, first, _sum(first, own), second)]
-        columns = _column(behind, S, first, own, second)
-        found.append(((*six, *where), (*(turn(columns[i : i + 3]) for i in range(0, len(columns), 3)), *where)))
-    return found
+    S, first, own, second = _rates(link, motion)
+    six = [tuple(map(turn, x)) for x in (S, first, _sum(first, own), second)]
+    columns = _column(behind, S, first, own, second)
+    return (*six, *where), (*(turn(columns[i : i + 3]) for i in range(0, len(columns), 3)), *where)
 
 
 def _column(behind, S, first, own, second):
@@ -242,7 +240,7 @@ def _felt(motion, wrench):
 
 
 def _rates(link, motion):
-    """[(Psi', S', Psi'')] of each rate of a joint, for an observer that J rests for."""
+    """(S, Psi', S', Psi'') of all rates of a joint side by side, for an observer that J rests for."""
     S, (w_r, v_r) = link.joint.subspace, combined(link.joint.subspace, link.v)
     dw, dv = _sum(combined(S, link.vdot), combined(link.joint.subspace_rate(link.v), link.v))
     zero = (constant(motion.w[0], 0),) * 3
@@ -251,8 +249,9 @@ def _rates(link, motion):
     across_it = vectors.plus(dw, vectors.cross(motion.w, w_r)), vectors.plus(dv, vectors.cross(motion.w, v_r))
     parents = tuple(vectors.minus(a, b) for a, b in zip(A, across_it, strict=True))
     if link.joint.kind.is_sequential:
-        return _one_by_one(link, before, parents)
-    return [_carried(s, before, parents, _crossed(V, s)) for s in S]
+        return along.abreast(_one_by_one(link, before, parents))
+    S = along.abreast(S)
+    return S, *_carried(S, before, parents, _crossed(V, S))
 
 
 def _one_by_one(link, V, A):
@@ -260,7 +259,7 @@ def _one_by_one(link, V, A):
     found = []
     for s, rate, change in zip(link.joint.subspace, link.v, link.vdot, strict=True):
         first, own, second = _carried(s, V, A, _crossed(V, s))
-        found.append((first, own, second))
+        found.append((s, first, own, second))
         A = _sum(_sum(A, _scaled(change, s)), _scaled(rate, first))
         V = _sum(V, _scaled(rate, s))
     return found

@@ -36,14 +36,14 @@ def matrix_of(state):
     """M as numbers (nv, nv, B)."""
     links, placed = state.links(), pairs.from_root(state)
     both = zip(links, composites(state), placed, strict=True)
-    told = [[shared(_told)(motion, c, X) for motion in link.joint.subspace] for link, c, X in both]
-    rows, columns = ([[x[side] for x in rates] for rates in told] for side in (0, 1))
+    told = [shared(_told)(along.abreast(link.joint.subspace), c, X) for link, c, X in both]
+    rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, told, strict=True)] for side in (0, 1))
     (upper,) = pairs.matrices(state, lambda row, column: (crossing(row, column),), rows, columns)
     return with_armature(state, links, symmetric_of(upper))
 
 
 def _told(motion, composite, X):
-    """(a motion, the wrench that a unit of it takes), in the axes of the world, with where they are from the root."""
+    """(a motion, or many, the wrench that a unit of it takes), in the axes of the world, with where they are from the root."""
     return told(X, motion), told(X, halves(felt(composite, motion)))
 
 

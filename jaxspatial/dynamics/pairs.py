@@ -4,6 +4,8 @@ An entry needs the two joints alone, told in the axes of the root that carries b
 of two bundles, of all pairs of their bodies, are one operation. Nothing is carried from body to body.
 """
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,13 +22,13 @@ def matrices(state, entry, rows, columns):
     """Matrices (rows, columns, B), as numbers, of `entry(row, column)`, a tuple of numbers: 0 where the joint of the
     row does not carry the body of the column.
 
-    rows, columns: for every bundle, of each rate of its joint, or of whatever a body has columns of, a tree of numbers.
+    rows, columns: for every bundle (k, a tree of numbers (k, L, W, B)), of k rates of its joint, or of whatever a body
+    has k columns of; without the first axis where numbers are the same for all.
     """
     chains = state.topology.chains
-    rows, columns = ([_of_chains(state, group, y) for group in chains] for y in (rows, columns))
-    sizes = [[len(x) * g.length for x, g in zip(y, chains, strict=True)] for y in (rows, columns)]
-    starts = [_starts(state.topology, y) for y in (rows, columns)]
-    rows, columns = ([_flat(state, *x) for x in zip(chains, y, strict=True)] for y in (rows, columns))
+    sizes = [[_count(state, y, group) * group.length for group in chains] for y in (rows, columns)]
+    starts = [_starts(state, y) for y in (rows, columns)]
+    rows, columns = ([_of_chains(state, y, group) for group in chains] for y in (rows, columns))
     whole: list = []
     for b, column in enumerate(columns):
         for a, both in state.topology.carriers(b).items():
@@ -38,31 +40,33 @@ def matrices(state, entry, rows, columns):
     return whole
 
 
-def _of_chains(state, group, trees):
-    """Of trees of all bundles those of one group of chains."""
-    k, first, _ = state.topology.places[group.starts[0]]
-    return along.mapped_tree(lambda word: word[first : first + group.length, : group.width], trees[k])
+def _place(state, group):
+    return state.topology.places[group.starts[0]]
 
 
-def _starts(topology, trees):
+def _count(state, trees, group):
+    return trees[_place(state, group)[0]][0]
+
+
+def _starts(state, trees):
     """Where the rows of each body begin, and their number."""
-    per_body = [len(trees[topology.places_in_chains[i][0]]) for i in range(len(topology))]
-    return np.cumsum([0, *per_body])
+    t = state.topology
+    return np.cumsum([0, *(trees[t.places[i][0]][0] for i in range(len(t)))])
 
 
-def _flat(state, group, trees):
-    """The trees of all rates of all bodies of chains as one, of numbers (rows, W, B)."""
-    if not trees:
-        return None
-    shape = group.length, group.width, state.n
-    leaves = [jax.tree.leaves(tree, is_leaf=is_number) for tree in trees]
-    found = [xs[0] if along.alike(xs) else _interleaved(xs, shape) for xs in zip(*leaves, strict=True)]
-    return jax.tree.unflatten(jax.tree.structure(trees[0], is_leaf=is_number), found)
+def _of_chains(state, trees, group):
+    """Of trees of all bundles that of one group of chains, of numbers (rows, W, B); None without rows."""
+    b, first, _ = _place(state, group)
+    k, tree = trees[b]
+    mine = slice(first, first + group.length)
+    flat = functools.partial(_flat, (k, group.length, group.width, state.n))
+    return along.mapped_tree(lambda w: flat(w[..., mine, : group.width, :]), tree) if k else None
 
 
-def _interleaved(xs, shape):
-    whole = along.stacked(xs, shape, 1)
-    return along.mapped(lambda w: w.reshape((-1, *shape[1:])), whole)
+def _flat(shape, word):
+    """The rows of all bodies of a chain as one axis: (L k, W, B)."""
+    full = jnp.broadcast_to(word, (*shape[:-2], *word.shape[-2:]))
+    return jnp.moveaxis(full, 0, 1).reshape((-1, *full.shape[2:]))
 
 
 def _block(entry, row, column, chains, shape):

@@ -2,7 +2,7 @@
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import constant, shared
-from jaxspatial.dynamics import pairs, recursion
+from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import GEOMETRY, algorithm, checked
 from jaxspatial.dynamics.links import falling, move, swing
 from jaxspatial.dynamics.mass_matrix import crossing, halves, told
@@ -27,13 +27,16 @@ def joint_torque_regressor(mechanism, q, v, vdot, *, precision=None):
 def _regressor(state, v, vdot):
     links, placed = state.links(v, vdot), pairs.from_root(state)
     motions = recursion.outward(state, move, falling(state), links)
-    rows = [[shared(told)(X, S) for S in link.joint.subspace] for link, X in zip(links, placed, strict=True)]
-    columns = [
-        [shared(told)(X, halves(wrench)) for wrench in shared(_of_parameters)(motion)]
-        for X, motion in zip(placed, motions, strict=True)
-    ]
+    both = zip(links, placed, strict=True)
+    rows = [(len(S), shared(told)(X, along.abreast(S))) for S, X in ((link.joint.subspace, X) for link, X in both)]
+    columns = [(10, _told(*x)) for x in zip(placed, motions, strict=True)]
     (Y,) = pairs.matrices(state, lambda row, column: (crossing(row, column),), rows, columns)
     return state.in_given_axes(state.rounded(pairs.by_rates(state, Y, 0)))
+
+
+def _told(X, motion):
+    """The wrenches of all parameters of a body, side by side."""
+    return along.abreast([shared(told)(X, halves(wrench)) for wrench in shared(_of_parameters)(motion)])
 
 
 def _of_parameters(motion):
