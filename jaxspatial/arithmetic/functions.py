@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxspatial.arithmetic import lanes
 from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
 from jaxspatial.arithmetic.numbers import (
     Lane,
@@ -58,12 +59,35 @@ def _polynomial(coefficients):
     def evaluated(x):
         if isinstance(x, DoubleWord):
             return _scanned(coefficients, x)
-        result = constant(x, coefficients[-1])
-        for c in reversed(coefficients[:-1]):
-            result = result * x + constant(x, c)
-        return result
+        is_known = lanes.is_known(x.value) or len(coefficients) == 1
+        return _horner(coefficients, x) if is_known else _of_data(coefficients, x.precision)(x)
 
     return apart(evaluated)
+
+
+def _horner(coefficients, x):
+    result = constant(x, coefficients[-1])
+    for c in reversed(coefficients[:-1]):
+        result = result * x + constant(x, c)
+    return result
+
+
+@functools.cache
+def _of_data(coefficients, precision):
+    """The polynomial of a Lane, differentiated as one: a pull-back needs its slope, and not every step to it."""
+
+    @jax.custom_jvp
+    def value(x):
+        return _horner(coefficients, Lane(precision, x)).value
+
+    @value.defjvp  # pyright: ignore[reportFunctionMemberAccess]
+    def jvp(primals, tangents):
+        (x,), (dx,) = primals, tangents
+        slope = _polynomial(tuple(n * c for n, c in enumerate(coefficients))[1:])
+        rate = slope(Lane(precision, x)) * Lane(precision, dx)
+        return value(x), rate.value
+
+    return lambda x: Lane(precision, value(x.value))
 
 
 def _scanned(coefficients, x):

@@ -91,6 +91,10 @@ class Algorithm(program.Program):
         return [jnp.moveaxis(y, -1, 0) for y in results]
 
     def outputs(self, avals, sizes):
+        if self.formula.result is not None:
+            self.out_tree = jax.tree.structure(0)
+            return [(self.formula.result(self.topology), self.dtype)]
+
         def found():
             given = [jax.ShapeDtypeStruct((n, *a.shape), a.dtype) for a, n in zip(avals, sizes, strict=True)]
             return [(y.shape[1:], y.dtype) for y in self.traced(given).out_avals]
@@ -213,16 +217,21 @@ def _count(own):
             )
 
 
-def algorithm(*reads, kind=Algorithm, entries=None) -> Any:
+def of_rates(topology):
+    return (topology.nv,)
+
+
+def algorithm(*reads, kind=Algorithm, entries=None, result=None) -> Any:
     """Makes of `formula(state, *arrays, **static)` a function of (precision, mechanism, q, *arrays, **static).
 
     reads: the fields of a Mechanism that the formula uses. q and the arrays are (*batch, n), with batch shapes that
     broadcast, or trees of such arrays. kind: of program. entries: of a Topology, how many numbers the results have,
-    where these are matrices.
+    where these are matrices. result: of a Topology, the shape of the result without its batch, where it is one array:
+    it is known then without a trace.
     """
 
     def decorated(formula):
-        formula.entries = entries
+        formula.entries, formula.result = entries, result
 
         @functools.wraps(formula)
         def call(precision, mechanism, *arrays, **static):

@@ -9,7 +9,7 @@ from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.lanes import is_known
 from jaxspatial.arithmetic.numbers import Lane, constant, high, is_number, shared, where
 from jaxspatial.dynamics import along, dense, program, recursion
-from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, checked
+from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, checked, of_rates
 from jaxspatial.dynamics.inverse_dynamics import _inverse_dynamics, forces_of
 from jaxspatial.dynamics.links import Motion, across, moved, to_parent, upward
 from jaxspatial.dynamics.loads import checked_forces, loads
@@ -98,7 +98,7 @@ def minus(a):
     return None if a is None else -a
 
 
-@algorithm(*DYNAMICS, *FRAMES, kind=ForwardDynamics)
+@algorithm(*DYNAMICS, *FRAMES, kind=ForwardDynamics, result=of_rates)
 def _forward_dynamics(state, v, tau, forces, *, frames):
     return accelerations(state, v, tau, loads(state, frames, forces), upward(state))[0]
 
@@ -110,7 +110,7 @@ def _with_factors(state, v, tau, forces, *, frames):
     return vdot, *state.words(factors)
 
 
-@algorithm(*DYNAMICS, *FRAMES, kind=Solve)
+@algorithm(*DYNAMICS, *FRAMES, kind=Solve, result=of_rates)
 def _solve(state, *factors_and_force):
     *factors, force = factors_and_force
     return solution(state, state.of_words(factors, _form(state)), force)
@@ -124,7 +124,7 @@ def _form(state):
     return [zero if _floats(state, b) else [((zero,) * 6, zero)] * b.kind.nv for b in state.bundles]
 
 
-@algorithm(*DYNAMICS, *FRAMES)
+@algorithm(*DYNAMICS, *FRAMES, result=of_rates)
 def _mass_times(state, a):
     return state.by_rate(forces_of(state, None, a, loads(state, (), ()), state.no_vector))
 

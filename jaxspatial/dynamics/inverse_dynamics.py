@@ -3,7 +3,7 @@
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import shared
 from jaxspatial.dynamics import recursion
-from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked
+from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked, of_rates
 from jaxspatial.dynamics.links import Motion, across, moved, swing, to_parent, upward
 from jaxspatial.dynamics.loads import checked_forces, loads
 from jaxspatial.inertia import symmetric
@@ -46,7 +46,7 @@ def gravity_forces(mechanism, q, *, precision=None):
     return _inverse_dynamics(precision, mechanism, q, None, None, (), frames=())
 
 
-@algorithm(*DYNAMICS, *FRAMES)
+@algorithm(*DYNAMICS, *FRAMES, result=of_rates)
 def _inverse_dynamics(state, v, vdot, forces, *, frames):
     return state.by_rate(forces_of(state, v, vdot, loads(state, frames, forces), upward(state)))
 

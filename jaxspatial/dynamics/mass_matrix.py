@@ -27,7 +27,7 @@ def mass_matrix(mechanism, q, *, precision=None):
     return _mass_matrix(precision, mechanism, q)
 
 
-@algorithm(*BODIES, "armature", entries=lambda t: t.nv**2)
+@algorithm(*BODIES, "armature", entries=lambda t: t.nv**2, result=lambda t: (t.nv, t.nv))
 def _mass_matrix(state):
     return state.rounded(matrix_of(state))
 

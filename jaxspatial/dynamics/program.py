@@ -21,7 +21,7 @@ from jax.interpreters import ad, batching, mlir
 from jax.interpreters import partial_eval as pe
 
 # How many states run side by side: enough for long loops, few enough for the cache; and how many numbers of results.
-LARGEST_BLOCK, SMALLEST_BLOCK, NUMBERS = 2048, 32, 2**17
+LARGEST_BLOCK, SMALLEST_BLOCK, NUMBERS = 2048, 64, 2**18
 
 
 class Program:

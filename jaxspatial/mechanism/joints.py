@@ -258,9 +258,9 @@ class Free(Kind):
 
     @staticmethod
     def integrate(axes, q, step):
-        rows, p = quaternion.to_matrix(q[:4]), exponential.translation(step[:3], step[3:])
-        turned = Ball.integrate(axes, q[:4], step[:3])
-        return *turned, *vectors.plus(q[4:], vectors.matrix_times(rows, p))
+        turn, p = exponential.screw(step[:3], step[3:])
+        turned = vectors.unit(quaternion.product(q[:4], turn))
+        return *turned, *vectors.plus(q[4:], vectors.matrix_times(quaternion.to_matrix(q[:4]), p))
 
     @staticmethod
     def difference(axes, q, q2):

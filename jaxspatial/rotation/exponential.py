@@ -153,6 +153,12 @@ def motion(w, v):
     return quaternion.to_matrix(_quaternion(t, w)), _translation(t, w, v)
 
 
+def screw(w, v):
+    """exp(w, v) as a unit quaternion and a translation."""
+    t = turn(w)
+    return _quaternion(t, w), _translation(t, w, v)
+
+
 @shared
 def motion_logarithm(m, p):
     """(w, v) of a matrix by its rows and a translation."""
