@@ -43,7 +43,7 @@ def matrix_of(state):
 
 
 def _told(motion, composite, X):
-    """(a motion, or many, the wrench that a unit of it takes), in the axes of the world, with where they are from the root."""
+    """(motions, the wrenches that a unit of each takes), in the axes of the world, with their places from the root."""
     return told(X, motion), told(X, halves(felt(composite, motion)))
 
 

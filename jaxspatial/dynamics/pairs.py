@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import numbers
-from jaxspatial.arithmetic.numbers import is_number, shared
+from jaxspatial.arithmetic.numbers import shared
 from jaxspatial.dynamics import along, recursion
 from jaxspatial.dynamics.kinematics import composed, world
 from jaxspatial.dynamics.links import across
@@ -58,14 +58,15 @@ def _of_chains(state, trees, group):
     """Of trees of all bundles that of one group of chains, of numbers (rows, W, B); None without rows."""
     b, first, _ = _place(state, group)
     k, tree = trees[b]
-    mine = slice(first, first + group.length)
-    flat = functools.partial(_flat, (k, group.length, group.width, state.n))
-    return along.mapped_tree(lambda w: flat(w[..., mine, : group.width, :]), tree) if k else None
+    flat = functools.partial(_flat, group, k, first)
+    return along.mapped_tree(flat, tree) if k else None
 
 
-def _flat(shape, word):
+def _flat(group, k, first, word):
     """The rows of all bodies of a chain as one axis: (L k, W, B)."""
-    full = jnp.broadcast_to(word, (*shape[:-2], *word.shape[-2:]))
+    if word.ndim >= 3:
+        word = word[..., first : first + group.length, : group.width, :]
+    full = jnp.broadcast_to(word, (k, group.length, *np.broadcast_shapes(word.shape[-2:], (1, 1))))
     return jnp.moveaxis(full, 0, 1).reshape((-1, *full.shape[2:]))
 
 
@@ -97,8 +98,9 @@ def _zeros(state, block, starts):
 
 def _with_block(state, whole, block, starts, a, b, chains):
     """The matrices with the entries of one pair of bundles."""
+    of_rows, of_columns = (state.topology.chains[k].starts for k in (a, b))
     for k, (c, mine) in enumerate(chains):
-        place = *(int(s[state.topology.chains[k].starts[i]]) for s, k, i in zip(starts, (a, b), (mine, c))), 0
+        place = int(starts[0][of_rows[mine]]), int(starts[1][of_columns[c]]), 0
         whole = [_put(x, y, k, place) for x, y in zip(whole, block, strict=True)]
     return whole
 

@@ -1,23 +1,17 @@
-"""From the base to the tips and back: the one place that knows how a recursion over a tree is compiled.
+"""From the base to the tips and back, bundle by bundle: the one place that knows how a recursion over a tree runs.
 
-Chains of equal length that hang side by side are one loop, whose step is compiled once, whatever their length and
-number; so are chains of other lengths that come after them, see `Bundle`: where they end and begin, states wait in a
-memory. What the state has that is known all along a loop stays known: a planar arm has no components out of its plane.
-A bundle of single bodies is its step.
+Chains of equal length that hang side by side are one `loop`, and so are those that come after them, see `Bundle`.
 """
 
-import functools
 import itertools
-from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import data_of, is_number, shared, with_data
+from jaxspatial.arithmetic.numbers import is_number, shared
 from jaxspatial.dynamics import along
+from jaxspatial.dynamics.loop import Turns, run
 
 
 def outward(state, step, root, own):
@@ -27,8 +21,8 @@ def outward(state, step, root, own):
     for bundle, numbers in zip(state.bundles, own, strict=True):
         first = bundle.groups[0]
         start = [ends[i] for i in bundle.beside(first, first.parents)]
-        turns = _turns(state, bundle, lambda i, some=start[0]: ends.get(i, some), _replaced, reverse=False)
-        result, last, kept = _run(step, bundle, state.n, numbers, _beside(start, state.n), turns)
+        turns = _turns(state, bundle, ends, start[0], _replaced, reverse=False)
+        result, last, kept = run(step, bundle, state.n, numbers, _beside(start, state.n), turns)
         ends |= {i: _chain(kept, k) for i, k in turns.rows.items() if i not in ends}
         ends |= {i: _chain(last, c) for c, i in enumerate(bundle.groups[-1].ends)}
         results.append(result)
@@ -42,8 +36,8 @@ def inward(state, step, nothing, own, joined=None):
     for bundle, numbers in zip(reversed(state.bundles), reversed(own), strict=True):
         first, last = bundle.groups[0], bundle.groups[-1]
         start = [arrived.pop(i, nothing) for i in bundle.beside(last, last.ends)]
-        turns = _turns(state, bundle, lambda i: arrived.pop(i, nothing), joined, reverse=True)
-        result, passed, kept = _run(step, bundle, state.n, numbers, _beside(start, state.n), turns)
+        turns = _turns(state, bundle, arrived, nothing, joined, reverse=True)
+        result, passed, kept = run(step, bundle, state.n, numbers, _beside(start, state.n), turns)
         arrived |= {i: _chain(kept, k) for i, k in turns.rows.items() if i not in bundle.ends}
         for c, parent in enumerate(first.parents):
             if parent >= 0:
@@ -76,124 +70,27 @@ def _beside(trees, n):
 # -- where one group of chains ends and another begins ----------------------------------------------------------------
 
 
-class _Turns(NamedTuple):
-    """kept: the memory, (rows, B). rows: of bodies that groups meet at; the first is of tips, the second of what nobody
-    asks for. at: (rows of the bundle,), after which there is a turn; put, get: (rows, width), where the chains that end
-    put their states, and those that begin find theirs. joined(kept, put): what is kept then."""
-
-    kept: Any
-    rows: dict
-    at: Any
-    put: Any
-    get: Any
-    joined: Any
-    is_reverse: bool
-
-
-def _turns(state, bundle, initial, joined, reverse):
+def _turns(state, bundle, found, nothing, joined, reverse):
+    """Turns of a loop outward, or in reverse: what is found of bodies that groups meet at, else nothing, is kept."""
     meet = [i for g in bundle.groups[1:] for i in g.parents]
     meet += [i for g in bundle.groups[:-1] for i in g.ends if state.topology.children[i]]
     rows = {i: k + 2 for k, i in enumerate(dict.fromkeys(meet))}
+    kept = _beside([nothing, nothing, *(found.get(i, nothing) for i in rows)], state.n) if rows else None
     at, put, get = (np.zeros(shape, int) for shape in ((bundle.length,), *[bundle.bodies.shape] * 2))
+    for row, end, begin in _meetings(bundle, reverse):
+        at[row] = 1
+        twins = [1] * (bundle.width - len(end))
+        put[row], get[row] = [rows.get(i, 1) for i in end] + twins, [rows.get(i, 0) for i in begin]
+    return Turns(kept, rows, at, put, get, joined, reverse)
+
+
+def _meetings(bundle, reverse):
+    """(the row after which a group ends, the bodies that its chains meet others at, those of the chains that begin)."""
     first = 0
     for a, b in itertools.pairwise(bundle.groups):
         first += a.length
-        end, begin, row = ((b, b.parents), (a, a.ends), first) if reverse else ((a, a.ends), (b, b.parents), first - 1)
-        at[row] = 1
-        put[row] = [rows.get(i, 1) for i in end[1]] + [1] * (bundle.width - end[0].width)
-        get[row] = [rows.get(i, 0) for i in bundle.beside(*begin)]
-    kept = _beside([initial(None), initial(None), *map(initial, rows)], state.n) if rows else None
-    return _Turns(kept, rows, at, put, get, joined, reverse)
-
-
-# -- loops ------------------------------------------------------------------------------------------------------------
-
-
-def _run(step, bundle, n, numbers, start, turns):
-    """(the results of step(numbers, state), stacked along the bundle, the last state, the memory)."""
-    numbers = along.mapped_tree(functools.partial(_along, bundle.length), numbers)
-    if bundle.length == 1:
-        first = along.mapped_tree(lambda word: word[0], numbers)
-        result, last = shared(step)(first, start)
-        spread = functools.partial(along.mapped_tree, lambda word: jnp.broadcast_to(word, (bundle.width, n)))
-        return along.mapped_tree(lambda word: word[None], result), spread(last), None
-    return _loop(step, numbers, start, turns, (bundle.width, n))
-
-
-def _along(length, word):
-    """(L, ..., W, B), of what may be one for all: double words are never known."""
-    return word if word.ndim >= 3 else jnp.broadcast_to(word, (length, 1, 1))
-
-
-def _loop(step, numbers, start, turns, shape):
-    """A loop over the rows of a bundle. A known number of the state that a step changes is none: tried again, with it
-    as data, until nothing changes."""
-    given, tree = jax.tree.flatten(start, is_leaf=is_number)
-    kept = jax.tree.leaves(turns.kept, is_leaf=is_number) if turns.rows else given
-    is_known = [along.alike([x, k]) for x, k in zip(given, kept, strict=True)]
-    while True:
-        tried = _Tried(step, tree, numbers, turns, shape, is_known)
-        results, last, kept_last = tried.run(given, kept)
-        if not any(tried.changed):
-            return results, last, kept_last
-        is_known = [k and not c for k, c in zip(is_known, tried.changed, strict=True)]
-
-
-class _Tried:
-    """A loop, if of its state what `is_known` stays so. changed: what does not."""
-
-    def __init__(self, step, tree, numbers, turns, shape, is_known):
-        self.step, self.tree, self.turns, self.shape, self.is_known = step, tree, turns, shape, is_known
-        self.numbers, self.own_tree = jax.tree.flatten(numbers, is_leaf=is_number)
-        self.changed = [False] * len(is_known)
-        self.given, self.results = [], None
-
-    def run(self, given, kept):
-        """(the results, the last state, the memory)."""
-        turns, memory = self.turns, (len(self.turns.rows) + 2, self.shape[1])
-        self.given = self._spread(given, self.shape)
-        start = data_of(self.given), data_of(self._spread(kept, memory)) if turns.rows else None
-        rows = [jnp.asarray(x, np.int32) for x in (turns.at, turns.put, turns.get)] if turns.rows else None
-        # A pull-back runs steps again: it reads what it would have to keep of them more slowly.
-        again = jax.checkpoint(self._row, prevent_cse=False)
-        (last, kept), stacked = lax.scan(again, start, (data_of(self.numbers), rows), reverse=turns.is_reverse)
-        leaves, tree = self.results
-        results = jax.tree.unflatten(tree, with_data(leaves, stacked))
-        return results, self._state(last), self._state(kept) if turns.rows else None
-
-    def _spread(self, leaves, shape):
-        return [x if k else along.spread(x, shape) for x, k in zip(leaves, self.is_known, strict=True)]
-
-    def _state(self, data):
-        return jax.tree.unflatten(self.tree, with_data(self.given, data))
-
-    def _data(self, new, shape):
-        """Of a new state what is not known, and a note of what is known no more."""
-        new = jax.tree.leaves(new, is_leaf=is_number)
-        lost = [k and not along.alike([x, y]) for x, y, k in zip(self.given, new, self.is_known, strict=True)]
-        self.changed = [a or b for a, b in zip(self.changed, lost, strict=True)]
-        return data_of([along.spread(y, shape) for y, k in zip(new, self.is_known, strict=True) if not k])
-
-    def _row(self, carry, given):
-        (state, kept), (own, rows) = carry, given
-        result, new = self.step(jax.tree.unflatten(self.own_tree, with_data(self.numbers, own)), self._state(state))
-        self.results = jax.tree.flatten(result, is_leaf=is_number)
-        state = self._data(new, self.shape)
-        if rows:
-            at, put, get = rows
-            kept, state = lax.cond(at > 0, self._turn, lambda kept, state, *_: (kept, state), kept, state, put, get)
-        return (state, kept), data_of(self.results[0])
-
-    def _turn(self, kept, state, put, get):
-        """(the memory, the state of the chains that begin)."""
-        for c in range(self.shape[0]):
-            both = (self._state(x) for x in (_chains(kept, put[c]), _chains(state, c)))
-            new = self._data(shared(self.turns.joined)(*both), (1, self.shape[1]))
-            kept = jax.tree.map(functools.partial(lax.dynamic_update_slice_in_dim, start_index=put[c], axis=0), kept, new)
-        begin = [_chains(kept, get[c]) for c in range(self.shape[0])]
-        return kept, jax.tree.map(lambda *words: jnp.concatenate(words), *begin)
-
-
-def _chains(data, k):
-    """One chain, or one row of the memory."""
-    return jax.tree.map(lambda w: lax.dynamic_slice_in_dim(w, k, 1), data)
+        yield (
+            (first, b.parents, bundle.beside(a, a.ends))
+            if reverse
+            else (first - 1, a.ends, bundle.beside(b, b.parents))
+        )

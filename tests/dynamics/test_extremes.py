@@ -122,19 +122,71 @@ def test_programs_do_not_grow_with_chains():
         mech, x = without_armature(chain(n)), state(n)
         counts.append(asked_for(lambda *x, mech=mech: js.forward_dynamics(mech, *x), *x))
     assert counts[0] == counts[1]
-    hands = []
-    for fingers in (1, 5):
-        joints = [js.Joint("root", "free", "world", "palm")]
-        names = [f"f{i}{k}" for i in range(fingers) for k in range(4)]
-        rng = np.random.default_rng(1)
-        for name in names:
-            parent = "palm" if name[2] == "0" else f"{name[:2]}{int(name[2]) - 1}"
+    hands = [branching({f"f{i}": ("base", 4) for i in range(n)}) for n in (1, 5)]
+    assert operations(hands[1]) <= 1.2 * operations(hands[0])
+
+
+def test_programs_do_not_grow_with_limbs():
+    """Of a humanoid, arms on a waist beside legs, not a third more operations than of its legs."""
+    legs = {"left": ("base", 6), "right": ("base", 6)}
+    limbs = {"waist": ("base", 3), "left arm": ("waist2", 7), "right arm": ("waist2", 7)}
+    assert operations(branching(legs | limbs)) <= 1.33 * operations(branching(legs))
+
+
+def test_limbs_that_are_one_loop():
+    """Chains of other lengths that hang on one another: laws that hold whatever hangs where."""
+    mech, (q, v, a) = limbs()
+    assert [b.bodies.shape for b in mech.topology.bundles] == [(1, 1), (6, 2)]
+    by_motions = [js.kinetic_energy(mech, q, x) for x in np.eye(mech.nv)]
+    tau = js.inverse_dynamics(mech, q, v, a)
+    back = js.forward_dynamics(mech, q, v, tau)
+    M = np.asarray(js.mass_matrix(mech, q))
+    np.testing.assert_allclose(back, a, atol=1e3 * 2.0**-53 * np.linalg.cond(M))
+    # Energies add up bodies, of which none passes anything on to another.
+    np.testing.assert_allclose(M.diagonal() / 2, by_motions, rtol=1e3 * 2.0**-53)
+    bias = js.bias_forces(mech, q, v)
+    np.testing.assert_allclose(M @ a, np.asarray(tau) - np.asarray(bias), atol=1e3 * 2.0**-53 * abs(tau).max())
+    slope = jax.grad(lambda q: js.potential_energy(mech, q))(jnp.asarray(q))
+    np.testing.assert_allclose(js.gravity_forces(mech, q)[6:], slope[7:], atol=1e3 * 2.0**-53 * abs(slope).max())
+    found = js.forward_dynamics_derivatives(mech, q, v, tau).dvdot_dv
+    expected = jax.jacrev(lambda v: js.forward_dynamics(mech, q, v, tau))(jnp.asarray(v))
+    np.testing.assert_allclose(found, expected, atol=1e4 * 2.0**-53 * abs(np.asarray(expected)).max())
+
+
+def test_limbs_that_are_one_loop_compensated():
+    """Numbers of two words along the same loop."""
+    mech, (q, v, a) = limbs()
+    for found, expected in zip(*(_forces_and_matrix(mech, q, v, a, p) for p in ("compensated", None)), strict=True):
+        np.testing.assert_allclose(found, expected, atol=4 * 10 * 2.0**-53 * abs(expected).max())
+
+
+def _forces_and_matrix(mech, q, v, a, precision):
+    tau = js.inverse_dynamics(mech, q, v, a, precision=precision)
+    return np.asarray(tau), np.asarray(js.mass_matrix(mech, q, precision=precision))
+
+
+def limbs():
+    mech = branching({"leg": ("base", 2), "tail": ("base", 1), "left": ("tail0", 3), "right": ("tail0", 3)})
+    rng = np.random.default_rng(3)
+    q = np.concatenate([[1.0, 0, 0, 0, 0.1, 0.2, 0.3], rng.standard_normal(mech.nq - 7)])
+    return mech, (q, *rng.standard_normal((2, mech.nv)))
+
+
+def branching(limbs):
+    """A floating base with limbs by name: (the body each hangs on, the number of its links)."""
+    joints, rng = [js.Joint("root", "free", "world", "base")], np.random.default_rng(1)
+    for name, (parent, n) in limbs.items():
+        for k in range(n):
             placement = js.RigidTransform(js.Rotation.identity(dtype=np.float64), rng.standard_normal(3))
-            joints.append(js.Joint(f"j{name}", "revolute", parent, name, placement=placement))
-        mech = js.Mechanism.build([js.Body(x, body(rng)) for x in ("palm", *names)], joints, dtype=np.float64)
-        x = np.ones(mech.nq), np.ones(mech.nv), np.ones(mech.nv)
-        hands.append(asked_for(lambda *x, mech=mech: js.inverse_dynamics(mech, *x), *x))
-    assert sum(hands[1].values()) <= 1.2 * sum(hands[0].values())
+            on = f"{name}{k - 1}" if k else parent
+            joints.append(js.Joint(f"j{name}{k}", "revolute", on, f"{name}{k}", placement=placement))
+    bodies = [js.Body(joint.child, body(rng)) for joint in joints]
+    return js.Mechanism.build(bodies, joints, dtype=np.float64)
+
+
+def operations(mech):
+    x = np.ones(mech.nq), np.ones(mech.nv), np.ones(mech.nv)
+    return sum(asked_for(lambda *x: js.inverse_dynamics(mech, *x), *x).values())
 
 
 @functools.cache
