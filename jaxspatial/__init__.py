@@ -110,4 +110,6 @@ from jaxspatial.arithmetic.tree import named_tuples as _named_tuples
 
 _named_tuples(list(vars().values()))
 
-__version__ = "0.1.0"
+from importlib.metadata import version as _version
+
+__version__ = _version("jaxspatial")

@@ -110,7 +110,12 @@ class Operation(NamedTuple):
 
     def naive(self, *inputs):
         """The result of the formula as a list of arrays, in the order of the leaves of the result of `function`."""
-        return [np.asarray(x) for x in self.formula(*jax.tree.leaves(inputs))]
+        leaves = jax.tree.leaves(inputs)
+        if getattr(leaves[0], "dtype", None) != jnp.bfloat16:
+            return [np.asarray(x) for x in self.formula(*leaves)]
+        # Evaluated in float32, and rounded once.
+        wide = self.formula(*(np.asarray(x).astype(np.float32) for x in leaves))
+        return [np.asarray(x).astype(jnp.bfloat16) for x in wide]
 
     def sized(self, *inputs):
         """As `naive`, exactly: arrays of `Sized`."""

@@ -6,6 +6,7 @@ import typing
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from jaxspatial.arithmetic import check, components, lanes
 from jaxspatial.arithmetic.components import Components
@@ -20,7 +21,8 @@ def kernel(formula) -> typing.Any:
     program, as fast as it gets and bitwise the same as inside a larger jit. While tracing, NumPy arrays are numbers
     known to the formula, which then leaves out what they make unnecessary; everything else is inlined from a cached
     trace. Arguments may be double words: then the results are, whatever the precision asked for. If any is Components,
-    all results with an axis of components are, known where the structure of the arguments makes them so.
+    all results with an axis of components are, known where the structure of the arguments makes them so. bfloat16, each
+    operation of which XLA CPU emulates, is evaluated in float32 and rounded once.
     """
     program = functools.partial(_run, formula)
     compiled = jax.jit(program, static_argnums=0, inline=True)
@@ -38,6 +40,18 @@ def kernel(formula) -> typing.Any:
 def _run(formula, precision, *arrays):
     if precision.sees_whole_sums or any(map(components.has_pairs, arrays)):
         return run_symbolically(formula, precision, arrays)
+    if arrays[0].dtype == jnp.bfloat16:
+        found = _run_as_it_is(formula, precision, *(jax.tree.map(lambda x: x.astype(np.float32), a) for a in arrays))
+        return jax.tree.map(_to_bfloat16, found)
+    return _run_as_it_is(formula, precision, *arrays)
+
+
+def _to_bfloat16(x):
+    """Rounded once. By name: of a conversion there and back XLA would leave nothing."""
+    return x.astype(jnp.bfloat16) if isinstance(x, np.ndarray) else lax.reduce_precision(x, 8, 7).astype(jnp.bfloat16)
+
+
+def _run_as_it_is(formula, precision, *arrays):
     batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
     arrays = check.broadcast_batch(batch, *arrays)
     if not any(isinstance(a, Components) for a in arrays):
