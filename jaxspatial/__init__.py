@@ -105,11 +105,12 @@ from jaxspatial.spatial import wrench_from_point_forces as wrench_from_point_for
 # does it hold here
 from jaxspatial.measure.self_check import self_check as self_check
 
+# which version
+from importlib.metadata import version as _version
+
 # every public NamedTuple is known to `jax.export`
 from jaxspatial.arithmetic.tree import named_tuples as _named_tuples
 
 _named_tuples(list(vars().values()))
-
-from importlib.metadata import version as _version
 
 __version__ = _version("jaxspatial")

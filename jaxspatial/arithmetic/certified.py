@@ -11,9 +11,9 @@ that one, and the sum of the absolute values of the last, which bounds what is u
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic import tripled
-from jaxspatial.arithmetic.compensated import levelled as levelled
-from jaxspatial.arithmetic.compensated import sum_like, swept
+from jaxspatial.arithmetic import sum3
+from jaxspatial.arithmetic.compensated import padded as padded
+from jaxspatial.arithmetic.compensated import sum_like, vec_sum
 from jaxspatial.arithmetic.compensated import times_power_of_two as times_power_of_two
 from jaxspatial.arithmetic.eft import two_sum, unguarded
 from jaxspatial.arithmetic.faithful import parts, parts_of_narrow
@@ -33,11 +33,11 @@ def total_of_narrow(terms, guard):
 
 
 def _total(products):
-    s, errors = swept([p[0] for p in products])
+    s, errors = vec_sum([p[0] for p in products])
     lower = errors + [x for p in products for x in p[1:]]
     if not lower:
         return (s, *[jnp.zeros_like(s)] * 3)
-    c, errors = swept(lower)
+    c, errors = vec_sum(lower)
     return s, c, sum_like(s, errors), sum_like(s, [lax.abs(x) for x in errors])
 
 
@@ -51,14 +51,14 @@ def plus(state, sign, x):
 
 def value(state, dtype):
     """Rounded, or NaN."""
-    r = tripled.value(state[:3], state[0].dtype)
+    r = sum3.value(state[:3], state[0].dtype)
     return lax.convert_element_type(_or_nan(r, r, state), dtype)
 
 
 def pair(state, dtype):
     """(hi, lo): rounded to twice the precision, or NaN. The error is at most 2^-96 |r|."""
-    hi, lo = tripled.pair(state[:3], dtype)
-    return _or_nan(hi, tripled.value(state[:3], state[0].dtype), state), lo
+    hi, lo = sum3.pair(state[:3], dtype)
+    return _or_nan(hi, sum3.value(state[:3], state[0].dtype), state), lo
 
 
 def finite_or_nan(x):

@@ -16,7 +16,7 @@ from jaxspatial.arithmetic.eft import fast_two_sum, two_product, two_sum, unguar
 def total(terms, guard):
     """The state of the sum of terms (sign, factors)."""
     pairs = [product(sign, factors, guard) for sign, factors in terms]
-    s, errors = swept([p for p, _ in pairs])
+    s, errors = vec_sum([p for p, _ in pairs])
     return s, sum_like(s, errors), sum_like(s, [e for _, e in pairs if e is not None])
 
 
@@ -34,7 +34,7 @@ def product(sign, factors, guard):
     return (p, e) if sign > 0 else (-p, None if e is None else -e)
 
 
-def swept(numbers):
+def vec_sum(numbers):
     """(the rounded sum, the errors made), added in pairs."""
     errors = []
     while len(numbers) > 1:
@@ -64,7 +64,7 @@ def plus(state, sign, x):
     return s, t + error, e
 
 
-def levelled(states):
+def padded(states):
     """The states with zero in place of None."""
     like = next(state for state in states if state is not None)
     return [tuple(map(jnp.zeros_like, like)) if state is None else state for state in states]

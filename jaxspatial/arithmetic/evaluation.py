@@ -15,7 +15,7 @@ import numpy as np
 from jax import lax
 from jax.experimental.xla_metadata import set_xla_metadata
 
-from jaxspatial.arithmetic import certified, compensated, faithful, tripled, wide
+from jaxspatial.arithmetic import certified, compensated, faithful, sum3, wide
 from jaxspatial.arithmetic.fence import fence
 from jaxspatial.arithmetic.polynomial import Term
 
@@ -84,7 +84,7 @@ def _evaluated(plan, tier, arrays):
 
 
 class _Tier(NamedTuple):
-    """A module with the verbs plus, merge, times_power_of_two, value, pair and levelled; and which total."""
+    """A module with the verbs plus, merge, times_power_of_two, value, pair and padded; and which total."""
 
     verbs: Any
     total: Callable
@@ -178,7 +178,7 @@ def _state(tier, plan, components, lanes):
     states = [_total(tier, *component, lanes) if component[0] else None for component in components]
     if all(state is None for state in states):
         return None
-    return jax.tree.map(lambda *components: _picked(plan.axis, components), *tier.verbs.levelled(states))
+    return jax.tree.map(lambda *components: _picked(plan.axis, components), *tier.verbs.padded(states))
 
 
 def _components(s):
@@ -220,10 +220,10 @@ def _reduced(tier, plan, s, terms, share, lanes, dtype):
 def _summable(verbs, state, axes):
     """The verbs and the state in which items are summed along axes, and what remains to be done with the result."""
     if verbs is certified:
-        return tripled, tripled.from_numbers(state[2::-1]), certified.finite_or_nan
+        return sum3, sum3.from_numbers(state[2::-1]), certified.finite_or_nan
     if verbs is faithful:
         numbers, unit = faithful.in_one_unit(state, axes)
-        return tripled, tripled.from_numbers(numbers), lambda x: faithful.unscaled(x, unit)
+        return sum3, sum3.from_numbers(numbers), lambda x: faithful.unscaled(x, unit)
     return verbs, state, lambda x: x
 
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic import compensated, tripled
+from jaxspatial.arithmetic import compensated, sum3
 from jaxspatial.arithmetic.eft import fast_two_sum, two_difference, two_product, two_sum, unguarded
 from jaxspatial.arithmetic.fence import fence
 
@@ -223,10 +223,10 @@ def _grown_by(expansion, sign, x):
 
 def pair(state, dtype):
     """(hi, lo): rounded to twice the precision."""
-    return tripled.pair(tripled.from_numbers(numbers(state)), dtype)
+    return sum3.pair(sum3.from_numbers(numbers(state)), dtype)
 
 
-def levelled(states):
+def padded(states):
     """The states with zero in place of None, and expansions of one length."""
     like = next(state for state in states if state is not None)
     zero = jnp.zeros_like(like.plain)

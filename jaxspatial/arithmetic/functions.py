@@ -19,12 +19,12 @@ from jaxspatial.arithmetic import lanes
 from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
 from jaxspatial.arithmetic.numbers import (
     Lane,
-    apart,
     constant,
     doubled,
     high,
     nearest_integer,
-    shared,
+    noinline,
+    noinline_pairs,
     times_power_of_two,
     where,
 )
@@ -62,7 +62,7 @@ def _polynomial(coefficients):
         is_known = lanes.is_known(x.value) or len(coefficients) == 1
         return _horner(coefficients, x) if is_known else _of_data(coefficients, x.precision)(x)
 
-    return apart(evaluated)
+    return noinline_pairs(evaluated)
 
 
 def _horner(coefficients, x):
@@ -151,7 +151,7 @@ def _words(fraction, like):
         fraction -= word
 
 
-@shared
+@noinline
 def cosine_sine(angle):
     """(cos, sin) of an angle, each to 2 u of 1, sine relative to itself near 0. NaN for angles beyond 1 / u."""
     k, rest = turns(angle, 4)
@@ -167,7 +167,7 @@ def _quarter_turned(k, c, s):
     return where((quarter == 1) | half, -cos, cos), where((quarter == -1) | half, -sin, sin)
 
 
-@apart
+@noinline_pairs
 def angle_ratio(squared_sine, cosine, length=1):
     """t / sin(t) for the angle 0 <= t <= pi / 2 with that squared sine and cosine; smooth at 0.
 
@@ -208,7 +208,7 @@ def pi(like):
     return constant(like, _PI)
 
 
-@apart
+@noinline_pairs
 def exp(x):
     """e^x: 0 below what the format holds, an infinity above. Error at most 4 u e^x; smooth.
 
@@ -222,7 +222,7 @@ def exp(x):
     return where(is_low, 0.0, where(is_high, math.inf, power))
 
 
-@apart
+@noinline_pairs
 def log(x):
     """The natural logarithm: -inf at 0, NaN below. Error at most 4 u |log x|, also near 1.
 

@@ -90,7 +90,7 @@ def stack_like(x, components):
     stacked = stack(components, batch_shape(x))
     if isinstance(stacked, Apart):
         return stacked
-    if isinstance(stacked, np.ndarray) or any(is_known(c) for c in components):
+    if not isinstance(stacked, jax.Array) or any(is_known(c) for c in components):
         return stacked
     x = lax.stop_gradient(jnp.asarray(x))
     never = lax.lt(lax.abs(x), lax.full_like(x, -1))

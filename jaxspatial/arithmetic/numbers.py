@@ -164,7 +164,7 @@ def doubled(x, times=1):
     return x * 2.0**times
 
 
-def apart(function) -> Any:
+def noinline_pairs(function) -> Any:
     """A function of numbers that are double words becomes a call that the compiler does not inline.
 
     Each of their operations is ten of the processor's; fused into one another they would be computed again for every
@@ -181,11 +181,11 @@ def apart(function) -> Any:
     return call
 
 
-def shared(function) -> Any:
-    """`apart`, of lanes too: what many entries of a result are made of, and would be computed again for each.
+def noinline(function) -> Any:
+    """A function of numbers becomes a call that the compiler does not inline.
 
-    What is known stays so on both sides of the call; arguments and results are trees of numbers, and of anything else
-    that is known.
+    For what many entries of a result are made of: it would be computed again for each of them. What is known stays so
+    on both sides of the call; arguments and results are trees of numbers, and of anything else that is known.
     """
 
     @functools.wraps(function)
@@ -254,7 +254,7 @@ def each(operation, *lists) -> list:
     if len(lists[0]) == 1 or not pairs:
         return [operation(*xs) for xs in zip(*lists, strict=True)]
     shape = np.broadcast_shapes(*(x.shape for x in pairs))
-    found = apart(operation)(*(_stacked(numbers, pairs[0], shape) for numbers in lists))
+    found = noinline_pairs(operation)(*(_stacked(numbers, pairs[0], shape) for numbers in lists))
     return [found[i] for i in range(len(lists[0]))]
 
 

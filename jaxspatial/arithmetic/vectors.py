@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxspatial.arithmetic import lanes, scaling
 from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.numbers import apart, constant, each, frozen, high, times_power_of_two, where
+from jaxspatial.arithmetic.numbers import constant, each, frozen, high, noinline_pairs, times_power_of_two, where
 
 
 def total(numbers):
@@ -114,7 +114,7 @@ def _exponent(values):
     return np.int32(math.frexp(largest)[1] if math.isfinite(largest) else 0)
 
 
-@apart
+@noinline_pairs
 def unit(v):
     """v / |v|, of any finite length but 0: NaN there, and where a component is infinite or NaN."""
     v = _scaled_once(v)
@@ -123,7 +123,7 @@ def unit(v):
     return tuple(each(operator.truediv, v, [length] * len(v)))
 
 
-@apart
+@noinline_pairs
 def norm(v):
     """|v|, without over- or underflow on the way. At 0 derivatives are 0: the subgradient of least norm."""
     v, e = scaled(v)

@@ -9,7 +9,7 @@ import operator
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic.compensated import levelled as levelled
+from jaxspatial.arithmetic.compensated import padded as padded
 from jaxspatial.arithmetic.compensated import times_power_of_two as times_power_of_two
 
 

@@ -1,7 +1,7 @@
 """The centre of mass of a mechanism, and momentum about it."""
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import shared
+from jaxspatial.arithmetic.numbers import noinline
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.dynamics.mass_matrix import composites, felt, wrench_to_parent
@@ -82,7 +82,7 @@ def _center(state, placed):
 def moments(state, placed):
     """(the mass, the sum of m p_WC) of all bodies, with X_WJ of every bundle."""
     own = [(state.inertia(b), X) for b, X in zip(state.bundles, placed, strict=True)]
-    return _mass(state), _total(state, [shared(_moment)(inertia, X) for inertia, X in own])
+    return _mass(state), _total(state, [noinline(_moment)(inertia, X) for inertia, X in own])
 
 
 def _mass(state):
@@ -101,7 +101,7 @@ def _moment(inertia, X_WJ):
 @algorithm(*BODIES)
 def _center_of_mass_velocity(state, v):
     both = zip(poses(state), velocities(state, v), state.bundles, strict=True)
-    momenta = [shared(_linear_momentum)(state.inertia(b), X, V) for X, V, b in both]
+    momenta = [noinline(_linear_momentum)(state.inertia(b), X, V) for X, V, b in both]
     mass = _mass(state)
     return tuple(x / mass for x in _total(state, momenta))
 
@@ -117,7 +117,7 @@ def _centroidal_momentum(state, v):
     placed = poses(state)
     both = zip(placed, velocities(state, v), state.bundles, strict=True)
     center = _center(state, placed)
-    momenta = [shared(_momentum)(state.inertia(b), X, V, center) for X, V, b in both]
+    momenta = [noinline(_momentum)(state.inertia(b), X, V, center) for X, V, b in both]
     found = _total(state, momenta)
     return found[:3], found[3:]
 
@@ -155,7 +155,7 @@ def _of_rates(state, about_center):
 
 def _of_bundle(joint, composite, X_WJ, center):
     X_CJ = Pose(X_WJ.rows, vectors.minus(X_WJ.p, X_WJ.p if center is None else center))
-    return tuple(shared(_about)(composite, motion, X_CJ) for motion in joint.subspace)
+    return tuple(noinline(_about)(composite, motion, X_CJ) for motion in joint.subspace)
 
 
 def _about(composite, motion, X_CJ):

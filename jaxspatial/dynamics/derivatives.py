@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import constant, doubled, shared, where
+from jaxspatial.arithmetic.numbers import constant, doubled, noinline, where
 from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
@@ -83,7 +83,7 @@ def forward_dynamics_derivatives(mechanism, q, v, tau, external_forces=None, *, 
 # -- composite bodies -------------------------------------------------------------------------------------------------
 
 
-class Behind(NamedTuple):
+class Subtree(NamedTuple):
     """A body with all that hangs on it, about its J, for an observer that J rests for.
 
     The wrench that it takes; momentum p, and X (3 x 3): a turning y of all of it changes the wrench by (X y, 2 y x p),
@@ -104,10 +104,10 @@ def _derivatives(state, v, vdot, forces, *, frames):
     zero = state.no_vector
     motions = recursion.outward(state, move, falling(state), links)
     own = list(zip(links, motions, loads(state, frames, forces, _pulled), strict=True))
-    nothing = Behind(Inertia(zero[0], zero, zero + zero), zero + zero, (zero,) * 3, zero, (zero,) * 3, zero)
-    behind = recursion.inward(state, _gathered, nothing, own, joined=_joined)
+    nothing = Subtree(Inertia(zero[0], zero, zero + zero), zero + zero, (zero,) * 3, zero, (zero,) * 3, zero)
+    subtrees = recursion.inward(state, _gathered, nothing, own, joined=_joined)
     placed = recursion.outward(state, _from_root, (*world(state), zero), _rooted(state, links, motions))
-    told = [shared(_told)(*x) for x in zip(links, motions, behind, placed, strict=True)]
+    told = [noinline(_told)(*x) for x in zip(links, motions, subtrees, placed, strict=True)]
     rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, told, strict=True)] for side in (0, 1))
     return _assembled(state, links, pairs.matrices(state, _five, rows, columns))
 
@@ -137,8 +137,8 @@ def _from_root(own, parent):
 
 def _gathered(own, held):
     link, motion, load = own
-    behind = _joined(_of_body(link.inertia, motion, load), held)
-    return behind, _seen_from_parent(link, motion, behind)
+    subtree = _joined(_of_body(link.inertia, motion, load), held)
+    return subtree, _seen_from_parent(link, motion, subtree)
 
 
 def _of_body(inertia, motion, load):
@@ -151,7 +151,7 @@ def _of_body(inertia, motion, load):
     X = vectors.product(_skew(tuple(doubled(-x) for x in motion.w)), symmetric.rows(sigma))
     p = vectors.cross(motion.w, vectors.times(inertia.mass, inertia.com))
     wrench = (vectors.minus(a, b) for a, b in zip(wrench_of(inertia, motion), (tau, f), strict=True))
-    return Behind(inertia, vectors.flat(wrench), X, p, pulled, f)
+    return Subtree(inertia, vectors.flat(wrench), X, p, pulled, f)
 
 
 def _to_observer(link, motion):
@@ -162,15 +162,15 @@ def _to_observer(link, motion):
     return X_PB, turn, vectors.plus(vectors.cross(turn(vectors.minus(motion.w, w_r)), X_PB.p), turn(v_r))
 
 
-def _seen_from_parent(link, motion, behind):
+def _seen_from_parent(link, motion, subtree):
     X_PB, turn, d = _to_observer(link, motion)
-    m, com, _ = behind.inertia
-    p = vectors.plus(turn(behind.p), vectors.times(m, d))
+    m, com, _ = subtree.inertia
+    p = vectors.plus(turn(subtree.p), vectors.times(m, d))
     moved = _plus(_twice_crossed(turn(vectors.times(m, com)), d), _twice_crossed(X_PB.p, p))
-    X = _minus(articulated.sandwiched(behind.X, X_PB.rows), tuple(tuple(doubled(x) for x in row) for row in moved))
-    pull = turn(behind.pull)
-    pulled = _minus(articulated.sandwiched(behind.pulled, X_PB.rows), _twice_crossed(X_PB.p, pull))
-    return Behind(inertia_to_parent(X_PB, behind.inertia), wrench_to_parent(X_PB, behind.wrench), X, p, pulled, pull)
+    X = _minus(articulated.sandwiched(subtree.X, X_PB.rows), tuple(tuple(doubled(x) for x in row) for row in moved))
+    pull = turn(subtree.pull)
+    pulled = _minus(articulated.sandwiched(subtree.pulled, X_PB.rows), _twice_crossed(X_PB.p, pull))
+    return Subtree(inertia_to_parent(X_PB, subtree.inertia), wrench_to_parent(X_PB, subtree.wrench), X, p, pulled, pull)
 
 
 def _joined(a, b):
@@ -181,7 +181,7 @@ def _joined(a, b):
         _plus(a.pulled, b.pulled),
         vectors.plus(a.pull, b.pull),
     )
-    return Behind(combine(a.inertia, b.inertia), *parts)
+    return Subtree(combine(a.inertia, b.inertia), *parts)
 
 
 # -- pairs ------------------------------------------------------------------------------------------------------------
@@ -194,27 +194,27 @@ def _joined(a, b):
 #     M_ij = S . u               u = I S_i          t = the turning part of 2 B^T S_i, l that of loads
 
 
-def _told(link, motion, behind, placed):
+def _told(link, motion, subtree, placed):
     """(as the joint that feels, as the rate that is felt), of all rates side by side, in the axes of the world."""
     turn = functools.partial(vectors.matrix_times, placed[0])
     where = placed[1:]
     S, first, own, second = _rates(link, motion)
     six = [tuple(map(turn, x)) for x in (S, first, _sum(first, own), second)]
-    columns = _column(behind, S, first, own, second)
+    columns = _column(subtree, S, first, own, second)
     return (*six, *where), (*(turn(columns[i : i + 3]) for i in range(0, len(columns), 3)), *where)
 
 
-def _column(behind, S, first, own, second):
+def _column(subtree, S, first, own, second):
     """(u, t, a, b, l), 24 numbers; without l where nothing pulls."""
     w, v = S
-    transposed = vectors.matrix_times(vectors.transpose(behind.X), w)
-    t = vectors.plus(transposed, tuple(doubled(x) for x in vectors.cross(behind.p, v)))
-    loaded = vectors.matrix_times(vectors.transpose(behind.pulled), w)
-    loaded = vectors.plus(loaded, vectors.cross(behind.pull, v))
-    a = vectors.plus(_coriolis(behind, first[0]), felt(behind.inertia, second), _convected(S, behind.wrench))
-    a = vectors.plus(a, (*vectors.matrix_times(behind.pulled, w), *vectors.cross(w, behind.pull)))
-    b = vectors.plus(_coriolis(behind, w), felt(behind.inertia, _sum(first, own)))
-    return *felt(behind.inertia, S), *t, *a, *b, *loaded
+    transposed = vectors.matrix_times(vectors.transpose(subtree.X), w)
+    t = vectors.plus(transposed, tuple(doubled(x) for x in vectors.cross(subtree.p, v)))
+    loaded = vectors.matrix_times(vectors.transpose(subtree.pulled), w)
+    loaded = vectors.plus(loaded, vectors.cross(subtree.pull, v))
+    a = vectors.plus(_coriolis(subtree, first[0]), felt(subtree.inertia, second), _convected(S, subtree.wrench))
+    a = vectors.plus(a, (*vectors.matrix_times(subtree.pulled, w), *vectors.cross(w, subtree.pull)))
+    b = vectors.plus(_coriolis(subtree, w), felt(subtree.inertia, _sum(first, own)))
+    return *felt(subtree.inertia, S), *t, *a, *b, *loaded
 
 
 def _five(row, column):
@@ -305,9 +305,9 @@ def _convected(S, wrench):
     return *vectors.plus(vectors.cross(S[0], tau), vectors.cross(S[1], f)), *vectors.cross(S[0], f)
 
 
-def _coriolis(behind, y):
+def _coriolis(subtree, y):
     """2 B of a turning."""
-    return *vectors.matrix_times(behind.X, y), *(doubled(x) for x in vectors.cross(y, behind.p))
+    return *vectors.matrix_times(subtree.X, y), *(doubled(x) for x in vectors.cross(y, subtree.p))
 
 
 def _sum(a, b):

@@ -1,7 +1,7 @@
 """Kinetic and potential energy."""
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import doubled, shared
+from jaxspatial.arithmetic.numbers import doubled, noinline
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
 from jaxspatial.dynamics.centroid import moments
 from jaxspatial.dynamics.kinematics import poses, velocities
@@ -34,7 +34,7 @@ def potential_energy(mechanism, q, *, precision=None):
 @algorithm(*BODIES, "armature")
 def _kinetic_energy(state, v):
     of_bodies = [
-        shared(_twice_energy)(link.inertia, V, link.armature, link.v)
+        noinline(_twice_energy)(link.inertia, V, link.armature, link.v)
         for link, V in zip(state.links(v), velocities(state, v), strict=True)
     ]
     return doubled(state.total(of_bodies), -1)

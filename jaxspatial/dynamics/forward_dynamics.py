@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.lanes import is_known
-from jaxspatial.arithmetic.numbers import Lane, constant, high, is_number, shared, where
+from jaxspatial.arithmetic.numbers import Lane, constant, high, is_number, noinline, where
 from jaxspatial.dynamics import along, dense, program, recursion
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, checked, of_rates
 from jaxspatial.dynamics.inverse_dynamics import _inverse_dynamics, forces_of
@@ -154,7 +154,7 @@ class RootElimination(NamedTuple):
     u: Any
 
 
-class Drift(NamedTuple):
+class VelocityBias(NamedTuple):
     """Of a body: its angular velocity, its acceleration across the joint without vdot, and the wrench it takes at
     A = 0."""
 
@@ -171,11 +171,11 @@ def accelerations(state, v, tau, pulled, gravity):
         return state.rounded(dense.solved(M, dense.rows_of(state, tau) - bias)), [M, *[()] * (len(state.bundles) - 1)]
     own = list(zip(state.links(v, tau), pulled, strict=True))
     zero = state.no_vector
-    drifts = recursion.outward(state, _drift, zero, own)
+    biases = recursion.outward(state, _velocity_bias, zero, own)
     held = Articulated(zero + zero, zero + zero + zero, zero + zero, zero + zero)
     floats = [_floats(state, b) for b in state.bundles]
-    eliminated = recursion.inward(state, _eliminate, held, list(zip(own, drifts, floats, strict=True)))
-    both = [(link, drift.c, e) for (link, _), drift, e in zip(own, drifts, eliminated, strict=True)]
+    eliminated = recursion.inward(state, _eliminate, held, list(zip(own, biases, floats, strict=True)))
+    both = [(link, bias.c, e) for (link, _), bias, e in zip(own, biases, eliminated, strict=True)]
     rates = recursion.outward(state, _accelerate, (zero, gravity), both)
     return state.by_rate(rates), [
         e.matrix if f else [x[:2] for x in e] for e, f in zip(eliminated, floats, strict=True)
@@ -212,13 +212,13 @@ def _pass_on(own, Z):
     return found, (*tau, *f)
 
 
-def _drift(own, w_P):
+def _velocity_bias(own, w_P):
     """The motion without vdot, under a parent that does not accelerate, and the wrench at that angular velocity."""
     link, load = own
     zero = (constant(w_P[0], 0),) * 3
     motion = moved(link._replace(vdot=tuple(constant(x, 0) for x in link.v)), Motion(w_P, zero, zero))
-    Z = vectors.minus(shared(_of_turning)(link.inertia, motion.w), (*load[0], *load[1]))
-    return Drift(motion.w, (motion.alpha, motion.a), Z), motion.w
+    Z = vectors.minus(noinline(_of_turning)(link.inertia, motion.w), (*load[0], *load[1]))
+    return VelocityBias(motion.w, (motion.alpha, motion.a), Z), motion.w
 
 
 def _of_turning(inertia, w):
@@ -232,8 +232,8 @@ def _of_turning(inertia, w):
 def _eliminate(own, held):
     """([Elimination of each rate], what the parent feels): with P A' + Z the wrench across the joint, A' the
     acceleration of the parent at the joint."""
-    (link, _), drift, floats = own
-    P = shared(_held_with)(link.inertia, drift, held)
+    (link, _), bias, floats = own
+    P = noinline(_held_with)(link.inertia, bias, held)
     if floats:
         return RootElimination(_matrix(P, link.armature), P, vectors.minus(link.vdot, P.Z)), P
     found = []
@@ -252,14 +252,14 @@ def _matrix(P, armature):
     return along.mapped(lambda w: w.reshape((6, 6, *shape)), along.stacked(entries, shape, 0))
 
 
-def _held_with(inertia, drift, held):
+def _held_with(inertia, bias, held):
     """Of the body itself and what its children pass on, as a function of A': Z + P c in place of Z."""
-    parts = shared(_together)(inertia, drift.Z, held)
-    c = articulated.product(*parts[:3], *drift.c)
+    parts = noinline(_combined)(inertia, bias.Z, held)
+    c = articulated.product(*parts[:3], *bias.c)
     return Articulated(*parts[:3], vectors.plus(parts[3], c))
 
 
-def _together(inertia, Z, held):
+def _combined(inertia, Z, held):
     J, F, M = articulated.of_body(*inertia)
     return [vectors.plus(a, b) for a, b in zip((J, F, M, Z), held, strict=True)]
 
@@ -272,7 +272,7 @@ def _without_rate(P, w, v, tau, armature):
     U, D = articulated.felt(P.J, P.F, P.M, w, v, armature)
     share = articulated.share_of(U, D)
     u = tau - (vectors.dot(w, P.Z[:3]) + vectors.dot(v, P.Z[3:]))
-    rest = Articulated(*articulated.without(P.J, P.F, P.M, U, share), shared(_with_share)(P.Z, u, share))
+    rest = Articulated(*articulated.without(P.J, P.F, P.M, U, share), noinline(_with_share)(P.Z, u, share))
     k = _free_axis(w, v, armature)
     return rest if k is None else _cleared(rest, k, tau), Elimination(U, D, u)
 
@@ -305,7 +305,7 @@ def _at(numbers, places, number):
 
 def _seen_from_parent(X_PB, P):
     turned = articulated.turned(P.J, P.F, P.M, X_PB.rows)
-    J, F, M = shared(articulated.shifted)(*turned, tuple(-x for x in X_PB.p))
+    J, F, M = noinline(articulated.shifted)(*turned, tuple(-x for x in X_PB.p))
     tau, f = to_parent(X_PB, P.Z[:3], P.Z[3:])
     return Articulated(J, F, M, (*tau, *f))
 
@@ -313,7 +313,7 @@ def _seen_from_parent(X_PB, P):
 def _accelerate(own, parent):
     """(vdot, (alpha, a)) of a body."""
     link, c, eliminated = own
-    A = shared(_carried)(across(link.placement, link.joint), *parent)
+    A = noinline(_carried)(across(link.placement, link.joint), *parent)
     if isinstance(eliminated, RootElimination):
         rates = _floating(eliminated, A)
         A = vectors.plus(A, rates, (*c[0], *c[1]))

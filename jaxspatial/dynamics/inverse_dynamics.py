@@ -1,10 +1,10 @@
 """Inverse dynamics: the forces at the joints that make a mechanism move as told."""
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import shared
+from jaxspatial.arithmetic.numbers import noinline
 from jaxspatial.dynamics import recursion
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked, of_rates
-from jaxspatial.dynamics.links import Motion, across, moved, swing, to_parent, upward
+from jaxspatial.dynamics.links import Motion, across, angular_acceleration_tensor, moved, to_parent, upward
 from jaxspatial.dynamics.loads import checked_forces, loads
 from jaxspatial.inertia import symmetric
 
@@ -81,9 +81,9 @@ def wrench_of(inertia, motion):
 
     f = m (a + E c)    tau = I alpha + w x I w + c x f
     """
-    f = shared(_force)(inertia, motion.a, swing(motion.w, motion.alpha))
+    f = noinline(_force)(inertia, motion.a, angular_acceleration_tensor(motion.w, motion.alpha))
     rows = symmetric.rows(inertia.central)
-    spin = vectors.cross(motion.w, shared(vectors.matrix_times)(rows, motion.w))
+    spin = vectors.cross(motion.w, noinline(vectors.matrix_times)(rows, motion.w))
     return vectors.plus(vectors.matrix_times(rows, motion.alpha), spin, vectors.cross(inertia.com, f)), f
 
 

@@ -4,10 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import shared, where
+from jaxspatial.arithmetic.numbers import noinline, where
 from jaxspatial.dynamics import along, recursion
 from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm, checked
-from jaxspatial.dynamics.links import Motion, across, combined, move, swing
+from jaxspatial.dynamics.links import Motion, across, angular_acceleration_tensor, combined, move
 from jaxspatial.dynamics.state import Pose
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialVelocity
@@ -182,7 +182,7 @@ def _body_accelerations(state, v, vdot, *, frames):
 
 
 def _acceleration_in_world(X_WJ, X_JF, motion):
-    arm = vectors.matrix_times(swing(motion.w, motion.alpha), X_JF.p)
+    arm = vectors.matrix_times(angular_acceleration_tensor(motion.w, motion.alpha), X_JF.p)
     a = vectors.plus(motion.a, arm)
     return vectors.matrix_times(X_WJ.rows, motion.alpha), vectors.matrix_times(X_WJ.rows, a)
 
@@ -209,7 +209,7 @@ def _origin(state, frame, found):
 def _arms(joint, X_WJ, p_WF):
     """Of every motion of a joint: the velocity that it gives the frame."""
     arm = vectors.minus(p_WF, X_WJ.p)
-    return [shared(_moved)(X_WJ.rows, motion, arm) for motion in joint.subspace]
+    return [noinline(_moved)(X_WJ.rows, motion, arm) for motion in joint.subspace]
 
 
 def _moved(rows, motion, arm):
@@ -244,7 +244,7 @@ def _jacobian_rate(state, v, *, frame):
 def _arm_rates(link, X_WJ, V_WJ_J, p_WF, v_WF):
     """The time derivatives of `_arms`."""
     motions = zip(link.joint.subspace, link.joint.subspace_rate(link.v), strict=True)
-    return [shared(_moved_rate)(X_WJ, V_WJ_J, motion, rate, p_WF, v_WF) for motion, rate in motions]
+    return [noinline(_moved_rate)(X_WJ, V_WJ_J, motion, rate, p_WF, v_WF) for motion, rate in motions]
 
 
 def _moved_rate(X_WJ, V_WJ_J, motion, rate, p_WF, v_WF):

@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import shared
+from jaxspatial.arithmetic.numbers import noinline
 from jaxspatial.dynamics.state import Pose
 
 
@@ -28,7 +28,7 @@ def upward(state):
     return tuple(-g for g in state.numbers(state.fields["gravity"]))
 
 
-@shared
+@noinline
 def across(placement, joint):
     """X_PB of a body in its parent."""
     X = joint.transform
@@ -36,8 +36,8 @@ def across(placement, joint):
     return Pose(vectors.product(placement.rows, X.rows), p)
 
 
-@shared
-def swing(w, alpha):
+@noinline
+def angular_acceleration_tensor(w, alpha):
     """E = [alpha]x + [w]x [w]x: points at r from the origin have the acceleration E r more than it."""
     x, y, z = w
     xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
@@ -75,8 +75,8 @@ def moved(link, parent):
     R_BP = vectors.transpose(X_PB.rows)
     S, bias = link.joint.subspace, combined(link.joint.subspace_rate(link.v), link.v)
     (w_r, v_r), (dw, dv) = combined(S, link.v), combined(S, link.vdot)
-    carried = shared(vectors.matrix_times)(R_BP, parent.w)
-    arm = vectors.plus(parent.a, vectors.matrix_times(swing(parent.w, parent.alpha), X_PB.p))
+    carried = noinline(vectors.matrix_times)(R_BP, parent.w)
+    arm = vectors.plus(parent.a, vectors.matrix_times(angular_acceleration_tensor(parent.w, parent.alpha), X_PB.p))
     alpha = vectors.plus(vectors.matrix_times(R_BP, parent.alpha), vectors.cross(carried, w_r), dw, bias[0])
     coriolis = vectors.cross(vectors.plus(carried, carried, w_r), v_r)
     return Motion(

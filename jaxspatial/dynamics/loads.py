@@ -5,7 +5,7 @@ import operator
 import jax
 
 from jaxspatial.arithmetic import check, vectors
-from jaxspatial.arithmetic.numbers import is_number, shared
+from jaxspatial.arithmetic.numbers import is_number, noinline
 from jaxspatial.dynamics import along
 from jaxspatial.dynamics.kinematics import poses, world
 from jaxspatial.spatial import SpatialForce
@@ -53,7 +53,7 @@ def loads(state, frames, forces, of_load=None):
 def _of_frame(state, placed, frame, body, F, of_load):
     X_WJ, X_JF = state.of_body(body, placed, world(state)), state.frame_placement(frame)
     wrench = (tuple(along.mapped(lambda w: w[None], x) for x in state.numbers(part)) for part in F)
-    tau, f = shared(_about_joint)(X_WJ, X_JF, *wrench)
+    tau, f = noinline(_about_joint)(X_WJ, X_JF, *wrench)
     return tau, f, of_load(tau, f, X_JF.p)
 
 

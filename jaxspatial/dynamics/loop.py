@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic.numbers import data_of, is_number, shared, with_data
+from jaxspatial.arithmetic.numbers import data_of, is_number, noinline, with_data
 from jaxspatial.dynamics import along
 
 
@@ -38,7 +38,7 @@ def run(step, bundle, n, numbers, start, turns):
     numbers = along.mapped_tree(functools.partial(_along, bundle.length), numbers)
     if bundle.length == 1:
         first = along.mapped_tree(lambda word: word[0], numbers)
-        result, last = shared(step)(first, start)
+        result, last = noinline(step)(first, start)
         spread = functools.partial(along.mapped_tree, lambda word: jnp.broadcast_to(word, (bundle.width, n)))
         return along.mapped_tree(lambda word: word[None], result), spread(last), None
     return _loop(step, numbers, start, turns, (bundle.width, n))
@@ -112,7 +112,7 @@ class _Tried:
         """(the memory, the state of the chains that begin)."""
         for c in range(self.shape[0]):
             both = (self._state(x) for x in (_chains(kept, put[c]), _chains(state, c)))
-            new = self._data(shared(self.turns.joined)(*both), (1, self.shape[1]))
+            new = self._data(noinline(self.turns.joined)(*both), (1, self.shape[1]))
             kept = jax.tree.map(
                 functools.partial(lax.dynamic_update_slice_in_dim, start_index=put[c], axis=0), kept, new
             )

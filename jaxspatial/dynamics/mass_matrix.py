@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, vectors
-from jaxspatial.arithmetic.numbers import high, shared, where
+from jaxspatial.arithmetic.numbers import high, noinline, where
 from jaxspatial.arithmetic.tree import tree
 from jaxspatial.dynamics import along, dense, pairs, recursion
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
@@ -36,9 +36,9 @@ def matrix_of(state):
     """M as numbers (nv, nv, B)."""
     links, placed = state.links(), pairs.from_root(state)
     both = zip(links, composites(state), placed, strict=True)
-    told = [shared(_told)(along.abreast(link.joint.subspace), c, X) for link, c, X in both]
+    told = [noinline(_told)(along.abreast(link.joint.subspace), c, X) for link, c, X in both]
     rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, told, strict=True)] for side in (0, 1))
-    (upper,) = pairs.matrices(state, lambda row, column: (crossing(row, column),), rows, columns)
+    (upper,) = pairs.matrices(state, lambda row, column: (generalized_force(row, column),), rows, columns)
     return with_armature(state, links, symmetric_of(upper))
 
 
@@ -57,7 +57,7 @@ def halves(six):
     return six[:3], six[3:]
 
 
-def crossing(row, column):
+def generalized_force(row, column):
     """The generalised force of a wrench (tau, f) at a place, along a motion (w, v) at another: S . F."""
     (w, v, p), (tau, f, p2) = row, column
     return vectors.dot(w, vectors.plus(tau, vectors.cross(vectors.minus(p2, p), f))) + vectors.dot(v, f)

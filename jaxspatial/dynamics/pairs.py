@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import numbers
-from jaxspatial.arithmetic.numbers import shared
+from jaxspatial.arithmetic.numbers import noinline
 from jaxspatial.dynamics import along, recursion
 from jaxspatial.dynamics.kinematics import composed, world
 from jaxspatial.dynamics.links import across
@@ -74,7 +74,7 @@ def _block(entry, row, column, chains, shape):
     """Numbers (rows, columns, W, B), of pairs (chain of the column, chain of the row)."""
     of_columns, of_rows = zip(*chains, strict=True)
     row = along.mapped_tree(lambda w: _picked(w, of_rows)[:, None], row)
-    found = shared(entry)(row, along.mapped_tree(lambda w: _picked(w, of_columns)[None], column))
+    found = noinline(entry)(row, along.mapped_tree(lambda w: _picked(w, of_columns)[None], column))
     return [along.spread(x, shape) for x in found]
 
 

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import is_number, shared
+from jaxspatial.arithmetic.numbers import is_number, noinline
 from jaxspatial.dynamics import along
 from jaxspatial.dynamics.loop import Turns, run
 
@@ -42,7 +42,7 @@ def inward(state, step, nothing, own, joined=None):
         for c, parent in enumerate(first.parents):
             if parent >= 0:
                 mine = _chain(passed, c)
-                arrived[parent] = shared(joined)(arrived[parent], mine) if parent in arrived else mine
+                arrived[parent] = noinline(joined)(arrived[parent], mine) if parent in arrived else mine
         results.append(result)
     return results[::-1]
 

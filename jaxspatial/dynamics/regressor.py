@@ -1,11 +1,11 @@
 """Joint torques as a linear function of the inertial parameters of all bodies."""
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import constant, shared
+from jaxspatial.arithmetic.numbers import constant, noinline
 from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import GEOMETRY, algorithm, checked
-from jaxspatial.dynamics.links import falling, move, swing
-from jaxspatial.dynamics.mass_matrix import crossing, halves, told
+from jaxspatial.dynamics.links import angular_acceleration_tensor, falling, move
+from jaxspatial.dynamics.mass_matrix import generalized_force, halves, told
 from jaxspatial.inertia import symmetric
 
 
@@ -28,15 +28,15 @@ def _regressor(state, v, vdot):
     links, placed = state.links(v, vdot), pairs.from_root(state)
     motions = recursion.outward(state, move, falling(state), links)
     both = zip(links, placed, strict=True)
-    rows = [(len(S), shared(told)(X, along.abreast(S))) for S, X in ((link.joint.subspace, X) for link, X in both)]
+    rows = [(len(S), noinline(told)(X, along.abreast(S))) for S, X in ((link.joint.subspace, X) for link, X in both)]
     columns = [(10, _told(*x)) for x in zip(placed, motions, strict=True)]
-    (Y,) = pairs.matrices(state, lambda row, column: (crossing(row, column),), rows, columns)
+    (Y,) = pairs.matrices(state, lambda row, column: (generalized_force(row, column),), rows, columns)
     return state.in_given_axes(state.rounded(pairs.by_rates(state, Y, 0)))
 
 
 def _told(X, motion):
     """The wrenches of all parameters of a body, side by side."""
-    return along.abreast([shared(told)(X, halves(wrench)) for wrench in shared(_of_parameters)(motion)])
+    return along.abreast([noinline(told)(X, halves(wrench)) for wrench in noinline(_of_parameters)(motion)])
 
 
 def _of_parameters(motion):
@@ -47,7 +47,7 @@ def _of_parameters(motion):
     zero, one = (constant(motion.w[0], x) for x in (0, 1))
     no_vector = (zero,) * 3
     units = [tuple(one if i == k else zero for i in range(6)) for k in range(6)]
-    E = vectors.transpose(swing(motion.w, motion.alpha))
+    E = vectors.transpose(angular_acceleration_tensor(motion.w, motion.alpha))
     of_arms = [(*vectors.cross(unit[:3], motion.a), *column) for unit, column in zip(units, E, strict=False)]
     of_inertia = [(*_torque(symmetric.rows(unit), motion), *no_vector) for unit in units]
     return [(*no_vector, *motion.a), *of_arms, *of_inertia]

@@ -348,7 +348,7 @@ class Own:
     def apply(self, verb, other):
         """A verb of the kind, of its coordinates and others or a step."""
         q = self.coordinates(self.state.q)
-        return numbers.shared(functools.partial(_of, getattr(self.kind, verb)))(self.axes, q, other)
+        return numbers.noinline(functools.partial(_of, getattr(self.kind, verb)))(self.axes, q, other)
 
     def dq_dt(self, v):
         q = self.coordinates(self.state.q)

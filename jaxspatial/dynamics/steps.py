@@ -80,15 +80,15 @@ def symplectic_step(mechanism, q, v, tau, dt, external_forces=None, *, iteration
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau)), dt.shape)
     q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (q, v, tau, dt[..., None]))
     tau = _with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
-    apart, dt, damping = _moved(mechanism, precision), h[..., 0], resistance(mechanism, v, compliance, precision)
+    slopes, dt, damping = _moved(mechanism, precision), h[..., 0], resistance(mechanism, v, compliance, precision)
     damping = None if damping is None else h * jnp.broadcast_to(damping, v.shape)
     before = integrate(mechanism, q, v, -dt, precision=precision)
-    momentum = apart(before, q, dt)[1] + h * (tau - _static(mechanism, q, external_forces, precision))
+    momentum = slopes(before, q, dt)[1] + h * (tau - _static(mechanism, q, external_forces, precision))
     M = mass_matrix(mechanism, q, precision=precision)
     factor = factored(M if damping is None else M + _diagonal(damping))
 
     def nearer(_, v):
-        left = momentum + apart(q, integrate(mechanism, q, v, dt, precision=precision), dt)[0]
+        left = momentum + slopes(q, integrate(mechanism, q, v, dt, precision=precision), dt)[0]
         return v + factor.solve(left if damping is None else left - damping * v)
 
     v = jax.lax.fori_loop(0, iterations, nearer, v)

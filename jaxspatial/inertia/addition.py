@@ -13,7 +13,7 @@ import numpy as np
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.double_word import DoubleWord
 from jaxspatial.arithmetic.lanes import is_known
-from jaxspatial.arithmetic.numbers import Lane, apart, constant, high, numeric, where
+from jaxspatial.arithmetic.numbers import Lane, constant, high, noinline_pairs, numeric, where
 from jaxspatial.inertia import symmetric
 from jaxspatial.inertia.reduction import summed
 
@@ -46,7 +46,7 @@ def joined(m1, c1, i1, m2, c2, i2, share):
     return [m, com, tuple((a + b) + c for a, b, c in zip(i1, i2, arm, strict=True))]
 
 
-@apart
+@noinline_pairs
 def steiner(m, d):
     """m (|d|^2 1 - d d^T), of m d first: its square may not be a number of the format where the product is."""
     x, y, z = d

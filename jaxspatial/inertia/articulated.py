@@ -10,7 +10,7 @@ import numpy as np
 from jaxspatial.arithmetic import check, lanes, vectors
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, to_double_word
 from jaxspatial.arithmetic.kernel import kernel
-from jaxspatial.arithmetic.numbers import Lane, apart, constant, high, numeric, shared, where
+from jaxspatial.arithmetic.numbers import Lane, constant, high, noinline, noinline_pairs, numeric, where
 from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.inertia import parameters, symmetric
@@ -387,13 +387,13 @@ def turned(j, f, m, rows):
     return congruent(j, rows), vectors.flat(sandwiched(vectors.rows(f), rows)), congruent(m, rows)
 
 
-@shared
+@noinline
 def sandwiched(m, rows):
     """R m R^T."""
     return vectors.product(rows, vectors.product(m, vectors.transpose(rows)))
 
 
-@shared
+@noinline
 def congruent(six, rows):
     """R S R^T, of the lower triangle."""
     turned = vectors.product(rows, symmetric.rows(six))
@@ -401,15 +401,15 @@ def congruent(six, rows):
 
 
 @numeric
-@shared
+@noinline
 def _moved(j, f, m, entries, p):
-    return list(apart(shifted)(*turned(j, f, m, vectors.rows(entries)), tuple(-x for x in p)))
+    return list(noinline_pairs(shifted)(*turned(j, f, m, vectors.rows(entries)), tuple(-x for x in p)))
 
 
 @numeric
-@shared
+@noinline
 def _moved_back(j, f, m, entries, p):
-    return list(turned(*apart(shifted)(j, f, m, p), vectors.transpose(vectors.rows(entries))))
+    return list(turned(*noinline_pairs(shifted)(j, f, m, p), vectors.transpose(vectors.rows(entries))))
 
 
 # -- products ---------------------------------------------------------------------------------------------------------
@@ -459,7 +459,7 @@ def _removed(j, f, m, w, v, arm):
     return without(j, f, m, U, share_of(U, D)), U, D
 
 
-@shared
+@noinline
 def felt(j, f, m, w, v, arm):
     """U = P S, D = S^T U + armature."""
     top, bottom = by_rows(j, f, m)
@@ -467,7 +467,7 @@ def felt(j, f, m, w, v, arm):
     return U, (vectors.dot(U[:3], w) + vectors.dot(U[3:], v)) + arm
 
 
-@shared
+@noinline
 def share_of(U, D):
     """U / D, 0 where D is not positive."""
     is_none = high(D) <= 0
@@ -475,7 +475,7 @@ def share_of(U, D):
     return tuple(where(is_none, 0.0, x / D) for x in U)
 
 
-@shared
+@noinline
 def without(j, f, m, U, share):
     """P - U share^T."""
     places = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))

@@ -9,7 +9,7 @@ from jax import lax
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.double_word import from_double_word
-from jaxspatial.arithmetic.numbers import apart, high, numeric, where
+from jaxspatial.arithmetic.numbers import high, noinline_pairs, numeric, where
 from jaxspatial.inertia import symmetric
 from jaxspatial.inertia.reduction import first, summed
 
@@ -59,7 +59,7 @@ def enclosed(amount, corners, middle, by, size):
     return [(m,), *_about_center(m, d, moments[:3], moments[3:], middle)]
 
 
-@apart
+@noinline_pairs
 def _moments(corners, middle):
     """Of the tetrahedron from the middle to a triangle (a, b, c): d = 6 volume, d s and d (s s^T + a a^T + b b^T + c
     c^T) with s = a + b + c.
@@ -75,7 +75,7 @@ def _moments(corners, middle):
     return d, *vectors.times(d, s), *squares
 
 
-@apart
+@noinline_pairs
 def _about_center(m, d, arm, squares, middle):
     """(com, central) from the sums over all tetrahedra."""
     arm = tuple(x / (4 * d) for x in arm)

@@ -2,7 +2,7 @@
 
 from jaxspatial.arithmetic import check, lanes, vectors
 from jaxspatial.arithmetic.kernel import kernel
-from jaxspatial.arithmetic.numbers import apart, numeric
+from jaxspatial.arithmetic.numbers import noinline_pairs, numeric
 from jaxspatial.inertia import symmetric
 from jaxspatial.inertia.inertia import SpatialInertia
 from jaxspatial.rotation.rotation import expanded
@@ -98,12 +98,12 @@ def _newton_euler(mass, com, central, alpha, a, w):
     return [_torque(com, central, alpha, w, f), f]
 
 
-@apart
+@noinline_pairs
 def _force(m, c, alpha, a, w):
     return vectors.times(m, vectors.plus(a, vectors.cross(alpha, c), vectors.cross(w, vectors.cross(w, c))))
 
 
-@apart
+@noinline_pairs
 def _torque(c, central, alpha, w, f):
     rows = symmetric.rows(central)
     spinning = vectors.cross(w, vectors.matrix_times(rows, w))

@@ -8,7 +8,7 @@ from jax import lax
 
 from jaxspatial.arithmetic import lanes
 from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.numbers import Lane, apart
+from jaxspatial.arithmetic.numbers import Lane, noinline_pairs
 from jaxspatial.arithmetic.total import total
 
 
@@ -32,7 +32,7 @@ def _of_lanes(values, size):
     return [sums[i, ..., None] for i in range(len(values))]
 
 
-@apart
+@noinline_pairs
 def _of_double_words(numbers):
     stacked = DoubleWord(*(jnp.stack([getattr(x, word) for x in numbers]) for word in ("hi", "lo")))
     sums = _halved(stacked)

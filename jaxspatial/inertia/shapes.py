@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.functions import pi
-from jaxspatial.arithmetic.numbers import apart, constant, high, numeric, where
+from jaxspatial.arithmetic.numbers import constant, high, noinline_pairs, numeric, where
 from jaxspatial.inertia import mesh, symmetric
 from jaxspatial.inertia.reduction import product
 from jaxspatial.rotation.rotation import expanded
@@ -382,12 +382,12 @@ def _difference(a, b):
     return tuple(y - x for x, y in zip(a, b, strict=True))
 
 
-@apart
+@noinline_pairs
 def _determinant(a, b, c):
     return vectors.dot(a, vectors.cross(b, c))
 
 
-@apart
+@noinline_pairs
 def _squares(m, edges):
     """m times the sum of e e^T: xx, xy, yy, xz, yz, zz."""
     return tuple(vectors.total([m * e[i] * e[j] for e in edges]) for i, j in mesh.PAIRS)

@@ -10,7 +10,7 @@ from jax import lax
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word
 from jaxspatial.arithmetic.functions import unit_roundoff
-from jaxspatial.arithmetic.numbers import Lane, apart, constant, high, numeric, times_power_of_two, where
+from jaxspatial.arithmetic.numbers import Lane, constant, high, noinline_pairs, numeric, times_power_of_two, where
 from jaxspatial.arithmetic.precision import Precision
 
 # Indices of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on (jax 0.10).
@@ -192,7 +192,7 @@ def _rotated(a, columns, i, j):
     return symmetric, tuple(tuple(new[m]) for m in range(3))
 
 
-@apart
+@noinline_pairs
 def _rotation(a_ii, a_ij, a_jj):
     """(tangent, cosine, sine) of the smaller angle that does; none where a_ij is nothing next to a matrix of size 1."""
     across, apart_by = 2 * a_ij, a_jj - a_ii

@@ -44,8 +44,8 @@ class Recommendation:
             return f'use "{self.precision}": the fastest with errors of at most {self.tolerance:.2g} of the result'
         best = min(self.rows, key=lambda row: row.error)
         return (
-            f"no precision holds {self.tolerance:.2g}; the best has {best.error:.2e}: the numbers themselves would have "
-            "to be of a wider dtype, or carried as DoubleWord"
+            f"no precision holds {self.tolerance:.2g}, the best has {best.error:.2e}: the numbers themselves have to "
+            "be of a wider dtype, or carried as DoubleWord"
         )
 
 

@@ -22,10 +22,10 @@ Numbers that are not finite are null: the condition number of an exact result of
 
 import json
 import math
+from importlib.metadata import version
 from typing import NamedTuple
 
 import jax
-import jaxlib
 import numpy as np
 
 from jaxspatial.measure import power
@@ -80,7 +80,7 @@ def _finite(x):
 
 
 def _versions():
-    return {"jax": jax.__version__, "jaxlib": jaxlib.__version__, "numpy": np.__version__}
+    return {"jax": jax.__version__, "jaxlib": version("jaxlib"), "numpy": np.__version__}
 
 
 def _row(row):

@@ -3,9 +3,9 @@
 import os
 import platform
 import time
+from importlib.metadata import version
 
 import jax
-import jaxlib
 import numpy as np
 
 
@@ -33,7 +33,7 @@ def machine():
     """One line that says where numbers come from."""
     n = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     cores = f"{n} core{'' if n == 1 else 's'} in use, {jax.default_backend()}"
-    versions = f"jax {jax.__version__}, jaxlib {jaxlib.__version__}, numpy {np.__version__}"
+    versions = f"jax {jax.__version__}, jaxlib {version('jaxlib')}, numpy {np.__version__}"
     return f"{_processor()}, {cores}, Python {platform.python_version()}, {versions}"
 
 

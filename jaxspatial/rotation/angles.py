@@ -2,7 +2,7 @@
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.functions import angle_ratio, cosine_sine, pi
-from jaxspatial.arithmetic.numbers import constant, high, shared, where
+from jaxspatial.arithmetic.numbers import constant, high, noinline, where
 
 
 def about(k, angle):
@@ -30,7 +30,7 @@ def axis_angle(q):
     return axis, 2 * angle_ratio(sine * sine, c) * sine
 
 
-@shared
+@noinline
 def angle_of(s, c):
     """atan2(s, c), in [-pi, pi]; 0 for (0, 0). Of a vector of any length."""
     is_negative = high(s) < 0

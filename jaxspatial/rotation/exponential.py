@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.functions import angle_ratio, cosine_series, series, sine_series, turns
-from jaxspatial.arithmetic.numbers import constant, doubled, high, shared, where
+from jaxspatial.arithmetic.numbers import constant, doubled, high, noinline, where
 from jaxspatial.rotation import quaternion
 
 # A little above pi^2 and (pi / 2)^2.
@@ -34,7 +34,7 @@ class Turn(NamedTuple):
     is_large: Any
 
 
-@shared
+@noinline
 def turn(w):
     """The Turn of a rotation vector."""
     squared, missing = vectors.square(w)
@@ -66,7 +66,7 @@ def from_quaternion(q):
     return _logarithm(q)[0]
 
 
-@shared
+@noinline
 def _logarithm(q):
     """(w, (t/2) cot(t/2)), of which nothing is rounded to unit length first."""
     c, *v = q
@@ -95,7 +95,7 @@ def _coefficient(t, first):
     return series((Fraction((-1) ** n, math.factorial(2 * n + first)) for n in itertools.count()), x, _UP_TO_PI)
 
 
-@shared
+@noinline
 def coefficients(t):
     """c1 = sin t / t, c2 = (1 - cos t) / t^2, c3 = (1 - c1) / t^2."""
     s = t.sine * t.part
@@ -103,7 +103,7 @@ def coefficients(t):
     return c1, doubled(s * s, -1), _beyond_pi(t, 1 - c1, _coefficient(t, 3))
 
 
-@shared
+@noinline
 def higher_coefficients(t, c2, c3):
     """c4 = (1/2 - c2) / t^2, c5 = (1/6 - c3) / t^2."""
     sixth = constant(c3, Fraction(1, 6))
@@ -114,14 +114,14 @@ def _beyond_pi(t, numerator, up_to_pi):
     return where(t.is_large, numerator / where(t.is_large, t.squared, 16.0), up_to_pi)
 
 
-@shared
+@noinline
 def inverse_coefficients(t):
     """e = (t/2) cot(t/2), d = (1 - e) / t^2: infinite at whole turns but 0."""
     e = t.cosine / (t.sine * t.part)
     return e, _missing_to_one(e, t.squared)
 
 
-@shared
+@noinline
 def _missing_to_one(e, squared):
     """(1 - e) / t^2 of e = (t/2) cot(t/2)."""
     is_small = high(squared) <= 1
@@ -159,7 +159,7 @@ def screw(w, v):
     return _quaternion(t, w), _translation(t, w, v)
 
 
-@shared
+@noinline
 def motion_logarithm(m, p):
     """(w, v) of a matrix by its rows and a translation."""
     w, e = _logarithm(quaternion.proportional(m))
@@ -171,7 +171,7 @@ def translation(w, v):
     return _translation(turn(w), w, v)
 
 
-@shared
+@noinline
 def _translation(t, w, v):
     """J(w) v, J the left Jacobian. Written without the difference of v and its share
     along the axis, nothing cancels: at pi, sin t / t is 0."""
@@ -186,7 +186,7 @@ def left_jacobian(w):
     return _operator(*coefficients(turn(w)), w)
 
 
-@shared
+@noinline
 def left_jacobian_inverse(w):
     e, d = inverse_coefficients(turn(w))
     return _operator(e, -0.5, d, w)
@@ -200,7 +200,7 @@ def _operator(c, half, d, w):
     return tuple(tuple(dw[i] * w[j] + (c if i == j else turned[i][j]) for j in range(3)) for i in range(3))
 
 
-@shared
+@noinline
 def coupling(w, v):
     """Q, the lower left block of the left Jacobian of exp(w, v), rotational part on top, by its rows.
 

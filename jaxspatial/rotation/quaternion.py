@@ -3,10 +3,10 @@
 import operator
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import doubled, each, high, shared, where
+from jaxspatial.arithmetic.numbers import doubled, each, high, noinline, where
 
 
-@shared
+@noinline
 def to_matrix(q):
     """The matrix of a unit quaternion, as good as that of the exact one in the direction of q.
 
@@ -28,7 +28,7 @@ def from_matrix(m):
     return vectors.unit(proportional(m))
 
 
-@shared
+@noinline
 def proportional(m):
     """A quaternion with w >= 0, of a length from 1/2 to 1, of a matrix, nearly a rotation.
 

@@ -59,7 +59,7 @@ def test_what_is_known_stays_known():
             lane * 2 + 1, (lane - 0.5).sqrt(), numbers.nearest_integer(lane), numbers.frozen(lane), abs(-lane),
             numbers.where(lane > 1, lane, 0.0), numbers.constant(lane, Fraction(1, 3)), numbers.doubled(lane, -2),
             numbers.times_power_of_two(lane, np.int32(3)), *numbers.each(operator.mul, [lane], [lane]),
-            numbers.shared(lambda a: a / 3)(lane), *numbers.repeated(lambda v: (v[0] * 0.5,), 2, (lane,)),
+            numbers.noinline(lambda a: a / 3)(lane), *numbers.repeated(lambda v: (v[0] * 0.5,), 2, (lane,)),
         ]  # fmt: skip
         assert all(isinstance(y.value, np.float32) for y in found)
         np.testing.assert_array_equal([float(y.value) for y in found[:6]], [6, np.float32(2) ** 0.5, 2, 2.5, 2.5, 2.5])
@@ -71,7 +71,7 @@ def test_what_is_known_stays_known():
 
 @pytest.mark.parametrize("kind", ["lane", "double"])
 def test_calls_and_loops_change_nothing(kind):
-    """shared, apart, each and repeated give the bits of what they call."""
+    """noinline, noinline_pairs, each and repeated give the bits of what they call."""
     x = jnp.asarray(np.random.default_rng(0).standard_normal((3, 50)).astype(np.float32))
     number = (lambda a: Lane(REPRODUCIBLE, a)) if kind == "lane" else js.to_double_word
 
@@ -90,7 +90,7 @@ def test_calls_and_loops_change_nothing(kind):
         return value((*v, *products))
 
     def called(x):
-        v = numbers.repeated(lambda v: numbers.shared(numbers.apart(step))(v), 3, tuple(map(number, x)))
+        v = numbers.repeated(lambda v: numbers.noinline(numbers.noinline_pairs(step))(v), 3, tuple(map(number, x)))
         return value((*v, *numbers.each(operator.mul, v, v[::-1])))
 
     for a, b in zip(jax.jit(plain)(x), jax.jit(called)(x), strict=True):
@@ -104,7 +104,7 @@ def test_calls_and_loops_change_nothing(kind):
 
 
 def test_masks_pass_shared_calls():
-    @numbers.shared
+    @numbers.noinline
     def chosen(x, mask):
         return numbers.where(mask, x, -x), ~mask
 

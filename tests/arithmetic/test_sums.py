@@ -82,7 +82,8 @@ def test_donated_memory_is_used(axis, dtype, precision):
             return js.shift(wrench, p, precision=precision).tau
 
         compiled = jax.jit(jax.vmap(shift, axis, axis), donate_argnums=0).lower(*arrays).compile()
-        assert compiled.memory_analysis().alias_size_in_bytes == arrays[0].nbytes
+        analysis = compiled.memory_analysis()
+        assert analysis is not None and analysis.alias_size_in_bytes == arrays[0].nbytes
 
 
 def test_pull_back_of_a_shared_item_is_rounded_once():

@@ -140,6 +140,7 @@ def picture(results, path):
 
     matplotlib.use("agg")
     from matplotlib import pyplot as plt
+    from matplotlib.lines import Line2D
 
     robots = list(dict.fromkeys(r.robot for r in results))
     widest = max(sum(r.robot == x for r in results) for x in robots)
@@ -152,7 +153,7 @@ def picture(results, path):
         for axes, result in zip(row[1:], own, strict=False):
             _dots(axes, result, is_first=result is own[0])
     shown = [x for x in (OURS, *PEERS) if any((x, r.many) == c[:0:-1] for r in results for c in r.seconds)]
-    handles = [plt.Line2D([], [], marker=MARKERS[x], color=COLOURS[x], ls="", ms=8) for x in shown]
+    handles = [Line2D([], [], marker=MARKERS[x], color=COLOURS[x], ls="", ms=8) for x in shown]
     figure.legend(handles, shown, loc="outside upper center", ncols=5, frameon=False, fontsize=12)
     figure.savefig(path, dpi=90)
     plt.close(figure)

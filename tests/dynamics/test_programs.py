@@ -80,7 +80,7 @@ def test_known_numbers_are_read_only():
     for mech in (robot(), robot().astype(np.float16), robot().replace(gravity=np.zeros(3, np.float32))):
         with pytest.raises(ValueError, match="read-only"):
             mech.gravity[2] = 1.0
-    given = np.float32([0, 0, -1])
+    given = np.array([0, 0, -1], np.float32)
     robot().replace(gravity=given)
     given[2] = 2.0
 

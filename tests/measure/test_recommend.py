@@ -42,7 +42,11 @@ def test_what_holds_is_recommended():
 
 
 def test_the_fastest_that_holds():
-    rows = [Measured("fast", 1e-3, 1.0, False), Measured("reproducible", 1e-7, 3.0, True), Measured("b", 0.0, 2.0, True)]
+    rows = [
+        Measured("fast", 1e-3, 1.0, False),
+        Measured("reproducible", 1e-7, 3.0, True),
+        Measured("b", 0.0, 2.0, True),
+    ]
     assert Recommendation(rows, 1e-6).precision == "b"
     assert repr(Recommendation(rows, 1e-6)).splitlines()[1].split() == ["fast", "1.00e-03", "1e+06", "us", "1.00", "no"]
 

@@ -88,7 +88,8 @@ def test_a_wrench_acted_on_is_rotated_and_shifted():
     for X, six in zip(each(poses()), np.random.default_rng(2).normal(size=(N, 6)), strict=True):
         F = js.SpatialForce.from_array(six)
         frame = interop.drake.to_rigid_transform(X)
-        theirs = interop.drake.to_force(F).Rotate(frame.rotation()).Shift(-frame.translation()).get_coeffs()
+        moved = interop.drake.to_force(F).Rotate(frame.rotation()).Shift(np.negative(frame.translation()))
+        theirs = np.asarray(moved.get_coeffs(), np.float64)
         size = np.abs(six).sum() * (1 + abs(X.translation).max())
         assert abs(theirs - np.asarray(js.act(X, F).to_array())).max() <= 8 * U * size
 
