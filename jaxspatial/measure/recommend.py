@@ -58,8 +58,8 @@ def recommend(function, *arguments, tolerance, rounds=9):
     with a reference: itself in "compensated", on the same numbers as float64. For float64 arguments that is the best
     that the function does, not exact: errors below 1e-15 say no more.
 
-    function: of the arguments, to arrays or trees of them; whatever jit takes. Arrays that it closes over should be
-        NumPy: those take part in the reference, as do numbers of a Mechanism.
+    function: of the arguments, to arrays or trees of them; whatever jit takes. What it closes over has to go with
+        float64 arguments as well, for the reference: Python numbers do, and a Mechanism of known numbers.
     arguments: trees of arrays, of one floating dtype
     tolerance: the largest error allowed, relative to the largest number of each result
     rounds: how often each precision is timed; the median counts
