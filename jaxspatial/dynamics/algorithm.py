@@ -16,7 +16,7 @@ import numpy as np
 
 from jaxspatial.arithmetic import check, numbers
 from jaxspatial.arithmetic.precision import resolve
-from jaxspatial.dynamics import program
+from jaxspatial.dynamics import primitive, program
 from jaxspatial.dynamics.state import MechanismState
 from jaxspatial.mechanism import Mechanism
 
@@ -129,7 +129,7 @@ class Algorithm(program.Program):
         if self.known[leaf] is not None:
             return None
         found = tangents[self._place(leaf)]
-        return None if program.is_zero(found) else found
+        return None if primitive.is_zero(found) else found
 
     def with_leaf(self, data, leaf, x):
         """The data with x in the place of a leaf, that may have been known."""
@@ -138,14 +138,14 @@ class Algorithm(program.Program):
 
     def tangents(self, primals, tangents, n_batch):
         """Those of the results, of tangents of which zero and None are none; None for zero."""
-        moving = tuple(t is not None and not program.is_zero(t) for t in tangents)
+        moving = tuple(t is not None and not primitive.is_zero(t) for t in tangents)
         if not any(moving):
             return [None]
         given = [t for t, yes in zip(tangents, moving, strict=True) if yes]
-        return program.bind(self.tangent(moving), [*primals, *given], n_batch)
+        return primitive.bind(self.tangent(moving), [*primals, *given], n_batch)
 
     def __call__(self, data, n_batch):
-        found = program.bind(self, data, n_batch)
+        found = primitive.bind(self, data, n_batch)
         return jax.tree.unflatten(self.out_tree, found)
 
 

@@ -32,6 +32,7 @@ from jaxspatial.dynamics.mass_matrix import (
     with_armature,
     wrench_to_parent,
 )
+from jaxspatial.dynamics.motions import force_cross, minus, motion_cross, plus, scaled, skew, twice_crossed
 from jaxspatial.dynamics.state import Inertia
 from jaxspatial.inertia import articulated, symmetric
 
@@ -115,7 +116,7 @@ def _derivatives(state, v, vdot, forces, *, frames):
 def _pulled(tau, f, r):
     """How the wrench of a load at r changes as the body turns, its directions kept: (pulled y, y x f)."""
     about_point = vectors.minus(tau, vectors.cross(r, f))
-    return _minus(_skew(tuple(-x for x in about_point)), _twice_crossed(r, f))
+    return minus(skew(tuple(-x for x in about_point)), twice_crossed(r, f))
 
 
 def _rooted(state, links, motions):
@@ -148,7 +149,7 @@ def _of_body(inertia, motion, load):
     J, _, _ = articulated.of_body(*inertia)
     half_trace = doubled(J[0] + J[2] + J[5], -1)
     sigma = tuple(half_trace - x if i in (0, 2, 5) else -x for i, x in enumerate(J))
-    X = vectors.product(_skew(tuple(doubled(-x) for x in motion.w)), symmetric.rows(sigma))
+    X = vectors.product(skew(tuple(doubled(-x) for x in motion.w)), symmetric.rows(sigma))
     p = vectors.cross(motion.w, vectors.times(inertia.mass, inertia.com))
     wrench = (vectors.minus(a, b) for a, b in zip(wrench_of(inertia, motion), (tau, f), strict=True))
     return Subtree(inertia, vectors.flat(wrench), X, p, pulled, f)
@@ -166,19 +167,19 @@ def _seen_from_parent(link, motion, subtree):
     X_PB, turn, d = _to_observer(link, motion)
     m, com, _ = subtree.inertia
     p = vectors.plus(turn(subtree.p), vectors.times(m, d))
-    moved = _plus(_twice_crossed(turn(vectors.times(m, com)), d), _twice_crossed(X_PB.p, p))
-    X = _minus(articulated.sandwiched(subtree.X, X_PB.rows), tuple(tuple(doubled(x) for x in row) for row in moved))
+    moved = plus(twice_crossed(turn(vectors.times(m, com)), d), twice_crossed(X_PB.p, p))
+    X = minus(articulated.sandwiched(subtree.X, X_PB.rows), tuple(tuple(doubled(x) for x in row) for row in moved))
     pull = turn(subtree.pull)
-    pulled = _minus(articulated.sandwiched(subtree.pulled, X_PB.rows), _twice_crossed(X_PB.p, pull))
+    pulled = minus(articulated.sandwiched(subtree.pulled, X_PB.rows), twice_crossed(X_PB.p, pull))
     return Subtree(inertia_to_parent(X_PB, subtree.inertia), wrench_to_parent(X_PB, subtree.wrench), X, p, pulled, pull)
 
 
 def _joined(a, b):
     parts = (
         vectors.plus(a.wrench, b.wrench),
-        _plus(a.X, b.X),
+        plus(a.X, b.X),
         vectors.plus(a.p, b.p),
-        _plus(a.pulled, b.pulled),
+        plus(a.pulled, b.pulled),
         vectors.plus(a.pull, b.pull),
     )
     return Subtree(combine(a.inertia, b.inertia), *parts)
@@ -199,7 +200,7 @@ def _told(link, motion, subtree, placed):
     turn = functools.partial(vectors.matrix_times, placed[0])
     where = placed[1:]
     S, first, own, second = _rates(link, motion)
-    six = [tuple(map(turn, x)) for x in (S, first, _sum(first, own), second)]
+    six = [tuple(map(turn, x)) for x in (S, first, plus(first, own), second)]
     columns = _column(subtree, S, first, own, second)
     return (*six, *where), (*(turn(columns[i : i + 3]) for i in range(0, len(columns), 3)), *where)
 
@@ -211,10 +212,15 @@ def _column(subtree, S, first, own, second):
     t = vectors.plus(transposed, tuple(doubled(x) for x in vectors.cross(subtree.p, v)))
     loaded = vectors.matrix_times(vectors.transpose(subtree.pulled), w)
     loaded = vectors.plus(loaded, vectors.cross(subtree.pull, v))
-    a = vectors.plus(_coriolis(subtree, first[0]), felt(subtree.inertia, second), _convected(S, subtree.wrench))
+    a = vectors.plus(_coriolis(subtree, first[0]), felt(subtree.inertia, second), force_cross(S, subtree.wrench))
     a = vectors.plus(a, (*vectors.matrix_times(subtree.pulled, w), *vectors.cross(w, subtree.pull)))
-    b = vectors.plus(_coriolis(subtree, w), felt(subtree.inertia, _sum(first, own)))
+    b = vectors.plus(_coriolis(subtree, w), felt(subtree.inertia, plus(first, own)))
     return *felt(subtree.inertia, S), *t, *a, *b, *loaded
+
+
+def _coriolis(subtree, y):
+    """2 B of a turning."""
+    return *vectors.matrix_times(subtree.X, y), *(doubled(x) for x in vectors.cross(y, subtree.p))
 
 
 def _five(row, column):
@@ -242,7 +248,7 @@ def _felt(motion, wrench):
 def _rates(link, motion):
     """(S, Psi', S', Psi'') of all rates of a joint side by side, for an observer that J rests for."""
     S, (w_r, v_r) = link.joint.subspace, combined(link.joint.subspace, link.v)
-    dw, dv = _sum(combined(S, link.vdot), combined(link.joint.subspace_rate(link.v), link.v))
+    dw, dv = plus(combined(S, link.vdot), combined(link.joint.subspace_rate(link.v), link.v))
     zero = (constant(motion.w[0], 0),) * 3
     V, A = (motion.w, zero), (motion.alpha, motion.a)
     before = vectors.minus(motion.w, w_r), tuple(-x for x in v_r)
@@ -251,23 +257,23 @@ def _rates(link, motion):
     if link.joint.kind.is_sequential:
         return along.abreast(_one_by_one(link, before, parents))
     S = along.abreast(S)
-    return S, *_carried(S, before, parents, _crossed(V, S))
+    return S, *_carried(S, before, parents, motion_cross(V, S))
 
 
 def _one_by_one(link, V, A):
     """As joints with one rate each: V and A are those of what carries it."""
     found = []
     for s, rate, change in zip(link.joint.subspace, link.v, link.vdot, strict=True):
-        first, own, second = _carried(s, V, A, _crossed(V, s))
+        first, own, second = _carried(s, V, A, motion_cross(V, s))
         found.append((s, first, own, second))
-        A = _sum(_sum(A, _scaled(change, s)), _scaled(rate, first))
-        V = _sum(V, _scaled(rate, s))
+        A = plus(plus(A, scaled(change, s)), scaled(rate, first))
+        V = plus(V, scaled(rate, s))
     return found
 
 
 def _carried(s, V, A, own):
-    first = _crossed(V, s)
-    return first, own, _sum(_crossed(A, s), _crossed(V, first))
+    first = motion_cross(V, s)
+    return first, own, plus(motion_cross(A, s), motion_cross(V, first))
 
 
 # -- put together -----------------------------------------------------------------------------------------------------
@@ -289,50 +295,3 @@ def _is_behind(t):
     """(n, n): whether a rate is of a joint after that of another, or after it in a joint that is sequential."""
     joints = [(i, k) for i in range(len(t)) for k in range(t.kind(i).nv)]
     return [[i > j or (i == j and t.kind(i).is_sequential and k > m) for i, k in joints] for j, m in joints]
-
-
-# -- spatial algebra over numbers -------------------------------------------------------------------------------------
-
-
-def _crossed(a, b):
-    """Of motions: how b changes, carried by a."""
-    return vectors.cross(a[0], b[0]), vectors.plus(vectors.cross(a[0], b[1]), vectors.cross(a[1], b[0]))
-
-
-def _convected(S, wrench):
-    """How a wrench changes, carried by a motion."""
-    tau, f = wrench[:3], wrench[3:]
-    return *vectors.plus(vectors.cross(S[0], tau), vectors.cross(S[1], f)), *vectors.cross(S[0], f)
-
-
-def _coriolis(subtree, y):
-    """2 B of a turning."""
-    return *vectors.matrix_times(subtree.X, y), *(doubled(x) for x in vectors.cross(y, subtree.p))
-
-
-def _sum(a, b):
-    return tuple(vectors.plus(x, y) for x, y in zip(a, b, strict=True))
-
-
-def _scaled(s, motion):
-    return tuple(vectors.times(s, x) for x in motion)
-
-
-def _skew(v):
-    x, y, z = v
-    zero = constant(x, 0)
-    return (zero, -z, y), (z, zero, -x), (-y, x, zero)
-
-
-def _twice_crossed(a, b):
-    """[a]x [b]x = b a^T - (a . b) 1, by its rows."""
-    inner = vectors.dot(a, b)
-    return tuple(tuple(y * x - inner if i == j else y * x for j, x in enumerate(a)) for i, y in enumerate(b))
-
-
-def _plus(m, n):
-    return tuple(vectors.plus(a, b) for a, b in zip(m, n, strict=True))
-
-
-def _minus(m, n):
-    return tuple(vectors.minus(a, b) for a, b in zip(m, n, strict=True))

@@ -8,14 +8,13 @@ exact: frames, inertias and placements with them.
 import functools
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import numbers, vectors
 from jaxspatial.arithmetic.functions import cosine_sine
-from jaxspatial.arithmetic.numbers import Lane
 from jaxspatial.dynamics import alignment, along
+from jaxspatial.dynamics.results import Results
 from jaxspatial.mechanism.joints import Axes
 
 
@@ -65,7 +64,7 @@ class JointState(NamedTuple):
         return self.kind.subspace_rate(self.axes, self.turned, v)
 
 
-class MechanismState:
+class MechanismState(Results):
     """The fields of a mechanism by name, NumPy or data (n, ..., B), and q (nq, B)."""
 
     def __init__(self, topology, fields, q, n, precision, dtype):
@@ -201,126 +200,6 @@ class MechanismState:
     def is_root(self, bundle):
         """Whether its bodies hang on the world."""
         return bundle.is_on_world
-
-    # -- bodies -------------------------------------------------------------------------------------------------------
-
-    def of_body(self, body, found, at_world):
-        """What was found for all bundles, of one body: numbers (1, B). Of the world for -1."""
-        if body < 0:
-            return at_world
-        k, j, c = self.topology.places[body]
-        # Of what is the same for all chains there is one.
-        return along.mapped_tree(lambda word: word[j, min(c, word.shape[1] - 1)][None], found[k])
-
-    def by_body(self, found):
-        """(n, k, B) of tuples of k numbers, one for every bundle, in the order of bodies."""
-        pieces = [self._rows(b, parts, 3) for b, parts in zip(self.bundles, found, strict=True)]
-        places = np.concatenate([b.own_bodies for b in self.bundles])
-        return self.rounded(along.mapped(lambda w: along.rows(w, np.argsort(places)), along.joined(pieces)))
-
-    def _rows(self, bundle, parts, rank):
-        """(rows, B), or (bodies, k, B), of numbers of a bundle, those of a chain one behind the other."""
-        count = bundle.length * bundle.width
-        whole = along.stacked(parts, (bundle.length, bundle.width, self.n), 2)
-        whole = along.mapped(lambda w: jnp.swapaxes(w, 0, 1).reshape((count, len(parts), self.n)), whole)
-        if len(bundle.own_rows) < count:
-            whole = along.mapped(lambda w: along.rows(w, bundle.own_rows), whole)
-        return along.mapped(lambda w: w.reshape((-1, self.n)), whole) if rank == 2 else whole
-
-    # -- results ------------------------------------------------------------------------------------------------------
-
-    def rounded(self, x):
-        """A number, or a tuple of them, as an array (..., B): rounded once, to the dtype of q. Arrays as they are."""
-        if numbers.is_number(x):
-            return jnp.broadcast_to(jnp.asarray(self._array(x)), (*np.shape(numbers.high(x))[:-1], self.n))
-        if type(x) is tuple:
-            return jnp.stack([self.rounded(c).reshape((self.n,)) for c in x])
-        return x
-
-    def _array(self, x):
-        return numbers.rounded(np.shape(numbers.high(x)), self.dtype, False, False, x)
-
-    def by_rate(self, found, bundles=None):
-        """(nv, B) of one number per rate, in a tuple for each bundle: what acts on a mimic acts, times its multiplier,
-        on the joint that it follows."""
-        return self.rounded(self.numbers_by_rate(found, bundles))
-
-    def numbers_by_rate(self, found, bundles=None):
-        """The same, as one number over the rates."""
-        return self.following(*self._gathered(found, bundles or self.bundles, of_rates=True))
-
-    def following(self, whole, places, bodies):
-        """Of numbers (rows, B) of bodies those that are no mimics', in order, with theirs added."""
-        own = self._own_rows(whole, places, bodies)
-        for row in np.flatnonzero(self._follows(bodies)).tolist():
-            factor = self.numbers(along.rows(self.fields["mimics"], bodies[row]))[0]
-            own = along.added_at(own, places[row], factor * along.mapped(lambda w, k=row: w[k], whole))
-        return own
-
-    def by_coordinate(self, found, bundles=None):
-        """(nq, B) of one number per coordinate, in a tuple for each bundle; those of mimics are no coordinates."""
-        return self.rounded(self._own_rows(*self._gathered(found, bundles or self.bundles, of_rates=False)))
-
-    def matrix_by_rate(self, found):
-        """(k, nv, B) of a tuple of k numbers per rate, in a tuple for each bundle."""
-        k = next(len(parts[0]) for parts in found if parts)
-        return jnp.stack([self.by_rate([tuple(column[i] for column in parts) for parts in found]) for i in range(k)])
-
-    def _gathered(self, found, bundles, of_rates):
-        """(numbers (rows, B), where each row belongs, the body that each is of)."""
-        starts = np.array(self.topology.v_starts if of_rates else self.topology.q_starts)
-        pieces, places, bodies = [], [], []
-        for b, parts in zip(bundles, found, strict=True):
-            if parts:
-                pieces.append(self._rows(b, parts, 2))
-                places.append(starts[b.own_bodies][:, None] + np.arange(len(parts)))
-                bodies.append(np.broadcast_to(b.own_bodies[:, None], places[-1].shape))
-        return along.joined(pieces), *(np.concatenate([x.ravel() for x in y]) for y in (places, bodies))
-
-    def _own_rows(self, whole, places, bodies):
-        own = np.flatnonzero(~self._follows(bodies))
-        order = own[np.argsort(places[own])]
-        return along.mapped(lambda w: along.rows(w, order), whole)
-
-    def _follows(self, bodies):
-        return np.array([self.topology.is_mimic(i) for i in bodies], bool)
-
-    def in_given_axes(self, Y):
-        """A matrix (rows, 10 n, B) over dynamic parameters, of those that a mechanism is given with."""
-        if self._turns is None:
-            return Y
-        which, sign = alignment.of_parameters(self._turns)
-        back = np.argsort(which, 1)
-        places = (10 * np.arange(len(back))[:, None] + back).ravel()
-        sign = jnp.asarray(np.take_along_axis(sign, back, 1).ravel().astype(self.dtype))
-        return jnp.take(Y, jnp.asarray(places, np.int32), axis=1) * sign[None, :, None]
-
-    # -- numbers kept from one program for another --------------------------------------------------------------------
-
-    def words(self, found):
-        """The arrays (..., B) that trees of numbers of bundles consist of, not rounded."""
-        full = []
-        for b, tree in zip(self.bundles, found, strict=True):
-            shape = b.length, b.width, self.n
-            leaves = jax.tree.leaves(tree, is_leaf=numbers.is_number)
-            full += [along.spread(x, shape if along.is_constant(x) else self._whole(x)) for x in leaves]
-        return jax.tree.leaves(numbers.data_of(full))
-
-    def _whole(self, x):
-        return *np.shape(numbers.high(x))[:-1], self.n
-
-    def of_words(self, arrays, form):
-        """The tree of numbers that consists of these arrays, in the form of another."""
-        leaves, tree = jax.tree.flatten(form, is_leaf=numbers.is_number)
-        like, found = self.known(0.0), iter(arrays)
-        if isinstance(like, Lane):
-            return jax.tree.unflatten(tree, [like._new(next(found)) for _ in leaves])
-        pairs = jax.tree.structure(like)
-        return jax.tree.unflatten(tree, [jax.tree.unflatten(pairs, [next(found), next(found)]) for _ in leaves])
-
-    def total(self, found):
-        """The sum of numbers, one for every bundle, over all bodies: (B,)."""
-        return along.total(along.joined([self._rows(b, (x,), 2) for b, x in zip(self.bundles, found, strict=True)]))
 
 
 class Own:

@@ -1,0 +1,233 @@
+"""Articulated bodies: out for velocities, in for what each body feels like with all that hangs on it, out for rates.
+
+[Featherstone 2008, table 7.1]
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.lanes import is_known
+from jaxspatial.arithmetic.numbers import Lane, constant, high, is_number, noinline, where
+from jaxspatial.dynamics import along, dense, recursion
+from jaxspatial.dynamics.inverse_dynamics import forces_of
+from jaxspatial.dynamics.links import Motion, across, moved, to_parent
+from jaxspatial.dynamics.mass_matrix import matrix_of
+from jaxspatial.inertia import articulated, symmetric
+from jaxspatial.mechanism.joints import Free
+
+
+class Articulated(NamedTuple):
+    """What a body feels like with all that hangs on it: the wrench P A + Z makes it accelerate by A = (alpha, a)."""
+
+    J: Any
+    F: Any
+    M: Any
+    Z: Any
+
+
+class Elimination(NamedTuple):
+    """Of one rate: vdot = (u - U . A) / D, with A the acceleration without it."""
+
+    U: Any
+    D: Any
+    u: Any
+
+
+class RootElimination(NamedTuple):
+    """Of a body that floats: matrix vdot = u - P A, with P without rotors; None where A is zero."""
+
+    matrix: Any
+    P: Any
+    u: Any
+
+
+class VelocityBias(NamedTuple):
+    """Of a body: its angular velocity, its acceleration across the joint without vdot, and the wrench it takes at
+    A = 0."""
+
+    w: Any
+    c: Any
+    Z: Any
+
+
+def accelerations(state, v, tau, pulled, gravity):
+    """(vdot, the factors of the mass matrix), by articulated bodies; with mimics, which tie joints of different bodies
+    together, by the matrix."""
+    if state.topology.has_mimics:
+        M, bias = matrix_of(state), state.numbers_by_rate(forces_of(state, v, None, pulled, gravity))
+        return state.rounded(dense.solved(M, dense.rows_of(state, tau) - bias)), [M, *[()] * (len(state.bundles) - 1)]
+    own = list(zip(state.links(v, tau), pulled, strict=True))
+    zero = state.no_vector
+    biases = recursion.outward(state, _velocity_bias, zero, own)
+    held = Articulated(zero + zero, zero + zero + zero, zero + zero, zero + zero)
+    floating = [floats(state, b) for b in state.bundles]
+    eliminated = recursion.inward(state, _eliminate, held, list(zip(own, biases, floating, strict=True)))
+    both = [(link, bias.c, e) for (link, _), bias, e in zip(own, biases, eliminated, strict=True)]
+    rates = recursion.outward(state, _accelerate, (zero, gravity), both)
+    return state.by_rate(rates), [
+        e.matrix if f else [x[:2] for x in e] for e, f in zip(eliminated, floating, strict=True)
+    ]
+
+
+def floats(state, bundle):
+    """Whether nothing holds its bodies, not even another that moves: all six rates are found at once."""
+    return bundle.kind is Free and state.is_root(bundle)
+
+
+def solution(state, factors, force):
+    """M^-1 forces, by the factors that `accelerations` found."""
+    if state.topology.has_mimics:
+        M, *_ = factors
+        return state.rounded(dense.solved(M, dense.rows_of(state, force)))
+    zero, links = state.no_vector, state.links(None, force)
+    left = recursion.inward(state, _pass_on, zero + zero, list(zip(links, factors, strict=True)))
+    both = [(link, (zero, zero), e) for link, e in zip(links, left, strict=True)]
+    return state.by_rate(recursion.outward(state, _accelerate, (zero, zero), both))
+
+
+def _pass_on(own, Z):
+    """([Elimination of each rate], the wrench that the parent takes), of the bias Z of what hangs on a body."""
+    link, factors = own
+    if is_number(factors):
+        return RootElimination(factors, None, vectors.minus(link.vdot, Z)), Z
+    found = []
+    for (w, v), (U, D), tau in zip(link.joint.subspace, factors, link.vdot, strict=True):
+        u = tau - (vectors.dot(w, Z[:3]) + vectors.dot(v, Z[3:]))
+        Z = _with_share(Z, u, articulated.share_of(U, D))
+        found.append(Elimination(U, D, u))
+    tau, f = to_parent(across(link.placement, link.joint), Z[:3], Z[3:])
+    return found, (*tau, *f)
+
+
+def _velocity_bias(own, w_P):
+    """The motion without vdot, under a parent that does not accelerate, and the wrench at that angular velocity."""
+    link, load = own
+    zero = (constant(w_P[0], 0),) * 3
+    motion = moved(link._replace(vdot=tuple(constant(x, 0) for x in link.v)), Motion(w_P, zero, zero))
+    Z = vectors.minus(noinline(_of_turning)(link.inertia, motion.w), (*load[0], *load[1]))
+    return VelocityBias(motion.w, (motion.alpha, motion.a), Z), motion.w
+
+
+def _of_turning(inertia, w):
+    """The wrench of a body that turns steadily about its origin: tau = w x J w, f = w (w . m c) - m c |w|^2."""
+    J, _, _ = articulated.of_body(*inertia)
+    moment = vectors.times(inertia.mass, inertia.com)
+    f = vectors.minus(vectors.times(vectors.dot(w, moment), w), vectors.times(vectors.dot(w, w), moment))
+    return *vectors.cross(w, vectors.matrix_times(symmetric.rows(J), w)), *f
+
+
+def _eliminate(own, held):
+    """([Elimination of each rate], what the parent feels): with P A' + Z the wrench across the joint, A' the
+    acceleration of the parent at the joint."""
+    (link, _), bias, is_floating = own
+    P = noinline(_held_with)(link.inertia, bias, held)
+    if is_floating:
+        return RootElimination(_matrix(P, link.armature), P, vectors.minus(link.vdot, P.Z)), P
+    found = []
+    for (w, v), tau, armature in zip(link.joint.subspace, link.vdot, link.armature, strict=True):
+        P, elimination = _without_rate(P, w, v, tau, armature)
+        found.append(elimination)
+    return found, _seen_from_parent(across(link.placement, link.joint), P)
+
+
+def _matrix(P, armature):
+    """P with the inertia of rotors, as one number (6, 6, ...)."""
+    top, bottom = articulated.by_rows(P.J, P.F, P.M)
+    rows = [[*a, *b] for a, b in top + bottom]
+    entries = [x + armature[i] if i == k else x for i, row in enumerate(rows) for k, x in enumerate(row)]
+    shape = np.broadcast_shapes((1, 1), *(np.shape(high(x)) for x in entries))
+    return along.mapped(lambda w: w.reshape((6, 6, *shape)), along.stacked(entries, shape, 0))
+
+
+def _held_with(inertia, bias, held):
+    """Of the body itself and what its children pass on, as a function of A': Z + P c in place of Z."""
+    parts = noinline(_combined)(inertia, bias.Z, held)
+    c = articulated.product(*parts[:3], *bias.c)
+    return Articulated(*parts[:3], vectors.plus(parts[3], c))
+
+
+def _combined(inertia, Z, held):
+    J, F, M = articulated.of_body(*inertia)
+    return [vectors.plus(a, b) for a, b in zip((J, F, M, Z), held, strict=True)]
+
+
+def _without_rate(P, w, v, tau, armature):
+    """P with one motion of the joint free, and what finds its rate.
+
+    Across an axis of the frame, without armature, nothing but tau is passed on: these rows are known.
+    """
+    U, D = articulated.felt(P.J, P.F, P.M, w, v, armature)
+    share = articulated.share_of(U, D)
+    u = tau - (vectors.dot(w, P.Z[:3]) + vectors.dot(v, P.Z[3:]))
+    rest = Articulated(*articulated.without(P.J, P.F, P.M, U, share), noinline(_with_share)(P.Z, u, share))
+    k = _free_axis(w, v, armature)
+    return rest if k is None else _cleared(rest, k, tau), Elimination(U, D, u)
+
+
+def _with_share(Z, u, share):
+    return vectors.plus(Z, vectors.times(u, share))
+
+
+def _free_axis(w, v, armature):
+    """Which axis of the frame a motion is known to be along, where nothing else resists it; None for all others."""
+    known = [x.value if isinstance(x, Lane) and is_known(x.value) else None for x in (*w, *v, armature)]
+    if None in known or known[6] != 0 or sorted(map(abs, known[:6])) != [0, 0, 0, 0, 0, 1]:
+        return None
+    return [abs(x) for x in known].index(1)
+
+
+def _cleared(P, k, tau):
+    """P with a row of known zeros, and what this axis passes on."""
+    zero = constant(tau, 0)
+    i, is_turn = k % 3, k < 3
+    six = {0: (0, 1, 3), 1: (1, 2, 4), 2: (3, 4, 5)}[i]
+    nine = [3 * i + j for j in range(3)] if is_turn else [3 * j + i for j in range(3)]
+    J, M = (_at(x, six, zero) if turns == is_turn else x for x, turns in ((P.J, True), (P.M, False)))
+    return Articulated(J, _at(P.F, nine, zero), M, P.Z)
+
+
+def _at(numbers, places, number):
+    return tuple(number if i in places else x for i, x in enumerate(numbers))
+
+
+def _seen_from_parent(X_PB, P):
+    turned = articulated.turned(P.J, P.F, P.M, X_PB.rows)
+    J, F, M = noinline(articulated.shifted)(*turned, tuple(-x for x in X_PB.p))
+    tau, f = to_parent(X_PB, P.Z[:3], P.Z[3:])
+    return Articulated(J, F, M, (*tau, *f))
+
+
+def _accelerate(own, parent):
+    """(vdot, (alpha, a)) of a body."""
+    link, c, eliminated = own
+    A = noinline(_carried)(across(link.placement, link.joint), *parent)
+    if isinstance(eliminated, RootElimination):
+        rates = _floating(eliminated, A)
+        A = vectors.plus(A, rates, (*c[0], *c[1]))
+        return rates, (A[:3], A[3:])
+    rates = []
+    for (w, v), (U, D, u) in zip(reversed(link.joint.subspace), reversed(eliminated), strict=True):
+        is_none = high(D) <= 0
+        rate = where(is_none, 0.0, (u - vectors.dot(U, A)) / where(is_none, 1.0, D))
+        A = vectors.plus(A, vectors.times(rate, (*w, *v)))
+        rates.append(rate)
+    A = vectors.plus(A, (*c[0], *c[1]))
+    return tuple(reversed(rates)), (A[:3], A[3:])
+
+
+def _floating(eliminated, A):
+    """The six rates of a body that floats."""
+    matrix, P, u = eliminated
+    u = u if P is None else vectors.minus(u, articulated.product(P.J, P.F, P.M, A[:3], A[3:]))
+    shape = np.broadcast_shapes(np.shape(high(matrix))[2:], *(np.shape(high(x)) for x in u))
+    found = dense.solved(matrix, along.stacked(u, shape, 0))
+    return tuple(along.mapped(lambda w, k=k: w[k], found) for k in range(6))
+
+
+def _carried(X_PB, alpha, a):
+    """The acceleration of the parent where the joint is, in the child's axes."""
+    R_BP = vectors.transpose(X_PB.rows)
+    arm = vectors.cross(alpha, X_PB.p)
+    return *vectors.matrix_times(R_BP, alpha), *vectors.matrix_times(R_BP, vectors.plus(a, arm))

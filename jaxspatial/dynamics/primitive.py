@@ -1,0 +1,216 @@
+"""The primitive of programs: the one place where what `vmap`, `jvp` and transposition do to an algorithm is decided.
+
+A batch that leaves the cache runs in blocks that stay in it, on processors.
+"""
+
+import functools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+from jax.interpreters import partial_eval as pe
+
+
+def bind(program, arrays, n_batch):
+    """The results (*batch, ...) of arrays that have n_batch axes in front, of size 1 where they do not vary."""
+    arrays = [c if not is_zero(c) else zeros(c.aval) for c in arrays]
+    return list(_program_p.bind(*arrays, program=program, n_batch=n_batch))
+
+
+def _common(shapes):
+    return np.broadcast_shapes(*shapes)
+
+
+def _abstract(*avals, program, n_batch):
+    batch = _common([a.shape[:n_batch] for a in avals])
+    items = [jax.ShapeDtypeStruct(a.shape[n_batch:], a.dtype) for a in avals]
+    size = block_size(math.prod(batch), program.block)
+    sizes = [size if math.prod(a.shape[:n_batch]) > 1 else 1 for a in avals]
+    specs = [a.sharding.spec for a in avals]
+    common = [next((s[k] for s in specs if s[k] is not None), None) for k in range(n_batch)]
+    varying = frozenset().union(*(a.mat.varying for a in avals))
+    found = []
+    for i, (shape, dtype) in enumerate(program.outputs(items, sizes)):
+        owner = program.owner(i)
+        if owner is not None:
+            found.append(avals[owner].update(weak_type=False))
+            continue
+        spec = jax.sharding.PartitionSpec(*common, *[None] * len(shape))
+        like = avals[0]
+        aval = like.update(
+            shape=(*batch, *shape),
+            dtype=dtype,
+            weak_type=False,
+            sharding=like.sharding.update(spec=spec),
+        )
+        if varying:
+            aval = aval.update(manual_axis_type=like.mat.update(varying=varying)) if hasattr(like, "mat") else aval
+        found.append(aval)
+    return found
+
+
+def _jvp(primals, tangents, *, program, n_batch):
+    return program.jvp(list(primals), list(tangents), n_batch)
+
+
+def _transpose(cotangents, *arguments, program, n_batch):
+    return program.transposed(list(cotangents), list(arguments), n_batch)
+
+
+def _batch(arrays, axes, *, program, n_batch):
+    """The new axis in front of those there are."""
+    size = next(x.shape[axis] for x, axis in zip(arrays, axes, strict=True) if axis is not None)
+    arrays = [_moved(x, axis, size, program.needs_own(i)) for i, (x, axis) in enumerate(zip(arrays, axes, strict=True))]
+    found = bind(program, arrays, n_batch + 1)
+    return found, [0] * len(found)
+
+
+def _moved(x, axis, size, is_own):
+    if axis is not None:
+        return jnp.moveaxis(x, axis, 0)
+    return jnp.broadcast_to(x, (size, *x.shape)) if is_own else x[None]
+
+
+def is_zero(tangent):
+    return type(tangent) is ad.Zero
+
+
+def no_tangent(x):
+    return ad.Zero(jax.typeof(x).to_tangent_aval())
+
+
+def over_own(x, aval):
+    """A cotangent over the batch of what it is the cotangent of."""
+    axes = [k for k, (a, b) in enumerate(zip(x.shape, aval.shape, strict=True)) if a != b]
+    return x.sum(axes, keepdims=True) if axes else x
+
+
+def zeros(aval):
+    return lax.full(aval.shape, 0, aval.dtype)
+
+
+# -- running it -------------------------------------------------------------------------------------------------------
+
+
+def run(program, n_batch, in_blocks, *arrays):
+    """With one axis of states, in blocks where so asked."""
+    batch = _common([x.shape[:n_batch] for x in arrays])
+    flat = [_flat(x, n_batch, batch) for x in arrays]
+    found = _in_blocks(program, program.block if in_blocks else None, math.prod(batch), flat)
+    return [_unflat(y, program.owner(i), arrays, n_batch, batch) for i, y in enumerate(found)]
+
+
+def _flat(x, n_batch, batch):
+    """(B, ...), or (1, ...) where no axis of the batch varies."""
+    own = x.shape[:n_batch]
+    if math.prod(own) > 1 and own != batch:
+        x, own = jnp.broadcast_to(x, (*batch, *x.shape[n_batch:])), batch
+    return x.reshape((math.prod(own), *x.shape[n_batch:]))
+
+
+def _unflat(y, owner, arrays, n_batch, batch):
+    if owner is None:
+        return y.reshape((*batch, *y.shape[1:]))
+    own = arrays[owner].shape[:n_batch]
+    if y.shape[0] == math.prod(own):
+        return y.reshape((*own, *y.shape[1:]))
+    whole = y.reshape((*batch, *y.shape[1:]))
+    over = [k for k, (a, b) in enumerate(zip(own, batch, strict=True)) if a != b]
+    return whole.sum(over, keepdims=True) if over else whole
+
+
+def block_size(n, block):
+    """How many of n states make a block."""
+    return -(-n // -(-n // block)) if n else n
+
+
+def _in_blocks(program, block, n, arrays):
+    n_blocks = -(-n // block) if block else 1
+    if n_blocks < 2:
+        return program.traced([_aval(x) for x in arrays])(*arrays)
+    size = block_size(n, block)
+    varies = [x.shape[0] > 1 for x in arrays]
+    filled = [
+        _blocks(x, size, n_blocks, program.takes_cotangent(i)) if yes else x
+        for i, (x, yes) in enumerate(zip(arrays, varies, strict=True))
+    ]
+    avals = [_aval(x[0] if yes else x) for x, yes in zip(filled, varies, strict=True)]
+    one = program.traced(avals)
+    adds = [program.owner(i) is not None and not varies[program.owner(i)] for i in range(len(one.out_avals))]
+
+    def body(sums, own):
+        own = iter(own)
+        found = one(*(next(own) if yes else x for x, yes in zip(filled, varies, strict=True)))
+        sums = [s + y for s, y in zip(sums, [y for y, yes in zip(found, adds, strict=True) if yes], strict=True)]
+        return sums, [y for y, yes in zip(found, adds, strict=True) if not yes]
+
+    start = [zeros(a) for a, yes in zip(one.out_avals, adds, strict=True) if yes]
+    sums, stacked = lax.scan(body, start, [x for x, yes in zip(filled, varies, strict=True) if yes])
+    sums, stacked = iter(sums), iter(stacked)
+    return [next(sums) if yes else _joined(next(stacked), n) for yes in adds]
+
+
+def _blocks(x, size, n_blocks, is_cotangent):
+    """(n_blocks, size, ...): filled up with the last state, and zeros of its cotangents."""
+    missing = size * n_blocks - x.shape[0]
+    if missing:
+        last = jnp.broadcast_to(x[-1:], (missing, *x.shape[1:]))
+        x = jnp.concatenate([x, jnp.zeros_like(last) if is_cotangent else last])
+    return x.reshape((n_blocks, size, *x.shape[1:]))
+
+
+def _joined(x, n):
+    return x.reshape((-1, *x.shape[2:]))[:n]
+
+
+def _aval(x):
+    return jax.ShapeDtypeStruct(x.shape, x.dtype)
+
+
+class Traced:
+    """The trace of a program, without what its results do not need."""
+
+    def __init__(self, program, avals):
+        def flat(*arrays):
+            return list(program.evaluate(*arrays))
+
+        closed = jax.make_jaxpr(flat)(*avals)
+        jaxpr, _ = pe.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
+        self.run = jax.extend.core.jaxpr_as_fun(jax.extend.core.ClosedJaxpr(jaxpr, closed.consts))
+        self.out_avals = closed.out_avals
+
+    def __call__(self, *arrays):
+        return self.run(*arrays)
+
+
+def _lowering(in_blocks):
+    def rule(context, *arrays, program, n_batch):
+        """Without shardings and manual axes in the types: the arithmetic is elementwise, for the compiler to split."""
+        with jax.sharding.use_abstract_mesh(_NO_MESH):
+            plain = [jax.core.ShapedArray(a.shape, a.dtype) for a in context.avals_in]
+            evaluated = mlir.lower_fun(functools.partial(run, program, n_batch, in_blocks), multiple_results=True)
+            return evaluated(context.replace(avals_in=plain), *arrays)
+
+    return rule
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled(program, n_batch):
+    """The program on its own, for calls outside of any transformation."""
+    return jax.jit(functools.partial(_program_p.bind, program=program, n_batch=n_batch))
+
+
+_NO_MESH = jax.sharding.AbstractMesh((), ())
+_program_p = Primitive("jaxspatial_program")
+_program_p.multiple_results = True
+_program_p.def_abstract_eval(_abstract)
+_program_p.def_impl(lambda *arrays, program, n_batch: _compiled(program, n_batch)(*arrays))
+mlir.register_lowering(_program_p, _lowering(False))
+mlir.register_lowering(_program_p, _lowering(True), platform="cpu")
+ad.primitive_jvps[_program_p] = _jvp
+ad.primitive_transposes[_program_p] = _transpose
+batching.primitive_batchers[_program_p] = _batch
