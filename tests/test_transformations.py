@@ -147,6 +147,19 @@ def test_sixteen_bits_are_the_same_without_64_bit_types(name, dtype):
     _assert_same_bits(result, _naive(name, dtype, BATCH))
 
 
+@pytest.mark.parametrize("dtype", ["float16", "bfloat16"])
+def test_sixteen_bits_are_rounded_between_operations(dtype):
+    """In one program too, where a conversion there and back could be left out."""
+    F, p = _on_device(_inputs("shift_force", dtype, BATCH))
+
+    shift = OPERATIONS["shift_force"].function
+
+    def there_and_on(F, p):
+        return shift(shift(F, p), p)
+
+    _assert_same_bits(jax.jit(there_and_on)(F, p), jax.tree.leaves(there_and_on(F, p)))
+
+
 @pytest.mark.parametrize(
     ("name", "batch_shape", "context"),
     slow_but(USUAL_BATCHES + [case for case in BATCHES if case[0] in FEW], BATCHES),

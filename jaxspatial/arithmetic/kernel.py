@@ -47,7 +47,7 @@ def _run(formula, precision, *arrays):
 
 
 def _to_bfloat16(x):
-    """Rounded once. By name: of a conversion there and back XLA would leave nothing."""
+    """Rounded once. By name: XLA has leave to drop a conversion there and back (`xla_allow_excess_precision`)."""
     return x.astype(jnp.bfloat16) if isinstance(x, np.ndarray) else lax.reduce_precision(x, 8, 7).astype(jnp.bfloat16)
 
 

@@ -45,13 +45,6 @@ class Bundle:
 
     groups: tuple
 
-    def __hash__(self):
-        return self._hash
-
-    @functools.cached_property
-    def _hash(self):
-        return hash(self.groups)
-
     @property
     def kind(self):
         return self.groups[0].kind
@@ -248,14 +241,10 @@ class Topology:
         return found
 
     @functools.cached_property
-    def places_in_chains(self):
-        """(which of `chains`, how far along them, which of them) of every body."""
-        return {
-            i + j: (k, j, c)
-            for k, group in enumerate(self.chains)
-            for c, i in enumerate(group.starts)
-            for j in range(group.length)
-        }
+    def _chains_by_end(self):
+        """(which of `chains`, which of them) of every body that a chain ends with; (-1, 0) for the world."""
+        ends = ((i, (k, c)) for k, group in enumerate(self.chains) for c, i in enumerate(group.ends))
+        return {-1: (-1, 0), **dict(ends)}
 
     def carriers(self, b):
         """{which of `chains`: [(chain of b, the chain there that carries it)]}, b itself among them."""
@@ -264,14 +253,8 @@ class Topology:
             k, mine = b, c
             while k >= 0:
                 found.setdefault(k, []).append((c, mine))
-                k, mine = self._carrier(k, mine)
+                k, mine = self._chains_by_end[self.chains[k].parents[mine]]
         return found
-
-    def _carrier(self, k, c):
-        """(which of `chains`, chain) that a chain hangs on, (-1, 0) for the world."""
-        parent = self.chains[k].parents[c]
-        k, _, c = self.places_in_chains[parent] if parent >= 0 else (-1, 0, 0)
-        return k, c
 
     @functools.cached_property
     def skeleton(self):
