@@ -103,7 +103,11 @@ from jaxspatial.spatial import central_axis as central_axis
 from jaxspatial.spatial import wrench_from_point_forces as wrench_from_point_forces
 
 # does it hold here
-from jaxspatial.measure.self_check import self_check as self_check
+from jaxspatial.measure import self_check as self_check
+
+# objects and arrays of other libraries; accuracy and speed of one's own functions
+from jaxspatial import interop as interop
+from jaxspatial import measure as measure
 
 # which version
 from importlib.metadata import version as _version

@@ -3,7 +3,7 @@
 import sys
 
 try:
-    from jaxspatial.measure.cli import main
+    from jaxspatial.command.cli import main
 
     status = main()
 except KeyboardInterrupt:

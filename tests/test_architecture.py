@@ -10,7 +10,7 @@ import pytest
 import jaxspatial
 
 PACKAGE = pathlib.Path(jaxspatial.__file__).parent
-LAYERS = ["arithmetic", "rotation", "spatial", "inertia", "mechanism", "dynamics", "interop", "measure"]
+LAYERS = ["arithmetic", "rotation", "spatial", "inertia", "mechanism", "dynamics", "interop", "measure", "command"]
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -44,7 +44,7 @@ def test_imports_point_down(path):
 def test_runtime_needs_only_what_is_installed(path):
     """Optional packages are imported inside functions or in modules that only the command line imports."""
     allowed = {"jax", "jaxlib", "chex", "numpy", "jaxspatial"}
-    if path.parent.name == "measure" and path.name in ("picture.py", "report.py"):
+    if path.parent.name == "command" and path.name in ("picture.py", "report.py"):
         allowed |= {"matplotlib", "rich"}
     standard = sys.stdlib_module_names
     for node in ast.parse(path.read_text()).body:

@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxspatial.measure import conditions, files, moving, power, timing, trade
+from jaxspatial.command import files, moving
+from jaxspatial.command.result import Result
+from jaxspatial.command.wrench_file import WrenchFile, WrenchFileError, shifted_path
+from jaxspatial.measure import conditions, power, timing, trade
 from jaxspatial.measure.operation import OPERATIONS
-from jaxspatial.measure.result import Result
 from jaxspatial.measure.scene import Wrenches, rotating_body
-from jaxspatial.measure.wrench_file import WrenchFile, WrenchFileError, shifted_path
 
 _OFFSET = (0.3, -0.2, 0.5)
 _NEEDED = "python -m jaxspatial shows tables, progress and pictures: pip install 'jaxspatial[plot]'"
@@ -95,7 +96,7 @@ def _outputs(options):
 
 
 def _as_picture(path):
-    from jaxspatial.measure import picture
+    from jaxspatial.command import picture
 
     if path.is_dir():
         raise files.OutputError(f"{path}: a folder is in the way")
@@ -153,7 +154,7 @@ def _measured(plan, console, options):
 
 
 def _announce(console, plan, powers):
-    from jaxspatial.measure import report
+    from jaxspatial.command import report
 
     console.print(f"{plan.about}\noffset p_PQ = {plan.offset.tolist()} m\n{timing.machine()}\n")
     if powers:
@@ -163,7 +164,7 @@ def _announce(console, plan, powers):
 def _with_progress(console, work, total):
     if console is None:
         return work(lambda: None)
-    from jaxspatial.measure import report
+    from jaxspatial.command import report
 
     return report.with_progress(console, work, total)
 
@@ -178,7 +179,7 @@ def _write(plan, result, overwrite):
 
 
 def _draw(result, file, path):
-    from jaxspatial.measure import picture
+    from jaxspatial.command import picture
 
     picture.draw(result, file, path.suffix[1:].lower())
 
@@ -186,7 +187,7 @@ def _draw(result, file, path):
 def _show(console, result, outputs, options):
     """Tables, what was written, and what is broken."""
     if not options.json:
-        from jaxspatial.measure import report
+        from jaxspatial.command import report
 
         report.print_trade(console, result, options.full)
     written = [f"{what}: {path}" for what, path in outputs.items()]

@@ -8,10 +8,11 @@ import pytest
 from rich.console import Console
 
 from jaxspatial.arithmetic.precision import Precision
-from jaxspatial.measure import conditions, picture, report, trade
+from jaxspatial.command import picture, report
+from jaxspatial.command.result import Result
+from jaxspatial.measure import conditions, trade
 from jaxspatial.measure.conditions import Curve, Point
 from jaxspatial.measure.operation import OPERATIONS
-from jaxspatial.measure.result import Result
 
 SCREEN = (80, 24)
 

@@ -6,9 +6,9 @@ import pathlib
 import re
 
 from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.command.wrench_file import PARTS
 from jaxspatial.measure import trade
 from jaxspatial.measure.operation import OPERATIONS
-from jaxspatial.measure.wrench_file import PARTS
 
 _PROG = "python -m jaxspatial"
 _XYZ, _WXYZ = ("X", "Y", "Z"), ("W", "X", "Y", "Z")
@@ -62,7 +62,7 @@ def _add_flags(parser):
         action="store_true",
         help="everything measured as one JSON object on standard output, progress on standard error; a picture only "
         "with --picture. Keys: about, machine, versions, offset, sizes, power, rows, conditions, broken, holds, "
-        "explained in jaxspatial/measure/result.py",
+        "explained in jaxspatial/command/result.py",
     )
     parser.add_argument(
         "--self-check",

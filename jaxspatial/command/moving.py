@@ -4,8 +4,8 @@ and in other axes; nothing else is done."""
 import jax
 import numpy as np
 
-from jaxspatial.measure import files
-from jaxspatial.measure.wrench_file import WrenchFile, WrenchFileError, shifted_path
+from jaxspatial.command import files
+from jaxspatial.command.wrench_file import WrenchFile, WrenchFileError, shifted_path
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialForce, SpatialVelocity, act, rotate, shift
 

@@ -3,10 +3,10 @@
 import os
 import sys
 
-from jaxspatial.measure import interrupts, measuring, moving, options
-from jaxspatial.measure.result import as_json
+from jaxspatial.command import interrupts, measuring, moving, options
+from jaxspatial.command.result import as_json
+from jaxspatial.command.wrench_file import WrenchFileError
 from jaxspatial.measure.self_check import self_check
-from jaxspatial.measure.wrench_file import WrenchFileError
 
 # Exit statuses beside 0, and 1 where a promise does not hold; the last as shells have it, 128 and the signal.
 _IMPOSSIBLE, _INTERRUPTED = 2, 130
@@ -48,7 +48,7 @@ def _check(arguments):
 def _print_self_check(json):
     found, console = self_check(), None if json else measuring.console_on()
     if console:
-        from jaxspatial.measure import report
+        from jaxspatial.command import report
 
         report.print_self_check(console, found)
     else:

@@ -9,10 +9,11 @@ from marks import slow
 from PIL import Image
 
 import jaxspatial as js
-from jaxspatial.measure import measuring, power, result, scene, trade
-from jaxspatial.measure.cli import main
+from jaxspatial.command import measuring, result
+from jaxspatial.command.cli import main
+from jaxspatial.command.wrench_file import WrenchFile, WrenchFileError
+from jaxspatial.measure import power, scene, trade
 from jaxspatial.measure.operation import OPERATIONS
-from jaxspatial.measure.wrench_file import WrenchFile, WrenchFileError
 
 OFFSET = ["--offset", "0.1", "-0.2", "0.3"]
 COLUMNS = [f"{part}_{axis}" for part in ("tau", "f", "w", "v") for axis in "xyz"]
@@ -223,7 +224,7 @@ BAD_FILES = {
     "different lengths": (_npz(tau=_ONES, f=np.ones((5, 3))), r"f: expected shape \(4, 3\).*got \(5, 3\)"),
     "different dtypes": (_npz(tau=_ONES, f=_ONES.astype(np.float32)), "f: expected .*float64.*float32"),
     "integers": (_npz(tau=_ONES.astype(int), f=_ONES.astype(int)), "tau: expected floating point numbers, got int64"),
-    "NaN array": (_npz(tau=_ONES, f=_HOLE), r"finite numbers, got nan in f\[2, 1\] and in 0 more places"),
+    "NaN array": (_npz(tau=_ONES, f=_HOLE), r"finite numbers, got nan in f\[2, 1\]$"),
     "no rows, npz": (_npz(tau=np.ones((0, 3)), f=np.ones((0, 3))), "at least one wrench"),
     "not an archive": (("bad.npz", lambda path: path.write_text("hello")), "NumPy .npz archive"),
     "other ending": (("bad.txt", lambda path: path.write_text("")), "ending in .npz, .csv or .tsv, got .txt"),

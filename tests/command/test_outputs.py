@@ -15,8 +15,9 @@ import time
 import numpy as np
 import pytest
 
-from jaxspatial.measure import files, interrupts, measuring, scene, trade
-from jaxspatial.measure.cli import main
+from jaxspatial.command import files, interrupts, measuring
+from jaxspatial.command.cli import main
+from jaxspatial.measure import scene, trade
 
 OFFSET = ["--offset", "0.1", "-0.2", "0.3"]
 SMALL = ["--largest", "1000", "--operation", "shift_force", "--dtype", "float32"]

@@ -7,9 +7,10 @@ import time
 import numpy as np
 import pytest
 
-from jaxspatial.measure import moving, scene
-from jaxspatial.measure.cli import main
-from jaxspatial.measure.wrench_file import WrenchFile
+from jaxspatial.command import moving
+from jaxspatial.command.cli import main
+from jaxspatial.command.wrench_file import WrenchFile
+from jaxspatial.measure import scene
 
 OFFSET = ["--offset", "0.1", "-0.2", "0.3"]
 P = np.array([0.1, -0.2, 0.3])

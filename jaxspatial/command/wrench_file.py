@@ -5,8 +5,8 @@ import pathlib
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.measure.tables import Csv, Npz
-from jaxspatial.measure.tables import WrenchFileError as WrenchFileError
+from jaxspatial.command.tables import Csv, Npz
+from jaxspatial.command.tables import WrenchFileError as WrenchFileError
 
 PARTS = {"tau": "torque", "f": "force", "w": "angular velocity", "v": "velocity"}
 _REQUIRED, _OPTIONAL = ("tau", "f"), ("w", "v")
@@ -68,7 +68,7 @@ class WrenchFile:
                 where = self._content.place(part, *bad[0])
                 raise WrenchFileError(
                     f"{self.path}: the {PARTS[part]} about the new point, {where}, is too large for {array.dtype} "
-                    f"(at most {float(jnp.finfo(array.dtype).max):.3g}); so are {len(bad) - 1} more"
+                    f"(at most {float(jnp.finfo(array.dtype).max):.3g}){_more('; so', len(bad) - 1)}"
                 )
 
 
@@ -105,9 +105,14 @@ def _check_numbers(path, part, array, content):
     if len(bad):
         row, column = bad[0]
         raise WrenchFileError(
-            f"{path}: expected finite numbers, got {array[row, column]} in {content.place(part, row, column)} "
-            f"and in {len(bad) - 1} more places"
+            f"{path}: expected finite numbers, got {array[row, column]} in {content.place(part, row, column)}"
+            f"{_more(', and so', len(bad) - 1)}"
         )
+
+
+def _more(before, n):
+    """How many more there are like the first; nothing where there are none."""
+    return f"{before} {'is' if n == 1 else 'are'} {n} more" if n else ""
 
 
 def _check_dtype(path, part, dtype):
