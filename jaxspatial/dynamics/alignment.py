@@ -19,7 +19,7 @@ def aligned(topology, fields):
     fields = {name: _parts(name, x) for name, x in fields.items()}
     turns = quarter_turns(topology, fields.get("axes"))
     if turns is not None:
-        fields = {name: _turned(topology, turns, name, x) for name, x in fields.items()}
+        fields = {name: _in_aligned_axes(topology, turns, name, x) for name, x in fields.items()}
     return fields, turns
 
 
@@ -53,7 +53,7 @@ def of_parameters(turns):
     return np.concatenate([one[0], 1 + which, 4 + six[0]], 1), np.concatenate([one[1], sign, six[1]], 1)
 
 
-def _turned(topology, turns, name, x):
+def _in_aligned_axes(topology, turns, name, x):
     which, sign = turns
     world = np.arange(3), np.ones(3, sign.dtype)
 

@@ -1,4 +1,4 @@
-"""Articulated bodies: out for velocities, in for what each body feels like with all that hangs on it, out for rates.
+"""The articulated-body algorithm: outward for velocities, inward for articulated inertias, outward for accelerations.
 
 [Featherstone 2008, table 7.1]
 """
@@ -12,14 +12,14 @@ from jaxspatial.arithmetic.lanes import is_known
 from jaxspatial.arithmetic.numbers import Lane, constant, high, is_number, noinline, where
 from jaxspatial.dynamics import along, dense, recursion
 from jaxspatial.dynamics.inverse_dynamics import forces_of
-from jaxspatial.dynamics.links import Motion, across, moved, to_parent
+from jaxspatial.dynamics.links import Motion, across, body_motion, to_parent
 from jaxspatial.dynamics.mass_matrix import matrix_of
 from jaxspatial.inertia import articulated, symmetric
 from jaxspatial.mechanism.joints import Free
 
 
 class Articulated(NamedTuple):
-    """What a body feels like with all that hangs on it: the wrench P A + Z makes it accelerate by A = (alpha, a)."""
+    """The articulated body of a subtree: the wrench P A + Z gives its root the acceleration A = (alpha, a)."""
 
     J: Any
     F: Any
@@ -36,7 +36,7 @@ class Elimination(NamedTuple):
 
 
 class RootElimination(NamedTuple):
-    """Of a body that floats: matrix vdot = u - P A, with P without rotors; None where A is zero."""
+    """Of a floating root: matrix vdot = u - P A, with P without armature; None where A is zero."""
 
     matrix: Any
     P: Any
@@ -44,26 +44,25 @@ class RootElimination(NamedTuple):
 
 
 class VelocityBias(NamedTuple):
-    """Of a body: its angular velocity, its acceleration across the joint without vdot, and the wrench it takes at
-    A = 0."""
+    """Of a body: angular velocity, velocity-product acceleration c of the joint, and the bias force Z at A = 0."""
 
     w: Any
     c: Any
     Z: Any
 
 
-def accelerations(state, v, tau, pulled, gravity):
+def accelerations(state, v, tau, body_loads, gravity):
     """(vdot, the factors of the mass matrix), by articulated bodies; with mimics, which tie joints of different bodies
     together, by the matrix."""
     if state.topology.has_mimics:
-        M, bias = matrix_of(state), state.numbers_by_rate(forces_of(state, v, None, pulled, gravity))
+        M, bias = matrix_of(state), state.numbers_by_rate(forces_of(state, v, None, body_loads, gravity))
         return state.rounded(dense.solved(M, dense.rows_of(state, tau) - bias)), [M, *[()] * (len(state.bundles) - 1)]
-    own = list(zip(state.links(v, tau), pulled, strict=True))
+    own = list(zip(state.links(v, tau=tau), body_loads, strict=True))
     zero = state.no_vector
     biases = recursion.outward(state, _velocity_bias, zero, own)
-    held = Articulated(zero + zero, zero + zero + zero, zero + zero, zero + zero)
+    children = Articulated(zero + zero, zero + zero + zero, zero + zero, zero + zero)
     floating = [floats(state, b) for b in state.bundles]
-    eliminated = recursion.inward(state, _eliminate, held, list(zip(own, biases, floating, strict=True)))
+    eliminated = recursion.inward(state, _eliminate, children, list(zip(own, biases, floating, strict=True)))
     both = [(link, bias.c, e) for (link, _), bias, e in zip(own, biases, eliminated, strict=True)]
     rates = recursion.outward(state, _accelerate, (zero, gravity), both)
     return state.by_rate(rates), [
@@ -72,7 +71,7 @@ def accelerations(state, v, tau, pulled, gravity):
 
 
 def floats(state, bundle):
-    """Whether nothing holds its bodies, not even another that moves: all six rates are found at once."""
+    """Whether its bodies are floating roots, on free joints to the world: all six rates are found at once."""
     return bundle.kind is Free and state.is_root(bundle)
 
 
@@ -81,19 +80,19 @@ def solution(state, factors, force):
     if state.topology.has_mimics:
         M, *_ = factors
         return state.rounded(dense.solved(M, dense.rows_of(state, force)))
-    zero, links = state.no_vector, state.links(None, force)
-    left = recursion.inward(state, _pass_on, zero + zero, list(zip(links, factors, strict=True)))
+    zero, links = state.no_vector, state.links(tau=force)
+    left = recursion.inward(state, _bias_to_parent, zero + zero, list(zip(links, factors, strict=True)))
     both = [(link, (zero, zero), e) for link, e in zip(links, left, strict=True)]
     return state.by_rate(recursion.outward(state, _accelerate, (zero, zero), both))
 
 
-def _pass_on(own, Z):
-    """([Elimination of each rate], the wrench that the parent takes), of the bias Z of what hangs on a body."""
+def _bias_to_parent(own, Z):
+    """([Elimination of each rate], the bias force transformed to the parent), of the bias force Z of a subtree."""
     link, factors = own
     if is_number(factors):
-        return RootElimination(factors, None, vectors.minus(link.vdot, Z)), Z
+        return RootElimination(factors, None, vectors.minus(link.tau, Z)), Z
     found = []
-    for (w, v), (U, D), tau in zip(link.joint.subspace, factors, link.vdot, strict=True):
+    for (w, v), (U, D), tau in zip(link.joint.subspace, factors, link.tau, strict=True):
         u = tau - (vectors.dot(w, Z[:3]) + vectors.dot(v, Z[3:]))
         Z = _with_share(Z, u, articulated.share_of(U, D))
         found.append(Elimination(U, D, u))
@@ -102,34 +101,34 @@ def _pass_on(own, Z):
 
 
 def _velocity_bias(own, w_P):
-    """The motion without vdot, under a parent that does not accelerate, and the wrench at that angular velocity."""
+    """The VelocityBias of a body, under a parent that does not accelerate."""
     link, load = own
     zero = (constant(w_P[0], 0),) * 3
-    motion = moved(link._replace(vdot=tuple(constant(x, 0) for x in link.v)), Motion(w_P, zero, zero))
-    Z = vectors.minus(noinline(_of_turning)(link.inertia, motion.w), (*load[0], *load[1]))
+    motion = body_motion(link, Motion(w_P, zero, zero))
+    Z = vectors.minus(noinline(_gyroscopic)(link.inertia, motion.w), (*load[0], *load[1]))
     return VelocityBias(motion.w, (motion.alpha, motion.a), Z), motion.w
 
 
-def _of_turning(inertia, w):
-    """The wrench of a body that turns steadily about its origin: tau = w x J w, f = w (w . m c) - m c |w|^2."""
+def _gyroscopic(inertia, w):
+    """The gyroscopic wrench about the origin: tau = w x J w, f = w (w . m c) - m c |w|^2."""
     J, _, _ = articulated.of_body(*inertia)
     moment = vectors.times(inertia.mass, inertia.com)
     f = vectors.minus(vectors.times(vectors.dot(w, moment), w), vectors.times(vectors.dot(w, w), moment))
     return *vectors.cross(w, vectors.matrix_times(symmetric.rows(J), w)), *f
 
 
-def _eliminate(own, held):
-    """([Elimination of each rate], what the parent feels): with P A' + Z the wrench across the joint, A' the
-    acceleration of the parent at the joint."""
+def _eliminate(own, children):
+    """([Elimination of each rate], the articulated body about the parent): P A' + Z is the wrench across the joint, A'
+    the acceleration of the parent at the joint."""
     (link, _), bias, is_floating = own
-    P = noinline(_held_with)(link.inertia, bias, held)
+    P = noinline(_articulated)(link.inertia, bias, children)
     if is_floating:
-        return RootElimination(_matrix(P, link.armature), P, vectors.minus(link.vdot, P.Z)), P
+        return RootElimination(_matrix(P, link.armature), P, vectors.minus(link.tau, P.Z)), P
     found = []
-    for (w, v), tau, armature in zip(link.joint.subspace, link.vdot, link.armature, strict=True):
+    for (w, v), tau, armature in zip(link.joint.subspace, link.tau, link.armature, strict=True):
         P, elimination = _without_rate(P, w, v, tau, armature)
         found.append(elimination)
-    return found, _seen_from_parent(across(link.placement, link.joint), P)
+    return found, _to_parent(across(link.placement, link.joint), P)
 
 
 def _matrix(P, armature):
@@ -141,29 +140,29 @@ def _matrix(P, armature):
     return along.mapped(lambda w: w.reshape((6, 6, *shape)), along.stacked(entries, shape, 0))
 
 
-def _held_with(inertia, bias, held):
-    """Of the body itself and what its children pass on, as a function of A': Z + P c in place of Z."""
-    parts = noinline(_combined)(inertia, bias.Z, held)
+def _articulated(inertia, bias, children):
+    """The articulated body of a body and its children, as a function of A': Z + P c in place of Z."""
+    parts = noinline(_combined)(inertia, bias.Z, children)
     c = articulated.product(*parts[:3], *bias.c)
     return Articulated(*parts[:3], vectors.plus(parts[3], c))
 
 
-def _combined(inertia, Z, held):
+def _combined(inertia, Z, children):
     J, F, M = articulated.of_body(*inertia)
-    return [vectors.plus(a, b) for a, b in zip((J, F, M, Z), held, strict=True)]
+    return [vectors.plus(a, b) for a, b in zip((J, F, M, Z), children, strict=True)]
 
 
 def _without_rate(P, w, v, tau, armature):
     """P with one motion of the joint free, and what finds its rate.
 
-    Across an axis of the frame, without armature, nothing but tau is passed on: these rows are known.
+    Along an axis of the frame, without armature, only tau reaches the parent: these rows are known.
     """
     U, D = articulated.felt(P.J, P.F, P.M, w, v, armature)
     share = articulated.share_of(U, D)
     u = tau - (vectors.dot(w, P.Z[:3]) + vectors.dot(v, P.Z[3:]))
     rest = Articulated(*articulated.without(P.J, P.F, P.M, U, share), noinline(_with_share)(P.Z, u, share))
     k = _free_axis(w, v, armature)
-    return rest if k is None else _cleared(rest, k, tau), Elimination(U, D, u)
+    return rest if k is None else _with_zero_row(rest, k, tau), Elimination(U, D, u)
 
 
 def _with_share(Z, u, share):
@@ -178,8 +177,8 @@ def _free_axis(w, v, armature):
     return [abs(x) for x in known].index(1)
 
 
-def _cleared(P, k, tau):
-    """P with a row of known zeros, and what this axis passes on."""
+def _with_zero_row(P, k, tau):
+    """P with a row of known zeros; tau along this axis reaches the parent."""
     zero = constant(tau, 0)
     i, is_turn = k % 3, k < 3
     six = {0: (0, 1, 3), 1: (1, 2, 4), 2: (3, 4, 5)}[i]
@@ -192,9 +191,9 @@ def _at(numbers, places, number):
     return tuple(number if i in places else x for i, x in enumerate(numbers))
 
 
-def _seen_from_parent(X_PB, P):
-    turned = articulated.turned(P.J, P.F, P.M, X_PB.rows)
-    J, F, M = noinline(articulated.shifted)(*turned, tuple(-x for x in X_PB.p))
+def _to_parent(X_PB, P):
+    rotated = articulated.turned(P.J, P.F, P.M, X_PB.rows)
+    J, F, M = noinline(articulated.shifted)(*rotated, tuple(-x for x in X_PB.p))
     tau, f = to_parent(X_PB, P.Z[:3], P.Z[3:])
     return Articulated(J, F, M, (*tau, *f))
 
@@ -202,7 +201,7 @@ def _seen_from_parent(X_PB, P):
 def _accelerate(own, parent):
     """(vdot, (alpha, a)) of a body."""
     link, c, eliminated = own
-    A = noinline(_carried)(across(link.placement, link.joint), *parent)
+    A = noinline(_parent_acceleration)(across(link.placement, link.joint), *parent)
     if isinstance(eliminated, RootElimination):
         rates = _floating(eliminated, A)
         A = vectors.plus(A, rates, (*c[0], *c[1]))
@@ -218,7 +217,7 @@ def _accelerate(own, parent):
 
 
 def _floating(eliminated, A):
-    """The six rates of a body that floats."""
+    """The six rates of a floating root."""
     matrix, P, u = eliminated
     u = u if P is None else vectors.minus(u, articulated.product(P.J, P.F, P.M, A[:3], A[3:]))
     shape = np.broadcast_shapes(np.shape(high(matrix))[2:], *(np.shape(high(x)) for x in u))
@@ -226,7 +225,7 @@ def _floating(eliminated, A):
     return tuple(along.mapped(lambda w, k=k: w[k], found) for k in range(6))
 
 
-def _carried(X_PB, alpha, a):
+def _parent_acceleration(X_PB, alpha, a):
     """The acceleration of the parent where the joint is, in the child's axes."""
     R_BP = vectors.transpose(X_PB.rows)
     arm = vectors.cross(alpha, X_PB.p)

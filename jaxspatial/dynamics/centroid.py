@@ -4,7 +4,7 @@ from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import noinline
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
 from jaxspatial.dynamics.kinematics import poses, velocities
-from jaxspatial.dynamics.mass_matrix import composites, felt, wrench_to_parent
+from jaxspatial.dynamics.mass_matrix import composites, inertia_times, wrench_to_parent
 from jaxspatial.dynamics.state import Pose
 from jaxspatial.inertia import symmetric
 from jaxspatial.spatial import SpatialMomentum
@@ -159,4 +159,4 @@ def _of_bundle(joint, composite, X_WJ, center):
 
 
 def _about(composite, motion, X_CJ):
-    return wrench_to_parent(X_CJ, felt(composite, motion))
+    return wrench_to_parent(X_CJ, inertia_times(composite, motion))

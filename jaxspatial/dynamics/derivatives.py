@@ -21,12 +21,12 @@ from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.inverse_dynamics import wrench_of
 from jaxspatial.dynamics.kinematics import world
-from jaxspatial.dynamics.links import across, combined, falling, move
+from jaxspatial.dynamics.links import across, motion_step, subspace_times, world_motion
 from jaxspatial.dynamics.loads import checked_forces, loads
 from jaxspatial.dynamics.mass_matrix import (
     combine,
     factored,
-    felt,
+    inertia_times,
     inertia_to_parent,
     symmetric_of,
     with_armature,
@@ -85,41 +85,42 @@ def forward_dynamics_derivatives(mechanism, q, v, tau, external_forces=None, *, 
 
 
 class Subtree(NamedTuple):
-    """A body with all that hangs on it, about its J, for an observer that J rests for.
+    """The composite body of a subtree, about its J, in the frame that moves with J.
 
-    The wrench that it takes; momentum p, and X (3 x 3): a turning y of all of it changes the wrench by (X y, 2 y x p),
-    twice Coriolis' matrix B. pulled, pull: what loads do alike, as these keep their directions: (pulled y, y x pull).
+    wrench: the net wrench of all its bodies. p: their momentum. X (3 x 3): an angular velocity y of all of it changes
+    the wrench by (X y, 2 y x p), which is twice the Coriolis matrix B. Loads keep their directions: y changes theirs by
+    (load_rate y, y x load).
     """
 
     inertia: Inertia
     wrench: Any
     X: Any
     p: Any
-    pulled: Any
-    pull: Any
+    load_rate: Any
+    load: Any
 
 
 @algorithm(*DYNAMICS, *FRAMES, entries=lambda t: 5 * t.nv**2)
 def _derivatives(state, v, vdot, forces, *, frames):
     links = state.links(v, vdot)
     zero = state.no_vector
-    motions = recursion.outward(state, move, falling(state), links)
-    own = list(zip(links, motions, loads(state, frames, forces, _pulled), strict=True))
+    motions = recursion.outward(state, motion_step, world_motion(state), links)
+    own = list(zip(links, motions, loads(state, frames, forces, _load_rate), strict=True))
     nothing = Subtree(Inertia(zero[0], zero, zero + zero), zero + zero, (zero,) * 3, zero, (zero,) * 3, zero)
-    subtrees = recursion.inward(state, _gathered, nothing, own, joined=_joined)
-    placed = recursion.outward(state, _from_root, (*world(state), zero), _rooted(state, links, motions))
-    told = [noinline(_told)(*x) for x in zip(links, motions, subtrees, placed, strict=True)]
-    rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, told, strict=True)] for side in (0, 1))
-    return _assembled(state, links, pairs.matrices(state, _five, rows, columns))
+    subtrees = recursion.inward(state, _composite_step, nothing, own, joined=_combined)
+    placed = recursion.outward(state, _from_root, (*world(state), zero), _with_root_marks(state, links, motions))
+    sides = [noinline(_in_world_axes)(*x) for x in zip(links, motions, subtrees, placed, strict=True)]
+    rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, sides, strict=True)] for side in (0, 1))
+    return _assembled(state, links, pairs.matrices(state, _entries, rows, columns))
 
 
-def _pulled(tau, f, r):
-    """How the wrench of a load at r changes as the body turns, its directions kept: (pulled y, y x f)."""
+def _load_rate(tau, f, r):
+    """The matrix of (matrix y, y x f): the rate of a load at r, fixed in the world, as the body turns with y."""
     about_point = vectors.minus(tau, vectors.cross(r, f))
     return minus(skew(tuple(-x for x in about_point)), twice_crossed(r, f))
 
 
-def _rooted(state, links, motions):
+def _with_root_marks(state, links, motions):
     return [(*x, state.is_root(b)) for *x, b in zip(links, motions, state.bundles, strict=True)]
 
 
@@ -136,67 +137,68 @@ def _from_root(own, parent):
     return found, found
 
 
-def _gathered(own, held):
+def _composite_step(own, children):
     link, motion, load = own
-    subtree = _joined(_of_body(link.inertia, motion, load), held)
-    return subtree, _seen_from_parent(link, motion, subtree)
+    subtree = _combined(_of_body(link.inertia, motion, load), children)
+    return subtree, _to_parent(link, motion, subtree)
 
 
 def _of_body(inertia, motion, load):
     """X = -2 [w]x Sigma, with Sigma = (tr J / 2) 1 - J of J about the origin: what is left of Coriolis' matrix where
     the origin rests."""
-    tau, f, pulled = load
+    tau, f, load_rate = load
     J, _, _ = articulated.of_body(*inertia)
     half_trace = doubled(J[0] + J[2] + J[5], -1)
     sigma = tuple(half_trace - x if i in (0, 2, 5) else -x for i, x in enumerate(J))
     X = vectors.product(skew(tuple(doubled(-x) for x in motion.w)), symmetric.rows(sigma))
     p = vectors.cross(motion.w, vectors.times(inertia.mass, inertia.com))
     wrench = (vectors.minus(a, b) for a, b in zip(wrench_of(inertia, motion), (tau, f), strict=True))
-    return Subtree(inertia, vectors.flat(wrench), X, p, pulled, f)
+    return Subtree(inertia, vectors.flat(wrench), X, p, load_rate, f)
 
 
 def _to_observer(link, motion):
     """(X_PB, a function to the parent's axes, the velocity of J for an observer that the parent's rests for)."""
     X_PB = across(link.placement, link.joint)
-    w_r, v_r = combined(link.joint.subspace, link.v)
+    w_r, v_r = subspace_times(link.joint.subspace, link.v)
     turn = functools.partial(vectors.matrix_times, X_PB.rows)
     return X_PB, turn, vectors.plus(vectors.cross(turn(vectors.minus(motion.w, w_r)), X_PB.p), turn(v_r))
 
 
-def _seen_from_parent(link, motion, subtree):
+def _to_parent(link, motion, subtree):
     X_PB, turn, d = _to_observer(link, motion)
     m, com, _ = subtree.inertia
     p = vectors.plus(turn(subtree.p), vectors.times(m, d))
-    moved = plus(twice_crossed(turn(vectors.times(m, com)), d), twice_crossed(X_PB.p, p))
-    X = minus(articulated.sandwiched(subtree.X, X_PB.rows), tuple(tuple(doubled(x) for x in row) for row in moved))
-    pull = turn(subtree.pull)
-    pulled = minus(articulated.sandwiched(subtree.pulled, X_PB.rows), twice_crossed(X_PB.p, pull))
-    return Subtree(inertia_to_parent(X_PB, subtree.inertia), wrench_to_parent(X_PB, subtree.wrench), X, p, pulled, pull)
+    shift = plus(twice_crossed(turn(vectors.times(m, com)), d), twice_crossed(X_PB.p, p))
+    X = minus(articulated.sandwiched(subtree.X, X_PB.rows), tuple(tuple(doubled(x) for x in row) for row in shift))
+    load = turn(subtree.load)
+    load_rate = minus(articulated.sandwiched(subtree.load_rate, X_PB.rows), twice_crossed(X_PB.p, load))
+    inertia, wrench = inertia_to_parent(X_PB, subtree.inertia), wrench_to_parent(X_PB, subtree.wrench)
+    return Subtree(inertia, wrench, X, p, load_rate, load)
 
 
-def _joined(a, b):
+def _combined(a, b):
     parts = (
         vectors.plus(a.wrench, b.wrench),
         plus(a.X, b.X),
         vectors.plus(a.p, b.p),
-        plus(a.pulled, b.pulled),
-        vectors.plus(a.pull, b.pull),
+        plus(a.load_rate, b.load_rate),
+        vectors.plus(a.load, b.load),
     )
     return Subtree(combine(a.inertia, b.inertia), *parts)
 
 
 # -- pairs ------------------------------------------------------------------------------------------------------------
 #
-# Of rate i behind joint j, with Psi' and Psi'' the first and second rates of the motion S of j as the parent carries
-# it, S' its own:
+# Of rate i behind joint j, with Psi' and Psi'' the first and second rates of the motion S of j fixed in
+# the parent, S' its own:
 #     dtau_i / dq_j = t . Psi'_w + u . Psi'' + l . S_w       dtau_i / dv_j = t . S_w + u . (Psi' + S')
 #     dtau_j / dq_i = S . a      a = 2 B Psi'_i + I Psi''_i + S_i x* f, and what loads do
 #     dtau_j / dv_i = S . b      b = 2 B S_i + I (Psi'_i + S'_i)
 #     M_ij = S . u               u = I S_i          t = the turning part of 2 B^T S_i, l that of loads
 
 
-def _told(link, motion, subtree, placed):
-    """(as the joint that feels, as the rate that is felt), of all rates side by side, in the axes of the world."""
+def _in_world_axes(link, motion, subtree, placed):
+    """(the motions of a joint as rows, its wrenches as columns), of all rates side by side, in world axes."""
     turn = functools.partial(vectors.matrix_times, placed[0])
     where = placed[1:]
     S, first, own, second = _rates(link, motion)
@@ -206,16 +208,18 @@ def _told(link, motion, subtree, placed):
 
 
 def _column(subtree, S, first, own, second):
-    """(u, t, a, b, l), 24 numbers; without l where nothing pulls."""
+    """(u, t, a, b, l), 24 numbers; without l where there are no loads."""
     w, v = S
     transposed = vectors.matrix_times(vectors.transpose(subtree.X), w)
     t = vectors.plus(transposed, tuple(doubled(x) for x in vectors.cross(subtree.p, v)))
-    loaded = vectors.matrix_times(vectors.transpose(subtree.pulled), w)
-    loaded = vectors.plus(loaded, vectors.cross(subtree.pull, v))
-    a = vectors.plus(_coriolis(subtree, first[0]), felt(subtree.inertia, second), force_cross(S, subtree.wrench))
-    a = vectors.plus(a, (*vectors.matrix_times(subtree.pulled, w), *vectors.cross(w, subtree.pull)))
-    b = vectors.plus(_coriolis(subtree, w), felt(subtree.inertia, plus(first, own)))
-    return *felt(subtree.inertia, S), *t, *a, *b, *loaded
+    loaded = vectors.matrix_times(vectors.transpose(subtree.load_rate), w)
+    loaded = vectors.plus(loaded, vectors.cross(subtree.load, v))
+    a = vectors.plus(
+        _coriolis(subtree, first[0]), inertia_times(subtree.inertia, second), force_cross(S, subtree.wrench)
+    )
+    a = vectors.plus(a, (*vectors.matrix_times(subtree.load_rate, w), *vectors.cross(w, subtree.load)))
+    b = vectors.plus(_coriolis(subtree, w), inertia_times(subtree.inertia, plus(first, own)))
+    return *inertia_times(subtree.inertia, S), *t, *a, *b, *loaded
 
 
 def _coriolis(subtree, y):
@@ -223,17 +227,16 @@ def _coriolis(subtree, y):
     return *vectors.matrix_times(subtree.X, y), *(doubled(x) for x in vectors.cross(y, subtree.p))
 
 
-def _five(row, column):
-    """Of one rate j and one i behind it: dtau_i / dq_j, dtau_i / dv_j, dtau_j / dq_i, dtau_j / dv_i, M. Seen by the
-    observer that j rests for, t has changed by 2 d x the force of u."""
+def _entries(row, column):
+    """dtau_i / dq_j, dtau_i / dv_j, dtau_j / dq_i, dtau_j / dv_i, M of rates j and i behind j, in the frame of j."""
     S, first, both, second, p, v = row
     (u, t, a, b, loaded), (p2, v2) = _of_column(column), column[-2:]
     arm, d = vectors.minus(p2, p), vectors.minus(v2, v)
     t = vectors.plus(t, tuple(doubled(x) for x in vectors.cross(d, u[1])))
     u, a, b = ((vectors.plus(tau, vectors.cross(arm, f)), f) for tau, f in (u, a, b))
-    by_q = vectors.dot(t, first[0]) + vectors.dot(loaded, S[0]) + _felt(second, u)
-    by_v = vectors.dot(t, S[0]) + _felt(both, u)
-    return by_q, by_v, _felt(S, a), _felt(S, b), _felt(S, u)
+    by_q = vectors.dot(t, first[0]) + vectors.dot(loaded, S[0]) + _force_along(second, u)
+    by_v = vectors.dot(t, S[0]) + _force_along(both, u)
+    return by_q, by_v, _force_along(S, a), _force_along(S, b), _force_along(S, u)
 
 
 def _of_column(c):
@@ -241,14 +244,14 @@ def _of_column(c):
     return (c[0], c[1]), c[2], (c[3], c[4]), (c[5], c[6]), c[7]
 
 
-def _felt(motion, wrench):
+def _force_along(motion, wrench):
     return vectors.dot(motion[0], wrench[0]) + vectors.dot(motion[1], wrench[1])
 
 
 def _rates(link, motion):
     """(S, Psi', S', Psi'') of all rates of a joint side by side, for an observer that J rests for."""
-    S, (w_r, v_r) = link.joint.subspace, combined(link.joint.subspace, link.v)
-    dw, dv = plus(combined(S, link.vdot), combined(link.joint.subspace_rate(link.v), link.v))
+    S, (w_r, v_r) = link.joint.subspace, subspace_times(link.joint.subspace, link.v)
+    dw, dv = plus(subspace_times(S, link.vdot), subspace_times(link.joint.subspace_rate(link.v), link.v))
     zero = (constant(motion.w[0], 0),) * 3
     V, A = (motion.w, zero), (motion.alpha, motion.a)
     before = vectors.minus(motion.w, w_r), tuple(-x for x in v_r)
@@ -257,21 +260,21 @@ def _rates(link, motion):
     if link.joint.kind.is_sequential:
         return along.abreast(_one_by_one(link, before, parents))
     S = along.abreast(S)
-    return S, *_carried(S, before, parents, motion_cross(V, S))
+    return S, *_motion_rates(S, before, parents, motion_cross(V, S))
 
 
 def _one_by_one(link, V, A):
-    """As joints with one rate each: V and A are those of what carries it."""
+    """As joints with one rate each: V and A are those of the body before each."""
     found = []
     for s, rate, change in zip(link.joint.subspace, link.v, link.vdot, strict=True):
-        first, own, second = _carried(s, V, A, motion_cross(V, s))
+        first, own, second = _motion_rates(s, V, A, motion_cross(V, s))
         found.append((s, first, own, second))
         A = plus(plus(A, scaled(change, s)), scaled(rate, first))
         V = plus(V, scaled(rate, s))
     return found
 
 
-def _carried(s, V, A, own):
+def _motion_rates(s, V, A, own):
     first = motion_cross(V, s)
     return first, own, plus(motion_cross(A, s), motion_cross(V, first))
 

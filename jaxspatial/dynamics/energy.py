@@ -5,7 +5,7 @@ from jaxspatial.arithmetic.numbers import doubled, noinline
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
 from jaxspatial.dynamics.centroid import moments
 from jaxspatial.dynamics.kinematics import poses, velocities
-from jaxspatial.dynamics.links import upward
+from jaxspatial.dynamics.links import minus_gravity
 from jaxspatial.inertia import symmetric
 
 
@@ -52,4 +52,4 @@ def _twice_energy(inertia, V, armature, rates):
 @algorithm(*BODIES, "gravity")
 def _potential_energy(state):
     _, moment = moments(state, poses(state))
-    return vectors.dot(upward(state), moment)
+    return vectors.dot(minus_gravity(state), moment)

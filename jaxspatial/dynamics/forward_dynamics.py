@@ -6,7 +6,7 @@ from jaxspatial.dynamics import primitive
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, checked, of_rates
 from jaxspatial.dynamics.articulated_bodies import accelerations, floats, solution
 from jaxspatial.dynamics.inverse_dynamics import _inverse_dynamics, forces_of
-from jaxspatial.dynamics.links import upward
+from jaxspatial.dynamics.links import minus_gravity
 from jaxspatial.dynamics.loads import checked_forces, loads
 
 
@@ -42,8 +42,8 @@ class ForwardDynamics(Algorithm):
         tau = self.n_fields + 2
         vdot, *factors = primitive.bind(self.sibling(_with_factors), primals, n_batch)
         at, moving = self.with_leaf(primals, tau, vdot), self.with_leaf(tangents, tau, None)
-        (felt,) = self.sibling(_inverse_dynamics, at=tau).tangents(at, moving, n_batch)
-        force = plus(self.leaf(tangents, tau), minus(felt))
+        (tau_dot,) = self.sibling(_inverse_dynamics, at=tau).tangents(at, moving, n_batch)
+        force = plus(self.leaf(tangents, tau), minus(tau_dot))
         return [vdot], [_solved(self, primals, factors, force, n_batch)]
 
 
@@ -63,8 +63,8 @@ class Solve(Algorithm):
         (a,) = primitive.bind(self, primals, n_batch)
         *own, force = primals
         n = self._place(self.n_fields + 1)
-        (felt,) = self.sibling(_mass_times, arrays=2).tangents([*own[:n], a], [*tangents[:n], None], n_batch)
-        force = plus(None if primitive.is_zero(tangents[-1]) else tangents[-1], minus(felt))
+        (tau_dot,) = self.sibling(_mass_times, arrays=2).tangents([*own[:n], a], [*tangents[:n], None], n_batch)
+        force = plus(None if primitive.is_zero(tangents[-1]) else tangents[-1], minus(tau_dot))
         found = primitive.no_tangent(a) if force is None else primitive.bind(self, [*own, force], n_batch)[0]
         return [a], [found]
 
@@ -92,13 +92,13 @@ def minus(a):
 
 @algorithm(*DYNAMICS, *FRAMES, kind=ForwardDynamics, result=of_rates)
 def _forward_dynamics(state, v, tau, forces, *, frames):
-    return accelerations(state, v, tau, loads(state, frames, forces), upward(state))[0]
+    return accelerations(state, v, tau, loads(state, frames, forces), minus_gravity(state))[0]
 
 
 @algorithm(*DYNAMICS, *FRAMES, kind=WithFactors, entries=lambda t: 8 * t.nv)
 def _with_factors(state, v, tau, forces, *, frames):
     """And every word of the factors, as it is."""
-    vdot, factors = accelerations(state, v, tau, loads(state, frames, forces), upward(state))
+    vdot, factors = accelerations(state, v, tau, loads(state, frames, forces), minus_gravity(state))
     return vdot, *state.words(factors)
 
 

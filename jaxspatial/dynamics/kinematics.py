@@ -7,7 +7,7 @@ from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import noinline, where
 from jaxspatial.dynamics import along, recursion
 from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm, checked
-from jaxspatial.dynamics.links import Motion, across, angular_acceleration_tensor, combined, move
+from jaxspatial.dynamics.links import Motion, across, angular_acceleration_tensor, motion_step, subspace_times
 from jaxspatial.dynamics.state import Pose
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialVelocity
@@ -147,13 +147,13 @@ def velocities(state, v):
 def _velocity(link, parent):
     X_PB = across(link.placement, link.joint)
     R_BP = vectors.transpose(X_PB.rows)
-    w_r, v_r = combined(link.joint.subspace, link.v)
+    w_r, v_r = subspace_times(link.joint.subspace, link.v)
     arm = vectors.plus(parent[1], vectors.cross(parent[0], X_PB.p))
     V = vectors.plus(vectors.matrix_times(R_BP, parent[0]), w_r), vectors.plus(vectors.matrix_times(R_BP, arm), v_r)
     return V, V
 
 
-def _moving(state, frames, found, at_world):
+def _with_poses(state, frames, found, at_world):
     """Those of `_on_joints` with the pose of J."""
     both = list(zip(poses(state), found, strict=True))
     return _on_joints(state, frames, both, (world(state), at_world))
@@ -161,7 +161,7 @@ def _moving(state, frames, found, at_world):
 
 @algorithm(*GEOMETRY, *FRAMES)
 def _body_velocities(state, v, *, frames):
-    found = _moving(state, frames, velocities(state, v), (state.no_vector, state.no_vector))
+    found = _with_poses(state, frames, velocities(state, v), (state.no_vector, state.no_vector))
     found = [_velocity_in_world(X, X_JF, V) for X_JF, (X, V) in found]
     return tuple(_arranged(state, frames, [V[k] for V in found]) for k in (0, 1))
 
@@ -176,8 +176,8 @@ def _velocity_in_world(X_WJ, X_JF, V):
 @algorithm(*GEOMETRY, *FRAMES)
 def _body_accelerations(state, v, vdot, *, frames):
     at_rest = Motion(*(state.no_vector,) * 3)
-    motions = recursion.outward(state, move, at_rest, state.links(v, vdot))
-    found = [_acceleration_in_world(X, X_JF, A) for X_JF, (X, A) in _moving(state, frames, motions, at_rest)]
+    motions = recursion.outward(state, motion_step, at_rest, state.links(v, vdot))
+    found = [_acceleration_in_world(X, X_JF, A) for X_JF, (X, A) in _with_poses(state, frames, motions, at_rest)]
     return tuple(_arranged(state, frames, [A[k] for A in found]) for k in (0, 1))
 
 
@@ -207,13 +207,13 @@ def _origin(state, frame, found):
 
 
 def _arms(joint, X_WJ, p_WF):
-    """Of every motion of a joint: the velocity that it gives the frame."""
+    """Of every motion of a joint: the velocity of the frame's origin, per rate."""
     arm = vectors.minus(p_WF, X_WJ.p)
-    return [noinline(_moved)(X_WJ.rows, motion, arm) for motion in joint.subspace]
+    return [noinline(_velocity_at)(X_WJ.rows, motion, arm) for motion in joint.subspace]
 
 
-def _moved(rows, motion, arm):
-    """A motion of J's origin, turned by the rows, of a point at the arm."""
+def _velocity_at(rows, motion, arm):
+    """The velocity of the point at an arm from J, in world axes, of a motion of J in its own axes."""
     w, v = (vectors.matrix_times(rows, x) for x in motion)
     return *w, *vectors.plus(v, vectors.cross(w, arm))
 
@@ -244,13 +244,13 @@ def _jacobian_rate(state, v, *, frame):
 def _arm_rates(link, X_WJ, V_WJ_J, p_WF, v_WF):
     """The time derivatives of `_arms`."""
     motions = zip(link.joint.subspace, link.joint.subspace_rate(link.v), strict=True)
-    return [noinline(_moved_rate)(X_WJ, V_WJ_J, motion, rate, p_WF, v_WF) for motion, rate in motions]
+    return [noinline(_velocity_rate_at)(X_WJ, V_WJ_J, motion, rate, p_WF, v_WF) for motion, rate in motions]
 
 
-def _moved_rate(X_WJ, V_WJ_J, motion, rate, p_WF, v_WF):
+def _velocity_rate_at(X_WJ, V_WJ_J, motion, rate, p_WF, v_WF):
     """d/dt of R k and R l + R k x r, of a motion (k, l) with rates of its own, r the arm from J to F in the world."""
     turning, (k, _) = V_WJ_J[0], motion
     dk, dl = (vectors.plus(vectors.cross(turning, x), dx) for x, dx in zip(motion, rate, strict=True))
     k, dk, dl, v_WJ = (vectors.matrix_times(X_WJ.rows, x) for x in (k, dk, dl, V_WJ_J[1]))
-    swung = vectors.cross(dk, vectors.minus(p_WF, X_WJ.p))
-    return *dk, *vectors.plus(dl, swung, vectors.cross(k, vectors.minus(v_WF, v_WJ)))
+    tangential = vectors.cross(dk, vectors.minus(p_WF, X_WJ.p))
+    return *dk, *vectors.plus(dl, tangential, vectors.cross(k, vectors.minus(v_WF, v_WJ)))

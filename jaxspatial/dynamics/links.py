@@ -1,4 +1,4 @@
-"""A body with the joint that carries it: what moves across the joint, and what a wrench on one side is on the other."""
+"""A body with the joint that carries it: motions across the joint, and wrenches transformed to the parent."""
 
 from typing import Any, NamedTuple
 
@@ -10,7 +10,7 @@ from jaxspatial.dynamics.state import Pose
 class Motion(NamedTuple):
     """Of a body's frame, in its axes: angular velocity and acceleration, and the classical acceleration of its origin.
 
-    With gravity as an upward acceleration of the world. No linear velocity: nothing needs it.
+    With gravity as an minus_gravity acceleration of the world. No linear velocity: nothing needs it.
     """
 
     w: Any
@@ -18,13 +18,13 @@ class Motion(NamedTuple):
     a: Any
 
 
-def falling(state):
-    """The motion of the world as bodies feel it: with gravity as an upward acceleration."""
-    return Motion(state.no_vector, state.no_vector, upward(state))
+def world_motion(state):
+    """The motion of the world, at rest, with gravity as an upward acceleration."""
+    return Motion(state.no_vector, state.no_vector, minus_gravity(state))
 
 
-def upward(state):
-    """The acceleration that stands for gravity."""
+def minus_gravity(state):
+    """-g: the acceleration of the world that stands for gravity."""
     return tuple(-g for g in state.numbers(state.fields["gravity"]))
 
 
@@ -45,7 +45,7 @@ def angular_acceleration_tensor(w, alpha):
     return (-(yy + zz), xy - k, xz + j), (xy + k, -(xx + zz), yz - i), (xz - j, yz + i, -(xx + yy))
 
 
-def combined(S, rates):
+def subspace_times(S, rates):
     """S rates, as (w, v)."""
     w, v = ([motion[side] for motion in S] for side in (0, 1))
     return tuple(tuple(vectors.dot(rates, [x[i] for x in part]) for i in range(3)) for part in (w, v))
@@ -57,14 +57,14 @@ def to_parent(X_PB, tau, f):
     return vectors.plus(vectors.matrix_times(X_PB.rows, tau), vectors.cross(X_PB.p, f)), f
 
 
-def move(link, parent):
-    """`moved`, as a step outward."""
-    motion = moved(link, parent)
+def motion_step(link, parent):
+    """`body_motion`, as a step outward."""
+    motion = body_motion(link, parent)
     return motion, motion
 
 
-def moved(link, parent):
-    """The motion of a body, of that of its parent.
+def body_motion(link, parent):
+    """The motion of a body, from that of its parent.
 
         w = R^T w_P + w_r    alpha = R^T alpha_P + (R^T w_P) x w_r + dw_r
         a = R^T (a_P + E_P p) + 2 (R^T w_P) x v_r + w_r x v_r + dv_r        E = [alpha]x + [w]x [w]x
@@ -73,12 +73,10 @@ def moved(link, parent):
     """
     X_PB = across(link.placement, link.joint)
     R_BP = vectors.transpose(X_PB.rows)
-    S, bias = link.joint.subspace, combined(link.joint.subspace_rate(link.v), link.v)
-    (w_r, v_r), (dw, dv) = combined(S, link.v), combined(S, link.vdot)
-    carried = noinline(vectors.matrix_times)(R_BP, parent.w)
+    S, bias = link.joint.subspace, subspace_times(link.joint.subspace_rate(link.v), link.v)
+    (w_r, v_r), (dw, dv) = subspace_times(S, link.v), subspace_times(S, link.vdot)
+    w_P = noinline(vectors.matrix_times)(R_BP, parent.w)
     arm = vectors.plus(parent.a, vectors.matrix_times(angular_acceleration_tensor(parent.w, parent.alpha), X_PB.p))
-    alpha = vectors.plus(vectors.matrix_times(R_BP, parent.alpha), vectors.cross(carried, w_r), dw, bias[0])
-    coriolis = vectors.cross(vectors.plus(carried, carried, w_r), v_r)
-    return Motion(
-        vectors.plus(carried, w_r), alpha, vectors.plus(vectors.matrix_times(R_BP, arm), coriolis, dv, bias[1])
-    )
+    alpha = vectors.plus(vectors.matrix_times(R_BP, parent.alpha), vectors.cross(w_P, w_r), dw, bias[0])
+    coriolis = vectors.cross(vectors.plus(w_P, w_P, w_r), v_r)
+    return Motion(vectors.plus(w_P, w_r), alpha, vectors.plus(vectors.matrix_times(R_BP, arm), coriolis, dv, bias[1]))

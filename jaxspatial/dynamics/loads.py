@@ -1,4 +1,4 @@
-"""External forces: what pulls on bodies besides their joints."""
+"""External forces on frames, transformed to the bodies that carry these."""
 
 import operator
 
@@ -12,7 +12,7 @@ from jaxspatial.spatial import SpatialForce
 
 
 def checked_forces(operation, mechanism, external_forces, q):
-    """(the numbers of the frames that are pulled, the arrays (tau, f) of each)."""
+    """(the numbers of the frames with forces, the arrays (tau, f) of each)."""
     external_forces = external_forces or {}
     if not isinstance(external_forces, dict):
         came = type(external_forces).__name__
@@ -33,9 +33,9 @@ def checked_forces(operation, mechanism, external_forces, q):
 
 
 def loads(state, frames, forces, of_load=None):
-    """(tau, f) of every bundle, about J in its axes: known zeros where nothing pulls.
+    """(tau, f) of every bundle, about J in its axes: known zeros where there are none.
 
-    of_load: of (tau, f) and the place of the frame, what else is wanted of it, a tuple of numbers that add up.
+    of_load: of (tau, f) and the place of the frame, further numbers that add up, a tuple.
     """
     of_load = of_load or (lambda tau, f, p_JF: ())
     nothing = (state.no_vector, state.no_vector, of_load(*(state.no_vector,) * 3))

@@ -36,18 +36,18 @@ def matrix_of(state):
     """M as numbers (nv, nv, B)."""
     links, placed = state.links(), pairs.from_root(state)
     both = zip(links, composites(state), placed, strict=True)
-    told = [noinline(_told)(along.abreast(link.joint.subspace), c, X) for link, c, X in both]
-    rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, told, strict=True)] for side in (0, 1))
+    sides = [noinline(_in_root_axes)(along.abreast(link.joint.subspace), c, X) for link, c, X in both]
+    rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, sides, strict=True)] for side in (0, 1))
     (upper,) = pairs.matrices(state, lambda row, column: (generalized_force(row, column),), rows, columns)
     return with_armature(state, links, symmetric_of(upper))
 
 
-def _told(motion, composite, X):
-    """(motions, the wrenches that a unit of each takes), in the axes of the world, with their places from the root."""
-    return told(X, motion), told(X, halves(felt(composite, motion)))
+def _in_root_axes(motion, composite, X):
+    """(the motions S, the wrenches I S of the composite body), in world axes, with their points from the root."""
+    return in_root_axes(X, motion), in_root_axes(X, halves(inertia_times(composite, motion)))
 
 
-def told(X, vector):
+def in_root_axes(X, vector):
     """The two parts of a motion or wrench in the axes of the world, and where its point is."""
     rows, p = X
     return *(vectors.matrix_times(rows, x) for x in vector), p
@@ -84,15 +84,15 @@ def with_armature(state, links, M):
 
 
 def composites(state):
-    """The inertia of every body with all that hangs on it, about J in its axes."""
+    """The composite inertia of the subtree of every body, about J in its axes."""
     zero = state.known(0.0)
     nothing = Inertia(zero, (zero,) * 3, (zero,) * 6)
     return recursion.inward(state, _composite, nothing, state.links(), joined=combine)
 
 
-def _composite(link, held):
-    """(the inertia of a body with all that hangs on it, the same seen from its parent)."""
-    inertia = combine(link.inertia, held)
+def _composite(link, children):
+    """(the composite inertia of a body and its children, the same about the parent's origin, in its axes)."""
+    inertia = combine(link.inertia, children)
     return inertia, inertia_to_parent(across(link.placement, link.joint), inertia)
 
 
@@ -105,8 +105,8 @@ def inertia_to_parent(X_PB, inertia):
     return Inertia(inertia.mass, com, congruent(inertia.central, X_PB.rows))
 
 
-def felt(inertia, motion):
-    """The wrench that a unit of a motion takes, at rest."""
+def inertia_times(inertia, motion):
+    """I A: the wrench for the acceleration A of a body at rest, or the momentum at the velocity A."""
     w, v = motion
     f = vectors.times(inertia.mass, vectors.plus(v, vectors.cross(w, inertia.com)))
     turning = vectors.matrix_times(symmetric.rows(inertia.central), w)

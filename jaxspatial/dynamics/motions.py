@@ -5,12 +5,12 @@ from jaxspatial.arithmetic.numbers import constant
 
 
 def motion_cross(a, b):
-    """Of motions: how b changes, carried by a."""
+    """a x b of spatial motions: the rate of b, fixed in a frame that moves with a. [Featherstone 2008, 2.31]"""
     return vectors.cross(a[0], b[0]), vectors.plus(vectors.cross(a[0], b[1]), vectors.cross(a[1], b[0]))
 
 
 def force_cross(S, wrench):
-    """How a wrench changes, carried by a motion."""
+    """S x* F: the rate of a wrench that is fixed in a frame moving with S. [Featherstone 2008, 2.32]"""
     tau, f = wrench[:3], wrench[3:]
     return *vectors.plus(vectors.cross(S[0], tau), vectors.cross(S[1], f)), *vectors.cross(S[0], f)
 

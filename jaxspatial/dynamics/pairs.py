@@ -1,7 +1,7 @@
-"""Matrices by pairs: what happens at one joint, as the joints between it and the base feel it.
+"""Matrices by pairs: each entry of one joint, and of one that carries it.
 
-An entry needs the two joints alone, told in the axes of the root that carries both, with positions from there: entries
-of two bundles, of all pairs of their bodies, are one operation. Nothing is carried from body to body.
+An entry needs the two joints alone, in the axes of the root that carries both, with positions from there: entries
+of two bundles, of all pairs of their bodies, are one operation. Nothing is propagated from body to body.
 """
 
 import functools
@@ -110,8 +110,8 @@ def _put(whole, block, k, place):
 
 
 def by_rates(state, x, axis):
-    """Of a matrix over the rates of all joints, along an axis, that over v: what a mimic feels, times its multiplier,
-    the joint that it follows does."""
+    """Of a matrix over the rates of all joints, along an axis, that over v: the force on a mimic, times its multiplier,
+    acts on the joint that it follows."""
     t = state.topology
     if not t.has_mimics:
         return x

@@ -34,8 +34,8 @@ def passive_forces(mechanism, q, v, compliance=None, *, precision=None):
         tau = -stiffness (q - spring_references) - damping v - friction_loss v / sqrt(v^2 + friction_speed^2) + N
 
     and N, where a coordinate is x beyond a limit, the larger of limit_stiffness x + limit_damping dx/dt and zero, back
-    into the range: limits push and never pull. Friction is regularised: at rest it holds nothing, what pulls with a
-    part of it creeps at about that part of friction_speed.
+    into the range. Limits push and never pull. Friction is regularised: it is zero at rest, and a load below
+    friction_loss creeps, at about the same part of friction_speed.
 
     Args:
         mechanism: Mechanism, with `stiffness`, `spring_references`, `damping`, `friction_loss`, `lower`, `upper`. What
@@ -182,7 +182,7 @@ def _positional(own, v, compliance):
         return []
     q = own.coordinates(own.state.q)
     turning = 4 if kind.nq > kind.nv else 0
-    angles, shifts = _turned_by_spring(own, q) if turning and has_spring else None, None
+    angles, shifts = _spring_torque(own, q) if turning and has_spring else None, None
     if kind.nq > turning:
         turned = {k: cosine_sine(q[k]) for k in kind.angles} if kind.name == "planar" else {}
         forces = [zero] * (kind.nq - turning)
@@ -198,13 +198,13 @@ def _plus(a, b):
     return [x + y for x, y in zip(a, b, strict=True)]
 
 
-def _turned_by_spring(own, q):
+def _spring_torque(own, q):
     """-J^-1 K d of the rotation vector d from the reference, J its left Jacobian: dd/dt = J^-T w."""
     fields = own.state.fields
     reference = own.coordinates(fields["spring_references"])
     d = Ball.difference(own.axes, reference[:4], q[:4])
-    pulls = [-k * x for k, x in zip(own.rates(fields["stiffness"])[:3], d, strict=True)]
-    return list(vectors.matrix_times(exponential.left_jacobian_inverse(d), pulls))
+    torque = [-k * x for k, x in zip(own.rates(fields["stiffness"])[:3], d, strict=True)]
+    return list(vectors.matrix_times(exponential.left_jacobian_inverse(d), torque))
 
 
 def _of_springs(own, q, start):
@@ -226,10 +226,12 @@ def _of_limits(own, q, turned, v, compliance, start):
 
 
 def _of_limit(q, speed, stiffness, damping, lower, upper):
-    return _pushed(lower - q, -speed, stiffness, damping) - _pushed(q - upper, speed, stiffness, damping)
+    return _one_sided_force(lower - q, -speed, stiffness, damping) - _one_sided_force(
+        q - upper, speed, stiffness, damping
+    )
 
 
-def _pushed(depth, speed, stiffness, damping):
+def _one_sided_force(depth, speed, stiffness, damping):
     """Zero where the depth is not above zero, minus infinity too."""
     is_beyond = depth > 0
     force = stiffness * where(is_beyond, depth, 0.0) + damping * where(is_beyond, speed, 0.0)

@@ -64,12 +64,15 @@ def _transpose(cotangents, *arguments, program, n_batch):
 def _batch(arrays, axes, *, program, n_batch):
     """The new axis in front of those there are."""
     size = next(x.shape[axis] for x, axis in zip(arrays, axes, strict=True) if axis is not None)
-    arrays = [_moved(x, axis, size, program.needs_own(i)) for i, (x, axis) in enumerate(zip(arrays, axes, strict=True))]
+    arrays = [
+        _batch_axis_first(x, axis, size, program.needs_own(i))
+        for i, (x, axis) in enumerate(zip(arrays, axes, strict=True))
+    ]
     found = bind(program, arrays, n_batch + 1)
     return found, [0] * len(found)
 
 
-def _moved(x, axis, size, is_own):
+def _batch_axis_first(x, axis, size, is_own):
     if axis is not None:
         return jnp.moveaxis(x, axis, 0)
     return jnp.broadcast_to(x, (size, *x.shape)) if is_own else x[None]

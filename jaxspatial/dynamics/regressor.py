@@ -4,8 +4,8 @@ from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import constant, noinline
 from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import GEOMETRY, algorithm, checked
-from jaxspatial.dynamics.links import angular_acceleration_tensor, falling, move
-from jaxspatial.dynamics.mass_matrix import generalized_force, halves, told
+from jaxspatial.dynamics.links import angular_acceleration_tensor, motion_step, world_motion
+from jaxspatial.dynamics.mass_matrix import generalized_force, halves, in_root_axes
 from jaxspatial.inertia import symmetric
 
 
@@ -26,17 +26,19 @@ def joint_torque_regressor(mechanism, q, v, vdot, *, precision=None):
 @algorithm(*GEOMETRY, "gravity", entries=lambda t: 10 * t.nv * len(t))
 def _regressor(state, v, vdot):
     links, placed = state.links(v, vdot), pairs.from_root(state)
-    motions = recursion.outward(state, move, falling(state), links)
+    motions = recursion.outward(state, motion_step, world_motion(state), links)
     both = zip(links, placed, strict=True)
-    rows = [(len(S), noinline(told)(X, along.abreast(S))) for S, X in ((link.joint.subspace, X) for link, X in both)]
-    columns = [(10, _told(*x)) for x in zip(placed, motions, strict=True)]
+    rows = [
+        (len(S), noinline(in_root_axes)(X, along.abreast(S))) for S, X in ((link.joint.subspace, X) for link, X in both)
+    ]
+    columns = [(10, _in_root_axes(*x)) for x in zip(placed, motions, strict=True)]
     (Y,) = pairs.matrices(state, lambda row, column: (generalized_force(row, column),), rows, columns)
     return state.in_given_axes(state.rounded(pairs.by_rates(state, Y, 0)))
 
 
-def _told(X, motion):
+def _in_root_axes(X, motion):
     """The wrenches of all parameters of a body, side by side."""
-    return along.abreast([noinline(told)(X, halves(wrench)) for wrench in noinline(_of_parameters)(motion)])
+    return along.abreast([noinline(in_root_axes)(X, halves(wrench)) for wrench in noinline(_of_parameters)(motion)])
 
 
 def _of_parameters(motion):

@@ -34,13 +34,15 @@ class Inertia(NamedTuple):
 
 
 class Link(NamedTuple):
-    """A body and the joint that carries it. v: rates of the joint; vdot: their derivatives, or the forces tau."""
+    """A body and the joint that carries it. v: rates of the joint; vdot: their derivatives;
+    tau: the generalized forces, None where they are unknown."""
 
     placement: Any
     joint: Any
     inertia: Any
     v: Any
     vdot: Any
+    tau: Any
     armature: Any
 
 
@@ -165,8 +167,8 @@ class MechanismState(Results):
         mass, com, central = (self.of(bundle, x) for x in self.fields["inertias"])
         return Inertia(*mass, com, central)
 
-    def links(self, v=None, vdot=None):
-        """The Link of every bundle; known zeros for None."""
+    def links(self, v=None, vdot=None, tau=None):
+        """The Link of every bundle; known zeros for None, but of tau."""
         has_armature = "armature" in self.fields
         return [
             Link(
@@ -175,6 +177,7 @@ class MechanismState(Results):
                 self.inertia(b) if "inertias" in self.fields else None,
                 self.rates(b, v),
                 self.rates(b, vdot),
+                None if tau is None else self.rates(b, tau),
                 self.armature(b) if has_armature else None,
             )
             for b, joint in zip(self.bundles, self.joints, strict=True)

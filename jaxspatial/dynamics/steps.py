@@ -18,7 +18,7 @@ from jaxspatial.dynamics.passive import acting, resistance
 
 
 def semi_implicit_step(mechanism, q, v, tau, dt, external_forces=None, *, compliance=None, precision=None):
-    """(q, v) after the time dt, by the semi-implicit Euler method: the new rates move the configuration.
+    """(q, v) after the time dt, by the semi-implicit Euler method: q is integrated with the new v.
 
     mechanism: Mechanism; q (*batch, nq), v and tau (*batch, nv), dt a number or (*batch,), s; external_forces: see
     `forward_dynamics`; compliance: of friction and limits, see `Compliance`
@@ -34,7 +34,7 @@ def semi_implicit_step(mechanism, q, v, tau, dt, external_forces=None, *, compli
     c = resistance(mechanism, v, compliance, precision)
     accelerated = _accelerated if c is None or (c.ndim == 1 and not dt.ndim) else _each_accelerated
     vdot = accelerated(mechanism, precision, q, v, tau, dt, c, external_forces)
-    v = _ahead(precision, v, dt[..., None], vdot)
+    v = _euler(precision, v, dt[..., None], vdot)
     return integrate(mechanism, q, v, dt, precision=precision), v
 
 
@@ -80,15 +80,19 @@ def symplectic_step(mechanism, q, v, tau, dt, external_forces=None, *, iteration
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau)), dt.shape)
     q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (q, v, tau, dt[..., None]))
     tau = _with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
-    slopes, dt, damping = _moved(mechanism, precision), h[..., 0], resistance(mechanism, v, compliance, precision)
+    derivatives, dt, damping = (
+        _action_derivatives(mechanism, precision),
+        h[..., 0],
+        resistance(mechanism, v, compliance, precision),
+    )
     damping = None if damping is None else h * jnp.broadcast_to(damping, v.shape)
     before = integrate(mechanism, q, v, -dt, precision=precision)
-    momentum = slopes(before, q, dt)[1] + h * (tau - _static(mechanism, q, external_forces, precision))
+    momentum = derivatives(before, q, dt)[1] + h * (tau - _static(mechanism, q, external_forces, precision))
     M = mass_matrix(mechanism, q, precision=precision)
     factor = factored(M if damping is None else M + _diagonal(damping))
 
     def nearer(_, v):
-        left = momentum + slopes(q, integrate(mechanism, q, v, dt, precision=precision), dt)[0]
+        left = momentum + derivatives(q, integrate(mechanism, q, v, dt, precision=precision), dt)[0]
         return v + factor.solve(left if damping is None else left - damping * v)
 
     v = jax.lax.fori_loop(0, iterations, nearer, v)
@@ -101,7 +105,7 @@ def _diagonal(x):
     return jnp.where(is_diagonal, jnp.broadcast_to(x[..., None], is_diagonal.shape), 0)
 
 
-def _moved(mechanism, precision):
+def _action_derivatives(mechanism, precision):
     """(q, next, dt) -> the derivatives of the kinetic action dt T(q, (next - q) / dt) by motions of q and of next."""
 
     def action(q, following, dt):
@@ -110,12 +114,12 @@ def _moved(mechanism, precision):
 
     def derivatives(q, following, dt):
         found = jax.grad(action, (0, 1))(q, following, dt)
-        return [_along(mechanism, x, g, precision) for x, g in zip((q, following), found, strict=True)]
+        return [_by_rates(mechanism, x, g, precision) for x, g in zip((q, following), found, strict=True)]
 
     return derivatives
 
 
-def _along(mechanism, q, gradient, precision):
+def _by_rates(mechanism, q, gradient, precision):
     """The derivative by rates, of one by coordinates."""
     rates = functools.partial(configuration_rates, mechanism, q, precision=precision)
     (found,) = jax.vjp(rates, jnp.zeros((*q.shape[:-1], mechanism.nv), q.dtype))[1](gradient)
@@ -153,18 +157,18 @@ def rk4_step(mechanism, q, v, tau, dt, external_forces=None, *, compliance=None,
 def _runge_kutta(precision, rate, x, dt):
     k = [rate(*x)]
     for share in (0.5, 0.5, 1.0):
-        ahead = (_ahead(precision, a, dt * dt.dtype.type(share), b) for a, b in zip(x, k[-1], strict=True))
+        ahead = (_euler(precision, a, dt * dt.dtype.type(share), b) for a, b in zip(x, k[-1], strict=True))
         k.append(rate(*ahead))
-    return tuple(_mean_ahead(precision, a, dt, *rates) for a, *rates in zip(x, *k, strict=True))
+    return tuple(_rk4_mean(precision, a, dt, *rates) for a, *rates in zip(x, *k, strict=True))
 
 
 @numeric
-def _ahead(x, dt, rate):
+def _euler(x, dt, rate):
     return tuple(a + dt[0] * b for a, b in zip(x, rate, strict=True))
 
 
 @numeric
-def _mean_ahead(x, dt, *rates):
+def _rk4_mean(x, dt, *rates):
     def one(a, k1, k2, k3, k4):
         return a + dt[0] * ((k1 + k4) + doubled(k2 + k3)) / 6
 
