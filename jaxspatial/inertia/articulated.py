@@ -16,7 +16,7 @@ from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.inertia import parameters, symmetric
 from jaxspatial.inertia.addition import steiner
 from jaxspatial.inertia.inertia import SpatialInertia
-from jaxspatial.rotation.rotation import as_matrices, expanded, is_identity
+from jaxspatial.rotation.matrices import as_matrices, expanded, is_identity
 from jaxspatial.spatial.acceleration import SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce
 from jaxspatial.spatial.operations import acting, acting_inverse, rotate, rotating, shift

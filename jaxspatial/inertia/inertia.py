@@ -17,7 +17,8 @@ from jaxspatial.arithmetic.quantity import Quantity, moved_to_last
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.inertia import addition, parameters, symmetric, validity
 from jaxspatial.inertia.shapes import Shapes
-from jaxspatial.rotation.rotation import Rotation, as_matrices, expanded, is_identity, matrix_rows
+from jaxspatial.rotation.matrices import as_matrices, expanded, is_identity, matrix_rows
+from jaxspatial.rotation.rotation import Rotation
 from jaxspatial.spatial.acceleration import SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce, SpatialMomentum
 from jaxspatial.spatial.operations import acting, acting_inverse, rotate, rotating, shift

@@ -5,7 +5,7 @@ from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.arithmetic.numbers import noinline_pairs, numeric
 from jaxspatial.inertia import symmetric
 from jaxspatial.inertia.inertia import SpatialInertia
-from jaxspatial.rotation.rotation import expanded
+from jaxspatial.rotation.matrices import expanded
 from jaxspatial.spatial.acceleration import SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce
 from jaxspatial.spatial.velocity import SpatialVelocity

@@ -14,7 +14,7 @@ from jaxspatial.arithmetic.functions import pi
 from jaxspatial.arithmetic.numbers import constant, high, noinline_pairs, numeric, where
 from jaxspatial.inertia import mesh, symmetric
 from jaxspatial.inertia.reduction import product
-from jaxspatial.rotation.rotation import expanded
+from jaxspatial.rotation.matrices import expanded
 
 _Z = (0.0, 0.0, 1.0)
 

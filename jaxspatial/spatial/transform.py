@@ -9,17 +9,8 @@ from jaxspatial.arithmetic.numbers import constant, numeric
 from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.rotation import exponential
-from jaxspatial.rotation.rotation import (
-    Rotation,
-    as_matrices,
-    composed,
-    expanded,
-    matrices,
-    matrix_rows,
-    owned,
-    rotated,
-    shown,
-)
+from jaxspatial.rotation.matrices import as_matrices, expanded, matrices, matrix_rows, owned, shown
+from jaxspatial.rotation.rotation import Rotation, composed, rotated
 from jaxspatial.spatial.acceleration import SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce, SpatialMomentum
 from jaxspatial.spatial.operations import acting, acting_inverse

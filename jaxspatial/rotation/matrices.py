@@ -1,0 +1,104 @@
+"""Matrices by their entries (*batch, n n): as arguments, as results, and what they do to vectors."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.arithmetic import check, lanes, vectors
+from jaxspatial.arithmetic.components import as_array
+from jaxspatial.arithmetic.double_word import from_double_word
+from jaxspatial.arithmetic.kernel import kernel
+from jaxspatial.arithmetic.types import Matrix
+
+
+def as_matrices(m: Matrix, name: str, n: int = 3) -> Any:
+    """Matrices (*batch, n, n) by their entries (*batch, n n)."""
+    array = check.as_vectors(m, name, size=n, many=[str(n)], held=True)
+    if array.shape[-2] != n:
+        raise ValueError(f"{name}: expected shape (*batch, {n}, {n}), got {array.shape}")
+    return array.reshape((*array.shape[:-2], n * n))
+
+
+def require_rotations(entries: Any, name: str) -> None:
+    """Raises ValueError for known entries that are no rotation, see `Rotation.from_matrix`; traced ones pass."""
+    leaves = jax.tree.leaves(entries)
+    if not leaves or any(isinstance(x, (jax.core.Tracer, jax.ShapeDtypeStruct)) for x in leaves):
+        return
+    tolerance = 1e-3 + 16 * float(jnp.finfo(entries.dtype).eps)
+    m = np.asarray(from_double_word(as_array(entries, entries.shape[:-1]))).astype(np.float64).reshape((-1, 3, 3))
+    with np.errstate(all="ignore"):
+        off = abs(m @ np.swapaxes(m, -1, -2) - np.eye(3)).max((-1, -2), initial=0.0)
+        wrong = np.flatnonzero((off > tolerance) | (np.linalg.det(m) < 0))
+    if wrong.size:
+        i = wrong[0]
+        which = f"at place {i} of {len(m)} " if len(m) > 1 else ""
+        how = f"with an entry of m m^T {off[i]:.3g} off" if off[i] > tolerance else "with a negative determinant"
+        raise ValueError(
+            f"{name}: expected rotation matrices, got {which}{m[i].tolist()}, {how}; Rotation.nearest(m) is the "
+            "nearest rotation, Rotation(m.reshape((*m.shape[:-2], 9))) takes numbers as they are"
+        )
+
+
+def owned(array: Any) -> Any:
+    """A NumPy array as a read-only copy: the caller may write to his own."""
+    if isinstance(array, np.ndarray):
+        array = array.copy()
+        array.setflags(write=False)
+    return array
+
+
+def shown(x: Any, n: int) -> str:
+    """The numbers of one item, n in a row; the shape of a batch or of something not computed yet."""
+    if isinstance(x, (np.ndarray, jax.Array)) and not isinstance(x, jax.core.Tracer) and x.ndim == 1:
+        numbers = [str(number) for number in np.asarray(x)]
+        rows = [", ".join(numbers[i : i + n]) for i in range(0, len(numbers), n)]
+        return "[" + "; ".join(rows) + "]"
+    if hasattr(x, "shape") and hasattr(x, "dtype") and not isinstance(x, check.Number):
+        return f"{np.dtype(x.dtype).name}[{','.join(map(str, x.shape))}]"
+    return repr(x)
+
+
+def expanded(x: Any) -> Any:
+    """(*batch,) as (*batch, 1)."""
+    return x.reshape((*x.shape, 1))
+
+
+def matrices(entries: Any, n: int) -> Any:
+    """Entries (*batch, n n) as matrices (*batch, n, n)."""
+    return entries.reshape((*entries.shape[:-1], n, n))
+
+
+def is_identity(R_AB: Any) -> bool:
+    """True for a single identity known while tracing."""
+    known = isinstance(R_AB.entries, np.ndarray) and not R_AB.batch_shape
+    return known and bool((R_AB.entries == np.eye(3).ravel()).all())
+
+
+def matrix_rows(entries):
+    """The rows of a matrix given by its entries, of lanes."""
+    return vectors.rows(lanes.unstack(entries))
+
+
+# -- products ---------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def rotated(precision, entries, *vectors):
+    rows = matrix_rows(entries)
+    return tuple(lanes.stack_like(v, [lanes.dot(precision, row, lanes.unstack(v)) for row in rows]) for v in vectors)
+
+
+TRANSPOSED = np.arange(9).reshape(3, 3).T.ravel()
+
+
+@kernel
+def transposed(_, entries):
+    return lanes.stack(vectors.flat(vectors.transpose(matrix_rows(entries))), lanes.batch_shape(entries))
+
+
+@kernel
+def composed(precision, left, right):
+    columns = list(zip(*matrix_rows(right), strict=True))
+    return lanes.stack_like(left, [lanes.dot(precision, row, c) for row in matrix_rows(left) for c in columns])
