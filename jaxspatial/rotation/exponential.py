@@ -25,7 +25,7 @@ _UP_TO_PI, _UP_TO_HALF_PI = 10, Fraction(5, 2)
 
 class Turn(NamedTuple):
     """What the exponential of w is made of: the angle squared, cos and S of half the angle after whole turns are taken
-    off, what is then left of the angle as a part of it, and where that was done at all."""
+    off, the rest of the angle as a part of it, and a mask where whole turns were taken off."""
 
     squared: Any
     cosine: Any
@@ -188,6 +188,7 @@ def left_jacobian(w):
 
 @noinline
 def left_jacobian_inverse(w):
+    """J^-1 of `left_jacobian`, by its rows."""
     e, d = inverse_coefficients(turn(w))
     return _operator(e, -0.5, d, w)
 
@@ -195,9 +196,9 @@ def left_jacobian_inverse(w):
 def _operator(c, half, d, w):
     """The matrix c 1 + half [w x] + d w w^T."""
     x, y, z = vectors.times(half, w)
-    turned = ((0, -z, y), (z, 0, -x), (-y, x, 0))
+    skew = ((0, -z, y), (z, 0, -x), (-y, x, 0))
     dw = vectors.times(d, w)
-    return tuple(tuple(dw[i] * w[j] + (c if i == j else turned[i][j]) for j in range(3)) for i in range(3))
+    return tuple(tuple(dw[i] * w[j] + (c if i == j else skew[i][j]) for j in range(3)) for i in range(3))
 
 
 @noinline
@@ -212,9 +213,9 @@ def coupling(w, v):
     t = turn(w)
     c1, c2, c3 = coefficients(t)
     c4, c5 = higher_coefficients(t, c2, c3)
-    along, turned = vectors.dot(w, v), vectors.cross(w, v)
+    along, w_v = vectors.dot(w, v), vectors.cross(w, v)
     by_square = vectors.plus(
-        vectors.times(c3 - c2, v), vectors.times(2 * c4 - c3, turned), vectors.times((3 * c5 - c4) * along, w)
+        vectors.times(c3 - c2, v), vectors.times(2 * c4 - c3, w_v), vectors.times((3 * c5 - c4) * along, w)
     )
     p, jacobian = _combination(c1, c2, c3, w, v), _operator(c1, c2, c3, w)
     columns = []
@@ -222,9 +223,9 @@ def coupling(w, v):
         unit = tuple(float(i == k) for i in range(3))
         sideways = vectors.cross(unit, v)
         of_axis = tuple(c3 * (v[k] * x + (along if i == k else 0)) for i, x in enumerate(w))
-        moved = vectors.plus(vectors.times(w[k], by_square), vectors.times(c2, sideways), of_axis)
-        carried = vectors.cross(tuple(row[k] for row in jacobian), p)
-        columns.append(tuple(a - b for a, b in zip(moved, carried, strict=True)))
+        d = vectors.plus(vectors.times(w[k], by_square), vectors.times(c2, sideways), of_axis)
+        Je_p = vectors.cross(tuple(row[k] for row in jacobian), p)
+        columns.append(tuple(a - b for a, b in zip(d, Je_p, strict=True)))
     return vectors.transpose(columns)
 
 
