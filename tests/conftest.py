@@ -1,5 +1,9 @@
 """Every test runs under JAX's strictest rules, and knows how to ask for 64 bits."""
 
+import os
+import shutil
+import tempfile
+
 import jax
 import mpmath
 import pytest
@@ -8,6 +12,28 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 # One for all modules, whichever is imported last: of what cancels at an angle of 1e-30, 60 digits are left.
 mpmath.mp.dps = 160
+
+# Compiled programs are shared by the workers of a run, by its modules, and by the processes that tests start.
+CACHE = "JAX_COMPILATION_CACHE_DIR"
+SHORTEST, SMALLEST = "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"
+
+
+def pytest_configure(config):
+    """Makes the cache of this run, unless there is one that outlives it; workers find it in their environment."""
+    if CACHE not in os.environ:
+        config.own_cache = os.environ[CACHE] = tempfile.mkdtemp(prefix="jaxspatial-tests-")
+        os.environ |= {SHORTEST: "0", SMALLEST: "-1"}
+    # JAX was imported, and has read its environment, before.
+    jax.config.update("jax_compilation_cache_dir", os.environ[CACHE])
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", float(os.environ.get(SHORTEST, "1")))
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", int(os.environ.get(SMALLEST, "0")))
+
+
+def pytest_unconfigure(config):
+    if hasattr(config, "own_cache"):
+        shutil.rmtree(config.own_cache, ignore_errors=True)
+        for name in (CACHE, SHORTEST, SMALLEST):
+            del os.environ[name]
 
 
 @pytest.fixture(params=[False, True], ids=["x32", "x64"])
