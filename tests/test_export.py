@@ -56,7 +56,6 @@ PUBLIC_TYPES = {name for name, x in vars(js).items() if not name.startswith("_")
 
 @pytest.mark.parametrize("name", sorted(PUBLIC_TYPES - DESCRIPTIONS))
 def test_every_public_type_goes_through_export(name):
-    pytest.importorskip("flatbuffers", reason="JAX writes exported programs with flatbuffers")
     x = EXAMPLES[name]()
     assert type(x) is getattr(js, name)
     doubled = jax.jit(lambda x: jax.tree.map(lambda leaf: leaf + leaf, x))

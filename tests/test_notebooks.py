@@ -3,9 +3,11 @@
 import os
 import pathlib
 
-import nbclient
-import nbformat
 import pytest
+
+from tests.helpers.optional import needs
+
+nbclient, nbformat = needs("nbclient"), needs("nbformat")
 
 NOTEBOOKS = sorted((pathlib.Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
 

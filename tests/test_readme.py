@@ -14,16 +14,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_architecture import LAYERS
 
 import jaxspatial as js
 from jaxspatial.mechanism.joints import KINDS
+from tests.helpers.optional import needs
+from tests.test_architecture import LAYERS
 
 ROOT = pathlib.Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
 PAGES = {path.name: path.read_text() for path in sorted((ROOT / "notebooks").glob("*.md"))}
-# Imported by pages, and not needed by the package.
-OPTIONAL = ("equinox", "flax", "mujoco", "optax", "orbax.checkpoint")
+# Imported by pages, and brought by the extra `peers`.
+OPTIONAL = ("equinox", "flax", "optax", "orbax.checkpoint")
 
 
 def _table(text, heading):
@@ -78,7 +79,7 @@ def test_pages_run(name):
     blocks = _examples(PAGES[name])
     for module in OPTIONAL:
         if re.search(rf"^(import|from) {re.escape(module)}\b", "\n".join(blocks), re.M):
-            pytest.importorskip(module)
+            needs(module)
     # As users have it; optax and orbax mix dtypes.
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         _run(blocks)

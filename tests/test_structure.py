@@ -4,42 +4,17 @@ Counted are the multiplications and all flops that a call asks for in precision 
 same products are left, each behind its fence; in "compensated" those of the same sums, multiplied out.
 """
 
-import collections
 import functools
-import re
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from marks import slow
 
 import jaxspatial as js
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.rotation.rotation import composed
-
-ARITHMETIC = ("multiply", "add", "subtract", "divide", "negate", "select", "compare", "abs", "sqrt")
-FLOPS = ("multiply", "add", "subtract", "divide", "negate", "sqrt")
-
-
-def asked_for(function, *arguments):
-    """How often each arithmetic operation stands in the StableHLO of a function."""
-    return _counted(r"stablehlo\.(\w+)", jax.jit(function).lower(*arguments).as_text())
-
-
-def compiled(function, *arguments):
-    """The same in the program that XLA makes of it, where each output's kernel computes what it shares with others."""
-    return _counted(r"= \S+ (\w+)\(", jax.jit(function).lower(*arguments).compile().as_text())
-
-
-def _counted(pattern, text):
-    found = collections.Counter(re.findall(pattern, text))
-    return collections.Counter({name: found[name] for name in ARITHMETIC if found[name]})
-
-
-def flops(counted):
-    return sum(counted[name] for name in FLOPS)
-
+from tests.helpers.counting import asked_for, compiled, flops
+from tests.helpers.marks import slow
 
 # -- scenes -----------------------------------------------------------------------------------------------------------
 

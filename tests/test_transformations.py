@@ -14,11 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
-from marks import slow, slow_but
-from operations import FORMULAS, OPERATIONS, REPRESENTATIVES, violations
 
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
+from tests.helpers.marks import slow, slow_but
+from tests.helpers.operations import FORMULAS, OPERATIONS, REPRESENTATIVES, violations
 
 BATCH = (3, 2)
 CONTEXTS = {

@@ -14,11 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
-from marks import slow_but
-from operations_of_numbers import FORMULAS, OPERATIONS, REPRESENTATIVES
 
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
+from tests.helpers.marks import slow_but
+from tests.helpers.operations_of_numbers import FORMULAS, OPERATIONS, REPRESENTATIVES
 
 BATCH = (3, 1, 2)
 DIFFERENTIABLE = [name for name in FORMULAS if OPERATIONS[name].differentiable]

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
-from marks import slow_but
-from operations import DTYPES, OPERATIONS, violations
 
 import jaxspatial as js
+from tests.helpers.marks import slow_but
+from tests.helpers.operations import DTYPES, OPERATIONS, violations
 
 C = js.Components
 PRECISIONS = [str(p) for p in js.Precision]

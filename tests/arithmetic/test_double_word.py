@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from jax import lax
 from jax.sharding import PartitionSpec
-from marks import slow, slow_but
 
 from jaxspatial.arithmetic import double_word
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, sqrt, to_double_word
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
+from tests.helpers.marks import slow, slow_but
 
 DTYPES = ["float16", "bfloat16", "float32", "float64"]
 N = 600
@@ -738,7 +738,6 @@ def test_state_is_carried_donated_and_branched():
 
 
 def test_exported_programs_take_and_return_double_words():
-    pytest.importorskip("flatbuffers")
     x = to_double_word(jnp.float32(2)) / 3
     exported = jax.export.export(jax.jit(lambda x: {"square": x * x}))(x)
     again = jax.export.deserialize(bytearray(exported.serialize()))

@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
-from marks import slow_but
 
 from jaxspatial.arithmetic import eft
 from jaxspatial.arithmetic.fence import fence
 from jaxspatial.measure.exact import rationals
+from tests.helpers.marks import slow_but
 
 DTYPES = ["float16", "bfloat16", "float32", "float64"]
 N = 400

@@ -7,12 +7,12 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
-from marks import slow
 
 from jaxspatial.arithmetic import functions, vectors
 from jaxspatial.arithmetic.double_word import to_double_word
 from jaxspatial.arithmetic.numbers import numeric
 from jaxspatial.rotation import angles
+from tests.helpers.marks import slow
 
 wide_dtypes = pytest.mark.parametrize("dtype", ["float32", slow("float64")])
 

@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from marks import slow
 
 import jaxspatial as js
 from jaxspatial.arithmetic import lanes
 from jaxspatial.arithmetic.kernel import kernel
 from jaxspatial.arithmetic.polynomial import Polynomial, symbol
 from jaxspatial.measure.error import ulp, unit_roundoff
+from tests.helpers.marks import slow
 
 ZERO = np.zeros(3, np.float32)
 PRECISIONS = pytest.mark.parametrize("precision", ["compensated", "faithful"])

@@ -1,4 +1,4 @@
-"""How far every robot of example-robot-data is from Pinocchio, in every algorithm of tests/peers/pinocchio_models.py.
+"""How far every robot of example-robot-data is from Pinocchio, in every algorithm of tests/helpers/pinocchio_models.py.
 
     python tests/benchmarks/robots.py [NAME ...] [--write] [--kept FILE]
 
@@ -16,10 +16,10 @@ import sys
 import jax
 import numpy as np
 
-TESTS = pathlib.Path(__file__).parents[1]
-sys.path.insert(0, str(TESTS))
+ROOT = pathlib.Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT))
 
-from peers import pinocchio_models as models  # noqa: E402
+from tests.helpers import pinocchio_models as models  # noqa: E402
 
 PACKAGES = "jax", "jaxlib", "numpy", "pin", "example-robot-data", "yourdfpy"
 
@@ -187,7 +187,7 @@ def main(arguments=None):
     text = "\n".join(report(rows, twins))
     print(text)
     if options.write:
-        (TESTS / "peers/robots.md").write_text(text)
+        (ROOT / "tests/peers/robots.md").write_text(text)
     return 0 if all(map(holds, rows.values())) else 1
 
 

@@ -6,7 +6,8 @@ import subprocess
 import sys
 
 import pytest
-from marks import slow
+
+from tests.helpers.marks import slow
 
 HERE = pathlib.Path(__file__).parent
 

@@ -5,7 +5,6 @@ import sys
 
 import numpy as np
 import pytest
-from marks import slow
 from PIL import Image
 
 import jaxspatial as js
@@ -14,6 +13,7 @@ from jaxspatial.command.cli import main
 from jaxspatial.command.wrench_file import WrenchFile, WrenchFileError
 from jaxspatial.measure import power, scene, trade
 from jaxspatial.measure.operation import OPERATIONS
+from tests.helpers.marks import slow
 
 OFFSET = ["--offset", "0.1", "-0.2", "0.3"]
 COLUMNS = [f"{part}_{axis}" for part in ("tau", "f", "w", "v") for axis in "xyz"]

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
-from dynamics import exact
 
 import jaxspatial as js
+from tests.helpers import exact_dynamics as exact
 
 N = 6
 

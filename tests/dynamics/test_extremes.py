@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
-from dynamics import exact
-from test_structure import asked_for
 
 import jaxspatial as js
 from jaxspatial.mechanism import editing
+from tests.helpers import exact_dynamics as exact
+from tests.helpers.counting import asked_for
 
 slow = functools.partial(pytest.param, marks=pytest.mark.slow)
 

@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_structure import asked_for, flops
 
 import jaxspatial as js
+from tests.helpers.counting import asked_for, flops
 
 N = 6
 STATE = tuple(jnp.ones(N, jnp.float32) for _ in range(3))

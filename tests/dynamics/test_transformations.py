@@ -4,11 +4,11 @@ import functools
 
 import jax
 import jax.numpy as jnp
-import marks
 import numpy as np
 import pytest
 
 import jaxspatial as js
+from tests.helpers import marks
 
 N = 3
 KINDS = ["revolute", "prismatic", "ball"]

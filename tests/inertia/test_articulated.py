@@ -6,14 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from marks import slow
-from operations import EXACT, Bound, violations
 
 import jaxspatial as js
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.inertia.articulated import ArticulatedInertia, joint_projection
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import Sized, attribute, rationals, sized
+from tests.helpers.marks import slow
+from tests.helpers.operations import EXACT, Bound, violations
 
 ZERO = Sized(Fraction(0))
 LOWER = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)]

@@ -8,12 +8,12 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from inertia.exact_inertia import exactly, matrix, random_inertia, six_of, steiner
-from marks import slow_but
 
 import jaxspatial as js
 from jaxspatial.measure import error
 from jaxspatial.measure.exact import rationals, sized
+from tests.helpers.exact_inertia import exactly, matrix, random_inertia, six_of, steiner
+from tests.helpers.marks import slow_but
 
 DTYPES = ("float16", "bfloat16", "float32", "float64")
 MATRIX = np.array([[2.0, 0.1, -0.2], [0.1, 2.3, 0.3], [-0.2, 0.3, 2.4]])

@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from marks import slow
 
 import jaxspatial as js
 from jaxspatial.arithmetic.numbers import numeric
@@ -14,6 +13,7 @@ from jaxspatial.inertia import SpatialInertia
 from jaxspatial.inertia.reduction import summed
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
+from tests.helpers.marks import slow
 
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 BOX = np.array(

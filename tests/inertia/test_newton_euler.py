@@ -7,8 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from marks import slow, slow_but
-from operations import Bound, violations
 
 import jaxspatial as js
 from jaxspatial.inertia import SpatialInertia
@@ -19,6 +17,8 @@ from jaxspatial.inertia.newton_euler import (
     newton_euler_regressor,
 )
 from jaxspatial.measure.exact import Sized, rationals, sized
+from tests.helpers.marks import slow, slow_but
+from tests.helpers.operations import Bound, violations
 
 NEWTON, REGRESSOR, ENERGY = Bound(k=12, m=48), Bound(k=2, m=4), Bound(k=3, m=8)
 LOWER = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)]

@@ -7,14 +7,14 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
-from inertia.exact_inertia import exactly, is_positive_semidefinite, random_inertia, second_moments, steiner
-from marks import slow, slow_but
 
 import jaxspatial as js
 from jaxspatial.arithmetic import functions
 from jaxspatial.arithmetic.numbers import numeric
 from jaxspatial.measure.error import ulp, unit_roundoff
 from jaxspatial.measure.exact import rationals
+from tests.helpers.exact_inertia import exactly, is_positive_semidefinite, random_inertia, second_moments, steiner
+from tests.helpers.marks import slow, slow_but
 
 TYPES = list(itertools.product(["float32", "float64"], js.Precision))
 USUAL = [("float32", "reproducible"), ("float64", "compensated")]

@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from marks import slow, slow_but
-from operations import Bound, violations
 
 import jaxspatial as js
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.measure.exact import Sized, attribute, rationals, sized
+from tests.helpers.marks import slow, slow_but
+from tests.helpers.operations import Bound, violations
 
 PI = Sized(Fraction("3.14159265358979323846264338327950288419716939937510582097494459"))
 MASS, CENTRAL = Bound(k=12, m=64), Bound(k=20, m=64)

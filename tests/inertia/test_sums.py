@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from inertia.exact_inertia import exactly, is_positive_semidefinite, random_inertia, second_moments, steiner
-from marks import slow, slow_but
 
 import jaxspatial as js
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
+from tests.helpers.exact_inertia import exactly, is_positive_semidefinite, random_inertia, second_moments, steiner
+from tests.helpers.marks import slow, slow_but
 
 dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
 TYPES = list(itertools.product(["float32", "float64"], ["fast", "reproducible", "compensated", "faithful"]))

@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
-from inertia.exact_inertia import exactly, matrix, random_inertia, six_of
-from marks import slow
 
 import jaxspatial as js
 from jaxspatial.measure.error import unit_roundoff
+from tests.helpers.exact_inertia import exactly, matrix, random_inertia, six_of
+from tests.helpers.marks import slow
 
 EPS = 2.0**-52
 dtypes = pytest.mark.parametrize("dtype", ["float32", slow("float64")])

@@ -3,21 +3,19 @@
 The numbers of motions are compared with MuJoCo's in `peers/test_dynamics_mujoco.py`.
 """
 
-import importlib.util
 import pathlib
 import re
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import pytest
-from tracing import assert_known_while_tracing
 
 import jaxspatial as js
 from jaxspatial.interop import ModelFileWarning, mjcf
-
-mujoco = pytest.importorskip("mujoco")
-pytest.importorskip("lxml")
+from tests.helpers.optional import needs
+from tests.helpers.tracing import assert_known_while_tracing
 
 ARM = """<mujoco model="arm">
   <compiler angle="radian"/>
@@ -187,12 +185,7 @@ HUMANOIDS = [
 @pytest.mark.parametrize(("package", "path"), HUMANOIDS)
 def test_humanoids_have_springs(package, path):
     """Those of Brax and MJX."""
-    spec = importlib.util.find_spec(package.partition(".")[0])
-    if spec is None or spec.origin is None:
-        pytest.skip(f"{package} is not installed")
-    file = pathlib.Path(spec.origin).parent.joinpath(*package.split(".")[1:], path)
-    if not file.exists():
-        pytest.skip(f"this version of {package} has no {path}")
+    file = pathlib.Path(needs(package).__file__).parent / path
     mech, model = js.Mechanism.from_mjcf(file), mujoco.MjModel.from_xml_path(str(file))
     stiffness = model.jnt_stiffness[model.dof_jntid]
     assert stiffness.any()

@@ -6,12 +6,11 @@ import re
 
 import numpy as np
 import pytest
-from tracing import assert_known_while_tracing
 
 import jaxspatial as js
 from jaxspatial.interop import ModelFileWarning
-
-pytest.importorskip("yourdfpy")
+from tests.helpers.optional import needs
+from tests.helpers.tracing import assert_known_while_tracing
 
 INERTIAL = """<inertial><origin xyz="1 2 3"/><mass value="2"/>
   <inertia ixx="4" iyy="5" izz="6" ixy=".1" ixz=".2" iyz=".3"/></inertial>"""
@@ -318,10 +317,8 @@ def test_what_is_left_out_is_listed_once():
 
 def test_every_robot_of_a_collection_is_read():
     """Of example-robot-data; what is refused is wrong: a mimic of no joint, a robot without a name."""
-    try:
-        files = [f for f in importlib.metadata.files("example-robot-data") or [] if f.suffix == ".urdf"]
-    except importlib.metadata.PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed")
+    needs("pinocchio")
+    files = [f for f in importlib.metadata.files("example-robot-data") or [] if f.suffix == ".urdf"]
     refused = {}
     for file in files:
         try:

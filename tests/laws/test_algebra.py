@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from marks import slow
 
 import jaxspatial as js
+from tests.helpers.marks import slow
 
 N, TOLERANCE = 200, 2e-14
 precisions = pytest.mark.parametrize("precision", ["reproducible", slow("compensated")])

@@ -10,12 +10,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from laws import duals, hostile
-from marks import slow, slow_but
-from operations import EXACT, OPERATIONS, Bound, violations
 
 import jaxspatial as js
 from jaxspatial.measure.inputs import FAMILIES, with_condition
+from tests.helpers import duals, hostile
+from tests.helpers.marks import slow, slow_but
+from tests.helpers.operations import EXACT, OPERATIONS, Bound, violations
 
 NAMES = (
     "shift_force",

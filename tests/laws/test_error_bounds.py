@@ -10,13 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from laws import hostile
-from marks import slow, slow_but
-from operations import DTYPES, EXACT, FORMULAS, summed, violations
 
 import jaxspatial as js
 from jaxspatial.measure import error, exact
 from jaxspatial.measure.inputs import FAMILIES
+from tests.helpers import hostile
+from tests.helpers.marks import slow, slow_but
+from tests.helpers.operations import DTYPES, EXACT, FORMULAS, summed, violations
 
 
 def _batch_last(f):

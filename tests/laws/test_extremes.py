@@ -11,14 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
-from laws import hostile
-from marks import slow, slow_but
-from operations import DTYPES, EXACT, OPERATIONS, summed, violations
 
 import jaxspatial as js
 from jaxspatial.measure import error
 from jaxspatial.measure.exact import attribute, rationals, sized
 from jaxspatial.measure.inputs import EXTREMES
+from tests.helpers import hostile
+from tests.helpers.marks import slow, slow_but
+from tests.helpers.operations import DTYPES, EXACT, OPERATIONS, summed, violations
 
 # Where intermediate results may overflow: all formats evaluated in a wider one, and whatever is faithful.
 SAFE = [(dtype, precision) for dtype in DTYPES for precision in ("compensated", "faithful")]

@@ -13,10 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
-from marks import slow, slow_but
-from operations import EXACT, OPERATIONS
 
 import jaxspatial as js
+from tests.helpers.marks import slow, slow_but
+from tests.helpers.operations import EXACT, OPERATIONS
 
 SIZES = [1, 7, 257, 4096]
 DTYPES = ["float32", "float64"]

@@ -4,11 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from marks import slow_but
 
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.measure import conditions, error, scene, timing, trade
 from jaxspatial.measure.operation import OPERATIONS
+from tests.helpers.marks import slow_but
 
 OFFSET = np.array([0.3, -0.2, 0.5])
 WRENCHES = scene.rotating_body(50)

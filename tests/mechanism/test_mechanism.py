@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from tracing import assert_known_while_tracing
 
 import jaxspatial as js
 from jaxspatial.mechanism.joints import KINDS
+from tests.helpers.tracing import assert_known_while_tracing
 
 U = 2.0**-53
 

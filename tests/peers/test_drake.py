@@ -8,12 +8,13 @@ operation, or none, has to be equal.
 import jax
 import numpy as np
 import pytest
-from peers.inputs import inputs
-from spatial.drake_oracle import every_kind, shift_magnitudes
 
 import jaxspatial as js
+from tests.helpers.drake_oracle import every_kind, shift_magnitudes
+from tests.helpers.optional import needs
+from tests.helpers.peer_inputs import inputs
 
-drake = pytest.importorskip("pydrake.multibody.math")
+drake = needs("pydrake.multibody.math")
 
 U = 2.0**-53
 

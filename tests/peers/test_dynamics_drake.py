@@ -17,18 +17,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from lxml import etree
 
 import jaxspatial as js
+from tests.helpers.optional import needs
 
-etree = pytest.importorskip("lxml.etree")
-pytest.importorskip("yourdfpy")
-pytest.importorskip("pydrake")
-models = pytest.importorskip("peers.pinocchio_models")
-
+needs("pydrake")
+needs("pinocchio")
 from pydrake.multibody.math import SpatialForce  # noqa: E402
 from pydrake.multibody.parsing import Parser  # noqa: E402
 from pydrake.multibody.plant import MultibodyPlant  # noqa: E402
 from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, MultibodyForces  # noqa: E402
+
+from tests.helpers import pinocchio_models as models  # noqa: E402
 
 N = 4
 ALLOWED = 1e-12

@@ -8,14 +8,12 @@ import functools
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import pytest
 
 import jaxspatial as js
 from jaxspatial.interop import mjcf
-
-mujoco = pytest.importorskip("mujoco")
-pytest.importorskip("lxml")
 
 N = 4
 ALLOWED = 1e-12

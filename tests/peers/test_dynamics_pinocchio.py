@@ -13,9 +13,10 @@ import jax
 import numpy as np
 import pytest
 
-pytest.importorskip("yourdfpy")
-pytest.importorskip("pinocchio")
-models = pytest.importorskip("peers.pinocchio_models")
+from tests.helpers.optional import needs
+
+needs("pinocchio")
+from tests.helpers import pinocchio_models as models  # noqa: E402
 
 # With sliding joints and a mimic; with continuous ones and a base that floats.
 FAST = [("panda", False, "float64"), ("double_pendulum_continuous", True, "float32")]

@@ -12,8 +12,9 @@ import pytest
 import jaxspatial as js
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.inertia.newton_euler import newton_euler, newton_euler_regressor
+from tests.helpers.optional import needs
 
-pin = pytest.importorskip("pinocchio")
+pin = needs("pinocchio")
 
 N, EPS = 50, float(np.finfo(float).eps)
 

@@ -7,8 +7,9 @@ import pytest
 import jaxspatial as js
 from jaxspatial import interop
 from jaxspatial.inertia import SpatialInertia
+from tests.helpers.optional import needs
 
-base = pytest.importorskip("brax.base")
+base = needs("brax.base")
 
 U = 2.0**-24
 N = 20

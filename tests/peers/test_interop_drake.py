@@ -6,15 +6,16 @@ Where only numbers move, they are equal. U = 2^-53.
 import jax
 import numpy as np
 import pytest
-from peers.bodies import N, each, inertias, poses
-from peers.inputs import inputs
 
 import jaxspatial as js
 from jaxspatial import interop
 from jaxspatial.inertia import SpatialInertia
+from tests.helpers.optional import needs
+from tests.helpers.peer_bodies import N, each, inertias, poses
+from tests.helpers.peer_inputs import inputs
 
-drake_math = pytest.importorskip("pydrake.multibody.math")
-pydrake_math = pytest.importorskip("pydrake.math")
+drake_math = needs("pydrake.multibody.math")
+pydrake_math = needs("pydrake.math")
 
 U = 2.0**-53
 KINDS = {

@@ -3,12 +3,13 @@
 import jax
 import numpy as np
 import pytest
-from marks import slow_but
 
 import jaxspatial as js
 from jaxspatial import interop
+from tests.helpers.marks import slow_but
+from tests.helpers.optional import needs
 
-jaxlie = pytest.importorskip("jaxlie")
+jaxlie = needs("jaxlie")
 
 DTYPES = {"float32": 2.0**-24, "float64": 2.0**-53}
 every_dtype = pytest.mark.parametrize(

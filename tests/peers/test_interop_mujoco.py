@@ -8,13 +8,13 @@ import re
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import pytest
 
 import jaxspatial as js
 from jaxspatial import interop
-
-mujoco = pytest.importorskip("mujoco")
+from tests.helpers.optional import needs
 
 U = 2.0**-53
 MODEL = """
@@ -216,7 +216,7 @@ def test_transform_spatial_is_shift_then_rotate(kind):
 
 
 def test_arrays_of_mjx_are_the_same():
-    mjx = pytest.importorskip("mujoco.mjx")
+    mjx = needs("mujoco.mjx")
     model = mujoco.MjModel.from_xml_string(MODEL.replace('type="box"', 'type="sphere"'))
     with jax.enable_x64(False), jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         data = mujoco.MjData(model)
@@ -235,7 +235,7 @@ def test_arrays_of_mjx_are_the_same():
 
 def test_a_robot_computes_with_states_of_mjx():
     """From the same file, batched, under jit, with a derivative: the bias forces that MuJoCo has."""
-    mjx = pytest.importorskip("mujoco.mjx")
+    mjx = needs("mujoco.mjx")
     text = re.sub("<geom.*?/>", "", MODEL).replace(
         "/></body>", '/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'
     )

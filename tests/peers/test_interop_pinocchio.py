@@ -7,15 +7,16 @@ U = 2^-53.
 import jax
 import numpy as np
 import pytest
-from peers.bodies import N, each, inertias, poses
-from peers.inputs import inputs
 
 import jaxspatial as js
 from jaxspatial import interop
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.interop import orders
+from tests.helpers.optional import needs
+from tests.helpers.peer_bodies import N, each, inertias, poses
+from tests.helpers.peer_inputs import inputs
 
-pin = pytest.importorskip("pinocchio")
+pin = needs("pinocchio")
 
 U = 2.0**-53
 VECTORS = {

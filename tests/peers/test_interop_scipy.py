@@ -3,11 +3,10 @@
 import jax
 import numpy as np
 import pytest
+from scipy.spatial import transform
 
 import jaxspatial as js
 from jaxspatial import interop
-
-transform = pytest.importorskip("scipy.spatial.transform")
 
 U = 2.0**-53
 

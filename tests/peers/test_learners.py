@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from tests.helpers.optional import needs
 
-eqx = pytest.importorskip("equinox")
-nn = pytest.importorskip("flax.linen")
-nnx = pytest.importorskip("flax.nnx")
-optax = pytest.importorskip("optax")
-ocp = pytest.importorskip("orbax.checkpoint")
+eqx = needs("equinox")
+nn = needs("flax.linen")
+nnx = needs("flax.nnx")
+optax = needs("optax")
+ocp = needs("orbax.checkpoint")
 
 
 @pytest.fixture(autouse=True)

@@ -9,12 +9,13 @@ classical acceleration. Pinocchio's products with the ones and zeros of a rotati
 import jax
 import numpy as np
 import pytest
-from peers.inputs import inputs
-from spatial.drake_oracle import cross_magnitudes, shift_magnitudes
 
 import jaxspatial as js
+from tests.helpers.drake_oracle import cross_magnitudes, shift_magnitudes
+from tests.helpers.optional import needs
+from tests.helpers.peer_inputs import inputs
 
-pin = pytest.importorskip("pinocchio")
+pin = needs("pinocchio")
 
 U = 2.0**-53
 FORCES = (js.SpatialForce, js.SpatialMomentum)

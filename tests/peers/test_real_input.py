@@ -13,12 +13,13 @@ import sys
 
 import numpy as np
 import pytest
-from spatial.drake_oracle import shift_magnitudes
 
 import jaxspatial as js
+from tests.helpers.drake_oracle import shift_magnitudes
+from tests.helpers.optional import needs
 
-pin = pytest.importorskip("pinocchio")
-robots = pytest.importorskip("peers.robots")
+pin = needs("pinocchio")
+from tests.helpers import pinocchio_robots as robots  # noqa: E402
 
 U = 2.0**-53
 OFFSET = np.array([0.1, -0.2, 0.3])

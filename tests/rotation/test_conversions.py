@@ -5,13 +5,14 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
-from marks import slow_but
-from rotation import exact
-from rotation.cases import allowed, of_dtype, wide_dtypes
+from scipy.spatial import transform
 
 import jaxspatial as js
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import numeric
+from tests.helpers import exact_rotation as exact
+from tests.helpers.marks import slow_but
+from tests.helpers.rotation_cases import allowed, of_dtype, wide_dtypes
 
 CASES = [
     ("bfloat16", "reproducible"),
@@ -230,7 +231,6 @@ def test_to_roll_pitch_yaw(dtype, precision):
 
 @wide_dtypes
 def test_scipy_agrees(dtype):
-    transform = pytest.importorskip("scipy.spatial.transform")
     rng = np.random.default_rng(6)
     q = rng.standard_normal((50, 4)).astype(dtype)
     theirs = transform.Rotation.from_quat(q[:, [1, 2, 3, 0]].astype(float))

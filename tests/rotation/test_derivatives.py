@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from marks import slow
-from rotation import exact
-from rotation.cases import eps, wide_dtypes
 
 import jaxspatial as js
+from tests.helpers import exact_rotation as exact
+from tests.helpers.marks import slow
+from tests.helpers.rotation_cases import eps, wide_dtypes
 
 # What compiles for half a minute is told of one dtype by default.
 CASES = [("float32", "fast"), slow("float64", "reproducible")]

@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
-from marks import slow, slow_but
-from rotation import exact
-from rotation.cases import allowed, eps, wide_dtypes
 
 import jaxspatial as js
+from tests.helpers import exact_rotation as exact
+from tests.helpers.marks import slow, slow_but
+from tests.helpers.rotation_cases import allowed, eps, wide_dtypes
 
 ANGLES = [
     0,

@@ -9,9 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from marks import slow
-from spatial import drake_oracle as oracle
-from spatial.drake_oracle import (
+
+import jaxspatial as js
+from tests.helpers import drake_oracle as oracle
+from tests.helpers.drake_oracle import (
     assert_parts,
     assert_same_bits,
     assert_within,
@@ -21,8 +22,7 @@ from spatial.drake_oracle import (
     offsets_of,
     random_shift,
 )
-
-import jaxspatial as js
+from tests.helpers.marks import slow
 
 FORCES = pytest.mark.parametrize("kind", [js.SpatialForce, js.SpatialMomentum])
 INFINITIES = [np.nan, np.inf, -np.inf]

@@ -16,11 +16,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from marks import slow
-from spatial import drake_oracle as oracle
-from spatial.drake_oracle import assert_numbers, assert_parts, assert_same_bits, every_kind, every_way, random_shift
 
 import jaxspatial as js
+from tests.helpers import drake_oracle as oracle
+from tests.helpers.drake_oracle import (
+    assert_numbers,
+    assert_parts,
+    assert_same_bits,
+    every_kind,
+    every_way,
+    random_shift,
+)
+from tests.helpers.marks import slow
 
 # Drake's fixture.
 ROTATIONAL, TRANSLATIONAL = (0, 0, 3), (1, 2, 0)

@@ -10,10 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from marks import slow_but
-from operations import OPERATIONS, REPRESENTATIVES
 
 import jaxspatial as js
+from tests.helpers.marks import slow_but
+from tests.helpers.operations import OPERATIONS, REPRESENTATIVES
 
 FLOATS = "float16, bfloat16, float32 or float64"
 FIELDS = {

@@ -22,9 +22,9 @@ import pytest
 from jax import lax
 from jax.sharding import AxisType, NamedSharding
 from jax.sharding import PartitionSpec as P
-from operations import OPERATIONS
 
 import jaxspatial as js
+from tests.helpers.operations import OPERATIONS
 
 KINDS = [js.SpatialForce, js.SpatialMomentum, js.SpatialVelocity, js.SpatialAcceleration]
 kinds = pytest.mark.parametrize("kind", KINDS)
@@ -311,7 +311,6 @@ def test_exported_and_called(kind):
 
 @kinds
 def test_exported_to_bytes_and_called_again(kind):
-    pytest.importorskip("flatbuffers", reason="JAX writes exported programs with flatbuffers")
     x, offsets = _vector(kind, (2,)), _offsets(kind)
     blob = jax.export.export(jax.jit(js.shift))(x, *offsets).serialize()
     _assert_equal(jax.export.deserialize(blob).call(x, *offsets), js.shift(x, *offsets))

@@ -7,9 +7,9 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from marks import slow_but
 
 import jaxspatial as js
+from tests.helpers.marks import slow_but
 
 EPS = float(np.finfo(np.float32).eps)
 

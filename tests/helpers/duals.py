@@ -1,9 +1,9 @@
 """Exact derivatives: a formula run over numbers that know their tangent."""
 
 import numpy as np
-from operations import OPERATIONS
 
 from jaxspatial.measure.exact import Sized, sized
+from tests.helpers.operations import OPERATIONS
 
 _ZERO = Sized(0)
 

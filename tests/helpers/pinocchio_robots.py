@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-import pytest
 
 _URDF = {"panda": "panda.urdf", "g1": "g1_29dof_rev_1_0.urdf"}
 _FLOATING = {"g1"}
@@ -42,14 +41,9 @@ def joint_wrenches(robot, samples=200):
 
 
 def load(robot):
-    """The Pinocchio model, from the URDF in the package example-robot-data; skips the test where there is none."""
-    try:
-        files = importlib.metadata.files("example-robot-data") or []
-    except importlib.metadata.PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed")
+    """The Pinocchio model, from the URDF in the package example-robot-data."""
+    files = importlib.metadata.files("example-robot-data") or []
     paths = [str(file.locate()) for file in files if file.name == _URDF[robot]]
-    if not paths:
-        pytest.skip(f"this version of example-robot-data has no {_URDF[robot]}")
     base = [pin.JointModelFreeFlyer()] if robot in _FLOATING else []
     return pin.buildModelFromUrdf(paths[0], *base)
 

@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from marks import slow
 
 import jaxspatial as js
+from tests.helpers.marks import slow
 
 KINDS = (js.SpatialVelocity, js.SpatialAcceleration, js.SpatialForce, js.SpatialMomentum)
 FIELDS = {

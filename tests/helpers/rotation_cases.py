@@ -3,7 +3,8 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from marks import slow
+
+from tests.helpers.marks import slow
 
 wide_dtypes = pytest.mark.parametrize("dtype", ["float32", slow("float64")])
 

@@ -11,11 +11,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from operations import OPERATIONS, Operation, violations
 
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
 from jaxspatial.measure.inputs import CONDITIONED, FAMILIES, products_with_condition
+from tests.helpers.operations import OPERATIONS, Operation, violations
 
 N = 12
 

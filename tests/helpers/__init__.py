@@ -1,0 +1,1 @@
+"""What tests share: oracles, tables of operations, marks. Nothing here is a test."""
