@@ -1,66 +1,134 @@
 """The centre of mass of a mechanism, and momentum about it."""
 
+import jax
+
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import noinline
+from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.dynamics.mass_matrix import composites, inertia_times, wrench_to_parent
 from jaxspatial.dynamics.state import Pose
 from jaxspatial.inertia import symmetric
+from jaxspatial.mechanism import Mechanism
 from jaxspatial.spatial import SpatialMomentum
 
 
-def center_of_mass(mechanism, q, *, precision=None):
-    """p_WC_W (*batch, 3) of all bodies that move, m; NaN where they have no mass.
+def center_of_mass(mechanism: Mechanism, q: Coordinates, *, precision: PrecisionName = None) -> jax.Array:
+    """The centre of mass of all bodies that move.
 
-    mechanism: Mechanism; q (*batch, nq)
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two.
+    Args:
+        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
+        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        p_WC_W (*batch, 3), m; NaN where the bodies have no mass.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
+        in the other two.
     """
     (q,) = checked("center_of_mass", mechanism, q=q)
     return _center_of_mass(precision, mechanism, q)
 
 
-def center_of_mass_velocity(mechanism, q, v, *, precision=None):
-    """v_WC_W (*batch, 3), m/s: the time derivative of `center_of_mass`.
+def center_of_mass_velocity(
+    mechanism: Mechanism, q: Coordinates, v: Rates, *, precision: PrecisionName = None
+) -> jax.Array:
+    """The time derivative of `center_of_mass`.
 
-    mechanism: Mechanism; q (*batch, nq), v (*batch, nv)
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two.
+    Args:
+        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
+        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        v: (*batch, nv) rates: rad/s, m/s.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        v_WC_W (*batch, 3), m/s; NaN where the bodies have no mass.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
+        in the other two.
     """
     q, v = checked("center_of_mass_velocity", mechanism, q=q, v=v)
     return _center_of_mass_velocity(precision, mechanism, q, v)
 
 
-def center_of_mass_jacobian(mechanism, q, *, precision=None):
-    """J (*batch, 3, nv), with v_WC_W = J v.
+def center_of_mass_jacobian(mechanism: Mechanism, q: Coordinates, *, precision: PrecisionName = None) -> jax.Array:
+    """The Jacobian of the centre of mass: v_WC_W = J v.
 
-    mechanism: Mechanism; q (*batch, nq)
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two.
+    Args:
+        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
+        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        J (*batch, 3, nv); NaN where the bodies have no mass.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
+        in the other two.
     """
     (q,) = checked("center_of_mass_jacobian", mechanism, q=q)
     return _center_of_mass_jacobian(precision, mechanism, q)
 
 
-def centroidal_momentum(mechanism, q, v, *, precision=None):
-    """L_WC_W: the SpatialMomentum (*batch,) of all bodies that move, about their centre of mass, in world axes.
+def centroidal_momentum(
+    mechanism: Mechanism, q: Coordinates, v: Rates, *, precision: PrecisionName = None
+) -> SpatialMomentum:
+    """The momentum of all bodies that move, about their centre of mass.
 
-    mechanism: Mechanism; q (*batch, nq), v (*batch, nv). That of rotors (armature) is not in it. Free of external
-    forces and gravity, it does not change.
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two. [Orin, Goswami, Lee 2013]
+    Without external forces and gravity it does not change. That of rotors (armature) is not part of it.
+
+    Args:
+        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
+        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        v: (*batch, nv) rates: rad/s, m/s.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        L_WC_W (*batch,), in world axes: N m s, N s; NaN where the bodies have no mass.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
+        in the other two.
+    Source: Orin, Goswami, Lee 2013, Centroidal dynamics of a humanoid robot.
     """
     q, v = checked("centroidal_momentum", mechanism, q=q, v=v)
     return SpatialMomentum(*_centroidal_momentum(precision, mechanism, q, v))
 
 
-def centroidal_momentum_matrix(mechanism, q, *, precision=None):
-    """A (*batch, 6, nv), rotational on top, with `centroidal_momentum` = A v.
+def centroidal_momentum_matrix(mechanism: Mechanism, q: Coordinates, *, precision: PrecisionName = None) -> jax.Array:
+    """The matrix of `centroidal_momentum` = A v.
 
-    mechanism: Mechanism; q (*batch, nq).
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two. [Orin, Goswami, Lee 2013, equation 25]
+    Args:
+        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
+        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        A (*batch, 6, nv), rotational rows on top; NaN where the bodies have no mass.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
+        in the other two.
+    Source: Orin, Goswami, Lee 2013, Centroidal dynamics of a humanoid robot, equation 25.
     """
     (q,) = checked("centroidal_momentum_matrix", mechanism, q=q)
     return _centroidal_momentum_matrix(precision, mechanism, q)

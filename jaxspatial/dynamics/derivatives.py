@@ -10,22 +10,19 @@ algebra, equations 35 to 38]
 import functools
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import constant, doubled, noinline, where
 from jaxspatial.dynamics import along, pairs, recursion
-from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked
-from jaxspatial.dynamics.forward_dynamics import forward_dynamics
+from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm
 from jaxspatial.dynamics.inverse_dynamics import wrench_of
 from jaxspatial.dynamics.kinematics import world
 from jaxspatial.dynamics.links import across, motion_step, subspace_times, world_motion
-from jaxspatial.dynamics.loads import checked_forces, loads
+from jaxspatial.dynamics.loads import loads
 from jaxspatial.dynamics.mass_matrix import (
     combine,
-    factored,
     inertia_times,
     inertia_to_parent,
     symmetric_of,
@@ -35,51 +32,6 @@ from jaxspatial.dynamics.mass_matrix import (
 from jaxspatial.dynamics.motions import force_cross, minus, motion_cross, plus, scaled, skew, twice_crossed
 from jaxspatial.dynamics.state import Inertia
 from jaxspatial.inertia import articulated, symmetric
-
-
-class InverseDynamicsDerivatives(NamedTuple):
-    """(*batch, nv, nv) each: rows are forces of joints. dtau_dvdot is the mass matrix."""
-
-    dtau_dq: jax.Array
-    dtau_dv: jax.Array
-    dtau_dvdot: jax.Array
-
-
-class ForwardDynamicsDerivatives(NamedTuple):
-    """(*batch, nv, nv) each: rows are accelerations. dvdot_dtau is the inverse of the mass matrix."""
-
-    dvdot_dq: jax.Array
-    dvdot_dv: jax.Array
-    dvdot_dtau: jax.Array
-
-
-def inverse_dynamics_derivatives(mechanism, q, v, vdot, external_forces=None, *, precision=None):
-    """InverseDynamicsDerivatives of `inverse_dynamics`.
-
-    mechanism: Mechanism; q (*batch, nq), v and vdot (*batch, nv); external_forces: see there
-    dtau_dq is with respect to the step of `integrate(mechanism, q, step)`, at zero, with v and vdot the same numbers:
-    the derivative with respect to q for joints whose coordinates are as many as their rates, but "planar".
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two.
-    """
-    q, v, vdot = checked("inverse_dynamics_derivatives", mechanism, q=q, v=v, vdot=vdot)
-    frames, forces = checked_forces("inverse_dynamics_derivatives", mechanism, external_forces, q)
-    return InverseDynamicsDerivatives(*_derivatives(precision, mechanism, q, v, vdot, forces, frames=frames))
-
-
-def forward_dynamics_derivatives(mechanism, q, v, tau, external_forces=None, *, precision=None):
-    """ForwardDynamicsDerivatives of `forward_dynamics`: those of inverse dynamics at the accelerations it finds, times
-    the inverse of the mass matrix, which is factored in the dtype of q whatever the precision.
-
-    mechanism: Mechanism; q (*batch, nq), v and tau (*batch, nv); external_forces, dvdot_dq: see
-    `inverse_dynamics_derivatives`. NaN for rates that nothing resists.
-    Error of the largest number: n u cond(M) times a small number, in every precision, by the factors.
-    """
-    vdot = forward_dynamics(mechanism, q, v, tau, external_forces, precision=precision)
-    dq, dv, M = inverse_dynamics_derivatives(mechanism, q, v, vdot, external_forces, precision=precision)
-    inverse = factored(M).inverse()
-    return ForwardDynamicsDerivatives(-(inverse @ dq), -(inverse @ dv), inverse)
-
 
 # -- composite bodies -------------------------------------------------------------------------------------------------
 
@@ -101,7 +53,7 @@ class Subtree(NamedTuple):
 
 
 @algorithm(*DYNAMICS, *FRAMES, entries=lambda t: 5 * t.nv**2)
-def _derivatives(state, v, vdot, forces, *, frames):
+def derivatives(state, v, vdot, forces, *, frames):
     links = state.links(v, vdot)
     zero = state.no_vector
     motions = recursion.outward(state, motion_step, world_motion(state), links)

@@ -1,31 +1,58 @@
 """Kinetic and potential energy."""
 
+import jax
+
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import doubled, noinline
+from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
 from jaxspatial.dynamics.centroid import moments
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.dynamics.links import minus_gravity
 from jaxspatial.inertia import symmetric
+from jaxspatial.mechanism import Mechanism
 
 
-def kinetic_energy(mechanism, q, v, *, precision=None):
-    """v^T M v / 2 (*batch,), joules, that of rotors (armature) with it.
+def kinetic_energy(mechanism: Mechanism, q: Coordinates, v: Rates, *, precision: PrecisionName = None) -> jax.Array:
+    """The kinetic energy, v^T M v / 2, with that of rotors (armature).
 
-    mechanism: Mechanism; q (*batch, nq), v (*batch, nv)
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two.
+    Args:
+        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
+        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        v: (*batch, nv) rates: rad/s, m/s.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        (*batch,), J.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
+        in the other two.
     """
     q, v = checked("kinetic_energy", mechanism, q=q, v=v)
     return _kinetic_energy(precision, mechanism, q, v)
 
 
-def potential_energy(mechanism, q, *, precision=None):
-    """Of gravity, - sum of m g . p (*batch,), joules: zero where all centres of mass are at the world's origin.
+def potential_energy(mechanism: Mechanism, q: Coordinates, *, precision: PrecisionName = None) -> jax.Array:
+    """The potential energy of gravity, -sum of m g . p.
 
-    mechanism: Mechanism; q (*batch, nq)
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two.
+    Args:
+        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
+        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        (*batch,), J: zero where all centres of mass are at the world's origin.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
+        in the other two.
     """
     (q,) = checked("potential_energy", mechanism, q=q)
     return _potential_energy(precision, mechanism, q)

@@ -2,25 +2,53 @@
 
 import jax
 
+from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates
 from jaxspatial.dynamics import primitive
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, checked, of_rates
 from jaxspatial.dynamics.articulated_bodies import accelerations, floats, solution
 from jaxspatial.dynamics.inverse_dynamics import _inverse_dynamics, forces_of
 from jaxspatial.dynamics.links import minus_gravity
-from jaxspatial.dynamics.loads import checked_forces, loads
+from jaxspatial.dynamics.loads import ExternalForces, checked_forces, loads
+from jaxspatial.mechanism import Mechanism
 
 
-def forward_dynamics(mechanism, q, v, tau, external_forces=None, *, precision=None):
-    """vdot (*batch, nv) under the generalised forces tau of the joints: the inverse of `inverse_dynamics`.
+def forward_dynamics(
+    mechanism: Mechanism,
+    q: Coordinates,
+    v: Rates,
+    tau: Forces,
+    external_forces: ExternalForces = None,
+    *,
+    precision: PrecisionName = None,
+) -> jax.Array:
+    """The accelerations under generalized forces: the inverse of `inverse_dynamics`.
 
-    mechanism: Mechanism; q (*batch, nq), v and tau (*batch, nv), tau in N m or N
-    external_forces: SpatialForce by name of a frame (bodies are frames, welded links too), each (*batch,), about the
-        origin of the frame, in world axes; it acts on the body that carries the frame, see `Mechanism.frame_body`
-    Batch shapes broadcast. A rate that nothing resists, of bodies without mass or armature, keeps vdot = 0. With
-    mimics the mass matrix is solved instead, in the same precision. Derivatives, of any order and by all numbers of the
-    mechanism, are those of inverse dynamics times M^-1, rounded to the dtype of q on the way: n u c in every precision.
-    Error of the largest number, for n links one behind the other and c the condition of the mass matrix: at most
-    4 n u c in "fast" and "reproducible"; 1.01 u in the other two, while c < 1 / (4 n u). [Featherstone 2008, table 7.1]
+    With mimics the mass matrix is solved, in the same precision. Derivatives, of any order and by all numbers of the
+    mechanism, are those of inverse dynamics times M^-1.
+
+    Args:
+        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
+        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        v: (*batch, nv) rates: rad/s, m/s.
+        tau: (*batch, nv) generalized forces of the joints: N m, N.
+        external_forces: by name of a frame (bodies are frames, welded links too) a SpatialForce (*batch,) about the
+            origin of the frame, in world axes. It acts on the body that carries the frame, see `Mechanism.frame_body`.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        vdot (*batch, nv), over the common batch: rad/s^2, m/s^2. A rate without inertia, of bodies without mass and
+        armature, keeps vdot = 0.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or forces are no dict of
+            SpatialForces.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of the largest number, for n links one behind the other and c the condition of the mass matrix: at most 4 n u
+        c in "fast" and "reproducible"; 1.01 u in the other two, while c < 1 / (4 n u). Derivatives are rounded to the
+        dtype of q on the way: n u c in every precision.
+    Source: Featherstone 2008, table 7.1.
     """
     q, v, tau = checked("forward_dynamics", mechanism, q=q, v=v, tau=tau)
     frames, forces = checked_forces("forward_dynamics", mechanism, external_forces, q)

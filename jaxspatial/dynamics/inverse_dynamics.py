@@ -1,46 +1,113 @@
 """Inverse dynamics: the forces at the joints for given accelerations."""
 
+import jax
+
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import noinline
+from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import recursion
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked, of_rates
 from jaxspatial.dynamics.links import Motion, across, angular_acceleration_tensor, body_motion, minus_gravity, to_parent
-from jaxspatial.dynamics.loads import checked_forces, loads
+from jaxspatial.dynamics.loads import ExternalForces, checked_forces, loads
 from jaxspatial.inertia import symmetric
+from jaxspatial.mechanism import Mechanism
 
 
-def inverse_dynamics(mechanism, q, v, vdot, external_forces=None, *, precision=None):
-    """tau (*batch, nv) = M(q) vdot + C(q, v) v + g(q) - J^T F: generalised forces of the joints, N m or N.
+def inverse_dynamics(
+    mechanism: Mechanism,
+    q: Coordinates,
+    v: Rates,
+    vdot: Rates,
+    external_forces: ExternalForces = None,
+    *,
+    precision: PrecisionName = None,
+) -> jax.Array:
+    """The generalized forces for given accelerations.
 
-    mechanism: Mechanism; q (*batch, nq), v and vdot (*batch, nv) its coordinates, rates and their derivatives
-    external_forces: SpatialForce by name of a frame (bodies are frames, welded links too), each (*batch,), about the
-        origin of the frame, in world axes; it acts on the body that carries the frame, see `Mechanism.frame_body`
-    Batch shapes broadcast. Armature is part of M; damping and friction are not: see `Mechanism.damping`.
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two. [Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators; Featherstone 2008,
-    table 5.1]
+        tau = M(q) vdot + C(q, v) v + g(q) - J^T F
+
+    Armature is part of M. Damping, friction and springs are not: see `passive_forces`.
+
+    Args:
+        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
+        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        v: (*batch, nv) rates: rad/s, m/s.
+        vdot: (*batch, nv) time derivatives of the rates: rad/s^2, m/s^2.
+        external_forces: by name of a frame (bodies are frames, welded links too) a SpatialForce (*batch,) about the
+            origin of the frame, in world axes. It acts on the body that carries the frame, see `Mechanism.frame_body`.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        tau (*batch, nv), over the common batch: N m, N.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or forces are no dict of
+            SpatialForces.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
+        in the other two.
+    Source: Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators; Featherstone 2008, table
+        5.1.
     """
     q, v, vdot = checked("inverse_dynamics", mechanism, q=q, v=v, vdot=vdot)
     frames, forces = checked_forces("inverse_dynamics", mechanism, external_forces, q)
     return _inverse_dynamics(precision, mechanism, q, v, vdot, forces, frames=frames)
 
 
-def bias_forces(mechanism, q, v, external_forces=None, *, precision=None):
-    """C(q, v) v + g(q) - J^T F (*batch, nv): `inverse_dynamics` for vdot = 0, without the terms in vdot.
+def bias_forces(
+    mechanism: Mechanism,
+    q: Coordinates,
+    v: Rates,
+    external_forces: ExternalForces = None,
+    *,
+    precision: PrecisionName = None,
+) -> jax.Array:
+    """C(q, v) v + g(q) - J^T F: `inverse_dynamics` for vdot = 0, without the terms in vdot.
 
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two.
+    Args:
+        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
+        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        v: (*batch, nv) rates: rad/s, m/s.
+        external_forces: by name of a frame (bodies are frames, welded links too) a SpatialForce (*batch,) about the
+            origin of the frame, in world axes. It acts on the body that carries the frame, see `Mechanism.frame_body`.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        (*batch, nv), over the common batch: N m, N.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or forces are no dict of
+            SpatialForces.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
+        in the other two.
     """
     q, v = checked("bias_forces", mechanism, q=q, v=v)
     frames, forces = checked_forces("bias_forces", mechanism, external_forces, q)
     return _inverse_dynamics(precision, mechanism, q, v, None, forces, frames=frames)
 
 
-def gravity_forces(mechanism, q, *, precision=None):
-    """g(q) (*batch, nv): `inverse_dynamics` at rest.
+def gravity_forces(mechanism: Mechanism, q: Coordinates, *, precision: PrecisionName = None) -> jax.Array:
+    """g(q): `inverse_dynamics` at rest.
 
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two.
+    Args:
+        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
+        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        (*batch, nv): N m, N.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
+        in the other two.
     """
     (q,) = checked("gravity_forces", mechanism, q=q)
     return _inverse_dynamics(precision, mechanism, q, None, None, (), frames=())

@@ -1,88 +1,127 @@
 """Where bodies and frames are and how they move."""
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
-import numpy as np
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import noinline, where
-from jaxspatial.dynamics import along, recursion
+from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
+from jaxspatial.dynamics import recursion
 from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm, checked
 from jaxspatial.dynamics.links import Motion, across, angular_acceleration_tensor, motion_step, subspace_times
 from jaxspatial.dynamics.state import Pose
+from jaxspatial.mechanism import Mechanism
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialVelocity
 
 
-def forward_kinematics(mechanism, q, frames=None, *, precision=None):
-    """X_WF of frames: a RigidTransform (*batch, n).
+def forward_kinematics(
+    mechanism: Mechanism, q: Coordinates, frames: Sequence[str] | None = None, *, precision: PrecisionName = None
+) -> RigidTransform:
+    """The poses of frames: X_WF.
 
-    mechanism: Mechanism; q (*batch, nq)
-    frames: a sequence of `mechanism.frame_names`, in the order of results; `mechanism.body_names` for None
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two.
+    Args:
+        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
+        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        frames: names of `mechanism.frame_names`, in the order of the results; None takes `mechanism.body_names`.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        X_WF (*batch, n), the pose of each frame in the world; translations in m.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
+        in the other two.
     """
     (q,) = checked("forward_kinematics", mechanism, q=q)
-    entries, p = _forward_kinematics(precision, mechanism, q, frames=_places(mechanism, frames, "forward_kinematics"))
+    entries, p = _forward_kinematics(
+        precision, mechanism, q, frames=frame_places(mechanism, frames, "forward_kinematics")
+    )
     return RigidTransform(Rotation(entries), p)
 
 
-def body_velocities(mechanism, q, v, frames=None, *, precision=None):
-    """V_WF_W of the origins of frames, in world axes: a SpatialVelocity (*batch, n).
+def body_velocities(
+    mechanism: Mechanism,
+    q: Coordinates,
+    v: Rates,
+    frames: Sequence[str] | None = None,
+    *,
+    precision: PrecisionName = None,
+) -> SpatialVelocity:
+    """The velocities of the origins of frames: V_WF_W.
 
-    mechanism: Mechanism; q (*batch, nq), v (*batch, nv); frames: see `forward_kinematics`
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two.
+    Args:
+        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
+        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        v: (*batch, nv) rates: rad/s, m/s.
+        frames: names of `mechanism.frame_names`, in the order of the results; None takes `mechanism.body_names`.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        V_WF_W (*batch, n), in world axes: rad/s, m/s.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
+        in the other two.
     """
     q, v = checked("body_velocities", mechanism, q=q, v=v)
-    frames = _places(mechanism, frames, "body_velocities")
+    frames = frame_places(mechanism, frames, "body_velocities")
     return SpatialVelocity(*_body_velocities(precision, mechanism, q, v, frames=frames))
 
 
-def body_accelerations(mechanism, q, v, vdot, frames=None, *, precision=None):
-    """A_WF_W of the origins of frames, in world axes: a SpatialAcceleration (*batch, n), the time derivative of
-    `body_velocities`, without gravity.
+def body_accelerations(
+    mechanism: Mechanism,
+    q: Coordinates,
+    v: Rates,
+    vdot: Rates,
+    frames: Sequence[str] | None = None,
+    *,
+    precision: PrecisionName = None,
+) -> SpatialAcceleration:
+    """The accelerations of the origins of frames, without gravity: the time derivative of `body_velocities`.
 
-    mechanism: Mechanism; q (*batch, nq), v and vdot (*batch, nv); frames: see `forward_kinematics`
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two.
+    Args:
+        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
+        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        v: (*batch, nv) rates: rad/s, m/s.
+        vdot: (*batch, nv) time derivatives of the rates: rad/s^2, m/s^2.
+        frames: names of `mechanism.frame_names`, in the order of the results; None takes `mechanism.body_names`.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        A_WF_W (*batch, n), in world axes: rad/s^2, m/s^2, the classical acceleration of the origin.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
+        in the other two.
     """
     q, v, vdot = checked("body_accelerations", mechanism, q=q, v=v, vdot=vdot)
-    frames = _places(mechanism, frames, "body_accelerations")
+    frames = frame_places(mechanism, frames, "body_accelerations")
     return SpatialAcceleration(*_body_accelerations(precision, mechanism, q, v, vdot, frames=frames))
 
 
-def jacobian(mechanism, q, body, *, precision=None):
-    """J (*batch, 6, nv), rotational on top, with V_WF_W = J v for the origin of a body or frame, in world axes.
-
-    mechanism: Mechanism; q (*batch, nq); body: one of `mechanism.frame_names`
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two.
-    """
-    (q,) = checked("jacobian", mechanism, q=q)
-    return _jacobian(precision, mechanism, q, frame=_place(mechanism, body, "jacobian: body"))
-
-
-def jacobian_rate(mechanism, q, v, body, *, precision=None):
-    """dJ/dt (*batch, 6, nv) of `jacobian` along v: A_WF_W = J vdot + dJ/dt v.
-
-    mechanism: Mechanism; q (*batch, nq), v (*batch, nv); body: one of `mechanism.frame_names`
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two.
-    """
-    q, v = checked("jacobian_rate", mechanism, q=q, v=v)
-    return _jacobian_rate(precision, mechanism, q, v, frame=_place(mechanism, body, "jacobian_rate: body"))
-
-
-def _place(mechanism, name, what):
+def frame_place(mechanism, name, what):
     return mechanism.topology.index(mechanism.frame_names, name, what)
 
 
-def _places(mechanism, names, operation):
+def frame_places(mechanism, names, operation):
     if names is None:
         return None
     if isinstance(names, str):
         raise TypeError(f"{operation}: frames: expected a sequence of names, got the string {names!r}")
-    return tuple(_place(mechanism, name, f"{operation}: frames") for name in names)
+    return tuple(frame_place(mechanism, name, f"{operation}: frames") for name in names)
 
 
 # -- poses ------------------------------------------------------------------------------------------------------------
@@ -113,10 +152,10 @@ def _on_joints(state, frames, found, at_world):
     """[(X_JF, what was found for J)] of frames, or of all bodies, a bundle each, for None."""
     if frames is None:
         return list(zip(map(state.child_placement, state.bundles), found, strict=True))
-    return [(state.frame_placement(k), _of_carrier(state, k, found, at_world)) for k in frames]
+    return [(state.frame_placement(k), of_carrier(state, k, found, at_world)) for k in frames]
 
 
-def _of_carrier(state, frame, found, at_world):
+def of_carrier(state, frame, found, at_world):
     """What was found for the joint that a frame is carried by."""
     return state.of_body(state.topology.frames[frame][1], found, at_world)
 
@@ -162,11 +201,11 @@ def _with_poses(state, frames, found, at_world):
 @algorithm(*GEOMETRY, *FRAMES)
 def _body_velocities(state, v, *, frames):
     found = _with_poses(state, frames, velocities(state, v), (state.no_vector, state.no_vector))
-    found = [_velocity_in_world(X, X_JF, V) for X_JF, (X, V) in found]
+    found = [velocity_in_world(X, X_JF, V) for X_JF, (X, V) in found]
     return tuple(_arranged(state, frames, [V[k] for V in found]) for k in (0, 1))
 
 
-def _velocity_in_world(X_WJ, X_JF, V):
+def velocity_in_world(X_WJ, X_JF, V):
     """V_WF_W of V_WJ_J."""
     w, v = V
     v = vectors.plus(v, vectors.cross(w, X_JF.p))
@@ -185,72 +224,3 @@ def _acceleration_in_world(X_WJ, X_JF, motion):
     arm = vectors.matrix_times(angular_acceleration_tensor(motion.w, motion.alpha), X_JF.p)
     a = vectors.plus(motion.a, arm)
     return vectors.matrix_times(X_WJ.rows, motion.alpha), vectors.matrix_times(X_WJ.rows, a)
-
-
-# -- Jacobians --------------------------------------------------------------------------------------------------------
-
-
-@algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
-def _jacobian(state, *, frame):
-    found = poses(state)
-    p_WF = _origin(state, frame, found).p
-    columns = [
-        tuple(_column(state, b, frame, x) for x in _arms(joint, X, p_WF))
-        for b, joint, X in zip(state.bundles, state.joints, found, strict=True)
-    ]
-    return state.matrix_by_rate(columns)
-
-
-def _origin(state, frame, found):
-    """X_WF of one frame."""
-    return composed(_of_carrier(state, frame, found, world(state)), state.frame_placement(frame))
-
-
-def _arms(joint, X_WJ, p_WF):
-    """Of every motion of a joint: the velocity of the frame's origin, per rate."""
-    arm = vectors.minus(p_WF, X_WJ.p)
-    return [noinline(_velocity_at)(X_WJ.rows, motion, arm) for motion in joint.subspace]
-
-
-def _velocity_at(rows, motion, arm):
-    """The velocity of the point at an arm from J, in world axes, of a motion of J in its own axes."""
-    w, v = (vectors.matrix_times(rows, x) for x in motion)
-    return *w, *vectors.plus(v, vectors.cross(w, arm))
-
-
-def _column(state, bundle, frame, column):
-    """The columns of bodies that carry the frame, zeros for others."""
-    carriers = set(state.topology.ancestors(state.topology.frames[frame][1]))
-    is_carrier = np.isin(bundle.bodies, list(carriers))
-    if not is_carrier.any():
-        return (state.known(0.0),) * 6
-    mask = jnp.asarray(np.broadcast_to(is_carrier[..., None], (*is_carrier.shape, state.n)))
-    return tuple(where(mask, along.spread(x, mask.shape), 0.0) for x in column)
-
-
-@algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
-def _jacobian_rate(state, v, *, frame):
-    found = list(zip(poses(state), velocities(state, v), strict=True))
-    X, V = _of_carrier(state, frame, found, (world(state), (state.no_vector, state.no_vector)))
-    _, v_WF = _velocity_in_world(X, state.frame_placement(frame), V)
-    p_WF = _origin(state, frame, [x for x, _ in found]).p
-    columns = [
-        tuple(_column(state, b, frame, x) for x in _arm_rates(link, *own, p_WF, v_WF))
-        for b, link, own in zip(state.bundles, state.links(v), found, strict=True)
-    ]
-    return state.matrix_by_rate(columns)
-
-
-def _arm_rates(link, X_WJ, V_WJ_J, p_WF, v_WF):
-    """The time derivatives of `_arms`."""
-    motions = zip(link.joint.subspace, link.joint.subspace_rate(link.v), strict=True)
-    return [noinline(_velocity_rate_at)(X_WJ, V_WJ_J, motion, rate, p_WF, v_WF) for motion, rate in motions]
-
-
-def _velocity_rate_at(X_WJ, V_WJ_J, motion, rate, p_WF, v_WF):
-    """d/dt of R k and R l + R k x r, of a motion (k, l) with rates of its own, r the arm from J to F in the world."""
-    turning, (k, _) = V_WJ_J[0], motion
-    dk, dl = (vectors.plus(vectors.cross(turning, x), dx) for x, dx in zip(motion, rate, strict=True))
-    k, dk, dl, v_WJ = (vectors.matrix_times(X_WJ.rows, x) for x in (k, dk, dl, V_WJ_J[1]))
-    tangential = vectors.cross(dk, vectors.minus(p_WF, X_WJ.p))
-    return *dk, *vectors.plus(dl, tangential, vectors.cross(k, vectors.minus(v_WF, v_WJ)))

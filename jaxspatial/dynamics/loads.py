@@ -10,6 +10,9 @@ from jaxspatial.dynamics import along
 from jaxspatial.dynamics.kinematics import poses, world
 from jaxspatial.spatial import SpatialForce
 
+# SpatialForces by name of a frame, see `inverse_dynamics`.
+ExternalForces = dict[str, SpatialForce] | None
+
 
 def checked_forces(operation, mechanism, external_forces, q):
     """(the numbers of the frames with forces, the arrays (tau, f) of each)."""

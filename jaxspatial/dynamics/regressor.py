@@ -1,23 +1,45 @@
 """Joint torques as a linear function of the inertial parameters of all bodies."""
 
+import jax
+
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import constant, noinline
+from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import GEOMETRY, algorithm, checked
 from jaxspatial.dynamics.links import angular_acceleration_tensor, motion_step, world_motion
 from jaxspatial.dynamics.mass_matrix import generalized_force, halves, in_root_axes
 from jaxspatial.inertia import symmetric
+from jaxspatial.mechanism import Mechanism
 
 
-def joint_torque_regressor(mechanism, q, v, vdot, *, precision=None):
-    """Y (*batch, nv, 10 n): `inverse_dynamics`, without external forces, is Y pi + armature vdot.
+def joint_torque_regressor(
+    mechanism: Mechanism, q: Coordinates, v: Rates, vdot: Rates, *, precision: PrecisionName = None
+) -> jax.Array:
+    """The matrix Y of joint torques as a linear function of inertial parameters.
 
-    mechanism: Mechanism; q (*batch, nq), v and vdot (*batch, nv)
-    pi: of each of the n bodies, in the order of `mechanism.body_names`, ten parameters about the origin of its joint's
-        frame, in its axes: `mechanism.inertias.to_dynamic_parameters().ravel()`
-    Zero wherever a joint does not carry a body.
-    Error of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u in
-    the other two. [Atkeson, An, Hollerbach 1986; Khalil, Dombre 2002, 12.2]
+    `inverse_dynamics`, without external forces, is Y pi + armature vdot: pi has ten parameters for each of the n
+    bodies, in the order of `mechanism.body_names`, about the origin of its joint's frame, in its axes:
+    `mechanism.inertias.to_dynamic_parameters().ravel()`.
+
+    Args:
+        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
+        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        v: (*batch, nv) rates: rad/s, m/s.
+        vdot: (*batch, nv) time derivatives of the rates: rad/s^2, m/s^2.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        Y (*batch, nv, 10 n), zero wherever a joint does not carry a body.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
+        in the other two.
+    Source: Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and links; Khalil,
+        Dombre 2002, 12.2.
     """
     q, v, vdot = checked("joint_torque_regressor", mechanism, q=q, v=v, vdot=vdot)
     return _regressor(precision, mechanism, q, v, vdot)
