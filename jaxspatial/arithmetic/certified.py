@@ -22,14 +22,14 @@ from jaxspatial.arithmetic.faithful import parts, parts_of_narrow
 _ENOUGH = 2.0**-13
 
 
-def total(terms, guard):
+def total(terms, error):
     """The state of the sum of terms (sign, factors)."""
-    return _total([parts(sign, factors, guard) for sign, factors in terms])
+    return _total([parts(sign, factors, error) for sign, factors in terms])
 
 
-def total_of_narrow(terms, guard):
+def total_of_narrow(terms, error):
     """As `total`, for factors of at most half the digits."""
-    return _total([parts_of_narrow(sign, factors, guard) for sign, factors in terms])
+    return _total([parts_of_narrow(sign, factors, error) for sign, factors in terms])
 
 
 def _total(products):

@@ -10,27 +10,29 @@ sum costs at most u^2 (max A + max B + ufp(A_1 + A_2 + B_1 + B_2)), which is <= 
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic.eft import fast_two_sum, two_product, two_sum, unguarded
+from jaxspatial.arithmetic.contraction import hidden
+from jaxspatial.arithmetic.eft import fast_two_sum, two_sum, unguarded
 
 
-def total(terms, guard):
-    """The state of the sum of terms (sign, factors)."""
-    pairs = [product(sign, factors, guard) for sign, factors in terms]
+def total(terms, error):
+    """The state of the sum of terms (sign, factors); error(a, b, p) of a product is a b - p, see `eft`."""
+    pairs = [product(sign, factors, error) for sign, factors in terms]
     s, errors = vec_sum([p for p, _ in pairs])
     return s, sum_like(s, errors), sum_like(s, [e for _, e in pairs if e is not None])
 
 
-def product(sign, factors, guard):
+def product(sign, factors, error):
     """(p, e) of sign times the product of factors, p + e exact for two; e None for a single one.
 
     Of n factors the error is at most n (n - 2) u^2 of the product: 3, 8, 15.
     """
     first, *others = factors
-    p, e = first if others else guard(first), None
+    p, e = first if others else hidden(first), None
     for x in others:
-        q, r = two_product(p, x, guard)
+        q = hidden(p * x)
+        r = error(p, x, q)
         p, e = q, r if e is None else r + e * x
-    # The sign last: a factor that many terms share is split once.
+    # The sign last: a factor that many terms share is hidden, or split, once.
     return (p, e) if sign > 0 else (-p, None if e is None else -e)
 
 

@@ -8,7 +8,11 @@ subnormals: an error below the smallest normal number is lost.
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic.fence import fence, kept
+from jaxspatial.arithmetic import contraction
+from jaxspatial.arithmetic.elementwise import alike, elementwise, no_tangent
+from jaxspatial.arithmetic.fence import kept
+from jaxspatial.arithmetic.lowering import rule
+from jaxspatial.arithmetic.reproducible import product
 
 
 def two_sum(a, b, guard=kept):
@@ -59,17 +63,43 @@ def split(x):
     return hi, x - hi
 
 
-def two_product(a, b, guard=fence):
-    """(p, e) with p = fl(a * b) and p + e = a * b exactly, while e is a normal number or 0. [Dekker 1971]
+def two_product(a, b):
+    """(p, e) with p = fl(a * b) and p + e = a * b exactly, while e is a normal number or 0.
 
-    Where p is infinite or NaN, e means nothing.
-
-    The error is spelled with `ah * bh - p`, never with `p - ah * bh`: the compiler contracts the latter with the
-    product p when p itself is not used. p is guarded for the same reason.
+    Where p is infinite or NaN, e means nothing. e is found by `contraction` where that is seen to be exact when the
+    program is lowered, else as Dekker does: the same bits, but for numbers below tiny / eps.
     """
-    p = guard(a * b)
+    a, b = alike(a, b)
+    p = product(a, b)
+    return p, _error_p.bind(a, b, p)
+
+
+def dekker_error(a, b, p):
+    """a * b - p exactly, of p = fl(a * b) fenced or hidden, while that is a normal number or 0. [Dekker 1971]
+
+    Spelled with `ah * bh - p`, never with `p - ah * bh`: the compiler contracts the latter with the product p when p
+    itself is not used. p is guarded for the same reason.
+    """
     a_hi, a_lo = split(a)
     b_hi, b_lo = split(b)
     # Kept after each step: of constants it would make `(c1 - p) + c2` to (c1 + c2) - p.
     e = kept(kept(kept(a_hi * b_hi - p) + a_hi * b_lo) + a_lo * b_hi)
-    return p, e + a_lo * b_lo
+    return e + a_lo * b_lo
+
+
+def product_error(contracted):
+    """The error of a product as a function of (a, b, p), in a program of which `lowering.rule` says `contracted`."""
+    return lambda a, b, p: (contraction.product_error if contracted(p.dtype) else dekker_error)(a, b, p)
+
+
+def _error(*arrays, contracted):
+    return [product_error(contracted)(*arrays)]
+
+
+def _error_jvp(primals, _):
+    """It has no derivatives of its own: those of a b are those of p."""
+    e = _error_p.bind(*primals)
+    return e, no_tangent(e)
+
+
+_error_p = elementwise("product_error", lax.mul_p, rule(_error), _error_jvp)

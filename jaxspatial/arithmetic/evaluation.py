@@ -1,8 +1,7 @@
 """How a plan of sums becomes arithmetic: in which format, by which algorithm, and in which layout.
 
-Components are computed as lanes and then picked, by the index along their axis. XLA CPU unrolls and vectorises that; a
-concatenation of the same lanes it does not, and takes 3 to 10 times as long. Terms that are one array as it stands are
-added last, to the whole array: that ties the result to its layout, and lets it take its place in memory.
+Components are computed as lanes and then picked, see `layout`. Terms that are one array as it stands are added last, to
+the whole array: that ties the result to its layout, and lets it take its place in memory.
 """
 
 import functools
@@ -16,19 +15,18 @@ from jax import lax
 from jax.experimental.xla_metadata import set_xla_metadata
 
 from jaxspatial.arithmetic import certified, compensated, faithful, sum3, wide
-from jaxspatial.arithmetic.fence import fence
+from jaxspatial.arithmetic.contraction import hidden
+from jaxspatial.arithmetic.eft import product_error
+from jaxspatial.arithmetic.layout import picked
 from jaxspatial.arithmetic.polynomial import Term
 
-# A signalling NaN, which no operation returns: a guard asks for it, and the compiler cannot know that it never comes.
-_NEVER = 0x7FF4DEADBEEF0123
 
-
-def evaluate(plan, arrays):
-    """The results of the plan: one array per Sum, or two for a pair."""
+def evaluate(plan, arrays, contracted):
+    """The results of the plan: one array per Sum, or two for a pair. contracted: see `lowering.rule`."""
     same = [_same_as(plan, s, arrays) for s in plan.sums]
     others = tuple(s for s, j in zip(plan.sums, same, strict=True) if j is None)
     with jax.enable_x64(True):
-        computed = iter(_computed(plan._replace(sums=others), arrays) if others else ())
+        computed = iter(_computed(plan._replace(sums=others), arrays, product_error(contracted)) if others else ())
     width = 1 + plan.is_pair
     return [x for j in same for x in ([next(computed) for _ in range(width)] if j is None else [arrays[j]])]
 
@@ -43,32 +41,34 @@ def _same_as(plan, s, arrays):
     return j if passed else None
 
 
-def _computed(plan, arrays):
+def _computed(plan, arrays, error):
     is_narrow = arrays[0].dtype != np.float64
     is_single = all(_is_single(plan, s) for s in plan.sums)
     if is_narrow and (is_single or plan.precision != "faithful"):
-        return _evaluated(plan, _Tier(wide, wide.total), arrays)
+        return _evaluated(plan, _Tier(wide, wide.total, error), arrays)
     if is_narrow and plan.degree <= 2:
-        return _evaluated(plan, _Tier(faithful, faithful.total_of_narrow), arrays)
+        return _evaluated(plan, _Tier(faithful, faithful.total_of_narrow, error), arrays)
     if is_single:
-        return _evaluated(plan, _Tier(compensated, _rounded), arrays)
-    return _certified_or_again(plan, is_narrow, arrays) if plan.precision == "faithful" else _unfused(plan, arrays)
+        return _evaluated(plan, _Tier(compensated, _rounded, error), arrays)
+    if plan.precision == "faithful":
+        return _certified_or_again(plan, is_narrow, arrays, error)
+    return _unfused(plan, _Tier(compensated, compensated.total, error), arrays)
 
 
-def _unfused(plan, arrays):
+def _unfused(plan, tier, arrays):
     """As a call that the compiler does not inline. Where one such sum is fused into the next, XLA CPU computes every
     component again for each it is used in, without vectorising: a shift and a dot then take 7 times as long."""
-    evaluated = jax.jit(functools.partial(_evaluated, plan, _Tier(compensated, compensated.total)))
+    evaluated = jax.jit(functools.partial(_evaluated, plan, tier))
     with set_xla_metadata(inlineable="false"):
         return evaluated(arrays)
 
 
-def _certified_or_again(plan, is_narrow, arrays):
+def _certified_or_again(plan, is_narrow, arrays, error):
     """Evaluated with a certificate, and if that leaves a NaN in the batch once more, whatever it takes.
 
     A loop of at most one turn: unlike a branch it leaves results where they are in memory.
     """
-    first, second = (_Tier(m, m.total_of_narrow if is_narrow else m.total) for m in (certified, faithful))
+    first, second = (_Tier(m, m.total_of_narrow if is_narrow else m.total, error) for m in (certified, faithful))
     results = _evaluated(plan, first, arrays)
     is_missing = functools.reduce(lax.bitwise_or, (jnp.any(jnp.isnan(r)) for r in results))
 
@@ -84,10 +84,12 @@ def _evaluated(plan, tier, arrays):
 
 
 class _Tier(NamedTuple):
-    """A module with the verbs plus, merge, times_power_of_two, value, pair and padded; and which total."""
+    """A module with the verbs plus, merge, times_power_of_two, value, pair and padded; which total; and the error of a
+    product, see `eft`."""
 
     verbs: Any
     total: Callable
+    error: Callable
 
 
 def _wide(x):
@@ -109,15 +111,6 @@ class _Lanes:
             self._known[factor] = jnp.broadcast_to(_wide(lane), self.plan.batch)
         return self._known[factor]
 
-    def guard(self, terms):
-        """A function that passes x, without the compiler knowing: it can neither contract a product passed through
-        nor take it for a constant. One comparison serves all, with a NaN that all of the arrays have to agree on."""
-        used = sorted({j for t in terms for j, _ in t.factors})
-        probe = functools.reduce(lax.add, (self[j, 0] for j in used))
-        bits = lax.bitcast_convert_type(probe, np.uint64)
-        usual = bits != lax.full_like(bits, _NEVER)
-        return lambda x: lax.select(usual, x, probe)
-
 
 def _is_single(plan, s):
     """True where no component is more than one product of two: rounded once as it is, in every precision."""
@@ -126,25 +119,25 @@ def _is_single(plan, s):
     )
 
 
-def _rounded(terms, guard):
+def _rounded(terms, _):
     """The state of a single product whose error nobody asks for."""
     ((sign, factors),) = terms
-    p = guard(functools.reduce(lax.mul, factors))
+    p = hidden(functools.reduce(lax.mul, factors))
     return (p if sign > 0 else -p), jnp.zeros_like(p), jnp.zeros_like(p)
 
 
 def _results(tier, plan, s, lanes, dtype):
     if tier.verbs is compensated and _is_single(plan, s):
-        tier = _Tier(compensated, _rounded)
+        tier = tier._replace(total=_rounded)
     if s.reduced:
         results = [_reduced(tier, plan, s, *component, lanes, dtype) for component in _components(s)]
-        return [_picked(plan.axis, [x if x is None else x[i] for x in results]) for i in range(1 + plan.is_pair)]
+        return [picked(plan.axis, [x if x is None else x[i] for x in results]) for i in range(1 + plan.is_pair)]
     whole, components = _separated(plan.shape(s), s, lanes.arrays)
     state = _state(
         tier, plan, [(terms, share) for terms, (_, share) in zip(components, _components(s), strict=True)], lanes
     )
     if state is None:
-        state = tier.total([(sign, [_wide(lanes.arrays[j])]) for sign, j in whole], fence)
+        state = tier.total([(sign, [_wide(lanes.arrays[j])]) for sign, j in whole], tier.error)
         whole = []
     for sign, j in whole:
         state = tier.verbs.plus(state, sign, _wide(lanes.arrays[j]))
@@ -178,7 +171,7 @@ def _state(tier, plan, components, lanes):
     states = [_total(tier, *component, lanes) if component[0] else None for component in components]
     if all(state is None for state in states):
         return None
-    return jax.tree.map(lambda *components: _picked(plan.axis, components), *tier.verbs.padded(states))
+    return jax.tree.map(lambda *components: picked(plan.axis, components), *tier.verbs.padded(states))
 
 
 def _components(s):
@@ -187,24 +180,8 @@ def _components(s):
 
 
 def _total(tier, terms, share, lanes):
-    state = tier.total([(t.sign, [lanes[f] for f in t.factors]) for t in terms], lanes.guard(terms))
+    state = tier.total([(t.sign, [lanes[f] for f in t.factors]) for t in terms], tier.error)
     return state if share == 1 else tier.verbs.times_power_of_two(state, share)
-
-
-def _picked(axis, components):
-    """The components, None for 0, as one array with a new axis."""
-    like = next(x for x in components if x is not None)
-    shape = (*like.shape[:axis], len(components), *like.shape[axis:])
-    index = lax.broadcasted_iota(np.int32, shape, axis)
-    wide = [jnp.broadcast_to(_expanded(jnp.zeros_like(like) if x is None else x, axis), shape) for x in components]
-    picked = wide[-1]
-    for k in reversed(range(len(wide) - 1)):
-        picked = lax.select(index == k, wide[k], picked)
-    return picked
-
-
-def _expanded(x, axis):
-    return lax.expand_dims(x, [axis])
 
 
 def _reduced(tier, plan, s, terms, share, lanes, dtype):

@@ -17,8 +17,8 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxspatial.arithmetic import compensated, sum3
-from jaxspatial.arithmetic.eft import fast_two_sum, two_difference, two_product, two_sum, unguarded
-from jaxspatial.arithmetic.fence import fence
+from jaxspatial.arithmetic.contraction import hidden
+from jaxspatial.arithmetic.eft import fast_two_sum, two_difference, two_sum, unguarded
 
 # A sum of 2^20 products below 2^1000 is finite, and so is 2^2048 scaled by 2^-540 twice.
 _LARGE = 2.0**1000
@@ -35,16 +35,16 @@ class State(NamedTuple):
     unit: Any = None
 
 
-def total(terms, guard):
+def total(terms, error):
     """The state of the sum of terms (sign, factors), products of two of which may overflow."""
     if _is_long(terms, parts):
-        return _long_total(terms)
-    products = [parts(sign, factors, guard) for sign, factors in terms]
+        return _long_total(terms, error)
+    products = [parts(sign, factors, error) for sign, factors in terms]
     plain = _plain(products)
     zero, one, scale = (jnp.full_like(plain, x) for x in (0.0, 1.0, _SCALE))
     scalable = _scalable([f for _, f in terms])
     large = [_is_large(p[0]) & s for s, p in zip(scalable, products, strict=True)]
-    scaled = [_scaled_parts(p, sign, f, guard, scale) for p, (sign, f) in zip(products, terms, strict=True)]
+    scaled = [_scaled_parts(p, sign, f, error, scale) for p, (sign, f) in zip(products, terms, strict=True)]
     alone = [[lax.select(m, x, zero) for x in s] for m, s, can in zip(large, scaled, scalable, strict=True) if can]
     is_scaled = _sum(_expansion(alone)) != 0 if alone else jnp.zeros(plain.shape, bool)
     chosen = [
@@ -54,11 +54,11 @@ def total(terms, guard):
     return State(_expansion(chosen), plain, lax.select(is_scaled, scale, one))
 
 
-def total_of_narrow(terms, guard):
+def total_of_narrow(terms, error):
     """The state of the sum of terms (sign, factors), factors of at most half the digits: no product overflows."""
     if _is_long(terms, parts_of_narrow):
-        return _long_total_of_narrow(terms)
-    products = [parts_of_narrow(sign, factors, guard) for sign, factors in terms]
+        return _long_total_of_narrow(terms, error)
+    products = [parts_of_narrow(sign, factors, error) for sign, factors in terms]
     plain = _plain(products)
     return State(_expansion(products), plain)
 
@@ -78,28 +78,33 @@ def _is_large(p):
     return ~(lax.abs(p) < jnp.full_like(p, _LARGE))
 
 
-def parts(sign, factors, guard):
+def parts(sign, factors, error):
     """The product as one number for each doubling of its digits, exactly their sum: pairs (large, small) in a row."""
     first, *others = factors
-    found = [first if others else guard(first)]
+    found = [first if others else hidden(first)]
     for x in others:
-        found = [y for part in found for y in two_product(part, x, guard)]
+        found = [y for part in found for y in _two_product(part, x, error)]
     return found if sign > 0 else [-x for x in found]
 
 
-def parts_of_narrow(sign, factors, guard):
+def _two_product(a, b, error):
+    p = hidden(a * b)
+    return p, error(a, b, p)
+
+
+def parts_of_narrow(sign, factors, error):
     """As `parts`, for up to six factors of at most half the digits: products of two are exact, and none overflows."""
-    return parts(sign, [functools.reduce(operator.mul, factors[i : i + 2]) for i in range(0, len(factors), 2)], guard)
+    return parts(sign, [functools.reduce(operator.mul, factors[i : i + 2]) for i in range(0, len(factors), 2)], error)
 
 
-def _scaled_parts(unscaled, sign, factors, guard, scale):
+def _scaled_parts(unscaled, sign, factors, error, scale):
     """The parts of a product of two factors, each factor scaled; of all others by as much.
 
-    Guarded: of `(a c) (b c)` and `(x c) c` for a constant c XLA makes `(a b) (c c)` and `x (c c)`, on single items.
+    Hidden: of `(a c) (b c)` and `(x c) c` for a constant c XLA makes `(a b) (c c)` and `x (c c)`, on single items.
     """
     if len(factors) == 2:
-        return parts(sign, [guard(x * scale) for x in factors], guard)
-    return [guard(x * scale) * scale for x in unscaled]
+        return parts(sign, [hidden(x * scale) for x in factors], error)
+    return [hidden(x * scale) * scale for x in unscaled]
 
 
 def _expansion(products):
@@ -145,13 +150,13 @@ def _grouped(terms):
     return [[jnp.stack(x) for x in zip(*group, strict=True)] for group in groups.values()]
 
 
-def _long_total(terms):
+def _long_total(terms, error):
     """As `total`."""
     groups = _grouped(terms)
-    products = [parts(1, g, fence) for g in groups]
+    products = [parts(1, g, error) for g in groups]
     plain = _plain_of_groups(products)
     large = [_is_large(p[0]) & (len(g) == 2) for p, g in zip(products, groups, strict=True)]
-    scaled = [_scaled_parts(p, 1, g, fence, jnp.full_like(p[0], _SCALE)) for p, g in zip(products, groups, strict=True)]
+    scaled = [_scaled_parts(p, 1, g, error, jnp.full_like(p[0], _SCALE)) for p, g in zip(products, groups, strict=True)]
     alone = [_where(m, s) for m, s, g in zip(large, scaled, groups, strict=True) if len(g) == 2]
     is_scaled = _sum(_expansion_in_a_loop(alone)) != 0 if alone else jnp.zeros(plain.shape, bool)
     others = [_where(~m, p) for m, p in zip(large, products, strict=True)]
@@ -163,9 +168,9 @@ def _long_total(terms):
     return State(_expansion_in_a_loop(chosen), plain, unit)
 
 
-def _long_total_of_narrow(terms):
+def _long_total_of_narrow(terms, error):
     """As `total_of_narrow`."""
-    products = [parts_of_narrow(1, g, fence) for g in _grouped(terms)]
+    products = [parts_of_narrow(1, g, error) for g in _grouped(terms)]
     return State(_expansion_in_a_loop(products), _plain_of_groups(products))
 
 

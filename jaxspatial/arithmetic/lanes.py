@@ -17,6 +17,7 @@ from jax import lax
 
 from jaxspatial.arithmetic import check, fast, reproducible
 from jaxspatial.arithmetic.fence import kept
+from jaxspatial.arithmetic.layout import apart
 from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, Symbol, uniform
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.arithmetic.total import total
@@ -59,8 +60,7 @@ def unstack(x):
         return x.components
     if isinstance(x, np.ndarray):
         return tuple(_number_if_uniform(x[..., i]) for i in range(x.shape[-1]))
-    leading = jnp.moveaxis(x, -1, 0)
-    return tuple(leading[i] for i in range(x.shape[-1]))
+    return tuple(apart(x))
 
 
 def _number_if_uniform(column):

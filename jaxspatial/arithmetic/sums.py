@@ -15,7 +15,9 @@ from jax import lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from jaxspatial.arithmetic.elementwise import compiled
 from jaxspatial.arithmetic.evaluation import evaluate
+from jaxspatial.arithmetic.lowering import rule
 from jaxspatial.arithmetic.polynomial import Term
 
 
@@ -210,29 +212,18 @@ def _batched_plan(plan, place, size, leading):
 
 @functools.cache
 def _compiled(plan):
-    return jax.jit(functools.partial(_sums_p.bind, plan=plan))
+    return compiled(_sums_p, plan=plan)
 
 
-def _lower(context, *arrays, plan):
-    """Traced without shardings and manual axes in the types: the arithmetic is elementwise, for the compiler to split.
-    (With them, every constant and index made on the way would have to be sharded by hand.)
-    """
-    with jax.sharding.use_abstract_mesh(_NO_MESH):
-        plain = [jax.core.ShapedArray(a.shape, a.dtype) for a in context.avals_in]
-        return _evaluation(context.replace(avals_in=plain), *arrays, plan=plan)
+def _evaluated(*arrays, plan, contracted):
+    return evaluate(plan, arrays, contracted)
 
 
-def _evaluated(*arrays, plan):
-    return evaluate(plan, arrays)
-
-
-_NO_MESH = jax.sharding.AbstractMesh((), ())
-_evaluation = mlir.lower_fun(_evaluated, multiple_results=True)
 _sums_p = Primitive("jaxspatial_sums")
 _sums_p.multiple_results = True
 _sums_p.def_abstract_eval(_abstract)
 _sums_p.def_impl(lambda *arrays, plan: _compiled(plan)(*arrays))
-mlir.register_lowering(_sums_p, _lower)
+mlir.register_lowering(_sums_p, rule(_evaluated))
 ad.primitive_jvps[_sums_p] = _jvp
 ad.primitive_transposes[_sums_p] = _transpose
 batching.primitive_batchers[_sums_p] = _batch

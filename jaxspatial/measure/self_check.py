@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import eft, reproducible
+from jaxspatial.arithmetic import contraction, eft, reproducible
 from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.measure import error, exact, inputs, operation, timing
@@ -147,6 +147,15 @@ def _contraction():
         advice = "precision 'fast' depends on the program around it; the other three do not"
         return None, f"contracted: a*b - c*d differs from NumPy in {share:.0%} of the lanes", advice
     return None, "no: a*b - c*d is NumPy's, bit by bit; 'fast' rounds as 'reproducible' does", ""
+
+
+def _errors_of_products():
+    """Which way they are found: see `arithmetic.contraction`."""
+    used = [dtype for dtype in _DTYPES if contraction.holds(np.dtype(dtype))]
+    if not used:
+        return None, "found by splitting factors: no contraction that is exact wherever it was tried", ""
+    advice = "keep options of the compiler in XLA_FLAGS: those given to one program (compiler_options) are not seen"
+    return None, f"found by contraction to one operation, exact wherever it was tried, in {' and '.join(used)}", advice
 
 
 def _subnormals():
@@ -379,6 +388,7 @@ def _over(precision, computed, value, mag):
 
 _CHECKS = {
     "products fused with additions": _contraction,
+    "errors of products": _errors_of_products,
     "subnormal numbers": _subnormals,
     "float16 and bfloat16": _narrow_formats,
     "default precision of jnp.matmul": _matmul,

@@ -74,12 +74,29 @@ def test_without_fma_all_holds():
     run = _run("--xla_cpu_max_isa=AVX")
     assert run.returncode == 0, run.stdout + run.stderr
     assert run.stdout.endswith("All promises hold here.\n") and "products fused with additions: no" in run.stdout
+    assert "errors of products: found by splitting" in run.stdout
+
+
+def test_says_how_errors_of_products_are_found(monkeypatch):
+    for found, said in (
+        (True, "by contraction to one operation, exact wherever it was tried, in float32 and float64"),
+        (False, "by splitting"),
+    ):
+        monkeypatch.setattr(module.contraction, "holds", lambda _, found=found: found)
+        holds, measured, advice = module._errors_of_products()
+        assert holds is None and said in measured and ("compiler_options" in advice) is found
 
 
 def test_scaling_that_the_compiler_takes_back_on_single_items_is_seen(monkeypatch):
     """Without guards XLA makes `(a b) (c c)` of `(a c) (b c)`, on scalars only: what overflows does so again."""
     scaled = faithful._scaled_parts
-    monkeypatch.setattr(faithful, "_scaled_parts", lambda u, s, f, guard, c: scaled(u, s, f, lambda x: x, c))
+
+    def unhidden(*arguments):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(faithful, "hidden", lambda x: x)
+            return scaled(*arguments)
+
+    monkeypatch.setattr(faithful, "_scaled_parts", unhidden)
     assert module._values_over(js.Precision.FAITHFUL, "float64") == float("inf")
 
 

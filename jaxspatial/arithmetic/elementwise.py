@@ -1,0 +1,67 @@
+"""Primitives of arrays of one shape that work number by number."""
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+
+def elementwise(name, like, lower, jvp, transpose=None):
+    """A primitive with the shapes, shardings and complaints of the lax primitive `like` for the first two arguments."""
+    primitive = Primitive(f"jaxspatial_{name}")
+    primitive.def_abstract_eval(lambda *arrays: like.abstract_eval(*arrays[:2])[0])
+    primitive.def_impl(compiled(primitive))
+    mlir.register_lowering(primitive, lower)
+    ad.primitive_jvps[primitive] = jvp
+    if transpose:
+        ad.primitive_transposes[primitive] = transpose
+    batching.primitive_batchers[primitive] = lambda args, axes: (primitive.bind(*alike(*_batched(args, axes))), 0)
+    return primitive
+
+
+def compiled(primitive, **parameters):
+    """The primitive outside of a program: one of its own, also where `jax.disable_jit` is on."""
+    program = jax.jit(lambda *arrays: primitive.bind(*arrays, **parameters))
+
+    def call(*arrays):
+        with jax.disable_jit(False):
+            return program(*arrays)
+
+    return call
+
+
+def alike(*arrays):
+    """The arrays, varying over the same axes of a `shard_map` and sharded alike; lax.mul does this for itself."""
+    return _sharded_alike(*_varying_alike(*arrays))
+
+
+def _varying_alike(*arrays):
+    axes = [frozenset(jax.typeof(x).mat.varying) for x in arrays]
+    missing = [tuple(frozenset().union(*axes) - own) for own in axes]
+    return [lax.pcast(x, m, to="varying") if m else x for x, m in zip(arrays, missing, strict=True)]
+
+
+def _sharded_alike(*arrays):
+    """Under explicit sharding, an argument that is whole along an axis is split as the others are."""
+    specs = [jax.typeof(x).sharding.spec for x in arrays]
+    if all(spec == specs[0] for spec in specs):
+        return arrays
+    common = [next((s for s in entries if s is not None), None) for entries in zip(*specs, strict=True)]
+    common = jax.sharding.PartitionSpec(*common)
+    return [x if spec == common else jax.sharding.reshard(x, common) for x, spec in zip(arrays, specs, strict=True)]
+
+
+def _batched(arguments, axes):
+    """The arguments with the batch axis first; one without it repeated, so that its cotangents are summed."""
+    size = next(x.shape[axis] for x, axis in zip(arguments, axes, strict=True) if axis is not None)
+    for x, axis in zip(arguments, axes, strict=True):
+        yield lax.broadcast(x, (size,)) if axis is None else jnp.moveaxis(x, axis, 0)
+
+
+def is_zero(tangent):
+    return type(tangent) is ad.Zero
+
+
+def no_tangent(x):
+    return ad.Zero(jax.typeof(x).to_tangent_aval())
