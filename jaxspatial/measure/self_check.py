@@ -23,7 +23,7 @@ from jaxspatial.measure.operation import OPERATIONS
 
 _N = 48
 _DTYPES = ("float32", "float64")
-# Of sums, products and quotients of double words, in u^2; cubes of u are left out. See `arithmetic.double_word`.
+# Of sums, products and quotients of double words, in u^2; cubes of u are left out. See `arithmetic.pairs`.
 _OF_DOUBLE_WORDS = (3, 5, 15)
 _SUSPECTS = ("fast_math", "disable_hlo_passes", "xla_backend_extra_options", "fp_mode")
 

@@ -14,7 +14,7 @@ from jax import lax
 from marks import slow_but
 
 import jaxspatial as js
-from jaxspatial.arithmetic import contraction, double_word, eft
+from jaxspatial.arithmetic import contraction, conversion, eft, pairs
 from jaxspatial.measure import inputs, self_check
 from jaxspatial.measure.exact import rationals
 from jaxspatial.measure.operation import OPERATIONS
@@ -219,16 +219,16 @@ def test_same_bits_both_ways(family, precision):
 def test_double_words_have_the_same_bits_both_ways(dtype):
     numbers = np.random.default_rng(5).standard_normal((4, 200))
     x, y = (tuple(js.to_double_word(z)._words) for z in numbers[:2])
-    x, y = (tuple(np.asarray(w, dtype) for w in double_word._words_of_numbers(z, np.dtype(dtype))) for z in numbers[:2])
+    x, y = (tuple(np.asarray(w, dtype) for w in conversion.of_numbers(z, np.dtype(dtype))) for z in numbers[:2])
     x = np.abs(x[0]), x[1] * np.sign(x[0])
     word = numbers[2].astype(dtype)
     _assert_same_bits(
         lambda x, y, b: [
-            double_word.multiply(x, y),
-            double_word.divide(x, y),
-            double_word.multiply_word(x, b),
-            double_word.divide_word(x, b),
-            double_word.square_root(x),
+            pairs.multiply(x, y),
+            pairs.divide(x, y),
+            pairs.multiply_word(x, b),
+            pairs.divide_word(x, b),
+            pairs.square_root(x),
         ],
         x,
         y,

@@ -14,7 +14,7 @@ import pytest
 from jax import lax
 from jax.sharding import PartitionSpec
 
-from jaxspatial.arithmetic import double_word
+from jaxspatial.arithmetic import pairs
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, sqrt, to_double_word
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
@@ -135,30 +135,30 @@ def exact_root(x):
 
 # name: (operation, the same on exact numbers, relative bound in terms of u, inputs)
 OPERATIONS = {
-    "add": (double_word.add, operator.add, lambda u: 3 * u**2 + 13 * u**3, sums_that_cancel),
-    "add_word": (double_word.add_word, operator.add, lambda u: 2 * u**2, word_sums_that_cancel),
-    "subtract": (double_word.subtract, operator.sub, lambda u: 3 * u**2 + 13 * u**3, pair_and_pair("sum")),
-    "subtract_word": (double_word.subtract_word, operator.sub, lambda u: 2 * u**2, pair_and_word("sum")),
-    "multiply": (double_word.multiply, operator.mul, lambda u: 5 * u**2, pair_and_pair("product")),
+    "add": (pairs.add, operator.add, lambda u: 3 * u**2 + 13 * u**3, sums_that_cancel),
+    "add_word": (pairs.add_word, operator.add, lambda u: 2 * u**2, word_sums_that_cancel),
+    "subtract": (pairs.subtract, operator.sub, lambda u: 3 * u**2 + 13 * u**3, pair_and_pair("sum")),
+    "subtract_word": (pairs.subtract_word, operator.sub, lambda u: 2 * u**2, pair_and_word("sum")),
+    "multiply": (pairs.multiply, operator.mul, lambda u: 5 * u**2, pair_and_pair("product")),
     "multiply_word": (
-        double_word.multiply_word,
+        pairs.multiply_word,
         operator.mul,
         lambda u: Fraction(3, 2) * u**2 + 4 * u**3,
         pair_and_word("product"),
     ),
     "divide": (
-        double_word.divide,
+        pairs.divide,
         operator.truediv,
         lambda u: 15 * u**2 + 56 * u**3,
         pair_and_pair("quotient", "divisor"),
     ),
     "divide_word": (
-        double_word.divide_word,
+        pairs.divide_word,
         operator.truediv,
         lambda u: 3 * u**2,
         pair_and_word("quotient", "divisor"),
     ),
-    "square_root": (double_word.square_root, exact_root, lambda u: Fraction(25, 8) * u**2, roots),
+    "square_root": (pairs.square_root, exact_root, lambda u: Fraction(25, 8) * u**2, roots),
 }
 
 

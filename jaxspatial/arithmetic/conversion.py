@@ -1,0 +1,51 @@
+"""Numbers from outside of JAX as words: pairs of NumPy numbers, and what a dtype holds."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+def of_numbers(x, dtype, rest=0.0):
+    """The pair nearest to x + rest as NumPy arrays, of numbers of at most 64 bits, of which JAX may know only 32."""
+    x = np.asarray(x, np.float64)
+    with np.errstate(all="ignore"):
+        high = x.astype(dtype)
+        rest = (x - high.astype(np.float64)) + rest
+        low = np.where(np.isfinite(rest), rest, 0).astype(dtype)
+        # Once more: NumPy rounds twice on the way from float64 to bfloat16. A zero keeps its sign.
+        hi = np.where(low == 0, high, high + low)
+        lo = low - (hi - high)
+    return hi, np.where(low == 0, low, lo)
+
+
+def of_number(x, dtype):
+    """The pair nearest to a Python number; of an int, which may have more than 64 bits, in two parts."""
+    rounded = float(x)
+    rest = float(x - int(rounded)) if isinstance(x, int) else 0.0
+    return of_numbers(rounded, dtype, rest)
+
+
+def is_floating(x):
+    """Whether x is a Python float or an array of floating point."""
+    return isinstance(x, float) or (hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jnp.floating))
+
+
+def known_dtype(dtype):
+    """A dtype as NumPy's, of floating point, and one that JAX knows as things are set."""
+    dtype = np.dtype(dtype)
+    if not jnp.issubdtype(dtype, jnp.floating):
+        raise TypeError(f"dtype: expected float16, bfloat16, float32 or float64, got {dtype}")
+    if jax.dtypes.canonicalize_dtype(dtype) != dtype:
+        raise TypeError(f"dtype: expected one that JAX has switched on, got {dtype}; see jax.enable_x64")
+    return dtype
+
+
+def narrowest(a, b):
+    """The narrowest dtype that holds both."""
+    return a if holds(a, b) else b if holds(b, a) else np.dtype(np.float32)
+
+
+def holds(a, b):
+    """Whether dtype a holds all numbers of dtype b."""
+    a, b = jnp.finfo(a), jnp.finfo(b)
+    return a.nmant >= b.nmant and a.maxexp >= b.maxexp

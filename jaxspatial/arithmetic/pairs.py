@@ -1,0 +1,261 @@
+"""Arithmetic of pairs `(hi, lo)`: a number as the unevaluated sum of two, with twice the bits of one.
+
+What the type `DoubleWord` is made of. The arrays of one call have one shape and one dtype.
+
+The bounds are relative, in terms of u, the unit roundoff of the words' dtype (float32: 2^-24, so that u^2 is 4e-15;
+float64: 2^-53 and 1e-32). They hold for normalised pairs, hi = fl(hi + lo), which all functions return, while no word
+given is subnormal (XLA CPU takes subnormals for zero) and none exceeds (1 - 2^-12) finfo.max (float64: (1 - 2^-27)
+finfo.max), beyond which products and quotients are those of `hi`. Parts of numbers below finfo.tiny are flushed to
+zero: this adds up to 10 tiny to the error of a sum, 10 tiny (1 + |x| + |y|) to that of a product x y, and 10 tiny (1 +
+(1 + |q|) / |d|) to that of a quotient q by d, or of a root with q = d, so that numbers below tiny / u^2 (float32:
+4e-24, float64: 2e-276, bfloat16: 8e-34, float16: 256!) have fewer bits.
+
+Where the operation on the words `hi` alone gives an infinity, a NaN or a zero of either sign, so does `hi`, and `lo`
+is 0 (unless the words `lo` make of that zero a number).
+
+Results are bitwise the same eager and compiled, in any batch and surrounding; sums and products commute bitwise.
+
+Derivatives are those of the value hi + lo, accurate to a few u: the tangent of a result lies in its `hi` and depends on
+the sum of the tangents of an operand's words; the rounding residual `lo` of a result has none.
+
+[Joldes, Muller, Popescu 2017, Tight and rigorous error bounds for basic building blocks of double-word arithmetic, ACM
+TOMS 44(2): the algorithms named by number] [Muller, Rideau 2022, Formalization of double-word arithmetic, and comments
+on the former, ACM TOMS 48(1)] [Lefevre, Louvet, Muller, Picot, Rideau 2023, Accurate calculation of Euclidean norms
+using double-word arithmetic, ACM TOMS 49(1)]
+"""
+
+import functools
+import typing
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.custom_derivatives import SymbolicZero, zero_from_primal
+
+from jaxspatial.arithmetic.conversion import narrowest
+from jaxspatial.arithmetic.eft import fast_two_sum, two_product, two_sum
+from jaxspatial.arithmetic.fence import fence
+from jaxspatial.arithmetic.reproducible import product, quotient
+
+# -- derivatives ------------------------------------------------------------------------------------------------------
+
+
+def _differentiable(tangent) -> typing.Any:
+    """Decorator of an operation on pairs and words, with `tangent(result, operands, tangents)` as its derivative.
+
+    All three are values hi + lo in one word: hi up to rounding, but with the derivatives of the sum. A tangent known
+    to be zero is None: times an infinite derivative it must not become NaN. Called outside of a transformation, an
+    operation is one compiled program.
+    """
+
+    def decorate(operation):
+        differentiable = jax.custom_jvp(operation)
+        call = functools.wraps(operation)(jax.jit(differentiable, inline=True))
+
+        def jvp(operands, tangents):
+            hi, lo = call(*operands)
+            d_hi = tangent(hi + lo, [_value(x) for x in operands], [_tangent_of_value(t) for t in tangents])
+            return (hi, lo), (jnp.zeros_like(hi) if d_hi is None else d_hi, zero_from_primal(lo, symbolic_zeros=True))
+
+        differentiable.defjvp(jvp, symbolic_zeros=True)
+        return call
+
+    return decorate
+
+
+def _value(x):
+    return x[0] + x[1] if isinstance(x, tuple) else x
+
+
+def _tangent_of_value(tangents):
+    return _sum(*(None if isinstance(t, SymbolicZero) else t for t in jax.tree.leaves(tangents)))
+
+
+def _sum(*terms):
+    """The sum of the terms that are there, None if none is."""
+    there = [t for t in terms if t is not None]
+    return functools.reduce(lax.add, there) if there else None
+
+
+def _linear(operation, t, *others):
+    """operation(t, *others) of a tangent that may be None."""
+    return None if t is None else operation(t, *others)
+
+
+def _sum_tangent(_, operands, tangents):
+    return _sum(*tangents)
+
+
+def _product_tangent(_, operands, tangents):
+    (a, b), (da, db) = operands, tangents
+    return _sum(_linear(product, da, b), _linear(product, db, a))
+
+
+def _quotient_tangent(result, operands, tangents):
+    """d(a / b) = (da - (a / b) db) / b."""
+    (_, b), (da, db) = operands, tangents
+    return _linear(quotient, _sum(da, _linear(lax.neg, _linear(product, db, result))), b)
+
+
+def _root_tangent(result, _, tangents):
+    """d sqrt(a) = da / (2 sqrt(a)): infinite at 0."""
+    return _linear(quotient, tangents[0], result + result)
+
+
+# -- operations on pairs and words ------------------------------------------------------------------------------------
+
+
+def negate(x):
+    """-x, exactly."""
+    return -x[0], -x[1]
+
+
+def absolute(x):
+    """|x|, exactly."""
+    return lax.abs(x[0]), lax.select(lax.lt(x[0], lax.full_like(x[0], 0)), -x[1], x[1])
+
+
+@_differentiable(_sum_tangent)
+def add(x, y):
+    """x + y of two pairs. Error <= (3 u^2 + 13 u^3) |x + y|, also where they cancel. 20 flops. [Algorithm 6]"""
+    s, s_error = two_sum(x[0], y[0])
+    t, t_error = two_sum(x[1], y[1])
+    high, low = _normalised(s, s_error + t)
+    return _settled(s, high, t_error + low)
+
+
+@_differentiable(_sum_tangent)
+def add_word(x, b):
+    """x + b of a pair and a word. Error <= 2 u^2 |x + b|. 10 flops. [Algorithm 4]"""
+    s, error = two_sum(x[0], b)
+    return _settled(s, s, x[1] + error)
+
+
+def subtract(x, y):
+    """x - y of two pairs. Error <= (3 u^2 + 13 u^3) |x - y|."""
+    return add(x, negate(y))
+
+
+def subtract_word(x, b):
+    """x - b of a pair and a word. Error <= 2 u^2 |x - b|."""
+    return add_word(x, -b)
+
+
+@_differentiable(_product_tangent)
+def multiply(x, y):
+    """x y of two pairs. Error <= 5 u^2 |x y|. 16 flops and 2 splits. [Algorithm 10; 7 u^2 there, 5 u^2 in Muller 2022]
+
+    The products with low words are rounded on their own: contracted ones would not commute.
+    """
+    p, error = two_product(x[0], y[0])
+    return _settled(p, p, error + (product(x[0], y[1]) + product(x[1], y[0])))
+
+
+@_differentiable(_product_tangent)
+def multiply_word(x, b):
+    """x b of a pair and a word. Error <= (3/2 u^2 + 4 u^3) |x b|. 17 flops and 2 splits. [Algorithm 7]"""
+    return _settled(*_times_word(x, b))
+
+
+def _times_word(x, b):
+    """(fl(hi b), high, low), with x b = high + low but for the error of `multiply_word`. Not yet normalised."""
+    p, error = two_product(x[0], b)
+    high, low = fast_two_sum(p, product(x[1], b))
+    return p, high, low + error
+
+
+@_differentiable(_quotient_tangent)
+def divide(x, y):
+    """x / y of two pairs. Error <= (15 u^2 + 56 u^3) |x / y|. 25 flops and 2 splits. [Algorithm 17]"""
+    q = quotient(x[0], y[0])
+    _, high, low = _times_word(y, q)
+    high, low = _normalised(high, low)
+    # Fenced, here and below: of a constant x the compiler would add up the words, (c1 - e) + c2 = (c1 + c2) - e.
+    rest = fence(x[0] - high) + (x[1] - low)
+    return _settled(q, q, quotient(rest, y[0]))
+
+
+@_differentiable(_quotient_tangent)
+def divide_word(x, b):
+    """x / b of a pair and a word. Error <= 3 u^2 |x / b|. 17 flops and 2 splits. [Algorithm 15]"""
+    q = quotient(x[0], b)
+    p, error = two_product(q, b)
+    rest = fence((x[0] - p) - error) + x[1]
+    return _settled(q, q, quotient(rest, b))
+
+
+@_differentiable(_root_tangent)
+def square_root(x):
+    """sqrt(x) of a pair. Error <= 25/8 u^2 sqrt(x). 18 flops and 2 splits. [Lefevre 2023, SQRTDWtoDW]
+
+    Without a fused multiply-add: hi - r^2 is a floating-point number, found as (hi - p) - error without rounding.
+    """
+    r = lax.sqrt(x[0])
+    p, error = two_product(r, r)
+    rest = fence((x[0] - p) - error) + x[1]
+    return _settled(r, r, quotient(rest, r + r))
+
+
+def _normalised(high, low):
+    """`fast_two_sum`, with `low` fenced: the compiler would take c1 + (x + c2) for x + (c1 + c2)."""
+    return fast_two_sum(high, fence(low))
+
+
+def _settled(single, high, low):
+    """high + low as a normalised pair; where that is not finite, `single`, the operation on the high words, and 0.
+
+    An infinity has no error term (inf - inf is NaN), a zero no sign left after its error was added. *unchecked*
+    requirement |high| >= |low| or high == 0.
+    """
+    high, low = _normalised(high, low)
+    finite = _is_finite(high)
+    # Equal numbers of which only `single` has the right sign, if they are 0.
+    hi = lax.select(finite & lax.ne(high, single), high, single)
+    return hi, lax.select(finite, low, lax.full_like(low, 0))
+
+
+def _is_finite(x):
+    return lax.le(lax.abs(x), lax.full_like(x, jnp.finfo(x.dtype).max))
+
+
+# -- comparisons: exact on normalised pairs, which represent a number in one way --------------------------------------
+
+
+def less(x, y):
+    """x < y: false where either is NaN."""
+    return lax.lt(x[0], y[0]) | (lax.eq(x[0], y[0]) & lax.lt(x[1], y[1]))
+
+
+def less_equal(x, y):
+    """x <= y: false where either is NaN."""
+    return lax.lt(x[0], y[0]) | (lax.eq(x[0], y[0]) & lax.le(x[1], y[1]))
+
+
+def equal(x, y):
+    """x == y: false where either is NaN."""
+    return lax.eq(x[0], y[0]) & lax.eq(x[1], y[1])
+
+
+# -- conversion -------------------------------------------------------------------------------------------------------
+
+
+def convert(x, dtype):
+    """The pair in words of another dtype: exact into a wider one, else with an error <= u^2 |x|, u of that dtype."""
+    return _conversion(np.dtype(dtype))(x)
+
+
+@functools.cache
+def _conversion(dtype):
+    def tangent(result, operands, tangents):
+        return _linear(lax.convert_element_type, tangents[0], dtype)
+
+    def converted(x):
+        wide = narrowest(x[0].dtype, dtype)
+        s, error = two_sum(*(lax.convert_element_type(word, wide) for word in x))
+        # Fenced: a compiler may leave out a conversion there and back.
+        high = fence(lax.convert_element_type(s, dtype))
+        low = (s - lax.convert_element_type(high, wide)) + error
+        return _settled(high, high, lax.convert_element_type(low, dtype))
+
+    return _differentiable(tangent)(converted)
