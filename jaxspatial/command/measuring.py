@@ -4,6 +4,7 @@ import contextlib
 import importlib
 import pathlib
 import sys
+import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -11,9 +12,11 @@ import numpy as np
 from jaxspatial.command import files, moving
 from jaxspatial.command.result import Result
 from jaxspatial.command.wrench_file import WrenchFile, WrenchFileError, shifted_path
-from jaxspatial.measure import conditions, power, timing, trade
+from jaxspatial.measure import algorithms, applications, conditions, power, timing, trade
+from jaxspatial.measure.algorithms import ALGORITHMS
 from jaxspatial.measure.operation import OPERATIONS
-from jaxspatial.measure.scene import Wrenches, rotating_body
+from jaxspatial.measure.scene import Wrenches, arm, rotating_body
+from jaxspatial.mechanism import Mechanism
 
 _OFFSET = (0.3, -0.2, 0.5)
 _NEEDED = "python -m jaxspatial shows tables, progress and pictures: pip install 'jaxspatial[plot]'"
@@ -33,6 +36,9 @@ class Plan(NamedTuple):
     outputs: dict  # what is written -> path
     file: WrenchFile | None
     shifted: dict  # the parts of the file about Q
+    robot: Mechanism | None
+    algorithms: list  # of the robot
+    is_everything: bool  # nothing was asked for by name: applications too
 
 
 def run(options):
@@ -77,11 +83,31 @@ def _plan(options):
     wrenches, about = _wrenches(file, options.largest)
     dtypes = list(dict.fromkeys(options.dtype or trade.DTYPES))
     _check_sizes(wrenches, offset, dtypes, file.path if file else "--offset")
-    operations = _operations(file, options.operation)
+    asked, robot = options.operation, _robot(options)
+    operations = _operations(file, asked)
+    whole = [name for name in ALGORITHMS if robot and (not asked or name in asked)]
+    about += f"; {options.robot.name if options.robot else 'an arm of seven joints'}" if whole else ""
     shifted = moving.moved(file.parts, offset) if file else {}
     if file:
         file.check_finite(shifted)
-    return Plan(about, wrenches, offset, options.largest, operations, dtypes, outputs, file, shifted)
+    is_all = not (file or asked or options.robot) and applications.DTYPE in dtypes
+    subjects = operations, dtypes, outputs, file, shifted
+    return Plan(about, wrenches, offset, options.largest, *subjects, robot, whole, is_all)
+
+
+def _robot(options):
+    """That of the file, or the embedded one where it is asked for or nothing is; None for none."""
+    if options.robot is None:
+        return arm() if set(options.operation or (() if options.file else ALGORITHMS)) & set(ALGORITHMS) else None
+    read = Mechanism.from_urdf if options.robot.suffix.lower() == ".urdf" else Mechanism.from_mjcf
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            robot = read(options.robot)
+    except (ValueError, ImportError) as error:
+        raise WrenchFileError(f"--robot: {options.robot}: {error}") from error
+    if not robot.nv:
+        raise WrenchFileError(f"--robot: {options.robot}: expected joints that move, got none")
+    return robot
 
 
 def _outputs(options):
@@ -116,11 +142,11 @@ def _wrenches(file, largest):
 
 def _operations(file, asked):
     """Those asked for, as far as the numbers for them are there: neither motions nor accelerations are invented."""
-    names = list(dict.fromkeys(asked or OPERATIONS))
+    names = [name for name in dict.fromkeys(asked or OPERATIONS) if name in OPERATIONS]
     if file is None:
         return names
     lacking = {name: [x for x in OPERATIONS[name].arguments if x not in (*file.parts, "p")] for name in names}
-    for name in asked or ():
+    for name in names if asked else ():
         if lacking[name]:
             raise WrenchFileError(f"--operation {name}: expected {', '.join(lacking[name])} in {file.path}")
     return [name for name in names if not lacking[name]]
@@ -144,12 +170,16 @@ def _measured(plan, console, options):
     if console:
         _announce(console, plan, powers)
     lines, pairs = trade.cases(plan.operations, plan.dtypes), conditions.subjects(plan.operations, plan.dtypes)
+    whole = algorithms.cases(plan.algorithms, plan.dtypes)
 
     def work(advance):
-        rows = trade.measure(plan.wrenches, plan.offset, lines, plan.largest, advance)
-        return rows, conditions.measure(pairs, advance)
+        yield trade.measure(plan.wrenches, plan.offset, lines, plan.largest, advance)
+        yield conditions.measure(pairs, advance)
+        yield algorithms.measure(plan.robot, whole, advance=advance) if whole else []
+        yield applications.measure(advance) if plan.is_everything else []
 
-    measured = _with_progress(console, work, trade.steps(lines) + len(pairs))
+    steps = trade.steps(lines) + len(pairs) + algorithms.steps(whole) + plan.is_everything * applications.steps()
+    measured = _with_progress(console, lambda advance: list(work(advance)), steps)
     return Result(plan.about, timing.machine(), plan.offset, trade.sizes(plan.largest), powers, *measured)
 
 

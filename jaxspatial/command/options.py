@@ -8,6 +8,7 @@ import re
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.command.wrench_file import PARTS
 from jaxspatial.measure import trade
+from jaxspatial.measure.algorithms import ALGORITHMS
 from jaxspatial.measure.operation import OPERATIONS
 
 _PROG = "python -m jaxspatial"
@@ -45,9 +46,15 @@ def measuring():
         "it. Without: a million wrenches on a rotating body",
     )
     parser.add_argument("--offset", nargs=3, type=_metres, metavar=_XYZ, help="from P to Q, metres (p_PQ_E)")
+    parser.add_argument(
+        "--robot",
+        type=pathlib.Path,
+        help=".urdf or MJCF file of the robot whose inverse and forward dynamics are measured. Without: an arm of "
+        "seven joints; none where a FILE of wrenches is given",
+    )
     parser.add_argument("--largest", type=_count, default=trade.LARGEST, help="number of wrenches to stream")
     parser.add_argument("--picture", type=pathlib.Path, help="where to write the picture")
-    for name, choices in (("operation", OPERATIONS), ("dtype", trade.DTYPES)):
+    for name, choices in (("operation", (*OPERATIONS, *ALGORITHMS)), ("dtype", trade.DTYPES)):
         what = f"only this {name}, may be repeated: {', '.join(choices)}"
         parser.add_argument(f"--{name}", action="append", choices=tuple(choices), metavar=name.upper(), help=what)
     _add_flags(parser)
@@ -61,7 +68,8 @@ def _add_flags(parser):
         "--json",
         action="store_true",
         help="everything measured as one JSON object on standard output, progress on standard error; a picture only "
-        "with --picture. Keys: about, machine, versions, offset, sizes, power, rows, conditions, broken, holds, "
+        "with --picture. Keys: about, machine, versions, offset, sizes, power, rows, conditions, algorithms, "
+        "applications, broken, holds, "
         "explained in jaxspatial/command/result.py",
     )
     parser.add_argument(

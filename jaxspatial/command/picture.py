@@ -9,7 +9,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.ticker import LogLocator, NullLocator  # noqa: E402
 
+from jaxspatial.command.result import readable  # noqa: E402
 from jaxspatial.measure import conditions, trade  # noqa: E402
+from jaxspatial.measure.algorithms import ALGORITHMS  # noqa: E402
 from jaxspatial.measure.operation import OPERATIONS  # noqa: E402
 
 # Formats by the endings of their names.
@@ -30,16 +32,28 @@ def draw(result, file, ending="png"):
     """Writes the picture of a `Result` into a binary file, or to a path."""
     known = dict.fromkeys(row.case.dtype for row in result.rows)
     dtypes = [dtype for dtype in known if dtype in _DTYPES] or list(known)
-    places = [[dtype, "conditions"] if result.curves else [dtype] for dtype in dtypes]
-    figure, axes = plt.subplot_mosaic(places, figsize=(16, 9.5), layout="constrained")
+    places = _places(result, dtypes)
+    figure, axes = plt.subplot_mosaic(places, figsize=(16, 4.75 * len(places)), layout="constrained")
     for dtype in dtypes:
         _draw_trade(axes[dtype], [row for row in result.rows if row.case.dtype == dtype], dtype)
-    _label_trade([axes[dtype] for dtype in dtypes], result)
+    if dtypes:
+        _label_trade([axes[dtype] for dtype in dtypes], result)
     if result.curves:
         _draw_conditions(axes["conditions"], result.curves)
+    if result.algorithms:
+        _draw_algorithms(axes["algorithms"], result.algorithms)
+    if result.losses:
+        _draw_losses(axes["losses"], result.losses)
     figure.suptitle(f"{result.about}\n{result.machine}", fontsize=_SMALL)
     figure.savefig(file, dpi=130, format=ending)
     plt.close(figure)
+
+
+def _places(result, dtypes):
+    """Where each axes is: operations beside their condition numbers, algorithms beside applications."""
+    places = [[dtype, "conditions"] if result.curves else [dtype, dtype] for dtype in dtypes]
+    last = [name for name, rows in (("algorithms", result.algorithms), ("losses", result.losses)) if rows]
+    return [*places, [last[0], last[-1]]] if last else places
 
 
 # -- the trade: one axes per dtype ------------------------------------------------------------------------------------
@@ -73,14 +87,19 @@ def _label_trade(axes, result):
     limits = [a.get_xlim() for a in axes]
     for a in axes:
         a.set(xlim=(min(low for low, _ in limits), max(high for _, high in limits)), ylim=(_LOWEST, None))
-        a.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        a.xaxis.set_major_formatter("{x:g}")
-        a.xaxis.set_minor_locator(NullLocator())
+        _number_decades(a.xaxis)
         a.axhline(0.5, color=_GREY, linewidth=0.8, linestyle=":", zorder=0)
         _add_keys(a, result)
     axes[0].set_title("What an operation costs, and what its result is worth")
     axes[-1].set_xlabel(f"time per item, ns (median, {result.sizes[0]:,} items in cache)")
     _explain(axes[-1], _OF_TRADE)
+
+
+def _number_decades(axis):
+    """At 1, 2, 5, 10, ..., as plain numbers."""
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_locator(NullLocator())
 
 
 _OF_TRADE = (
@@ -182,3 +201,69 @@ def _add_keys_of_conditions(axes, curves):
     keys += [_line(":", "error as large as the result")]
     legend = axes.legend(handles=keys, loc="upper left", fontsize=_SMALL, framealpha=1, edgecolor="white")
     legend.set_zorder(3)
+
+
+# -- whole algorithms and applications --------------------------------------------------------------------------------
+
+# What is drawn at the left end of the scale.
+_NOTHING = 1e-9
+_OF_ALGORITHMS = dict(zip(ALGORITHMS, "os", strict=True))
+_ROUNDED = 0.5
+
+
+def _draw_algorithms(axes, rows):
+    """Filled for float32, hollow for float64; one algorithm in one dtype joined, from fast to compensated."""
+    for group in dict.fromkeys(row.case[:2] for row in rows):
+        points = [_point(row) for row in rows if row.case[:2] == group]
+        axes.plot(*zip(*points, strict=True), color=_LIGHT, linewidth=1, zorder=1)
+    for row in rows:
+        colour = _COLOURS[row.case.precision]
+        face = colour if row.case.dtype == "float32" else "white"
+        style = {"color": colour, "marker": _OF_ALGORITHMS[row.case.operation], "markerfacecolor": face}
+        axes.plot(*_point(row), markersize=8, linestyle="", zorder=2, **style)
+    axes.set(xscale="log", yscale="log", title="What a whole algorithm costs, and what its result is worth")
+    _number_decades(axes.xaxis)
+    axes.set(xlabel="time per state, \N{MICRO SIGN}s (median, a batch in one call)", ylim=(_LOWEST, None))
+    axes.set_ylabel("worst error, ulps of the\nlargest number of a result")
+    axes.axhline(_ROUNDED, color=_GREY, linewidth=0.8, linestyle=":", zorder=0)
+    _explain(axes, "All errors are told against float64 compensated, which is drawn as rounded correctly")
+    axes.grid(alpha=0.25)
+    _add_keys_of_algorithms(axes, rows)
+
+
+def _point(row):
+    """Time and error; the reference, whose error nobody knows, where it is promised to be."""
+    return trade.nanoseconds(row.seconds) / 1e3, _ROUNDED if np.isnan(row.worst_ulps) else _shown(row.worst_ulps)
+
+
+def _add_keys_of_algorithms(axes, rows):
+    precisions, names = (dict.fromkeys(row.case[i] for row in rows) for i in (2, 0))
+    keys = [_heading("precision"), *(_key("o", _COLOURS[name], name) for name in precisions)]
+    keys += [_heading("algorithm"), *(_key(_OF_ALGORITHMS[name], _GREY, ALGORITHMS[name].title) for name in names)]
+    keys += [_heading("dtype")]
+    for dtype in dict.fromkeys(row.case.dtype for row in rows):
+        keys.append(_key("o", _GREY, dtype, markerfacecolor=_GREY if dtype == "float32" else "white"))
+    keys += [_heading("lines"), _line(":", "rounded correctly\n(half an ulp)")]
+    axes.legend(handles=keys, frameon=False, loc="upper left", bbox_to_anchor=(1, 1.02), fontsize=_SMALL)
+
+
+def _draw_losses(axes, losses):
+    """Each application a line: its errors over its size, and beside it the errors in its own unit."""
+    for i, loss in enumerate(losses):
+        shares = {name: max(error / loss.size, _NOTHING) for name, error in loss.errors.items()}
+        axes.plot([min(shares.values()), max(shares.values())], [i, i], color=_LIGHT, linewidth=1, zorder=1)
+        for k, (name, share) in enumerate(shares.items()):
+            axes.plot(share, i, color=_COLOURS[name], marker="o", markersize=11 - 2.5 * k, linestyle="", label=name)
+        axes.text(_NOTHING, i - 0.18, _said(loss), fontsize=_SMALL, va="bottom")
+    axes.set(xscale="log", xlim=(_NOTHING / 2, 2), ylim=(len(losses) - 0.5, -1.0), yticks=[])
+    axes.set(title="What an application loses in float32", xlabel="worst error over the largest result")
+    axes.grid(alpha=0.25, axis="x")
+    handles, names = axes.get_legend_handles_labels()
+    found = dict(zip(names, handles, strict=True))
+    axes.legend(found.values(), found.keys(), frameon=False, loc="lower right", fontsize=_SMALL)
+
+
+def _said(loss):
+    """In its own unit."""
+    size, worst, best = map(readable, (loss.size, loss.errors["fast"], loss.errors["compensated"]))
+    return f"{loss.name}\nof {size} {loss.unit} fast is off by {worst}, compensated by {best}"

@@ -9,7 +9,9 @@ from rich.table import Table
 from rich.text import Text
 
 from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.command.result import readable
 from jaxspatial.measure import power
+from jaxspatial.measure.algorithms import ALGORITHMS, PRECISIONS
 from jaxspatial.measure.operation import OPERATIONS
 from jaxspatial.measure.trade import STREAMED, nanoseconds
 
@@ -49,8 +51,18 @@ _SHORT_HEAD = """\
 
 
 def print_trade(console, result, full=False):
-    """The trade: at most a screen, or all of it."""
-    _print_full(console, result) if full else _print_short(console, result)
+    """The trade: at most a screen, or all of it; then, a screen too, that of whole algorithms and of applications."""
+    if result.rows:
+        _print_full(console, result) if full else _print_short(console, result)
+    wide = _screen(console)
+    if result.algorithms:
+        _print_algorithms(wide, result.algorithms)
+    if result.losses:
+        _print_losses(wide, result.losses)
+
+
+def _screen(console):
+    return Console(file=console.file, width=max(console.width, _SCREEN), force_terminal=console.is_terminal)
 
 
 # -- a screen ---------------------------------------------------------------------------------------------------------
@@ -58,7 +70,7 @@ def print_trade(console, result, full=False):
 
 def _print_short(console, result):
     """Per operation: time in the four precisions, and the worst error of two of them, in ulps and in SI units."""
-    wide = Console(file=console.file, width=max(console.width, _SCREEN), force_terminal=console.is_terminal)
+    wide = _screen(console)
     wide.print(Text("The trade on this machine", "italic"))
     wide.print(_SHORT_HEAD, highlight=False)
     for dtype, rows in _shown_dtypes(result.rows):
@@ -83,9 +95,9 @@ def _short_line(rows):
     errors = [
         text
         for row in (by_precision["reproducible"], by_precision["compensated"])
-        for text in (_number(row.worst_ulps), _number(row.worst_in_units[part]))
+        for text in (readable(row.worst_ulps), readable(row.worst_in_units[part]))
     ]
-    times = [_number(nanoseconds(by_precision[name].in_cache)) for name in map(str, Precision)]
+    times = [readable(nanoseconds(by_precision[name].in_cache)) for name in map(str, Precision)]
     return [operation.title, *times, *errors, operation.units[part]]
 
 
@@ -95,6 +107,57 @@ exact rationals; an ulp is a unit in the last place of the exact result, small
 where terms cancel. fast promises the errors of reproducible, faithful 1 ulp;
 a shift passes forces on as they are. All dtypes, precisions, times: --full
 """
+
+
+# -- whole algorithms and applications: a screen ----------------------------------------------------------------------
+
+_WHOLE_LINE = "{:<17} {:>6} {:>7} {:>6}  {:>6} {:>7} {:>6} {:>7} {}"
+_WHOLE_HEAD = """\
+                  time, us per state    worst error of  and of
+                    fast reprod.  comp. reproducible    compensated
+                                          ulps SI units   ulps SI units"""
+_WHOLE_NOTES = """\
+Times: a batch in one call. Errors: against float64 compensated (ref.), in units
+in the last place of the largest number of each result, and in SI units, the
+worst of many states. faithful promises what compensated does.
+"""
+
+
+def _print_algorithms(wide, rows):
+    wide.print(Text("Whole algorithms", "italic"))
+    wide.print(_WHOLE_HEAD, highlight=False)
+    for dtype, group in itertools.groupby(sorted(rows, key=lambda row: row.case.dtype), lambda row: row.case.dtype):
+        wide.print(Text(dtype, "bold"))
+        for _, precisions in itertools.groupby(group, lambda row: row.case.operation):
+            wide.print(_WHOLE_LINE.format(*_whole_line(list(precisions))), highlight=False, soft_wrap=True)
+    wide.print(_WHOLE_NOTES, highlight=False)
+
+
+def _whole_line(rows):
+    """One algorithm in one dtype."""
+    by_precision = {row.case.precision: row for row in rows}
+    times = [readable(nanoseconds(by_precision[name].seconds) / 1e3) for name in PRECISIONS]
+    errors = [
+        "ref." if math.isnan(error) else readable(error)
+        for row in (by_precision["reproducible"], by_precision["compensated"])
+        for error in (row.worst_ulps, row.worst_in_units)
+    ]
+    return [ALGORITHMS[rows[0].case.operation].title, *times, *errors, rows[0].unit]
+
+
+_LOSS_LINE = "{:<40} {:>7} {:>7} {:>7} {:>7} {}"
+_LOSS_HEAD = """\
+                                          largest  worst error in float32
+                                           result    fast reprod.   comp."""
+
+
+def _print_losses(wide, losses):
+    wide.print(Text("What an application loses, in its own units", "italic"))
+    wide.print(_LOSS_HEAD, highlight=False)
+    for loss in losses:
+        numbers = (readable(x) for x in (loss.size, *loss.errors.values()))
+        wide.print(_LOSS_LINE.format(loss.name, *numbers, loss.unit), highlight=False, soft_wrap=True)
+    wide.print()
 
 
 # -- all of it --------------------------------------------------------------------------------------------------------
@@ -121,28 +184,19 @@ def _add_group(table, rows):
     for row in rows:
         names = (OPERATIONS[row.case.operation].title, row.case.dtype) if row is fast else ("", "")
         costs = (*_relative(row.in_cache, fast.in_cache), *_streamed(row, fast), f"{row.compile_seconds:.2f}")
-        errors = (_number(row.median_ulps), _number(row.worst_ulps), _in_units(row), f"{row.of_promise:.2f}")
+        errors = (readable(row.median_ulps), readable(row.worst_ulps), _in_units(row), f"{row.of_promise:.2f}")
         table.add_row(*names, row.case.precision, *costs, *errors, row.promise)
     table.add_section()
 
 
 def _in_units(row):
-    return ", ".join(f"{_number(worst)} {unit}" for unit, worst in row.errors_in_units)
+    return ", ".join(f"{readable(worst)} {unit}" for unit, worst in row.errors_in_units)
 
 
 def _streamed(row, fast):
     if row.streamed is None:
         return ["", "", ""]
     return [*_relative(row.streamed, fast.streamed), f"{row.gigabytes_per_second:.1f}"]
-
-
-def _number(x):
-    """Two or three digits; a dash for what could not be measured."""
-    if math.isnan(x):
-        return "-"
-    if x == 0 or 0.01 <= x < 1e5:
-        return f"{x:.{2 if 0 < x < 10 else 1 if 0 < x < 100 else 0}f}"
-    return f"{x:.1e}".replace("e-0", "e-").replace("e+0", "e")
 
 
 def _relative(seconds, fast):

@@ -15,6 +15,11 @@ The keys of the JSON object:
     conditions  [{"operation", "dtype", "precision", "holds",
                   "points": [{"condition", "results", "worst_ulps", "of_promise"}]}]: error against
                 condition number, the worst of so many components
+    algorithms  [{"operation", "dtype", "precision", "nanoseconds", "fastest", "ninety_percent": per evaluation,
+                  "compile_seconds", "worst_ulps": the largest error in units in the last place of the largest number of
+                  the result, "worst", "unit"}]: of the robot; errors of the reference, float64 compensated, are null
+    applications [{"name", "unit", "size", "errors": {precision: largest}}]: what float32 loses, in the unit, of results
+                as large as size
     broken      [text]: what does not hold here; "holds": true if nothing is broken
 
 Numbers that are not finite are null: the condition number of an exact result of zero, errors of a NaN.
@@ -33,7 +38,8 @@ from jaxspatial.measure.operation import OPERATIONS
 
 
 class Result(NamedTuple):
-    """One run: texts, sizes (in cache, streamed), power per dtype, rows of the trade, curves of `conditions`."""
+    """One run: texts, sizes (in cache, streamed), power per dtype, rows of the trade, curves of `conditions`,
+    what `algorithms` and `applications` measured."""
 
     about: str
     machine: str
@@ -42,6 +48,8 @@ class Result(NamedTuple):
     powers: dict
     rows: list
     curves: list
+    algorithms: list
+    losses: list
 
     @property
     def broken(self):
@@ -61,9 +69,20 @@ class Result(NamedTuple):
                 "power": {dtype: {**p._asdict(), "bound": power.BOUND} for dtype, p in self.powers.items()},
                 "rows": [_row(row) for row in self.rows],
                 "conditions": [_curve(curve) for curve in self.curves],
+                "algorithms": [_evaluated(row) for row in self.algorithms],
+                "applications": [loss._asdict() for loss in self.losses],
                 **{"broken": self.broken, "holds": not self.broken},
             }
         )
+
+
+def readable(x):
+    """A number of two or three digits; a dash for what could not be measured."""
+    if math.isnan(x):
+        return "-"
+    if x == 0 or 0.01 <= x < 1e5:
+        return f"{x:.{2 if 0 < x < 10 else 1 if 0 < x < 100 else 0}f}"
+    return f"{x:.1e}".replace("e-0", "e-").replace("e+0", "e")
 
 
 def as_json(x):
@@ -103,6 +122,11 @@ def _times(seconds):
 
 def _streamed(row):
     return {**_times(row.streamed), "gigabytes_per_second": row.gigabytes_per_second}
+
+
+def _evaluated(row):
+    errors = {"worst_ulps": row.worst_ulps, "worst": row.worst_in_units, "unit": row.unit}
+    return {**row.case._asdict(), **_times(row.seconds), "compile_seconds": row.compile_seconds, **errors}
 
 
 def _curve(curve):

@@ -70,10 +70,10 @@ def recommend(function, *arguments, tolerance, rounds=9):
     if not tolerance > 0:
         raise ValueError(f"recommend: tolerance: expected a number above 0, got {tolerance!r}")
     _require_floats(arguments)
-    calls = {str(p): _call(function, p, arguments) for p in Precision}
+    calls = {str(p): compiled(function, p, arguments) for p in Precision}
     found = {name: jax.tree.leaves(call()) for name, call in calls.items()}
-    reference = _reference(function, arguments)
-    errors = {name: _largest_error(results, reference) for name, results in found.items()}
+    expected = reference(function, arguments)
+    errors = {name: _largest_error(results, expected) for name, results in found.items()}
     seconds = {name: float(np.median(s)) for name, s in timing.interleaved(calls, rounds).items()}
     rows = [Measured(name, errors[name], seconds[name], errors[name] <= tolerance) for name in calls]
     return Recommendation(rows, tolerance)
@@ -88,23 +88,27 @@ def _is_floating(x):
     return hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jnp.floating)
 
 
-def _call(function, precision, arguments):
-    """The compiled function, as a function of nothing."""
+def compiled(function, precision, arguments):
+    """The function compiled in a precision, as a function of nothing."""
     with default_precision(precision):
-        compiled = jax.jit(function).lower(*arguments).compile()
-    return lambda: compiled(*arguments)
+        program = jax.jit(function).lower(*arguments).compile()
+    return lambda: program(*arguments)
 
 
-def _reference(function, arguments):
+def reference(function, arguments, precision=Precision.COMPENSATED):
     """The results as float64, of arguments as float64."""
-    with jax.enable_x64(True), default_precision(Precision.COMPENSATED):
-        wide = jax.tree.map(lambda x: x.astype(np.float64) if _is_floating(x) else x, arguments)
-        return [np.asarray(x, np.float64) for x in jax.tree.leaves(jax.jit(function)(*wide))]
+    with jax.enable_x64(True):
+        call = compiled(function, precision, jax.tree.map(_widened, arguments))
+        return [np.asarray(x, np.float64) for x in jax.tree.leaves(call())]
 
 
-def _largest_error(results, reference) -> Any:
+def _widened(x):
+    return x.astype(np.float64) if _is_floating(x) else x
+
+
+def _largest_error(results, expected) -> Any:
     """Of all results, each relative to its largest number; infinite where one is not finite and should be."""
-    return max((_error(np.asarray(x, np.float64), y) for x, y in zip(results, reference, strict=True)), default=0.0)
+    return max((_error(np.asarray(x, np.float64), y) for x, y in zip(results, expected, strict=True)), default=0.0)
 
 
 def _error(x, exact):

@@ -1,8 +1,15 @@
-"""The built-in scene: wrenches on a body that turns while it travels."""
+"""The built-in scenes: wrenches on a body that turns while it travels, an arm, a long chain, a trolley and its load."""
 
+import functools
 from typing import NamedTuple
 
+import jax
 import numpy as np
+
+from jaxspatial.inertia import SpatialInertia
+from jaxspatial.mechanism import Body, Frame, Joint, Mechanism
+from jaxspatial.rotation import Rotation
+from jaxspatial.spatial import RigidTransform, shift
 
 
 class Wrenches(NamedTuple):
@@ -34,3 +41,86 @@ def _turned(axis, angle, x):
     """x turned by angle about axis. [Rodrigues 1840]"""
     along = (x @ axis)[:, None] * axis
     return along + np.cos(angle)[:, None] * (x - along) + np.sin(angle)[:, None] * np.cross(axis, x)
+
+
+# -- mechanisms, in float32 -------------------------------------------------------------------------------------------
+
+_UPRIGHT = np.eye(3)
+# Quarter turns about x, of rotations by 90 and by -90 degrees.
+_LEFT, _RIGHT = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+# Of each link: how its joint's frame is turned and placed in the frame before, kg, and the length along the arm, m.
+_LINKS = (
+    (_UPRIGHT, (0.0, 0.0, 0.333), 4.0, 0.3),
+    (_RIGHT, (0.0, 0.0, 0.0), 4.0, 0.3),
+    (_LEFT, (0.0, -0.316, 0.0), 3.0, 0.3),
+    (_LEFT, (0.0825, 0.0, 0.0), 3.0, 0.3),
+    (_RIGHT, (-0.0825, 0.384, 0.0), 2.5, 0.3),
+    (_LEFT, (0.0, 0.0, 0.0), 1.5, 0.1),
+    (_LEFT, (0.088, 0.0, 0.0), 1.0, 0.2),
+)
+
+
+def _built(parts):
+    """Builds a Mechanism of bodies, joints, frames; its numbers are float32, so that it is the same in every dtype."""
+
+    @functools.wraps(parts)
+    def build(*numbers):
+        with jax.enable_x64(True):
+            return Mechanism.build(*parts(*numbers), dtype=np.float64).astype(np.float32)
+
+    return build
+
+
+@_built
+def arm():
+    """An arm of seven revolute joints and 19 kg that reaches 0.86 m, of the measures of Franka's Panda."""
+    bodies, joints, parent = [], [], "world"
+    for i, (turn, at, mass, length) in enumerate(_LINKS):
+        cylinder = SpatialInertia.solid_cylinder(np.float64(0.06), np.float64(length), mass=np.float64(mass))
+        bodies.append(Body(f"link{i + 1}", shift(cylinder, np.array([0.0, 0.02, -length / 4]))))
+        joints.append(
+            Joint(f"joint{i + 1}", "revolute", parent, bodies[-1].name, axis=(0, 0, 1), placement=_at(at, turn))
+        )
+        parent = bodies[-1].name
+    return bodies, joints
+
+
+@_built
+def chain(n, length=0.1, mass=0.2):
+    """n rods one behind the other along z, m and kg each, hinged about x and y in turns; the frame "tip" at the end."""
+    rod = SpatialInertia.thin_rod(np.float64(length), np.array([0.0, 0.0, 1.0]), mass=np.float64(mass))
+    rod = shift(rod, np.array([0.0, 0.0, -length / 2]))
+    names = ["world", *(f"rod{i + 1}" for i in range(n))]
+    joints = [
+        Joint(
+            f"joint{i + 1}",
+            "revolute",
+            names[i],
+            names[i + 1],
+            axis=np.eye(3)[i % 2],
+            placement=_at((0, 0, i and length)),
+        )
+        for i in range(n)
+    ]
+    tip = Frame("tip", names[-1], _at((0.0, 0.0, length)))
+    return [Body(name, rod) for name in names[1:]], joints, [tip]
+
+
+@_built
+def trolley(mass, load):
+    """A trolley (kg) on a rail along x, from which a load (kg) hangs by a metre."""
+    bodies = [
+        Body("trolley", SpatialInertia.point_mass(np.zeros(3), mass=np.float64(mass))),
+        Body(
+            "load", shift(SpatialInertia.solid_sphere(np.float64(0.01), mass=np.float64(load)), np.array([0, 0, 1.0]))
+        ),
+    ]
+    joints = [
+        Joint("rail", "prismatic", "world", "trolley", axis=(1, 0, 0)),
+        Joint("rope", "revolute", "trolley", "load", axis=(0, 1, 0)),
+    ]
+    return bodies, joints
+
+
+def _at(position, turn=_UPRIGHT):
+    return RigidTransform(Rotation.from_matrix(turn), np.array(position, np.float64))

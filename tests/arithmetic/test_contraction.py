@@ -11,13 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
-from marks import slow_but
 
 import jaxspatial as js
 from jaxspatial.arithmetic import contraction, conversion, eft, pairs
 from jaxspatial.measure import inputs, self_check
 from jaxspatial.measure.exact import rationals
 from jaxspatial.measure.operation import OPERATIONS
+from tests.helpers.marks import slow_but
 
 IS_HERE = contraction.holds(np.dtype("float64"))
 WAYS = [pytest.param(True, id="contracted", marks=pytest.mark.skipif(not IS_HERE, reason="no contraction here")), False]

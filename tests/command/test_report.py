@@ -10,7 +10,9 @@ from rich.console import Console
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.command import picture, report
 from jaxspatial.command.result import Result
-from jaxspatial.measure import conditions, trade
+from jaxspatial.measure import algorithms, conditions, trade
+from jaxspatial.measure.algorithms import Evaluated
+from jaxspatial.measure.applications import Loss
 from jaxspatial.measure.conditions import Curve, Point
 from jaxspatial.measure.operation import OPERATIONS
 
@@ -23,6 +25,12 @@ def _row(case, worst=3.21e-17):
     return trade.Row(case, seconds, streamed, 0.5, errors, 0.9, tuple(worst for _ in OPERATIONS[case.operation].units))
 
 
+def _evaluated(case):
+    is_reference = (case.dtype, case.precision) == algorithms.REFERENCE
+    errors = (np.full(3, np.nan), np.nan) if is_reference else (np.array([0.5, 77_000.0, 2.0]), 3.21e-17)
+    return Evaluated(case, np.array([1.25e-6, 2.5e-6, 3e-5]), 0.5, *errors, "rad/s²")
+
+
 def _curve(name, dtype, precision):
     return Curve(name, dtype, precision, tuple(Point(10.0**i, 20, 10.0**i, 0.5) for i in range(0, 16, 4)))
 
@@ -32,7 +40,9 @@ def result():
     """All rows and curves that there can be, with numbers as wide as they come."""
     rows = [_row(case) for case in trade.cases()]
     curves = [_curve(name, dtype, str(p)) for name, dtype in conditions.subjects() for p in Precision]
-    return Result("1,000,000 wrenches", "a machine", np.zeros(3), trade.sizes(), {}, rows, curves)
+    evaluated = [_evaluated(case) for case in algorithms.cases()]
+    losses = [Loss("x" * 40, "rad/s²", 1.25e3, dict.fromkeys(map(str, algorithms.PRECISIONS), 3.21e-17))] * 5
+    return Result("1,000,000 wrenches", "a machine", np.zeros(3), trade.sizes(), {}, rows, curves, evaluated, losses)
 
 
 def _lines(result, full, capsys):
@@ -41,11 +51,21 @@ def _lines(result, full, capsys):
 
 
 def test_the_table_is_a_screen(result, capsys):
-    lines = _lines(result, False, capsys)
+    lines = _lines(result._replace(algorithms=[], losses=[]), False, capsys)
     assert len(lines) < SCREEN[1] and max(map(len, lines)) <= SCREEN[0]
     for operation in OPERATIONS.values():
         assert sum(operation.title in line for line in lines) == 2
     assert "--full" in lines[-1]
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_algorithms_and_applications_are_another_screen(result, full, capsys):
+    lines = _lines(result._replace(rows=[]), full, capsys)
+    assert 15 < len(lines) < SCREEN[1] and max(map(len, lines)) <= SCREEN[0]
+    both = [line for line in lines if line.startswith("inverse dynamics")]
+    assert re.fullmatch(r"inverse dynamics +2\.50 +2\.50 +2\.50 +77000 3\.2e-17 +77000 3\.2e-17 rad/s²", both[0])
+    assert both[1].endswith("77000 3.2e-17   ref.    ref. rad/s²")
+    assert lines[-1].split() == ["x" * 40, "1250", *["3.2e-17"] * 3, "rad/s²"]
 
 
 def test_newtons_beside_ulps(result, capsys):
@@ -57,14 +77,14 @@ def test_newtons_beside_ulps(result, capsys):
 
 
 def test_full_is_everything(result, capsys):
-    text = "\n".join(_lines(result, True, capsys))
+    text = "\n".join(_lines(result._replace(algorithms=[], losses=[]), True, capsys))
     assert all(name in text for name in (*trade.DTYPES, *Precision, "GB/s", "compile", "promised", "u |r| + 32 u² mag"))
     assert "…" not in text and text.count("reproducible") == len(OPERATIONS) * len(trade.DTYPES)
 
 
 def test_dtypes_asked_for_are_shown(result, capsys):
     some = [row for row in result.rows if row.case.dtype in ("float16", "float64")]
-    lines = _lines(result._replace(rows=some), False, capsys)
+    lines = _lines(result._replace(rows=some, algorithms=[], losses=[]), False, capsys)
     assert {"float16", "float64"} <= set(lines) and "float32" not in lines
 
 
@@ -91,7 +111,8 @@ def test_the_picture_explains_itself(result, tmp_path):
     picture.draw(result, tmp_path / "x.svg", "svg")
     text = (tmp_path / "x.svg").read_text()
     assert text.count("of a cancelled result") == 3
-    assert [f'id="legend_{i}"' in text for i in (1, 2, 3, 4)] == [True, True, True, False]
+    assert [f'id="legend_{i}"' in text for i in range(1, 7)] == [True] * 5 + [False]
+    assert "of 1250 rad/s² fast is off by 3.2e-17, compensated by 3.2e-17" in text and "inverse dynamics" in text
     for words in ("one operation, in", "rounded correctly", "promised: never above", "error as large as the result"):
         assert words in text, words
     assert text.count("faithful") >= 3 and text.count("shift acceleration") >= 2

@@ -1,6 +1,7 @@
 """python -m jaxspatial: the built-in scene, the user's file, and everything that can be wrong with one."""
 
 import json
+import re
 import sys
 
 import numpy as np
@@ -8,10 +9,10 @@ import pytest
 from PIL import Image
 
 import jaxspatial as js
-from jaxspatial.command import measuring, result
+from jaxspatial.command import measuring, options, result
 from jaxspatial.command.cli import main
 from jaxspatial.command.wrench_file import WrenchFile, WrenchFileError
-from jaxspatial.measure import power, scene, trade
+from jaxspatial.measure import algorithms, power, scene, trade
 from jaxspatial.measure.operation import OPERATIONS
 from tests.helpers.marks import slow
 
@@ -102,7 +103,8 @@ def test_keys_of_the_json_object_are_documented(capsys):
     with pytest.raises(SystemExit):
         main(["--help"])
     text = capsys.readouterr().out
-    keys = ("about", "machine", "versions", "offset", "sizes", "power", "rows", "conditions", "broken", "holds")
+    keys = ["about", "machine", "versions", "offset", "sizes", "power", "rows", "conditions", "algorithms"]
+    keys += ["applications", "broken", "holds"]
     assert all(key in text and key in str(result.__doc__) for key in keys)
 
 
@@ -197,6 +199,50 @@ def test_float32_stays_float32(tmp_path, wrenches):
     out = np.load(tmp_path / "mine_shifted.npz")["tau"]
     p = np.array([0.1, -0.2, 0.3], np.float32)
     np.testing.assert_array_equal(out, parts["tau"] - np.cross(p, parts["f"]), strict=True)
+
+
+_URDF = """<robot name="pendulum"><link name="base"/><link name="rod"><inertial><origin xyz="0 0 -0.5"/>
+<mass value="2"/><inertia ixx="0.2" iyy="0.2" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="pivot" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>"""
+
+
+def test_the_robot_of_a_file(tmp_path, capsys):
+    path = tmp_path / "pendulum.urdf"
+    path.write_text(_URDF)
+    asked = ["--operation", "inverse_dynamics", "--dtype", "float32", "--json", "--picture", str(tmp_path / "x.png")]
+    assert main(["--largest", "1000", "--robot", str(path), *asked]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["about"].endswith("; pendulum.urdf") and found["rows"] == found["applications"] == []
+    rows = {row["precision"]: row for row in found["algorithms"]}
+    assert list(rows) == ["fast", "reproducible", "compensated"] and rows["compensated"]["worst_ulps"] <= 0.51
+    for row in rows.values():
+        assert row["dtype"] == "float32" and row["nanoseconds"] > 0 and 0 < row["worst"] < 1e-4 and row["unit"] == "N m"
+    assert (tmp_path / "x.png").exists()
+
+
+@pytest.mark.parametrize(("text", "message"), [(None, "No such file"), ("<robot", "malformed XML"), (
+    '<robot name="stone"><link name="stone"/></robot>', "expected joints that move, got none")])  # fmt: skip
+def test_a_robot_that_cannot_be_measured(text, message, tmp_path, capsys):
+    path = tmp_path / "bad.urdf"
+    if text is not None:
+        path.write_text(text)
+    assert main(["--robot", str(path), "--operation", "inverse_dynamics", "--json"]) == 2
+    assert re.fullmatch(f"error: .*bad.urdf: .*{message}.*", capsys.readouterr().err.strip())
+
+
+def test_what_is_measured_unasked(monkeypatch):
+    """Of a wrench file no robot, of a robot's file no applications."""
+    monkeypatch.setattr(measuring, "_check_sizes", lambda *_: None)
+
+    def plan(*arguments):
+        return measuring._plan(options.measuring().parse_args([*arguments, "--json", "--largest", "1000"]))
+
+    everything = plan()
+    assert everything.algorithms == list(algorithms.ALGORITHMS) and everything.robot.nv == 7
+    assert everything.is_everything
+    assert not plan("--operation", "dot").algorithms and not plan("--dtype", "float64").is_everything
+    forward = plan("--operation", "forward_dynamics")
+    assert forward.algorithms == ["forward_dynamics"] and not forward.operations and not forward.is_everything
 
 
 def _csv(text):

@@ -1,0 +1,112 @@
+"""What an application loses in float32, in its own units: a long chain, a far offset, light bodies and heavy ones."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.dynamics import forward_dynamics, forward_kinematics, inverse_dynamics
+from jaxspatial.measure import scene
+from jaxspatial.measure.algorithms import PRECISIONS
+from jaxspatial.measure.recommend import compiled, reference
+from jaxspatial.spatial import SpatialForce, shift
+
+DTYPE = "float32"
+STATES = 200
+
+
+class Application(NamedTuple):
+    """program() is the function of one item; arguments(rng, n) are n items of float32."""
+
+    name: str
+    unit: str
+    program: Callable
+    arguments: Callable
+
+
+class Loss(NamedTuple):
+    """The largest number of many results, and in each precision the largest error, both in the unit."""
+
+    name: str
+    unit: str
+    size: float
+    errors: dict
+
+
+def steps():
+    """How often `measure` calls `advance`."""
+    return len(APPLICATIONS) * (len(PRECISIONS) + 1)
+
+
+def measure(advance=lambda: None, states=STATES):
+    """The Loss of each application, against float64, whose own error is smaller by 2^29."""
+    return [_loss(application, states, advance) for application in APPLICATIONS]
+
+
+def _loss(application, n, advance):
+    arguments = application.arguments(np.random.default_rng(0), n)
+    function = jax.vmap(application.program())
+    (expected,) = reference(function, arguments, Precision.REPRODUCIBLE)
+    advance()
+    errors = {}
+    for precision in PRECISIONS:
+        computed = np.asarray(compiled(function, precision, arguments)(), np.float64)
+        errors[str(precision)] = float(abs(computed - expected).max())
+        advance()
+    return Loss(application.name, application.unit, float(abs(expected).max()), errors)
+
+
+def _moving(rng, n):
+    """q, v, vdot of all joints of the chain."""
+    return list(rng.uniform(-0.3, 0.3, (3, n, _LINKS)).astype(np.float32))
+
+
+def _left_alone(rng, n):
+    """q, v of a trolley and its load, and no forces."""
+    return [*rng.uniform(-0.5, 0.5, (2, n, 2)).astype(np.float32), np.zeros((n, 2), np.float32)]
+
+
+_LINKS = 100
+
+
+def _tip():
+    mech = scene.chain(_LINKS)
+    return lambda q, v, vdot: forward_kinematics(mech.astype(q.dtype), q, frames=["tip"]).translation
+
+
+def _torque_at_the_base():
+    mech = scene.chain(_LINKS)
+    return lambda q, v, vdot: inverse_dynamics(mech.astype(q.dtype), q, v, vdot)[0]
+
+
+def _acceleration(mass, load, rate):
+    mech = scene.trolley(mass, load)
+    return lambda q, v, tau: forward_dynamics(mech.astype(q.dtype), q, v, tau)[rate]
+
+
+def _levers(rng, n):
+    """Wrenches that read nearly the same a kilometre away, where torques of about 1 N m are left."""
+    f = rng.normal(0.0, 1000.0, (n, 3)).astype(np.float32)
+    p = (1000 * _unit(rng.standard_normal((n, 3)))).astype(np.float32)
+    rest = _unit(rng.standard_normal((n, 3)))
+    return [(rest + np.cross(p.astype(np.float64), f.astype(np.float64))).astype(np.float32), f, p]
+
+
+def _unit(x):
+    return x / np.linalg.norm(x, axis=-1, keepdims=True)
+
+
+def _far_torque():
+    return lambda tau, f, p: shift(SpatialForce(tau, f), p).tau
+
+
+APPLICATIONS = (
+    Application("end of a chain of 100 links, 10 m", "m", _tip, _moving),
+    Application("torque that holds its base", "N m", _torque_at_the_base, _moving),
+    Application("torque of a force of 1 kN, moved by 1 km", "N m", _far_torque, _levers),
+    Application("10 g hanging on 1 t: the light body", "rad/s²", partial(_acceleration, 1e3, 1e-2, 1), _left_alone),
+    Application("1 t hanging on 10 g: the light body", "m/s²", partial(_acceleration, 1e-2, 1e3, 0), _left_alone),
+)
