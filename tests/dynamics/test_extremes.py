@@ -137,32 +137,50 @@ def test_limbs_that_are_one_loop():
     """Chains of other lengths that hang on one another: laws that hold whatever hangs where."""
     mech, (q, v, a) = limbs()
     assert [b.bodies.shape for b in mech.topology.bundles] == [(1, 1), (6, 2)]
-    by_motions = [js.kinetic_energy(mech, q, x) for x in np.eye(mech.nv)]
-    tau = js.inverse_dynamics(mech, q, v, a)
-    back = js.forward_dynamics(mech, q, v, tau)
-    M = np.asarray(js.mass_matrix(mech, q))
-    np.testing.assert_allclose(back, a, atol=1e3 * 2.0**-53 * np.linalg.cond(M))
+    found = jax.tree.map(np.asarray, jax.jit(functools.partial(_all_of_limbs, mech))(q, v, a))
+    M, tau, allowed = found["M"], found["tau"], 1e3 * 2.0**-53
+    np.testing.assert_allclose(found["back"], a, atol=allowed * np.linalg.cond(M))
     # Energies add up bodies, of which none passes anything on to another.
-    np.testing.assert_allclose(M.diagonal() / 2, by_motions, rtol=1e3 * 2.0**-53)
-    bias = js.bias_forces(mech, q, v)
-    np.testing.assert_allclose(M @ a, np.asarray(tau) - np.asarray(bias), atol=1e3 * 2.0**-53 * abs(tau).max())
-    slope = jax.grad(lambda q: js.potential_energy(mech, q))(jnp.asarray(q))
-    np.testing.assert_allclose(js.gravity_forces(mech, q)[6:], slope[7:], atol=1e3 * 2.0**-53 * abs(slope).max())
-    found = js.forward_dynamics_derivatives(mech, q, v, tau).dvdot_dv
-    expected = jax.jacrev(lambda v: js.forward_dynamics(mech, q, v, tau))(jnp.asarray(v))
+    np.testing.assert_allclose(M.diagonal() / 2, found["by_motions"], rtol=allowed)
+    np.testing.assert_allclose(M @ a, tau - found["bias"], atol=allowed * abs(tau).max())
+    slope = found["slope"]
+    np.testing.assert_allclose(found["gravity"][6:], slope[7:], atol=allowed * abs(slope).max())
+    expected = found["rates"]
+    np.testing.assert_allclose(found["dtau_dv"], expected, atol=10 * allowed * abs(expected).max())
+
+
+def _all_of_limbs(mech, q, v, a):
+    """In one program, and in the precision that compiles soonest."""
+    with js.default_precision("fast"):
+        tau = js.inverse_dynamics(mech, q, v, a)
+        return {
+            "tau": tau,
+            "back": js.forward_dynamics(mech, q, v, tau),
+            "M": js.mass_matrix(mech, q),
+            "by_motions": jax.vmap(lambda x: js.kinetic_energy(mech, q, x))(jnp.eye(mech.nv)),
+            "bias": js.bias_forces(mech, q, v),
+            "gravity": js.gravity_forces(mech, q),
+            "slope": jax.grad(lambda q: js.potential_energy(mech, q))(q),
+            "dtau_dv": js.inverse_dynamics_derivatives(mech, q, v, a).dtau_dv,
+            "rates": jax.jacfwd(lambda v: js.inverse_dynamics(mech, q, v, a))(v),
+        }
+
+
+@pytest.mark.slow
+def test_derivatives_of_limbs_that_are_one_loop():
+    """Pulled back, through what turns forces into accelerations."""
+    mech, (q, v, a) = limbs()
+    found = js.forward_dynamics_derivatives(mech, q, v, a).dvdot_dv
+    expected = jax.jacrev(lambda v: js.forward_dynamics(mech, q, v, a))(jnp.asarray(v))
     np.testing.assert_allclose(found, expected, atol=1e4 * 2.0**-53 * abs(np.asarray(expected)).max())
 
 
-def test_limbs_that_are_one_loop_compensated():
+@pytest.mark.parametrize("function", [js.gravity_forces, slow(js.mass_matrix)], ids=["gravity forces", "mass matrix"])
+def test_limbs_that_are_one_loop_compensated(function):
     """Numbers of two words along the same loop."""
-    mech, (q, v, a) = limbs()
-    for found, expected in zip(*(_forces_and_matrix(mech, q, v, a, p) for p in ("compensated", None)), strict=True):
-        np.testing.assert_allclose(found, expected, atol=4 * 10 * 2.0**-53 * abs(expected).max())
-
-
-def _forces_and_matrix(mech, q, v, a, precision):
-    tau = js.inverse_dynamics(mech, q, v, a, precision=precision)
-    return np.asarray(tau), np.asarray(js.mass_matrix(mech, q, precision=precision))
+    mech, (q, _, _) = limbs()
+    found, expected = (np.asarray(function(mech, q, precision=p)) for p in ("compensated", "reproducible"))
+    np.testing.assert_allclose(found, expected, atol=4 * 10 * 2.0**-53 * abs(expected).max())
 
 
 def limbs():
