@@ -57,8 +57,6 @@ from jaxspatial.mechanism import StaticMechanism as StaticMechanism
 from jaxspatial.mechanism import lock_joints as lock_joints
 from jaxspatial.mechanism import random_mechanism as random_mechanism
 from jaxspatial.mechanism import subtree as subtree
-from jaxspatial.interop import mjcf as _mjcf  # noqa: F401 - enters itself as what Mechanism.from_mjcf calls
-from jaxspatial.interop import urdf as _urdf  # noqa: F401 - enters itself as what Mechanism.from_urdf calls
 
 # dynamics
 from jaxspatial.dynamics import Compliance as Compliance

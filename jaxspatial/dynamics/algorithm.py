@@ -21,7 +21,7 @@ from jaxspatial.dynamics.state import MechanismState
 from jaxspatial.mechanism import Mechanism
 
 # What an algorithm reads of a mechanism, by what it is about.
-JOINTS = ("axes", "second_axes", "pitches", "mimics")
+JOINTS = ("axes", "second_axes", "pitches", "parameters", "mimics")
 GEOMETRY = ("placements", *JOINTS)
 BODIES = (*GEOMETRY, "inertias")
 DYNAMICS = (*BODIES, "armature", "gravity")

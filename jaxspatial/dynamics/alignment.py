@@ -6,8 +6,6 @@ the axes of J is given in those of J'; results in axes of the world, and rates, 
 
 import numpy as np
 
-# The kinds of joints that turn about, or slide along, their first axis alone.
-_ABOUT_ONE_AXIS = "revolute", "prismatic", "helical", "cylindrical"
 # Where the entries of a symmetric matrix are among its six, and these in it.
 _SYMMETRIC = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])
 _ROWS, _COLUMNS = np.array([0, 1, 1, 2, 2, 2]), np.array([0, 0, 1, 0, 1, 2])
@@ -38,7 +36,7 @@ def quarter_turns(topology, axes):
         return None
     which, sign = np.tile(np.arange(3), (len(axes), 1)), np.ones((len(axes), 3), axes.dtype)
     for i, axis in enumerate(axes):
-        if topology.kind(i).moves_as in _ABOUT_ONE_AXIS and sorted(abs(axis)) == [0, 0, 1]:
+        if topology.kind(i).is_about_one_axis and sorted(abs(axis)) == [0, 0, 1]:
             k = int(np.flatnonzero(axis)[0])
             which[i], sign[i] = np.roll(np.arange(3), 2 - k), (1, 1, 1) if axis[k] > 0 else (1, -1, -1)
     return None if (which == np.arange(3)).all() and (sign == 1).all() else (which, sign)

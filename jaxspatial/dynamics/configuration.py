@@ -68,35 +68,22 @@ def random_configuration(mechanism, key, batch_shape=(), dtype=None):
 def _integrate(state, v, dt):
     """Each joint on its own: those of one kind side by side."""
     (dt,) = state.numbers(dt)
-    found = [own.apply("integrate", tuple(x * dt for x in own.rates(v))) for own in state.own_joints]
-    return state.by_coordinate(found, state.topology.kinds_apart)
+    found = [own.apply("integrate", tuple(x * dt for x in own.rates(v))) for own in state.kind_states]
+    return state.by_coordinate(found, state.topology.joints_by_kind)
 
 
 @algorithm(*JOINTS)
 def _configuration_rates(state, v):
-    return state.by_coordinate([own.dq_dt(v) for own in state.own_joints], state.topology.kinds_apart)
+    return state.by_coordinate([own.dq_dt(v) for own in state.kind_states], state.topology.joints_by_kind)
 
 
 @algorithm(*JOINTS)
 def _difference(state, q1):
-    found = [own.apply("difference", own.coordinates(q1)) for own in state.own_joints]
-    return state.by_rate(found, state.topology.kinds_apart)
+    found = [own.apply("difference", own.coordinates(q1)) for own in state.kind_states]
+    return state.by_rate(found, state.topology.joints_by_kind)
 
 
 def _random(mechanism, i, key, batch_shape, dtype):
     kind, own = mechanism.topology.kind(i), mechanism.topology.q_slice(i)
-    if kind.nq > kind.nv:
-        direction, rest = jax.random.normal(key, (*batch_shape, 4), dtype), jax.random.split(key)[0]
-        unit = direction / jnp.sqrt(_squared(direction))[..., None]
-        return jnp.concatenate([unit, jax.random.uniform(rest, (*batch_shape, kind.nq - 4), dtype, -1, 1)], -1)
-    usual = jnp.asarray([np.pi if k in kind.angles else 1.0 for k in range(kind.nq)], dtype)
     lower, upper = (jnp.asarray(x[own], dtype) for x in (mechanism.lower, mechanism.upper))
-    has_two = jnp.isfinite(lower) & jnp.isfinite(upper)
-    shape = (*batch_shape, kind.nq)
-    lower, upper = (jnp.where(has_two, x, y) for x, y in ((lower, -usual), (upper, usual)))
-    lower, upper = (jnp.broadcast_to(x, shape) for x in (lower, upper))
-    return lower + (upper - lower) * jax.random.uniform(key, shape, dtype)
-
-
-def _squared(x):
-    return x[..., 0] ** 2 + x[..., 1] ** 2 + x[..., 2] ** 2 + x[..., 3] ** 2
+    return kind.random(key, lower, upper, batch_shape)

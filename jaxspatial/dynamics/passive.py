@@ -7,12 +7,9 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, vectors
-from jaxspatial.arithmetic.functions import cosine_sine
+from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.numbers import numeric, where
 from jaxspatial.dynamics.algorithm import JOINTS, algorithm, checked
-from jaxspatial.mechanism.joints import Ball, Continuous
-from jaxspatial.rotation import exponential, quaternion
 
 
 class Compliance(NamedTuple):
@@ -148,8 +145,8 @@ _READ = ("stiffness", "spring_references", "damping", "friction_loss", "lower", 
 
 @algorithm(*JOINTS, *_READ)
 def _forces(state, v, compliance, *, with_resistance):
-    found = [_of_joints(own, v, compliance, with_resistance) for own in state.own_joints]
-    return state.by_rate(found, state.topology.kinds_apart)
+    found = [_of_joints(own, v, compliance, with_resistance) for own in state.kind_states]
+    return state.by_rate(found, state.topology.joints_by_kind)
 
 
 def _of_joints(own, v, compliance, with_resistance):
@@ -181,46 +178,42 @@ def _positional(own, v, compliance):
     if not kind.nv or not (has_spring or has_limits):
         return []
     q = own.coordinates(own.state.q)
-    turning = 4 if kind.nq > kind.nv else 0
-    angles, shifts = _spring_torque(own, q) if turning and has_spring else None, None
-    if kind.nq > turning:
-        turned = {k: cosine_sine(q[k]) for k in kind.angles} if kind.name == "planar" else {}
-        forces = [zero] * (kind.nq - turning)
+    on_sphere, rates_of_it = kind.sphere
+    torques, forces = [zero] * rates_of_it, [zero] * (kind.nq - on_sphere)
+    if on_sphere and has_spring:
+        torques = _of_sphere_spring(own, q)
+    if forces:
+        cos_sin = own.cos_sin(q)
         if has_spring:
-            forces = _plus(forces, _of_springs(own, q, turning))
+            forces = _plus(forces, _of_springs(own, q))
         if has_limits:
-            forces = _plus(forces, _of_limits(own, q, turned, v, compliance, turning))
-        shifts = _by_rates(kind, q, turned, forces)
-    return [[*(angles or [zero] * (3 if turning else 0)), *(shifts or [])]]
+            forces = _plus(forces, _of_limits(own, q, cos_sin, v, compliance))
+        forces = kind.generalized_forces(own.parameters, q, cos_sin, forces)
+    return [[*torques, *forces]]
 
 
 def _plus(a, b):
     return [x + y for x, y in zip(a, b, strict=True)]
 
 
-def _spring_torque(own, q):
-    """-J^-1 K d of the rotation vector d from the reference, J its left Jacobian: dd/dt = J^-T w."""
+def _of_sphere_spring(own, q):
     fields = own.state.fields
-    reference = own.coordinates(fields["spring_references"])
-    d = Ball.difference(own.axes, reference[:4], q[:4])
-    torque = [-k * x for k, x in zip(own.rates(fields["stiffness"])[:3], d, strict=True)]
-    return list(vectors.matrix_times(exponential.left_jacobian_inverse(d), torque))
+    reference, stiffness = own.coordinates(fields["spring_references"]), own.rates(fields["stiffness"])
+    return own.kind.sphere_spring(own.parameters, q, reference, stiffness)
 
 
-def _of_springs(own, q, start):
-    """By coordinate, of those that are numbers."""
-    fields = own.state.fields
-    reference, stiffness = own.coordinates(fields["spring_references"]), own.rates(fields["stiffness"])[start and 3 :]
-    apart = [x - r for x, r in zip(q[start:], reference[start:], strict=True)]
-    if own.kind.name in ("continuous", "planar"):
-        apart[-1] = Continuous.difference(own.axes, reference[-1:], q[-1:])[0]
-    return [-k * d for k, d in zip(stiffness, apart, strict=True)]
+def _of_springs(own, q):
+    """By coordinate, of those that are not of the sphere."""
+    fields, (start, first_rate) = own.state.fields, own.kind.sphere
+    reference, stiffness = own.coordinates(fields["spring_references"]), own.rates(fields["stiffness"])[first_rate:]
+    deflection = own.kind.deflection(own.parameters, reference[start:], q[start:])
+    return [-k * d for k, d in zip(stiffness, deflection, strict=True)]
 
 
-def _of_limits(own, q, turned, v, compliance, start):
-    fields, rates = own.state.fields, own.rates(v)
-    speeds = rates if own.kind.is_sequential else own.kind.rates(own.axes, q, turned, rates)[start:]
-    softness = [own.rates(x)[start and 3 :] for x in (compliance.limit_stiffness, compliance.limit_damping)]
+def _of_limits(own, q, cos_sin, v, compliance):
+    fields, (start, first_rate) = own.state.fields, own.kind.sphere
+    speeds = own.kind.rates(own.parameters, q, cos_sin, own.rates(v))[start:]
+    softness = [own.rates(x)[first_rate:] for x in (compliance.limit_stiffness, compliance.limit_damping)]
     limits = [own.coordinates(fields[name])[start:] for name in ("lower", "upper")]
     return [_of_limit(*x) for x in zip(q[start:], speeds, *softness, *limits, strict=True)]
 
@@ -236,13 +229,3 @@ def _one_sided_force(depth, speed, stiffness, damping):
     is_beyond = depth > 0
     force = stiffness * where(is_beyond, depth, 0.0) + damping * where(is_beyond, speed, 0.0)
     return where(force > 0, force, 0.0)
-
-
-def _by_rates(kind, q, turned, forces):
-    """Of forces along coordinates: by the transpose of what makes coordinates' rates of the rates."""
-    if kind.name == "free":
-        return list(vectors.matrix_times(vectors.transpose(quaternion.to_matrix(q[:4])), forces))
-    if kind.name == "planar":
-        c, s = turned[2]
-        return [c * forces[0] + s * forces[1], c * forces[1] - s * forces[0], forces[2]]
-    return forces

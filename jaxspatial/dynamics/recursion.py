@@ -20,7 +20,7 @@ def outward(state, step, root, own):
     results, ends = [], {-1: root}
     for bundle, numbers in zip(state.bundles, own, strict=True):
         first = bundle.groups[0]
-        start = [ends[i] for i in bundle.beside(first, first.parents)]
+        start = [ends[i] for i in bundle.by_column(first, first.parents)]
         turns = _turns(state, bundle, ends, start[0], _replaced, reverse=False)
         result, last, kept = run(step, bundle, state.n, numbers, _beside(start, state.n), turns)
         ends |= {i: _chain(kept, k) for i, k in turns.rows.items() if i not in ends}
@@ -35,7 +35,7 @@ def inward(state, step, nothing, own, joined=None):
     arrived, results, joined = {}, [], joined or _added
     for bundle, numbers in zip(reversed(state.bundles), reversed(own), strict=True):
         first, last = bundle.groups[0], bundle.groups[-1]
-        start = [arrived.pop(i, nothing) for i in bundle.beside(last, last.ends)]
+        start = [arrived.pop(i, nothing) for i in bundle.by_column(last, last.ends)]
         turns = _turns(state, bundle, arrived, nothing, joined, reverse=True)
         result, passed, kept = run(step, bundle, state.n, numbers, _beside(start, state.n), turns)
         arrived |= {i: _chain(kept, k) for i, k in turns.rows.items() if i not in bundle.ends}
@@ -90,7 +90,7 @@ def _meetings(bundle, reverse):
     for a, b in itertools.pairwise(bundle.groups):
         first += a.length
         yield (
-            (first, b.parents, bundle.beside(a, a.ends))
+            (first, b.parents, bundle.by_column(a, a.ends))
             if reverse
-            else (first - 1, a.ends, bundle.beside(b, b.parents))
+            else (first - 1, a.ends, bundle.by_column(b, b.parents))
         )

@@ -15,7 +15,6 @@ from jaxspatial.arithmetic import numbers, vectors
 from jaxspatial.arithmetic.functions import cosine_sine
 from jaxspatial.dynamics import alignment, along
 from jaxspatial.dynamics.results import Results
-from jaxspatial.mechanism.joints import Axes
 
 
 class Pose(NamedTuple):
@@ -47,23 +46,23 @@ class Link(NamedTuple):
 
 
 class JointState(NamedTuple):
-    """A joint at its coordinates. turned: (cosine, sine) of those that are angles."""
+    """A joint at its coordinates: see `JointKind`."""
 
     kind: Any
-    axes: Any
+    parameters: Any
     q: Any
-    turned: Any
+    cos_sin: Any
 
     @property
     def transform(self):
-        return Pose(*self.kind.transform(self.axes, self.q, self.turned))
+        return Pose(*self.kind.transform(self.parameters, self.q, self.cos_sin))
 
     @property
     def subspace(self):
-        return self.kind.subspace(self.axes, self.turned)
+        return self.kind.motion_subspace(self.parameters, self.cos_sin)
 
     def subspace_rate(self, v):
-        return self.kind.subspace_rate(self.axes, self.turned, v)
+        return self.kind.motion_subspace_rate(self.parameters, self.cos_sin, v)
 
 
 class MechanismState(Results):
@@ -79,9 +78,9 @@ class MechanismState(Results):
         return self.topology.bundles
 
     @property
-    def own_joints(self):
+    def kind_states(self):
         """The joints that are no mimics, kind by kind."""
-        return [Own(self, bundle) for bundle in self.topology.kinds_apart]
+        return [KindState(self, bundle) for bundle in self.topology.joints_by_kind]
 
     # -- numbers ------------------------------------------------------------------------------------------------------
 
@@ -137,9 +136,14 @@ class MechanismState(Results):
 
     # -- bundles ------------------------------------------------------------------------------------------------------
 
-    def axes(self, bundle):
-        first, second, pitch = (self.fields[name] for name in ("axes", "second_axes", "pitches"))
-        return Axes(self.of(bundle, first), self.of(bundle, second), self.of(bundle, pitch)[0])
+    def parameters(self, bundle):
+        """What its joints are made with, as verbs of their kind take it."""
+
+        def numbers_of(p):
+            found = self.of(bundle, self.fields[p.field] if p.field else self.fields["parameters"][p.name])
+            return found if p.size > 1 else found[0]
+
+        return bundle.kind.numbers(numbers_of, self.known(0.0))
 
     def placement(self, bundle):
         return self._pose(self.fields["placements"], bundle.bodies)
@@ -187,13 +191,13 @@ class MechanismState(Results):
     def joints(self):
         """The JointState of every bundle, with the cosines and sines of all angles computed in one call."""
         q = [self.coordinates(b, self.q) for b in self.bundles]
-        turned = self._turned([x[k] for x, b in zip(q, self.bundles, strict=True) for k in b.kind.angles])
+        found = self._cos_sin([x[k] for x, b in zip(q, self.bundles, strict=True) for k in b.kind.angles])
         return [
-            JointState(b.kind, self.axes(b), x, {k: next(turned) for k in b.kind.angles})
+            JointState(b.kind, self.parameters(b), x, {k: next(found) for k in b.kind.angles})
             for b, x in zip(self.bundles, q, strict=True)
         ]
 
-    def _turned(self, angles):
+    def _cos_sin(self, angles):
         """(cosine, sine) of each, those of data in one call: within other formulas they would keep XLA CPU from
         vectorising these."""
         data = [x for x in angles if not along.is_constant(x)]
@@ -205,7 +209,7 @@ class MechanismState(Results):
         return bundle.is_on_world
 
 
-class Own:
+class KindState:
     """The joints of one kind that have coordinates of their own, side by side."""
 
     def __init__(self, state, bundle):
@@ -224,19 +228,18 @@ class Own:
         return along.rows(array, np.concatenate([np.arange(s.start, s.stop) for s in slices]))
 
     @property
-    def axes(self):
-        return self.state.axes(self.bundle)
+    def parameters(self):
+        return self.state.parameters(self.bundle)
 
     def apply(self, verb, other):
         """A verb of the kind, of its coordinates and others or a step."""
         q = self.coordinates(self.state.q)
-        return numbers.noinline(functools.partial(_of, getattr(self.kind, verb)))(self.axes, q, other)
+        return numbers.noinline(getattr(self.kind, verb))(self.parameters, q, other)
+
+    def cos_sin(self, q):
+        """Of its angles, for the rates of its coordinates."""
+        return {k: cosine_sine(q[k]) for k in self.kind.angles} if self.kind.rates_need_angles else {}
 
     def dq_dt(self, v):
         q = self.coordinates(self.state.q)
-        turned = {k: cosine_sine(q[k]) for k in self.kind.angles} if self.kind.has_turning_rates else {}
-        return self.kind.rates(self.axes, q, turned, self.rates(v))
-
-
-def _of(verb, axes, q, other):
-    return verb(axes, q, other)
+        return self.kind.rates(self.parameters, q, self.cos_sin(q), self.rates(v))

@@ -1,10 +1,11 @@
 """Layer 4: joints, the tree they make of bodies, and the numbers of it."""
 
+from jaxspatial.mechanism import export as _export  # noqa: F401 - tells jax.export how mechanisms are written
 from jaxspatial.mechanism.editing import lock_joints as lock_joints
 from jaxspatial.mechanism.editing import subtree as subtree
 from jaxspatial.mechanism.mechanism import Mechanism as Mechanism
-from jaxspatial.mechanism.mechanism import StaticMechanism as StaticMechanism
 from jaxspatial.mechanism.parts import Body as Body
 from jaxspatial.mechanism.parts import Frame as Frame
 from jaxspatial.mechanism.parts import Joint as Joint
 from jaxspatial.mechanism.random import random_mechanism as random_mechanism
+from jaxspatial.mechanism.static import StaticMechanism as StaticMechanism

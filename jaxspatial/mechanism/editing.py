@@ -1,28 +1,41 @@
 """Mechanisms made of others: joints locked, subtrees taken out."""
 
+from collections.abc import Mapping
+
 import jax
 import numpy as np
+from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic.known import in_double
 from jaxspatial.arithmetic.numbers import Lane
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.mechanism.assembly import composed, is_identity
-from jaxspatial.mechanism.joints import Axes
 from jaxspatial.mechanism.mechanism import Mechanism
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
+from jaxspatial.mechanism.poses import composed, is_identity
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, act_inverse
 
 _PER_RATE = "armature", "damping", "friction_loss", "stiffness", "effort_limit", "velocity_limit"
 
 
-def lock_joints(mechanism, positions):
-    """The mechanism with joints held where they are told: their bodies become parts of those that carry them.
+def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mechanism:
+    """Locks joints at given coordinates: their bodies become parts of those that carry them.
 
-    positions: coordinates by joint name, a number or nq of them. What is left is known while tracing, and what was
-    locked leaves no operation behind. Names of locked bodies stay as frames. Raises KeyError for names that are no
-    joint's, ValueError for a mimic: it is held where its master's coordinate puts it, once that is locked.
+    What was locked leaves no operation behind. Names of locked bodies stay as frames. A mimic is locked with the joint
+    that it follows.
+
+    Args:
+        mechanism: with known numbers.
+        positions: coordinates by joint name, a number or as many as the joint has; rad or m.
+
+    Returns:
+        The mechanism of the joints that are left, with NumPy numbers.
+
+    Raises:
+        KeyError: a name is no joint's; lists those there are.
+        ValueError: a joint is a mimic.
+        TypeError: numbers of the mechanism are data, or traced.
     """
     bodies, joints, frames = parts(mechanism)
     for name, q in positions.items():
@@ -32,9 +45,20 @@ def lock_joints(mechanism, positions):
     return Mechanism.build(bodies, joints, frames, mechanism.gravity, mechanism.dtype)
 
 
-def subtree(mechanism, body):
-    """The mechanism of a body and all that hangs on it; what carried the body is the world. Frames elsewhere are
-    left out. Raises KeyError for a name that is no body's."""
+def subtree(mechanism: Mechanism, body: str) -> Mechanism:
+    """Takes out a body with all that hangs on it. What carried the body is the world.
+
+    Args:
+        mechanism: with known numbers.
+        body: one of `mechanism.body_names`.
+
+    Returns:
+        The mechanism of these bodies, with NumPy numbers. Frames elsewhere are left out.
+
+    Raises:
+        KeyError: there is no such body; lists those there are.
+        TypeError: numbers of the mechanism are data, or traced.
+    """
     t = mechanism.topology
     root = t.index(mechanism.body_names, body, "subtree: body")
     kept = {i for i in range(len(t)) if root in t.ancestors(i)}
@@ -45,8 +69,12 @@ def subtree(mechanism, body):
     return Mechanism.build([b for b in bodies if b.name in names], joints, left, mechanism.gravity, mechanism.dtype)
 
 
-def parts(mechanism):
-    """(bodies, joints, frames) that `Mechanism.build` makes the mechanism of: all of its numbers have to be known."""
+def parts(mechanism: Mechanism) -> tuple[list[Body], list[Joint], list[Frame]]:
+    """Takes a mechanism apart into what `Mechanism.build` makes it of.
+
+    Raises:
+        TypeError: numbers of the mechanism are data, or traced.
+    """
     if not all(isinstance(x, np.ndarray) for x in jax.tree.leaves(mechanism)):
         raise TypeError("mechanism: expected known numbers (NumPy), got data; build, and replace numbers after")
     with in_double():
@@ -85,7 +113,8 @@ def _joint(mechanism, i):
         axis=mechanism.axes[i],
         second_axis=mechanism.second_axes[i],
         pitch=float(mechanism.pitches[i]),
-        mimic=(t.joint_names[t.masters[i]], *mechanism.mimics[i].tolist()) if t.is_mimic(i) else None,
+        parameters={p.name: mechanism.parameters[p.name][i] for p in t.kind(i).parameters if p.field is None},
+        mimic=(t.joint_names[t.followed[i]], *mechanism.mimics[i].tolist()) if t.is_mimic(i) else None,
         **limits,
     )
 
@@ -108,9 +137,9 @@ def _with_followers(mechanism, i, q):
     """[(joint, its coordinates)] of a joint and its mimics."""
     t = mechanism.topology
     if t.is_mimic(i):
-        master = t.joint_names[t.masters[i]]
-        raise ValueError(f"lock_joints: {t.joint_names[i]!r} is a mimic: lock {master!r}, which it follows")
-    followers = [k for k in range(len(t)) if t.masters[k] == i and k != i]
+        followed = t.joint_names[t.followed[i]]
+        raise ValueError(f"lock_joints: {t.joint_names[i]!r} is a mimic: lock {followed!r}, which it follows")
+    followers = [k for k in range(len(t)) if t.followed[k] == i and k != i]
     return [(i, q), *((k, mechanism.mimics[k, 0] * q + mechanism.mimics[k, 1]) for k in followers)]
 
 
@@ -124,12 +153,16 @@ def _locked(mechanism, joints, i, q):
 
 def _transform(kind, joint, q):
     """X across a joint at known coordinates."""
-    numbers = [tuple(map(_lane, v)) for v in (joint.axis, joint.second_axis, q)]
-    axes = Axes(numbers[0], numbers[1], _lane(np.float64(joint.pitch)))
-    turned = {k: tuple(map(_lane, (np.cos(q[k]), np.sin(q[k])))) for k in kind.angles}
-    rows, p = kind.transform(axes, numbers[2], turned)
+    numbers = kind.numbers(lambda p: _parameter(joint, p), _lane(0.0))
+    cos_sin = {k: (_lane(np.cos(q[k])), _lane(np.sin(q[k]))) for k in kind.angles}
+    rows, p = kind.transform(numbers, tuple(map(_lane, q)), cos_sin)
     entries = np.array([float(x.value) for row in rows for x in row])
     return RigidTransform(Rotation(entries), np.array([float(x.value) for x in p]))
+
+
+def _parameter(joint, p):
+    found = tuple(map(_lane, np.ravel(getattr(joint, p.name) if p.field else joint.parameters[p.name])))
+    return found if p.size > 1 else found[0]
 
 
 def _lane(x):

@@ -1,23 +1,23 @@
 """The mechanism: a tree of bodies that joints hold against each other, as a pytree of numbers."""
 
 import dataclasses
-import functools
-import json
-import weakref
+import pathlib
+from collections.abc import Iterable
+from typing import Any, Self
 
 import jax
 import numpy as np
+from jax.typing import ArrayLike, DTypeLike
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.tree import tree_of
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.mechanism.assembly import assembled, known
-from jaxspatial.mechanism.parts import WORLD
+from jaxspatial.mechanism.assembly import assembled
+from jaxspatial.mechanism.leaves import check_replaced, known, read_only
+from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
+from jaxspatial.mechanism.poses import known as known_in_double
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.spatial import RigidTransform
-
-# What `from_urdf` and its like call; the readers enter themselves.
-READERS = {}
 
 
 @tree_of("topology")
@@ -28,18 +28,20 @@ class Mechanism:
     that is an argument of a traced function, are data, to be differentiated and batched. Body i is what joint i
     carries; P is its parent's frame, J the joint's, that coincides with it at zero.
 
-    topology: names, kinds and connections; static
-    placements: RigidTransform (n,), X_PJ at zero
-    child_placements: RigidTransform (n,), X_JB: where the body's own frame is on the joint's
-    axes, second_axes: (n, 3) unit vectors in J
-    pitches: (n,) of helical joints, metres per radian
-    mimics: (n, 2) multiplier and offset of coordinates that follow another's; 1 and 0 for all others
-    inertias: SpatialInertia (n,) about the origin of J, in the axes of J; bodies welded to it are in it
-    armature, damping, friction_loss, stiffness, effort_limit, velocity_limit: (nv,)
-    lower, upper: (nq,) limits of the coordinates
-    spring_references: (nq,) coordinates at which the springs are at rest
-    frame_placements: RigidTransform (k,) of all named frames on their J, or in the world
-    gravity: (3,) acceleration of free fall in the world, m/s2
+    Attributes:
+        topology: names, kinds and connections; static.
+        placements: RigidTransform (n,), X_PJ at zero.
+        child_placements: RigidTransform (n,), X_JB: where the body's own frame is on the joint's.
+        axes, second_axes: (n, 3) unit vectors in J.
+        pitches: (n,) of helical joints, metres per radian.
+        parameters: {name: (n, size)} of other parameters, those of kinds that were registered.
+        mimics: (n, 2) multiplier and offset of coordinates that follow another's; 1 and 0 for all others.
+        inertias: SpatialInertia (n,) about the origin of J, in the axes of J; bodies welded to it are in it.
+        armature, damping, friction_loss, stiffness, effort_limit, velocity_limit: (nv,), units as of `Joint`.
+        lower, upper: (nq,) limits of the coordinates.
+        spring_references: (nq,) coordinates at which the springs are at rest.
+        frame_placements: RigidTransform (k,) of all named frames on their J, or in the world.
+        gravity: (3,) acceleration of free fall in the world, m/s2.
 
     Known numbers take the dtype of q, whatever theirs; data has to have it. NumPy numbers are leaves as well: what
     trains, casts or saves all leaves of a tree takes them for parameters. `as_static` has none.
@@ -55,6 +57,7 @@ class Mechanism:
     axes: jax.Array
     second_axes: jax.Array
     pitches: jax.Array
+    parameters: dict[str, jax.Array]
     mimics: jax.Array
     inertias: SpatialInertia
     armature: jax.Array
@@ -72,62 +75,138 @@ class Mechanism:
     # -- construction -------------------------------------------------------------------------------------------------
 
     @classmethod
-    def build(cls, bodies, joints, frames=(), gravity=(0.0, 0.0, -9.81), dtype=None):
-        """From lists of Body, Joint and Frame; see there. Bodies held by "fixed" joints become one, their frames stay.
+    def build(
+        cls,
+        bodies: Iterable[Body],
+        joints: Iterable[Joint],
+        frames: Iterable[Frame] = (),
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        dtype: DTypeLike | None = None,
+    ) -> Self:
+        """Builds a mechanism of bodies that joints hold against each other.
 
-        Coordinates are in depth-first order, children in the order of `joints`. Everything is known while tracing, in
-        `dtype`, JAX's default for None; this works while JAX traces a function around, too. Raises ValueError for
-        names that are missing or come twice and for bodies that nothing holds against the world: add a "free" joint
-        for one that floats. Raises TypeError for numbers that are traced: put them in with `replace`.
+        Bodies held by "fixed" joints become one, their frames stay. Coordinates are in depth-first order, children in
+        the order of `joints`. All numbers are known while tracing, also where JAX traces a function around.
+
+        Args:
+            bodies: at most one of each name.
+            joints: each body is the child of one joint; a body that floats has a "free" one.
+            frames: named places on bodies, or on "world".
+            gravity: (3,) acceleration of free fall in the world, m/s2.
+            dtype: of all numbers; JAX's default for None.
+
+        Returns:
+            The mechanism, with NumPy numbers.
+
+        Raises:
+            TypeError: a part has another type, or numbers are traced: put these in with `replace`.
+            ValueError: a name is missing or comes twice, nothing holds a body against the world, a shape does not fit.
         """
         topology, arrays = assembled(list(bodies), list(joints), list(frames))
-        gravity = check.as_vectors(known(gravity), "Mechanism.build: gravity", held=True)
+        gravity = check.as_vectors(known_in_double(gravity), "Mechanism.build: gravity", held=True)
         return cls(topology=topology, gravity=np.asarray(gravity, np.float64), **arrays).astype(dtype)
 
     @classmethod
-    def from_urdf(cls, path_or_text, floating_base=False, *, gravity=(0.0, 0.0, -9.81), dtype=None):
-        """From a file in the Unified Robot Description Format, or its text. With a floating base, a "free" joint named
-        "root_joint" holds the root link. See `jaxspatial.interop.urdf`."""
-        return READERS["urdf"](path_or_text, floating_base, gravity, dtype)
+    def from_urdf(
+        cls,
+        path_or_text: str | pathlib.Path,
+        floating_base: bool = False,
+        *,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        dtype: DTypeLike | None = None,
+    ) -> "Mechanism":
+        """Reads a file in the Unified Robot Description Format; see `jaxspatial.mechanism.formats.urdf`.
+
+        Args:
+            path_or_text: a path, or the text itself, told by its first sign "<".
+            floating_base: whether a "free" joint named "root_joint" holds the root link; else it is welded.
+            gravity: (3,) acceleration of free fall in the world, m/s2.
+            dtype: of all numbers; JAX's default for None.
+
+        Returns:
+            The mechanism, with NumPy numbers.
+
+        Raises:
+            ValueError: the file is malformed, or has what a mechanism cannot represent; with line, element and reason.
+            FileNotFoundError: there is no such file.
+            ImportError: yourdfpy or lxml is missing.
+
+        Warns:
+            ModelFileWarning: names what was left out.
+        """
+        from jaxspatial.mechanism.formats import urdf
+
+        return urdf.read(path_or_text, floating_base, gravity, dtype)
 
     @classmethod
-    def from_mjcf(cls, path_or_text, *, dtype=None):
-        """From a file of MuJoCo's format, or its text. See `jaxspatial.interop.mjcf`."""
-        return READERS["mjcf"](path_or_text, dtype)
+    def from_mjcf(cls, path_or_text: str | pathlib.Path, *, dtype: DTypeLike | None = None) -> "Mechanism":
+        """Reads a file in MuJoCo's format; see `jaxspatial.mechanism.formats.mjcf`.
 
-    def replace(self, **changes):
-        """The same with other arrays: `mech.replace(gravity=...)`, `mech.replace(inertias=...)`.
+        Args:
+            path_or_text: a path, or the text itself, told by its first sign "<".
+            dtype: of all numbers; JAX's default for None.
 
-        Raises ValueError for a shape that is not the one it takes the place of, TypeError for another type.
+        Returns:
+            The mechanism with the file's gravity, with NumPy numbers.
+
+        Raises:
+            ValueError: MuJoCo does not compile it, or it has what a mechanism cannot represent; with element and
+                reason, and the line where the element is in the text itself.
+            FileNotFoundError: there is no such file.
+            ImportError: mujoco or lxml is missing.
+
+        Warns:
+            ModelFileWarning: names what was left out.
+        """
+        from jaxspatial.mechanism.formats import mjcf
+
+        return mjcf.read(path_or_text, dtype)
+
+    def replace(self, **changes: Any) -> "Mechanism":
+        """Replaces arrays: `mech.replace(gravity=...)`, `mech.replace(inertias=...)`.
+
+        Args:
+            **changes: fields by name, numbers known or traced.
+
+        Returns:
+            The same mechanism with these.
+
+        Raises:
+            TypeError: there is no such field, or it holds another type.
+            ValueError: the shape is not that of the field.
         """
         for name, new in changes.items():
-            _check_replaced(name, getattr(self, name, None), new)
-        return _read_only(self._as_tree(**changes))
+            check_replaced(Mechanism, name, getattr(self, name, None), new)
+        return read_only(self._as_tree(**changes))
 
-    def astype(self, dtype):
-        """The same with all arrays in another dtype, JAX's default for None; what is known stays known."""
+    def astype(self, dtype: DTypeLike | None) -> "Mechanism":
+        """Converts all arrays to a dtype, JAX's default for None. What is known stays known."""
         dtype = check.as_dtype(dtype)
-        return _read_only(jax.tree.map(lambda x: x.astype(dtype), self._as_tree()))
+        return read_only(jax.tree.map(lambda x: x.astype(dtype), self._as_tree()))
 
-    def as_data(self):
-        """The same with all numbers as data: one compiled program for all values."""
+    def as_data(self) -> "Mechanism":
+        """Makes all numbers arrays of JAX: one compiled program serves all values."""
         return jax.tree.map(jax.numpy.asarray, check.narrowed(self._as_tree()))
 
-    def as_known(self):
-        """The same with all numbers known while tracing, NumPy: the way back from `as_data` and `as_static`.
+    def as_known(self) -> "Mechanism":
+        """Makes all numbers NumPy, known while tracing: the way back from `as_data` and `as_static`.
 
-        Raises TypeError for numbers that are traced.
+        Raises:
+            TypeError: numbers are traced.
         """
-        return _read_only(jax.tree.map(_known, self._as_tree()))
+        return read_only(jax.tree.map(known, self._as_tree()))
 
-    def as_static(self):
-        """The same as a StaticMechanism, without leaves: for a field of a learner's module, or an argument of a
-        function under jit that folds.
+    def as_static(self) -> "Mechanism":
+        """Makes a StaticMechanism of it, without leaves.
 
-        Raises TypeError for numbers that are traced.
+        For a field of a learner's module, or an argument of a function under jit that folds.
+
+        Raises:
+            TypeError: numbers are traced.
         """
-        own = StaticMechanism(**vars(jax.tree.map(_frozen, self.as_known())))
-        return _STATIC.setdefault(own.contents, own)
+        from jaxspatial.mechanism.static import static
+
+        return static(self)
 
     def _as_tree(self, **changes):
         """A Mechanism with leaves, of these numbers and others."""
@@ -136,52 +215,63 @@ class Mechanism:
     # -- structure ----------------------------------------------------------------------------------------------------
 
     @property
-    def nq(self):
-        """How many coordinates there are."""
+    def nq(self) -> int:
+        """The number of coordinates."""
         return self.topology.nq
 
     @property
-    def nv(self):
-        """How many rates there are."""
+    def nv(self) -> int:
+        """The number of rates."""
         return self.topology.nv
 
     @property
-    def body_names(self):
-        """Of every body that a joint carries, in the order of results."""
+    def body_names(self) -> tuple[str, ...]:
+        """The names of all bodies that a joint carries, in the order of results."""
         return self.topology.body_names
 
     @property
-    def joint_names(self):
-        """Of every joint that moves, in the order of bodies."""
+    def joint_names(self) -> tuple[str, ...]:
+        """The names of all joints that move, in the order of bodies."""
         return self.topology.joint_names
 
     @property
-    def frame_names(self):
-        """Of all frames: the world, bodies (welded ones too), and those named apart."""
+    def frame_names(self) -> tuple[str, ...]:
+        """The names of all frames: the world, bodies (welded ones too), and those named apart."""
         return tuple(name for name, _ in self.topology.frames)
 
     @property
-    def dtype(self):
+    def dtype(self) -> np.dtype:
+        """The dtype of its numbers."""
         return np.dtype(self.gravity.dtype)
 
-    def frame_body(self, name):
-        """The name of the body that carries a frame: itself, the one it is welded to, or "world"."""
+    def frame_body(self, name: str) -> str:
+        """Names the body that carries a frame: itself, the one it is welded to, or "world".
+
+        Raises:
+            KeyError: there is no such frame; lists those there are.
+        """
         body = self.topology.frames[self.topology.index(self.frame_names, name, "Mechanism.frame_body: name")][1]
         return WORLD if body < 0 else self.body_names[body]
 
-    def joint_position_indices(self, name):
-        """Where in q the coordinates of a joint are; those of a mimic are its master's."""
+    def joint_position_indices(self, name: str) -> np.ndarray:
+        """Tells where in q the coordinates of a joint are: integers (k,).
+
+        Those of a mimic are those of the joint that it follows.
+
+        Raises:
+            KeyError: there is no such joint; lists those there are.
+        """
         return np.arange(self.nq)[self.topology.q_slice(self._joint(name))]
 
-    def joint_velocity_indices(self, name):
-        """Where in v the rates of a joint are."""
+    def joint_velocity_indices(self, name: str) -> np.ndarray:
+        """Tells where in v the rates of a joint are: integers (k,). Raises as `joint_position_indices`."""
         return np.arange(self.nv)[self.topology.v_slice(self._joint(name))]
 
     def _joint(self, name):
         return self.topology.index(self.joint_names, name, "joint")
 
-    def neutral(self):
-        """q (nq,) at zero: 0, and 1 0 0 0 for quaternions."""
+    def neutral(self) -> np.ndarray:
+        """Makes the coordinates (nq,) at zero: 0, and 1 0 0 0 for quaternions."""
         own = (i for i in range(len(self.topology)) if not self.topology.is_mimic(i))
         return np.array([x for i in own for x in self.topology.kind(i).neutral], self.dtype)
 
@@ -194,125 +284,5 @@ class Mechanism:
     def _line(self, i):
         t = self.topology
         indent = "  " * sum(1 for _ in t.ancestors(i))
-        follows = f" follows {t.joint_names[t.masters[i]]}" if t.is_mimic(i) else ""
+        follows = f" follows {t.joint_names[t.followed[i]]}" if t.is_mimic(i) else ""
         return f"{indent}{t.body_names[i]}  <- {t.joint_names[i]}: {t.kinds[i]}{follows}"
-
-
-def _read_only(mechanism):
-    """With NumPy numbers of its own that nobody writes to: programs are made for their values, and found again by the
-    mechanism."""
-    return jax.tree.map(_of_its_own, mechanism)
-
-
-def _of_its_own(x):
-    is_ready = not isinstance(x, np.ndarray) or (x.base is None and not x.flags.writeable)
-    return x if is_ready else _frozen(x)
-
-
-def _check_replaced(name, old, new):
-    if old is None or name == "topology":
-        fields = ", ".join(f.name for f in dataclasses.fields(Mechanism) if f.name != "topology")
-        raise TypeError(f"Mechanism.replace: expected one of {fields}, got {name!r}")
-    if jax.tree.structure(old) != jax.tree.structure(new):
-        raise TypeError(f"Mechanism.replace: {name}: expected {type(old).__name__}, got {type(new).__name__}")
-    for a, b in zip(jax.tree.leaves(old), jax.tree.leaves(new), strict=True):
-        if np.shape(a) != np.shape(b):
-            raise ValueError(f"Mechanism.replace: {name}: expected shape {np.shape(a)}, got {np.shape(b)}")
-
-
-def _known(x):
-    if isinstance(x, jax.core.Tracer):
-        raise TypeError(f"Mechanism.as_known: expected numbers (NumPy or JAX arrays), got {type(x).__name__}, traced")
-    return np.asarray(x)
-
-
-def _frozen(x):
-    """A copy that nobody can write to."""
-    x = np.array(x, order="C")
-    x.flags.writeable = False
-    return x
-
-
-# -- without leaves ---------------------------------------------------------------------------------------------------
-
-
-class StaticMechanism(Mechanism):
-    """A Mechanism that is a constant: hashable and equal by its contents, a pytree without leaves.
-
-    `Mechanism.as_static` makes it, the same object for equal ones while one lives. All functions take it as they take
-    a Mechanism, and its numbers fold, as an argument of a function under jit as well, without being named static:
-    there is one program for each of its contents. Gradients, optimizers, casts and checkpoints see nothing of it.
-    `replace`, `as_data` and `as_known` give a Mechanism with leaves. Equal are the tree, its names, dtypes and all
-    numbers, bit by bit.
-    """
-
-    @functools.cached_property
-    def contents(self):
-        """(topology, the arrays as bytes): what it is equal and hashed by."""
-        leaves = jax.tree.leaves(self._as_tree())
-        return self.topology, tuple((x.dtype.name, x.shape, x.tobytes()) for x in leaves)
-
-    @functools.cached_property
-    def _hash(self):
-        return hash(self.contents)
-
-    def __hash__(self):
-        return self._hash
-
-    def __eq__(self, other):
-        return self is other or (isinstance(other, StaticMechanism) and self.contents == other.contents)
-
-    def __reduce__(self):
-        return Mechanism.as_static, (self.as_known(),)
-
-    def astype(self, dtype):
-        """The same in another dtype, JAX's default for None, static too."""
-        return super().astype(dtype).as_static()
-
-    def as_static(self):
-        """Itself."""
-        return self
-
-
-# Equal ones are one, which keeps its programs for all who ask.
-_STATIC = weakref.WeakValueDictionary()
-jax.tree_util.register_static(StaticMechanism)
-
-
-# -- export -----------------------------------------------------------------------------------------------------------
-
-
-def _to_bytes(structure):
-    return json.dumps(dataclasses.astuple(structure[0])).encode()
-
-
-def _from_bytes(data):
-    return (Topology(*map(_as_tuples, json.loads(data))),)
-
-
-def _as_tuples(x):
-    return tuple(map(_as_tuples, x)) if isinstance(x, list) else x
-
-
-def _static_to_bytes(static):
-    topology, arrays = static.contents
-    return json.dumps([dataclasses.astuple(topology), [(*x, data.hex()) for *x, data in arrays]]).encode()
-
-
-def _static_from_bytes(data):
-    topology, arrays = json.loads(data)
-    leaves = [np.frombuffer(bytes.fromhex(x), np.dtype(name)).reshape(shape) for name, shape, x in arrays]
-    structure = jax.tree.structure(Mechanism.build([], [])._as_tree(topology=Topology(*map(_as_tuples, topology))))
-    return jax.tree.unflatten(structure, leaves).as_static()
-
-
-jax.export.register_pytree_node_serialization(
-    Mechanism, serialized_name="jaxspatial.Mechanism", serialize_auxdata=_to_bytes, deserialize_auxdata=_from_bytes
-)
-jax.export.register_pytree_node_serialization(
-    StaticMechanism,
-    serialized_name="jaxspatial.StaticMechanism",
-    serialize_auxdata=_static_to_bytes,
-    deserialize_auxdata=_static_from_bytes,
-    from_children=lambda static, _: static,
-)

@@ -13,7 +13,12 @@ WORLD = "world"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid body. inertia: M_BBo_B, a single SpatialInertia about the body's origin; None for a body without mass."""
+    """A rigid body.
+
+    Args:
+        name: how others refer to it.
+        inertia: M_BBo_B, a single SpatialInertia about the body's origin; None for a body without mass.
+    """
 
     name: str
     inertia: SpatialInertia | None = None
@@ -21,7 +26,13 @@ class Body:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Frame:
-    """A named frame F on a body. placement: X_BF; None where it is the body's own."""
+    """A named frame F on a body.
+
+    Args:
+        name: how others refer to it.
+        body: the body, or "world".
+        placement: X_BF, a single RigidTransform; None where it is the body's own.
+    """
 
     name: str
     body: str
@@ -29,7 +40,7 @@ class Frame:
 
 
 class Mimic(typing.NamedTuple):
-    """A coordinate that follows another joint's: multiplier q + offset."""
+    """A coordinate that follows that of another joint: multiplier q + offset, rad or m."""
 
     joint: str
     multiplier: float = 1.0
@@ -38,21 +49,32 @@ class Mimic(typing.NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Joint:
-    """What holds the body `child` against the body `parent`, or against "world".
+    """A joint holds the body `child` against the body `parent`, or against "world".
 
-    kind: "fixed", "revolute", "continuous", "prismatic", "helical", "cylindrical", "universal", "planar", "ball" or
-        "free"; their coordinates: see `jaxspatial.mechanism.joints`
-    placement: X_PJ, the pose of the joint's frame J on the parent; None where they coincide
-    child_placement: X_JB at zero, the pose of the child's frame on its side of the joint; None where they coincide
-    axis, second_axis: unit vectors in J; the second of "universal" only
-    pitch: of "helical", metres per radian
-    armature: inertia of what turns with the joint, at its side of the gears: kg m2, kg for what slides
-    stiffness: of springs, N m/rad or N/m, that pull towards the coordinates spring_reference, zero for None; of "ball"
-        and "free" see `passive_forces`
-    damping: N m s or N s/m; friction_loss, effort_limit: N m or N; velocity_limit: rad/s or m/s
-    lower, upper: limits of the coordinates. Each of these a number, or one per rate (coordinate, for the limits and
-        spring_reference)
-    mimic: (joint, multiplier, offset) where the coordinate follows another joint's
+    A number stands for each rate of the joint, or each coordinate, where several of them may be given.
+
+    Args:
+        name: how others refer to it.
+        kind: "fixed", "revolute", "continuous", "prismatic", "helical", "cylindrical", "universal", "planar", "ball",
+            "free", or one that was registered; their coordinates: see `jaxspatial.mechanism.joints`.
+        parent, child: names of bodies; the parent may be "world".
+        placement: X_PJ, the pose of the joint's frame J on the parent; None where they coincide.
+        child_placement: X_JB at zero, the pose of the child's frame on its side of the joint; None where they coincide.
+        axis, second_axis: directions in J, which become unit vectors; the second of "universal" only.
+        pitch: of "helical", metres per radian.
+        armature: inertia of what turns with the joint, at its side of the gears: kg m2, kg for what slides; per rate.
+        damping: N m s or N s/m; per rate.
+        friction_loss: N m or N; per rate.
+        stiffness: of springs, N m/rad or N/m; per rate. Of "ball" and "free" see `passive_forces`.
+        spring_reference: the coordinates that springs pull towards, zero for None; per coordinate.
+        effort_limit: N m or N; per rate.
+        velocity_limit: rad/s or m/s; per rate.
+        lower, upper: limits of the coordinates, rad or m; per coordinate.
+        mimic: (joint, multiplier, offset) where the coordinate follows that of another joint.
+        parameters: what else a kind that was registered is made with, by name.
+
+    Raises:
+        ValueError: there is no such kind, or the kind has no such parameter. `Mechanism.build` checks the rest.
     """
 
     name: str
@@ -74,8 +96,14 @@ class Joint:
     lower: typing.Any = -math.inf
     upper: typing.Any = math.inf
     mimic: Mimic | tuple | None = None
+    parameters: typing.Mapping[str, typing.Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self):
         if self.kind not in KINDS:
             known = ", ".join(map(repr, KINDS))
             raise ValueError(f"Joint {self.name!r}: kind: expected one of {known}, got {self.kind!r}")
+        own = [p.name for p in KINDS[self.kind].parameters if p.field is None]
+        for name in self.parameters:
+            if name not in own:
+                expected = f"one of {', '.join(map(repr, own))}" if own else f"none of {self.kind!r}"
+                raise ValueError(f"Joint {self.name!r}: parameters: expected {expected}, got {name!r}")

@@ -1,24 +1,45 @@
 """Random mechanisms, for tests."""
 
+from collections.abc import Iterable
+
 import numpy as np
+from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic.known import in_double
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.mechanism.joints import KINDS
+from jaxspatial.mechanism.joints import AXIS, BUILT_IN, SECOND_AXIS, kind_named
 from jaxspatial.mechanism.mechanism import Mechanism
 from jaxspatial.mechanism.parts import WORLD, Body, Joint
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
 
 
-def random_mechanism(seed, n=12, kinds=None, is_chain=False, dtype=None):
-    """A mechanism of n bodies that hang on each other at random, with masses, lengths and inertias of size 1.
+def random_mechanism(
+    seed: int,
+    n: int = 12,
+    kinds: Iterable[str] | None = None,
+    is_chain: bool = False,
+    dtype: DTypeLike | None = None,
+) -> Mechanism:
+    """Builds a random mechanism, with masses, lengths and inertias of size 1, for tests.
 
-    seed: an integer; kinds: of the joints, in turn, by default every kind there is; is_chain: each on the one before.
-    The same for the same arguments. Every third axis is along one of the frame's, so that both ways are met.
+    Every third axis is along one of the frame's, so that both ways are met. The same arguments give the same mechanism.
+
+    Args:
+        seed: an integer.
+        n: how many bodies there are.
+        kinds: the kinds of the joints, in turn; for None all that come with the package but "fixed".
+        is_chain: whether each body hangs on the one before; else on any of these, or the world.
+        dtype: of all numbers; float64 for None.
+
+    Returns:
+        The mechanism, with NumPy numbers.
+
+    Raises:
+        KeyError: there is no such kind; lists those there are.
     """
     rng = np.random.default_rng(seed)
-    kinds = list(kinds or [name for name in KINDS if name != "fixed"])
+    kinds = list(kinds or [kind.name for kind in BUILT_IN if kind.nv])
     with in_double():
         bodies = [Body(f"body{i}", _inertia(rng)) for i in range(n)]
         joints = [_joint(rng, i, kinds[i % len(kinds)], is_chain) for i in range(n)]
@@ -35,10 +56,18 @@ def _joint(rng, i, kind, is_chain):
         placement=_pose(rng),
         axis=_axis(rng, i),
         second_axis=_axis(rng, i + 1),
-        pitch=rng.standard_normal() if kind == "helical" else 0.0,
+        **_other_parameters(rng, kind_named(kind)),
         armature=rng.uniform(0, 0.1) if i % 4 == 0 else 0.0,
         damping=rng.uniform(0, 1),
     )
+
+
+def _other_parameters(rng, kind):
+    """What a joint is made with besides its axes."""
+    of = {p: rng.standard_normal(p.size) for p in kind.parameters if p not in (AXIS, SECOND_AXIS)}
+    return {p.name: x.item() for p, x in of.items() if p.field} | {
+        "parameters": {p.name: x for p, x in of.items() if not p.field}
+    }
 
 
 def _axis(rng, i):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxspatial.mechanism.joints import KINDS
+from jaxspatial.mechanism.joints import KINDS, kind_named
 
 
 class Chains(NamedTuple):
@@ -70,7 +70,7 @@ class Bundle:
         """The chain of a group that stands in each column."""
         return (*range(group.width), *[0] * (self.width - group.width))
 
-    def beside(self, group, of_chains):
+    def by_column(self, group, of_chains):
         """What there is for each chain of a group, by column."""
         return [of_chains[c] for c in self._slots(group)]
 
@@ -101,14 +101,15 @@ class Bundle:
 class Topology:
     """Body i is what joint i carries; parents come first, -1 is the world.
 
-    masters: the joint that joint i follows, or i. frames: (name, body) of all frames, -1 on the world.
+    followed: the joint whose coordinate that of joint i follows, or i.
+    frames: (name, body) of all frames, -1 on the world.
     """
 
     body_names: tuple
     joint_names: tuple
     kinds: tuple
     parents: tuple
-    masters: tuple
+    followed: tuple
     frames: tuple = ()
 
     def __hash__(self):
@@ -120,16 +121,16 @@ class Topology:
 
     @functools.cached_property
     def _hash(self):
-        return hash((self.body_names, self.joint_names, self.kinds, self.parents, self.masters, self.frames))
+        return hash((self.body_names, self.joint_names, self.kinds, self.parents, self.followed, self.frames))
 
     def __len__(self):
         return len(self.parents)
 
     def kind(self, i):
-        return KINDS[self.kinds[i]]
+        return kind_named(self.kinds[i])
 
     def is_mimic(self, i):
-        return self.masters[i] != i
+        return self.followed[i] != i
 
     @property
     def has_mimics(self):
@@ -140,7 +141,7 @@ class Topology:
 
     @functools.cached_property
     def q_starts(self):
-        """Where the coordinates of each joint begin, and their number at the end; those of a mimic are its master's."""
+        """Where the coordinates of each joint begin, and their number at the end; a mimic has none of its own."""
         return self._starts([kind.nq for kind in map(self.kind, range(len(self)))])
 
     @functools.cached_property
@@ -150,7 +151,7 @@ class Topology:
     def _starts(self, sizes):
         own = [0 if self.is_mimic(i) else size for i, size in enumerate(sizes)]
         starts = [0, *itertools.accumulate(own)]
-        return (*(starts[master] for master in self.masters), starts[-1])
+        return (*(starts[i] for i in self.followed), starts[-1])
 
     @property
     def nq(self):
@@ -208,7 +209,7 @@ class Topology:
         return tuple(found)
 
     @functools.cached_property
-    def kinds_apart(self):
+    def joints_by_kind(self):
         """All joints that are no mimics, kind by kind: for what needs no tree."""
         found = {}
         for i, kind in enumerate(self.kinds):

@@ -53,7 +53,7 @@ By the inverse of M: {by_inverse}.
 CONVENTIONS = """
 ## What differs by convention
 
-Converted by the tests: `pinocchio_models.py`, `test_dynamics_drake.py`, `test_dynamics_mujoco.py`, `interop/mjcf.py`.
+Converted by the tests: `pinocchio_models.py`, `test_dynamics_drake.py`, `test_dynamics_mujoco.py`, `interop/mujoco`.
 
 | | here | Pinocchio | MuJoCo | Drake |
 |---|---|---|---|---|
@@ -117,7 +117,7 @@ def fingerprint(name, floating_base):
         return name, floating_base
     t = mech.topology
     numbers = [mech.placements, mech.child_placements, mech.axes, mech.mimics, mech.inertias]
-    return floating_base, t.kinds, t.parents, t.masters, *(x.tobytes() for x in jax.tree.leaves(numbers))
+    return floating_base, t.kinds, t.parents, t.followed, *(x.tobytes() for x in jax.tree.leaves(numbers))
 
 
 # -- report -----------------------------------------------------------------------------------------------------------

@@ -168,7 +168,7 @@ def geared(**more):
 
 def test_a_mimic_has_the_coordinate_of_its_master():
     mech = geared()
-    assert (mech.nq, mech.nv, mech.topology.masters) == (5, 4, (0, 1, 0))
+    assert (mech.nq, mech.nv, mech.topology.followed) == (5, 4, (0, 1, 0))
     for name in ("j", "k"):
         np.testing.assert_array_equal(mech.joint_position_indices(name), [0])
         np.testing.assert_array_equal(mech.joint_velocity_indices(name), [0])

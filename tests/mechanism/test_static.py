@@ -79,9 +79,9 @@ def _takes_a_mechanism(function):
 
 
 def test_the_table_has_all_functions_of_mechanisms():
-    mjcf = vars(js.interop.mjcf)
+    mujoco = vars(js.interop.mujoco)
     assert set(CALLS) == set(filter(_takes_a_mechanism, vars(js).values()))
-    assert {name for name, f in mjcf.items() if _takes_a_mechanism(f) and name[0] != "_"} == {
+    assert {name for name, f in mujoco.items() if _takes_a_mechanism(f) and name[0] != "_"} == {
         f"{way}_{what}" for way in ("from", "to") for what in ("qpos", "qvel", "qacc", "qfrc")
     }
 
@@ -96,9 +96,9 @@ def test_every_function_takes_it_with_the_same_bits(function):
 def test_states_of_mujoco_take_it():
     mech = js.subtree(MECH, "b")
     q, v = jnp.ones((2, mech.nv), np.float32)
-    for function in (js.interop.mjcf.to_qvel, js.interop.mjcf.to_qfrc):
+    for function in (js.interop.mujoco.to_qvel, js.interop.mujoco.to_qfrc):
         np.testing.assert_array_equal(function(mech.as_static(), q, v), function(mech, q, v))
-    np.testing.assert_array_equal(js.interop.mjcf.to_qpos(mech.as_static(), q), js.interop.mjcf.to_qpos(mech, q))
+    np.testing.assert_array_equal(js.interop.mujoco.to_qpos(mech.as_static(), q), js.interop.mujoco.to_qpos(mech, q))
 
 
 def test_it_has_no_leaves_and_is_equal_by_its_contents():
@@ -126,12 +126,12 @@ def test_equal_ones_are_one_while_one_lives():
     first = build().as_static()
     assert build().as_static() is first and first.replace().as_static() is first
     key = first.contents
-    n = len(js.mechanism.mechanism._STATIC)
+    n = len(js.mechanism.static._STATIC)
     changed = MECH.replace(gravity=np.float32([0, 0, 3])).as_static()
-    assert len(js.mechanism.mechanism._STATIC) == n + 1 and changed.contents != key
+    assert len(js.mechanism.static._STATIC) == n + 1 and changed.contents != key
     del changed
     gc.collect()
-    assert len(js.mechanism.mechanism._STATIC) == n
+    assert len(js.mechanism.static._STATIC) == n
 
 
 def test_an_equal_copy_is_not_compiled_again_and_folds():

@@ -1,6 +1,6 @@
 """Random small models, written as text, against MuJoCo in float64: poses and every algorithm, relative error 1e-12.
 
-Relative to the largest number of each result. Coordinates go to and from MuJoCo's by `interop.mjcf`. A constraint
+Relative to the largest number of each result. Coordinates go to and from MuJoCo's by `interop.mujoco`. A constraint
 between joints is soft in MuJoCo, and a mimic here: compared is what follows from M and forces without it.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.interop import mjcf
+from jaxspatial.interop import mujoco as states
 
 N = 4
 ALLOWED = 1e-12
@@ -83,8 +83,8 @@ def ours(name):
         X, M = js.forward_kinematics(mech, q), js.mass_matrix(mech, q)
         tau = js.inverse_dynamics(mech, q, v, a)
         # MuJoCo's bias is at rest of its own rates.
-        still = mjcf.from_qacc(mech, q, v, jnp.zeros(len(mjcf.to_qvel(mech, q, v))))
-        to_qvel = jax.vmap(functools.partial(mjcf.to_qvel, mech, q), out_axes=1)(jnp.eye(mech.nv))
+        still = states.from_qacc(mech, q, v, jnp.zeros(len(states.to_qvel(mech, q, v))))
+        to_qvel = jax.vmap(functools.partial(states.to_qvel, mech, q), out_axes=1)(jnp.eye(mech.nv))
         return {
             "positions": X.translation,
             "rotations": X.rotation.to_matrix(),
@@ -92,10 +92,10 @@ def ours(name):
             "mass": M,
             "bias": js.bias_forces(mech, q, v) + jnp.einsum("ij,j->i", M, still, precision="highest"),
             "accelerations": js.forward_dynamics(mech, q, v, tau),
-            "qpos": mjcf.to_qpos(mech, q),
-            "qvel": mjcf.to_qvel(mech, q, v),
-            "qacc": mjcf.to_qacc(mech, q, v, a),
-            "qfrc": mjcf.to_qfrc(mech, q, tau),
+            "qpos": states.to_qpos(mech, q),
+            "qvel": states.to_qvel(mech, q, v),
+            "qacc": states.to_qacc(mech, q, v, a),
+            "qfrc": states.to_qfrc(mech, q, tau),
             "to_qvel": to_qvel,
         }
 
@@ -150,7 +150,7 @@ def test_poses(name):
 @pytest.mark.parametrize("what", ["forces", "bias"])
 def test_forces(name, what):
     _, mech, q, *_ = case(name)
-    error(name, what, ours(name)[what], np.asarray(mjcf.from_qfrc(mech, q, jnp.asarray(theirs(name)[what]))))
+    error(name, what, ours(name)[what], np.asarray(states.from_qfrc(mech, q, jnp.asarray(theirs(name)[what]))))
 
 
 @models
@@ -162,9 +162,9 @@ def test_mass_matrix(name):
 def test_armature_of_mimics():
     model, mech = both(text(MIMIC, FOLLOWS, True))
     data, q = mujoco.MjData(model), np.array([0.25, 0.5])
-    data.qpos[:] = mjcf.to_qpos(mech, q)
+    data.qpos[:] = states.to_qpos(mech, q)
     mujoco.mj_forward(model, data)
-    T = np.stack([mjcf.to_qvel(mech, q, unit) for unit in np.eye(2)], 1)
+    T = np.stack([states.to_qvel(mech, q, unit) for unit in np.eye(2)], 1)
     error("mimics", "mass", np.asarray(js.mass_matrix(mech, q)), T.T @ whole_mass_matrix(model, data) @ T)
 
 
@@ -184,17 +184,19 @@ def test_springs_and_damping():
     v = jnp.asarray(np.random.default_rng(5).standard_normal((N, mech.nv)))
     found = jax.jit(lambda q, v: js.passive_forces(mech, q, v))(q, v)
     data, expected = mujoco.MjData(model), []
-    for qpos, qvel in zip(mjcf.to_qpos(mech, q), mjcf.to_qvel(mech, q, v), strict=True):
+    for qpos, qvel in zip(states.to_qpos(mech, q), states.to_qvel(mech, q, v), strict=True):
         data.qpos[:], data.qvel[:] = qpos, qvel
         mujoco.mj_forward(model, data)
         expected.append(data.qfrc_spring + data.qfrc_damper)
-    error("sprung", "passive", np.asarray(found), np.asarray(mjcf.from_qfrc(mech, q, jnp.asarray(np.array(expected)))))
+    error(
+        "sprung", "passive", np.asarray(found), np.asarray(states.from_qfrc(mech, q, jnp.asarray(np.array(expected))))
+    )
 
 
 @pytest.mark.parametrize("name", ["fixed", "floating"])
 def test_accelerations(name):
     _, mech, q, v, _ = case(name)
-    found = mjcf.from_qacc(mech, q, v, jnp.asarray(theirs(name)["accelerations"]))
+    found = states.from_qacc(mech, q, v, jnp.asarray(theirs(name)["accelerations"]))
     error(name, "accelerations", ours(name)["accelerations"], np.asarray(found))
 
 
@@ -203,8 +205,8 @@ def test_states_there_and_back(name):
     model, mech, q, v, a = case(name)
     there = ours(name)
     assert [there[x].shape[-1] for x in ("qpos", "qvel")] == [model.nq, model.nv]
-    np.testing.assert_array_equal(mjcf.from_qpos(mech, there["qpos"]), q)
-    np.testing.assert_allclose(mjcf.from_qvel(mech, q, there["qvel"]), v, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(mjcf.from_qacc(mech, q, v, there["qacc"]), a, rtol=0, atol=4e-14)
+    np.testing.assert_array_equal(states.from_qpos(mech, there["qpos"]), q)
+    np.testing.assert_allclose(states.from_qvel(mech, q, there["qvel"]), v, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(states.from_qacc(mech, q, v, there["qacc"]), a, rtol=0, atol=4e-14)
     power = np.einsum("bi,bi->b", there["forces"], v)
     np.testing.assert_allclose(np.einsum("bi,bi->b", there["qfrc"], there["qvel"]), power, rtol=0, atol=1e-12)

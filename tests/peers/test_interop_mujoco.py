@@ -250,10 +250,10 @@ def test_a_robot_computes_with_states_of_mjx():
             states.append((mjx.put_data(model, data), data.qfrc_bias.copy()))
 
         def bias(data):
-            q = interop.mjcf.from_qpos(mech, data.qpos)
-            v = interop.mjcf.from_qvel(mech, q, data.qvel)
-            vdot = interop.mjcf.from_qacc(mech, q, v, jnp.zeros_like(data.qvel))
-            return interop.mjcf.to_qfrc(mech, q, js.inverse_dynamics(mech, q, v, vdot))
+            q = interop.mujoco.from_qpos(mech, data.qpos)
+            v = interop.mujoco.from_qvel(mech, q, data.qvel)
+            vdot = interop.mujoco.from_qacc(mech, q, v, jnp.zeros_like(data.qvel))
+            return interop.mujoco.to_qfrc(mech, q, js.inverse_dynamics(mech, q, v, vdot))
 
         many = jax.tree.map(lambda *x: jnp.stack(x), *(there for there, _ in states))
         found = jax.jit(jax.vmap(bias))(many)

@@ -1,0 +1,287 @@
+"""States of a whole Mechanism to and from MuJoCo's: qpos, qvel, qacc and generalized forces, of its joints in order."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+
+from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.mechanism import Mechanism
+from jaxspatial.rotation import Rotation
+from jaxspatial.rotation.rotation import rotated
+from jaxspatial.spatial import SpatialAcceleration, SpatialVelocity
+from jaxspatial.spatial.vector import joined
+
+
+def to_qpos(mechanism: Mechanism, q: ArrayLike) -> jax.Array:
+    """Makes mjData.qpos.
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        q: (*batch, nq) our coordinates.
+
+    Returns:
+        (*batch, model.nq). Exact but for mimics.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ.
+        ValueError: a shape does not fit, or MuJoCo has no joints of a kind.
+    """
+    pieces, q = _state("mujoco.to_qpos", mechanism, q=q)
+    return _joined(q, [_rolled(p, p.followed(q[..., p.q])) for p in pieces])
+
+
+def from_qpos(mechanism: Mechanism, qpos: ArrayLike) -> jax.Array:
+    """Reads mjData.qpos.
+
+    What is in it of mimics is left out.
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        qpos: (*batch, model.nq).
+
+    Returns:
+        q (*batch, nq). Exact.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ.
+        ValueError: a shape does not fit, or MuJoCo has no joints of a kind.
+    """
+    pieces, qpos = _state("mujoco.from_qpos", mechanism, qpos=qpos)
+    return _joined(qpos, [_rolled(p, qpos[..., p.qpos], back=True) for p in pieces if not p.is_mimic])
+
+
+def to_qvel(mechanism: Mechanism, q: ArrayLike, v: ArrayLike, *, precision: Precision | str | None = None) -> jax.Array:
+    """Makes mjData.qvel.
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        q: (*batch, nq) our coordinates.
+        v: (*batch, nv) our rates.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        (*batch, model.nv).
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ.
+        ValueError: a shape does not fit, or MuJoCo has no joints of a kind.
+
+    Error: of a free joint as of `rotate`; else exact but for mimics.
+    """
+    pieces, q, v = _state("mujoco.to_qvel", mechanism, q=q, v=v)
+    return _joined(q, [p.in_world(q, p.followed(v[..., p.v], of_rates=True), precision) for p in pieces])
+
+
+def from_qvel(
+    mechanism: Mechanism, q: ArrayLike, qvel: ArrayLike, *, precision: Precision | str | None = None
+) -> jax.Array:
+    """Reads mjData.qvel.
+
+    What is in it of mimics is left out.
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        q: (*batch, nq) our coordinates.
+        qvel: (*batch, model.nv).
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        v (*batch, nv).
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ.
+        ValueError: a shape does not fit, or MuJoCo has no joints of a kind.
+
+    Error: of a free joint as of `rotate`; else exact.
+    """
+    pieces, q, qvel = _state("mujoco.from_qvel", mechanism, q=q, qvel=qvel)
+    return _joined(q, [p.in_body(q, qvel[..., p.qvel], precision) for p in pieces if not p.is_mimic])
+
+
+def to_qacc(
+    mechanism: Mechanism, q: ArrayLike, v: ArrayLike, vdot: ArrayLike, *, precision: Precision | str | None = None
+) -> jax.Array:
+    """Makes mjData.qacc.
+
+    MuJoCo's linear acceleration of a free joint is that of the body's origin in world axes, R (dv/dt + w x v).
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        q: (*batch, nq) our coordinates.
+        v: (*batch, nv) our rates.
+        vdot: (*batch, nv), the derivatives of v.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        (*batch, model.nv).
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ.
+        ValueError: a shape does not fit, or MuJoCo has no joints of a kind.
+
+    Error: of a free joint as of `SpatialAcceleration.from_featherstone` and `rotate`; else exact but for mimics.
+    """
+    pieces, q, v, vdot = _state("mujoco.to_qacc", mechanism, q=q, v=v, vdot=vdot)
+    found = [p.classical(p.followed(vdot[..., p.v], of_rates=True), v[..., p.v], precision) for p in pieces]
+    return _joined(q, [p.in_world(q, x, precision) for p, x in zip(pieces, found, strict=True)])
+
+
+def from_qacc(
+    mechanism: Mechanism, q: ArrayLike, v: ArrayLike, qacc: ArrayLike, *, precision: Precision | str | None = None
+) -> jax.Array:
+    """Reads mjData.qacc.
+
+    What is in it of mimics is left out.
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        q: (*batch, nq) our coordinates.
+        v: (*batch, nv) our rates.
+        qacc: (*batch, model.nv).
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        vdot (*batch, nv), the derivatives of v.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ.
+        ValueError: a shape does not fit, or MuJoCo has no joints of a kind.
+
+    Error: of a free joint as of `rotate` and `SpatialAcceleration.to_featherstone`; else exact.
+    """
+    pieces, q, v, qacc = _state("mujoco.from_qacc", mechanism, q=q, v=v, qacc=qacc)
+    own = [p for p in pieces if not p.is_mimic]
+    found = [p.in_body(q, qacc[..., p.qvel], precision) for p in own]
+    return _joined(q, [p.derivative(x, v[..., p.v], precision) for p, x in zip(own, found, strict=True)])
+
+
+def to_qfrc(
+    mechanism: Mechanism, q: ArrayLike, tau: ArrayLike, *, precision: Precision | str | None = None
+) -> jax.Array:
+    """Makes generalized forces of MuJoCo, such as qfrc_applied, with the same power.
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        q: (*batch, nq) our coordinates.
+        tau: (*batch, nv) our generalized forces, N m or N.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        (*batch, model.nv), zero on mimics.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ.
+        ValueError: a shape does not fit, or MuJoCo has no joints of a kind.
+
+    Error: of a free joint as of `rotate`; else exact.
+    """
+    pieces, q, tau = _state("mujoco.to_qfrc", mechanism, q=q, tau=tau)
+    return _joined(q, [0 * tau[..., p.v] if p.is_mimic else p.in_world(q, tau[..., p.v], precision) for p in pieces])
+
+
+def from_qfrc(
+    mechanism: Mechanism, q: ArrayLike, qfrc: ArrayLike, *, precision: Precision | str | None = None
+) -> jax.Array:
+    """Reads generalized forces of MuJoCo, such as qfrc_inverse or qfrc_bias, with the same power.
+
+    What acts on a mimic acts, times its multiplier, on the joint that it follows.
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        q: (*batch, nq) our coordinates.
+        qfrc: (*batch, model.nv), N m or N.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        tau (*batch, nv).
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ.
+        ValueError: a shape does not fit, or MuJoCo has no joints of a kind.
+
+    Error: of a free joint as of `rotate`; else exact but for mimics.
+    """
+    pieces, q, qfrc = _state("mujoco.from_qfrc", mechanism, q=q, qfrc=qfrc)
+    tau = {p.v.start: p.in_body(q, qfrc[..., p.qvel], precision) for p in pieces if not p.is_mimic}
+    for p in (p for p in pieces if p.is_mimic):
+        tau[p.v.start] = tau[p.v.start] + p.followed(qfrc[..., p.qvel], of_rates=True)
+    return _joined(q, [tau[start] for start in sorted(tau)])
+
+
+class _Piece:
+    """The part of a joint in all these arrays: in ours, q and v, and in MuJoCo's, qpos and qvel."""
+
+    def __init__(self, mechanism, i, qpos, qvel, dtype):
+        t = mechanism.topology
+        if t.kinds[i] not in ("free", "ball", "prismatic", "revolute", "continuous"):
+            raise ValueError(f"mujoco: MuJoCo has no joints like {t.joint_names[i]!r}: {t.kinds[i]}")
+        self.q, self.v, self.qpos, self.qvel = t.q_slice(i), t.v_slice(i), qpos, qvel
+        self.is_free, self.is_mimic = t.kinds[i] == "free", t.is_mimic(i)
+        self.multiplier, self.offset = (mechanism.mimics[i, k : k + 1].astype(dtype) for k in (0, 1))
+
+    def followed(self, x, of_rates=False):
+        """Of the part of the joint that it follows."""
+        if not self.is_mimic:
+            return x
+        multiplier, offset = (jnp.broadcast_to(jnp.asarray(y), x.shape) for y in (self.multiplier, self.offset))
+        return multiplier * x if of_rates else multiplier * x + offset
+
+    def in_world(self, q, x, precision):
+        """(linear in world axes, angular) of (angular, linear) in the body's; of a free joint."""
+        return (
+            joined(rotated(self._R(q, precision), x[..., 3:], precision=precision), x[..., :3]) if self.is_free else x
+        )
+
+    def in_body(self, q, x, precision):
+        if not self.is_free:
+            return x
+        return joined(x[..., 3:], rotated(self._R(q, precision).inverse(), x[..., :3], precision=precision))
+
+    def _R(self, q, precision):
+        return Rotation.from_quaternion(q[..., self.q][..., :4], precision=precision)
+
+    def classical(self, vdot, v, precision):
+        """Of a free joint: vdot is the acceleration of Featherstone."""
+        if not self.is_free:
+            return vdot
+        return SpatialAcceleration.from_featherstone(
+            vdot, SpatialVelocity.from_array(v), precision=precision
+        ).to_array()
+
+    def derivative(self, acceleration, v, precision):
+        if not self.is_free:
+            return acceleration
+        A = SpatialAcceleration.from_array(acceleration)
+        return A.to_featherstone(SpatialVelocity.from_array(v), precision=precision)
+
+
+def _rolled(piece, x, back=False):
+    """The position of a free joint before its quaternion, or back."""
+    n = 3 if back else 4
+    return jnp.concatenate([x[..., n:], x[..., :n]], -1) if piece.is_free else x
+
+
+def _state(operation, mechanism, **arrays):
+    """(the pieces of all joints, the arrays over one batch shape)."""
+    if not isinstance(mechanism, Mechanism):
+        raise TypeError(f"{operation}: expected a Mechanism first, got {type(mechanism).__name__}")
+    kinds = [mechanism.topology.kind(i) for i in range(len(mechanism.topology))]
+    ends = [[0, *itertools.accumulate(sizes)] for sizes in ([k.nq for k in kinds], [k.nv for k in kinds])]
+    sizes = {"q": mechanism.nq, "qpos": ends[0][-1]} | dict.fromkeys(("qvel", "qacc", "qfrc"), ends[1][-1])
+    given = {
+        name: check.as_vectors(x, f"{operation}: {name}", size=sizes.get(name, mechanism.nv))
+        for name, x in arrays.items()
+    }
+    check.require_same_dtype(**given)
+    batch = check.common_batch_shape(**{name: x.shape[:-1] for name, x in given.items()})
+    dtype = next(iter(given.values())).dtype
+    places = ([slice(a, b) for a, b in itertools.pairwise(e)] for e in ends)
+    pieces = [_Piece(mechanism, i, *place, dtype) for i, place in enumerate(zip(*places, strict=True))]
+    return pieces, *check.broadcast_batch(batch, *given.values())
+
+
+def _joined(like, parts):
+    return jnp.concatenate([like[..., :0], *parts], -1)

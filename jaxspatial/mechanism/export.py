@@ -1,0 +1,51 @@
+"""How mechanisms are written into exported programs: their trees as JSON, beside the arrays."""
+
+import dataclasses
+import json
+
+import jax
+import jax.export
+import numpy as np
+
+from jaxspatial.mechanism.joint_numbers import registered_parameters
+from jaxspatial.mechanism.mechanism import Mechanism
+from jaxspatial.mechanism.static import StaticMechanism
+from jaxspatial.mechanism.topology import Topology
+
+
+def _to_bytes(structure):
+    return json.dumps(dataclasses.astuple(structure[0])).encode()
+
+
+def _from_bytes(data):
+    return (Topology(*map(_as_tuples, json.loads(data))),)
+
+
+def _as_tuples(x):
+    return tuple(map(_as_tuples, x)) if isinstance(x, list) else x
+
+
+def _static_to_bytes(static):
+    topology, arrays = static.contents
+    return json.dumps([dataclasses.astuple(topology), [(*x, data.hex()) for *x, data in arrays]]).encode()
+
+
+def _static_from_bytes(data):
+    topology, arrays = json.loads(data)
+    leaves = [np.frombuffer(bytes.fromhex(x), np.dtype(name)).reshape(shape) for name, shape, x in arrays]
+    topology = Topology(*map(_as_tuples, topology))
+    parameters = {p.name: 0 for p in registered_parameters(topology.kinds)}
+    structure = jax.tree.structure(Mechanism.build([], [])._as_tree(topology=topology, parameters=parameters))
+    return jax.tree.unflatten(structure, leaves).as_static()
+
+
+jax.export.register_pytree_node_serialization(
+    Mechanism, serialized_name="jaxspatial.Mechanism", serialize_auxdata=_to_bytes, deserialize_auxdata=_from_bytes
+)
+jax.export.register_pytree_node_serialization(
+    StaticMechanism,
+    serialized_name="jaxspatial.StaticMechanism",
+    serialize_auxdata=_static_to_bytes,
+    deserialize_auxdata=_static_from_bytes,
+    from_children=lambda static, _: static,
+)

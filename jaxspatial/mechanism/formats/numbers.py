@@ -1,0 +1,59 @@
+"""The numbers of a model file: strict ones, within the dtype, and the mechanism that is made of them."""
+
+import re
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.arithmetic.known import in_double
+from jaxspatial.inertia import SpatialInertia
+from jaxspatial.mechanism.mechanism import Mechanism
+
+# Entries of a rotation so near to 0 or 1 are what rounding made of quarter turns.
+_ROUNDING = 8 * np.finfo(float).eps
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+
+
+def numbers_of(text):
+    """The numbers of a text, as XML Schema writes finite decimals; None for anything else, "1_0" and "nan" too."""
+    words = text.split()
+    return [float(word) for word in words] if all(map(_NUMBER.fullmatch, words)) else None
+
+
+def range_of(dtype):
+    """(the smallest normal, the largest) number of a dtype, JAX's default for None."""
+    info = jnp.finfo(jax.dtypes.canonicalize_dtype(float if dtype is None else dtype))
+    return float(info.tiny), float(info.max)
+
+
+def built(refuse, bodies, joints, frames, gravity, dtype):
+    """`Mechanism.build`; refuse(body, reason) where what numbers make together is none of the dtype."""
+    with np.errstate(over="ignore"):
+        mechanism = Mechanism.build(bodies, joints, frames, gravity, dtype)
+    _check_finite(mechanism, refuse)
+    return mechanism
+
+
+def _check_finite(mechanism, refuse):
+    """Limits may be infinite."""
+    for field in ("placements", "child_placements", "axes", "mimics", "inertias"):
+        for leaf in jax.tree.leaves(getattr(mechanism, field)):
+            bad = ~np.isfinite(leaf).all(tuple(range(1, leaf.ndim)))
+            if bad.any():
+                reason = f"{field}: with what is welded to it beyond the numbers of {mechanism.dtype}"
+                refuse(mechanism.body_names[int(bad.argmax())], reason)
+
+
+def rotation_of(entries):
+    """(3, 3) of the entries of a rotation, in float64, without the rounding of quarter turns."""
+    entries = np.asarray(entries, np.float64).reshape(3, 3)
+    nearest = np.round(entries)
+    return np.where(abs(entries - nearest) <= _ROUNDING, nearest, entries)
+
+
+def with_moments(mass, X_BI, moments):
+    """M_BBo_B of a body with its centre of mass at I, and the (3, 3) moments about it in the axes of I."""
+    R = X_BI.rotation.entries.reshape(3, 3)
+    with in_double():
+        return SpatialInertia(np.float64(mass), X_BI.translation, R @ np.asarray(moments, float) @ R.T)

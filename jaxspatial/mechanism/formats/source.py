@@ -1,0 +1,53 @@
+"""The text of a model file: what a caller may pass, and its elements."""
+
+import importlib
+import io
+import pathlib
+
+_MARK = "\ufeff"
+
+
+def file_source(operation, path_or_text):
+    """(the bytes of a file, its path), or (those of a text, None): text is told by its first sign."""
+    if isinstance(path_or_text, str):
+        text = path_or_text.removeprefix(_MARK)
+        if text.lstrip().startswith("<"):
+            return _with_declaration_first(text).encode(), None
+        _check_name(operation, text)
+    if not isinstance(path_or_text, (str, pathlib.Path)):
+        raise TypeError(f"{operation}: path_or_text: expected a path or text, got {type(path_or_text).__name__}")
+    return pathlib.Path(path_or_text).read_bytes(), pathlib.Path(path_or_text)
+
+
+def _with_declaration_first(text):
+    """Blank lines before <?xml ...?> go behind it, where they are no error and lines keep their numbers."""
+    blanks = text[: len(text) - len(text.lstrip())]
+    rest = text.lstrip()
+    end = rest.find("?>") + 2 if blanks and rest.startswith("<?xml") else 0
+    return rest[:end] + blanks + rest[end:] if end > 1 else text
+
+
+def _check_name(operation, text):
+    if not text.strip():
+        raise ValueError(f"{operation}: path_or_text: expected a path or text, got {text!r}")
+    if "\n" in text or "\0" in text:
+        shown = text if len(text) <= 40 else text[:37] + "..."
+        raise ValueError(f"{operation}: path_or_text: expected a path, or text that begins with '<', got {shown!r}")
+
+
+def parsed(operation, source, is_text):
+    """The root element. Text has no encoding but what it came in, whatever it declares."""
+    etree = needed(operation, "lxml.etree")
+    try:
+        return etree.parse(io.BytesIO(source), etree.XMLParser(encoding="utf-8" if is_text else None)).getroot()
+    except etree.XMLSyntaxError as error:
+        raise ValueError(f"{operation}: malformed XML: {error}") from None
+
+
+def needed(operation, module):
+    """A module of an optional package."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        package = module.split(".")[0]
+        raise ImportError(f"{operation}: needs the package {package}: pip install jaxspatial[models]") from error

@@ -1,0 +1,58 @@
+"""Mechanisms from the Unified Robot Description Format (wiki.ros.org/urdf/XML).
+
+The package yourdfpy reads the files, lxml checks them. Links and joints become bodies and joints of the same name. What
+serves pictures, contact or control (visual, collision, transmission, gazebo, calibration, safety_controller ...) is no
+part of a mechanism: one `ModelFileWarning` lists it. Everything else is refused, with its line: elements and attributes
+that are not known (a misspelt one would change the robot), what comes twice, numbers that are not finite or that the
+dtype does not have, joints and inertias that have no counterpart.
+
+Inertias that no rigid body has (a third moment larger than the other two together: a dozen of the robots that are
+passed around have such) are taken as they are; the warning lists their links.
+"""
+
+import functools
+import pathlib
+
+from jax.typing import ArrayLike, DTypeLike
+
+from jaxspatial.mechanism.formats.numbers import built
+from jaxspatial.mechanism.formats.source import file_source
+from jaxspatial.mechanism.formats.urdf.robot import body, check_joints, check_mimics, joint, robot_of, root_of
+from jaxspatial.mechanism.formats.urdf.text import Lines, check
+from jaxspatial.mechanism.mechanism import Mechanism
+from jaxspatial.mechanism.parts import WORLD, Joint
+
+_ROOT = "root_joint"
+
+
+def read(
+    path_or_text: str | pathlib.Path,
+    floating_base: bool = False,
+    gravity: ArrayLike = (0.0, 0.0, -9.81),
+    dtype: DTypeLike | None = None,
+) -> Mechanism:
+    """Reads a URDF: what `Mechanism.from_urdf` calls, with the same arguments and errors.
+
+    The root link is welded to the world, or held by a "free" joint named "root_joint"; a root link named "world" is
+    the world.
+    """
+    source, path = file_source("from_urdf", path_or_text)
+    lines = Lines(source, path is None, dtype)
+    check(lines, lines.root)
+    robot = robot_of(lines)
+    check_joints(robot, lines)
+    check_mimics(robot, lines)
+    root = root_of(robot, lines)
+    bodies = [body(link, lines) for link in robot.links if link.name != WORLD]
+    joints = [joint(part, lines) for part in robot.joints]
+    if root != WORLD and floating_base and any(part.name == _ROOT for part in robot.joints):
+        lines.refuse("joint", _ROOT, "name: that of the joint which holds a floating base")
+    if root != WORLD:
+        # Without a name, which no joint of a file can have.
+        name, kind = (_ROOT, "free") if floating_base else ("", "fixed")
+        joints.insert(0, Joint(name, kind, WORLD, root))
+    elif floating_base:
+        raise ValueError('from_urdf: floating_base: the root link is "world", which cannot float')
+    mechanism = built(functools.partial(lines.refuse, "link"), bodies, joints, (), gravity, dtype)
+    lines.notes.tell()
+    return mechanism

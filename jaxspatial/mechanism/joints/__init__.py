@@ -1,0 +1,69 @@
+"""The kinds of joints: one file each, a form filled in.
+
+A kind from anywhere else is a subclass of `JointKind` in a file of its own:
+
+    from jaxspatial.mechanism.joints import JointKind, register
+
+    @register
+    class Sliding(JointKind):
+        name, nq, nv, parameters = "sliding", 1, 1, (...)
+        ...
+
+    js.Joint("j", "sliding", "world", "body", parameters={...})
+"""
+
+from jaxspatial.mechanism.joints.ball import Ball as Ball
+from jaxspatial.mechanism.joints.cylindrical import Cylindrical as Cylindrical
+from jaxspatial.mechanism.joints.fixed import Fixed as Fixed
+from jaxspatial.mechanism.joints.form import JointKind as JointKind
+from jaxspatial.mechanism.joints.free import Free as Free
+from jaxspatial.mechanism.joints.helical import Helical as Helical
+from jaxspatial.mechanism.joints.parameter import AXIS as AXIS
+from jaxspatial.mechanism.joints.parameter import OF_EVERY_JOINT as OF_EVERY_JOINT
+from jaxspatial.mechanism.joints.parameter import PITCH as PITCH
+from jaxspatial.mechanism.joints.parameter import SECOND_AXIS as SECOND_AXIS
+from jaxspatial.mechanism.joints.parameter import Parameter as Parameter
+from jaxspatial.mechanism.joints.planar import Planar as Planar
+from jaxspatial.mechanism.joints.prismatic import Prismatic as Prismatic
+from jaxspatial.mechanism.joints.revolute import Continuous as Continuous
+from jaxspatial.mechanism.joints.revolute import Revolute as Revolute
+from jaxspatial.mechanism.joints.universal import Universal as Universal
+
+BUILT_IN = Fixed, Revolute, Continuous, Prismatic, Helical, Cylindrical, Universal, Planar, Ball, Free
+# All kinds there are, by name.
+KINDS: dict[str, type[JointKind]] = {kind.name: kind for kind in BUILT_IN}
+
+
+def kind_named(name: str) -> type[JointKind]:
+    """The kind of this name. Raises KeyError that lists what there is."""
+    if name not in KINDS:
+        raise KeyError(f"kind: expected one of {', '.join(map(repr, KINDS))}, got {name!r}; `register` adds others")
+    return KINDS[name]
+
+
+def register(kind: type[JointKind]) -> type[JointKind]:
+    """Makes a kind of joint known by its name, for `Joint(..., kind=name)`. A class decorator.
+
+    Args:
+        kind: a subclass of `JointKind`.
+
+    Returns:
+        The kind.
+
+    Raises:
+        TypeError: it is no subclass of `JointKind`.
+        ValueError: another kind has the name, as programs are kept by it; the coordinates at zero are not nq; a
+            parameter has the name of a different one, of another kind.
+    """
+    if not (isinstance(kind, type) and issubclass(kind, JointKind)):
+        raise TypeError(f"register: expected a subclass of JointKind, got {kind!r}")
+    if KINDS.get(kind.name, kind) is not kind:
+        raise ValueError(f"register: name: there is another kind {kind.name!r}")
+    if len(kind.neutral) != kind.nq:
+        raise ValueError(f"register: {kind.name}: neutral: expected {kind.nq} coordinates, got {len(kind.neutral)}")
+    known = {p.name: p for other in KINDS.values() for p in other.parameters} | {p.name: p for p in OF_EVERY_JOINT}
+    for p in kind.parameters:
+        if known.get(p.name, p) != p:
+            raise ValueError(f"register: {kind.name}: parameters: there is another {p.name!r}: {known[p.name]}")
+    KINDS[kind.name] = kind
+    return kind

@@ -1,0 +1,26 @@
+"""The joint that turns about an axis and slides along it."""
+
+from jaxspatial.arithmetic import vectors
+from jaxspatial.mechanism.joints.form import JointKind
+from jaxspatial.mechanism.joints.geometry import forces, perpendicular, rotation_about, torques
+from jaxspatial.mechanism.joints.parameter import AXIS
+
+
+class Cylindrical(JointKind):
+    """Turns about the axis and slides along it: q the angle, rad, and the distance, m."""
+
+    name, nq, nv, angles, neutral = "cylindrical", 2, 2, (0,), (0.0, 0.0)
+    parameters, is_about_one_axis = (AXIS,), True
+
+    @staticmethod
+    def transform(joint, q, cos_sin):
+        return rotation_about(joint.axis, *cos_sin[0]), vectors.times(q[1], joint.axis)
+
+    @staticmethod
+    def motion_subspace(joint, cos_sin):
+        return *torques(joint, [joint.axis]), *forces(joint, [joint.axis])
+
+    @staticmethod
+    def constraint_subspace(joint, cos_sin):
+        across = perpendicular(joint.axis)
+        return *torques(joint, across), *forces(joint, across)

@@ -1,0 +1,62 @@
+"""The joint of a body that nothing holds."""
+
+import jax
+import jax.numpy as jnp
+
+from jaxspatial.arithmetic import vectors
+from jaxspatial.mechanism.joints.ball import Ball, quaternion_between, random_quaternion
+from jaxspatial.mechanism.joints.form import JointKind
+from jaxspatial.mechanism.joints.geometry import forces, rotate_back, torques, unit_vectors
+from jaxspatial.rotation import exponential, quaternion
+
+
+class Free(JointKind):
+    """Holds nothing: q = (unit quaternion wxyz, p_PoBo_P), v = V_PB_B, angular first, both in the child's axes."""
+
+    name, nq, nv, sphere, is_sequential = "free", 7, 6, (4, 3), False
+    neutral = (1.0, *[0.0] * 6)
+
+    @staticmethod
+    def transform(joint, q, cos_sin):
+        return quaternion.to_matrix(q[:4]), tuple(q[4:])
+
+    @staticmethod
+    def motion_subspace(joint, cos_sin):
+        return *torques(joint, unit_vectors(joint)), *forces(joint, unit_vectors(joint))
+
+    @staticmethod
+    def constraint_subspace(joint, cos_sin):
+        return ()
+
+    @staticmethod
+    def rates(joint, q, cos_sin, v):
+        return *Ball.rates(joint, q[:4], cos_sin, v[:3]), *vectors.matrix_times(quaternion.to_matrix(q[:4]), v[3:])
+
+    @staticmethod
+    def integrate(joint, q, step):
+        turn, p = exponential.screw(step[:3], step[3:])
+        turned = vectors.unit(quaternion.product(q[:4], turn))
+        return *turned, *vectors.plus(q[4:], vectors.matrix_times(quaternion.to_matrix(q[:4]), p))
+
+    @staticmethod
+    def difference(joint, q, q2):
+        arm = rotate_back(quaternion.to_matrix(q[:4]), vectors.minus(q2[4:], q[4:]))
+        w, v = exponential.motion_logarithm(quaternion.to_matrix(quaternion_between(q[:4], q2[:4])), arm)
+        return *w, *v
+
+    @classmethod
+    def random(cls, key, lower, upper, batch_shape):
+        """Orientations are uniform, positions within 1 m."""
+        p = jax.random.uniform(jax.random.split(key)[0], (*batch_shape, 3), lower.dtype, -1, 1)
+        return jnp.concatenate([random_quaternion(key, batch_shape, lower.dtype), p], -1)
+
+    sphere_spring = Ball.sphere_spring
+
+    @classmethod
+    def deflection(cls, joint, reference, q):
+        """Of the position, along the axes of the parent."""
+        return vectors.minus(q, reference)
+
+    @staticmethod
+    def generalized_forces(joint, q, cos_sin, forces):
+        return rotate_back(quaternion.to_matrix(q[:4]), forces)

@@ -1,0 +1,65 @@
+"""Vectors and rotations that kinds of joints share, over numbers."""
+
+import math
+
+from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.functions import pi
+from jaxspatial.arithmetic.numbers import constant, nearest_integer, where
+
+
+def zero_vector(joint):
+    """(0, 0, 0)."""
+    return (constant(joint.zero, 0),) * 3
+
+
+def unit_vector(joint, k):
+    """Axis k of the child."""
+    return tuple(constant(joint.zero, int(i == k)) for i in range(3))
+
+
+def unit_vectors(joint):
+    """All three: the identity by its rows."""
+    return tuple(unit_vector(joint, k) for k in range(3))
+
+
+def torques(joint, directions):
+    """The wrenches, or turns, (direction, 0)."""
+    return tuple((k, zero_vector(joint)) for k in directions)
+
+
+def forces(joint, directions):
+    """The wrenches, or translations, (0, direction)."""
+    return tuple((zero_vector(joint), k) for k in directions)
+
+
+def rotation_about(axis, cosine, sine):
+    """The rotation about a unit vector, by its rows: k k^T + c (1 - k k^T) + s [k]x. [Rodrigues 1840]"""
+    x, y, z = axis
+    kk = [[a * b for b in axis] for a in axis]
+    kx = (None, -z, y), (z, None, -x), (-y, x, None)
+    less = 1 - cosine
+    return tuple(
+        tuple(kk[i][j] + cosine * (1 - kk[i][j]) if i == j else kk[i][j] * less + sine * kx[i][j] for j in range(3))
+        for i in range(3)
+    )
+
+
+def perpendicular(axis):
+    """Two unit vectors that make a right-handed frame with this one. [Duff et al. 2017, Building an orthonormal basis,
+    revisited, listing 3]"""
+    x, y, z = axis
+    sign = where(z >= 0, constant(z, 1), constant(z, -1))
+    a = -1 / (sign + z)
+    b = x * y * a
+    return (1 + sign * (x * x * a), sign * b, -(sign * x)), (b, sign + y * y * a, -y)
+
+
+def shortest_angle(angle):
+    """The angle less whole turns, within half a turn."""
+    turns = nearest_integer(angle * (1 / math.tau))
+    return where(abs(angle) <= math.pi, angle, angle - turns * (2 * pi(angle)))
+
+
+def rotate_back(rows, v):
+    """R^T v."""
+    return vectors.matrix_times(vectors.transpose(rows), v)

@@ -1,0 +1,43 @@
+"""Leaves of a mechanism: what NumPy numbers are before programs are made for their values."""
+
+import dataclasses
+
+import jax
+import numpy as np
+
+
+def read_only(mechanism):
+    """With NumPy numbers of its own that nobody writes to: programs are made for their values, and found again by the
+    mechanism."""
+    return jax.tree.map(_of_its_own, mechanism)
+
+
+def _of_its_own(x):
+    is_ready = not isinstance(x, np.ndarray) or (x.base is None and not x.flags.writeable)
+    return x if is_ready else frozen(x)
+
+
+def check_replaced(cls, name, old, new):
+    if old is None or name == "topology":
+        fields = ", ".join(f.name for f in dataclasses.fields(cls) if f.name != "topology")
+        raise TypeError(f"Mechanism.replace: expected one of {fields}, got {name!r}")
+    if jax.tree.structure(old) != jax.tree.structure(new):
+        expected, came = (type(x).__name__ for x in (old, new))
+        expected, came = (expected, came) if expected != came else map(jax.tree.structure, (old, new))
+        raise TypeError(f"Mechanism.replace: {name}: expected {expected}, got {came}")
+    for a, b in zip(jax.tree.leaves(old), jax.tree.leaves(new), strict=True):
+        if np.shape(a) != np.shape(b):
+            raise ValueError(f"Mechanism.replace: {name}: expected shape {np.shape(a)}, got {np.shape(b)}")
+
+
+def known(x):
+    if isinstance(x, jax.core.Tracer):
+        raise TypeError(f"Mechanism.as_known: expected numbers (NumPy or JAX arrays), got {type(x).__name__}, traced")
+    return np.asarray(x)
+
+
+def frozen(x):
+    """A copy that nobody can write to."""
+    x = np.array(x, order="C")
+    x.flags.writeable = False
+    return x
