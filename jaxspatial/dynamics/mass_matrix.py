@@ -7,7 +7,7 @@ import numpy as np
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.numbers import high, noinline, where
 from jaxspatial.arithmetic.tree import tree
-from jaxspatial.arithmetic.types import Coordinates, PrecisionName
+from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName
 from jaxspatial.dynamics import along, dense, pairs, recursion
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
 from jaxspatial.dynamics.links import across, to_parent
@@ -138,27 +138,55 @@ def wrench_to_parent(X_PB, wrench):
 
 @tree
 class MassMatrixFactor:
-    """M = L^T L, with L lower triangular and zero wherever neither of two rates moves the other's joint.
+    """The factor L of M = L^T L: lower triangular, zero wherever neither of two rates moves the other's joint.
 
-    L: (*batch, nv, nv). NaN where M is not positive: bodies without mass or armature that a rate moves.
+    L: (*batch, nv, nv). NaN where M is not positive definite: a rate moves nothing that has mass or armature.
     [Featherstone 2008, 6.5]
     """
 
     L: jax.Array
 
-    def solve(self, tau):
-        """M^-1 tau of (*batch, nv): the accelerations of forces, from rest."""
-        tau = check.as_vectors(tau, "MassMatrixFactor.solve: tau", self.L.dtype, self.L.shape[-1])
-        return _solved(_wide(self.L), tau)
+    def solve(self, tau: Forces) -> jax.Array:
+        """M^-1 tau: the accelerations of forces, from rest.
 
-    def inverse(self):
-        """M^-1 (*batch, nv, nv)."""
+        Args:
+            tau: (*batch, nv) generalized forces: N m, N.
+
+        Returns:
+            (*batch, nv), over the common batch: rad/s^2, m/s^2.
+
+        Raises:
+            TypeError: dtypes differ.
+            ValueError: shapes do not fit.
+
+        Error: at most 4 nv (nv + 1) u cond(M) relative to the result, in 2-norms and in addition to cond(M) times that
+            of `mass_matrix`, while that is small.
+        Source: Higham 2002, Accuracy and stability of numerical algorithms, theorem 10.4.
+        """
+        given = check.as_vectors(tau, "MassMatrixFactor.solve: tau", self.L.dtype, self.L.shape[-1])
+        return _solved(_wide(self.L), given)
+
+    def inverse(self) -> jax.Array:
+        """M^-1.
+
+        Returns:
+            (*batch, nv, nv).
+
+        Error: as of `solve`, in the spectral norm.
+        """
         eye = jnp.broadcast_to(jnp.eye(self.L.shape[-1], dtype=_wide(self.L).dtype), self.L.shape)
         half = jax.lax.linalg.triangular_solve(_wide(self.L), eye, left_side=True, lower=True)
         return (half @ jnp.swapaxes(half, -1, -2)).astype(self.L.dtype)
 
-    def log_determinant(self):
-        """log det M (*batch,)."""
+    def log_determinant(self) -> jax.Array:
+        """log det M.
+
+        Returns:
+            (*batch,).
+
+        Error: at most nv u (2 sum |log L_ii| + 4 nv (nv + 1) cond(M)), in addition to nv cond(M) times that of
+            `mass_matrix`.
+        """
         return 2 * jnp.log(jnp.diagonal(self.L, axis1=-2, axis2=-1)).sum(-1)
 
 

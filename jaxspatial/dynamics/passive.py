@@ -4,12 +4,15 @@ import functools
 import operator
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.numbers import numeric, where
+from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import JOINTS, algorithm, checked
+from jaxspatial.mechanism import Mechanism
 
 
 class Compliance(NamedTuple):
@@ -25,7 +28,14 @@ class Compliance(NamedTuple):
     limit_damping: Any = 0.0
 
 
-def passive_forces(mechanism, q, v, compliance=None, *, precision=None):
+def passive_forces(
+    mechanism: Mechanism,
+    q: Coordinates,
+    v: Rates,
+    compliance: Compliance | None = None,
+    *,
+    precision: PrecisionName = None,
+) -> jax.Array:
     """Generalized forces (*batch, nv) of springs, damping, friction and limits: what to add to tau.
 
         tau = -stiffness (q - spring_references) - damping v - friction_loss v / sqrt(v^2 + friction_speed^2) + N
@@ -43,10 +53,11 @@ def passive_forces(mechanism, q, v, compliance=None, *, precision=None):
         precision: name of a precision; None takes the default.
 
     Returns:
-        N m, or N of what slides. Springs are the derivative of the energy sum(stiffness d^2) / 2, of deflections d:
-        the difference of coordinates, the short way round for "continuous" joints and the angle of "planar" ones; of
-        positions in "planar" and "free" joints along the axes of the parent; of orientations the rotation vector from
-        the reference. With one stiffness for all axes these are MuJoCo's springs. Limits of quaternions do not act.
+        (*batch, nv), over the common batch: N m, or N of what slides. Springs are the derivative of the energy
+        sum(stiffness d^2) / 2, of deflections d: the difference of coordinates, the short way round for "continuous"
+        joints and the angle of "planar" ones; of positions in "planar" and "free" joints along the axes of the parent;
+        of orientations the rotation vector from the reference. With one stiffness for all axes these are MuJoCo's
+        springs. Limits of quaternions do not act.
 
     Raises:
         TypeError: dtypes differ, or the first argument is no Mechanism.

@@ -1,0 +1,65 @@
+"""The variational Euler method: the step that solves the discrete Euler-Lagrange equation.
+
+[Marsden, West 2001, Discrete mechanics and variational integrators, 1.1 to 1.4]
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.dynamics.configuration import configuration_rates, difference, integrate
+from jaxspatial.dynamics.energy import kinetic_energy
+from jaxspatial.dynamics.inverse_dynamics import bias_forces
+from jaxspatial.dynamics.mass_matrix import factored, mass_matrix
+
+
+def variational_step(mechanism, q, v, tau, h, damping, external_forces, iterations, precision):
+    """(q, v) after the time h (*batch, 1), under forces tau and the resistance -damping v, None for none."""
+    derivatives, dt = _action_derivatives(mechanism, precision), h[..., 0]
+    damping = None if damping is None else h * jnp.broadcast_to(damping, v.shape)
+    before = integrate(mechanism, q, v, -dt, precision=precision)
+    momentum = derivatives(before, q, dt)[1] + h * (tau - _static(mechanism, q, external_forces, precision))
+    M = mass_matrix(mechanism, q, precision=precision)
+    factor = factored(M if damping is None else M + _diagonal(damping))
+
+    def nearer(_, v):
+        left = momentum + derivatives(q, integrate(mechanism, q, v, dt, precision=precision), dt)[0]
+        return v + factor.solve(left if damping is None else left - damping * v)
+
+    v = jax.lax.fori_loop(0, iterations, nearer, v)
+    return integrate(mechanism, q, v, dt, precision=precision), v
+
+
+def _diagonal(x):
+    """(*batch, n, n)."""
+    is_diagonal = jnp.broadcast_to(jnp.eye(x.shape[-1], dtype=bool), (*x.shape, x.shape[-1]))
+    return jnp.where(is_diagonal, jnp.broadcast_to(x[..., None], is_diagonal.shape), 0)
+
+
+def _action_derivatives(mechanism, precision):
+    """(q, next, dt) -> the derivatives of the kinetic action dt T(q, (next - q) / dt) by motions of q and of next."""
+
+    def action(q, following, dt):
+        v = difference(mechanism, q, following, precision=precision) / dt[..., None]
+        return (dt * kinetic_energy(mechanism, q, v, precision=precision)).sum()
+
+    def derivatives(q, following, dt):
+        found = jax.grad(action, (0, 1))(q, following, dt)
+        return [_by_rates(mechanism, x, g, precision) for x, g in zip((q, following), found, strict=True)]
+
+    return derivatives
+
+
+def _by_rates(mechanism, q, gradient, precision):
+    """The derivative by rates, of one by coordinates."""
+    rates = functools.partial(configuration_rates, mechanism, q, precision=precision)
+    (found,) = jax.vjp(rates, jnp.zeros((*q.shape[:-1], mechanism.nv), q.dtype))[1](gradient)
+    return found
+
+
+def _static(mechanism, q, external_forces, precision):
+    """g(q) - J^T F."""
+    nothing = np.zeros(mechanism.nv, q.dtype)
+    return bias_forces(mechanism, q, nothing, external_forces, precision=precision)

@@ -1,0 +1,212 @@
+"""The error bounds of configurations, steps in time and factors of the mass matrix, against 60 digits."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import mpmath as mp
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from tests.helpers import exact_steps as exact
+
+KINDS = ["revolute", "continuous", "planar", "ball", "free"]
+PRECISIONS = ["fast", pytest.param("reproducible", marks=pytest.mark.slow), "compensated"]
+U = 2.0**-24
+MANY = 20
+
+
+@functools.cache
+def joint(kind):
+    body = js.Body("body", js.SpatialInertia.solid_sphere(0.5, mass=1.0))
+    return js.Mechanism.build([body], [js.Joint("joint", kind, "world", "body")], dtype=np.float64)
+
+
+def configurations(kind, rng):
+    mech = joint(kind)
+    q = rng.uniform(-3, 3, (MANY, mech.nq))
+    if mech.nq > mech.nv:
+        q[:, :4] /= np.linalg.norm(q[:, :4], axis=1)[:, None]
+    return q.astype(np.float32)
+
+
+@functools.cache
+def inputs(kind):
+    rng = np.random.default_rng(0)
+    v = rng.standard_normal((MANY, joint(kind).nv)) * 10.0 ** rng.uniform(-3, 0.5, (MANY, 1))
+    dt = rng.uniform(0.01, 1, MANY)
+    return configurations(kind, rng), configurations(kind, rng), v.astype(np.float32), dt.astype(np.float32)
+
+
+def ours(kind, precision):
+    mech = joint(kind)
+
+    def of(q, q1, v, dt):
+        with js.default_precision(precision):
+            return js.integrate(mech, q, v, dt), js.difference(mech, q, q1), js.configuration_rates(mech, q, v)
+
+    return [np.asarray(x) for x in jax.jit(of)(*inputs(kind))]
+
+
+def parts(kind, of_rates):
+    """(slice, what it is) of coordinates, or of rates."""
+    if kind in ("ball", "free"):
+        n = 3 if of_rates else 4
+        return [(slice(0, n), "turn"), (slice(n, n + 3), "position")][: 1 + (kind == "free")]
+    return [(slice(0, 2), "position"), (slice(2, 3), "number")] if kind == "planar" else [(slice(0, 1), "number")]
+
+
+def limits(kind, q, q1, v, step):
+    """(of integrate, of difference, of rates): what -> bound in u, in "fast" and "reproducible"."""
+    norm, turning = exact.norm, kind in ("ball", "free")
+    place = slice(4, 7) if kind == "free" else slice(0, 2)
+    linear = slice(3, 6) if kind == "free" else slice(0, 2)
+    w = norm(step[:3] if turning else step[-1:])
+    far = max(w - mp.pi, 0) and w
+    apart = norm(exact.differed(kind, q, q1)[:3] if turning else exact.differed(kind, q, q1)[-1:])
+    short = 4 if kind in ("continuous", "planar") else 2
+    return (
+        {
+            "number": 2 * (abs(q[-1]) + abs(step[-1])),
+            "turn": 8 + far,
+            "position": 8 * (norm(q[place]) + norm(step[linear])) + far * norm(step[linear]),
+        },
+        {
+            "number": short * (abs(q[-1]) + abs(q1[-1])),
+            "turn": 12,
+            "position": 8 * (norm(q[place]) + norm(q1[place])) * (1 + apart),
+        },
+        {"number": 0, "turn": 2 * norm(v[:3]), "position": 6 * norm(v[linear])},
+    )
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_configurations(kind, precision):
+    found = ours(kind, precision)
+    for i in range(MANY):
+        q, q1, v, (dt,) = (exact.numbers(np.atleast_1d(x[i])) for x in inputs(kind))
+        step = [x * dt for x in v]
+        wanted = exact.integrated(kind, q, step), exact.differed(kind, q, q1), exact.rates(kind, q, v)
+        for k, (array, numbers) in enumerate(zip(found, wanted, strict=True)):
+            for place, what in parts(kind, of_rates=k == 1):
+                limit = limits(kind, q, q1, v, step)[k][what]
+                limit = limit if precision in ("fast", "reproducible") else 1.01 * exact.norm(numbers[place])
+                error = _apart(exact.numbers(array[i][place]), numbers[place], k == 0 and what == "turn")
+                assert error <= limit * U, (
+                    ("integrate", "difference", "rates")[k],
+                    what,
+                    float(error / U),
+                    float(limit),
+                )
+
+
+def _apart(a, b, of_either_sign):
+    both = [exact.norm([x - s * y for x, y in zip(a, b, strict=True)]) for s in (1, -1)]
+    return min(both) if of_either_sign else both[0]
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_interpolation(precision):
+    """Half the way between orientations and positions."""
+    mech, (q, q1, _, t) = joint("free"), inputs("free")
+    found = np.asarray(jax.jit(lambda *x: js.interpolate(mech, *x, precision=precision))(q, q1, t))
+    for i in range(MANY):
+        a, b, (s,) = (exact.numbers(np.atleast_1d(x[i])) for x in (q, q1, t))
+        rates = exact.differed("free", a, b)
+        step = [s * x for x in rates]
+        wanted = exact.integrated("free", a, step)
+        one, two, _ = limits("free", a, b, rates, step)
+        scale = 1 if precision == "fast" or precision == "reproducible" else mp.mpf(1) / 2
+        error = _apart(exact.numbers(found[i][:4]), wanted[:4], True)
+        assert error <= scale * (one["turn"] + s * two["turn"]) * U
+        error = exact.norm([x - y for x, y in zip(exact.numbers(found[i][4:]), wanted[4:], strict=True)])
+        assert error <= scale * (one["position"] + s * two["position"]) * (1 + exact.norm(step[:3])) * U
+
+
+# -- chains -----------------------------------------------------------------------------------------------------------
+
+N = 3
+
+
+@functools.cache
+def chain():
+    """Frames turned by quarters, which is exact."""
+    rng = np.random.default_rng(0)
+    quarters = [js.Rotation.from_matrix(np.float64(m)) for m in ([[0, -1, 0], [1, 0, 0], [0, 0, 1]], np.eye(3))]
+    names = ["world", *(f"body{i}" for i in range(N))]
+    bodies, joints = [], []
+    for i in range(N):
+        a = rng.standard_normal((3, 3))
+        mass, com, arm, central = (
+            np.float64(np.float32(x))
+            for x in (
+                rng.uniform(1, 3),
+                rng.standard_normal(3) / 5,
+                rng.standard_normal(3),
+                (a @ a.T + np.eye(3)) / 100,
+            )
+        )
+        bodies.append(js.Body(names[i + 1], js.SpatialInertia(mass, com, central)))
+        X = js.RigidTransform(quarters[i % 2], arm)
+        joints.append(js.Joint(f"joint{i}", "revolute", names[i], names[i + 1], axis=np.eye(3)[i % 3], placement=X))
+    return js.Mechanism.build(bodies, joints, gravity=(0.5, -9.75, 1.25), dtype=np.float64)
+
+
+@functools.cache
+def state():
+    return np.random.default_rng(1).uniform(-3, 3, (3, N)).astype(np.float32)
+
+
+@functools.cache
+def stepped(name, h):
+    with mp.workdps(60):
+        q, v, tau = map(exact.numbers, state())
+        steps = exact.Steps(chain(), state()[2], h)
+        return getattr(steps, name)(q, v), steps.accelerations(q, v), steps.mass_matrix(q)
+
+
+STEPS = {"semi_implicit": js.semi_implicit_step, "rk4": js.rk4_step, "symplectic": js.symplectic_step}
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("name", STEPS)
+def test_steps(name, precision):
+    """One in time, of a thousandth of a second: of the bounds all terms but u |q| / dt of "symplectic" count."""
+    h = np.float32(1e-3)
+    q, v = jax.jit(functools.partial(STEPS[name], chain(), precision=precision))(*state(), h)
+    (q_exact, v_exact), vdot, M = stepped(name, h)
+    c, h = np.linalg.cond(np.array(M.tolist(), float)), float(h)
+    of_q, of_v, of_vdot = (max(map(abs, x)) for x in (exact.numbers(state()[0]), v_exact, vdot))
+    of_dynamics = (4 * N * c if precision in ("fast", "reproducible") else 1.01) * of_vdot
+    if name == "symplectic":
+        limit = 4 * of_q / h + 8 * N * c * (of_v + h * of_vdot)
+    else:
+        limit = (2 if name == "semi_implicit" else 4) * (of_v + h * of_vdot) + h * of_dynamics * 1.1
+    assert _largest(v, v_exact) <= limit * U, float(_largest(v, v_exact) / U)
+    own = (2 if name != "rk4" else 4) * (of_q + h * of_v)
+    assert _largest(q, q_exact) <= (own + h * limit) * U, float(_largest(q, q_exact) / U)
+
+
+def _largest(ours, numbers):
+    return max(abs(x - y) for x, y in zip(exact.numbers(ours), numbers, strict=True))
+
+
+def test_factors_of_the_mass_matrix():
+    """Of a given matrix, near singular: its own errors are in `test_bounds`."""
+    factor = jax.jit(functools.partial(js.mass_matrix_factor, chain()))(state()[0])
+    M = np.asarray(jax.jit(functools.partial(js.mass_matrix, chain()))(state()[0]), np.float64)
+    L, n = np.asarray(factor.L, np.float64), N
+    size, c = np.linalg.norm(M, 2), np.linalg.cond(M)
+    assert np.linalg.norm(L.T @ L - M, 2) <= 2 * n * (n + 1) * U * size
+    tau = state()[2]
+    x = np.linalg.solve(M, tau.astype(np.float64))
+    limit = 4 * n * (n + 1) * U * c
+    assert np.linalg.norm(np.asarray(factor.solve(tau), np.float64) - x) <= limit * np.linalg.norm(x)
+    inverse = np.linalg.inv(M)
+    assert np.linalg.norm(np.asarray(factor.inverse(), np.float64) - inverse, 2) <= limit * np.linalg.norm(inverse, 2)
+    logs = np.abs(np.log(np.diagonal(L))).sum()
+    limit = n * U * (2 * logs + 4 * n * (n + 1) * c)
+    assert abs(float(factor.log_determinant()) - np.linalg.slogdet(M)[1]) <= limit
+    assert jnp.isfinite(factor.L).all()
