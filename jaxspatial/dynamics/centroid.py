@@ -31,6 +31,7 @@ def center_of_mass(mechanism: Mechanism, q: Coordinates, *, precision: Precision
 
     Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
         in the other two.
+    Source: its definition, sum of m p over sum of m.
     """
     (q,) = checked("center_of_mass", mechanism, q=q)
     return _center_of_mass(precision, mechanism, q)
@@ -56,6 +57,7 @@ def center_of_mass_velocity(
 
     Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
         in the other two.
+    Source: its definition, sum of m v over sum of m.
     """
     q, v = checked("center_of_mass_velocity", mechanism, q=q, v=v)
     return _center_of_mass_velocity(precision, mechanism, q, v)
@@ -78,6 +80,7 @@ def center_of_mass_jacobian(mechanism: Mechanism, q: Coordinates, *, precision: 
 
     Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
         in the other two.
+    Source: Orin, Goswami, Lee 2013, Centroidal dynamics of a humanoid robot.
     """
     (q,) = checked("center_of_mass_jacobian", mechanism, q=q)
     return _center_of_mass_jacobian(precision, mechanism, q)

@@ -93,6 +93,8 @@ def interpolate(
 
     Error: at most that of `integrate` and |t| times that of `difference`; in "compensated" and "faithful" too the rates
         between the two are rounded to the dtype.
+    Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 2.36 (the screw motion between
+        two poses).
     """
     return integrate(mechanism, q0, difference(mechanism, q0, q1, precision=precision), t, precision=precision)
 

@@ -85,6 +85,7 @@ def bias_forces(
 
     Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
         in the other two.
+    Source: as of `inverse_dynamics`.
     """
     q, v = checked("bias_forces", mechanism, q=q, v=v)
     frames, forces = checked_forces("bias_forces", mechanism, external_forces, q)
@@ -108,6 +109,7 @@ def gravity_forces(mechanism: Mechanism, q: Coordinates, *, precision: Precision
 
     Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
         in the other two.
+    Source: as of `inverse_dynamics`.
     """
     (q,) = checked("gravity_forces", mechanism, q=q)
     return _inverse_dynamics(precision, mechanism, q, None, None, (), frames=())

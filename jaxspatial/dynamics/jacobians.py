@@ -40,6 +40,7 @@ def jacobian(mechanism: Mechanism, q: Coordinates, body: str, *, precision: Prec
 
     Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
         in the other two.
+    Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 3.4.
     """
     (q,) = checked("jacobian", mechanism, q=q)
     return _jacobian(precision, mechanism, q, frame=frame_place(mechanism, body, "jacobian: body"))
@@ -67,6 +68,7 @@ def jacobian_rate(
 
     Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
         in the other two.
+    Source: the derivative of that of `jacobian`.
     """
     q, v = checked("jacobian_rate", mechanism, q=q, v=v)
     return _jacobian_rate(precision, mechanism, q, v, frame=frame_place(mechanism, body, "jacobian_rate: body"))

@@ -36,6 +36,7 @@ def forward_kinematics(
 
     Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
         in the other two.
+    Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 3.2.
     """
     (q,) = checked("forward_kinematics", mechanism, q=q)
     entries, p = _forward_kinematics(
@@ -71,6 +72,7 @@ def body_velocities(
 
     Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
         in the other two.
+    Source: Featherstone 2008, 4.4 (velocities from body to body).
     """
     q, v = checked("body_velocities", mechanism, q=q, v=v)
     frames = frame_places(mechanism, frames, "body_velocities")
@@ -106,6 +108,7 @@ def body_accelerations(
 
     Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
         in the other two.
+    Source: Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators.
     """
     q, v, vdot = checked("body_accelerations", mechanism, q=q, v=v, vdot=vdot)
     frames = frame_places(mechanism, frames, "body_accelerations")
