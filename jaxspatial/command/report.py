@@ -91,7 +91,7 @@ def _short_line(rows):
     """One operation in one dtype. Of its parts the one of most terms stands for all."""
     by_precision = {row.case.precision: row for row in rows}
     operation = OPERATIONS[rows[0].case.operation]
-    part = operation.bounds.index(max(operation.bounds))
+    part = operation.bounds.index(max(operation.bounds, key=lambda promise: promise.u))
     errors = [
         text
         for row in (by_precision["reproducible"], by_precision["compensated"])

@@ -95,6 +95,5 @@ def _points(operation, precision, computed, value, mag, bins):
 
 def promised_ulps(curve, condition):
     """The bound of a curve's precision at a condition number, for the largest numbers that share an ulp."""
-    (k, c), u = OPERATIONS[curve.operation].bounds[0], float(error.unit_roundoff(jnp.dtype(curve.dtype)))
-    bounds = {Precision.COMPENSATED: 1 + c * u * condition, Precision.FAITHFUL: 1 + 0 * condition}
-    return bounds.get(Precision(curve.precision), k * condition)
+    promise, u = OPERATIONS[curve.operation].bounds[0], float(error.unit_roundoff(jnp.dtype(curve.dtype)))
+    return promise.allowed(curve.precision, u, u, 1.0, condition) / u

@@ -73,6 +73,12 @@ def in_units_of(allowed, computed, exact, flushed=0):
     return _over(computed, exact, lambda _, a: a, allowed, forgiven)
 
 
+def allowed(promise, precision, value, mag, dtype, condition=1) -> Any:
+    """The bound of a `Promise` on numbers of exact value and mag, as Fractions; where r is 0, 1 ulp is nothing."""
+    ulps = np.where(value != 0, ulp(value, dtype), 0 * mag)
+    return promise.allowed(precision, unit_roundoff(dtype), ulps, value, mag, condition)
+
+
 def _over(computed, exact, unit, magnitude, forgiven=0):
     computed, exact, magnitude = np.broadcast_arrays(np.asarray(computed), exact, magnitude)
     finite = np.isfinite(computed.astype(np.float64))

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.measure import error, exact
 from jaxspatial.spatial import SpatialAcceleration, SpatialForce, SpatialVelocity, cross, dot, shift
+from jaxspatial.spatial.promises import CROSS_ONE, CROSS_TWO, DOT, SHIFT, SHIFT_ACCELERATION
 
 
 class Operation(NamedTuple):
@@ -24,7 +24,7 @@ class Operation(NamedTuple):
     function: Callable  # (precision, *arguments of one item) -> parts
     formulas: tuple  # the same over numbers of any kind, per part
     units: tuple  # per part
-    bounds: tuple  # per part (k, c): k u mag in fast and reproducible, u |r| + c u^2 mag in compensated
+    bounds: tuple  # per part a Promise
     flushed: int  # so many finfo.tiny are forgiven: one for each product, its error, and each sum of a component
     size: int  # numbers in all parts of one item
     turned: tuple  # arguments that change sign from step to step of a loop, and all parts with them
@@ -49,17 +49,11 @@ class Operation(NamedTuple):
 
     def promise(self, precision):
         """The bound on the error of a component in words."""
-        ks, cs = (" or ".join(dict.fromkeys(f"{x:g}" for x in column)) for column in zip(*self.bounds, strict=True))
-        return {
-            Precision.FAST: f"{ks} u mag",
-            Precision.REPRODUCIBLE: f"{ks} u mag",
-            Precision.COMPENSATED: f"u |r| + {cs} u² mag",
-            Precision.FAITHFUL: "1 ulp",
-        }[Precision(precision)]
+        return " or ".join(dict.fromkeys(promise.words(precision) for promise in self.bounds))
 
     def allowed(self, precision, part, value, mag, dtype):
         """The bound on the error of each component of a part, as Fractions."""
-        return allowed(precision, self.bounds[part], value, mag, dtype)
+        return error.allowed(self.bounds[part], precision, value, mag, dtype)
 
     @staticmethod
     def in_units(computed, exactly):
@@ -77,14 +71,6 @@ class Operation(NamedTuple):
             worst = max(worst, float(np.max(error.in_units_of(bound, x, value, self.flushed), initial=0.0)))
             ulps.append(error.in_ulps(x, value).ravel())
         return worst, np.concatenate(ulps)
-
-
-def allowed(precision, bound, value, mag, dtype):
-    """The promise of a precision with bound (k, c) on components of exact value and mag, as Fractions."""
-    u, (k, c) = error.unit_roundoff(dtype), bound
-    if precision == Precision.FAITHFUL:
-        return error.ulp(value, dtype)
-    return u * abs(value) + c * u**2 * mag if precision == Precision.COMPENSATED else k * u * mag
 
 
 def _shift_force(precision, tau, f, p):
@@ -126,29 +112,29 @@ OPERATIONS = {
     for operation in (
         Operation(
             "shift_force", ("tau", "f", "p"), _shift_force, (lambda tau, f, p: tau - np.cross(p, f),),
-            units=("N m",), bounds=((3, 4),), flushed=6, size=3, turned=(2,), replaced=0,
+            units=("N m",), bounds=(SHIFT,), flushed=6, size=3, turned=(2,), replaced=0,
         ),
         Operation(
             "shift_velocity", ("w", "v", "p"), _shift_velocity, (lambda w, v, p: v + np.cross(w, p),),
-            units=("m/s",), bounds=((3, 4),), flushed=6, size=3, turned=(2,), replaced=1,
+            units=("m/s",), bounds=(SHIFT,), flushed=6, size=3, turned=(2,), replaced=1,
         ),
         Operation(
             "shift_acceleration", ("alpha", "a", "p", "w"), _shift_acceleration,
             (lambda b, a, p, w: a + np.cross(b, p) + np.cross(w, np.cross(w, p)),),
-            units=("m/s²",), bounds=((7, 32),), flushed=32, size=3, turned=(2,), replaced=1,
+            units=("m/s²",), bounds=(SHIFT_ACCELERATION,), flushed=32, size=3, turned=(2,), replaced=1,
         ),
         Operation(
             "cross_motion", ("w", "v", "alpha", "a"), _cross_motion, (_single, _double),
-            units=("rad/s³", "m/s³"), bounds=((2, 4), (3, 4)), flushed=12, size=6, turned=(0, 1),
+            units=("rad/s³", "m/s³"), bounds=(CROSS_ONE, CROSS_TWO), flushed=12, size=6, turned=(0, 1),
         ),
         Operation(
             "cross_force", ("w", "v", "tau", "f"), _cross_force,
             (lambda w, v, tau, f: _double(w, v, f, tau), lambda w, v, tau, f: _single(w, v, f, tau)),
-            units=("N m/s", "N/s"), bounds=((3, 4), (2, 4)), flushed=12, size=6, turned=(0, 1),
+            units=("N m/s", "N/s"), bounds=(CROSS_TWO, CROSS_ONE), flushed=12, size=6, turned=(0, 1),
         ),
         Operation(
             "dot", ("tau", "f", "w", "v"), _dot, (lambda tau, f, w, v: (tau * w).sum(-1) + (f * v).sum(-1),),
-            units=("W",), bounds=((4, 8),), flushed=17, size=1, turned=(2, 3),
+            units=("W",), bounds=(DOT,), flushed=17, size=1, turned=(2, 3),
         ),
     )
 }  # fmt: skip

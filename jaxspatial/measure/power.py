@@ -8,9 +8,10 @@ import numpy as np
 
 from jaxspatial.measure import error, exact
 from jaxspatial.spatial import SpatialForce, SpatialVelocity, dot, shift
+from jaxspatial.spatial.promises import DOT, SHIFT
 
-# Two shifts of 3 u and two pairings of 4 u, on terms whose sizes add up to mag (see `compare`).
-BOUND = 14.0
+# Two shifts and two pairings, on terms whose sizes add up to mag (see `compare`).
+BOUND = 2.0 * (SHIFT.u + DOT.u)
 
 
 class Power(NamedTuple):

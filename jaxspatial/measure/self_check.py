@@ -18,13 +18,15 @@ from jax import lax
 from jaxspatial.arithmetic import contraction, eft, reproducible
 from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
 from jaxspatial.arithmetic.precision import Precision
-from jaxspatial.measure import error, exact, inputs, operation, timing
+from jaxspatial.arithmetic.promise import DOUBLE_WORDS, Promise
+from jaxspatial.measure import error, exact, inputs, timing
 from jaxspatial.measure.operation import OPERATIONS
+from jaxspatial.spatial.promises import SHIFT
 
 _N = 48
 _DTYPES = ("float32", "float64")
-# Of sums, products and quotients of double words, in u^2; cubes of u are left out. See `arithmetic.pairs`.
-_OF_DOUBLE_WORDS = (3, 5, 15)
+# Of a rate, the sum of two shifts, and of what is pulled back.
+_DERIVATIVE = Promise(u=2 * SHIFT.u, u2=4 * SHIFT.u2)
 _SUSPECTS = ("fast_math", "disable_hlo_passes", "xla_backend_extra_options", "fp_mode")
 
 
@@ -279,7 +281,7 @@ def _double_words():
         a, b = _value(x), _value(y)
     u = error.unit_roundoff("float32")
     worst = [_over_square(c, e, u) for c, e in zip(computed, (a + b, a * b, a / b), strict=True)]
-    holds = all(error <= limit for error, limit in zip(worst, _OF_DOUBLE_WORDS, strict=True))
+    holds = all(error <= limit for error, limit in zip(worst, map(DOUBLE_WORDS.get, "+*/"), strict=True))
     return holds, "float32: worst errors {:.2g}, {:.2g}, {:.2g} u^2 (+, *, /)".format(*worst), "" if holds else _cause()
 
 
@@ -382,7 +384,7 @@ def _derivatives_over(precision, dtype):
 
 
 def _over(precision, computed, value, mag):
-    bound = operation.allowed(precision, (6, 16), value, mag, np.asarray(computed).dtype)
+    bound = error.allowed(_DERIVATIVE, precision, value, mag, np.asarray(computed).dtype)
     return float(error.in_units_of(bound, computed, value, OPERATIONS["shift_force"].flushed).max())
 
 

@@ -164,9 +164,9 @@ def rotate(R_AE, X_P_E, *, precision=None):
 
     R_AE: Rotation.  X_P_E: any of the four kinds, or a SpatialInertia.  Batch shapes broadcast; returns the kind of X.
 
-    Each part v becomes R v; a central inertia R I R^T, with twice the errors, 32 u^2 mag in "compensated". Error per
-    component, mag the sum of the absolute values of its three products: at most
-    3 u mag in "fast" and "reproducible", u |r| + 4 u^2 mag in "compensated", 1 ulp in "faithful", while nothing over-
+    Each part v becomes R v, a central inertia R I R^T. Error per component, mag the sum of the absolute values of its
+    three products, or nine, in brackets for a central inertia: at most 3 u mag [6 u mag] in "fast" and "reproducible",
+    u |r| + 4 u^2 mag [32 u^2 mag] in "compensated", 1 ulp in "faithful", while nothing over-
     or underflows; plus a few finfo.tiny where subnormals are flushed. Power does not change when both are rotated.
     Raises TypeError for other kinds or dtypes that differ, ValueError for shapes.
     [Featherstone 2008, 2.8] 30 flops.

@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 import jaxspatial as js
+from jaxspatial.arithmetic.promise import Promise
 from jaxspatial.command import measuring, options, result
 from jaxspatial.command.cli import main
 from jaxspatial.command.wrench_file import WrenchFile, WrenchFileError
@@ -123,7 +124,7 @@ def test_power_is_unchanged_and_a_wrong_sign_is_seen(dtype, wrenches, monkeypatc
 
 def test_a_broken_promise_is_an_exit_status(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(OPERATIONS, "shift_force", OPERATIONS["shift_force"]._replace(bounds=((0.1, 4),)))
+    monkeypatch.setitem(OPERATIONS, "shift_force", OPERATIONS["shift_force"]._replace(bounds=(Promise(0.1, 4),)))
     assert main(SMALL) == 1
     out = capsys.readouterr().out
     assert "does not hold here: shift_force float32 fast" in out and "float32 faithful" not in out

@@ -1,7 +1,7 @@
 """The error bounds of the docstrings, against 60 digits: chains of n revolute joints, bodies of very different masses.
 
-Relative to the largest number of each result: 4 n u in "fast" and "reproducible", 1.01 u in the other two. For forward
-dynamics the former times the condition of the mass matrix.
+Relative to the largest number of each result: see `dynamics.promises`. For forward dynamics times the condition of
+the mass matrix.
 """
 
 import functools
@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.dynamics.promises import ALGORITHM
 from tests.helpers import exact_dynamics as exact
 
 N = 6
@@ -107,10 +108,9 @@ def test_every_algorithm(precision, dtype):
     with jax.enable_x64(dtype == "float64"):
         batch = [np.stack([x, x]).astype(dtype) for x in state()]
         found = jax.jit(jax.vmap(functools.partial(all_of_ours, precision)))(*batch)
-    allowed = 4 * N * u if precision in ("fast", "reproducible") else 1.01 * u
     for name, numbers in expected().items():
         ours = np.asarray(found[name][1], np.float64).ravel()
         size = max(map(abs, numbers))
-        limit = allowed * condition() if name == "forward dynamics" and precision != "compensated" else allowed
+        limit = ALGORITHM.allowed(js.Precision(precision), N, u, condition() if name == "forward dynamics" else 1)
         error = max(abs(mp.mpf(float(x)) - y) for x, y in zip(ours, numbers, strict=True)) / size
         assert error <= limit, (name, float(error / u))

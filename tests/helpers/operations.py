@@ -8,16 +8,35 @@ fractions also mag, in units of which the docstrings promise their bounds; over 
 
 from collections.abc import Callable
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 import jaxspatial as js
+from jaxspatial.arithmetic.promise import EXACT, Promise
+from jaxspatial.inertia.promises import ABOUT, ARTICULATED_SHIFT, ARTICULATED_TIMES, ENERGY, FORCE, REGRESSOR, TORQUE
 from jaxspatial.measure import error
 from jaxspatial.measure.exact import attribute, rationals, sized
+from jaxspatial.rotation.promises import ROTATED
 from jaxspatial.rotation.rotation import composed
+from jaxspatial.spatial.promises import (
+    ACT,
+    ACT_ACCELERATION,
+    CENTRAL_AXIS,
+    COMPOSED,
+    COMPOSED_ACCELERATION,
+    CROSS_ONE,
+    CROSS_TWO,
+    DOT,
+    POINT,
+    PRESSED,
+    ROTATED_INERTIA,
+    SHIFT,
+    SHIFT_ACCELERATION,
+    of_sum,
+)
 from jaxspatial.spatial.transform import transformed
 
 N_POINTS = 5
@@ -39,39 +58,6 @@ _ARGUMENTS = {
     "coefficients": ([(6,)], lambda x: x),
     "scalar": ([()], lambda x: x),
 }
-
-
-class Bound(NamedTuple):
-    """What is promised of the error of one array of a result, in each precision, with c the condition number of the
-    denominator of r (1 where nothing is divided).
-
-    fast, reproducible: k u mag + l u |r| c.  compensated: u |r| + m u^2 mag + n u^2 |r| c.
-    faithful: 1 ulp of r, nothing where r is 0; plus o u^3 mag for sums over many items.
-    """
-
-    k: float = 0
-    m: float = 0
-    l: float = 0  # noqa: E741 - the letter of the sentence above
-    n: float = 0
-    o: float = 0
-
-    def allowed(self, precision, exact, dtype) -> Any:
-        """The bound for every number of an array of `Sized`, as Fractions."""
-        value, mag, c = (attribute(exact, name) for name in ("value", "mag", "condition"))
-        u, (k, m, l, n, o) = error.unit_roundoff(dtype), map(Fraction, self)  # noqa: E741
-        if self == EXACT:
-            return 0 * mag
-        if precision == js.Precision.FAITHFUL:
-            return np.where(value != 0, error.ulp(value, dtype), 0 * mag) + o * u**3 * mag
-        if precision == js.Precision.COMPENSATED:
-            return u * abs(value) + u**2 * (m * mag + n * abs(value) * c)
-        return u * (k * mag + l * abs(value) * c)
-
-    def is_promised(self, precision, exact, dtype) -> Any:
-        """Where there is a promise: not for a denominator of which nothing is known."""
-        roundoff = {js.Precision.COMPENSATED: error.unit_roundoff(dtype) ** 2, js.Precision.FAITHFUL: 0}
-        smallest = 24 * roundoff.get(js.Precision(precision), error.unit_roundoff(dtype))
-        return (attribute(exact, "condition") * smallest <= 1).astype(bool) | (self.l == 0)
 
 
 class Operation(NamedTuple):
@@ -131,12 +117,20 @@ def violations(bound, precision, computed, exact, flushed=0):
     computed = np.asarray(computed)
     tiny, largest = (Fraction(float(getattr(jnp.finfo(computed.dtype), name))) for name in ("tiny", "max"))
     value = attribute(exact, "value")
-    allowed = bound.allowed(precision, exact, computed.dtype) + flushed * tiny
+    allowed = _allowed(bound, precision, exact, computed.dtype) + flushed * tiny
     allowed = allowed + tiny * ((value != 0) & (abs(value) < tiny)).astype(int) if bound != EXACT else allowed
     finite = np.isfinite(computed.astype(np.float64))
     wrong = abs(rationals(np.where(finite, computed, np.zeros_like(computed))) - value) > allowed
     in_range = (abs(value) <= largest).astype(bool)
-    return (~finite | wrong.astype(bool)) & in_range & bound.is_promised(precision, exact, computed.dtype)
+    condition = attribute(exact, "condition")
+    is_promised = bound.is_given(precision, error.unit_roundoff(computed.dtype), condition).astype(bool)
+    return (~finite | wrong.astype(bool)) & in_range & is_promised
+
+
+def _allowed(promise, precision, exact, dtype):
+    """For every number of an array of `Sized`, as Fractions."""
+    value, mag, condition = (attribute(exact, name) for name in ("value", "mag", "condition"))
+    return error.allowed(promise, precision, value, mag, dtype, condition)
 
 
 def _sum_of_three(x):
@@ -416,19 +410,8 @@ def _scaled_force(tau, f, s):
     return tau * s[..., None], f * s[..., None]
 
 
-def summed(n):
-    """The bound of the sum of cross products over n items."""
-    rounds = int(np.ceil(np.log2(n)))
-    return Bound(k=2 + rounds, m=2 * (2 + rounds) ** 2, o=n**2)
-
-
-PLAIN_SUM = summed(N_POINTS)._replace(k=3, m=2 * 3**2)
-TURNED, ACT, ACT_A = Bound(k=3, m=4), Bound(k=8, m=32), Bound(k=14, m=128)
-TURNED_SIX, FORCE, TORQUE, ENERGY = Bound(k=6, m=32), Bound(k=5, m=64), Bound(k=8, m=64), Bound(k=12, m=128)
-POINT, COMPOSED, COMPOSED_A = Bound(k=4, m=8), Bound(k=4, m=4), Bound(k=10, m=32)
-ABOUT = Bound(k=5, m=16)
-EXACT, SHIFT, SHIFT_A, SINGLE, SUM = Bound(), Bound(k=3, m=4), Bound(k=7, m=32), Bound(k=2, m=4), Bound(k=3, m=4)
-DOT, AXIS, PRESSED = Bound(k=4, m=8), Bound(k=7, m=32), Bound(k=3.5, l=4, m=32, n=32)
+SUMMED, PLAIN_SUM = of_sum(N_POINTS, each=2), of_sum(N_POINTS)
+ROUNDED_ONCE = Promise(u=1)
 
 OPERATIONS = {
     operation.name: operation
@@ -439,7 +422,7 @@ OPERATIONS = {
         Operation("shift_velocity", "V vector", js.shift, lambda w, v, p: (w, v + np.cross(w, p)), (EXACT, SHIFT)),
         Operation("shift_acceleration", "A vector vector", js.shift,
                   lambda alpha, a, p, w: (alpha, (a + np.cross(alpha, p)) + np.cross(w, np.cross(w, p))),
-                  (EXACT, SHIFT_A)),
+                  (EXACT, SHIFT_ACCELERATION)),
         Operation("dot_force_velocity", "F V", js.dot, _pairing, (DOT,)),
         Operation("dot_velocity_force", "V F", js.dot, _reversed_pairing, (DOT,),
                   twin="dot_force_velocity"),
@@ -447,40 +430,41 @@ OPERATIONS = {
                   twin="dot_force_velocity"),
         Operation("dot_velocity_momentum", "V L", js.dot, _reversed_pairing, (DOT,),
                   twin="dot_force_velocity"),
-        Operation("cross_velocity", "V V", js.cross, _cross_motion, (SINGLE, SUM)),
-        Operation("cross_acceleration", "V A", js.cross, _cross_motion, (SINGLE, SUM),
+        Operation("cross_velocity", "V V", js.cross, _cross_motion, (CROSS_ONE, CROSS_TWO)),
+        Operation("cross_acceleration", "V A", js.cross, _cross_motion, (CROSS_ONE, CROSS_TWO),
                   twin="cross_velocity"),
-        Operation("cross_force", "V F", js.cross, _cross_force, (SUM, SINGLE)),
-        Operation("cross_momentum", "V L", js.cross, _cross_force, (SUM, SINGLE),
+        Operation("cross_force", "V F", js.cross, _cross_force, (CROSS_TWO, CROSS_ONE)),
+        Operation("cross_momentum", "V L", js.cross, _cross_force, (CROSS_TWO, CROSS_ONE),
                   twin="cross_force"),
-        Operation("rotate", "R F", js.rotate, _rotated, (Bound(k=3, m=4), Bound(k=3, m=4))),
+        Operation("rotate", "R F", js.rotate, _rotated, (ROTATED, ROTATED)),
         Operation("compose_rotations", "R R", lambda R, S, precision=None: composed(R, S, precision=precision),
-                  lambda *entries: (_product(*entries),), (TURNED,)),
+                  lambda *entries: (_product(*entries),), (ROTATED,)),
         Operation("transform_point", "X vector", lambda X, p, precision=None: transformed(X, p, precision=precision),
                   _transformed, (POINT,)),
         Operation("compose_transforms", "X X", lambda X, Y, precision=None: transformed(X, Y, precision=precision),
-                  _transforms, (TURNED, POINT), twin="transform_point"),
-        Operation("inverse_times", "X X", js.RigidTransform.inverse_times, _inverse_times, (TURNED, ACT)),
-        Operation("act_velocity", "X V", js.act, _moved, (TURNED, ACT)),
-        Operation("act_force", "X F", js.act, _swapped(_moved), (ACT, TURNED), twin="act_velocity"),
-        Operation("act_inverse_velocity", "X V", js.act_inverse, _moved_back, (TURNED, ACT)),
-        Operation("act_inverse_momentum", "X L", js.act_inverse, _swapped(_moved_back), (ACT, TURNED),
+                  _transforms, (ROTATED, POINT), twin="transform_point"),
+        Operation("inverse_times", "X X", js.RigidTransform.inverse_times, _inverse_times, (ROTATED, ACT)),
+        Operation("act_velocity", "X V", js.act, _moved, (ROTATED, ACT)),
+        Operation("act_force", "X F", js.act, _swapped(_moved), (ACT, ROTATED), twin="act_velocity"),
+        Operation("act_inverse_velocity", "X V", js.act_inverse, _moved_back, (ROTATED, ACT)),
+        Operation("act_inverse_momentum", "X L", js.act_inverse, _swapped(_moved_back), (ACT, ROTATED),
                   twin="act_inverse_velocity"),
-        Operation("act_acceleration", "X A vector", js.act, _moved_acceleration, (TURNED, ACT_A), is_long=True),
+        Operation("act_acceleration", "X A vector", js.act, _moved_acceleration,
+                  (ROTATED, ACT_ACCELERATION), is_long=True),
         Operation("act_inverse_acceleration", "X A vector", js.act_inverse, _acceleration_moved_back,
-                  (TURNED, ACT_A), is_long=True),
+                  (ROTATED, ACT_ACCELERATION), is_long=True),
         Operation("compose_velocity", "V vector V", js.SpatialVelocity.compose_with_moving_frame, _composed_velocity,
-                  (SINGLE, COMPOSED)),
+                  (CROSS_ONE, COMPOSED)),
         Operation("compose_acceleration", "A vector vector V A", js.SpatialAcceleration.compose_with_moving_frame,
-                  _composed_acceleration, (COMPOSED, COMPOSED_A), is_long=True),
+                  _composed_acceleration, (COMPOSED, COMPOSED_ACCELERATION), is_long=True),
         Operation("to_featherstone", "A V", js.SpatialAcceleration.to_featherstone,
                   lambda alpha, a, w, v: (np.concatenate((alpha, a - np.cross(w, v)), -1),), (SHIFT,),
                   twin="shift_force"),
         Operation("shift_inertia", "M vector", js.shift, lambda m, c, i, p: (m, c - p, i),
-                  (EXACT, Bound(k=1, m=0), EXACT)),
-        Operation("rotate_inertia", "R M", js.rotate, _rotated_inertia, (EXACT, TURNED, TURNED_SIX)),
-        Operation("act_inertia", "X M", js.act, _acted_inertia, (EXACT, POINT, TURNED_SIX), twin="rotate_inertia"),
-        Operation("act_inverse_inertia", "X M", js.act_inverse, _inertia_acted_back, (EXACT, ACT, TURNED_SIX),
+                  (EXACT, ROUNDED_ONCE, EXACT)),
+        Operation("rotate_inertia", "R M", js.rotate, _rotated_inertia, (EXACT, ROTATED, ROTATED_INERTIA)),
+        Operation("act_inertia", "X M", js.act, _acted_inertia, (EXACT, POINT, ROTATED_INERTIA), twin="rotate_inertia"),
+        Operation("act_inverse_inertia", "X M", js.act_inverse, _inertia_acted_back, (EXACT, ACT, ROTATED_INERTIA),
                   twin="rotate_inertia"),
         Operation("apply_acceleration", "M A", js.SpatialInertia.apply, _applied, (TORQUE, FORCE), is_long=True),
         Operation("apply_velocity", "M V", js.SpatialInertia.apply, _applied, (TORQUE, FORCE),
@@ -496,15 +480,16 @@ OPERATIONS = {
         Operation("to_pseudo_inertia", "M",
                   lambda M, precision=None: M.to_pseudo_inertia(precision=precision) * 2, _twice_pseudo_inertia,
                   (ABOUT,), twin="to_matrix"),
-        Operation("newton_euler_regressor", "A vector", js.newton_euler_regressor, _regressor, (SINGLE,), is_long=True),
+        Operation("newton_euler_regressor", "A vector", js.newton_euler_regressor, _regressor,
+                  (REGRESSOR,), is_long=True),
         Operation("motion_matrix", "X", js.RigidTransform.to_motion_matrix, _motion_matrix),
-        Operation("inverse_transform", "X", js.RigidTransform.inverse, _inverse, (EXACT, TURNED)),
+        Operation("inverse_transform", "X", js.RigidTransform.inverse, _inverse, (EXACT, ROTATED)),
         Operation("to_articulated", "M", js.ArticulatedInertia.from_spatial_inertia, _articulated,
-                  (ABOUT, SINGLE, EXACT), twin="to_matrix"),
-        Operation("articulated_times", "P A", js.ArticulatedInertia.times, _articulated_times, (DOT, DOT),
-                  is_long=True),
+                  (ABOUT, CROSS_ONE, EXACT), twin="to_matrix"),
+        Operation("articulated_times", "P A", js.ArticulatedInertia.times, _articulated_times,
+                  (ARTICULATED_TIMES, ARTICULATED_TIMES), is_long=True),
         Operation("articulated_shift", "P vector", js.ArticulatedInertia.shift, _articulated_shifted,
-                  (ACT, ACT, EXACT), is_long=True),
+                  (ARTICULATED_SHIFT, ARTICULATED_SHIFT, EXACT), is_long=True),
         Operation("add", "F F", lambda F, G: F + G, lambda tau, f, tau2, f2: (tau + tau2, f + f2)),
         Operation("subtract", "V V", lambda V, W: V - W, lambda w, v, w2, v2: (w - w2, v - v2)),
         Operation("negate", "L", lambda L: -L, lambda *parts: tuple(-x for x in parts)),
@@ -513,14 +498,14 @@ OPERATIONS = {
         Operation("divide", "A scalar", lambda A, s: A / s,
                   lambda alpha, a, s: (alpha / s[..., None], a / s[..., None])),
         Operation("wrench_from_point_forces", "points points", js.wrench_from_point_forces, _wrench,
-                  (summed(N_POINTS), summed(N_POINTS))),
+                  (SUMMED, SUMMED)),
         Operation("sum", "forces", lambda F, precision=None: F.sum(-1, precision=precision),
                   lambda tau, f: (_sum_of_points(tau), _sum_of_points(f)), (PLAIN_SUM, PLAIN_SUM)),
         Operation("at_batch", "forces", lambda F: F.at_batch((..., 2)), lambda tau, f: (tau[..., 2, :], f[..., 2, :])),
         Operation("stack", "X", lambda X: js.stack([X, X], -1), _twice),
         Operation("equal", "L L", lambda L, L2: L == L2,
                   lambda *parts: (np.all(np.equal(parts[:2], parts[2:]), (0, -1)),), differentiable=False),
-        Operation("central_axis", "F", js.central_axis, _axis, (AXIS, AXIS)),
+        Operation("central_axis", "F", js.central_axis, _axis, (CENTRAL_AXIS, CENTRAL_AXIS)),
         Operation("center_of_pressure", "F vector", js.center_of_pressure, _pressed, (PRESSED,)),
         Operation("to_array", "V", js.SpatialVelocity.to_array, lambda w, v: (np.concatenate((w, v), -1),)),
         Operation("from_array", "coefficients", js.SpatialMomentum.from_array, lambda x: (x[..., :3], x[..., 3:])),

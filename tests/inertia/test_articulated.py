@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.arithmetic.promise import EXACT
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.inertia.articulated import ArticulatedInertia, joint_projection
+from jaxspatial.inertia.promises import ARTICULATED_ACT as ACT
+from jaxspatial.inertia.promises import ARTICULATED_ROTATED as TURN
+from jaxspatial.inertia.promises import ARTICULATED_SHIFT as SHIFT
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import Sized, attribute, rationals, sized
 from tests.helpers.marks import slow
-from tests.helpers.operations import EXACT, Bound, violations
+from tests.helpers.operations import violations
 
 ZERO = Sized(Fraction(0))
 LOWER = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)]
@@ -172,8 +176,6 @@ def test_validity():
 
 
 # -- bounds -----------------------------------------------------------------------------------------------------------
-
-SHIFT, TURN, ACT = Bound(k=8, m=32), Bound(k=6, m=64), Bound(k=16, m=128)
 
 
 def case(dtype, n=12):

@@ -16,11 +16,11 @@ from jaxspatial.inertia.newton_euler import (
     newton_euler,
     newton_euler_regressor,
 )
+from jaxspatial.inertia.promises import ENERGY_REGRESSOR, NEWTON_EULER, REGRESSOR
 from jaxspatial.measure.exact import Sized, rationals, sized
 from tests.helpers.marks import slow, slow_but
-from tests.helpers.operations import Bound, violations
+from tests.helpers.operations import violations
 
-NEWTON, REGRESSOR, ENERGY = Bound(k=12, m=48), Bound(k=2, m=4), Bound(k=3, m=8)
 LOWER = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)]
 ZERO = Sized(Fraction(0))
 
@@ -81,7 +81,7 @@ def test_bound_of_the_docstring(dtype, precision):
     promised = "compensated" if precision == "faithful" else precision
     for part, expected in zip((F.tau, F.f), zip(*exact, strict=True), strict=True):
         assert part.dtype == dtype
-        assert not violations(NEWTON, promised, part, np.array(expected, object)).any()
+        assert not violations(NEWTON_EULER, promised, part, np.array(expected, object)).any()
 
 
 def test_a_body_is_its_particles():
@@ -177,7 +177,7 @@ def test_bounds_of_the_regressors(dtype, precision):
                                                    for i, k in LOWER)]
         for w, v in items
     ]  # fmt: skip
-    assert not violations(ENERGY, precision, e, np.array(energies, object)).any()
+    assert not violations(ENERGY_REGRESSOR, precision, e, np.array(energies, object)).any()
 
 
 # -- structure, transformations, messages -----------------------------------------------------------------------------

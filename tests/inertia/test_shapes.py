@@ -10,12 +10,13 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.inertia import SpatialInertia
+from jaxspatial.inertia.promises import SHAPE_CENTRAL as CENTRAL
+from jaxspatial.inertia.promises import SHAPE_MASS as MASS
 from jaxspatial.measure.exact import Sized, attribute, rationals, sized
 from tests.helpers.marks import slow, slow_but
-from tests.helpers.operations import Bound, violations
+from tests.helpers.operations import violations
 
 PI = Sized(Fraction("3.14159265358979323846264338327950288419716939937510582097494459"))
-MASS, CENTRAL = Bound(k=12, m=64), Bound(k=20, m=64)
 
 
 def number(a, b=1):

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.arithmetic.promise import EXACT, Promise
 from jaxspatial.measure.inputs import FAMILIES, with_condition
 from tests.helpers import duals, hostile
 from tests.helpers.marks import slow, slow_but
-from tests.helpers.operations import EXACT, OPERATIONS, Bound, violations
+from tests.helpers.operations import OPERATIONS, violations
 
 NAMES = (
     "shift_force",
@@ -238,8 +239,8 @@ def _pulled(name, dtype, part=None, shared=frozenset()):
 # -- bounds -----------------------------------------------------------------------------------------------------------
 
 
-def _worst(name) -> Bound:
-    return max((b for b in _bounds(name) if b != EXACT), key=lambda b: b.m)
+def _worst(name) -> Promise:
+    return max((b for b in _bounds(name) if b != EXACT), key=lambda b: b.u2)
 
 
 def _bounds(name) -> tuple:
@@ -248,7 +249,7 @@ def _bounds(name) -> tuple:
 
 def _of_sum(bound, n):
     rounds = int(np.ceil(np.log2(n)))
-    return Bound(m=bound.m + 2 * (2 + rounds) ** 2, o=n**2)
+    return Promise(u2=bound.u2 + 2 * (2 + rounds) ** 2, u3=n**2)
 
 
 def _check(name, precision, bounds, results, expected):

@@ -14,9 +14,10 @@ import pytest
 import jaxspatial as js
 from jaxspatial.measure import error, exact
 from jaxspatial.measure.inputs import FAMILIES
+from jaxspatial.spatial.promises import of_sum
 from tests.helpers import hostile
 from tests.helpers.marks import slow, slow_but
-from tests.helpers.operations import DTYPES, EXACT, FORMULAS, summed, violations
+from tests.helpers.operations import DTYPES, EXACT, FORMULAS, violations
 
 
 def _batch_last(f):
@@ -178,7 +179,7 @@ def test_wrench_from_point_forces(n, dtype, precision):
         for context in (lambda g: g, lambda g: jax.jit(jax.vmap(g))):
             F = context(lambda p, f: js.wrench_from_point_forces(p, f, precision=precision))(points, forces)
             for computed, exactly in zip((F.tau, F.f), expected, strict=True):
-                assert not violations(summed(n), precision, computed, exactly).any()
+                assert not violations(of_sum(n, each=2), precision, computed, exactly).any()
 
 
 @pytest.mark.parametrize("dtype", DTYPES)

@@ -16,9 +16,10 @@ import jaxspatial as js
 from jaxspatial.measure import error
 from jaxspatial.measure.exact import attribute, rationals, sized
 from jaxspatial.measure.inputs import EXTREMES
+from jaxspatial.spatial.promises import of_sum
 from tests.helpers import hostile
 from tests.helpers.marks import slow, slow_but
-from tests.helpers.operations import DTYPES, EXACT, OPERATIONS, summed, violations
+from tests.helpers.operations import DTYPES, EXACT, OPERATIONS, violations
 
 # Where intermediate results may overflow: all formats evaluated in a wider one, and whatever is faithful.
 SAFE = [(dtype, precision) for dtype in DTYPES for precision in ("compensated", "faithful")]
@@ -135,7 +136,7 @@ def _moments_beyond(rng, n, items):
 def _check_sums(computed, terms):
     """Faithful sums (n, 3) of terms (n, items, 3), `Sized`."""
     exact = terms.sum(-2)
-    assert not violations(summed(terms.shape[1]), "faithful", computed, exact).any()
+    assert not violations(of_sum(terms.shape[1], each=2), "faithful", computed, exact).any()
 
 
 @pytest.mark.parametrize("how", hostile.SURROUNDINGS)

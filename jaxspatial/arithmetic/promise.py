@@ -1,0 +1,73 @@
+"""Error bounds as records: what docstrings, `measure`, the tests and the tables of the pages state, stated once.
+
+Beside the operations of a layer, its `promises` has a record for each kind of number that they return. A new precision
+is a line in each of these methods.
+"""
+
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+from jaxspatial.arithmetic.precision import Precision
+
+TERMS = "the sum of the absolute values of its terms, multiplied out"
+
+
+class Promise(NamedTuple):
+    """The largest error of a number whose exact value is r; with none of these factors it is exact.
+
+        fast, reproducible   u u mag + u_of_result u |r| c
+        compensated          u |r| + u2 u^2 mag + u2_of_result u^2 |r| c
+        faithful             1 ulp of r + u3 u^3 mag
+
+    u stands for the unit roundoff of the inputs' dtype behind each factor, mag for what its field says, c for the
+    condition of the denominator that r was divided by.
+    """
+
+    u: float = 0
+    u2: float = 0
+    u_of_result: float = 0
+    u2_of_result: float = 0
+    u3: float = 0
+    mag: str = TERMS
+
+    @property
+    def is_exact(self):
+        return not any(self[:-1])
+
+    def allowed(self, precision, roundoff, ulp, r, mag, condition=1) -> Any:
+        """The bound for numbers r of any kind, as of exact rationals. ulp: the unit in the last place of r."""
+        if self.is_exact:
+            return 0 * mag
+        if precision == Precision.FAITHFUL:
+            return ulp + self._exactly(self.u3, roundoff) * roundoff**3 * mag
+        if precision == Precision.COMPENSATED:
+            twice, of_result = (self._exactly(x, roundoff) * roundoff**2 for x in (self.u2, self.u2_of_result))
+            return roundoff * abs(r) + twice * mag + of_result * abs(r) * condition
+        once, of_result = (self._exactly(x, roundoff) * roundoff for x in (self.u, self.u_of_result))
+        return once * mag + of_result * abs(r) * condition
+
+    @staticmethod
+    def _exactly(factor, roundoff):
+        """The factor as the kind of number that the unit roundoff is of."""
+        return type(roundoff)(factor)
+
+    def words(self, precision):
+        """The bound in a table."""
+        return {
+            Precision.FAST: f"{self.u:g} u mag",
+            Precision.REPRODUCIBLE: f"{self.u:g} u mag",
+            Precision.COMPENSATED: f"u |r| + {self.u2:g} u² mag",
+            Precision.FAITHFUL: "1 ulp",
+        }[Precision(precision)]
+
+    def is_given(self, precision, roundoff, condition):
+        """Where anything is promised: not of a quotient whose denominator is little more than its rounding errors."""
+        if not self.u_of_result or precision == Precision.FAITHFUL:
+            return condition == condition
+        smallest = 24 * (roundoff**2 if precision == Precision.COMPENSATED else roundoff)
+        return condition * smallest <= 1
+
+
+EXACT = Promise()
+# Of sums, products, quotients and roots of double words, in u^2 of the result; cubes of u are left out.
+DOUBLE_WORDS = {"+": Fraction(3), "*": Fraction(5), "/": Fraction(15), "sqrt": Fraction(25, 8)}

@@ -1,0 +1,37 @@
+"""The error bounds of the operations on spatial vectors: see `arithmetic.promise`. Sums of n items: of_sum(n)."""
+
+import math
+
+from jaxspatial.arithmetic.promise import Promise
+from jaxspatial.rotation.promises import ROTATED
+
+SHIFT, SHIFT_ACCELERATION = Promise(3, 4), Promise(7, 32)
+DOT = Promise(4, 8)
+# cross: the part that is one product of vectors, and the part that is the sum of two.
+CROSS_ONE, CROSS_TWO = Promise(2, 4), Promise(3, 4)
+ACT, ACT_ACCELERATION = Promise(8, 32), Promise(14, 128)
+# R S R^T of a central inertia.
+ROTATED_INERTIA = Promise(6, 32)
+POINT = Promise(4, 8, mag="|R| |p_BQ| + |p_AB|")
+COMPOSED, COMPOSED_ACCELERATION = Promise(4, 4), Promise(10, 32)
+CENTRAL_AXIS = Promise(7, 32, mag="the sum of the absolute values of the numerator's terms over f . f")
+PRESSED = Promise(3.5, 32, u_of_result=4, u2_of_result=32)
+
+# Whose docstrings state which.
+PROMISES = {
+    "shift": (SHIFT, SHIFT_ACCELERATION),
+    "dot": (DOT,),
+    "cross": (CROSS_ONE, CROSS_TWO),
+    "rotate": (ROTATED, ROTATED_INERTIA),
+    "act": (ACT, ACT_ACCELERATION),
+    "SpatialVelocity.compose_with_moving_frame": (COMPOSED,),
+    "SpatialAcceleration.compose_with_moving_frame": (COMPOSED_ACCELERATION,),
+    "central_axis": (CENTRAL_AXIS,),
+    "center_of_pressure": (PRESSED,),
+}
+
+
+def of_sum(n, each=0):
+    """Of n items, by halving; each: the factor of one of them, 2 for a cross product."""
+    rounds = each + math.ceil(math.log2(n))
+    return Promise(u=rounds, u2=2 * rounds**2, u3=n**2)
