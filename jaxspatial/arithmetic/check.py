@@ -33,7 +33,7 @@ class NarrowingWarning(UserWarning):
 _said: dict = {}
 
 
-class Number:
+class StandIn:
     """Base of what stands for an array of floating point without being one: it passes every check as it is."""
 
     def over_batch(self, batch_shape):
@@ -48,7 +48,7 @@ def as_float_array(x, name, dtype=None, *, held=False) -> Any:
     NumPy stays NumPy (known while tracing): what is only held in its own dtype, what is computed with in JAX's, see
     `narrowed`. Arrays of integers are refused: whether 1 means 1.0f or 1.0 is the caller's to say.
     """
-    if isinstance(x, Number):
+    if isinstance(x, StandIn):
         return x
     array = _as_array(x, name, dtype)
     if not _is_floating(array.dtype):
@@ -195,7 +195,7 @@ def broadcast_batch(batch_shape, *arrays):
 
 
 def _broadcast(array, batch_shape):
-    if isinstance(array, Number):
+    if isinstance(array, StandIn):
         return array.over_batch(batch_shape)
     return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, (*batch_shape, array.shape[-1]))
 
@@ -209,7 +209,7 @@ def batch_axis(axis, batch_shape, operation):
 
 def goes_with_any_batch(x):
     """True for what consists of known numbers alone, see `Components`."""
-    return isinstance(x, Number) and not jax.tree.leaves(x)
+    return isinstance(x, StandIn) and not jax.tree.leaves(x)
 
 
 def batch_shape(*parts):

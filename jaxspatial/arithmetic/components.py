@@ -15,7 +15,7 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, lanes
+from jaxspatial.arithmetic import check, folding
 from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
 from jaxspatial.arithmetic.polynomial import uniform
 from jaxspatial.arithmetic.precision import Precision
@@ -28,7 +28,7 @@ class _Structure(NamedTuple):
     dtype: str | None
 
 
-class Components(check.Number):
+class Components(check.StandIn):
     """An array (*batch, n) by its n components, each data or a number known while tracing.
 
         f = js.Components(fx, fy, 0.0)                        # a force in the plane
@@ -71,7 +71,7 @@ class Components(check.Number):
         self._fill([_over(c, batch, dtype) for c in given])
 
     def _fill(self, components):
-        known = tuple(_plain(c) if lanes.is_known(c) else None for c in components)
+        known = tuple(_plain(c) if folding.is_known(c) else None for c in components)
         self._data = tuple(c for c, number in zip(components, known, strict=True) if number is None)
         self._structure = _Structure(known, None if self._data else np.dtype(components[0].dtype).name)
 
@@ -111,7 +111,7 @@ class Components(check.Number):
         batch = np.broadcast_shapes(self.shape[:-1], batch_shape)
         parts = self.components
         parts = to_double_word(parts) if any(isinstance(c, DoubleWord) for c in parts) else parts
-        return jax.tree.map(lambda *words: lanes.stack(words, batch), *parts, is_leaf=lanes.is_known)
+        return jax.tree.map(lambda *words: folding.stack(words, batch), *parts, is_leaf=folding.is_known)
 
     def __array__(self, dtype=None, copy=None):
         return np.asarray(self.to_array(), dtype)
@@ -137,11 +137,11 @@ class Components(check.Number):
         batch, which = _split(index if self._data else _without_batch(index), self.ndim)
         if which is None:
             return self.to_array()[index]
-        parts = [c if lanes.is_known(c) else c[batch] for c in self.components]
+        parts = [c if folding.is_known(c) else c[batch] for c in self.components]
         if not isinstance(which, int):
             return of([parts[i] for i in np.arange(len(parts))[which]])
-        shape = next((c.shape for c in parts if not lanes.is_known(c)), ())
-        return np.broadcast_to(parts[which], shape) if lanes.is_known(parts[which]) else parts[which]
+        shape = next((c.shape for c in parts if not folding.is_known(c)), ())
+        return np.broadcast_to(parts[which], shape) if folding.is_known(parts[which]) else parts[which]
 
     def __len__(self):
         return self.shape[0]
@@ -162,15 +162,15 @@ class Components(check.Number):
         return of([abs(c) for c in self.components])
 
     def __add__(self, other):
-        return self._combined(lanes.add, other)
+        return self._combined(folding.add, other)
 
     __radd__ = __add__
 
     def __sub__(self, other):
-        return self._combined(lanes.subtract, other)
+        return self._combined(folding.subtract, other)
 
     def __rsub__(self, other):
-        return self._combined(lanes.subtract, other, is_reflected=True)
+        return self._combined(folding.subtract, other, is_reflected=True)
 
     def __mul__(self, other):
         return self._combined(_product, other)
@@ -178,10 +178,10 @@ class Components(check.Number):
     __rmul__ = __mul__
 
     def __truediv__(self, other):
-        return self._combined(lanes.divide, other)
+        return self._combined(folding.divide, other)
 
     def __rtruediv__(self, other):
-        return self._combined(lanes.divide, other, is_reflected=True)
+        return self._combined(folding.divide, other, is_reflected=True)
 
     def _combined(self, operation, other, is_reflected=False):
         other = _beside(self, other)
@@ -299,7 +299,7 @@ def _common_dtype(given, dtype):
 def _over(c, batch, dtype):
     """The component over a batch; a number in its dtype."""
     if isinstance(c, (float, np.generic)):
-        return lanes.quietly(lambda t, number: t.type(number), np.dtype(dtype), c)
+        return folding.quietly(lambda t, number: t.type(number), np.dtype(dtype), c)
     return jax.tree.map(lambda word: _broadcast(word, batch), c)
 
 
@@ -316,7 +316,7 @@ def _plain(number):
 
 
 def _array(leaf) -> typing.Any:
-    """Data as what lanes are made of: a NumPy array that JAX put there would be known."""
+    """Data as what a formula computes with: a NumPy array that JAX put there would be known."""
     return jnp.asarray(leaf) if isinstance(leaf, (np.ndarray, np.generic)) else leaf
 
 
@@ -353,7 +353,7 @@ def _beside(x, other):
     """What stands beside Components in an operation: Components of as many; NotImplemented."""
     if isinstance(other, (int, float)) and not isinstance(other, bool):
         return of([_over(float(other), (), x.dtype)] * x.shape[-1])
-    if not isinstance(other, (np.generic, np.ndarray, jax.Array, check.Number)):
+    if not isinstance(other, (np.generic, np.ndarray, jax.Array, check.StandIn)):
         return NotImplemented
     array = check.as_float_array(other, "Components: other")
     check.require_same_dtype(Components=x, other=array)
@@ -379,7 +379,7 @@ def _combined(operation, a, b):
 
 
 _compiled = jax.jit(_combined, static_argnums=0, inline=True)
-_product = functools.partial(lanes.multiply, Precision.REPRODUCIBLE)
+_product = functools.partial(folding.multiply, Precision.REPRODUCIBLE)
 
 
 def _shown(leaf):

@@ -17,7 +17,7 @@ from jaxspatial.arithmetic import check, conversion, pairs
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class DoubleWord(check.Number):
+class DoubleWord(check.StandIn):
     """A number, or an array of them, as the unevaluated sum hi + lo: about twice the digits of its dtype.
 
         x = js.to_double_word(jnp.float32(1) / 3)

@@ -15,10 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import lanes
+from jaxspatial.arithmetic import folding
 from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
 from jaxspatial.arithmetic.numbers import (
-    Lane,
+    Rounded,
     constant,
     doubled,
     high,
@@ -59,7 +59,7 @@ def _polynomial(coefficients):
     def evaluated(x):
         if isinstance(x, DoubleWord):
             return _scanned(coefficients, x)
-        is_known = lanes.is_known(x.value) or len(coefficients) == 1
+        is_known = folding.is_known(x.value) or len(coefficients) == 1
         return _horner(coefficients, x) if is_known else _of_data(coefficients, x.precision)(x)
 
     return noinline_pairs(evaluated)
@@ -74,20 +74,20 @@ def _horner(coefficients, x):
 
 @functools.cache
 def _of_data(coefficients, precision):
-    """The polynomial of a Lane, differentiated as one: a pull-back needs its slope, and not every step to it."""
+    """The polynomial of a Rounded, differentiated as one: a pull-back needs its slope, and not every step to it."""
 
     @jax.custom_jvp
     def value(x):
-        return _horner(coefficients, Lane(precision, x)).value
+        return _horner(coefficients, Rounded(precision, x)).value
 
     @value.defjvp  # pyright: ignore[reportFunctionMemberAccess]
     def jvp(primals, tangents):
         (x,), (dx,) = primals, tangents
         slope = _polynomial(tuple(n * c for n, c in enumerate(coefficients))[1:])
-        rate = slope(Lane(precision, x)) * Lane(precision, dx)
+        rate = slope(Rounded(precision, x)) * Rounded(precision, dx)
         return value(x), rate.value
 
-    return lambda x: Lane(precision, value(x.value))
+    return lambda x: Rounded(precision, value(x.value))
 
 
 def _scanned(coefficients, x):
@@ -241,4 +241,4 @@ def log(x):
 def _of_integers(like, e):
     """Integers (*batch,) as a number of the kind of another."""
     e = e.astype(like.dtype)
-    return to_double_word(e) if isinstance(like, DoubleWord) else Lane(like.precision, e)
+    return to_double_word(e) if isinstance(like, DoubleWord) else Rounded(like.precision, e)

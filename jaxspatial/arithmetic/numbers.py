@@ -1,17 +1,21 @@
-"""Formulas that are no sums of products (roots, quotients, angles, selections), and the numbers they run in.
+"""The numbers that formulas are written over: one protocol, four kinds.
 
-Such a formula is written once, over numbers with `+ - * /`, comparisons and the functions below, and runs in what the
-precision asks for:
+A formula uses `+ - * /`, negation and the functions below; `vectors` has those of tuples of numbers. It is written once
+and runs in what `formula` picks:
 
-    fast, reproducible      Lanes of the inputs' dtype; of float32 for float16 and bfloat16
-    compensated, faithful   Lanes of float64 for narrower dtypes, double words for float64
+    Rounded       an array over the batch, each operation rounded as the precision says
+                  or a number known while tracing, which folds (see `folding`)
+    DoubleWord    an array with twice the digits
+    Polynomial    what a result is the sum of, evaluated as a whole afterwards: knows `+ - *`, one last `/`, `halved`,
+                  and zero as a `constant`
 
-and is rounded once at the end. Lanes fold what is known while tracing, see `lanes`.
+Comparisons, roots and selections are for the first two alone.
 """
 
 import functools
 import operator
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,14 +23,15 @@ import numpy as np
 from jax import lax
 from jax.experimental.xla_metadata import set_xla_metadata
 
-from jaxspatial.arithmetic import check, components, lanes, reproducible, scaling
+from jaxspatial.arithmetic import folding, reproducible, scaling
 from jaxspatial.arithmetic.components import Components
 from jaxspatial.arithmetic.double_word import DoubleWord, nearest_double_word, to_double_word
-from jaxspatial.arithmetic.precision import Precision, resolve
+from jaxspatial.arithmetic.polynomial import Polynomial
+from jaxspatial.arithmetic.precision import Precision
 
 
-class Lane:
-    """An array over the batch, or a number known while tracing, whose products are rounded as the precision says."""
+class Rounded:
+    """An array over the batch, or a number known while tracing, whose operations are rounded as the precision says."""
 
     def __init__(self, precision, value):
         self.precision, self.value = precision, value
@@ -37,32 +42,32 @@ class Lane:
 
     def _of(self, other):
         """The value of what stands beside this one."""
-        return other.value if isinstance(other, Lane) else self.dtype.type(other)
+        return other.value if isinstance(other, Rounded) else self.dtype.type(other)
 
     def _new(self, value):
-        return Lane(self.precision, value)
+        return Rounded(self.precision, value)
 
     def __add__(self, other):
-        return self._new(lanes.add(self.value, self._of(other), self.precision))
+        return self._new(folding.add(self.value, self._of(other), self.precision))
 
     __radd__ = __add__
 
     def __sub__(self, other):
-        return self._new(lanes.subtract(self.value, self._of(other), self.precision))
+        return self._new(folding.subtract(self.value, self._of(other), self.precision))
 
     def __rsub__(self, other):
-        return self._new(lanes.subtract(self._of(other), self.value, self.precision))
+        return self._new(folding.subtract(self._of(other), self.value, self.precision))
 
     def __mul__(self, other):
-        return self._new(lanes.multiply(self.precision, self.value, self._of(other)))
+        return self._new(folding.multiply(self.precision, self.value, self._of(other)))
 
     __rmul__ = __mul__
 
     def __truediv__(self, other):
-        return self._new(lanes.divide(self.value, self._of(other)))
+        return self._new(folding.divide(self.value, self._of(other)))
 
     def __rtruediv__(self, other):
-        return self._new(lanes.divide(self._of(other), self.value))
+        return self._new(folding.divide(self._of(other), self.value))
 
     def __neg__(self):
         return self._new(-self.value)
@@ -83,10 +88,10 @@ class Lane:
         return self._compared(operator.ge, other)
 
     def _compared(self, comparison, other):
-        return comparison(*lanes.alike(self.value, self._of(other)))
+        return comparison(*folding.alike(self.value, self._of(other)))
 
     def sqrt(self):
-        return self._new(np.sqrt(self.value) if lanes.is_known(self.value) else _root(self.value))
+        return self._new(np.sqrt(self.value) if folding.is_known(self.value) else _root(self.value))
 
 
 @jax.custom_jvp
@@ -101,14 +106,16 @@ def _root_jvp(primals, tangents):
     return root, reproducible.quotient(*tangents, root + root)
 
 
-Number = Lane | DoubleWord
+Number = Rounded | DoubleWord
 
 
 def constant(like, number):
     """The number nearest to a Fraction or Python number, of the kind of another."""
+    if isinstance(like, Polynomial):
+        return like.constant(number)
     if isinstance(like, DoubleWord):
         return nearest_double_word(number, like.dtype)
-    return Lane(like.precision, like.dtype.type(float(number)))
+    return Rounded(like.precision, like.dtype.type(float(number)))
 
 
 def where(condition, a, b) -> Any:
@@ -119,7 +126,7 @@ def where(condition, a, b) -> Any:
         return a if condition else b
     if isinstance(like, DoubleWord):
         return jax.tree.map(functools.partial(_selected, condition), a, b)
-    return Lane(like.precision, _selected(condition, a.value, b.value))
+    return Rounded(like.precision, _selected(condition, a.value, b.value))
 
 
 def _selected(condition, a, b):
@@ -135,26 +142,28 @@ def high(x):
 def nearest_integer(x):
     """The integer nearest to x, of one word; a constant to derivatives."""
     value = high(x)
-    if lanes.is_known(value) and isinstance(x, Lane):
-        return Lane(x.precision, np.round(value))
+    if folding.is_known(value) and isinstance(x, Rounded):
+        return Rounded(x.precision, np.round(value))
     rounded = lax.round(lax.stop_gradient(value), lax.RoundingMethod.TO_NEAREST_EVEN)
-    return to_double_word(rounded) if isinstance(x, DoubleWord) else Lane(x.precision, rounded)
+    return to_double_word(rounded) if isinstance(x, DoubleWord) else Rounded(x.precision, rounded)
 
 
 def frozen(x):
     """x, a constant to derivatives."""
     if isinstance(x, DoubleWord):
         return jax.tree.map(lax.stop_gradient, x)
-    return Lane(x.precision, x.value if lanes.is_known(x.value) else lax.stop_gradient(x.value))
+    return Rounded(x.precision, x.value if folding.is_known(x.value) else lax.stop_gradient(x.value))
 
 
 def times_power_of_two(x, e):
     """x 2^e for integers e (*batch,), exactly but for underflow."""
     if isinstance(x, DoubleWord):
         return jax.tree.map(lambda word: scaling.times_power_of_two(word, e), x)
-    if lanes.is_known(x.value) and isinstance(e, np.integer):
-        return Lane(x.precision, lanes.quietly(np.ldexp, x.value, e))
-    return x if lanes.is_known(x.value, 0) else Lane(x.precision, scaling.times_power_of_two(jnp.asarray(x.value), e))
+    if folding.is_known(x.value) and isinstance(e, np.integer):
+        return Rounded(x.precision, folding.quietly(np.ldexp, x.value, e))
+    return (
+        x if folding.is_known(x.value, 0) else Rounded(x.precision, scaling.times_power_of_two(jnp.asarray(x.value), e))
+    )
 
 
 def doubled(x, times=1):
@@ -162,6 +171,13 @@ def doubled(x, times=1):
     if isinstance(x, DoubleWord):
         return jax.tree.map(lambda word: word * word.dtype.type(2.0**times), x)
     return x * 2.0**times
+
+
+def halved(x):
+    """x / 2, exactly but for underflow. Of a whole sum before it is rounded: what overflows twice as large is right."""
+    if isinstance(x, Rounded):
+        return x._new(folding.halve(x.value))
+    return x.halved() if isinstance(x, Polynomial) else doubled(x, -1)
 
 
 def noinline_pairs(function) -> Any:
@@ -208,28 +224,28 @@ def noinline(function) -> Any:
 
 
 def is_number(x):
-    """True for a Lane or a double word."""
+    """True for a rounded number or a double word."""
     return isinstance(x, Number)
 
 
 def _is_data(x):
-    return not lanes.is_known(x.value) if isinstance(x, Lane) else isinstance(x, (jax.Array, DoubleWord))
+    return not folding.is_known(x.value) if isinstance(x, Rounded) else isinstance(x, (jax.Array, DoubleWord))
 
 
 def data_of(leaves):
-    """What of numbers and masks is not known while tracing: the arrays of lanes, and double words."""
-    return [x.value if isinstance(x, Lane) else x for x in leaves if _is_data(x)]
+    """What of numbers and masks is not known while tracing: the arrays of rounded numbers, and double words."""
+    return [x.value if isinstance(x, Rounded) else x for x in leaves if _is_data(x)]
 
 
 def with_data(leaves, data):
     """The leaves, with other data for that which `data_of` finds."""
     data = iter(data)
-    return [x if not _is_data(x) else x._new(next(data)) if isinstance(x, Lane) else next(data) for x in leaves]
+    return [x if not _is_data(x) else x._new(next(data)) if isinstance(x, Rounded) else next(data) for x in leaves]
 
 
 def as_data(x):
     """A number that is known as one that is not: a loop has the same of these at every turn."""
-    return x._new(jnp.asarray(x.value)) if isinstance(x, Lane) and lanes.is_known(x.value) else x
+    return x._new(jnp.asarray(x.value)) if isinstance(x, Rounded) and folding.is_known(x.value) else x
 
 
 def mapped(function, *numbers):
@@ -237,7 +253,7 @@ def mapped(function, *numbers):
     words = [jax.tree.leaves(data_of([x])) for x in numbers]
     found = [function(*parts) for parts in zip(*words, strict=True)]
     like = numbers[0]
-    return like._new(found[0]) if isinstance(like, Lane) else jax.tree.unflatten(jax.tree.structure(like), found)
+    return like._new(found[0]) if isinstance(like, Rounded) else jax.tree.unflatten(jax.tree.structure(like), found)
 
 
 def repeated(function, times, numbers):
@@ -254,11 +270,11 @@ def each(operation, *lists) -> list:
     if len(lists[0]) == 1 or not pairs:
         return [operation(*xs) for xs in zip(*lists, strict=True)]
     shape = np.broadcast_shapes(*(x.shape for x in pairs))
-    found = noinline_pairs(operation)(*(_stacked(numbers, pairs[0], shape) for numbers in lists))
+    found = noinline_pairs(operation)(*(_abreast(numbers, pairs[0], shape) for numbers in lists))
     return [found[i] for i in range(len(lists[0]))]
 
 
-def _stacked(numbers, like, shape):
+def _abreast(numbers, like, shape):
     pairs = (x if isinstance(x, DoubleWord) else constant(like, x) for x in numbers)
     return jax.tree.map(lambda *words: jnp.stack([jnp.broadcast_to(word, shape) for word in words]), *pairs)
 
@@ -267,39 +283,60 @@ def _is_double_word(x):
     return isinstance(x, DoubleWord)
 
 
-# -- running a formula ------------------------------------------------------------------------------------------------
+# -- vectors that are arrays ------------------------------------------------------------------------------------------
 
 
-def numeric(formula) -> Any:
-    """Makes of `formula(*vectors, **static)` a function of (precision, *arrays, **static).
+class Stacked(Sequence):
+    """A vector of numbers that is an array (*batch, n) as well: whichever is asked for is made."""
 
-    Arrays are (*batch, n), with batch shapes that broadcast; the formula gets each as a tuple of n numbers. It returns
-    a number, a tuple of numbers (an array with a last axis), a mask, or a list of these.
-    """
-    program = functools.partial(_run, formula)
-    compiled = jax.jit(program, static_argnums=(0, 1), inline=True)
+    def __init__(self, precision, size, make_array, make_values):
+        self.precision, self._size = precision, size
+        self._make_array, self._make_values = make_array, make_values
 
-    @functools.wraps(formula)
-    def call(precision, *arrays, **static):
-        arrays = components.alike(check.narrowed_each(arrays))
-        known = any(isinstance(a, np.ndarray) for a in arrays)
-        tracing = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arrays))
-        run = program if known and tracing else compiled
-        return run(resolve(precision), tuple(sorted(static.items())), *arrays)
+    @functools.cached_property
+    def array(self):
+        return self._make_array()
 
-    return call
+    @functools.cached_property
+    def _numbers(self):
+        return tuple(Rounded(self.precision, x) for x in self._make_values())
+
+    def __getitem__(self, i):
+        return self._numbers[i]
+
+    def __len__(self):
+        return self._size
+
+    def combined(self, operation, vector):
+        """`folding.add` or `folding.subtract` of this and a vector: of arrays one operation, where it can be."""
+
+        def whole():
+            others = vector.array if isinstance(vector, Stacked) else [x.value for x in vector]
+            return folding.whole(operation, self.array, others, self.precision)
+
+        def apart():
+            return [operation(a.value, b.value, self.precision) for a, b in zip(self, vector, strict=True)]
+
+        return Stacked(self.precision, len(self), whole, apart)
+
+    def laid_out(self, vector):
+        """A vector as an array in the layout of this one."""
+        values = [x.value for x in vector]
+        return Stacked(self.precision, len(values), lambda: folding.stack_like(self.array, values), lambda: values)
 
 
-def _run(formula, precision, static, *arrays):
-    batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
-    is_pair, is_apart = any(map(components.has_pairs, arrays)), any(isinstance(a, Components) for a in arrays)
-    dtype = np.dtype(arrays[0].dtype)
-    twice = is_pair or precision.sees_whole_sums
-    with jax.enable_x64(bool(jax.config.jax_enable_x64) or twice):
-        given = [of_array(a, precision, twice) for a in check.broadcast_batch(batch, *arrays)]
-        found = formula(*given, **dict(static))
-        round_ = functools.partial(rounded, batch, dtype, is_pair, is_apart)
-        return [round_(x) for x in found] if isinstance(found, list) else round_(found)
+def stacked(precision, array):
+    """The numbers of an array (*batch, n)."""
+    return Stacked(precision, array.shape[-1], lambda: array, lambda: folding.unstack(array))
+
+
+jax.tree_util.register_pytree_node(Stacked, lambda v: (tuple(v), None), lambda _, numbers: tuple(numbers))
+
+
+class Summed(NamedTuple):
+    """Of a vector the sum over the last axis of the batch: what a formula may return, but not go on with."""
+
+    vector: Any
 
 
 def of_array(array, precision, twice, dtype=None):
@@ -313,33 +350,10 @@ def of_array(array, precision, twice, dtype=None):
     wide = np.dtype(np.float64 if twice else np.float32 if jnp.finfo(dtype).bits < 32 else dtype)
     precision = Precision.REPRODUCIBLE if twice else precision
     if isinstance(array, DoubleWord):
-        parts = zip(*(lanes.unstack(word) for word in (array.hi, array.lo)), strict=True)
-        return tuple(Lane(precision, _converted(hi, wide) + _converted(lo, wide)) for hi, lo in parts)
-    return tuple(Lane(precision, _converted(x, wide)) for x in lanes.unstack(array))
+        parts = zip(*(folding.unstack(word) for word in (array.hi, array.lo)), strict=True)
+        return tuple(Rounded(precision, converted(hi, wide) + converted(lo, wide)) for hi, lo in parts)
+    return tuple(Rounded(precision, converted(x, wide)) for x in folding.unstack(array))
 
 
-def _converted(x, dtype):
-    return x.astype(dtype) if lanes.is_known(x) else lax.convert_element_type(x, dtype)
-
-
-def rounded(batch, dtype, is_pair, is_apart, x):
-    """A result of the formula as an array, or double word, of the inputs' dtype."""
-    if isinstance(x, tuple):
-        parts = [rounded(batch, dtype, is_pair, False, c) for c in x]
-        if is_apart:
-            return components.of(parts)
-        return jax.tree.map(lambda *words: lanes.stack(words, batch), *parts)
-    if not isinstance(x, Number):
-        return jnp.broadcast_to(x, batch)
-    if isinstance(x, DoubleWord):
-        return jax.tree.map(lambda word: jnp.broadcast_to(word, batch), x) if is_pair else _known_or_full(x.hi, batch)
-    return _split(x.value, batch, dtype) if is_pair else _known_or_full(_converted(x.value, dtype), batch)
-
-
-def _known_or_full(x, batch):
-    """What is known stays so, for the array that it becomes a component of."""
-    return x if lanes.is_known(x) else jnp.broadcast_to(x, batch)
-
-
-def _split(x, batch, dtype):
-    return to_double_word(jnp.broadcast_to(x, batch), dtype)
+def converted(x, dtype):
+    return x.astype(dtype) if folding.is_known(x) else lax.convert_element_type(x, dtype)

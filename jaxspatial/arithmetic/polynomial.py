@@ -1,8 +1,8 @@
 """Formulas as polynomials: which products of which components a result is the sum of.
 
-A formula written with `lanes` runs here over symbols instead of arrays, and what comes out is not a number but the list
-of its terms. What is known while tracing is gone by then: a component that is 0 takes its terms with it, a factor of 1
-is left out. How the sums are evaluated is decided afterwards, for all precisions that look at a sum as a whole.
+A formula runs here over symbols instead of arrays, and what comes out is not a number but the list of its terms. What
+is known while tracing is gone by then: a component that is 0 takes its terms with it, a factor of 1 is left out. How
+the sums are evaluated is decided afterwards, for all precisions that look at a sum as a whole.
 """
 
 import dataclasses
@@ -26,6 +26,12 @@ class Polynomial:
 
     terms: tuple = ()
     unit: int | None = None
+
+    def constant(self, number):
+        """Of numbers that no array holds, zero alone has terms: none."""
+        if number != 0:
+            raise TypeError(f"a sum of products has no constant but 0, got {number}")
+        return Polynomial()
 
     def __neg__(self):
         return Polynomial(tuple(Term(-t.sign, t.factors) for t in self.terms), self.unit and -self.unit)
@@ -66,21 +72,11 @@ class Quotient(NamedTuple):
     divisor: Polynomial
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Symbol:
-    """An array of the formula, by its components. Returned as it came in, it stays the array.
-
-    `is_summed`: over the last axis of the batch.
-    """
-
-    components: tuple
-    is_summed: bool = False
-
-
-def symbol(arrays, parts):
-    """The Symbol of an array that is the sum of arrays[j] for j in parts: one, or the two of a double word."""
+def symbols(arrays, parts):
+    """A vector of polynomials for the array that is the sum of arrays[j] for j in parts: one, or the two of a double
+    word."""
     known = arrays[parts[0]] if len(parts) == 1 else None
-    return Symbol(tuple(_component(known, parts, k) for k in range(arrays[parts[0]].shape[-1])))
+    return tuple(_component(known, parts, k) for k in range(arrays[parts[0]].shape[-1]))
 
 
 def _component(known, parts, k):

@@ -185,4 +185,4 @@ def _is_numeric(x):
 
 
 def _is_number(x):
-    return isinstance(x, check.Number)
+    return isinstance(x, check.StandIn)

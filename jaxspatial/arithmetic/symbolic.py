@@ -11,13 +11,14 @@ from jax import lax
 from jaxspatial.arithmetic import check, components, sums
 from jaxspatial.arithmetic.components import Components
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word
-from jaxspatial.arithmetic.lanes import is_known, quietly
-from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, Symbol, Term, symbol
+from jaxspatial.arithmetic.folding import is_known, quietly
+from jaxspatial.arithmetic.numbers import Summed
+from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, Term, symbols
 from jaxspatial.arithmetic.reproducible import quotient
 
 
 def run_symbolically(formula, precision, arrays):
-    """The results of formula(precision, *arrays) in a precision that looks at whole sums.
+    """The results of formula(*vectors) over polynomials, in a precision that looks at whole sums.
 
     An array that is passed on as it came is a sum of one term, so that all its cotangents are added in one sum. Numbers
     known while tracing stay that.
@@ -25,16 +26,16 @@ def run_symbolically(formula, precision, arrays):
     is_apart = any(isinstance(a, Components) for a in arrays)
     arrays = tuple(map(components.as_components, arrays)) if is_apart else arrays
     data = _Data(np.dtype(arrays[0].dtype))
-    symbols = [data.symbol(a) for a in arrays]
+    vectors = [data.vector(a) for a in arrays]
     batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
     plan = sums.Plan((), batch, str(precision), is_pair=any(map(components.has_pairs, arrays)))
-    given = {id(s): a for s, a in zip(symbols, arrays, strict=True) if plan.is_pair or isinstance(a, np.ndarray)}
-    results = formula(precision, *symbols)
-    several = results if isinstance(results, tuple) else (results,)
+    given = {id(s): a for s, a in zip(vectors, arrays, strict=True) if plan.is_pair or isinstance(a, np.ndarray)}
+    results = formula(*vectors)
+    several = results if isinstance(results, list) else [results]
     evaluated = _evaluated_apart if is_apart else _evaluated
     computed = iter(evaluated(plan, data, [x for x in several if id(x) not in given]))
-    found = tuple(_passed_on(given[id(x)], batch) if id(x) in given else next(computed) for x in several)
-    return found if isinstance(results, tuple) else found[0]
+    found = [_passed_on(given[id(x)], batch) if id(x) in given else next(computed) for x in several]
+    return found if isinstance(results, list) else found[0]
 
 
 class _Data:
@@ -43,10 +44,10 @@ class _Data:
     def __init__(self, dtype):
         self.dtype, self.arrays, self.constants = dtype, [], {}
 
-    def symbol(self, a):
+    def vector(self, a):
         if isinstance(a, Components):
-            return Symbol(tuple(map(self._component, a.components)))
-        return symbol(self.arrays, self._placed(jax.tree.leaves(a)))
+            return tuple(map(self._component, a.components))
+        return symbols(self.arrays, self._placed(jax.tree.leaves(a)))
 
     def _component(self, c):
         """Each on its own is an array with one component; a known 0 is none."""
@@ -94,7 +95,11 @@ def _is_quotient(x):
 
 
 def _components(x):
-    return x.components if isinstance(x, Symbol) else (x,)
+    return x.vector if isinstance(x, Summed) else (x,) if _is_number(x) else x
+
+
+def _is_number(x):
+    return isinstance(x, (Polynomial, Quotient))
 
 
 # -- components apart -------------------------------------------------------------------------------------------------
@@ -104,31 +109,28 @@ def _evaluated_apart(plan, data, results):
     """As `_evaluated`, with each component of a result on its own, and known where all its terms are constants."""
     known = [[_known(data, x, c) for c in _components(x)] for x in results]
     wanted = [
-        Symbol((c,), _is_summed(x))
+        Summed((c,)) if isinstance(x, Summed) else (c,)
         for x, numbers in zip(results, known, strict=True)
         for c, number in zip(_components(x), numbers, strict=True)
         if number is None
     ]
     computed = (x[..., 0] for x in (_evaluated(plan, data, wanted) if wanted else ()))
-    lanes = [[next(computed) if number is None else number for number in numbers] for numbers in known]
-    return [_of_lanes(plan, x, c) for x, c in zip(results, lanes, strict=True)]
+    parts = [[next(computed) if number is None else number for number in numbers] for numbers in known]
+    return [_of_parts(plan, x, c) for x, c in zip(results, parts, strict=True)]
 
 
-def _of_lanes(plan, x, lanes):
-    if isinstance(x, Symbol):
-        return components.of(lanes)
-    return jnp.broadcast_to(lanes[0], plan.batch) if is_known(lanes[0]) else lanes[0]
-
-
-def _is_summed(x):
-    return isinstance(x, Symbol) and x.is_summed
+def _of_parts(plan, x, parts):
+    if not _is_number(x):
+        return components.of(parts)
+    return jnp.broadcast_to(parts[0], plan.batch) if is_known(parts[0]) else parts[0]
 
 
 def _known(data, x, c):
     """The number that a component is, its exact value rounded once; None for data."""
     try:
         value = _quotient(data, c) if isinstance(c, Quotient) else _value(data, c)
-        return None if value and _is_summed(x) else quietly(lambda t, number: t.type(number), data.dtype, float(value))
+        is_data = value and isinstance(x, Summed)
+        return None if is_data else quietly(lambda t, number: t.type(number), data.dtype, float(value))
     except (_IsData, ZeroDivisionError, OverflowError):
         return None
 
@@ -143,7 +145,7 @@ def _value(data, polynomial):
 
 
 def _quotient(data, c):
-    """0 by whatever is 0, as for lanes."""
+    """0 by whatever is 0, as in `folding`."""
     return _value(data, c.dividend) / _value(data, c.divisor) if c.dividend.terms else Fraction()
 
 
@@ -152,14 +154,14 @@ def _quotient(data, c):
 
 def _divided(plan, arrays, x):
     """Numerators and the one denominator, divided, and rounded once."""
-    parts = [Symbol(tuple(q.dividend for q in _components(x))), Symbol((_components(x)[0].divisor,))]
+    parts = [tuple(q.dividend for q in _components(x)), (_components(x)[0].divisor,)]
     dtype = arrays[0].dtype
     if plan.is_pair or dtype == np.float64:
         above, below = _bound(plan._replace(is_pair=True), arrays, parts)
         divided = above / below if plan.is_pair else from_double_word(above / below)
     else:
         divided = _divided_wide(plan, arrays, parts, dtype)
-    return divided if isinstance(x, Symbol) else divided[..., 0]
+    return divided[..., 0] if _is_number(x) else divided
 
 
 def _divided_wide(plan, arrays, parts, dtype):
@@ -182,7 +184,7 @@ def _sum(components, reduced):
 
 
 def _reduced(plan, x):
-    return (len(plan.batch) - 1,) if isinstance(x, Symbol) and x.is_summed else ()
+    return (len(plan.batch) - 1,) if isinstance(x, Summed) else ()
 
 
 def _shaped(plan, x, s, found, dtype):
@@ -191,6 +193,6 @@ def _shaped(plan, x, s, found, dtype):
         found = [np.zeros(plan.shape(s), dtype)] * (1 + plan.is_pair)
     if s.reduced:
         found = [a[..., 0, :] for a in found]
-    if isinstance(x, Polynomial):
+    if _is_number(x):
         found = [a[..., 0] for a in found]
     return DoubleWord(*found) if plan.is_pair else found[0]

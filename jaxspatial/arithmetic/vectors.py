@@ -1,4 +1,4 @@
-"""Vectors as tuples of numbers."""
+"""Vectors as tuples of numbers, and matrices by their rows, whatever kind of numbers: see `numbers`."""
 
 import functools
 import math
@@ -7,9 +7,19 @@ import operator
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import lanes, scaling
+from jaxspatial.arithmetic import folding, scaling
 from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.numbers import constant, each, frozen, high, noinline_pairs, times_power_of_two, where
+from jaxspatial.arithmetic.numbers import (
+    Stacked,
+    Summed,
+    constant,
+    each,
+    frozen,
+    high,
+    noinline_pairs,
+    times_power_of_two,
+    where,
+)
 
 
 def total(numbers):
@@ -54,11 +64,30 @@ def _at(v, *indices):
 
 
 def plus(*vectors):
-    return tuple(functools.reduce(functools.partial(each, operator.add), vectors))
+    """Their sum, from the left. Of an array and a vector one array, in the layout of that."""
+    return functools.reduce(_plus, vectors)
+
+
+def _plus(a, b):
+    return a.combined(folding.add, b) if isinstance(a, Stacked) else tuple(each(operator.add, a, b))
 
 
 def minus(a, b):
-    return tuple(each(operator.sub, a, b))
+    return a.combined(folding.subtract, b) if isinstance(a, Stacked) else tuple(each(operator.sub, a, b))
+
+
+def negative(v):
+    return tuple(-x for x in v)
+
+
+def laid_out_as(x, v):
+    """v, to be a result in the layout of the array that x is: for what no addition ties to one, see `plus`."""
+    return x.laid_out(v) if isinstance(x, Stacked) else tuple(v)
+
+
+def summed(v):
+    """The sum of v over the last axis of the batch, by halving: what a formula may return, but not go on with."""
+    return Summed(v)
 
 
 def times(s, v):
@@ -101,14 +130,14 @@ def scaled(v):
 def _scaled_once(v):
     """v times a power of two, as `scaled` for who does not need to know it."""
     values = [high(x) for x in v]
-    if isinstance(v[0], DoubleWord) or all(map(lanes.is_known, values)):
+    if isinstance(v[0], DoubleWord) or all(map(folding.is_known, values)):
         return scaled(v)[0]
     s = scaling.reciprocal(values)
-    return tuple(x if lanes.is_known(x.value, 0) else x._new(x.value * s) for x in v)
+    return tuple(x if folding.is_known(x.value, 0) else x._new(x.value * s) for x in v)
 
 
 def _exponent(values):
-    if not all(map(lanes.is_known, values)):
+    if not all(map(folding.is_known, values)):
         return scaling.exponent(values)
     largest = float(max(map(abs, values)))
     return np.int32(math.frexp(largest)[1] if math.isfinite(largest) else 0)

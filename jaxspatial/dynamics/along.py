@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import numbers
-from jaxspatial.arithmetic.lanes import is_known
-from jaxspatial.arithmetic.numbers import Lane, is_number, where
+from jaxspatial.arithmetic.folding import is_known
+from jaxspatial.arithmetic.numbers import Rounded, is_number, where
 
 
 def rows(array, places):
@@ -28,7 +28,7 @@ def _sliced(array, places):
 
 def is_constant(x):
     """True for a number that is known while tracing."""
-    return isinstance(x, Lane) and is_known(x.value)
+    return isinstance(x, Rounded) and is_known(x.value)
 
 
 def mapped(function, x):

@@ -7,14 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.lanes import is_known
-from jaxspatial.arithmetic.numbers import Lane, constant, high, is_number, noinline, where
+from jaxspatial.arithmetic import symmetric, vectors
+from jaxspatial.arithmetic.folding import is_known
+from jaxspatial.arithmetic.numbers import Rounded, constant, high, is_number, noinline, where
 from jaxspatial.dynamics import along, dense, recursion
 from jaxspatial.dynamics.inverse_dynamics import forces_of
 from jaxspatial.dynamics.links import Motion, across, body_motion, to_parent
 from jaxspatial.dynamics.mass_matrix import matrix_of
-from jaxspatial.inertia import articulated, symmetric
+from jaxspatial.inertia import articulated
 from jaxspatial.mechanism.joints import Free
 
 
@@ -171,7 +171,7 @@ def _with_share(Z, u, share):
 
 def _free_axis(w, v, armature):
     """Which axis of the frame a motion is known to be along, where nothing else resists it; None for all others."""
-    known = [x.value if isinstance(x, Lane) and is_known(x.value) else None for x in (*w, *v, armature)]
+    known = [x.value if isinstance(x, Rounded) and is_known(x.value) else None for x in (*w, *v, armature)]
     if None in known or known[6] != 0 or sorted(map(abs, known[:6])) != [0, 0, 0, 0, 0, 1]:
         return None
     return [abs(x) for x in known].index(1)

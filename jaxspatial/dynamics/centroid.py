@@ -2,14 +2,13 @@
 
 import jax
 
-from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.numbers import noinline
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.dynamics.mass_matrix import composites, inertia_times, wrench_to_parent
 from jaxspatial.dynamics.state import Pose
-from jaxspatial.inertia import symmetric
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.spatial import SpatialMomentum
 

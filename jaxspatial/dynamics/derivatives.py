@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.numbers import constant, doubled, noinline, where
 from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm
@@ -31,7 +31,7 @@ from jaxspatial.dynamics.mass_matrix import (
 )
 from jaxspatial.dynamics.motions import force_cross, minus, motion_cross, plus, scaled, skew, twice_crossed
 from jaxspatial.dynamics.state import Inertia
-from jaxspatial.inertia import articulated, symmetric
+from jaxspatial.inertia import articulated
 
 # -- composite bodies -------------------------------------------------------------------------------------------------
 

@@ -2,14 +2,13 @@
 
 import jax
 
-from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.numbers import doubled, noinline
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
 from jaxspatial.dynamics.centroid import moments
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.dynamics.links import minus_gravity
-from jaxspatial.inertia import symmetric
 from jaxspatial.mechanism import Mechanism
 
 

@@ -2,14 +2,13 @@
 
 import jax
 
-from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.numbers import noinline
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import recursion
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked, of_rates
 from jaxspatial.dynamics.links import Motion, across, angular_acceleration_tensor, body_motion, minus_gravity, to_parent
 from jaxspatial.dynamics.loads import ExternalForces, checked_forces, loads
-from jaxspatial.inertia import symmetric
 from jaxspatial.mechanism import Mechanism
 
 

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic import check, symmetric, vectors
 from jaxspatial.arithmetic.numbers import high, noinline, where
 from jaxspatial.arithmetic.tree import tree
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName
@@ -12,7 +12,6 @@ from jaxspatial.dynamics import along, dense, pairs, recursion
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
 from jaxspatial.dynamics.links import across, to_parent
 from jaxspatial.dynamics.state import Inertia
-from jaxspatial.inertia import symmetric
 from jaxspatial.inertia.addition import joined
 from jaxspatial.inertia.articulated import congruent
 from jaxspatial.mechanism import Mechanism

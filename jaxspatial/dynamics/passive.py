@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.numbers import numeric, where
+from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import where
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import JOINTS, algorithm, checked
 from jaxspatial.mechanism import Mechanism
@@ -138,7 +139,7 @@ def _per_rate(mechanism, like, name, x):
 # -- formulas ---------------------------------------------------------------------------------------------------------
 
 
-@numeric
+@formula
 def _coefficients(v, damping, friction, speed):
     both = zip(v, damping, friction, speed, strict=True)
     return tuple(d + f / _length(x, s) for x, d, f, s in both)

@@ -2,14 +2,13 @@
 
 import jax
 
-from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.numbers import constant, noinline
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import GEOMETRY, algorithm, checked
 from jaxspatial.dynamics.links import angular_acceleration_tensor, motion_step, world_motion
 from jaxspatial.dynamics.mass_matrix import generalized_force, halves, in_root_axes
-from jaxspatial.inertia import symmetric
 from jaxspatial.mechanism import Mechanism
 
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import numbers
-from jaxspatial.arithmetic.numbers import Lane
+from jaxspatial.arithmetic.numbers import Rounded
 from jaxspatial.dynamics import alignment, along
 
 
@@ -134,7 +134,7 @@ class Results:
         """The tree of numbers that consists of these arrays, in the form of another."""
         leaves, tree = jax.tree.flatten(form, is_leaf=numbers.is_number)
         like, found = self.known(0.0), iter(arrays)
-        if isinstance(like, Lane):
+        if isinstance(like, Rounded):
             return jax.tree.unflatten(tree, [like._new(next(found)) for _ in leaves])
         pairs = jax.tree.structure(like)
         return jax.tree.unflatten(tree, [jax.tree.unflatten(pairs, [next(found), next(found)]) for _ in leaves])

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.numbers import doubled, numeric
+from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import doubled
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates, Scalar
 from jaxspatial.dynamics.algorithm import checked
 from jaxspatial.dynamics.configuration import configuration_rates, integrate
@@ -229,12 +230,12 @@ def _runge_kutta(precision, rate, x, dt):
     return tuple(_rk4_mean(precision, a, dt, *rates) for a, *rates in zip(x, *k, strict=True))
 
 
-@numeric
+@formula
 def _euler(x, dt, rate):
     return tuple(a + dt[0] * b for a, b in zip(x, rate, strict=True))
 
 
-@numeric
+@formula
 def _rk4_mean(x, dt, *rates):
     def one(a, k1, k2, k3, k4):
         return a + dt[0] * ((k1 + k4) + doubled(k2 + k3)) / 6
@@ -242,12 +243,12 @@ def _rk4_mean(x, dt, *rates):
     return tuple(one(a, *k) for a, *k in zip(x, *rates, strict=True))
 
 
-@numeric
+@formula
 def _plus(a, b):
     return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
-@numeric
+@formula
 def _damped(tau, damping, v):
     return tuple(t - d * x for t, d, x in zip(tau, damping, v, strict=True))
 

@@ -12,20 +12,21 @@ import numpy as np
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.lanes import is_known
-from jaxspatial.arithmetic.numbers import Lane, constant, high, noinline_pairs, numeric, where
-from jaxspatial.inertia import symmetric
+from jaxspatial.arithmetic.folding import is_known
+from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import Rounded, constant, high, noinline_pairs, where
 from jaxspatial.inertia.reduction import summed
+from jaxspatial.spatial import algebra
 
 
-@numeric
+@formula
 def combined(mass, com, central, mass2, com2, central2):
     """[mass, com, central] of two bodies as one; without mass, the mean of their centres of mass."""
     (m1,), (m2,) = mass, mass2
     return joined(m1, com, central, m2, com2, central2, 0.5)
 
 
-@numeric
+@formula
 def removed(mass, com, central, mass2, com2, central2):
     """[mass, com, central] of what is left of the first without the second; without mass, com stays."""
     (m1,), (m2,) = mass, mass2
@@ -49,9 +50,7 @@ def joined(m1, c1, i1, m2, c2, i2, share):
 @noinline_pairs
 def steiner(m, d):
     """m (|d|^2 1 - d d^T), of m d first: its square may not be a number of the format where the product is."""
-    x, y, z = d
-    p, q, r = vectors.times(m, d)
-    return symmetric.trace_minus((p * x, q * x, q * y, r * x, r * y, r * z), lambda e: -e)
+    return algebra.parallel_axis(d, vectors.times(m, d))
 
 
 # -- many -------------------------------------------------------------------------------------------------------------
@@ -64,7 +63,7 @@ def total(precision, mass, com, central):
     return [one[..., 0], vector[..., 0, :], six[..., 0, :]]
 
 
-@numeric
+@formula
 def _total(mass, com, central):
     """What the common centre is off by counts in central by its square only."""
     (m,) = mass
@@ -83,4 +82,4 @@ def _spread(x, shape):
     """A sum as a number for each of its terms."""
     if isinstance(x, DoubleWord):
         return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), x)
-    return x if is_known(x.value) else Lane(x.precision, jnp.broadcast_to(x.value, shape))
+    return x if is_known(x.value) else Rounded(x.precision, jnp.broadcast_to(x.value, shape))

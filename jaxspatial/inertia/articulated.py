@@ -7,16 +7,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, lanes, vectors
+from jaxspatial.arithmetic import check, folding, symmetric, vectors
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, to_double_word
-from jaxspatial.arithmetic.kernel import kernel
-from jaxspatial.arithmetic.numbers import Lane, constant, high, noinline, noinline_pairs, numeric, where
+from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import constant, high, noinline, noinline_pairs, where
 from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.tree import rebuilt, tree
-from jaxspatial.inertia import parameters, symmetric
+from jaxspatial.inertia import parameters
 from jaxspatial.inertia.addition import steiner
 from jaxspatial.inertia.inertia import SpatialInertia
 from jaxspatial.rotation.matrices import as_matrices, expanded, is_identity
+from jaxspatial.spatial import algebra
 from jaxspatial.spatial.acceleration import SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce
 from jaxspatial.spatial.operations import acting, acting_inverse, rotate, rotating, shift
@@ -291,7 +292,7 @@ def _combined_part(operation, x, y):
         return x
     if isinstance(x, np.ndarray) and not x.any():
         return y if operation is operator.add else -y
-    return lanes.quietly(operation, x, y)
+    return folding.quietly(operation, x, y)
 
 
 # -- moved ------------------------------------------------------------------------------------------------------------
@@ -331,26 +332,21 @@ def _acted(formula, P, X_AB, precision):
     return _like(formula(precision, *P._parts, X_AB.rotation.entries, X_AB.translation))
 
 
-@kernel
-def _with_mass(precision, mass, com):
-    """m [c]x and m 1."""
-    (m,), (x, y, z) = map(lanes.unstack, (mass, com))
-    x, y, z = (lanes.multiply(precision, m, c) for c in (x, y, z))
-    zero, batch = lanes.zero_like(mass), lanes.batch_shape(com)
-    coupling = zero, lanes.negate(z), y, z, zero, lanes.negate(x), lanes.negate(y), x, zero
-    return lanes.stack(coupling, batch), lanes.stack((m, zero, m, zero, zero, m), batch)
+@formula(of_sums=True)
+def _with_mass(mass, com):
+    return list(moments_of(*mass, com))
 
 
-@kernel
-def _shifted(precision, rotational, coupling, translational, p):
-    j, f, m = shifted(*(_in_lanes(precision, x) for x in (rotational, coupling, translational, p)))
-    values = ([x.value for x in part] for part in (j, f))
-    return *(lanes.stack_like(x, v) for x, v in zip((rotational, coupling), values, strict=True)), translational
+def moments_of(mass, com):
+    """Of numbers: F = m [c]x, M = m 1."""
+    zero = constant(com[0], 0)
+    return vectors.flat(algebra.skew(vectors.times(mass, com))), (mass, zero, mass, zero, zero, mass)
 
 
-def _in_lanes(precision, array):
-    """The components of an array of a kernel, in a form that formulas over numbers take too."""
-    return tuple(Lane(precision, x) for x in lanes.unstack(array))
+@formula(of_sums=True)
+def _shifted(j, f, m, p):
+    moved = shifted(j, f, m, p)
+    return [vectors.laid_out_as(j, moved[0]), vectors.laid_out_as(f, moved[1]), m]
 
 
 def shifted(j, f, m, p):
@@ -366,19 +362,17 @@ def shifted(j, f, m, p):
 
 def of_body(mass, com, central):
     """Of numbers: J = I + m (|c|^2 1 - c c^T), F = m [c]x, M = m 1."""
-    zero = constant(mass, 0)
-    x, y, z = vectors.times(mass, com)
-    coupling = zero, -z, y, z, zero, -x, -y, x, zero
-    return vectors.plus(central, steiner(mass, com)), coupling, (mass, zero, mass, zero, zero, mass)
+    coupling, translational = moments_of(mass, com)
+    return vectors.plus(central, steiner(mass, com)), coupling, translational
 
 
 def product(j, f, m, alpha, a):
     """Of numbers: P (alpha, a), as six."""
     top, bottom = by_rows(j, f, m)
-    return tuple(vectors.dot(x, alpha) + vectors.dot(y, a) for x, y in top + bottom)
+    return tuple(algebra.power(row, (alpha, a)) for row in top + bottom)
 
 
-@numeric
+@formula
 def _rotated(j, f, m, entries):
     return list(turned(j, f, m, vectors.rows(entries)))
 
@@ -387,26 +381,16 @@ def turned(j, f, m, rows):
     return congruent(j, rows), vectors.flat(sandwiched(vectors.rows(f), rows)), congruent(m, rows)
 
 
-@noinline
-def sandwiched(m, rows):
-    """R m R^T."""
-    return vectors.product(rows, vectors.product(m, vectors.transpose(rows)))
+sandwiched, congruent = map(noinline, (algebra.sandwiched, algebra.congruent))
 
 
-@noinline
-def congruent(six, rows):
-    """R S R^T, of the lower triangle."""
-    turned = vectors.product(rows, symmetric.rows(six))
-    return tuple(vectors.dot(turned[i], rows[k]) for i in range(3) for k in range(i + 1))
-
-
-@numeric
+@formula
 @noinline
 def _moved(j, f, m, entries, p):
     return list(noinline_pairs(shifted)(*turned(j, f, m, vectors.rows(entries)), tuple(-x for x in p)))
 
 
-@numeric
+@formula
 @noinline
 def _moved_back(j, f, m, entries, p):
     return list(turned(*noinline_pairs(shifted)(j, f, m, p), vectors.transpose(vectors.rows(entries))))
@@ -421,12 +405,10 @@ def _times(P, A, precision):
     return SpatialForce(*_product(precision, *P._parts, A.alpha, A.a))
 
 
-@kernel
-def _product(precision, rotational, coupling, translational, alpha, a):
-    parts = [lanes.unstack(x) for x in (rotational, coupling, translational, alpha, a)]
-    top, bottom = by_rows(*parts[:3])
-    sums = [[_dot(precision, row, parts[3:]) for row in half] for half in (top, bottom)]
-    return lanes.stack_like(alpha, sums[0]), lanes.stack_like(a, sums[1])
+@formula(of_sums=True)
+def _product(j, f, m, alpha, a):
+    found = product(j, f, m, alpha, a)
+    return [vectors.laid_out_as(alpha, found[:3]), vectors.laid_out_as(a, found[3:])]
 
 
 def by_rows(j, f, m):
@@ -436,14 +418,10 @@ def by_rows(j, f, m):
     return top, list(zip(vectors.transpose(f), symmetric.rows(m), strict=True))
 
 
-def _dot(precision, row, halves):
-    return lanes.add(*(lanes.dot(precision, x, y) for x, y in zip(row, halves, strict=True)))
-
-
 # -- a joint projected out --------------------------------------------------------------------------------------------
 
 
-@numeric
+@formula
 def _projected(j, f, m, *arms_and_parts, n):
     """[J, F, M] of what is left, and for each of n motions the halves of U, and (D,)."""
     arms, parts = arms_and_parts[:n], arms_and_parts[n:]
@@ -462,9 +440,8 @@ def _removed(j, f, m, w, v, arm):
 @noinline
 def felt(j, f, m, w, v, arm):
     """U = P S, D = S^T U + armature."""
-    top, bottom = by_rows(j, f, m)
-    U = tuple(vectors.dot(a, w) + vectors.dot(b, v) for a, b in top + bottom)
-    return U, (vectors.dot(U[:3], w) + vectors.dot(U[3:], v)) + arm
+    U = product(j, f, m, w, v)
+    return U, algebra.power((U[:3], U[3:]), (w, v)) + arm
 
 
 @noinline
@@ -487,7 +464,7 @@ def without(j, f, m, U, share):
 # -- validity ---------------------------------------------------------------------------------------------------------
 
 
-@numeric
+@formula
 def _is_valid(j, f, m, tolerance):
     """Whether all pivots of P + tolerance 1 are positive, P in units in which J and M are of size 1."""
     J, M = (_size(x) for x in (j, m))

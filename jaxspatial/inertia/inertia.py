@@ -9,20 +9,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, lanes
+from jaxspatial.arithmetic import check, symmetric, vectors
 from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.kernel import kernel
+from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import halved
 from jaxspatial.arithmetic.precision import resolve
 from jaxspatial.arithmetic.quantity import Quantity, moved_to_last
 from jaxspatial.arithmetic.tree import rebuilt, tree
-from jaxspatial.inertia import addition, parameters, symmetric, validity
+from jaxspatial.inertia import addition, parameters, validity
 from jaxspatial.inertia.shapes import Shapes
-from jaxspatial.rotation.matrices import as_matrices, expanded, is_identity, matrix_rows
+from jaxspatial.rotation.matrices import as_matrices, expanded, is_identity
 from jaxspatial.rotation.rotation import Rotation
+from jaxspatial.spatial import algebra
 from jaxspatial.spatial.acceleration import SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce, SpatialMomentum
 from jaxspatial.spatial.operations import acting, acting_inverse, rotate, rotating, shift
-from jaxspatial.spatial.transform import columns, require_transform
+from jaxspatial.spatial.transform import require_transform
 from jaxspatial.spatial.vector import require_no_w
 from jaxspatial.spatial.velocity import SpatialVelocity
 
@@ -425,7 +427,7 @@ def _as_six(x, name, dtype):
 def _broadcast(array, shape):
     if isinstance(array, DoubleWord):
         return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), array)
-    if isinstance(array, check.Number):
+    if isinstance(array, check.StandIn):
         return array.over_batch(shape[:-1])
     return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, shape)
 
@@ -468,9 +470,9 @@ def _shift_inertia(M_P_E: SpatialInertia, p_PQ_E, w=None, *, precision=None):
     return _rebuild((mass[..., 0] if M_P_E.batch_shape != batch else M_P_E.mass, com, central))
 
 
-@kernel
-def _shifted(precision, com, p):
-    return lanes.minus(com, list(lanes.unstack(p)))
+@formula(of_sums=True)
+def _shifted(com, p):
+    return vectors.minus(com, p)
 
 
 @rotating.register
@@ -506,65 +508,39 @@ def _moved(formula, precision, M, *pose):
     return _rebuild((M.mass if M.batch_shape == batch else mass[..., 0], com, central))
 
 
-def _turned(precision, rows, v):
-    return [lanes.dot(precision, row, v) for row in rows]
+@formula(of_sums=True)
+def _rotated(entries, com, central):
+    rows = vectors.rows(entries)
+    turned = vectors.matrix_times(rows, com), algebra.congruent(central, rows)
+    return [vectors.laid_out_as(*each) for each in zip((com, central), turned, strict=True)]
 
 
-def _turned_six(precision, rows, six):
-    """R S R^T by its six entries."""
-    half = [_turned(precision, symmetric.rows(six), row) for row in rows]
-    return [lanes.dot(precision, half[i], rows[j]) for i in range(3) for j in range(i + 1)]
+@formula(of_sums=True)
+def _acted(entries, p, com, central):
+    rows = vectors.rows(entries)
+    turned = algebra.congruent(central, rows)
+    return [vectors.plus(p, vectors.matrix_times(rows, com)), vectors.laid_out_as(central, turned)]
 
 
-@kernel
-def _rotated(precision, entries, com, central):
-    rows, c, six = matrix_rows(entries), *map(lanes.unstack, (com, central))
-    new = _turned(precision, rows, c)
-    return lanes.stack_like(com, new), lanes.stack_like(central, _turned_six(precision, rows, six))
+@formula(of_sums=True)
+def _acted_back(entries, p, com, central):
+    back = vectors.transpose(vectors.rows(entries))
+    turned = vectors.matrix_times(back, vectors.minus(com, p)), algebra.congruent(central, back)
+    return [vectors.laid_out_as(*each) for each in zip((com, central), turned, strict=True)]
 
 
-@kernel
-def _acted(precision, entries, p, com, central):
-    rows, c, six = matrix_rows(entries), *map(lanes.unstack, (com, central))
-    return lanes.plus(p, _turned(precision, rows, c)), lanes.stack_like(central, _turned_six(precision, rows, six))
+@formula(of_sums=True)
+def _applied(mass, com, central, alpha, a):
+    wrench = algebra.inertia_times(*mass, com, central, alpha, a)
+    return [vectors.laid_out_as(*each) for each in zip((alpha, a), wrench, strict=True)]
 
 
-@kernel
-def _acted_back(precision, entries, p, com, central):
-    rows, six = columns(matrix_rows(entries)), lanes.unstack(central)
-    arm = list(map(lanes.subtract, lanes.unstack(com), lanes.unstack(p)))
-    new = _turned(precision, rows, arm)
-    return lanes.stack_like(com, new), lanes.stack_like(central, _turned_six(precision, rows, six))
+@formula(of_sums=True)
+def _energy(mass, com, central, w, v):
+    return halved(algebra.twice_kinetic_energy(*mass, com, central, w, v))
 
 
-@kernel
-def _applied(precision, mass, com, central, alpha, a):
-    """(I alpha + c x f, f = m (a + alpha x c))."""
-    ((m,), c, six, alpha_, a_) = map(lanes.unstack, (mass, com, central, alpha, a))
-    moved = map(lanes.add, a_, lanes.cross(precision, alpha_, c))
-    f = [lanes.multiply(precision, m, x) for x in moved]
-    about_center = _turned(precision, symmetric.rows(six), alpha_)
-    tau = list(map(lanes.add, about_center, lanes.cross(precision, c, f)))
-    return lanes.stack_like(alpha, tau), lanes.stack_like(a, f)
-
-
-def _pairing(precision, m, six, half, w, v):
-    """m (half v . v) + half w . I w, half a function of components."""
-    translating = lanes.multiply(precision, m, lanes.dot(precision, list(map(half, v)), v))
-    return lanes.add(translating, lanes.dot(precision, list(map(half, w)), _turned(precision, symmetric.rows(six), w)))
-
-
-@kernel
-def _energy(precision, mass, com, central, w, v):
-    """m |v + w x c|^2 / 2 + w . I w / 2."""
-    ((m,), c, six, w_, v_) = map(lanes.unstack, (mass, com, central, w, v))
-    moved = list(map(lanes.add, v_, lanes.cross(precision, w_, c)))
-    return lanes.halve(_pairing(precision, m, six, lambda x: x, w_, moved))
-
-
-@kernel
-def _energy_of_float16(precision, mass, com, central, w, v):
+@formula(of_sums=True)
+def _energy_of_float16(mass, com, central, w, v):
     """As `_energy`, to the bit; but the range of float16 ends at 65504: halved are vectors, before they are squared."""
-    ((m,), c, six, w_, v_) = map(lanes.unstack, (mass, com, central, w, v))
-    moved = list(map(lanes.add, v_, lanes.cross(precision, w_, c)))
-    return _pairing(precision, m, six, lanes.halve, w_, moved)
+    return algebra.twice_kinetic_energy(*mass, com, central, w, v, half=halved)

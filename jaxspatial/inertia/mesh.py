@@ -1,16 +1,15 @@
 """What a closed surface of triangles encloses: volume, centre of mass and central inertia, by signed tetrahedra."""
 
 import math
-import operator
 
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.double_word import from_double_word
-from jaxspatial.arithmetic.numbers import high, noinline_pairs, numeric, where
-from jaxspatial.inertia import symmetric
+from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import high, noinline_pairs, where
 from jaxspatial.inertia.reduction import first, summed
 
 # Of what a symmetric matrix of six numbers consists.
@@ -49,7 +48,7 @@ def middle(corners):
     return x.min(-2, keepdims=True) / 2 + x.max(-2, keepdims=True) / 2
 
 
-@numeric
+@formula
 def enclosed(amount, corners, middle, by, size):
     """[(mass,), com, central] for mass or density (amount,) and triangles, `size` of them along the last axis."""
     d, *moments = summed(_moments(corners, middle), size)
@@ -80,4 +79,4 @@ def _about_center(m, d, arm, squares, middle):
     """(com, central) from the sums over all tetrahedra."""
     arm = tuple(x / (4 * d) for x in arm)
     six = tuple(m * (x / (20 * d) - arm[i] * arm[j]) for x, (i, j) in zip(squares, PAIRS, strict=True))
-    return vectors.plus(middle, arm), symmetric.trace_minus(six, operator.neg)
+    return vectors.plus(middle, arm), symmetric.trace_minus(six)

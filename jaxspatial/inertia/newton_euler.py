@@ -1,11 +1,11 @@
 """The equations of motion of one body, and what makes them linear: its ten dynamic parameters."""
 
-from jaxspatial.arithmetic import check, lanes, vectors
-from jaxspatial.arithmetic.kernel import kernel
-from jaxspatial.arithmetic.numbers import noinline_pairs, numeric
-from jaxspatial.inertia import symmetric
+from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import constant, halved, noinline_pairs
 from jaxspatial.inertia.inertia import SpatialInertia
 from jaxspatial.rotation.matrices import expanded
+from jaxspatial.spatial import algebra
 from jaxspatial.spatial.acceleration import SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce
 from jaxspatial.spatial.velocity import SpatialVelocity
@@ -92,7 +92,7 @@ def _matrix(entries):
     return entries.reshape((*entries.shape[:-1], 6, 10))
 
 
-@numeric
+@formula
 def _newton_euler(mass, com, central, alpha, a, w):
     f = _force(*mass, com, alpha, a, w)
     return [_torque(com, central, alpha, w, f), f]
@@ -100,72 +100,49 @@ def _newton_euler(mass, com, central, alpha, a, w):
 
 @noinline_pairs
 def _force(m, c, alpha, a, w):
-    return vectors.times(m, vectors.plus(a, vectors.cross(alpha, c), vectors.cross(w, vectors.cross(w, c))))
+    return vectors.times(m, algebra.acceleration_at(alpha, a, w, c))
 
 
 @noinline_pairs
 def _torque(c, central, alpha, w, f):
-    rows = symmetric.rows(central)
-    spinning = vectors.cross(w, vectors.matrix_times(rows, w))
-    return vectors.plus(vectors.matrix_times(rows, alpha), spinning, vectors.cross(c, f))
+    return vectors.plus(algebra.euler(central, alpha, w), vectors.cross(c, f))
 
 
-# -- regressors: row by row, of lanes ---------------------------------------------------------------------------------
+# -- regressors: row by row -------------------------------------------------------------------------------------------
 
 
-@kernel
-def _newton_euler_regressor(precision, alpha, a, w):
-    alpha_, a_, w_ = map(lanes.unstack, (alpha, a, w))
-    zero = lanes.zero_like(w)
-    spinning = [lanes.cross(precision, w_, column) for column in _columns(_of_moments(w_, zero))]
-    torque = _added(_of_moments(alpha_, zero), _columns(spinning))
-    around = [lanes.cross(precision, w_, column) for column in _columns(_skew(w_, zero))]
-    force = _added(_skew(alpha_, zero), _columns(around))
-    return _stacked(zero, _negated(_skew(a_, zero)), torque, a_, force, lanes.batch_shape(w))
+@formula(of_sums=True)
+def _newton_euler_regressor(alpha, a, w):
+    torque = algebra.plus(algebra.of_moments(alpha), _crossed(w, algebra.of_moments(w)))
+    force = algebra.plus(algebra.skew(alpha), _crossed(w, algebra.skew(w)))
+    return _stacked(_negative(algebra.skew(a)), torque, a, force)
 
 
-@kernel
-def _momentum_regressor(precision, w, v):
-    w_, v_ = map(lanes.unstack, (w, v))
-    zero = lanes.zero_like(w)
-    return _stacked(zero, _negated(_skew(v_, zero)), _of_moments(w_, zero), v_, _skew(w_, zero), lanes.batch_shape(w))
+@formula(of_sums=True)
+def _momentum_regressor(w, v):
+    return _stacked(_negative(algebra.skew(v)), algebra.of_moments(w), v, algebra.skew(w))
 
 
-@kernel
-def _energy(precision, w, v):
-    w_, v_ = map(lanes.unstack, (w, v))
-    half_w, half_v = (list(map(lanes.halve, x)) for x in (w_, v_))
-    xx, yy, zz = (lanes.multiply(precision, x, y) for x, y in zip(half_w, w_, strict=True))
-    xy, xz, yz = (lanes.multiply(precision, w_[i], w_[j]) for i, j in ((1, 0), (2, 0), (2, 1)))
-    entries = lanes.dot(precision, half_v, v_), *lanes.cross(precision, v_, w_), xx, xy, yy, xz, yz, zz
-    return lanes.stack(entries, lanes.batch_shape(w))
+@formula(of_sums=True)
+def _energy(w, v):
+    half_w, half_v = (tuple(map(halved, x)) for x in (w, v))
+    xx, yy, zz = vectors.products(half_w, w)
+    xy, xz, yz = (w[i] * w[j] for i, j in ((1, 0), (2, 0), (2, 1)))
+    return vectors.dot(half_v, v), *vectors.cross(v, w), xx, xy, yy, xz, yz, zz
 
 
-def _of_moments(x, zero):
-    """The matrix that gives I x of [Ixx, Ixy, Iyy, Ixz, Iyz, Izz]."""
-    x, y, z = x
-    return (x, y, zero, z, zero, zero), (zero, x, y, zero, z, zero), (zero, zero, zero, x, y, z)
+def _crossed(w, m):
+    """[w]x m."""
+    return vectors.transpose([vectors.cross(w, column) for column in vectors.transpose(m)])
 
 
-def _skew(x, zero):
-    x, y, z = x
-    return (zero, lanes.negate(z), y), (z, zero, lanes.negate(x)), (lanes.negate(y), x, zero)
+def _negative(m):
+    return tuple(map(vectors.negative, m))
 
 
-def _columns(rows):
-    return list(zip(*rows, strict=True))
-
-
-def _added(a, b):
-    return [list(map(lanes.add, x, y)) for x, y in zip(a, b, strict=True)]
-
-
-def _negated(rows):
-    return [list(map(lanes.negate, row)) for row in rows]
-
-
-def _stacked(zero, torque_of_arm, torque_of_moments, force, force_of_arm, batch):
+def _stacked(torque_of_arm, torque_of_moments, force, force_of_arm):
     """The rows in three blocks: of m, of m c, of the moments of inertia."""
+    zero = constant(force[0], 0)
     top = [x for arm, moments in zip(torque_of_arm, torque_of_moments, strict=True) for x in (zero, *arm, *moments)]
     bottom = [x for f, arm in zip(force, force_of_arm, strict=True) for x in (f, *arm, *[zero] * 6)]
-    return lanes.stack(top + bottom, batch)
+    return *top, *bottom

@@ -6,11 +6,11 @@ to the origin adds; the way back subtracts m |c|^2, which cancels where the body
 
 import numpy as np
 
-from jaxspatial.arithmetic import lanes
+from jaxspatial.arithmetic import symmetric, vectors
+from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.functions import exp, log
-from jaxspatial.arithmetic.kernel import kernel
-from jaxspatial.arithmetic.numbers import high, numeric, where
-from jaxspatial.inertia import symmetric
+from jaxspatial.arithmetic.numbers import constant, halved, high, where
+from jaxspatial.spatial import algebra
 
 # Where the ten dynamic parameters stand in a 6 x 6 matrix, and in a pseudo-inertia m, m c, and Sigma.
 # Indices of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on (jax 0.10).
@@ -22,76 +22,55 @@ _TO_PSEUDO = np.array([0, 1, 3, 6, 1, 2, 4, 7, 3, 4, 5, 8, 6, 7, 8, 9], np.int32
 # -- sums of products: from the centre of mass to the origin ----------------------------------------------------------
 
 
-def _steiner(precision, first_moment, com):
-    """m (|c|^2 1 - c c^T) of m c and c."""
-    xx, yy, zz = (lanes.multiply(precision, p, c) for p, c in zip(first_moment, com, strict=True))
-    xy, xz, yz = (lanes.multiply(precision, first_moment[i], com[j]) for i, j in ((0, 1), (0, 2), (1, 2)))
-    add, negate = lanes.add, lanes.negate
-    return add(yy, zz), negate(xy), add(xx, zz), negate(xz), negate(yz), add(xx, yy)
+def about_origin_of(mass, com, central):
+    """Of numbers: the inertia about the origin."""
+    return vectors.plus(central, algebra.parallel_axis(vectors.times(*mass, com), com))
 
 
-def _first_moment(precision, mass, com):
-    ((m,), c) = map(lanes.unstack, (mass, com))
-    return [lanes.multiply(precision, m, x) for x in c]
-
-
-def _about_origin(precision, mass, com, central):
-    arm = _steiner(precision, _first_moment(precision, mass, com), lanes.unstack(com))
-    return list(map(lanes.add, lanes.unstack(central), arm))
-
-
-@kernel
-def about_origin(precision, mass, com, central):
+@formula(of_sums=True)
+def about_origin(mass, com, central):
     """(*batch, 6) inertia about the origin."""
-    arm = _steiner(precision, _first_moment(precision, mass, com), lanes.unstack(com))
-    return lanes.plus(central, list(arm))
+    return about_origin_of(mass, com, central)
 
 
-@kernel
-def about_center(precision, mass, com, about_origin):
+@formula(of_sums=True)
+def about_center(mass, com, about_origin):
     """(*batch, 6) inertia about the centre of mass."""
-    arm = _steiner(precision, _first_moment(precision, mass, com), lanes.unstack(com))
-    return lanes.minus(about_origin, list(arm))
+    return vectors.minus(about_origin, algebra.parallel_axis(vectors.times(*mass, com), com))
 
 
-@kernel
-def dynamic_parameters(precision, mass, com, central):
+@formula(of_sums=True)
+def dynamic_parameters(mass, com, central):
     """(*batch, 10) m, m c, inertia about the origin."""
-    moment = _first_moment(precision, mass, com)
-    inertia = _about_origin(precision, mass, com, central)
-    return lanes.stack([*lanes.unstack(mass), *moment, *inertia], lanes.batch_shape(com))
+    return *mass, *vectors.times(*mass, com), *about_origin_of(mass, com, central)
 
 
-@kernel
-def six_by_six(precision, mass, com, central):
+@formula(of_sums=True)
+def six_by_six(mass, com, central):
     """(*batch, 36) [[I, m [c x]], [-m [c x], m 1]] about the origin."""
-    x, y, z = _first_moment(precision, mass, com)
-    top = symmetric.rows(_about_origin(precision, mass, com, central))
-    ((m,), zero, negate) = lanes.unstack(mass), lanes.zero_like(com), lanes.negate
-    arm = (zero, negate(z), y), (z, zero, negate(x)), (negate(y), x, zero)
-    bottom = [[m if i == j else zero for j in range(3)] for i in range(3)]
-    entries = [e for a, b in zip(top, arm, strict=True) for e in (*a, *b)]
-    entries += [e for a, b in zip(zip(*arm, strict=True), bottom, strict=True) for e in (*a, *b)]
-    return lanes.stack(entries, lanes.batch_shape(com))
+    (m,), zero = mass, constant(com[0], 0)
+    arm = algebra.skew(vectors.times(m, com))
+    ones = [[m if i == j else zero for j in range(3)] for i in range(3)]
+    blocks = (symmetric.rows(about_origin_of(mass, com, central)), arm), (vectors.transpose(arm), ones)
+    return tuple(x for left, right in blocks for a, b in zip(left, right, strict=True) for x in (*a, *b))
 
 
-@kernel
-def _second_moments(precision, mass, com, central):
+@formula(of_sums=True)
+def _second_moments(mass, com, central):
     """(*batch, 10) Sigma_xx, Sigma_xy, Sigma_yy, Sigma_xz, Sigma_yz, Sigma_zz about the origin, m c, m."""
-    moment, c = _first_moment(precision, mass, com), lanes.unstack(com)
-    xx, xy, yy, xz, yz, zz = lanes.unstack(central)
-    xx, yy, zz = map(lanes.halve, (xx, yy, zz))
+    moment = vectors.times(*mass, com)
+    xx, xy, yy, xz, yz, zz = central
+    xx, yy, zz = map(halved, (xx, yy, zz))
 
     def diagonal(i, a, b, minus):
-        square = lanes.multiply(precision, moment[i], c[i])
-        return lanes.add(lanes.subtract(lanes.add(a, b), minus), square)
+        return ((a + b) - minus) + moment[i] * com[i]
 
     def product(i, j, entry):
-        return lanes.subtract(lanes.multiply(precision, moment[i], c[j]), entry)
+        return moment[i] * com[j] - entry
 
     entries = diagonal(0, yy, zz, xx), product(0, 1, xy), diagonal(1, xx, zz, yy)
     entries += product(0, 2, xz), product(1, 2, yz), diagonal(2, xx, yy, zz)
-    return lanes.stack([*entries, *moment, *lanes.unstack(mass)], lanes.batch_shape(com))
+    return *entries, *moment, *mass
 
 
 def pseudo_inertia(precision, mass, com, central):
@@ -108,14 +87,12 @@ def from_six_by_six(precision, entries):
     return from_dynamic_parameters(precision, entries[..., _OF_SIX_BY_SIX])
 
 
-@numeric
+@formula
 def from_dynamic_parameters(ten):
     """[com, central]."""
     (m, *moment), inertia = ten[:4], ten[4:]
     com = _center(m, moment)
-    xx, yy, zz = (p * c for p, c in zip(moment, com, strict=True))
-    arm = symmetric.trace_minus((xx, moment[0] * com[1], yy, moment[0] * com[2], moment[1] * com[2], zz), lambda x: -x)
-    return [com, tuple(i - a for i, a in zip(inertia, arm, strict=True))]
+    return [com, tuple(i - a for i, a in zip(inertia, algebra.parallel_axis(moment, com), strict=True))]
 
 
 def _center(m, moment):
@@ -128,30 +105,30 @@ def from_pseudo_inertia(precision, entries):
     return _from_pseudo_inertia(precision, entries[..., _OF_PSEUDO])
 
 
-@numeric
+@formula
 def _from_pseudo_inertia(ten):
     m, *moment = ten[:4]
     com = _center(m, moment)
     products = [moment[i] * com[j] for i, j in ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))]
     seconds = [s - p for s, p in zip(ten[4:], products, strict=True)]
-    return [com, symmetric.trace_minus(seconds, lambda x: -x)]
+    return [com, symmetric.trace_minus(seconds)]
 
 
 # -- log-Cholesky -----------------------------------------------------------------------------------------------------
 
 
-@numeric
+@formula
 def from_log_cholesky(theta):
     """[mass, com, central]: J = U U^T leaves Sigma = m L L^T about the centre of mass, and t is the centre of mass."""
     alpha, d1, d2, d3, s12, s23, s13, *t = theta
     m, e1, e2, e3 = exp(2 * alpha), exp(d1), exp(d2), exp(d3)
     xx, yy, zz = e1 * e1 + (s12 * s12 + s13 * s13), e2 * e2 + s23 * s23, e3 * e3
     xy, xz, yz = s12 * e2 + s13 * s23, s13 * e3, s23 * e3
-    central = symmetric.trace_minus((xx, xy, yy, xz, yz, zz), lambda x: -x)
+    central = symmetric.trace_minus((xx, xy, yy, xz, yz, zz))
     return [m, tuple(t), tuple(m * x for x in central)]
 
 
-@numeric
+@formula
 def log_cholesky(mass, com, central):
     """The ten parameters: Sigma / m = L L^T, L upper triangular, from the last column on."""
     ((m,), (ixx, ixy, iyy, ixz, iyz, izz)) = mass, central

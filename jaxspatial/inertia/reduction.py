@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import lanes
+from jaxspatial.arithmetic import folding
 from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.numbers import Lane, noinline_pairs
+from jaxspatial.arithmetic.numbers import Rounded, noinline_pairs
 from jaxspatial.arithmetic.total import total
 
 
@@ -20,12 +20,12 @@ def summed(numbers, size):
     """
     if isinstance(numbers[0], DoubleWord):
         return _of_double_words(numbers)
-    data = [x.value for x in numbers if not lanes.is_known(x.value, 0)]
-    sums = iter(_of_lanes(data, size) if data else ())
-    return tuple(x if lanes.is_known(x.value, 0) else Lane(x.precision, next(sums)) for x in numbers)
+    data = [x.value for x in numbers if not folding.is_known(x.value, 0)]
+    sums = iter(_of_rounded(data, size) if data else ())
+    return tuple(x if folding.is_known(x.value, 0) else Rounded(x.precision, next(sums)) for x in numbers)
 
 
-def _of_lanes(values, size):
+def _of_rounded(values, size):
     """All of them in one array: one chain of additions."""
     shape = np.broadcast_shapes((size,), *(x.shape for x in values))
     sums = total(jnp.stack([jnp.broadcast_to(x, shape) for x in values]))
@@ -53,7 +53,7 @@ def first(x):
     """A number that is the same along the last axis of the batch, with that axis of size 1."""
     if isinstance(x, DoubleWord):
         return x[..., :1]
-    return x if lanes.is_known(x.value) else Lane(x.precision, x.value[..., :1])
+    return x if folding.is_known(x.value) else Rounded(x.precision, x.value[..., :1])
 
 
 def product(factors):

@@ -4,15 +4,14 @@ All formulas are over numbers: lengths and masses may be arrays over a batch, tr
 into the mass one factor at a time, so that nothing over- or underflows before the result does.
 """
 
-import operator
-
 import jax
 import numpy as np
 
-from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic import check, symmetric, vectors
+from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.functions import pi
-from jaxspatial.arithmetic.numbers import constant, high, noinline_pairs, numeric, where
-from jaxspatial.inertia import mesh, symmetric
+from jaxspatial.arithmetic.numbers import constant, high, noinline_pairs, where
+from jaxspatial.inertia import mesh
 from jaxspatial.inertia.reduction import product
 from jaxspatial.rotation.matrices import expanded
 
@@ -193,7 +192,7 @@ def _made(cls, name, formula, precision, amount, axis=None, may_be_zero=(), n=1,
 
 def _dtype(*values):
     """That of the first of the values that has one, for all Python numbers; None if none has."""
-    leaves = jax.tree.leaves(values, is_leaf=lambda x: isinstance(x, check.Number))
+    leaves = jax.tree.leaves(values, is_leaf=lambda x: isinstance(x, check.StandIn))
     return next((np.dtype(x.dtype) for x in leaves if hasattr(x, "dtype") and not isinstance(x, float)), None)
 
 
@@ -244,7 +243,7 @@ def _known(formula, precision, *arrays, **static):
 # -- in numbers: [(mass,), central] for (amount,), lengths and direction ----------------------------------------------
 
 
-@numeric
+@formula
 def _direction(axis):
     """The axis times a power of two, with its largest component from 1 to 2: one along x, y or z with a known 1."""
     return [vectors.times(2, vectors.scaled(axis)[0])]
@@ -272,14 +271,14 @@ def _round(m, along, across, difference, n):
     return [(m,), (xx, xy, yy, xz, yz, zz)]
 
 
-@numeric
+@formula
 def _solid_box(amount, size, by):
     m = _mass(by, *amount, *size)
     x, y, z = (m * c * c / 12 for c in size)
     return [(m,), _diagonal(y + z, z + x, x + y)]
 
 
-@numeric
+@formula
 def _solid_cube(amount, size, by):
     (c,) = size
     m = _mass(by, *amount, c, c, c)
@@ -292,7 +291,7 @@ def _ball(by, amount, a, b, c):
     return _mass(by, amount, a, b, 4 * c, pi(c) / 3)
 
 
-@numeric
+@formula
 def _solid_sphere(amount, radius, by):
     (r,) = radius
     m = _ball(by, *amount, r, r, r)
@@ -300,7 +299,7 @@ def _solid_sphere(amount, radius, by):
     return [(m,), _diagonal(moment, moment, moment)]
 
 
-@numeric
+@formula
 def _hollow_sphere(amount, radius, by):
     (r,) = radius
     m = _mass(by, *amount, r, r, 4 * pi(r))
@@ -308,19 +307,19 @@ def _hollow_sphere(amount, radius, by):
     return [(m,), _diagonal(moment, moment, moment)]
 
 
-@numeric
+@formula
 def _solid_ellipsoid(amount, semi_axes, by):
     m = _ball(by, *amount, *semi_axes)
     a, b, c = (m * s * s / 5 for s in semi_axes)
     return [(m,), _diagonal(b + c, c + a, a + b)]
 
 
-@numeric
+@formula
 def _solid_cylinder(amount, radius, length, axis, by):
     return _cylinder(by, *amount, *radius, *length, axis)
 
 
-@numeric
+@formula
 def _cylinder_about_end(amount, radius, length, axis, by):
     m, central = _cylinder(by, *amount, *radius, *length, axis)
     half = length[0] / 2 / vectors.dot(axis, axis).sqrt()
@@ -333,7 +332,7 @@ def _cylinder(by, amount, r, length, axis):
     return _round(m, a / 2, (3 * a + b) / 12, (3 * a - b) / 12, axis)
 
 
-@numeric
+@formula
 def _hollow_cylinder(amount, inner_radius, outer_radius, length, axis, by):
     (p,), (q,), (h,) = inner_radius, outer_radius, length
     m = _mass(by, *amount, q - p, q + p, h, pi(q))
@@ -341,7 +340,7 @@ def _hollow_cylinder(amount, inner_radius, outer_radius, length, axis, by):
     return _round(m, a / 2, (3 * a + b) / 12, (3 * a - b) / 12, axis)
 
 
-@numeric
+@formula
 def _solid_capsule(amount, radius, length, axis, by):
     """Of a cylinder, 3 h / (3 h + 4 r) of the mass, and two half balls, 4 r / (3 h + 4 r)."""
     (r,), (h,) = radius, length
@@ -355,7 +354,7 @@ def _solid_capsule(amount, radius, length, axis, by):
     return _round(m, along, across, (3 * rr - hh) / 12 - (2 * (ends * h * h) + 3 * (ends * h * r)) / 8, axis)
 
 
-@numeric
+@formula
 def _solid_cone(amount, radius, height, axis, by):
     (r,), (h,) = radius, height
     m = _mass(by, *amount, r, r, h, pi(r) / 3)
@@ -363,19 +362,19 @@ def _solid_cone(amount, radius, height, axis, by):
     return _round(m, 2 * a / 80, (a + b) / 80, (a - b) / 80, axis)
 
 
-@numeric
+@formula
 def _thin_rod(mass, length, axis, by):
     across = mass[0] * length[0] * length[0] / 12
     return _round(*mass, constant(across, 0), across, -across, axis)
 
 
-@numeric
+@formula
 def _solid_tetrahedron(amount, vertices, by):
     corners = vectors.rows(vertices)
     edges = [_difference(a, b) for i, a in enumerate(corners) for b in corners[i + 1 :]]
     m = _mass(by, *amount, *(() if by == "mass" else (abs(_determinant(*edges[:3])) / 6,)))
     com = tuple(x + total / 4 for x, total in zip(corners[0], vectors.plus(*edges[:3]), strict=True))
-    return [(m,), com, symmetric.trace_minus(_squares(m / 80, edges), operator.neg)]
+    return [(m,), com, symmetric.trace_minus(_squares(m / 80, edges))]
 
 
 def _difference(a, b):

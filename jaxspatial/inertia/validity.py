@@ -10,9 +10,9 @@ from fractions import Fraction
 
 import jax.numpy as jnp
 
-from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import constant, high, numeric, times_power_of_two, where
-from jaxspatial.inertia import symmetric
+from jaxspatial.arithmetic import symmetric, vectors
+from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import constant, high, times_power_of_two, where
 
 # Of eps: what rounding an inertia tensor, and finding its moments, can take from a body as flat or thin as can be.
 _TOLERANCE = 16
@@ -27,7 +27,7 @@ def slack(precision, mass, com, central):
     return _slack(precision, mass, com, central, symmetric.eigen(precision, central)[0])
 
 
-@numeric
+@formula
 def _slack(mass, com, central, moments):
     found = where(high(mass[0]) < 0, -1.0, _relative(moments))
     return where(_all_finite(*mass, *com, *central), found, float("nan"))
@@ -60,14 +60,14 @@ def nearest(precision, mass, com, central, tolerance):
     return tuple(_nearest(precision, mass, com, central, moments, axes, tolerance=tolerance))
 
 
-@numeric
+@formula
 def _nearest(mass, com, central, moments, axes, tolerance):
     """The part of Sigma with negative eigenvalues taken off: central + tr(N) 1 - N, N = Q diag(max(-s, 0)) Q^T."""
     (scaled, e), q = vectors.scaled(moments), vectors.rows(axes)
     missing = [times_power_of_two(where(high(s) < 0, -s, 0.0), e) for s in _second_moments(scaled)]
     weighted = tuple(tuple(x * s for x, s in zip(row, missing, strict=True)) for row in q)
     n = symmetric.six_of(vectors.product(weighted, vectors.transpose(q)))
-    added = symmetric.trace_minus(n, lambda x: -x)
+    added = symmetric.trace_minus(n)
     is_kept = ~_all_finite(*central) | (high(_relative(moments)) >= -tolerance)
     clamped = tuple(where(is_kept, x, x + y) for x, y in zip(central, added, strict=True))
     return [where(high(mass[0]) < 0, 0.0, mass[0]), clamped]
@@ -81,7 +81,7 @@ def equivalent_lengths(precision, mass, moments, factor):
     return _lengths(precision, mass, moments, factor=Fraction(factor))
 
 
-@numeric
+@formula
 def _lengths(mass, moments, factor):
     scaled, e = vectors.scaled(moments)
     (m,), f = vectors.scaled(mass)
@@ -102,7 +102,7 @@ def minimum_length(precision, mass, central):
     return _minimum_length(precision, mass, central)
 
 
-@numeric
+@formula
 def _minimum_length(mass, central):
     scaled, e = vectors.scaled(central)
     (m,), f = vectors.scaled(mass)

@@ -10,8 +10,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxspatial.arithmetic import symmetric
 from jaxspatial.arithmetic.precision import Precision
-from jaxspatial.inertia import SpatialInertia, symmetric
+from jaxspatial.inertia import SpatialInertia
 from jaxspatial.interop import mujoco
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialForce, SpatialMomentum, SpatialVelocity, act
 

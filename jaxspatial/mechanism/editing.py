@@ -7,7 +7,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic.known import in_double
-from jaxspatial.arithmetic.numbers import Lane
+from jaxspatial.arithmetic.numbers import Rounded
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.mechanism import Mechanism
@@ -166,7 +166,7 @@ def _parameter(joint, p):
 
 
 def _lane(x):
-    return Lane(Precision.REPRODUCIBLE, np.float64(x))
+    return Rounded(Precision.REPRODUCIBLE, np.float64(x))
 
 
 def _inverse(X):

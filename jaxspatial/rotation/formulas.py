@@ -3,7 +3,7 @@
 from typing import Any
 
 from jaxspatial.arithmetic import check, vectors
-from jaxspatial.arithmetic.numbers import numeric
+from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.rotation import angles, directions, exponential, quaternion
 
@@ -15,83 +15,83 @@ def over_arrays(formula: Any, precision: PrecisionName, static: dict[str, Any] |
     return formula(precision, *arrays.values(), **(static or {}))
 
 
-@numeric
+@formula
 def nearest(entries):
     return vectors.flat(directions.nearest(vectors.rows(entries)))
 
 
-@numeric
+@formula
 def from_quaternion(q):
     return vectors.flat(quaternion.to_matrix(vectors.unit(q)))
 
 
-@numeric
+@formula
 def to_quaternion(entries):
     return quaternion.from_matrix(vectors.rows(entries))
 
 
-@numeric
+@formula
 def exp(w):
     return vectors.flat(exponential.rotation(w))
 
 
-@numeric
+@formula
 def log(entries):
     return exponential.rotation_vector(vectors.rows(entries))
 
 
-@numeric
+@formula
 def about(angle, axis):
     return vectors.flat(angles.about(axis, *angle))
 
 
-@numeric
+@formula
 def from_axis_angle(axis, angle):
     return vectors.flat(quaternion.to_matrix(angles.about_axis(axis, *angle)))
 
 
-@numeric
+@formula
 def to_axis_angle(entries):
     return list(angles.axis_angle(quaternion.from_matrix(vectors.rows(entries))))
 
 
-@numeric
+@formula
 def from_roll_pitch_yaw(rpy):
     return vectors.flat(quaternion.to_matrix(angles.from_roll_pitch_yaw(*rpy)))
 
 
-@numeric
+@formula
 def to_roll_pitch_yaw(entries):
     return angles.roll_pitch_yaw(quaternion.from_matrix(vectors.rows(entries)))
 
 
-@numeric
+@formula
 def from_one_vector(u, axis):
     return vectors.flat(directions.from_one_vector(u, axis))
 
 
-@numeric
+@formula
 def from_two_vectors(u, v, axes):
     return vectors.flat(directions.from_two_vectors(u, v, axes))
 
 
-@numeric
+@formula
 def between(a, b):
     return vectors.flat(quaternion.to_matrix(directions.between(a, b)))
 
 
-@numeric
+@formula
 def interpolated(start, end, t):
     start, end = vectors.rows(start), vectors.rows(end)
     w = exponential.rotation_vector(vectors.product(vectors.transpose(start), end))
     return vectors.flat(vectors.product(start, exponential.rotation(vectors.times(*t, w))))
 
 
-@numeric
+@formula
 def left_jacobian(w):
     return vectors.flat(exponential.left_jacobian(w))
 
 
-@numeric
+@formula
 def left_jacobian_inverse(w):
     return vectors.flat(exponential.left_jacobian_inverse(w))

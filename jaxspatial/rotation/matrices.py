@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, lanes, vectors
+from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.components import as_array
 from jaxspatial.arithmetic.double_word import from_double_word
-from jaxspatial.arithmetic.kernel import kernel
+from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.types import Matrix
 
 
@@ -55,7 +55,7 @@ def shown(x: Any, n: int) -> str:
         numbers = [str(number) for number in np.asarray(x)]
         rows = [", ".join(numbers[i : i + n]) for i in range(0, len(numbers), n)]
         return "[" + "; ".join(rows) + "]"
-    if hasattr(x, "shape") and hasattr(x, "dtype") and not isinstance(x, check.Number):
+    if hasattr(x, "shape") and hasattr(x, "dtype") and not isinstance(x, check.StandIn):
         return f"{np.dtype(x.dtype).name}[{','.join(map(str, x.shape))}]"
     return repr(x)
 
@@ -76,29 +76,23 @@ def is_identity(R_AB: Any) -> bool:
     return known and bool((R_AB.entries == np.eye(3).ravel()).all())
 
 
-def matrix_rows(entries):
-    """The rows of a matrix given by its entries, of lanes."""
-    return vectors.rows(lanes.unstack(entries))
-
-
 # -- products ---------------------------------------------------------------------------------------------------------
 
 
-@kernel
-def rotated(precision, entries, *vectors):
-    rows = matrix_rows(entries)
-    return tuple(lanes.stack_like(v, [lanes.dot(precision, row, lanes.unstack(v)) for row in rows]) for v in vectors)
+@formula(of_sums=True)
+def rotated(entries, *given):
+    rows = vectors.rows(entries)
+    return [vectors.laid_out_as(v, vectors.matrix_times(rows, v)) for v in given]
 
 
 TRANSPOSED = np.arange(9).reshape(3, 3).T.ravel()
 
 
-@kernel
-def transposed(_, entries):
-    return lanes.stack(vectors.flat(vectors.transpose(matrix_rows(entries))), lanes.batch_shape(entries))
+@formula(of_sums=True)
+def transposed(entries):
+    return vectors.flat(vectors.transpose(vectors.rows(entries)))
 
 
-@kernel
-def composed(precision, left, right):
-    columns = list(zip(*matrix_rows(right), strict=True))
-    return lanes.stack_like(left, [lanes.dot(precision, row, c) for row in matrix_rows(left) for c in columns])
+@formula(of_sums=True)
+def composed(left, right):
+    return vectors.laid_out_as(left, vectors.flat(vectors.product(vectors.rows(left), vectors.rows(right))))

@@ -2,8 +2,9 @@
 
 import jax
 
-from jaxspatial.arithmetic import check, lanes
-from jaxspatial.arithmetic.kernel import kernel
+from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic.formula import formula
+from jaxspatial.spatial import algebra
 from jaxspatial.spatial.operations import shift
 from jaxspatial.spatial.vector import SpatialVector, joined, require_kind, require_w, shifted, spatial_vector
 from jaxspatial.spatial.velocity import SpatialVelocity
@@ -70,25 +71,21 @@ def _require_alike(given):
     check.common_batch_shape(**shapes)
 
 
-@kernel
-def _composed(precision, alpha, a, p, w, w_BC, v_BC, alpha_BC, a_BC):
-    alpha_, p_, w_, v_ = map(lanes.unstack, (alpha, p, w, v_BC))
-    turned = lanes.cross(precision, w_, lanes.unstack(w_BC))
-    tangential, coriolis = lanes.cross(precision, alpha_, p_), lanes.cross(precision, w_, v_)
-    centripetal = lanes.cross(precision, w_, lanes.cross(precision, w_, p_))
-    moved = lanes.plus(lanes.plus(a, tangential), centripetal)
-    moved = lanes.plus(lanes.plus(moved, list(map(lanes.add, coriolis, coriolis))), lanes.unstack(a_BC))
-    return lanes.plus(lanes.plus(alpha, lanes.unstack(alpha_BC)), turned), moved
+@formula(of_sums=True)
+def _composed(alpha, a, p, w, w_BC, v_BC, alpha_BC, a_BC):
+    turned, coriolis = vectors.cross(w, w_BC), vectors.cross(w, v_BC)
+    moved = vectors.plus(algebra.acceleration_at(alpha, a, w, p), vectors.plus(coriolis, coriolis), a_BC)
+    return [vectors.plus(alpha, alpha_BC, turned), moved]
 
 
-@kernel
-def _to_featherstone(precision, alpha, a, w, v):
-    return alpha, lanes.minus(a, lanes.cross(precision, *map(lanes.unstack, (w, v))))
+@formula(of_sums=True)
+def _to_featherstone(alpha, a, w, v):
+    return [alpha, vectors.minus(a, vectors.cross(w, v))]
 
 
-@kernel
-def _from_featherstone(precision, alpha, a, w, v):
-    return alpha, lanes.plus(a, lanes.cross(precision, *map(lanes.unstack, (w, v))))
+@formula(of_sums=True)
+def _from_featherstone(alpha, a, w, v):
+    return [alpha, vectors.plus(a, vectors.cross(w, v))]
 
 
 @shift.register
@@ -96,9 +93,6 @@ def _shift_acceleration(A_MP_E: SpatialAcceleration, p_PQ_E, w=None, *, precisio
     return shifted(_shifted, A_MP_E, precision, p_PQ_E=p_PQ_E, w=require_w(A_MP_E, w))
 
 
-@kernel
-def _shifted(precision, alpha, a, p, w):
-    alpha_, p_, w_ = map(lanes.unstack, (alpha, p, w))
-    tangential = lanes.cross(precision, alpha_, p_)
-    centripetal = lanes.cross(precision, w_, lanes.cross(precision, w_, p_))
-    return alpha, lanes.plus(lanes.plus(a, tangential), centripetal)
+@formula(of_sums=True)
+def _shifted(alpha, a, p, w):
+    return [alpha, algebra.acceleration_at(alpha, a, w, p)]

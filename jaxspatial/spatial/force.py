@@ -2,8 +2,8 @@
 
 import jax
 
-from jaxspatial.arithmetic import lanes
-from jaxspatial.arithmetic.kernel import kernel
+from jaxspatial.arithmetic.formula import formula
+from jaxspatial.spatial import algebra
 from jaxspatial.spatial.operations import shift
 from jaxspatial.spatial.vector import SpatialVector, require_no_w, shifted, spatial_vector
 
@@ -41,6 +41,6 @@ def _shift_force(F_P_E, p_PQ_E, w=None, *, precision=None):
     return shifted(_shifted, F_P_E, precision, p_PQ_E=p_PQ_E)
 
 
-@kernel
-def _shifted(precision, tau, f, p):
-    return lanes.minus(tau, lanes.cross(precision, lanes.unstack(p), lanes.unstack(f))), f
+@formula(of_sums=True)
+def _shifted(tau, f, p):
+    return [algebra.torque_about(tau, f, p), f]

@@ -1,7 +1,8 @@
 """Where motion meets force: power, kinetic energy, and the two cross products."""
 
-from jaxspatial.arithmetic import check, lanes
-from jaxspatial.arithmetic.kernel import kernel
+from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic.formula import formula
+from jaxspatial.spatial import algebra
 from jaxspatial.spatial.acceleration import SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce, SpatialMomentum
 from jaxspatial.spatial.operations import cross, dot
@@ -45,25 +46,16 @@ def _parts(a, b):
     return *a._parts, *b._parts
 
 
-@kernel
-def _dot(precision, tau, f, w, v):
-    tau, f, w, v = map(lanes.unstack, (tau, f, w, v))
-    return lanes.add(lanes.dot(precision, tau, w), lanes.dot(precision, f, v))
+@formula(of_sums=True)
+def _dot(tau, f, w, v):
+    return algebra.power((tau, f), (w, v))
 
 
-@kernel
-def _cross_motion(precision, w, v, w2, v2):
-    return _crosses(precision, w, v, w2, v2)
+@formula(of_sums=True)
+def _cross_motion(w, v, x, y):
+    return [vectors.laid_out_as(*each) for each in zip((x, y), algebra.motion_cross((w, v), (x, y)), strict=True)]
 
 
-@kernel
-def _cross_force(precision, w, v, tau, f):
-    rate_f, rate_tau = _crosses(precision, w, v, f, tau)
-    return rate_tau, rate_f
-
-
-def _crosses(precision, w, v, x, y):
-    """(w x x, w x y + v x x): both products are this, with the halves of a force exchanged."""
-    w_, v_, x_, y_ = map(lanes.unstack, (w, v, x, y))
-    sums = tuple(map(lanes.add, lanes.cross(precision, w_, y_), lanes.cross(precision, v_, x_)))
-    return lanes.stack_like(x, lanes.cross(precision, w_, x_)), lanes.stack_like(y, sums)
+@formula(of_sums=True)
+def _cross_force(w, v, tau, f):
+    return [vectors.laid_out_as(*each) for each in zip((tau, f), algebra.force_cross((w, v), (tau, f)), strict=True)]

@@ -3,14 +3,15 @@
 import jax
 import numpy as np
 
-from jaxspatial.arithmetic import check, lanes, vectors
-from jaxspatial.arithmetic.kernel import kernel
-from jaxspatial.arithmetic.numbers import constant, numeric
+from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import constant
 from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.rotation import exponential
-from jaxspatial.rotation.matrices import as_matrices, expanded, matrices, matrix_rows, owned, shown
+from jaxspatial.rotation.matrices import as_matrices, expanded, matrices, owned, shown
 from jaxspatial.rotation.rotation import Rotation, composed, rotated
+from jaxspatial.spatial import algebra
 from jaxspatial.spatial.acceleration import SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce, SpatialMomentum
 from jaxspatial.spatial.operations import acting, acting_inverse
@@ -184,17 +185,15 @@ def _inverse_times(X_AB, X_AC, precision):
     return RigidTransform(R_BC, _moved_back(precision, X_AB.rotation.entries, X_AB.translation, X_AC.translation))
 
 
-@kernel
-def _moved(precision, entries, translation, p):
-    rows, p_ = matrix_rows(entries), lanes.unstack(p)
-    return lanes.plus(translation, [lanes.dot(precision, row, p_) for row in rows])
+@formula(of_sums=True)
+def _moved(entries, translation, p):
+    return vectors.plus(translation, vectors.matrix_times(vectors.rows(entries), p))
 
 
-@kernel
-def _moved_back(precision, entries, origin, p):
-    columns = list(zip(*matrix_rows(entries), strict=True))
-    arm = list(map(lanes.subtract, lanes.unstack(p), lanes.unstack(origin)))
-    return lanes.stack_like(p, [lanes.dot(precision, column, arm) for column in columns])
+@formula(of_sums=True)
+def _moved_back(entries, origin, p):
+    back = vectors.transpose(vectors.rows(entries))
+    return vectors.laid_out_as(p, vectors.matrix_times(back, vectors.minus(p, origin)))
 
 
 # -- spatial vectors, moved and re-expressed at once ------------------------------------------------------------------
@@ -231,17 +230,17 @@ def _act_inverse_velocity(V_Ao_A: SpatialVelocity, X_AB, w, precision):
 @acting.register
 def _act_acceleration(A_Bo_B: SpatialAcceleration, X_AB, w, precision):
     w = require_w(A_Bo_B, w, "act")
-    return A_Bo_B._like(*_pair(_moved_acceleration, precision, X_AB, A_Bo_B, *A_Bo_B._parts, w))
+    return A_Bo_B._like(*_pair(_moved_acceleration, precision, X_AB, A_Bo_B, w, *A_Bo_B._parts))
 
 
 @acting_inverse.register
 def _act_inverse_acceleration(A_Ao_A: SpatialAcceleration, X_AB, w, precision):
     w = require_w(A_Ao_A, w, "act_inverse")
-    return A_Ao_A._like(*_pair(_acceleration_moved_back, precision, X_AB, A_Ao_A, *A_Ao_A._parts, w))
+    return A_Ao_A._like(*_pair(_acceleration_moved_back, precision, X_AB, A_Ao_A, w, *A_Ao_A._parts))
 
 
 def _pair(formula, precision, X_AB, vector, *arrays):
-    """The kernel over the transform and the arrays of a spatial vector, with what they have in common checked."""
+    """The formula over the transform and the arrays of a spatial vector, with what they have in common checked."""
     require_transform(X_AB)
     check.require_same_dtype(RigidTransform=X_AB, **{type(vector).__name__: vector})
     check.common_batch_shape(RigidTransform=X_AB.batch_shape, **{type(vector).__name__: vector.batch_shape})
@@ -253,83 +252,50 @@ def require_transform(X_AB):
         raise TypeError(f"act: expected a RigidTransform first, got {type(X_AB).__name__}")
 
 
-def turned(precision, rows, v):
-    """R v, of lanes."""
-    return [lanes.dot(precision, row, v) for row in rows]
+def _formula_of_pairs(law):
+    """Of a law (rows, p, ..., x, y) that gives a pair, in the layout of x and y."""
+
+    @formula(of_sums=True)
+    def found(entries, p, *arrays):
+        pairs = zip(arrays[-2:], law(vectors.rows(entries), p, *arrays), strict=True)
+        return [vectors.laid_out_as(*pair) for pair in pairs]
+
+    return found
 
 
-def columns(rows):
-    return list(zip(*rows, strict=True))
+_moved_pair, _pair_moved_back = map(_formula_of_pairs, (algebra.act, algebra.act_inverse))
+_moved_acceleration = _formula_of_pairs(algebra.act_on_acceleration)
+_acceleration_moved_back = _formula_of_pairs(algebra.act_inverse_on_acceleration)
 
 
-@kernel
-def _moved_pair(precision, entries, p, x, y):
-    """(R x, R y + p x R x): of (w, v), or of (f, tau)."""
-    rows, p_, x_, y_ = matrix_rows(entries), *map(lanes.unstack, (p, x, y))
-    new = turned(precision, rows, x_)
-    arm = lanes.cross(precision, p_, new)
-    return lanes.stack_like(x, new), lanes.stack_like(y, list(map(lanes.add, turned(precision, rows, y_), arm)))
-
-
-@kernel
-def _pair_moved_back(precision, entries, p, x, y):
-    """(R^T x, R^T (y - p x x))."""
-    rows, p_, x_, y_ = columns(matrix_rows(entries)), *map(lanes.unstack, (p, x, y))
-    moved = list(map(lanes.subtract, y_, lanes.cross(precision, p_, x_)))
-    return lanes.stack_like(x, turned(precision, rows, x_)), lanes.stack_like(y, turned(precision, rows, moved))
-
-
-@kernel
-def _moved_acceleration(precision, entries, p, alpha, a, w):
-    """(R alpha, R a + p x R alpha + R w x (p x R w))."""
-    rows, p_, alpha_, a_, w_ = matrix_rows(entries), *map(lanes.unstack, (p, alpha, a, w))
-    new, spin = turned(precision, rows, alpha_), turned(precision, rows, w_)
-    tangential = lanes.cross(precision, p_, new)
-    centripetal = lanes.cross(precision, spin, lanes.cross(precision, p_, spin))
-    moved = map(lanes.add, map(lanes.add, turned(precision, rows, a_), tangential), centripetal)
-    return lanes.stack_like(alpha, new), lanes.stack_like(a, list(moved))
-
-
-@kernel
-def _acceleration_moved_back(precision, entries, p, alpha, a, w):
-    """(R^T alpha, R^T (a + alpha x p + w x (w x p)))."""
-    rows, p_, alpha_, a_, w_ = columns(matrix_rows(entries)), *map(lanes.unstack, (p, alpha, a, w))
-    tangential = lanes.cross(precision, alpha_, p_)
-    centripetal = lanes.cross(precision, w_, lanes.cross(precision, w_, p_))
-    moved = list(map(lanes.add, map(lanes.add, a_, tangential), centripetal))
-    return lanes.stack_like(alpha, turned(precision, rows, alpha_)), lanes.stack_like(a, turned(precision, rows, moved))
-
-
-@kernel
-def _motion_matrix(precision, entries, p):
-    rows = matrix_rows(entries)
-    moved = columns([lanes.cross(precision, lanes.unstack(p), column) for column in columns(rows)])
-    zero = (lanes.zero_like(entries),) * 3
-    top = [x for row in rows for x in (*row, *zero)]
-    return lanes.stack(top + [x for a, b in zip(moved, rows, strict=True) for x in (*a, *b)], lanes.batch_shape(p))
+@formula(of_sums=True)
+def _motion_matrix(entries, p):
+    rows = vectors.rows(entries)
+    moved = vectors.transpose([vectors.cross(p, column) for column in vectors.transpose(rows)])
+    return _blocks(rows, moved)
 
 
 # -- in numbers -------------------------------------------------------------------------------------------------------
 
 
-@numeric
+@formula
 def _to_matrix(entries, p):
     top = tuple(x for row, y in zip(vectors.rows(entries), p, strict=True) for x in (*row, y))
     return *top, *(constant(p[0], int(i == 3)) for i in range(4))
 
 
-@numeric
+@formula
 def _exp(w, v):
     m, p = exponential.motion(w, v)
     return [vectors.flat(m), p]
 
 
-@numeric
+@formula
 def _log(entries, p):
     return list(exponential.motion_logarithm(vectors.rows(entries), p))
 
 
-@numeric
+@formula
 def _interpolated(start, p_start, end, p_end, t):
     start, end = vectors.rows(start), vectors.rows(end)
     back = vectors.transpose(start)
@@ -339,12 +305,12 @@ def _interpolated(start, p_start, end, p_end, t):
     return [vectors.flat(vectors.product(start, turned)), vectors.plus(p_start, vectors.matrix_times(start, moved))]
 
 
-@numeric
+@formula
 def _left_jacobian(w, v):
     return _blocks(exponential.left_jacobian(w), exponential.coupling(w, v))
 
 
-@numeric
+@formula
 def _left_jacobian_inverse(w, v):
     return _blocks(exponential.left_jacobian_inverse(w), exponential.inverse_coupling(w, v))
 

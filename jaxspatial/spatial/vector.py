@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, lanes
+from jaxspatial.arithmetic import check, folding, vectors
 from jaxspatial.arithmetic.components import Components, as_array
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, to_double_word
-from jaxspatial.arithmetic.kernel import kernel
+from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.quantity import Quantity, matched, moved_to_last
 from jaxspatial.arithmetic.reproducible import product, quotient
 from jaxspatial.arithmetic.tree import rebuilt, tree
@@ -228,7 +228,7 @@ class SpatialVector(Quantity):
     def get_maximum_absolute_differences(self, other):
         """(rotational, translational): the largest absolute difference of each part, NaN where either has one."""
         a, b = matched(self, other, "comparison")
-        differences = (lanes.quietly(operator.sub, x, y) for x, y in zip(a._parts, b._parts, strict=True))
+        differences = (folding.quietly(operator.sub, x, y) for x, y in zip(a._parts, b._parts, strict=True))
         return tuple(_largest(from_double_word(abs(as_array(d, a.batch_shape)))) for d in differences)
 
     def is_nearly_equal_within_absolute_tolerance(self, other, rotational_tolerance, translational_tolerance):
@@ -255,19 +255,19 @@ def spatial_vector(cls):
     return cls
 
 
-@kernel
-def _summed(precision, rotational, translational):
-    return lanes.summed(rotational), lanes.summed(translational)
+@formula(of_sums=True)
+def _summed(rotational, translational):
+    return [vectors.summed(rotational), vectors.summed(translational)]
 
 
-def shifted(kernel, X_P_E, precision, **vectors):
-    """`kernel` over the parts of X and the named vectors that shift it; the result of the kind of X."""
+def shifted(law, X_P_E, precision, **given):
+    """A formula over the parts of X and the named vectors that shift it; the result of the kind of X."""
     kind = type(X_P_E).__name__
-    vectors = {name: check.as_vectors(x, f"shift: {name}", X_P_E.dtype) for name, x in vectors.items()}
-    check.require_same_dtype(**{kind: X_P_E, **vectors})
-    batch_shapes = {name: x.shape[:-1] for name, x in vectors.items()}
+    given = {name: check.as_vectors(x, f"shift: {name}", X_P_E.dtype) for name, x in given.items()}
+    check.require_same_dtype(**{kind: X_P_E, **given})
+    batch_shapes = {name: x.shape[:-1] for name, x in given.items()}
     check.common_batch_shape(**{kind: X_P_E.batch_shape, **batch_shapes})
-    return X_P_E._like(*kernel(precision, *X_P_E._parts, *vectors.values()))
+    return X_P_E._like(*law(precision, *X_P_E._parts, *given.values()))
 
 
 def require_no_w(X_P_E, w, operation="shift"):
@@ -321,7 +321,7 @@ def _is_double(x):
 def _scaled_part(operation, part, s):
     """operation(part, s) for s (*batch, 1) or a number; double words and Components know it as an operator."""
     part = to_double_word(part) if _is_double(s) and not isinstance(part, Components) else part
-    if isinstance(part, check.Number):
+    if isinstance(part, check.StandIn):
         return part * s if operation is product else part / s
     return operation(part, jnp.broadcast_to(s, part.shape))
 
@@ -331,7 +331,7 @@ def _skipping_zero(operation, x, y):
         return x
     if isinstance(x, np.ndarray) and not x.any():
         return y if operation is operator.add else -y
-    return lanes.quietly(operation, x, y)
+    return folding.quietly(operation, x, y)
 
 
 def _largest(x):
@@ -347,7 +347,7 @@ def _plain(number):
 
 def _shown(part):
     """The numbers of one vector, the shape of a batch or of something not computed yet."""
-    if isinstance(part, check.Number):
+    if isinstance(part, check.StandIn):
         return repr(part)
     if isinstance(part, (np.ndarray, jax.Array)) and not isinstance(part, jax.core.Tracer) and part.ndim == 1:
         return "[" + ", ".join(str(x) for x in np.asarray(part)) + "]"

@@ -2,8 +2,9 @@
 
 import jax
 
-from jaxspatial.arithmetic import check, lanes
-from jaxspatial.arithmetic.kernel import kernel
+from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic.formula import formula
+from jaxspatial.spatial import algebra
 from jaxspatial.spatial.operations import shift
 from jaxspatial.spatial.vector import SpatialVector, require_kind, require_no_w, shifted, spatial_vector
 
@@ -37,10 +38,9 @@ class SpatialVelocity(SpatialVector):
         return self._like(*_composed(precision, *self._parts, p, *V_BC_E._parts))
 
 
-@kernel
-def _composed(precision, w, v, p, w_BC, v_BC):
-    shifted = lanes.plus(v, lanes.cross(precision, lanes.unstack(w), lanes.unstack(p)))
-    return lanes.plus(w, lanes.unstack(w_BC)), lanes.plus(shifted, lanes.unstack(v_BC))
+@formula(of_sums=True)
+def _composed(w, v, p, w_BC, v_BC):
+    return [vectors.plus(w, w_BC), vectors.plus(algebra.velocity_at(w, v, p), v_BC)]
 
 
 @shift.register
@@ -49,6 +49,6 @@ def _shift_velocity(V_MP_E: SpatialVelocity, p_PQ_E, w=None, *, precision=None):
     return shifted(_shifted, V_MP_E, precision, p_PQ_E=p_PQ_E)
 
 
-@kernel
-def _shifted(precision, w, v, p):
-    return w, lanes.plus(v, lanes.cross(precision, lanes.unstack(w), lanes.unstack(p)))
+@formula(of_sums=True)
+def _shifted(w, v, p):
+    return [w, algebra.velocity_at(w, v, p)]

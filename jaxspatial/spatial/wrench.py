@@ -6,9 +6,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxspatial.arithmetic import check, lanes
+from jaxspatial.arithmetic import check, folding, vectors
 from jaxspatial.arithmetic.components import as_array
-from jaxspatial.arithmetic.kernel import kernel
+from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.precision import resolve
 from jaxspatial.arithmetic.scaling import exponent, times_power_of_two
 from jaxspatial.spatial.force import SpatialForce
@@ -34,11 +34,9 @@ def wrench_from_point_forces(points, forces, *, precision=None):
     return SpatialForce(*_sum_of_moments(precision, points, forces))
 
 
-@kernel
-def _sum_of_moments(precision, points, forces):
-    p, f = lanes.unstack(points), lanes.unstack(forces)
-    moments = lanes.cross(precision, p, f)
-    return tuple(lanes.summed(lanes.stack(x, lanes.batch_shape(forces))) for x in (moments, f))
+@formula(of_sums=True)
+def _sum_of_moments(p, f):
+    return [vectors.summed(vectors.cross(p, f)), vectors.summed(f)]
 
 
 class CentralAxis(NamedTuple):
@@ -74,7 +72,7 @@ def central_axis(F_P_E, *, precision=None):
 @functools.partial(jax.jit, static_argnums=0, inline=True)
 def _central_axis(precision, tau, f):
     """On vectors scaled to about 1: nothing over- or underflows before the result does."""
-    tau_high, f_high = (lanes.unstack(jnp.asarray(jax.tree.leaves(x)[0])) for x in (tau, f))
+    tau_high, f_high = (folding.unstack(jnp.asarray(jax.tree.leaves(x)[0])) for x in (tau, f))
     tau_exponent, f_exponent = exponent(tau_high), exponent(f_high)
     scaled = _scaled(tau, -tau_exponent[..., None]), _scaled(f, -f_exponent[..., None])
     pitch, point = _axis_of_scaled(precision, *scaled)
@@ -100,12 +98,11 @@ def _infinite_where(condition, x):
     return jax.tree.unflatten(structure, filled)
 
 
-@kernel
-def _axis_of_scaled(precision, tau, f):
-    t, u = map(lanes.unstack, (tau, f))
-    squared = lanes.dot(precision, u, u)
-    point = [lanes.divide(c, squared) for c in lanes.cross(precision, u, t)]
-    return lanes.divide(lanes.dot(precision, u, t), squared), lanes.stack_like(f, point)
+@formula(of_sums=True)
+def _axis_of_scaled(tau, f):
+    squared = vectors.dot(f, f)
+    point = [c / squared for c in vectors.cross(f, tau)]
+    return [vectors.dot(f, tau) / squared, vectors.laid_out_as(f, point)]
 
 
 def center_of_pressure(F_P_E, normal=(0.0, 0.0, 1.0), *, precision=None):
@@ -133,11 +130,10 @@ def center_of_pressure(F_P_E, normal=(0.0, 0.0, 1.0), *, precision=None):
     return _center_of_pressure(precision, F_P_E.tau, F_P_E.f, normal)
 
 
-@kernel
-def _center_of_pressure(precision, tau, f, normal):
-    t, f, n = map(lanes.unstack, (tau, f, normal))
-    pressing = lanes.dot(precision, n, f)
-    return lanes.stack([lanes.divide(c, pressing) for c in lanes.cross(precision, n, t)], lanes.batch_shape(tau))
+@formula(of_sums=True)
+def _center_of_pressure(tau, f, normal):
+    pressing = vectors.dot(normal, f)
+    return tuple(c / pressing for c in vectors.cross(normal, tau))
 
 
 def _require_force(x, operation):

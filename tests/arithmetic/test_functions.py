@@ -10,7 +10,7 @@ import pytest
 
 from jaxspatial.arithmetic import functions, vectors
 from jaxspatial.arithmetic.double_word import to_double_word
-from jaxspatial.arithmetic.numbers import numeric
+from jaxspatial.arithmetic.formula import formula
 from jaxspatial.rotation import angles
 from tests.helpers.marks import slow
 
@@ -27,37 +27,37 @@ def u(dtype):
     return float(jnp.finfo(dtype).eps) / 2
 
 
-@numeric
+@formula
 def cosine_sine(angle):
     return functions.cosine_sine(*angle)
 
 
-@numeric
+@formula
 def angle_ratio(x):
     return (functions.angle_ratio(*x),)
 
 
-@numeric
+@formula
 def angle_of(x):
     return (angles.angle_of(*x),)
 
 
-@numeric
+@formula
 def turns(angle, parts):
     return functions.turns(*angle, parts)
 
 
-@numeric
+@formula
 def unit(v):
     return vectors.unit(v)
 
 
-@numeric
+@formula
 def norm(v):
     return (vectors.norm(v),)
 
 
-@numeric
+@formula
 def square(v):
     return vectors.square(v)
 

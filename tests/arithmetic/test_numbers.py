@@ -10,18 +10,19 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.arithmetic import numbers
-from jaxspatial.arithmetic.numbers import Lane, numeric
+from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import Rounded
 
 REPRODUCIBLE = js.Precision.REPRODUCIBLE
 
 
-@numeric
+@formula
 def hypotenuse(v):
     a, b = v
     return (a * a + b * b).sqrt()
 
 
-@numeric
+@formula
 def parts(v, w, count):
     return [tuple(a + b for a, b in zip(v, w, strict=True)), numbers.high(v[0]) > 1, v[0] / count]
 
@@ -54,7 +55,7 @@ def test_what_is_known_stays_known():
     """Through every function of numbers, on NumPy numbers inside of a program: no operation is left."""
 
     def program(x):
-        lane = Lane(REPRODUCIBLE, np.float32(2.5))
+        lane = Rounded(REPRODUCIBLE, np.float32(2.5))
         found = [
             lane * 2 + 1, (lane - 0.5).sqrt(), numbers.nearest_integer(lane), numbers.frozen(lane), abs(-lane),
             numbers.where(lane > 1, lane, 0.0), numbers.constant(lane, Fraction(1, 3)), numbers.doubled(lane, -2),
@@ -73,10 +74,10 @@ def test_what_is_known_stays_known():
 def test_calls_and_loops_change_nothing(kind):
     """noinline, noinline_pairs, each and repeated give the bits of what they call."""
     x = jnp.asarray(np.random.default_rng(0).standard_normal((3, 50)).astype(np.float32))
-    number = (lambda a: Lane(REPRODUCIBLE, a)) if kind == "lane" else js.to_double_word
+    number = (lambda a: Rounded(REPRODUCIBLE, a)) if kind == "lane" else js.to_double_word
 
     def value(found):
-        return [y.value if isinstance(y, Lane) else js.from_double_word(y) for y in found]
+        return [y.value if isinstance(y, Rounded) else js.from_double_word(y) for y in found]
 
     def step(v):
         a, b, c = v
@@ -108,12 +109,12 @@ def test_masks_pass_shared_calls():
     def chosen(x, mask):
         return numbers.where(mask, x, -x), ~mask
 
-    @numeric
-    def formula(v):
+    @formula
+    def masked(v):
         found, mask = chosen(v[0], numbers.high(v[1]) > 0)
         return [found, mask]
 
-    found, mask = formula("reproducible", jnp.float32([[1, 1], [2, -1]]))
+    found, mask = masked("reproducible", jnp.float32([[1, 1], [2, -1]]))
     np.testing.assert_array_equal(found, [1, -2])
     np.testing.assert_array_equal(mask, [False, True])
 

@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, symbol, uniform
+from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, symbols, uniform
 
 DATA = np.array([3.0, 0.0, 1.0, -1.0, 5.0])  # as NumPy: 0, 1 and -1 among them are known
 NUMBERS = [Fraction(float(x)) for x in DATA]
@@ -15,7 +15,7 @@ NUMBERS = [Fraction(float(x)) for x in DATA]
 
 def components():
     """Those of a batch of one: 3 and 5 are no units, but they are uniform; terms say what they are."""
-    return symbol([DATA[None]], (0,)).components
+    return symbols([DATA[None]], (0,))
 
 
 def value(p):
@@ -38,6 +38,13 @@ def test_units_are_known_and_leave_no_factor():
     assert not zero.terms and not (zero * three).terms and (zero + three) == three
     assert one * three == three * one == -minus * three == three and minus * three == -three
     assert three / one == three and isinstance(three / five, Quotient)
+
+
+def test_the_only_constant_is_zero():
+    three, *_ = components()
+    assert three.constant(0) == Polynomial()
+    with pytest.raises(TypeError, match="no constant but 0, got 2"):
+        three.constant(2)
 
 
 def test_halves():

@@ -2,6 +2,7 @@
 
 import functools
 import math
+import operator
 from fractions import Fraction
 
 import jax
@@ -10,9 +11,9 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.arithmetic import lanes
-from jaxspatial.arithmetic.kernel import kernel
-from jaxspatial.arithmetic.polynomial import Polynomial, symbol
+from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.polynomial import Polynomial, symbols
 from jaxspatial.measure.error import ulp, unit_roundoff
 from tests.helpers.marks import slow
 
@@ -55,8 +56,8 @@ def test_what_is_known_to_be_zero_leaves_no_term(precision):
 
 def test_a_known_one_is_no_factor():
     arrays = [np.float32([1, -1, 0]), np.float32([0.3, 2, 3])]
-    one, minus_one, zero = symbol(arrays, [0]).components
-    x, *_ = symbol(arrays, [1]).components
+    one, minus_one, zero = symbols(arrays, [0])
+    x, *_ = symbols(arrays, [1])
     assert (one * x, minus_one * x, zero * x) == (x, -x, Polynomial())
     assert (one * minus_one).unit == -1 and len((one + one).terms) == 2
 
@@ -110,10 +111,9 @@ def test_float64_inside_a_program_that_knows_none():
 def test_terms_of_any_degree(degree, dtype):
     """(x y - z) w ... with all digits but those of the last factors cancelling: against fractions."""
 
-    @kernel
-    def difference(precision, x, y):
-        first, second = (_product_of(precision, lanes.unstack(a)) for a in (x, y))
-        return lanes.subtract(first, second)
+    @formula(of_sums=True)
+    def difference(x, y):
+        return functools.reduce(operator.mul, x) - functools.reduce(operator.mul, y)
 
     with jax.enable_x64(dtype == "float64"):
         rng = np.random.default_rng(degree)
@@ -136,19 +136,11 @@ def test_terms_of_any_degree(degree, dtype):
             assert abs(Fraction(float(a)) - b) <= u * abs(b) + (degree * (degree - 2) + 4) * u * u * mag
 
 
-def _product_of(precision, factors):
-    return functools.reduce(lambda a, b: lanes.multiply(precision, a, b), factors)
-
-
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_long_sums_that_cancel(dtype):
     """More numbers than are added without a loop, of which almost nothing is left, and some of which overflow."""
 
-    @kernel
-    def summed(precision, x, y):
-        x, y = lanes.unstack(x), lanes.unstack(y)
-        products = [lanes.multiply(precision, a, b) for a, b in zip(x, y, strict=True)]
-        return functools.reduce(lanes.add, products)
+    summed = formula(vectors.dot, of_sums=True)
 
     with jax.enable_x64(dtype == "float64"):
         rng = np.random.default_rng(0)

@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxspatial as js
-from jaxspatial.inertia import SpatialInertia, symmetric
+from jaxspatial.arithmetic import symmetric
+from jaxspatial.inertia import SpatialInertia
 from jaxspatial.inertia.articulated import joint_projection
 
 N_BODIES = 5

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.arithmetic.numbers import numeric
+from jaxspatial.arithmetic.formula import formula
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.inertia.reduction import summed
 from jaxspatial.measure.error import unit_roundoff
@@ -231,7 +231,7 @@ def test_triangles_that_are_refused(kind, message, faces):
 # -- sums -------------------------------------------------------------------------------------------------------------
 
 
-@numeric
+@formula
 def _summed(x, size):
     return [summed(x, size)]
 
@@ -255,7 +255,7 @@ def test_sums_by_halving(n, precision):
 def test_a_known_zero_stays_known_in_a_sum():
     found = []
 
-    @numeric
+    @formula
     def both(known, data, size):
         sums = summed((*known, *data), size)
         found.extend(isinstance(x.value, np.generic) for x in sums)

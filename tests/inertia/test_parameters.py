@@ -10,7 +10,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.arithmetic import functions
-from jaxspatial.arithmetic.numbers import numeric
+from jaxspatial.arithmetic.formula import formula
 from jaxspatial.measure.error import ulp, unit_roundoff
 from jaxspatial.measure.exact import rationals
 from tests.helpers.exact_inertia import exactly, is_positive_semidefinite, random_inertia, second_moments, steiner
@@ -239,12 +239,12 @@ def test_derivatives_of_log_cholesky(mode):
 # -- exp and log of numbers -------------------------------------------------------------------------------------------
 
 
-@numeric
+@formula
 def _exp(x):
     return tuple(map(functions.exp, x))
 
 
-@numeric
+@formula
 def _log(x):
     return tuple(map(functions.log, x))
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.numbers import Lane
+from jaxspatial.arithmetic.numbers import Rounded
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.inertia.reduction import first, product, summed
 from jaxspatial.measure.exact import rationals
@@ -33,8 +33,9 @@ def test_double_words(shape):
 def test_numbers(shape):
     """Error <= ceil(log2 n) u mag; a known 0 stays one."""
     x = np.random.default_rng(1).standard_normal((2, *shape)).astype(np.float32)
-    zero = Lane(Precision.REPRODUCIBLE, np.float32(0))
-    a, nothing, b = summed((Lane(Precision.REPRODUCIBLE, x[0]), zero, Lane(Precision.REPRODUCIBLE, x[1])), shape[-1])
+    zero = Rounded(Precision.REPRODUCIBLE, np.float32(0))
+    first, second = (Rounded(Precision.REPRODUCIBLE, a) for a in x)
+    a, nothing, b = summed((first, zero, second), shape[-1])
     assert nothing is zero
     for y, found in zip(x, (a, b), strict=True):
         error = abs(rationals(found.value) - rationals(y).sum(-1, keepdims=True))
@@ -46,5 +47,5 @@ def test_numbers(shape):
 def test_the_first_of_an_axis_and_products():
     x = np.array([[2.0, 3.0], [5.0, 7.0]], np.float32)
     np.testing.assert_array_equal(first(DoubleWord(x, 0 * x)).hi, x[:, :1])
-    np.testing.assert_array_equal(first(Lane(Precision.REPRODUCIBLE, x)).value, x[:, :1])
+    np.testing.assert_array_equal(first(Rounded(Precision.REPRODUCIBLE, x)).value, x[:, :1])
     assert product([Fraction(2), Fraction(3, 5), Fraction(-7)]) == Fraction(-42, 5)

@@ -16,7 +16,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.functions import angle_ratio, cosine_sine, pi
-from jaxspatial.arithmetic.numbers import Lane, where
+from jaxspatial.arithmetic.numbers import Rounded, where
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.mechanism import joints
 from jaxspatial.mechanism.joints import AXIS, BUILT_IN, KINDS, JointKind, Parameter, Revolute
@@ -400,7 +400,7 @@ AXES = {"z": (0.0, 0.0, 1.0), "down": (0.0, 0.0, -1.0), "x": (1.0, 0.0, 0.0), "s
 
 
 def _number(x):
-    return Lane(Precision.REPRODUCIBLE, np.float64(x))
+    return Rounded(Precision.REPRODUCIBLE, np.float64(x))
 
 
 def _numbers(kind, axis):

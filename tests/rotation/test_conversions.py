@@ -9,7 +9,7 @@ from scipy.spatial import transform
 
 import jaxspatial as js
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import numeric
+from jaxspatial.arithmetic.formula import formula
 from tests.helpers import exact_rotation as exact
 from tests.helpers.marks import slow_but
 from tests.helpers.rotation_cases import allowed, of_dtype, wide_dtypes
@@ -120,7 +120,7 @@ def test_about_a_coordinate_axis(k, dtype, precision):
     assert not np.isfinite(getattr(js.Rotation, f"about_{'xyz'[k]}")(jnp.asarray(np.inf, dtype)).entries).all()
 
 
-_unit = numeric(vectors.unit)
+_unit = formula(vectors.unit)
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])

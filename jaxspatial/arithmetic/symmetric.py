@@ -9,8 +9,9 @@ from jax import lax
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word
+from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.functions import unit_roundoff
-from jaxspatial.arithmetic.numbers import Lane, constant, high, noinline_pairs, numeric, times_power_of_two, where
+from jaxspatial.arithmetic.numbers import Rounded, constant, high, noinline_pairs, times_power_of_two, where
 from jaxspatial.arithmetic.precision import Precision
 
 # Indices of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on (jax 0.10).
@@ -38,7 +39,7 @@ def from_matrix(m):
     return m.reshape((*m.shape[:-2], 9))[..., _OF_NINE]
 
 
-# -- of components: lanes, numbers, or anything else ------------------------------------------------------------------
+# -- of numbers -------------------------------------------------------------------------------------------------------
 
 
 def rows(six):
@@ -52,10 +53,10 @@ def six_of(m):
     return m[0][0], m[1][0], m[1][1], m[2][0], m[2][1], m[2][2]
 
 
-def trace_minus(six, negated):
-    """tr(S) 1 - S: from second moments to an inertia, without a difference on the diagonal. negated(x) = -x."""
+def trace_minus(six):
+    """tr(S) 1 - S: from second moments to an inertia, without a difference on the diagonal."""
     xx, xy, yy, xz, yz, zz = six
-    return yy + zz, negated(xy), xx + zz, negated(xz), negated(yz), xx + yy
+    return yy + zz, -xy, xx + zz, -xz, -yz, xx + yy
 
 
 # -- eigenvalues ------------------------------------------------------------------------------------------------------
@@ -94,7 +95,7 @@ def _is_double(x):
     return isinstance(x, DoubleWord)
 
 
-@numeric
+@formula
 def _rates(moments, axes, d_six):
     q = vectors.rows(axes)
     turned = vectors.product(vectors.transpose(q), vectors.product(rows(d_six), q))
@@ -108,7 +109,7 @@ def _spin(moments, turned, i, j):
     return turned[i][j] * where(is_none, 0.0, 1 / where(is_none, 1.0, gap))
 
 
-@numeric
+@formula
 def _decomposed(six, eps):
     six, e = vectors.scaled(six)
     moments, axes = _sorted(*_jacobi(six))
@@ -167,7 +168,7 @@ def _words(numbers, shape):
 
 
 def _numbers(like, words):
-    return tuple(x if _is_double(x) else Lane(like.precision, x) for x in words)
+    return tuple(x if _is_double(x) else Rounded(like.precision, x) for x in words)
 
 
 def _swept(numbers):

@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxspatial.arithmetic import lanes
+from jaxspatial.arithmetic import folding, vectors
+from jaxspatial.arithmetic.numbers import Rounded, stacked
 from jaxspatial.arithmetic.precision import Precision, resolve
 from jaxspatial.arithmetic.total import total
 
@@ -33,32 +34,32 @@ def _operations(function, *arguments):
 def test_stack_undoes_unstack(batch):
     x = np.random.default_rng(0).standard_normal((*batch, 3)).astype(np.float32)
     for given in (x, jnp.asarray(x)):
-        components = lanes.unstack(given)
+        components = folding.unstack(given)
         assert all(np.shape(c) in (batch, ()) for c in components)
-        np.testing.assert_array_equal(np.asarray(lanes.stack(components, batch)), x)
+        np.testing.assert_array_equal(np.asarray(folding.stack(components, batch)), x)
 
 
 def test_a_column_of_one_number_is_known():
     x = np.array([[0.0, 1.0, 2.0], [0.0, 1.0, 3.0]], np.float32)
-    first, second, third = lanes.unstack(x)
-    assert lanes.is_known(first, 0) and lanes.is_known(second, 1) and not lanes.is_known(third)
+    first, second, third = folding.unstack(x)
+    assert folding.is_known(first, 0) and folding.is_known(second, 1) and not folding.is_known(third)
 
 
 def test_known_numbers_fold():
     zero, one, minus_one, two = np.array([0, 1, -1, 2], np.float32)
-    assert _operations(lambda x: lanes.multiply(P, zero, x), X) == []
-    assert _operations(lambda x: lanes.multiply(P, x, one), X) == []
-    assert _operations(lambda x: lanes.multiply(P, minus_one, x), X) == ["neg"]
-    assert _operations(lambda x: lanes.add(x, zero), X) == []
-    assert _operations(lambda x: lanes.subtract(x, zero), X) == []
-    assert _operations(lambda x: lanes.subtract(zero, x), X) == ["neg"]
-    assert _operations(lambda x: lanes.multiply(P, lanes.multiply(P, two, two), x), X) == ["jaxspatial_product"]
-    assert lanes.multiply(P, two, two) == 4 and type(lanes.multiply(P, two, two)) is np.float32
+    assert _operations(lambda x: folding.multiply(P, zero, x), X) == []
+    assert _operations(lambda x: folding.multiply(P, x, one), X) == []
+    assert _operations(lambda x: folding.multiply(P, minus_one, x), X) == ["neg"]
+    assert _operations(lambda x: folding.add(x, zero), X) == []
+    assert _operations(lambda x: folding.subtract(x, zero), X) == []
+    assert _operations(lambda x: folding.subtract(zero, x), X) == ["neg"]
+    assert _operations(lambda x: folding.multiply(P, folding.multiply(P, two, two), x), X) == ["jaxspatial_product"]
+    assert folding.multiply(P, two, two) == 4 and type(folding.multiply(P, two, two)) is np.float32
 
 
 def test_cross_with_an_axis_is_two_products():
-    axis = lanes.unstack(np.float32([0, 0, 2]))
-    assert _operations(lambda x: lanes.stack(lanes.cross(P, axis, lanes.unstack(x))), X) == [
+    axis = stacked(P, np.float32([0, 0, 2]))
+    assert _operations(lambda x: [c.value for c in vectors.cross(axis, stacked(P, x))], X) == [
         "jaxspatial_product",
         "jaxspatial_product",
         "neg",
@@ -66,14 +67,31 @@ def test_cross_with_an_axis_is_two_products():
 
 
 def test_parallel_axes_leave_nothing():
-    a, b = (lanes.unstack(np.float32(v)) for v in ([0, 0, 2], [0, 0, -3]))
-    assert all(lanes.is_known(c, 0) for c in lanes.cross(P, a, b))
+    a, b = (stacked(P, np.float32(v)) for v in ([0, 0, 2], [0, 0, -3]))
+    assert all(folding.is_known(c.value, 0) for c in vectors.cross(a, b))
 
 
 def test_a_known_zero_is_exact_beside_infinity():
     x = jnp.array([jnp.inf, jnp.nan, 1.0], jnp.float32)
-    axis = lanes.unstack(np.float32([0, 0, 1]))
-    assert lanes.dot(P, axis, lanes.unstack(x)) == 1
+    axis = stacked(P, np.float32([0, 0, 1]))
+    assert vectors.dot(axis, stacked(P, x)).value == 1
+
+
+def test_a_sum_is_one_operation_on_arrays_or_one_per_component():
+    """Whichever is asked for; per component where something is known."""
+    x = jnp.asarray(X)
+
+    def as_array(a, b):
+        return vectors.plus(stacked(P, a), [Rounded(P, c) for c in folding.unstack(b)]).array
+
+    def apart(a, b):
+        return [c.value for c in vectors.minus(stacked(P, a), stacked(P, b))]
+
+    assert _operations(as_array, x, x) == ["add", "reduce_precision"]
+    assert _operations(apart, x, x) == ["reduce_precision"] * 3 + ["sub"] * 3
+    assert _operations(lambda a: as_array(a, np.float32([0, 1, 2])), x) == ["add"] * 2 + ["reduce_precision"] * 2
+    np.testing.assert_array_equal(as_array(x, x), X + X)
+    np.testing.assert_array_equal(apart(x, 2 * x), -X)
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 3, 5, 8, 100])

@@ -1,0 +1,157 @@
+"""How a formula is run: over which numbers; as one compiled program, or written into the one that is being traced."""
+
+import functools
+import typing
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxspatial.arithmetic import check, components, folding
+from jaxspatial.arithmetic.components import Components
+from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
+from jaxspatial.arithmetic.numbers import Rounded, Stacked, Summed, converted, of_array, stacked
+from jaxspatial.arithmetic.precision import resolve
+from jaxspatial.arithmetic.symbolic import run_symbolically
+from jaxspatial.arithmetic.total import total
+
+
+def formula(function=None, *, of_sums=False) -> typing.Any:
+    """Makes of `function(*vectors, **static)` a function of (precision, *arrays, **static).
+
+    Arrays are (*batch, n), with batch shapes that broadcast; the function gets each as a vector of n numbers. It
+    returns a number, a vector (an array with a last axis), a mask, or a list of these. What is static is hashable.
+
+    of_sums: True for sums of products, of which the last step may be a quotient; then
+
+        fast, reproducible      in the inputs' dtype; bfloat16 in float32
+        compensated, faithful   each result a polynomial, evaluated as a whole: see `symbolic`
+
+    and for all others, with roots, quotients and selections,
+
+        fast, reproducible      in the inputs' dtype; float16 and bfloat16 in float32
+        compensated, faithful   in float64 for narrower dtypes, in double words for float64
+
+    and rounded once at the end. Arguments may be double words: then the results are, whatever the precision asked for.
+    If any is Components, all results with an axis of components are, known where the structure of the arguments makes
+    them so.
+
+    Outside of any transformation a call is one compiled program, as fast as it gets and bitwise the same as inside a
+    larger jit; it compiles once per precision, shapes and dtypes. While tracing, NumPy arrays are numbers known to the
+    formula, which then leaves out what they make unnecessary; everything else is inlined from a cached trace.
+    """
+    if function is None:
+        return functools.partial(formula, of_sums=of_sums)
+    program = functools.partial(_run_sums if of_sums else _run, function)
+    compiled = jax.jit(program, static_argnums=(0, 1), inline=True)
+
+    @functools.wraps(function)
+    def call(precision, *arrays, **static):
+        arrays = components.alike(check.narrowed_each(arrays))
+        known = any(isinstance(a, np.ndarray) for a in arrays)
+        tracing = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arrays))
+        run = program if known and tracing else compiled
+        return run(resolve(precision), tuple(sorted(static.items())), *arrays)
+
+    return call
+
+
+def _run(function, precision, static, *arrays):
+    batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+    is_pair, is_apart = any(map(components.has_pairs, arrays)), any(isinstance(a, Components) for a in arrays)
+    twice = is_pair or precision.sees_whole_sums
+    results = _Results(batch, np.dtype(arrays[0].dtype), is_pair, is_apart)
+    with jax.enable_x64(bool(jax.config.jax_enable_x64) or twice):
+        given = [of_array(a, precision, twice) for a in check.broadcast_batch(batch, *arrays)]
+        return _each(results.rounded, function(*given, **dict(static)))
+
+
+# -- sums of products -------------------------------------------------------------------------------------------------
+
+
+def _run_sums(function, precision, static, *arrays):
+    function = functools.partial(function, **dict(static))
+    if precision.sees_whole_sums or any(map(components.has_pairs, arrays)):
+        return run_symbolically(function, precision, arrays)
+    if arrays[0].dtype == jnp.bfloat16:
+        found = _run_as_it_is(function, precision, *(jax.tree.map(lambda x: x.astype(np.float32), a) for a in arrays))
+        return jax.tree.map(_to_bfloat16, found)
+    return _run_as_it_is(function, precision, *arrays)
+
+
+def _to_bfloat16(x):
+    """Rounded once. By name: XLA has leave to drop a conversion there and back (`xla_allow_excess_precision`)."""
+    return x.astype(jnp.bfloat16) if isinstance(x, np.ndarray) else lax.reduce_precision(x, 8, 7).astype(jnp.bfloat16)
+
+
+def _run_as_it_is(function, precision, *arrays):
+    batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+    is_apart = any(isinstance(a, Components) for a in arrays)
+    given = [_numbers(precision, a, is_apart) for a in check.broadcast_batch(batch, *arrays)]
+    return _each(_Results(batch, np.dtype(arrays[0].dtype), False, is_apart).rounded, function(*given))
+
+
+def _numbers(precision, array, is_apart):
+    if not is_apart:
+        return stacked(precision, array)
+    return tuple(Rounded(precision, x) for x in components.as_components(array).components)
+
+
+# -- what comes out ---------------------------------------------------------------------------------------------------
+
+
+def _each(function, found):
+    return [function(x) for x in found] if isinstance(found, list) else function(found)
+
+
+class _Results(typing.NamedTuple):
+    """What the results of a formula become: arrays, double words or Components over a batch, of the inputs' dtype."""
+
+    batch: tuple
+    dtype: np.dtype
+    is_pair: bool
+    is_apart: bool
+
+    def rounded(self, x):
+        if isinstance(x, Summed):
+            return self._summed(x.vector)
+        if isinstance(x, Stacked):
+            return x.array
+        if isinstance(x, tuple):
+            parts = [self._number(c) for c in x]
+            return components.of(parts) if self.is_apart else self._stacked(parts)
+        return self._number(x)
+
+    def _stacked(self, parts):
+        return jax.tree.map(lambda *words: folding.stack(words, self.batch), *parts)
+
+    def _number(self, x):
+        if isinstance(x, DoubleWord):
+            return jax.tree.map(self._over_batch, x) if self.is_pair else self._over_batch(x.hi)
+        if isinstance(x, Rounded):
+            return self._of_rounded(x.value)
+        return jnp.broadcast_to(x, self.batch)
+
+    def _of_rounded(self, value):
+        if self.is_pair:
+            return to_double_word(jnp.broadcast_to(value, self.batch), self.dtype)
+        return self._over_batch(converted(value, self.dtype))
+
+    def _over_batch(self, x):
+        """What is known stays so, for the array that it becomes a component of."""
+        return x if folding.is_known(x) else jnp.broadcast_to(x, self.batch)
+
+    def _summed(self, vector):
+        """Over the last axis of the batch. A known 0 stays known; of other numbers the sum is data."""
+        if not self.is_apart:
+            return _sum_of_items(self.rounded(vector))
+        values = [x.value for x in vector]
+        return components.of([c if folding.is_known(c, 0) else total(jnp.broadcast_to(c, self.batch)) for c in values])
+
+
+def _sum_of_items(x):
+    """The sum of x (*batch, n, k) over n: (*batch, k)."""
+    if isinstance(x, np.ndarray) and not x.any():
+        return np.zeros((*x.shape[:-2], x.shape[-1]), x.dtype)
+    return jnp.moveaxis(total(jnp.moveaxis(x, -1, 0)), 0, -1)
