@@ -11,7 +11,7 @@ from jax import lax
 from jaxspatial.arithmetic import check, components, folding
 from jaxspatial.arithmetic.components import Components
 from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
-from jaxspatial.arithmetic.numbers import Rounded, Stacked, Summed, converted, of_array, stacked
+from jaxspatial.arithmetic.numbers import Rounded, Stacked, Summed, as_array, is_number, of_array, stacked
 from jaxspatial.arithmetic.precision import resolve
 from jaxspatial.arithmetic.symbolic import run_symbolically
 from jaxspatial.arithmetic.total import total
@@ -127,16 +127,13 @@ class _Results(typing.NamedTuple):
         return jax.tree.map(lambda *words: folding.stack(words, self.batch), *parts)
 
     def _number(self, x):
+        if not is_number(x):
+            return jnp.broadcast_to(x, self.batch)
+        if not self.is_pair:
+            return self._over_batch(as_array(x, self.dtype))
         if isinstance(x, DoubleWord):
-            return jax.tree.map(self._over_batch, x) if self.is_pair else self._over_batch(x.hi)
-        if isinstance(x, Rounded):
-            return self._of_rounded(x.value)
-        return jnp.broadcast_to(x, self.batch)
-
-    def _of_rounded(self, value):
-        if self.is_pair:
-            return to_double_word(jnp.broadcast_to(value, self.batch), self.dtype)
-        return self._over_batch(converted(value, self.dtype))
+            return jax.tree.map(self._over_batch, x)
+        return to_double_word(jnp.broadcast_to(x.value, self.batch), self.dtype)
 
     def _over_batch(self, x):
         """What is known stays so, for the array that it becomes a component of."""

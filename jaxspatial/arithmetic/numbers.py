@@ -355,5 +355,10 @@ def of_array(array, precision, twice, dtype=None):
     return tuple(Rounded(precision, converted(x, wide)) for x in folding.unstack(array))
 
 
+def as_array(x, dtype):
+    """The number as an array, or known number, of one word, rounded to a dtype."""
+    return x.hi if isinstance(x, DoubleWord) else converted(x.value, dtype)
+
+
 def converted(x, dtype):
     return x.astype(dtype) if folding.is_known(x) else lax.convert_element_type(x, dtype)

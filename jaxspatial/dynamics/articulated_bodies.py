@@ -16,6 +16,7 @@ from jaxspatial.dynamics.links import Motion, across, body_motion, to_parent
 from jaxspatial.dynamics.mass_matrix import matrix_of
 from jaxspatial.inertia import articulated
 from jaxspatial.mechanism.joints import Free
+from jaxspatial.spatial import algebra
 
 
 class Articulated(NamedTuple):
@@ -93,7 +94,7 @@ def _bias_to_parent(own, Z):
         return RootElimination(factors, None, vectors.minus(link.tau, Z)), Z
     found = []
     for (w, v), (U, D), tau in zip(link.joint.subspace, factors, link.tau, strict=True):
-        u = tau - (vectors.dot(w, Z[:3]) + vectors.dot(v, Z[3:]))
+        u = tau - algebra.power((Z[:3], Z[3:]), (w, v))
         Z = _with_share(Z, u, articulated.share_of(U, D))
         found.append(Elimination(U, D, u))
     tau, f = to_parent(across(link.placement, link.joint), Z[:3], Z[3:])
@@ -159,7 +160,7 @@ def _without_rate(P, w, v, tau, armature):
     """
     U, D = articulated.felt(P.J, P.F, P.M, w, v, armature)
     share = articulated.share_of(U, D)
-    u = tau - (vectors.dot(w, P.Z[:3]) + vectors.dot(v, P.Z[3:]))
+    u = tau - algebra.power((P.Z[:3], P.Z[3:]), (w, v))
     rest = Articulated(*articulated.without(P.J, P.F, P.M, U, share), noinline(_with_share)(P.Z, u, share))
     k = _free_axis(w, v, armature)
     return rest if k is None else _with_zero_row(rest, k, tau), Elimination(U, D, u)

@@ -22,6 +22,7 @@ from jaxspatial.dynamics.kinematics import world
 from jaxspatial.dynamics.links import across, motion_step, subspace_times, world_motion
 from jaxspatial.dynamics.loads import loads
 from jaxspatial.dynamics.mass_matrix import (
+    halves,
     combine,
     inertia_times,
     inertia_to_parent,
@@ -29,9 +30,9 @@ from jaxspatial.dynamics.mass_matrix import (
     with_armature,
     wrench_to_parent,
 )
-from jaxspatial.dynamics.motions import force_cross, minus, motion_cross, plus, scaled, skew, twice_crossed
 from jaxspatial.dynamics.state import Inertia
 from jaxspatial.inertia import articulated
+from jaxspatial.spatial.algebra import force_cross, minus, motion_cross, plus, power, skew, times, twice_crossed
 
 # -- composite bodies -------------------------------------------------------------------------------------------------
 
@@ -167,7 +168,9 @@ def _column(subtree, S, first, own, second):
     loaded = vectors.matrix_times(vectors.transpose(subtree.load_rate), w)
     loaded = vectors.plus(loaded, vectors.cross(subtree.load, v))
     a = vectors.plus(
-        _coriolis(subtree, first[0]), inertia_times(subtree.inertia, second), force_cross(S, subtree.wrench)
+        _coriolis(subtree, first[0]),
+        inertia_times(subtree.inertia, second),
+        vectors.flat(force_cross(S, halves(subtree.wrench))),
     )
     a = vectors.plus(a, (*vectors.matrix_times(subtree.load_rate, w), *vectors.cross(w, subtree.load)))
     b = vectors.plus(_coriolis(subtree, w), inertia_times(subtree.inertia, plus(first, own)))
@@ -186,18 +189,14 @@ def _entries(row, column):
     arm, d = vectors.minus(p2, p), vectors.minus(v2, v)
     t = vectors.plus(t, tuple(doubled(x) for x in vectors.cross(d, u[1])))
     u, a, b = ((vectors.plus(tau, vectors.cross(arm, f)), f) for tau, f in (u, a, b))
-    by_q = vectors.dot(t, first[0]) + vectors.dot(loaded, S[0]) + _force_along(second, u)
-    by_v = vectors.dot(t, S[0]) + _force_along(both, u)
-    return by_q, by_v, _force_along(S, a), _force_along(S, b), _force_along(S, u)
+    by_q = vectors.dot(t, first[0]) + vectors.dot(loaded, S[0]) + power(u, second)
+    by_v = vectors.dot(t, S[0]) + power(u, both)
+    return by_q, by_v, power(a, S), power(b, S), power(u, S)
 
 
 def _of_column(c):
     """((tau, f) of u, t, (tau, f) of a, of b, l)."""
     return (c[0], c[1]), c[2], (c[3], c[4]), (c[5], c[6]), c[7]
-
-
-def _force_along(motion, wrench):
-    return vectors.dot(motion[0], wrench[0]) + vectors.dot(motion[1], wrench[1])
 
 
 def _rates(link, motion):
@@ -221,8 +220,8 @@ def _one_by_one(link, V, A):
     for s, rate, change in zip(link.joint.subspace, link.v, link.vdot, strict=True):
         first, own, second = _motion_rates(s, V, A, motion_cross(V, s))
         found.append((s, first, own, second))
-        A = plus(plus(A, scaled(change, s)), scaled(rate, first))
-        V = plus(V, scaled(rate, s))
+        A = plus(plus(A, times(change, s)), times(rate, first))
+        V = plus(V, times(rate, s))
     return found
 
 

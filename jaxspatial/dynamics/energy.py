@@ -2,7 +2,7 @@
 
 import jax
 
-from jaxspatial.arithmetic import symmetric, vectors
+from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import doubled, noinline
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
@@ -10,6 +10,7 @@ from jaxspatial.dynamics.centroid import moments
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.dynamics.links import minus_gravity
 from jaxspatial.mechanism import Mechanism
+from jaxspatial.spatial import algebra
 
 
 def kinetic_energy(mechanism: Mechanism, q: Coordinates, v: Rates, *, precision: PrecisionName = None) -> jax.Array:
@@ -70,11 +71,7 @@ def _kinetic_energy(state, v):
 
 def _twice_energy(inertia, V, armature, rates):
     """m |v_C|^2 + w . I w, and of the rotor."""
-    w, v = V
-    at_com = vectors.plus(v, vectors.cross(w, inertia.com))
-    turning = vectors.dot(w, vectors.matrix_times(symmetric.rows(inertia.central), w))
-    of_rotors = vectors.dot(vectors.products(armature, rates), rates)
-    return inertia.mass * vectors.dot(at_com, at_com) + turning + of_rotors
+    return algebra.twice_kinetic_energy(*inertia, *V) + vectors.dot(vectors.products(armature, rates), rates)
 
 
 @algorithm(*BODIES, "gravity")

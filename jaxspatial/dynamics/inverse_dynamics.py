@@ -10,6 +10,7 @@ from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked, 
 from jaxspatial.dynamics.links import Motion, across, angular_acceleration_tensor, body_motion, minus_gravity, to_parent
 from jaxspatial.dynamics.loads import ExternalForces, checked_forces, loads
 from jaxspatial.mechanism import Mechanism
+from jaxspatial.spatial import algebra
 
 
 def inverse_dynamics(
@@ -139,7 +140,7 @@ def _joint_forces(own, children):
     """(tau, the wrench transformed to the parent) of a body, from its own net wrench and the sum of its children's."""
     link, wrench = own
     tau, f = (vectors.plus(x, y) for x, y in zip(wrench, children, strict=True))
-    at_joint = [vectors.dot(w, tau) + vectors.dot(v, f) for w, v in link.joint.subspace]
+    at_joint = [algebra.power((tau, f), S) for S in link.joint.subspace]
     at_rotor = vectors.products(link.armature, link.vdot)
     return vectors.plus(tuple(at_joint), at_rotor), to_parent(across(link.placement, link.joint), tau, f)
 
@@ -150,9 +151,8 @@ def wrench_of(inertia, motion):
     f = m (a + E c)    tau = I alpha + w x I w + c x f
     """
     f = noinline(_force)(inertia, motion.a, angular_acceleration_tensor(motion.w, motion.alpha))
-    rows = symmetric.rows(inertia.central)
-    spin = vectors.cross(motion.w, noinline(vectors.matrix_times)(rows, motion.w))
-    return vectors.plus(vectors.matrix_times(rows, motion.alpha), spin, vectors.cross(inertia.com, f)), f
+    h = noinline(vectors.matrix_times)(symmetric.rows(inertia.central), motion.w)
+    return algebra.newton_euler_torque(inertia.com, inertia.central, motion.alpha, motion.w, h, f), f
 
 
 def _force(inertia, a, E):

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import noinline
 from jaxspatial.dynamics.state import Pose
+from jaxspatial.spatial import algebra
 
 
 class Motion(NamedTuple):
@@ -53,8 +54,7 @@ def subspace_times(S, rates):
 
 def to_parent(X_PB, tau, f):
     """The same wrench about the parent's origin, in its axes."""
-    f = vectors.matrix_times(X_PB.rows, f)
-    return vectors.plus(vectors.matrix_times(X_PB.rows, tau), vectors.cross(X_PB.p, f)), f
+    return algebra.act(*X_PB, f, tau)[::-1]
 
 
 def motion_step(link, parent):

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, symmetric, vectors
+from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.numbers import high, noinline, where
 from jaxspatial.arithmetic.tree import tree
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName
@@ -15,6 +15,7 @@ from jaxspatial.dynamics.state import Inertia
 from jaxspatial.inertia.addition import joined
 from jaxspatial.inertia.articulated import congruent
 from jaxspatial.mechanism import Mechanism
+from jaxspatial.spatial import algebra
 
 
 def mass_matrix(mechanism: Mechanism, q: Coordinates, *, precision: PrecisionName = None) -> jax.Array:
@@ -74,7 +75,7 @@ def halves(six):
 def generalized_force(row, column):
     """The generalised force of a wrench (tau, f) at a place, along a motion (w, v) at another: S . F."""
     (w, v, p), (tau, f, p2) = row, column
-    return vectors.dot(w, vectors.plus(tau, vectors.cross(vectors.minus(p2, p), f))) + vectors.dot(v, f)
+    return algebra.power((vectors.plus(tau, vectors.cross(vectors.minus(p2, p), f)), f), (w, v))
 
 
 def symmetric_of(upper):
@@ -121,10 +122,7 @@ def inertia_to_parent(X_PB, inertia):
 
 def inertia_times(inertia, motion):
     """I A: the wrench for the acceleration A of a body at rest, or the momentum at the velocity A."""
-    w, v = motion
-    f = vectors.times(inertia.mass, vectors.plus(v, vectors.cross(w, inertia.com)))
-    turning = vectors.matrix_times(symmetric.rows(inertia.central), w)
-    return *vectors.plus(turning, vectors.cross(inertia.com, f)), *f
+    return vectors.flat(algebra.inertia_times(*inertia, *motion))
 
 
 def wrench_to_parent(X_PB, wrench):

@@ -53,13 +53,11 @@ class Results:
     def rounded(self, x):
         """A number, or a tuple of them, as an array (..., B): rounded once, to the dtype of q. Arrays as they are."""
         if numbers.is_number(x):
-            return jnp.broadcast_to(jnp.asarray(self._array(x)), (*np.shape(numbers.high(x))[:-1], self.n))
+            array = jnp.asarray(numbers.as_array(x, self.dtype))
+            return jnp.broadcast_to(array, (*array.shape[:-1], self.n))
         if type(x) is tuple:
             return jnp.stack([self.rounded(c).reshape((self.n,)) for c in x])
         return x
-
-    def _array(self, x):
-        return numbers.rounded(np.shape(numbers.high(x)), self.dtype, False, False, x)
 
     def by_rate(self, found, bundles=None):
         """(nv, B) of one number per rate, in a tuple for each bundle: what acts on a mimic acts, times its multiplier,

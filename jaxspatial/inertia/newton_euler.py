@@ -1,6 +1,6 @@
 """The equations of motion of one body, and what makes them linear: its ten dynamic parameters."""
 
-from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic import check, symmetric, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import constant, halved, noinline_pairs
 from jaxspatial.inertia.inertia import SpatialInertia
@@ -105,7 +105,8 @@ def _force(m, c, alpha, a, w):
 
 @noinline_pairs
 def _torque(c, central, alpha, w, f):
-    return vectors.plus(algebra.euler(central, alpha, w), vectors.cross(c, f))
+    h = vectors.matrix_times(symmetric.rows(central), w)
+    return algebra.newton_euler_torque(c, central, alpha, w, h, f)
 
 
 # -- regressors: row by row -------------------------------------------------------------------------------------------

@@ -105,11 +105,11 @@ def parallel_axis(p, q):
     return symmetric.trace_minus(products)
 
 
-def euler(central, alpha, w):
-    """I alpha + w x I w: the torque about the centre of mass."""
-    rows = symmetric.rows(central)
-    spin = vectors.cross(w, vectors.matrix_times(rows, w))
-    return vectors.plus(vectors.matrix_times(rows, alpha), spin)
+def newton_euler_torque(c, central, alpha, w, h, f):
+    """I alpha + w x h + c x f, with h = I w the angular momentum about the centre of mass c, and f = m a_c the force
+    that makes it accelerate. [Newton 1687; Euler 1776]"""
+    turning = vectors.matrix_times(symmetric.rows(central), alpha)
+    return vectors.plus(turning, vectors.cross(w, h), vectors.cross(c, f))
 
 
 # -- pairs and matrices, row by row: motions, wrenches -----------------------------------------------------------------

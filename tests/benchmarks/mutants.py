@@ -37,7 +37,7 @@ FOLDERS = {
     "arithmetic": Folder(
         3,
         (
-            "arithmetic/test_lanes.py",
+            "arithmetic/test_folding.py",
             "arithmetic/test_polynomial.py",
             "arithmetic/test_precision.py",
             "arithmetic/test_sums.py",
