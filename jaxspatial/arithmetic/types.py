@@ -11,16 +11,16 @@ import chex
 import jax.typing
 from numpy.typing import DTypeLike as DTypeLike
 
-from jaxspatial.arithmetic.check import Number
+from jaxspatial.arithmetic.check import StandIn
 from jaxspatial.arithmetic.precision import Precision
 
-Vector = chex.Array | Number | Sequence[Any]  # (*batch, n)
+Vector = chex.Array | StandIn | Sequence[Any]  # (*batch, n)
 Vector3 = Vector  # (*batch, 3): Cartesian components
 Six = Vector  # (*batch, 6): rotational components first
 Quaternion = Vector  # (*batch, 4): real part first
 Matrix = chex.Array | Sequence[Any]  # (*batch, m, n)
 Matrix3 = Matrix  # (*batch, 3, 3)
-Scalar = chex.Numeric | Number | Sequence[Any]  # (*batch,)
+Scalar = chex.Numeric | StandIn | Sequence[Any]  # (*batch,)
 
 Coordinates = Vector  # (*batch, nq): the configuration of a mechanism
 Rates = Vector  # (*batch, nv): generalized velocities, and their derivatives
