@@ -22,8 +22,8 @@ from jaxspatial.dynamics.kinematics import world
 from jaxspatial.dynamics.links import across, motion_step, subspace_times, world_motion
 from jaxspatial.dynamics.loads import loads
 from jaxspatial.dynamics.mass_matrix import (
-    halves,
     combine,
+    halves,
     inertia_times,
     inertia_to_parent,
     symmetric_of,
