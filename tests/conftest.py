@@ -4,6 +4,7 @@ import os
 import shutil
 import tempfile
 
+import chex
 import jax
 import mpmath
 import pytest
@@ -43,8 +44,22 @@ def x64(request):
         yield request.param
 
 
+@pytest.fixture(autouse=True)
+def count_traces_anew():
+    """`chex.assert_max_traces` takes the cases of one test for calls of one function."""
+    chex.clear_trace_counter()
+
+
 @pytest.fixture(autouse=True, scope="module")
 def forget_programs():
     """Thousands of compiled programs would take gigabytes."""
     yield
     jax.clear_caches()
+
+
+@pytest.fixture(scope="module")
+def cheap_programs():
+    """Few optimisations: for laws that hold whatever the compiler does, not for bits, error bounds and counts."""
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)

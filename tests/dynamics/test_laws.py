@@ -1,7 +1,6 @@
 """Laws of mechanics on random trees with every kind of joint: they need no other engine to compare with."""
 
 import functools
-import itertools
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +11,7 @@ import jaxspatial as js
 from jaxspatial.mechanism.joints import KINDS
 
 N = 4
+pytestmark = pytest.mark.usefixtures("cheap_programs")
 MOVING = [name for name in KINDS if name != "fixed"]
 slow = [pytest.param(tree, marks=pytest.mark.slow) for tree in ("chain", *MOVING)]
 trees = pytest.mark.parametrize("tree", ["every kind", *slow])
@@ -180,26 +180,6 @@ def central(M):
     return np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], -1).reshape((-1, 3, 3))
 
 
-def test_momentum_is_conserved_in_free_fall():
-    """A floating mechanism without gravity, over 100 steps of Runge and Kutta."""
-    mech = js.random_mechanism(3, 4, ["free", "revolute", "ball", "prismatic"], is_chain=True, dtype=np.float64)
-    mech = mech.replace(gravity=np.zeros(3), damping=0 * mech.damping, armature=0 * mech.armature)
-    q = js.random_configuration(mech, jax.random.key(0), (), np.float64)
-    v = jnp.asarray(np.random.default_rng(0).standard_normal(mech.nv))
-
-    def step(x, _):
-        return js.rk4_step(mech, *x, jnp.zeros(mech.nv), 1e-3), (js.centroidal_momentum(mech, *x), energy(mech, *x))
-
-    _, (L, E) = jax.lax.scan(step, (q, v), length=100)
-    L = np.asarray(L.to_array())
-    assert abs(L - L[0]).max() <= 1e-10 * abs(L[0]).max()
-    assert abs(np.asarray(E) - E[0]).max() <= 1e-9 * abs(E[0])
-
-
-def energy(mech, q, v):
-    return js.kinetic_energy(mech, q, v) + js.potential_energy(mech, q)
-
-
 @trees
 def test_torques_are_linear_in_the_inertial_parameters(tree):
     mech, (q, v, a) = mechanism(tree), state(tree)
@@ -273,66 +253,6 @@ def test_factors_of_the_mass_matrix():
     np.testing.assert_allclose(F.solve(jnp.einsum("bij,bj->bi", M, a)), a, atol=allowed * abs(np.asarray(a)).max())
     np.testing.assert_allclose(F.inverse() @ M, np.broadcast_to(np.eye(mech.nv), M.shape), atol=allowed)
     np.testing.assert_allclose(F.log_determinant(), np.linalg.slogdet(M)[1], rtol=allowed)
-
-
-# -- steps in time ----------------------------------------------------------------------------------------------------
-
-
-@functools.cache
-def double_pendulum():
-    rod = js.shift(js.SpatialInertia.thin_rod(1.0, (0.0, 0.0, 1.0), mass=1.0), np.array([0.0, 0.0, 0.5]))
-    below = js.RigidTransform(js.Rotation.identity(dtype=np.float64), np.array([0.0, 0.0, -1.0]))
-    joints = [
-        js.Joint("upper", "revolute", "world", "a", axis=(0, 1, 0)),
-        js.Joint("lower", "revolute", "a", "b", axis=(0, 1, 0), placement=below),
-    ]
-    return js.Mechanism.build([js.Body("a", rod), js.Body("b", rod)], joints, dtype=np.float64)
-
-
-def simulated(step, mech, x, dt, n):
-    def body(x, _):
-        x = step(mech, *x, jnp.zeros(mech.nv), dt)
-        return x, energy(mech, *x)
-
-    return jax.jit(lambda x: jax.lax.scan(body, x, length=n))(x)
-
-
-def test_energy_of_a_double_pendulum_over_many_steps():
-    """A hundred thousand symplectic ones: bounded, in proportion to dt, without a drift. The motion is chaotic: of 16
-    starts within 1e-9 the largest deviations are 0.0288 to 0.0314 of the swing."""
-    mech, x = double_pendulum(), (jnp.array([2.0, 1.0]), jnp.zeros(2))
-    start = energy(mech, *x)
-    swing = 2 * (0.5 + 1.5) * 9.81  # of the potential, from lowest to highest
-    largest = []
-    for dt, n in ((1e-3, 100_000), (5e-4, 20_000)):
-        E = np.asarray(simulated(js.symplectic_step, mech, x, dt, n)[1] - start)
-        largest.append(abs(E).max() / swing)
-        assert abs(E[-n // 4 :].mean() - E[: n // 4].mean()) <= 0.1 * abs(E).max()
-    assert largest[0] <= 0.032 and largest[1] <= 0.75 * largest[0]
-
-
-@pytest.mark.parametrize(
-    ("step", "order"),
-    [(js.semi_implicit_step, 1), pytest.param(js.symplectic_step, 1, marks=pytest.mark.slow), (js.rk4_step, 4)],
-    ids=["semi-implicit", "symplectic", "Runge-Kutta"],
-)
-def test_orders_of_the_steps(step, order):
-    """Half the step, half the error, and a sixteenth."""
-    mech, rng = js.random_mechanism(4, 2, ["planar", "ball"], dtype=np.float64), np.random.default_rng(0)
-    x = js.random_configuration(mech, jax.random.key(1), (), np.float64), jnp.asarray(rng.standard_normal(mech.nv))
-    ends = [simulated(step, mech, x, 0.08 / n, n)[0] for n in (8, 16, 32)]
-    apart = [(js.difference(mech, a[0], b[0]), b[1] - a[1]) for a, b in itertools.pairwise(ends)]
-    errors = [np.linalg.norm(np.concatenate(x)) for x in apart]
-    assert abs(np.log2(errors[0] / errors[1]) - order) <= 0.3, errors
-
-
-@pytest.mark.parametrize("step", [js.semi_implicit_step, js.symplectic_step], ids=["semi-implicit", "symplectic"])
-def test_stiff_damping_is_stable(step):
-    """Implicit: the rate falls to what the torque keeps up, and no further; explicit it would blow up."""
-    mech = double_pendulum().replace(damping=np.array([1e6, 1e6]))
-    (q, v), _ = simulated(step, mech, (jnp.array([2.0, 1.0]), jnp.array([1.0, -1.0])), 1e-3, 50)
-    gravity = js.gravity_forces(mech, q)
-    np.testing.assert_allclose(v, -np.asarray(gravity) / 1e6, rtol=1e-5)
 
 
 @trees

@@ -9,6 +9,7 @@ import pytest
 
 import jaxspatial as js
 
+pytestmark = pytest.mark.usefixtures("cheap_programs")
 FRAMES = ("upper", "lower", "tool", "tip", "elbow")
 
 

@@ -3,6 +3,7 @@
 import functools
 import itertools
 
+import chex
 import jax
 import jax.numpy as jnp
 import mpmath
@@ -254,7 +255,7 @@ def test_derivatives_at_rest(float64):
     mech = mech.replace(upper=mech.spring_references)
     pulled = jax.grad(lambda m, q, v: js.passive_forces(m, q, v, SOFT).sum(), (0, 1, 2))
     found = jax.jit(pulled)(mech.as_data(), jnp.asarray(mech.spring_references), jnp.zeros(mech.nv))
-    assert all(np.isfinite(x).all() for x in jax.tree.leaves(found))
+    chex.assert_tree_all_finite(found)
     np.testing.assert_allclose(found[2], -mech.damping - mech.friction_loss / 0.25, rtol=1e-15)
     np.testing.assert_array_equal(found[0].friction_loss, np.zeros(4))
 

@@ -2,6 +2,7 @@
 
 from fractions import Fraction
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -401,8 +402,7 @@ def test_double_words_are_carried():
     P = js.to_double_word(jax.tree.map(lambda x: x.astype(np.float32), random_inertia(np.random.default_rng(9), 3)))
     p = jnp.asarray([1e-3, 2.0, 3e3], np.float32)
     back = js.from_double_word(js.shift(js.shift(P, p), -p))
-    for x, y in zip(jax.tree.leaves(back), jax.tree.leaves(js.from_double_word(P)), strict=True):
-        np.testing.assert_allclose(x, y, rtol=1e-6)
+    chex.assert_trees_all_close(back, js.from_double_word(P), rtol=1e-6, atol=0)
 
 
 def test_trees_are_rebuilt_with_any_leaves():

@@ -3,6 +3,7 @@
 Bounds of sums of products and transformations: see the table of operations.
 """
 
+import chex
 import jax
 import jax.export
 import jax.numpy as jnp
@@ -428,10 +429,9 @@ def test_transformations(name):
     """The same bits eagerly, and compiled for one item mapped over two axes; a derivative that is finite everywhere."""
     M = random_inertia((2, 3), "float32")
     mapped = jax.jit(jax.vmap(jax.vmap(FUNCTIONS[name])))(M)
-    for x, y in zip(jax.tree.leaves(mapped), jax.tree.leaves(FUNCTIONS[name](M)), strict=True):
-        np.testing.assert_array_equal(x, y, strict=True)
+    chex.assert_trees_all_equal(mapped, FUNCTIONS[name](M), strict=True)
     gradient = jax.jit(jax.grad(lambda M: _sum_of_all(name, M)))(M)
-    assert all(np.isfinite(x).all() for x in jax.tree.leaves(gradient))
+    chex.assert_tree_all_finite(gradient)
 
 
 @pytest.mark.parametrize("dtype", slow_but(["bfloat16"], DTYPES))

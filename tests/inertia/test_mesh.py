@@ -2,6 +2,7 @@
 
 from fractions import Fraction
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -143,14 +144,12 @@ def test_tetrahedron_and_moved_globe():
         faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
         faces = faces if np.linalg.det(v[1:] - v[0]) > 0 else faces[:, ::-1]
         M, T = (SpatialInertia.triangle_mesh(v, faces, density=2.0), SpatialInertia.solid_tetrahedron(v, density=2.0))
-        for x, y in zip(jax.tree.leaves(M), jax.tree.leaves(T), strict=True):
-            np.testing.assert_allclose(x, y, atol=1e-14)
+        chex.assert_trees_all_close(M, T, rtol=1e-7, atol=1e-14)
         points, faces = globe(rng, 2, 0.3)
         X = js.RigidTransform(js.Rotation.exp(jnp.asarray([0.3, -1.0, 2.0])), jnp.asarray([3.0, 4.0, 5.0]))
         moved = SpatialInertia.triangle_mesh(X @ jnp.asarray(points), faces, mass=1.5)
         expected = js.act(X, SpatialInertia.triangle_mesh(jnp.asarray(points), faces, mass=1.5))
-        for x, y in zip(jax.tree.leaves(moved), jax.tree.leaves(expected), strict=True):
-            np.testing.assert_allclose(x, y, atol=32 * np.finfo(float).eps)
+        chex.assert_trees_all_close(moved, expected, rtol=1e-7, atol=32 * np.finfo(float).eps)
         fine = SpatialInertia.triangle_mesh(*globe(rng, 4), mass=1.0)
         np.testing.assert_allclose(fine.central[0], 2 / 5, rtol=1e-2)
         assert bool(fine.is_physically_valid())
@@ -210,8 +209,7 @@ def test_batches_and_transformations():
         return SpatialInertia.triangle_mesh(v, jnp.asarray(faces), density=rho)
 
     mapped = jax.jit(jax.vmap(jax.vmap(one), (0, None)))(many, density)
-    for x, y in zip(jax.tree.leaves(M), jax.tree.leaves(mapped), strict=True):
-        np.testing.assert_array_equal(x, y)
+    chex.assert_trees_all_equal(M, mapped)
 
 
 BAD = {

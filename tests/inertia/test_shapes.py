@@ -3,6 +3,7 @@
 import math
 from fractions import Fraction
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -269,8 +270,7 @@ def test_vmap_and_jit_are_the_batch_bitwise():
     M = SpatialInertia.solid_capsule(*map(jnp.asarray, lengths), jnp.asarray(axis), density=jnp.asarray(amount))
     one = jax.jit(jax.vmap(lambda r, h, n, rho: SpatialInertia.solid_capsule(r, h, n, density=rho)))
     mapped = one(*map(jnp.asarray, lengths), jnp.asarray(axis), jnp.asarray(amount))
-    for x, y in zip(jax.tree.leaves(M), jax.tree.leaves(mapped), strict=True):
-        np.testing.assert_array_equal(x, y)
+    chex.assert_trees_all_equal(M, mapped)
 
 
 BAD = {

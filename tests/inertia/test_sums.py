@@ -4,6 +4,7 @@ import functools
 import itertools
 from fractions import Fraction
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -216,13 +217,11 @@ def test_derivatives():
         def added(M, N):
             return M.to_dynamic_parameters() + N.to_dynamic_parameters()
 
-        for x, y in zip(*(jax.tree.leaves(jax.jacrev(f, (0, 1))(M, N)) for f in (combined, added)), strict=True):
-            np.testing.assert_allclose(x, y, rtol=0, atol=1e-13)
+        chex.assert_trees_all_close(*(jax.jacrev(f, (0, 1))(M, N) for f in (combined, added)), rtol=0, atol=1e-13)
         stacked = jax.tree.map(lambda *x: jnp.stack(x), M, N)
         jacobian = jax.jacfwd(lambda M: M.sum().to_dynamic_parameters())(stacked)
         expected = jax.jacfwd(lambda M: M.to_dynamic_parameters().sum(0))(stacked)
-        for x, y in zip(jax.tree.leaves(jacobian), jax.tree.leaves(expected), strict=True):
-            np.testing.assert_allclose(x, y, rtol=0, atol=1e-13)
+        chex.assert_trees_all_close(jacobian, expected, rtol=0, atol=1e-13)
 
 
 def test_far_away_and_back():

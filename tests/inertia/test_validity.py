@@ -1,5 +1,6 @@
 """Principal moments and axes, validity and its slack, the nearest valid inertia and equivalent shapes."""
 
+import chex
 import jax
 import jax.numpy as jnp
 import mpmath
@@ -322,7 +323,7 @@ def test_flat_and_thin_shapes():
     np.testing.assert_array_equal(body(np.zeros((3, 3))).equivalent_ellipsoid()[0], np.zeros(3))
     assert not np.isfinite(body(np.eye(3), 0.0).equivalent_box()[0]).any()
     gradient = jax.grad(lambda M: M.equivalent_box()[0].sum())(jax.tree.map(jnp.asarray, box([5.0, 4, 0])))
-    assert all(np.isfinite(x).all() for x in jax.tree.leaves(gradient))
+    chex.assert_tree_all_finite(gradient)
 
 
 def test_minimum_length():

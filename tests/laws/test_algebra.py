@@ -3,6 +3,7 @@
 In float64, with the tolerance that rounding asks for: a few units of the sizes of what is added up.
 """
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -46,8 +47,7 @@ def _inertia(seed=3):
 
 
 def _near(x, y, size=10.0):
-    for a, b in zip(jax.tree.leaves(x), jax.tree.leaves(y), strict=True):
-        np.testing.assert_allclose(np.asarray(a), np.asarray(b), rtol=0, atol=TOLERANCE * size)
+    chex.assert_trees_all_close(x, y, rtol=0, atol=TOLERANCE * size)
 
 
 @pytest.mark.parametrize("precision", ["reproducible", "compensated"])

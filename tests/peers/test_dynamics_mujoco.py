@@ -15,6 +15,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.interop import mujoco as states
 
+pytestmark = pytest.mark.usefixtures("cheap_programs")
 N = 4
 ALLOWED = 1e-12
 # Of each body, the one it hangs on, and its joints; a joint may follow another.

@@ -3,6 +3,7 @@
 Where only numbers move, they are equal. U = 2^-53.
 """
 
+import chex
 import jax
 import numpy as np
 import pytest
@@ -191,7 +192,6 @@ def test_bodies_without_mass():
     assert interop.drake.to_inertia(SpatialInertia.zero()).IsZero()
     point = SpatialInertia(0.0, np.array([1.0, 2.0, 3.0]), np.zeros(6))
     back = interop.drake.from_inertia(interop.drake.to_inertia(point))
-    for ours, read in zip(jax.tree.leaves(point), jax.tree.leaves(back), strict=True):
-        np.testing.assert_array_equal(ours, read)
+    chex.assert_trees_all_equal(point, back)
     with pytest.raises(ValueError, match="drake.to_inertia: expected no central inertia without mass"):
         interop.drake.to_inertia(SpatialInertia(0.0, np.zeros(3), np.array([1.0, 0, 1, 0, 0, 1])))

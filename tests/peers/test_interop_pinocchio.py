@@ -4,6 +4,7 @@ Where only numbers move, they are equal. Elsewhere both sides err by a few u of 
 U = 2^-53.
 """
 
+import chex
 import jax
 import numpy as np
 import pytest
@@ -196,8 +197,7 @@ def test_inertia_both_ways_and_what_it_does():
     for (M, size), six in zip(inertias(), motions, strict=True):
         theirs = interop.pinocchio.to_inertia(M)
         back = interop.pinocchio.from_inertia(theirs)
-        for ours, read in zip(jax.tree.leaves(M), jax.tree.leaves(back), strict=True):
-            np.testing.assert_array_equal(ours, read)
+        chex.assert_trees_all_equal(M, back)
         V, linear = js.SpatialVelocity.from_array(six), float(M.mass) * (1 + np.linalg.norm(M.com))
         momentum = interop.pinocchio.from_momentum(theirs * interop.pinocchio.to_motion(V))
         near((M @ V).h, momentum.h, 4 * (size + linear))

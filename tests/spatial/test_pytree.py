@@ -14,6 +14,7 @@ import subprocess
 import sys
 import traceback
 
+import chex
 import jax
 import jax.export
 import jax.numpy as jnp
@@ -233,37 +234,31 @@ def test_a_donated_vector_is_shifted_in_place(kind):
 
 @kinds
 def test_one_trace_for_lists_numpy_and_jax(kind, x64):
-    traces = []
-    function = jax.jit(lambda x: traces.append(x.dtype) or x * 2.0)
+    function = jax.jit(chex.assert_max_traces(lambda x: x * 2.0, n=1))
     numbers = [1.0, 2.0, 3.0]
     dtype = np.float64 if x64 else np.float32
     weak = jnp.broadcast_to(1.0, (3,))
     assert weak.weak_type
     for part in (numbers, tuple(numbers), np.array(numbers), np.array(numbers, dtype), jnp.array(numbers), weak):
-        function(kind(part, part))
-    assert traces == [dtype]
+        assert function(kind(part, part)).dtype == dtype
 
 
 @pytest.mark.parametrize(("dtype", "x64"), [("float32", False), ("float32", True), ("float64", True)])
 def test_one_trace_after_any_scalar(dtype, x64):
-    traces = []
-    function = jax.jit(lambda x: traces.append(x.dtype) or -x)
+    function = jax.jit(chex.assert_max_traces(lambda x: -x, n=1))
     with jax.enable_x64(x64):
         F, two = _vector(js.SpatialForce, dtype=dtype), np.dtype(dtype).type(2)
         for scalar in (2, 2.0, two, np.asarray(two), jnp.asarray(two)):
-            function(F * scalar)
-            function(F / scalar)
+            assert function(F * scalar).dtype == dtype
+            assert function(F / scalar).dtype == dtype
         function(F)
-    assert traces == [dtype]
 
 
 def test_one_trace_for_offsets_of_lists_numpy_and_jax(x64):
-    traces = []
-    function = jax.jit(lambda x: traces.append(x.dtype) or -x)
+    function = jax.jit(chex.assert_max_traces(lambda x: -x, n=1))
     F = _vector(js.SpatialForce)
     for offset in ([1.0, 2.0, 3.0], np.ones(3, np.float32), jnp.ones(3, jnp.float32)):
-        function(js.shift(F, offset))
-    assert traces == [np.float32]
+        assert function(js.shift(F, offset)).dtype == np.float32
 
 
 SCALARS = {

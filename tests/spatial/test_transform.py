@@ -2,6 +2,7 @@
 
 import pickle
 
+import chex
 import jax
 import jax.export
 import jax.numpy as jnp
@@ -42,8 +43,7 @@ def test_to_matrix_and_back():
     np.testing.assert_array_equal(m[:, :3, :3], np.asarray(X.rotation.to_matrix()))
     np.testing.assert_array_equal(m[:, :3, 3], np.asarray(X.translation))
     again = js.RigidTransform.from_matrix(X.to_matrix())
-    for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(X), strict=True):
-        np.testing.assert_array_equal(a, b)
+    chex.assert_trees_all_equal(again, X)
 
 
 @pytest.mark.parametrize("precision", slow_but(["reproducible", "compensated"], js.Precision))
