@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.mechanism.joints import KINDS
+from jaxspatial.mechanism.joints import BUILT_IN
 from tests.helpers.optional import needs
 from tests.test_architecture import LAYERS
 
@@ -92,7 +92,7 @@ def test_example_of_double_words(capsys):
 
 def test_coordinates_of_every_kind_of_joint():
     found = {kind.strip("`"): (int(nq), int(nv)) for kind, nq, nv, _, _ in _table(PAGES["robots.md"], "Coordinates")}
-    assert found == {name: (kind.nq, kind.nv) for name, kind in KINDS.items()}
+    assert found == {kind.name: (kind.nq, kind.nv) for kind in BUILT_IN}
 
 
 def test_a_floating_base_is_as_told():

@@ -1,0 +1,33 @@
+"""The page on extending: where it says that a law is, it is. Its code is run by `test_readme`, as that of all pages."""
+
+import ast
+import pathlib
+import re
+
+import pytest
+
+ROOT = pathlib.Path(__file__).parent.parent
+PAGE = (ROOT / "notebooks" / "extending.md").read_text()
+LAWS = re.findall(r"^\| ([^|]+) \| `(\w+)` \| \[([\w/.]+)\]\(\.\./jaxspatial/([\w/.]+)\) \|$", PAGE, re.M)
+
+
+def test_ten_laws():
+    table = PAGE.split("| law |")[1].split("\n\n")[0]
+    assert len(LAWS) == 10 == table.count("\n") - 1
+    assert len({function for _, function, *_ in LAWS}) == 10
+
+
+@pytest.mark.parametrize("law, function, file, link", LAWS, ids=[law for law, *_ in LAWS])
+def test_a_law_has_one_home(law, function, file, link):
+    """It is defined there, at the top of the file."""
+    assert file == link
+    tree = ast.parse((ROOT / "jaxspatial" / file).read_text())
+    assert function in [node.name for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))], law
+
+
+def test_every_way_to_extend_has_code():
+    sections = re.split(r"^## ", PAGE, flags=re.M)[1:]
+    assert [s.split("\n")[0] for s in sections] == [
+        "Where a law is", "A new joint", "A new algorithm", "A new precision", "A new converter"
+    ]  # fmt: skip
+    assert all("```python\n" in s and "assert" in s for s in sections[1:])
