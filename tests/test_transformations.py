@@ -31,92 +31,119 @@ CONTEXTS = {
     "checkpoint": lambda f: jax.jit(jax.checkpoint(f)),
     "known": lambda f: lambda *args: jax.jit(lambda first: f(first, *_known(args[1:])))(args[0]),
 }
-OF_SEVERAL = [name for name, operation in OPERATIONS.items() if " " in operation.arguments and not operation.twin]
-# (operation, precision) for all that can be differentiated, None where there is no precision to choose.
-DIFFERENTIABLE = [
-    (name, precision)
-    for name, operation in OPERATIONS.items()
-    if operation.differentiable and not operation.twin
-    for precision in (("fast", "reproducible") if operation.bounds else (None,))
-]
-# In one of the two, which differ in how they add up and not in what they are to JAX, but for representatives.
-OF_WHOLE_SUMS_ONCE = [
-    (name, precision)
-    for name in FORMULAS
-    for precision in ("compensated", "faithful")
-    if not OPERATIONS[name].twin and (name in REPRESENTATIVES or precision == "compensated")
-]
-OF_WHOLE_SUMS = [
-    (name, precision)
-    for name in FORMULAS
-    for precision in ("compensated", "faithful")
-    if not (OPERATIONS[name].is_long and precision == "faithful")
-]
-BOUNDED = [(name, "fast") for name in FORMULAS] + OF_WHOLE_SUMS
-OF_FEW = [case for case in BOUNDED if case[0] in REPRESENTATIVES or case[1] == "compensated"]
-IN_EVERY_CONTEXT = [case for case in BOUNDED if case[0] in REPRESENTATIVES]
-SHARED = [
-    (name, precision)
-    for name, precision in DIFFERENTIABLE + OF_WHOLE_SUMS
-    if name in OF_SEVERAL
-    and precision not in ("fast", "faithful")
-    and (name in REPRESENTATIVES or precision in ("reproducible", None) and not OPERATIONS[name].is_long)
-]
+ALL = tuple(OPERATIONS)
+FEW = REPRESENTATIVES[:3]
+FIRST = REPRESENTATIVES[:1]
+NONE = ()
+# Each formula once.
+OWN = [name for name in ALL if not OPERATIONS[name].twin]
+SHORT = [name for name in ALL if not OPERATIONS[name].is_long]
+OF_SEVERAL = [name for name in OWN if " " in OPERATIONS[name].arguments]
+# What has derivatives, with a precision to choose and without.
+SUMS = [name for name in OWN if OPERATIONS[name].differentiable and OPERATIONS[name].bounds]
+OTHERS = [name for name in OWN if OPERATIONS[name].differentiable and not OPERATIONS[name].bounds]
+SHARED = [name for name in SUMS if name in OF_SEVERAL and (name in SHORT or name in REPRESENTATIVES)]
+SHARED_OTHERS = [name for name in OTHERS if name in OF_SEVERAL and name in SHORT]
 
-# Each dtype with 64-bit types on, where it must not be widened; float32 with them off as well.
-FORMATS = [("float16", True), ("bfloat16", True), ("float32", False), ("float32", True), ("float64", True)]
-# Everything in the three surroundings that differ the most to a formula, representatives in all of them.
-SURROUNDINGS = [
-    (name, dtype, context)
-    for name in OPERATIONS
-    for dtype in FORMATS
-    for context in (
-        CONTEXTS
-        if name in REPRESENTATIVES and dtype in (("float32", False), ("float64", True))
-        else ("eager", "vmap", "known")
-        if dtype == ("float64", True)
-        else ("vmap", "known")
-    )
-]
-# One of the 16-bit types, and one of the float32: the others go through the same formulas.
-OF_DERIVATIVES = [("bfloat16", True), ("float32", False), ("float64", True)]
-DERIVATIVES = [
-    (*case, dtype) for case in DIFFERENTIABLE for dtype in (OF_DERIVATIVES[1:] if case[1] == "fast" else OF_DERIVATIVES)
-]
+# A dtype, and whether 64-bit types are on; where they are, narrower ones must not be widened.
+HALF, BRAIN, WIDE = ("float16", True), ("bfloat16", True), ("float64", True)
+SINGLE, SINGLE_X64 = ("float32", False), ("float32", True)
+FORMATS = [HALF, BRAIN, SINGLE, SINGLE_X64, WIDE]
 
 
 def _named(case):
-    return "-".join(f"{x[0]}-{'x64' if x[1] else 'x32'}" if isinstance(x, tuple) else str(x) for x in case)
+    return "-".join(f"{x[0]}-{'x64' if x[1] else 'x32'}" if x in FORMATS else str(x) for x in case)
 
 
-# What runs by default: each operation in float32, compiled, in "reproducible"; the first of each kind of arithmetic, or
-# all of them where that is cheap, in everything else. Derivatives of formulas with more than three factors are slow.
-FEW = REPRESENTATIVES[:3]
-X32 = ("float32", False)
-USUAL_SURROUNDINGS = [
-    (name, dtype, context)
-    for name, dtype, context in SURROUNDINGS
-    if (name in FEW or dtype == X32 and (context == "vmap" or name in REPRESENTATIVES))
-]
-USUAL_BATCHES = [(name, (3, 1, 2, 1), "nested_vmap") for name in OPERATIONS if not OPERATIONS[name].twin]
-BATCHES = [
-    (name, batch_shape, context)
-    for name in OPERATIONS
-    for batch_shape in ((), (1,), (3, 1, 2, 1))
-    for context in ("eager", "known", "nested_vmap")
-]
-USUAL_DERIVATIVES = [
-    (name, precision, dtype)
-    for name, precision, dtype in DERIVATIVES
-    if name == "shift_force" or (dtype == X32 and precision != "fast" and not OPERATIONS[name].is_long)
-]
-contexts = pytest.mark.parametrize("context", CONTEXTS)
-differentiable = pytest.mark.parametrize(
-    ("name", "precision", "dtype"),
-    slow_but(USUAL_DERIVATIVES, DERIVATIVES),
-    indirect=["dtype"],
-    ids=list(map(_named, DERIVATIVES)),
+def _table(names, *rows):
+    """Parametrizes over rows (what a case is beside its operation, the operations, those that are not slow)."""
+    cases = [
+        pytest.param(name, *rest, id=_named((name, *rest)), marks=[] if name in usual else pytest.mark.slow)
+        for *rest, operations, usual in rows
+        for name in operations
+    ]
+    indirect = [name for name in ("dtype",) if name in names]
+    return pytest.mark.parametrize(("name", *names), cases, indirect=indirect)
+
+
+# Everything in the surroundings that differ the most to a formula, representatives in all of them. By default each
+# operation in float32, compiled; the first of each kind of arithmetic, or all where that is cheap, in everything else.
+surroundings = _table(
+    ("dtype", "context"),
+    (SINGLE, "vmap", ALL, ALL),
+    (SINGLE, "known", ALL, REPRESENTATIVES),
+    (SINGLE, "eager", REPRESENTATIVES, REPRESENTATIVES),
+    (SINGLE, "jit", REPRESENTATIVES, REPRESENTATIVES),
+    (SINGLE, "vmap_of_vmap", REPRESENTATIVES, REPRESENTATIVES),
+    (SINGLE, "scan", REPRESENTATIVES, REPRESENTATIVES),
+    (SINGLE, "cond", REPRESENTATIVES, REPRESENTATIVES),
+    (SINGLE, "checkpoint", REPRESENTATIVES, REPRESENTATIVES),
+    (WIDE, "vmap", ALL, FEW),
+    (WIDE, "known", ALL, FEW),
+    (WIDE, "eager", ALL, FEW),
+    (WIDE, "jit", REPRESENTATIVES, FEW),
+    (WIDE, "vmap_of_vmap", REPRESENTATIVES, FEW),
+    (WIDE, "scan", REPRESENTATIVES, FEW),
+    (WIDE, "cond", REPRESENTATIVES, FEW),
+    (WIDE, "checkpoint", REPRESENTATIVES, FEW),
+    (SINGLE_X64, "vmap", ALL, FEW),
+    (SINGLE_X64, "known", ALL, FEW),
+    (HALF, "vmap", ALL, FEW),
+    (HALF, "known", ALL, FEW),
+    (BRAIN, "vmap", ALL, FEW),
+    (BRAIN, "known", ALL, FEW),
 )
+batches = _table(
+    ("batch_shape", "context"),
+    ((), "eager", ALL, FEW),
+    ((), "known", ALL, FEW),
+    ((), "nested_vmap", ALL, FEW),
+    ((1,), "eager", ALL, FEW),
+    ((1,), "known", ALL, FEW),
+    ((1,), "nested_vmap", ALL, FEW),
+    ((3, 1, 2, 1), "eager", ALL, FEW),
+    ((3, 1, 2, 1), "known", ALL, FEW),
+    ((3, 1, 2, 1), "nested_vmap", ALL, OWN),
+)
+bounds_in_every_context = _table(
+    ("precision",),
+    ("fast", REPRESENTATIVES, NONE),
+    ("compensated", REPRESENTATIVES, FEW),
+    ("faithful", REPRESENTATIVES, NONE),
+)
+bounds = _table(
+    ("precision",),
+    ("fast", REPRESENTATIVES, FEW),
+    ("compensated", FORMULAS, FEW),
+    ("faithful", REPRESENTATIVES, FEW),
+)
+# One of the 16-bit types, and one of the float32: the others go through the same formulas.
+differentiable = _table(
+    ("precision", "dtype"),
+    ("reproducible", SINGLE, SUMS, SHORT),
+    ("reproducible", WIDE, SUMS, FIRST),
+    ("reproducible", BRAIN, SUMS, FIRST),
+    ("fast", SINGLE, SUMS, FIRST),
+    ("fast", WIDE, SUMS, FIRST),
+    (None, SINGLE, OTHERS, SHORT),
+    (None, WIDE, OTHERS, NONE),
+    (None, BRAIN, OTHERS, NONE),
+)
+# In one of the two, which differ in how they add up and not in what they are to JAX, but for representatives.
+whole_sums = _table(
+    ("precision",),
+    ("compensated", FORMULAS, REPRESENTATIVES),
+    ("faithful", REPRESENTATIVES, NONE),
+)
+shared_items = _table(
+    ("precision", "how"),
+    ("reproducible", "vmap", SHARED, REPRESENTATIVES),
+    ("reproducible", "broadcasting", REPRESENTATIVES, NONE),
+    ("compensated", "vmap", REPRESENTATIVES, NONE),
+    ("compensated", "broadcasting", REPRESENTATIVES, NONE),
+    (None, "vmap", SHARED_OTHERS, NONE),
+)
+contexts = pytest.mark.parametrize("context", CONTEXTS)
 
 
 @pytest.fixture(params=FORMATS, ids=lambda param: _named([param]))
@@ -128,12 +155,7 @@ def dtype(request):
 # -- values -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("name", "dtype", "context"),
-    slow_but(USUAL_SURROUNDINGS, SURROUNDINGS),
-    indirect=["dtype"],
-    ids=list(map(_named, SURROUNDINGS)),
-)
+@surroundings
 def test_value_is_bitwise_the_naive_formula(name, context, dtype):
     inputs = _inputs(name, dtype, BATCH)
     result = CONTEXTS[context](OPERATIONS[name].function)(*_on_device(inputs))
@@ -160,11 +182,7 @@ def test_sixteen_bits_are_rounded_between_operations(dtype):
     _assert_same_bits(jax.jit(there_and_on)(F, p), jax.tree.leaves(there_and_on(F, p)))
 
 
-@pytest.mark.parametrize(
-    ("name", "batch_shape", "context"),
-    slow_but(USUAL_BATCHES + [case for case in BATCHES if case[0] in FEW], BATCHES),
-    ids=["-".join(map(str, case)) for case in BATCHES],
-)
+@batches
 def test_batch_by_broadcasting_and_by_nested_vmap(name, batch_shape, context):
     transform = CONTEXTS.get(context) or functools.partial(_nested_vmap, len(batch_shape))
     inputs = _inputs(name, "float32", batch_shape)
@@ -172,7 +190,7 @@ def test_batch_by_broadcasting_and_by_nested_vmap(name, batch_shape, context):
     _assert_same_bits(result, _naive(name, "float32", batch_shape))
 
 
-@pytest.mark.parametrize("name", slow_but([name for name in OF_SEVERAL if not OPERATIONS[name].is_long], OF_SEVERAL))
+@pytest.mark.parametrize("name", slow_but(SHORT, OF_SEVERAL))
 def test_one_item_is_shared_by_a_batch(name, x64):
     for i in range(len(OPERATIONS[name].arguments.split())):
         inputs = _one_shared(name, i, BATCH)
@@ -188,16 +206,13 @@ def test_one_item_is_shared_by_a_batch(name, x64):
 
 
 @contexts
-@pytest.mark.parametrize(
-    ("name", "precision"),
-    slow_but([case for case in IN_EVERY_CONTEXT if case[0] in FEW and case[1] == "compensated"], IN_EVERY_CONTEXT),
-)
+@bounds_in_every_context
 def test_bound_of_the_docstring_in_every_context(name, precision, context):
     result = CONTEXTS[context](_function(name, precision))(*_on_device(_inputs(name, "float32", BATCH)))
     _assert_within_bounds(result, name, precision, "float32")
 
 
-@pytest.mark.parametrize(("name", "precision"), slow_but([case for case in OF_FEW if case[0] in FEW], OF_FEW))
+@bounds
 def test_bound_of_the_docstring_with_64_bit_types_on(name, precision):
     """With them off, and in all dtypes: see `laws.test_error_bounds`."""
     with jax.enable_x64(True):
@@ -223,10 +238,7 @@ def test_pull_back_is_the_transpose_of_the_tangent(name, precision, dtype):
     _assert_transpose(_function(name, precision), x, t, tangent)
 
 
-@pytest.mark.parametrize(
-    ("name", "precision"),
-    slow_but([(name, "compensated") for name in REPRESENTATIVES], OF_WHOLE_SUMS_ONCE),
-)
+@whole_sums
 def test_derivatives_of_whole_sums(name, precision):
     """The last two tests for the precisions that `laws.test_derivatives` holds against their bounds."""
     x, t = (_on_device(_inputs(name, "float32", BATCH, seed)) for seed in (0, 1))
@@ -235,14 +247,7 @@ def test_derivatives_of_whole_sums(name, precision):
     _assert_transpose(_function(name, precision), x, t, tangent)
 
 
-@pytest.mark.parametrize(
-    ("name", "precision", "how"),
-    [
-        (*case, how) if how == "vmap" and case[0] in REPRESENTATIVES and case[1] == "reproducible" else slow(*case, how)
-        for case in SHARED
-        for how in (("broadcasting", "vmap") if case[0] in REPRESENTATIVES else ("vmap",))
-    ],
-)
+@shared_items
 def test_pull_back_of_an_item_shared_by_a_batch(name, precision, how):
     of_all = _function(name, precision)
     for i in range(len(OPERATIONS[name].arguments.split())):
@@ -254,13 +259,13 @@ def test_pull_back_of_an_item_shared_by_a_batch(name, precision, how):
 
 @pytest.mark.parametrize(
     "dtype",
-    [dtype if dtype == X32 else pytest.param(dtype, marks=pytest.mark.slow) for dtype in OF_DERIVATIVES],
+    [slow(BRAIN), SINGLE, slow(WIDE)],
     indirect=True,
     ids=lambda param: _named([param]),
 )
 @pytest.mark.parametrize(
     "name",
-    slow_but(REPRESENTATIVES, [name for name, precision in DIFFERENTIABLE if precision != "fast"]),
+    slow_but(REPRESENTATIVES, [*SUMS, *OTHERS]),
 )
 def test_gradient_is_bitwise_the_same_compiled_and_recomputed(name, dtype):
     function = OPERATIONS[name].function

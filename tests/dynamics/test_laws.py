@@ -116,8 +116,9 @@ def test_energy_is_that_of_the_mass_matrix(tree):
 def test_jacobian_is_the_derivative_of_the_pose(tree):
     mech, (q, v, _) = mechanism(tree), state(tree)
     V = js.body_velocities(mech, q, v)
-    for i, body in enumerate(mech.body_names):
-        J = np.asarray(js.jacobian(mech, q, body))
+    # On the ways to bodies that carry none is every joint.
+    for i in set(range(len(mech.body_names))) - set(mech.topology.parents):
+        J = np.asarray(js.jacobian(mech, q, mech.body_names[i]))
         np.testing.assert_allclose(J @ np.asarray(v)[..., None], np.asarray(V.to_array())[:, i, :, None], atol=1e-13)
 
     def origins(q, v):
