@@ -18,6 +18,7 @@ from jaxspatial.arithmetic import certified, compensated, faithful, sum3, wide
 from jaxspatial.arithmetic.contraction import hidden
 from jaxspatial.arithmetic.eft import product_error
 from jaxspatial.arithmetic.layout import picked
+from jaxspatial.arithmetic.pairwise import by_halving
 from jaxspatial.arithmetic.polynomial import Term
 
 
@@ -190,7 +191,7 @@ def _reduced(tier, plan, s, terms, share, lanes, dtype):
         return None
     verbs, state, settled = _summable(tier.verbs, _total(tier, terms, share, lanes), s.reduced)
     for axis in s.reduced:
-        state = _halved(verbs, state, axis)
+        state = by_halving(verbs.merge, state, axis)
     return [settled(x) for x in (verbs.pair(state, dtype) if plan.is_pair else [verbs.value(state, dtype)])]
 
 
@@ -202,13 +203,3 @@ def _summable(verbs, state, axes):
         numbers, unit = faithful.in_one_unit(state, axes)
         return sum3, sum3.from_numbers(numbers), lambda x: faithful.unscaled(x, unit)
     return verbs, state, lambda x: x
-
-
-def _halved(verbs, state, axis):
-    n = state[0].shape[axis]
-    padding = [(0, (1 << max(n - 1, 0).bit_length()) - n if i == axis else 0, 0) for i in range(state[0].ndim)]
-    state = tuple(lax.pad(x, np.zeros((), x.dtype), padding) for x in state)
-    while state[0].shape[axis] > 1:
-        half = state[0].shape[axis] // 2
-        state = verbs.merge(*(tuple(lax.slice_in_dim(x, i, i + half, axis=axis) for x in state) for i in (0, half)))
-    return state

@@ -6,15 +6,15 @@ import typing
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
 from jaxspatial.arithmetic import check, components, folding
 from jaxspatial.arithmetic.components import Components
 from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
-from jaxspatial.arithmetic.numbers import Rounded, Stacked, Summed, as_array, is_number, of_array, stacked
+from jaxspatial.arithmetic.numbers import Rounded, is_number
+from jaxspatial.arithmetic.pairwise import pairwise_sum
 from jaxspatial.arithmetic.precision import resolve
+from jaxspatial.arithmetic.stacking import Stacked, Summed, as_array, converted, of_array, stacked
 from jaxspatial.arithmetic.symbolic import run_symbolically
-from jaxspatial.arithmetic.total import total
 
 
 def formula(function=None, *, of_sums=False) -> typing.Any:
@@ -76,13 +76,8 @@ def _run_sums(function, precision, static, *arrays):
         return run_symbolically(function, precision, arrays)
     if arrays[0].dtype == jnp.bfloat16:
         found = _run_as_it_is(function, precision, *(jax.tree.map(lambda x: x.astype(np.float32), a) for a in arrays))
-        return jax.tree.map(_to_bfloat16, found)
+        return jax.tree.map(lambda x: converted(x, jnp.bfloat16), found)
     return _run_as_it_is(function, precision, *arrays)
-
-
-def _to_bfloat16(x):
-    """Rounded once. By name: XLA has leave to drop a conversion there and back (`xla_allow_excess_precision`)."""
-    return x.astype(jnp.bfloat16) if isinstance(x, np.ndarray) else lax.reduce_precision(x, 8, 7).astype(jnp.bfloat16)
 
 
 def _run_as_it_is(function, precision, *arrays):
@@ -144,11 +139,14 @@ class _Results(typing.NamedTuple):
         if not self.is_apart:
             return _sum_of_items(self.rounded(vector))
         values = [x.value for x in vector]
-        return components.of([c if folding.is_known(c, 0) else total(jnp.broadcast_to(c, self.batch)) for c in values])
+        return components.of([c if folding.is_known(c, 0) else self._sum_of_component(c) for c in values])
+
+    def _sum_of_component(self, x):
+        return pairwise_sum(jnp.broadcast_to(x, self.batch))
 
 
 def _sum_of_items(x):
     """The sum of x (*batch, n, k) over n: (*batch, k)."""
     if isinstance(x, np.ndarray) and not x.any():
         return np.zeros((*x.shape[:-2], x.shape[-1]), x.dtype)
-    return jnp.moveaxis(total(jnp.moveaxis(x, -1, 0)), 0, -1)
+    return jnp.moveaxis(pairwise_sum(jnp.moveaxis(x, -1, 0)), 0, -1)

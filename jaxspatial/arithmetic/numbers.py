@@ -14,8 +14,7 @@ Comparisons, roots and selections are for the first two alone.
 
 import functools
 import operator
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -24,10 +23,8 @@ from jax import lax
 from jax.experimental.xla_metadata import set_xla_metadata
 
 from jaxspatial.arithmetic import folding, reproducible, scaling
-from jaxspatial.arithmetic.components import Components
 from jaxspatial.arithmetic.double_word import DoubleWord, nearest_double_word, to_double_word
 from jaxspatial.arithmetic.polynomial import Polynomial
-from jaxspatial.arithmetic.precision import Precision
 
 
 class Rounded:
@@ -281,84 +278,3 @@ def _abreast(numbers, like, shape):
 
 def _is_double_word(x):
     return isinstance(x, DoubleWord)
-
-
-# -- vectors that are arrays ------------------------------------------------------------------------------------------
-
-
-class Stacked(Sequence):
-    """A vector of numbers that is an array (*batch, n) as well: whichever is asked for is made."""
-
-    def __init__(self, precision, size, make_array, make_values):
-        self.precision, self._size = precision, size
-        self._make_array, self._make_values = make_array, make_values
-
-    @functools.cached_property
-    def array(self):
-        return self._make_array()
-
-    @functools.cached_property
-    def _numbers(self):
-        return tuple(Rounded(self.precision, x) for x in self._make_values())
-
-    def __getitem__(self, i):
-        return self._numbers[i]
-
-    def __len__(self):
-        return self._size
-
-    def combined(self, operation, vector):
-        """`folding.add` or `folding.subtract` of this and a vector: of arrays one operation, where it can be."""
-
-        def whole():
-            others = vector.array if isinstance(vector, Stacked) else [x.value for x in vector]
-            return folding.whole(operation, self.array, others, self.precision)
-
-        def apart():
-            return [operation(a.value, b.value, self.precision) for a, b in zip(self, vector, strict=True)]
-
-        return Stacked(self.precision, len(self), whole, apart)
-
-    def laid_out(self, vector):
-        """A vector as an array in the layout of this one."""
-        values = [x.value for x in vector]
-        return Stacked(self.precision, len(values), lambda: folding.stack_like(self.array, values), lambda: values)
-
-
-def stacked(precision, array):
-    """The numbers of an array (*batch, n)."""
-    return Stacked(precision, array.shape[-1], lambda: array, lambda: folding.unstack(array))
-
-
-jax.tree_util.register_pytree_node(Stacked, lambda v: (tuple(v), None), lambda _, numbers: tuple(numbers))
-
-
-class Summed(NamedTuple):
-    """Of a vector the sum over the last axis of the batch: what a formula may return, but not go on with."""
-
-    vector: Any
-
-
-def of_array(array, precision, twice, dtype=None):
-    """The components of an array (*batch, n) as numbers to compute with, such as those of `dtype`, if not its own."""
-    dtype = np.dtype(dtype or array.dtype)
-    if isinstance(array, Components):
-        return tuple(of_array(c[..., None], precision, twice)[0] for c in array.components)
-    if twice and dtype == np.float64:
-        array = array if array.dtype == dtype else array.astype(dtype)
-        return tuple(to_double_word(array[..., i]) for i in range(array.shape[-1]))
-    wide = np.dtype(np.float64 if twice else np.float32 if jnp.finfo(dtype).bits < 32 else dtype)
-    precision = Precision.REPRODUCIBLE if twice else precision
-    if isinstance(array, DoubleWord):
-        parts = zip(*(folding.unstack(word) for word in (array.hi, array.lo)), strict=True)
-        return tuple(Rounded(precision, converted(hi, wide) + converted(lo, wide)) for hi, lo in parts)
-    return tuple(Rounded(precision, converted(x, wide)) for x in folding.unstack(array))
-
-
-def as_array(x, dtype):
-    """The number as an array, or known number, of one word, rounded to a dtype."""
-    return x.hi if isinstance(x, DoubleWord) else converted(x.value, dtype)
-
-
-def converted(x, dtype):
-    return x.astype(dtype) if folding.is_known(x) else lax.convert_element_type(x, dtype)

@@ -12,9 +12,9 @@ from jaxspatial.arithmetic import check, components, sums
 from jaxspatial.arithmetic.components import Components
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word
 from jaxspatial.arithmetic.folding import is_known, quietly
-from jaxspatial.arithmetic.numbers import Summed
 from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, Term, symbols
 from jaxspatial.arithmetic.reproducible import quotient
+from jaxspatial.arithmetic.stacking import Summed
 
 
 def run_symbolically(formula, precision, arrays):

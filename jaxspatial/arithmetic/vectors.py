@@ -10,8 +10,6 @@ import numpy as np
 from jaxspatial.arithmetic import folding, scaling
 from jaxspatial.arithmetic.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers import (
-    Stacked,
-    Summed,
     constant,
     each,
     frozen,
@@ -20,6 +18,7 @@ from jaxspatial.arithmetic.numbers import (
     times_power_of_two,
     where,
 )
+from jaxspatial.arithmetic.stacking import Stacked, Summed
 
 
 def total(numbers):

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import numbers
+from jaxspatial.arithmetic import numbers, stacking
 from jaxspatial.arithmetic.numbers import Rounded
 from jaxspatial.dynamics import alignment, along
 
@@ -53,7 +53,7 @@ class Results:
     def rounded(self, x):
         """A number, or a tuple of them, as an array (..., B): rounded once, to the dtype of q. Arrays as they are."""
         if numbers.is_number(x):
-            array = jnp.asarray(numbers.as_array(x, self.dtype))
+            array = jnp.asarray(stacking.as_array(x, self.dtype))
             return jnp.broadcast_to(array, (*array.shape[:-1], self.n))
         if type(x) is tuple:
             return jnp.stack([self.rounded(c).reshape((self.n,)) for c in x])

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import numbers, vectors
+from jaxspatial.arithmetic import numbers, stacking, vectors
 from jaxspatial.arithmetic.functions import cosine_sine
 from jaxspatial.dynamics import alignment, along
 from jaxspatial.dynamics.results import Results
@@ -87,7 +87,7 @@ class MechanismState(Results):
     def numbers(self, array):
         """The numbers of NumPy (..., k) or data (..., k, B)."""
         array = array[..., None, :] if isinstance(array, np.ndarray) else jnp.moveaxis(array, -2, -1)
-        return numbers.of_array(array, self.precision, self.precision.sees_whole_sums, self.dtype)
+        return stacking.of_array(array, self.precision, self.precision.sees_whole_sums, self.dtype)
 
     def known(self, number):
         """A number that is known while tracing."""

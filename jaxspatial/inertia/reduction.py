@@ -2,14 +2,14 @@
 
 import functools
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
 from jaxspatial.arithmetic import folding
 from jaxspatial.arithmetic.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers import Rounded, noinline_pairs
-from jaxspatial.arithmetic.total import total
+from jaxspatial.arithmetic.pairwise import by_halving, pairwise_sum
 
 
 def summed(numbers, size):
@@ -28,25 +28,19 @@ def summed(numbers, size):
 def _of_rounded(values, size):
     """All of them in one array: one chain of additions."""
     shape = np.broadcast_shapes((size,), *(x.shape for x in values))
-    sums = total(jnp.stack([jnp.broadcast_to(x, shape) for x in values]))
+    sums = pairwise_sum(jnp.stack([jnp.broadcast_to(x, shape) for x in values]))
     return [sums[i, ..., None] for i in range(len(values))]
 
 
 @noinline_pairs
 def _of_double_words(numbers):
-    stacked = DoubleWord(*(jnp.stack([getattr(x, word) for x in numbers]) for word in ("hi", "lo")))
-    sums = _halved(stacked)
+    words = [jnp.stack([getattr(x, word) for x in numbers]) for word in ("hi", "lo")]
+    sums = DoubleWord(*by_halving(_added, words, words[0].ndim - 1))
     return tuple(sums[i] for i in range(len(numbers)))
 
 
-def _halved(x):
-    n = x.shape[-1]
-    padding = [(0, 0, 0)] * (x.ndim - 1) + [(0, (1 << (n - 1).bit_length()) - n, 0)]
-    x = DoubleWord(*(lax.pad(word, np.asarray(0, x.dtype), padding) for word in (x.hi, x.lo)))
-    while x.shape[-1] > 1:
-        half = x.shape[-1] // 2
-        x = x[..., :half] + x[..., half:]
-    return x
+def _added(a, b):
+    return tuple(jax.tree.leaves(DoubleWord(*a) + DoubleWord(*b)))
 
 
 def first(x):

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from jaxspatial.arithmetic import folding, vectors
-from jaxspatial.arithmetic.numbers import Rounded, stacked
+from jaxspatial.arithmetic.numbers import Rounded
+from jaxspatial.arithmetic.pairwise import pairwise_sum
 from jaxspatial.arithmetic.precision import Precision, resolve
-from jaxspatial.arithmetic.total import total
+from jaxspatial.arithmetic.stacking import stacked
 
 P = Precision.REPRODUCIBLE
 X = np.array([0.3, -1.7, 2.9], np.float32)
@@ -95,18 +96,18 @@ def test_a_sum_is_one_operation_on_arrays_or_one_per_component():
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 3, 5, 8, 100])
-def test_total_is_the_sum_by_halving(n):
+def test_pairwise_sum_is_the_sum_by_halving(n):
     x = np.random.default_rng(n).standard_normal((2, n)).astype(np.float32)
     expected = np.pad(x, ((0, 0), (0, (1 << max(n - 1, 0).bit_length()) - n)))
     while expected.shape[1] > 1:
         half = expected.shape[1] // 2
         expected = expected[:, :half] + expected[:, half:]
-    for function in (total, jax.jit(total), jax.jit(jax.vmap(total))):
+    for function in (pairwise_sum, jax.jit(pairwise_sum), jax.jit(jax.vmap(pairwise_sum))):
         np.testing.assert_array_equal(np.asarray(function(jnp.asarray(x))), expected[:, 0])
 
 
-def test_total_keeps_a_negative_zero():
-    assert np.signbit(total(jnp.full((3,), -0.0, jnp.float32)))
+def test_pairwise_sum_keeps_a_negative_zero():
+    assert np.signbit(pairwise_sum(jnp.full((3,), -0.0, jnp.float32)))
 
 
 @pytest.mark.parametrize("name", ["fast", "reproducible"])

@@ -35,6 +35,22 @@ def test_dtypes_stay(dtype, precision, x64):
     np.testing.assert_array_equal(np.asarray(found, np.float32), [5, 13])
 
 
+@pytest.mark.parametrize("dtype", ["float16", "bfloat16"])
+def test_sixteen_bits_are_rounded_between_formulas(dtype):
+    """In one program too, where a conversion there and back could be left out."""
+    v = jnp.asarray(np.random.default_rng(0).uniform(1, 2, (50, 2)), dtype)
+
+    def twice(v):
+        return hypotenuse("reproducible", jnp.stack((hypotenuse("reproducible", v), v[:, 0]), -1))
+
+    np.testing.assert_array_equal(jax.jit(twice)(v), twice(v))
+
+
+def test_subnormal_numbers_of_float16_stay():
+    v = jnp.asarray([[1e-7, 0.0], [0.0, 3e-6]], jnp.float16)
+    np.testing.assert_array_equal(hypotenuse("reproducible", v), v.max(-1))
+
+
 def test_results_and_batches():
     """Tuples are arrays with a last axis, masks stay masks; batches broadcast."""
     v, w = jnp.ones((4, 1, 2)), jnp.ones((3, 2), jnp.float32)

@@ -1,0 +1,35 @@
+"""Sums over many terms by halving: one fixed order, whatever the batch and compiler.
+
+Error <= ceil(log2 n) u mag, mag = sum of |x_i|: for a million terms 20 u, where a running sum has 1e6 u. [Higham 2002,
+Accuracy and Stability of Numerical Algorithms, 4.2: pairwise summation]
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from jax import lax
+
+
+def pairwise_sum(x: jax.Array) -> jax.Array:
+    """The sum of x (*batch, n) over its last axis."""
+    # -0 is the neutral element: -0 + x is x, also for x = -0.
+    (found,) = by_halving(lambda a, b: (a[0] + b[0],), (x,), x.ndim - 1, -0.0 if x.shape[-1] else 0.0)
+    return found[..., 0]
+
+
+def by_halving(merge: Callable, words: Sequence[jax.Array], axis: int, neutral: float = 0.0) -> tuple[Any, ...]:
+    """The sum over an axis, which is kept with size 1, of numbers of so many words that `merge` adds two of."""
+    words = [_padded(x, axis, neutral) for x in words]
+    while (n := words[0].shape[axis]) > 1:
+        halves = ([lax.slice_in_dim(x, i, i + n // 2, axis=axis) for x in words] for i in (0, n // 2))
+        words = merge(*map(tuple, halves))
+    return tuple(words)
+
+
+def _padded(x, axis, neutral):
+    """As many as a power of two."""
+    n = x.shape[axis]
+    after = (1 << max(n - 1, 0).bit_length()) - n
+    return lax.pad(x, np.asarray(neutral, x.dtype), [(0, after if i == axis else 0, 0) for i in range(x.ndim)])

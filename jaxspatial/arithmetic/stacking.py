@@ -1,0 +1,103 @@
+"""Arrays as vectors of numbers, and vectors of numbers as arrays."""
+
+import functools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxspatial.arithmetic import folding
+from jaxspatial.arithmetic.components import Components
+from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
+from jaxspatial.arithmetic.fence import fence
+from jaxspatial.arithmetic.numbers import Rounded
+from jaxspatial.arithmetic.precision import Precision
+
+
+class Stacked(Sequence):
+    """A vector of numbers that is an array (*batch, n) as well: whichever is asked for is made."""
+
+    def __init__(self, precision, size, make_array, make_values):
+        self.precision, self._size = precision, size
+        self._make_array, self._make_values = make_array, make_values
+
+    @functools.cached_property
+    def array(self):
+        return self._make_array()
+
+    @functools.cached_property
+    def _numbers(self):
+        return tuple(Rounded(self.precision, x) for x in self._make_values())
+
+    def __getitem__(self, i):
+        return self._numbers[i]
+
+    def __len__(self):
+        return self._size
+
+    def combined(self, operation, vector):
+        """`folding.add` or `folding.subtract` of this and a vector: of arrays one operation, where it can be."""
+
+        def whole():
+            others = vector.array if isinstance(vector, Stacked) else [x.value for x in vector]
+            return folding.whole(operation, self.array, others, self.precision)
+
+        def apart():
+            return [operation(a.value, b.value, self.precision) for a, b in zip(self, vector, strict=True)]
+
+        return Stacked(self.precision, len(self), whole, apart)
+
+    def laid_out(self, vector):
+        """A vector as an array in the layout of this one."""
+        values = [x.value for x in vector]
+        return Stacked(self.precision, len(values), lambda: folding.stack_like(self.array, values), lambda: values)
+
+
+def stacked(precision, array):
+    """The numbers of an array (*batch, n)."""
+    return Stacked(precision, array.shape[-1], lambda: array, lambda: folding.unstack(array))
+
+
+jax.tree_util.register_pytree_node(Stacked, lambda v: (tuple(v), None), lambda _, numbers: tuple(numbers))
+
+
+class Summed(NamedTuple):
+    """Of a vector the sum over the last axis of the batch: what a formula may return, but not go on with."""
+
+    vector: Any
+
+
+def of_array(array, precision, twice, dtype=None):
+    """The components of an array (*batch, n) as numbers to compute with, such as those of `dtype`, if not its own."""
+    dtype = np.dtype(dtype or array.dtype)
+    if isinstance(array, Components):
+        return tuple(of_array(c[..., None], precision, twice)[0] for c in array.components)
+    if twice and dtype == np.float64:
+        array = array if array.dtype == dtype else array.astype(dtype)
+        return tuple(to_double_word(array[..., i]) for i in range(array.shape[-1]))
+    wide = np.dtype(np.float64 if twice else np.float32 if jnp.finfo(dtype).bits < 32 else dtype)
+    precision = Precision.REPRODUCIBLE if twice else precision
+    if isinstance(array, DoubleWord):
+        parts = zip(*(folding.unstack(word) for word in (array.hi, array.lo)), strict=True)
+        return tuple(Rounded(precision, converted(hi, wide) + converted(lo, wide)) for hi, lo in parts)
+    return tuple(Rounded(precision, converted(x, wide)) for x in folding.unstack(array))
+
+
+def as_array(x, dtype):
+    """The number as an array, or known number, of one word, rounded to a dtype."""
+    return x.hi if isinstance(x, DoubleWord) else converted(x.value, dtype)
+
+
+def converted(x, dtype):
+    """Rounded once: XLA has leave to drop a conversion to 16 bits and back (`xla_allow_excess_precision`).
+
+    Not where something stands between. For float16 that is no `reduce_precision`, which flushes its subnormals.
+    """
+    if isinstance(x, (np.ndarray, np.generic)) or x.dtype == dtype or jnp.finfo(dtype).bits >= 32:
+        return x.astype(dtype) if isinstance(x, (np.ndarray, np.generic)) else lax.convert_element_type(x, dtype)
+    if dtype == jnp.bfloat16:
+        return lax.convert_element_type(lax.reduce_precision(x, exponent_bits=8, mantissa_bits=7), dtype)
+    return fence(lax.convert_element_type(x, dtype))
