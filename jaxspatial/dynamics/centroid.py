@@ -28,8 +28,8 @@ def center_of_mass(mechanism: Mechanism, q: Coordinates, *, precision: Precision
         TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
         ValueError: shapes do not fit.
 
-    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
-        in the other two.
+    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
+        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: its definition, sum of m p over sum of m.
     """
     (q,) = checked("center_of_mass", mechanism, q=q)
@@ -54,8 +54,8 @@ def center_of_mass_velocity(
         TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
         ValueError: shapes do not fit.
 
-    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
-        in the other two.
+    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
+        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: its definition, sum of m v over sum of m.
     """
     q, v = checked("center_of_mass_velocity", mechanism, q=q, v=v)
@@ -77,8 +77,8 @@ def center_of_mass_jacobian(mechanism: Mechanism, q: Coordinates, *, precision: 
         TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
         ValueError: shapes do not fit.
 
-    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
-        in the other two.
+    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
+        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Orin, Goswami, Lee 2013, Centroidal dynamics of a humanoid robot.
     """
     (q,) = checked("center_of_mass_jacobian", mechanism, q=q)
@@ -105,8 +105,8 @@ def centroidal_momentum(
         TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
         ValueError: shapes do not fit.
 
-    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
-        in the other two.
+    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
+        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Orin, Goswami, Lee 2013, Centroidal dynamics of a humanoid robot.
     """
     q, v = checked("centroidal_momentum", mechanism, q=q, v=v)
@@ -128,8 +128,8 @@ def centroidal_momentum_matrix(mechanism: Mechanism, q: Coordinates, *, precisio
         TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
         ValueError: shapes do not fit.
 
-    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
-        in the other two.
+    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
+        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Orin, Goswami, Lee 2013, Centroidal dynamics of a humanoid robot, equation 25.
     """
     (q,) = checked("centroidal_momentum_matrix", mechanism, q=q)

@@ -45,9 +45,9 @@ def forward_dynamics(
         ValueError: shapes do not fit.
         KeyError: there is no such frame.
 
-    Error: of the largest number, for n links one behind the other and c the condition of the mass matrix: at most 4 n u
-        c in "fast" and "reproducible"; 1.01 u in the other two, while c < 1 / (4 n u). Derivatives are rounded to the
-        dtype of q on the way: n u c in every precision.
+    Error: for n links one behind the other, c the condition of the mass matrix, r the largest number and mag what it
+        would be if no terms cancelled, at most 4 n u c mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 c mag in
+        the other two. Derivatives are rounded to the dtype of q on the way: n u c in every precision.
     Source: Featherstone 2008, table 7.1.
     """
     q, v, tau = checked("forward_dynamics", mechanism, q=q, v=v, tau=tau)

@@ -38,8 +38,8 @@ def jacobian(mechanism: Mechanism, q: Coordinates, body: str, *, precision: Prec
         ValueError: shapes do not fit.
         KeyError: there is no such frame.
 
-    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
-        in the other two.
+    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
+        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 3.4.
     """
     (q,) = checked("jacobian", mechanism, q=q)
@@ -66,8 +66,8 @@ def jacobian_rate(
         ValueError: shapes do not fit.
         KeyError: there is no such frame.
 
-    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
-        in the other two.
+    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
+        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: the derivative of that of `jacobian`.
     """
     q, v = checked("jacobian_rate", mechanism, q=q, v=v)

@@ -34,8 +34,8 @@ def forward_kinematics(
         ValueError: shapes do not fit.
         KeyError: there is no such frame.
 
-    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
-        in the other two.
+    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
+        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 3.2.
     """
     (q,) = checked("forward_kinematics", mechanism, q=q)
@@ -70,8 +70,8 @@ def body_velocities(
         ValueError: shapes do not fit.
         KeyError: there is no such frame.
 
-    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
-        in the other two.
+    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
+        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Featherstone 2008, 4.4 (velocities from body to body).
     """
     q, v = checked("body_velocities", mechanism, q=q, v=v)
@@ -106,8 +106,8 @@ def body_accelerations(
         ValueError: shapes do not fit.
         KeyError: there is no such frame.
 
-    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
-        in the other two.
+    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
+        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators.
     """
     q, v, vdot = checked("body_accelerations", mechanism, q=q, v=v, vdot=vdot)

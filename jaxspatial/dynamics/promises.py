@@ -1,25 +1,34 @@
-"""The error bound of algorithms of mechanisms, relative to the largest number of a result."""
+"""The error bound of algorithms of mechanisms: of all numbers of a result, relative to the largest."""
 
 from typing import NamedTuple
 
 
 class Normwise(NamedTuple):
-    """For n links one behind the other; per_link u of the largest number for each, or rounded u in all."""
+    """For n links one behind the other, r the largest number and mag what it would be if no terms cancelled:
 
-    per_link: float
+        fast, reproducible       u n u mag
+        compensated, faithful    rounded u |r| + u2 n u^2 mag
+
+    u stands for the unit roundoff behind each factor. Where the mass matrix is solved with, mag counts as many times as
+    its condition says.
+    """
+
+    u: float
     rounded: float
+    u2: float
 
-    def allowed(self, precision, links, roundoff, condition=1):
-        """The largest error over the largest number. condition: of the mass matrix, where it is solved with."""
-        return self.rounded * roundoff if precision.sees_whole_sums else self.per_link * links * condition * roundoff
+    def allowed(self, precision, links, roundoff, r, mag, condition=1):
+        """The largest error."""
+        if precision.sees_whole_sums:
+            return self.rounded * roundoff * r + self.u2 * links * roundoff**2 * condition * mag
+        return self.u * links * roundoff * condition * mag
 
-    @property
-    def words(self):
-        """As the docstrings have it."""
+    def words(self, condition=""):
+        """As the docstrings have it; condition: its letter and a blank."""
         return (
-            f'of the largest number, for n links one behind the other: at most {self.per_link:g} n u in "fast" and '
-            f'"reproducible", {self.rounded:g} u in the other two'
+            f'at most {self.u:g} n u {condition}mag in "fast" and "reproducible", {self.rounded:g} u |r| + '
+            f"{self.u2:g} n u^2 {condition}mag in the other two"
         )
 
 
-ALGORITHM = Normwise(per_link=4, rounded=1.01)
+ALGORITHM = Normwise(u=4, rounded=1.01, u2=32)

@@ -35,8 +35,8 @@ def joint_torque_regressor(
         TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
         ValueError: shapes do not fit.
 
-    Error: of the largest number, for n links one behind the other: at most 4 n u in "fast" and "reproducible", 1.01 u
-        in the other two.
+    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
+        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and links; Khalil,
         Dombre 2002, 12.2.
     """

@@ -110,7 +110,33 @@ def test_every_algorithm(precision, dtype):
         found = jax.jit(jax.vmap(functools.partial(all_of_ours, precision)))(*batch)
     for name, numbers in expected().items():
         ours = np.asarray(found[name][1], np.float64).ravel()
-        size = max(map(abs, numbers))
-        limit = ALGORITHM.allowed(js.Precision(precision), N, u, condition() if name == "forward dynamics" else 1)
-        error = max(abs(mp.mpf(float(x)) - y) for x, y in zip(ours, numbers, strict=True)) / size
-        assert error <= limit, (name, float(error / u))
+        size, factor = max(map(abs, numbers)), condition() if name == "forward dynamics" else 1
+        limit = ALGORITHM.allowed(js.Precision(precision), N, u, size, size, factor)
+        error = max(abs(mp.mpf(float(x)) - y) for x, y in zip(ours, numbers, strict=True))
+        assert error <= limit, (name, float(error / u / size))
+
+
+@functools.cache
+def falling():
+    """Accelerations of a fall from rest, in float32; the forces of it, all but none, and the size of their terms."""
+    masses, gravity = (np.array(expected()[name], float) for name in ("mass matrix", "gravity forces"))
+    fall = np.float64(np.float32(-np.linalg.solve(masses.reshape(N, N), gravity)))
+    with mp.workdps(60):
+        forces = exact.Chain(chain(), state()[0], np.zeros(N), fall).inverse_dynamics()
+    terms = abs(masses.reshape(N, N)) @ abs(fall) + abs(gravity)
+    return fall, forces, terms.max()
+
+
+@pytest.mark.parametrize("dtype", ["float32", pytest.param("float64", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("precision", list(js.Precision))
+def test_terms_that_cancel(precision, dtype):
+    """What little is left of forces while all falls: its errors are of the size of its terms, as promised."""
+    u, (fall, forces, mag) = float(jnp.finfo(dtype).eps) / 2, falling()
+    with jax.enable_x64(dtype == "float64"):
+        arrays = [np.asarray(x).astype(dtype) for x in (state()[0], np.zeros(N), fall)]
+        tau = jax.jit(functools.partial(js.inverse_dynamics, chain(), precision=precision))(*arrays)
+    size = max(map(abs, forces))
+    error = max(abs(mp.mpf(float(x)) - y) for x, y in zip(np.asarray(tau, np.float64), forces, strict=True))
+    assert error <= ALGORITHM.allowed(precision, N, u, size, mag), float(error / u / mag)
+    if not precision.sees_whole_sums and dtype == "float32":
+        assert error > ALGORITHM.allowed(precision, N, u, size, size)
