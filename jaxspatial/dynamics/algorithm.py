@@ -107,9 +107,9 @@ class Algorithm(program.Program):
     def n_fields(self):
         return self.tree.children()[0].num_leaves
 
-    def sibling(self, call, at=None, arrays=None):
+    def sibling(self, call, at=None, arrays=None, **more):
         """The program of another algorithm, with the same fields, and the same arrays, of which the one at a leaf is
-        data; or with so many arrays, of which the first is the same, and others are data."""
+        data; or with so many arrays, of which the first is the same, and others are data. more: static arguments."""
         known, tree, static = list(self.known), self.tree, self.static
         if at is not None:
             known[at] = None
@@ -117,10 +117,11 @@ class Algorithm(program.Program):
             leaf = jax.tree.structure(0)
             tree = jax.tree_util.treedef_tuple([tree.children()[0], jax.tree_util.treedef_tuple([leaf] * arrays)])
             known, static = [*known[: self.n_fields + 1], *[None] * (arrays - 1)], ()
+        static = tuple(sorted((*static, *more.items())))
         own = self.precision, self.topology, tree, tuple(known), static, self.dtype
-        return self.made((call, at, arrays), lambda: interned(call.kind(call.formula, *own)))
+        return self.made((call, at, arrays, static), lambda: interned(call.kind(call.formula, *own)))
 
-    def _place(self, leaf):
+    def place(self, leaf):
         """Where in the data a leaf is."""
         return sum(k is None for k in self.known[:leaf])
 
@@ -128,12 +129,12 @@ class Algorithm(program.Program):
         """The tangent of a leaf, None for zero."""
         if self.known[leaf] is not None:
             return None
-        found = tangents[self._place(leaf)]
+        found = tangents[self.place(leaf)]
         return None if primitive.is_zero(found) else found
 
     def with_leaf(self, data, leaf, x):
         """The data with x in the place of a leaf, that may have been known."""
-        place = self._place(leaf)
+        place = self.place(leaf)
         return [*data[:place], x, *data[place + (self.known[leaf] is None) :]]
 
     def tangents(self, primals, tangents, n_batch):

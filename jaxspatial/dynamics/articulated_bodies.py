@@ -11,9 +11,9 @@ from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.folding import is_known
 from jaxspatial.arithmetic.numbers import Rounded, constant, high, is_number, noinline, where
 from jaxspatial.dynamics import along, dense, recursion
-from jaxspatial.dynamics.inverse_dynamics import forces_of
 from jaxspatial.dynamics.links import Motion, across, body_motion, to_parent
 from jaxspatial.dynamics.mass_matrix import matrix_of
+from jaxspatial.dynamics.recursive_newton_euler import forces_of
 from jaxspatial.inertia import articulated
 from jaxspatial.mechanism.joints import Free
 from jaxspatial.spatial import algebra

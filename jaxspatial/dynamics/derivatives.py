@@ -17,7 +17,7 @@ from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.numbers import constant, doubled, noinline, where
 from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm
-from jaxspatial.dynamics.inverse_dynamics import wrench_of
+from jaxspatial.dynamics.coordinates import by_coordinates
 from jaxspatial.dynamics.kinematics import world
 from jaxspatial.dynamics.links import across, motion_step, subspace_times, world_motion
 from jaxspatial.dynamics.loads import loads
@@ -30,9 +30,37 @@ from jaxspatial.dynamics.mass_matrix import (
     with_armature,
     wrench_to_parent,
 )
+from jaxspatial.dynamics.recursive_newton_euler import wrench_of
 from jaxspatial.dynamics.state import Inertia
 from jaxspatial.inertia import articulated
 from jaxspatial.spatial.algebra import force_cross, minus, motion_cross, plus, power, skew, times, twice_crossed
+
+
+@algorithm(*DYNAMICS, *FRAMES, entries=lambda t: 5 * t.nv**2)
+def derivatives(state, v, vdot, forces, *, frames):
+    """(dtau_dq, dtau_dv, M), (nv, nv) each, q by the steps of `integrate`."""
+    return tuple(map(state.rounded, _matrices(state, v, vdot, loads(state, frames, forces, _load_rate))))
+
+
+@algorithm(*DYNAMICS, *FRAMES, entries=lambda t: 5 * t.nv**2)
+def jacobians(state, v, vdot, forces, *, frames, wanted):
+    """Those by q, v and vdot that are wanted, as JAX has them: q by its coordinates, (nv, nq)."""
+    dq, dv, M = _matrices(state, v, vdot, loads(state, frames, forces, _load_rate))
+    found = (by_coordinates(state, dq) if wanted[0] else None), dv, M
+    return [state.rounded(x) for x, yes in zip(found, wanted, strict=True) if yes]
+
+
+def _matrices(state, v, vdot, body_loads):
+    links = state.links(v, vdot)
+    motions = recursion.outward(state, motion_step, world_motion(state), links)
+    subtrees = _composites(state, links, motions, body_loads)
+    placed = recursion.outward(
+        state, _from_root, (*world(state), state.no_vector), _with_root_marks(state, links, motions)
+    )
+    sides = [noinline(_in_world_axes)(*x) for x in zip(links, motions, subtrees, placed, strict=True)]
+    rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, sides, strict=True)] for side in (0, 1))
+    return _assembled(state, links, pairs.matrices(state, _entries, rows, columns))
+
 
 # -- composite bodies -------------------------------------------------------------------------------------------------
 
@@ -53,18 +81,12 @@ class Subtree(NamedTuple):
     load: Any
 
 
-@algorithm(*DYNAMICS, *FRAMES, entries=lambda t: 5 * t.nv**2)
-def derivatives(state, v, vdot, forces, *, frames):
-    links = state.links(v, vdot)
+def _composites(state, links, motions, body_loads):
+    """The Subtree of every bundle."""
+    own = list(zip(links, motions, body_loads, strict=True))
     zero = state.no_vector
-    motions = recursion.outward(state, motion_step, world_motion(state), links)
-    own = list(zip(links, motions, loads(state, frames, forces, _load_rate), strict=True))
     nothing = Subtree(Inertia(zero[0], zero, zero + zero), zero + zero, (zero,) * 3, zero, (zero,) * 3, zero)
-    subtrees = recursion.inward(state, _composite_step, nothing, own, joined=_combined)
-    placed = recursion.outward(state, _from_root, (*world(state), zero), _with_root_marks(state, links, motions))
-    sides = [noinline(_in_world_axes)(*x) for x in zip(links, motions, subtrees, placed, strict=True)]
-    rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, sides, strict=True)] for side in (0, 1))
-    return _assembled(state, links, pairs.matrices(state, _entries, rows, columns))
+    return recursion.inward(state, _composite_step, nothing, own, joined=_combined)
 
 
 def _load_rate(tau, f, r):
@@ -234,11 +256,11 @@ def _motion_rates(s, V, A, own):
 
 
 def _assembled(state, links, found):
-    """(dtau_dq, dtau_dv, M), (nv, nv, B)."""
+    """(dtau_dq, dtau_dv, M), as numbers (nv, nv, B)."""
     below = jnp.asarray(np.array(_is_behind(state.topology))[:, :, None])
     by_q, by_v = (where(below, x, _transposed(y)) for x, y in zip(found[2:4], found[:2], strict=True))
     by_q, by_v = (pairs.by_rates(state, pairs.by_rates(state, x, 0), 1) for x in (by_q, by_v))
-    return tuple(map(state.rounded, (by_q, by_v, with_armature(state, links, symmetric_of(found[4])))))
+    return by_q, by_v, with_armature(state, links, symmetric_of(found[4]))
 
 
 def _transposed(x):

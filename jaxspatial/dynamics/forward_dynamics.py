@@ -1,14 +1,20 @@
 """Forward dynamics: how a mechanism moves under forces at its joints, by articulated bodies."""
 
+import functools
+import math
+
 import jax
+import jax.numpy as jnp
+from jax import lax
 
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates
-from jaxspatial.dynamics import primitive
+from jaxspatial.dynamics import primitive, program
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, checked, of_rates
 from jaxspatial.dynamics.articulated_bodies import accelerations, floats, solution
-from jaxspatial.dynamics.inverse_dynamics import _inverse_dynamics, forces_of
+from jaxspatial.dynamics.inverse_dynamics import _inverse_dynamics
 from jaxspatial.dynamics.links import minus_gravity
 from jaxspatial.dynamics.loads import ExternalForces, checked_forces, loads
+from jaxspatial.dynamics.recursive_newton_euler import forces_of
 from jaxspatial.mechanism import Mechanism
 
 
@@ -90,15 +96,47 @@ class Solve(Algorithm):
     def jvp(self, primals, tangents, n_batch):
         (a,) = primitive.bind(self, primals, n_batch)
         *own, force = primals
-        n = self._place(self.n_fields + 1)
+        n = self.place(self.n_fields + 1)
         (tau_dot,) = self.sibling(_mass_times, arrays=2).tangents([*own[:n], a], [*tangents[:n], None], n_batch)
         force = plus(None if primitive.is_zero(tangents[-1]) else tangents[-1], minus(tau_dot))
         found = primitive.no_tangent(a) if force is None else primitive.bind(self, [*own, force], n_batch)[0]
         return [a], [found]
 
+    def batched(self, arrays, axes, size, n_batch):
+        """More forces at one state than there are rates: M^-1 once, times all."""
+        *own, force = arrays
+        if any(axis is not None for axis in axes[:-1]) or size <= self.topology.nv:
+            return None
+        units = jnp.eye(self.topology.nv, dtype=force.dtype).reshape((-1, *[1] * n_batch, self.topology.nv))
+        (inverse,) = primitive.bind(self, [*(x[None] for x in own), units], n_batch + 1)
+        return [program.times_columns(jnp.moveaxis(inverse, 0, -1), jnp.moveaxis(force, axes[-1], 0))]
+
+    def columns(self, arrays, n_batch):
+        """Of many states: their factors would have to be repeated for every column."""
+        *own, force = arrays
+        n_states = max(math.prod(x.shape[:n_batch]) for x in own)
+        shared = (k for k in range(n_batch) if all(x.shape[k] == 1 for x in own) and force.shape[k] > 1)
+        return list(shared) if n_states >= program.SMALLEST_BLOCK else []
+
+    @functools.cached_property
+    def over_columns(self):
+        return OverColumns(self)
+
     def transposed(self, cotangents, arguments, n_batch):
         (a,) = primitive.bind(self, [*arguments[:-1], *cotangents], n_batch)
         return [*[None] * (len(arguments) - 1), primitive.over_own(a, arguments[-1].aval)]
+
+
+class OverColumns(program.Program):
+    """A program whose last argument, and result, has an axis of columns behind the states."""
+
+    def __init__(self, of):
+        self.of = of
+
+    def evaluate(self, *arrays):
+        *own, columns = arrays
+        (found,) = lax.map(lambda column: self.of.evaluate(*own, column), jnp.moveaxis(columns, 1, 0))
+        return [jnp.moveaxis(found, 0, 1)]
 
 
 def _solved(own, primals, factors, force, n_batch):
@@ -106,7 +144,7 @@ def _solved(own, primals, factors, force, n_batch):
     if force is None:
         return primitive.no_tangent(primals[-1])
     solve = own.sibling(_solve, arrays=2 + len(factors))
-    return primitive.bind(solve, [*primals[: own._place(own.n_fields + 1)], *factors, force], n_batch)[0]
+    return primitive.bind(solve, [*primals[: own.place(own.n_fields + 1)], *factors, force], n_batch)[0]
 
 
 def plus(a, b):

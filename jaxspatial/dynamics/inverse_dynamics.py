@@ -2,15 +2,13 @@
 
 import jax
 
-from jaxspatial.arithmetic import symmetric, vectors
-from jaxspatial.arithmetic.numbers import noinline
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
-from jaxspatial.dynamics import recursion
-from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm, checked, of_rates
-from jaxspatial.dynamics.links import Motion, across, angular_acceleration_tensor, body_motion, minus_gravity, to_parent
+from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, checked, of_rates
+from jaxspatial.dynamics.derivatives import jacobians
+from jaxspatial.dynamics.links import minus_gravity
 from jaxspatial.dynamics.loads import ExternalForces, checked_forces, loads
+from jaxspatial.dynamics.recursive_newton_euler import forces_of
 from jaxspatial.mechanism import Mechanism
-from jaxspatial.spatial import algebra
 
 
 def inverse_dynamics(
@@ -26,7 +24,9 @@ def inverse_dynamics(
 
         tau = M(q) vdot + C(q, v) v + g(q) - J^T F
 
-    Armature is part of M. Damping, friction and springs are not: see `passive_forces`.
+    Armature is part of M. Damping, friction and springs are not: see `passive_forces`. Of as many tangents or
+    cotangents at one state as there are rates (`jax.jacfwd`, `jax.jacrev`) derivatives come from those in closed form,
+    see `inverse_dynamics_derivatives`: with its errors, and other bits than single ones.
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
@@ -115,45 +115,22 @@ def gravity_forces(mechanism: Mechanism, q: Coordinates, *, precision: Precision
     return _inverse_dynamics(precision, mechanism, q, None, None, (), frames=())
 
 
-@algorithm(*DYNAMICS, *FRAMES, result=of_rates)
+class InverseDynamics(Algorithm):
+    """The program of `_inverse_dynamics`. As many tangents or cotangents at one state as there are rates come from the
+    Jacobians in closed form."""
+
+    def jacobians(self, moving, n_columns):
+        wanted = self._moves_with(moving)
+        if n_columns < self.topology.nv or sum(wanted) < sum(moving):
+            return None
+        return self.sibling(jacobians, wanted=wanted)
+
+    def _moves_with(self, moving):
+        """Whether q, v and vdot do."""
+        leaves = jax.tree.unflatten(self.tree, range(self.tree.num_leaves))[1][:3]
+        return tuple(i is not None and self.known[i] is None and moving[self.place(i)] for i in leaves)
+
+
+@algorithm(*DYNAMICS, *FRAMES, kind=InverseDynamics, result=of_rates)
 def _inverse_dynamics(state, v, vdot, forces, *, frames):
     return state.by_rate(forces_of(state, v, vdot, loads(state, frames, forces), minus_gravity(state)))
-
-
-def forces_of(state, v, vdot, body_loads, gravity):
-    """The generalized forces of every bundle, under loads; gravity: the upward acceleration of the world."""
-    own = list(zip(state.links(v, vdot), body_loads, strict=True))
-    world = Motion(state.no_vector, state.no_vector, gravity)
-    wrenches = recursion.outward(state, _net_wrench, world, own)
-    nothing = state.no_vector, state.no_vector
-    return recursion.inward(state, _joint_forces, nothing, list(zip(state.links(v, vdot), wrenches, strict=True)))
-
-
-def _net_wrench(own, parent):
-    """(the wrench that accelerates a body, less its load; its motion)."""
-    link, load = own
-    motion = body_motion(link, parent)
-    return tuple(vectors.minus(x, y) for x, y in zip(wrench_of(link.inertia, motion), load[:2], strict=True)), motion
-
-
-def _joint_forces(own, children):
-    """(tau, the wrench transformed to the parent) of a body, from its own net wrench and the sum of its children's."""
-    link, wrench = own
-    tau, f = (vectors.plus(x, y) for x, y in zip(wrench, children, strict=True))
-    at_joint = [algebra.power((tau, f), S) for S in link.joint.subspace]
-    at_rotor = vectors.products(link.armature, link.vdot)
-    return vectors.plus(tuple(at_joint), at_rotor), to_parent(across(link.placement, link.joint), tau, f)
-
-
-def wrench_of(inertia, motion):
-    """The Newton-Euler equations: the net wrench about the origin of a body with this motion.
-
-    f = m (a + E c)    tau = I alpha + w x I w + c x f
-    """
-    f = noinline(_force)(inertia, motion.a, angular_acceleration_tensor(motion.w, motion.alpha))
-    h = noinline(vectors.matrix_times)(symmetric.rows(inertia.central), motion.w)
-    return algebra.newton_euler_torque(inertia.com, inertia.central, motion.alpha, motion.w, h, f), f
-
-
-def _force(inertia, a, E):
-    return vectors.times(inertia.mass, vectors.plus(a, vectors.matrix_times(E, inertia.com)))

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.interpreters import ad
 
-from jaxspatial.dynamics.primitive import Traced, bind, is_zero, zeros
+from jaxspatial.dynamics.primitive import Traced, bind, is_zero, over_own, zeros
 
 # How many states run side by side: enough for long loops, few enough for the cache; and how many numbers of results.
 LARGEST_BLOCK, SMALLEST_BLOCK, NUMBERS = 2048, 64, 2**18
@@ -70,6 +70,20 @@ class Program:
         """Whether argument i has to be one for every state, as its cotangents are not to be added up."""
         return False
 
+    def jacobians(self, moving, n_columns):
+        """The program of the Jacobians of the one result by the arguments that move, where so many columns or rows at
+        one state are worth it; None where not, or where there is none."""
+        return None
+
+    def columns(self, arrays, n_batch):
+        """The axes of the batch along which only the last argument varies, where these are better gone through one by
+        one than side by side."""
+        return []
+
+    def batched(self, arrays, axes, size, n_batch):
+        """The results along a new axis in front, where that is no matter of one state more; None where it is."""
+        return None
+
     def jvp(self, primals, tangents, n_batch):
         """(results, their tangents)."""
         moving = tuple(not is_zero(t) for t in tangents)
@@ -98,6 +112,18 @@ class Derived(Program):
         n = len(self.moving)
         return list(arrays[:n]), list(arrays[n:])
 
+    def _at_one_state(self, arrays, axes, size, n_batch):
+        """(the Jacobians, what is mapped over, with the new axis in front), of arguments that are not; None else."""
+        at, others = self._split(arrays)
+        of = None if any(a is not None for a in axes[: len(at)]) else self.of.jacobians(self.moving, size)
+        if of is None:
+            return None
+        others = [
+            x[None] if axis is None else jnp.moveaxis(x, axis, 0)
+            for x, axis in zip(others, axes[len(at) :], strict=True)
+        ]
+        return bind(of, at, n_batch), others
+
     def _chosen(self, arguments):
         return [x for x, yes in zip(arguments, self.moving, strict=True) if yes]
 
@@ -122,6 +148,13 @@ class Tangent(Derived):
     def outputs(self, avals, sizes):
         n = len(self.moving)
         return self.of.outputs(avals[:n], sizes[:n])
+
+    def batched(self, arrays, axes, size, n_batch):
+        found = self._at_one_state(arrays, axes, size, n_batch)
+        if found is None:
+            return None
+        matrices, tangents = found
+        return [times_columns(jnp.concatenate(matrices, -1), _concatenated(tangents))]
 
     def transposed(self, cotangents, arguments, n_batch):
         at, tangents = self._split(arguments)
@@ -153,6 +186,15 @@ class Pullback(Derived):
     def outputs(self, avals, sizes):
         return [(a.shape, a.dtype) for a in self._chosen(avals[: len(self.moving)])]
 
+    def batched(self, arrays, axes, size, n_batch):
+        found = self._at_one_state(arrays, axes, size, n_batch)
+        if found is None:
+            return None
+        matrices, (cotangents,) = found
+        pulled = (times_columns(jnp.swapaxes(J, -1, -2), cotangents) for J in matrices)
+        like = (jnp.broadcast_to(x, (size, *x.shape)) for x in self._chosen(self._split(arrays)[0]))
+        return [over_own(y, x) for x, y in zip(like, pulled, strict=True)]
+
     def owner(self, i):
         return [j for j, yes in enumerate(self.moving) if yes][i]
 
@@ -161,6 +203,22 @@ class Pullback(Derived):
 
     def needs_own(self, i):
         return i < len(self.moving) and self.moving[i]
+
+
+def times_columns(matrix, columns):
+    """(k, *batch, n) of a matrix (*batch, n, m) and k columns (k, *batch, m): rounded once more where these are no unit
+    vectors."""
+    shape = np.broadcast_shapes(matrix.shape[:-2], columns.shape[1:-1])
+    wide = np.dtype(np.float32) if matrix.dtype.itemsize == 2 else matrix.dtype
+    found = jnp.einsum(
+        "...ij,k...j->k...i", matrix, columns, precision="highest", preferred_element_type=wide, optimize=False
+    )
+    return jnp.broadcast_to(found, (columns.shape[0], *shape, matrix.shape[-2])).astype(matrix.dtype)
+
+
+def _concatenated(columns):
+    shape = np.broadcast_shapes(*(x.shape[:-1] for x in columns))
+    return jnp.concatenate([jnp.broadcast_to(x, (*shape, x.shape[-1])) for x in columns], -1)
 
 
 def _placed(linear, found):

@@ -240,6 +240,20 @@ class KindState:
         """Of its angles, for the rates of its coordinates."""
         return {k: cosine_sine(q[k]) for k in self.kind.angles} if self.kind.rates_need_angles else {}
 
+    @property
+    def has_rates_of_coordinates(self):
+        """Whether rates are the coordinates' own."""
+        return self.kind.nq == self.kind.nv and not self.kind.rates_need_angles
+
     def dq_dt(self, v):
+        return self._dq_dt([self.rates(v)])[0]
+
+    def dq_dt_of_units(self):
+        """dq/dt of each rate alone, at one."""
+        n = self.kind.nv
+        return self._dq_dt([tuple(self.state.known(float(i == k)) for i in range(n)) for k in range(n)])
+
+    def _dq_dt(self, several):
         q = self.coordinates(self.state.q)
-        return self.kind.rates(self.parameters, q, self.cos_sin(q), self.rates(v))
+        cos_sin = self.cos_sin(q)
+        return [self.kind.rates(self.parameters, q, cos_sin, v) for v in several]

@@ -10,6 +10,7 @@ PEERS = (PINOCCHIO, MUJOCO, FRAX, MJX)
 INVERSE, FORWARD, MASS = "inverse dynamics", "forward dynamics", "mass matrix"
 KINEMATICS, JACOBIAN = "kinematics", "Jacobian"
 INVERSE_DERIVATIVES, FORWARD_DERIVATIVES = "derivatives of inverse dynamics", "derivatives of forward dynamics"
+JACFWD_INVERSE, JACFWD_FORWARD = "jacfwd of inverse dynamics", "jacfwd of forward dynamics"
 GRADIENT, BY_INERTIAS = "gradient of forward dynamics", "gradient by inertial parameters"
 STEP, GRADIENT_OF_STEP = "step", "gradient of a step"
 
@@ -89,6 +90,9 @@ OVER_PINOCCHIO = dict.fromkeys((INVERSE, FORWARD), {"float32": 5.0, "float64": 2
 OVER_PINOCCHIO |= dict.fromkeys((MASS, INVERSE_DERIVATIVES, FORWARD_DERIVATIVES), {"float32": 3.0, "float64": 1.5})
 FEW_OVER_PINOCCHIO = 1.5
 GRADIENT_OVER_VALUE = 4.0
+# Of autodiff's time to that of the same derivatives in closed form.
+JACFWD_OVER_CLOSED_FORMS = 1.0
+CLOSED_FORMS = {JACFWD_INVERSE: INVERSE_DERIVATIVES, JACFWD_FORWARD: FORWARD_DERIVATIVES}
 LARGE_OVER_MANY = 1.1
 # algorithm -> microseconds for one state, at most, of (the Panda, the floating G1)
 ONE_STATE = {INVERSE: (20.0, 60.0), FORWARD: (40.0, 120.0)}
@@ -117,7 +121,7 @@ def best_peer(results, case):
 
 def claims(results):
     """Of all that was measured: Claim by Claim."""
-    for kind in (_compiling, _many, _large, _gradient, _few, _one, _agreeing):
+    for kind in (_compiling, _many, _large, _gradient, _jacfwd, _few, _one, _agreeing):
         yield from kind(results)
 
 
@@ -158,6 +162,16 @@ def _gradient(results):
     if value in results.seconds and gradient in results.seconds:
         what = f"{GRADIENT} over its value"
         yield Claim(_where(results), what, True, GRADIENT_OVER_VALUE, ratio(results.seconds, gradient, value))
+
+
+def _jacfwd(results):
+    for algorithm, closed in CLOSED_FORMS.items():
+        found, below = (Case(x, results.many, OURS) for x in (algorithm, closed))
+        if found in results.seconds and below in results.seconds:
+            asked = JACFWD_OVER_CLOSED_FORMS
+            yield Claim(
+                _where(results), f"{algorithm} over {closed}", True, asked, ratio(results.seconds, found, below)
+            )
 
 
 def _few(results):

@@ -1,5 +1,6 @@
 """What of this library the benchmark of dynamics runs, on which states, and what it is compared with."""
 
+import functools
 from typing import Any, NamedTuple
 
 import jax
@@ -14,6 +15,8 @@ from dynamics_claims import (
     GRADIENT_OF_STEP,
     INVERSE,
     INVERSE_DERIVATIVES,
+    JACFWD_FORWARD,
+    JACFWD_INVERSE,
     JACOBIAN,
     KINEMATICS,
     MASS,
@@ -99,6 +102,10 @@ def _jacobian(mech, tip, precision, q, v, a, c):
     return js.jacobian(mech, q, mech.body_names[mech.joint_names.index(tip)], precision=precision)
 
 
+def _jacfwd(algorithm, mech, precision, *state):
+    return jax.jacfwd(functools.partial(algorithm, mech, precision=precision), (0, 1, 2))(*state)
+
+
 def _gradient(mech, tip, precision, q, v, tau, c):
     return pulled_back(_forward(mech, precision), (q, v, tau), c)
 
@@ -115,6 +122,8 @@ _STATES = {
     JACOBIAN: _jacobian,
     INVERSE_DERIVATIVES: lambda mech, tip, p, q, v, a, c: js.inverse_dynamics_derivatives(mech, q, v, a, precision=p),
     FORWARD_DERIVATIVES: lambda mech, tip, p, q, v, t, c: js.forward_dynamics_derivatives(mech, q, v, t, precision=p),
+    JACFWD_INVERSE: lambda mech, tip, p, q, v, a, c: _jacfwd(js.inverse_dynamics, mech, p, q, v, a),
+    JACFWD_FORWARD: lambda mech, tip, p, q, v, tau, c: _jacfwd(js.forward_dynamics, mech, p, q, v, tau),
     GRADIENT: _gradient,
     STEP: lambda mech, tip, p, q, v, tau, c: _step(mech, p)(q, v, tau),
     GRADIENT_OF_STEP: _gradient_of_step,

@@ -56,7 +56,7 @@ def test_dynamics(dtype, peer):
     for name in ("pinocchio", "mujoco.mjx", "frax"):
         pytest.importorskip(name)
     rows = ["inverse dynamics", "forward dynamics", "mass matrix", "kinematics", "Jacobian", "step"]
-    rows += ["derivatives of inverse dynamics", "gradient by inertial parameters"]
+    rows += ["derivatives of inverse dynamics", "jacfwd of inverse dynamics", "gradient by inertial parameters"]
     options = ["--robots", "panda", "--dtypes", dtype, "--peers", "Pinocchio C++", peer, "--parts", "robots"]
     options += ["--batch", "40", "--large", "80", "--rounds", "2", "--limit", "1", "--rows", *rows]
     run = subprocess.run([sys.executable, HERE / "dynamics.py", *options], capture_output=True, text=True, timeout=3000)

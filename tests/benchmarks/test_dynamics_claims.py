@@ -12,9 +12,11 @@ with pytest.MonkeyPatch.context() as patch:
     import dynamics_report as report
     from dynamics_claims import (
         FORWARD,
+        FORWARD_DERIVATIVES,
         FRAX,
         GRADIENT,
         INVERSE,
+        JACFWD_FORWARD,
         LARGE,
         MANY,
         MASS,
@@ -65,6 +67,13 @@ def test_large_batches_and_gradients_are_compared_with_the_main_batch_and_the_va
     large, gradient = claims.claims(results(times))
     assert large.is_met and np.isclose(large.found, 1.09)
     assert not gradient.is_met and np.isclose(gradient.found, 4.1)
+
+
+def test_autodiff_is_compared_with_the_closed_forms():
+    for took, is_met in ((0.9, True), (1.1, False)):
+        times = {Case(JACFWD_FORWARD, MANY, OURS): took, Case(FORWARD_DERIVATIVES, MANY, OURS): 1.0}
+        (found,) = claims.claims(results(times))
+        assert found.is_met == is_met and np.isclose(found.found, took)
 
 
 def test_one_state_is_told_in_microseconds_and_next_to_frax():

@@ -1,0 +1,142 @@
+"""`jax.jacfwd` and `jax.jacrev` of dynamics: by the closed forms, whatever they are nested in, and the same numbers."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from tests.helpers import tangents
+
+N = 3
+
+
+@pytest.fixture(autouse=True)
+def _x64():
+    with jax.enable_x64(True), js.default_precision("fast"):
+        yield
+
+
+@functools.cache
+def mechanism():
+    """Joints of quaternions and in the plane, whose rates are not those of coordinates, and two of one rate."""
+    return js.random_mechanism(0, 4, ["free", "revolute", "planar"], dtype=np.float64)
+
+
+@functools.cache
+def state():
+    mech, rng = mechanism(), np.random.default_rng(3)
+    q = js.random_configuration(mech, jax.random.key(4), N, np.float64)
+    return q, *(jnp.asarray(rng.standard_normal((N, mech.nv))) for _ in range(2))
+
+
+def inverse(q, v, a):
+    return js.inverse_dynamics(mechanism(), q, v, a)
+
+
+def forward(q, v, tau):
+    return js.forward_dynamics(mechanism(), q, v, tau)
+
+
+@functools.cache
+def expected(function):
+    return jax.jit(jax.vmap(tangents.jacobians(function, (0, 1, 2))))(*state())
+
+
+def require_near(found, wanted, allowed=256.0):
+    for x, y in zip(found, wanted, strict=True):
+        assert x.shape == y.shape
+        assert abs(np.asarray(x - y)).max() <= allowed * 2.0**-53 * abs(np.asarray(y)).max()
+
+
+@pytest.mark.parametrize("jacobian", [jax.jacfwd, jax.jacrev])
+def test_of_inverse_dynamics(jacobian):
+    require_near(jax.jit(jax.vmap(jacobian(inverse, (0, 1, 2))))(*state()), expected(inverse))
+
+
+@pytest.mark.parametrize("jacobian", [jax.jacfwd, jax.jacrev])
+def test_of_forward_dynamics(jacobian):
+    """More columns than rates, and for tau as many: M^-1 once, and column by column."""
+    condition = max(np.linalg.cond(M) for M in np.asarray(js.mass_matrix(mechanism(), state()[0])))
+    found = jax.jit(jax.vmap(jacobian(forward, (0, 1, 2))))(*state())
+    require_near(found, expected(forward), 64 * condition)
+
+
+def test_of_many_states_go_through_the_columns_of_their_factors():
+    """As those of a few, whose columns are side by side."""
+    n = 70
+    many = [jnp.concatenate([x, jnp.repeat(x[:1], n - N, 0)]) for x in state()]
+    by_tau = jax.jit(jax.vmap(jax.jacfwd(forward, 2)))
+    require_near([by_tau(*many)[:N]], [by_tau(*state())], 1e4)
+
+
+def test_by_a_part_of_the_arguments_and_of_one_batch():
+    """By q and by v alone; of a function over a batch, whose Jacobian is one for all; rows of one state."""
+    q, v, a = (x[0] for x in state())
+    by_q, by_v, _ = (x[0] for x in expected(inverse))
+    require_near([jax.jacfwd(inverse)(q, v, a), jax.jacrev(inverse, 1)(q, v, a)], [by_q, by_v])
+    whole = jax.jacrev(inverse, 1)(*state())
+    for i in range(N):
+        for j in range(N):
+            wanted = expected(inverse)[1][i] if i == j else jnp.zeros_like(by_v)
+            require_near([whole[i, :, j]], [wanted], 256.0 if i == j else 0.0)
+
+
+def test_without_rates_or_accelerations():
+    q, v, _ = (x[0] for x in state())
+    zero = jnp.zeros(mechanism().nv)
+    bias = jax.jit(jax.jacfwd(lambda q, v: js.bias_forces(mechanism(), q, v), (0, 1)))
+    gravity = jax.jit(jax.jacrev(lambda q: js.gravity_forces(mechanism(), q)))
+    wanted = jax.jit(tangents.jacobians(inverse, (0, 1)))
+    require_near(bias(q, v), wanted(q, v, zero))
+    require_near([gravity(q)], wanted(q, zero, zero)[:1])
+
+
+def test_cotangents_of_what_states_share_are_added_up():
+    """One configuration under many rates: the rows of each result, by the configuration that all share."""
+    q, v, a = state()
+
+    def powers(q):
+        return jnp.sum(inverse(jnp.broadcast_to(q, (N, *q.shape)), v, a), 0)
+
+    found = jax.jit(jax.jacrev(powers))(q[0])
+    one_by_one = jax.jit(jax.vmap(tangents.jacobians(inverse, (0,))))(jnp.broadcast_to(q[0], q.shape), v, a)[0]
+    require_near([found], [one_by_one.sum(0)], 1e3)
+
+
+def test_second_derivatives():
+    """Hessians of an energy of forces, along two rates, against nested tangents."""
+    q, v, a = (x[0] for x in state())
+    hessian = jax.jit(jax.jacfwd(jax.jacrev(lambda v: (inverse(q, v, a) ** 2).sum())))(v)
+    gradient = jax.grad(lambda v: (inverse(q, v, a) ** 2).sum())
+    require_near([hessian], jax.jit(tangents.jacobians(gradient, (0,)))(v), 1e3)
+
+
+@pytest.mark.parametrize("columns", [1, 5])
+def test_fewer_columns_than_rates_are_tangents(columns):
+    """The bits of each tangent on its own, in "reproducible"."""
+    (q, v, a), rng = (x[0] for x in state()), np.random.default_rng(0)
+    assert columns < mechanism().nv
+    along = jnp.asarray(rng.standard_normal((columns, mechanism().nv)))
+    with js.default_precision("reproducible"):
+        tangent = jax.jit(lambda dv: jax.jvp(lambda v: inverse(q, v, a), (v,), (dv,))[1])
+        np.testing.assert_array_equal(jax.jit(jax.vmap(tangent))(along), np.stack([tangent(x) for x in along]))
+
+
+def test_they_are_the_closed_forms():
+    """One program of Jacobians at the states, in place of one of tangents at as many as there are columns."""
+    mech = mechanism()
+
+    def sizes(function):
+        found = jax.make_jaxpr(jax.vmap(function))(*state())
+        return [
+            equation.outvars[0].aval.shape
+            for equation in found.jaxpr.eqns
+            if equation.primitive.name == "jaxspatial_program"
+        ]
+
+    assert (N, mech.nv, mech.nq) in sizes(jax.jacfwd(inverse))
+    assert (N, mech.nv, mech.nv) in sizes(jax.jacrev(inverse, 1))
+    assert (mech.nv, N, mech.nv) not in sizes(jax.jacfwd(inverse, 1))
