@@ -56,7 +56,7 @@ def test_of_inverse_dynamics(jacobian):
     require_near(jax.jit(jax.vmap(jacobian(inverse, (0, 1, 2))))(*state()), expected(inverse))
 
 
-@pytest.mark.parametrize("jacobian", [jax.jacfwd, jax.jacrev])
+@pytest.mark.parametrize("jacobian", [jax.jacfwd, pytest.param(jax.jacrev, marks=pytest.mark.slow)])
 def test_of_forward_dynamics(jacobian):
     """More columns than rates, and for tau as many: M^-1 once, and column by column."""
     condition = max(np.linalg.cond(M) for M in np.asarray(js.mass_matrix(mechanism(), state()[0])))
@@ -72,6 +72,7 @@ def test_of_many_states_go_through_the_columns_of_their_factors():
     require_near([by_tau(*many)[:N]], [by_tau(*state())], 1e4)
 
 
+@pytest.mark.slow
 def test_by_a_part_of_the_arguments_and_of_one_batch():
     """By q and by v alone; of a function over a batch, whose Jacobian is one for all; rows of one state."""
     q, v, a = (x[0] for x in state())
@@ -84,6 +85,7 @@ def test_by_a_part_of_the_arguments_and_of_one_batch():
             require_near([whole[i, :, j]], [wanted], 256.0 if i == j else 0.0)
 
 
+@pytest.mark.slow
 def test_without_rates_or_accelerations():
     q, v, _ = (x[0] for x in state())
     zero = jnp.zeros(mechanism().nv)
