@@ -10,7 +10,7 @@ from jaxspatial.dynamics import along
 def by_coordinates(state, matrix):
     """A matrix (nv, nv, B) with columns by rates, as one with columns by coordinates, kind by kind."""
     t, found, places = state.topology, [], []
-    for own in state.own_joints:
+    for own in state.kind_states:
         bodies = own.bundle.own_bodies
         rates = [_columns(matrix, np.array(t.v_starts)[bodies] + k) for k in range(own.kind.nv)]
         found += rates if own.has_rates_of_coordinates else _along_coordinates(own.dq_dt_of_units(), rates)
