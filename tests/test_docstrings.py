@@ -13,7 +13,7 @@ UNCONVERTED = {
     *("default_precision", "from_components", "from_double_word", "stack", "to_double_word"),
     *("act", "act_inverse", "center_of_pressure", "central_axis", "cross", "dot", "rotate", "shift"),
     *("kinetic_energy_regressor", "momentum_regressor", "newton_euler", "newton_euler_regressor"),
-    *("lock_joints", "random_mechanism", "subtree", "wrench_from_point_forces", "self_check"),
+    *("wrench_from_point_forces", "self_check"),
 }
 
 

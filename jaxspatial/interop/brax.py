@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import symmetric
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.interop import mujoco
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialForce, SpatialMomentum, SpatialVelocity, act
@@ -44,7 +44,7 @@ def to_motion(V: SpatialVelocity) -> Any:
     return _base().Motion(ang=V.w, vel=V.v)
 
 
-def from_spatial_acceleration(A: Any, V: Any, *, precision: Precision | str | None = None) -> SpatialAcceleration:
+def from_spatial_acceleration(A: Any, V: Any, *, precision: PrecisionName = None) -> SpatialAcceleration:
     """Reads a brax.base.Motion that is Featherstone's acceleration.
 
     Args:
@@ -60,9 +60,7 @@ def from_spatial_acceleration(A: Any, V: Any, *, precision: Precision | str | No
     return SpatialAcceleration.from_featherstone(from_motion(A).to_array(), from_motion(V), precision=precision)
 
 
-def to_spatial_acceleration(
-    A: SpatialAcceleration, V: SpatialVelocity, *, precision: Precision | str | None = None
-) -> Any:
+def to_spatial_acceleration(A: SpatialAcceleration, V: SpatialVelocity, *, precision: PrecisionName = None) -> Any:
     """Makes a brax.base.Motion that is Featherstone's acceleration.
 
     Args:
@@ -120,7 +118,7 @@ def to_force(F: SpatialForce | SpatialMomentum) -> Any:
     return _base().Force(ang=F.rotational, vel=F.translational)
 
 
-def from_transform(X_AB: Any, *, precision: Precision | str | None = None) -> RigidTransform:
+def from_transform(X_AB: Any, *, precision: PrecisionName = None) -> RigidTransform:
     """Reads a brax.base.Transform, which holds p_AB and a quaternion wxyz.
 
     Args:
@@ -135,7 +133,7 @@ def from_transform(X_AB: Any, *, precision: Precision | str | None = None) -> Ri
     return mujoco.from_xpos_xquat(X_AB.pos, X_AB.rot, precision=precision)
 
 
-def to_transform(X_AB: RigidTransform, *, precision: Precision | str | None = None) -> Any:
+def to_transform(X_AB: RigidTransform, *, precision: PrecisionName = None) -> Any:
     """Makes a brax.base.Transform, the real part not negative.
 
     Args:
@@ -156,7 +154,7 @@ def to_transform(X_AB: RigidTransform, *, precision: Precision | str | None = No
 # Inertia is one class with two meanings: of a link, and after `Transform.do`.
 
 
-def from_inertia(M: Any, *, precision: Precision | str | None = None) -> SpatialInertia:
+def from_inertia(M: Any, *, precision: PrecisionName = None) -> SpatialInertia:
     """Reads a brax.base.Inertia as links have it.
 
     Args:
@@ -188,7 +186,7 @@ def to_inertia(M_BBo_B: SpatialInertia) -> Any:
     return _base().Inertia(transform=transform, i=M_BBo_B.central_matrix(), mass=M_BBo_B.mass)
 
 
-def from_moved_inertia(M: Any, *, precision: Precision | str | None = None) -> SpatialInertia:
+def from_moved_inertia(M: Any, *, precision: PrecisionName = None) -> SpatialInertia:
     """Reads a brax.base.Inertia that has gone through `Transform.do`; `Inertia.mul` is for these only.
 
     Args:
@@ -205,7 +203,7 @@ def from_moved_inertia(M: Any, *, precision: Precision | str | None = None) -> S
     return SpatialInertia.from_dynamic_parameters(pi10, precision=precision)
 
 
-def to_moved_inertia(M_BP_E: SpatialInertia, *, precision: Precision | str | None = None) -> Any:
+def to_moved_inertia(M_BP_E: SpatialInertia, *, precision: PrecisionName = None) -> Any:
     """Makes a brax.base.Inertia as it is after `Transform.do`, for `Inertia.mul`.
 
     Args:

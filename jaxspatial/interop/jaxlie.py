@@ -3,15 +3,14 @@
 from typing import Any
 
 import jax
-from jax.typing import ArrayLike
 
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import Matrix, PrecisionName, Six
 from jaxspatial.interop import orders
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialVelocity
 
 
-def from_so3(R_AB: Any, *, precision: Precision | str | None = None) -> Rotation:
+def from_so3(R_AB: Any, *, precision: PrecisionName = None) -> Rotation:
     """Reads a jaxlie.SO3, which holds quaternions wxyz.
 
     Args:
@@ -26,7 +25,7 @@ def from_so3(R_AB: Any, *, precision: Precision | str | None = None) -> Rotation
     return Rotation.from_quaternion(R_AB.wxyz, precision=precision)
 
 
-def to_so3(R_AB: Rotation, *, precision: Precision | str | None = None) -> Any:
+def to_so3(R_AB: Rotation, *, precision: PrecisionName = None) -> Any:
     """Makes a jaxlie.SO3, the real part not negative.
 
     Args:
@@ -46,7 +45,7 @@ def to_so3(R_AB: Rotation, *, precision: Precision | str | None = None) -> Any:
     return jaxlie.SO3(wxyz=R_AB.to_quaternion(precision=precision))
 
 
-def from_se3(X_AB: Any, *, precision: Precision | str | None = None) -> RigidTransform:
+def from_se3(X_AB: Any, *, precision: PrecisionName = None) -> RigidTransform:
     """Reads a jaxlie.SE3, which holds [wxyz; p_AB].
 
     Args:
@@ -61,7 +60,7 @@ def from_se3(X_AB: Any, *, precision: Precision | str | None = None) -> RigidTra
     return orders.pose_from_wxyz_xyz(X_AB.wxyz_xyz, precision=precision)
 
 
-def to_se3(X_AB: RigidTransform, *, precision: Precision | str | None = None) -> Any:
+def to_se3(X_AB: RigidTransform, *, precision: PrecisionName = None) -> Any:
     """Makes a jaxlie.SE3, the real part not negative.
 
     Args:
@@ -81,7 +80,7 @@ def to_se3(X_AB: RigidTransform, *, precision: Precision | str | None = None) ->
     return jaxlie.SE3(wxyz_xyz=orders.pose_to_wxyz_xyz(X_AB, precision=precision))
 
 
-def from_tangent(x6: ArrayLike) -> SpatialVelocity:
+def from_tangent(x6: Six) -> SpatialVelocity:
     """Reads a tangent of SE3: `exp` is the same of both.
 
     Args:
@@ -108,7 +107,7 @@ def to_tangent(V: SpatialVelocity) -> jax.Array:
     return orders.to_linear_first(V)
 
 
-def from_adjoint(m: ArrayLike) -> jax.Array:
+def from_adjoint(m: Matrix) -> jax.Array:
     """Reads jaxlie's `SE3.adjoint()`, which acts on [v; w].
 
     Args:
@@ -123,7 +122,7 @@ def from_adjoint(m: ArrayLike) -> jax.Array:
     return orders.matrix_from_linear_first(m)
 
 
-def to_adjoint(m: ArrayLike) -> jax.Array:
+def to_adjoint(m: Matrix) -> jax.Array:
     """Makes jaxlie's `SE3.adjoint()`; its inverse transpose acts on [f; tau].
 
     Args:

@@ -3,16 +3,15 @@
 from typing import Any
 
 import numpy as np
-from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic.double_word import from_double_word
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import PrecisionName, Six
 from jaxspatial.interop import orders
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialVelocity
 
 
-def from_rotation(R_AB: Any, *, precision: Precision | str | None = None) -> Rotation:
+def from_rotation(R_AB: Any, *, precision: PrecisionName = None) -> Rotation:
     """Reads a scipy.spatial.transform.Rotation, which holds quaternions xyzw: v_A = R_AB.apply(v_B).
 
     Args:
@@ -27,7 +26,7 @@ def from_rotation(R_AB: Any, *, precision: Precision | str | None = None) -> Rot
     return Rotation.from_quaternion(orders.quaternion_from_xyzw(R_AB.as_quat()), precision=precision)
 
 
-def to_rotation(R_AB: Rotation, *, precision: Precision | str | None = None) -> Any:
+def to_rotation(R_AB: Rotation, *, precision: PrecisionName = None) -> Any:
     """Makes a scipy.spatial.transform.Rotation.
 
     Args:
@@ -48,7 +47,7 @@ def to_rotation(R_AB: Rotation, *, precision: Precision | str | None = None) -> 
     return transform.Rotation.from_quat(_host(xyzw))
 
 
-def from_rigid_transform(X_AB: Any, *, precision: Precision | str | None = None) -> RigidTransform:
+def from_rigid_transform(X_AB: Any, *, precision: PrecisionName = None) -> RigidTransform:
     """Reads a scipy.spatial.transform.RigidTransform (SciPy 1.16): p_A = X_AB.apply(p_B).
 
     Args:
@@ -63,7 +62,7 @@ def from_rigid_transform(X_AB: Any, *, precision: Precision | str | None = None)
     return RigidTransform(from_rotation(X_AB.rotation, precision=precision), np.array(X_AB.translation))
 
 
-def to_rigid_transform(X_AB: RigidTransform, *, precision: Precision | str | None = None) -> Any:
+def to_rigid_transform(X_AB: RigidTransform, *, precision: PrecisionName = None) -> Any:
     """Makes a scipy.spatial.transform.RigidTransform (SciPy 1.16).
 
     Args:
@@ -84,7 +83,7 @@ def to_rigid_transform(X_AB: RigidTransform, *, precision: Precision | str | Non
     return transform.RigidTransform.from_components(_host(X_AB.translation), R_AB)
 
 
-def from_exponential_coordinates(x6: ArrayLike) -> SpatialVelocity:
+def from_exponential_coordinates(x6: Six) -> SpatialVelocity:
     """Reads SciPy's exponential coordinates of a RigidTransform: the same order as here.
 
     Args:

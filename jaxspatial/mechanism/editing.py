@@ -4,11 +4,11 @@ from collections.abc import Mapping
 
 import jax
 import numpy as np
-from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic.known import in_double
 from jaxspatial.arithmetic.numbers import Rounded
 from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import Scalar, Vector
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.mechanism import Mechanism
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
@@ -19,7 +19,7 @@ from jaxspatial.spatial import RigidTransform, act_inverse
 _PER_RATE = "armature", "damping", "friction_loss", "stiffness", "effort_limit", "velocity_limit"
 
 
-def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mechanism:
+def lock_joints(mechanism: Mechanism, positions: Mapping[str, Scalar | Vector]) -> Mechanism:
     """Locks joints at given coordinates: their bodies become parts of those that carry them.
 
     What was locked leaves no operation behind. Names of locked bodies stay as frames. A mimic is locked with the joint
@@ -36,6 +36,8 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mec
         KeyError: a name is no joint's; lists those there are.
         ValueError: a joint is a mimic.
         TypeError: numbers of the mechanism are data, or traced.
+
+    Error: of numbers that change a few u of float64, rounded once to the dtype; others stay what they are.
     """
     bodies, joints, frames = parts(mechanism)
     for name, q in positions.items():
@@ -58,6 +60,8 @@ def subtree(mechanism: Mechanism, body: str) -> Mechanism:
     Raises:
         KeyError: there is no such body; lists those there are.
         TypeError: numbers of the mechanism are data, or traced.
+
+    Error: of numbers that change a few u of float64, rounded once to the dtype; others stay what they are.
     """
     t = mechanism.topology
     root = t.index(mechanism.body_names, body, "subtree: body")

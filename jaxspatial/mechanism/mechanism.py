@@ -7,10 +7,10 @@ from typing import Any, Self
 
 import jax
 import numpy as np
-from jax.typing import ArrayLike, DTypeLike
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.tree import tree_of
+from jaxspatial.arithmetic.types import DTypeLike, Vector3
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.assembly import assembled
 from jaxspatial.mechanism.leaves import check_replaced, known, read_only
@@ -80,7 +80,7 @@ class Mechanism:
         bodies: Iterable[Body],
         joints: Iterable[Joint],
         frames: Iterable[Frame] = (),
-        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        gravity: Vector3 = (0.0, 0.0, -9.81),
         dtype: DTypeLike | None = None,
     ) -> Self:
         """Builds a mechanism of bodies that joints hold against each other.
@@ -112,7 +112,7 @@ class Mechanism:
         path_or_text: str | pathlib.Path,
         floating_base: bool = False,
         *,
-        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        gravity: Vector3 = (0.0, 0.0, -9.81),
         dtype: DTypeLike | None = None,
     ) -> "Mechanism":
         """Reads a file in the Unified Robot Description Format; see `jaxspatial.mechanism.formats.urdf`.

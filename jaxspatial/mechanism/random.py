@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 
 import numpy as np
-from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic.known import in_double
+from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.joints import AXIS, BUILT_IN, SECOND_AXIS, kind_named
 from jaxspatial.mechanism.mechanism import Mechanism
@@ -37,6 +37,8 @@ def random_mechanism(
 
     Raises:
         KeyError: there is no such kind; lists those there are.
+
+    Error: computed in float64, rounded once to the dtype.
     """
     rng = np.random.default_rng(seed)
     kinds = list(kinds or [kind.name for kind in BUILT_IN if kind.nv])

@@ -4,8 +4,8 @@ import functools
 import weakref
 
 import jax
-from jax.typing import DTypeLike
 
+from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.mechanism.leaves import frozen
 from jaxspatial.mechanism.mechanism import Mechanism
 

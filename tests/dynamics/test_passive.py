@@ -283,7 +283,7 @@ def test_nothing_leaves_nothing_behind():
 
     def plain(q, v, tau):
         q, v, tau, dt = steps._checked("plain", mech, q, v, tau, 1e-3)
-        v = steps._ahead(None, v, dt[..., None], js.forward_dynamics(mech, q, v, tau))
+        v = steps._euler(None, v, dt[..., None], js.forward_dynamics(mech, q, v, tau))
         return js.integrate(mech, q, v, dt), v
 
     def step(mech, q, v, tau):

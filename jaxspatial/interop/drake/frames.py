@@ -4,9 +4,8 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.typing import ArrayLike
 
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import PrecisionName, Six, Vector
 from jaxspatial.interop import orders
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialVelocity
@@ -76,7 +75,7 @@ def to_rigid_transform(X_AB: RigidTransform) -> Any:
     return pydrake.math.RigidTransform(R_AB, orders.single(X_AB.translation, "drake.to_rigid_transform"))
 
 
-def from_floating_positions(q7: ArrayLike, *, precision: Precision | str | None = None) -> RigidTransform:
+def from_floating_positions(q7: Vector, *, precision: PrecisionName = None) -> RigidTransform:
     """Reads the positions of a quaternion floating joint.
 
     Args:
@@ -94,7 +93,7 @@ def from_floating_positions(q7: ArrayLike, *, precision: Precision | str | None 
     return orders.pose_from_wxyz_xyz(q7, precision=precision)
 
 
-def to_floating_positions(X_FM: RigidTransform, *, precision: Precision | str | None = None) -> jax.Array:
+def to_floating_positions(X_FM: RigidTransform, *, precision: PrecisionName = None) -> jax.Array:
     """Makes the positions of a quaternion floating joint.
 
     Args:
@@ -109,7 +108,7 @@ def to_floating_positions(X_FM: RigidTransform, *, precision: Precision | str | 
     return orders.pose_to_wxyz_xyz(X_FM, precision=precision)
 
 
-def from_floating_velocities(v6: ArrayLike) -> SpatialVelocity:
+def from_floating_velocities(v6: Six) -> SpatialVelocity:
     """Reads the velocities of a floating joint.
 
     Args:

@@ -4,9 +4,9 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.types import Matrix
 from jaxspatial.interop import orders
 from jaxspatial.interop.orders.vectors import K
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialForce, SpatialMomentum, SpatialVelocity
@@ -133,7 +133,7 @@ def to_momentum(L_MSp_E: SpatialMomentum) -> Any:
     return math.SpatialMomentum(_six(L_MSp_E, "drake.to_momentum"))
 
 
-def from_columns(kind: type[K], m: ArrayLike) -> K:
+def from_columns(kind: type[K], m: Matrix) -> K:
     """Reads spatial vectors that are columns of a matrix, as Drake's Jacobians are.
 
     Args:

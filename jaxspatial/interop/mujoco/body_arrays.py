@@ -1,10 +1,9 @@
 """Spatial vectors of bodies, inside MuJoCo and at its surface."""
 
 import jax
-from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import Matrix, PrecisionName, Six, Vector, Vector3
 from jaxspatial.interop import orders
 from jaxspatial.interop.mujoco.frames import rotation
 from jaxspatial.spatial import SpatialAcceleration, SpatialForce, SpatialVelocity, rotate
@@ -12,7 +11,7 @@ from jaxspatial.spatial import SpatialAcceleration, SpatialForce, SpatialVelocit
 # -- inside: rotational first, about C, in the world's axes ------------------------------------------------------------
 
 
-def from_cvel(cvel: ArrayLike) -> SpatialVelocity:
+def from_cvel(cvel: Six) -> SpatialVelocity:
     """Reads mjData.cvel.
 
     Args:
@@ -39,7 +38,7 @@ def to_cvel(V_WC_W: SpatialVelocity) -> jax.Array:
     return V_WC_W.to_array()
 
 
-def from_cdof(cdof: ArrayLike) -> SpatialVelocity:
+def from_cdof(cdof: Six) -> SpatialVelocity:
     """Reads mjData.cdof.
 
     Args:
@@ -66,9 +65,7 @@ def to_cdof(V_WC_W: SpatialVelocity) -> jax.Array:
     return V_WC_W.to_array()
 
 
-def from_cacc(
-    cacc: ArrayLike, cvel: ArrayLike, gravity: ArrayLike, *, precision: Precision | str | None = None
-) -> SpatialAcceleration:
+def from_cacc(cacc: Six, cvel: Six, gravity: Vector3, *, precision: PrecisionName = None) -> SpatialAcceleration:
     """Reads mjData.cacc, which is there after mj_rnePostConstraint.
 
     a = cacc[3:] + gravity + w x v
@@ -88,17 +85,17 @@ def from_cacc(
 
     Error: as of `SpatialAcceleration.from_featherstone`.
     """
-    cacc = SpatialAcceleration.from_array(cacc)
-    falling = cacc + _falling(gravity, cacc.dtype)
+    spatial = SpatialAcceleration.from_array(cacc)
+    falling = spatial + _falling(gravity, spatial.dtype)
     return SpatialAcceleration.from_featherstone(falling.to_array(), from_cvel(cvel), precision=precision)
 
 
 def to_cacc(
     A_WC_W: SpatialAcceleration,
     V_WC_W: SpatialVelocity,
-    gravity: ArrayLike,
+    gravity: Vector3,
     *,
-    precision: Precision | str | None = None,
+    precision: PrecisionName = None,
 ) -> jax.Array:
     """Makes mjData.cacc: (alpha, a - w x v - gravity).
 
@@ -117,7 +114,7 @@ def to_cacc(
     return (spatial - _falling(gravity, spatial.dtype)).to_array()
 
 
-def from_object_acceleration(x6: ArrayLike, gravity: ArrayLike) -> SpatialAcceleration:
+def from_object_acceleration(x6: Six, gravity: Vector3) -> SpatialAcceleration:
     """Reads what mj_objectAcceleration gives with flg_local = 0.
 
     Args:
@@ -136,7 +133,7 @@ def from_object_acceleration(x6: ArrayLike, gravity: ArrayLike) -> SpatialAccele
     return A_WP_W + _falling(gravity, A_WP_W.dtype)
 
 
-def to_object_acceleration(A_WP_W: SpatialAcceleration, gravity: ArrayLike) -> jax.Array:
+def to_object_acceleration(A_WP_W: SpatialAcceleration, gravity: Vector3) -> jax.Array:
     """Makes what mj_objectAcceleration gives with flg_local = 0.
 
     Args:
@@ -151,7 +148,7 @@ def to_object_acceleration(A_WP_W: SpatialAcceleration, gravity: ArrayLike) -> j
     return (A_WP_W - _falling(gravity, A_WP_W.dtype)).to_array()
 
 
-def from_cfrc(cfrc: ArrayLike) -> SpatialForce:
+def from_cfrc(cfrc: Six) -> SpatialForce:
     """Reads mjData.cfrc_int or cfrc_ext.
 
     Args:
@@ -186,7 +183,7 @@ def _falling(gravity, dtype):
 # -- at the surface: force first ---------------------------------------------------------------------------------------
 
 
-def from_xfrc_applied(xfrc_applied: ArrayLike) -> SpatialForce:
+def from_xfrc_applied(xfrc_applied: Six) -> SpatialForce:
     """Reads mjData.xfrc_applied.
 
     Args:
@@ -213,7 +210,7 @@ def to_xfrc_applied(F_Bcm_W: SpatialForce) -> jax.Array:
     return orders.to_linear_first(F_Bcm_W)
 
 
-def from_contact_force(force: ArrayLike, frame: ArrayLike, *, precision: Precision | str | None = None) -> SpatialForce:
+def from_contact_force(force: Six, frame: Vector | Matrix, *, precision: PrecisionName = None) -> SpatialForce:
     """Reads what mj_contactForce gives.
 
     Args:
@@ -234,7 +231,7 @@ def from_contact_force(force: ArrayLike, frame: ArrayLike, *, precision: Precisi
     return rotate(rotation(frame).inverse(), orders.from_linear_first(SpatialForce, force), precision=precision)
 
 
-def to_contact_force(F_P_W: SpatialForce, frame: ArrayLike, *, precision: Precision | str | None = None) -> jax.Array:
+def to_contact_force(F_P_W: SpatialForce, frame: Vector | Matrix, *, precision: PrecisionName = None) -> jax.Array:
     """Makes what mj_contactForce gives.
 
     Args:

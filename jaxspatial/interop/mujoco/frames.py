@@ -1,16 +1,15 @@
 """Poses of bodies, and the arrays of one free joint."""
 
 import jax
-from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import Matrix, PrecisionName, Quaternion, Six, Vector, Vector3
 from jaxspatial.interop import orders
 from jaxspatial.rotation.rotation import Rotation, rotated
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialForce, SpatialVelocity
 
 
-def from_xpos_xquat(xpos: ArrayLike, xquat: ArrayLike, *, precision: Precision | str | None = None) -> RigidTransform:
+def from_xpos_xquat(xpos: Vector3, xquat: Quaternion, *, precision: PrecisionName = None) -> RigidTransform:
     """Reads mjData.xpos and xquat.
 
     Also mocap_pos and mocap_quat, and of mjModel body_pos and body_quat (X_PB, on the parent) and body_ipos and
@@ -33,7 +32,7 @@ def from_xpos_xquat(xpos: ArrayLike, xquat: ArrayLike, *, precision: Precision |
     return RigidTransform(Rotation.from_quaternion(xquat, precision=precision), xpos)
 
 
-def to_xpos_xquat(X_WB: RigidTransform, *, precision: Precision | str | None = None) -> tuple[jax.Array, jax.Array]:
+def to_xpos_xquat(X_WB: RigidTransform, *, precision: PrecisionName = None) -> tuple[jax.Array, jax.Array]:
     """Makes mjData.xpos and xquat.
 
     Args:
@@ -48,7 +47,7 @@ def to_xpos_xquat(X_WB: RigidTransform, *, precision: Precision | str | None = N
     return X_WB.translation, X_WB.rotation.to_quaternion(precision=precision)
 
 
-def from_xpos_xmat(xpos: ArrayLike, xmat: ArrayLike) -> RigidTransform:
+def from_xpos_xmat(xpos: Vector3, xmat: Vector | Matrix) -> RigidTransform:
     """Reads mjData.xpos and xmat, also ximat and the like.
 
     Args:
@@ -76,7 +75,7 @@ def to_xpos_xmat(X_WB: RigidTransform) -> tuple[jax.Array, jax.Array]:
     return X_WB.translation, X_WB.rotation.entries
 
 
-def from_free_joint_qpos(qpos: ArrayLike, *, precision: Precision | str | None = None) -> RigidTransform:
+def from_free_joint_qpos(qpos: Vector, *, precision: PrecisionName = None) -> RigidTransform:
     """Reads the numbers of a free joint in qpos.
 
     Args:
@@ -94,7 +93,7 @@ def from_free_joint_qpos(qpos: ArrayLike, *, precision: Precision | str | None =
     return orders.pose_from_xyz_wxyz(qpos, precision=precision)
 
 
-def to_free_joint_qpos(X_WB: RigidTransform, *, precision: Precision | str | None = None) -> jax.Array:
+def to_free_joint_qpos(X_WB: RigidTransform, *, precision: PrecisionName = None) -> jax.Array:
     """Makes the numbers of a free joint in qpos.
 
     Args:
@@ -109,9 +108,7 @@ def to_free_joint_qpos(X_WB: RigidTransform, *, precision: Precision | str | Non
     return orders.pose_to_xyz_wxyz(X_WB, precision=precision)
 
 
-def from_free_joint_qvel(
-    qvel: ArrayLike, R_WB: Rotation, *, precision: Precision | str | None = None
-) -> SpatialVelocity:
+def from_free_joint_qvel(qvel: Six, R_WB: Rotation, *, precision: PrecisionName = None) -> SpatialVelocity:
     """Reads the numbers of a free joint in qvel.
 
     Args:
@@ -130,9 +127,7 @@ def from_free_joint_qvel(
     return _from_mixed(SpatialVelocity, qvel, R_WB, precision)
 
 
-def to_free_joint_qvel(
-    V_WBo_W: SpatialVelocity, R_WB: Rotation, *, precision: Precision | str | None = None
-) -> jax.Array:
+def to_free_joint_qvel(V_WBo_W: SpatialVelocity, R_WB: Rotation, *, precision: PrecisionName = None) -> jax.Array:
     """Makes the numbers of a free joint in qvel.
 
     Args:
@@ -148,9 +143,7 @@ def to_free_joint_qvel(
     return _to_mixed(V_WBo_W, R_WB, precision)
 
 
-def from_free_joint_qacc(
-    qacc: ArrayLike, R_WB: Rotation, *, precision: Precision | str | None = None
-) -> SpatialAcceleration:
+def from_free_joint_qacc(qacc: Six, R_WB: Rotation, *, precision: PrecisionName = None) -> SpatialAcceleration:
     """Reads the numbers of a free joint in qacc.
 
     Args:
@@ -169,9 +162,7 @@ def from_free_joint_qacc(
     return _from_mixed(SpatialAcceleration, qacc, R_WB, precision)
 
 
-def to_free_joint_qacc(
-    A_WBo_W: SpatialAcceleration, R_WB: Rotation, *, precision: Precision | str | None = None
-) -> jax.Array:
+def to_free_joint_qacc(A_WBo_W: SpatialAcceleration, R_WB: Rotation, *, precision: PrecisionName = None) -> jax.Array:
     """Makes the numbers of a free joint in qacc.
 
     Args:
@@ -187,7 +178,7 @@ def to_free_joint_qacc(
     return _to_mixed(A_WBo_W, R_WB, precision)
 
 
-def from_free_joint_qfrc(qfrc: ArrayLike, R_WB: Rotation, *, precision: Precision | str | None = None) -> SpatialForce:
+def from_free_joint_qfrc(qfrc: Six, R_WB: Rotation, *, precision: PrecisionName = None) -> SpatialForce:
     """Reads the numbers of a free joint in qfrc_applied and the like.
 
     Args:
@@ -206,7 +197,7 @@ def from_free_joint_qfrc(qfrc: ArrayLike, R_WB: Rotation, *, precision: Precisio
     return _from_mixed(SpatialForce, qfrc, R_WB, precision)
 
 
-def to_free_joint_qfrc(F_Bo_W: SpatialForce, R_WB: Rotation, *, precision: Precision | str | None = None) -> jax.Array:
+def to_free_joint_qfrc(F_Bo_W: SpatialForce, R_WB: Rotation, *, precision: PrecisionName = None) -> jax.Array:
     """Makes the numbers of a free joint in qfrc_applied and the like.
 
     Args:

@@ -2,10 +2,9 @@
 
 import jax
 import numpy as np
-from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import PrecisionName, Quaternion, Scalar, Vector, Vector3
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.interop import orders
 from jaxspatial.interop.mujoco.frames import from_xpos_xquat
@@ -20,7 +19,7 @@ _TO_CINERT = np.argsort(_OF_CINERT).astype(np.int32)
 _REVERSED = np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]])
 
 
-def from_cinert(cinert: ArrayLike, *, precision: Precision | str | None = None) -> SpatialInertia:
+def from_cinert(cinert: Vector, *, precision: PrecisionName = None) -> SpatialInertia:
     """Reads mjData.cinert or crb.
 
     Args:
@@ -35,11 +34,11 @@ def from_cinert(cinert: ArrayLike, *, precision: Precision | str | None = None) 
 
     Error: as of `SpatialInertia.from_dynamic_parameters`, which tells what cancels.
     """
-    cinert = check.as_vectors(cinert, "mujoco.from_cinert: cinert", size=10)
-    return SpatialInertia.from_dynamic_parameters(cinert[..., _OF_CINERT], precision=precision)
+    ten = check.as_vectors(cinert, "mujoco.from_cinert: cinert", size=10)
+    return SpatialInertia.from_dynamic_parameters(ten[..., _OF_CINERT], precision=precision)
 
 
-def to_cinert(M_BC_W: SpatialInertia, *, precision: Precision | str | None = None) -> jax.Array:
+def to_cinert(M_BC_W: SpatialInertia, *, precision: PrecisionName = None) -> jax.Array:
     """Makes mjData.cinert or crb.
 
     Args:
@@ -55,12 +54,12 @@ def to_cinert(M_BC_W: SpatialInertia, *, precision: Precision | str | None = Non
 
 
 def from_body_inertia(
-    body_mass: ArrayLike,
-    body_inertia: ArrayLike,
-    body_ipos: ArrayLike,
-    body_iquat: ArrayLike,
+    body_mass: Scalar,
+    body_inertia: Vector3,
+    body_ipos: Vector3,
+    body_iquat: Quaternion,
     *,
-    precision: Precision | str | None = None,
+    precision: PrecisionName = None,
 ) -> SpatialInertia:
     """Reads mjModel's body_mass, body_inertia, body_ipos and body_iquat.
 
@@ -88,7 +87,7 @@ def from_body_inertia(
 
 
 def to_body_inertia(
-    M_BBo_B: SpatialInertia, *, precision: Precision | str | None = None
+    M_BBo_B: SpatialInertia, *, precision: PrecisionName = None
 ) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
     """Makes mjModel's body_mass, body_inertia, body_ipos and body_iquat.
 
@@ -106,7 +105,7 @@ def to_body_inertia(
     return M_BBo_B.mass, moments[..., ::-1], M_BBo_B.com, R_BI.to_quaternion(precision=precision)
 
 
-def from_full_inertia(mass: ArrayLike, pos: ArrayLike, fullinertia: ArrayLike) -> SpatialInertia:
+def from_full_inertia(mass: Scalar, pos: Vector3, fullinertia: Vector) -> SpatialInertia:
     """Reads MJCF's <inertial mass pos fullinertia>.
 
     Args:

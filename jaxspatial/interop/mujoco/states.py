@@ -1,13 +1,13 @@
 """States of a whole Mechanism to and from MuJoCo's: qpos, qvel, qacc and generalized forces, of its joints in order."""
 
 import itertools
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
-from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates, Vector
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.rotation import Rotation
 from jaxspatial.rotation.rotation import rotated
@@ -15,7 +15,7 @@ from jaxspatial.spatial import SpatialAcceleration, SpatialVelocity
 from jaxspatial.spatial.vector import joined
 
 
-def to_qpos(mechanism: Mechanism, q: ArrayLike) -> jax.Array:
+def to_qpos(mechanism: Mechanism, q: Coordinates) -> jax.Array:
     """Makes mjData.qpos.
 
     Args:
@@ -29,11 +29,11 @@ def to_qpos(mechanism: Mechanism, q: ArrayLike) -> jax.Array:
         TypeError: the first argument is no Mechanism, or dtypes differ.
         ValueError: a shape does not fit, or MuJoCo has no joints of a kind.
     """
-    pieces, q = _state("mujoco.to_qpos", mechanism, q=q)
-    return _joined(q, [_rolled(p, p.followed(q[..., p.q])) for p in pieces])
+    pieces, at = _state("mujoco.to_qpos", mechanism, q=q)
+    return _joined(at.q, [_rolled(p, p.followed(at.q[..., p.q])) for p in pieces])
 
 
-def from_qpos(mechanism: Mechanism, qpos: ArrayLike) -> jax.Array:
+def from_qpos(mechanism: Mechanism, qpos: Vector) -> jax.Array:
     """Reads mjData.qpos.
 
     What is in it of mimics is left out.
@@ -49,11 +49,11 @@ def from_qpos(mechanism: Mechanism, qpos: ArrayLike) -> jax.Array:
         TypeError: the first argument is no Mechanism, or dtypes differ.
         ValueError: a shape does not fit, or MuJoCo has no joints of a kind.
     """
-    pieces, qpos = _state("mujoco.from_qpos", mechanism, qpos=qpos)
-    return _joined(qpos, [_rolled(p, qpos[..., p.qpos], back=True) for p in pieces if not p.is_mimic])
+    pieces, at = _state("mujoco.from_qpos", mechanism, qpos=qpos)
+    return _joined(at.qpos, [_rolled(p, at.qpos[..., p.qpos], back=True) for p in pieces if not p.is_mimic])
 
 
-def to_qvel(mechanism: Mechanism, q: ArrayLike, v: ArrayLike, *, precision: Precision | str | None = None) -> jax.Array:
+def to_qvel(mechanism: Mechanism, q: Coordinates, v: Rates, *, precision: PrecisionName = None) -> jax.Array:
     """Makes mjData.qvel.
 
     Args:
@@ -71,13 +71,11 @@ def to_qvel(mechanism: Mechanism, q: ArrayLike, v: ArrayLike, *, precision: Prec
 
     Error: of a free joint as of `rotate`; else exact but for mimics.
     """
-    pieces, q, v = _state("mujoco.to_qvel", mechanism, q=q, v=v)
-    return _joined(q, [p.in_world(q, p.followed(v[..., p.v], of_rates=True), precision) for p in pieces])
+    pieces, at = _state("mujoco.to_qvel", mechanism, q=q, v=v)
+    return _joined(at.q, [p.in_world(at.q, p.followed(at.v[..., p.v], of_rates=True), precision) for p in pieces])
 
 
-def from_qvel(
-    mechanism: Mechanism, q: ArrayLike, qvel: ArrayLike, *, precision: Precision | str | None = None
-) -> jax.Array:
+def from_qvel(mechanism: Mechanism, q: Coordinates, qvel: Vector, *, precision: PrecisionName = None) -> jax.Array:
     """Reads mjData.qvel.
 
     What is in it of mimics is left out.
@@ -97,12 +95,12 @@ def from_qvel(
 
     Error: of a free joint as of `rotate`; else exact.
     """
-    pieces, q, qvel = _state("mujoco.from_qvel", mechanism, q=q, qvel=qvel)
-    return _joined(q, [p.in_body(q, qvel[..., p.qvel], precision) for p in pieces if not p.is_mimic])
+    pieces, at = _state("mujoco.from_qvel", mechanism, q=q, qvel=qvel)
+    return _joined(at.q, [p.in_body(at.q, at.qvel[..., p.qvel], precision) for p in pieces if not p.is_mimic])
 
 
 def to_qacc(
-    mechanism: Mechanism, q: ArrayLike, v: ArrayLike, vdot: ArrayLike, *, precision: Precision | str | None = None
+    mechanism: Mechanism, q: Coordinates, v: Rates, vdot: Rates, *, precision: PrecisionName = None
 ) -> jax.Array:
     """Makes mjData.qacc.
 
@@ -124,13 +122,13 @@ def to_qacc(
 
     Error: of a free joint as of `SpatialAcceleration.from_featherstone` and `rotate`; else exact but for mimics.
     """
-    pieces, q, v, vdot = _state("mujoco.to_qacc", mechanism, q=q, v=v, vdot=vdot)
-    found = [p.classical(p.followed(vdot[..., p.v], of_rates=True), v[..., p.v], precision) for p in pieces]
-    return _joined(q, [p.in_world(q, x, precision) for p, x in zip(pieces, found, strict=True)])
+    pieces, at = _state("mujoco.to_qacc", mechanism, q=q, v=v, vdot=vdot)
+    found = [p.classical(p.followed(at.vdot[..., p.v], of_rates=True), at.v[..., p.v], precision) for p in pieces]
+    return _joined(at.q, [p.in_world(at.q, x, precision) for p, x in zip(pieces, found, strict=True)])
 
 
 def from_qacc(
-    mechanism: Mechanism, q: ArrayLike, v: ArrayLike, qacc: ArrayLike, *, precision: Precision | str | None = None
+    mechanism: Mechanism, q: Coordinates, v: Rates, qacc: Vector, *, precision: PrecisionName = None
 ) -> jax.Array:
     """Reads mjData.qacc.
 
@@ -152,15 +150,13 @@ def from_qacc(
 
     Error: of a free joint as of `rotate` and `SpatialAcceleration.to_featherstone`; else exact.
     """
-    pieces, q, v, qacc = _state("mujoco.from_qacc", mechanism, q=q, v=v, qacc=qacc)
+    pieces, at = _state("mujoco.from_qacc", mechanism, q=q, v=v, qacc=qacc)
     own = [p for p in pieces if not p.is_mimic]
-    found = [p.in_body(q, qacc[..., p.qvel], precision) for p in own]
-    return _joined(q, [p.derivative(x, v[..., p.v], precision) for p, x in zip(own, found, strict=True)])
+    found = [p.in_body(at.q, at.qacc[..., p.qvel], precision) for p in own]
+    return _joined(at.q, [p.derivative(x, at.v[..., p.v], precision) for p, x in zip(own, found, strict=True)])
 
 
-def to_qfrc(
-    mechanism: Mechanism, q: ArrayLike, tau: ArrayLike, *, precision: Precision | str | None = None
-) -> jax.Array:
+def to_qfrc(mechanism: Mechanism, q: Coordinates, tau: Forces, *, precision: PrecisionName = None) -> jax.Array:
     """Makes generalized forces of MuJoCo, such as qfrc_applied, with the same power.
 
     Args:
@@ -178,13 +174,13 @@ def to_qfrc(
 
     Error: of a free joint as of `rotate`; else exact.
     """
-    pieces, q, tau = _state("mujoco.to_qfrc", mechanism, q=q, tau=tau)
-    return _joined(q, [0 * tau[..., p.v] if p.is_mimic else p.in_world(q, tau[..., p.v], precision) for p in pieces])
+    pieces, at = _state("mujoco.to_qfrc", mechanism, q=q, tau=tau)
+    return _joined(
+        at.q, [0 * at.tau[..., p.v] if p.is_mimic else p.in_world(at.q, at.tau[..., p.v], precision) for p in pieces]
+    )
 
 
-def from_qfrc(
-    mechanism: Mechanism, q: ArrayLike, qfrc: ArrayLike, *, precision: Precision | str | None = None
-) -> jax.Array:
+def from_qfrc(mechanism: Mechanism, q: Coordinates, qfrc: Vector, *, precision: PrecisionName = None) -> jax.Array:
     """Reads generalized forces of MuJoCo, such as qfrc_inverse or qfrc_bias, with the same power.
 
     What acts on a mimic acts, times its multiplier, on the joint that it follows.
@@ -204,11 +200,11 @@ def from_qfrc(
 
     Error: of a free joint as of `rotate`; else exact but for mimics.
     """
-    pieces, q, qfrc = _state("mujoco.from_qfrc", mechanism, q=q, qfrc=qfrc)
-    tau = {p.v.start: p.in_body(q, qfrc[..., p.qvel], precision) for p in pieces if not p.is_mimic}
+    pieces, at = _state("mujoco.from_qfrc", mechanism, q=q, qfrc=qfrc)
+    tau = {p.v.start: p.in_body(at.q, at.qfrc[..., p.qvel], precision) for p in pieces if not p.is_mimic}
     for p in (p for p in pieces if p.is_mimic):
-        tau[p.v.start] = tau[p.v.start] + p.followed(qfrc[..., p.qvel], of_rates=True)
-    return _joined(q, [tau[start] for start in sorted(tau)])
+        tau[p.v.start] = tau[p.v.start] + p.followed(at.qfrc[..., p.qvel], of_rates=True)
+    return _joined(at.q, [tau[start] for start in sorted(tau)])
 
 
 class _Piece:
@@ -265,7 +261,7 @@ def _rolled(piece, x, back=False):
 
 
 def _state(operation, mechanism, **arrays):
-    """(the pieces of all joints, the arrays over one batch shape)."""
+    """(the pieces of all joints, the arrays by name, over one batch shape)."""
     if not isinstance(mechanism, Mechanism):
         raise TypeError(f"{operation}: expected a Mechanism first, got {type(mechanism).__name__}")
     kinds = [mechanism.topology.kind(i) for i in range(len(mechanism.topology))]
@@ -280,7 +276,7 @@ def _state(operation, mechanism, **arrays):
     dtype = next(iter(given.values())).dtype
     places = ([slice(a, b) for a, b in itertools.pairwise(e)] for e in ends)
     pieces = [_Piece(mechanism, i, *place, dtype) for i, place in enumerate(zip(*places, strict=True))]
-    return pieces, *check.broadcast_batch(batch, *given.values())
+    return pieces, SimpleNamespace(**dict(zip(given, check.broadcast_batch(batch, *given.values()), strict=True)))
 
 
 def _joined(like, parts):

@@ -2,16 +2,15 @@
 
 import jax
 import numpy as np
-from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import PrecisionName, Quaternion, Vector
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
 from jaxspatial.spatial.vector import joined
 
 
-def quaternion_from_xyzw(q: ArrayLike) -> jax.Array:
+def quaternion_from_xyzw(q: Quaternion) -> jax.Array:
     """Moves the real part of quaternions from the end to the front.
 
     Args:
@@ -26,7 +25,7 @@ def quaternion_from_xyzw(q: ArrayLike) -> jax.Array:
     return check.as_vectors(q, "quaternion_from_xyzw: q", size=4, held=True)[..., np.array([3, 0, 1, 2])]
 
 
-def quaternion_to_xyzw(q: ArrayLike) -> jax.Array:
+def quaternion_to_xyzw(q: Quaternion) -> jax.Array:
     """Moves the real part of quaternions from the front to the end.
 
     Args:
@@ -41,7 +40,7 @@ def quaternion_to_xyzw(q: ArrayLike) -> jax.Array:
     return check.as_vectors(q, "quaternion_to_xyzw: q", size=4, held=True)[..., np.array([1, 2, 3, 0])]
 
 
-def pose_from_xyz_xyzw(x7: ArrayLike, *, precision: Precision | str | None = None) -> RigidTransform:
+def pose_from_xyz_xyzw(x7: Vector, *, precision: PrecisionName = None) -> RigidTransform:
     """Makes a pose of position and quaternion.
 
     Args:
@@ -56,11 +55,11 @@ def pose_from_xyz_xyzw(x7: ArrayLike, *, precision: Precision | str | None = Non
 
     Error: as of `Rotation.from_quaternion`.
     """
-    x7 = check.as_vectors(x7, "pose_from_xyz_xyzw: x7", size=7, held=True)
-    return _pose(x7[..., :3], quaternion_from_xyzw(x7[..., 3:]), precision)
+    pose = check.as_vectors(x7, "pose_from_xyz_xyzw: x7", size=7, held=True)
+    return _pose(pose[..., :3], quaternion_from_xyzw(pose[..., 3:]), precision)
 
 
-def pose_to_xyz_xyzw(X_AB: RigidTransform, *, precision: Precision | str | None = None) -> jax.Array:
+def pose_to_xyz_xyzw(X_AB: RigidTransform, *, precision: PrecisionName = None) -> jax.Array:
     """Stacks position and quaternion of a pose.
 
     Args:
@@ -75,7 +74,7 @@ def pose_to_xyz_xyzw(X_AB: RigidTransform, *, precision: Precision | str | None 
     return joined(X_AB.translation, quaternion_to_xyzw(X_AB.rotation.to_quaternion(precision=precision)))
 
 
-def pose_from_xyz_wxyz(x7: ArrayLike, *, precision: Precision | str | None = None) -> RigidTransform:
+def pose_from_xyz_wxyz(x7: Vector, *, precision: PrecisionName = None) -> RigidTransform:
     """Makes a pose of position and quaternion.
 
     Args:
@@ -90,11 +89,11 @@ def pose_from_xyz_wxyz(x7: ArrayLike, *, precision: Precision | str | None = Non
 
     Error: as of `Rotation.from_quaternion`.
     """
-    x7 = check.as_vectors(x7, "pose_from_xyz_wxyz: x7", size=7, held=True)
-    return _pose(x7[..., :3], x7[..., 3:], precision)
+    pose = check.as_vectors(x7, "pose_from_xyz_wxyz: x7", size=7, held=True)
+    return _pose(pose[..., :3], pose[..., 3:], precision)
 
 
-def pose_to_xyz_wxyz(X_AB: RigidTransform, *, precision: Precision | str | None = None) -> jax.Array:
+def pose_to_xyz_wxyz(X_AB: RigidTransform, *, precision: PrecisionName = None) -> jax.Array:
     """Stacks position and quaternion of a pose.
 
     Args:
@@ -109,7 +108,7 @@ def pose_to_xyz_wxyz(X_AB: RigidTransform, *, precision: Precision | str | None 
     return joined(X_AB.translation, X_AB.rotation.to_quaternion(precision=precision))
 
 
-def pose_from_wxyz_xyz(x7: ArrayLike, *, precision: Precision | str | None = None) -> RigidTransform:
+def pose_from_wxyz_xyz(x7: Vector, *, precision: PrecisionName = None) -> RigidTransform:
     """Makes a pose of position and quaternion.
 
     Args:
@@ -124,11 +123,11 @@ def pose_from_wxyz_xyz(x7: ArrayLike, *, precision: Precision | str | None = Non
 
     Error: as of `Rotation.from_quaternion`.
     """
-    x7 = check.as_vectors(x7, "pose_from_wxyz_xyz: x7", size=7, held=True)
-    return _pose(x7[..., 4:], x7[..., :4], precision)
+    pose = check.as_vectors(x7, "pose_from_wxyz_xyz: x7", size=7, held=True)
+    return _pose(pose[..., 4:], pose[..., :4], precision)
 
 
-def pose_to_wxyz_xyz(X_AB: RigidTransform, *, precision: Precision | str | None = None) -> jax.Array:
+def pose_to_wxyz_xyz(X_AB: RigidTransform, *, precision: PrecisionName = None) -> jax.Array:
     """Stacks position and quaternion of a pose.
 
     Args:

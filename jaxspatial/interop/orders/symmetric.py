@@ -4,12 +4,12 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.types import Six
 
 
-def symmetric_from_diagonal_first(x6: ArrayLike) -> jax.Array:
+def symmetric_from_diagonal_first(x6: Six) -> jax.Array:
     """Puts the entries of symmetric matrices in our order.
 
     Args:
@@ -27,7 +27,7 @@ def symmetric_from_diagonal_first(x6: ArrayLike) -> jax.Array:
     ]
 
 
-def symmetric_to_diagonal_first(x6: ArrayLike) -> jax.Array:
+def symmetric_to_diagonal_first(x6: Six) -> jax.Array:
     """Puts the entries of symmetric matrices in another order.
 
     Args:
@@ -43,7 +43,7 @@ def symmetric_to_diagonal_first(x6: ArrayLike) -> jax.Array:
     return check.as_vectors(x6, "symmetric_to_diagonal_first: x6", size=6, held=True)[..., np.array([0, 2, 5, 1, 3, 4])]
 
 
-def symmetric_from_upper_triangle(x6: ArrayLike) -> jax.Array:
+def symmetric_from_upper_triangle(x6: Six) -> jax.Array:
     """Puts the entries of symmetric matrices in our order.
 
     Args:
@@ -60,7 +60,7 @@ def symmetric_from_upper_triangle(x6: ArrayLike) -> jax.Array:
     ]
 
 
-def symmetric_to_upper_triangle(x6: ArrayLike) -> jax.Array:
+def symmetric_to_upper_triangle(x6: Six) -> jax.Array:
     """Puts the entries of symmetric matrices in another order.
 
     Args:

@@ -4,15 +4,15 @@ from typing import TypeVar
 
 import jax
 import numpy as np
-from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.types import Matrix, Six
 from jaxspatial.spatial.vector import SpatialVector, joined
 
 K = TypeVar("K", bound=SpatialVector)
 
 
-def from_rotational_first(kind: type[K], x6: ArrayLike) -> K:
+def from_rotational_first(kind: type[K], x6: Six) -> K:
     """Makes a spatial vector of six numbers with the rotational part first.
 
     The order of Drake, Featherstone's books, `mj_objectVelocity`, Brax's `matrix()`, and ours.
@@ -42,7 +42,7 @@ def to_rotational_first(x: SpatialVector) -> jax.Array:
     return x.to_array()
 
 
-def from_linear_first(kind: type[K], x6: ArrayLike) -> K:
+def from_linear_first(kind: type[K], x6: Six) -> K:
     """Makes a spatial vector of six numbers with the linear part first.
 
     The order of Pinocchio, jaxlie, jaxsim, frax, spatialmath, ROS, and of what users hand to MuJoCo.
@@ -57,8 +57,8 @@ def from_linear_first(kind: type[K], x6: ArrayLike) -> K:
     Raises:
         ValueError: the shape does not fit.
     """
-    x6 = check.as_vectors(x6, "from_linear_first: x6", size=6, held=True)
-    return kind(x6[..., 3:], x6[..., :3])
+    six = check.as_vectors(x6, "from_linear_first: x6", size=6, held=True)
+    return kind(six[..., 3:], six[..., :3])
 
 
 def to_linear_first(x: SpatialVector) -> jax.Array:
@@ -73,7 +73,7 @@ def to_linear_first(x: SpatialVector) -> jax.Array:
     return joined(x.translational, x.rotational)
 
 
-def matrix_from_linear_first(m: ArrayLike) -> jax.Array:
+def matrix_from_linear_first(m: Matrix) -> jax.Array:
     """Exchanges the blocks of a matrix between spatial vectors with the linear part first.
 
     Args:
@@ -85,12 +85,12 @@ def matrix_from_linear_first(m: ArrayLike) -> jax.Array:
     Raises:
         ValueError: the shape does not fit.
     """
-    m = check.as_vectors(m, "matrix_from_linear_first: m", size=6, many=["6"], held=True)
+    matrix = check.as_vectors(m, "matrix_from_linear_first: m", size=6, many=["6"], held=True)
     exchanged = np.array([3, 4, 5, 0, 1, 2])
-    return m[..., exchanged[:, None], exchanged]
+    return matrix[..., exchanged[:, None], exchanged]
 
 
-def matrix_to_linear_first(m: ArrayLike) -> jax.Array:
+def matrix_to_linear_first(m: Matrix) -> jax.Array:
     """Exchanges the blocks of a matrix between spatial vectors with the rotational part first.
 
     Args:

@@ -4,9 +4,8 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.typing import ArrayLike
 
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import PrecisionName, Six, Vector, Vector3
 from jaxspatial.interop import orders
 from jaxspatial.interop.orders.vectors import K
 from jaxspatial.rotation import Rotation
@@ -19,9 +18,7 @@ from jaxspatial.spatial import (
 )
 
 
-def from_world(
-    X_WB: RigidTransform, x_Wo_W: K, w: ArrayLike | None = None, *, precision: Precision | str | None = None
-) -> K:
+def from_world(X_WB: RigidTransform, x_Wo_W: K, w: Vector3 | None = None, *, precision: PrecisionName = None) -> K:
     """Moves a spatial vector from ReferenceFrame.WORLD to LOCAL, as `act_inverse` does.
 
     Args:
@@ -39,9 +36,7 @@ def from_world(
     return act_inverse(X_WB, x_Wo_W, w, precision=precision)
 
 
-def to_world(
-    X_WB: RigidTransform, x_Bo_B: K, w: ArrayLike | None = None, *, precision: Precision | str | None = None
-) -> K:
+def to_world(X_WB: RigidTransform, x_Bo_B: K, w: Vector3 | None = None, *, precision: PrecisionName = None) -> K:
     """Moves a spatial vector from ReferenceFrame.LOCAL to WORLD, as `act` does.
 
     Args:
@@ -58,7 +53,7 @@ def to_world(
     return act(X_WB, x_Bo_B, w, precision=precision)
 
 
-def from_local_world_aligned(X_WB: RigidTransform, x_Bo_W: K, *, precision: Precision | str | None = None) -> K:
+def from_local_world_aligned(X_WB: RigidTransform, x_Bo_W: K, *, precision: PrecisionName = None) -> K:
     """Re-expresses a spatial vector of ReferenceFrame.LOCAL_WORLD_ALIGNED in LOCAL.
 
     Args:
@@ -74,7 +69,7 @@ def from_local_world_aligned(X_WB: RigidTransform, x_Bo_W: K, *, precision: Prec
     return rotate(X_WB.rotation.inverse(), x_Bo_W, precision=precision)
 
 
-def to_local_world_aligned(X_WB: RigidTransform, x_Bo_B: K, *, precision: Precision | str | None = None) -> K:
+def to_local_world_aligned(X_WB: RigidTransform, x_Bo_B: K, *, precision: PrecisionName = None) -> K:
     """Re-expresses a spatial vector of ReferenceFrame.LOCAL in LOCAL_WORLD_ALIGNED.
 
     Args:
@@ -121,7 +116,7 @@ def to_se3(X_AB: RigidTransform) -> Any:
     return pinocchio.SE3(R, orders.single(X_AB.translation, "pinocchio.to_se3"))
 
 
-def from_free_flyer_configuration(q7: ArrayLike, *, precision: Precision | str | None = None) -> RigidTransform:
+def from_free_flyer_configuration(q7: Vector, *, precision: PrecisionName = None) -> RigidTransform:
     """Reads the seven numbers of JointModelFreeFlyer in q, also of `SE3ToXYZQUAT`.
 
     Args:
@@ -139,7 +134,7 @@ def from_free_flyer_configuration(q7: ArrayLike, *, precision: Precision | str |
     return orders.pose_from_xyz_xyzw(q7, precision=precision)
 
 
-def to_free_flyer_configuration(X_WB: RigidTransform, *, precision: Precision | str | None = None) -> jax.Array:
+def to_free_flyer_configuration(X_WB: RigidTransform, *, precision: PrecisionName = None) -> jax.Array:
     """Makes the seven numbers of JointModelFreeFlyer in q.
 
     Args:
@@ -154,7 +149,7 @@ def to_free_flyer_configuration(X_WB: RigidTransform, *, precision: Precision | 
     return orders.pose_to_xyz_xyzw(X_WB, precision=precision)
 
 
-def from_free_flyer_velocity(v6: ArrayLike) -> SpatialVelocity:
+def from_free_flyer_velocity(v6: Six) -> SpatialVelocity:
     """Reads the six numbers of JointModelFreeFlyer in v.
 
     Args:

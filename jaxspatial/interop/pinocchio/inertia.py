@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.interop import orders
 
@@ -46,7 +46,7 @@ def to_inertia(M: SpatialInertia) -> Any:
     return Y
 
 
-def from_pseudo_inertia(J: Any, *, precision: Precision | str | None = None) -> SpatialInertia:
+def from_pseudo_inertia(J: Any, *, precision: PrecisionName = None) -> SpatialInertia:
     """Reads a pinocchio.PseudoInertia.
 
     Args:
@@ -61,7 +61,7 @@ def from_pseudo_inertia(J: Any, *, precision: Precision | str | None = None) -> 
     return SpatialInertia.from_pseudo_inertia(np.array(J.toMatrix()), precision=precision)
 
 
-def to_pseudo_inertia(M: SpatialInertia, *, precision: Precision | str | None = None) -> Any:
+def to_pseudo_inertia(M: SpatialInertia, *, precision: PrecisionName = None) -> Any:
     """Makes a pinocchio.PseudoInertia.
 
     Args:
@@ -84,7 +84,7 @@ def to_pseudo_inertia(M: SpatialInertia, *, precision: Precision | str | None = 
     return pinocchio.PseudoInertia.FromMatrix(entries.reshape(4, 4))
 
 
-def from_log_cholesky(theta: Any, *, precision: Precision | str | None = None) -> SpatialInertia:
+def from_log_cholesky(theta: Any, *, precision: PrecisionName = None) -> SpatialInertia:
     """Reads pinocchio.LogCholeskyParameters.
 
     Args:
@@ -99,7 +99,7 @@ def from_log_cholesky(theta: Any, *, precision: Precision | str | None = None) -
     return SpatialInertia.from_log_cholesky(np.array(theta.parameters), precision=precision)
 
 
-def to_log_cholesky(M: SpatialInertia, *, precision: Precision | str | None = None) -> Any:
+def to_log_cholesky(M: SpatialInertia, *, precision: PrecisionName = None) -> Any:
     """Makes pinocchio.LogCholeskyParameters, which Pinocchio has no way to make of an inertia.
 
     Args:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.interop import orders
 from jaxspatial.spatial import (
     SpatialAcceleration,
@@ -86,7 +86,7 @@ def to_motion(V: SpatialVelocity) -> Any:
     return pinocchio.Motion(_six(V, "pinocchio.to_motion"))
 
 
-def from_spatial_acceleration(A: Any, V: Any, *, precision: Precision | str | None = None) -> SpatialAcceleration:
+def from_spatial_acceleration(A: Any, V: Any, *, precision: PrecisionName = None) -> SpatialAcceleration:
     """Reads a pinocchio.Motion that is Featherstone's acceleration, such as `data.a[i]`.
 
     Args:
@@ -103,9 +103,7 @@ def from_spatial_acceleration(A: Any, V: Any, *, precision: Precision | str | No
     return SpatialAcceleration.from_featherstone(six, from_motion(V), precision=precision)
 
 
-def to_spatial_acceleration(
-    A: SpatialAcceleration, V: SpatialVelocity, *, precision: Precision | str | None = None
-) -> Any:
+def to_spatial_acceleration(A: SpatialAcceleration, V: SpatialVelocity, *, precision: PrecisionName = None) -> Any:
     """Makes a pinocchio.Motion that is Featherstone's acceleration, such as `data.a[i]`.
 
     Args:

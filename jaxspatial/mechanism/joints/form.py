@@ -19,12 +19,10 @@ import jax
 import jax.numpy as jnp
 
 from jaxspatial.arithmetic import vectors
+from jaxspatial.mechanism.joints.geometry import Number, Rows, Six, Vector
 from jaxspatial.mechanism.joints.parameter import Parameter
 
-Number = Any
-Vector = tuple[Number, Number, Number]
-# (angular, linear): a motion (w_PB_B, v_PBo_B) or a wrench (tau, f) about Bo, in the child's axes.
-Six = tuple[Vector, Vector]
+# By coordinate.
 CosSin = Mapping[int, tuple[Number, Number]]
 
 
@@ -70,7 +68,7 @@ class JointKind:
     # -- how it moves -------------------------------------------------------------------------------------------------
 
     @staticmethod
-    def transform(joint: Any, q: Sequence[Number], cos_sin: CosSin) -> tuple[tuple[Vector, Vector, Vector], Vector]:
+    def transform(joint: Any, q: Sequence[Number], cos_sin: CosSin) -> tuple[Rows, Vector]:
         """X_PB as (R_PB by its rows, p_PoBo_P)."""
         raise NotImplementedError
 

@@ -50,7 +50,9 @@ class Free(JointKind):
         p = jax.random.uniform(jax.random.split(key)[0], (*batch_shape, 3), lower.dtype, -1, 1)
         return jnp.concatenate([random_quaternion(key, batch_shape, lower.dtype), p], -1)
 
-    sphere_spring = Ball.sphere_spring
+    @classmethod
+    def sphere_spring(cls, joint, q, reference, stiffness):
+        return Ball.sphere_spring(joint, q, reference, stiffness)
 
     @classmethod
     def deflection(cls, joint, reference, q):

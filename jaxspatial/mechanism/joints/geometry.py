@@ -1,38 +1,47 @@
 """Vectors and rotations that kinds of joints share, over numbers."""
 
 import math
+from collections.abc import Iterable
+from typing import Any
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.functions import pi
 from jaxspatial.arithmetic.numbers import constant, nearest_integer, where
 
+Number = Any
+# x, y, z, and the rows of a matrix.
+Vector = tuple[Number, ...]
+Rows = tuple[Vector, ...]
+# (angular, linear): a motion (w_PB_B, v_PBo_B), or a wrench (tau, f), about Bo in the child's axes.
+Six = tuple[Vector, Vector]
 
-def zero_vector(joint):
+
+def zero_vector(joint: Any) -> Vector:
     """(0, 0, 0)."""
     return (constant(joint.zero, 0),) * 3
 
 
-def unit_vector(joint, k):
+def unit_vector(joint: Any, k: int) -> Vector:
     """Axis k of the child."""
     return tuple(constant(joint.zero, int(i == k)) for i in range(3))
 
 
-def unit_vectors(joint):
+def unit_vectors(joint: Any) -> Rows:
     """All three: the identity by its rows."""
     return tuple(unit_vector(joint, k) for k in range(3))
 
 
-def torques(joint, directions):
+def torques(joint: Any, directions: Iterable[Vector]) -> tuple[Six, ...]:
     """The wrenches, or turns, (direction, 0)."""
     return tuple((k, zero_vector(joint)) for k in directions)
 
 
-def forces(joint, directions):
+def forces(joint: Any, directions: Iterable[Vector]) -> tuple[Six, ...]:
     """The wrenches, or translations, (0, direction)."""
     return tuple((zero_vector(joint), k) for k in directions)
 
 
-def rotation_about(axis, cosine, sine):
+def rotation_about(axis: Vector, cosine: Number, sine: Number) -> Rows:
     """The rotation about a unit vector, by its rows: k k^T + c (1 - k k^T) + s [k]x. [Rodrigues 1840]"""
     x, y, z = axis
     kk = [[a * b for b in axis] for a in axis]
@@ -44,7 +53,7 @@ def rotation_about(axis, cosine, sine):
     )
 
 
-def perpendicular(axis):
+def perpendicular(axis: Vector) -> tuple[Vector, Vector]:
     """Two unit vectors that make a right-handed frame with this one. [Duff et al. 2017, Building an orthonormal basis,
     revisited, listing 3]"""
     x, y, z = axis
@@ -54,12 +63,12 @@ def perpendicular(axis):
     return (1 + sign * (x * x * a), sign * b, -(sign * x)), (b, sign + y * y * a, -y)
 
 
-def shortest_angle(angle):
+def shortest_angle(angle: Number) -> Number:
     """The angle less whole turns, within half a turn."""
     turns = nearest_integer(angle * (1 / math.tau))
     return where(abs(angle) <= math.pi, angle, angle - turns * (2 * pi(angle)))
 
 
-def rotate_back(rows, v):
+def rotate_back(rows: Rows, v: Vector) -> Vector:
     """R^T v."""
     return vectors.matrix_times(vectors.transpose(rows), v)

@@ -16,9 +16,8 @@ first, and its linear velocity in the body's axes; a mimic has no coordinate. `i
 import functools
 import pathlib
 
-from jax.typing import DTypeLike
-
 from jaxspatial.arithmetic.known import in_double
+from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.mechanism.formats.mjcf.checks import check
 from jaxspatial.mechanism.formats.mjcf.file import ModelFile
 from jaxspatial.mechanism.formats.mjcf.left_out import leave_out

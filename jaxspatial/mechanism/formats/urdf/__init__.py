@@ -13,8 +13,7 @@ passed around have such) are taken as they are; the warning lists their links.
 import functools
 import pathlib
 
-from jax.typing import ArrayLike, DTypeLike
-
+from jaxspatial.arithmetic.types import DTypeLike, Vector3
 from jaxspatial.mechanism.formats.numbers import built
 from jaxspatial.mechanism.formats.source import file_source
 from jaxspatial.mechanism.formats.urdf.robot import body, check_joints, check_mimics, joint, robot_of, root_of
@@ -28,7 +27,7 @@ _ROOT = "root_joint"
 def read(
     path_or_text: str | pathlib.Path,
     floating_base: bool = False,
-    gravity: ArrayLike = (0.0, 0.0, -9.81),
+    gravity: Vector3 = (0.0, 0.0, -9.81),
     dtype: DTypeLike | None = None,
 ) -> Mechanism:
     """Reads a URDF: what `Mechanism.from_urdf` calls, with the same arguments and errors.
