@@ -14,7 +14,7 @@ import numpy as np
 from jax import lax
 from jax.experimental.xla_metadata import set_xla_metadata
 
-from jaxspatial.arithmetic import certified, compensated, faithful, sum3, wide
+from jaxspatial.arithmetic import certified, compensated, estimated, faithful, sum3, wide
 from jaxspatial.arithmetic.contraction import hidden
 from jaxspatial.arithmetic.eft import product_error
 from jaxspatial.arithmetic.layout import picked
@@ -47,13 +47,28 @@ def _computed(plan, arrays, error):
     is_single = all(_is_single(plan, s) for s in plan.sums)
     if is_narrow and (is_single or plan.precision != "faithful"):
         return _evaluated(plan, _Tier(wide, wide.total, error), arrays)
-    if is_narrow and plan.degree <= 2:
-        return _evaluated(plan, _Tier(faithful, faithful.total_of_narrow, error), arrays)
     if is_single:
         return _evaluated(plan, _Tier(compensated, _rounded, error), arrays)
     if plan.precision == "faithful":
-        return _certified_or_again(plan, is_narrow, arrays, error)
+        return _tried(plan, _tiers(plan, is_narrow, error), arrays)
     return _unfused(plan, _Tier(compensated, compensated.total, error), arrays)
+
+
+# So many exact products take less to be added without an error than to be tried first.
+_FEW = 3
+
+
+def _tiers(plan, is_narrow, error):
+    """What `faithful` tries, each for what the one before leaves open.
+
+    Sums over a batch and pairs need more digits than the first has.
+    """
+    is_exact = is_narrow and plan.degree <= 2
+    is_tried = not plan.is_pair and not any(s.reduced for s in plan.sums) and (is_exact or not is_narrow)
+    tried = [faithful] if is_exact else [certified, faithful]
+    if is_tried and not (is_exact and max(len(terms) for s in plan.sums for terms in s.components) <= _FEW):
+        tried.insert(0, estimated)
+    return [_Tier(m, m.total_of_narrow if is_narrow else m.total, error) for m in tried]
 
 
 def _unfused(plan, tier, arrays):
@@ -64,19 +79,34 @@ def _unfused(plan, tier, arrays):
         return evaluated(arrays)
 
 
-def _certified_or_again(plan, is_narrow, arrays, error):
-    """Evaluated with a certificate, and if that leaves a NaN in the batch once more, whatever it takes.
+def _tried(plan, tiers, arrays):
+    """Evaluated by the first tier, and while that leaves a NaN in the batch once more by the next.
 
-    A loop of at most one turn: unlike a branch it leaves results where they are in memory.
+    Loops of at most one turn: unlike branches they leave results where they are in memory.
     """
-    first, second = (_Tier(m, m.total_of_narrow if is_narrow else m.total, error) for m in (certified, faithful))
-    results = _evaluated(plan, first, arrays)
-    is_missing = functools.reduce(lax.bitwise_or, (jnp.any(jnp.isnan(r)) for r in results))
+    if len(tiers) == 1:
+        return _unfused(plan, tiers[0], arrays)
+    results = _evaluated(plan, tiers[0], arrays)
+    is_missing = _is_missing(results)
+    for tier in tiers[1:]:
 
-    def again(_):
-        return _evaluated(plan, second, arrays), jnp.zeros_like(is_missing)
+        def again(state, tier=tier):
+            found = _completed(plan, state[0], _evaluated(plan, tier, arrays))
+            return found, np.zeros((), bool), _is_missing(found)
 
-    return lax.while_loop(lambda state: state[1], again, (results, is_missing))[0]
+        results, _, is_missing = lax.while_loop(lambda state: state[1], again, (results, is_missing, is_missing))
+    return results
+
+
+def _is_missing(results):
+    return functools.reduce(lax.bitwise_or, (jnp.any(jnp.isnan(r)) for r in results))
+
+
+def _completed(plan, results, others):
+    """The results, the others in place of NaN: what is found of an item does not depend on its batch."""
+    width = 1 + plan.is_pair
+    missing = [jnp.isnan(results[i - i % width]) for i in range(len(results))]
+    return [lax.select(m, y, x) for m, x, y in zip(missing, results, others, strict=True)]
 
 
 def _evaluated(plan, tier, arrays):

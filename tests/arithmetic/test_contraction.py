@@ -21,8 +21,7 @@ from jaxspatial.measure.operation import OPERATIONS
 from tests.helpers.marks import slow_but
 
 # What carries the name in the package is the function.
-module = importlib.import_module("jaxspatial.measure.self_check")
-
+self_check = importlib.import_module("jaxspatial.measure.self_check")
 IS_HERE = contraction.holds(np.dtype("float64"))
 WAYS = [pytest.param(True, id="contracted", marks=pytest.mark.skipif(not IS_HERE, reason="no contraction here")), False]
 BOTH = pytest.mark.parametrize("way", WAYS)
@@ -176,15 +175,15 @@ def test_a_persistent_cache_gives_each_process_a_program_that_is_right_for_it(tm
 def test_hostile_inputs_each_way(name, precision, way):
     """Values, in a batch, a loop and one by one, whatever cancels or nearly overflows."""
     with contraction.forced(way):
-        arrays = module._hostile(name, js.Precision(precision), "float64")
-        assert module._over_promise(OPERATIONS[name], js.Precision(precision), arrays) <= 1
+        arrays = self_check._hostile(name, js.Precision(precision), "float64")
+        assert self_check._over_promise(OPERATIONS[name], js.Precision(precision), arrays) <= 1
 
 
 @BOTH
 @pytest.mark.parametrize("precision", ["compensated", "faithful"])
 def test_derivatives_each_way(precision, way):
     with contraction.forced(way):
-        assert module._derivatives_over(js.Precision(precision), "float64") <= 1
+        assert self_check._derivatives_over(js.Precision(precision), "float64") <= 1
 
 
 def _both_ways(function, *arrays):
