@@ -43,6 +43,6 @@ from jaxspatial.measure.recommend import Recommendation as Recommendation
 from jaxspatial.measure.recommend import recommend as recommend
 
 # does it hold here
-from jaxspatial.measure.self_check import Finding as Finding
-from jaxspatial.measure.self_check import Report as Report
+from jaxspatial.measure.findings import Finding as Finding
+from jaxspatial.measure.findings import Report as Report
 from jaxspatial.measure.self_check import self_check as self_check

@@ -1,7 +1,6 @@
 """Errors of products by contraction: only where they are exact, in every way a program comes about, and the same bits
 as Dekker's."""
 
-import importlib
 import os
 import subprocess
 import sys
@@ -15,13 +14,11 @@ from jax import lax
 
 import jaxspatial as js
 from jaxspatial.arithmetic import contraction, conversion, eft, pairs
-from jaxspatial.measure import inputs
+from jaxspatial.measure import inputs, promise_checks
 from jaxspatial.measure.exact import rationals
 from jaxspatial.measure.operation import OPERATIONS
 from tests.helpers.marks import slow_but
 
-# What carries the name in the package is the function.
-self_check = importlib.import_module("jaxspatial.measure.self_check")
 IS_HERE = contraction.holds(np.dtype("float64"))
 WAYS = [pytest.param(True, id="contracted", marks=pytest.mark.skipif(not IS_HERE, reason="no contraction here")), False]
 BOTH = pytest.mark.parametrize("way", WAYS)
@@ -175,15 +172,15 @@ def test_a_persistent_cache_gives_each_process_a_program_that_is_right_for_it(tm
 def test_hostile_inputs_each_way(name, precision, way):
     """Values, in a batch, a loop and one by one, whatever cancels or nearly overflows."""
     with contraction.forced(way):
-        arrays = self_check._hostile(name, js.Precision(precision), "float64")
-        assert self_check._over_promise(OPERATIONS[name], js.Precision(precision), arrays) <= 1
+        arrays = promise_checks._hostile(name, js.Precision(precision), "float64")
+        assert promise_checks._over_promise(OPERATIONS[name], js.Precision(precision), arrays) <= 1
 
 
 @BOTH
 @pytest.mark.parametrize("precision", ["compensated", "faithful"])
 def test_derivatives_each_way(precision, way):
     with contraction.forced(way):
-        assert self_check._derivatives_over(js.Precision(precision), "float64") <= 1
+        assert promise_checks._derivatives_over(js.Precision(precision), "float64") <= 1
 
 
 def _both_ways(function, *arrays):
