@@ -57,12 +57,13 @@ class Algorithm(program.Program):
 
     @property
     def block(self):
-        """Fewer states where the results of one are many numbers."""
+        """Fewer states where the results of one are many numbers, or numbers wide."""
         entries = self.formula.entries
+        # Half as many numbers of 64 bits: the cache has room for bytes.
+        largest = program.LARGEST_BLOCK // (1 if self.dtype.itemsize <= 4 else 2)
         if entries is None:
-            return program.LARGEST_BLOCK
-        most = program.NUMBERS // max(entries(self.topology), 1)
-        return min(max(most, program.SMALLEST_BLOCK), program.LARGEST_BLOCK)
+            return largest
+        return min(max(program.NUMBERS // max(entries(self.topology), 1), program.SMALLEST_BLOCK), largest)
 
     @functools.cached_property
     def _hash(self):
