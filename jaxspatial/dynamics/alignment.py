@@ -52,7 +52,7 @@ def of_parameters(turns):
 
 
 def _in_aligned_axes(topology, turns, name, x):
-    which, sign = turns
+    _, sign = turns
     world = np.arange(3), np.ones(3, sign.dtype)
 
     def of(bodies):

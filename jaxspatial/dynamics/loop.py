@@ -25,7 +25,7 @@ class Turns(NamedTuple):
     """
 
     kept: Any
-    rows: dict
+    rows: dict[int, int]
     at: Any
     put: Any
     get: Any

@@ -5,6 +5,7 @@ of two bundles, of all pairs of their bodies, are one operation. Nothing is prop
 """
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -29,7 +30,7 @@ def matrices(state, entry, rows, columns):
     sizes = [[_count(state, y, group) * group.length for group in chains] for y in (rows, columns)]
     starts = [_starts(state, y) for y in (rows, columns)]
     rows, columns = ([_of_chains(state, y, group) for group in chains] for y in (rows, columns))
-    whole: list = []
+    whole: list[Any] = []
     for b, column in enumerate(columns):
         for a, both in state.topology.carriers(b).items():
             if rows[a] is not None and column is not None:
