@@ -164,7 +164,7 @@ def _check_sizes(wrenches, offset, dtypes, source):
 
 def _measured(plan, console, options):
     """All measurements; where there is a console, with the power before, and a progress bar."""
-    moving_at = plan.wrenches if plan.wrenches.w is not None else None
+    moving_at = plan.wrenches if plan.operations and plan.wrenches.w is not None else None
     fitting = [dtype for dtype in trade.STREAMED if moving_at and power.fits(moving_at, plan.offset, dtype)]
     powers = {dtype: power.compare(plan.wrenches, plan.offset, dtype) for dtype in fitting}
     if console:

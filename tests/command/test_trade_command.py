@@ -214,6 +214,7 @@ def test_the_robot_of_a_file(tmp_path, capsys):
     assert main(["--largest", "1000", "--robot", str(path), *asked]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["about"].endswith("; pendulum.urdf") and found["rows"] == found["applications"] == []
+    assert found["power"] == {}
     rows = {row["precision"]: row for row in found["algorithms"]}
     assert list(rows) == ["fast", "reproducible", "compensated"] and rows["compensated"]["worst_ulps"] <= 0.51
     for row in rows.values():
