@@ -7,12 +7,8 @@ into the mass one factor at a time, so that nothing over- or underflows before t
 import jax
 import numpy as np
 
-from jaxspatial.arithmetic import check, symmetric, vectors
-from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.functions import pi
-from jaxspatial.arithmetic.numbers import constant, high, noinline_pairs, where
-from jaxspatial.inertia import mesh
-from jaxspatial.inertia.reduction import product
+from jaxspatial.arithmetic import check
+from jaxspatial.inertia import mesh, shape_formulas
 from jaxspatial.rotation.matrices import expanded
 
 _Z = (0.0, 0.0, 1.0)
@@ -41,69 +37,71 @@ class Shapes:
     @classmethod
     def solid_box(cls, size, *, mass=None, density=None, precision=None):
         """A box with edges size (*batch, 3) along x, y and z."""
-        return _made(cls, "solid_box", _solid_box, precision, _amount("solid_box", mass, density), n=3, size=size)
+        return _made(cls, "solid_box", precision, mass, density, n=3, size=size)
 
     @classmethod
     def solid_cube(cls, size, *, mass=None, density=None, precision=None):
         """A cube with edges of length size."""
-        return _made(cls, "solid_cube", _solid_cube, precision, _amount("solid_cube", mass, density), size=size)
+        return _made(cls, "solid_cube", precision, mass, density, size=size)
 
     @classmethod
     def solid_sphere(cls, radius, *, mass=None, density=None, precision=None):
         """A ball."""
-        return _made(
-            cls, "solid_sphere", _solid_sphere, precision, _amount("solid_sphere", mass, density), radius=radius
-        )
+        return _made(cls, "solid_sphere", precision, mass, density, radius=radius)
 
     @classmethod
     def hollow_sphere(cls, radius, *, mass=None, density=None, precision=None):
         """A spherical shell; its density is one of the surface, kg/m2."""
-        amount = _amount("hollow_sphere", mass, density)
-        return _made(cls, "hollow_sphere", _hollow_sphere, precision, amount, radius=radius)
+        return _made(cls, "hollow_sphere", precision, mass, density, radius=radius)
 
     @classmethod
     def solid_ellipsoid(cls, semi_axes, *, mass=None, density=None, precision=None):
         """An ellipsoid with semi-axes (*batch, 3) along x, y and z."""
-        amount = _amount("solid_ellipsoid", mass, density)
-        return _made(cls, "solid_ellipsoid", _solid_ellipsoid, precision, amount, n=3, semi_axes=semi_axes)
+        return _made(cls, "solid_ellipsoid", precision, mass, density, n=3, semi_axes=semi_axes)
 
     @classmethod
     def solid_cylinder(cls, radius, length, axis=_Z, *, mass=None, density=None, precision=None):
         """A cylinder."""
-        amount = _amount("solid_cylinder", mass, density)
-        return _made(cls, "solid_cylinder", _solid_cylinder, precision, amount, axis, radius=radius, length=length)
+        return _made(cls, "solid_cylinder", precision, mass, density, axis, radius=radius, length=length)
 
     @classmethod
     def solid_cylinder_about_end(cls, radius, length, axis=_Z, *, mass=None, density=None, precision=None):
         """A cylinder, P at the centre of one of its ends: axis points from there to its centre of mass."""
-        name, amount = "solid_cylinder_about_end", _amount("solid_cylinder_about_end", mass, density)
-        return _made(cls, name, _cylinder_about_end, precision, amount, axis, radius=radius, length=length)
+        return _made(cls, "solid_cylinder_about_end", precision, mass, density, axis, radius=radius, length=length)
 
     @classmethod
     def hollow_cylinder(cls, inner_radius, outer_radius, length, axis=_Z, *, mass=None, density=None, precision=None):
         """A tube: what is between two radii, the inner one at most the outer; with equal ones a shell (by mass)."""
-        amount = _amount("hollow_cylinder", mass, density)
-        lengths = {"inner_radius": inner_radius, "outer_radius": outer_radius, "length": length}
-        return _made(cls, "hollow_cylinder", _hollow_cylinder, precision, amount, axis, {"inner_radius"}, **lengths)
+        return _made(
+            cls,
+            "hollow_cylinder",
+            precision,
+            mass,
+            density,
+            axis,
+            {"inner_radius"},
+            inner_radius=inner_radius,
+            outer_radius=outer_radius,
+            length=length,
+        )
 
     @classmethod
     def solid_capsule(cls, radius, length, axis=_Z, *, mass=None, density=None, precision=None):
         """A cylinder of that length between two half balls. With length 0 a ball, with radius 0 a thin rod."""
-        amount, may_be_zero = _amount("solid_capsule", mass, density), {"radius", "length"}
-        lengths = {"radius": radius, "length": length}
-        return _made(cls, "solid_capsule", _solid_capsule, precision, amount, axis, may_be_zero, **lengths)
+        return _made(
+            cls, "solid_capsule", precision, mass, density, axis, {"radius", "length"}, radius=radius, length=length
+        )
 
     @classmethod
     def solid_cone(cls, radius, height, axis=_Z, *, mass=None, density=None, precision=None):
         """A cone. P is its centre of mass: the centre of the base is at -height/4, the apex at 3/4 height along
         axis."""
-        amount = _amount("solid_cone", mass, density)
-        return _made(cls, "solid_cone", _solid_cone, precision, amount, axis, radius=radius, height=height)
+        return _made(cls, "solid_cone", precision, mass, density, axis, radius=radius, height=height)
 
     @classmethod
     def thin_rod(cls, length, axis=_Z, *, mass, precision=None):
         """A straight line of mass; without a moment about its axis."""
-        return _made(cls, "thin_rod", _thin_rod, precision, ("mass", mass), axis, length=length)
+        return _made(cls, "thin_rod", precision, mass, None, axis, length=length)
 
     @classmethod
     def point_mass(cls, com, *, mass):
@@ -131,7 +129,7 @@ class Shapes:
             raise ValueError(f"solid_tetrahedron: vertices: expected shape (*batch, 4, 3), got {v.shape}")
         amount = _number(amount, f"solid_tetrahedron: {kind}", v.dtype, may_be_zero=True)
         given = {kind: expanded(amount), "vertices": v.reshape((*v.shape[:-2], 12))}
-        return cls(*_computed(_solid_tetrahedron, precision, given, by=kind))
+        return cls(*_computed(shape_formulas.solid_tetrahedron, precision, given, by=kind))
 
     @classmethod
     def triangle_mesh(cls, vertices, triangles, *, mass=None, density=None, precision=None):
@@ -176,9 +174,9 @@ def _amount(name, mass, density):
     return ("density", density) if mass is None else ("mass", mass)
 
 
-def _made(cls, name, formula, precision, amount, axis=None, may_be_zero=(), n=1, **lengths):
-    """The inertia that the formula gives for a mass or density, lengths or vectors of n lengths, and an axis."""
-    kind, amount = amount
+def _made(cls, name, precision, mass, density, axis=None, may_be_zero=(), n=1, **lengths):
+    """The inertia that the formula of this name gives for lengths, or vectors of n lengths, and an axis."""
+    kind, amount = _amount(name, mass, density)
     dtype = _dtype(*lengths.values(), amount, axis)
     given = {kind: expanded(_number(amount, f"{name}: {kind}", dtype, may_be_zero=True))}
     for key, x in lengths.items():
@@ -187,7 +185,7 @@ def _made(cls, name, formula, precision, amount, axis=None, may_be_zero=(), n=1,
         _require_order(name, given["inner_radius"], given["outer_radius"])
     if axis is not None:
         given["axis"] = check.as_vectors(axis, f"{name}: axis", dtype)
-    return cls(*_computed(formula, precision, given, by=kind))
+    return cls(*_computed(getattr(shape_formulas, name), precision, given, by=kind))
 
 
 def _dtype(*values):
@@ -227,7 +225,7 @@ def _computed(formula, precision, given, **static):
     check.require_same_dtype(**given)
     batch = check.common_batch_shape(**{name: x.shape[:-1] for name, x in given.items()})
     if "axis" in given:
-        (given["axis"],) = _known(_direction, None, given["axis"])
+        (given["axis"],) = _known(shape_formulas.direction, None, given["axis"])
     m, *com, central = _known(formula, precision, *given.values(), **static)
     return m.reshape(batch), com[0] if com else np.zeros((*batch, 3), central.dtype), central
 
@@ -238,155 +236,3 @@ def _known(formula, precision, *arrays, **static):
         return formula(precision, *arrays, **static)
     with jax.ensure_compile_time_eval():
         return [np.asarray(x) for x in formula(precision, *arrays, **static)]
-
-
-# -- in numbers: [(mass,), central] for (amount,), lengths and direction ----------------------------------------------
-
-
-@formula
-def _direction(axis):
-    """The axis times a power of two, with its largest component from 1 to 2: one along x, y or z with a known 1."""
-    return [vectors.times(2, vectors.scaled(axis)[0])]
-
-
-def _mass(by, amount, *factors):
-    return amount if by == "mass" else product((amount, *factors))
-
-
-def _diagonal(xx, yy, zz):
-    zero = constant(xx, 0)
-    return xx, zero, yy, zero, zero, zz
-
-
-def _round(m, along, across, difference, n):
-    """Of a body round about n, of any length: along n n^T / n.n + across (1 - n n^T / n.n), difference = along -
-    across.
-
-    Moments are sums of what is not negative; no root is taken, and nothing is done about a known coordinate axis.
-    """
-    squared = vectors.dot(n, n)
-    x, y, z = (c * c / squared for c in n)
-    xy, xz, yz = (difference * (n[i] * n[j] / squared) for i, j in ((0, 1), (0, 2), (1, 2)))
-    xx, yy, zz = (along * a + across * (b + c) for a, b, c in ((x, y, z), (y, z, x), (z, x, y)))
-    return [(m,), (xx, xy, yy, xz, yz, zz)]
-
-
-@formula
-def _solid_box(amount, size, by):
-    m = _mass(by, *amount, *size)
-    x, y, z = (m * c * c / 12 for c in size)
-    return [(m,), _diagonal(y + z, z + x, x + y)]
-
-
-@formula
-def _solid_cube(amount, size, by):
-    (c,) = size
-    m = _mass(by, *amount, c, c, c)
-    moment = m * c * c / 6
-    return [(m,), _diagonal(moment, moment, moment)]
-
-
-def _ball(by, amount, a, b, c):
-    """Mass of an ellipsoid."""
-    return _mass(by, amount, a, b, 4 * c, pi(c) / 3)
-
-
-@formula
-def _solid_sphere(amount, radius, by):
-    (r,) = radius
-    m = _ball(by, *amount, r, r, r)
-    moment = 2 * (m * r * r) / 5
-    return [(m,), _diagonal(moment, moment, moment)]
-
-
-@formula
-def _hollow_sphere(amount, radius, by):
-    (r,) = radius
-    m = _mass(by, *amount, r, r, 4 * pi(r))
-    moment = 2 * (m * r * r) / 3
-    return [(m,), _diagonal(moment, moment, moment)]
-
-
-@formula
-def _solid_ellipsoid(amount, semi_axes, by):
-    m = _ball(by, *amount, *semi_axes)
-    a, b, c = (m * s * s / 5 for s in semi_axes)
-    return [(m,), _diagonal(b + c, c + a, a + b)]
-
-
-@formula
-def _solid_cylinder(amount, radius, length, axis, by):
-    return _cylinder(by, *amount, *radius, *length, axis)
-
-
-@formula
-def _cylinder_about_end(amount, radius, length, axis, by):
-    m, central = _cylinder(by, *amount, *radius, *length, axis)
-    half = length[0] / 2 / vectors.dot(axis, axis).sqrt()
-    return [m, vectors.times(half, axis), central]
-
-
-def _cylinder(by, amount, r, length, axis):
-    m = _mass(by, amount, r, r, length, pi(r))
-    a, b = m * r * r, m * length * length
-    return _round(m, a / 2, (3 * a + b) / 12, (3 * a - b) / 12, axis)
-
-
-@formula
-def _hollow_cylinder(amount, inner_radius, outer_radius, length, axis, by):
-    (p,), (q,), (h,) = inner_radius, outer_radius, length
-    m = _mass(by, *amount, q - p, q + p, h, pi(q))
-    a, b = m * p * p + m * q * q, m * h * h
-    return _round(m, a / 2, (3 * a + b) / 12, (3 * a - b) / 12, axis)
-
-
-@formula
-def _solid_capsule(amount, radius, length, axis, by):
-    """Of a cylinder, 3 h / (3 h + 4 r) of the mass, and two half balls, 4 r / (3 h + 4 r)."""
-    (r,), (h,) = radius, length
-    parts = 3 * h + 4 * r
-    m = _mass(by, *amount, r, r, parts, pi(r) / 3)
-    parts = where(high(parts) == 0, 1.0, parts)
-    between, ends = m * (3 * h / parts), m * (4 * r / parts)
-    rr, hh = between * r * r, between * h * h
-    along = (5 * rr + 4 * (ends * r * r)) / 10
-    across = (3 * rr + hh) / 12 + (16 * (ends * r * r) + (10 * (ends * h * h) + 15 * (ends * h * r))) / 40
-    return _round(m, along, across, (3 * rr - hh) / 12 - (2 * (ends * h * h) + 3 * (ends * h * r)) / 8, axis)
-
-
-@formula
-def _solid_cone(amount, radius, height, axis, by):
-    (r,), (h,) = radius, height
-    m = _mass(by, *amount, r, r, h, pi(r) / 3)
-    a, b = 12 * (m * r * r), 3 * (m * h * h)
-    return _round(m, 2 * a / 80, (a + b) / 80, (a - b) / 80, axis)
-
-
-@formula
-def _thin_rod(mass, length, axis, by):
-    across = mass[0] * length[0] * length[0] / 12
-    return _round(*mass, constant(across, 0), across, -across, axis)
-
-
-@formula
-def _solid_tetrahedron(amount, vertices, by):
-    corners = vectors.rows(vertices)
-    edges = [_difference(a, b) for i, a in enumerate(corners) for b in corners[i + 1 :]]
-    m = _mass(by, *amount, *(() if by == "mass" else (abs(_determinant(*edges[:3])) / 6,)))
-    com = tuple(x + total / 4 for x, total in zip(corners[0], vectors.plus(*edges[:3]), strict=True))
-    return [(m,), com, symmetric.trace_minus(_squares(m / 80, edges))]
-
-
-def _difference(a, b):
-    return tuple(y - x for x, y in zip(a, b, strict=True))
-
-
-@noinline_pairs
-def _determinant(a, b, c):
-    return vectors.dot(a, vectors.cross(b, c))
-
-
-@noinline_pairs
-def _squares(m, edges):
-    """m times the sum of e e^T: xx, xy, yy, xz, yz, zz."""
-    return tuple(vectors.total([m * e[i] * e[j] for e in edges]) for i, j in mesh.PAIRS)

@@ -169,7 +169,7 @@ class SpatialVector(Quantity):
         if not isinstance(other, SpatialVector):
             return NotImplemented
         a, b = matched(self, other, operation.__name__)
-        return self._like(*(_skipping_zero(operation, x, y) for x, y in zip(a._parts, b._parts, strict=True)))
+        return self._like(*(skipping_zero(operation, x, y) for x, y in zip(a._parts, b._parts, strict=True)))
 
     def _scaled(self, operation, scalar):
         if isinstance(scalar, SpatialVector):
@@ -326,7 +326,8 @@ def _scaled_part(operation, part, s):
     return operation(part, jnp.broadcast_to(s, part.shape))
 
 
-def _skipping_zero(operation, x, y):
+def skipping_zero(operation, x, y):
+    """x + y or x - y: of known zeros nothing is left."""
     if isinstance(y, np.ndarray) and not y.any():
         return x
     if isinstance(x, np.ndarray) and not x.any():
