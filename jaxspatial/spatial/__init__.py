@@ -1,5 +1,7 @@
 """Layer 2: spatial vectors, and the operations in which they meet."""
 
+# What registers `act` and `act_inverse` of spatial vectors.
+from jaxspatial.spatial import frames as frames
 from jaxspatial.spatial.acceleration import SpatialAcceleration as SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce as SpatialForce
 from jaxspatial.spatial.force import SpatialMomentum as SpatialMomentum
