@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
-import numpy as np
 from jax import lax
 
 
@@ -16,20 +15,23 @@ def pairwise_sum(x: jax.Array) -> jax.Array:
     """The sum of x (*batch, n) over its last axis."""
     # -0 is the neutral element: -0 + x is x, also for x = -0.
     (found,) = by_halving(lambda a, b: (a[0] + b[0],), (x,), x.ndim - 1, -0.0 if x.shape[-1] else 0.0)
-    return found[..., 0]
+    return lax.squeeze(found, [found.ndim - 1])
 
 
 def by_halving(merge: Callable, words: Sequence[jax.Array], axis: int, neutral: float = 0.0) -> tuple[Any, ...]:
     """The sum over an axis, which is kept with size 1, of numbers of so many words that `merge` adds two of."""
     words = [_padded(x, axis, neutral) for x in words]
     while (n := words[0].shape[axis]) > 1:
-        halves = ([lax.slice_in_dim(x, i, i + n // 2, axis=axis) for x in words] for i in (0, n // 2))
-        words = merge(*map(tuple, halves))
+        words = merge(*zip(*(lax.split(x, (n // 2, n // 2), axis) for x in words), strict=True))
     return tuple(words)
 
 
 def _padded(x, axis, neutral):
-    """As many as a power of two."""
+    """As many as a power of two. Concatenated and split, not padded and sliced: pull-backs of these pad, with a zero
+    that JAX makes a float32 in a program without 64-bit types, also for a sum in float64."""
     n = x.shape[axis]
     after = (1 << max(n - 1, 0).bit_length()) - n
-    return lax.pad(x, np.asarray(neutral, x.dtype), [(0, after if i == axis else 0, 0) for i in range(x.ndim)])
+    if not after:
+        return x
+    shape = *x.shape[:axis], after, *x.shape[axis + 1 :]
+    return lax.concatenate([x, lax.full_like(x, neutral, shape=shape)], axis)

@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxspatial.arithmetic import folding
 from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.layout import apart
 from jaxspatial.arithmetic.numbers import Rounded, noinline_pairs
 from jaxspatial.arithmetic.pairwise import by_halving, pairwise_sum
 
@@ -29,7 +30,7 @@ def _of_rounded(values, size):
     """All of them in one array: one chain of additions."""
     shape = np.broadcast_shapes((size,), *(x.shape for x in values))
     sums = pairwise_sum(jnp.stack([jnp.broadcast_to(x, shape) for x in values]))
-    return [sums[i, ..., None] for i in range(len(values))]
+    return [x[..., None] for x in apart(jnp.moveaxis(sums, 0, -1))]
 
 
 @noinline_pairs

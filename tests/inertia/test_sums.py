@@ -238,3 +238,14 @@ def test_far_away_and_back():
         assert (
             np.abs(np.asarray(moved.central) - exact.astype(float)).max() <= 8e-16 * np.abs(exact.astype(float)).max()
         )
+
+
+def test_gradient_of_a_sum_in_float64_without_64_bit_types():
+    """In a program that knows no float64 outside of the formula."""
+    with jax.enable_x64(False):
+        M = js.SpatialInertia.solid_box(jnp.ones((5, 3), jnp.float32), mass=jnp.ones(5, jnp.float32))
+
+        def mass(m):
+            return js.SpatialInertia(m, M.com, M.central).sum(precision="compensated").mass
+
+        np.testing.assert_array_equal(jax.grad(mass)(M.mass), np.ones(5))
