@@ -106,7 +106,7 @@ def _root_jvp(primals, tangents):
 Number = Rounded | DoubleWord
 
 
-def constant(like, number):
+def constant(like, number) -> Any:
     """The number nearest to a Fraction or Python number, of the kind of another."""
     if isinstance(like, Polynomial):
         return like.constant(number)

@@ -9,6 +9,7 @@ order.
 """
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -80,7 +81,7 @@ class Program:
         one than side by side."""
         return []
 
-    def batched(self, arrays, axes, size, n_batch):
+    def batched(self, arrays, axes, size, n_batch) -> Any:
         """The results along a new axis in front, where that is no matter of one state more; None where it is."""
         return None
 

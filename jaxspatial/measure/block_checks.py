@@ -80,7 +80,7 @@ def double_words():
         a, b = _value(x), _value(y)
     u = error.unit_roundoff("float32")
     worst = [_over_square(c, e, u) for c, e in zip(computed, (a + b, a * b, a / b), strict=True)]
-    holds = all(error <= limit for error, limit in zip(worst, map(DOUBLE_WORDS.get, "+*/"), strict=True))
+    holds = all(error <= limit for error, limit in zip(worst, [DOUBLE_WORDS[x] for x in "+*/"], strict=True))
     return holds, "float32: worst errors {:.2g}, {:.2g}, {:.2g} u^2 (+, *, /)".format(*worst), "" if holds else cause()
 
 

@@ -1,5 +1,7 @@
 """The first trial of `faithful`: what it gives is within one unit in the last place, whatever cancels, and NaN else."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +17,7 @@ N = 400
 CONDITIONS = [1.5, 1e4, 1e8, 1e12, 1e14, 1e15, 3e15, 1e16, 1e17, 1e20, np.inf]
 
 
-def _dots(dtype, condition, n=N):
+def _dots(dtype, condition, n=N) -> Any:
     """Six pairs of factors (n,) each, and the exact sums of their products."""
     arrays = inputs.CONDITIONED["dot"](np.random.default_rng(7), n, np.dtype(dtype), condition)
     pairs = [(x[:, k], y[:, k]) for x, y in ((arrays[0], arrays[2]), (arrays[1], arrays[3])) for k in range(3)]

@@ -240,7 +240,7 @@ def test_what_is_measured_unasked(monkeypatch):
         return measuring._plan(options.measuring().parse_args([*arguments, "--json", "--largest", "1000"]))
 
     everything = plan()
-    assert everything.algorithms == list(algorithms.ALGORITHMS) and everything.robot.nv == 7
+    assert everything.algorithms == list(algorithms.ALGORITHMS) and everything.robot and everything.robot.nv == 7
     assert everything.is_everything
     assert not plan("--operation", "dot").algorithms and not plan("--dtype", "float64").is_everything
     forward = plan("--operation", "forward_dynamics")

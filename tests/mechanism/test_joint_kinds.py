@@ -7,6 +7,7 @@ the bit where cosine and sine are the same numbers.
 
 import functools
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -72,13 +73,13 @@ class OffsetScrew(JointKind):
     name, nq, nv, angles, parameters = "offset_screw", 1, 1, (0,), (AXIS, LEAD, OFFSET)
 
     @staticmethod
-    def transform(joint, q, cos_sin):
+    def transform(joint, q, cos_sin) -> Any:
         rows, _ = Revolute.transform(joint, q, cos_sin)
         arm = vectors.minus(joint.offset, vectors.matrix_times(rows, joint.offset))
         return rows, vectors.plus(arm, vectors.times(joint.lead * q[0], joint.axis))
 
     @staticmethod
-    def motion_subspace(joint, cos_sin):
+    def motion_subspace(joint, cos_sin) -> Any:
         along = vectors.times(joint.lead, joint.axis)
         return ((joint.axis, vectors.plus(vectors.cross(joint.offset, joint.axis), along)),)
 
