@@ -1,5 +1,6 @@
 """The precisions a caller can name, and what each promises."""
 
+import contextlib
 import enum
 
 import jax
@@ -36,14 +37,25 @@ class Precision(enum.StrEnum):
 _default = jax.make_user_context(default_value=Precision.REPRODUCIBLE)
 
 
-def default_precision(precision: Precision | str):
+def default_precision(precision: Precision | str) -> contextlib.AbstractContextManager[None]:
     """A context manager: operations inside, called without `precision=`, run in this one. An explicit one wins.
 
         with js.default_precision("fast"):
             simulate(state)
 
     What counts is where a function is called: it is traced once for every default it is called under. Defaults nest,
-    and each thread has its own. Raises ValueError for a name that is no precision.
+    and each thread has its own.
+
+    Args:
+        precision: name of a precision, or a `Precision`.
+
+    Returns:
+        The context manager.
+
+    Raises:
+        ValueError: the name is that of no precision.
+
+    Error: none, nothing is computed.
     """
     return _default(resolve(precision))
 

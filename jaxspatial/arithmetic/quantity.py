@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import operator
 import typing
+from collections.abc import Iterable
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +13,8 @@ import numpy as np
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.components import as_array
 from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
+
+_Kind = typing.TypeVar("_Kind", bound="Quantity")
 
 
 class Quantity:
@@ -82,16 +85,23 @@ def matched(a, b, operation):
     return tuple(x._with_vectors(check.broadcast_batch(batch, *x._vectors)) for x in (a, b))
 
 
-def stack(quantities, axis=0):
-    """Quantities of one kind, dtype and batch shape as a batch, along a new axis of the batch. Exact.
+def stack(quantities: Iterable[_Kind], axis: int = 0) -> _Kind:
+    """Quantities of one kind, dtype and batch shape as a batch, along a new axis of the batch.
 
         F = js.stack([F_1, F_2, F_3])          # batch shape (3,); F.at_batch(0) is F_1
 
-    quantities: a list of spatial vectors, rotations, transforms or inertias, all of one kind.
-    axis: an integer; where in the batch shape of the result the new axis is: -1 is the last axis of the batch.
+    Args:
+        quantities: spatial vectors, rotations, transforms or inertias, all of one kind.
+        axis: where in the batch shape of the result the new axis is: -1 is the last axis of the batch.
 
-    Returns the same kind. All NumPy stays NumPy. Raises TypeError for kinds or dtypes that differ, ValueError for batch
-    shapes that differ and for nothing to stack.
+    Returns:
+        The same kind. All NumPy stays NumPy.
+
+    Raises:
+        TypeError: kinds or dtypes differ.
+        ValueError: batch shapes differ, there is no such axis, or there is nothing to stack.
+
+    Error: none, it is exact.
     """
     given = {f"quantities[{i}]": x for i, x in enumerate(quantities)}
     _require_one_kind(given)

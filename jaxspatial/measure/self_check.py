@@ -16,9 +16,13 @@ from jaxspatial.measure.findings import Finding, Report, cause
 def self_check() -> Report:
     """Holds the promises of the library against this backend and these flags, in a few seconds.
 
-    Returns a `Report`: `.holds`, `.findings` (each with name, holds, measured, advice), and a text when printed. What
-    does not hold comes with the flag that usually is to blame. Does not touch the configuration of JAX, and works with
-    64-bit types on or off. The same from a shell: `python -m jaxspatial --self-check`.
+    What does not hold comes with the flag that usually is to blame. Does not touch the configuration of JAX, and works
+    with 64-bit types on or off. The same from a shell: `python -m jaxspatial --self-check`.
+
+    Returns:
+        A `Report`: `.holds`, `.findings` (each with name, holds, measured, advice), and a text when printed.
+
+    Error: what is exact or bitwise is compared exactly, bounds with exact rationals.
     """
     findings = tuple(_found(name, check) for name, check in _CHECKS.items())
     return Report(findings, f"{timing.machine()}\nXLA_FLAGS: {os.environ.get('XLA_FLAGS') or 'none'}")

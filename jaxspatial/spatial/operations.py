@@ -24,10 +24,18 @@ sum of the absolute values of its terms, multiplied out.
 """
 
 import functools
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.quantity import Quantity
+from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.rotation.rotation import Rotation, rotated_together
+
+if TYPE_CHECKING:
+    # It is made of what is defined here.
+    from jaxspatial.spatial.transform import RigidTransform
+
+_Kind = TypeVar("_Kind", bound=Quantity)
 
 
 def _refuse(operation, expected, x) -> Any:
@@ -35,7 +43,7 @@ def _refuse(operation, expected, x) -> Any:
 
 
 @functools.singledispatch
-def shift(X_P_E, p_PQ_E, w=None, *, precision=None):
+def shift(X_P_E: Quantity, p_PQ_E: Vector3, w: Vector3 | None = None, *, precision: PrecisionName = None) -> Any:
     """Moves a spatial quantity from point P to point Q of the same body: X_P_E -> X_Q_E.
 
         force         tau_Q = tau_P - p_PQ x f            f_Q = f_P
@@ -44,75 +52,101 @@ def shift(X_P_E, p_PQ_E, w=None, *, precision=None):
         acceleration  alpha_Q = alpha_P                   a_Q = a_P + alpha x p_PQ + w x (w x p_PQ)
         inertia       com_Q = com_P - p_PQ                mass and central stay, bit for bit
 
-    X_P_E: SpatialForce, SpatialMomentum, SpatialVelocity, SpatialAcceleration or SpatialInertia about P, expressed in
-        frame E.
-    p_PQ_E: (*batch, 3) position of Q from P, metres, in the same frame E; floats in a list take the dtype of X.
-    w: (*batch, 3) angular velocity of the body, rad/s, in E; for an acceleration, which cannot do without, and only
-        for it.
-    precision: "fast", "reproducible" (the default), "compensated", "faithful" or a `Precision`.
-
-    Returns the same kind about Q, of the common batch shape. A batch against one shared offset is
-    `jax.vmap(shift, in_axes=(0, None))`, one offset each `jax.vmap(shift)`; leading axes also broadcast. In place:
+    Power `dot(F, V)` is unchanged when both are shifted. A batch against one shared offset is
+    `jax.vmap(shift, in_axes=(0, None))`, one offset each `jax.vmap(shift)`. In place:
     `jax.jit(shift, donate_argnums=0)`.
 
-    Error per component, u the unit roundoff, r the exact value, mag the sum of the absolute values of its terms, for
-    force, momentum and velocity, in brackets for acceleration (mag: |a| + |alpha| |p| + |w| |w| |p|, multiplied out):
-        fast, reproducible   3 u mag [7 u mag]
-        compensated          u |r| + 4 u^2 mag [32 u^2 mag]
-        faithful             1 ulp of r
-    while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed (XLA CPU). What happens at the
-    edges, and to derivatives, is told once for all operations in `jaxspatial.spatial.operations`. NaN and infinities go
-    where the formula takes them. Power `dot(F, V)` is unchanged when both are shifted.
+    Args:
+        X_P_E: SpatialForce, SpatialMomentum, SpatialVelocity, SpatialAcceleration or SpatialInertia (*batch,) about P,
+            expressed in frame E.
+        p_PQ_E: (*batch, 3) position of Q from P, m, in the same frame E. Floats in a list take the dtype of X.
+        w: (*batch, 3) angular velocity of the body, rad/s, in E. An acceleration needs it, all others refuse it.
+        precision: name of a precision; None takes the default.
 
-    Raises TypeError for other kinds, dtypes that differ or integers, ValueError for shapes.
-    [Jain 2010, Robot and Multibody Dynamics, 1.4 and 1.5; Featherstone 2008, 2.11] 12 flops; acceleration 33.
+    Returns:
+        The same kind about Q, in E, over the common batch. 12 flops, of an acceleration 33.
+
+    Raises:
+        TypeError: X is of another kind, dtypes differ or are not floating point, w is missing or not wanted.
+        ValueError: shapes do not fit.
+
+    Error: per component, u the unit roundoff, r the exact value, mag the sum of the absolute values of its terms, for
+        force, momentum and velocity, in brackets for acceleration (mag: |a| + |alpha| |p| + |w| |w| |p|, multiplied
+        out):
+
+            fast, reproducible   3 u mag [7 u mag]
+            compensated          u |r| + 4 u^2 mag [32 u^2 mag]
+            faithful             1 ulp of r
+
+        while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed (XLA CPU). NaN and
+        infinities go where the formula takes them. For the edges, and for derivatives, see
+        `jaxspatial.spatial.operations`.
+    Source: Jain 2010, Robot and Multibody Dynamics, 1.4 and 1.5; Featherstone 2008, 2.11.
     """
     return _refuse("shift", "a SpatialForce, SpatialMomentum, SpatialVelocity or SpatialAcceleration", X_P_E)
 
 
 @functools.singledispatch
-def dot(F_P_E, V_P_E, *, precision=None):
-    """The pairing of a force or momentum with a velocity, in either order, about the same point in the same frame.
+def dot(F_P_E: Quantity, V_P_E: Quantity, *, precision: PrecisionName = None) -> Any:
+    """The pairing of a force or momentum with a velocity, in either order.
 
-        power  F . V = tau . w + f . v, watts             L . V = h . w + l . v, twice the kinetic energy, joules
+        F . V = tau . w + f . v       power
+        L . V = h . w + l . v         twice the kinetic energy
 
-    F_P_E: SpatialForce or SpatialMomentum.  V_P_E: SpatialVelocity.
-    precision: "fast", "reproducible" (the default), "compensated", "faithful" or a `Precision`.
+    It changes neither with the point nor with the frame.
 
-    Returns an array (*batch,). Does not change with the point, nor with the frame.
+    Args:
+        F_P_E: SpatialForce or SpatialMomentum (*batch,) about P, expressed in frame E; or the velocity.
+        V_P_E: SpatialVelocity (*batch,) about the same point, in the same frame; or the force or momentum.
+        precision: name of a precision; None takes the default.
 
-    Error, mag the sum of the absolute values of the six products: at most 4 u mag in "fast" and "reproducible" (summed
-    as written: each part from the left, then both), u |r| + 8 u^2 mag in "compensated", 1 ulp of r in "faithful", while
-    nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed. Edges and derivatives: see
-    `jaxspatial.spatial.operations`.
-    Raises TypeError for other pairs of kinds or dtypes that differ, ValueError for shapes.
-    [Jain 2010, 1.5] 11 flops.
+    Returns:
+        (*batch,), over the common batch: W of a force, J of a momentum. 11 flops.
+
+    Raises:
+        TypeError: the two are another pair of kinds, or dtypes differ.
+        ValueError: batch shapes do not broadcast.
+
+    Error: mag the sum of the absolute values of the six products: at most 4 u mag in "fast" and "reproducible" (summed
+        as written: each part from the left, then both), u |r| + 8 u^2 mag in "compensated", 1 ulp of r in "faithful",
+        while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed. For the edges, and for
+        derivatives, see `jaxspatial.spatial.operations`.
+    Source: Jain 2010, Robot and Multibody Dynamics, 1.5.
     """
     return _refuse("dot", "a SpatialForce or SpatialMomentum and a SpatialVelocity", F_P_E)
 
 
 @functools.singledispatch
-def cross(V_P_E, X_P_E, *, precision=None):
-    """The rate of change of a spatial quantity that is carried along by the motion V, per second.
+def cross(V_P_E: Quantity, X_P_E: Quantity, *, precision: PrecisionName = None) -> Any:
+    """The rate of change of a spatial quantity that is fixed in a body with velocity V, per second.
 
         motion  V x V2 = (w x w2,  w x v2 + v x w2)       force  V x* F = (w x tau + v x f,  w x f)
 
-    V_P_E: SpatialVelocity.  X_P_E: any of the four kinds, about the same point, in the same frame.
-    precision: "fast", "reproducible" (the default), "compensated", "faithful" or a `Precision`.
+    Power is conserved: dot(cross(V, F), V2) = -dot(F, cross(V, V2)). In all precisions but "fast" cross(V, V) is
+    exactly 0, in "reproducible" cross(V, V2) is exactly -cross(V2, V).
 
-    Returns the kind of X. Power is conserved: dot(cross(V, F), V2) = -dot(F, cross(V, V2)). In all precisions but
-    "fast" cross(V, V) is exactly 0, in "reproducible" cross(V, V2) exactly -cross(V2, V).
+    Args:
+        V_P_E: SpatialVelocity (*batch,) about P, expressed in frame E.
+        X_P_E: any of the four kinds (*batch,), about the same point, in the same frame.
+        precision: name of a precision; None takes the default.
 
-    Error per component, mag the sum of the absolute values of the terms: in "fast" and "reproducible" at most 2 u mag
-    for the single product, 3 u mag for the sum of two, u |r| + 4 u^2 mag in "compensated", 1 ulp of r in "faithful",
-    while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed. Edges and derivatives: see
-    `jaxspatial.spatial.operations`. Raises TypeError for other kinds or dtypes that differ, ValueError for shapes.
-    [Featherstone 2008, Rigid Body Dynamics Algorithms, 2.9, equations 2.31 and 2.32] 30 flops.
+    Returns:
+        The kind of X, about P, in E, over the common batch; its units per second. 30 flops.
+
+    Raises:
+        TypeError: the arguments are of other kinds, or dtypes differ.
+        ValueError: batch shapes do not broadcast.
+
+    Error: per component, mag the sum of the absolute values of the terms: in "fast" and "reproducible" at most 2 u mag
+        for the single product, 3 u mag for the sum of two, u |r| + 4 u^2 mag in "compensated", 1 ulp of r in
+        "faithful", while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed. For the
+        edges, and for derivatives, see `jaxspatial.spatial.operations`.
+    Source: Featherstone 2008, Rigid Body Dynamics Algorithms, 2.9, equations 2.31 and 2.32.
     """
     return _refuse("cross", "a SpatialVelocity first", V_P_E)
 
 
-def act(X_AB, X_Bo_B, w=None, *, precision=None):
+def act(X_AB: "RigidTransform", X_Bo_B: _Kind, w: Vector3 | None = None, *, precision: PrecisionName = None) -> _Kind:
     """Moves a spatial quantity from Bo to Ao and re-expresses it from frame B in frame A: X_Bo_B -> X_Ao_A.
 
         force, momentum   f_A = R f             tau_A = R tau + p x f_A
@@ -120,18 +154,26 @@ def act(X_AB, X_Bo_B, w=None, *, precision=None):
         acceleration      alpha_A = R alpha     a_A = R a + p x alpha_A + R w x (p x R w)
         inertia           com_A = R com + p     central_A = R central R^T
 
-    X_AB: RigidTransform with rotation R and translation p = p_AoBo_A.  X_Bo_B: any spatial vector,
-    or a SpatialInertia or ArticulatedInertia, about Bo in frame B.  Both points are points of the same body.
-    w: (*batch, 3) angular velocity of that body, rad/s, in B; for an acceleration only.
-    precision: "fast", "reproducible" (the default), "compensated", "faithful" or a `Precision`.
+    `act_inverse` undoes it. Both points are points of the same body. For the velocity of a moving frame see
+    `SpatialVelocity.compose_with_moving_frame`. Power does not change when force and velocity are both acted on.
 
-    Returns the kind of X_Bo_B. `act_inverse` undoes it. Not to be confused with the velocity of a moving frame: for
-    that, `SpatialVelocity.compose_with_moving_frame`. Power does not change when force and velocity are both acted on.
+    Args:
+        X_AB: RigidTransform (*batch,) with rotation R and translation p = p_AoBo_A.
+        X_Bo_B: any spatial vector, a SpatialInertia or an ArticulatedInertia (*batch,), about Bo, expressed in frame B.
+        w: (*batch, 3) angular velocity of the body, rad/s, in B. An acceleration needs it, all others refuse it.
+        precision: name of a precision; None takes the default.
 
-    Error per component, mag the sum of the absolute values of its terms, multiplied out: at most 8 u mag in "fast" and
-    "reproducible" [acceleration 14 u mag], u |r| + 32 u^2 mag in "compensated" [128 u^2 mag], 1 ulp in "faithful",
-    while nothing over- or underflows; see the module. Raises TypeError for other kinds or dtypes that differ.
-    [Featherstone 2008, 2.8; Jain 2010, 1.5] 42 flops; acceleration 93.
+    Returns:
+        The kind of X_Bo_B, about Ao, in A, over the common batch. 42 flops, of an acceleration 93.
+
+    Raises:
+        TypeError: the arguments are of other kinds, dtypes differ, w is missing or not wanted.
+        ValueError: shapes do not fit.
+
+    Error: per component, mag the sum of the absolute values of its terms, multiplied out: at most 8 u mag in "fast" and
+        "reproducible" [acceleration 14 u mag], u |r| + 32 u^2 mag in "compensated" [128 u^2 mag], 1 ulp in "faithful",
+        while nothing over- or underflows. For the edges, and for derivatives, see `jaxspatial.spatial.operations`.
+    Source: Featherstone 2008, 2.8; Jain 2010, 1.5.
     """
     return acting(X_Bo_B, X_AB, w, precision)
 
@@ -142,13 +184,31 @@ def acting(X_Bo_B, X_AB, w, precision) -> Any:
     return _refuse("act", "a spatial vector or inertia as second", X_Bo_B)
 
 
-def act_inverse(X_AB, X_Ao_A, w=None, *, precision=None):
-    """`act` of X_AB^-1, without forming it: X_Ao_A -> X_Bo_B. Arguments, errors and bounds as there; w is in frame A.
+def act_inverse(
+    X_AB: "RigidTransform", X_Ao_A: _Kind, w: Vector3 | None = None, *, precision: PrecisionName = None
+) -> _Kind:
+    """`act` of X_AB^-1, without forming it: X_Ao_A -> X_Bo_B.
 
-    force, momentum   f_B = R^T f           tau_B = R^T (tau - p x f)
-    velocity          w_B = R^T w           v_B = R^T (v + w x p)
-    acceleration      alpha_B = R^T alpha   a_B = R^T (a + alpha x p + w x (w x p))
-    inertia           com_B = R^T (com - p) central_B = R^T central R
+        force, momentum   f_B = R^T f           tau_B = R^T (tau - p x f)
+        velocity          w_B = R^T w           v_B = R^T (v + w x p)
+        acceleration      alpha_B = R^T alpha   a_B = R^T (a + alpha x p + w x (w x p))
+        inertia           com_B = R^T (com - p) central_B = R^T central R
+
+    Args:
+        X_AB: RigidTransform (*batch,) with rotation R and translation p = p_AoBo_A.
+        X_Ao_A: any spatial vector, a SpatialInertia or an ArticulatedInertia (*batch,), about Ao, expressed in frame A.
+        w: (*batch, 3) angular velocity of the body, rad/s, in A. An acceleration needs it, all others refuse it.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        The kind of X_Ao_A, about Bo, in B, over the common batch.
+
+    Raises:
+        TypeError: the arguments are of other kinds, dtypes differ, w is missing or not wanted.
+        ValueError: shapes do not fit.
+
+    Error: as of `act`.
+    Source: as of `act`.
     """
     return acting_inverse(X_Ao_A, X_AB, w, precision)
 
@@ -159,17 +219,28 @@ def acting_inverse(X_Ao_A, X_AB, w, precision) -> Any:
     return _refuse("act_inverse", "a spatial vector or inertia as second", X_Ao_A)
 
 
-def rotate(R_AE, X_P_E, *, precision=None):
+def rotate(R_AE: Rotation, X_P_E: _Kind, *, precision: PrecisionName = None) -> _Kind:
     """Re-expresses a spatial quantity, about the same point, in another frame: X_P_E -> X_P_A. Also `R_AE @ X_P_E`.
 
-    R_AE: Rotation.  X_P_E: any of the four kinds, or a SpatialInertia.  Batch shapes broadcast; returns the kind of X.
+    Each part v becomes R v, a central inertia R I R^T. Power does not change when both are rotated.
 
-    Each part v becomes R v, a central inertia R I R^T. Error per component, mag the sum of the absolute values of its
-    three products, or nine, in brackets for a central inertia: at most 3 u mag [6 u mag] in "fast" and "reproducible",
-    u |r| + 4 u^2 mag [32 u^2 mag] in "compensated", 1 ulp in "faithful", while nothing over-
-    or underflows; plus a few finfo.tiny where subnormals are flushed. Power does not change when both are rotated.
-    Raises TypeError for other kinds or dtypes that differ, ValueError for shapes.
-    [Featherstone 2008, 2.8] 30 flops.
+    Args:
+        R_AE: Rotation (*batch,).
+        X_P_E: any of the four kinds, or a SpatialInertia (*batch,), expressed in frame E.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        The kind of X_P_E, about P, in A, over the common batch. 30 flops.
+
+    Raises:
+        TypeError: the arguments are of other kinds, or dtypes differ.
+        ValueError: batch shapes do not broadcast.
+
+    Error: per component, mag the sum of the absolute values of its three products, or nine, in brackets for a central
+        inertia: at most 3 u mag [6 u mag] in "fast" and "reproducible", u |r| + 4 u^2 mag [32 u^2 mag] in
+        "compensated", 1 ulp in "faithful", while nothing over- or underflows; plus a few finfo.tiny where subnormals
+        are flushed.
+    Source: Featherstone 2008, 2.8.
     """
     if not isinstance(R_AE, Rotation):
         raise TypeError(f"rotate: expected a Rotation first, got {type(R_AE).__name__}")

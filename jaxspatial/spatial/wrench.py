@@ -11,21 +11,35 @@ from jaxspatial.arithmetic.components import as_array
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.precision import resolve
 from jaxspatial.arithmetic.scaling import exponent, times_power_of_two
+from jaxspatial.arithmetic.types import PrecisionName, Vector, Vector3
 from jaxspatial.spatial.force import SpatialForce
 
 
-def wrench_from_point_forces(points, forces, *, precision=None):
-    """The wrench of forces that act at points, about the origin P of the points: tau = sum p_i x f_i, f = sum f_i.
+def wrench_from_point_forces(points: Vector, forces: Vector, *, precision: PrecisionName = None) -> SpatialForce:
+    """The wrench of forces that act at points, about the origin P of the points.
 
-    points: (*batch, n, 3) positions p_PQi_E, metres.  forces: (*batch, n, 3) f_Qi_E, newtons, in the same frame.
-    precision: "fast", "reproducible" (the default), "compensated", "faithful" or a `Precision`.
+        tau = sum p_i x f_i       f = sum f_i
 
-    Returns a SpatialForce of shape (*batch,), zero for n = 0. Summed by halving, always in the same order. Error per
-    component, L = ceil(log2 n), mag the sum of the absolute values of the terms: at most (2 + L) u mag in "fast" and
-    "reproducible", u |r| + 2 (2 + L)^2 u^2 mag in "compensated", 1 ulp of r in "faithful" while |r| >= n^2 u^2 mag (a
-    sum in three times the precision), while nothing over- or underflows. In "faithful" no moment, force or partial sum
-    that overflows on the way matters; all other edges, and derivatives: see `jaxspatial.spatial.operations`. Raises
-    TypeError for dtypes that differ or integers, ValueError for shapes.
+    Summed by halving, always in the same order. In "faithful" no moment, force or partial sum that overflows on the way
+    matters.
+
+    Args:
+        points: (*batch, n, 3) positions p_PQi_E, m, of the points from P, expressed in frame E.
+        forces: (*batch, n, 3) forces f_Qi_E, N, in the same frame.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        The SpatialForce about P, in E, over the common batch; zero for n = 0.
+
+    Raises:
+        TypeError: dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: per component, L = ceil(log2 n), mag the sum of the absolute values of the terms: at most (2 + L) u mag in
+        "fast" and "reproducible", u |r| + 2 (2 + L)^2 u^2 mag in "compensated", 1 ulp of r in "faithful" while |r| >=
+        n^2 u^2 mag (a sum in three times the precision), while nothing over- or underflows. For the edges, and for
+        derivatives, see `jaxspatial.spatial.operations`.
+    Source: Higham 2002, 4.2: pairwise summation.
     """
     points = check.as_vectors(points, "wrench_from_point_forces: points", many=["n"])
     forces = check.as_vectors(forces, "wrench_from_point_forces: forces", points.dtype, many=["n"])
@@ -46,23 +60,30 @@ class CentralAxis(NamedTuple):
     point: jax.Array
 
 
-def central_axis(F_P_E, *, precision=None):
+def central_axis(F_P_E: SpatialForce, *, precision: PrecisionName = None) -> CentralAxis:
     """The central (Poinsot) axis of a wrench, as its pitch and its point nearest to P.
 
-        pitch = f . tau / f . f, metres                   p_PA = f x tau / f . f, metres
+        pitch = f . tau / f . f                   p_PA = f x tau / f . f
 
-    F_P_E: SpatialForce about P.  The direction of the axis is that of f; about any of its points the wrench is
-    (pitch f, f).  precision: "fast", "reproducible" (the default), "compensated", "faithful" or a `Precision`.
+    The direction of the axis is that of f; about any of its points the wrench is (pitch f, f). A couple (f = 0) has no
+    axis: pitch is an infinity of no meaning in its sign, point is NaN, and so are derivatives; for a zero wrench all
+    are NaN. Both parts are scaled by powers of two first, so that nothing over- or underflows before the result does.
 
-    Returns CentralAxis(pitch (*batch,), point (*batch, 3)). A couple (f = 0) has no axis: pitch is an infinity of no
-    meaning in its sign, point is NaN, and so are derivatives; for a zero wrench all are NaN. Both parts are scaled
-    by powers of two first, so that nothing over- or underflows before the result does.
+    Args:
+        F_P_E: SpatialForce (*batch,) about P, expressed in frame E.
+        precision: name of a precision; None takes the default.
 
-    Error per component, mag the sum of the absolute values of the numerator's terms over f . f: at most 7 u mag in
-    "fast" and "reproducible", u |r| + 32 u^2 mag in "compensated", 1 ulp of r in "faithful"; plus a few finfo.tiny
-    where subnormals are flushed. Derivatives in the last two are as accurate as in "reproducible" only.
-    Raises TypeError for anything but a SpatialForce.
-    [Featherstone 2008, 2.5; Ball 1900, A Treatise on the Theory of Screws]
+    Returns:
+        CentralAxis(pitch (*batch,), m; point (*batch, 3), m, from P, in E).
+
+    Raises:
+        TypeError: F_P_E is no SpatialForce.
+        ValueError: the precision has no such name.
+
+    Error: per component, mag the sum of the absolute values of the numerator's terms over f . f: at most 7 u mag in
+        "fast" and "reproducible", u |r| + 32 u^2 mag in "compensated", 1 ulp of r in "faithful"; plus a few finfo.tiny
+        where subnormals are flushed. Derivatives in the last two are as accurate as in "reproducible" only.
+    Source: Featherstone 2008, 2.5; Ball 1900, A Treatise on the Theory of Screws.
     """
     _require_force(F_P_E, "central_axis")
     parts = (as_array(part, F_P_E.batch_shape) for part in check.narrowed_each((F_P_E.tau, F_P_E.f)))
@@ -105,23 +126,34 @@ def _axis_of_scaled(tau, f):
     return [vectors.dot(f, tau) / squared, vectors.laid_out_as(f, point)]
 
 
-def center_of_pressure(F_P_E, normal=(0.0, 0.0, 1.0), *, precision=None):
+def center_of_pressure(
+    F_P_E: SpatialForce, normal: Vector3 = (0.0, 0.0, 1.0), *, precision: PrecisionName = None
+) -> jax.Array:
     """Where the plane through P with that normal is pressed: the point about which the torque has only a normal part.
 
         p_PC = normal x tau / (normal . f)
 
-    F_P_E: SpatialForce about P, a point of the plane.  normal: (*batch, 3), of any length; floats in a list take the
-    dtype of F. The zero-moment point, if F is the wrench of the contacts. precision: "fast", "reproducible" (the
-    default) or a `Precision`.
+    It is the zero-moment point, if F is the wrench of the contacts.
 
-    Returns (*batch, 3), metres. Where nothing presses (normal . f = 0) components are infinite or NaN.
-    Error per component, mag the sum of the absolute values of the numerator's terms over |normal . f|,
-    c = |normal . f| / sum |normal_i f_i| (1 for a normal along an axis): at most 3.5 u mag + 4 u |p_PC| / c in "fast"
-    and "reproducible" while c >= 24 u, u |r| + 32 u^2 (mag + |p_PC| / c) in "compensated" while c >= 24 u^2, 1 ulp of
-    p_PC in "faithful"; while nothing over- or underflows, plus a few finfo.tiny where subnormals are flushed.
-    Derivatives in the last two are as accurate as in "reproducible" only. Raises TypeError for anything but a
-    SpatialForce, ValueError for shapes.
-    [Vukobratovic and Borovac 2004, Zero-moment point - thirty five years of its life]
+    Args:
+        F_P_E: SpatialForce (*batch,) about P, a point of the plane, expressed in frame E.
+        normal: (*batch, 3), of any length, in E. Floats in a list take the dtype of F.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        p_PC (*batch, 3), m, in E, over the common batch. Where nothing presses (normal . f = 0) components are infinite
+            or NaN.
+
+    Raises:
+        TypeError: F_P_E is no SpatialForce, or dtypes differ.
+        ValueError: shapes do not fit.
+
+    Error: per component, mag the sum of the absolute values of the numerator's terms over |normal . f|,
+        c = |normal . f| / sum |normal_i f_i| (1 for a normal along an axis): at most 3.5 u mag + 4 u |p_PC| / c in
+        "fast" and "reproducible" while c >= 24 u, u |r| + 32 u^2 (mag + |p_PC| / c) in "compensated" while c >= 24 u^2,
+        1 ulp of p_PC in "faithful"; while nothing over- or underflows, plus a few finfo.tiny where subnormals are
+        flushed. Derivatives in the last two are as accurate as in "reproducible" only.
+    Source: Vukobratovic and Borovac 2004, Zero-moment point - thirty five years of its life.
     """
     _require_force(F_P_E, "center_of_pressure")
     normal = check.as_vectors(normal, "center_of_pressure: normal", F_P_E.dtype)
