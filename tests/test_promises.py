@@ -40,8 +40,14 @@ def _public():
         if name.startswith("_") or inspect.ismodule(found):
             continue
         yield name
-        methods = vars(found) if inspect.isclass(found) else ()
-        yield from (f"{name}.{method}" for method in methods if not method.startswith("_"))
+        if inspect.isclass(found):
+            yield from (f"{name}.{method}" for method in sorted(_methods(found)) if not method.startswith("_"))
+
+
+def _methods(cls):
+    """Own ones, and those of bases that are parts of the class."""
+    layer = cls.__module__.rpartition(".")[0]
+    return {name for base in cls.__mro__ if base.__module__.startswith(layer) for name in vars(base)}
 
 
 @pytest.mark.parametrize("name", PROMISES)

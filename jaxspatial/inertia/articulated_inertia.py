@@ -1,25 +1,24 @@
 """Articulated-body inertia: what a body feels like when others hang on it by joints."""
 
 import operator
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, symmetric
+from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, to_double_word
 from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.inertia import articulated, parameters
+from jaxspatial.inertia.arguments import as_entries, require_alike
 from jaxspatial.inertia.inertia import SpatialInertia
-from jaxspatial.rotation.matrices import as_matrices, expanded, is_identity
+from jaxspatial.inertia.joint_projection import joint_projection
+from jaxspatial.rotation.matrices import as_matrices, expanded
 from jaxspatial.spatial.acceleration import SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce
-from jaxspatial.spatial.operations import acting, acting_inverse, rotate, rotating, shift
-from jaxspatial.spatial.transform import require_transform
-from jaxspatial.spatial.vector import require_no_w, skipping_zero
-from jaxspatial.spatial.velocity import SpatialVelocity
+from jaxspatial.spatial.operations import rotate, shift
+from jaxspatial.spatial.vector import skipping_zero
 
 _FIELDS = ("rotational", "coupling", "translational")
 # Where among the 21 entries those of a 6 x 6 matrix are, and these in it: rotational and translational in the lower
@@ -58,7 +57,7 @@ class ArticulatedInertia(Quantity):
         if all(check.is_tree_mark(part) for part in self._parts):
             return
         sizes = dict(zip(_FIELDS, (6, 9, 6), strict=True))
-        parts = {name: _entries(getattr(self, name), f"ArticulatedInertia: {name}", n) for name, n in sizes.items()}
+        parts = {name: as_entries(getattr(self, name), f"ArticulatedInertia: {name}", n) for name, n in sizes.items()}
         parts = check.alike(**parts)
         batch = check.common_batch_shape(**{name: x.shape[:-1] for name, x in parts.items()})
         for name, part in zip(parts, check.broadcast_batch(batch, *parts.values()), strict=True):
@@ -82,7 +81,9 @@ class ArticulatedInertia(Quantity):
         if not isinstance(M_BP_E, SpatialInertia):
             raise TypeError(f"from_spatial_inertia: expected a SpatialInertia, got {type(M_BP_E).__name__}")
         m, com, central = expanded(M_BP_E.mass), M_BP_E.com, M_BP_E.central
-        return _like((parameters.about_origin(precision, m, com, central), *articulated.with_mass(precision, m, com)))
+        return cls._like(
+            (parameters.about_origin(precision, m, com, central), *articulated.with_mass(precision, m, com))
+        )
 
     @classmethod
     def from_matrix(cls, m):
@@ -101,7 +102,12 @@ class ArticulatedInertia(Quantity):
         return self._parts
 
     def _with_vectors(self, vectors):
-        return _like(vectors)
+        return self._like(vectors)
+
+    @classmethod
+    def _like(cls, parts):
+        """Of parts that are right as they are."""
+        return rebuilt(cls, _FIELDS, parts)
 
     def to_matrix(self):
         """(*batch, 6, 6), symmetric, rotational on top."""
@@ -150,7 +156,7 @@ class ArticulatedInertia(Quantity):
         left, right = check.alike(left=self, right=other).values()
         check.common_batch_shape(left=left.batch_shape, right=right.batch_shape)
         pairs = zip(left._parts, right._parts, strict=True)
-        return _like(_combined_part(operation, x, y) for x, y in pairs)
+        return self._like(_combined_part(operation, x, y) for x, y in pairs)
 
     def __matmul__(self, A_P_E):
         """P @ A: see `times`."""
@@ -181,10 +187,7 @@ class ArticulatedInertia(Quantity):
         exact.
         [Drake, ArticulatedBodyInertia::Shift; Jain 2010, 6.3] 102 flops.
         """
-        p = check.as_vectors(p_PQ_E, "shift: p_PQ_E", self.dtype)
-        check.require_same_dtype(ArticulatedInertia=self, p_PQ_E=p)
-        check.common_batch_shape(ArticulatedInertia=self.batch_shape, p_PQ_E=p.shape[:-1])
-        return _like(articulated.shifted_arrays(precision, *self._parts, p))
+        return shift(self, p_PQ_E, precision=precision)
 
     def rotate(self, R_AE, *, precision=None):
         """Re-expressed, about the same point: R J R^T, R F R^T, R M R^T.
@@ -199,130 +202,11 @@ class ArticulatedInertia(Quantity):
         return joint_projection(self, S_P_E, armature, precision=precision).inertia
 
 
-class JointProjection(NamedTuple):
-    """What `joint_projection` found; `U` and `D` are lists where several motions were given."""
-
-    inertia: ArticulatedInertia
-    U: SpatialForce | list[SpatialForce]
-    D: jax.Array | list[jax.Array]
-
-
-def joint_projection(P_P_E, S_P_E, armature=0.0, *, precision=None):
-    """The articulated inertia seen through a joint that lets it move freely along S.
-
-        U = P S        D = S^T U + armature        inertia = P - U D^-1 U^T
-
-    P_P_E: ArticulatedInertia.
-    S_P_E: SpatialVelocity, the motion of a unit of the joint's velocity, about the same point in the same frame; for a
-        joint of k freedoms a list of k, removed one after the other: U and D of the i-th are those of the inertia left
-        by the ones before, as an articulated-body algorithm needs them that treats the joint as k joints between
-        massless bodies. The inertia left is P - P S (S^T P S + diag(armature))^-1 S^T P, S the 6 x k matrix.
-    armature: inertia of the joint itself (rotors ...), a number or (*batch,), of a list one for all or a list of k.
-
-    Returns JointProjection(inertia, U, D), with U SpatialForce. The inertia is symmetric, and without an armature maps
-    S to 0 but for errors. Where D is 0 or less, by rounding or because nothing hangs on the joint, there is nothing to
-    remove: the inertia stays as it is.
-
-    Error per entry of the inertia, for one S, with mag_D the sum of the absolute values of the terms of D and
-    mag = |P_ij| + mag_U,i mag_U,j / D: at most 16 u mag mag_D / D in "fast" and "reproducible", u |r| + 64 u^2 mag
-    mag_D / D in the other two, while mag_D / D <= 1 / (32 u), or 1 / (64 u^2). mag_D / D is 1 for a joint along one
-    axis of the frame; it is large where a body is light about an oblique axis: a thin rod about its own. Raises
-    TypeError for other kinds or dtypes that differ, ValueError for shapes.
-    [Featherstone 2008, 7.2, equations 7.43 and 7.44; Jain 2010, 6.3] 140 flops per freedom.
-    """
-    S, arms = _joint(P_P_E, S_P_E, armature)
-    words = [part for s in S for part in (s.w, s.v)]
-    j, f, m, *found = articulated.projected(precision, *P_P_E._parts, *arms, *words, n=len(S))
-    U = [SpatialForce(tau, force) for tau, force in zip(found[::3], found[1::3], strict=True)]
-    D = [d.reshape(d.shape[:-1]) for d in found[2::3]]
-    return JointProjection(_like((j, f, m)), *((U[0], D[0]) if isinstance(S_P_E, SpatialVelocity) else (U, D)))
-
-
-def _joint(P, S, armature):
-    """(the SpatialVelocities of the joint, an armature (*batch, 1) for each), checked."""
-    several = isinstance(S, (list, tuple))
-    S = list(S) if several else [S]
-    for s in S:
-        if not isinstance(s, SpatialVelocity):
-            raise TypeError(
-                f"joint_projection: S: expected a SpatialVelocity or a list of them, got {type(s).__name__}"
-            )
-        check.require_same_dtype(ArticulatedInertia=P, S=s)
-        check.common_batch_shape(ArticulatedInertia=P.batch_shape, S=s.batch_shape)
-    arms = armature if isinstance(armature, (list, tuple)) else [armature] * len(S)
-    if len(arms) != len(S):
-        raise ValueError(f"joint_projection: armature: expected {len(S)} numbers, got {len(arms)}")
-    return S, [_arm(P, x) for x in arms]
-
-
-def _arm(P, x):
-    x = check.as_float_array(x, "joint_projection: armature", P.dtype)
-    check.require_same_dtype(ArticulatedInertia=P, armature=x)
-    check.common_batch_shape(ArticulatedInertia=P.batch_shape, armature=x.shape)
-    return expanded(x)
-
-
-# -- the type, to JAX -------------------------------------------------------------------------------------------------
-
-
-def _like(parts):
-    """From parts that are right as they are."""
-    return rebuilt(ArticulatedInertia, _FIELDS, parts)
-
-
-def _entries(x, name, n):
-    """Of an array (*batch, n) or matrices (*batch, 3, 3)."""
-    x = check.as_float_array(x, name, held=True)
-    if x.shape[-1:] == (n,):
-        return x
-    if x.shape[-2:] != (3, 3):
-        raise ValueError(f"{name}: expected shape (*batch, 3, 3) or (*batch, {n}), got {x.shape}")
-    return symmetric.from_matrix(x) if n == 6 else x.reshape((*x.shape[:-2], 9))
-
-
 def _combined_part(operation, x, y):
     batch = np.broadcast_shapes(x.shape[:-1], y.shape[:-1])
     return skipping_zero(operation, *check.broadcast_batch(batch, x, y))
 
 
-# -- moved ------------------------------------------------------------------------------------------------------------
-
-
-@shift.register
-def _shift_articulated(P_P_E: ArticulatedInertia, p_PQ_E, w=None, *, precision=None):
-    require_no_w(P_P_E, w)
-    return P_P_E.shift(p_PQ_E, precision=precision)
-
-
-@rotating.register
-def _rotate_articulated(P_P_E: ArticulatedInertia, R_AE, precision):
-    check.require_same_dtype(Rotation=R_AE, ArticulatedInertia=P_P_E)
-    check.common_batch_shape(Rotation=R_AE.batch_shape, ArticulatedInertia=P_P_E.batch_shape)
-    return P_P_E if is_identity(R_AE) else _like(articulated.rotated(precision, *P_P_E._parts, R_AE.entries))
-
-
-@acting.register
-def _act_articulated(P_Bo_B: ArticulatedInertia, X_AB, w, precision):
-    require_no_w(P_Bo_B, w, "act")
-    return _acted(articulated.moved, P_Bo_B, X_AB, precision)
-
-
-@acting_inverse.register
-def _act_inverse_articulated(P_Ao_A: ArticulatedInertia, X_AB, w, precision):
-    require_no_w(P_Ao_A, w, "act_inverse")
-    return _acted(articulated.moved_back, P_Ao_A, X_AB, precision)
-
-
-def _acted(formula, P, X_AB, precision):
-    """Rotated and shifted in one formula. Errors: at most 16 u mag, u |r| + 128 u^2 mag in "compensated" and
-    "faithful"."""
-    require_transform(X_AB)
-    check.require_same_dtype(RigidTransform=X_AB, ArticulatedInertia=P)
-    check.common_batch_shape(RigidTransform=X_AB.batch_shape, ArticulatedInertia=P.batch_shape)
-    return _like(formula(precision, *P._parts, X_AB.rotation.entries, X_AB.translation))
-
-
 def _times(P, A, precision):
-    check.require_same_dtype(ArticulatedInertia=P, SpatialAcceleration=A)
-    check.common_batch_shape(ArticulatedInertia=P.batch_shape, SpatialAcceleration=A.batch_shape)
+    require_alike(ArticulatedInertia=P, SpatialAcceleration=A)
     return SpatialForce(*articulated.product_of_arrays(precision, *P._parts, A.alpha, A.a))

@@ -3,6 +3,7 @@
 from jaxspatial.arithmetic import check, symmetric, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import constant, halved, noinline_pairs
+from jaxspatial.inertia.arguments import require_alike
 from jaxspatial.inertia.inertia import SpatialInertia
 from jaxspatial.rotation.matrices import expanded
 from jaxspatial.spatial import algebra
@@ -29,8 +30,7 @@ def newton_euler(M_BP_E, A_WP_E, w, *, precision=None):
     if not isinstance(M_BP_E, SpatialInertia):
         raise TypeError(f"newton_euler: expected a SpatialInertia first, got {type(M_BP_E).__name__}")
     w = _angular_velocity(A_WP_E, w, "newton_euler")
-    check.require_same_dtype(SpatialInertia=M_BP_E, SpatialAcceleration=A_WP_E)
-    check.common_batch_shape(SpatialInertia=M_BP_E.batch_shape, SpatialAcceleration=A_WP_E.batch_shape)
+    require_alike(SpatialInertia=M_BP_E, SpatialAcceleration=A_WP_E)
     body = expanded(M_BP_E.mass), M_BP_E.com, M_BP_E.central
     return SpatialForce(*_newton_euler(precision, *body, A_WP_E.alpha, A_WP_E.a, w))
 

@@ -1,0 +1,77 @@
+"""An articulated body seen through a joint."""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import jax
+
+from jaxspatial.arithmetic import check
+from jaxspatial.inertia import articulated
+from jaxspatial.inertia.arguments import require_alike
+from jaxspatial.rotation.matrices import expanded
+from jaxspatial.spatial.force import SpatialForce
+from jaxspatial.spatial.velocity import SpatialVelocity
+
+if TYPE_CHECKING:
+    from jaxspatial.inertia.articulated_inertia import ArticulatedInertia
+
+
+class JointProjection(NamedTuple):
+    """What `joint_projection` found; `U` and `D` are lists where several motions were given."""
+
+    inertia: "ArticulatedInertia"
+    U: SpatialForce | list[SpatialForce]
+    D: jax.Array | list[jax.Array]
+
+
+def joint_projection(P_P_E, S_P_E, armature=0.0, *, precision=None):
+    """The articulated inertia seen through a joint that lets it move freely along S.
+
+        U = P S        D = S^T U + armature        inertia = P - U D^-1 U^T
+
+    P_P_E: ArticulatedInertia.
+    S_P_E: SpatialVelocity, the motion of a unit of the joint's velocity, about the same point in the same frame; for a
+        joint of k freedoms a list of k, removed one after the other: U and D of the i-th are those of the inertia left
+        by the ones before, as an articulated-body algorithm needs them that treats the joint as k joints between
+        massless bodies. The inertia left is P - P S (S^T P S + diag(armature))^-1 S^T P, S the 6 x k matrix.
+    armature: inertia of the joint itself (rotors ...), a number or (*batch,), of a list one for all or a list of k.
+
+    Returns JointProjection(inertia, U, D), with U SpatialForce. The inertia is symmetric, and without an armature maps
+    S to 0 but for errors. Where D is 0 or less, by rounding or because nothing hangs on the joint, there is nothing to
+    remove: the inertia stays as it is.
+
+    Error per entry of the inertia, for one S, with mag_D the sum of the absolute values of the terms of D and
+    mag = |P_ij| + mag_U,i mag_U,j / D: at most 16 u mag mag_D / D in "fast" and "reproducible", u |r| + 64 u^2 mag
+    mag_D / D in the other two, while mag_D / D <= 1 / (32 u), or 1 / (64 u^2). mag_D / D is 1 for a joint along one
+    axis of the frame; it is large where a body is light about an oblique axis: a thin rod about its own. Raises
+    TypeError for other kinds or dtypes that differ, ValueError for shapes.
+    [Featherstone 2008, 7.2, equations 7.43 and 7.44; Jain 2010, 6.3] 140 flops per freedom.
+    """
+    S, arms = _joint(P_P_E, S_P_E, armature)
+    words = [part for s in S for part in (s.w, s.v)]
+    j, f, m, *found = articulated.projected(precision, *P_P_E._parts, *arms, *words, n=len(S))
+    U = [SpatialForce(tau, force) for tau, force in zip(found[::3], found[1::3], strict=True)]
+    D = [d.reshape(d.shape[:-1]) for d in found[2::3]]
+    return JointProjection(P_P_E._like((j, f, m)), *((U[0], D[0]) if isinstance(S_P_E, SpatialVelocity) else (U, D)))
+
+
+def _joint(P, S, armature):
+    """(the SpatialVelocities of the joint, an armature (*batch, 1) for each), checked."""
+    several = isinstance(S, (list, tuple))
+    S = list(S) if several else [S]
+    for s in S:
+        if not isinstance(s, SpatialVelocity):
+            raise TypeError(
+                f"joint_projection: S: expected a SpatialVelocity or a list of them, got {type(s).__name__}"
+            )
+        require_alike(ArticulatedInertia=P, S=s)
+    arms = armature if isinstance(armature, (list, tuple)) else [armature] * len(S)
+    if len(arms) != len(S):
+        raise ValueError(f"joint_projection: armature: expected {len(S)} numbers, got {len(arms)}")
+    return S, [_arm(P, x) for x in arms]
+
+
+def _arm(P, x):
+    x = check.as_float_array(x, "joint_projection: armature", P.dtype)
+    check.require_same_dtype(ArticulatedInertia=P, armature=x)
+    check.common_batch_shape(ArticulatedInertia=P.batch_shape, armature=x.shape)
+    return expanded(x)
