@@ -95,7 +95,7 @@ def _bias_to_parent(own, Z):
     found = []
     for (w, v), (U, D), tau in zip(link.joint.subspace, factors, link.tau, strict=True):
         u = tau - algebra.power((Z[:3], Z[3:]), (w, v))
-        Z = _with_share(Z, u, articulated.share_of(U, D))
+        Z = _bias_through_joint(Z, u, articulated.UDinv_of(U, D))
         found.append(Elimination(U, D, u))
     tau, f = to_parent(across(link.placement, link.joint), Z[:3], Z[3:])
     return found, (*tau, *f)
@@ -158,16 +158,19 @@ def _without_rate(P, w, v, tau, armature):
 
     Along an axis of the frame, without armature, only tau reaches the parent: these rows are known.
     """
-    U, D = articulated.felt(P.J, P.F, P.M, w, v, armature)
-    share = articulated.share_of(U, D)
+    U, D = articulated.U_and_D(P.J, P.F, P.M, w, v, armature)
+    UDinv = articulated.UDinv_of(U, D)
     u = tau - algebra.power((P.Z[:3], P.Z[3:]), (w, v))
-    rest = Articulated(*articulated.without(P.J, P.F, P.M, U, share), noinline(_with_share)(P.Z, u, share))
+    rest = Articulated(
+        *articulated.rank_one_downdate(P.J, P.F, P.M, U, UDinv), noinline(_bias_through_joint)(P.Z, u, UDinv)
+    )
     k = _free_axis(w, v, armature)
     return rest if k is None else _with_zero_row(rest, k, tau), Elimination(U, D, u)
 
 
-def _with_share(Z, u, share):
-    return vectors.plus(Z, vectors.times(u, share))
+def _bias_through_joint(Z, u, UDinv):
+    """Z + U D^-1 u."""
+    return vectors.plus(Z, vectors.times(u, UDinv))
 
 
 def _free_axis(w, v, armature):
@@ -193,7 +196,7 @@ def _at(numbers, places, number):
 
 
 def _to_parent(X_PB, P):
-    rotated = articulated.turned(P.J, P.F, P.M, X_PB.rows)
+    rotated = articulated.reexpressed(P.J, P.F, P.M, X_PB.rows)
     J, F, M = noinline(articulated.shifted)(*rotated, tuple(-x for x in X_PB.p))
     tau, f = to_parent(X_PB, P.Z[:3], P.Z[3:])
     return Articulated(J, F, M, (*tau, *f))

@@ -49,10 +49,11 @@ def product(j, f, m, alpha, a):
 
 @formula
 def rotated(j, f, m, entries):
-    return list(turned(j, f, m, vectors.rows(entries)))
+    return list(reexpressed(j, f, m, vectors.rows(entries)))
 
 
-def turned(j, f, m, rows):
+def reexpressed(j, f, m, rows):
+    """Of numbers: R J R^T, R F R^T, R M R^T."""
     return congruent(j, rows), vectors.flat(sandwiched(vectors.rows(f), rows)), congruent(m, rows)
 
 
@@ -61,14 +62,16 @@ sandwiched, congruent = map(noinline, (algebra.sandwiched, algebra.congruent))
 
 @formula
 @noinline
-def moved(j, f, m, entries, p):
-    return list(noinline_pairs(shifted)(*turned(j, f, m, vectors.rows(entries)), tuple(-x for x in p)))
+def acted(j, f, m, entries, p):
+    """From frame B at Bo to frame A at Ao: rotated, then shifted."""
+    return list(noinline_pairs(shifted)(*reexpressed(j, f, m, vectors.rows(entries)), tuple(-x for x in p)))
 
 
 @formula
 @noinline
-def moved_back(j, f, m, entries, p):
-    return list(turned(*noinline_pairs(shifted)(j, f, m, p), vectors.transpose(vectors.rows(entries))))
+def acted_inverse(j, f, m, entries, p):
+    """From frame A at Ao to frame B at Bo: shifted, then rotated."""
+    return list(reexpressed(*noinline_pairs(shifted)(j, f, m, p), vectors.transpose(vectors.rows(entries))))
 
 
 @formula(of_sums=True)
@@ -93,38 +96,39 @@ def projected(j, f, m, *arms_and_parts, n):
     arms, parts = arms_and_parts[:n], arms_and_parts[n:]
     found = []
     for (arm,), w, v in zip(arms, parts[::2], parts[1::2], strict=True):
-        (j, f, m), U, D = _removed(j, f, m, w, v, arm)
+        (j, f, m), U, D = _through_motion(j, f, m, w, v, arm)
         found += [U[:3], U[3:], (D,)]
     return [j, f, m, *found]
 
 
-def _removed(j, f, m, w, v, arm):
-    U, D = felt(j, f, m, w, v, arm)
-    return without(j, f, m, U, share_of(U, D)), U, D
+def _through_motion(j, f, m, w, v, arm):
+    """(P seen through a motion S = (w, v) that is free, U, D)."""
+    U, D = U_and_D(j, f, m, w, v, arm)
+    return rank_one_downdate(j, f, m, U, UDinv_of(U, D)), U, D
 
 
 @noinline
-def felt(j, f, m, w, v, arm):
+def U_and_D(j, f, m, w, v, arm):
     """U = P S, D = S^T U + armature."""
     U = product(j, f, m, w, v)
     return U, algebra.power((U[:3], U[3:]), (w, v)) + arm
 
 
 @noinline
-def share_of(U, D):
-    """U / D, 0 where D is not positive."""
+def UDinv_of(U, D):
+    """U D^-1, 0 where D is not positive."""
     is_none = high(D) <= 0
     D = where(is_none, 1.0, D)
     return tuple(where(is_none, 0.0, x / D) for x in U)
 
 
 @noinline
-def without(j, f, m, U, share):
-    """P - U share^T."""
+def rank_one_downdate(j, f, m, U, UDinv):
+    """P - U D^-1 U^T, with UDinv = U D^-1."""
     places = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
-    rotational = tuple(x - U[a] * share[b] for x, (a, b) in zip(j, places, strict=True))
-    translational = tuple(x - U[3 + a] * share[3 + b] for x, (a, b) in zip(m, places, strict=True))
-    return rotational, tuple(x - U[i // 3] * share[3 + i % 3] for i, x in enumerate(f)), translational
+    rotational = tuple(x - U[a] * UDinv[b] for x, (a, b) in zip(j, places, strict=True))
+    translational = tuple(x - U[3 + a] * UDinv[3 + b] for x, (a, b) in zip(m, places, strict=True))
+    return rotational, tuple(x - U[i // 3] * UDinv[3 + i % 3] for i, x in enumerate(f)), translational
 
 
 # -- validity ---------------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Articulated-body inertia: what a body feels like when others hang on it by joints."""
+"""Articulated-body inertia: the inertia of a body with others that hang on it by joints."""
 
 import operator
 

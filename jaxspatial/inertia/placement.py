@@ -109,13 +109,13 @@ def _rotate_articulated(P_P_E: ArticulatedInertia, R_AE, precision):
 @acting.register
 def _act_articulated(P_Bo_B: ArticulatedInertia, X_AB, w, precision):
     require_no_w(P_Bo_B, w, "act")
-    return _acted_articulated(articulated.moved, P_Bo_B, X_AB, precision)
+    return _acted_articulated(articulated.acted, P_Bo_B, X_AB, precision)
 
 
 @acting_inverse.register
 def _act_inverse_articulated(P_Ao_A: ArticulatedInertia, X_AB, w, precision):
     require_no_w(P_Ao_A, w, "act_inverse")
-    return _acted_articulated(articulated.moved_back, P_Ao_A, X_AB, precision)
+    return _acted_articulated(articulated.acted_inverse, P_Ao_A, X_AB, precision)
 
 
 def _acted_articulated(formula, P, X_AB, precision):
