@@ -27,7 +27,8 @@ def _methods(cls):
     return found
 
 
-FUNCTIONS = _public(js) | _public(js.dynamics)
+INERTIA = _public(js.inertia)
+FUNCTIONS = _public(js) | INERTIA | _public(js.dynamics)
 METHODS = _methods(js.Rotation) | _methods(js.MassMatrixFactor)
 
 

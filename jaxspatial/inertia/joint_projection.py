@@ -1,10 +1,12 @@
 """An articulated body seen through a joint."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.types import PrecisionName, Scalar
 from jaxspatial.inertia import articulated
 from jaxspatial.inertia.arguments import require_alike
 from jaxspatial.rotation.matrices import expanded
@@ -23,28 +25,43 @@ class JointProjection(NamedTuple):
     D: jax.Array | list[jax.Array]
 
 
-def joint_projection(P_P_E, S_P_E, armature=0.0, *, precision=None):
+def joint_projection(
+    P_P_E: "ArticulatedInertia",
+    S_P_E: SpatialVelocity | Sequence[SpatialVelocity],
+    armature: Scalar = 0.0,
+    *,
+    precision: PrecisionName = None,
+) -> JointProjection:
     """The articulated inertia seen through a joint that lets it move freely along S.
 
         U = P S        D = S^T U + armature        inertia = P - U D^-1 U^T
 
-    P_P_E: ArticulatedInertia.
-    S_P_E: SpatialVelocity, the motion of a unit of the joint's velocity, about the same point in the same frame; for a
-        joint of k freedoms a list of k, removed one after the other: U and D of the i-th are those of the inertia left
-        by the ones before, as an articulated-body algorithm needs them that treats the joint as k joints between
-        massless bodies. The inertia left is P - P S (S^T P S + diag(armature))^-1 S^T P, S the 6 x k matrix.
-    armature: inertia of the joint itself (rotors ...), a number or (*batch,), of a list one for all or a list of k.
+    For a joint of k freedoms, the inertia left is P - P S (S^T P S + diag(armature))^-1 S^T P, S the 6 x k matrix. It
+    is symmetric, and without an armature maps S to 0 but for errors. Where D is 0 or less, by rounding or because
+    nothing hangs on the joint, there is nothing to remove: the inertia stays as it is.
 
-    Returns JointProjection(inertia, U, D), with U SpatialForce. The inertia is symmetric, and without an armature maps
-    S to 0 but for errors. Where D is 0 or less, by rounding or because nothing hangs on the joint, there is nothing to
-    remove: the inertia stays as it is.
+    Args:
+        P_P_E: the articulated inertia about P, expressed in frame E.
+        S_P_E: the motion of a unit of the joint's velocity, about the same point in the same frame. For a joint of k
+            freedoms a list of k, removed one after the other.
+        armature: inertia of the joint itself (rotors ...), a number or (*batch,); of a list of motions one for all or a
+            list of k.
+        precision: name of a precision; None takes the default.
 
-    Error per entry of the inertia, for one S, with mag_D the sum of the absolute values of the terms of D and
-    mag = |P_ij| + mag_U,i mag_U,j / D: at most 16 u mag mag_D / D in "fast" and "reproducible", u |r| + 64 u^2 mag
-    mag_D / D in the other two, while mag_D / D <= 1 / (32 u), or 1 / (64 u^2). mag_D / D is 1 for a joint along one
-    axis of the frame; it is large where a body is light about an oblique axis: a thin rod about its own. Raises
-    TypeError for other kinds or dtypes that differ, ValueError for shapes.
-    [Featherstone 2008, 7.2, equations 7.43 and 7.44; Jain 2010, 6.3] 140 flops per freedom.
+    Returns:
+        (inertia, U, D), over the common batch. Of a list of motions U and D are lists: those of the i-th are those of
+        the inertia left by the ones before, as an articulated-body algorithm needs them that treats the joint as k
+        joints between massless bodies. 140 flops per freedom.
+
+    Raises:
+        TypeError: an argument is of another kind, or dtypes differ.
+        ValueError: shapes do not fit, or there are not as many armatures as motions.
+
+    Error: per entry of the inertia, for one S, with mag_D the sum of the absolute values of the terms of D and
+        mag = |P_ij| + mag_U,i mag_U,j / D: at most 16 u mag mag_D / D in "fast" and "reproducible", u |r| + 64 u^2 mag
+        mag_D / D in the other two, while mag_D / D <= 1 / (32 u), or 1 / (64 u^2). mag_D / D is 1 for a joint along one
+        axis of the frame; it is large where a body is light about an oblique axis: a thin rod about its own.
+    Source: Featherstone 2008, 7.2, equations 7.43 and 7.44; Jain 2010, 6.3.
     """
     S, arms = _joint(P_P_E, S_P_E, armature)
     words = [part for s in S for part in (s.w, s.v)]

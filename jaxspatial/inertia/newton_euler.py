@@ -1,8 +1,11 @@
 """The equations of motion of one body, and what makes them linear: its ten dynamic parameters."""
 
+import jax
+
 from jaxspatial.arithmetic import check, symmetric, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import constant, halved, noinline_pairs
+from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.inertia.arguments import require_alike
 from jaxspatial.inertia.inertia import SpatialInertia
 from jaxspatial.rotation.matrices import expanded
@@ -12,20 +15,34 @@ from jaxspatial.spatial.force import SpatialForce
 from jaxspatial.spatial.velocity import SpatialVelocity
 
 
-def newton_euler(M_BP_E, A_WP_E, w, *, precision=None):
+def newton_euler(
+    M_BP_E: SpatialInertia,
+    A_WP_E: SpatialAcceleration,
+    w: Vector3 | SpatialVelocity,
+    *,
+    precision: PrecisionName = None,
+) -> SpatialForce:
     """The wrench F_BP_E about P that gives a body the acceleration A while it turns at w.
 
         f = m (a + alpha x c + w x (w x c))        tau = I alpha + w x I w + c x f
 
-    M_BP_E: SpatialInertia about P, with mass m, centre of mass c = p_PPcm and central inertia I.
-    A_WP_E: SpatialAcceleration of P, the classical one, in the world.
-    w: (*batch, 3) angular velocity of the body, rad/s, or the SpatialVelocity that it is part of. All in one frame.
+    Args:
+        M_BP_E: inertia about P, with mass m, centre of mass c = p_PPcm and central inertia I.
+        A_WP_E: acceleration of P, the classical one, in the world: rad/s^2, m/s^2.
+        w: (*batch, 3) angular velocity of the body, rad/s, or the SpatialVelocity that it is part of. All three are
+            expressed in one frame.
+        precision: name of a precision; None takes the default.
 
-    Returns SpatialForce: all forces and torques on the body together, gravity among them.
-    Error per component, mag the sum of the absolute values of the terms, multiplied out: at most 12 u mag in "fast" and
-    "reproducible", u |r| + 48 u^2 mag in the other two, while nothing over- or underflows.
-    Raises TypeError for other kinds or dtypes that differ, ValueError for shapes.
-    [Newton 1687; Euler 1776; Featherstone 2008, 2.14] 81 flops.
+    Returns:
+        All forces and torques on the body together, gravity among them: N m, N, over the common batch. 81 flops.
+
+    Raises:
+        TypeError: an argument is of another kind, or dtypes differ.
+        ValueError: shapes do not fit.
+
+    Error: per component, mag the sum of the absolute values of the terms, multiplied out: at most 12 u mag in "fast"
+        and "reproducible", u |r| + 48 u^2 mag in the other two, while nothing over- or underflows.
+    Source: Newton 1687; Euler 1776; Featherstone 2008, 2.14.
     """
     if not isinstance(M_BP_E, SpatialInertia):
         raise TypeError(f"newton_euler: expected a SpatialInertia first, got {type(M_BP_E).__name__}")
@@ -35,40 +52,75 @@ def newton_euler(M_BP_E, A_WP_E, w, *, precision=None):
     return SpatialForce(*_newton_euler(precision, *body, A_WP_E.alpha, A_WP_E.a, w))
 
 
-def newton_euler_regressor(A_WP_E, w, *, precision=None):
-    """Y (*batch, 6, 10), rotational on top, with F_BP_E = Y pi the wrench of `newton_euler`.
+def newton_euler_regressor(
+    A_WP_E: SpatialAcceleration, w: Vector3 | SpatialVelocity, *, precision: PrecisionName = None
+) -> jax.Array:
+    """The matrix Y with Y pi the wrench F_BP_E of `newton_euler`.
 
         pi = [m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz], I about P: see `SpatialInertia.to_dynamic_parameters`
 
         tau = (m c) x a + I alpha + w x I w        f = m a + alpha x (m c) + w x (w x (m c))
 
-    A_WP_E, w: as of `newton_euler`.
-    Error per entry, mag the sum of the absolute values of its terms: at most 2 u mag in "fast" and "reproducible",
-    u |r| + 4 u^2 mag in "compensated", 1 ulp in "faithful"; what is 0 is so exactly.
-    [Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and links, equation 10]
+    Args:
+        A_WP_E: acceleration of P, the classical one, in the world: rad/s^2, m/s^2.
+        w: (*batch, 3) angular velocity of the body, rad/s, or the SpatialVelocity that it is part of, in the same
+            frame.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        Y (*batch, 6, 10), over the common batch, rotational rows on top.
+
+    Raises:
+        TypeError: an argument is of another kind, or dtypes differ.
+        ValueError: shapes do not fit.
+
+    Error: per entry, mag the sum of the absolute values of its terms: at most 2 u mag in "fast" and "reproducible",
+        u |r| + 4 u^2 mag in "compensated", 1 ulp in "faithful"; what is 0 is so exactly.
+    Source: Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and links, equation
+        10.
     """
     w = _angular_velocity(A_WP_E, w, "newton_euler_regressor")
     return _matrix(_newton_euler_regressor(precision, A_WP_E.alpha, A_WP_E.a, w))
 
 
-def momentum_regressor(V_WP_E, *, precision=None):
-    """Y (*batch, 6, 10), rotational on top, with Y pi the SpatialMomentum about P of a body that moves at V.
+def momentum_regressor(V_WP_E: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
+    """The matrix Y with Y pi the momentum about P of a body that moves at V.
 
         h = I w + (m c) x v        l = m v + w x (m c)
 
-    V_WP_E: SpatialVelocity. pi as of `newton_euler_regressor`. Every entry is 0 or a component of V with a sign: exact.
+    Args:
+        V_WP_E: velocity of P: rad/s, m/s.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        Y (*batch, 6, 10), rotational rows on top; pi as of `newton_euler_regressor`.
+
+    Raises:
+        TypeError: the first argument is no SpatialVelocity.
+
+    Error: none, every entry is 0 or a component of V with a sign.
     """
     _require_velocity(V_WP_E, "momentum_regressor")
     return _matrix(_momentum_regressor(precision, V_WP_E.w, V_WP_E.v))
 
 
-def kinetic_energy_regressor(V_WP_E, *, precision=None):
-    """y (*batch, 10) with y . pi the kinetic energy of a body that moves at V, joules.
+def kinetic_energy_regressor(V_WP_E: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
+    """The vector y with y . pi the kinetic energy of a body that moves at V.
 
         T = m v.v / 2 + (m c) . (v x w) + w . I w / 2
 
-    V_WP_E: SpatialVelocity. pi as of `newton_euler_regressor`. Error per entry, mag the sum of the absolute values of
-    its terms: at most 3 u mag in "fast" and "reproducible", u |r| + 8 u^2 mag in "compensated", 1 ulp in "faithful".
+    Args:
+        V_WP_E: velocity of P: rad/s, m/s.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        y (*batch, 10); pi as of `newton_euler_regressor`. y . pi is in joules.
+
+    Raises:
+        TypeError: the first argument is no SpatialVelocity.
+
+    Error: per entry, mag the sum of the absolute values of its terms: at most 3 u mag in "fast" and "reproducible",
+        u |r| + 8 u^2 mag in "compensated", 1 ulp in "faithful".
     """
     _require_velocity(V_WP_E, "kinetic_energy_regressor")
     return _energy(precision, V_WP_E.w, V_WP_E.v)
