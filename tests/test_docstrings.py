@@ -7,6 +7,7 @@ import pytest
 
 import jaxspatial as js
 import jaxspatial.dynamics
+from jaxspatial.arithmetic import quantity
 
 # Not in this form yet. A name that is goes from here.
 UNCONVERTED = {"kinetic_energy_regressor", "momentum_regressor", "newton_euler", "newton_euler_regressor"}
@@ -29,7 +30,8 @@ def _methods(cls):
 
 INERTIA = _public(js.inertia)
 FUNCTIONS = _public(js) | INERTIA | _public(js.dynamics)
-METHODS = _methods(js.Rotation) | _methods(js.MassMatrixFactor)
+CLASSES = js.Rotation, js.RigidTransform, js.SpatialVelocity, js.SpatialAcceleration, js.MassMatrixFactor
+METHODS = {name: f for cls in (*CLASSES, quantity.Quantity) for name, f in _methods(cls).items()}
 
 
 def _parameters(function):

@@ -13,6 +13,7 @@ import numpy as np
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.components import as_array
 from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
+from jaxspatial.arithmetic.types import DTypeLike
 
 _Kind = typing.TypeVar("_Kind", bound="Quantity")
 
@@ -41,24 +42,44 @@ class Quantity:
         """The same kind of other `_vectors`, unchecked."""
         raise NotImplementedError
 
-    def astype(self, dtype):
-        """The same with all numbers rounded to another dtype; NumPy stays NumPy, also in a dtype that JAX has switched
-        off. None and Python's `float` are JAX's default. Raises TypeError for what is not floating point."""
+    def astype(self, dtype: DTypeLike | None) -> typing.Self:
+        """The same with all numbers rounded to another dtype.
+
+        Args:
+            dtype: any; of NumPy's numbers also one that JAX has switched off. None and Python's `float` are JAX's
+                default.
+
+        Returns:
+            The same kind. NumPy stays NumPy.
+
+        Raises:
+            TypeError: the dtype is not floating point.
+
+        Error: each number is rounded once.
+        """
         dtype = check.as_dtype(dtype)
         with np.errstate(all="ignore"):
             return jax.tree.map(lambda x: x.astype(dtype), self, is_leaf=_is_number)
 
-    def at_batch(self, index):
-        """The items at an index of the batch: `x.at_batch(i)`, or a slice, a mask, an array of integers, a tuple of
-        them (`numpy.s_[:, 0]`), all as NumPy has them. Exact.
+    def at_batch(self, index: typing.Any) -> typing.Self:
+        """The items at an index of the batch, as NumPy has it.
 
-        Raises IndexError for what is known to be out of range; traced integers are clamped, as in JAX.
+        Args:
+            index: an integer, a slice, a mask, an array of integers, or a tuple of them (`numpy.s_[:, 0]`).
+
+        Returns:
+            The same kind, of the batch shape that NumPy gives.
+
+        Raises:
+            IndexError: it is known to be out of range; traced integers are clamped, as in JAX.
+
+        Error: none, it is exact.
         """
         index = tuple(map(_narrow_index, index if isinstance(index, tuple) else (index,)))
         _require_in_range(self, index)
         return self._with_vectors(_each(lambda x: x[(*index, slice(None))], self._vectors))
 
-    def __eq__(self, other):
+    def __eq__(self, other: typing.Any) -> typing.Any:
         """Where all components are equal: a mask (*batch,)."""
         if type(other) is not type(self):
             return _not_comparable(self, other)
@@ -69,7 +90,7 @@ class Quantity:
         parts = ([as_array(v, x.batch_shape) for v in x._vectors] for x in (a, b))
         return functools.reduce(operator.and_, map(_all_equal, *parts))
 
-    def __ne__(self, other):
+    def __ne__(self, other: typing.Any) -> typing.Any:
         equal = self == other
         return equal if equal is NotImplemented else not equal if isinstance(equal, bool) else ~equal
 

@@ -1,9 +1,12 @@
 """Spatial acceleration: the classical acceleration of a point on top of which the body turns."""
 
+from typing import Self
+
 import jax
 
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.types import PrecisionName, Six, Vector3
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.operations import shift
 from jaxspatial.spatial.vector import SpatialVector, joined, require_kind, require_w, shifted, spatial_vector
@@ -21,18 +24,39 @@ class SpatialAcceleration(SpatialVector):
     alpha: jax.Array
     a: jax.Array
 
-    def compose_with_moving_frame(self, p_BoCo_E, w_MB_E, V_BC_E, A_BC_E, *, precision=None):
+    def compose_with_moving_frame(
+        self,
+        p_BoCo_E: Vector3,
+        w_MB_E: Vector3,
+        V_BC_E: SpatialVelocity,
+        A_BC_E: "SpatialAcceleration",
+        *,
+        precision: PrecisionName = None,
+    ) -> "SpatialAcceleration":
         """A_MC_E of frame C that moves at V_BC_E and A_BC_E in frame B, which moves at w_MB_E and this A_MB_E in M.
 
             alpha_MC = alpha_MB + alpha_BC + w_MB x w_BC
             a_MCo = a_MBo + alpha_MB x p + w_MB x (w_MB x p) + 2 w_MB x v_BC + a_BC        p = p_BoCo
 
-        p_BoCo_E: (*batch, 3) metres.  w_MB_E: (*batch, 3) rad/s.  V_BC_E, A_BC_E: of C in B about Co.  All in frame E.
-        The terms are the tangential, centripetal and Coriolis accelerations. Error per component, mag the sum of the
-        absolute values of its terms, multiplied out: at most 10 u mag in "fast" and "reproducible", u |r| + 32 u^2 mag
-        in "compensated", 1 ulp in "faithful". Raises TypeError for other kinds or dtypes that differ, ValueError for
-        shapes.
-        [Mitiguy 2022, Dynamics of Mechanical, Aerospace, and Biomechanical Systems; Featherstone 2008, 2.11] 66 flops.
+        The terms are the tangential, centripetal and Coriolis accelerations.
+
+        Args:
+            p_BoCo_E: (*batch, 3) position of Co from Bo, m, expressed in frame E.
+            w_MB_E: (*batch, 3) angular velocity of B in M, rad/s, in E.
+            V_BC_E: SpatialVelocity (*batch,) of C in B about Co, in E.
+            A_BC_E: SpatialAcceleration (*batch,) of C in B about Co, in E.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            A_MC_E about Co, over the common batch. 66 flops.
+
+        Raises:
+            TypeError: V_BC_E or A_BC_E is of another kind, or dtypes differ.
+            ValueError: shapes do not fit.
+
+        Error: per component, mag the sum of the absolute values of its terms, multiplied out: at most 10 u mag in
+            "fast" and "reproducible", u |r| + 32 u^2 mag in "compensated", 1 ulp in "faithful".
+        Source: Mitiguy 2022, Dynamics of Mechanical, Aerospace, and Biomechanical Systems; Featherstone 2008, 2.11.
         """
         name = "compose_with_moving_frame"
         require_kind(V_BC_E, SpatialVelocity, f"{name}: V_BC_E")
@@ -43,21 +67,50 @@ class SpatialAcceleration(SpatialVector):
         _require_alike(given)
         return self._like(*_composed(precision, *self._parts, p, w, *V_BC_E._parts, *A_BC_E._parts))
 
-    def to_featherstone(self, V_MP_E, *, precision=None):
-        """(*batch, 6) Featherstone's spatial acceleration, rotational on top: (alpha, a - w x v).
+    def to_featherstone(self, V_MP_E: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
+        """Featherstone's spatial acceleration, rotational on top: (alpha, a - w x v).
 
-        V_MP_E: SpatialVelocity of the same body, about the same point. The rate of change of the velocity of whatever
-        passes a fixed point, instead of that of one point of the body; Pinocchio's and MuJoCo's accelerations are of
-        this kind. An array, so that nothing takes it for a classical acceleration. Error as of `shift` of a force.
-        [Featherstone 2008, 2.11]
+        It is the rate of change of the velocity of whatever passes a fixed point, instead of that of one point of the
+        body. Pinocchio's and MuJoCo's accelerations are of this kind. It is an array, so that nothing takes it for a
+        classical acceleration.
+
+        Args:
+            V_MP_E: SpatialVelocity (*batch,) of the same body, about the same point, in the same frame.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            (*batch, 6), over the common batch: rad/s2, m/s2.
+
+        Raises:
+            TypeError: V_MP_E is of another kind, or dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: as of `shift` of a force.
+        Source: Featherstone 2008, 2.11.
         """
         require_kind(V_MP_E, SpatialVelocity, "to_featherstone: V_MP_E")
         _require_alike({"A_MP_E": self, "V_MP_E": V_MP_E})
         return joined(*_to_featherstone(precision, *self._parts, *V_MP_E._parts))
 
     @classmethod
-    def from_featherstone(cls, x6, V_MP_E, *, precision=None):
-        """From Featherstone's spatial acceleration (*batch, 6), rotational on top: (alpha, a + w x v). See there."""
+    def from_featherstone(cls, x6: Six, V_MP_E: SpatialVelocity, *, precision: PrecisionName = None) -> Self:
+        """The classical acceleration of Featherstone's, rotational on top: (alpha, a + w x v).
+
+        Args:
+            x6: (*batch, 6) Featherstone's spatial acceleration: rad/s2, m/s2; see `to_featherstone`.
+            V_MP_E: SpatialVelocity (*batch,) of the same body, about the same point, in the same frame.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            The acceleration, over the common batch.
+
+        Raises:
+            TypeError: V_MP_E is of another kind, or dtypes differ.
+            ValueError: shapes do not fit.
+
+        Error: as of `shift` of a force.
+        Source: Featherstone 2008, 2.11.
+        """
         require_kind(V_MP_E, SpatialVelocity, "from_featherstone: V_MP_E")
         spatial = cls.from_array(x6)
         _require_alike({"x6": spatial, "V_MP_E": V_MP_E})

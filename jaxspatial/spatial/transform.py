@@ -1,5 +1,7 @@
 """Rigid transforms: where a frame is and how it is turned, and what that makes of spatial vectors."""
 
+from typing import Any, Self, overload
+
 import jax
 import numpy as np
 
@@ -8,6 +10,7 @@ from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import constant
 from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.tree import rebuilt, tree
+from jaxspatial.arithmetic.types import BatchShape, DTypeLike, Matrix, PrecisionName, Scalar
 from jaxspatial.rotation import exponential
 from jaxspatial.rotation.matrices import as_matrices, expanded, matrices, owned, shown
 from jaxspatial.rotation.rotation import Rotation, composed, rotated
@@ -44,42 +47,85 @@ class RigidTransform(Quantity):
     # -- construction -------------------------------------------------------------------------------------------------
 
     @classmethod
-    def identity(cls, batch_shape=(), dtype=None):
-        """Frame B is frame A; known while tracing."""
+    def identity(cls, batch_shape: BatchShape = (), dtype: DTypeLike | None = None) -> Self:
+        """The transform of a frame to itself, known while tracing.
+
+        Args:
+            batch_shape: shape of the batch.
+            dtype: of the numbers; None takes JAX's default.
+
+        Returns:
+            The transform (*batch_shape,).
+
+        Raises:
+            TypeError: the dtype is not floating point.
+
+        Error: none, it is exact.
+        """
         R = Rotation.identity(batch_shape, dtype)
         return cls(R, np.zeros((*R.batch_shape, 3), R.dtype))
 
     @classmethod
-    def from_matrix(cls, m):
-        """From homogeneous matrices (*batch, 4, 4), taken as they are, whatever their last row. Raises ValueError for
-        what is no rotation, as `Rotation.from_matrix`."""
-        m = matrices(as_matrices(m, "RigidTransform.from_matrix: m", 4), 4)
-        return cls(Rotation.from_matrix(m[..., :3, :3]), m[..., :3, 3])
+    def from_matrix(cls, m: Matrix) -> Self:
+        """From homogeneous matrices, taken as they are, whatever their last row.
+
+        Args:
+            m: (*batch, 4, 4).
+
+        Returns:
+            The transform (*batch,).
+
+        Raises:
+            TypeError: m is not of floating point.
+            ValueError: the shape does not fit, or the upper left block is no rotation, as of `Rotation.from_matrix`.
+
+        Error: none, it is exact.
+        """
+        found = matrices(as_matrices(m, "RigidTransform.from_matrix: m", 4), 4)
+        return cls(Rotation.from_matrix(found[..., :3, :3]), found[..., :3, 3])
 
     @classmethod
-    def exp(cls, V, *, precision=None):
+    def exp(cls, V: SpatialVelocity, *, precision: PrecisionName = None) -> Self:
         """Where a frame gets in unit time that moves at V_AB_A, constant in both frames, from A.
 
-        V: SpatialVelocity about Ao, w in rad, v in m. Errors as of `Rotation.exp`, of the translation at most 16 u |v|.
-        [Murray, Li, Sastry 1994, 2.36]
+        Args:
+            V: SpatialVelocity (*batch,) about Ao, over unit time: w in rad, v in m.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            X_AB (*batch,).
+
+        Raises:
+            TypeError: V is no SpatialVelocity.
+
+        Error: as of `Rotation.exp`, of the translation at most 16 u |v|.
+        Source: Murray, Li, Sastry 1994, 2.36.
         """
         _require_velocity(V, "RigidTransform.exp")
         entries, p = _exp(precision, V.w, V.v)
         return cls(Rotation(entries), p)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"RigidTransform({self.rotation!r}, translation={shown(self.translation, 3)})"
 
     # -- to other forms -----------------------------------------------------------------------------------------------
 
-    def to_matrix(self):
-        """(*batch, 4, 4), with the last row 0 0 0 1."""
+    def to_matrix(self) -> jax.Array:
+        """The homogeneous matrix (*batch, 4, 4), with the last row 0 0 0 1. Exact."""
         return matrices(_to_matrix("reproducible", self.rotation.entries, self.translation), 4)
 
-    def log(self, *, precision=None):
-        """The SpatialVelocity that makes this motion in unit time, with an angle of at most pi: exp(log(X)) = X.
+    def log(self, *, precision: PrecisionName = None) -> SpatialVelocity:
+        """The SpatialVelocity that makes this motion in unit time: exp(log(X)) = X.
 
-        Errors as of `Rotation.log`, of v at most 24 u |v|; what happens at half a turn is told there.
+        At half a turn it jumps, see `Rotation.log`.
+
+        Args:
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            The velocity (*batch,) about Ao: w in rad, at most pi long, v in m.
+
+        Error: as of `Rotation.log`, of v at most 24 u |v|.
         """
         return SpatialVelocity(*_log(precision, self.rotation.entries, self.translation))
 
@@ -93,32 +139,75 @@ class RigidTransform(Quantity):
         return rebuilt(RigidTransform, ("rotation", "translation"), (R, p))
 
     @property
-    def batch_shape(self):
+    def batch_shape(self) -> tuple[int, ...]:
+        """The batch shape."""
         return check.batch_shape(self.translation, self.rotation.entries)
 
     @property
-    def dtype(self):
+    def dtype(self) -> np.dtype:
+        """The dtype of the numbers."""
         return np.dtype(self.translation.dtype)
 
     # -- operations ---------------------------------------------------------------------------------------------------
 
-    def inverse(self, *, precision=None):
-        """X_BA of X_AB: (R^T, -R^T p). Error of the translation as of `rotated`."""
+    def inverse(self, *, precision: PrecisionName = None) -> "RigidTransform":
+        """X_BA of X_AB: (R^T, -R^T p).
+
+        Args:
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            The transform (*batch,).
+
+        Error: of the translation as of `rotate`; the rotation is exact.
+        """
         R_BA = self.rotation.inverse()
         return RigidTransform(R_BA, -rotated(R_BA, self.translation, precision=precision))
 
-    def __matmul__(self, other):
+    @overload
+    def __matmul__(self, other: "RigidTransform") -> "RigidTransform": ...
+
+    @overload
+    def __matmul__(self, other: Any) -> Any: ...
+
+    def __matmul__(self, other: Any) -> Any:
         """X_AB @ p_BQ is p_AQ, (*batch, 3); X_AB @ X_BC is X_AC. See `transformed`."""
         return transformed(self, other)
 
-    def inverse_times(self, other, *, precision=None):
-        """X_AB^-1 X_AC = X_BC, with the difference of the translations taken before it is rotated."""
+    def inverse_times(self, other: "RigidTransform", *, precision: PrecisionName = None) -> "RigidTransform":
+        """X_AB^-1 X_AC = X_BC, with the difference of the translations taken before it is rotated.
+
+        Args:
+            other: X_AC (*batch,).
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            X_BC, over the common batch.
+
+        Raises:
+            TypeError: dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: of the rotation as of `rotate`, of the translation as of `act_inverse`.
+        """
         return _inverse_times(self, other, precision)
 
-    def interpolate(self, other, t, *, precision=None):
-        """X exp(t log(X^-1 X2)): at constant velocity from this pose, t = 0, to the other, t = 1: a screw motion.
+    def interpolate(self, other: "RigidTransform", t: Scalar, *, precision: PrecisionName = None) -> "RigidTransform":
+        """X exp(t log(X^-1 X2)): at constant velocity from this pose to the other: a screw motion.
 
-        t: (*batch,), any number. Errors at most (32 + 16 |t|) u, of the translation times the size of both.
+        Args:
+            other: X2 (*batch,). The way is the shorter one; at half a turn see `Rotation.log`.
+            t: (*batch,), any number: 0 for this pose, 1 for the other.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            The transform, over the common batch.
+
+        Raises:
+            TypeError: dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: at most (32 + 16 |t|) u, of the translation times the size of both.
         """
         t = check.as_float_array(t, "RigidTransform.interpolate: t", self.dtype)
         check.require_same_dtype(start=self, end=other, t=t)
@@ -127,27 +216,59 @@ class RigidTransform(Quantity):
         return RigidTransform(Rotation(entries), p)
 
     @staticmethod
-    def left_jacobian(V, *, precision=None):
-        """J (*batch, 6, 6), rotational on top, with exp(V + e) = exp(J e) exp(V) for small e.
+    def left_jacobian(V: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
+        """J, rotational on top, with exp(V + e) = exp(J e) exp(V) for small e.
 
-        Error at most 32 u normwise, of the lower left block relative to |v|, for |w| <= pi. [Barfoot 2017, 7.1.5]
+        Args:
+            V: SpatialVelocity (*batch,) over unit time: w in rad, v in m.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            (*batch, 6, 6).
+
+        Raises:
+            TypeError: V is no SpatialVelocity.
+
+        Error: at most 32 u normwise, of the lower left block relative to |v|, for |w| <= pi.
+        Source: Barfoot 2017, 7.1.5.
         """
         _require_velocity(V, "RigidTransform.left_jacobian")
         return matrices(_left_jacobian(precision, V.w, V.v), 6)
 
     @staticmethod
-    def left_jacobian_inverse(V, *, precision=None):
-        """J^-1 (*batch, 6, 6) of `left_jacobian`, infinite at |w| = 2 pi. Error at most 128 u normwise up to pi."""
+    def left_jacobian_inverse(V: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
+        """J^-1 of `left_jacobian`.
+
+        Args:
+            V: SpatialVelocity (*batch,) over unit time: w in rad, v in m.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            (*batch, 6, 6); infinite at |w| = 2 pi.
+
+        Raises:
+            TypeError: V is no SpatialVelocity.
+
+        Error: at most 128 u normwise up to pi.
+        Source: Barfoot 2017, 7.1.5.
+        """
         _require_velocity(V, "RigidTransform.left_jacobian_inverse")
         return matrices(_left_jacobian_inverse(precision, V.w, V.v), 6)
 
-    def to_motion_matrix(self):
-        """(*batch, 6, 6) [[R, 0], [p x R, R]]: what `act` does to the coefficients of a velocity. Its inverse transpose
-        does it to a force."""
+    def to_motion_matrix(self) -> jax.Array:
+        """[[R, 0], [p x R, R]]: what `act` does to the coefficients of a velocity.
+
+        Its inverse transpose does it to a force.
+
+        Returns:
+            (*batch, 6, 6), rotational on top.
+
+        Error: as of `cross`.
+        """
         return matrices(_motion_matrix(None, self.rotation.entries, self.translation), 6)
 
 
-def require_transform(X_AB):
+def require_transform(X_AB: Any) -> None:
     if not isinstance(X_AB, RigidTransform):
         raise TypeError(f"act: expected a RigidTransform first, got {type(X_AB).__name__}")
 
@@ -157,11 +278,23 @@ def _require_velocity(V, operation):
         raise TypeError(f"{operation}: expected a SpatialVelocity (over unit time), got {type(V).__name__}")
 
 
-def transformed(X_AB, other, *, precision=None):
-    """Points p_BQ (*batch, 3) as p_AQ = R p + p_AB, or a RigidTransform X_BC as X_AC.
+def transformed(X_AB: RigidTransform, other: Any, *, precision: PrecisionName = None) -> Any:
+    """Points p_BQ as p_AQ = R p + p_AB, or a RigidTransform X_BC as X_AC.
 
-    Error per component of a point, mag = |R| |p_BQ| + |p_AB|: at most 4 u mag in "fast" and "reproducible", u |r| +
-    8 u^2 mag in "compensated", 1 ulp in "faithful". 18 flops; of a transform 63.
+    Args:
+        X_AB: the transform (*batch,).
+        other: (*batch, 3) positions of points from Bo, m, expressed in frame B; or a RigidTransform (*batch,).
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        p_AQ (*batch, 3), m, from Ao, in A; or X_AC; over the common batch. 18 flops; of a transform 63.
+
+    Raises:
+        TypeError: other is a spatial vector, or dtypes differ.
+        ValueError: shapes do not fit.
+
+    Error: per component of a point, mag = |R| |p_BQ| + |p_AB|: at most 4 u mag in "fast" and "reproducible", u |r| +
+        8 u^2 mag in "compensated", 1 ulp in "faithful".
     """
     if isinstance(other, RigidTransform):
         return _composed(X_AB, other, precision)

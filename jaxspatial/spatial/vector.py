@@ -7,7 +7,9 @@ expressed in frame E), never stored: vectors of different frames can be stacked,
 import dataclasses
 import operator
 import typing
+from typing import Any, Self
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +21,7 @@ from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.quantity import Quantity, matched, moved_to_last
 from jaxspatial.arithmetic.reproducible import product, quotient
 from jaxspatial.arithmetic.tree import rebuilt, tree
+from jaxspatial.arithmetic.types import BatchShape, DTypeLike, PrecisionName, Six, Vector3
 from jaxspatial.spatial import operations
 
 
@@ -27,7 +30,7 @@ class SpatialVector(Quantity):
 
     if typing.TYPE_CHECKING:
 
-        def __init__(self, rotational, translational): ...
+        def __init__(self, rotational: Vector3, translational: Vector3): ...
 
     # The names of the two fields, set by `spatial_vector`.
     _names: typing.ClassVar[tuple[str, ...]] = ()
@@ -52,71 +55,112 @@ class SpatialVector(Quantity):
     # -- construction -------------------------------------------------------------------------------------------------
 
     @classmethod
-    def from_array(cls, x6):
-        """From coefficients (*batch, 6), rotational on top."""
-        x6 = check.as_vectors(x6, f"{cls.__name__}.from_array: x6", size=6, held=True)
-        return cls(x6[..., :3], x6[..., 3:])
+    def from_array(cls, x6: Six) -> Self:
+        """From six coefficients, rotational on top.
+
+        Args:
+            x6: (*batch, 6).
+
+        Returns:
+            The vector (*batch,).
+
+        Raises:
+            TypeError: x6 is not of floating point.
+            ValueError: the shape does not fit.
+
+        Error: none, it is exact.
+        """
+        array = check.as_vectors(x6, f"{cls.__name__}.from_array: x6", size=6, held=True)
+        return cls(array[..., :3], array[..., 3:])
 
     @classmethod
-    def zero(cls, batch_shape=(), dtype=None):
-        """Six zeros, known while tracing: what is added to them, or made of them, leaves no operation behind."""
+    def zero(cls, batch_shape: BatchShape = (), dtype: DTypeLike | None = None) -> Self:
+        """Six zeros, known while tracing: what is added to them, or made of them, leaves no operation behind.
+
+        Args:
+            batch_shape: shape of the batch.
+            dtype: of the numbers; None takes JAX's default.
+
+        Returns:
+            The vector (*batch_shape,).
+
+        Raises:
+            TypeError: the dtype is not floating point.
+
+        Error: none, it is exact.
+        """
         return cls._filled(0, batch_shape, dtype)
 
     @classmethod
-    def nan(cls, batch_shape=(), dtype=None):
-        """Six NaNs, for what is yet to be set."""
+    def nan(cls, batch_shape: BatchShape = (), dtype: DTypeLike | None = None) -> Self:
+        """Six NaNs, for what is yet to be set.
+
+        Args:
+            batch_shape: shape of the batch.
+            dtype: of the numbers; None takes JAX's default.
+
+        Returns:
+            The vector (*batch_shape,).
+
+        Raises:
+            TypeError: the dtype is not floating point.
+
+        Error: none, nothing is computed.
+        """
         return cls._filled(np.nan, batch_shape, dtype)
 
     @classmethod
-    def _filled(cls, value, batch_shape, dtype):
+    def _filled(cls, value: float, batch_shape: BatchShape, dtype: DTypeLike | None) -> Self:
         dtype = check.as_dtype(dtype)
         batch_shape = (batch_shape,) if isinstance(batch_shape, int) else batch_shape
         return cls(*(np.full((*batch_shape, 3), value, dtype) for _ in range(2)))
 
-    def _like(self, rotational, translational):
+    def _like(self, rotational: Any, translational: Any) -> Self:
         return _rebuild(type(self), (rotational, translational))
 
     # -- parts --------------------------------------------------------------------------------------------------------
 
     @property
-    def _parts(self):
+    def _parts(self) -> tuple[Any, ...]:
         return tuple(getattr(self, name) for name in self._names)
 
     @property
-    def _vectors(self):
+    def _vectors(self) -> tuple[Any, ...]:
         return self._parts
 
-    def _with_vectors(self, vectors):
+    def _with_vectors(self, vectors: Any) -> Self:
         return self._like(*vectors)
 
     @property
-    def rotational(self):
+    def rotational(self) -> Any:
         """(*batch, 3) the rotational part."""
         return self._parts[0]
 
     @property
-    def translational(self):
+    def translational(self) -> Any:
         """(*batch, 3) the translational part."""
         return self._parts[1]
 
-    def to_array(self):
-        """(*batch, 6) the coefficients, rotational on top; as NumPy where JAX would narrow them."""
+    def to_array(self) -> jax.Array:
+        """The coefficients (*batch, 6), rotational on top; as NumPy where JAX would narrow them. Exact."""
         return joined(*self._parts)
 
     @property
-    def batch_shape(self):
+    def batch_shape(self) -> tuple[int, ...]:
+        """The batch shape."""
         return check.batch_shape(*self._parts)
 
     @property
-    def dtype(self):
+    def dtype(self) -> np.dtype:
+        """The dtype of the numbers."""
         return np.dtype(self.rotational.dtype)
 
     @property
-    def size(self):
+    def size(self) -> int:
         """6, whatever the batch."""
         return 6
 
-    def __getitem__(self, i):
+    def __getitem__(self, i: int) -> Any:
         """The i-th of the six components of one vector, rotational first."""
         if self.batch_shape:
             # Not an IndexError: Python would take it for the end when iterating.
@@ -131,28 +175,28 @@ class SpatialVector(Quantity):
 
     # -- arithmetic ---------------------------------------------------------------------------------------------------
 
-    def __add__(self, other):
+    def __add__(self, other: Any) -> Self:
         """Component by component, for two about the same point in the same frame: error <= u |x_i + y_i|."""
         return self._combined(operator.add, other)
 
-    def __sub__(self, other):
+    def __sub__(self, other: Any) -> Self:
         """Component by component, for two about the same point in the same frame: error <= u |x_i - y_i|."""
         return self._combined(operator.sub, other)
 
-    def __radd__(self, other):
+    def __radd__(self, other: Any) -> Self:
         """0 + x is x, for Python's `sum`; nothing else adds to a spatial vector."""
         if isinstance(other, int) and other == 0:
             return self
         return self.__rsub__(other)
 
-    def __rsub__(self, other):
+    def __rsub__(self, other: Any) -> Any:
         raise TypeError(f"+ or -: expected two of one kind, got {type(other).__name__} and {type(self).__name__}")
 
-    def __neg__(self):
+    def __neg__(self) -> Self:
         """Component by component, exactly."""
         return self._like(*(-part for part in self._parts))
 
-    def __mul__(self, scalar):
+    def __mul__(self, scalar: Any) -> Self:
         """Times a number, or one number per vector of the batch: error <= u |x_i s| per component.
 
         The number does not add axes to the batch: three times one vector is `jax.vmap(operator.mul, (None, 0))(x, s)`.
@@ -161,17 +205,17 @@ class SpatialVector(Quantity):
 
     __rmul__ = __mul__
 
-    def __truediv__(self, scalar):
+    def __truediv__(self, scalar: Any) -> Self:
         """Divided by a number, or by one number per vector of the batch: error <= u |x_i / s| per component."""
         return self._scaled(quotient, scalar)
 
-    def _combined(self, operation, other):
+    def _combined(self, operation: Any, other: Any) -> Any:
         if not isinstance(other, SpatialVector):
             return NotImplemented
         a, b = matched(self, other, operation.__name__)
         return self._like(*(skipping_zero(operation, x, y) for x, y in zip(a._parts, b._parts, strict=True)))
 
-    def _scaled(self, operation, scalar):
+    def _scaled(self, operation: Any, scalar: Any) -> Any:
         if isinstance(scalar, SpatialVector):
             return NotImplemented
         x, s = check.narrowed(self), self._scalar(scalar)
@@ -180,7 +224,7 @@ class SpatialVector(Quantity):
         s = s if isinstance(s, np.generic) else check.broadcast_batch(batch, s.reshape((*s.shape, 1)))[0]
         return self._like(*(_scaled_part(operation, part, s) for part in parts))
 
-    def _scalar(self, scalar):
+    def _scalar(self, scalar: Any) -> Any:
         """A number, or one per vector of the batch: NumPy's for Python's."""
         kind = type(self).__name__
         dtype = check.narrowed(self).dtype
@@ -195,54 +239,108 @@ class SpatialVector(Quantity):
             )
         return s
 
-    def sum(self, axis=0, *, precision=None):
+    def sum(self, axis: int = 0, *, precision: PrecisionName = None) -> Self:
         """The sum of all vectors along an axis of the batch, about the same point in the same frame.
 
-        axis: an integer.  precision: "fast", "reproducible" (the default), "compensated", "faithful" or a `Precision`.
+        Summed by halving, always in the same order.
 
-        Summed by halving, always in the same order; of no vectors zero. Error per component of n vectors, L =
-        ceil(log2 n), mag the sum of the absolute values: at most L u mag in "fast" and "reproducible", u |r| + 2 L^2
-        u^2 mag in "compensated", 1 ulp of r in "faithful" while |r| >= n^2 u^2 mag (a sum in three times the
-        precision), while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed. Raises
-        ValueError for an axis that the batch does not have. [Higham 2002, 4.2: pairwise summation]
+        Args:
+            axis: of the batch; negative ones count from its end.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            The sum, over the other axes of the batch; of no vectors zero.
+
+        Raises:
+            ValueError: the batch does not have the axis.
+
+        Error: per component of n vectors, L = ceil(log2 n), mag the sum of the absolute values: at most L u mag in
+            "fast" and "reproducible", u |r| + 2 L^2 u^2 mag in "compensated", 1 ulp of r in "faithful" while |r| >= n^2
+            u^2 mag (a sum in three times the precision), while nothing over- or underflows; plus a few finfo.tiny where
+            subnormals are flushed.
+        Source: Higham 2002, 4.2: pairwise summation.
         """
         place = check.batch_axis(axis, self.batch_shape, f"{type(self).__name__}.sum")
         return self._like(*_summed(precision, *moved_to_last(self._parts, place, self.batch_shape)))
 
     # -- operations ---------------------------------------------------------------------------------------------------
 
-    def shift(self, p_PQ_E, w=None, *, precision=None):
-        """See `jaxspatial.shift`."""
+    def shift(self, p_PQ_E: Vector3, w: Vector3 | None = None, *, precision: PrecisionName = None) -> Self:
+        """To another point of the body, see `jaxspatial.shift`."""
         return operations.shift(self, p_PQ_E, w, precision=precision)
 
-    def dot(self, other, *, precision=None):
-        """See `jaxspatial.dot`."""
+    def dot(self, other: "SpatialVector", *, precision: PrecisionName = None) -> jax.Array:
+        """The pairing of force and velocity, see `jaxspatial.dot`."""
         return operations.dot(self, other, precision=precision)
 
-    def __rmatmul__(self, R_AE):
+    def __rmatmul__(self, R_AE: Any) -> Self:
         """R @ X: see `jaxspatial.rotate`."""
         return operations.rotate(R_AE, self)
 
     # -- comparison: arrays of answers over the batch; NaN never compares as near -------------------------------------
 
-    def get_maximum_absolute_differences(self, other):
-        """(rotational, translational): the largest absolute difference of each part, NaN where either has one."""
+    def get_maximum_absolute_differences(self, other: Self) -> tuple[jax.Array, jax.Array]:
+        """The largest absolute difference of each part, NaN where either has one.
+
+        Args:
+            other: the same kind, about the same point, in the same frame.
+
+        Returns:
+            (rotational (*batch,), translational (*batch,)), over the common batch.
+
+        Raises:
+            TypeError: other is of another kind, or dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: that of one rounded difference.
+        """
         a, b = matched(self, other, "comparison")
         differences = (folding.quietly(operator.sub, x, y) for x, y in zip(a._parts, b._parts, strict=True))
         return tuple(_largest(from_double_word(abs(as_array(d, a.batch_shape)))) for d in differences)
 
-    def is_nearly_equal_within_absolute_tolerance(self, other, rotational_tolerance, translational_tolerance):
-        """True where the largest absolute difference of each part is at most its tolerance."""
+    def is_nearly_equal_within_absolute_tolerance(
+        self, other: Self, rotational_tolerance: chex.Numeric, translational_tolerance: chex.Numeric
+    ) -> jax.Array:
+        """True where the largest absolute difference of each part is at most its tolerance.
+
+        Args:
+            other: the same kind, about the same point, in the same frame.
+            rotational_tolerance: (*batch,), in the units of the rotational part.
+            translational_tolerance: (*batch,), in the units of the translational part.
+
+        Returns:
+            A mask (*batch,), over the common batch; False where there is a NaN.
+
+        Raises:
+            TypeError: other is of another kind, or dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: as of `get_maximum_absolute_differences`.
+        """
         rotational, translational = self.get_maximum_absolute_differences(other)
         return (rotational <= _plain(rotational_tolerance)) & (translational <= _plain(translational_tolerance))
 
-    def is_approx(self, other, tolerance=None):
-        """True where all six absolute differences are at most `tolerance`, by default the dtype's eps."""
+    def is_approx(self, other: Self, tolerance: chex.Numeric | None = None) -> jax.Array:
+        """True where all six absolute differences are at most the tolerance.
+
+        Args:
+            other: the same kind, about the same point, in the same frame.
+            tolerance: (*batch,); None takes the eps of the dtype.
+
+        Returns:
+            A mask (*batch,), over the common batch; False where there is a NaN.
+
+        Raises:
+            TypeError: other is of another kind, or dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: as of `get_maximum_absolute_differences`.
+        """
         a, b = matched(self, other, "comparison")
         tolerance = jnp.finfo(a.dtype).eps if tolerance is None else tolerance
         return a.is_nearly_equal_within_absolute_tolerance(b, tolerance, tolerance)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         parts = ", ".join(f"{name}={_shown(part)}" for name, part in zip(self._names, self._parts, strict=True))
         return f"{type(self).__name__}({parts})"
 

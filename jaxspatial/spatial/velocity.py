@@ -4,6 +4,7 @@ import jax
 
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.operations import shift
 from jaxspatial.spatial.vector import SpatialVector, require_kind, require_no_w, shifted, spatial_vector
@@ -20,16 +21,30 @@ class SpatialVelocity(SpatialVector):
     w: jax.Array
     v: jax.Array
 
-    def compose_with_moving_frame(self, p_BoCo_E, V_BC_E, *, precision=None):
+    def compose_with_moving_frame(
+        self, p_BoCo_E: Vector3, V_BC_E: "SpatialVelocity", *, precision: PrecisionName = None
+    ) -> "SpatialVelocity":
         """V_MC_E of frame C that moves at V_BC_E in frame B, which moves at this V_MB_E in frame M.
 
             w_MC = w_MB + w_BC            v_MCo = v_MBo + w_MB x p_BoCo + v_BCo
 
-        p_BoCo_E: (*batch, 3) position of Co from Bo, metres.  V_BC_E: SpatialVelocity of C in B about Co.  All in E.
-        Composing frame after frame is associative but for rounding. Error per component, mag the sum of the absolute
-        values of its terms: at most 4 u mag in "fast" and "reproducible", u |r| + 4 u^2 mag in "compensated", 1 ulp in
-        "faithful". Raises TypeError for other kinds or dtypes that differ, ValueError for shapes. [Jain 2010, 1.4] 18
-        flops.
+        Composing frame after frame is associative but for rounding.
+
+        Args:
+            p_BoCo_E: (*batch, 3) position of Co from Bo, m, expressed in frame E.
+            V_BC_E: SpatialVelocity (*batch,) of C in B about Co, in the same frame.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            V_MC_E about Co, over the common batch. 18 flops.
+
+        Raises:
+            TypeError: V_BC_E is of another kind, or dtypes differ.
+            ValueError: shapes do not fit.
+
+        Error: per component, mag the sum of the absolute values of its terms: at most 4 u mag in "fast" and
+            "reproducible", u |r| + 4 u^2 mag in "compensated", 1 ulp in "faithful".
+        Source: Jain 2010, 1.4.
         """
         require_kind(V_BC_E, SpatialVelocity, "compose_with_moving_frame: V_BC_E")
         p = check.as_vectors(p_BoCo_E, "compose_with_moving_frame: p_BoCo_E", self.dtype)
