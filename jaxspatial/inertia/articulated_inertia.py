@@ -1,6 +1,8 @@
 """Articulated-body inertia: the inertia of a body with others that hang on it by joints."""
 
 import operator
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -10,11 +12,13 @@ from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, to_double_word
 from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.tree import rebuilt, tree
+from jaxspatial.arithmetic.types import DTypeLike, Matrix, PrecisionName, Scalar, Vector3
 from jaxspatial.inertia import articulated, parameters
 from jaxspatial.inertia.arguments import as_entries, require_alike
 from jaxspatial.inertia.inertia import SpatialInertia
-from jaxspatial.inertia.joint_projection import joint_projection
+from jaxspatial.inertia.joint_projection import Motions, joint_projection
 from jaxspatial.rotation.matrices import as_matrices, expanded
+from jaxspatial.rotation.rotation import Rotation
 from jaxspatial.spatial.acceleration import SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce
 from jaxspatial.spatial.operations import rotate, shift
@@ -52,7 +56,7 @@ class ArticulatedInertia(Quantity):
     # NumPy and JAX arrays on the left of an operator leave it to us.
     __array_ufunc__ = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Checks what a caller passes. JAX rebuilds inertias without it, with whatever leaves it needs."""
         if all(check.is_tree_mark(part) for part in self._parts):
             return
@@ -66,17 +70,40 @@ class ArticulatedInertia(Quantity):
     # -- construction -------------------------------------------------------------------------------------------------
 
     @classmethod
-    def zero(cls, batch_shape=(), dtype=None):
-        """Nothing, known while tracing: what is added to it leaves no operation behind."""
+    def zero(cls, batch_shape: Sequence[int] = (), dtype: DTypeLike | None = None) -> Self:
+        """Nothing, known while tracing: what is added to it leaves no operation behind.
+
+        Args:
+            batch_shape: a tuple.
+            dtype: of floating point; None takes JAX's default.
+
+        Returns:
+            Zeros, over the batch shape.
+
+        Raises:
+            TypeError: the dtype is not floating point.
+
+        Error: none, it is exact.
+        """
         dtype = check.as_dtype(dtype)
         return cls(*(np.zeros((*batch_shape, n), dtype) for n in (6, 9, 6)))
 
     @classmethod
-    def from_spatial_inertia(cls, M_BP_E, *, precision=None):
-        """Of a single rigid body: J = central + m (c.c 1 - c c^T), F = m [c]x, M = m 1.
+    def from_spatial_inertia(cls, M_BP_E: SpatialInertia, *, precision: PrecisionName = None) -> Self:
+        """The articulated inertia of a single rigid body: J = central + m (c.c 1 - c c^T), F = m [c]x, M = m 1.
 
-        Error per entry, mag the sum of the absolute values of its terms: at most 5 u mag in "fast" and "reproducible",
-        u |r| + 16 u^2 mag in "compensated", 1 ulp in "faithful".
+        Args:
+            M_BP_E: the inertia of the body.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            The articulated inertia about the same point in the same frame.
+
+        Raises:
+            TypeError: the first argument is no SpatialInertia.
+
+        Error: per entry, mag the sum of the absolute values of its terms: at most 5 u mag in "fast" and
+            "reproducible", u |r| + 16 u^2 mag in "compensated", 1 ulp in "faithful".
         """
         if not isinstance(M_BP_E, SpatialInertia):
             raise TypeError(f"from_spatial_inertia: expected a SpatialInertia, got {type(M_BP_E).__name__}")
@@ -86,49 +113,77 @@ class ArticulatedInertia(Quantity):
         )
 
     @classmethod
-    def from_matrix(cls, m):
-        """From symmetric matrices (*batch, 6, 6), rotational on top, of which the lower triangle is read."""
+    def from_matrix(cls, m: Matrix) -> Self:
+        """From symmetric matrices, of which the lower triangle is read.
+
+        Args:
+            m: (*batch, 6, 6), rotational on top.
+
+        Returns:
+            The articulated inertia, over the batch of m.
+
+        Raises:
+            TypeError: m is not of floating point.
+            ValueError: the shape does not fit.
+
+        Error: none, it is exact.
+        """
         entries = as_matrices(m, "ArticulatedInertia.from_matrix: m", 6)[..., _OF_MATRIX]
         return cls(entries[..., :6], entries[..., 6:15], entries[..., 15:])
 
     # -- parts --------------------------------------------------------------------------------------------------------
 
     @property
-    def _parts(self):
+    def _parts(self) -> tuple[Any, Any, Any]:
         return self.rotational, self.coupling, self.translational
 
     @property
-    def _vectors(self):
+    def _vectors(self) -> tuple[Any, Any, Any]:
         return self._parts
 
-    def _with_vectors(self, vectors):
+    def _with_vectors(self, vectors: Any) -> Self:
         return self._like(vectors)
 
     @classmethod
-    def _like(cls, parts):
+    def _like(cls, parts: Iterable[Any]) -> Self:
         """Of parts that are right as they are."""
         return rebuilt(cls, _FIELDS, parts)
 
-    def to_matrix(self):
-        """(*batch, 6, 6), symmetric, rotational on top."""
+    def to_matrix(self) -> jax.Array:
+        """The matrix [[J, F], [F^T, M]].
+
+        Returns:
+            (*batch, 6, 6), symmetric, rotational on top.
+
+        Error: none, it is exact.
+        """
         parts = to_double_word(self._parts) if any(isinstance(x, DoubleWord) for x in self._parts) else self._parts
         joined = jax.tree.map(lambda *words: jnp.concatenate(words, axis=-1), *parts)
         return joined[..., _TO_MATRIX].reshape((*self.batch_shape, 6, 6))
 
     @property
-    def batch_shape(self):
+    def batch_shape(self) -> tuple[int, ...]:
+        """The batch shape."""
         return jnp.shape(self.rotational)[:-1]
 
     @property
-    def dtype(self):
+    def dtype(self) -> np.dtype:
+        """The dtype of the entries."""
         return np.dtype(self.rotational.dtype)
 
-    def is_physically_valid(self, tolerance=None):
-        """(*batch,) True where no eigenvalue is below -tolerance times the size of the matrix; NaN is never valid.
+    def is_physically_valid(self, tolerance: float | None = None) -> jax.Array:
+        """Whether no eigenvalue is below -tolerance times the size of the matrix; NaN is never valid.
 
-        tolerance: a Python number, by default 64 eps of the dtype. The size of J, F and M is measured in units in which
-        J and M are of size 1, so that neither metres nor kilograms matter. By Cholesky's decomposition: works under
-        jit.
+        The size of J, F and M is measured in units in which J and M are of size 1, so that neither metres nor kilograms
+        matter. By Cholesky's decomposition: works under jit.
+
+        Args:
+            tolerance: a Python number, by default 64 eps of the dtype.
+
+        Returns:
+            (*batch,) of bool.
+
+        Error: that of the eigenvalues is what the tolerance is for.
         """
         P = check.narrowed(self)
         tolerance = 64 * float(jnp.finfo(P.dtype).eps) if tolerance is None else float(tolerance)
@@ -136,19 +191,19 @@ class ArticulatedInertia(Quantity):
 
     # -- operations ---------------------------------------------------------------------------------------------------
 
-    def __add__(self, other):
+    def __add__(self, other: Any) -> Any:
         """Entry by entry, for bodies welded together, about the same point in the same frame: error <= u |x + y|."""
         return self._combined(operator.add, other)
 
-    def __sub__(self, other):
+    def __sub__(self, other: Any) -> Any:
         """Entry by entry: the inertia without a body that was welded to it."""
         return self._combined(operator.sub, other)
 
-    def __radd__(self, other):
+    def __radd__(self, other: Any) -> Any:
         """0 + P is P, for Python's `sum`; SpatialInertia + P."""
         return self if isinstance(other, int) and other == 0 else self.__add__(other)
 
-    def _combined(self, operation, other):
+    def _combined(self, operation: Callable[..., Any], other: Any) -> Any:
         if isinstance(other, SpatialInertia):
             other = ArticulatedInertia.from_spatial_inertia(other)
         if not isinstance(other, ArticulatedInertia):
@@ -158,55 +213,84 @@ class ArticulatedInertia(Quantity):
         pairs = zip(left._parts, right._parts, strict=True)
         return self._like(_combined_part(operation, x, y) for x, y in pairs)
 
-    def __matmul__(self, A_P_E):
+    def __matmul__(self, A_P_E: Any) -> Any:
         """P @ A: see `times`."""
         return self.times(A_P_E) if isinstance(A_P_E, SpatialAcceleration) else NotImplemented
 
-    def times(self, A_P_E, *, precision=None):
-        """The SpatialForce P A about the same point: tau = J alpha + F a, f = F^T alpha + M a.
+    def times(self, A_P_E: SpatialAcceleration, *, precision: PrecisionName = None) -> SpatialForce:
+        """The force P A about the same point: tau = J alpha + F a, f = F^T alpha + M a.
 
-        A_P_E: SpatialAcceleration. Featherstone's algorithm takes spatial accelerations: its bias forces say what is
-        missing to classical ones. Error per component, mag the sum of the absolute values of its six products: at most
-        4 u mag in "fast" and "reproducible", u |r| + 8 u^2 mag in "compensated", 1 ulp in "faithful". 66 flops.
+        Featherstone's algorithm takes spatial accelerations: its bias forces say what is missing to classical ones.
+
+        Args:
+            A_P_E: the acceleration of P, in the same frame: rad/s^2, m/s^2.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            The force, N m, N, over the common batch. 66 flops.
+
+        Raises:
+            TypeError: the acceleration is of another kind, or dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: per component, mag the sum of the absolute values of its six products: at most 4 u mag in "fast" and
+            "reproducible", u |r| + 8 u^2 mag in "compensated", 1 ulp in "faithful".
         """
         if not isinstance(A_P_E, SpatialAcceleration):
             raise TypeError(f"ArticulatedInertia.times: expected a SpatialAcceleration, got {type(A_P_E).__name__}")
-        return _times(self, A_P_E, precision)
+        require_alike(ArticulatedInertia=self, SpatialAcceleration=A_P_E)
+        return SpatialForce(*articulated.product_of_arrays(precision, *self._parts, A_P_E.alpha, A_P_E.a))
 
-    def __rmatmul__(self, R_AE):
+    def __rmatmul__(self, R_AE: Any) -> Self:
         """R @ P: see `jaxspatial.rotate`."""
         return rotate(R_AE, self)
 
-    def shift(self, p_PQ_E, *, precision=None):
-        """See `jaxspatial.shift`: moved to the point Q of the same body, positive semidefinite as before.
+    def shift(self, p_PQ_E: Vector3, *, precision: PrecisionName = None) -> Self:
+        """Moves this inertia to the point Q of the same body; it stays positive semidefinite.
 
             F_Q = F_P - [p]x M        J_Q = J_P - [p]x F_P^T + F_Q [p]x        M_Q = M_P
 
-        p_PQ_E: (*batch, 3), metres. Error per entry, mag the sum of the absolute values of its terms, multiplied out:
-        at most 8 u mag in "fast" and "reproducible", u |r| + 32 u^2 mag in "compensated", 1 ulp in "faithful"; M_Q
-        exact.
-        [Drake, ArticulatedBodyInertia::Shift; Jain 2010, 6.3] 102 flops.
+        Args:
+            p_PQ_E: (*batch, 3) position of Q from P, m, in the same frame.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            The inertia about Q, over the common batch. 102 flops.
+
+        Raises:
+            TypeError: dtypes differ.
+            ValueError: shapes do not fit.
+
+        Error: per entry, mag the sum of the absolute values of its terms, multiplied out: at most 8 u mag in "fast" and
+            "reproducible", u |r| + 32 u^2 mag in "compensated", 1 ulp in "faithful"; M_Q exact.
+        Source: Drake, ArticulatedBodyInertia::Shift; Jain 2010, 6.3.
         """
         return shift(self, p_PQ_E, precision=precision)
 
-    def rotate(self, R_AE, *, precision=None):
-        """Re-expressed, about the same point: R J R^T, R F R^T, R M R^T.
+    def rotate(self, R_AE: Rotation, *, precision: PrecisionName = None) -> Self:
+        """Re-expresses this inertia in frame A, about the same point: R J R^T, R F R^T, R M R^T.
 
-        Error per entry, mag the sum of the absolute values of its nine terms: at most 6 u mag in "fast" and
-        "reproducible", u |r| + 64 u^2 mag in the other two.
+        Args:
+            R_AE: the rotation.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            The inertia in frame A, over the common batch.
+
+        Raises:
+            TypeError: dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: per entry, mag the sum of the absolute values of its nine terms: at most 6 u mag in "fast" and
+            "reproducible", u |r| + 64 u^2 mag in the other two.
         """
         return rotate(R_AE, self, precision=precision)
 
-    def project_out(self, S_P_E, armature=0.0, *, precision=None):
-        """What is left of the inertia for a body that holds this one by a joint: `joint_projection(...).inertia`."""
+    def project_out(self, S_P_E: Motions, armature: Scalar = 0.0, *, precision: PrecisionName = None) -> Self:
+        """What is left of the inertia for a body that holds this one by a joint, see `joint_projection`."""
         return joint_projection(self, S_P_E, armature, precision=precision).inertia
 
 
 def _combined_part(operation, x, y):
     batch = np.broadcast_shapes(x.shape[:-1], y.shape[:-1])
     return skipping_zero(operation, *check.broadcast_batch(batch, x, y))
-
-
-def _times(P, A, precision):
-    require_alike(ArticulatedInertia=P, SpatialAcceleration=A)
-    return SpatialForce(*articulated.product_of_arrays(precision, *P._parts, A.alpha, A.a))

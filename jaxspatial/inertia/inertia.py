@@ -3,6 +3,9 @@
 The mathematics is in the modules beside this one, as functions of arrays; the bases hold methods by subject.
 """
 
+from collections.abc import Iterable
+from typing import Any, Self
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,8 +14,8 @@ from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.double_word import DoubleWord
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import halved
-from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.tree import rebuilt, tree
+from jaxspatial.arithmetic.types import BatchShape, DTypeLike, PrecisionName, Vector3
 from jaxspatial.inertia.arguments import checked, require_alike
 from jaxspatial.inertia.composition import Composition
 from jaxspatial.inertia.forms import Forms
@@ -27,7 +30,7 @@ from jaxspatial.spatial.velocity import SpatialVelocity
 
 
 @tree
-class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes, Quantity):
+class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes):
     """M_BP_E: the inertia of body B about its point P, expressed in frame E.
 
     mass: (*batch,) kg
@@ -53,7 +56,7 @@ class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes, Quantity):
     # NumPy and JAX arrays on the left of an operator leave it to us.
     __array_ufunc__ = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Checks what a caller passes. JAX rebuilds inertias without it, with whatever leaves it needs."""
         if all(check.is_tree_mark(leaf) for leaf in self._parts):
             return
@@ -63,73 +66,114 @@ class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes, Quantity):
     # -- construction -------------------------------------------------------------------------------------------------
 
     @classmethod
-    def zero(cls, batch_shape=(), dtype=None):
-        """The inertia of nothing, known while tracing."""
+    def zero(cls, batch_shape: BatchShape = (), dtype: DTypeLike | None = None) -> Self:
+        """The inertia of nothing, known while tracing.
+
+        Args:
+            batch_shape: an integer or a tuple.
+            dtype: of floating point; None takes JAX's default.
+
+        Returns:
+            Ten zeros, over the batch shape.
+
+        Raises:
+            TypeError: the dtype is not floating point.
+
+        Error: none, it is exact.
+        """
         return cls._filled(0, batch_shape, dtype)
 
     @classmethod
-    def nan(cls, batch_shape=(), dtype=None):
-        """Ten NaNs, for what is yet to be set."""
+    def nan(cls, batch_shape: BatchShape = (), dtype: DTypeLike | None = None) -> Self:
+        """Ten NaNs, for what is yet to be set.
+
+        Args:
+            batch_shape: an integer or a tuple.
+            dtype: of floating point; None takes JAX's default.
+
+        Returns:
+            Ten NaNs, over the batch shape.
+
+        Raises:
+            TypeError: the dtype is not floating point.
+
+        Error: none, it is exact.
+        """
         return cls._filled(np.nan, batch_shape, dtype)
 
     @classmethod
-    def _filled(cls, value, batch_shape, dtype):
+    def _filled(cls, value: float, batch_shape: BatchShape, dtype: DTypeLike | None) -> Self:
         dtype = check.as_dtype(dtype)
         batch_shape = (batch_shape,) if isinstance(batch_shape, int) else tuple(batch_shape)
         return cls(*(np.full((*batch_shape, *item), value, dtype) for item in ((), (3,), (6,))))
 
+    # -- parts --------------------------------------------------------------------------------------------------------
+
     @property
-    def _parts(self):
+    def _parts(self) -> tuple[Any, Any, Any]:
         return self.mass, self.com, self.central
 
     @property
-    def _vectors(self):
+    def _vectors(self) -> tuple[Any, Any, Any]:
         """The parts as (*batch, n)."""
         return expanded(self.mass), self.com, self.central
 
-    def _with_vectors(self, vectors):
+    def _with_vectors(self, vectors: Any) -> Self:
         mass, com, central = vectors
         return self._like((mass[..., 0], com, central))
 
     @classmethod
-    def _like(cls, parts):
+    def _like(cls, parts: Iterable[Any]) -> Self:
         """Of parts that are right as they are."""
         return rebuilt(cls, _NAMES, parts)
 
     @property
-    def batch_shape(self):
+    def batch_shape(self) -> tuple[int, ...]:
+        """The batch shape."""
         return jnp.shape(self.mass)
 
     @property
-    def dtype(self):
+    def dtype(self) -> np.dtype:
+        """The dtype of the numbers."""
         return np.dtype(self.mass.dtype)
 
     # -- operations ---------------------------------------------------------------------------------------------------
 
-    def shift(self, p_PQ_E, *, precision=None):
-        """See `jaxspatial.shift`."""
+    def shift(self, p_PQ_E: Vector3, *, precision: PrecisionName = None) -> Self:
+        """About the point Q of the same body, see `jaxspatial.shift`."""
         return shift(self, p_PQ_E, precision=precision)
 
-    def __rmatmul__(self, R_AE):
+    def __rmatmul__(self, R_AE: Any) -> Self:
         """R @ M: see `jaxspatial.rotate`."""
         return rotate(R_AE, self)
 
-    def __matmul__(self, motion):
+    def __matmul__(self, motion: Any) -> Any:
         """M @ A is a SpatialForce, M @ V a SpatialMomentum: see `apply`."""
         return self.apply(motion)
 
-    def apply(self, motion_P_E, *, precision=None):
-        """M A, the force of inertia of the body, or M V, its momentum, about P: its 6 x 6 matrix times the motion of P.
+    def apply(self, motion_P_E: SpatialAcceleration | SpatialVelocity, *, precision: PrecisionName = None) -> Any:
+        """The 6 x 6 matrix times a motion: M A, the force of inertia of the body, or M V, its momentum, about P.
 
             acceleration   f = m (a + alpha x c)    tau = I alpha + c x f    SpatialForce
             velocity       l = m (v + w x c)        h = I w + c x l          SpatialMomentum
 
-        motion_P_E: SpatialAcceleration or SpatialVelocity of P, in the same frame. c is com, I is central. Without the
-        terms in w x w that the force on a moving body has as well: those are `newton_euler`'s.
+        c is com, I is central. Without the terms in w x w that the force on a moving body has as well: those are
+        `newton_euler`'s.
 
-        Error per component: of f and l at most 5 u mag, of tau and h 8 u mag in "fast" and "reproducible", u |r| + 64
-        u^2 mag in "compensated", 1 ulp in "faithful". Raises TypeError for other kinds or dtypes that differ.
-        [Jain 2010, 2.1; Drake, SpatialInertia::operator*] 45 flops.
+        Args:
+            motion_P_E: the acceleration or the velocity of P, in the same frame.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            SpatialForce of an acceleration, SpatialMomentum of a velocity, over the common batch. 45 flops.
+
+        Raises:
+            TypeError: the motion is of another kind, or dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: per component, of f and l at most 5 u mag, of tau and h 8 u mag in "fast" and "reproducible", u |r| + 64
+            u^2 mag in "compensated", 1 ulp in "faithful".
+        Source: Jain 2010, 2.1; Drake, SpatialInertia::operator*.
         """
         kind = _RESULTS.get(type(motion_P_E))
         if kind is None:
@@ -138,11 +182,22 @@ class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes, Quantity):
         require_alike(SpatialInertia=self, motion=motion_P_E)
         return kind(*_applied(precision, *self._vectors, *motion_P_E._parts))
 
-    def kinetic_energy(self, V_MBp_E, *, precision=None):
-        """(*batch,) m |v + w x c|^2 / 2 + w . I w / 2, joules, of the body whose point P moves with V in the frame M.
+    def kinetic_energy(self, V_MBp_E: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
+        """The kinetic energy m |v + w x c|^2 / 2 + w . I w / 2. Another point or frame does not change it.
 
-        Not changed by another point or frame. Error at most 12 u mag in "fast" and "reproducible", u |r| + 128 u^2 mag
-        in "compensated", 1 ulp in "faithful". Raises TypeError for anything but a SpatialVelocity. [Jain 2010, 2.1]
+        Args:
+            V_MBp_E: the velocity of the point P of the body in the frame M.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            (*batch,), over the common batch, J.
+
+        Raises:
+            TypeError: the motion is no SpatialVelocity, or dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: at most 12 u mag in "fast" and "reproducible", u |r| + 128 u^2 mag in "compensated", 1 ulp in "faithful".
+        Source: Jain 2010, 2.1.
         """
         if not isinstance(V_MBp_E, SpatialVelocity):
             raise TypeError(f"kinetic_energy: expected a SpatialVelocity, got {type(V_MBp_E).__name__}")
@@ -150,7 +205,7 @@ class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes, Quantity):
         energy = _energy_of_float16 if self.dtype == np.float16 else _energy
         return energy(precision, *self._vectors, *V_MBp_E._parts)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         parts = ", ".join(f"{n}={_shown(x, n != 'mass')}" for n, x in zip(_NAMES, self._parts, strict=True))
         return f"SpatialInertia({parts})"
 
@@ -159,7 +214,7 @@ _NAMES = ("mass", "com", "central")
 _RESULTS = {SpatialAcceleration: SpatialForce, SpatialVelocity: SpatialMomentum}
 
 
-def _shown(part, ndim):
+def _shown(part: Any, ndim: int) -> str:
     """The numbers of one inertia, the shape of a batch or of something not computed yet."""
     is_array = isinstance(part, (np.ndarray, jax.Array)) and not isinstance(part, jax.core.Tracer)
     if is_array and part.ndim == ndim:

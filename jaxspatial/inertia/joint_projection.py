@@ -16,6 +16,8 @@ from jaxspatial.spatial.velocity import SpatialVelocity
 if TYPE_CHECKING:
     from jaxspatial.inertia.articulated_inertia import ArticulatedInertia
 
+Motions = SpatialVelocity | Sequence[SpatialVelocity]  # of one joint: a list has one for each freedom
+
 
 class JointProjection(NamedTuple):
     """What `joint_projection` found; `U` and `D` are lists where several motions were given."""
@@ -27,7 +29,7 @@ class JointProjection(NamedTuple):
 
 def joint_projection(
     P_P_E: "ArticulatedInertia",
-    S_P_E: SpatialVelocity | Sequence[SpatialVelocity],
+    S_P_E: Motions,
     armature: Scalar = 0.0,
     *,
     precision: PrecisionName = None,
