@@ -10,9 +10,9 @@ from jaxspatial.inertia.articulated_inertia import ArticulatedInertia
 from jaxspatial.inertia.inertia import SpatialInertia
 from jaxspatial.rotation.matrices import expanded, is_identity
 from jaxspatial.spatial import algebra
+from jaxspatial.spatial.arguments import require_no_w
 from jaxspatial.spatial.operations import acting, acting_inverse, rotating, shift
 from jaxspatial.spatial.transform import require_transform
-from jaxspatial.spatial.vector import require_no_w
 
 # -- of rigid bodies --------------------------------------------------------------------------------------------------
 

@@ -8,8 +8,10 @@ from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.types import PrecisionName, Six, Vector3
 from jaxspatial.spatial import algebra
+from jaxspatial.spatial.arguments import require_kind, require_w, shifted
 from jaxspatial.spatial.operations import shift
-from jaxspatial.spatial.vector import SpatialVector, joined, require_kind, require_w, shifted, spatial_vector
+from jaxspatial.spatial.parts import joined, spatial_vector
+from jaxspatial.spatial.vector import SpatialVector
 from jaxspatial.spatial.velocity import SpatialVelocity
 
 

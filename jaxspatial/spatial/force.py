@@ -4,8 +4,10 @@ import jax
 
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.spatial import algebra
+from jaxspatial.spatial.arguments import require_no_w, shifted
 from jaxspatial.spatial.operations import shift
-from jaxspatial.spatial.vector import SpatialVector, require_no_w, shifted, spatial_vector
+from jaxspatial.spatial.parts import spatial_vector
+from jaxspatial.spatial.vector import SpatialVector
 
 
 @spatial_vector

@@ -4,10 +4,10 @@ from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.acceleration import SpatialAcceleration
+from jaxspatial.spatial.arguments import require_no_w, require_w
 from jaxspatial.spatial.force import SpatialForce, SpatialMomentum
 from jaxspatial.spatial.operations import acting, acting_inverse
 from jaxspatial.spatial.transform import require_transform
-from jaxspatial.spatial.vector import require_no_w, require_w
 from jaxspatial.spatial.velocity import SpatialVelocity
 
 

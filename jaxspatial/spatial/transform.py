@@ -1,24 +1,22 @@
 """Rigid transforms: where a frame is and how it is turned, and what that makes of spatial vectors."""
 
-from typing import Any, Self, overload
+from typing import Any, overload
 
 import jax
 import numpy as np
 
-from jaxspatial.arithmetic import check, vectors
-from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import constant
-from jaxspatial.arithmetic.quantity import Quantity
+from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.tree import rebuilt, tree
-from jaxspatial.arithmetic.types import BatchShape, DTypeLike, Matrix, PrecisionName, Scalar
-from jaxspatial.rotation import exponential
-from jaxspatial.rotation.matrices import as_matrices, expanded, matrices, owned, shown
+from jaxspatial.arithmetic.types import PrecisionName, Scalar
+from jaxspatial.rotation.matrices import expanded, matrices, shown
 from jaxspatial.rotation.rotation import Rotation, composed, rotated
+from jaxspatial.spatial import transform_formulas as formulas
+from jaxspatial.spatial.transform_constructors import Constructors, require_velocity
 from jaxspatial.spatial.velocity import SpatialVelocity
 
 
 @tree
-class RigidTransform(Quantity):
+class RigidTransform(Constructors):
     """X_AB: the pose of frame B in frame A. A point p_BoQ_B is p_AoQ_A = X_AB @ p_BoQ_B.
 
     rotation: Rotation R_AB
@@ -31,80 +29,6 @@ class RigidTransform(Quantity):
     # NumPy and JAX arrays on the left of an operator leave it to us.
     __array_ufunc__ = None
 
-    def __post_init__(self):
-        """Checks what a caller passes; marks of a tree of axes or specs pass."""
-        if all(map(check.is_tree_mark, (getattr(self.rotation, "entries", self.rotation), self.translation))):
-            return
-        if not isinstance(self.rotation, Rotation):
-            raise TypeError(f"RigidTransform: rotation: expected a Rotation, got {type(self.rotation).__name__}")
-        p = check.as_vectors(self.translation, "RigidTransform: translation", self.rotation.dtype, held=True)
-        R, p = check.alike(rotation=self.rotation, translation=p).values()
-        batch = check.common_batch_shape(rotation=R.batch_shape, translation=p.shape[:-1])
-        entries, p = check.broadcast_batch(batch, R.entries, p)
-        object.__setattr__(self, "rotation", Rotation(entries))
-        object.__setattr__(self, "translation", owned(p))
-
-    # -- construction -------------------------------------------------------------------------------------------------
-
-    @classmethod
-    def identity(cls, batch_shape: BatchShape = (), dtype: DTypeLike | None = None) -> Self:
-        """The transform of a frame to itself, known while tracing.
-
-        Args:
-            batch_shape: shape of the batch.
-            dtype: of the numbers; None takes JAX's default.
-
-        Returns:
-            The transform (*batch_shape,).
-
-        Raises:
-            TypeError: the dtype is not floating point.
-
-        Error: none, it is exact.
-        """
-        R = Rotation.identity(batch_shape, dtype)
-        return cls(R, np.zeros((*R.batch_shape, 3), R.dtype))
-
-    @classmethod
-    def from_matrix(cls, m: Matrix) -> Self:
-        """From homogeneous matrices, taken as they are, whatever their last row.
-
-        Args:
-            m: (*batch, 4, 4).
-
-        Returns:
-            The transform (*batch,).
-
-        Raises:
-            TypeError: m is not of floating point.
-            ValueError: the shape does not fit, or the upper left block is no rotation, as of `Rotation.from_matrix`.
-
-        Error: none, it is exact.
-        """
-        found = matrices(as_matrices(m, "RigidTransform.from_matrix: m", 4), 4)
-        return cls(Rotation.from_matrix(found[..., :3, :3]), found[..., :3, 3])
-
-    @classmethod
-    def exp(cls, V: SpatialVelocity, *, precision: PrecisionName = None) -> Self:
-        """Where a frame gets in unit time that moves at V_AB_A, constant in both frames, from A.
-
-        Args:
-            V: SpatialVelocity (*batch,) about Ao, over unit time: w in rad, v in m.
-            precision: name of a precision; None takes the default.
-
-        Returns:
-            X_AB (*batch,).
-
-        Raises:
-            TypeError: V is no SpatialVelocity.
-
-        Error: as of `Rotation.exp`, of the translation at most 16 u |v|.
-        Source: Murray, Li, Sastry 1994, 2.36.
-        """
-        _require_velocity(V, "RigidTransform.exp")
-        entries, p = _exp(precision, V.w, V.v)
-        return cls(Rotation(entries), p)
-
     def __repr__(self) -> str:
         return f"RigidTransform({self.rotation!r}, translation={shown(self.translation, 3)})"
 
@@ -112,7 +36,7 @@ class RigidTransform(Quantity):
 
     def to_matrix(self) -> jax.Array:
         """The homogeneous matrix (*batch, 4, 4), with the last row 0 0 0 1. Exact."""
-        return matrices(_to_matrix("reproducible", self.rotation.entries, self.translation), 4)
+        return matrices(formulas.to_matrix("reproducible", self.rotation.entries, self.translation), 4)
 
     def log(self, *, precision: PrecisionName = None) -> SpatialVelocity:
         """The SpatialVelocity that makes this motion in unit time: exp(log(X)) = X.
@@ -127,7 +51,7 @@ class RigidTransform(Quantity):
 
         Error: as of `Rotation.log`, of v at most 24 u |v|.
         """
-        return SpatialVelocity(*_log(precision, self.rotation.entries, self.translation))
+        return SpatialVelocity(*formulas.log(precision, self.rotation.entries, self.translation))
 
     @property
     def _vectors(self):
@@ -212,7 +136,7 @@ class RigidTransform(Quantity):
         t = check.as_float_array(t, "RigidTransform.interpolate: t", self.dtype)
         check.require_same_dtype(start=self, end=other, t=t)
         arrays = (self.rotation.entries, self.translation, other.rotation.entries, other.translation, expanded(t))
-        entries, p = _interpolated(precision, *arrays)
+        entries, p = formulas.interpolated(precision, *arrays)
         return RigidTransform(Rotation(entries), p)
 
     @staticmethod
@@ -232,8 +156,8 @@ class RigidTransform(Quantity):
         Error: at most 32 u normwise, of the lower left block relative to |v|, for |w| <= pi.
         Source: Barfoot 2017, 7.1.5.
         """
-        _require_velocity(V, "RigidTransform.left_jacobian")
-        return matrices(_left_jacobian(precision, V.w, V.v), 6)
+        require_velocity(V, "RigidTransform.left_jacobian")
+        return matrices(formulas.left_jacobian(precision, V.w, V.v), 6)
 
     @staticmethod
     def left_jacobian_inverse(V: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
@@ -252,8 +176,8 @@ class RigidTransform(Quantity):
         Error: at most 128 u normwise up to pi.
         Source: Barfoot 2017, 7.1.5.
         """
-        _require_velocity(V, "RigidTransform.left_jacobian_inverse")
-        return matrices(_left_jacobian_inverse(precision, V.w, V.v), 6)
+        require_velocity(V, "RigidTransform.left_jacobian_inverse")
+        return matrices(formulas.left_jacobian_inverse(precision, V.w, V.v), 6)
 
     def to_motion_matrix(self) -> jax.Array:
         """[[R, 0], [p x R, R]]: what `act` does to the coefficients of a velocity.
@@ -265,17 +189,12 @@ class RigidTransform(Quantity):
 
         Error: as of `cross`.
         """
-        return matrices(_motion_matrix(None, self.rotation.entries, self.translation), 6)
+        return matrices(formulas.motion_matrix(None, self.rotation.entries, self.translation), 6)
 
 
 def require_transform(X_AB: Any) -> None:
     if not isinstance(X_AB, RigidTransform):
         raise TypeError(f"act: expected a RigidTransform first, got {type(X_AB).__name__}")
-
-
-def _require_velocity(V, operation):
-    if not isinstance(V, SpatialVelocity):
-        raise TypeError(f"{operation}: expected a SpatialVelocity (over unit time), got {type(V).__name__}")
 
 
 def transformed(X_AB: RigidTransform, other: Any, *, precision: PrecisionName = None) -> Any:
@@ -303,7 +222,7 @@ def transformed(X_AB: RigidTransform, other: Any, *, precision: PrecisionName = 
     p = check.as_vectors(other, "RigidTransform @ p: p", X_AB.dtype)
     check.require_same_dtype(RigidTransform=X_AB, p=p)
     check.common_batch_shape(RigidTransform=X_AB.batch_shape, p=p.shape[:-1])
-    return _moved(precision, X_AB.rotation.entries, X_AB.translation, p)
+    return formulas.moved(precision, X_AB.rotation.entries, X_AB.translation, p)
 
 
 def _composed(X_AB, X_BC, precision):
@@ -315,69 +234,6 @@ def _composed(X_AB, X_BC, precision):
 def _inverse_times(X_AB, X_AC, precision):
     check.require_same_dtype(left=X_AB, right=X_AC)
     R_BC = composed(X_AB.rotation.inverse(), X_AC.rotation, precision=precision)
-    return RigidTransform(R_BC, _moved_back(precision, X_AB.rotation.entries, X_AB.translation, X_AC.translation))
-
-
-@formula(of_sums=True)
-def _moved(entries, translation, p):
-    return vectors.plus(translation, vectors.matrix_times(vectors.rows(entries), p))
-
-
-@formula(of_sums=True)
-def _moved_back(entries, origin, p):
-    back = vectors.transpose(vectors.rows(entries))
-    return vectors.laid_out_as(p, vectors.matrix_times(back, vectors.minus(p, origin)))
-
-
-@formula(of_sums=True)
-def _motion_matrix(entries, p):
-    rows = vectors.rows(entries)
-    moved = vectors.transpose([vectors.cross(p, column) for column in vectors.transpose(rows)])
-    return _blocks(rows, moved)
-
-
-# -- in numbers -------------------------------------------------------------------------------------------------------
-
-
-@formula
-def _to_matrix(entries, p):
-    top = tuple(x for row, y in zip(vectors.rows(entries), p, strict=True) for x in (*row, y))
-    return *top, *(constant(p[0], int(i == 3)) for i in range(4))
-
-
-@formula
-def _exp(w, v):
-    m, p = exponential.motion(w, v)
-    return [vectors.flat(m), p]
-
-
-@formula
-def _log(entries, p):
-    return list(exponential.motion_logarithm(vectors.rows(entries), p))
-
-
-@formula
-def _interpolated(start, p_start, end, p_end, t):
-    start, end = vectors.rows(start), vectors.rows(end)
-    back = vectors.transpose(start)
-    arm = vectors.matrix_times(back, tuple(b - a for a, b in zip(p_start, p_end, strict=True)))
-    w, v = exponential.motion_logarithm(vectors.product(back, end), arm)
-    turned, moved = exponential.motion(vectors.times(*t, w), vectors.times(*t, v))
-    return [vectors.flat(vectors.product(start, turned)), vectors.plus(p_start, vectors.matrix_times(start, moved))]
-
-
-@formula
-def _left_jacobian(w, v):
-    return _blocks(exponential.left_jacobian(w), exponential.coupling(w, v))
-
-
-@formula
-def _left_jacobian_inverse(w, v):
-    return _blocks(exponential.left_jacobian_inverse(w), exponential.inverse_coupling(w, v))
-
-
-def _blocks(diagonal, lower):
-    """The entries of [[diagonal, 0], [lower, diagonal]]."""
-    zero = (constant(diagonal[0][0], 0),) * 3
-    top = tuple(x for row in diagonal for x in (*row, *zero))
-    return top + tuple(x for a, b in zip(lower, diagonal, strict=True) for x in (*a, *b))
+    return RigidTransform(
+        R_BC, formulas.moved_back(precision, X_AB.rotation.entries, X_AB.translation, X_AC.translation)
+    )

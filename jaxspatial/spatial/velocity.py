@@ -6,8 +6,10 @@ from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.spatial import algebra
+from jaxspatial.spatial.arguments import require_kind, require_no_w, shifted
 from jaxspatial.spatial.operations import shift
-from jaxspatial.spatial.vector import SpatialVector, require_kind, require_no_w, shifted, spatial_vector
+from jaxspatial.spatial.parts import spatial_vector
+from jaxspatial.spatial.vector import SpatialVector
 
 
 @spatial_vector

@@ -12,7 +12,7 @@ from jaxspatial.mechanism import Mechanism
 from jaxspatial.rotation import Rotation
 from jaxspatial.rotation.rotation import rotated
 from jaxspatial.spatial import SpatialAcceleration, SpatialVelocity
-from jaxspatial.spatial.vector import joined
+from jaxspatial.spatial.parts import joined
 
 
 def to_qpos(mechanism: Mechanism, q: Coordinates) -> jax.Array:

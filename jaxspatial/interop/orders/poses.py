@@ -7,7 +7,7 @@ from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.types import PrecisionName, Quaternion, Vector
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
-from jaxspatial.spatial.vector import joined
+from jaxspatial.spatial.parts import joined
 
 
 def quaternion_from_xyzw(q: Quaternion) -> jax.Array:

@@ -7,7 +7,8 @@ import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.types import Matrix, Six
-from jaxspatial.spatial.vector import SpatialVector, joined
+from jaxspatial.spatial.parts import joined
+from jaxspatial.spatial.vector import SpatialVector
 
 K = TypeVar("K", bound=SpatialVector)
 

@@ -1,0 +1,36 @@
+"""What operations ask of their arguments."""
+
+from jaxspatial.arithmetic import check
+
+
+def require_kind(x, kind, name):
+    if not isinstance(x, kind):
+        raise TypeError(f"{name}: expected a {kind.__name__}, got {type(x).__name__}")
+
+
+def require_no_w(X_P_E, w, operation="shift"):
+    """Only a SpatialAcceleration needs the angular velocity; anywhere else it is a mistake."""
+    if w is not None:
+        raise TypeError(f"{operation}: w is for a SpatialAcceleration, not for a {type(X_P_E).__name__}")
+
+
+def require_w(A_P_E, w, operation="shift"):
+    """The angular velocity of the body, without which an acceleration does not move."""
+    if w is None:
+        raise TypeError(
+            f"{operation}: expected w, the angular velocity of the body, (*batch, 3), for a SpatialAcceleration"
+        )
+    w = check.as_vectors(w, f"{operation}: w", A_P_E.dtype)
+    check.require_same_dtype(SpatialAcceleration=A_P_E, w=w)
+    check.common_batch_shape(SpatialAcceleration=A_P_E.batch_shape, w=w.shape[:-1])
+    return w
+
+
+def shifted(law, X_P_E, precision, **given):
+    """A formula over the parts of X and the named vectors that shift it; the result of the kind of X."""
+    kind = type(X_P_E).__name__
+    given = {name: check.as_vectors(x, f"shift: {name}", X_P_E.dtype) for name, x in given.items()}
+    check.require_same_dtype(**{kind: X_P_E, **given})
+    batch_shapes = {name: x.shape[:-1] for name, x in given.items()}
+    check.common_batch_shape(**{kind: X_P_E.batch_shape, **batch_shapes})
+    return X_P_E._like(*law(precision, *X_P_E._parts, *given.values()))
