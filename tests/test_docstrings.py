@@ -8,7 +8,6 @@ import pytest
 import jaxspatial as js
 import jaxspatial.dynamics
 from jaxspatial.arithmetic import quantity
-from jaxspatial.inertia.shapes import Shapes
 
 
 def _public(module):
@@ -30,7 +29,7 @@ INERTIA = _public(js.inertia)
 FUNCTIONS = _public(js) | INERTIA | _public(js.dynamics)
 VECTORS = js.Rotation, js.RigidTransform, js.SpatialVelocity, js.SpatialAcceleration
 CLASSES = *VECTORS, js.SpatialInertia, js.ArticulatedInertia, js.MassMatrixFactor, quantity.Quantity
-METHODS = {name: f for cls in CLASSES for name, f in _methods(cls).items() if f.__name__ not in vars(Shapes)}
+METHODS = {name: f for cls in CLASSES for name, f in _methods(cls).items()}
 
 
 def _parameters(function):
