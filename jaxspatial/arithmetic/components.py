@@ -6,7 +6,6 @@ of the type: it survives jit, scan, vmap and derivatives, where a NumPy array be
 
 import functools
 import json
-import math
 import typing
 from typing import NamedTuple
 
@@ -15,7 +14,7 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, folding
+from jaxspatial.arithmetic import check, component_index, component_numbers, folding
 from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
 from jaxspatial.arithmetic.polynomial import uniform
 from jaxspatial.arithmetic.precision import Precision
@@ -65,13 +64,13 @@ class Components(check.StandIn):
         if not components:
             raise ValueError("Components: expected at least one component, got none")
         given = [_checked(c, f"Components: component {i}", dtype) for i, c in enumerate(components)]
-        dtype = _common_dtype(given, dtype)
+        dtype = component_numbers.common_dtype(given, dtype)
         batches = {f"component {i}": c.shape for i, c in enumerate(given) if not isinstance(c, (float, np.generic))}
         batch = check.common_batch_shape(**batches) if batches else ()
-        self._fill([_over(c, batch, dtype) for c in given])
+        self._fill([component_numbers.over(c, batch, dtype) for c in given])
 
     def _fill(self, components):
-        known = tuple(_plain(c) if folding.is_known(c) else None for c in components)
+        known = tuple(component_numbers.plain(c) if folding.is_known(c) else None for c in components)
         self._data = tuple(c for c, number in zip(components, known, strict=True) if number is None)
         self._structure = _Structure(known, None if self._data else np.dtype(components[0].dtype).name)
 
@@ -92,7 +91,9 @@ class Components(check.StandIn):
     def components(self) -> tuple[typing.Any, ...]:
         """The n components: arrays or double words (*batch,), and NumPy scalars, which are known."""
         dtype, data = self.dtype, iter(self._data)
-        return tuple(_array(next(data)) if c is None else dtype.type(c) for c in self._structure.known)
+        return tuple(
+            component_numbers.as_data(next(data)) if c is None else dtype.type(c) for c in self._structure.known
+        )
 
     @property
     def shape(self):
@@ -118,7 +119,7 @@ class Components(check.StandIn):
 
     def over_batch(self, batch_shape):
         """The data over this batch; what is known goes with any."""
-        return self._with(_over(c, batch_shape, self.dtype) for c in self._data)
+        return self._with(component_numbers.over(c, batch_shape, self.dtype) for c in self._data)
 
     def astype(self, dtype):
         """Data and known numbers rounded to another dtype."""
@@ -134,7 +135,7 @@ class Components(check.StandIn):
     def __getitem__(self, index):
         """As of the array: x[..., i] is component i, (*batch,), as a NumPy array where it is known; x[..., 1:] and x[3]
         of a batch are Components. What needs components as an axis, x[..., None], comes as an array."""
-        batch, which = _split(index if self._data else _without_batch(index), self.ndim)
+        batch, which = component_index.split(index if self._data else component_index.without_batch(index), self.ndim)
         if which is None:
             return self.to_array()[index]
         parts = [c if folding.is_known(c) else c[batch] for c in self.components]
@@ -190,7 +191,7 @@ class Components(check.StandIn):
         return _each(operation, *((other, self) if is_reflected else (self, other)))
 
     def __repr__(self):
-        data = map(_shown, self._data)
+        data = map(component_numbers.shown, self._data)
         return f"Components({', '.join(next(data) if c is None else str(c) for c in self._structure.known)})"
 
 
@@ -211,7 +212,7 @@ def _rebuild(structure, data):
 
 def _restored(text):
     known, dtype = json.loads(text)
-    return _Structure(tuple(None if c is None else _plain(float(c)) for c in known), dtype)
+    return _Structure(tuple(None if c is None else component_numbers.plain(float(c)) for c in known), dtype)
 
 
 def _stored(structure):
@@ -232,36 +233,8 @@ def of(components):
     return x
 
 
-def from_components(x: typing.Any) -> typing.Any:
-    """Every Components of a tree as one array. All else stays as it is.
-
-    What is known goes with any batch, and comes without one where all of it is known.
-
-    Args:
-        x: a pytree of anything, or one Components (*batch, n).
-
-    Returns:
-        The same tree, with an array (*batch, n), or a DoubleWord, in place of each Components.
-
-    Error: none, it is exact.
-    """
-    return jax.tree.map(lambda leaf: leaf.to_array() if _is_components(leaf) else leaf, x, is_leaf=_is_components)
-
-
-def as_array(x, batch_shape):
-    """Components as one array over a batch, of which known numbers have none; anything else as it is."""
-    return x.to_array(batch_shape) if _is_components(x) else x
-
-
-def _is_components(x):
+def is_components(x):
     return isinstance(x, Components)
-
-
-def alike(arrays):
-    """The arguments of a formula; where one is Components, NumPy arrays made such, known where they are 0, 1 or -1."""
-    if not any(map(_is_components, arrays)):
-        return arrays
-    return tuple(as_components(a) if isinstance(a, np.ndarray) else a for a in arrays)
 
 
 def as_components(x) -> Components:
@@ -277,17 +250,12 @@ def _known_if_unit(column):
     return column.dtype.type(number) if number is not None and number in (0, 1, -1) else jnp.asarray(column)
 
 
-def has_pairs(x):
-    """True for a DoubleWord, and for Components of which one is."""
-    return isinstance(x, DoubleWord) or (_is_components(x) and any(isinstance(c, DoubleWord) for c in x._data))
-
-
 # -- components -------------------------------------------------------------------------------------------------------
 
 
 def _checked(c, name, dtype):
     """A component as given: a Python number as a float, a NumPy scalar, an array or a DoubleWord."""
-    if _is_components(c):
+    if is_components(c):
         raise TypeError(f"{name}: expected an array (*batch,), a DoubleWord or a float, got Components")
     if type(c) in (float, int):
         return float(c)
@@ -295,72 +263,10 @@ def _checked(c, name, dtype):
     return array[()] if isinstance(c, np.generic) else array
 
 
-def _common_dtype(given, dtype):
-    """That of what has one, or the one named; JAX's default for Python floats alone."""
-    typed = {f"component {i}": c for i, c in enumerate(given) if hasattr(c, "dtype")}
-    if dtype is not None:
-        typed["dtype"] = np.empty((), jax.dtypes.canonicalize_dtype(dtype))
-    check.require_same_dtype(**typed)
-    return next(iter(typed.values())).dtype if typed else jax.dtypes.canonicalize_dtype(float)
-
-
-def _over(c, batch, dtype):
-    """The component over a batch; a number in its dtype."""
-    if isinstance(c, (float, np.generic)):
-        return folding.quietly(lambda t, number: t.type(number), np.dtype(dtype), c)
-    return jax.tree.map(lambda word: _broadcast(word, batch), c)
-
-
-def _broadcast(word, batch):
-    # A copy of NumPy's: the caller may write to his own.
-    word = jnp.array(word) if isinstance(word, np.ndarray) else word
-    return word if word.shape == batch else jnp.broadcast_to(word, batch)
-
-
-def _plain(number):
-    """As a Python float that equals itself: 0 for -0, one NaN for all."""
-    number = float(number)
-    return math.nan if math.isnan(number) else number + 0.0
-
-
-def _array(leaf) -> typing.Any:
-    """Data as what a formula computes with: a NumPy array that JAX put there would be known."""
-    return jnp.asarray(leaf) if isinstance(leaf, (np.ndarray, np.generic)) else leaf
-
-
-def _split(index, ndim):
-    """An index as that of the batch and that of the components, the latter None where they do not stay apart."""
-    index = index if isinstance(index, tuple) else (index,)
-    given = [i for i in index if i is not Ellipsis]
-    if len(given) > ndim or any(i is None or _is_mask(i) for i in given):
-        return (), None
-    before = next((k for k, i in enumerate(index) if i is Ellipsis), len(index))
-    *batch, last = *index[:before], *[slice(None)] * (ndim - len(given)), *index[before + 1 :]
-    return tuple(batch), _which(last, is_alone=all(isinstance(i, (int, slice)) for i in batch))
-
-
-def _without_batch(index):
-    """Of an index [..., i, j] the last: what is known goes with any batch."""
-    has_rank = isinstance(index, tuple) and len(index) > 2 and index[0] is Ellipsis and index[-1] is not None
-    return index[-1:] if has_rank else index
-
-
-def _is_mask(i):
-    return isinstance(i, bool) or getattr(i, "dtype", None) == np.bool_
-
-
-def _which(i, is_alone):
-    """The index of components as an int, a slice or a list; None for traced ones, and lists beside arrays."""
-    if isinstance(i, (int, np.integer)):
-        return int(i)
-    is_list = is_alone and isinstance(i, (list, np.ndarray)) and np.ndim(i) == 1
-    return i if isinstance(i, slice) else np.asarray(i) if is_list else None
-
-
 def _beside(x, other):
     """What stands beside Components in an operation: Components of as many; NotImplemented."""
     if isinstance(other, (int, float)) and not isinstance(other, bool):
-        return of([_over(float(other), (), x.dtype)] * x.shape[-1])
+        return of([component_numbers.over(float(other), (), x.dtype)] * x.shape[-1])
     if not isinstance(other, (np.generic, np.ndarray, jax.Array, check.StandIn)):
         return NotImplemented
     array = check.as_float_array(other, "Components: other")
@@ -388,13 +294,3 @@ def _combined(operation, a, b):
 
 _compiled = jax.jit(_combined, static_argnums=0, inline=True)
 _product = functools.partial(folding.multiply, Precision.REPRODUCIBLE)
-
-
-def _shown(leaf):
-    """A number, the shape of more or of something not computed yet."""
-    concrete = isinstance(leaf, (np.ndarray, jax.Array)) and not isinstance(leaf, jax.core.Tracer)
-    if concrete and leaf.ndim == 0:
-        return f"Array({np.asarray(leaf)})"
-    if hasattr(leaf, "shape") and hasattr(leaf, "dtype") and not isinstance(leaf, DoubleWord):
-        return f"{np.dtype(leaf.dtype).name}[{','.join(map(str, leaf.shape))}]"
-    return repr(leaf)

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, components, folding
+from jaxspatial.arithmetic import check, component_arrays, components, folding
 from jaxspatial.arithmetic.components import Components
 from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
 from jaxspatial.arithmetic.numbers import Rounded, is_number
@@ -48,7 +48,7 @@ def formula(function=None, *, of_sums=False) -> typing.Any:
 
     @functools.wraps(function)
     def call(precision, *arrays, **static):
-        arrays = components.alike(check.narrowed_each(arrays))
+        arrays = component_arrays.alike(check.narrowed_each(arrays))
         known = any(isinstance(a, np.ndarray) for a in arrays)
         tracing = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arrays))
         run = program if known and tracing else compiled
@@ -59,7 +59,7 @@ def formula(function=None, *, of_sums=False) -> typing.Any:
 
 def _run(function, precision, static, *arrays):
     batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
-    is_pair, is_apart = any(map(components.has_pairs, arrays)), any(isinstance(a, Components) for a in arrays)
+    is_pair, is_apart = any(map(component_arrays.has_pairs, arrays)), any(isinstance(a, Components) for a in arrays)
     twice = is_pair or precision.sees_whole_sums
     results = _Results(batch, np.dtype(arrays[0].dtype), is_pair, is_apart)
     with jax.enable_x64(bool(jax.config.jax_enable_x64) or twice):
@@ -72,7 +72,7 @@ def _run(function, precision, static, *arrays):
 
 def _run_sums(function, precision, static, *arrays):
     function = functools.partial(function, **dict(static))
-    if precision.sees_whole_sums or any(map(components.has_pairs, arrays)):
+    if precision.sees_whole_sums or any(map(component_arrays.has_pairs, arrays)):
         return run_symbolically(function, precision, arrays)
     if arrays[0].dtype == jnp.bfloat16:
         found = _run_as_it_is(function, precision, *(jax.tree.map(lambda x: x.astype(np.float32), a) for a in arrays))

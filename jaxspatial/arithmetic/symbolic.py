@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import check, components, sums
+from jaxspatial.arithmetic import check, component_arrays, components, sums
 from jaxspatial.arithmetic.components import Components
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word
 from jaxspatial.arithmetic.folding import is_known, quietly
@@ -28,7 +28,7 @@ def run_symbolically(formula, precision, arrays):
     data = _Data(np.dtype(arrays[0].dtype))
     vectors = [data.vector(a) for a in arrays]
     batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
-    plan = sums.Plan((), batch, str(precision), is_pair=any(map(components.has_pairs, arrays)))
+    plan = sums.Plan((), batch, str(precision), is_pair=any(map(component_arrays.has_pairs, arrays)))
     given = {id(s): a for s, a in zip(vectors, arrays, strict=True) if plan.is_pair or isinstance(a, np.ndarray)}
     results = formula(*vectors)
     several = results if isinstance(results, list) else [results]

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.components import as_array
+from jaxspatial.arithmetic.component_arrays import as_array
 from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
 from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.tree import rebuilt, tree

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, folding, vectors
-from jaxspatial.arithmetic.components import Components, as_array
+from jaxspatial.arithmetic.component_arrays import as_array
+from jaxspatial.arithmetic.components import Components
 from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, to_double_word
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.quantity import matched, moved_to_last

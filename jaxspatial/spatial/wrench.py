@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxspatial.arithmetic import check, folding, vectors
-from jaxspatial.arithmetic.components import as_array
+from jaxspatial.arithmetic.component_arrays import as_array
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.precision import resolve
 from jaxspatial.arithmetic.scaling import exponent, times_power_of_two
