@@ -46,7 +46,8 @@ class ArticulatedInertia(Quantity):
     About point P, expressed in frame E. Symmetric by construction. The sum of two has a meaning for bodies that are
     welded together, about the same point, in the same frame. Numbers are *unchecked*, see `is_physically_valid`.
     Raises TypeError for dtypes that differ, ValueError for shapes.
-    [Featherstone 2008, Rigid Body Dynamics Algorithms, 7.1; Jain 2010, 6.1; Drake, ArticulatedBodyInertia]
+
+    Source: Featherstone 2008, Rigid Body Dynamics Algorithms, 7.1; Jain 2010, 6.1; Drake, ArticulatedBodyInertia.
     """
 
     rotational: jax.Array

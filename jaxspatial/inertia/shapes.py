@@ -25,15 +25,18 @@ class Shapes(AxialShapes, Polyhedra):
     zero known while tracing. Where all that is given are NumPy arrays or Python numbers, so are mass and central
     inertia.
 
-    Raises TypeError for both or neither of mass and density, ValueError, with the name of the argument, for Python or
-    NumPy numbers that are negative, and for lengths that are 0 (a capsule may have one that is). Arrays of JAX, which
-    may be traced, are *unchecked*: their lengths are to be positive, masses positive or 0.
+    Arrays of JAX, which may be traced, are *unchecked*: their lengths are to be positive, masses positive or 0.
 
-    precision: "fast", "reproducible" (the default), "compensated", "faithful" or a `Precision`. With u the unit
-    roundoff and mag the sum of the absolute values of an entry's terms, errors are at most 12 u mass and 20 u mag in
-    "fast" and "reproducible", of moments, on the diagonal, thus 20 u relative to themselves; u |r| + 64 u^2 mag in the
-    other two, r the exact value; while nothing over- or underflows. Tetrahedra by density, and meshes: see there.
-    Derivatives are exact to a few u. [Drake, UnitInertia; Mirtich 1996]
+    Raises:
+        TypeError: both or neither of mass and density are given.
+        ValueError: Python or NumPy numbers are negative, or lengths 0 (a capsule may have one that is); with the name
+            of the argument.
+
+    Error: with u the unit roundoff and mag the sum of the absolute values of an entry's terms, errors are at most 12 u
+        mass and 20 u mag in "fast" and "reproducible", of moments, on the diagonal, thus 20 u relative to themselves;
+        u |r| + 64 u^2 mag in the other two, r the exact value; while nothing over- or underflows. Tetrahedra by
+        density, and meshes: see there. Derivatives are exact to a few u.
+    Source: Drake, UnitInertia; Mirtich 1996.
     """
 
     @classmethod
