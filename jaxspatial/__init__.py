@@ -14,8 +14,8 @@ from jaxspatial.arithmetic.check import NarrowingWarning as NarrowingWarning
 from jaxspatial.arithmetic.components import Components as Components
 from jaxspatial.arithmetic.component_arrays import from_components as from_components
 from jaxspatial.arithmetic.double_word import DoubleWord as DoubleWord
-from jaxspatial.arithmetic.double_word import from_double_word as from_double_word
-from jaxspatial.arithmetic.double_word import to_double_word as to_double_word
+from jaxspatial.arithmetic.double_word_trees import from_double_word as from_double_word
+from jaxspatial.arithmetic.double_word_trees import to_double_word as to_double_word
 from jaxspatial.arithmetic.precision import Precision as Precision
 from jaxspatial.arithmetic.precision import default_precision as default_precision
 

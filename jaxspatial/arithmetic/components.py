@@ -15,7 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, component_index, component_numbers, folding
-from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
+from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.double_word_trees import to_double_word
 from jaxspatial.arithmetic.polynomial import uniform
 from jaxspatial.arithmetic.precision import Precision
 

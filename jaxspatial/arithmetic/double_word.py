@@ -1,6 +1,6 @@
 """Double words: a number as the unevaluated sum hi + lo of two floating-point numbers, with twice the bits of one.
 
-The type and the conversions of whole trees. Its arithmetic, with bounds and ranges, is that of `pairs`.
+The type. Its arithmetic, with bounds and ranges, is that of `pairs`; conversions are in `double_word_trees`.
 """
 
 import dataclasses
@@ -14,7 +14,6 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic import check, conversion, pairs
-from jaxspatial.arithmetic.types import DTypeLike
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -78,17 +77,17 @@ class DoubleWord(check.StandIn):
 
     def astype(self, dtype):
         """In words of another dtype: exact into a wider one, else with an error <= u^2 |x|, u of that dtype."""
-        return _rebuild(pairs.convert(self._words, conversion.known_dtype(dtype)))
+        return of_words(pairs.convert(self._words, conversion.known_dtype(dtype)))
 
     def reshape(self, *shape):
-        return _rebuild(word.reshape(*shape) for word in self._words)
+        return of_words(word.reshape(*shape) for word in self._words)
 
     def __getitem__(self, index):
-        return _rebuild(word[index] for word in self._words)
+        return of_words(word[index] for word in self._words)
 
     def __iter__(self):
         # Without it Python would count up __getitem__ until an IndexError, which JAX never raises.
-        return map(_rebuild, zip(*self._words, strict=True))
+        return map(of_words, zip(*self._words, strict=True))
 
     def __bool__(self):
         return bool(self != 0)
@@ -99,14 +98,14 @@ class DoubleWord(check.StandIn):
     # -- arithmetic ---------------------------------------------------------------------------------------------------
 
     def __neg__(self):
-        return _rebuild(pairs.negate(self._words))
+        return of_words(pairs.negate(self._words))
 
     def __abs__(self):
-        return _rebuild(pairs.absolute(self._words))
+        return of_words(pairs.absolute(self._words))
 
     def sqrt(self):
-        """See `sqrt`."""
-        return _rebuild(pairs.square_root(self._words))
+        """The square root, see `double_word_trees.sqrt`."""
+        return of_words(pairs.square_root(self._words))
 
     def __add__(self, other):
         return self._combined(other, pairs.add, pairs.add_word)
@@ -128,13 +127,13 @@ class DoubleWord(check.StandIn):
         return self._combined(other, pairs.divide, pairs.divide_word)
 
     def __rtruediv__(self, other):
-        return self._combined(other, lambda x, y: pairs.divide(y, x), lambda x, b: pairs.divide(_with_zero(b), x))
+        return self._combined(other, lambda x, y: pairs.divide(y, x), lambda x, b: pairs.divide(with_zero(b), x))
 
     def _combined(self, other, on_pairs, on_word):
         operands = self._operands(other)
         if operands is NotImplemented:
             return NotImplemented
-        return _rebuild((on_pairs if isinstance(operands[1], tuple) else on_word)(*operands))
+        return of_words((on_pairs if isinstance(operands[1], tuple) else on_word)(*operands))
 
     def _operands(self, other):
         """The pair of words of this one, and the pair or word of the other, broadcast to one shape."""
@@ -171,7 +170,7 @@ class DoubleWord(check.StandIn):
         if operands is NotImplemented:
             return NotImplemented
         x, y = operands
-        return comparison(x, y if isinstance(y, tuple) else _with_zero(y))
+        return comparison(x, y if isinstance(y, tuple) else with_zero(y))
 
     def __repr__(self):
         return f"DoubleWord(hi={_shown(self.hi)}, lo={_shown(self.lo)})"
@@ -180,7 +179,7 @@ class DoubleWord(check.StandIn):
 jax.tree_util.register_pytree_with_keys(
     DoubleWord,
     lambda x: (tuple((jax.tree_util.GetAttrKey(name), getattr(x, name)) for name in ("hi", "lo")), None),
-    lambda _, words: _rebuild(words),
+    lambda _, words: of_words(words),
     lambda x: ((x.hi, x.lo), None),
 )
 jax.export.register_pytree_node_serialization(
@@ -191,7 +190,8 @@ jax.export.register_pytree_node_serialization(
 )
 
 
-def _rebuild(words):
+def of_words(words):
+    """The double word of hi and lo, unchecked."""
     x = object.__new__(DoubleWord)
     for name, word in zip(("hi", "lo"), words, strict=True):
         object.__setattr__(x, name, word)
@@ -202,10 +202,11 @@ def nearest_double_word(number, dtype):
     """The DoubleWord nearest to a Fraction or Python number, known while tracing."""
     high = float(number)
     rest = float(fractions.Fraction(number) - fractions.Fraction(high)) if np.isfinite(high) else 0.0
-    return _rebuild(word[()] for word in map(np.asarray, conversion.of_numbers(high, dtype, rest)))
+    return of_words(word[()] for word in map(np.asarray, conversion.of_numbers(high, dtype, rest)))
 
 
-def _with_zero(word):
+def with_zero(word):
+    """The pair of words that equals one."""
     return word, lax.full_like(word, 0)
 
 
@@ -231,88 +232,3 @@ def _shown(word):
     if hasattr(word, "shape") and hasattr(word, "dtype"):
         return f"{np.dtype(word.dtype).name}[{','.join(map(str, word.shape))}]"
     return repr(word)
-
-
-# -- functions of double words and of trees of them -------------------------------------------------------------------
-
-
-def sqrt(x):
-    """The square root of a DoubleWord, or of an array to twice its digits, as a DoubleWord.
-
-    Error <= 25/8 u^2 sqrt(x). As `jnp.sqrt`: NaN below 0, -0 of -0, an infinite derivative at 0.
-    """
-    return to_double_word(x).sqrt()
-
-
-def to_double_word(x: typing.Any, dtype: DTypeLike | None = None) -> typing.Any:
-    """Every floating-point array of a tree as a DoubleWord: state carried at twice the precision across operations.
-
-        state = js.to_double_word(state)
-        state, _ = jax.lax.scan(step, state, inputs)
-        state = js.from_double_word(state)
-
-    Args:
-        x: an array, a Python float, or a pytree of them. What is not floating point (integers, masks, keys) stays as it
-            is, a DoubleWord too.
-        dtype: of the words; by default the array's own, and then hi is the array and lo is 0. An array of a wider dtype
-            is split between both words. By default this happens to float64 NumPy arrays and Python floats while JAX's
-            64-bit types are off.
-
-    Returns:
-        The same tree, with a DoubleWord of the same shape in place of each array.
-
-    Raises:
-        TypeError: the dtype is not floating point.
-
-    Error: none, it is exact, but of an array that is split: float64 in two float32 keeps 48 of 53 bits, error <=
-        u^2 |x| = 2^-48 |x| while lo is no subnormal (|x| > 1e-30).
-    """
-    dtype = None if dtype is None else conversion.known_dtype(dtype)
-    return jax.tree.map(lambda leaf: _as_double_word(leaf, dtype), x, is_leaf=_is_double_word)
-
-
-def _as_double_word(leaf, dtype):
-    if _is_double_word(leaf):
-        return leaf if dtype is None else leaf.astype(dtype)
-    if not conversion.is_floating(leaf):
-        return leaf
-    if isinstance(leaf, (float, np.ndarray, np.generic)):
-        return _rebuild(map(jnp.array, conversion.of_numbers(leaf, dtype or jnp.result_type(leaf))))
-    x = _rebuild(_with_zero(check.as_float_array(leaf, "to_double_word: x")))
-    return x if dtype is None else x.astype(dtype)
-
-
-def from_double_word(x: typing.Any, dtype: DTypeLike | None = None) -> typing.Any:
-    """Every DoubleWord of a tree as one array: hi + lo, rounded once. All else stays as it is.
-
-    Args:
-        x: a pytree of anything, or one DoubleWord.
-        dtype: of the arrays; by default that of the words, where the result is hi of a normalised pair, and at least as
-            wide: float32 words come out as float64 with up to 53 of their bits. Narrower would round twice, see
-            `DoubleWord.astype`.
-
-    Returns:
-        The same tree, with an array of the same shape in place of each DoubleWord.
-
-    Raises:
-        TypeError: the dtype is not floating point.
-        ValueError: the dtype does not hold that of the words.
-
-    Error: at most u |hi + lo|, u the unit roundoff of the dtype.
-    """
-    dtype = None if dtype is None else conversion.known_dtype(dtype)
-    return jax.tree.map(lambda leaf: _as_word(leaf, dtype), x, is_leaf=_is_double_word)
-
-
-def _as_word(leaf, dtype):
-    if not _is_double_word(leaf):
-        return leaf
-    dtype = leaf.dtype if dtype is None else dtype
-    if not conversion.holds(dtype, leaf.dtype):
-        raise ValueError(f"from_double_word: dtype: expected one that holds {leaf.dtype}, got {dtype}; see astype")
-    hi, lo = (lax.convert_element_type(word, dtype) for word in leaf._words)
-    return hi + lo
-
-
-def _is_double_word(x):
-    return isinstance(x, DoubleWord)

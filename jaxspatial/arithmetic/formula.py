@@ -9,7 +9,8 @@ import numpy as np
 
 from jaxspatial.arithmetic import check, component_arrays, components, folding
 from jaxspatial.arithmetic.components import Components
-from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
+from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.double_word_trees import to_double_word
 from jaxspatial.arithmetic.numbers import Rounded, is_number
 from jaxspatial.arithmetic.pairwise import pairwise_sum
 from jaxspatial.arithmetic.precision import resolve

@@ -16,7 +16,8 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic import folding
-from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
+from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.double_word_trees import to_double_word
 from jaxspatial.arithmetic.numbers import (
     Rounded,
     constant,

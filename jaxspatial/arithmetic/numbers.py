@@ -23,7 +23,8 @@ from jax import lax
 from jax.experimental.xla_metadata import set_xla_metadata
 
 from jaxspatial.arithmetic import folding, reproducible, scaling
-from jaxspatial.arithmetic.double_word import DoubleWord, nearest_double_word, to_double_word
+from jaxspatial.arithmetic.double_word import DoubleWord, nearest_double_word
+from jaxspatial.arithmetic.double_word_trees import to_double_word
 from jaxspatial.arithmetic.polynomial import Polynomial
 
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.component_arrays import as_array
-from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
+from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.double_word_trees import to_double_word
 from jaxspatial.arithmetic.types import DTypeLike
 
 _Kind = typing.TypeVar("_Kind", bound="Quantity")

@@ -11,7 +11,8 @@ from jax import lax
 
 from jaxspatial.arithmetic import folding
 from jaxspatial.arithmetic.components import Components
-from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
+from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.double_word_trees import to_double_word
 from jaxspatial.arithmetic.fence import fence
 from jaxspatial.arithmetic.numbers import Rounded
 from jaxspatial.arithmetic.precision import Precision

@@ -10,7 +10,8 @@ from jax import lax
 
 from jaxspatial.arithmetic import check, component_arrays, components, sums
 from jaxspatial.arithmetic.components import Components
-from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word
+from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.double_word_trees import from_double_word
 from jaxspatial.arithmetic.folding import is_known, quietly
 from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, Term, symbols
 from jaxspatial.arithmetic.reproducible import quotient

@@ -8,7 +8,8 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word
+from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.double_word_trees import from_double_word
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.functions import unit_roundoff
 from jaxspatial.arithmetic.numbers import Rounded, constant, high, noinline_pairs, times_power_of_two, where

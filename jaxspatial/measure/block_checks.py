@@ -8,7 +8,8 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic import eft, reproducible
-from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
+from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.double_word_trees import to_double_word
 from jaxspatial.arithmetic.promise import DOUBLE_WORDS
 from jaxspatial.measure import error, exact, inputs
 from jaxspatial.measure.findings import DTYPES, cause, differing, finite, in_dtype, rng, scanned, verdict

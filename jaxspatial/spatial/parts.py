@@ -15,7 +15,8 @@ import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.component_arrays import as_array
-from jaxspatial.arithmetic.double_word import DoubleWord, to_double_word
+from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.double_word_trees import to_double_word
 from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.arithmetic.types import BatchShape, DTypeLike, Six, Vector3

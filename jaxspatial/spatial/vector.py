@@ -11,7 +11,8 @@ import numpy as np
 from jaxspatial.arithmetic import check, folding, vectors
 from jaxspatial.arithmetic.component_arrays import as_array
 from jaxspatial.arithmetic.components import Components
-from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, to_double_word
+from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.double_word_trees import from_double_word, to_double_word
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.quantity import matched, moved_to_last
 from jaxspatial.arithmetic.reproducible import product, quotient

@@ -15,7 +15,8 @@ from jax import lax
 from jax.sharding import PartitionSpec
 
 from jaxspatial.arithmetic import pairs
-from jaxspatial.arithmetic.double_word import DoubleWord, from_double_word, sqrt, to_double_word
+from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.double_word_trees import from_double_word, sqrt, to_double_word
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
 from tests.helpers.marks import slow, slow_but

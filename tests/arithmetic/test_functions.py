@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxspatial.arithmetic import functions, vectors
-from jaxspatial.arithmetic.double_word import to_double_word
+from jaxspatial.arithmetic.double_word_trees import to_double_word
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.rotation import angles
 from tests.helpers.marks import slow
