@@ -131,7 +131,7 @@ class OverColumns(program.Program):
     """A program whose last argument, and result, has an axis of columns behind the states."""
 
     def __init__(self, of):
-        self.of = of
+        self.of, self.block = of, of.block
 
     def evaluate(self, *arrays):
         *own, columns = arrays

@@ -68,12 +68,12 @@ def _batch(arrays, axes, *, program, n_batch):
     if found is None:
         both = enumerate(zip(arrays, axes, strict=True))
         found = bind(
-            program, [_batch_axis_first(x, axis, size, program.needs_own(i)) for i, (x, axis) in both], n_batch + 1
+            program, [batch_axis_first(x, axis, size, program.needs_own(i)) for i, (x, axis) in both], n_batch + 1
         )
     return found, [0] * len(found)
 
 
-def _batch_axis_first(x, axis, size, is_own):
+def batch_axis_first(x, axis, size, is_own):
     if axis is not None:
         return jnp.moveaxis(x, axis, 0)
     return jnp.broadcast_to(x, (size, *x.shape)) if is_own else x[None]
@@ -103,22 +103,22 @@ def zeros(aval):
 def run(program, n_batch, in_blocks, *arrays):
     """With one axis of states, in blocks where so asked."""
     batch = _common([x.shape[:n_batch] for x in arrays])
-    columns = program.columns(arrays, n_batch)
+    columns = program.columns(arrays, n_batch) if in_blocks else []
     if columns:
-        return [_over_columns(program.over_columns, columns, n_batch, in_blocks, arrays)]
+        return [_over_columns(program.over_columns, columns, n_batch, arrays)]
     flat = [_flat(x, n_batch, batch) for x in arrays]
     found = _in_blocks(program, program.block if in_blocks else None, math.prod(batch), flat)
     return [_unflat(y, program.owner(i), arrays, n_batch, batch) for i, y in enumerate(found)]
 
 
-def _over_columns(program, axes, n_batch, in_blocks, arrays):
+def _over_columns(program, axes, n_batch, arrays):
     """With columns, along these axes of the batch, as an axis behind the states."""
     *own, last = arrays
     states = [k for k in range(n_batch) if k not in axes]
     shape, sizes = last.shape[:n_batch], [last.shape[k] for k in axes]
     last = jnp.transpose(last, (*states, *axes, n_batch))
     last = last.reshape((*(shape[k] for k in states), math.prod(sizes), -1))
-    (found,) = run(program, len(states), in_blocks, *(x.reshape(np.delete(x.shape, axes)) for x in own), last)
+    (found,) = run(program, len(states), True, *(x.reshape(np.delete(x.shape, axes)) for x in own), last)
     found = found.reshape((*found.shape[: len(states)], *sizes, -1))
     return jnp.transpose(found, (*np.argsort([*states, *axes]), n_batch))
 

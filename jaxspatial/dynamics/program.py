@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.interpreters import ad
 
-from jaxspatial.dynamics.primitive import Traced, bind, is_zero, over_own, zeros
+from jaxspatial.dynamics.primitive import Traced, batch_axis_first, bind, is_zero, over_own, zeros
 
 # How many states run side by side: enough for long loops, few enough for the cache; and how many numbers of results.
 LARGEST_BLOCK, SMALLEST_BLOCK, NUMBERS = 2048, 64, 2**18
@@ -78,7 +78,7 @@ class Program:
 
     def columns(self, arrays, n_batch):
         """The axes of the batch along which only the last argument varies, where these are better gone through one by
-        one than side by side."""
+        one than side by side, on processors."""
         return []
 
     def batched(self, arrays, axes, size, n_batch) -> Any:
@@ -119,11 +119,8 @@ class Derived(Program):
         of = None if any(a is not None for a in axes[: len(at)]) else self.of.jacobians(self.moving, size)
         if of is None:
             return None
-        others = [
-            x[None] if axis is None else jnp.moveaxis(x, axis, 0)
-            for x, axis in zip(others, axes[len(at) :], strict=True)
-        ]
-        return bind(of, at, n_batch), others
+        both = zip(others, axes[len(at) :], strict=True)
+        return bind(of, at, n_batch), [batch_axis_first(x, axis, size, False) for x, axis in both]
 
     def _chosen(self, arguments):
         return [x for x, yes in zip(arguments, self.moving, strict=True) if yes]
@@ -193,7 +190,7 @@ class Pullback(Derived):
             return None
         matrices, (cotangents,) = found
         pulled = (times_columns(jnp.swapaxes(J, -1, -2), cotangents) for J in matrices)
-        like = (jnp.broadcast_to(x, (size, *x.shape)) for x in self._chosen(self._split(arrays)[0]))
+        like = (jax.ShapeDtypeStruct((size, *x.shape), x.dtype) for x in self._chosen(self._split(arrays)[0]))
         return [over_own(y, x) for x, y in zip(like, pulled, strict=True)]
 
     def owner(self, i):
