@@ -11,6 +11,7 @@ import jaxspatial
 
 PACKAGE = pathlib.Path(jaxspatial.__file__).parent
 LAYERS = ["arithmetic", "rotation", "spatial", "inertia", "mechanism", "dynamics", "interop", "measure", "command"]
+FLOORS = ["check", "precision", "tree", "types", "errorfree", "numbers", "sums"]
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -38,6 +39,20 @@ def test_imports_point_down(path):
     for name in _imported(path):
         below = name.split(".")[1]
         assert LAYERS.index(below) <= LAYERS.index(layer), f"{layer} imports {name}"
+
+
+def _floor(name):
+    """How high a module of arithmetic stands: what no floor lists is above all."""
+    return FLOORS.index(name) if name in FLOORS else len(FLOORS)
+
+
+@pytest.mark.parametrize(
+    "path", sorted((PACKAGE / "arithmetic").rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE))
+)
+def test_folders_of_arithmetic_stand_on_one_another(path):
+    floor = path.relative_to(PACKAGE / "arithmetic").parts[0].removesuffix(".py")
+    for name in (name.split(".")[2] for name in _imported(path)):
+        assert _floor(name) <= _floor(floor), f"{path.name} imports {name}"
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))

@@ -7,15 +7,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, component_arrays, components, folding
-from jaxspatial.arithmetic.components import Components
-from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.double_word_trees import to_double_word
-from jaxspatial.arithmetic.numbers import Rounded, is_number
-from jaxspatial.arithmetic.pairwise import pairwise_sum
+from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.numbers import Rounded, component_arrays, components, folding, is_number
+from jaxspatial.arithmetic.numbers.components import Components
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.stacking import Stacked, Summed, as_array, converted, of_array, stacked
+from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.precision import resolve
-from jaxspatial.arithmetic.stacking import Stacked, Summed, as_array, converted, of_array, stacked
-from jaxspatial.arithmetic.symbolic import run_symbolically
+from jaxspatial.arithmetic.sums.pairwise import pairwise_sum
+from jaxspatial.arithmetic.sums.symbolic import run_symbolically
 
 
 def formula(function=None, *, of_sums=False) -> typing.Any:

@@ -15,13 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import folding
-from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.double_word_trees import to_double_word
 from jaxspatial.arithmetic.numbers import (
     Rounded,
     constant,
     doubled,
+    folding,
     high,
     nearest_integer,
     noinline,
@@ -29,6 +27,8 @@ from jaxspatial.arithmetic.numbers import (
     times_power_of_two,
     where,
 )
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.vectors import scaled
 
 # 60 digits: three words of float64 are known from it.

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.component_arrays import as_array
-from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.double_word_trees import to_double_word
+from jaxspatial.arithmetic.numbers.component_arrays import as_array
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.types import DTypeLike
 
 _Kind = typing.TypeVar("_Kind", bound="Quantity")

@@ -8,11 +8,11 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.double_word_trees import from_double_word
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.functions import unit_roundoff
 from jaxspatial.arithmetic.numbers import Rounded, constant, high, noinline_pairs, times_power_of_two, where
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.trees import from_double_word
 from jaxspatial.arithmetic.precision import Precision
 
 # Indices of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on (jax 0.10).

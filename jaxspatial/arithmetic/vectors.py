@@ -7,18 +7,19 @@ import operator
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import folding, scaling
-from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.errorfree import scaling
 from jaxspatial.arithmetic.numbers import (
     constant,
     each,
+    folding,
     frozen,
     high,
     noinline_pairs,
     times_power_of_two,
     where,
 )
-from jaxspatial.arithmetic.stacking import Stacked, Summed
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.stacking import Stacked, Summed
 
 
 def total(numbers):

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import numbers
-from jaxspatial.arithmetic.folding import is_known
 from jaxspatial.arithmetic.numbers import Rounded, is_number, where
+from jaxspatial.arithmetic.numbers.folding import is_known
 
 
 def rows(array, places):

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxspatial.arithmetic import symmetric, vectors
-from jaxspatial.arithmetic.folding import is_known
 from jaxspatial.arithmetic.numbers import Rounded, constant, high, is_number, noinline, where
+from jaxspatial.arithmetic.numbers.folding import is_known
 from jaxspatial.dynamics import along, dense, recursion
 from jaxspatial.dynamics.links import Motion, across, body_motion, to_parent
 from jaxspatial.dynamics.mass_matrix import matrix_of

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import numbers, stacking
-from jaxspatial.arithmetic.numbers import Rounded
+from jaxspatial.arithmetic import numbers
+from jaxspatial.arithmetic.numbers import Rounded, stacking
 from jaxspatial.dynamics import alignment, along
 
 

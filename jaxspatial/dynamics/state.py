@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import numbers, stacking, vectors
+from jaxspatial.arithmetic import numbers, vectors
 from jaxspatial.arithmetic.functions import cosine_sine
+from jaxspatial.arithmetic.numbers import stacking
 from jaxspatial.dynamics import alignment, along
 from jaxspatial.dynamics.results import Results
 

@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.folding import is_known
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Rounded, constant, high, noinline_pairs, where
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.folding import is_known
 from jaxspatial.inertia.reduction import summed
 from jaxspatial.spatial import algebra
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, symmetric
-from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 
 
 def checked(operation, mass, com, six, name="central"):

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, vectors
-from jaxspatial.arithmetic.double_word import DoubleWord
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import halved
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.arithmetic.types import BatchShape, DTypeLike, PrecisionName, Vector3
 from jaxspatial.inertia.arguments import checked, require_alike

@@ -7,9 +7,9 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic import symmetric, vectors
-from jaxspatial.arithmetic.double_word_trees import from_double_word
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import high, noinline_pairs, where
+from jaxspatial.arithmetic.numbers.trees import from_double_word
 from jaxspatial.inertia.reduction import first, summed
 
 # Of what a symmetric matrix of six numbers consists.

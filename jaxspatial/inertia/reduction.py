@@ -6,11 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import folding
-from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.layout import apart
-from jaxspatial.arithmetic.numbers import Rounded, noinline_pairs
-from jaxspatial.arithmetic.pairwise import by_halving, pairwise_sum
+from jaxspatial.arithmetic.numbers import Rounded, folding, noinline_pairs
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.layout import apart
+from jaxspatial.arithmetic.sums.pairwise import by_halving, pairwise_sum
 
 
 def summed(numbers, size):

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxspatial.arithmetic.double_word_trees import from_double_word
+from jaxspatial.arithmetic.numbers.trees import from_double_word
 from jaxspatial.arithmetic.types import PrecisionName, Six
 from jaxspatial.interop import orders
 from jaxspatial.rotation import Rotation

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import eft, reproducible
-from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.double_word_trees import to_double_word
+from jaxspatial.arithmetic.errorfree import reproducible, transforms
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.promise import DOUBLE_WORDS
 from jaxspatial.measure import error, exact, inputs
 from jaxspatial.measure.findings import DTYPES, cause, differing, finite, in_dtype, rng, scanned, verdict
@@ -23,11 +23,11 @@ _SURROUNDINGS = {
 
 
 def two_sum():
-    return _transform(eft.two_sum, lambda a, b: a + b, constants=True)
+    return _transform(transforms.two_sum, lambda a, b: a + b, constants=True)
 
 
 def two_product():
-    return _transform(eft.two_product, lambda a, b: a * b)
+    return _transform(transforms.two_product, lambda a, b: a * b)
 
 
 def _transform(transform, operator, constants=False):

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import contraction
+from jaxspatial.arithmetic.errorfree import contraction
 from jaxspatial.measure import inputs
 from jaxspatial.measure.findings import DTYPES, differing, differing_from_numpy, in_dtype, rng, verdict
 

@@ -6,7 +6,7 @@ import operator
 import jax
 import numpy as np
 
-from jaxspatial.arithmetic.known import in_double
+from jaxspatial.arithmetic.numbers.known import in_double
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.checks import check_names, check_reached
 from jaxspatial.mechanism.joint_numbers import as_of_followed, parameter, per, registered_parameters, spring_reference

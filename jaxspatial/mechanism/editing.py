@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import jax
 import numpy as np
 
-from jaxspatial.arithmetic.known import in_double
 from jaxspatial.arithmetic.numbers import Rounded
+from jaxspatial.arithmetic.numbers.known import in_double
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.arithmetic.types import Scalar, Vector
 from jaxspatial.inertia import SpatialInertia

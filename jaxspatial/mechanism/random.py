@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from jaxspatial.arithmetic.known import in_double
+from jaxspatial.arithmetic.numbers.known import in_double
 from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.joints import AXIS, BUILT_IN, SECOND_AXIS, kind_named

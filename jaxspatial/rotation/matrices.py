@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, vectors
-from jaxspatial.arithmetic.component_arrays import as_array
-from jaxspatial.arithmetic.double_word_trees import from_double_word
 from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers.component_arrays import as_array
+from jaxspatial.arithmetic.numbers.trees import from_double_word
 from jaxspatial.arithmetic.types import Matrix
 
 

@@ -14,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.component_arrays import as_array
-from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.double_word_trees import to_double_word
+from jaxspatial.arithmetic.numbers.component_arrays import as_array
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.arithmetic.types import BatchShape, DTypeLike, Six, Vector3

@@ -8,14 +8,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, folding, vectors
-from jaxspatial.arithmetic.component_arrays import as_array
-from jaxspatial.arithmetic.components import Components
-from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.double_word_trees import from_double_word, to_double_word
+from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic.errorfree.reproducible import product, quotient
 from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import folding
+from jaxspatial.arithmetic.numbers.component_arrays import as_array
+from jaxspatial.arithmetic.numbers.components import Components
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.trees import from_double_word, to_double_word
 from jaxspatial.arithmetic.quantity import matched, moved_to_last
-from jaxspatial.arithmetic.reproducible import product, quotient
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.spatial import operations
 from jaxspatial.spatial.parts import Parts

@@ -6,11 +6,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxspatial.arithmetic import check, folding, vectors
-from jaxspatial.arithmetic.component_arrays import as_array
+from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic.errorfree.scaling import exponent, times_power_of_two
 from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import folding
+from jaxspatial.arithmetic.numbers.component_arrays import as_array
 from jaxspatial.arithmetic.precision import resolve
-from jaxspatial.arithmetic.scaling import exponent, times_power_of_two
 from jaxspatial.arithmetic.types import PrecisionName, Vector, Vector3
 from jaxspatial.spatial.force import SpatialForce
 

@@ -13,7 +13,8 @@ import pytest
 from jax import lax
 
 import jaxspatial as js
-from jaxspatial.arithmetic import contraction, conversion, eft, pairs
+from jaxspatial.arithmetic.errorfree import contraction, transforms
+from jaxspatial.arithmetic.numbers import conversion, pairs
 from jaxspatial.measure import inputs, promise_checks
 from jaxspatial.measure.exact import rationals
 from jaxspatial.measure.operation import OPERATIONS
@@ -110,7 +111,7 @@ def test_trial_runs_while_something_else_is_traced():
 
 def test_import_tries_nothing_and_a_program_without_such_products_neither():
     program = (
-        "import jax, numpy as np, jaxspatial as js; from jaxspatial.arithmetic import contraction as c\n"
+        "import jax, numpy as np, jaxspatial as js; from jaxspatial.arithmetic.errorfree import contraction as c\n"
         "values = dict(jax.config.values); x = np.ones((3, 3), np.float32); F = js.SpatialForce(x, x)\n"
         "for q in js.Precision: js.shift(F, x, precision=q)\n"
         "assert c.holds.cache_info().currsize == 0 and dict(jax.config.values) == values\n"
@@ -145,7 +146,7 @@ def test_a_persistent_cache_gives_each_process_a_program_that_is_right_for_it(tm
     """One with fused multiply-add, one without, one with: each tries for itself, and finds the exact result."""
     program = (
         "import jax, numpy as np, jaxspatial as js\n"
-        "from jaxspatial.arithmetic import contraction as c\n"
+        "from jaxspatial.arithmetic.errorfree import contraction as c\n"
         "jax.config.update('jax_enable_x64', True)\n"
         "p = np.arange(1, 13).reshape(4, 3) / 3; f = np.flip(p, 0) * np.pi\n"
         "found = jax.jit(lambda *x: js.shift(js.SpatialForce(*x[:2]), x[2], precision='compensated').tau)\n"
@@ -245,7 +246,7 @@ def test_errors_down_to_the_smallest_number_are_off_by_no_more_than_that(way, dt
     a = np.ldexp(rng.uniform(0.5, 1, 300).astype(dtype), rng.integers(info.minexp, info.minexp + 2 * info.nmant, 300))
     b = rng.uniform(-1, 1, 300).astype(dtype)
     with contraction.forced(way), jax.enable_x64(True):
-        p, e = jax.jit(eft.two_product)(a.astype(dtype), b)
+        p, e = jax.jit(transforms.two_product)(a.astype(dtype), b)
     off = abs(rationals(p) + rationals(e) - rationals(a.astype(dtype)) * rationals(b))
     allowed = 3 * rationals(np.full(1, info.eps))[0] * abs(rationals(p)) + 2 * rationals(np.full(1, info.tiny))[0]
     assert (off <= allowed).all()

@@ -14,9 +14,9 @@ import pytest
 from jax import lax
 from jax.sharding import PartitionSpec
 
-from jaxspatial.arithmetic import pairs
-from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.double_word_trees import from_double_word, sqrt, to_double_word
+from jaxspatial.arithmetic.numbers import pairs
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.trees import from_double_word, sqrt, to_double_word
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
 from tests.helpers.marks import slow, slow_but

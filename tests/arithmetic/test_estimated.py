@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.arithmetic import eft, estimated
+from jaxspatial.arithmetic.errorfree import transforms
+from jaxspatial.arithmetic.sums.accumulators import estimated
 from jaxspatial.measure import inputs
 from jaxspatial.measure.error import ulp
 from jaxspatial.measure.exact import rationals
@@ -30,7 +31,7 @@ def _estimate(pairs, dtype):
     def run(pairs):
         terms = [(1, [x.astype(np.float64) for x in pair]) for pair in pairs]
         total = estimated.total if dtype == "float64" else estimated.total_of_narrow
-        return estimated.value(total(terms, eft.dekker_error), np.dtype(dtype))
+        return estimated.value(total(terms, transforms.dekker_error), np.dtype(dtype))
 
     with jax.enable_x64(True):
         return np.asarray(jax.jit(run)(pairs))
@@ -76,7 +77,7 @@ def test_terms_added_last_count(dtype):
         wide = [x.astype(np.float64) for x in (tau, f, p)]
         terms = [(-1, [wide[2][:, 1], wide[1][:, 2]]), (1, [wide[2][:, 2], wide[1][:, 1]])]
         total = estimated.total if dtype == "float64" else estimated.total_of_narrow
-        state = estimated.plus(total(terms, eft.dekker_error), 1, wide[0][:, 0])
+        state = estimated.plus(total(terms, transforms.dekker_error), 1, wide[0][:, 0])
         return estimated.value(state, np.dtype(dtype)), estimated.value(estimated.plus(state, -1, wide[0][:, 0]), dtype)
 
     with jax.enable_x64(True):

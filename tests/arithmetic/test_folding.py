@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxspatial.arithmetic import folding, vectors
-from jaxspatial.arithmetic.numbers import Rounded
-from jaxspatial.arithmetic.pairwise import pairwise_sum
+from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.numbers import Rounded, folding
+from jaxspatial.arithmetic.numbers.stacking import stacked
 from jaxspatial.arithmetic.precision import Precision, resolve
-from jaxspatial.arithmetic.stacking import stacked
+from jaxspatial.arithmetic.sums.pairwise import pairwise_sum
 
 P = Precision.REPRODUCIBLE
 X = np.array([0.3, -1.7, 2.9], np.float32)

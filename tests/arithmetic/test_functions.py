@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from jaxspatial.arithmetic import functions, vectors
-from jaxspatial.arithmetic.double_word_trees import to_double_word
 from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.rotation import angles
 from tests.helpers.marks import slow
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxspatial.arithmetic import layout
+from jaxspatial.arithmetic.numbers import layout
 
 # Small integers: whatever is contracted, results are exact.
 X = np.random.default_rng(0).integers(-9, 9, (4, 5, 3)).astype(np.float32)

@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, symbols, uniform
+from jaxspatial.arithmetic.numbers.polynomial import Polynomial, Quotient, symbols, uniform
 
 DATA = np.array([3.0, 0.0, 1.0, -1.0, 5.0])  # as NumPy: 0, 1 and -1 among them are known
 NUMBERS = [Fraction(float(x)) for x in DATA]

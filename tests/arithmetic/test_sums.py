@@ -13,7 +13,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.polynomial import Polynomial, symbols
+from jaxspatial.arithmetic.numbers.polynomial import Polynomial, symbols
 from jaxspatial.measure.error import ulp, unit_roundoff
 from tests.helpers.marks import slow
 

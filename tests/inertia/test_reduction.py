@@ -6,8 +6,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from jaxspatial.arithmetic.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers import Rounded
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.inertia.reduction import first, product, summed
 from jaxspatial.measure.exact import rationals

@@ -10,7 +10,7 @@ import jax
 import pytest
 
 import jaxspatial as js
-from jaxspatial.arithmetic import faithful
+from jaxspatial.arithmetic.sums.accumulators import faithful
 from jaxspatial.command.cli import main
 from jaxspatial.measure import compiler_checks, promise_checks, self_check
 

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic.known import in_double
+from jaxspatial.arithmetic.numbers.known import in_double
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.mechanism import Mechanism
 

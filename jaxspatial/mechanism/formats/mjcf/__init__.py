@@ -16,7 +16,7 @@ first, and its linear velocity in the body's axes; a mimic has no coordinate. `i
 import functools
 import pathlib
 
-from jaxspatial.arithmetic.known import in_double
+from jaxspatial.arithmetic.numbers.known import in_double
 from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.mechanism.formats.mjcf.checks import check
 from jaxspatial.mechanism.formats.mjcf.file import ModelFile

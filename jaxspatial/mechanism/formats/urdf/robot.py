@@ -4,7 +4,7 @@ import io
 
 import numpy as np
 
-from jaxspatial.arithmetic.known import in_double
+from jaxspatial.arithmetic.numbers.known import in_double
 from jaxspatial.mechanism.formats.numbers import rotation_of, with_moments
 from jaxspatial.mechanism.formats.source import needed
 from jaxspatial.mechanism.formats.urdf.text import LIMITS

@@ -14,12 +14,13 @@ import numpy as np
 from jax import lax
 from jax.experimental.xla_metadata import set_xla_metadata
 
-from jaxspatial.arithmetic import certified, compensated, estimated, faithful, sum3, wide
-from jaxspatial.arithmetic.contraction import hidden
-from jaxspatial.arithmetic.eft import product_error
-from jaxspatial.arithmetic.layout import picked
-from jaxspatial.arithmetic.pairwise import by_halving
-from jaxspatial.arithmetic.polynomial import Term
+from jaxspatial.arithmetic.errorfree.contraction import hidden
+from jaxspatial.arithmetic.errorfree.transforms import product_error
+from jaxspatial.arithmetic.numbers.layout import picked
+from jaxspatial.arithmetic.numbers.polynomial import Term
+from jaxspatial.arithmetic.sums import sum3, wide
+from jaxspatial.arithmetic.sums.accumulators import certified, compensated, estimated, faithful
+from jaxspatial.arithmetic.sums.pairwise import by_halving
 
 
 def evaluate(plan, arrays, contracted):
@@ -116,7 +117,7 @@ def _evaluated(plan, tier, arrays):
 
 class _Tier(NamedTuple):
     """A module with the verbs plus, merge, times_power_of_two, value, pair and padded; which total; and the error of a
-    product, see `eft`."""
+    product, see `transforms`."""
 
     verbs: Any
     total: Callable

@@ -8,11 +8,11 @@ subnormals: an error below the smallest normal number is lost.
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic import contraction
-from jaxspatial.arithmetic.elementwise import alike, elementwise, no_tangent
-from jaxspatial.arithmetic.fence import kept
-from jaxspatial.arithmetic.lowering import rule
-from jaxspatial.arithmetic.reproducible import product
+from jaxspatial.arithmetic.errorfree import contraction
+from jaxspatial.arithmetic.errorfree.elementwise import alike, elementwise, no_tangent
+from jaxspatial.arithmetic.errorfree.fence import kept
+from jaxspatial.arithmetic.errorfree.lowering import rule
+from jaxspatial.arithmetic.errorfree.reproducible import product
 
 
 def two_sum(a, b, guard=kept):

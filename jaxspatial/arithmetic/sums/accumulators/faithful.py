@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic import compensated, sum3
-from jaxspatial.arithmetic.contraction import hidden
-from jaxspatial.arithmetic.eft import fast_two_sum, two_difference, two_sum, unguarded
+from jaxspatial.arithmetic.errorfree.contraction import hidden
+from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_difference, two_sum, unguarded
+from jaxspatial.arithmetic.sums import sum3
+from jaxspatial.arithmetic.sums.accumulators import compensated
 
 # A sum of 2^20 products below 2^1000 is finite, and so is 2^2048 scaled by 2^-540 twice.
 _LARGE = 2.0**1000

@@ -14,10 +14,11 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, component_index, component_numbers, folding
-from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.double_word_trees import to_double_word
-from jaxspatial.arithmetic.polynomial import uniform
+from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.numbers import component_index, component_numbers, folding
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.polynomial import uniform
+from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.precision import Precision
 
 

@@ -8,14 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import check, component_arrays, components, sums
-from jaxspatial.arithmetic.components import Components
-from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.double_word_trees import from_double_word
-from jaxspatial.arithmetic.folding import is_known, quietly
-from jaxspatial.arithmetic.polynomial import Polynomial, Quotient, Term, symbols
-from jaxspatial.arithmetic.reproducible import quotient
-from jaxspatial.arithmetic.stacking import Summed
+from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.errorfree.reproducible import quotient
+from jaxspatial.arithmetic.numbers import component_arrays, components
+from jaxspatial.arithmetic.numbers.components import Components
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.folding import is_known, quietly
+from jaxspatial.arithmetic.numbers.polynomial import Polynomial, Quotient, Term, symbols
+from jaxspatial.arithmetic.numbers.stacking import Summed
+from jaxspatial.arithmetic.numbers.trees import from_double_word
+from jaxspatial.arithmetic.sums import primitive as sums
 
 
 def run_symbolically(formula, precision, arrays):

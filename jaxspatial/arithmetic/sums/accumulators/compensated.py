@@ -10,12 +10,12 @@ sum costs at most u^2 (max A + max B + ufp(A_1 + A_2 + B_1 + B_2)), which is <= 
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic.contraction import hidden
-from jaxspatial.arithmetic.eft import fast_two_sum, two_sum, unguarded
+from jaxspatial.arithmetic.errorfree.contraction import hidden
+from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_sum, unguarded
 
 
 def total(terms, error):
-    """The state of the sum of terms (sign, factors); error(a, b, p) of a product is a b - p, see `eft`."""
+    """The state of the sum of terms (sign, factors); error(a, b, p) of a product is a b - p, see `transforms`."""
     pairs = [product(sign, factors, error) for sign, factors in terms]
     s, errors = vec_sum([p for p, _ in pairs])
     return s, sum_like(s, errors), sum_like(s, [e for _, e in pairs if e is not None])

@@ -14,8 +14,8 @@ from jax import lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jaxspatial.arithmetic.elementwise import alike, compiled, is_zero, no_tangent
-from jaxspatial.arithmetic.lowering import rule
+from jaxspatial.arithmetic.errorfree.elementwise import alike, compiled, is_zero, no_tangent
+from jaxspatial.arithmetic.errorfree.lowering import rule
 
 
 def apart(x):

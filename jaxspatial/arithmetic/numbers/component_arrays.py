@@ -5,8 +5,8 @@ import typing
 import jax
 import numpy as np
 
-from jaxspatial.arithmetic.components import as_components, is_components
-from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.components import as_components, is_components
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 
 
 def from_components(x: typing.Any) -> typing.Any:

@@ -1,6 +1,6 @@
 """Double words: a number as the unevaluated sum hi + lo of two floating-point numbers, with twice the bits of one.
 
-The type. Its arithmetic, with bounds and ranges, is that of `pairs`; conversions are in `double_word_trees`.
+The type. Its arithmetic, with bounds and ranges, is that of `pairs`; conversions are in `trees`.
 """
 
 import dataclasses
@@ -13,7 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import check, conversion, pairs
+from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.numbers import conversion, pairs
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -29,7 +30,7 @@ class DoubleWord(check.StandIn):
     `+ - * /`, comparisons and `sqrt` work with double words, arrays of the same dtype, which broadcast, and Python
     numbers, of which two words keep all bits (float32 words: 48 of 53). Relative errors, with u the unit roundoff of
     the dtype: + and - 3 u^2 + 13 u^3, also where they cancel; * 5 u^2; / 15 u^2 + 56 u^3; sqrt 25/8 u^2. With an array
-    or a number of one word: + and - 2 u^2, * 3/2 u^2 + 4 u^3, / 3 u^2. Ranges: see `arithmetic.pairs`.
+    or a number of one word: + and - 2 u^2, * 3/2 u^2 + 4 u^3, / 3 u^2. Ranges: see `numbers.pairs`.
 
     Comparisons are exact, and false with NaN (!= true). A pytree with leaves hi and lo. Derivatives are those of
     hi + lo, accurate to a few u; a gradient with respect to a double word holds the same number twice, in hi and in lo:
@@ -104,7 +105,7 @@ class DoubleWord(check.StandIn):
         return of_words(pairs.absolute(self._words))
 
     def sqrt(self):
-        """The square root, see `double_word_trees.sqrt`."""
+        """The square root, see `trees.sqrt`."""
         return of_words(pairs.square_root(self._words))
 
     def __add__(self, other):

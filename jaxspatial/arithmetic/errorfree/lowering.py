@@ -5,7 +5,7 @@ import functools
 import jax
 from jax.interpreters import mlir
 
-from jaxspatial.arithmetic import contraction
+from jaxspatial.arithmetic.errorfree import contraction
 
 _NO_MESH = jax.sharding.AbstractMesh((), ())
 

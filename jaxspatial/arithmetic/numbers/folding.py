@@ -12,10 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import check, fast, reproducible
-from jaxspatial.arithmetic.fence import kept
-from jaxspatial.arithmetic.layout import apart
-from jaxspatial.arithmetic.polynomial import uniform
+from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.errorfree import fast, reproducible
+from jaxspatial.arithmetic.errorfree.fence import kept
+from jaxspatial.arithmetic.numbers.layout import apart
+from jaxspatial.arithmetic.numbers.polynomial import uniform
 from jaxspatial.arithmetic.precision import Precision
 
 _PRODUCT = {Precision.FAST: fast.product, Precision.REPRODUCIBLE: reproducible.product}

@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic.compensated import product, vec_sum
-from jaxspatial.arithmetic.eft import two_sum
+from jaxspatial.arithmetic.errorfree.transforms import two_sum
+from jaxspatial.arithmetic.sums.accumulators.compensated import product, vec_sum
 
 # Of a unit of the result, what an error before the last rounding may be.
 _ENOUGH = 2.0**-3

@@ -6,8 +6,8 @@ The state of a sum is (s, c, d), each the errors of the one before. [Ogita, Rump
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic.compensated import sum_like
-from jaxspatial.arithmetic.eft import fast_two_sum, two_sum, unguarded
+from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_sum, unguarded
+from jaxspatial.arithmetic.sums.accumulators.compensated import sum_like
 
 
 def from_numbers(numbers):

@@ -15,10 +15,10 @@ from jax import lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jaxspatial.arithmetic.elementwise import compiled
-from jaxspatial.arithmetic.evaluation import evaluate
-from jaxspatial.arithmetic.lowering import rule
-from jaxspatial.arithmetic.polynomial import Term
+from jaxspatial.arithmetic.errorfree.elementwise import compiled
+from jaxspatial.arithmetic.errorfree.lowering import rule
+from jaxspatial.arithmetic.numbers.polynomial import Term
+from jaxspatial.arithmetic.sums.evaluation import evaluate
 
 
 class Sum(NamedTuple):

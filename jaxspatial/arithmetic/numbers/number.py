@@ -1,19 +1,6 @@
-"""The numbers that formulas are written over: one protocol, four kinds.
-
-A formula uses `+ - * /`, negation and the functions below; `vectors` has those of tuples of numbers. It is written once
-and runs in what `formula` picks:
-
-    Rounded       an array over the batch, each operation rounded as the precision says
-                  or a number known while tracing, which folds (see `folding`)
-    DoubleWord    an array with twice the digits
-    Polynomial    what a result is the sum of, evaluated as a whole afterwards: knows `+ - *`, one last `/`, `halved`,
-                  and zero as a `constant`
-
-Comparisons, roots and selections are for the first two alone.
-"""
+"""What a formula asks of any number: constants, selections, scaling, and calls that the compiler leaves alone."""
 
 import functools
-import operator
 from typing import Any
 
 import jax
@@ -22,87 +9,12 @@ import numpy as np
 from jax import lax
 from jax.experimental.xla_metadata import set_xla_metadata
 
-from jaxspatial.arithmetic import folding, reproducible, scaling
-from jaxspatial.arithmetic.double_word import DoubleWord, nearest_double_word
-from jaxspatial.arithmetic.double_word_trees import to_double_word
-from jaxspatial.arithmetic.polynomial import Polynomial
-
-
-class Rounded:
-    """An array over the batch, or a number known while tracing, whose operations are rounded as the precision says."""
-
-    def __init__(self, precision, value):
-        self.precision, self.value = precision, value
-
-    @property
-    def dtype(self):
-        return np.dtype(self.value.dtype)
-
-    def _of(self, other):
-        """The value of what stands beside this one."""
-        return other.value if isinstance(other, Rounded) else self.dtype.type(other)
-
-    def _new(self, value):
-        return Rounded(self.precision, value)
-
-    def __add__(self, other):
-        return self._new(folding.add(self.value, self._of(other), self.precision))
-
-    __radd__ = __add__
-
-    def __sub__(self, other):
-        return self._new(folding.subtract(self.value, self._of(other), self.precision))
-
-    def __rsub__(self, other):
-        return self._new(folding.subtract(self._of(other), self.value, self.precision))
-
-    def __mul__(self, other):
-        return self._new(folding.multiply(self.precision, self.value, self._of(other)))
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other):
-        return self._new(folding.divide(self.value, self._of(other)))
-
-    def __rtruediv__(self, other):
-        return self._new(folding.divide(self._of(other), self.value))
-
-    def __neg__(self):
-        return self._new(-self.value)
-
-    def __abs__(self):
-        return self._new(abs(self.value))
-
-    def __lt__(self, other):
-        return self._compared(operator.lt, other)
-
-    def __le__(self, other):
-        return self._compared(operator.le, other)
-
-    def __gt__(self, other):
-        return self._compared(operator.gt, other)
-
-    def __ge__(self, other):
-        return self._compared(operator.ge, other)
-
-    def _compared(self, comparison, other):
-        return comparison(*folding.alike(self.value, self._of(other)))
-
-    def sqrt(self):
-        return self._new(np.sqrt(self.value) if folding.is_known(self.value) else _root(self.value))
-
-
-@jax.custom_jvp
-def _root(x):
-    return lax.sqrt(x)
-
-
-@_root.defjvp  # pyright: ignore[reportFunctionMemberAccess]
-def _root_jvp(primals, tangents):
-    """dx / (2 sqrt(x)), the quotient rounded on its own: `lax.sqrt` has one that depends on the program around it."""
-    root = _root(*primals)
-    return root, reproducible.quotient(*tangents, root + root)
-
+from jaxspatial.arithmetic.errorfree import scaling
+from jaxspatial.arithmetic.numbers import folding
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord, nearest_double_word
+from jaxspatial.arithmetic.numbers.polynomial import Polynomial
+from jaxspatial.arithmetic.numbers.rounded import Rounded
+from jaxspatial.arithmetic.numbers.trees import to_double_word
 
 Number = Rounded | DoubleWord
 

@@ -26,7 +26,7 @@ from jax.extend.core import Primitive
 from jax.extend.mlir.dialects import stablehlo
 from jax.interpreters import mlir
 
-from jaxspatial.arithmetic.fence import kept
+from jaxspatial.arithmetic.errorfree.fence import kept
 
 # -- a zero that the compiler does not know ----------------------------------------------------------------------------
 

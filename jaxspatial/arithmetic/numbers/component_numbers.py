@@ -7,8 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, folding
-from jaxspatial.arithmetic.double_word import DoubleWord
+from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.numbers import folding
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 
 
 def common_dtype(given, dtype):

@@ -9,12 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import folding
-from jaxspatial.arithmetic.components import Components
-from jaxspatial.arithmetic.double_word import DoubleWord
-from jaxspatial.arithmetic.double_word_trees import to_double_word
-from jaxspatial.arithmetic.fence import fence
-from jaxspatial.arithmetic.numbers import Rounded
+from jaxspatial.arithmetic.errorfree.fence import fence
+from jaxspatial.arithmetic.numbers import Rounded, folding
+from jaxspatial.arithmetic.numbers.components import Components
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.precision import Precision
 
 

@@ -11,12 +11,12 @@ that one, and the sum of the absolute values of the last, which bounds what is u
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic import sum3
-from jaxspatial.arithmetic.compensated import padded as padded
-from jaxspatial.arithmetic.compensated import sum_like, vec_sum
-from jaxspatial.arithmetic.compensated import times_power_of_two as times_power_of_two
-from jaxspatial.arithmetic.eft import two_sum, unguarded
-from jaxspatial.arithmetic.faithful import parts, parts_of_narrow
+from jaxspatial.arithmetic.errorfree.transforms import two_sum, unguarded
+from jaxspatial.arithmetic.sums import sum3
+from jaxspatial.arithmetic.sums.accumulators.compensated import padded as padded
+from jaxspatial.arithmetic.sums.accumulators.compensated import sum_like, vec_sum
+from jaxspatial.arithmetic.sums.accumulators.compensated import times_power_of_two as times_power_of_two
+from jaxspatial.arithmetic.sums.accumulators.faithful import parts, parts_of_narrow
 
 # d is a sum of at most 2^10 numbers: its error is at most 2^-43 size, and what is allowed is 2^-56 |r|.
 _ENOUGH = 2.0**-13

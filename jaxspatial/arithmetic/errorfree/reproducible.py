@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jax import lax
 from jax.interpreters import ad, mlir
 
-from jaxspatial.arithmetic.elementwise import alike, elementwise, is_zero, no_tangent
-from jaxspatial.arithmetic.fence import settled
+from jaxspatial.arithmetic.errorfree.elementwise import alike, elementwise, is_zero, no_tangent
+from jaxspatial.arithmetic.errorfree.fence import settled
 
 
 def product(a, b):

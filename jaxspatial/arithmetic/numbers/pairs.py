@@ -33,10 +33,10 @@ import numpy as np
 from jax import lax
 from jax.custom_derivatives import SymbolicZero, zero_from_primal
 
-from jaxspatial.arithmetic.conversion import narrowest
-from jaxspatial.arithmetic.eft import fast_two_sum, two_product, two_sum
-from jaxspatial.arithmetic.fence import fence
-from jaxspatial.arithmetic.reproducible import product, quotient
+from jaxspatial.arithmetic.errorfree.fence import fence
+from jaxspatial.arithmetic.errorfree.reproducible import product, quotient
+from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_product, two_sum
+from jaxspatial.arithmetic.numbers.conversion import narrowest
 
 # -- derivatives ------------------------------------------------------------------------------------------------------
 

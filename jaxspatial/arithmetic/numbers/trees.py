@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import check, conversion
-from jaxspatial.arithmetic.double_word import DoubleWord, of_words, with_zero
+from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.numbers import conversion
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord, of_words, with_zero
 from jaxspatial.arithmetic.types import DTypeLike
 
 

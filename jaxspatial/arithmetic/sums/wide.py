@@ -9,8 +9,8 @@ import operator
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic.compensated import padded as padded
-from jaxspatial.arithmetic.compensated import times_power_of_two as times_power_of_two
+from jaxspatial.arithmetic.sums.accumulators.compensated import padded as padded
+from jaxspatial.arithmetic.sums.accumulators.compensated import times_power_of_two as times_power_of_two
 
 
 def total(terms, _):

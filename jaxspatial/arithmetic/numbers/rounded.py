@@ -1,0 +1,86 @@
+"""Numbers rounded as the precision says: an array over the batch, or a number known while tracing, which folds."""
+
+import operator
+
+import jax
+import numpy as np
+from jax import lax
+
+from jaxspatial.arithmetic.errorfree import reproducible
+from jaxspatial.arithmetic.numbers import folding
+
+
+class Rounded:
+    """An array over the batch, or a number known while tracing, whose operations are rounded as the precision says."""
+
+    def __init__(self, precision, value):
+        self.precision, self.value = precision, value
+
+    @property
+    def dtype(self):
+        return np.dtype(self.value.dtype)
+
+    def _of(self, other):
+        """The value of what stands beside this one."""
+        return other.value if isinstance(other, Rounded) else self.dtype.type(other)
+
+    def _new(self, value):
+        return Rounded(self.precision, value)
+
+    def __add__(self, other):
+        return self._new(folding.add(self.value, self._of(other), self.precision))
+
+    __radd__ = __add__
+
+    def __sub__(self, other):
+        return self._new(folding.subtract(self.value, self._of(other), self.precision))
+
+    def __rsub__(self, other):
+        return self._new(folding.subtract(self._of(other), self.value, self.precision))
+
+    def __mul__(self, other):
+        return self._new(folding.multiply(self.precision, self.value, self._of(other)))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other):
+        return self._new(folding.divide(self.value, self._of(other)))
+
+    def __rtruediv__(self, other):
+        return self._new(folding.divide(self._of(other), self.value))
+
+    def __neg__(self):
+        return self._new(-self.value)
+
+    def __abs__(self):
+        return self._new(abs(self.value))
+
+    def __lt__(self, other):
+        return self._compared(operator.lt, other)
+
+    def __le__(self, other):
+        return self._compared(operator.le, other)
+
+    def __gt__(self, other):
+        return self._compared(operator.gt, other)
+
+    def __ge__(self, other):
+        return self._compared(operator.ge, other)
+
+    def _compared(self, comparison, other):
+        return comparison(*folding.alike(self.value, self._of(other)))
+
+    def sqrt(self):
+        return self._new(np.sqrt(self.value) if folding.is_known(self.value) else _root(self.value))
+
+
+@jax.custom_jvp
+def _root(x):
+    return lax.sqrt(x)
+
+
+@_root.defjvp  # pyright: ignore[reportFunctionMemberAccess]
+def _root_jvp(primals, tangents):
+    """dx / (2 sqrt(x)), the quotient rounded on its own: `lax.sqrt` has one that depends on the program around it."""
+    root = _root(*primals)
+    return root, reproducible.quotient(*tangents, root + root)
