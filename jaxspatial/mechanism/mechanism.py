@@ -136,7 +136,7 @@ class Mechanism:
         """
         from jaxspatial.mechanism.formats import urdf
 
-        return urdf.read(path_or_text, floating_base, gravity, dtype)
+        return urdf.read(cls.build, path_or_text, floating_base, gravity, dtype)
 
     @classmethod
     def from_mjcf(cls, path_or_text: str | pathlib.Path, *, dtype: DTypeLike | None = None) -> "Mechanism":
@@ -160,7 +160,7 @@ class Mechanism:
         """
         from jaxspatial.mechanism.formats import mjcf
 
-        return mjcf.read(path_or_text, dtype)
+        return mjcf.read(cls.build, path_or_text, dtype)
 
     def replace(self, **changes: Any) -> "Mechanism":
         """Replaces arrays: `mech.replace(gravity=...)`, `mech.replace(inertias=...)`.

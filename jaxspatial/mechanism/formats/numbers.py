@@ -8,7 +8,6 @@ import numpy as np
 
 from jaxspatial.arithmetic.numbers.known import in_double
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.mechanism.mechanism import Mechanism
 
 # Entries of a rotation so near to 0 or 1 are what rounding made of quarter turns.
 _ROUNDING = 8 * np.finfo(float).eps
@@ -27,10 +26,10 @@ def range_of(dtype):
     return float(info.tiny), float(info.max)
 
 
-def built(refuse, bodies, joints, frames, gravity, dtype):
-    """`Mechanism.build`; refuse(body, reason) where what numbers make together is none of the dtype."""
+def built(build, refuse, *parts):
+    """build(*parts), a Mechanism; refuse(body, reason) where what numbers make together is none of the dtype."""
     with np.errstate(over="ignore"):
-        mechanism = Mechanism.build(bodies, joints, frames, gravity, dtype)
+        mechanism = build(*parts)
     _check_finite(mechanism, refuse)
     return mechanism
 

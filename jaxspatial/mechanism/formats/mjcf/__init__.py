@@ -15,6 +15,8 @@ first, and its linear velocity in the body's axes; a mimic has no coordinate. `i
 
 import functools
 import pathlib
+from collections.abc import Callable
+from typing import TypeVar
 
 from jaxspatial.arithmetic.numbers.known import in_double
 from jaxspatial.arithmetic.types import DTypeLike
@@ -23,16 +25,17 @@ from jaxspatial.mechanism.formats.mjcf.file import ModelFile
 from jaxspatial.mechanism.formats.mjcf.left_out import leave_out
 from jaxspatial.mechanism.formats.mjcf.parts import parts
 from jaxspatial.mechanism.formats.numbers import built
-from jaxspatial.mechanism.mechanism import Mechanism
+
+Made = TypeVar("Made")
 
 
-def read(path_or_text: str | pathlib.Path, dtype: DTypeLike | None = None) -> Mechanism:
-    """Reads an MJCF: what `Mechanism.from_mjcf` calls, with the same arguments and errors."""
+def read(build: Callable[..., Made], path_or_text: str | pathlib.Path, dtype: DTypeLike | None = None) -> Made:
+    """Reads an MJCF: what `Mechanism.from_mjcf` calls, with the same arguments and errors, and its `build`."""
     file = ModelFile(path_or_text, dtype)
     check(file)
     leave_out(file)
     with in_double():
         found = parts(file)
-    mechanism = built(functools.partial(file.refuse_named, "body"), *found, file.gravity, dtype)
+    mechanism = built(build, functools.partial(file.refuse_named, "body"), *found, file.gravity, dtype)
     file.notes.tell()
     return mechanism

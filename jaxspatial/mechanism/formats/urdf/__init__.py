@@ -12,25 +12,28 @@ passed around have such) are taken as they are; the warning lists their links.
 
 import functools
 import pathlib
+from collections.abc import Callable
+from typing import TypeVar
 
 from jaxspatial.arithmetic.types import DTypeLike, Vector3
 from jaxspatial.mechanism.formats.numbers import built
 from jaxspatial.mechanism.formats.source import file_source
 from jaxspatial.mechanism.formats.urdf.robot import body, check_joints, check_mimics, joint, robot_of, root_of
 from jaxspatial.mechanism.formats.urdf.text import Lines, check
-from jaxspatial.mechanism.mechanism import Mechanism
 from jaxspatial.mechanism.parts import WORLD, Joint
 
 _ROOT = "root_joint"
+Made = TypeVar("Made")
 
 
 def read(
+    build: Callable[..., Made],
     path_or_text: str | pathlib.Path,
     floating_base: bool = False,
     gravity: Vector3 = (0.0, 0.0, -9.81),
     dtype: DTypeLike | None = None,
-) -> Mechanism:
-    """Reads a URDF: what `Mechanism.from_urdf` calls, with the same arguments and errors.
+) -> Made:
+    """Reads a URDF: what `Mechanism.from_urdf` calls, with the same arguments and errors, and its `build`.
 
     The root link is welded to the world, or held by a "free" joint named "root_joint"; a root link named "world" is
     the world.
@@ -52,6 +55,6 @@ def read(
         joints.insert(0, Joint(name, kind, WORLD, root))
     elif floating_base:
         raise ValueError('from_urdf: floating_base: the root link is "world", which cannot float')
-    mechanism = built(functools.partial(lines.refuse, "link"), bodies, joints, (), gravity, dtype)
+    mechanism = built(build, functools.partial(lines.refuse, "link"), bodies, joints, (), gravity, dtype)
     lines.notes.tell()
     return mechanism
