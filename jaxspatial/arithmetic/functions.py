@@ -9,6 +9,7 @@ import functools
 import itertools
 import math
 from fractions import Fraction
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -128,9 +129,9 @@ def turns(angle, parts):
     return k, where(is_known & (abs(high(rest)) <= float(step * 9 / 16)), rest, math.nan)
 
 
-def _remainder(x, step):
+def _remainder(x: Any, step: Fraction) -> Any:
     """(k, x - k step) with k the integer nearest to x / step; see `turns` for errors."""
-    k = nearest_integer(x * constant(x, 1 / step))
+    k: Any = nearest_integer(x * constant(x, 1 / step))
     if isinstance(x, DoubleWord):
         words = np.array([float(word) for word in _words(step, x)], x.dtype)
         return k, lax.scan(lambda rest, word: (rest - k * jnp.broadcast_to(word, rest.shape), None), x, words)[0]

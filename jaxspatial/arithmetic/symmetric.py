@@ -10,7 +10,16 @@ from jax import lax
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.functions import unit_roundoff
-from jaxspatial.arithmetic.numbers import Rounded, constant, high, noinline_pairs, times_power_of_two, where
+from jaxspatial.arithmetic.numbers import (
+    Rounded,
+    Rows,
+    Symmetric,
+    constant,
+    high,
+    noinline_pairs,
+    times_power_of_two,
+    where,
+)
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.trees import from_double_word
 from jaxspatial.arithmetic.precision import Precision
@@ -43,18 +52,18 @@ def from_matrix(m):
 # -- of numbers -------------------------------------------------------------------------------------------------------
 
 
-def rows(six):
+def rows(six: Symmetric) -> Rows:
     """The rows of the matrix."""
     xx, xy, yy, xz, yz, zz = six
     return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
 
 
-def six_of(m):
+def six_of(m: Rows) -> Symmetric:
     """The six components of a matrix by its rows, of which the lower triangle is read."""
     return m[0][0], m[1][0], m[1][1], m[2][0], m[2][1], m[2][2]
 
 
-def trace_minus(six):
+def trace_minus(six: Symmetric) -> Symmetric:
     """tr(S) 1 - S: from second moments to an inertia, without a difference on the diagonal."""
     xx, xy, yy, xz, yz, zz = six
     return yy + zz, -xy, xx + zz, -xz, -yz, xx + yy

@@ -9,61 +9,18 @@ and runs in what `formula` picks:
     Polynomial    what a result is the sum of, evaluated as a whole afterwards: knows `+ - *`, one last `/`, `halved`,
                   and zero as a `constant`
 
-Comparisons, roots and selections are for the first two alone.
+Comparisons, roots and selections are for the first two alone. In signatures each is a `Number`; what tuples of them
+hold is said by `Three`, `Rows`, `Motion` and the like, see `protocol`.
 """
 
-from jaxspatial.arithmetic.numbers.number import (
-    Number as Number,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    as_data as as_data,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    constant as constant,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    data_of as data_of,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    doubled as doubled,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    each as each,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    frozen as frozen,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    halved as halved,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    high as high,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    is_number as is_number,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    mapped as mapped,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    nearest_integer as nearest_integer,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    noinline as noinline,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    noinline_pairs as noinline_pairs,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    repeated as repeated,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    times_power_of_two as times_power_of_two,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    where as where,
-)
-from jaxspatial.arithmetic.numbers.number import (
-    with_data as with_data,
-)
+from jaxspatial.arithmetic.numbers.number import as_data as as_data, constant as constant, data_of as data_of
+from jaxspatial.arithmetic.numbers.number import doubled as doubled, each as each, frozen as frozen, halved as halved
+from jaxspatial.arithmetic.numbers.number import high as high, is_number as is_number, mapped as mapped
+from jaxspatial.arithmetic.numbers.number import nearest_integer as nearest_integer, noinline as noinline
+from jaxspatial.arithmetic.numbers.number import noinline_pairs as noinline_pairs, repeated as repeated
+from jaxspatial.arithmetic.numbers.number import times_power_of_two as times_power_of_two, where as where
+from jaxspatial.arithmetic.numbers.number import with_data as with_data
+from jaxspatial.arithmetic.numbers.protocol import Mask as Mask, Motion as Motion, Number as Number, Numbers as Numbers
+from jaxspatial.arithmetic.numbers.protocol import Rows as Rows, Symmetric as Symmetric, Three as Three
+from jaxspatial.arithmetic.numbers.protocol import Wrench as Wrench
 from jaxspatial.arithmetic.numbers.rounded import Rounded as Rounded

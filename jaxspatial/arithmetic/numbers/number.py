@@ -1,7 +1,9 @@
 """What a formula asks of any number: constants, selections, scaling, and calls that the compiler leaves alone."""
 
 import functools
-from typing import Any
+from collections.abc import Callable, Iterable
+from fractions import Fraction
+from typing import Any, ParamSpec, TypeGuard, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -13,13 +15,16 @@ from jaxspatial.arithmetic.errorfree import scaling
 from jaxspatial.arithmetic.numbers import folding
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord, nearest_double_word
 from jaxspatial.arithmetic.numbers.polynomial import Polynomial
+from jaxspatial.arithmetic.numbers.protocol import Mask, Number, Numbers
 from jaxspatial.arithmetic.numbers.rounded import Rounded
 from jaxspatial.arithmetic.numbers.trees import to_double_word
 
-Number = Rounded | DoubleWord
+P = ParamSpec("P")
+T = TypeVar("T")
+_KINDS: tuple[type[Number], ...] = (Rounded, DoubleWord)
 
 
-def constant(like, number) -> Any:
+def constant(like: Number, number: float | Fraction) -> Number:
     """The number nearest to a Fraction or Python number, of the kind of another."""
     if isinstance(like, Polynomial):
         return like.constant(number)
@@ -28,10 +33,10 @@ def constant(like, number) -> Any:
     return Rounded(like.precision, like.dtype.type(float(number)))
 
 
-def where(condition, a, b) -> Any:
+def where(condition: Mask | bool, a: Number | float, b: Number | float) -> Number:
     """a where the condition holds, else b; one of them may be a Python number."""
-    like = a if isinstance(a, Number) else b
-    a, b = (x if isinstance(x, Number) else constant(like, x) for x in (a, b))
+    like = a if is_number(a) else b
+    a, b = (x if is_number(x) else constant(like, x) for x in (a, b))
     if isinstance(condition, (bool, np.bool_)):
         return a if condition else b
     if isinstance(like, DoubleWord):
@@ -44,12 +49,12 @@ def _selected(condition, a, b):
     return lax.select(*(jnp.broadcast_to(jnp.asarray(x), shape) for x in (condition, a, b)))
 
 
-def high(x):
+def high(x: Number) -> jax.Array:
     """The number as one array, up to rounding: to decide upon."""
     return x.hi if isinstance(x, DoubleWord) else x.value
 
 
-def nearest_integer(x):
+def nearest_integer(x: Number) -> Number:
     """The integer nearest to x, of one word; a constant to derivatives."""
     value = high(x)
     if folding.is_known(value) and isinstance(x, Rounded):
@@ -58,14 +63,14 @@ def nearest_integer(x):
     return to_double_word(rounded) if isinstance(x, DoubleWord) else Rounded(x.precision, rounded)
 
 
-def frozen(x):
+def frozen(x: Number) -> Number:
     """x, a constant to derivatives."""
     if isinstance(x, DoubleWord):
         return jax.tree.map(lax.stop_gradient, x)
     return Rounded(x.precision, x.value if folding.is_known(x.value) else lax.stop_gradient(x.value))
 
 
-def times_power_of_two(x, e):
+def times_power_of_two(x: Number, e: Any) -> Number:
     """x 2^e for integers e (*batch,), exactly but for underflow."""
     if isinstance(x, DoubleWord):
         return jax.tree.map(lambda word: scaling.times_power_of_two(word, e), x)
@@ -76,21 +81,21 @@ def times_power_of_two(x, e):
     )
 
 
-def doubled(x, times=1):
+def doubled(x: Number, times: int = 1) -> Number:
     """x 2^times, for a number of times known while tracing."""
     if isinstance(x, DoubleWord):
         return jax.tree.map(lambda word: word * word.dtype.type(2.0**times), x)
     return x * 2.0**times
 
 
-def halved(x):
+def halved(x: Number) -> Number:
     """x / 2, exactly but for underflow. Of a whole sum before it is rounded: what overflows twice as large is right."""
     if isinstance(x, Rounded):
         return x._new(folding.halve(x.value))
     return x.halved() if isinstance(x, Polynomial) else doubled(x, -1)
 
 
-def noinline_pairs(function) -> Any:
+def noinline_pairs(function: Callable[P, T]) -> Callable[P, T]:
     """A function of numbers that are double words becomes a call that the compiler does not inline.
 
     Each of their operations is ten of the processor's; fused into one another they would be computed again for every
@@ -107,7 +112,7 @@ def noinline_pairs(function) -> Any:
     return call
 
 
-def noinline(function) -> Any:
+def noinline(function: Callable[P, T]) -> Callable[P, T]:
     """A function of numbers becomes a call that the compiler does not inline.
 
     For what many entries of a result are made of: it would be computed again for each of them. What is known stays so
@@ -133,32 +138,32 @@ def noinline(function) -> Any:
     return call
 
 
-def is_number(x):
+def is_number(x: object) -> TypeGuard[Number]:
     """True for a rounded number or a double word."""
-    return isinstance(x, Number)
+    return isinstance(x, _KINDS)
 
 
 def _is_data(x):
     return not folding.is_known(x.value) if isinstance(x, Rounded) else isinstance(x, (jax.Array, DoubleWord))
 
 
-def data_of(leaves):
+def data_of(leaves: Iterable[Any]) -> list[Any]:
     """What of numbers and masks is not known while tracing: the arrays of rounded numbers, and double words."""
     return [x.value if isinstance(x, Rounded) else x for x in leaves if _is_data(x)]
 
 
-def with_data(leaves, data):
+def with_data(leaves: Iterable[Any], data: Iterable[Any]) -> list[Any]:
     """The leaves, with other data for that which `data_of` finds."""
     data = iter(data)
     return [x if not _is_data(x) else x._new(next(data)) if isinstance(x, Rounded) else next(data) for x in leaves]
 
 
-def as_data(x):
+def as_data(x: Number) -> Number:
     """A number that is known as one that is not: a loop has the same of these at every turn."""
     return x._new(jnp.asarray(x.value)) if isinstance(x, Rounded) and folding.is_known(x.value) else x
 
 
-def mapped(function, *numbers):
+def mapped(function: Callable[..., jax.Array], *numbers: Number) -> Number:
     """A function of arrays, applied to numbers that are data, word by word."""
     words = [jax.tree.leaves(data_of([x])) for x in numbers]
     found = [function(*parts) for parts in zip(*words, strict=True)]
@@ -166,7 +171,7 @@ def mapped(function, *numbers):
     return like._new(found[0]) if isinstance(like, Rounded) else jax.tree.unflatten(jax.tree.structure(like), found)
 
 
-def repeated(function, times, numbers):
+def repeated(function: Callable[[Numbers], Numbers], times: int, numbers: Numbers) -> Numbers:
     """The function of a tuple of numbers applied to its own result so many times, as a loop: to be compiled once."""
     if not all(map(_is_data, numbers)):
         return functools.reduce(lambda x, _: function(x), range(times), numbers)
@@ -174,13 +179,13 @@ def repeated(function, times, numbers):
     return tuple(with_data(numbers, found))
 
 
-def each(operation, *lists) -> list:
+def each(operation: Callable[..., Number], *lists: Numbers) -> list[Number]:
     """[operation(a, b) for a, b of the lists]; of double words one operation on all of them, to be compiled once."""
     pairs = [x for numbers in lists for x in numbers if isinstance(x, DoubleWord)]
     if len(lists[0]) == 1 or not pairs:
         return [operation(*xs) for xs in zip(*lists, strict=True)]
     shape = np.broadcast_shapes(*(x.shape for x in pairs))
-    found = noinline_pairs(operation)(*(_abreast(numbers, pairs[0], shape) for numbers in lists))
+    found: Any = noinline_pairs(operation)(*(_abreast(numbers, pairs[0], shape) for numbers in lists))
     return [found[i] for i in range(len(lists[0]))]
 
 

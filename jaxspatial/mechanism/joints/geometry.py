@@ -6,14 +6,14 @@ from typing import Any
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.functions import pi
-from jaxspatial.arithmetic.numbers import constant, nearest_integer, where
+from jaxspatial.arithmetic.numbers import Motion, Three, Wrench, constant, nearest_integer, where
+from jaxspatial.arithmetic.numbers import Number as Number
+from jaxspatial.arithmetic.numbers import Rows as Rows
+from jaxspatial.spatial import algebra
 
-Number = Any
-# x, y, z, and the rows of a matrix.
-Vector = tuple[Number, ...]
-Rows = tuple[Vector, ...]
+Vector = Three
 # (angular, linear): a motion (w_PB_B, v_PBo_B), or a wrench (tau, f), about Bo in the child's axes.
-Six = tuple[Vector, Vector]
+Six = Motion | Wrench
 
 
 def zero_vector(joint: Any) -> Vector:
@@ -43,9 +43,7 @@ def forces(joint: Any, directions: Iterable[Vector]) -> tuple[Six, ...]:
 
 def rotation_about(axis: Vector, cosine: Number, sine: Number) -> Rows:
     """The rotation about a unit vector, by its rows: k k^T + c (1 - k k^T) + s [k]x. [Rodrigues 1840]"""
-    x, y, z = axis
-    kk = [[a * b for b in axis] for a in axis]
-    kx = (None, -z, y), (z, None, -x), (-y, x, None)
+    kk, kx = [[a * b for b in axis] for a in axis], algebra.skew(axis)
     less = 1 - cosine
     return tuple(
         tuple(kk[i][j] + cosine * (1 - kk[i][j]) if i == j else kk[i][j] * less + sine * kx[i][j] for j in range(3))
