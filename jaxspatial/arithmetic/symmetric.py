@@ -108,9 +108,9 @@ def _is_double(x):
 @formula
 def _rates(moments, axes, d_six):
     q = vectors.rows(axes)
-    turned = vectors.product(vectors.transpose(q), vectors.product(rows(d_six), q))
+    turned = vectors.matrix_product(vectors.transpose(q), vectors.matrix_product(rows(d_six), q))
     spin = tuple(tuple(_spin(moments, turned, i, j) for j in range(3)) for i in range(3))
-    return [tuple(turned[i][i] for i in range(3)), vectors.flat(vectors.product(q, spin))]
+    return [tuple(turned[i][i] for i in range(3)), vectors.flat(vectors.matrix_product(q, spin))]
 
 
 def _spin(moments, turned, i, j):

@@ -28,13 +28,13 @@ from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.stacking import Stacked, Summed
 
 
-def total(numbers: Iterable[Number]) -> Number:
-    """Their sum, from the left."""
+def recursive_sum(numbers: Iterable[Number]) -> Number:
+    """Their sum, from the left. [Higham 2002, 4.1: recursive summation]"""
     return functools.reduce(operator.add, numbers)
 
 
 def dot(a: Numbers, b: Numbers) -> Number:
-    return total(each(operator.mul, a, b))
+    return recursive_sum(each(operator.mul, a, b))
 
 
 def dots(pairs: Sequence[tuple[Numbers, Numbers]]) -> list[Number]:
@@ -55,7 +55,7 @@ def square(v: Three) -> tuple[Number, Number | None]:
     shift = constant(v[0], 1.5 * 2 ** (bits - 1 - (bits - 12) // 2))
     grid = tuple((x + shift) - shift for x in v)
     coarse = dot(grid, grid)
-    fine = total([(x + y) * (x - y) for x, y in zip(v, grid, strict=True)])
+    fine = recursive_sum([(x + y) * (x - y) for x, y in zip(v, grid, strict=True)])
     rounded = coarse + fine
     return rounded, frozen(fine - (rounded - coarse))
 
@@ -100,7 +100,7 @@ def times(s: Number, v: Numbers) -> Numbers:
     return tuple(each(operator.mul, [s] * len(v), v))
 
 
-def products(a: Numbers, b: Numbers) -> Numbers:
+def componentwise_product(a: Numbers, b: Numbers) -> Numbers:
     """Component by component."""
     return tuple(each(operator.mul, a, b))
 
@@ -114,7 +114,7 @@ def transpose(m: Rows) -> Rows:
     return tuple(zip(*m, strict=True))
 
 
-def product(m: Rows, n: Rows) -> Rows:
+def matrix_product(m: Rows, n: Rows) -> Rows:
     """Of two matrices by their rows."""
     return rows(tuple(dots([(row, column) for row in m for column in transpose(n)])), len(n[0]))
 

@@ -106,7 +106,7 @@ def added_at(x, place, y):
     return where(jnp.broadcast_to(here, (n, size)), x + spread(y, (n, size)), x)
 
 
-def total(x):
+def pairwise_sum(x):
     """The sum over the first axis, by halves."""
     while (n := np.shape(numbers.high(x))[0]) > 1:
         half = n // 2

@@ -144,7 +144,7 @@ def _matrix(P, armature):
 def _articulated(inertia, bias, children):
     """The articulated body of a body and its children, as a function of A': Z + P c in place of Z."""
     parts = noinline(_combined)(inertia, bias.Z, children)
-    c = articulated.product(*parts[:3], *bias.c)
+    c = articulated.times_motion(*parts[:3], *bias.c)
     return Articulated(*parts[:3], vectors.plus(parts[3], c))
 
 
@@ -223,7 +223,7 @@ def _accelerate(own, parent):
 def _floating(eliminated, A):
     """The six rates of a floating root."""
     matrix, P, u = eliminated
-    u = u if P is None else vectors.minus(u, articulated.product(P.J, P.F, P.M, A[:3], A[3:]))
+    u = u if P is None else vectors.minus(u, articulated.times_motion(P.J, P.F, P.M, A[:3], A[3:]))
     shape = np.broadcast_shapes(np.shape(high(matrix))[2:], *(np.shape(high(x)) for x in u))
     found = dense.solved(matrix, along.stacked(u, shape, 0))
     return tuple(along.mapped(lambda w, k=k: w[k], found) for k in range(6))

@@ -152,16 +152,16 @@ def _center(state, placed):
 def moments(state, placed):
     """(the mass, the sum of m p_WC) of all bodies, with X_WJ of every bundle."""
     own = [(state.inertia(b), X) for b, X in zip(state.bundles, placed, strict=True)]
-    return _mass(state), _total(state, [noinline(_moment)(inertia, X) for inertia, X in own])
+    return _mass(state), _sum_over_bodies(state, [noinline(_moment)(inertia, X) for inertia, X in own])
 
 
 def _mass(state):
-    return state.total([state.inertia(b).mass for b in state.bundles])
+    return state.sum_over_bodies([state.inertia(b).mass for b in state.bundles])
 
 
-def _total(state, vectors_):
+def _sum_over_bodies(state, vectors_):
     """The sum of vectors, one for every bundle."""
-    return tuple(state.total([x[k] for x in vectors_]) for k in range(len(vectors_[0])))
+    return tuple(state.sum_over_bodies([x[k] for x in vectors_]) for k in range(len(vectors_[0])))
 
 
 def _moment(inertia, X_WJ):
@@ -173,7 +173,7 @@ def _center_of_mass_velocity(state, v):
     both = zip(poses(state), velocities(state, v), state.bundles, strict=True)
     momenta = [noinline(_linear_momentum)(state.inertia(b), X, V) for X, V, b in both]
     mass = _mass(state)
-    return tuple(x / mass for x in _total(state, momenta))
+    return tuple(x / mass for x in _sum_over_bodies(state, momenta))
 
 
 def _linear_momentum(inertia, X_WJ, V):
@@ -188,7 +188,7 @@ def _centroidal_momentum(state, v):
     both = zip(placed, velocities(state, v), state.bundles, strict=True)
     center = _center(state, placed)
     momenta = [noinline(_momentum)(state.inertia(b), X, V, center) for X, V, b in both]
-    found = _total(state, momenta)
+    found = _sum_over_bodies(state, momenta)
     return found[:3], found[3:]
 
 

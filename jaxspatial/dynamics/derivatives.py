@@ -105,7 +105,7 @@ def _from_root(own, parent):
     X_PB, _, d = _to_observer(link, motion)
     rows, p, v = parent
     found = (
-        vectors.product(rows, X_PB.rows),
+        vectors.matrix_product(rows, X_PB.rows),
         pairs.at_root(is_root, vectors.plus(p, vectors.matrix_times(rows, X_PB.p))),
         pairs.at_root(is_root, vectors.plus(v, vectors.matrix_times(rows, d))),
     )
@@ -125,7 +125,7 @@ def _of_body(inertia, motion, load):
     J, _, _ = articulated.of_body(*inertia)
     half_trace = doubled(J[0] + J[2] + J[5], -1)
     sigma = tuple(half_trace - x if i in (0, 2, 5) else -x for i, x in enumerate(J))
-    X = vectors.product(skew(tuple(doubled(-x) for x in motion.w)), symmetric.rows(sigma))
+    X = vectors.matrix_product(skew(tuple(doubled(-x) for x in motion.w)), symmetric.rows(sigma))
     p = vectors.cross(motion.w, vectors.times(inertia.mass, inertia.com))
     wrench = (vectors.minus(a, b) for a, b in zip(wrench_of(inertia, motion), (tau, f), strict=True))
     return Subtree(inertia, vectors.flat(wrench), X, p, load_rate, f)

@@ -66,12 +66,14 @@ def _kinetic_energy(state, v):
         noinline(_twice_energy)(link.inertia, V, link.armature, link.v)
         for link, V in zip(state.links(v), velocities(state, v), strict=True)
     ]
-    return doubled(state.total(of_bodies), -1)
+    return doubled(state.sum_over_bodies(of_bodies), -1)
 
 
 def _twice_energy(inertia, V, armature, rates):
     """m |v_C|^2 + w . I w, and of the rotor."""
-    return algebra.twice_kinetic_energy(*inertia, *V) + vectors.dot(vectors.products(armature, rates), rates)
+    return algebra.twice_kinetic_energy(*inertia, *V) + vectors.dot(
+        vectors.componentwise_product(armature, rates), rates
+    )
 
 
 @algorithm(*BODIES, "gravity")

@@ -148,7 +148,7 @@ def _pose(own, X_WP):
 
 def composed(X_AB, X_BC):
     p = vectors.plus(X_AB.p, vectors.matrix_times(X_AB.rows, X_BC.p))
-    return Pose(vectors.product(X_AB.rows, X_BC.rows), p)
+    return Pose(vectors.matrix_product(X_AB.rows, X_BC.rows), p)
 
 
 def _on_joints(state, frames, found, at_world):

@@ -34,7 +34,7 @@ def across(placement, joint):
     """X_PB of a body in its parent."""
     X = joint.transform
     p = vectors.plus(placement.p, vectors.matrix_times(placement.rows, X.p))
-    return Pose(vectors.product(placement.rows, X.rows), p)
+    return Pose(vectors.matrix_product(placement.rows, X.rows), p)
 
 
 @noinline

@@ -31,7 +31,7 @@ def _joint_forces(own, children):
     link, wrench = own
     tau, f = (vectors.plus(x, y) for x, y in zip(wrench, children, strict=True))
     at_joint = [algebra.power((tau, f), S) for S in link.joint.subspace]
-    at_rotor = vectors.products(link.armature, link.vdot)
+    at_rotor = vectors.componentwise_product(link.armature, link.vdot)
     return vectors.plus(tuple(at_joint), at_rotor), to_parent(across(link.placement, link.joint), tau, f)
 
 

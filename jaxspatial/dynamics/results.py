@@ -137,6 +137,8 @@ class Results:
         pairs = jax.tree.structure(like)
         return jax.tree.unflatten(tree, [jax.tree.unflatten(pairs, [next(found), next(found)]) for _ in leaves])
 
-    def total(self, found):
+    def sum_over_bodies(self, found):
         """The sum of numbers, one for every bundle, over all bodies: (B,)."""
-        return along.total(along.joined([self._rows(b, (x,), 2) for b, x in zip(self.bundles, found, strict=True)]))
+        return along.pairwise_sum(
+            along.joined([self._rows(b, (x,), 2) for b, x in zip(self.bundles, found, strict=True)])
+        )

@@ -57,14 +57,14 @@ def steiner(m, d):
 
 
 @functools.partial(jax.jit, static_argnums=0, inline=True)
-def total(precision, mass, com, central):
+def composite(precision, mass, com, central):
     """[mass (*batch,), com, central] of n bodies as one, given as (*batch, n, 1), (*batch, n, 3), (*batch, n, 6)."""
-    one, vector, six = _total(precision, mass, com, central)
+    one, vector, six = _composite(precision, mass, com, central)
     return [one[..., 0], vector[..., 0, :], six[..., 0, :]]
 
 
 @formula
-def _total(mass, com, central):
+def _composite(mass, com, central):
     """What the common centre is off by counts in central by its square only."""
     (m,) = mass
     shape = np.broadcast_shapes(*(jnp.shape(high(x)) for x in (m, *com, *central)))

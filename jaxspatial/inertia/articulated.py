@@ -41,7 +41,7 @@ def of_body(mass, com, central):
     return vectors.plus(central, steiner(mass, com)), coupling, translational
 
 
-def product(j, f, m, alpha, a):
+def times_motion(j, f, m, alpha, a):
     """Of numbers: P (alpha, a), as six."""
     top, bottom = by_rows(j, f, m)
     return tuple(algebra.power(row, (alpha, a)) for row in top + bottom)
@@ -75,8 +75,8 @@ def acted_inverse(j, f, m, entries, p):
 
 
 @formula(of_sums=True)
-def product_of_arrays(j, f, m, alpha, a):
-    found = product(j, f, m, alpha, a)
+def times_motion_arrays(j, f, m, alpha, a):
+    found = times_motion(j, f, m, alpha, a)
     return [vectors.laid_out_as(alpha, found[:3]), vectors.laid_out_as(a, found[3:])]
 
 
@@ -110,7 +110,7 @@ def _through_motion(j, f, m, w, v, arm):
 @noinline
 def U_and_D(j, f, m, w, v, arm):
     """U = P S, D = S^T U + armature."""
-    U = product(j, f, m, w, v)
+    U = times_motion(j, f, m, w, v)
     return U, algebra.power((U[:3], U[3:]), (w, v)) + arm
 
 
@@ -157,5 +157,5 @@ def _eliminated(row, by, k, pivot):
 
 
 def _size(six):
-    size = vectors.total([abs(x) for x in six])
+    size = vectors.recursive_sum([abs(x) for x in six])
     return where(high(size) == 0, 1.0, size)

@@ -241,7 +241,7 @@ class ArticulatedInertia(Quantity):
         if not isinstance(A_P_E, SpatialAcceleration):
             raise TypeError(f"ArticulatedInertia.times: expected a SpatialAcceleration, got {type(A_P_E).__name__}")
         require_alike(ArticulatedInertia=self, SpatialAcceleration=A_P_E)
-        return SpatialForce(*articulated.product_of_arrays(precision, *self._parts, A_P_E.alpha, A_P_E.a))
+        return SpatialForce(*articulated.times_motion_arrays(precision, *self._parts, A_P_E.alpha, A_P_E.a))
 
     def __rmatmul__(self, R_AE: Any) -> Self:
         """R @ P: see `jaxspatial.rotate`."""

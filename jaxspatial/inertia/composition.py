@@ -107,4 +107,4 @@ class Composition(Quantity):
         if not self.batch_shape[place]:
             return self.zero((*self.batch_shape[:place], *self.batch_shape[place + 1 :]), self.dtype)
         moved = moved_to_last(check.narrowed_each(self._vectors), place, self.batch_shape)
-        return self._like(addition.total(resolve(precision), *moved))
+        return self._like(addition.composite(resolve(precision), *moved))

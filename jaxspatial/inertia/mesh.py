@@ -70,7 +70,7 @@ def _moments(corners, middle):
     points = [tuple(x - o for x, o in zip(p, middle, strict=True)) for p in (a, b, c)]
     d = vectors.dot(points[0], vectors.cross(*edges))
     s = vectors.plus(*points)
-    squares = tuple(d * vectors.total([p[i] * p[j] for p in (s, *points)]) for i, j in PAIRS)
+    squares = tuple(d * vectors.recursive_sum([p[i] * p[j] for p in (s, *points)]) for i, j in PAIRS)
     return d, *vectors.times(d, s), *squares
 
 

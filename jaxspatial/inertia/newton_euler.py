@@ -179,7 +179,7 @@ def _momentum_regressor(w, v):
 @formula(of_sums=True)
 def _energy(w, v):
     half_w, half_v = (tuple(map(halved, x)) for x in (w, v))
-    xx, yy, zz = vectors.products(half_w, w)
+    xx, yy, zz = vectors.componentwise_product(half_w, w)
     xy, xz, yz = (w[i] * w[j] for i, j in ((1, 0), (2, 0), (2, 1)))
     return vectors.dot(half_v, v), *vectors.cross(v, w), xx, xy, yy, xz, yz, zz
 

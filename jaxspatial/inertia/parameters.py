@@ -65,11 +65,11 @@ def _second_moments(mass, com, central):
     def diagonal(i, a, b, minus):
         return ((a + b) - minus) + moment[i] * com[i]
 
-    def product(i, j, entry):
+    def off_diagonal(i, j, entry):
         return moment[i] * com[j] - entry
 
-    entries = diagonal(0, yy, zz, xx), product(0, 1, xy), diagonal(1, xx, zz, yy)
-    entries += product(0, 2, xz), product(1, 2, yz), diagonal(2, xx, yy, zz)
+    entries = diagonal(0, yy, zz, xx), off_diagonal(0, 1, xy), diagonal(1, xx, zz, yy)
+    entries += off_diagonal(0, 2, xz), off_diagonal(1, 2, yz), diagonal(2, xx, yy, zz)
     return *entries, *moment, *mass
 
 

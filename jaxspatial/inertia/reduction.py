@@ -1,7 +1,5 @@
 """Sums of numbers over an axis of the batch, in one fixed order."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -48,8 +46,3 @@ def first(x):
     if isinstance(x, DoubleWord):
         return x[..., :1]
     return x if folding.is_known(x.value) else Rounded(x.precision, x.value[..., :1])
-
-
-def product(factors):
-    """Of numbers, from the left."""
-    return functools.reduce(lambda x, y: x * y, factors)

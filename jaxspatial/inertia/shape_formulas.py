@@ -1,11 +1,12 @@
 """Bodies of uniform density, over numbers: [(mass,), central], some with com, of (amount,), lengths and a direction."""
 
+import math
+
 from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.functions import pi
 from jaxspatial.arithmetic.numbers import constant, high, noinline_pairs, where
 from jaxspatial.inertia import mesh
-from jaxspatial.inertia.reduction import product
 
 
 @formula
@@ -15,7 +16,7 @@ def direction(axis):
 
 
 def _mass(by, amount, *factors):
-    return amount if by == "mass" else product((amount, *factors))
+    return amount if by == "mass" else math.prod(factors, start=amount)
 
 
 def _diagonal(xx, yy, zz):
@@ -154,4 +155,4 @@ def _determinant(a, b, c):
 @noinline_pairs
 def _squares(m, edges):
     """m times the sum of e e^T: xx, xy, yy, xz, yz, zz."""
-    return tuple(vectors.total([m * e[i] * e[j] for e in edges]) for i, j in mesh.PAIRS)
+    return tuple(vectors.recursive_sum([m * e[i] * e[j] for e in edges]) for i, j in mesh.PAIRS)

@@ -35,7 +35,7 @@ def _slack(mass, com, central, moments):
 
 def _relative(moments):
     seconds = _second_moments(vectors.scaled(moments)[0])
-    total = vectors.total([abs(s) for s in seconds])
+    total = vectors.recursive_sum([abs(s) for s in seconds])
     is_zero = high(total) == 0
     # Moments are ascending, second moments descending.
     return where(is_zero, 0.0, seconds[2] / where(is_zero, 1.0, total))
@@ -66,7 +66,7 @@ def _nearest(mass, com, central, moments, axes, tolerance):
     (scaled, e), q = vectors.scaled(moments), vectors.rows(axes)
     missing = [times_power_of_two(where(high(s) < 0, -s, 0.0), e) for s in _second_moments(scaled)]
     weighted = tuple(tuple(x * s for x, s in zip(row, missing, strict=True)) for row in q)
-    n = symmetric.six_of(vectors.product(weighted, vectors.transpose(q)))
+    n = symmetric.six_of(vectors.matrix_product(weighted, vectors.transpose(q)))
     added = symmetric.trace_minus(n)
     is_kept = ~_all_finite(*central) | (high(_relative(moments)) >= -tolerance)
     clamped = tuple(where(is_kept, x, x + y) for x, y in zip(central, added, strict=True))

@@ -232,5 +232,5 @@ def coupling(w, v):
 def inverse_coupling(w, v):
     """-J^-1 Q J^-1, the lower left block of the inverse left Jacobian of exp(w, v)."""
     inverse = left_jacobian_inverse(w)
-    found = vectors.product(inverse, vectors.product(coupling(w, v), inverse))
+    found = vectors.matrix_product(inverse, vectors.matrix_product(coupling(w, v), inverse))
     return tuple(tuple(-x for x in row) for row in found)

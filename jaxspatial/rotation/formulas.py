@@ -83,8 +83,8 @@ def between(a, b):
 @formula
 def interpolated(start, end, t):
     start, end = vectors.rows(start), vectors.rows(end)
-    w = exponential.rotation_vector(vectors.product(vectors.transpose(start), end))
-    return vectors.flat(vectors.product(start, exponential.rotation(vectors.times(*t, w))))
+    w = exponential.rotation_vector(vectors.matrix_product(vectors.transpose(start), end))
+    return vectors.flat(vectors.matrix_product(start, exponential.rotation(vectors.times(*t, w))))
 
 
 @formula

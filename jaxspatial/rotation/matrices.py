@@ -95,4 +95,4 @@ def transposed(entries):
 
 @formula(of_sums=True)
 def composed(left, right):
-    return vectors.laid_out_as(left, vectors.flat(vectors.product(vectors.rows(left), vectors.rows(right))))
+    return vectors.laid_out_as(left, vectors.flat(vectors.matrix_product(vectors.rows(left), vectors.rows(right))))

@@ -61,7 +61,7 @@ def with_positive_real_part(q):
     return tuple(where(is_negative, -x, x) for x in q)
 
 
-def product(p, q):
+def hamilton_product(p, q):
     """p q: first q, then p."""
     (a, *v), (b, *w) = p, q
     return (a * b - vectors.dot(v, w), *vectors.plus(vectors.times(a, w), vectors.times(b, v), vectors.cross(v, w)))

@@ -8,7 +8,7 @@ from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.types import PrecisionName, Six, Vector3
 from jaxspatial.spatial import algebra
-from jaxspatial.spatial.arguments import require_kind, require_w, shifted
+from jaxspatial.spatial.arguments import require_kind, require_w, shift_by
 from jaxspatial.spatial.operations import shift
 from jaxspatial.spatial.parts import joined, spatial_vector
 from jaxspatial.spatial.vector import SpatialVector
@@ -145,9 +145,9 @@ def _from_featherstone(alpha, a, w, v):
 
 @shift.register
 def _shift_acceleration(A_MP_E: SpatialAcceleration, p_PQ_E, w=None, *, precision=None):
-    return shifted(_shifted, A_MP_E, precision, p_PQ_E=p_PQ_E, w=require_w(A_MP_E, w))
+    return shift_by(_shifted_acceleration, A_MP_E, precision, p_PQ_E=p_PQ_E, w=require_w(A_MP_E, w))
 
 
 @formula(of_sums=True)
-def _shifted(alpha, a, p, w):
+def _shifted_acceleration(alpha, a, p, w):
     return [alpha, algebra.acceleration_at(alpha, a, w, p)]

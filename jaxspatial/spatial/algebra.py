@@ -55,12 +55,12 @@ def act_inverse_on_acceleration(rows, p, w, alpha, a):
 
 def sandwiched(m, rows):
     """R m R^T."""
-    return vectors.product(rows, vectors.product(m, vectors.transpose(rows)))
+    return vectors.matrix_product(rows, vectors.matrix_product(m, vectors.transpose(rows)))
 
 
 def congruent(six, rows):
     """R S R^T of a symmetric matrix."""
-    turned = vectors.product(rows, symmetric.rows(six))
+    turned = vectors.matrix_product(rows, symmetric.rows(six))
     return tuple(vectors.dot(turned[i], rows[k]) for i in range(3) for k in range(i + 1))
 
 

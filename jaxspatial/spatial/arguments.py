@@ -26,7 +26,7 @@ def require_w(A_P_E, w, operation="shift"):
     return w
 
 
-def shifted(law, X_P_E, precision, **given):
+def shift_by(law, X_P_E, precision, **given):
     """A formula over the parts of X and the named vectors that shift it; the result of the kind of X."""
     kind = type(X_P_E).__name__
     given = {name: check.as_vectors(x, f"shift: {name}", X_P_E.dtype) for name, x in given.items()}

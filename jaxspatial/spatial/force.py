@@ -4,7 +4,7 @@ import jax
 
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.spatial import algebra
-from jaxspatial.spatial.arguments import require_no_w, shifted
+from jaxspatial.spatial.arguments import require_no_w, shift_by
 from jaxspatial.spatial.operations import shift
 from jaxspatial.spatial.parts import spatial_vector
 from jaxspatial.spatial.vector import SpatialVector
@@ -40,9 +40,9 @@ class SpatialMomentum(SpatialVector):
 @shift.register(SpatialMomentum)
 def _shift_force(F_P_E, p_PQ_E, w=None, *, precision=None):
     require_no_w(F_P_E, w)
-    return shifted(_shifted, F_P_E, precision, p_PQ_E=p_PQ_E)
+    return shift_by(_shifted_force, F_P_E, precision, p_PQ_E=p_PQ_E)
 
 
 @formula(of_sums=True)
-def _shifted(tau, f, p):
+def _shifted_force(tau, f, p):
     return [algebra.torque_about(tau, f, p), f]

@@ -46,9 +46,12 @@ def interpolated(start, p_start, end, p_end, t):
     start, end = vectors.rows(start), vectors.rows(end)
     back = vectors.transpose(start)
     arm = vectors.matrix_times(back, tuple(b - a for a, b in zip(p_start, p_end, strict=True)))
-    w, v = exponential.motion_logarithm(vectors.product(back, end), arm)
+    w, v = exponential.motion_logarithm(vectors.matrix_product(back, end), arm)
     turned, moved = exponential.motion(vectors.times(*t, w), vectors.times(*t, v))
-    return [vectors.flat(vectors.product(start, turned)), vectors.plus(p_start, vectors.matrix_times(start, moved))]
+    return [
+        vectors.flat(vectors.matrix_product(start, turned)),
+        vectors.plus(p_start, vectors.matrix_times(start, moved)),
+    ]
 
 
 @formula

@@ -6,7 +6,7 @@ from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.spatial import algebra
-from jaxspatial.spatial.arguments import require_kind, require_no_w, shifted
+from jaxspatial.spatial.arguments import require_kind, require_no_w, shift_by
 from jaxspatial.spatial.operations import shift
 from jaxspatial.spatial.parts import spatial_vector
 from jaxspatial.spatial.vector import SpatialVector
@@ -63,9 +63,9 @@ def _composed(w, v, p, w_BC, v_BC):
 @shift.register
 def _shift_velocity(V_MP_E: SpatialVelocity, p_PQ_E, w=None, *, precision=None):
     require_no_w(V_MP_E, w)
-    return shifted(_shifted, V_MP_E, precision, p_PQ_E=p_PQ_E)
+    return shift_by(_shifted_velocity, V_MP_E, precision, p_PQ_E=p_PQ_E)
 
 
 @formula(of_sums=True)
-def _shifted(w, v, p):
+def _shifted_velocity(w, v, p):
     return [w, algebra.velocity_at(w, v, p)]

@@ -9,7 +9,7 @@ import pytest
 from jaxspatial.arithmetic.numbers import Rounded
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.precision import Precision
-from jaxspatial.inertia.reduction import first, product, summed
+from jaxspatial.inertia.reduction import first, summed
 from jaxspatial.measure.exact import rationals
 
 U = Fraction(1, 2**24)
@@ -44,8 +44,7 @@ def test_numbers(shape):
         assert (error <= allowed).all()
 
 
-def test_the_first_of_an_axis_and_products():
+def test_the_first_of_an_axis():
     x = np.array([[2.0, 3.0], [5.0, 7.0]], np.float32)
     np.testing.assert_array_equal(first(DoubleWord(x, 0 * x)).hi, x[:, :1])
     np.testing.assert_array_equal(first(Rounded(Precision.REPRODUCIBLE, x)).value, x[:, :1])
-    assert product([Fraction(2), Fraction(3, 5), Fraction(-7)]) == Fraction(-42, 5)

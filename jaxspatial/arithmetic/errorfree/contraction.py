@@ -124,7 +124,7 @@ def _operands(dtype):
     return a, b
 
 
-def _product(a, b):
+def _hidden_product(a, b):
     p = hidden(a * b)
     return p, product_error(a, b, p)
 
@@ -135,21 +135,21 @@ def _trial(a_known, b_known, own, a, b):
     """
     a_known, b_known, p_known = map(jnp.asarray, (a_known, b_known, a_known * b_known))
     one, other, one_known, other_known = (x[5, 0] for x in (a, b, a_known, b_known))
-    scanned = lax.scan(lambda carry, x: (carry, _product(*x)[1]), 0, (a[:, 0], b[:, 0]))[1]
+    scanned = lax.scan(lambda carry, x: (carry, _hidden_product(*x)[1]), 0, (a[:, 0], b[:, 0]))[1]
     columns = [[x[:, k] for x in (a, b)] for k in range(3)]
     return (
-        *_product(a, b),
-        _product(b, a)[1],
-        _product(a, b_known)[1],
-        _product(a_known, b)[1],
-        _product(a_known, b_known)[1],
+        *_hidden_product(a, b),
+        _hidden_product(b, a)[1],
+        _hidden_product(a, b_known)[1],
+        _hidden_product(a_known, b)[1],
+        _hidden_product(a_known, b_known)[1],
         product_error(a_known, b_known, p_known) + b_known,
-        _product(_spread(one), _spread(other))[1] + 0 * a,
-        _product(_spread(one_known), _spread(other_known))[1] + 0 * a,
-        _product(one, other)[1],
-        _product(one_known, other_known)[1],
+        _hidden_product(_spread(one), _spread(other))[1] + 0 * a,
+        _hidden_product(_spread(one_known), _spread(other_known))[1] + 0 * a,
+        _hidden_product(one, other)[1],
+        _hidden_product(one_known, other_known)[1],
         scanned,
-        *_picked([_product(*x) for x in columns]),
+        *_picked([_hidden_product(*x) for x in columns]),
         jnp.asarray(own),
     )
 

@@ -31,11 +31,11 @@ class Ball(JointKind):
     @staticmethod
     def rates(joint, q, cos_sin, v):
         """q (0, v) / 2."""
-        return tuple(doubled(x, -1) for x in quaternion.product(q, (constant(v[0], 0), *v)))
+        return tuple(doubled(x, -1) for x in quaternion.hamilton_product(q, (constant(v[0], 0), *v)))
 
     @staticmethod
     def integrate(joint, q, step):
-        return vectors.unit(quaternion.product(q, exponential.to_quaternion(step)))
+        return vectors.unit(quaternion.hamilton_product(q, exponential.to_quaternion(step)))
 
     @staticmethod
     def difference(joint, q, q2):
@@ -56,7 +56,7 @@ class Ball(JointKind):
 
 def quaternion_between(q, q2):
     """conj(q) q2, with real part >= 0."""
-    return quaternion.with_positive_real_part(quaternion.product((q[0], *(-x for x in q[1:])), q2))
+    return quaternion.with_positive_real_part(quaternion.hamilton_product((q[0], *(-x for x in q[1:])), q2))
 
 
 def random_quaternion(key, batch_shape, dtype):

@@ -35,7 +35,7 @@ class Free(JointKind):
     @staticmethod
     def integrate(joint, q, step):
         turn, p = exponential.screw(step[:3], step[3:])
-        turned = vectors.unit(quaternion.product(q[:4], turn))
+        turned = vectors.unit(quaternion.hamilton_product(q[:4], turn))
         return *turned, *vectors.plus(q[4:], vectors.matrix_times(quaternion.to_matrix(q[:4]), p))
 
     @staticmethod

@@ -22,7 +22,7 @@ class Universal(JointKind):
     @staticmethod
     def transform(joint, q, cos_sin):
         first, second = rotation_about(joint.axis, *cos_sin[0]), rotation_about(joint.second_axis, *cos_sin[1])
-        return vectors.product(first, second), zero_vector(joint)
+        return vectors.matrix_product(first, second), zero_vector(joint)
 
     @staticmethod
     def motion_subspace(joint, cos_sin):
