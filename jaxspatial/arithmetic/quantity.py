@@ -35,12 +35,21 @@ class Quantity:
         raise NotImplementedError
 
     @property
-    def _vectors(self) -> tuple:
+    def vectors(self) -> tuple[typing.Any, ...]:
         """All that this consists of, as arrays (*batch, n)."""
         raise NotImplementedError
 
-    def _with_vectors(self, vectors) -> typing.Any:
-        """The same kind of other `_vectors`, unchecked."""
+    def with_vectors(self, vectors: Iterable[typing.Any]) -> typing.Self:
+        """The same kind of quantity made of others.
+
+        Args:
+            vectors: arrays as those of `vectors`, in that order; *unchecked*.
+
+        Returns:
+            The same kind, over the batch of the arrays.
+
+        Error: none, it is exact.
+        """
         raise NotImplementedError
 
     def astype(self, dtype: DTypeLike | None) -> typing.Self:
@@ -78,7 +87,7 @@ class Quantity:
         """
         index = tuple(map(_narrow_index, index if isinstance(index, tuple) else (index,)))
         _require_in_range(self, index)
-        return self._with_vectors(_each(lambda x: x[(*index, slice(None))], self._vectors))
+        return self.with_vectors(_each(lambda x: x[(*index, slice(None))], self.vectors))
 
     def __eq__(self, other: typing.Any) -> typing.Any:
         """Where all components are equal: a mask (*batch,)."""
@@ -88,7 +97,7 @@ class Quantity:
         if not all(numeric):
             return not any(numeric) and _fields(self) == _fields(other)
         a, b = matched(self, other, "==")
-        parts = ([as_array(v, x.batch_shape) for v in x._vectors] for x in (a, b))
+        parts = ([as_array(v, x.batch_shape) for v in x.vectors] for x in (a, b))
         return functools.reduce(operator.and_, map(_all_equal, *parts))
 
     def __ne__(self, other: typing.Any) -> typing.Any:
@@ -104,7 +113,7 @@ def matched(a, b, operation):
         raise TypeError(f"{operation}: expected two of one kind, got {type(a).__name__} and {type(b).__name__}")
     a, b = check.alike(left=a, right=b).values()
     batch = check.common_batch_shape(left=a.batch_shape, right=b.batch_shape)
-    return tuple(x._with_vectors(check.broadcast_batch(batch, *x._vectors)) for x in (a, b))
+    return tuple(x.with_vectors(check.broadcast_batch(batch, *x.vectors)) for x in (a, b))
 
 
 def stack(quantities: Iterable[_Kind], axis: int = 0) -> _Kind:
@@ -130,8 +139,8 @@ def stack(quantities: Iterable[_Kind], axis: int = 0) -> _Kind:
     items = list(check.alike(**given).values())
     batch = items[0].batch_shape
     place = check.batch_axis(axis, (*batch, len(items)), "stack")
-    columns = zip(*(x._vectors for x in items), strict=True)
-    return items[0]._with_vectors([_stacked(vectors, batch, place) for vectors in columns])
+    columns = zip(*(x.vectors for x in items), strict=True)
+    return items[0].with_vectors([_stacked(vectors, batch, place) for vectors in columns])
 
 
 def _require_one_kind(given):

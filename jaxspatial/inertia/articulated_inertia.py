@@ -60,7 +60,7 @@ class ArticulatedInertia(Quantity):
 
     def __post_init__(self) -> None:
         """Checks what a caller passes. JAX rebuilds inertias without it, with whatever leaves it needs."""
-        if all(check.is_tree_mark(part) for part in self._parts):
+        if all(check.is_tree_mark(part) for part in self.vectors):
             return
         sizes = dict(zip(_FIELDS, (6, 9, 6), strict=True))
         parts = {name: as_entries(getattr(self, name), f"ArticulatedInertia: {name}", n) for name, n in sizes.items()}
@@ -110,9 +110,8 @@ class ArticulatedInertia(Quantity):
         if not isinstance(M_BP_E, SpatialInertia):
             raise TypeError(f"from_spatial_inertia: expected a SpatialInertia, got {type(M_BP_E).__name__}")
         m, com, central = expanded(M_BP_E.mass), M_BP_E.com, M_BP_E.central
-        return cls._like(
-            (parameters.about_origin(precision, m, com, central), *articulated.with_mass(precision, m, com))
-        )
+        parts = parameters.about_origin(precision, m, com, central), *articulated.with_mass(precision, m, com)
+        return rebuilt(cls, _FIELDS, parts)
 
     @classmethod
     def from_matrix(cls, m: Matrix) -> Self:
@@ -136,20 +135,11 @@ class ArticulatedInertia(Quantity):
     # -- parts --------------------------------------------------------------------------------------------------------
 
     @property
-    def _parts(self) -> tuple[Any, Any, Any]:
+    def vectors(self) -> tuple[Any, ...]:
         return self.rotational, self.coupling, self.translational
 
-    @property
-    def _vectors(self) -> tuple[Any, Any, Any]:
-        return self._parts
-
-    def _with_vectors(self, vectors: Any) -> Self:
-        return self._like(vectors)
-
-    @classmethod
-    def _like(cls, parts: Iterable[Any]) -> Self:
-        """Of parts that are right as they are."""
-        return rebuilt(cls, _FIELDS, parts)
+    def with_vectors(self, vectors: Iterable[Any]) -> Self:
+        return rebuilt(type(self), _FIELDS, vectors)
 
     def to_matrix(self) -> jax.Array:
         """The matrix [[J, F], [F^T, M]].
@@ -159,7 +149,7 @@ class ArticulatedInertia(Quantity):
 
         Error: none, it is exact.
         """
-        parts = to_double_word(self._parts) if any(isinstance(x, DoubleWord) for x in self._parts) else self._parts
+        parts = to_double_word(self.vectors) if any(isinstance(x, DoubleWord) for x in self.vectors) else self.vectors
         joined = jax.tree.map(lambda *words: jnp.concatenate(words, axis=-1), *parts)
         return joined[..., _TO_MATRIX].reshape((*self.batch_shape, 6, 6))
 
@@ -189,7 +179,7 @@ class ArticulatedInertia(Quantity):
         """
         P = check.narrowed(self)
         tolerance = 64 * float(jnp.finfo(P.dtype).eps) if tolerance is None else float(tolerance)
-        return articulated.is_valid(None, *from_double_word(P._parts), tolerance=tolerance)
+        return articulated.is_valid(None, *from_double_word(P.vectors), tolerance=tolerance)
 
     # -- operations ---------------------------------------------------------------------------------------------------
 
@@ -212,8 +202,8 @@ class ArticulatedInertia(Quantity):
             return NotImplemented
         left, right = check.alike(left=self, right=other).values()
         check.common_batch_shape(left=left.batch_shape, right=right.batch_shape)
-        pairs = zip(left._parts, right._parts, strict=True)
-        return self._like(_combined_part(operation, x, y) for x, y in pairs)
+        pairs = zip(left.vectors, right.vectors, strict=True)
+        return self.with_vectors(_combined_part(operation, x, y) for x, y in pairs)
 
     def __matmul__(self, A_P_E: Any) -> Any:
         """P @ A: see `times`."""
@@ -241,7 +231,7 @@ class ArticulatedInertia(Quantity):
         if not isinstance(A_P_E, SpatialAcceleration):
             raise TypeError(f"ArticulatedInertia.times: expected a SpatialAcceleration, got {type(A_P_E).__name__}")
         require_alike(ArticulatedInertia=self, SpatialAcceleration=A_P_E)
-        return SpatialForce(*articulated.times_motion_arrays(precision, *self._parts, A_P_E.alpha, A_P_E.a))
+        return SpatialForce(*articulated.times_motion_arrays(precision, *self.vectors, A_P_E.alpha, A_P_E.a))
 
     def __rmatmul__(self, R_AE: Any) -> Self:
         """R @ P: see `jaxspatial.rotate`."""

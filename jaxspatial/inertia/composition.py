@@ -77,7 +77,7 @@ class Composition(Quantity):
         if not isinstance(other, type(self)):
             raise TypeError(f"{sign}: expected a SpatialInertia, got {type(other).__name__}")
         require_alike(left=self, right=other)
-        return self._like(operation(precision, *self._vectors, *other._vectors))
+        return self._like(operation(precision, *self.vectors, *other.vectors))
 
     def sum(self, axis: int = 0, *, precision: PrecisionName = None) -> Self:
         """The inertia of all bodies along an axis of the batch as one, about the same point in the same frame.
@@ -106,5 +106,5 @@ class Composition(Quantity):
         place = check.batch_axis(axis, self.batch_shape, "SpatialInertia.sum")
         if not self.batch_shape[place]:
             return self.zero((*self.batch_shape[:place], *self.batch_shape[place + 1 :]), self.dtype)
-        moved = moved_to_last(check.narrowed_each(self._vectors), place, self.batch_shape)
+        moved = moved_to_last(check.narrowed_each(self.vectors), place, self.batch_shape)
         return self._like(addition.composite(resolve(precision), *moved))

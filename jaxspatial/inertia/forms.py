@@ -161,7 +161,7 @@ class Forms(Quantity):
             "faithful".
         Source: Huygens 1673, Steiner 1840.
         """
-        return symmetric.to_matrix(parameters.about_origin(precision, *self._vectors))
+        return symmetric.to_matrix(parameters.about_origin(precision, *self.vectors))
 
     def to_matrix(self, *, precision: PrecisionName = None) -> jax.Array:
         """The spatial inertia matrix [[I_P, m [c x]], [-m [c x], m 1]].
@@ -174,7 +174,7 @@ class Forms(Quantity):
 
         Error: as of `inertia_about_origin`.
         """
-        entries = parameters.six_by_six(precision, *self._vectors)
+        entries = parameters.six_by_six(precision, *self.vectors)
         return entries.reshape((*entries.shape[:-1], 6, 6))
 
     def to_dynamic_parameters(self, *, precision: PrecisionName = None) -> jax.Array:
@@ -188,7 +188,7 @@ class Forms(Quantity):
 
         Error: as of `inertia_about_origin`.
         """
-        return parameters.dynamic_parameters(precision, *self._vectors)
+        return parameters.dynamic_parameters(precision, *self.vectors)
 
     def to_pseudo_inertia(self, *, precision: PrecisionName = None) -> jax.Array:
         """The pseudo-inertia matrix: `from_pseudo_inertia` has its definition.
@@ -201,7 +201,7 @@ class Forms(Quantity):
 
         Error: as of `inertia_about_origin`, mag of Sigma = tr(I) / 2 1 - I.
         """
-        return parameters.pseudo_inertia(precision, *self._vectors)
+        return parameters.pseudo_inertia(precision, *self.vectors)
 
     def to_log_cholesky(self, *, precision: PrecisionName = None) -> jax.Array:
         """The inverse of `from_log_cholesky`, by a Cholesky factorisation from the last column on.
@@ -220,4 +220,4 @@ class Forms(Quantity):
             m), so that the way there and back costs 64 u c relative to central; in "compensated" and "faithful" u |r|
             and u^2 of that. Derivatives grow alike.
         """
-        return parameters.log_cholesky(precision, *self._vectors)
+        return parameters.log_cholesky(precision, *self.vectors)

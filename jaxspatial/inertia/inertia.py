@@ -114,11 +114,10 @@ class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes):
         return self.mass, self.com, self.central
 
     @property
-    def _vectors(self) -> tuple[Any, Any, Any]:
-        """The parts as (*batch, n)."""
+    def vectors(self) -> tuple[Any, ...]:
         return expanded(self.mass), self.com, self.central
 
-    def _with_vectors(self, vectors: Any) -> Self:
+    def with_vectors(self, vectors: Iterable[Any]) -> Self:
         mass, com, central = vectors
         return self._like((mass[..., 0], com, central))
 
@@ -180,7 +179,7 @@ class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes):
             came = type(motion_P_E).__name__
             raise TypeError(f"SpatialInertia @: expected a SpatialAcceleration or SpatialVelocity, got {came}")
         require_alike(SpatialInertia=self, motion=motion_P_E)
-        return kind(*_applied(precision, *self._vectors, *motion_P_E._parts))
+        return kind(*_applied(precision, *self.vectors, *motion_P_E.vectors))
 
     def kinetic_energy(self, V_MBp_E: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
         """The kinetic energy m |v + w x c|^2 / 2 + w . I w / 2. Another point or frame does not change it.
@@ -203,11 +202,17 @@ class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes):
             raise TypeError(f"kinetic_energy: expected a SpatialVelocity, got {type(V_MBp_E).__name__}")
         require_alike(SpatialInertia=self, SpatialVelocity=V_MBp_E)
         energy = _energy_of_float16 if self.dtype == np.float16 else _energy
-        return energy(precision, *self._vectors, *V_MBp_E._parts)
+        return energy(precision, *self.vectors, *V_MBp_E.vectors)
 
     def __repr__(self) -> str:
         parts = ", ".join(f"{n}={_shown(x, n != 'mass')}" for n, x in zip(_NAMES, self._parts, strict=True))
         return f"SpatialInertia({parts})"
+
+
+def moved(M: SpatialInertia, batch_shape: tuple[int, ...], com: Any, central: Any) -> SpatialInertia:
+    """The inertia of the same mass, over a batch, with another centre of mass and other moments."""
+    (mass,) = check.broadcast_batch(batch_shape, expanded(M.mass))
+    return M._like((M.mass if M.batch_shape == batch_shape else mass[..., 0], com, central))
 
 
 _NAMES = ("mass", "com", "central")

@@ -67,10 +67,12 @@ def joint_projection(
     """
     S, arms = _joint(P_P_E, S_P_E, armature)
     words = [part for s in S for part in (s.w, s.v)]
-    j, f, m, *found = articulated.projected(precision, *P_P_E._parts, *arms, *words, n=len(S))
+    j, f, m, *found = articulated.projected(precision, *P_P_E.vectors, *arms, *words, n=len(S))
     U = [SpatialForce(tau, force) for tau, force in zip(found[::3], found[1::3], strict=True)]
     D = [d.reshape(d.shape[:-1]) for d in found[2::3]]
-    return JointProjection(P_P_E._like((j, f, m)), *((U[0], D[0]) if isinstance(S_P_E, SpatialVelocity) else (U, D)))
+    return JointProjection(
+        P_P_E.with_vectors((j, f, m)), *((U[0], D[0]) if isinstance(S_P_E, SpatialVelocity) else (U, D))
+    )
 
 
 def _joint(P, S, armature):

@@ -7,8 +7,8 @@ from jaxspatial.arithmetic.formula import formula
 from jaxspatial.inertia import articulated
 from jaxspatial.inertia.arguments import require_alike
 from jaxspatial.inertia.articulated_inertia import ArticulatedInertia
-from jaxspatial.inertia.inertia import SpatialInertia
-from jaxspatial.rotation.matrices import expanded, is_identity
+from jaxspatial.inertia.inertia import SpatialInertia, moved
+from jaxspatial.rotation.matrices import is_identity
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.arguments import require_no_w
 from jaxspatial.spatial.operations import acting, acting_inverse, rotating, shift
@@ -24,9 +24,8 @@ def _shift_inertia(M_P_E: SpatialInertia, p_PQ_E, w=None, *, precision=None):
     check.require_same_dtype(SpatialInertia=M_P_E, p_PQ_E=p)
     batch = check.common_batch_shape(SpatialInertia=M_P_E.batch_shape, p_PQ_E=p.shape[:-1])
     M_P_E = check.narrowed(M_P_E)
-    com = _moved_com(precision, M_P_E.com, p)
-    mass, central = check.broadcast_batch(batch, expanded(M_P_E.mass), M_P_E.central)
-    return M_P_E._like((mass[..., 0] if M_P_E.batch_shape != batch else M_P_E.mass, com, central))
+    (central,) = check.broadcast_batch(batch, M_P_E.central)
+    return moved(M_P_E, batch, _moved_com(precision, M_P_E.com, p), central)
 
 
 @formula(of_sums=True)
@@ -61,10 +60,8 @@ def _pose(X_AB, M):
 def _placed(formula, precision, M, *pose):
     """The formula over com and central; mass stays."""
     M = check.narrowed(M)
-    com, central = formula(precision, *pose, M.com, M.central)
     batch = np.broadcast_shapes(M.batch_shape, *(x.shape[:-1] for x in pose))
-    (mass,) = check.broadcast_batch(batch, expanded(M.mass))
-    return M._like((M.mass if M.batch_shape == batch else mass[..., 0], com, central))
+    return moved(M, batch, *formula(precision, *pose, M.com, M.central))
 
 
 @formula(of_sums=True)
@@ -97,13 +94,15 @@ def _shift_articulated(P_P_E: ArticulatedInertia, p_PQ_E, w=None, *, precision=N
     p = check.as_vectors(p_PQ_E, "shift: p_PQ_E", P_P_E.dtype)
     check.require_same_dtype(ArticulatedInertia=P_P_E, p_PQ_E=p)
     check.common_batch_shape(ArticulatedInertia=P_P_E.batch_shape, p_PQ_E=p.shape[:-1])
-    return P_P_E._like(articulated.shifted_arrays(precision, *P_P_E._parts, p))
+    return P_P_E.with_vectors(articulated.shifted_arrays(precision, *P_P_E.vectors, p))
 
 
 @rotating.register
 def _rotate_articulated(P_P_E: ArticulatedInertia, R_AE, precision):
     require_alike(Rotation=R_AE, ArticulatedInertia=P_P_E)
-    return P_P_E if is_identity(R_AE) else P_P_E._like(articulated.rotated(precision, *P_P_E._parts, R_AE.entries))
+    if is_identity(R_AE):
+        return P_P_E
+    return P_P_E.with_vectors(articulated.rotated(precision, *P_P_E.vectors, R_AE.entries))
 
 
 @acting.register
@@ -123,4 +122,4 @@ def _acted_articulated(formula, P, X_AB, precision):
     "faithful"."""
     require_transform(X_AB)
     require_alike(RigidTransform=X_AB, ArticulatedInertia=P)
-    return P._like(formula(precision, *P._parts, X_AB.rotation.entries, X_AB.translation))
+    return P.with_vectors(formula(precision, *P.vectors, X_AB.rotation.entries, X_AB.translation))

@@ -125,7 +125,7 @@ class PrincipalAxes(Quantity):
         Error: at most 32 u.
         Source: Wensing, Kim and Slotine 2018.
         """
-        return validity.slack(resolve(precision), *check.narrowed_each(self._vectors))
+        return validity.slack(resolve(precision), *check.narrowed_each(self.vectors))
 
     def is_physically_valid(self, tolerance: float | None = None, *, precision: PrecisionName = None) -> jax.Array:
         """Whether a body can be like that: all finite, mass >= 0, `validity_slack` >= -tolerance.
@@ -161,5 +161,5 @@ class PrincipalAxes(Quantity):
         """
         M = check.narrowed(self)
         tolerance = validity.default_tolerance(M.dtype) if tolerance is None else tolerance
-        mass, central = validity.nearest(resolve(precision), *M._vectors, float(tolerance))
+        mass, central = validity.nearest(resolve(precision), *M.vectors, float(tolerance))
         return self._like((mass, M.com, central))

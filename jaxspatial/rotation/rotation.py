@@ -1,5 +1,6 @@
 """Rotations, as what they do to vectors. The mathematics is in the modules beside this one."""
 
+from collections.abc import Iterable
 from typing import Any, overload
 
 import jax
@@ -104,10 +105,10 @@ class Rotation(Constructors):
         return formulas.to_roll_pitch_yaw(precision, self.entries)
 
     @property
-    def _vectors(self) -> tuple[Any, ...]:
+    def vectors(self) -> tuple[Any, ...]:
         return (self.entries,)
 
-    def _with_vectors(self, vectors: Any) -> "Rotation":
+    def with_vectors(self, vectors: Iterable[Any]) -> "Rotation":
         return rebuilt(Rotation, ("entries",), vectors)
 
     @property

@@ -67,7 +67,7 @@ class SpatialAcceleration(SpatialVector):
         w = check.as_vectors(w_MB_E, f"{name}: w_MB_E", self.dtype)
         given = {"A_MB_E": self, "p_BoCo_E": p, "w_MB_E": w, "V_BC_E": V_BC_E, "A_BC_E": A_BC_E}
         _require_alike(given)
-        return self._like(*_composed(precision, *self._parts, p, w, *V_BC_E._parts, *A_BC_E._parts))
+        return self.with_vectors(_composed(precision, *self.vectors, p, w, *V_BC_E.vectors, *A_BC_E.vectors))
 
     def to_featherstone(self, V_MP_E: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
         """Featherstone's spatial acceleration, rotational on top: (alpha, a - w x v).
@@ -92,7 +92,7 @@ class SpatialAcceleration(SpatialVector):
         """
         require_kind(V_MP_E, SpatialVelocity, "to_featherstone: V_MP_E")
         _require_alike({"A_MP_E": self, "V_MP_E": V_MP_E})
-        return joined(*_to_featherstone(precision, *self._parts, *V_MP_E._parts))
+        return joined(*_to_featherstone(precision, *self.vectors, *V_MP_E.vectors))
 
     @classmethod
     def from_featherstone(cls, x6: Six, V_MP_E: SpatialVelocity, *, precision: PrecisionName = None) -> Self:
@@ -116,7 +116,7 @@ class SpatialAcceleration(SpatialVector):
         require_kind(V_MP_E, SpatialVelocity, "from_featherstone: V_MP_E")
         spatial = cls.from_array(x6)
         _require_alike({"x6": spatial, "V_MP_E": V_MP_E})
-        return spatial._like(*_from_featherstone(precision, *spatial._parts, *V_MP_E._parts))
+        return spatial.with_vectors(_from_featherstone(precision, *spatial.vectors, *V_MP_E.vectors))
 
 
 def _require_alike(given):

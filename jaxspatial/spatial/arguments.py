@@ -33,4 +33,4 @@ def shift_by(law, X_P_E, precision, **given):
     check.require_same_dtype(**{kind: X_P_E, **given})
     batch_shapes = {name: x.shape[:-1] for name, x in given.items()}
     check.common_batch_shape(**{kind: X_P_E.batch_shape, **batch_shapes})
-    return X_P_E._like(*law(precision, *X_P_E._parts, *given.values()))
+    return X_P_E.with_vectors(law(precision, *X_P_E.vectors, *given.values()))

@@ -15,40 +15,40 @@ from jaxspatial.spatial.velocity import SpatialVelocity
 @acting.register(SpatialMomentum)
 def _act_force(F_Bo_B, X_AB, w, precision):
     require_no_w(F_Bo_B, w, "act")
-    f, tau = _pair(_moved_pair, precision, X_AB, F_Bo_B, *reversed(F_Bo_B._parts))
-    return F_Bo_B._like(tau, f)
+    f, tau = _pair(_moved_pair, precision, X_AB, F_Bo_B, *reversed(F_Bo_B.vectors))
+    return F_Bo_B.with_vectors((tau, f))
 
 
 @acting_inverse.register(SpatialForce)
 @acting_inverse.register(SpatialMomentum)
 def _act_inverse_force(F_Ao_A, X_AB, w, precision):
     require_no_w(F_Ao_A, w, "act_inverse")
-    f, tau = _pair(_pair_moved_back, precision, X_AB, F_Ao_A, *reversed(F_Ao_A._parts))
-    return F_Ao_A._like(tau, f)
+    f, tau = _pair(_pair_moved_back, precision, X_AB, F_Ao_A, *reversed(F_Ao_A.vectors))
+    return F_Ao_A.with_vectors((tau, f))
 
 
 @acting.register
 def _act_velocity(V_Bo_B: SpatialVelocity, X_AB, w, precision):
     require_no_w(V_Bo_B, w, "act")
-    return V_Bo_B._like(*_pair(_moved_pair, precision, X_AB, V_Bo_B, *V_Bo_B._parts))
+    return V_Bo_B.with_vectors(_pair(_moved_pair, precision, X_AB, V_Bo_B, *V_Bo_B.vectors))
 
 
 @acting_inverse.register
 def _act_inverse_velocity(V_Ao_A: SpatialVelocity, X_AB, w, precision):
     require_no_w(V_Ao_A, w, "act_inverse")
-    return V_Ao_A._like(*_pair(_pair_moved_back, precision, X_AB, V_Ao_A, *V_Ao_A._parts))
+    return V_Ao_A.with_vectors(_pair(_pair_moved_back, precision, X_AB, V_Ao_A, *V_Ao_A.vectors))
 
 
 @acting.register
 def _act_acceleration(A_Bo_B: SpatialAcceleration, X_AB, w, precision):
     w = require_w(A_Bo_B, w, "act")
-    return A_Bo_B._like(*_pair(_moved_acceleration, precision, X_AB, A_Bo_B, w, *A_Bo_B._parts))
+    return A_Bo_B.with_vectors(_pair(_moved_acceleration, precision, X_AB, A_Bo_B, w, *A_Bo_B.vectors))
 
 
 @acting_inverse.register
 def _act_inverse_acceleration(A_Ao_A: SpatialAcceleration, X_AB, w, precision):
     w = require_w(A_Ao_A, w, "act_inverse")
-    return A_Ao_A._like(*_pair(_acceleration_moved_back, precision, X_AB, A_Ao_A, w, *A_Ao_A._parts))
+    return A_Ao_A.with_vectors(_pair(_acceleration_moved_back, precision, X_AB, A_Ao_A, w, *A_Ao_A.vectors))
 
 
 def _pair(formula, precision, X_AB, vector, *arrays):

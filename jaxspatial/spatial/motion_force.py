@@ -32,7 +32,7 @@ def _cross_velocity(V_P_E: SpatialVelocity, X_P_E, *, precision=None):
     if not isinstance(X_P_E, _MOTIONS + _FORCES):
         raise TypeError(f"cross: expected one of the four spatial vectors as second, got {_kind(X_P_E)}")
     product = _cross_motion if isinstance(X_P_E, _MOTIONS) else _cross_force
-    return X_P_E._like(*product(precision, *_parts(V_P_E, X_P_E)))
+    return X_P_E.with_vectors(product(precision, *_parts(V_P_E, X_P_E)))
 
 
 def _kind(x):
@@ -43,7 +43,7 @@ def _parts(a, b):
     """The parts of a and b, of one dtype, with batches that broadcast."""
     check.require_same_dtype(**{_kind(a): a, _kind(b): b} if type(a) is not type(b) else {"first": a, "second": b})
     check.common_batch_shape(first=a.batch_shape, second=b.batch_shape)
-    return *a._parts, *b._parts
+    return *a.vectors, *b.vectors
 
 
 @formula(of_sums=True)

@@ -253,4 +253,4 @@ def rotating(X_P_E, R_AE, precision) -> Any:
     if not hasattr(X_P_E, "rotational"):
         return _refuse("rotate", "one of the four spatial vectors as second", X_P_E)
     check.require_same_dtype(Rotation=R_AE, **{type(X_P_E).__name__: X_P_E})
-    return X_P_E._like(*rotated_together(R_AE, *X_P_E._parts, precision=precision))
+    return X_P_E.with_vectors(rotated_together(R_AE, *X_P_E.vectors, precision=precision))

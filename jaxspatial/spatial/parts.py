@@ -7,6 +7,7 @@ expressed in frame E), never stored: vectors of different frames can be stacked,
 import dataclasses
 import operator
 import typing
+from collections.abc import Iterable
 from typing import Any, Self
 
 import jax
@@ -37,10 +38,10 @@ class Parts(Quantity):
 
     def __post_init__(self):
         """Checks what a caller passes. JAX rebuilds vectors without it, with whatever leaves it needs."""
-        if all(check.is_tree_mark(leaf) for leaf in self._parts):
+        if all(check.is_tree_mark(leaf) for leaf in self.vectors):
             return
         names = [f"{type(self).__name__}: {name}" for name in self._names]
-        given = zip(names, self._parts, strict=True)
+        given = zip(names, self.vectors, strict=True)
         arrays = check.alike(**{name: _owned(check.as_vectors(x, name, held=True)) for name, x in given})
         batch_shapes = {name: a.shape[:-1] for name, a in arrays.items() if not check.goes_with_any_batch(a)}
         if len(set(batch_shapes.values())) > 1:
@@ -112,40 +113,33 @@ class Parts(Quantity):
         batch_shape = (batch_shape,) if isinstance(batch_shape, int) else batch_shape
         return cls(*(np.full((*batch_shape, 3), value, dtype) for _ in range(2)))
 
-    def _like(self, rotational: Any, translational: Any) -> Self:
-        return _rebuild(type(self), (rotational, translational))
-
     # -- parts --------------------------------------------------------------------------------------------------------
 
     @property
-    def _parts(self) -> tuple[Any, ...]:
+    def vectors(self) -> tuple[Any, ...]:
         return tuple(getattr(self, name) for name in self._names)
 
-    @property
-    def _vectors(self) -> tuple[Any, ...]:
-        return self._parts
-
-    def _with_vectors(self, vectors: Any) -> Self:
-        return self._like(*vectors)
+    def with_vectors(self, vectors: Iterable[Any]) -> Self:
+        return rebuilt(type(self), self._names, vectors)
 
     @property
     def rotational(self) -> Any:
         """(*batch, 3) the rotational part."""
-        return self._parts[0]
+        return self.vectors[0]
 
     @property
     def translational(self) -> Any:
         """(*batch, 3) the translational part."""
-        return self._parts[1]
+        return self.vectors[1]
 
     def to_array(self) -> jax.Array:
         """The coefficients (*batch, 6), rotational on top; as NumPy where JAX would narrow them. Exact."""
-        return joined(*self._parts)
+        return joined(*self.vectors)
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """The batch shape."""
-        return check.batch_shape(*self._parts)
+        return check.batch_shape(*self.vectors)
 
     @property
     def dtype(self) -> np.dtype:
@@ -168,10 +162,10 @@ class Parts(Quantity):
         i = operator.index(i)
         if not -6 <= i < 6:
             raise IndexError(f"{type(self).__name__}: expected a component index from -6 to 5, got {i}")
-        return self._parts[i % 6 // 3][i % 3]
+        return self.vectors[i % 6 // 3][i % 3]
 
     def __repr__(self) -> str:
-        parts = ", ".join(f"{name}={_shown(part)}" for name, part in zip(self._names, self._parts, strict=True))
+        parts = ", ".join(f"{name}={_shown(part)}" for name, part in zip(self._names, self.vectors, strict=True))
         return f"{type(self).__name__}({parts})"
 
 
@@ -190,10 +184,6 @@ def joined(*parts):
         return np.concatenate(parts, axis=-1)
     parts = to_double_word(parts) if any(isinstance(part, DoubleWord) for part in parts) else parts
     return jax.tree.map(lambda top, bottom: jnp.concatenate((top, bottom), axis=-1), *parts)
-
-
-def _rebuild(cls, parts):
-    return rebuilt(cls, cls._names, parts)
 
 
 def _owned(array):

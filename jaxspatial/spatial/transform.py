@@ -1,5 +1,6 @@
 """Rigid transforms: where a frame is and how it is turned, and what that makes of spatial vectors."""
 
+from collections.abc import Iterable
 from typing import Any, overload
 
 import jax
@@ -54,10 +55,10 @@ class RigidTransform(Constructors):
         return SpatialVelocity(*formulas.log(precision, self.rotation.entries, self.translation))
 
     @property
-    def _vectors(self):
+    def vectors(self) -> tuple[Any, ...]:
         return getattr(self.rotation, "entries", self.rotation), self.translation
 
-    def _with_vectors(self, vectors):
+    def with_vectors(self, vectors: Iterable[Any]) -> "RigidTransform":
         entries, p = vectors
         R = rebuilt(Rotation, ("entries",), (entries,))
         return rebuilt(RigidTransform, ("rotation", "translation"), (R, p))

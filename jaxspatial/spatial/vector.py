@@ -46,7 +46,7 @@ class SpatialVector(Parts):
 
     def __neg__(self) -> Self:
         """Component by component, exactly."""
-        return self._like(*(-part for part in self._parts))
+        return self.with_vectors(-part for part in self.vectors)
 
     def __mul__(self, scalar: Any) -> Self:
         """Times a number, or one number per vector of the batch: error <= u |x_i s| per component.
@@ -65,16 +65,16 @@ class SpatialVector(Parts):
         if not isinstance(other, SpatialVector):
             return NotImplemented
         a, b = matched(self, other, operation.__name__)
-        return self._like(*(skipping_zero(operation, x, y) for x, y in zip(a._parts, b._parts, strict=True)))
+        return self.with_vectors(skipping_zero(operation, *xy) for xy in zip(a.vectors, b.vectors, strict=True))
 
     def _scaled(self, operation: Any, scalar: Any) -> Any:
         if isinstance(scalar, SpatialVector):
             return NotImplemented
         x, s = check.narrowed(self), self._scalar(scalar)
         batch = check.common_batch_shape(**{type(self).__name__: x.batch_shape, "scalar": s.shape})
-        parts = check.broadcast_batch(batch, *x._parts)
+        parts = check.broadcast_batch(batch, *x.vectors)
         s = s if isinstance(s, np.generic) else check.broadcast_batch(batch, s.reshape((*s.shape, 1)))[0]
-        return self._like(*(_scaled_part(operation, part, s) for part in parts))
+        return self.with_vectors(_scaled_part(operation, part, s) for part in parts)
 
     def _scalar(self, scalar: Any) -> Any:
         """A number, or one per vector of the batch: NumPy's for Python's."""
@@ -84,7 +84,7 @@ class SpatialVector(Parts):
             return dtype.type(scalar)
         s = check.as_float_array(scalar, f"{kind} * or / scalar", dtype)
         check.require_same_dtype(**{kind: self, "scalar": s})
-        if len(s.shape) > len(self.batch_shape) and not all(map(check.goes_with_any_batch, self._parts)):
+        if len(s.shape) > len(self.batch_shape) and not all(map(check.goes_with_any_batch, self.vectors)):
             raise ValueError(
                 f"{kind} * or / scalar: expected a number, or one per vector of the batch of shape {self.batch_shape}, "
                 f"got shape {s.shape}; each of them times all: jax.vmap(operator.mul, in_axes=(None, 0))(x, s)"
@@ -113,7 +113,7 @@ class SpatialVector(Parts):
         Source: Higham 2002, 4.2: pairwise summation.
         """
         place = check.batch_axis(axis, self.batch_shape, f"{type(self).__name__}.sum")
-        return self._like(*_summed(precision, *moved_to_last(self._parts, place, self.batch_shape)))
+        return self.with_vectors(_summed(precision, *moved_to_last(self.vectors, place, self.batch_shape)))
 
     # -- operations ---------------------------------------------------------------------------------------------------
 
@@ -147,7 +147,7 @@ class SpatialVector(Parts):
         Error: that of one rounded difference.
         """
         a, b = matched(self, other, "comparison")
-        differences = (folding.quietly(operator.sub, x, y) for x, y in zip(a._parts, b._parts, strict=True))
+        differences = (folding.quietly(operator.sub, x, y) for x, y in zip(a.vectors, b.vectors, strict=True))
         return tuple(_largest(from_double_word(abs(as_array(d, a.batch_shape)))) for d in differences)
 
     def is_nearly_equal_within_absolute_tolerance(

@@ -52,7 +52,7 @@ class SpatialVelocity(SpatialVector):
         p = check.as_vectors(p_BoCo_E, "compose_with_moving_frame: p_BoCo_E", self.dtype)
         check.require_same_dtype(V_MB_E=self, p_BoCo_E=p, V_BC_E=V_BC_E)
         check.common_batch_shape(V_MB_E=self.batch_shape, p_BoCo_E=p.shape[:-1], V_BC_E=V_BC_E.batch_shape)
-        return self._like(*_composed(precision, *self._parts, p, *V_BC_E._parts))
+        return self.with_vectors(_composed(precision, *self.vectors, p, *V_BC_E.vectors))
 
 
 @formula(of_sums=True)

@@ -171,10 +171,10 @@ def test_bounds_of_what_cancels(precision, dtype):
         M, V = random_inertia((20,), dtype), motion(js.SpatialVelocity, (20,), dtype)
         V = js.SpatialVelocity(V.w, -jnp.cross(V.w, M.com))
         energy, momentum = M.kinetic_energy(V, precision=precision), M.apply(V, precision=precision)
-        arrays = [sized(np.asarray(x)) for x in (*M._parts, *V._parts)]
+        arrays = [sized(np.asarray(x)) for x in (*M._parts, *V.vectors)]
         u, k, factors, squared = error.unit_roundoff(dtype), 12, (8, 5), 128
         _require_bound(precision, dtype, np.asarray(energy) * 2, _doubled_energy(*arrays), u, k, squared)
-        for found, exact, k in zip(momentum._parts, _applied(*arrays), factors, strict=True):
+        for found, exact, k in zip(momentum.vectors, _applied(*arrays), factors, strict=True):
             _require_bound(precision, dtype, np.asarray(found), exact, u, k, 64)
 
 

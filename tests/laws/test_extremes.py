@@ -146,7 +146,7 @@ def test_moments_and_forces_that_overflow_on_the_way_to_their_sums(how):
     points, forces = _moments_beyond(rng, 6, 8)
     largest = np.array([1.5e308, 1.0, -1.6e308])
     of_large = np.concatenate([np.tile(largest, (6, 4, 1)), np.tile(-largest * (1 - 2.0**-8), (6, 4, 1))], 1)
-    run = hostile.SURROUNDINGS[how](lambda p, f: js.wrench_from_point_forces(p, f, precision="faithful")._parts)
+    run = hostile.SURROUNDINGS[how](lambda p, f: js.wrench_from_point_forces(p, f, precision="faithful").vectors)
     for p, f in ((points, forces), (rng.standard_normal(points.shape) / 16, of_large)):
         with jax.enable_x64(True):
             tau, total = map(np.asarray, run(p, f))
@@ -173,7 +173,7 @@ def test_what_is_not_finite_in_a_sum_over_points(bad, precision):
     forces[1, 1, 1] = bad
     with jax.enable_x64(True):
         F = js.wrench_from_point_forces(points, forces, precision=precision)
-    for computed, plain in zip(F._parts, (np.cross(points, forces).sum(1), forces.sum(1)), strict=True):
+    for computed, plain in zip(F.vectors, (np.cross(points, forces).sum(1), forces.sum(1)), strict=True):
         assert error.agrees_when_not_finite(computed, plain).all()
 
 
@@ -277,7 +277,7 @@ def test_a_hundred_shifts_there_and_back_in_double_words_are_exact(dtype, precis
     with jax.enable_x64(dtype == "float64"):
         F, offsets = _there_and_back(dtype)
         looped = jax.jit(functools.partial(_loop, js.to_double_word, js.from_double_word, precision))(F, offsets)
-        for x, y in zip(looped._parts, F._parts, strict=True):
+        for x, y in zip(looped.vectors, F.vectors, strict=True):
             np.testing.assert_array_equal(np.asarray(x), np.asarray(y))
 
 

@@ -97,7 +97,9 @@ def test_cross_of_equals_is_zero_and_cross_is_antisymmetric(dtype, context):
     """Equal values as two arguments: the same tracer twice would hide a contraction behind a common subexpression."""
     w, v, x, y = _vectors(4, 1000, dtype)
     with jax.enable_x64(dtype == "float64"):
-        function = CONTEXTS[context](lambda *a: js.cross(js.SpatialVelocity(*a[:2]), js.SpatialVelocity(*a[2:]))._parts)
+        function = CONTEXTS[context](
+            lambda *a: js.cross(js.SpatialVelocity(*a[:2]), js.SpatialVelocity(*a[2:])).vectors
+        )
         for part in function(w, v, w.copy(), v.copy()):
             np.testing.assert_array_equal(np.asarray(part), 0)
         for there, back in zip(function(w, v, x, y), function(x, y, w, v), strict=True):

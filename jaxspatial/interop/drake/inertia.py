@@ -53,7 +53,7 @@ def to_inertia(M_SP_E: SpatialInertia) -> Any:
 
 
 def _inertia(M_SP_E):
-    mass, com, central = (orders.single(x, "drake.to_inertia") for x in M_SP_E._vectors)
+    mass, com, central = (orders.single(x, "drake.to_inertia") for x in M_SP_E.vectors)
     if mass[0] == 0 and central.any():
         raise ValueError(f"drake.to_inertia: expected no central inertia without mass, got {central} for mass 0")
     return mass[0], com, central

@@ -40,7 +40,7 @@ def to_inertia(M: SpatialInertia) -> Any:
     """
     import pinocchio
 
-    mass, com, central = (orders.single(x, "pinocchio.to_inertia") for x in (*M._vectors[:2], _nine(M)))
+    mass, com, central = (orders.single(x, "pinocchio.to_inertia") for x in (*M.vectors[:2], _nine(M)))
     Y = pinocchio.Inertia.Zero()
     Y.mass, Y.lever, Y.inertia = mass[0], com, central.reshape(3, 3)
     return Y
