@@ -1,4 +1,7 @@
-"""Laws of mechanics on random trees with every kind of joint: they need no other engine to compare with."""
+"""Laws of mechanics on random trees with every kind of joint: they need no other engine to compare with.
+
+They are held on what the formulas give, primitive by primitive; that compiled programs give the same, at the end.
+"""
 
 import functools
 
@@ -10,9 +13,9 @@ import pytest
 import jaxspatial as js
 from jaxspatial.mechanism.joints import KINDS
 from tests.helpers import tangents
+from tests.helpers.interpreted import interpreted
 
 N = 4
-pytestmark = pytest.mark.usefixtures("cheap_programs")
 MOVING = [name for name in KINDS if name != "fixed"]
 slow = [pytest.param(tree, marks=pytest.mark.slow) for tree in ("chain", *MOVING)]
 trees = pytest.mark.parametrize("tree", ["every kind", *slow])
@@ -20,8 +23,7 @@ trees = pytest.mark.parametrize("tree", ["every kind", *slow])
 
 @pytest.fixture(autouse=True)
 def _x64():
-    """In the precision that compiles soonest."""
-    with jax.enable_x64(True), js.default_precision("fast"):
+    with jax.enable_x64(True):
         yield
 
 
@@ -38,21 +40,25 @@ def mechanism(tree):
 def state(tree):
     """q, v and vdot of N items."""
     mech, rng = mechanism(tree), np.random.default_rng(3)
-    q = js.random_configuration(mech, jax.random.key(4), N, np.float64)
-    return q, *(jnp.asarray(rng.standard_normal((N, mech.nv))) for _ in range(2))
+    q = jax.jit(lambda key: js.random_configuration(mech, key, N, np.float64))(jax.random.key(4))
+    return np.asarray(q), *rng.standard_normal((2, N, mech.nv))
+
+
+def dynamics(mech, q, v, a):
+    """tau, M, bias and gravity forces, and the accelerations that tau gives."""
+    tau = js.inverse_dynamics(mech, q, v, a)
+    bias, gravity = js.bias_forces(mech, q, v), js.gravity_forces(mech, q)
+    return tau, js.mass_matrix(mech, q), bias, gravity, js.forward_dynamics(mech, q, v, tau)
+
+
+def of(function, tree):
+    """The function of this mechanism."""
+    return interpreted(functools.partial(function, mechanism(tree)))
 
 
 @functools.cache
 def evaluated(tree):
-    """tau, M, bias and gravity forces, compiled once for all laws."""
-    mech = mechanism(tree)
-
-    def all_of_them(q, v, a):
-        tau = js.inverse_dynamics(mech, q, v, a)
-        bias, gravity = js.bias_forces(mech, q, v), js.gravity_forces(mech, q)
-        return tau, js.mass_matrix(mech, q), bias, gravity, js.forward_dynamics(mech, q, v, tau)
-
-    return [np.asarray(x) for x in jax.jit(jax.vmap(all_of_them))(*state(tree))]
+    return of(dynamics, tree)(*state(tree))
 
 
 def moved(mech, q, step):
@@ -86,7 +92,7 @@ def test_gravity_forces_are_the_gradient_of_the_potential(tree):
     def gradient(q):
         return jax.grad(lambda step: js.potential_energy(mech, moved(mech, q, step)))(jnp.zeros(mech.nv))
 
-    found = np.asarray(jax.jit(jax.vmap(gradient))(q))
+    found = np.asarray(interpreted(jax.vmap(gradient))(q))
     assert abs(found - gravity).max() <= 256 * 2.0**-53 * abs(gravity).max()
 
 
@@ -102,31 +108,32 @@ def test_power_is_the_rate_of_energy(tree):
 
     power = np.einsum("bi,bi->b", np.asarray(v), tau - gravity)
     size = np.einsum("bi,bi->b", abs(np.asarray(v)), abs(tau) + abs(gravity))
-    assert (abs(np.asarray(jax.jit(jax.vmap(rate))(q, v, a)) - power) <= 256 * 2.0**-53 * size).all()
+    assert (abs(np.asarray(interpreted(jax.vmap(rate))(q, v, a)) - power) <= 256 * 2.0**-53 * size).all()
 
 
 @trees
 def test_energy_is_that_of_the_mass_matrix(tree):
-    mech, (q, v, _) = mechanism(tree), state(tree)
+    q, v, _ = state(tree)
     M = evaluated(tree)[1]
     expected = np.einsum("bi,bij,bj->b", v, M, v) / 2
-    np.testing.assert_allclose(np.asarray(js.kinetic_energy(mech, q, v)), expected, rtol=64 * 2.0**-53)
+    np.testing.assert_allclose(of(js.kinetic_energy, tree)(q, v), expected, rtol=64 * 2.0**-53)
 
 
 @trees
 def test_jacobian_is_the_derivative_of_the_pose(tree):
     mech, (q, v, _) = mechanism(tree), state(tree)
-    V = js.body_velocities(mech, q, v)
     # On the ways to bodies that carry none is every joint.
-    for i in set(range(len(mech.body_names))) - set(mech.topology.parents):
-        J = np.asarray(js.jacobian(mech, q, mech.body_names[i]))
-        np.testing.assert_allclose(J @ np.asarray(v)[..., None], np.asarray(V.to_array())[:, i, :, None], atol=1e-13)
+    ends = sorted(set(range(len(mech.body_names))) - set(mech.topology.parents))
 
-    def origins(q, v):
-        return jax.jvp(lambda t: js.forward_kinematics(mech, moved(mech, q, t * v)).translation, (0.0,), (1.0,))[1]
+    def both(q, v):
+        origins = lambda t: js.forward_kinematics(mech, moved(mech, q, t * v)).translation  # noqa: E731
+        jacobians = [js.jacobian(mech, q, mech.body_names[i]) for i in ends]
+        return js.body_velocities(mech, q, v).to_array(), jacobians, jax.jvp(origins, (0.0,), (1.0,))[1]
 
-    rates = np.asarray(jax.jit(jax.vmap(origins))(q, v))
-    assert abs(rates - np.asarray(V.v)).max() <= 1e-12 * abs(rates).max()
+    V, jacobians, rates = interpreted(jax.vmap(both))(q, v)
+    for i, J in zip(ends, jacobians, strict=True):
+        np.testing.assert_allclose(J @ v[..., None], V[:, i, :, None], atol=1e-13)
+    assert abs(rates - V[..., 3:]).max() <= 1e-12 * abs(rates).max()
 
 
 @trees
@@ -147,7 +154,7 @@ def test_accelerations_and_rates_are_derivatives_along_the_motion(tree):
         step = lambda t: js.integrate(mech, q, t * v)  # noqa: E731
         return (*found, rates[0]), (*jax.jvp(moving, start, rates)[1][:3], jax.jvp(step, (0.0,), (1.0,))[1])
 
-    for found, expected in zip(*jax.jit(jax.vmap(both))(*state_), strict=True):
+    for found, expected in zip(*interpreted(jax.vmap(both))(*state_), strict=True):
         assert abs(np.asarray(found - expected)).max() <= 256 * 2.0**-53 * max(abs(np.asarray(expected)).max(), 1)
 
 
@@ -158,23 +165,22 @@ def test_momentum_about_the_centre_of_mass(tree):
 
     def all_of_them(q, v):
         L, A = js.centroidal_momentum(mech, q, v), js.centroidal_momentum_matrix(mech, q)
-        return L, A, js.center_of_mass_jacobian(mech, q), js.center_of_mass_velocity(mech, q, v)
+        return L.to_array(), A, js.center_of_mass_jacobian(mech, q), js.center_of_mass_velocity(mech, q, v)
 
-    L, A, J, v_WC = jax.jit(jax.vmap(all_of_them))(q, v)
-    size = abs(np.asarray(L.to_array())).max()
-    np.testing.assert_allclose(np.einsum("bij,bj->bi", A, v), L.to_array(), atol=256 * 2.0**-53 * size, rtol=0)
+    L, A, J, v_WC = interpreted(jax.vmap(all_of_them))(q, v)
+    size, M = abs(L).max(), mech.inertias
+    np.testing.assert_allclose(np.einsum("bij,bj->bi", A, v), L, atol=256 * 2.0**-53 * size, rtol=0)
     np.testing.assert_allclose(np.einsum("bij,bj->bi", J, v), v_WC, atol=256 * 2.0**-53, rtol=0)
-    np.testing.assert_allclose(np.asarray(mech.inertias.mass).sum() * v_WC, L.l, atol=256 * 2.0**-53 * size, rtol=0)
-    X, V = js.forward_kinematics(mech, q), js.body_velocities(mech, q, v)
-    M = mech.inertias
+    np.testing.assert_allclose(M.mass.sum() * v_WC, L[:, 3:], atol=256 * 2.0**-53 * size, rtol=0)
     if tree == "free":  # the frames of bodies are those of their joints
+        X, V = js.forward_kinematics(mech, q), js.body_velocities(mech, q, v)
         arm = js.rotate(X.rotation, np.broadcast_to(M.com, (N, *M.com.shape)))
         at_com = js.shift(V, arm)
         l = np.asarray(M.mass)[:, None] * at_com.v  # noqa: E741
         R = np.asarray(X.rotation.to_matrix())
         spin = np.einsum("bnij,njk,bnlk,bnl->bni", R, central(M), R, V.w)
         p = np.asarray(X.translation) + arm - np.asarray(js.center_of_mass(mech, q))[:, None]
-        np.testing.assert_allclose((spin + np.cross(p, l)).sum(1), L.h, atol=1e-13 * size)
+        np.testing.assert_allclose((spin + np.cross(p, l)).sum(1), L[:, :3], atol=1e-13 * size)
 
 
 def central(M):
@@ -185,7 +191,7 @@ def central(M):
 @trees
 def test_torques_are_linear_in_the_inertial_parameters(tree):
     mech, (q, v, a) = mechanism(tree), state(tree)
-    Y = np.asarray(js.joint_torque_regressor(mech, q, v, a))
+    Y = of(js.joint_torque_regressor, tree)(q, v, a)
     pi = np.asarray(mech.inertias.to_dynamic_parameters()).ravel()
     tau = evaluated(tree)[0]
     assert abs(Y @ pi + mech.armature * np.asarray(a) - tau).max() <= 256 * 2.0**-53 * abs(tau).max()
@@ -207,22 +213,22 @@ def test_derivatives_in_closed_form_are_those_of_autodiff(tree, is_pulled):
     def closed(q, v, a):
         return js.inverse_dynamics_derivatives(mech, q, v, a, forces)
 
-    found, expected = (jax.jit(jax.vmap(f))(q, v, a) for f in (closed, autodiff))
+    found, expected = (interpreted(jax.vmap(f))(q, v, a) for f in (closed, autodiff))
     for x, y in zip(found, expected, strict=True):
         assert abs(np.asarray(x) - np.asarray(y)).max() <= 256 * 2.0**-53 * abs(np.asarray(y)).max()
 
 
 def test_derivatives_of_forward_dynamics():
     mech, (q, v, tau) = mechanism("universal"), [x[0] for x in state("universal")]
-    M = np.asarray(js.mass_matrix(mech, q))
+    M = of(js.mass_matrix, "universal")(q)
 
     def autodiff(v, tau):
         moving = lambda s, v, tau: js.forward_dynamics(mech, moved(mech, q, s), v, tau)  # noqa: E731
         return tangents.jacobians(moving, (0, 1, 2))(jnp.zeros(mech.nv), v, tau)
 
-    found = jax.jit(lambda v, tau: js.forward_dynamics_derivatives(mech, q, v, tau))(v, tau)
+    found = of(js.forward_dynamics_derivatives, "universal")(q, v, tau)
     allowed = 64 * 2.0**-53 * np.linalg.cond(M)
-    for x, y in zip(found, jax.jit(autodiff)(v, tau), strict=True):
+    for x, y in zip(found, interpreted(autodiff)(v, tau), strict=True):
         assert abs(np.asarray(x) - np.asarray(y)).max() <= allowed * abs(np.asarray(y)).max()
 
 
@@ -239,30 +245,33 @@ def test_rate_of_the_mass_matrix_less_twice_coriolis_is_skew(tree):
         dM = jax.jvp(lambda q: js.mass_matrix(mech, q), (q,), (rates,))[1]
         return C @ v - js.bias_forces(mech, q, v), v @ (dM - 2 * C) @ v, v @ dM @ v
 
-    rest, power, size = jax.jit(jax.vmap(both))(q, v)
+    rest, power, size = interpreted(jax.vmap(both))(q, v)
     assert abs(np.asarray(rest)).max() <= 1e-12 * abs(np.asarray(size)).max()
     assert abs(np.asarray(power)).max() <= 1e-12 * abs(np.asarray(size)).max()
 
 
 def test_factors_of_the_mass_matrix():
-    mech, (q, _, a) = mechanism("every kind"), state("every kind")
-    M = evaluated("every kind")[1]
-    F = js.mass_matrix_factor(mech, q)
-    L = np.asarray(F.L)
+    (q, _, a), M = state("every kind"), evaluated("every kind")[1]
+
+    def all_of_them(mech, q, x):
+        F = js.mass_matrix_factor(mech, q)
+        return F.L, F.solve(x), F.inverse(), F.log_determinant()
+
+    L, solved, inverse, log_determinant = of(all_of_them, "every kind")(q, np.einsum("bij,bj->bi", M, a))
     np.testing.assert_allclose(L.transpose(0, 2, 1) @ L, M, atol=64 * 2.0**-53 * abs(M).max())
     assert (np.triu(L, 1) == 0).all() and ((M == 0) <= ((L == 0) | (L.transpose(0, 2, 1) == 0))).all()
     allowed = 64 * 2.0**-53 * max(map(np.linalg.cond, M))
-    np.testing.assert_allclose(F.solve(jnp.einsum("bij,bj->bi", M, a)), a, atol=allowed * abs(np.asarray(a)).max())
-    np.testing.assert_allclose(F.inverse() @ M, np.broadcast_to(np.eye(mech.nv), M.shape), atol=allowed)
-    np.testing.assert_allclose(F.log_determinant(), np.linalg.slogdet(M)[1], rtol=allowed)
+    np.testing.assert_allclose(solved, a, atol=allowed * abs(a).max())
+    np.testing.assert_allclose(inverse @ M, np.broadcast_to(np.eye(M.shape[-1]), M.shape), atol=allowed)
+    np.testing.assert_allclose(log_determinant, np.linalg.slogdet(M)[1], rtol=allowed)
 
 
 @trees
 def test_difference_undoes_integrate(tree):
-    mech, (q, v, _) = mechanism(tree), state(tree)
-    found = js.difference(mech, q, js.integrate(mech, q, v, 0.5))
-    assert abs(np.asarray(found) - np.asarray(v) / 2).max() <= 1e-14 * abs(np.asarray(v)).max() * 4
-    np.testing.assert_allclose(js.integrate(mech, q, jnp.zeros_like(v)), q, rtol=4 * 2.0**-53)
+    q, v, _ = state(tree)
+    found = of(lambda mech, q, v: js.difference(mech, q, js.integrate(mech, q, v, 0.5)), tree)(q, v)
+    assert abs(found - v / 2).max() <= 1e-14 * abs(v).max() * 4
+    np.testing.assert_allclose(of(js.integrate, tree)(q, np.zeros_like(v)), q, rtol=4 * 2.0**-53)
 
 
 @pytest.mark.parametrize("tree", ["every kind"])
@@ -271,9 +280,22 @@ def test_external_forces_act_through_the_jacobian(tree):
     rng = np.random.default_rng(5)
     bodies = mech.body_names[2], mech.body_names[-1]
     forces = {name: js.SpatialForce(*rng.standard_normal((2, N, 3))) for name in bodies}
-    tau = np.asarray(js.inverse_dynamics(mech, q, v, a, forces))
-    for name, F in forces.items():
-        tau = tau + np.einsum("bij,bi->bj", np.asarray(js.jacobian(mech, q, name)), np.asarray(F.to_array()))
+
+    def all_of_them(mech, q, v, a, forces):
+        tau = js.inverse_dynamics(mech, q, v, a, forces)
+        jacobians = [js.jacobian(mech, q, name) for name in forces]
+        return tau, js.forward_dynamics(mech, q, v, tau, forces), jacobians
+
+    tau, back, jacobians = of(all_of_them, tree)(q, v, a, forces)
+    for J, F in zip(jacobians, forces.values(), strict=True):
+        tau = tau + np.einsum("bij,bi->bj", J, np.concatenate([F.tau, F.f], -1))
     np.testing.assert_allclose(tau, evaluated(tree)[0], atol=1e-13 * abs(tau).max())
-    back = js.forward_dynamics(mech, q, v, js.inverse_dynamics(mech, q, v, a, forces), forces)
     np.testing.assert_allclose(back, a, atol=1e-11)
+
+
+@trees
+@pytest.mark.parametrize("i", [0, pytest.param(np.s_[:], marks=pytest.mark.slow)], ids=["torques", "all of them"])
+def test_compiled_programs_give_the_same_bits(tree, i):
+    """As the formulas in NumPy, operation by operation; of other algorithms see `test_transformations`."""
+    compiled = jax.jit(jax.vmap(lambda *x: dynamics(mechanism(tree), *x)[i]))(*state(tree))
+    jax.tree.map(np.testing.assert_array_equal, compiled, evaluated(tree)[i])

@@ -1,4 +1,5 @@
-"""Jacobians by one tangent after another: as many at once as there are rates come from the closed forms instead."""
+"""Jacobians by tangents, each at a state of its own: as many at one state as there are rates come from the closed forms
+instead."""
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +15,9 @@ def jacobians(function, argnums):
 
 
 def _by(function, arguments, i):
-    def column(unit):
-        return jax.jvp(lambda x: function(*arguments[:i], x, *arguments[i + 1 :]), (arguments[i],), (unit,))[1]
+    units = jnp.eye(arguments[i].shape[0], dtype=arguments[i].dtype)
 
-    return jnp.moveaxis(jax.lax.map(column, jnp.eye(arguments[i].shape[0], dtype=arguments[i].dtype)), 0, -1)
+    def column(unit, *own):
+        return jax.jvp(lambda x: function(*own[:i], x, *own[i + 1 :]), (own[i],), (unit,))[1]
+
+    return jax.vmap(column, out_axes=-1)(units, *(jnp.broadcast_to(x, (len(units), *x.shape)) for x in arguments))

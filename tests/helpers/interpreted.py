@@ -1,0 +1,203 @@
+"""Programs evaluated in NumPy, one operation of JAX after another.
+
+Nothing is compiled, contracted or rewritten. What comes is what the formulas say, in a small part of the time that XLA
+takes to compile them; in "reproducible" compiled programs give the same bits, which `dynamics.test_programs` holds.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend.core import Literal
+
+from jaxspatial.arithmetic.sums import primitive as sums
+from jaxspatial.dynamics import primitive as programs
+
+
+def interpreted(function):
+    """The function, of arrays or trees of arrays, with NumPy arrays for results."""
+
+    def call(*arguments):
+        closed, shape = jax.make_jaxpr(function, return_shape=True)(*arguments)
+        with np.errstate(all="ignore"):
+            found = _evaluated(closed, [np.asarray(x) for x in jax.tree.leaves(arguments)])
+        return jax.tree.unflatten(jax.tree.structure(shape), found)
+
+    return call
+
+
+def _evaluated(closed, arrays):
+    """The results of a closed jaxpr."""
+    jaxpr = closed.jaxpr
+    known = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*map(np.asarray, closed.consts), *arrays], strict=True))
+
+    def value(x):
+        return np.asarray(x.val, x.aval.dtype) if isinstance(x, Literal) else known[x]
+
+    for equation in jaxpr.eqns:
+        found = _result(equation.primitive, [value(x) for x in equation.invars], equation.params)
+        found = found if equation.primitive.multiple_results else [found]
+        known |= {x: np.asarray(y) for x, y in zip(equation.outvars, found, strict=True)}
+    return [value(x) for x in jaxpr.outvars]
+
+
+def _result(primitive, arrays, parameters):
+    if primitive.name in _OF_NUMBERS:
+        return _OF_NUMBERS[primitive.name](*arrays)
+    if primitive.name in _OF_ARRAYS:
+        return _OF_ARRAYS[primitive.name](*arrays, **parameters)
+    # What has no line below is a program of its own, as outside of `jax.jit`.
+    return primitive.bind(*map(jnp.asarray, arrays), **parameters)
+
+
+# -- number by number -------------------------------------------------------------------------------------------------
+
+
+def _select(which, *cases):
+    return np.where(which, *cases[::-1]) if which.dtype == bool else np.choose(which, cases)
+
+
+_OF_NUMBERS = {
+    "add": np.add,
+    "add_any": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "jaxspatial_product": np.multiply,
+    "div": np.divide,
+    "jaxspatial_quotient": np.divide,
+    "neg": np.negative,
+    "abs": np.abs,
+    "max": np.maximum,
+    "min": np.minimum,
+    "sqrt": np.sqrt,
+    "square": np.square,
+    "select_n": _select,
+    "eq": np.equal,
+    "ne": np.not_equal,
+    "lt": np.less,
+    "le": np.less_equal,
+    "gt": np.greater,
+    "ge": np.greater_equal,
+    "and": np.bitwise_and,
+    "or": np.bitwise_or,
+    "not": np.invert,
+    "is_finite": np.isfinite,
+    "shift_left": np.left_shift,
+    "shift_right_logical": np.right_shift,
+    "stop_gradient": np.asarray,
+}
+
+
+# -- arrays, and programs of programs ---------------------------------------------------------------------------------
+
+
+def _broadcast_in_dim(x, *, shape, broadcast_dimensions, **_):
+    own = np.ones(len(shape), int)
+    own[list(broadcast_dimensions)] = x.shape
+    return np.broadcast_to(x.reshape(own), shape)
+
+
+def _iota(*, dtype, shape, dimension, **_):
+    return _broadcast_in_dim(np.arange(shape[dimension], dtype=dtype), shape=shape, broadcast_dimensions=[dimension])
+
+
+def _slice(x, *, start_indices, limit_indices, strides):
+    return x[tuple(map(slice, start_indices, limit_indices, strides or [1] * x.ndim))]
+
+
+def _dynamic_slice(x, *starts, slice_sizes):
+    return x[_window(x, starts, slice_sizes)]
+
+
+def _dynamic_update_slice(x, update, *starts):
+    found = x.copy()
+    found[_window(x, starts, update.shape)] = update
+    return found
+
+
+def _window(x, starts, sizes):
+    starts = [min(max(int(i), 0), n - k) for i, n, k in zip(starts, x.shape, sizes, strict=True)]
+    return tuple(slice(i, i + k) for i, k in zip(starts, sizes, strict=True))
+
+
+def _pad(x, value, *, padding_config):
+    before, after, between = zip(*padding_config, strict=True)
+    if min(before) < 0 or min(after) < 0:
+        return jax.lax.pad(x, value, padding_config)
+    sizes = [(n - 1) * (1 + k) + 1 if n else 0 for n, k in zip(x.shape, between, strict=True)]
+    found = np.full([a + n + b for a, n, b in zip(before, sizes, after, strict=True)], value)
+    found[tuple(slice(a, a + n, 1 + k) for a, n, k in zip(before, sizes, between, strict=True))] = x
+    return found
+
+
+def _reduce_precision(x, *, exponent_bits, mantissa_bits):
+    info = jnp.finfo(x.dtype)
+    is_its_own = (info.nexp, info.nmant) == (exponent_bits, mantissa_bits)
+    return x if is_its_own else jax.lax.reduce_precision(x, exponent_bits, mantissa_bits)
+
+
+def _traced(function, arrays):
+    return _evaluated(jax.make_jaxpr(function)(*arrays), arrays)
+
+
+def _sums(*arrays, plan):
+    return _traced(functools.partial(sums._evaluated, plan=plan, contracted=lambda dtype: False), arrays)
+
+
+def _program(*arrays, program, n_batch):
+    return _traced(functools.partial(programs.run, program, n_batch, True), arrays)
+
+
+def _scan(*arrays, jaxpr, length, reverse, num_consts, num_carry, **_):
+    start = num_consts + num_carry
+    consts, carry, xs = arrays[:num_consts], arrays[num_consts:start], arrays[start:]
+    stacked = [np.empty((length, *a.shape), a.dtype) for a in jaxpr.out_avals[num_carry:]]
+    for i in reversed(range(length)) if reverse else range(length):
+        found = _evaluated(jaxpr, [*consts, *carry, *(x[i] for x in xs)])
+        carry = found[:num_carry]
+        for whole, y in zip(stacked, found[num_carry:], strict=True):
+            whole[i] = y
+    return [*carry, *stacked]
+
+
+def _while(*arrays, cond_jaxpr, body_jaxpr, cond_nconsts, body_nconsts):
+    start = cond_nconsts + body_nconsts
+    carry = arrays[start:]
+    while _evaluated(cond_jaxpr, [*arrays[:cond_nconsts], *carry])[0]:
+        carry = _evaluated(body_jaxpr, [*arrays[cond_nconsts:start], *carry])
+    return carry
+
+
+def _call(*arrays, jaxpr=None, call_jaxpr=None, **_):
+    inner = call_jaxpr if jaxpr is None else jaxpr
+    return _evaluated(inner if hasattr(inner, "consts") else jax.extend.core.ClosedJaxpr(inner, ()), arrays)
+
+
+_OF_ARRAYS = {
+    "broadcast_in_dim": _broadcast_in_dim,
+    "iota": _iota,
+    "reshape": lambda x, *, new_sizes, **_: x.reshape(new_sizes),
+    "squeeze": lambda x, *, dimensions: x.squeeze(dimensions),
+    "transpose": lambda x, *, permutation: x.transpose(permutation),
+    "rev": lambda x, *, dimensions: np.flip(x, dimensions),
+    "concatenate": lambda *arrays, dimension: np.concatenate(arrays, dimension),
+    "stack": lambda *arrays, axis: np.stack(arrays, axis),
+    "unstack": lambda x, *, axis: list(np.moveaxis(x, axis, 0)),
+    "split": lambda x, *, sizes, axis: np.split(x, np.cumsum(sizes)[:-1], axis),
+    "slice": _slice,
+    "dynamic_slice": _dynamic_slice,
+    "dynamic_update_slice": _dynamic_update_slice,
+    "pad": _pad,
+    "convert_element_type": lambda x, *, new_dtype, **_: x.astype(new_dtype),
+    "bitcast_convert_type": lambda x, *, new_dtype: x.view(new_dtype),
+    "reduce_precision": _reduce_precision,
+    "jaxspatial_apart": lambda x, *, axis: list(np.moveaxis(x, axis, 0)),
+    "jaxspatial_together": lambda *lanes, axis: [np.stack(lanes, axis)],
+    "jaxspatial_sums": _sums,
+    "jaxspatial_program": _program,
+    "scan": _scan,
+    "while": _while,
+    "cond": lambda which, *arrays, branches, **_: _evaluated(branches[int(which)], arrays),
+    **dict.fromkeys(("jit", "pjit", "closed_call", "custom_jvp_call", "checkpoint", "remat2"), _call),
+}
