@@ -3,12 +3,16 @@
 import functools
 import operator
 import warnings
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import DTypeLike
 
+_Tree = TypeVar("_Tree")
+_Shape = tuple[int, ...]
 _FLOATS = "float16, bfloat16, float32 or float64"
 _NARROWED = (
     "float64 NumPy numbers become float32 in this operation: JAX's 64-bit types are off. To compute in float64: "
@@ -30,19 +34,19 @@ class NarrowingWarning(UserWarning):
 
 
 # What Python's `warnings` keeps in a module that warns: with it nothing is said twice.
-_said: dict = {}
+_said: dict[Any, Any] = {}
 
 
 class StandIn:
     """Base of what stands for an array of floating point without being one: it passes every check as it is."""
 
-    def over_batch(self, batch_shape):
+    def over_batch(self, batch_shape: _Shape) -> Any:
         """Broadcast to another batch shape."""
         shape = (*batch_shape, self.shape[-1])
         return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), self)
 
 
-def as_float_array(x, name, dtype=None, *, held=False) -> Any:
+def as_float_array(x: Any, name: str, dtype: DTypeLike | None = None, *, held: bool = False) -> jax.Array:
     """x as an array of floating point; `dtype` is taken on by Python numbers and lists of them, which have none.
 
     NumPy stays NumPy (known while tracing): what is only held in its own dtype, what is computed with in JAX's, see
@@ -63,18 +67,18 @@ def as_float_array(x, name, dtype=None, *, held=False) -> Any:
 
 
 @functools.cache
-def _is_floating(dtype):
+def _is_floating(dtype: DTypeLike) -> bool:
     return jnp.issubdtype(dtype, jnp.floating) and np.dtype(dtype).itemsize <= 8
 
 
-def _advice(x, array, dtype):
+def _advice(x: Any, array: Any, dtype: DTypeLike | None) -> str:
     if np.dtype(array.dtype).kind not in "iubf":
         return ""
     meant = np.dtype(jax.dtypes.canonicalize_dtype(float) if dtype is None else dtype).name
     return f"; convert with .astype({meant!r})" if hasattr(x, "astype") else "; write 1.0 for 1"
 
 
-def _as_array(x, name, dtype):
+def _as_array(x: Any, name: str, dtype: DTypeLike | None) -> Any:
     if isinstance(x, (np.ndarray, np.generic, jax.Array, jax.ShapeDtypeStruct)) and not isinstance(x, float):
         return np.asarray(x) if isinstance(x, np.generic) else x
     leaves = jax.tree.leaves(x)
@@ -90,43 +94,43 @@ def _as_array(x, name, dtype):
     return array.astype(dtype) if _has_no_dtype(x, leaves, array) else array
 
 
-def _has_no_dtype(x, leaves, array):
+def _has_no_dtype(x: Any, leaves: list[Any], array: np.ndarray) -> bool:
     """True for Python numbers, and lists of them and of NumPy's scalars of floating point."""
     if hasattr(x, "__array__") or any(np.ndim(leaf) for leaf in leaves):
         return False
     return array.dtype.kind == "f" or all(type(leaf) is int for leaf in leaves)
 
 
-def narrowed(tree) -> Any:
+def narrowed(tree: _Tree) -> _Tree:
     """The tree with NumPy's float64 as JAX computes with it: as float32 while 64-bit types are off, which is said."""
     if jax.config.jax_enable_x64:
         return tree
     return jax.tree.map(_narrowed, tree)
 
 
-def is_only_held(x):
+def is_only_held(x: object) -> bool:
     """True for NumPy numbers that JAX would narrow."""
     return isinstance(x, np.ndarray) and x.dtype == np.float64 and not jax.config.jax_enable_x64
 
 
-def narrowed_each(arrays):
+def narrowed_each(arrays: Sequence[Any]) -> Sequence[Any]:
     """`narrowed`, of a sequence of arrays."""
     return arrays if jax.config.jax_enable_x64 else tuple(map(_narrowed, arrays))
 
 
-def _narrowed(x):
+def _narrowed(x: Any) -> Any:
     if not isinstance(x, np.ndarray) or x.dtype != np.float64:
         return x
     warnings.warn_explicit(_NARROWED, NarrowingWarning, "jaxspatial", 0, "jaxspatial", _said)
     return _in_jax_dtype(x)
 
 
-def _in_jax_dtype(array):
+def _in_jax_dtype(array: Any) -> Any:
     with np.errstate(all="ignore"):
         return array.astype(jax.dtypes.canonicalize_dtype(array.dtype), copy=False)
 
 
-def as_dtype(x):
+def as_dtype(x: DTypeLike | None) -> np.dtype[Any]:
     """The dtype of this name, NumPy's own: None and Python's `float` are JAX's default."""
     if x is None or x is float:
         return np.dtype(jax.dtypes.canonicalize_dtype(float))
@@ -136,12 +140,14 @@ def as_dtype(x):
     return dtype
 
 
-def _shown(x):
+def _shown(x: object) -> str:
     text = repr(x)
     return f"{type(x).__name__} {text if len(text) <= 60 else text[:57] + '...'}"
 
 
-def as_vectors(x, name, dtype=None, size=3, many=(), *, held=False) -> Any:
+def as_vectors(
+    x: Any, name: str, dtype: DTypeLike | None = None, size: int = 3, many: Sequence[str] = (), *, held: bool = False
+) -> jax.Array:
     """x as an array of shape (*batch, size), or (*batch, n, size) with n named in `many`; see `as_float_array`."""
     array = as_float_array(x, name, dtype, held=True)
     if array.shape[-1:] != (size,) or array.ndim <= len(many):
@@ -150,7 +156,7 @@ def as_vectors(x, name, dtype=None, size=3, many=(), *, held=False) -> Any:
     return array if held else narrowed(array)
 
 
-def require_same_dtype(**arrays):
+def require_same_dtype(**arrays: Any) -> None:
     """All dtypes equal, as JAX computes with them: mixed ones would be promoted silently, or not at all, depending on a
     global flag."""
     if len({a.dtype for a in arrays.values()}) == 1:
@@ -161,12 +167,12 @@ def require_same_dtype(**arrays):
         raise TypeError(f"{' and '.join(dtypes)}: expected one dtype, got {came}; convert with .astype")
 
 
-def _computed_in(x):
+def _computed_in(x: Any) -> DTypeLike:
     is_numpy = all(isinstance(leaf, np.ndarray) for leaf in jax.tree.leaves(x))
     return jax.dtypes.canonicalize_dtype(x.dtype) if is_numpy else x.dtype
 
 
-def alike(**arrays):
+def alike(**arrays: Any) -> dict[str, Any]:
     """The arrays, or trees of them, in one dtype: as they are, or as JAX computes with them; see `narrowed`."""
     if len({a.dtype for a in arrays.values()}) == 1:
         return arrays
@@ -174,7 +180,7 @@ def alike(**arrays):
     return {name: narrowed(a) for name, a in arrays.items()}
 
 
-def common_batch_shape(**batch_shapes):
+def common_batch_shape(**batch_shapes: _Shape) -> _Shape:
     """The shape that all batch shapes broadcast to."""
     first, *others = batch_shapes.values()
     if all(shape == first for shape in others):
@@ -189,36 +195,36 @@ def common_batch_shape(**batch_shapes):
         ) from None
 
 
-def broadcast_batch(batch_shape, *arrays):
+def broadcast_batch(batch_shape: _Shape, *arrays: Any) -> tuple[Any, ...]:
     """Each array (*batch, n) over the common batch; NumPy stays NumPy."""
     return tuple(a if a.shape[:-1] == batch_shape else _broadcast(a, batch_shape) for a in arrays)
 
 
-def _broadcast(array, batch_shape):
+def _broadcast(array: Any, batch_shape: _Shape) -> Any:
     if isinstance(array, StandIn):
         return array.over_batch(batch_shape)
     return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, (*batch_shape, array.shape[-1]))
 
 
-def batch_axis(axis, batch_shape, operation):
+def batch_axis(axis: int, batch_shape: _Shape, operation: str) -> int:
     """An axis of the batch, counted from the front."""
     if not -len(batch_shape) <= axis < len(batch_shape):
         raise ValueError(f"{operation}: axis: expected one of a batch of shape {batch_shape}, got {axis}")
     return operator.index(axis) % len(batch_shape)
 
 
-def goes_with_any_batch(x):
+def goes_with_any_batch(x: object) -> bool:
     """True for what consists of known numbers alone, see `Components`."""
     return isinstance(x, StandIn) and not jax.tree.leaves(x)
 
 
-def batch_shape(*parts):
+def batch_shape(*parts: Any) -> _Shape:
     """The batch shape of arrays that have one in common, but for those that go with any."""
     with_batch = [x for x in parts if not goes_with_any_batch(x)]
     return jnp.shape((with_batch or parts)[0])[:-1]
 
 
-def is_tree_mark(leaf):
+def is_tree_mark(leaf: object) -> bool:
     """True for what stands for a leaf in a tree that describes trees: an axis, None, a sharding, a partition spec."""
     axis = isinstance(leaf, int) and not isinstance(leaf, bool)
     return leaf is None or axis or isinstance(leaf, (jax.sharding.PartitionSpec, jax.sharding.Sharding))

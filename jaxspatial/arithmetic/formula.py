@@ -2,6 +2,7 @@
 
 import functools
 import typing
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +19,7 @@ from jaxspatial.arithmetic.sums.pairwise import pairwise_sum
 from jaxspatial.arithmetic.sums.symbolic import run_symbolically
 
 
-def formula(function=None, *, of_sums=False) -> typing.Any:
+def formula(function: Callable[..., typing.Any] | None = None, *, of_sums: bool = False) -> typing.Any:
     """Makes of `function(*vectors, **static)` a function of (precision, *arrays, **static).
 
     Arrays are (*batch, n), with batch shapes that broadcast; the function gets each as a vector of n numbers. It

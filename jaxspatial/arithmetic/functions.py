@@ -8,6 +8,7 @@ roundoff.
 import functools
 import itertools
 import math
+from collections.abc import Iterable
 from fractions import Fraction
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic.numbers import (
+    Number,
     Rounded,
     constant,
     doubled,
@@ -37,13 +39,13 @@ _PI = Fraction("3.14159265358979323846264338327950288419716939937510582097494459
 _LN2 = Fraction("0.69314718055994530941723212145817656807550013436025525412068000950")
 
 
-def unit_roundoff(x):
+def unit_roundoff(x: Number) -> Fraction:
     """u of the numbers that x is one of; u^2 for double words."""
     u = Fraction(1, 2 ** (jnp.finfo(x.dtype).nmant + 1))
     return u * u if isinstance(x, DoubleWord) else u
 
 
-def series(coefficients, x, largest):
+def series(coefficients: Iterable[Fraction], x: Number, largest: float | Fraction) -> Number:
     """sum of c_n x^n, by Horner's rule, for 0 <= x <= largest; as many terms as u makes a difference for.
 
     coefficients: an iterable of Fractions, of which those that matter fall off.
@@ -105,17 +107,17 @@ def _alternating(of):
     return (Fraction((-1) ** n, of(n)) for n in itertools.count())
 
 
-def cosine_series(x, largest):
+def cosine_series(x: Number, largest: float | Fraction) -> Number:
     """cos(a) of x = a^2."""
     return series(_alternating(lambda n: math.factorial(2 * n)), x, largest)
 
 
-def sine_series(x, largest):
+def sine_series(x: Number, largest: float | Fraction) -> Number:
     """sin(a) / a of x = a^2."""
     return series(_alternating(lambda n: math.factorial(2 * n + 1)), x, largest)
 
 
-def turns(angle, parts):
+def turns(angle: Number, parts: int) -> tuple[Number, Number]:
     """(k, rest) with angle = k (2 pi / parts) + rest, |rest| <= pi / parts, k an integer: a constant to derivatives.
 
     The error of rest is a few u |rest| while k has at most half of the bits of a word (float32: |angle| <= 2^13 /
@@ -154,7 +156,7 @@ def _words(fraction, like):
 
 
 @noinline
-def cosine_sine(angle):
+def cosine_sine(angle: Number) -> tuple[Number, Number]:
     """(cos, sin) of an angle, each to 2 u of 1, sine relative to itself near 0. NaN for angles beyond 1 / u."""
     k, rest = turns(angle, 4)
     x = rest * rest
@@ -170,7 +172,7 @@ def _quarter_turned(k, c, s):
 
 
 @noinline_pairs
-def angle_ratio(squared_sine, cosine, length=1):
+def angle_ratio(squared_sine: Number, cosine: Number, length: Number | float = 1) -> Number:
     """t / sin(t) for the angle 0 <= t <= pi / 2 with that squared sine and cosine; smooth at 0.
 
     length: by which sine and cosine have to be divided to be those of an angle, as the result then is: t = sine times
@@ -205,13 +207,13 @@ def _next_odd(below, odd):
     return [4 * shifted - 2 * same - lower for shifted, same, lower in terms]
 
 
-def pi(like):
+def pi(like: Number) -> Number:
     """The number nearest to pi."""
     return constant(like, _PI)
 
 
 @noinline_pairs
-def exp(x):
+def exp(x: Number) -> Number:
     """e^x: 0 below what the format holds, an infinity above. Error at most 4 u e^x; smooth.
 
     2^k e^r with |r| <= ln(2) / 2; with as many terms as |r| = 1 would need, derivatives have all digits too.
@@ -225,7 +227,7 @@ def exp(x):
 
 
 @noinline_pairs
-def log(x):
+def log(x: Number) -> Number:
     """The natural logarithm: -inf at 0, NaN below. Error at most 4 u |log x|, also near 1.
 
     e ln 2 + 2 artanh((m - 1) / (m + 1)) with x = 2^e m, 3/4 <= m < 3/2.

@@ -27,11 +27,11 @@ class Quantity:
     """
 
     @property
-    def batch_shape(self) -> tuple:
+    def batch_shape(self) -> tuple[int, ...]:
         raise NotImplementedError
 
     @property
-    def dtype(self) -> np.dtype:
+    def dtype(self) -> np.dtype[typing.Any]:
         raise NotImplementedError
 
     @property
@@ -107,13 +107,14 @@ class Quantity:
     __hash__ = object.__hash__
 
 
-def matched(a, b, operation):
+def matched(a: _Kind, b: _Kind, operation: str) -> tuple[_Kind, _Kind]:
     """a and b, of one kind and dtype, over their common batch."""
     if type(a) is not type(b):
         raise TypeError(f"{operation}: expected two of one kind, got {type(a).__name__} and {type(b).__name__}")
     a, b = check.alike(left=a, right=b).values()
     batch = check.common_batch_shape(left=a.batch_shape, right=b.batch_shape)
-    return tuple(x.with_vectors(check.broadcast_batch(batch, *x.vectors)) for x in (a, b))
+    over = functools.partial(check.broadcast_batch, batch)
+    return a.with_vectors(over(*a.vectors)), b.with_vectors(over(*b.vectors))
 
 
 def stack(quantities: Iterable[_Kind], axis: int = 0) -> _Kind:
@@ -175,7 +176,7 @@ def _stacked_words(words, place):
     return jnp.stack([jnp.asarray(word) for word in words], place)
 
 
-def moved_to_last(vectors, place, batch_shape):
+def moved_to_last(vectors: Iterable[typing.Any], place: int, batch_shape: tuple[int, ...]) -> list[typing.Any]:
     """Arrays (*batch, n) with one axis of the batch behind the others; Components without data have none."""
     last = len(batch_shape) - 1
     return [jax.tree.map(lambda x: jnp.moveaxis(x, place, last), x) if place != last else x for x in vectors]

@@ -32,19 +32,19 @@ _SWEEPS = {np.dtype(np.float32): 5, np.dtype(np.float64): 6}
 _SWEEPS_OF_DOUBLE_WORDS = 7
 
 
-def to_matrix(six):
+def to_matrix(six: jax.Array) -> jax.Array:
     """(*batch, 3, 3) of (*batch, 6)."""
     return picked(six, _TO_NINE).reshape((*six.shape[:-1], 3, 3))
 
 
-def picked(x, places):
+def picked(x: jax.Array, places: np.ndarray) -> jax.Array:
     """x[..., places], of slices: an index by arrays would be a gather. What is known stays so."""
     if not isinstance(x, (jax.Array, DoubleWord)):
         return x[..., places]
     return jax.tree.map(lambda word: jnp.stack([word[..., i] for i in places.tolist()], -1), x)
 
 
-def from_matrix(m):
+def from_matrix(m: jax.Array) -> jax.Array:
     """(*batch, 6) of (*batch, 3, 3), of which the lower triangle is read."""
     return m.reshape((*m.shape[:-2], 9))[..., _OF_NINE]
 
@@ -73,7 +73,7 @@ def trace_minus(six: Symmetric) -> Symmetric:
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def eigen(precision, six):
+def eigen(precision: Precision, six: jax.Array) -> tuple[jax.Array, jax.Array]:
     """(eigenvalues (*batch, 3) ascending, eigenvectors (*batch, 9)), of (*batch, 6), arrays or double words.
 
     The eigenvectors are the columns of a rotation matrix, given row by row: signed unit vectors where the matrix is

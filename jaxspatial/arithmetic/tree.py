@@ -2,13 +2,16 @@
 
 import dataclasses
 import typing
+from collections.abc import Iterable
 
 import jax
 import jax.export
 
+_Class = typing.TypeVar("_Class")
+
 
 @typing.dataclass_transform(eq_default=False, frozen_default=True)
-def tree(cls):
+def tree(cls: type[_Class]) -> type[_Class]:
     """Class decorator: a frozen dataclass, known to JAX as a pytree, that can be exported.
 
     JAX rebuilds it with whatever leaves it needs, without the checks that `__post_init__` makes of a caller's.
@@ -58,7 +61,7 @@ def _register(cls, names, static):
     )
 
 
-def rebuilt(cls, names, parts):
+def rebuilt(cls: type[_Class], names: Iterable[str], parts: Iterable[typing.Any]) -> _Class:
     """An object of these parts, unchecked."""
     x = object.__new__(cls)
     for name, part in zip(names, parts, strict=True):

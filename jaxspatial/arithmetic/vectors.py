@@ -96,7 +96,7 @@ def summed(v: Numbers) -> Summed:
     return Summed(v)
 
 
-def times(s: Number, v: Numbers) -> Numbers:
+def times(s: Number | float, v: Numbers) -> Numbers:
     return tuple(each(operator.mul, [s] * len(v), v))
 
 

@@ -5,6 +5,7 @@ are positive semidefinite are added: nothing cancels, however far from the origi
 """
 
 import functools
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -12,28 +13,39 @@ import numpy as np
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import Rounded, constant, high, noinline_pairs, where
+from jaxspatial.arithmetic.numbers import (
+    Number,
+    Numbers,
+    Rounded,
+    Symmetric,
+    Three,
+    constant,
+    high,
+    noinline_pairs,
+    where,
+)
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.folding import is_known
+from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.inertia.reduction import summed
 from jaxspatial.spatial import algebra
 
+Parts = list[Number | Numbers]  # mass, com, central
+
 
 @formula
-def combined(mass, com, central, mass2, com2, central2):
+def combined(mass: Numbers, com: Three, central: Symmetric, mass2: Numbers, com2: Three, central2: Symmetric) -> Parts:
     """[mass, com, central] of two bodies as one; without mass, the mean of their centres of mass."""
-    (m1,), (m2,) = mass, mass2
-    return joined(m1, com, central, m2, com2, central2, 0.5)
+    return joined(mass[0], com, central, mass2[0], com2, central2, 0.5)
 
 
 @formula
-def removed(mass, com, central, mass2, com2, central2):
+def removed(mass: Numbers, com: Three, central: Symmetric, mass2: Numbers, com2: Three, central2: Symmetric) -> Parts:
     """[mass, com, central] of what is left of the first without the second; without mass, com stays."""
-    (m1,), (m2,) = mass, mass2
-    return joined(m1, com, central, -m2, com2, [-x for x in central2], 0.0)
+    return joined(mass[0], com, central, -mass2[0], com2, vectors.negative(central2), 0.0)
 
 
-def joined(m1, c1, i1, m2, c2, i2, share):
+def joined(m1: Number, c1: Three, i1: Symmetric, m2: Number, c2: Three, i2: Symmetric, share: float) -> Parts:
     """Seen from the heavier body: where the centres of mass are one, it is exactly theirs."""
     m = m1 + m2
     is_massless = (high(m1) == 0) & (high(m2) == 0)
@@ -48,7 +60,7 @@ def joined(m1, c1, i1, m2, c2, i2, share):
 
 
 @noinline_pairs
-def steiner(m, d):
+def steiner(m: Number, d: Three) -> Symmetric:
     """m (|d|^2 1 - d d^T), of m d first: its square may not be a number of the format where the product is."""
     return algebra.parallel_axis(d, vectors.times(m, d))
 
@@ -57,16 +69,16 @@ def steiner(m, d):
 
 
 @functools.partial(jax.jit, static_argnums=0, inline=True)
-def composite(precision, mass, com, central):
+def composite(precision: Precision, mass: jax.Array, com: jax.Array, central: jax.Array) -> list[jax.Array]:
     """[mass (*batch,), com, central] of n bodies as one, given as (*batch, n, 1), (*batch, n, 3), (*batch, n, 6)."""
     one, vector, six = _composite(precision, mass, com, central)
     return [one[..., 0], vector[..., 0, :], six[..., 0, :]]
 
 
 @formula
-def _composite(mass, com, central):
+def _composite(mass: Numbers, com: Three, central: Symmetric) -> Parts:
     """What the common centre is off by counts in central by its square only."""
-    (m,) = mass
+    m = mass[0]
     shape = np.broadcast_shapes(*(jnp.shape(high(x)) for x in (m, *com, *central)))
     (whole,) = summed((m,), shape[-1])
     all_of_it = _spread(whole, shape)
@@ -78,7 +90,7 @@ def _composite(mass, com, central):
     return [whole, center, summed(tuple(i + a for i, a in zip(central, arm, strict=True)), shape[-1])]
 
 
-def _spread(x, shape):
+def _spread(x: Number, shape: Sequence[int]) -> Number:
     """A sum as a number for each of its terms."""
     if isinstance(x, DoubleWord):
         return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), x)

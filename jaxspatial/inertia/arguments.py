@@ -1,14 +1,17 @@
 """What inertias are made of, as arrays; and what operations ask of their arguments."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, symmetric
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.types import DTypeLike, Matrix3, Scalar, Six, Vector, Vector3
 
 
-def checked(operation, mass, com, six, name="central"):
+def checked(operation: str, mass: Scalar, com: Vector3, six: Six | Matrix3, name: str = "central") -> list[Any]:
     """The three as arrays of one dtype over their common batch, the last by six entries."""
     dtype = next((x.dtype for x in (mass, com, six) if _is_floating(x)), None)
     given = {
@@ -23,11 +26,11 @@ def checked(operation, mass, com, six, name="central"):
     return [x if shapes[key] == batch else _broadcast(x, (*batch, *items[key])) for key, x in arrays.items()]
 
 
-def _is_floating(x):
+def _is_floating(x: Any) -> bool:
     return hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jnp.floating) and not isinstance(x, float)
 
 
-def as_entries(x, name, n, dtype=None):
+def as_entries(x: Vector | Matrix3, name: str, n: int, dtype: DTypeLike | None = None) -> Any:
     """An array (*batch, n), or of matrices (*batch, 3, 3) their n entries: 6 of symmetric ones, or all 9."""
     array = check.as_float_array(x, name, dtype, held=True)
     if array.shape[-1:] == (n,):
@@ -37,7 +40,7 @@ def as_entries(x, name, n, dtype=None):
     return symmetric.from_matrix(array) if n == 6 else array.reshape((*array.shape[:-2], 9))
 
 
-def _broadcast(array, shape):
+def _broadcast(array: Any, shape: tuple[int, ...]) -> Any:
     if isinstance(array, DoubleWord):
         return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), array)
     if isinstance(array, check.StandIn):
@@ -45,7 +48,7 @@ def _broadcast(array, shape):
     return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, shape)
 
 
-def require_alike(**quantities):
+def require_alike(**quantities: Any) -> tuple[int, ...]:
     """Of one dtype, with batches that broadcast."""
     check.require_same_dtype(**quantities)
     return check.common_batch_shape(**{name: x.batch_shape for name, x in quantities.items()})

@@ -2,128 +2,145 @@
 
 from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import constant, high, noinline, noinline_pairs, where
+from jaxspatial.arithmetic.numbers import (
+    Mask,
+    Motion,
+    Number,
+    Numbers,
+    Rows,
+    Symmetric,
+    Three,
+    constant,
+    high,
+    noinline,
+    noinline_pairs,
+    where,
+)
 from jaxspatial.inertia.addition import steiner
 from jaxspatial.spatial import algebra
 
+Symmetrics = tuple[Symmetric, Numbers, Symmetric]  # J, F and M
+
 
 @formula(of_sums=True)
-def with_mass(mass, com):
-    return list(moments_of(*mass, com))
+def with_mass(mass: Numbers, com: Three) -> list[Numbers]:
+    return list(moments_of(mass[0], com))
 
 
-def moments_of(mass, com):
+def moments_of(mass: Number, com: Three) -> tuple[Numbers, Symmetric]:
     """Of numbers: F = m [c]x, M = m 1."""
     zero = constant(com[0], 0)
     return vectors.flat(algebra.skew(vectors.times(mass, com))), (mass, zero, mass, zero, zero, mass)
 
 
 @formula(of_sums=True)
-def shifted_arrays(j, f, m, p):
+def shifted_arrays(j: Symmetric, f: Numbers, m: Symmetric, p: Three) -> list[Numbers]:
     found = shifted(j, f, m, p)
     return [vectors.laid_out_as(j, found[0]), vectors.laid_out_as(f, found[1]), m]
 
 
-def shifted(j, f, m, p):
+def shifted(j: Symmetric, f: Numbers, m: Symmetric, p: Three) -> Symmetrics:
     """Of numbers: F' = F - [p]x M, whose columns are those of F less p x m_k; J' = J + (F [p]x)^T + F' [p]x."""
-    f, m_rows = vectors.rows(f), symmetric.rows(m)
-    moved = tuple(zip(*(vectors.cross(p, row) for row in m_rows), strict=True))
-    new = tuple(tuple(a - b for a, b in zip(x, y, strict=True)) for x, y in zip(f, moved, strict=True))
-    before, after = ([vectors.cross(row, p) for row in rows] for rows in (f, new))
+    old = vectors.rows(f)
+    moved = vectors.transpose([vectors.cross(p, row) for row in symmetric.rows(m)])
+    new = tuple(tuple(a - b for a, b in zip(x, y, strict=True)) for x, y in zip(old, moved, strict=True))
+    before, after = ([vectors.cross(row, p) for row in rows] for rows in (old, new))
     places = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
     rotational = tuple(a + (before[k][i] + after[i][k]) for a, (i, k) in zip(j, places, strict=True))
     return rotational, vectors.flat(new), m
 
 
-def of_body(mass, com, central):
+def of_body(mass: Number, com: Three, central: Symmetric) -> Symmetrics:
     """Of numbers: J = I + m (|c|^2 1 - c c^T), F = m [c]x, M = m 1."""
     coupling, translational = moments_of(mass, com)
     return vectors.plus(central, steiner(mass, com)), coupling, translational
 
 
-def times_motion(j, f, m, alpha, a):
+def times_motion(j: Symmetric, f: Numbers, m: Symmetric, alpha: Three, a: Three) -> Numbers:
     """Of numbers: P (alpha, a), as six."""
     top, bottom = by_rows(j, f, m)
     return tuple(algebra.power(row, (alpha, a)) for row in top + bottom)
 
 
 @formula
-def rotated(j, f, m, entries):
+def rotated(j: Symmetric, f: Numbers, m: Symmetric, entries: Numbers) -> list[Numbers]:
     return list(reexpressed(j, f, m, vectors.rows(entries)))
 
 
-def reexpressed(j, f, m, rows):
+def reexpressed(j: Symmetric, f: Numbers, m: Symmetric, rows: Rows) -> Symmetrics:
     """Of numbers: R J R^T, R F R^T, R M R^T."""
     return congruent(j, rows), vectors.flat(sandwiched(vectors.rows(f), rows)), congruent(m, rows)
 
 
-sandwiched, congruent = map(noinline, (algebra.sandwiched, algebra.congruent))
+sandwiched, congruent = noinline(algebra.sandwiched), noinline(algebra.congruent)
 
 
 @formula
 @noinline
-def acted(j, f, m, entries, p):
+def acted(j: Symmetric, f: Numbers, m: Symmetric, entries: Numbers, p: Three) -> list[Numbers]:
     """From frame B at Bo to frame A at Ao: rotated, then shifted."""
-    return list(noinline_pairs(shifted)(*reexpressed(j, f, m, vectors.rows(entries)), tuple(-x for x in p)))
+    return list(noinline_pairs(shifted)(*reexpressed(j, f, m, vectors.rows(entries)), vectors.negative(p)))
 
 
 @formula
 @noinline
-def acted_inverse(j, f, m, entries, p):
+def acted_inverse(j: Symmetric, f: Numbers, m: Symmetric, entries: Numbers, p: Three) -> list[Numbers]:
     """From frame A at Ao to frame B at Bo: shifted, then rotated."""
     return list(reexpressed(*noinline_pairs(shifted)(j, f, m, p), vectors.transpose(vectors.rows(entries))))
 
 
 @formula(of_sums=True)
-def times_motion_arrays(j, f, m, alpha, a):
+def times_motion_arrays(j: Symmetric, f: Numbers, m: Symmetric, alpha: Three, a: Three) -> list[Numbers]:
     found = times_motion(j, f, m, alpha, a)
     return [vectors.laid_out_as(alpha, found[:3]), vectors.laid_out_as(a, found[3:])]
 
 
-def by_rows(j, f, m):
+def by_rows(j: Symmetric, f: Numbers, m: Symmetric) -> tuple[list[Motion], list[Motion]]:
     """The upper and lower three rows, each as the halves of its six components."""
-    f = vectors.rows(f)
-    top = list(zip(symmetric.rows(j), f, strict=True))
-    return top, list(zip(vectors.transpose(f), symmetric.rows(m), strict=True))
+    rows = vectors.rows(f)
+    top = list(zip(symmetric.rows(j), rows, strict=True))
+    return top, list(zip(vectors.transpose(rows), symmetric.rows(m), strict=True))
 
 
 # -- a joint projected out --------------------------------------------------------------------------------------------
 
 
 @formula
-def projected(j, f, m, *arms_and_parts, n):
+def projected(j: Symmetric, f: Numbers, m: Symmetric, *arms_and_parts: Numbers, n: int) -> list[Numbers]:
     """[J, F, M] of what is left, and for each of n motions the halves of U, and (D,)."""
     arms, parts = arms_and_parts[:n], arms_and_parts[n:]
-    found = []
+    found: list[Numbers] = []
     for (arm,), w, v in zip(arms, parts[::2], parts[1::2], strict=True):
         (j, f, m), U, D = _through_motion(j, f, m, w, v, arm)
         found += [U[:3], U[3:], (D,)]
     return [j, f, m, *found]
 
 
-def _through_motion(j, f, m, w, v, arm):
+def _through_motion(
+    j: Symmetric, f: Numbers, m: Symmetric, w: Three, v: Three, arm: Number
+) -> tuple[Symmetrics, Numbers, Number]:
     """(P seen through a motion S = (w, v) that is free, U, D)."""
     U, D = U_and_D(j, f, m, w, v, arm)
     return rank_one_downdate(j, f, m, U, UDinv_of(U, D)), U, D
 
 
 @noinline
-def U_and_D(j, f, m, w, v, arm):
+def U_and_D(j: Symmetric, f: Numbers, m: Symmetric, w: Three, v: Three, arm: Number) -> tuple[Numbers, Number]:
     """U = P S, D = S^T U + armature."""
     U = times_motion(j, f, m, w, v)
     return U, algebra.power((U[:3], U[3:]), (w, v)) + arm
 
 
 @noinline
-def UDinv_of(U, D):
+def UDinv_of(U: Numbers, D: Number) -> Numbers:
     """U D^-1, 0 where D is not positive."""
     is_none = high(D) <= 0
-    D = where(is_none, 1.0, D)
-    return tuple(where(is_none, 0.0, x / D) for x in U)
+    divisor = where(is_none, 1.0, D)
+    return tuple(where(is_none, 0.0, x / divisor) for x in U)
 
 
 @noinline
-def rank_one_downdate(j, f, m, U, UDinv):
+def rank_one_downdate(j: Symmetric, f: Numbers, m: Symmetric, U: Numbers, UDinv: Numbers) -> Symmetrics:
     """P - U D^-1 U^T, with UDinv = U D^-1."""
     places = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
     rotational = tuple(x - U[a] * UDinv[b] for x, (a, b) in zip(j, places, strict=True))
@@ -135,13 +152,13 @@ def rank_one_downdate(j, f, m, U, UDinv):
 
 
 @formula
-def is_valid(j, f, m, tolerance):
+def is_valid(j: Symmetric, f: Numbers, m: Symmetric, tolerance: float) -> Mask:
     """Whether all pivots of P + tolerance 1 are positive, P in units in which J and M are of size 1."""
     J, M = (_size(x) for x in (j, m))
     root = J.sqrt() * M.sqrt()
     j, f, m = ([x / s for x in part] for part, s in ((j, J), (f, root), (m, M)))
     top, bottom = by_rows(j, f, m)
-    rows = [[*a, *b] for a, b in top + bottom]
+    rows: list[Numbers] = [[*a, *b] for a, b in top + bottom]
     is_valid = high(rows[0][0]) + tolerance > 0
     for k in range(6):
         pivot = rows[k][k] + tolerance
@@ -150,12 +167,12 @@ def is_valid(j, f, m, tolerance):
     return is_valid
 
 
-def _eliminated(row, by, k, pivot):
+def _eliminated(row: Numbers, by: Numbers, k: int, pivot: Number) -> Numbers:
     """The row less so much of another that its k-th entry is 0."""
     factor = row[k] / pivot
     return [x if i <= k else x - factor * y for i, (x, y) in enumerate(zip(row, by, strict=True))]
 
 
-def _size(six):
+def _size(six: Symmetric) -> Number:
     size = vectors.recursive_sum([abs(x) for x in six])
     return where(high(size) == 0, 1.0, size)

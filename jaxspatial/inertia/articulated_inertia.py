@@ -283,6 +283,6 @@ class ArticulatedInertia(Quantity):
         return joint_projection(self, S_P_E, armature, precision=precision).inertia
 
 
-def _combined_part(operation, x, y):
+def _combined_part(operation: Callable[..., Any], x: Any, y: Any) -> Any:
     batch = np.broadcast_shapes(x.shape[:-1], y.shape[:-1])
     return skipping_zero(operation, *check.broadcast_batch(batch, x, y))

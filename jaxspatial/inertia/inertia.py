@@ -12,8 +12,7 @@ import numpy as np
 
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import halved
-from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers import Number, Numbers, Symmetric, Three, halved
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.arithmetic.types import BatchShape, DTypeLike, PrecisionName, Vector3
 from jaxspatial.inertia.arguments import checked, require_alike
@@ -21,7 +20,7 @@ from jaxspatial.inertia.composition import Composition
 from jaxspatial.inertia.forms import Forms
 from jaxspatial.inertia.principal import PrincipalAxes
 from jaxspatial.inertia.shapes import Shapes
-from jaxspatial.rotation.matrices import expanded, owned
+from jaxspatial.rotation.matrices import expanded, owned, shown
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.acceleration import SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce, SpatialMomentum
@@ -205,7 +204,7 @@ class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes):
         return energy(precision, *self.vectors, *V_MBp_E.vectors)
 
     def __repr__(self) -> str:
-        parts = ", ".join(f"{n}={_shown(x, n != 'mass')}" for n, x in zip(_NAMES, self._parts, strict=True))
+        parts = ", ".join(f"{k}={shown(x, n)}" for k, x, n in zip(_NAMES, self._parts, (0, 3, 6), strict=True))
         return f"SpatialInertia({parts})"
 
 
@@ -219,27 +218,18 @@ _NAMES = ("mass", "com", "central")
 _RESULTS = {SpatialAcceleration: SpatialForce, SpatialVelocity: SpatialMomentum}
 
 
-def _shown(part: Any, ndim: int) -> str:
-    """The numbers of one inertia, the shape of a batch or of something not computed yet."""
-    is_array = isinstance(part, (np.ndarray, jax.Array)) and not isinstance(part, jax.core.Tracer)
-    if is_array and part.ndim == ndim:
-        return "[" + ", ".join(str(x) for x in np.asarray(part)) + "]" if ndim else str(part)
-    is_abstract = hasattr(part, "shape") and not isinstance(part, DoubleWord)
-    return f"{np.dtype(part.dtype).name}[{','.join(map(str, part.shape))}]" if is_abstract else repr(part)
-
-
 @formula(of_sums=True)
-def _applied(mass, com, central, alpha, a):
-    wrench = algebra.inertia_times(*mass, com, central, alpha, a)
+def _applied(mass: Numbers, com: Three, central: Symmetric, alpha: Three, a: Three) -> list[Numbers]:
+    wrench = algebra.inertia_times(mass[0], com, central, alpha, a)
     return [vectors.laid_out_as(*each) for each in zip((alpha, a), wrench, strict=True)]
 
 
 @formula(of_sums=True)
-def _energy(mass, com, central, w, v):
-    return halved(algebra.twice_kinetic_energy(*mass, com, central, w, v))
+def _energy(mass: Numbers, com: Three, central: Symmetric, w: Three, v: Three) -> Number:
+    return halved(algebra.twice_kinetic_energy(mass[0], com, central, w, v))
 
 
 @formula(of_sums=True)
-def _energy_of_float16(mass, com, central, w, v):
+def _energy_of_float16(mass: Numbers, com: Three, central: Symmetric, w: Three, v: Three) -> Number:
     """As `_energy`, to the bit; but the range of float16 ends at 65504: halved are vectors, before they are squared."""
-    return algebra.twice_kinetic_energy(*mass, com, central, w, v, half=halved)
+    return algebra.twice_kinetic_energy(mass[0], com, central, w, v, half=halved)

@@ -75,24 +75,24 @@ def joint_projection(
     )
 
 
-def _joint(P, S, armature):
+def _joint(
+    P: "ArticulatedInertia", S: Motions, armature: Scalar | Sequence[Scalar]
+) -> tuple[list[SpatialVelocity], list[jax.Array]]:
     """(the SpatialVelocities of the joint, an armature (*batch, 1) for each), checked."""
-    several = isinstance(S, (list, tuple))
-    S = list(S) if several else [S]
-    for s in S:
+    motions = list(S) if isinstance(S, (list, tuple)) else [S]
+    for s in motions:
         if not isinstance(s, SpatialVelocity):
-            raise TypeError(
-                f"joint_projection: S: expected a SpatialVelocity or a list of them, got {type(s).__name__}"
-            )
+            kind = type(s).__name__
+            raise TypeError(f"joint_projection: S: expected a SpatialVelocity or a list of them, got {kind}")
         require_alike(ArticulatedInertia=P, S=s)
-    arms = armature if isinstance(armature, (list, tuple)) else [armature] * len(S)
-    if len(arms) != len(S):
-        raise ValueError(f"joint_projection: armature: expected {len(S)} numbers, got {len(arms)}")
-    return S, [_arm(P, x) for x in arms]
+    arms = armature if isinstance(armature, (list, tuple)) else [armature] * len(motions)
+    if len(arms) != len(motions):
+        raise ValueError(f"joint_projection: armature: expected {len(motions)} numbers, got {len(arms)}")
+    return motions, [_arm(P, x) for x in arms]
 
 
-def _arm(P, x):
-    x = check.as_float_array(x, "joint_projection: armature", P.dtype)
+def _arm(P: "ArticulatedInertia", armature: Scalar) -> jax.Array:
+    x = check.as_float_array(armature, "joint_projection: armature", P.dtype)
     check.require_same_dtype(ArticulatedInertia=P, armature=x)
     check.common_batch_shape(ArticulatedInertia=P.batch_shape, armature=x.shape)
     return expanded(x)

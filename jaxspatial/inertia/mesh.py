@@ -1,14 +1,16 @@
 """What a closed surface of triangles encloses: volume, centre of mass and central inertia, by signed tetrahedra."""
 
 import math
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import high, noinline_pairs, where
+from jaxspatial.arithmetic.numbers import Number, Numbers, Symmetric, Three, high, noinline_pairs, where
 from jaxspatial.arithmetic.numbers.trees import from_double_word
 from jaxspatial.inertia.reduction import first, summed
 
@@ -16,14 +18,14 @@ from jaxspatial.inertia.reduction import first, summed
 PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
-def corners(vertices, triangles):
+def corners(vertices: jax.Array, triangles: Any) -> jax.Array:
     """(*batch, m, 9): the three vertices of each of m triangles."""
-    triangles = _as_indices(triangles, vertices.shape[-2])
-    x = vertices[..., triangles, :]
-    return x.reshape((*x.shape[:-3], triangles.shape[0], 9))
+    indices = _as_indices(triangles, vertices.shape[-2])
+    x = vertices[..., indices, :]
+    return x.reshape((*x.shape[:-3], indices.shape[0], 9))
 
 
-def _as_indices(triangles, n):
+def _as_indices(triangles: Any, n: int) -> jax.Array:
     triangles = triangles if hasattr(triangles, "dtype") else np.asarray(triangles)
     if triangles.ndim != 2 or triangles.shape[1] != 3 or not triangles.shape[0]:
         raise ValueError(f"triangle_mesh: triangles: expected shape (m, 3) with m >= 1, got {triangles.shape}")
@@ -35,7 +37,7 @@ def _as_indices(triangles, n):
     return triangles
 
 
-def middle(corners):
+def middle(corners: jax.Array) -> jax.Array:
     """(*batch, 1, 3) the middle of the box around all corners.
 
     Any point does: the result does not depend on it, hence neither do derivatives. Near the mesh nothing cancels, and
@@ -49,17 +51,16 @@ def middle(corners):
 
 
 @formula
-def enclosed(amount, corners, middle, by, size):
+def enclosed(amount: Numbers, corners: Numbers, middle: Three, by: str, size: int) -> list[Numbers]:
     """[(mass,), com, central] for mass or density (amount,) and triangles, `size` of them along the last axis."""
     d, *moments = summed(_moments(corners, middle), size)
-    (m,), middle = map(first, amount), tuple(map(first, middle))
     d = where(high(d) > 0, d, math.nan)
-    m = m if by == "mass" else m * (d / 6)
-    return [(m,), *_about_center(m, d, moments[:3], moments[3:], middle)]
+    m = first(amount[0]) if by == "mass" else first(amount[0]) * (d / 6)
+    return [(m,), *_about_center(m, d, moments[:3], moments[3:], tuple(map(first, middle)))]
 
 
 @noinline_pairs
-def _moments(corners, middle):
+def _moments(corners: Numbers, middle: Three) -> Numbers:
     """Of the tetrahedron from the middle to a triangle (a, b, c): d = 6 volume, d s and d (s s^T + a a^T + b b^T + c
     c^T) with s = a + b + c.
 
@@ -75,8 +76,8 @@ def _moments(corners, middle):
 
 
 @noinline_pairs
-def _about_center(m, d, arm, squares, middle):
+def _about_center(m: Number, d: Number, arm: Three, squares: Symmetric, middle: Three) -> tuple[Three, Symmetric]:
     """(com, central) from the sums over all tetrahedra."""
-    arm = tuple(x / (4 * d) for x in arm)
-    six = tuple(m * (x / (20 * d) - arm[i] * arm[j]) for x, (i, j) in zip(squares, PAIRS, strict=True))
-    return vectors.plus(middle, arm), symmetric.trace_minus(six)
+    c = tuple(x / (4 * d) for x in arm)
+    six = tuple(m * (x / (20 * d) - c[i] * c[j]) for x, (i, j) in zip(squares, PAIRS, strict=True))
+    return vectors.plus(middle, c), symmetric.trace_minus(six)

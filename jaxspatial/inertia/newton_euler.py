@@ -4,13 +4,13 @@ import jax
 
 from jaxspatial.arithmetic import check, symmetric, vectors
 from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import constant, halved, noinline_pairs
+from jaxspatial.arithmetic.numbers import Number, Numbers, Rows, Symmetric, Three, constant, halved, noinline_pairs
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.inertia.arguments import require_alike
 from jaxspatial.inertia.inertia import SpatialInertia
-from jaxspatial.rotation.matrices import expanded
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.acceleration import SpatialAcceleration
+from jaxspatial.spatial.arguments import require_kind
 from jaxspatial.spatial.force import SpatialForce
 from jaxspatial.spatial.velocity import SpatialVelocity
 
@@ -46,10 +46,9 @@ def newton_euler(
     """
     if not isinstance(M_BP_E, SpatialInertia):
         raise TypeError(f"newton_euler: expected a SpatialInertia first, got {type(M_BP_E).__name__}")
-    w = _angular_velocity(A_WP_E, w, "newton_euler")
+    turning = _angular_velocity(A_WP_E, w, "newton_euler")
     require_alike(SpatialInertia=M_BP_E, SpatialAcceleration=A_WP_E)
-    body = expanded(M_BP_E.mass), M_BP_E.com, M_BP_E.central
-    return SpatialForce(*_newton_euler(precision, *body, A_WP_E.alpha, A_WP_E.a, w))
+    return SpatialForce(*_newton_euler(precision, *M_BP_E.vectors, *A_WP_E.vectors, turning))
 
 
 def newton_euler_regressor(
@@ -79,8 +78,8 @@ def newton_euler_regressor(
     Source: Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and links, equation
         10.
     """
-    w = _angular_velocity(A_WP_E, w, "newton_euler_regressor")
-    return _matrix(_newton_euler_regressor(precision, A_WP_E.alpha, A_WP_E.a, w))
+    turning = _angular_velocity(A_WP_E, w, "newton_euler_regressor")
+    return _matrix(_newton_euler_regressor(precision, *A_WP_E.vectors, turning))
 
 
 def momentum_regressor(V_WP_E: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
@@ -100,7 +99,7 @@ def momentum_regressor(V_WP_E: SpatialVelocity, *, precision: PrecisionName = No
 
     Error: none, every entry is 0 or a component of V with a sign.
     """
-    _require_velocity(V_WP_E, "momentum_regressor")
+    require_kind(V_WP_E, SpatialVelocity, "momentum_regressor")
     return _matrix(_momentum_regressor(precision, V_WP_E.w, V_WP_E.v))
 
 
@@ -122,41 +121,35 @@ def kinetic_energy_regressor(V_WP_E: SpatialVelocity, *, precision: PrecisionNam
     Error: per entry, mag the sum of the absolute values of its terms: at most 3 u mag in "fast" and "reproducible",
         u |r| + 8 u^2 mag in "compensated", 1 ulp in "faithful".
     """
-    _require_velocity(V_WP_E, "kinetic_energy_regressor")
+    require_kind(V_WP_E, SpatialVelocity, "kinetic_energy_regressor")
     return _energy(precision, V_WP_E.w, V_WP_E.v)
 
 
-def _angular_velocity(A, w, operation):
-    if not isinstance(A, SpatialAcceleration):
-        raise TypeError(f"{operation}: expected a SpatialAcceleration, got {type(A).__name__}")
-    w = w.w if isinstance(w, SpatialVelocity) else check.as_vectors(w, f"{operation}: w", A.dtype)
-    check.require_same_dtype(SpatialAcceleration=A, w=w)
-    check.common_batch_shape(SpatialAcceleration=A.batch_shape, w=w.shape[:-1])
-    return w
+def _angular_velocity(A: SpatialAcceleration, w: Vector3 | SpatialVelocity, operation: str) -> jax.Array:
+    require_kind(A, SpatialAcceleration, operation)
+    found = w.w if isinstance(w, SpatialVelocity) else check.as_vectors(w, f"{operation}: w", A.dtype)
+    check.require_same_dtype(SpatialAcceleration=A, w=found)
+    check.common_batch_shape(SpatialAcceleration=A.batch_shape, w=found.shape[:-1])
+    return found
 
 
-def _require_velocity(V, operation):
-    if not isinstance(V, SpatialVelocity):
-        raise TypeError(f"{operation}: expected a SpatialVelocity, got {type(V).__name__}")
-
-
-def _matrix(entries):
+def _matrix(entries: jax.Array) -> jax.Array:
     return entries.reshape((*entries.shape[:-1], 6, 10))
 
 
 @formula
-def _newton_euler(mass, com, central, alpha, a, w):
-    f = _force(*mass, com, alpha, a, w)
+def _newton_euler(mass: Numbers, com: Three, central: Symmetric, alpha: Three, a: Three, w: Three) -> list[Three]:
+    f = _force(mass[0], com, alpha, a, w)
     return [_torque(com, central, alpha, w, f), f]
 
 
 @noinline_pairs
-def _force(m, c, alpha, a, w):
+def _force(m: Number, c: Three, alpha: Three, a: Three, w: Three) -> Three:
     return vectors.times(m, algebra.acceleration_at(alpha, a, w, c))
 
 
 @noinline_pairs
-def _torque(c, central, alpha, w, f):
+def _torque(c: Three, central: Symmetric, alpha: Three, w: Three, f: Three) -> Three:
     h = vectors.matrix_times(symmetric.rows(central), w)
     return algebra.newton_euler_torque(c, central, alpha, w, h, f)
 
@@ -165,35 +158,35 @@ def _torque(c, central, alpha, w, f):
 
 
 @formula(of_sums=True)
-def _newton_euler_regressor(alpha, a, w):
+def _newton_euler_regressor(alpha: Three, a: Three, w: Three) -> Numbers:
     torque = algebra.plus(algebra.of_moments(alpha), _crossed(w, algebra.of_moments(w)))
     force = algebra.plus(algebra.skew(alpha), _crossed(w, algebra.skew(w)))
     return _stacked(_negative(algebra.skew(a)), torque, a, force)
 
 
 @formula(of_sums=True)
-def _momentum_regressor(w, v):
+def _momentum_regressor(w: Three, v: Three) -> Numbers:
     return _stacked(_negative(algebra.skew(v)), algebra.of_moments(w), v, algebra.skew(w))
 
 
 @formula(of_sums=True)
-def _energy(w, v):
+def _energy(w: Three, v: Three) -> Numbers:
     half_w, half_v = (tuple(map(halved, x)) for x in (w, v))
     xx, yy, zz = vectors.componentwise_product(half_w, w)
     xy, xz, yz = (w[i] * w[j] for i, j in ((1, 0), (2, 0), (2, 1)))
     return vectors.dot(half_v, v), *vectors.cross(v, w), xx, xy, yy, xz, yz, zz
 
 
-def _crossed(w, m):
+def _crossed(w: Three, m: Rows) -> Rows:
     """[w]x m."""
     return vectors.transpose([vectors.cross(w, column) for column in vectors.transpose(m)])
 
 
-def _negative(m):
+def _negative(m: Rows) -> Rows:
     return tuple(map(vectors.negative, m))
 
 
-def _stacked(torque_of_arm, torque_of_moments, force, force_of_arm):
+def _stacked(torque_of_arm: Rows, torque_of_moments: Rows, force: Three, force_of_arm: Rows) -> Numbers:
     """The rows in three blocks: of m, of m c, of the moments of inertia."""
     zero = constant(force[0], 0)
     top = [x for arm, moments in zip(torque_of_arm, torque_of_moments, strict=True) for x in (zero, *arm, *moments)]

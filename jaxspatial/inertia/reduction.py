@@ -1,16 +1,19 @@
 """Sums of numbers over an axis of the batch, in one fixed order."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic.numbers import Rounded, folding, noinline_pairs
+from jaxspatial.arithmetic.numbers import Number, Numbers, Rounded, folding, noinline_pairs
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.layout import apart
 from jaxspatial.arithmetic.sums.pairwise import by_halving, pairwise_sum
 
 
-def summed(numbers, size):
+def summed(numbers: Numbers, size: int) -> Numbers:
     """The sum of each of a tuple of numbers over the last axis of the batch, which is kept with size 1.
 
     size: of that axis, at least 1. By halving, always in the same order: error <= ceil(log2 size) u mag, mag = sum of
@@ -23,7 +26,7 @@ def summed(numbers, size):
     return tuple(x if folding.is_known(x.value, 0) else Rounded(x.precision, next(sums)) for x in numbers)
 
 
-def _of_rounded(values, size):
+def _of_rounded(values: Sequence[jax.Array], size: int) -> list[jax.Array]:
     """All of them in one array: one chain of additions."""
     shape = np.broadcast_shapes((size,), *(x.shape for x in values))
     sums = pairwise_sum(jnp.stack([jnp.broadcast_to(x, shape) for x in values]))
@@ -31,17 +34,17 @@ def _of_rounded(values, size):
 
 
 @noinline_pairs
-def _of_double_words(numbers):
+def _of_double_words(numbers: Numbers) -> Numbers:
     words = [jnp.stack([getattr(x, word) for x in numbers]) for word in ("hi", "lo")]
     sums = DoubleWord(*by_halving(_added, words, words[0].ndim - 1))
     return tuple(sums[i] for i in range(len(numbers)))
 
 
-def _added(a, b):
+def _added(a: Any, b: Any) -> tuple[jax.Array, ...]:
     return tuple(jax.tree.leaves(DoubleWord(*a) + DoubleWord(*b)))
 
 
-def first(x):
+def first(x: Number) -> Number:
     """A number that is the same along the last axis of the batch, with that axis of size 1."""
     if isinstance(x, DoubleWord):
         return x[..., :1]

@@ -1,14 +1,20 @@
 """What the constructors of uniform bodies are given: sizes, masses, densities and axes, as arrays."""
 
+from collections.abc import Callable, Container
+from typing import Any, TypeVar
+
 import jax
 import numpy as np
 
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.types import PrecisionName, Scalar, Vector3
 from jaxspatial.inertia import shape_formulas
 from jaxspatial.rotation.matrices import expanded
 
+_Inertia = TypeVar("_Inertia")
 
-def mass_or_density(name, mass, density):
+
+def mass_or_density(name: str, mass: Scalar | None, density: Scalar | None) -> tuple[str, Any]:
     """("mass", mass) or ("density", density), of which exactly one is given."""
     if (mass is None) == (density is None):
         came = "neither" if mass is None else "both"
@@ -16,7 +22,17 @@ def mass_or_density(name, mass, density):
     return ("density", density) if mass is None else ("mass", mass)
 
 
-def made(cls, name, precision, mass, density, axis=None, may_be_zero=(), n=1, **lengths):
+def made(
+    cls: type[_Inertia],
+    name: str,
+    precision: PrecisionName,
+    mass: Scalar | None,
+    density: Scalar | None,
+    axis: Vector3 | None = None,
+    may_be_zero: Container[str] = (),
+    n: int = 1,
+    **lengths: Any,
+) -> _Inertia:
     """The inertia that the formula of this name gives for lengths, or vectors of n lengths, and an axis."""
     kind, amount = mass_or_density(name, mass, density)
     dtype = dtype_of(*lengths.values(), amount, axis)
@@ -30,39 +46,38 @@ def made(cls, name, precision, mass, density, axis=None, may_be_zero=(), n=1, **
     return cls(*computed(getattr(shape_formulas, name), precision, given, by=kind))
 
 
-def dtype_of(*values):
+def dtype_of(*values: Any) -> np.dtype | None:
     """That of the first of the values that has one, for all Python numbers; None if none has."""
     leaves = jax.tree.leaves(values, is_leaf=lambda x: isinstance(x, check.StandIn))
     return next((np.dtype(x.dtype) for x in leaves if hasattr(x, "dtype") and not isinstance(x, float)), None)
 
 
-def number(x, name, dtype, may_be_zero=False):
-    x = check.as_float_array(x, name, dtype, held=True)
-    _require_positive(x, name, may_be_zero)
-    return x
+def number(x: Scalar, name: str, dtype: np.dtype | None, may_be_zero: bool = False) -> jax.Array:
+    return _positive(check.as_float_array(x, name, dtype, held=True), name, may_be_zero)
 
 
-def _lengths(x, name, dtype, n, may_be_zero):
+def _lengths(x: Any, name: str, dtype: np.dtype | None, n: int, may_be_zero: bool) -> jax.Array:
     if n == 1:
         return expanded(number(x, name, dtype, may_be_zero))
-    x = check.as_vectors(x, name, dtype, size=n, held=True)
-    _require_positive(x, name, may_be_zero)
-    return x
+    return _positive(check.as_vectors(x, name, dtype, size=n, held=True), name, may_be_zero)
 
 
-def _require_positive(x, name, may_be_zero):
-    """Of what is known; nothing is asked of arrays that may be traced."""
+def _positive(x: jax.Array, name: str, may_be_zero: bool) -> jax.Array:
+    """Raises ValueError for numbers known to be none; nothing is asked of arrays that may be traced."""
     if isinstance(x, np.ndarray) and ((x < 0).any() or (not may_be_zero and (x == 0).any())):
         expected = "no negative number" if may_be_zero else "a positive number"
         raise ValueError(f"{name}: expected {expected}, got {x}")
+    return x
 
 
-def _require_order(name, inner, outer):
+def _require_order(name: str, inner: jax.Array, outer: jax.Array) -> None:
     if isinstance(inner, np.ndarray) and isinstance(outer, np.ndarray) and (inner > outer).any():
         raise ValueError(f"{name}: inner_radius: expected at most outer_radius {outer[..., 0]}, got {inner[..., 0]}")
 
 
-def computed(formula, precision, given, **static):
+def computed(
+    formula: Callable[..., Any], precision: PrecisionName, given: dict[str, jax.Array], **static: Any
+) -> tuple[jax.Array, Any, jax.Array]:
     """(mass, com, central) that a formula gives; without a com of its own zeros, known while tracing."""
     check.require_same_dtype(**given)
     batch = check.common_batch_shape(**{name: x.shape[:-1] for name, x in given.items()})
@@ -72,7 +87,7 @@ def computed(formula, precision, given, **static):
     return m.reshape(batch), com[0] if com else np.zeros((*batch, 3), central.dtype), central
 
 
-def known(formula, precision, *arrays, **static):
+def known(formula: Callable[..., Any], precision: PrecisionName, *arrays: jax.Array, **static: Any) -> Any:
     """The formula; of what is known its results are known too, while tracing as well."""
     if not all(isinstance(a, np.ndarray) for a in arrays):
         return formula(precision, *arrays, **static)

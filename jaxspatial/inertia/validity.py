@@ -8,32 +8,45 @@ Linear matrix inequalities for physically consistent inertial parameter identifi
 
 from fractions import Fraction
 
+import jax
 import jax.numpy as jnp
 
 from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import constant, high, times_power_of_two, where
+from jaxspatial.arithmetic.numbers import (
+    Mask,
+    Number,
+    Numbers,
+    Symmetric,
+    Three,
+    constant,
+    high,
+    times_power_of_two,
+    where,
+)
+from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import DTypeLike, PrecisionName
 
 # Of eps: what rounding an inertia tensor, and finding its moments, can take from a body as flat or thin as can be.
 _TOLERANCE = 16
 
 
-def default_tolerance(dtype):
+def default_tolerance(dtype: DTypeLike) -> float:
     return _TOLERANCE * float(jnp.finfo(dtype).eps)
 
 
-def slack(precision, mass, com, central):
+def slack(precision: Precision, mass: jax.Array, com: jax.Array, central: jax.Array) -> jax.Array:
     """The smallest s_i over the sum of all |s_i|; see `SpatialInertia.validity_slack`. mass: (*batch, 1)."""
     return _slack(precision, mass, com, central, symmetric.eigen(precision, central)[0])
 
 
 @formula
-def _slack(mass, com, central, moments):
+def _slack(mass: Numbers, com: Three, central: Symmetric, moments: Three) -> Number:
     found = where(high(mass[0]) < 0, -1.0, _relative(moments))
     return where(_all_finite(*mass, *com, *central), found, float("nan"))
 
 
-def _relative(moments):
+def _relative(moments: Three) -> Number:
     seconds = _second_moments(vectors.scaled(moments)[0])
     total = vectors.recursive_sum([abs(s) for s in seconds])
     is_zero = high(total) == 0
@@ -41,12 +54,12 @@ def _relative(moments):
     return where(is_zero, 0.0, seconds[2] / where(is_zero, 1.0, total))
 
 
-def _second_moments(moments):
+def _second_moments(moments: Three) -> tuple[Number, Number, Number]:
     a, b, c = moments
     return 0.5 * ((b - a) + c), 0.5 * (a + (c - b)), 0.5 * (a - (c - b))
 
 
-def _all_finite(*numbers):
+def _all_finite(*numbers: Number) -> Mask:
     largest = jnp.finfo(numbers[0].dtype).max
     result = abs(high(numbers[0])) <= largest
     for x in numbers[1:]:
@@ -54,14 +67,18 @@ def _all_finite(*numbers):
     return result
 
 
-def nearest(precision, mass, com, central, tolerance):
+def nearest(
+    precision: Precision, mass: jax.Array, com: jax.Array, central: jax.Array, tolerance: float
+) -> tuple[jax.Array, ...]:
     """(mass, central) with mass and eigenvalues of Sigma no less than 0; unchanged where the slack is -tolerance."""
     moments, axes = symmetric.eigen(precision, central)
     return tuple(_nearest(precision, mass, com, central, moments, axes, tolerance=tolerance))
 
 
 @formula
-def _nearest(mass, com, central, moments, axes, tolerance):
+def _nearest(
+    mass: Numbers, com: Three, central: Symmetric, moments: Three, axes: Numbers, tolerance: float
+) -> list[Number | Numbers]:
     """The part of Sigma with negative eigenvalues taken off: central + tr(N) 1 - N, N = Q diag(max(-s, 0)) Q^T."""
     (scaled, e), q = vectors.scaled(moments), vectors.rows(axes)
     missing = [times_power_of_two(where(high(s) < 0, -s, 0.0), e) for s in _second_moments(scaled)]
@@ -76,20 +93,20 @@ def _nearest(mass, com, central, moments, axes, tolerance):
 # -- equivalent shapes ------------------------------------------------------------------------------------------------
 
 
-def equivalent_lengths(precision, mass, moments, factor):
+def equivalent_lengths(precision: PrecisionName, mass: jax.Array, moments: jax.Array, factor: Fraction) -> jax.Array:
     """(*batch, 3) sqrt(s_i / (factor mass)), descending, 0 where s_i is negative. factor: a Fraction."""
     return _lengths(precision, mass, moments, factor=Fraction(factor))
 
 
 @formula
-def _lengths(mass, moments, factor):
+def _lengths(mass: Numbers, moments: Three, factor: Fraction) -> Three:
     scaled, e = vectors.scaled(moments)
     (m,), f = vectors.scaled(mass)
     divisor = m * constant(m, factor)
     return tuple(_root_times(s / divisor, e - f) for s in _second_moments(scaled))
 
 
-def _root_times(x, e):
+def _root_times(x: Number, e: Mask) -> Number:
     """sqrt(max(x, 0) 2^e) with derivative 0 where that is 0."""
     half = e // 2
     is_positive = high(x) > 0
@@ -97,13 +114,9 @@ def _root_times(x, e):
     return where(is_positive, times_power_of_two(root, half), where(high(x) <= 0, 0.0, x))
 
 
-def minimum_length(precision, mass, central):
-    """(*batch,) 2 sqrt(tr(Sigma) / mass)."""
-    return _minimum_length(precision, mass, central)
-
-
 @formula
-def _minimum_length(mass, central):
+def minimum_length(mass: Numbers, central: Symmetric) -> Number:
+    """(*batch,) 2 sqrt(tr(Sigma) / mass)."""
     scaled, e = vectors.scaled(central)
     (m,), f = vectors.scaled(mass)
     return _root_times(2 * ((scaled[0] + scaled[2] + scaled[5]) / m), e - f)

@@ -1,5 +1,6 @@
 """How a `Rotation` is made: its named constructors, the base of that class."""
 
+import functools
 from typing import Self
 
 import jax
@@ -253,7 +254,7 @@ class Constructors(Quantity):
         both = tuple(_axis(axis, "Rotation.from_two_vectors") for axis in axes)
         if len(both) != 2 or both[0] == both[1]:
             raise ValueError(f"Rotation.from_two_vectors: axes: expected two different axes, got {both}")
-        return cls(over_arrays(formulas.from_two_vectors, precision, {"axes": both}, u=u, v=v))
+        return cls(over_arrays(functools.partial(formulas.from_two_vectors, axes=both), precision, u=u, v=v))
 
     @classmethod
     def between(cls, a: Vector3, b: Vector3, *, precision: PrecisionName = None) -> Self:

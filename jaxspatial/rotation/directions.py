@@ -3,10 +3,10 @@
 import math
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import doubled, high, repeated, where
+from jaxspatial.arithmetic.numbers import Mask, Number, Numbers, Rows, Three, doubled, high, repeated, where
 
 
-def from_one_vector(u, axis):
+def from_one_vector(u: Three, axis: int) -> Rows:
     """The columns of a rotation whose column `axis` is u / |u|; the next one is perpendicular to the coordinate axis
     along which u is smallest."""
     u = vectors.unit(u)
@@ -16,14 +16,14 @@ def from_one_vector(u, axis):
     return _placed(axis, u, v, vectors.cross(u, v))
 
 
-def _smallest(u):
+def _smallest(u: Three) -> tuple[Mask, Mask, Mask]:
     """Masks over the components: of the smallest in absolute value, the first of equals."""
     a, b, c = (abs(high(x)) for x in u)
     is_first, is_second = (a <= b) & (a <= c), b <= c
     return is_first, ~is_first & is_second, ~is_first & ~is_second
 
 
-def from_two_vectors(u, v, axes):
+def from_two_vectors(u: Three, v: Three, axes: tuple[int, int]) -> Rows:
     """The columns of a rotation whose column axes[0] is u / |u|, with v in the half plane of that column and column
     axes[1], on its positive side."""
     u = vectors.unit(u)
@@ -35,12 +35,12 @@ def from_two_vectors(u, v, axes):
     return _placed(first, u, tuple(-x for x in normal), second)
 
 
-def _placed(axis, *columns):
+def _placed(axis: int, *columns: Three) -> Rows:
     """Rows of the matrix with the columns axis, axis + 1, axis + 2."""
     return vectors.transpose(tuple(columns[(k - axis) % 3] for k in range(3)))
 
 
-def between(a, b):
+def between(a: Three, b: Three) -> Numbers:
     """The quaternion of the smallest rotation that takes the direction of a to that of b.
 
     Half way between, h = (a + b) / |a + b|, it is (a . h, a x h). For opposite directions h is any perpendicular one.
@@ -54,7 +54,7 @@ def between(a, b):
     return vectors.dot(a, h), *vectors.cross(a, h)
 
 
-def nearest(m):
+def nearest(m: Rows) -> Rows:
     """The rotation nearest to a matrix of positive determinant, by its rows: its orthogonal polar factor.
 
     Newton's iteration, the mean of the matrix and its inverse transpose, scaled at the start so that it converges in as
@@ -64,7 +64,7 @@ def nearest(m):
     return vectors.rows(repeated(_newton, 12, vectors.scaled(vectors.flat(m))[0]))
 
 
-def _newton(entries):
+def _newton(entries: Numbers) -> Numbers:
     """(s m + m^-T / s) / 2 with s^2 = |m^-T| / |m|: both of about one size."""
     m = vectors.rows(entries)
     cofactors = (*vectors.cross(m[1], m[2]), *vectors.cross(m[2], m[0]), *vectors.cross(m[0], m[1]))
@@ -76,5 +76,5 @@ def _newton(entries):
     return tuple(doubled(x, -1) for x in mean)
 
 
-def _size(entries):
+def _size(entries: Numbers) -> Number:
     return vectors.dot(entries, entries).sqrt()

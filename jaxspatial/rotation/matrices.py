@@ -1,19 +1,18 @@
 """Matrices by their entries (*batch, n n): as arguments, as results, and what they do to vectors."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import Numbers
 from jaxspatial.arithmetic.numbers.component_arrays import as_array
 from jaxspatial.arithmetic.numbers.trees import from_double_word
 from jaxspatial.arithmetic.types import Matrix
 
 
-def as_matrices(m: Matrix, name: str, n: int = 3) -> Any:
+def as_matrices(m: Matrix, name: str, n: int = 3) -> jax.Array:
     """Matrices (*batch, n, n) by their entries (*batch, n n)."""
     array = check.as_vectors(m, name, size=n, many=[str(n)], held=True)
     if array.shape[-2] != n:
@@ -21,7 +20,7 @@ def as_matrices(m: Matrix, name: str, n: int = 3) -> Any:
     return array.reshape((*array.shape[:-2], n * n))
 
 
-def require_rotations(entries: Any, name: str) -> None:
+def require_rotations(entries: jax.Array, name: str) -> None:
     """Raises ValueError for known entries that are no rotation, see `Rotation.from_matrix`; traced ones pass."""
     leaves = jax.tree.leaves(entries)
     if not leaves or any(isinstance(x, (jax.core.Tracer, jax.ShapeDtypeStruct)) for x in leaves):
@@ -41,7 +40,7 @@ def require_rotations(entries: Any, name: str) -> None:
         )
 
 
-def owned(array: Any) -> Any:
+def owned(array: jax.Array) -> jax.Array:
     """A NumPy array as a read-only copy: the caller may write to his own."""
     if isinstance(array, np.ndarray):
         array = array.copy()
@@ -49,9 +48,11 @@ def owned(array: Any) -> Any:
     return array
 
 
-def shown(x: Any, n: int) -> str:
-    """The numbers of one item, n in a row; the shape of a batch or of something not computed yet."""
-    if isinstance(x, (np.ndarray, jax.Array)) and not isinstance(x, jax.core.Tracer) and x.ndim == 1:
+def shown(x: object, n: int) -> str:
+    """The numbers of one item, n in a row (0 of a scalar); the shape of a batch or of something not computed yet."""
+    if isinstance(x, (np.ndarray, jax.Array)) and not isinstance(x, jax.core.Tracer) and x.ndim == min(n, 1):
+        if not n:
+            return str(x)
         numbers = [str(number) for number in np.asarray(x)]
         rows = [", ".join(numbers[i : i + n]) for i in range(0, len(numbers), n)]
         return "[" + "; ".join(rows) + "]"
@@ -60,27 +61,21 @@ def shown(x: Any, n: int) -> str:
     return repr(x)
 
 
-def expanded(x: Any) -> Any:
+def expanded(x: jax.Array) -> jax.Array:
     """(*batch,) as (*batch, 1)."""
     return x.reshape((*x.shape, 1))
 
 
-def matrices(entries: Any, n: int) -> Any:
+def matrices(entries: jax.Array, n: int) -> jax.Array:
     """Entries (*batch, n n) as matrices (*batch, n, n)."""
     return entries.reshape((*entries.shape[:-1], n, n))
-
-
-def is_identity(R_AB: Any) -> bool:
-    """True for a single identity known while tracing."""
-    known = isinstance(R_AB.entries, np.ndarray) and not R_AB.batch_shape
-    return known and bool((R_AB.entries == np.eye(3).ravel()).all())
 
 
 # -- products ---------------------------------------------------------------------------------------------------------
 
 
 @formula(of_sums=True)
-def rotated(entries, *given):
+def rotated(entries: Numbers, *given: Numbers) -> list[Numbers]:
     rows = vectors.rows(entries)
     return [vectors.laid_out_as(v, vectors.matrix_times(rows, v)) for v in given]
 
@@ -89,10 +84,10 @@ TRANSPOSED = np.arange(9).reshape(3, 3).T.ravel()
 
 
 @formula(of_sums=True)
-def transposed(entries):
+def transposed(entries: Numbers) -> Numbers:
     return vectors.flat(vectors.transpose(vectors.rows(entries)))
 
 
 @formula(of_sums=True)
-def composed(left, right):
+def composed(left: Numbers, right: Numbers) -> Numbers:
     return vectors.laid_out_as(left, vectors.flat(vectors.matrix_product(vectors.rows(left), vectors.rows(right))))

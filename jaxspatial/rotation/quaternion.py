@@ -3,11 +3,11 @@
 import operator
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import doubled, each, high, noinline, where
+from jaxspatial.arithmetic.numbers import Number, Numbers, Rows, doubled, each, high, noinline, where
 
 
 @noinline
-def to_matrix(q):
+def to_matrix(q: Numbers) -> Rows:
     """The matrix of a unit quaternion, as good as that of the exact one in the direction of q.
 
     What rounding did to the length would count twice. The squares it is taken off with are those of the diagonal, so
@@ -23,13 +23,13 @@ def to_matrix(q):
     return vectors.rows(vectors.plus(m, vectors.times(missing, m)))
 
 
-def from_matrix(m):
+def from_matrix(m: Rows) -> Numbers:
     """The unit quaternion with w >= 0 of a matrix, nearly a rotation."""
     return vectors.unit(proportional(m))
 
 
 @noinline
-def proportional(m):
+def proportional(m: Rows) -> Numbers:
     """A quaternion with w >= 0, of a length from 1/2 to 1, of a matrix, nearly a rotation.
 
     4 q q^T has rows that are sums of entries of m; the one with the largest diagonal is 4 q_i q, with |q_i| >= 1/2.
@@ -47,7 +47,7 @@ def proportional(m):
     return with_positive_real_part(tuple(doubled(x, -2) for x in largest))
 
 
-def _diagonal(rows, k):
+def _diagonal(rows: Rows, k: int) -> Number:
     """The largest diagonal entry of the rows before k."""
     largest = rows[0][0]
     for i in range(1, k):
@@ -55,13 +55,13 @@ def _diagonal(rows, k):
     return largest
 
 
-def with_positive_real_part(q):
+def with_positive_real_part(q: Numbers) -> Numbers:
     """q or -q, which mean the same rotation; as it is where w is 0."""
     is_negative = high(q[0]) < 0
     return tuple(where(is_negative, -x, x) for x in q)
 
 
-def hamilton_product(p, q):
+def hamilton_product(p: Numbers, q: Numbers) -> Numbers:
     """p q: first q, then p."""
     (a, *v), (b, *w) = p, q
     return (a * b - vectors.dot(v, w), *vectors.plus(vectors.times(a, w), vectors.times(b, v), vectors.cross(v, w)))

@@ -11,7 +11,7 @@ from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.arithmetic.types import PrecisionName, Scalar, Vector3
 from jaxspatial.rotation import formulas, matrices
 from jaxspatial.rotation.constructors import Constructors
-from jaxspatial.rotation.matrices import expanded, is_identity
+from jaxspatial.rotation.matrices import expanded
 
 
 @tree
@@ -204,6 +204,12 @@ class Rotation(Constructors):
         """
         w = check.as_vectors(w, "Rotation.left_jacobian_inverse: w")
         return matrices.matrices(formulas.left_jacobian_inverse(precision, w), 3)
+
+
+def is_identity(R_AB: Rotation) -> bool:
+    """True for a single identity known while tracing."""
+    known = isinstance(R_AB.entries, np.ndarray) and not R_AB.batch_shape
+    return known and bool((R_AB.entries == np.eye(3).ravel()).all())
 
 
 def rotated(R_AB: Rotation, v_B: Vector3, *, precision: PrecisionName = None) -> Any:

@@ -1,11 +1,12 @@
 """Spatial acceleration: the classical acceleration of a point on top of which the body turns."""
 
-from typing import Self
+from typing import Any, Self
 
 import jax
 
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import Three
 from jaxspatial.arithmetic.types import PrecisionName, Six, Vector3
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.arguments import require_kind, require_w, shift_by
@@ -119,7 +120,7 @@ class SpatialAcceleration(SpatialVector):
         return spatial.with_vectors(_from_featherstone(precision, *spatial.vectors, *V_MP_E.vectors))
 
 
-def _require_alike(given):
+def _require_alike(given: dict[str, Any]) -> None:
     """One dtype, and batches that broadcast, of vectors and arrays by name."""
     check.require_same_dtype(**given)
     shapes = {n: x.batch_shape if isinstance(x, SpatialVector) else x.shape[:-1] for n, x in given.items()}
@@ -127,27 +128,31 @@ def _require_alike(given):
 
 
 @formula(of_sums=True)
-def _composed(alpha, a, p, w, w_BC, v_BC, alpha_BC, a_BC):
+def _composed(
+    alpha: Three, a: Three, p: Three, w: Three, w_BC: Three, v_BC: Three, alpha_BC: Three, a_BC: Three
+) -> list[Three]:
     turned, coriolis = vectors.cross(w, w_BC), vectors.cross(w, v_BC)
     moved = vectors.plus(algebra.acceleration_at(alpha, a, w, p), vectors.plus(coriolis, coriolis), a_BC)
     return [vectors.plus(alpha, alpha_BC, turned), moved]
 
 
 @formula(of_sums=True)
-def _to_featherstone(alpha, a, w, v):
+def _to_featherstone(alpha: Three, a: Three, w: Three, v: Three) -> list[Three]:
     return [alpha, vectors.minus(a, vectors.cross(w, v))]
 
 
 @formula(of_sums=True)
-def _from_featherstone(alpha, a, w, v):
+def _from_featherstone(alpha: Three, a: Three, w: Three, v: Three) -> list[Three]:
     return [alpha, vectors.plus(a, vectors.cross(w, v))]
 
 
 @shift.register
-def _shift_acceleration(A_MP_E: SpatialAcceleration, p_PQ_E, w=None, *, precision=None):
+def _shift_acceleration(
+    A_MP_E: SpatialAcceleration, p_PQ_E: Vector3, w: Vector3 | None = None, *, precision: PrecisionName = None
+) -> SpatialAcceleration:
     return shift_by(_shifted_acceleration, A_MP_E, precision, p_PQ_E=p_PQ_E, w=require_w(A_MP_E, w))
 
 
 @formula(of_sums=True)
-def _shifted_acceleration(alpha, a, p, w):
+def _shifted_acceleration(alpha: Three, a: Three, p: Three, w: Three) -> list[Three]:
     return [alpha, algebra.acceleration_at(alpha, a, w, p)]

@@ -1,35 +1,44 @@
 """What operations ask of their arguments."""
 
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
+
+import jax
+
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.quantity import Quantity
+from jaxspatial.arithmetic.types import PrecisionName, Vector3
+
+_Kind = TypeVar("_Kind", bound=Quantity)
 
 
-def require_kind(x, kind, name):
+def require_kind(x: object, kind: type[Quantity], name: str) -> None:
     if not isinstance(x, kind):
         raise TypeError(f"{name}: expected a {kind.__name__}, got {type(x).__name__}")
 
 
-def require_no_w(X_P_E, w, operation="shift"):
+def require_no_w(X_P_E: Quantity, w: Vector3 | None, operation: str = "shift") -> None:
     """Only a SpatialAcceleration needs the angular velocity; anywhere else it is a mistake."""
     if w is not None:
         raise TypeError(f"{operation}: w is for a SpatialAcceleration, not for a {type(X_P_E).__name__}")
 
 
-def require_w(A_P_E, w, operation="shift"):
+def require_w(A_P_E: Quantity, w: Vector3 | None, operation: str = "shift") -> jax.Array:
     """The angular velocity of the body, without which an acceleration does not move."""
     if w is None:
         raise TypeError(
             f"{operation}: expected w, the angular velocity of the body, (*batch, 3), for a SpatialAcceleration"
         )
-    w = check.as_vectors(w, f"{operation}: w", A_P_E.dtype)
-    check.require_same_dtype(SpatialAcceleration=A_P_E, w=w)
-    check.common_batch_shape(SpatialAcceleration=A_P_E.batch_shape, w=w.shape[:-1])
-    return w
+    given = check.as_vectors(w, f"{operation}: w", A_P_E.dtype)
+    check.require_same_dtype(SpatialAcceleration=A_P_E, w=given)
+    check.common_batch_shape(SpatialAcceleration=A_P_E.batch_shape, w=given.shape[:-1])
+    return given
 
 
-def shift_by(law, X_P_E, precision, **given):
+def shift_by(law: Callable[..., Iterable[Any]], X_P_E: _Kind, precision: PrecisionName, **by: Vector3) -> _Kind:
     """A formula over the parts of X and the named vectors that shift it; the result of the kind of X."""
     kind = type(X_P_E).__name__
-    given = {name: check.as_vectors(x, f"shift: {name}", X_P_E.dtype) for name, x in given.items()}
+    given = {name: check.as_vectors(x, f"shift: {name}", X_P_E.dtype) for name, x in by.items()}
     check.require_same_dtype(**{kind: X_P_E, **given})
     batch_shapes = {name: x.shape[:-1] for name, x in given.items()}
     check.common_batch_shape(**{kind: X_P_E.batch_shape, **batch_shapes})

@@ -3,6 +3,8 @@
 import jax
 
 from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import Three
+from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.arguments import require_no_w, shift_by
 from jaxspatial.spatial.operations import shift
@@ -36,13 +38,14 @@ class SpatialMomentum(SpatialVector):
     l: jax.Array  # noqa: E741 - the field's letter
 
 
-@shift.register(SpatialForce)
-@shift.register(SpatialMomentum)
-def _shift_force(F_P_E, p_PQ_E, w=None, *, precision=None):
+@shift.register
+def _shift_force(
+    F_P_E: SpatialForce | SpatialMomentum, p_PQ_E: Vector3, w: Vector3 | None = None, *, precision: PrecisionName = None
+) -> SpatialForce | SpatialMomentum:
     require_no_w(F_P_E, w)
     return shift_by(_shifted_force, F_P_E, precision, p_PQ_E=p_PQ_E)
 
 
 @formula(of_sums=True)
-def _shifted_force(tau, f, p):
+def _shifted_force(tau: Three, f: Three, p: Three) -> list[Three]:
     return [algebra.torque_about(tau, f, p), f]

@@ -24,12 +24,11 @@ sum of the absolute values of its terms, multiplied out.
 """
 
 import functools
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
-from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
-from jaxspatial.rotation.rotation import Rotation, rotated_together
+from jaxspatial.rotation.rotation import Rotation
 
 if TYPE_CHECKING:
     # It is made of what is defined here.
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
 _Kind = TypeVar("_Kind", bound=Quantity)
 
 
-def _refuse(operation, expected, x) -> Any:
+def _refuse(operation: str, expected: str, x: object) -> NoReturn:
     raise TypeError(f"{operation}: expected {expected}, got {type(x).__name__}")
 
 
@@ -83,7 +82,7 @@ def shift(X_P_E: Quantity, p_PQ_E: Vector3, w: Vector3 | None = None, *, precisi
         `jaxspatial.spatial.operations`.
     Source: Jain 2010, Robot and Multibody Dynamics, 1.4 and 1.5; Featherstone 2008, 2.11.
     """
-    return _refuse("shift", "a SpatialForce, SpatialMomentum, SpatialVelocity or SpatialAcceleration", X_P_E)
+    _refuse("shift", "a SpatialForce, SpatialMomentum, SpatialVelocity or SpatialAcceleration", X_P_E)
 
 
 @functools.singledispatch
@@ -113,7 +112,7 @@ def dot(F_P_E: Quantity, V_P_E: Quantity, *, precision: PrecisionName = None) ->
         derivatives, see `jaxspatial.spatial.operations`.
     Source: Jain 2010, Robot and Multibody Dynamics, 1.5.
     """
-    return _refuse("dot", "a SpatialForce or SpatialMomentum and a SpatialVelocity", F_P_E)
+    _refuse("dot", "a SpatialForce or SpatialMomentum and a SpatialVelocity", F_P_E)
 
 
 @functools.singledispatch
@@ -143,7 +142,7 @@ def cross(V_P_E: Quantity, X_P_E: Quantity, *, precision: PrecisionName = None) 
         edges, and for derivatives, see `jaxspatial.spatial.operations`.
     Source: Featherstone 2008, Rigid Body Dynamics Algorithms, 2.9, equations 2.31 and 2.32.
     """
-    return _refuse("cross", "a SpatialVelocity first", V_P_E)
+    _refuse("cross", "a SpatialVelocity first", V_P_E)
 
 
 def act(X_AB: "RigidTransform", X_Bo_B: _Kind, w: Vector3 | None = None, *, precision: PrecisionName = None) -> _Kind:
@@ -175,13 +174,13 @@ def act(X_AB: "RigidTransform", X_Bo_B: _Kind, w: Vector3 | None = None, *, prec
         while nothing over- or underflows. For the edges, and for derivatives, see `jaxspatial.spatial.operations`.
     Source: Featherstone 2008, 2.8; Jain 2010, 1.5.
     """
-    return acting(X_Bo_B, X_AB, w, precision)
+    return acting(X_Bo_B, X_AB, w, precision, "act")
 
 
 @functools.singledispatch
-def acting(X_Bo_B, X_AB, w, precision) -> Any:
-    """`act`, dispatched on what is acted on."""
-    return _refuse("act", "a spatial vector or inertia as second", X_Bo_B)
+def acting(X: Quantity, X_AB: "RigidTransform", w: Vector3 | None, precision: PrecisionName, operation: str) -> Any:
+    """`act` or `act_inverse`, as `operation` says, dispatched on what is acted on."""
+    _refuse(operation, "a spatial vector or inertia as second", X)
 
 
 def act_inverse(
@@ -210,13 +209,7 @@ def act_inverse(
     Error: as of `act`.
     Source: as of `act`.
     """
-    return acting_inverse(X_Ao_A, X_AB, w, precision)
-
-
-@functools.singledispatch
-def acting_inverse(X_Ao_A, X_AB, w, precision) -> Any:
-    """`act_inverse`, dispatched on what is acted on."""
-    return _refuse("act_inverse", "a spatial vector or inertia as second", X_Ao_A)
+    return acting(X_Ao_A, X_AB, w, precision, "act_inverse")
 
 
 def rotate(R_AE: Rotation, X_P_E: _Kind, *, precision: PrecisionName = None) -> _Kind:
@@ -248,9 +241,6 @@ def rotate(R_AE: Rotation, X_P_E: _Kind, *, precision: PrecisionName = None) -> 
 
 
 @functools.singledispatch
-def rotating(X_P_E, R_AE, precision) -> Any:
+def rotating(X_P_E: Quantity, R_AE: Rotation, precision: PrecisionName) -> Any:
     """`rotate`, dispatched on what is rotated."""
-    if not hasattr(X_P_E, "rotational"):
-        return _refuse("rotate", "one of the four spatial vectors as second", X_P_E)
-    check.require_same_dtype(Rotation=R_AE, **{type(X_P_E).__name__: X_P_E})
-    return X_P_E.with_vectors(rotated_together(R_AE, *X_P_E.vectors, precision=precision))
+    _refuse("rotate", "one of the four spatial vectors as second", X_P_E)

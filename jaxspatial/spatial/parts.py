@@ -21,6 +21,9 @@ from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.arithmetic.types import BatchShape, DTypeLike, Six, Vector3
+from jaxspatial.rotation.matrices import owned, shown
+
+_Parts = typing.TypeVar("_Parts", bound="Parts")
 
 
 class Parts(Quantity):
@@ -36,13 +39,13 @@ class Parts(Quantity):
     # NumPy and JAX arrays on the left of an operator leave it to us.
     __array_ufunc__ = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Checks what a caller passes. JAX rebuilds vectors without it, with whatever leaves it needs."""
         if all(check.is_tree_mark(leaf) for leaf in self.vectors):
             return
         names = [f"{type(self).__name__}: {name}" for name in self._names]
         given = zip(names, self.vectors, strict=True)
-        arrays = check.alike(**{name: _owned(check.as_vectors(x, name, held=True)) for name, x in given})
+        arrays = check.alike(**{name: owned(check.as_vectors(x, name, held=True)) for name, x in given})
         batch_shapes = {name: a.shape[:-1] for name, a in arrays.items() if not check.goes_with_any_batch(a)}
         if len(set(batch_shapes.values())) > 1:
             came = ", ".join(f"{name}: {shape}" for name, shape in batch_shapes.items())
@@ -165,41 +168,22 @@ class Parts(Quantity):
         return self.vectors[i % 6 // 3][i % 3]
 
     def __repr__(self) -> str:
-        parts = ", ".join(f"{name}={_shown(part)}" for name, part in zip(self._names, self.vectors, strict=True))
+        parts = ", ".join(f"{name}={shown(part, 3)}" for name, part in zip(self._names, self.vectors, strict=True))
         return f"{type(self).__name__}({parts})"
 
 
 @typing.dataclass_transform(eq_default=False, frozen_default=True)
-def spatial_vector(cls):
+def spatial_vector(cls: type[_Parts]) -> type[_Parts]:
     """Class decorator: a frozen dataclass of two 3-vectors, rotational first, known to JAX as a pytree."""
     cls = tree(cls)
     cls._names = tuple(field.name for field in dataclasses.fields(cls))
     return cls
 
 
-def joined(*parts):
+def joined(*parts: Any) -> Any:
     """(*batch, 6) of the two parts; as NumPy where JAX would narrow them."""
-    parts = tuple(as_array(part, check.batch_shape(*parts)) for part in parts)
-    if all(map(check.is_only_held, parts)):
-        return np.concatenate(parts, axis=-1)
-    parts = to_double_word(parts) if any(isinstance(part, DoubleWord) for part in parts) else parts
-    return jax.tree.map(lambda top, bottom: jnp.concatenate((top, bottom), axis=-1), *parts)
-
-
-def _owned(array):
-    """A NumPy array as a read-only copy: the caller may write to his own."""
-    if isinstance(array, np.ndarray):
-        array = array.copy()
-        array.setflags(write=False)
-    return array
-
-
-def _shown(part):
-    """The numbers of one vector, the shape of a batch or of something not computed yet."""
-    if isinstance(part, check.StandIn):
-        return repr(part)
-    if isinstance(part, (np.ndarray, jax.Array)) and not isinstance(part, jax.core.Tracer) and part.ndim == 1:
-        return "[" + ", ".join(str(x) for x in np.asarray(part)) + "]"
-    if hasattr(part, "shape") and hasattr(part, "dtype"):
-        return f"{np.dtype(part.dtype).name}[{','.join(map(str, part.shape))}]"
-    return repr(part)
+    arrays = [as_array(part, check.batch_shape(*parts)) for part in parts]
+    if all(map(check.is_only_held, arrays)):
+        return np.concatenate(arrays, axis=-1)
+    arrays = to_double_word(arrays) if any(isinstance(x, DoubleWord) for x in arrays) else arrays
+    return jax.tree.map(lambda *words: jnp.concatenate(words, axis=-1), *arrays)

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.arithmetic.types import PrecisionName, Scalar
 from jaxspatial.rotation.matrices import expanded, matrices, shown
@@ -115,7 +116,10 @@ class RigidTransform(Constructors):
 
         Error: of the rotation as of `rotate`, of the translation as of `act_inverse`.
         """
-        return _inverse_times(self, other, precision)
+        check.require_same_dtype(left=self, right=other)
+        R_BC = composed(self.rotation.inverse(), other.rotation, precision=precision)
+        p = formulas.moved_back(precision, self.rotation.entries, self.translation, other.translation)
+        return RigidTransform(R_BC, p)
 
     def interpolate(self, other: "RigidTransform", t: Scalar, *, precision: PrecisionName = None) -> "RigidTransform":
         """X exp(t log(X^-1 X2)): at constant velocity from this pose to the other: a screw motion.
@@ -193,7 +197,7 @@ class RigidTransform(Constructors):
         return matrices(formulas.motion_matrix(None, self.rotation.entries, self.translation), 6)
 
 
-def require_transform(X_AB: Any) -> None:
+def require_transform(X_AB: object) -> None:
     if not isinstance(X_AB, RigidTransform):
         raise TypeError(f"act: expected a RigidTransform first, got {type(X_AB).__name__}")
 
@@ -218,7 +222,7 @@ def transformed(X_AB: RigidTransform, other: Any, *, precision: PrecisionName = 
     """
     if isinstance(other, RigidTransform):
         return _composed(X_AB, other, precision)
-    if hasattr(other, "rotational"):
+    if isinstance(other, Quantity):
         raise TypeError(f"RigidTransform @ p: expected points or a RigidTransform, got {type(other).__name__}; see act")
     p = check.as_vectors(other, "RigidTransform @ p: p", X_AB.dtype)
     check.require_same_dtype(RigidTransform=X_AB, p=p)
@@ -226,15 +230,7 @@ def transformed(X_AB: RigidTransform, other: Any, *, precision: PrecisionName = 
     return formulas.moved(precision, X_AB.rotation.entries, X_AB.translation, p)
 
 
-def _composed(X_AB, X_BC, precision):
+def _composed(X_AB: RigidTransform, X_BC: RigidTransform, precision: PrecisionName) -> RigidTransform:
     check.require_same_dtype(left=X_AB, right=X_BC)
     R_AC = composed(X_AB.rotation, X_BC.rotation, precision=precision)
     return RigidTransform(R_AC, transformed(X_AB, X_BC.translation, precision=precision))
-
-
-def _inverse_times(X_AB, X_AC, precision):
-    check.require_same_dtype(left=X_AB, right=X_AC)
-    R_BC = composed(X_AB.rotation.inverse(), X_AC.rotation, precision=precision)
-    return RigidTransform(
-        R_BC, formulas.moved_back(precision, X_AB.rotation.entries, X_AB.translation, X_AC.translation)
-    )

@@ -93,6 +93,6 @@ class Constructors(Quantity):
         return cls(Rotation(entries), p)
 
 
-def require_velocity(V, operation):
+def require_velocity(V: object, operation: str) -> None:
     if not isinstance(V, SpatialVelocity):
         raise TypeError(f"{operation}: expected a SpatialVelocity (over unit time), got {type(V).__name__}")

@@ -1,6 +1,7 @@
 """What is done to all kinds of spatial vectors alike: sums, multiples, comparisons, and operations as methods."""
 
 import operator
+from collections.abc import Callable
 from typing import Any, Self
 
 import chex
@@ -11,10 +12,11 @@ import numpy as np
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.errorfree.reproducible import product, quotient
 from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import folding
+from jaxspatial.arithmetic.numbers import Three, folding
 from jaxspatial.arithmetic.numbers.component_arrays import as_array
 from jaxspatial.arithmetic.numbers.components import Components
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.stacking import Summed
 from jaxspatial.arithmetic.numbers.trees import from_double_word, to_double_word
 from jaxspatial.arithmetic.quantity import matched, moved_to_last
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
@@ -194,23 +196,19 @@ class SpatialVector(Parts):
 
 
 @formula(of_sums=True)
-def _summed(rotational, translational):
+def _summed(rotational: Three, translational: Three) -> list[Summed]:
     return [vectors.summed(rotational), vectors.summed(translational)]
 
 
-def _is_double(x):
-    return isinstance(x, DoubleWord)
-
-
-def _scaled_part(operation, part, s):
+def _scaled_part(operation: Callable[..., Any], part: Any, s: Any) -> Any:
     """operation(part, s) for s (*batch, 1) or a number; double words and Components know it as an operator."""
-    part = to_double_word(part) if _is_double(s) and not isinstance(part, Components) else part
+    part = to_double_word(part) if isinstance(s, DoubleWord) and not isinstance(part, Components) else part
     if isinstance(part, check.StandIn):
         return part * s if operation is product else part / s
     return operation(part, jnp.broadcast_to(s, part.shape))
 
 
-def skipping_zero(operation, x, y):
+def skipping_zero(operation: Callable[..., Any], x: Any, y: Any) -> Any:
     """x + y or x - y: of known zeros nothing is left."""
     if isinstance(y, np.ndarray) and not y.any():
         return x
@@ -219,12 +217,12 @@ def skipping_zero(operation, x, y):
     return folding.quietly(operation, x, y)
 
 
-def _largest(x):
+def _largest(x: jax.Array) -> jax.Array:
     # Written out: a reduction over an axis of length 3 is a library call on XLA CPU. Both maxima keep NaN.
     maximum = np.maximum if isinstance(x, np.ndarray) else jnp.maximum
     return maximum(maximum(x[..., 0], x[..., 1]), x[..., 2])
 
 
-def _plain(number):
+def _plain(number: chex.Numeric) -> chex.Numeric:
     """A Python number for any that is one (np.float64 is): it takes the dtype of what it is compared with."""
     return float(number) if isinstance(number, float) else number

@@ -4,6 +4,7 @@ import jax
 
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
+from jaxspatial.arithmetic.numbers import Three
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.arguments import require_kind, require_no_w, shift_by
@@ -56,16 +57,18 @@ class SpatialVelocity(SpatialVector):
 
 
 @formula(of_sums=True)
-def _composed(w, v, p, w_BC, v_BC):
+def _composed(w: Three, v: Three, p: Three, w_BC: Three, v_BC: Three) -> list[Three]:
     return [vectors.plus(w, w_BC), vectors.plus(algebra.velocity_at(w, v, p), v_BC)]
 
 
 @shift.register
-def _shift_velocity(V_MP_E: SpatialVelocity, p_PQ_E, w=None, *, precision=None):
+def _shift_velocity(
+    V_MP_E: SpatialVelocity, p_PQ_E: Vector3, w: Vector3 | None = None, *, precision: PrecisionName = None
+) -> SpatialVelocity:
     require_no_w(V_MP_E, w)
     return shift_by(_shifted_velocity, V_MP_E, precision, p_PQ_E=p_PQ_E)
 
 
 @formula(of_sums=True)
-def _shifted_velocity(w, v, p):
+def _shifted_velocity(w: Three, v: Three, p: Three) -> list[Three]:
     return [w, algebra.velocity_at(w, v, p)]

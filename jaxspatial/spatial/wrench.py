@@ -1,7 +1,8 @@
 """Wrenches and points: from point forces to a wrench, and from a wrench to its axis and its centre of pressure."""
 
 import functools
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,10 +10,12 @@ import jax.numpy as jnp
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.errorfree.scaling import exponent, times_power_of_two
 from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import folding
+from jaxspatial.arithmetic.numbers import Number, Three, folding
 from jaxspatial.arithmetic.numbers.component_arrays import as_array
-from jaxspatial.arithmetic.precision import resolve
+from jaxspatial.arithmetic.numbers.stacking import Summed
+from jaxspatial.arithmetic.precision import Precision, resolve
 from jaxspatial.arithmetic.types import PrecisionName, Vector, Vector3
+from jaxspatial.spatial.arguments import require_kind
 from jaxspatial.spatial.force import SpatialForce
 
 
@@ -50,7 +53,7 @@ def wrench_from_point_forces(points: Vector, forces: Vector, *, precision: Preci
 
 
 @formula(of_sums=True)
-def _sum_of_moments(p, f):
+def _sum_of_moments(p: Three, f: Three) -> list[Summed]:
     return [vectors.summed(vectors.cross(p, f)), vectors.summed(f)]
 
 
@@ -86,13 +89,13 @@ def central_axis(F_P_E: SpatialForce, *, precision: PrecisionName = None) -> Cen
         where subnormals are flushed. Derivatives in the last two are as accurate as in "reproducible" only.
     Source: Featherstone 2008, 2.5; Ball 1900, A Treatise on the Theory of Screws.
     """
-    _require_force(F_P_E, "central_axis")
+    require_kind(F_P_E, SpatialForce, "central_axis")
     parts = (as_array(part, F_P_E.batch_shape) for part in check.narrowed_each((F_P_E.tau, F_P_E.f)))
     return CentralAxis(*_central_axis(resolve(precision), *parts))
 
 
 @functools.partial(jax.jit, static_argnums=0, inline=True)
-def _central_axis(precision, tau, f):
+def _central_axis(precision: Precision, tau: Any, f: Any) -> tuple[Any, Any]:
     """On vectors scaled to about 1: nothing over- or underflows before the result does."""
     tau_high, f_high = (folding.unstack(jnp.asarray(jax.tree.leaves(x)[0])) for x in (tau, f))
     tau_exponent, f_exponent = exponent(tau_high), exponent(f_high)
@@ -103,16 +106,16 @@ def _central_axis(precision, tau, f):
     return _infinite_where(_is_zero(f_high) & ~_is_zero(tau_high), pitch), point
 
 
-def _scaled(x, e):
+def _scaled(x: Any, e: jax.Array) -> Any:
     return jax.tree.map(lambda word: times_power_of_two(jnp.asarray(word), e), x)
 
 
-def _is_zero(components):
+def _is_zero(components: Sequence[jax.Array]) -> jax.Array:
     x, y, z = components
     return (x == 0) & (y == 0) & (z == 0)
 
 
-def _infinite_where(condition, x):
+def _infinite_where(condition: jax.Array, x: Any) -> Any:
     """x, or an infinity: of a double word in its first word."""
     words, structure = jax.tree.flatten(x)
     fill = [jnp.inf] + [0.0] * (len(words) - 1)
@@ -121,7 +124,7 @@ def _infinite_where(condition, x):
 
 
 @formula(of_sums=True)
-def _axis_of_scaled(tau, f):
+def _axis_of_scaled(tau: Three, f: Three) -> list[Number | Three]:
     squared = vectors.dot(f, f)
     point = [c / squared for c in vectors.cross(f, tau)]
     return [vectors.dot(f, tau) / squared, vectors.laid_out_as(f, point)]
@@ -156,7 +159,7 @@ def center_of_pressure(
         flushed. Derivatives in the last two are as accurate as in "reproducible" only.
     Source: Vukobratovic and Borovac 2004, Zero-moment point - thirty five years of its life.
     """
-    _require_force(F_P_E, "center_of_pressure")
+    require_kind(F_P_E, SpatialForce, "center_of_pressure")
     normal = check.as_vectors(normal, "center_of_pressure: normal", F_P_E.dtype)
     check.require_same_dtype(SpatialForce=F_P_E, normal=normal)
     check.common_batch_shape(SpatialForce=F_P_E.batch_shape, normal=normal.shape[:-1])
@@ -164,11 +167,6 @@ def center_of_pressure(
 
 
 @formula(of_sums=True)
-def _center_of_pressure(tau, f, normal):
+def _center_of_pressure(tau: Three, f: Three, normal: Three) -> Three:
     pressing = vectors.dot(normal, f)
     return tuple(c / pressing for c in vectors.cross(normal, tau))
-
-
-def _require_force(x, operation):
-    if not isinstance(x, SpatialForce):
-        raise TypeError(f"{operation}: expected a SpatialForce, got {type(x).__name__}")

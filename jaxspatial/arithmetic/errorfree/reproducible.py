@@ -4,6 +4,9 @@ They are primitives, because derivatives need them too: written with a fence alo
 be contracted, and a pull-back could not be fenced at all (a select is not linear). Both arguments have one shape.
 """
 
+from typing import Any
+
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.interpreters import ad, mlir
@@ -12,12 +15,12 @@ from jaxspatial.arithmetic.errorfree.elementwise import alike, elementwise, is_z
 from jaxspatial.arithmetic.errorfree.fence import settled
 
 
-def product(a, b):
+def product(a: Any, b: Any) -> jax.Array:
     """fl(a * b), never contracted with what follows: error <= u |a b|, bitwise NumPy's."""
     return _product_p.bind(*alike(a, b))
 
 
-def quotient(a, b):
+def quotient(a: Any, b: Any) -> jax.Array:
     """fl(a / b), never a multiplication by fl(1 / b): error <= u |a / b|, bitwise NumPy's."""
     return _quotient_p.bind(*alike(a, b))
 

@@ -1,12 +1,14 @@
 """Scaling by powers of two: exact, so that intermediate results need neither overflow nor underflow."""
 
 import functools
+from collections.abc import Iterable
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
 
-def exponent(components):
+def exponent(components: Iterable[jax.Array]) -> jax.Array:
     """e with 2^(e-1) <= max |component| < 2^e, and 0 for zeros, infinities and NaN; a constant to derivatives."""
     largest = functools.reduce(jnp.maximum, (lax.stop_gradient(jnp.abs(c)) for c in components))
     usable = jnp.isfinite(largest) & (largest > 0)
@@ -32,7 +34,7 @@ def reciprocal(components):
     return lax.bitcast_convert_type(lax.shift_left(found, shift), largest.dtype)
 
 
-def times_power_of_two(x, e):
+def times_power_of_two(x: jax.Array, e: jax.Array) -> jax.Array:
     """x 2^e, rounded once where it underflows. In three steps, because 2^e alone may lie outside of the format."""
     first, second = e // 3, (e - e // 3) // 2
     for part in (first, second, e - first - second):

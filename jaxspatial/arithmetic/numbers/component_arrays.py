@@ -25,7 +25,7 @@ def from_components(x: typing.Any) -> typing.Any:
     return jax.tree.map(lambda leaf: leaf.to_array() if is_components(leaf) else leaf, x, is_leaf=is_components)
 
 
-def as_array(x, batch_shape):
+def as_array(x: typing.Any, batch_shape: tuple[int, ...]) -> typing.Any:
     """Components as one array over a batch, of which known numbers have none; anything else as it is."""
     return x.to_array(batch_shape) if is_components(x) else x
 

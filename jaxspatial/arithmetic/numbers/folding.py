@@ -6,6 +6,8 @@ IEEE 754 says. No axis of length 3 is ever reduced, and no product of matrices r
 """
 
 import operator
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -30,7 +32,7 @@ def is_known(a, *values):
 # -- arrays apart and together ----------------------------------------------------------------------------------------
 
 
-def unstack(x):
+def unstack(x: Any) -> list[Any]:
     """The components of x (*batch, n), each (*batch,); of a NumPy array, numbers where one is the same throughout."""
     if isinstance(x, np.ndarray):
         return tuple(_number_if_uniform(x[..., i]) for i in range(x.shape[-1]))
@@ -144,7 +146,7 @@ def _is_pair(a, b):
     return isinstance(a, check.StandIn) or isinstance(b, check.StandIn)
 
 
-def quietly(operation, a, b):
+def quietly(operation: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
     """The operation; on numbers known while tracing NumPy does it now, as silent about overflow and NaN as JAX is."""
     with np.errstate(all="ignore"):
         return operation(a, b)
