@@ -145,10 +145,9 @@ def symplectic_step(
         ValueError: shapes do not fit.
         KeyError: there is no such frame.
 
-    Error: of rounding, per step, in the largest number: of v at most 4 u |q| / dt, as its rates are differences of
-        coordinates, and 8 n u c (|v| + dt |vdot|), for n links one behind the other and c the condition of the mass
-        matrix, in every precision; of q that of `integrate` and dt times that of v. The remainder of the iteration
-        comes on top.
+    Error: of rounding, per step, in the largest number: of v at most 8 n u c (|v| + dt |vdot|), for n links one behind
+        the other and c the condition of the mass matrix, in every precision; of q that of `integrate` and dt times that
+        of v. The remainder of the iteration comes on top.
     Source: Marsden, West 2001, Discrete mechanics and variational integrators, 1.1 to 1.4; Lee, Leok, McClamroch 2007,
         Lie group variational integrators for the full body problem.
     """

@@ -20,12 +20,12 @@ def variational_step(mechanism, q, v, tau, h, damping, external_forces, iteratio
     derivatives, dt = _action_derivatives(mechanism, precision), h[..., 0]
     damping = None if damping is None else h * jnp.broadcast_to(damping, v.shape)
     before = integrate(mechanism, q, v, -dt, precision=precision)
-    momentum = derivatives(before, q, dt)[1] + h * (tau - _static(mechanism, q, external_forces, precision))
+    momentum = derivatives(before, q, v, dt)[1] + h * (tau - _static(mechanism, q, external_forces, precision))
     M = mass_matrix(mechanism, q, precision=precision)
     factor = factored(M if damping is None else M + _diagonal(damping))
 
     def nearer(_, v):
-        left = momentum + derivatives(q, integrate(mechanism, q, v, dt, precision=precision), dt)[0]
+        left = momentum + derivatives(q, integrate(mechanism, q, v, dt, precision=precision), v, dt)[0]
         return v + factor.solve(left if damping is None else left - damping * v)
 
     v = jax.lax.fori_loop(0, iterations, nearer, v)
@@ -39,15 +39,20 @@ def _diagonal(x):
 
 
 def _action_derivatives(mechanism, precision):
-    """(q, next, dt) -> the derivatives of the kinetic action dt T(q, (next - q) / dt) by motions of q and of next."""
+    """(q, next, v, dt) -> the derivatives of the kinetic action dt T(q, (next - q) / dt) by motions of q and of next.
 
-    def action(q, following, dt):
-        v = difference(mechanism, q, following, precision=precision) / dt[..., None]
-        return (dt * kinetic_energy(mechanism, q, v, precision=precision)).sum()
+    v is (next - q) / dt before next is rounded: the difference, divided by dt, would have an error of u |q| / dt.
+    """
 
-    def derivatives(q, following, dt):
-        found = jax.grad(action, (0, 1))(q, following, dt)
-        return [_by_rates(mechanism, x, g, precision) for x, g in zip((q, following), found, strict=True)]
+    def energy(q, v):
+        return kinetic_energy(mechanism, q, v, precision=precision).sum()
+
+    def derivatives(q, following, v, dt):
+        of_q, momentum = jax.grad(energy, (0, 1))(q, v)
+        _, of_motions = jax.vjp(functools.partial(difference, mechanism, precision=precision), q, following)
+        by_q, by_following = of_motions(momentum)
+        both = (q, dt[..., None] * of_q + by_q), (following, by_following)
+        return [_by_rates(mechanism, x, by_x, precision) for x, by_x in both]
 
     return derivatives
 

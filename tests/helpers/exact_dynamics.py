@@ -1,173 +1,301 @@
-"""Inverse dynamics of chains of revolute joints in 60 digits: Newton's and Euler's equations of every body, and what is
-left at each joint of the forces beyond it."""
+"""Chains of revolute joints in 60 digits: Newton's and Euler's equations of every body, and what is left at each joint
+of the forces beyond it. Every number knows how large it would be if no terms cancelled."""
+
+import functools
 
 import mpmath as mp
 import numpy as np
 
-
-def _vector(x):
-    return mp.matrix([mp.mpf(float(c)) for c in np.asarray(x).ravel()])
+DIGITS = 60
 
 
-def _matrix(x):
-    return mp.matrix(3, 3) + mp.matrix([[mp.mpf(float(c)) for c in row] for row in np.asarray(x).reshape(3, 3)])
+class Sized:
+    """A number, a vector or a matrix, and its size: of what is given its absolute value or 2-norm, of a sum the sum, of
+    a product the product. A rotation has the size 1."""
+
+    def __init__(self, value, size):
+        self.value, self.size = value, size
+
+    def __neg__(self):
+        return Sized(-self.value, self.size)
+
+    def __add__(self, other):
+        return Sized(self.value + other.value, self.size + other.size)
+
+    def __sub__(self, other):
+        return Sized(self.value - other.value, self.size + other.size)
+
+    def __mul__(self, number):
+        return Sized(self.value * number.value, self.size * number.size)
+
+    def __truediv__(self, number):
+        return Sized(self.value / number.value, self.size / abs(number.value))
+
+    def __matmul__(self, other):
+        return Sized(self.value @ other.value, self.size * other.size)
+
+    @property
+    def T(self):
+        return Sized(self.value.T, self.size)
+
+    def numbers(self):
+        """Each with the size of all."""
+        return [Sized(x, self.size) for x in np.ravel(self.value)]
 
 
-def _cross(a, b):
-    return mp.matrix([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+def values(numbers):
+    return [x.value for x in numbers]
 
 
-def _dot(a, b):
-    return sum(x * y for x, y in zip(a, b, strict=True))
+def number(x):
+    x = mp.mpf(float(x))
+    return Sized(x, abs(x))
 
 
-def _about(k, angle):
+def angle(x):
+    """Of the size of its rotation."""
+    return Sized(mp.mpf(float(x)), mp.mpf(1))
+
+
+def array(x, size=None):
+    """A vector, or a matrix."""
+    x = np.asarray(x, float)
+    return Sized(
+        np.vectorize(mp.mpf, otypes=[object])(x), mp.mpf(float(np.linalg.norm(x, 2))) if size is None else size
+    )
+
+
+def zero():
+    return array(np.zeros(3))
+
+
+def cross(a, b):
+    (a1, a2, a3), (b1, b2, b3) = a.value, b.value
+    return Sized(np.array([a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1], object), a.size * b.size)
+
+
+def about(k, q):
     """k k^T + cos (1 - k k^T) + sin [k]x: for axes that are not quite of unit length as the library has it."""
-    x, y, z = k
-    kx = mp.matrix([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return k * k.T + mp.cos(angle) * (mp.eye(3) - k * k.T) + mp.sin(angle) * kx
+    x, y, z = k.value
+    kx, kk = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]], object), np.outer(k.value, k.value)
+    return Sized(kk + mp.cos(q.value) * (np.eye(3, dtype=int) - kk) + mp.sin(q.value) * kx, q.size)
+
+
+class Body:
+    """The numbers of a body of a chain and of its joint, as they are."""
+
+    def __init__(self, mech, i):
+        xx, xy, yy, xz, yz, zz = mech.inertias.central[i]
+        self.p, self.k = array(mech.placements.translation[i]), array(mech.axes[i])
+        self.R = array(np.asarray(mech.placements.rotation.entries[i]).reshape(3, 3), mp.mpf(1))
+        self.mass, self.com = number(mech.inertias.mass[i]), array(mech.inertias.com[i])
+        self.central = array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    def wrench(self, w, alpha, a):
+        """(tau, f) about the body's origin that make it move so."""
+        f = (a + cross(alpha, self.com) + cross(w, cross(w, self.com))) * self.mass
+        return self.central @ alpha + cross(w, self.central @ w) + cross(self.com, f), f
 
 
 def inverse_dynamics(mech, q, v, a):
     """tau of a chain, its numbers taken as they are: where rounding made rotations that are not quite, R^T stands for
     the inverse, as in the library."""
-    with mp.workdps(60):
-        return recursion(mech, *([mp.mpf(float(x)) for x in y] for y in (q, v, a)), -_vector(mech.gravity))
-
-
-def recursion(mech, q, v, a, acceleration):
-    """Newton's and Euler's equations on a base with an acceleration."""
-    w, alpha = mp.zeros(3, 1), mp.zeros(3, 1)
-    bodies = []
-    for i in range(mech.nv):
-        p, k = _vector(mech.placements.translation[i]), _vector(mech.axes[i])
-        R = _matrix(mech.placements.rotation.entries[i]) * _about(k, q[i])
-        acceleration = R.T * (acceleration + _cross(alpha, p) + _cross(w, _cross(w, p)))
-        w, alpha = R.T * w, R.T * alpha
-        alpha = alpha + k * a[i] + _cross(w, k * v[i])
-        w = w + k * v[i]
-        bodies.append((R, p, k, *_wrench(mech, i, w, alpha, acceleration)))
-    return _felt(bodies)
-
-
-def _wrench(mech, i, w, alpha, acceleration):
-    """(tau, f) about the body's origin that make it move so."""
-    xx, xy, yy, xz, yz, zz = (mp.mpf(float(x)) for x in mech.inertias.central[i])
-    inertia = mp.matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    c = _vector(mech.inertias.com[i])
-    f = mp.mpf(float(mech.inertias.mass[i])) * (acceleration + _cross(alpha, c) + _cross(w, _cross(w, c)))
-    return inertia * alpha + _cross(w, inertia * w) + _cross(c, f), f
-
-
-def _felt(bodies):
-    tau, f, found = mp.zeros(3, 1), mp.zeros(3, 1), []
-    for R, p, k, torque, force in reversed(bodies):
-        tau, f = tau + torque, f + force
-        found.append(_dot(k, tau))
-        f = R * f
-        tau = R * tau + _cross(p, f)
-    return found[::-1]
+    with mp.workdps(DIGITS):
+        return values(Chain(mech, q, v, a).inverse_dynamics())
 
 
 class Chain:
-    """A chain of revolute joints in 60 digits, in world axes: for rotations that are exact, and axes of unit length."""
+    """A chain of revolute joints. In world axes for rotations that are exact, and axes of unit length."""
 
     def __init__(self, mech, q, v, a):
-        self.mech, self.q, self.v, self.a = mech, *([mp.mpf(float(x)) for x in y] for y in (q, v, a))
-        zero, R, p = mp.zeros(3, 1), mp.eye(3), mp.zeros(3, 1)
-        state = zero, zero, zero, zero
-        self.bodies, self.axes = [], []
-        for i in range(mech.nv):
-            R, p, k, state = self._next(i, R, p, state)
-            self.axes.append((k, p))
-            self.bodies.append((R, p, *state))
+        self.bodies, self.gravity = [Body(mech, i) for i in range(mech.nv)], array(mech.gravity)
+        self.q = [angle(x) for x in q]
+        self.v, self.a = ([number(x) for x in y] for y in (v, a))
 
-    def _next(self, i, R, p, state):
-        """Of the next body: R, p, the axis, (w, v, alpha, a), a the acceleration of its origin."""
-        w, v, alpha, a = state
-        arm = R * _vector(self.mech.placements.translation[i])
-        a = a + _cross(alpha, arm) + _cross(w, _cross(w, arm))
-        v, p = v + _cross(w, arm), p + arm
-        axis = _vector(self.mech.axes[i])
-        R = R * _matrix(self.mech.placements.rotation.entries[i])
-        k, R = R * axis, R * _about(axis, self.q[i])
-        alpha = alpha + k * self.a[i] + _cross(w, k * self.v[i])
-        return R, p, k, (w + k * self.v[i], v, alpha, a)
+    def at(self, **coordinates):
+        """The same chain elsewhere."""
+        other = object.__new__(Chain)
+        own = {name: vars(self)[name] for name in ("bodies", "gravity", "q", "v", "a")}
+        vars(other).update(own | coordinates)
+        return other
 
-    def poses(self):
-        return [x for R, *_ in self.bodies for x in R], [x for _, p, *_ in self.bodies for x in p]
+    def unit(self, k):
+        return [number(i == k) for i in range(len(self.q))]
 
-    def velocities(self):
-        return [x for *_, w, v, _, _ in self.bodies for x in (*w, *v)]
+    @property
+    def nothing(self):
+        return self.unit(-1)
 
-    def accelerations(self):
-        return [x for *_, alpha, a in self.bodies for x in (*alpha, *a)]
+    # -- in the axes of the bodies ------------------------------------------------------------------------------------
 
-    def jacobian(self, i):
-        """Of the origin of body i, by rows."""
-        zero = mp.zeros(3, 1)
-        arms = [self.bodies[i][1] - p for _, p in self.axes]
-        columns = [
-            (k, _cross(k, arm)) if j <= i else (zero, zero)
-            for j, ((k, _), arm) in enumerate(zip(self.axes, arms, strict=True))
-        ]
-        return [column[side][row] for side in (0, 1) for row in range(3) for column in columns]
-
-    def masses(self):
-        """(m, the centre of mass in the world, its velocity, the inertia about it) of every body."""
-        found = []
-        for i, (R, p, w, v, *_) in enumerate(self.bodies):
-            arm = R * _vector(self.mech.inertias.com[i])
-            found.append(
-                (mp.mpf(float(self.mech.inertias.mass[i])), p + arm, v + _cross(w, arm), R * self._central(i) * R.T)
-            )
+    def motions(self, base):
+        """(R, w, alpha, a) of every body, a of its origin, on a base with an acceleration."""
+        (w, alpha, a), found = (zero(), zero(), base), []
+        for body, q, v, vdot in zip(self.bodies, self.q, self.v, self.a, strict=True):
+            R, k = body.R @ about(body.k, q), body.k
+            a = R.T @ (a + cross(alpha, body.p) + cross(w, cross(w, body.p)))
+            w, alpha = R.T @ w, R.T @ alpha
+            alpha = alpha + k * vdot + cross(w, k * v)
+            w = w + k * v
+            found.append((R, w, alpha, a))
         return found
 
-    def _central(self, i):
-        xx, xy, yy, xz, yz, zz = (mp.mpf(float(x)) for x in self.mech.inertias.central[i])
-        return mp.matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    def inverse_dynamics(self, gravity=1):
+        motions = self.motions(-self.gravity * number(gravity))
+        return self.at_joints(motions, [body.wrench(*x[1:]) for body, x in zip(self.bodies, motions, strict=True)])
 
-    def center(self):
-        """(the mass, the centre of mass, its velocity)."""
-        masses = self.masses()
-        m = sum(x[0] for x in masses)
-        return m, *(sum((x[0] * x[k] for x in masses), mp.zeros(3, 1)) / m for k in (1, 2))
+    def at_joints(self, motions, wrenches):
+        """The forces at the joints of wrenches on bodies."""
+        (tau, f), found = (zero(), zero()), []
+        for body, (R, *_), (torque, force) in zip(*map(reversed, (self.bodies, motions, wrenches)), strict=True):
+            tau, f = tau + torque, f + force
+            found.append(body.k @ tau)
+            f = R @ f
+            tau = R @ tau + cross(body.p, f)
+        return found[::-1]
 
-    def energies(self):
-        both = list(zip(self.masses(), self.bodies, strict=True))
-        kinetic = sum(m * _dot(v, v) + _dot(b[2], inertia * b[2]) for (m, _, v, inertia), b in both) / 2
-        return kinetic, -sum(m * _dot(_vector(self.mech.gravity), c) for (m, c, *_), _ in both)
+    def bias_forces(self):
+        return self.at(a=self.nothing).inverse_dynamics()
 
-    def momentum(self):
-        _, center, _ = self.center()
-        angular, linear = mp.zeros(3, 1), mp.zeros(3, 1)
-        for (m, c, v, inertia), (_, _, w, *_) in zip(self.masses(), self.bodies, strict=True):
-            angular, linear = angular + inertia * w + _cross(c - center, m * v), linear + m * v
-        return [*angular, *linear]
-
-    def inverse_dynamics(self, q=None, v=None, a=None, gravity=1):
-        base = -gravity * _vector(self.mech.gravity)
-        return recursion(self.mech, q or self.q, v or self.v, a or self.a, base)
+    def gravity_forces(self):
+        return self.at(v=self.nothing, a=self.nothing).inverse_dynamics()
 
     def mass_matrix(self):
+        n = range(len(self.q))
+        return [x for k in n for x in self.at(v=self.nothing, a=self.unit(k)).inverse_dynamics(gravity=0)]
+
+    def solved(self, forces):
+        """M^-1 of forces; of the size of all its terms."""
         n = len(self.q)
-        rows = [self.inverse_dynamics(v=[0] * n, a=[int(i == k) for i in range(n)], gravity=0) for k in range(n)]
-        return [x for row in rows for x in row]
+        inverse = np.reshape(
+            (mp.matrix(np.reshape(values(self.mass_matrix()), (n, n)).tolist()) ** -1).tolist(), (n, n)
+        )
+        sizes = abs(inverse) @ np.array([x.size for x in forces])
+        return [Sized(*x) for x in zip(inverse @ np.array(values(forces)), sizes, strict=True)]
 
     def forward_dynamics(self):
         """The accelerations under the forces that stand in the place of accelerations."""
-        n, entries = len(self.q), self.mass_matrix()
-        M = mp.matrix([entries[i * n : i * n + n] for i in range(n)])
-        bias = self.inverse_dynamics(a=[0] * n)
-        return list(mp.lu_solve(M, mp.matrix([x - y for x, y in zip(self.a, bias, strict=True)])))
+        return self.solved([x - y for x, y in zip(self.a, self.bias_forces(), strict=True)])
 
-    def derivative(self, of):
-        """Of the torques, with respect to q or v, by rows: differences, with a step that 60 digits bear."""
-        x, h, n = list(getattr(self, of)), mp.mpf(10) ** -20, len(self.q)
-        columns = []
-        for k in range(n):
-            ends = [
-                self.inverse_dynamics(**{of: [y + s * h if i == k else y for i, y in enumerate(x)]}) for s in (1, -1)
-            ]
-            columns.append([(p - m) / (2 * h) for p, m in zip(*ends, strict=True)])
-        return [columns[k][i] for i in range(n) for k in range(n)]
+    def regressor(self):
+        """The forces of units of all ten parameters of all bodies, by rows."""
+        motions, none = self.motions(-self.gravity), (zero(), zero())
+        columns = [
+            self.at_joints(motions, [wrench if j == i else none for j in range(len(motions))])
+            for i, (_, *motion) in enumerate(motions)
+            for wrench in self._of_parameters(*motion)
+        ]
+        return [column[i] for i in range(len(self.q)) for column in columns]
+
+    @staticmethod
+    def _of_parameters(w, alpha, a):
+        """Of a unit of mass, of the first moments, of the entries xx, xy, yy, xz, yz, zz about the body's origin."""
+        yield zero(), a
+        for e in np.eye(3):
+            e = array(e)
+            yield cross(e, a), cross(alpha, e) + cross(w, cross(w, e))
+        for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)):
+            J = np.zeros((3, 3))
+            J[i, j] = J[j, i] = 1
+            J = array(J)
+            yield J @ alpha + cross(w, J @ w), zero()
+
+    # -- in world axes ------------------------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def placed(self):
+        """(R, p, k, w, v, alpha, a) of every body, k of its axis, v and a of its origin."""
+        (p, w, v, alpha, a), R, found = [zero()] * 5, array(np.eye(3), mp.mpf(1)), []
+        for body, q, rate, vdot in zip(self.bodies, self.q, self.v, self.a, strict=True):
+            arm = R @ body.p
+            a = a + cross(alpha, arm) + cross(w, cross(w, arm))
+            v, p = v + cross(w, arm), p + arm
+            R = R @ body.R
+            k, R = R @ body.k, R @ about(body.k, q)
+            alpha = alpha + k * vdot + cross(w, k * rate)
+            w = w + k * rate
+            found.append((R, p, k, w, v, alpha, a))
+        return found
+
+    def rotations(self):
+        return [x for R, *_ in self.placed for x in R.numbers()]
+
+    def positions(self):
+        return [x for _, p, *_ in self.placed for x in p.numbers()]
+
+    def velocities(self):
+        return [x for *_, w, v, _, _ in self.placed for x in (*w.numbers(), *v.numbers())]
+
+    def accelerations(self):
+        return [x for *_, alpha, a in self.placed for x in (*alpha.numbers(), *a.numbers())]
+
+    def jacobian(self, i):
+        """Of the origin of body i, by rows."""
+        p_F, columns = self.placed[i][1], []
+        for j, (_, p, k, *_) in enumerate(self.placed):
+            columns.append((k, cross(k, p_F - p)) if j <= i else (zero(), zero()))
+        return _rows([(*w.numbers(), *v.numbers()) for w, v in columns])
+
+    def masses(self):
+        """(m, the centre of mass in the world, its velocity, the inertia about it, w) of every body."""
+        found = []
+        for body, (R, p, _, w, v, *_) in zip(self.bodies, self.placed, strict=True):
+            arm = R @ body.com
+            found.append((body.mass, p + arm, v + cross(w, arm), R @ body.central @ R.T, w))
+        return found
+
+    def center(self):
+        """(the centre of mass, its velocity)."""
+        masses = self.masses()
+        total = _sum(x[0] for x in masses)
+        return tuple(_sum(x[k] * x[0] for x in masses) / total for k in (1, 2))
+
+    def kinetic_energy(self):
+        return [_sum((v @ v) * m + w @ (inertia @ w) for m, _, v, inertia, w in self.masses()) * number(0.5)]
+
+    def potential_energy(self):
+        return [-_sum((self.gravity @ c) * m for m, c, *_ in self.masses())]
+
+    def momentum(self):
+        center, _ = self.center()
+        angular = _sum(inertia @ w + cross(c - center, v * m) for m, c, v, inertia, w in self.masses())
+        return [*angular.numbers(), *_sum(v * m for m, _, v, *_ in self.masses()).numbers()]
+
+    def momentum_matrix(self):
+        return _rows([self.at(v=self.unit(k)).momentum() for k in range(len(self.q))])
+
+    def center_jacobian(self):
+        return _rows([self.at(v=self.unit(k)).center()[1].numbers() for k in range(len(self.q))])
+
+    # -- derivatives --------------------------------------------------------------------------------------------------
+
+    def along(self, name, rates, function):
+        """The derivative of numbers by coordinates, along rates: differences, with a step that 60 digits bear. Of sizes
+        too, which are polynomials of those of the coordinates: what no terms of the derivative cancel in."""
+        h = mp.mpf(10) ** (-DIGITS // 3)
+        plus, minus = (
+            function(self.at(**{name: [_moved(x, s * h, r) for x, r in zip(vars(self)[name], rates, strict=True)]}))
+            for s in (1, -1)
+        )
+        return [
+            Sized((a.value - b.value) / (2 * h), (a.size - b.size) / (2 * h)) for a, b in zip(plus, minus, strict=True)
+        ]
+
+    def jacobian_rate(self, i):
+        return self.along("q", self.v, lambda chain: chain.jacobian(i))
+
+    def derivative(self, name):
+        """Of the torques, with respect to q or v, by rows."""
+        return _rows([self.along(name, self.unit(k), Chain.inverse_dynamics) for k in range(len(self.q))])
+
+
+def _moved(x, h, rate):
+    return Sized(x.value + h * rate.value, x.size + h * rate.size)
+
+
+def _sum(terms):
+    return functools.reduce(lambda a, b: a + b, terms)
+
+
+def _rows(columns):
+    return [x for row in zip(*columns, strict=True) for x in row]

@@ -35,7 +35,8 @@ def rotated(q, v):
 
 
 def cross(a, b):
-    return list(exact._cross(a, b))
+    (a1, a2, a3), (b1, b2, b3) = a, b
+    return [a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1]
 
 
 def combination(c, half, d, w, v):
@@ -124,11 +125,12 @@ class Steps:
     """Steps in time of a chain of revolute joints."""
 
     def __init__(self, mech, tau, h):
-        self.mech, self.tau, self.h = mech, numbers(tau), mp.mpf(float(h))
-        self.n = len(self.tau)
+        self.tau, self.h, self.n = numbers(tau), mp.mpf(float(h)), len(tau)
+        self.chain = exact.Chain(mech, *[[0] * self.n] * 3)
 
     def forces(self, q, v, a, gravity=1):
-        return exact.recursion(self.mech, q, v, a, -gravity * exact._vector(self.mech.gravity))
+        chain = self.chain.at(q=_sized(q), v=_sized(v), a=_sized(a))
+        return exact.values(chain.inverse_dynamics(gravity))
 
     def mass_matrix(self, q):
         units = [[mp.mpf(int(i == k)) for i in range(self.n)] for k in range(self.n)]
@@ -175,3 +177,7 @@ class Steps:
         for _ in range(12):
             v = self.solved(q, self.ahead(momentum, self.h, self.kinetic_slopes(q, v)))
         return self.ahead(q, self.h, v), v
+
+
+def _sized(numbers):
+    return [exact.Sized(x, abs(x)) for x in numbers]
