@@ -2,6 +2,7 @@
 
 import os
 import sys
+from collections.abc import Iterable
 
 from jaxspatial.command import interrupts, measuring, moving, options
 from jaxspatial.command.result import as_json
@@ -12,7 +13,7 @@ from jaxspatial.measure.self_check import self_check
 _IMPOSSIBLE, _INTERRUPTED = 2, 130
 
 
-def main(arguments=None):
+def main(arguments: Iterable[str] | None = None):
     """Runs the command; returns its exit status: 0, 1 where a promise does not hold, 2 for what cannot be done, 130."""
     try:
         with interrupts.heard():
@@ -25,27 +26,27 @@ def main(arguments=None):
         return _failed(_line(error), _IMPOSSIBLE)
 
 
-def _run(arguments):
+def _run(arguments: list[str]):
     jobs = {"trade": _measure, "shift": _shift, "self-check": _check}
     if arguments and arguments[0] in jobs:
         return jobs[arguments[0]](arguments[1:])
     return _measure(arguments)
 
 
-def _measure(arguments):
+def _measure(arguments: list[str]):
     given = options.measuring().parse_args(arguments)
     return _print_self_check(given.json) if given.self_check else measuring.run(given)
 
 
-def _shift(arguments):
+def _shift(arguments: list[str]):
     return moving.run(options.shifting().parse_args(arguments))
 
 
-def _check(arguments):
+def _check(arguments: list[str]):
     return _print_self_check(options.checking().parse_args(arguments).json)
 
 
-def _print_self_check(json):
+def _print_self_check(json: bool):
     found, console = self_check(), None if json else measuring.console_on()
     if console:
         from jaxspatial.command import report
@@ -56,14 +57,14 @@ def _print_self_check(json):
     return 0 if found.holds else 1
 
 
-def _line(error):
+def _line(error: BaseException):
     """What happened in one line."""
     name, reason = getattr(error, "filename", None), getattr(error, "strerror", None) or str(error)
     text = f"{name}: {reason}" if name else reason or type(error).__name__
     return text.splitlines()[0]
 
 
-def _failed(text, status):
+def _failed(text: str, status: int):
     try:
         sys.stdout.flush()
     except OSError:

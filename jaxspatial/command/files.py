@@ -5,6 +5,8 @@ import itertools
 import os
 import pathlib
 import secrets
+from collections.abc import Generator
+from typing import BinaryIO
 
 
 class OutputError(OSError):
@@ -12,7 +14,7 @@ class OutputError(OSError):
 
 
 @contextlib.contextmanager
-def staged(path, overwrite=False):
+def staged(path: pathlib.Path, overwrite: bool = False) -> Generator[BinaryIO, None, None]:
     """Yields a new binary file that takes its place at path when the block ends, and vanishes when the block fails."""
     target = checked(path, overwrite).resolve()
     temporary = target.with_name(f".{secrets.token_hex(8)}.part")
@@ -31,7 +33,7 @@ def staged(path, overwrite=False):
         temporary.unlink(missing_ok=True)
 
 
-def checked(path, overwrite=False):
+def checked(path: pathlib.Path, overwrite: bool = False):
     """path, if a file may be written there; raises `OutputError` before any work is done."""
     path = pathlib.Path(path)
     if not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
@@ -45,13 +47,13 @@ def checked(path, overwrite=False):
     return path
 
 
-def free(path):
+def free(path: pathlib.Path):
     """path, or where it is taken the same with a number: a name for what was not given one."""
     names = (path.with_stem(f"{path.stem}_{i}") for i in itertools.count(2))
     return next(p for p in itertools.chain([path], names) if not os.path.lexists(p))
 
 
-def _publish(temporary, target, overwrite):
+def _publish(temporary: pathlib.Path, target: pathlib.Path, overwrite: bool):
     if overwrite:
         os.replace(temporary, target)
         return
@@ -64,7 +66,7 @@ def _publish(temporary, target, overwrite):
         _rename_where_free(temporary, target)
 
 
-def _rename_where_free(temporary, target):
+def _rename_where_free(temporary: pathlib.Path, target: pathlib.Path):
     """On file systems without hard links."""
     if os.path.lexists(target):
         raise FileExistsError(f"{target}: exists already")

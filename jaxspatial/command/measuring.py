@@ -1,11 +1,13 @@
 """`python -m jaxspatial`: the trade on the built-in scene or on the user's wrenches, as tables, picture and JSON."""
 
+import argparse
 import contextlib
 import importlib
 import pathlib
 import sys
 import warnings
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -16,7 +18,11 @@ from jaxspatial.measure import algorithms, applications, conditions, power, timi
 from jaxspatial.measure.algorithms import ALGORITHMS
 from jaxspatial.measure.operation import OPERATIONS
 from jaxspatial.measure.scene import Wrenches, arm, rotating_body
+from jaxspatial.measure.timing import Advance
 from jaxspatial.mechanism import Mechanism
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 _OFFSET = (0.3, -0.2, 0.5)
 _NEEDED = "python -m jaxspatial shows tables, progress and pictures: pip install 'jaxspatial[plot]'"
@@ -31,17 +37,17 @@ class Plan(NamedTuple):
     wrenches: Wrenches
     offset: np.ndarray
     largest: int
-    operations: list
-    dtypes: list
-    outputs: dict  # what is written -> path
+    operations: list[str]
+    dtypes: list[str]
+    outputs: dict[str, pathlib.Path]  # what is written -> path
     file: WrenchFile | None
-    shifted: dict  # the parts of the file about Q
+    shifted: dict[str, np.ndarray]  # the parts of the file about Q
     robot: Mechanism | None
-    algorithms: list  # of the robot
+    algorithms: list[str]  # of the robot
     is_everything: bool  # nothing was asked for by name: applications too
 
 
-def run(options):
+def run(options: argparse.Namespace):
     """Measures, shows and writes; returns the exit status, 1 where a promise does not hold."""
     _check_installed(options)
     plan, console = _plan(options), console_on(stderr=options.json)
@@ -53,7 +59,7 @@ def run(options):
     return 1 if result.broken else 0
 
 
-def console_on(stderr=False):
+def console_on(stderr: bool = False):
     """Where tables and progress go; None without rich."""
     try:
         from rich.console import Console
@@ -62,7 +68,7 @@ def console_on(stderr=False):
     return Console(width=None if sys.stdout.isatty() else _WIDTH, stderr=stderr)
 
 
-def _check_installed(options):
+def _check_installed(options: argparse.Namespace):
     """Says what is missing before any work is done."""
     needed = {"rich": not options.json, "matplotlib": not options.json or options.picture is not None}
     for name in (name for name, is_needed in needed.items() if is_needed):
@@ -75,13 +81,13 @@ def _check_installed(options):
 # -- what to do: all that can be refused is refused here ---------------------------------------------------------------
 
 
-def _plan(options):
+def _plan(options: argparse.Namespace):
     if options.file is not None and options.offset is None:
         raise WrenchFileError("--offset: expected X Y Z, the position of the new point from the old, with a file")
     outputs, offset = _outputs(options), np.array(_OFFSET if options.offset is None else options.offset)
     file = WrenchFile(options.file) if options.file else None
     wrenches, about = _wrenches(file, options.largest)
-    dtypes = list(dict.fromkeys(options.dtype or trade.DTYPES))
+    dtypes: list[str] = list(dict.fromkeys(options.dtype or trade.DTYPES))
     _check_sizes(wrenches, offset, dtypes, file.path if file else "--offset")
     asked, robot = options.operation, _robot(options)
     operations = _operations(file, asked)
@@ -95,7 +101,7 @@ def _plan(options):
     return Plan(about, wrenches, offset, options.largest, *subjects, robot, whole, is_all)
 
 
-def _robot(options):
+def _robot(options: argparse.Namespace):
     """That of the file, or the embedded one where it is asked for or nothing is; None for none."""
     if options.robot is None:
         return arm() if set(options.operation or (() if options.file else ALGORITHMS)) & set(ALGORITHMS) else None
@@ -110,7 +116,7 @@ def _robot(options):
     return robot
 
 
-def _outputs(options):
+def _outputs(options: argparse.Namespace):
     """What is written, and where; a picture that was given no name takes one that is free."""
     picture, beside = options.picture, options.file or pathlib.Path("jaxspatial.")
     if picture is None and not options.json:
@@ -121,7 +127,7 @@ def _outputs(options):
     return {what: files.checked(path, options.overwrite) for what, path in found.items()}
 
 
-def _as_picture(path):
+def _as_picture(path: pathlib.Path):
     from jaxspatial.command import picture
 
     if path.is_dir():
@@ -132,7 +138,7 @@ def _as_picture(path):
     return path
 
 
-def _wrenches(file, largest):
+def _wrenches(file: WrenchFile | None, largest: int):
     if file is None:
         return rotating_body(largest), f"{largest:,} wrenches on a rotating body"
     parts = {name: x.astype(np.float64) for name, x in file.parts.items()}
@@ -140,7 +146,7 @@ def _wrenches(file, largest):
     return Wrenches(parts["tau"], parts["f"], parts.get("w"), parts.get("v")), about
 
 
-def _operations(file, asked):
+def _operations(file: WrenchFile | None, asked: list[str] | None):
     """Those asked for, as far as the numbers for them are there: neither motions nor accelerations are invented."""
     names = [name for name in dict.fromkeys(asked or OPERATIONS) if name in OPERATIONS]
     if file is None:
@@ -152,7 +158,7 @@ def _operations(file, asked):
     return [name for name in names if not lacking[name]]
 
 
-def _check_sizes(wrenches, offset, dtypes, source):
+def _check_sizes(wrenches: Wrenches, offset: np.ndarray, dtypes: list[str], source: object):
     for dtype in dtypes:
         if dtype in trade.STREAMED and not power.fits(wrenches, offset, dtype):
             others = "" if dtype == "float64" else "; --dtype float64 measures only float64"
@@ -162,7 +168,7 @@ def _check_sizes(wrenches, offset, dtypes, source):
 # -- doing it ---------------------------------------------------------------------------------------------------------
 
 
-def _measured(plan, console, options):
+def _measured(plan: Plan, console: "Console | None", options: argparse.Namespace):
     """All measurements; where there is a console, with the power before, and a progress bar."""
     moving_at = plan.wrenches if plan.operations and plan.wrenches.w is not None else None
     fitting = [dtype for dtype in trade.STREAMED if moving_at and power.fits(moving_at, plan.offset, dtype)]
@@ -172,10 +178,10 @@ def _measured(plan, console, options):
     lines, pairs = trade.cases(plan.operations, plan.dtypes), conditions.subjects(plan.operations, plan.dtypes)
     whole = algorithms.cases(plan.algorithms, plan.dtypes)
 
-    def work(advance):
+    def work(advance: Advance):
         yield trade.measure(plan.wrenches, plan.offset, lines, plan.largest, advance)
         yield conditions.measure(pairs, advance)
-        yield algorithms.measure(plan.robot, whole, advance=advance) if whole else []
+        yield algorithms.measure(plan.robot, whole, advance=advance) if plan.robot else []
         yield applications.measure(advance) if plan.is_everything else []
 
     steps = trade.steps(lines) + len(pairs) + algorithms.steps(whole) + plan.is_everything * applications.steps()
@@ -183,7 +189,7 @@ def _measured(plan, console, options):
     return Result(plan.about, timing.machine(), plan.offset, trade.sizes(plan.largest), powers, *measured)
 
 
-def _announce(console, plan, powers):
+def _announce(console: "Console", plan: Plan, powers: dict[str, power.Power]):
     from jaxspatial.command import report
 
     console.print(f"{plan.about}\noffset p_PQ = {plan.offset.tolist()} m\n{timing.machine()}\n")
@@ -191,7 +197,7 @@ def _announce(console, plan, powers):
         report.print_power(console, powers)
 
 
-def _with_progress(console, work, total):
+def _with_progress(console: "Console | None", work: Callable[[Advance], list[Any]], total: int):
     if console is None:
         return work(lambda: None)
     from jaxspatial.command import report
@@ -199,24 +205,26 @@ def _with_progress(console, work, total):
     return report.with_progress(console, work, total)
 
 
-def _write(plan, result, overwrite):
+def _write(plan: Plan, result: Result, overwrite: bool):
     """All files or none."""
-    writers = {"picture": lambda file, path: _draw(result, file, path)}
-    writers["shifted wrenches"] = lambda file, path: plan.file.write(file, plan.shifted)
     with contextlib.ExitStack() as stack:
         for what, path in plan.outputs.items():
-            writers[what](stack.enter_context(files.staged(path, overwrite)), path)
+            file = stack.enter_context(files.staged(path, overwrite))
+            if what == "picture":
+                _draw(result, file, path)
+            elif plan.file:
+                plan.file.write(file, plan.shifted)
 
 
-def _draw(result, file, path):
+def _draw(result: Result, file: BinaryIO, path: pathlib.Path):
     from jaxspatial.command import picture
 
     picture.draw(result, file, path.suffix[1:].lower())
 
 
-def _show(console, result, outputs, options):
+def _show(console: "Console | None", result: Result, outputs: dict[str, pathlib.Path], options: argparse.Namespace):
     """Tables, what was written, and what is broken."""
-    if not options.json:
+    if console and not options.json:
         from jaxspatial.command import report
 
         report.print_trade(console, result, options.full)

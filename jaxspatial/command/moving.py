@@ -1,19 +1,29 @@
 """`python -m jaxspatial shift FILE`: the wrenches of a file, and velocities where they are known, about another point
 and in other axes; nothing else is done."""
 
+import argparse
+import pathlib
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
 import jax
 import numpy as np
 
 from jaxspatial.command import files
+from jaxspatial.command.tables import Parts
 from jaxspatial.command.wrench_file import WrenchFile, WrenchFileError, shifted_path
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialForce, SpatialVelocity, act, rotate, shift
+from jaxspatial.spatial.vector import SpatialVector
 
 # How far the norm of a quaternion may be from 1: it is normalised, but what is further off is no quaternion.
 _ROUNDED = 1e-3
 
+# One motion for all wrenches, or one each; None for none.
+Entries = np.ndarray | None
 
-def run(options):
+
+def run(options: argparse.Namespace):
     """Converts, and says so; returns the exit status."""
     path = options.output or shifted_path(options.file)
     if path.suffix.lower() != options.file.suffix.lower():
@@ -27,13 +37,15 @@ def run(options):
     return 0
 
 
-def write(file, parts, path, overwrite):
+def write(file: WrenchFile, parts: Parts, path: pathlib.Path, overwrite: bool):
     """The file with other parts, whole or not at all."""
     with files.staged(path, overwrite) as stream:
         file.write(stream, parts)
 
 
-def moved(parts, offset=None, rotation=None, pose=None, precision=None):
+def moved(
+    parts: Parts, offset: Entries = None, rotation: Entries = None, pose: Entries = None, precision: str | None = None
+) -> Parts:
     """The parts about another point, then in other axes: in the dtype they came in.
 
     offset: p_PQ_E (3,) or (n, 3).  rotation: quaternion wxyz of R_AE, (4,) or (n, 4).  pose: quaternion and position
@@ -48,7 +60,9 @@ def moved(parts, offset=None, rotation=None, pose=None, precision=None):
     return dict(zip(("tau", "f", "w", "v"), arrays, strict=False))
 
 
-def _steps(offset, rotation, pose, dtype, precision):
+def _steps(
+    offset: Entries, rotation: Entries, pose: Entries, dtype: np.dtype, precision: str | None
+) -> Iterator[Callable[[SpatialVector], Any]]:
     """What is done to a spatial vector, in turn."""
     if offset is not None:
         p = np.asarray(offset).astype(dtype)
@@ -61,12 +75,12 @@ def _steps(offset, rotation, pose, dtype, precision):
         yield lambda X: act(X_AB, X, precision=precision)
 
 
-def _rotation(wxyz, dtype):
+def _rotation(wxyz: np.ndarray, dtype: np.dtype):
     """Rounded once, from float64."""
     return jax.tree.map(lambda x: x.astype(dtype), Rotation.from_quaternion(np.asarray(wxyz, np.float64)))
 
 
-def _motion(file, options):
+def _motion(file: WrenchFile, options: argparse.Namespace):
     """offset, rotation, pose as arrays: one for all, or one each where columns of the file are named."""
     if options.offset is options.rotation is options.pose is None:
         raise WrenchFileError("expected --offset X Y Z, --rotation W X Y Z or --pose W X Y Z PX PY PZ")
@@ -78,14 +92,14 @@ def _motion(file, options):
     return found
 
 
-def _resolved(file, entries):
+def _resolved(file: WrenchFile, entries: Sequence[float | str] | None):
     """Numbers and columns as one array (k,) or (n, k)."""
     if entries is None:
         return None
     return np.stack(np.broadcast_arrays(*(file.column(e) if isinstance(e, str) else e for e in entries)), axis=-1)
 
 
-def _check_quaternions(name, x):
+def _check_quaternions(name: str, x: Entries):
     if x is None:
         return
     norms = np.linalg.norm(x[..., :4], axis=-1)
@@ -96,6 +110,6 @@ def _check_quaternions(name, x):
         raise WrenchFileError(f"--{name}: expected a unit quaternion W X Y Z first, got one of norm {found:.6g}{where}")
 
 
-def _said(options):
+def _said(options: argparse.Namespace):
     done = (("shifted", options.offset), ("rotated", options.rotation), ("moved by their pose", options.pose))
     return " and ".join(word for word, given in done if given is not None)

@@ -4,6 +4,8 @@ import argparse
 import math
 import pathlib
 import re
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.command.wrench_file import PARTS
@@ -11,6 +13,7 @@ from jaxspatial.measure import trade
 from jaxspatial.measure.algorithms import ALGORITHMS
 from jaxspatial.measure.operation import OPERATIONS
 
+N = TypeVar("N", int, float)
 _PROG = "python -m jaxspatial"
 _XYZ, _WXYZ = ("X", "Y", "Z"), ("W", "X", "Y", "Z")
 _SUBCOMMANDS = """\
@@ -24,7 +27,7 @@ subcommands, each with its own --help:
 class _Parser(argparse.ArgumentParser):
     """Takes -1e-3 for the number that it is, not for an option."""
 
-    def __init__(self, **names):
+    def __init__(self, **names: Any):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **names)
         self._negative_number_matcher = re.compile(r"-\.?\d")
 
@@ -61,7 +64,7 @@ def measuring():
     return parser
 
 
-def _add_flags(parser):
+def _add_flags(parser: argparse.ArgumentParser):
     parser.add_argument("--full", action="store_true", help="the whole table: every dtype, precision and number")
     _add_overwrite(parser)
     parser.add_argument(
@@ -117,14 +120,20 @@ columns: tau_x tau_y tau_z f_x f_y f_z and, if known, w_x ... v_z, or named: --c
 """
 
 
-def _add_overwrite(parser):
+def _add_overwrite(parser: argparse.ArgumentParser):
     parser.add_argument("--overwrite", action="store_true", help="replace files that exist already")
 
 
 class _Columns(argparse.Action):
     """part=names, for each part at most once: a dictionary of tuples."""
 
-    def __call__(self, parser, namespace, values, option_string=None):
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ):
         known = dict(getattr(namespace, self.dest) or {})
         for text in values or ():
             part, _, names = text.partition("=")
@@ -137,30 +146,30 @@ class _Columns(argparse.Action):
         setattr(namespace, self.dest, known)
 
 
-def _entry(text):
+def _entry(text: str):
     """A number, or the name of a column."""
     return text if _number(text, float) is None else _finite(text, "number")
 
 
-def _metres(text):
+def _metres(text: str):
     return _finite(text, "number of metres")
 
 
-def _finite(text, what):
+def _finite(text: str, what: str):
     value = _number(text, float)
     if value is None or not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"expected a finite {what}, got {text}")
     return value
 
 
-def _count(text):
+def _count(text: str):
     value = _number(text, int)
     if value is None or value < trade.SMALLEST:
         raise argparse.ArgumentTypeError(f"expected at least {trade.SMALLEST} wrenches, got {text}")
     return value
 
 
-def _number(text, kind):
+def _number(text: str, kind: Callable[[str], N]):
     try:
         return kind(text)
     except ValueError:

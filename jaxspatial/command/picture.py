@@ -1,17 +1,24 @@
 """The trade as a picture: what an operation costs, what its result is worth, and where a precision loses digits."""
 
+import pathlib
+from collections.abc import Iterable, Sequence
+from typing import Any, BinaryIO
+
 import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402 - after the choice of a backend without a window
 import numpy as np  # noqa: E402
+from matplotlib.axes import Axes  # noqa: E402
+from matplotlib.axis import Axis  # noqa: E402
 from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.ticker import LogLocator, NullLocator  # noqa: E402
 
-from jaxspatial.command.result import readable  # noqa: E402
+from jaxspatial.command.result import Result, readable  # noqa: E402
 from jaxspatial.measure import conditions, trade  # noqa: E402
-from jaxspatial.measure.algorithms import ALGORITHMS  # noqa: E402
+from jaxspatial.measure.algorithms import ALGORITHMS, Evaluated  # noqa: E402
+from jaxspatial.measure.applications import Loss  # noqa: E402
 from jaxspatial.measure.operation import OPERATIONS  # noqa: E402
 
 # Formats by the endings of their names.
@@ -28,7 +35,7 @@ _LIGHT, _GREY = "0.75", "0.35"
 _SMALL = 9
 
 
-def draw(result, file, ending="png"):
+def draw(result: Result, file: BinaryIO | str | pathlib.Path, ending: str = "png"):
     """Writes the picture of a `Result` into a binary file, or to a path."""
     known = dict.fromkeys(row.case.dtype for row in result.rows)
     dtypes = [dtype for dtype in known if dtype in _DTYPES] or list(known)
@@ -49,7 +56,7 @@ def draw(result, file, ending="png"):
     plt.close(figure)
 
 
-def _places(result, dtypes):
+def _places(result: Result, dtypes: list[str]):
     """Where each axes is: operations beside their condition numbers, algorithms beside applications."""
     places = [[dtype, "conditions"] if result.curves else [dtype, dtype] for dtype in dtypes]
     last = [name for name, rows in (("algorithms", result.algorithms), ("losses", result.losses)) if rows]
@@ -59,7 +66,7 @@ def _places(result, dtypes):
 # -- the trade: one axes per dtype ------------------------------------------------------------------------------------
 
 
-def _draw_trade(axes, rows, dtype):
+def _draw_trade(axes: Axes, rows: list[trade.Row], dtype: str):
     """Every case as a point; those of one operation joined, from fast to faithful."""
     for operation in dict.fromkeys(row.case.operation for row in rows):
         points = [(trade.nanoseconds(row.in_cache), _shown(row.worst_ulps)) for row in _of(rows, operation=operation)]
@@ -73,16 +80,16 @@ def _draw_trade(axes, rows, dtype):
     axes.grid(alpha=0.25)
 
 
-def _of(rows, **names):
+def _of(rows: list[trade.Row], **names: str):
     return [row for row in rows if all(getattr(row.case, name) == x for name, x in names.items())]
 
 
-def _shown(ulps):
+def _shown(ulps: float):
     """What is too small for the scale at its lower end; infinities not at all."""
     return np.maximum(np.where(np.isfinite(ulps), ulps, np.nan), _LOWEST)
 
 
-def _label_trade(axes, result):
+def _label_trade(axes: list[Axes], result: Result):
     """One scale for both, and a legend beside each."""
     limits = [a.get_xlim() for a in axes]
     for a in axes:
@@ -95,7 +102,7 @@ def _label_trade(axes, result):
     _explain(axes[-1], _OF_TRADE)
 
 
-def _number_decades(axis):
+def _number_decades(axis: Axis):
     """At 1, 2, 5, 10, ..., as plain numbers."""
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.set_major_formatter("{x:g}")
@@ -108,12 +115,12 @@ _OF_TRADE = (
 )
 
 
-def _explain(axes, text):
+def _explain(axes: Axes, text: str):
     """Beneath the label of the x axis."""
     axes.set_xlabel(f"{axes.get_xlabel()}\n{text}", linespacing=1.4)
 
 
-def _add_keys(axes, result):
+def _add_keys(axes: Axes, result: Result):
     operations = dict.fromkeys(row.case.operation for row in result.rows)
     keys = [_heading("precision"), *(_key("o", colour, name) for name, colour in _COLOURS.items())]
     keys += [_heading("operation"), *(_key(_MARKERS[name], _GREY, OPERATIONS[name].title) for name in operations)]
@@ -122,22 +129,22 @@ def _add_keys(axes, result):
     axes.legend(handles=keys, frameon=False, loc="upper left", bbox_to_anchor=(1, 1.02), fontsize=_SMALL)
 
 
-def _heading(text):
+def _heading(text: str):
     return Line2D([], [], linestyle="", label=f"$\\bf{{{text}}}$")
 
 
-def _line(style, label, **names):
+def _line(style: str, label: str, **names: Any):
     return Line2D([], [], linestyle=style, label=label, **{"color": _GREY, "linewidth": 0.8, **names})
 
 
-def _key(marker, colour, label, **style):
+def _key(marker: str, colour: str, label: str, **style: Any):
     return Line2D([], [], marker=marker, color=colour, linestyle="", markersize=7, label=label, **style)
 
 
 # -- error against condition number -----------------------------------------------------------------------------------
 
 
-def _draw_conditions(axes, curves):
+def _draw_conditions(axes: Axes, curves: Sequence[conditions.Curve]):
     for curve in curves:
         _draw_curve(axes, curve)
     axes.set(xscale="log", yscale="log", xlim=(1, 1e33), ylim=(_LOWEST, 1e19))
@@ -158,7 +165,7 @@ _OF_CONDITIONS = (
 )
 
 
-def _draw_curve(axes, curve):
+def _draw_curve(axes: Axes, curve: conditions.Curve):
     """Filled for float32, hollow for float64; the promise as a thin line."""
     points = [point for point in curve.points if np.isfinite(point.condition) and point.results >= _ENOUGH]
     x, colour = np.array([point.condition for point in points]), _COLOURS[curve.precision]
@@ -169,7 +176,7 @@ def _draw_curve(axes, curve):
     axes.plot(dense, conditions.promised_ulps(curve, dense), color=colour, linewidth=0.8, linestyle="--")
 
 
-def _draw_ends(axes, dtypes):
+def _draw_ends(axes: Axes, dtypes: Iterable[str]):
     """Where an error is as large as the result."""
     for dtype in dtypes:
         lost = 2.0 / float(np.finfo(dtype).eps)
@@ -177,7 +184,7 @@ def _draw_ends(axes, dtypes):
         axes.text(6e32, lost * 1.3, f"{dtype}: no digit is right above", ha="right", fontsize=8, color=_GREY)
 
 
-def _label_conditions(axes, known):
+def _label_conditions(axes: Axes, known: set[tuple[str, str]]):
     """Names beside the curves, in their colours: where these run is known, as none depends on the machine much."""
     labels = [
         (2e14, 3e12, "reproducible", "reproducible", known),
@@ -191,7 +198,7 @@ def _label_conditions(axes, known):
             axes.text(x, y, text, color=_COLOURS[precision], fontweight="bold", fontsize=10)
 
 
-def _add_keys_of_conditions(axes, curves):
+def _add_keys_of_conditions(axes: Axes, curves: Sequence[conditions.Curve]):
     keys = [_heading("operation")]
     keys += [_key(_MARKERS[n], _GREY, OPERATIONS[n].title) for n in dict.fromkeys(c.operation for c in curves)]
     keys += [_heading("dtype")]
@@ -211,7 +218,7 @@ _OF_ALGORITHMS = dict(zip(ALGORITHMS, "os", strict=True))
 _ROUNDED = 0.5
 
 
-def _draw_algorithms(axes, rows):
+def _draw_algorithms(axes: Axes, rows: Sequence[Evaluated]):
     """Filled for float32, hollow for float64; one algorithm in one dtype joined, from fast to compensated."""
     for group in dict.fromkeys(row.case[:2] for row in rows):
         points = [_point(row) for row in rows if row.case[:2] == group]
@@ -231,12 +238,12 @@ def _draw_algorithms(axes, rows):
     _add_keys_of_algorithms(axes, rows)
 
 
-def _point(row):
+def _point(row: Evaluated):
     """Time and error; the reference, whose error nobody knows, where it is promised to be."""
     return trade.nanoseconds(row.seconds) / 1e3, _ROUNDED if np.isnan(row.worst_ulps) else _shown(row.worst_ulps)
 
 
-def _add_keys_of_algorithms(axes, rows):
+def _add_keys_of_algorithms(axes: Axes, rows: Sequence[Evaluated]):
     precisions, names = (dict.fromkeys(row.case[i] for row in rows) for i in (2, 0))
     keys = [_heading("precision"), *(_key("o", _COLOURS[name], name) for name in precisions)]
     keys += [_heading("algorithm"), *(_key(_OF_ALGORITHMS[name], _GREY, ALGORITHMS[name].title) for name in names)]
@@ -247,7 +254,7 @@ def _add_keys_of_algorithms(axes, rows):
     axes.legend(handles=keys, frameon=False, loc="upper left", bbox_to_anchor=(1, 1.02), fontsize=_SMALL)
 
 
-def _draw_losses(axes, losses):
+def _draw_losses(axes: Axes, losses: Sequence[Loss]):
     """Each application a line: its errors over its size, and beside it the errors in its own unit."""
     for i, loss in enumerate(losses):
         shares = {name: max(error / loss.size, _NOTHING) for name, error in loss.errors.items()}
@@ -263,7 +270,7 @@ def _draw_losses(axes, losses):
     axes.legend(found.values(), found.keys(), frameon=False, loc="lower right", fontsize=_SMALL)
 
 
-def _said(loss):
+def _said(loss: Loss):
     """In its own unit."""
     size, worst, best = map(readable, (loss.size, loss.errors["fast"], loss.errors["compensated"]))
     return f"{loss.name}\nof {size} {loss.unit} fast is off by {worst}, compensated by {best}"

@@ -2,23 +2,29 @@
 
 import itertools
 import math
+from collections.abc import Callable, Sequence
+from typing import Any
 
+import numpy as np
 from rich import box, progress
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from jaxspatial.arithmetic.precision import Precision
-from jaxspatial.command.result import readable
+from jaxspatial.command.result import Result, readable
 from jaxspatial.measure import power
-from jaxspatial.measure.algorithms import ALGORITHMS, PRECISIONS
+from jaxspatial.measure.algorithms import ALGORITHMS, PRECISIONS, Evaluated
+from jaxspatial.measure.applications import Loss
+from jaxspatial.measure.findings import Report
 from jaxspatial.measure.operation import OPERATIONS
-from jaxspatial.measure.trade import STREAMED, nanoseconds
+from jaxspatial.measure.timing import Advance
+from jaxspatial.measure.trade import STREAMED, Row, nanoseconds
 
 _STYLES = {True: "green", False: "bold red", None: "dim"}
 
 
-def with_progress(console, work, total):
+def with_progress(console: Console, work: Callable[[Advance], list[Any]], total: int):
     """work(advance), with a progress bar that `advance` moves `total` times."""
     columns = (progress.TextColumn("measuring"), progress.BarColumn(), progress.MofNCompleteColumn())
     with progress.Progress(*columns, progress.TimeRemainingColumn(), console=console) as bar:
@@ -26,7 +32,7 @@ def with_progress(console, work, total):
         return work(lambda: bar.advance(task))
 
 
-def print_power(console, powers):
+def print_power(console: Console, powers: dict[str, power.Power]):
     """Power about P and about Q, per dtype."""
     table = Table(title="Power before and after the shift", box=box.SIMPLE_HEAD, title_justify="left")
     for heading in ("", "about P, W", "about Q, W", "largest difference, u mag", "bound"):
@@ -50,7 +56,7 @@ _SHORT_HEAD = """\
                                                 ulps SI units  ulps SI units"""
 
 
-def print_trade(console, result, full=False):
+def print_trade(console: Console, result: Result, full: bool = False):
     """The trade: at most a screen, or all of it; then, a screen too, that of whole algorithms and of applications."""
     if result.rows:
         _print_full(console, result) if full else _print_short(console, result)
@@ -61,14 +67,14 @@ def print_trade(console, result, full=False):
         _print_losses(wide, result.losses)
 
 
-def _screen(console):
+def _screen(console: Console):
     return Console(file=console.file, width=max(console.width, _SCREEN), force_terminal=console.is_terminal)
 
 
 # -- a screen ---------------------------------------------------------------------------------------------------------
 
 
-def _print_short(console, result):
+def _print_short(console: Console, result: Result):
     """Per operation: time in the four precisions, and the worst error of two of them, in ulps and in SI units."""
     wide = _screen(console)
     wide.print(Text("The trade on this machine", "italic"))
@@ -80,14 +86,14 @@ def _print_short(console, result):
     wide.print(_SHORT_NOTES.format(result.sizes[0]), highlight=False)
 
 
-def _shown_dtypes(rows):
+def _shown_dtypes(rows: Sequence[Row]):
     """(dtype, its rows): of more than two, float32 and float64, for no more fits."""
     known = list(dict.fromkeys(row.case.dtype for row in rows))
     shown = known if len(known) <= 2 else [dtype for dtype in known if dtype in STREAMED]
     return [(dtype, [row for row in rows if row.case.dtype == dtype]) for dtype in shown]
 
 
-def _short_line(rows):
+def _short_line(rows: list[Row]):
     """One operation in one dtype. Of its parts the one of most terms stands for all."""
     by_precision = {row.case.precision: row for row in rows}
     operation = OPERATIONS[rows[0].case.operation]
@@ -123,7 +129,7 @@ worst of many states. faithful promises what compensated does.
 """
 
 
-def _print_algorithms(wide, rows):
+def _print_algorithms(wide: Console, rows: Sequence[Evaluated]):
     wide.print(Text("Whole algorithms", "italic"))
     wide.print(_WHOLE_HEAD, highlight=False)
     for dtype, group in itertools.groupby(sorted(rows, key=lambda row: row.case.dtype), lambda row: row.case.dtype):
@@ -133,7 +139,7 @@ def _print_algorithms(wide, rows):
     wide.print(_WHOLE_NOTES, highlight=False)
 
 
-def _whole_line(rows):
+def _whole_line(rows: list[Evaluated]):
     """One algorithm in one dtype."""
     by_precision = {row.case.precision: row for row in rows}
     times = [readable(nanoseconds(by_precision[name].seconds) / 1e3) for name in PRECISIONS]
@@ -151,7 +157,7 @@ _LOSS_HEAD = """\
                                            result    fast reprod.   comp."""
 
 
-def _print_losses(wide, losses):
+def _print_losses(wide: Console, losses: Sequence[Loss]):
     wide.print(Text("What an application loses, in its own units", "italic"))
     wide.print(_LOSS_HEAD, highlight=False)
     for loss in losses:
@@ -163,7 +169,7 @@ def _print_losses(wide, losses):
 # -- all of it --------------------------------------------------------------------------------------------------------
 
 
-def _print_full(console, result):
+def _print_full(console: Console, result: Result):
     """Cost in cache and streaming, error against exact rationals, promise."""
     in_cache, streamed = (f"{n:,}" for n in result.sizes)
     table = Table(title="The trade on this machine", box=box.SIMPLE_HEAD, title_justify="left", padding=(0, 1, 0, 0))
@@ -178,7 +184,7 @@ def _print_full(console, result):
     wide.print(_NOTES, highlight=False)
 
 
-def _add_group(table, rows):
+def _add_group(table: Table, rows: list[Row]):
     """The precisions of one operation in one dtype."""
     fast = rows[0]
     for row in rows:
@@ -189,17 +195,17 @@ def _add_group(table, rows):
     table.add_section()
 
 
-def _in_units(row):
+def _in_units(row: Row):
     return ", ".join(f"{readable(worst)} {unit}" for unit, worst in row.errors_in_units)
 
 
-def _streamed(row, fast):
+def _streamed(row: Row, fast: Row):
     if row.streamed is None:
         return ["", "", ""]
     return [*_relative(row.streamed, fast.streamed), f"{row.gigabytes_per_second:.1f}"]
 
 
-def _relative(seconds, fast):
+def _relative(seconds: np.ndarray | None, fast: np.ndarray | None):
     return [f"{nanoseconds(seconds):.2f}", f"{nanoseconds(seconds) / nanoseconds(fast):.1f}"]
 
 
@@ -213,7 +219,7 @@ where terms cancel, mag is large next to r. A shift passes on the part that it d
 """
 
 
-def print_self_check(console, report):
+def print_self_check(console: Console, report: Report):
     """What `self_check` found."""
     console.print(report.surroundings, highlight=False)
     table = Table(box=box.SIMPLE_HEAD, show_header=False)

@@ -28,12 +28,12 @@ Numbers that are not finite are null: the condition number of an exact result of
 import json
 import math
 from importlib.metadata import version
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from jaxspatial.measure import power
+from jaxspatial.measure import algorithms, applications, conditions, power, trade
 from jaxspatial.measure.operation import OPERATIONS
 
 
@@ -44,12 +44,12 @@ class Result(NamedTuple):
     about: str
     machine: str
     offset: np.ndarray
-    sizes: tuple
-    powers: dict
-    rows: list
-    curves: list
-    algorithms: list
-    losses: list
+    sizes: tuple[int, int]
+    powers: dict[str, power.Power]
+    rows: list[trade.Row]
+    curves: list[conditions.Curve]
+    algorithms: list[algorithms.Evaluated]
+    losses: list[applications.Loss]
 
     @property
     def broken(self):
@@ -76,7 +76,7 @@ class Result(NamedTuple):
         )
 
 
-def readable(x):
+def readable(x: float):
     """A number of two or three digits; a dash for what could not be measured."""
     if math.isnan(x):
         return "-"
@@ -85,12 +85,12 @@ def readable(x):
     return f"{x:.1e}".replace("e-0", "e-").replace("e+0", "e")
 
 
-def as_json(x):
+def as_json(x: Any):
     """A tree of dicts, lists, numbers and texts as JSON that every reader takes: NaN and infinities are null."""
     return json.dumps(_finite(x), indent=1, allow_nan=False)
 
 
-def _finite(x):
+def _finite(x: Any) -> Any:
     if isinstance(x, dict):
         return {key: _finite(value) for key, value in x.items()}
     if isinstance(x, (list, tuple)):
@@ -102,7 +102,7 @@ def _versions():
     return {"jax": jax.__version__, "jaxlib": version("jaxlib"), "numpy": np.__version__}
 
 
-def _row(row):
+def _row(row: trade.Row):
     return {
         **row.case._asdict(),
         "words_per_item": OPERATIONS[row.case.operation].words,
@@ -115,20 +115,20 @@ def _row(row):
     }
 
 
-def _times(seconds):
+def _times(seconds: np.ndarray):
     fastest, median, ninety = (float(x) * 1e9 for x in np.quantile(seconds, [0, 0.5, 0.9]))
     return {"nanoseconds": median, "fastest": fastest, "ninety_percent": ninety}
 
 
-def _streamed(row):
+def _streamed(row: trade.Row):
     return {**_times(row.streamed), "gigabytes_per_second": row.gigabytes_per_second}
 
 
-def _evaluated(row):
+def _evaluated(row: algorithms.Evaluated):
     errors = {"worst_ulps": row.worst_ulps, "worst": row.worst_in_units, "unit": row.unit}
     return {**row.case._asdict(), **_times(row.seconds), "compile_seconds": row.compile_seconds, **errors}
 
 
-def _curve(curve):
+def _curve(curve: conditions.Curve):
     named = {name: getattr(curve, name) for name in ("operation", "dtype", "precision", "holds")}
     return {**named, "points": [point._asdict() for point in curve.points]}

@@ -2,6 +2,10 @@
 
 import csv
 import io
+import pathlib
+from collections.abc import Iterable, Sequence
+from types import EllipsisType
+from typing import BinaryIO, TextIO
 
 import numpy as np
 
@@ -9,6 +13,13 @@ _AXES = {3: "xyz", 4: "wxyz"}
 _SEPARATORS = (",", ";", "\t")
 # Rows that are made text at once: enough for speed, little next to the table.
 _ROWS = 10_000
+
+# By part, "tau", "f", "w", "v": its arrays (n, 3); and what its array, or columns, are called in the file.
+Parts = dict[str, np.ndarray]
+Named = dict[str, tuple[str, ...]]
+
+# Into an array: all of it, or a column.
+Index = EllipsisType | tuple[EllipsisType, int]
 
 
 class WrenchFileError(ValueError):
@@ -21,7 +32,7 @@ class Npz:
     named: part -> name of its array, or of its three columns; others go by their own name.
     """
 
-    def __init__(self, path, named):
+    def __init__(self, path: pathlib.Path, named: Named):
         try:
             with np.load(path, allow_pickle=False) as file:
                 self.arrays = dict(file)
@@ -29,14 +40,14 @@ class Npz:
             raise WrenchFileError(f"{path}: expected a NumPy .npz archive without pickles: {error}") from error
         self.path, self.names, self._named = path, tuple(self.arrays), named
 
-    def has(self, part):
+    def has(self, part: str):
         return all(self._find(name)[0] for name in self._names(part))
 
-    def expected(self, part):
+    def expected(self, part: str):
         names = self._names(part)
         return f"array '{names[0]}' of shape (n, 3)" if len(names) == 1 else f"columns {', '.join(names)}"
 
-    def read(self, part):
+    def read(self, part: str):
         columns = [self._values(name) for name in self._names(part)]
         if len({x.shape for x in columns}) > 1:
             raise WrenchFileError(
@@ -44,18 +55,18 @@ class Npz:
             )
         return columns[0] if len(columns) == 1 else np.stack(columns, axis=-1)
 
-    def column(self, name):
+    def column(self, name: str):
         """The numbers (n,) of a column, as float64."""
         found = self._values(name) if self._find(name)[0] else np.empty(())
         if found.ndim != 1 or not np.issubdtype(found.dtype, np.number) or np.iscomplexobj(found):
             raise _no_column(self, name)
         return found.astype(np.float64)
 
-    def place(self, part, row, column):
+    def place(self, part: str, row: int, column: int):
         names = self._names(part)
         return f"{part}[{row}, {column}]" if len(names) == 1 else f"{names[column]}[{row}]"
 
-    def write(self, file, parts):
+    def write(self, file: BinaryIO, parts: Parts):
         arrays = {name: array.copy() for name, array in self.arrays.items()}
         for part, array in parts.items():
             for i, name in enumerate(self._names(part)):
@@ -63,10 +74,10 @@ class Npz:
                 arrays[base][index] = array if len(self._names(part)) == 1 else array[:, i]
         np.savez(file, **arrays)
 
-    def _names(self, part):
+    def _names(self, part: str):
         return self._named.get(part, (part,))
 
-    def _find(self, name):
+    def _find(self, name: str) -> tuple[str, Index]:
         """(array, index into it) of a name; no array where there is nothing of that name."""
         base, _, last = name.rpartition("_")
         if name in self.arrays:
@@ -74,12 +85,12 @@ class Npz:
         indices = _indices(self.arrays[base]) if base in self.arrays else {}
         return (base, (..., indices[last])) if last in indices else ("", ...)
 
-    def _values(self, name):
+    def _values(self, name: str):
         base, index = self._find(name)
         return self.arrays[base][index]
 
 
-def _indices(array):
+def _indices(array: np.ndarray) -> dict[str, int]:
     """What the columns of an array (n, k) are called, by their place."""
     if array.ndim != 2:
         return {}
@@ -93,7 +104,7 @@ class Csv:
     named: part -> names of its three columns, or their stem; others are found under part_x, part_y, part_z.
     """
 
-    def __init__(self, path, named):
+    def __init__(self, path: pathlib.Path, named: Named):
         self.path, self._named = path, named
         try:
             with open(path, newline="", encoding="utf-8-sig") as file:
@@ -107,7 +118,7 @@ class Csv:
             if len(row) != len(self.names):
                 raise WrenchFileError(f"{path}: row {i + 1}: expected {len(self.names)} values, got {len(row)}")
 
-    def _rows(self, file):
+    def _rows(self, file: TextIO):
         """All rows that are not empty; separator and ends of lines are those of the first."""
         head = file.readline()
         file.seek(0)
@@ -117,26 +128,26 @@ class Csv:
         # As tuples: the garbage collector soon leaves those of text alone.
         return [tuple(row) for row in csv.reader(self._watched(file), delimiter=self._separator) if row]
 
-    def _watched(self, lines):
+    def _watched(self, lines: Iterable[str]):
         """The lines, noting whether any has quotes."""
         for line in lines:
             self._quoted = self._quoted or '"' in line
             yield line
 
-    def _columns(self, part):
+    def _columns(self, part: str):
         names = self._named.get(part, (part,))
         return tuple(f"{names[0]}_{axis}" for axis in "xyz") if len(names) == 1 else names
 
-    def has(self, part):
+    def has(self, part: str):
         return all(name in self.names for name in self._columns(part))
 
-    def expected(self, part):
+    def expected(self, part: str):
         return f"columns {', '.join(self._columns(part))}"
 
-    def read(self, part):
+    def read(self, part: str):
         return np.stack([self.column(name) for name in self._columns(part)], axis=-1)
 
-    def column(self, name):
+    def column(self, name: str):
         """The numbers (n,) of a column, as float64."""
         if self.names.count(name) != 1:
             raise _no_column(self, name)
@@ -146,27 +157,27 @@ class Csv:
         except ValueError:
             raise self._no_number(j) from None
 
-    def _no_number(self, j):
+    def _no_number(self, j: int):
         """Which cell it was that is no number."""
         i = next(i for i, row in enumerate(self.rows) if not _is_number(row[j]))
         where = f"row {i + 1}, column {self.names[j]}"
         return WrenchFileError(f"{self.path}: expected a number, got {self.rows[i][j]!r} in {where}")
 
-    def place(self, part, row, column):
+    def place(self, part: str, row: int, column: int):
         return f"row {row + 1}, column {self._columns(part)[column]}"
 
-    def write(self, file, parts):
+    def write(self, file: BinaryIO, parts: Parts):
         """Numbers as the shortest text that reads back as the same number."""
         names = [(part, i, self.names.index(x)) for part in parts for i, x in enumerate(self._columns(part))]
         changed = {j: parts[part][:, i] for part, i, j in names}
         file.write(self._text([self.names]))
         for begin in range(0, len(self.rows), _ROWS):
-            columns = list(zip(*self.rows[begin : begin + _ROWS], strict=True))
+            columns: list[Sequence[str]] = list(zip(*self.rows[begin : begin + _ROWS], strict=True))
             for j, numbers in changed.items():
                 columns[j] = list(map(repr, numbers[begin : begin + _ROWS].tolist()))
             file.write(self._text(zip(*columns, strict=True)))
 
-    def _text(self, rows):
+    def _text(self, rows: Iterable[Sequence[str]]):
         """Rows as bytes. Without quotes anywhere no cell needs any, which is quick."""
         if self._quoted:
             text = io.StringIO()
@@ -175,7 +186,7 @@ class Csv:
         return "".join(f"{line}{self._end}" for line in map(self._separator.join, rows)).encode()
 
 
-def _is_number(text):
+def _is_number(text: str):
     try:
         float(text)
     except ValueError:
@@ -183,7 +194,7 @@ def _is_number(text):
     return True
 
 
-def _no_column(table, name):
+def _no_column(table: Npz | Csv, name: str):
     count, found = table.names.count(name), ", ".join(table.names) or "nothing"
     number = f"{count} of that name" if count > 1 else "no numbers of that name"
     return WrenchFileError(f"{table.path}: expected one column {name!r}, got {number}; found {found}")

@@ -1,11 +1,12 @@
 """Wrenches in files: checked when read, written whole or not at all."""
 
 import pathlib
+from typing import BinaryIO
 
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.command.tables import Csv, Npz
+from jaxspatial.command.tables import Csv, Named, Npz, Parts
 from jaxspatial.command.tables import WrenchFileError as WrenchFileError
 
 PARTS = {"tau": "torque", "f": "force", "w": "angular velocity", "v": "velocity"}
@@ -14,7 +15,7 @@ _READERS = {".npz": Npz, ".csv": Csv, ".tsv": Csv}
 _DTYPES = tuple(np.dtype(name) for name in ("float16", "float32", "float64"))
 
 
-def shifted_path(path):
+def shifted_path(path: pathlib.Path):
     """Where the shifted wrenches of a file go unless told otherwise: beside it."""
     return path.with_name(f"{path.stem}_shifted{path.suffix}")
 
@@ -26,7 +27,7 @@ class WrenchFile:
     written out again as it was.
     """
 
-    def __init__(self, path, named=None):
+    def __init__(self, path: str | pathlib.Path, named: Named | None = None):
         self.path = pathlib.Path(path)
         ending = self.path.suffix.lower()
         if ending not in _READERS:
@@ -44,7 +45,7 @@ class WrenchFile:
     def __len__(self):
         return len(self.parts["tau"])
 
-    def column(self, name):
+    def column(self, name: str):
         """The finite numbers (n,) of a column beside the wrenches, as float64."""
         numbers = self._content.column(name)
         if len(numbers) != len(self):
@@ -55,12 +56,12 @@ class WrenchFile:
             raise WrenchFileError(f"{self.path}: expected finite numbers, got {numbers[bad[0]]} in {where}")
         return numbers
 
-    def write(self, file, parts):
+    def write(self, file: BinaryIO, parts: Parts):
         """Writes a copy into a binary file, with `parts` in place of its own. What did not change stays as it was."""
         changed = {name: x for name, x in parts.items() if x.tobytes() != self.parts[name].tobytes()}
         self._content.write(file, changed)
 
-    def check_finite(self, parts):
+    def check_finite(self, parts: Parts):
         """Refuses results that overflow: the first is named by its place."""
         for part, array in parts.items():
             bad = np.argwhere(~np.isfinite(array))
@@ -72,7 +73,7 @@ class WrenchFile:
                 )
 
 
-def _checked(path, content, named):
+def _checked(path: pathlib.Path, content: Npz | Csv, named: Named):
     present = [part for part in (*_REQUIRED, *_OPTIONAL) if content.has(part)]
     missing = [part for part in PARTS if part not in present and (part in _REQUIRED or part in named)]
     if len(present) - len(_REQUIRED) == 1:
@@ -87,7 +88,7 @@ def _checked(path, content, named):
     return parts
 
 
-def _check_shapes(path, parts):
+def _check_shapes(path: pathlib.Path, parts: Parts):
     n = len(parts["tau"]) if parts["tau"].ndim else 0
     if n == 0:
         raise WrenchFileError(f"{path}: expected at least one wrench, got no rows")
@@ -99,7 +100,7 @@ def _check_shapes(path, parts):
             )
 
 
-def _check_numbers(path, part, array, content):
+def _check_numbers(path: pathlib.Path, part: str, array: np.ndarray, content: Npz | Csv):
     _check_dtype(path, part, array.dtype)
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
@@ -110,12 +111,12 @@ def _check_numbers(path, part, array, content):
         )
 
 
-def _more(before, n):
+def _more(before: str, n: int):
     """How many more there are like the first; nothing where there are none."""
     return f"{before} {'is' if n == 1 else 'are'} {n} more" if n else ""
 
 
-def _check_dtype(path, part, dtype):
+def _check_dtype(path: pathlib.Path, part: str, dtype: np.dtype):
     if not np.issubdtype(dtype, np.floating):
         raise WrenchFileError(f"{path}: {part}: expected floating point numbers, got {dtype}")
     if dtype not in _DTYPES or not dtype.isnative:

@@ -1,7 +1,7 @@
 """Whole algorithms in the trade: inverse and forward dynamics of a robot, precision against time against error."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import jax
@@ -12,7 +12,9 @@ from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.dynamics import forward_dynamics, inverse_dynamics, random_configuration
 from jaxspatial.measure import error, exact, timing
 from jaxspatial.measure.recommend import compiled
+from jaxspatial.measure.timing import Advance
 from jaxspatial.measure.trade import Case
+from jaxspatial.mechanism import Mechanism
 
 # "faithful" carries the same pairs of words as "compensated" does, under the same promise.
 PRECISIONS = (Precision.FAST, Precision.REPRODUCIBLE, Precision.COMPENSATED)
@@ -28,14 +30,14 @@ class Algorithm(NamedTuple):
     """One algorithm: of q, v and, per coordinate, vdot or tau; turning is the unit of joints that do nothing else."""
 
     name: str
-    function: Callable
+    function: Callable[..., jax.Array]
     turning: str
 
     @property
     def title(self):
         return self.name.replace("_", " ")
 
-    def unit(self, mechanism):
+    def unit(self, mechanism: Mechanism):
         """Of the numbers of its results."""
         is_turning = set(mechanism.topology.kinds) <= _TURNING
         return self.turning if is_turning else "SI"
@@ -65,26 +67,26 @@ class Evaluated(NamedTuple):
         return float(np.max(self.ulps))
 
 
-def cases(algorithms=tuple(ALGORITHMS), dtypes=DTYPES):
+def cases(algorithms: Iterable[str] = tuple(ALGORITHMS), dtypes: Iterable[str] = DTYPES):
     """All that is measured."""
     return [Case(a, d, str(p)) for a in algorithms for d in dtypes if d in DTYPES for p in PRECISIONS]
 
 
-def steps(lines):
+def steps(lines: Sequence[Case]):
     """How often `measure` calls `advance`."""
     names = {case.operation for case in lines}
     needed = {*lines, *(Case(name, *map(str, REFERENCE)) for name in names)}
     return len(needed) + len(names) * _ROUNDS
 
 
-def measure(mechanism, lines, states=STATES, advance=lambda: None):
+def measure(mechanism: Mechanism, lines: Sequence[Case], states: int = STATES, advance: Advance = lambda: None):
     """What `cases` cost for random states of a Mechanism, all of them in one call, and how far off they are."""
     names = dict.fromkeys(case.operation for case in lines)
     mechanism = mechanism.astype(np.float32)
     return [row for name in names for row in _group(ALGORITHMS[name], mechanism, lines, states, advance)]
 
 
-def _group(algorithm, mechanism, lines, states, advance):
+def _group(algorithm: Algorithm, mechanism: Mechanism, lines: Sequence[Case], states: int, advance: Advance):
     """One algorithm, timed in turns; all in numbers of float32, which every dtype holds."""
     state = _state(algorithm, mechanism, states)
     wanted = [case[1:] for case in lines if case.operation == algorithm.name]
@@ -98,12 +100,12 @@ def _group(algorithm, mechanism, lines, states, advance):
         yield Evaluated(Case(algorithm.name, *key), seconds[key] / states, programs[key].compile_seconds, *errors, unit)
 
 
-def _errors(computed, expected):
+def _errors(computed: jax.Array, expected: np.ndarray):
     """(per state in ulps of the largest number, the largest of all as it is)."""
     return error.in_ulps_of_norm(computed, expected), float(error.in_units_of(1, computed, expected).max())
 
 
-def _state(algorithm, mechanism, n):
+def _state(algorithm: Algorithm, mechanism: Mechanism, n: int) -> tuple[jax.Array, jax.Array, jax.Array]:
     """q, v and vdot (n, ...) of random motions; or q, v and the generalized forces that they need."""
     rng, q = np.random.default_rng(0), random_configuration(mechanism, jax.random.key(0), (n,), jnp.float32)
     v, vdot = (jnp.asarray(x) for x in rng.standard_normal((2, n, mechanism.nv)).astype(np.float32))
@@ -115,7 +117,15 @@ def _state(algorithm, mechanism, n):
 class _Program:
     """An algorithm for all states at once, compiled in a dtype and precision."""
 
-    def __init__(self, algorithm, mechanism, state, dtype, precision, advance):
+    def __init__(
+        self,
+        algorithm: Algorithm,
+        mechanism: Mechanism,
+        state: Sequence[jax.Array],
+        dtype: str,
+        precision: Precision | str,
+        advance: Advance,
+    ):
         mechanism, self._is_wide = mechanism.astype(np.dtype(dtype)), dtype == "float64"
         with jax.enable_x64(self._is_wide):
             arrays = [jnp.asarray(np.asarray(x), dtype) for x in state]

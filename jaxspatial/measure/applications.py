@@ -12,10 +12,14 @@ from jaxspatial.dynamics import forward_dynamics, forward_kinematics, inverse_dy
 from jaxspatial.measure import scene
 from jaxspatial.measure.algorithms import PRECISIONS
 from jaxspatial.measure.recommend import compiled, reference
+from jaxspatial.measure.timing import Advance
 from jaxspatial.spatial import SpatialForce, shift
 
 DTYPE = "float32"
 STATES = 200
+
+
+Program = Callable[..., jax.Array]
 
 
 class Application(NamedTuple):
@@ -23,8 +27,8 @@ class Application(NamedTuple):
 
     name: str
     unit: str
-    program: Callable
-    arguments: Callable
+    program: Callable[[], Program]
+    arguments: Callable[[np.random.Generator, int], list[np.ndarray]]
 
 
 class Loss(NamedTuple):
@@ -33,7 +37,7 @@ class Loss(NamedTuple):
     name: str
     unit: str
     size: float
-    errors: dict
+    errors: dict[str, float]
 
 
 def steps():
@@ -41,12 +45,12 @@ def steps():
     return len(APPLICATIONS) * (len(PRECISIONS) + 1)
 
 
-def measure(advance=lambda: None, states=STATES):
+def measure(advance: Advance = lambda: None, states: int = STATES):
     """The Loss of each application, against float64, whose own error is smaller by 2^29."""
     return [_loss(application, states, advance) for application in APPLICATIONS]
 
 
-def _loss(application, n, advance):
+def _loss(application: Application, n: int, advance: Advance):
     arguments = application.arguments(np.random.default_rng(0), n)
     function = jax.vmap(application.program())
     (expected,) = reference(function, arguments, Precision.REPRODUCIBLE)
@@ -59,12 +63,12 @@ def _loss(application, n, advance):
     return Loss(application.name, application.unit, float(abs(expected).max()), errors)
 
 
-def _moving(rng, n):
+def _moving(rng: np.random.Generator, n: int):
     """q, v, vdot of all joints of the chain."""
     return list(rng.uniform(-0.3, 0.3, (3, n, _LINKS)).astype(np.float32))
 
 
-def _left_alone(rng, n):
+def _left_alone(rng: np.random.Generator, n: int):
     """q, v of a trolley and its load, and no forces."""
     return [*rng.uniform(-0.5, 0.5, (2, n, 2)).astype(np.float32), np.zeros((n, 2), np.float32)]
 
@@ -72,22 +76,22 @@ def _left_alone(rng, n):
 _LINKS = 100
 
 
-def _tip():
+def _tip() -> Program:
     mech = scene.chain(_LINKS)
     return lambda q, v, vdot: forward_kinematics(mech.astype(q.dtype), q, frames=["tip"]).translation
 
 
-def _torque_at_the_base():
+def _torque_at_the_base() -> Program:
     mech = scene.chain(_LINKS)
     return lambda q, v, vdot: inverse_dynamics(mech.astype(q.dtype), q, v, vdot)[0]
 
 
-def _acceleration(mass, load, rate):
+def _acceleration(mass: float, load: float, rate: int) -> Program:
     mech = scene.trolley(mass, load)
     return lambda q, v, tau: forward_dynamics(mech.astype(q.dtype), q, v, tau)[rate]
 
 
-def _levers(rng, n):
+def _levers(rng: np.random.Generator, n: int):
     """Wrenches that read nearly the same a kilometre away, where torques of about 1 N m are left."""
     f = rng.normal(0.0, 1000.0, (n, 3)).astype(np.float32)
     p = (1000 * _unit(rng.standard_normal((n, 3)))).astype(np.float32)
@@ -95,11 +99,11 @@ def _levers(rng, n):
     return [(rest + np.cross(p.astype(np.float64), f.astype(np.float64))).astype(np.float32), f, p]
 
 
-def _unit(x):
+def _unit(x: np.ndarray):
     return x / np.linalg.norm(x, axis=-1, keepdims=True)
 
 
-def _far_torque():
+def _far_torque() -> Program:
     return lambda tau, f, p: shift(SpatialForce(tau, f), p).tau
 
 

@@ -1,6 +1,8 @@
 """Whether the building blocks are what they are taken for: error-free transforms, quotients, double words."""
 
+from collections.abc import Callable
 from fractions import Fraction
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +16,8 @@ from jaxspatial.arithmetic.promise import DOUBLE_WORDS
 from jaxspatial.measure import error, exact, inputs
 from jaxspatial.measure.findings import DTYPES, cause, differing, finite, in_dtype, rng, scanned, verdict
 
+# (a, b) to a rounded number and its error.
+Transform = Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
 # What a transform is used in: a compiler that sees less of the result has other ideas.
 _SURROUNDINGS = {
     "both": lambda f: jax.jit(f),
@@ -30,7 +34,7 @@ def two_product():
     return _transform(transforms.two_product, lambda a, b: a * b)
 
 
-def _transform(transform, operator, constants=False):
+def _transform(transform: Transform, operator: Callable[[Any, Any], Any], constants: bool = False):
     shares = {}
     for dtype in DTYPES:
         a, b = (x[:, 0] for x in inputs.benign(rng(), 2, 200, dtype))
@@ -42,7 +46,9 @@ def _transform(transform, operator, constants=False):
     return verdict(shares, f"exact ({where})")
 
 
-def _wrong(compiled, operator, a, b):
+def _wrong(
+    compiled: Callable[[jax.Array, jax.Array], Any], operator: Callable[[Any, Any], Any], a: np.ndarray, b: np.ndarray
+):
     """The share of lanes in which rounded result and error do not add up to the exact one."""
     computed = compiled(jnp.asarray(a), jnp.asarray(b))
     errors = computed[1] if isinstance(computed, tuple) else computed
@@ -50,7 +56,7 @@ def _wrong(compiled, operator, a, b):
     return float(np.mean(exact.rationals(finite(errors)) != exactly - exact.rationals(operator(a, b))))
 
 
-def _wrong_with_constants(transform, operator, a):
+def _wrong_with_constants(transform: Transform, operator: Callable[[Any, Any], Any], a: np.ndarray):
     c = np.full_like(a, 0.7)
     known = jnp.asarray(c[0])
     orders = [
@@ -89,5 +95,5 @@ def _value(x: DoubleWord):
     return exact.rationals(finite(x.hi)) + exact.rationals(finite(x.lo))
 
 
-def _over_square(computed, exactly, u: Fraction):
+def _over_square(computed: DoubleWord, exactly: np.ndarray, u: Fraction):
     return float(np.max(abs(_value(computed) - exactly) / abs(exactly)) / u**2)

@@ -1,6 +1,7 @@
 """Error against condition number: where a precision begins to lose digits, and where it has none left."""
 
 import functools
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import jax
@@ -8,15 +9,21 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.measure import error
 from jaxspatial.measure.inputs import CONDITIONED
-from jaxspatial.measure.operation import OPERATIONS
+from jaxspatial.measure.operation import OPERATIONS, Operation
+from jaxspatial.measure.timing import Advance
 
 DTYPES = ("float32", "float64")
 # Those of which a curve is measured; the others do not look different.
 CURVED = ("shift_force", "dot")
 _ITEMS = 60
 _POINTS = 17
+
+
+# Condition numbers of about one size, and which results have them.
+Bins = list[tuple[float, np.ndarray]]
 
 
 class Point(NamedTuple):
@@ -34,30 +41,30 @@ class Curve(NamedTuple):
     operation: str
     dtype: str
     precision: str
-    points: tuple
+    points: tuple[Point, ...]
 
     @property
     def holds(self):
         return all(point.of_promise <= 1 for point in self.points)
 
 
-def subjects(operations=CURVED, dtypes=DTYPES):
+def subjects(operations: Sequence[str] = CURVED, dtypes: Sequence[str] = DTYPES):
     """Those operations and dtypes of which there are curves, as pairs of names."""
     return [(name, dtype) for name in operations if name in CURVED for dtype in dtypes if dtype in DTYPES]
 
 
-def measure(pairs, advance=lambda: None, seed=0):
+def measure(pairs: Iterable[tuple[str, str]], advance: Advance = lambda: None, seed: int = 0):
     """The curves of `subjects`, one per precision; calls `advance` after each of them."""
     return [curve for name, dtype in pairs for curve in _curves(OPERATIONS[name], dtype, advance, seed)]
 
 
-def requested(dtype):
+def requested(dtype: DTypeLike):
     """Condition numbers from 1 to 1/u^2, and infinity."""
     u = float(error.unit_roundoff(dtype))
     return [*np.geomspace(1, u**-2, _POINTS).tolist(), np.inf]
 
 
-def _curves(operation, dtype, advance, seed):
+def _curves(operation: Operation, dtype: str, advance: Advance, seed: int):
     """All items of all condition numbers in one call; then each in the bin of the condition number it has."""
     generate, rng = CONDITIONED[operation.name], np.random.default_rng(seed)
     groups = [generate(rng, _ITEMS, dtype, condition) for condition in requested(dtype)]
@@ -73,12 +80,12 @@ def _curves(operation, dtype, advance, seed):
 
 
 @functools.cache
-def _run(name, precision):
+def _run(name: str, precision: Precision | str):
     """Compiled once, however often the curves are measured."""
     return jax.jit(OPERATIONS[name].batched(precision))
 
 
-def _bins(value, mag):
+def _bins(value: np.ndarray, mag: np.ndarray):
     """Condition numbers by factors of 10, as (condition, mask)."""
     condition = np.frompyfunc(lambda m, r: float(m / abs(r)) if r else np.inf, 2, 1)(mag, value).astype(np.float64)
     decade = np.where(
@@ -87,13 +94,15 @@ def _bins(value, mag):
     return [(float(np.median(condition[decade == d])), decade == d) for d in np.unique(decade)]
 
 
-def _points(operation, precision, computed, value, mag, bins):
+def _points(
+    operation: Operation, precision: Precision, computed: np.ndarray, value: np.ndarray, mag: np.ndarray, bins: Bins
+):
     bound = operation.allowed(precision, 0, value, mag, computed.dtype)
     ratio, ulps = error.in_units_of(bound, computed, value, operation.flushed), error.in_ulps(computed, value)
     return tuple(Point(c, int(mask.sum()), float(ulps[mask].max()), float(ratio[mask].max())) for c, mask in bins)
 
 
-def promised_ulps(curve, condition):
+def promised_ulps(curve: Curve, condition: np.ndarray):
     """The bound of a curve's precision at a condition number, for the largest numbers that share an ulp."""
     promise, u = OPERATIONS[curve.operation].bounds[0], float(error.unit_roundoff(jnp.dtype(curve.dtype)))
     return promise.allowed(curve.precision, u, u, 1.0, condition) / u

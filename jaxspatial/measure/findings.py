@@ -1,18 +1,23 @@
 """What a self-check finds, and what its checks have in common."""
 
 import os
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.measure.operation import OPERATIONS
 
 DTYPES = ("float32", "float64")
 _SUSPECTS = ("fast_math", "disable_hlo_passes", "xla_backend_extra_options", "fp_mode")
+
+# What a check says: of a `Finding` all but the name.
+Found = tuple[bool | None, str, str]
 
 
 class Finding(NamedTuple):
@@ -31,7 +36,7 @@ class Finding(NamedTuple):
 class Report(NamedTuple):
     """What `self_check` found; `print(report)` shows it."""
 
-    findings: tuple
+    findings: tuple[Finding, ...]
     surroundings: str
 
     @property
@@ -56,7 +61,7 @@ class Report(NamedTuple):
         return {"holds": self.holds, "surroundings": self.surroundings, "findings": found}
 
 
-def _lines(finding):
+def _lines(finding: Finding):
     yield f"{finding.verdict:<7}{finding.name}: {finding.measured}"
     if finding.advice:
         yield f"       -> {finding.advice}"
@@ -74,7 +79,7 @@ def cause():
     )
 
 
-def verdict(shares, what, advice=""):
+def verdict(shares: Mapping[str, float], what: str, advice: str = ""):
     """holds, measured and advice of a promise that no result may break; shares: dtype -> share of results that do."""
     holds = not any(shares.values())
     text = ", ".join(f"{share:.0%} in {name}" for name, share in shares.items() if share)
@@ -85,31 +90,33 @@ def rng():
     return np.random.default_rng(2026)
 
 
-def in_dtype(dtype):
+def in_dtype(dtype: str):
     """The 64-bit types off for all other dtypes: what the caller has switched on does not matter."""
     return jax.enable_x64(dtype == "float64")
 
 
-def differing(computed, expected):
+def differing(computed: Iterable[ArrayLike], expected: Iterable[np.ndarray]):
     """The share of numbers that differ, bit by bit but for the bits of a NaN."""
     return float(np.mean([_differs(np.asarray(x), y).ravel() for x, y in zip(computed, expected, strict=True)]))
 
 
-def _differs(x, y):
+def _differs(x: np.ndarray, y: np.ndarray):
     same = (x == y) & (np.signbit(x) == np.signbit(y))
     return ~np.where(np.isnan(y), np.isnan(x), same)
 
 
-def scanned(function):
+def scanned(function: Callable[..., Any]) -> Callable[..., Any]:
     return lambda *arrays: lax.scan(lambda _, x: (None, function(*x)), None, arrays)[1]
 
 
-def finite(x):
+def finite(x: ArrayLike):
     x = np.asarray(x)
     return np.where(np.isfinite(x), x, np.zeros_like(x))
 
 
-def differing_from_numpy(name, dtype, arrays, context):
+def differing_from_numpy(
+    name: str, dtype: str, arrays: Sequence[np.ndarray], context: Callable[[Callable[..., Any]], Callable[..., Any]]
+):
     with in_dtype(dtype):
         computed = context(OPERATIONS[name].batched(Precision.REPRODUCIBLE))(*map(jnp.asarray, arrays))
     return differing(computed, [formula(*arrays) for formula in OPERATIONS[name].formulas])

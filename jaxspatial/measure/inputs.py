@@ -12,19 +12,27 @@ condition) -> its arguments, at that condition number:
 The condition number of a component is mag / |exact value|, where mag is the sum of the absolute values of its terms.
 """
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 
+from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.measure.error import ulp
 from jaxspatial.measure.exact import evaluate, rationals
 
+# A number, or one per component.
+Condition = float | np.ndarray
 
-def benign(rng, count, n, dtype):
+
+def benign(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """count arrays (n, 3) of normally distributed numbers."""
     return _rounded(rng.standard_normal((count, n, 3)), dtype)
 
 
-def mixed_scales(rng, count, n, dtype):
+def mixed_scales(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """Components whose sizes differ by up to the fourth root of the range of the format."""
     exponents = _spread(dtype)
     return _rounded(
@@ -32,36 +40,36 @@ def mixed_scales(rng, count, n, dtype):
     )
 
 
-def parallel(rng, count, n, dtype):
+def parallel(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """Multiples of one direction by powers of two: their cross products are exactly 0."""
     direction = _rounded(rng.standard_normal((1, n, 3)), dtype)[0]
     return [direction * np.asarray(2.0 ** rng.integers(-2, 3, (n, 1)), dtype) for _ in range(count)]
 
 
-def nearly_parallel(rng, count, n, dtype):
+def nearly_parallel(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """As `parallel`, but for a few units in the last place."""
     eps = float(jnp.finfo(dtype).eps)
     wide = (x.astype(np.float64) for x in parallel(rng, count, n, dtype))
     return [(x * (1 + 4 * eps * rng.standard_normal((n, 3)))).astype(dtype) for x in wide]
 
 
-def just_above_powers_of_two(rng, count, n, dtype):
+def just_above_powers_of_two(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """Significands of few units above 1, where a rounding error is largest relative to the number."""
     eps = float(jnp.finfo(dtype).eps)
     return _rounded((1 + eps * rng.integers(0, 8, (count, n, 3))) * rng.choice([-1.0, 1.0], (count, n, 3)), dtype)
 
 
-def small_integers_and_zeros(rng, count, n, dtype):
+def small_integers_and_zeros(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """Integers from -2 to 2, many of them zero."""
     return _rounded(rng.integers(-2, 3, (count, n, 3)), dtype)
 
 
-def signed_zeros(rng, count, n, dtype):
+def signed_zeros(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """Integers from -2 to 2, many of them zero, and of the zeros half negative."""
     return _rounded(rng.integers(0, 3, (count, n, 3)) * rng.choice([-1.0, 1.0], (count, n, 3)), dtype)
 
 
-def far_offsets(rng, count, n, dtype):
+def far_offsets(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """One array in turn, number i % count in item i, is far off, about 1e8, the others about 1e-3.
 
     Where the range of the format does not allow these: 2^(maxexp / 4) and 2^(-maxexp / 8) (float16: 16 and 1/4).
@@ -86,7 +94,7 @@ FAMILIES = {
 }
 
 
-def near_overflow_of_products(rng, count, n, dtype):
+def near_overflow_of_products(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """Every product of two components overflows, every cross product of two arrays is representable.
 
     In items of even number the arrays are exactly parallel, cross products exactly 0. In the others they are parallel
@@ -99,7 +107,7 @@ def near_overflow_of_products(rng, count, n, dtype):
     return _rounded(nearly * 2.0 ** rng.integers(0, 2, (count, n, 1)), dtype)
 
 
-def near_overflow_of_splits(rng, count, n, dtype):
+def near_overflow_of_splits(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """In each item one array is huge, from an eighth of the largest number to the largest, and one is small, its
     components from tiny to 8 tiny; the others are from 1/4 to 1/2.
 
@@ -115,7 +123,7 @@ def near_overflow_of_splits(rng, count, n, dtype):
     return list(_signed(rng, np.where(number == huge, at_the_top, beside), dtype).astype(dtype))
 
 
-def tiny_products(rng, count, n, dtype):
+def tiny_products(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """Normal numbers, whose products of two are between tiny eps and 4 tiny / eps.
 
     The smaller products underflow; the rounding errors of all the others, which a compensated operation computes, are
@@ -126,7 +134,7 @@ def tiny_products(rng, count, n, dtype):
     return list(_signed(rng, rng.integers(lowest, highest + 1, (count, n, 3)), dtype).astype(dtype))
 
 
-def subnormals(rng, count, n, dtype):
+def subnormals(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """A third each: subnormal numbers of all sizes, numbers from tiny to 8 tiny, normally distributed numbers."""
     info, size = jnp.finfo(dtype), (count, n, 3)
     below = np.ldexp(np.floor(2.0 ** rng.uniform(0, info.nmant, size)), info.minexp - info.nmant)
@@ -135,7 +143,7 @@ def subnormals(rng, count, n, dtype):
     return _rounded(np.choose(rng.integers(0, 3, size), kinds), dtype)
 
 
-def not_finite(rng, count, n, dtype):
+def not_finite(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """Normally distributed numbers; a quarter of them is replaced by NaN, infinity or minus infinity at random."""
     special = rng.choice([np.nan, np.inf, -np.inf], (count, n, 3))
     return _rounded(np.where(rng.random((count, n, 3)) < 0.25, special, rng.standard_normal((count, n, 3))), dtype)
@@ -147,7 +155,9 @@ EXTREMES = {
 }
 
 
-def with_condition(rng, formula, others, condition):
+def with_condition(
+    rng: np.random.Generator, formula: Callable[..., Any], others: Sequence[np.ndarray], condition: Condition
+):
     """Arguments [first, *others] of a formula, at which each component of its value has the condition number asked for.
 
     >>> tau, f, p = with_condition(rng, lambda tau, f, p: tau - np.cross(p, f), benign(rng, 2, 1000, "float32"), 1e6)
@@ -165,7 +175,7 @@ def with_condition(rng, formula, others, condition):
     return [nearest(_last_term(rest, mag, condition, rng.choice([-1, 1], rest.shape)), others[0].dtype), *others]
 
 
-def products_with_condition(rng, terms, n, dtype, condition):
+def products_with_condition(rng: np.random.Generator, terms: int, n: int, dtype: DTypeLike, condition: float):
     """Arrays x, y (n, terms), so that the sum of the products x y of each item has the condition number asked for.
 
     After Algorithm 6.1 of Ogita, Rump and Oishi 2005: random products of one sign, then three that cancel most of what
@@ -183,7 +193,7 @@ def products_with_condition(rng, terms, n, dtype, condition):
     return [np.take_along_axis(np.stack(x, -1), order, -1) for x in zip(*pairs, strict=True)]
 
 
-def workless(rng, n, dtype):
+def workless(rng: np.random.Generator, n: int, dtype: DTypeLike):
     """tau, f, w, v (n, 3), whose power tau . w + f . v is exactly 0, its products cancelling in pairs.
 
     No product is 0. All numbers are of size 1/8 to 4.
@@ -194,7 +204,7 @@ def workless(rng, n, dtype):
     return [tau, f, w, v]
 
 
-def shift_force_with_condition(rng, n, dtype, condition):
+def shift_force_with_condition(rng: np.random.Generator, n: int, dtype: DTypeLike, condition: Condition):
     """tau, f, p (n, 3): tau - p x f has this condition number in each component, as `with_condition` guarantees.
 
     f and p are of size 1/2 to 1.
@@ -202,7 +212,7 @@ def shift_force_with_condition(rng, n, dtype, condition):
     return with_condition(rng, lambda tau, f, p: tau - np.cross(p, f), _halves(rng, 2, n, dtype), condition)
 
 
-def shift_velocity_with_condition(rng, n, dtype, condition):
+def shift_velocity_with_condition(rng: np.random.Generator, n: int, dtype: DTypeLike, condition: Condition):
     """w, v, p (n, 3): v + w x p has this condition number in each component, as `with_condition` guarantees.
 
     w and p are of size 1/2 to 1.
@@ -211,21 +221,21 @@ def shift_velocity_with_condition(rng, n, dtype, condition):
     return [w, v, p]
 
 
-def shift_acceleration_with_condition(rng, n, dtype, condition):
+def shift_acceleration_with_condition(rng: np.random.Generator, n: int, dtype: DTypeLike, condition: Condition):
     """alpha, a, p, w (n, 3): a + alpha x p + w x (w x p) has this condition number in each component, as
     `with_condition` guarantees.
 
     alpha, p and w are of size 1/2 to 1.
     """
 
-    def formula(a, alpha, p, w):
+    def formula(a: np.ndarray, alpha: np.ndarray, p: np.ndarray, w: np.ndarray):
         return a + np.cross(alpha, p) + np.cross(w, np.cross(w, p))
 
     a, alpha, p, w = with_condition(rng, formula, _halves(rng, 3, n, dtype), condition)
     return [alpha, a, p, w]
 
 
-def dot_with_condition(rng, n, dtype, condition):
+def dot_with_condition(rng: np.random.Generator, n: int, dtype: DTypeLike, condition: float):
     """tau, f, w, v (n, 3): the power tau . w + f . v of each item has this condition number.
 
     condition: from 1 to 1/u^2, with the guarantees of `products_with_condition`; or infinity: `workless`.
@@ -244,13 +254,13 @@ CONDITIONED = {
 }
 
 
-def nearest(exact, dtype):
+def nearest(exact: np.ndarray, dtype: DTypeLike) -> np.ndarray:
     """The correctly rounded numbers (ties to even) of an array of Fractions, which are in the range of the dtype."""
     unit = ulp(exact, dtype)
     return (np.frompyfunc(round, 1, 1)(exact / unit) * unit).astype(np.float64).astype(dtype)
 
 
-def _last_term(rest, mag, condition, sign):
+def _last_term(rest: np.ndarray, mag: np.ndarray, condition: Condition, sign: np.ndarray):
     """What to add to `rest` so that the sum has a condition number between max(1, condition - 1) and condition + 1.
 
     The sum is to be t with |t| = (|rest| + mag) / condition. Adding t - rest adds |t - rest| to mag, and that is
@@ -259,7 +269,7 @@ def _last_term(rest, mag, condition, sign):
     return sign * (abs(rest) + mag) * rationals(1 / np.asarray(condition, np.float64)) - rest
 
 
-def _factors(rng, products, dtype):
+def _factors(rng: np.random.Generator, products: np.ndarray, dtype: DTypeLike) -> tuple[np.ndarray, np.ndarray]:
     """x, y whose products are `products` (Fractions, none 0) up to the rounding of y; of similar size."""
     spread = 2.0 ** (rng.uniform(-1, 1, len(products)) * jnp.finfo(dtype).maxexp / 64)
     sizes = np.sqrt(abs(products).astype(np.float64)) * spread
@@ -267,21 +277,21 @@ def _factors(rng, products, dtype):
     return x, nearest(products / rationals(x), dtype)
 
 
-def _signed(rng, exponents, dtype):
+def _signed(rng: np.random.Generator, exponents: np.ndarray, dtype: DTypeLike):
     """Numbers of random sign and significand times 2^exponents, representable, in float64."""
     digits = jnp.finfo(dtype).nmant
     significands = 1 + np.ldexp(rng.integers(0, 2**digits, np.shape(exponents)).astype(np.float64), -digits)
     return np.ldexp(significands * rng.choice([-1.0, 1.0], np.shape(exponents)), exponents)
 
 
-def _halves(rng, count, n, dtype):
+def _halves(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """count arrays (n, 3) of numbers of size 1/2 to 1."""
     return list(_signed(rng, np.full((count, n, 3), -1), dtype).astype(dtype))
 
 
-def _spread(dtype):
+def _spread(dtype: DTypeLike):
     return max(int(jnp.finfo(dtype).maxexp) // 8, 1)
 
 
-def _rounded(x, dtype):
+def _rounded(x: npt.ArrayLike, dtype: DTypeLike):
     return list(np.asarray(x, np.float64).astype(dtype))

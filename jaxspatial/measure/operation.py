@@ -4,30 +4,39 @@ A new operation is one record. Arguments are named after arrays (n, 3): those of
 the accelerations alpha, a (see `trade.arguments`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+import numpy.typing as npt
+from jax.typing import ArrayLike
 
+from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.promise import Promise
+from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.measure import error, exact
 from jaxspatial.spatial import SpatialAcceleration, SpatialForce, SpatialVelocity, cross, dot, shift
 from jaxspatial.spatial.promises import CROSS_ONE, CROSS_TWO, DOT, SHIFT, SHIFT_ACCELERATION
+
+# The arrays that an operation computes, and of one of them the exact numbers and mag.
+Parts = tuple[jax.Array, ...]
+Exactly = tuple[np.ndarray, np.ndarray]
 
 
 class Operation(NamedTuple):
     """One operation; what it computes is given as a tuple of parts, without those that it passes on as they are."""
 
     name: str
-    arguments: tuple  # names of the arrays it takes
-    function: Callable  # (precision, *arguments of one item) -> parts
-    formulas: tuple  # the same over numbers of any kind, per part
-    units: tuple  # per part
-    bounds: tuple  # per part a Promise
+    arguments: tuple[str, ...]  # names of the arrays it takes
+    function: Callable[..., Parts]  # (precision, *arguments of one item) -> parts
+    formulas: tuple[Callable[..., Any], ...]  # the same over numbers of any kind, per part
+    units: tuple[str, ...]  # per part
+    bounds: tuple[Promise, ...]  # per part a Promise
     flushed: int  # so many finfo.tiny are forgiven: one for each product, its error, and each sum of a component
     size: int  # numbers in all parts of one item
-    turned: tuple  # arguments that change sign from step to step of a loop, and all parts with them
+    turned: tuple[int, ...]  # arguments that change sign from step to step of a loop, and all parts with them
     replaced: int | None = None  # the argument whose place the only part takes when it is done in place
 
     @property
@@ -39,33 +48,33 @@ class Operation(NamedTuple):
         """Numbers read and written per item."""
         return 3 * len(self.arguments) + self.size
 
-    def batched(self, precision):
+    def batched(self, precision: Precision | str) -> Callable[..., Parts]:
         """The operation on arrays (n, 3)."""
         return jax.vmap(lambda *arrays: self.function(str(precision), *arrays))
 
-    def exactly(self, *arrays):
+    def exactly(self, *arrays: npt.ArrayLike) -> list[Exactly]:
         """[(exact value, mag)] per part."""
         return [exact.evaluate(formula, *arrays) for formula in self.formulas]
 
-    def promise(self, precision):
+    def promise(self, precision: Precision | str):
         """The bound on the error of a component in words."""
         return " or ".join(dict.fromkeys(promise.words(precision) for promise in self.bounds))
 
-    def allowed(self, precision, part, value, mag, dtype):
+    def allowed(self, precision: Precision | str, part: int, value: np.ndarray, mag: np.ndarray, dtype: DTypeLike):
         """The bound on the error of each component of a part, as Fractions."""
         return error.allowed(self.bounds[part], precision, value, mag, dtype)
 
     @staticmethod
-    def in_units(computed, exactly):
+    def in_units(computed: Sequence[ArrayLike], exactly: Sequence[Exactly]):
         """The largest error of each part in its SI unit, as floats; inf for NaN."""
         pairs = zip(computed, exactly, strict=True)
         errors = [error.in_units_of(Fraction(1), x, value) for x, (value, _) in pairs]
         return tuple(float(x.max()) if x.size else np.nan for x in errors)
 
-    def of_promise(self, precision, computed, exactly):
+    def of_promise(self, precision: Precision | str, computed: Sequence[ArrayLike], exactly: Sequence[Exactly]):
         """The largest error over the bound promised, and all errors in ulps (both float64, inf for NaN)."""
         dtype = np.asarray(computed[0]).dtype
-        worst, ulps = 0.0, []
+        worst, ulps = 0.0, list[np.ndarray]()
         for part, (x, (value, mag)) in enumerate(zip(computed, exactly, strict=True)):
             bound = self.allowed(precision, part, value, mag, dtype)
             worst = max(worst, float(np.max(error.in_units_of(bound, x, value, self.flushed), initial=0.0)))
@@ -73,37 +82,37 @@ class Operation(NamedTuple):
         return worst, np.concatenate(ulps)
 
 
-def _shift_force(precision, tau, f, p):
+def _shift_force(precision: str, tau: jax.Array, f: jax.Array, p: jax.Array):
     return (shift(SpatialForce(tau, f), p, precision=precision).tau,)
 
 
-def _shift_velocity(precision, w, v, p):
+def _shift_velocity(precision: str, w: jax.Array, v: jax.Array, p: jax.Array):
     return (shift(SpatialVelocity(w, v), p, precision=precision).v,)
 
 
-def _shift_acceleration(precision, alpha, a, p, w):
+def _shift_acceleration(precision: str, alpha: jax.Array, a: jax.Array, p: jax.Array, w: jax.Array):
     return (shift(SpatialAcceleration(alpha, a), p, w, precision=precision).a,)
 
 
-def _cross_motion(precision, w, v, alpha, a):
+def _cross_motion(precision: str, w: jax.Array, v: jax.Array, alpha: jax.Array, a: jax.Array):
     rate = cross(SpatialVelocity(w, v), SpatialAcceleration(alpha, a), precision=precision)
     return rate.alpha, rate.a
 
 
-def _cross_force(precision, w, v, tau, f):
+def _cross_force(precision: str, w: jax.Array, v: jax.Array, tau: jax.Array, f: jax.Array):
     rate = cross(SpatialVelocity(w, v), SpatialForce(tau, f), precision=precision)
     return rate.tau, rate.f
 
 
-def _dot(precision, tau, f, w, v):
+def _dot(precision: str, tau: jax.Array, f: jax.Array, w: jax.Array, v: jax.Array):
     return (dot(SpatialForce(tau, f), SpatialVelocity(w, v), precision=precision),)
 
 
-def _single(w, v, x, y):
+def _single(w: np.ndarray, v: np.ndarray, x: np.ndarray, y: np.ndarray):
     return np.cross(w, x)
 
 
-def _double(w, v, x, y):
+def _double(w: np.ndarray, v: np.ndarray, x: np.ndarray, y: np.ndarray):
     return np.cross(w, y) + np.cross(v, x)
 
 

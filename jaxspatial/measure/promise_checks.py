@@ -1,13 +1,16 @@
 """Whether the precisions keep their promises, on inputs that make it hard."""
 
+from collections.abc import Callable, Sequence
+
 import jax
 import numpy as np
+from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.arithmetic.promise import Promise
 from jaxspatial.measure import error, exact, inputs
 from jaxspatial.measure.findings import DTYPES, cause, differing_from_numpy, in_dtype, rng, scanned, verdict
-from jaxspatial.measure.operation import OPERATIONS
+from jaxspatial.measure.operation import OPERATIONS, Operation
 from jaxspatial.spatial.promises import SHIFT
 
 _N = 48
@@ -17,7 +20,7 @@ _DERIVATIVE = Promise(u=2 * SHIFT.u, u2=4 * SHIFT.u2)
 
 def reproducible_bits():
     """Bitwise NumPy; among the vectors crossed are equal ones, for which zero is expected."""
-    shares = dict.fromkeys(DTYPES, 0.0)
+    shares: dict[str, float] = dict.fromkeys(DTYPES, 0.0)
     for dtype in DTYPES:
         a, b, c, d = inputs.mixed_scales(rng(), 4, 200, dtype)
         equal = np.where(np.arange(200)[:, None] % 2 == 0, a, c), np.where(np.arange(200)[:, None] % 2 == 0, b, d)
@@ -27,7 +30,7 @@ def reproducible_bits():
     return verdict(shares, "NumPy's, bit by bit: shift, cross, dot, alone and in a larger program; cross(V, V) is 0")
 
 
-def bounds(precision):
+def bounds(precision: Precision):
     """A check that holds a precision against its promise: values and derivatives, in the dtypes of `DTYPES`."""
 
     def check():
@@ -40,12 +43,12 @@ def bounds(precision):
     return check
 
 
-def _values_over(precision, dtype):
+def _values_over(precision: Precision, dtype: str):
     names = ("shift_force", "dot")
     return max(_over_promise(OPERATIONS[name], precision, _hostile(name, precision, dtype)) for name in names)
 
 
-def _hostile(name, precision, dtype):
+def _hostile(name: str, precision: Precision, dtype: str):
     """Arguments that cancel, up to everything, and differ in size; for a shift, whose results stay in range, also such
     as have products that overflow, where that is promised not to matter."""
     random, u = rng(), float(error.unit_roundoff(dtype))
@@ -58,34 +61,34 @@ def _hostile(name, precision, dtype):
     return [np.concatenate(x) for x in zip(*groups, strict=True)]
 
 
-def _over_promise(subject, precision, arrays):
+def _over_promise(subject: Operation, precision: Precision, arrays: Sequence[np.ndarray]):
     exactly = subject.exactly(*arrays)
     with in_dtype(arrays[0].dtype.name):
         results = [run(subject, precision)(*arrays) for run in (_in_a_batch, _in_a_loop, _one_by_one)]
     return max(subject.of_promise(precision, computed, exactly)[0] for computed in results)
 
 
-def _in_a_batch(subject, precision):
+def _in_a_batch(subject: Operation, precision: Precision):
     return jax.jit(subject.batched(precision))
 
 
-def _in_a_loop(subject, precision):
+def _in_a_loop(subject: Operation, precision: Precision):
     return jax.jit(scanned(lambda *item: subject.function(str(precision), *item)))
 
 
-def _one_by_one(subject, precision):
+def _one_by_one(subject: Operation, precision: Precision) -> Callable[..., list[np.ndarray]]:
     """Of scalars a compiler makes other programs than of arrays."""
     compiled = jax.jit(lambda *item: subject.function(str(precision), *item))
     return lambda *arrays: [np.stack(x) for x in zip(*map(compiled, *arrays), strict=True)]
 
 
-def _derivatives_over(precision, dtype):
+def _derivatives_over(precision: Precision, dtype: str):
     """Of a shifted torque: its rate, and what is pulled back to the force. Offset and force are nearly parallel."""
     tau, f, p, d = inputs.nearly_parallel(rng(), 4, 4 * _N, dtype)
     shifted = OPERATIONS["shift_force"].function
 
-    def derivatives(tau, f, p, d):
-        torque, pull_back = jax.vjp(lambda *x: shifted(str(precision), *x)[0], tau, f, p)
+    def derivatives(tau: jax.Array, f: jax.Array, p: jax.Array, d: jax.Array) -> tuple[jax.Array, jax.Array]:
+        _, pull_back = jax.vjp(lambda *x: shifted(str(precision), *x)[0], tau, f, p)
         rate = jax.jvp(lambda *x: shifted(str(precision), *x)[0], (tau, f, p), (d, f, d))[1]
         return rate, pull_back(d)[1]
 
@@ -96,6 +99,6 @@ def _derivatives_over(precision, dtype):
     return max(_over(precision, x, *e) for x, e in zip(computed, exactly, strict=True))
 
 
-def _over(precision, computed, value, mag):
+def _over(precision: Precision, computed: ArrayLike, value: np.ndarray, mag: np.ndarray):
     bound = error.allowed(_DERIVATIVE, precision, value, mag, np.asarray(computed).dtype)
     return float(error.in_units_of(bound, computed, value, OPERATIONS["shift_force"].flushed).max())

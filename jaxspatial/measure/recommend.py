@@ -1,10 +1,12 @@
 """Which precision a function needs: it runs in each, on the numbers that it is for, and is timed and compared."""
 
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic.precision import Precision, default_precision
 from jaxspatial.measure import timing
@@ -25,7 +27,7 @@ class Recommendation:
     precision: the fastest that holds the tolerance, None where none does. rows: a `Measured` for each precision.
     """
 
-    def __init__(self, rows, tolerance):
+    def __init__(self, rows: Iterable[Measured], tolerance: float):
         self.rows, self.tolerance = tuple(rows), tolerance
         held = [row for row in self.rows if row.holds]
         self.precision = min(held, key=lambda row: row.seconds).precision if held else None
@@ -49,7 +51,7 @@ class Recommendation:
         )
 
 
-def recommend(function, *arguments, tolerance, rounds=9):
+def recommend(function: Callable[..., Any], *arguments: Any, tolerance: float, rounds: int = 9):
     """Which precision a function needs on given arguments, and what each costs on this machine.
 
         print(recommend(lambda q, v, a: js.inverse_dynamics(mech, q, v, a), q, v, a, tolerance=1e-6))
@@ -79,39 +81,39 @@ def recommend(function, *arguments, tolerance, rounds=9):
     return Recommendation(rows, tolerance)
 
 
-def _require_floats(arguments):
+def _require_floats(arguments: Sequence[Any]):
     if not any(map(_is_floating, jax.tree.leaves(arguments))):
         raise ValueError("recommend: arguments: expected arrays of floating point numbers, got none")
 
 
-def _is_floating(x):
+def _is_floating(x: Any):
     return hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jnp.floating)
 
 
-def compiled(function, precision, arguments):
+def compiled(function: Callable[..., Any], precision: Precision | str, arguments: Sequence[Any]):
     """The function compiled in a precision, as a function of nothing."""
     with default_precision(precision):
         program = jax.jit(function).lower(*arguments).compile()
     return lambda: program(*arguments)
 
 
-def reference(function, arguments, precision=Precision.COMPENSATED):
+def reference(function: Callable[..., Any], arguments: Sequence[Any], precision: Precision = Precision.COMPENSATED):
     """The results as float64, of arguments as float64."""
     with jax.enable_x64(True):
         call = compiled(function, precision, jax.tree.map(_widened, arguments))
         return [np.asarray(x, np.float64) for x in jax.tree.leaves(call())]
 
 
-def _widened(x):
+def _widened(x: Any):
     return x.astype(np.float64) if _is_floating(x) else x
 
 
-def _largest_error(results, expected) -> Any:
+def _largest_error(results: Iterable[ArrayLike], expected: Iterable[np.ndarray]) -> Any:
     """Of all results, each relative to its largest number; infinite where one is not finite and should be."""
     return max((_error(np.asarray(x, np.float64), y) for x, y in zip(results, expected, strict=True)), default=0.0)
 
 
-def _error(x, exact):
+def _error(x: np.ndarray, exact: np.ndarray):
     same = (x == exact) | (np.isnan(x) & np.isnan(exact))
     if same.all():
         return 0.0

@@ -1,27 +1,32 @@
 """The built-in scenes: wrenches on a body that turns while it travels, an arm, a long chain, a trolley and its load."""
 
 import functools
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, ParamSpec
 
 import jax
 import numpy as np
+import numpy.typing as npt
 
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism import Body, Frame, Joint, Mechanism
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, shift
 
+P = ParamSpec("P")
+
 
 class Wrenches(NamedTuple):
-    """Wrenches on a body about points P, with the motion of the body there; all (n, 3), one frame, SI units."""
+    """Wrenches on a body about points P, with the motion of the body there, None where it is not known; all (n, 3), one
+    frame, SI units."""
 
     tau: np.ndarray
     f: np.ndarray
-    w: np.ndarray
-    v: np.ndarray
+    w: np.ndarray | None
+    v: np.ndarray | None
 
 
-def rotating_body(n, seed=0):
+def rotating_body(n: int, seed: int = 0):
     """n wrenches at instants of one turn of a body that spins about a tilted axis while its centre moves on.
 
     Each acts about its own contact point P on the body, at most 0.5 m from the centre: forces of about 100 N, friction
@@ -37,7 +42,7 @@ def rotating_body(n, seed=0):
     return Wrenches(rng.normal(0.0, 1.0, (n, 3)), _turned(axis, angle, f_P_B), w, v)
 
 
-def _turned(axis, angle, x):
+def _turned(axis: np.ndarray, angle: np.ndarray, x: np.ndarray):
     """x turned by angle about axis. [Rodrigues 1840]"""
     along = (x @ axis)[:, None] * axis
     return along + np.cos(angle)[:, None] * (x - along) + np.sin(angle)[:, None] * np.cross(axis, x)
@@ -60,13 +65,13 @@ _LINKS = (
 )
 
 
-def _built(parts):
+def _built(parts: Callable[P, tuple[list[Body], list[Joint], *tuple[list[Frame], ...]]]):
     """Builds a Mechanism of bodies, joints, frames; its numbers are float32, so that it is the same in every dtype."""
 
     @functools.wraps(parts)
-    def build(*numbers):
+    def build(*numbers: P.args, **named: P.kwargs):
         with jax.enable_x64(True):
-            return Mechanism.build(*parts(*numbers), dtype=np.float64).astype(np.float32)
+            return Mechanism.build(*parts(*numbers, **named), dtype=np.float64).astype(np.float32)
 
     return build
 
@@ -74,7 +79,7 @@ def _built(parts):
 @_built
 def arm():
     """An arm of seven revolute joints and 19 kg that reaches 0.86 m, of the measures of Franka's Panda."""
-    bodies, joints, parent = [], [], "world"
+    bodies, joints, parent = list[Body](), list[Joint](), "world"
     for i, (turn, at, mass, length) in enumerate(_LINKS):
         cylinder = SpatialInertia.solid_cylinder(np.float64(0.06), np.float64(length), mass=np.float64(mass))
         bodies.append(Body(f"link{i + 1}", shift(cylinder, np.array([0.0, 0.02, -length / 4]))))
@@ -86,7 +91,7 @@ def arm():
 
 
 @_built
-def chain(n, length=0.1, mass=0.2):
+def chain(n: int, length: float = 0.1, mass: float = 0.2):
     """n rods one behind the other along z, m and kg each, hinged about x and y in turns; the frame "tip" at the end."""
     rod = SpatialInertia.thin_rod(np.float64(length), np.array([0.0, 0.0, 1.0]), mass=np.float64(mass))
     rod = shift(rod, np.array([0.0, 0.0, -length / 2]))
@@ -107,7 +112,7 @@ def chain(n, length=0.1, mass=0.2):
 
 
 @_built
-def trolley(mass, load):
+def trolley(mass: float, load: float):
     """A trolley (kg) on a rail along x, from which a load (kg) hangs by a metre."""
     bodies = [
         Body("trolley", SpatialInertia.point_mass(np.zeros(3), mass=np.float64(mass))),
@@ -122,5 +127,5 @@ def trolley(mass, load):
     return bodies, joints
 
 
-def _at(position, turn=_UPRIGHT):
+def _at(position: npt.ArrayLike, turn: np.ndarray = _UPRIGHT):
     return RigidTransform(Rotation.from_matrix(turn), np.array(position, np.float64))

@@ -7,10 +7,11 @@ can break again: a flag, a release or a new device are enough.
 """
 
 import os
+from collections.abc import Callable
 
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.measure import block_checks, compiler_checks, promise_checks, timing
-from jaxspatial.measure.findings import Finding, Report, cause
+from jaxspatial.measure.findings import Finding, Found, Report, cause
 
 
 def self_check() -> Report:
@@ -28,7 +29,7 @@ def self_check() -> Report:
     return Report(findings, f"{timing.machine()}\nXLA_FLAGS: {os.environ.get('XLA_FLAGS') or 'none'}")
 
 
-def _found(name, check):
+def _found(name: str, check: Callable[[], Found]):
     """What a check finds; one that cannot even run is a promise that does not hold."""
     try:
         return Finding(name, *check())

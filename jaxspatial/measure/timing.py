@@ -3,13 +3,22 @@
 import os
 import platform
 import time
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
 
+Name = TypeVar("Name")
+# What is called after each step of the work, for a progress bar.
+Advance = Callable[[], object]
 
-def interleaved(cases, rounds=15, advance=lambda: None, limit=float("inf")):
+
+Calls = Mapping[Name, Callable[[], Any]]
+
+
+def interleaved(cases: Calls[Name], rounds: int = 15, advance: Advance = lambda: None, limit: float = float("inf")):
     """Seconds per call of every case: name -> array (rounds,).
 
     cases: name -> function without arguments; what it returns is waited for. In turns, so that what disturbs the
@@ -19,7 +28,8 @@ def interleaved(cases, rounds=15, advance=lambda: None, limit=float("inf")):
     for call in cases.values():
         jax.block_until_ready(call())
         jax.block_until_ready(call())
-    seconds, begin = {name: [] for name in cases}, time.perf_counter()
+    seconds: dict[Name, list[float]] = {name: [] for name in cases}
+    begin = time.perf_counter()
     for i in range(rounds):
         for name, call in cases.items() if i < 3 or time.perf_counter() < begin + limit else ():
             start = time.perf_counter()
