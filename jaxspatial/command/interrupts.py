@@ -14,7 +14,7 @@ def heard():
     """While it lasts, a KeyboardInterrupt raised where nothing can catch it comes again, until it is caught."""
     before, timers = sys.unraisablehook, []
 
-    def again(dropped: sys.UnraisableHookArgs):
+    def again(dropped: "sys.UnraisableHookArgs"):
         if not issubclass(dropped.exc_type, KeyboardInterrupt):
             return before(dropped)
         timers.append(threading.Timer(_PAUSE, _thread.interrupt_main))

@@ -1,11 +1,13 @@
 """What `Mechanism.build` refuses of the names of parts."""
 
+from collections.abc import Container, Iterable, Sequence
+
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
 from jaxspatial.mechanism.poses import check_single
 
 
-def check_names(bodies, joints, frames):
+def check_names(bodies: Sequence[Body], joints: Sequence[Joint], frames: Sequence[Frame]):
     for what, kind, parts in (("bodies", Body, bodies), ("joints", Joint, joints), ("frames", Frame, frames)):
         for part in parts:
             if not isinstance(part, kind):
@@ -22,7 +24,7 @@ def check_names(bodies, joints, frames):
                 raise ValueError(f"Joint {joint.name!r}: {side}: there is no body {name!r}")
 
 
-def _check_unique(what, names):
+def _check_unique(what: str, names: Iterable[str]):
     seen = set()
     for name in names:
         if name in seen:
@@ -30,7 +32,7 @@ def _check_unique(what, names):
         seen.add(name)
 
 
-def check_reached(bodies, tree):
-    lost = [body.name for body in bodies if body.name not in tree.places]
+def check_reached(bodies: Iterable[Body], places: Container[str]):
+    lost = [body.name for body in bodies if body.name not in places]
     if lost:
         raise ValueError(f"Mechanism.build: joints: nothing holds {', '.join(map(repr, lost))} against the world")

@@ -1,22 +1,27 @@
 """Mechanisms made of others: joints locked, subtrees taken out."""
 
+import dataclasses
 from collections.abc import Mapping
+from typing import Any
 
 import jax
 import numpy as np
+import numpy.typing as npt
 
-from jaxspatial.arithmetic.numbers import Rounded
+from jaxspatial.arithmetic.numbers import Rounded, high
 from jaxspatial.arithmetic.numbers.known import in_double
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.arithmetic.types import Scalar, Vector
-from jaxspatial.inertia import SpatialInertia
+from jaxspatial.mechanism.joints import JointKind, Parameter
 from jaxspatial.mechanism.mechanism import Mechanism
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
-from jaxspatial.mechanism.poses import composed, is_identity
+from jaxspatial.mechanism.poses import composed, is_identity, or_identity
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, act_inverse
 
 _PER_RATE = "armature", "damping", "friction_loss", "stiffness", "effort_limit", "velocity_limit"
+# By the field of a Joint that of a Mechanism.
+_PER_COORDINATE = {"lower": "lower", "upper": "upper", "spring_reference": "spring_references"}
 
 
 def lock_joints(mechanism: Mechanism, positions: Mapping[str, Scalar | Vector]) -> Mechanism:
@@ -67,7 +72,7 @@ def subtree(mechanism: Mechanism, body: str) -> Mechanism:
     root = t.index(mechanism.body_names, body, "subtree: body")
     kept = {i for i in range(len(t)) if root in t.ancestors(i)}
     bodies, joints, frames = parts(mechanism)
-    joints = [Joint(**{**vars(j), "parent": WORLD}) if i == root else j for i, j in enumerate(joints) if i in kept]
+    joints = [dataclasses.replace(j, parent=WORLD) if i == root else j for i, j in enumerate(joints) if i in kept]
     names = {mechanism.body_names[i] for i in kept}
     left = [frame for frame in frames if frame.body in names]
     return Mechanism.build([b for b in bodies if b.name in names], joints, left, mechanism.gravity, mechanism.dtype)
@@ -87,30 +92,26 @@ def parts(mechanism: Mechanism) -> tuple[list[Body], list[Joint], list[Frame]]:
         return [_body(known, i) for i in range(n)], [_joint(known, i) for i in range(n)], _frames(known)
 
 
-def _item(tree, i):
+def _item(tree: Any, i: int):
     return jax.tree.map(lambda x: x[i], tree)
 
 
-def _body(mechanism, i):
+def _body(mechanism: Mechanism, i: int):
     """With its inertia about its own frame."""
-    M, X_JB = _item(mechanism.inertias, i), _item(mechanism.child_placements, i)
-    M = SpatialInertia(*map(np.asarray, jax.tree.leaves(M)))
+    M, X_JB = jax.tree.map(np.asarray, _item(mechanism.inertias, i)), _item(mechanism.child_placements, i)
     return Body(mechanism.body_names[i], M if is_identity(X_JB) else act_inverse(X_JB, M))
 
 
-def _joint(mechanism, i):
-    t = mechanism.topology
-    own_q, own_v, parent = t.q_slice(i), t.v_slice(i), t.parents[i]
-    X_PJ = _item(mechanism.placements, i)
-    if parent >= 0:
-        X_PJ = composed(_inverse(_item(mechanism.child_placements, parent)), X_PJ)
-    limits = {} if t.is_mimic(i) else {name: getattr(mechanism, name)[own_v] for name in _PER_RATE}
-    limits |= {} if t.is_mimic(i) else {name: getattr(mechanism, name)[own_q] for name in ("lower", "upper")}
-    limits |= {} if t.is_mimic(i) else {"spring_reference": mechanism.spring_references[own_q]}
+def _joint(mechanism: Mechanism, i: int):
+    t, fields = mechanism.topology, {}
+    parent, X_PJ = _on_body(mechanism, t.parents[i], _item(mechanism.placements, i))
+    if not t.is_mimic(i):
+        fields = {name: getattr(mechanism, name)[t.v_slice(i)] for name in _PER_RATE}
+        fields |= {name: getattr(mechanism, field)[t.q_slice(i)] for name, field in _PER_COORDINATE.items()}
     return Joint(
         t.joint_names[i],
         t.kinds[i],
-        t.body_names[parent] if parent >= 0 else WORLD,
+        parent,
         t.body_names[i],
         placement=X_PJ,
         child_placement=_item(mechanism.child_placements, i),
@@ -119,25 +120,26 @@ def _joint(mechanism, i):
         pitch=float(mechanism.pitches[i]),
         parameters={p.name: mechanism.parameters[p.name][i] for p in t.kind(i).parameters if p.field is None},
         mimic=(t.joint_names[t.followed[i]], *mechanism.mimics[i].tolist()) if t.is_mimic(i) else None,
-        **limits,
+        **fields,
     )
 
 
-def _frames(mechanism):
-    names = {WORLD, *mechanism.body_names}
-    frames = zip(mechanism.topology.frames, range(len(mechanism.topology.frames)), strict=True)
-    return [_frame(mechanism, name, carrier, k) for (name, carrier), k in frames if name not in names]
+def _on_body(mechanism: Mechanism, i: int, X_JF: RigidTransform):
+    """(the name of body i, or of the world for -1; X_BF of what is at X_JF on its joint)."""
+    if i < 0:
+        return WORLD, X_JF
+    X_JB = _item(mechanism.child_placements, i)
+    X_BJ = X_JB if is_identity(X_JB) else jax.tree.map(np.asarray, X_JB.inverse())
+    return mechanism.body_names[i], composed(X_BJ, X_JF)
 
 
-def _frame(mechanism, name, carrier, k):
-    X = _item(mechanism.frame_placements, k)
-    if carrier < 0:
-        return Frame(name, WORLD, X)
-    X_BJ = _inverse(_item(mechanism.child_placements, carrier))
-    return Frame(name, mechanism.body_names[carrier], composed(X_BJ, X))
+def _frames(mechanism: Mechanism):
+    bodies, places = {WORLD, *mechanism.body_names}, enumerate(mechanism.topology.frames)
+    own = [(name, i, _item(mechanism.frame_placements, k)) for k, (name, i) in places if name not in bodies]
+    return [Frame(name, *_on_body(mechanism, i, X_JF)) for name, i, X_JF in own]
 
 
-def _with_followers(mechanism, i, q):
+def _with_followers(mechanism: Mechanism, i: int, q: Any) -> list[tuple[int, Any]]:
     """[(joint, its coordinates)] of a joint and its mimics."""
     t = mechanism.topology
     if t.is_mimic(i):
@@ -147,31 +149,27 @@ def _with_followers(mechanism, i, q):
     return [(i, q), *((k, mechanism.mimics[k, 0] * q + mechanism.mimics[k, 1]) for k in followers)]
 
 
-def _locked(mechanism, joints, i, q):
+def _locked(mechanism: Mechanism, joints: list[Joint], i: int, q: npt.ArrayLike):
     t, joint = mechanism.topology, joints[i]
     q = np.broadcast_to(np.asarray(q, np.float64), (t.kind(i).nq,))
     with in_double():
-        X = composed(joint.placement, _transform(t.kind(i), joint, q))
+        X = composed(or_identity(joint, "placement"), _transform(t.kind(i), joint, q))
     return Joint(joint.name, "fixed", joint.parent, joint.child, X, joint.child_placement)
 
 
-def _transform(kind, joint, q):
+def _transform(kind: type[JointKind], joint: Joint, q: np.ndarray):
     """X across a joint at known coordinates."""
-    numbers = kind.numbers(lambda p: _parameter(joint, p), _lane(0.0))
-    cos_sin = {k: (_lane(np.cos(q[k])), _lane(np.sin(q[k]))) for k in kind.angles}
-    rows, p = kind.transform(numbers, tuple(map(_lane, q)), cos_sin)
-    entries = np.array([float(x.value) for row in rows for x in row])
-    return RigidTransform(Rotation(entries), np.array([float(x.value) for x in p]))
+    numbers = kind.numbers(lambda p: _parameter(joint, p), _number(0.0))
+    cos_sin = {k: (_number(np.cos(q[k])), _number(np.sin(q[k]))) for k in kind.angles}
+    rows, p = kind.transform(numbers, tuple(map(_number, q)), cos_sin)
+    entries = np.array([float(high(x)) for row in rows for x in row])
+    return RigidTransform(Rotation(entries), np.array([float(high(x)) for x in p]))
 
 
-def _parameter(joint, p):
-    found = tuple(map(_lane, np.ravel(getattr(joint, p.name) if p.field else joint.parameters[p.name])))
+def _parameter(joint: Joint, p: Parameter):
+    found = tuple(map(_number, np.ravel(getattr(joint, p.name) if p.field else joint.parameters[p.name])))
     return found if p.size > 1 else found[0]
 
 
-def _lane(x):
+def _number(x: float):
     return Rounded(Precision.REPRODUCIBLE, np.float64(x))
-
-
-def _inverse(X):
-    return X if is_identity(X) else jax.tree.map(np.asarray, X.inverse())

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from typing import Any
 
 import jax
 import jax.export
@@ -13,29 +14,31 @@ from jaxspatial.mechanism.static import StaticMechanism
 from jaxspatial.mechanism.topology import Topology
 
 
-def _to_bytes(structure):
+def _to_bytes(structure: tuple[Topology]):
     return json.dumps(dataclasses.astuple(structure[0])).encode()
 
 
-def _from_bytes(data):
+def _from_bytes(data: bytes):
     return (Topology(*map(_as_tuples, json.loads(data))),)
 
 
-def _as_tuples(x):
+def _as_tuples(x: Any) -> Any:
     return tuple(map(_as_tuples, x)) if isinstance(x, list) else x
 
 
-def _static_to_bytes(static):
+def _static_to_bytes(static: StaticMechanism):
     topology, arrays = static.contents
     return json.dumps([dataclasses.astuple(topology), [(*x, data.hex()) for *x, data in arrays]]).encode()
 
 
-def _static_from_bytes(data):
+def _static_from_bytes(data: bytes):
     topology, arrays = json.loads(data)
     leaves = [np.frombuffer(bytes.fromhex(x), np.dtype(name)).reshape(shape) for name, shape, x in arrays]
     topology = Topology(*map(_as_tuples, topology))
     parameters = {p.name: 0 for p in registered_parameters(topology.kinds)}
-    structure = jax.tree.structure(Mechanism.build([], [])._as_tree(topology=topology, parameters=parameters))
+    structure = jax.tree.structure(
+        dataclasses.replace(Mechanism.build([], []), topology=topology, parameters=parameters)
+    )
     return jax.tree.unflatten(structure, leaves).as_static()
 
 

@@ -1,23 +1,27 @@
 """Leaves of a mechanism: what NumPy numbers are before programs are made for their values."""
 
 import dataclasses
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
+import numpy.typing as npt
+
+M = TypeVar("M")
 
 
-def read_only(mechanism):
+def read_only(mechanism: M) -> M:
     """With NumPy numbers of its own that nobody writes to: programs are made for their values, and found again by the
     mechanism."""
     return jax.tree.map(_of_its_own, mechanism)
 
 
-def _of_its_own(x):
+def _of_its_own(x: Any) -> Any:
     is_ready = not isinstance(x, np.ndarray) or (x.base is None and not x.flags.writeable)
     return x if is_ready else frozen(x)
 
 
-def check_replaced(cls, name, old, new):
+def check_replaced(cls: type[Any], name: str, old: Any, new: Any):
     if old is None or name == "topology":
         fields = ", ".join(f.name for f in dataclasses.fields(cls) if f.name != "topology")
         raise TypeError(f"Mechanism.replace: expected one of {fields}, got {name!r}")
@@ -30,13 +34,13 @@ def check_replaced(cls, name, old, new):
             raise ValueError(f"Mechanism.replace: {name}: expected shape {np.shape(a)}, got {np.shape(b)}")
 
 
-def known(x):
+def known(x: Any):
     if isinstance(x, jax.core.Tracer):
         raise TypeError(f"Mechanism.as_known: expected numbers (NumPy or JAX arrays), got {type(x).__name__}, traced")
     return np.asarray(x)
 
 
-def frozen(x):
+def frozen(x: npt.ArrayLike):
     """A copy that nobody can write to."""
     x = np.array(x, order="C")
     x.flags.writeable = False

@@ -3,7 +3,7 @@
 import dataclasses
 import pathlib
 from collections.abc import Iterable
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
@@ -18,6 +18,9 @@ from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
 from jaxspatial.mechanism.poses import known as known_in_double
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.spatial import RigidTransform
+
+if TYPE_CHECKING:
+    from jaxspatial.mechanism.static import StaticMechanism
 
 
 @tree_of("topology")
@@ -82,7 +85,7 @@ class Mechanism:
         frames: Iterable[Frame] = (),
         gravity: Vector3 = (0.0, 0.0, -9.81),
         dtype: DTypeLike | None = None,
-    ) -> Self:
+    ) -> "Mechanism":
         """Builds a mechanism of bodies that joints hold against each other.
 
         Bodies held by "fixed" joints become one, their frames stay. Coordinates are in depth-first order, children in
@@ -196,7 +199,7 @@ class Mechanism:
         """
         return read_only(jax.tree.map(known, self._as_tree()))
 
-    def as_static(self) -> "Mechanism":
+    def as_static(self) -> "StaticMechanism":
         """Makes a StaticMechanism of it, without leaves.
 
         For a field of a learner's module, or an argument of a function under jit that folds.
@@ -208,7 +211,7 @@ class Mechanism:
 
         return static(self)
 
-    def _as_tree(self, **changes):
+    def _as_tree(self, **changes: Any):
         """A Mechanism with leaves, of these numbers and others."""
         return Mechanism(**{field.name: getattr(self, field.name) for field in dataclasses.fields(self)} | changes)
 
@@ -267,7 +270,7 @@ class Mechanism:
         """Tells where in v the rates of a joint are: integers (k,). Raises as `joint_position_indices`."""
         return np.arange(self.nv)[self.topology.v_slice(self._joint(name))]
 
-    def _joint(self, name):
+    def _joint(self, name: str):
         return self.topology.index(self.joint_names, name, "joint")
 
     def neutral(self) -> np.ndarray:
@@ -281,7 +284,7 @@ class Mechanism:
         head = f"{type(self).__name__}(nq={self.nq}, nv={self.nv}, {len(t)} bodies, {self.dtype.name})"
         return "\n".join([head, *(self._line(i) for i in range(len(t)))])
 
-    def _line(self, i):
+    def _line(self, i: int):
         t = self.topology
         indent = "  " * sum(1 for _ in t.ancestors(i))
         follows = f" follows {t.joint_names[t.followed[i]]}" if t.is_mimic(i) else ""

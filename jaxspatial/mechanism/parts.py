@@ -2,7 +2,8 @@
 
 import dataclasses
 import math
-import typing
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.joints import KINDS
@@ -39,7 +40,7 @@ class Frame:
     placement: RigidTransform | None = None
 
 
-class Mimic(typing.NamedTuple):
+class Mimic(NamedTuple):
     """A coordinate that follows that of another joint: multiplier q + offset, rad or m."""
 
     joint: str
@@ -83,20 +84,25 @@ class Joint:
     child: str
     placement: RigidTransform | None = None
     child_placement: RigidTransform | None = None
-    axis: typing.Any = (0.0, 0.0, 1.0)
-    second_axis: typing.Any = (1.0, 0.0, 0.0)
+    axis: Any = (0.0, 0.0, 1.0)
+    second_axis: Any = (1.0, 0.0, 0.0)
     pitch: float = 0.0
-    armature: typing.Any = 0.0
-    damping: typing.Any = 0.0
-    friction_loss: typing.Any = 0.0
-    stiffness: typing.Any = 0.0
-    spring_reference: typing.Any = None
-    effort_limit: typing.Any = math.inf
-    velocity_limit: typing.Any = math.inf
-    lower: typing.Any = -math.inf
-    upper: typing.Any = math.inf
-    mimic: Mimic | tuple | None = None
-    parameters: typing.Mapping[str, typing.Any] = dataclasses.field(default_factory=dict)
+    armature: Any = 0.0
+    damping: Any = 0.0
+    friction_loss: Any = 0.0
+    stiffness: Any = 0.0
+    spring_reference: Any = None
+    effort_limit: Any = math.inf
+    velocity_limit: Any = math.inf
+    lower: Any = -math.inf
+    upper: Any = math.inf
+    mimic: Mimic | tuple[Any, ...] | None = None
+    parameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def follows(self) -> Mimic | None:
+        """What `mimic` says, with a name for each."""
+        return None if self.mimic is None else Mimic(*self.mimic)
 
     def __post_init__(self):
         if self.kind not in KINDS:

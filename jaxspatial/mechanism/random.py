@@ -1,13 +1,14 @@
 """Random mechanisms, for tests."""
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
 from jaxspatial.arithmetic.numbers.known import in_double
 from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.mechanism.joints import AXIS, BUILT_IN, SECOND_AXIS, kind_named
+from jaxspatial.mechanism.joints import AXIS, BUILT_IN, SECOND_AXIS, JointKind, kind_named
 from jaxspatial.mechanism.mechanism import Mechanism
 from jaxspatial.mechanism.parts import WORLD, Body, Joint
 from jaxspatial.rotation import Rotation
@@ -48,7 +49,7 @@ def random_mechanism(
         return Mechanism.build(bodies, joints, dtype=np.float64).astype(dtype or np.float64)
 
 
-def _joint(rng, i, kind, is_chain):
+def _joint(rng: np.random.Generator, i: int, kind: str, is_chain: bool):
     on = i - 1 if is_chain else int(rng.integers(-1, i))
     return Joint(
         f"joint{i}",
@@ -64,7 +65,7 @@ def _joint(rng, i, kind, is_chain):
     )
 
 
-def _other_parameters(rng, kind):
+def _other_parameters(rng: np.random.Generator, kind: type[JointKind]) -> dict[str, Any]:
     """What a joint is made with besides its axes."""
     of = {p: rng.standard_normal(p.size) for p in kind.parameters if p not in (AXIS, SECOND_AXIS)}
     return {p.name: x.item() for p, x in of.items() if p.field} | {
@@ -72,17 +73,17 @@ def _other_parameters(rng, kind):
     }
 
 
-def _axis(rng, i):
+def _axis(rng: np.random.Generator, i: int):
     return np.eye(3)[rng.integers(3)] if i % 3 == 0 else rng.standard_normal(3)
 
 
-def _pose(rng):
+def _pose(rng: np.random.Generator):
     q = rng.standard_normal(4)
     R = Rotation.from_quaternion(q / np.linalg.norm(q)) if rng.random() < 0.7 else Rotation.identity(dtype=np.float64)
     return RigidTransform(R, rng.standard_normal(3))
 
 
-def _inertia(rng):
+def _inertia(rng: np.random.Generator):
     a = rng.standard_normal((3, 3))
     return SpatialInertia(
         np.float64(rng.uniform(0.5, 2.0)), rng.standard_normal(3) * 0.3, a @ a.T * 0.05 + np.eye(3) * 0.1

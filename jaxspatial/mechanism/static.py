@@ -2,12 +2,14 @@
 
 import functools
 import weakref
+from typing import Any
 
 import jax
 
 from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.mechanism.leaves import frozen
 from jaxspatial.mechanism.mechanism import Mechanism
+from jaxspatial.mechanism.topology import Topology
 
 
 def static(mechanism: Mechanism) -> "StaticMechanism":
@@ -27,7 +29,7 @@ class StaticMechanism(Mechanism):
     """
 
     @functools.cached_property
-    def contents(self) -> tuple:
+    def contents(self) -> tuple[Topology, tuple[Any, ...]]:
         """(topology, the arrays as bytes): what it is equal and hashed by."""
         leaves = jax.tree.leaves(self._as_tree())
         return self.topology, tuple((x.dtype.name, x.shape, x.tobytes()) for x in leaves)
@@ -39,7 +41,7 @@ class StaticMechanism(Mechanism):
     def __hash__(self):
         return self._hash
 
-    def __eq__(self, other):
+    def __eq__(self, other: object):
         return self is other or (isinstance(other, StaticMechanism) and self.contents == other.contents)
 
     def __reduce__(self):

@@ -3,11 +3,14 @@
 import dataclasses
 import functools
 import itertools
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from jaxspatial.mechanism.joints import KINDS, kind_named
+from jaxspatial.mechanism.joints import KINDS, JointKind, kind_named
+
+T = TypeVar("T")
 
 
 class Chains(NamedTuple):
@@ -16,10 +19,10 @@ class Chains(NamedTuple):
     starts: the first body of each chain; the others follow it. parents: the body that each chain hangs on.
     """
 
-    kind: type
+    kind: type[JointKind]
     length: int
-    starts: tuple
-    parents: tuple
+    starts: tuple[int, ...]
+    parents: tuple[int, ...]
 
     @property
     def width(self):
@@ -43,7 +46,7 @@ class Bundle:
     are computed beside it, and nobody asks for them.
     """
 
-    groups: tuple
+    groups: tuple[Chains, ...]
 
     @property
     def kind(self):
@@ -66,11 +69,11 @@ class Bundle:
         """(length, width) of their numbers."""
         return np.concatenate([group.bodies[:, list(self._slots(group))] for group in self.groups])
 
-    def _slots(self, group):
+    def _slots(self, group: Chains):
         """The chain of a group that stands in each column."""
         return (*range(group.width), *[0] * (self.width - group.width))
 
-    def by_column(self, group, of_chains):
+    def by_column(self, group: Chains, of_chains: Sequence[T]):
         """What there is for each chain of a group, by column."""
         return [of_chains[c] for c in self._slots(group)]
 
@@ -105,12 +108,12 @@ class Topology:
     frames: (name, body) of all frames, -1 on the world.
     """
 
-    body_names: tuple
-    joint_names: tuple
-    kinds: tuple
-    parents: tuple
-    followed: tuple
-    frames: tuple = ()
+    body_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    parents: tuple[int, ...]
+    followed: tuple[int, ...]
+    frames: tuple[tuple[str, int], ...] = ()
 
     def __hash__(self):
         return self._hash
@@ -126,17 +129,17 @@ class Topology:
     def __len__(self):
         return len(self.parents)
 
-    def kind(self, i):
+    def kind(self, i: int):
         return kind_named(self.kinds[i])
 
-    def is_mimic(self, i):
+    def is_mimic(self, i: int):
         return self.followed[i] != i
 
     @property
     def has_mimics(self):
         return any(map(self.is_mimic, range(len(self))))
 
-    def has_mimics_in(self, bundle):
+    def has_mimics_in(self, bundle: Bundle):
         return any(map(self.is_mimic, bundle.bodies.ravel().tolist()))
 
     @functools.cached_property
@@ -148,7 +151,7 @@ class Topology:
     def v_starts(self):
         return self._starts([kind.nv for kind in map(self.kind, range(len(self)))])
 
-    def _starts(self, sizes):
+    def _starts(self, sizes: list[int]):
         own = [0 if self.is_mimic(i) else size for i, size in enumerate(sizes)]
         starts = [0, *itertools.accumulate(own)]
         return (*(starts[i] for i in self.followed), starts[-1])
@@ -161,21 +164,21 @@ class Topology:
     def nv(self):
         return self.v_starts[-1]
 
-    def q_slice(self, i):
+    def q_slice(self, i: int):
         return slice(self.q_starts[i], self.q_starts[i] + self.kind(i).nq)
 
-    def v_slice(self, i):
+    def v_slice(self, i: int):
         return slice(self.v_starts[i], self.v_starts[i] + self.kind(i).nv)
 
     @functools.cached_property
     def children(self):
-        children = tuple([] for _ in self.parents)
+        children = tuple(list[int]() for _ in self.parents)
         for i, parent in enumerate(self.parents):
             if parent >= 0:
                 children[parent].append(i)
         return children
 
-    def ancestors(self, i):
+    def ancestors(self, i: int):
         """Body i and what it hangs on, towards the base."""
         while i >= 0:
             yield i
@@ -184,7 +187,7 @@ class Topology:
     @functools.cached_property
     def chains(self):
         """All bodies, parents first: chains that hang on bodies before, those alike side by side."""
-        found, level = {}, {-1: -1}
+        found, level = dict[tuple[int, str, int], list[int]](), {-1: -1}
         for start, stop in self._chains():
             level[stop - 1] = level[self.parents[start]] + 1
             found.setdefault((level[stop - 1], self.kind(start).moves_as, stop - start), []).append(start)
@@ -196,7 +199,7 @@ class Topology:
     @functools.cached_property
     def bundles(self):
         """All chains, parents first, in as few bundles as cost little more than each on its own."""
-        found, place = [], {-1: -1}
+        found, place = list[Bundle](), {-1: -1}
         for group in self.chains:
             last = max(place[parent] for parent in group.parents)
             for k in range(max(last, 0), len(found)):
@@ -211,7 +214,7 @@ class Topology:
     @functools.cached_property
     def joints_by_kind(self):
         """All joints that are no mimics, kind by kind: for what needs no tree."""
-        found = {}
+        found: dict[str, list[int]] = {}
         for i, kind in enumerate(self.kinds):
             if not self.is_mimic(i):
                 found.setdefault(kind, []).append(i)
@@ -225,7 +228,7 @@ class Topology:
         ends = [i for i in range(1, len(self)) if not self._continues(i)]
         return zip([0, *ends], [*ends, len(self)], strict=True) if len(self) else ()
 
-    def _continues(self, i):
+    def _continues(self, i: int):
         """Whether body i is the only child of the one before, by a joint that moves alike. What hangs on the world is
         alone: there, most is known."""
         is_only = self.parents[i] == i - 1 and len(self.children[i - 1]) == 1 and self.parents[i - 1] >= 0
@@ -234,7 +237,7 @@ class Topology:
     @functools.cached_property
     def places(self):
         """(bundle, row, column) of every body."""
-        found = {}
+        found: dict[int, tuple[int, int, int]] = {}
         for k, bundle in enumerate(self.bundles):
             rows = itertools.accumulate((group.length for group in bundle.groups), initial=0)
             for first, group in zip(rows, bundle.groups, strict=False):
@@ -247,9 +250,9 @@ class Topology:
         ends = ((i, (k, c)) for k, group in enumerate(self.chains) for c, i in enumerate(group.ends))
         return {-1: (-1, 0), **dict(ends)}
 
-    def carriers(self, b):
+    def carriers(self, b: int):
         """{which of `chains`: [(chain of b, the chain there that carries it)]}, b itself among them."""
-        found = {}
+        found: dict[int, list[tuple[int, int]]] = {}
         for c in range(self.chains[b].width):
             k, mine = b, c
             while k >= 0:
@@ -264,14 +267,14 @@ class Topology:
             self, body_names=(), joint_names=(), frames=tuple(("", body) for _, body in self.frames)
         )
 
-    def index(self, names, name, what):
+    def index(self, names: tuple[str, ...], name: str, what: str):
         """Where a name is among others; raises KeyError that lists what there is."""
         if name not in names:
             raise KeyError(f"{what}: expected one of {', '.join(map(repr, names))}, got {name!r}")
         return names.index(name)
 
 
-def _goes_with(bundle, group):
+def _goes_with(bundle: Bundle, group: Chains):
     """Whether a group does as the next rows of a bundle. What hangs on the world does not: there, most is known."""
     if group.kind.moves_as != bundle.kind.moves_as or bundle.is_on_world:
         return False

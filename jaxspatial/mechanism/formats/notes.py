@@ -1,6 +1,7 @@
 """What is said of a model file, besides the mechanism that is made of it."""
 
 import warnings
+from collections.abc import Iterable, Mapping
 
 # How many names of each kind a message shows.
 _SHOWN = 4
@@ -14,7 +15,7 @@ class ModelFileWarning(UserWarning):
     Silence it with `warnings.simplefilter("ignore", jaxspatial.interop.ModelFileWarning)`.
     """
 
-    def __init__(self, operation, left_out, doubtful):
+    def __init__(self, operation: str, left_out: Mapping[str, Iterable[str]], doubtful: Mapping[str, Iterable[str]]):
         self.left_out = {kind: tuple(names) for kind, names in left_out.items()}
         self.doubtful = {kind: tuple(names) for kind, names in doubtful.items()}
         heads = ("left out, for it is no part of a mechanism", self.left_out), ("taken as it is", self.doubtful)
@@ -22,7 +23,7 @@ class ModelFileWarning(UserWarning):
         super().__init__(f"{operation}: {'. '.join(said)}")
 
 
-def _counted(kind, names):
+def _counted(kind: str, names: tuple[str, ...]):
     some = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
     return f"{kind} ({len(names)}: {some})"
 
@@ -30,16 +31,17 @@ def _counted(kind, names):
 class Notes:
     """What a reader has to tell about a file, once, at its end."""
 
-    def __init__(self, operation):
-        self.operation, self.left_out, self.doubtful = operation, {}, {}
+    def __init__(self, operation: str):
+        self.operation = operation
+        self.left_out, self.doubtful = dict[str, list[str]](), dict[str, list[str]]()
 
-    def leave_out(self, kind, name):
+    def leave_out(self, kind: str, name: str):
         self.left_out.setdefault(kind, []).append(name)
 
-    def doubt(self, kind, name):
+    def doubt(self, kind: str, name: str):
         self.doubtful.setdefault(kind, []).append(name)
 
-    def tell(self, stacklevel=4):
+    def tell(self, stacklevel: int = 4):
         """To whom called `Mechanism.from_...`: by way of it, of a reader, and of this."""
         if self.left_out or self.doubtful:
             warnings.warn(ModelFileWarning(self.operation, self.left_out, self.doubtful), stacklevel=stacklevel)

@@ -1,32 +1,40 @@
 """The numbers of a model file: strict ones, within the dtype, and the mechanism that is made of them."""
 
 import re
+from collections.abc import Callable
+from typing import Any, NoReturn, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 
 from jaxspatial.arithmetic.numbers.known import in_double
+from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.inertia import SpatialInertia
+from jaxspatial.spatial import RigidTransform
 
 # Entries of a rotation so near to 0 or 1 are what rounding made of quarter turns.
 _ROUNDING = 8 * np.finfo(float).eps
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
+Made = TypeVar("Made")
+Refuse = Callable[[str, str], NoReturn]  # of the name of a body and the reason
 
-def numbers_of(text):
+
+def numbers_of(text: str):
     """The numbers of a text, as XML Schema writes finite decimals; None for anything else, "1_0" and "nan" too."""
     words = text.split()
     return [float(word) for word in words] if all(map(_NUMBER.fullmatch, words)) else None
 
 
-def range_of(dtype):
+def range_of(dtype: DTypeLike | None):
     """(the smallest normal, the largest) number of a dtype, JAX's default for None."""
     info = jnp.finfo(jax.dtypes.canonicalize_dtype(float if dtype is None else dtype))
     return float(info.tiny), float(info.max)
 
 
-def built(build, refuse, *parts):
+def built(build: Callable[..., Made], refuse: Refuse, *parts: Any):
     """build(*parts), a Mechanism; refuse(body, reason) where what numbers make together is none of the dtype."""
     with np.errstate(over="ignore"):
         mechanism = build(*parts)
@@ -34,7 +42,7 @@ def built(build, refuse, *parts):
     return mechanism
 
 
-def _check_finite(mechanism, refuse):
+def _check_finite(mechanism: Any, refuse: Refuse):
     """Limits may be infinite."""
     for field in ("placements", "child_placements", "axes", "mimics", "inertias"):
         for leaf in jax.tree.leaves(getattr(mechanism, field)):
@@ -44,14 +52,14 @@ def _check_finite(mechanism, refuse):
                 refuse(mechanism.body_names[int(bad.argmax())], reason)
 
 
-def rotation_of(entries):
+def rotation_of(entries: npt.ArrayLike):
     """(3, 3) of the entries of a rotation, in float64, without the rounding of quarter turns."""
     entries = np.asarray(entries, np.float64).reshape(3, 3)
     nearest = np.round(entries)
     return np.where(abs(entries - nearest) <= _ROUNDING, nearest, entries)
 
 
-def with_moments(mass, X_BI, moments):
+def with_moments(mass: float, X_BI: RigidTransform, moments: npt.ArrayLike):
     """M_BBo_B of a body with its centre of mass at I, and the (3, 3) moments about it in the axes of I."""
     R = X_BI.rotation.entries.reshape(3, 3)
     with in_double():

@@ -3,11 +3,13 @@
 import importlib
 import io
 import pathlib
+from typing import Any
 
+Element = Any  # of lxml, which declares no types
 _MARK = "\ufeff"
 
 
-def file_source(operation, path_or_text):
+def file_source(operation: str, path_or_text: str | pathlib.Path) -> tuple[bytes, pathlib.Path | None]:
     """(the bytes of a file, its path), or (those of a text, None): text is told by its first sign."""
     if isinstance(path_or_text, str):
         text = path_or_text.removeprefix(_MARK)
@@ -19,7 +21,7 @@ def file_source(operation, path_or_text):
     return pathlib.Path(path_or_text).read_bytes(), pathlib.Path(path_or_text)
 
 
-def _with_declaration_first(text):
+def _with_declaration_first(text: str):
     """Blank lines before <?xml ...?> go behind it, where they are no error and lines keep their numbers."""
     blanks = text[: len(text) - len(text.lstrip())]
     rest = text.lstrip()
@@ -27,7 +29,7 @@ def _with_declaration_first(text):
     return rest[:end] + blanks + rest[end:] if end > 1 else text
 
 
-def _check_name(operation, text):
+def _check_name(operation: str, text: str):
     if not text.strip():
         raise ValueError(f"{operation}: path_or_text: expected a path or text, got {text!r}")
     if "\n" in text or "\0" in text:
@@ -35,7 +37,7 @@ def _check_name(operation, text):
         raise ValueError(f"{operation}: path_or_text: expected a path, or text that begins with '<', got {shown!r}")
 
 
-def parsed(operation, source, is_text):
+def parsed(operation: str, source: bytes, is_text: bool) -> Element:
     """The root element. Text has no encoding but what it came in, whatever it declares."""
     etree = needed(operation, "lxml.etree")
     try:
@@ -44,7 +46,7 @@ def parsed(operation, source, is_text):
         raise ValueError(f"{operation}: malformed XML: {error}") from None
 
 
-def needed(operation, module):
+def needed(operation: str, module: str):
     """A module of an optional package."""
     try:
         return importlib.import_module(module)

@@ -4,9 +4,10 @@ import jax
 import jax.numpy as jnp
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import constant, doubled
-from jaxspatial.mechanism.joints.form import JointKind
-from jaxspatial.mechanism.joints.geometry import forces, torques, unit_vectors, zero_vector
+from jaxspatial.arithmetic.numbers import Numbers, constant, doubled
+from jaxspatial.arithmetic.types import DTypeLike, Key
+from jaxspatial.mechanism.joints.form import CosSin, JointKind
+from jaxspatial.mechanism.joints.geometry import JointNumbers, forces, torques, unit_vectors, zero_vector
 from jaxspatial.rotation import exponential, quaternion
 
 
@@ -17,49 +18,49 @@ class Ball(JointKind):
     is_sequential = False
 
     @staticmethod
-    def transform(joint, q, cos_sin):
+    def transform(joint: JointNumbers, q: Numbers, cos_sin: CosSin):
         return quaternion.to_matrix(q), zero_vector(joint)
 
     @staticmethod
-    def motion_subspace(joint, cos_sin):
+    def motion_subspace(joint: JointNumbers, cos_sin: CosSin):
         return torques(joint, unit_vectors(joint))
 
     @staticmethod
-    def constraint_subspace(joint, cos_sin):
+    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin):
         return forces(joint, unit_vectors(joint))
 
     @staticmethod
-    def rates(joint, q, cos_sin, v):
+    def rates(joint: JointNumbers, q: Numbers, cos_sin: CosSin, v: Numbers):
         """q (0, v) / 2."""
         return tuple(doubled(x, -1) for x in quaternion.hamilton_product(q, (constant(v[0], 0), *v)))
 
     @staticmethod
-    def integrate(joint, q, step):
+    def integrate(joint: JointNumbers, q: Numbers, step: Numbers):
         return vectors.unit(quaternion.hamilton_product(q, exponential.to_quaternion(step)))
 
     @staticmethod
-    def difference(joint, q, q2):
+    def difference(joint: JointNumbers, q: Numbers, q2: Numbers):
         return exponential.from_quaternion(quaternion_between(q, q2))
 
     @classmethod
-    def random(cls, key, lower, upper, batch_shape):
+    def random(cls, key: Key, lower: jax.Array, upper: jax.Array, batch_shape: tuple[int, ...]):
         """Orientations are uniform."""
         return random_quaternion(key, batch_shape, lower.dtype)
 
     @classmethod
-    def sphere_spring(cls, joint, q, reference, stiffness):
+    def sphere_spring(cls, joint: JointNumbers, q: Numbers, reference: Numbers, stiffness: Numbers):
         """-J^-1 K d of the rotation vector d from the reference, J its left Jacobian: dd/dt = J^-T w."""
         d = Ball.difference(joint, reference[:4], q[:4])
         pulls = [-k * x for k, x in zip(stiffness[:3], d, strict=True)]
         return vectors.matrix_times(exponential.left_jacobian_inverse(d), pulls)
 
 
-def quaternion_between(q, q2):
+def quaternion_between(q: Numbers, q2: Numbers) -> Numbers:
     """conj(q) q2, with real part >= 0."""
     return quaternion.with_positive_real_part(quaternion.hamilton_product((q[0], *(-x for x in q[1:])), q2))
 
 
-def random_quaternion(key, batch_shape, dtype):
+def random_quaternion(key: Key, batch_shape: tuple[int, ...], dtype: DTypeLike):
     """A uniform one: of length 1 along a normal distribution."""
     w, x, y, z = jnp.moveaxis(direction := jax.random.normal(key, (*batch_shape, 4), dtype), -1, 0)
     return direction / jnp.sqrt(w**2 + x**2 + y**2 + z**2)[..., None]

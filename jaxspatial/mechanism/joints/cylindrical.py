@@ -1,8 +1,9 @@
 """The joint that turns about an axis and slides along it."""
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.mechanism.joints.form import JointKind
-from jaxspatial.mechanism.joints.geometry import forces, perpendicular, rotation_about, torques
+from jaxspatial.arithmetic.numbers import Numbers
+from jaxspatial.mechanism.joints.form import CosSin, JointKind
+from jaxspatial.mechanism.joints.geometry import JointNumbers, forces, perpendicular, rotation_about, torques
 from jaxspatial.mechanism.joints.parameter import AXIS
 
 
@@ -13,14 +14,14 @@ class Cylindrical(JointKind):
     parameters, is_about_one_axis = (AXIS,), True
 
     @staticmethod
-    def transform(joint, q, cos_sin):
+    def transform(joint: JointNumbers, q: Numbers, cos_sin: CosSin):
         return rotation_about(joint.axis, *cos_sin[0]), vectors.times(q[1], joint.axis)
 
     @staticmethod
-    def motion_subspace(joint, cos_sin):
+    def motion_subspace(joint: JointNumbers, cos_sin: CosSin):
         return *torques(joint, [joint.axis]), *forces(joint, [joint.axis])
 
     @staticmethod
-    def constraint_subspace(joint, cos_sin):
+    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin):
         across = perpendicular(joint.axis)
         return *torques(joint, across), *forces(joint, across)

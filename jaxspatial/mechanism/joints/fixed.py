@@ -1,7 +1,8 @@
 """The joint that does not move."""
 
-from jaxspatial.mechanism.joints.form import JointKind
-from jaxspatial.mechanism.joints.geometry import forces, torques, unit_vectors, zero_vector
+from jaxspatial.arithmetic.numbers import Numbers
+from jaxspatial.mechanism.joints.form import CosSin, JointKind
+from jaxspatial.mechanism.joints.geometry import JointNumbers, forces, torques, unit_vectors, zero_vector
 
 
 class Fixed(JointKind):
@@ -10,13 +11,13 @@ class Fixed(JointKind):
     name, nq, nv, neutral = "fixed", 0, 0, ()
 
     @staticmethod
-    def transform(joint, q, cos_sin):
+    def transform(joint: JointNumbers, q: Numbers, cos_sin: CosSin):
         return unit_vectors(joint), zero_vector(joint)
 
     @staticmethod
-    def motion_subspace(joint, cos_sin):
+    def motion_subspace(joint: JointNumbers, cos_sin: CosSin):
         return ()
 
     @staticmethod
-    def constraint_subspace(joint, cos_sin):
+    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin):
         return *torques(joint, unit_vectors(joint)), *forces(joint, unit_vectors(joint))

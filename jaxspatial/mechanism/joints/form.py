@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.mechanism.joints.geometry import Number, Rows, Six, Vector
+from jaxspatial.mechanism.joints.geometry import JointNumbers, Number, Rows, Six, Vector
 from jaxspatial.mechanism.joints.parameter import Parameter
 
 # By coordinate.
@@ -58,7 +58,9 @@ class JointKind:
 
     def __init_subclass__(cls):
         cls.moves_as = vars(cls).get("moves_as", cls.name)
-        cls._Numbers = collections.namedtuple("_Numbers", [*(p.name for p in cls.parameters), "zero"])
+        # A named tuple, of fields that no text can declare: they are those of the kind.
+        names = [*(p.name for p in cls.parameters), "zero"]
+        cls._Numbers = collections.namedtuple("_Numbers", names)  # pyright: ignore[reportUntypedNamedTuple]
 
     @classmethod
     def numbers(cls, of: Callable[[Parameter], Any], zero: Number) -> Any:
@@ -68,23 +70,23 @@ class JointKind:
     # -- how it moves -------------------------------------------------------------------------------------------------
 
     @staticmethod
-    def transform(joint: Any, q: Sequence[Number], cos_sin: CosSin) -> tuple[Rows, Vector]:
+    def transform(joint: JointNumbers, q: Sequence[Number], cos_sin: CosSin) -> tuple[Rows, Vector]:
         """X_PB as (R_PB by its rows, p_PoBo_P)."""
         raise NotImplementedError
 
     @staticmethod
-    def motion_subspace(joint: Any, cos_sin: CosSin) -> tuple[Six, ...]:
+    def motion_subspace(joint: JointNumbers, cos_sin: CosSin) -> tuple[Six, ...]:
         """The nv motions (w_PB_B, v_PBo_B) per rate, in the child's axes: the columns of S."""
         raise NotImplementedError
 
     @classmethod
-    def motion_subspace_rate(cls, joint: Any, cos_sin: CosSin, v: Sequence[Number]) -> tuple[Six, ...]:
+    def motion_subspace_rate(cls, joint: JointNumbers, cos_sin: CosSin, v: Sequence[Number]) -> tuple[Six, ...]:
         """dS/dt, nv motions: the rates of the entries of S in the child's axes. Zero where S is constant in these."""
         zero = (joint.zero,) * 3
         return ((zero, zero),) * cls.nv
 
     @staticmethod
-    def constraint_subspace(joint: Any, cos_sin: CosSin) -> tuple[Six, ...]:
+    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin) -> tuple[Six, ...]:
         """A basis of the 6 - nv wrenches (tau, f) that the joint takes up, about Bo in the child's axes: those with no
         power on any motion of S. [Featherstone 2008, 3.2 and table 4.1]"""
         raise NotImplementedError
@@ -92,17 +94,17 @@ class JointKind:
     # -- its coordinates ----------------------------------------------------------------------------------------------
 
     @staticmethod
-    def rates(joint: Any, q: Sequence[Number], cos_sin: CosSin, v: Sequence[Number]) -> Sequence[Number]:
+    def rates(joint: JointNumbers, q: Sequence[Number], cos_sin: CosSin, v: Sequence[Number]) -> Sequence[Number]:
         """dq/dt, nq numbers, of the rates v."""
         return v
 
     @staticmethod
-    def integrate(joint: Any, q: Sequence[Number], step: Sequence[Number]) -> Sequence[Number]:
+    def integrate(joint: JointNumbers, q: Sequence[Number], step: Sequence[Number]) -> Sequence[Number]:
         """q after the motion S step, that is as constant in B as S is."""
         return vectors.plus(q, step)
 
     @staticmethod
-    def difference(joint: Any, q: Sequence[Number], q2: Sequence[Number]) -> Sequence[Number]:
+    def difference(joint: JointNumbers, q: Sequence[Number], q2: Sequence[Number]) -> Sequence[Number]:
         """The step that integrates q to q2, the short way round."""
         return vectors.minus(q2, q)
 
@@ -120,7 +122,7 @@ class JointKind:
 
     @classmethod
     def sphere_spring(
-        cls, joint: Any, q: Sequence[Number], reference: Sequence[Number], stiffness: Sequence[Number]
+        cls, joint: JointNumbers, q: Sequence[Number], reference: Sequence[Number], stiffness: Sequence[Number]
     ) -> Sequence[Number]:
         """The generalized forces of a spring on the coordinates of the sphere, at their rates: with one rate, of the
         angle from the reference."""
@@ -128,13 +130,13 @@ class JointKind:
         return tuple(-k * x for k, x in zip(stiffness, turn, strict=False))
 
     @classmethod
-    def deflection(cls, joint: Any, reference: Sequence[Number], q: Sequence[Number]) -> Sequence[Number]:
+    def deflection(cls, joint: JointNumbers, reference: Sequence[Number], q: Sequence[Number]) -> Sequence[Number]:
         """How far the coordinates that are not of the sphere are from the reference; given are these alone."""
         return cls.difference(joint, reference, q)
 
     @staticmethod
     def generalized_forces(
-        joint: Any, q: Sequence[Number], cos_sin: CosSin, forces: Sequence[Number]
+        joint: JointNumbers, q: Sequence[Number], cos_sin: CosSin, forces: Sequence[Number]
     ) -> Sequence[Number]:
         """Of forces along the coordinates that are not of the sphere, at the rates of these: by the transpose of
         `rates`."""

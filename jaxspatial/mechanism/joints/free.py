@@ -4,9 +4,11 @@ import jax
 import jax.numpy as jnp
 
 from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.numbers import Numbers
+from jaxspatial.arithmetic.types import Key
 from jaxspatial.mechanism.joints.ball import Ball, quaternion_between, random_quaternion
-from jaxspatial.mechanism.joints.form import JointKind
-from jaxspatial.mechanism.joints.geometry import forces, rotate_back, torques, unit_vectors
+from jaxspatial.mechanism.joints.form import CosSin, JointKind
+from jaxspatial.mechanism.joints.geometry import JointNumbers, forces, rotate_back, torques, unit_vectors
 from jaxspatial.rotation import exponential, quaternion
 
 
@@ -17,48 +19,48 @@ class Free(JointKind):
     neutral = (1.0, *[0.0] * 6)
 
     @staticmethod
-    def transform(joint, q, cos_sin):
+    def transform(joint: JointNumbers, q: Numbers, cos_sin: CosSin):
         return quaternion.to_matrix(q[:4]), tuple(q[4:])
 
     @staticmethod
-    def motion_subspace(joint, cos_sin):
+    def motion_subspace(joint: JointNumbers, cos_sin: CosSin):
         return *torques(joint, unit_vectors(joint)), *forces(joint, unit_vectors(joint))
 
     @staticmethod
-    def constraint_subspace(joint, cos_sin):
+    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin):
         return ()
 
     @staticmethod
-    def rates(joint, q, cos_sin, v):
+    def rates(joint: JointNumbers, q: Numbers, cos_sin: CosSin, v: Numbers):
         return *Ball.rates(joint, q[:4], cos_sin, v[:3]), *vectors.matrix_times(quaternion.to_matrix(q[:4]), v[3:])
 
     @staticmethod
-    def integrate(joint, q, step):
+    def integrate(joint: JointNumbers, q: Numbers, step: Numbers):
         turn, p = exponential.screw(step[:3], step[3:])
         turned = vectors.unit(quaternion.hamilton_product(q[:4], turn))
         return *turned, *vectors.plus(q[4:], vectors.matrix_times(quaternion.to_matrix(q[:4]), p))
 
     @staticmethod
-    def difference(joint, q, q2):
+    def difference(joint: JointNumbers, q: Numbers, q2: Numbers):
         arm = rotate_back(quaternion.to_matrix(q[:4]), vectors.minus(q2[4:], q[4:]))
         w, v = exponential.motion_logarithm(quaternion.to_matrix(quaternion_between(q[:4], q2[:4])), arm)
         return *w, *v
 
     @classmethod
-    def random(cls, key, lower, upper, batch_shape):
+    def random(cls, key: Key, lower: jax.Array, upper: jax.Array, batch_shape: tuple[int, ...]):
         """Orientations are uniform, positions within 1 m."""
         p = jax.random.uniform(jax.random.split(key)[0], (*batch_shape, 3), lower.dtype, -1, 1)
         return jnp.concatenate([random_quaternion(key, batch_shape, lower.dtype), p], -1)
 
     @classmethod
-    def sphere_spring(cls, joint, q, reference, stiffness):
+    def sphere_spring(cls, joint: JointNumbers, q: Numbers, reference: Numbers, stiffness: Numbers):
         return Ball.sphere_spring(joint, q, reference, stiffness)
 
     @classmethod
-    def deflection(cls, joint, reference, q):
+    def deflection(cls, joint: JointNumbers, reference: Numbers, q: Numbers):
         """Of the position, along the axes of the parent."""
         return vectors.minus(q, reference)
 
     @staticmethod
-    def generalized_forces(joint, q, cos_sin, forces):
+    def generalized_forces(joint: JointNumbers, q: Numbers, cos_sin: CosSin, forces: Numbers):
         return rotate_back(quaternion.to_matrix(q[:4]), forces)

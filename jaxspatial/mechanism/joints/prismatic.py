@@ -1,8 +1,9 @@
 """The joint that slides along an axis."""
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.mechanism.joints.form import JointKind
-from jaxspatial.mechanism.joints.geometry import forces, perpendicular, torques, unit_vectors
+from jaxspatial.arithmetic.numbers import Numbers
+from jaxspatial.mechanism.joints.form import CosSin, JointKind
+from jaxspatial.mechanism.joints.geometry import JointNumbers, forces, perpendicular, torques, unit_vectors
 from jaxspatial.mechanism.joints.parameter import AXIS
 
 
@@ -13,13 +14,13 @@ class Prismatic(JointKind):
     parameters, is_about_one_axis = (AXIS,), True
 
     @staticmethod
-    def transform(joint, q, cos_sin):
+    def transform(joint: JointNumbers, q: Numbers, cos_sin: CosSin):
         return unit_vectors(joint), vectors.times(q[0], joint.axis)
 
     @staticmethod
-    def motion_subspace(joint, cos_sin):
+    def motion_subspace(joint: JointNumbers, cos_sin: CosSin):
         return forces(joint, [joint.axis])
 
     @staticmethod
-    def constraint_subspace(joint, cos_sin):
+    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin):
         return *torques(joint, unit_vectors(joint)), *forces(joint, perpendicular(joint.axis))

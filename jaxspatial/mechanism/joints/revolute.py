@@ -1,7 +1,9 @@
 """Joints that turn about an axis."""
 
-from jaxspatial.mechanism.joints.form import JointKind
+from jaxspatial.arithmetic.numbers import Numbers
+from jaxspatial.mechanism.joints.form import CosSin, JointKind
 from jaxspatial.mechanism.joints.geometry import (
+    JointNumbers,
     forces,
     perpendicular,
     rotation_about,
@@ -20,15 +22,15 @@ class Revolute(JointKind):
     parameters, is_about_one_axis = (AXIS,), True
 
     @staticmethod
-    def transform(joint, q, cos_sin):
+    def transform(joint: JointNumbers, q: Numbers, cos_sin: CosSin):
         return rotation_about(joint.axis, *cos_sin[0]), zero_vector(joint)
 
     @staticmethod
-    def motion_subspace(joint, cos_sin):
+    def motion_subspace(joint: JointNumbers, cos_sin: CosSin):
         return torques(joint, [joint.axis])
 
     @staticmethod
-    def constraint_subspace(joint, cos_sin):
+    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin):
         return *torques(joint, perpendicular(joint.axis)), *forces(joint, unit_vectors(joint))
 
 
@@ -38,5 +40,5 @@ class Continuous(Revolute):
     name, moves_as = "continuous", "revolute"
 
     @staticmethod
-    def difference(joint, q, q2):
+    def difference(joint: JointNumbers, q: Numbers, q2: Numbers):
         return (shortest_angle(q2[0] - q[0]),)

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from jaxspatial.mechanism.formats.mjcf.file import ModelFile
+
 # Arrays of the model that become numbers of the mechanism, by what has them, with the names they have in files.
 _NUMBERS = {
     "body": {"pos": "body_pos", "quat": "body_quat", "inertial pos": "body_ipos", "inertial quat": "body_iquat",
@@ -17,7 +19,7 @@ _OF_COORDINATES = {"ref": "qpos0", "springref": "qpos_spring"}
 _NOT_NEGATIVE = {"mass", "stiffness", "armature", "damping", "frictionloss"}
 
 
-def check(file):
+def check(file: ModelFile):
     """Raises ValueError with element and reason."""
     _check_medium(file)
     _check_numbers(file)
@@ -26,7 +28,7 @@ def check(file):
     _check_tendons(file)
 
 
-def _check_medium(file):
+def _check_medium(file: ModelFile):
     for name in ("density", "viscosity"):
         if getattr(file.model.opt, name) != 0:
             found = [e for e in file.root.findall("option") if e.get(name)]
@@ -40,7 +42,7 @@ def _check_medium(file):
         raise ValueError("from_mjcf: <flex>: bodies are rigid here")
 
 
-def _check_numbers(file):
+def _check_numbers(file: ModelFile):
     """Finite, and not negative where it would be no property of matter, in what the model was compiled to."""
     for what, arrays in _NUMBERS.items():
         for name, array in arrays.items():
@@ -58,7 +60,7 @@ def _check_numbers(file):
             file.refuse("joint", j, "axis: expected numbers that MuJoCo can make a unit vector of")
 
 
-def _check_number(file, what, i, name, x):
+def _check_number(file: ModelFile, what: str, i: int, name: str, x: np.ndarray):
     if not (abs(x) <= file.largest).all():
         file.refuse(what, i, f"{name}: expected finite numbers of at most {file.largest:.3g}, got {x.tolist()}")
     if name in _NOT_NEGATIVE and (x < 0).any():
@@ -67,7 +69,7 @@ def _check_number(file, what, i, name, x):
         file.refuse(what, i, f"mass: expected at least {file.smallest:.3g}, got {x.tolist()}")
 
 
-def _check_bodies(file):
+def _check_bodies(file: ModelFile):
     for i in range(file.model.nbody):
         if file.model.body_gravcomp[i] != 0 and file.gravity.any():
             file.refuse("body", i, "gravcomp: gravity pulls on every body here")
@@ -75,7 +77,7 @@ def _check_bodies(file):
             file.refuse("body", i, "plugin: what it does to the motion is not known")
 
 
-def _check_joints(file):
+def _check_joints(file: ModelFile):
     m = file.model
     for j in range(m.njnt):
         dofs = file.dofs(j)
@@ -93,7 +95,7 @@ def _check_joints(file):
             file.refuse("joint", j, "frictionloss: that of a free joint is in the world's axes")
 
 
-def _check_tendons(file):
+def _check_tendons(file: ModelFile):
     m = file.model
     forces = {"stiffness": ("SPRING", "PASSIVE"), "damping": ("DAMPER", "PASSIVE")}
     forces |= {"stiffnesspoly": forces["stiffness"], "dampingpoly": forces["damping"]}

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from jaxspatial.mechanism.formats.mjcf.file import ModelFile
+
 # What is left out, by what the arrays of the model say of it.
 _LEFT_OUT = {
     "geom": "ngeom", "cam": "ncam", "light": "nlight", "skin": "nskin", "mesh": "nmesh", "tex": "ntex", "mat": "nmat",
@@ -22,7 +24,7 @@ _SOFTNESS = {
 }
 
 
-def leave_out(file):
+def leave_out(file: ModelFile):
     """What the model has besides, by name."""
     m = file.model
     for what, count in _LEFT_OUT.items():
@@ -38,7 +40,7 @@ def leave_out(file):
     _leave_out_of_joints(file)
 
 
-def _leave_out_options(file):
+def _leave_out_options(file: ModelFile):
     usual, options = file.mujoco.MjOption(), file.model.opt
     for name in dir(usual):
         if not name.startswith("_") and name not in _OPTIONS:
@@ -49,7 +51,7 @@ def _leave_out_options(file):
             file.notes.leave_out("option", f"{name.removeprefix('mjDSBL_').lower()} switched off")
 
 
-def _leave_out_of_joints(file):
+def _leave_out_of_joints(file: ModelFile):
     m, spec = file.model, file.mujoco.MjSpec()
     for j in range(m.njnt):
         for name, (array, usual) in _SOFTNESS.items():

@@ -2,13 +2,17 @@
 
 import numpy as np
 
+from jaxspatial.mechanism.formats.mjcf.file import ModelFile
 from jaxspatial.mechanism.formats.numbers import rotation_of, with_moments
 from jaxspatial.mechanism.parts import Body, Frame, Joint, Mimic
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
 
+# The equation of a mimic, the joint that it follows, multiplier and offset.
+Followed = tuple[int, int, float, float]
 
-def parts(file):
+
+def parts(file: ModelFile):
     """(bodies, joints, frames)."""
     rotors, mimics = _Rotors(file), _mimics(file)
     moving = range(1, file.model.nbody)
@@ -21,14 +25,14 @@ def parts(file):
 class _Rotors:
     """Armature and damping of what drives each joint, at its side of the gears."""
 
-    def __init__(self, file):
+    def __init__(self, file: ModelFile):
         m = file.model
         self.armature, self.damping = np.zeros(m.njnt), np.zeros(m.njnt)
         for i in range(len(m.actuator_trntype)):
             for name in ("armature", "damping", "dampingpoly"):
                 self._add(file, i, name, file.numbers(f"actuator_{name}")[i])
 
-    def _add(self, file, i, name, numbers):
+    def _add(self, file: ModelFile, i: int, name: str, numbers: np.ndarray):
         if not numbers.any():
             return
         m, j = file.model, file.model.actuator_trnid[i, 0]
@@ -38,9 +42,9 @@ class _Rotors:
         getattr(self, name)[j] += numbers[0] * m.actuator_gear[i, 0] ** 2
 
 
-def _mimics(file):
+def _mimics(file: ModelFile):
     """What joints follow, by their numbers."""
-    found = {}
+    found: dict[int, Followed] = {}
     if file.has("EQUALITY", "CONSTRAINT"):
         for i in range(file.model.neq):
             if file.model.eq_active0[i]:
@@ -54,7 +58,7 @@ def _mimics(file):
     return {j: Mimic(file.name("joint", followed), *numbers) for j, (_, followed, *numbers) in found.items()}
 
 
-def _add_mimic(file, i, found):
+def _add_mimic(file: ModelFile, i: int, found: dict[int, Followed]):
     """q1 - ref1 = a0 + a1 (q2 - ref2)."""
     m = file.model
     j, followed = m.eq_obj1id[i], m.eq_obj2id[i]
@@ -72,7 +76,7 @@ def _add_mimic(file, i, found):
     found[j] = i, followed, a1, a0 + _reference(file, j) - a1 * _reference(file, followed)
 
 
-def _body(file, i):
+def _body(file: ModelFile, i: int):
     m = file.model
     X_BI = _pose(m.body_ipos[i], m.body_iquat[i])
     has_mass = m.body_mass[i] > 0 or m.body_inertia[i].any()
@@ -81,7 +85,7 @@ def _body(file, i):
     )
 
 
-def _held(file, i, rotors, mimics):
+def _held(file: ModelFile, i: int, rotors: _Rotors, mimics: dict[int, Mimic]):
     """The joints of a body, each after the one before."""
     m, body, parent = file.model, file.name("body", i), file.name("body", file.model.body_parentid[i])
     X_PB = _pose(m.body_pos[i], m.body_quat[i])
@@ -94,7 +98,15 @@ def _held(file, i, rotors, mimics):
     return [_joint(file, *joint, rotors, mimics) for joint in joints]
 
 
-def _joint(file, j, parent, child, X_PB, rotors, mimics):
+def _joint(
+    file: ModelFile,
+    j: int,
+    parent: str,
+    child: str,
+    X_PB: RigidTransform | None,
+    rotors: _Rotors,
+    mimics: dict[int, Mimic],
+):
     kind, dofs = file.kind(j), file.dofs(j)
     numbers = {
         "armature": file.model.dof_armature[dofs] + rotors.armature[j],
@@ -110,7 +122,7 @@ def _joint(file, j, parent, child, X_PB, rotors, mimics):
     return Joint(file.name("joint", j), kind, parent, child, *placed, **axis, **numbers)
 
 
-def _anchored(file, j, X_PB):
+def _anchored(file: ModelFile, j: int, X_PB: RigidTransform | None):
     """(X_PJ, X_JB) of a joint at its anchor: at q = ref the body is at X_PB."""
     axis, anchor = file.model.jnt_axis[j], file.model.jnt_pos[j]
     back, unturned = -_reference(file, j) * axis, np.eye(3)
@@ -120,25 +132,25 @@ def _anchored(file, j, X_PB):
     return _after(X_PB, turned, anchor), RigidTransform(Rotation(unturned.ravel()), -anchor)
 
 
-def _after(X_AB, matrix, p):
+def _after(X_AB: RigidTransform | None, matrix: np.ndarray, p: np.ndarray):
     X_BC = RigidTransform(Rotation(matrix.ravel()), np.array(p))
     return X_BC if X_AB is None else X_AB @ X_BC
 
 
-def _reference(file, j):
+def _reference(file: ModelFile, j: int):
     """MuJoCo's coordinate in the pose that the file describes."""
     is_number = file.kind(j) in ("revolute", "prismatic")
     return float(file.model.qpos0[file.model.jnt_qposadr[j]]) if is_number else 0.0
 
 
-def _rest(file, j):
+def _rest(file: ModelFile, j: int):
     """The coordinates at which the spring is; of a free joint the quaternion first."""
     x = file.model.qpos_spring[file.model.jnt_qposadr[j] :][: file.n_coordinates(j)]
     return np.roll(x, 4) if file.kind(j) == "free" else np.array(x)
 
 
-def _limits(file, j):
-    m, limits = file.model, {}
+def _limits(file: ModelFile, j: int):
+    m, limits = file.model, dict[str, float]()
     if file.is_limited(j):
         limits |= {"lower": float(m.jnt_range[j, 0]), "upper": float(m.jnt_range[j, 1])}
     if m.jnt_actfrclimited[j]:
@@ -147,13 +159,13 @@ def _limits(file, j):
     return limits
 
 
-def _frames(file):
+def _frames(file: ModelFile):
     m, taken = file.model, {file.name("body", i) for i in range(file.model.nbody)}
     for i in range(m.nsite):
         name, body = file.name("site", i), file.name("body", m.site_bodyid[i])
         yield Frame(f"{body}/{name}" if name in taken else name, body, _pose(m.site_pos[i], m.site_quat[i]))
 
 
-def _pose(p, wxyz):
+def _pose(p: np.ndarray, wxyz: np.ndarray):
     entries = Rotation.from_quaternion(np.array(wxyz)).entries
     return RigidTransform(Rotation(rotation_of(entries).ravel()), np.array(p))

@@ -1,21 +1,25 @@
 """What yourdfpy reads, as the parts of a mechanism."""
 
 import io
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from jaxspatial.arithmetic.numbers.known import in_double
 from jaxspatial.mechanism.formats.numbers import rotation_of, with_moments
 from jaxspatial.mechanism.formats.source import needed
-from jaxspatial.mechanism.formats.urdf.text import LIMITS
+from jaxspatial.mechanism.formats.urdf.text import LIMITS, Lines
 from jaxspatial.mechanism.parts import WORLD, Body, Joint
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
 
+Robot = Any  # of yourdfpy, which declares no types
+Part = Any  # a joint or a link of it
 _KINDS = {"floating": "free"} | {kind: kind for kind in ("revolute", "continuous", "prismatic", "fixed", "planar")}
 
 
-def robot_of(lines):
+def robot_of(lines: Lines) -> Robot:
     etree, yourdfpy = needed("from_urdf", "lxml.etree"), needed("from_urdf", "yourdfpy")
     source = io.BytesIO(etree.tostring(lines.root))
     try:
@@ -24,9 +28,9 @@ def robot_of(lines):
         raise ValueError(f"from_urdf: the reader yourdfpy says {type(error).__name__}: {error}") from error
 
 
-def check_joints(robot, lines):
+def check_joints(robot: Robot, lines: Lines):
     links = {link.name for link in robot.links}
-    held = {}
+    held: dict[str, Part] = {}
     for joint in robot.joints:
         if joint.type not in _KINDS:
             lines.refuse("joint", joint.name, f"type: expected one of {', '.join(_KINDS)}, got {joint.type!r}")
@@ -41,11 +45,11 @@ def check_joints(robot, lines):
     _check_no_loop(held, lines)
 
 
-def _check_no_loop(held, lines):
+def _check_no_loop(held: dict[str, Part], lines: Lines):
     """Each link on the way from a joint to its root once."""
-    safe = set()
+    safe: set[str] = set()
     for link in held:
-        way = []
+        way: list[str] = []
         while link in held and link not in safe:
             if link in way:
                 joint = held[link].name
@@ -57,7 +61,7 @@ def _check_no_loop(held, lines):
         safe.update(way)
 
 
-def check_mimics(robot, lines):
+def check_mimics(robot: Robot, lines: Lines):
     """Of one coordinate each. What is fixed has none: like its axis and limits, what it would follow says nothing."""
     names = {joint.name for joint in robot.joints}
     own = {joint.name for joint in robot.joints if joint.mimic is None and _is_scalar(joint)}
@@ -69,11 +73,11 @@ def check_mimics(robot, lines):
             lines.refuse("joint", joint.name, f"mimic: {reason}")
 
 
-def _is_scalar(joint):
+def _is_scalar(joint: Part):
     return _KINDS[joint.type] in ("revolute", "continuous", "prismatic")
 
 
-def root_of(robot, lines):
+def root_of(robot: Robot, lines: Lines) -> str:
     roots = [link.name for link in robot.links if link.name not in {joint.child for joint in robot.joints}]
     if len(roots) != 1:
         reason = f"expected one link that is no joint's child, got {', '.join(map(repr, roots)) or 'no link at all'}"
@@ -81,13 +85,13 @@ def root_of(robot, lines):
     return roots[0]
 
 
-def body(link, lines):
+def body(link: Part, lines: Lines):
     if link.inertial is None:
         return Body(link.name)
     return Body(link.name, with_moments(link.inertial.mass, _pose(link.inertial.origin), link.inertial.inertia))
 
 
-def joint(joint, lines):
+def joint(joint: Part, lines: Lines):
     kind = _KINDS[joint.type]
     axis = np.array([1.0, 0.0, 0.0]) if joint.axis is None else np.asarray(joint.axis, float)
     if kind == "planar" and not (axis[2] > 0 and not axis[:2].any()):
@@ -100,7 +104,7 @@ def joint(joint, lines):
     return Joint(joint.name, kind, joint.parent, joint.child, _pose(joint.origin), axis=axis, **numbers)
 
 
-def _limits(joint, kind, lines):
+def _limits(joint: Part, kind: str, lines: Lines) -> dict[str, float]:
     if kind == "revolute" and joint.limit is None:
         lines.refuse("joint", joint.name, "limit: a revolute joint needs one; without, it is continuous")
     if joint.limit is None:
@@ -115,20 +119,20 @@ def _limits(joint, kind, lines):
     return limits
 
 
-def _dynamics(joint):
+def _dynamics(joint: Part) -> dict[str, float]:
     if joint.dynamics is None:
         return {}
     return {"damping": float(joint.dynamics.damping or 0), "friction_loss": float(joint.dynamics.friction or 0)}
 
 
-def _mimic(joint):
+def _mimic(joint: Part):
     if joint.mimic is None or joint.type == "fixed":
         return None
     multiplier = 1.0 if joint.mimic.multiplier is None else float(joint.mimic.multiplier)
     return joint.mimic.joint, multiplier, float(joint.mimic.offset or 0.0)
 
 
-def _pose(matrix):
+def _pose(matrix: npt.ArrayLike | None):
     """A RigidTransform of a homogeneous matrix; the identity of None."""
     matrix = np.eye(4) if matrix is None else np.asarray(matrix, float)
     with in_double():

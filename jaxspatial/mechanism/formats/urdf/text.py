@@ -4,9 +4,10 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.mechanism.formats.notes import Notes
 from jaxspatial.mechanism.formats.numbers import numbers_of, range_of
-from jaxspatial.mechanism.formats.source import parsed
+from jaxspatial.mechanism.formats.source import Element, parsed
 
 # What each element consists of, and what it may have besides, which is listed.
 _PARTS = {
@@ -61,30 +62,30 @@ _DIGITS = 1e-4
 class Lines:
     """Where in the source an element is, for messages, and what is told of it at the end."""
 
-    def __init__(self, source, is_text, dtype):
+    def __init__(self, source: bytes, is_text: bool, dtype: DTypeLike | None):
         self.root, self.notes = parsed("from_urdf", source, is_text), Notes("from_urdf")
         self.smallest, self.largest = range_of(dtype)
         if self.root.tag != "robot":
             raise ValueError(f"from_urdf: line {self.root.sourceline}: expected <robot>, got <{self.root.tag}>")
 
-    def element(self, tag, name) -> Any:
+    def element(self, tag: str, name: str) -> Any:
         return next((e for e in self.root.iterchildren(tag) if e.get("name") == name), None)
 
-    def refuse(self, tag, name, reason) -> NoReturn:
+    def refuse(self, tag: str, name: str, reason: str) -> NoReturn:
         found = self.element(tag, name)
         line = "" if found is None else f"line {found.sourceline}: "
         raise ValueError(f'from_urdf: {line}<{tag} name="{name}">: {reason}')
 
-    def refuse_element(self, element, reason) -> NoReturn:
+    def refuse_element(self, element: Element, reason: str) -> NoReturn:
         raise ValueError(f"from_urdf: line {element.sourceline}: <{element.tag}>: {reason}")
 
-    def leave_out(self, kind, element):
+    def leave_out(self, kind: str, element: Element):
         """By its own name or that of what it is in; by its line where there is none."""
         named = next((e.get("name") for e in (element, *element.iterancestors("link", "joint")) if e.get("name")), None)
         self.notes.leave_out(kind, named or f"line {element.sourceline}")
 
 
-def check(lines, element):
+def check(lines: Lines, element: Element):
     """An element and all that is in it: what yourdfpy would pass over, or say without the line. What is left out is
     taken out."""
     _check_name(lines, element)
@@ -100,12 +101,12 @@ def check(lines, element):
         _check_joint(lines, element)
 
 
-def _check_name(lines, element):
+def _check_name(lines: Lines, element: Element):
     if element.tag in ("robot", "link", "joint") and not element.get("name"):
         lines.refuse_element(element, "name: expected one")
 
 
-def _check_attributes(lines, element):
+def _check_attributes(lines: Lines, element: Element):
     known = _ATTRIBUTES.get(element.tag, set()) | set(_NUMBERS.get(element.tag, ()))
     for name in element.attrib:
         if name in _ATTRIBUTES_BESIDES.get(element.tag, ()):
@@ -115,16 +116,16 @@ def _check_attributes(lines, element):
             lines.refuse_element(element, f"{name}: there is no such attribute, {expected}")
 
 
-def _check_no_text(lines, element):
+def _check_no_text(lines: Lines, element: Element):
     texts = [element.text, *(part.tail for part in element)]
     if stray := " ".join(text.strip() for text in texts if text).strip():
         lines.refuse_element(element, f"expected no text, got {stray[:40]!r}")
 
 
-def _check_parts(lines, element):
+def _check_parts(lines: Lines, element: Element):
     own = _PARTS.get(element.tag, set())
     besides = _BESIDES.get(element.tag, set()) | _BESIDES_ALL if own else set()
-    seen = set()
+    seen: set[Any] = set()
     for part in list(element.iterchildren("*")):
         if part.tag in besides:
             lines.leave_out(f"<{part.tag}>", part)
@@ -135,14 +136,14 @@ def _check_parts(lines, element):
             _check_once(lines, part, seen)
 
 
-def _no_counterpart(part, element, own):
+def _no_counterpart(part: Element, element: Element, own: set[str]):
     if "xacro" in part.tag:
         return "this is a text for the tool xacro, that makes a URDF of it: run it first"
     expected = f"expected one of {', '.join(sorted(own))}" if own else "expected nothing"
     return f"there is no counterpart here for this part of a {element.tag}, {expected}"
 
 
-def _check_once(lines, part, seen):
+def _check_once(lines: Lines, part: Element, seen: set[Any]):
     key = (part.tag, part.get("name")) if part.tag in _MANY else part.tag
     if key in seen:
         what = f"name: {part.get('name')!r}" if part.tag in _MANY else f"<{part.tag}>"
@@ -150,7 +151,7 @@ def _check_once(lines, part, seen):
     seen.add(key)
 
 
-def _check_numbers(lines: Lines, element):
+def _check_numbers(lines: Lines, element: Element):
     for name, n in _NUMBERS.get(element.tag, {}).items():
         if element.get(name) is not None:
             _check_number(lines, element, name, n)
@@ -159,7 +160,7 @@ def _check_numbers(lines: Lines, element):
             lines.refuse_element(element, f"{name}: expected a number")
 
 
-def _check_number(lines: Lines, element, name, n):
+def _check_number(lines: Lines, element: Element, name: str, n: int):
     text, is_limit = element.get(name), element.tag == "limit"
     found = numbers_of(text)
     if is_limit and text.strip() in _UNLIMITED:
@@ -172,7 +173,7 @@ def _check_number(lines: Lines, element, name, n):
         lines.refuse_element(element, f"{name}: expected a number >= 0, got {text!r}")
 
 
-def _check_inertial(lines: Lines, element: Any):
+def _check_inertial(lines: Lines, element: Element):
     link, mass, moments = element.getparent().get("name"), element.find("mass"), element.find("inertia")
     if mass is None or moments is None:
         lines.refuse("link", link, "inertial: expected mass and inertia")
@@ -184,14 +185,14 @@ def _check_inertial(lines: Lines, element: Any):
         lines.notes.doubt("inertia that no rigid body has", f"{link} in line {moments.sourceline}")
 
 
-def _is_impossible(six):
+def _is_impossible(six: list[float]):
     """Whether one of the principal moments is larger than the other two together."""
     xx, xy, xz, yy, yz, zz = np.array(six) / (max(map(abs, six)) or 1.0)
     principal = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     return principal[2] - principal[1] - principal[0] > _DIGITS * abs(principal).sum()
 
 
-def _check_joint(lines, element: Any):
+def _check_joint(lines: Lines, element: Element):
     for side in ("parent", "child"):
         if element.find(side) is None or not element.find(side).get("link"):
             lines.refuse("joint", element.get("name"), f"{side}: expected a link")
