@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax import lax
 
-from jaxspatial.arithmetic.errorfree import transforms
+from jaxspatial.arithmetic.errorfree import scaling, transforms
 from jaxspatial.arithmetic.errorfree.fence import fence
 from jaxspatial.measure.exact import rationals
 from tests.helpers.marks import slow_but
@@ -112,6 +112,32 @@ def _significant_bits(x):
     while odd and odd % 2 == 0:
         odd //= 2
     return odd.bit_length()
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_exponent_is_that_of_the_largest(dtype):
+    info = jnp.finfo(dtype)
+    others = np.array([0, 1, 2, 0.5, info.max, info.tiny, np.inf, -np.inf, np.nan]).astype(jnp.dtype(dtype))
+    x = np.concatenate([others, *_numbers(dtype)])
+    with jax.enable_x64(dtype == "float64"):
+        found = jax.jit(lambda x: scaling.exponent((x / 4, x)))(jnp.asarray(x))
+    np.testing.assert_array_equal(found, _exponents(x))
+
+
+def test_exponent_where_64_bit_types_are_on_for_a_part_of_a_program():
+    """JAX 0.12 puts off what `jnp.frexp` does until it lowers the program, and they are off again."""
+
+    def found(x):
+        with jax.enable_x64(True):
+            return scaling.exponent((lax.convert_element_type(x, np.float64),))
+
+    x = _numbers("float32")[0]
+    np.testing.assert_array_equal(jax.jit(found)(x), _exponents(x))
+
+
+def _exponents(x):
+    usable = np.isfinite(x) & (x != 0)
+    return np.where(usable, np.frexp(np.where(usable, x, 1).astype(np.float64))[1], 0)
 
 
 @pytest.mark.parametrize("dtype", DTYPES)

@@ -9,29 +9,40 @@ from jax import lax
 
 
 def exponent(components: Iterable[jax.Array]) -> jax.Array:
-    """e with 2^(e-1) <= max |component| < 2^e, and 0 for zeros, infinities and NaN; a constant to derivatives."""
-    largest = functools.reduce(jnp.maximum, (lax.stop_gradient(jnp.abs(c)) for c in components))
-    usable = jnp.isfinite(largest) & (largest > 0)
-    # In float32, which has the range of bfloat16, or float64: frexp knows no 16-bit floats.
-    wide = jnp.where(usable, largest, jnp.ones_like(largest)).astype(
-        jnp.float64 if largest.dtype == jnp.float64 else jnp.float32
-    )
-    return jnp.where(usable, jnp.frexp(wide)[1], 0)
+    """e with 2^(e-1) <= max |component| < 2^e, and 0 for zeros, infinities and NaN; a constant to derivatives.
+
+    Subnormal numbers, where they are not flushed, are given the e of the largest of them. Not by `jnp.frexp`: JAX 0.12
+    expands that when it lowers a program, where 64-bit types that were on for a while are off again.
+    """
+    # float32 has the range of bfloat16, and no float16 is subnormal in it.
+    largest = _largest(components)
+    largest = largest if largest.dtype == jnp.float64 else largest.astype(jnp.float32)
+    e = _biased_exponent(largest).astype(jnp.int32) - (jnp.finfo(largest.dtype).maxexp - 2)
+    return jnp.where((largest > 0) & jnp.isfinite(largest), e, 0)
 
 
 def reciprocal(components):
     """The power of two that brings the largest |component| to between 1/2 and 1, the very largest numbers to below 4; a
     constant to derivatives. For where nobody scales back: one multiplication, where `times_power_of_two` takes three.
 
-    Straight from the bits, and right for no NaN, infinity or zero, which stay what they are.
+    Right for no NaN, infinity or zero, which stay what they are.
     """
-    largest = functools.reduce(jnp.maximum, (lax.stop_gradient(jnp.abs(c)) for c in components))
-    info = jnp.finfo(largest.dtype)
-    bits = lax.bitcast_convert_type(largest, jnp.dtype(f"uint{info.bits}"))
-    shift, top, one = (lax.full_like(bits, n) for n in (info.nmant, 2 * info.maxexp - 3, 1))
-    biased = lax.shift_right_logical(bits, shift)
+    largest = _largest(components)
+    biased, info = _biased_exponent(largest), jnp.finfo(largest.dtype)
+    shift, top, one = (lax.full_like(biased, n) for n in (info.nmant, 2 * info.maxexp - 3, 1))
     found = lax.select(biased < top, top - biased, one)
     return lax.bitcast_convert_type(lax.shift_left(found, shift), largest.dtype)
+
+
+def _largest(components: Iterable[jax.Array]) -> jax.Array:
+    return functools.reduce(jnp.maximum, (lax.stop_gradient(jnp.abs(c)) for c in components))
+
+
+def _biased_exponent(x: jax.Array) -> jax.Array:
+    """Of a number that is not negative, straight from its bits."""
+    info = jnp.finfo(x.dtype)
+    bits = lax.bitcast_convert_type(x, jnp.dtype(f"uint{info.bits}"))
+    return lax.shift_right_logical(bits, lax.full_like(bits, info.nmant))
 
 
 def times_power_of_two(x: jax.Array, e: jax.Array) -> jax.Array:
