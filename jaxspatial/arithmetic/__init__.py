@@ -14,10 +14,10 @@ The way from a formula to the bits:
      terms of each result, and one primitive, `sums.primitive`, evaluates them all;
    - everything else runs there over float64, or for float64 over a `DoubleWord` (`numbers.pairs`).
 4. The primitive has its own derivatives: tangents and pull-backs of sums of products are sums of products.
-   `sums.evaluation` lowers it: narrow types in float64 (`sums.wide`); float64 by the error-free transforms of
-   `errorfree` with one of the `sums.accumulators`: `compensated` (twice the precision), `certified` (three times, or
-   NaN where that is not enough) and `faithful` (as much as it takes). Sums over a batch are taken by halving:
-   `sums.sum3` and `sums.pairwise`.
+   `sums.evaluation` lowers it with one of the `sums.accumulators`, forms of one kind: `wide` (narrow types, in
+   float64); by the error-free transforms of `errorfree`, `compensated` (twice the precision), `estimated` and
+   `certified` (NaN where their digits are not enough) and `faithful` (as much as it takes). Sums over a batch are
+   taken by halving: `sums.sum3` and `sums.pairwise`.
 5. Results are rounded once, to the dtype that came, and stacked in the layout of an argument (`numbers.stacking`).
 
 The folders stand on one another: `errorfree` (single operations), `numbers` (the protocol and its kinds), `sums`.

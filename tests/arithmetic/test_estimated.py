@@ -9,7 +9,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.arithmetic.errorfree import transforms
-from jaxspatial.arithmetic.sums.accumulators import estimated
+from jaxspatial.arithmetic.sums.accumulators.estimated import ESTIMATED, ESTIMATED_OF_NARROW
 from jaxspatial.measure import inputs
 from jaxspatial.measure.error import ulp
 from jaxspatial.measure.exact import rationals
@@ -30,8 +30,8 @@ def _estimate(pairs, dtype):
 
     def run(pairs):
         terms = [(1, [x.astype(np.float64) for x in pair]) for pair in pairs]
-        total = estimated.total if dtype == "float64" else estimated.total_of_narrow
-        return estimated.value(total(terms, transforms.dekker_error), np.dtype(dtype))
+        estimated = ESTIMATED if dtype == "float64" else ESTIMATED_OF_NARROW
+        return estimated.round(estimated.total(terms, transforms.dekker_error), np.dtype(dtype))
 
     with jax.enable_x64(True):
         return np.asarray(jax.jit(run)(pairs))
@@ -76,9 +76,9 @@ def test_terms_added_last_count(dtype):
     def run(tau, f, p):
         wide = [x.astype(np.float64) for x in (tau, f, p)]
         terms = [(-1, [wide[2][:, 1], wide[1][:, 2]]), (1, [wide[2][:, 2], wide[1][:, 1]])]
-        total = estimated.total if dtype == "float64" else estimated.total_of_narrow
-        state = estimated.plus(total(terms, transforms.dekker_error), 1, wide[0][:, 0])
-        return estimated.value(state, np.dtype(dtype)), estimated.value(estimated.plus(state, -1, wide[0][:, 0]), dtype)
+        estimated = ESTIMATED if dtype == "float64" else ESTIMATED_OF_NARROW
+        state = estimated.plus(estimated.total(terms, transforms.dekker_error), 1, wide[0][:, 0])
+        return estimated.round(state, np.dtype(dtype)), estimated.round(estimated.plus(state, -1, wide[0][:, 0]), dtype)
 
     with jax.enable_x64(True):
         found, again = map(np.asarray, jax.jit(run)(tau, f, p))

@@ -31,25 +31,28 @@ def compiled(primitive, **parameters):
     return call
 
 
-def alike(*arrays):
-    """The arrays, varying over the same axes of a `shard_map` and sharded alike; lax.mul does this for itself."""
-    return _sharded_alike(*_varying_alike(*arrays))
+def alike(*arrays, components=None):
+    """The arrays, varying over the same axes of a `shard_map` and sharded alike; lax.mul does this for itself.
 
-
-def _varying_alike(*arrays):
-    axes = [frozenset(jax.typeof(x).mat.varying) for x in arrays]
-    missing = [tuple(frozenset().union(*axes) - own) for own in axes]
-    return [lax.pcast(x, m, to="varying") if m else x for x, m in zip(arrays, missing, strict=True)]
-
-
-def _sharded_alike(*arrays):
-    """Under explicit sharding, an argument that is whole along an axis is split as the others are."""
+    Under explicit sharding, an argument that is whole along an axis is split as the others are; not where it has one
+    item for all of theirs. components: the axis along which arrays differ in size without that.
+    """
+    varying = [frozenset(jax.typeof(x).mat.varying) for x in arrays]
+    missing = [tuple(frozenset().union(*varying) - own) for own in varying]
+    arrays = [lax.pcast(x, m, to="varying") if m else x for x, m in zip(arrays, missing, strict=True)]
     specs = [jax.typeof(x).sharding.spec for x in arrays]
     if all(spec == specs[0] for spec in specs):
         return arrays
-    common = [next((s for s in entries if s is not None), None) for entries in zip(*specs, strict=True)]
-    common = jax.sharding.PartitionSpec(*common)
-    return [x if spec == common else jax.sharding.reshard(x, common) for x, spec in zip(arrays, specs, strict=True)]
+    sizes = [max(n) for n in zip(*(x.shape for x in arrays), strict=True)]
+    common, ours = common_spec(specs), range(len(sizes))
+    split = [[common[i] if x.shape[i] == sizes[i] or i == components else None for i in ours] for x in arrays]
+    wanted = [jax.sharding.PartitionSpec(*entries) for entries in split]
+    return [x if w == s else jax.sharding.reshard(x, w) for x, s, w in zip(arrays, specs, wanted, strict=True)]
+
+
+def common_spec(specs):
+    """For every axis what one of the specs has there."""
+    return [next((s for s in entries if s is not None), None) for entries in zip(*specs, strict=True)]
 
 
 def _batched(arguments, axes):

@@ -15,7 +15,7 @@ from jax import lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jaxspatial.arithmetic.errorfree.elementwise import compiled
+from jaxspatial.arithmetic.errorfree.elementwise import alike, common_spec, compiled, is_zero, no_tangent
 from jaxspatial.arithmetic.errorfree.lowering import rule
 from jaxspatial.arithmetic.numbers.polynomial import Term
 from jaxspatial.arithmetic.sums.evaluation import evaluate
@@ -76,7 +76,7 @@ def _bind(plan, arrays):
     used = sorted({j for s in plan.sums for terms in s.components for t in terms for j, _ in t.factors})
     places = {j: i for i, j in enumerate(used)}
     sums = tuple(s._replace(components=_relabelled(s.components, places)) for s in plan.sums)
-    return _sums_p.bind(*_alike([arrays[j] for j in used], plan), plan=plan._replace(sums=sums))
+    return _sums_p.bind(*alike(*(arrays[j] for j in used), components=plan.axis), plan=plan._replace(sums=sums))
 
 
 def _relabelled(components, places):
@@ -86,33 +86,9 @@ def _relabelled(components, places):
     return tuple(tuple(relabelled(t) for t in terms) for terms in components)
 
 
-# -- arguments: varying over the same axes of a `shard_map`, and sharded alike -----------------------------------------
-
-
-def _alike(arrays, plan):
-    varying = [frozenset(jax.typeof(x).mat.varying) for x in arrays]
-    missing = [tuple(frozenset().union(*varying) - own) for own in varying]
-    arrays = [lax.pcast(x, m, to="varying") if m else x for x, m in zip(arrays, missing, strict=True)]
-    specs = [jax.typeof(x).sharding.spec for x in arrays]
-    if all(spec == specs[0] for spec in specs):
-        return arrays
-    wanted = [_spec(x, _common_spec(specs), plan.axis) for x in arrays]
-    return [x if w == s else jax.sharding.reshard(x, w) for x, s, w in zip(arrays, specs, wanted, strict=True)]
-
-
-def _common_spec(specs):
-    return [next((s for s in entries if s is not None), None) for entries in zip(*specs, strict=True)]
-
-
-def _spec(x, common, axis):
-    """The common spec where x has the batch, None where it is one for all."""
-    entries = [None if n == 1 and i != axis else s for i, (n, s) in enumerate(zip(x.shape, common, strict=True))]
-    return jax.sharding.PartitionSpec(*entries)
-
-
 def _abstract(*arrays, plan):
     like = arrays[0]
-    common = _common_spec([a.sharding.spec for a in arrays])
+    common = common_spec([a.sharding.spec for a in arrays])
     results = []
     for shape in map(plan.shape, plan.sums):
         spec = [None if n == 1 or i == plan.axis else common[i] for i, n in enumerate(shape)]
@@ -127,16 +103,12 @@ def _abstract(*arrays, plan):
 def _jvp(primals, tangents, *, plan):
     results = _sums_p.bind(*primals, plan=plan)
     n = len(primals)
-    moving = {j: n + j for j, t in enumerate(tangents) if type(t) is not ad.Zero}
+    moving = {j: n + j for j, t in enumerate(tangents) if not is_zero(t)}
     sums = [s._replace(components=tuple(_differential(terms, moving) for terms in s.components)) for s in plan.sums]
     rates = bind_nonzero(plan, sums, [*primals, *tangents])
     width = 1 + plan.is_pair
     rates = [r for rate in rates for r in (rate or [None] * width)]
-    return results, [_no_tangent(x) if r is None else r for x, r in zip(results, rates, strict=True)]
-
-
-def _no_tangent(x):
-    return ad.Zero(jax.typeof(x).to_tangent_aval())
+    return results, [no_tangent(x) if r is None else r for x, r in zip(results, rates, strict=True)]
 
 
 def _differential(terms, moving):
@@ -153,7 +125,7 @@ def _transpose(cotangents, *arrays, plan):
     """The low word of a pair is a rounding error: its cotangent counts for nothing."""
     cotangents = [_shared(plan, s, c) for s, c in zip(plan.sums, cotangents[:: 1 + plan.is_pair], strict=True)]
     n = len(arrays)
-    incoming = {o: n + o for o, c in enumerate(cotangents) if type(c) is not ad.Zero}
+    incoming = {o: n + o for o, c in enumerate(cotangents) if not is_zero(c)}
     linear = [j for j, x in enumerate(arrays) if ad.is_undefined_primal(x)]
     sums = [_pulled_back(plan, incoming, j, arrays[j].aval) for j in linear]
     pulled = bind_nonzero(plan._replace(is_pair=False), sums, [*arrays, *cotangents])
@@ -163,7 +135,7 @@ def _transpose(cotangents, *arrays, plan):
 
 def _shared(plan, s, cotangent):
     """The cotangent of the sum of the terms alone."""
-    if not s.shares or type(cotangent) is ad.Zero:
+    if not s.shares or is_zero(cotangent):
         return cotangent
     shares = np.asarray(s.shares, cotangent.dtype).reshape([-1 if i == plan.axis else 1 for i in range(cotangent.ndim)])
     return lax.mul(cotangent, jnp.broadcast_to(shares, cotangent.shape))
@@ -197,7 +169,8 @@ def _batch(arrays, axes, *, plan):
     size = next(x.shape[axis] for x, axis in zip(arrays, axes, strict=True) if axis is not None)
     moved = [_moved(x, axis, at) for x, axis in zip(arrays, axes, strict=True)]
     batched = _batched_plan(plan, at - first, size, leading)
-    return _sums_p.bind(*_alike(moved, batched), plan=batched), [at] * (len(plan.sums) * (1 + plan.is_pair))
+    found = _sums_p.bind(*alike(*moved, components=batched.axis), plan=batched)
+    return found, [at] * len(found)
 
 
 def _moved(x, axis, at):

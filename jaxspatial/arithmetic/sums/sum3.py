@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_sum, unguarded
+from jaxspatial.arithmetic.sums.accumulators.accumulator import OverBatch
 from jaxspatial.arithmetic.sums.accumulators.compensated import sum_like
 
 
@@ -27,15 +28,24 @@ def _swept(numbers):
     return s, errors
 
 
-def merge(a, b):
-    """The state of the sum of two."""
+def over_batch(numbers, settled):
+    """Of items, each given as numbers in increasing order; `settled`: what becomes of each word of the result."""
+    return OverBatch(
+        from_numbers(numbers),
+        _merge,
+        lambda state, dtype: settled(rounded(state, dtype)),
+        lambda state, dtype: tuple(settled(x) for x in pair(state, dtype)),
+    )
+
+
+def _merge(a, b):
     s, error = two_sum(a[0], b[0], unguarded)
     c, first = two_sum(a[1], b[1], unguarded)
     c, second = two_sum(c, error, unguarded)
     return s, c, (a[2] + b[2]) + (first + second)
 
 
-def value(state, dtype):
+def rounded(state, dtype):
     """Rounded; where something is infinite or NaN, what the plain sum gives."""
     s, c = two_sum(state[0], state[1], unguarded)
     r = s + (c + state[2])

@@ -8,31 +8,31 @@ that one, and the sum of the absolute values of the last, which bounds what is u
 2005, algorithm 4.8, K = 3]
 """
 
+import dataclasses
+
 import jax.numpy as jnp
 from jax import lax
 
 from jaxspatial.arithmetic.errorfree.transforms import two_sum, unguarded
 from jaxspatial.arithmetic.sums import sum3
-from jaxspatial.arithmetic.sums.accumulators.compensated import padded as padded
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator
 from jaxspatial.arithmetic.sums.accumulators.compensated import sum_like, vec_sum
-from jaxspatial.arithmetic.sums.accumulators.compensated import times_power_of_two as times_power_of_two
 from jaxspatial.arithmetic.sums.accumulators.faithful import parts, parts_of_narrow
 
 # d is a sum of at most 2^10 numbers: its error is at most 2^-43 size, and what is allowed is 2^-56 |r|.
 _ENOUGH = 2.0**-13
 
 
-def total(terms, error):
-    """The state of the sum of terms (sign, factors)."""
-    return _total([parts(sign, factors, error) for sign, factors in terms])
+def _total(terms, error):
+    return _sum([parts(sign, factors, error) for sign, factors in terms])
 
 
-def total_of_narrow(terms, error):
-    """As `total`, for factors of at most half the digits."""
-    return _total([parts_of_narrow(sign, factors, error) for sign, factors in terms])
+def _total_of_narrow(terms, error):
+    """As `_total`, for factors of at most half the digits."""
+    return _sum([parts_of_narrow(sign, factors, error) for sign, factors in terms])
 
 
-def _total(products):
+def _sum(products):
     s, errors = vec_sum([p[0] for p in products])
     lower = errors + [x for p in products for x in p[1:]]
     if not lower:
@@ -41,27 +41,27 @@ def _total(products):
     return s, c, sum_like(s, errors), sum_like(s, [lax.abs(x) for x in errors])
 
 
-def plus(state, sign, x):
-    """The state with one more term, which may be a constant: it goes second."""
+def _plus(state, sign, x):
+    """What may be a constant goes second."""
     s, c, d, size = state
     s, error = two_sum(s, -x if sign < 0 else x)
     c, error = two_sum(c, error, unguarded)
     return s, c, d + error, size + lax.abs(error)
 
 
-def value(state, dtype):
+def _round(state, dtype):
     """Rounded, or NaN."""
-    r = sum3.value(state[:3], state[0].dtype)
+    r = sum3.rounded(state[:3], state[0].dtype)
     return lax.convert_element_type(_or_nan(r, r, state), dtype)
 
 
-def pair(state, dtype):
+def _pair(state, dtype):
     """(hi, lo): rounded to twice the precision, or NaN. The error is at most 2^-96 |r|."""
     hi, lo = sum3.pair(state[:3], dtype)
-    return _or_nan(hi, sum3.value(state[:3], state[0].dtype), state), lo
+    return _or_nan(hi, sum3.rounded(state[:3], state[0].dtype), state), lo
 
 
-def finite_or_nan(x):
+def _finite_or_nan(x):
     """x, NaN in place of an infinity: what overflowed on the way is to be computed again."""
     return lax.select(lax.is_finite(x), x, jnp.full_like(x, jnp.nan))
 
@@ -71,3 +71,13 @@ def _or_nan(x, r, state):
     largest = jnp.finfo(r.dtype).max
     is_certain = (state[3] <= lax.abs(r) * _ENOUGH) & (lax.abs(r) <= largest)
     return lax.select(is_certain, x, jnp.full_like(x, jnp.nan))
+
+
+CERTIFIED = Accumulator(
+    total=_total,
+    plus=_plus,
+    round=_round,
+    pair=_pair,
+    over_batch=lambda state, axes: sum3.over_batch(state[2::-1], _finite_or_nan),
+)
+CERTIFIED_OF_NARROW = dataclasses.replace(CERTIFIED, total=_total_of_narrow)

@@ -7,21 +7,24 @@ below the products and the partial sums: |e_i| <= u A_i, |t_i| <= u B_i, hence r
 sum costs at most u^2 (max A + max B + ufp(A_1 + A_2 + B_1 + B_2)), which is <= 4 u^2 ufp(mag) in every case.
 """
 
+import dataclasses
+import functools
+
 import jax.numpy as jnp
 from jax import lax
 
 from jaxspatial.arithmetic.errorfree.contraction import hidden
 from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_sum, unguarded
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, OverBatch
 
 
-def total(terms, error):
-    """The state of the sum of terms (sign, factors); error(a, b, p) of a product is a b - p, see `transforms`."""
-    pairs = [product(sign, factors, error) for sign, factors in terms]
+def _total(terms, error):
+    pairs = [signed_product(sign, factors, error) for sign, factors in terms]
     s, errors = vec_sum([p for p, _ in pairs])
     return s, sum_like(s, errors), sum_like(s, [e for _, e in pairs if e is not None])
 
 
-def product(sign, factors, error):
+def signed_product(sign, factors, error):
     """(p, e) of sign times the product of factors, p + e exact for two; e None for a single one.
 
     Of n factors the error is at most n (n - 2) u^2 of the product: 3, 8, 15.
@@ -59,40 +62,45 @@ def in_pairs(numbers):
     return numbers[0]
 
 
-def plus(state, sign, x):
-    """The state with one more term, which may be a constant: it goes second."""
+def _single(terms, _):
+    """Of one product whose error nobody asks for."""
+    ((sign, factors),) = terms
+    p = hidden(functools.reduce(lax.mul, factors))
+    return (p if sign > 0 else -p), jnp.zeros_like(p), jnp.zeros_like(p)
+
+
+def _plus(state, sign, x):
+    """What may be a constant goes second."""
     s, t, e = state
     s, error = two_sum(s, -x if sign < 0 else x)
     return s, t + error, e
 
 
-def padded(states):
-    """The states with zero in place of None."""
-    like = next(state for state in states if state is not None)
-    return [tuple(map(jnp.zeros_like, like)) if state is None else state for state in states]
-
-
-def times_power_of_two(state, share):
-    """The state of the sum times a power of two."""
-    return tuple(x * jnp.full_like(x, share) for x in state)
-
-
-def merge(a, b):
-    """The state of the sum of two."""
+def _merge(a, b):
     s, error = two_sum(a[0], b[0], unguarded)
     return s, (a[1] + b[1]) + error, a[2] + b[2]
 
 
-def value(state, dtype):
+def _round(state, dtype):
     """Rounded; where something is infinite or NaN, what the plain sum gives."""
     s, t, e = state
     r = s + (t + e)
     return lax.select(lax.is_finite(r), r, s).astype(dtype)
 
 
-def pair(state, dtype):
+def _pair(state, dtype):
     """(hi, lo): before the last rounding."""
     s, t, e = state
     hi, lo = fast_two_sum(s, t + e)
     finite = lax.is_finite(hi)
     return lax.select(finite, hi, s).astype(dtype), lax.select(finite, lo, jnp.zeros_like(lo)).astype(dtype)
+
+
+COMPENSATED = Accumulator(
+    total=_total,
+    plus=_plus,
+    round=_round,
+    pair=_pair,
+    over_batch=lambda state, axes: OverBatch(state, _merge, _round, _pair),
+)
+SINGLE = dataclasses.replace(COMPENSATED, total=_single)

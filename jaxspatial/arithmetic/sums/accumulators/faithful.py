@@ -9,6 +9,7 @@ which what the scaling loses of the other terms is nothing. Of a sum over many i
 error bound, too, is in units of its largest terms.
 """
 
+import dataclasses
 import functools
 import operator
 from typing import Any, NamedTuple
@@ -19,7 +20,8 @@ from jax import lax
 from jaxspatial.arithmetic.errorfree.contraction import hidden
 from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_difference, two_sum, unguarded
 from jaxspatial.arithmetic.sums import sum3
-from jaxspatial.arithmetic.sums.accumulators import compensated
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, multiplied
+from jaxspatial.arithmetic.sums.accumulators.compensated import in_pairs
 
 # A sum of 2^20 products below 2^1000 is finite, and so is 2^2048 scaled by 2^-540 twice.
 _LARGE = 2.0**1000
@@ -36,7 +38,7 @@ class State(NamedTuple):
     unit: Any = None
 
 
-def total(terms, error):
+def _total(terms, error):
     """The state of the sum of terms (sign, factors), products of two of which may overflow."""
     if _is_long(terms, parts):
         return _long_total(terms, error)
@@ -55,7 +57,7 @@ def total(terms, error):
     return State(_expansion(chosen), plain, lax.select(is_scaled, scale, one))
 
 
-def total_of_narrow(terms, error):
+def _total_of_narrow(terms, error):
     """The state of the sum of terms (sign, factors), factors of at most half the digits: no product overflows."""
     if _is_long(terms, parts_of_narrow):
         return _long_total_of_narrow(terms, error)
@@ -65,7 +67,7 @@ def total_of_narrow(terms, error):
 
 
 def _plain(products):
-    return compensated.in_pairs([p[0] for p in products])
+    return in_pairs([p[0] for p in products])
 
 
 def _scalable(factors):
@@ -152,7 +154,7 @@ def _grouped(terms):
 
 
 def _long_total(terms, error):
-    """As `total`."""
+    """As `_total`."""
     groups = _grouped(terms)
     products = [parts(1, g, error) for g in groups]
     plain = _plain_of_groups(products)
@@ -170,7 +172,7 @@ def _long_total(terms, error):
 
 
 def _long_total_of_narrow(terms, error):
-    """As `total_of_narrow`."""
+    """As `_total_of_narrow`."""
     products = [parts_of_narrow(1, g, error) for g in _grouped(terms)]
     return State(_expansion_in_a_loop(products), _plain_of_groups(products))
 
@@ -204,20 +206,17 @@ def _sum(expansion):
     for x in reversed(others):
         s, error = fast_two_sum(s, x, unguarded)
         errors.append(error)
-    return s + compensated.in_pairs(errors[::-1]) if errors else s
+    return s + in_pairs(errors[::-1]) if errors else s
 
 
-def plus(state, sign, x):
-    """The state with one more term."""
+def _plus(state, sign, x):
     scaled = x if state.unit is None else (x * state.unit) * state.unit
     plain = state.plain - x if sign < 0 else state.plain + x
     return State(_grown_by(state.expansion, sign, scaled), plain, state.unit)
 
 
-def times_power_of_two(state, share):
-    """The state of the sum times a power of two."""
-    *expansion, plain = compensated.times_power_of_two((*state.expansion, state.plain), share)
-    return State(tuple(expansion), plain, state.unit)
+def _times_power_of_two(state, share):
+    return State(*multiplied(state[:2], share), state.unit)
 
 
 def _grown_by(expansion, sign, x):
@@ -227,12 +226,12 @@ def _grown_by(expansion, sign, x):
     return (error, *_grown(tuple(others), s))
 
 
-def pair(state, dtype):
-    """(hi, lo): rounded to twice the precision."""
-    return sum3.pair(sum3.from_numbers(numbers(state)), dtype)
+def _pair(state, dtype):
+    """Rounded to twice the precision."""
+    return sum3.pair(sum3.from_numbers([_unscaled(x, state.unit) for x in state.expansion]), dtype)
 
 
-def padded(states):
+def _padded(states):
     """The states with zero in place of None, and expansions of one length."""
     like = next(state for state in states if state is not None)
     zero = jnp.zeros_like(like.plain)
@@ -242,12 +241,12 @@ def padded(states):
     return [s._replace(expansion=(zero,) * (longest - len(s.expansion)) + s.expansion) for s in states]
 
 
-def numbers(state):
-    """The numbers of the expansion, in increasing order."""
-    return [unscaled(x, state.unit) for x in state.expansion]
+def _over_batch(state, axes):
+    numbers, unit = _in_one_unit(state, axes)
+    return sum3.over_batch(numbers, lambda x: _unscaled(x, unit))
 
 
-def in_one_unit(state, axes):
+def _in_one_unit(state, axes):
     """(numbers in increasing order, unit): states to be summed along axes, with one unit for all of a sum.
 
     Scaled where an item is, or is so large that the sum might overflow on the way. Of an item that is not finite the
@@ -267,17 +266,29 @@ def _unit_of_all(is_scaled, axes, dtype):
     return jnp.where(jnp.any(is_scaled, axes, keepdims=True), *(jnp.full((), x, dtype) for x in (_SCALE, 1.0)))
 
 
-def value(state, dtype):
+def _round(state, dtype):
     """Rounded; where something is infinite or NaN, what the plain sum gives."""
     # Numbers that do not overlap, added from the smallest: relative error 2^-51, far below a unit of a narrower dtype.
-    total = _sum(state.expansion) if dtype == jnp.float64 else functools.reduce(operator.add, state.expansion)
-    r = unscaled(total, state.unit)
+    r = _sum(state.expansion) if dtype == jnp.float64 else functools.reduce(operator.add, state.expansion)
+    r = _unscaled(r, state.unit)
     return lax.convert_element_type(lax.select(jnp.isnan(r), state.plain, r), dtype)
 
 
-def unscaled(x, unit):
+def _unscaled(x, unit):
     """x unit^-2; None: 1."""
     if unit is None:
         return x
     inverse = lax.select(unit == 1, unit, jnp.full_like(unit, 1 / _SCALE))
     return (x * inverse) * inverse
+
+
+FAITHFUL = Accumulator(
+    total=_total,
+    plus=_plus,
+    round=_round,
+    pair=_pair,
+    over_batch=_over_batch,
+    padded=_padded,
+    times_power_of_two=_times_power_of_two,
+)
+FAITHFUL_OF_NARROW = dataclasses.replace(FAITHFUL, total=_total_of_narrow)

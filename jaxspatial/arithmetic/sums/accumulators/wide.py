@@ -1,6 +1,6 @@
 """Sums of products of narrow formats, in float64: products of two are exact, and nothing over- or underflows.
 
-The state of a sum is one array. Verbs as in `compensated` and `faithful`.
+The state of a sum is one array.
 """
 
 import functools
@@ -9,11 +9,10 @@ import operator
 import jax.numpy as jnp
 from jax import lax
 
-from jaxspatial.arithmetic.sums.accumulators.compensated import padded as padded
-from jaxspatial.arithmetic.sums.accumulators.compensated import times_power_of_two as times_power_of_two
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, OverBatch
 
 
-def total(terms, _):
+def _total(terms, _):
     """The sum of terms (sign, factors), factors arrays of float64. Error <= 2^-53 times their number, times mag."""
     return (functools.reduce(operator.add, (_signed(sign, functools.reduce(lax.mul, x)) for sign, x in terms)),)
 
@@ -22,23 +21,29 @@ def _signed(sign, x):
     return x if sign > 0 else -x
 
 
-def plus(state, sign, x):
-    """The state with one more term."""
+def _plus(state, sign, x):
     return (x + state[0] if sign > 0 else state[0] - x,)
 
 
-def merge(a, b):
-    """The state of the sum of two."""
+def _merge(a, b):
     return (a[0] + b[0],)
 
 
-def value(state, dtype):
-    """Rounded to dtype."""
+def _round(state, dtype):
     return lax.convert_element_type(state[0], dtype)
 
 
-def pair(state, dtype):
+def _pair(state, dtype):
     """(hi, lo) of dtype with the sum of both as near as two of them get."""
-    hi = value(state, dtype)
+    hi = _round(state, dtype)
     low = state[0] - lax.convert_element_type(hi, state[0].dtype)
     return hi, lax.convert_element_type(lax.select(lax.is_finite(hi), low, jnp.zeros_like(low)), dtype)
+
+
+WIDE = Accumulator(
+    total=_total,
+    plus=_plus,
+    round=_round,
+    pair=_pair,
+    over_batch=lambda state, axes: OverBatch(state, _merge, _round, _pair),
+)
