@@ -55,11 +55,3 @@ def forget_programs():
     """Thousands of compiled programs would take gigabytes."""
     yield
     jax.clear_caches()
-
-
-@pytest.fixture(scope="module")
-def cheap_programs():
-    """Few optimisations: for laws that hold whatever the compiler does, not for bits, error bounds and counts."""
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
-    jax.config.update("jax_disable_most_optimizations", False)

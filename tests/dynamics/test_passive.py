@@ -13,6 +13,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.dynamics import steps
 from jaxspatial.mechanism.joints import KINDS
+from tests.helpers.interpreted import interpreted
 
 KINDS = [name for name in KINDS if name != "fixed"]
 SOFT = js.Compliance(friction_speed=0.25, limit_stiffness=300.0, limit_damping=7.0)
@@ -193,7 +194,7 @@ def test_springs_are_the_derivative_of_an_energy(kind, float64):
         rates = js.configuration_rates(mech, q, v)
         return -jax.jvp(functools.partial(spring_energy, mech), (q,), (rates,))[1], js.passive_forces(mech, q, v) @ v
 
-    expected, found = jax.jit(jax.vmap(power))(q, v)
+    expected, found = interpreted(jax.vmap(power))(q, v)
     np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
@@ -210,7 +211,7 @@ def test_limits_push_back_and_take_power(kind, float64):
         elastic = js.passive_forces(mech, q, v, js.Compliance(limit_stiffness=300.0)) @ v
         return elastic, -300.0 * (beyond * rates)[start:].sum(), js.passive_forces(mech, q, v, SOFT) @ v
 
-    elastic, expected, damped = jax.jit(jax.vmap(powers))(q, v, beyond)
+    elastic, expected, damped = interpreted(jax.vmap(powers))(q, v, beyond)
     np.testing.assert_allclose(elastic, expected, rtol=1e-12, atol=1e-12)
     assert (damped <= elastic + 1e-12).all()
     if kind == "revolute":

@@ -58,19 +58,27 @@ def _select(which, *cases):
     return np.where(which, *cases[::-1]) if which.dtype == bool else np.choose(which, cases)
 
 
+def _divide(a, b):
+    """Of integers towards zero."""
+    return ((a - np.fmod(a, b)) // b).astype(a.dtype) if np.issubdtype(a.dtype, np.integer) else np.divide(a, b)
+
+
 _OF_NUMBERS = {
     "add": np.add,
     "add_any": np.add,
     "sub": np.subtract,
     "mul": np.multiply,
     "jaxspatial_product": np.multiply,
-    "div": np.divide,
+    "div": _divide,
     "jaxspatial_quotient": np.divide,
     "neg": np.negative,
     "abs": np.abs,
     "max": np.maximum,
     "min": np.minimum,
     "sqrt": np.sqrt,
+    "rem": np.fmod,
+    "sign": np.sign,
+    "floor": np.floor,
     "square": np.square,
     "select_n": _select,
     "eq": np.equal,

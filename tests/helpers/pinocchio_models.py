@@ -14,10 +14,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pinocchio as pin
-from jax.extend.core import Literal
 
 import jaxspatial as js
 from jaxspatial.interop import ModelFileWarning
+from tests.helpers.interpreted import interpreted
 
 FOLDER = pathlib.Path(sysconfig.get_paths()["purelib"], "cmeel.prefix/share/example-robot-data/robots")
 N = 8
@@ -150,11 +150,11 @@ class States:
     # -- results, stacked over states ---------------------------------------------------------------------------------
 
     def ours(self, what, is_compiled=True):
-        """Of an algorithm: one program, or op by op."""
+        """Of an algorithm: compiled, or op by op in NumPy."""
         function = jax.vmap(functools.partial(ALGORITHMS[what][0], self.mech))
         with jax.enable_x64(self.dtype == "float64"):
-            arrays = [jnp.asarray(x.astype(self.dtype)) for x in (self.q, self.v, self.a, self.pushes)]
-            return np.asarray(jax.jit(function)(*arrays) if is_compiled else op_by_op(function, *arrays))
+            arrays = [x.astype(self.dtype) for x in (self.q, self.v, self.a, self.pushes)]
+            return np.asarray((jax.jit if is_compiled else interpreted)(function)(*arrays))
 
     def pinocchios(self, what):
         G, function = self.of_ours, ALGORITHMS[what][1]
@@ -190,28 +190,6 @@ class States:
         if not (diagonal > 0).all():
             return np.inf
         return float(np.linalg.cond(M / np.sqrt(diagonal[:, :, None] * diagonal[:, None, :])).max())
-
-
-def op_by_op(function, *arrays):
-    """function(*arrays), one primitive after the other: many times as fast as to compile a program that runs once."""
-    closed, shape = jax.make_jaxpr(function, return_shape=True)(*arrays)
-    return jax.tree.unflatten(jax.tree.structure(shape), _evaluated(closed, arrays))
-
-
-# Primitives that call, by the parameter that says what.
-CALLS = {"jit": "jaxpr", "custom_jvp_call": "call_jaxpr"}
-
-
-def _evaluated(closed, arrays):
-    jaxpr = closed.jaxpr
-    found = dict(zip((*jaxpr.constvars, *jaxpr.invars), (*closed.consts, *arrays), strict=True))
-    value = lambda x: x.val if isinstance(x, Literal) else found[x]  # noqa: E731
-    for e in jaxpr.eqns:
-        given = [value(x) for x in e.invars]
-        inner = CALLS.get(e.primitive.name)
-        results = _evaluated(e.params[inner], given) if inner else e.primitive.bind(*given, **e.params)
-        found.update(zip(e.outvars, results if e.primitive.multiple_results else [results], strict=True))
-    return [value(x) for x in jaxpr.outvars]
 
 
 def _drawn(rng, n, joint):

@@ -1,10 +1,10 @@
 """What takes quotients, roots, angles or decisions gives the same numbers in every transformation, as sums of products
 do in `test_transformations`.
 
-Their formulas are too long to be written a second time in NumPy. What is compared with is the operation itself, run
-op by op: one primitive after another, each a program of its own, in which there is nothing to contract, rewrite or
-fuse. "reproducible" promises its bits, in every program and of any batch; the other precisions, the 16-bit types and
-derivatives run op by op as well, and against float64.
+Their formulas are too long to be written a second time in NumPy. What is compared with is the operation itself, run op
+by op in NumPy: one primitive after another, with nothing to contract, rewrite or fuse. "reproducible" promises these
+bits, in every program and of any batch; the other precisions, the 16-bit types and derivatives run op by op as well,
+and against float64.
 """
 
 import functools
@@ -17,6 +17,7 @@ from jax import lax
 
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
+from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow_but
 from tests.helpers.operations_of_numbers import FORMULAS, OPERATIONS, REPRESENTATIVES
 
@@ -233,8 +234,7 @@ def _arrays(name, dtype, seed=0):
 
 
 def _op_by_op(function, arrays):
-    with jax.disable_jit():
-        return [np.asarray(x) for x in function(*map(jnp.asarray, arrays))]
+    return interpreted(function)(*arrays)
 
 
 @functools.cache

@@ -8,7 +8,7 @@ Relative to the largest number of each result. What differs, and is converted he
     mimics            Drake has constraints in their place: the models here have none
     welded to world   Drake's centre of mass and potential energy count such links: see `_at_rest`
 
-Ours is evaluated op by op, which has the bits of the compiled program.
+Ours is evaluated op by op in NumPy, which gives the bits of the compiled program.
 """
 
 import functools
@@ -30,6 +30,7 @@ from pydrake.multibody.plant import MultibodyPlant  # noqa: E402
 from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, MultibodyForces  # noqa: E402
 
 from tests.helpers import pinocchio_models as models  # noqa: E402
+from tests.helpers.interpreted import interpreted  # noqa: E402
 
 N = 4
 ALLOWED = 1e-12
@@ -121,8 +122,7 @@ def _ours(mech, q, v, a, push):
 
 def ours(r):
     with jax.enable_x64(True):
-        arrays = (jnp.asarray(x) for x in (r.q, r.v, r.a, r.pushes))
-        return models.op_by_op(jax.vmap(functools.partial(_ours, r.mech)), *arrays)
+        return interpreted(jax.vmap(functools.partial(_ours, r.mech)))(r.q, r.v, r.a, r.pushes)
 
 
 def _pushed(r, push):

@@ -14,8 +14,8 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.interop import mujoco as states
+from tests.helpers.interpreted import interpreted
 
-pytestmark = pytest.mark.usefixtures("cheap_programs")
 N = 4
 ALLOWED = 1e-12
 # Of each body, the one it hangs on, and its joints; a joint may follow another.
@@ -100,7 +100,7 @@ def ours(name):
             "to_qvel": to_qvel,
         }
 
-    return {what: np.asarray(x) for what, x in jax.jit(jax.vmap(all_of_them))(*state).items()}
+    return interpreted(jax.vmap(all_of_them))(*state)
 
 
 @functools.cache

@@ -2,8 +2,8 @@
 2e-5 in float32.
 
 Relative to the largest number of each result. What differs by choice, and is converted: see `pinocchio_models`. Robots
-are evaluated op by op, which has the bits of the compiled program: that is tested with the large ones. All errors are
-in `robots.md`, beside this file.
+are evaluated op by op in NumPy, with the bits of the compiled program: that is tested with the large ones. All errors
+are in `robots.md`, beside this file.
 """
 
 import functools

@@ -27,9 +27,6 @@ def rules_of_learners():
         yield
 
 
-pytestmark = pytest.mark.usefixtures("cheap_programs")
-
-
 def link(mass):
     ball = js.SpatialInertia.solid_ellipsoid(np.float32([0.1, 0.2, 0.5]), mass=np.float32(mass))
     return js.shift(ball, np.float32([0, 0, 0.5]))
