@@ -13,6 +13,7 @@ from jaxspatial.mechanism import editing
 from tests.helpers import exact_dynamics as exact
 from tests.helpers import tangents
 from tests.helpers.counting import asked_for
+from tests.helpers.interpreted import interpreted
 
 slow = functools.partial(pytest.param, marks=pytest.mark.slow)
 
@@ -53,7 +54,7 @@ def test_compensated_float32_carries_the_state_doubled(n):
 
 @pytest.mark.parametrize(("scale", "ratio"), [(1.0, 1e10), slow(1e-6, 1.0), slow(1e6, 1.0), slow(1.0, 0.0)])
 def test_masses_and_lengths_of_all_sizes(scale, ratio):
-    """Every other mass so much larger, or without mass; lengths scaled."""
+    """Every other mass so much larger, or without mass; lengths scaled: what formulas make of them in NumPy."""
     n = 64
     mech, (q, v, a) = without_armature(chain(n)), state(n)
     M = mech.inertias
@@ -62,14 +63,18 @@ def test_masses_and_lengths_of_all_sizes(scale, ratio):
     placements = js.RigidTransform(mech.placements.rotation, mech.placements.translation * scale)
     mech = mech.replace(inertias=inertias, placements=placements)
     expected = exact.inverse_dynamics(mech, q, v, a)
-    tau = js.inverse_dynamics(mech, q, v, a)
+
+    def all_of_them(q, v, a):
+        tau = js.inverse_dynamics(mech, q, v, a)
+        twice = js.inverse_dynamics(mech, q, v, a, precision="compensated")
+        gradient = jax.grad(lambda q: js.inverse_dynamics(mech, q, v, a).sum())(q)
+        return tau, twice, js.mass_matrix(mech, q), js.forward_dynamics(mech, q, v, tau), gradient
+
+    tau, twice, M, back, gradient = interpreted(all_of_them)(q, v, a)
     assert error(tau, expected) <= 4 * n * 2.0**-53
-    assert error(js.inverse_dynamics(mech, q, v, a, precision="compensated"), expected) <= 1.01 * 2.0**-53
-    M = np.asarray(js.mass_matrix(mech, q))
-    back = np.asarray(js.forward_dynamics(mech, q, v, tau))
-    assert abs(back - a).max() <= 4 * n * 2.0**-53 * np.linalg.norm(np.linalg.inv(M), 2) * abs(np.asarray(tau)).max()
-    gradient = jax.grad(lambda q: js.inverse_dynamics(mech, q, v, a).sum())(jnp.asarray(q))
-    assert np.isfinite(np.asarray(gradient)).all()
+    assert error(twice, expected) <= 1.01 * 2.0**-53
+    assert abs(back - a).max() <= 4 * n * 2.0**-53 * np.linalg.norm(np.linalg.inv(M), 2) * abs(tau).max()
+    assert np.isfinite(gradient).all()
 
 
 def planar_and_general(n):
@@ -138,7 +143,7 @@ def test_limbs_that_are_one_loop():
     """Chains of other lengths that hang on one another: laws that hold whatever hangs where."""
     mech, (q, v, a) = limbs()
     assert [b.bodies.shape for b in mech.topology.bundles] == [(1, 1), (6, 2)]
-    found = jax.tree.map(np.asarray, jax.jit(functools.partial(_all_of_limbs, mech))(q, v, a))
+    found = interpreted(functools.partial(_all_of_limbs, mech))(q, v, a)
     M, tau, allowed = found["M"], found["tau"], 1e3 * 2.0**-53
     np.testing.assert_allclose(found["back"], a, atol=allowed * np.linalg.cond(M))
     # Energies add up bodies, of which none passes anything on to another.
@@ -151,36 +156,34 @@ def test_limbs_that_are_one_loop():
 
 
 def _all_of_limbs(mech, q, v, a):
-    """In one program, and in the precision that compiles soonest."""
-    with js.default_precision("fast"):
-        tau = js.inverse_dynamics(mech, q, v, a)
-        return {
-            "tau": tau,
-            "back": js.forward_dynamics(mech, q, v, tau),
-            "M": js.mass_matrix(mech, q),
-            "by_motions": jax.vmap(lambda x: js.kinetic_energy(mech, q, x))(jnp.eye(mech.nv)),
-            "bias": js.bias_forces(mech, q, v),
-            "gravity": js.gravity_forces(mech, q),
-            "slope": jax.grad(lambda q: js.potential_energy(mech, q))(q),
-            "dtau_dv": js.inverse_dynamics_derivatives(mech, q, v, a).dtau_dv,
-            "rates": tangents.jacobians(lambda v: js.inverse_dynamics(mech, q, v, a), (0,))(v)[0],
-        }
+    tau = js.inverse_dynamics(mech, q, v, a)
+    return {
+        "tau": tau,
+        "back": js.forward_dynamics(mech, q, v, tau),
+        "M": js.mass_matrix(mech, q),
+        "by_motions": jax.vmap(lambda x: js.kinetic_energy(mech, q, x))(jnp.eye(mech.nv)),
+        "bias": js.bias_forces(mech, q, v),
+        "gravity": js.gravity_forces(mech, q),
+        "slope": jax.grad(lambda q: js.potential_energy(mech, q))(q),
+        "dtau_dv": js.inverse_dynamics_derivatives(mech, q, v, a).dtau_dv,
+        "rates": tangents.jacobians(lambda v: js.inverse_dynamics(mech, q, v, a), (0,))(v)[0],
+    }
 
 
-@pytest.mark.slow
 def test_derivatives_of_limbs_that_are_one_loop():
     """Through what turns forces into accelerations."""
     mech, (q, v, a) = limbs()
-    found = js.forward_dynamics_derivatives(mech, q, v, a).dvdot_dv
-    (expected,) = tangents.jacobians(lambda v: js.forward_dynamics(mech, q, v, a), (0,))(jnp.asarray(v))
+    found = interpreted(lambda v: js.forward_dynamics_derivatives(mech, q, v, a).dvdot_dv)(v)
+    (expected,) = interpreted(tangents.jacobians(lambda v: js.forward_dynamics(mech, q, v, a), (0,)))(v)
     np.testing.assert_allclose(found, expected, atol=1e4 * 2.0**-53 * abs(np.asarray(expected)).max())
 
 
-@pytest.mark.parametrize("function", [js.gravity_forces, slow(js.mass_matrix)], ids=["gravity forces", "mass matrix"])
+@pytest.mark.parametrize("function", [js.gravity_forces, js.mass_matrix], ids=["gravity forces", "mass matrix"])
 def test_limbs_that_are_one_loop_compensated(function):
     """Numbers of two words along the same loop."""
     mech, (q, _, _) = limbs()
-    found, expected = (np.asarray(function(mech, q, precision=p)) for p in ("compensated", "reproducible"))
+    of = functools.partial(function, mech)
+    found, expected = (interpreted(functools.partial(of, precision=p))(q) for p in ("compensated", "reproducible"))
     np.testing.assert_allclose(found, expected, atol=4 * 10 * 2.0**-53 * abs(expected).max())
 
 
