@@ -8,6 +8,7 @@ what the precision asks for, see `numbers`, and rounded once at the end.
 import functools
 import warnings
 import weakref
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import jax
@@ -15,10 +16,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, numbers
-from jaxspatial.arithmetic.precision import resolve
+from jaxspatial.arithmetic.precision import Precision, resolve
+from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.dynamics import primitive, program
+from jaxspatial.dynamics.along import Array, PyTreeDef
+from jaxspatial.dynamics.primitive import Aval
+from jaxspatial.dynamics.program import Result
 from jaxspatial.dynamics.state import MechanismState
 from jaxspatial.mechanism import Mechanism
+from jaxspatial.mechanism.topology import Topology
 
 # What an algorithm reads of a mechanism, by what it is about.
 JOINTS = ("axes", "second_axes", "pitches", "parameters", "mimics")
@@ -31,7 +37,7 @@ FRAMES = ("child_placements", "frame_placements")
 class Known:
     """A NumPy array as part of a program."""
 
-    def __init__(self, array):
+    def __init__(self, array: np.ndarray):
         self.array = array
         self._key = array.dtype.str, array.shape, array.tobytes()
         self._hash = hash(self._key)
@@ -39,19 +45,28 @@ class Known:
     def __hash__(self):
         return self._hash
 
-    def __eq__(self, other):
+    def __eq__(self, other: object):
         return self is other or (isinstance(other, Known) and self._key == other._key)
 
 
 class Algorithm(program.Program):
     """A formula for one structure, with the numbers that are known. tree: of (fields by name, arrays)."""
 
-    def __init__(self, formula, precision, topology, tree, known, static, dtype):
+    def __init__(
+        self,
+        formula: Any,
+        precision: Precision,
+        topology: Topology,
+        tree: PyTreeDef,
+        known: tuple[Known | None, ...],
+        static: tuple[tuple[str, Any], ...],
+        dtype: np.dtype,
+    ):
         self.formula, self.precision, self.topology, self.tree = formula, precision, topology, tree
         self.known, self.static, self.dtype = known, static, dtype
         self.out_tree = None
 
-    def _key(self):
+    def key(self) -> tuple[Any, ...]:
         own = self.formula, self.precision, self.topology, self.tree, self.known, self.static, self.dtype
         return (type(self), *own)
 
@@ -67,20 +82,20 @@ class Algorithm(program.Program):
 
     @functools.cached_property
     def _hash(self):
-        return hash(self._key())
+        return hash(self.key())
 
     def __hash__(self):
         return self._hash
 
-    def __eq__(self, other):
-        return self is other or (isinstance(other, Algorithm) and self._key() == other._key())
+    def __eq__(self, other: object):
+        return self is other or (isinstance(other, Algorithm) and self.key() == other.key())
 
-    def merged(self, data):
+    def merged(self, data: Iterable[Any]):
         """All leaves of the tree."""
         data = iter(data)
         return [next(data) if k is None else k.array for k in self.known]
 
-    def evaluate(self, *arrays):
+    def evaluate(self, *arrays: jax.Array):
         n = max((x.shape[0] for x in arrays), default=1)
         leaves = self.merged(jnp.moveaxis(x, 0, -1) for x in arrays)
         fields, others = jax.tree.unflatten(self.tree, leaves)
@@ -91,7 +106,7 @@ class Algorithm(program.Program):
             results, self.out_tree = jax.tree.flatten(jax.tree.map(state.rounded, found, is_leaf=_is_result))
         return [jnp.moveaxis(y, -1, 0) for y in results]
 
-    def outputs(self, avals, sizes):
+    def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
         if self.formula.result is not None:
             self.out_tree = jax.tree.structure(0)
             return [(self.formula.result(self.topology), self.dtype)]
@@ -108,7 +123,7 @@ class Algorithm(program.Program):
     def n_fields(self):
         return self.tree.children()[0].num_leaves
 
-    def sibling(self, call, at=None, arrays=None, **more):
+    def sibling(self, call: Any, at: int | None = None, arrays: int | None = None, **more: Any) -> "Algorithm":
         """The program of another algorithm, with the same fields, and the same arrays, of which the one at a leaf is
         data; or with so many arrays, of which the first is the same, and others are data. more: static arguments."""
         known, tree, static = list(self.known), self.tree, self.static
@@ -122,23 +137,23 @@ class Algorithm(program.Program):
         own = self.precision, self.topology, tree, tuple(known), static, self.dtype
         return self.made((call, at, arrays, static), lambda: interned(call.kind(call.formula, *own)))
 
-    def place(self, leaf):
+    def place(self, leaf: int):
         """Where in the data a leaf is."""
         return sum(k is None for k in self.known[:leaf])
 
-    def leaf(self, tangents, leaf):
+    def leaf(self, tangents: Sequence[Any], leaf: int) -> jax.Array | None:
         """The tangent of a leaf, None for zero."""
         if self.known[leaf] is not None:
             return None
         found = tangents[self.place(leaf)]
         return None if primitive.is_zero(found) else found
 
-    def with_leaf(self, data, leaf, x):
+    def with_leaf(self, data: Sequence[Any], leaf: int, x: Any) -> list[Any]:
         """The data with x in the place of a leaf, that may have been known."""
         place = self.place(leaf)
         return [*data[:place], x, *data[place + (self.known[leaf] is None) :]]
 
-    def tangents(self, primals, tangents, n_batch):
+    def tangents(self, primals: Sequence[Any], tangents: Sequence[Any], n_batch: int) -> list[Any]:
         """Those of the results, of tangents of which zero and None are none; None for zero."""
         moving = tuple(t is not None and not primitive.is_zero(t) for t in tangents)
         if not any(moving):
@@ -146,12 +161,12 @@ class Algorithm(program.Program):
         given = [t for t, yes in zip(tangents, moving, strict=True) if yes]
         return primitive.bind(self.tangent(moving), [*primals, *given], n_batch)
 
-    def __call__(self, data, n_batch):
+    def __call__(self, data: Sequence[jax.Array], n_batch: int):
         found = primitive.bind(self, data, n_batch)
         return jax.tree.unflatten(self.out_tree, found)
 
 
-def _is_result(x):
+def _is_result(x: object):
     return numbers.is_number(x) or (type(x) is tuple and all(map(numbers.is_number, x)))
 
 
@@ -169,21 +184,23 @@ class ManyProgramsWarning(UserWarning):
     """One algorithm was compiled for the numbers of many mechanisms of one structure."""
 
 
-def interned(own):
+def interned(own: Algorithm) -> Algorithm:
     """The one program that is equal to this."""
-    return _PROGRAMS.setdefault(own._key(), own)
+    return _PROGRAMS.setdefault(own.key(), own)
 
 
 class _Kept:
     """A program, and its call outside of any transformation. The program does not know the call, which JAX's caches
     would then keep for good."""
 
-    def __init__(self, own):
+    def __init__(self, own: Algorithm):
         self.program = own
         self.call = jax.jit(lambda n_batch, data: own(data, n_batch), static_argnums=0)
 
 
-def _program(kind, key, mechanism, given, n_own):
+def _program(
+    kind: type[Algorithm], key: tuple[Any, ...], mechanism: Mechanism, given: Sequence[Any], n_own: int
+) -> _Kept:
     """That of the numbers that are known. Of those that nobody can write to, it is found without looking at them."""
     formula, precision, static, tree, is_known, dtype = key
     mine = _OF_MECHANISM.setdefault(mechanism, {})
@@ -192,19 +209,19 @@ def _program(kind, key, mechanism, given, n_own):
         return mine[key]
     known = tuple(Known(x) if k else None for x, k in zip(given, is_known, strict=True))
     own = kind(formula, precision, mechanism.topology.skeleton, tree, known, static, dtype)
-    kept = _KEPT.setdefault(own._key(), _Kept(interned(own)))
+    kept = _KEPT.setdefault(own.key(), _Kept(interned(own)))
     if not any(known):
-        _OF_DATA[own._key()] = kept
+        _OF_DATA[own.key()] = kept
     mine[key if is_fixed else kept.program] = kept
     return kept
 
 
-def _is_fixed(x):
+def _is_fixed(x: np.ndarray):
     """Whether nobody can write to it."""
     return x.base is None and not x.flags.writeable
 
 
-def _count(own):
+def _count(own: Algorithm):
     """Warns once for programs of one structure that are more than three at a time."""
     alike = _CALLED.setdefault((own.formula, own.topology, own.tree, own.static, own.dtype), weakref.WeakSet())
     if own not in alike:
@@ -219,11 +236,16 @@ def _count(own):
             )
 
 
-def of_rates(topology):
+def of_rates(topology: Topology):
     return (topology.nv,)
 
 
-def algorithm(*reads, kind=Algorithm, entries=None, result=None) -> Any:
+def algorithm(
+    *reads: str,
+    kind: type[Algorithm] = Algorithm,
+    entries: Callable[[Topology], int] | None = None,
+    result: Callable[[Topology], tuple[int, ...]] | None = None,
+) -> Any:
     """Makes of `formula(state, *arrays, **static)` a function of (precision, mechanism, q, *arrays, **static).
 
     reads: the fields of a Mechanism that the formula uses. q and the arrays are (*batch, n), with batch shapes that
@@ -232,11 +254,11 @@ def algorithm(*reads, kind=Algorithm, entries=None, result=None) -> Any:
     it is known then without a trace.
     """
 
-    def decorated(formula):
+    def decorated(formula: Any) -> Any:
         formula.entries, formula.result = entries, result
 
         @functools.wraps(formula)
-        def call(precision, mechanism, *arrays, **static):
+        def call(precision: PrecisionName, mechanism: Mechanism, *arrays: Any, **static: Any) -> Any:
             fields = {name: getattr(mechanism, name) for name in reads}
             given, tree = jax.tree.flatten((fields, arrays))
             n_own = len(jax.tree.leaves(fields))
@@ -262,7 +284,7 @@ def algorithm(*reads, kind=Algorithm, entries=None, result=None) -> Any:
     return decorated
 
 
-def _over(x, is_own, n_batch):
+def _over(x: Array, is_own: bool, n_batch: int):
     """With as many batch axes in front: of size 1 where there are less."""
     shape = (1,) * n_batch + x.shape if is_own else (1,) * (n_batch - x.ndim + 1) + x.shape
     return x.reshape(shape) if shape != x.shape else x
@@ -271,7 +293,7 @@ def _over(x, is_own, n_batch):
 # -- what a caller passes ---------------------------------------------------------------------------------------------
 
 
-def checked(operation, mechanism, **arrays):
+def checked(operation: str, mechanism: object, **arrays: Any) -> tuple[Any, ...]:
     """The arrays of coordinates, (*batch, nq) for q and (*batch, nv) for all others, with a dtype in common."""
     if not isinstance(mechanism, Mechanism):
         raise TypeError(f"{operation}: expected a Mechanism first, got {type(mechanism).__name__}")

@@ -1,15 +1,24 @@
 """Numbers that are arrays over bodies and states: rows taken, put side by side, added up."""
 
+from collections.abc import Callable, Sequence
+from typing import Any, TypeGuard, TypeVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import numbers
-from jaxspatial.arithmetic.numbers import Rounded, is_number, where
+from jaxspatial.arithmetic.numbers import Number, Numbers, Rounded, is_number, where
 from jaxspatial.arithmetic.numbers.folding import is_known
 
+T = TypeVar("T")
+Array = jax.Array | np.ndarray
+Shape = tuple[int, ...]
+PyTreeDef = Any  # of jax.tree_util, whose stub has a variable of this name
+OfWords = Callable[..., jax.Array]
 
-def rows(array, places):
+
+def rows(array: Array, places: np.ndarray) -> Array:
     """array[places] along its first axis, for known places (L, W, ...): by slices, where it is data, chain by chain."""
     if isinstance(array, np.ndarray):
         return array[places]
@@ -18,7 +27,7 @@ def rows(array, places):
     return _sliced(array, places)
 
 
-def _sliced(array, places):
+def _sliced(array: jax.Array, places: np.ndarray):
     flat = np.ravel(places)
     ends = [0, *(np.flatnonzero(np.diff(flat) != 1) + 1).tolist(), flat.size]
     pieces = [array[flat[a] : flat[a] + b - a] for a, b in zip(ends[:-1], ends[1:], strict=True) if b > a]
@@ -26,34 +35,34 @@ def _sliced(array, places):
     return taken.reshape((*np.shape(places), *array.shape[1:]))
 
 
-def is_constant(x):
+def is_constant(x: object) -> TypeGuard[Rounded]:
     """True for a number that is known while tracing."""
     return isinstance(x, Rounded) and is_known(x.value)
 
 
-def mapped(function, x):
+def mapped(function: OfWords, x: Number) -> Number:
     """A function of arrays applied to a number word by word; to what is known, not at all."""
     return numbers.mapped(function, x) if is_number(x) and not is_constant(x) else x
 
 
-def mapped_tree(function, tree):
+def mapped_tree(function: OfWords, tree: T) -> T:
     return jax.tree.map(lambda x: mapped(function, x), tree, is_leaf=is_number)
 
 
-def spread(x, shape):
+def spread(x: Number, shape: Shape) -> Number:
     """A number as an array of this shape."""
     if is_constant(x):
-        return x._new(jnp.full(shape, x.value))
+        return Rounded(x.precision, jnp.full(shape, x.value))
     return numbers.mapped(lambda word: jnp.broadcast_to(word, shape), x)
 
 
-def stacked(parts, shape, axis):
+def stacked(parts: Numbers, shape: Shape, axis: int):
     """Numbers one beside the other along a new axis, each over the shape."""
     full = [spread(x, shape) for x in parts]
     return numbers.mapped(lambda *words: jnp.stack(words, axis), *full)
 
 
-def abreast(trees):
+def abreast(trees: Sequence[Any]) -> Any:
     """Trees of numbers as one of numbers (k, ...): what is known and alike stays so. A single one as it is."""
     if len(trees) == 1:
         return trees[0]
@@ -62,16 +71,16 @@ def abreast(trees):
     return jax.tree.unflatten(jax.tree.structure(trees[0], is_leaf=is_number), found)
 
 
-def _common_shape(xs):
+def _common_shape(xs: Numbers):
     return np.broadcast_shapes((1, 1, 1), *(np.shape(numbers.high(x)) for x in xs))
 
 
-def joined(parts):
+def joined(parts: Numbers):
     """Numbers one behind the other along their first axis."""
     return parts[0] if len(parts) == 1 else numbers.mapped(lambda *words: jnp.concatenate(words), *parts)
 
 
-def split(function, parts):
+def split(function: Callable[[Number], Numbers], parts: Numbers) -> list[Numbers]:
     """function(x), a tuple of numbers, of each of the numbers: in one call for all."""
     shapes = [np.shape(numbers.high(x)) for x in parts]
     size = max(shape[-1] for shape in shapes)
@@ -87,26 +96,26 @@ def split(function, parts):
     ]
 
 
-def alike(values):
+def alike(values: Sequence[Any]):
     """Whether all are known, and the same number."""
     return all(map(is_constant, values)) and len({float(x.value) for x in values}) == 1
 
 
-def concatenated_trees(trees, n):
+def concatenated_trees(trees: Sequence[Any], n: int) -> Any:
     """Trees of numbers (1, B) as one of numbers (many, B); known where they are known and alike."""
     leaves = [jax.tree.leaves(tree, is_leaf=is_number) for tree in trees]
     found = [xs[0] if alike(xs) else joined([spread(x, (1, n)) for x in xs]) for xs in zip(*leaves, strict=True)]
     return jax.tree.unflatten(jax.tree.structure(trees[0], is_leaf=is_number), found)
 
 
-def added_at(x, place, y):
+def added_at(x: Number, place: int, y: Number):
     """x with y (B,) added to one of its rows."""
     n, size = np.shape(numbers.high(x))
     here = jnp.asarray(np.arange(n) == place)[:, None]
     return where(jnp.broadcast_to(here, (n, size)), x + spread(y, (n, size)), x)
 
 
-def pairwise_sum(x):
+def pairwise_sum(x: Number):
     """The sum over the first axis, by halves."""
     while (n := np.shape(numbers.high(x))[0]) > 1:
         half = n // 2
@@ -115,5 +124,5 @@ def pairwise_sum(x):
     return numbers.mapped(lambda word: word[0], x)
 
 
-def _slice(x, start, stop):
+def _slice(x: Number, start: int, stop: int):
     return numbers.mapped(lambda word: word[start:stop], x)

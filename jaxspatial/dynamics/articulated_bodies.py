@@ -3,56 +3,74 @@
 [Featherstone 2008, table 7.1]
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from jaxspatial.arithmetic import symmetric, vectors
-from jaxspatial.arithmetic.numbers import Rounded, constant, high, is_number, noinline, where
+from jaxspatial.arithmetic.numbers import (
+    Motion,
+    Number,
+    Numbers,
+    Rounded,
+    Symmetric,
+    Three,
+    constant,
+    high,
+    is_number,
+    noinline,
+    where,
+)
 from jaxspatial.arithmetic.numbers.folding import is_known
 from jaxspatial.dynamics import along, dense, recursion
-from jaxspatial.dynamics.links import Motion, across, body_motion, to_parent
+from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.links import BodyMotion, across, body_motion, to_parent
 from jaxspatial.dynamics.mass_matrix import matrix_of
 from jaxspatial.dynamics.recursive_newton_euler import forces_of
+from jaxspatial.dynamics.state import Inertia, Link, Load, MechanismState, Pose
 from jaxspatial.inertia import articulated
-from jaxspatial.mechanism.joints import Free
+from jaxspatial.mechanism.topology import Bundle
 from jaxspatial.spatial import algebra
 
 
 class Articulated(NamedTuple):
     """The articulated body of a subtree: the wrench P A + Z gives its root the acceleration A = (alpha, a)."""
 
-    J: Any
-    F: Any
-    M: Any
-    Z: Any
+    J: Symmetric
+    F: Numbers
+    M: Symmetric
+    Z: Numbers
 
 
 class Elimination(NamedTuple):
     """Of one rate: vdot = (u - U . A) / D, with A the acceleration without it."""
 
-    U: Any
-    D: Any
-    u: Any
+    U: Numbers
+    D: Number
+    u: Number
 
 
 class RootElimination(NamedTuple):
     """Of a floating root: matrix vdot = u - P A, with P without armature; None where A is zero."""
 
-    matrix: Any
-    P: Any
-    u: Any
+    matrix: Number
+    P: Articulated | None
+    u: Numbers
 
 
 class VelocityBias(NamedTuple):
     """Of a body: angular velocity, velocity-product acceleration c of the joint, and the bias force Z at A = 0."""
 
-    w: Any
-    c: Any
-    Z: Any
+    w: Three
+    c: Motion
+    Z: Numbers
 
 
-def accelerations(state, v, tau, body_loads, gravity):
+def accelerations(
+    state: MechanismState, v: Array, tau: Array, body_loads: list[Load], gravity: Three
+) -> tuple[jax.Array, list[Any]]:
     """(vdot, the factors of the mass matrix), by articulated bodies; with mimics, which tie joints of different bodies
     together, by the matrix."""
     if state.topology.has_mimics:
@@ -71,12 +89,12 @@ def accelerations(state, v, tau, body_loads, gravity):
     ]
 
 
-def floats(state, bundle):
+def floats(state: MechanismState, bundle: Bundle):
     """Whether its bodies are floating roots, on free joints to the world: all six rates are found at once."""
-    return bundle.kind is Free and state.is_root(bundle)
+    return bundle.kind.is_unconstrained and state.is_root(bundle)
 
 
-def solution(state, factors, force):
+def solution(state: MechanismState, factors: list[Any], force: Array):
     """M^-1 forces, by the factors that `accelerations` found."""
     if state.topology.has_mimics:
         M, *_ = factors
@@ -87,30 +105,30 @@ def solution(state, factors, force):
     return state.by_rate(recursion.outward(state, _accelerate, (zero, zero), both))
 
 
-def _bias_to_parent(own, Z):
+def _bias_to_parent(own: tuple[Link, Any], Z: Numbers) -> tuple[Any, Numbers]:
     """([Elimination of each rate], the bias force transformed to the parent), of the bias force Z of a subtree."""
     link, factors = own
     if is_number(factors):
         return RootElimination(factors, None, vectors.minus(link.tau, Z)), Z
-    found = []
+    found, rest = list[Elimination](), Z
     for (w, v), (U, D), tau in zip(link.joint.subspace, factors, link.tau, strict=True):
-        u = tau - algebra.power((Z[:3], Z[3:]), (w, v))
-        Z = _bias_through_joint(Z, u, articulated.UDinv_of(U, D))
+        u = tau - algebra.power((rest[:3], rest[3:]), (w, v))
+        rest = _bias_through_joint(rest, u, articulated.UDinv_of(U, D))
         found.append(Elimination(U, D, u))
-    tau, f = to_parent(across(link.placement, link.joint), Z[:3], Z[3:])
+    tau, f = to_parent(across(link.placement, link.joint), rest[:3], rest[3:])
     return found, (*tau, *f)
 
 
-def _velocity_bias(own, w_P):
+def _velocity_bias(own: tuple[Link, Load], w_P: Three):
     """The VelocityBias of a body, under a parent that does not accelerate."""
     link, load = own
     zero = (constant(w_P[0], 0),) * 3
-    motion = body_motion(link, Motion(w_P, zero, zero))
+    motion = body_motion(link, BodyMotion(w_P, zero, zero))
     Z = vectors.minus(noinline(_gyroscopic)(link.inertia, motion.w), (*load[0], *load[1]))
     return VelocityBias(motion.w, (motion.alpha, motion.a), Z), motion.w
 
 
-def _gyroscopic(inertia, w):
+def _gyroscopic(inertia: Inertia, w: Three) -> Numbers:
     """The gyroscopic wrench about the origin: tau = w x J w, f = w (w . m c) - m c |w|^2."""
     J, _, _ = articulated.of_body(*inertia)
     moment = vectors.times(inertia.mass, inertia.com)
@@ -118,21 +136,21 @@ def _gyroscopic(inertia, w):
     return *vectors.cross(w, vectors.matrix_times(symmetric.rows(J), w)), *f
 
 
-def _eliminate(own, children):
+def _eliminate(own: tuple[tuple[Link, Load], VelocityBias, bool], children: Articulated) -> tuple[Any, Articulated]:
     """([Elimination of each rate], the articulated body about the parent): P A' + Z is the wrench across the joint, A'
     the acceleration of the parent at the joint."""
     (link, _), bias, is_floating = own
-    P = noinline(_articulated)(link.inertia, bias, children)
+    rest = noinline(_articulated)(link.inertia, bias, children)
     if is_floating:
-        return RootElimination(_matrix(P, link.armature), P, vectors.minus(link.tau, P.Z)), P
-    found = []
+        return RootElimination(_matrix(rest, link.armature), rest, vectors.minus(link.tau, rest.Z)), rest
+    found: list[Elimination] = []
     for (w, v), tau, armature in zip(link.joint.subspace, link.tau, link.armature, strict=True):
-        P, elimination = _without_rate(P, w, v, tau, armature)
+        rest, elimination = _without_rate(rest, w, v, tau, armature)
         found.append(elimination)
-    return found, _to_parent(across(link.placement, link.joint), P)
+    return found, _to_parent(across(link.placement, link.joint), rest)
 
 
-def _matrix(P, armature):
+def _matrix(P: Articulated, armature: Numbers):
     """P with the inertia of rotors, as one number (6, 6, ...)."""
     top, bottom = articulated.by_rows(P.J, P.F, P.M)
     rows = [[*a, *b] for a, b in top + bottom]
@@ -141,19 +159,18 @@ def _matrix(P, armature):
     return along.mapped(lambda w: w.reshape((6, 6, *shape)), along.stacked(entries, shape, 0))
 
 
-def _articulated(inertia, bias, children):
+def _articulated(inertia: Inertia, bias: VelocityBias, children: Articulated):
     """The articulated body of a body and its children, as a function of A': Z + P c in place of Z."""
-    parts = noinline(_combined)(inertia, bias.Z, children)
-    c = articulated.times_motion(*parts[:3], *bias.c)
-    return Articulated(*parts[:3], vectors.plus(parts[3], c))
+    P = noinline(_combined)(inertia, bias.Z, children)
+    return P._replace(Z=vectors.plus(P.Z, articulated.times_motion(P.J, P.F, P.M, *bias.c)))
 
 
-def _combined(inertia, Z, children):
+def _combined(inertia: Inertia, Z: Numbers, children: Articulated):
     J, F, M = articulated.of_body(*inertia)
-    return [vectors.plus(a, b) for a, b in zip((J, F, M, Z), children, strict=True)]
+    return Articulated(*(vectors.plus(a, b) for a, b in zip((J, F, M, Z), children, strict=True)))
 
 
-def _without_rate(P, w, v, tau, armature):
+def _without_rate(P: Articulated, w: Three, v: Three, tau: Number, armature: Number):
     """P with one motion of the joint free, and what finds its rate.
 
     Along an axis of the frame, without armature, only tau reaches the parent: these rows are known.
@@ -168,12 +185,12 @@ def _without_rate(P, w, v, tau, armature):
     return rest if k is None else _with_zero_row(rest, k, tau), Elimination(U, D, u)
 
 
-def _bias_through_joint(Z, u, UDinv):
+def _bias_through_joint(Z: Numbers, u: Number, UDinv: Numbers):
     """Z + U D^-1 u."""
     return vectors.plus(Z, vectors.times(u, UDinv))
 
 
-def _free_axis(w, v, armature):
+def _free_axis(w: Three, v: Three, armature: Number) -> int | None:
     """Which axis of the frame a motion is known to be along, where nothing else resists it; None for all others."""
     known = [x.value if isinstance(x, Rounded) and is_known(x.value) else None for x in (*w, *v, armature)]
     if None in known or known[6] != 0 or sorted(map(abs, known[:6])) != [0, 0, 0, 0, 0, 1]:
@@ -181,7 +198,7 @@ def _free_axis(w, v, armature):
     return [abs(x) for x in known].index(1)
 
 
-def _with_zero_row(P, k, tau):
+def _with_zero_row(P: Articulated, k: int, tau: Number):
     """P with a row of known zeros; tau along this axis reaches the parent."""
     zero = constant(tau, 0)
     i, is_turn = k % 3, k < 3
@@ -191,36 +208,36 @@ def _with_zero_row(P, k, tau):
     return Articulated(J, _at(P.F, nine, zero), M, P.Z)
 
 
-def _at(numbers, places, number):
+def _at(numbers: Numbers, places: Sequence[int], number: Number):
     return tuple(number if i in places else x for i, x in enumerate(numbers))
 
 
-def _to_parent(X_PB, P):
+def _to_parent(X_PB: Pose, P: Articulated):
     rotated = articulated.reexpressed(P.J, P.F, P.M, X_PB.rows)
     J, F, M = noinline(articulated.shifted)(*rotated, tuple(-x for x in X_PB.p))
     tau, f = to_parent(X_PB, P.Z[:3], P.Z[3:])
     return Articulated(J, F, M, (*tau, *f))
 
 
-def _accelerate(own, parent):
+def _accelerate(own: tuple[Link, Motion, Any], parent: Motion) -> tuple[Numbers, Motion]:
     """(vdot, (alpha, a)) of a body."""
     link, c, eliminated = own
-    A = noinline(_parent_acceleration)(across(link.placement, link.joint), *parent)
+    found = noinline(_parent_acceleration)(across(link.placement, link.joint), *parent)
     if isinstance(eliminated, RootElimination):
-        rates = _floating(eliminated, A)
-        A = vectors.plus(A, rates, (*c[0], *c[1]))
-        return rates, (A[:3], A[3:])
-    rates = []
+        six = _floating(eliminated, found)
+        found = vectors.plus(found, six, (*c[0], *c[1]))
+        return six, (found[:3], found[3:])
+    rates: list[Number] = []
     for (w, v), (U, D, u) in zip(reversed(link.joint.subspace), reversed(eliminated), strict=True):
         is_none = high(D) <= 0
-        rate = where(is_none, 0.0, (u - vectors.dot(U, A)) / where(is_none, 1.0, D))
-        A = vectors.plus(A, vectors.times(rate, (*w, *v)))
+        rate = where(is_none, 0.0, (u - vectors.dot(U, found)) / where(is_none, 1.0, D))
+        found = vectors.plus(found, vectors.times(rate, (*w, *v)))
         rates.append(rate)
-    A = vectors.plus(A, (*c[0], *c[1]))
-    return tuple(reversed(rates)), (A[:3], A[3:])
+    found = vectors.plus(found, (*c[0], *c[1]))
+    return tuple(reversed(rates)), (found[:3], found[3:])
 
 
-def _floating(eliminated, A):
+def _floating(eliminated: RootElimination, A: Numbers):
     """The six rates of a floating root."""
     matrix, P, u = eliminated
     u = u if P is None else vectors.minus(u, articulated.times_motion(P.J, P.F, P.M, A[:3], A[3:]))
@@ -229,7 +246,7 @@ def _floating(eliminated, A):
     return tuple(along.mapped(lambda w, k=k: w[k], found) for k in range(6))
 
 
-def _parent_acceleration(X_PB, alpha, a):
+def _parent_acceleration(X_PB: Pose, alpha: Three, a: Three) -> Numbers:
     """The acceleration of the parent where the joint is, in the child's axes."""
     R_BP = vectors.transpose(X_PB.rows)
     arm = vectors.cross(alpha, X_PB.p)

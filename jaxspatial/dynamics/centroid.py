@@ -3,12 +3,13 @@
 import jax
 
 from jaxspatial.arithmetic import symmetric, vectors
-from jaxspatial.arithmetic.numbers import noinline
+from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Three, noinline
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
+from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.dynamics.mass_matrix import composites, inertia_times, wrench_to_parent
-from jaxspatial.dynamics.state import Pose
+from jaxspatial.dynamics.state import Inertia, JointState, MechanismState, Pose
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.spatial import SpatialMomentum
 
@@ -140,49 +141,49 @@ def centroidal_momentum_matrix(mechanism: Mechanism, q: Coordinates, *, precisio
 
 
 @algorithm(*BODIES)
-def _center_of_mass(state):
+def _center_of_mass(state: MechanismState):
     return _center(state, poses(state))
 
 
-def _center(state, placed):
+def _center(state: MechanismState, placed: list[Pose]) -> Three:
     mass, moment = moments(state, placed)
     return tuple(x / mass for x in moment)
 
 
-def moments(state, placed):
+def moments(state: MechanismState, placed: list[Pose]) -> tuple[Number, Three]:
     """(the mass, the sum of m p_WC) of all bodies, with X_WJ of every bundle."""
     own = [(state.inertia(b), X) for b, X in zip(state.bundles, placed, strict=True)]
     return _mass(state), _sum_over_bodies(state, [noinline(_moment)(inertia, X) for inertia, X in own])
 
 
-def _mass(state):
+def _mass(state: MechanismState):
     return state.sum_over_bodies([state.inertia(b).mass for b in state.bundles])
 
 
-def _sum_over_bodies(state, vectors_):
+def _sum_over_bodies(state: MechanismState, vectors_: list[Numbers]):
     """The sum of vectors, one for every bundle."""
     return tuple(state.sum_over_bodies([x[k] for x in vectors_]) for k in range(len(vectors_[0])))
 
 
-def _moment(inertia, X_WJ):
+def _moment(inertia: Inertia, X_WJ: Pose):
     return vectors.times(inertia.mass, vectors.plus(X_WJ.p, vectors.matrix_times(X_WJ.rows, inertia.com)))
 
 
 @algorithm(*BODIES)
-def _center_of_mass_velocity(state, v):
+def _center_of_mass_velocity(state: MechanismState, v: Array):
     both = zip(poses(state), velocities(state, v), state.bundles, strict=True)
     momenta = [noinline(_linear_momentum)(state.inertia(b), X, V) for X, V, b in both]
     mass = _mass(state)
     return tuple(x / mass for x in _sum_over_bodies(state, momenta))
 
 
-def _linear_momentum(inertia, X_WJ, V):
+def _linear_momentum(inertia: Inertia, X_WJ: Pose, V: Motion):
     v = vectors.plus(V[1], vectors.cross(V[0], inertia.com))
     return vectors.matrix_times(X_WJ.rows, vectors.times(inertia.mass, v))
 
 
 @algorithm(*BODIES)
-def _centroidal_momentum(state, v):
+def _centroidal_momentum(state: MechanismState, v: Array):
     """About a point that moves with the centre of mass: each body's velocity is taken relative to it."""
     placed = poses(state)
     both = zip(placed, velocities(state, v), state.bundles, strict=True)
@@ -192,7 +193,7 @@ def _centroidal_momentum(state, v):
     return found[:3], found[3:]
 
 
-def _momentum(inertia, X_WJ, V, p_WC):
+def _momentum(inertia: Inertia, X_WJ: Pose, V: Motion, p_WC: Three) -> Numbers:
     l = _linear_momentum(inertia, X_WJ, V)  # noqa: E741
     arm = vectors.plus(vectors.minus(X_WJ.p, p_WC), vectors.matrix_times(X_WJ.rows, inertia.com))
     spin = vectors.matrix_times(symmetric.rows(inertia.central), V[0])
@@ -203,7 +204,7 @@ def _momentum(inertia, X_WJ, V, p_WC):
 
 
 @algorithm(*BODIES)
-def _center_of_mass_jacobian(state):
+def _center_of_mass_jacobian(state: MechanismState):
     """The linear momentum of composite bodies at a unit rate, over the mass."""
     mass = _mass(state)
     found = [tuple(tuple(x / mass for x in column[3:]) for column in columns) for columns in _of_rates(state, None)]
@@ -211,11 +212,11 @@ def _center_of_mass_jacobian(state):
 
 
 @algorithm(*BODIES)
-def _centroidal_momentum_matrix(state):
+def _centroidal_momentum_matrix(state: MechanismState):
     return state.matrix_by_rate(_of_rates(state, True))
 
 
-def _of_rates(state, about_center):
+def _of_rates(state: MechanismState, about_center: bool) -> list[tuple[Numbers, ...]]:
     """Of every rate of every bundle the momentum of all behind its joint, about the centre of mass or J, in world
     axes."""
     placed = poses(state)
@@ -223,10 +224,10 @@ def _of_rates(state, about_center):
     return [_of_bundle(*numbers, center) for numbers in zip(state.joints, composites(state), placed, strict=True)]
 
 
-def _of_bundle(joint, composite, X_WJ, center):
+def _of_bundle(joint: JointState, composite: Inertia, X_WJ: Pose, center: Three | None):
     X_CJ = Pose(X_WJ.rows, vectors.minus(X_WJ.p, X_WJ.p if center is None else center))
     return tuple(noinline(_about)(composite, motion, X_CJ) for motion in joint.subspace)
 
 
-def _about(composite, motion, X_CJ):
+def _about(composite: Inertia, motion: Motion, X_CJ: Pose):
     return wrench_to_parent(X_CJ, inertia_times(composite, motion))

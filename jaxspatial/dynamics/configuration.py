@@ -7,6 +7,8 @@ import numpy as np
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.types import BatchShape, Coordinates, DTypeLike, Key, PrecisionName, Rates, Scalar
 from jaxspatial.dynamics.algorithm import JOINTS, algorithm, checked
+from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.state import MechanismState
 from jaxspatial.mechanism import Mechanism
 
 
@@ -149,8 +151,7 @@ def random_configuration(
     Error: none, it is random.
     Source: of orientations, Muller 1959, A note on a method for generating points uniformly on n-dimensional spheres.
     """
-    if not isinstance(mechanism, Mechanism):
-        raise TypeError(f"random_configuration: expected a Mechanism first, got {type(mechanism).__name__}")
+    checked("random_configuration", mechanism)
     dtype = np.dtype(dtype or mechanism.dtype)
     batch_shape = (batch_shape,) if isinstance(batch_shape, int) else tuple(batch_shape)
     t = mechanism.topology
@@ -163,25 +164,25 @@ def random_configuration(
 
 
 @algorithm(*JOINTS)
-def _integrate(state, v, dt):
+def _integrate(state: MechanismState, v: Array, dt: Array):
     """Each joint on its own: those of one kind side by side."""
-    (dt,) = state.numbers(dt)
-    found = [own.apply("integrate", tuple(x * dt for x in own.rates(v))) for own in state.kind_states]
+    (time,) = state.numbers(dt)
+    found = [own.apply("integrate", tuple(x * time for x in own.rates(v))) for own in state.kind_states]
     return state.by_coordinate(found, state.topology.joints_by_kind)
 
 
 @algorithm(*JOINTS)
-def _configuration_rates(state, v):
+def _configuration_rates(state: MechanismState, v: Array):
     return state.by_coordinate([own.dq_dt(v) for own in state.kind_states], state.topology.joints_by_kind)
 
 
 @algorithm(*JOINTS)
-def _difference(state, q1):
+def _difference(state: MechanismState, q1: Array):
     found = [own.apply("difference", own.coordinates(q1)) for own in state.kind_states]
     return state.by_rate(found, state.topology.joints_by_kind)
 
 
-def _random(mechanism, i, key, batch_shape, dtype):
+def _random(mechanism: Mechanism, i: int, key: Key, batch_shape: tuple[int, ...], dtype: DTypeLike):
     kind, own = mechanism.topology.kind(i), mechanism.topology.q_slice(i)
     lower, upper = (jnp.asarray(x[own], dtype) for x in (mechanism.lower, mechanism.upper))
     return kind.random(key, lower, upper, batch_shape)

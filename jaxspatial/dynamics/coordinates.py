@@ -4,10 +4,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.numbers import Number, Numbers
 from jaxspatial.dynamics import along
+from jaxspatial.dynamics.state import MechanismState
 
 
-def by_coordinates(state, matrix):
+def by_coordinates(state: MechanismState, matrix: Number):
     """A matrix (nv, nv, B) with columns by rates, as one with columns by coordinates, kind by kind."""
     t, found, places = state.topology, [], []
     for own in state.kind_states:
@@ -19,18 +21,18 @@ def by_coordinates(state, matrix):
     return along.mapped(lambda w: jnp.swapaxes(along.rows(w, order), 0, 1), along.joined(found))
 
 
-def _columns(matrix, which):
+def _columns(matrix: Number, which: np.ndarray):
     """Those of a matrix (n, m, B) as rows (len(which), n, B)."""
     return along.mapped(lambda w: along.rows(jnp.swapaxes(w, 0, 1), which), matrix)
 
 
-def _along_coordinates(G, rates):
+def _along_coordinates(G: list[Numbers], rates: list[Number]) -> list[Number]:
     """Columns by coordinates of columns by rates: dq/dt = G v, with orthogonal columns, quaternions' too, so that
     v = G^+ dq/dt has the rows g / |g|^2."""
     inverse = [vectors.times(1 / vectors.dot(g, g), g) for g in G]
     return [vectors.dot(_lifted(row), rates) for row in zip(*inverse, strict=True)]
 
 
-def _lifted(row):
+def _lifted(row: Numbers):
     """Numbers (1, joints, B) beside rows (joints, n, B)."""
     return [along.mapped(lambda w: jnp.swapaxes(w, 0, 1), x) for x in row]

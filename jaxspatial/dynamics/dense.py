@@ -1,19 +1,24 @@
 """Systems of linear equations in numbers, (n, n, B): in the precision that an algorithm has."""
 
+from typing import Any
+
+import jax
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic.numbers import data_of, high, mapped, where, with_data
+from jaxspatial.arithmetic.numbers import Number, data_of, high, mapped, where, with_data
 from jaxspatial.dynamics import along
+from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.state import MechanismState
 
 
-def rows_of(state, array):
+def rows_of(state: MechanismState, array: Array):
     """An array (n, B) as one number over its rows."""
     shape = 1, state.n
     return along.joined([along.spread(x, shape) for x in state.numbers(array.reshape((1, *array.shape)))])
 
 
-def solved(M, b):
+def solved(M: Number, b: Number) -> Number:
     """M^-1 b of a symmetric positive M (n, n, ...), b (n, ...), by eliminating one row after the other, in a loop.
 
     Where a pivot is not positive nothing resists: its unknown is 0. Error: n u cond(M) times a small number.
@@ -22,27 +27,27 @@ def solved(M, b):
     n, *shape = np.shape(high(b))
     start = [M, b]
 
-    def eliminated(k, data):
-        M, b = with_data(start, data)
-        row, own = (_row(x, k) for x in (M, b))
+    def eliminated(k: jax.Array, data: list[Any]) -> list[Any]:
+        left, right = with_data(start, data)
+        row, own = (_row(x, k) for x in (left, right))
         pivot = _row(row, k)
         is_none = high(pivot) <= 0
         scale = where(is_none, 0.0, 1 / where(is_none, 1.0, pivot))
         here = (np.arange(n, dtype=np.int32) == k).reshape((n, *[1] * len(shape)))
-        column = mapped(lambda w: lax.dynamic_index_in_dim(w, k, 1, keepdims=False), M)
+        column = mapped(lambda w: lax.dynamic_index_in_dim(w, k, 1, keepdims=False), left)
         factor = where(here, scale * 0.0, column * _lifted(scale))
-        rest = M - mapped(lambda w: w[:, None], factor) * _lifted(row)
-        return data_of([rest, where(here, where(is_none, 0.0, b), b - factor * _lifted(own))])
+        rest = left - mapped(lambda w: w[:, None], factor) * _lifted(row)
+        return data_of([rest, where(here, where(is_none, 0.0, right), right - factor * _lifted(own))])
 
-    M, b = with_data(start, lax.fori_loop(0, n, eliminated, data_of(start)))
-    diagonal = along.joined([mapped(lambda w, k=k: w[k, k][None], M) for k in range(n)])
+    left, right = with_data(start, lax.fori_loop(0, n, eliminated, data_of(start)))
+    diagonal = along.joined([mapped(lambda w, k=k: w[k, k][None], left) for k in range(n)])
     is_none = high(diagonal) <= 0
-    return where(is_none, 0.0, b / where(is_none, 1.0, diagonal))
+    return where(is_none, 0.0, right / where(is_none, 1.0, diagonal))
 
 
-def _row(x, k):
+def _row(x: Number, k: Any):
     return mapped(lambda w: lax.dynamic_index_in_dim(w, k, 0, keepdims=False), x)
 
 
-def _lifted(x):
+def _lifted(x: Number):
     return mapped(lambda w: w[None], x)

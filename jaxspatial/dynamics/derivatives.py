@@ -8,19 +8,21 @@ algebra, equations 35 to 38]
 """
 
 import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import symmetric, vectors
-from jaxspatial.arithmetic.numbers import constant, doubled, noinline, where
+from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Rows, Three, constant, doubled, noinline, where
 from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm
+from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.coordinates import by_coordinates
 from jaxspatial.dynamics.kinematics import world
-from jaxspatial.dynamics.links import across, motion_step, subspace_times, world_motion
-from jaxspatial.dynamics.loads import loads
+from jaxspatial.dynamics.links import BodyMotion, across, motion_step, subspace_times, world_motion
+from jaxspatial.dynamics.loads import Wrenches, loads
 from jaxspatial.dynamics.mass_matrix import (
     combine,
     halves,
@@ -31,26 +33,43 @@ from jaxspatial.dynamics.mass_matrix import (
     wrench_to_parent,
 )
 from jaxspatial.dynamics.recursive_newton_euler import wrench_of
-from jaxspatial.dynamics.state import Inertia
+from jaxspatial.dynamics.state import Inertia, Link, Load, MechanismState, Pose
 from jaxspatial.inertia import articulated
+from jaxspatial.mechanism.topology import Topology
 from jaxspatial.spatial.algebra import force_cross, minus, motion_cross, plus, power, skew, times, twice_crossed
+
+JointRates = tuple[Motion, Motion, Motion, Motion]  # see `_rates`
+# (R, p, v) of a body, see `_from_root`.
+FromRoot = tuple[Rows, Three, Three]
 
 
 @algorithm(*DYNAMICS, *FRAMES, entries=lambda t: 5 * t.nv**2)
-def derivatives(state, v, vdot, forces, *, frames):
+def derivatives(
+    state: MechanismState, v: Array | None, vdot: Array | None, forces: Wrenches, *, frames: tuple[int, ...]
+):
     """(dtau_dq, dtau_dv, M), (nv, nv) each, q by the steps of `integrate`."""
     return tuple(map(state.rounded, _matrices(state, v, vdot, loads(state, frames, forces, _load_rate))))
 
 
 @algorithm(*DYNAMICS, *FRAMES, entries=lambda t: 5 * t.nv**2)
-def jacobians(state, v, vdot, forces, *, frames, wanted):
+def jacobians(
+    state: MechanismState,
+    v: Array | None,
+    vdot: Array | None,
+    forces: Wrenches,
+    *,
+    frames: tuple[int, ...],
+    wanted: tuple[bool, ...],
+):
     """Those by q, v and vdot that are wanted, as JAX has them: q by its coordinates, (nv, nq)."""
     dq, dv, M = _matrices(state, v, vdot, loads(state, frames, forces, _load_rate))
     found = (by_coordinates(state, dq) if wanted[0] else None), dv, M
     return [state.rounded(x) for x, yes in zip(found, wanted, strict=True) if yes]
 
 
-def _matrices(state, v, vdot, body_loads):
+def _matrices(
+    state: MechanismState, v: Array | None, vdot: Array | None, body_loads: list[Load]
+) -> tuple[Number, Number, Number]:
     links = state.links(v, vdot)
     motions = recursion.outward(state, motion_step, world_motion(state), links)
     subtrees = _composites(state, links, motions, body_loads)
@@ -74,32 +93,34 @@ class Subtree(NamedTuple):
     """
 
     inertia: Inertia
-    wrench: Any
-    X: Any
-    p: Any
-    load_rate: Any
-    load: Any
+    wrench: Numbers
+    X: Rows
+    p: Three
+    load_rate: Rows
+    load: Three
 
 
-def _composites(state, links, motions, body_loads):
+def _composites(
+    state: MechanismState, links: list[Link], motions: list[BodyMotion], body_loads: list[Load]
+) -> list[Subtree]:
     """The Subtree of every bundle."""
     own = list(zip(links, motions, body_loads, strict=True))
     zero = state.no_vector
-    nothing = Subtree(Inertia(zero[0], zero, zero + zero), zero + zero, (zero,) * 3, zero, (zero,) * 3, zero)
+    nothing = Subtree(state.no_inertia, (*zero, *zero), (zero,) * 3, zero, (zero,) * 3, zero)
     return recursion.inward(state, _composite_step, nothing, own, joined=_combined)
 
 
-def _load_rate(tau, f, r):
+def _load_rate(tau: Three, f: Three, r: Three):
     """The matrix of (matrix y, y x f): the rate of a load at r, fixed in the world, as the body turns with y."""
     about_point = vectors.minus(tau, vectors.cross(r, f))
     return minus(skew(tuple(-x for x in about_point)), twice_crossed(r, f))
 
 
-def _with_root_marks(state, links, motions):
+def _with_root_marks(state: MechanismState, links: list[Link], motions: list[BodyMotion]):
     return [(*x, state.is_root(b)) for *x, b in zip(links, motions, state.bundles, strict=True)]
 
 
-def _from_root(own, parent):
+def _from_root(own: tuple[Link, BodyMotion, bool], parent: FromRoot) -> tuple[FromRoot, FromRoot]:
     """(R, p, v) of a body: as `pairs.from_root`, and its velocity relative to the root."""
     link, motion, is_root = own
     X_PB, _, d = _to_observer(link, motion)
@@ -112,13 +133,13 @@ def _from_root(own, parent):
     return found, found
 
 
-def _composite_step(own, children):
+def _composite_step(own: tuple[Link, BodyMotion, Load], children: Subtree):
     link, motion, load = own
     subtree = _combined(_of_body(link.inertia, motion, load), children)
     return subtree, _to_parent(link, motion, subtree)
 
 
-def _of_body(inertia, motion, load):
+def _of_body(inertia: Inertia, motion: BodyMotion, load: Load):
     """X = -2 [w]x Sigma, with Sigma = (tr J / 2) 1 - J of J about the origin: what is left of Coriolis' matrix where
     the origin rests."""
     tau, f, load_rate = load
@@ -131,7 +152,7 @@ def _of_body(inertia, motion, load):
     return Subtree(inertia, vectors.flat(wrench), X, p, load_rate, f)
 
 
-def _to_observer(link, motion):
+def _to_observer(link: Link, motion: BodyMotion) -> tuple[Pose, Callable[[Three], Three], Three]:
     """(X_PB, a function to the parent's axes, the velocity of J for an observer that the parent's rests for)."""
     X_PB = across(link.placement, link.joint)
     w_r, v_r = subspace_times(link.joint.subspace, link.v)
@@ -139,7 +160,7 @@ def _to_observer(link, motion):
     return X_PB, turn, vectors.plus(vectors.cross(turn(vectors.minus(motion.w, w_r)), X_PB.p), turn(v_r))
 
 
-def _to_parent(link, motion, subtree):
+def _to_parent(link: Link, motion: BodyMotion, subtree: Subtree):
     X_PB, turn, d = _to_observer(link, motion)
     m, com, _ = subtree.inertia
     p = vectors.plus(turn(subtree.p), vectors.times(m, d))
@@ -151,7 +172,7 @@ def _to_parent(link, motion, subtree):
     return Subtree(inertia, wrench, X, p, load_rate, load)
 
 
-def _combined(a, b):
+def _combined(a: Subtree, b: Subtree):
     parts = (
         vectors.plus(a.wrench, b.wrench),
         plus(a.X, b.X),
@@ -172,7 +193,9 @@ def _combined(a, b):
 #     M_ij = S . u               u = I S_i          t = the turning part of 2 B^T S_i, l that of loads
 
 
-def _in_world_axes(link, motion, subtree, placed):
+def _in_world_axes(
+    link: Link, motion: BodyMotion, subtree: Subtree, placed: FromRoot
+) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """(the motions of a joint as rows, its wrenches as columns), of all rates side by side, in world axes."""
     turn = functools.partial(vectors.matrix_times, placed[0])
     where = placed[1:]
@@ -182,7 +205,7 @@ def _in_world_axes(link, motion, subtree, placed):
     return (*six, *where), (*(turn(columns[i : i + 3]) for i in range(0, len(columns), 3)), *where)
 
 
-def _column(subtree, S, first, own, second):
+def _column(subtree: Subtree, S: Motion, first: Motion, own: Motion, second: Motion) -> Numbers:
     """(u, t, a, b, l), 24 numbers; without l where there are no loads."""
     w, v = S
     transposed = vectors.matrix_times(vectors.transpose(subtree.X), w)
@@ -199,12 +222,12 @@ def _column(subtree, S, first, own, second):
     return *inertia_times(subtree.inertia, S), *t, *a, *b, *loaded
 
 
-def _coriolis(subtree, y):
+def _coriolis(subtree: Subtree, y: Three) -> Numbers:
     """2 B of a turning."""
     return *vectors.matrix_times(subtree.X, y), *(doubled(x) for x in vectors.cross(y, subtree.p))
 
 
-def _entries(row, column):
+def _entries(row: Any, column: tuple[Three, ...]) -> Numbers:
     """dtau_i / dq_j, dtau_i / dv_j, dtau_j / dq_i, dtau_j / dv_i, M of rates j and i behind j, in the frame of j."""
     S, first, both, second, p, v = row
     (u, t, a, b, loaded), (p2, v2) = _of_column(column), column[-2:]
@@ -216,12 +239,12 @@ def _entries(row, column):
     return by_q, by_v, power(a, S), power(b, S), power(u, S)
 
 
-def _of_column(c):
+def _of_column(c: tuple[Three, ...]):
     """((tau, f) of u, t, (tau, f) of a, of b, l)."""
     return (c[0], c[1]), c[2], (c[3], c[4]), (c[5], c[6]), c[7]
 
 
-def _rates(link, motion):
+def _rates(link: Link, motion: BodyMotion) -> JointRates:
     """(S, Psi', S', Psi'') of all rates of a joint side by side, for an observer that J rests for."""
     S, (w_r, v_r) = link.joint.subspace, subspace_times(link.joint.subspace, link.v)
     dw, dv = plus(subspace_times(S, link.vdot), subspace_times(link.joint.subspace_rate(link.v), link.v))
@@ -232,30 +255,31 @@ def _rates(link, motion):
     parents = tuple(vectors.minus(a, b) for a, b in zip(A, across_it, strict=True))
     if link.joint.kind.is_sequential:
         return along.abreast(_one_by_one(link, before, parents))
-    S = along.abreast(S)
-    return S, *_motion_rates(S, before, parents, motion_cross(V, S))
+    together = along.abreast(S)
+    return together, *_motion_rates(together, before, parents, motion_cross(V, together))
 
 
-def _one_by_one(link, V, A):
+def _one_by_one(link: Link, V: Motion, A: Motion) -> list[JointRates]:
     """As joints with one rate each: V and A are those of the body before each."""
-    found = []
+    (w, v), (alpha, a), found = V, A, list[JointRates]()
     for s, rate, change in zip(link.joint.subspace, link.v, link.vdot, strict=True):
-        first, own, second = _motion_rates(s, V, A, motion_cross(V, s))
+        first, own, second = _motion_rates(s, (w, v), (alpha, a), motion_cross((w, v), s))
         found.append((s, first, own, second))
-        A = plus(plus(A, times(change, s)), times(rate, first))
-        V = plus(V, times(rate, s))
+        alpha, a = plus(plus((alpha, a), times(change, s)), times(rate, first))
+        w, v = plus((w, v), times(rate, s))
     return found
 
 
-def _motion_rates(s, V, A, own):
+def _motion_rates(s: Motion, V: Motion, A: Motion, own: Motion) -> tuple[Motion, Motion, Motion]:
     first = motion_cross(V, s)
-    return first, own, plus(motion_cross(A, s), motion_cross(V, first))
+    w, v = plus(motion_cross(A, s), motion_cross(V, first))
+    return first, own, (w, v)
 
 
 # -- put together -----------------------------------------------------------------------------------------------------
 
 
-def _assembled(state, links, found):
+def _assembled(state: MechanismState, links: list[Link], found: list[Number]) -> tuple[Number, Number, Number]:
     """(dtau_dq, dtau_dv, M), as numbers (nv, nv, B)."""
     below = jnp.asarray(np.array(_is_behind(state.topology))[:, :, None])
     by_q, by_v = (where(below, x, _transposed(y)) for x, y in zip(found[2:4], found[:2], strict=True))
@@ -263,11 +287,11 @@ def _assembled(state, links, found):
     return by_q, by_v, with_armature(state, links, symmetric_of(found[4]))
 
 
-def _transposed(x):
+def _transposed(x: Number):
     return along.mapped(lambda w: jnp.swapaxes(w, 0, 1), x)
 
 
-def _is_behind(t):
+def _is_behind(t: Topology):
     """(n, n): whether a rate is of a joint after that of another, or after it in a joint that is sequential."""
     joints = [(i, k) for i in range(len(t)) for k in range(t.kind(i).nv)]
     return [[i > j or (i == j and t.kind(i).is_sequential and k > m) for i, k in joints] for j, m in joints]

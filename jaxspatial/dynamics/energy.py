@@ -3,12 +3,14 @@
 import jax
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import doubled, noinline
+from jaxspatial.arithmetic.numbers import Motion, Numbers, doubled, noinline
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
+from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.centroid import moments
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.dynamics.links import minus_gravity
+from jaxspatial.dynamics.state import Inertia, MechanismState
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.spatial import algebra
 
@@ -61,7 +63,7 @@ def potential_energy(mechanism: Mechanism, q: Coordinates, *, precision: Precisi
 
 
 @algorithm(*BODIES, "armature")
-def _kinetic_energy(state, v):
+def _kinetic_energy(state: MechanismState, v: Array):
     of_bodies = [
         noinline(_twice_energy)(link.inertia, V, link.armature, link.v)
         for link, V in zip(state.links(v), velocities(state, v), strict=True)
@@ -69,7 +71,7 @@ def _kinetic_energy(state, v):
     return doubled(state.sum_over_bodies(of_bodies), -1)
 
 
-def _twice_energy(inertia, V, armature, rates):
+def _twice_energy(inertia: Inertia, V: Motion, armature: Numbers, rates: Numbers):
     """m |v_C|^2 + w . I w, and of the rotor."""
     return algebra.twice_kinetic_energy(*inertia, *V) + vectors.dot(
         vectors.componentwise_product(armature, rates), rates
@@ -77,6 +79,6 @@ def _twice_energy(inertia, V, armature, rates):
 
 
 @algorithm(*BODIES, "gravity")
-def _potential_energy(state):
+def _potential_energy(state: MechanismState):
     _, moment = moments(state, poses(state))
     return vectors.dot(minus_gravity(state), moment)

@@ -2,6 +2,8 @@
 
 import functools
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,11 +12,13 @@ from jax import lax
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates
 from jaxspatial.dynamics import primitive, program
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, checked, of_rates
+from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.articulated_bodies import accelerations, floats, solution
-from jaxspatial.dynamics.inverse_dynamics import _inverse_dynamics
+from jaxspatial.dynamics.inverse_dynamics import _inverse_dynamics  # pyright: ignore[reportPrivateUsage] - unchecked
 from jaxspatial.dynamics.links import minus_gravity
-from jaxspatial.dynamics.loads import ExternalForces, checked_forces, loads
+from jaxspatial.dynamics.loads import ExternalForces, Wrenches, checked_forces, loads
 from jaxspatial.dynamics.recursive_newton_euler import forces_of
+from jaxspatial.dynamics.state import MechanismState
 from jaxspatial.mechanism import Mechanism
 
 
@@ -70,7 +74,7 @@ class ForwardDynamics(Algorithm):
     """The program of `_forward_dynamics`, differentiated through inverse dynamics. What has found vdot, the factors of
     the mass matrix, is kept for the derivative."""
 
-    def jvp(self, primals, tangents, n_batch):
+    def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
         # Its result is one array, whether or not it is ever run on its own.
         self.out_tree = jax.tree.structure(0)
         tau = self.n_fields + 2
@@ -84,7 +88,7 @@ class ForwardDynamics(Algorithm):
 class WithFactors(ForwardDynamics):
     """The same of `_with_factors`, for derivatives of derivatives."""
 
-    def jvp(self, primals, tangents, n_batch):
+    def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
         found = primitive.bind(self, primals, n_batch)
         (vdot,), (rate,) = self.sibling(_forward_dynamics).jvp(primals, tangents, n_batch)
         return [vdot, *found[1:]], [rate, *map(primitive.no_tangent, found[1:])]
@@ -93,7 +97,7 @@ class WithFactors(ForwardDynamics):
 class Solve(Algorithm):
     """The program of M^-1 times forces, its own transpose. With M a = f, the derivative of a is M^-1 (f' - M' a)."""
 
-    def jvp(self, primals, tangents, n_batch):
+    def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
         (a,) = primitive.bind(self, primals, n_batch)
         *own, force = primals
         n = self.place(self.n_fields + 1)
@@ -102,7 +106,9 @@ class Solve(Algorithm):
         found = primitive.no_tangent(a) if force is None else primitive.bind(self, [*own, force], n_batch)[0]
         return [a], [found]
 
-    def batched(self, arrays, axes, size, n_batch):
+    def batched(
+        self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int
+    ) -> list[jax.Array] | None:
         """More forces at one state than there are rates: M^-1 once, times all."""
         *own, force = arrays
         if any(axis is not None for axis in axes[:-1]) or size <= self.topology.nv:
@@ -111,7 +117,7 @@ class Solve(Algorithm):
         (inverse,) = primitive.bind(self, [*(x[None] for x in own), units], n_batch + 1)
         return [program.times_columns(jnp.moveaxis(inverse, 0, -1), jnp.moveaxis(force, axes[-1], 0))]
 
-    def columns(self, arrays, n_batch):
+    def columns(self, arrays: Sequence[jax.Array], n_batch: int) -> list[int]:
         """Of many states: their factors would have to be repeated for every column."""
         *own, force = arrays
         n_states = max(math.prod(x.shape[:n_batch]) for x in own)
@@ -122,7 +128,7 @@ class Solve(Algorithm):
     def over_columns(self):
         return OverColumns(self)
 
-    def transposed(self, cotangents, arguments, n_batch):
+    def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
         (a,) = primitive.bind(self, [*arguments[:-1], *cotangents], n_batch)
         return [*[None] * (len(arguments) - 1), primitive.over_own(a, arguments[-1].aval)]
 
@@ -130,16 +136,16 @@ class Solve(Algorithm):
 class OverColumns(program.Program):
     """A program whose last argument, and result, has an axis of columns behind the states."""
 
-    def __init__(self, of):
+    def __init__(self, of: Algorithm):
         self.of, self.block = of, of.block
 
-    def evaluate(self, *arrays):
+    def evaluate(self, *arrays: jax.Array):
         *own, columns = arrays
         (found,) = lax.map(lambda column: self.of.evaluate(*own, column), jnp.moveaxis(columns, 1, 0))
         return [jnp.moveaxis(found, 0, 1)]
 
 
-def _solved(own, primals, factors, force, n_batch):
+def _solved(own: Algorithm, primals: list[Any], factors: list[jax.Array], force: jax.Array | None, n_batch: int) -> Any:
     """M^-1 of a tangent, None for zero, with the fields, q and factors of a program."""
     if force is None:
         return primitive.no_tangent(primals[-1])
@@ -147,34 +153,36 @@ def _solved(own, primals, factors, force, n_batch):
     return primitive.bind(solve, [*primals[: own.place(own.n_fields + 1)], *factors, force], n_batch)[0]
 
 
-def plus(a, b):
+def plus(a: jax.Array | None, b: jax.Array | None):
     """The sum of tangents, of which None is zero."""
     return a if b is None else b if a is None else a + b
 
 
-def minus(a):
+def minus(a: jax.Array | None):
     return None if a is None else -a
 
 
 @algorithm(*DYNAMICS, *FRAMES, kind=ForwardDynamics, result=of_rates)
-def _forward_dynamics(state, v, tau, forces, *, frames):
+def _forward_dynamics(state: MechanismState, v: Array, tau: Array, forces: Wrenches, *, frames: tuple[int, ...]):
     return accelerations(state, v, tau, loads(state, frames, forces), minus_gravity(state))[0]
 
 
 @algorithm(*DYNAMICS, *FRAMES, kind=WithFactors, entries=lambda t: 8 * t.nv)
-def _with_factors(state, v, tau, forces, *, frames):
+def _with_factors(
+    state: MechanismState, v: Array, tau: Array, forces: Wrenches, *, frames: tuple[int, ...]
+) -> tuple[jax.Array, ...]:
     """And every word of the factors, as it is."""
     vdot, factors = accelerations(state, v, tau, loads(state, frames, forces), minus_gravity(state))
     return vdot, *state.words(factors)
 
 
 @algorithm(*DYNAMICS, *FRAMES, kind=Solve, result=of_rates)
-def _solve(state, *factors_and_force):
+def _solve(state: MechanismState, *factors_and_force: Array):
     *factors, force = factors_and_force
     return solution(state, state.of_words(factors, _form(state)), force)
 
 
-def _form(state):
+def _form(state: MechanismState) -> list[Any]:
     """What factors look like."""
     zero = state.known(0.0)
     if state.topology.has_mimics:
@@ -183,5 +191,5 @@ def _form(state):
 
 
 @algorithm(*DYNAMICS, *FRAMES, result=of_rates)
-def _mass_times(state, a):
+def _mass_times(state: MechanismState, a: Array):
     return state.by_rate(forces_of(state, None, a, loads(state, (), ()), state.no_vector))

@@ -4,10 +4,12 @@ import jax
 
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, checked, of_rates
+from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.derivatives import jacobians
 from jaxspatial.dynamics.links import minus_gravity
-from jaxspatial.dynamics.loads import ExternalForces, checked_forces, loads
+from jaxspatial.dynamics.loads import ExternalForces, Wrenches, checked_forces, loads
 from jaxspatial.dynamics.recursive_newton_euler import forces_of
+from jaxspatial.dynamics.state import MechanismState
 from jaxspatial.mechanism import Mechanism
 
 
@@ -119,18 +121,20 @@ class InverseDynamics(Algorithm):
     """The program of `_inverse_dynamics`. As many tangents or cotangents at one state as there are rates come from the
     Jacobians in closed form."""
 
-    def jacobians(self, moving, n_columns):
+    def jacobians(self, moving: tuple[bool, ...], n_columns: int):
         wanted = self._moves_with(moving)
         if n_columns < self.topology.nv or sum(wanted) < sum(moving):
             return None
         return self.sibling(jacobians, wanted=wanted)
 
-    def _moves_with(self, moving):
+    def _moves_with(self, moving: tuple[bool, ...]):
         """Whether q, v and vdot do."""
         leaves = jax.tree.unflatten(self.tree, range(self.tree.num_leaves))[1][:3]
         return tuple(i is not None and self.known[i] is None and moving[self.place(i)] for i in leaves)
 
 
 @algorithm(*DYNAMICS, *FRAMES, kind=InverseDynamics, result=of_rates)
-def _inverse_dynamics(state, v, vdot, forces, *, frames):
+def _inverse_dynamics(
+    state: MechanismState, v: Array | None, vdot: Array | None, forces: Wrenches, *, frames: tuple[int, ...]
+):
     return state.by_rate(forces_of(state, v, vdot, loads(state, frames, forces), minus_gravity(state)))

@@ -5,10 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import noinline, where
+from jaxspatial.arithmetic.numbers import Motion, Numbers, Rows, Three, noinline, where
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import along
 from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm, checked
+from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.kinematics import (
     composed,
     frame_place,
@@ -18,7 +19,9 @@ from jaxspatial.dynamics.kinematics import (
     velocity_in_world,
     world,
 )
+from jaxspatial.dynamics.state import JointState, Link, MechanismState, Pose
 from jaxspatial.mechanism import Mechanism
+from jaxspatial.mechanism.topology import Bundle
 
 
 def jacobian(mechanism: Mechanism, q: Coordinates, body: str, *, precision: PrecisionName = None) -> jax.Array:
@@ -75,7 +78,7 @@ def jacobian_rate(
 
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
-def _jacobian(state, *, frame):
+def _jacobian(state: MechanismState, *, frame: int):
     found = poses(state)
     p_WF = _origin(state, frame, found).p
     columns = [
@@ -85,24 +88,24 @@ def _jacobian(state, *, frame):
     return state.matrix_by_rate(columns)
 
 
-def _origin(state, frame, found):
+def _origin(state: MechanismState, frame: int, found: list[Pose]):
     """X_WF of one frame."""
     return composed(of_carrier(state, frame, found, world(state)), state.frame_placement(frame))
 
 
-def _arms(joint, X_WJ, p_WF):
+def _arms(joint: JointState, X_WJ: Pose, p_WF: Three):
     """Of every motion of a joint: the velocity of the frame's origin, per rate."""
     arm = vectors.minus(p_WF, X_WJ.p)
     return [noinline(_velocity_at)(X_WJ.rows, motion, arm) for motion in joint.subspace]
 
 
-def _velocity_at(rows, motion, arm):
+def _velocity_at(rows: Rows, motion: Motion, arm: Three) -> Numbers:
     """The velocity of the point at an arm from J, in world axes, of a motion of J in its own axes."""
     w, v = (vectors.matrix_times(rows, x) for x in motion)
     return *w, *vectors.plus(v, vectors.cross(w, arm))
 
 
-def _column(state, bundle, frame, column):
+def _column(state: MechanismState, bundle: Bundle, frame: int, column: Numbers):
     """The columns of bodies that carry the frame, zeros for others."""
     carriers = set(state.topology.ancestors(state.topology.frames[frame][1]))
     is_carrier = np.isin(bundle.bodies, list(carriers))
@@ -113,7 +116,7 @@ def _column(state, bundle, frame, column):
 
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
-def _jacobian_rate(state, v, *, frame):
+def _jacobian_rate(state: MechanismState, v: Array, *, frame: int):
     found = list(zip(poses(state), velocities(state, v), strict=True))
     X, V = of_carrier(state, frame, found, (world(state), (state.no_vector, state.no_vector)))
     _, v_WF = velocity_in_world(X, state.frame_placement(frame), V)
@@ -125,13 +128,13 @@ def _jacobian_rate(state, v, *, frame):
     return state.matrix_by_rate(columns)
 
 
-def _arm_rates(link, X_WJ, V_WJ_J, p_WF, v_WF):
+def _arm_rates(link: Link, X_WJ: Pose, V_WJ_J: Motion, p_WF: Three, v_WF: Three):
     """The time derivatives of `_arms`."""
     motions = zip(link.joint.subspace, link.joint.subspace_rate(link.v), strict=True)
     return [noinline(_velocity_rate_at)(X_WJ, V_WJ_J, motion, rate, p_WF, v_WF) for motion, rate in motions]
 
 
-def _velocity_rate_at(X_WJ, V_WJ_J, motion, rate, p_WF, v_WF):
+def _velocity_rate_at(X_WJ: Pose, V_WJ_J: Motion, motion: Motion, rate: Motion, p_WF: Three, v_WF: Three) -> Numbers:
     """d/dt of R k and R l + R k x r, of a motion (k, l) with rates of its own, r the arm from J to F in the world."""
     turning, (k, _) = V_WJ_J[0], motion
     dk, dl = (vectors.plus(vectors.cross(turning, x), dx) for x, dx in zip(motion, rate, strict=True))

@@ -1,18 +1,24 @@
 """Where bodies and frames are and how they move."""
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import jax.numpy as jnp
 
 from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.numbers import Motion, Numbers
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import recursion
 from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm, checked
-from jaxspatial.dynamics.links import Motion, across, angular_acceleration_tensor, motion_step, subspace_times
-from jaxspatial.dynamics.state import Pose
+from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.links import BodyMotion, acceleration_at, across, motion_step, subspace_times
+from jaxspatial.dynamics.state import JointState, Link, MechanismState, Pose
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialVelocity
+
+T = TypeVar("T")
+Frames = tuple[int, ...] | None  # by number, None for all bodies
 
 
 def forward_kinematics(
@@ -75,8 +81,8 @@ def body_velocities(
     Source: Featherstone 2008, 4.4 (velocities from body to body).
     """
     q, v = checked("body_velocities", mechanism, q=q, v=v)
-    frames = frame_places(mechanism, frames, "body_velocities")
-    return SpatialVelocity(*_body_velocities(precision, mechanism, q, v, frames=frames))
+    places = frame_places(mechanism, frames, "body_velocities")
+    return SpatialVelocity(*_body_velocities(precision, mechanism, q, v, frames=places))
 
 
 def body_accelerations(
@@ -111,15 +117,15 @@ def body_accelerations(
     Source: Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators.
     """
     q, v, vdot = checked("body_accelerations", mechanism, q=q, v=v, vdot=vdot)
-    frames = frame_places(mechanism, frames, "body_accelerations")
-    return SpatialAcceleration(*_body_accelerations(precision, mechanism, q, v, vdot, frames=frames))
+    places = frame_places(mechanism, frames, "body_accelerations")
+    return SpatialAcceleration(*_body_accelerations(precision, mechanism, q, v, vdot, frames=places))
 
 
-def frame_place(mechanism, name, what):
+def frame_place(mechanism: Mechanism, name: str, what: str) -> int:
     return mechanism.topology.index(mechanism.frame_names, name, what)
 
 
-def frame_places(mechanism, names, operation):
+def frame_places(mechanism: Mechanism, names: Sequence[str] | None, operation: str) -> Frames:
     if names is None:
         return None
     if isinstance(names, str):
@@ -130,40 +136,40 @@ def frame_places(mechanism, names, operation):
 # -- poses ------------------------------------------------------------------------------------------------------------
 
 
-def poses(state):
+def poses(state: MechanismState) -> list[Pose]:
     """X_WJ of every bundle."""
     own = list(zip(map(state.placement, state.bundles), state.joints, strict=True))
     return recursion.outward(state, _pose, world(state), own)
 
 
-def world(state):
+def world(state: MechanismState):
     zero, one = (state.known(x) for x in (0.0, 1.0))
     return Pose(((one, zero, zero), (zero, one, zero), (zero, zero, one)), (zero, zero, zero))
 
 
-def _pose(own, X_WP):
+def _pose(own: tuple[Pose, JointState], X_WP: Pose):
     X_WJ = composed(X_WP, across(*own))
     return X_WJ, X_WJ
 
 
-def composed(X_AB, X_BC):
+def composed(X_AB: Pose, X_BC: Pose):
     p = vectors.plus(X_AB.p, vectors.matrix_times(X_AB.rows, X_BC.p))
     return Pose(vectors.matrix_product(X_AB.rows, X_BC.rows), p)
 
 
-def _on_joints(state, frames, found, at_world):
+def _on_joints(state: MechanismState, frames: Frames, found: list[T], at_world: T) -> list[tuple[Pose, T]]:
     """[(X_JF, what was found for J)] of frames, or of all bodies, a bundle each, for None."""
     if frames is None:
         return list(zip(map(state.child_placement, state.bundles), found, strict=True))
     return [(state.frame_placement(k), of_carrier(state, k, found, at_world)) for k in frames]
 
 
-def of_carrier(state, frame, found, at_world):
+def of_carrier(state: MechanismState, frame: int, found: list[T], at_world: T) -> T:
     """What was found for the joint that a frame is carried by."""
     return state.of_body(state.topology.frames[frame][1], found, at_world)
 
 
-def _arranged(state, frames, found):
+def _arranged(state: MechanismState, frames: Frames, found: Sequence[Numbers]):
     """(frames, k, B) of tuples of k numbers: of bundles in the order of bodies, or one for each frame."""
     if frames is None:
         return state.by_body(found)
@@ -171,7 +177,7 @@ def _arranged(state, frames, found):
 
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 12 * len(t))
-def _forward_kinematics(state, *, frames):
+def _forward_kinematics(state: MechanismState, *, frames: Frames):
     found = [composed(X, X_JF) for X_JF, X in _on_joints(state, frames, poses(state), world(state))]
     return _arranged(state, frames, [vectors.flat(X.rows) for X in found]), _arranged(
         state, frames, [X.p for X in found]
@@ -181,12 +187,12 @@ def _forward_kinematics(state, *, frames):
 # -- velocities and accelerations -------------------------------------------------------------------------------------
 
 
-def velocities(state, v):
+def velocities(state: MechanismState, v: Array) -> list[Motion]:
     """(w, v) of every bundle: V_WJ_J."""
     return recursion.outward(state, _velocity, (state.no_vector, state.no_vector), state.links(v))
 
 
-def _velocity(link, parent):
+def _velocity(link: Link, parent: Motion) -> tuple[Motion, Motion]:
     X_PB = across(link.placement, link.joint)
     R_BP = vectors.transpose(X_PB.rows)
     w_r, v_r = subspace_times(link.joint.subspace, link.v)
@@ -195,20 +201,22 @@ def _velocity(link, parent):
     return V, V
 
 
-def _with_poses(state, frames, found, at_world):
+def _with_poses(
+    state: MechanismState, frames: Frames, found: list[T], at_world: T
+) -> list[tuple[Pose, tuple[Pose, T]]]:
     """Those of `_on_joints` with the pose of J."""
     both = list(zip(poses(state), found, strict=True))
     return _on_joints(state, frames, both, (world(state), at_world))
 
 
 @algorithm(*GEOMETRY, *FRAMES)
-def _body_velocities(state, v, *, frames):
+def _body_velocities(state: MechanismState, v: Array, *, frames: Frames):
     found = _with_poses(state, frames, velocities(state, v), (state.no_vector, state.no_vector))
     found = [velocity_in_world(X, X_JF, V) for X_JF, (X, V) in found]
     return tuple(_arranged(state, frames, [V[k] for V in found]) for k in (0, 1))
 
 
-def velocity_in_world(X_WJ, X_JF, V):
+def velocity_in_world(X_WJ: Pose, X_JF: Pose, V: Motion) -> Motion:
     """V_WF_W of V_WJ_J."""
     w, v = V
     v = vectors.plus(v, vectors.cross(w, X_JF.p))
@@ -216,14 +224,13 @@ def velocity_in_world(X_WJ, X_JF, V):
 
 
 @algorithm(*GEOMETRY, *FRAMES)
-def _body_accelerations(state, v, vdot, *, frames):
-    at_rest = Motion(*(state.no_vector,) * 3)
+def _body_accelerations(state: MechanismState, v: Array, vdot: Array, *, frames: Frames):
+    at_rest = BodyMotion(*(state.no_vector,) * 3)
     motions = recursion.outward(state, motion_step, at_rest, state.links(v, vdot))
     found = [_acceleration_in_world(X, X_JF, A) for X_JF, (X, A) in _with_poses(state, frames, motions, at_rest)]
     return tuple(_arranged(state, frames, [A[k] for A in found]) for k in (0, 1))
 
 
-def _acceleration_in_world(X_WJ, X_JF, motion):
-    arm = vectors.matrix_times(angular_acceleration_tensor(motion.w, motion.alpha), X_JF.p)
-    a = vectors.plus(motion.a, arm)
+def _acceleration_in_world(X_WJ: Pose, X_JF: Pose, motion: BodyMotion) -> Motion:
+    a = acceleration_at(motion, X_JF.p)
     return vectors.matrix_times(X_WJ.rows, motion.alpha), vectors.matrix_times(X_WJ.rows, a)

@@ -1,36 +1,37 @@
 """A body with the joint that carries it: motions across the joint, and wrenches transformed to the parent."""
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import noinline
-from jaxspatial.dynamics.state import Pose
+from jaxspatial.arithmetic.numbers import Motion, Numbers, Rows, Three, Wrench, noinline
+from jaxspatial.dynamics.state import JointState, Link, MechanismState, Pose
 from jaxspatial.spatial import algebra
 
 
-class Motion(NamedTuple):
+class BodyMotion(NamedTuple):
     """Of a body's frame, in its axes: angular velocity and acceleration, and the classical acceleration of its origin.
 
-    With gravity as an minus_gravity acceleration of the world. No linear velocity: nothing needs it.
+    With gravity as an upward acceleration of the world. No linear velocity: nothing needs it.
     """
 
-    w: Any
-    alpha: Any
-    a: Any
+    w: Three
+    alpha: Three
+    a: Three
 
 
-def world_motion(state):
+def world_motion(state: MechanismState):
     """The motion of the world, at rest, with gravity as an upward acceleration."""
-    return Motion(state.no_vector, state.no_vector, minus_gravity(state))
+    return BodyMotion(state.no_vector, state.no_vector, minus_gravity(state))
 
 
-def minus_gravity(state):
+def minus_gravity(state: MechanismState):
     """-g: the acceleration of the world that stands for gravity."""
     return tuple(-g for g in state.numbers(state.fields["gravity"]))
 
 
 @noinline
-def across(placement, joint):
+def across(placement: Pose, joint: JointState):
     """X_PB of a body in its parent."""
     X = joint.transform
     p = vectors.plus(placement.p, vectors.matrix_times(placement.rows, X.p))
@@ -38,7 +39,7 @@ def across(placement, joint):
 
 
 @noinline
-def angular_acceleration_tensor(w, alpha):
+def angular_acceleration_tensor(w: Three, alpha: Three) -> Rows:
     """E = [alpha]x + [w]x [w]x: points at r from the origin have the acceleration E r more than it."""
     x, y, z = w
     xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
@@ -46,24 +47,30 @@ def angular_acceleration_tensor(w, alpha):
     return (-(yy + zz), xy - k, xz + j), (xy + k, -(xx + zz), yz - i), (xz - j, yz + i, -(xx + yy))
 
 
-def subspace_times(S, rates):
+def acceleration_at(motion: BodyMotion, p: Three) -> Three:
+    """The acceleration of the point at p from a body's origin, by the tensor E that its other points share."""
+    return vectors.plus(motion.a, vectors.matrix_times(angular_acceleration_tensor(motion.w, motion.alpha), p))
+
+
+def subspace_times(S: Sequence[Motion], rates: Numbers) -> Motion:
     """S rates, as (w, v)."""
-    w, v = ([motion[side] for motion in S] for side in (0, 1))
-    return tuple(tuple(vectors.dot(rates, [x[i] for x in part]) for i in range(3)) for part in (w, v))
+    w, v = (tuple(vectors.dot(rates, [motion[side][i] for motion in S]) for i in range(3)) for side in (0, 1))
+    return w, v
 
 
-def to_parent(X_PB, tau, f):
+def to_parent(X_PB: Pose, tau: Three, f: Three) -> Wrench:
     """The same wrench about the parent's origin, in its axes."""
-    return algebra.act(*X_PB, f, tau)[::-1]
+    f, tau = algebra.act(*X_PB, f, tau)
+    return tau, f
 
 
-def motion_step(link, parent):
+def motion_step(link: Link, parent: BodyMotion):
     """`body_motion`, as a step outward."""
     motion = body_motion(link, parent)
     return motion, motion
 
 
-def body_motion(link, parent):
+def body_motion(link: Link, parent: BodyMotion):
     """The motion of a body, from that of its parent.
 
         w = R^T w_P + w_r    alpha = R^T alpha_P + (R^T w_P) x w_r + dw_r
@@ -76,7 +83,9 @@ def body_motion(link, parent):
     S, bias = link.joint.subspace, subspace_times(link.joint.subspace_rate(link.v), link.v)
     (w_r, v_r), (dw, dv) = subspace_times(S, link.v), subspace_times(S, link.vdot)
     w_P = noinline(vectors.matrix_times)(R_BP, parent.w)
-    arm = vectors.plus(parent.a, vectors.matrix_times(angular_acceleration_tensor(parent.w, parent.alpha), X_PB.p))
+    arm = acceleration_at(parent, X_PB.p)
     alpha = vectors.plus(vectors.matrix_times(R_BP, parent.alpha), vectors.cross(w_P, w_r), dw, bias[0])
     coriolis = vectors.cross(vectors.plus(w_P, w_P, w_r), v_r)
-    return Motion(vectors.plus(w_P, w_r), alpha, vectors.plus(vectors.matrix_times(R_BP, arm), coriolis, dv, bias[1]))
+    return BodyMotion(
+        vectors.plus(w_P, w_r), alpha, vectors.plus(vectors.matrix_times(R_BP, arm), coriolis, dv, bias[1])
+    )

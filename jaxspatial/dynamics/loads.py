@@ -1,20 +1,30 @@
 """External forces on frames, transformed to the bodies that carry these."""
 
 import operator
+from collections.abc import Callable
+from typing import Any
 
 import jax
 
 from jaxspatial.arithmetic import check, vectors
-from jaxspatial.arithmetic.numbers import is_number, noinline
+from jaxspatial.arithmetic.numbers import Three, Wrench, is_number, noinline
 from jaxspatial.dynamics import along
+from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.kinematics import poses, world
+from jaxspatial.dynamics.state import Load, MechanismState, Pose
+from jaxspatial.mechanism import Mechanism
+from jaxspatial.mechanism.topology import Bundle
 from jaxspatial.spatial import SpatialForce
 
 # SpatialForces by name of a frame, see `inverse_dynamics`.
 ExternalForces = dict[str, SpatialForce] | None
+Wrenches = tuple[tuple[Array, Array], ...]  # (tau, f) for each frame
+OfLoad = Callable[[Three, Three, Three], Any]
 
 
-def checked_forces(operation, mechanism, external_forces, q):
+def checked_forces(
+    operation: str, mechanism: Mechanism, external_forces: Any, q: Array
+) -> tuple[tuple[int, ...], Wrenches]:
     """(the numbers of the frames with forces, the arrays (tau, f) of each)."""
     external_forces = external_forces or {}
     if not isinstance(external_forces, dict):
@@ -23,11 +33,13 @@ def checked_forces(operation, mechanism, external_forces, q):
             f"{operation}: external_forces: expected SpatialForces in a dict by name of a frame, got {came}"
         )
     found = {}
-    for name, F in external_forces.items():
+    for name, given in external_forces.items():
         i = mechanism.topology.index(mechanism.frame_names, name, f"{operation}: external_forces")
-        if not isinstance(F, SpatialForce):
-            raise TypeError(f"{operation}: external_forces[{name!r}]: expected a SpatialForce, got {type(F).__name__}")
-        F = check.narrowed(F)
+        if not isinstance(given, SpatialForce):
+            raise TypeError(
+                f"{operation}: external_forces[{name!r}]: expected a SpatialForce, got {type(given).__name__}"
+            )
+        F = check.narrowed(given)
         check.require_same_dtype(q=q, **{f"external_forces[{name!r}]": F})
         check.common_batch_shape(q=q.shape[:-1], **{f"external_forces[{name!r}]": F.batch_shape})
         found[i] = F.tau, F.f
@@ -35,7 +47,9 @@ def checked_forces(operation, mechanism, external_forces, q):
     return frames, tuple(found[i] for i in frames)
 
 
-def loads(state, frames, forces, of_load=None):
+def loads(
+    state: MechanismState, frames: tuple[int, ...], forces: Wrenches, of_load: OfLoad | None = None
+) -> list[Load]:
     """(tau, f) of every bundle, about J in its axes: known zeros where there are none.
 
     of_load: of (tau, f) and the place of the frame, further numbers that add up, a tuple.
@@ -53,21 +67,23 @@ def loads(state, frames, forces, of_load=None):
     return [_of_bundle(state, bundle, on_bodies, nothing) for bundle in state.bundles]
 
 
-def _of_frame(state, placed, frame, body, F, of_load):
+def _of_frame(
+    state: MechanismState, placed: list[Pose], frame: int, body: int, F: tuple[Array, Array], of_load: OfLoad
+) -> Load:
     X_WJ, X_JF = state.of_body(body, placed, world(state)), state.frame_placement(frame)
     wrench = (tuple(along.mapped(lambda w: w[None], x) for x in state.numbers(part)) for part in F)
     tau, f = noinline(_about_joint)(X_WJ, X_JF, *wrench)
     return tau, f, of_load(tau, f, X_JF.p)
 
 
-def _about_joint(X_WJ, X_JF, tau, f):
+def _about_joint(X_WJ: Pose, X_JF: Pose, tau: Three, f: Three) -> Wrench:
     """Of a wrench about Fo in world axes: about Jo in those of J."""
     R_JW = vectors.transpose(X_WJ.rows)
     f = vectors.matrix_times(R_JW, f)
     return vectors.plus(vectors.matrix_times(R_JW, tau), vectors.cross(X_JF.p, f)), f
 
 
-def _of_bundle(state, bundle, on_bodies, nothing):
+def _of_bundle(state: MechanismState, bundle: Bundle, on_bodies: dict[int, Load], nothing: Load) -> Load:
     bodies = bundle.bodies.ravel().tolist()
     if not any(i in on_bodies for i in bodies):
         return nothing

@@ -5,6 +5,7 @@ one group of chains ends and another begins, states wait in a memory. A bundle o
 """
 
 import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -14,6 +15,11 @@ from jax import lax
 
 from jaxspatial.arithmetic.numbers import data_of, is_number, noinline, with_data
 from jaxspatial.dynamics import along
+from jaxspatial.dynamics.along import PyTreeDef
+from jaxspatial.mechanism.topology import Bundle
+
+# Of the numbers of a body and the state of the one before: its result and its state.
+Step = Callable[[Any, Any], tuple[Any, Any]]
 
 
 class Turns(NamedTuple):
@@ -26,14 +32,14 @@ class Turns(NamedTuple):
 
     kept: Any
     rows: dict[int, int]
-    at: Any
-    put: Any
-    get: Any
-    joined: Any
+    at: np.ndarray
+    put: np.ndarray
+    get: np.ndarray
+    joined: Callable[[Any, Any], Any]
     is_reverse: bool
 
 
-def run(step, bundle, n, numbers, start, turns):
+def run(step: Step, bundle: Bundle, n: int, numbers: Any, start: Any, turns: Turns) -> tuple[Any, Any, Any]:
     """(the results of step(numbers, state), stacked along the bundle, the last state, the memory)."""
     numbers = along.mapped_tree(functools.partial(_along, bundle.length), numbers)
     if bundle.length == 1:
@@ -44,12 +50,12 @@ def run(step, bundle, n, numbers, start, turns):
     return _loop(step, numbers, start, turns, (bundle.width, n))
 
 
-def _along(length, word):
+def _along(length: int, word: jax.Array):
     """(L, ..., W, B), of what may be one for all: double words are never known."""
     return word if word.ndim >= 3 else jnp.broadcast_to(word, (length, 1, 1))
 
 
-def _loop(step, numbers, start, turns, shape):
+def _loop(step: Step, numbers: Any, start: Any, turns: Turns, shape: tuple[int, int]) -> tuple[Any, Any, Any]:
     """A loop over the rows of a bundle. A known number of the state that a step changes is none: tried again, with it
     as data, until nothing changes."""
     given, tree = jax.tree.flatten(start, is_leaf=is_number)
@@ -66,13 +72,15 @@ def _loop(step, numbers, start, turns, shape):
 class _Tried:
     """A loop, if of its state what `is_known` stays so. changed: what does not."""
 
-    def __init__(self, step, tree, numbers, turns, shape, is_known):
+    def __init__(
+        self, step: Step, tree: PyTreeDef, numbers: Any, turns: Turns, shape: tuple[int, int], is_known: list[bool]
+    ):
         self.step, self.tree, self.turns, self.shape, self.is_known = step, tree, turns, shape, is_known
         self.numbers, self.own_tree = jax.tree.flatten(numbers, is_leaf=is_number)
         self.changed = [False] * len(is_known)
         self.given, self.results = [], ([], None)
 
-    def run(self, given, kept):
+    def run(self, given: list[Any], kept: list[Any]) -> tuple[Any, Any, Any]:
         """(the results, the last state, the memory)."""
         turns, memory = self.turns, (len(self.turns.rows) + 2, self.shape[1])
         self.given = self._spread(given, self.shape)
@@ -80,25 +88,25 @@ class _Tried:
         rows = [jnp.asarray(x, np.int32) for x in (turns.at, turns.put, turns.get)] if turns.rows else None
         # A pull-back runs steps again: it reads what it would have to keep of them more slowly.
         again = jax.checkpoint(self._row, prevent_cse=False)
-        (last, kept), stacked = lax.scan(again, start, (data_of(self.numbers), rows), reverse=turns.is_reverse)
+        (last, kept_last), stacked = lax.scan(again, start, (data_of(self.numbers), rows), reverse=turns.is_reverse)
         leaves, tree = self.results
         results = jax.tree.unflatten(tree, with_data(leaves, stacked))
-        return results, self._state(last), self._state(kept) if turns.rows else None
+        return results, self._state(last), self._state(kept_last) if turns.rows else None
 
-    def _spread(self, leaves, shape):
+    def _spread(self, leaves: list[Any], shape: tuple[int, int]):
         return [x if k else along.spread(x, shape) for x, k in zip(leaves, self.is_known, strict=True)]
 
-    def _state(self, data):
+    def _state(self, data: list[Any]) -> Any:
         return jax.tree.unflatten(self.tree, with_data(self.given, data))
 
-    def _data(self, new, shape):
+    def _data(self, new: Any, shape: tuple[int, int]) -> list[Any]:
         """Of a new state what is not known, and a note of what is known no more."""
         new = jax.tree.leaves(new, is_leaf=is_number)
         lost = [k and not along.alike([x, y]) for x, y, k in zip(self.given, new, self.is_known, strict=True)]
         self.changed = [a or b for a, b in zip(self.changed, lost, strict=True)]
         return data_of([along.spread(y, shape) for y, k in zip(new, self.is_known, strict=True) if not k])
 
-    def _row(self, carry, given):
+    def _row(self, carry: tuple[Any, Any], given: tuple[Any, Any]) -> tuple[Any, Any]:
         (state, kept), (own, rows) = carry, given
         result, new = self.step(jax.tree.unflatten(self.own_tree, with_data(self.numbers, own)), self._state(state))
         self.results = jax.tree.flatten(result, is_leaf=is_number)
@@ -108,7 +116,7 @@ class _Tried:
             kept, state = lax.cond(at > 0, self._turn, lambda kept, state, *_: (kept, state), kept, state, put, get)
         return (state, kept), data_of(self.results[0])
 
-    def _turn(self, kept, state, put, get):
+    def _turn(self, kept: Any, state: Any, put: jax.Array, get: jax.Array):
         """(the memory, the state of the chains that begin)."""
         for c in range(self.shape[0]):
             both = (self._state(x) for x in (_chains(kept, put[c]), _chains(state, c)))
@@ -120,6 +128,6 @@ class _Tried:
         return kept, jax.tree.map(lambda *words: jnp.concatenate(words), *begin)
 
 
-def _chains(data, k):
+def _chains(data: Any, k: Any) -> Any:
     """One chain, or one row of the memory."""
     return jax.tree.map(lambda w: lax.dynamic_slice_in_dim(w, k, 1), data)

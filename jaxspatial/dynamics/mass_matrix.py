@@ -5,17 +5,21 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, vectors
-from jaxspatial.arithmetic.numbers import high, noinline, where
+from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Three, Wrench, high, noinline, where
 from jaxspatial.arithmetic.tree import tree
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName
 from jaxspatial.dynamics import along, dense, pairs, recursion
 from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
+from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.links import across, to_parent
-from jaxspatial.dynamics.state import Inertia
+from jaxspatial.dynamics.state import Inertia, Link, MechanismState, Pose
 from jaxspatial.inertia.addition import joined
 from jaxspatial.inertia.articulated import congruent
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.spatial import algebra
+
+# The two parts of a motion or wrench, and where its point is.
+Placed = tuple[Three, Three, Three]
 
 
 def mass_matrix(mechanism: Mechanism, q: Coordinates, *, precision: PrecisionName = None) -> jax.Array:
@@ -43,11 +47,11 @@ def mass_matrix(mechanism: Mechanism, q: Coordinates, *, precision: PrecisionNam
 
 
 @algorithm(*BODIES, "armature", entries=lambda t: t.nv**2, result=lambda t: (t.nv, t.nv))
-def _mass_matrix(state):
+def _mass_matrix(state: MechanismState):
     return state.rounded(matrix_of(state))
 
 
-def matrix_of(state):
+def matrix_of(state: MechanismState):
     """M as numbers (nv, nv, B)."""
     links, placed = state.links(), pairs.from_root(state)
     both = zip(links, composites(state), placed, strict=True)
@@ -57,75 +61,73 @@ def matrix_of(state):
     return with_armature(state, links, symmetric_of(upper))
 
 
-def _in_root_axes(motion, composite, X):
+def _in_root_axes(motion: Motion, composite: Inertia, X: Pose) -> tuple[Placed, Placed]:
     """(the motions S, the wrenches I S of the composite body), in world axes, with their points from the root."""
     return in_root_axes(X, motion), in_root_axes(X, halves(inertia_times(composite, motion)))
 
 
-def in_root_axes(X, vector):
+def in_root_axes(X: Pose, vector: Motion | Wrench) -> Placed:
     """The two parts of a motion or wrench in the axes of the world, and where its point is."""
-    rows, p = X
-    return *(vectors.matrix_times(rows, x) for x in vector), p
+    x, y = (vectors.matrix_times(X.rows, part) for part in vector)
+    return x, y, X.p
 
 
-def halves(six):
+def halves(six: Numbers) -> Wrench:
     return six[:3], six[3:]
 
 
-def generalized_force(row, column):
+def generalized_force(row: Placed, column: Placed):
     """The generalised force of a wrench (tau, f) at a place, along a motion (w, v) at another: S . F."""
     (w, v, p), (tau, f, p2) = row, column
     return algebra.power((vectors.plus(tau, vectors.cross(vectors.minus(p2, p), f)), f), (w, v))
 
 
-def symmetric_of(upper):
+def symmetric_of(upper: Number):
     """A symmetric matrix of its upper triangle."""
     n = np.shape(high(upper))[0]
     is_upper = jnp.asarray(np.triu(np.ones((n, n), bool))[:, :, None])
     return where(is_upper, upper, along.mapped(lambda w: jnp.swapaxes(w, 0, 1), upper))
 
 
-def with_armature(state, links, M):
+def with_armature(state: MechanismState, links: list[Link], M: Number):
     """A matrix over all rates, with the inertia of rotors on its diagonal, over v."""
-    M = pairs.by_rates(state, pairs.by_rates(state, M, 0), 1)
+    whole = pairs.by_rates(state, pairs.by_rates(state, M, 0), 1)
     if all(along.is_constant(x) and x.value == 0 for link in links for x in link.armature):
-        return M
+        return whole
     rotors = dense.rows_of(state, state.fields["armature"])
-    on_diagonal = jnp.asarray(np.eye(np.shape(high(M))[0], dtype=bool)[:, :, None])
-    return where(on_diagonal, M + along.mapped(lambda w: w[:, None], rotors), M)
+    on_diagonal = jnp.asarray(np.eye(np.shape(high(whole))[0], dtype=bool)[:, :, None])
+    return where(on_diagonal, whole + along.mapped(lambda w: w[:, None], rotors), whole)
 
 
 # -- composite bodies -------------------------------------------------------------------------------------------------
 
 
-def composites(state):
+def composites(state: MechanismState) -> list[Inertia]:
     """The composite inertia of the subtree of every body, about J in its axes."""
-    zero = state.known(0.0)
-    nothing = Inertia(zero, (zero,) * 3, (zero,) * 6)
-    return recursion.inward(state, _composite, nothing, state.links(), joined=combine)
+    return recursion.inward(state, _composite, state.no_inertia, state.links(), joined=combine)
 
 
-def _composite(link, children):
+def _composite(link: Link, children: Inertia):
     """(the composite inertia of a body and its children, the same about the parent's origin, in its axes)."""
     inertia = combine(link.inertia, children)
     return inertia, inertia_to_parent(across(link.placement, link.joint), inertia)
 
 
-def combine(a, b):
+def combine(a: Inertia, b: Inertia):
     return Inertia(*joined(*a, *b, 0.5))
 
 
-def inertia_to_parent(X_PB, inertia):
+def inertia_to_parent(X_PB: Pose, inertia: Inertia):
     com = vectors.plus(X_PB.p, vectors.matrix_times(X_PB.rows, inertia.com))
     return Inertia(inertia.mass, com, congruent(inertia.central, X_PB.rows))
 
 
-def inertia_times(inertia, motion):
+def inertia_times(inertia: Inertia, motion: Motion):
     """I A: the wrench for the acceleration A of a body at rest, or the momentum at the velocity A."""
     return vectors.flat(algebra.inertia_times(*inertia, *motion))
 
 
-def wrench_to_parent(X_PB, wrench):
+def wrench_to_parent(X_PB: Pose, wrench: Numbers) -> Numbers:
     tau, f = to_parent(X_PB, wrench[:3], wrench[3:])
     return *tau, *f
 
@@ -211,22 +213,22 @@ def mass_matrix_factor(mechanism: Mechanism, q: Coordinates, *, precision: Preci
     return factored(mass_matrix(mechanism, q, precision=precision))
 
 
-def factored(M):
+def factored(M: jax.Array):
     return MassMatrixFactor(_factor(M).astype(M.dtype))
 
 
-def _factor(M):
+def _factor(M: jax.Array) -> jax.Array:
     """L of M, by Cholesky from the last rate to the first, which fills no zero in."""
     backward = jnp.flip(_wide(M), (-2, -1))
     return jnp.flip(jnp.linalg.cholesky(backward), (-2, -1)).swapaxes(-1, -2)
 
 
-def _solved(L, tau):
+def _solved(L: jax.Array, tau: Array) -> jax.Array:
     b, solve = _wide(tau)[..., None], jax.lax.linalg.triangular_solve
-    L, b = (jnp.broadcast_to(x, (*np.broadcast_shapes(L.shape[:-2], b.shape[:-2]), *x.shape[-2:])) for x in (L, b))
-    half = solve(L, b, left_side=True, lower=True, transpose_a=True)
-    return solve(L, half, left_side=True, lower=True)[..., 0].astype(tau.dtype)
+    lower, b = (jnp.broadcast_to(x, (*np.broadcast_shapes(L.shape[:-2], b.shape[:-2]), *x.shape[-2:])) for x in (L, b))
+    half = solve(lower, b, left_side=True, lower=True, transpose_a=True)
+    return solve(lower, half, left_side=True, lower=True)[..., 0].astype(tau.dtype)
 
 
-def _wide(x):
+def _wide(x: jax.Array) -> jax.Array:
     return x.astype(np.promote_types(x.dtype, np.float32) if x.dtype.itemsize > 2 else np.dtype(np.float32))

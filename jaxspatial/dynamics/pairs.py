@@ -5,6 +5,7 @@ of two bundles, of all pairs of their bodies, are one operation. Nothing is prop
 """
 
 import functools
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -12,14 +13,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import numbers
-from jaxspatial.arithmetic.numbers import noinline
+from jaxspatial.arithmetic.numbers import Number, Numbers, Three, noinline
 from jaxspatial.dynamics import along, recursion
 from jaxspatial.dynamics.kinematics import composed, world
 from jaxspatial.dynamics.links import across
-from jaxspatial.dynamics.state import Pose
+from jaxspatial.dynamics.state import JointState, MechanismState, Pose
+from jaxspatial.mechanism.topology import Chains
+
+Entry = Callable[[Any, Any], Numbers]
+Sides = Sequence[tuple[int, Any]]
 
 
-def matrices(state, entry, rows, columns):
+def matrices(state: MechanismState, entry: Entry, rows: Sides, columns: Sides) -> list[Any]:
     """Matrices (rows, columns, B), as numbers, of `entry(row, column)`, a tuple of numbers: 0 where the joint of the
     row does not carry the body of the column.
 
@@ -41,21 +46,21 @@ def matrices(state, entry, rows, columns):
     return whole
 
 
-def _place(state, group):
+def _place(state: MechanismState, group: Chains):
     return state.topology.places[group.starts[0]]
 
 
-def _count(state, trees, group):
+def _count(state: MechanismState, trees: Sides, group: Chains):
     return trees[_place(state, group)[0]][0]
 
 
-def _starts(state, trees):
+def _starts(state: MechanismState, trees: Sides):
     """Where the rows of each body begin, and their number."""
     t = state.topology
     return np.cumsum([0, *(trees[t.places[i][0]][0] for i in range(len(t)))])
 
 
-def _of_chains(state, trees, group):
+def _of_chains(state: MechanismState, trees: Sides, group: Chains) -> Any:
     """Of trees of all bundles that of one group of chains, of numbers (rows, W, B); None without rows."""
     b, first, _ = _place(state, group)
     k, tree = trees[b]
@@ -63,7 +68,7 @@ def _of_chains(state, trees, group):
     return along.mapped_tree(flat, tree) if k else None
 
 
-def _flat(group, k, first, word):
+def _flat(group: Chains, k: int, first: int, word: jax.Array):
     """The rows of all bodies of a chain as one axis: (L k, W, B)."""
     if word.ndim >= 3:
         word = word[..., first : first + group.length, : group.width, :]
@@ -71,7 +76,7 @@ def _flat(group, k, first, word):
     return jnp.moveaxis(full, 0, 1).reshape((-1, *full.shape[2:]))
 
 
-def _block(entry, row, column, chains, shape):
+def _block(entry: Entry, row: Any, column: Any, chains: list[tuple[int, int]], shape: tuple[int, ...]) -> list[Number]:
     """Numbers (rows, columns, W, B), of pairs (chain of the column, chain of the row)."""
     of_columns, of_rows = zip(*chains, strict=True)
     row = along.mapped_tree(lambda w: _picked(w, of_rows)[:, None], row)
@@ -79,25 +84,33 @@ def _block(entry, row, column, chains, shape):
     return [along.spread(x, shape) for x in found]
 
 
-def _picked(w, chains):
+def _picked(w: jax.Array, chains: tuple[int, ...]):
     if chains == tuple(range(w.shape[1])) or w.shape[1] == 1:
         return w
     return w[:, chains[0] : chains[0] + 1] if len(set(chains)) == 1 else jnp.stack([w[:, c] for c in chains], 1)
 
 
-def _upper(x, length):
+def _upper(x: Number, length: int):
     """Of one chain: 0 where the body of the column comes before that of the row."""
     n, m = np.shape(numbers.high(x))[:2]
     is_behind = np.arange(m)[None, :] // (m // length) >= np.arange(n)[:, None] // (n // length)
     return numbers.where(jnp.asarray(is_behind[:, :, None, None]), x, 0.0)
 
 
-def _zeros(state, block, starts):
+def _zeros(state: MechanismState, block: list[Number], starts: list[np.ndarray]):
     shape = int(starts[0][-1]), int(starts[1][-1]), state.n
     return [numbers.mapped(lambda w: jnp.zeros(shape, w.dtype), x) for x in block]
 
 
-def _with_block(state, whole, block, starts, a, b, chains):
+def _with_block(
+    state: MechanismState,
+    whole: list[Number],
+    block: list[Number],
+    starts: list[np.ndarray],
+    a: int,
+    b: int,
+    chains: list[tuple[int, int]],
+):
     """The matrices with the entries of one pair of bundles."""
     of_rows, of_columns = (state.topology.chains[k].starts for k in (a, b))
     for k, (c, mine) in enumerate(chains):
@@ -106,11 +119,11 @@ def _with_block(state, whole, block, starts, a, b, chains):
     return whole
 
 
-def _put(whole, block, k, place):
+def _put(whole: Number, block: Number, k: int, place: tuple[int, int, int]):
     return numbers.mapped(lambda x, y: jax.lax.dynamic_update_slice(x, y[:, :, k], place), whole, block)
 
 
-def by_rates(state, x, axis):
+def by_rates(state: MechanismState, x: Number, axis: int):
     """Of a matrix over the rates of all joints, along an axis, that over v: the force on a mimic, times its multiplier,
     acts on the joint that it follows."""
     t = state.topology
@@ -127,19 +140,19 @@ def by_rates(state, x, axis):
 # -- where joints are, seen from the root -----------------------------------------------------------------------------
 
 
-def from_root(state):
+def from_root(state: MechanismState) -> list[Pose]:
     """The Pose of every bundle: in the axes of the world, and from the root that carries it."""
     own = [(state.placement(b), joint, state.is_root(b)) for b, joint in zip(state.bundles, state.joints, strict=True)]
     return recursion.outward(state, _from_root, world(state), own)
 
 
-def _from_root(own, parent):
+def _from_root(own: tuple[Pose, JointState, bool], parent: Pose):
     placement, joint, is_root = own
     X = composed(parent, across(placement, joint))
     found = Pose(X.rows, at_root(is_root, X.p))
     return found, found
 
 
-def at_root(is_root, vector):
+def at_root(is_root: bool, vector: Three) -> Three:
     """Zero for roots."""
     return tuple(numbers.constant(x, 0) for x in vector) if is_root else vector

@@ -10,10 +10,13 @@ import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import where
+from jaxspatial.arithmetic.numbers import Number, Numbers, where
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import JOINTS, algorithm, checked
+from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.state import KindState, MechanismState
 from jaxspatial.mechanism import Mechanism
+from jaxspatial.mechanism.joints.form import CosSin
 
 
 class Compliance(NamedTuple):
@@ -75,7 +78,14 @@ def passive_forces(
     return jnp.zeros((*batch, mechanism.nv), q.dtype) if found is None else found
 
 
-def acting(mechanism, q, v, compliance, precision, with_resistance=True):
+def acting(
+    mechanism: Mechanism,
+    q: Array,
+    v: Array,
+    compliance: Compliance | None,
+    precision: PrecisionName,
+    with_resistance: bool = True,
+) -> jax.Array | None:
     """`passive_forces`, or None where nothing acts; without damping and friction if so asked."""
     compliance = _checked(mechanism, q, compliance)
     names = ("stiffness", "damping", "friction_loss") if with_resistance else ("stiffness",)
@@ -88,7 +98,9 @@ def acting(mechanism, q, v, compliance, precision, with_resistance=True):
     return _forces(precision, mechanism, q, v, compliance, with_resistance=with_resistance)
 
 
-def resistance(mechanism, v, compliance, precision):
+def resistance(
+    mechanism: Mechanism, v: Array, compliance: Compliance | None, precision: PrecisionName
+) -> jax.Array | None:
     """The coefficients c of damping and friction, force = -c v: (nv,) of damping alone, (*batch, nv) with friction;
     None where there is neither."""
     friction_speed = _checked(mechanism, v, compliance).friction_speed
@@ -101,20 +113,20 @@ def resistance(mechanism, v, compliance, precision):
     return _coefficients(precision, v, damping, friction, jnp.broadcast_to(friction_speed, friction.shape))
 
 
-def is_nothing(x):
+def is_nothing(x: Any):
     """True for zeros known while tracing."""
     return isinstance(x, np.ndarray) and not x.any()
 
 
-def _is_infinite(x):
+def _is_infinite(x: Any):
     return isinstance(x, np.ndarray) and np.isinf(x).all()
 
 
-def _is_unlimited(own):
+def _is_unlimited(own: KindState):
     return all(_is_infinite(own.rows(own.state.fields[name], of_rates=False)) for name in ("lower", "upper"))
 
 
-def _checked(mechanism, like, compliance):
+def _checked(mechanism: Mechanism, like: Array, compliance: object):
     """A Compliance of arrays (nv,), limit_stiffness None where limits do not act."""
     compliance = Compliance() if compliance is None else compliance
     if not isinstance(compliance, Compliance):
@@ -127,7 +139,7 @@ def _checked(mechanism, like, compliance):
     return Compliance(speed, *((stiffness, damping) if acts else (None, None)))
 
 
-def _per_rate(mechanism, like, name, x):
+def _per_rate(mechanism: Mechanism, like: Array, name: str, x: Any) -> Array:
     dtype = np.dtype(like.dtype)
     x = check.as_float_array(x, f"compliance: {name}", dtype)
     check.require_same_dtype(state=like, **{name: x}) if not isinstance(x, np.ndarray) else None
@@ -140,12 +152,12 @@ def _per_rate(mechanism, like, name, x):
 
 
 @formula
-def _coefficients(v, damping, friction, speed):
+def _coefficients(v: Numbers, damping: Numbers, friction: Numbers, speed: Numbers):
     both = zip(v, damping, friction, speed, strict=True)
     return tuple(d + f / _length(x, s) for x, d, f, s in both)
 
 
-def _length(x, s):
+def _length(x: Number, s: Number):
     """sqrt(x^2 + s^2), that neither over- nor underflows."""
     longer, shorter = (where(abs(x) > s, *both) for both in ((abs(x), s), (s, abs(x))))
     t = shorter / longer
@@ -156,12 +168,12 @@ _READ = ("stiffness", "spring_references", "damping", "friction_loss", "lower", 
 
 
 @algorithm(*JOINTS, *_READ)
-def _forces(state, v, compliance, *, with_resistance):
+def _forces(state: MechanismState, v: Array, compliance: Compliance, *, with_resistance: bool):
     found = [_of_joints(own, v, compliance, with_resistance) for own in state.kind_states]
     return state.by_rate(found, state.topology.joints_by_kind)
 
 
-def _of_joints(own, v, compliance, with_resistance):
+def _of_joints(own: KindState, v: Array, compliance: Compliance, with_resistance: bool) -> Numbers:
     """Numbers per rate; what a mimic has of them is with the joint that it follows, see `mechanism.assembly`."""
     terms = _positional(own, v, compliance)
     terms += _resisting(own, v, compliance) if with_resistance else []
@@ -170,7 +182,7 @@ def _of_joints(own, v, compliance, with_resistance):
     return tuple(functools.reduce(operator.add, x) for x in zip(*terms, strict=True))
 
 
-def _resisting(own, v, compliance):
+def _resisting(own: KindState, v: Array, compliance: Compliance) -> list[Numbers]:
     damping, friction = (own.state.fields[name] for name in ("damping", "friction_loss"))
     rates, terms = own.rates(v), []
     if not is_nothing(own.rows(damping)):
@@ -182,7 +194,7 @@ def _resisting(own, v, compliance):
     return terms
 
 
-def _positional(own, v, compliance):
+def _positional(own: KindState, v: Array, compliance: Compliance) -> list[Numbers]:
     """Of springs and limits: of coordinates first, then of the rates."""
     kind, zero = own.kind, own.state.known(0.0)
     has_spring = not is_nothing(own.rows(own.state.fields["stiffness"]))
@@ -204,17 +216,17 @@ def _positional(own, v, compliance):
     return [[*torques, *forces]]
 
 
-def _plus(a, b):
+def _plus(a: Numbers, b: Numbers):
     return [x + y for x, y in zip(a, b, strict=True)]
 
 
-def _of_sphere_spring(own, q):
+def _of_sphere_spring(own: KindState, q: Numbers):
     fields = own.state.fields
     reference, stiffness = own.coordinates(fields["spring_references"]), own.rates(fields["stiffness"])
     return own.kind.sphere_spring(own.parameters, q, reference, stiffness)
 
 
-def _of_springs(own, q):
+def _of_springs(own: KindState, q: Numbers):
     """By coordinate, of those that are not of the sphere."""
     fields, (start, first_rate) = own.state.fields, own.kind.sphere
     reference, stiffness = own.coordinates(fields["spring_references"]), own.rates(fields["stiffness"])[first_rate:]
@@ -222,7 +234,7 @@ def _of_springs(own, q):
     return [-k * d for k, d in zip(stiffness, deflection, strict=True)]
 
 
-def _of_limits(own, q, cos_sin, v, compliance):
+def _of_limits(own: KindState, q: Numbers, cos_sin: CosSin, v: Array, compliance: Compliance):
     fields, (start, first_rate) = own.state.fields, own.kind.sphere
     speeds = own.kind.rates(own.parameters, q, cos_sin, own.rates(v))[start:]
     softness = [own.rates(x)[first_rate:] for x in (compliance.limit_stiffness, compliance.limit_damping)]
@@ -230,13 +242,13 @@ def _of_limits(own, q, cos_sin, v, compliance):
     return [_of_limit(*x) for x in zip(q[start:], speeds, *softness, *limits, strict=True)]
 
 
-def _of_limit(q, speed, stiffness, damping, lower, upper):
+def _of_limit(q: Number, speed: Number, stiffness: Number, damping: Number, lower: Number, upper: Number):
     return _one_sided_force(lower - q, -speed, stiffness, damping) - _one_sided_force(
         q - upper, speed, stiffness, damping
     )
 
 
-def _one_sided_force(depth, speed, stiffness, damping):
+def _one_sided_force(depth: Number, speed: Number, stiffness: Number, damping: Number):
     """Zero where the depth is not above zero, minus infinity too."""
     is_beyond = depth > 0
     force = stiffness * where(is_beyond, depth, 0.0) + damping * where(is_beyond, speed, 0.0)

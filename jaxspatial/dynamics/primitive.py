@@ -5,6 +5,8 @@ A batch that leaves the cache runs in blocks that stay in it, on processors.
 
 import functools
 import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -14,18 +16,23 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from jax.interpreters import partial_eval as pe
 
+if TYPE_CHECKING:
+    from jaxspatial.dynamics.program import Program
 
-def bind(program, arrays, n_batch):
+Aval = jax.ShapeDtypeStruct
+
+
+def bind(program: "Program", arrays: Sequence[Any], n_batch: int) -> list[Any]:
     """The results (*batch, ...) of arrays that have n_batch axes in front, of size 1 where they do not vary."""
     arrays = [c if not is_zero(c) else zeros(c.aval) for c in arrays]
     return list(_program_p.bind(*arrays, program=program, n_batch=n_batch))
 
 
-def _common(shapes):
+def _common(shapes: Iterable[tuple[int, ...]]):
     return np.broadcast_shapes(*shapes)
 
 
-def _abstract(*avals, program, n_batch):
+def _abstract(*avals: Any, program: "Program", n_batch: int) -> list[Any]:
     batch = _common([a.shape[:n_batch] for a in avals])
     items = [jax.ShapeDtypeStruct(a.shape[n_batch:], a.dtype) for a in avals]
     size = block_size(math.prod(batch), program.block)
@@ -53,15 +60,15 @@ def _abstract(*avals, program, n_batch):
     return found
 
 
-def _jvp(primals, tangents, *, program, n_batch):
+def _jvp(primals: Sequence[Any], tangents: Sequence[Any], *, program: "Program", n_batch: int):
     return program.jvp(list(primals), list(tangents), n_batch)
 
 
-def _transpose(cotangents, *arguments, program, n_batch):
+def _transpose(cotangents: Sequence[Any], *arguments: Any, program: "Program", n_batch: int):
     return program.transposed(list(cotangents), list(arguments), n_batch)
 
 
-def _batch(arrays, axes, *, program, n_batch):
+def _batch(arrays: Sequence[Any], axes: Sequence[int | None], *, program: "Program", n_batch: int):
     """The new axis in front of those there are."""
     size = next(x.shape[axis] for x, axis in zip(arrays, axes, strict=True) if axis is not None)
     found = program.batched(arrays, axes, size, n_batch)
@@ -73,34 +80,34 @@ def _batch(arrays, axes, *, program, n_batch):
     return found, [0] * len(found)
 
 
-def batch_axis_first(x, axis, size, is_own):
+def batch_axis_first(x: jax.Array, axis: int | None, size: int, is_own: bool):
     if axis is not None:
         return jnp.moveaxis(x, axis, 0)
     return jnp.broadcast_to(x, (size, *x.shape)) if is_own else x[None]
 
 
-def is_zero(tangent):
+def is_zero(tangent: object):
     return type(tangent) is ad.Zero
 
 
-def no_tangent(x):
+def no_tangent(x: jax.Array) -> Any:
     return ad.Zero(jax.typeof(x).to_tangent_aval())
 
 
-def over_own(x, aval):
+def over_own(x: jax.Array, aval: Aval):
     """A cotangent over the batch of what it is the cotangent of."""
     axes = [k for k, (a, b) in enumerate(zip(x.shape, aval.shape, strict=True)) if a != b]
     return x.sum(axes, keepdims=True) if axes else x
 
 
-def zeros(aval):
+def zeros(aval: Aval):
     return lax.full(aval.shape, 0, aval.dtype)
 
 
 # -- running it -------------------------------------------------------------------------------------------------------
 
 
-def run(program, n_batch, in_blocks, *arrays):
+def run(program: "Program", n_batch: int, in_blocks: bool, *arrays: jax.Array) -> list[jax.Array]:
     """With one axis of states, in blocks where so asked."""
     batch = _common([x.shape[:n_batch] for x in arrays])
     columns = program.columns(arrays, n_batch) if in_blocks else []
@@ -111,7 +118,7 @@ def run(program, n_batch, in_blocks, *arrays):
     return [_unflat(y, program.owner(i), arrays, n_batch, batch) for i, y in enumerate(found)]
 
 
-def _over_columns(program, axes, n_batch, arrays):
+def _over_columns(program: "Program", axes: list[int], n_batch: int, arrays: Sequence[jax.Array]):
     """With columns, along these axes of the batch, as an axis behind the states."""
     *own, last = arrays
     states = [k for k in range(n_batch) if k not in axes]
@@ -123,7 +130,7 @@ def _over_columns(program, axes, n_batch, arrays):
     return jnp.transpose(found, (*np.argsort([*states, *axes]), n_batch))
 
 
-def _flat(x, n_batch, batch):
+def _flat(x: jax.Array, n_batch: int, batch: tuple[int, ...]):
     """(B, ...), or (1, ...) where no axis of the batch varies."""
     own = x.shape[:n_batch]
     if math.prod(own) > 1 and own != batch:
@@ -131,7 +138,7 @@ def _flat(x, n_batch, batch):
     return x.reshape((math.prod(own), *x.shape[n_batch:]))
 
 
-def _unflat(y, owner, arrays, n_batch, batch):
+def _unflat(y: jax.Array, owner: int | None, arrays: Sequence[jax.Array], n_batch: int, batch: tuple[int, ...]):
     if owner is None:
         return y.reshape((*batch, *y.shape[1:]))
     own = arrays[owner].shape[:n_batch]
@@ -142,12 +149,12 @@ def _unflat(y, owner, arrays, n_batch, batch):
     return whole.sum(over, keepdims=True) if over else whole
 
 
-def block_size(n, block):
+def block_size(n: int, block: int):
     """How many of n states make a block."""
     return -(-n // -(-n // block)) if n else n
 
 
-def _in_blocks(program, block, n, arrays):
+def _in_blocks(program: "Program", block: int | None, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
     n_blocks = -(-n // block) if block else 1
     if n_blocks < 2:
         return program.traced([_aval(x) for x in arrays])(*arrays)
@@ -159,9 +166,9 @@ def _in_blocks(program, block, n, arrays):
     ]
     avals = [_aval(x[0] if yes else x) for x, yes in zip(filled, varies, strict=True)]
     one = program.traced(avals)
-    adds = [program.owner(i) is not None and not varies[program.owner(i)] for i in range(len(one.out_avals))]
+    adds = [(k := program.owner(i)) is not None and not varies[k] for i in range(len(one.out_avals))]
 
-    def body(sums, own):
+    def body(sums: list[jax.Array], own: Iterable[jax.Array]):
         own = iter(own)
         found = one(*(next(own) if yes else x for x, yes in zip(filled, varies, strict=True)))
         sums = [s + y for s, y in zip(sums, [y for y, yes in zip(found, adds, strict=True) if yes], strict=True)]
@@ -173,7 +180,7 @@ def _in_blocks(program, block, n, arrays):
     return [next(sums) if yes else _joined(next(stacked), n) for yes in adds]
 
 
-def _blocks(x, size, n_blocks, is_cotangent):
+def _blocks(x: jax.Array, size: int, n_blocks: int, is_cotangent: bool):
     """(n_blocks, size, ...): filled up with the last state, and zeros of its cotangents."""
     missing = size * n_blocks - x.shape[0]
     if missing:
@@ -182,19 +189,19 @@ def _blocks(x, size, n_blocks, is_cotangent):
     return x.reshape((n_blocks, size, *x.shape[1:]))
 
 
-def _joined(x, n):
+def _joined(x: jax.Array, n: int):
     return x.reshape((-1, *x.shape[2:]))[:n]
 
 
-def _aval(x):
+def _aval(x: jax.Array):
     return jax.ShapeDtypeStruct(x.shape, x.dtype)
 
 
 class Traced:
     """The trace of a program, without what its results do not need."""
 
-    def __init__(self, program, avals):
-        def flat(*arrays):
+    def __init__(self, program: "Program", avals: Sequence[Aval]):
+        def flat(*arrays: jax.Array):
             return list(program.evaluate(*arrays))
 
         closed = jax.make_jaxpr(flat)(*avals)
@@ -202,12 +209,12 @@ class Traced:
         self.run = jax.extend.core.jaxpr_as_fun(jax.extend.core.ClosedJaxpr(jaxpr, closed.consts))
         self.out_avals = closed.out_avals
 
-    def __call__(self, *arrays):
+    def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
         return self.run(*arrays)
 
 
-def _lowering(in_blocks):
-    def rule(context, *arrays, program, n_batch):
+def _lowering(in_blocks: bool) -> Callable[..., Any]:
+    def rule(context: Any, *arrays: Any, program: "Program", n_batch: int) -> Any:
         """Without shardings and manual axes in the types: the arithmetic is elementwise, for the compiler to split."""
         with jax.sharding.use_abstract_mesh(_NO_MESH):
             plain = [jax.core.ShapedArray(a.shape, a.dtype) for a in context.avals_in]
@@ -218,7 +225,7 @@ def _lowering(in_blocks):
 
 
 @functools.lru_cache(maxsize=64)
-def _compiled(program, n_batch):
+def _compiled(program: "Program", n_batch: int) -> Callable[..., list[jax.Array]]:
     """The program on its own, for calls outside of any transformation."""
     return jax.jit(functools.partial(_program_p.bind, program=program, n_batch=n_batch))
 

@@ -4,6 +4,8 @@ Chains of equal length that hang side by side are one `loop`, and so are those t
 """
 
 import itertools
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import jax
 import numpy as np
@@ -11,10 +13,12 @@ import numpy as np
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import is_number, noinline
 from jaxspatial.dynamics import along
-from jaxspatial.dynamics.loop import Turns, run
+from jaxspatial.dynamics.loop import Step, Turns, run
+from jaxspatial.dynamics.state import MechanismState
+from jaxspatial.mechanism.topology import Bundle
 
 
-def outward(state, step, root, own):
+def outward(state: MechanismState, step: Step, root: Any, own: Sequence[Any]) -> list[Any]:
     """The results of every bundle: step(own, the state of the parent) gives (result, state of the body), with `root`
     for the state of the world."""
     results, ends = [], {-1: root}
@@ -29,7 +33,9 @@ def outward(state, step, root, own):
     return results
 
 
-def inward(state, step, nothing, own, joined=None):
+def inward(
+    state: MechanismState, step: Step, nothing: Any, own: Sequence[Any], joined: Callable[[Any, Any], Any] | None = None
+) -> list[Any]:
     """The results of every bundle: step(own, what its children pass on) gives (result, what is passed on). Of several
     children that is `joined`, by default added; `nothing` arrives at tips."""
     arrived, results, joined = {}, [], joined or _added
@@ -47,21 +53,21 @@ def inward(state, step, nothing, own, joined=None):
     return results[::-1]
 
 
-def _replaced(_, new):
+def _replaced(_: Any, new: Any) -> Any:
     return new
 
 
-def _added(a, b):
+def _added(a: Any, b: Any) -> Any:
     leaves, tree = jax.tree.flatten(a, is_leaf=is_number)
     return jax.tree.unflatten(tree, vectors.plus(tuple(leaves), tuple(jax.tree.leaves(b, is_leaf=is_number))))
 
 
-def _chain(tree, c):
+def _chain(tree: Any, c: int) -> Any:
     """Of one of the chains, or one row of a memory: numbers (1, B)."""
     return along.mapped_tree(lambda word: word[c : c + 1], tree)
 
 
-def _beside(trees, n):
+def _beside(trees: Sequence[Any], n: int) -> Any:
     """The states of chains side by side, (W, B): one tree where all are the same."""
     same = all(tree is trees[0] for tree in trees)
     return trees[0] if same else along.concatenated_trees(trees, n)
@@ -70,7 +76,14 @@ def _beside(trees, n):
 # -- where one group of chains ends and another begins ----------------------------------------------------------------
 
 
-def _turns(state, bundle, found, nothing, joined, reverse):
+def _turns(
+    state: MechanismState,
+    bundle: Bundle,
+    found: dict[int, Any],
+    nothing: Any,
+    joined: Callable[[Any, Any], Any],
+    reverse: bool,
+):
     """Turns of a loop outward, or in reverse: what is found of bodies that groups meet at, else nothing, is kept."""
     meet = [i for g in bundle.groups[1:] for i in g.parents]
     meet += [i for g in bundle.groups[:-1] for i in g.ends if state.topology.children[i]]
@@ -84,7 +97,7 @@ def _turns(state, bundle, found, nothing, joined, reverse):
     return Turns(kept, rows, at, put, get, joined, reverse)
 
 
-def _meetings(bundle, reverse):
+def _meetings(bundle: Bundle, reverse: bool) -> Iterator[tuple[int, Sequence[int], Sequence[int]]]:
     """(the row after which a group ends, the bodies that its chains meet others at, those of the chains that begin)."""
     first = 0
     for a, b in itertools.pairwise(bundle.groups):

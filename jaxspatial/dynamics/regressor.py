@@ -1,14 +1,18 @@
 """Joint torques as a linear function of the inertial parameters of all bodies."""
 
+from typing import Any
+
 import jax
 
 from jaxspatial.arithmetic import symmetric, vectors
-from jaxspatial.arithmetic.numbers import constant, noinline
+from jaxspatial.arithmetic.numbers import Numbers, Rows, constant, noinline
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import GEOMETRY, algorithm, checked
-from jaxspatial.dynamics.links import angular_acceleration_tensor, motion_step, world_motion
+from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.links import BodyMotion, angular_acceleration_tensor, motion_step, world_motion
 from jaxspatial.dynamics.mass_matrix import generalized_force, halves, in_root_axes
+from jaxspatial.dynamics.state import MechanismState, Pose
 from jaxspatial.mechanism import Mechanism
 
 
@@ -45,7 +49,7 @@ def joint_torque_regressor(
 
 
 @algorithm(*GEOMETRY, "gravity", entries=lambda t: 10 * t.nv * len(t))
-def _regressor(state, v, vdot):
+def _regressor(state: MechanismState, v: Array, vdot: Array):
     links, placed = state.links(v, vdot), pairs.from_root(state)
     motions = recursion.outward(state, motion_step, world_motion(state), links)
     both = zip(links, placed, strict=True)
@@ -57,12 +61,12 @@ def _regressor(state, v, vdot):
     return state.in_given_axes(state.rounded(pairs.by_rates(state, Y, 0)))
 
 
-def _in_root_axes(X, motion):
+def _in_root_axes(X: Pose, motion: BodyMotion) -> Any:
     """The wrenches of all parameters of a body, side by side."""
     return along.abreast([noinline(in_root_axes)(X, halves(wrench)) for wrench in noinline(_of_parameters)(motion)])
 
 
-def _of_parameters(motion):
+def _of_parameters(motion: BodyMotion) -> list[Numbers]:
     """The wrench of a unit of mass, of each first moment, of each entry of the inertia, about the origin of J.
 
     f = m a + E (m c)        tau = (m c) x a + J alpha + w x J w        E = [alpha]x + [w]x [w]x
@@ -76,6 +80,6 @@ def _of_parameters(motion):
     return [(*no_vector, *motion.a), *of_arms, *of_inertia]
 
 
-def _torque(J, motion):
+def _torque(J: Rows, motion: BodyMotion):
     spin = vectors.cross(motion.w, vectors.matrix_times(J, motion.w))
     return vectors.plus(vectors.matrix_times(J, motion.alpha), spin)

@@ -1,31 +1,43 @@
 """What was found bundle by bundle, put in the order of bodies, rates and coordinates, and rounded."""
 
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import numbers
-from jaxspatial.arithmetic.numbers import Rounded, stacking
+from jaxspatial.arithmetic.numbers import Number, Numbers, Rounded, stacking
 from jaxspatial.dynamics import alignment, along
+from jaxspatial.dynamics.along import Array
+from jaxspatial.mechanism.topology import Bundle, Topology
+
+T = TypeVar("T")
 
 
 class Results:
     """Of a state of n items, of a topology, with numbers rounded to dtype: a part of `MechanismState`."""
 
-    topology: Any
-    bundles: Any
-    fields: Any
-    numbers: Any
-    known: Any
-    n: Any
-    dtype: Any
-    _turns: Any
+    topology: Topology
+    fields: dict[str, Any]
+    n: int
+    dtype: np.dtype
+    _turns: alignment.QuarterTurns | None
+
+    @property
+    def bundles(self) -> tuple[Bundle, ...]:
+        raise NotImplementedError
+
+    def numbers(self, array: Array) -> Numbers:
+        raise NotImplementedError
+
+    def known(self, number: float) -> Number:
+        raise NotImplementedError
 
     # -- bodies -------------------------------------------------------------------------------------------------------
 
-    def of_body(self, body, found, at_world):
+    def of_body(self, body: int, found: Sequence[T], at_world: T) -> T:
         """What was found for all bundles, of one body: numbers (1, B). Of the world for -1."""
         if body < 0:
             return at_world
@@ -33,13 +45,13 @@ class Results:
         # Of what is the same for all chains there is one.
         return along.mapped_tree(lambda word: word[j, min(c, word.shape[1] - 1)][None], found[k])
 
-    def by_body(self, found):
+    def by_body(self, found: Sequence[Numbers]) -> jax.Array:
         """(n, k, B) of tuples of k numbers, one for every bundle, in the order of bodies."""
         pieces = [self._rows(b, parts, 3) for b, parts in zip(self.bundles, found, strict=True)]
         places = np.concatenate([b.own_bodies for b in self.bundles])
         return self.rounded(along.mapped(lambda w: along.rows(w, np.argsort(places)), along.joined(pieces)))
 
-    def _rows(self, bundle, parts, rank):
+    def _rows(self, bundle: Bundle, parts: Numbers, rank: int) -> Number:
         """(rows, B), or (bodies, k, B), of numbers of a bundle, those of a chain one behind the other."""
         count = bundle.length * bundle.width
         whole = along.stacked(parts, (bundle.length, bundle.width, self.n), 2)
@@ -50,7 +62,7 @@ class Results:
 
     # -- results ------------------------------------------------------------------------------------------------------
 
-    def rounded(self, x):
+    def rounded(self, x: Any) -> Any:
         """A number, or a tuple of them, as an array (..., B): rounded once, to the dtype of q. Arrays as they are."""
         if numbers.is_number(x):
             array = jnp.asarray(stacking.as_array(x, self.dtype))
@@ -59,16 +71,16 @@ class Results:
             return jnp.stack([self.rounded(c).reshape((self.n,)) for c in x])
         return x
 
-    def by_rate(self, found, bundles=None):
+    def by_rate(self, found: Sequence[Numbers], bundles: Sequence[Bundle] | None = None) -> jax.Array:
         """(nv, B) of one number per rate, in a tuple for each bundle: what acts on a mimic acts, times its multiplier,
         on the joint that it follows."""
         return self.rounded(self.numbers_by_rate(found, bundles))
 
-    def numbers_by_rate(self, found, bundles=None):
+    def numbers_by_rate(self, found: Sequence[Numbers], bundles: Sequence[Bundle] | None = None) -> Number:
         """The same, as one number over the rates."""
         return self.following(*self._gathered(found, bundles or self.bundles, of_rates=True))
 
-    def following(self, whole, places, bodies):
+    def following(self, whole: Number, places: np.ndarray, bodies: np.ndarray) -> Number:
         """Of numbers (rows, B) of bodies those that are no mimics', in order, with theirs added."""
         own = self._own_rows(whole, places, bodies)
         for row in np.flatnonzero(self._follows(bodies)).tolist():
@@ -76,16 +88,18 @@ class Results:
             own = along.added_at(own, places[row], factor * along.mapped(lambda w, k=row: w[k], whole))
         return own
 
-    def by_coordinate(self, found, bundles=None):
+    def by_coordinate(self, found: Sequence[Numbers], bundles: Sequence[Bundle] | None = None) -> jax.Array:
         """(nq, B) of one number per coordinate, in a tuple for each bundle; those of mimics are no coordinates."""
         return self.rounded(self._own_rows(*self._gathered(found, bundles or self.bundles, of_rates=False)))
 
-    def matrix_by_rate(self, found):
+    def matrix_by_rate(self, found: Sequence[Sequence[Numbers]]) -> jax.Array:
         """(k, nv, B) of a tuple of k numbers per rate, in a tuple for each bundle."""
         k = next(len(parts[0]) for parts in found if parts)
         return jnp.stack([self.by_rate([tuple(column[i] for column in parts) for parts in found]) for i in range(k)])
 
-    def _gathered(self, found, bundles, of_rates):
+    def _gathered(
+        self, found: Sequence[Numbers], bundles: Sequence[Bundle], of_rates: bool
+    ) -> tuple[Number, np.ndarray, np.ndarray]:
         """(numbers (rows, B), where each row belongs, the body that each is of)."""
         starts = np.array(self.topology.v_starts if of_rates else self.topology.q_starts)
         pieces, places, bodies = [], [], []
@@ -94,17 +108,18 @@ class Results:
                 pieces.append(self._rows(b, parts, 2))
                 places.append(starts[b.own_bodies][:, None] + np.arange(len(parts)))
                 bodies.append(np.broadcast_to(b.own_bodies[:, None], places[-1].shape))
-        return along.joined(pieces), *(np.concatenate([x.ravel() for x in y]) for y in (places, bodies))
+        places, bodies = (np.concatenate([x.ravel() for x in y]) for y in (places, bodies))
+        return along.joined(pieces), places, bodies
 
-    def _own_rows(self, whole, places, bodies):
+    def _own_rows(self, whole: Number, places: np.ndarray, bodies: np.ndarray) -> Number:
         own = np.flatnonzero(~self._follows(bodies))
         order = own[np.argsort(places[own])]
         return along.mapped(lambda w: along.rows(w, order), whole)
 
-    def _follows(self, bodies):
+    def _follows(self, bodies: np.ndarray):
         return np.array([self.topology.is_mimic(i) for i in bodies], bool)
 
-    def in_given_axes(self, Y):
+    def in_given_axes(self, Y: jax.Array) -> jax.Array:
         """A matrix (rows, 10 n, B) over dynamic parameters, of those that a mechanism is given with."""
         if self._turns is None:
             return Y
@@ -116,7 +131,7 @@ class Results:
 
     # -- numbers kept from one program for another --------------------------------------------------------------------
 
-    def words(self, found):
+    def words(self, found: Sequence[Any]) -> list[jax.Array]:
         """The arrays (..., B) that trees of numbers of bundles consist of, not rounded."""
         full = []
         for b, tree in zip(self.bundles, found, strict=True):
@@ -125,19 +140,19 @@ class Results:
             full += [along.spread(x, shape if along.is_constant(x) else self._whole(x)) for x in leaves]
         return jax.tree.leaves(numbers.data_of(full))
 
-    def _whole(self, x):
+    def _whole(self, x: Number):
         return *np.shape(numbers.high(x))[:-1], self.n
 
-    def of_words(self, arrays, form):
+    def of_words(self, arrays: Iterable[Array], form: Any) -> Any:
         """The tree of numbers that consists of these arrays, in the form of another."""
         leaves, tree = jax.tree.flatten(form, is_leaf=numbers.is_number)
         like, found = self.known(0.0), iter(arrays)
         if isinstance(like, Rounded):
-            return jax.tree.unflatten(tree, [like._new(next(found)) for _ in leaves])
+            return jax.tree.unflatten(tree, [Rounded(like.precision, next(found)) for _ in leaves])
         pairs = jax.tree.structure(like)
         return jax.tree.unflatten(tree, [jax.tree.unflatten(pairs, [next(found), next(found)]) for _ in leaves])
 
-    def sum_over_bodies(self, found):
+    def sum_over_bodies(self, found: Sequence[Number]) -> Number:
         """The sum of numbers, one for every bundle, over all bodies: (B,)."""
         return along.pairwise_sum(
             along.joined([self._rows(b, (x,), 2) for b, x in zip(self.bundles, found, strict=True)])

@@ -6,6 +6,7 @@ exact: frames, inertias and placements with them.
 """
 
 import functools
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -13,63 +14,76 @@ import numpy as np
 
 from jaxspatial.arithmetic import numbers, vectors
 from jaxspatial.arithmetic.functions import cosine_sine
-from jaxspatial.arithmetic.numbers import stacking
+from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Rows, Symmetric, Three, stacking
+from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.dynamics import alignment, along
+from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.results import Results
+from jaxspatial.mechanism.joints import JointKind, Parameter
+from jaxspatial.mechanism.joints.form import CosSin
+from jaxspatial.mechanism.joints.geometry import JointNumbers
+from jaxspatial.mechanism.topology import Bundle, Topology
 
 
 class Pose(NamedTuple):
     """(R by its rows, p)."""
 
-    rows: Any
-    p: Any
+    rows: Rows
+    p: Three
 
 
 class Inertia(NamedTuple):
     """Of a body about its J, as SpatialInertia has it."""
 
-    mass: Any
-    com: Any
-    central: Any
-
-
-class Link(NamedTuple):
-    """A body and the joint that carries it. v: rates of the joint; vdot: their derivatives;
-    tau: the generalized forces, None where they are unknown."""
-
-    placement: Any
-    joint: Any
-    inertia: Any
-    v: Any
-    vdot: Any
-    tau: Any
-    armature: Any
+    mass: Number
+    com: Three
+    central: Symmetric
 
 
 class JointState(NamedTuple):
     """A joint at its coordinates: see `JointKind`."""
 
-    kind: Any
-    parameters: Any
-    q: Any
-    cos_sin: Any
+    kind: type[JointKind]
+    parameters: JointNumbers
+    q: Numbers
+    cos_sin: CosSin
 
     @property
     def transform(self):
         return Pose(*self.kind.transform(self.parameters, self.q, self.cos_sin))
 
     @property
-    def subspace(self):
+    def subspace(self) -> tuple[Motion, ...]:
         return self.kind.motion_subspace(self.parameters, self.cos_sin)
 
-    def subspace_rate(self, v):
+    def subspace_rate(self, v: Numbers) -> tuple[Motion, ...]:
         return self.kind.motion_subspace_rate(self.parameters, self.cos_sin, v)
+
+
+class Link(NamedTuple):
+    """A body and the joint that carries it. v: rates of the joint; vdot: their derivatives;
+    tau: the generalized forces."""
+
+    placement: Pose
+    joint: JointState
+    inertia: Inertia
+    v: Numbers
+    vdot: Numbers
+    tau: Numbers
+    armature: Numbers
+
+
+# (tau, f) on a body about its J, and what else adds up with these, see `loads`.
+Load = tuple[Three, Three, Any]
 
 
 class MechanismState(Results):
     """The fields of a mechanism by name, NumPy or data (n, ..., B), and q (nq, B)."""
 
-    def __init__(self, topology, fields, q, n, precision, dtype):
+    def __init__(
+        self, topology: Topology, fields: dict[str, Any], q: Array, n: int, precision: Precision, dtype: DTypeLike
+    ):
         self.topology, self.q, self.n = topology, q, n
         self.precision, self.dtype = precision, np.dtype(dtype)
         self.fields, self._turns = alignment.aligned(topology, fields)
@@ -85,26 +99,31 @@ class MechanismState(Results):
 
     # -- numbers ------------------------------------------------------------------------------------------------------
 
-    def numbers(self, array):
+    def numbers(self, array: Array) -> Numbers:
         """The numbers of NumPy (..., k) or data (..., k, B)."""
         array = array[..., None, :] if isinstance(array, np.ndarray) else jnp.moveaxis(array, -2, -1)
         return stacking.of_array(array, self.precision, self.precision.sees_whole_sums, self.dtype)
 
-    def known(self, number):
+    def known(self, number: float) -> Number:
         """A number that is known while tracing."""
         return self.numbers(np.array([number]))[0]
 
     @property
-    def no_vector(self):
-        return (self.known(0.0),) * 3
+    def no_vector(self) -> tuple[Number, Number, Number]:
+        zero = self.known(0.0)
+        return zero, zero, zero
 
-    def of(self, bundle, array):
+    @property
+    def no_inertia(self):
+        return Inertia(self.known(0.0), self.no_vector, self.no_vector * 2)
+
+    def of(self, bundle: Bundle, array: Array):
         """The numbers of a bundle in an array over all bodies: NumPy (n, k), or data (n, k, B)."""
         return self.numbers(along.rows(array, bundle.bodies))
 
     # -- coordinates --------------------------------------------------------------------------------------------------
 
-    def coordinates(self, bundle, array, of_rates=False):
+    def coordinates(self, bundle: Bundle, array: Array, of_rates: bool = False) -> Numbers:
         """The numbers of a bundle in q, or in an array over rates. Those of mimics follow."""
         t, size = self.topology, bundle.kind.nv if of_rates else bundle.kind.nq
         if not size:
@@ -116,13 +135,13 @@ class MechanismState(Results):
         multiplier, offset = self.of(bundle, self.fields["mimics"])
         return tuple(multiplier * x if of_rates else multiplier * x + offset for x in found)
 
-    def rates(self, bundle, array):
+    def rates(self, bundle: Bundle, array: Array | None) -> Numbers:
         """The numbers of a bundle in an array over rates; known zeros for None."""
         if array is None:
             return (self.known(0.0),) * bundle.kind.nv
         return self.coordinates(bundle, array, of_rates=True)
 
-    def armature(self, bundle):
+    def armature(self, bundle: Bundle) -> Numbers:
         """Zeros for mimics: their share is with the joint that they follow, see `mechanism.assembly`."""
         t, n = self.topology, bundle.kind.nv
         if not n:
@@ -137,30 +156,30 @@ class MechanismState(Results):
 
     # -- bundles ------------------------------------------------------------------------------------------------------
 
-    def parameters(self, bundle):
+    def parameters(self, bundle: Bundle) -> JointNumbers:
         """What its joints are made with, as verbs of their kind take it."""
 
-        def numbers_of(p):
+        def numbers_of(p: Parameter):
             found = self.of(bundle, self.fields[p.field] if p.field else self.fields["parameters"][p.name])
             return found if p.size > 1 else found[0]
 
         return bundle.kind.numbers(numbers_of, self.known(0.0))
 
-    def placement(self, bundle):
+    def placement(self, bundle: Bundle):
         return self._pose(self.fields["placements"], bundle.bodies)
 
-    def child_placement(self, bundle):
+    def child_placement(self, bundle: Bundle):
         return self._pose(self.fields["child_placements"], bundle.bodies)
 
-    def frame_placement(self, frame):
+    def frame_placement(self, frame: int):
         """X_JF of one of the named frames, as numbers (1, B)."""
         return self._pose(self.fields["frame_placements"], np.array([frame]))
 
-    def _pose(self, transforms, places):
+    def _pose(self, transforms: tuple[Array, Array], places: np.ndarray):
         entries, p = (along.rows(x, places) for x in transforms)
         return Pose(vectors.rows(self.numbers(self._without_dust(entries))), self.numbers(p))
 
-    def _without_dust(self, entries):
+    def _without_dust(self, entries: Array) -> Array:
         """Known entries that are no zeros only by the digits of a file (of quarter turns, 5e-12) are, where q has so
         few digits that it makes no difference in any precision: 2^-12 u."""
         if not isinstance(entries, np.ndarray):
@@ -168,22 +187,21 @@ class MechanismState(Results):
         is_dust = abs(entries) < float(jnp.finfo(self.dtype).eps) * 2.0**-13
         return np.where(is_dust, 0, entries).astype(entries.dtype)
 
-    def inertia(self, bundle):
-        mass, com, central = (self.of(bundle, x) for x in self.fields["inertias"])
-        return Inertia(*mass, com, central)
+    def inertia(self, bundle: Bundle):
+        (mass,), com, central = (self.of(bundle, x) for x in self.fields["inertias"])
+        return Inertia(mass, com, central)
 
-    def links(self, v=None, vdot=None, tau=None):
-        """The Link of every bundle; known zeros for None, but of tau."""
-        has_armature = "armature" in self.fields
+    def links(self, v: Array | None = None, vdot: Array | None = None, tau: Array | None = None):
+        """The Link of every bundle; known zeros for None, and for what the algorithm does not read."""
         return [
             Link(
                 self.placement(b),
                 joint,
-                self.inertia(b) if "inertias" in self.fields else None,
+                self.inertia(b) if "inertias" in self.fields else self.no_inertia,
                 self.rates(b, v),
                 self.rates(b, vdot),
-                None if tau is None else self.rates(b, tau),
-                self.armature(b) if has_armature else None,
+                self.rates(b, tau),
+                self.armature(b) if "armature" in self.fields else self.rates(b, None),
             )
             for b, joint in zip(self.bundles, self.joints, strict=True)
         ]
@@ -198,14 +216,14 @@ class MechanismState(Results):
             for b, x in zip(self.bundles, q, strict=True)
         ]
 
-    def _cos_sin(self, angles):
+    def _cos_sin(self, angles: Numbers) -> Iterator[Any]:
         """(cosine, sine) of each, those of data in one call: within other formulas they would keep XLA CPU from
         vectorising these."""
         data = [x for x in angles if not along.is_constant(x)]
         found = iter(along.split(cosine_sine, data) if data else ())
         return (cosine_sine(x) if along.is_constant(x) else next(found) for x in angles)
 
-    def is_root(self, bundle):
+    def is_root(self, bundle: Bundle):
         """Whether its bodies hang on the world."""
         return bundle.is_on_world
 
@@ -213,16 +231,16 @@ class MechanismState(Results):
 class KindState:
     """The joints of one kind that have coordinates of their own, side by side."""
 
-    def __init__(self, state, bundle):
+    def __init__(self, state: MechanismState, bundle: Bundle):
         self.state, self.bundle, self.kind = state, bundle, bundle.kind
 
-    def coordinates(self, array):
+    def coordinates(self, array: Array):
         return self.state.coordinates(self.bundle, array)
 
-    def rates(self, array):
+    def rates(self, array: Array):
         return self.state.coordinates(self.bundle, array, of_rates=True)
 
-    def rows(self, array, of_rates=True):
+    def rows(self, array: Array, of_rates: bool = True):
         """What an array over rates, or coordinates, has for them: to see what is known of it."""
         t = self.state.topology
         slices = ((t.v_slice if of_rates else t.q_slice)(i) for i in self.bundle.own_bodies)
@@ -232,12 +250,12 @@ class KindState:
     def parameters(self):
         return self.state.parameters(self.bundle)
 
-    def apply(self, verb, other):
+    def apply(self, verb: str, other: Numbers) -> Numbers:
         """A verb of the kind, of its coordinates and others or a step."""
         q = self.coordinates(self.state.q)
         return numbers.noinline(getattr(self.kind, verb))(self.parameters, q, other)
 
-    def cos_sin(self, q):
+    def cos_sin(self, q: Numbers) -> CosSin:
         """Of its angles, for the rates of its coordinates."""
         return {k: cosine_sine(q[k]) for k in self.kind.angles} if self.kind.rates_need_angles else {}
 
@@ -246,7 +264,7 @@ class KindState:
         """Whether rates are the coordinates' own."""
         return self.kind.nq == self.kind.nv and not self.kind.rates_need_angles
 
-    def dq_dt(self, v):
+    def dq_dt(self, v: Array) -> Numbers:
         return self._dq_dt([self.rates(v)])[0]
 
     def dq_dt_of_units(self):
@@ -254,7 +272,7 @@ class KindState:
         n = self.kind.nv
         return self._dq_dt([tuple(self.state.known(float(i == k)) for i in range(n)) for k in range(n)])
 
-    def _dq_dt(self, several):
+    def _dq_dt(self, several: list[Numbers]) -> list[Numbers]:
         q = self.coordinates(self.state.q)
         cos_sin = self.cos_sin(q)
         return [self.kind.rates(self.parameters, q, cos_sin, v) for v in several]

@@ -1,6 +1,8 @@
 """Steps in time."""
 
 import functools
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -8,15 +10,18 @@ import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import doubled
+from jaxspatial.arithmetic.numbers import Number, Numbers, doubled
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates, Scalar
 from jaxspatial.dynamics.algorithm import checked
+from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.configuration import configuration_rates, integrate
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.loads import ExternalForces
 from jaxspatial.dynamics.passive import Compliance, acting, resistance
 from jaxspatial.dynamics.variational import variational_step
 from jaxspatial.mechanism import Mechanism
+
+At = tuple[Array, Array, Array]  # q, v, tau
 
 
 def semi_implicit_step(
@@ -65,43 +70,46 @@ def semi_implicit_step(
     Source: Hairer, Lubich, Wanner 2006, Geometric numerical integration, I.1.2; Todorov 2014, Convex and
         analytically-invertible dynamics with contacts and constraints (implicit damping).
     """
-    given = _checked("semi_implicit_step", mechanism, q, v, tau, dt)
-    return _semi_implicit_step(mechanism, *given, external_forces, compliance, precision)
-
-
-def _semi_implicit_step(mechanism, q, v, tau, dt, external_forces, compliance, precision):
+    q, v, tau, time = _checked("semi_implicit_step", mechanism, q, v, tau, dt)
     tau = _with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
     c = resistance(mechanism, v, compliance, precision)
-    accelerated = _accelerated if c is None or (c.ndim == 1 and not dt.ndim) else _each_accelerated
-    vdot = accelerated(mechanism, precision, q, v, tau, dt, c, external_forces)
-    v = _euler(precision, v, dt[..., None], vdot)
-    return integrate(mechanism, q, v, dt, precision=precision), v
+    accelerated = _accelerated if c is None or (c.ndim == 1 and not time.ndim) else _each_accelerated
+    vdot = accelerated(mechanism, precision, (q, v, tau), time, c, external_forces)
+    v = _euler(precision, v, time[..., None], vdot)
+    return integrate(mechanism, q, v, time, precision=precision), v
 
 
-def _with_springs_and_limits(mechanism, q, v, tau, compliance, precision):
+def _with_springs_and_limits(
+    mechanism: Mechanism, q: Array, v: Array, tau: Array, compliance: Compliance | None, precision: PrecisionName
+) -> Array:
     forces = acting(mechanism, q, v, compliance, precision, with_resistance=False)
     return tau if forces is None else _plus(precision, tau, forces)
 
 
-def _accelerated(mechanism, precision, q, v, tau, dt, c, external_forces):
+def _accelerated(
+    mechanism: Mechanism, precision: PrecisionName, at: At, dt: jax.Array, c: jax.Array | None, forces: ExternalForces
+) -> jax.Array:
     """dv/dt that leads to rates at which the resistance -c v acts."""
+    q, v, tau = at
     if c is not None:
         # (M + dt c) dv/dt = tau - c v - ...: as if the rotors had the inertia dt c more.
         armature = jnp.asarray(mechanism.armature, c.dtype) + dt * c
         tau, mechanism = _damped(precision, tau, c, v), mechanism.replace(armature=armature)
-    return forward_dynamics(mechanism, q, v, tau, external_forces, precision=precision)
+    return forward_dynamics(mechanism, q, v, tau, forces, precision=precision)
 
 
-def _each_accelerated(mechanism, precision, q, v, tau, dt, c, external_forces):
+def _each_accelerated(
+    mechanism: Mechanism, precision: PrecisionName, at: At, dt: jax.Array, c: jax.Array, forces: ExternalForces
+) -> jax.Array:
     """Over a batch with a resistance, or a time, for each."""
-    given = q, v, tau, dt[..., None], c
-    batch = np.broadcast_shapes(*(x.shape[:-1] for x in (*given, *jax.tree.leaves(external_forces))))
-    *given, dt, c = check.broadcast_batch(batch, *given)
-    forces = jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, x.shape[-1])), external_forces)
+    given = *at, dt[..., None], c
+    batch = np.broadcast_shapes(*(x.shape[:-1] for x in (*given, *jax.tree.leaves(forces))))
+    q, v, tau, dt, c = check.broadcast_batch(batch, *given)
+    forces = jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, x.shape[-1])), forces)
     function = functools.partial(_accelerated, mechanism, precision)
     for _ in batch:
         function = jax.vmap(function)
-    return function(*given, dt[..., 0], c, forces)
+    return function((q, v, tau), dt[..., 0], c, forces)
 
 
 def symplectic_step(
@@ -151,13 +159,9 @@ def symplectic_step(
     Source: Marsden, West 2001, Discrete mechanics and variational integrators, 1.1 to 1.4; Lee, Leok, McClamroch 2007,
         Lie group variational integrators for the full body problem.
     """
-    given = _checked("symplectic_step", mechanism, q, v, tau, dt)
-    return _symplectic_step(mechanism, *given, external_forces, iterations, compliance, precision)
-
-
-def _symplectic_step(mechanism, q, v, tau, dt, external_forces, iterations, compliance, precision):
-    batch = np.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau)), dt.shape)
-    q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (q, v, tau, dt[..., None]))
+    *at, time = _checked("symplectic_step", mechanism, q, v, tau, dt)
+    batch = np.broadcast_shapes(*(x.shape[:-1] for x in at), time.shape)
+    q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (*at, time[..., None]))
     tau = _with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
     damping = resistance(mechanism, v, compliance, precision)
     return variational_step(mechanism, q, v, tau, h, damping, external_forces, iterations, precision)
@@ -205,23 +209,22 @@ def rk4_step(
         "compensated" and "faithful" the stages between are rounded to the dtype.
     Source: Hairer, Norsett, Wanner 1993, Solving ordinary differential equations I, II.1.
     """
-    given = _checked("rk4_step", mechanism, q, v, tau, dt)
-    return _rk4_step(mechanism, *given, external_forces, compliance, precision)
+    q, v, tau, time = _checked("rk4_step", mechanism, q, v, tau, dt)
 
-
-def _rk4_step(mechanism, q, v, tau, dt, external_forces, compliance, precision):
-    def rate(q, v):
+    def rate(q: Array, v: Array) -> tuple[jax.Array, jax.Array]:
         passive = acting(mechanism, q, v, compliance, precision)
         forces = tau if passive is None else _plus(precision, tau, passive)
         vdot = forward_dynamics(mechanism, q, v, forces, external_forces, precision=precision)
         return configuration_rates(mechanism, q, v, precision=precision), vdot
 
-    q, v = _runge_kutta(precision, rate, (q, v), dt[..., None])
+    q, v = _runge_kutta(precision, rate, (q, v), time[..., None])
     nowhere = np.zeros(mechanism.nv, q.dtype)
     return integrate(mechanism, q, nowhere, precision=precision), v
 
 
-def _runge_kutta(precision, rate, x, dt):
+def _runge_kutta(
+    precision: PrecisionName, rate: Callable[..., tuple[jax.Array, jax.Array]], x: tuple[Array, Array], dt: jax.Array
+) -> tuple[jax.Array, ...]:
     k = [rate(*x)]
     for share in (0.5, 0.5, 1.0):
         ahead = (_euler(precision, a, dt * dt.dtype.type(share), b) for a, b in zip(x, k[-1], strict=True))
@@ -230,29 +233,31 @@ def _runge_kutta(precision, rate, x, dt):
 
 
 @formula
-def _euler(x, dt, rate):
+def _euler(x: Numbers, dt: Numbers, rate: Numbers):
     return tuple(a + dt[0] * b for a, b in zip(x, rate, strict=True))
 
 
 @formula
-def _rk4_mean(x, dt, *rates):
-    def one(a, k1, k2, k3, k4):
+def _rk4_mean(x: Numbers, dt: Numbers, *rates: Numbers):
+    def one(a: Number, k1: Number, k2: Number, k3: Number, k4: Number):
         return a + dt[0] * ((k1 + k4) + doubled(k2 + k3)) / 6
 
     return tuple(one(a, *k) for a, *k in zip(x, *rates, strict=True))
 
 
 @formula
-def _plus(a, b):
+def _plus(a: Numbers, b: Numbers):
     return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
 @formula
-def _damped(tau, damping, v):
+def _damped(tau: Numbers, damping: Numbers, v: Numbers):
     return tuple(t - d * x for t, d, x in zip(tau, damping, v, strict=True))
 
 
-def _checked(operation, mechanism, q, v, tau, dt):
+def _checked(
+    operation: str, mechanism: Mechanism, q: Coordinates, v: Rates, tau: Forces, dt: Scalar
+) -> tuple[Any, Any, Any, jax.Array]:
     q, v, tau = checked(operation, mechanism, q=q, v=v, tau=tau)
     dt = check.as_float_array(dt, f"{operation}: dt", q.dtype)
     check.require_same_dtype(q=q, dt=dt)

@@ -1,13 +1,14 @@
 """What `Mechanism.build` refuses of the names of parts."""
 
 from collections.abc import Container, Iterable, Sequence
+from typing import Any
 
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
 from jaxspatial.mechanism.poses import check_single
 
 
-def check_names(bodies: Sequence[Body], joints: Sequence[Joint], frames: Sequence[Frame]):
+def check_names(bodies: Sequence[Any], joints: Sequence[Any], frames: Sequence[Any]):
     for what, kind, parts in (("bodies", Body, bodies), ("joints", Joint, joints), ("frames", Frame, frames)):
         for part in parts:
             if not isinstance(part, kind):

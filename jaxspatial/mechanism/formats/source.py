@@ -9,7 +9,7 @@ Element = Any  # of lxml, which declares no types
 _MARK = "\ufeff"
 
 
-def file_source(operation: str, path_or_text: str | pathlib.Path) -> tuple[bytes, pathlib.Path | None]:
+def file_source(operation: str, path_or_text: object) -> tuple[bytes, pathlib.Path | None]:
     """(the bytes of a file, its path), or (those of a text, None): text is told by its first sign."""
     if isinstance(path_or_text, str):
         text = path_or_text.removeprefix(_MARK)

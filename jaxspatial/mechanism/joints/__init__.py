@@ -55,7 +55,7 @@ def register(kind: type[JointKind]) -> type[JointKind]:
         ValueError: another kind has the name, as programs are kept by it; the coordinates at zero are not nq; a
             parameter has the name of a different one, of another kind.
     """
-    if not (isinstance(kind, type) and issubclass(kind, JointKind)):
+    if not (isinstance(kind, type) and issubclass(kind, JointKind)):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise TypeError(f"register: expected a subclass of JointKind, got {kind!r}")
     if KINDS.get(kind.name, kind) is not kind:
         raise ValueError(f"register: name: there is another kind {kind.name!r}")

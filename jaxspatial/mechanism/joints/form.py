@@ -39,6 +39,7 @@ class JointKind:
     moves_as: the name of the kind that the dynamics takes it for; its own, unless a kind differs in coordinates alone
     is_about_one_axis: whether it turns about and slides along `joint.axis` alone: the dynamics may turn its frame then,
         so that this is z. Its other parameters have to be lengths and the like, not directions
+    is_unconstrained: whether it holds nothing, and S is the identity: a floating root's rates are found all at once
     is_sequential: whether it moves as joints with one rate each, one after the other
     rates_need_angles: whether `rates` asks for `cos_sin`
     """
@@ -52,6 +53,7 @@ class JointKind:
     sphere: tuple[int, int] = (0, 0)
     moves_as: str
     is_about_one_axis: bool = False
+    is_unconstrained: bool = False
     is_sequential: bool = True
     rates_need_angles: bool = False
     _Numbers: Callable[..., Any]

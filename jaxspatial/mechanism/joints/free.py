@@ -15,7 +15,7 @@ from jaxspatial.rotation import exponential, quaternion
 class Free(JointKind):
     """Holds nothing: q = (unit quaternion wxyz, p_PoBo_P), v = V_PB_B, angular first, both in the child's axes."""
 
-    name, nq, nv, sphere, is_sequential = "free", 7, 6, (4, 3), False
+    name, nq, nv, sphere, is_sequential, is_unconstrained = "free", 7, 6, (4, 3), False, True
     neutral = (1.0, *[0.0] * 6)
 
     @staticmethod
