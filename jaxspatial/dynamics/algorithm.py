@@ -293,10 +293,15 @@ def _over(x: Array, is_own: bool, n_batch: int):
 # -- what a caller passes ---------------------------------------------------------------------------------------------
 
 
-def checked(operation: str, mechanism: object, **arrays: Any) -> tuple[Any, ...]:
-    """The arrays of coordinates, (*batch, nq) for q and (*batch, nv) for all others, with a dtype in common."""
+def checked_mechanism(operation: str, mechanism: object) -> Mechanism:
     if not isinstance(mechanism, Mechanism):
         raise TypeError(f"{operation}: expected a Mechanism first, got {type(mechanism).__name__}")
+    return mechanism
+
+
+def checked(operation: str, mechanism: object, **arrays: Any) -> tuple[Any, ...]:
+    """The arrays of coordinates, (*batch, nq) for q and (*batch, nv) for all others, with a dtype in common."""
+    mechanism = checked_mechanism(operation, mechanism)
     sizes = {name: mechanism.nq if name.startswith("q") else mechanism.nv for name in arrays}
     # Lists of numbers take the dtype of an array beside them.
     dtype = next((x.dtype for x in arrays.values() if hasattr(x, "dtype")), None)

@@ -53,11 +53,9 @@ def quarter_turns(topology: Topology, axes: Array | None) -> QuarterTurns | None
 
 def of_parameters(turns: QuarterTurns) -> QuarterTurns:
     """(which, sign), (n, 10) each: the same for the ten dynamic parameters of bodies."""
-    which, sign = turns
-    n = len(which)
-    one = np.zeros((n, 1), int), np.ones((n, 1), sign.dtype)
-    six = _SYMMETRIC[which[:, _ROWS], which[:, _COLUMNS]], sign[:, _ROWS] * sign[:, _COLUMNS]
-    return np.concatenate([one[0], 1 + which, 4 + six[0]], 1), np.concatenate([one[1], sign, six[1]], 1)
+    (which, sign), (which6, sign6) = turns, _of_symmetric(turns)
+    zero, one = np.zeros((len(which), 1), int), np.ones((len(which), 1), sign.dtype)
+    return np.concatenate([zero, 1 + which, 4 + which6], 1), np.concatenate([one, sign, sign6], 1)
 
 
 def _in_aligned_axes(topology: Topology, turns: QuarterTurns, name: str, x: Any) -> Any:
@@ -71,36 +69,29 @@ def _in_aligned_axes(topology: Topology, turns: QuarterTurns, name: str, x: Any)
 
     if name == "placements":
         parents = of(topology.parents)
-        return _matrices(x[0], *parents, *turns), _vectors(x[1], *parents)
+        return _turned(x[0], _of_matrices(parents, turns)), _turned(x[1], parents)
     if name in ("child_placements", "frame_placements"):
         own = turns if name == "child_placements" else of([body for _, body in topology.frames])
-        n = len(own[0])
-        return _matrices(x[0], *own, *(np.tile(w, (n, 1)) for w in world)), _vectors(x[1], *own)
+        return _turned(x[0], _of_matrices(own, of([-1] * len(own[0])))), _turned(x[1], own)
     if name == "inertias":
-        return x[0], _vectors(x[1], *turns), _symmetric(x[2], *turns)
-    return _vectors(x, *turns) if name == "axes" else x
+        return x[0], _turned(x[1], turns), _turned(x[2], _of_symmetric(turns))
+    return _turned(x, turns) if name == "axes" else x
 
 
-def _vectors(x: Array, which: np.ndarray, sign: np.ndarray) -> Array:
-    """Of (n, 3, ...)."""
-    return x[np.arange(len(which))[:, None], which] * _beside(sign, x)
+def _turned(x: Array, turns: QuarterTurns) -> Array:
+    """Of (n, k, ...)."""
+    which, sign = turns
+    return x[np.arange(len(which))[:, None], which] * sign.astype(x.dtype).reshape((*sign.shape, *[1] * (x.ndim - 2)))
 
 
-def _matrices(
-    x: Array, of_rows: np.ndarray, sign_of_rows: np.ndarray, of_columns: np.ndarray, sign_of_columns: np.ndarray
-) -> Array:
-    """Of (n, 9, ...), by rows."""
-    n = len(of_rows)
-    places = (3 * of_rows[:, :, None] + of_columns[:, None, :]).reshape((n, 9))
-    sign = (sign_of_rows[:, :, None] * sign_of_columns[:, None, :]).reshape((n, 9))
-    return x[np.arange(n)[:, None], places] * _beside(sign, x)
+def _of_matrices(rows: QuarterTurns, columns: QuarterTurns) -> QuarterTurns:
+    """The same for matrices as nine numbers, by rows."""
+    (i, sign_i), (k, sign_k) = rows, columns
+    places, sign = 3 * i[:, :, None] + k[:, None, :], sign_i[:, :, None] * sign_k[:, None, :]
+    return places.reshape((-1, 9)), sign.reshape((-1, 9))
 
 
-def _symmetric(x: Array, which: np.ndarray, sign: np.ndarray) -> Array:
-    """Of (n, 6, ...), the lower triangle by rows."""
-    places, signs = _SYMMETRIC[which[:, _ROWS], which[:, _COLUMNS]], sign[:, _ROWS] * sign[:, _COLUMNS]
-    return x[np.arange(len(which))[:, None], places] * _beside(signs, x)
-
-
-def _beside(sign: np.ndarray, x: Array):
-    return sign.astype(x.dtype).reshape((*sign.shape, *[1] * (x.ndim - 2)))
+def _of_symmetric(turns: QuarterTurns) -> QuarterTurns:
+    """The same for symmetric matrices as six numbers, the lower triangle by rows."""
+    which, sign = turns
+    return _SYMMETRIC[which[:, _ROWS], which[:, _COLUMNS]], sign[:, _ROWS] * sign[:, _COLUMNS]

@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.types import BatchShape, Coordinates, DTypeLike, Key, PrecisionName, Rates, Scalar
-from jaxspatial.dynamics.algorithm import JOINTS, algorithm, checked
+from jaxspatial.dynamics.algorithm import JOINTS, algorithm, checked, checked_mechanism
 from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.state import MechanismState
 from jaxspatial.mechanism import Mechanism
@@ -151,8 +151,7 @@ def random_configuration(
     Error: none, it is random.
     Source: of orientations, Muller 1959, A note on a method for generating points uniformly on n-dimensional spheres.
     """
-    checked("random_configuration", mechanism)
-    dtype = np.dtype(dtype or mechanism.dtype)
+    dtype = np.dtype(dtype or checked_mechanism("random_configuration", mechanism).dtype)
     batch_shape = (batch_shape,) if isinstance(batch_shape, int) else tuple(batch_shape)
     t = mechanism.topology
     parts = [
