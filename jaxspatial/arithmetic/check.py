@@ -140,6 +140,11 @@ def as_dtype(x: DTypeLike | None) -> np.dtype[Any]:
     return dtype
 
 
+def eps(dtype: DTypeLike) -> float:
+    """The distance from 1 to the next number."""
+    return float(jnp.finfo(dtype).eps)
+
+
 def _shown(x: object) -> str:
     text = repr(x)
     return f"{type(x).__name__} {text if len(text) <= 60 else text[:57] + '...'}"
@@ -221,7 +226,7 @@ def goes_with_any_batch(x: object) -> bool:
 def batch_shape(*parts: Any) -> _Shape:
     """The batch shape of arrays that have one in common, but for those that go with any."""
     with_batch = [x for x in parts if not goes_with_any_batch(x)]
-    return jnp.shape((with_batch or parts)[0])[:-1]
+    return (with_batch or parts)[0].shape[:-1]
 
 
 def is_tree_mark(leaf: object) -> bool:

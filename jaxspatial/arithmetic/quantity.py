@@ -14,7 +14,8 @@ from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.numbers.component_arrays import as_array
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.trees import to_double_word
-from jaxspatial.arithmetic.types import DTypeLike
+from jaxspatial.arithmetic.tree import rebuilt
+from jaxspatial.arithmetic.types import BatchShape, DTypeLike
 
 _Kind = typing.TypeVar("_Kind", bound="Quantity")
 
@@ -26,18 +27,27 @@ class Quantity:
     NaN. What rounding leaves different is for `is_approx` and its like. Hashes are those of the object.
     """
 
+    # NumPy and JAX arrays on the left of an operator leave it to us.
+    __array_ufunc__ = None
+
+    if typing.TYPE_CHECKING:
+        # The names of the fields, as dataclasses have it.
+        __match_args__: typing.ClassVar[tuple[str, ...]]
+
     @property
     def batch_shape(self) -> tuple[int, ...]:
-        raise NotImplementedError
+        """The batch shape."""
+        return check.batch_shape(*self.vectors)
 
     @property
     def dtype(self) -> np.dtype[typing.Any]:
-        raise NotImplementedError
+        """The dtype of the numbers."""
+        return np.dtype(self.vectors[0].dtype)
 
     @property
     def vectors(self) -> tuple[typing.Any, ...]:
-        """All that this consists of, as arrays (*batch, n)."""
-        raise NotImplementedError
+        """All that this consists of, as arrays (*batch, n): its fields, unless a kind says otherwise."""
+        return tuple(getattr(self, name) for name in self.__match_args__)
 
     def with_vectors(self, vectors: Iterable[typing.Any]) -> typing.Self:
         """The same kind of quantity made of others.
@@ -50,7 +60,7 @@ class Quantity:
 
         Error: none, it is exact.
         """
-        raise NotImplementedError
+        return rebuilt(type(self), self.__match_args__, vectors)
 
     def astype(self, dtype: DTypeLike | None) -> typing.Self:
         """The same with all numbers rounded to another dtype.
@@ -105,6 +115,62 @@ class Quantity:
         return equal if equal is NotImplemented else not equal if isinstance(equal, bool) else ~equal
 
     __hash__ = object.__hash__
+
+
+class Additive(Quantity):
+    """Base of the quantities that can be zero: spatial vectors and inertias."""
+
+    # The shapes of the fields of one item.
+    _items: typing.ClassVar[tuple[tuple[int, ...], ...]] = ()
+
+    @classmethod
+    def zero(cls, batch_shape: BatchShape = (), dtype: DTypeLike | None = None) -> typing.Self:
+        """Zeros, known while tracing: what is added to them, or made of them, leaves no operation behind.
+
+        Args:
+            batch_shape: an integer or a tuple.
+            dtype: of floating point; None takes JAX's default.
+
+        Returns:
+            The zero of this kind, over the batch shape.
+
+        Raises:
+            TypeError: the dtype is not floating point.
+
+        Error: none, it is exact.
+        """
+        return cls._filled(0, batch_shape, dtype)
+
+    @classmethod
+    def nan(cls, batch_shape: BatchShape = (), dtype: DTypeLike | None = None) -> typing.Self:
+        """NaNs, for what is yet to be set.
+
+        Args:
+            batch_shape: an integer or a tuple.
+            dtype: of floating point; None takes JAX's default.
+
+        Returns:
+            The kind, all of it NaN, over the batch shape.
+
+        Raises:
+            TypeError: the dtype is not floating point.
+
+        Error: none, nothing is computed.
+        """
+        return cls._filled(np.nan, batch_shape, dtype)
+
+    @classmethod
+    def _filled(cls, value: float, batch_shape: BatchShape, dtype: DTypeLike | None) -> typing.Self:
+        batch, dtype = (batch_shape,) if isinstance(batch_shape, int) else batch_shape, check.as_dtype(dtype)
+        arrays: typing.Any = [np.full((*batch, *item), value, dtype) for item in cls._items]
+        return cls(*arrays)
+
+
+def require_alike(**given: typing.Any) -> tuple[int, ...]:
+    """The common batch shape of quantities and arrays (*batch, n) by name, which are to be of one dtype."""
+    check.require_same_dtype(**given)
+    shapes = {name: x.batch_shape if isinstance(x, Quantity) else x.shape[:-1] for name, x in given.items()}
+    return check.common_batch_shape(**shapes)
 
 
 def matched(a: _Kind, b: _Kind, operation: str) -> tuple[_Kind, _Kind]:

@@ -21,6 +21,7 @@ Quaternion = Vector  # (*batch, 4): real part first
 Matrix = chex.Array | Sequence[Any]  # (*batch, m, n)
 Matrix3 = Matrix  # (*batch, 3, 3)
 Scalar = chex.Numeric | StandIn | Sequence[Any]  # (*batch,)
+Amount = Scalar | None  # (*batch,): of mass, kg, or density, kg/m3, exactly one is given
 
 Coordinates = Vector  # (*batch, nq): the configuration of a mechanism
 Rates = Vector  # (*batch, nv): generalized velocities, and their derivatives

@@ -24,7 +24,6 @@ from jaxspatial.arithmetic.numbers import (
     noinline_pairs,
     where,
 )
-from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.folding import is_known
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.inertia.reduction import summed
@@ -92,6 +91,6 @@ def _composite(mass: Numbers, com: Three, central: Symmetric) -> Parts:
 
 def _spread(x: Number, shape: Sequence[int]) -> Number:
     """A sum as a number for each of its terms."""
-    if isinstance(x, DoubleWord):
-        return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), x)
-    return x if is_known(x.value) else Rounded(x.precision, jnp.broadcast_to(x.value, shape))
+    if isinstance(x, Rounded):
+        return x if is_known(x.value) else Rounded(x.precision, jnp.broadcast_to(x.value, shape))
+    return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), x)

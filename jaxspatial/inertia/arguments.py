@@ -1,6 +1,6 @@
 """What inertias are made of, as arrays; and what operations ask of their arguments."""
 
-from typing import Any
+from typing import Any, TypeGuard
 
 import jax
 import jax.numpy as jnp
@@ -26,7 +26,7 @@ def checked(operation: str, mass: Scalar, com: Vector3, six: Six | Matrix3, name
     return [x if shapes[key] == batch else _broadcast(x, (*batch, *items[key])) for key, x in arrays.items()]
 
 
-def _is_floating(x: Any) -> bool:
+def _is_floating(x: Any) -> TypeGuard[jax.Array]:
     return hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jnp.floating) and not isinstance(x, float)
 
 
@@ -46,9 +46,3 @@ def _broadcast(array: Any, shape: tuple[int, ...]) -> Any:
     if isinstance(array, check.StandIn):
         return array.over_batch(shape[:-1])
     return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, shape)
-
-
-def require_alike(**quantities: Any) -> tuple[int, ...]:
-    """Of one dtype, with batches that broadcast."""
-    check.require_same_dtype(**quantities)
-    return check.common_batch_shape(**{name: x.batch_shape for name, x in quantities.items()})

@@ -1,7 +1,7 @@
 """Articulated-body inertia: the inertia of a body with others that hang on it by joints."""
 
 import operator
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from typing import Any, Self
 
 import jax
@@ -11,21 +11,21 @@ import numpy as np
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.trees import from_double_word, to_double_word
-from jaxspatial.arithmetic.quantity import Quantity
+from jaxspatial.arithmetic.quantity import Additive, require_alike
 from jaxspatial.arithmetic.tree import rebuilt, tree
-from jaxspatial.arithmetic.types import DTypeLike, Matrix, PrecisionName, Scalar, Vector3
+from jaxspatial.arithmetic.types import Matrix, PrecisionName, Scalar, Vector3
 from jaxspatial.inertia import articulated, parameters
-from jaxspatial.inertia.arguments import as_entries, require_alike
+from jaxspatial.inertia.arguments import as_entries
 from jaxspatial.inertia.inertia import SpatialInertia
 from jaxspatial.inertia.joint_projection import Motions, joint_projection
 from jaxspatial.rotation.matrices import as_matrices, expanded
 from jaxspatial.rotation.rotation import Rotation
 from jaxspatial.spatial.acceleration import SpatialAcceleration
+from jaxspatial.spatial.arguments import require_kind
 from jaxspatial.spatial.force import SpatialForce
 from jaxspatial.spatial.operations import rotate, shift
-from jaxspatial.spatial.vector import skipping_zero
+from jaxspatial.spatial.vector import combined
 
-_FIELDS = ("rotational", "coupling", "translational")
 # Where among the 21 entries those of a 6 x 6 matrix are, and these in it: rotational and translational in the lower
 # triangle, the coupling, transposed, in the lower left block.
 _ROTATIONAL, _TRANSLATIONAL = (np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]]) + first for first in (0, 15))
@@ -35,7 +35,7 @@ _OF_MATRIX = np.array([0, 6, 7, 12, 13, 14, 18, 24, 30, 19, 25, 31, 20, 26, 32, 
 
 
 @tree
-class ArticulatedInertia(Quantity):
+class ArticulatedInertia(Additive):
     """P_BPp_E: the force on body B, with what hangs on it, per spatial acceleration: the part that is linear in it.
 
         P = [[J, F], [F^T, M]]        tau = J alpha + F a        f = F^T alpha + M a
@@ -55,40 +55,19 @@ class ArticulatedInertia(Quantity):
     coupling: jax.Array
     translational: jax.Array
 
-    # NumPy and JAX arrays on the left of an operator leave it to us.
-    __array_ufunc__ = None
+    _items = (6,), (9,), (6,)
 
     def __post_init__(self) -> None:
         """Checks what a caller passes. JAX rebuilds inertias without it, with whatever leaves it needs."""
         if all(check.is_tree_mark(part) for part in self.vectors):
             return
-        sizes = dict(zip(_FIELDS, (6, 9, 6), strict=True))
-        parts = {name: as_entries(getattr(self, name), f"ArticulatedInertia: {name}", n) for name, n in sizes.items()}
-        parts = check.alike(**parts)
+        named = zip(self.__match_args__, self.vectors, self._items, strict=True)
+        parts = check.alike(**{name: as_entries(x, f"ArticulatedInertia: {name}", n) for name, x, (n,) in named})
         batch = check.common_batch_shape(**{name: x.shape[:-1] for name, x in parts.items()})
         for name, part in zip(parts, check.broadcast_batch(batch, *parts.values()), strict=True):
             object.__setattr__(self, name, part)
 
     # -- construction -------------------------------------------------------------------------------------------------
-
-    @classmethod
-    def zero(cls, batch_shape: Sequence[int] = (), dtype: DTypeLike | None = None) -> Self:
-        """Nothing, known while tracing: what is added to it leaves no operation behind.
-
-        Args:
-            batch_shape: a tuple.
-            dtype: of floating point; None takes JAX's default.
-
-        Returns:
-            Zeros, over the batch shape.
-
-        Raises:
-            TypeError: the dtype is not floating point.
-
-        Error: none, it is exact.
-        """
-        dtype = check.as_dtype(dtype)
-        return cls(*(np.zeros((*batch_shape, n), dtype) for n in (6, 9, 6)))
 
     @classmethod
     def from_spatial_inertia(cls, M_BP_E: SpatialInertia, *, precision: PrecisionName = None) -> Self:
@@ -107,11 +86,10 @@ class ArticulatedInertia(Quantity):
         Error: per entry, mag the sum of the absolute values of its terms: at most 5 u mag in "fast" and
             "reproducible", u |r| + 16 u^2 mag in "compensated", 1 ulp in "faithful".
         """
-        if not isinstance(M_BP_E, SpatialInertia):
-            raise TypeError(f"from_spatial_inertia: expected a SpatialInertia, got {type(M_BP_E).__name__}")
+        require_kind(M_BP_E, SpatialInertia, "from_spatial_inertia")
         m, com, central = expanded(M_BP_E.mass), M_BP_E.com, M_BP_E.central
         parts = parameters.about_origin(precision, m, com, central), *articulated.with_mass(precision, m, com)
-        return rebuilt(cls, _FIELDS, parts)
+        return rebuilt(cls, cls.__match_args__, parts)
 
     @classmethod
     def from_matrix(cls, m: Matrix) -> Self:
@@ -134,13 +112,6 @@ class ArticulatedInertia(Quantity):
 
     # -- parts --------------------------------------------------------------------------------------------------------
 
-    @property
-    def vectors(self) -> tuple[Any, ...]:
-        return self.rotational, self.coupling, self.translational
-
-    def with_vectors(self, vectors: Iterable[Any]) -> Self:
-        return rebuilt(type(self), _FIELDS, vectors)
-
     def to_matrix(self) -> jax.Array:
         """The matrix [[J, F], [F^T, M]].
 
@@ -152,16 +123,6 @@ class ArticulatedInertia(Quantity):
         parts = to_double_word(self.vectors) if any(isinstance(x, DoubleWord) for x in self.vectors) else self.vectors
         joined = jax.tree.map(lambda *words: jnp.concatenate(words, axis=-1), *parts)
         return joined[..., _TO_MATRIX].reshape((*self.batch_shape, 6, 6))
-
-    @property
-    def batch_shape(self) -> tuple[int, ...]:
-        """The batch shape."""
-        return jnp.shape(self.rotational)[:-1]
-
-    @property
-    def dtype(self) -> np.dtype:
-        """The dtype of the entries."""
-        return np.dtype(self.rotational.dtype)
 
     def is_physically_valid(self, tolerance: float | None = None) -> jax.Array:
         """Whether no eigenvalue is below -tolerance times the size of the matrix; NaN is never valid.
@@ -178,7 +139,7 @@ class ArticulatedInertia(Quantity):
         Error: that of the eigenvalues is what the tolerance is for.
         """
         P = check.narrowed(self)
-        tolerance = 64 * float(jnp.finfo(P.dtype).eps) if tolerance is None else float(tolerance)
+        tolerance = 64 * check.eps(P.dtype) if tolerance is None else float(tolerance)
         return articulated.is_valid(None, *from_double_word(P.vectors), tolerance=tolerance)
 
     # -- operations ---------------------------------------------------------------------------------------------------
@@ -200,10 +161,7 @@ class ArticulatedInertia(Quantity):
             other = ArticulatedInertia.from_spatial_inertia(other)
         if not isinstance(other, ArticulatedInertia):
             return NotImplemented
-        left, right = check.alike(left=self, right=other).values()
-        check.common_batch_shape(left=left.batch_shape, right=right.batch_shape)
-        pairs = zip(left.vectors, right.vectors, strict=True)
-        return self.with_vectors(_combined_part(operation, x, y) for x, y in pairs)
+        return combined(operation, self, other)
 
     def __matmul__(self, A_P_E: Any) -> Any:
         """P @ A: see `times`."""
@@ -228,8 +186,7 @@ class ArticulatedInertia(Quantity):
         Error: per component, mag the sum of the absolute values of its six products: at most 4 u mag in "fast" and
             "reproducible", u |r| + 8 u^2 mag in "compensated", 1 ulp in "faithful".
         """
-        if not isinstance(A_P_E, SpatialAcceleration):
-            raise TypeError(f"ArticulatedInertia.times: expected a SpatialAcceleration, got {type(A_P_E).__name__}")
+        require_kind(A_P_E, SpatialAcceleration, "ArticulatedInertia.times")
         require_alike(ArticulatedInertia=self, SpatialAcceleration=A_P_E)
         return SpatialForce(*articulated.times_motion_arrays(precision, *self.vectors, A_P_E.alpha, A_P_E.a))
 
@@ -278,11 +235,8 @@ class ArticulatedInertia(Quantity):
         """
         return rotate(R_AE, self, precision=precision)
 
-    def project_out(self, S_P_E: Motions, armature: Scalar = 0.0, *, precision: PrecisionName = None) -> Self:
+    def project_out(
+        self, S_P_E: Motions, armature: Scalar = 0.0, *, precision: PrecisionName = None
+    ) -> "ArticulatedInertia":
         """What is left of the inertia for a body that holds this one by a joint, see `joint_projection`."""
         return joint_projection(self, S_P_E, armature, precision=precision).inertia
-
-
-def _combined_part(operation: Callable[..., Any], x: Any, y: Any) -> Any:
-    batch = np.broadcast_shapes(x.shape[:-1], y.shape[:-1])
-    return skipping_zero(operation, *check.broadcast_batch(batch, x, y))

@@ -2,13 +2,14 @@
 
 from typing import Self
 
-from jaxspatial.arithmetic.types import PrecisionName, Scalar, Vector3
+from jaxspatial.arithmetic.types import Amount, PrecisionName, Scalar, Vector3
+from jaxspatial.inertia.parts import Parts
 from jaxspatial.inertia.shape_arguments import made
 
 _Z = (0.0, 0.0, 1.0)
 
 
-class AxialShapes:
+class AxialShapes(Parts):
     """Constructors of `SpatialInertia`, see `Shapes`."""
 
     @classmethod
@@ -18,8 +19,8 @@ class AxialShapes:
         length: Scalar,
         axis: Vector3 = _Z,
         *,
-        mass: Scalar | None = None,
-        density: Scalar | None = None,
+        mass: Amount = None,
+        density: Amount = None,
         precision: PrecisionName = None,
     ) -> Self:
         """A cylinder.
@@ -41,7 +42,7 @@ class AxialShapes:
 
         Error: as of all of `Shapes`.
         """
-        return made(cls, "solid_cylinder", precision, mass, density, axis, radius=radius, length=length)
+        return made(cls, "solid_cylinder", precision, mass, density, {"radius": radius, "length": length}, axis)
 
     @classmethod
     def solid_cylinder_about_end(
@@ -50,8 +51,8 @@ class AxialShapes:
         length: Scalar,
         axis: Vector3 = _Z,
         *,
-        mass: Scalar | None = None,
-        density: Scalar | None = None,
+        mass: Amount = None,
+        density: Amount = None,
         precision: PrecisionName = None,
     ) -> Self:
         """A cylinder about the centre of one of its ends.
@@ -74,7 +75,8 @@ class AxialShapes:
 
         Error: as of all of `Shapes`.
         """
-        return made(cls, "solid_cylinder_about_end", precision, mass, density, axis, radius=radius, length=length)
+        lengths = {"radius": radius, "length": length}
+        return made(cls, "solid_cylinder_about_end", precision, mass, density, lengths, axis)
 
     @classmethod
     def hollow_cylinder(
@@ -84,8 +86,8 @@ class AxialShapes:
         length: Scalar,
         axis: Vector3 = _Z,
         *,
-        mass: Scalar | None = None,
-        density: Scalar | None = None,
+        mass: Amount = None,
+        density: Amount = None,
         precision: PrecisionName = None,
     ) -> Self:
         """A tube: what is between two radii; with equal ones a shell (by mass).
@@ -110,7 +112,7 @@ class AxialShapes:
         Error: as of all of `Shapes`.
         """
         lengths = {"inner_radius": inner_radius, "outer_radius": outer_radius, "length": length}
-        return made(cls, "hollow_cylinder", precision, mass, density, axis, {"inner_radius"}, **lengths)
+        return made(cls, "hollow_cylinder", precision, mass, density, lengths, axis, {"inner_radius"})
 
     @classmethod
     def solid_capsule(
@@ -119,8 +121,8 @@ class AxialShapes:
         length: Scalar,
         axis: Vector3 = _Z,
         *,
-        mass: Scalar | None = None,
-        density: Scalar | None = None,
+        mass: Amount = None,
+        density: Amount = None,
         precision: PrecisionName = None,
     ) -> Self:
         """A cylinder between two half balls. With length 0 it is a ball, with radius 0 a thin rod.
@@ -143,7 +145,7 @@ class AxialShapes:
         Error: as of all of `Shapes`.
         """
         lengths = {"radius": radius, "length": length}
-        return made(cls, "solid_capsule", precision, mass, density, axis, lengths.keys(), **lengths)
+        return made(cls, "solid_capsule", precision, mass, density, lengths, axis, lengths.keys())
 
     @classmethod
     def solid_cone(
@@ -152,8 +154,8 @@ class AxialShapes:
         height: Scalar,
         axis: Vector3 = _Z,
         *,
-        mass: Scalar | None = None,
-        density: Scalar | None = None,
+        mass: Amount = None,
+        density: Amount = None,
         precision: PrecisionName = None,
     ) -> Self:
         """A cone: the centre of its base is at -height/4, the apex at 3/4 height along axis.
@@ -175,7 +177,7 @@ class AxialShapes:
 
         Error: as of all of `Shapes`.
         """
-        return made(cls, "solid_cone", precision, mass, density, axis, radius=radius, height=height)
+        return made(cls, "solid_cone", precision, mass, density, {"radius": radius, "height": height}, axis)
 
     @classmethod
     def thin_rod(cls, length: Scalar, axis: Vector3 = _Z, *, mass: Scalar, precision: PrecisionName = None) -> Self:
@@ -196,4 +198,4 @@ class AxialShapes:
 
         Error: as of all of `Shapes`.
         """
-        return made(cls, "thin_rod", precision, mass, None, axis, length=length)
+        return made(cls, "thin_rod", precision, mass, None, {"length": length}, axis)

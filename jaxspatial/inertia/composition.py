@@ -5,13 +5,13 @@ from typing import Any, Self
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.precision import resolve
-from jaxspatial.arithmetic.quantity import Quantity, moved_to_last
+from jaxspatial.arithmetic.quantity import moved_to_last, require_alike
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.inertia import addition
-from jaxspatial.inertia.arguments import require_alike
+from jaxspatial.inertia.parts import Parts
 
 
-class Composition(Quantity):
+class Composition(Parts):
     """Sums and differences of `SpatialInertia` about one point in one frame."""
 
     def __add__(self, other: Any) -> Any:

@@ -1,21 +1,19 @@
 """The forms that the ten numbers of an inertia are given in: matrices and vectors of parameters, to and from."""
 
-from typing import Any, Self
+from typing import Self
 
 import jax
 
 from jaxspatial.arithmetic import check, symmetric
-from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.types import Matrix, Matrix3, PrecisionName, Scalar, Six, Vector, Vector3
 from jaxspatial.inertia import parameters
 from jaxspatial.inertia.arguments import checked
+from jaxspatial.inertia.parts import Parts
 from jaxspatial.rotation.matrices import as_matrices, expanded
 
 
-class Forms(Quantity):
+class Forms(Parts):
     """`SpatialInertia` from its other forms, and to them."""
-
-    central: jax.Array
 
     @classmethod
     def from_origin(
@@ -44,8 +42,8 @@ class Forms(Quantity):
         Error: per entry, mag = |I_P| + m |c|^2: at most 5 u mag in "fast" and "reproducible", u |r| + 16 u^2 mag in
             "compensated", 1 ulp in "faithful".
         """
-        mass, com, about_origin = checked("SpatialInertia.from_origin", mass, com, about_origin, "about_origin")
-        return cls(mass, com, parameters.about_center(precision, expanded(mass), com, about_origin))
+        m, c, six = checked("SpatialInertia.from_origin", mass, com, about_origin, "about_origin")
+        return cls(m, c, parameters.about_center(precision, expanded(m), c, six))
 
     @classmethod
     def from_matrix(cls, m: Matrix, *, precision: PrecisionName = None) -> Self:
@@ -87,7 +85,7 @@ class Forms(Quantity):
         Error: of com u |c|, of central at most 6 u mag, mag = |I_P| + m |c|^2; in "compensated" and "faithful" u |r| +
             64 u^2 mag.
         """
-        ten: Any = check.as_vectors(pi10, "SpatialInertia.from_dynamic_parameters: pi10", size=10)
+        ten = check.as_vectors(pi10, "SpatialInertia.from_dynamic_parameters: pi10", size=10)
         return cls(ten[..., 0], *parameters.from_dynamic_parameters(precision, ten))
 
     @classmethod

@@ -3,26 +3,24 @@
 The mathematics is in the modules beside this one, as functions of arrays; the bases hold methods by subject.
 """
 
-from collections.abc import Iterable
 from typing import Any, Self
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Number, Numbers, Symmetric, Three, halved
-from jaxspatial.arithmetic.tree import rebuilt, tree
-from jaxspatial.arithmetic.types import BatchShape, DTypeLike, PrecisionName, Vector3
-from jaxspatial.inertia.arguments import checked, require_alike
+from jaxspatial.arithmetic.quantity import require_alike
+from jaxspatial.arithmetic.tree import tree
+from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.inertia.composition import Composition
 from jaxspatial.inertia.forms import Forms
 from jaxspatial.inertia.principal import PrincipalAxes
 from jaxspatial.inertia.shapes import Shapes
-from jaxspatial.rotation.matrices import expanded, owned, shown
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.acceleration import SpatialAcceleration
+from jaxspatial.spatial.arguments import require_kind
 from jaxspatial.spatial.force import SpatialForce, SpatialMomentum
 from jaxspatial.spatial.operations import rotate, shift
 from jaxspatial.spatial.velocity import SpatialVelocity
@@ -51,91 +49,6 @@ class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes):
     mass: jax.Array
     com: jax.Array
     central: jax.Array
-
-    # NumPy and JAX arrays on the left of an operator leave it to us.
-    __array_ufunc__ = None
-
-    def __post_init__(self) -> None:
-        """Checks what a caller passes. JAX rebuilds inertias without it, with whatever leaves it needs."""
-        if all(check.is_tree_mark(leaf) for leaf in self._parts):
-            return
-        for name, array in zip(_NAMES, checked("SpatialInertia", *self._parts), strict=True):
-            object.__setattr__(self, name, owned(array))
-
-    # -- construction -------------------------------------------------------------------------------------------------
-
-    @classmethod
-    def zero(cls, batch_shape: BatchShape = (), dtype: DTypeLike | None = None) -> Self:
-        """The inertia of nothing, known while tracing.
-
-        Args:
-            batch_shape: an integer or a tuple.
-            dtype: of floating point; None takes JAX's default.
-
-        Returns:
-            Ten zeros, over the batch shape.
-
-        Raises:
-            TypeError: the dtype is not floating point.
-
-        Error: none, it is exact.
-        """
-        return cls._filled(0, batch_shape, dtype)
-
-    @classmethod
-    def nan(cls, batch_shape: BatchShape = (), dtype: DTypeLike | None = None) -> Self:
-        """Ten NaNs, for what is yet to be set.
-
-        Args:
-            batch_shape: an integer or a tuple.
-            dtype: of floating point; None takes JAX's default.
-
-        Returns:
-            Ten NaNs, over the batch shape.
-
-        Raises:
-            TypeError: the dtype is not floating point.
-
-        Error: none, it is exact.
-        """
-        return cls._filled(np.nan, batch_shape, dtype)
-
-    @classmethod
-    def _filled(cls, value: float, batch_shape: BatchShape, dtype: DTypeLike | None) -> Self:
-        dtype = check.as_dtype(dtype)
-        batch_shape = (batch_shape,) if isinstance(batch_shape, int) else tuple(batch_shape)
-        return cls(*(np.full((*batch_shape, *item), value, dtype) for item in ((), (3,), (6,))))
-
-    # -- parts --------------------------------------------------------------------------------------------------------
-
-    @property
-    def _parts(self) -> tuple[Any, Any, Any]:
-        return self.mass, self.com, self.central
-
-    @property
-    def vectors(self) -> tuple[Any, ...]:
-        return expanded(self.mass), self.com, self.central
-
-    def with_vectors(self, vectors: Iterable[Any]) -> Self:
-        mass, com, central = vectors
-        return self._like((mass[..., 0], com, central))
-
-    @classmethod
-    def _like(cls, parts: Iterable[Any]) -> Self:
-        """Of parts that are right as they are."""
-        return rebuilt(cls, _NAMES, parts)
-
-    @property
-    def batch_shape(self) -> tuple[int, ...]:
-        """The batch shape."""
-        return jnp.shape(self.mass)
-
-    @property
-    def dtype(self) -> np.dtype:
-        """The dtype of the numbers."""
-        return np.dtype(self.mass.dtype)
-
-    # -- operations ---------------------------------------------------------------------------------------------------
 
     def shift(self, p_PQ_E: Vector3, *, precision: PrecisionName = None) -> Self:
         """About the point Q of the same body, see `jaxspatial.shift`."""
@@ -197,24 +110,12 @@ class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes):
         Error: at most 12 u mag in "fast" and "reproducible", u |r| + 128 u^2 mag in "compensated", 1 ulp in "faithful".
         Source: Jain 2010, 2.1.
         """
-        if not isinstance(V_MBp_E, SpatialVelocity):
-            raise TypeError(f"kinetic_energy: expected a SpatialVelocity, got {type(V_MBp_E).__name__}")
+        require_kind(V_MBp_E, SpatialVelocity, "kinetic_energy")
         require_alike(SpatialInertia=self, SpatialVelocity=V_MBp_E)
         energy = _energy_of_float16 if self.dtype == np.float16 else _energy
         return energy(precision, *self.vectors, *V_MBp_E.vectors)
 
-    def __repr__(self) -> str:
-        parts = ", ".join(f"{k}={shown(x, n)}" for k, x, n in zip(_NAMES, self._parts, (0, 3, 6), strict=True))
-        return f"SpatialInertia({parts})"
 
-
-def moved(M: SpatialInertia, batch_shape: tuple[int, ...], com: Any, central: Any) -> SpatialInertia:
-    """The inertia of the same mass, over a batch, with another centre of mass and other moments."""
-    (mass,) = check.broadcast_batch(batch_shape, expanded(M.mass))
-    return M._like((M.mass if M.batch_shape == batch_shape else mass[..., 0], com, central))
-
-
-_NAMES = ("mass", "com", "central")
 _RESULTS = {SpatialAcceleration: SpatialForce, SpatialVelocity: SpatialMomentum}
 
 

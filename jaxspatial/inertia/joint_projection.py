@@ -1,14 +1,14 @@
 """An articulated body seen through a joint."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.quantity import require_alike
 from jaxspatial.arithmetic.types import PrecisionName, Scalar
 from jaxspatial.inertia import articulated
-from jaxspatial.inertia.arguments import require_alike
 from jaxspatial.rotation.matrices import expanded
 from jaxspatial.spatial.force import SpatialForce
 from jaxspatial.spatial.velocity import SpatialVelocity
@@ -79,7 +79,7 @@ def _joint(
     P: "ArticulatedInertia", S: Motions, armature: Scalar | Sequence[Scalar]
 ) -> tuple[list[SpatialVelocity], list[jax.Array]]:
     """(the SpatialVelocities of the joint, an armature (*batch, 1) for each), checked."""
-    motions = list(S) if isinstance(S, (list, tuple)) else [S]
+    motions: list[Any] = list(S) if isinstance(S, (list, tuple)) else [S]
     for s in motions:
         if not isinstance(s, SpatialVelocity):
             kind = type(s).__name__
@@ -92,7 +92,6 @@ def _joint(
 
 
 def _arm(P: "ArticulatedInertia", armature: Scalar) -> jax.Array:
-    x = check.as_float_array(armature, "joint_projection: armature", P.dtype)
-    check.require_same_dtype(ArticulatedInertia=P, armature=x)
-    check.common_batch_shape(ArticulatedInertia=P.batch_shape, armature=x.shape)
-    return expanded(x)
+    arm = expanded(check.as_float_array(armature, "joint_projection: armature", P.dtype))
+    require_alike(ArticulatedInertia=P, armature=arm)
+    return arm

@@ -25,8 +25,8 @@ def corners(vertices: jax.Array, triangles: Any) -> jax.Array:
     return x.reshape((*x.shape[:-3], indices.shape[0], 9))
 
 
-def _as_indices(triangles: Any, n: int) -> jax.Array:
-    triangles = triangles if hasattr(triangles, "dtype") else np.asarray(triangles)
+def _as_indices(given: Any, n: int) -> Any:
+    triangles: Any = given if hasattr(given, "dtype") else np.asarray(given)
     if triangles.ndim != 2 or triangles.shape[1] != 3 or not triangles.shape[0]:
         raise ValueError(f"triangle_mesh: triangles: expected shape (m, 3) with m >= 1, got {triangles.shape}")
     if not jnp.issubdtype(triangles.dtype, jnp.integer):
@@ -43,7 +43,7 @@ def middle(corners: jax.Array) -> jax.Array:
     Any point does: the result does not depend on it, hence neither do derivatives. Near the mesh nothing cancels, and
     differences from it are exact where the mesh is far away.
     """
-    x = from_double_word(corners)
+    x: Any = from_double_word(corners)
     xp = np if isinstance(x, np.ndarray) else jnp
     x = x if xp is np else lax.stop_gradient(x)
     x = x.reshape((*x.shape[:-2], -1, 3))

@@ -5,8 +5,8 @@ import jax
 from jaxspatial.arithmetic import check, symmetric, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Number, Numbers, Rows, Symmetric, Three, constant, halved, noinline_pairs
+from jaxspatial.arithmetic.quantity import require_alike
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
-from jaxspatial.inertia.arguments import require_alike
 from jaxspatial.inertia.inertia import SpatialInertia
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.acceleration import SpatialAcceleration
@@ -44,8 +44,7 @@ def newton_euler(
         and "reproducible", u |r| + 48 u^2 mag in the other two, while nothing over- or underflows.
     Source: Newton 1687; Euler 1776; Featherstone 2008, 2.14.
     """
-    if not isinstance(M_BP_E, SpatialInertia):
-        raise TypeError(f"newton_euler: expected a SpatialInertia first, got {type(M_BP_E).__name__}")
+    require_kind(M_BP_E, SpatialInertia, "newton_euler", " first")
     turning = _angular_velocity(A_WP_E, w, "newton_euler")
     require_alike(SpatialInertia=M_BP_E, SpatialAcceleration=A_WP_E)
     return SpatialForce(*_newton_euler(precision, *M_BP_E.vectors, *A_WP_E.vectors, turning))
@@ -128,8 +127,7 @@ def kinetic_energy_regressor(V_WP_E: SpatialVelocity, *, precision: PrecisionNam
 def _angular_velocity(A: SpatialAcceleration, w: Vector3 | SpatialVelocity, operation: str) -> jax.Array:
     require_kind(A, SpatialAcceleration, operation)
     found = w.w if isinstance(w, SpatialVelocity) else check.as_vectors(w, f"{operation}: w", A.dtype)
-    check.require_same_dtype(SpatialAcceleration=A, w=found)
-    check.common_batch_shape(SpatialAcceleration=A.batch_shape, w=found.shape[:-1])
+    require_alike(SpatialAcceleration=A, w=found)
     return found
 
 

@@ -8,17 +8,17 @@ import numpy as np
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Numbers, Symmetric, Three
-from jaxspatial.arithmetic.quantity import Quantity
+from jaxspatial.arithmetic.quantity import Quantity, require_alike
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.inertia import articulated
-from jaxspatial.inertia.arguments import require_alike
 from jaxspatial.inertia.articulated_inertia import ArticulatedInertia
-from jaxspatial.inertia.inertia import SpatialInertia, moved
+from jaxspatial.inertia.inertia import SpatialInertia
+from jaxspatial.inertia.parts import moved
 from jaxspatial.rotation.rotation import Rotation, is_identity
 from jaxspatial.spatial import algebra
-from jaxspatial.spatial.arguments import require_no_w, shift_by
+from jaxspatial.spatial.arguments import require_kind, require_no_w, shift_by
 from jaxspatial.spatial.operations import acting, rotating, shift
-from jaxspatial.spatial.transform import RigidTransform, require_transform
+from jaxspatial.spatial.transform import RigidTransform
 
 # -- of rigid bodies --------------------------------------------------------------------------------------------------
 
@@ -29,11 +29,10 @@ def _shift_inertia(
 ) -> SpatialInertia:
     require_no_w(M_P_E, w)
     p = check.as_vectors(p_PQ_E, "shift: p_PQ_E", M_P_E.dtype)
-    check.require_same_dtype(SpatialInertia=M_P_E, p_PQ_E=p)
-    batch = check.common_batch_shape(SpatialInertia=M_P_E.batch_shape, p_PQ_E=p.shape[:-1])
-    M_P_E = check.narrowed(M_P_E)
-    (central,) = check.broadcast_batch(batch, M_P_E.central)
-    return moved(M_P_E, batch, _moved_com(precision, M_P_E.com, p), central)
+    batch = require_alike(SpatialInertia=M_P_E, p_PQ_E=p)
+    M = check.narrowed(M_P_E)
+    (central,) = check.broadcast_batch(batch, M.central)
+    return moved(M, batch, _moved_com(precision, M.com, p), central)
 
 
 @formula(of_sums=True)
@@ -57,16 +56,16 @@ def _act_on_inertia(
 
 def _pose(X_AB: RigidTransform, M: Quantity, w: Vector3 | None, operation: str) -> tuple[jax.Array, jax.Array]:
     require_no_w(M, w, operation)
-    require_transform(X_AB)
+    require_kind(X_AB, RigidTransform, "act", " first")
     require_alike(RigidTransform=X_AB, **{type(M).__name__: M})
     return X_AB.rotation.entries, X_AB.translation
 
 
 def _placed(
-    formula: Callable[..., list[jax.Array]], precision: PrecisionName, M: SpatialInertia, *pose: jax.Array
+    formula: Callable[..., list[jax.Array]], precision: PrecisionName, given: SpatialInertia, *pose: jax.Array
 ) -> SpatialInertia:
     """The formula over com and central; mass stays."""
-    M = check.narrowed(M)
+    M = check.narrowed(given)
     batch = np.broadcast_shapes(M.batch_shape, *(x.shape[:-1] for x in pose))
     return moved(M, batch, *formula(precision, *pose, M.com, M.central))
 

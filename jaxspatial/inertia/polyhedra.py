@@ -6,23 +6,19 @@ from typing import Self
 import chex
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.types import PrecisionName, Scalar, Vector
+from jaxspatial.arithmetic.types import Amount, PrecisionName, Vector
 from jaxspatial.inertia import mesh, shape_formulas
+from jaxspatial.inertia.parts import Parts
 from jaxspatial.inertia.shape_arguments import computed, dtype_of, known, mass_or_density, number
 from jaxspatial.rotation.matrices import expanded
 
 
-class Polyhedra:
+class Polyhedra(Parts):
     """Constructors of `SpatialInertia`, see `Shapes`."""
 
     @classmethod
     def solid_tetrahedron(
-        cls,
-        vertices: Vector,
-        *,
-        mass: Scalar | None = None,
-        density: Scalar | None = None,
-        precision: PrecisionName = None,
+        cls, vertices: Vector, *, mass: Amount = None, density: Amount = None, precision: PrecisionName = None
     ) -> Self:
         """A tetrahedron. By mass it may be flat, or a line.
 
@@ -60,8 +56,8 @@ class Polyhedra:
         vertices: Vector,
         triangles: chex.Array | Sequence[Sequence[int]],
         *,
-        mass: Scalar | None = None,
-        density: Scalar | None = None,
+        mass: Amount = None,
+        density: Amount = None,
         precision: PrecisionName = None,
     ) -> Self:
         """What a closed surface of triangles encloses.

@@ -4,24 +4,21 @@ The formulas are in `validity`.
 """
 
 from fractions import Fraction
-from typing import Self
+from typing import Any, Self
 
 import jax
 
 from jaxspatial.arithmetic import check, symmetric
 from jaxspatial.arithmetic.precision import resolve
-from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.inertia import validity
+from jaxspatial.inertia.parts import Parts
 from jaxspatial.rotation.matrices import expanded
 from jaxspatial.rotation.rotation import Rotation
 
 
-class PrincipalAxes(Quantity):
+class PrincipalAxes(Parts):
     """What the principal moments of a `SpatialInertia` about its centre of mass tell."""
-
-    mass: jax.Array
-    central: jax.Array
 
     def principal_moments(self, *, precision: PrecisionName = None) -> jax.Array:
         """The principal moments about the centre of mass.
@@ -55,8 +52,8 @@ class PrincipalAxes(Quantity):
             to the next; R is orthonormal to 16 u; in "compensated" and "faithful" 2 u.
         Source: Jacobi 1846.
         """
-        moments, axes = symmetric.eigen(resolve(precision), check.narrowed(self.central))
-        return moments, Rotation(axes)
+        found: Any = symmetric.eigen(resolve(precision), check.narrowed(self.central))
+        return found[0], Rotation(found[1])
 
     def equivalent_ellipsoid(self, *, precision: PrecisionName = None) -> tuple[jax.Array, Rotation]:
         """The solid ellipsoid about the centre of mass with this mass and inertia.
@@ -161,5 +158,5 @@ class PrincipalAxes(Quantity):
         """
         M = check.narrowed(self)
         tolerance = validity.default_tolerance(M.dtype) if tolerance is None else tolerance
-        mass, central = validity.nearest(resolve(precision), *M.vectors, float(tolerance))
+        mass, central = validity.nearest(resolve(precision), M, float(tolerance))
         return self._like((mass, M.com, central))

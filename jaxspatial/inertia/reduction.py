@@ -19,11 +19,12 @@ def summed(numbers: Numbers, size: int) -> Numbers:
     size: of that axis, at least 1. By halving, always in the same order: error <= ceil(log2 size) u mag, mag = sum of
     |x_i|; of double words 3 ceil(log2 size) u^2 mag. A known 0 stays one.
     """
-    if isinstance(numbers[0], DoubleWord):
+    rounded = [x for x in numbers if isinstance(x, Rounded)]
+    if not rounded:
         return _of_double_words(numbers)
-    data = [x.value for x in numbers if not folding.is_known(x.value, 0)]
+    data = [x.value for x in rounded if not folding.is_known(x.value, 0)]
     sums = iter(_of_rounded(data, size) if data else ())
-    return tuple(x if folding.is_known(x.value, 0) else Rounded(x.precision, next(sums)) for x in numbers)
+    return tuple(x if folding.is_known(x.value, 0) else Rounded(x.precision, next(sums)) for x in rounded)
 
 
 def _of_rounded(values: Sequence[jax.Array], size: int) -> list[jax.Array]:
@@ -48,4 +49,4 @@ def first(x: Number) -> Number:
     """A number that is the same along the last axis of the batch, with that axis of size 1."""
     if isinstance(x, DoubleWord):
         return x[..., :1]
-    return x if folding.is_known(x.value) else Rounded(x.precision, x.value[..., :1])
+    return Rounded(x.precision, x.value[..., :1]) if isinstance(x, Rounded) and not folding.is_known(x.value) else x

@@ -1,20 +1,21 @@
 """What the constructors of uniform bodies are given: sizes, masses, densities and axes, as arrays."""
 
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Mapping
 from typing import Any, TypeVar
 
 import jax
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.types import PrecisionName, Scalar, Vector3
+from jaxspatial.arithmetic.types import Amount, PrecisionName, Scalar, Vector, Vector3
 from jaxspatial.inertia import shape_formulas
+from jaxspatial.inertia.parts import Parts
 from jaxspatial.rotation.matrices import expanded
 
-_Inertia = TypeVar("_Inertia")
+_Inertia = TypeVar("_Inertia", bound=Parts)
 
 
-def mass_or_density(name: str, mass: Scalar | None, density: Scalar | None) -> tuple[str, Any]:
+def mass_or_density(name: str, mass: Amount, density: Amount) -> tuple[str, Any]:
     """("mass", mass) or ("density", density), of which exactly one is given."""
     if (mass is None) == (density is None):
         came = "neither" if mass is None else "both"
@@ -26,12 +27,12 @@ def made(
     cls: type[_Inertia],
     name: str,
     precision: PrecisionName,
-    mass: Scalar | None,
-    density: Scalar | None,
+    mass: Amount,
+    density: Amount,
+    lengths: Mapping[str, Vector | Scalar],
     axis: Vector3 | None = None,
     may_be_zero: Container[str] = (),
     n: int = 1,
-    **lengths: Any,
 ) -> _Inertia:
     """The inertia that the formula of this name gives for lengths, or vectors of n lengths, and an axis."""
     kind, amount = mass_or_density(name, mass, density)

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.types import PrecisionName, Scalar, Vector3
+from jaxspatial.arithmetic.types import Amount, PrecisionName, Scalar, Vector3
 from jaxspatial.inertia.axial_shapes import AxialShapes
 from jaxspatial.inertia.polyhedra import Polyhedra
 from jaxspatial.inertia.shape_arguments import dtype_of, made, number
@@ -41,12 +41,7 @@ class Shapes(AxialShapes, Polyhedra):
 
     @classmethod
     def solid_box(
-        cls,
-        size: Vector3,
-        *,
-        mass: Scalar | None = None,
-        density: Scalar | None = None,
-        precision: PrecisionName = None,
+        cls, size: Vector3, *, mass: Amount = None, density: Amount = None, precision: PrecisionName = None
     ) -> Self:
         """A box with edges along x, y and z.
 
@@ -65,11 +60,11 @@ class Shapes(AxialShapes, Polyhedra):
 
         Error: as of all of `Shapes`.
         """
-        return made(cls, "solid_box", precision, mass, density, n=3, size=size)
+        return made(cls, "solid_box", precision, mass, density, {"size": size}, n=3)
 
     @classmethod
     def solid_cube(
-        cls, size: Scalar, *, mass: Scalar | None = None, density: Scalar | None = None, precision: PrecisionName = None
+        cls, size: Scalar, *, mass: Amount = None, density: Amount = None, precision: PrecisionName = None
     ) -> Self:
         """A cube.
 
@@ -88,16 +83,11 @@ class Shapes(AxialShapes, Polyhedra):
 
         Error: as of all of `Shapes`.
         """
-        return made(cls, "solid_cube", precision, mass, density, size=size)
+        return made(cls, "solid_cube", precision, mass, density, {"size": size})
 
     @classmethod
     def solid_sphere(
-        cls,
-        radius: Scalar,
-        *,
-        mass: Scalar | None = None,
-        density: Scalar | None = None,
-        precision: PrecisionName = None,
+        cls, radius: Scalar, *, mass: Amount = None, density: Amount = None, precision: PrecisionName = None
     ) -> Self:
         """A ball.
 
@@ -116,16 +106,11 @@ class Shapes(AxialShapes, Polyhedra):
 
         Error: as of all of `Shapes`.
         """
-        return made(cls, "solid_sphere", precision, mass, density, radius=radius)
+        return made(cls, "solid_sphere", precision, mass, density, {"radius": radius})
 
     @classmethod
     def hollow_sphere(
-        cls,
-        radius: Scalar,
-        *,
-        mass: Scalar | None = None,
-        density: Scalar | None = None,
-        precision: PrecisionName = None,
+        cls, radius: Scalar, *, mass: Amount = None, density: Amount = None, precision: PrecisionName = None
     ) -> Self:
         """A spherical shell.
 
@@ -144,16 +129,11 @@ class Shapes(AxialShapes, Polyhedra):
 
         Error: as of all of `Shapes`.
         """
-        return made(cls, "hollow_sphere", precision, mass, density, radius=radius)
+        return made(cls, "hollow_sphere", precision, mass, density, {"radius": radius})
 
     @classmethod
     def solid_ellipsoid(
-        cls,
-        semi_axes: Vector3,
-        *,
-        mass: Scalar | None = None,
-        density: Scalar | None = None,
-        precision: PrecisionName = None,
+        cls, semi_axes: Vector3, *, mass: Amount = None, density: Amount = None, precision: PrecisionName = None
     ) -> Self:
         """An ellipsoid with its axes along x, y and z.
 
@@ -172,7 +152,7 @@ class Shapes(AxialShapes, Polyhedra):
 
         Error: as of all of `Shapes`.
         """
-        return made(cls, "solid_ellipsoid", precision, mass, density, n=3, semi_axes=semi_axes)
+        return made(cls, "solid_ellipsoid", precision, mass, density, {"semi_axes": semi_axes}, n=3)
 
     @classmethod
     def point_mass(cls, com: Vector3, *, mass: Scalar) -> Self:
@@ -192,9 +172,9 @@ class Shapes(AxialShapes, Polyhedra):
         Error: none, it is exact.
         """
         dtype = dtype_of(com, mass)
-        com = check.as_vectors(com, "point_mass: com", dtype, held=True)
-        mass = number(mass, "point_mass: mass", dtype, may_be_zero=True)
-        check.require_same_dtype(com=com, mass=mass)
-        batch = check.common_batch_shape(com=com.shape[:-1], mass=mass.shape)
-        com, mass = check.broadcast_batch(batch, com, expanded(mass))
-        return cls(mass.reshape(batch), com, np.zeros((*batch, 6), com.dtype))
+        c = check.as_vectors(com, "point_mass: com", dtype, held=True)
+        m = number(mass, "point_mass: mass", dtype, may_be_zero=True)
+        check.require_same_dtype(com=c, mass=m)
+        batch = check.common_batch_shape(com=c.shape[:-1], mass=m.shape)
+        m, c = check.broadcast_batch(batch, expanded(m), c)
+        return cls(m.reshape(batch), c, np.zeros((*batch, 6), c.dtype))

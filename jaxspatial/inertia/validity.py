@@ -6,12 +6,13 @@ moments. Its eigenvalues s_i belong to the same axes: s_i = (l_j + l_k - l_i) / 
 Linear matrix inequalities for physically consistent inertial parameter identification]
 """
 
+import functools
 from fractions import Fraction
 
 import jax
 import jax.numpy as jnp
 
-from jaxspatial.arithmetic import symmetric, vectors
+from jaxspatial.arithmetic import check, symmetric, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import (
     Mask,
@@ -26,13 +27,14 @@ from jaxspatial.arithmetic.numbers import (
 )
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.arithmetic.types import DTypeLike, PrecisionName
+from jaxspatial.inertia.parts import Parts
 
 # Of eps: what rounding an inertia tensor, and finding its moments, can take from a body as flat or thin as can be.
 _TOLERANCE = 16
 
 
 def default_tolerance(dtype: DTypeLike) -> float:
-    return _TOLERANCE * float(jnp.finfo(dtype).eps)
+    return _TOLERANCE * check.eps(dtype)
 
 
 def slack(precision: Precision, mass: jax.Array, com: jax.Array, central: jax.Array) -> jax.Array:
@@ -60,19 +62,13 @@ def _second_moments(moments: Three) -> tuple[Number, Number, Number]:
 
 
 def _all_finite(*numbers: Number) -> Mask:
-    largest = jnp.finfo(numbers[0].dtype).max
-    result = abs(high(numbers[0])) <= largest
-    for x in numbers[1:]:
-        result = result & (abs(high(x)) <= largest)
-    return result
+    largest = float(jnp.finfo(numbers[0].dtype).max)
+    return functools.reduce(lambda a, b: a & b, [abs(high(x)) <= largest for x in numbers])
 
 
-def nearest(
-    precision: Precision, mass: jax.Array, com: jax.Array, central: jax.Array, tolerance: float
-) -> tuple[jax.Array, ...]:
+def nearest(precision: Precision, M: Parts, tolerance: float) -> list[jax.Array]:
     """(mass, central) with mass and eigenvalues of Sigma no less than 0; unchanged where the slack is -tolerance."""
-    moments, axes = symmetric.eigen(precision, central)
-    return tuple(_nearest(precision, mass, com, central, moments, axes, tolerance=tolerance))
+    return _nearest(precision, *M.vectors, *symmetric.eigen(precision, M.central), tolerance=tolerance)
 
 
 @formula

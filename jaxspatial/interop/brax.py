@@ -223,7 +223,7 @@ def to_moved_inertia(M_BP_E: SpatialInertia, *, precision: PrecisionName = None)
     return _base().Inertia(transform=transform, i=symmetric.to_matrix(pi10[..., 4:]), mass=M_BP_E.mass)
 
 
-def _base():
+def _base() -> Any:
     from brax import base
 
     return base

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import numpy as np
 
 from jaxspatial.arithmetic.numbers.trees import from_double_word
@@ -110,6 +111,6 @@ def to_exponential_coordinates(V: SpatialVelocity) -> np.ndarray:
     return _host(V.to_array())
 
 
-def _host(x):
+def _host(x: jax.Array) -> np.ndarray:
     # A copy: SciPy does not take arrays that it could not write to.
     return np.array(from_double_word(x), np.float64)

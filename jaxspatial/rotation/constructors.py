@@ -1,7 +1,7 @@
 """How a `Rotation` is made: its named constructors, the base of that class."""
 
 import functools
-from typing import Self
+from typing import TYPE_CHECKING, Any, Self
 
 import jax
 import numpy as np
@@ -18,6 +18,10 @@ class Constructors(Quantity):
     """R_AB by its entries (*batch, 9), and the classmethods that make it."""
 
     entries: jax.Array
+
+    if TYPE_CHECKING:
+
+        def __init__(self, entries: Any): ...
 
     def __post_init__(self) -> None:
         """Checks what a caller passes; marks of a tree of axes or specs pass."""

@@ -231,9 +231,9 @@ def coupling(w: Three, v: Three) -> Rows:
         vectors.times(c3 - c2, v), vectors.times(2 * c4 - c3, w_v), vectors.times((3 * c5 - c4) * along, w)
     )
     p, jacobian = _combination(c1, c2, c3, w, v), _operator(c1, c2, c3, w)
-    columns = []
+    columns: list[Three] = []
     for k in range(3):
-        unit = tuple(float(i == k) for i in range(3))
+        unit = tuple(constant(w[0], int(i == k)) for i in range(3))
         sideways = vectors.cross(unit, v)
         of_axis = tuple(c3 * (v[k] * x + (along if i == k else 0)) for i, x in enumerate(w))
         d = vectors.plus(vectors.times(w[k], by_square), vectors.times(c2, sideways), of_axis)

@@ -1,21 +1,22 @@
 """The formulas of `Rotation` over arrays: one for each constructor and conversion, in the precision asked for."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
 import jax
 
-from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import Number, Numbers, Three
+from jaxspatial.arithmetic.numbers import Number, Numbers, Rows, Three
+from jaxspatial.arithmetic.quantity import require_alike
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.rotation import angles, directions, exponential, quaternion
 
 
 def over_arrays(formula: Callable[..., Any], precision: PrecisionName, **arrays: jax.Array) -> Any:
     """The formula over arrays of one dtype, with batches that broadcast; messages use their names."""
-    check.require_same_dtype(**arrays)
-    check.common_batch_shape(**{name: a.shape[:-1] for name, a in arrays.items()})
+    require_alike(**arrays)
     return formula(precision, *arrays.values())
 
 
@@ -32,11 +33,6 @@ def from_quaternion(q: Numbers) -> Numbers:
 @formula
 def to_quaternion(entries: Numbers) -> Numbers:
     return quaternion.from_matrix(vectors.rows(entries))
-
-
-@formula
-def exp(w: Three) -> Numbers:
-    return vectors.flat(exponential.rotation(w))
 
 
 @formula
@@ -70,16 +66,6 @@ def to_roll_pitch_yaw(entries: Numbers) -> Three:
 
 
 @formula
-def from_one_vector(u: Three, axis: int) -> Numbers:
-    return vectors.flat(directions.from_one_vector(u, axis))
-
-
-@formula
-def from_two_vectors(u: Three, v: Three, axes: tuple[int, int]) -> Numbers:
-    return vectors.flat(directions.from_two_vectors(u, v, axes))
-
-
-@formula
 def between(a: Three, b: Three) -> Numbers:
     return vectors.flat(quaternion.to_matrix(directions.between(a, b)))
 
@@ -91,11 +77,11 @@ def interpolated(start: Numbers, end: Numbers, t: Numbers) -> Numbers:
     return vectors.flat(vectors.matrix_product(a, exponential.rotation(vectors.times(t[0], w))))
 
 
-@formula
-def left_jacobian(w: Three) -> Numbers:
-    return vectors.flat(exponential.left_jacobian(w))
+def _of_entries(function: Callable[..., Rows]) -> Callable[..., Any]:
+    """The formula that gives the entries of a matrix by its rows."""
+    return formula(functools.wraps(function)(lambda *numbers, **static: vectors.flat(function(*numbers, **static))))
 
 
-@formula
-def left_jacobian_inverse(w: Three) -> Numbers:
-    return vectors.flat(exponential.left_jacobian_inverse(w))
+exp = _of_entries(exponential.rotation)
+left_jacobian, left_jacobian_inverse = map(_of_entries, (exponential.left_jacobian, exponential.left_jacobian_inverse))
+from_one_vector, from_two_vectors = map(_of_entries, (directions.from_one_vector, directions.from_two_vectors))

@@ -1,8 +1,10 @@
 """Matrices by their entries (*batch, n n): as arguments, as results, and what they do to vectors."""
 
+from typing import Any
+
 import jax
-import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
@@ -23,9 +25,9 @@ def as_matrices(m: Matrix, name: str, n: int = 3) -> jax.Array:
 def require_rotations(entries: jax.Array, name: str) -> None:
     """Raises ValueError for known entries that are no rotation, see `Rotation.from_matrix`; traced ones pass."""
     leaves = jax.tree.leaves(entries)
-    if not leaves or any(isinstance(x, (jax.core.Tracer, jax.ShapeDtypeStruct)) for x in leaves):
+    if not leaves or any(isinstance(x, (Tracer, jax.ShapeDtypeStruct)) for x in leaves):
         return
-    tolerance = 1e-3 + 16 * float(jnp.finfo(entries.dtype).eps)
+    tolerance = 1e-3 + 16 * check.eps(entries.dtype)
     m = np.asarray(from_double_word(as_array(entries, entries.shape[:-1]))).astype(np.float64).reshape((-1, 3, 3))
     with np.errstate(all="ignore"):
         off = abs(m @ np.swapaxes(m, -1, -2) - np.eye(3)).max((-1, -2), initial=0.0)
@@ -43,20 +45,21 @@ def require_rotations(entries: jax.Array, name: str) -> None:
 def owned(array: jax.Array) -> jax.Array:
     """A NumPy array as a read-only copy: the caller may write to his own."""
     if isinstance(array, np.ndarray):
-        array = array.copy()
-        array.setflags(write=False)
+        copy: Any = np.array(array)
+        copy.setflags(write=False)
+        return copy
     return array
 
 
-def shown(x: object, n: int) -> str:
+def shown(x: Any, n: int) -> str:
     """The numbers of one item, n in a row (0 of a scalar); the shape of a batch or of something not computed yet."""
-    if isinstance(x, (np.ndarray, jax.Array)) and not isinstance(x, jax.core.Tracer) and x.ndim == min(n, 1):
+    if isinstance(x, (np.ndarray, jax.Array)) and not isinstance(x, Tracer) and x.ndim == min(n, 1):
         if not n:
             return str(x)
         numbers = [str(number) for number in np.asarray(x)]
         rows = [", ".join(numbers[i : i + n]) for i in range(0, len(numbers), n)]
         return "[" + "; ".join(rows) + "]"
-    if hasattr(x, "shape") and hasattr(x, "dtype") and not isinstance(x, check.StandIn):
+    if isinstance(x, (np.ndarray, jax.Array, jax.ShapeDtypeStruct)):
         return f"{np.dtype(x.dtype).name}[{','.join(map(str, x.shape))}]"
     return repr(x)
 

@@ -1,13 +1,13 @@
 """Rotations, as what they do to vectors. The mathematics is in the modules beside this one."""
 
-from collections.abc import Iterable
 from typing import Any, overload
 
 import jax
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.tree import rebuilt, tree
+from jaxspatial.arithmetic.quantity import require_alike
+from jaxspatial.arithmetic.tree import tree
 from jaxspatial.arithmetic.types import PrecisionName, Scalar, Vector3
 from jaxspatial.rotation import formulas, matrices
 from jaxspatial.rotation.constructors import Constructors
@@ -35,9 +35,6 @@ class Rotation(Constructors):
     """
 
     entries: jax.Array
-
-    # NumPy and JAX arrays on the left of an operator leave it to us.
-    __array_ufunc__ = None
 
     # -- to other forms -----------------------------------------------------------------------------------------------
 
@@ -103,23 +100,6 @@ class Rotation(Constructors):
         Source: Mitiguy, in Drake's RollPitchYaw.
         """
         return formulas.to_roll_pitch_yaw(precision, self.entries)
-
-    @property
-    def vectors(self) -> tuple[Any, ...]:
-        return (self.entries,)
-
-    def with_vectors(self, vectors: Iterable[Any]) -> "Rotation":
-        return rebuilt(Rotation, ("entries",), vectors)
-
-    @property
-    def batch_shape(self) -> tuple[int, ...]:
-        """The batch shape."""
-        return self.entries.shape[:-1]
-
-    @property
-    def dtype(self) -> np.dtype:
-        """The dtype of the entries."""
-        return np.dtype(self.entries.dtype)
 
     def __repr__(self) -> str:
         return f"Rotation({matrices.shown(self.entries, 3)})"
@@ -261,8 +241,7 @@ def composed(R_AB: Rotation, R_BC: Rotation, *, precision: PrecisionName = None)
 
     Error: per entry, as of a component of `rotated`.
     """
-    check.require_same_dtype(left=R_AB, right=R_BC)
-    check.common_batch_shape(left=R_AB.batch_shape, right=R_BC.batch_shape)
+    require_alike(left=R_AB, right=R_BC)
     if is_identity(R_AB) or is_identity(R_BC):
         return R_BC if is_identity(R_AB) else R_AB
     return Rotation(matrices.composed(precision, R_AB.entries, R_BC.entries))

@@ -1,22 +1,24 @@
 """Spatial acceleration: the classical acceleration of a point on top of which the body turns."""
 
-from typing import Any, Self
+from typing import Self
 
 import jax
 
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Three
+from jaxspatial.arithmetic.quantity import require_alike
+from jaxspatial.arithmetic.tree import tree
 from jaxspatial.arithmetic.types import PrecisionName, Six, Vector3
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.arguments import require_kind, require_w, shift_by
 from jaxspatial.spatial.operations import shift
-from jaxspatial.spatial.parts import joined, spatial_vector
+from jaxspatial.spatial.parts import joined
 from jaxspatial.spatial.vector import SpatialVector
 from jaxspatial.spatial.velocity import SpatialVelocity
 
 
-@spatial_vector
+@tree
 class SpatialAcceleration(SpatialVector):
     """A_MBp_E: how the motion of body B in frame M changes, looked at in point Bp, expressed in frame E.
 
@@ -66,8 +68,7 @@ class SpatialAcceleration(SpatialVector):
         require_kind(A_BC_E, SpatialAcceleration, f"{name}: A_BC_E")
         p = check.as_vectors(p_BoCo_E, f"{name}: p_BoCo_E", self.dtype)
         w = check.as_vectors(w_MB_E, f"{name}: w_MB_E", self.dtype)
-        given = {"A_MB_E": self, "p_BoCo_E": p, "w_MB_E": w, "V_BC_E": V_BC_E, "A_BC_E": A_BC_E}
-        _require_alike(given)
+        require_alike(A_MB_E=self, p_BoCo_E=p, w_MB_E=w, V_BC_E=V_BC_E, A_BC_E=A_BC_E)
         return self.with_vectors(_composed(precision, *self.vectors, p, w, *V_BC_E.vectors, *A_BC_E.vectors))
 
     def to_featherstone(self, V_MP_E: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
@@ -92,7 +93,7 @@ class SpatialAcceleration(SpatialVector):
         Source: Featherstone 2008, 2.11.
         """
         require_kind(V_MP_E, SpatialVelocity, "to_featherstone: V_MP_E")
-        _require_alike({"A_MP_E": self, "V_MP_E": V_MP_E})
+        require_alike(A_MP_E=self, V_MP_E=V_MP_E)
         return joined(*_to_featherstone(precision, *self.vectors, *V_MP_E.vectors))
 
     @classmethod
@@ -116,15 +117,8 @@ class SpatialAcceleration(SpatialVector):
         """
         require_kind(V_MP_E, SpatialVelocity, "from_featherstone: V_MP_E")
         spatial = cls.from_array(x6)
-        _require_alike({"x6": spatial, "V_MP_E": V_MP_E})
+        require_alike(x6=spatial, V_MP_E=V_MP_E)
         return spatial.with_vectors(_from_featherstone(precision, *spatial.vectors, *V_MP_E.vectors))
-
-
-def _require_alike(given: dict[str, Any]) -> None:
-    """One dtype, and batches that broadcast, of vectors and arrays by name."""
-    check.require_same_dtype(**given)
-    shapes = {n: x.batch_shape if isinstance(x, SpatialVector) else x.shape[:-1] for n, x in given.items()}
-    check.common_batch_shape(**shapes)
 
 
 @formula(of_sums=True)

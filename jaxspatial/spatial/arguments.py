@@ -6,15 +6,15 @@ from typing import Any, TypeVar
 import jax
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.quantity import Quantity
+from jaxspatial.arithmetic.quantity import Quantity, require_alike
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
 
 _Kind = TypeVar("_Kind", bound=Quantity)
 
 
-def require_kind(x: object, kind: type[Quantity], name: str) -> None:
+def require_kind(x: object, kind: type, name: str, place: str = "") -> None:
     if not isinstance(x, kind):
-        raise TypeError(f"{name}: expected a {kind.__name__}, got {type(x).__name__}")
+        raise TypeError(f"{name}: expected a {kind.__name__}{place}, got {type(x).__name__}")
 
 
 def require_no_w(X_P_E: Quantity, w: Vector3 | None, operation: str = "shift") -> None:
@@ -30,16 +30,12 @@ def require_w(A_P_E: Quantity, w: Vector3 | None, operation: str = "shift") -> j
             f"{operation}: expected w, the angular velocity of the body, (*batch, 3), for a SpatialAcceleration"
         )
     given = check.as_vectors(w, f"{operation}: w", A_P_E.dtype)
-    check.require_same_dtype(SpatialAcceleration=A_P_E, w=given)
-    check.common_batch_shape(SpatialAcceleration=A_P_E.batch_shape, w=given.shape[:-1])
+    require_alike(SpatialAcceleration=A_P_E, w=given)
     return given
 
 
 def shift_by(law: Callable[..., Iterable[Any]], X_P_E: _Kind, precision: PrecisionName, **by: Vector3) -> _Kind:
     """A formula over the parts of X and the named vectors that shift it; the result of the kind of X."""
-    kind = type(X_P_E).__name__
     given = {name: check.as_vectors(x, f"shift: {name}", X_P_E.dtype) for name, x in by.items()}
-    check.require_same_dtype(**{kind: X_P_E, **given})
-    batch_shapes = {name: x.shape[:-1] for name, x in given.items()}
-    check.common_batch_shape(**{kind: X_P_E.batch_shape, **batch_shapes})
+    require_alike(**{type(X_P_E).__name__: X_P_E, **given})
     return X_P_E.with_vectors(law(precision, *X_P_E.vectors, *given.values()))

@@ -4,15 +4,15 @@ import jax
 
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Three
+from jaxspatial.arithmetic.tree import tree
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.arguments import require_no_w, shift_by
 from jaxspatial.spatial.operations import shift
-from jaxspatial.spatial.parts import spatial_vector
 from jaxspatial.spatial.vector import SpatialVector
 
 
-@spatial_vector
+@tree
 class SpatialForce(SpatialVector):
     """F_Bp_E: a wrench on body B: a torque on top of a force, about point Bp, expressed in frame E.
 
@@ -26,7 +26,7 @@ class SpatialForce(SpatialVector):
     f: jax.Array
 
 
-@spatial_vector
+@tree
 class SpatialMomentum(SpatialVector):
     """L_MSp_E: the momentum of system S in frame M, about point Sp, expressed in frame E.
 

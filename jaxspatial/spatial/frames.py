@@ -6,14 +6,15 @@ from typing import Any
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Numbers, Three
+from jaxspatial.arithmetic.quantity import require_alike
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.rotation.rotation import Rotation, rotated_together
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.acceleration import SpatialAcceleration
-from jaxspatial.spatial.arguments import require_no_w, require_w
+from jaxspatial.spatial.arguments import require_kind, require_no_w, require_w
 from jaxspatial.spatial.force import SpatialForce, SpatialMomentum
 from jaxspatial.spatial.operations import acting, rotating
-from jaxspatial.spatial.transform import RigidTransform, require_transform
+from jaxspatial.spatial.transform import RigidTransform
 from jaxspatial.spatial.vector import SpatialVector
 from jaxspatial.spatial.velocity import SpatialVelocity
 
@@ -53,9 +54,8 @@ def _pair(
     formula: Callable[..., Any], precision: PrecisionName, X_AB: RigidTransform, vector: SpatialVector, *arrays: Any
 ) -> Any:
     """The formula over the transform and the arrays of a spatial vector, with what they have in common checked."""
-    require_transform(X_AB)
-    check.require_same_dtype(RigidTransform=X_AB, **{type(vector).__name__: vector})
-    check.common_batch_shape(RigidTransform=X_AB.batch_shape, **{type(vector).__name__: vector.batch_shape})
+    require_kind(X_AB, RigidTransform, "act", " first")
+    require_alike(RigidTransform=X_AB, **{type(vector).__name__: vector})
     return formula(precision, X_AB.rotation.entries, X_AB.translation, *arrays)
 
 

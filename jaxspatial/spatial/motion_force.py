@@ -8,6 +8,7 @@ from jaxspatial.arithmetic.numbers import Number, Three
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.acceleration import SpatialAcceleration
+from jaxspatial.spatial.arguments import require_kind
 from jaxspatial.spatial.force import SpatialForce, SpatialMomentum
 from jaxspatial.spatial.operations import cross, dot
 from jaxspatial.spatial.vector import SpatialVector
@@ -18,9 +19,10 @@ _MOTIONS = (SpatialVelocity, SpatialAcceleration)
 
 
 @dot.register
-def _dot_force(F_P_E: SpatialForce | SpatialMomentum, V_P_E: object, *, precision: PrecisionName = None) -> jax.Array:
-    if not isinstance(V_P_E, SpatialVelocity):
-        raise TypeError(f"dot: expected a SpatialVelocity beside a {_kind(F_P_E)}, got {_kind(V_P_E)}")
+def _dot_force(
+    F_P_E: SpatialForce | SpatialMomentum, V_P_E: SpatialVelocity, *, precision: PrecisionName = None
+) -> jax.Array:
+    require_kind(V_P_E, SpatialVelocity, "dot", f" beside a {_kind(F_P_E)}")
     return _dot(precision, *_parts(F_P_E, V_P_E))
 
 

@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.rotation.rotation import Rotation
+from jaxspatial.spatial.arguments import require_kind
 
 if TYPE_CHECKING:
     # It is made of what is defined here.
@@ -235,8 +236,7 @@ def rotate(R_AE: Rotation, X_P_E: _Kind, *, precision: PrecisionName = None) -> 
         are flushed.
     Source: Featherstone 2008, 2.8.
     """
-    if not isinstance(R_AE, Rotation):
-        raise TypeError(f"rotate: expected a Rotation first, got {type(R_AE).__name__}")
+    require_kind(R_AE, Rotation, "rotate", " first")
     return rotating(X_P_E, R_AE, precision)
 
 

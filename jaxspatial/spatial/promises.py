@@ -31,7 +31,7 @@ PROMISES = {
 }
 
 
-def of_sum(n, each=0):
+def of_sum(n: int, each: int = 0) -> Promise:
     """Of n items, by halving; each: the factor of one of them, 2 for a cross product."""
     rounds = each + math.ceil(math.log2(n))
     return Promise(u=rounds, u2=2 * rounds**2, u3=n**2)

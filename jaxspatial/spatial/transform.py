@@ -4,16 +4,16 @@ from collections.abc import Iterable
 from typing import Any, overload
 
 import jax
-import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.quantity import Quantity
+from jaxspatial.arithmetic.quantity import Quantity, require_alike
 from jaxspatial.arithmetic.tree import rebuilt, tree
 from jaxspatial.arithmetic.types import PrecisionName, Scalar
 from jaxspatial.rotation.matrices import expanded, matrices, shown
 from jaxspatial.rotation.rotation import Rotation, composed, rotated
 from jaxspatial.spatial import transform_formulas as formulas
-from jaxspatial.spatial.transform_constructors import Constructors, require_velocity
+from jaxspatial.spatial.arguments import require_kind
+from jaxspatial.spatial.transform_constructors import OVER_UNIT_TIME, Constructors
 from jaxspatial.spatial.velocity import SpatialVelocity
 
 
@@ -27,9 +27,6 @@ class RigidTransform(Constructors):
 
     rotation: Rotation
     translation: jax.Array
-
-    # NumPy and JAX arrays on the left of an operator leave it to us.
-    __array_ufunc__ = None
 
     def __repr__(self) -> str:
         return f"RigidTransform({self.rotation!r}, translation={shown(self.translation, 3)})"
@@ -63,16 +60,6 @@ class RigidTransform(Constructors):
         entries, p = vectors
         R = rebuilt(Rotation, ("entries",), (entries,))
         return rebuilt(RigidTransform, ("rotation", "translation"), (R, p))
-
-    @property
-    def batch_shape(self) -> tuple[int, ...]:
-        """The batch shape."""
-        return check.batch_shape(self.translation, self.rotation.entries)
-
-    @property
-    def dtype(self) -> np.dtype:
-        """The dtype of the numbers."""
-        return np.dtype(self.translation.dtype)
 
     # -- operations ---------------------------------------------------------------------------------------------------
 
@@ -161,7 +148,7 @@ class RigidTransform(Constructors):
         Error: at most 32 u normwise, of the lower left block relative to |v|, for |w| <= pi.
         Source: Barfoot 2017, 7.1.5.
         """
-        require_velocity(V, "RigidTransform.left_jacobian")
+        require_kind(V, SpatialVelocity, "RigidTransform.left_jacobian", OVER_UNIT_TIME)
         return matrices(formulas.left_jacobian(precision, V.w, V.v), 6)
 
     @staticmethod
@@ -181,7 +168,7 @@ class RigidTransform(Constructors):
         Error: at most 128 u normwise up to pi.
         Source: Barfoot 2017, 7.1.5.
         """
-        require_velocity(V, "RigidTransform.left_jacobian_inverse")
+        require_kind(V, SpatialVelocity, "RigidTransform.left_jacobian_inverse", OVER_UNIT_TIME)
         return matrices(formulas.left_jacobian_inverse(precision, V.w, V.v), 6)
 
     def to_motion_matrix(self) -> jax.Array:
@@ -195,11 +182,6 @@ class RigidTransform(Constructors):
         Error: as of `cross`.
         """
         return matrices(formulas.motion_matrix(None, self.rotation.entries, self.translation), 6)
-
-
-def require_transform(X_AB: object) -> None:
-    if not isinstance(X_AB, RigidTransform):
-        raise TypeError(f"act: expected a RigidTransform first, got {type(X_AB).__name__}")
 
 
 def transformed(X_AB: RigidTransform, other: Any, *, precision: PrecisionName = None) -> Any:
@@ -225,8 +207,7 @@ def transformed(X_AB: RigidTransform, other: Any, *, precision: PrecisionName = 
     if isinstance(other, Quantity):
         raise TypeError(f"RigidTransform @ p: expected points or a RigidTransform, got {type(other).__name__}; see act")
     p = check.as_vectors(other, "RigidTransform @ p: p", X_AB.dtype)
-    check.require_same_dtype(RigidTransform=X_AB, p=p)
-    check.common_batch_shape(RigidTransform=X_AB.batch_shape, p=p.shape[:-1])
+    require_alike(RigidTransform=X_AB, p=p)
     return formulas.moved(precision, X_AB.rotation.entries, X_AB.translation, p)
 
 

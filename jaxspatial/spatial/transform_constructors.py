@@ -1,6 +1,6 @@
 """How a `RigidTransform` is made: its named constructors, the base of that class."""
 
-from typing import Self
+from typing import TYPE_CHECKING, Any, Self
 
 import jax
 import numpy as np
@@ -11,7 +11,10 @@ from jaxspatial.arithmetic.types import BatchShape, DTypeLike, Matrix, Precision
 from jaxspatial.rotation.matrices import as_matrices, matrices, owned
 from jaxspatial.rotation.rotation import Rotation
 from jaxspatial.spatial import transform_formulas as formulas
+from jaxspatial.spatial.arguments import require_kind
 from jaxspatial.spatial.velocity import SpatialVelocity
+
+OVER_UNIT_TIME = " (over unit time)"
 
 
 class Constructors(Quantity):
@@ -20,12 +23,15 @@ class Constructors(Quantity):
     rotation: Rotation
     translation: jax.Array
 
+    if TYPE_CHECKING:
+
+        def __init__(self, rotation: Rotation, translation: Any): ...
+
     def __post_init__(self) -> None:
         """Checks what a caller passes; marks of a tree of axes or specs pass."""
         if all(map(check.is_tree_mark, (getattr(self.rotation, "entries", self.rotation), self.translation))):
             return
-        if not isinstance(self.rotation, Rotation):
-            raise TypeError(f"RigidTransform: rotation: expected a Rotation, got {type(self.rotation).__name__}")
+        require_kind(self.rotation, Rotation, "RigidTransform: rotation")
         p = check.as_vectors(self.translation, "RigidTransform: translation", self.rotation.dtype, held=True)
         R, p = check.alike(rotation=self.rotation, translation=p).values()
         batch = check.common_batch_shape(rotation=R.batch_shape, translation=p.shape[:-1])
@@ -88,11 +94,6 @@ class Constructors(Quantity):
         Error: as of `Rotation.exp`, of the translation at most 16 u |v|.
         Source: Murray, Li, Sastry 1994, 2.36.
         """
-        require_velocity(V, "RigidTransform.exp")
+        require_kind(V, SpatialVelocity, "RigidTransform.exp", OVER_UNIT_TIME)
         entries, p = formulas.exp(precision, V.w, V.v)
         return cls(Rotation(entries), p)
-
-
-def require_velocity(V: object, operation: str) -> None:
-    if not isinstance(V, SpatialVelocity):
-        raise TypeError(f"{operation}: expected a SpatialVelocity (over unit time), got {type(V).__name__}")

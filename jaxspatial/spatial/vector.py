@@ -2,7 +2,7 @@
 
 import operator
 from collections.abc import Callable
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import chex
 import jax
@@ -18,14 +18,17 @@ from jaxspatial.arithmetic.numbers.components import Components
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.stacking import Summed
 from jaxspatial.arithmetic.numbers.trees import from_double_word, to_double_word
-from jaxspatial.arithmetic.quantity import matched, moved_to_last
+from jaxspatial.arithmetic.quantity import Quantity, matched, moved_to_last
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
+from jaxspatial.rotation.matrices import expanded
 from jaxspatial.spatial import operations
 from jaxspatial.spatial.parts import Parts
 
+_Kind = TypeVar("_Kind", bound=Quantity)
+
 
 class SpatialVector(Parts):
-    """Base of the four kinds. A subclass is a frozen dataclass with two fields, see `spatial_vector`."""
+    """Base of the four kinds. A subclass is a `tree` of two fields, rotational first."""
 
     # -- arithmetic ---------------------------------------------------------------------------------------------------
 
@@ -66,8 +69,7 @@ class SpatialVector(Parts):
     def _combined(self, operation: Any, other: Any) -> Any:
         if not isinstance(other, SpatialVector):
             return NotImplemented
-        a, b = matched(self, other, operation.__name__)
-        return self.with_vectors(skipping_zero(operation, *xy) for xy in zip(a.vectors, b.vectors, strict=True))
+        return combined(operation, self, other)
 
     def _scaled(self, operation: Any, scalar: Any) -> Any:
         if isinstance(scalar, SpatialVector):
@@ -75,8 +77,8 @@ class SpatialVector(Parts):
         x, s = check.narrowed(self), self._scalar(scalar)
         batch = check.common_batch_shape(**{type(self).__name__: x.batch_shape, "scalar": s.shape})
         parts = check.broadcast_batch(batch, *x.vectors)
-        s = s if isinstance(s, np.generic) else check.broadcast_batch(batch, s.reshape((*s.shape, 1)))[0]
-        return self.with_vectors(_scaled_part(operation, part, s) for part in parts)
+        factor: Any = s if isinstance(s, np.generic) else check.broadcast_batch(batch, expanded(s))[0]
+        return self.with_vectors(_scaled_part(operation, part, factor) for part in parts)
 
     def _scalar(self, scalar: Any) -> Any:
         """A number, or one per vector of the batch: NumPy's for Python's."""
@@ -150,7 +152,8 @@ class SpatialVector(Parts):
         """
         a, b = matched(self, other, "comparison")
         differences = (folding.quietly(operator.sub, x, y) for x, y in zip(a.vectors, b.vectors, strict=True))
-        return tuple(_largest(from_double_word(abs(as_array(d, a.batch_shape)))) for d in differences)
+        rotational, translational = (from_double_word(abs(as_array(d, a.batch_shape))) for d in differences)
+        return _largest(rotational), _largest(translational)
 
     def is_nearly_equal_within_absolute_tolerance(
         self, other: Self, rotational_tolerance: chex.Numeric, translational_tolerance: chex.Numeric
@@ -191,7 +194,7 @@ class SpatialVector(Parts):
         Error: as of `get_maximum_absolute_differences`.
         """
         a, b = matched(self, other, "comparison")
-        tolerance = jnp.finfo(a.dtype).eps if tolerance is None else tolerance
+        tolerance = check.eps(a.dtype) if tolerance is None else tolerance
         return a.is_nearly_equal_within_absolute_tolerance(b, tolerance, tolerance)
 
 
@@ -202,13 +205,19 @@ def _summed(rotational: Three, translational: Three) -> list[Summed]:
 
 def _scaled_part(operation: Callable[..., Any], part: Any, s: Any) -> Any:
     """operation(part, s) for s (*batch, 1) or a number; double words and Components know it as an operator."""
-    part = to_double_word(part) if isinstance(s, DoubleWord) and not isinstance(part, Components) else part
-    if isinstance(part, check.StandIn):
-        return part * s if operation is product else part / s
-    return operation(part, jnp.broadcast_to(s, part.shape))
+    x: Any = to_double_word(part) if isinstance(s, DoubleWord) and not isinstance(part, Components) else part
+    if isinstance(x, check.StandIn):
+        return x * s if operation is product else x / s
+    return operation(x, jnp.broadcast_to(s, x.shape))
 
 
-def skipping_zero(operation: Callable[..., Any], x: Any, y: Any) -> Any:
+def combined(operation: Callable[..., Any], x: _Kind, y: _Kind) -> _Kind:
+    """x + y or x - y, of one kind, part by part."""
+    a, b = matched(x, y, operation.__name__)
+    return a.with_vectors(_skipping_zero(operation, *parts) for parts in zip(a.vectors, b.vectors, strict=True))
+
+
+def _skipping_zero(operation: Callable[..., Any], x: Any, y: Any) -> Any:
     """x + y or x - y: of known zeros nothing is left."""
     if isinstance(y, np.ndarray) and not y.any():
         return x
@@ -217,9 +226,9 @@ def skipping_zero(operation: Callable[..., Any], x: Any, y: Any) -> Any:
     return folding.quietly(operation, x, y)
 
 
-def _largest(x: jax.Array) -> jax.Array:
+def _largest(x: Any) -> Any:
     # Written out: a reduction over an axis of length 3 is a library call on XLA CPU. Both maxima keep NaN.
-    maximum = np.maximum if isinstance(x, np.ndarray) else jnp.maximum
+    maximum: Any = np.maximum if isinstance(x, np.ndarray) else jnp.maximum
     return maximum(maximum(x[..., 0], x[..., 1]), x[..., 2])
 
 

@@ -5,15 +5,16 @@ import jax
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Three
+from jaxspatial.arithmetic.quantity import require_alike
+from jaxspatial.arithmetic.tree import tree
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.arguments import require_kind, require_no_w, shift_by
 from jaxspatial.spatial.operations import shift
-from jaxspatial.spatial.parts import spatial_vector
 from jaxspatial.spatial.vector import SpatialVector
 
 
-@spatial_vector
+@tree
 class SpatialVelocity(SpatialVector):
     """V_MBp_E: how body B moves in frame M, looked at in point Bp, expressed in frame E.
 
@@ -51,8 +52,7 @@ class SpatialVelocity(SpatialVector):
         """
         require_kind(V_BC_E, SpatialVelocity, "compose_with_moving_frame: V_BC_E")
         p = check.as_vectors(p_BoCo_E, "compose_with_moving_frame: p_BoCo_E", self.dtype)
-        check.require_same_dtype(V_MB_E=self, p_BoCo_E=p, V_BC_E=V_BC_E)
-        check.common_batch_shape(V_MB_E=self.batch_shape, p_BoCo_E=p.shape[:-1], V_BC_E=V_BC_E.batch_shape)
+        require_alike(V_MB_E=self, p_BoCo_E=p, V_BC_E=V_BC_E)
         return self.with_vectors(_composed(precision, *self.vectors, p, *V_BC_E.vectors))
 
 

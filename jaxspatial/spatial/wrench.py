@@ -14,6 +14,7 @@ from jaxspatial.arithmetic.numbers import Number, Three, folding
 from jaxspatial.arithmetic.numbers.component_arrays import as_array
 from jaxspatial.arithmetic.numbers.stacking import Summed
 from jaxspatial.arithmetic.precision import Precision, resolve
+from jaxspatial.arithmetic.quantity import require_alike
 from jaxspatial.arithmetic.types import PrecisionName, Vector, Vector3
 from jaxspatial.spatial.arguments import require_kind
 from jaxspatial.spatial.force import SpatialForce
@@ -47,8 +48,7 @@ def wrench_from_point_forces(points: Vector, forces: Vector, *, precision: Preci
     """
     points = check.as_vectors(points, "wrench_from_point_forces: points", many=["n"])
     forces = check.as_vectors(forces, "wrench_from_point_forces: forces", points.dtype, many=["n"])
-    check.require_same_dtype(points=points, forces=forces)
-    check.common_batch_shape(points=points.shape[:-1], forces=forces.shape[:-1])
+    require_alike(points=points, forces=forces)
     return SpatialForce(*_sum_of_moments(precision, points, forces))
 
 
@@ -161,8 +161,7 @@ def center_of_pressure(
     """
     require_kind(F_P_E, SpatialForce, "center_of_pressure")
     normal = check.as_vectors(normal, "center_of_pressure: normal", F_P_E.dtype)
-    check.require_same_dtype(SpatialForce=F_P_E, normal=normal)
-    check.common_batch_shape(SpatialForce=F_P_E.batch_shape, normal=normal.shape[:-1])
+    require_alike(SpatialForce=F_P_E, normal=normal)
     return _center_of_pressure(precision, F_P_E.tau, F_P_E.f, normal)
 
 

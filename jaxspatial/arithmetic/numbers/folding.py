@@ -32,7 +32,7 @@ def is_known(a, *values):
 # -- arrays apart and together ----------------------------------------------------------------------------------------
 
 
-def unstack(x: Any) -> list[Any]:
+def unstack(x: Any) -> tuple[Any, ...]:
     """The components of x (*batch, n), each (*batch,); of a NumPy array, numbers where one is the same throughout."""
     if isinstance(x, np.ndarray):
         return tuple(_number_if_uniform(x[..., i]) for i in range(x.shape[-1]))

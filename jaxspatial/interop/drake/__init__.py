@@ -12,17 +12,11 @@ from jaxspatial.interop.drake.frames import to_floating_positions as to_floating
 from jaxspatial.interop.drake.frames import to_floating_velocities as to_floating_velocities
 from jaxspatial.interop.drake.frames import to_rigid_transform as to_rigid_transform
 from jaxspatial.interop.drake.frames import to_rotation_matrix as to_rotation_matrix
-from jaxspatial.interop.drake.inertia import from_inertia as from_inertia
-from jaxspatial.interop.drake.inertia import to_inertia as to_inertia
-from jaxspatial.interop.drake.vectors import from_acceleration as from_acceleration
-from jaxspatial.interop.drake.vectors import from_columns as from_columns
+from jaxspatial.interop.drake.inertia import from_inertia as from_inertia, to_inertia as to_inertia
+from jaxspatial.interop.drake.vectors import from_acceleration as from_acceleration, from_columns as from_columns
 from jaxspatial.interop.drake.vectors import from_externally_applied as from_externally_applied
-from jaxspatial.interop.drake.vectors import from_force as from_force
-from jaxspatial.interop.drake.vectors import from_momentum as from_momentum
-from jaxspatial.interop.drake.vectors import from_velocity as from_velocity
-from jaxspatial.interop.drake.vectors import to_acceleration as to_acceleration
-from jaxspatial.interop.drake.vectors import to_columns as to_columns
-from jaxspatial.interop.drake.vectors import to_externally_applied as to_externally_applied
-from jaxspatial.interop.drake.vectors import to_force as to_force
-from jaxspatial.interop.drake.vectors import to_momentum as to_momentum
+from jaxspatial.interop.drake.vectors import from_force as from_force, from_momentum as from_momentum
+from jaxspatial.interop.drake.vectors import from_velocity as from_velocity, to_acceleration as to_acceleration
+from jaxspatial.interop.drake.vectors import to_columns as to_columns, to_externally_applied as to_externally_applied
+from jaxspatial.interop.drake.vectors import to_force as to_force, to_momentum as to_momentum
 from jaxspatial.interop.drake.vectors import to_velocity as to_velocity

@@ -41,7 +41,7 @@ def to_rotation_matrix(R_AB: Rotation) -> Any:
     """
     from pydrake.math import RotationMatrix
 
-    return RotationMatrix.MakeUnchecked(_matrix(R_AB, "drake.to_rotation_matrix"))
+    return RotationMatrix.MakeUnchecked(orders.single(R_AB.entries, "drake.to_rotation_matrix").reshape(3, 3))
 
 
 def from_rigid_transform(X_AB: Any) -> RigidTransform:
@@ -133,7 +133,3 @@ def to_floating_velocities(V_FMo_F: SpatialVelocity) -> jax.Array:
         (*batch, 6) [w; v]; rad/s, m/s.
     """
     return V_FMo_F.to_array()
-
-
-def _matrix(R_AB, name):
-    return orders.single(R_AB.entries, name).reshape(3, 3)

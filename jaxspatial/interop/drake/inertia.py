@@ -46,14 +46,9 @@ def to_inertia(M_SP_E: SpatialInertia) -> Any:
     """
     from pydrake.multibody import tree
 
-    mass, com, central = _inertia(M_SP_E)
+    (mass,), com, central = (orders.single(x, "drake.to_inertia") for x in M_SP_E.vectors)
+    if mass == 0 and central.any():
+        raise ValueError(f"drake.to_inertia: expected no central inertia without mass, got {central} for mass 0")
     moments_and_products = orders.symmetric_to_diagonal_first(central / mass if mass else central)
     G_SP_E = tree.UnitInertia(*moments_and_products).ShiftFromCenterOfMass(com)
     return tree.SpatialInertia(mass, com, G_SP_E, skip_validity_check=True)
-
-
-def _inertia(M_SP_E):
-    mass, com, central = (orders.single(x, "drake.to_inertia") for x in M_SP_E.vectors)
-    if mass[0] == 0 and central.any():
-        raise ValueError(f"drake.to_inertia: expected no central inertia without mass, got {central} for mass 0")
-    return mass[0], com, central

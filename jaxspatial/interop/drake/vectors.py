@@ -159,7 +159,7 @@ def to_columns(x: SpatialVector) -> jax.Array:
     return x.to_array().T
 
 
-def _six(x, name):
+def _six(x: SpatialVector, name: str) -> np.ndarray:
     return orders.single(x.to_array(), name)
 
 

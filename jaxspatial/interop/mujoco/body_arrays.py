@@ -3,7 +3,7 @@
 import jax
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.types import Matrix, PrecisionName, Six, Vector, Vector3
+from jaxspatial.arithmetic.types import DTypeLike, Matrix, PrecisionName, Six, Vector, Vector3
 from jaxspatial.interop import orders
 from jaxspatial.interop.mujoco.frames import rotation
 from jaxspatial.spatial import SpatialAcceleration, SpatialForce, SpatialVelocity, rotate
@@ -175,9 +175,9 @@ def to_cfrc(F_C_W: SpatialForce) -> jax.Array:
     return F_C_W.to_array()
 
 
-def _falling(gravity, dtype):
-    gravity = check.as_vectors(gravity, "gravity", dtype)
-    return SpatialAcceleration(0 * gravity, gravity)
+def _falling(gravity: Vector3, dtype: DTypeLike) -> SpatialAcceleration:
+    a = check.as_vectors(gravity, "gravity", dtype)
+    return SpatialAcceleration(0 * a, a)
 
 
 # -- at the surface: force first ---------------------------------------------------------------------------------------

@@ -5,8 +5,11 @@ import jax
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.types import Matrix, PrecisionName, Quaternion, Six, Vector, Vector3
 from jaxspatial.interop import orders
+from jaxspatial.interop.orders.vectors import K
+from jaxspatial.rotation.matrices import matrices
 from jaxspatial.rotation.rotation import Rotation, rotated
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialForce, SpatialVelocity
+from jaxspatial.spatial.vector import SpatialVector
 
 
 def from_xpos_xquat(xpos: Vector3, xquat: Quaternion, *, precision: PrecisionName = None) -> RigidTransform:
@@ -213,17 +216,17 @@ def to_free_joint_qfrc(F_Bo_W: SpatialForce, R_WB: Rotation, *, precision: Preci
     return _to_mixed(F_Bo_W, R_WB, precision)
 
 
-def _from_mixed(kind, x6, R_WB, precision):
+def _from_mixed(kind: type[K], x6: Six, R_WB: Rotation, precision: PrecisionName) -> K:
     x = orders.from_linear_first(kind, x6)
     return kind(rotated(R_WB, x.rotational, precision=precision), x.translational)
 
 
-def _to_mixed(x, R_WB, precision):
+def _to_mixed(x: SpatialVector, R_WB: Rotation, precision: PrecisionName) -> jax.Array:
     turned = rotated(R_WB.inverse(), x.rotational, precision=precision)
     return orders.to_linear_first(type(x)(turned, x.translational))
 
 
-def rotation(matrix):
+def rotation(matrix: Vector | Matrix) -> Rotation:
     """Of (*batch, 9) or (*batch, 3, 3), row by row."""
-    matrix = check.as_float_array(matrix, "mujoco: matrix", held=True)
-    return Rotation.from_matrix(matrix if matrix.shape[-1] == 3 else matrix.reshape((*matrix.shape[:-1], 3, 3)))
+    m = check.as_float_array(matrix, "mujoco: matrix", held=True)
+    return Rotation.from_matrix(m if m.shape[-1] == 3 else matrices(m, 3))

@@ -7,11 +7,12 @@ import jax
 import jax.numpy as jnp
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates, Vector
+from jaxspatial.arithmetic.types import Coordinates, DTypeLike, Forces, PrecisionName, Rates, Vector
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.rotation import Rotation
 from jaxspatial.rotation.rotation import rotated
 from jaxspatial.spatial import SpatialAcceleration, SpatialVelocity
+from jaxspatial.spatial.arguments import require_kind
 from jaxspatial.spatial.parts import joined
 
 
@@ -210,7 +211,7 @@ def from_qfrc(mechanism: Mechanism, q: Coordinates, qfrc: Vector, *, precision: 
 class _Piece:
     """The part of a joint in all these arrays: in ours, q and v, and in MuJoCo's, qpos and qvel."""
 
-    def __init__(self, mechanism, i, qpos, qvel, dtype):
+    def __init__(self, mechanism: Mechanism, i: int, qpos: slice, qvel: slice, dtype: DTypeLike):
         t = mechanism.topology
         if t.kinds[i] not in ("free", "ball", "prismatic", "revolute", "continuous"):
             raise ValueError(f"mujoco: MuJoCo has no joints like {t.joint_names[i]!r}: {t.kinds[i]}")
@@ -218,66 +219,62 @@ class _Piece:
         self.is_free, self.is_mimic = t.kinds[i] == "free", t.is_mimic(i)
         self.multiplier, self.offset = (mechanism.mimics[i, k : k + 1].astype(dtype) for k in (0, 1))
 
-    def followed(self, x, of_rates=False):
+    def followed(self, x: jax.Array, of_rates: bool = False) -> jax.Array:
         """Of the part of the joint that it follows."""
         if not self.is_mimic:
             return x
         multiplier, offset = (jnp.broadcast_to(jnp.asarray(y), x.shape) for y in (self.multiplier, self.offset))
         return multiplier * x if of_rates else multiplier * x + offset
 
-    def in_world(self, q, x, precision):
+    def in_world(self, q: jax.Array, x: jax.Array, precision: PrecisionName) -> jax.Array:
         """(linear in world axes, angular) of (angular, linear) in the body's; of a free joint."""
-        return (
-            joined(rotated(self._R(q, precision), x[..., 3:], precision=precision), x[..., :3]) if self.is_free else x
-        )
+        if not self.is_free:
+            return x
+        return joined(rotated(self._R(q, precision), x[..., 3:], precision=precision), x[..., :3])
 
-    def in_body(self, q, x, precision):
+    def in_body(self, q: jax.Array, x: jax.Array, precision: PrecisionName) -> jax.Array:
         if not self.is_free:
             return x
         return joined(x[..., 3:], rotated(self._R(q, precision).inverse(), x[..., :3], precision=precision))
 
-    def _R(self, q, precision):
+    def _R(self, q: jax.Array, precision: PrecisionName) -> Rotation:
         return Rotation.from_quaternion(q[..., self.q][..., :4], precision=precision)
 
-    def classical(self, vdot, v, precision):
+    def classical(self, vdot: jax.Array, v: jax.Array, precision: PrecisionName) -> jax.Array:
         """Of a free joint: vdot is the acceleration of Featherstone."""
         if not self.is_free:
             return vdot
-        return SpatialAcceleration.from_featherstone(
-            vdot, SpatialVelocity.from_array(v), precision=precision
-        ).to_array()
+        V = SpatialVelocity.from_array(v)
+        return SpatialAcceleration.from_featherstone(vdot, V, precision=precision).to_array()
 
-    def derivative(self, acceleration, v, precision):
+    def derivative(self, acceleration: jax.Array, v: jax.Array, precision: PrecisionName) -> jax.Array:
         if not self.is_free:
             return acceleration
         A = SpatialAcceleration.from_array(acceleration)
         return A.to_featherstone(SpatialVelocity.from_array(v), precision=precision)
 
 
-def _rolled(piece, x, back=False):
+def _rolled(piece: _Piece, x: jax.Array, back: bool = False) -> jax.Array:
     """The position of a free joint before its quaternion, or back."""
     n = 3 if back else 4
     return jnp.concatenate([x[..., n:], x[..., :n]], -1) if piece.is_free else x
 
 
-def _state(operation, mechanism, **arrays):
+def _state(operation: str, mechanism: Mechanism, **arrays: Vector) -> tuple[list[_Piece], SimpleNamespace]:
     """(the pieces of all joints, the arrays by name, over one batch shape)."""
-    if not isinstance(mechanism, Mechanism):
-        raise TypeError(f"{operation}: expected a Mechanism first, got {type(mechanism).__name__}")
+    require_kind(mechanism, Mechanism, operation, " first")
     kinds = [mechanism.topology.kind(i) for i in range(len(mechanism.topology))]
     ends = [[0, *itertools.accumulate(sizes)] for sizes in ([k.nq for k in kinds], [k.nv for k in kinds])]
     sizes = {"q": mechanism.nq, "qpos": ends[0][-1]} | dict.fromkeys(("qvel", "qacc", "qfrc"), ends[1][-1])
-    given = {
-        name: check.as_vectors(x, f"{operation}: {name}", size=sizes.get(name, mechanism.nv))
-        for name, x in arrays.items()
-    }
+    named = ((name, f"{operation}: {name}", sizes.get(name, mechanism.nv)) for name in arrays)
+    given = {name: check.as_vectors(arrays[name], shown, size=n) for name, shown, n in named}
     check.require_same_dtype(**given)
     batch = check.common_batch_shape(**{name: x.shape[:-1] for name, x in given.items()})
     dtype = next(iter(given.values())).dtype
     places = ([slice(a, b) for a, b in itertools.pairwise(e)] for e in ends)
-    pieces = [_Piece(mechanism, i, *place, dtype) for i, place in enumerate(zip(*places, strict=True))]
+    pieces = [_Piece(mechanism, i, qpos, qvel, dtype) for i, (qpos, qvel) in enumerate(zip(*places, strict=True))]
     return pieces, SimpleNamespace(**dict(zip(given, check.broadcast_batch(batch, *given.values()), strict=True)))
 
 
-def _joined(like, parts):
+def _joined(like: jax.Array, parts: list[jax.Array]) -> jax.Array:
     return jnp.concatenate([like[..., :0], *parts], -1)

@@ -8,8 +8,7 @@ numbers, exactly; poses alone are computed, since we hold a matrix where others 
 from jaxspatial.interop.orders.poses import pose_from_wxyz_xyz as pose_from_wxyz_xyz
 from jaxspatial.interop.orders.poses import pose_from_xyz_wxyz as pose_from_xyz_wxyz
 from jaxspatial.interop.orders.poses import pose_from_xyz_xyzw as pose_from_xyz_xyzw
-from jaxspatial.interop.orders.poses import pose_to_wxyz_xyz as pose_to_wxyz_xyz
-from jaxspatial.interop.orders.poses import pose_to_xyz_wxyz as pose_to_xyz_wxyz
+from jaxspatial.interop.orders.poses import pose_to_wxyz_xyz as pose_to_wxyz_xyz, pose_to_xyz_wxyz as pose_to_xyz_wxyz
 from jaxspatial.interop.orders.poses import pose_to_xyz_xyzw as pose_to_xyz_xyzw
 from jaxspatial.interop.orders.poses import quaternion_from_xyzw as quaternion_from_xyzw
 from jaxspatial.interop.orders.poses import quaternion_to_xyzw as quaternion_to_xyzw

@@ -1,10 +1,10 @@
 """Orders of quaternions and poses."""
 
 import jax
-import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.types import PrecisionName, Quaternion, Vector
+from jaxspatial.interop.orders.symmetric import reordered
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
 from jaxspatial.spatial.parts import joined
@@ -22,7 +22,7 @@ def quaternion_from_xyzw(q: Quaternion) -> jax.Array:
     Raises:
         ValueError: the shape does not fit.
     """
-    return check.as_vectors(q, "quaternion_from_xyzw: q", size=4, held=True)[..., np.array([3, 0, 1, 2])]
+    return reordered(q, "quaternion_from_xyzw: q", 3, 0, 1, 2)
 
 
 def quaternion_to_xyzw(q: Quaternion) -> jax.Array:
@@ -37,7 +37,7 @@ def quaternion_to_xyzw(q: Quaternion) -> jax.Array:
     Raises:
         ValueError: the shape does not fit.
     """
-    return check.as_vectors(q, "quaternion_to_xyzw: q", size=4, held=True)[..., np.array([1, 2, 3, 0])]
+    return reordered(q, "quaternion_to_xyzw: q", 1, 2, 3, 0)
 
 
 def pose_from_xyz_xyzw(x7: Vector, *, precision: PrecisionName = None) -> RigidTransform:
@@ -143,5 +143,5 @@ def pose_to_wxyz_xyz(X_AB: RigidTransform, *, precision: PrecisionName = None) -
     return joined(X_AB.rotation.to_quaternion(precision=precision), X_AB.translation)
 
 
-def _pose(xyz, wxyz, precision):
+def _pose(xyz: jax.Array, wxyz: jax.Array, precision: PrecisionName) -> RigidTransform:
     return RigidTransform(Rotation.from_quaternion(wxyz, precision=precision), xyz)

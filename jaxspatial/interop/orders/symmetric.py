@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.types import Six
+from jaxspatial.arithmetic.types import Six, Vector
 
 
 def symmetric_from_diagonal_first(x6: Six) -> jax.Array:
@@ -22,9 +22,7 @@ def symmetric_from_diagonal_first(x6: Six) -> jax.Array:
     Raises:
         ValueError: the shape does not fit.
     """
-    return check.as_vectors(x6, "symmetric_from_diagonal_first: x6", size=6, held=True)[
-        ..., np.array([0, 3, 1, 4, 5, 2])
-    ]
+    return reordered(x6, "symmetric_from_diagonal_first: x6", 0, 3, 1, 4, 5, 2)
 
 
 def symmetric_to_diagonal_first(x6: Six) -> jax.Array:
@@ -40,7 +38,7 @@ def symmetric_to_diagonal_first(x6: Six) -> jax.Array:
     Raises:
         ValueError: the shape does not fit.
     """
-    return check.as_vectors(x6, "symmetric_to_diagonal_first: x6", size=6, held=True)[..., np.array([0, 2, 5, 1, 3, 4])]
+    return reordered(x6, "symmetric_to_diagonal_first: x6", 0, 2, 5, 1, 3, 4)
 
 
 def symmetric_from_upper_triangle(x6: Six) -> jax.Array:
@@ -55,9 +53,7 @@ def symmetric_from_upper_triangle(x6: Six) -> jax.Array:
     Raises:
         ValueError: the shape does not fit.
     """
-    return check.as_vectors(x6, "symmetric_from_upper_triangle: x6", size=6, held=True)[
-        ..., np.array([0, 1, 3, 2, 4, 5])
-    ]
+    return reordered(x6, "symmetric_from_upper_triangle: x6", 0, 1, 3, 2, 4, 5)
 
 
 def symmetric_to_upper_triangle(x6: Six) -> jax.Array:
@@ -73,6 +69,11 @@ def symmetric_to_upper_triangle(x6: Six) -> jax.Array:
         ValueError: the shape does not fit.
     """
     return symmetric_from_upper_triangle(x6)
+
+
+def reordered(x: Vector, name: str, *order: int) -> jax.Array:
+    """Vectors (*batch, n) with their numbers in another order."""
+    return check.as_vectors(x, name, size=len(order), held=True)[..., np.array(order)]
 
 
 def single(x: Any, name: str) -> np.ndarray:

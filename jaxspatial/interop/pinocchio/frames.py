@@ -9,13 +9,7 @@ from jaxspatial.arithmetic.types import PrecisionName, Six, Vector, Vector3
 from jaxspatial.interop import orders
 from jaxspatial.interop.orders.vectors import K
 from jaxspatial.rotation import Rotation
-from jaxspatial.spatial import (
-    RigidTransform,
-    SpatialVelocity,
-    act,
-    act_inverse,
-    rotate,
-)
+from jaxspatial.spatial import RigidTransform, SpatialVelocity, act, act_inverse, rotate
 
 
 def from_world(X_WB: RigidTransform, x_Wo_W: K, w: Vector3 | None = None, *, precision: PrecisionName = None) -> K:

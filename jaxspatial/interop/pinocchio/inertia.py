@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxspatial.arithmetic import symmetric
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.interop import orders
@@ -40,9 +41,9 @@ def to_inertia(M: SpatialInertia) -> Any:
     """
     import pinocchio
 
-    mass, com, central = (orders.single(x, "pinocchio.to_inertia") for x in (*M.vectors[:2], _nine(M)))
+    mass, com, six = (orders.single(x, "pinocchio.to_inertia") for x in M.vectors)
     Y = pinocchio.Inertia.Zero()
-    Y.mass, Y.lever, Y.inertia = mass[0], com, central.reshape(3, 3)
+    Y.mass, Y.lever, Y.inertia = mass[0], com, symmetric.to_matrix(six)
     return Y
 
 
@@ -119,7 +120,3 @@ def to_log_cholesky(M: SpatialInertia, *, precision: PrecisionName = None) -> An
 
     theta10 = orders.single(M.to_log_cholesky(precision=precision), "pinocchio.to_log_cholesky")
     return pinocchio.LogCholeskyParameters(theta10)
-
-
-def _nine(M):
-    return M.central_matrix().reshape((*M.batch_shape, 9))

@@ -6,12 +6,8 @@ import numpy as np
 
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.interop import orders
-from jaxspatial.spatial import (
-    SpatialAcceleration,
-    SpatialForce,
-    SpatialMomentum,
-    SpatialVelocity,
-)
+from jaxspatial.spatial import SpatialAcceleration, SpatialForce, SpatialMomentum, SpatialVelocity
+from jaxspatial.spatial.vector import SpatialVector
 
 
 def from_force(F: Any) -> SpatialForce:
@@ -156,5 +152,5 @@ def to_classical_acceleration(A: SpatialAcceleration) -> Any:
     return pinocchio.Motion(_six(A, "pinocchio.to_classical_acceleration"))
 
 
-def _six(x, name):
+def _six(x: SpatialVector, name: str) -> np.ndarray:
     return orders.single(orders.to_linear_first(x), name)
