@@ -2,19 +2,20 @@
 
 import functools
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.numbers import Rounded, component_arrays, components, folding, is_number
+from jaxspatial.arithmetic.numbers import Number, Rounded, component_arrays, components, folding, is_number
 from jaxspatial.arithmetic.numbers.components import Components
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.stacking import Stacked, Summed, as_array, converted, of_array, stacked
 from jaxspatial.arithmetic.numbers.trees import to_double_word
-from jaxspatial.arithmetic.precision import resolve
+from jaxspatial.arithmetic.precision import Precision, resolve
 from jaxspatial.arithmetic.sums.pairwise import pairwise_sum
 from jaxspatial.arithmetic.sums.symbolic import run_symbolically
 
@@ -49,7 +50,7 @@ def formula(function: Callable[..., typing.Any] | None = None, *, of_sums: bool 
     compiled = jax.jit(program, static_argnums=(0, 1), inline=True)
 
     @functools.wraps(function)
-    def call(precision, *arrays, **static):
+    def call(precision: Any, *arrays: Any, **static: Any) -> Any:
         arrays = component_arrays.alike(check.narrowed_each(arrays))
         known = any(isinstance(a, np.ndarray) for a in arrays)
         tracing = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arrays))
@@ -59,7 +60,7 @@ def formula(function: Callable[..., typing.Any] | None = None, *, of_sums: bool 
     return call
 
 
-def _run(function, precision, static, *arrays):
+def _run(function: Callable[..., Any], precision: Precision, static: tuple[tuple[str, Any], ...], *arrays: Any) -> Any:
     batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
     is_pair, is_apart = any(map(component_arrays.has_pairs, arrays)), any(isinstance(a, Components) for a in arrays)
     twice = is_pair or precision.sees_whole_sums
@@ -72,7 +73,9 @@ def _run(function, precision, static, *arrays):
 # -- sums of products -------------------------------------------------------------------------------------------------
 
 
-def _run_sums(function, precision, static, *arrays):
+def _run_sums(
+    function: Callable[..., Any], precision: Precision, static: tuple[tuple[str, Any], ...], *arrays: Any
+) -> Any:
     function = functools.partial(function, **dict(static))
     if precision.sees_whole_sums or any(map(component_arrays.has_pairs, arrays)):
         return run_symbolically(function, precision, arrays)
@@ -82,14 +85,14 @@ def _run_sums(function, precision, static, *arrays):
     return _run_as_it_is(function, precision, *arrays)
 
 
-def _run_as_it_is(function, precision, *arrays):
+def _run_as_it_is(function: Callable[..., Any], precision: Precision, *arrays: Any) -> Any:
     batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
     is_apart = any(isinstance(a, Components) for a in arrays)
     given = [_numbers(precision, a, is_apart) for a in check.broadcast_batch(batch, *arrays)]
     return _each(_Results(batch, np.dtype(arrays[0].dtype), False, is_apart).rounded, function(*given))
 
 
-def _numbers(precision, array, is_apart):
+def _numbers(precision: Precision, array: Any, is_apart: bool) -> Sequence[Number]:
     if not is_apart:
         return stacked(precision, array)
     return tuple(Rounded(precision, x) for x in components.as_components(array).components)
@@ -98,19 +101,19 @@ def _numbers(precision, array, is_apart):
 # -- what comes out ---------------------------------------------------------------------------------------------------
 
 
-def _each(function, found):
+def _each(function: Callable[..., Any], found: Any) -> Any:
     return [function(x) for x in found] if isinstance(found, list) else function(found)
 
 
 class _Results(typing.NamedTuple):
     """What the results of a formula become: arrays, double words or Components over a batch, of the inputs' dtype."""
 
-    batch: tuple
+    batch: tuple[int, ...]
     dtype: np.dtype
     is_pair: bool
     is_apart: bool
 
-    def rounded(self, x):
+    def rounded(self, x: Any) -> Any:
         if isinstance(x, Summed):
             return self._summed(x.vector)
         if isinstance(x, Stacked):
@@ -120,10 +123,10 @@ class _Results(typing.NamedTuple):
             return components.of(parts) if self.is_apart else self._stacked(parts)
         return self._number(x)
 
-    def _stacked(self, parts):
+    def _stacked(self, parts: Sequence[Any]) -> Any:
         return jax.tree.map(lambda *words: folding.stack(words, self.batch), *parts)
 
-    def _number(self, x):
+    def _number(self, x: Any) -> Any:
         if not is_number(x):
             return jnp.broadcast_to(x, self.batch)
         if not self.is_pair:
@@ -132,22 +135,22 @@ class _Results(typing.NamedTuple):
             return jax.tree.map(self._over_batch, x)
         return to_double_word(jnp.broadcast_to(x.value, self.batch), self.dtype)
 
-    def _over_batch(self, x):
+    def _over_batch(self, x: Any) -> Any:
         """What is known stays so, for the array that it becomes a component of."""
         return x if folding.is_known(x) else jnp.broadcast_to(x, self.batch)
 
-    def _summed(self, vector):
+    def _summed(self, vector: Any) -> Any:
         """Over the last axis of the batch. A known 0 stays known; of other numbers the sum is data."""
         if not self.is_apart:
             return _sum_of_items(self.rounded(vector))
         values = [x.value for x in vector]
         return components.of([c if folding.is_known(c, 0) else self._sum_of_component(c) for c in values])
 
-    def _sum_of_component(self, x):
+    def _sum_of_component(self, x: Any) -> Any:
         return pairwise_sum(jnp.broadcast_to(x, self.batch))
 
 
-def _sum_of_items(x):
+def _sum_of_items(x: Any) -> Any:
     """The sum of x (*batch, n, k) over n: (*batch, k)."""
     if isinstance(x, np.ndarray) and not x.any():
         return np.zeros((*x.shape[:-2], x.shape[-1]), x.dtype)

@@ -8,14 +8,14 @@ roundoff.
 import functools
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
+from jax import Array, lax
 
 from jaxspatial.arithmetic.numbers import (
     Number,
@@ -32,6 +32,7 @@ from jaxspatial.arithmetic.numbers import (
 )
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.trees import to_double_word
+from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.arithmetic.vectors import scaled
 
 # 60 digits: three words of float64 are known from it.
@@ -59,8 +60,8 @@ def series(coefficients: Iterable[Fraction], x: Number, largest: float | Fractio
 
 
 @functools.cache
-def _polynomial(coefficients):
-    def evaluated(x):
+def _polynomial(coefficients: tuple[Fraction, ...]) -> Callable[[Number], Number]:
+    def evaluated(x: Any) -> Number:
         if isinstance(x, DoubleWord):
             return _scanned(coefficients, x)
         is_known = folding.is_known(x.value) or len(coefficients) == 1
@@ -69,7 +70,7 @@ def _polynomial(coefficients):
     return noinline_pairs(evaluated)
 
 
-def _horner(coefficients, x):
+def _horner(coefficients: tuple[Fraction, ...], x: Number) -> Number:
     result = constant(x, coefficients[-1])
     for c in reversed(coefficients[:-1]):
         result = result * x + constant(x, c)
@@ -77,15 +78,15 @@ def _horner(coefficients, x):
 
 
 @functools.cache
-def _of_data(coefficients, precision):
+def _of_data(coefficients: tuple[Fraction, ...], precision: Precision) -> Callable[[Any], Number]:
     """The polynomial of a Rounded, differentiated as one: a pull-back needs its slope, and not every step to it."""
 
     @jax.custom_jvp
-    def value(x):
+    def value(x: Array) -> Array:
         return _horner(coefficients, Rounded(precision, x)).value
 
     @value.defjvp  # pyright: ignore[reportFunctionMemberAccess]
-    def jvp(primals, tangents):
+    def jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
         (x,), (dx,) = primals, tangents
         slope = _polynomial(tuple(n * c for n, c in enumerate(coefficients))[1:])
         rate = slope(Rounded(precision, x)) * Rounded(precision, dx)
@@ -94,7 +95,7 @@ def _of_data(coefficients, precision):
     return lambda x: Rounded(precision, value(x.value))
 
 
-def _scanned(coefficients, x):
+def _scanned(coefficients: tuple[Fraction, ...], x: Number) -> Number:
     """The polynomial of a double word as a loop: written out, it would compile for seconds."""
     pairs = [constant(x, c) for c in reversed(coefficients)]
     first, rest = pairs[0], jax.tree.map(lambda *words: np.stack(words), *pairs[1:])
@@ -102,7 +103,7 @@ def _scanned(coefficients, x):
     return lax.scan(lambda result, c: (result * x + c, None), start, rest)[0]
 
 
-def _alternating(of):
+def _alternating(of: Callable[[int], int]) -> Iterator[Fraction]:
     """(-1)^n / of(n)."""
     return (Fraction((-1) ** n, of(n)) for n in itertools.count())
 
@@ -142,7 +143,7 @@ def _remainder(x: Any, step: Fraction) -> Any:
     return k, x
 
 
-def _words(fraction, like):
+def _words(fraction: Fraction, like: Number) -> Iterator[Fraction]:
     """The fraction as a sum of words so short that their products with integers of half a word are exact.
 
     Of seven, because an angle of that many turns may come as near to a whole one as u / 16, and keeps its digits.
@@ -164,7 +165,7 @@ def cosine_sine(angle: Number) -> tuple[Number, Number]:
     return _quarter_turned(k, c, s)
 
 
-def _quarter_turned(k, c, s):
+def _quarter_turned(k: Number, c: Number, s: Number) -> tuple[Number, Number]:
     quarter = high(k - 4 * nearest_integer(k * 0.25))  # -2, -1, 0, 1 or 2
     half = abs(quarter) == 2
     cos, sin = where(abs(quarter) == 1, s, c), where(abs(quarter) == 1, c, s)
@@ -183,7 +184,7 @@ def angle_ratio(squared_sine: Number, cosine: Number, length: Number | float = 1
 
 
 @functools.cache
-def _arc_tangent(u):
+def _arc_tangent(u: Fraction) -> tuple[Fraction, ...]:
     """Coefficients of atan(a) / a as a polynomial in a^2 <= 1: Chebyshev's expansion of atan(a) in odd polynomials T,
 
         atan(a) = 2 sum over k of (-1)^k p^(2k+1) / (2k+1) T_2k+1(a)        p = sqrt(2) - 1
@@ -201,7 +202,7 @@ def _arc_tangent(u):
     return tuple(Fraction(c, one) for c in result)
 
 
-def _next_odd(below, odd):
+def _next_odd(below: list[int], odd: list[int]) -> list[int]:
     """T_n+2 = (4 a^2 - 2) T_n - T_n-2."""
     terms = zip([0, *odd], [*odd, 0], [*below, 0, 0], strict=False)
     return [4 * shifted - 2 * same - lower for shifted, same, lower in terms]
@@ -242,7 +243,7 @@ def log(x: Number) -> Number:
     return where(is_usual, found, where(high(x) == 0, -math.inf, where(high(x) > 0, x, math.nan)))
 
 
-def _of_integers(like, e):
+def _of_integers(like: Any, e: Array) -> Number:
     """Integers (*batch,) as a number of the kind of another."""
     e = e.astype(like.dtype)
     return to_double_word(e) if isinstance(like, DoubleWord) else Rounded(like.precision, e)

@@ -31,10 +31,10 @@ class Promise(NamedTuple):
     mag: str = TERMS
 
     @property
-    def is_exact(self):
+    def is_exact(self) -> bool:
         return not any(self[:-1])
 
-    def allowed(self, precision, roundoff, ulp, r, mag, condition=1) -> Any:
+    def allowed(self, precision: Precision | str, roundoff: Any, ulp: Any, r: Any, mag: Any, condition: Any = 1) -> Any:
         """The bound for numbers r of any kind, as of exact rationals. ulp: the unit in the last place of r."""
         if self.is_exact:
             return 0 * mag
@@ -47,11 +47,11 @@ class Promise(NamedTuple):
         return once * mag + of_result * abs(r) * condition
 
     @staticmethod
-    def _exactly(factor, roundoff):
+    def _exactly(factor: float, roundoff: Any) -> Any:
         """The factor as the kind of number that the unit roundoff is of."""
         return type(roundoff)(factor)
 
-    def words(self, precision):
+    def words(self, precision: Precision | str) -> str:
         """The bound in a table."""
         return {
             Precision.FAST: f"{self.u:g} u mag",
@@ -60,7 +60,7 @@ class Promise(NamedTuple):
             Precision.FAITHFUL: "1 ulp",
         }[Precision(precision)]
 
-    def is_given(self, precision, roundoff, condition):
+    def is_given(self, precision: Precision | str, roundoff: Any, condition: Any) -> Any:
         """Where anything is promised: not of a quotient whose denominator is little more than its rounding errors."""
         if not self.u_of_result or precision == Precision.FAITHFUL:
             return condition == condition

@@ -4,7 +4,8 @@ import dataclasses
 import functools
 import operator
 import typing
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -210,7 +211,7 @@ def stack(quantities: Iterable[_Kind], axis: int = 0) -> _Kind:
     return items[0].with_vectors([_stacked(vectors, batch, place) for vectors in columns])
 
 
-def _require_one_kind(given):
+def _require_one_kind(given: dict[str, Any]) -> None:
     if not given:
         raise ValueError("stack: expected at least one quantity, got none")
     for name, x in given.items():
@@ -220,14 +221,14 @@ def _require_one_kind(given):
     _require_equal({name: x.batch_shape for name, x in given.items()}, "equal batch shapes", ValueError)
 
 
-def _require_equal(given, expected, error):
+def _require_equal(given: dict[str, Any], expected: str, error: type[Exception]) -> None:
     first, *others = given.items()
     for name, other in others:
         if other != first[1]:
             raise error(f"stack: expected {expected}, got {first[0]}: {first[1]}, {name}: {other}")
 
 
-def _stacked(vectors, batch, place):
+def _stacked(vectors: Sequence[Any], batch: tuple[int, ...], place: int) -> Any:
     """What is known of Components stays so where it is the same in all."""
     if len({jax.tree.structure(x) for x in vectors}) > 1:
         vectors = [as_array(x, batch) for x in vectors]
@@ -236,7 +237,7 @@ def _stacked(vectors, batch, place):
     return jax.tree.map(lambda *words: _stacked_words(words, place), *vectors)
 
 
-def _stacked_words(words, place):
+def _stacked_words(words: Sequence[Any], place: int) -> Any:
     if all(isinstance(word, np.ndarray) for word in words):
         return np.stack(words, place)
     return jnp.stack([jnp.asarray(word) for word in words], place)
@@ -248,18 +249,18 @@ def moved_to_last(vectors: Iterable[typing.Any], place: int, batch_shape: tuple[
     return [jax.tree.map(lambda x: jnp.moveaxis(x, place, last), x) if place != last else x for x in vectors]
 
 
-def _each(function, vectors):
+def _each(function: Callable[[Any], Any], vectors: Iterable[Any]) -> list[Any]:
     """Of what consists of known numbers alone there is one for any batch."""
     return [x if check.goes_with_any_batch(x) else function(x) for x in vectors]
 
 
-def _narrow_index(i):
+def _narrow_index(i: Any) -> Any:
     """Integers of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on."""
     i = np.asarray(i, None if i else np.int32) if isinstance(i, list) else i
     return i.astype(np.int32) if isinstance(i, np.ndarray) and i.dtype.kind in "iu" else i
 
 
-def _require_in_range(x, index):
+def _require_in_range(x: Any, index: tuple[Any, ...]) -> None:
     """JAX takes the last item for what is out of range."""
     if any(isinstance(i, jax.Array) for i in index):
         return
@@ -270,12 +271,12 @@ def _require_in_range(x, index):
         raise IndexError(f"{kind}.at_batch: expected an index of a batch of shape {x.batch_shape}: {error}") from None
 
 
-def _all_equal(x, y):
+def _all_equal(x: Any, y: Any) -> Any:
     equal = x == y
     return functools.reduce(operator.and_, [equal[..., i] for i in range(equal.shape[-1])])
 
 
-def _not_comparable(x, other):
+def _not_comparable(x: Any, other: object) -> Any:
     """Numbers and arrays are no quantities, and unequal quantities of two kinds have no answer: say so."""
     if isinstance(other, (Quantity, int, float, complex)) or hasattr(other, "dtype"):
         kinds = f"{type(x).__name__} and {type(other).__name__}"
@@ -283,14 +284,14 @@ def _not_comparable(x, other):
     return NotImplemented
 
 
-def _fields(x):
+def _fields(x: Any) -> list[Any]:
     return [getattr(x, field.name) for field in dataclasses.fields(x)]
 
 
-def _is_numeric(x):
+def _is_numeric(x: Any) -> bool:
     """False for a tree that describes trees, see `check.is_tree_mark`."""
     return all(hasattr(part, "dtype") for part in _fields(x))
 
 
-def _is_number(x):
+def _is_number(x: Any) -> bool:
     return isinstance(x, check.StandIn)

@@ -1,6 +1,7 @@
 """Symmetric matrices as six numbers, [xx, xy, yy, xz, yz, zz]: Pinocchio's order, the lower triangle by rows."""
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +12,9 @@ from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.functions import unit_roundoff
 from jaxspatial.arithmetic.numbers import (
+    Mask,
+    Number,
+    Numbers,
     Rounded,
     Rows,
     Symmetric,
@@ -89,38 +93,38 @@ def eigen(precision: Precision, six: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 @eigen.defjvp  # pyright: ignore[reportFunctionMemberAccess]
-def _eigen_jvp(precision, primals, tangents):
+def _eigen_jvp(precision: Precision, primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
     moments, axes = eigen(precision, *primals)
     plain = from_double_word((moments, axes, *tangents))
     rates = _rates(Precision.REPRODUCIBLE, *plain)
     return (moments, axes), tuple(map(_tangent_like, (moments, axes), rates))
 
 
-def _tangent_like(x, rate):
+def _tangent_like(x: Any, rate: Any) -> Any:
     """The tangent of a double word lies in its first word."""
     return jax.tree.map(lambda word: rate if word is x.hi else jnp.zeros_like(rate), x) if _is_double(x) else rate
 
 
-def _is_double(x):
+def _is_double(x: Any) -> bool:
     return isinstance(x, DoubleWord)
 
 
 @formula
-def _rates(moments, axes, d_six):
+def _rates(moments: Numbers, axes: Numbers, d_six: Symmetric) -> list[Numbers]:
     q = vectors.rows(axes)
     turned = vectors.matrix_product(vectors.transpose(q), vectors.matrix_product(rows(d_six), q))
     spin = tuple(tuple(_spin(moments, turned, i, j) for j in range(3)) for i in range(3))
     return [tuple(turned[i][i] for i in range(3)), vectors.flat(vectors.matrix_product(q, spin))]
 
 
-def _spin(moments, turned, i, j):
+def _spin(moments: Numbers, turned: Rows, i: int, j: int) -> Number:
     gap = moments[j] - moments[i]
     is_none = high(gap) == 0
     return turned[i][j] * where(is_none, 0.0, 1 / where(is_none, 1.0, gap))
 
 
 @formula
-def _decomposed(six, eps):
+def _decomposed(six: Symmetric, eps: float) -> list[Numbers]:
     six, e = vectors.scaled(six)
     moments, axes = _sorted(*_jacobi(six))
     xx, xy, yy, xz, yz, zz = six
@@ -133,15 +137,15 @@ def _decomposed(six, eps):
     return [tuple(times_power_of_two(x, e) for x in moments), vectors.flat(axes)]
 
 
-def _chosen(mask, a, b):
+def _chosen(mask: Mask, a: Rows, b: Rows) -> Rows:
     return tuple(tuple(where(mask, x, y) for x, y in zip(p, q, strict=True)) for p, q in zip(a, b, strict=True))
 
 
-def _identity(like):
+def _identity(like: Number) -> Rows:
     return tuple(tuple(constant(like, int(i == j)) for j in range(3)) for i in range(3))
 
 
-def _sorted(moments, axes):
+def _sorted(moments: Numbers, axes: Rows) -> tuple[Numbers, Rows]:
     """In ascending order, equal ones as they are. Where that is an odd permutation the third axis is reversed."""
     moments, columns = list(moments), list(vectors.transpose(axes))
     is_odd = np.False_
@@ -155,11 +159,11 @@ def _sorted(moments, axes):
     return tuple(moments), vectors.transpose(columns)
 
 
-def _exchanged(swap, a, b):
+def _exchanged(swap: Mask, a: Number, b: Number) -> tuple[Number, Number]:
     return where(swap, b, a), where(swap, a, b)
 
 
-def _jacobi(six):
+def _jacobi(six: Symmetric) -> tuple[Numbers, Rows]:
     """(the diagonal, the rotation by its rows), in a loop over sweeps: fused into one another, rotations would be
     computed again for every component of the result."""
     like = six[0]
@@ -171,17 +175,17 @@ def _jacobi(six):
     return (found[0], found[2], found[5]), vectors.rows(found[6:])
 
 
-def _words(numbers, shape):
+def _words(numbers: Numbers, shape: tuple[int, ...]) -> Any:
     """What a loop can carry: arrays over the batch, or double words of them."""
     plain = [x if _is_double(x) else x.value for x in numbers]
     return jax.tree.map(lambda word: jnp.broadcast_to(jnp.asarray(word), shape), plain)
 
 
-def _numbers(like, words):
+def _numbers(like: Number, words: Any) -> Numbers:
     return tuple(x if _is_double(x) else Rounded(like.precision, x) for x in words)
 
 
-def _swept(numbers):
+def _swept(numbers: Numbers) -> Numbers:
     """One rotation in each of the three planes."""
     a, columns = rows(numbers[:6]), vectors.transpose(vectors.rows(numbers[6:]))
     for i, j in ((0, 1), (0, 2), (1, 2)):
@@ -189,7 +193,7 @@ def _swept(numbers):
     return *six_of(a), *vectors.flat(vectors.transpose(columns))
 
 
-def _rotated(a, columns, i, j):
+def _rotated(a: Rows, columns: Rows, i: int, j: int) -> tuple[Rows, Rows]:
     """After the rotation about the third axis that makes a_ij zero."""
     k = 3 - i - j
     t, c, s = _rotation(a[i][i], a[i][j], a[j][j])
@@ -204,7 +208,7 @@ def _rotated(a, columns, i, j):
 
 
 @noinline_pairs
-def _rotation(a_ii, a_ij, a_jj):
+def _rotation(a_ii: Number, a_ij: Number, a_jj: Number) -> tuple[Number, Number, Number]:
     """(tangent, cosine, sine) of the smaller angle that does; none where a_ij is nothing next to a matrix of size 1."""
     across, apart_by = 2 * a_ij, a_jj - a_ii
     is_nothing = abs(high(across)) <= float(unit_roundoff(across)) ** 2

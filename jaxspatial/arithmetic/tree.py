@@ -2,10 +2,13 @@
 
 import dataclasses
 import typing
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import jax
 import jax.export
+
+T = typing.TypeVar("T")
 
 _Class = typing.TypeVar("_Class")
 
@@ -29,10 +32,10 @@ def tree(cls: type[_Class]) -> type[_Class]:
 
 
 @typing.dataclass_transform(eq_default=False, frozen_default=True)
-def tree_of(structure):
+def tree_of(structure: str) -> typing.Callable[[type[T]], type[T]]:
     """As `tree`, with one field that is no array but part of the structure: it has to be hashable."""
 
-    def decorated(cls):
+    def decorated(cls: type[T]) -> type[T]:
         cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
         _register(cls, [field.name for field in dataclasses.fields(cls) if field.name != structure], [structure])
         return cls
@@ -40,17 +43,17 @@ def tree_of(structure):
     return decorated
 
 
-def named_tuples(types):
+def named_tuples(types: Iterable[Any]) -> None:
     """Makes exportable what of these types are NamedTuples: pytrees by nature, of which JAX wants a name to write."""
     for cls in types:
         if isinstance(cls, type) and issubclass(cls, tuple) and hasattr(cls, "_fields"):
             jax.export.register_namedtuple_serialization(cls, serialized_name=f"jaxspatial.{cls.__name__}")
 
 
-def _register(cls, names, static):
+def _register(cls, names: Sequence[str], static: Sequence[str]) -> None:
     keys = list(map(jax.tree_util.GetAttrKey, names))
 
-    def structure(x):
+    def structure(x: Any) -> tuple[Any, ...]:
         return tuple(getattr(x, name) for name in static)
 
     jax.tree_util.register_pytree_with_keys(

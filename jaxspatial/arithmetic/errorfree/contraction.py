@@ -17,14 +17,17 @@ import fractions
 import functools
 import secrets
 import threading
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
+from jax import Array, lax
 from jax.extend.core import Primitive
 from jax.extend.mlir.dialects import stablehlo
 from jax.interpreters import mlir
+from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic.errorfree.fence import kept
 
@@ -33,12 +36,12 @@ from jaxspatial.arithmetic.errorfree.fence import kept
 
 # The index of the replica, of which there are fewer than 2^31: not known before a program runs. Of an argument that it
 # does not look at, so that it is part of the program which that is part of, whatever JAX evaluates while tracing.
-_replica_p = Primitive("jaxspatial_replica")
+_replica_p: Any = Primitive("jaxspatial_replica")
 _replica_p.def_abstract_eval(lambda _: jax.core.ShapedArray((), np.dtype(np.uint32)))
 mlir.register_lowering(_replica_p, lambda *_: [stablehlo.replica_id()])
 
 
-def hidden(x):
+def hidden(x: Array):
     """x, of which the compiler knows nothing, constants included: its bits, plus a zero that it cannot foresee.
 
     A product passed through is not contracted with the sum that follows, and a sum with constants not rearranged. For
@@ -51,7 +54,7 @@ def hidden(x):
         return lax.bitcast_convert_type(lax.add(bits, lax.broadcast(zero, bits.shape)), x.dtype)
 
 
-def product_error(a, b, p):
+def product_error(a: Array, b: Array, p: Array):
     """a b - p exactly, of p = fl(a b) `hidden` or fenced, while that is a normal number or 0. 1 flop.
 
     Kept: of a constant p the compiler would make `x + (c2 - p)` of (x - p) + c2.
@@ -61,15 +64,15 @@ def product_error(a, b, p):
 
 # -- whether it may be used --------------------------------------------------------------------------------------------
 
-_forced = jax.make_user_context(default_value=None)
+_forced: Any = jax.make_user_context(default_value=None)
 
 
-def forced(is_used):
+def forced(is_used: bool):
     """A context manager, for tests: programs lowered inside use contraction, or do not, whatever was found."""
     return _forced(bool(is_used))
 
 
-def is_used(context, dtype):
+def is_used(context: Any, dtype: DTypeLike):
     """Whether the program of a lowering context may rely on it, for numbers of a dtype."""
     module = context.module_context
     platforms = tuple(context.platforms or module.platforms)
@@ -79,7 +82,7 @@ def is_used(context, dtype):
 
 
 @functools.cache
-def holds(dtype):
+def holds(dtype: np.dtype[Any]):
     """Whether errors of products by contraction are exact on the CPU of this process, as far as has been tried."""
     found = []
     # In a thread of its own: what this one is tracing, or has set for a while, is not the trial's business.
@@ -89,7 +92,7 @@ def holds(dtype):
     return found == [True]
 
 
-def _passes(dtype):
+def _passes(dtype: Any):
     if dtype not in (np.float32, np.float64):
         return False
     try:
@@ -99,7 +102,7 @@ def _passes(dtype):
         return False
 
 
-def _is_exact(dtype):
+def _is_exact(dtype: np.dtype[Any]):
     a, b = _operands(dtype)
     trial = jax.jit(functools.partial(_trial, a, b, dtype.type(secrets.randbits(20))))
     *found, _ = trial.lower(a, b).compile()(a, b)
@@ -110,7 +113,7 @@ def _is_exact(dtype):
 _ROWS = 25
 
 
-def _operands(dtype):
+def _operands(dtype: np.dtype[Any]) -> tuple[np.ndarray, np.ndarray]:
     """a and b (rows, 3), of all sizes and signs, with errors that are normal numbers or 0."""
     info = np.finfo(dtype)
     rng = np.random.default_rng(0)
@@ -124,12 +127,12 @@ def _operands(dtype):
     return a, b
 
 
-def _hidden_product(a, b):
+def _hidden_product(a: Array, b: Array) -> tuple[Array, Array]:
     p = hidden(a * b)
     return p, product_error(a, b, p)
 
 
-def _trial(a_known, b_known, own, a, b):
+def _trial(a_known: Array, b_known: Array, own: Array, a: Array, b: Array):
     """What is tried: results beside errors and errors alone, arrays, single numbers and loops, numbers that are known
     to the compiler on one side or both, the same for many or not, next to other known numbers, and lanes picked again.
     """
@@ -154,11 +157,11 @@ def _trial(a_known, b_known, own, a, b):
     )
 
 
-def _spread(x):
+def _spread(x: Array):
     return lax.broadcast(x, (_ROWS, 3))
 
 
-def _picked(pairs):
+def _picked(pairs: Sequence[Sequence[Array]]):
     """The products and the errors of three columns, each as one array of rows."""
     index = lax.broadcasted_iota(np.int32, (_ROWS, 3), 1)
     for columns in zip(*pairs, strict=True):
@@ -166,7 +169,7 @@ def _picked(pairs):
         yield lax.select(index == 0, x, lax.select(index == 1, y, z))
 
 
-def _expected(a, b):
+def _expected(a: np.ndarray, b: np.ndarray):
     """What `_trial` has to find, but for its own number."""
     p = a * b
     e = np.vectorize(_exact_error, otypes=[a.dtype])(a, b, p)
@@ -174,5 +177,5 @@ def _expected(a, b):
     return p, e, e, e, e, e, e + b, same, same, one, one, e[:, 0], p, e
 
 
-def _exact_error(a, b, p):
+def _exact_error(a: float, b: float, p: float):
     return float(fractions.Fraction(float(a)) * fractions.Fraction(float(b)) - fractions.Fraction(float(p)))

@@ -1,15 +1,24 @@
 """Primitives of arrays of one shape that work number by number."""
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
 import jax
 import jax.numpy as jnp
-from jax import lax
+from jax import Array, lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 
-def elementwise(name, like, lower, jvp, transpose=None):
+def elementwise(
+    name: str,
+    like: Any,
+    lower: Callable[..., Any],
+    jvp: Callable[..., Any],
+    transpose: Callable[..., Any] | None = None,
+) -> Any:
     """A primitive with the shapes, shardings and complaints of the lax primitive `like` for the first two arguments."""
-    primitive = Primitive(f"jaxspatial_{name}")
+    primitive: Any = Primitive(f"jaxspatial_{name}")
     primitive.def_abstract_eval(lambda *arrays: like.abstract_eval(*arrays[:2])[0])
     primitive.def_impl(compiled(primitive))
     mlir.register_lowering(primitive, lower)
@@ -20,18 +29,18 @@ def elementwise(name, like, lower, jvp, transpose=None):
     return primitive
 
 
-def compiled(primitive, **parameters):
+def compiled(primitive: Any, **parameters: Any) -> Callable[..., Any]:
     """The primitive outside of a program: one of its own, also where `jax.disable_jit` is on."""
     program = jax.jit(lambda *arrays: primitive.bind(*arrays, **parameters))
 
-    def call(*arrays):
+    def call(*arrays: Array):
         with jax.disable_jit(False):
             return program(*arrays)
 
     return call
 
 
-def alike(*arrays, components=None):
+def alike(*arrays: Array, components: int | None = None) -> Sequence[Array]:
     """The arrays, varying over the same axes of a `shard_map` and sharded alike; lax.mul does this for itself.
 
     Under explicit sharding, an argument that is whole along an axis is split as the others are; not where it has one
@@ -39,32 +48,32 @@ def alike(*arrays, components=None):
     """
     varying = [frozenset(jax.typeof(x).mat.varying) for x in arrays]
     missing = [tuple(frozenset().union(*varying) - own) for own in varying]
-    arrays = [lax.pcast(x, m, to="varying") if m else x for x, m in zip(arrays, missing, strict=True)]
-    specs = [jax.typeof(x).sharding.spec for x in arrays]
+    found = [lax.pcast(x, m, to="varying") if m else x for x, m in zip(arrays, missing, strict=True)]
+    specs = [jax.typeof(x).sharding.spec for x in found]
     if all(spec == specs[0] for spec in specs):
-        return arrays
+        return found
     sizes = [max(n) for n in zip(*(x.shape for x in arrays), strict=True)]
     common, ours = common_spec(specs), range(len(sizes))
     split = [[common[i] if x.shape[i] == sizes[i] or i == components else None for i in ours] for x in arrays]
     wanted = [jax.sharding.PartitionSpec(*entries) for entries in split]
-    return [x if w == s else jax.sharding.reshard(x, w) for x, s, w in zip(arrays, specs, wanted, strict=True)]
+    return [x if w == s else jax.sharding.reshard(x, w) for x, s, w in zip(found, specs, wanted, strict=True)]
 
 
-def common_spec(specs):
+def common_spec(specs: Iterable[Any]) -> list[Any]:
     """For every axis what one of the specs has there."""
     return [next((s for s in entries if s is not None), None) for entries in zip(*specs, strict=True)]
 
 
-def _batched(arguments, axes):
+def _batched(arguments: Sequence[Array], axes: Sequence[int | None]) -> Iterator[Array]:
     """The arguments with the batch axis first; one without it repeated, so that its cotangents are summed."""
     size = next(x.shape[axis] for x, axis in zip(arguments, axes, strict=True) if axis is not None)
     for x, axis in zip(arguments, axes, strict=True):
         yield lax.broadcast(x, (size,)) if axis is None else jnp.moveaxis(x, axis, 0)
 
 
-def is_zero(tangent):
+def is_zero(tangent: object) -> bool:
     return type(tangent) is ad.Zero
 
 
-def no_tangent(x):
+def no_tangent(x: Any) -> Any:
     return ad.Zero(jax.typeof(x).to_tangent_aval())

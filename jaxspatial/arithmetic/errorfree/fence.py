@@ -3,10 +3,10 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
+from jax import Array, lax
 
 
-def fence(x):
+def fence(x: Array) -> Array:
     """x, rounded where it stands: a product passed through is not fused with the addition that follows.
 
     XLA CPU contracts `a * b - c * d` always, and there is no operation to forbid it. A select stops it, under jit,
@@ -17,7 +17,7 @@ def fence(x):
     return lax.select(lax.le(lax.abs(x), largest), x, lax.add(x, x))
 
 
-def settled(x):
+def settled(x: Array) -> Array:
     """`fence`, in fewer operations, for the inside of primitives: not to be differentiated.
 
     It asks for a signalling NaN, which no operation returns, as the compiler does not know.
@@ -35,7 +35,7 @@ def settled(x):
         return lax.bitcast_convert_type(lax.select(usual, bits, nan), x.dtype)
 
 
-def kept(x):
+def kept(x: Array) -> Array:
     """x, a sum: for XLA's algebraic simplifier not a sum any more.
 
     It would make x + (c1 + c2) of `(x + c1) + c2`, and x of `(x + c) - c`, for constants c. A rounding to the format

@@ -4,11 +4,12 @@ They are primitives, because derivatives need them too: written with a fence alo
 be contracted, and a pull-back could not be fenced at all (a select is not linear). Both arguments have one shape.
 """
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax import lax
+from jax import Array, lax
 from jax.interpreters import ad, mlir
 
 from jaxspatial.arithmetic.errorfree.elementwise import alike, elementwise, is_zero, no_tangent
@@ -25,11 +26,11 @@ def quotient(a: Any, b: Any) -> jax.Array:
     return _quotient_p.bind(*alike(a, b))
 
 
-def _rounded_product(a, b):
+def _rounded_product(a: Array, b: Array):
     return settled(lax.mul(a, b))
 
 
-def _rounded_quotient(a, b):
+def _rounded_quotient(a: Array, b: Array):
     """XLA multiplies by the reciprocal of a divisor that is one number for many; not if it depends on the dividend.
 
     Infinities and NaN, for which the other divisor is taken, divide by half of b as they do by b. Of quotients of
@@ -41,13 +42,13 @@ def _rounded_quotient(a, b):
     return settled(lax.div(a, settled(divisor)))
 
 
-def _product_jvp(primals, tangents):
+def _product_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
     (a, b), (da, db) = primals, tangents
     result = product(a, b)
     return result, _sum(result, [product(x, y) for x, y in ((da, b), (a, db)) if not (is_zero(x) or is_zero(y))])
 
 
-def _quotient_jvp(primals, tangents):
+def _quotient_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
     """d(a / b) = da / b - (a / b) db / b."""
     (a, b), (da, db) = primals, tangents
     result = quotient(a, b)
@@ -56,22 +57,22 @@ def _quotient_jvp(primals, tangents):
     return result, _sum(result, of_dividend + of_divisor)
 
 
-def _sum(result, terms):
+def _sum(result: Array, terms: Sequence[Array]) -> Any:
     """The sum of at most two tangents of `result`."""
     return lax.add(*terms) if len(terms) == 2 else terms[0] if terms else no_tangent(result)
 
 
-def _product_transpose(cotangent, a, b):
+def _product_transpose(cotangent: Any, a: Any, b: Any) -> list[Array | None]:
     if is_zero(cotangent):
         return [None, None]
     return [product(cotangent, b), None] if ad.is_undefined_primal(a) else [None, product(a, cotangent)]
 
 
-def _quotient_transpose(cotangent, _, b):
+def _quotient_transpose(cotangent: Any, _: Any, b: Array) -> list[Array | None]:
     return [None if is_zero(cotangent) else quotient(cotangent, b), None]
 
 
-def _lowered(function):
+def _lowered(function: Callable[..., Array]) -> Any:
     return mlir.lower_fun(function, multiple_results=False)
 
 

@@ -5,7 +5,8 @@ from collections.abc import Iterable
 
 import jax
 import jax.numpy as jnp
-from jax import lax
+from jax import Array, lax
+from jax.typing import DTypeLike
 
 
 def exponent(components: Iterable[jax.Array]) -> jax.Array:
@@ -21,7 +22,7 @@ def exponent(components: Iterable[jax.Array]) -> jax.Array:
     return jnp.where((largest > 0) & jnp.isfinite(largest), e, 0)
 
 
-def reciprocal(components):
+def reciprocal(components: Iterable[Array]) -> Array:
     """The power of two that brings the largest |component| to between 1/2 and 1, the very largest numbers to below 4; a
     constant to derivatives. For where nobody scales back: one multiplication, where `times_power_of_two` takes three.
 
@@ -53,7 +54,7 @@ def times_power_of_two(x: jax.Array, e: jax.Array) -> jax.Array:
     return x
 
 
-def _power_of_two(e, dtype):
+def _power_of_two(e: Array, dtype: DTypeLike) -> Array:
     """2^e exactly, put together from its bits: XLA's exp2 is not exact at integers."""
     info = jnp.finfo(dtype)
     bits = (e + (info.maxexp - 1)).astype(f"uint{info.bits}")

@@ -5,8 +5,11 @@ and without fused multiply-add. What they cannot survive is `--xla_cpu_enable_fa
 subnormals: an error below the smallest normal number is lost.
 """
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import jax.numpy as jnp
-from jax import lax
+from jax import Array, lax
 
 from jaxspatial.arithmetic.errorfree import contraction
 from jaxspatial.arithmetic.errorfree.elementwise import alike, elementwise, no_tangent
@@ -14,8 +17,10 @@ from jaxspatial.arithmetic.errorfree.fence import kept
 from jaxspatial.arithmetic.errorfree.lowering import rule
 from jaxspatial.arithmetic.errorfree.reproducible import product
 
+Guard = Callable[[Array], Array]
 
-def two_sum(a, b, guard=kept):
+
+def two_sum(a: Array, b: Array, guard: Guard = kept) -> tuple[Array, Array]:
     """(s, e) with s = fl(a + b) and s + e = a + b exactly. 6 flops. [Knuth, TAOCP 2, 4.2.2, theorem B]
 
     guard: keeps the compiler from looking into s; without it `(x + c) - c` becomes x, and `(x + c1) + c2` becomes
@@ -26,25 +31,25 @@ def two_sum(a, b, guard=kept):
     return s, (a - (s - b_part)) + (b - b_part)
 
 
-def two_difference(a, b, guard=kept):
+def two_difference(a: Array, b: Array, guard: Guard = kept) -> tuple[Array, Array]:
     """(s, e) with s = fl(a - b) and s + e = a - b exactly: `two_sum` of a and -b."""
     s = guard(a - b)
     b_part = s - a
     return s, (a - (s - b_part)) - (b + b_part)
 
 
-def fast_two_sum(a, b, guard=kept):
+def fast_two_sum(a: Array, b: Array, guard: Guard = kept) -> tuple[Array, Array]:
     """(s, e) as `two_sum`, in 3 flops. [Dekker 1971]  *unchecked* requirement: |a| >= |b| or a == 0."""
     s = guard(a + b)
     return s, b - (s - a)
 
 
-def unguarded(x):
+def unguarded(x: Array) -> Array:
     """x: the guard that guards nothing."""
     return x
 
 
-def split(x):
+def split(x: Array) -> tuple[Array, Array]:
     """(hi, lo) with hi + lo = x exactly, each of at most half the bits, so that products of halves are exact.
 
     Rounded in its bits, half away from zero: unlike Veltkamp's multiplication this does not overflow for large x, and
@@ -63,7 +68,7 @@ def split(x):
     return hi, x - hi
 
 
-def two_product(a, b):
+def two_product(a: Array, b: Array) -> tuple[Array, Array]:
     """(p, e) with p = fl(a * b) and p + e = a * b exactly, while e is a normal number or 0.
 
     Where p is infinite or NaN, e means nothing. e is found by `contraction` where that is seen to be exact when the
@@ -74,7 +79,7 @@ def two_product(a, b):
     return p, _error_p.bind(a, b, p)
 
 
-def dekker_error(a, b, p):
+def dekker_error(a: Array, b: Array, p: Array) -> Array:
     """a * b - p exactly, of p = fl(a * b) fenced or hidden, while that is a normal number or 0. [Dekker 1971]
 
     Spelled with `ah * bh - p`, never with `p - ah * bh`: the compiler contracts the latter with the product p when p
@@ -87,16 +92,16 @@ def dekker_error(a, b, p):
     return e + a_lo * b_lo
 
 
-def product_error(contracted):
+def product_error(contracted: Callable[[Any], bool]) -> Callable[[Array, Array, Array], Array]:
     """The error of a product as a function of (a, b, p), in a program of which `lowering.rule` says `contracted`."""
     return lambda a, b, p: (contraction.product_error if contracted(p.dtype) else dekker_error)(a, b, p)
 
 
-def _error(*arrays, contracted):
+def _error(*arrays: Array, contracted: Callable[[Any], bool]) -> list[Array]:
     return [product_error(contracted)(*arrays)]
 
 
-def _error_jvp(primals, _):
+def _error_jvp(primals: Sequence[Array], _: Any) -> tuple[Array, Any]:
     """It has no derivatives of its own: those of a b are those of p."""
     e = _error_p.bind(*primals)
     return e, no_tangent(e)

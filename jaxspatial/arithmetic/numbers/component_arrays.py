@@ -1,6 +1,8 @@
 """Components where arrays are meant, and arrays beside Components."""
 
 import typing
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import numpy as np
@@ -30,13 +32,13 @@ def as_array(x: typing.Any, batch_shape: tuple[int, ...]) -> typing.Any:
     return x.to_array(batch_shape) if is_components(x) else x
 
 
-def alike(arrays):
+def alike(arrays: Sequence[Any]) -> Any:
     """The arguments of a formula; where one is Components, NumPy arrays made such, known where they are 0, 1 or -1."""
     if not any(map(is_components, arrays)):
         return arrays
     return tuple(as_components(a) if isinstance(a, np.ndarray) else a for a in arrays)
 
 
-def has_pairs(x):
+def has_pairs(x: Any) -> bool:
     """True for a DoubleWord, and for Components of which one is."""
     return isinstance(x, DoubleWord) or (is_components(x) and any(isinstance(c, DoubleWord) for c in x._data))

@@ -1,9 +1,11 @@
 """An index of an array (*batch, n) apart: that of the batch, and that of the components."""
 
+from typing import Any
+
 import numpy as np
 
 
-def split(index, ndim):
+def split(index: Any, ndim: int) -> tuple[tuple[Any, ...], Any]:
     """An index as that of the batch and that of the components, the latter None where they do not stay apart."""
     index = index if isinstance(index, tuple) else (index,)
     given = [i for i in index if i is not Ellipsis]
@@ -14,17 +16,17 @@ def split(index, ndim):
     return tuple(batch), _which(last, is_alone=all(isinstance(i, (int, slice)) for i in batch))
 
 
-def without_batch(index):
+def without_batch(index: Any) -> Any:
     """Of an index [..., i, j] the last: what is known goes with any batch."""
     has_rank = isinstance(index, tuple) and len(index) > 2 and index[0] is Ellipsis and index[-1] is not None
     return index[-1:] if has_rank else index
 
 
-def _is_mask(i):
+def _is_mask(i: Any) -> bool:
     return isinstance(i, bool) or getattr(i, "dtype", None) == np.bool_
 
 
-def _which(i, is_alone):
+def _which(i: Any, is_alone: bool) -> Any:
     """The index of components as an int, a slice or a list; None for traced ones, and lists beside arrays."""
     if isinstance(i, (int, np.integer)):
         return int(i)

@@ -7,12 +7,14 @@ of the type: it survives jit, scan, vmap and derivatives, where a NumPy array be
 import functools
 import json
 import typing
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.export
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.numbers import component_index, component_numbers, folding
@@ -25,7 +27,7 @@ from jaxspatial.arithmetic.precision import Precision
 class _Structure(NamedTuple):
     """What is static: for every component the known number, None for data; the dtype, where no data has one."""
 
-    known: tuple
+    known: tuple[float | None, ...]
     dtype: str | None
 
 
@@ -59,9 +61,9 @@ class Components(check.StandIn):
     __array_ufunc__ = None
 
     _structure: _Structure
-    _data: tuple
+    _data: tuple[typing.Any, ...]
 
-    def __init__(self, *components, dtype=None):
+    def __init__(self, *components: Any, dtype: DTypeLike | None = None):
         """Checks what a caller passes. JAX rebuilds Components without it, with whatever leaves it needs."""
         if not components:
             raise ValueError("Components: expected at least one component, got none")
@@ -71,13 +73,13 @@ class Components(check.StandIn):
         batch = check.common_batch_shape(**batches) if batches else ()
         self._fill([component_numbers.over(c, batch, dtype) for c in given])
 
-    def _fill(self, components):
+    def _fill(self, components: Sequence[Any]) -> None:
         known = tuple(component_numbers.plain(c) if folding.is_known(c) else None for c in components)
         self._data = tuple(c for c, number in zip(components, known, strict=True) if number is None)
         self._structure = _Structure(known, None if self._data else np.dtype(components[0].dtype).name)
 
     @classmethod
-    def from_array(cls, x, known):
+    def from_array(cls, x: Any, known: Sequence[float | None]) -> typing.Self:
         """The components of x (*batch, n), but for those of which the number is known: `known` has it, or None.
 
             js.Components.from_array(p, (None, None, 0.0))      # what a plane leaves of p
@@ -98,43 +100,43 @@ class Components(check.StandIn):
         )
 
     @property
-    def shape(self):
+    def shape(self) -> tuple[int, ...]:
         return (*(self._data[0].shape if self._data else ()), len(self._structure.known))
 
     @property
-    def ndim(self):
+    def ndim(self) -> int:
         return len(self.shape)
 
     @property
-    def dtype(self):
+    def dtype(self) -> np.dtype[Any]:
         return np.dtype(self._data[0].dtype if self._data else self._structure.dtype)
 
-    def to_array(self, batch_shape=()):
+    def to_array(self, batch_shape: tuple[int, ...] = ()) -> Any:
         """(*batch, n) as one array, or double word; over a wider batch where a batch shape is given."""
         batch = np.broadcast_shapes(self.shape[:-1], batch_shape)
         parts = self.components
         parts = to_double_word(parts) if any(isinstance(c, DoubleWord) for c in parts) else parts
         return jax.tree.map(lambda *words: folding.stack(words, batch), *parts, is_leaf=folding.is_known)
 
-    def __array__(self, dtype=None, copy=None):
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         return np.asarray(self.to_array(), dtype)
 
-    def over_batch(self, batch_shape):
+    def over_batch(self, batch_shape: tuple[int, ...]) -> "Components":
         """The data over this batch; what is known goes with any."""
         return self._with(component_numbers.over(c, batch_shape, self.dtype) for c in self._data)
 
-    def astype(self, dtype):
+    def astype(self, dtype: DTypeLike) -> "Components":
         """Data and known numbers rounded to another dtype."""
         return of([c.astype(dtype) for c in self.components])
 
-    def reshape(self, *shape):
+    def reshape(self, *shape: Any) -> Any:
         """With another batch shape; with other components as an array."""
-        shape = shape[0] if len(shape) == 1 and isinstance(shape[0], (tuple, list)) else shape
-        if shape[-1] != self.shape[-1]:
-            return self.to_array().reshape(shape)
-        return self._with(c.reshape(tuple(shape[:-1])) for c in self._data)
+        new: Any = shape[0] if len(shape) == 1 and isinstance(shape[0], (tuple, list)) else shape
+        if new[-1] != self.shape[-1]:
+            return self.to_array().reshape(new)
+        return self._with(c.reshape(tuple(new[:-1])) for c in self._data)
 
-    def __getitem__(self, index):
+    def __getitem__(self, index: Any) -> Any:
         """As of the array: x[..., i] is component i, (*batch,), as a NumPy array where it is known; x[..., 1:] and x[3]
         of a batch are Components. What needs components as an axis, x[..., None], comes as an array."""
         batch, which = component_index.split(index if self._data else component_index.without_batch(index), self.ndim)
@@ -146,78 +148,78 @@ class Components(check.StandIn):
         shape = next((c.shape for c in parts if not folding.is_known(c)), ())
         return np.broadcast_to(parts[which], shape) if folding.is_known(parts[which]) else parts[which]
 
-    def __len__(self):
+    def __len__(self) -> int:
         return self.shape[0]
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[Any]:
         # Without it Python would count up __getitem__ until an IndexError, which JAX never raises.
         return (self[i] for i in range(len(self)))
 
-    def _with(self, data):
+    def _with(self, data: Iterable[Any]) -> "Components":
         return _rebuild(self._structure, data)
 
     # -- arithmetic ---------------------------------------------------------------------------------------------------
 
-    def __neg__(self):
+    def __neg__(self) -> "Components":
         return of([-c for c in self.components])
 
-    def __abs__(self):
+    def __abs__(self) -> "Components":
         return of([abs(c) for c in self.components])
 
-    def __add__(self, other):
+    def __add__(self, other: Any) -> "Components":
         return self._combined(folding.add, other)
 
     __radd__ = __add__
 
-    def __sub__(self, other):
+    def __sub__(self, other: Any) -> "Components":
         return self._combined(folding.subtract, other)
 
-    def __rsub__(self, other):
+    def __rsub__(self, other: Any) -> "Components":
         return self._combined(folding.subtract, other, is_reflected=True)
 
-    def __mul__(self, other):
+    def __mul__(self, other: Any) -> "Components":
         return self._combined(_product, other)
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other):
+    def __truediv__(self, other: Any) -> "Components":
         return self._combined(folding.divide, other)
 
-    def __rtruediv__(self, other):
+    def __rtruediv__(self, other: Any) -> "Components":
         return self._combined(folding.divide, other, is_reflected=True)
 
-    def _combined(self, operation, other, is_reflected=False):
+    def _combined(self, operation: Callable[..., Any], other: Any, is_reflected: bool = False) -> Any:
         other = _beside(self, other)
         if other is NotImplemented:
             return NotImplemented
         return _each(operation, *((other, self) if is_reflected else (self, other)))
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         data = map(component_numbers.shown, self._data)
         return f"Components({', '.join(next(data) if c is None else str(c) for c in self._structure.known)})"
 
 
-def _flattened(x):
+def _flattened(x: Components) -> tuple[tuple[Any, ...], _Structure]:
     return x._data, x._structure
 
 
-def _flattened_with_keys(x):
+def _flattened_with_keys(x: Components) -> tuple[tuple[Any, ...], _Structure]:
     places = (i for i, c in enumerate(x._structure.known) if c is None)
     return tuple((jax.tree_util.SequenceKey(i), leaf) for i, leaf in zip(places, x._data, strict=True)), x._structure
 
 
-def _rebuild(structure, data):
+def _rebuild(structure: _Structure, data: Iterable[Any]) -> Components:
     x = object.__new__(Components)
     x._structure, x._data = structure, tuple(data)
     return x
 
 
-def _restored(text):
+def _restored(text: bytes | bytearray) -> _Structure:
     known, dtype = json.loads(text)
     return _Structure(tuple(None if c is None else component_numbers.plain(float(c)) for c in known), dtype)
 
 
-def _stored(structure):
+def _stored(structure: _Structure) -> bytes:
     known, dtype = structure
     return json.dumps(([None if c is None else repr(c) for c in known], dtype)).encode()
 
@@ -228,18 +230,18 @@ jax.export.register_pytree_node_serialization(
 )
 
 
-def of(components):
+def of(components: Sequence[Any]) -> Components:
     """Components of NumPy scalars, which are known, and data over one batch, of one dtype: not checked."""
     x = object.__new__(Components)
     x._fill(components)
     return x
 
 
-def is_components(x):
+def is_components(x: object) -> typing.TypeGuard[Components]:
     return isinstance(x, Components)
 
 
-def as_components(x) -> Components:
+def as_components(x: Any) -> Components:
     """Any array (*batch, n) as Components: `alike` for NumPy arrays, all data for others."""
     if isinstance(x, Components):
         return x
@@ -247,7 +249,7 @@ def as_components(x) -> Components:
     return of([_known_if_unit(c) for c in columns] if isinstance(x, np.ndarray) else columns)
 
 
-def _known_if_unit(column):
+def _known_if_unit(column: np.ndarray) -> Any:
     number = uniform(column)
     return column.dtype.type(number) if number is not None and number in (0, 1, -1) else jnp.asarray(column)
 
@@ -255,7 +257,7 @@ def _known_if_unit(column):
 # -- components -------------------------------------------------------------------------------------------------------
 
 
-def _checked(c, name, dtype):
+def _checked(c: Any, name: str, dtype: Any) -> Any:
     """A component as given: a Python number as a float, a NumPy scalar, an array or a DoubleWord."""
     if is_components(c):
         raise TypeError(f"{name}: expected an array (*batch,), a DoubleWord or a float, got Components")
@@ -265,7 +267,7 @@ def _checked(c, name, dtype):
     return array[()] if isinstance(c, np.generic) else array
 
 
-def _beside(x, other):
+def _beside(x: Components, other: Any) -> Any:
     """What stands beside Components in an operation: Components of as many; NotImplemented."""
     if isinstance(other, (int, float)) and not isinstance(other, bool):
         return of([component_numbers.over(float(other), (), x.dtype)] * x.shape[-1])
@@ -273,11 +275,11 @@ def _beside(x, other):
         return NotImplemented
     array = check.as_float_array(other, "Components: other")
     check.require_same_dtype(Components=x, other=array)
-    parts = [array[()]] if isinstance(other, np.generic) else _parts(array, x.shape[-1])
+    parts: Any = [array[()]] if isinstance(other, np.generic) else _parts(array, x.shape[-1])
     return of(parts * x.shape[-1] if len(parts) == 1 else parts)
 
 
-def _parts(array, n):
+def _parts(array: Any, n: int) -> Sequence[Any]:
     """The components of an array (*batch, n), (*batch, 1) or ()."""
     array = array if array.ndim else array.reshape((1,))
     if array.shape[-1] not in (1, n):
@@ -285,12 +287,12 @@ def _parts(array, n):
     return as_components(array).components
 
 
-def _each(operation, a, b):
+def _each(operation: Callable[..., Any], a: Components, b: Components) -> Components:
     batch = check.common_batch_shape(left=a.shape[:-1], right=b.shape[:-1])
     return _compiled(operation, *check.broadcast_batch(batch, a, b))
 
 
-def _combined(operation, a, b):
+def _combined(operation: Callable[..., Any], a: Components, b: Components) -> Any:
     return of([operation(x, y) for x, y in zip(a.components, b.components, strict=True)])
 
 

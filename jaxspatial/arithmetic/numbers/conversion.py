@@ -1,11 +1,14 @@
 """Numbers from outside of JAX as words: pairs of NumPy numbers, and what a dtype holds."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 
 
-def of_numbers(x, dtype, rest=0.0):
+def of_numbers(x: Any, dtype: DTypeLike, rest: Any = 0.0) -> tuple[Any, Any]:
     """The pair nearest to x + rest as NumPy arrays, of numbers of at most 64 bits, of which JAX may know only 32."""
     x = np.asarray(x, np.float64)
     with np.errstate(all="ignore"):
@@ -18,19 +21,19 @@ def of_numbers(x, dtype, rest=0.0):
     return hi, np.where(low == 0, low, lo)
 
 
-def of_number(x, dtype):
+def of_number(x: float, dtype: DTypeLike) -> tuple[Any, Any]:
     """The pair nearest to a Python number; of an int, which may have more than 64 bits, in two parts."""
     rounded = float(x)
     rest = float(x - int(rounded)) if isinstance(x, int) else 0.0
     return of_numbers(rounded, dtype, rest)
 
 
-def is_floating(x):
+def is_floating(x: Any) -> bool:
     """Whether x is a Python float or an array of floating point."""
     return isinstance(x, float) or (hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jnp.floating))
 
 
-def known_dtype(dtype):
+def known_dtype(dtype: DTypeLike) -> np.dtype[Any]:
     """A dtype as NumPy's, of floating point, and one that JAX knows as things are set."""
     dtype = np.dtype(dtype)
     if not jnp.issubdtype(dtype, jnp.floating):
@@ -40,12 +43,12 @@ def known_dtype(dtype):
     return dtype
 
 
-def narrowest(a, b):
+def narrowest(a: np.dtype[Any], b: np.dtype[Any]) -> np.dtype[Any]:
     """The narrowest dtype that holds both."""
     return a if holds(a, b) else b if holds(b, a) else np.dtype(np.float32)
 
 
-def holds(a, b):
+def holds(a: np.dtype[Any], b: np.dtype[Any]) -> bool:
     """Whether dtype a holds all numbers of dtype b."""
-    a, b = jnp.finfo(a), jnp.finfo(b)
-    return a.nmant >= b.nmant and a.maxexp >= b.maxexp
+    wide, narrow = jnp.finfo(a), jnp.finfo(b)
+    return bool(wide.nmant >= narrow.nmant and wide.maxexp >= narrow.maxexp)

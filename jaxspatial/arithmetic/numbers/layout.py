@@ -6,11 +6,13 @@ it does not, nor a sum of arrays that are zero but for one lane, which the pull-
 """
 
 import functools
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
+from jax import Array, lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
@@ -18,17 +20,17 @@ from jaxspatial.arithmetic.errorfree.elementwise import alike, compiled, is_zero
 from jaxspatial.arithmetic.errorfree.lowering import rule
 
 
-def apart(x):
+def apart(x: Array) -> list[Array]:
     """The components of an array (*batch, n), a list of arrays (*batch,)."""
     return _apart_p.bind(x, axis=x.ndim - 1)
 
 
-def together(lanes, axis):
+def together(lanes: Sequence[Array], axis: int) -> Array:
     """The lanes, of one shape and dtype, as one array with a new axis."""
     return _together_p.bind(*alike(*lanes), axis=axis)[0]
 
 
-def picked(axis, lanes):
+def picked(axis: int, lanes: Sequence[Array | None]) -> Array:
     """The lanes, None for 0, as one array with a new axis: `together`, in the program of a primitive."""
     like = next(x for x in lanes if x is not None)
     shape = (*like.shape[:axis], len(lanes), *like.shape[axis:])
@@ -40,50 +42,50 @@ def picked(axis, lanes):
     return found
 
 
-def _widened(x, axis, shape):
+def _widened(x: Array, axis: int, shape: tuple[int, ...]) -> Array:
     return jnp.broadcast_to(lax.expand_dims(x, [axis]), shape)
 
 
 # -- the primitives ---------------------------------------------------------------------------------------------------
 
 
-def _without(entries, axis):
+def _without(entries: Sequence[Any], axis: int) -> tuple[Any, ...]:
     return (*entries[:axis], *entries[axis + 1 :])
 
 
-def _with(entries, axis, entry):
+def _with(entries: Sequence[Any], axis: int, entry: Any) -> tuple[Any, ...]:
     return (*entries[:axis], entry, *entries[axis:])
 
 
-def _like(x, shape, spec):
+def _like(x: Any, shape: tuple[int, ...], spec: Sequence[Any]) -> Any:
     sharding = x.sharding.update(spec=jax.sharding.PartitionSpec(*spec))
     return x.update(shape=tuple(shape), sharding=sharding, weak_type=False)
 
 
-def _abstract_apart(x, *, axis):
+def _abstract_apart(x: Any, *, axis: int) -> list[Any]:
     return [_like(x, _without(x.shape, axis), _without(x.sharding.spec, axis))] * x.shape[axis]
 
 
-def _abstract_together(*lanes, axis):
+def _abstract_together(*lanes: Any, axis: int) -> list[Any]:
     x = lanes[0]
     return [_like(x, _with(x.shape, axis, len(lanes)), _with(x.sharding.spec, axis, None))]
 
 
-def _lowered_apart(x, *, axis, contracted):
+def _lowered_apart(x: Array, *, axis: int, contracted: Any) -> list[Array]:
     return [lax.index_in_dim(x, k, axis, keepdims=False) for k in range(x.shape[axis])]
 
 
-def _lowered_together(*lanes, axis, contracted):
+def _lowered_together(*lanes: Array, axis: int, contracted: Any) -> list[Array]:
     return [picked(axis, lanes)]
 
 
-def _batch_apart(arguments, axes, *, axis):
+def _batch_apart(arguments: Sequence[Array], axes: Sequence[int], *, axis: int) -> tuple[list[Array], list[int]]:
     (x,), (at,) = arguments, axes
     whole = axis + (at <= axis)
     return _apart_p.bind(x, axis=whole), [at - (whole < at)] * x.shape[whole]
 
 
-def _batch_together(lanes, axes, *, axis):
+def _batch_together(lanes: Sequence[Array], axes: Sequence[int | None], *, axis: int) -> tuple[list[Array], list[int]]:
     given = {at for at in axes if at is not None}
     at = given.pop() if len(given) == 1 else 0
     size = next(x.shape[i] for x, i in zip(lanes, axes, strict=True) if i is not None)
@@ -92,29 +94,35 @@ def _batch_together(lanes, axes, *, axis):
     return _together_p.bind(*alike(*lanes), axis=whole), [found]
 
 
-def _batched(x, axis, at, size):
+def _batched(x: Array, axis: int | None, at: int, size: int) -> Array:
     if axis is not None:
         return jnp.moveaxis(x, axis, at)
     return jnp.broadcast_to(lax.expand_dims(x, [at]), _with(x.shape, at, size))
 
 
-def _transposed_apart(cotangents, x, *, axis):
+def _transposed_apart(cotangents: Sequence[Any], x: Any, *, axis: int) -> list[Any]:
     if all(map(is_zero, cotangents)):
         return [no_tangent(x.aval)]
     return [together([_instantiated(c) for c in cotangents], axis)]
 
 
-def _transposed_together(cotangents, *lanes, axis):
+def _transposed_together(cotangents: Sequence[Any], *lanes: Any, axis: int) -> list[Any]:
     (cotangent,) = cotangents
     return [None] * len(lanes) if is_zero(cotangent) else _apart_p.bind(cotangent, axis=axis)
 
 
-def _instantiated(tangent):
+def _instantiated(tangent: Any) -> Array:
     return jnp.zeros(tangent.aval.shape, tangent.aval.dtype) if is_zero(tangent) else tangent
 
 
-def _linear(name, abstract, lowered, transposed, batched):
-    primitive = Primitive(f"jaxspatial_{name}")
+def _linear(
+    name: str,
+    abstract: Callable[..., Any],
+    lowered: Callable[..., Any],
+    transposed: Callable[..., Any],
+    batched: Callable[..., Any],
+) -> Any:
+    primitive: Any = Primitive(f"jaxspatial_{name}")
     primitive.multiple_results = True
     primitive.def_abstract_eval(abstract)
     program = functools.cache(functools.partial(compiled, primitive))
@@ -126,7 +134,9 @@ def _linear(name, abstract, lowered, transposed, batched):
     return primitive
 
 
-def _moved(primitive, primals, tangents, *, axis):
+def _moved(
+    primitive: Any, primals: Sequence[Array], tangents: Sequence[Any], *, axis: int
+) -> tuple[list[Array], list[Any]]:
     """It is linear: tangents go the same way."""
     results = primitive.bind(*primals, axis=axis)
     if all(map(is_zero, tangents)):

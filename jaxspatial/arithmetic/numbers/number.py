@@ -3,12 +3,12 @@
 import functools
 from collections.abc import Callable, Iterable
 from fractions import Fraction
-from typing import Any, ParamSpec, TypeGuard, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
+from jax import Array, lax
 from jax.experimental.xla_metadata import set_xla_metadata
 
 from jaxspatial.arithmetic.errorfree import scaling
@@ -19,7 +19,6 @@ from jaxspatial.arithmetic.numbers.protocol import Mask, Number, Numbers
 from jaxspatial.arithmetic.numbers.rounded import Rounded
 from jaxspatial.arithmetic.numbers.trees import to_double_word
 
-P = ParamSpec("P")
 T = TypeVar("T")
 _KINDS: tuple[type[Number], ...] = (Rounded, DoubleWord)
 
@@ -44,7 +43,7 @@ def where(condition: Mask | bool, a: Number | float, b: Number | float) -> Numbe
     return Rounded(like.precision, _selected(condition, a.value, b.value))
 
 
-def _selected(condition, a, b):
+def _selected(condition: Array, a: Any, b: Any) -> Array:
     shape = np.broadcast_shapes(condition.shape, np.shape(a), np.shape(b))
     return lax.select(*(jnp.broadcast_to(jnp.asarray(x), shape) for x in (condition, a, b)))
 
@@ -95,7 +94,7 @@ def halved(x: Number) -> Number:
     return x.halved() if isinstance(x, Polynomial) else doubled(x, -1)
 
 
-def noinline_pairs(function: Callable[P, T]) -> Callable[P, T]:
+def noinline_pairs(function: Callable[..., T]) -> Callable[..., T]:
     """A function of numbers that are double words becomes a call that the compiler does not inline.
 
     Each of their operations is ten of the processor's; fused into one another they would be computed again for every
@@ -103,7 +102,7 @@ def noinline_pairs(function: Callable[P, T]) -> Callable[P, T]:
     """
 
     @functools.wraps(function)
-    def call(*numbers):
+    def call(*numbers: Any) -> Any:
         if not any(isinstance(x, DoubleWord) for x in jax.tree.leaves(numbers, is_leaf=_is_double_word)):
             return function(*numbers)
         with set_xla_metadata(inlineable="false"):
@@ -112,7 +111,7 @@ def noinline_pairs(function: Callable[P, T]) -> Callable[P, T]:
     return call
 
 
-def noinline(function: Callable[P, T]) -> Callable[P, T]:
+def noinline(function: Callable[..., T]) -> Callable[..., T]:
     """A function of numbers becomes a call that the compiler does not inline.
 
     For what many entries of a result are made of: it would be computed again for each of them. What is known stays so
@@ -120,11 +119,11 @@ def noinline(function: Callable[P, T]) -> Callable[P, T]:
     """
 
     @functools.wraps(function)
-    def call(*arguments):
+    def call(*arguments: Any) -> Any:
         leaves, tree = jax.tree.flatten(arguments, is_leaf=is_number)
         results = []
 
-        def on_data(data):
+        def on_data(data: list[Any]) -> list[Any]:
             result = function(*jax.tree.unflatten(tree, with_data(leaves, data)))
             results.extend(jax.tree.flatten(result, is_leaf=is_number))
             return data_of(results[0])
@@ -143,7 +142,7 @@ def is_number(x: object) -> TypeGuard[Number]:
     return isinstance(x, _KINDS)
 
 
-def _is_data(x):
+def _is_data(x: Any) -> bool:
     return not folding.is_known(x.value) if isinstance(x, Rounded) else isinstance(x, (jax.Array, DoubleWord))
 
 
@@ -189,10 +188,10 @@ def each(operation: Callable[..., Number], *lists: Numbers) -> list[Number]:
     return [found[i] for i in range(len(lists[0]))]
 
 
-def _abreast(numbers, like, shape):
+def _abreast(numbers: Any, like: Number, shape: tuple[int, ...]) -> Any:
     pairs = (x if isinstance(x, DoubleWord) else constant(like, x) for x in numbers)
     return jax.tree.map(lambda *words: jnp.stack([jnp.broadcast_to(word, shape) for word in words]), *pairs)
 
 
-def _is_double_word(x):
+def _is_double_word(x: Any) -> bool:
     return isinstance(x, DoubleWord)

@@ -6,8 +6,9 @@ the sums are evaluated is decided afterwards, for all precisions that look at a 
 """
 
 import dataclasses
+from collections.abc import Sequence
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,43 +18,43 @@ class Term(NamedTuple):
     or less; of the terms of a Sum always 1 or -1."""
 
     sign: int | Fraction
-    factors: tuple
+    factors: tuple[tuple[int, int], ...]
 
 
 @dataclasses.dataclass(frozen=True)
 class Polynomial:
     """One component of a formula. `unit`: its value where that is known to be 1 or -1."""
 
-    terms: tuple = ()
+    terms: tuple[Term, ...] = ()
     unit: int | None = None
 
-    def constant(self, number):
+    def constant(self, number: float) -> "Polynomial":
         """Of numbers that no array holds, zero alone has terms: none."""
         if number != 0:
             raise TypeError(f"a sum of products has no constant but 0, got {number}")
         return Polynomial()
 
-    def __neg__(self):
+    def __neg__(self) -> "Polynomial":
         return Polynomial(tuple(Term(-t.sign, t.factors) for t in self.terms), self.unit and -self.unit)
 
-    def __add__(self, other):
+    def __add__(self, other: "Polynomial") -> "Polynomial":
         return Polynomial(self.terms + other.terms) if self.terms and other.terms else self if self.terms else other
 
-    def __sub__(self, other):
+    def __sub__(self, other: "Polynomial") -> "Polynomial":
         return self + -other
 
-    def __mul__(self, other):
+    def __mul__(self, other: "Polynomial") -> "Polynomial":
         for one, many in ((self, other), (other, self)):
             if one.unit:
                 return many if one.unit == 1 else -many
         products = (Term(s.sign * t.sign, s.factors + t.factors) for s in self.terms for t in other.terms)
         return Polynomial(tuple(products))
 
-    def halved(self):
+    def halved(self) -> "Polynomial":
         """A half of it."""
         return Polynomial(tuple(t._replace(sign=Fraction(t.sign, 2)) for t in self.terms))
 
-    def of_whole_terms(self):
+    def of_whole_terms(self) -> tuple[tuple[Term, ...], float]:
         """(terms of signs 1 and -1, the power of two by which their sum is to be multiplied)."""
         share = max((Fraction(t.sign).denominator for t in self.terms), default=1)
         repeated = (
@@ -61,7 +62,7 @@ class Polynomial:
         )
         return tuple(repeated), 1 / share
 
-    def __truediv__(self, other):
+    def __truediv__(self, other: "Polynomial") -> Any:
         return self * other if other.unit else Quotient(self, other)
 
 
@@ -72,14 +73,14 @@ class Quotient(NamedTuple):
     divisor: Polynomial
 
 
-def symbols(arrays, parts):
+def symbols(arrays: Sequence[Any], parts: Sequence[int]) -> tuple[Polynomial, ...]:
     """A vector of polynomials for the array that is the sum of arrays[j] for j in parts: one, or the two of a double
     word."""
     known = arrays[parts[0]] if len(parts) == 1 else None
     return tuple(_component(known, parts, k) for k in range(arrays[parts[0]].shape[-1]))
 
 
-def _component(known, parts, k):
+def _component(known: Any, parts: Sequence[int], k: int) -> Polynomial:
     value = uniform(known[..., k]) if isinstance(known, np.ndarray) else None
     if value == 0:
         return Polynomial()
@@ -87,7 +88,7 @@ def _component(known, parts, k):
     return Polynomial(terms, int(value) if value in (1, -1) else None)
 
 
-def uniform(column):
+def uniform(column: np.ndarray) -> Any:
     """The number that a NumPy array is throughout, or None."""
     first = column.flat[0] if column.size else None
     return first if first is not None and (column == first).all() else None

@@ -1,7 +1,7 @@
 """Arrays as vectors of numbers, and vectors of numbers as arrays."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -10,53 +10,55 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic.errorfree.fence import fence
-from jaxspatial.arithmetic.numbers import Rounded, folding
+from jaxspatial.arithmetic.numbers import Numbers, Rounded, folding
 from jaxspatial.arithmetic.numbers.components import Components
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.precision import Precision
 
 
-class Stacked(Sequence):
+class Stacked(Sequence[Any]):
     """A vector of numbers that is an array (*batch, n) as well: whichever is asked for is made."""
 
-    def __init__(self, precision, size, make_array, make_values):
+    def __init__(
+        self, precision: Precision, size: int, make_array: Callable[[], Any], make_values: Callable[[], Sequence[Any]]
+    ):
         self.precision, self._size = precision, size
         self._make_array, self._make_values = make_array, make_values
 
     @functools.cached_property
-    def array(self):
+    def array(self) -> Any:
         return self._make_array()
 
     @functools.cached_property
-    def _numbers(self):
+    def _numbers(self) -> tuple[Rounded, ...]:
         return tuple(Rounded(self.precision, x) for x in self._make_values())
 
-    def __getitem__(self, i):
+    def __getitem__(self, i: Any) -> Any:
         return self._numbers[i]
 
-    def __len__(self):
+    def __len__(self) -> int:
         return self._size
 
-    def combined(self, operation, vector):
+    def combined(self, operation: Callable[..., Any], vector: Numbers) -> "Stacked":
         """`folding.add` or `folding.subtract` of this and a vector: of arrays one operation, where it can be."""
 
-        def whole():
+        def whole() -> Any:
             others = vector.array if isinstance(vector, Stacked) else [x.value for x in vector]
             return folding.whole(operation, self.array, others, self.precision)
 
-        def apart():
+        def apart() -> list[Any]:
             return [operation(a.value, b.value, self.precision) for a, b in zip(self, vector, strict=True)]
 
         return Stacked(self.precision, len(self), whole, apart)
 
-    def laid_out(self, vector):
+    def laid_out(self, vector: Numbers) -> "Stacked":
         """A vector as an array in the layout of this one."""
         values = [x.value for x in vector]
         return Stacked(self.precision, len(values), lambda: folding.stack_like(self.array, values), lambda: values)
 
 
-def stacked(precision, array):
+def stacked(precision: Precision, array: Any) -> Stacked:
     """The numbers of an array (*batch, n)."""
     return Stacked(precision, array.shape[-1], lambda: array, lambda: folding.unstack(array))
 
@@ -70,7 +72,7 @@ class Summed(NamedTuple):
     vector: Any
 
 
-def of_array(array, precision, twice, dtype=None):
+def of_array(array: Any, precision: Precision, twice: bool, dtype: Any = None) -> Numbers:
     """The components of an array (*batch, n) as numbers to compute with, such as those of `dtype`, if not its own."""
     dtype = np.dtype(dtype or array.dtype)
     if isinstance(array, Components):
@@ -86,12 +88,12 @@ def of_array(array, precision, twice, dtype=None):
     return tuple(Rounded(precision, converted(x, wide)) for x in folding.unstack(array))
 
 
-def as_array(x, dtype):
+def as_array(x: Any, dtype: Any) -> Any:
     """The number as an array, or known number, of one word, rounded to a dtype."""
     return x.hi if isinstance(x, DoubleWord) else converted(x.value, dtype)
 
 
-def converted(x, dtype):
+def converted(x: Any, dtype: Any) -> Any:
     """Rounded once: XLA has leave to drop a conversion to 16 bits and back (`xla_allow_excess_precision`).
 
     Not where something stands between. For float16 that is no `reduce_precision`, which flushes its subnormals.

@@ -5,25 +5,29 @@ the whole array: that ties the result to its layout, and lets it take its place 
 """
 
 import functools
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
+from jax import Array, lax
 from jax.experimental.xla_metadata import set_xla_metadata
 
 from jaxspatial.arithmetic.errorfree.transforms import product_error
 from jaxspatial.arithmetic.numbers.layout import picked
 from jaxspatial.arithmetic.numbers.polynomial import Term
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Error, Trial
 from jaxspatial.arithmetic.sums.accumulators.certified import CERTIFIED, CERTIFIED_OF_NARROW
 from jaxspatial.arithmetic.sums.accumulators.compensated import COMPENSATED, SINGLE
 from jaxspatial.arithmetic.sums.accumulators.estimated import ESTIMATED, ESTIMATED_OF_NARROW
 from jaxspatial.arithmetic.sums.accumulators.faithful import FAITHFUL, FAITHFUL_OF_NARROW
 from jaxspatial.arithmetic.sums.accumulators.wide import WIDE
 from jaxspatial.arithmetic.sums.pairwise import by_halving
+from jaxspatial.arithmetic.sums.plan import Plan, Sum
 
 
-def evaluate(plan, arrays, contracted):
+def evaluate(plan: Plan, arrays: Sequence[Array], contracted: Callable[[Any], bool]) -> list[Array]:
     """The results of the plan: one array per Sum, or two for a pair. contracted: see `lowering.rule`."""
     same = [_same_as(plan, s, arrays) for s in plan.sums]
     others = tuple(s for s, j in zip(plan.sums, same, strict=True) if j is None)
@@ -33,7 +37,7 @@ def evaluate(plan, arrays, contracted):
     return [x for j in same for x in ([next(computed) for _ in range(width)] if j is None else [arrays[j]])]
 
 
-def _same_as(plan, s, arrays):
+def _same_as(plan: Plan, s: Sum, arrays: Sequence[Array]) -> int | None:
     """The index of the array that a Sum just passes on, or None."""
     first = s.components[0]
     j = first[0].factors[0][0] if len(first) == 1 and not plan.is_pair else None
@@ -43,7 +47,7 @@ def _same_as(plan, s, arrays):
     return j if passed else None
 
 
-def _computed(plan, arrays, error):
+def _computed(plan: Plan, arrays: Sequence[Array], error: Error) -> list[Array]:
     is_narrow = arrays[0].dtype != np.float64
     is_single = all(_is_single(plan, s) for s in plan.sums)
     if is_narrow and (is_single or plan.precision != "faithful"):
@@ -59,7 +63,7 @@ def _computed(plan, arrays, error):
 _FEW = 3
 
 
-def _trials(plan, is_narrow):
+def _trials(plan: Plan, is_narrow: bool) -> list[Trial]:
     """What `faithful` tries, each for what the one before leaves open.
 
     Sums over a batch and pairs need more digits than the first has.
@@ -76,7 +80,7 @@ def _trials(plan, is_narrow):
     return [estimated, *rest] if is_tried and not is_short else rest
 
 
-def _unfused(plan, accumulator, error, arrays):
+def _unfused(plan: Plan, accumulator: Any, error: Error, arrays: Sequence[Array]) -> list[Array]:
     """As a call that the compiler does not inline. Where one such sum is fused into the next, XLA CPU computes every
     component again for each it is used in, without vectorising: a shift and a dot then take 7 times as long."""
     evaluated = jax.jit(functools.partial(_evaluated, plan, accumulator, error))
@@ -84,7 +88,7 @@ def _unfused(plan, accumulator, error, arrays):
         return evaluated(arrays)
 
 
-def _tried(plan, trials, error, arrays):
+def _tried(plan: Plan, trials: Sequence[Trial], error: Error, arrays: Sequence[Array]) -> list[Array]:
     """Evaluated by the first trial, and while that leaves a NaN in the batch once more by the next.
 
     Loops of at most one turn: unlike branches they leave results where they are in memory.
@@ -96,7 +100,7 @@ def _tried(plan, trials, error, arrays):
     is_missing = _is_missing(results)
     for trial in others:
 
-        def again(state, trial=trial):
+        def again(state: Any, trial: Trial = trial) -> Any:
             found = _completed(plan, state[0], _evaluated(plan, trial, error, arrays))
             return found, np.zeros((), bool), _is_missing(found)
 
@@ -104,34 +108,34 @@ def _tried(plan, trials, error, arrays):
     return results
 
 
-def _is_missing(results):
+def _is_missing(results: Sequence[Array]) -> Array:
     return functools.reduce(lax.bitwise_or, (jnp.any(jnp.isnan(r)) for r in results))
 
 
-def _completed(plan, results, others):
+def _completed(plan: Plan, results: Sequence[Array], others: Sequence[Array]) -> list[Array]:
     """The results, the others in place of NaN: what is found of an item does not depend on its batch."""
     width = 1 + plan.is_pair
     missing = [jnp.isnan(results[i - i % width]) for i in range(len(results))]
     return [lax.select(m, y, x) for m, x, y in zip(missing, results, others, strict=True)]
 
 
-def _evaluated(plan, accumulator, error, arrays):
+def _evaluated(plan: Plan, accumulator: Any, error: Error, arrays: Sequence[Array]) -> list[Array]:
     evaluation = _Evaluation(plan, accumulator, error, arrays)
     return [x for s in plan.sums for x in evaluation.results(s)]
 
 
-def _wide(x):
+def _wide(x: Array) -> Array:
     return lax.convert_element_type(x, np.float64)
 
 
 class _Evaluation:
     """What a plan of sums of products of arrays comes to, by one accumulator."""
 
-    def __init__(self, plan, accumulator, error, arrays):
+    def __init__(self, plan: Plan, accumulator: Any, error: Error, arrays: Sequence[Array]):
         self.plan, self.accumulator, self.error, self.arrays = plan, accumulator, error, arrays
         self._lanes = {}
 
-    def results(self, s):
+    def results(self, s: Sum) -> Sequence[Array]:
         """Of a Sum: one array, or the two of a pair."""
         if not s.reduced:
             is_single = self.accumulator is COMPENSATED and _is_single(self.plan, s)
@@ -140,7 +144,7 @@ class _Evaluation:
         words = ([x if x is None else x[i] for x in results] for i in range(1 + self.plan.is_pair))
         return [picked(self.plan.axis, components) for components in words]
 
-    def _over_batch(self, s, terms, share):
+    def _over_batch(self, s: Sum, terms: Sequence[Term], share: float) -> Sequence[Array] | None:
         """One component, summed over axes of the batch by halving: a result of size 1 along these."""
         if not terms:
             return None
@@ -150,7 +154,7 @@ class _Evaluation:
             words = by_halving(items.merge, words, axis)
         return self._rounded(items, words)
 
-    def _of_items(self, s, accumulator):
+    def _of_items(self, s: Sum, accumulator: Any) -> Sequence[Array]:
         whole, rest = self._separated(s)
         states = [
             self._total(accumulator, terms, share) if terms else None
@@ -164,16 +168,16 @@ class _Evaluation:
                 state = accumulator.plus(state, sign, _wide(self.arrays[j]))
         return self._rounded(accumulator, state)
 
-    def _rounded(self, accumulator, state):
+    def _rounded(self, accumulator: Any, state: Any) -> Sequence[Array]:
         dtype = self.arrays[0].dtype
         return accumulator.pair(state, dtype) if self.plan.is_pair else [accumulator.round(state, dtype)]
 
-    def _total(self, accumulator, terms, share):
+    def _total(self, accumulator: Any, terms: Sequence[Term], share: float) -> Any:
         """The state of one component."""
         state = accumulator.total([(t.sign, [self._lane(*f) for f in t.factors]) for t in terms], self.error)
         return state if share == 1 else accumulator.times_power_of_two(state, share)
 
-    def _lane(self, j, k):
+    def _lane(self, j: int, k: int) -> Array:
         """Component k of array j over the whole batch, taken out once. Converted alone: a conversion of a whole array
         that is used many times would be a pass of its own."""
         if (j, k) not in self._lanes:
@@ -181,7 +185,7 @@ class _Evaluation:
             self._lanes[j, k] = jnp.broadcast_to(_wide(lane), self.plan.batch)
         return self._lanes[j, k]
 
-    def _separated(self, s):
+    def _separated(self, s: Sum) -> tuple[list[tuple[int, int]], list[Sequence[Term]]]:
         """((sign, j) for every array j that is a term just as it stands, the other terms of each component)."""
         if s.shares:
             return [], list(s.components)
@@ -195,12 +199,12 @@ class _Evaluation:
         return whole, [_without(terms, t) for terms, t in zip(s.components, taken, strict=True)]
 
 
-def _shares(s):
+def _shares(s: Sum) -> Sequence[float]:
     """By which power of two each component of a Sum is multiplied."""
     return s.shares or [1] * len(s.components)
 
 
-def _without(terms, taken):
+def _without(terms: Sequence[Term], taken: Iterable[Term]) -> list[Term]:
     """The terms but for one of each of those taken."""
     rest = list(terms)
     for t in taken:
@@ -208,7 +212,7 @@ def _without(terms, taken):
     return rest
 
 
-def _is_single(plan, s):
+def _is_single(plan: Plan, s: Sum) -> bool:
     """True where no component is more than one product of two: rounded once as it is, in every precision."""
     return not (plan.is_pair or s.reduced or s.shares) and all(
         len(terms) <= 1 and all(len(t.factors) <= 2 for t in terms) for terms in s.components

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
-from jax import lax
+from jax import Array, lax
 
 
 def pairwise_sum(x: jax.Array) -> jax.Array:
@@ -26,7 +26,7 @@ def by_halving(merge: Callable, words: Sequence[jax.Array], axis: int, neutral: 
     return tuple(words)
 
 
-def _padded(x, axis, neutral):
+def _padded(x: Array, axis: int, neutral: float) -> Array:
     """As many as a power of two. Concatenated and split, not padded and sliced: pull-backs of these pad, with a zero
     that JAX makes a float32 in a program without 64-bit types, also for a sum in float64."""
     n = x.shape[axis]

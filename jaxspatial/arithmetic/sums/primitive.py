@@ -6,12 +6,13 @@ cotangent that many terms contribute to is rounded once, over a batch that share
 """
 
 import functools
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
+from jax import Array, lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
@@ -19,45 +20,10 @@ from jaxspatial.arithmetic.errorfree.elementwise import alike, common_spec, comp
 from jaxspatial.arithmetic.errorfree.lowering import rule
 from jaxspatial.arithmetic.numbers.polynomial import Term
 from jaxspatial.arithmetic.sums.evaluation import evaluate
+from jaxspatial.arithmetic.sums.plan import Plan, Sum
 
 
-class Sum(NamedTuple):
-    """One array of the result: for each of its components the terms; the axes of the batch it is summed over; and the
-    powers of two that components are multiplied by before they are rounded, none for 1."""
-
-    components: tuple
-    reduced: tuple = ()
-    shares: tuple = ()
-
-
-class Plan(NamedTuple):
-    """What is to be evaluated: Sums over a batch, in a precision, each as one array or as the pair of a double word.
-
-    `leading`: components are on the first axis, with the batch behind them, and not on the last.
-    """
-
-    sums: tuple
-    batch: tuple
-    precision: str
-    is_pair: bool = False
-    leading: bool = False
-
-    @property
-    def axis(self):
-        return 0 if self.leading else len(self.batch)
-
-    @property
-    def degree(self):
-        """The largest number of factors of a term."""
-        return max(len(t.factors) for s in self.sums for terms in s.components for t in terms)
-
-    def shape(self, s):
-        """The shape of the result for a Sum; axes that are summed over keep size 1."""
-        batch = [1 if i in s.reduced else n for i, n in enumerate(self.batch)]
-        return (len(s.components), *batch) if self.leading else (*batch, len(s.components))
-
-
-def bind_nonzero(plan, sums, arrays):
+def bind_nonzero(plan: Plan, sums: Sequence[Sum], arrays: Sequence[Array]) -> list[Any]:
     """For each Sum its result, a list of one array or of the two of a pair; None for a Sum without terms.
 
     Arrays have the components on the plan's axis, and on each axis of the batch its size or 1.
@@ -71,7 +37,7 @@ def bind_nonzero(plan, sums, arrays):
     return [found.get(i) for i in range(len(sums))]
 
 
-def _bind(plan, arrays):
+def _bind(plan: Plan, arrays: Sequence[Array]) -> list[Array]:
     """All Sums of the plan, with the arrays that they use."""
     used = sorted({j for s in plan.sums for terms in s.components for t in terms for j, _ in t.factors})
     places = {j: i for i, j in enumerate(used)}
@@ -79,14 +45,14 @@ def _bind(plan, arrays):
     return _sums_p.bind(*alike(*(arrays[j] for j in used), components=plan.axis), plan=plan._replace(sums=sums))
 
 
-def _relabelled(components, places):
-    def relabelled(term):
+def _relabelled(components: Iterable[Sequence[Term]], places: dict[int, int]) -> tuple[tuple[Term, ...], ...]:
+    def relabelled(term: Term) -> Term:
         return Term(term.sign, tuple((places[j], k) for j, k in term.factors))
 
     return tuple(tuple(relabelled(t) for t in terms) for terms in components)
 
 
-def _abstract(*arrays, plan):
+def _abstract(*arrays: Any, plan: Plan) -> list[Any]:
     like = arrays[0]
     common = common_spec([a.sharding.spec for a in arrays])
     results = []
@@ -100,7 +66,7 @@ def _abstract(*arrays, plan):
 # -- derivatives ------------------------------------------------------------------------------------------------------
 
 
-def _jvp(primals, tangents, *, plan):
+def _jvp(primals: Sequence[Array], tangents: Sequence[Any], *, plan: Plan) -> tuple[list[Array], list[Any]]:
     results = _sums_p.bind(*primals, plan=plan)
     n = len(primals)
     moving = {j: n + j for j, t in enumerate(tangents) if not is_zero(t)}
@@ -111,7 +77,7 @@ def _jvp(primals, tangents, *, plan):
     return results, [no_tangent(x) if r is None else r for x, r in zip(results, rates, strict=True)]
 
 
-def _differential(terms, moving):
+def _differential(terms: Sequence[Term], moving: dict[int, int]) -> tuple[Term, ...]:
     """The product rule: each factor in turn replaced by its tangent."""
     return tuple(
         Term(t.sign, (*t.factors[:i], (moving[j], k), *t.factors[i + 1 :]))
@@ -121,7 +87,7 @@ def _differential(terms, moving):
     )
 
 
-def _transpose(cotangents, *arrays, plan):
+def _transpose(cotangents: Sequence[Any], *arrays: Any, plan: Plan) -> list[Any]:
     """The low word of a pair is a rounding error: its cotangent counts for nothing."""
     cotangents = [_shared(plan, s, c) for s, c in zip(plan.sums, cotangents[:: 1 + plan.is_pair], strict=True)]
     n = len(arrays)
@@ -133,7 +99,7 @@ def _transpose(cotangents, *arrays, plan):
     return [found.get(j) for j in range(n)]
 
 
-def _shared(plan, s, cotangent):
+def _shared(plan: Plan, s: Sum, cotangent: Any) -> Any:
     """The cotangent of the sum of the terms alone."""
     if not s.shares or is_zero(cotangent):
         return cotangent
@@ -141,7 +107,7 @@ def _shared(plan, s, cotangent):
     return lax.mul(cotangent, jnp.broadcast_to(shares, cotangent.shape))
 
 
-def _pulled_back(plan, incoming, j, aval):
+def _pulled_back(plan: Plan, incoming: dict[int, int], j: int, aval: Any) -> Sum:
     """The Sum for the cotangent of array j: from every term that has one of its components, the other factors."""
     components = [[] for _ in range(aval.shape[plan.axis])]
     for o, s in enumerate(plan.sums):
@@ -159,7 +125,7 @@ def _pulled_back(plan, incoming, j, aval):
 # -- batching and lowering --------------------------------------------------------------------------------------------
 
 
-def _batch(arrays, axes, *, plan):
+def _batch(arrays: Sequence[Array], axes: Sequence[int | None], *, plan: Plan) -> tuple[list[Array], list[int]]:
     """The new axis stays where it is if it is there in all, behind the components where it comes behind them."""
     given = {axis for axis in axes if axis is not None}
     leading = plan.leading if plan.batch else given == {1}
@@ -173,26 +139,26 @@ def _batch(arrays, axes, *, plan):
     return found, [at] * len(found)
 
 
-def _moved(x, axis, at):
+def _moved(x: Array, axis: int | None, at: int) -> Array:
     return lax.expand_dims(x, [at]) if axis is None else jnp.moveaxis(x, axis, at)
 
 
-def _batched_plan(plan, place, size, leading):
+def _batched_plan(plan: Plan, place: int, size: int, leading: bool) -> Plan:
     sums = tuple(s._replace(reduced=tuple(i + (i >= place) for i in s.reduced)) for s in plan.sums)
     batch = (*plan.batch[:place], size, *plan.batch[place:])
     return plan._replace(sums=sums, batch=batch, leading=leading)
 
 
 @functools.cache
-def _compiled(plan):
+def _compiled(plan: Plan) -> Callable[..., list[Array]]:
     return compiled(_sums_p, plan=plan)
 
 
-def _evaluated(*arrays, plan, contracted):
+def _evaluated(*arrays: Array, plan: Plan, contracted: Callable[[Any], bool]) -> list[Array]:
     return evaluate(plan, arrays, contracted)
 
 
-_sums_p = Primitive("jaxspatial_sums")
+_sums_p: Any = Primitive("jaxspatial_sums")
 _sums_p.multiple_results = True
 _sums_p.def_abstract_eval(_abstract)
 _sums_p.def_impl(lambda *arrays, plan: _compiled(plan)(*arrays))

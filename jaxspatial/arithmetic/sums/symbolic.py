@@ -1,12 +1,14 @@
 """A formula run over symbols, and what it asks for evaluated as sums of products: values, double words, quotients."""
 
 import math
+from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
+from jax import Array, lax
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.errorfree.reproducible import quotient
@@ -17,10 +19,12 @@ from jaxspatial.arithmetic.numbers.folding import is_known, quietly
 from jaxspatial.arithmetic.numbers.polynomial import Polynomial, Quotient, Term, symbols
 from jaxspatial.arithmetic.numbers.stacking import Summed
 from jaxspatial.arithmetic.numbers.trees import from_double_word
-from jaxspatial.arithmetic.sums import primitive as sums
+from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.sums.plan import Plan, Sum
+from jaxspatial.arithmetic.sums.primitive import bind_nonzero
 
 
-def run_symbolically(formula, precision, arrays):
+def run_symbolically(formula: Callable[..., Any], precision: Precision, arrays: Sequence[Any]) -> Any:
     """The results of formula(*vectors) over polynomials, in a precision that looks at whole sums.
 
     An array that is passed on as it came is a sum of one term, so that all its cotangents are added in one sum. Numbers
@@ -31,7 +35,7 @@ def run_symbolically(formula, precision, arrays):
     data = _Data(np.dtype(arrays[0].dtype))
     vectors = [data.vector(a) for a in arrays]
     batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
-    plan = sums.Plan((), batch, str(precision), is_pair=any(map(component_arrays.has_pairs, arrays)))
+    plan = Plan((), batch, str(precision), is_pair=any(map(component_arrays.has_pairs, arrays)))
     given = {id(s): a for s, a in zip(vectors, arrays, strict=True) if plan.is_pair or isinstance(a, np.ndarray)}
     results = formula(*vectors)
     several = results if isinstance(results, list) else [results]
@@ -44,15 +48,15 @@ def run_symbolically(formula, precision, arrays):
 class _Data:
     """The arrays that the symbols of a formula stand for, and the numbers of those that are constants."""
 
-    def __init__(self, dtype):
+    def __init__(self, dtype: np.dtype[Any]):
         self.dtype, self.arrays, self.constants = dtype, [], {}
 
-    def vector(self, a):
+    def vector(self, a: Any) -> tuple[Polynomial, ...]:
         if isinstance(a, Components):
             return tuple(map(self._component, a.components))
         return symbols(self.arrays, self._placed(jax.tree.leaves(a)))
 
-    def _component(self, c):
+    def _component(self, c: Any) -> Polynomial:
         """Each on its own is an array with one component; a known 0 is none."""
         if is_known(c, 0):
             return Polynomial()
@@ -61,30 +65,30 @@ class _Data:
             self.constants[places[0]] = c
         return Polynomial(tuple(Term(1, ((j, 0),)) for j in places), int(c) if is_known(c, 1, -1) else None)
 
-    def _placed(self, words):
+    def _placed(self, words: Sequence[Any]) -> range:
         self.arrays += words
         return range(len(self.arrays) - len(words), len(self.arrays))
 
-    def constant(self, factor):
+    def constant(self, factor: tuple[int, int]) -> Fraction:
         """The number of a factor; raises _IsData where there is none."""
         number = self.constants.get(factor[0])
         if number is None or not np.isfinite(number):
             raise _IsData
         return Fraction(float(number))
 
-    def of_rank(self, rank):
+    def of_rank(self, rank: int) -> list[Array]:
         """The arrays with axes of size 1 in front: what is shared by a batch stays one item, whose cotangents are
         summed once."""
         return [jnp.reshape(x, (1,) * (rank - x.ndim) + x.shape) for x in self.arrays]
 
 
-def _passed_on(array, batch):
+def _passed_on(array: Any, batch: tuple[int, ...]) -> Any:
     """An argument returned as it came."""
     (array,) = check.broadcast_batch(batch, array)
     return jnp.asarray(array) if isinstance(array, np.ndarray) else array
 
 
-def _evaluated(plan, data, results):
+def _evaluated(plan: Plan, data: _Data, results: Sequence[Any]) -> list[Any]:
     """What a formula returned, as arrays or double words; everything that is not a quotient in one plan."""
     arrays = data.of_rank(len(plan.batch) + 1)
     quotients = [x for x in results if _is_quotient(x)]
@@ -93,22 +97,22 @@ def _evaluated(plan, data, results):
     return [next(divided) if _is_quotient(x) else next(plain) for x in results]
 
 
-def _is_quotient(x):
+def _is_quotient(x: Any) -> bool:
     return isinstance(_components(x)[0], Quotient)
 
 
-def _components(x):
+def _components(x: Any) -> Sequence[Any]:
     return x.vector if isinstance(x, Summed) else (x,) if _is_number(x) else x
 
 
-def _is_number(x):
+def _is_number(x: Any) -> bool:
     return isinstance(x, (Polynomial, Quotient))
 
 
 # -- components apart -------------------------------------------------------------------------------------------------
 
 
-def _evaluated_apart(plan, data, results):
+def _evaluated_apart(plan: Plan, data: _Data, results: Sequence[Any]) -> list[Any]:
     """As `_evaluated`, with each component of a result on its own, and known where all its terms are constants."""
     known = [[_known(data, x, c) for c in _components(x)] for x in results]
     wanted = [
@@ -122,13 +126,13 @@ def _evaluated_apart(plan, data, results):
     return [_of_parts(plan, x, c) for x, c in zip(results, parts, strict=True)]
 
 
-def _of_parts(plan, x, parts):
+def _of_parts(plan: Plan, x: Any, parts: Sequence[Any]) -> Any:
     if not _is_number(x):
         return components.of(parts)
     return jnp.broadcast_to(parts[0], plan.batch) if is_known(parts[0]) else parts[0]
 
 
-def _known(data, x, c):
+def _known(data: _Data, x: Any, c: Any) -> Any:
     """The number that a component is, its exact value rounded once; None for data."""
     try:
         value = _quotient(data, c) if isinstance(c, Quotient) else _value(data, c)
@@ -142,12 +146,12 @@ class _IsData(Exception):
     """A term has a factor that is not known."""
 
 
-def _value(data, polynomial):
+def _value(data: _Data, polynomial: Polynomial) -> Fraction:
     """The exact value of a polynomial in constants; raises _IsData for others."""
     return sum((t.sign * math.prod(map(data.constant, t.factors)) for t in polynomial.terms), Fraction())
 
 
-def _quotient(data, c):
+def _quotient(data: _Data, c: Quotient) -> Fraction:
     """0 by whatever is 0, as in `folding`."""
     return _value(data, c.dividend) / _value(data, c.divisor) if c.dividend.terms else Fraction()
 
@@ -155,7 +159,7 @@ def _quotient(data, c):
 # -- evaluation -------------------------------------------------------------------------------------------------------
 
 
-def _divided(plan, arrays, x):
+def _divided(plan: Plan, arrays: Sequence[Any], x: Any) -> Any:
     """Numerators and the one denominator, divided, and rounded once."""
     parts = [tuple(q.dividend for q in _components(x)), (_components(x)[0].divisor,)]
     dtype = arrays[0].dtype
@@ -167,30 +171,30 @@ def _divided(plan, arrays, x):
     return divided[..., 0] if _is_number(x) else divided
 
 
-def _divided_wide(plan, arrays, parts, dtype):
+def _divided_wide(plan: Plan, arrays: Sequence[Any], parts: Sequence[Any], dtype: np.dtype[Any]) -> Array:
     with jax.enable_x64(True):
         wide = [lax.convert_element_type(a, np.float64) for a in arrays]
         above, below = _bound(plan, wide, parts)
         return lax.convert_element_type(quotient(above, jnp.broadcast_to(below, above.shape)), dtype)
 
 
-def _bound(plan, arrays, results):
+def _bound(plan: Plan, arrays: Sequence[Any], results: Sequence[Any]) -> list[Any]:
     """The results of a plan for polynomials: an array or double word each; zeros where there are no terms."""
     wanted = [_sum([p.of_whole_terms() for p in _components(x)], _reduced(plan, x)) for x in results]
-    found = iter(sums.bind_nonzero(plan, wanted, arrays))
+    found = iter(bind_nonzero(plan, wanted, arrays))
     return [_shaped(plan, x, s, next(found), arrays[0].dtype) for x, s in zip(results, wanted, strict=True)]
 
 
-def _sum(components, reduced):
+def _sum(components: Iterable[tuple[tuple[Term, ...], float]], reduced: tuple[int, ...]) -> Sum:
     terms, shares = zip(*components, strict=True)
-    return sums.Sum(terms, reduced, () if set(shares) == {1} else shares)
+    return Sum(terms, reduced, () if set(shares) == {1} else shares)
 
 
-def _reduced(plan, x):
+def _reduced(plan: Plan, x: Any) -> tuple[int, ...]:
     return (len(plan.batch) - 1,) if isinstance(x, Summed) else ()
 
 
-def _shaped(plan, x, s, found, dtype):
+def _shaped(plan: Plan, x: Any, s: Sum, found: Any, dtype: np.dtype[Any]) -> Any:
     """Without the axes that a scalar, or a sum over items, does not have."""
     if found is None:
         found = [np.zeros(plan.shape(s), dtype)] * (1 + plan.is_pair)

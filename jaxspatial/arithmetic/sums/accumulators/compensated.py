@@ -9,22 +9,24 @@ sum costs at most u^2 (max A + max B + ufp(A_1 + A_2 + B_1 + B_2)), which is <= 
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 
 import jax.numpy as jnp
-from jax import lax
+from jax import Array, lax
+from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic.errorfree.contraction import hidden
 from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_sum, unguarded
-from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, OverBatch
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, Error, OverBatch, Terms, Words
 
 
-def _total(terms, error):
+def _total(terms: Terms, error: Error) -> Words:
     pairs = [signed_product(sign, factors, error) for sign, factors in terms]
     s, errors = vec_sum([p for p, _ in pairs])
     return s, sum_like(s, errors), sum_like(s, [e for _, e in pairs if e is not None])
 
 
-def signed_product(sign, factors, error):
+def signed_product(sign: int, factors: Sequence[Array], error: Error) -> tuple[Array, Array | None]:
     """(p, e) of sign times the product of factors, p + e exact for two; e None for a single one.
 
     Of n factors the error is at most n (n - 2) u^2 of the product: 3, 8, 15.
@@ -39,7 +41,7 @@ def signed_product(sign, factors, error):
     return (p, e) if sign > 0 else (-p, None if e is None else -e)
 
 
-def vec_sum(numbers):
+def vec_sum(numbers: list[Array]) -> tuple[Array, list[Array]]:
     """(the rounded sum, the errors made), added in pairs."""
     errors = []
     while len(numbers) > 1:
@@ -49,12 +51,12 @@ def vec_sum(numbers):
     return numbers[0], errors
 
 
-def sum_like(x, numbers):
+def sum_like(x: Array, numbers: list[Array]) -> Array:
     """The sum of the numbers in pairs, 0 in the shape of x where there are none."""
     return in_pairs(numbers) if numbers else jnp.zeros_like(x)
 
 
-def in_pairs(numbers):
+def in_pairs(numbers: list[Array]) -> Array:
     """The sum of the numbers by halving."""
     while len(numbers) > 1:
         sums = [a + b for a, b in zip(numbers[::2], numbers[1::2], strict=False)]
@@ -62,33 +64,33 @@ def in_pairs(numbers):
     return numbers[0]
 
 
-def _single(terms, _):
+def _single(terms: Terms, _: Error) -> Words:
     """Of one product whose error nobody asks for."""
     ((sign, factors),) = terms
     p = hidden(functools.reduce(lax.mul, factors))
     return (p if sign > 0 else -p), jnp.zeros_like(p), jnp.zeros_like(p)
 
 
-def _plus(state, sign, x):
+def _plus(state: Words, sign: int, x: Array) -> Words:
     """What may be a constant goes second."""
     s, t, e = state
     s, error = two_sum(s, -x if sign < 0 else x)
     return s, t + error, e
 
 
-def _merge(a, b):
+def _merge(a: Words, b: Words) -> Words:
     s, error = two_sum(a[0], b[0], unguarded)
     return s, (a[1] + b[1]) + error, a[2] + b[2]
 
 
-def _round(state, dtype):
+def _round(state: Words, dtype: DTypeLike) -> Array:
     """Rounded; where something is infinite or NaN, what the plain sum gives."""
     s, t, e = state
     r = s + (t + e)
     return lax.select(lax.is_finite(r), r, s).astype(dtype)
 
 
-def _pair(state, dtype):
+def _pair(state: Words, dtype: DTypeLike) -> tuple[Array, Array]:
     """(hi, lo): before the last rounding."""
     s, t, e = state
     hi, lo = fast_two_sum(s, t + e)

@@ -9,13 +9,14 @@ exact and s has digits enough: c is None, and size is of what was rounded to get
 import dataclasses
 import functools
 import operator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax import lax
+from jax import Array, lax
+from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic.errorfree.transforms import two_sum
-from jaxspatial.arithmetic.sums.accumulators.accumulator import Trial
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Error, Terms, Trial
 from jaxspatial.arithmetic.sums.accumulators.compensated import signed_product, vec_sum
 
 # Of a unit of the result, what an error before the last rounding may be.
@@ -23,19 +24,19 @@ _ENOUGH = 2.0**-3
 
 
 class State(NamedTuple):
-    s: Any
-    c: Any
-    size: Any
+    s: Array
+    c: Array | None
+    size: Array
 
 
-def _total(terms, error):
+def _total(terms: Terms, error: Error) -> State:
     pairs = [signed_product(sign, factors, error) for sign, factors in terms]
     s, errors = vec_sum([p for p, _ in pairs])
     # Those of products first: where products cancel exactly, so do they.
     return State(s, *_summed(s, [e for _, e in pairs if e is not None] + errors))
 
 
-def _total_of_narrow(terms, _):
+def _total_of_narrow(terms: Terms, _: Error) -> State:
     """As `_total`, for at most two factors of at most half the digits."""
     products = [functools.reduce(operator.mul, factors) for _, factors in terms]
     signed = [p if sign > 0 else -p for (sign, _), p in zip(terms, products, strict=True)]
@@ -43,7 +44,7 @@ def _total_of_narrow(terms, _):
     return State(s, None, size)
 
 
-def _summed(like, numbers):
+def _summed(like: Array, numbers: list[Array]) -> tuple[Array, Array]:
     """(the sum in pairs, the sum of the absolute values of what was rounded)."""
     size = jnp.zeros_like(like)
     if not numbers:
@@ -55,7 +56,7 @@ def _summed(like, numbers):
     return numbers[0], size
 
 
-def _plus(state, sign, x):
+def _plus(state: State, sign: int, x: Array) -> State:
     """What may be a constant goes second."""
     x = -x if sign < 0 else x
     if state.c is None:
@@ -66,7 +67,7 @@ def _plus(state, sign, x):
     return State(s, c, state.size + lax.abs(c))
 
 
-def _round(state, dtype):
+def _round(state: State, dtype: DTypeLike) -> Array:
     """Rounded, or NaN."""
     r = state.s if state.c is None else state.s + state.c
     unit = float(jnp.finfo(dtype).eps / jnp.finfo(r.dtype).eps)

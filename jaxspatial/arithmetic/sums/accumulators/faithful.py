@@ -12,15 +12,17 @@ error bound, too, is in units of its largest terms.
 import dataclasses
 import functools
 import operator
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax import lax
+from jax import Array, lax
+from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic.errorfree.contraction import hidden
 from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_difference, two_sum, unguarded
 from jaxspatial.arithmetic.sums import sum3
-from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, multiplied
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, Error, OverBatch, Terms, multiplied
 from jaxspatial.arithmetic.sums.accumulators.compensated import in_pairs
 
 # A sum of 2^20 products below 2^1000 is finite, and so is 2^2048 scaled by 2^-540 twice.
@@ -33,12 +35,12 @@ _UNROLLED = 12
 class State(NamedTuple):
     """A sum: its expansion, divided by unit^2 (None: 1); and what the plain sum gives, for infinities and NaN."""
 
-    expansion: tuple
-    plain: Any
-    unit: Any = None
+    expansion: tuple[Array, ...]
+    plain: Array
+    unit: Array | None = None
 
 
-def _total(terms, error):
+def _total(terms: Terms, error: Error) -> State:
     """The state of the sum of terms (sign, factors), products of two of which may overflow."""
     if _is_long(terms, parts):
         return _long_total(terms, error)
@@ -57,7 +59,7 @@ def _total(terms, error):
     return State(_expansion(chosen), plain, lax.select(is_scaled, scale, one))
 
 
-def _total_of_narrow(terms, error):
+def _total_of_narrow(terms: Terms, error: Error) -> State:
     """The state of the sum of terms (sign, factors), factors of at most half the digits: no product overflows."""
     if _is_long(terms, parts_of_narrow):
         return _long_total_of_narrow(terms, error)
@@ -66,22 +68,22 @@ def _total_of_narrow(terms, error):
     return State(_expansion(products), plain)
 
 
-def _plain(products):
+def _plain(products: Sequence[Sequence[Array]]) -> Array:
     return in_pairs([p[0] for p in products])
 
 
-def _scalable(factors):
+def _scalable(factors: Sequence[Sequence[Array]]) -> list[bool]:
     """Of each term, whether it is looked at for being large. Of two numbers no sum overflows but that of all; of three
     one may on the way."""
     numbers = sum(len(f) == 1 for f in factors)
     return [len(f) == 2 or (len(f) == 1 and numbers > 2) for f in factors]
 
 
-def _is_large(p):
+def _is_large(p: Array) -> Array:
     return ~(lax.abs(p) < jnp.full_like(p, _LARGE))
 
 
-def parts(sign, factors, error):
+def parts(sign: int, factors: Sequence[Array], error: Error) -> list[Array]:
     """The product as one number for each doubling of its digits, exactly their sum: pairs (large, small) in a row."""
     first, *others = factors
     found = [first if others else hidden(first)]
@@ -90,17 +92,19 @@ def parts(sign, factors, error):
     return found if sign > 0 else [-x for x in found]
 
 
-def _two_product(a, b, error):
+def _two_product(a: Array, b: Array, error: Error) -> tuple[Array, Array]:
     p = hidden(a * b)
     return p, error(a, b, p)
 
 
-def parts_of_narrow(sign, factors, error):
+def parts_of_narrow(sign: int, factors: Sequence[Array], error: Error) -> list[Array]:
     """As `parts`, for up to six factors of at most half the digits: products of two are exact, and none overflows."""
     return parts(sign, [functools.reduce(operator.mul, factors[i : i + 2]) for i in range(0, len(factors), 2)], error)
 
 
-def _scaled_parts(unscaled, sign, factors, error, scale):
+def _scaled_parts(
+    unscaled: Sequence[Array], sign: int, factors: Sequence[Array], error: Error, scale: Array
+) -> list[Array]:
     """The parts of a product of two factors, each factor scaled; of all others by as much.
 
     Hidden: of `(a c) (b c)` and `(x c) c` for a constant c XLA makes `(a b) (c c)` and `x (c c)`, on single items.
@@ -110,7 +114,7 @@ def _scaled_parts(unscaled, sign, factors, error, scale):
     return [hidden(x * scale) * scale for x in unscaled]
 
 
-def _expansion(products):
+def _expansion(products: Sequence[Sequence[Array]]) -> tuple[Array, ...]:
     """The expansion of the sum of products, each given by its parts."""
     pairs = [p[i : i + 2] for p in products for i in range(0, len(p), 2)]
     expansion, *others = (tuple(reversed(pair)) for pair in pairs)
@@ -119,7 +123,7 @@ def _expansion(products):
     return expansion
 
 
-def _merged(expansion, pair):
+def _merged(expansion: Sequence[Array], pair: Sequence[Array]) -> tuple[Array, ...]:
     """The expansion of the sum of two. [Shewchuk 1997, theorem 12]"""
     settled = ()
     for x in pair:
@@ -128,7 +132,7 @@ def _merged(expansion, pair):
     return (*settled, *expansion)
 
 
-def _grown(expansion, x):
+def _grown(expansion: Sequence[Array], x: Array) -> tuple[Array, ...]:
     grown = []
     for y in expansion:
         x, error = two_sum(x, y, unguarded)
@@ -139,13 +143,13 @@ def _grown(expansion, x):
 # -- long sums: programs whose length does not grow with the square of their number of terms --------------------------
 
 
-def _is_long(terms, of):
+def _is_long(terms: Terms, of: Callable[..., list[Array]]) -> bool:
     """True where the products have more parts than are added without a loop."""
     halved = 2 if of is parts_of_narrow else 1
     return sum(2 ** ((len(factors) - 1) // halved) for _, factors in terms) > _UNROLLED
 
 
-def _grouped(terms):
+def _grouped(terms: Terms) -> list[list[Array]]:
     """The terms with as many factors as one, stacked along a new first axis: a list of factors for each number."""
     groups = {}
     for sign, (first, *others) in terms:
@@ -153,7 +157,7 @@ def _grouped(terms):
     return [[jnp.stack(x) for x in zip(*group, strict=True)] for group in groups.values()]
 
 
-def _long_total(terms, error):
+def _long_total(terms: Terms, error: Error) -> State:
     """As `_total`."""
     groups = _grouped(terms)
     products = [parts(1, g, error) for g in groups]
@@ -171,25 +175,25 @@ def _long_total(terms, error):
     return State(_expansion_in_a_loop(chosen), plain, unit)
 
 
-def _long_total_of_narrow(terms, error):
+def _long_total_of_narrow(terms: Terms, error: Error) -> State:
     """As `_total_of_narrow`."""
     products = [parts_of_narrow(1, g, error) for g in _grouped(terms)]
     return State(_expansion_in_a_loop(products), _plain_of_groups(products))
 
 
-def _plain_of_groups(products):
+def _plain_of_groups(products: Sequence[Sequence[Array]]) -> Array:
     """What the plain sum gives: of interest where it is infinite or NaN."""
     return functools.reduce(operator.add, (jnp.sum(p[0], 0) for p in products))
 
 
-def _where(mask, numbers):
+def _where(mask: Array, numbers: Sequence[Array]) -> list[Array]:
     return [lax.select(mask, x, jnp.zeros_like(x)) for x in numbers]
 
 
-def _expansion_in_a_loop(products):
+def _expansion_in_a_loop(products: Sequence[Sequence[Array]]) -> tuple[Array, ...]:
     """The expansion of the sum of products, each group given by its parts, grown by one number after the other."""
 
-    def add(expansion, x):
+    def add(expansion: Array, x: Array) -> tuple[Array, None]:
         largest, grown = lax.scan(lambda x, y: two_sum(x, y, unguarded), x, expansion)
         # As long as there are fewer numbers than places the lowest is 0.
         return jnp.concatenate([grown[1:], largest[None]]), None
@@ -199,7 +203,7 @@ def _expansion_in_a_loop(products):
     return tuple(expansion[i] for i in range(len(numbers)))
 
 
-def _sum(expansion):
+def _sum(expansion: Sequence[Array]) -> Array:
     """The sum, with an error far below one unit in the last place: the errors of the largest added are added last."""
     *others, s = expansion
     errors = []
@@ -209,29 +213,29 @@ def _sum(expansion):
     return s + in_pairs(errors[::-1]) if errors else s
 
 
-def _plus(state, sign, x):
+def _plus(state: State, sign: int, x: Array) -> State:
     scaled = x if state.unit is None else (x * state.unit) * state.unit
     plain = state.plain - x if sign < 0 else state.plain + x
     return State(_grown_by(state.expansion, sign, scaled), plain, state.unit)
 
 
-def _times_power_of_two(state, share):
+def _times_power_of_two(state: State, share: float) -> State:
     return State(*multiplied(state[:2], share), state.unit)
 
 
-def _grown_by(expansion, sign, x):
+def _grown_by(expansion: Sequence[Array], sign: int, x: Array) -> tuple[Array, ...]:
     """The first sum has x second, which may be a constant."""
     first, *others = expansion
     s, error = (two_difference if sign < 0 else two_sum)(first, x)
     return (error, *_grown(tuple(others), s))
 
 
-def _pair(state, dtype):
+def _pair(state: State, dtype: DTypeLike) -> tuple[Array, Array]:
     """Rounded to twice the precision."""
     return sum3.pair(sum3.from_numbers([_unscaled(x, state.unit) for x in state.expansion]), dtype)
 
 
-def _padded(states):
+def _padded(states: Sequence[State | None]) -> list[State]:
     """The states with zero in place of None, and expansions of one length."""
     like = next(state for state in states if state is not None)
     zero = jnp.zeros_like(like.plain)
@@ -241,12 +245,12 @@ def _padded(states):
     return [s._replace(expansion=(zero,) * (longest - len(s.expansion)) + s.expansion) for s in states]
 
 
-def _over_batch(state, axes):
+def _over_batch(state: State, axes: Sequence[int]) -> OverBatch:
     numbers, unit = _in_one_unit(state, axes)
     return sum3.over_batch(numbers, lambda x: _unscaled(x, unit))
 
 
-def _in_one_unit(state, axes):
+def _in_one_unit(state: State, axes: Sequence[int]) -> tuple[list[Array], Array | None]:
     """(numbers in increasing order, unit): states to be summed along axes, with one unit for all of a sum.
 
     Scaled where an item is, or is so large that the sum might overflow on the way. Of an item that is not finite the
@@ -262,11 +266,11 @@ def _in_one_unit(state, axes):
     return [*_where(~lost, scaled[:-1]), lax.select(lost, (state.plain * unit) * unit, scaled[-1])], unit
 
 
-def _unit_of_all(is_scaled, axes, dtype):
+def _unit_of_all(is_scaled: Array, axes: Sequence[int], dtype: DTypeLike) -> Array:
     return jnp.where(jnp.any(is_scaled, axes, keepdims=True), *(jnp.full((), x, dtype) for x in (_SCALE, 1.0)))
 
 
-def _round(state, dtype):
+def _round(state: State, dtype: DTypeLike) -> Array:
     """Rounded; where something is infinite or NaN, what the plain sum gives."""
     # Numbers that do not overlap, added from the smallest: relative error 2^-51, far below a unit of a narrower dtype.
     r = _sum(state.expansion) if dtype == jnp.float64 else functools.reduce(operator.add, state.expansion)
@@ -274,7 +278,7 @@ def _round(state, dtype):
     return lax.convert_element_type(lax.select(jnp.isnan(r), state.plain, r), dtype)
 
 
-def _unscaled(x, unit):
+def _unscaled(x: Array, unit: Array | None) -> Array:
     """x unit^-2; None: 1."""
     if unit is None:
         return x

@@ -7,33 +7,34 @@ import functools
 import operator
 
 import jax.numpy as jnp
-from jax import lax
+from jax import Array, lax
+from jax.typing import DTypeLike
 
-from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, OverBatch
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, Error, OverBatch, Terms, Words
 
 
-def _total(terms, _):
+def _total(terms: Terms, _: Error) -> Words:
     """The sum of terms (sign, factors), factors arrays of float64. Error <= 2^-53 times their number, times mag."""
     return (functools.reduce(operator.add, (_signed(sign, functools.reduce(lax.mul, x)) for sign, x in terms)),)
 
 
-def _signed(sign, x):
+def _signed(sign: int, x: Array) -> Array:
     return x if sign > 0 else -x
 
 
-def _plus(state, sign, x):
+def _plus(state: Words, sign: int, x: Array) -> Words:
     return (x + state[0] if sign > 0 else state[0] - x,)
 
 
-def _merge(a, b):
+def _merge(a: Words, b: Words) -> Words:
     return (a[0] + b[0],)
 
 
-def _round(state, dtype):
+def _round(state: Words, dtype: DTypeLike) -> Array:
     return lax.convert_element_type(state[0], dtype)
 
 
-def _pair(state, dtype):
+def _pair(state: Words, dtype: DTypeLike) -> tuple[Array, Array]:
     """(hi, lo) of dtype with the sum of both as near as two of them get."""
     hi = _round(state, dtype)
     low = state[0] - lax.convert_element_type(hi, state[0].dtype)
