@@ -7,18 +7,19 @@ import re
 import pytest
 
 import jaxspatial as js
-from jaxspatial import dynamics
 from jaxspatial.arithmetic import promise
-from jaxspatial.dynamics.promises import ALGORITHM
+from jaxspatial.arithmetic.promise import Normwise, OfSum, Promise
+from jaxspatial.dynamics import promises as of_mechanisms
 from jaxspatial.inertia import promises as of_inertia
+from jaxspatial.inertia.shapes import Shapes
+from jaxspatial.rotation import promises as of_rotations
 from jaxspatial.spatial import promises as of_vectors
 
-PROMISES = {**of_vectors.PROMISES, **of_inertia.PROMISES}
+LAYERS = of_rotations, of_vectors, of_inertia, of_mechanisms
+PROMISES = {name: records for layer in LAYERS for name, records in layer.PROMISES.items()}
 PAGES = pathlib.Path(js.__file__).parent.parent / "notebooks"
-# Whose bounds have letters in their factors, or another mag for each number: stated in words alone.
-IN_WORDS = {
-    "SpatialInertia.sum": "(L + 10) u mag",
-}
+# A number of units of roundoff, or of their squares; of sums a part of it.
+FACTOR = re.compile(r"(?<![\w^.])(\d+(?:\.\d+)?)(?: \+ (?:\d )?L\))?(?: n| nv \(nv \+ 1\)| \(\d+ \+ L\))? u(\^2)?\b")
 
 
 def _text(name):
@@ -29,9 +30,14 @@ def _text(name):
     return " ".join((inspect.getdoc(found) or "").split())
 
 
-def _stated(text, unit):
-    """The factors of "u mag" or "u^2 mag" in a text; what stands in brackets counts too."""
-    return {float(x) for x in re.findall(rf"(?<![\w^.])(\d+(?:\.\d+)?) {re.escape(unit)}(?: mag| \(mag)", text)}
+def _errors(name):
+    """What the docstring says of errors."""
+    return _text(name).partition("Error: ")[2].partition("Source: ")[0]
+
+
+def _stated(text):
+    """(number, power of u) of all bounds in a text."""
+    return {(float(number), 2 if square else 1) for number, square in FACTOR.findall(text)}
 
 
 def _public():
@@ -52,23 +58,38 @@ def _methods(cls):
 
 @pytest.mark.parametrize("name", PROMISES)
 def test_docstrings_state_the_records(name):
-    text = _text(name)
-    assert _stated(text, "u") == {bound.u for bound in PROMISES[name]}
-    assert _stated(text, "u^2") == {bound.u2 for bound in PROMISES[name]}
-    assert all(bound.mag in text for bound in PROMISES[name] if bound.mag != promise.TERMS)
+    text, records = _errors(name), PROMISES[name]
+    for bound in records:
+        if isinstance(bound, Promise):
+            assert (bound.u, 1) in _stated(text) and (bound.u2, 2) in _stated(text)
+            assert bound.mag in text or bound.mag == promise.TERMS
+        else:
+            assert bound.words in text
+    assert _stated(text) <= set().union(*(bound.factors for bound in records))
 
 
 def test_every_bound_has_a_record():
-    """A factor in a docstring is one of a record, or one that needs words."""
-    stating = {name for name in _public() if _stated(_text(name), "u") | _stated(_text(name), "u^2")}
-    assert stating - set(IN_WORDS) <= set(PROMISES)
-    assert all(words in _text(name) for name, words in IN_WORDS.items())
+    assert [name for name in _public() if _stated(_errors(name)) and name not in PROMISES] == []
+    assert set(PROMISES) <= set(_public())
+
+
+def test_a_bound_is_seen():
+    for words, factor in {
+        "3 u mag": (3, 1),
+        "1.01 u |r|": (1.01, 1),
+        "4 n u mag": (4, 1),
+        "32 n u^2 mag": (32, 2),
+        "(12 + L) u S": (12, 1),
+        "64 (4 + L) u^2 mag": (64, 2),
+        "4 nv (nv + 1) u cond(M)": (4, 1),
+    }.items():
+        assert _stated(f"at most {words}, or so") == {factor}
 
 
 def test_sums_state_theirs():
     """Of n items, L = ceil(log2 n)."""
     for rounds, n in enumerate((1, 2, 3, 5, 9)):
-        assert of_vectors.of_sum(n) == promise.Promise(u=rounds, u2=2 * rounds**2, u3=n**2)
+        assert of_vectors.of_sum(n) == Promise(u=rounds, u2=2 * rounds**2, u3=n**2)
         assert of_vectors.of_sum(n, each=2)[:2] == (2 + rounds, 2 * (2 + rounds) ** 2)
     assert "at most L u mag" in _text("SpatialForce.sum") and "2 L^2 u^2 mag" in _text("SpatialForce.sum")
     text = _text("wrench_from_point_forces")
@@ -82,18 +103,18 @@ def test_double_words_state_theirs():
         assert words in text, words
 
 
+def test_shapes_state_theirs():
+    text = " ".join((inspect.getdoc(Shapes) or "").split())
+    mass, central = of_inertia.SHAPE_MASS, of_inertia.SHAPE_CENTRAL
+    assert f"at most {mass.u} u mass and {central.u} u mag" in text and f"{central.u2} u^2 mag" in text
+
+
 def test_algorithms_state_theirs():
-    """The same words wherever the number of links counts; only where a matrix is solved with are they others."""
-    words, found = ALGORITHM.words(), []
-    for name in _public():
-        text = _text(name)
-        if name not in vars(dynamics) or " n u" not in text:
-            continue
-        found.append(name)
-        if name != "forward_dynamics" and "cond" not in text:
-            assert words in text, name
-    assert len(found) > 15
-    assert ALGORITHM.words("c ") in _text("forward_dynamics")
+    """In both kinds of precisions, with the same words wherever the number of links counts."""
+    for bound in (of_mechanisms.ALGORITHM, of_mechanisms.FORWARD_DYNAMICS):
+        of_it = [name for name, records in PROMISES.items() if records == (bound,)]
+        words = f'{bound.words} in "fast" and "reproducible", {bound.precise_words} in the other two'
+        assert of_it and all(words in _text(name) for name in of_it)
 
 
 def test_the_page_states_them():
@@ -114,3 +135,11 @@ def test_a_record_says_what_it_allows():
     assert pressed.allowed("fast", u, ulp, r, mag, 7.0) == u * (3.5 * mag + 4 * 3 * 7)
     assert [pressed.is_given(p, u, 1e6) for p in js.Precision] == [False, False, True, True]
     assert of_vectors.of_sum(4).allowed("faithful", u, ulp, r, mag) == ulp + 16 * u**3 * mag
+
+
+def test_a_normwise_record_says_what_it_allows():
+    bound, u = Normwise(4, "mag", per="n", u2=32), 2.0**-24
+    assert bound.allowed("fast", u, 6 * 5.0, 3.0) == 4 * u * 30
+    assert bound.allowed("compensated", u, 6 * 5.0, 3.0) == 1.01 * u * 3 + 32 * u**2 * 30
+    assert Normwise(8).allowed("faithful", u, 2.0) == 1.01 * u * 2
+    assert [OfSum(10, 2).factor(n) for n in (1, 2, 3, 9)] == [10, 12, 14, 18]

@@ -4,11 +4,14 @@ Beside the operations of a layer, its `promises` has a record for each kind of n
 is a line in each of these methods.
 """
 
+import math
 from fractions import Fraction
 from typing import Any, NamedTuple
 
 from jaxspatial.arithmetic.precision import Precision
 
+# Of the units of roundoff that a denominator has to be, of its mag, for a quotient to be known.
+SMALLEST = 24
 TERMS = "the sum of the absolute values of its terms, multiplied out"
 
 
@@ -60,12 +63,78 @@ class Promise(NamedTuple):
             Precision.FAITHFUL: "1 ulp",
         }[Precision(precision)]
 
+    @property
+    def factors(self):
+        """(number, power of u) of all that is stated."""
+        of_result = {(self.u_of_result, 1), (SMALLEST, 1), (SMALLEST, 2)} if self.u_of_result else set()
+        return {(self.u, 1), (self.u2, 2)} | of_result
+
     def is_given(self, precision: Precision | str, roundoff: Any, condition: Any) -> Any:
         """Where anything is promised: not of a quotient whose denominator is little more than its rounding errors."""
         if not self.u_of_result or precision == Precision.FAITHFUL:
             return condition == condition
-        smallest = 24 * (roundoff**2 if precision == Precision.COMPENSATED else roundoff)
+        smallest = SMALLEST * (roundoff**2 if precision == Precision.COMPENSATED else roundoff)
         return condition * smallest <= 1
+
+
+class Normwise(NamedTuple):
+    """The largest error, in its norm, of a result whose exact value is r, or of the numbers of one, in the largest:
+
+        fast, reproducible       u u size
+        compensated, faithful    rounded u |r| + u2 u^2 size
+
+    u stands for the unit roundoff behind each factor; size is what `per` and `of` say.
+    """
+
+    u: float
+    of: str = "normwise"
+    per: str = ""
+    rounded: float = 1.01
+    u2: float = 0
+
+    def allowed(self, precision: Precision | str, roundoff: Any, size: Any, r: Any = None) -> Any:
+        """r: the norm of the exact result, None where it is the size."""
+        if not Precision(precision).sees_whole_sums:
+            return self.u * roundoff * size
+        return self.rounded * roundoff * (size if r is None else r) + self.u2 * roundoff**2 * size
+
+    @property
+    def words(self):
+        """As the docstrings have the first."""
+        return " ".join(x for x in ("" if self.u == 1 else f"{self.u:g}", self.per, "u", self.of) if x)
+
+    @property
+    def precise_words(self):
+        """As the docstrings have the second."""
+        return " ".join(x for x in (f"{self.rounded:g} u |r| + {self.u2:g}", self.per, "u^2", self.of) if x)
+
+    @property
+    def factors(self):
+        return {(self.u, 1), (self.rounded, 1), (self.u2, 2)}
+
+
+class OfSum(NamedTuple):
+    """The bound of a sum of n items, added in L = ceil(log2 n) rounds of pairs: (each + rounds L) u of.
+
+    In "compensated" and "faithful" one rounding, and u2 u^2 in place of u.
+    """
+
+    each: int = 0
+    rounds: int = 1
+    of: str = "mag"
+    u2: float = 0
+
+    def factor(self, n: int):
+        return self.each + self.rounds * math.ceil(math.log2(n))
+
+    @property
+    def factors(self):
+        return {(self.each, 1), (self.u2, 2), (1.01, 1)}
+
+    @property
+    def words(self):
+        rounds = "L" if self.rounds == 1 else f"{self.rounds} L"
+        return f"({self.each} + {rounds}) u {self.of}" if self.each else f"{rounds} u {self.of}"
 
 
 EXACT = Promise()

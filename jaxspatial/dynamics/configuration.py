@@ -64,10 +64,10 @@ def difference(mechanism: Mechanism, q0: Coordinates, q1: Coordinates, *, precis
         TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
         ValueError: shapes do not fit.
 
-    Error: in "fast" and "reproducible" at most 2 u (|q0| + |q1|) of each coordinate that is a number; 4 u |q0| + 4 u
-        |q1| of the angle of "continuous" and "planar" joints; 12 u of a rotation vector, rad, in its 2-norm; 8 u (|p0|
-        + |p1|) times (1 + |w|) of positions in "planar" and "free" joints. In the other two 1.01 u of each of these
-        (number, rotation vector, position), relative to it, while orientations are not opposite.
+    Error: in "fast" and "reproducible" at most 2 u (|q0| + |q1|) of each coordinate that is a number; 4 u (|q0| +
+        |q1|) of the angle of "continuous" and "planar" joints; 12 u of a rotation vector, rad, in its 2-norm; 8 u (|p0|
+        + |p1|) (1 + |w|) of positions in "planar" and "free" joints. In the other two 1.01 u of each of these (number,
+        rotation vector, position), relative to it, while orientations are not opposite.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 2.36.
     """
     q0, q1 = checked("difference", mechanism, q0=q0, q1=q1)

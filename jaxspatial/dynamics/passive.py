@@ -67,9 +67,9 @@ def passive_forces(
         TypeError: dtypes differ, or the first argument is no Mechanism.
         ValueError: shapes do not fit, or a friction speed that is not above zero.
 
-    Error: at most 8 u times the sum of the sizes of the four terms, in "fast" and "reproducible"; for "ball", "free"
-    and "planar" of the terms of all rates of the joint. An angle brought within half a turn adds 8 u stiffness, more
-    for many turns.
+    Error: at most 8 u times the sum of the sizes of the four terms in "fast" and "reproducible", u |r| + 64 u^2 of them
+        in the other two; for "ball", "free" and "planar" of the terms of all rates of the joint. An angle brought
+        within half a turn adds 8 u stiffness, more for many turns.
     Source: springs and damping MuJoCo, Computation, passive forces; the Jacobian of rotation vectors Barfoot 2017, 7.1.
     """
     q, v = checked("passive_forces", mechanism, q=q, v=v)

@@ -99,9 +99,9 @@ class Composition(Parts):
             TypeError: the axis is no integer.
             ValueError: the batch has no such axis.
 
-        Error: with L = ceil(log2 n), of mass at most L u m, of com (L + 4) u sum m_i |c_i| / m, of central (L + 10) u
+        Error: with L = ceil(log2 n), of mass at most L u m, of com (4 + L) u sum m_i |c_i| / m, of central (10 + L) u
             mag, mag = sum (|I_i| + m_i |d_i|^2) with |d_i|^2 <= |c_i|^2 + |com|^2; in "compensated" and "faithful" u
-            |r| + 64 (L + 4) u^2 mag. Of double words com and central are good to 64 (L + 4) u^2 mag.
+            |r| + 64 (4 + L) u^2 mag. Of double words com and central are good to 64 (4 + L) u^2 mag.
         """
         place = check.batch_axis(axis, self.batch_shape, "SpatialInertia.sum")
         if not self.batch_shape[place]:

@@ -37,9 +37,9 @@ class Polyhedra(Parts):
             TypeError: both or neither of mass and density are given, or dtypes differ.
             ValueError: a known mass or density is negative, or shapes do not fit.
 
-        Error: as of all of `Shapes`. By density mass and central have the error of a determinant besides: at most 12 u,
-            or 64 u^2, times the sum of the absolute values of its six products over its value. Error of com at most 4 u
-            |vertices|.
+        Error: as of all of `Shapes`. By density mass and central have that of a determinant besides, whose size is the
+            sum of the absolute values of its six products over its value: at most 12 u size, in the other two 64 u^2
+            size. Error of com at most 4 u |vertices|.
         """
         kind, amount = mass_or_density("solid_tetrahedron", mass, density)
         dtype = dtype_of(vertices, amount)

@@ -49,7 +49,7 @@ class PrincipalAxes(Parts):
             (moments (*batch, 3), ascending, kg m2; R_EA with the principal axes as its columns, right-handed).
 
         Error: of the moments at most 8 u times the largest, of the axes 32 u times the largest moment over the distance
-            to the next; R is orthonormal to 16 u; in "compensated" and "faithful" 2 u.
+            to the next; R R^T is within 16 u of the identity, 2 u in "compensated" and "faithful".
         Source: Jacobi 1846.
         """
         found: Any = symmetric.eigen(resolve(precision), check.narrowed(self.central))

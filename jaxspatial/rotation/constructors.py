@@ -85,7 +85,7 @@ class Constructors(Quantity):
             TypeError: m is not of floating point.
             ValueError: the shape does not fit.
 
-        Error: at most 16 u normwise for matrices near a rotation; times 2 / (s2 + s3) in general, of singular values
+        Error: at most 12 u normwise for matrices near a rotation; times 2 / (s2 + s3) in general, of singular values
             s1 = 1 >= s2 >= s3.
         Source: Higham 1986, Computing the polar decomposition.
         """
@@ -127,7 +127,7 @@ class Constructors(Quantity):
             TypeError: w is not of floating point.
             ValueError: the shape does not fit.
 
-        Error: at most 8 u normwise for |w| <= pi; beyond, 2 u |w| more, which is 4 pi u for each turn.
+        Error: at most 6 u normwise for |w| <= pi; beyond, 2 u |w| more in "fast" and "reproducible".
         Source: Rodrigues 1840.
         """
         return cls(formulas.exp(precision, check.as_vectors(w, "Rotation.exp: w")))
@@ -181,7 +181,7 @@ class Constructors(Quantity):
             TypeError: dtypes differ or are not floating point.
             ValueError: shapes do not fit.
 
-        Error: at most 12 u normwise.
+        Error: at most 8 u normwise.
         """
         axis = check.as_vectors(axis, "Rotation.from_axis_angle: axis")
         angle = check.as_float_array(angle, "Rotation.from_axis_angle: angle", axis.dtype)
@@ -202,7 +202,7 @@ class Constructors(Quantity):
             TypeError: rpy is not of floating point.
             ValueError: the shape does not fit.
 
-        Error: at most 12 u normwise.
+        Error: at most 8 u normwise.
         """
         rpy = check.as_vectors(rpy, "Rotation.from_roll_pitch_yaw: rpy")
         return cls(formulas.from_roll_pitch_yaw(precision, rpy))
@@ -226,7 +226,7 @@ class Constructors(Quantity):
             TypeError: u is not of floating point.
             ValueError: the shape does not fit, or there is no such axis.
 
-        Error: at most 8 u normwise.
+        Error: at most 6 u normwise.
         """
         u = check.as_vectors(u, "Rotation.from_one_vector: u")
         return cls(formulas.from_one_vector(precision, u, axis=_axis(axis, "Rotation.from_one_vector")))
@@ -251,7 +251,7 @@ class Constructors(Quantity):
             TypeError: dtypes differ or are not floating point.
             ValueError: shapes do not fit, or the axes are not two.
 
-        Error: at most 16 u normwise over the sine of the angle between u and v.
+        Error: at most 8 u normwise over the sine of the angle between u and v.
         """
         u = check.as_vectors(u, "Rotation.from_two_vectors: u")
         v = check.as_vectors(v, "Rotation.from_two_vectors: v", u.dtype)
@@ -277,7 +277,7 @@ class Constructors(Quantity):
             TypeError: dtypes differ or are not floating point.
             ValueError: shapes do not fit.
 
-        Error: at most 12 u normwise times 2 / |a/|a| + b/|b||, which is 1 unless they are nearly opposite.
+        Error: at most 8 u normwise times 2 / |a/|a| + b/|b||, which is 1 unless they are nearly opposite.
         """
         a = check.as_vectors(a, "Rotation.between: a")
         b = check.as_vectors(b, "Rotation.between: b", a.dtype)

@@ -21,12 +21,11 @@ class Rotation(Constructors):
     entries: (*batch, 9) the matrix, row by row.
 
     What the error bounds of all constructors and functions below mean: u is the unit roundoff of the inputs' dtype; an
-    error of k u normwise is one of the whole vector, or matrix in its largest singular value, relative to its size. In
-    "fast" and "reproducible" bounds are those given (float16 and bfloat16 are computed in float32). In "compensated"
+    error of k u normwise is one of the whole vector, or matrix, in its 2-norm (of a matrix Frobenius'), relative to it.
+    In "fast" and "reproducible" bounds are those given (float16 and bfloat16 are computed in float32). In "compensated"
     and "faithful" formulas are evaluated in float64, or for float64 in double words, and every number r of the result
-    is rounded once: off by u |r|, and by 16 k u^2 of the size of the whole. That is 1.01 u normwise of a vector, and of
-    a matrix in its Frobenius norm; in its largest singular value up to 1.7 u of a rotation. Derivatives of any order
-    are those of the function, also where it has a removable singularity.
+    is rounded once: off by u |r|, and by 16 k u^2 of the size of the whole. That is 1.01 u normwise. Derivatives of any
+    order are those of the function, also where it has a removable singularity.
 
     Where subnormals are flushed to zero (XLA CPU), components below finfo.tiny (float32 1.2e-38, float64 2.2e-308)
     count as 0, also those given, in all precisions: 8 finfo.tiny are added to errors, to those of `log` and
@@ -51,7 +50,7 @@ class Rotation(Constructors):
         Returns:
             (*batch, 4), real part first and not negative.
 
-        Error: at most 6 u normwise.
+        Error: at most 4 u normwise.
         Source: Shepperd 1978, Quaternion from rotation matrix.
         """
         return formulas.to_quaternion(precision, self.entries)
@@ -67,7 +66,7 @@ class Rotation(Constructors):
         Returns:
             (*batch, 3), rad, of length at most pi, with derivatives of all orders at the identity.
 
-        Error: at most 8 u normwise, also of a vector of 1e-30, down to the smallest numbers (see `Rotation`).
+        Error: at most 6 u normwise, also of a vector of 1e-30, down to the smallest numbers (see `Rotation`).
         """
         return formulas.log(precision, self.entries)
 
@@ -81,7 +80,7 @@ class Rotation(Constructors):
             (axis (*batch, 3), of unit length; angle (*batch,), rad, from 0 to pi). At the identity the axis is x, and
             derivatives are 0.
 
-        Error: at most 10 u normwise, of each.
+        Error: at most 6 u of the axis, in its 2-norm, and 8 u of the angle.
         """
         axis, angle = formulas.to_axis_angle(precision, self.entries)
         return axis, angle
@@ -95,8 +94,8 @@ class Rotation(Constructors):
         Returns:
             (*batch, 3), rad: roll, pitch, yaw, with |pitch| <= pi / 2, |roll| and |yaw| <= pi.
 
-        Error: at most 16 u / cos(pitch) of roll and yaw, which have little meaning but together near |pitch| = pi / 2;
-            of the rotation they make at most 32 u normwise.
+        Error: at most 24 u / cos(pitch) of roll and yaw, which have little meaning but together near |pitch| = pi / 2;
+            of the rotation they make at most 24 u normwise.
         Source: Mitiguy, in Drake's RollPitchYaw.
         """
         return formulas.to_roll_pitch_yaw(precision, self.entries)
@@ -138,7 +137,7 @@ class Rotation(Constructors):
             TypeError: dtypes differ.
             ValueError: batch shapes do not broadcast.
 
-        Error: at most (32 + 16 |t|) u normwise.
+        Error: at most 24 u normwise and 16 u |t|.
         """
         t = check.as_float_array(t, "Rotation.interpolate: t", self.dtype)
         arrays: dict[str, Any] = {"start": self.entries, "end": other.entries, "t": expanded(t)}
@@ -159,7 +158,7 @@ class Rotation(Constructors):
             TypeError: w is not of floating point.
             ValueError: the shape does not fit.
 
-        Error: at most 8 u normwise for |w| <= pi.
+        Error: at most 6 u normwise for |w| <= pi.
         Source: Barfoot 2017, State estimation for robotics, 7.1.3.
         """
         return matrices.matrices(formulas.left_jacobian(precision, check.as_vectors(w, "Rotation.left_jacobian: w")), 3)
@@ -179,7 +178,7 @@ class Rotation(Constructors):
             TypeError: w is not of floating point.
             ValueError: the shape does not fit.
 
-        Error: at most 16 u normwise for |w| <= pi.
+        Error: at most 6 u normwise for |w| <= pi.
         Source: Barfoot 2017, State estimation for robotics, 7.1.3.
         """
         w = check.as_vectors(w, "Rotation.left_jacobian_inverse: w")

@@ -1,8 +1,7 @@
 """The error bounds of the operations on spatial vectors: see `arithmetic.promise`. Sums of n items: of_sum(n)."""
 
-import math
-
-from jaxspatial.arithmetic.promise import Promise
+from jaxspatial.arithmetic.promise import OfSum, Promise
+from jaxspatial.rotation import promises as of_rotations
 from jaxspatial.rotation.promises import ROTATED
 
 SHIFT, SHIFT_ACCELERATION = Promise(3, 4), Promise(7, 32)
@@ -28,10 +27,17 @@ PROMISES = {
     "SpatialAcceleration.compose_with_moving_frame": (COMPOSED_ACCELERATION,),
     "central_axis": (CENTRAL_AXIS,),
     "center_of_pressure": (PRESSED,),
+    **dict.fromkeys((f"Spatial{kind}.sum" for kind in ("Acceleration", "Force", "Momentum", "Velocity")), (OfSum(),)),
+    "wrench_from_point_forces": (OfSum(2),),
+    "RigidTransform.exp": (of_rotations.EXP_TRANSLATION, of_rotations.TURNS),
+    "RigidTransform.interpolate": (of_rotations.INTERPOLATED, of_rotations.EACH_WAY),
+    "RigidTransform.left_jacobian": (of_rotations.MOTION_JACOBIAN,),
+    "RigidTransform.left_jacobian_inverse": (of_rotations.MOTION_JACOBIAN_INVERSE,),
+    "RigidTransform.log": (of_rotations.LOG_TRANSLATION,),
 }
 
 
 def of_sum(n: int, each: int = 0) -> Promise:
     """Of n items, by halving; each: the factor of one of them, 2 for a cross product."""
-    rounds = each + math.ceil(math.log2(n))
+    rounds = OfSum(each).factor(n)
     return Promise(u=rounds, u2=2 * rounds**2, u3=n**2)

@@ -48,7 +48,7 @@ class RigidTransform(Constructors):
         Returns:
             The velocity (*batch,) about Ao: w in rad, at most pi long, v in m.
 
-        Error: as of `Rotation.log`, of v at most 24 u |v|.
+        Error: as of `Rotation.log`, of v at most 8 u |v|.
         """
         return SpatialVelocity(*formulas.log(precision, self.rotation.entries, self.translation))
 
@@ -123,7 +123,7 @@ class RigidTransform(Constructors):
             TypeError: dtypes differ.
             ValueError: batch shapes do not broadcast.
 
-        Error: at most (32 + 16 |t|) u, of the translation times the size of both.
+        Error: at most 24 u normwise and 16 u |t|, of the translation times the size of both.
         """
         t = check.as_float_array(t, "RigidTransform.interpolate: t", self.dtype)
         check.require_same_dtype(start=self, end=other, t=t)
@@ -145,7 +145,7 @@ class RigidTransform(Constructors):
         Raises:
             TypeError: V is no SpatialVelocity.
 
-        Error: at most 32 u normwise, of the lower left block relative to |v|, for |w| <= pi.
+        Error: at most 12 u normwise for |w| <= pi.
         Source: Barfoot 2017, 7.1.5.
         """
         require_kind(V, SpatialVelocity, "RigidTransform.left_jacobian", OVER_UNIT_TIME)
@@ -165,7 +165,7 @@ class RigidTransform(Constructors):
         Raises:
             TypeError: V is no SpatialVelocity.
 
-        Error: at most 128 u normwise up to pi.
+        Error: at most 16 u normwise for |w| <= pi.
         Source: Barfoot 2017, 7.1.5.
         """
         require_kind(V, SpatialVelocity, "RigidTransform.left_jacobian_inverse", OVER_UNIT_TIME)

@@ -91,7 +91,8 @@ class Constructors(Quantity):
         Raises:
             TypeError: V is no SpatialVelocity.
 
-        Error: as of `Rotation.exp`, of the translation at most 16 u |v|.
+        Error: as of `Rotation.exp`, of the translation at most 6 u |v|; beyond half a turn, 2 u |w| |v|
+            more.
         Source: Murray, Li, Sastry 1994, 2.36.
         """
         require_kind(V, SpatialVelocity, "RigidTransform.exp", OVER_UNIT_TIME)

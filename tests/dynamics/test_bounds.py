@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.dynamics.promises import ALGORITHM
+from jaxspatial.dynamics.promises import ALGORITHM, FORWARD_DYNAMICS
 from tests.helpers import exact_dynamics as exact
 from tests.helpers import marks
 
@@ -167,9 +167,9 @@ def test_every_algorithm(precision, dtype):
         for name, numbers in expected(state).items():
             size = max(map(abs, exact.values(numbers)))
             mag = size if state == "any" else max(x.size for x in numbers)
-            factor = condition if name == "forward dynamics" else 1
+            bound, n = (FORWARD_DYNAMICS, N * condition) if name == "forward dynamics" else (ALGORITHM, N)
             ours = np.float64(found[name][i]).ravel()
             error = max(abs(mp.mpf(float(x)) - y) for x, y in zip(ours, exact.values(numbers), strict=True))
-            assert error <= ALGORITHM.allowed(precision, N, u, size, mag, factor), (state, name, float(error / u / mag))
-            beyond |= {(state, name)} if error > ALGORITHM.allowed(precision, N, u, size, size, factor) else set()
+            assert error <= bound.allowed(precision, u, n * mag, size), (state, name, float(error / u / mag))
+            beyond |= {(state, name)} if error > bound.allowed(precision, u, n * size, size) else set()
     assert beyond >= CANCELLING or precision.sees_whole_sums or dtype == "float64"

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.dynamics import promises as bounds
 from tests.helpers import exact_steps as exact
 
 KINDS = ["revolute", "continuous", "planar", "ball", "free"]
@@ -65,19 +66,25 @@ def limits(kind, q, q1, v, step):
     w = norm(step[:3] if turning else step[-1:])
     far = max(w - mp.pi, 0) and w
     apart = norm(exact.differed(kind, q, q1)[:3] if turning else exact.differed(kind, q, q1)[-1:])
-    short = 4 if kind in ("continuous", "planar") else 2
+    angle = bounds.SHORTEST if kind in ("continuous", "planar") else bounds.DIFFERENCE
+    between = norm(q[place]) + norm(q1[place])
     return (
         {
-            "number": 2 * (abs(q[-1]) + abs(step[-1])),
-            "turn": 8 + far,
-            "position": 8 * (norm(q[place]) + norm(step[linear])) + far * norm(step[linear]),
+            "number": bounds.INTEGRATED.u * (abs(q[-1]) + abs(step[-1])),
+            "turn": bounds.INTEGRATED_TURN.u + bounds.TURNS.u * far,
+            "position": bounds.INTEGRATED_POSITION.u * (norm(q[place]) + norm(step[linear]))
+            + bounds.TURNS_OF_POSITION.u * far * norm(step[linear]),
         },
         {
-            "number": short * (abs(q[-1]) + abs(q1[-1])),
-            "turn": 12,
-            "position": 8 * (norm(q[place]) + norm(q1[place])) * (1 + apart),
+            "number": angle.u * (abs(q[-1]) + abs(q1[-1])),
+            "turn": bounds.DIFFERENCE_TURN.u,
+            "position": bounds.DIFFERENCE_POSITION.u * between * (1 + apart),
         },
-        {"number": 0, "turn": 2 * norm(v[:3]), "position": 6 * norm(v[linear])},
+        {
+            "number": 0,
+            "turn": bounds.QUATERNION_RATE.u * norm(v[:3]),
+            "position": bounds.POSITION_RATE.u * norm(v[linear]),
+        },
     )
 
 
@@ -181,14 +188,15 @@ def test_steps(name, precision):
         (q_exact, v_exact), vdot, M = stepped(name, h)
         c, h = np.linalg.cond(np.array(M.tolist(), float)), float(h)
         of_q, of_v, of_vdot = (max(map(abs, x)) for x in (exact.numbers(state()[0]), v_exact, vdot))
-        of_dynamics = (4 * N * c if precision in ("fast", "reproducible") else 1.01) * of_vdot
+        of_dynamics = bounds.FORWARD_DYNAMICS.allowed(precision, 1, N * c * of_vdot, of_vdot)
         if name == "symplectic":
-            limit = 8 * N * c * (of_v + h * of_vdot)
+            limit = bounds.SYMPLECTIC.u * N * c * (of_v + h * of_vdot)
             assert h > 1e-4 or limit < of_q / h / 10
         else:
-            limit = (2 if name == "semi_implicit" else 4) * (of_v + h * of_vdot) + h * of_dynamics * 1.1
+            own = bounds.SEMI_IMPLICIT if name == "semi_implicit" else bounds.RK4
+            limit = own.u * (of_v + h * of_vdot) + h * of_dynamics * 1.1
         assert _largest(v, v_exact) <= limit * U, float(_largest(v, v_exact) / U)
-        own = (2 if name != "rk4" else 4) * (of_q + h * of_v)
+        own = (bounds.RK4_COORDINATES if name == "rk4" else bounds.INTEGRATED).u * (of_q + h * of_v)
         assert _largest(q, q_exact) <= (own + h * limit) * U, float(_largest(q, q_exact) / U)
 
 
@@ -202,14 +210,14 @@ def test_factors_of_the_mass_matrix():
     M = np.asarray(jax.jit(functools.partial(js.mass_matrix, chain()))(state()[0]), np.float64)
     L, n = np.asarray(factor.L, np.float64), N
     size, c = np.linalg.norm(M, 2), np.linalg.cond(M)
-    assert np.linalg.norm(L.T @ L - M, 2) <= 2 * n * (n + 1) * U * size
+    assert np.linalg.norm(L.T @ L - M, 2) <= bounds.FACTOR.u * n * (n + 1) * U * size
     tau = state()[2]
     x = np.linalg.solve(M, tau.astype(np.float64))
-    limit = 4 * n * (n + 1) * U * c
+    limit = bounds.SOLVED.u * n * (n + 1) * U * c
     assert np.linalg.norm(np.asarray(factor.solve(tau), np.float64) - x) <= limit * np.linalg.norm(x)
     inverse = np.linalg.inv(M)
     assert np.linalg.norm(np.asarray(factor.inverse(), np.float64) - inverse, 2) <= limit * np.linalg.norm(inverse, 2)
     logs = np.abs(np.log(np.diagonal(L))).sum()
-    limit = n * U * (2 * logs + 4 * n * (n + 1) * c)
+    limit = bounds.LOG_DETERMINANT.u * n * U * (2 * logs + bounds.SOLVED.u * n * (n + 1) * c)
     assert abs(float(factor.log_determinant()) - np.linalg.slogdet(M)[1]) <= limit
     assert jnp.isfinite(factor.L).all()

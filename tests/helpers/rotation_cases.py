@@ -13,10 +13,9 @@ def eps(dtype):
     return float(jnp.finfo(dtype).eps)
 
 
-def allowed(dtype, precision, bound):
-    """`bound` u, or what is left of the error of one rounding."""
-    rounded_once = precision in ("compensated", "faithful") or jnp.finfo(dtype).bits < 32
-    return (1.01 if rounded_once else bound) * eps(dtype) / 2
+def allowed(dtype, precision, bound, size=1.0):
+    """The bound of a record. 16-bit types are computed in float32, and rounded once."""
+    return bound.allowed("compensated" if jnp.finfo(dtype).bits < 32 else precision, eps(dtype) / 2, size, size)
 
 
 def of_dtype(x, dtype):

@@ -11,6 +11,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.inertia import SpatialInertia
+from jaxspatial.inertia.promises import MESH_CENTRAL, MESH_COM, MESH_VOLUME
 from jaxspatial.inertia.reduction import summed
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
@@ -75,16 +76,16 @@ def check(vertices, faces, precision, density=2.0):
     volume, com, central, S, r = exactly(vertices, faces)
     M = SpatialInertia.triangle_mesh(jnp.asarray(vertices), faces, density=density, precision=precision)
     assert M.central.dtype == vertices.dtype
-    u, rounds = unit_roundoff(vertices.dtype), int(np.ceil(np.log2(len(faces))))
-    narrow = u if precision in ("fast", "reproducible") else 8 * u * u
+    u, n = unit_roundoff(vertices.dtype), len(faces)
+    narrow = u if precision in ("fast", "reproducible") else MESH_VOLUME.u2 * u * u
     rho, size = Fraction(density), S / volume
     once = 0 if narrow == u else u
     errors = {
-        "mass": (abs(rationals(M.mass) - rho * volume), narrow * (12 + rounds) * rho * S + once * rho * volume),
-        "com": (abs(rationals(M.com) - com).max(), u * abs(com).max() + narrow * (12 + rounds) * r * size),
+        "mass": (abs(rationals(M.mass) - rho * volume), narrow * MESH_VOLUME.factor(n) * rho * S + once * rho * volume),
+        "com": (abs(rationals(M.com) - com).max(), u * abs(com).max() + narrow * MESH_COM.factor(n) * r * size),
         "central": (
             abs(rationals(M.central) - rho * central).max(),
-            narrow * (24 + 2 * rounds) * rho * volume * r * r * size + once * rho * abs(central).max(),
+            narrow * MESH_CENTRAL.factor(n) * rho * volume * r * r * size + once * rho * abs(central).max(),
         ),
     }
     for name, (error, allowed) in errors.items():

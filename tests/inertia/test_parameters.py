@@ -11,6 +11,15 @@ import pytest
 import jaxspatial as js
 from jaxspatial.arithmetic import functions
 from jaxspatial.arithmetic.formula import formula
+from jaxspatial.inertia.promises import (
+    ALPHA,
+    FROM_MOMENTS,
+    FROM_ROOT,
+    LOG_CHOLESKY,
+    LOG_CHOLESKY_OFF_DIAGONAL,
+    ROOT_MASS,
+    THERE_AND_BACK,
+)
 from jaxspatial.measure.error import ulp, unit_roundoff
 from jaxspatial.measure.exact import rationals
 from tests.helpers.exact_inertia import exactly, is_positive_semidefinite, random_inertia, second_moments, steiner
@@ -80,9 +89,11 @@ def test_bound_of_from_dynamic_parameters(dtype, precision):
         c = first / m[:, None]
         for x, exact, mag, k in (
             (found.com, c, abs(c), 1),
-            (found.central, about - steiner(m, c), abs(about) + abs(steiner(m, c)), 6),
+            (found.central, about - steiner(m, c), abs(about) + abs(steiner(m, c)), FROM_MOMENTS.u),
         ):
-            assert (abs(rationals(np.asarray(x)) - exact) <= _allowed(precision, dtype, exact, mag, k, 64)).all()
+            assert (
+                abs(rationals(np.asarray(x)) - exact) <= _allowed(precision, dtype, exact, mag, k, FROM_MOMENTS.u2)
+            ).all()
 
 
 def test_pseudo_inertia_is_the_second_moment_of_points():
@@ -138,9 +149,10 @@ def test_from_log_cholesky(dtype, precision):
         for x, mass, central in zip(theta, np.asarray(M.mass), np.asarray(M.central), strict=True):
             J = _reference(x)
             exact, mag = _central(J)
-            assert abs(mass - J[3, 3]) <= (1.01 if wide else 8) * u * J[3, 3]
+            assert abs(mass - J[3, 3]) <= ROOT_MASS.allowed(precision, u, J[3, 3])
             for a, b in zip(central, exact, strict=True):
-                assert abs(mpmath.mpf(float(a)) - b) <= (u * abs(b) + 64 * u * u * mag if wide else 24 * u * mag)
+                once, twice = u * abs(b) + FROM_ROOT.u2 * u * u * mag, FROM_ROOT.u * u * mag
+                assert abs(mpmath.mpf(float(a)) - b) <= (once if wide else twice)
         np.testing.assert_array_equal(M.com, theta[:, 7:])
         assert M.is_physically_valid().all()
         assert all(is_positive_semidefinite(second_moments(x), 8 * unit_roundoff(dtype) * rationals(x)[[0, 2, 5]].sum())
@@ -161,7 +173,7 @@ def test_there_and_back(dtype, precision):
             size = np.abs(np.asarray(bodies.central, np.float64)).max(-1)
             u = float(unit_roundoff(dtype))
             error = np.abs(np.asarray(back.central, np.float64) - np.asarray(bodies.central, np.float64)).max(-1) / size
-            assert (error <= 64 * u * condition).all()
+            assert (error <= THERE_AND_BACK.u * u * condition).all()
             np.testing.assert_allclose(back.mass, bodies.mass, rtol=16 * u)
             np.testing.assert_array_equal(back.com, bodies.com)
 
@@ -176,7 +188,10 @@ def test_to_log_cholesky_against_60_digits(dtype):
             exact = _log_cholesky(m, six)
             scale, condition = float(np.sqrt(six[[0, 2, 5]].sum() / m)), 1 / float(M.validity_slack()[k])
             for i, x in enumerate(exact):
-                bound = 4 * abs(x) if i == 0 else 32 * (condition + abs(x)) if i < 4 else 32 * condition * scale
+                sizes = abs(x), condition + abs(x), condition * scale
+                records = ALPHA, LOG_CHOLESKY, LOG_CHOLESKY_OFF_DIAGONAL
+                place = 0 if i == 0 else 1 if i < 4 else 2
+                bound = records[place].u * sizes[place]
                 assert abs(float(found["reproducible"][k][i]) - x) <= u * bound
                 assert abs(float(found["compensated"][k][i]) - x) <= u * 1.01 * abs(x) + u * u * bound
             np.testing.assert_array_equal(found["compensated"][k][7:], c)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.inertia.promises import COMBINED, COMBINED_COM, SUM_CENTRAL, SUM_COM, SUM_MASS
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
 from tests.helpers.exact_inertia import exactly, is_positive_semidefinite, random_inertia, second_moments, steiner
@@ -48,10 +49,10 @@ def test_two(dtype, precision):
         mass, com, central, com_mag, _ = exact_sum(*both)
         u = unit_roundoff(dtype)
         _require(found.mass, mass, mass, u, 1, 4, precision)
-        _require(found.com, com, com_mag, u, 6, 128, precision)
+        _require(found.com, com, com_mag, u, int(COMBINED_COM.u), int(COMBINED_COM.u2), precision)
         m1, m2, d = both[0][:, 0], both[0][:, 1], both[1][:, 1] - both[1][:, 0]
         size = (m1 * m2 / (m1 + m2) * (d * d).sum(-1))[:, None]
-        _require(found.central, central, abs(both[2]).sum(1) + size, u, 10, 128, precision)
+        _require(found.central, central, abs(both[2]).sum(1) + size, u, COMBINED.u, COMBINED.u2, precision)
 
 
 @dtypes
@@ -83,12 +84,13 @@ def test_a_thousand_bodies(even, dtype, precision):
     with jax.enable_x64(True):
         M = jax.tree.map(lambda x: x[:: 1 + even], _mixed(dtype))
     with jax.enable_x64(dtype == "float64"):
-        found, rounds = M.sum(precision=precision), int(np.ceil(np.log2(M.batch_shape[0])))
+        found, n = M.sum(precision=precision), M.batch_shape[0]
+        squared = SUM_COM.u2 * SUM_COM.factor(n)
         mass, com, central, com_mag, central_mag = _exact_thousand(even, dtype)
         u = unit_roundoff(dtype)
-        _require(found.mass, mass, mass, u, rounds, 64 * (rounds + 4), precision)
-        _require(found.com, com, com_mag, u, rounds + 4, 64 * (rounds + 4), precision)
-        _require(found.central, central, central_mag, u, rounds + 10, 64 * (rounds + 4), precision)
+        _require(found.mass, mass, mass, u, SUM_MASS.factor(n), squared, precision)
+        _require(found.com, com, com_mag, u, SUM_COM.factor(n), squared, precision)
+        _require(found.central, central, central_mag, u, SUM_CENTRAL.factor(n), squared, precision)
         if precision in ("compensated", "faithful"):
             for x, exact in zip(found._parts, (mass, com, central), strict=True):
                 assert np.all(abs(rationals(np.asarray(x)) - exact) <= 4 * u * abs(exact))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.inertia.promises import MOMENTS, NEAREST_VALID, ORTHONORMAL
 from jaxspatial.measure.error import unit_roundoff
 from tests.helpers.exact_inertia import exactly, matrix, random_inertia, six_of
 from tests.helpers.marks import slow
@@ -45,15 +46,15 @@ def _symmetric(n, seed=0):
 def test_moments_and_axes(precision, dtype):
     M = js.SpatialInertia(np.ones(80, dtype), np.zeros((80, 3), dtype), _symmetric(80).astype(dtype))
     moments, R = M.principal_moments_and_axes(precision=precision)
-    u, exactly_wide = float(unit_roundoff(dtype)), precision == "compensated"
+    u = float(unit_roundoff(dtype))
     with mpmath.workdps(50):
         for six, found, q in zip(np.asarray(M.central), np.asarray(moments), np.asarray(R.to_matrix()), strict=True):
             A = mpmath.matrix(matrix(six).astype(float).tolist())
             exact, Q = sorted(mpmath.eigsy(A, eigvals_only=True)), mpmath.matrix(q.astype(float).tolist())
             size = max(map(abs, exact))
             worst = max(abs(mpmath.mpf(float(a)) - b) for a, b in zip(found, exact, strict=True))
-            assert worst <= (1.01 if exactly_wide else 8) * u * size
-            assert max(map(abs, Q.T * Q - mpmath.eye(3))) <= (2 if exactly_wide else 16) * u
+            assert worst <= MOMENTS.allowed(precision, u, size)
+            assert max(map(abs, Q.T * Q - mpmath.eye(3))) <= ORTHONORMAL.allowed(precision, u, 1)
             assert abs(mpmath.det(Q) - 1) <= 32 * u
             # Snapping to the coordinate axes, or to none, is 4 eps of the trace off at most.
             diagonal = mpmath.diag([mpmath.mpf(float(x)) for x in found])
@@ -269,7 +270,7 @@ def test_nearest_valid(dtype):
     expected = np.trace(clamped, axis1=1, axis2=2)[:, None, None] * np.eye(3) - clamped
     size = np.abs(np.linalg.eigvalsh(matrix(six))).max(-1)[:, None, None]
     u = float(unit_roundoff(dtype))
-    assert (np.abs(matrix(np.asarray(N.central, np.float64)) - expected) <= 48 * u * size).all()
+    assert (np.abs(matrix(np.asarray(N.central, np.float64)) - expected) <= NEAREST_VALID.u * u * size).all()
 
 
 def test_nearest_of_what_is_not_finite_stays():

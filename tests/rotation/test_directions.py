@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.rotation import promises as bounds
 from tests.helpers import exact_rotation as exact
 from tests.helpers.marks import slow, slow_but
 from tests.helpers.rotation_cases import allowed, eps, of_dtype, wide_dtypes
@@ -99,7 +100,7 @@ def test_from_one_vector(axis, dtype, precision):
         second = unit(cross([int(i == k) for i in range(3)], first))
         columns = [first, second, cross(first, second)]
         exact_ones.append(with_columns([columns[(j - axis) % 3] for j in range(3)]))
-    assert errors(found, exact_ones).max() <= allowed(dtype, precision, 6)
+    assert errors(found, exact_ones).max() <= allowed(dtype, precision, bounds.FROM_ONE_VECTOR)
     assert jnp.isnan(js.Rotation.from_one_vector(0 * u, axis, precision=precision).entries).all()
 
 
@@ -116,7 +117,7 @@ def test_from_two_vectors(axes, dtype, precision):
         third = cross(first, second) if (axes[1] - axes[0]) % 3 == 1 else cross(second, first)
         columns = dict(zip((*axes, 3 - sum(axes)), (first, second, third), strict=True))
         exact_ones.append(with_columns([columns[k] for k in range(3)]))
-    assert (errors(found, exact_ones) * np.array(sines)).max() <= allowed(dtype, precision, 8)
+    assert (errors(found, exact_ones) * np.array(sines)).max() <= allowed(dtype, precision, bounds.FROM_TWO_VECTORS)
     m = np.asarray(found.to_matrix(), float)
     np.testing.assert_allclose(np.linalg.det(m), 1, atol=0.05)
     assert not jnp.isfinite(js.Rotation.from_two_vectors(u, -u, axes, precision=precision).entries[:2]).all()
@@ -145,7 +146,7 @@ def test_between(dtype, precision):
         k = exact.cross_matrix(n)
         exact_ones.append(mp.eye(3) + k + k * k / (1 + c))
         halves.append(float(mp.sqrt((1 + c) / 2)))
-    assert (errors(found, exact_ones) * np.array(halves)).max() <= allowed(dtype, precision, 8)
+    assert (errors(found, exact_ones) * np.array(halves)).max() <= allowed(dtype, precision, bounds.BETWEEN)
 
 
 @wide_dtypes
@@ -185,7 +186,9 @@ def test_nearest(dtype, precision):
     values = np.linalg.svd(np.asarray(m, float), compute_uv=False)
     condition = 2 * values[:, 0] / (values[:, 1] + values[:, 2])
     wrong = errors(found, [polar(exact.vector(x)) for x in m])
-    assert (wrong <= allowed(dtype, precision, 12) * (condition if precision in ("fast", "reproducible") else 1)).all()
+    assert (
+        wrong <= allowed(dtype, precision, bounds.NEAREST) * (condition if precision in ("fast", "reproducible") else 1)
+    ).all()
     for bad in (
         np.diag([1.0, 1, -1]),
         np.zeros((3, 3)),
@@ -243,7 +246,10 @@ def test_interpolation(dtype):
     for t in (0.0, 0.5, 1.0, 3.0, -1.0):
         found = np.asarray(interpolated(jnp.asarray(t, dtype)).to_matrix(), float)
         expected = np.asarray(start.to_matrix(), float) @ np.asarray(js.Rotation.exp(jnp.asarray(t * w)).to_matrix())
-        assert np.linalg.norm(found - expected, 2, axis=(1, 2)).max() <= (12 + 8 * abs(t)) * eps
+        assert (
+            np.linalg.norm(found - expected, 2, axis=(1, 2)).max()
+            <= (bounds.INTERPOLATED.u + bounds.EACH_WAY.u * abs(t)) * eps / 2
+        )
     np.testing.assert_array_equal(interpolated(jnp.asarray(0, dtype)).entries, start.entries)
     assert jnp.isnan(interpolated(jnp.asarray(np.nan, dtype)).entries).all()
     p, q = (of_dtype(rng.standard_normal((20, 3)), dtype) for _ in range(2))
