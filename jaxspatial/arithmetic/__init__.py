@@ -12,7 +12,9 @@ The way from a formula to the bits:
      `errorfree.reproducible`, behind a `fence` that the compiler cannot look through;
    - in "compensated" and "faithful" a sum of products runs over `numbers.polynomial`: `sums.symbolic` collects the
      terms of each result, and one primitive, `sums.primitive`, evaluates them all;
-   - everything else runs there over float64, or for float64 over a `DoubleWord` (`numbers.pairs`).
+   - everything else runs there over float64, or for float64 over a `DoubleWord` (`numbers.pairs`);
+   - algorithms of mechanisms, whose promise is relative to their terms, run for float64 over `Corrected` numbers
+     (`numbers.corrections`): plain ones with the first-order correction of their rounding errors.
 4. The primitive has its own derivatives: tangents and pull-backs of sums of products are sums of products.
    `sums.evaluation` lowers it with one of the `sums.accumulators`, forms of one kind: `wide` (narrow types, in
    float64); by the error-free transforms of `errorfree`, `compensated` (twice the precision), `estimated` and

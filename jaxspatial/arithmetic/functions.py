@@ -18,20 +18,22 @@ import numpy as np
 from jax import Array, lax
 
 from jaxspatial.arithmetic.numbers import (
+    Corrected,
     Number,
     Rounded,
     constant,
     doubled,
-    folding,
     high,
+    is_constant,
+    is_number,
     nearest_integer,
     noinline,
     noinline_pairs,
+    of_word,
     times_power_of_two,
     where,
 )
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
-from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.arithmetic.vectors import scaled
 
@@ -41,9 +43,9 @@ _LN2 = Fraction("0.6931471805599453094172321214581765680755001343602552541206800
 
 
 def unit_roundoff(x: Number) -> Fraction:
-    """u of the numbers that x is one of; u^2 for double words."""
+    """u of the numbers that x is one of; u^2 where these have two words."""
     u = Fraction(1, 2 ** (jnp.finfo(x.dtype).nmant + 1))
-    return u * u if isinstance(x, DoubleWord) else u
+    return u if isinstance(x, Rounded) else u * u
 
 
 def series(coefficients: Iterable[Fraction], x: Number, largest: float | Fraction) -> Number:
@@ -64,17 +66,16 @@ def _polynomial(coefficients: tuple[Fraction, ...]) -> Callable[[Number], Number
     def evaluated(x: Any) -> Number:
         if isinstance(x, DoubleWord):
             return _scanned(coefficients, x)
-        is_known = folding.is_known(x.value) or len(coefficients) == 1
-        return _horner(coefficients, x) if is_known else _of_data(coefficients, x.precision)(x)
+        if is_constant(x) or len(coefficients) == 1:
+            return _horner(coefficients, x)
+        return _corrected(coefficients, x) if isinstance(x, Corrected) else _of_data(coefficients, x.precision)(x)
 
     return noinline_pairs(evaluated)
 
 
-def _horner(coefficients: tuple[Fraction, ...], x: Number) -> Number:
-    result = constant(x, coefficients[-1])
-    for c in reversed(coefficients[:-1]):
-        result = result * x + constant(x, c)
-    return result
+def _horner(coefficients: tuple[Any, ...], x: Number) -> Number:
+    result, *others = (c if is_number(c) else constant(x, c) for c in reversed(coefficients))
+    return functools.reduce(lambda result, c: result * x + c, others, result)
 
 
 @functools.cache
@@ -93,6 +94,15 @@ def _of_data(coefficients: tuple[Fraction, ...], precision: Precision) -> Callab
         return value(x), rate.value
 
     return lambda x: Rounded(precision, value(x.value))
+
+
+def _corrected(coefficients: tuple[Fraction, ...], x: Corrected) -> Number:
+    """The polynomial of a number with a correction, for |x| <= 1: plain where a term's rounding makes no difference."""
+    n = next((n for n, c in enumerate(coefficients) if c**2 < unit_roundoff(x) * coefficients[0] ** 2), None)
+    if n is None:
+        return _horner(coefficients, x)
+    rest = _of_data(coefficients[n:], Precision.REPRODUCIBLE)(Rounded(Precision.REPRODUCIBLE, x.value))
+    return _horner((*coefficients[:n], of_word(x, rest.value)), x)
 
 
 def _scanned(coefficients: tuple[Fraction, ...], x: Number) -> Number:
@@ -129,7 +139,7 @@ def turns(angle: Number, parts: int) -> tuple[Number, Number]:
     step = 2 * _PI / parts
     k, rest = _remainder(angle, step)
     is_known = abs(high(k)) <= 2.0 ** (jnp.finfo(angle.dtype).nmant - 2)
-    return k, where(is_known & (abs(high(rest)) <= float(step * 9 / 16)), rest, math.nan)
+    return k, where(is_known & (abs(rest.words[0]) <= float(step * 9 / 16)), rest, math.nan)
 
 
 def _remainder(x: Any, step: Fraction) -> Any:
@@ -147,25 +157,34 @@ def _words(fraction: Fraction, like: Number) -> Iterator[Fraction]:
     """The fraction as a sum of words so short that their products with integers of half a word are exact.
 
     Of seven, because an angle of that many turns may come as near to a whole one as u / 16, and keeps its digits.
+    With corrections four of these are one.
     """
     bits = (jnp.finfo(like.dtype).nmant + 1) // 2 - 1
-    for _ in range(7):
+    for _ in range(3 if isinstance(like, Corrected) else 7):
         scale = Fraction(2) ** (bits - math.frexp(float(fraction))[1])
         word = Fraction(int(fraction * scale)) / scale
         yield word
         fraction -= word
+    if isinstance(like, Corrected):
+        yield fraction
+
+
+@noinline_pairs
+def _quarter_turns(angle):
+    return turns(angle, 4)
 
 
 @noinline
 def cosine_sine(angle: Number) -> tuple[Number, Number]:
     """(cos, sin) of an angle, each to 2 u of 1, sine relative to itself near 0. NaN for angles beyond 1 / u."""
-    k, rest = turns(angle, 4)
+    k, rest = _quarter_turns(angle)
     x = rest * rest
     c, s = cosine_series(x, 0.64), rest * sine_series(x, 0.64)
     return _quarter_turned(k, c, s)
 
 
-def _quarter_turned(k: Number, c: Number, s: Number) -> tuple[Number, Number]:
+def _quarter_turned(turned: Number, c: Number, s: Number) -> tuple[Number, Number]:
+    k = Rounded(Precision.FAST, high(turned))  # Of integers all this is exact.
     quarter = high(k - 4 * nearest_integer(k * 0.25))  # -2, -1, 0, 1 or 2
     half = abs(quarter) == 2
     cos, sin = where(abs(quarter) == 1, s, c), where(abs(quarter) == 1, c, s)
@@ -246,4 +265,4 @@ def log(x: Number) -> Number:
 def _of_integers(like: Any, e: Array) -> Number:
     """Integers (*batch,) as a number of the kind of another."""
     e = e.astype(like.dtype)
-    return to_double_word(e) if isinstance(like, DoubleWord) else Rounded(like.precision, e)
+    return of_word(like, e)

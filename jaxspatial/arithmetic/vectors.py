@@ -13,6 +13,7 @@ from jaxspatial.arithmetic.errorfree import scaling
 from jaxspatial.arithmetic.numbers import (
     Number,
     Numbers,
+    Rounded,
     Rows,
     Three,
     constant,
@@ -20,6 +21,7 @@ from jaxspatial.arithmetic.numbers import (
     folding,
     frozen,
     high,
+    is_constant,
     noinline_pairs,
     times_power_of_two,
     where,
@@ -45,11 +47,11 @@ def dots(pairs: Sequence[tuple[Numbers, Numbers]]) -> list[Number]:
 
 
 def square(v: Three) -> tuple[Number, Number | None]:
-    """|v|^2 as (rounded, what rounding left), for |v| <= 64; beyond as `dot` has it. Of double words (dot(v, v), None).
+    """|v|^2 as (rounded, what rounding left), for |v| <= 64; beyond as `dot` has it. With two words (dot(v, v), None).
 
     Each component is split on a grid, so coarse that squares of its points add up without rounding.
     """
-    if isinstance(v[0], DoubleWord):
+    if not isinstance(v[0], Rounded):
         return dot(v, v), None
     bits = jnp.finfo(v[0].dtype).nmant + 1
     shift = constant(v[0], 1.5 * 2 ** (bits - 1 - (bits - 12) // 2))
@@ -135,11 +137,10 @@ def scaled(v: Numbers) -> tuple[Numbers, Any]:
 
 def _scaled_once(v: Numbers) -> Numbers:
     """v times a power of two, as `scaled` for who does not need to know it."""
-    values = [high(x) for x in v]
-    if isinstance(v[0], DoubleWord) or all(map(folding.is_known, values)):
+    if isinstance(v[0], DoubleWord) or all(map(is_constant, v)):
         return scaled(v)[0]
-    s = scaling.reciprocal(values)
-    return tuple(x if folding.is_known(x.value, 0) else x._new(x.value * s) for x in v)
+    s = scaling.reciprocal([high(x) for x in v])
+    return tuple(x.with_words(w if folding.is_known(w, 0) else w * s for w in x.words) for x in v)
 
 
 def _exponent(values: Sequence[Any]) -> Any:

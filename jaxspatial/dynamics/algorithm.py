@@ -74,8 +74,9 @@ class Algorithm(program.Program):
     def block(self):
         """Fewer states where the results of one are many numbers, or numbers wide."""
         entries = self.formula.entries
-        # Half as many numbers of 64 bits: the cache has room for bytes.
-        largest = program.LARGEST_BLOCK // (1 if self.dtype.itemsize <= 4 else 2)
+        # Half as many numbers of 64 bits, or of two words: the cache has room for bytes.
+        size = max(self.dtype.itemsize, 4) // 4 * (2 if self.precision.sees_whole_sums else 1)
+        largest = program.LARGEST_BLOCK // size
         if entries is None:
             return largest
         return min(max(program.NUMBERS // max(entries(self.topology), 1), program.SMALLEST_BLOCK), largest)

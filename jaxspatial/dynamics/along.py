@@ -1,15 +1,14 @@
 """Numbers that are arrays over bodies and states: rows taken, put side by side, added up."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, TypeGuard, TypeVar
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import numbers
-from jaxspatial.arithmetic.numbers import Number, Numbers, Rounded, is_number, where
-from jaxspatial.arithmetic.numbers.folding import is_known
+from jaxspatial.arithmetic.numbers import Number, Numbers, is_constant, is_number, where
 
 T = TypeVar("T")
 Array = jax.Array | np.ndarray
@@ -35,11 +34,6 @@ def _sliced(array: jax.Array, places: np.ndarray):
     return taken.reshape((*np.shape(places), *array.shape[1:]))
 
 
-def is_constant(x: object) -> TypeGuard[Rounded]:
-    """True for a number that is known while tracing."""
-    return isinstance(x, Rounded) and is_known(x.value)
-
-
 def mapped(function: OfWords, x: Number) -> Number:
     """A function of arrays applied to a number word by word; to what is known, not at all."""
     return numbers.mapped(function, x) if is_number(x) and not is_constant(x) else x
@@ -52,7 +46,7 @@ def mapped_tree(function: OfWords, tree: T) -> T:
 def spread(x: Number, shape: Shape) -> Number:
     """A number as an array of this shape."""
     if is_constant(x):
-        return Rounded(x.precision, jnp.full(shape, x.value))
+        return x.with_words(jnp.full(shape, word) for word in x.words)
     return numbers.mapped(lambda word: jnp.broadcast_to(word, shape), x)
 
 
@@ -72,7 +66,7 @@ def abreast(trees: Sequence[Any]) -> Any:
 
 
 def _common_shape(xs: Numbers):
-    return np.broadcast_shapes((1, 1, 1), *(np.shape(numbers.high(x)) for x in xs))
+    return np.broadcast_shapes((1, 1, 1), *(numbers.shape_of(x) for x in xs))
 
 
 def joined(parts: Numbers):
@@ -82,7 +76,7 @@ def joined(parts: Numbers):
 
 def split(function: Callable[[Number], Numbers], parts: Numbers) -> list[Numbers]:
     """function(x), a tuple of numbers, of each of the numbers: in one call for all."""
-    shapes = [np.shape(numbers.high(x)) for x in parts]
+    shapes = [numbers.shape_of(x) for x in parts]
     size = max(shape[-1] for shape in shapes)
     flat = [
         numbers.mapped(lambda w, s=s: jnp.broadcast_to(w, (*s[:-1], size)).reshape((-1, size)), x)
@@ -98,7 +92,7 @@ def split(function: Callable[[Number], Numbers], parts: Numbers) -> list[Numbers
 
 def alike(values: Sequence[Any]):
     """Whether all are known, and the same number."""
-    return all(map(is_constant, values)) and len({float(x.value) for x in values}) == 1
+    return all(map(is_constant, values)) and len({tuple(map(float, x.words)) for x in values}) == 1
 
 
 def concatenated_trees(trees: Sequence[Any], n: int) -> Any:
@@ -110,14 +104,14 @@ def concatenated_trees(trees: Sequence[Any], n: int) -> Any:
 
 def added_at(x: Number, place: int, y: Number):
     """x with y (B,) added to one of its rows."""
-    n, size = np.shape(numbers.high(x))
+    n, size = numbers.shape_of(x)
     here = jnp.asarray(np.arange(n) == place)[:, None]
     return where(jnp.broadcast_to(here, (n, size)), x + spread(y, (n, size)), x)
 
 
 def pairwise_sum(x: Number):
     """The sum over the first axis, by halves."""
-    while (n := np.shape(numbers.high(x))[0]) > 1:
+    while (n := numbers.shape_of(x)[0]) > 1:
         half = n // 2
         pairs = _slice(x, 0, half) + _slice(x, half, 2 * half)
         x = joined([pairs, _slice(x, 2 * half, n)]) if n % 2 else pairs

@@ -14,16 +14,16 @@ from jaxspatial.arithmetic.numbers import (
     Motion,
     Number,
     Numbers,
-    Rounded,
     Symmetric,
     Three,
     constant,
     high,
+    is_constant,
     is_number,
     noinline,
+    shape_of,
     where,
 )
-from jaxspatial.arithmetic.numbers.folding import is_known
 from jaxspatial.dynamics import along, dense, recursion
 from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.links import BodyMotion, across, body_motion, to_parent
@@ -155,7 +155,7 @@ def _matrix(P: Articulated, armature: Numbers):
     top, bottom = articulated.by_rows(P.J, P.F, P.M)
     rows = [[*a, *b] for a, b in top + bottom]
     entries = [x + armature[i] if i == k else x for i, row in enumerate(rows) for k, x in enumerate(row)]
-    shape = np.broadcast_shapes((1, 1), *(np.shape(high(x)) for x in entries))
+    shape = np.broadcast_shapes((1, 1), *(shape_of(x) for x in entries))
     return along.mapped(lambda w: w.reshape((6, 6, *shape)), along.stacked(entries, shape, 0))
 
 
@@ -192,7 +192,7 @@ def _bias_through_joint(Z: Numbers, u: Number, UDinv: Numbers):
 
 def _free_axis(w: Three, v: Three, armature: Number) -> int | None:
     """Which axis of the frame a motion is known to be along, where nothing else resists it; None for all others."""
-    known = [x.value if isinstance(x, Rounded) and is_known(x.value) else None for x in (*w, *v, armature)]
+    known = [x.value if is_constant(x) else None for x in (*w, *v, armature)]
     if None in known or known[6] != 0 or sorted(map(abs, known[:6])) != [0, 0, 0, 0, 0, 1]:
         return None
     return [abs(x) for x in known].index(1)
@@ -241,7 +241,7 @@ def _floating(eliminated: RootElimination, A: Numbers):
     """The six rates of a floating root."""
     matrix, P, u = eliminated
     u = u if P is None else vectors.minus(u, articulated.times_motion(P.J, P.F, P.M, A[:3], A[3:]))
-    shape = np.broadcast_shapes(np.shape(high(matrix))[2:], *(np.shape(high(x)) for x in u))
+    shape = np.broadcast_shapes(shape_of(matrix)[2:], *(shape_of(x) for x in u))
     found = dense.solved(matrix, along.stacked(u, shape, 0))
     return tuple(along.mapped(lambda w, k=k: w[k], found) for k in range(6))
 

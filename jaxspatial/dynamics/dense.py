@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic.numbers import Number, data_of, high, mapped, where, with_data
+from jaxspatial.arithmetic.numbers import Number, as_data, data_of, high, mapped, shape_of, where, with_data
 from jaxspatial.dynamics import along
 from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.state import MechanismState
@@ -24,8 +24,8 @@ def solved(M: Number, b: Number) -> Number:
     Where a pivot is not positive nothing resists: its unknown is 0. Error: n u cond(M) times a small number.
     [Golub and Van Loan 2013, 4.1: Gauss and Jordan]
     """
-    n, *shape = np.shape(high(b))
-    start = [M, b]
+    n, *shape = shape_of(b)
+    start = [as_data(M), as_data(b)]
 
     def eliminated(k: jax.Array, data: list[Any]) -> list[Any]:
         left, right = with_data(start, data)
@@ -37,7 +37,8 @@ def solved(M: Number, b: Number) -> Number:
         column = mapped(lambda w: lax.dynamic_index_in_dim(w, k, 1, keepdims=False), left)
         factor = where(here, scale * 0.0, column * _lifted(scale))
         rest = left - mapped(lambda w: w[:, None], factor) * _lifted(row)
-        return data_of([rest, where(here, where(is_none, 0.0, right), right - factor * _lifted(own))])
+        right = where(here, where(is_none, 0.0, right), right - factor * _lifted(own))
+        return data_of([as_data(rest), as_data(right)])
 
     left, right = with_data(start, lax.fori_loop(0, n, eliminated, data_of(start)))
     diagonal = along.joined([mapped(lambda w, k=k: w[k, k][None], left) for k in range(n)])

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import Motion, Numbers, Rows, Three, Wrench, noinline
+from jaxspatial.arithmetic.numbers import Motion, Numbers, Rows, Three, Wrench, noinline, noinline_pairs
 from jaxspatial.dynamics.state import JointState, Link, MechanismState, Pose
 from jaxspatial.spatial import algebra
 
@@ -83,7 +83,7 @@ def body_motion(link: Link, parent: BodyMotion):
     S, bias = link.joint.subspace, subspace_times(link.joint.subspace_rate(link.v), link.v)
     (w_r, v_r), (dw, dv) = subspace_times(S, link.v), subspace_times(S, link.vdot)
     w_P = noinline(vectors.matrix_times)(R_BP, parent.w)
-    arm = acceleration_at(parent, X_PB.p)
+    arm = noinline_pairs(acceleration_at)(parent, X_PB.p)
     alpha = vectors.plus(vectors.matrix_times(R_BP, parent.alpha), vectors.cross(w_P, w_r), dw, bias[0])
     coriolis = vectors.cross(vectors.plus(w_P, w_P, w_r), v_r)
     return BodyMotion(

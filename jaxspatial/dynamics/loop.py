@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic.numbers import data_of, is_number, noinline, with_data
+from jaxspatial.arithmetic.numbers import as_data, data_of, is_number, noinline, with_data
 from jaxspatial.dynamics import along
 from jaxspatial.dynamics.along import PyTreeDef
 from jaxspatial.mechanism.topology import Bundle
@@ -51,7 +51,7 @@ def run(step: Step, bundle: Bundle, n: int, numbers: Any, start: Any, turns: Tur
 
 
 def _along(length: int, word: jax.Array):
-    """(L, ..., W, B), of what may be one for all: double words are never known."""
+    """(L, ..., W, B), of what may be one for all."""
     return word if word.ndim >= 3 else jnp.broadcast_to(word, (length, 1, 1))
 
 
@@ -94,7 +94,7 @@ class _Tried:
         return results, self._state(last), self._state(kept_last) if turns.rows else None
 
     def _spread(self, leaves: list[Any], shape: tuple[int, int]):
-        return [x if k else along.spread(x, shape) for x, k in zip(leaves, self.is_known, strict=True)]
+        return [x if k else as_data(along.spread(x, shape)) for x, k in zip(leaves, self.is_known, strict=True)]
 
     def _state(self, data: list[Any]) -> Any:
         return jax.tree.unflatten(self.tree, with_data(self.given, data))
@@ -104,7 +104,7 @@ class _Tried:
         new = jax.tree.leaves(new, is_leaf=is_number)
         lost = [k and not along.alike([x, y]) for x, y, k in zip(self.given, new, self.is_known, strict=True)]
         self.changed = [a or b for a, b in zip(self.changed, lost, strict=True)]
-        return data_of([along.spread(y, shape) for y, k in zip(new, self.is_known, strict=True) if not k])
+        return data_of([as_data(along.spread(y, shape)) for y, k in zip(new, self.is_known, strict=True) if not k])
 
     def _row(self, carry: tuple[Any, Any], given: tuple[Any, Any]) -> tuple[Any, Any]:
         (state, kept), (own, rows) = carry, given

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, vectors
-from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Three, Wrench, high, noinline, where
+from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Three, Wrench, is_constant, noinline, shape_of, where
 from jaxspatial.arithmetic.tree import tree
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName
 from jaxspatial.dynamics import along, dense, pairs, recursion
@@ -84,7 +84,7 @@ def generalized_force(row: Placed, column: Placed):
 
 def symmetric_of(upper: Number):
     """A symmetric matrix of its upper triangle."""
-    n = np.shape(high(upper))[0]
+    n = shape_of(upper)[0]
     is_upper = jnp.asarray(np.triu(np.ones((n, n), bool))[:, :, None])
     return where(is_upper, upper, along.mapped(lambda w: jnp.swapaxes(w, 0, 1), upper))
 
@@ -92,10 +92,10 @@ def symmetric_of(upper: Number):
 def with_armature(state: MechanismState, links: list[Link], M: Number):
     """A matrix over all rates, with the inertia of rotors on its diagonal, over v."""
     whole = pairs.by_rates(state, pairs.by_rates(state, M, 0), 1)
-    if all(along.is_constant(x) and x.value == 0 for link in links for x in link.armature):
+    if all(is_constant(x) and x.value == 0 for link in links for x in link.armature):
         return whole
     rotors = dense.rows_of(state, state.fields["armature"])
-    on_diagonal = jnp.asarray(np.eye(np.shape(high(whole))[0], dtype=bool)[:, :, None])
+    on_diagonal = jnp.asarray(np.eye(shape_of(whole)[0], dtype=bool)[:, :, None])
     return where(on_diagonal, whole + along.mapped(lambda w: w[:, None], rotors), whole)
 
 

@@ -92,7 +92,7 @@ def _picked(w: jax.Array, chains: tuple[int, ...]):
 
 def _upper(x: Number, length: int):
     """Of one chain: 0 where the body of the column comes before that of the row."""
-    n, m = np.shape(numbers.high(x))[:2]
+    n, m = numbers.shape_of(x)[:2]
     is_behind = np.arange(m)[None, :] // (m // length) >= np.arange(n)[:, None] // (n // length)
     return numbers.where(jnp.asarray(is_behind[:, :, None, None]), x, 0.0)
 
@@ -131,7 +131,7 @@ def by_rates(state: MechanismState, x: Number, axis: int):
         return x
     bodies = np.repeat(np.arange(len(t)), [t.kind(i).nv for i in range(len(t))])
     first = along.mapped(lambda w: jnp.moveaxis(w, axis, 0), x)
-    shape = np.shape(numbers.high(first))
+    shape = numbers.shape_of(first)
     flat = along.mapped(lambda w: w.reshape((shape[0], -1)), first)
     found = state.following(flat, np.array(t.v_starts)[bodies], bodies)
     return along.mapped(lambda w: jnp.moveaxis(w.reshape((-1, *shape[1:])), 0, axis), found)

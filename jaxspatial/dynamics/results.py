@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import numbers
-from jaxspatial.arithmetic.numbers import Number, Numbers, Rounded, stacking
+from jaxspatial.arithmetic.numbers import Number, Numbers, stacking
 from jaxspatial.dynamics import alignment, along
 from jaxspatial.dynamics.along import Array
 from jaxspatial.mechanism.topology import Bundle, Topology
@@ -137,20 +137,17 @@ class Results:
         for b, tree in zip(self.bundles, found, strict=True):
             shape = b.length, b.width, self.n
             leaves = jax.tree.leaves(tree, is_leaf=numbers.is_number)
-            full += [along.spread(x, shape if along.is_constant(x) else self._whole(x)) for x in leaves]
-        return jax.tree.leaves(numbers.data_of(full))
+            full += [along.spread(x, shape if numbers.is_constant(x) else self._whole(x)) for x in leaves]
+        return numbers.data_of(map(numbers.as_data, full))
 
     def _whole(self, x: Number):
-        return *np.shape(numbers.high(x))[:-1], self.n
+        return *numbers.shape_of(x)[:-1], self.n
 
     def of_words(self, arrays: Iterable[Array], form: Any) -> Any:
         """The tree of numbers that consists of these arrays, in the form of another."""
         leaves, tree = jax.tree.flatten(form, is_leaf=numbers.is_number)
         like, found = self.known(0.0), iter(arrays)
-        if isinstance(like, Rounded):
-            return jax.tree.unflatten(tree, [Rounded(like.precision, next(found)) for _ in leaves])
-        pairs = jax.tree.structure(like)
-        return jax.tree.unflatten(tree, [jax.tree.unflatten(pairs, [next(found), next(found)]) for _ in leaves])
+        return jax.tree.unflatten(tree, [like.with_words(next(found) for _ in like.words) for _ in leaves])
 
     def sum_over_bodies(self, found: Sequence[Number]) -> Number:
         """The sum of numbers, one for every bundle, over all bodies: (B,)."""

@@ -102,7 +102,7 @@ class MechanismState(Results):
     def numbers(self, array: Array) -> Numbers:
         """The numbers of NumPy (..., k) or data (..., k, B)."""
         array = array[..., None, :] if isinstance(array, np.ndarray) else jnp.moveaxis(array, -2, -1)
-        return stacking.of_array(array, self.precision, self.precision.sees_whole_sums, self.dtype)
+        return stacking.of_terms(array, self.precision, self.dtype)
 
     def known(self, number: float) -> Number:
         """A number that is known while tracing."""
@@ -219,9 +219,9 @@ class MechanismState(Results):
     def _cos_sin(self, angles: Numbers) -> Iterator[Any]:
         """(cosine, sine) of each, those of data in one call: within other formulas they would keep XLA CPU from
         vectorising these."""
-        data = [x for x in angles if not along.is_constant(x)]
+        data = [x for x in angles if not numbers.is_constant(x)]
         found = iter(along.split(cosine_sine, data) if data else ())
-        return (cosine_sine(x) if along.is_constant(x) else next(found) for x in angles)
+        return (cosine_sine(x) if numbers.is_constant(x) else next(found) for x in angles)
 
     def is_root(self, bundle: Bundle):
         """Whether its bodies hang on the world."""

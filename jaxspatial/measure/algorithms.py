@@ -16,7 +16,7 @@ from jaxspatial.measure.timing import Advance
 from jaxspatial.measure.trade import Case
 from jaxspatial.mechanism import Mechanism
 
-# "faithful" carries the same pairs of words as "compensated" does, under the same promise.
+# "faithful" carries the same numbers as "compensated" does, under the same promise.
 PRECISIONS = (Precision.FAST, Precision.REPRODUCIBLE, Precision.COMPENSATED)
 DTYPES = ("float32", "float64")
 # What all others are held against: its result is as if of twice the digits of float64, rounded once.

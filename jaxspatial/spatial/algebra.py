@@ -7,7 +7,7 @@ A motion is a pair (w, v) or (alpha, a), a wrench a pair (tau, f), both about on
 from collections.abc import Callable
 
 from jaxspatial.arithmetic import symmetric, vectors
-from jaxspatial.arithmetic.numbers import Motion, Number, Rows, Symmetric, Three, Wrench, constant
+from jaxspatial.arithmetic.numbers import Motion, Number, Rows, Symmetric, Three, Wrench, constant, noinline_pairs
 
 # -- to another point -------------------------------------------------------------------------------------------------
 
@@ -32,7 +32,7 @@ def torque_about(tau: Three, f: Three, p: Three) -> Three:
 
 def act(rows: Rows, p: Three, x: Three, y: Three) -> tuple[Three, Three]:
     """(R x, R y + p x R x): a motion (x, y), or a wrench (y, x), from Bo in B to Ao in A. [Featherstone 2008, 2.8]"""
-    turned = vectors.matrix_times(rows, x)
+    turned = noinline_pairs(vectors.matrix_times)(rows, x)
     return turned, vectors.plus(vectors.matrix_times(rows, y), vectors.cross(p, turned))
 
 

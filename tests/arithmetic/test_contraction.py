@@ -219,7 +219,7 @@ def test_same_bits_both_ways(family, precision):
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_double_words_have_the_same_bits_both_ways(dtype):
     numbers = np.random.default_rng(5).standard_normal((4, 200))
-    x, y = (tuple(js.to_double_word(z)._words) for z in numbers[:2])
+    x, y = (tuple(js.to_double_word(z).words) for z in numbers[:2])
     x, y = (tuple(np.asarray(w, dtype) for w in conversion.of_numbers(z, np.dtype(dtype))) for z in numbers[:2])
     x = np.abs(x[0]), x[1] * np.sign(x[0])
     word = numbers[2].astype(dtype)

@@ -3,7 +3,7 @@
     python tests/benchmarks/precisions.py [--write]
 
 One core, interleaved in one process. Asserts what is claimed; exit status 1 if one does not hold. `--write`
-renews the table beside this file. jaxlie and Brax are compared where they are installed.
+renews the table beside this file. jaxlie and Brax are compared where they are installed, the G1 comes with frax.
 """
 
 import os
@@ -22,13 +22,15 @@ import numpy as np  # noqa: E402
 from jax import lax  # noqa: E402
 
 import jaxspatial as js  # noqa: E402
-from jaxspatial.measure import exact, inputs, timing  # noqa: E402
+from jaxspatial.measure import exact, inputs, scene, timing  # noqa: E402
 
 HERE = pathlib.Path(__file__).parent
 DTYPES = ("float32", "float64")
 IN_CACHE = 2_000
 MEANINGFUL = ("compensated", "faithful")
 STEPS = 100
+STATES = 4096
+G1 = "assets/unitree_g1/g1_29dof_rev_1_0.urdf"
 
 
 class Claim(NamedTuple):
@@ -40,7 +42,7 @@ class Claim(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Calls to be timed in turns, each over `items` wrenches, and what is claimed of them."""
+    """Calls to be timed in turns, each over `items` wrenches or states, and what is claimed of them."""
 
     name: str
     calls: dict
@@ -70,6 +72,10 @@ PRICES = {
     "shift, in cache": {"compensated": (1.5, 2.0)},
     "dot, in cache": {"compensated": (1.5, 2.0)},
 }
+# Inverse dynamics, in times of `fast`: float32, float64.
+WHOLE_ALGORITHMS = {"compensated": (2.0, 4.0)}
+# Of 16 bits, in times of float32.
+NARROW = ("bfloat16", "float16"), 1.5
 # A value with its gradient, in times of the value.
 GRADIENTS = {"fast": 3.0, "reproducible": 3.0, "compensated": 3.0, "faithful": 4.0}
 
@@ -165,14 +171,52 @@ def derivatives(n, dtype):
     return Group("power of a shifted wrench", calls, n, tuple(claimed))
 
 
+def sixteen_bits(n):
+    """Evaluated in float32: what half the memory gains, conversions cost."""
+    dtypes, limit = NARROW
+    calls, claimed = {}, []
+    for q in ("fast", "reproducible"):
+        for dtype in ("float32", *dtypes):
+            run, arrays = jax.jit(jax.vmap(_torque(q))), vectors(4, n, dtype)
+            calls[f"{q}, {dtype}"] = lambda r=run, a=arrays: r(*a)
+        claimed += [Claim(f"{q}, {dtype}", f"{q}, float32", limit) for dtype in dtypes]
+    return Group("shift of 16 bits, streaming", calls, n, tuple(claimed))
+
+
+def robots():
+    """name -> Mechanism: the embedded arm, and a humanoid with a floating base."""
+    yield "an arm", scene.arm()
+    package = importlib.util.find_spec("frax")
+    if package and package.origin:
+        yield "the G1", js.Mechanism.from_urdf(pathlib.Path(package.origin).parent / G1, floating_base=True)
+
+
+def whole_algorithm(name, mechanism, n, dtype):
+    """Inverse dynamics of many states, with the numbers of the mechanism part of the program."""
+    rng, mechanism = np.random.default_rng(0), mechanism.astype(dtype)
+    q = js.random_configuration(mechanism, jax.random.key(0), (n,), dtype)
+    rates = [jnp.asarray(x, dtype) for x in rng.uniform(-1, 1, (2, n, mechanism.nv))]
+    runs = {q: jax.jit(jax.vmap(_inverse_dynamics(mechanism, q))) for q in ("fast", "reproducible", "compensated")}
+    calls = {precision: lambda r=r: r(q, *rates) for precision, r in runs.items()}
+    claimed = tuple(Claim(q, "fast", limits[dtype == "float64"]) for q, limits in WHOLE_ALGORITHMS.items())
+    return Group(f"inverse dynamics of {name}", calls, n, claimed)
+
+
+def _inverse_dynamics(mechanism, precision):
+    return lambda q, v, vdot: js.inverse_dynamics(mechanism, q, v, vdot, precision=precision)
+
+
 def groups(n, dtype):
     for operation in OPERATIONS:
         yield streaming(operation, n, dtype)
         yield in_cache(operation, dtype)
     yield in_place(n, dtype)
     yield derivatives(n // 10, dtype)
+    for name, mechanism in robots():
+        yield whole_algorithm(name, mechanism, min(n, STATES), dtype)
     if dtype == "float32":
         yield converted(n)
+        yield sixteen_bits(n // 10)
 
 
 # -- how often a result is finite but wrong in all digits --------------------------------------------------------------
@@ -287,7 +331,10 @@ def main(arguments=None):
     parser.add_argument("--sample", type=int, default=500, help="shifts of each hostile family")
     parser.add_argument("--write", action="store_true", help="write the tables to precisions.md beside this file")
     options = parser.parse_args(arguments)
-    report, holds = [f"n = {options.n:,} streaming, {IN_CACHE:,} in cache; ns per wrench.", timing.machine()], True
+    report, holds = (
+        [f"n = {options.n:,} streaming, {IN_CACHE:,} in cache; ns per wrench, or state.", timing.machine()],
+        True,
+    )
     for dtype, group, seconds in timed(options.n, options.rounds):
         report += _printed(lines_of_times(dtype, group, seconds))
         holds &= all(ratio(seconds, claim) <= claim.limit for claim in group.claims)

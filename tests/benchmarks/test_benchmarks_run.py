@@ -38,6 +38,8 @@ def test_precisions():
     assert run.returncode in (0, 1) and "Traceback" not in run.stderr, run.stderr
     for dtype in ("float32", "float64"):
         assert f"shift, streaming, {dtype}" in run.stdout and f"wrong in all digits, {dtype}" in run.stdout
+        assert f"inverse dynamics of an arm, {dtype}" in run.stdout
+    assert run.stdout.count("of 16 bits") == 1 and "reproducible, bfloat16 / reproducible, float32: " in run.stdout
 
 
 @pytest.mark.slow

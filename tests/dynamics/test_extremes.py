@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.dynamics.promises import ALGORITHM
 from jaxspatial.mechanism import editing
 from tests.helpers import exact_dynamics as exact
 from tests.helpers import tangents
@@ -75,6 +76,19 @@ def test_masses_and_lengths_of_all_sizes(scale, ratio):
     assert error(twice, expected) <= 1.01 * 2.0**-53
     assert abs(back - a).max() <= 4 * n * 2.0**-53 * np.linalg.norm(np.linalg.inv(M), 2) * abs(tau).max()
     assert np.isfinite(gradient).all()
+
+
+@pytest.mark.parametrize("n", [30, slow(100)])
+def test_compensated_float64_of_a_long_chain_in_free_fall(n):
+    """What is left of forces is rounding of the accelerations: relative to their terms, as promised."""
+    mech, (q, v, _) = without_armature(chain(n)), state(n)
+    masses, gravity = np.asarray(js.mass_matrix(mech, q)), np.asarray(js.gravity_forces(mech, q))
+    fall = np.linalg.solve(masses, -gravity)
+    expected = exact.inverse_dynamics(mech, q, 0 * v, fall)
+    mag, size = (abs(masses) @ abs(fall) + abs(gravity)).max(), float(max(map(abs, expected)))
+    tau = js.inverse_dynamics(mech, q, 0 * v, fall, precision="compensated")
+    limit = ALGORITHM.allowed(js.Precision.COMPENSATED, n, 2.0**-53, size, mag)
+    assert size <= 1e-14 * mag and error(tau, expected) * size <= limit
 
 
 def planar_and_general(n):

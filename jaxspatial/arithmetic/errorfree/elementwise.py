@@ -16,16 +16,28 @@ def elementwise(
     lower: Callable[..., Any],
     jvp: Callable[..., Any],
     transpose: Callable[..., Any] | None = None,
+    n_results: int | None = None,
 ) -> Any:
-    """A primitive with the shapes, shardings and complaints of the lax primitive `like` for the first two arguments."""
+    """A primitive with the shapes, shardings and complaints of the lax primitive `like` for the first two arguments.
+
+    n_results: how many arrays a list of results has; None for one array.
+    """
     primitive: Any = Primitive(f"jaxspatial_{name}")
-    primitive.def_abstract_eval(lambda *arrays: like.abstract_eval(*arrays[:2])[0])
+    primitive.multiple_results = n_results is not None
+
+    def each(result: Any) -> Any:
+        return result if n_results is None else [result] * n_results
+
+    primitive.def_abstract_eval(lambda *arrays: each(like.abstract_eval(*arrays[:2])[0]))
     primitive.def_impl(compiled(primitive))
     mlir.register_lowering(primitive, lower)
     ad.primitive_jvps[primitive] = jvp
     if transpose:
         ad.primitive_transposes[primitive] = transpose
-    batching.primitive_batchers[primitive] = lambda args, axes: (primitive.bind(*alike(*_batched(args, axes))), 0)
+    batching.primitive_batchers[primitive] = lambda args, axes: (
+        primitive.bind(*alike(*_batched(args, axes))),
+        each(0),
+    )
     return primitive
 
 

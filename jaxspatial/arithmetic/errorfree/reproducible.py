@@ -43,9 +43,14 @@ def _rounded_quotient(a: Array, b: Array):
 
 
 def _product_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
+    result = product(*primals)
+    return result, product_tangent(result, primals, tangents)
+
+
+def product_tangent(result: Array, primals: Sequence[Array], tangents: Sequence[Any]) -> Any:
+    """da b + a db, of tangents that may be known to be zero."""
     (a, b), (da, db) = primals, tangents
-    result = product(a, b)
-    return result, _sum(result, [product(x, y) for x, y in ((da, b), (a, db)) if not (is_zero(x) or is_zero(y))])
+    return _sum(result, [product(x, y) for x, y in ((da, b), (a, db)) if not (is_zero(x) or is_zero(y))])
 
 
 def _quotient_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:

@@ -13,9 +13,9 @@ from jax import Array, lax
 
 from jaxspatial.arithmetic.errorfree import contraction
 from jaxspatial.arithmetic.errorfree.elementwise import alike, elementwise, no_tangent
-from jaxspatial.arithmetic.errorfree.fence import kept
+from jaxspatial.arithmetic.errorfree.fence import kept, settled
 from jaxspatial.arithmetic.errorfree.lowering import rule
-from jaxspatial.arithmetic.errorfree.reproducible import product
+from jaxspatial.arithmetic.errorfree.reproducible import product_tangent
 
 Guard = Callable[[Array], Array]
 
@@ -74,9 +74,7 @@ def two_product(a: Array, b: Array) -> tuple[Array, Array]:
     Where p is infinite or NaN, e means nothing. e is found by `contraction` where that is seen to be exact when the
     program is lowered, else as Dekker does: the same bits, but for numbers below tiny / eps.
     """
-    a, b = alike(a, b)
-    p = product(a, b)
-    return p, _error_p.bind(a, b, p)
+    return tuple(_two_product_p.bind(*alike(a, b)))
 
 
 def dekker_error(a: Array, b: Array, p: Array) -> Array:
@@ -97,14 +95,15 @@ def product_error(contracted: Callable[[Any], bool]) -> Callable[[Array, Array, 
     return lambda a, b, p: (contraction.product_error if contracted(p.dtype) else dekker_error)(a, b, p)
 
 
-def _error(*arrays: Array, contracted: Callable[[Any], bool]) -> list[Array]:
-    return [product_error(contracted)(*arrays)]
+def _two_product(a: Array, b: Array, contracted: Callable[[Any], bool]) -> list[Array]:
+    p = (contraction.hidden if contracted(a.dtype) else settled)(a * b)
+    return [p, product_error(contracted)(a, b, p)]
 
 
-def _error_jvp(primals: Sequence[Array], _: Any) -> tuple[Array, Any]:
-    """It has no derivatives of its own: those of a b are those of p."""
-    e = _error_p.bind(*primals)
-    return e, no_tangent(e)
+def _two_product_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[list[Array], list[Any]]:
+    """The derivatives of a b are those of p: the error has none of its own."""
+    p, e = _two_product_p.bind(*primals)
+    return [p, e], [product_tangent(p, primals, tangents), no_tangent(e)]
 
 
-_error_p = elementwise("product_error", lax.mul_p, rule(_error), _error_jvp)
+_two_product_p = elementwise("two_product", lax.mul_p, rule(_two_product), _two_product_jvp, n_results=2)

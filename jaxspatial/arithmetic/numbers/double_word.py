@@ -60,8 +60,12 @@ class DoubleWord(check.StandIn):
     # -- as an array --------------------------------------------------------------------------------------------------
 
     @property
-    def _words(self):
+    def words(self):
         return self.hi, self.lo
+
+    def with_words(self, words):
+        """A number of this kind."""
+        return of_words(words)
 
     @property
     def shape(self):
@@ -78,17 +82,17 @@ class DoubleWord(check.StandIn):
 
     def astype(self, dtype):
         """In words of another dtype: exact into a wider one, else with an error <= u^2 |x|, u of that dtype."""
-        return of_words(pairs.convert(self._words, conversion.known_dtype(dtype)))
+        return of_words(pairs.convert(self.words, conversion.known_dtype(dtype)))
 
     def reshape(self, *shape):
-        return of_words(word.reshape(*shape) for word in self._words)
+        return of_words(word.reshape(*shape) for word in self.words)
 
     def __getitem__(self, index):
-        return of_words(word[index] for word in self._words)
+        return of_words(word[index] for word in self.words)
 
     def __iter__(self):
         # Without it Python would count up __getitem__ until an IndexError, which JAX never raises.
-        return map(of_words, zip(*self._words, strict=True))
+        return map(of_words, zip(*self.words, strict=True))
 
     def __bool__(self):
         return bool(self != 0)
@@ -99,14 +103,14 @@ class DoubleWord(check.StandIn):
     # -- arithmetic ---------------------------------------------------------------------------------------------------
 
     def __neg__(self):
-        return of_words(pairs.negate(self._words))
+        return of_words(pairs.negate(self.words))
 
     def __abs__(self):
-        return of_words(pairs.absolute(self._words))
+        return of_words(pairs.absolute(self.words))
 
     def sqrt(self):
         """The square root, see `trees.sqrt`."""
-        return of_words(pairs.square_root(self._words))
+        return of_words(pairs.square_root(self.words))
 
     def __add__(self, other):
         return self._combined(other, pairs.add, pairs.add_word)
@@ -144,7 +148,7 @@ class DoubleWord(check.StandIn):
         first = jax.tree.leaves(words)[0]
         check.require_same_dtype(DoubleWord=self, other=first)
         shape = check.common_batch_shape(DoubleWord=self.shape, other=first.shape)
-        return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), (self._words, words))
+        return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), (self.words, words))
 
     # -- comparison: arrays of answers; like arrays, what has __eq__ cannot be hashed ---------------------------------
 
@@ -214,7 +218,7 @@ def with_zero(word):
 def _words_of(x, dtype):
     """What stands beside words of `dtype` in an operation: a pair, one word where that says it all, NotImplemented."""
     if isinstance(x, DoubleWord):
-        return x._words
+        return x.words
     if isinstance(x, (int, float)):
         hi, lo = conversion.of_number(x, dtype)
         return (hi, lo) if lo else hi

@@ -127,11 +127,6 @@ def multiply(precision: Precision, a: Any, b: Any) -> Any:
     return _PRODUCT[precision](*alike(a, b))
 
 
-def halve(a: Any) -> Any:
-    """a / 2, exactly but for underflow. Of a whole sum before it is rounded: what overflows twice as large is right."""
-    return quietly(operator.mul, a, a.dtype.type(0.5))
-
-
 def divide(a: Any, b: Any) -> Any:
     """a / b for a number b known or not; rounded on its own in every precision."""
     if is_known(b, 1) or is_known(a, 0):

@@ -1,6 +1,7 @@
 """What a formula asks of any number: constants, selections, scaling, and calls that the compiler leaves alone."""
 
 import functools
+import operator
 from collections.abc import Callable, Iterable
 from fractions import Fraction
 from typing import Any, TypeGuard, TypeVar
@@ -13,6 +14,7 @@ from jax.experimental.xla_metadata import set_xla_metadata
 
 from jaxspatial.arithmetic.errorfree import scaling
 from jaxspatial.arithmetic.numbers import folding
+from jaxspatial.arithmetic.numbers.corrected import Corrected, nearest
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord, nearest_double_word
 from jaxspatial.arithmetic.numbers.polynomial import Polynomial
 from jaxspatial.arithmetic.numbers.protocol import Mask, Number, Numbers
@@ -20,7 +22,7 @@ from jaxspatial.arithmetic.numbers.rounded import Rounded
 from jaxspatial.arithmetic.numbers.trees import to_double_word
 
 T = TypeVar("T")
-_KINDS: tuple[type[Number], ...] = (Rounded, DoubleWord)
+_KINDS: tuple[type[Number], ...] = (Rounded, Corrected, DoubleWord)
 
 
 def constant(like: Number, number: float | Fraction) -> Number:
@@ -29,6 +31,8 @@ def constant(like: Number, number: float | Fraction) -> Number:
         return like.constant(number)
     if isinstance(like, DoubleWord):
         return nearest_double_word(number, like.dtype)
+    if isinstance(like, Corrected):
+        return nearest(number, like.dtype)
     return Rounded(like.precision, like.dtype.type(float(number)))
 
 
@@ -38,64 +42,67 @@ def where(condition: Mask | bool, a: Number | float, b: Number | float) -> Numbe
     a, b = (x if is_number(x) else constant(like, x) for x in (a, b))
     if isinstance(condition, (bool, np.bool_)):
         return a if condition else b
-    if isinstance(like, DoubleWord):
-        return jax.tree.map(functools.partial(_selected, condition), a, b)
-    return Rounded(like.precision, _selected(condition, a.value, b.value))
+    return like.with_words(_selected(condition, *words) for words in zip(a.words, b.words, strict=True))
 
 
-def _selected(condition: Array, a: Any, b: Any) -> Array:
+def _selected(condition: Array, a: Any, b: Any) -> Any:
+    if folding.is_known(a, 0) and folding.is_known(b, 0):
+        return a
     shape = np.broadcast_shapes(condition.shape, np.shape(a), np.shape(b))
     return lax.select(*(jnp.broadcast_to(jnp.asarray(x), shape) for x in (condition, a, b)))
 
 
 def high(x: Number) -> jax.Array:
     """The number as one array, up to rounding: to decide upon."""
-    return x.hi if isinstance(x, DoubleWord) else x.value
+    return x.rounded() if isinstance(x, Corrected) else x.words[0]
+
+
+def shape_of(x: Number) -> tuple[int, ...]:
+    """That of the number as an array."""
+    return np.shape(x.words[0])
 
 
 def nearest_integer(x: Number) -> Number:
-    """The integer nearest to x, of one word; a constant to derivatives."""
-    value = high(x)
-    if folding.is_known(value) and isinstance(x, Rounded):
-        return Rounded(x.precision, np.round(value))
-    rounded = lax.round(lax.stop_gradient(value), lax.RoundingMethod.TO_NEAREST_EVEN)
-    return to_double_word(rounded) if isinstance(x, DoubleWord) else Rounded(x.precision, rounded)
+    """The integer nearest to the first word of x, of one word; a constant to derivatives."""
+    value = x.words[0]
+    if folding.is_known(value) and not isinstance(x, DoubleWord):
+        return of_word(x, np.round(value))
+    return of_word(x, lax.round(lax.stop_gradient(value), lax.RoundingMethod.TO_NEAREST_EVEN))
+
+
+def of_word(like: Number, word: Any) -> Number:
+    """A number of the kind of another, of one word."""
+    return to_double_word(word) if isinstance(like, DoubleWord) else like.with_words((word,))
 
 
 def frozen(x: Number) -> Number:
     """x, a constant to derivatives."""
-    if isinstance(x, DoubleWord):
-        return jax.tree.map(lax.stop_gradient, x)
-    return Rounded(x.precision, x.value if folding.is_known(x.value) else lax.stop_gradient(x.value))
+    return x.with_words(word if folding.is_known(word) else lax.stop_gradient(word) for word in x.words)
 
 
 def times_power_of_two(x: Number, e: Any) -> Number:
     """x 2^e for integers e (*batch,), exactly but for underflow."""
-    if isinstance(x, DoubleWord):
-        return jax.tree.map(lambda word: scaling.times_power_of_two(word, e), x)
-    if folding.is_known(x.value) and isinstance(e, np.integer):
-        return Rounded(x.precision, folding.quietly(np.ldexp, x.value, e))
-    return (
-        x if folding.is_known(x.value, 0) else Rounded(x.precision, scaling.times_power_of_two(jnp.asarray(x.value), e))
-    )
+    return x.with_words(_word_times_power_of_two(word, e) for word in x.words)
+
+
+def _word_times_power_of_two(word, e):
+    if folding.is_known(word) and isinstance(e, np.integer):
+        return folding.quietly(np.ldexp, word, e)
+    return word if folding.is_known(word, 0) else scaling.times_power_of_two(jnp.asarray(word), e)
 
 
 def doubled(x: Number, times: int = 1) -> Number:
     """x 2^times, for a number of times known while tracing."""
-    if isinstance(x, DoubleWord):
-        return jax.tree.map(lambda word: word * word.dtype.type(2.0**times), x)
-    return x * 2.0**times
+    return x.with_words(folding.quietly(operator.mul, word, word.dtype.type(2.0**times)) for word in x.words)
 
 
 def halved(x: Number) -> Number:
     """x / 2, exactly but for underflow. Of a whole sum before it is rounded: what overflows twice as large is right."""
-    if isinstance(x, Rounded):
-        return x._new(folding.halve(x.value))
     return x.halved() if isinstance(x, Polynomial) else doubled(x, -1)
 
 
 def noinline_pairs(function: Callable[..., T]) -> Callable[..., T]:
-    """A function of numbers that are double words becomes a call that the compiler does not inline.
+    """A function of numbers of two words becomes a call that the compiler does not inline.
 
     Each of their operations is ten of the processor's; fused into one another they would be computed again for every
     use, and compile for minutes.
@@ -103,7 +110,10 @@ def noinline_pairs(function: Callable[..., T]) -> Callable[..., T]:
 
     @functools.wraps(function)
     def call(*numbers: Any) -> Any:
-        if not any(isinstance(x, DoubleWord) for x in jax.tree.leaves(numbers, is_leaf=_is_double_word)):
+        leaves = jax.tree.leaves(numbers, is_leaf=is_number)
+        if any(isinstance(x, Corrected) for x in leaves):
+            return noinline(function)(*numbers)
+        if not any(isinstance(x, DoubleWord) for x in leaves):
             return function(*numbers)
         with set_xla_metadata(inlineable="false"):
             return jax.jit(function)(*numbers)
@@ -128,7 +138,7 @@ def noinline(function: Callable[..., T]) -> Callable[..., T]:
             results.extend(jax.tree.flatten(result, is_leaf=is_number))
             return data_of(results[0])
 
-        if not any(map(_is_data, leaves)):
+        if not data_of(leaves):
             return function(*arguments)
         with set_xla_metadata(inlineable="false"):
             data = jax.jit(on_data)(data_of(leaves))
@@ -138,44 +148,59 @@ def noinline(function: Callable[..., T]) -> Callable[..., T]:
 
 
 def is_number(x: object) -> TypeGuard[Number]:
-    """True for a rounded number or a double word."""
+    """True for a number of any kind but a polynomial."""
     return isinstance(x, _KINDS)
 
 
-def _is_data(x: Any) -> bool:
-    return not folding.is_known(x.value) if isinstance(x, Rounded) else isinstance(x, (jax.Array, DoubleWord))
+def is_constant(x: object) -> TypeGuard[Rounded | Corrected]:
+    """True for a number that is known while tracing."""
+    return is_number(x) and folding.is_known(x.words[0])
+
+
+def _words(leaf: Any) -> list[tuple[Any, bool]]:
+    """(word, whether it is data) of a number, or of a mask or anything else."""
+    if is_number(leaf):
+        return [(word, not folding.is_known(word)) for word in leaf.words]
+    return [(leaf, isinstance(leaf, jax.Array))]
 
 
 def data_of(leaves: Iterable[Any]) -> list[Any]:
-    """What of numbers and masks is not known while tracing: the arrays of rounded numbers, and double words."""
-    return [x.value if isinstance(x, Rounded) else x for x in leaves if _is_data(x)]
+    """What of numbers and masks is not known while tracing: the arrays that they consist of."""
+    return [word for x in leaves for word, is_data in _words(x) if is_data]
 
 
 def with_data(leaves: Iterable[Any], data: Iterable[Any]) -> list[Any]:
     """The leaves, with other data for that which `data_of` finds."""
-    data = iter(data)
-    return [x if not _is_data(x) else x._new(next(data)) if isinstance(x, Rounded) else next(data) for x in leaves]
+    data, found = iter(data), []
+    for x in leaves:
+        words = [next(data) if is_data else word for word, is_data in _words(x)]
+        found.append(x.with_words(words) if is_number(x) else words[0])
+    return found
 
 
 def as_data(x: Number) -> Number:
-    """A number that is known as one that is not: a loop has the same of these at every turn."""
-    return x._new(jnp.asarray(x.value)) if isinstance(x, Rounded) and folding.is_known(x.value) else x
+    """A number of which words are known as one of which none is: a loop has the same of these at every turn."""
+    return x.with_words(jnp.full(shape_of(x), word) if folding.is_known(word) else word for word in x.words)
 
 
 def mapped(function: Callable[..., jax.Array], *numbers: Number) -> Number:
-    """A function of arrays, applied to numbers that are data, word by word."""
-    words = [jax.tree.leaves(data_of([x])) for x in numbers]
-    found = [function(*parts) for parts in zip(*words, strict=True)]
-    like = numbers[0]
-    return like._new(found[0]) if isinstance(like, Rounded) else jax.tree.unflatten(jax.tree.structure(like), found)
+    """A function of arrays, applied to numbers that are data, word by word; what is known of all to be 0 stays so."""
+    words = list(zip(*(x.words for x in numbers), strict=True))
+    known = [all(folding.is_known(word, 0) for word in same) for same in words]
+    words = zip(*(x.words if all(known[1:]) else as_data(x).words for x in numbers), strict=True)
+    return numbers[0].with_words(w[0] if k else function(*w) for w, k in zip(words, known, strict=True))
 
 
 def repeated(function: Callable[[Numbers], Numbers], times: int, numbers: Numbers) -> Numbers:
     """The function of a tuple of numbers applied to its own result so many times, as a loop: to be compiled once."""
-    if not all(map(_is_data, numbers)):
+    if any(map(is_constant, numbers)):
         return functools.reduce(lambda x, _: function(x), range(times), numbers)
-    found = lax.scan(lambda x, _: (data_of(function(with_data(numbers, x))), None), data_of(numbers), length=times)[0]
-    return tuple(with_data(numbers, found))
+    numbers = [as_data(x) for x in numbers]
+
+    def turn(data, _):
+        return data_of(map(as_data, function(with_data(numbers, data)))), None
+
+    return tuple(with_data(numbers, lax.scan(turn, data_of(numbers), length=times)[0]))
 
 
 def each(operation: Callable[..., Number], *lists: Numbers) -> list[Number]:
@@ -191,7 +216,3 @@ def each(operation: Callable[..., Number], *lists: Numbers) -> list[Number]:
 def _abreast(numbers: Any, like: Number, shape: tuple[int, ...]) -> Any:
     pairs = (x if isinstance(x, DoubleWord) else constant(like, x) for x in numbers)
     return jax.tree.map(lambda *words: jnp.stack([jnp.broadcast_to(word, shape) for word in words]), *pairs)
-
-
-def _is_double_word(x: Any) -> bool:
-    return isinstance(x, DoubleWord)

@@ -25,83 +25,23 @@ using double-word arithmetic, ACM TOMS 49(1)]
 """
 
 import functools
-import typing
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.custom_derivatives import SymbolicZero, zero_from_primal
 
 from jaxspatial.arithmetic.errorfree.fence import fence
 from jaxspatial.arithmetic.errorfree.reproducible import product, quotient
 from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_product, two_sum
 from jaxspatial.arithmetic.numbers.conversion import narrowest
-
-# -- derivatives ------------------------------------------------------------------------------------------------------
-
-
-def _differentiable(tangent) -> typing.Any:
-    """Decorator of an operation on pairs and words, with `tangent(result, operands, tangents)` as its derivative.
-
-    All three are values hi + lo in one word: hi up to rounding, but with the derivatives of the sum. A tangent known
-    to be zero is None: times an infinite derivative it must not become NaN. Called outside of a transformation, an
-    operation is one compiled program.
-    """
-
-    def decorate(operation):
-        differentiable = jax.custom_jvp(operation)
-        call = functools.wraps(operation)(jax.jit(differentiable, inline=True))
-
-        def jvp(operands, tangents):
-            hi, lo = call(*operands)
-            d_hi = tangent(hi + lo, [_value(x) for x in operands], [_tangent_of_value(t) for t in tangents])
-            return (hi, lo), (jnp.zeros_like(hi) if d_hi is None else d_hi, zero_from_primal(lo, symbolic_zeros=True))
-
-        differentiable.defjvp(jvp, symbolic_zeros=True)
-        return call
-
-    return decorate
-
-
-def _value(x):
-    return x[0] + x[1] if isinstance(x, tuple) else x
-
-
-def _tangent_of_value(tangents):
-    return _sum(*(None if isinstance(t, SymbolicZero) else t for t in jax.tree.leaves(tangents)))
-
-
-def _sum(*terms):
-    """The sum of the terms that are there, None if none is."""
-    there = [t for t in terms if t is not None]
-    return functools.reduce(lax.add, there) if there else None
-
-
-def _linear(operation, t, *others):
-    """operation(t, *others) of a tangent that may be None."""
-    return None if t is None else operation(t, *others)
-
-
-def _sum_tangent(_, operands, tangents):
-    return _sum(*tangents)
-
-
-def _product_tangent(_, operands, tangents):
-    (a, b), (da, db) = operands, tangents
-    return _sum(_linear(product, da, b), _linear(product, db, a))
-
-
-def _quotient_tangent(result, operands, tangents):
-    """d(a / b) = (da - (a / b) db) / b."""
-    (_, b), (da, db) = operands, tangents
-    return _linear(quotient, _sum(da, _linear(lax.neg, _linear(product, db, result))), b)
-
-
-def _root_tangent(result, _, tangents):
-    """d sqrt(a) = da / (2 sqrt(a)): infinite at 0."""
-    return _linear(quotient, tangents[0], result + result)
-
+from jaxspatial.arithmetic.numbers.differentiable import (
+    differentiable,
+    linear,
+    product_tangent,
+    quotient_tangent,
+    root_tangent,
+    sum_tangent,
+)
 
 # -- operations on pairs and words ------------------------------------------------------------------------------------
 
@@ -116,7 +56,7 @@ def absolute(x):
     return lax.abs(x[0]), lax.select(lax.lt(x[0], lax.full_like(x[0], 0)), -x[1], x[1])
 
 
-@_differentiable(_sum_tangent)
+@differentiable(sum_tangent)
 def add(x, y):
     """x + y of two pairs. Error <= (3 u^2 + 13 u^3) |x + y|, also where they cancel. 20 flops. [Algorithm 6]"""
     s, s_error = two_sum(x[0], y[0])
@@ -125,7 +65,7 @@ def add(x, y):
     return _settled(s, high, t_error + low)
 
 
-@_differentiable(_sum_tangent)
+@differentiable(sum_tangent)
 def add_word(x, b):
     """x + b of a pair and a word. Error <= 2 u^2 |x + b|. 10 flops. [Algorithm 4]"""
     s, error = two_sum(x[0], b)
@@ -142,7 +82,7 @@ def subtract_word(x, b):
     return add_word(x, -b)
 
 
-@_differentiable(_product_tangent)
+@differentiable(product_tangent)
 def multiply(x, y):
     """x y of two pairs. Error <= 5 u^2 |x y|. 16 flops and 2 splits. [Algorithm 10; 7 u^2 there, 5 u^2 in Muller 2022]
 
@@ -152,7 +92,7 @@ def multiply(x, y):
     return _settled(p, p, error + (product(x[0], y[1]) + product(x[1], y[0])))
 
 
-@_differentiable(_product_tangent)
+@differentiable(product_tangent)
 def multiply_word(x, b):
     """x b of a pair and a word. Error <= (3/2 u^2 + 4 u^3) |x b|. 17 flops and 2 splits. [Algorithm 7]"""
     return _settled(*_times_word(x, b))
@@ -165,7 +105,7 @@ def _times_word(x, b):
     return p, high, low + error
 
 
-@_differentiable(_quotient_tangent)
+@differentiable(quotient_tangent)
 def divide(x, y):
     """x / y of two pairs. Error <= (15 u^2 + 56 u^3) |x / y|. 25 flops and 2 splits. [Algorithm 17]"""
     q = quotient(x[0], y[0])
@@ -176,7 +116,7 @@ def divide(x, y):
     return _settled(q, q, quotient(rest, y[0]))
 
 
-@_differentiable(_quotient_tangent)
+@differentiable(quotient_tangent)
 def divide_word(x, b):
     """x / b of a pair and a word. Error <= 3 u^2 |x / b|. 17 flops and 2 splits. [Algorithm 15]"""
     q = quotient(x[0], b)
@@ -185,7 +125,7 @@ def divide_word(x, b):
     return _settled(q, q, quotient(rest, b))
 
 
-@_differentiable(_root_tangent)
+@differentiable(root_tangent)
 def square_root(x):
     """sqrt(x) of a pair. Error <= 25/8 u^2 sqrt(x). 18 flops and 2 splits. [Lefevre 2023, SQRTDWtoDW]
 
@@ -248,7 +188,7 @@ def convert(x, dtype):
 @functools.cache
 def _conversion(dtype):
     def tangent(result, operands, tangents):
-        return _linear(lax.convert_element_type, tangents[0], dtype)
+        return linear(lax.convert_element_type, tangents[0], dtype)
 
     def converted(x):
         wide = narrowest(x[0].dtype, dtype)
@@ -258,4 +198,4 @@ def _conversion(dtype):
         low = (s - lax.convert_element_type(high, wide)) + error
         return _settled(high, high, lax.convert_element_type(low, dtype))
 
-    return _differentiable(tangent)(converted)
+    return differentiable(tangent)(converted)

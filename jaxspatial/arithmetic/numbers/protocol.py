@@ -1,6 +1,6 @@
 """What a formula may ask of a number, as a type; and names for tuples of numbers, by what they hold."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Protocol, Self
 
 import jax
@@ -15,6 +15,15 @@ class Number(Protocol):
 
     @property
     def dtype(self) -> np.dtype[Any]: ...
+
+    @property
+    def words(self) -> tuple[Any, ...]:
+        """What it is the sum of: arrays, or numbers known while tracing."""
+        ...
+
+    def with_words(self, words: Iterable[Any], /) -> Self:
+        """A number of this kind."""
+        ...
 
     def __neg__(self) -> Self: ...
 

@@ -1,7 +1,7 @@
 """Numbers rounded as the precision says: an array over the batch, or a number known while tracing, which folds."""
 
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import jax
@@ -22,6 +22,14 @@ class Rounded:
     @property
     def dtype(self) -> np.dtype[Any]:
         return np.dtype(self.value.dtype)
+
+    @property
+    def words(self) -> tuple[Any, ...]:
+        return (self.value,)
+
+    def with_words(self, words: Iterable[Any]) -> "Rounded":
+        """A number of this kind."""
+        return self._new(*words)
 
     def _of(self, other: "Rounded | float") -> Any:
         """The value of what stands beside this one."""

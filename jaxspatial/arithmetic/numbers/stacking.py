@@ -10,7 +10,7 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic.errorfree.fence import fence
-from jaxspatial.arithmetic.numbers import Numbers, Rounded, folding
+from jaxspatial.arithmetic.numbers import Corrected, Numbers, Rounded, folding, high
 from jaxspatial.arithmetic.numbers.components import Components
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.trees import to_double_word
@@ -88,9 +88,16 @@ def of_array(array: Any, precision: Precision, twice: bool, dtype: Any = None) -
     return tuple(Rounded(precision, converted(x, wide)) for x in folding.unstack(array))
 
 
+def of_terms(array: Any, precision: Precision, dtype: np.dtype[Any]) -> Numbers:
+    """`of_array`, for promises relative to the terms of results: with corrections in place of double words."""
+    if not (precision.sees_whole_sums and dtype == np.float64):
+        return of_array(array, precision, precision.sees_whole_sums, dtype)
+    return tuple(Corrected(converted(x, dtype)) for x in folding.unstack(array))
+
+
 def as_array(x: Any, dtype: Any) -> Any:
     """The number as an array, or known number, of one word, rounded to a dtype."""
-    return x.hi if isinstance(x, DoubleWord) else converted(x.value, dtype)
+    return converted(high(x), dtype)
 
 
 def converted(x: Any, dtype: Any) -> Any:

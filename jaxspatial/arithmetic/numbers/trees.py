@@ -87,7 +87,7 @@ def _as_word(leaf, dtype):
     dtype = leaf.dtype if dtype is None else dtype
     if not conversion.holds(dtype, leaf.dtype):
         raise ValueError(f"from_double_word: dtype: expected one that holds {leaf.dtype}, got {dtype}; see astype")
-    hi, lo = (lax.convert_element_type(word, dtype) for word in leaf._words)
+    hi, lo = (lax.convert_element_type(word, dtype) for word in leaf.words)
     return hi + lo
 
 
