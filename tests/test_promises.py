@@ -143,3 +143,11 @@ def test_a_normwise_record_says_what_it_allows():
     assert bound.allowed("compensated", u, 6 * 5.0, 3.0) == 1.01 * u * 3 + 32 * u**2 * 30
     assert Normwise(8).allowed("faithful", u, 2.0) == 1.01 * u * 2
     assert [OfSum(10, 2).factor(n) for n in (1, 2, 3, 9)] == [10, 12, 14, 18]
+
+
+def test_no_other_layer_names_a_precision():
+    """A new one is a matter of `arithmetic` alone."""
+    named = re.compile(rf"Precision\.({'|'.join(p.name for p in js.Precision)})")
+    package = pathlib.Path(js.__file__).parent
+    files = [path for path in package.rglob("*.py") if path.relative_to(package).parts[0] != "arithmetic"]
+    assert len(files) > 100 and [path.name for path in files if named.search(path.read_text())] == []

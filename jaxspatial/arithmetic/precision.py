@@ -32,9 +32,19 @@ class Precision(enum.StrEnum):
         """True for those that evaluate a sum of products as a whole, and not operation by operation."""
         return self in (Precision.COMPENSATED, Precision.FAITHFUL)
 
+    @property
+    def is_within_an_ulp(self):
+        """True for those within one unit in the last place, whatever cancels, or overflows on the way."""
+        return self is Precision.FAITHFUL
+
+
+DEFAULT = Precision.REPRODUCIBLE
+# The one that others are held against; in whole algorithms "faithful" carries the same numbers, under the same promise.
+OF_REFERENCES = Precision.COMPENSATED
+OF_ALGORITHMS = Precision.FAST, Precision.REPRODUCIBLE, OF_REFERENCES
 
 # Part of the key under which jit caches its traces: a function traced under one default is traced again under another.
-_default = jax.make_user_context(default_value=Precision.REPRODUCIBLE)
+_default = jax.make_user_context(default_value=DEFAULT)
 
 
 def default_precision(precision: Precision | str) -> contextlib.AbstractContextManager[None]:

@@ -1,7 +1,7 @@
 """Error bounds as records: what docstrings, `measure`, the tests and the tables of the pages state, stated once.
 
-Beside the operations of a layer, its `promises` has a record for each kind of number that they return. A new precision
-is a line in each of these methods.
+Beside the operations of a layer, its `promises` has a record for each kind of number that they return. A precision that
+promises anything else than those there are is a line in each of these methods.
 """
 
 import math
@@ -41,9 +41,10 @@ class Promise(NamedTuple):
         """The bound for numbers r of any kind, as of exact rationals. ulp: the unit in the last place of r."""
         if self.is_exact:
             return 0 * mag
-        if precision == Precision.FAITHFUL:
+        precision = Precision(precision)
+        if precision.is_within_an_ulp:
             return ulp + self._exactly(self.u3, roundoff) * roundoff**3 * mag
-        if precision == Precision.COMPENSATED:
+        if precision.sees_whole_sums:
             twice, of_result = (self._exactly(x, roundoff) * roundoff**2 for x in (self.u2, self.u2_of_result))
             return roundoff * abs(r) + twice * mag + of_result * abs(r) * condition
         once, of_result = (self._exactly(x, roundoff) * roundoff for x in (self.u, self.u_of_result))
@@ -56,12 +57,10 @@ class Promise(NamedTuple):
 
     def words(self, precision: Precision | str) -> str:
         """The bound in a table."""
-        return {
-            Precision.FAST: f"{self.u:g} u mag",
-            Precision.REPRODUCIBLE: f"{self.u:g} u mag",
-            Precision.COMPENSATED: f"u |r| + {self.u2:g} u² mag",
-            Precision.FAITHFUL: "1 ulp",
-        }[Precision(precision)]
+        precision = Precision(precision)
+        if precision.is_within_an_ulp:
+            return "1 ulp"
+        return f"u |r| + {self.u2:g} u² mag" if precision.sees_whole_sums else f"{self.u:g} u mag"
 
     @property
     def factors(self):
@@ -71,9 +70,10 @@ class Promise(NamedTuple):
 
     def is_given(self, precision: Precision | str, roundoff: Any, condition: Any) -> Any:
         """Where anything is promised: not of a quotient whose denominator is little more than its rounding errors."""
-        if not self.u_of_result or precision == Precision.FAITHFUL:
+        precision = Precision(precision)
+        if not self.u_of_result or precision.is_within_an_ulp:
             return condition == condition
-        smallest = SMALLEST * (roundoff**2 if precision == Precision.COMPENSATED else roundoff)
+        smallest = SMALLEST * (roundoff**2 if precision.sees_whole_sums else roundoff)
         return condition * smallest <= 1
 
 

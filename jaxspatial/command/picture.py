@@ -15,6 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.ticker import LogLocator, NullLocator  # noqa: E402
 
+from jaxspatial.arithmetic.precision import Precision  # noqa: E402
 from jaxspatial.command.result import Result, readable  # noqa: E402
 from jaxspatial.measure import conditions, trade  # noqa: E402
 from jaxspatial.measure.algorithms import ALGORITHMS, Evaluated  # noqa: E402
@@ -27,7 +28,8 @@ ENDINGS = tuple(sorted(FigureCanvasAgg.get_supported_filetypes()))
 # Drawn where measured; the narrow formats only where nothing else is.
 _DTYPES = ("float32", "float64")
 # After Okabe and Ito 2008: told apart with every kind of colour vision.
-_COLOURS = {"fast": "#D55E00", "reproducible": "#0072B2", "compensated": "#009E73", "faithful": "#AA4499"}
+_PALETTE = "#D55E00", "#0072B2", "#009E73", "#AA4499", "#E69F00", "#56B4E9"
+_COLOURS = dict(zip(map(str, Precision), _PALETTE, strict=False))
 _MARKERS = dict(zip(OPERATIONS, "osD^vX", strict=True))
 # The lowest error shown, and the number of results that make a point of a curve.
 _LOWEST, _ENOUGH = 0.2, 10

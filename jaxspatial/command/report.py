@@ -11,10 +11,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.precision import OF_ALGORITHMS, Precision
 from jaxspatial.command.result import Result, readable
 from jaxspatial.measure import power
-from jaxspatial.measure.algorithms import ALGORITHMS, PRECISIONS, Evaluated
+from jaxspatial.measure.algorithms import ALGORITHMS, Evaluated
 from jaxspatial.measure.applications import Loss
 from jaxspatial.measure.findings import Report
 from jaxspatial.measure.operation import OPERATIONS
@@ -142,7 +142,7 @@ def _print_algorithms(wide: Console, rows: Sequence[Evaluated]):
 def _whole_line(rows: list[Evaluated]):
     """One algorithm in one dtype."""
     by_precision = {row.case.precision: row for row in rows}
-    times = [readable(nanoseconds(by_precision[name].seconds) / 1e3) for name in PRECISIONS]
+    times = [readable(nanoseconds(by_precision[name].seconds) / 1e3) for name in OF_ALGORITHMS]
     errors = [
         "ref." if math.isnan(error) else readable(error)
         for row in (by_precision["reproducible"], by_precision["compensated"])

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.precision import OF_ALGORITHMS, OF_REFERENCES, Precision
 from jaxspatial.dynamics import forward_dynamics, inverse_dynamics, random_configuration
 from jaxspatial.measure import error, exact, timing
 from jaxspatial.measure.recommend import compiled
@@ -16,11 +16,9 @@ from jaxspatial.measure.timing import Advance
 from jaxspatial.measure.trade import Case
 from jaxspatial.mechanism import Mechanism
 
-# "faithful" carries the same numbers as "compensated" does, under the same promise.
-PRECISIONS = (Precision.FAST, Precision.REPRODUCIBLE, Precision.COMPENSATED)
 DTYPES = ("float32", "float64")
 # What all others are held against: its result is as if of twice the digits of float64, rounded once.
-REFERENCE = ("float64", Precision.COMPENSATED)
+REFERENCE = ("float64", OF_REFERENCES)
 STATES = 500
 _ROUNDS, _LIMIT = 11, 3.0
 _TURNING = {"revolute", "continuous", "helical", "universal", "ball"}
@@ -69,7 +67,7 @@ class Evaluated(NamedTuple):
 
 def cases(algorithms: Iterable[str] = tuple(ALGORITHMS), dtypes: Iterable[str] = DTYPES):
     """All that is measured."""
-    return [Case(a, d, str(p)) for a in algorithms for d in dtypes if d in DTYPES for p in PRECISIONS]
+    return [Case(a, d, str(p)) for a in algorithms for d in dtypes if d in DTYPES for p in OF_ALGORITHMS]
 
 
 def steps(lines: Sequence[Case]):

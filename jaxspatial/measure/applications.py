@@ -7,10 +7,9 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.precision import DEFAULT, OF_ALGORITHMS
 from jaxspatial.dynamics import forward_dynamics, forward_kinematics, inverse_dynamics
 from jaxspatial.measure import scene
-from jaxspatial.measure.algorithms import PRECISIONS
 from jaxspatial.measure.recommend import compiled, reference
 from jaxspatial.measure.timing import Advance
 from jaxspatial.spatial import SpatialForce, shift
@@ -42,7 +41,7 @@ class Loss(NamedTuple):
 
 def steps():
     """How often `measure` calls `advance`."""
-    return len(APPLICATIONS) * (len(PRECISIONS) + 1)
+    return len(APPLICATIONS) * (len(OF_ALGORITHMS) + 1)
 
 
 def measure(advance: Advance = lambda: None, states: int = STATES):
@@ -53,10 +52,10 @@ def measure(advance: Advance = lambda: None, states: int = STATES):
 def _loss(application: Application, n: int, advance: Advance):
     arguments = application.arguments(np.random.default_rng(0), n)
     function = jax.vmap(application.program())
-    (expected,) = reference(function, arguments, Precision.REPRODUCIBLE)
+    (expected,) = reference(function, arguments, DEFAULT)
     advance()
     errors = {}
-    for precision in PRECISIONS:
+    for precision in OF_ALGORITHMS:
         computed = np.asarray(compiled(function, precision, arguments)(), np.float64)
         errors[str(precision)] = float(abs(computed - expected).max())
         advance()

@@ -56,7 +56,7 @@ def _hostile(name: str, precision: Precision, dtype: str):
     groups = [conditioned(random, _N, dtype, c) for c in (1.5, u**-0.5, 0.3 / u, u**-1.5, np.inf)]
     families = ("mixed_scales", "nearly_parallel", "far_offsets", "small_integers_and_zeros")
     groups += [inputs.FAMILIES[family](random, len(groups[0]), _N, dtype) for family in families]
-    if name == "shift_force" and (precision is Precision.FAITHFUL or dtype != "float64"):
+    if name == "shift_force" and (precision.is_within_an_ulp or dtype != "float64"):
         groups.append(inputs.near_overflow_of_products(random, len(groups[0]), _N, dtype))
     return [np.concatenate(x) for x in zip(*groups, strict=True)]
 

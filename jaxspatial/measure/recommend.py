@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxspatial.arithmetic.precision import Precision, default_precision
+from jaxspatial.arithmetic.precision import OF_REFERENCES, Precision, default_precision
 from jaxspatial.measure import timing
 
 
@@ -97,7 +97,7 @@ def compiled(function: Callable[..., Any], precision: Precision | str, arguments
     return lambda: program(*arguments)
 
 
-def reference(function: Callable[..., Any], arguments: Sequence[Any], precision: Precision = Precision.COMPENSATED):
+def reference(function: Callable[..., Any], arguments: Sequence[Any], precision: Precision = OF_REFERENCES):
     """The results as float64, of arguments as float64."""
     with jax.enable_x64(True):
         call = compiled(function, precision, jax.tree.map(_widened, arguments))

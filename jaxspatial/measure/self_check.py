@@ -49,6 +49,5 @@ _CHECKS = {
     "quotients": block_checks.division,
     "double words": block_checks.double_words,
     "precision 'reproducible'": promise_checks.reproducible_bits,
-    "precision 'compensated'": promise_checks.bounds(Precision.COMPENSATED),
-    "precision 'faithful'": promise_checks.bounds(Precision.FAITHFUL),
+    **{f"precision '{p}'": promise_checks.bounds(p) for p in Precision if p.sees_whole_sums},
 }

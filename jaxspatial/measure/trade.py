@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from jax import lax
 
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.precision import DEFAULT, Precision
 from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.measure import timing
 from jaxspatial.measure.operation import OPERATIONS, Exactly, Operation, Parts
@@ -168,7 +168,7 @@ def _first(operation: Operation, arrays: Sequence[jax.Array]):
     """Parts to start from: the argument that is replaced, or room for the result."""
     if operation.replaced is not None:
         return (arrays[operation.replaced] + 0,)
-    shapes = jax.eval_shape(operation.batched(Precision.REPRODUCIBLE), *arrays)
+    shapes = jax.eval_shape(operation.batched(DEFAULT), *arrays)
     return tuple(jnp.zeros(x.shape, x.dtype) for x in shapes)
 
 

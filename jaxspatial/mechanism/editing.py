@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from jaxspatial.arithmetic.numbers import Rounded, high
 from jaxspatial.arithmetic.numbers.known import in_double
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.precision import DEFAULT
 from jaxspatial.arithmetic.types import Scalar, Vector
 from jaxspatial.mechanism.joints import JointKind, Parameter
 from jaxspatial.mechanism.mechanism import Mechanism
@@ -172,4 +172,4 @@ def _parameter(joint: Joint, p: Parameter):
 
 
 def _number(x: float):
-    return Rounded(Precision.REPRODUCIBLE, np.float64(x))
+    return Rounded(DEFAULT, np.float64(x))

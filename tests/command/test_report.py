@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.precision import OF_ALGORITHMS, Precision
 from jaxspatial.command import picture, report
 from jaxspatial.command.result import Result
 from jaxspatial.measure import algorithms, conditions, trade
@@ -41,7 +41,7 @@ def result():
     rows = [_row(case) for case in trade.cases()]
     curves = [_curve(name, dtype, str(p)) for name, dtype in conditions.subjects() for p in Precision]
     evaluated = [_evaluated(case) for case in algorithms.cases()]
-    losses = [Loss("x" * 40, "rad/s²", 1.25e3, dict.fromkeys(map(str, algorithms.PRECISIONS), 3.21e-17))] * 5
+    losses = [Loss("x" * 40, "rad/s²", 1.25e3, dict.fromkeys(map(str, OF_ALGORITHMS), 3.21e-17))] * 5
     return Result("1,000,000 wrenches", "a machine", np.zeros(3), trade.sizes(), {}, rows, curves, evaluated, losses)
 
 

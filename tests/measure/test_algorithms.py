@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.arithmetic.precision import OF_ALGORITHMS
 from jaxspatial.measure import algorithms, applications, scene
 from jaxspatial.measure.algorithms import ALGORITHMS, Case
 from jaxspatial.measure.exact import rationals
@@ -49,7 +50,7 @@ def test_forces_of_forward_dynamics_are_those_of_a_motion():
 def test_steps_count_the_reference_too():
     """It is compiled, though not asked for."""
     lines = algorithms.cases(["forward_dynamics"], ["float16", "float32"])
-    assert [line[1:] for line in lines] == [("float32", str(p)) for p in algorithms.PRECISIONS]
+    assert [line[1:] for line in lines] == [("float32", str(p)) for p in OF_ALGORITHMS]
     assert algorithms.steps(lines) == algorithms.steps([*lines, Case("forward_dynamics", "float64", "compensated")])
     assert algorithms.steps([]) == 0
 
