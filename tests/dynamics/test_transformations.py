@@ -10,6 +10,7 @@ import pytest
 
 import jaxspatial as js
 from tests.helpers import marks
+from tests.helpers.interpreted import interpreted
 
 N = 3
 KINDS = ["revolute", "prismatic", "ball"]
@@ -59,12 +60,13 @@ of_some = marks.slow_but(DEFAULT[1:], ALGORITHMS)
 
 @algorithms
 def test_the_same_bits_however_it_is_called(name):
-    """Batched by leading axes, by vmap, in a scan, recomputed, with the mechanism closed over; as data within a few
-    u."""
+    """As the formula in NumPy: batched by leading axes, by vmap, in a scan, recomputed, with the mechanism closed over;
+    as data within a few u."""
     f, mech, x = ALGORITHMS[name], mechanism(), state()
-    expected = np.asarray(f(mech, *x))
     own = functools.partial(f, mech)
+    expected = interpreted(own)(*x)
     found = {
+        "eager": own(*x),
         "jit of vmap": jax.jit(jax.vmap(own))(*x),
         "scan": jax.lax.scan(lambda _, item: (None, own(*item)), None, x)[1],
         "checkpoint": jax.jit(jax.vmap(jax.checkpoint(own)))(*x),
@@ -89,14 +91,15 @@ def test_derivatives_with_respect_to_everything(name):
     arguments = mech.inertias, mech.placements, mech.axes, *x
     rng = np.random.default_rng(2)
     t = jax.tree.map(lambda leaf: jnp.asarray(rng.standard_normal(leaf.shape)), arguments)
-    value, tangent = jax.jit(lambda x, t: jax.jvp(of, x, t))(arguments, t)
-    cotangent = jnp.asarray(rng.standard_normal(value.shape))
-    pulled = jax.jit(lambda x, c: jax.vjp(of, *x)[1](c))(arguments, cotangent)
+    value, tangent = interpreted(lambda x, t: jax.jvp(of, x, t))(arguments, t)
+    cotangent = rng.standard_normal(value.shape)
+    pulled = interpreted(lambda x, c: jax.vjp(of, *x)[1](c))(arguments, cotangent)
     inner = sum(jnp.sum(a * b) for a, b in zip(jax.tree.leaves(pulled), jax.tree.leaves(t), strict=True))
     size = sum(jnp.sum(abs(a * b)) for a, b in zip(jax.tree.leaves(pulled), jax.tree.leaves(t), strict=True))
     assert abs(inner - jnp.sum(cotangent * tangent)) <= 1e-13 * size
     step = 1e-5
-    ahead, behind = (of(*jax.tree.map(lambda a, b, s=s: a + s * b, arguments, t)) for s in (step, -step))
+    run = interpreted(lambda x: of(*x))
+    ahead, behind = (run(jax.tree.map(lambda a, b, s=s: a + s * b, arguments, t)) for s in (step, -step))
     assert abs((ahead - behind) / (2 * step) - tangent).max() <= 1e-6 * abs(tangent).max()
 
 
@@ -133,9 +136,10 @@ def test_a_rebuilt_mechanism_is_not_traced_again():
 def test_dtypes_and_precisions(dtype, precision):
     """The dtype of q, and an error of a few u of the largest number, whether 64-bit types are on or not."""
     x = [np.asarray(y[0], jnp.dtype(dtype)) for y in state()]
-    expected = np.asarray(js.inverse_dynamics(mechanism(), *(y.astype(np.float64) for y in x)))
+    expected = interpreted(functools.partial(js.inverse_dynamics, mechanism()))(*(y.astype(np.float64) for y in x))
     with jax.enable_x64(False):
-        tau = js.inverse_dynamics(mechanism(), *x, precision=precision)
+        run = jax.jit if dtype == "float32" else interpreted
+        tau = run(functools.partial(js.inverse_dynamics, mechanism(), precision=precision))(*x)
     u = float(jnp.finfo(dtype).eps) / 2
     assert tau.dtype == dtype
     assert (
@@ -148,7 +152,8 @@ def test_dtypes_and_precisions(dtype, precision):
 def test_known_numbers_take_the_dtype_of_q(precision):
     """Those of a mechanism in float32 are what they are, in float64."""
     q, narrow = np.array([0.3]), js.random_mechanism(0, 1, ["revolute"], dtype=np.float32)
-    found, expected = (js.gravity_forces(m, q, precision=precision) for m in (narrow, narrow.astype(np.float64)))
+    of = lambda m: interpreted(functools.partial(js.gravity_forces, m, precision=precision))(q)  # noqa: E731
+    found, expected = of(narrow), of(narrow.astype(np.float64))
     assert found.dtype == np.float64
     np.testing.assert_array_equal(found, expected)
 

@@ -21,6 +21,7 @@ from jaxspatial.arithmetic.numbers import Rounded, where
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.mechanism import joints
 from jaxspatial.mechanism.joints import AXIS, BUILT_IN, KINDS, JointKind, Parameter, Revolute
+from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
 
 U = 2.0**-53
@@ -151,6 +152,13 @@ def state(name, batch=(), **more):
     return (plain, q), (other, as_sine_cosine(name, plain, q)), v, a
 
 
+def of(function, mech):
+    """The function of this mechanism, in NumPy; of its numbers too, where they are data."""
+    if all(isinstance(x, np.ndarray) for x in jax.tree.leaves(mech)):
+        return interpreted(functools.partial(function, mech))
+    return functools.partial(interpreted(function), mech)
+
+
 FORCES = {"b0": js.SpatialForce(np.array([1.0, 2, 3]), np.array([4.0, 5, 6]))}
 CALLS = {
     "inverse dynamics": lambda m, q, v, a, **p: js.inverse_dynamics(m, q, v, a, FORCES, **p),
@@ -177,19 +185,18 @@ CASES += [("between others", "forward dynamics")]
 @pytest.mark.parametrize(("name", "call"), CASES)
 def test_dynamics_is_that_of_a_revolute_joint_to_the_bit(name, call):
     (plain, q), (other, q_other), v, a = state(name)
-    expected, found = CALLS[call](plain, q, v, a), CALLS[call](other, q_other, v, a)
+    expected, found = of(CALLS[call], plain)(q, v, a), of(CALLS[call], other)(q_other, v, a)
     jax.tree.map(np.testing.assert_array_equal, found, expected)
 
 
 def test_it_is_in_other_precisions_over_batches_and_as_data(call="inverse dynamics"):
     (plain, q), (other, q_other), v, a = state("a loop", (3,))
-    for precision, bound in (("fast", 200 * U), ("compensated", 200 * U)):
-        expected = CALLS[call](plain, q, v, a, precision=precision)
-        found = jax.jit(functools.partial(CALLS[call], precision=precision))(other, q_other, v, a)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=bound * abs(np.asarray(expected)).max())
-    each = jax.vmap(functools.partial(CALLS[call], other.as_data()))(q_other, v, a)
-    expected = CALLS[call](plain.as_data(), q, v, a)
-    np.testing.assert_array_equal(each, expected)
+    for precision in ("fast", "compensated"):
+        function = functools.partial(CALLS[call], precision=precision)
+        expected, found = of(function, plain)(q, v, a), of(function, other.as_data())(q_other, v, a)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=200 * U * abs(expected).max())
+    each = jax.jit(jax.vmap(functools.partial(CALLS[call], other)))(q_other, v, a)
+    np.testing.assert_array_equal(each, of(CALLS[call], plain)(q, v, a))
 
 
 # -- its coordinates --------------------------------------------------------------------------------------------------
@@ -197,10 +204,11 @@ def test_it_is_in_other_precisions_over_batches_and_as_data(call="inverse dynami
 
 def test_it_moves_on_the_circle():
     (plain, q), (other, q_other), v, _ = state("between others", (5,))
-    q2, q2_other = js.integrate(plain, q, v, 0.7), js.integrate(other, q_other, v, 0.7)
+    later = lambda mech, q: js.integrate(mech, q, v, 0.7)  # noqa: E731
+    q2, q2_other = of(later, plain)(q), of(later, other)(q_other)
     np.testing.assert_allclose(q2_other, as_sine_cosine("between others", plain, q2), rtol=0, atol=8 * U)
-    step = js.difference(other, q_other, q2_other)
-    np.testing.assert_allclose(step, js.difference(plain, q, q2), rtol=0, atol=32 * U)
+    step = of(js.difference, other)(q_other, q2_other)
+    np.testing.assert_allclose(step, of(js.difference, plain)(q, q2), rtol=0, atol=32 * U)
     np.testing.assert_allclose(step, 0.7 * np.asarray(v), rtol=0, atol=32 * U)
 
 
@@ -237,10 +245,8 @@ def test_derivatives_by_coordinates_are_those_along_rates(function_of):
 
     u = jnp.asarray(RNG.standard_normal(plain.nv))
     for function in (functools.partial(along, u=u), slope):
-        expected = function(plain, q)
-        np.testing.assert_allclose(
-            function(other, q_other), expected, rtol=0, atol=1e-12 * abs(np.asarray(expected)).max()
-        )
+        expected, found = of(function, plain)(q), of(function, other)(q_other)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * abs(expected).max())
 
 
 def test_its_springs_and_friction_are_those_of_an_angle():
@@ -258,8 +264,8 @@ def test_its_springs_and_friction_are_those_of_an_angle():
 
 def test_steps_in_time_follow_those_of_a_revolute_joint():
     (plain, q), (other, q_other), v, a = state("a loop")
-    q2, v2 = js.semi_implicit_step(plain, q, v, a, 1e-3)
-    q2_other, v2_other = js.semi_implicit_step(other, q_other, v, a, 1e-3)
+    step = lambda mech, q: js.semi_implicit_step(mech, q, v, a, 1e-3)  # noqa: E731
+    (q2, v2), (q2_other, v2_other) = of(step, plain)(q), of(step, other)(q_other)
     np.testing.assert_allclose(v2_other, v2, rtol=0, atol=1e-12)
     np.testing.assert_allclose(q2_other, sine_cosine(q2).ravel(), rtol=0, atol=1e-13)
 
@@ -273,8 +279,8 @@ def test_what_edits_and_makes_mechanisms_knows_it():
     locked = js.lock_joints(other, {"j2": q_other[4:6]})
     assert locked.topology.kinds == ("sine_cosine_revolute",) * 3
     expected = js.lock_joints(plain, {"j2": q[2]})
-    found = js.mass_matrix(locked, jnp.delete(q_other, jnp.array([4, 5])))
-    np.testing.assert_allclose(found, js.mass_matrix(expected, jnp.delete(q, 2)), rtol=0, atol=1e-14)
+    found = of(js.mass_matrix, locked)(np.delete(q_other, [4, 5]))
+    np.testing.assert_allclose(found, of(js.mass_matrix, expected)(np.delete(q, 2)), rtol=0, atol=1e-14)
     assert js.subtree(other, "b2").nq == 4
     random = js.random_configuration(other, jax.random.key(0), (100,))
     np.testing.assert_allclose((random.reshape((100, 4, 2)) ** 2).sum(-1), 1, rtol=4 * U)
@@ -318,9 +324,9 @@ def test_parameters_reach_the_formulas(as_data):
     assert {name: x.shape for name, x in other.parameters.items()} == {"lead": (4, 1), "offset": (4, 3)}
     assert plain.parameters == {}
     q, v, a = jnp.asarray(RNG.standard_normal((3, 4)))
-    expected = js.inverse_dynamics(plain, q, v, a)
-    np.testing.assert_allclose(js.inverse_dynamics(other, q, v, a), expected, rtol=0, atol=1e-13 * abs(expected).max())
-    found, expected = (js.forward_kinematics(m, q).translation for m in (other, plain))
+    found, expected = (of(js.inverse_dynamics, m)(q, v, a) for m in (other, plain))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * abs(expected).max())
+    found, expected = (of(js.forward_kinematics, m)(q).translation for m in (other, plain))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
 
 
@@ -331,16 +337,16 @@ def test_parameters_are_numbers_of_the_mechanism():
     longer = other.replace(parameters={**other.parameters, "lead": 2 * other.parameters["lead"]})
     expected = js.gravity_forces(plain.replace(pitches=2 * plain.pitches), q)
     np.testing.assert_allclose(js.gravity_forces(longer, q), expected, rtol=0, atol=1e-13)
-    slope = jax.grad(lambda m: js.potential_energy(m, q))(other.as_data()).parameters["lead"][:, 0]
-    expected = jax.grad(lambda m: js.potential_energy(m, q))(plain.as_data()).pitches
+    gradient = interpreted(jax.grad(lambda m: js.potential_energy(m, q)))
+    slope, expected = gradient(other.as_data()).parameters["lead"][:, 0], gradient(plain.as_data()).pitches
     np.testing.assert_allclose(slope, expected, rtol=0, atol=1e-13)
     held = js.lock_joints(other, {"j1": 0.3})
-    expected = js.gravity_forces(js.lock_joints(plain, {"j1": 0.3}), q[:3])
-    np.testing.assert_allclose(js.gravity_forces(held, q[:3]), expected, rtol=0, atol=1e-13)
+    expected = of(js.gravity_forces, js.lock_joints(plain, {"j1": 0.3}))(q[:3])
+    np.testing.assert_allclose(of(js.gravity_forces, held)(q[:3]), expected, rtol=0, atol=1e-13)
     static = other.as_static()
     exported = jax.export.export(jax.jit(js.gravity_forces))(static, q)
     again = jax.export.deserialize(exported.serialize())
-    np.testing.assert_array_equal(again.call(static, q), js.gravity_forces(other, q))
+    np.testing.assert_array_equal(again.call(static, q), of(js.gravity_forces, other)(q))
     random = js.random_mechanism(0, 3, ["offset_screw", "helical"], dtype=np.float64)
     assert random.parameters["lead"][0] != 0.25 != random.parameters["lead"][2] and random.pitches[1] != 0
 
