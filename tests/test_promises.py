@@ -11,6 +11,7 @@ from jaxspatial.arithmetic import promise
 from jaxspatial.arithmetic.promise import Normwise, OfSum, Promise
 from jaxspatial.dynamics import promises as of_mechanisms
 from jaxspatial.inertia import promises as of_inertia
+from jaxspatial.inertia.joint_projection import joint_projection
 from jaxspatial.inertia.shapes import Shapes
 from jaxspatial.rotation import promises as of_rotations
 from jaxspatial.spatial import promises as of_vectors
@@ -107,6 +108,12 @@ def test_shapes_state_theirs():
     text = " ".join((inspect.getdoc(Shapes) or "").split())
     mass, central = of_inertia.SHAPE_MASS, of_inertia.SHAPE_CENTRAL
     assert f"at most {mass.u} u mass and {central.u} u mag" in text and f"{central.u2} u^2 mag" in text
+
+
+def test_projections_state_theirs():
+    """Of a function that is not listed."""
+    text, bound = " ".join((inspect.getdoc(joint_projection) or "").split()), of_inertia.PROJECTED
+    assert f"{bound.u} u mag mag_D / D" in text and f"{bound.u2} u^2 mag mag_D / D" in text
 
 
 def test_algorithms_state_theirs():

@@ -13,6 +13,8 @@ ARTICULATED_TIMES, ARTICULATED_SHIFT, ARTICULATED_ROTATED = Promise(4, 8), Promi
 ARTICULATED_ACT = Promise(16, 128)
 # Central inertias: of two bodies, of moments about another point, of a matrix root; com and mass have less.
 COMBINED, FROM_MOMENTS, FROM_ROOT = Promise(10, 128), Promise(6, 64, mag="|I_P| + m |c|^2"), Promise(24, 64)
+# What is left of an articulated inertia beyond a joint: per mag_D / D.
+PROJECTED = Promise(16, 64)
 COMBINED_COM, ROOT_MASS = Normwise(6, "(m1 |c1| + m2 |c2|) / m", u2=128), Normwise(8, "m")
 # Of solids: what is made of products of sizes; of tetrahedra by density those of a determinant.
 SHAPE_MASS, SHAPE_CENTRAL = Promise(12, 64), Promise(20, 64)

@@ -16,6 +16,7 @@ from jaxspatial.inertia.joint_projection import joint_projection
 from jaxspatial.inertia.promises import ARTICULATED_ACT as ACT
 from jaxspatial.inertia.promises import ARTICULATED_ROTATED as TURN
 from jaxspatial.inertia.promises import ARTICULATED_SHIFT as SHIFT
+from jaxspatial.inertia.promises import PROJECTED
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import Sized, attribute, rationals, sized
 from tests.helpers.marks import slow
@@ -278,7 +279,7 @@ def test_bound_of_a_projection(dtype, precision):
     P = cast(random_inertia(rng, 8, 2.0), dtype)
     S = js.SpatialVelocity(*jnp.asarray(rng.standard_normal((2, 8, 3)), dtype))
     armature = jnp.asarray(rng.uniform(0, 1, 8) * (np.arange(8) % 2), dtype)
-    limit = 16 if precision in ("fast", "reproducible") else 64
+    limit = PROJECTED.u if precision in ("fast", "reproducible") else PROJECTED.u2
     assert projection_error(P, S, armature, precision) <= limit
     thin = 10 ** (-rng.uniform(1, 4 if dtype == "float64" else 1.4, 8))
     axis = rng.standard_normal((8, 3))

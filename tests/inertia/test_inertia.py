@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.inertia.promises import ENERGY, FORCE, TORQUE
 from jaxspatial.measure import error
 from jaxspatial.measure.exact import rationals, sized
 from tests.helpers.exact_inertia import exactly, matrix, random_inertia, six_of, steiner
@@ -172,10 +173,10 @@ def test_bounds_of_what_cancels(precision, dtype):
         V = js.SpatialVelocity(V.w, -jnp.cross(V.w, M.com))
         energy, momentum = M.kinetic_energy(V, precision=precision), M.apply(V, precision=precision)
         arrays = [sized(np.asarray(x)) for x in (*M._parts, *V.vectors)]
-        u, k, factors, squared = error.unit_roundoff(dtype), 12, (8, 5), 128
-        _require_bound(precision, dtype, np.asarray(energy) * 2, _doubled_energy(*arrays), u, k, squared)
-        for found, exact, k in zip(momentum.vectors, _applied(*arrays), factors, strict=True):
-            _require_bound(precision, dtype, np.asarray(found), exact, u, k, 64)
+        u = error.unit_roundoff(dtype)
+        _require_bound(precision, dtype, np.asarray(energy) * 2, _doubled_energy(*arrays), u, ENERGY)
+        for found, exact, bound in zip(momentum.vectors, _applied(*arrays), (TORQUE, FORCE), strict=True):
+            _require_bound(precision, dtype, np.asarray(found), exact, u, bound)
 
 
 @pytest.mark.parametrize("precision", js.Precision)
@@ -228,10 +229,9 @@ def test_derivatives_of_halves():
     np.testing.assert_array_equal(jacobian(jnp.asarray(M.central))[0, 0], [-0.5, 0, 0.5, 0, 0, 0.5])
 
 
-def _require_bound(precision, dtype, found, exact, u, k, squared):
+def _require_bound(precision, dtype, found, exact, u, bound):
     value, mag = (np.frompyfunc(lambda x, n=n: getattr(x, n), 1, 1)(exact) for n in ("value", "mag"))
-    allowed = u * k * mag if precision in ("fast", "reproducible") else u * abs(value) + u**2 * squared * mag
-    allowed = error.ulp(value, dtype) if precision == "faithful" else allowed
+    allowed = bound.allowed(precision, u, error.ulp(value, dtype), value, mag)
     assert (abs(rationals(found) - value) <= allowed).all()
 
 
