@@ -4,6 +4,7 @@ import argparse
 import math
 import pathlib
 import re
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -64,7 +65,7 @@ def measuring():
     return parser
 
 
-def _add_flags(parser: argparse.ArgumentParser):
+def _add_flags(parser: ArgumentParser):
     parser.add_argument("--full", action="store_true", help="the whole table: every dtype, precision and number")
     _add_overwrite(parser)
     parser.add_argument(
@@ -120,20 +121,14 @@ columns: tau_x tau_y tau_z f_x f_y f_z and, if known, w_x ... v_z, or named: --c
 """
 
 
-def _add_overwrite(parser: argparse.ArgumentParser):
+def _add_overwrite(parser: ArgumentParser):
     parser.add_argument("--overwrite", action="store_true", help="replace files that exist already")
 
 
 class _Columns(argparse.Action):
     """part=names, for each part at most once: a dictionary of tuples."""
 
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: Any,
-        option_string: str | None = None,
-    ):
+    def __call__(self, parser: ArgumentParser, namespace: Namespace, values: Any, option_string: str | None = None):
         known = dict(getattr(namespace, self.dest) or {})
         for text in values or ():
             part, _, names = text.partition("=")

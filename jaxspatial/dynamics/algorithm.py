@@ -5,6 +5,7 @@ NumPy arrays of coordinates. Of the mechanism a program has only the fields that
 what the precision asks for, see `numbers`, and rounded once at the end.
 """
 
+import dataclasses
 import functools
 import warnings
 import weakref
@@ -49,22 +50,18 @@ class Known:
         return self is other or (isinstance(other, Known) and self._key == other._key)
 
 
+@dataclasses.dataclass(eq=False)
 class Algorithm(program.Program):
     """A formula for one structure, with the numbers that are known. tree: of (fields by name, arrays)."""
 
-    def __init__(
-        self,
-        formula: Any,
-        precision: Precision,
-        topology: Topology,
-        tree: PyTreeDef,
-        known: tuple[Known | None, ...],
-        static: tuple[tuple[str, Any], ...],
-        dtype: np.dtype,
-    ):
-        self.formula, self.precision, self.topology, self.tree = formula, precision, topology, tree
-        self.known, self.static, self.dtype = known, static, dtype
-        self.out_tree = None
+    formula: Any
+    precision: Precision
+    topology: Topology
+    tree: PyTreeDef
+    known: tuple[Known | None, ...]
+    static: tuple[tuple[str, Any], ...]
+    dtype: np.dtype
+    out_tree: Any = None
 
     def key(self) -> tuple[Any, ...]:
         own = self.formula, self.precision, self.topology, self.tree, self.known, self.static, self.dtype
@@ -279,7 +276,7 @@ def algorithm(
             _count(kept.program)
             return kept.call(len(batch), data)
 
-        call.formula, call.kind = formula, kind
+        vars(call).update(formula=formula, kind=kind)
         return call
 
     return decorated

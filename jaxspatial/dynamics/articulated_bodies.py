@@ -10,20 +10,8 @@ import jax
 import numpy as np
 
 from jaxspatial.arithmetic import symmetric, vectors
-from jaxspatial.arithmetic.numbers import (
-    Motion,
-    Number,
-    Numbers,
-    Symmetric,
-    Three,
-    constant,
-    high,
-    is_constant,
-    is_number,
-    noinline,
-    shape_of,
-    where,
-)
+from jaxspatial.arithmetic.numbers import constant, high, is_constant, is_number, noinline, shape_of, where
+from jaxspatial.arithmetic.numbers.protocol import Motion, Number, Numbers, Symmetric, Three
 from jaxspatial.dynamics import along, dense, recursion
 from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.links import BodyMotion, across, body_motion, to_parent

@@ -1,5 +1,7 @@
 """Steps on the manifold of configurations: along motions, between configurations, and random ones."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -40,9 +42,7 @@ def integrate(
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 2.36.
     """
     q, v = checked("integrate", mechanism, q=q, v=v)
-    time = check.as_float_array(dt, "integrate: dt", q.dtype)
-    check.require_same_dtype(q=q, dt=time)
-    return _integrate(precision, mechanism, q, v, time[..., None])
+    return _integrate(precision, mechanism, q, v, checked_time("integrate", dt, q)[..., None])
 
 
 def difference(mechanism: Mechanism, q0: Coordinates, q1: Coordinates, *, precision: PrecisionName = None) -> jax.Array:
@@ -160,6 +160,13 @@ def random_configuration(
         if not t.is_mimic(i)
     ]
     return jnp.concatenate(parts, -1)
+
+
+def checked_time(operation: str, dt: Scalar, q: Any) -> jax.Array:
+    """dt as an array, of the dtype of q."""
+    time = check.as_float_array(dt, f"{operation}: dt", q.dtype)
+    check.require_same_dtype(q=q, dt=time)
+    return time
 
 
 @algorithm(*JOINTS)

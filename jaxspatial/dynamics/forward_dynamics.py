@@ -1,6 +1,5 @@
 """Forward dynamics: how a mechanism moves under forces at its joints, by articulated bodies."""
 
-import functools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -124,9 +123,8 @@ class Solve(Algorithm):
         shared = (k for k in range(n_batch) if all(x.shape[k] == 1 for x in own) and force.shape[k] > 1)
         return list(shared) if n_states >= program.SMALLEST_BLOCK else []
 
-    @functools.cached_property
     def over_columns(self):
-        return OverColumns(self)
+        return self.made("over columns", lambda: OverColumns(self))
 
     def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
         (a,) = primitive.bind(self, [*arguments[:-1], *cotangents], n_batch)

@@ -21,6 +21,8 @@ from jaxspatial.mechanism.topology import Bundle
 # Of the numbers of a body and the state of the one before: its result and its state.
 Step = Callable[[Any, Any], tuple[Any, Any]]
 
+Join = Callable[[Any, Any], Any]
+
 
 class Turns(NamedTuple):
     """Where chains of a bundle end and others begin.
@@ -35,7 +37,7 @@ class Turns(NamedTuple):
     at: np.ndarray
     put: np.ndarray
     get: np.ndarray
-    joined: Callable[[Any, Any], Any]
+    joined: Join
     is_reverse: bool
 
 

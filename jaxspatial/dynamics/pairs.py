@@ -21,10 +21,12 @@ from jaxspatial.dynamics.state import JointState, MechanismState, Pose
 from jaxspatial.mechanism.topology import Chains
 
 Entry = Callable[[Any, Any], Numbers]
+# (chain of the column, chain of the row that carries it).
+Chained = list[tuple[int, int]]
 Sides = Sequence[tuple[int, Any]]
 
 
-def matrices(state: MechanismState, entry: Entry, rows: Sides, columns: Sides) -> list[Any]:
+def matrices(state: MechanismState, entry: Entry, rows: Sides, columns: Sides) -> Numbers:
     """Matrices (rows, columns, B), as numbers, of `entry(row, column)`, a tuple of numbers: 0 where the joint of the
     row does not carry the body of the column.
 
@@ -35,7 +37,7 @@ def matrices(state: MechanismState, entry: Entry, rows: Sides, columns: Sides) -
     sizes = [[_count(state, y, group) * group.length for group in chains] for y in (rows, columns)]
     starts = [_starts(state, y) for y in (rows, columns)]
     rows, columns = ([_of_chains(state, y, group) for group in chains] for y in (rows, columns))
-    whole: list[Any] = []
+    whole: Numbers = ()
     for b, column in enumerate(columns):
         for a, both in state.topology.carriers(b).items():
             if rows[a] is not None and column is not None:
@@ -76,7 +78,7 @@ def _flat(group: Chains, k: int, first: int, word: jax.Array):
     return jnp.moveaxis(full, 0, 1).reshape((-1, *full.shape[2:]))
 
 
-def _block(entry: Entry, row: Any, column: Any, chains: list[tuple[int, int]], shape: tuple[int, ...]) -> list[Number]:
+def _block(entry: Entry, row: Any, column: Any, chains: Chained, shape: tuple[int, ...]) -> list[Number]:
     """Numbers (rows, columns, W, B), of pairs (chain of the column, chain of the row)."""
     of_columns, of_rows = zip(*chains, strict=True)
     row = along.mapped_tree(lambda w: _picked(w, of_rows)[:, None], row)
@@ -103,13 +105,7 @@ def _zeros(state: MechanismState, block: list[Number], starts: list[np.ndarray])
 
 
 def _with_block(
-    state: MechanismState,
-    whole: list[Number],
-    block: list[Number],
-    starts: list[np.ndarray],
-    a: int,
-    b: int,
-    chains: list[tuple[int, int]],
+    state: MechanismState, whole: Numbers, block: Numbers, starts: list[np.ndarray], a: int, b: int, chains: Chained
 ):
     """The matrices with the entries of one pair of bundles."""
     of_rows, of_columns = (state.topology.chains[k].starts for k in (a, b))

@@ -32,6 +32,9 @@ class Compliance(NamedTuple):
     limit_damping: Any = 0.0
 
 
+Softness = Compliance | None  # None takes the default
+
+
 def passive_forces(
     mechanism: Mechanism,
     q: Coordinates,
@@ -72,22 +75,17 @@ def passive_forces(
         within half a turn adds 8 u stiffness, more for many turns.
     Source: springs and damping MuJoCo, Computation, passive forces; the Jacobian of rotation vectors Barfoot 2017, 7.1.
     """
-    q, v = checked("passive_forces", mechanism, q=q, v=v)
-    found = acting(mechanism, q, v, compliance, precision)
-    batch = np.broadcast_shapes(q.shape[:-1], v.shape[:-1])
-    return jnp.zeros((*batch, mechanism.nv), q.dtype) if found is None else found
+    position, rates = checked("passive_forces", mechanism, q=q, v=v)
+    found = acting(mechanism, position, rates, compliance, precision)
+    batch = np.broadcast_shapes(position.shape[:-1], rates.shape[:-1])
+    return jnp.zeros((*batch, mechanism.nv), position.dtype) if found is None else found
 
 
 def acting(
-    mechanism: Mechanism,
-    q: Array,
-    v: Array,
-    compliance: Compliance | None,
-    precision: PrecisionName,
-    with_resistance: bool = True,
+    mechanism: Mechanism, q: Array, v: Array, softness: Softness, precision: PrecisionName, with_resistance: bool = True
 ) -> jax.Array | None:
     """`passive_forces`, or None where nothing acts; without damping and friction if so asked."""
-    compliance = _checked(mechanism, q, compliance)
+    compliance = _checked(mechanism, q, softness)
     names = ("stiffness", "damping", "friction_loss") if with_resistance else ("stiffness",)
     acts = [not is_nothing(getattr(mechanism, name)) for name in names]
     acts.append(

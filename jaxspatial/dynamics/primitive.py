@@ -112,7 +112,7 @@ def run(program: "Program", n_batch: int, in_blocks: bool, *arrays: jax.Array) -
     batch = _common([x.shape[:n_batch] for x in arrays])
     columns = program.columns(arrays, n_batch) if in_blocks else []
     if columns:
-        return [_over_columns(program.over_columns, columns, n_batch, arrays)]
+        return [_over_columns(program.over_columns(), columns, n_batch, arrays)]
     flat = [_flat(x, n_batch, batch) for x in arrays]
     found = _in_blocks(program, program.block if in_blocks else None, math.prod(batch), flat)
     return [_unflat(y, program.owner(i), arrays, n_batch, batch) for i, y in enumerate(found)]

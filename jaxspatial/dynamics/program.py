@@ -86,6 +86,10 @@ class Program:
         one than side by side, on processors."""
         return []
 
+    def over_columns(self) -> "Program":
+        """With these columns as an axis of the last argument, and of the result, behind the states."""
+        raise NotImplementedError
+
     def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int) -> Any:
         """The results along a new axis in front, where that is no matter of one state more; None where it is."""
         return None

@@ -4,7 +4,7 @@ Chains of equal length that hang side by side are one `loop`, and so are those t
 """
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import jax
@@ -13,7 +13,7 @@ import numpy as np
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import is_number, noinline
 from jaxspatial.dynamics import along
-from jaxspatial.dynamics.loop import Step, Turns, run
+from jaxspatial.dynamics.loop import Join, Step, Turns, run
 from jaxspatial.dynamics.state import MechanismState
 from jaxspatial.mechanism.topology import Bundle
 
@@ -34,7 +34,7 @@ def outward(state: MechanismState, step: Step, root: Any, own: Sequence[Any]) ->
 
 
 def inward(
-    state: MechanismState, step: Step, nothing: Any, own: Sequence[Any], joined: Callable[[Any, Any], Any] | None = None
+    state: MechanismState, step: Step, nothing: Any, own: Sequence[Any], joined: Join | None = None
 ) -> list[Any]:
     """The results of every bundle: step(own, what its children pass on) gives (result, what is passed on). Of several
     children that is `joined`, by default added; `nothing` arrives at tips."""
@@ -76,14 +76,7 @@ def _beside(trees: Sequence[Any], n: int) -> Any:
 # -- where one group of chains ends and another begins ----------------------------------------------------------------
 
 
-def _turns(
-    state: MechanismState,
-    bundle: Bundle,
-    found: dict[int, Any],
-    nothing: Any,
-    joined: Callable[[Any, Any], Any],
-    reverse: bool,
-):
+def _turns(state: MechanismState, bundle: Bundle, found: dict[int, Any], nothing: Any, joined: Join, reverse: bool):
     """Turns of a loop outward, or in reverse: what is found of bodies that groups meet at, else nothing, is kept."""
     meet = [i for g in bundle.groups[1:] for i in g.parents]
     meet += [i for g in bundle.groups[:-1] for i in g.ends if state.topology.children[i]]

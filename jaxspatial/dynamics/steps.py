@@ -14,7 +14,7 @@ from jaxspatial.arithmetic.numbers import Number, Numbers, doubled
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates, Scalar
 from jaxspatial.dynamics.algorithm import checked
 from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.configuration import configuration_rates, integrate
+from jaxspatial.dynamics.configuration import checked_time, configuration_rates, integrate
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.loads import ExternalForces
 from jaxspatial.dynamics.passive import Compliance, acting, resistance
@@ -75,8 +75,8 @@ def semi_implicit_step(
     c = resistance(mechanism, v, compliance, precision)
     accelerated = _accelerated if c is None or (c.ndim == 1 and not time.ndim) else _each_accelerated
     vdot = accelerated(mechanism, precision, (q, v, tau), time, c, external_forces)
-    v = _euler(precision, v, time[..., None], vdot)
-    return integrate(mechanism, q, v, time, precision=precision), v
+    after = _euler(precision, v, time[..., None], vdot)
+    return integrate(mechanism, q, after, time, precision=precision), after
 
 
 def _with_springs_and_limits(
@@ -258,7 +258,5 @@ def _damped(tau: Numbers, damping: Numbers, v: Numbers):
 def _checked(
     operation: str, mechanism: Mechanism, q: Coordinates, v: Rates, tau: Forces, dt: Scalar
 ) -> tuple[Any, Any, Any, jax.Array]:
-    q, v, tau = checked(operation, mechanism, q=q, v=v, tau=tau)
-    dt = check.as_float_array(dt, f"{operation}: dt", q.dtype)
-    check.require_same_dtype(q=q, dt=dt)
-    return q, v, tau, dt
+    at = checked(operation, mechanism, q=q, v=v, tau=tau)
+    return *at, checked_time(operation, dt, at[0])

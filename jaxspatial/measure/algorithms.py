@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic.precision import OF_ALGORITHMS, OF_REFERENCES, Precision
+from jaxspatial.arithmetic.precision import OF_ALGORITHMS, OF_REFERENCES
 from jaxspatial.dynamics import forward_dynamics, inverse_dynamics, random_configuration
 from jaxspatial.measure import error, exact, timing
 from jaxspatial.measure.recommend import compiled
@@ -22,6 +22,8 @@ REFERENCE = ("float64", OF_REFERENCES)
 STATES = 500
 _ROUNDS, _LIMIT = 11, 3.0
 _TURNING = {"revolute", "continuous", "helical", "universal", "ball"}
+
+State = tuple[jax.Array, jax.Array, jax.Array]
 
 
 class Algorithm(NamedTuple):
@@ -89,7 +91,7 @@ def _group(algorithm: Algorithm, mechanism: Mechanism, lines: Sequence[Case], st
     state = _state(algorithm, mechanism, states)
     wanted = [case[1:] for case in lines if case.operation == algorithm.name]
     programs = {
-        key: _Program(algorithm, mechanism, state, *key, advance) for key in {**dict.fromkeys(wanted), REFERENCE: 0}
+        key: _Program(algorithm, mechanism, state, key, advance) for key in {**dict.fromkeys(wanted), REFERENCE: 0}
     }
     seconds = timing.interleaved({key: programs[key] for key in wanted}, _ROUNDS, advance, _LIMIT)
     expected, unit = exact.rationals(programs[REFERENCE]()), algorithm.unit(mechanism)
@@ -103,7 +105,7 @@ def _errors(computed: jax.Array, expected: np.ndarray):
     return error.in_ulps_of_norm(computed, expected), float(error.in_units_of(1, computed, expected).max())
 
 
-def _state(algorithm: Algorithm, mechanism: Mechanism, n: int) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _state(algorithm: Algorithm, mechanism: Mechanism, n: int) -> State:
     """q, v and vdot (n, ...) of random motions; or q, v and the generalized forces that they need."""
     rng, q = np.random.default_rng(0), random_configuration(mechanism, jax.random.key(0), (n,), jnp.float32)
     v, vdot = (jnp.asarray(x) for x in rng.standard_normal((2, n, mechanism.nv)).astype(np.float32))
@@ -116,14 +118,9 @@ class _Program:
     """An algorithm for all states at once, compiled in a dtype and precision."""
 
     def __init__(
-        self,
-        algorithm: Algorithm,
-        mechanism: Mechanism,
-        state: Sequence[jax.Array],
-        dtype: str,
-        precision: Precision | str,
-        advance: Advance,
+        self, algorithm: Algorithm, mechanism: Mechanism, state: State, key: tuple[str, str], advance: Advance
     ):
+        dtype, precision = key
         mechanism, self._is_wide = mechanism.astype(np.dtype(dtype)), dtype == "float64"
         with jax.enable_x64(self._is_wide):
             arrays = [jnp.asarray(np.asarray(x), dtype) for x in state]

@@ -84,12 +84,7 @@ def in_units_of(allowed: Exact, computed: ArrayLike, exact: Exact, flushed: int 
 
 
 def allowed(
-    promise: Promise,
-    precision: Precision | str,
-    value: np.ndarray,
-    mag: np.ndarray,
-    dtype: DTypeLike,
-    condition: Any = 1,
+    promise: Promise, precision: Precision | str, value: Exact, mag: Exact, dtype: DTypeLike, condition: Any = 1
 ) -> Any:
     """The bound of a `Promise` on numbers of exact value and mag, as Fractions; where r is 0, 1 ulp is nothing."""
     ulps = np.where(value != 0, ulp(value, dtype), 0 * mag)

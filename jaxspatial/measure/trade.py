@@ -38,6 +38,9 @@ class Case(NamedTuple):
     precision: str
 
 
+Lines = Sequence[Case]
+
+
 class Row(NamedTuple):
     """What was measured for a case."""
 
@@ -92,18 +95,14 @@ def cases(operations: Iterable[str] = tuple(OPERATIONS), dtypes: Iterable[str] =
     return [Case(o, d, str(p)) for o in operations for d in dtypes for p in Precision]
 
 
-def steps(lines: Sequence[Case]):
+def steps(lines: Lines):
     """How often `measure` calls `advance`."""
     streamed = sum(case.dtype in STREAMED for case in lines)
     return len(lines) + streamed + (len(lines) + streamed) // len(Precision) * _ROUNDS
 
 
 def measure(
-    wrenches: Wrenches,
-    offset: npt.ArrayLike,
-    lines: Sequence[Case],
-    largest: int = LARGEST,
-    advance: Advance = lambda: None,
+    wrenches: Wrenches, offset: npt.ArrayLike, lines: Lines, largest: int = LARGEST, advance: Advance = lambda: None
 ):
     """The rows of the trade for these wrenches (float64 arrays), repeated or cut to each size, and this offset."""
     groups = dict.fromkeys((case.operation, case.dtype) for case in lines)

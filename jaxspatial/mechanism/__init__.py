@@ -1,6 +1,6 @@
 """Layer 4: joints, the tree they make of bodies, and the numbers of it."""
 
-from jaxspatial.mechanism import export as _export  # noqa: F401 - tells jax.export how mechanisms are written
+from jaxspatial.mechanism import export as export  # tells jax.export how mechanisms are written
 from jaxspatial.mechanism.editing import lock_joints as lock_joints
 from jaxspatial.mechanism.editing import subtree as subtree
 from jaxspatial.mechanism.mechanism import Mechanism as Mechanism

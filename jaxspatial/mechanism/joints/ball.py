@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import Numbers, constant, doubled
 from jaxspatial.arithmetic.types import DTypeLike, Key
-from jaxspatial.mechanism.joints.form import CosSin, JointKind
-from jaxspatial.mechanism.joints.geometry import JointNumbers, forces, torques, unit_vectors, zero_vector
+from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
+from jaxspatial.mechanism.joints.geometry import forces, torques, unit_vectors, zero_vector
 from jaxspatial.rotation import exponential, quaternion
 
 

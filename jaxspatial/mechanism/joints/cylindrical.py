@@ -2,8 +2,8 @@
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import Numbers
-from jaxspatial.mechanism.joints.form import CosSin, JointKind
-from jaxspatial.mechanism.joints.geometry import JointNumbers, forces, perpendicular, rotation_about, torques
+from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
+from jaxspatial.mechanism.joints.geometry import forces, perpendicular, rotation_about, torques
 from jaxspatial.mechanism.joints.parameter import AXIS
 
 

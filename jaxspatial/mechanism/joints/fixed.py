@@ -1,8 +1,8 @@
 """The joint that does not move."""
 
 from jaxspatial.arithmetic.numbers import Numbers
-from jaxspatial.mechanism.joints.form import CosSin, JointKind
-from jaxspatial.mechanism.joints.geometry import JointNumbers, forces, torques, unit_vectors, zero_vector
+from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
+from jaxspatial.mechanism.joints.geometry import forces, torques, unit_vectors, zero_vector
 
 
 class Fixed(JointKind):

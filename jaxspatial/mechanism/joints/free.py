@@ -7,8 +7,8 @@ from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import Numbers
 from jaxspatial.arithmetic.types import Key
 from jaxspatial.mechanism.joints.ball import Ball, quaternion_between, random_quaternion
-from jaxspatial.mechanism.joints.form import CosSin, JointKind
-from jaxspatial.mechanism.joints.geometry import JointNumbers, forces, rotate_back, torques, unit_vectors
+from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
+from jaxspatial.mechanism.joints.geometry import forces, rotate_back, torques, unit_vectors
 from jaxspatial.rotation import exponential, quaternion
 
 

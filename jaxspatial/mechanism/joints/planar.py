@@ -3,9 +3,8 @@
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.functions import cosine_sine
 from jaxspatial.arithmetic.numbers import Numbers, constant
-from jaxspatial.mechanism.joints.form import CosSin, JointKind
+from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
 from jaxspatial.mechanism.joints.geometry import (
-    JointNumbers,
     forces,
     rotation_about,
     shortest_angle,

@@ -1,9 +1,8 @@
 """Joints that turn about an axis."""
 
 from jaxspatial.arithmetic.numbers import Numbers
-from jaxspatial.mechanism.joints.form import CosSin, JointKind
+from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
 from jaxspatial.mechanism.joints.geometry import (
-    JointNumbers,
     forces,
     perpendicular,
     rotation_about,

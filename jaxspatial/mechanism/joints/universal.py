@@ -2,16 +2,8 @@
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import Numbers
-from jaxspatial.mechanism.joints.form import CosSin, JointKind
-from jaxspatial.mechanism.joints.geometry import (
-    JointNumbers,
-    forces,
-    rotate_back,
-    rotation_about,
-    torques,
-    unit_vectors,
-    zero_vector,
-)
+from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
+from jaxspatial.mechanism.joints.geometry import forces, rotate_back, rotation_about, torques, unit_vectors, zero_vector
 from jaxspatial.mechanism.joints.parameter import AXIS, SECOND_AXIS
 
 

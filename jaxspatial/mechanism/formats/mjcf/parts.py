@@ -11,6 +11,8 @@ from jaxspatial.spatial import RigidTransform
 # The equation of a mimic, the joint that it follows, multiplier and offset.
 Followed = tuple[int, int, float, float]
 
+Mimics = dict[int, Mimic]  # by the number of the joint
+
 
 def parts(file: ModelFile):
     """(bodies, joints, frames)."""
@@ -85,7 +87,7 @@ def _body(file: ModelFile, i: int):
     )
 
 
-def _held(file: ModelFile, i: int, rotors: _Rotors, mimics: dict[int, Mimic]):
+def _held(file: ModelFile, i: int, rotors: _Rotors, mimics: Mimics):
     """The joints of a body, each after the one before."""
     m, body, parent = file.model, file.name("body", i), file.name("body", file.model.body_parentid[i])
     X_PB = _pose(m.body_pos[i], m.body_quat[i])
@@ -99,13 +101,7 @@ def _held(file: ModelFile, i: int, rotors: _Rotors, mimics: dict[int, Mimic]):
 
 
 def _joint(
-    file: ModelFile,
-    j: int,
-    parent: str,
-    child: str,
-    X_PB: RigidTransform | None,
-    rotors: _Rotors,
-    mimics: dict[int, Mimic],
+    file: ModelFile, j: int, parent: str, child: str, X_PB: RigidTransform | None, rotors: _Rotors, mimics: Mimics
 ):
     kind, dofs = file.kind(j), file.dofs(j)
     numbers = {
