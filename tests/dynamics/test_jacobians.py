@@ -1,4 +1,7 @@
-"""`jax.jacfwd` and `jax.jacrev` of dynamics: by the closed forms, whatever they are nested in, and the same numbers."""
+"""`jax.jacfwd` and `jax.jacrev` of dynamics: by the closed forms, whatever they are nested in, and the same numbers.
+
+What is traced decides it, and is evaluated in NumPy; columns of tangents are compiled too.
+"""
 
 import functools
 
@@ -9,13 +12,14 @@ import pytest
 
 import jaxspatial as js
 from tests.helpers import tangents
+from tests.helpers.interpreted import interpreted
 
 N = 3
 
 
 @pytest.fixture(autouse=True)
 def _x64():
-    with jax.enable_x64(True), js.default_precision("fast"):
+    with jax.enable_x64(True):
         yield
 
 
@@ -42,7 +46,7 @@ def forward(q, v, tau):
 
 @functools.cache
 def expected(function):
-    return jax.jit(jax.vmap(tangents.jacobians(function, (0, 1, 2))))(*state())
+    return interpreted(jax.vmap(tangents.jacobians(function, (0, 1, 2))))(*state())
 
 
 def require_near(found, wanted, allowed=256.0):
@@ -53,14 +57,14 @@ def require_near(found, wanted, allowed=256.0):
 
 @pytest.mark.parametrize("jacobian", [jax.jacfwd, jax.jacrev])
 def test_of_inverse_dynamics(jacobian):
-    require_near(jax.jit(jax.vmap(jacobian(inverse, (0, 1, 2))))(*state()), expected(inverse))
+    require_near(interpreted(jax.vmap(jacobian(inverse, (0, 1, 2))))(*state()), expected(inverse))
 
 
-@pytest.mark.parametrize("jacobian", [jax.jacfwd, pytest.param(jax.jacrev, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("jacobian", [jax.jacfwd, jax.jacrev])
 def test_of_forward_dynamics(jacobian):
     """More columns than rates, and for tau as many: M^-1 once, and column by column."""
-    condition = max(np.linalg.cond(M) for M in np.asarray(js.mass_matrix(mechanism(), state()[0])))
-    found = jax.jit(jax.vmap(jacobian(forward, (0, 1, 2))))(*state())
+    condition = max(np.linalg.cond(M) for M in interpreted(functools.partial(js.mass_matrix, mechanism()))(state()[0]))
+    found = interpreted(jax.vmap(jacobian(forward, (0, 1, 2))))(*state())
     require_near(found, expected(forward), 64 * condition)
 
 
@@ -68,30 +72,29 @@ def test_of_many_states_go_through_the_columns_of_their_factors():
     """As those of a few, whose columns are side by side."""
     n = 70
     many = [jnp.concatenate([x, jnp.repeat(x[:1], n - N, 0)]) for x in state()]
-    by_tau = jax.jit(jax.vmap(jax.jacfwd(forward, 2)))
+    by_tau = interpreted(jax.vmap(jax.jacfwd(forward, 2)))
     require_near([by_tau(*many)[:N]], [by_tau(*state())], 1e4)
 
 
-@pytest.mark.slow
 def test_by_a_part_of_the_arguments_and_of_one_batch():
     """By q and by v alone; of a function over a batch, whose Jacobian is one for all; rows of one state."""
     q, v, a = (x[0] for x in state())
     by_q, by_v, _ = (x[0] for x in expected(inverse))
-    require_near([jax.jacfwd(inverse)(q, v, a), jax.jacrev(inverse, 1)(q, v, a)], [by_q, by_v])
-    whole = jax.jacrev(inverse, 1)(*state())
+    found = interpreted(lambda *x: [jax.jacfwd(inverse)(*x), jax.jacrev(inverse, 1)(*x)])(q, v, a)
+    require_near(found, [by_q, by_v])
+    whole = interpreted(jax.jacrev(inverse, 1))(*state())
     for i in range(N):
         for j in range(N):
             wanted = expected(inverse)[1][i] if i == j else jnp.zeros_like(by_v)
             require_near([whole[i, :, j]], [wanted], 256.0 if i == j else 0.0)
 
 
-@pytest.mark.slow
 def test_without_rates_or_accelerations():
     q, v, _ = (x[0] for x in state())
     zero = jnp.zeros(mechanism().nv)
-    bias = jax.jit(jax.jacfwd(lambda q, v: js.bias_forces(mechanism(), q, v), (0, 1)))
-    gravity = jax.jit(jax.jacrev(lambda q: js.gravity_forces(mechanism(), q)))
-    wanted = jax.jit(tangents.jacobians(inverse, (0, 1)))
+    bias = interpreted(jax.jacfwd(lambda q, v: js.bias_forces(mechanism(), q, v), (0, 1)))
+    gravity = interpreted(jax.jacrev(lambda q: js.gravity_forces(mechanism(), q)))
+    wanted = interpreted(tangents.jacobians(inverse, (0, 1)))
     require_near(bias(q, v), wanted(q, v, zero))
     require_near([gravity(q)], wanted(q, zero, zero)[:1])
 
@@ -103,28 +106,28 @@ def test_cotangents_of_what_states_share_are_added_up():
     def powers(q):
         return jnp.sum(inverse(jnp.broadcast_to(q, (N, *q.shape)), v, a), 0)
 
-    found = jax.jit(jax.jacrev(powers))(q[0])
-    one_by_one = jax.jit(jax.vmap(tangents.jacobians(inverse, (0,))))(jnp.broadcast_to(q[0], q.shape), v, a)[0]
+    found = interpreted(jax.jacrev(powers))(q[0])
+    one_by_one = interpreted(jax.vmap(tangents.jacobians(inverse, (0,))))(jnp.broadcast_to(q[0], q.shape), v, a)[0]
     require_near([found], [one_by_one.sum(0)], 1e3)
 
 
 def test_second_derivatives():
     """Hessians of an energy of forces, along two rates, against nested tangents."""
     q, v, a = (x[0] for x in state())
-    hessian = jax.jit(jax.jacfwd(jax.jacrev(lambda v: (inverse(q, v, a) ** 2).sum())))(v)
+    hessian = interpreted(jax.jacfwd(jax.jacrev(lambda v: (inverse(q, v, a) ** 2).sum())))(v)
     gradient = jax.grad(lambda v: (inverse(q, v, a) ** 2).sum())
-    require_near([hessian], jax.jit(tangents.jacobians(gradient, (0,)))(v), 1e3)
+    require_near([hessian], interpreted(tangents.jacobians(gradient, (0,)))(v), 1e3)
 
 
 @pytest.mark.parametrize("columns", [1, 5])
 def test_fewer_columns_than_rates_are_tangents(columns):
-    """The bits of each tangent on its own, in "reproducible"."""
+    """The bits of each tangent on its own."""
     (q, v, a), rng = (x[0] for x in state()), np.random.default_rng(0)
     assert columns < mechanism().nv
     along = jnp.asarray(rng.standard_normal((columns, mechanism().nv)))
-    with js.default_precision("reproducible"):
-        tangent = jax.jit(lambda dv: jax.jvp(lambda v: inverse(q, v, a), (v,), (dv,))[1])
-        np.testing.assert_array_equal(jax.jit(jax.vmap(tangent))(along), np.stack([tangent(x) for x in along]))
+    tangent = lambda dv: jax.jvp(lambda v: inverse(q, v, a), (v,), (dv,))[1]  # noqa: E731
+    one_by_one = np.stack([interpreted(tangent)(x) for x in along])
+    np.testing.assert_array_equal(jax.jit(jax.vmap(tangent))(along), one_by_one)
 
 
 def test_they_are_the_closed_forms():
