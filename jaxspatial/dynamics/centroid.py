@@ -207,13 +207,13 @@ def _momentum(inertia: Inertia, X_WJ: Pose, V: Motion, p_WC: Three) -> Numbers:
 def _center_of_mass_jacobian(state: MechanismState):
     """The linear momentum of composite bodies at a unit rate, over the mass."""
     mass = _mass(state)
-    found = [tuple(tuple(x / mass for x in column[3:]) for column in columns) for columns in _of_rates(state, None)]
+    found = [tuple(tuple(x / mass for x in column[3:]) for column in columns) for columns in _of_rates(state, False)]
     return state.matrix_by_rate(found)
 
 
 @algorithm(*BODIES)
 def _centroidal_momentum_matrix(state: MechanismState):
-    return state.matrix_by_rate(_of_rates(state, True))
+    return state.matrix_by_rate(_of_rates(state, about_center=True))
 
 
 def _of_rates(state: MechanismState, about_center: bool) -> list[tuple[Numbers, ...]]:

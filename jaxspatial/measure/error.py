@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.arithmetic.promise import Promise
 from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.measure.exact import rationals
@@ -84,7 +83,7 @@ def in_units_of(allowed: Exact, computed: ArrayLike, exact: Exact, flushed: int 
 
 
 def allowed(
-    promise: Promise, precision: Precision | str, value: Exact, mag: Exact, dtype: DTypeLike, condition: Any = 1
+    promise: Promise, precision: str, value: np.ndarray, mag: np.ndarray, dtype: DTypeLike, condition: Any = 1
 ) -> Any:
     """The bound of a `Promise` on numbers of exact value and mag, as Fractions; where r is 0, 1 ulp is nothing."""
     ulps = np.where(value != 0, ulp(value, dtype), 0 * mag)
