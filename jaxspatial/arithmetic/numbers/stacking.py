@@ -89,10 +89,12 @@ def of_array(array: Any, precision: Precision, twice: bool, dtype: Any = None) -
 
 
 def of_terms(array: Any, precision: Precision, dtype: np.dtype[Any]) -> Numbers:
-    """`of_array`, for promises relative to the terms of results: with corrections in place of double words."""
-    if not (precision.sees_whole_sums and dtype == np.float64):
-        return of_array(array, precision, precision.sees_whole_sums, dtype)
-    return tuple(Corrected(converted(x, dtype)) for x in folding.unstack(array))
+    """`of_array`, for promises relative to the terms of results, and no promise of bits: in twice the digits by
+    corrections, or in float64 as the compiler likes it."""
+    if not precision.sees_whole_sums:
+        return of_array(array, precision, False, dtype)
+    kind = Corrected if dtype == np.float64 else functools.partial(Rounded, Precision.FAST)
+    return tuple(kind(converted(x, np.dtype(np.float64))) for x in folding.unstack(array))
 
 
 def as_array(x: Any, dtype: Any) -> Any:
