@@ -21,11 +21,8 @@ QUATERNION_RATE, POSITION_RATE = Normwise(2, "|w|"), Normwise(6, "|v|")
 
 # -- steps in time ----------------------------------------------------------------------------------------------------
 
-SEMI_IMPLICIT, RK4, RK4_COORDINATES = (
-    Normwise(2, "(|v| + dt |vdot|)"),
-    Normwise(4, "(|v| + dt |vdot|)"),
-    Normwise(4, "(|q| + dt |dq/dt|)"),
-)
+SEMI_IMPLICIT, RK4 = (Normwise(u, "(|v| + dt |vdot|)") for u in (2, 4))
+RK4_COORDINATES = Normwise(4, "(|q| + dt |dq/dt|)")
 SYMPLECTIC = Normwise(8, "c (|v| + dt |vdot|)", per="n")
 PASSIVE = Normwise(8, "times the sum of the sizes of the four terms", rounded=1, u2=64)
 PASSIVE_TURNS = Normwise(8, "stiffness")
@@ -35,31 +32,15 @@ PASSIVE_TURNS = Normwise(8, "stiffness")
 FACTOR, SOLVED = Normwise(2, "|M|", per="nv (nv + 1)"), Normwise(4, "cond(M)", per="nv (nv + 1)")
 LOG_DETERMINANT = Normwise(1, "(2 sum |log L_ii| + 4 nv (nv + 1) cond(M))", per="nv")
 
+_ALGORITHMS = """
+    bias_forces body_accelerations body_velocities center_of_mass center_of_mass_jacobian
+    center_of_mass_velocity centroidal_momentum centroidal_momentum_matrix forward_kinematics gravity_forces
+    inverse_dynamics inverse_dynamics_derivatives jacobian jacobian_rate joint_torque_regressor kinetic_energy
+    mass_matrix potential_energy
+"""
 # Whose docstrings state which.
 PROMISES = {
-    **dict.fromkeys(
-        (
-            "bias_forces",
-            "body_accelerations",
-            "body_velocities",
-            "center_of_mass",
-            "center_of_mass_jacobian",
-            "center_of_mass_velocity",
-            "centroidal_momentum",
-            "centroidal_momentum_matrix",
-            "forward_kinematics",
-            "gravity_forces",
-            "inverse_dynamics",
-            "inverse_dynamics_derivatives",
-            "jacobian",
-            "jacobian_rate",
-            "joint_torque_regressor",
-            "kinetic_energy",
-            "mass_matrix",
-            "potential_energy",
-        ),
-        (ALGORITHM,),
-    ),
+    **dict.fromkeys(_ALGORITHMS.split(), (ALGORITHM,)),
     "forward_dynamics": (FORWARD_DYNAMICS,),
     "integrate": (INTEGRATED, INTEGRATED_TURN, INTEGRATED_POSITION, TURNS, TURNS_OF_POSITION),
     "difference": (DIFFERENCE, SHORTEST, DIFFERENCE_TURN, DIFFERENCE_POSITION),

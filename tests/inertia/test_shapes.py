@@ -11,6 +11,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.inertia import SpatialInertia
+from jaxspatial.inertia.promises import DETERMINANT, TETRAHEDRON_COM
 from jaxspatial.inertia.promises import SHAPE_CENTRAL as CENTRAL
 from jaxspatial.inertia.promises import SHAPE_MASS as MASS
 from jaxspatial.measure.exact import Sized, attribute, rationals, sized
@@ -202,14 +203,16 @@ def test_tetrahedron(dtype):
     moment = np.array([[abs(e) for e in row] for row in central.reshape(30, 9)]).max(-1)
     with jax.enable_x64(dtype == "float64"):
         u = Fraction(float(jnp.finfo(dtype).eps)) / 2
-        for precision, k in (("reproducible", 20), ("compensated", 1)):
+        for precision, k in (("reproducible", CENTRAL.u), ("compensated", 1)):
             M = SpatialInertia.solid_tetrahedron(jnp.asarray(vertices), mass=1.0, precision=precision)
             errors = [abs(rationals(M.central[:, n]) - central[:, i, j]) for n, (i, j) in enumerate(six)]
             assert (np.max(errors, axis=0) <= (k + Fraction(1, 100)) * u * moment).all()
-            assert (abs(rationals(M.com) - v.mean(-2)).max(-1) <= 4 * u * abs(v).max((-1, -2))).all()
+            assert (
+                abs(rationals(M.com) - v.mean(-2)).max(-1) <= int(TETRAHEDRON_COM.u) * u * abs(v).max((-1, -2))
+            ).all()
             D = SpatialInertia.solid_tetrahedron(jnp.asarray(vertices[:, ::-1]), density=2.0, precision=precision)
             size = abs(edges[:, 0, :, None, None] * edges[:, 1, None, :, None] * edges[:, 2, None, None, :])
-            assert (abs(rationals(D.mass) - 2 * volume) <= 12 * u * size.sum((-1, -2, -3)) / 3).all()
+            assert (abs(rationals(D.mass) - 2 * volume) <= int(DETERMINANT.u) * u * size.sum((-1, -2, -3)) / 3).all()
 
 
 def test_point_mass():

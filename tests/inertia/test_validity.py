@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.inertia.promises import MOMENTS, NEAREST_VALID, ORTHONORMAL
+from jaxspatial.inertia.promises import LENGTH, MOMENTS, NEAREST_VALID, ORTHONORMAL
 from jaxspatial.measure.error import unit_roundoff
 from tests.helpers.exact_inertia import exactly, matrix, random_inertia, six_of
 from tests.helpers.marks import slow
@@ -333,7 +333,7 @@ def test_minimum_length():
     M = random_inertia((20,), seed=3, spread=2.0)
     m, _, i = exactly(M)
     expected = np.sqrt(2 * (i[:, [0, 2, 5]].sum(-1) / m).astype(float))
-    np.testing.assert_allclose(M.minimum_length(), expected, rtol=4 * EPS)
+    np.testing.assert_allclose(M.minimum_length(), expected, rtol=LENGTH.u * EPS / 2)
 
 
 @pytest.mark.parametrize("dtype", ["float16", "float32", "float64"])
