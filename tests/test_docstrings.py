@@ -28,7 +28,8 @@ def _methods(cls):
 INERTIA = _public(js.inertia)
 FUNCTIONS = _public(js) | INERTIA | _public(js.dynamics)
 VECTORS = js.Rotation, js.RigidTransform, js.SpatialVelocity, js.SpatialAcceleration
-CLASSES = *VECTORS, js.SpatialInertia, js.ArticulatedInertia, js.MassMatrixFactor, quantity.Quantity
+NUMBERS = js.Components, js.DoubleWord
+CLASSES = *VECTORS, js.SpatialInertia, js.ArticulatedInertia, js.MassMatrixFactor, quantity.Quantity, *NUMBERS
 METHODS = {name: f for cls in CLASSES for name, f in _methods(cls).items()}
 
 

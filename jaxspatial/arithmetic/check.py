@@ -46,6 +46,17 @@ class StandIn:
         return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), self)
 
 
+# What has a shape and a dtype: arrays, traced ones too, their shapes alone, and what stands for them.
+ARRAYS = jax.Array, np.ndarray, np.generic, jax.ShapeDtypeStruct, StandIn
+
+
+def in_short(x: object) -> str:
+    """float32[4,3] of an array, the text of anything else."""
+    if isinstance(x, ARRAYS) and not isinstance(x, StandIn):
+        return f"{np.dtype(x.dtype).name}[{','.join(map(str, x.shape))}]"
+    return repr(x)
+
+
 def as_float_array(x: Any, name: str, dtype: DTypeLike | None = None, *, held: bool = False) -> jax.Array:
     """x as an array of floating point; `dtype` is taken on by Python numbers and lists of them, which have none.
 
@@ -63,7 +74,7 @@ def as_float_array(x: Any, name: str, dtype: DTypeLike | None = None, *, held: b
         # NumPy's scalar of float64 is a Python float too: nobody asked for its digits.
         return _in_jax_dtype(array) if isinstance(x, np.float64) else narrowed(array)
     # A weakly typed array would make a second trace for what is otherwise the same call.
-    return jax.lax.convert_element_type(array, array.dtype) if getattr(array, "weak_type", False) else array
+    return jax.lax.convert_element_type(array, array.dtype) if array.weak_type else array
 
 
 @functools.cache
@@ -75,7 +86,7 @@ def _advice(x: Any, array: Any, dtype: DTypeLike | None) -> str:
     if np.dtype(array.dtype).kind not in "iubf":
         return ""
     meant = np.dtype(jax.dtypes.canonicalize_dtype(float) if dtype is None else dtype).name
-    return f"; convert with .astype({meant!r})" if hasattr(x, "astype") else "; write 1.0 for 1"
+    return f"; convert with .astype({meant!r})" if isinstance(x, ARRAYS) else "; write 1.0 for 1"
 
 
 def _as_array(x: Any, name: str, dtype: DTypeLike | None) -> Any:
@@ -96,7 +107,8 @@ def _as_array(x: Any, name: str, dtype: DTypeLike | None) -> Any:
 
 def _has_no_dtype(x: Any, leaves: list[Any], array: np.ndarray) -> bool:
     """True for Python numbers, and lists of them and of NumPy's scalars of floating point."""
-    if hasattr(x, "__array__") or any(np.ndim(leaf) for leaf in leaves):
+    is_plain = isinstance(x, (int, float, list, tuple)) and not isinstance(x, np.generic)
+    if not is_plain or any(np.ndim(leaf) for leaf in leaves):
         return False
     return array.dtype.kind == "f" or all(type(leaf) is int for leaf in leaves)
 

@@ -278,7 +278,7 @@ def _all_equal(x: Any, y: Any) -> Any:
 
 def _not_comparable(x: Any, other: object) -> Any:
     """Numbers and arrays are no quantities, and unequal quantities of two kinds have no answer: say so."""
-    if isinstance(other, (Quantity, int, float, complex)) or hasattr(other, "dtype"):
+    if isinstance(other, (Quantity, int, float, complex, *check.ARRAYS)):
         kinds = f"{type(x).__name__} and {type(other).__name__}"
         raise TypeError(f"==: expected two of one kind, got {kinds}; numbers are in x.to_array() or x.to_matrix()")
     return NotImplemented
@@ -290,7 +290,7 @@ def _fields(x: Any) -> list[Any]:
 
 def _is_numeric(x: Any) -> bool:
     """False for a tree that describes trees, see `check.is_tree_mark`."""
-    return all(hasattr(part, "dtype") for part in _fields(x))
+    return all(isinstance(leaf, check.ARRAYS) for leaf in jax.tree.leaves(x, is_leaf=lambda leaf: leaf is None))
 
 
 def _is_number(x: Any) -> bool:

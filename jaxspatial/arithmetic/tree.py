@@ -46,7 +46,7 @@ def tree_of(structure: str) -> typing.Callable[[type[T]], type[T]]:
 def named_tuples(types: Iterable[Any]) -> None:
     """Makes exportable what of these types are NamedTuples: pytrees by nature, of which JAX wants a name to write."""
     for cls in types:
-        if isinstance(cls, type) and issubclass(cls, tuple) and hasattr(cls, "_fields"):
+        if isinstance(cls, type) and issubclass(cls, tuple):
             jax.export.register_namedtuple_serialization(cls, serialized_name=f"jaxspatial.{cls.__name__}")
 
 

@@ -302,7 +302,7 @@ def checked(operation: str, mechanism: object, **arrays: Any) -> tuple[Any, ...]
     mechanism = checked_mechanism(operation, mechanism)
     sizes = {name: mechanism.nq if name.startswith("q") else mechanism.nv for name in arrays}
     # Lists of numbers take the dtype of an array beside them.
-    dtype = next((x.dtype for x in arrays.values() if hasattr(x, "dtype")), None)
+    dtype = next((x.dtype for x in arrays.values() if isinstance(x, check.ARRAYS)), None)
     given = {name: check.as_vectors(x, f"{operation}: {name}", dtype, sizes[name]) for name, x in arrays.items()}
     data = [x for x in jax.tree.leaves(mechanism) if not isinstance(x, np.ndarray)]
     check.require_same_dtype(**given, **({"mechanism": data[0]} if data else {}))

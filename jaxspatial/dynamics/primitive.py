@@ -55,7 +55,7 @@ def _abstract(*avals: Any, program: "Program", n_batch: int) -> list[Any]:
             sharding=like.sharding.update(spec=spec),
         )
         if varying:
-            aval = aval.update(manual_axis_type=like.mat.update(varying=varying)) if hasattr(like, "mat") else aval
+            aval = aval.update(manual_axis_type=like.mat.update(varying=varying))
         found.append(aval)
     return found
 

@@ -27,7 +27,7 @@ def checked(operation: str, mass: Scalar, com: Vector3, six: Six | Matrix3, name
 
 
 def _is_floating(x: Any) -> TypeGuard[jax.Array]:
-    return hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jnp.floating) and not isinstance(x, float)
+    return isinstance(x, check.ARRAYS) and jnp.issubdtype(x.dtype, jnp.floating) and not isinstance(x, float)
 
 
 def as_entries(x: Vector | Matrix3, name: str, n: int, dtype: DTypeLike | None = None) -> Any:

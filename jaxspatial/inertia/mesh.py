@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic import symmetric, vectors
+from jaxspatial.arithmetic import check, symmetric, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Number, Numbers, Symmetric, Three, high, noinline_pairs, where
 from jaxspatial.arithmetic.numbers.trees import from_double_word
@@ -26,7 +26,7 @@ def corners(vertices: jax.Array, triangles: Any) -> jax.Array:
 
 
 def _as_indices(given: Any, n: int) -> Any:
-    triangles: Any = given if hasattr(given, "dtype") else np.asarray(given)
+    triangles: Any = given if isinstance(given, check.ARRAYS) else np.asarray(given)
     if triangles.ndim != 2 or triangles.shape[1] != 3 or not triangles.shape[0]:
         raise ValueError(f"triangle_mesh: triangles: expected shape (m, 3) with m >= 1, got {triangles.shape}")
     if not jnp.issubdtype(triangles.dtype, jnp.integer):

@@ -50,7 +50,7 @@ def made(
 def dtype_of(*values: Any) -> np.dtype | None:
     """That of the first of the values that has one, for all Python numbers; None if none has."""
     leaves = jax.tree.leaves(values, is_leaf=lambda x: isinstance(x, check.StandIn))
-    return next((np.dtype(x.dtype) for x in leaves if hasattr(x, "dtype") and not isinstance(x, float)), None)
+    return next((np.dtype(x.dtype) for x in leaves if isinstance(x, check.ARRAYS) and not isinstance(x, float)), None)
 
 
 def number(x: Scalar, name: str, dtype: np.dtype | None, may_be_zero: bool = False) -> jax.Array:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.precision import OF_REFERENCES, Precision, default_precision
 from jaxspatial.measure import timing
 
@@ -87,7 +88,7 @@ def _require_floats(arguments: Sequence[Any]):
 
 
 def _is_floating(x: Any):
-    return hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jnp.floating)
+    return isinstance(x, check.ARRAYS) and jnp.issubdtype(x.dtype, jnp.floating)
 
 
 def compiled(function: Callable[..., Any], precision: Precision | str, arguments: Sequence[Any]):

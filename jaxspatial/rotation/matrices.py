@@ -59,9 +59,7 @@ def shown(x: Any, n: int) -> str:
         numbers = [str(number) for number in np.asarray(x)]
         rows = [", ".join(numbers[i : i + n]) for i in range(0, len(numbers), n)]
         return "[" + "; ".join(rows) + "]"
-    if isinstance(x, (np.ndarray, jax.Array, jax.ShapeDtypeStruct)):
-        return f"{np.dtype(x.dtype).name}[{','.join(map(str, x.shape))}]"
-    return repr(x)
+    return check.in_short(x)
 
 
 def expanded(x: jax.Array) -> jax.Array:

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.quantity import require_alike
+from jaxspatial.arithmetic.quantity import Quantity, require_alike
 from jaxspatial.arithmetic.tree import tree
 from jaxspatial.arithmetic.types import PrecisionName, Scalar, Vector3
 from jaxspatial.rotation import formulas, matrices
@@ -120,7 +120,7 @@ class Rotation(Constructors):
         """R_AB @ v_B is v_A, (*batch, 3), and R_AB @ R_BC is R_AC; see `rotated` and `composed` for bounds."""
         if isinstance(other, Rotation):
             return composed(self, other)
-        return NotImplemented if hasattr(other, "__rmatmul__") and not hasattr(other, "shape") else rotated(self, other)
+        return NotImplemented if isinstance(other, Quantity) else rotated(self, other)
 
     def interpolate(self, other: "Rotation", t: Scalar, *, precision: PrecisionName = None) -> "Rotation":
         """R exp(t log(R^-1 R2)): at constant angular velocity from this rotation to the other (slerp).

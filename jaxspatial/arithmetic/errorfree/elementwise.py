@@ -9,14 +9,11 @@ from jax import Array, lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+Rule = Callable[..., Any]
+
 
 def elementwise(
-    name: str,
-    like: Any,
-    lower: Callable[..., Any],
-    jvp: Callable[..., Any],
-    transpose: Callable[..., Any] | None = None,
-    n_results: int | None = None,
+    name: str, like: Any, lower: Rule, jvp: Rule, transpose: Rule | None = None, n_results: int | None = None
 ) -> Any:
     """A primitive with the shapes, shardings and complaints of the lax primitive `like` for the first two arguments.
 

@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from jaxspatial.arithmetic import check
+
 
 def split(index: Any, ndim: int) -> tuple[tuple[Any, ...], Any]:
     """An index as that of the batch and that of the components, the latter None where they do not stay apart."""
@@ -23,7 +25,7 @@ def without_batch(index: Any) -> Any:
 
 
 def _is_mask(i: Any) -> bool:
-    return isinstance(i, bool) or getattr(i, "dtype", None) == np.bool_
+    return isinstance(i, bool) or (isinstance(i, check.ARRAYS) and i.dtype == np.bool_)
 
 
 def _which(i: Any, is_alone: bool) -> Any:

@@ -11,12 +11,11 @@ import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.numbers import folding
-from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 
 
 def common_dtype(given: Sequence[Any], dtype: Any) -> np.dtype[Any]:
     """That of what has one, or the one named; JAX's default for Python floats alone."""
-    typed = {f"component {i}": c for i, c in enumerate(given) if hasattr(c, "dtype")}
+    typed = {f"component {i}": c for i, c in enumerate(given) if isinstance(c, check.ARRAYS)}
     if dtype is not None:
         typed["dtype"] = np.empty((), jax.dtypes.canonicalize_dtype(dtype))
     check.require_same_dtype(**typed)
@@ -52,6 +51,4 @@ def shown(leaf: Any) -> str:
     concrete = isinstance(leaf, (np.ndarray, jax.Array)) and not isinstance(leaf, jax.core.Tracer)
     if concrete and leaf.ndim == 0:
         return f"Array({np.asarray(leaf)})"
-    if hasattr(leaf, "shape") and hasattr(leaf, "dtype") and not isinstance(leaf, DoubleWord):
-        return f"{np.dtype(leaf.dtype).name}[{','.join(map(str, leaf.shape))}]"
-    return repr(leaf)
+    return check.in_short(leaf)

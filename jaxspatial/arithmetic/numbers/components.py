@@ -4,24 +4,21 @@ What is known of an array is lost as soon as its components are stacked. Here th
 of the type: it survives jit, scan, vmap and derivatives, where a NumPy array becomes data.
 """
 
-import functools
 import json
 import typing
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.export
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.numbers import component_index, component_numbers, folding
+from jaxspatial.arithmetic.numbers.component_operators import Operators
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
-from jaxspatial.arithmetic.numbers.polynomial import uniform
 from jaxspatial.arithmetic.numbers.trees import to_double_word
-from jaxspatial.arithmetic.precision import Precision
 
 
 class _Structure(NamedTuple):
@@ -31,7 +28,7 @@ class _Structure(NamedTuple):
     dtype: str | None
 
 
-class Components(check.StandIn):
+class Components(Operators):
     """An array (*batch, n) by its n components, each data or a number known while tracing.
 
         f = js.Components(fx, fy, 0.0)                        # a force in the plane
@@ -57,9 +54,6 @@ class Components(check.StandIn):
     Raises TypeError for dtypes that differ or integers, ValueError for batches that do not broadcast.
     """
 
-    # NumPy and JAX arrays on the left of an operator leave it to us.
-    __array_ufunc__ = None
-
     _structure: _Structure
     _data: tuple[typing.Any, ...]
 
@@ -84,7 +78,18 @@ class Components(check.StandIn):
 
             js.Components.from_array(p, (None, None, 0.0))      # what a plane leaves of p
 
-        What x has there is not looked at.
+        Args:
+            x: array (*batch, n). What it has where a number is known is not looked at.
+            known: n entries, a number or None for data.
+
+        Returns:
+            The Components, of the dtype of x.
+
+        Raises:
+            TypeError: x is not floating point.
+            ValueError: it has not as many components as `known` entries.
+
+        Error: none, it is exact.
         """
         x = check.as_vectors(x, "Components.from_array: x", size=len(known))
         return cls(*(x[..., i] if number is None else number for i, number in enumerate(known)), dtype=x.dtype)
@@ -112,7 +117,19 @@ class Components(check.StandIn):
         return np.dtype(self._data[0].dtype if self._data else self._structure.dtype)
 
     def to_array(self, batch_shape: tuple[int, ...] = ()) -> Any:
-        """(*batch, n) as one array, or double word; over a wider batch where a batch shape is given."""
+        """All components as one array.
+
+        Args:
+            batch_shape: what the batch is broadcast to, if it is wider than that of the data.
+
+        Returns:
+            (*batch, n), an array, or a DoubleWord where any component is one; NumPy's where all are known.
+
+        Raises:
+            ValueError: the batch shapes do not broadcast.
+
+        Error: none, it is exact.
+        """
         batch = np.broadcast_shapes(self.shape[:-1], batch_shape)
         parts = self.components
         parts = to_double_word(parts) if any(isinstance(c, DoubleWord) for c in parts) else parts
@@ -122,15 +139,45 @@ class Components(check.StandIn):
         return np.asarray(self.to_array(), dtype)
 
     def over_batch(self, batch_shape: tuple[int, ...]) -> "Components":
-        """The data over this batch; what is known goes with any."""
+        """The data over another batch; what is known goes with any.
+
+        Args:
+            batch_shape: one that the batch of the data broadcasts to.
+
+        Returns:
+            The Components over it.
+
+        Error: none, it is exact.
+        """
         return self._with(component_numbers.over(c, batch_shape, self.dtype) for c in self._data)
 
     def astype(self, dtype: DTypeLike) -> "Components":
-        """Data and known numbers rounded to another dtype."""
-        return of([c.astype(dtype) for c in self.components])
+        """Data and known numbers in another dtype.
+
+        Args:
+            dtype: one of floating point.
+
+        Returns:
+            The Components in it.
+
+        Error: each number is rounded once, a double word as `DoubleWord.astype` does it.
+        """
+        return self._of([c.astype(dtype) for c in self.components])
 
     def reshape(self, *shape: Any) -> Any:
-        """With another batch shape; with other components as an array."""
+        """With another batch shape; with other components as an array.
+
+        Args:
+            shape: the new one, components included, as one tuple or number by number. -1 as in NumPy.
+
+        Returns:
+            The Components, or, where their number changes, an array or a DoubleWord.
+
+        Raises:
+            TypeError: the sizes do not fit.
+
+        Error: none, it is exact.
+        """
         new: Any = shape[0] if len(shape) == 1 and isinstance(shape[0], (tuple, list)) else shape
         if new[-1] != self.shape[-1]:
             return self.to_array().reshape(new)
@@ -144,7 +191,7 @@ class Components(check.StandIn):
             return self.to_array()[index]
         parts = [c if folding.is_known(c) else c[batch] for c in self.components]
         if not isinstance(which, int):
-            return of([parts[i] for i in np.arange(len(parts))[which]])
+            return self._of([parts[i] for i in np.arange(len(parts))[which]])
         shape = next((c.shape for c in parts if not folding.is_known(c)), ())
         return np.broadcast_to(parts[which], shape) if folding.is_known(parts[which]) else parts[which]
 
@@ -157,42 +204,6 @@ class Components(check.StandIn):
 
     def _with(self, data: Iterable[Any]) -> "Components":
         return _rebuild(self._structure, data)
-
-    # -- arithmetic ---------------------------------------------------------------------------------------------------
-
-    def __neg__(self) -> "Components":
-        return of([-c for c in self.components])
-
-    def __abs__(self) -> "Components":
-        return of([abs(c) for c in self.components])
-
-    def __add__(self, other: Any) -> "Components":
-        return self._combined(folding.add, other)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Any) -> "Components":
-        return self._combined(folding.subtract, other)
-
-    def __rsub__(self, other: Any) -> "Components":
-        return self._combined(folding.subtract, other, is_reflected=True)
-
-    def __mul__(self, other: Any) -> "Components":
-        return self._combined(_product, other)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Any) -> "Components":
-        return self._combined(folding.divide, other)
-
-    def __rtruediv__(self, other: Any) -> "Components":
-        return self._combined(folding.divide, other, is_reflected=True)
-
-    def _combined(self, operation: Callable[..., Any], other: Any, is_reflected: bool = False) -> Any:
-        other = _beside(self, other)
-        if other is NotImplemented:
-            return NotImplemented
-        return _each(operation, *((other, self) if is_reflected else (self, other)))
 
     def __repr__(self) -> str:
         data = map(component_numbers.shown, self._data)
@@ -230,31 +241,16 @@ jax.export.register_pytree_node_serialization(
 )
 
 
-def of(components: Sequence[Any]) -> Components:
-    """Components of NumPy scalars, which are known, and data over one batch, of one dtype: not checked."""
-    x = object.__new__(Components)
-    x._fill(components)
-    return x
-
-
 def is_components(x: object) -> typing.TypeGuard[Components]:
     return isinstance(x, Components)
 
 
 def as_components(x: Any) -> Components:
     """Any array (*batch, n) as Components: `alike` for NumPy arrays, all data for others."""
-    if isinstance(x, Components):
-        return x
-    columns = [x[..., i] for i in range(x.shape[-1])]
-    return of([_known_if_unit(c) for c in columns] if isinstance(x, np.ndarray) else columns)
+    return x if is_components(x) else Components._of_array(x)
 
 
-def _known_if_unit(column: np.ndarray) -> Any:
-    number = uniform(column)
-    return column.dtype.type(number) if number is not None and number in (0, 1, -1) else jnp.asarray(column)
-
-
-# -- components -------------------------------------------------------------------------------------------------------
+of = Components._of
 
 
 def _checked(c: Any, name: str, dtype: Any) -> Any:
@@ -265,36 +261,3 @@ def _checked(c: Any, name: str, dtype: Any) -> Any:
         return float(c)
     array = check.as_float_array(c, name, dtype)
     return array[()] if isinstance(c, np.generic) else array
-
-
-def _beside(x: Components, other: Any) -> Any:
-    """What stands beside Components in an operation: Components of as many; NotImplemented."""
-    if isinstance(other, (int, float)) and not isinstance(other, bool):
-        return of([component_numbers.over(float(other), (), x.dtype)] * x.shape[-1])
-    if not isinstance(other, (np.generic, np.ndarray, jax.Array, check.StandIn)):
-        return NotImplemented
-    array = check.as_float_array(other, "Components: other")
-    check.require_same_dtype(Components=x, other=array)
-    parts: Any = [array[()]] if isinstance(other, np.generic) else _parts(array, x.shape[-1])
-    return of(parts * x.shape[-1] if len(parts) == 1 else parts)
-
-
-def _parts(array: Any, n: int) -> Sequence[Any]:
-    """The components of an array (*batch, n), (*batch, 1) or ()."""
-    array = array if array.ndim else array.reshape((1,))
-    if array.shape[-1] not in (1, n):
-        raise ValueError(f"Components: other: expected shape (*batch, {n}) or (*batch, 1), got {array.shape}")
-    return as_components(array).components
-
-
-def _each(operation: Callable[..., Any], a: Components, b: Components) -> Components:
-    batch = check.common_batch_shape(left=a.shape[:-1], right=b.shape[:-1])
-    return _compiled(operation, *check.broadcast_batch(batch, a, b))
-
-
-def _combined(operation: Callable[..., Any], a: Components, b: Components) -> Any:
-    return of([operation(x, y) for x, y in zip(a.components, b.components, strict=True)])
-
-
-_compiled = jax.jit(_combined, static_argnums=0, inline=True)
-_product = functools.partial(folding.multiply, Precision.REPRODUCIBLE)

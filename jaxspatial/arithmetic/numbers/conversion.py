@@ -7,6 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
 
+from jaxspatial.arithmetic import check
+
 
 def of_numbers(x: Any, dtype: DTypeLike, rest: Any = 0.0) -> tuple[Any, Any]:
     """The pair nearest to x + rest as NumPy arrays, of numbers of at most 64 bits, of which JAX may know only 32."""
@@ -30,7 +32,7 @@ def of_number(x: float, dtype: DTypeLike) -> tuple[Any, Any]:
 
 def is_floating(x: Any) -> bool:
     """Whether x is a Python float or an array of floating point."""
-    return isinstance(x, float) or (hasattr(x, "dtype") and jnp.issubdtype(x.dtype, jnp.floating))
+    return isinstance(x, float) or (isinstance(x, check.ARRAYS) and jnp.issubdtype(x.dtype, jnp.floating))
 
 
 def known_dtype(dtype: DTypeLike) -> np.dtype[Any]:

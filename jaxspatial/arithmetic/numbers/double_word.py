@@ -6,15 +6,19 @@ The type. Its arithmetic, with bounds and ranges, is that of `pairs`; conversion
 import dataclasses
 import fractions
 import typing
+from collections.abc import Callable, Iterable, Iterator
 
 import jax
 import jax.export
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.numbers import conversion, pairs
+
+_Operation = Callable[..., typing.Any]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -43,7 +47,7 @@ class DoubleWord(check.StandIn):
     # NumPy and JAX arrays on the left of an operator leave it to us.
     __array_ufunc__ = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Checks what a caller passes. JAX rebuilds double words without it, with whatever leaves it needs."""
         if all(check.is_tree_mark(word) for word in (self.hi, self.lo)):
             return
@@ -60,87 +64,121 @@ class DoubleWord(check.StandIn):
     # -- as an array --------------------------------------------------------------------------------------------------
 
     @property
-    def words(self):
+    def words(self) -> tuple[typing.Any, typing.Any]:
         return self.hi, self.lo
 
-    def with_words(self, words):
-        """A number of this kind."""
+    def with_words(self, words: Iterable[typing.Any]) -> "DoubleWord":
+        """A number of this kind, see `Number`."""
         return of_words(words)
 
     @property
-    def shape(self):
+    def shape(self) -> tuple[int, ...]:
         return jnp.shape(self.hi)
 
     @property
-    def ndim(self):
+    def ndim(self) -> int:
         return len(self.shape)
 
     @property
-    def dtype(self):
+    def dtype(self) -> np.dtype[typing.Any]:
         """That of one word."""
         return np.dtype(self.hi.dtype)
 
-    def astype(self, dtype):
-        """In words of another dtype: exact into a wider one, else with an error <= u^2 |x|, u of that dtype."""
+    def astype(self, dtype: DTypeLike) -> "DoubleWord":
+        """In words of another dtype.
+
+        Args:
+            dtype: one of floating point that JAX has switched on.
+
+        Returns:
+            A DoubleWord of the same shape.
+
+        Raises:
+            TypeError: the dtype is not floating point, or off.
+
+        Error: none into a wider dtype, else at most u^2 |x|, u of the new one.
+        """
         return of_words(pairs.convert(self.words, conversion.known_dtype(dtype)))
 
-    def reshape(self, *shape):
+    def reshape(self, *shape: typing.Any) -> "DoubleWord":
+        """With another shape.
+
+        Args:
+            shape: the new one, as one tuple or number by number. -1 as in NumPy.
+
+        Returns:
+            A DoubleWord of it.
+
+        Raises:
+            TypeError: the sizes do not fit.
+
+        Error: none, it is exact.
+        """
         return of_words(word.reshape(*shape) for word in self.words)
 
-    def __getitem__(self, index):
+    def __getitem__(self, index: typing.Any) -> "DoubleWord":
         return of_words(word[index] for word in self.words)
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator["DoubleWord"]:
         # Without it Python would count up __getitem__ until an IndexError, which JAX never raises.
         return map(of_words, zip(*self.words, strict=True))
 
-    def __bool__(self):
+    def __bool__(self) -> bool:
         return bool(self != 0)
 
-    def __float__(self):
+    def __float__(self) -> float:
         return float(self.hi) + float(self.lo)
 
     # -- arithmetic ---------------------------------------------------------------------------------------------------
 
-    def __neg__(self):
+    def __neg__(self) -> "DoubleWord":
         return of_words(pairs.negate(self.words))
 
-    def __abs__(self):
+    def __abs__(self) -> "DoubleWord":
         return of_words(pairs.absolute(self.words))
 
-    def sqrt(self):
-        """The square root, see `trees.sqrt`."""
+    def sqrt(self) -> "DoubleWord":
+        """The square root: NaN below 0, -0 of -0, with an infinite derivative at 0.
+
+        Returns:
+            A DoubleWord of the same shape.
+
+        Error: at most 25/8 u^2 sqrt(x), u the unit roundoff of the words.
+        Source: Lefevre et al. 2023, Accurate calculation of Euclidean norms using double-word arithmetic, SQRTDWtoDW.
+        """
         return of_words(pairs.square_root(self.words))
 
-    def __add__(self, other):
+    def __add__(self, other: typing.Any) -> "DoubleWord":
         return self._combined(other, pairs.add, pairs.add_word)
 
     __radd__ = __add__
 
-    def __sub__(self, other):
+    def __sub__(self, other: typing.Any) -> "DoubleWord":
         return self._combined(other, pairs.subtract, pairs.subtract_word)
 
-    def __rsub__(self, other):
+    def __rsub__(self, other: typing.Any) -> "DoubleWord":
         return (-self).__add__(other)
 
-    def __mul__(self, other):
+    def __mul__(self, other: typing.Any) -> "DoubleWord":
         return self._combined(other, pairs.multiply, pairs.multiply_word)
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other):
+    def __truediv__(self, other: typing.Any) -> "DoubleWord":
         return self._combined(other, pairs.divide, pairs.divide_word)
 
-    def __rtruediv__(self, other):
+    def __rtruediv__(self, other: typing.Any) -> "DoubleWord":
         return self._combined(other, lambda x, y: pairs.divide(y, x), lambda x, b: pairs.divide(with_zero(b), x))
 
-    def _combined(self, other, on_pairs, on_word):
+    def _combined(
+        self, other: typing.Any, on_pairs: Callable[..., typing.Any], on_word: Callable[..., typing.Any]
+    ) -> typing.Any:
         operands = self._operands(other)
         if operands is NotImplemented:
             return NotImplemented
         return of_words((on_pairs if isinstance(operands[1], tuple) else on_word)(*operands))
 
-    def _operands(self, other):
+    def _operands(self, other: typing.Any) -> typing.Any:
         """The pair of words of this one, and the pair or word of the other, broadcast to one shape."""
         words = _words_of(other, self.dtype)
         if words is NotImplemented:
@@ -152,32 +190,32 @@ class DoubleWord(check.StandIn):
 
     # -- comparison: arrays of answers; like arrays, what has __eq__ cannot be hashed ---------------------------------
 
-    def __lt__(self, other):
+    def __lt__(self, other: typing.Any) -> jax.Array:
         return self._compared(other, pairs.less)
 
-    def __le__(self, other):
+    def __le__(self, other: typing.Any) -> jax.Array:
         return self._compared(other, pairs.less_equal)
 
-    def __gt__(self, other):
+    def __gt__(self, other: typing.Any) -> jax.Array:
         return self._compared(other, lambda x, y: pairs.less(y, x))
 
-    def __ge__(self, other):
+    def __ge__(self, other: typing.Any) -> jax.Array:
         return self._compared(other, lambda x, y: pairs.less_equal(y, x))
 
-    def __eq__(self, other):
+    def __eq__(self, other: typing.Any) -> typing.Any:
         return self._compared(other, pairs.equal)
 
-    def __ne__(self, other):
+    def __ne__(self, other: typing.Any) -> typing.Any:
         return self._compared(other, lambda x, y: ~pairs.equal(x, y))
 
-    def _compared(self, other, comparison):
+    def _compared(self, other: typing.Any, comparison: Callable[..., jax.Array]) -> typing.Any:
         operands = self._operands(other)
         if operands is NotImplemented:
             return NotImplemented
         x, y = operands
         return comparison(x, y if isinstance(y, tuple) else with_zero(y))
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"DoubleWord(hi={_shown(self.hi)}, lo={_shown(self.lo)})"
 
 
@@ -195,7 +233,7 @@ jax.export.register_pytree_node_serialization(
 )
 
 
-def of_words(words):
+def of_words(words: Iterable[typing.Any]) -> DoubleWord:
     """The double word of hi and lo, unchecked."""
     x = object.__new__(DoubleWord)
     for name, word in zip(("hi", "lo"), words, strict=True):
@@ -203,19 +241,19 @@ def of_words(words):
     return x
 
 
-def nearest_double_word(number, dtype):
+def nearest_double_word(number: float | fractions.Fraction, dtype: DTypeLike) -> DoubleWord:
     """The DoubleWord nearest to a Fraction or Python number, known while tracing."""
     high = float(number)
     rest = float(fractions.Fraction(number) - fractions.Fraction(high)) if np.isfinite(high) else 0.0
     return of_words(word[()] for word in map(np.asarray, conversion.of_numbers(high, dtype, rest)))
 
 
-def with_zero(word):
+def with_zero(word: jax.Array) -> tuple[jax.Array, jax.Array]:
     """The pair of words that equals one."""
     return word, lax.full_like(word, 0)
 
 
-def _words_of(x, dtype):
+def _words_of(x: typing.Any, dtype: DTypeLike) -> typing.Any:
     """What stands beside words of `dtype` in an operation: a pair, one word where that says it all, NotImplemented."""
     if isinstance(x, DoubleWord):
         return x.words
@@ -228,12 +266,10 @@ def _words_of(x, dtype):
     return check.as_float_array(x, "DoubleWord: other") if is_array else NotImplemented
 
 
-def _shown(word):
+def _shown(word: typing.Any) -> str:
     """Up to six numbers, the shape of more or of something not computed yet."""
     concrete = isinstance(word, (np.ndarray, jax.Array)) and not isinstance(word, jax.core.Tracer)
     if concrete and word.ndim <= 1 and word.size <= 6:
         numbers = [str(number) for number in np.asarray(word).ravel()]
         return "[" + ", ".join(numbers) + "]" if word.ndim else numbers[0]
-    if hasattr(word, "shape") and hasattr(word, "dtype"):
-        return f"{np.dtype(word.dtype).name}[{','.join(map(str, word.shape))}]"
-    return repr(word)
+    return check.in_short(word)

@@ -6,7 +6,7 @@ it does not, nor a sum of arrays that are zero but for one lane, which the pull-
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -16,7 +16,7 @@ from jax import Array, lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jaxspatial.arithmetic.errorfree.elementwise import alike, compiled, is_zero, no_tangent
+from jaxspatial.arithmetic.errorfree.elementwise import Rule, alike, compiled, is_zero, no_tangent
 from jaxspatial.arithmetic.errorfree.lowering import rule
 
 
@@ -115,13 +115,7 @@ def _instantiated(tangent: Any) -> Array:
     return jnp.zeros(tangent.aval.shape, tangent.aval.dtype) if is_zero(tangent) else tangent
 
 
-def _linear(
-    name: str,
-    abstract: Callable[..., Any],
-    lowered: Callable[..., Any],
-    transposed: Callable[..., Any],
-    batched: Callable[..., Any],
-) -> Any:
+def _linear(name: str, abstract: Rule, lowered: Rule, transposed: Rule, batched: Rule) -> Any:
     primitive: Any = Primitive(f"jaxspatial_{name}")
     primitive.multiple_results = True
     primitive.def_abstract_eval(abstract)

@@ -17,7 +17,7 @@ from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic.errorfree.transforms import two_sum, unguarded
 from jaxspatial.arithmetic.sums import sum3
-from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, Error, Terms, Words
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, Error, OverBatch, Terms, Words
 from jaxspatial.arithmetic.sums.accumulators.compensated import sum_like, vec_sum
 from jaxspatial.arithmetic.sums.accumulators.faithful import parts, parts_of_narrow
 
@@ -75,11 +75,9 @@ def _or_nan(x: Array, r: Array, state: Words) -> Array:
     return lax.select(is_certain, x, jnp.full_like(x, jnp.nan))
 
 
-CERTIFIED = Accumulator(
-    total=_total,
-    plus=_plus,
-    round=_round,
-    pair=_pair,
-    over_batch=lambda state, axes: sum3.over_batch(state[2::-1], _finite_or_nan),
-)
+def _over_batch(state: Words, axes: Sequence[int]) -> OverBatch:
+    return sum3.over_batch(state[2::-1], _finite_or_nan)
+
+
+CERTIFIED = Accumulator(total=_total, plus=_plus, round=_round, pair=_pair, over_batch=_over_batch)
 CERTIFIED_OF_NARROW = dataclasses.replace(CERTIFIED, total=_total_of_narrow)

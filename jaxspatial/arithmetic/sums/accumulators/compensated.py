@@ -98,11 +98,9 @@ def _pair(state: Words, dtype: DTypeLike) -> tuple[Array, Array]:
     return lax.select(finite, hi, s).astype(dtype), lax.select(finite, lo, jnp.zeros_like(lo)).astype(dtype)
 
 
-COMPENSATED = Accumulator(
-    total=_total,
-    plus=_plus,
-    round=_round,
-    pair=_pair,
-    over_batch=lambda state, axes: OverBatch(state, _merge, _round, _pair),
-)
+def _over_batch(state: Words, axes: Sequence[int]) -> OverBatch:
+    return OverBatch(state, _merge, _round, _pair)
+
+
+COMPENSATED = Accumulator(total=_total, plus=_plus, round=_round, pair=_pair, over_batch=_over_batch)
 SINGLE = dataclasses.replace(COMPENSATED, total=_single)

@@ -5,6 +5,7 @@ The state of a sum is one array.
 
 import functools
 import operator
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 from jax import Array, lax
@@ -41,10 +42,8 @@ def _pair(state: Words, dtype: DTypeLike) -> tuple[Array, Array]:
     return hi, lax.convert_element_type(lax.select(lax.is_finite(hi), low, jnp.zeros_like(low)), dtype)
 
 
-WIDE = Accumulator(
-    total=_total,
-    plus=_plus,
-    round=_round,
-    pair=_pair,
-    over_batch=lambda state, axes: OverBatch(state, _merge, _round, _pair),
-)
+def _over_batch(state: Words, axes: Sequence[int]) -> OverBatch:
+    return OverBatch(state, _merge, _round, _pair)
+
+
+WIDE = Accumulator(total=_total, plus=_plus, round=_round, pair=_pair, over_batch=_over_batch)
