@@ -79,6 +79,19 @@ def test_the_same_bits_however_it_is_called(name):
     assert abs(as_data - expected).max() <= 256 * 2.0**-53 * abs(expected).max()
 
 
+def test_compiled_in_one_program():
+    """All other algorithms that are no steps: the bits of the formulas in NumPy."""
+    others = [name for name in ALGORITHMS if name not in DEFAULT and "step" not in name]
+
+    def all_of_them(*x):
+        return {name: ALGORITHMS[name](mechanism(), *x) for name in others}
+
+    compiled, expected = jax.jit(jax.vmap(all_of_them))(*state()), interpreted(jax.vmap(all_of_them))(*state())
+    for name, y in expected.items():
+        allowed = 256 * 2.0**-53 * abs(y).max() if name in SOLVED else 0.0
+        np.testing.assert_allclose(compiled[name], y, rtol=0, atol=allowed, err_msg=name)
+
+
 @pytest.mark.parametrize("name", of_some)
 def test_derivatives_with_respect_to_everything(name):
     """Forward and reverse ones agree, and are the differences that they stand for: of the state, and of all numbers of

@@ -1,7 +1,8 @@
 """Programs evaluated in NumPy, one operation of JAX after another.
 
 Nothing is compiled, contracted or rewritten. What comes is what the formulas say, in a small part of the time that XLA
-takes to compile them; in "reproducible" compiled programs give the same bits, which `dynamics.test_programs` holds.
+takes to compile them; in "reproducible" compiled programs give the same bits, which `dynamics.test_transformations`
+and `laws.test_transformations_of_numbers` hold.
 """
 
 import functools
