@@ -13,18 +13,9 @@ import numpy as np
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import (
-    Number,
-    Numbers,
-    Rounded,
-    Symmetric,
-    Three,
-    constant,
-    high,
-    noinline_pairs,
-    where,
-)
+from jaxspatial.arithmetic.numbers import Rounded, constant, high, noinline_pairs, where
 from jaxspatial.arithmetic.numbers.folding import is_known
+from jaxspatial.arithmetic.numbers.protocol import Number, Numbers, Symmetric, Three
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.inertia.reduction import summed
 from jaxspatial.spatial import algebra

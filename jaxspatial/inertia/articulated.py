@@ -2,20 +2,8 @@
 
 from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import (
-    Mask,
-    Motion,
-    Number,
-    Numbers,
-    Rows,
-    Symmetric,
-    Three,
-    constant,
-    high,
-    noinline,
-    noinline_pairs,
-    where,
-)
+from jaxspatial.arithmetic.numbers import constant, high, noinline, noinline_pairs, where
+from jaxspatial.arithmetic.numbers.protocol import Mask, Motion, Number, Numbers, Rows, Symmetric, Three
 from jaxspatial.inertia.addition import steiner
 from jaxspatial.spatial import algebra
 

@@ -3,7 +3,7 @@
 The mathematics is in the modules beside this one, as functions of arrays; the bases hold methods by subject.
 """
 
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import jax
 import numpy as np
@@ -16,6 +16,7 @@ from jaxspatial.arithmetic.tree import tree
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.inertia.composition import Composition
 from jaxspatial.inertia.forms import Forms
+from jaxspatial.inertia.parts import Parts
 from jaxspatial.inertia.principal import PrincipalAxes
 from jaxspatial.inertia.shapes import Shapes
 from jaxspatial.spatial import algebra
@@ -49,6 +50,9 @@ class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes):
     mass: jax.Array
     com: jax.Array
     central: jax.Array
+
+    if TYPE_CHECKING:
+        __init__ = Parts.__init__
 
     def shift(self, p_PQ_E: Vector3, *, precision: PrecisionName = None) -> Self:
         """About the point Q of the same body, see `jaxspatial.shift`."""

@@ -10,6 +10,7 @@ import numpy as np
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.quantity import Additive
 from jaxspatial.arithmetic.tree import rebuilt
+from jaxspatial.arithmetic.types import Matrix3, Scalar, Six, Vector3
 from jaxspatial.inertia.arguments import checked
 from jaxspatial.rotation.matrices import expanded, owned, shown
 
@@ -25,7 +26,7 @@ class Parts(Additive):
 
     if TYPE_CHECKING:
 
-        def __init__(self, mass: Any, com: Any, central: Any): ...
+        def __init__(self, mass: Scalar, com: Vector3, central: Six | Matrix3): ...
 
     def __post_init__(self) -> None:
         """Checks what a caller passes. JAX rebuilds inertias without it, with whatever leaves it needs."""

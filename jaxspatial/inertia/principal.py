@@ -4,7 +4,7 @@ The formulas are in `validity`.
 """
 
 from fractions import Fraction
-from typing import Any, Self
+from typing import Self
 
 import jax
 
@@ -52,8 +52,8 @@ class PrincipalAxes(Parts):
             to the next; R R^T is within 16 u of the identity, 2 u in "compensated" and "faithful".
         Source: Jacobi 1846.
         """
-        found: Any = symmetric.eigen(resolve(precision), check.narrowed(self.central))
-        return found[0], Rotation(found[1])
+        moments, axes = symmetric.eigen(resolve(precision), check.narrowed(self.central))
+        return moments, Rotation(axes)
 
     def equivalent_ellipsoid(self, *, precision: PrecisionName = None) -> tuple[jax.Array, Rotation]:
         """The solid ellipsoid about the centre of mass with this mass and inertia.

@@ -14,17 +14,8 @@ import jax.numpy as jnp
 
 from jaxspatial.arithmetic import check, symmetric, vectors
 from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import (
-    Mask,
-    Number,
-    Numbers,
-    Symmetric,
-    Three,
-    constant,
-    high,
-    times_power_of_two,
-    where,
-)
+from jaxspatial.arithmetic.numbers import constant, high, times_power_of_two, where
+from jaxspatial.arithmetic.numbers.protocol import Mask, Number, Numbers, Symmetric, Three
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.arithmetic.types import DTypeLike, PrecisionName
 from jaxspatial.inertia.parts import Parts

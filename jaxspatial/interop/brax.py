@@ -14,6 +14,7 @@ from jaxspatial.arithmetic import symmetric
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.interop import mujoco
+from jaxspatial.interop.library import library
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialForce, SpatialMomentum, SpatialVelocity, act
 
 
@@ -41,7 +42,7 @@ def to_motion(V: SpatialVelocity) -> Any:
     Raises:
         ImportError: brax is missing.
     """
-    return _base().Motion(ang=V.w, vel=V.v)
+    return library("brax.base").Motion(ang=V.w, vel=V.v)
 
 
 def from_spatial_acceleration(A: Any, V: Any, *, precision: PrecisionName = None) -> SpatialAcceleration:
@@ -115,7 +116,7 @@ def to_force(F: SpatialForce | SpatialMomentum) -> Any:
     Raises:
         ImportError: brax is missing.
     """
-    return _base().Force(ang=F.rotational, vel=F.translational)
+    return library("brax.base").Force(ang=F.rotational, vel=F.translational)
 
 
 def from_transform(X_AB: Any, *, precision: PrecisionName = None) -> RigidTransform:
@@ -148,7 +149,7 @@ def to_transform(X_AB: RigidTransform, *, precision: PrecisionName = None) -> An
 
     Error: as of `Rotation.to_quaternion`.
     """
-    return _base().Transform(*mujoco.to_xpos_xquat(X_AB, precision=precision))
+    return library("brax.base").Transform(*mujoco.to_xpos_xquat(X_AB, precision=precision))
 
 
 # Inertia is one class with two meanings: of a link, and after `Transform.do`.
@@ -182,8 +183,8 @@ def to_inertia(M_BBo_B: SpatialInertia) -> Any:
     Raises:
         ImportError: brax is missing.
     """
-    transform = _base().Transform.create(pos=jnp.asarray(M_BBo_B.com))
-    return _base().Inertia(transform=transform, i=M_BBo_B.central_matrix(), mass=M_BBo_B.mass)
+    transform = library("brax.base").Transform.create(pos=jnp.asarray(M_BBo_B.com))
+    return library("brax.base").Inertia(transform=transform, i=M_BBo_B.central_matrix(), mass=M_BBo_B.mass)
 
 
 def from_moved_inertia(M: Any, *, precision: PrecisionName = None) -> SpatialInertia:
@@ -219,11 +220,5 @@ def to_moved_inertia(M_BP_E: SpatialInertia, *, precision: PrecisionName = None)
     Error: as of `SpatialInertia.to_dynamic_parameters`.
     """
     pi10 = M_BP_E.to_dynamic_parameters(precision=precision)
-    transform = _base().Transform.create(pos=jnp.asarray(pi10[..., 1:4]))
-    return _base().Inertia(transform=transform, i=symmetric.to_matrix(pi10[..., 4:]), mass=M_BP_E.mass)
-
-
-def _base() -> Any:
-    from brax import base
-
-    return base
+    transform = library("brax.base").Transform.create(pos=jnp.asarray(pi10[..., 1:4]))
+    return library("brax.base").Inertia(transform=transform, i=symmetric.to_matrix(pi10[..., 4:]), mass=M_BP_E.mass)

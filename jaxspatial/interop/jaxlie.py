@@ -6,6 +6,7 @@ import jax
 
 from jaxspatial.arithmetic.types import Matrix, PrecisionName, Six
 from jaxspatial.interop import orders
+from jaxspatial.interop.library import library
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialVelocity
 
@@ -40,9 +41,7 @@ def to_so3(R_AB: Rotation, *, precision: PrecisionName = None) -> Any:
 
     Error: as of `Rotation.to_quaternion`.
     """
-    import jaxlie
-
-    return jaxlie.SO3(wxyz=R_AB.to_quaternion(precision=precision))
+    return library("jaxlie").SO3(wxyz=R_AB.to_quaternion(precision=precision))
 
 
 def from_se3(X_AB: Any, *, precision: PrecisionName = None) -> RigidTransform:
@@ -75,9 +74,7 @@ def to_se3(X_AB: RigidTransform, *, precision: PrecisionName = None) -> Any:
 
     Error: as of `Rotation.to_quaternion`.
     """
-    import jaxlie
-
-    return jaxlie.SE3(wxyz_xyz=orders.pose_to_wxyz_xyz(X_AB, precision=precision))
+    return library("jaxlie").SE3(wxyz_xyz=orders.pose_to_wxyz_xyz(X_AB, precision=precision))
 
 
 def from_tangent(x6: Six) -> SpatialVelocity:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxspatial.arithmetic.numbers.trees import from_double_word
 from jaxspatial.arithmetic.types import PrecisionName, Six
 from jaxspatial.interop import orders
+from jaxspatial.interop.library import library
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialVelocity
 
@@ -42,10 +43,8 @@ def to_rotation(R_AB: Rotation, *, precision: PrecisionName = None) -> Any:
 
     Error: as of `Rotation.to_quaternion`.
     """
-    from scipy.spatial import transform
-
     xyzw = orders.quaternion_to_xyzw(R_AB.to_quaternion(precision=precision))
-    return transform.Rotation.from_quat(_host(xyzw))
+    return library("scipy.spatial.transform").Rotation.from_quat(_host(xyzw))
 
 
 def from_rigid_transform(X_AB: Any, *, precision: PrecisionName = None) -> RigidTransform:
@@ -78,10 +77,8 @@ def to_rigid_transform(X_AB: RigidTransform, *, precision: PrecisionName = None)
 
     Error: as of `Rotation.to_quaternion`.
     """
-    from scipy.spatial import transform
-
     R_AB = to_rotation(X_AB.rotation, precision=precision)
-    return transform.RigidTransform.from_components(_host(X_AB.translation), R_AB)
+    return library("scipy.spatial.transform").RigidTransform.from_components(_host(X_AB.translation), R_AB)
 
 
 def from_exponential_coordinates(x6: Six) -> SpatialVelocity:

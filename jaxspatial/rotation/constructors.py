@@ -108,9 +108,8 @@ class Constructors(Quantity):
 
         Error: at most 6 u normwise.
         """
-        return cls(
-            formulas.from_quaternion(precision, check.as_vectors(wxyz, "Rotation.from_quaternion: wxyz", size=4))
-        )
+        q = check.as_vectors(wxyz, "Rotation.from_quaternion: wxyz", size=4)
+        return cls(formulas.from_quaternion(precision, q))
 
     @classmethod
     def exp(cls, w: Vector3, *, precision: PrecisionName = None) -> Self:

@@ -17,19 +17,8 @@ from typing import NamedTuple
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.functions import angle_ratio, cosine_series, series, sine_series, turns
-from jaxspatial.arithmetic.numbers import (
-    Mask,
-    Motion,
-    Number,
-    Numbers,
-    Rows,
-    Three,
-    constant,
-    doubled,
-    high,
-    noinline,
-    where,
-)
+from jaxspatial.arithmetic.numbers import constant, doubled, high, noinline, where
+from jaxspatial.arithmetic.numbers.protocol import Mask, Motion, Number, Numbers, Rows, Three
 from jaxspatial.rotation import quaternion
 
 # A little above pi^2 and (pi / 2)^2.

@@ -51,7 +51,7 @@ def owned(array: jax.Array) -> jax.Array:
     return array
 
 
-def shown(x: Any, n: int) -> str:
+def shown(x: jax.Array | check.StandIn | None, n: int) -> str:
     """The numbers of one item, n in a row (0 of a scalar); the shape of a batch or of something not computed yet."""
     if isinstance(x, (np.ndarray, jax.Array)) and not isinstance(x, Tracer) and x.ndim == min(n, 1):
         if not n:

@@ -1,6 +1,6 @@
 """Rotations, as what they do to vectors. The mathematics is in the modules beside this one."""
 
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import jax
 import numpy as np
@@ -34,6 +34,9 @@ class Rotation(Constructors):
     """
 
     entries: jax.Array
+
+    if TYPE_CHECKING:
+        __init__ = Constructors.__init__
 
     # -- to other forms -----------------------------------------------------------------------------------------------
 
@@ -140,8 +143,8 @@ class Rotation(Constructors):
         Error: at most 24 u normwise and 16 u |t|.
         """
         t = check.as_float_array(t, "Rotation.interpolate: t", self.dtype)
-        arrays: dict[str, Any] = {"start": self.entries, "end": other.entries, "t": expanded(t)}
-        return Rotation(formulas.over_arrays(formulas.interpolated, precision, **arrays))
+        ends = {"start": self.entries, "end": other.entries}
+        return Rotation(formulas.over_arrays(formulas.interpolated, precision, **ends, t=expanded(t)))
 
     @staticmethod
     def left_jacobian(w: Vector3, *, precision: PrecisionName = None) -> jax.Array:

@@ -1,7 +1,7 @@
 """Rigid transforms: where a frame is and how it is turned, and what that makes of spatial vectors."""
 
 from collections.abc import Iterable
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import jax
 
@@ -27,6 +27,9 @@ class RigidTransform(Constructors):
 
     rotation: Rotation
     translation: jax.Array
+
+    if TYPE_CHECKING:
+        __init__ = Constructors.__init__
 
     def __repr__(self) -> str:
         return f"RigidTransform({self.rotation!r}, translation={shown(self.translation, 3)})"

@@ -1,13 +1,13 @@
 """How a `RigidTransform` is made: its named constructors, the base of that class."""
 
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import jax
 import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.quantity import Quantity
-from jaxspatial.arithmetic.types import BatchShape, DTypeLike, Matrix, PrecisionName
+from jaxspatial.arithmetic.types import BatchShape, DTypeLike, Matrix, PrecisionName, Vector3
 from jaxspatial.rotation.matrices import as_matrices, matrices, owned
 from jaxspatial.rotation.rotation import Rotation
 from jaxspatial.spatial import transform_formulas as formulas
@@ -25,7 +25,7 @@ class Constructors(Quantity):
 
     if TYPE_CHECKING:
 
-        def __init__(self, rotation: Rotation, translation: Any): ...
+        def __init__(self, rotation: Rotation, translation: Vector3): ...
 
     def __post_init__(self) -> None:
         """Checks what a caller passes; marks of a tree of axes or specs pass."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxspatial.arithmetic.types import PrecisionName, Six, Vector
 from jaxspatial.interop import orders
+from jaxspatial.interop.library import library
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialVelocity
 
@@ -39,9 +40,8 @@ def to_rotation_matrix(R_AB: Rotation) -> Any:
         ValueError: it is a batch: the objects of the library are single.
         ImportError: pydrake is missing.
     """
-    from pydrake.math import RotationMatrix
-
-    return RotationMatrix.MakeUnchecked(orders.single(R_AB.entries, "drake.to_rotation_matrix").reshape(3, 3))
+    entries = orders.single(R_AB.entries, "drake.to_rotation_matrix").reshape(3, 3)
+    return library("pydrake.math").RotationMatrix.MakeUnchecked(entries)
 
 
 def from_rigid_transform(X_AB: Any) -> RigidTransform:
@@ -69,10 +69,8 @@ def to_rigid_transform(X_AB: RigidTransform) -> Any:
         ValueError: it is a batch: the objects of the library are single.
         ImportError: pydrake is missing.
     """
-    import pydrake.math
-
     R_AB = to_rotation_matrix(X_AB.rotation)
-    return pydrake.math.RigidTransform(R_AB, orders.single(X_AB.translation, "drake.to_rigid_transform"))
+    return library("pydrake.math").RigidTransform(R_AB, orders.single(X_AB.translation, "drake.to_rigid_transform"))
 
 
 def from_floating_positions(q7: Vector, *, precision: PrecisionName = None) -> RigidTransform:

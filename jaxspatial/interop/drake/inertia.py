@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.interop import orders
+from jaxspatial.interop.library import library
 
 
 def from_inertia(M_SP_E: Any) -> SpatialInertia:
@@ -44,8 +45,7 @@ def to_inertia(M_SP_E: SpatialInertia) -> Any:
 
     Error: of G_SP a few u (|central| / m + |com|^2).
     """
-    from pydrake.multibody import tree
-
+    tree = library("pydrake.multibody.tree")
     (mass,), com, central = (orders.single(x, "drake.to_inertia") for x in M_SP_E.vectors)
     if mass == 0 and central.any():
         raise ValueError(f"drake.to_inertia: expected no central inertia without mass, got {central} for mass 0")

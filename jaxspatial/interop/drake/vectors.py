@@ -8,6 +8,7 @@ import numpy as np
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.types import Matrix
 from jaxspatial.interop import orders
+from jaxspatial.interop.library import library
 from jaxspatial.interop.orders.vectors import K
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialForce, SpatialMomentum, SpatialVelocity
 from jaxspatial.spatial.vector import SpatialVector
@@ -38,9 +39,7 @@ def to_force(F_Bp_E: SpatialForce) -> Any:
         ValueError: it is a batch: the objects of the library are single.
         ImportError: pydrake is missing.
     """
-    from pydrake.multibody import math
-
-    return math.SpatialForce(_six(F_Bp_E, "drake.to_force"))
+    return library("pydrake.multibody.math").SpatialForce(_six(F_Bp_E, "drake.to_force"))
 
 
 def from_velocity(V_MBp_E: Any) -> SpatialVelocity:
@@ -68,9 +67,7 @@ def to_velocity(V_MBp_E: SpatialVelocity) -> Any:
         ValueError: it is a batch: the objects of the library are single.
         ImportError: pydrake is missing.
     """
-    from pydrake.multibody import math
-
-    return math.SpatialVelocity(_six(V_MBp_E, "drake.to_velocity"))
+    return library("pydrake.multibody.math").SpatialVelocity(_six(V_MBp_E, "drake.to_velocity"))
 
 
 def from_acceleration(A_MBp_E: Any) -> SpatialAcceleration:
@@ -98,9 +95,7 @@ def to_acceleration(A_MBp_E: SpatialAcceleration) -> Any:
         ValueError: it is a batch: the objects of the library are single.
         ImportError: pydrake is missing.
     """
-    from pydrake.multibody import math
-
-    return math.SpatialAcceleration(_six(A_MBp_E, "drake.to_acceleration"))
+    return library("pydrake.multibody.math").SpatialAcceleration(_six(A_MBp_E, "drake.to_acceleration"))
 
 
 def from_momentum(L_MSp_E: Any) -> SpatialMomentum:
@@ -128,9 +123,7 @@ def to_momentum(L_MSp_E: SpatialMomentum) -> Any:
         ValueError: it is a batch: the objects of the library are single.
         ImportError: pydrake is missing.
     """
-    from pydrake.multibody import math
-
-    return math.SpatialMomentum(_six(L_MSp_E, "drake.to_momentum"))
+    return library("pydrake.multibody.math").SpatialMomentum(_six(L_MSp_E, "drake.to_momentum"))
 
 
 def from_columns(kind: type[K], m: Matrix) -> K:
@@ -193,8 +186,6 @@ def to_externally_applied(body_index: Any, F_Bo_W: SpatialForce) -> Any:
         ValueError: it is a batch: the objects of the library are single.
         ImportError: pydrake is missing.
     """
-    from pydrake.multibody.plant import ExternallyAppliedSpatialForce
-
-    force = ExternallyAppliedSpatialForce()
+    force = library("pydrake.multibody.plant").ExternallyAppliedSpatialForce()
     force.body_index, force.p_BoBq_B, force.F_Bq_W = body_index, np.zeros(3), to_force(F_Bo_W)
     return force

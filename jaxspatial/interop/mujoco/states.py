@@ -2,12 +2,14 @@
 
 import itertools
 from types import SimpleNamespace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.types import Coordinates, DTypeLike, Forces, PrecisionName, Rates, Vector
+from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates, Vector
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.rotation import Rotation
 from jaxspatial.rotation.rotation import rotated
@@ -211,7 +213,7 @@ def from_qfrc(mechanism: Mechanism, q: Coordinates, qfrc: Vector, *, precision: 
 class _Piece:
     """The part of a joint in all these arrays: in ours, q and v, and in MuJoCo's, qpos and qvel."""
 
-    def __init__(self, mechanism: Mechanism, i: int, qpos: slice, qvel: slice, dtype: DTypeLike):
+    def __init__(self, mechanism: Mechanism, i: int, qpos: slice, qvel: slice, dtype: np.dtype[Any]):
         t = mechanism.topology
         if t.kinds[i] not in ("free", "ball", "prismatic", "revolute", "continuous"):
             raise ValueError(f"mujoco: MuJoCo has no joints like {t.joint_names[i]!r}: {t.kinds[i]}")

@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxspatial.arithmetic.types import PrecisionName, Six, Vector, Vector3
 from jaxspatial.interop import orders
+from jaxspatial.interop.library import library
 from jaxspatial.interop.orders.vectors import K
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialVelocity, act, act_inverse, rotate
@@ -104,10 +105,8 @@ def to_se3(X_AB: RigidTransform) -> Any:
         ValueError: it is a batch: the objects of the library are single.
         ImportError: pinocchio is missing.
     """
-    import pinocchio
-
     R = orders.single(X_AB.rotation.entries, "pinocchio.to_se3").reshape(3, 3)
-    return pinocchio.SE3(R, orders.single(X_AB.translation, "pinocchio.to_se3"))
+    return library("pinocchio").SE3(R, orders.single(X_AB.translation, "pinocchio.to_se3"))
 
 
 def from_free_flyer_configuration(q7: Vector, *, precision: PrecisionName = None) -> RigidTransform:

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxspatial.arithmetic import symmetric
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.interop import orders
+from jaxspatial.interop.library import library
 
 # Its ten dynamic parameters, as arrays, are `SpatialInertia.from_dynamic_parameters` and `to_dynamic_parameters`.
 
@@ -39,11 +39,9 @@ def to_inertia(M: SpatialInertia) -> Any:
         ValueError: it is a batch: the objects of the library are single.
         ImportError: pinocchio is missing.
     """
-    import pinocchio
-
     mass, com, six = (orders.single(x, "pinocchio.to_inertia") for x in M.vectors)
-    Y = pinocchio.Inertia.Zero()
-    Y.mass, Y.lever, Y.inertia = mass[0], com, symmetric.to_matrix(six)
+    Y = library("pinocchio").Inertia.Zero()
+    Y.mass, Y.lever, Y.inertia = mass[0], com, six[np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])]
     return Y
 
 
@@ -78,11 +76,9 @@ def to_pseudo_inertia(M: SpatialInertia, *, precision: PrecisionName = None) -> 
 
     Error: as of `SpatialInertia.to_pseudo_inertia`.
     """
-    import pinocchio
-
     J = M.to_pseudo_inertia(precision=precision)
     entries = orders.single(J.reshape((*J.shape[:-2], 16)), "pinocchio.to_pseudo_inertia")
-    return pinocchio.PseudoInertia.FromMatrix(entries.reshape(4, 4))
+    return library("pinocchio").PseudoInertia.FromMatrix(entries.reshape(4, 4))
 
 
 def from_log_cholesky(theta: Any, *, precision: PrecisionName = None) -> SpatialInertia:
@@ -116,7 +112,5 @@ def to_log_cholesky(M: SpatialInertia, *, precision: PrecisionName = None) -> An
 
     Error: as of `SpatialInertia.to_log_cholesky`.
     """
-    import pinocchio
-
     theta10 = orders.single(M.to_log_cholesky(precision=precision), "pinocchio.to_log_cholesky")
-    return pinocchio.LogCholeskyParameters(theta10)
+    return library("pinocchio").LogCholeskyParameters(theta10)

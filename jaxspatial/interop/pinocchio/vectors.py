@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.interop import orders
+from jaxspatial.interop.library import library
 from jaxspatial.spatial import SpatialAcceleration, SpatialForce, SpatialMomentum, SpatialVelocity
 from jaxspatial.spatial.vector import SpatialVector
 
@@ -47,9 +48,7 @@ def to_force(F: SpatialForce | SpatialMomentum) -> Any:
         ValueError: it is a batch: the objects of the library are single.
         ImportError: pinocchio is missing.
     """
-    import pinocchio
-
-    return pinocchio.Force(_six(F, "pinocchio.to_force"))
+    return library("pinocchio").Force(_six(F, "pinocchio.to_force"))
 
 
 def from_motion(V: Any) -> SpatialVelocity:
@@ -77,9 +76,7 @@ def to_motion(V: SpatialVelocity) -> Any:
         ValueError: it is a batch: the objects of the library are single.
         ImportError: pinocchio is missing.
     """
-    import pinocchio
-
-    return pinocchio.Motion(_six(V, "pinocchio.to_motion"))
+    return library("pinocchio").Motion(_six(V, "pinocchio.to_motion"))
 
 
 def from_spatial_acceleration(A: Any, V: Any, *, precision: PrecisionName = None) -> SpatialAcceleration:
@@ -116,10 +113,8 @@ def to_spatial_acceleration(A: SpatialAcceleration, V: SpatialVelocity, *, preci
 
     Error: as of `SpatialAcceleration.to_featherstone`.
     """
-    import pinocchio
-
     spatial = SpatialVelocity.from_array(A.to_featherstone(V, precision=precision))
-    return pinocchio.Motion(_six(spatial, "pinocchio.to_spatial_acceleration"))
+    return library("pinocchio").Motion(_six(spatial, "pinocchio.to_spatial_acceleration"))
 
 
 def from_classical_acceleration(A: Any) -> SpatialAcceleration:
@@ -147,9 +142,7 @@ def to_classical_acceleration(A: SpatialAcceleration) -> Any:
         ValueError: it is a batch: the objects of the library are single.
         ImportError: pinocchio is missing.
     """
-    import pinocchio
-
-    return pinocchio.Motion(_six(A, "pinocchio.to_classical_acceleration"))
+    return library("pinocchio").Motion(_six(A, "pinocchio.to_classical_acceleration"))
 
 
 def _six(x: SpatialVector, name: str) -> np.ndarray:
