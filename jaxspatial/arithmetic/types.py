@@ -9,7 +9,7 @@ from typing import Any
 
 import chex
 import jax.typing
-from numpy.typing import DTypeLike as DTypeLike
+from jax.typing import DTypeLike as DTypeLike
 
 from jaxspatial.arithmetic.check import StandIn
 from jaxspatial.arithmetic.precision import Precision

@@ -6,7 +6,7 @@ from jaxspatial.arithmetic.promise import Normwise, Promise
 ROTATED = Promise(3, 4)
 
 
-def _normwise(u, of="normwise"):
+def _normwise(u: float, of: str = "normwise") -> Normwise:
     """Of angles: in "compensated" and "faithful" every number is rounded once."""
     return Normwise(u, of, u2=16 * u)
 
