@@ -87,7 +87,7 @@ def test_compensated_float64_of_a_long_chain_in_free_fall(n):
     expected = exact.inverse_dynamics(mech, q, 0 * v, fall)
     mag, size = (abs(masses) @ abs(fall) + abs(gravity)).max(), float(max(map(abs, expected)))
     tau = js.inverse_dynamics(mech, q, 0 * v, fall, precision="compensated")
-    limit = ALGORITHM.allowed(js.Precision.COMPENSATED, n, 2.0**-53, size, mag)
+    limit = ALGORITHM.allowed(js.Precision.COMPENSATED, 2.0**-53, n * mag, size)
     assert size <= 1e-14 * mag and error(tau, expected) * size <= limit
 
 
