@@ -37,11 +37,11 @@ FOLDERS = {
     "arithmetic": Folder(
         3,
         (
-            "arithmetic/test_folding.py",
-            "arithmetic/test_polynomial.py",
+            "arithmetic/numbers/test_folding.py",
+            "arithmetic/numbers/test_polynomial.py",
             "arithmetic/test_precision.py",
-            "arithmetic/test_sums.py",
-            "arithmetic/test_numbers.py",
+            "arithmetic/sums/test_sums.py",
+            "arithmetic/numbers/test_numbers.py",
         ),
     ),
     "spatial": Folder(
@@ -92,7 +92,8 @@ class Mutant(NamedTuple):
     @property
     def tests(self):
         """The files that are run, the one named as this file first."""
-        own = f"{self.folder}/test_{self.file.split('/')[1]}"
+        path = pathlib.PurePath(self.file)
+        own = str(path.with_name(f"test_{path.name}"))
         beside = FOLDERS[self.folder].tests
         return tuple(dict.fromkeys((own, *beside))) if (ROOT / "tests" / own).exists() else beside
 
@@ -133,7 +134,7 @@ def places(path, found):
 def mutants(folder, rng):
     """The mutants of a folder in an order drawn by rng: places first, then what is done there."""
     found = operators()
-    files = {path: places(path, found) for path in sorted((ROOT / "jaxspatial" / folder).glob("*.py"))}
+    files = {path: places(path, found) for path in sorted((ROOT / "jaxspatial" / folder).rglob("*.py"))}
     drawn = [(path, start) for path, at in files.items() for start in sorted(at)]
     rng.shuffle(drawn)
     for path, start in drawn:

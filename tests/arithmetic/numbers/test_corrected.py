@@ -18,7 +18,7 @@ from jaxspatial.arithmetic import functions, numbers, vectors
 from jaxspatial.arithmetic.errorfree import contraction
 from jaxspatial.arithmetic.numbers import Corrected
 from jaxspatial.measure.exact import rationals
-from tests.arithmetic.test_contraction import BOTH
+from tests.arithmetic.errorfree.test_contraction import BOTH
 
 N = 200
 
