@@ -158,7 +158,9 @@ def _program(*arrays, program, n_batch):
     return _traced(functools.partial(programs.run, program, n_batch, True), arrays)
 
 
-def _scan(*arrays, jaxpr, length, reverse, num_consts, num_carry, **_):
+def _scan(*arrays, jaxpr, length, reverse, num_consts=0, num_carry=0, ft_in=None, **_):
+    if ft_in is not None:  # JAX 0.12: (constants, what is carried, what is sliced).
+        num_consts, num_carry, _ = map(len, ft_in.unpack())
     start = num_consts + num_carry
     consts, carry, xs = arrays[:num_consts], arrays[num_consts:start], arrays[start:]
     stacked = [np.empty((length, *a.shape), a.dtype) for a in jaxpr.out_avals[num_carry:]]
