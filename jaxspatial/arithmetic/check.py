@@ -63,16 +63,17 @@ def as_float_array(x: Any, name: str, dtype: DTypeLike | None = None, *, held: b
     NumPy stays NumPy (known while tracing): what is only held in its own dtype, what is computed with in JAX's, see
     `narrowed`. Arrays of integers are refused: whether 1 means 1.0f or 1.0 is the caller's to say.
     """
+    # To all who compute, what stands for an array and those of NumPy are arrays, which no stub says.
     if isinstance(x, StandIn):
-        return x
+        return x  # pyright: ignore[reportReturnType]
     array = _as_array(x, name, dtype)
     if not _is_floating(array.dtype):
         raise TypeError(f"{name}: expected floating point ({_FLOATS}), got {array.dtype}{_advice(x, array, dtype)}")
     if isinstance(array, np.ndarray):
         if held:
-            return array
+            return array  # pyright: ignore[reportReturnType]
         # NumPy's scalar of float64 is a Python float too: nobody asked for its digits.
-        return _in_jax_dtype(array) if isinstance(x, np.float64) else narrowed(array)
+        return _in_jax_dtype(array) if isinstance(x, np.float64) else narrowed(array)  # pyright: ignore[reportReturnType]
     # A weakly typed array would make a second trace for what is otherwise the same call.
     return jax.lax.convert_element_type(array, array.dtype) if array.weak_type else array
 

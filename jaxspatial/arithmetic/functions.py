@@ -170,7 +170,7 @@ def _words(fraction: Fraction, like: Number) -> Iterator[Fraction]:
 
 
 @noinline_pairs
-def _quarter_turns(angle):
+def _quarter_turns(angle: Number):
     return turns(angle, 4)
 
 

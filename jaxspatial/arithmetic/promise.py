@@ -63,7 +63,7 @@ class Promise(NamedTuple):
         return f"u |r| + {self.u2:g} u² mag" if precision.sees_whole_sums else f"{self.u:g} u mag"
 
     @property
-    def factors(self):
+    def factors(self) -> set[tuple[float, int]]:
         """(number, power of u) of all that is stated."""
         of_result = {(self.u_of_result, 1), (SMALLEST, 1), (SMALLEST, 2)} if self.u_of_result else set()
         return {(self.u, 1), (self.u2, 2)} | of_result
@@ -128,7 +128,7 @@ class OfSum(NamedTuple):
         return self.each + self.rounds * math.ceil(math.log2(n))
 
     @property
-    def factors(self):
+    def factors(self) -> set[tuple[float, int]]:
         return {(self.each, 1), (self.u2, 2), (1.01, 1)}
 
     @property

@@ -41,7 +41,7 @@ def to_matrix(six: jax.Array) -> jax.Array:
     return picked(six, _TO_NINE).reshape((*six.shape[:-1], 3, 3))
 
 
-def picked(x: jax.Array, places: np.ndarray) -> jax.Array:
+def picked(x: Any, places: np.ndarray) -> Any:
     """x[..., places], of slices: an index by arrays would be a gather. What is known stays so."""
     if not isinstance(x, (jax.Array, DoubleWord)):
         return x[..., places]

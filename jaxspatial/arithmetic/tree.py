@@ -50,7 +50,7 @@ def named_tuples(types: Iterable[Any]) -> None:
             jax.export.register_namedtuple_serialization(cls, serialized_name=f"jaxspatial.{cls.__name__}")
 
 
-def _register(cls, names: Sequence[str], static: Sequence[str]) -> None:
+def _register(cls: type, names: Sequence[str], static: Sequence[str]) -> None:
     keys = list(map(jax.tree_util.GetAttrKey, names))
 
     def structure(x: Any) -> tuple[Any, ...]:

@@ -41,7 +41,7 @@ def draw(result: Result, file: BinaryIO | str | pathlib.Path, ending: str = "png
     """Writes the picture of a `Result` into a binary file, or to a path."""
     known = dict.fromkeys(row.case.dtype for row in result.rows)
     dtypes = [dtype for dtype in known if dtype in _DTYPES] or list(known)
-    places = _places(result, dtypes)
+    places: Any = _places(result, dtypes)
     figure, axes = plt.subplot_mosaic(places, figsize=(16, 4.75 * len(places)), layout="constrained")
     for dtype in dtypes:
         _draw_trade(axes[dtype], [row for row in result.rows if row.case.dtype == dtype], dtype)

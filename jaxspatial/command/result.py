@@ -102,7 +102,7 @@ def _versions():
     return {"jax": jax.__version__, "jaxlib": version("jaxlib"), "numpy": np.__version__}
 
 
-def _row(row: trade.Row):
+def _row(row: trade.Row) -> dict[str, Any]:
     return {
         **row.case._asdict(),
         "words_per_item": OPERATIONS[row.case.operation].words,
@@ -115,20 +115,20 @@ def _row(row: trade.Row):
     }
 
 
-def _times(seconds: np.ndarray):
+def _times(seconds: np.ndarray) -> dict[str, Any]:
     fastest, median, ninety = (float(x) * 1e9 for x in np.quantile(seconds, [0, 0.5, 0.9]))
     return {"nanoseconds": median, "fastest": fastest, "ninety_percent": ninety}
 
 
-def _streamed(row: trade.Row):
+def _streamed(row: trade.Row) -> dict[str, Any]:
     return {**_times(row.streamed), "gigabytes_per_second": row.gigabytes_per_second}
 
 
-def _evaluated(row: algorithms.Evaluated):
+def _evaluated(row: algorithms.Evaluated) -> dict[str, Any]:
     errors = {"worst_ulps": row.worst_ulps, "worst": row.worst_in_units, "unit": row.unit}
     return {**row.case._asdict(), **_times(row.seconds), "compile_seconds": row.compile_seconds, **errors}
 
 
-def _curve(curve: conditions.Curve):
+def _curve(curve: conditions.Curve) -> dict[str, Any]:
     named = {name: getattr(curve, name) for name in ("operation", "dtype", "precision", "holds")}
     return {**named, "points": [point._asdict() for point in curve.points]}

@@ -45,7 +45,7 @@ class WrenchFile:
     def __len__(self):
         return len(self.parts["tau"])
 
-    def column(self, name: str):
+    def column(self, name: str) -> np.ndarray:
         """The finite numbers (n,) of a column beside the wrenches, as float64."""
         numbers = self._content.column(name)
         if len(numbers) != len(self):

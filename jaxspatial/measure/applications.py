@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -67,7 +67,7 @@ def _moving(rng: np.random.Generator, n: int):
     return list(rng.uniform(-0.3, 0.3, (3, n, _LINKS)).astype(np.float32))
 
 
-def _left_alone(rng: np.random.Generator, n: int):
+def _left_alone(rng: np.random.Generator, n: int) -> list[Any]:
     """q, v of a trolley and its load, and no forces."""
     return [*rng.uniform(-0.5, 0.5, (2, n, 2)).astype(np.float32), np.zeros((n, 2), np.float32)]
 
@@ -90,7 +90,7 @@ def _acceleration(mass: float, load: float, rate: int) -> Program:
     return lambda q, v, tau: forward_dynamics(mech.astype(q.dtype), q, v, tau)[rate]
 
 
-def _levers(rng: np.random.Generator, n: int):
+def _levers(rng: np.random.Generator, n: int) -> list[Any]:
     """Wrenches that read nearly the same a kilometre away, where torques of about 1 N m are left."""
     f = rng.normal(0.0, 1000.0, (n, 3)).astype(np.float32)
     p = (1000 * _unit(rng.standard_normal((n, 3)))).astype(np.float32)

@@ -58,7 +58,7 @@ def measure(pairs: Iterable[tuple[str, str]], advance: Advance = lambda: None, s
     return [curve for name, dtype in pairs for curve in _curves(OPERATIONS[name], dtype, advance, seed)]
 
 
-def requested(dtype: DTypeLike):
+def requested(dtype: DTypeLike) -> list[float]:
     """Condition numbers from 1 to 1/u^2, and infinity."""
     u = float(error.unit_roundoff(dtype))
     return [*np.geomspace(1, u**-2, _POINTS).tolist(), np.inf]

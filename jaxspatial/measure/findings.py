@@ -55,7 +55,7 @@ class Report(NamedTuple):
 
     __repr__ = __str__
 
-    def to_dict(self):
+    def to_dict(self) -> dict[str, Any]:
         """As it goes into JSON."""
         found = [finding._asdict() for finding in self.findings]
         return {"holds": self.holds, "surroundings": self.surroundings, "findings": found}

@@ -78,11 +78,14 @@ def test_a_step_of_the_timed_loop_is_the_operation(x64):
 
 
 def test_what_overflows_in_a_narrow_format_is_left_out():
-    wrenches = scene.Wrenches(*(np.where(np.arange(50)[:, None] < 25, x, x * 1e4) for x in WRENCHES))
+    wrenches = scene.Wrenches(*(np.where(np.arange(50)[:, None] < 25, x, x * 1e4) for x in WRENCHES if x is not None))
     rows = trade.measure(wrenches, OFFSET, trade.cases(("dot",), ("float16",)), 1_000)
     assert all(row.holds and 0 < row.ulps.size < 500 for row in rows)
     rows = trade.measure(
-        scene.Wrenches(*(x * 1e30 for x in WRENCHES)), OFFSET, trade.cases(("dot",), ("float16",)), 1_000
+        scene.Wrenches(*(x * 1e30 for x in WRENCHES if x is not None)),
+        OFFSET,
+        trade.cases(("dot",), ("float16",)),
+        1_000,
     )
     assert all(row.holds and np.isnan(row.worst_ulps) for row in rows)
 

@@ -42,7 +42,7 @@ def compiled(primitive: Any, **parameters: Any) -> Callable[..., Any]:
     """The primitive outside of a program: one of its own, also where `jax.disable_jit` is on."""
     program = jax.jit(lambda *arrays: primitive.bind(*arrays, **parameters))
 
-    def call(*arrays: Array):
+    def call(*arrays: Array) -> Any:
         with jax.disable_jit(False):
             return program(*arrays)
 

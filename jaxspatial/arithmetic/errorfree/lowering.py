@@ -22,7 +22,7 @@ def rule(function: Callable[..., Sequence[Array]]) -> Callable[..., Any]:
     """
     lower = mlir.lower_fun(function, multiple_results=True)
 
-    def lowered(context: Any, *arrays: Any, **parameters: Any):
+    def lowered(context: Any, *arrays: Any, **parameters: Any) -> Any:
         contracted = functools.partial(contraction.is_used, context)
         with jax.sharding.use_abstract_mesh(_NO_MESH):
             plain = [jax.core.ShapedArray(a.shape, a.dtype) for a in context.avals_in]

@@ -41,4 +41,4 @@ def alike(arrays: Sequence[Any]) -> Any:
 
 def has_pairs(x: Any) -> bool:
     """True for a DoubleWord, and for Components of which one is."""
-    return isinstance(x, DoubleWord) or (is_components(x) and any(isinstance(c, DoubleWord) for c in x._data))
+    return isinstance(x, DoubleWord) or (is_components(x) and any(isinstance(c, DoubleWord) for c in x.data))

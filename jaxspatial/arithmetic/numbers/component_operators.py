@@ -26,23 +26,37 @@ class Operators(check.StandIn):
     _fill: Callable[..., None]
 
     @classmethod
-    def _of(cls, components: Sequence[Any]) -> Self:
-        """Of NumPy scalars, which are known, and data over one batch, of one dtype: not checked."""
+    def of(cls, components: Sequence[Any]) -> Self:
+        """Of components of one dtype, not checked.
+
+        Args:
+            components: NumPy scalars, which are known, and data (*batch,) over one batch.
+
+        Returns:
+            Components of these.
+        """
         x = object.__new__(cls)
         x._fill(components)
         return x
 
     @classmethod
-    def _of_array(cls, x: Any) -> Self:
-        """Of an array (*batch, n); in one of NumPy those that are 0, 1 or -1 throughout are known."""
+    def of_array(cls, x: Any) -> Self:
+        """Of an array: in one of NumPy, components that are 0, 1 or -1 throughout are known.
+
+        Args:
+            x: (*batch, n) array.
+
+        Returns:
+            Its n components, (*batch,) each.
+        """
         columns = [x[..., i] for i in range(x.shape[-1])]
-        return cls._of([_known_if_unit(c) for c in columns] if isinstance(x, np.ndarray) else columns)
+        return cls.of([_known_if_unit(c) for c in columns] if isinstance(x, np.ndarray) else columns)
 
     def __neg__(self) -> Self:
-        return self._of([-c for c in self.components])
+        return self.of([-c for c in self.components])
 
     def __abs__(self) -> Self:
-        return self._of([abs(c) for c in self.components])
+        return self.of([abs(c) for c in self.components])
 
     def __add__(self, other: Any) -> Self:
         return self._combined(folding.add, other)
@@ -78,20 +92,20 @@ class Operators(check.StandIn):
         """What stands beside this one in an operation, with as many components; NotImplemented."""
         n = self.shape[-1]
         if isinstance(other, (int, float)) and not isinstance(other, bool):
-            return self._of([component_numbers.over(float(other), (), self.dtype)] * n)
+            return self.of([component_numbers.over(float(other), (), self.dtype)] * n)
         if not isinstance(other, (np.generic, np.ndarray, jax.Array, check.StandIn)):
             return NotImplemented
         array: Any = check.as_float_array(other, "Components: other")
         check.require_same_dtype(Components=self, other=array)
         parts = [array[()]] if isinstance(other, np.generic) else self._parts(array)
-        return self._of(parts * n if len(parts) == 1 else parts)
+        return self.of(parts * n if len(parts) == 1 else parts)
 
     def _parts(self, array: Any) -> Any:
         """The components of an array (*batch, n), (*batch, 1) or ()."""
         n, array = self.shape[-1], array if array.ndim else array.reshape((1,))
         if array.shape[-1] not in (1, n):
             raise ValueError(f"Components: other: expected shape (*batch, {n}) or (*batch, 1), got {array.shape}")
-        return (array if isinstance(array, Operators) else self._of_array(array)).components
+        return (array if isinstance(array, Operators) else self.of_array(array)).components
 
 
 def _known_if_unit(column: np.ndarray) -> Any:
@@ -100,7 +114,7 @@ def _known_if_unit(column: np.ndarray) -> Any:
 
 
 def _combined(operation: Callable[..., Any], a: Any, b: Any) -> Any:
-    return a._of([operation(x, y) for x, y in zip(a.components, b.components, strict=True)])
+    return a.of([operation(x, y) for x, y in zip(a.components, b.components, strict=True)])
 
 
 _compiled = jax.jit(_combined, static_argnums=0, inline=True)

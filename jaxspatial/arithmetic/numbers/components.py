@@ -54,8 +54,8 @@ class Components(Operators):
     Raises TypeError for dtypes that differ or integers, ValueError for batches that do not broadcast.
     """
 
-    _structure: _Structure
-    _data: tuple[typing.Any, ...]
+    structure: _Structure
+    data: tuple[typing.Any, ...]
 
     def __init__(self, *components: Any, dtype: DTypeLike | None = None):
         """Checks what a caller passes. JAX rebuilds Components without it, with whatever leaves it needs."""
@@ -69,8 +69,8 @@ class Components(Operators):
 
     def _fill(self, components: Sequence[Any]) -> None:
         known = tuple(component_numbers.plain(c) if folding.is_known(c) else None for c in components)
-        self._data = tuple(c for c, number in zip(components, known, strict=True) if number is None)
-        self._structure = _Structure(known, None if self._data else np.dtype(components[0].dtype).name)
+        self.data = tuple(c for c, number in zip(components, known, strict=True) if number is None)
+        self.structure = _Structure(known, None if self.data else np.dtype(components[0].dtype).name)
 
     @classmethod
     def from_array(cls, x: Any, known: Sequence[float | None]) -> typing.Self:
@@ -99,14 +99,14 @@ class Components(Operators):
     @property
     def components(self) -> tuple[typing.Any, ...]:
         """The n components: arrays or double words (*batch,), and NumPy scalars, which are known."""
-        dtype, data = self.dtype, iter(self._data)
+        dtype, data = self.dtype, iter(self.data)
         return tuple(
-            component_numbers.as_data(next(data)) if c is None else dtype.type(c) for c in self._structure.known
+            component_numbers.as_data(next(data)) if c is None else dtype.type(c) for c in self.structure.known
         )
 
     @property
     def shape(self) -> tuple[int, ...]:
-        return (*(self._data[0].shape if self._data else ()), len(self._structure.known))
+        return (*(self.data[0].shape if self.data else ()), len(self.structure.known))
 
     @property
     def ndim(self) -> int:
@@ -114,7 +114,7 @@ class Components(Operators):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        return np.dtype(self._data[0].dtype if self._data else self._structure.dtype)
+        return np.dtype(self.data[0].dtype if self.data else self.structure.dtype)
 
     def to_array(self, batch_shape: tuple[int, ...] = ()) -> Any:
         """All components as one array.
@@ -149,7 +149,7 @@ class Components(Operators):
 
         Error: none, it is exact.
         """
-        return self._with(component_numbers.over(c, batch_shape, self.dtype) for c in self._data)
+        return self._with(component_numbers.over(c, batch_shape, self.dtype) for c in self.data)
 
     def astype(self, dtype: DTypeLike) -> "Components":
         """Data and known numbers in another dtype.
@@ -162,7 +162,7 @@ class Components(Operators):
 
         Error: each number is rounded once, a double word as `DoubleWord.astype` does it.
         """
-        return self._of([c.astype(dtype) for c in self.components])
+        return self.of([c.astype(dtype) for c in self.components])
 
     def reshape(self, *shape: Any) -> Any:
         """With another batch shape; with other components as an array.
@@ -181,17 +181,17 @@ class Components(Operators):
         new: Any = shape[0] if len(shape) == 1 and isinstance(shape[0], (tuple, list)) else shape
         if new[-1] != self.shape[-1]:
             return self.to_array().reshape(new)
-        return self._with(c.reshape(tuple(new[:-1])) for c in self._data)
+        return self._with(c.reshape(tuple(new[:-1])) for c in self.data)
 
     def __getitem__(self, index: Any) -> Any:
         """As of the array: x[..., i] is component i, (*batch,), as a NumPy array where it is known; x[..., 1:] and x[3]
         of a batch are Components. What needs components as an axis, x[..., None], comes as an array."""
-        batch, which = component_index.split(index if self._data else component_index.without_batch(index), self.ndim)
+        batch, which = component_index.split(index if self.data else component_index.without_batch(index), self.ndim)
         if which is None:
             return self.to_array()[index]
         parts = [c if folding.is_known(c) else c[batch] for c in self.components]
         if not isinstance(which, int):
-            return self._of([parts[i] for i in np.arange(len(parts))[which]])
+            return self.of([parts[i] for i in np.arange(len(parts))[which]])
         shape = next((c.shape for c in parts if not folding.is_known(c)), ())
         return np.broadcast_to(parts[which], shape) if folding.is_known(parts[which]) else parts[which]
 
@@ -203,25 +203,25 @@ class Components(Operators):
         return (self[i] for i in range(len(self)))
 
     def _with(self, data: Iterable[Any]) -> "Components":
-        return _rebuild(self._structure, data)
+        return _rebuild(self.structure, data)
 
     def __repr__(self) -> str:
-        data = map(component_numbers.shown, self._data)
-        return f"Components({', '.join(next(data) if c is None else str(c) for c in self._structure.known)})"
+        data = map(component_numbers.shown, self.data)
+        return f"Components({', '.join(next(data) if c is None else str(c) for c in self.structure.known)})"
 
 
 def _flattened(x: Components) -> tuple[tuple[Any, ...], _Structure]:
-    return x._data, x._structure
+    return x.data, x.structure
 
 
 def _flattened_with_keys(x: Components) -> tuple[tuple[Any, ...], _Structure]:
-    places = (i for i, c in enumerate(x._structure.known) if c is None)
-    return tuple((jax.tree_util.SequenceKey(i), leaf) for i, leaf in zip(places, x._data, strict=True)), x._structure
+    places = (i for i, c in enumerate(x.structure.known) if c is None)
+    return tuple((jax.tree_util.SequenceKey(i), leaf) for i, leaf in zip(places, x.data, strict=True)), x.structure
 
 
 def _rebuild(structure: _Structure, data: Iterable[Any]) -> Components:
     x = object.__new__(Components)
-    x._structure, x._data = structure, tuple(data)
+    x.structure, x.data = structure, tuple(data)
     return x
 
 
@@ -247,10 +247,10 @@ def is_components(x: object) -> typing.TypeGuard[Components]:
 
 def as_components(x: Any) -> Components:
     """Any array (*batch, n) as Components: `alike` for NumPy arrays, all data for others."""
-    return x if is_components(x) else Components._of_array(x)
+    return x if is_components(x) else Components.of_array(x)
 
 
-of = Components._of
+of = Components.of
 
 
 def _checked(c: Any, name: str, dtype: Any) -> Any:

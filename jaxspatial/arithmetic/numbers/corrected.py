@@ -18,6 +18,8 @@ Automatic linear correction of rounding errors, BIT 41(3)]
 import fractions
 import math
 import operator
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -32,7 +34,7 @@ class Corrected:
     A correction may be known to be 0 beside a value that is data; what has a known value has a known correction.
     """
 
-    def __init__(self, value, correction=None):
+    def __init__(self, value: Any, correction: Any = None):
         self.value = value
         self.correction = value.dtype.type(0) if correction is None else correction
 
@@ -44,7 +46,7 @@ class Corrected:
     def words(self):
         return self.value, self.correction
 
-    def with_words(self, words):
+    def with_words(self, words: Iterable[Any]):
         """A number of this kind."""
         return Corrected(*words)
 
@@ -52,10 +54,10 @@ class Corrected:
     def is_known(self):
         return folding.is_known(self.value)
 
-    def _is(self, *values):
+    def _is(self, *values: float):
         return folding.is_known(self.value, *values) and self.correction == 0
 
-    def _of(self, other):
+    def _of(self, other: "Corrected | float"):
         return other if isinstance(other, Corrected) else Corrected(self.dtype.type(other))
 
     def __neg__(self):
@@ -65,7 +67,7 @@ class Corrected:
         is_negative = self < 0
         return Corrected(*(_negated(is_negative, word) for word in self.words))
 
-    def __add__(self, other):
+    def __add__(self, other: "Corrected | float"):
         other = self._of(other)
         if self._is(0):
             return other
@@ -73,13 +75,13 @@ class Corrected:
 
     __radd__ = __add__
 
-    def __sub__(self, other):
+    def __sub__(self, other: "Corrected | float"):
         return self + -self._of(other)
 
-    def __rsub__(self, other):
+    def __rsub__(self, other: "Corrected | float"):
         return self._of(other) + -self
 
-    def __mul__(self, other):
+    def __mul__(self, other: "Corrected | float"):
         other = self._of(other)
         for one, x in ((self, other), (other, self)):
             if one._is(0):
@@ -92,17 +94,17 @@ class Corrected:
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other):
+    def __truediv__(self, other: "Corrected | float"):
         other = self._of(other)
         return self if other._is(1) or self._is(0) else self._combined(other, operator.truediv, corrections.divide)
 
-    def __rtruediv__(self, other):
+    def __rtruediv__(self, other: "Corrected | float"):
         return self._of(other) / self
 
     def sqrt(self):
         return Corrected(*corrections.square_root(_operand(self, self.value.shape)))
 
-    def _combined(self, other, exact, of_words):
+    def _combined(self, other: "Corrected", exact: Callable[[Any, Any], Any], of_words: Callable[..., Any]):
         if self.is_known and other.is_known:
             return _known(exact, self, other)
         shape = np.broadcast_shapes(np.shape(self.value), np.shape(other.value))
@@ -116,33 +118,33 @@ class Corrected:
             return self.value
         return corrections.rounded(self.words, lax.full_like(self.value, 0))[0]
 
-    def _compared(self, comparison, other):
+    def _compared(self, comparison: Callable[[Any, Any], Any], other: "Corrected | float"):
         return comparison((self - other).rounded(), 0)
 
-    def __lt__(self, other):
+    def __lt__(self, other: "Corrected | float"):
         return self._compared(operator.lt, other)
 
-    def __le__(self, other):
+    def __le__(self, other: "Corrected | float"):
         return self._compared(operator.le, other)
 
-    def __gt__(self, other):
+    def __gt__(self, other: "Corrected | float"):
         return self._compared(operator.gt, other)
 
-    def __ge__(self, other):
+    def __ge__(self, other: "Corrected | float"):
         return self._compared(operator.ge, other)
 
 
-def nearest(number, dtype):
+def nearest(number: float | fractions.Fraction, dtype: np.dtype[Any]):
     """The one nearest to a Fraction or Python number, known while tracing."""
     value = dtype.type(float(number))
     return Corrected(value, _rest(fractions.Fraction(number), value) if math.isfinite(value) else None)
 
 
-def _rest(exact, value):
+def _rest(exact: fractions.Fraction, value: Any):
     return value.dtype.type(float(exact - fractions.Fraction(float(value))))
 
 
-def _known(operation, a, b):
+def _known(operation: Callable[[Any, Any], Any], a: Corrected, b: Corrected):
     """The operation on known numbers: its value rounded, its correction from rational numbers."""
     value = folding.quietly(operation, a.value, b.value)
     words = *a.words, *b.words
@@ -151,26 +153,26 @@ def _known(operation, a, b):
     return Corrected(value, _rest(operation(_exact(a), _exact(b)), value))
 
 
-def _exact(x):
+def _exact(x: Corrected):
     return sum(fractions.Fraction(float(word)) for word in x.words)
 
 
-def _is_power_of_two(x):
+def _is_power_of_two(x: Corrected):
     return x.correction == 0 and abs(math.frexp(float(x.value))[0]) == 0.5
 
 
-def _negated(condition, word):
+def _negated(condition: Any, word: Any):
     """-word where the condition holds."""
     if folding.is_known(word):
         return -word if word and condition else word
     return lax.select(condition, -word, word)
 
 
-def _operand(x, shape):
+def _operand(x: Corrected, shape: tuple[int, ...]):
     """(value, correction) over a shape, or the value alone where there is no correction."""
     value = _array(x.value, shape)
     return value if folding.is_known(x.correction, 0) else (value, _array(x.correction, shape))
 
 
-def _array(word, shape):
+def _array(word: Any, shape: tuple[int, ...]):
     return jnp.full(shape, word) if folding.is_known(word) else jnp.broadcast_to(word, shape)

@@ -9,12 +9,15 @@ Derivatives are those of value + correction, accurate to a few u, see `different
 """
 
 import jax.numpy as jnp
-from jax import lax
+from jax import Array, lax
 
 from jaxspatial.arithmetic.errorfree.fence import fence
 from jaxspatial.arithmetic.errorfree.reproducible import quotient
 from jaxspatial.arithmetic.errorfree.transforms import two_product, two_sum
 from jaxspatial.arithmetic.numbers.differentiable import (
+    Operand,
+    Pair,
+    Tangent,
     differentiable,
     linear,
     product_tangent,
@@ -26,7 +29,7 @@ from jaxspatial.arithmetic.numbers.differentiable import (
 
 
 @differentiable(sum_tangent)
-def add(x, y):
+def add(x: Operand, y: Operand):
     """x + y. Error <= 3 u (|c| + |d| + u |a + b|). 8 flops."""
     (a, c), (b, d) = _words(x), _words(y)
     s, error = two_sum(a, b)
@@ -34,7 +37,7 @@ def add(x, y):
 
 
 @differentiable(product_tangent)
-def multiply(x, y):
+def multiply(x: Operand, y: Operand):
     """x y. Error <= |c d| + 3 u (|a d| + |b c| + u |a b|). 6 flops, or 17 and 2 splits."""
     (a, c), (b, d) = _words(x), _words(y)
     p, error = two_product(a, b)
@@ -42,7 +45,7 @@ def multiply(x, y):
 
 
 @differentiable(quotient_tangent)
-def divide(x, y):
+def divide(x: Operand, y: Operand):
     """x / y. Error <= 5 u (|c / y| + 2 u |a / y|)."""
     (a, c), (b, d) = _words(x), normalised(*_words(y))
     q = quotient(a, b)
@@ -53,7 +56,7 @@ def divide(x, y):
 
 
 @differentiable(root_tangent)
-def square_root(x):
+def square_root(x: Operand):
     """sqrt(x). Error <= 5 u^2 sqrt(x)."""
     a, c = normalised(*_words(x))
     r = lax.sqrt(a)
@@ -62,14 +65,14 @@ def square_root(x):
 
 
 @differentiable(sum_tangent)
-def rounded(x, zero):
+def rounded(x: Pair, zero: Array):
     """(value + correction as one word, zero); the value where there is no correction, so that a zero keeps its sign."""
     value, correction = x
     usable = _is_finite(correction) & lax.ne(correction, zero)
     return lax.select(usable, value + correction, value), zero
 
 
-def normalised(value, correction):
+def normalised(value: Array, correction: Tangent):
     """(high, low), with high = fl(value + correction); (value, 0) where the correction is not finite."""
     if correction is None:
         return value, None
@@ -78,13 +81,13 @@ def normalised(value, correction):
     return lax.select(usable, high, value), lax.select(usable, low, lax.full_like(low, 0))
 
 
-def _words(x):
+def _words(x: Operand):
     return x if isinstance(x, tuple) else (x, None)
 
 
-def _finite(correction):
+def _finite(correction: Array):
     return lax.select(_is_finite(correction), correction, lax.full_like(correction, 0))
 
 
-def _is_finite(x):
+def _is_finite(x: Array):
     return lax.le(lax.abs(x), lax.full_like(x, jnp.finfo(x.dtype).max))

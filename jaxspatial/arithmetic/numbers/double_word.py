@@ -143,7 +143,7 @@ class DoubleWord(check.StandIn):
         Returns:
             A DoubleWord of the same shape.
 
-        Error: at most 25/8 u^2 sqrt(x), u the unit roundoff of the words.
+        Error: as `DoubleWord` states it.
         Source: Lefevre et al. 2023, Accurate calculation of Euclidean norms using double-word arithmetic, SQRTDWtoDW.
         """
         return of_words(pairs.square_root(self.words))

@@ -25,7 +25,7 @@ T = TypeVar("T")
 _KINDS: tuple[type[Number], ...] = (Rounded, Corrected, DoubleWord)
 
 
-def constant(like: Number, number: float | Fraction) -> Number:
+def constant(like: Any, number: float | Fraction) -> Any:
     """The number nearest to a Fraction or Python number, of the kind of another."""
     if isinstance(like, Polynomial):
         return like.constant(number)
@@ -38,11 +38,11 @@ def constant(like: Number, number: float | Fraction) -> Number:
 
 def where(condition: Mask | bool, a: Number | float, b: Number | float) -> Number:
     """a where the condition holds, else b; one of them may be a Python number."""
-    like = a if is_number(a) else b
-    a, b = (x if is_number(x) else constant(like, x) for x in (a, b))
+    like: Any = a if is_number(a) else b
+    first, second = (x if is_number(x) else constant(like, x) for x in (a, b))
     if isinstance(condition, (bool, np.bool_)):
-        return a if condition else b
-    return like.with_words(_selected(condition, *words) for words in zip(a.words, b.words, strict=True))
+        return first if condition else second
+    return like.with_words(_selected(condition, *words) for words in zip(first.words, second.words, strict=True))
 
 
 def _selected(condition: Array, a: Any, b: Any) -> Any:
@@ -85,7 +85,7 @@ def times_power_of_two(x: Number, e: Any) -> Number:
     return x.with_words(_word_times_power_of_two(word, e) for word in x.words)
 
 
-def _word_times_power_of_two(word, e):
+def _word_times_power_of_two(word: Any, e: Any) -> Any:
     if folding.is_known(word) and isinstance(e, np.integer):
         return folding.quietly(np.ldexp, word, e)
     return word if folding.is_known(word, 0) else scaling.times_power_of_two(jnp.asarray(word), e)
@@ -96,7 +96,7 @@ def doubled(x: Number, times: int = 1) -> Number:
     return x.with_words(folding.quietly(operator.mul, word, word.dtype.type(2.0**times)) for word in x.words)
 
 
-def halved(x: Number) -> Number:
+def halved(x: Any) -> Any:
     """x / 2, exactly but for underflow. Of a whole sum before it is rounded: what overflows twice as large is right."""
     return x.halved() if isinstance(x, Polynomial) else doubled(x, -1)
 
@@ -197,7 +197,7 @@ def repeated(function: Callable[[Numbers], Numbers], times: int, numbers: Number
         return functools.reduce(lambda x, _: function(x), range(times), numbers)
     numbers = [as_data(x) for x in numbers]
 
-    def turn(data, _):
+    def turn(data: list[Any], _: None):
         return data_of(map(as_data, function(with_data(numbers, data)))), None
 
     return tuple(with_data(numbers, lax.scan(turn, data_of(numbers), length=times)[0]))

@@ -25,16 +25,19 @@ using double-word arithmetic, ACM TOMS 49(1)]
 """
 
 import functools
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
+from jax import Array, lax
 
 from jaxspatial.arithmetic.errorfree.fence import fence
 from jaxspatial.arithmetic.errorfree.reproducible import product, quotient
 from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_product, two_sum
 from jaxspatial.arithmetic.numbers.conversion import narrowest
 from jaxspatial.arithmetic.numbers.differentiable import (
+    Pair,
+    Tangent,
     differentiable,
     linear,
     product_tangent,
@@ -42,22 +45,23 @@ from jaxspatial.arithmetic.numbers.differentiable import (
     root_tangent,
     sum_tangent,
 )
+from jaxspatial.arithmetic.types import DTypeLike
 
 # -- operations on pairs and words ------------------------------------------------------------------------------------
 
 
-def negate(x):
+def negate(x: Pair):
     """-x, exactly."""
     return -x[0], -x[1]
 
 
-def absolute(x):
+def absolute(x: Pair):
     """|x|, exactly."""
     return lax.abs(x[0]), lax.select(lax.lt(x[0], lax.full_like(x[0], 0)), -x[1], x[1])
 
 
 @differentiable(sum_tangent)
-def add(x, y):
+def add(x: Pair, y: Pair):
     """x + y of two pairs. Error <= (3 u^2 + 13 u^3) |x + y|, also where they cancel. 20 flops. [Algorithm 6]"""
     s, s_error = two_sum(x[0], y[0])
     t, t_error = two_sum(x[1], y[1])
@@ -66,24 +70,24 @@ def add(x, y):
 
 
 @differentiable(sum_tangent)
-def add_word(x, b):
+def add_word(x: Pair, b: Array):
     """x + b of a pair and a word. Error <= 2 u^2 |x + b|. 10 flops. [Algorithm 4]"""
     s, error = two_sum(x[0], b)
     return _settled(s, s, x[1] + error)
 
 
-def subtract(x, y):
+def subtract(x: Pair, y: Pair):
     """x - y of two pairs. Error <= (3 u^2 + 13 u^3) |x - y|."""
     return add(x, negate(y))
 
 
-def subtract_word(x, b):
+def subtract_word(x: Pair, b: Array):
     """x - b of a pair and a word. Error <= 2 u^2 |x - b|."""
     return add_word(x, -b)
 
 
 @differentiable(product_tangent)
-def multiply(x, y):
+def multiply(x: Pair, y: Pair):
     """x y of two pairs. Error <= 5 u^2 |x y|. 16 flops and 2 splits. [Algorithm 10; 7 u^2 there, 5 u^2 in Muller 2022]
 
     The products with low words are rounded on their own: contracted ones would not commute.
@@ -93,12 +97,12 @@ def multiply(x, y):
 
 
 @differentiable(product_tangent)
-def multiply_word(x, b):
+def multiply_word(x: Pair, b: Array):
     """x b of a pair and a word. Error <= (3/2 u^2 + 4 u^3) |x b|. 17 flops and 2 splits. [Algorithm 7]"""
     return _settled(*_times_word(x, b))
 
 
-def _times_word(x, b):
+def _times_word(x: Pair, b: Array):
     """(fl(hi b), high, low), with x b = high + low but for the error of `multiply_word`. Not yet normalised."""
     p, error = two_product(x[0], b)
     high, low = fast_two_sum(p, product(x[1], b))
@@ -106,7 +110,7 @@ def _times_word(x, b):
 
 
 @differentiable(quotient_tangent)
-def divide(x, y):
+def divide(x: Pair, y: Pair):
     """x / y of two pairs. Error <= (15 u^2 + 56 u^3) |x / y|. 25 flops and 2 splits. [Algorithm 17]"""
     q = quotient(x[0], y[0])
     _, high, low = _times_word(y, q)
@@ -117,7 +121,7 @@ def divide(x, y):
 
 
 @differentiable(quotient_tangent)
-def divide_word(x, b):
+def divide_word(x: Pair, b: Array):
     """x / b of a pair and a word. Error <= 3 u^2 |x / b|. 17 flops and 2 splits. [Algorithm 15]"""
     q = quotient(x[0], b)
     p, error = two_product(q, b)
@@ -126,7 +130,7 @@ def divide_word(x, b):
 
 
 @differentiable(root_tangent)
-def square_root(x):
+def square_root(x: Pair):
     """sqrt(x) of a pair. Error <= 25/8 u^2 sqrt(x). 18 flops and 2 splits. [Lefevre 2023, SQRTDWtoDW]
 
     Without a fused multiply-add: hi - r^2 is a floating-point number, found as (hi - p) - error without rounding.
@@ -137,12 +141,12 @@ def square_root(x):
     return _settled(r, r, quotient(rest, r + r))
 
 
-def _normalised(high, low):
+def _normalised(high: Array, low: Array):
     """`fast_two_sum`, with `low` fenced: the compiler would take c1 + (x + c2) for x + (c1 + c2)."""
     return fast_two_sum(high, fence(low))
 
 
-def _settled(single, high, low):
+def _settled(single: Array, high: Array, low: Array):
     """high + low as a normalised pair; where that is not finite, `single`, the operation on the high words, and 0.
 
     An infinity has no error term (inf - inf is NaN), a zero no sign left after its error was added. *unchecked*
@@ -155,24 +159,24 @@ def _settled(single, high, low):
     return hi, lax.select(finite, low, lax.full_like(low, 0))
 
 
-def _is_finite(x):
+def _is_finite(x: Array):
     return lax.le(lax.abs(x), lax.full_like(x, jnp.finfo(x.dtype).max))
 
 
 # -- comparisons: exact on normalised pairs, which represent a number in one way --------------------------------------
 
 
-def less(x, y):
+def less(x: Pair, y: Pair):
     """x < y: false where either is NaN."""
     return lax.lt(x[0], y[0]) | (lax.eq(x[0], y[0]) & lax.lt(x[1], y[1]))
 
 
-def less_equal(x, y):
+def less_equal(x: Pair, y: Pair):
     """x <= y: false where either is NaN."""
     return lax.lt(x[0], y[0]) | (lax.eq(x[0], y[0]) & lax.le(x[1], y[1]))
 
 
-def equal(x, y):
+def equal(x: Pair, y: Pair):
     """x == y: false where either is NaN."""
     return lax.eq(x[0], y[0]) & lax.eq(x[1], y[1])
 
@@ -180,17 +184,17 @@ def equal(x, y):
 # -- conversion -------------------------------------------------------------------------------------------------------
 
 
-def convert(x, dtype):
+def convert(x: Pair, dtype: DTypeLike):
     """The pair in words of another dtype: exact into a wider one, else with an error <= u^2 |x|, u of that dtype."""
     return _conversion(np.dtype(dtype))(x)
 
 
 @functools.cache
-def _conversion(dtype):
-    def tangent(result, operands, tangents):
+def _conversion(dtype: DTypeLike):
+    def tangent(result: Array, operands: Sequence[Array], tangents: Sequence[Tangent]):
         return linear(lax.convert_element_type, tangents[0], dtype)
 
-    def converted(x):
+    def converted(x: Pair):
         wide = narrowest(x[0].dtype, dtype)
         s, error = two_sum(*(lax.convert_element_type(word, wide) for word in x))
         # Fenced: a compiler may leave out a conversion there and back.

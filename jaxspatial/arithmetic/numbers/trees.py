@@ -13,7 +13,7 @@ from jaxspatial.arithmetic.numbers.double_word import DoubleWord, of_words, with
 from jaxspatial.arithmetic.types import DTypeLike
 
 
-def sqrt(x):
+def sqrt(x: typing.Any):
     """The square root of a DoubleWord, or of an array to twice its digits, as a DoubleWord.
 
     Error <= 25/8 u^2 sqrt(x). As `jnp.sqrt`: NaN below 0, -0 of -0, an infinite derivative at 0.
@@ -48,7 +48,7 @@ def to_double_word(x: typing.Any, dtype: DTypeLike | None = None) -> typing.Any:
     return jax.tree.map(lambda leaf: _as_double_word(leaf, dtype), x, is_leaf=_is_double_word)
 
 
-def _as_double_word(leaf, dtype):
+def _as_double_word(leaf: typing.Any, dtype: DTypeLike | None) -> typing.Any:
     if _is_double_word(leaf):
         return leaf if dtype is None else leaf.astype(dtype)
     if not conversion.is_floating(leaf):
@@ -81,7 +81,7 @@ def from_double_word(x: typing.Any, dtype: DTypeLike | None = None) -> typing.An
     return jax.tree.map(lambda leaf: _as_word(leaf, dtype), x, is_leaf=_is_double_word)
 
 
-def _as_word(leaf, dtype):
+def _as_word(leaf: typing.Any, dtype: DTypeLike | None) -> typing.Any:
     if not _is_double_word(leaf):
         return leaf
     dtype = leaf.dtype if dtype is None else dtype
@@ -91,5 +91,5 @@ def _as_word(leaf, dtype):
     return hi + lo
 
 
-def _is_double_word(x):
+def _is_double_word(x: object) -> typing.TypeGuard[DoubleWord]:
     return isinstance(x, DoubleWord)

@@ -63,7 +63,7 @@ def _computed(plan: Plan, arrays: Sequence[Array], error: Error) -> list[Array]:
 _FEW = 3
 
 
-def _trials(plan: Plan, is_narrow: bool) -> list[Trial]:
+def _trials(plan: Plan, is_narrow: bool) -> Sequence[Trial]:
     """What `faithful` tries, each for what the one before leaves open.
 
     Sums over a batch and pairs need more digits than the first has.

@@ -18,7 +18,9 @@ def pairwise_sum(x: jax.Array) -> jax.Array:
     return lax.squeeze(found, [found.ndim - 1])
 
 
-def by_halving(merge: Callable, words: Sequence[jax.Array], axis: int, neutral: float = 0.0) -> tuple[Any, ...]:
+def by_halving(
+    merge: Callable[..., Any], words: Sequence[jax.Array], axis: int, neutral: float = 0.0
+) -> tuple[Any, ...]:
     """The sum over an axis, which is kept with size 1, of numbers of so many words that `merge` adds two of."""
     words = [_padded(x, axis, neutral) for x in words]
     while (n := words[0].shape[axis]) > 1:

@@ -148,7 +148,7 @@ class _IsData(Exception):
 
 def _value(data: _Data, polynomial: Polynomial) -> Fraction:
     """The exact value of a polynomial in constants; raises _IsData for others."""
-    return sum((t.sign * math.prod(map(data.constant, t.factors)) for t in polynomial.terms), Fraction())
+    return Fraction(sum(t.sign * math.prod(map(data.constant, t.factors)) for t in polynomial.terms))
 
 
 def _quotient(data: _Data, c: Quotient) -> Fraction:

@@ -220,7 +220,7 @@ def _plus(state: State, sign: int, x: Array) -> State:
 
 
 def _times_power_of_two(state: State, share: float) -> State:
-    return State(*multiplied(state[:2], share), state.unit)
+    return State(*multiplied(state[:2], share), unit=state.unit)
 
 
 def _grown_by(expansion: Sequence[Array], sign: int, x: Array) -> tuple[Array, ...]:
