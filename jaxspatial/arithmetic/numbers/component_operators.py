@@ -34,6 +34,8 @@ class Operators(check.StandIn):
 
         Returns:
             Components of these.
+
+        Error: none, it is exact.
         """
         x = object.__new__(cls)
         x._fill(components)
@@ -48,6 +50,8 @@ class Operators(check.StandIn):
 
         Returns:
             Its n components, (*batch,) each.
+
+        Error: none, it is exact.
         """
         columns = [x[..., i] for i in range(x.shape[-1])]
         return cls.of([_known_if_unit(c) for c in columns] if isinstance(x, np.ndarray) else columns)
