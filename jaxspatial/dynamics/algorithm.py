@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, numbers
+from jaxspatial.arithmetic import numbers
 from jaxspatial.arithmetic.precision import Precision, resolve
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.dynamics import primitive, program
@@ -286,25 +286,3 @@ def _over(x: Array, is_own: bool, n_batch: int):
     """With as many batch axes in front: of size 1 where there are less."""
     shape = (1,) * n_batch + x.shape if is_own else (1,) * (n_batch - x.ndim + 1) + x.shape
     return x.reshape(shape) if shape != x.shape else x
-
-
-# -- what a caller passes ---------------------------------------------------------------------------------------------
-
-
-def checked_mechanism(operation: str, mechanism: object) -> Mechanism:
-    if not isinstance(mechanism, Mechanism):
-        raise TypeError(f"{operation}: expected a Mechanism first, got {type(mechanism).__name__}")
-    return mechanism
-
-
-def checked(operation: str, mechanism: object, **arrays: Any) -> tuple[Any, ...]:
-    """The arrays of coordinates, (*batch, nq) for q and (*batch, nv) for all others, with a dtype in common."""
-    mechanism = checked_mechanism(operation, mechanism)
-    sizes = {name: mechanism.nq if name.startswith("q") else mechanism.nv for name in arrays}
-    # Lists of numbers take the dtype of an array beside them.
-    dtype = next((x.dtype for x in arrays.values() if isinstance(x, check.ARRAYS)), None)
-    given = {name: check.as_vectors(x, f"{operation}: {name}", dtype, sizes[name]) for name, x in arrays.items()}
-    data = [x for x in jax.tree.leaves(mechanism) if not isinstance(x, np.ndarray)]
-    check.require_same_dtype(**given, **({"mechanism": data[0]} if data else {}))
-    check.common_batch_shape(**{name: x.shape[:-1] for name, x in given.items()})
-    return tuple(given.values())

@@ -5,8 +5,9 @@ import jax
 from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Three, noinline
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
-from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
+from jaxspatial.dynamics.algorithm import BODIES, algorithm
 from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.dynamics.mass_matrix import composites, inertia_times, wrench_to_parent
 from jaxspatial.dynamics.state import Inertia, JointState, MechanismState, Pose

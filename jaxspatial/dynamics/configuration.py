@@ -8,8 +8,9 @@ import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.types import BatchShape, Coordinates, DTypeLike, Key, PrecisionName, Rates, Scalar
-from jaxspatial.dynamics.algorithm import JOINTS, algorithm, checked, checked_mechanism
+from jaxspatial.dynamics.algorithm import JOINTS, algorithm
 from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.arguments import checked, checked_mechanism
 from jaxspatial.dynamics.state import MechanismState
 from jaxspatial.mechanism import Mechanism
 

@@ -5,8 +5,9 @@ import jax
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import Motion, Numbers, doubled, noinline
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
-from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
+from jaxspatial.dynamics.algorithm import BODIES, algorithm
 from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.centroid import moments
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.dynamics.links import minus_gravity

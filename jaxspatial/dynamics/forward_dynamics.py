@@ -10,8 +10,9 @@ from jax import lax
 
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates
 from jaxspatial.dynamics import primitive, program
-from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, checked, of_rates
+from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, of_rates
 from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.articulated_bodies import accelerations, floats, solution
 from jaxspatial.dynamics.inverse_dynamics import _inverse_dynamics  # pyright: ignore[reportPrivateUsage] - unchecked
 from jaxspatial.dynamics.links import minus_gravity

@@ -3,8 +3,9 @@
 import jax
 
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
-from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, checked, of_rates
+from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, of_rates
 from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.derivatives import jacobians
 from jaxspatial.dynamics.links import minus_gravity
 from jaxspatial.dynamics.loads import ExternalForces, Wrenches, checked_forces, loads

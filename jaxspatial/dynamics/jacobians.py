@@ -8,8 +8,9 @@ from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import Motion, Numbers, Rows, Three, noinline, where
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import along
-from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm, checked
+from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm
 from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.kinematics import (
     composed,
     frame_place,

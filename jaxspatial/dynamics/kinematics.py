@@ -9,8 +9,9 @@ from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import Motion, Numbers
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import recursion
-from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm, checked
+from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm
 from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.links import BodyMotion, acceleration_at, across, motion_step, subspace_times
 from jaxspatial.dynamics.state import JointState, Link, MechanismState, Pose
 from jaxspatial.mechanism import Mechanism

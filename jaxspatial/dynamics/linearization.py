@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax
 
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates
-from jaxspatial.dynamics.algorithm import checked
+from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.derivatives import derivatives
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.loads import ExternalForces, checked_forces

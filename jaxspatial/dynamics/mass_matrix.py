@@ -9,8 +9,9 @@ from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Three, Wrench
 from jaxspatial.arithmetic.tree import tree
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName
 from jaxspatial.dynamics import along, dense, pairs, recursion
-from jaxspatial.dynamics.algorithm import BODIES, algorithm, checked
+from jaxspatial.dynamics.algorithm import BODIES, algorithm
 from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.links import across, to_parent
 from jaxspatial.dynamics.state import Inertia, Link, MechanismState, Pose
 from jaxspatial.inertia.addition import joined

@@ -12,8 +12,9 @@ from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Number, Numbers, where
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
-from jaxspatial.dynamics.algorithm import JOINTS, algorithm, checked
+from jaxspatial.dynamics.algorithm import JOINTS, algorithm
 from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.state import KindState, MechanismState
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.mechanism.joints.form import CosSin

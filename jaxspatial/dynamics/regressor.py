@@ -8,8 +8,9 @@ from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.numbers import Numbers, Rows, constant, noinline
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import along, pairs, recursion
-from jaxspatial.dynamics.algorithm import GEOMETRY, algorithm, checked
+from jaxspatial.dynamics.algorithm import GEOMETRY, algorithm
 from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.links import BodyMotion, angular_acceleration_tensor, motion_step, world_motion
 from jaxspatial.dynamics.mass_matrix import generalized_force, halves, in_root_axes
 from jaxspatial.dynamics.state import MechanismState, Pose

@@ -12,8 +12,8 @@ from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Number, Numbers, doubled
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates, Scalar
-from jaxspatial.dynamics.algorithm import checked
 from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.configuration import checked_time, configuration_rates, integrate
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.loads import ExternalForces
