@@ -8,7 +8,6 @@ the operands and u the unit roundoff, while no product of words underflows.
 Derivatives are those of value + correction, accurate to a few u, see `differentiable`.
 """
 
-import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxspatial.arithmetic.errorfree.fence import fence
@@ -26,6 +25,7 @@ from jaxspatial.arithmetic.numbers.differentiable import (
     sum_tangent,
     total,
 )
+from jaxspatial.arithmetic.numbers.pairs import is_finite
 
 
 @differentiable(sum_tangent)
@@ -68,7 +68,7 @@ def square_root(x: Operand):
 def rounded(x: Pair, zero: Array):
     """(value + correction as one word, zero); the value where there is no correction, so that a zero keeps its sign."""
     value, correction = x
-    usable = _is_finite(correction) & lax.ne(correction, zero)
+    usable = is_finite(correction) & lax.ne(correction, zero)
     return lax.select(usable, value + correction, value), zero
 
 
@@ -77,7 +77,7 @@ def normalised(value: Array, correction: Tangent):
     if correction is None:
         return value, None
     high, low = two_sum(value, correction)
-    usable = _is_finite(correction)
+    usable = is_finite(correction)
     return lax.select(usable, high, value), lax.select(usable, low, lax.full_like(low, 0))
 
 
@@ -86,8 +86,4 @@ def _words(x: Operand):
 
 
 def _finite(correction: Array):
-    return lax.select(_is_finite(correction), correction, lax.full_like(correction, 0))
-
-
-def _is_finite(x: Array):
-    return lax.le(lax.abs(x), lax.full_like(x, jnp.finfo(x.dtype).max))
+    return lax.select(is_finite(correction), correction, lax.full_like(correction, 0))

@@ -153,13 +153,14 @@ def _settled(single: Array, high: Array, low: Array):
     requirement |high| >= |low| or high == 0.
     """
     high, low = _normalised(high, low)
-    finite = _is_finite(high)
+    finite = is_finite(high)
     # Equal numbers of which only `single` has the right sign, if they are 0.
     hi = lax.select(finite & lax.ne(high, single), high, single)
     return hi, lax.select(finite, low, lax.full_like(low, 0))
 
 
-def _is_finite(x: Array):
+def is_finite(x: Array):
+    """Neither infinite nor NaN."""
     return lax.le(lax.abs(x), lax.full_like(x, jnp.finfo(x.dtype).max))
 
 
