@@ -1,5 +1,10 @@
-"""Articulated inertias: what Drake's own tests ask, dense algebra over fractions, and two links moved by hand."""
+"""Articulated inertias: what Drake's own tests ask, dense algebra over fractions, and two links moved by hand.
 
+Formulas are evaluated in NumPy (`interpreted`); `test_batches_transformations_and_derivatives` holds that compiled
+programs give the same bits, and the table of operations holds bounds of compiled ones.
+"""
+
+import functools
 from fractions import Fraction
 
 import chex
@@ -19,6 +24,7 @@ from jaxspatial.inertia.promises import ARTICULATED_SHIFT as SHIFT
 from jaxspatial.inertia.promises import PROJECTED
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import Sized, attribute, rationals, sized
+from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow
 from tests.helpers.operations import violations
 
@@ -77,7 +83,7 @@ def random_inertia(rng, n, decades=0.0):
 
 
 def cast(tree, dtype):
-    return jax.tree.map(lambda x: jnp.asarray(x, dtype), tree)
+    return jax.tree.map(lambda x: np.asarray(x, jnp.dtype(dtype)), tree)
 
 
 def leaves(P):
@@ -100,7 +106,7 @@ def assert_within(P, exact, bounds, precision):
 
 
 def body(mass, com, central):
-    return SpatialInertia(jnp.asarray(mass), jnp.asarray(com), jnp.asarray(central))
+    return SpatialInertia(np.asarray(mass), np.asarray(com), np.asarray(central))
 
 
 M1 = (2.5, [0.1, -0.2, 0.3], [5.0, 0.25, 5.75, -0.25, 0.5, 6.0])
@@ -111,71 +117,77 @@ def assert_close(a, b, eps=8):
     np.testing.assert_allclose(a, b, rtol=0, atol=eps * np.finfo(float).eps * max(abs(np.asarray(b)).max(), 1e-300))
 
 
+def matrices(function, *arguments):
+    """The 6 x 6 matrices of the inertias that a function gives."""
+    return interpreted(lambda *x: [P.to_matrix() for P in function(*x)])(*arguments)
+
+
 def test_of_a_spatial_inertia_and_of_its_matrix():
-    M = body(*M1)
-    P = ArticulatedInertia.from_spatial_inertia(M)
-    assert_close(P.to_matrix(), M.to_matrix(), 0)
-    assert_close(ArticulatedInertia.from_matrix(M.to_matrix()).to_matrix(), M.to_matrix(), 0)
-    upper_is_not_read = M.to_matrix() + jnp.triu(jnp.ones((6, 6)), 1)
-    assert_close(ArticulatedInertia.from_matrix(upper_is_not_read).to_matrix(), M.to_matrix(), 0)
-    J, F = M.to_matrix()[:3, :3], M.to_matrix()[:3, 3:]
-    assert_close(ArticulatedInertia(J, F, 2.5 * jnp.eye(3)).to_matrix(), M.to_matrix(), 0)
+    of_parts = ArticulatedInertia.from_spatial_inertia
+    m, found = matrices(lambda M: (M, of_parts(M)), body(*M1))
+    assert_close(found, m, 0)
+    upper_is_not_read = m + np.triu(np.ones((6, 6)), 1)
+    for matrix in (m, upper_is_not_read):
+        assert_close(*matrices(lambda m: [ArticulatedInertia.from_matrix(m)], matrix), m, 0)
+    assert_close(*matrices(lambda m: [ArticulatedInertia(m[:3, :3], m[:3, 3:], 2.5 * jnp.eye(3))], m), m, 0)
 
 
 def test_shift_and_change_of_frame_are_those_of_the_spatial_inertia():
-    M = body(*M1)
-    P = ArticulatedInertia.from_spatial_inertia(M)
-    p = jnp.asarray([2.0, 3.0, 4.0])
-    assert_close(js.shift(P, p).to_matrix(), js.shift(M, p).to_matrix())
-    assert_close(js.shift(js.shift(P, p), -p).to_matrix(), P.to_matrix(), 64)
-    R = js.Rotation.exp(jnp.asarray([0.3, -0.4, 1.2]))
-    X = js.RigidTransform(R, p)
-    for a, b in (
-        (R @ P, R @ M),
-        (js.act(X, P), js.act(X, M)),
-        (js.act_inverse(X, P), js.act_inverse(X, M)),
-        (js.act_inverse(X, js.act(X, P)), M),
-    ):
-        assert_close(a.to_matrix(), b.to_matrix(), 64)
+    def moved(M, p, w):
+        P, R = ArticulatedInertia.from_spatial_inertia(M), js.Rotation.exp(w)
+        X = js.RigidTransform(R, p)
+        yield from (js.shift(P, p), js.shift(M, p), js.shift(js.shift(P, p), -p), P)
+        yield from (R @ P, R @ M, js.act(X, P), js.act(X, M), js.act_inverse(X, P), js.act_inverse(X, M))
+        yield from (js.act_inverse(X, js.act(X, P)), M)
+
+    found = matrices(moved, body(*M1), np.array([2.0, 3.0, 4.0]), np.array([0.3, -0.4, 1.2]))
+    assert_close(*found[:2])
+    for a, b in zip(found[2::2], found[3::2], strict=True):
+        assert_close(a, b, 64)
 
 
 def test_sums_are_those_of_bodies_welded_together():
-    M, N = body(*M1), body(*M2)
-    P, Q = map(ArticulatedInertia.from_spatial_inertia, (M, N))
-    assert_close((P + Q).to_matrix(), (M + N).to_matrix())
-    assert_close((P + Q - Q).to_matrix(), M.to_matrix(), 16)
-    assert_close((P + N).to_matrix(), (P + Q).to_matrix(), 0)
-    assert_close(sum([P, Q]).to_matrix(), (P + Q).to_matrix(), 0)
-    assert (P + ArticulatedInertia.zero()).rotational is P.rotational
+    def sums(M, N):
+        P, Q = map(ArticulatedInertia.from_spatial_inertia, (M, N))
+        assert (P + ArticulatedInertia.zero()).rotational is P.rotational
+        return P + Q, M + N, P + Q - Q, M, P + N, sum([P, Q])
+
+    welded, expected, one, first, mixed, total = matrices(sums, body(*M1), body(*M2))
+    assert_close(welded, expected)
+    assert_close(one, first, 16)
+    assert_close(mixed, welded, 0)
+    assert_close(total, welded, 0)
 
 
 def test_products_are_dense_products():
     rng = np.random.default_rng(0)
-    P, A = random_inertia(rng, 5), js.SpatialAcceleration(*jnp.asarray(rng.standard_normal((2, 5, 3))))
-    assert_close((P @ A).to_array(), np.einsum("bij,bj->bi", P.to_matrix(), A.to_array()), 16)
-    M = body(*M1)
+    P, A = random_inertia(rng, 5), js.SpatialAcceleration(*rng.standard_normal((2, 5, 3)))
+    found, m = interpreted(lambda P, A: ((P @ A).to_array(), P.to_matrix()))(P, A)
+    assert_close(found, np.einsum("bij,bj->bi", m, np.concatenate(A.vectors, -1)), 16)
     one = jax.tree.map(lambda x: x[0], A)
-    assert_close((ArticulatedInertia.from_spatial_inertia(M) @ one).to_array(), (M @ one).to_array(), 16)
+    both = interpreted(lambda M, A: ((ArticulatedInertia.from_spatial_inertia(M) @ A).to_array(), (M @ A).to_array()))
+    assert_close(*both(body(*M1), one), 16)
 
 
 def test_validity():
+    of_matrix = interpreted(lambda m: ArticulatedInertia.from_matrix(m).is_physically_valid())
     P = random_inertia(np.random.default_rng(1), 5)
-    assert P.is_physically_valid().all() and P.is_physically_valid().shape == (5,)
-    assert not ArticulatedInertia.from_matrix(jnp.full((6, 6), jnp.nan)).is_physically_valid()
-    assert not ArticulatedInertia.from_matrix(-jnp.eye(6)).is_physically_valid()
-    assert not ArticulatedInertia.from_matrix(-1e-30 * jnp.eye(6)).is_physically_valid()
-    assert ArticulatedInertia.zero().is_physically_valid()
+    assert bool(jax.jit(jax.vmap(ArticulatedInertia.is_physically_valid))(P).all())
+    found = interpreted(ArticulatedInertia.is_physically_valid)(P)
+    assert found.all() and found.shape == (5,)
+    assert not of_matrix(np.full((6, 6), np.nan))
+    assert not of_matrix(-np.eye(6))
+    assert not of_matrix(-1e-30 * np.eye(6))
+    assert interpreted(lambda: ArticulatedInertia.zero().is_physically_valid())()
     # In grams and millimetres it is what it is in kilograms and metres.
+    slightly = np.diag([1, 2, 3, 1, 1, 1.0])
+    slightly[0, 3] = slightly[3, 0] = 1 + 1e-10
     for scale in (1e-12, 1.0, 1e12):
         units = np.diag([scale] * 3 + [1.0] * 3)
-        slightly = np.diag([1, 2, 3, 1, 1, 1.0])
-        slightly[0, 3] = slightly[3, 0] = 1 + 1e-10
-        for matrix, expected in ((np.eye(6), True), (slightly, False)):
-            assert bool(ArticulatedInertia.from_matrix(units @ matrix @ units).is_physically_valid()) == expected
+        assert of_matrix(units @ units) and not of_matrix(units @ slightly @ units)
     slack = np.diag([1, 1, 1, 1, 1, -1e-10])
-    assert not ArticulatedInertia.from_matrix(slack).is_physically_valid()
-    assert ArticulatedInertia.from_matrix(slack).is_physically_valid(tolerance=1e-9)
-    assert bool(jax.jit(jax.vmap(ArticulatedInertia.is_physically_valid))(P).all())
+    assert not of_matrix(slack)
+    assert interpreted(lambda m: ArticulatedInertia.from_matrix(m).is_physically_valid(tolerance=1e-9))(slack)
 
 
 # -- bounds -----------------------------------------------------------------------------------------------------------
@@ -185,8 +197,8 @@ def case(dtype, n=12):
     rng = np.random.default_rng(2)
     decades = 0.5 if dtype in ("float16", "bfloat16") else 3.0
     P = cast(random_inertia(rng, n, decades), dtype)
-    p = jnp.asarray(rng.standard_normal((n, 3)) * 10 ** rng.uniform(-decades, decades, (n, 1)), dtype)
-    R = js.Rotation(cast(js.Rotation.exp(jnp.asarray(rng.standard_normal((n, 3)))).entries, dtype))
+    p = cast(rng.standard_normal((n, 3)) * 10 ** rng.uniform(-decades, decades, (n, 1)), dtype)
+    R = js.Rotation(cast(interpreted(js.Rotation.exp)(rng.standard_normal((n, 3))).entries, dtype))
     return P, p, R
 
 
@@ -200,7 +212,6 @@ def case(dtype, n=12):
 )
 def test_bounds_of_shift_and_change_of_frame(dtype, precisions):
     P, p, R = case(dtype)
-    X = js.RigidTransform(R, p)
     rows = lambda e: e.reshape(3, 3)  # noqa: E731
     exact = {
         "shift": references(lambda P, p: shifted(P, p, ZERO), P, p),
@@ -209,37 +220,39 @@ def test_bounds_of_shift_and_change_of_frame(dtype, precisions):
         "act_inverse": references(lambda P, e, p: turned(shifted(P, p, ZERO), rows(e).T), P, R.entries, p),
     }
     for precision in precisions:
-        P_Q = P.shift(p, precision=precision)
-        assert_within(P_Q, exact["shift"], (SHIFT, SHIFT, EXACT), precision)
-        assert_within(P.rotate(R, precision=precision), exact["rotate"], (TURN,) * 3, precision)
-        assert_within(js.act(X, P, precision=precision), exact["act"], (ACT,) * 3, precision)
-        assert_within(js.act_inverse(X, P, precision=precision), exact["act_inverse"], (ACT,) * 3, precision)
-        assert P_Q.dtype == dtype
+        found = dict(zip(exact, evaluated(precision, functools.partial(moved, precision))(P, p, R), strict=True))
+        bounds = {"shift": (SHIFT, SHIFT, EXACT), "rotate": (TURN,) * 3, "act": (ACT,) * 3, "act_inverse": (ACT,) * 3}
+        for name, computed in found.items():
+            assert_within(computed, exact[name], bounds[name], precision)
+            assert computed.dtype == dtype
+
+
+def moved(precision, P, p, R):
+    X, kind = js.RigidTransform(R, p), {"precision": precision}
+    return P.shift(p, **kind), P.rotate(R, **kind), js.act(X, P, **kind), js.act_inverse(X, P, **kind)
 
 
 @pytest.mark.parametrize("precision", ["compensated", slow("faithful")])
 def test_bounds_in_float64(precision):
     """Kernels, and of what is evaluated in double words one."""
-    P, p, R = case("float64")
+    P, p, R = case("float64" if precision == "compensated" else "float32")
     exact = references(lambda P, p: shifted(P, p, ZERO), P, p)
+    found = interpreted(lambda P, p: P.shift(p, precision=precision))(P, p)
+    assert_within(found, exact, (SHIFT, SHIFT, EXACT), precision)
     if precision == "compensated":
-        assert_within(P.shift(p, precision=precision), exact, (SHIFT, SHIFT, EXACT), precision)
         turn = references(lambda P, e: turned(P, e.reshape(3, 3)), P, R.entries)
-        assert_within(P.rotate(R, precision=precision), turn, (TURN,) * 3, precision)
-    else:
-        P, p, exact = cast(P, np.float32), cast(p, np.float32), None
-        exact = references(lambda P, p: shifted(P, p, ZERO), P, p)
-        assert_within(P.shift(p, precision=precision), exact, (SHIFT, SHIFT, EXACT), precision)
+        found = interpreted(lambda P, R: P.rotate(R, precision=precision))(P, R)
+        assert_within(found, turn, (TURN,) * 3, precision)
 
 
 def projection_error(P, S, armature, precision):
     """The largest error in units of u mag mag_D / D, and of u^2 of that where u |r| is allowed; after one step."""
-    found = joint_projection(P, S, armature, precision=precision)
+    found = evaluated(precision, functools.partial(joint_projection, precision=precision))(P, S, armature)
     u = unit_roundoff(P.dtype)
     worst = 0
     for i in range(P.batch_shape[0]):
         item = [sized(x[i]) for x in leaves(P)]
-        s, a = sized(S.to_array()[i]), sized(np.asarray(armature)[i])
+        s, a = sized(np.concatenate(S.vectors, -1)[i]), sized(armature[i])
         matrix = dense(*item)
         U = matrix.dot(s)
         D = s.dot(U) + a[()]
@@ -277,16 +290,19 @@ def test_bound_of_a_projection(dtype, precision):
     """Random inertias, and bodies light about an oblique axis: thin rods that turn about their own."""
     rng = np.random.default_rng(3)
     P = cast(random_inertia(rng, 8, 2.0), dtype)
-    S = js.SpatialVelocity(*jnp.asarray(rng.standard_normal((2, 8, 3)), dtype))
-    armature = jnp.asarray(rng.uniform(0, 1, 8) * (np.arange(8) % 2), dtype)
+    S = js.SpatialVelocity(*rng.standard_normal((2, 8, 3)).astype(dtype))
+    armature = (rng.uniform(0, 1, 8) * (np.arange(8) % 2)).astype(dtype)
     limit = PROJECTED.u if precision in ("fast", "reproducible") else PROJECTED.u2
     assert projection_error(P, S, armature, precision) <= limit
     thin = 10 ** (-rng.uniform(1, 4 if dtype == "float64" else 1.4, 8))
     axis = rng.standard_normal((8, 3))
-    rods = SpatialInertia.solid_cylinder(jnp.asarray(thin), jnp.ones(8), jnp.asarray(axis), mass=jnp.ones(8))
-    rods = cast(ArticulatedInertia.from_spatial_inertia(rods), dtype)
-    S = js.SpatialVelocity(jnp.asarray(axis, dtype), jnp.zeros((8, 3), dtype))
-    assert projection_error(rods, S, jnp.zeros(8, dtype), precision) <= limit
+    rods = interpreted(
+        lambda radius, axis: ArticulatedInertia.from_spatial_inertia(
+            SpatialInertia.solid_cylinder(radius, jnp.ones(8), axis, mass=jnp.ones(8))
+        )
+    )(thin, axis)
+    S = js.SpatialVelocity(axis.astype(dtype), np.zeros((8, 3), dtype))
+    assert projection_error(cast(rods, dtype), S, np.zeros(8, dtype), precision) <= limit
 
 
 # -- what is left of an inertia ---------------------------------------------------------------------------------------
@@ -296,57 +312,66 @@ def test_bound_of_a_projection(dtype, precision):
 def test_projection_of_several_freedoms_is_the_dense_one(k):
     rng = np.random.default_rng(4)
     P, armature = random_inertia(rng, 4), [0.1 * (i + 1) for i in range(k)]
-    S = [js.SpatialVelocity(*jnp.asarray(rng.standard_normal((2, 4, 3)))) for _ in range(k)]
-    m, s = np.asarray(P.to_matrix()), np.stack([x.to_array() for x in S], -1)
+    S = [js.SpatialVelocity(*rng.standard_normal((2, 4, 3))) for _ in range(k)]
+    (m,), s = matrices(lambda P: [P], P), np.stack([np.concatenate(x.vectors, -1) for x in S], -1)
     for arms in ([0.0] * k, armature):
-        found = joint_projection(P, S, arms)
+        found = interpreted(lambda P, S, arms=arms: joint_projection(P, S, arms))(P, S)
         D = s.swapaxes(-1, -2) @ m @ s + np.diag(arms)
         exact = m - m @ s @ np.linalg.solve(D, s.swapaxes(-1, -2) @ m)
-        assert abs(found.inertia.to_matrix() - exact).max() <= 1e-12 * abs(m).max()
+        assert abs(matrices(lambda P: [P], found.inertia)[0] - exact).max() <= 1e-12 * abs(m).max()
         assert len(found.U) == len(found.D) == k
         np.testing.assert_allclose(np.prod(found.D, 0), np.linalg.det(D), rtol=1e-10)
         if any(arms) or k < 6:
-            assert found.inertia.is_physically_valid().all()
-    one = joint_projection(P, S[0], armature[0])
-    np.testing.assert_array_equal(one.U.to_array(), joint_projection(P, S[:1], armature[:1]).U[0].to_array())
-    np.testing.assert_allclose(one.U.to_array(), np.einsum("bij,bj->bi", m, s[..., 0]), atol=1e-13)
-    np.testing.assert_array_equal(P.project_out(S[0], armature[0]).to_matrix(), one.inertia.to_matrix())
+            assert interpreted(ArticulatedInertia.is_physically_valid)(found.inertia).all()
+    one, first, left = interpreted(
+        lambda P, S: (
+            joint_projection(P, S, armature[0]),
+            joint_projection(P, [S], armature[:1]).U[0],
+            P.project_out(S, armature[0]),
+        )
+    )(P, S[0])
+    chex.assert_trees_all_equal((one.U, one.inertia), (first, left))
+    np.testing.assert_allclose(np.concatenate(one.U.vectors, -1), np.einsum("bij,bj->bi", m, s[..., 0]), atol=1e-13)
 
 
 def test_nothing_is_left_along_the_axis_of_a_joint():
     P = random_inertia(np.random.default_rng(5), 6, 3.0)
-    for i in range(6):
-        S = js.SpatialVelocity.from_array(np.eye(6)[i])
-        left = np.asarray(P.project_out(S).to_matrix())
-        assert (abs(left[:, i]) <= np.finfo(float).eps * abs(np.asarray(P.to_matrix())[:, i])).all()
+    whole, *left = matrices(lambda P: [P, *(P.project_out(js.SpatialVelocity.from_array(x)) for x in np.eye(6))], P)
+    for i, rest in enumerate(left):
+        assert (abs(rest[:, i]) <= np.finfo(float).eps * abs(whole[:, i])).all()
 
 
 def test_nothing_that_hangs_on_a_joint_is_nothing_to_remove():
-    S = js.SpatialVelocity(jnp.asarray([0.0, 0.0, 1.0]), jnp.zeros(3))
-    P = ArticulatedInertia.from_spatial_inertia(SpatialInertia.thin_rod(2.0, mass=1.0))
-    found = joint_projection(P, S)
+    S = js.SpatialVelocity(np.array([0.0, 0.0, 1.0]), np.zeros(3))
+
+    def left(mass, armature):
+        P = ArticulatedInertia.from_spatial_inertia(SpatialInertia.thin_rod(2.0, mass=mass))
+        return joint_projection(P, S, armature), P
+
+    found, P = interpreted(left)(1.0, 0.0)
     assert found.D == 0
-    np.testing.assert_array_equal(found.inertia.to_matrix(), P.to_matrix())
-    gradient = jax.grad(lambda m: joint_projection(_rod(m), S).inertia.to_matrix().sum())(1.0)
-    np.testing.assert_allclose(gradient, _rod(1.0).to_matrix().sum())
-    assert np.isnan(P.project_out(S, jnp.nan).to_matrix()).any()
-
-
-def _rod(mass):
-    return ArticulatedInertia.from_spatial_inertia(SpatialInertia.thin_rod(2.0, mass=mass))
+    chex.assert_trees_all_equal(found.inertia, P)
+    assert any(np.isnan(x).any() for x in leaves(interpreted(left)(1.0, np.nan)[0].inertia))
+    sums = interpreted(jax.grad(lambda m: left(m, 0.0)[0].inertia.to_matrix().sum()))
+    np.testing.assert_allclose(sums(1.0), matrices(lambda P: [P], P)[0].sum())
 
 
 def test_nothing_turns_indefinite(dtype="float32"):
     """Rods, plates and heavy or light bodies, moved far out and turned, with a joint removed on the way."""
     rng, n = np.random.default_rng(6), 64
-    size = 10 ** rng.uniform(-4, 0, (n, 3))
-    M = SpatialInertia.solid_box(jnp.asarray(size, dtype), mass=jnp.asarray(10 ** rng.uniform(-20, 20, n), dtype))
-    P = ArticulatedInertia.from_spatial_inertia(M)
-    offsets = jnp.asarray(rng.standard_normal((n, 3)) * 10 ** rng.uniform(-4, 4, (n, 1)), dtype)
-    S = js.SpatialVelocity(jnp.asarray(np.eye(3)[rng.integers(0, 3, n)], dtype), jnp.zeros((n, 3), dtype))
-    R = js.Rotation.exp(jnp.asarray(rng.standard_normal((n, 3)), dtype))
-    for X in (P, P.shift(offsets), P.rotate(R), P.project_out(S), P.project_out(S).shift(offsets).rotate(R)):
-        assert X.is_physically_valid().all()
+    size, mass = 10 ** rng.uniform(-4, 0, (n, 3)), 10 ** rng.uniform(-20, 20, n)
+    offsets = rng.standard_normal((n, 3)) * 10 ** rng.uniform(-4, 4, (n, 1))
+    S = js.SpatialVelocity(np.eye(3)[rng.integers(0, 3, n)], np.zeros((n, 3)))
+
+    @interpreted
+    def valid(size, mass, offsets, S, w):
+        P = ArticulatedInertia.from_spatial_inertia(SpatialInertia.solid_box(size, mass=mass))
+        R, left = js.Rotation.exp(w), P.project_out(S)
+        moved = P, P.shift(offsets), P.rotate(R), left, left.shift(offsets).rotate(R)
+        return [X.is_physically_valid() for X in moved]
+
+    for mask in valid(*cast((size, mass, offsets, S, rng.standard_normal((n, 3))), dtype)):
+        assert mask.shape == (n,) and mask.all()
 
 
 # -- two links, by dense algebra --------------------------------------------------------------------------------------
@@ -356,55 +381,62 @@ def test_two_links_move_as_dense_algebra_says():
     """A chain of two revolute joints at rest, without gravity: forward dynamics by articulated bodies against the
     accelerations that solve the whole system's equations."""
     rng = np.random.default_rng(7)
-    first, second = (SpatialInertia.from_pseudo_inertia(jnp.asarray(a @ a.T)) for a in rng.standard_normal((2, 4, 4)))
-    p = jnp.asarray(rng.standard_normal(3))
+    pseudo, p = [a @ a.T for a in rng.standard_normal((2, 4, 4))], rng.standard_normal(3)
     axes, torques = rng.standard_normal((2, 3)), rng.standard_normal(2)
-    S1, S2 = (js.SpatialVelocity(jnp.asarray(a), jnp.zeros(3)) for a in axes)
-    outer = joint_projection(ArticulatedInertia.from_spatial_inertia(second), S2)
-    # What the second joint's torque presses on the first body.
-    bias = outer.U * (torques[1] / outer.D)
-    P1 = js.shift(outer.inertia, -p) + first
-    inner = joint_projection(P1, S1)
-    u1 = torques[0] - js.dot(js.shift(bias, -p), S1)
-    q1 = u1 / inner.D
-    A1 = js.SpatialAcceleration(S1.w * q1, S1.v * q1)
-    A2 = js.shift(A1, p, jnp.zeros(3))
-    q2 = (torques[1] - np.dot(outer.U.to_array(), A2.to_array())) / outer.D
-    J1 = np.stack([S1.to_array(), np.zeros(6)], -1)
-    J2 = np.stack([js.shift(S1, p).to_array(), S2.to_array()], -1)
-    H = J1.T @ first.to_matrix() @ J1 + J2.T @ second.to_matrix() @ J2
-    np.testing.assert_allclose([q1, q2], np.linalg.solve(H, torques), rtol=1e-12)
+
+    def accelerations(pseudo, p, axes, torques):
+        first, second = map(SpatialInertia.from_pseudo_inertia, pseudo)
+        S1, S2 = (js.SpatialVelocity(a, jnp.zeros(3)) for a in axes)
+        outer = joint_projection(ArticulatedInertia.from_spatial_inertia(second), S2)
+        # What the second joint's torque presses on the first body.
+        bias = outer.U * (torques[1] / outer.D)
+        P1 = js.shift(outer.inertia, -p) + first
+        inner = joint_projection(P1, S1)
+        u1 = torques[0] - js.dot(js.shift(bias, -p), S1)
+        q1 = u1 / inner.D
+        A2 = js.shift(js.SpatialAcceleration(S1.w * q1, S1.v * q1), p, jnp.zeros(3))
+        q2 = (torques[1] - (outer.U.to_array() * A2.to_array()).sum()) / outer.D
+        return (q1, q2), [x.to_array() for x in (S1, js.shift(S1, p), S2)], [M.to_matrix() for M in (first, second)]
+
+    q, (s1, s1_moved, s2), (m1, m2) = interpreted(accelerations)(pseudo, p, list(axes), list(torques))
+    J1, J2 = np.stack([s1, np.zeros(6)], -1), np.stack([s1_moved, s2], -1)
+    H = J1.T @ m1 @ J1 + J2.T @ m2 @ J2
+    np.testing.assert_allclose(q, np.linalg.solve(H, torques), rtol=1e-12)
 
 
 # -- transformations, trees, messages ---------------------------------------------------------------------------------
 
 
 def test_batches_transformations_and_derivatives():
+    """Compiled for one item and mapped, a chain of operations has the bits of NumPy; its tangents are differences of
+    it, its pull-back is the transpose of them."""
     rng = np.random.default_rng(8)
-    P, p, R = random_inertia(rng, 6), jnp.asarray(rng.standard_normal((6, 3))), jnp.asarray(rng.standard_normal((6, 3)))
-    V, turn = js.SpatialVelocity(p, R), js.Rotation.exp(jnp.asarray([0.3, -0.4, 1.2]))
+    P, p, w = random_inertia(rng, 6), rng.standard_normal((6, 3)), rng.standard_normal((6, 3))
+    V, turn = js.SpatialVelocity(p, w), interpreted(js.Rotation.exp)(np.array([0.3, -0.4, 1.2]))
 
     def chain(P, p, V):
         return js.act(js.RigidTransform(turn, p), P.shift(p).project_out(V, 0.5)).to_matrix()
 
-    whole = chain(P, p, V)
+    whole = interpreted(chain)(P, p, V)
     np.testing.assert_array_equal(whole, jax.jit(jax.vmap(chain))(P, p, V))
     assert jax.eval_shape(chain, jax.tree.map(lambda x: x[0], P), p, V).shape == (6, 6, 6)
-    direction = jax.tree.map(lambda x: jnp.asarray(rng.standard_normal(x.shape)), (P, p, V))
-    tangent = jax.jit(lambda x, t: jax.jvp(chain, x, t)[1])((P, p, V), direction)
+    direction = jax.tree.map(lambda x: rng.standard_normal(x.shape), (P, p, V))
+    tangent = interpreted(lambda x, t: jax.jvp(chain, x, t)[1])((P, p, V), direction)
     step = 1e-6
-    ends = [chain(*jax.tree.map(lambda x, t, s=s: x + s * step * t, (P, p, V), direction)) for s in (1, -1)]
+    ends = [
+        interpreted(chain)(*jax.tree.map(lambda x, t, s=s: x + s * step * t, (P, p, V), direction)) for s in (1, -1)
+    ]
     np.testing.assert_allclose(tangent, (ends[0] - ends[1]) / (2 * step), atol=1e-6 * abs(tangent).max())
-    pulled = jax.jit(jax.grad(lambda x: (chain(*x) * whole).sum()))((P, p, V))
+    pulled = interpreted(lambda x, c: jax.vjp(lambda x: chain(*x), x)[1](c)[0])((P, p, V), whole)
     terms = jax.tree.map(lambda a, b: (a * b).sum(), pulled, direction)
     np.testing.assert_allclose(sum(jax.tree.leaves(terms)), (tangent * whole).sum(), rtol=1e-10)
 
 
 def test_double_words_are_carried():
-    P = js.to_double_word(jax.tree.map(lambda x: x.astype(np.float32), random_inertia(np.random.default_rng(9), 3)))
-    p = jnp.asarray([1e-3, 2.0, 3e3], np.float32)
-    back = js.from_double_word(js.shift(js.shift(P, p), -p))
-    chex.assert_trees_all_close(back, js.from_double_word(P), rtol=1e-6, atol=0)
+    P = cast(random_inertia(np.random.default_rng(9), 3), "float32")
+    p = np.array([1e-3, 2.0, 3e3], np.float32)
+    back = interpreted(lambda P, p: js.from_double_word(js.shift(js.shift(js.to_double_word(P), p), -p)))(P, p)
+    chex.assert_trees_all_close(back, P, rtol=1e-6, atol=0)
 
 
 def test_trees_are_rebuilt_with_any_leaves():
@@ -415,12 +447,13 @@ def test_trees_are_rebuilt_with_any_leaves():
         ".rotational", ".coupling", ".translational"
     ]  # fmt: skip
     assert ArticulatedInertia(0, 0, None).rotational == 0
-    carried = jax.lax.scan(lambda c, x: (c + x, None), ArticulatedInertia.zero(), P)[0]
-    np.testing.assert_allclose(carried.to_matrix(), P.to_matrix().sum(0), rtol=1e-15)
+    carried = interpreted(lambda P: jax.lax.scan(lambda c, x: (c + x, None), ArticulatedInertia.zero(), P)[0])(P)
+    for x, y in zip(jax.tree.leaves(carried), leaves, strict=True):
+        np.testing.assert_allclose(x, y.sum(0), rtol=1e-15)
 
 
 def test_messages():
-    P, z = random_inertia(np.random.default_rng(11), 1), jnp.zeros
+    P, z = random_inertia(np.random.default_rng(11), 1), np.zeros
     with pytest.raises(ValueError, match=r"ArticulatedInertia: coupling: expected shape .* got \(6,\)"):
         ArticulatedInertia(z(6), z(6), z(6))
     with pytest.raises(TypeError, match="expected one dtype"):
