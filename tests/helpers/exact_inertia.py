@@ -39,9 +39,7 @@ def random_inertia(batch, dtype="float64", seed=0, spread=0.0):
     square = (points**2).sum(-1)[..., None, None] * np.eye(3) - points[..., :, None] * points[..., None, :]
     central = mass[..., None, None] * square.mean(-3)
     com = rng.standard_normal((*batch, 3)) * 10.0 ** rng.uniform(-spread, spread, (*batch, 1))
-    return js.SpatialInertia(
-        *(jnp.asarray(np.asarray(x).astype(jnp.dtype(dtype))) for x in (mass, com, six_of(central)))
-    )
+    return js.SpatialInertia(*(np.asarray(x).astype(jnp.dtype(dtype)) for x in (mass, com, six_of(central))))
 
 
 def is_positive_semidefinite(m, slack=0):
