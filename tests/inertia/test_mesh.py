@@ -1,5 +1,9 @@
-"""What closed meshes enclose: against boxes, tetrahedra and exact sums, near and far, thin and flat, and their sums."""
+"""What closed meshes enclose: against boxes, tetrahedra and exact sums, near and far, thin and flat, and their sums.
 
+In NumPy (`interpreted`); `test_batches_and_transformations` holds the bits of compiled programs.
+"""
+
+import functools
 from fractions import Fraction
 
 import chex
@@ -15,6 +19,7 @@ from jaxspatial.inertia.promises import MESH_CENTRAL, MESH_COM, MESH_VOLUME
 from jaxspatial.inertia.reduction import summed
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
+from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow
 
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
@@ -23,6 +28,11 @@ BOX = np.array(
      [1, 5, 7], [1, 7, 3]]
 )  # fmt: skip
 PAIRS = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)]
+
+
+def of_mesh(vertices, faces, precision="reproducible", **amount):
+    formula = functools.partial(SpatialInertia.triangle_mesh, triangles=faces, precision=precision, **amount)
+    return evaluated(precision, formula)(vertices)
 
 
 def globe(rng, levels=3, roughness=0.0):
@@ -74,7 +84,7 @@ def sizes(vertices, faces):
 
 def check(vertices, faces, precision, density=2.0):
     volume, com, central, S, r = exactly(vertices, faces)
-    M = SpatialInertia.triangle_mesh(jnp.asarray(vertices), faces, density=density, precision=precision)
+    M = of_mesh(vertices, faces, precision, density=density)
     assert M.central.dtype == vertices.dtype
     u, n = unit_roundoff(vertices.dtype), len(faces)
     narrow = u if precision in ("fast", "reproducible") else MESH_VOLUME.u2 * u * u
@@ -122,7 +132,7 @@ def test_box_is_a_box():
     size = np.array([0.5, 2.0, 3.0])
     for dtype in ("float16", "bfloat16", "float32"):
         M = SpatialInertia.triangle_mesh((CORNERS * size).astype(jnp.dtype(dtype)), BOX, density=2.0)
-        B = SpatialInertia.solid_box(size.astype(jnp.dtype(dtype)), density=2.0)
+        B = interpreted(lambda size: SpatialInertia.solid_box(size, density=2.0))(size.astype(jnp.dtype(dtype)))
         eps = float(jnp.finfo(dtype).eps)
         assert isinstance(M.central, np.ndarray) and not np.asarray(M.com, float).any()
         for x, y in zip(jax.tree.leaves(M), jax.tree.leaves(B), strict=True):
@@ -132,7 +142,7 @@ def test_box_is_a_box():
 def test_far_away_nothing_is_lost():
     """A cube of 64 m at 2^27 m, where float32 knows every 8 m: bitwise the central inertia of the cube at home."""
     near = (CORNERS * 64).astype(np.float32)
-    M, F = (SpatialInertia.triangle_mesh(jnp.asarray(x), BOX, mass=3.0) for x in (near, near + np.float32(2**27)))
+    M, F = (of_mesh(x, BOX, mass=3.0) for x in (near, near + np.float32(2**27)))
     np.testing.assert_array_equal(M.central, F.central)
     np.testing.assert_array_equal(F.com, np.full(3, 2.0**27))
     np.testing.assert_allclose(M.central[0], 3 * 64**2 / 6, rtol=2e-7)
@@ -144,36 +154,42 @@ def test_tetrahedron_and_moved_globe():
         v = rng.standard_normal((4, 3))
         faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
         faces = faces if np.linalg.det(v[1:] - v[0]) > 0 else faces[:, ::-1]
-        M, T = (SpatialInertia.triangle_mesh(v, faces, density=2.0), SpatialInertia.solid_tetrahedron(v, density=2.0))
-        chex.assert_trees_all_close(M, T, rtol=1e-7, atol=1e-14)
+        T = interpreted(lambda v: SpatialInertia.solid_tetrahedron(v, density=2.0))(v)
+        chex.assert_trees_all_close(of_mesh(v, faces, density=2.0), T, rtol=1e-7, atol=1e-14)
         points, faces = globe(rng, 2, 0.3)
-        X = js.RigidTransform(js.Rotation.exp(jnp.asarray([0.3, -1.0, 2.0])), jnp.asarray([3.0, 4.0, 5.0]))
-        moved = SpatialInertia.triangle_mesh(X @ jnp.asarray(points), faces, mass=1.5)
-        expected = js.act(X, SpatialInertia.triangle_mesh(jnp.asarray(points), faces, mass=1.5))
-        chex.assert_trees_all_close(moved, expected, rtol=1e-7, atol=32 * np.finfo(float).eps)
-        fine = SpatialInertia.triangle_mesh(*globe(rng, 4), mass=1.0)
+
+        @interpreted
+        def moved(w, p, M, points):
+            X = js.RigidTransform(js.Rotation.exp(w), p)
+            return js.act(X, M), X @ points
+
+        M = of_mesh(points, faces, mass=1.5)
+        expected, there = moved(np.array([0.3, -1.0, 2.0]), np.array([3.0, 4.0, 5.0]), M, points)
+        found = of_mesh(there, faces, mass=1.5)
+        chex.assert_trees_all_close(found, expected, rtol=1e-7, atol=32 * np.finfo(float).eps)
+        fine = of_mesh(*globe(rng, 4), mass=1.0)
         np.testing.assert_allclose(fine.central[0], 2 / 5, rtol=1e-2)
-        assert bool(fine.is_physically_valid())
+        assert interpreted(SpatialInertia.is_physically_valid)(fine)
 
 
 def test_no_volume_gives_nan():
     for faces in (BOX[:, ::-1], np.concatenate([BOX, BOX[:, ::-1]])):
-        M = SpatialInertia.triangle_mesh(jnp.asarray(CORNERS, jnp.float32), faces, density=1.0)
+        M = of_mesh(CORNERS.astype(np.float32), faces, density=1.0)
         assert all(np.isnan(x).all() for x in jax.tree.leaves(M))
-        M = SpatialInertia.triangle_mesh(jnp.asarray(CORNERS, jnp.float32), faces, mass=1.0)
+        M = of_mesh(CORNERS.astype(np.float32), faces, mass=1.0)
         assert float(M.mass) == 1 and np.isnan(M.com).all() and np.isnan(M.central).all()
 
 
 def test_derivatives_in_the_vertices():
     """Of a box that grows along x, which all is known about; against central differences over fractions elsewhere."""
     with jax.enable_x64(True):
-        growing = jnp.asarray(CORNERS * [1, 0, 0]), jnp.asarray(CORNERS)
+        growing = CORNERS * [1, 0, 0], CORNERS
 
         def of_length(x):
             M = SpatialInertia.triangle_mesh(growing[1] + (x - 1) * growing[0] + x, BOX, density=1.0)
             return jnp.concatenate([M.mass[None], M.com, M.central])
 
-        slope = jax.jit(jax.jacfwd(of_length))(2.0)
+        slope = interpreted(jax.jacfwd(of_length))(2.0)
         np.testing.assert_allclose(slope, [1, 1, 1, 1, 1 / 6, 0, 13 / 12, 0, 0, 13 / 12], atol=1e-14)
         points, faces = globe(np.random.default_rng(4), 1, 0.2)
         direction = np.random.default_rng(5).standard_normal(points.shape)
@@ -182,7 +198,7 @@ def test_derivatives_in_the_vertices():
         def energy(v):
             return (SpatialInertia.triangle_mesh(v, faces, density=1.0).central * weights).sum()
 
-        gradient = jax.jit(jax.grad(energy))(jnp.asarray(points))
+        gradient = interpreted(jax.grad(energy))(points)
         step = Fraction(1, 10**9)
         ends = [exactly_moved(points, direction, s * step, faces) @ rationals(weights) for s in (1, -1)]
         np.testing.assert_allclose((gradient * direction).sum(), float((ends[0] - ends[1]) / (2 * step)), rtol=1e-12)
@@ -201,16 +217,16 @@ def exactly_moved(points, direction, step, faces):
 def test_batches_and_transformations():
     rng = np.random.default_rng(7)
     points, faces = globe(rng, 1, 0.2)
-    many = jnp.asarray(points + 0.01 * rng.standard_normal((3, 2, *points.shape)), jnp.float32)
-    density = jnp.asarray([1.0, 2.0])
-    M = SpatialInertia.triangle_mesh(many, faces, density=density)
-    assert M.batch_shape == (3, 2)
+    many = (points + 0.01 * rng.standard_normal((3, 2, *points.shape))).astype(np.float32)
+    density = np.float32([1.0, 2.0])
 
     def one(v, rho):
-        return SpatialInertia.triangle_mesh(v, jnp.asarray(faces), density=rho)
+        return SpatialInertia.triangle_mesh(v, faces, density=rho)
 
+    M = interpreted(one)(many, density)
+    assert M.batch_shape == (3, 2)
     mapped = jax.jit(jax.vmap(jax.vmap(one), (0, None)))(many, density)
-    chex.assert_trees_all_equal(M, mapped)
+    chex.assert_trees_all_equal(M, jax.tree.map(np.asarray, mapped))
 
 
 BAD = {
@@ -244,7 +260,7 @@ def test_sums_by_halving(n, precision):
     with jax.enable_x64(True):
         rng = np.random.default_rng(n)
         x = rng.standard_normal((2, n, 2)) * 10 ** rng.uniform(-8, 8, (2, n, 2))
-        (total,) = _summed(precision, jnp.asarray(x), size=n)
+        (total,) = interpreted(functools.partial(_summed, precision, size=n))(x)
         exact, mag = rationals(x).sum(1), abs(rationals(x)).sum(1)
         u, rounds = unit_roundoff(np.float64), int(np.ceil(np.log2(n)))
         allowed = u * rounds * mag if precision == "reproducible" else u * abs(exact) + 3 * u * u * rounds * mag

@@ -1,8 +1,12 @@
 """The equations of motion of one body: against their definition, a sum over particles, and as linear in ten
-parameters."""
+parameters.
+
+Evaluated in NumPy (`interpreted`); `test_batches_transformations_and_derivatives` holds the bits of compiled programs.
+"""
 
 from fractions import Fraction
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,6 +22,7 @@ from jaxspatial.inertia.newton_euler import (
 )
 from jaxspatial.inertia.promises import ENERGY_REGRESSOR, NEWTON_EULER, REGRESSOR
 from jaxspatial.measure.exact import Sized, rationals, sized
+from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow, slow_but
 from tests.helpers.operations import violations
 
@@ -58,8 +63,10 @@ def case(dtype, n=16):
 
 
 def computed(arrays, precision):
-    m, c, central, alpha, a, w = map(jnp.asarray, arrays)
-    return newton_euler(SpatialInertia(m, c, central), js.SpatialAcceleration(alpha, a), w, precision=precision)
+    def force(m, c, central, alpha, a, w):
+        return newton_euler(SpatialInertia(m, c, central), js.SpatialAcceleration(alpha, a), w, precision=precision)
+
+    return evaluated(precision, force)(*arrays)
 
 
 CASES = [
@@ -92,20 +99,22 @@ def test_a_body_is_its_particles():
     m, c = masses.sum(), masses @ places / masses.sum()
     arms = places - c
     second = np.einsum("n,ni,nj->ij", masses, arms, arms)
-    M = SpatialInertia(jnp.asarray(m), jnp.asarray(c), jnp.asarray(np.trace(second) * np.eye(3) - second))
+    M = SpatialInertia(np.asarray(m), c, np.trace(second) * np.eye(3) - second)
     forces = masses[:, None] * (a + np.cross(alpha, places) + np.cross(w, np.cross(w, places)))
-    V = js.SpatialVelocity(jnp.asarray(w), jnp.zeros(3))
-    A = js.SpatialAcceleration(jnp.asarray(alpha), jnp.asarray(a))
-    F = newton_euler(M, A, V)
+    V, A = js.SpatialVelocity(w, np.zeros(3)), js.SpatialAcceleration(alpha, a)
+    F = interpreted(newton_euler)(M, A, V)
     np.testing.assert_allclose(F.f, forces.sum(0), atol=1e-13)
     np.testing.assert_allclose(F.tau, np.cross(places, forces).sum(0), atol=1e-13)
-    # The same about another point of the body, and in another frame.
-    p = jnp.asarray(rng.standard_normal(3))
-    moved = newton_euler(js.shift(M, p), js.shift(A, p, w), w)
-    assert moved.is_approx(js.shift(F, p), 1e-13)
-    R = js.Rotation.exp(p)
-    assert newton_euler(R @ M, R @ A, R @ jnp.asarray(w)).is_approx(R @ F, 1e-13)
-    assert newton_euler(M, A, jnp.zeros(3)).is_approx(M @ A, 1e-13)
+
+    def pairs(M, A, V, F, p):
+        """The same about another point of the body, in another frame, and without a spin."""
+        R = js.Rotation.exp(p)
+        yield newton_euler(js.shift(M, p), js.shift(A, p, V.w), V.w), js.shift(F, p)
+        yield newton_euler(R @ M, R @ A, R @ V.w), R @ F
+        yield newton_euler(M, A, jnp.zeros(3)), M @ A
+
+    for x, y in interpreted(lambda *scene: list(pairs(*scene)))(M, A, V, F, rng.standard_normal(3)):
+        chex.assert_trees_all_close(x, y, rtol=0, atol=1e-13)
 
 
 # -- linear in ten parameters -----------------------------------------------------------------------------------------
@@ -138,21 +147,26 @@ def test_force_is_the_regressor_times_the_parameters(precision):
     rng = np.random.default_rng(2)
     arrays = [rng.integers(-9, 10, shape).astype(float) for shape in ((5,), (5, 3), (5, 6), (5, 3), (5, 3), (5, 3))]
     m, c, central, alpha, a, w = arrays
-    A, V = (
-        js.SpatialAcceleration(jnp.asarray(alpha), jnp.asarray(a)),
-        js.SpatialVelocity(jnp.asarray(w), jnp.asarray(a)),
-    )
-    M = SpatialInertia(jnp.asarray(m), jnp.asarray(c), jnp.asarray(central))
+    A, V = js.SpatialAcceleration(alpha, a), js.SpatialVelocity(w, a)
+    M = SpatialInertia(m, c, central)
     pi = np.array([parameters(*item) for item in zip(rationals(m), rationals(c), rationals(central), strict=True)])
-    np.testing.assert_array_equal(pi.astype(float), M.to_dynamic_parameters())
-    Y = newton_euler_regressor(A, V, precision=precision)
-    F = [np.concatenate(naive(*item)) for item in zip(*map(rationals, arrays), strict=True)]
-    assert ((rationals(Y) * pi[:, None]).sum(-1) == np.array(F)).all()
-    np.testing.assert_array_equal(newton_euler(M, A, V, precision=precision).to_array(), np.array(F).astype(float))
-    momentum = (rationals(momentum_regressor(V, precision=precision)) * pi[:, None]).sum(-1)
-    np.testing.assert_array_equal(momentum.astype(float), (M @ V).to_array())
-    energy = (rationals(kinetic_energy_regressor(V, precision=precision)) * pi).sum(-1)
-    np.testing.assert_array_equal(energy.astype(float), M.kinetic_energy(V))
+    kind = {"precision": precision}
+    Y, momentum, energy, F = evaluated(
+        precision,
+        lambda M, A, V: (
+            newton_euler_regressor(A, V, **kind),
+            momentum_regressor(V, **kind),
+            kinetic_energy_regressor(V, **kind),
+            newton_euler(M, A, V, **kind).to_array(),
+        ),
+    )(M, A, V)
+    ten, L, T = interpreted(lambda M, V: (M.to_dynamic_parameters(), (M @ V).to_array(), M.kinetic_energy(V)))(M, V)
+    np.testing.assert_array_equal(pi.astype(float), ten)
+    exact = np.array([np.concatenate(naive(*item)) for item in zip(*map(rationals, arrays), strict=True)])
+    assert ((rationals(Y) * pi[:, None]).sum(-1) == exact).all()
+    np.testing.assert_array_equal(F, exact.astype(float))
+    np.testing.assert_array_equal((rationals(momentum) * pi[:, None]).sum(-1).astype(float), L)
+    np.testing.assert_array_equal((rationals(energy) * pi).sum(-1).astype(float), T)
 
 
 @pytest.mark.parametrize(
@@ -162,14 +176,17 @@ def test_force_is_the_regressor_times_the_parameters(precision):
 )  # fmt: skip
 def test_bounds_of_the_regressors(dtype, precision):
     *_, alpha, a, w = case(dtype, 6)
-    A = js.SpatialAcceleration(jnp.asarray(alpha), jnp.asarray(a))
-    V = js.SpatialVelocity(jnp.asarray(w), jnp.asarray(a))
-    Y = newton_euler_regressor(A, V, precision=precision)
+    Y, e = evaluated(
+        precision,
+        lambda A, V: (
+            newton_euler_regressor(A, V, precision=precision),
+            kinetic_energy_regressor(V, precision=precision),
+        ),
+    )(js.SpatialAcceleration(alpha, a), js.SpatialVelocity(w, a))
     exact = np.array([naive_regressor(*item) for item in zip(*map(sized, (alpha, a, w)), strict=True)])
     assert Y.shape == (6, 6, 10) and Y.dtype == dtype
     assert not violations(REGRESSOR, precision, Y, exact).any()
     assert not np.asarray(Y)[np.vectorize(lambda x: x is ZERO)(exact)].any()
-    e = kinetic_energy_regressor(V, precision=precision)
     half = sized(np.array(0.5))[()]
     items = zip(sized(w), sized(a), strict=True)
     energies = [
@@ -198,29 +215,35 @@ def test_what_is_known_leaves_no_operation():
 
 
 def test_batches_transformations_and_derivatives():
-    arrays = [jnp.asarray(x) for x in case("float32", 5)]
+    """Compiled for one item and mapped, the bits of NumPy; what is shared by a batch broadcasts; the force is linear in
+    the acceleration."""
+    arrays = case("float32", 5)
 
     def force(m, c, central, alpha, a, w):
         F = newton_euler(SpatialInertia(m, c, central), js.SpatialAcceleration(alpha, a), w)
         return F.to_array(), newton_euler_regressor(js.SpatialAcceleration(alpha, a), w)
 
-    whole = force(*arrays)
+    whole = interpreted(force)(*arrays)
     for x, y in zip(whole, jax.jit(jax.vmap(force))(*arrays), strict=True):
         np.testing.assert_array_equal(x, y)
-    shared = force(arrays[0][0], arrays[1][0], arrays[2][0], *arrays[3:])[0]
+    shared = interpreted(force)(arrays[0][0], arrays[1][0], arrays[2][0], *arrays[3:])[0]
     assert shared.shape == (5, 6)
     np.testing.assert_array_equal(shared[0], whole[0][0])
-    m, c, central, alpha, a, w = (jnp.asarray(x[0]) for x in case("float64"))
-    slope = jax.jit(jax.jacrev(lambda a: force(m, c, central, alpha, a, w)[0]))(a)
+    m, c, central, alpha, a, w = (x[0] for x in case("float64"))
+    slope = interpreted(jax.jacrev(lambda a: force(m, c, central, alpha, a, w)[0]))(a)
     np.testing.assert_allclose(slope[3:], m * np.eye(3), atol=1e-15 * m)
-    np.testing.assert_allclose(slope[:3], m * skew(np.asarray(c)), atol=1e-15 * m * abs(c).max())
+    np.testing.assert_allclose(slope[:3], m * skew(c), atol=1e-15 * m * abs(c).max())
 
 
 def test_double_words_are_carried():
-    arrays = [js.to_double_word(jnp.asarray(x)) for x in case("float32", 3)]
-    m, c, central, alpha, a, w = arrays
-    F = newton_euler(SpatialInertia(m, c, central), js.SpatialAcceleration(alpha, a), w)
-    exact = [naive(*item) for item in zip(*(sized(x.hi) for x in arrays), strict=True)]
+    arrays = case("float32", 3)
+
+    def force(*arrays):
+        m, c, central, alpha, a, w = map(js.to_double_word, arrays)
+        return newton_euler(SpatialInertia(m, c, central), js.SpatialAcceleration(alpha, a), w)
+
+    F = interpreted(force)(*arrays)
+    exact = [naive(*item) for item in zip(*map(sized, arrays), strict=True)]
     for part, expected in zip((F.tau, F.f), zip(*exact, strict=True), strict=True):
         for x, y in zip((rationals(part.hi) + rationals(part.lo)).ravel(), np.array(expected).ravel(), strict=True):
             assert abs(x - y.value) <= 48 * Fraction(1, 2**48) * y.mag

@@ -1,5 +1,10 @@
-"""Parametrisations against their definitions, and there and back; exp and log of numbers."""
+"""Parametrisations against their definitions, and there and back; exp and log of numbers.
 
+In NumPy (`interpreted`); `test_inertia.test_transformations` holds the bits of compiled programs, and
+`test_exp_and_log` evaluates compiled ones.
+"""
+
+import functools
 import itertools
 
 import jax
@@ -23,6 +28,7 @@ from jaxspatial.inertia.promises import (
 from jaxspatial.measure.error import ulp, unit_roundoff
 from jaxspatial.measure.exact import rationals
 from tests.helpers.exact_inertia import exactly, is_positive_semidefinite, random_inertia, second_moments, steiner
+from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow, slow_but
 
 TYPES = list(itertools.product(["float32", "float64"], js.Precision))
@@ -47,11 +53,11 @@ def test_dynamic_parameters_and_pseudo_inertia(dtype, precision):
         m, c, i = exactly(M)
         about, first = i + steiner(m, c), m[:, None] * c
         mag = abs(i) + abs(steiner(m, c))
-        ten = rationals(np.asarray(M.to_dynamic_parameters(precision=precision)))
+        both = evaluated(precision, lambda M: [f(M, precision=precision) for f, _ in (WAYS["dynamic"], WAYS["pseudo"])])
+        ten, J = (rationals(np.asarray(x)) for x in both(M))
         np.testing.assert_array_equal(ten[:, 0], m)
         assert (abs(ten[:, 1:4] - first) <= unit_roundoff(dtype) * abs(first)).all()
         assert (abs(ten[:, 4:] - about) <= _allowed(precision, dtype, about, mag, 5, 0)).all()
-        J = rationals(np.asarray(M.to_pseudo_inertia(precision=precision)))
         sigma = np.array([second_moments(x) for x in np.asarray(M.central)]) + (m[:, None] * c)[..., None] * c[:, None]
         size = abs(i)[:, [0, 2, 5]].sum(-1)[:, None, None] + abs((m[:, None] * c)[..., None] * c[:, None])
         assert (abs(J[:, :3, :3] - sigma) <= _allowed(precision, dtype, sigma, size, 5, 0)).all()
@@ -59,19 +65,21 @@ def test_dynamic_parameters_and_pseudo_inertia(dtype, precision):
         np.testing.assert_array_equal(J[:, 3], ten[:, [1, 2, 3, 0]])
 
 
+WAYS = {
+    "dynamic": (js.SpatialInertia.to_dynamic_parameters, js.SpatialInertia.from_dynamic_parameters),
+    "pseudo": (js.SpatialInertia.to_pseudo_inertia, js.SpatialInertia.from_pseudo_inertia),
+    "matrix": (js.SpatialInertia.to_matrix, js.SpatialInertia.from_matrix),
+}
+
+
 @types
-@pytest.mark.parametrize("way", ["dynamic", "pseudo", "matrix"])
+@pytest.mark.parametrize("way", WAYS)
 def test_back_again(way, dtype, precision):
     """Of what was rounded on the way: with mag about the origin, in units of which central is known at all."""
     with jax.enable_x64(dtype == "float64"):
         M = random_inertia((20,), dtype, 2, 1.0)
-        if way == "dynamic":
-            there = M.to_dynamic_parameters()
-            back = js.SpatialInertia.from_dynamic_parameters(there, precision=precision)
-        elif way == "pseudo":
-            back = js.SpatialInertia.from_pseudo_inertia(M.to_pseudo_inertia(), precision=precision)
-        else:
-            back = js.SpatialInertia.from_matrix(M.to_matrix(), precision=precision)
+        there, from_there = WAYS[way]
+        back = evaluated(precision, lambda M: from_there(there(M), precision=precision))(M)
         m, c, i = exactly(M)
         u = unit_roundoff(dtype)
         np.testing.assert_array_equal(back.mass, M.mass)
@@ -83,8 +91,10 @@ def test_back_again(way, dtype, precision):
 @types
 def test_bound_of_from_dynamic_parameters(dtype, precision):
     with jax.enable_x64(dtype == "float64"):
-        ten = random_inertia((20,), dtype, 3, 1.0).to_dynamic_parameters()
-        found = js.SpatialInertia.from_dynamic_parameters(ten, precision=precision)
+        ten = interpreted(js.SpatialInertia.to_dynamic_parameters)(random_inertia((20,), dtype, 3, 1.0))
+        found = evaluated(precision, lambda ten: js.SpatialInertia.from_dynamic_parameters(ten, precision=precision))(
+            ten
+        )
         m, first, about = (rationals(np.asarray(x)) for x in (ten[:, 0], ten[:, 1:4], ten[:, 4:]))
         c = first / m[:, None]
         for x, exact, mag, k in (
@@ -104,20 +114,19 @@ def test_pseudo_inertia_is_the_second_moment_of_points():
         points = js.SpatialInertia(m, x, np.zeros((20, 6)))
         homogeneous = np.concatenate((x, np.ones((20, 1))), 1)
         expected = (m[:, None, None] * homogeneous[:, :, None] * homogeneous[:, None]).sum(0)
-        np.testing.assert_allclose(points.sum().to_pseudo_inertia(), expected, rtol=0, atol=2e-14)
+        found = interpreted(lambda M: M.sum().to_pseudo_inertia())(points)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=2e-14)
 
 
 def test_massless(x64):
+    of_ten, of_pseudo = js.SpatialInertia.from_dynamic_parameters, js.SpatialInertia.from_pseudo_inertia
     ten = np.zeros(10, np.float32)
-    for M in (
-        js.SpatialInertia.from_dynamic_parameters(ten),
-        js.SpatialInertia.from_pseudo_inertia(np.zeros((4, 4), np.float32)),
-    ):
-        assert all((np.asarray(x) == 0).all() for x in M._parts) and M.is_physically_valid()
-    ten = ten.copy()
+    for f, zeros in ((of_ten, ten), (of_pseudo, np.zeros((4, 4), np.float32))):
+        M, is_valid = interpreted(lambda x, f=f: (f(x), f(x).is_physically_valid()))(zeros)
+        assert all((x == 0).all() for x in M._parts) and is_valid
     ten[1] = 1
-    assert not js.SpatialInertia.from_dynamic_parameters(ten).is_physically_valid()
-    assert np.isneginf(js.SpatialInertia.zero(dtype=jnp.float32).to_log_cholesky()[0])
+    assert not interpreted(lambda x: of_ten(x).is_physically_valid())(ten)
+    assert np.isneginf(interpreted(js.SpatialInertia.to_log_cholesky)(js.SpatialInertia.zero(dtype=jnp.float32))[0])
 
 
 # -- log-Cholesky -----------------------------------------------------------------------------------------------------
@@ -143,7 +152,7 @@ def _central(J):
 def test_from_log_cholesky(dtype, precision):
     with mpmath.workdps(60), jax.enable_x64(dtype == "float64"):
         theta = (np.random.default_rng(0).standard_normal((15, 10)) * ([3] * 4 + [1] * 6)).astype(dtype)
-        M = js.SpatialInertia.from_log_cholesky(jnp.asarray(theta), precision=precision)
+        M = evaluated(precision, functools.partial(js.SpatialInertia.from_log_cholesky, precision=precision))(theta)
         u = float(unit_roundoff(dtype))
         wide = precision in ("compensated", "faithful")
         for x, mass, central in zip(theta, np.asarray(M.mass), np.asarray(M.central), strict=True):
@@ -154,7 +163,7 @@ def test_from_log_cholesky(dtype, precision):
                 once, twice = u * abs(b) + FROM_ROOT.u2 * u * u * mag, FROM_ROOT.u * u * mag
                 assert abs(mpmath.mpf(float(a)) - b) <= (once if wide else twice)
         np.testing.assert_array_equal(M.com, theta[:, 7:])
-        assert M.is_physically_valid().all()
+        assert interpreted(js.SpatialInertia.is_physically_valid)(M).all()
         assert all(is_positive_semidefinite(second_moments(x), 8 * unit_roundoff(dtype) * rationals(x)[[0, 2, 5]].sum())
                    for x in np.asarray(M.central))  # fmt: skip
 
@@ -166,10 +175,14 @@ def test_there_and_back(dtype, precision):
         M = random_inertia((200,), dtype, 4)
         flat = np.diag([1.0, 1, 2]) + np.array([1e-2, 1e-3, 1e-4])[:, None, None] * np.eye(3)
         plate = js.SpatialInertia(2.0, np.zeros(3, dtype), flat.astype(dtype))
-        for bodies in (M, js.Rotation.exp(jnp.asarray([0.3, 0.2, 0.1], dtype)) @ plate):
-            theta = bodies.to_log_cholesky(precision=precision)
-            back = js.SpatialInertia.from_log_cholesky(theta, precision=precision)
-            condition = 1 / np.asarray(bodies.validity_slack(), np.float64)
+        turned = interpreted(lambda w, M: js.Rotation.exp(w) @ M)(np.array([0.3, 0.2, 0.1], dtype), plate)
+        there_and_back = evaluated(
+            precision,
+            lambda M: js.SpatialInertia.from_log_cholesky(M.to_log_cholesky(precision=precision), precision=precision),
+        )
+        for bodies in (M, turned):
+            back = there_and_back(bodies)
+            condition = 1 / np.asarray(interpreted(js.SpatialInertia.validity_slack)(bodies), np.float64)
             size = np.abs(np.asarray(bodies.central, np.float64)).max(-1)
             u = float(unit_roundoff(dtype))
             error = np.abs(np.asarray(back.central, np.float64) - np.asarray(bodies.central, np.float64)).max(-1) / size
@@ -182,11 +195,12 @@ def test_there_and_back(dtype, precision):
 def test_to_log_cholesky_against_60_digits(dtype):
     with mpmath.workdps(60), jax.enable_x64(dtype == "float64"):
         M = random_inertia((40,), dtype, 5)
-        found = {p: np.asarray(M.to_log_cholesky(precision=p)) for p in ("reproducible", "compensated")}
+        found = interpreted(lambda M: {p: M.to_log_cholesky(precision=p) for p in ("reproducible", "compensated")})(M)
+        conditions = 1 / np.asarray(interpreted(js.SpatialInertia.validity_slack)(M), np.float64)
         u = float(unit_roundoff(dtype))
         for k, (m, c, six) in enumerate(zip(*map(np.asarray, M._parts), strict=True)):
             exact = _log_cholesky(m, six)
-            scale, condition = float(np.sqrt(six[[0, 2, 5]].sum() / m)), 1 / float(M.validity_slack()[k])
+            scale, condition = float(np.sqrt(six[[0, 2, 5]].sum() / m)), conditions[k]
             for i, x in enumerate(exact):
                 sizes = abs(x), condition + abs(x), condition * scale
                 records = ALPHA, LOG_CHOLESKY, LOG_CHOLESKY_OFF_DIAGONAL
@@ -211,15 +225,17 @@ def _log_cholesky(m, six):
 def test_where_there_is_no_log_cholesky():
     plate = js.SpatialInertia(1.0, np.zeros(3, np.float32), np.float32(np.diag([1, 1, 2])))
     impossible = js.SpatialInertia(1.0, np.zeros(3, np.float32), np.float32(np.diag([1, 1, 3])))
-    assert not np.isfinite(plate.to_log_cholesky()[1:4]).all() and np.isnan(impossible.to_log_cholesky()[1:4]).any()
-    degenerate = js.SpatialInertia.from_log_cholesky(jnp.float32([0, 0, 0, -jnp.inf, 0, 0, 0, 0, 0, 0]))
+    of_plate, of_impossible = map(interpreted(js.SpatialInertia.to_log_cholesky), (plate, impossible))
+    assert not np.isfinite(of_plate[1:4]).all() and np.isnan(of_impossible[1:4]).any()
+    flat = np.float32([0, 0, 0, -np.inf, 0, 0, 0, 0, 0, 0])
+    degenerate = interpreted(js.SpatialInertia.from_log_cholesky)(flat)
     np.testing.assert_array_equal(degenerate.central, np.float32([1, 0, 1, 0, 0, 2]))
 
 
 def test_derivatives_there_and_back():
     """Jacobian there times Jacobian back is 1."""
     with jax.enable_x64(True):
-        theta = jnp.asarray(np.random.default_rng(1).standard_normal(10) * 0.5)
+        theta = np.random.default_rng(1).standard_normal(10) * 0.5
 
         def there(theta):
             return js.SpatialInertia.from_log_cholesky(theta).to_dynamic_parameters()
@@ -227,7 +243,8 @@ def test_derivatives_there_and_back():
         def back(ten):
             return js.SpatialInertia.from_dynamic_parameters(ten).to_log_cholesky()
 
-        product = jax.jacfwd(back)(there(theta)) @ jax.jacrev(there)(theta)
+        ten, first = interpreted(lambda theta: (there(theta), jax.jacrev(there)(theta)))(theta)
+        product = interpreted(jax.jacfwd(back))(ten) @ first
         np.testing.assert_allclose(product, np.eye(10), rtol=0, atol=1e-12)
 
 
@@ -235,7 +252,7 @@ def test_derivatives_there_and_back():
 def test_derivatives_of_log_cholesky(mode):
     """That of J = U U^T is by hand; the second derivative too."""
     with jax.enable_x64(True):
-        theta = jnp.asarray(np.random.default_rng(1).standard_normal(10) * 0.5)
+        theta = np.random.default_rng(1).standard_normal(10) * 0.5
 
         def by_hand(theta):
             a, d1, d2, d3, s12, s23, s13, x, y, z = theta
@@ -246,8 +263,8 @@ def test_derivatives_of_log_cholesky(mode):
         def pseudo(theta):
             return js.SpatialInertia.from_log_cholesky(theta).to_pseudo_inertia()
 
-        expected = (jax.hessian if mode is jax.hessian else jax.jacfwd)(by_hand)(theta)
-        found = mode(pseudo)(theta)
+        expected = jax.jit((jax.hessian if mode is jax.hessian else jax.jacfwd)(by_hand))(theta)
+        found = interpreted(mode(pseudo))(theta)
         np.testing.assert_allclose(found, expected, rtol=0, atol=2e-13 * float(abs(expected).max()))
 
 
@@ -276,14 +293,14 @@ def test_exp_and_log(name, dtype):
             x = np.concatenate(
                 (np.exp(rng.uniform(-largest, largest, 60)), 1 + 10.0 ** rng.uniform(-7, -1, 40), [1.0, 0.75])
             )
-        x = jnp.asarray(x[:, None].astype(dtype))
+        x = x[:, None].astype(dtype)
         u = float(unit_roundoff(dtype))
         exact = [getattr(mpmath, name)(mpmath.mpf(float(v))) for v in np.asarray(x)[:, 0]]
         f = {"exp": _exp, "log": _log}[name]
         for precision, bound in (("reproducible", 4), ("compensated", 1.01)):
             found = np.asarray(f(precision, x))[:, 0]
             assert all(abs(float(a) - b) <= bound * u * abs(b) for a, b in zip(found, exact, strict=True))
-        pair = f(None, js.to_double_word(x[:40]))
+        pair = interpreted(lambda x: f(None, js.to_double_word(x)))(x[:40])
         for hi, lo, b in zip(np.asarray(pair.hi)[:, 0], np.asarray(pair.lo)[:, 0], exact, strict=False):
             # Where the low word is no subnormal.
             if abs(b) > float(jnp.finfo(dtype).tiny) / u**2:
@@ -291,6 +308,7 @@ def test_exp_and_log(name, dtype):
 
 
 def test_exp_and_log_at_the_edges(x64):
-    x = jnp.float32([[0.0], [-1.0], [jnp.inf], [jnp.nan], [-jnp.inf], [1e30]])
-    np.testing.assert_array_equal(_log(None, x)[:5, 0], np.float32([-np.inf, np.nan, np.inf, np.nan, np.nan]))
-    np.testing.assert_array_equal(_exp(None, x)[jnp.array([0, 2, 3, 4, 5]), 0], [1, np.inf, np.nan, 0, np.inf])
+    x = np.float32([[0.0], [-1.0], [np.inf], [np.nan], [-np.inf], [1e30]])
+    logarithms, powers = (interpreted(functools.partial(f, None))(x)[:, 0] for f in (_log, _exp))
+    np.testing.assert_array_equal(logarithms[:5], np.float32([-np.inf, np.nan, np.inf, np.nan, np.nan]))
+    np.testing.assert_array_equal(powers[[0, 2, 3, 4, 5]], [1, np.inf, np.nan, 0, np.inf])

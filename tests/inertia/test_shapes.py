@@ -1,5 +1,9 @@
-"""Bodies of uniform density: textbook formulas over fractions, each within its bound, and what they degenerate to."""
+"""Bodies of uniform density: textbook formulas over fractions, each within its bound, and what they degenerate to.
 
+In NumPy (`interpreted`); `test_vmap_and_jit_are_the_batch_bitwise` holds the bits of compiled programs.
+"""
+
+import functools
 import math
 from fractions import Fraction
 
@@ -15,6 +19,7 @@ from jaxspatial.inertia.promises import DETERMINANT, TETRAHEDRON_COM
 from jaxspatial.inertia.promises import SHAPE_CENTRAL as CENTRAL
 from jaxspatial.inertia.promises import SHAPE_MASS as MASS
 from jaxspatial.measure.exact import Sized, attribute, rationals, sized
+from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow, slow_but
 from tests.helpers.operations import violations
 
@@ -81,10 +86,11 @@ SHAPES = {
 shapes = pytest.mark.parametrize("name", SHAPES)
 
 
-def arguments(name, lengths, axis, **amount):
-    """What the constructor takes, of lengths (n, *batch)."""
+def made(name, kind, amount, lengths, axis, **precision):
+    """What the constructor makes of lengths (n, *batch)."""
     positional = [jnp.stack(lengths, -1)] if name in ("solid_box", "solid_ellipsoid") else list(lengths)
-    return [*positional, *([axis] if SHAPES[name][1] else [])], amount
+    with_axis = [*positional, *([axis] if SHAPES[name][1] else [])]
+    return getattr(SpatialInertia, name)(*with_axis, **{kind: amount}, **precision)
 
 
 def expected(name, kind, amount, lengths, axis):
@@ -130,10 +136,9 @@ def test_textbook_formula_within_the_bound(name, dtype, kind, precisions):
     amount, lengths, axis = inputs(name, dtype)
     masses, centrals = expected(name, kind, amount, lengths, axis)
     with jax.enable_x64(dtype == "float64"):
-        data = [jnp.asarray(amount), [jnp.asarray(x) for x in lengths], jnp.asarray(axis)]
         for precision in precisions:
-            positional, named = arguments(name, data[1], data[2], **{kind: data[0]})
-            M = getattr(SpatialInertia, name)(*positional, **named, precision=precision)
+            formula = functools.partial(made, name, kind, precision=precision)
+            M = evaluated(precision, formula)(amount, list(lengths), axis)
             assert (M.mass.dtype, M.central.dtype, M.mass.shape, M.central.shape) == (dtype, dtype, (24,), (24, 6))
             as_promised = "compensated" if precision == "faithful" else precision
             assert not violations(MASS, as_promised, M.mass, masses).any(), precision
@@ -144,46 +149,55 @@ def test_textbook_formula_within_the_bound(name, dtype, kind, precisions):
 def test_origin_is_the_centre_of_mass(name):
     amount, lengths, axis = inputs(name, "float64", hostile=False)
     with jax.enable_x64(True):
-        positional, named = arguments(name, list(lengths), axis, mass=amount)
-        M = getattr(SpatialInertia, name)(*positional, **named)
-        assert np.asarray(M.is_physically_valid()).all()
+        M = interpreted(functools.partial(made, name, "mass"))(amount, list(lengths), axis)
+        assert interpreted(SpatialInertia.is_physically_valid)(M).all()
         if name == "solid_cylinder_about_end":
             ends = M.com - lengths[1][:, None] / 2 * axis / np.linalg.norm(axis, axis=-1, keepdims=True)
             assert abs(ends).max() < 4 * np.finfo(float).eps * lengths[1].max()
         else:
-            assert isinstance(M.com, np.ndarray) and not M.com.any()
+            assert not M.com.any()
+            found = []
+            jax.make_jaxpr(lambda *x: found.append(made(name, "mass", *x)))(amount, list(lengths), axis)
+            assert isinstance(found[0].com, np.ndarray)
 
 
 @pytest.mark.parametrize("precision", ["reproducible", "compensated"])
 def test_capsule_without_length_is_a_ball_and_without_radius_a_rod(precision):
     rng = np.random.default_rng(0)
-    x, mass = (jnp.asarray(np.abs(rng.standard_normal(20)), jnp.float32) for _ in range(2))
-    axis, zero = jnp.asarray(rng.standard_normal((20, 3)), jnp.float32), jnp.zeros(20)
-    kind = {"mass": mass, "precision": precision}
-    ball, rod = SpatialInertia.solid_capsule(x, zero, axis, **kind), SpatialInertia.solid_capsule(zero, x, axis, **kind)
-    np.testing.assert_allclose(ball.central, SpatialInertia.solid_sphere(x, **kind).central, rtol=2e-7, atol=0)
-    np.testing.assert_array_equal(rod.central, SpatialInertia.thin_rod(x, axis, **kind).central)
-    along_z = SpatialInertia.solid_capsule(x, zero, **kind)
-    np.testing.assert_array_equal(along_z.central, SpatialInertia.solid_sphere(x, **kind).central)
-    point = SpatialInertia.solid_capsule(zero, zero, axis, **kind)
-    assert not np.asarray(point.central).any()
-    by_density = [
-        getattr(SpatialInertia, name)(*given, density=mass, precision=precision).mass
-        for name, given in (("solid_capsule", (x, zero)), ("solid_sphere", (x,)))
-    ]
-    np.testing.assert_array_equal(*by_density)
+    x, mass = np.abs(rng.standard_normal((2, 20))).astype(np.float32)
+    axis, zero = rng.standard_normal((20, 3)).astype(np.float32), np.zeros(20, np.float32)
+
+    def bodies(x, zero, axis, mass):
+        kind = {"mass": mass, "precision": precision}
+        capsule, ball = SpatialInertia.solid_capsule, SpatialInertia.solid_sphere(x, **kind)
+        yield from (capsule(x, zero, axis, **kind), ball, capsule(x, zero, **kind), ball)
+        yield from (capsule(zero, x, axis, **kind), SpatialInertia.thin_rod(x, axis, **kind))
+        yield capsule(zero, zero, axis, **kind)
+        by_density = {"density": mass, "precision": precision}
+        yield from (capsule(x, zero, **by_density), SpatialInertia.solid_sphere(x, **by_density))
+
+    turned, ball, along_z, _, rod, thin, point, *by_density = interpreted(lambda *x: list(bodies(*x)))(
+        x, zero, axis, mass
+    )
+    np.testing.assert_allclose(turned.central, ball.central, rtol=2e-7, atol=0)
+    np.testing.assert_array_equal(along_z.central, ball.central)
+    np.testing.assert_array_equal(rod.central, thin.central)
+    assert not point.central.any()
+    np.testing.assert_array_equal(*(M.mass for M in by_density))
 
 
 def test_capsule_is_a_cylinder_and_two_half_balls():
     """Drake's third way: parts put together. A half ball is 83/320 m r^2 about its own centre of mass, 3/8 r off."""
+    r, h, rho = 0.5, 1.5, 1000.0
+    half = np.diag([83 / 320, 83 / 320, 2 / 5])
+
+    def both():
+        middle, m = SpatialInertia.solid_cylinder(r, h, density=rho), rho * math.pi * r**3 * 2 / 3
+        ends = [SpatialInertia(m, [0.0, 0.0, s * (h / 2 + 3 * r / 8)], m * r * r * half) for s in (1, -1)]
+        return middle + ends[0] + ends[1], SpatialInertia.solid_capsule(r, h, density=rho)
+
     with jax.enable_x64(True):
-        r, h, rho = 0.5, 1.5, 1000.0
-        M = SpatialInertia.solid_capsule(r, h, density=rho)
-        middle = SpatialInertia.solid_cylinder(r, h, density=rho)
-        m = rho * math.pi * r**3 * 2 / 3
-        half = [[83 / 320, 0, 0], [0, 83 / 320, 0], [0, 0, 2 / 5]]
-        ends = [SpatialInertia(m, [0.0, 0.0, s * (h / 2 + 3 * r / 8)], m * r * r * np.array(half)) for s in (1, -1)]
-        whole = middle + ends[0] + ends[1]
+        whole, M = interpreted(both)()
         np.testing.assert_allclose(whole.central, M.central, rtol=8 * np.finfo(float).eps)
         np.testing.assert_allclose(whole.mass, M.mass, rtol=4 * np.finfo(float).eps)
 
@@ -204,13 +218,18 @@ def test_tetrahedron(dtype):
     with jax.enable_x64(dtype == "float64"):
         u = Fraction(float(jnp.finfo(dtype).eps)) / 2
         for precision, k in (("reproducible", CENTRAL.u), ("compensated", 1)):
-            M = SpatialInertia.solid_tetrahedron(jnp.asarray(vertices), mass=1.0, precision=precision)
+            kind = {"precision": precision}
+            M, D = interpreted(
+                lambda v, kind=kind: (
+                    SpatialInertia.solid_tetrahedron(v, mass=1.0, **kind),
+                    SpatialInertia.solid_tetrahedron(v[:, ::-1], density=2.0, **kind),
+                )
+            )(vertices)
             errors = [abs(rationals(M.central[:, n]) - central[:, i, j]) for n, (i, j) in enumerate(six)]
             assert (np.max(errors, axis=0) <= (k + Fraction(1, 100)) * u * moment).all()
             assert (
                 abs(rationals(M.com) - v.mean(-2)).max(-1) <= int(TETRAHEDRON_COM.u) * u * abs(v).max((-1, -2))
             ).all()
-            D = SpatialInertia.solid_tetrahedron(jnp.asarray(vertices[:, ::-1]), density=2.0, precision=precision)
             size = abs(edges[:, 0, :, None, None] * edges[:, 1, None, :, None] * edges[:, 2, None, None, :])
             assert (abs(rationals(D.mass) - 2 * volume) <= int(DETERMINANT.u) * u * size.sum((-1, -2, -3)) / 3).all()
 
@@ -219,7 +238,7 @@ def test_point_mass():
     M = SpatialInertia.point_mass([1.0, 2.0, 3.0], mass=jnp.asarray([1.0, 3.0]))
     assert isinstance(M.central, np.ndarray) and not M.central.any()
     assert M.batch_shape == (2,) and M.com.shape == (2, 3)
-    moved = js.shift(M, [1.0, 2.0, 3.0])
+    moved = interpreted(lambda M: js.shift(M, [1.0, 2.0, 3.0]))(M)
     np.testing.assert_array_equal(moved.com, np.zeros((2, 3)))
 
 
@@ -248,21 +267,26 @@ def test_derivatives():
         return SpatialInertia.solid_cylinder(r, h, axis, mass=m).central
 
     with jax.enable_x64(True):
-        given = jnp.asarray(0.3), jnp.asarray(0.7), jnp.asarray([0.1, -2.0, 0.4]), jnp.asarray(1.7)
-        jacobians = jax.jit(jax.jacrev(central, argnums=(0, 1, 2, 3)))(*given)
+        given = np.array(0.3), np.array(0.7), np.array([0.1, -2.0, 0.4]), np.array(1.7)
+        jacobians = interpreted(jax.jacrev(central, argnums=(0, 1, 2, 3)))(*given)
         for i, (x, jacobian) in enumerate(zip(given, jacobians, strict=True)):
             direction, step = np.random.default_rng(i).standard_normal(x.shape), 1e-6
-            ends = [central(*given[:i], x + s * step * direction, *given[i + 1 :]) for s in (1, -1)]
+            ends = [interpreted(central)(*given[:i], x + s * step * direction, *given[i + 1 :]) for s in (1, -1)]
             slope = (ends[0] - ends[1]) / (2 * step)
             np.testing.assert_allclose(np.tensordot(jacobian, direction, x.ndim), slope, atol=1e-9)
-        by_density = jax.grad(lambda r: SpatialInertia.solid_sphere(r, density=1.0).mass)(jnp.asarray(0.3))
+        by_density = interpreted(jax.grad(lambda r: SpatialInertia.solid_sphere(r, density=1.0).mass))(0.3)
         np.testing.assert_allclose(by_density, 4 * math.pi * 0.09, rtol=1e-15)
 
 
 def test_double_words():
     """Carried at twice the precision: nothing is rounded to one word."""
-    r = js.to_double_word(jnp.asarray([0.1, 3.0], jnp.float32)) / 3
-    M = SpatialInertia.solid_sphere(r, mass=js.to_double_word(jnp.ones(2, jnp.float32)))
+
+    @interpreted
+    def ball(r):
+        third = js.to_double_word(r) / 3
+        return third, SpatialInertia.solid_sphere(third, mass=js.to_double_word(jnp.ones(2, jnp.float32)))
+
+    r, M = ball(np.float32([0.1, 3.0]))
     exact = (rationals(r.hi) + rationals(r.lo)) ** 2 * Fraction(2, 5)
     found = rationals(M.central.hi[:, 0]) + rationals(M.central.lo[:, 0])
     assert (abs(found - exact) <= Fraction(32, 2**48) * exact).all()
@@ -270,10 +294,10 @@ def test_double_words():
 
 def test_vmap_and_jit_are_the_batch_bitwise():
     amount, lengths, axis = inputs("solid_capsule", "float32")
-    M = SpatialInertia.solid_capsule(*map(jnp.asarray, lengths), jnp.asarray(axis), density=jnp.asarray(amount))
-    one = jax.jit(jax.vmap(lambda r, h, n, rho: SpatialInertia.solid_capsule(r, h, n, density=rho)))
-    mapped = one(*map(jnp.asarray, lengths), jnp.asarray(axis), jnp.asarray(amount))
-    chex.assert_trees_all_equal(M, mapped)
+    formula = functools.partial(made, "solid_capsule", "density")
+    mapped = jax.jit(jax.vmap(formula))(amount, list(lengths), axis)
+    found = interpreted(formula)(amount, list(lengths), axis)
+    chex.assert_trees_all_equal(found, jax.tree.map(np.asarray, mapped))
 
 
 BAD = {
@@ -319,7 +343,7 @@ def test_other_arguments_that_are_refused():
 
 
 def test_axis_of_no_length_gives_nan_and_of_any_other_none():
-    axes = jnp.asarray([[0, 0, 0], [1e-30, 0, 2e-30], [0, 3e30, 1e30]], jnp.float32)
-    M = SpatialInertia.thin_rod(jnp.ones(3), axes, mass=jnp.ones(3))
+    axes = np.float32([[0, 0, 0], [1e-30, 0, 2e-30], [0, 3e30, 1e30]])
+    M = interpreted(lambda axes: SpatialInertia.thin_rod(jnp.ones(3), axes, mass=jnp.ones(3)))(axes)
     assert np.isnan(M.central[0]).all() and np.isfinite(M.central[1:]).all()
     assert attribute(sized(np.ones(1)), "value")[0] == 1

@@ -1,4 +1,7 @@
-"""Bodies put together: against sums of fractions, at every scale, and never indefinite."""
+"""Bodies put together: against sums of fractions, at every scale, and never indefinite.
+
+In NumPy (`interpreted`); `test_axis` and `test_inertia.test_transformations` hold the bits of compiled programs.
+"""
 
 import functools
 import itertools
@@ -15,6 +18,7 @@ from jaxspatial.inertia.promises import COMBINED, COMBINED_COM, SUM_CENTRAL, SUM
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
 from tests.helpers.exact_inertia import exactly, is_positive_semidefinite, random_inertia, second_moments, steiner
+from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow, slow_but
 
 dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -44,7 +48,7 @@ def _require(found, exact, mag, u, k, squared, precision):
 def test_two(dtype, precision):
     with jax.enable_x64(dtype == "float64"):
         M, N = random_inertia((40,), dtype, 1, 2.0), random_inertia((40,), dtype, 2, 2.0)
-        found = M.combine(N, precision=precision)
+        found = evaluated(precision, lambda M, N: M.combine(N, precision=precision))(M, N)
         both = [np.stack(x, 1) for x in zip(exactly(M), exactly(N), strict=True)]
         mass, com, central, com_mag, _ = exact_sum(*both)
         u = unit_roundoff(dtype)
@@ -59,8 +63,7 @@ def test_two(dtype, precision):
 def test_two_commute_where_neither_is_as_heavy(dtype):
     with jax.enable_x64(dtype == "float64"):
         M, N = random_inertia((40,), dtype, 1), random_inertia((40,), dtype, 2)
-        for x, y in zip((M + N)._parts, (N + M)._parts, strict=True):
-            np.testing.assert_array_equal(x, y)
+        chex.assert_trees_all_equal(*interpreted(lambda M, N: (M + N, N + M))(M, N))
 
 
 def _mixed(dtype, n=1000, seed=3):
@@ -69,7 +72,7 @@ def _mixed(dtype, n=1000, seed=3):
     rng = np.random.default_rng(seed)
     scale = np.where(np.arange(n) % 2, 10.0 ** rng.uniform(-20, 20, n), 10.0 ** rng.uniform(-1, 1, n))
     scaled = np.asarray(M.mass) * scale, np.asarray(M.com), np.asarray(M.central) * scale[:, None]
-    return js.SpatialInertia(*(jnp.asarray(x.astype(dtype)) for x in scaled))
+    return js.SpatialInertia(*(x.astype(dtype) for x in scaled))
 
 
 @functools.cache
@@ -84,7 +87,7 @@ def test_a_thousand_bodies(even, dtype, precision):
     with jax.enable_x64(True):
         M = jax.tree.map(lambda x: x[:: 1 + even], _mixed(dtype))
     with jax.enable_x64(dtype == "float64"):
-        found, n = M.sum(precision=precision), M.batch_shape[0]
+        found, n = evaluated(precision, lambda M: M.sum(precision=precision))(M), M.batch_shape[0]
         squared = SUM_COM.u2 * SUM_COM.factor(n)
         mass, com, central, com_mag, central_mag = _exact_thousand(even, dtype)
         u = unit_roundoff(dtype)
@@ -99,15 +102,16 @@ def test_a_thousand_bodies(even, dtype, precision):
 def test_one_by_one_is_nearly_as_good():
     with jax.enable_x64(True):
         M = _mixed("float64", 200)
-        one_by_one, _ = jax.lax.scan(lambda N, M: (N + M, None), js.SpatialInertia.zero(dtype=jnp.float64), M)
-        for x, y in zip(one_by_one._parts, M.sum()._parts, strict=True):
+        zero = js.SpatialInertia.zero(dtype=jnp.float64)
+        one_by_one, whole = interpreted(lambda M: (jax.lax.scan(lambda N, M: (N + M, None), zero, M)[0], M.sum()))(M)
+        for x, y in zip(one_by_one._parts, whole._parts, strict=True):
             np.testing.assert_allclose(x, y, rtol=0, atol=200 * 2.2e-16 * float(np.abs(y).max()))
 
 
 def test_double_words_keep_twice_the_digits():
     M = random_inertia((37,), "float32", 4, 1.0)
     mass, com, central, com_mag, central_mag = exact_sum(*exactly(M))
-    found = js.to_double_word(M).sum()
+    found = interpreted(lambda M: js.to_double_word(M).sum())(M)
     for x, exact, mag in zip(found._parts, (mass, com, central), (mass, com_mag, central_mag), strict=True):
         pair = rationals(np.asarray(x.hi)) + rationals(np.asarray(x.lo))
         assert np.all(abs(pair - exact) <= unit_roundoff("float32") ** 2 * 640 * mag)
@@ -115,12 +119,14 @@ def test_double_words_keep_twice_the_digits():
 
 @pytest.mark.parametrize("axis", [0, *map(slow, (1, -1, -3))])
 def test_axis(axis):
+    """One program for a batch has the bits of NumPy, over the axis moved to the front, and one item after another."""
     M = random_inertia((4, 3, 5), "float32")
     found = jax.jit(lambda M: M.sum(axis))(M)
-    moved = jax.tree.map(lambda x: jnp.moveaxis(x, axis % 3, 0), M)
-    for x, y in zip(found._parts, moved.sum()._parts, strict=True):
+    moved = jax.tree.map(lambda x: np.moveaxis(x, axis % 3, 0), M)
+    total = interpreted(js.SpatialInertia.sum)
+    for x, y in zip(found._parts, total(moved)._parts, strict=True):
         np.testing.assert_array_equal(x, y)
-    one = jax.tree.map(lambda x: x[:, 1, 2], moved).sum()
+    one = total(jax.tree.map(lambda x: x[:, 1, 2], moved))
     for x, y in zip(found._parts, one._parts, strict=True):
         np.testing.assert_array_equal(x[1, 2], y)
     with pytest.raises(ValueError, match=r"axis: expected one of a batch of shape \(4, 3, 5\), got 3"):
@@ -128,58 +134,64 @@ def test_axis(axis):
 
 
 def test_nothing_and_one():
-    empty = random_inertia((0, 2), "float32").sum()
+    empty = interpreted(js.SpatialInertia.sum)(random_inertia((0, 2), "float32"))
     assert empty.batch_shape == (2,) and not any(np.any(x) for x in empty._parts)
     M = random_inertia((1,), "float32")
-    for x, y in zip(M.sum()._parts, M._parts, strict=True):
+    for x, y in zip(interpreted(js.SpatialInertia.sum)(M)._parts, M._parts, strict=True):
         np.testing.assert_array_equal(x, y[0])
 
 
 def test_without_mass_com_is_the_mean(x64):
     M = js.SpatialInertia(np.float32(0), np.float32([1, 2, 3]), np.float32(np.eye(3)))
     N = js.SpatialInertia(np.float32(0), np.float32([3, 2, 0]), np.float32(np.eye(3)))
-    for both in (M + N, jax.tree.map(lambda *x: jnp.stack(x), M, N).sum()):
+    heavy = js.SpatialInertia(np.float32(2), np.float32([0.1, 0.2, 0.3]), np.float32(np.eye(3)))
+
+    @interpreted
+    def found(M, N, heavy):
+        massless = M + N, jax.tree.map(lambda *x: jnp.stack(x), M, N).sum()
+        return massless, (heavy + M, M + heavy), M - N
+
+    massless, with_one, difference = found(M, N, heavy)
+    for both in massless:
         np.testing.assert_array_equal(both.com, [2, 2, 1.5])
         np.testing.assert_array_equal(both.mass, 0)
         np.testing.assert_array_equal(both.central, [2, 0, 2, 0, 0, 2])
-    heavy = js.SpatialInertia(np.float32(2), np.float32([0.1, 0.2, 0.3]), np.float32(np.eye(3)))
-    for both in (heavy + M, M + heavy):
+    for both in with_one:
         np.testing.assert_array_equal(both.com, heavy.com)
-    np.testing.assert_array_equal((M - N).com, M.com)
+    np.testing.assert_array_equal(difference.com, M.com)
 
 
 def test_same_centre_of_mass_stays_exactly():
     M = random_inertia((20,), "float32")
-    N = js.SpatialInertia(M.mass * jnp.float32(0.37), M.com, M.central)
-    np.testing.assert_array_equal((M + N).com, M.com)
+    N = js.SpatialInertia(M.mass * np.float32(0.37), M.com, M.central)
+    np.testing.assert_array_equal(interpreted(lambda M, N: M + N)(M, N).com, M.com)
 
 
 def test_removing_undoes_adding():
     with jax.enable_x64(True):
         M, N = random_inertia((30,), seed=1), random_inertia((30,), seed=2)
-        for x, y in zip(((M + N) - N)._parts, M._parts, strict=True):
+        back, gone, is_valid = interpreted(lambda M, N: ((M + N) - N, M - M, (M - M).is_physically_valid()))(M, N)
+        for x, y in zip(back._parts, M._parts, strict=True):
             np.testing.assert_allclose(x, y, rtol=0, atol=5e-14)
-        gone = M - M
-        assert not np.isfinite(np.asarray(gone.com)).any() and not gone.is_physically_valid().any()
+        assert not np.isfinite(gone.com).any() and not is_valid.any()
 
 
 def test_python_sums_bodies_and_others_are_refused():
     M = random_inertia((), "float32")
-    np.testing.assert_array_equal(sum([M, M, M]).mass, 3 * M.mass)
+    np.testing.assert_array_equal(interpreted(lambda M: sum([M, M, M]))(M).mass, 3 * M.mass)
     for call in (lambda: M + 1.0, lambda: 1.0 + M, lambda: M - np.float32(1), lambda: M.combine(2.0)):
         with pytest.raises(TypeError, match="SpatialInertia"):
             call()
 
 
 def test_two_cubes_are_a_box():
+    def cube(m, x):
+        return js.SpatialInertia(m, np.array([x, 0.0, 0.0]), m * 8 / 12 * np.eye(3))
+
     with jax.enable_x64(True):
-
-        def cube(m, x):
-            return js.SpatialInertia(m, [x, 0.0, 0.0], m * 8 / 12 * np.eye(3))
-
-        both = cube(1.0, 1.0) + cube(1.0, -1.0)
+        both, matrix = interpreted(lambda M, N: (M + N, (M + N).central_matrix()))(cube(1.0, 1.0), cube(1.0, -1.0))
         box = 2 / 12 * np.diag([4 + 4, 16 + 4, 16 + 4])
-        np.testing.assert_allclose(both.central_matrix(), box, rtol=4e-16)
+        np.testing.assert_allclose(matrix, box, rtol=4e-16)
         np.testing.assert_array_equal(both.com, [0, 0, 0])
 
 
@@ -192,19 +204,22 @@ def test_nothing_turns_indefinite(dtype, precision):
         along = directions * rng.standard_normal((12, 6, 1)) * 10.0 ** rng.uniform(-8, 8, (12, 1, 1))
         points = np.concatenate((along, along * np.array([1, 1, 0.0]) + 1.0, along + rng.standard_normal((12, 6, 3))))
         mass = 10.0 ** rng.uniform(-12, 12, (36, 6))
-        parts = (jnp.asarray(x.astype(dtype)) for x in (mass, points, np.zeros((36, 6, 6))))
-        M = js.SpatialInertia(*parts)
+        M = js.SpatialInertia(*(x.astype(dtype) for x in (mass, points, np.zeros((36, 6, 6)))))
     with jax.enable_x64(dtype == "float64"):
-        pair = jax.tree.map(lambda x: x[:, 0], M).combine(jax.tree.map(lambda x: x[:, 1], M), precision=precision)
+        first, second = (jax.tree.map(lambda x, k=k: x[:, k], M) for k in (0, 1))
+        pair = evaluated(precision, lambda M, N: M.combine(N, precision=precision))(first, second)
+        crowd = evaluated(precision, lambda M: M.sum(axis=1, precision=precision))(M)
         k = 16 if precision in ("fast", "reproducible") else 2
-        for found in (pair, M.sum(axis=1, precision=precision)):
-            assert found.is_physically_valid().all()
+        for found in (pair, crowd):
+            assert interpreted(js.SpatialInertia.is_physically_valid)(found).all()
             for six in np.asarray(found.central):
                 seconds = second_moments(six)
                 trace = sum(seconds[i][i] for i in range(3))
                 assert trace >= 0 and is_positive_semidefinite(seconds, k * unit_roundoff(dtype) * trace)
-        bodies = random_inertia((50,), dtype, 5) + random_inertia((50,), dtype, 6)
-        assert (bodies.validity_slack() > 0).all()
+        bodies, slack = interpreted(lambda M, N: (M + N, (M + N).validity_slack()))(
+            random_inertia((50,), dtype, 5), random_inertia((50,), dtype, 6)
+        )
+        assert (slack > 0).all()
         assert all(is_positive_semidefinite(second_moments(six)) for six in np.asarray(bodies.central))
 
 
@@ -219,10 +234,11 @@ def test_derivatives():
         def added(M, N):
             return M.to_dynamic_parameters() + N.to_dynamic_parameters()
 
-        chex.assert_trees_all_close(*(jax.jacrev(f, (0, 1))(M, N) for f in (combined, added)), rtol=0, atol=1e-13)
-        stacked = jax.tree.map(lambda *x: jnp.stack(x), M, N)
-        jacobian = jax.jacfwd(lambda M: M.sum().to_dynamic_parameters())(stacked)
-        expected = jax.jacfwd(lambda M: M.to_dynamic_parameters().sum(0))(stacked)
+        both = (interpreted(jax.jacrev(f, (0, 1)))(M, N) for f in (combined, added))
+        chex.assert_trees_all_close(*both, rtol=0, atol=1e-13)
+        stacked = jax.tree.map(lambda *x: np.stack(x), M, N)
+        jacobian = interpreted(jax.jacfwd(lambda M: M.sum().to_dynamic_parameters()))(stacked)
+        expected = interpreted(jax.jacfwd(lambda M: sum(M.to_dynamic_parameters())))(stacked)
         chex.assert_trees_all_close(jacobian, expected, rtol=0, atol=1e-13)
 
 
@@ -231,8 +247,10 @@ def test_far_away_and_back():
     with jax.enable_x64(True):
         far = np.array([1e9, -1e9, 1e9])
         M, N = random_inertia((), seed=1), random_inertia((), seed=2)
-        moved = (M.shift(-far) + N.shift(-far)).shift(far)
-        c1, c2 = (rationals(np.asarray(x.shift(-far).com)) for x in (M, N))
+        moved, *there = interpreted(
+            lambda M, N, far: ((M.shift(-far) + N.shift(-far)).shift(far), M.shift(-far), N.shift(-far))
+        )(M, N, far)
+        c1, c2 = (rationals(x.com) for x in there)
         m1, m2 = (Fraction(float(x.mass)) for x in (M, N))
         *_, i1 = exactly(M)
         *_, i2 = exactly(N)
