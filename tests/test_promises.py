@@ -10,8 +10,8 @@ import jaxspatial as js
 from jaxspatial.arithmetic import promise
 from jaxspatial.arithmetic.promise import Normwise, OfSum, Promise
 from jaxspatial.dynamics import promises as of_mechanisms
+from jaxspatial.inertia import joint_projection
 from jaxspatial.inertia import promises as of_inertia
-from jaxspatial.inertia.joint_projection import joint_projection
 from jaxspatial.inertia.shapes import Shapes
 from jaxspatial.rotation import promises as of_rotations
 from jaxspatial.spatial import promises as of_vectors

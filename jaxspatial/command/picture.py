@@ -1,26 +1,23 @@
 """The trade as a picture: what an operation costs, what its result is worth, and where a precision loses digits."""
 
 import pathlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, BinaryIO
 
-import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullLocator
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402 - after the choice of a backend without a window
-import numpy as np  # noqa: E402
-from matplotlib.axes import Axes  # noqa: E402
-from matplotlib.axis import Axis  # noqa: E402
-from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: E402
-from matplotlib.lines import Line2D  # noqa: E402
-from matplotlib.ticker import LogLocator, NullLocator  # noqa: E402
-
-from jaxspatial.arithmetic.precision import Precision  # noqa: E402
-from jaxspatial.command.result import Result, readable  # noqa: E402
-from jaxspatial.measure import conditions, trade  # noqa: E402
-from jaxspatial.measure.algorithms import ALGORITHMS, Evaluated  # noqa: E402
-from jaxspatial.measure.applications import Loss  # noqa: E402
-from jaxspatial.measure.operation import OPERATIONS  # noqa: E402
+from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.command.result import Result, readable
+from jaxspatial.measure import conditions, trade
+from jaxspatial.measure.algorithms import ALGORITHMS, Evaluated
+from jaxspatial.measure.applications import Loss
+from jaxspatial.measure.operation import OPERATIONS
 
 # Formats by the endings of their names.
 ENDINGS = tuple(sorted(FigureCanvasAgg.get_supported_filetypes()))
@@ -35,6 +32,11 @@ _MARKERS = dict(zip(OPERATIONS, "osD^vX", strict=True))
 _LOWEST, _ENOUGH = 0.2, 10
 _LIGHT, _GREY = "0.75", "0.35"
 _SMALL = 9
+_ROUNDED, _CORRECTLY = 0.5, "rounded correctly\n(half an ulp)"
+
+# A case, where it is in the picture, and how it looks; and keys of a legend, by their headings.
+Point = tuple[trade.Case, tuple[float, Any], dict[str, Any]]
+Keys = dict[str, list[Line2D]]
 
 
 def draw(result: Result, file: BinaryIO | str | pathlib.Path, ending: str = "png"):
@@ -42,7 +44,9 @@ def draw(result: Result, file: BinaryIO | str | pathlib.Path, ending: str = "png
     known = dict.fromkeys(row.case.dtype for row in result.rows)
     dtypes = [dtype for dtype in known if dtype in _DTYPES] or list(known)
     places: Any = _places(result, dtypes)
-    figure, axes = plt.subplot_mosaic(places, figsize=(16, 4.75 * len(places)), layout="constrained")
+    # Made without pyplot: it needs no backend with windows, and nothing is left open.
+    figure = Figure(figsize=(16, 4.75 * len(places)), layout="constrained")
+    axes = figure.subplot_mosaic(places)
     for dtype in dtypes:
         _draw_trade(axes[dtype], [row for row in result.rows if row.case.dtype == dtype], dtype)
     if dtypes:
@@ -55,7 +59,6 @@ def draw(result: Result, file: BinaryIO | str | pathlib.Path, ending: str = "png
         _draw_losses(axes["losses"], result.losses)
     figure.suptitle(f"{result.about}\n{result.machine}", fontsize=_SMALL)
     figure.savefig(file, dpi=130, format=ending)
-    plt.close(figure)
 
 
 def _places(result: Result, dtypes: list[str]):
@@ -70,20 +73,21 @@ def _places(result: Result, dtypes: list[str]):
 
 def _draw_trade(axes: Axes, rows: list[trade.Row], dtype: str):
     """Every case as a point; those of one operation joined, from fast to faithful."""
-    for operation in dict.fromkeys(row.case.operation for row in rows):
-        points = [(trade.nanoseconds(row.in_cache), _shown(row.worst_ulps)) for row in _of(rows, operation=operation)]
-        axes.plot(*zip(*points, strict=True), color=_LIGHT, linewidth=1, zorder=1)
-    for row in rows:
-        style = {"color": _COLOURS[row.case.precision], "marker": _MARKERS[row.case.operation], "alpha": 0.85}
-        axes.plot(
-            trade.nanoseconds(row.in_cache), _shown(row.worst_ulps), markersize=8, linestyle="", zorder=2, **style
-        )
-    axes.set(xscale="log", yscale="log", ylabel=f"{dtype}: worst error,\nulps of a cancelled result")
+    points = [(row.case, (trade.nanoseconds(row.in_cache), _shown(row.worst_ulps)), {"alpha": 0.85}) for row in rows]
+    _draw_points(axes, points, _MARKERS)
+    axes.set(ylabel=f"{dtype}: worst error,\nulps of a cancelled result")
+
+
+def _draw_points(axes: Axes, points: Sequence[Point], markers: Mapping[str, str]):
+    """Of one case each, those of one operation in one dtype joined, in the colours of their precisions."""
+    for group in dict.fromkeys(case[:2] for case, _, _ in points):
+        joined = [at for case, at, _ in points if case[:2] == group]
+        axes.plot(*zip(*joined, strict=True), color=_LIGHT, linewidth=1, zorder=1)
+    for case, at, style in points:
+        look = {"color": _COLOURS[case.precision], "marker": markers[case.operation], "markersize": 8, **style}
+        axes.plot(*at, linestyle="", zorder=2, **look)
+    axes.set(xscale="log", yscale="log")
     axes.grid(alpha=0.25)
-
-
-def _of(rows: list[trade.Row], **names: str):
-    return [row for row in rows if all(getattr(row.case, name) == x for name, x in names.items())]
 
 
 def _shown(ulps: float):
@@ -97,8 +101,8 @@ def _label_trade(axes: list[Axes], result: Result):
     for a in axes:
         a.set(xlim=(min(low for low, _ in limits), max(high for _, high in limits)), ylim=(_LOWEST, None))
         _number_decades(a.xaxis)
-        a.axhline(0.5, color=_GREY, linewidth=0.8, linestyle=":", zorder=0)
-        _add_keys(a, result)
+        a.axhline(_ROUNDED, color=_GREY, linewidth=0.8, linestyle=":", zorder=0)
+        _add_legend(a, _keys_of_trade(result))
     axes[0].set_title("What an operation costs, and what its result is worth")
     axes[-1].set_xlabel(f"time per item, ns (median, {result.sizes[0]:,} items in cache)")
     _explain(axes[-1], _OF_TRADE)
@@ -122,25 +126,37 @@ def _explain(axes: Axes, text: str):
     axes.set_xlabel(f"{axes.get_xlabel()}\n{text}", linespacing=1.4)
 
 
-def _add_keys(axes: Axes, result: Result):
-    operations = dict.fromkeys(row.case.operation for row in result.rows)
-    keys = [_heading("precision"), *(_key("o", colour, name) for name, colour in _COLOURS.items())]
-    keys += [_heading("operation"), *(_key(_MARKERS[name], _GREY, OPERATIONS[name].title) for name in operations)]
-    keys += [_heading("lines"), _line("-", "one operation, in\nits four precisions", color=_LIGHT)]
-    keys += [_line(":", "rounded correctly\n(half an ulp)")]
-    axes.legend(handles=keys, frameon=False, loc="upper left", bbox_to_anchor=(1, 1.02), fontsize=_SMALL)
+def _keys_of_trade(result: Result) -> Keys:
+    names = dict.fromkeys(row.case.operation for row in result.rows)
+    return {
+        "precision": [_key("o", name, colour) for name, colour in _COLOURS.items()],
+        "operation": [_key(_MARKERS[name], OPERATIONS[name].title) for name in names],
+        "lines": [_line("-", "one operation, in\nits four precisions", color=_LIGHT), _line(":", _CORRECTLY)],
+    }
 
 
-def _heading(text: str):
-    return Line2D([], [], linestyle="", label=f"$\\bf{{{text}}}$")
+def _add_legend(axes: Axes, keys: Keys, **place: Any):
+    """Keys under headings; beside the axes unless another place is named."""
+    place = place or {"frameon": False, "loc": "upper left", "bbox_to_anchor": (1, 1.02)}
+    handles = [key for title, keys in keys.items() for key in (_line("", f"$\\bf{{{title}}}$"), *keys)]
+    return axes.legend(handles=handles, fontsize=_SMALL, **place)
 
 
 def _line(style: str, label: str, **names: Any):
     return Line2D([], [], linestyle=style, label=label, **{"color": _GREY, "linewidth": 0.8, **names})
 
 
-def _key(marker: str, colour: str, label: str, **style: Any):
+def _key(marker: str, label: str, colour: str = _GREY, **style: Any):
     return Line2D([], [], marker=marker, color=colour, linestyle="", markersize=7, label=label, **style)
+
+
+def _keys_of_dtypes(dtypes: Iterable[str]):
+    return [_key("o", dtype, markerfacecolor=_face(dtype)) for dtype in dict.fromkeys(dtypes)]
+
+
+def _face(dtype: str, colour: str = _GREY):
+    """Filled for float32, hollow for float64."""
+    return colour if dtype == "float32" else "white"
 
 
 # -- error against condition number -----------------------------------------------------------------------------------
@@ -157,7 +173,7 @@ def _draw_conditions(axes: Axes, curves: Sequence[conditions.Curve]):
     axes.set_ylabel("worst error, ulps of a cancelled result; no point where all results are exact")
     _draw_ends(axes, dict.fromkeys(curve.dtype for curve in curves))
     _label_conditions(axes, {(curve.precision, curve.dtype) for curve in curves})
-    _add_keys_of_conditions(axes, curves)
+    _add_legend(axes, _keys_of_conditions(curves), loc="upper left", framealpha=1, edgecolor="white").set_zorder(3)
     axes.grid(alpha=0.25)
 
 
@@ -168,12 +184,11 @@ _OF_CONDITIONS = (
 
 
 def _draw_curve(axes: Axes, curve: conditions.Curve):
-    """Filled for float32, hollow for float64; the promise as a thin line."""
+    """The promise as a thin line."""
     points = [point for point in curve.points if np.isfinite(point.condition) and point.results >= _ENOUGH]
     x, colour = np.array([point.condition for point in points]), _COLOURS[curve.precision]
-    face = {"markerfacecolor": colour if curve.dtype == "float32" else "white", "markersize": 5}
-    y = [point.worst_ulps or np.nan for point in points]
-    axes.plot(x, y, color=colour, marker=_MARKERS[curve.operation], linewidth=1.2, **face)
+    marker = {"marker": _MARKERS[curve.operation], "markerfacecolor": _face(curve.dtype, colour), "markersize": 5}
+    axes.plot(x, [point.worst_ulps or np.nan for point in points], color=colour, linewidth=1.2, **marker)
     dense = np.geomspace(1, x.max(), 200)
     axes.plot(dense, conditions.promised_ulps(curve, dense), color=colour, linewidth=0.8, linestyle="--")
 
@@ -200,16 +215,17 @@ def _label_conditions(axes: Axes, known: set[tuple[str, str]]):
             axes.text(x, y, text, color=_COLOURS[precision], fontweight="bold", fontsize=10)
 
 
-def _add_keys_of_conditions(axes: Axes, curves: Sequence[conditions.Curve]):
-    keys = [_heading("operation")]
-    keys += [_key(_MARKERS[n], _GREY, OPERATIONS[n].title) for n in dict.fromkeys(c.operation for c in curves)]
-    keys += [_heading("dtype")]
-    for dtype in dict.fromkeys(curve.dtype for curve in curves):
-        keys.append(_key("o", _GREY, dtype, markerfacecolor=_GREY if dtype == "float32" else "white"))
-    keys += [_heading("lines"), _line("-", "measured", linewidth=1.2), _line("--", "promised: never above")]
-    keys += [_line(":", "error as large as the result")]
-    legend = axes.legend(handles=keys, loc="upper left", fontsize=_SMALL, framealpha=1, edgecolor="white")
-    legend.set_zorder(3)
+def _keys_of_conditions(curves: Sequence[conditions.Curve]) -> Keys:
+    names = dict.fromkeys(curve.operation for curve in curves)
+    return {
+        "operation": [_key(_MARKERS[name], OPERATIONS[name].title) for name in names],
+        "dtype": _keys_of_dtypes(curve.dtype for curve in curves),
+        "lines": [
+            _line("-", "measured", linewidth=1.2),
+            _line("--", "promised: never above"),
+            _line(":", "error as large as the result"),
+        ],
+    }
 
 
 # -- whole algorithms and applications --------------------------------------------------------------------------------
@@ -217,27 +233,20 @@ def _add_keys_of_conditions(axes: Axes, curves: Sequence[conditions.Curve]):
 # What is drawn at the left end of the scale.
 _NOTHING = 1e-9
 _OF_ALGORITHMS = dict(zip(ALGORITHMS, "os", strict=True))
-_ROUNDED = 0.5
 
 
 def _draw_algorithms(axes: Axes, rows: Sequence[Evaluated]):
-    """Filled for float32, hollow for float64; one algorithm in one dtype joined, from fast to compensated."""
-    for group in dict.fromkeys(row.case[:2] for row in rows):
-        points = [_point(row) for row in rows if row.case[:2] == group]
-        axes.plot(*zip(*points, strict=True), color=_LIGHT, linewidth=1, zorder=1)
-    for row in rows:
-        colour = _COLOURS[row.case.precision]
-        face = colour if row.case.dtype == "float32" else "white"
-        style = {"color": colour, "marker": _OF_ALGORITHMS[row.case.operation], "markerfacecolor": face}
-        axes.plot(*_point(row), markersize=8, linestyle="", zorder=2, **style)
-    axes.set(xscale="log", yscale="log", title="What a whole algorithm costs, and what its result is worth")
+    """One algorithm in one dtype joined, from fast to compensated."""
+    faces = [{"markerfacecolor": _face(row.case.dtype, _COLOURS[row.case.precision])} for row in rows]
+    points = [(row.case, _point(row), face) for row, face in zip(rows, faces, strict=True)]
+    _draw_points(axes, points, _OF_ALGORITHMS)
+    axes.set(title="What a whole algorithm costs, and what its result is worth")
     _number_decades(axes.xaxis)
     axes.set(xlabel="time per state, \N{MICRO SIGN}s (median, a batch in one call)", ylim=(_LOWEST, None))
     axes.set_ylabel("worst error, ulps of the\nlargest number of a result")
     axes.axhline(_ROUNDED, color=_GREY, linewidth=0.8, linestyle=":", zorder=0)
     _explain(axes, "All errors are told against float64 compensated, which is drawn as rounded correctly")
-    axes.grid(alpha=0.25)
-    _add_keys_of_algorithms(axes, rows)
+    _add_legend(axes, _keys_of_algorithms(rows))
 
 
 def _point(row: Evaluated):
@@ -245,15 +254,14 @@ def _point(row: Evaluated):
     return trade.nanoseconds(row.seconds) / 1e3, _ROUNDED if np.isnan(row.worst_ulps) else _shown(row.worst_ulps)
 
 
-def _add_keys_of_algorithms(axes: Axes, rows: Sequence[Evaluated]):
-    precisions, names = (dict.fromkeys(row.case[i] for row in rows) for i in (2, 0))
-    keys = [_heading("precision"), *(_key("o", _COLOURS[name], name) for name in precisions)]
-    keys += [_heading("algorithm"), *(_key(_OF_ALGORITHMS[name], _GREY, ALGORITHMS[name].title) for name in names)]
-    keys += [_heading("dtype")]
-    for dtype in dict.fromkeys(row.case.dtype for row in rows):
-        keys.append(_key("o", _GREY, dtype, markerfacecolor=_GREY if dtype == "float32" else "white"))
-    keys += [_heading("lines"), _line(":", "rounded correctly\n(half an ulp)")]
-    axes.legend(handles=keys, frameon=False, loc="upper left", bbox_to_anchor=(1, 1.02), fontsize=_SMALL)
+def _keys_of_algorithms(rows: Sequence[Evaluated]) -> Keys:
+    names, dtypes, precisions = (dict.fromkeys(row.case[i] for row in rows) for i in range(3))
+    return {
+        "precision": [_key("o", name, _COLOURS[name]) for name in precisions],
+        "algorithm": [_key(_OF_ALGORITHMS[name], ALGORITHMS[name].title) for name in names],
+        "dtype": _keys_of_dtypes(dtypes),
+        "lines": [_line(":", _CORRECTLY)],
+    }
 
 
 def _draw_losses(axes: Axes, losses: Sequence[Loss]):

@@ -14,8 +14,8 @@ from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.links import across, to_parent
 from jaxspatial.dynamics.state import Inertia, Link, MechanismState, Pose
-from jaxspatial.inertia.addition import joined
 from jaxspatial.inertia.articulated import congruent
+from jaxspatial.inertia.composition import joined
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.spatial import algebra
 

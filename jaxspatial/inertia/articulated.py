@@ -1,13 +1,22 @@
 """Articulated-body inertia over numbers: six of J, nine of F and six of M, see `ArticulatedInertia`."""
 
+import numpy as np
+
 from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import constant, high, noinline, noinline_pairs, where
 from jaxspatial.arithmetic.numbers.protocol import Mask, Motion, Number, Numbers, Rows, Symmetric, Three
-from jaxspatial.inertia.addition import steiner
+from jaxspatial.inertia.composition import steiner
 from jaxspatial.spatial import algebra
 
 Symmetrics = tuple[Symmetric, Numbers, Symmetric]  # J, F and M
+
+# Where among the 21 entries those of a 6 x 6 matrix are, and these in it: rotational and translational in the lower
+# triangle, the coupling, transposed, in the lower left block.
+_ROTATIONAL, _TRANSLATIONAL = (np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]]) + first for first in (0, 15))
+_COUPLING = np.arange(6, 15).reshape(3, 3)
+TO_MATRIX = np.block([[_ROTATIONAL, _COUPLING], [_COUPLING.T, _TRANSLATIONAL]]).ravel().astype(np.int32)
+OF_MATRIX = np.array([0, 6, 7, 12, 13, 14, 18, 24, 30, 19, 25, 31, 20, 26, 32, 21, 27, 28, 33, 34, 35], np.int32)
 
 
 @formula(of_sums=True)

@@ -7,8 +7,7 @@ import jax
 from jaxspatial.arithmetic import check, symmetric
 from jaxspatial.arithmetic.types import Matrix, Matrix3, PrecisionName, Scalar, Six, Vector, Vector3
 from jaxspatial.inertia import parameters
-from jaxspatial.inertia.arguments import checked
-from jaxspatial.inertia.parts import Parts
+from jaxspatial.inertia.parts import Parts, checked
 from jaxspatial.rotation.matrices import as_matrices, expanded
 
 

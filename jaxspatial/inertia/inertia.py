@@ -17,14 +17,11 @@ from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.inertia.composition import Composition
 from jaxspatial.inertia.forms import Forms
 from jaxspatial.inertia.parts import Parts
-from jaxspatial.inertia.principal import PrincipalAxes
 from jaxspatial.inertia.shapes import Shapes
-from jaxspatial.spatial import algebra
-from jaxspatial.spatial.acceleration import SpatialAcceleration
+from jaxspatial.inertia.validity import PrincipalAxes
+from jaxspatial.spatial import SpatialAcceleration, SpatialForce, SpatialMomentum, SpatialVelocity, algebra
 from jaxspatial.spatial.arguments import require_kind
-from jaxspatial.spatial.force import SpatialForce, SpatialMomentum
 from jaxspatial.spatial.operations import rotate, shift
-from jaxspatial.spatial.velocity import SpatialVelocity
 
 
 @tree

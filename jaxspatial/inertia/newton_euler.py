@@ -8,11 +8,8 @@ from jaxspatial.arithmetic.numbers import Number, Numbers, Rows, Symmetric, Thre
 from jaxspatial.arithmetic.quantity import require_alike
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.inertia.inertia import SpatialInertia
-from jaxspatial.spatial import algebra
-from jaxspatial.spatial.acceleration import SpatialAcceleration
+from jaxspatial.spatial import SpatialAcceleration, SpatialForce, SpatialVelocity, algebra
 from jaxspatial.spatial.arguments import require_kind
-from jaxspatial.spatial.force import SpatialForce
-from jaxspatial.spatial.velocity import SpatialVelocity
 
 
 def newton_euler(

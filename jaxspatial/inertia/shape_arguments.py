@@ -1,7 +1,8 @@
 """What the constructors of uniform bodies are given: sizes, masses, densities and axes, as arrays."""
 
+import inspect
 from collections.abc import Callable, Container, Mapping
-from typing import Any, TypeVar
+from typing import Any, TypedDict, TypeVar, Unpack
 
 import jax
 import numpy as np
@@ -13,29 +14,63 @@ from jaxspatial.inertia.parts import Parts
 from jaxspatial.rotation.matrices import expanded
 
 _Inertia = TypeVar("_Inertia", bound=Parts)
+_BY_NAME = inspect.Parameter.KEYWORD_ONLY
 
 
-def mass_or_density(name: str, mass: Amount, density: Amount) -> tuple[str, Any]:
-    """("mass", mass) or ("density", density), of which exactly one is given."""
+class Given(TypedDict, total=False):
+    """
+        mass: (*batch,) kg; exactly one of mass and density is given.
+        density: (*batch,) kg/m3, of a shell kg/m2.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        The inertia over the common batch; about the centre of mass, the origin P, where nothing else is said.
+
+    Raises:
+        TypeError: both or neither of mass and density are given, or dtypes differ.
+        ValueError: a known number is negative, a length 0 that may not be, an inner radius above the outer one; or
+            shapes do not fit.
+    """
+
+    mass: Amount
+    density: Amount
+    precision: PrecisionName
+
+
+def completed(cls: type[_Inertia]) -> type[_Inertia]:
+    """Says for `help`, in docstring and signature of each constructor, what all take and do alike: see `Given`."""
+    named = [inspect.Parameter(name, _BY_NAME, default=None, annotation=x) for name, x in Given.__annotations__.items()]
+    for function in (x.__func__ for x in vars(cls).values() if isinstance(x, classmethod)):
+        *own, last = inspect.signature(function).parameters.values()
+        if last.kind is last.VAR_KEYWORD:
+            told, _, error = inspect.cleandoc(function.__doc__ or "").partition("\n\nError: ")
+            error = error or "as of all of `Shapes`."
+            function.__doc__ = f"{told}\n{inspect.cleandoc(Given.__doc__ or '')}\n\nError: {error}"
+            function.__signature__ = inspect.signature(function).replace(parameters=[*own, *named])
+    return cls
+
+
+def single_amount(
+    name: str, mass: Amount = None, density: Amount = None, precision: PrecisionName = None
+) -> tuple[str, Any, PrecisionName]:
+    """("mass", mass) or ("density", density), of which exactly one is given, and the precision."""
     if (mass is None) == (density is None):
         came = "neither" if mass is None else "both"
         raise TypeError(f"{name}: expected either mass or density, got {came}")
-    return ("density", density) if mass is None else ("mass", mass)
+    return ("density", density, precision) if mass is None else ("mass", mass, precision)
 
 
 def made(
     cls: type[_Inertia],
     name: str,
-    precision: PrecisionName,
-    mass: Amount,
-    density: Amount,
     lengths: Mapping[str, Vector | Scalar],
     axis: Vector3 | None = None,
     may_be_zero: Container[str] = (),
     n: int = 1,
+    **amounts: Unpack[Given],
 ) -> _Inertia:
     """The inertia that the formula of this name gives for lengths, or vectors of n lengths, and an axis."""
-    kind, amount = mass_or_density(name, mass, density)
+    kind, amount, precision = single_amount(name, **amounts)
     dtype = dtype_of(*lengths.values(), amount, axis)
     given = {kind: expanded(number(amount, f"{name}: {kind}", dtype, may_be_zero=True))}
     for key, x in lengths.items():

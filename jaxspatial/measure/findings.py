@@ -67,7 +67,7 @@ def _lines(finding: Finding):
         yield f"       -> {finding.advice}"
 
 
-def cause():
+def _cause():
     """What usually is to blame, by name."""
     flags = os.environ.get("XLA_FLAGS", "").split()
     suspects = [flag for flag in flags if any(word in flag for word in _SUSPECTS)]
@@ -81,9 +81,13 @@ def cause():
 
 def verdict(shares: Mapping[str, float], what: str, advice: str = ""):
     """holds, measured and advice of a promise that no result may break; shares: dtype -> share of results that do."""
-    holds = not any(shares.values())
     text = ", ".join(f"{share:.0%} in {name}" for name, share in shares.items() if share)
-    return holds, what if holds else f"broken for {text} of the results", "" if holds else advice or cause()
+    return held(not text, f"broken for {text} of the results" if text else what, advice)
+
+
+def held(holds: bool, measured: str, advice: str = "") -> Found:
+    """Of a promise: what usually is to blame, where it does not hold and nothing better is known."""
+    return holds, measured, "" if holds else advice or _cause()
 
 
 def rng():

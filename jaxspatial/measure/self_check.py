@@ -10,8 +10,8 @@ import os
 from collections.abc import Callable
 
 from jaxspatial.arithmetic.precision import Precision
-from jaxspatial.measure import block_checks, compiler_checks, promise_checks, timing
-from jaxspatial.measure.findings import Finding, Found, Report, cause
+from jaxspatial.measure import checks, timing
+from jaxspatial.measure.findings import Finding, Found, Report, held
 
 
 def self_check() -> Report:
@@ -34,20 +34,20 @@ def _found(name: str, check: Callable[[], Found]):
     try:
         return Finding(name, *check())
     except Exception as problem:  # noqa: BLE001 - a backend may fail in any way
-        return Finding(name, False, f"cannot be run: {type(problem).__name__}: {str(problem)[:200]}", cause())
+        return Finding(name, *held(False, f"cannot be run: {type(problem).__name__}: {str(problem)[:200]}"))
 
 
 _CHECKS = {
-    "products fused with additions": compiler_checks.contracted,
-    "errors of products": compiler_checks.errors_of_products,
-    "subnormal numbers": compiler_checks.subnormals,
-    "float16 and bfloat16": compiler_checks.narrow_formats,
-    "default precision of jnp.matmul": compiler_checks.matmul,
-    "float64": compiler_checks.float64,
-    "error-free sums": block_checks.two_sum,
-    "error-free products": block_checks.two_product,
-    "quotients": block_checks.division,
-    "double words": block_checks.double_words,
-    "precision 'reproducible'": promise_checks.reproducible_bits,
-    **{f"precision '{p}'": promise_checks.bounds(p) for p in Precision if p.sees_whole_sums},
+    "products fused with additions": checks.contracted,
+    "errors of products": checks.errors_of_products,
+    "subnormal numbers": checks.subnormals,
+    "float16 and bfloat16": checks.narrow_formats,
+    "default precision of jnp.matmul": checks.matmul,
+    "float64": checks.float64,
+    "error-free sums": checks.two_sum,
+    "error-free products": checks.two_product,
+    "quotients": checks.division,
+    "double words": checks.double_words,
+    "precision 'reproducible'": checks.reproducible_bits,
+    **{f"precision '{p}'": checks.bounds(p) for p in Precision if p.sees_whole_sums},
 }

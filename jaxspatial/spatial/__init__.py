@@ -1,11 +1,10 @@
 """Layer 2: spatial vectors, and the operations in which they meet."""
 
-# What registers `act` and `act_inverse` of spatial vectors.
-from jaxspatial.spatial import frames as frames
 from jaxspatial.spatial.acceleration import SpatialAcceleration as SpatialAcceleration
 from jaxspatial.spatial.force import SpatialForce as SpatialForce, SpatialMomentum as SpatialMomentum
+from jaxspatial.spatial.frames import act as act, act_inverse as act_inverse
 from jaxspatial.spatial.motion_force import cross as cross, dot as dot
-from jaxspatial.spatial.operations import act as act, act_inverse as act_inverse, rotate as rotate, shift as shift
+from jaxspatial.spatial.operations import rotate as rotate, shift as shift
 from jaxspatial.spatial.transform import RigidTransform as RigidTransform
 from jaxspatial.spatial.velocity import SpatialVelocity as SpatialVelocity
 from jaxspatial.spatial.wrench import CentralAxis as CentralAxis, center_of_pressure as center_of_pressure

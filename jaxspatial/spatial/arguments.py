@@ -1,7 +1,7 @@
 """What operations ask of their arguments."""
 
 from collections.abc import Callable, Iterable
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import jax
 
@@ -12,9 +12,13 @@ from jaxspatial.arithmetic.types import PrecisionName, Vector3
 _Kind = TypeVar("_Kind", bound=Quantity)
 
 
+def refuse(operation: str, expected: str, x: object) -> NoReturn:
+    raise TypeError(f"{operation}: expected {expected}, got {type(x).__name__}")
+
+
 def require_kind(x: object, kind: type, name: str, place: str = "") -> None:
     if not isinstance(x, kind):
-        raise TypeError(f"{name}: expected a {kind.__name__}{place}, got {type(x).__name__}")
+        refuse(name, f"a {kind.__name__}{place}", x)
 
 
 def require_no_w(X_P_E: Quantity, w: Vector3 | None, operation: str = "shift") -> None:

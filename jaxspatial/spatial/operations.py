@@ -24,22 +24,14 @@ sum of the absolute values of its terms, multiplied out.
 """
 
 import functools
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import Any, TypeVar
 
 from jaxspatial.arithmetic.quantity import Quantity
 from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.rotation.rotation import Rotation
-from jaxspatial.spatial.arguments import require_kind
-
-if TYPE_CHECKING:
-    # It is made of what is defined here.
-    from jaxspatial.spatial.transform import RigidTransform
+from jaxspatial.spatial.arguments import refuse, require_kind
 
 _Kind = TypeVar("_Kind", bound=Quantity)
-
-
-def _refuse(operation: str, expected: str, x: object) -> NoReturn:
-    raise TypeError(f"{operation}: expected {expected}, got {type(x).__name__}")
 
 
 @functools.singledispatch
@@ -83,7 +75,7 @@ def shift(X_P_E: Quantity, p_PQ_E: Vector3, w: Vector3 | None = None, *, precisi
         `jaxspatial.spatial.operations`.
     Source: Jain 2010, Robot and Multibody Dynamics, 1.4 and 1.5; Featherstone 2008, 2.11.
     """
-    _refuse("shift", "a SpatialForce, SpatialMomentum, SpatialVelocity or SpatialAcceleration", X_P_E)
+    refuse("shift", "a SpatialForce, SpatialMomentum, SpatialVelocity or SpatialAcceleration", X_P_E)
 
 
 @functools.singledispatch
@@ -113,7 +105,7 @@ def dot(F_P_E: Quantity, V_P_E: Quantity, *, precision: PrecisionName = None) ->
         derivatives, see `jaxspatial.spatial.operations`.
     Source: Jain 2010, Robot and Multibody Dynamics, 1.5.
     """
-    _refuse("dot", "a SpatialForce or SpatialMomentum and a SpatialVelocity", F_P_E)
+    refuse("dot", "a SpatialForce or SpatialMomentum and a SpatialVelocity", F_P_E)
 
 
 @functools.singledispatch
@@ -143,74 +135,7 @@ def cross(V_P_E: Quantity, X_P_E: Quantity, *, precision: PrecisionName = None) 
         edges, and for derivatives, see `jaxspatial.spatial.operations`.
     Source: Featherstone 2008, Rigid Body Dynamics Algorithms, 2.9, equations 2.31 and 2.32.
     """
-    _refuse("cross", "a SpatialVelocity first", V_P_E)
-
-
-def act(X_AB: "RigidTransform", X_Bo_B: _Kind, w: Vector3 | None = None, *, precision: PrecisionName = None) -> _Kind:
-    """Moves a spatial quantity from Bo to Ao and re-expresses it from frame B in frame A: X_Bo_B -> X_Ao_A.
-
-        force, momentum   f_A = R f             tau_A = R tau + p x f_A
-        velocity          w_A = R w             v_A = R v + p x w_A
-        acceleration      alpha_A = R alpha     a_A = R a + p x alpha_A + R w x (p x R w)
-        inertia           com_A = R com + p     central_A = R central R^T
-
-    `act_inverse` undoes it. Both points are points of the same body. For the velocity of a moving frame see
-    `SpatialVelocity.compose_with_moving_frame`. Power does not change when force and velocity are both acted on.
-
-    Args:
-        X_AB: RigidTransform (*batch,) with rotation R and translation p = p_AoBo_A.
-        X_Bo_B: any spatial vector, a SpatialInertia or an ArticulatedInertia (*batch,), about Bo, expressed in frame B.
-        w: (*batch, 3) angular velocity of the body, rad/s, in B. An acceleration needs it, all others refuse it.
-        precision: name of a precision; None takes the default.
-
-    Returns:
-        The kind of X_Bo_B, about Ao, in A, over the common batch. 42 flops, of an acceleration 93.
-
-    Raises:
-        TypeError: the arguments are of other kinds, dtypes differ, w is missing or not wanted.
-        ValueError: shapes do not fit.
-
-    Error: per component, mag the sum of the absolute values of its terms, multiplied out: at most 8 u mag in "fast" and
-        "reproducible" [acceleration 14 u mag], u |r| + 32 u^2 mag in "compensated" [128 u^2 mag], 1 ulp in "faithful",
-        while nothing over- or underflows. For the edges, and for derivatives, see `jaxspatial.spatial.operations`.
-    Source: Featherstone 2008, 2.8; Jain 2010, 1.5.
-    """
-    return acting(X_Bo_B, X_AB, w, precision, "act")
-
-
-@functools.singledispatch
-def acting(X: Quantity, X_AB: "RigidTransform", w: Vector3 | None, precision: PrecisionName, operation: str) -> Any:
-    """`act` or `act_inverse`, as `operation` says, dispatched on what is acted on."""
-    _refuse(operation, "a spatial vector or inertia as second", X)
-
-
-def act_inverse(
-    X_AB: "RigidTransform", X_Ao_A: _Kind, w: Vector3 | None = None, *, precision: PrecisionName = None
-) -> _Kind:
-    """`act` of X_AB^-1, without forming it: X_Ao_A -> X_Bo_B.
-
-        force, momentum   f_B = R^T f           tau_B = R^T (tau - p x f)
-        velocity          w_B = R^T w           v_B = R^T (v + w x p)
-        acceleration      alpha_B = R^T alpha   a_B = R^T (a + alpha x p + w x (w x p))
-        inertia           com_B = R^T (com - p) central_B = R^T central R
-
-    Args:
-        X_AB: RigidTransform (*batch,) with rotation R and translation p = p_AoBo_A.
-        X_Ao_A: any spatial vector, a SpatialInertia or an ArticulatedInertia (*batch,), about Ao, expressed in frame A.
-        w: (*batch, 3) angular velocity of the body, rad/s, in A. An acceleration needs it, all others refuse it.
-        precision: name of a precision; None takes the default.
-
-    Returns:
-        The kind of X_Ao_A, about Bo, in B, over the common batch.
-
-    Raises:
-        TypeError: the arguments are of other kinds, dtypes differ, w is missing or not wanted.
-        ValueError: shapes do not fit.
-
-    Error: as of `act`.
-    Source: as of `act`.
-    """
-    return acting(X_Ao_A, X_AB, w, precision, "act_inverse")
+    refuse("cross", "a SpatialVelocity first", V_P_E)
 
 
 def rotate(R_AE: Rotation, X_P_E: _Kind, *, precision: PrecisionName = None) -> _Kind:
@@ -243,4 +168,4 @@ def rotate(R_AE: Rotation, X_P_E: _Kind, *, precision: PrecisionName = None) -> 
 @functools.singledispatch
 def rotating(X_P_E: Quantity, R_AE: Rotation, precision: PrecisionName) -> Any:
     """`rotate`, dispatched on what is rotated."""
-    _refuse("rotate", "one of the four spatial vectors as second", X_P_E)
+    refuse("rotate", "one of the four spatial vectors as second", X_P_E)

@@ -13,8 +13,7 @@ import numpy as np
 
 import jaxspatial as js
 from jaxspatial.arithmetic import symmetric
-from jaxspatial.inertia import SpatialInertia
-from jaxspatial.inertia.joint_projection import joint_projection
+from jaxspatial.inertia import SpatialInertia, joint_projection
 
 N_BODIES = 5
 _OCTAHEDRON = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])

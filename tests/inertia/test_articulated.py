@@ -15,9 +15,8 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.arithmetic.promise import EXACT
-from jaxspatial.inertia import SpatialInertia
+from jaxspatial.inertia import SpatialInertia, joint_projection
 from jaxspatial.inertia.articulated_inertia import ArticulatedInertia
-from jaxspatial.inertia.joint_projection import joint_projection
 from jaxspatial.inertia.promises import ARTICULATED_ACT as ACT
 from jaxspatial.inertia.promises import ARTICULATED_ROTATED as TURN
 from jaxspatial.inertia.promises import ARTICULATED_SHIFT as SHIFT

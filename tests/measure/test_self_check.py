@@ -12,7 +12,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.arithmetic.sums.accumulators import faithful
 from jaxspatial.command.cli import main
-from jaxspatial.measure import compiler_checks, promise_checks, self_check
+from jaxspatial.measure import checks, self_check
 
 # What carries the name in the package is the function.
 module = importlib.import_module("jaxspatial.measure.self_check")
@@ -82,8 +82,8 @@ def test_says_how_errors_of_products_are_found(monkeypatch):
         (True, "by contraction to one operation, exact wherever it was tried, in float32 and float64"),
         (False, "by splitting"),
     ):
-        monkeypatch.setattr(compiler_checks.contraction, "holds", lambda _, found=found: found)
-        holds, measured, advice = compiler_checks.errors_of_products()
+        monkeypatch.setattr(checks.contraction, "holds", lambda _, found=found: found)
+        holds, measured, advice = checks.errors_of_products()
         assert holds is None and said in measured and ("compiler_options" in advice) is found
 
 
@@ -97,7 +97,7 @@ def test_scaling_that_the_compiler_takes_back_on_single_items_is_seen(monkeypatc
         return right if scale.shape else [x * scale * scale for x in unscaled]
 
     monkeypatch.setattr(faithful, "_scaled_parts", taken_back)
-    assert promise_checks._values_over(js.Precision.FAITHFUL, "float64") == float("inf")
+    assert checks._values_over(js.Precision.FAITHFUL, "float64") == float("inf")
 
 
 def test_command_prints_a_table(quick, capsys):

@@ -8,7 +8,7 @@ import pytest
 from jax import lax
 
 import jaxspatial as js
-from jaxspatial.measure import block_checks, compiler_checks, exact, findings, inputs, promise_checks
+from jaxspatial.measure import checks, exact, findings, inputs
 from jaxspatial.measure.operation import OPERATIONS
 
 U = Fraction(1, 2**24)
@@ -20,10 +20,10 @@ BOUNDED = pytest.mark.parametrize("precision", [js.Precision.COMPENSATED, js.Pre
 @pytest.mark.parametrize("dtype", findings.DTYPES)
 def test_an_error_may_be_what_is_promised_and_no_more(precision, part, dtype, monkeypatch):
     for worst in (1.0, 1.001, np.inf):
-        monkeypatch.setattr(promise_checks, "_values_over", lambda p, d: 0.5)
-        monkeypatch.setattr(promise_checks, "_derivatives_over", lambda p, d: 0.5)
-        monkeypatch.setattr(promise_checks, part, lambda p, d, worst=worst: worst if d == dtype else 0.5)
-        holds, measured, advice = promise_checks.bounds(precision)()
+        monkeypatch.setattr(checks, "_values_over", lambda p, d: 0.5)
+        monkeypatch.setattr(checks, "_derivatives_over", lambda p, d: 0.5)
+        monkeypatch.setattr(checks, part, lambda p, d, worst=worst: worst if d == dtype else 0.5)
+        holds, measured, advice = checks.bounds(precision)()
         assert holds is (worst <= 1) and f"{worst:.2g} ({dtype})" in measured and bool(advice) is (worst > 1)
 
 
@@ -40,17 +40,13 @@ def test_a_wrong_last_bit_is_seen(name, precision):
     right = OPERATIONS[name]
     wrong = right._replace(function=last_bit_off(right.function))
     arrays = inputs.benign(np.random.default_rng(0), len(right.arguments), 64, np.dtype("float32"))
-    assert (
-        promise_checks._over_promise(right, precision, arrays)
-        <= 1
-        < promise_checks._over_promise(wrong, precision, arrays)
-    )
+    assert checks._over_promise(right, precision, arrays) <= 1 < checks._over_promise(wrong, precision, arrays)
 
 
 def of_derivatives(precision, computed, value):
     """The error over the bound promised of a derivative with one exact value, and terms of size 1."""
     value, mag = (np.array([x], object) for x in (Fraction(value), Fraction(1)))
-    return promise_checks._over(precision, np.array([computed], np.float32), value, mag)
+    return checks._over(precision, np.array([computed], np.float32), value, mag)
 
 
 def test_derivatives_are_held_to_their_bound():
@@ -66,14 +62,14 @@ def test_double_words_are_held_to_their_promises(monkeypatch):
     """3 u^2 of a sum, 5 of a product, 15 of a quotient."""
     for worst, expected in (((3, 5, 15), True), ((3.1, 0, 0), False), ((0, 5.1, 0), False), ((0, 0, 15.1), False)):
         errors = iter(worst)
-        monkeypatch.setattr(block_checks, "_over_square", lambda *_, errors=errors: next(errors))
-        holds, _, advice = block_checks.double_words()
+        monkeypatch.setattr(checks, "_over_square", lambda *_, errors=errors: next(errors))
+        holds, _, advice = checks.double_words()
         assert holds is expected and bool(advice) is not expected
 
 
 def test_errors_of_double_words_are_in_units_of_the_square():
     x = js.DoubleWord(np.ones(2, np.float32), np.array([5 * 2.0**-48, -2 * 2.0**-48], np.float32))
-    assert block_checks._over_square(x, np.array([Fraction(1)] * 2), U) == 5
+    assert checks._over_square(x, np.array([Fraction(1)] * 2), U) == 5
 
 
 @pytest.mark.parametrize("wrong", ["sum", "error"])
@@ -82,26 +78,26 @@ def test_transforms_that_are_not_exact_are_seen(wrong):
         s = a + b
         return (s, jnp.zeros_like(s)) if wrong == "error" else (s + s, s - s)
 
-    holds, measured, _ = block_checks._transform(two_sum, lambda a, b: a + b, constants=True)
+    holds, measured, _ = checks._transform(two_sum, lambda a, b: a + b, constants=True)
     assert holds is False and "broken" in measured
 
 
 def test_transforms_that_are_wrong_beside_constants_only_are_seen():
     a = np.array([0.1, 0.3], np.float32)
-    inexact = block_checks._wrong_with_constants(lambda a, b: (a + b, (a + b) * 0), lambda a, b: a + b, a)
+    inexact = checks._wrong_with_constants(lambda a, b: (a + b, (a + b) * 0), lambda a, b: a + b, a)
     assert all(share > 0 for share in inexact)
 
 
 def test_a_quotient_that_is_not_rounded_correctly_is_seen(monkeypatch):
-    monkeypatch.setattr(block_checks.reproducible, "quotient", lambda a, b: a * lax.div(jnp.ones_like(b), b))
-    holds, measured, _ = block_checks.division()
+    monkeypatch.setattr(checks.reproducible, "quotient", lambda a, b: a * lax.div(jnp.ones_like(b), b))
+    holds, measured, _ = checks.division()
     assert holds is False and "broken" in measured
 
 
 def test_a_reproducible_result_that_is_not_that_of_numpy_is_seen(monkeypatch):
     wrong = OPERATIONS["dot"]._replace(function=last_bit_off(OPERATIONS["dot"].function))
     monkeypatch.setitem(OPERATIONS, "dot", wrong)
-    assert promise_checks.reproducible_bits()[0] is False
+    assert checks.reproducible_bits()[0] is False
 
 
 @pytest.mark.parametrize(("beyond", "noted"), [(58, "full precision"), (66, "cut to fewer digits")])
@@ -113,7 +109,7 @@ def test_a_matrix_product_is_full_up_to_one_u_per_term(beyond, noted, monkeypatc
         return product + jnp.float32(beyond * 2.0**-24) * mag
 
     monkeypatch.setattr(jnp, "matmul", off)
-    holds, measured, _ = compiler_checks.matmul()
+    holds, measured, _ = checks.matmul()
     assert holds is None and noted in measured
 
 

@@ -15,7 +15,7 @@ from jax import lax
 import jaxspatial as js
 from jaxspatial.arithmetic.errorfree import contraction, transforms
 from jaxspatial.arithmetic.numbers import conversion, pairs
-from jaxspatial.measure import inputs, promise_checks
+from jaxspatial.measure import checks, inputs
 from jaxspatial.measure.exact import rationals
 from jaxspatial.measure.operation import OPERATIONS
 from tests.helpers.marks import slow_but
@@ -173,15 +173,15 @@ def test_a_persistent_cache_gives_each_process_a_program_that_is_right_for_it(tm
 def test_hostile_inputs_each_way(name, precision, way):
     """Values, in a batch, a loop and one by one, whatever cancels or nearly overflows."""
     with contraction.forced(way):
-        arrays = promise_checks._hostile(name, js.Precision(precision), "float64")
-        assert promise_checks._over_promise(OPERATIONS[name], js.Precision(precision), arrays) <= 1
+        arrays = checks._hostile(name, js.Precision(precision), "float64")
+        assert checks._over_promise(OPERATIONS[name], js.Precision(precision), arrays) <= 1
 
 
 @BOTH
 @pytest.mark.parametrize("precision", ["compensated", "faithful"])
 def test_derivatives_each_way(precision, way):
     with contraction.forced(way):
-        assert promise_checks._derivatives_over(js.Precision(precision), "float64") <= 1
+        assert checks._derivatives_over(js.Precision(precision), "float64") <= 1
 
 
 def _both_ways(function, *arrays):
