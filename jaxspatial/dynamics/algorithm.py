@@ -7,6 +7,7 @@ what the precision asks for, see `numbers`, and rounded once at the end.
 
 import dataclasses
 import functools
+import inspect
 import warnings
 import weakref
 from collections.abc import Callable, Iterable, Sequence
@@ -21,9 +22,10 @@ from jaxspatial.arithmetic.precision import Precision, resolve
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.dynamics import primitive, program
 from jaxspatial.dynamics.along import Array, PyTreeDef
-from jaxspatial.dynamics.primitive import Aval
-from jaxspatial.dynamics.program import Result
+from jaxspatial.dynamics.arguments import checked
+from jaxspatial.dynamics.program import Aval, Result
 from jaxspatial.dynamics.state import MechanismState
+from jaxspatial.dynamics.tangents import Differentiable
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.mechanism.topology import Topology
 
@@ -51,7 +53,7 @@ class Known:
 
 
 @dataclasses.dataclass(eq=False)
-class Algorithm(program.Program):
+class Algorithm(Differentiable):
     """A formula for one structure, with the numbers that are known. tree: of (fields by name, arrays)."""
 
     formula: Any
@@ -243,20 +245,30 @@ def algorithm(
     kind: type[Algorithm] = Algorithm,
     entries: Callable[[Topology], int] | None = None,
     result: Callable[[Topology], tuple[int, ...]] | None = None,
+    at: str = "q",
 ) -> Any:
     """Makes of `formula(state, *arrays, **static)` a function of (precision, mechanism, q, *arrays, **static).
+
+    What it is called with is checked by the names that the formula has for it, see `checked`; messages begin with its
+    own name, or that of another `operation`.
 
     reads: the fields of a Mechanism that the formula uses. q and the arrays are (*batch, n), with batch shapes that
     broadcast, or trees of such arrays. kind: of program. entries: of a Topology, how many numbers the results have,
     where these are matrices. result: of a Topology, the shape of the result without its batch, where it is one array:
-    it is known then without a trace.
+    it is known then without a trace. at: the name of q.
     """
 
     def decorated(formula: Any) -> Any:
         formula.entries, formula.result = entries, result
+        names, name = [at, *list(inspect.signature(formula).parameters)[1:]], formula.__name__.lstrip("_")
 
         @functools.wraps(formula)
-        def call(precision: PrecisionName, mechanism: Mechanism, *arrays: Any, **static: Any) -> Any:
+        def call(
+            precision: PrecisionName, mechanism: Mechanism, *arrays: Any, operation: str = name, **static: Any
+        ) -> Any:
+            given = dict(zip(names, arrays, strict=False))
+            given = checked(operation, mechanism, **given, **static)
+            arrays, static = given[: len(arrays)], dict(zip(static, given[len(arrays) :], strict=True))
             fields = {name: getattr(mechanism, name) for name in reads}
             given, tree = jax.tree.flatten((fields, arrays))
             n_own = len(jax.tree.leaves(fields))

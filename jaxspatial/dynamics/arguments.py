@@ -1,12 +1,20 @@
-"""What a caller passes to an algorithm, checked: a mechanism, and arrays of its coordinates and rates."""
+"""What a caller passes to an algorithm, checked in one place: a mechanism, and what goes with it, by its name."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
 import numpy as np
 
 from jaxspatial.arithmetic import check
+from jaxspatial.dynamics.along import Array
 from jaxspatial.mechanism import Mechanism
+from jaxspatial.spatial import SpatialForce
+
+# SpatialForces by name of a frame, see `inverse_dynamics`.
+ExternalForces = dict[str, SpatialForce] | None
+Wrenches = dict[int, tuple[Array, Array]]  # (tau, f) by the number of a frame
+Frames = tuple[int, ...] | None  # by number, None for all bodies
 
 
 def checked_mechanism(operation: str, mechanism: object) -> Mechanism:
@@ -15,14 +23,57 @@ def checked_mechanism(operation: str, mechanism: object) -> Mechanism:
     return mechanism
 
 
-def checked(operation: str, mechanism: object, **arrays: Any) -> tuple[Any, ...]:
-    """The arrays of coordinates, (*batch, nq) for q and (*batch, nv) for all others, with a dtype in common."""
+def checked(operation: str, mechanism: object, **given: Any) -> tuple[Any, ...]:
+    """What is given, by name: q, q0 and q1 as arrays (*batch, nq), v, vdot and tau as (*batch, nv), a time dt as
+    (*batch, 1), with a dtype in common and batch shapes that broadcast; external_forces as Wrenches, frames and a body
+    as numbers of frames. Others, and None for an array, as they are."""
     mechanism = checked_mechanism(operation, mechanism)
-    sizes = {name: mechanism.nq if name.startswith("q") else mechanism.nv for name in arrays}
-    # Lists of numbers take the dtype of an array beside them.
-    dtype = next((x.dtype for x in arrays.values() if isinstance(x, check.ARRAYS)), None)
-    given = {name: check.as_vectors(x, f"{operation}: {name}", dtype, sizes[name]) for name, x in arrays.items()}
+    arrays = _arrays(operation, mechanism, {name: x for name, x in given.items() if x is not None})
+    forces = _by_frame(operation, mechanism, given.get("external_forces") or {})
+    named = {f"external_forces[{mechanism.frame_names[i]!r}]": F for i, F in forces.items()}
     data = [x for x in jax.tree.leaves(mechanism) if not isinstance(x, np.ndarray)]
-    check.require_same_dtype(**given, **({"mechanism": data[0]} if data else {}))
-    check.common_batch_shape(**{name: x.shape[:-1] for name, x in given.items()})
-    return tuple(given.values())
+    check.require_same_dtype(**arrays, **named, **({"mechanism": data[0]} if data else {}))
+    batches = {name: F.batch_shape for name, F in named.items()}
+    check.common_batch_shape(**{name: x.shape[:-1] for name, x in arrays.items()}, **batches)
+    wrenches = {i: (F.tau, F.f) for i, F in forces.items()}
+    numbers = {"frames": _frame_numbers, "body": _frame_number}
+    found = {name: numbers[name](f"{operation}: {name}", mechanism, given[name]) for name in numbers if name in given}
+    found |= {"external_forces": wrenches} if "external_forces" in given else {}
+    return tuple({**given, **arrays, **found}.values())
+
+
+def _arrays(operation: str, mechanism: Mechanism, given: dict[str, Any]) -> dict[str, jax.Array]:
+    sizes = dict.fromkeys(("q", "q0", "q1"), mechanism.nq) | dict.fromkeys(("v", "vdot", "tau"), mechanism.nv)
+    # Lists of numbers take the dtype of an array beside them.
+    dtype = next((x.dtype for name, x in given.items() if name in sizes and isinstance(x, check.ARRAYS)), None)
+    found = {
+        name: check.as_vectors(x, f"{operation}: {name}", dtype, sizes[name])
+        for name, x in given.items()
+        if name in sizes
+    }
+    if "dt" in given:
+        dtype = next(iter(found.values())).dtype
+        found["dt"] = check.as_float_array(given["dt"], f"{operation}: dt", dtype)[..., None]
+    return found
+
+
+def _by_frame(operation: str, mechanism: Mechanism, forces: Any) -> dict[int, SpatialForce]:
+    what = f"{operation}: external_forces"
+    if not isinstance(forces, dict):
+        raise TypeError(f"{what}: expected SpatialForces in a dict by name of a frame, got {type(forces).__name__}")
+    for name, F in forces.items():
+        if not isinstance(F, SpatialForce):
+            raise TypeError(f"{what}[{name!r}]: expected a SpatialForce, got {type(F).__name__}")
+    return check.narrowed({_frame_number(what, mechanism, name): F for name, F in forces.items()})
+
+
+def _frame_number(what: str, mechanism: Mechanism, name: str) -> int:
+    return mechanism.topology.index(mechanism.frame_names, name, what)
+
+
+def _frame_numbers(what: str, mechanism: Mechanism, names: Sequence[str] | None) -> Frames:
+    if names is None:
+        return None
+    if isinstance(names, str):
+        raise TypeError(f"{what}: expected a sequence of names, got the string {names!r}")
+    return tuple(_frame_number(what, mechanism, name) for name in names)

@@ -14,7 +14,9 @@ from jaxspatial.arithmetic.numbers import constant, high, is_constant, is_number
 from jaxspatial.arithmetic.numbers.protocol import Motion, Number, Numbers, Symmetric, Three
 from jaxspatial.dynamics import along, dense, recursion
 from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.links import BodyMotion, across, body_motion, to_parent
+from jaxspatial.dynamics.arguments import Wrenches
+from jaxspatial.dynamics.links import BodyMotion, across, body_motion, minus_gravity, to_parent
+from jaxspatial.dynamics.loads import loads
 from jaxspatial.dynamics.mass_matrix import matrix_of
 from jaxspatial.dynamics.recursive_newton_euler import forces_of
 from jaxspatial.dynamics.state import Inertia, Link, Load, MechanismState, Pose
@@ -56,15 +58,14 @@ class VelocityBias(NamedTuple):
     Z: Numbers
 
 
-def accelerations(
-    state: MechanismState, v: Array, tau: Array, body_loads: list[Load], gravity: Three
-) -> tuple[jax.Array, list[Any]]:
+def accelerations(state: MechanismState, v: Array, tau: Array, forces: Wrenches) -> tuple[jax.Array, list[Any]]:
     """(vdot, the factors of the mass matrix), by articulated bodies; with mimics, which tie joints of different bodies
     together, by the matrix."""
+    body_loads, gravity, links = loads(state, forces), minus_gravity(state), state.links(v, tau=tau)
     if state.topology.has_mimics:
         M, bias = matrix_of(state), state.numbers_by_rate(forces_of(state, v, None, body_loads, gravity))
-        return state.rounded(dense.solved(M, dense.rows_of(state, tau) - bias)), [M, *[()] * (len(state.bundles) - 1)]
-    own = list(zip(state.links(v, tau=tau), body_loads, strict=True))
+        return _by_matrix(state, M, links, bias), [M, *[()] * (len(state.bundles) - 1)]
+    own = list(zip(links, body_loads, strict=True))
     zero = state.no_vector
     biases = recursion.outward(state, _velocity_bias, zero, own)
     children = Articulated(zero + zero, zero + zero + zero, zero + zero, zero + zero)
@@ -77,6 +78,11 @@ def accelerations(
     ]
 
 
+def _by_matrix(state: MechanismState, M: Number, links: list[Link], bias: Number | float = 0.0):
+    """M^-1 (tau - bias)."""
+    return state.rounded(dense.solved(M, state.own_rates([link.tau for link in links]) - bias))
+
+
 def floats(state: MechanismState, bundle: Bundle):
     """Whether its bodies are floating roots, on free joints to the world: all six rates are found at once."""
     return bundle.kind.is_unconstrained and state.is_root(bundle)
@@ -84,10 +90,9 @@ def floats(state: MechanismState, bundle: Bundle):
 
 def solution(state: MechanismState, factors: list[Any], force: Array):
     """M^-1 forces, by the factors that `accelerations` found."""
-    if state.topology.has_mimics:
-        M, *_ = factors
-        return state.rounded(dense.solved(M, dense.rows_of(state, force)))
     zero, links = state.no_vector, state.links(tau=force)
+    if state.topology.has_mimics:
+        return _by_matrix(state, factors[0], links)
     left = recursion.inward(state, _bias_to_parent, zero + zero, list(zip(links, factors, strict=True)))
     both = [(link, (zero, zero), e) for link, e in zip(links, left, strict=True)]
     return state.by_rate(recursion.outward(state, _accelerate, (zero, zero), both))

@@ -7,7 +7,6 @@ from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Three, noinli
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import BODIES, algorithm
 from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.dynamics.mass_matrix import composites, inertia_times, wrench_to_parent
 from jaxspatial.dynamics.state import Inertia, JointState, MechanismState, Pose
@@ -34,7 +33,6 @@ def center_of_mass(mechanism: Mechanism, q: Coordinates, *, precision: Precision
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: its definition, sum of m p over sum of m.
     """
-    (q,) = checked("center_of_mass", mechanism, q=q)
     return _center_of_mass(precision, mechanism, q)
 
 
@@ -60,7 +58,6 @@ def center_of_mass_velocity(
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: its definition, sum of m v over sum of m.
     """
-    q, v = checked("center_of_mass_velocity", mechanism, q=q, v=v)
     return _center_of_mass_velocity(precision, mechanism, q, v)
 
 
@@ -83,7 +80,6 @@ def center_of_mass_jacobian(mechanism: Mechanism, q: Coordinates, *, precision: 
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Orin, Goswami, Lee 2013, Centroidal dynamics of a humanoid robot.
     """
-    (q,) = checked("center_of_mass_jacobian", mechanism, q=q)
     return _center_of_mass_jacobian(precision, mechanism, q)
 
 
@@ -111,7 +107,6 @@ def centroidal_momentum(
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Orin, Goswami, Lee 2013, Centroidal dynamics of a humanoid robot.
     """
-    q, v = checked("centroidal_momentum", mechanism, q=q, v=v)
     return SpatialMomentum(*_centroidal_momentum(precision, mechanism, q, v))
 
 
@@ -134,7 +129,6 @@ def centroidal_momentum_matrix(mechanism: Mechanism, q: Coordinates, *, precisio
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Orin, Goswami, Lee 2013, Centroidal dynamics of a humanoid robot, equation 25.
     """
-    (q,) = checked("centroidal_momentum_matrix", mechanism, q=q)
     return _centroidal_momentum_matrix(precision, mechanism, q)
 
 

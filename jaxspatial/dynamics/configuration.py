@@ -1,16 +1,13 @@
 """Steps on the manifold of configurations: along motions, between configurations, and random ones."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.types import BatchShape, Coordinates, DTypeLike, Key, PrecisionName, Rates, Scalar
 from jaxspatial.dynamics.algorithm import JOINTS, algorithm
 from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.arguments import checked, checked_mechanism
+from jaxspatial.dynamics.arguments import checked_mechanism
 from jaxspatial.dynamics.state import MechanismState
 from jaxspatial.mechanism import Mechanism
 
@@ -42,8 +39,7 @@ def integrate(
         these (number, quaternion, position), relative to it.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 2.36.
     """
-    q, v = checked("integrate", mechanism, q=q, v=v)
-    return _integrate(precision, mechanism, q, v, checked_time("integrate", dt, q)[..., None])
+    return _integrate(precision, mechanism, q, v, dt)
 
 
 def difference(mechanism: Mechanism, q0: Coordinates, q1: Coordinates, *, precision: PrecisionName = None) -> jax.Array:
@@ -71,7 +67,6 @@ def difference(mechanism: Mechanism, q0: Coordinates, q1: Coordinates, *, precis
         rotation vector, position), relative to it, while orientations are not opposite.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 2.36.
     """
-    q0, q1 = checked("difference", mechanism, q0=q0, q1=q1)
     return _difference(precision, mechanism, q0, q1)
 
 
@@ -127,7 +122,6 @@ def configuration_rates(
         relative to it.
     Source: of quaternions, Shuster 1993, A survey of attitude representations.
     """
-    q, v = checked("configuration_rates", mechanism, q=q, v=v)
     return _configuration_rates(precision, mechanism, q, v)
 
 
@@ -163,13 +157,6 @@ def random_configuration(
     return jnp.concatenate(parts, -1)
 
 
-def checked_time(operation: str, dt: Scalar, q: Any) -> jax.Array:
-    """dt as an array, of the dtype of q."""
-    time = check.as_float_array(dt, f"{operation}: dt", q.dtype)
-    check.require_same_dtype(q=q, dt=time)
-    return time
-
-
 @algorithm(*JOINTS)
 def _integrate(state: MechanismState, v: Array, dt: Array):
     """Each joint on its own: those of one kind side by side."""
@@ -183,7 +170,7 @@ def _configuration_rates(state: MechanismState, v: Array):
     return state.by_coordinate([own.dq_dt(v) for own in state.kind_states], state.topology.joints_by_kind)
 
 
-@algorithm(*JOINTS)
+@algorithm(*JOINTS, at="q0")
 def _difference(state: MechanismState, q1: Array):
     found = [own.apply("difference", own.coordinates(q1)) for own in state.kind_states]
     return state.by_rate(found, state.topology.joints_by_kind)

@@ -8,14 +8,6 @@ from jax import lax
 
 from jaxspatial.arithmetic.numbers import Number, as_data, data_of, high, mapped, shape_of, where, with_data
 from jaxspatial.dynamics import along
-from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.state import MechanismState
-
-
-def rows_of(state: MechanismState, array: Array):
-    """An array (n, B) as one number over its rows."""
-    shape = 1, state.n
-    return along.joined([along.spread(x, shape) for x in state.numbers(array.reshape((1, *array.shape)))])
 
 
 def solved(M: Number, b: Number) -> Number:

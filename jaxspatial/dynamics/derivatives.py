@@ -19,10 +19,11 @@ from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Rows, Three, 
 from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm
 from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.arguments import Wrenches
 from jaxspatial.dynamics.coordinates import by_coordinates
 from jaxspatial.dynamics.kinematics import world
 from jaxspatial.dynamics.links import BodyMotion, across, motion_step, subspace_times, world_motion
-from jaxspatial.dynamics.loads import Wrenches, loads
+from jaxspatial.dynamics.loads import loads
 from jaxspatial.dynamics.mass_matrix import (
     combine,
     halves,
@@ -45,10 +46,13 @@ FromRoot = tuple[Rows, Three, Three]
 
 @algorithm(*DYNAMICS, *FRAMES, entries=lambda t: 5 * t.nv**2)
 def derivatives(
-    state: MechanismState, v: Array | None, vdot: Array | None, forces: Wrenches, *, frames: tuple[int, ...]
+    state: MechanismState,
+    v: Array | None,
+    vdot: Array | None,
+    external_forces: Wrenches,
 ):
     """(dtau_dq, dtau_dv, M), (nv, nv) each, q by the steps of `integrate`."""
-    return tuple(map(state.rounded, _matrices(state, v, vdot, loads(state, frames, forces, _load_rate))))
+    return tuple(map(state.rounded, _matrices(state, v, vdot, loads(state, external_forces, _load_rate))))
 
 
 @algorithm(*DYNAMICS, *FRAMES, entries=lambda t: 5 * t.nv**2)
@@ -56,13 +60,12 @@ def jacobians(
     state: MechanismState,
     v: Array | None,
     vdot: Array | None,
-    forces: Wrenches,
+    external_forces: Wrenches,
     *,
-    frames: tuple[int, ...],
     wanted: tuple[bool, ...],
 ):
     """Those by q, v and vdot that are wanted, as JAX has them: q by its coordinates, (nv, nq)."""
-    dq, dv, M = _matrices(state, v, vdot, loads(state, frames, forces, _load_rate))
+    dq, dv, M = _matrices(state, v, vdot, loads(state, external_forces, _load_rate))
     found = (by_coordinates(state, dq) if wanted[0] else None), dv, M
     return [state.rounded(x) for x, yes in zip(found, wanted, strict=True) if yes]
 

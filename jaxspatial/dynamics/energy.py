@@ -7,7 +7,6 @@ from jaxspatial.arithmetic.numbers import Motion, Numbers, doubled, noinline
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import BODIES, algorithm
 from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.centroid import moments
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.dynamics.links import minus_gravity
@@ -36,7 +35,6 @@ def kinetic_energy(mechanism: Mechanism, q: Coordinates, v: Rates, *, precision:
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: its definition, the sum of m |v_C|^2 / 2 + w . I w / 2 of all bodies.
     """
-    q, v = checked("kinetic_energy", mechanism, q=q, v=v)
     return _kinetic_energy(precision, mechanism, q, v)
 
 
@@ -59,7 +57,6 @@ def potential_energy(mechanism: Mechanism, q: Coordinates, *, precision: Precisi
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: its definition.
     """
-    (q,) = checked("potential_energy", mechanism, q=q)
     return _potential_energy(precision, mechanism, q)
 
 

@@ -12,13 +12,13 @@ from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rate
 from jaxspatial.dynamics import primitive, program
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, of_rates
 from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.arguments import checked
+from jaxspatial.dynamics.arguments import ExternalForces, Wrenches
 from jaxspatial.dynamics.articulated_bodies import accelerations, floats, solution
 from jaxspatial.dynamics.inverse_dynamics import _inverse_dynamics  # pyright: ignore[reportPrivateUsage] - unchecked
-from jaxspatial.dynamics.links import minus_gravity
-from jaxspatial.dynamics.loads import ExternalForces, Wrenches, checked_forces, loads
+from jaxspatial.dynamics.loads import loads
 from jaxspatial.dynamics.recursive_newton_euler import forces_of
 from jaxspatial.dynamics.state import MechanismState
+from jaxspatial.dynamics.tangents import times_columns
 from jaxspatial.mechanism import Mechanism
 
 
@@ -60,9 +60,7 @@ def forward_dynamics(
         the other two. Derivatives are rounded to the dtype of q on the way: n u c in every precision.
     Source: Featherstone 2008, table 7.1.
     """
-    q, v, tau = checked("forward_dynamics", mechanism, q=q, v=v, tau=tau)
-    frames, forces = checked_forces("forward_dynamics", mechanism, external_forces, q)
-    return _forward_dynamics(precision, mechanism, q, v, tau, forces, frames=frames)
+    return _forward_dynamics(precision, mechanism, q, v, tau, external_forces)
 
 
 # -- programs ---------------------------------------------------------------------------------------------------------
@@ -115,7 +113,7 @@ class Solve(Algorithm):
             return None
         units = jnp.eye(self.topology.nv, dtype=force.dtype).reshape((-1, *[1] * n_batch, self.topology.nv))
         (inverse,) = primitive.bind(self, [*(x[None] for x in own), units], n_batch + 1)
-        return [program.times_columns(jnp.moveaxis(inverse, 0, -1), jnp.moveaxis(force, axes[-1], 0))]
+        return [times_columns(jnp.moveaxis(inverse, 0, -1), jnp.moveaxis(force, axes[-1], 0))]
 
     def columns(self, arrays: Sequence[jax.Array], n_batch: int) -> list[int]:
         """Of many states: their factors would have to be repeated for every column."""
@@ -162,16 +160,14 @@ def minus(a: jax.Array | None):
 
 
 @algorithm(*DYNAMICS, *FRAMES, kind=ForwardDynamics, result=of_rates)
-def _forward_dynamics(state: MechanismState, v: Array, tau: Array, forces: Wrenches, *, frames: tuple[int, ...]):
-    return accelerations(state, v, tau, loads(state, frames, forces), minus_gravity(state))[0]
+def _forward_dynamics(state: MechanismState, v: Array, tau: Array, external_forces: Wrenches):
+    return accelerations(state, v, tau, external_forces)[0]
 
 
 @algorithm(*DYNAMICS, *FRAMES, kind=WithFactors, entries=lambda t: 8 * t.nv)
-def _with_factors(
-    state: MechanismState, v: Array, tau: Array, forces: Wrenches, *, frames: tuple[int, ...]
-) -> tuple[jax.Array, ...]:
+def _with_factors(state: MechanismState, v: Array, tau: Array, external_forces: Wrenches) -> tuple[jax.Array, ...]:
     """And every word of the factors, as it is."""
-    vdot, factors = accelerations(state, v, tau, loads(state, frames, forces), minus_gravity(state))
+    vdot, factors = accelerations(state, v, tau, external_forces)
     return vdot, *state.words(factors)
 
 
@@ -191,4 +187,4 @@ def _form(state: MechanismState) -> list[Any]:
 
 @algorithm(*DYNAMICS, *FRAMES, result=of_rates)
 def _mass_times(state: MechanismState, a: Array):
-    return state.by_rate(forces_of(state, None, a, loads(state, (), ()), state.no_vector))
+    return state.by_rate(forces_of(state, None, a, loads(state, {}), state.no_vector))

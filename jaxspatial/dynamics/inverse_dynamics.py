@@ -5,10 +5,10 @@ import jax
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, of_rates
 from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.arguments import checked
+from jaxspatial.dynamics.arguments import ExternalForces, Wrenches
 from jaxspatial.dynamics.derivatives import jacobians
 from jaxspatial.dynamics.links import minus_gravity
-from jaxspatial.dynamics.loads import ExternalForces, Wrenches, checked_forces, loads
+from jaxspatial.dynamics.loads import loads
 from jaxspatial.dynamics.recursive_newton_euler import forces_of
 from jaxspatial.dynamics.state import MechanismState
 from jaxspatial.mechanism import Mechanism
@@ -54,9 +54,7 @@ def inverse_dynamics(
     Source: Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators; Featherstone 2008, table
         5.1.
     """
-    q, v, vdot = checked("inverse_dynamics", mechanism, q=q, v=v, vdot=vdot)
-    frames, forces = checked_forces("inverse_dynamics", mechanism, external_forces, q)
-    return _inverse_dynamics(precision, mechanism, q, v, vdot, forces, frames=frames)
+    return _inverse_dynamics(precision, mechanism, q, v, vdot, external_forces)
 
 
 def bias_forces(
@@ -90,9 +88,7 @@ def bias_forces(
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: as of `inverse_dynamics`.
     """
-    q, v = checked("bias_forces", mechanism, q=q, v=v)
-    frames, forces = checked_forces("bias_forces", mechanism, external_forces, q)
-    return _inverse_dynamics(precision, mechanism, q, v, None, forces, frames=frames)
+    return _inverse_dynamics(precision, mechanism, q, v, None, external_forces, operation="bias_forces")
 
 
 def gravity_forces(mechanism: Mechanism, q: Coordinates, *, precision: PrecisionName = None) -> jax.Array:
@@ -114,8 +110,7 @@ def gravity_forces(mechanism: Mechanism, q: Coordinates, *, precision: Precision
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: as of `inverse_dynamics`.
     """
-    (q,) = checked("gravity_forces", mechanism, q=q)
-    return _inverse_dynamics(precision, mechanism, q, None, None, (), frames=())
+    return _inverse_dynamics(precision, mechanism, q, None, None, None, operation="gravity_forces")
 
 
 class InverseDynamics(Algorithm):
@@ -135,7 +130,5 @@ class InverseDynamics(Algorithm):
 
 
 @algorithm(*DYNAMICS, *FRAMES, kind=InverseDynamics, result=of_rates)
-def _inverse_dynamics(
-    state: MechanismState, v: Array | None, vdot: Array | None, forces: Wrenches, *, frames: tuple[int, ...]
-):
-    return state.by_rate(forces_of(state, v, vdot, loads(state, frames, forces), minus_gravity(state)))
+def _inverse_dynamics(state: MechanismState, v: Array | None, vdot: Array | None, external_forces: Wrenches):
+    return state.by_rate(forces_of(state, v, vdot, loads(state, external_forces), minus_gravity(state)))

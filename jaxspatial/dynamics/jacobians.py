@@ -10,10 +10,8 @@ from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import along
 from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm
 from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.kinematics import (
     composed,
-    frame_place,
     of_carrier,
     poses,
     velocities,
@@ -46,8 +44,7 @@ def jacobian(mechanism: Mechanism, q: Coordinates, body: str, *, precision: Prec
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 3.4.
     """
-    (q,) = checked("jacobian", mechanism, q=q)
-    return _jacobian(precision, mechanism, q, frame=frame_place(mechanism, body, "jacobian: body"))
+    return _jacobian(precision, mechanism, q, body=body)
 
 
 def jacobian_rate(
@@ -74,16 +71,15 @@ def jacobian_rate(
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: the derivative of that of `jacobian`.
     """
-    q, v = checked("jacobian_rate", mechanism, q=q, v=v)
-    return _jacobian_rate(precision, mechanism, q, v, frame=frame_place(mechanism, body, "jacobian_rate: body"))
+    return _jacobian_rate(precision, mechanism, q, v, body=body)
 
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
-def _jacobian(state: MechanismState, *, frame: int):
+def _jacobian(state: MechanismState, *, body: int):
     found = poses(state)
-    p_WF = _origin(state, frame, found).p
+    p_WF = _origin(state, body, found).p
     columns = [
-        tuple(_column(state, b, frame, x) for x in _arms(joint, X, p_WF))
+        tuple(_column(state, b, body, x) for x in _arms(joint, X, p_WF))
         for b, joint, X in zip(state.bundles, state.joints, found, strict=True)
     ]
     return state.matrix_by_rate(columns)
@@ -117,13 +113,13 @@ def _column(state: MechanismState, bundle: Bundle, frame: int, column: Numbers):
 
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
-def _jacobian_rate(state: MechanismState, v: Array, *, frame: int):
+def _jacobian_rate(state: MechanismState, v: Array, *, body: int):
     found = list(zip(poses(state), velocities(state, v), strict=True))
-    X, V = of_carrier(state, frame, found, (world(state), (state.no_vector, state.no_vector)))
-    _, v_WF = velocity_in_world(X, state.frame_placement(frame), V)
-    p_WF = _origin(state, frame, [x for x, _ in found]).p
+    X, V = of_carrier(state, body, found, (world(state), (state.no_vector, state.no_vector)))
+    _, v_WF = velocity_in_world(X, state.frame_placement(body), V)
+    p_WF = _origin(state, body, [x for x, _ in found]).p
     columns = [
-        tuple(_column(state, b, frame, x) for x in _arm_rates(link, *own, p_WF, v_WF))
+        tuple(_column(state, b, body, x) for x in _arm_rates(link, *own, p_WF, v_WF))
         for b, link, own in zip(state.bundles, state.links(v), found, strict=True)
     ]
     return state.matrix_by_rate(columns)

@@ -11,7 +11,7 @@ from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import recursion
 from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm
 from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.arguments import checked
+from jaxspatial.dynamics.arguments import Frames
 from jaxspatial.dynamics.links import BodyMotion, acceleration_at, across, motion_step, subspace_times
 from jaxspatial.dynamics.state import JointState, Link, MechanismState, Pose
 from jaxspatial.mechanism import Mechanism
@@ -19,7 +19,6 @@ from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialVelocity
 
 T = TypeVar("T")
-Frames = tuple[int, ...] | None  # by number, None for all bodies
 
 
 def forward_kinematics(
@@ -45,10 +44,7 @@ def forward_kinematics(
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 3.2.
     """
-    (q,) = checked("forward_kinematics", mechanism, q=q)
-    entries, p = _forward_kinematics(
-        precision, mechanism, q, frames=frame_places(mechanism, frames, "forward_kinematics")
-    )
+    entries, p = _forward_kinematics(precision, mechanism, q, frames=frames)
     return RigidTransform(Rotation(entries), p)
 
 
@@ -81,9 +77,7 @@ def body_velocities(
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Featherstone 2008, 4.4 (velocities from body to body).
     """
-    q, v = checked("body_velocities", mechanism, q=q, v=v)
-    places = frame_places(mechanism, frames, "body_velocities")
-    return SpatialVelocity(*_body_velocities(precision, mechanism, q, v, frames=places))
+    return SpatialVelocity(*_body_velocities(precision, mechanism, q, v, frames=frames))
 
 
 def body_accelerations(
@@ -117,21 +111,7 @@ def body_accelerations(
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators.
     """
-    q, v, vdot = checked("body_accelerations", mechanism, q=q, v=v, vdot=vdot)
-    places = frame_places(mechanism, frames, "body_accelerations")
-    return SpatialAcceleration(*_body_accelerations(precision, mechanism, q, v, vdot, frames=places))
-
-
-def frame_place(mechanism: Mechanism, name: str, what: str) -> int:
-    return mechanism.topology.index(mechanism.frame_names, name, what)
-
-
-def frame_places(mechanism: Mechanism, names: Sequence[str] | None, operation: str) -> Frames:
-    if names is None:
-        return None
-    if isinstance(names, str):
-        raise TypeError(f"{operation}: frames: expected a sequence of names, got the string {names!r}")
-    return tuple(frame_place(mechanism, name, f"{operation}: frames") for name in names)
+    return SpatialAcceleration(*_body_accelerations(precision, mechanism, q, v, vdot, frames=frames))
 
 
 # -- poses ------------------------------------------------------------------------------------------------------------

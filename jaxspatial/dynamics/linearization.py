@@ -5,10 +5,9 @@ from typing import NamedTuple
 import jax
 
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates
-from jaxspatial.dynamics.arguments import checked
+from jaxspatial.dynamics.arguments import ExternalForces
 from jaxspatial.dynamics.derivatives import derivatives
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
-from jaxspatial.dynamics.loads import ExternalForces, checked_forces
 from jaxspatial.dynamics.mass_matrix import factored
 from jaxspatial.mechanism import Mechanism
 
@@ -66,9 +65,8 @@ def inverse_dynamics_derivatives(
     Source: Singh, Russell, Wensing 2022, Efficient analytical derivatives of rigid-body dynamics using spatial vector
         algebra.
     """
-    q, v, vdot = checked("inverse_dynamics_derivatives", mechanism, q=q, v=v, vdot=vdot)
-    frames, forces = checked_forces("inverse_dynamics_derivatives", mechanism, external_forces, q)
-    return InverseDynamicsDerivatives(*derivatives(precision, mechanism, q, v, vdot, forces, frames=frames))
+    found = derivatives(precision, mechanism, q, v, vdot, external_forces, operation="inverse_dynamics_derivatives")
+    return InverseDynamicsDerivatives(*found)
 
 
 def forward_dynamics_derivatives(

@@ -6,50 +6,19 @@ from typing import Any
 
 import jax
 
-from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import Three, Wrench, is_number, noinline
 from jaxspatial.dynamics import along
 from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.arguments import Wrenches
 from jaxspatial.dynamics.kinematics import poses, world
 from jaxspatial.dynamics.state import Load, MechanismState, Pose
-from jaxspatial.mechanism import Mechanism
 from jaxspatial.mechanism.topology import Bundle
-from jaxspatial.spatial import SpatialForce
 
-# SpatialForces by name of a frame, see `inverse_dynamics`.
-ExternalForces = dict[str, SpatialForce] | None
-Wrenches = tuple[tuple[Array, Array], ...]  # (tau, f) for each frame
 OfLoad = Callable[[Three, Three, Three], Any]
 
 
-def checked_forces(
-    operation: str, mechanism: Mechanism, external_forces: Any, q: Array
-) -> tuple[tuple[int, ...], Wrenches]:
-    """(the numbers of the frames with forces, the arrays (tau, f) of each)."""
-    external_forces = external_forces or {}
-    if not isinstance(external_forces, dict):
-        came = type(external_forces).__name__
-        raise TypeError(
-            f"{operation}: external_forces: expected SpatialForces in a dict by name of a frame, got {came}"
-        )
-    found = {}
-    for name, given in external_forces.items():
-        i = mechanism.topology.index(mechanism.frame_names, name, f"{operation}: external_forces")
-        if not isinstance(given, SpatialForce):
-            raise TypeError(
-                f"{operation}: external_forces[{name!r}]: expected a SpatialForce, got {type(given).__name__}"
-            )
-        F = check.narrowed(given)
-        check.require_same_dtype(q=q, **{f"external_forces[{name!r}]": F})
-        check.common_batch_shape(q=q.shape[:-1], **{f"external_forces[{name!r}]": F.batch_shape})
-        found[i] = F.tau, F.f
-    frames = tuple(sorted(found))
-    return frames, tuple(found[i] for i in frames)
-
-
-def loads(
-    state: MechanismState, frames: tuple[int, ...], forces: Wrenches, of_load: OfLoad | None = None
-) -> list[Load]:
+def loads(state: MechanismState, forces: Wrenches, of_load: OfLoad | None = None) -> list[Load]:
     """(tau, f) of every bundle, about J in its axes: known zeros where there are none.
 
     of_load: of (tau, f) and the place of the frame, further numbers that add up, a tuple.
@@ -57,8 +26,8 @@ def loads(
     of_load = of_load or (lambda tau, f, p_JF: ())
     nothing = (state.no_vector, state.no_vector, of_load(*(state.no_vector,) * 3))
     on_bodies = {}
-    placed = poses(state) if frames else None
-    for frame, F in zip(frames, forces, strict=True):
+    placed = poses(state) if forces else None
+    for frame, F in forces.items():
         body = state.topology.frames[frame][1]
         load = _of_frame(state, placed, frame, body, F, of_load)
         on_bodies[body] = (

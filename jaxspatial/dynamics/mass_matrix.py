@@ -8,10 +8,9 @@ from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Three, Wrench, is_constant, noinline, shape_of, where
 from jaxspatial.arithmetic.tree import tree
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName
-from jaxspatial.dynamics import along, dense, pairs, recursion
+from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import BODIES, algorithm
 from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.links import across, to_parent
 from jaxspatial.dynamics.state import Inertia, Link, MechanismState, Pose
 from jaxspatial.inertia.articulated import congruent
@@ -43,7 +42,6 @@ def mass_matrix(mechanism: Mechanism, q: Coordinates, *, precision: PrecisionNam
     Source: Walker, Orin 1982, Efficient dynamic computer simulation of robotic mechanisms; Featherstone 2008, table
         6.2.
     """
-    (q,) = checked("mass_matrix", mechanism, q=q)
     return _mass_matrix(precision, mechanism, q)
 
 
@@ -95,7 +93,7 @@ def with_armature(state: MechanismState, links: list[Link], M: Number):
     whole = pairs.by_rates(state, pairs.by_rates(state, M, 0), 1)
     if all(is_constant(x) and x.value == 0 for link in links for x in link.armature):
         return whole
-    rotors = dense.rows_of(state, state.fields["armature"])
+    rotors = state.own_rates([link.armature for link in links])
     on_diagonal = jnp.asarray(np.eye(shape_of(whole)[0], dtype=bool)[:, :, None])
     return where(on_diagonal, whole + along.mapped(lambda w: w[:, None], rotors), whole)
 

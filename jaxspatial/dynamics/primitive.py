@@ -6,7 +6,7 @@ A batch that leaves the cache runs in blocks that stay in it, on processors.
 import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,15 +14,11 @@ import numpy as np
 from jax import lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
-from jax.interpreters import partial_eval as pe
 
-if TYPE_CHECKING:
-    from jaxspatial.dynamics.program import Program
-
-Aval = jax.ShapeDtypeStruct
+from jaxspatial.dynamics.program import Aval, Program
 
 
-def bind(program: "Program", arrays: Sequence[Any], n_batch: int) -> list[Any]:
+def bind(program: Program, arrays: Sequence[Any], n_batch: int) -> list[Any]:
     """The results (*batch, ...) of arrays that have n_batch axes in front, of size 1 where they do not vary."""
     arrays = [c if not is_zero(c) else zeros(c.aval) for c in arrays]
     return list(_program_p.bind(*arrays, program=program, n_batch=n_batch))
@@ -32,7 +28,7 @@ def _common(shapes: Iterable[tuple[int, ...]]):
     return np.broadcast_shapes(*shapes)
 
 
-def _abstract(*avals: Any, program: "Program", n_batch: int) -> list[Any]:
+def _abstract(*avals: Any, program: Program, n_batch: int) -> list[Any]:
     batch = _common([a.shape[:n_batch] for a in avals])
     items = [jax.ShapeDtypeStruct(a.shape[n_batch:], a.dtype) for a in avals]
     size = block_size(math.prod(batch), program.block)
@@ -60,15 +56,15 @@ def _abstract(*avals: Any, program: "Program", n_batch: int) -> list[Any]:
     return found
 
 
-def _jvp(primals: Sequence[Any], tangents: Sequence[Any], *, program: "Program", n_batch: int):
+def _jvp(primals: Sequence[Any], tangents: Sequence[Any], *, program: Program, n_batch: int):
     return program.jvp(list(primals), list(tangents), n_batch)
 
 
-def _transpose(cotangents: Sequence[Any], *arguments: Any, program: "Program", n_batch: int):
+def _transpose(cotangents: Sequence[Any], *arguments: Any, program: Program, n_batch: int):
     return program.transposed(list(cotangents), list(arguments), n_batch)
 
 
-def _batch(arrays: Sequence[Any], axes: Sequence[int | None], *, program: "Program", n_batch: int):
+def _batch(arrays: Sequence[Any], axes: Sequence[int | None], *, program: Program, n_batch: int):
     """The new axis in front of those there are."""
     size = next(x.shape[axis] for x, axis in zip(arrays, axes, strict=True) if axis is not None)
     found = program.batched(arrays, axes, size, n_batch)
@@ -107,7 +103,7 @@ def zeros(aval: Aval):
 # -- running it -------------------------------------------------------------------------------------------------------
 
 
-def run(program: "Program", n_batch: int, in_blocks: bool, *arrays: jax.Array) -> list[jax.Array]:
+def run(program: Program, n_batch: int, in_blocks: bool, *arrays: jax.Array) -> list[jax.Array]:
     """With one axis of states, in blocks where so asked."""
     batch = _common([x.shape[:n_batch] for x in arrays])
     columns = program.columns(arrays, n_batch) if in_blocks else []
@@ -118,7 +114,7 @@ def run(program: "Program", n_batch: int, in_blocks: bool, *arrays: jax.Array) -
     return [_unflat(y, program.owner(i), arrays, n_batch, batch) for i, y in enumerate(found)]
 
 
-def _over_columns(program: "Program", axes: list[int], n_batch: int, arrays: Sequence[jax.Array]):
+def _over_columns(program: Program, axes: list[int], n_batch: int, arrays: Sequence[jax.Array]):
     """With columns, along these axes of the batch, as an axis behind the states."""
     *own, last = arrays
     states = [k for k in range(n_batch) if k not in axes]
@@ -154,7 +150,7 @@ def block_size(n: int, block: int):
     return -(-n // -(-n // block)) if n else n
 
 
-def _in_blocks(program: "Program", block: int | None, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
+def _in_blocks(program: Program, block: int | None, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
     n_blocks = -(-n // block) if block else 1
     if n_blocks < 2:
         return program.traced([_aval(x) for x in arrays])(*arrays)
@@ -197,24 +193,8 @@ def _aval(x: jax.Array):
     return jax.ShapeDtypeStruct(x.shape, x.dtype)
 
 
-class Traced:
-    """The trace of a program, without what its results do not need."""
-
-    def __init__(self, program: "Program", avals: Sequence[Aval]):
-        def flat(*arrays: jax.Array):
-            return list(program.evaluate(*arrays))
-
-        closed = jax.make_jaxpr(flat)(*avals)
-        jaxpr, _ = pe.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
-        self.run = jax.extend.core.jaxpr_as_fun(jax.extend.core.ClosedJaxpr(jaxpr, closed.consts))
-        self.out_avals = closed.out_avals
-
-    def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
-        return self.run(*arrays)
-
-
 def _lowering(in_blocks: bool) -> Callable[..., Any]:
-    def rule(context: Any, *arrays: Any, program: "Program", n_batch: int) -> Any:
+    def rule(context: Any, *arrays: Any, program: Program, n_batch: int) -> Any:
         """Without shardings and manual axes in the types: the arithmetic is elementwise, for the compiler to split."""
         with jax.sharding.use_abstract_mesh(_NO_MESH):
             plain = [jax.core.ShapedArray(a.shape, a.dtype) for a in context.avals_in]
@@ -225,7 +205,7 @@ def _lowering(in_blocks: bool) -> Callable[..., Any]:
 
 
 @functools.lru_cache(maxsize=64)
-def _compiled(program: "Program", n_batch: int) -> Callable[..., list[jax.Array]]:
+def _compiled(program: Program, n_batch: int) -> Callable[..., list[jax.Array]]:
     """The program on its own, for calls outside of any transformation."""
     return jax.jit(functools.partial(_program_p.bind, program=program, n_batch=n_batch))
 

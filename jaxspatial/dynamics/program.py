@@ -1,26 +1,19 @@
-"""Programs over batches, and the programs of their derivatives.
+"""Programs over batches: what the primitive runs.
 
 An algorithm is one primitive. Its formula sees one axis of states, innermost in memory, however many times and along
 whichever axes a caller maps it: (L, W, B), L joints along a chain, W chains side by side, B states.
-
-Derivatives are programs as well, made of the same formula, which they run again: what they keep are the arguments. The
-tangent of a program is linear, its transpose the pull-back; of these there are tangents and pull-backs again, to any
-order.
 """
 
 import functools
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any, TypeVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.interpreters import ad
-
-from jaxspatial.dynamics.primitive import Aval, Traced, batch_axis_first, bind, is_zero, over_own, zeros
+from jax.interpreters import partial_eval as pe
 
 T = TypeVar("T")
-Moving = tuple[bool, ...]
+Aval = jax.ShapeDtypeStruct
 Result = tuple[tuple[int, ...], Any]  # shape and dtype
 
 # How many states run side by side: enough for long loops, few enough for the cache; and how many numbers of results.
@@ -47,12 +40,6 @@ class Program:
             self._made[key] = maker()
         return self._made[key]
 
-    def tangent(self, moving: Moving):
-        return self.made(("tangent", moving), lambda: Tangent(self, moving))
-
-    def pullback(self, moving: Moving):
-        return self.made(("pullback", moving), lambda: Pullback(self, moving))
-
     def traced(self, avals: Sequence[Aval]):
         """Traced once for the same shapes."""
         key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), bool(jax.config.jax_enable_x64)
@@ -76,11 +63,6 @@ class Program:
         """Whether argument i has to be one for every state, as its cotangents are not to be added up."""
         return False
 
-    def jacobians(self, moving: Moving, n_columns: int) -> "Program | None":
-        """The program of the Jacobians of the one result by the arguments that move, where so many columns or rows at
-        one state are worth it; None where not, or where there is none."""
-        return None
-
     def columns(self, arrays: Sequence[jax.Array], n_batch: int) -> list[int]:
         """The axes of the batch along which only the last argument varies, where these are better gone through one by
         one than side by side, on processors."""
@@ -96,151 +78,24 @@ class Program:
 
     def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
         """(results, their tangents)."""
-        moving = tuple(not is_zero(t) for t in tangents)
-        given = [t for t in tangents if not is_zero(t)]
-        return bind(self, primals, n_batch), bind(self.tangent(moving), [*primals, *given], n_batch)
+        raise NotImplementedError
 
     def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
         """The cotangents of the arguments that are linear, None for others."""
-        linear = tuple(map(ad.is_undefined_primal, arguments))
-        at = [zeros(x.aval) if is_linear else x for x, is_linear in zip(arguments, linear, strict=True)]
-        return _placed(linear, bind(self.pullback(linear), [*at, *cotangents], n_batch))
+        raise NotImplementedError
 
 
-class Derived(Program):
-    """Of another program, with respect to the arguments that `moving` tells."""
+class Traced:
+    """The trace of a program, without what its results do not need."""
 
-    def __init__(self, of: Program, moving: Moving):
-        self.of, self.moving = of, moving
+    def __init__(self, program: Program, avals: Sequence[Aval]):
+        def flat(*arrays: jax.Array):
+            return list(program.evaluate(*arrays))
 
-    @property
-    def block(self):
-        return min(self.of.block, 512)
+        closed = jax.make_jaxpr(flat)(*avals)
+        jaxpr, _ = pe.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
+        self.run = jax.extend.core.jaxpr_as_fun(jax.extend.core.ClosedJaxpr(jaxpr, closed.consts))
+        self.out_avals = closed.out_avals
 
-    def _split(self, arrays: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-        """(the arguments of the program, what comes behind them)."""
-        n = len(self.moving)
-        return list(arrays[:n]), list(arrays[n:])
-
-    def _at_one_state(
-        self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int
-    ) -> tuple[list[jax.Array], list[jax.Array]] | None:
-        """(the Jacobians, what is mapped over, with the new axis in front), of arguments that are not; None else."""
-        at, others = self._split(arrays)
-        of = None if any(a is not None for a in axes[: len(at)]) else self.of.jacobians(self.moving, size)
-        if of is None:
-            return None
-        both = zip(others, axes[len(at) :], strict=True)
-        return bind(of, at, n_batch), [batch_axis_first(x, axis, size, False) for x, axis in both]
-
-    def _chosen(self, arguments: Sequence[Any]) -> list[Any]:
-        return [x for x, yes in zip(arguments, self.moving, strict=True) if yes]
-
-    def _of_chosen(self, arguments: Sequence[Any]) -> Callable[..., list[jax.Array]]:
-        """The program as a function of the arguments that move."""
-
-        def run(*chosen: jax.Array):
-            found = iter(chosen)
-            return self.of.evaluate(*(next(found) if yes else x for x, yes in zip(arguments, self.moving, strict=True)))
-
-        return run
-
-
-class Tangent(Derived):
-    """(arguments, tangents of those that move) -> the tangents of the results: linear in the latter."""
-
-    def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
-        arguments, tangents = self._split(arrays)
-        both = [_alike(x, t) for x, t in zip(self._chosen(arguments), tangents, strict=True)]
-        return jax.jvp(self._of_chosen(arguments), *zip(*both, strict=True))[1]
-
-    def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
-        n = len(self.moving)
-        return self.of.outputs(avals[:n], sizes[:n])
-
-    def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int):
-        found = self._at_one_state(arrays, axes, size, n_batch)
-        if found is None:
-            return None
-        matrices, tangents = found
-        return [times_columns(jnp.concatenate(matrices, -1), _concatenated(tangents))]
-
-    def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
-        at, tangents = self._split(arguments)
-        linear = list(map(ad.is_undefined_primal, tangents))
-        places = [i for i, yes in enumerate(self.moving) if yes]
-        moving = tuple(i in [p for p, yes in zip(places, linear, strict=True) if yes] for i in range(len(at)))
-        at = [
-            _over(x, tangents[places.index(i)].aval, n_batch) if yes else x
-            for i, (x, yes) in enumerate(zip(at, moving, strict=True))
-        ]
-        found = bind(self.of.pullback(moving), [*at, *cotangents], n_batch)
-        return [*[None] * len(at), *_placed(linear, found)]
-
-
-class Pullback(Derived):
-    """(arguments, cotangents of the results) -> the cotangents of the arguments that move."""
-
-    def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
-        arguments, cotangents = self._split(arrays)
-        run = self._of_chosen(arguments)
-        n = max((x.shape[0] for x in arrays), default=1)
-
-        def over_all(*chosen: jax.Array):
-            return [jnp.broadcast_to(y, (n, *y.shape[1:])) for y in run(*chosen)]
-
-        cotangents = [jnp.broadcast_to(c, (n, *c.shape[1:])) for c in cotangents]
-        return list(jax.vjp(over_all, *self._chosen(arguments))[1](cotangents))
-
-    def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
-        return [(a.shape, a.dtype) for a in self._chosen(avals[: len(self.moving)])]
-
-    def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int):
-        found = self._at_one_state(arrays, axes, size, n_batch)
-        if found is None:
-            return None
-        matrices, (cotangents,) = found
-        pulled = (times_columns(jnp.swapaxes(J, -1, -2), cotangents) for J in matrices)
-        like = (jax.ShapeDtypeStruct((size, *x.shape), x.dtype) for x in self._chosen(self._split(arrays)[0]))
-        return [over_own(y, x) for x, y in zip(like, pulled, strict=True)]
-
-    def owner(self, i: int) -> int | None:
-        return [j for j, yes in enumerate(self.moving) if yes][i]
-
-    def takes_cotangent(self, i: int):
-        return i >= len(self.moving)
-
-    def needs_own(self, i: int):
-        return i < len(self.moving) and self.moving[i]
-
-
-def times_columns(matrix: jax.Array, columns: jax.Array):
-    """(k, *batch, n) of a matrix (*batch, n, m) and k columns (k, *batch, m): rounded once more where these are no unit
-    vectors."""
-    shape = np.broadcast_shapes(matrix.shape[:-2], columns.shape[1:-1])
-    wide = np.dtype(np.float32) if matrix.dtype.itemsize == 2 else matrix.dtype
-    found = jnp.einsum(
-        "...ij,k...j->k...i", matrix, columns, precision="highest", preferred_element_type=wide, optimize=False
-    )
-    return jnp.broadcast_to(found, (columns.shape[0], *shape, matrix.shape[-2])).astype(matrix.dtype)
-
-
-def _concatenated(columns: Sequence[jax.Array]):
-    shape = np.broadcast_shapes(*(x.shape[:-1] for x in columns))
-    return jnp.concatenate([jnp.broadcast_to(x, (*shape, x.shape[-1])) for x in columns], -1)
-
-
-def _placed(linear: Sequence[bool], found: Iterable[Any]) -> list[Any]:
-    found = iter(found)
-    return [next(found) if yes else None for yes in linear]
-
-
-def _alike(x: jax.Array, t: jax.Array):
-    shape = np.broadcast_shapes(x.shape, t.shape)
-    return jnp.broadcast_to(x, shape), jnp.broadcast_to(t, shape)
-
-
-def _over(x: jax.Array, aval: Aval, n_batch: int):
-    """x over the batch of its tangent."""
-    shape = np.broadcast_shapes(x.shape[:n_batch], aval.shape[:n_batch])
-    return jnp.broadcast_to(x, (*shape, *x.shape[n_batch:]))
+    def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
+        return self.run(*arrays)

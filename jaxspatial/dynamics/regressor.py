@@ -10,7 +10,6 @@ from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import GEOMETRY, algorithm
 from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.links import BodyMotion, angular_acceleration_tensor, motion_step, world_motion
 from jaxspatial.dynamics.mass_matrix import generalized_force, halves, in_root_axes
 from jaxspatial.dynamics.state import MechanismState, Pose
@@ -45,7 +44,6 @@ def joint_torque_regressor(
     Source: Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and links; Khalil,
         Dombre 2002, 12.2.
     """
-    q, v, vdot = checked("joint_torque_regressor", mechanism, q=q, v=v, vdot=vdot)
     return _regressor(precision, mechanism, q, v, vdot)
 
 

@@ -9,6 +9,8 @@ import numpy as np
 
 from jaxspatial.arithmetic import numbers
 from jaxspatial.arithmetic.numbers import Number, Numbers, stacking
+from jaxspatial.arithmetic.precision import Precision
+from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.dynamics import alignment, along
 from jaxspatial.dynamics.along import Array
 from jaxspatial.mechanism.topology import Bundle, Topology
@@ -17,23 +19,25 @@ T = TypeVar("T")
 
 
 class Results:
-    """Of a state of n items, of a topology, with numbers rounded to dtype: a part of `MechanismState`."""
+    """n states of a topology: its fields by name, as numbers, and numbers rounded to dtype, as arrays. A part of
+    `MechanismState`."""
 
-    topology: Topology
-    fields: dict[str, Any]
-    n: int
-    dtype: np.dtype
-    _turns: alignment.QuarterTurns | None
+    def __init__(self, topology: Topology, fields: dict[str, Any], n: int, precision: Precision, dtype: DTypeLike):
+        self.topology, self.n, self.precision, self.dtype = topology, n, precision, np.dtype(dtype)
+        self.fields, self._turns = alignment.aligned(topology, fields)
 
     @property
     def bundles(self) -> tuple[Bundle, ...]:
-        raise NotImplementedError
+        return self.topology.bundles
 
     def numbers(self, array: Array) -> Numbers:
-        raise NotImplementedError
+        """The numbers of NumPy (..., k) or data (..., k, B)."""
+        array = array[..., None, :] if isinstance(array, np.ndarray) else jnp.moveaxis(array, -2, -1)
+        return stacking.of_terms(array, self.precision, self.dtype)
 
     def known(self, number: float) -> Number:
-        raise NotImplementedError
+        """A number that is known while tracing."""
+        return self.numbers(np.array([number]))[0]
 
     # -- bodies -------------------------------------------------------------------------------------------------------
 
@@ -87,6 +91,10 @@ class Results:
             factor = self.numbers(along.rows(self.fields["mimics"], bodies[row]))[0]
             own = along.added_at(own, places[row], factor * along.mapped(lambda w, k=row: w[k], whole))
         return own
+
+    def own_rates(self, found: Sequence[Numbers]) -> Number:
+        """Of the same those of joints that are no mimics, with nothing added."""
+        return self._own_rows(*self._gathered(found, self.bundles, of_rates=True))
 
     def by_coordinate(self, found: Sequence[Numbers], bundles: Sequence[Bundle] | None = None) -> jax.Array:
         """(nq, B) of one number per coordinate, in a tuple for each bundle; those of mimics are no coordinates."""

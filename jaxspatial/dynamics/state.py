@@ -14,10 +14,10 @@ import numpy as np
 
 from jaxspatial.arithmetic import numbers, vectors
 from jaxspatial.arithmetic.functions import cosine_sine
-from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Rows, Symmetric, Three, stacking
+from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Rows, Symmetric, Three
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.arithmetic.types import DTypeLike
-from jaxspatial.dynamics import alignment, along
+from jaxspatial.dynamics import along
 from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.results import Results
 from jaxspatial.mechanism.joints import JointKind, Parameter
@@ -84,13 +84,8 @@ class MechanismState(Results):
     def __init__(
         self, topology: Topology, fields: dict[str, Any], q: Array, n: int, precision: Precision, dtype: DTypeLike
     ):
-        self.topology, self.q, self.n = topology, q, n
-        self.precision, self.dtype = precision, np.dtype(dtype)
-        self.fields, self._turns = alignment.aligned(topology, fields)
-
-    @property
-    def bundles(self):
-        return self.topology.bundles
+        super().__init__(topology, fields, n, precision, dtype)
+        self.q = q
 
     @property
     def kind_states(self):
@@ -98,15 +93,6 @@ class MechanismState(Results):
         return [KindState(self, bundle) for bundle in self.topology.joints_by_kind]
 
     # -- numbers ------------------------------------------------------------------------------------------------------
-
-    def numbers(self, array: Array) -> Numbers:
-        """The numbers of NumPy (..., k) or data (..., k, B)."""
-        array = array[..., None, :] if isinstance(array, np.ndarray) else jnp.moveaxis(array, -2, -1)
-        return stacking.of_terms(array, self.precision, self.dtype)
-
-    def known(self, number: float) -> Number:
-        """A number that is known while tracing."""
-        return self.numbers(np.array([number]))[0]
 
     @property
     def no_vector(self) -> tuple[Number, Number, Number]:

@@ -2,7 +2,6 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,10 +12,9 @@ from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Number, Numbers, doubled
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates, Scalar
 from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.arguments import checked
-from jaxspatial.dynamics.configuration import checked_time, configuration_rates, integrate
+from jaxspatial.dynamics.arguments import ExternalForces, checked
+from jaxspatial.dynamics.configuration import configuration_rates, integrate
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
-from jaxspatial.dynamics.loads import ExternalForces
 from jaxspatial.dynamics.passive import Compliance, acting, resistance
 from jaxspatial.dynamics.variational import variational_step
 from jaxspatial.mechanism import Mechanism
@@ -70,13 +68,13 @@ def semi_implicit_step(
     Source: Hairer, Lubich, Wanner 2006, Geometric numerical integration, I.1.2; Todorov 2014, Convex and
         analytically-invertible dynamics with contacts and constraints (implicit damping).
     """
-    q, v, tau, time = _checked("semi_implicit_step", mechanism, q, v, tau, dt)
+    q, v, tau, h = checked("semi_implicit_step", mechanism, q=q, v=v, tau=tau, dt=dt)
     tau = _with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
     c = resistance(mechanism, v, compliance, precision)
-    accelerated = _accelerated if c is None or (c.ndim == 1 and not time.ndim) else _each_accelerated
-    vdot = accelerated(mechanism, precision, (q, v, tau), time, c, external_forces)
-    after = _euler(precision, v, time[..., None], vdot)
-    return integrate(mechanism, q, after, time, precision=precision), after
+    accelerated = _accelerated if c is None or (c.ndim == 1 and h.ndim == 1) else _each_accelerated
+    vdot = accelerated(mechanism, precision, (q, v, tau), h, c, external_forces)
+    after = _euler(precision, v, h, vdot)
+    return integrate(mechanism, q, after, dt, precision=precision), after
 
 
 def _with_springs_and_limits(
@@ -87,29 +85,29 @@ def _with_springs_and_limits(
 
 
 def _accelerated(
-    mechanism: Mechanism, precision: PrecisionName, at: At, dt: jax.Array, c: jax.Array | None, forces: ExternalForces
+    mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: jax.Array | None, forces: ExternalForces
 ) -> jax.Array:
     """dv/dt that leads to rates at which the resistance -c v acts."""
     q, v, tau = at
     if c is not None:
-        # (M + dt c) dv/dt = tau - c v - ...: as if the rotors had the inertia dt c more.
-        armature = jnp.asarray(mechanism.armature, c.dtype) + dt * c
+        # (M + h c) dv/dt = tau - c v - ...: as if the rotors had the inertia h c more.
+        armature = jnp.asarray(mechanism.armature, c.dtype) + h * c
         tau, mechanism = _damped(precision, tau, c, v), mechanism.replace(armature=armature)
     return forward_dynamics(mechanism, q, v, tau, forces, precision=precision)
 
 
 def _each_accelerated(
-    mechanism: Mechanism, precision: PrecisionName, at: At, dt: jax.Array, c: jax.Array, forces: ExternalForces
+    mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: jax.Array, forces: ExternalForces
 ) -> jax.Array:
     """Over a batch with a resistance, or a time, for each."""
-    given = *at, dt[..., None], c
+    given = *at, h, c
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in (*given, *jax.tree.leaves(forces))))
-    q, v, tau, dt, c = check.broadcast_batch(batch, *given)
+    q, v, tau, h, c = check.broadcast_batch(batch, *given)
     forces = jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, x.shape[-1])), forces)
     function = functools.partial(_accelerated, mechanism, precision)
     for _ in batch:
         function = jax.vmap(function)
-    return function((q, v, tau), dt[..., 0], c, forces)
+    return function((q, v, tau), h, c, forces)
 
 
 def symplectic_step(
@@ -159,9 +157,9 @@ def symplectic_step(
     Source: Marsden, West 2001, Discrete mechanics and variational integrators, 1.1 to 1.4; Lee, Leok, McClamroch 2007,
         Lie group variational integrators for the full body problem.
     """
-    *at, time = _checked("symplectic_step", mechanism, q, v, tau, dt)
-    batch = np.broadcast_shapes(*(x.shape[:-1] for x in at), time.shape)
-    q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (*at, time[..., None]))
+    *at, h = checked("symplectic_step", mechanism, q=q, v=v, tau=tau, dt=dt)
+    batch = np.broadcast_shapes(*(x.shape[:-1] for x in at), h.shape[:-1])
+    q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (*at, h))
     tau = _with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
     damping = resistance(mechanism, v, compliance, precision)
     return variational_step(mechanism, q, v, tau, h, damping, external_forces, iterations, precision)
@@ -209,7 +207,7 @@ def rk4_step(
         "compensated" and "faithful" the stages between are rounded to the dtype.
     Source: Hairer, Norsett, Wanner 1993, Solving ordinary differential equations I, II.1.
     """
-    q, v, tau, time = _checked("rk4_step", mechanism, q, v, tau, dt)
+    q, v, tau, h = checked("rk4_step", mechanism, q=q, v=v, tau=tau, dt=dt)
 
     def rate(q: Array, v: Array) -> tuple[jax.Array, jax.Array]:
         passive = acting(mechanism, q, v, compliance, precision)
@@ -217,19 +215,19 @@ def rk4_step(
         vdot = forward_dynamics(mechanism, q, v, forces, external_forces, precision=precision)
         return configuration_rates(mechanism, q, v, precision=precision), vdot
 
-    q, v = _runge_kutta(precision, rate, (q, v), time[..., None])
+    q, v = _runge_kutta(precision, rate, (q, v), h)
     nowhere = np.zeros(mechanism.nv, q.dtype)
     return integrate(mechanism, q, nowhere, precision=precision), v
 
 
 def _runge_kutta(
-    precision: PrecisionName, rate: Callable[..., tuple[jax.Array, jax.Array]], x: tuple[Array, Array], dt: jax.Array
+    precision: PrecisionName, rate: Callable[..., tuple[jax.Array, jax.Array]], x: tuple[Array, Array], h: jax.Array
 ) -> tuple[jax.Array, ...]:
     k = [rate(*x)]
     for share in (0.5, 0.5, 1.0):
-        ahead = (_euler(precision, a, dt * dt.dtype.type(share), b) for a, b in zip(x, k[-1], strict=True))
+        ahead = (_euler(precision, a, h * h.dtype.type(share), b) for a, b in zip(x, k[-1], strict=True))
         k.append(rate(*ahead))
-    return tuple(_rk4_mean(precision, a, dt, *rates) for a, *rates in zip(x, *k, strict=True))
+    return tuple(_rk4_mean(precision, a, h, *rates) for a, *rates in zip(x, *k, strict=True))
 
 
 @formula
@@ -253,10 +251,3 @@ def _plus(a: Numbers, b: Numbers):
 @formula
 def _damped(tau: Numbers, damping: Numbers, v: Numbers):
     return tuple(t - d * x for t, d, x in zip(tau, damping, v, strict=True))
-
-
-def _checked(
-    operation: str, mechanism: Mechanism, q: Coordinates, v: Rates, tau: Forces, dt: Scalar
-) -> tuple[Any, Any, Any, jax.Array]:
-    at = checked(operation, mechanism, q=q, v=v, tau=tau)
-    return *at, checked_time(operation, dt, at[0])

@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic.types import PrecisionName
+from jaxspatial.dynamics.arguments import ExternalForces
 from jaxspatial.dynamics.configuration import configuration_rates, difference, integrate
 from jaxspatial.dynamics.energy import kinetic_energy
 from jaxspatial.dynamics.inverse_dynamics import bias_forces
-from jaxspatial.dynamics.loads import ExternalForces
 from jaxspatial.dynamics.mass_matrix import factored, mass_matrix
 from jaxspatial.mechanism import Mechanism
 
