@@ -61,10 +61,12 @@ def _by_frame(operation: str, mechanism: Mechanism, forces: Any) -> dict[int, Sp
     what = f"{operation}: external_forces"
     if not isinstance(forces, dict):
         raise TypeError(f"{what}: expected SpatialForces in a dict by name of a frame, got {type(forces).__name__}")
-    for name, F in forces.items():
+    found = {_frame_number(what, mechanism, name): F for name, F in forces.items()}
+    for i, F in found.items():
         if not isinstance(F, SpatialForce):
+            name = mechanism.frame_names[i]
             raise TypeError(f"{what}[{name!r}]: expected a SpatialForce, got {type(F).__name__}")
-    return check.narrowed({_frame_number(what, mechanism, name): F for name, F in forces.items()})
+    return check.narrowed(found)
 
 
 def _frame_number(what: str, mechanism: Mechanism, name: str) -> int:

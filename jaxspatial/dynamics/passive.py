@@ -211,7 +211,7 @@ def _positional(own: KindState, v: Array, compliance: Compliance) -> list[Number
             forces = _plus(forces, _of_springs(own, q))
         if has_limits:
             forces = _plus(forces, _of_limits(own, q, cos_sin, v, compliance))
-        forces = kind.generalized_forces(own.parameters, q, cos_sin, forces)
+        forces = own.joint.generalized_forces(q, cos_sin, forces)
     return [[*torques, *forces]]
 
 
@@ -222,20 +222,20 @@ def _plus(a: Numbers, b: Numbers):
 def _of_sphere_spring(own: KindState, q: Numbers):
     fields = own.state.fields
     reference, stiffness = own.coordinates(fields["spring_references"]), own.rates(fields["stiffness"])
-    return own.kind.sphere_spring(own.parameters, q, reference, stiffness)
+    return own.joint.sphere_spring(q, reference, stiffness)
 
 
 def _of_springs(own: KindState, q: Numbers):
     """By coordinate, of those that are not of the sphere."""
     fields, (start, first_rate) = own.state.fields, own.kind.sphere
     reference, stiffness = own.coordinates(fields["spring_references"]), own.rates(fields["stiffness"])[first_rate:]
-    deflection = own.kind.deflection(own.parameters, reference[start:], q[start:])
+    deflection = own.joint.deflection(reference[start:], q[start:])
     return [-k * d for k, d in zip(stiffness, deflection, strict=True)]
 
 
 def _of_limits(own: KindState, q: Numbers, cos_sin: CosSin, v: Array, compliance: Compliance):
     fields, (start, first_rate) = own.state.fields, own.kind.sphere
-    speeds = own.kind.rates(own.parameters, q, cos_sin, own.rates(v))[start:]
+    speeds = own.joint.rates(q, cos_sin, own.rates(v))[start:]
     softness = [own.rates(x)[first_rate:] for x in (compliance.limit_stiffness, compliance.limit_damping)]
     limits = [own.coordinates(fields[name])[start:] for name in ("lower", "upper")]
     return [_of_limit(*x) for x in zip(q[start:], speeds, *softness, *limits, strict=True)]

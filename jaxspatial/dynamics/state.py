@@ -22,7 +22,6 @@ from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.results import Results
 from jaxspatial.mechanism.joints import JointKind, Parameter
 from jaxspatial.mechanism.joints.form import CosSin
-from jaxspatial.mechanism.joints.geometry import JointNumbers
 from jaxspatial.mechanism.topology import Bundle, Topology
 
 
@@ -42,23 +41,22 @@ class Inertia(NamedTuple):
 
 
 class JointState(NamedTuple):
-    """A joint at its coordinates: see `JointKind`."""
+    """A joint at its coordinates."""
 
-    kind: type[JointKind]
-    parameters: JointNumbers
+    kind: JointKind
     q: Numbers
     cos_sin: CosSin
 
     @property
     def transform(self):
-        return Pose(*self.kind.transform(self.parameters, self.q, self.cos_sin))
+        return Pose(*self.kind.transform(self.q, self.cos_sin))
 
     @property
     def subspace(self) -> tuple[Motion, ...]:
-        return self.kind.motion_subspace(self.parameters, self.cos_sin)
+        return self.kind.motion_subspace(self.cos_sin)
 
     def subspace_rate(self, v: Numbers) -> tuple[Motion, ...]:
-        return self.kind.motion_subspace_rate(self.parameters, self.cos_sin, v)
+        return self.kind.motion_subspace_rate(self.cos_sin, v)
 
 
 class Link(NamedTuple):
@@ -142,14 +140,14 @@ class MechanismState(Results):
 
     # -- bundles ------------------------------------------------------------------------------------------------------
 
-    def parameters(self, bundle: Bundle) -> JointNumbers:
-        """What its joints are made with, as verbs of their kind take it."""
+    def joint(self, bundle: Bundle) -> JointKind:
+        """Its joints, with the numbers that they are made with."""
 
         def numbers_of(p: Parameter):
             found = self.of(bundle, self.fields[p.field] if p.field else self.fields["parameters"][p.name])
             return found if p.size > 1 else found[0]
 
-        return bundle.kind.numbers(numbers_of, self.known(0.0))
+        return bundle.kind(numbers_of, self.known(0.0))
 
     def placement(self, bundle: Bundle):
         return self._pose(self.fields["placements"], bundle.bodies)
@@ -198,7 +196,7 @@ class MechanismState(Results):
         q = [self.coordinates(b, self.q) for b in self.bundles]
         found = self._cos_sin([x[k] for x, b in zip(q, self.bundles, strict=True) for k in b.kind.angles])
         return [
-            JointState(b.kind, self.parameters(b), x, {k: next(found) for k in b.kind.angles})
+            JointState(self.joint(b), x, {k: next(found) for k in b.kind.angles})
             for b, x in zip(self.bundles, q, strict=True)
         ]
 
@@ -233,13 +231,13 @@ class KindState:
         return along.rows(array, np.concatenate([np.arange(s.start, s.stop) for s in slices]))
 
     @property
-    def parameters(self):
-        return self.state.parameters(self.bundle)
+    def joint(self):
+        return self.state.joint(self.bundle)
 
     def apply(self, verb: str, other: Numbers) -> Numbers:
         """A verb of the kind, of its coordinates and others or a step."""
         q = self.coordinates(self.state.q)
-        return numbers.noinline(getattr(self.kind, verb))(self.parameters, q, other)
+        return numbers.noinline(getattr(self.kind, verb))(self.joint, q, other)
 
     def cos_sin(self, q: Numbers) -> CosSin:
         """Of its angles, for the rates of its coordinates."""
@@ -261,4 +259,4 @@ class KindState:
     def _dq_dt(self, several: list[Numbers]) -> list[Numbers]:
         q = self.coordinates(self.state.q)
         cos_sin = self.cos_sin(q)
-        return [self.kind.rates(self.parameters, q, cos_sin, v) for v in several]
+        return [self.joint.rates(q, cos_sin, v) for v in several]

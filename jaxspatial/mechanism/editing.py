@@ -159,9 +159,8 @@ def _locked(mechanism: Mechanism, joints: list[Joint], i: int, q: npt.ArrayLike)
 
 def _transform(kind: type[JointKind], joint: Joint, q: np.ndarray):
     """X across a joint at known coordinates."""
-    numbers = kind.numbers(lambda p: _parameter(joint, p), _number(0.0))
     cos_sin = {k: (_number(np.cos(q[k])), _number(np.sin(q[k]))) for k in kind.angles}
-    rows, p = kind.transform(numbers, tuple(map(_number, q)), cos_sin)
+    rows, p = kind(lambda p: _parameter(joint, p), _number(0.0)).transform(tuple(map(_number, q)), cos_sin)
     entries = np.array([float(high(x)) for row in rows for x in row])
     return RigidTransform(Rotation(entries), np.array([float(high(x)) for x in p]))
 

@@ -36,24 +36,20 @@ class SineCosineRevolute(JointKind):
     name, nq, nv, neutral, sphere = "sine_cosine_revolute", 2, 1, (0.0, 1.0), (2, 1)
     parameters, is_about_one_axis = (AXIS,), True
 
-    @staticmethod
-    def transform(joint, q, cos_sin):
-        return Revolute.transform(joint, q, {0: (q[1], q[0])})
+    def transform(self, q, cos_sin):
+        return Revolute.transform(self, q, {0: (q[1], q[0])})
 
     motion_subspace = Revolute.motion_subspace
     constraint_subspace = Revolute.constraint_subspace
 
-    @staticmethod
-    def rates(joint, q, cos_sin, v):
+    def rates(self, q, cos_sin, v):
         return q[1] * v[0], -(q[0] * v[0])
 
-    @staticmethod
-    def integrate(joint, q, step):
+    def integrate(self, q, step):
         (s, c), (cosine, sine) = q, cosine_sine(step[0])
         return vectors.unit((s * cosine + c * sine, c * cosine - s * sine))
 
-    @staticmethod
-    def difference(joint, q, q2):
+    def difference(self, q, q2):
         s, c = q2[0] * q[1] - q2[1] * q[0], q2[1] * q[1] + q2[0] * q[0]
         acute = s * angle_ratio(s * s, abs(c), (s * s + c * c).sqrt())
         return (where(c >= 0, acute, where(s >= 0, pi(s), -pi(s)) - acute),)
@@ -73,16 +69,14 @@ class OffsetScrew(JointKind):
 
     name, nq, nv, angles, parameters = "offset_screw", 1, 1, (0,), (AXIS, LEAD, OFFSET)
 
-    @staticmethod
-    def transform(joint, q, cos_sin) -> Any:
-        rows, _ = Revolute.transform(joint, q, cos_sin)
-        arm = vectors.minus(joint.offset, vectors.matrix_times(rows, joint.offset))
-        return rows, vectors.plus(arm, vectors.times(joint.lead * q[0], joint.axis))
+    def transform(self, q, cos_sin) -> Any:
+        rows, _ = Revolute.transform(self, q, cos_sin)
+        arm = vectors.minus(self.offset, vectors.matrix_times(rows, self.offset))
+        return rows, vectors.plus(arm, vectors.times(self.lead * q[0], self.axis))
 
-    @staticmethod
-    def motion_subspace(joint, cos_sin) -> Any:
-        along = vectors.times(joint.lead, joint.axis)
-        return ((joint.axis, vectors.plus(vectors.cross(joint.offset, joint.axis), along)),)
+    def motion_subspace(self, cos_sin) -> Any:
+        along = vectors.times(self.lead, self.axis)
+        return ((self.axis, vectors.plus(vectors.cross(self.offset, self.axis), along)),)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -380,6 +374,7 @@ def made(**fields):
         (made(name="ball"), ValueError, "register: name: there is another kind 'ball'"),
         (made(nq=2), ValueError, "register: made: neutral: expected 2 coordinates, got 1"),
         (made(parameters=(Parameter("lead"),)), ValueError, "register: made: parameters: there is another 'lead'"),
+        (made(parameters=(Parameter("rates"),)), ValueError, "register: made: parameters: 'rates' is something else"),
         (made(parameters=(Parameter("axis", 3),)), ValueError, "register: made: parameters: there is another 'axis'"),
     ],
 )
@@ -413,9 +408,7 @@ def _number(x):
 def _numbers(kind, axis):
     """A joint, and the cosines and sines of some of its coordinates."""
     given = {"axis": axis, "second_axis": (0.0, 0.8, 0.6), "pitch": 0.3}
-    joint = kind.numbers(
-        lambda p: tuple(map(_number, given[p.name])) if p.size > 1 else _number(given[p.name]), _number(0.0)
-    )
+    joint = kind(lambda p: tuple(map(_number, given[p.name])) if p.size > 1 else _number(given[p.name]), _number(0.0))
     return joint, {k: (_number(np.cos(0.3 + k)), _number(np.sin(0.3 + k))) for k in kind.angles}
 
 
@@ -427,7 +420,7 @@ def _matrix(six):
 @pytest.mark.parametrize("kind", FORMS, ids=lambda kind: kind.name)
 def test_constraint_wrenches_are_all_that_have_no_power(kind, axis):
     joint, cos_sin = _numbers(kind, AXES[axis])
-    S, T = _matrix(kind.motion_subspace(joint, cos_sin)), _matrix(kind.constraint_subspace(joint, cos_sin))
+    S, T = _matrix(joint.motion_subspace(cos_sin)), _matrix(joint.constraint_subspace(cos_sin))
     assert (len(S), len(T)) == (kind.nv, 6 - kind.nv)
     np.testing.assert_allclose(T @ S.T, 0, atol=8 * U)
     assert len(T) == 0 or np.linalg.matrix_rank(T) == 6 - kind.nv

@@ -53,7 +53,7 @@ def register(kind: type[JointKind]) -> type[JointKind]:
     Raises:
         TypeError: it is no subclass of `JointKind`.
         ValueError: another kind has the name, as programs are kept by it; the coordinates at zero are not nq; a
-            parameter has the name of a different one, of another kind.
+            parameter has the name of a different one, of another kind, or of something else in the form.
     """
     if not (isinstance(kind, type) and issubclass(kind, JointKind)):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise TypeError(f"register: expected a subclass of JointKind, got {kind!r}")
@@ -63,6 +63,8 @@ def register(kind: type[JointKind]) -> type[JointKind]:
         raise ValueError(f"register: {kind.name}: neutral: expected {kind.nq} coordinates, got {len(kind.neutral)}")
     known = {p.name: p for other in KINDS.values() for p in other.parameters} | {p.name: p for p in OF_EVERY_JOINT}
     for p in kind.parameters:
+        if p.name in (*dir(JointKind), "zero"):
+            raise ValueError(f"register: {kind.name}: parameters: {p.name!r} is something else in the form")
         if known.get(p.name, p) != p:
             raise ValueError(f"register: {kind.name}: parameters: there is another {p.name!r}: {known[p.name]}")
     KINDS[kind.name] = kind

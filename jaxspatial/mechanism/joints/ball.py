@@ -6,8 +6,7 @@ import jax.numpy as jnp
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import Numbers, constant, doubled
 from jaxspatial.arithmetic.types import DTypeLike, Key
-from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
-from jaxspatial.mechanism.joints.geometry import forces, torques, unit_vectors, zero_vector
+from jaxspatial.mechanism.joints.form import CosSin, JointKind
 from jaxspatial.rotation import exponential, quaternion
 
 
@@ -17,29 +16,23 @@ class Ball(JointKind):
     name, nq, nv, neutral, sphere = "ball", 4, 3, (1.0, 0.0, 0.0, 0.0), (4, 3)
     is_sequential = False
 
-    @staticmethod
-    def transform(joint: JointNumbers, q: Numbers, cos_sin: CosSin):
-        return quaternion.to_matrix(q), zero_vector(joint)
+    def transform(self, q: Numbers, cos_sin: CosSin):
+        return quaternion.to_matrix(q), self.zero_vector
 
-    @staticmethod
-    def motion_subspace(joint: JointNumbers, cos_sin: CosSin):
-        return torques(joint, unit_vectors(joint))
+    def motion_subspace(self, cos_sin: CosSin):
+        return self.torques(self.unit_vectors)
 
-    @staticmethod
-    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin):
-        return forces(joint, unit_vectors(joint))
+    def constraint_subspace(self, cos_sin: CosSin):
+        return self.forces(self.unit_vectors)
 
-    @staticmethod
-    def rates(joint: JointNumbers, q: Numbers, cos_sin: CosSin, v: Numbers):
+    def rates(self, q: Numbers, cos_sin: CosSin, v: Numbers):
         """q (0, v) / 2."""
         return tuple(doubled(x, -1) for x in quaternion.hamilton_product(q, (constant(v[0], 0), *v)))
 
-    @staticmethod
-    def integrate(joint: JointNumbers, q: Numbers, step: Numbers):
+    def integrate(self, q: Numbers, step: Numbers):
         return vectors.unit(quaternion.hamilton_product(q, exponential.to_quaternion(step)))
 
-    @staticmethod
-    def difference(joint: JointNumbers, q: Numbers, q2: Numbers):
+    def difference(self, q: Numbers, q2: Numbers):
         return exponential.from_quaternion(quaternion_between(q, q2))
 
     @classmethod
@@ -47,10 +40,9 @@ class Ball(JointKind):
         """Orientations are uniform."""
         return random_quaternion(key, batch_shape, lower.dtype)
 
-    @classmethod
-    def sphere_spring(cls, joint: JointNumbers, q: Numbers, reference: Numbers, stiffness: Numbers):
+    def sphere_spring(self, q: Numbers, reference: Numbers, stiffness: Numbers):
         """-J^-1 K d of the rotation vector d from the reference, J its left Jacobian: dd/dt = J^-T w."""
-        d = Ball.difference(joint, reference[:4], q[:4])
+        d = Ball.difference(self, reference[:4], q[:4])
         pulls = [-k * x for k, x in zip(stiffness[:3], d, strict=True)]
         return vectors.matrix_times(exponential.left_jacobian_inverse(d), pulls)
 

@@ -2,8 +2,8 @@
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import Numbers
-from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
-from jaxspatial.mechanism.joints.geometry import forces, perpendicular, rotation_about, torques
+from jaxspatial.mechanism.joints.form import CosSin, JointKind
+from jaxspatial.mechanism.joints.geometry import perpendicular, rotation_about
 from jaxspatial.mechanism.joints.parameter import AXIS
 
 
@@ -13,15 +13,12 @@ class Cylindrical(JointKind):
     name, nq, nv, angles, neutral = "cylindrical", 2, 2, (0,), (0.0, 0.0)
     parameters, is_about_one_axis = (AXIS,), True
 
-    @staticmethod
-    def transform(joint: JointNumbers, q: Numbers, cos_sin: CosSin):
-        return rotation_about(joint.axis, *cos_sin[0]), vectors.times(q[1], joint.axis)
+    def transform(self, q: Numbers, cos_sin: CosSin):
+        return rotation_about(self.axis, *cos_sin[0]), vectors.times(q[1], self.axis)
 
-    @staticmethod
-    def motion_subspace(joint: JointNumbers, cos_sin: CosSin):
-        return *torques(joint, [joint.axis]), *forces(joint, [joint.axis])
+    def motion_subspace(self, cos_sin: CosSin):
+        return *self.torques([self.axis]), *self.forces([self.axis])
 
-    @staticmethod
-    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin):
-        across = perpendicular(joint.axis)
-        return *torques(joint, across), *forces(joint, across)
+    def constraint_subspace(self, cos_sin: CosSin):
+        across = perpendicular(self.axis)
+        return *self.torques(across), *self.forces(across)

@@ -1,8 +1,7 @@
 """The joint that does not move."""
 
 from jaxspatial.arithmetic.numbers import Numbers
-from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
-from jaxspatial.mechanism.joints.geometry import forces, torques, unit_vectors, zero_vector
+from jaxspatial.mechanism.joints.form import CosSin, JointKind
 
 
 class Fixed(JointKind):
@@ -10,14 +9,11 @@ class Fixed(JointKind):
 
     name, nq, nv, neutral = "fixed", 0, 0, ()
 
-    @staticmethod
-    def transform(joint: JointNumbers, q: Numbers, cos_sin: CosSin):
-        return unit_vectors(joint), zero_vector(joint)
+    def transform(self, q: Numbers, cos_sin: CosSin):
+        return self.unit_vectors, self.zero_vector
 
-    @staticmethod
-    def motion_subspace(joint: JointNumbers, cos_sin: CosSin):
+    def motion_subspace(self, cos_sin: CosSin):
         return ()
 
-    @staticmethod
-    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin):
-        return *torques(joint, unit_vectors(joint)), *forces(joint, unit_vectors(joint))
+    def constraint_subspace(self, cos_sin: CosSin):
+        return *self.torques(self.unit_vectors), *self.forces(self.unit_vectors)

@@ -1,25 +1,26 @@
 """The form that every kind of joint fills in: what it is made with, its coordinates, and how it moves.
 
 A joint holds the child's frame B against the parent's side P of the joint; both are one frame at zero. The verbs are
-formulas over numbers of one joint: a class fills them in and is never instantiated. Their arguments:
+formulas over the numbers of one joint, an instance of its kind, which has its parameters by the names that the kind
+declares, and `zero`, a number 0. Their arguments:
 
-    joint       the parameters of the joint, by the names that the kind declares, and `joint.zero`, a number 0
     q, v, step  nq coordinates; nv rates; nv rates times a time
     cos_sin     {k: (cosine, sine)} of the coordinates k that `angles` lists: computed for all joints at once
 
 A zero or one of an axis that is known while tracing leaves no operation behind. [Featherstone 2008, tables 4.1, 4.2]
 """
 
-import collections
+import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from jaxspatial.arithmetic import vectors
-from jaxspatial.mechanism.joints.geometry import JointNumbers, Number, Rows, Six, Vector
+from jaxspatial.arithmetic import tree, vectors
+from jaxspatial.arithmetic.numbers import constant
+from jaxspatial.mechanism.joints.geometry import Number, Rows, Six, Vector
 from jaxspatial.mechanism.joints.parameter import Parameter
 
 # By coordinate.
@@ -56,57 +57,77 @@ class JointKind:
     is_unconstrained: bool = False
     is_sequential: bool = True
     rates_need_angles: bool = False
-    _Numbers: Callable[..., Any]
+
+    # Of a joint, where its kind has them.
+    zero: Number
+    axis: Vector
+    second_axis: Vector
+    pitch: Number
 
     def __init_subclass__(cls):
         cls.moves_as = vars(cls).get("moves_as", cls.name)
-        # A named tuple, of fields that no text can declare: they are those of the kind.
-        names = [*(p.name for p in cls.parameters), "zero"]
-        cls._Numbers = collections.namedtuple("_Numbers", names)  # pyright: ignore[reportUntypedNamedTuple]
+        rebuilt = functools.partial(tree.rebuilt, cls)
+        jax.tree_util.register_pytree_node(
+            cls, lambda joint: (tuple(vars(joint).values()), tuple(vars(joint))), rebuilt
+        )
 
-    @classmethod
-    def numbers(cls, of: Callable[[Parameter], Any], zero: Number) -> Any:
-        """The `joint` of the verbs: of(parameter) is its number, or the tuple of its numbers."""
-        return cls._Numbers(*map(of, cls.parameters), zero)
+    def __init__(self, of: Callable[[Parameter], Any], zero: Number):
+        """of(parameter): its number, or the tuple of its numbers."""
+        vars(self).update({p.name: of(p) for p in self.parameters}, zero=zero)
 
     # -- how it moves -------------------------------------------------------------------------------------------------
 
-    @staticmethod
-    def transform(joint: JointNumbers, q: Sequence[Number], cos_sin: CosSin) -> tuple[Rows, Vector]:
+    def transform(self, q: Sequence[Number], cos_sin: CosSin) -> tuple[Rows, Vector]:
         """X_PB as (R_PB by its rows, p_PoBo_P)."""
         raise NotImplementedError
 
-    @staticmethod
-    def motion_subspace(joint: JointNumbers, cos_sin: CosSin) -> tuple[Six, ...]:
+    def motion_subspace(self, cos_sin: CosSin) -> tuple[Six, ...]:
         """The nv motions (w_PB_B, v_PBo_B) per rate, in the child's axes: the columns of S."""
         raise NotImplementedError
 
-    @classmethod
-    def motion_subspace_rate(cls, joint: JointNumbers, cos_sin: CosSin, v: Sequence[Number]) -> tuple[Six, ...]:
+    def motion_subspace_rate(self, cos_sin: CosSin, v: Sequence[Number]) -> tuple[Six, ...]:
         """dS/dt, nv motions: the rates of the entries of S in the child's axes. Zero where S is constant in these."""
-        zero = (joint.zero,) * 3
-        return ((zero, zero),) * cls.nv
+        return ((self.zero_vector, self.zero_vector),) * self.nv
 
-    @staticmethod
-    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin) -> tuple[Six, ...]:
+    def constraint_subspace(self, cos_sin: CosSin) -> tuple[Six, ...]:
         """A basis of the 6 - nv wrenches (tau, f) that the joint takes up, about Bo in the child's axes: those with no
         power on any motion of S. [Featherstone 2008, 3.2 and table 4.1]"""
         raise NotImplementedError
 
+    # -- what these consist of ----------------------------------------------------------------------------------------
+
+    @property
+    def zero_vector(self) -> Vector:
+        return (self.zero,) * 3
+
+    def unit_vector(self, k: int) -> Vector:
+        """Axis k of the child."""
+        return tuple(constant(self.zero, int(i == k)) for i in range(3))
+
+    @property
+    def unit_vectors(self) -> Rows:
+        """All three: the identity by its rows."""
+        return tuple(map(self.unit_vector, range(3)))
+
+    def torques(self, directions: Iterable[Vector]) -> tuple[Six, ...]:
+        """The wrenches, or turns, (direction, 0)."""
+        return tuple((k, self.zero_vector) for k in directions)
+
+    def forces(self, directions: Iterable[Vector]) -> tuple[Six, ...]:
+        """The wrenches, or translations, (0, direction)."""
+        return tuple((self.zero_vector, k) for k in directions)
+
     # -- its coordinates ----------------------------------------------------------------------------------------------
 
-    @staticmethod
-    def rates(joint: JointNumbers, q: Sequence[Number], cos_sin: CosSin, v: Sequence[Number]) -> Sequence[Number]:
+    def rates(self, q: Sequence[Number], cos_sin: CosSin, v: Sequence[Number]) -> Sequence[Number]:
         """dq/dt, nq numbers, of the rates v."""
         return v
 
-    @staticmethod
-    def integrate(joint: JointNumbers, q: Sequence[Number], step: Sequence[Number]) -> Sequence[Number]:
+    def integrate(self, q: Sequence[Number], step: Sequence[Number]) -> Sequence[Number]:
         """q after the motion S step, that is as constant in B as S is."""
         return vectors.plus(q, step)
 
-    @staticmethod
-    def difference(joint: JointNumbers, q: Sequence[Number], q2: Sequence[Number]) -> Sequence[Number]:
+    def difference(self, q: Sequence[Number], q2: Sequence[Number]) -> Sequence[Number]:
         """The step that integrates q to q2, the short way round."""
         return vectors.minus(q2, q)
 
@@ -122,24 +143,19 @@ class JointKind:
 
     # -- springs and limits on coordinates ----------------------------------------------------------------------------
 
-    @classmethod
     def sphere_spring(
-        cls, joint: JointNumbers, q: Sequence[Number], reference: Sequence[Number], stiffness: Sequence[Number]
+        self, q: Sequence[Number], reference: Sequence[Number], stiffness: Sequence[Number]
     ) -> Sequence[Number]:
         """The generalized forces of a spring on the coordinates of the sphere, at their rates: with one rate, of the
         angle from the reference."""
-        turn = cls.difference(joint, reference, q)
+        turn = self.difference(reference, q)
         return tuple(-k * x for k, x in zip(stiffness, turn, strict=False))
 
-    @classmethod
-    def deflection(cls, joint: JointNumbers, reference: Sequence[Number], q: Sequence[Number]) -> Sequence[Number]:
+    def deflection(self, reference: Sequence[Number], q: Sequence[Number]) -> Sequence[Number]:
         """How far the coordinates that are not of the sphere are from the reference; given are these alone."""
-        return cls.difference(joint, reference, q)
+        return self.difference(reference, q)
 
-    @staticmethod
-    def generalized_forces(
-        joint: JointNumbers, q: Sequence[Number], cos_sin: CosSin, forces: Sequence[Number]
-    ) -> Sequence[Number]:
+    def generalized_forces(self, q: Sequence[Number], cos_sin: CosSin, forces: Sequence[Number]) -> Sequence[Number]:
         """Of forces along the coordinates that are not of the sphere, at the rates of these: by the transpose of
         `rates`."""
         return forces

@@ -7,41 +7,35 @@ from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import Numbers
 from jaxspatial.arithmetic.types import Key
 from jaxspatial.mechanism.joints.ball import Ball, quaternion_between, random_quaternion
-from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
-from jaxspatial.mechanism.joints.geometry import forces, rotate_back, torques, unit_vectors
+from jaxspatial.mechanism.joints.form import CosSin
+from jaxspatial.mechanism.joints.geometry import rotate_back
 from jaxspatial.rotation import exponential, quaternion
 
 
-class Free(JointKind):
+class Free(Ball):
     """Holds nothing: q = (unit quaternion wxyz, p_PoBo_P), v = V_PB_B, angular first, both in the child's axes."""
 
-    name, nq, nv, sphere, is_sequential, is_unconstrained = "free", 7, 6, (4, 3), False, True
+    name, nq, nv, is_unconstrained = "free", 7, 6, True
     neutral = (1.0, *[0.0] * 6)
 
-    @staticmethod
-    def transform(joint: JointNumbers, q: Numbers, cos_sin: CosSin):
+    def transform(self, q: Numbers, cos_sin: CosSin):
         return quaternion.to_matrix(q[:4]), tuple(q[4:])
 
-    @staticmethod
-    def motion_subspace(joint: JointNumbers, cos_sin: CosSin):
-        return *torques(joint, unit_vectors(joint)), *forces(joint, unit_vectors(joint))
+    def motion_subspace(self, cos_sin: CosSin):
+        return *super().motion_subspace(cos_sin), *self.forces(self.unit_vectors)
 
-    @staticmethod
-    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin):
+    def constraint_subspace(self, cos_sin: CosSin):
         return ()
 
-    @staticmethod
-    def rates(joint: JointNumbers, q: Numbers, cos_sin: CosSin, v: Numbers):
-        return *Ball.rates(joint, q[:4], cos_sin, v[:3]), *vectors.matrix_times(quaternion.to_matrix(q[:4]), v[3:])
+    def rates(self, q: Numbers, cos_sin: CosSin, v: Numbers):
+        return *super().rates(q[:4], cos_sin, v[:3]), *vectors.matrix_times(quaternion.to_matrix(q[:4]), v[3:])
 
-    @staticmethod
-    def integrate(joint: JointNumbers, q: Numbers, step: Numbers):
+    def integrate(self, q: Numbers, step: Numbers):
         turn, p = exponential.screw(step[:3], step[3:])
         turned = vectors.unit(quaternion.hamilton_product(q[:4], turn))
         return *turned, *vectors.plus(q[4:], vectors.matrix_times(quaternion.to_matrix(q[:4]), p))
 
-    @staticmethod
-    def difference(joint: JointNumbers, q: Numbers, q2: Numbers):
+    def difference(self, q: Numbers, q2: Numbers):
         arm = rotate_back(quaternion.to_matrix(q[:4]), vectors.minus(q2[4:], q[4:]))
         w, v = exponential.motion_logarithm(quaternion.to_matrix(quaternion_between(q[:4], q2[:4])), arm)
         return *w, *v
@@ -52,15 +46,9 @@ class Free(JointKind):
         p = jax.random.uniform(jax.random.split(key)[0], (*batch_shape, 3), lower.dtype, -1, 1)
         return jnp.concatenate([random_quaternion(key, batch_shape, lower.dtype), p], -1)
 
-    @classmethod
-    def sphere_spring(cls, joint: JointNumbers, q: Numbers, reference: Numbers, stiffness: Numbers):
-        return Ball.sphere_spring(joint, q, reference, stiffness)
-
-    @classmethod
-    def deflection(cls, joint: JointNumbers, reference: Numbers, q: Numbers):
+    def deflection(self, reference: Numbers, q: Numbers):
         """Of the position, along the axes of the parent."""
         return vectors.minus(q, reference)
 
-    @staticmethod
-    def generalized_forces(joint: JointNumbers, q: Numbers, cos_sin: CosSin, forces: Numbers):
+    def generalized_forces(self, q: Numbers, cos_sin: CosSin, forces: Numbers):
         return rotate_back(quaternion.to_matrix(q[:4]), forces)

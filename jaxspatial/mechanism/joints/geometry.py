@@ -1,8 +1,6 @@
 """Vectors and rotations that kinds of joints share, over numbers."""
 
 import math
-from collections.abc import Iterable
-from typing import Any, Protocol
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.functions import pi
@@ -14,40 +12,6 @@ from jaxspatial.spatial import algebra
 Vector = Three
 # (angular, linear): a motion (w_PB_B, v_PBo_B), or a wrench (tau, f), about Bo in the child's axes.
 Six = Motion | Wrench
-
-
-class JointNumbers(Protocol):
-    """The parameters of a joint, by the names that its kind declares, and a number 0."""
-
-    @property
-    def zero(self) -> Number: ...
-
-    def __getattr__(self, name: str) -> Any: ...
-
-
-def zero_vector(joint: JointNumbers) -> Vector:
-    """(0, 0, 0)."""
-    return (constant(joint.zero, 0),) * 3
-
-
-def unit_vector(joint: JointNumbers, k: int) -> Vector:
-    """Axis k of the child."""
-    return tuple(constant(joint.zero, int(i == k)) for i in range(3))
-
-
-def unit_vectors(joint: JointNumbers) -> Rows:
-    """All three: the identity by its rows."""
-    return tuple(unit_vector(joint, k) for k in range(3))
-
-
-def torques(joint: JointNumbers, directions: Iterable[Vector]) -> tuple[Six, ...]:
-    """The wrenches, or turns, (direction, 0)."""
-    return tuple((k, zero_vector(joint)) for k in directions)
-
-
-def forces(joint: JointNumbers, directions: Iterable[Vector]) -> tuple[Six, ...]:
-    """The wrenches, or translations, (0, direction)."""
-    return tuple((zero_vector(joint), k) for k in directions)
 
 
 def rotation_about(axis: Vector, cosine: Number, sine: Number) -> Rows:

@@ -2,8 +2,8 @@
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import Numbers
-from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
-from jaxspatial.mechanism.joints.geometry import forces, perpendicular, rotation_about, torques
+from jaxspatial.mechanism.joints.form import CosSin, JointKind
+from jaxspatial.mechanism.joints.geometry import perpendicular, rotation_about
 from jaxspatial.mechanism.joints.parameter import AXIS, PITCH
 
 
@@ -13,15 +13,12 @@ class Helical(JointKind):
     name, nq, nv, angles = "helical", 1, 1, (0,)
     parameters, is_about_one_axis = (AXIS, PITCH), True
 
-    @staticmethod
-    def transform(joint: JointNumbers, q: Numbers, cos_sin: CosSin):
-        return rotation_about(joint.axis, *cos_sin[0]), vectors.times(joint.pitch * q[0], joint.axis)
+    def transform(self, q: Numbers, cos_sin: CosSin):
+        return rotation_about(self.axis, *cos_sin[0]), vectors.times(self.pitch * q[0], self.axis)
 
-    @staticmethod
-    def motion_subspace(joint: JointNumbers, cos_sin: CosSin):
-        return ((joint.axis, vectors.times(joint.pitch, joint.axis)),)
+    def motion_subspace(self, cos_sin: CosSin):
+        return ((self.axis, vectors.times(self.pitch, self.axis)),)
 
-    @staticmethod
-    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin):
-        across, back = perpendicular(joint.axis), vectors.times(-joint.pitch, joint.axis)
-        return *torques(joint, across), *forces(joint, across), (back, joint.axis)
+    def constraint_subspace(self, cos_sin: CosSin):
+        across, back = perpendicular(self.axis), vectors.times(-self.pitch, self.axis)
+        return *self.torques(across), *self.forces(across), (back, self.axis)

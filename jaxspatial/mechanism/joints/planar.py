@@ -2,16 +2,9 @@
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.functions import cosine_sine
-from jaxspatial.arithmetic.numbers import Numbers, constant
-from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
-from jaxspatial.mechanism.joints.geometry import (
-    forces,
-    rotation_about,
-    shortest_angle,
-    torques,
-    unit_vector,
-    zero_vector,
-)
+from jaxspatial.arithmetic.numbers import Numbers
+from jaxspatial.mechanism.joints.form import CosSin, JointKind
+from jaxspatial.mechanism.joints.geometry import rotation_about, shortest_angle
 from jaxspatial.rotation import exponential
 
 
@@ -24,46 +17,38 @@ class Planar(JointKind):
     name, nq, nv, angles, neutral = "planar", 3, 3, (2,), (0.0, 0.0, 0.0)
     is_sequential, rates_need_angles = False, True
 
-    @staticmethod
-    def transform(joint: JointNumbers, q: Numbers, cos_sin: CosSin):
-        return rotation_about(unit_vector(joint, 2), *cos_sin[2]), (q[0], q[1], constant(joint.zero, 0))
+    def transform(self, q: Numbers, cos_sin: CosSin):
+        return rotation_about(self.unit_vector(2), *cos_sin[2]), (q[0], q[1], self.zero)
 
-    @staticmethod
-    def motion_subspace(joint: JointNumbers, cos_sin: CosSin):
-        x, y, z = (unit_vector(joint, k) for k in range(3))
-        return *forces(joint, [x, y]), *torques(joint, [z])
+    def motion_subspace(self, cos_sin: CosSin):
+        x, y, z = self.unit_vectors
+        return *self.forces([x, y]), *self.torques([z])
 
-    @staticmethod
-    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin):
-        x, y, z = (unit_vector(joint, k) for k in range(3))
-        return *torques(joint, [x, y]), *forces(joint, [z])
+    def constraint_subspace(self, cos_sin: CosSin):
+        x, y, z = self.unit_vectors
+        return *self.torques([x, y]), *self.forces([z])
 
-    @staticmethod
-    def rates(joint: JointNumbers, q: Numbers, cos_sin: CosSin, v: Numbers):
+    def rates(self, q: Numbers, cos_sin: CosSin, v: Numbers):
         c, s = cos_sin[2]
         return c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]
 
-    @staticmethod
-    def integrate(joint: JointNumbers, q: Numbers, step: Numbers):
+    def integrate(self, q: Numbers, step: Numbers):
         c, s = cosine_sine(q[2])
-        turn, arm = (*zero_vector(joint)[:2], step[2]), (*step[:2], constant(joint.zero, 0))
+        turn, arm = (*self.zero_vector[:2], step[2]), (*step[:2], self.zero)
         x, y, _ = exponential.translation(turn, arm)
         return q[0] + (c * x - s * y), q[1] + (s * x + c * y), q[2] + step[2]
 
-    @staticmethod
-    def difference(joint: JointNumbers, q: Numbers, q2: Numbers):
+    def difference(self, q: Numbers, q2: Numbers):
         c, s = cosine_sine(q[2])
         x, y, turn = q2[0] - q[0], q2[1] - q[1], shortest_angle(q2[2] - q[2])
-        axis, arm = (*zero_vector(joint)[:2], turn), (c * x + s * y, c * y - s * x, constant(joint.zero, 0))
+        axis, arm = (*self.zero_vector[:2], turn), (c * x + s * y, c * y - s * x, self.zero)
         return (*vectors.matrix_times(exponential.left_jacobian_inverse(axis), arm)[:2], turn)
 
-    @classmethod
-    def deflection(cls, joint: JointNumbers, reference: Numbers, q: Numbers):
+    def deflection(self, reference: Numbers, q: Numbers):
         """Along the axes of the parent, and the angle."""
         x, y, turn = vectors.minus(q, reference)
         return x, y, shortest_angle(turn)
 
-    @staticmethod
-    def generalized_forces(joint: JointNumbers, q: Numbers, cos_sin: CosSin, forces: Numbers):
+    def generalized_forces(self, q: Numbers, cos_sin: CosSin, forces: Numbers):
         c, s = cos_sin[2]
         return c * forces[0] + s * forces[1], c * forces[1] - s * forces[0], forces[2]

@@ -2,8 +2,8 @@
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import Numbers
-from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
-from jaxspatial.mechanism.joints.geometry import forces, perpendicular, torques, unit_vectors
+from jaxspatial.mechanism.joints.form import CosSin, JointKind
+from jaxspatial.mechanism.joints.geometry import perpendicular
 from jaxspatial.mechanism.joints.parameter import AXIS
 
 
@@ -13,14 +13,11 @@ class Prismatic(JointKind):
     name, nq, nv = "prismatic", 1, 1
     parameters, is_about_one_axis = (AXIS,), True
 
-    @staticmethod
-    def transform(joint: JointNumbers, q: Numbers, cos_sin: CosSin):
-        return unit_vectors(joint), vectors.times(q[0], joint.axis)
+    def transform(self, q: Numbers, cos_sin: CosSin):
+        return self.unit_vectors, vectors.times(q[0], self.axis)
 
-    @staticmethod
-    def motion_subspace(joint: JointNumbers, cos_sin: CosSin):
-        return forces(joint, [joint.axis])
+    def motion_subspace(self, cos_sin: CosSin):
+        return self.forces([self.axis])
 
-    @staticmethod
-    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin):
-        return *torques(joint, unit_vectors(joint)), *forces(joint, perpendicular(joint.axis))
+    def constraint_subspace(self, cos_sin: CosSin):
+        return *self.torques(self.unit_vectors), *self.forces(perpendicular(self.axis))

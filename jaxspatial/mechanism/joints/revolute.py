@@ -1,16 +1,8 @@
 """Joints that turn about an axis."""
 
 from jaxspatial.arithmetic.numbers import Numbers
-from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
-from jaxspatial.mechanism.joints.geometry import (
-    forces,
-    perpendicular,
-    rotation_about,
-    shortest_angle,
-    torques,
-    unit_vectors,
-    zero_vector,
-)
+from jaxspatial.mechanism.joints.form import CosSin, JointKind
+from jaxspatial.mechanism.joints.geometry import perpendicular, rotation_about, shortest_angle
 from jaxspatial.mechanism.joints.parameter import AXIS
 
 
@@ -20,17 +12,14 @@ class Revolute(JointKind):
     name, nq, nv, angles = "revolute", 1, 1, (0,)
     parameters, is_about_one_axis = (AXIS,), True
 
-    @staticmethod
-    def transform(joint: JointNumbers, q: Numbers, cos_sin: CosSin):
-        return rotation_about(joint.axis, *cos_sin[0]), zero_vector(joint)
+    def transform(self, q: Numbers, cos_sin: CosSin):
+        return rotation_about(self.axis, *cos_sin[0]), self.zero_vector
 
-    @staticmethod
-    def motion_subspace(joint: JointNumbers, cos_sin: CosSin):
-        return torques(joint, [joint.axis])
+    def motion_subspace(self, cos_sin: CosSin):
+        return self.torques([self.axis])
 
-    @staticmethod
-    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin):
-        return *torques(joint, perpendicular(joint.axis)), *forces(joint, unit_vectors(joint))
+    def constraint_subspace(self, cos_sin: CosSin):
+        return *self.torques(perpendicular(self.axis)), *self.forces(self.unit_vectors)
 
 
 class Continuous(Revolute):
@@ -38,6 +27,5 @@ class Continuous(Revolute):
 
     name, moves_as = "continuous", "revolute"
 
-    @staticmethod
-    def difference(joint: JointNumbers, q: Numbers, q2: Numbers):
+    def difference(self, q: Numbers, q2: Numbers):
         return (shortest_angle(q2[0] - q[0]),)

@@ -2,8 +2,8 @@
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import Numbers
-from jaxspatial.mechanism.joints.form import CosSin, JointKind, JointNumbers
-from jaxspatial.mechanism.joints.geometry import forces, rotate_back, rotation_about, torques, unit_vectors, zero_vector
+from jaxspatial.mechanism.joints.form import CosSin, JointKind
+from jaxspatial.mechanism.joints.geometry import rotate_back, rotation_about
 from jaxspatial.mechanism.joints.parameter import AXIS, SECOND_AXIS
 
 
@@ -13,27 +13,22 @@ class Universal(JointKind):
     name, nq, nv, angles, neutral = "universal", 2, 2, (0, 1), (0.0, 0.0)
     parameters = AXIS, SECOND_AXIS
 
-    @staticmethod
-    def transform(joint: JointNumbers, q: Numbers, cos_sin: CosSin):
-        first, second = rotation_about(joint.axis, *cos_sin[0]), rotation_about(joint.second_axis, *cos_sin[1])
-        return vectors.matrix_product(first, second), zero_vector(joint)
+    def transform(self, q: Numbers, cos_sin: CosSin):
+        first, second = rotation_about(self.axis, *cos_sin[0]), rotation_about(self.second_axis, *cos_sin[1])
+        return vectors.matrix_product(first, second), self.zero_vector
 
-    @staticmethod
-    def motion_subspace(joint: JointNumbers, cos_sin: CosSin):
-        return torques(joint, [_first_axis_in_child(joint, cos_sin), joint.second_axis])
+    def motion_subspace(self, cos_sin: CosSin):
+        return self.torques([self._first_axis_in_child(cos_sin), self.second_axis])
 
-    @classmethod
-    def motion_subspace_rate(cls, joint: JointNumbers, cos_sin: CosSin, v: Numbers):
+    def motion_subspace_rate(self, cos_sin: CosSin, v: Numbers):
         """The first axis turns back in the child's axes, at -q2' k2."""
-        turning = vectors.cross(_first_axis_in_child(joint, cos_sin), joint.second_axis)
-        return torques(joint, [vectors.times(v[1], turning), zero_vector(joint)])
+        turning = vectors.cross(self._first_axis_in_child(cos_sin), self.second_axis)
+        return self.torques([vectors.times(v[1], turning), self.zero_vector])
 
-    @staticmethod
-    def constraint_subspace(joint: JointNumbers, cos_sin: CosSin):
+    def constraint_subspace(self, cos_sin: CosSin):
         """The torque is across both axes: shorter than 1 where they are not perpendicular, 0 where they are one."""
-        across = vectors.cross(_first_axis_in_child(joint, cos_sin), joint.second_axis)
-        return *torques(joint, [across]), *forces(joint, unit_vectors(joint))
+        across = vectors.cross(self._first_axis_in_child(cos_sin), self.second_axis)
+        return *self.torques([across]), *self.forces(self.unit_vectors)
 
-
-def _first_axis_in_child(joint: JointNumbers, cos_sin: CosSin):
-    return rotate_back(rotation_about(joint.second_axis, *cos_sin[1]), joint.axis)
+    def _first_axis_in_child(self, cos_sin: CosSin):
+        return rotate_back(rotation_about(self.second_axis, *cos_sin[1]), self.axis)
