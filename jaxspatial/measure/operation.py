@@ -116,6 +116,12 @@ def _double(w: np.ndarray, v: np.ndarray, x: np.ndarray, y: np.ndarray):
     return np.cross(w, y) + np.cross(v, x)
 
 
+def _power(tau: np.ndarray, f: np.ndarray, w: np.ndarray, v: np.ndarray):
+    """Added one after another: NumPy's `sum` of numbers of 16 bits rounds once."""
+    x, y = tau * w, f * v
+    return (x[..., 0] + x[..., 1] + x[..., 2]) + (y[..., 0] + y[..., 1] + y[..., 2])
+
+
 OPERATIONS = {
     operation.name: operation
     for operation in (
@@ -142,7 +148,7 @@ OPERATIONS = {
             units=("N m/s", "N/s"), bounds=(CROSS_TWO, CROSS_ONE), flushed=12, size=6, turned=(0, 1),
         ),
         Operation(
-            "dot", ("tau", "f", "w", "v"), _dot, (lambda tau, f, w, v: (tau * w).sum(-1) + (f * v).sum(-1),),
+            "dot", ("tau", "f", "w", "v"), _dot, (_power,),
             units=("W",), bounds=(DOT,), flushed=17, size=1, turned=(2, 3),
         ),
     )

@@ -15,7 +15,8 @@ from jax import lax
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
 from jaxspatial.measure.inputs import CONDITIONED, FAMILIES, products_with_condition
-from tests.helpers.operations import OPERATIONS, Operation, violations
+from tests.helpers.operation import Operation, violations
+from tests.helpers.operations import OPERATIONS
 
 N = 12
 

@@ -2,7 +2,7 @@
 
 Nothing is compiled, contracted or rewritten. What comes is what the formulas say, in a small part of the time that XLA
 takes to compile them; in "reproducible" compiled programs give the same bits, which `dynamics.test_transformations`
-and `laws.test_transformations_of_numbers` hold.
+and `laws.test_transformations` hold.
 """
 
 import functools
@@ -49,8 +49,8 @@ def _evaluated(closed, arrays):
 
 
 def _result(primitive, arrays, parameters):
-    if primitive.name in _OF_NUMBERS:
-        return _OF_NUMBERS[primitive.name](*arrays)
+    if primitive.name in OF_NUMBERS:
+        return OF_NUMBERS[primitive.name](*arrays)
     if primitive.name in _OF_ARRAYS:
         return _OF_ARRAYS[primitive.name](*arrays, **parameters)
     # What has no line below is a program of its own, as outside of `jax.jit`.
@@ -69,7 +69,7 @@ def _divide(a, b):
     return ((a - np.fmod(a, b)) // b).astype(a.dtype) if np.issubdtype(a.dtype, np.integer) else np.divide(a, b)
 
 
-_OF_NUMBERS = {
+OF_NUMBERS = {
     "add": np.add,
     "add_any": np.add,
     "sub": np.subtract,

@@ -25,7 +25,7 @@ from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import Sized, attribute, rationals, sized
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow
-from tests.helpers.operations import violations
+from tests.helpers.operation import violations
 
 ZERO = Sized(Fraction(0))
 LOWER = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)]

@@ -24,7 +24,7 @@ from jaxspatial.inertia.promises import ENERGY_REGRESSOR, NEWTON_EULER, REGRESSO
 from jaxspatial.measure.exact import Sized, rationals, sized
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow, slow_but
-from tests.helpers.operations import violations
+from tests.helpers.operation import violations
 
 LOWER = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)]
 ZERO = Sized(Fraction(0))

@@ -21,7 +21,7 @@ from jaxspatial.inertia.promises import SHAPE_MASS as MASS
 from jaxspatial.measure.exact import Sized, attribute, rationals, sized
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow, slow_but
-from tests.helpers.operations import violations
+from tests.helpers.operation import violations
 
 PI = Sized(Fraction("3.14159265358979323846264338327950288419716939937510582097494459"))
 

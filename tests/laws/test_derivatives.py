@@ -16,7 +16,8 @@ from jaxspatial.arithmetic.promise import EXACT, Promise
 from jaxspatial.measure.inputs import FAMILIES, with_condition
 from tests.helpers import duals, hostile
 from tests.helpers.marks import slow, slow_but
-from tests.helpers.operations import OPERATIONS, violations
+from tests.helpers.operation import violations
+from tests.helpers.operations import OPERATIONS
 
 NAMES = (
     "shift_force",

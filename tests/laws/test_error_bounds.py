@@ -17,7 +17,8 @@ from jaxspatial.measure.inputs import FAMILIES
 from jaxspatial.spatial.promises import of_sum
 from tests.helpers import hostile
 from tests.helpers.marks import slow, slow_but
-from tests.helpers.operations import DTYPES, EXACT, FORMULAS, violations
+from tests.helpers.operation import violations
+from tests.helpers.operations import DTYPES, EXACT, FORMULAS
 
 
 def _batch_last(f):

@@ -19,7 +19,8 @@ from jaxspatial.measure.inputs import EXTREMES
 from jaxspatial.spatial.promises import of_sum
 from tests.helpers import hostile
 from tests.helpers.marks import slow, slow_but
-from tests.helpers.operations import DTYPES, EXACT, OPERATIONS, violations
+from tests.helpers.operation import violations
+from tests.helpers.operations import DTYPES, EXACT, OPERATIONS
 
 # Where intermediate results may overflow: all formats evaluated in a wider one, and whatever is faithful.
 SAFE = [(dtype, precision) for dtype in DTYPES for precision in ("compensated", "faithful")]

@@ -1,13 +1,13 @@
 """Every operation gives the same numbers in every transformation, of every dtype, over every batch.
 
 In precision "reproducible" (the default) values are bitwise those of the naive NumPy formula of the table, 16-bit types
-included: eager, jit, vmap, vmap of vmap, scan, cond, checkpoint, and with arguments known while tracing. In all other
-precisions they keep the bound of the docstring. Derivatives are those of the exact formula, pull-backs belong to
-tangents.
+included; where there is none, those of the operation itself, op by op in NumPy: one primitive after another, with
+nothing to contract, rewrite or fuse.
+
+What the formulas say is told op by op, of all operations. That the compiler keeps to it is told by programs of many.
 """
 
 import functools
-from fractions import Fraction
 
 import jax
 import jax.numpy as jnp
@@ -15,380 +15,195 @@ import numpy as np
 import pytest
 from jax import lax
 
-from jaxspatial.measure.error import unit_roundoff
-from jaxspatial.measure.exact import rationals
+from tests.helpers.interpreted import OF_NUMBERS as OPERATION_OF
 from tests.helpers.interpreted import interpreted
-from tests.helpers.marks import slow, slow_but
-from tests.helpers.operations import FORMULAS, OPERATIONS, REPRESENTATIVES, violations
+from tests.helpers.marks import slow_but
+from tests.helpers.operations import NAIVE, OF_NUMBERS, OPERATIONS, OWN, REPRESENTATIVES
+from tests.laws.given import ALL, BATCH, FIRST, ONE, arrays, assert_same_bits, on_device, together, value
 
-BATCH = (3, 2)
+MASKS = [name for name, operation in OPERATIONS.items() if operation.is_mask]
+OF_SEVERAL = [name for name in OPERATIONS if " " in OPERATIONS[name].arguments]
+# What is made of other operations of the table, or goes the way of one of a few below, and takes long to compile.
+LONG = (
+    "triangle_mesh",
+    "sum_of_inertias",
+    "interpolate",
+    "interpolate_motion",
+    "exp_of_motion",
+    "log_of_motion",
+    "left_jacobian",
+    "left_jacobian_of_motion",
+    "left_jacobian_inverse_of_motion",
+    "from_roll_pitch_yaw",
+    "to_roll_pitch_yaw",
+    "between",
+    "is_physically_valid",
+    "validity_slack",
+    "nearest_valid",
+    "equivalent_ellipsoid",
+    "to_log_cholesky",
+    "act_inverse_articulated",
+    "project_out_two",
+)
+MANY = (*REPRESENTATIVES, *OF_NUMBERS)
+FEW = (*REPRESENTATIVES[:3], *OF_NUMBERS[:3])
+FEWEST = (*REPRESENTATIVES[:3], "from_one_vector")
+
+
+def _nested(f):
+    """scan of vmap of vmap of cond of checkpoint, over a batch with three axes; the condition is known to nobody."""
+
+    def chosen(is_on, item):
+        return lax.cond(is_on, jax.checkpoint(f), functools.partial(_zeros_like, f), item)
+
+    def over_batch(is_on, given):
+        one = functools.partial(chosen, is_on)
+        return lax.scan(lambda _, x: (None, jax.vmap(jax.vmap(one))(x)), None, given)[1]
+
+    return lambda given: jax.jit(over_batch)(_true(), given)
+
+
+def _partly_known(f):
+    """All arguments but the first known while tracing, of one argument all arrays but the first; of one array that."""
+
+    def call(given):
+        data = {name: x[: _count(name)] for name, x in given.items()}
+        known = {name: [np.asarray(a) for a in x[_count(name) :]] for name, x in given.items()}
+        return jax.jit(lambda data: f({name: [*x, *known[name]] for name, x in data.items()}))(data)
+
+    return call
+
+
+def _count(name):
+    places = OPERATIONS[name].places
+    return places.count(0) if places[-1] else min(1, len(places) - 1)
+
+
 CONTEXTS = {
     "eager": lambda f: f,
     "jit": jax.jit,
-    "vmap": jax.vmap,
+    "vmap": lambda f: jax.jit(jax.vmap(f)),
     "vmap_of_vmap": lambda f: jax.jit(jax.vmap(jax.vmap(f))),
-    "scan": lambda f: lambda *args: lax.scan(lambda _, x: (None, f(*x)), None, args)[1],
-    "cond": lambda f: lambda *args: lax.cond(_true(), f, functools.partial(_zeros_like, f), *args),
+    "scan": lambda f: lambda given: lax.scan(lambda _, x: (None, f(x)), None, given)[1],
+    "cond": lambda f: lambda given: lax.cond(_true(), f, functools.partial(_zeros_like, f), given),
     "checkpoint": lambda f: jax.jit(jax.checkpoint(f)),
-    "known": lambda f: lambda *args: jax.jit(lambda first: f(first, *_known(args[1:])))(args[0]),
+    "known": _partly_known,
+    "nested": _nested,
 }
-ALL = tuple(OPERATIONS)
-FEW = REPRESENTATIVES[:3]
-FIRST = REPRESENTATIVES[:1]
-NONE = ()
-# Each formula once.
-OWN = [name for name in ALL if not OPERATIONS[name].twin]
-SHORT = [name for name in ALL if not OPERATIONS[name].is_long]
-OF_SEVERAL = [name for name in OWN if " " in OPERATIONS[name].arguments]
-# What has derivatives, with a precision to choose and without.
-SUMS = [name for name in OWN if OPERATIONS[name].differentiable and OPERATIONS[name].bounds]
-OTHERS = [name for name in OWN if OPERATIONS[name].differentiable and not OPERATIONS[name].bounds]
-SHARED = [name for name in SUMS if name in OF_SEVERAL and (name in SHORT or name in REPRESENTATIVES)]
-SHARED_OTHERS = [name for name in OTHERS if name in OF_SEVERAL and name in SHORT]
-
-# A dtype, and whether 64-bit types are on; where they are, narrower ones must not be widened.
-HALF, BRAIN, WIDE = ("float16", True), ("bfloat16", True), ("float64", True)
-SINGLE, SINGLE_X64 = ("float32", False), ("float32", True)
-FORMATS = [HALF, BRAIN, SINGLE, SINGLE_X64, WIDE]
-
-
-def _named(case):
-    return "-".join(f"{x[0]}-{'x64' if x[1] else 'x32'}" if x in FORMATS else str(x) for x in case)
-
-
-def _table(names, *rows):
-    """Parametrizes over rows (what a case is beside its operation, the operations, those that are not slow)."""
-    cases = [
-        pytest.param(name, *rest, id=_named((name, *rest)), marks=[] if name in usual else pytest.mark.slow)
-        for *rest, operations, usual in rows
-        for name in operations
-    ]
-    indirect = [name for name in ("dtype",) if name in names]
-    return pytest.mark.parametrize(("name", *names), cases, indirect=indirect)
+# (context, dtype, 64-bit types, items of the batch, operations, whether it is slow). Each formula is compiled in one;
+# some, of each kind of arithmetic, in the surroundings that differ the most to a formula; a few in everything.
+PROGRAMS = [
+    ("vmap", "float32", False, FIRST, [name for name in OWN if name not in (*LONG, *MANY)], False),
+    ("vmap", "float32", False, FIRST, LONG, True),
+    ("nested", "float32", False, ALL, MANY, False),
+    ("nested", "float32", False, ALL, [name for name in OWN if name not in MANY], True),
+    ("known", "float32", True, FIRST, (*MANY, "from_axis_angle", "project_out"), False),
+    ("known", "float32", False, ALL, tuple(OPERATIONS), True),
+    ("known", "float64", True, ALL, OWN, True),
+    ("vmap", "float64", True, ALL, OWN, True),
+    ("vmap", "float16", True, ALL, OWN, True),
+    ("vmap", "bfloat16", True, ALL, OWN, True),
+    ("eager", "float32", False, ALL, FEW, False),
+    ("jit", "float64", True, ONE, FEWEST, False),
+    ("vmap", "float64", True, ALL, FEW, False),
+    ("known", "float64", True, ALL, FEWEST, False),
+    ("vmap", "float16", True, ALL, FEWEST, False),
+    ("vmap", "bfloat16", True, ALL, FEWEST, False),
+    *((context, "float32", False, ALL, REPRESENTATIVES[:3], False) for context in CONTEXTS),
+    *((context, dtype, True, ALL, MANY, True) for context in CONTEXTS for dtype in ("float32", "float64")),
+]
+FORMATS = [("float16", False), ("float16", True), ("bfloat16", False), ("bfloat16", True), ("float32", False),
+           ("float32", True), ("float64", True)]  # fmt: skip
 
 
-# Everything in the surroundings that differ the most to a formula, representatives in all of them. By default each
-# operation in float32, compiled; the first of each kind of arithmetic, or all where that is cheap, in everything else.
-surroundings = _table(
-    ("dtype", "context"),
-    (SINGLE, "vmap", ALL, ALL),
-    (SINGLE, "known", ALL, REPRESENTATIVES),
-    (SINGLE, "eager", REPRESENTATIVES, REPRESENTATIVES),
-    (SINGLE, "jit", REPRESENTATIVES, REPRESENTATIVES),
-    (SINGLE, "vmap_of_vmap", REPRESENTATIVES, REPRESENTATIVES),
-    (SINGLE, "scan", REPRESENTATIVES, REPRESENTATIVES),
-    (SINGLE, "cond", REPRESENTATIVES, REPRESENTATIVES),
-    (SINGLE, "checkpoint", REPRESENTATIVES, REPRESENTATIVES),
-    (WIDE, "vmap", ALL, FEW),
-    (WIDE, "known", ALL, FEW),
-    (WIDE, "eager", ALL, FEW),
-    (WIDE, "jit", REPRESENTATIVES, FEW),
-    (WIDE, "vmap_of_vmap", REPRESENTATIVES, FEW),
-    (WIDE, "scan", REPRESENTATIVES, FEW),
-    (WIDE, "cond", REPRESENTATIVES, FEW),
-    (WIDE, "checkpoint", REPRESENTATIVES, FEW),
-    (SINGLE_X64, "vmap", ALL, FEW),
-    (SINGLE_X64, "known", ALL, FEW),
-    (HALF, "vmap", ALL, FEW),
-    (HALF, "known", ALL, FEW),
-    (BRAIN, "vmap", ALL, FEW),
-    (BRAIN, "known", ALL, FEW),
+@pytest.mark.parametrize(
+    ("context", "dtype", "x64", "items", "names"),
+    [
+        pytest.param(*program, id=f"{'-'.join(map(str, program[:3]))}-{i}", marks=pytest.mark.slow if is_slow else [])
+        for i, (*program, is_slow) in enumerate(PROGRAMS)
+    ],
 )
-batches = _table(
-    ("batch_shape", "context"),
-    ((), "eager", ALL, FEW),
-    ((), "known", ALL, FEW),
-    ((), "nested_vmap", ALL, FEW),
-    ((1,), "eager", ALL, FEW),
-    ((1,), "known", ALL, FEW),
-    ((1,), "nested_vmap", ALL, FEW),
-    ((3, 1, 2, 1), "eager", ALL, FEW),
-    ((3, 1, 2, 1), "known", ALL, FEW),
-    ((3, 1, 2, 1), "nested_vmap", ALL, OWN),
-)
-bounds_in_every_context = _table(
-    ("precision",),
-    ("fast", REPRESENTATIVES, NONE),
-    ("compensated", REPRESENTATIVES, FEW),
-    ("faithful", REPRESENTATIVES, NONE),
-)
-bounds = _table(
-    ("precision",),
-    ("fast", REPRESENTATIVES, FEW),
-    ("compensated", FORMULAS, FEW),
-    ("faithful", REPRESENTATIVES, FEW),
-)
-# One of the 16-bit types, and one of the float32: the others go through the same formulas.
-differentiable = _table(
-    ("precision", "dtype"),
-    ("reproducible", SINGLE, SUMS, SUMS),
-    ("reproducible", WIDE, SUMS, SUMS),
-    ("reproducible", BRAIN, SUMS, SUMS),
-    ("fast", SINGLE, SUMS, FIRST),
-    ("fast", WIDE, SUMS, FIRST),
-    (None, SINGLE, OTHERS, OTHERS),
-    (None, WIDE, OTHERS, OTHERS),
-    (None, BRAIN, OTHERS, OTHERS),
-)
-# In one of the two, which differ in how they add up and not in what they are to JAX, but for representatives.
-whole_sums = _table(
-    ("precision",),
-    ("compensated", FORMULAS, REPRESENTATIVES),
-    ("faithful", REPRESENTATIVES, NONE),
-)
-shared_items = _table(
-    ("precision", "how"),
-    ("reproducible", "vmap", SHARED, SHARED),
-    ("reproducible", "broadcasting", REPRESENTATIVES, NONE),
-    ("compensated", "vmap", REPRESENTATIVES, NONE),
-    ("compensated", "broadcasting", REPRESENTATIVES, NONE),
-    (None, "vmap", SHARED_OTHERS, SHARED_OTHERS),
-)
-contexts = pytest.mark.parametrize("context", CONTEXTS)
+def test_value_is_the_same_compiled(context, dtype, x64, items, names):
+    expected = {name: [x[items] for x in value(name, dtype)] for name in names}
+    with jax.enable_x64(x64):
+        given = {name: [jnp.asarray(x[items]) for x in arrays(name, dtype)] for name in names}
+        result = CONTEXTS[context](together(names))(given)
+        for name in names:
+            assert_same_bits(result[name], expected[name], name)
 
 
-@pytest.fixture(params=FORMATS, ids=lambda param: _named([param]))
-def dtype(request):
-    with jax.enable_x64(request.param[1]):
-        yield request.param[0]
+@pytest.mark.parametrize(("dtype", "x64"), FORMATS)
+def test_value_is_bitwise_the_naive_formula(dtype, x64):
+    """Where 64-bit types are on, narrower ones are not widened."""
+    for name in NAIVE:
+        with jax.enable_x64(x64):
+            result = interpreted(OPERATIONS[name].on_arrays())(*arrays(name, dtype))
+        assert_same_bits(result, value(name, dtype), name)
 
 
-# -- values -----------------------------------------------------------------------------------------------------------
+def test_what_is_multiplied_without_a_fence_is_multiplied_exactly(monkeypatch):
+    """By powers of two: else a compiler that contracts a product and a sum would change bits. Of what has a formula in
+    NumPy the bits of compiled programs tell."""
 
+    def multiplied(a, b):
+        assert a.dtype != np.float32 or (np.multiply(a, b) == a.astype(float) * b.astype(float)).all()
+        return np.multiply(a, b)
 
-@surroundings
-def test_value_is_bitwise_the_naive_formula(name, context, dtype):
-    inputs = _inputs(name, dtype, BATCH)
-    result = CONTEXTS[context](OPERATIONS[name].function)(*_on_device(inputs))
-    _assert_same_bits(result, _naive(name, dtype, BATCH))
-
-
-@pytest.mark.parametrize("dtype", ["float16", "bfloat16"])
-@pytest.mark.parametrize("name", slow_but(REPRESENTATIVES, OPERATIONS))
-def test_sixteen_bits_are_the_same_without_64_bit_types(name, dtype):
-    result = OPERATIONS[name].function(*_on_device(_inputs(name, dtype, BATCH)))
-    _assert_same_bits(result, _naive(name, dtype, BATCH))
+    monkeypatch.setitem(OPERATION_OF, "mul", multiplied)
+    for name in OPERATIONS:
+        if name not in NAIVE:
+            OPERATIONS[name].op_by_op(*arrays(name))
 
 
 @pytest.mark.parametrize("dtype", ["float16", "bfloat16"])
 def test_sixteen_bits_are_rounded_between_operations(dtype):
     """In one program too, where a conversion there and back could be left out."""
-    F, p = _on_device(_inputs("shift_force", dtype, BATCH))
+    shift = OPERATIONS["shift_force"].on_arrays()
 
-    shift = OPERATIONS["shift_force"].function
+    def there_and_on(tau, f, p):
+        return shift(*shift(tau, f, p), p)
 
-    def there_and_on(F, p):
-        return shift(shift(F, p), p)
-
-    _assert_same_bits(jax.jit(there_and_on)(F, p), jax.tree.leaves(there_and_on(F, p)))
-
-
-@batches
-def test_batch_by_broadcasting_and_by_nested_vmap(name, batch_shape, context):
-    transform = CONTEXTS.get(context) or functools.partial(_nested_vmap, len(batch_shape))
-    inputs = _inputs(name, "float32", batch_shape)
-    result = transform(OPERATIONS[name].function)(*_on_device(inputs))
-    _assert_same_bits(result, _naive(name, "float32", batch_shape))
+    given = on_device(arrays("shift_force", dtype))
+    assert_same_bits(jax.jit(there_and_on)(*given), there_and_on(*given))
 
 
-@pytest.mark.parametrize("name", slow_but(SHORT, OF_SEVERAL))
-def test_one_item_is_shared_by_a_batch(name, x64):
-    for i in range(len(OPERATIONS[name].arguments.split())):
-        inputs = _one_shared(name, i, BATCH)
-        if OPERATIONS[name].arguments.split()[i] in "FA" and "scalar" in OPERATIONS[name].arguments.split():
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_batch_by_broadcasting_and_by_nested_vmap(name):
+    """Broadcasting over (3, 1, 2) is what is compared with. Compiled: see above."""
+    function = OPERATIONS[name].on_arrays()
+    for items, transformed in ((ONE, function), (ALL, jax.vmap(jax.vmap(jax.vmap(function))))):
+        given, expected = ([x[items] for x in xs] for xs in (arrays(name), value(name)))
+        assert_same_bits(interpreted(transformed)(*given), expected)
+
+
+@pytest.mark.parametrize("name", slow_but([name for name in OF_SEVERAL if name in OWN], OF_SEVERAL))
+def test_one_item_is_shared_by_a_batch(name):
+    operation = OPERATIONS[name]
+    for i, kind in enumerate(operation.arguments.split()):
+        shared = [x[ONE] if place == i else x for x, place in zip(arrays(name), operation.places, strict=True)]
+        if kind in ("F", "A") and "scalar" in operation.arguments.split():
             with pytest.raises(ValueError, match="one per vector of the batch"):
-                OPERATIONS[name].function(*_on_device(inputs))
+                operation.function(*on_device(operation.build(shared)))
             continue
-        result = interpreted(OPERATIONS[name].function)(*inputs)
-        leaves = jax.tree.leaves(result)
-        assert all(leaf.shape[:2] == BATCH for leaf in leaves)
-        expected = zip(OPERATIONS[name].naive(*inputs), leaves, strict=True)
-        _assert_same_bits(result, [np.broadcast_to(x, leaf.shape) for x, leaf in expected])
+        repeated = [np.broadcast_to(x, y.shape) for x, y in zip(shared, arrays(name), strict=True)]
+        result = interpreted(operation.on_arrays())(*shared)
+        # What does not depend on the others has no batch.
+        expected = [x[(0,) * (x.ndim - y.ndim)] for x, y in zip(operation.naive(*repeated), result, strict=True)]
+        assert_same_bits(result, expected)
 
 
-@contexts
-@bounds_in_every_context
-def test_bound_of_the_docstring_in_every_context(name, precision, context):
-    result = CONTEXTS[context](_function(name, precision))(*_on_device(_inputs(name, "float32", BATCH)))
-    _assert_within_bounds(result, name, precision, "float32")
-
-
-@bounds
-def test_bound_of_the_docstring_with_64_bit_types_on(name, precision):
-    """With them off, and in all dtypes: see `laws.test_error_bounds`."""
-    with jax.enable_x64(True):
-        result = jax.jit(_function(name, precision))(*_on_device(_inputs(name, "float32", BATCH)))
-    _assert_within_bounds(result, name, precision, "float32")
-
-
-# -- derivatives ------------------------------------------------------------------------------------------------------
-
-
-@differentiable
-def test_tangent_is_the_exact_linearisation(name, precision, dtype):
-    value, tangent = _pushed(name, precision, dtype, jax.config.jax_enable_x64)
-    _assert_near(tangent, _linearisation(name, dtype), dtype)
-    if precision != "fast":
-        _assert_same_bits(value, _naive(name, dtype, BATCH))
-
-
-@differentiable
-def test_pull_back_is_the_transpose_of_the_tangent(name, precision, dtype):
-    x, t = (_on_device(_inputs(name, dtype, BATCH, seed)) for seed in (0, 1))
-    _, tangent = _pushed(name, precision, dtype, jax.config.jax_enable_x64)
-    _assert_transpose(_function(name, precision), x, t, tangent)
-
-
-@whole_sums
-def test_derivatives_of_whole_sums(name, precision):
-    """The last two tests for the precisions that `laws.test_derivatives` holds against their bounds."""
-    x, t = (_on_device(_inputs(name, "float32", BATCH, seed)) for seed in (0, 1))
-    tangent = _pushed(name, precision, "float32", jax.config.jax_enable_x64)[1]
-    _assert_near(tangent, _linearisation(name, "float32"), "float32")
-    _assert_transpose(_function(name, precision), x, t, tangent)
-
-
-@shared_items
-def test_pull_back_of_an_item_shared_by_a_batch(name, precision, how):
-    of_all = _function(name, precision)
-    for i in range(len(OPERATIONS[name].arguments.split())):
-        x, t = (_on_device(_one_shared(name, i, BATCH[:1], seed)) for seed in (0, 1))
-        axes = tuple(None if j == i else 0 for j in range(len(x)))
-        function = of_all if how == "broadcasting" else jax.vmap(of_all, axes)
-        _assert_transpose(function, x, t, interpreted(functools.partial(jax.jvp, function))(x, t)[1])
-
-
-@pytest.mark.parametrize(
-    "dtype",
-    [slow(BRAIN), SINGLE, slow(WIDE)],
-    indirect=True,
-    ids=lambda param: _named([param]),
-)
-@pytest.mark.parametrize(
-    "name",
-    slow_but(REPRESENTATIVES, [*SUMS, *OTHERS]),
-)
-def test_gradient_is_bitwise_the_same_compiled_and_recomputed(name, dtype):
-    function = OPERATIONS[name].function
-    x = _on_device(_inputs(name, dtype, BATCH))
-    cotangent = _cotangent(jax.eval_shape(function, *x))
-    gradient = jax.jit(functools.partial(_pulled, jax.checkpoint(function)))(x, cotangent)
-    _assert_same_bits(gradient, _leaves(interpreted(functools.partial(_pulled, function))(x, cotangent)))
-
-
-# -- helpers ----------------------------------------------------------------------------------------------------------
-
-
-@functools.cache
-def _inputs(name, dtype, batch_shape, seed=0):
-    return OPERATIONS[name].inputs(batch_shape, dtype, np.random.default_rng(seed))
-
-
-def _one_shared(name, i, batch_shape, seed=0):
-    """Inputs of which the i-th is a single item beside batches."""
-    one, many = (_inputs(name, "float32", shape, seed) for shape in ((), batch_shape))
-    return (*many[:i], one[i], *many[i + 1 :])
-
-
-@functools.cache
-def _naive(name, dtype, batch_shape):
-    return OPERATIONS[name].naive(*_inputs(name, dtype, batch_shape))
-
-
-@functools.cache
-def _sized(name, dtype, batch_shape):
-    return OPERATIONS[name].sized(*_inputs(name, dtype, batch_shape))
-
-
-@functools.cache
-def _pushed(name, precision, dtype, x64):
-    x, t = (_inputs(name, dtype, BATCH, seed) for seed in (0, 1))
-    return interpreted(functools.partial(jax.jvp, _function(name, precision)))(x, t)
-
-
-@functools.cache
-def _linearisation(name, dtype):
-    """Central differences over fractions: nothing is rounded, and the step is too small to matter."""
-    step = Fraction(1, 2**100)
-    x, t = ([rationals(leaf) for leaf in _leaves(_inputs(name, dtype, BATCH, seed))] for seed in (0, 1))
-    ahead, behind = (OPERATIONS[name].naive([a + s * b for a, b in zip(x, t, strict=True)]) for s in (step, -step))
-    return [(a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
-
-
-def _function(name, precision):
-    function = OPERATIONS[name].function
-    return functools.partial(function, precision=precision) if precision else function
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("name", MASKS)
+def test_masks(name, dtype):
+    """Booleans of the shape of the batch, right for each item, whatever surrounds them (see above)."""
+    (mask,) = value(name, dtype)
+    assert mask.dtype == bool
+    np.testing.assert_array_equal(mask, np.arange(6).reshape(BATCH) % 2 == 0)
 
 
 def _true():
     return jnp.asarray(True)
 
 
-def _zeros_like(f, *args):
-    return jax.tree.map(jnp.zeros_like, f(*args))
-
-
-def _nested_vmap(depth, f):
-    for _ in range(depth):
-        f = jax.vmap(f)
-    return f
-
-
-def _known(tree):
-    return jax.tree.map(np.asarray, tree)
-
-
-def _on_device(tree):
-    return jax.tree.map(jnp.asarray, tree)
-
-
-def _leaves(tree):
-    return [np.asarray(leaf) for leaf in jax.tree.leaves(tree)]
-
-
-def _types(tree):
-    return [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(tree)]
-
-
-def _assert_transpose(function, x, t, tangent):
-    """cotangent . tangent = pulled . t, and what is pulled back has the shapes and dtypes of x."""
-    cotangent = _cotangent(jax.eval_shape(function, *x))
-    pulled = interpreted(functools.partial(_pulled, function))(x, cotangent)
-    assert jax.tree.structure(pulled) == jax.tree.structure(x)
-    assert _types(pulled) == _types(x)
-    left, left_size = _inner(cotangent, tangent)
-    right, right_size = _inner(pulled, t)
-    assert abs(left - right) <= (left_size + right_size) * 16 * unit_roundoff(jax.tree.leaves(x)[0].dtype)
-
-
-def _pulled(function, x, cotangent):
-    return jax.vjp(function, *x)[1](cotangent)
-
-
-def _cotangent(value):
-    rng = np.random.default_rng(2)
-    return jax.tree.map(lambda x: jnp.asarray(rng.standard_normal(x.shape).astype(x.dtype)), value)
-
-
-def _inner(a, b):
-    """(the inner product of two trees, the sum of the absolute values of its terms), exactly."""
-    terms = [rationals(x) * rationals(y) for x, y in zip(_leaves(a), _leaves(b), strict=True)]
-    return sum(np.sum(x) for x in terms), sum(np.sum(abs(x)) for x in terms)
-
-
-def _assert_near(tangent, expected, dtype):
-    for array, exact in zip(_leaves(tangent), expected, strict=True):
-        assert array.dtype == dtype
-        assert abs(rationals(array) - exact).max() <= 32 * unit_roundoff(dtype) * abs(exact).max()
-
-
-def _assert_within_bounds(result, name, precision, dtype):
-    for array, exact, bound in zip(_leaves(result), _sized(name, dtype, BATCH), OPERATIONS[name].bounds, strict=True):
-        assert array.dtype == dtype
-        assert not violations(bound, precision, array, exact).any()
-
-
-def _assert_same_bits(result, expected):
-    assert _types(result) == _types(expected)
-    for x, y in zip(_leaves(result), expected, strict=True):
-        assert x.tobytes() == y.tobytes(), (x, y)
+def _zeros_like(f, given):
+    return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(f, given))
