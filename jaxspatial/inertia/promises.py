@@ -27,10 +27,11 @@ MESH_VOLUME, MESH_COM, MESH_CENTRAL = (
     OfSum(24, 2, "mass r^2 S / V", u2=8),
 )
 # Of the largest moment.
-MOMENTS, AXES = Normwise(8, "times the largest"), Normwise(32, "times the largest moment")
+MOMENTS, AXES = Normwise(8, "times the largest"), Normwise(32, "times the largest moment", rounded=32)
 ORTHONORMAL = Normwise(16, "of the identity", rounded=2)
-ELLIPSOID, NEAREST_VALID = Normwise(64, "times the largest"), Normwise(32, "times its largest principal moment")
-LENGTH, SLACK = Normwise(8, ""), Normwise(32, "")
+ELLIPSOID = Normwise(64, "times the largest", rounded=64)
+NEAREST_VALID = Normwise(32, "times its largest principal moment", rounded=32)
+LENGTH, SLACK = Normwise(8, ""), Normwise(32, "", rounded=32)
 # c the condition of the second moments.
 ALPHA, LOG_CHOLESKY, THERE_AND_BACK = Normwise(4, "|alpha|"), Normwise(32, "(c + |d|)"), Normwise(64, "c")
 LOG_CHOLESKY_OFF_DIAGONAL = Normwise(32, "c sqrt(tr(Sigma) / m)")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.inertia.promises import LENGTH, MOMENTS, NEAREST_VALID, ORTHONORMAL
+from jaxspatial.inertia.promises import AXES, ELLIPSOID, LENGTH, MOMENTS, NEAREST_VALID, ORTHONORMAL, SLACK
 from jaxspatial.measure.error import unit_roundoff
 from tests.helpers.exact_inertia import exactly, matrix, random_inertia, six_of
 from tests.helpers.interpreted import evaluated, interpreted
@@ -19,6 +19,7 @@ from tests.helpers.marks import slow
 
 EPS = 2.0**-52
 dtypes = pytest.mark.parametrize("dtype", ["float32", slow("float64")])
+precisions = pytest.mark.parametrize("precision", ["reproducible", "compensated"])
 
 
 def body(central, mass=1.0, com=(0.0, 0.0, 0.0), dtype="float64"):
@@ -54,17 +55,29 @@ def _symmetric(n, seed=0):
 # -- principal moments and axes ---------------------------------------------------------------------------------------
 
 
+def _nearly_diagonal(n, dtype):
+    """Off the axes by a few eps of the trace, half of them nearly round: where axes are chosen, not computed."""
+    rng, eps = np.random.default_rng(1), float(jnp.finfo(dtype).eps)
+    d = np.where(np.arange(n)[:, None] % 2, 1 + 40 * eps * rng.random((n, 3)), rng.uniform(0.5, 3, (n, 3)))
+    x, y, z = (rng.uniform(-1, 1, (3, n)) * rng.choice([1, 2, 8], n)) * eps * d.sum(-1)
+    return np.stack([d[:, 0], x, d[:, 1], y, z, d[:, 2]], -1)
+
+
 @dtypes
-@pytest.mark.parametrize("precision", ["reproducible", "compensated"])
+@precisions
 def test_moments_and_axes(precision, dtype):
-    M = js.SpatialInertia(np.ones(80, dtype), np.zeros((80, 3), dtype), _symmetric(80).astype(dtype))
+    six = np.concatenate([_symmetric(60), _nearly_diagonal(20, dtype)]).astype(dtype)
+    M = js.SpatialInertia(np.ones(80, dtype), np.zeros((80, 3), dtype), six)
     moments, R = evaluated(precision, lambda M: M.principal_moments_and_axes(precision=precision))(M)
     u = float(unit_roundoff(dtype))
     with mpmath.workdps(50):
         for six, found, q in zip(np.asarray(M.central), np.asarray(moments), np.asarray(R.to_matrix()), strict=True):
             A = mpmath.matrix(matrix(six).astype(float).tolist())
-            exact, Q = sorted(mpmath.eigsy(A, eigvals_only=True)), mpmath.matrix(q.astype(float).tolist())
+            (exact, V), Q = _eigen(A), mpmath.matrix(q.astype(float).tolist())
             size = max(map(abs, exact))
+            for k in range(3):
+                gap = min(abs(exact[k] - other) for i, other in enumerate(exact) if i != k)
+                assert _off(Q[:, k], V[k]) * gap <= AXES.allowed(precision, u, size)
             worst = max(abs(mpmath.mpf(float(a)) - b) for a, b in zip(found, exact, strict=True))
             assert worst <= MOMENTS.allowed(precision, u, size)
             assert max(map(abs, Q.T * Q - mpmath.eye(3))) <= ORTHONORMAL.allowed(precision, u, 1)
@@ -73,6 +86,18 @@ def test_moments_and_axes(precision, dtype):
             diagonal = mpmath.diag([mpmath.mpf(float(x)) for x in found])
             assert max(map(abs, Q * diagonal * Q.T - A)) <= 32 * u * size
     assert (np.diff(np.asarray(moments, float)) >= 0).all()
+
+
+def _eigen(A):
+    """(eigenvalues, ascending, their vectors)."""
+    values, vectors = mpmath.eigsy(A)
+    order = sorted(range(3), key=lambda i: values[i])
+    return [values[i] for i in order], [vectors[:, i] for i in order]
+
+
+def _off(q, v):
+    """The largest difference of two unit vectors, of either sign."""
+    return min(max(map(abs, q - v)), max(map(abs, q + v)))
 
 
 def test_moments_of_double_words():
@@ -198,11 +223,51 @@ def test_slack_of_known_bodies(scale, dtype, central, slack):
     assert bool(is_physically_valid(M)) == (slack >= 0)
 
 
+def _thin(n, dtype):
+    """(masses, central inertias) of rods, plates, bodies of graded thickness and balls, of all sizes, turned."""
+    rng = np.random.default_rng(4)
+    q, _ = np.linalg.qr(rng.standard_normal((n, 3, 3)))
+    s = 10.0 ** rng.uniform(-12, 0, (n, 3))
+    s[::5, 0] = 0
+    s[1::5, 1:] = 0
+    s[2::5] = 1 + 10.0 ** rng.uniform(-16, -1, (len(s[2::5]), 1)) * rng.standard_normal((len(s[2::5]), 3))
+    sigma = q @ (s[..., None] * np.swapaxes(q, -1, -2)) * 10.0 ** rng.uniform(-10, 10, (n, 1, 1))
+    moments = np.trace(sigma, axis1=1, axis2=2)[:, None, None] * np.eye(3) - sigma
+    return (10.0 ** rng.uniform(-5, 5, n)).astype(dtype), six_of((moments + np.swapaxes(moments, -1, -2)) / 2).astype(
+        dtype
+    )
+
+
+def _second_moments_of(six):
+    """s_1 >= s_2 >= s_3, exactly."""
+    a, b, c = _eigen(mpmath.matrix(matrix(six).astype(float).tolist()))[0]
+    return [(b - a + c) / 2, (a - b + c) / 2, (a + b - c) / 2]
+
+
+@dtypes
+@precisions
+def test_slack_and_ellipsoid_by_definition(precision, dtype):
+    """Of what a body can be, and the slack also of what none can."""
+    mass, six = _thin(60, dtype)
+    u, M = float(unit_roundoff(dtype)), js.SpatialInertia(mass, np.zeros((60, 3), dtype), six)
+    axes = evaluated(precision, lambda M: M.equivalent_ellipsoid(precision=precision)[0])(M)
+    any_six = np.concatenate([six, _symmetric(40, 7).astype(dtype), _nearly_diagonal(20, dtype).astype(dtype)])
+    others = js.SpatialInertia(np.ones(120, dtype), np.zeros((120, 3), dtype), any_six)
+    slack = evaluated(precision, lambda M: M.validity_slack(precision=precision))(others)
+    with mpmath.workdps(50):
+        for m, s, found in zip(mass, map(_second_moments_of, six), np.asarray(axes, float), strict=True):
+            squares = [5 * max(x, 0) / mpmath.mpf(float(m)) for x in s]
+            worst = max(abs(mpmath.mpf(a) ** 2 - x) for a, x in zip(found, squares, strict=True))
+            assert worst <= ELLIPSOID.allowed(precision, u, max(squares))
+        for found, s in zip(np.asarray(slack, float), map(_second_moments_of, any_six), strict=True):
+            assert abs(mpmath.mpf(found) - s[2] / sum(map(abs, s))) <= SLACK.allowed(precision, u, 1)
+
+
 def test_slack_is_invariant():
     M = random_inertia((30,), seed=2, spread=1.0)
     w = np.random.default_rng(0).standard_normal((30, 3))
     moved = interpreted(lambda w, M: (js.Rotation.exp(w) @ M.shift(M.com * 100.0)).validity_slack())(w, M)
-    np.testing.assert_allclose(moved, validity_slack(M), rtol=0, atol=32 * EPS)
+    np.testing.assert_allclose(moved, validity_slack(M), rtol=0, atol=SLACK.allowed("reproducible", EPS, 1))
 
 
 # Drake's own examples, with its tolerances where they are relative.
