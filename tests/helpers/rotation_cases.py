@@ -19,4 +19,4 @@ def allowed(dtype, precision, bound, size=1.0):
 
 
 def of_dtype(x, dtype):
-    return jnp.asarray(np.asarray(x, float).astype(jnp.dtype(dtype)))
+    return np.asarray(x, float).astype(jnp.dtype(dtype))

@@ -1,6 +1,6 @@
 """Bodies put together: against sums of fractions, at every scale, and never indefinite.
 
-In NumPy (`interpreted`); `test_axis` and `test_inertia.test_transformations` hold the bits of compiled programs.
+In NumPy (`interpreted`); `test_a_thousand_bodies` and `test_axis` are about compiled programs.
 """
 
 import functools
@@ -87,7 +87,7 @@ def test_a_thousand_bodies(even, dtype, precision):
     with jax.enable_x64(True):
         M = jax.tree.map(lambda x: x[:: 1 + even], _mixed(dtype))
     with jax.enable_x64(dtype == "float64"):
-        found, n = evaluated(precision, lambda M: M.sum(precision=precision))(M), M.batch_shape[0]
+        found, n = jax.jit(lambda M: M.sum(precision=precision))(M), M.batch_shape[0]
         squared = SUM_COM.u2 * SUM_COM.factor(n)
         mass, com, central, com_mag, central_mag = _exact_thousand(even, dtype)
         u = unit_roundoff(dtype)

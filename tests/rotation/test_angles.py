@@ -1,9 +1,9 @@
 """Angles in every quadrant, and roll, pitch and yaw where two of them are one."""
 
+import functools
 import math
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -11,6 +11,7 @@ import jaxspatial as js
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.rotation import angles
+from tests.helpers.interpreted import interpreted
 
 U = 2.0**-24
 _angle_of = formula(lambda x: (angles.angle_of(*x),))
@@ -22,17 +23,18 @@ def test_of_any_quadrant_and_length(size):
     """0 for (0, 0), of which the arc tangent of C says the same."""
     x = np.array(DIRECTIONS, np.float32) * np.float32(size)
     expected = [math.atan2(s, c) for s, c in DIRECTIONS]
-    np.testing.assert_allclose(_angle_of(Precision.REPRODUCIBLE, x)[:, 0], expected, rtol=8 * U)
+    found = interpreted(functools.partial(_angle_of, Precision.REPRODUCIBLE))(x)
+    np.testing.assert_allclose(found[:, 0], expected, rtol=8 * U)
 
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_roll_and_yaw_at_a_right_angle_of_pitch(side):
     """Upright only one of their sum and difference has a meaning: it is kept, and nothing is NaN, slopes neither."""
     R = js.Rotation.from_matrix(np.array([[0, 0, side], [0, 1, 0], [-side, 0, 0]], np.float32))
-    np.testing.assert_allclose(R.to_roll_pitch_yaw(), [0, side * np.pi / 2, 0], atol=4 * U)
-    slopes = jax.jacfwd(lambda e: js.Rotation(e).to_roll_pitch_yaw())(jnp.asarray(R.entries))
+    of = interpreted(js.Rotation.to_roll_pitch_yaw)
+    np.testing.assert_allclose(of(R), [0, side * np.pi / 2, 0], atol=4 * U)
+    slopes = interpreted(jax.jacfwd(lambda e: js.Rotation(e).to_roll_pitch_yaw()))(np.asarray(R.entries))
     assert np.isfinite(slopes).all()
-    turned = R @ js.Rotation.about_x(np.float32(0.5))
-    roll, pitch, yaw = turned.to_roll_pitch_yaw()
+    roll, pitch, yaw = of(interpreted(lambda R: R @ js.Rotation.about_x(np.float32(0.5)))(R))
     np.testing.assert_allclose(roll - side * yaw, 0.5, rtol=16 * U)
     np.testing.assert_allclose(pitch, side * np.pi / 2, rtol=1e-3)

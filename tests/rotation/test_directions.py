@@ -1,4 +1,7 @@
-"""Rotations from directions, and nearest to matrices, against 160 digits; interpolation."""
+"""Rotations from directions, and nearest to matrices, against 160 digits; interpolation.
+
+In NumPy (`interpreted`); the table of operations of numbers holds the bits of compiled programs.
+"""
 
 import functools
 
@@ -11,6 +14,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.rotation import promises as bounds
 from tests.helpers import exact_rotation as exact
+from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow, slow_but
 from tests.helpers.rotation_cases import allowed, eps, of_dtype, wide_dtypes
 
@@ -73,7 +77,7 @@ def test_directions_of_the_smallest_vectors(name, dtype):
     v[::2, 1] *= eps(dtype)
     v = of_dtype(v / np.abs(v).max(-1, keepdims=True), dtype)
     small = v * v.dtype.type(float(jnp.finfo(dtype).tiny) / eps(dtype))
-    found, expected = (np.asarray(CONSTRUCTORS[name](x).entries, float) for x in (small, v))
+    found, expected = (np.asarray(interpreted(CONSTRUCTORS[name])(x).entries, float) for x in (small, v))
     assert np.abs(found - expected).max() <= 16 * eps(dtype)
 
 
@@ -83,7 +87,7 @@ def test_logarithms_of_the_smallest_angles(dtype, precision):
     tiny = float(jnp.finfo(dtype).tiny)
     angles = np.array([0.5, 0.9, 1.1, 1.5, 2.5, 3.5, 4.5, 6.0, 9.0, 50.0]) * tiny
     R = js.Rotation(of_dtype([[1, -a, 0, a, 1, 0, 0, 0, 1] for a in angles], dtype))
-    log, q = R.log(precision=precision), R.to_quaternion(precision=precision)
+    log, q = interpreted(lambda R: (R.log(precision=precision), R.to_quaternion(precision=precision)))(R)
     errors = np.abs([np.float64(log[:, 2]) - angles, np.float64(q[:, 3]) - angles / 2])
     assert (errors <= 8 * tiny + 4 * eps(dtype) * angles).all()
 
@@ -92,7 +96,8 @@ def test_logarithms_of_the_smallest_angles(dtype, precision):
 @pytest.mark.parametrize("axis", [0, slow(2)])
 def test_from_one_vector(axis, dtype, precision):
     u = vectors(dtype, 0)
-    found = js.Rotation.from_one_vector(u, axis, precision=precision)
+    of_vector = evaluated(precision, lambda u: js.Rotation.from_one_vector(u, axis, precision=precision))
+    found = of_vector(u)
     exact_ones = []
     for x in map(exact.vector, u):
         first = unit(x)
@@ -101,14 +106,15 @@ def test_from_one_vector(axis, dtype, precision):
         columns = [first, second, cross(first, second)]
         exact_ones.append(with_columns([columns[(j - axis) % 3] for j in range(3)]))
     assert errors(found, exact_ones).max() <= allowed(dtype, precision, bounds.FROM_ONE_VECTOR)
-    assert jnp.isnan(js.Rotation.from_one_vector(0 * u, axis, precision=precision).entries).all()
+    assert np.isnan(of_vector(0 * u).entries).all()
 
 
 @cases
 @pytest.mark.parametrize("axes", [(2, 0), slow((0, 2)), slow((1, 2))])
 def test_from_two_vectors(axes, dtype, precision):
     u, v = vectors(dtype, 1), vectors(dtype, 2)[::-1]
-    found = js.Rotation.from_two_vectors(u, v, axes, precision=precision)
+    of_vectors = evaluated(precision, lambda u, v: js.Rotation.from_two_vectors(u, v, axes, precision=precision))
+    found = of_vectors(u, v)
     exact_ones, sines = [], []
     for x, y in zip(map(exact.vector, u), map(exact.vector, v), strict=True):
         first, normal = unit(x), cross(unit(x), unit(y))
@@ -120,12 +126,12 @@ def test_from_two_vectors(axes, dtype, precision):
     assert (errors(found, exact_ones) * np.array(sines)).max() <= allowed(dtype, precision, bounds.FROM_TWO_VECTORS)
     m = np.asarray(found.to_matrix(), float)
     np.testing.assert_allclose(np.linalg.det(m), 1, atol=0.05)
-    assert not jnp.isfinite(js.Rotation.from_two_vectors(u, -u, axes, precision=precision).entries[:2]).all()
+    assert not np.isfinite(np.asarray(of_vectors(u, -u).entries[:2], float)).all()
 
 
 def test_of_two_vectors_the_first_is_along_z_unless_told():
     u, v = of_dtype(np.array([0.0, 0, 3]), "float32"), of_dtype(np.array([2.0, 0, 1]), "float32")
-    np.testing.assert_array_equal(js.Rotation.from_two_vectors(u, v).to_matrix(), np.eye(3))
+    np.testing.assert_array_equal(interpreted(js.Rotation.from_two_vectors)(u, v).to_matrix(), np.eye(3))
 
 
 @cases
@@ -138,7 +144,7 @@ def test_between(dtype, precision):
     b[:6] = -a[:6] + off[:, None] * rng.standard_normal((6, 3))
     b[6] = a[6]
     a, b = of_dtype(a, dtype), of_dtype(b, dtype)
-    found = js.Rotation.between(a, b, precision=precision)
+    found = evaluated(precision, lambda a, b: js.Rotation.between(a, b, precision=precision))(a, b)
     exact_ones, halves = [], []
     for x, y in zip(map(exact.vector, a), map(exact.vector, b), strict=True):
         x, y = unit(x), unit(y)
@@ -152,12 +158,11 @@ def test_between(dtype, precision):
 @wide_dtypes
 def test_between_opposite_directions(dtype):
     a = vectors(dtype, 4)
-    found = js.Rotation.between(a, -a)
-    turned = np.asarray(found @ a, float)
-    assert np.abs(turned + np.asarray(a, float)).max() <= 8 * jnp.finfo(dtype).eps * np.abs(a).max()
-    np.testing.assert_allclose(np.linalg.norm(np.asarray(found.log(), float), axis=1), np.pi, rtol=1e-6)
-    gradient = jax.jacrev(lambda b: js.Rotation.between(a[7], b).entries)(2 * a[7])
-    assert jnp.isfinite(gradient).all()
+    turned, log = interpreted(lambda a: (js.Rotation.between(a, -a) @ a, js.Rotation.between(a, -a).log()))(a)
+    assert np.abs(turned.astype(float) + a).max() <= 8 * jnp.finfo(dtype).eps * np.abs(a).max()
+    np.testing.assert_allclose(np.linalg.norm(log.astype(float), axis=1), np.pi, rtol=1e-6)
+    gradient = interpreted(jax.jacrev(lambda b: js.Rotation.between(a[7], b).entries))(2 * a[7])
+    assert np.isfinite(gradient).all()
 
 
 def polar(m):
@@ -182,35 +187,35 @@ def test_nearest(dtype, precision):
     m[9] *= 1e-4
     m[10] = m[10] @ np.diag([1, 1e-2, 1e-1])
     m = of_dtype(m, dtype)
-    found = js.Rotation.nearest(m, precision=precision)
+    nearest = evaluated(precision, lambda m: js.Rotation.nearest(m, precision=precision).entries)
+    found = js.Rotation(nearest(m))
     values = np.linalg.svd(np.asarray(m, float), compute_uv=False)
     condition = 2 * values[:, 0] / (values[:, 1] + values[:, 2])
     wrong = errors(found, [polar(exact.vector(x)) for x in m])
     assert (
         wrong <= allowed(dtype, precision, bounds.NEAREST) * (condition if precision in ("fast", "reproducible") else 1)
     ).all()
-    for bad in (
-        np.diag([1.0, 1, -1]),
-        np.zeros((3, 3)),
-        np.diag([1.0, 1, 0]),
-        np.diag([np.inf, 1, 1]),
-        np.full((3, 3), np.nan),
-    ):
-        assert jnp.isnan(js.Rotation.nearest(of_dtype(bad, dtype), precision=precision).entries).any()
+    bad = [np.diag(x) for x in ([1, 1, -1], [0, 0, 0], [1, 1, 0], [np.inf, 1, 1])] + [np.full((3, 3), np.nan)]
+    assert np.isnan(np.asarray(nearest(of_dtype(bad, dtype)), float)).any(-1).all()
 
 
 def test_no_rotation_is_near_a_reflection():
     """Of any orientation, rounded on either side of a determinant of -1."""
-    R = np.asarray(js.Rotation.exp(np.random.default_rng(0).standard_normal((512, 3))).to_matrix())
-    m = of_dtype(R * np.array([1, 1, -1]), "float32")
-    assert jnp.isnan(js.Rotation.nearest(m).entries).any(-1).all()
+    R = interpreted(js.Rotation.exp)(np.random.default_rng(0).standard_normal((512, 3))).to_matrix()
+    m = of_dtype(np.asarray(R) * np.array([1, 1, -1]), "float32")
+    assert np.isnan(interpreted(js.Rotation.nearest)(m).entries).any(-1).all()
 
 
 @wide_dtypes
 def test_nearest_removes_drift(dtype):
     """Of a product of 1000 random rotations, which is off by its rounding errors; twice changes nothing more."""
-    steps = js.Rotation.exp(of_dtype(np.random.default_rng(6).standard_normal((1000, 3)), dtype))
-    product, _ = jax.lax.scan(lambda R, step: (R @ step, None), js.Rotation(jnp.eye(3, dtype=dtype).ravel()), steps)
+
+    def multiplied(w):
+        start = js.Rotation(jnp.eye(3, dtype=dtype).ravel())
+        return jax.lax.scan(lambda R, step: (R @ step, None), start, js.Rotation.exp(w))[0]
+
+    product = interpreted(multiplied)(of_dtype(np.random.default_rng(6).standard_normal((1000, 3)), dtype))
+    nearest = interpreted(js.Rotation.nearest)
     eps = float(jnp.finfo(dtype).eps)
 
     def off(R):
@@ -218,20 +223,20 @@ def test_nearest_removes_drift(dtype):
         return np.abs(m @ m.T - np.eye(3)).max()
 
     assert off(product) > 10 * eps
-    cleaned = js.Rotation.nearest(product.to_matrix())
+    cleaned = nearest(np.asarray(product.to_matrix()))
     assert off(cleaned) <= 8 * eps
     assert np.abs(np.asarray(cleaned.entries - product.entries, float)).max() <= 2 * off(product)
-    assert np.abs(np.asarray(js.Rotation.nearest(cleaned.to_matrix()).entries - cleaned.entries)).max() <= 8 * eps
+    assert np.abs(nearest(np.asarray(cleaned.to_matrix())).entries - cleaned.entries).max() <= 8 * eps
 
 
 @pytest.mark.parametrize("mode", [slow(jax.jacfwd), jax.jacrev])
 def test_derivative_of_nearest(mode):
     """Along symmetric changes 0, along turns the turn: d exp(s w) (1 + s S) at s = 0."""
-    R = js.Rotation.exp(jnp.array([0.3, -2.0, 1.0])).to_matrix()
-    S = jnp.array([[1.0, 2, 3], [2, -1, 0], [3, 0, 2]])
-    K = jnp.array([[0.0, -3, 2], [3, 0, -1], [-2, 1, 0]])
-    derivative = mode(lambda s: js.Rotation.nearest(R @ (jnp.eye(3) + s * (S + K))).to_matrix())(0.0)
-    np.testing.assert_allclose(np.asarray(derivative), np.asarray(R @ K), atol=1e-14)
+    R = np.asarray(interpreted(js.Rotation.exp)(np.array([0.3, -2.0, 1.0])).to_matrix())
+    S = np.array([[1.0, 2, 3], [2, -1, 0], [3, 0, 2]])
+    K = np.array([[0.0, -3, 2], [3, 0, -1], [-2, 1, 0]])
+    derivative = mode(lambda s: js.Rotation.nearest(R @ np.eye(3) + s * (R @ (S + K))).to_matrix())
+    np.testing.assert_allclose(interpreted(derivative)(0.0), R @ K, atol=1e-14)
 
 
 @wide_dtypes
@@ -239,29 +244,29 @@ def test_interpolation(dtype):
     """t = 0 and 1 give both ends, between the turn is in proportion, beyond it goes on; also of poses."""
     rng = np.random.default_rng(7)
     w = rng.standard_normal((20, 3))
-    start = js.Rotation.exp(of_dtype(rng.standard_normal((20, 3)), dtype))
-    end = start @ js.Rotation.exp(of_dtype(w, dtype))
+    exp = interpreted(js.Rotation.exp)
+    start, step = (exp(of_dtype(x, dtype)) for x in (rng.standard_normal((20, 3)), w))
+    end = interpreted(lambda R, S: R @ S)(start, step)
     eps = float(jnp.finfo(dtype).eps)
-    interpolated = jax.jit(lambda t: start.interpolate(end, jnp.broadcast_to(t, (20,))))
+    interpolated = interpreted(lambda R, S, t: R.interpolate(S, jnp.broadcast_to(t, (20,))))
     for t in (0.0, 0.5, 1.0, 3.0, -1.0):
-        found = np.asarray(interpolated(jnp.asarray(t, dtype)).to_matrix(), float)
-        expected = np.asarray(start.to_matrix(), float) @ np.asarray(js.Rotation.exp(jnp.asarray(t * w)).to_matrix())
+        found = np.asarray(interpolated(start, end, of_dtype(t, dtype)).to_matrix(), float)
+        expected = np.asarray(start.to_matrix(), float) @ np.asarray(exp(t * w).to_matrix())
         assert (
             np.linalg.norm(found - expected, 2, axis=(1, 2)).max()
             <= (bounds.INTERPOLATED.u + bounds.EACH_WAY.u * abs(t)) * eps / 2
         )
-    np.testing.assert_array_equal(interpolated(jnp.asarray(0, dtype)).entries, start.entries)
-    assert jnp.isnan(interpolated(jnp.asarray(np.nan, dtype)).entries).all()
+    np.testing.assert_array_equal(interpolated(start, end, of_dtype(0, dtype)).entries, start.entries)
+    assert np.isnan(interpolated(start, end, of_dtype(np.nan, dtype)).entries).all()
     p, q = (of_dtype(rng.standard_normal((20, 3)), dtype) for _ in range(2))
     X, Y = js.RigidTransform(start, p), js.RigidTransform(end, q)
-    poses = jax.jit(lambda t: X.interpolate(Y, jnp.broadcast_to(t, (20,))))
     sizes = np.linalg.norm(np.asarray(p, float), axis=1) + np.linalg.norm(np.asarray(q, float), axis=1)
     for t, expected in ((0, p), (1, q)):
-        wrong = np.linalg.norm(np.asarray(poses(jnp.asarray(t, dtype)).translation - expected, float), axis=1)
+        wrong = np.linalg.norm(interpolated(X, Y, of_dtype(t, dtype)).translation.astype(float) - expected, axis=1)
         assert (wrong / sizes).max() <= (4 + 8 * t) * eps
-    half = poses(jnp.asarray(0.5, dtype))
-    twice = half @ X.inverse_times(half)
-    assert np.abs(np.asarray(twice.translation - q, float)).max() <= 40 * eps * sizes.max()
+    half = interpolated(X, Y, of_dtype(0.5, dtype))
+    twice = interpreted(lambda X, half: half @ X.inverse_times(half))(X, half)
+    assert np.abs(twice.translation.astype(float) - q).max() <= 40 * eps * sizes.max()
 
 
 @pytest.mark.parametrize("name", ["exp", slow("left_jacobian"), slow("left_jacobian_inverse")])
@@ -273,16 +278,18 @@ def test_decisions_of_angles_agree_with_themselves(name):
     for size in (np.sqrt(10), 1.0):
         w = of_dtype(d * size * (1 + rng.integers(-4, 5, (4000, 1)) * 2.0**-24), "float32")
         f = functools.partial(_entries, getattr(js.Rotation, name))
-        fast, exact_ones = (jax.jit(jax.vmap(jax.jacfwd(functools.partial(f, p))))(w) for p in ("fast", "compensated"))
-        assert np.abs(np.asarray(fast - exact_ones)).max() <= 1e-4 * (1 if size < 2 else 4)
+        fast, exact_ones = (
+            evaluated(p, jax.vmap(jax.jacfwd(functools.partial(f, p))))(w) for p in ("fast", "compensated")
+        )
+        assert np.abs(np.asarray(fast) - exact_ones).max() <= 1e-4 * (1 if size < 2 else 4)
 
 
 def test_decisions_of_rows_that_tie_agree_with_themselves():
     rng = np.random.default_rng(10)
     q = of_dtype(rng.choice([-0.5, 0.5], (4000, 4)) * (1 + 1e-7 * rng.standard_normal((4000, 4))), "float32")
-    R = js.Rotation.from_quaternion(q)
-    turned = jax.jit(lambda R, S: R.interpolate(S, jnp.ones(4000, jnp.float32), precision="fast"))(R, R @ R)
-    assert np.abs(np.asarray(turned.entries - (R @ R).entries)).max() <= 1e-5
+    R, twice = interpreted(lambda q: [f(js.Rotation.from_quaternion(q)) for f in (lambda R: R, lambda R: R @ R)])(q)
+    turned = jax.jit(lambda R, S: R.interpolate(S, jnp.ones(4000, jnp.float32), precision="fast"))(R, twice)
+    assert np.abs(np.asarray(turned.entries) - twice.entries).max() <= 1e-5
 
 
 def _entries(function, precision, w):

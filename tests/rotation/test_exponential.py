@@ -1,4 +1,7 @@
-"""exp, log and their Jacobians against 160 digits, for every angle, with a translation that is not scaled along."""
+"""exp, log and their Jacobians against 160 digits, for every angle, with a translation that is not scaled along.
+
+In NumPy (`interpreted`); `test_bits_do_not_depend_on_the_program` is about compiled programs.
+"""
 
 import functools
 from typing import Any
@@ -12,6 +15,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.rotation import promises as bounds
 from tests.helpers import exact_rotation as exact
+from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow, slow_but
 from tests.helpers.rotation_cases import allowed, eps, wide_dtypes
 
@@ -74,7 +78,7 @@ def motions(dtype, angles, count=2):
     v = rng.standard_normal(w.shape)
     v[1::3] = np.cross(v[1::3], d[1::3])
     v[2::6] = d[2::6]
-    return jnp.asarray(w.astype(jnp.dtype(dtype))), jnp.asarray(v.astype(jnp.dtype(dtype)))
+    return w.astype(jnp.dtype(dtype)), v.astype(jnp.dtype(dtype))
 
 
 @functools.cache
@@ -84,9 +88,10 @@ def references(dtype, angles):
     return [exact.exp(x) for x in w], [exact.translation(x, y) for x, y in zip(w, v, strict=True)]
 
 
-def moved(dtype, angles, precision, transformed=jax.jit):
+def moved(dtype, angles, precision):
     w, v = motions(dtype, angles)
-    X = transformed(functools.partial(js.RigidTransform.exp, precision=precision))(js.SpatialVelocity(w, v))
+    formula = functools.partial(js.RigidTransform.exp, precision=precision)
+    X = evaluated(precision, formula)(js.SpatialVelocity(w, v))
     return X.rotation.entries, X.translation
 
 
@@ -147,10 +152,14 @@ def test_every_entry_is_rounded_once(dtype):
     """Not the matrix in its largest singular value, which is off by more than 1.01 u where all entries are by u."""
     angles = (1e-6, 0.1, 1.0, 2.1, 3.1)
     w, _ = motions(dtype, angles)
-    q = js.Rotation.exp(w).to_quaternion()
+    q = interpreted(lambda w: js.Rotation.exp(w).to_quaternion())(w)
     matrices, _ = references(dtype, angles)
-    assert rounded_once(js.Rotation.exp(w, precision="compensated").entries, matrices, dtype, bounds.EXP)
-    found = js.Rotation.from_quaternion(q, precision="compensated").entries
+    from_angles, found = interpreted(
+        lambda w, q: [
+            f(x, precision="compensated").entries for f, x in ((js.Rotation.exp, w), (js.Rotation.from_quaternion, q))
+        ]
+    )(w, q)
+    assert rounded_once(from_angles, matrices, dtype, bounds.EXP)
     assert rounded_once(found, [exact.from_quaternion(exact.vector(x)) for x in q], dtype, bounds.FROM_QUATERNION)
 
 
@@ -159,7 +168,7 @@ def rounded_references(dtype, angles):
     entries = np.array([list(m) for m in matrices], object).astype(float)
     # From the nearest float64: for float16 and bfloat16 rounded twice, by far less than their roundoff.
     p = np.array([list(t) for t in translations], object).astype(float)
-    return (jnp.asarray(x.astype(jnp.dtype(dtype))) for x in (entries, p))
+    return (x.astype(jnp.dtype(dtype)) for x in (entries, p))
 
 
 @wide_cases
@@ -168,7 +177,7 @@ def test_log(dtype, precision):
     angles = (*ANGLES, *NEAR_PI)
     entries, p = rounded_references(dtype, angles)
     X = js.RigidTransform(js.Rotation(entries), p)
-    V = jax.jit(functools.partial(js.RigidTransform.log, precision=precision))(X)
+    V = evaluated(precision, functools.partial(js.RigidTransform.log, precision=precision))(X)
     w, v = ([exact.vector(x) for x in vs] for vs in motions(dtype, angles))
     assert relative(exact.differences(V.w, w), w).max() <= 8 * eps(dtype) / 2
     assert relative(exact.differences(V.v, v), v).max() <= 8 * eps(dtype) / 2
@@ -185,9 +194,8 @@ def exact_log(entries):
 def test_log_of_the_matrix_as_it_is(dtype, precision):
     angles = (*ANGLES, *NEAR_PI)
     entries, p = rounded_references(dtype, angles)
-    V = jax.jit(functools.partial(js.RigidTransform.log, precision=precision))(
-        js.RigidTransform(js.Rotation(entries), p)
-    )
+    X = js.RigidTransform(js.Rotation(entries), p)
+    V = evaluated(precision, functools.partial(js.RigidTransform.log, precision=precision))(X)
     w = [exact_log(x) for x in entries]
     v = [exact.left_jacobian(x) ** -1 * mp.matrix(exact.vector(y)) for x, y in zip(w, p, strict=True)]
     assert relative(exact.differences(V.w, w), w).max() <= allowed(dtype, precision, bounds.LOG)
@@ -198,7 +206,7 @@ def test_log_of_the_matrix_as_it_is(dtype, precision):
 def test_log_undoes_exp(dtype):
     angles = (*ANGLES, *NEAR_PI)
     w, v = motions(dtype, angles)
-    V = jax.jit(lambda V: js.RigidTransform.exp(V).log())(js.SpatialVelocity(w, v))
+    V = interpreted(lambda V: js.RigidTransform.exp(V).log())(js.SpatialVelocity(w, v))
     for computed, given in ((V.w, w), (V.v, v)):
         given = [exact.vector(x) for x in given]
         assert relative(exact.differences(computed, given), given).max() <= 10 * eps(dtype) / 2
@@ -211,15 +219,16 @@ def test_at_half_a_turn(dtype):
     q = np.concatenate((np.zeros((len(d), 1)), d), 1).astype(dtype)
     entries = np.array([list(exact.from_quaternion(exact.vector(x))) for x in q], object).astype(float).astype(dtype)
     m = entries.reshape(-1, 3, 3)
-    symmetric = js.Rotation(jnp.asarray(((m + m.transpose(0, 2, 1)) / 2).reshape(-1, 9)))
-    w = np.asarray(symmetric.log(), float)
+    symmetric = js.Rotation(((m + m.transpose(0, 2, 1)) / 2).reshape(-1, 9))
+    w = np.asarray(interpreted(js.Rotation.log)(symmetric), float)
+    there_and_back = interpreted(lambda w: js.Rotation.exp(w).log())
     largest = np.take_along_axis(w, np.abs(w).argmax(1)[:, None], 1)
     assert (largest > 0).all()
     assert np.abs(np.linalg.norm(w, axis=1) - np.pi).max() <= 4 * eps(dtype) * np.pi
     for sign in (1, -1):
         for step in (1, 4, 100):
             a = (np.pi - sign * step * 4 * eps(dtype)) * d
-            back = np.asarray(js.Rotation.exp(jnp.asarray(a.astype(dtype))).log(), float)
+            back = np.asarray(there_and_back(a.astype(dtype)), float)
             there = a.astype(dtype).astype(float) if sign > 0 else a - 2 * np.pi * d
             wrong = np.minimum(*(np.linalg.norm(back - s * there, axis=1) for s in (1, -1)))
             assert wrong.max() <= 8 * eps(dtype) * np.pi
@@ -230,15 +239,16 @@ def test_at_half_a_turn(dtype):
 @precisions
 @pytest.mark.parametrize("bad", [np.inf, -np.inf, np.nan, 1e30])
 def test_what_is_no_angle_is_nan(bad, precision):
-    w = jnp.asarray(np.array([[bad, 0, 0], [0.3, bad, -1], [bad, bad, bad]]))
+    w = np.array([[bad, 0, 0], [0.3, bad, -1], [bad, bad, bad]])
+    exp = evaluated(precision, functools.partial(js.Rotation.exp, precision=precision))
     for dtype in ("bfloat16", "float32", "float64"):
-        R = js.Rotation.exp(w.astype(dtype), precision=precision)
-        assert jnp.isnan(R.entries).all()
+        assert np.isnan(np.asarray(exp(w.astype(jnp.dtype(dtype))).entries, float)).all()
     if not np.isfinite(bad):
-        w = jnp.array([[at, -at / 2, at / 3] for at in (0.3, 2.0, 3.1)])
-        entries = np.tile(np.asarray(js.Rotation.exp(w).entries), (9, 1))
+        w = np.array([[at, -at / 2, at / 3] for at in (0.3, 2.0, 3.1)])
+        entries = np.tile(interpreted(js.Rotation.exp)(w).entries, (9, 1))
         entries[np.arange(27), np.repeat(np.arange(9), 3)] = bad
-        assert not jnp.isfinite(js.Rotation(jnp.asarray(entries)).log(precision=precision)).any()
+        log = evaluated(precision, functools.partial(js.Rotation.log, precision=precision))
+        assert not np.isfinite(log(js.Rotation(entries))).any()
 
 
 def transformations(f, *arrays):
@@ -251,7 +261,7 @@ def transformations(f, *arrays):
 @pytest.mark.parametrize("what", ["values", slow("gradients")])
 @wide_dtypes
 def test_bits_do_not_depend_on_the_program(dtype, what):
-    """Values and derivatives in "reproducible"."""
+    """Values and derivatives in "reproducible", bitwise those of NumPy."""
     w, v = motions(dtype, (0, 1e-30, 1e-4, 0.5, 1.0, 2.0, 3.1, 3.2, 7.0), 3)
 
     def both(w, v):
@@ -259,7 +269,7 @@ def test_bits_do_not_depend_on_the_program(dtype, what):
         V = X.log()
         return X.rotation.entries, X.translation, V.w, V.v
 
-    weights = [jnp.asarray(np.random.default_rng(n).standard_normal(n).astype(dtype)) for n in (9, 3, 3, 3)]
+    weights = [np.random.default_rng(n).standard_normal(n).astype(dtype) for n in (9, 3, 3, 3)]
 
     def weighted(w, v):
         terms = (c * x for xs, cs in zip(both(w, v), weights, strict=True) for x, c in zip(xs.T, cs, strict=True))
@@ -269,7 +279,7 @@ def test_bits_do_not_depend_on_the_program(dtype, what):
         return jax.grad(weighted, (0, 1))(w, v)
 
     f = {"values": both, "gradients": gradients}[what]
-    expected = f(w, v)
+    expected = interpreted(f)(w, v)
     for name, found in transformations(f, w, v):
         want = jax.tree.map(lambda x: x[5:6], expected) if name == "one" else expected
         for a, b in zip(found, want, strict=True):
@@ -299,6 +309,6 @@ def test_left_jacobians(dtype, precision):
         (js.RigidTransform.left_jacobian, V, J, bounds.MOTION_JACOBIAN),
         (js.RigidTransform.left_jacobian_inverse, V, inverse, bounds.MOTION_JACOBIAN_INVERSE),
     ):
-        found = jax.jit(functools.partial(function, precision=precision))(given)
+        found = evaluated(precision, functools.partial(function, precision=precision))(given)
         errors = relative(exact.differences(found.reshape(len(w), -1), exact_ones), exact_ones)
         assert errors.max() <= allowed(dtype, precision, bound)
