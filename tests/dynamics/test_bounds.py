@@ -15,7 +15,8 @@ import pytest
 import jaxspatial as js
 from jaxspatial.dynamics.promises import ALGORITHM, FORWARD_DYNAMICS
 from tests.helpers import exact_dynamics as exact
-from tests.helpers import marks
+from tests.helpers.interpreted import interpreted
+from tests.helpers.marks import slow
 
 N = 4
 POSE = np.float64(np.float32([1.25, -0.5, 2.75, -2.0]))
@@ -154,14 +155,20 @@ CANCELLING = {
 }
 
 
-@pytest.mark.parametrize("dtype", ["float32", pytest.param("float64", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("precision", marks.slow_but(["fast", "compensated"], js.Precision))
-def test_every_algorithm(precision, dtype):
+# Formulas are evaluated in NumPy. Compiled, `test_transformations` holds their bits in "reproducible", and bounds of
+# inverse dynamics in the other precisions (`test_dtypes_and_precisions`); test_step_bounds those of steps in "fast".
+CASES = [("reproducible", "float32", interpreted), ("compensated", "float32", interpreted)]
+CASES += [slow(precision, dtype, jax.jit) for precision in js.Precision for dtype in ("float32", "float64")]
+
+
+@pytest.mark.parametrize(("precision", "dtype", "run"), CASES)
+def test_every_algorithm(precision, dtype, run):
     """In one program, in a batch of states. Where it is any state, of the results themselves."""
+    precision = js.Precision(precision)
     u, beyond = float(jnp.finfo(dtype).eps) / 2, set()
     with jax.enable_x64(dtype == "float64"):
         batch = [np.stack(x).astype(dtype) for x in zip(*states().values(), strict=True)]
-        found = jax.tree.map(np.asarray, jax.jit(jax.vmap(functools.partial(all_of_ours, precision)))(*batch))
+        found = jax.tree.map(np.asarray, run(jax.vmap(functools.partial(all_of_ours, precision)))(*batch))
     for i, state in enumerate(states()):
         condition = np.linalg.cond(floats(expected(state)["mass matrix"], (N, N)))
         for name, numbers in expected(state).items():

@@ -11,6 +11,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.dynamics import promises as bounds
 from tests.helpers import exact_steps as exact
+from tests.helpers.interpreted import evaluated, interpreted
 
 KINDS = ["revolute", "continuous", "planar", "ball", "free"]
 PRECISIONS = ["fast", pytest.param("reproducible", marks=pytest.mark.slow), "compensated"]
@@ -47,7 +48,7 @@ def ours(kind, precision):
         with js.default_precision(precision):
             return js.integrate(mech, q, v, dt), js.difference(mech, q, q1), js.configuration_rates(mech, q, v)
 
-    return [np.asarray(x) for x in jax.jit(of)(*inputs(kind))]
+    return [np.asarray(x) for x in evaluated(precision, of)(*inputs(kind))]
 
 
 def parts(kind, of_rates):
@@ -118,7 +119,7 @@ def _apart(a, b, of_either_sign):
 def test_interpolation(precision):
     """Half the way between orientations and positions."""
     mech, (q, q1, _, t) = joint("free"), inputs("free")
-    found = np.asarray(jax.jit(lambda *x: js.interpolate(mech, *x, precision=precision))(q, q1, t))
+    found = np.asarray(evaluated(precision, lambda *x: js.interpolate(mech, *x, precision=precision))(q, q1, t))
     for i in range(MANY):
         a, b, (s,) = (exact.numbers(np.atleast_1d(x[i])) for x in (q, q1, t))
         rates = exact.differed("free", a, b)
@@ -183,7 +184,7 @@ def test_steps(name, precision):
     """Of a thousandth and of a hundred-thousandth of a second: rates taken from a difference of coordinates would be
     off by u |q| / dt, which none of the bounds allows."""
     dt = np.float32([1e-3, 1e-5])
-    found = jax.jit(functools.partial(STEPS[name], chain(), precision=precision))(*state(), dt)
+    found = evaluated(precision, functools.partial(STEPS[name], chain(), precision=precision))(*state(), dt)
     for q, v, h in zip(*map(np.asarray, found), dt, strict=True):
         (q_exact, v_exact), vdot, M = stepped(name, h)
         c, h = np.linalg.cond(np.array(M.tolist(), float)), float(h)
@@ -206,8 +207,8 @@ def _largest(ours, numbers):
 
 def test_factors_of_the_mass_matrix():
     """Of a given matrix, near singular: its own errors are in `test_bounds`."""
-    factor = jax.jit(functools.partial(js.mass_matrix_factor, chain()))(state()[0])
-    M = np.asarray(jax.jit(functools.partial(js.mass_matrix, chain()))(state()[0]), np.float64)
+    factor = interpreted(functools.partial(js.mass_matrix_factor, chain()))(state()[0])
+    M = np.asarray(interpreted(functools.partial(js.mass_matrix, chain()))(state()[0]), np.float64)
     L, n = np.asarray(factor.L, np.float64), N
     size, c = np.linalg.norm(M, 2), np.linalg.cond(M)
     assert np.linalg.norm(L.T @ L - M, 2) <= bounds.FACTOR.u * n * (n + 1) * U * size

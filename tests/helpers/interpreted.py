@@ -6,6 +6,7 @@ and `laws.test_transformations` hold.
 """
 
 import functools
+import math
 
 import jax
 import jax.numpy as jnp
@@ -153,16 +154,28 @@ def _reduce_precision(x, *, exponent_bits, mantissa_bits):
     return x if is_its_own else jax.lax.reduce_precision(x, exponent_bits, mantissa_bits)
 
 
-def _traced(function, arrays):
-    return _evaluated(jax.make_jaxpr(function)(*arrays), arrays)
-
-
 def _sums(*arrays, plan):
-    return _traced(functools.partial(sums._evaluated, plan=plan, contracted=lambda dtype: False), arrays)
+    avals = tuple(jax.ShapeDtypeStruct(x.shape, x.dtype) for x in arrays)
+    return _evaluated(_traced_sums(plan, avals, bool(jax.config.jax_enable_x64)), arrays)
+
+
+@functools.lru_cache(maxsize=1024)
+def _traced_sums(plan, avals, _):
+    """Traced once for all turns of a loop."""
+    return jax.make_jaxpr(functools.partial(sums._evaluated, plan=plan, contracted=lambda dtype: False))(*avals)
 
 
 def _program(*arrays, program, n_batch):
-    return _traced(functools.partial(programs.run, program, n_batch, True), arrays)
+    """As `run` does it in one block: what a program was traced to is evaluated, and not traced into another."""
+    batch = np.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
+    if program.columns(arrays, n_batch) or math.prod(batch) > program.block:
+        return _evaluated(jax.make_jaxpr(functools.partial(programs.run, program, n_batch, True))(*arrays), arrays)
+    varies = [math.prod(x.shape[:n_batch]) > 1 for x in arrays]
+    over = [np.broadcast_to(x, (*batch, *x.shape[n_batch:])) if y else x for x, y in zip(arrays, varies, strict=True)]
+    flat = [programs._flat(x, n_batch, batch) for x in over]
+    traced = program.traced([jax.ShapeDtypeStruct(x.shape, x.dtype) for x in flat])
+    found = _evaluated(traced.closed, flat)
+    return [programs._unflat(y, program.owner(i), arrays, n_batch, batch) for i, y in enumerate(found)]
 
 
 def _scan(*arrays, jaxpr, length, reverse, num_consts=0, num_carry=0, ft_in=None, **_):
