@@ -22,8 +22,8 @@ ocp = needs("orbax.checkpoint")
 
 @pytest.fixture(autouse=True)
 def rules_of_learners():
-    """Optax counts in integers, and multiplies floats by them."""
-    with jax.numpy_dtype_promotion("standard"):
+    """Optax counts in integers, and multiplies floats by them. In the precision that compiles soonest."""
+    with jax.numpy_dtype_promotion("standard"), js.default_precision("fast"):
         yield
 
 
