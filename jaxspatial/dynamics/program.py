@@ -94,8 +94,8 @@ class Traced:
 
         closed = jax.make_jaxpr(flat)(*avals)
         jaxpr, _ = pe.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
-        self.run = jax.extend.core.jaxpr_as_fun(jax.extend.core.ClosedJaxpr(jaxpr, closed.consts))
+        self.closed = jax.extend.core.ClosedJaxpr(jaxpr, closed.consts)
         self.out_avals = closed.out_avals
 
     def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
-        return self.run(*arrays)
+        return jax.extend.core.jaxpr_as_fun(self.closed)(*arrays)
