@@ -10,11 +10,12 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import symmetric
+from jaxspatial.arithmetic import check, symmetric
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.interop import mujoco
 from jaxspatial.interop.library import library
+from jaxspatial.rotation.matrices import expanded
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialForce, SpatialMomentum, SpatialVelocity, act
 
 
@@ -183,7 +184,7 @@ def to_inertia(M_BBo_B: SpatialInertia) -> Any:
     Raises:
         ImportError: brax is missing.
     """
-    transform = library("brax.base").Transform.create(pos=jnp.asarray(M_BBo_B.com))
+    transform = library("brax.base").Transform.create(pos=check.as_vectors(M_BBo_B.com, "brax.to_inertia: com"))
     return library("brax.base").Inertia(transform=transform, i=M_BBo_B.central_matrix(), mass=M_BBo_B.mass)
 
 
@@ -199,8 +200,8 @@ def from_moved_inertia(M: Any, *, precision: PrecisionName = None) -> SpatialIne
 
     Error: as of `SpatialInertia.from_dynamic_parameters`, which tells what cancels.
     """
-    six = symmetric.from_matrix(M.i)
-    pi10 = jnp.concatenate((jnp.asarray(M.mass)[..., None], M.transform.pos, six), -1)
+    mass, six = check.as_float_array(M.mass, "brax.from_moved_inertia: mass"), symmetric.from_matrix(M.i)
+    pi10 = jnp.concatenate((expanded(mass), M.transform.pos, six), -1)
     return SpatialInertia.from_dynamic_parameters(pi10, precision=precision)
 
 
@@ -220,5 +221,5 @@ def to_moved_inertia(M_BP_E: SpatialInertia, *, precision: PrecisionName = None)
     Error: as of `SpatialInertia.to_dynamic_parameters`.
     """
     pi10 = M_BP_E.to_dynamic_parameters(precision=precision)
-    transform = library("brax.base").Transform.create(pos=jnp.asarray(pi10[..., 1:4]))
+    transform = library("brax.base").Transform.create(pos=pi10[..., 1:4])
     return library("brax.base").Inertia(transform=transform, i=symmetric.to_matrix(pi10[..., 4:]), mass=M_BP_E.mass)

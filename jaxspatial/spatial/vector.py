@@ -4,10 +4,10 @@ import operator
 from collections.abc import Callable
 from typing import Any, Self, TypeVar
 
-import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.errorfree.reproducible import product, quotient
@@ -77,7 +77,7 @@ class SpatialVector(Parts):
         x, s = check.narrowed(self), self._scalar(scalar)
         batch = check.common_batch_shape(**{type(self).__name__: x.batch_shape, "scalar": s.shape})
         parts = check.broadcast_batch(batch, *x.vectors)
-        factor: Any = s if isinstance(s, np.generic) else check.broadcast_batch(batch, expanded(s))[0]
+        factor = s if folding.is_known(s) else check.broadcast_batch(batch, expanded(s))[0]
         return self.with_vectors(_scaled_part(operation, part, factor) for part in parts)
 
     def _scalar(self, scalar: Any) -> Any:
@@ -156,7 +156,7 @@ class SpatialVector(Parts):
         return _largest(rotational), _largest(translational)
 
     def is_nearly_equal_within_absolute_tolerance(
-        self, other: Self, rotational_tolerance: chex.Numeric, translational_tolerance: chex.Numeric
+        self, other: Self, rotational_tolerance: ArrayLike, translational_tolerance: ArrayLike
     ) -> jax.Array:
         """True where the largest absolute difference of each part is at most its tolerance.
 
@@ -177,7 +177,7 @@ class SpatialVector(Parts):
         rotational, translational = self.get_maximum_absolute_differences(other)
         return (rotational <= _plain(rotational_tolerance)) & (translational <= _plain(translational_tolerance))
 
-    def is_approx(self, other: Self, tolerance: chex.Numeric | None = None) -> jax.Array:
+    def is_approx(self, other: Self, tolerance: ArrayLike | None = None) -> jax.Array:
         """True where all six absolute differences are at most the tolerance.
 
         Args:
@@ -205,10 +205,11 @@ def _summed(rotational: Three, translational: Three) -> list[Summed]:
 
 def _scaled_part(operation: Callable[..., Any], part: Any, s: Any) -> Any:
     """operation(part, s) for s (*batch, 1) or a number; double words and Components know it as an operator."""
+    factor: Any = s
     x: Any = to_double_word(part) if isinstance(s, DoubleWord) and not isinstance(part, Components) else part
     if isinstance(x, check.StandIn):
-        return x * s if operation is product else x / s
-    return operation(x, jnp.broadcast_to(s, x.shape))
+        return x * factor if operation is product else x / factor
+    return operation(x, jnp.broadcast_to(factor, x.shape))
 
 
 def combined(operation: Callable[..., Any], x: _Kind, y: _Kind) -> _Kind:
@@ -219,11 +220,15 @@ def combined(operation: Callable[..., Any], x: _Kind, y: _Kind) -> _Kind:
 
 def _skipping_zero(operation: Callable[..., Any], x: Any, y: Any) -> Any:
     """x + y or x - y: of known zeros nothing is left."""
-    if isinstance(y, np.ndarray) and not y.any():
+    if _is_known_zero(y):
         return x
-    if isinstance(x, np.ndarray) and not x.any():
+    if _is_known_zero(x):
         return y if operation is operator.add else -y
     return folding.quietly(operation, x, y)
+
+
+def _is_known_zero(x: Any) -> bool:
+    return isinstance(x, np.ndarray) and not x.any()
 
 
 def _largest(x: Any) -> Any:
@@ -232,6 +237,6 @@ def _largest(x: Any) -> Any:
     return maximum(maximum(x[..., 0], x[..., 1]), x[..., 2])
 
 
-def _plain(number: chex.Numeric) -> chex.Numeric:
+def _plain(number: ArrayLike) -> ArrayLike:
     """A Python number for any that is one (np.float64 is): it takes the dtype of what it is compared with."""
     return float(number) if isinstance(number, float) else number

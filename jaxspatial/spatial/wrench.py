@@ -1,5 +1,9 @@
 """Wrenches and points: from point forces to a wrench, and from a wrench to its axis and its centre of pressure."""
 
+# Of `jax.jit`, `jax.tree` and `jnp.asarray` the stubs say only a part.
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownVariableType=false
+# pyright: reportUnknownLambdaType=false
+
 import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple

@@ -225,7 +225,7 @@ class _Piece:
         """Of the part of the joint that it follows."""
         if not self.is_mimic:
             return x
-        multiplier, offset = (jnp.broadcast_to(jnp.asarray(y), x.shape) for y in (self.multiplier, self.offset))
+        multiplier, offset = (jnp.broadcast_to(y, x.shape) for y in (self.multiplier, self.offset))
         return multiplier * x if of_rates else multiplier * x + offset
 
     def in_world(self, q: jax.Array, x: jax.Array, precision: PrecisionName) -> jax.Array:
