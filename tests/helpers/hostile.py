@@ -46,7 +46,13 @@ class Case(NamedTuple):
 def single_items(f):
     """One compiled call for each item: on scalars the compiler rewrites what it leaves alone in batches."""
     compiled = jax.jit(f)
-    return lambda *a: [np.stack(x) for x in zip(*(compiled(*item) for item in zip(*a, strict=True)), strict=True)]
+
+    def call(*arrays):
+        # Of NumPy: to take JAX's apart is a program of its own, which compiles long.
+        items = zip(*map(np.asarray, arrays), strict=True)
+        return [np.stack(x) for x in zip(*(compiled(*item) for item in items), strict=True)]
+
+    return call
 
 
 # How a function of one item is applied to all: in one program of arrays, and in programs of scalars.

@@ -15,6 +15,7 @@ import jaxspatial as js
 from jaxspatial.arithmetic.promise import EXACT, Promise
 from jaxspatial.measure.inputs import FAMILIES, with_condition
 from tests.helpers import duals, hostile
+from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow, slow_but
 from tests.helpers.operation import violations
 from tests.helpers.operations import OPERATIONS
@@ -43,35 +44,36 @@ SHARED = [
 ]
 
 
-# By default all operations in one precision of float32, and one of them in all precisions and dtypes.
-TYPED = [(*case, precision) for case, precision in itertools.product(CASES, ["compensated", "faithful"])]
-USUAL = [case for case in TYPED if case[0] == "shift_velocity" or case[1:] == ("float32", "compensated")]
-cases = pytest.mark.parametrize(("name", "dtype", "precision"), slow_but(USUAL, TYPED))
+# By default one operation compiled, in all precisions and dtypes, and all of them op by op in one precision of float32.
+COMPILED = [(*case, precision, jax.jit) for case, precision in itertools.product(CASES, ["compensated", "faithful"])]
+OP_BY_OP = [(name, "float32", "compensated", interpreted) for name in NAMES]
+USUAL = [case for case in COMPILED if case[0] == "shift_velocity"] + OP_BY_OP
+cases = pytest.mark.parametrize(("name", "dtype", "precision", "run"), slow_but(USUAL, COMPILED + OP_BY_OP))
 
 
 @cases
-def test_tangent(name, dtype, precision):
+def test_tangent(name, dtype, precision, run):
     arrays, tangents = _directions(name, dtype)
     with jax.enable_x64(dtype == "float64"):
-        results = _jvp(name, precision)(arrays, tangents)
+        results = run(_jvp(name, precision))(arrays, tangents)
     _check(name, precision, _bounds(name), results, _pushed(name, dtype))
 
 
 @cases
-def test_pull_back_of_each_result_alone(name, dtype, precision):
+def test_pull_back_of_each_result_alone(name, dtype, precision, run):
     arrays, cotangents = _covectors(name, dtype)
     for part in (i for i, bound in enumerate(_bounds(name)) if bound != EXACT):
         with jax.enable_x64(dtype == "float64"):
-            results = _vjp_of_part(name, precision, part)(arrays, cotangents[part])
+            results = run(_vjp_of_part(name, precision, part))(arrays, cotangents[part])
         _check(name, precision, [_worst(name)] * len(arrays), results, _pulled(name, dtype, part))
 
 
 @cases
-def test_pull_back_of_all_results(name, dtype, precision):
+def test_pull_back_of_all_results(name, dtype, precision, run):
     """Also to arguments that are passed on as they are, or that several results are made of."""
     arrays, cotangents = _covectors(name, dtype)
     with jax.enable_x64(dtype == "float64"):
-        results = _vjp(name, precision)(arrays, cotangents)
+        results = run(_vjp(name, precision))(arrays, cotangents)
     _check(name, precision, [_worst(name)] * len(arrays), results, _pulled(name, dtype))
 
 
@@ -92,8 +94,14 @@ def test_pull_back_to_an_item_that_a_batch_shares(name, shared, dtype, precision
     _check(name, precision, bounds, computed, summed)
 
 
-@pytest.mark.parametrize("precision", js.Precision)
-@pytest.mark.parametrize("name", ["shift_acceleration", "dot_force_velocity"])
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    [
+        *(("dot_force_velocity", precision) for precision in js.Precision),
+        ("shift_acceleration", "compensated"),
+        *(slow("shift_acceleration", precision) for precision in ("fast", "reproducible", "faithful")),
+    ],
+)
 def test_hessian(name, precision):
     """Of the last result contracted with a vector: exact second differences are what the formula gives."""
     arrays = [x[0] for x in hostile.arranged(name, FAMILIES["benign"], np.random.default_rng(4), 1, "float32")]
@@ -121,22 +129,19 @@ def _second_differences(name, arrays, places):
 # -- computed ---------------------------------------------------------------------------------------------------------
 
 
-@functools.cache
 def _jvp(name, precision):
     function = OPERATIONS[name].on_arrays(precision)
-    return jax.jit(jax.vmap(lambda x, t: jax.jvp(function, tuple(x), tuple(t))[1]))
+    return jax.vmap(lambda x, t: jax.jvp(function, tuple(x), tuple(t))[1])
 
 
-@functools.cache
 def _vjp(name, precision):
     function = OPERATIONS[name].on_arrays(precision)
-    return jax.jit(jax.vmap(lambda x, c: jax.vjp(function, *x)[1](list(c))))
+    return jax.vmap(lambda x, c: jax.vjp(function, *x)[1](list(c)))
 
 
-@functools.cache
 def _vjp_of_part(name, precision, part):
     function = OPERATIONS[name].on_arrays(precision)
-    return jax.jit(jax.vmap(lambda x, c: jax.vjp(lambda *a: function(*a)[part], *x)[1](c)))
+    return jax.vmap(lambda x, c: jax.vjp(lambda *a: function(*a)[part], *x)[1](c))
 
 
 def _shared_vjp(name, precision, part, shared, how):

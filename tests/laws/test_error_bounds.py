@@ -19,6 +19,7 @@ from tests.helpers import hostile
 from tests.helpers.marks import slow, slow_but
 from tests.helpers.operation import violations
 from tests.helpers.operations import DTYPES, EXACT, FORMULAS
+from tests.helpers.operations import REPRESENTATIVES as OF_EACH_KIND
 
 
 def _batch_last(f):
@@ -44,26 +45,33 @@ CONTEXTS = {
     "primal of a pull-back": lambda f: jax.jit(lambda *a: jax.vjp(f, *a)[0]),
     "inside a larger fusion": _larger,
 }
-# In all surroundings, in float32 and float64; everything else is computed in batches and item by item.
+# The first in all surroundings, the second in most, in float32 and float64; everything else is computed in batches and
+# item by item.
 REPRESENTATIVES = ("shift_force", "dot_force_velocity")
+MOST = (*hostile.SURROUNDINGS, "eager", "inside a larger fusion")
 
 precisions = pytest.mark.parametrize("precision", js.Precision)
 
 
 def _contexts(name, dtype):
-    all_of_them = name in REPRESENTATIVES and dtype in ("float32", "float64")
-    return CONTEXTS if all_of_them else {how: CONTEXTS[how] for how in ("jit vmap", "single items")}
+    if name not in REPRESENTATIVES or dtype not in ("float32", "float64"):
+        return ("jit vmap", "single items")
+    return CONTEXTS if name == REPRESENTATIVES[0] else MOST
 
 
 # Expansions of many products of many factors compile for seconds, those of `act_acceleration` for minutes. By default
-# one dtype tells of all operations; all dtypes and precisions of the representatives, which error-free transforms in
-# float64 are made like.
+# all operations are run op by op, and compiled one of each kind in float32; all dtypes and precisions of the
+# representatives, which error-free transforms in float64 are made like.
 CASES = list(itertools.product(FORMULAS, DTYPES, js.Precision))
-USUAL = [
-    case
-    for case in CASES
-    if case[0] in REPRESENTATIVES or case[1] == "float32" and case[2] in ("reproducible", "compensated")
-]
+OF_FORMULAS = [case for case in CASES if case[1] == "float32" and case[2] in ("reproducible", "compensated")]
+COMPILED = (*OF_EACH_KIND, "central_axis", "kinetic_energy")
+USUAL = [case for case in CASES if case[0] in REPRESENTATIVES or case in OF_FORMULAS and case[0] in COMPILED]
+
+
+@pytest.mark.parametrize(("name", "dtype", "precision"), OF_FORMULAS)
+def test_bound_of_the_docstring_op_by_op(name, dtype, precision):
+    case = hostile.case(name, dtype)
+    case.check(precision, case.operation.op_by_op(*case.arrays, precision=precision), "op by op")
 
 
 @pytest.mark.parametrize(("name", "dtype", "precision"), slow_but(USUAL, CASES))
@@ -71,8 +79,8 @@ def test_bound_of_the_docstring(name, dtype, precision):
     case = hostile.case(name, dtype)
     with jax.enable_x64(dtype == "float64"):
         arrays = [jnp.asarray(x) for x in case.arrays]
-        for how, context in _contexts(name, dtype).items():
-            case.check(precision, context(case.operation.on_arrays(precision))(*arrays), how)
+        for how in _contexts(name, dtype):
+            case.check(precision, CONTEXTS[how](case.operation.on_arrays(precision))(*arrays), how)
 
 
 @precisions
@@ -122,9 +130,16 @@ CONSTANTS = {
 
 
 @pytest.mark.parametrize("how", CONSTANTS)
-@pytest.mark.parametrize("precision", ["compensated", "faithful"])
 @pytest.mark.parametrize("dtype", ["float32", slow("float64")])
-@pytest.mark.parametrize("name", REPRESENTATIVES)
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    [
+        ("shift_force", "compensated"),
+        ("shift_force", "faithful"),
+        ("dot_force_velocity", "compensated"),
+        slow("dot_force_velocity", "faithful"),
+    ],
+)
 def test_operands_that_are_constants_of_the_program(name, dtype, precision, how):
     """Each in turn, and all but each."""
     whole = hostile.case(name, dtype)

@@ -65,8 +65,7 @@ def test_products_that_overflow_on_the_way_do_not_matter(name, dtype, precision)
 
 
 @precisions
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("name", "dtype"), slow_but(USUAL, CASES[: -len(DTYPES)]))
 def test_huge_factors_beside_tiny_ones(name, dtype, precision):
     """In float64 tiny ones leave no digits to error-free products: errors are those of "fast" then, and no larger."""
     case = _extreme(name, "near_overflow_of_splits", dtype)
@@ -140,7 +139,7 @@ def _check_sums(computed, terms):
     assert not violations(of_sum(terms.shape[1], each=2), "faithful", computed, exact).any()
 
 
-@pytest.mark.parametrize("how", hostile.SURROUNDINGS)
+@pytest.mark.parametrize("how", slow_but(["jit vmap"], hostile.SURROUNDINGS))
 def test_moments_and_forces_that_overflow_on_the_way_to_their_sums(how):
     """In float64, where no wider format takes them up; both sums are in range."""
     rng = np.random.default_rng(11)
@@ -272,8 +271,10 @@ def _loop(convert, back, precision, F, offsets):
     return back(lax.scan(step, there, -offsets[::-1])[0])
 
 
-@pytest.mark.parametrize("precision", ["compensated", "faithful"])
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize(
+    ("dtype", "precision"),
+    [("float32", "compensated"), ("float32", "faithful"), ("float64", "compensated"), slow("float64", "faithful")],
+)
 def test_a_hundred_shifts_there_and_back_in_double_words_are_exact(dtype, precision):
     with jax.enable_x64(dtype == "float64"):
         F, offsets = _there_and_back(dtype)

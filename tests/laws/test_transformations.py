@@ -105,7 +105,7 @@ PROGRAMS = [
     ("vmap", "bfloat16", True, ALL, OWN, True),
     ("eager", "float32", False, ALL, FEW, False),
     ("jit", "float64", True, ONE, FEWEST, False),
-    ("vmap", "float64", True, ALL, FEW, False),
+    ("vmap", "float64", True, ALL, (*FEWEST, "combine"), False),
     ("known", "float64", True, ALL, FEWEST, False),
     ("vmap", "float16", True, ALL, FEWEST, False),
     ("vmap", "bfloat16", True, ALL, FEWEST, False),
