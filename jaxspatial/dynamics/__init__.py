@@ -1,36 +1,13 @@
-"""Layer 5: what mechanisms do."""
+"""Layer 5: what mechanisms do.
 
-from jaxspatial.dynamics.centroid import center_of_mass as center_of_mass
-from jaxspatial.dynamics.centroid import center_of_mass_jacobian as center_of_mass_jacobian
-from jaxspatial.dynamics.centroid import center_of_mass_velocity as center_of_mass_velocity
-from jaxspatial.dynamics.centroid import centroidal_momentum as centroidal_momentum
-from jaxspatial.dynamics.centroid import centroidal_momentum_matrix as centroidal_momentum_matrix
-from jaxspatial.dynamics.configuration import configuration_rates as configuration_rates
-from jaxspatial.dynamics.configuration import difference as difference
-from jaxspatial.dynamics.configuration import integrate as integrate
-from jaxspatial.dynamics.configuration import interpolate as interpolate
-from jaxspatial.dynamics.configuration import random_configuration as random_configuration
-from jaxspatial.dynamics.energy import kinetic_energy as kinetic_energy
-from jaxspatial.dynamics.energy import potential_energy as potential_energy
-from jaxspatial.dynamics.forward_dynamics import forward_dynamics as forward_dynamics
-from jaxspatial.dynamics.inverse_dynamics import bias_forces as bias_forces
-from jaxspatial.dynamics.inverse_dynamics import gravity_forces as gravity_forces
-from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics as inverse_dynamics
-from jaxspatial.dynamics.jacobians import jacobian as jacobian
-from jaxspatial.dynamics.jacobians import jacobian_rate as jacobian_rate
-from jaxspatial.dynamics.kinematics import body_accelerations as body_accelerations
-from jaxspatial.dynamics.kinematics import body_velocities as body_velocities
-from jaxspatial.dynamics.kinematics import forward_kinematics as forward_kinematics
-from jaxspatial.dynamics.linearization import ForwardDynamicsDerivatives as ForwardDynamicsDerivatives
-from jaxspatial.dynamics.linearization import InverseDynamicsDerivatives as InverseDynamicsDerivatives
-from jaxspatial.dynamics.linearization import forward_dynamics_derivatives as forward_dynamics_derivatives
-from jaxspatial.dynamics.linearization import inverse_dynamics_derivatives as inverse_dynamics_derivatives
-from jaxspatial.dynamics.mass_matrix import MassMatrixFactor as MassMatrixFactor
-from jaxspatial.dynamics.mass_matrix import mass_matrix as mass_matrix
-from jaxspatial.dynamics.mass_matrix import mass_matrix_factor as mass_matrix_factor
-from jaxspatial.dynamics.passive import Compliance as Compliance
-from jaxspatial.dynamics.passive import passive_forces as passive_forces
-from jaxspatial.dynamics.regressor import joint_torque_regressor as joint_torque_regressor
-from jaxspatial.dynamics.steps import rk4_step as rk4_step
-from jaxspatial.dynamics.steps import semi_implicit_step as semi_implicit_step
-from jaxspatial.dynamics.steps import symplectic_step as symplectic_step
+From a call to its result:
+
+1. A public function says what it computes, and calls an `algorithm`: a formula over the state of a mechanism, which checks
+   its `arguments` and finds, or makes, the `program` for the numbers that are known. `primitive` runs it, over any batch,
+   and `tangents` has its derivatives.
+2. `state` makes the numbers of a mechanism at its coordinates, bundle by bundle, with joints turned to common axes
+   (`alignment`); `along` has operations on such numbers, `dense` equations in them.
+3. `recursion` goes outward and inward over the tree, each bundle in a `loop`, with steps for one body (`links`);
+   `pairs` makes matrices, entry by entry. No step returns to the mechanism.
+4. `results` puts what was found in the order of bodies, rates and coordinates, rounded once.
+"""

@@ -9,7 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic.precision import OF_ALGORITHMS, OF_REFERENCES
-from jaxspatial.dynamics import forward_dynamics, inverse_dynamics, random_configuration
+from jaxspatial.dynamics.configuration import random_configuration
+from jaxspatial.dynamics.forward_dynamics import forward_dynamics
+from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics
 from jaxspatial.measure import error, exact, timing
 from jaxspatial.measure.recommend import compiled
 from jaxspatial.measure.timing import Advance

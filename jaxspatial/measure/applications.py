@@ -8,7 +8,9 @@ import jax
 import numpy as np
 
 from jaxspatial.arithmetic.precision import DEFAULT, OF_ALGORITHMS
-from jaxspatial.dynamics import forward_dynamics, forward_kinematics, inverse_dynamics
+from jaxspatial.dynamics.forward_dynamics import forward_dynamics
+from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics
+from jaxspatial.dynamics.kinematics import forward_kinematics
 from jaxspatial.measure import scene
 from jaxspatial.measure.recommend import compiled, reference
 from jaxspatial.measure.timing import Advance

@@ -4,8 +4,8 @@ from jaxspatial.mechanism import export as export  # tells jax.export how mechan
 from jaxspatial.mechanism.editing import lock_joints as lock_joints
 from jaxspatial.mechanism.editing import subtree as subtree
 from jaxspatial.mechanism.mechanism import Mechanism as Mechanism
+from jaxspatial.mechanism.mechanism import StaticMechanism as StaticMechanism
 from jaxspatial.mechanism.parts import Body as Body
 from jaxspatial.mechanism.parts import Frame as Frame
 from jaxspatial.mechanism.parts import Joint as Joint
 from jaxspatial.mechanism.random import random_mechanism as random_mechanism
-from jaxspatial.mechanism.static import StaticMechanism as StaticMechanism

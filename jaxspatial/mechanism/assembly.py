@@ -2,7 +2,7 @@
 
 import functools
 import operator
-from collections.abc import Sequence
+from collections.abc import Container, Iterable, Sequence
 from typing import Any
 
 import jax
@@ -10,11 +10,10 @@ import numpy as np
 
 from jaxspatial.arithmetic.numbers.known import in_double
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.mechanism.checks import check_names, check_reached
 from jaxspatial.mechanism.joint_numbers import as_of_followed, parameter, per, registered_parameters, spring_reference
 from jaxspatial.mechanism.joints import KINDS, OF_EVERY_JOINT, Parameter
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
-from jaxspatial.mechanism.poses import act_unless_identity, composed, identity, known, or_identity
+from jaxspatial.mechanism.poses import act_unless_identity, check_single, composed, identity, known, or_identity
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
@@ -30,14 +29,51 @@ def assembled(
     bodies: Sequence[Body], joints: Sequence[Joint], frames: Sequence[Frame]
 ) -> tuple[Topology, dict[str, Any]]:
     """(Topology, its arrays by name) of parts: what `Mechanism` consists of but for gravity, in float64."""
-    check_names(bodies, joints, frames)
+    _check_names(bodies, joints, frames)
     with in_double():
         tree = _Tree({b.name: b for b in bodies}, {j.name: j for j in joints})
         tree.attach(WORLD, -1, identity())
-        check_reached(bodies, tree.places)
+        _check_reached(bodies, tree.places)
         for frame in frames:
             tree.add_frame(frame)
         return tree.topology(), tree.arrays()
+
+
+# -- names ------------------------------------------------------------------------------------------------------------
+
+
+def _check_names(bodies: Sequence[Any], joints: Sequence[Any], frames: Sequence[Any]):
+    for what, kind, parts in (("bodies", Body, bodies), ("joints", Joint, joints), ("frames", Frame, frames)):
+        for part in parts:
+            if not isinstance(part, kind):
+                raise TypeError(f"Mechanism.build: {what}: expected {kind.__name__}s, got {type(part).__name__}")
+        _check_unique(what, [part.name for part in parts])
+    for body in bodies:
+        if body.inertia is not None:
+            check_single(body, "inertia", SpatialInertia)
+    _check_unique("bodies and frames", [WORLD, *(b.name for b in bodies), *(f.name for f in frames)])
+    _check_unique("joints: children", [joint.child for joint in joints])
+    for joint in joints:
+        for side, name in (("parent", joint.parent), ("child", joint.child)):
+            if name not in {body.name for body in bodies} and (name, side) != (WORLD, "parent"):
+                raise ValueError(f"Joint {joint.name!r}: {side}: there is no body {name!r}")
+
+
+def _check_unique(what: str, names: Iterable[str]):
+    seen = set()
+    for name in names:
+        if name in seen:
+            raise ValueError(f"Mechanism.build: {what}: {name!r} comes twice")
+        seen.add(name)
+
+
+def _check_reached(bodies: Iterable[Body], places: Container[str]):
+    lost = [body.name for body in bodies if body.name not in places]
+    if lost:
+        raise ValueError(f"Mechanism.build: joints: nothing holds {', '.join(map(repr, lost))} against the world")
+
+
+# -- the tree ---------------------------------------------------------------------------------------------------------
 
 
 class _Tree:

@@ -9,8 +9,7 @@ import jax.export
 import numpy as np
 
 from jaxspatial.mechanism.joint_numbers import registered_parameters
-from jaxspatial.mechanism.mechanism import Mechanism
-from jaxspatial.mechanism.static import StaticMechanism
+from jaxspatial.mechanism.mechanism import Mechanism, StaticMechanism
 from jaxspatial.mechanism.topology import Topology
 
 

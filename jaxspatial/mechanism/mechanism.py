@@ -1,9 +1,11 @@
 """The mechanism: a tree of bodies that joints hold against each other, as a pytree of numbers."""
 
 import dataclasses
+import functools
 import pathlib
+import weakref
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import numpy as np
@@ -13,18 +15,16 @@ from jaxspatial.arithmetic.tree import tree_of
 from jaxspatial.arithmetic.types import DTypeLike, Vector3
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.assembly import assembled
-from jaxspatial.mechanism.leaves import check_replaced, known, read_only
-from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
+from jaxspatial.mechanism.leaves import check_replaced, frozen, known, read_only
+from jaxspatial.mechanism.parts import Body, Frame, Joint
 from jaxspatial.mechanism.poses import known as known_in_double
+from jaxspatial.mechanism.structure import Structure
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.spatial import RigidTransform
 
-if TYPE_CHECKING:
-    from jaxspatial.mechanism.static import StaticMechanism
-
 
 @tree_of("topology")
-class Mechanism:
+class Mechanism(Structure):
     """Bodies held against each other by joints: n of them move, with nq coordinates q and nv rates v.
 
     Its numbers are leaves: NumPy arrays are known while tracing and fold into programs; arrays of JAX, or a mechanism
@@ -207,85 +207,52 @@ class Mechanism:
         Raises:
             TypeError: numbers are traced.
         """
-        from jaxspatial.mechanism.static import static
-
-        return static(self)
+        own = StaticMechanism(**vars(jax.tree.map(frozen, self.as_known())))
+        return _STATIC.setdefault(own.contents, own)
 
     def _as_tree(self, **changes: Any):
         """A Mechanism with leaves, of these numbers and others."""
         return Mechanism(**{field.name: getattr(self, field.name) for field in dataclasses.fields(self)} | changes)
 
-    # -- structure ----------------------------------------------------------------------------------------------------
 
-    @property
-    def nq(self) -> int:
-        """The number of coordinates."""
-        return self.topology.nq
+class StaticMechanism(Mechanism):
+    """A Mechanism that is a constant: hashable and equal by its contents, a pytree without leaves.
 
-    @property
-    def nv(self) -> int:
-        """The number of rates."""
-        return self.topology.nv
+    `Mechanism.as_static` makes it, the same object for equal ones while one lives. All functions take it as they take
+    a Mechanism, and its numbers fold, as an argument of a function under jit as well, without being named static:
+    there is one program for each of its contents. Gradients, optimizers, casts and checkpoints see nothing of it.
+    `replace`, `as_data` and `as_known` give a Mechanism with leaves. Equal are the tree, its names, dtypes and all
+    numbers, bit by bit.
+    """
 
-    @property
-    def body_names(self) -> tuple[str, ...]:
-        """The names of all bodies that a joint carries, in the order of results."""
-        return self.topology.body_names
+    @functools.cached_property
+    def contents(self) -> tuple[Topology, tuple[Any, ...]]:
+        """(topology, the arrays as bytes): what it is equal and hashed by."""
+        leaves = jax.tree.leaves(self._as_tree())
+        return self.topology, tuple((x.dtype.name, x.shape, x.tobytes()) for x in leaves)
 
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """The names of all joints that move, in the order of bodies."""
-        return self.topology.joint_names
+    @functools.cached_property
+    def _hash(self):
+        return hash(self.contents)
 
-    @property
-    def frame_names(self) -> tuple[str, ...]:
-        """The names of all frames: the world, bodies (welded ones too), and those named apart."""
-        return tuple(name for name, _ in self.topology.frames)
+    def __hash__(self):
+        return self._hash
 
-    @property
-    def dtype(self) -> np.dtype:
-        """The dtype of its numbers."""
-        return np.dtype(self.gravity.dtype)
+    def __eq__(self, other: object):
+        return self is other or (isinstance(other, StaticMechanism) and self.contents == other.contents)
 
-    def frame_body(self, name: str) -> str:
-        """Names the body that carries a frame: itself, the one it is welded to, or "world".
+    def __reduce__(self):
+        return Mechanism.as_static, (self.as_known(),)
 
-        Raises:
-            KeyError: there is no such frame; lists those there are.
-        """
-        body = self.topology.frames[self.topology.index(self.frame_names, name, "Mechanism.frame_body: name")][1]
-        return WORLD if body < 0 else self.body_names[body]
+    def astype(self, dtype: DTypeLike | None) -> "StaticMechanism":
+        """Converts all arrays to a dtype, JAX's default for None. The result is static too."""
+        return super().astype(dtype).as_static()
 
-    def joint_position_indices(self, name: str) -> np.ndarray:
-        """Tells where in q the coordinates of a joint are: integers (k,).
+    def as_static(self) -> "StaticMechanism":
+        """Returns itself."""
+        return self
 
-        Those of a mimic are those of the joint that it follows.
 
-        Raises:
-            KeyError: there is no such joint; lists those there are.
-        """
-        return np.arange(self.nq)[self.topology.q_slice(self._joint(name))]
-
-    def joint_velocity_indices(self, name: str) -> np.ndarray:
-        """Tells where in v the rates of a joint are: integers (k,). Raises as `joint_position_indices`."""
-        return np.arange(self.nv)[self.topology.v_slice(self._joint(name))]
-
-    def _joint(self, name: str):
-        return self.topology.index(self.joint_names, name, "joint")
-
-    def neutral(self) -> np.ndarray:
-        """Makes the coordinates (nq,) at zero: 0, and 1 0 0 0 for quaternions."""
-        own = (i for i in range(len(self.topology)) if not self.topology.is_mimic(i))
-        return np.array([x for i in own for x in self.topology.kind(i).neutral], self.dtype)
-
-    def __repr__(self):
-        """The tree: one line per body, with its joint."""
-        t = self.topology
-        head = f"{type(self).__name__}(nq={self.nq}, nv={self.nv}, {len(t)} bodies, {self.dtype.name})"
-        return "\n".join([head, *(self._line(i) for i in range(len(t)))])
-
-    def _line(self, i: int):
-        t = self.topology
-        indent = "  " * sum(1 for _ in t.ancestors(i))
-        follows = f" follows {t.joint_names[t.followed[i]]}" if t.is_mimic(i) else ""
-        return f"{indent}{t.body_names[i]}  <- {t.joint_names[i]}: {t.kinds[i]}{follows}"
+# Equal ones are one, which keeps its programs for all who ask.
+_STATIC = weakref.WeakValueDictionary()
+jax.tree_util.register_static(StaticMechanism)
