@@ -21,7 +21,7 @@ from jaxspatial.arithmetic import numbers
 from jaxspatial.arithmetic.precision import Precision, resolve
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.dynamics import primitive, program
-from jaxspatial.dynamics.along import Array, PyTreeDef
+from jaxspatial.dynamics.along import PyTreeDef
 from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.program import Aval, Result
 from jaxspatial.dynamics.state import MechanismState
@@ -294,7 +294,7 @@ def algorithm(
     return decorated
 
 
-def _over(x: Array, is_own: bool, n_batch: int):
+def _over(x: Any, is_own: bool, n_batch: int) -> Any:
     """With as many batch axes in front: of size 1 where there are less."""
     shape = (1,) * n_batch + x.shape if is_own else (1,) * (n_batch - x.ndim + 1) + x.shape
     return x.reshape(shape) if shape != x.shape else x

@@ -12,9 +12,10 @@ from jaxspatial.arithmetic.numbers import Number, Numbers, is_constant, is_numbe
 
 T = TypeVar("T")
 Array = jax.Array | np.ndarray
+Maybe = Array | None
 Shape = tuple[int, ...]
 PyTreeDef = Any  # of jax.tree_util, whose stub has a variable of this name
-OfWords = Callable[..., jax.Array]
+OfWord = Callable[[Any], Any]
 
 
 def rows(array: Array, places: np.ndarray) -> Array:
@@ -34,12 +35,12 @@ def _sliced(array: jax.Array, places: np.ndarray):
     return taken.reshape((*np.shape(places), *array.shape[1:]))
 
 
-def mapped(function: OfWords, x: Number) -> Number:
+def mapped(function: OfWord, x: Number) -> Number:
     """A function of arrays applied to a number word by word; to what is known, not at all."""
     return numbers.mapped(function, x) if is_number(x) and not is_constant(x) else x
 
 
-def mapped_tree(function: OfWords, tree: T) -> T:
+def mapped_tree(function: OfWord, tree: T) -> T:
     return jax.tree.map(lambda x: mapped(function, x), tree, is_leaf=is_number)
 
 

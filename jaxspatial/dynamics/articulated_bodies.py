@@ -69,7 +69,7 @@ def accelerations(state: MechanismState, v: Array, tau: Array, forces: Wrenches)
     zero = state.no_vector
     biases = recursion.outward(state, _velocity_bias, zero, own)
     children = Articulated(zero + zero, zero + zero + zero, zero + zero, zero + zero)
-    floating = [floats(state, b) for b in state.bundles]
+    floating = [floats(b) for b in state.bundles]
     eliminated = recursion.inward(state, _eliminate, children, list(zip(own, biases, floating, strict=True)))
     both = [(link, bias.c, e) for (link, _), bias, e in zip(own, biases, eliminated, strict=True)]
     rates = recursion.outward(state, _accelerate, (zero, gravity), both)
@@ -83,9 +83,9 @@ def _by_matrix(state: MechanismState, M: Number, links: list[Link], bias: Number
     return state.rounded(dense.solved(M, state.own_rates([link.tau for link in links]) - bias))
 
 
-def floats(state: MechanismState, bundle: Bundle):
+def floats(bundle: Bundle):
     """Whether its bodies are floating roots, on free joints to the world: all six rates are found at once."""
-    return bundle.kind.is_unconstrained and state.is_root(bundle)
+    return bundle.kind.is_unconstrained and bundle.is_on_world
 
 
 def solution(state: MechanismState, factors: list[Any], force: Array):
@@ -185,10 +185,8 @@ def _bias_through_joint(Z: Numbers, u: Number, UDinv: Numbers):
 
 def _free_axis(w: Three, v: Three, armature: Number) -> int | None:
     """Which axis of the frame a motion is known to be along, where nothing else resists it; None for all others."""
-    known = [x.value if is_constant(x) else None for x in (*w, *v, armature)]
-    if None in known or known[6] != 0 or sorted(map(abs, known[:6])) != [0, 0, 0, 0, 0, 1]:
-        return None
-    return [abs(x) for x in known].index(1)
+    *known, resisting = (abs(float(x.value)) if is_constant(x) else np.nan for x in (*w, *v, armature))
+    return known.index(1) if resisting == 0 and sorted(known) == [0, 0, 0, 0, 0, 1] else None
 
 
 def _with_zero_row(P: Articulated, k: int, tau: Number):

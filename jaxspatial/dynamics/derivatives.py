@@ -18,7 +18,7 @@ from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Rows, Three, constant, doubled, noinline, where
 from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm
-from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.along import Maybe
 from jaxspatial.dynamics.arguments import Wrenches
 from jaxspatial.dynamics.coordinates import by_coordinates
 from jaxspatial.dynamics.kinematics import world
@@ -45,34 +45,23 @@ FromRoot = tuple[Rows, Three, Three]
 
 
 @algorithm(*DYNAMICS, *FRAMES, entries=lambda t: 5 * t.nv**2)
-def derivatives(
-    state: MechanismState,
-    v: Array | None,
-    vdot: Array | None,
-    external_forces: Wrenches,
-):
+def derivatives(state: MechanismState, v: Maybe, vdot: Maybe, external_forces: Wrenches):
     """(dtau_dq, dtau_dv, M), (nv, nv) each, q by the steps of `integrate`."""
-    return tuple(map(state.rounded, _matrices(state, v, vdot, loads(state, external_forces, _load_rate))))
+    return tuple(map(state.rounded, _matrices(state, v, vdot, external_forces)))
 
 
 @algorithm(*DYNAMICS, *FRAMES, entries=lambda t: 5 * t.nv**2)
 def jacobians(
-    state: MechanismState,
-    v: Array | None,
-    vdot: Array | None,
-    external_forces: Wrenches,
-    *,
-    wanted: tuple[bool, ...],
-):
+    state: MechanismState, v: Maybe, vdot: Maybe, external_forces: Wrenches, *, wanted: tuple[bool, ...]
+) -> list[Any]:
     """Those by q, v and vdot that are wanted, as JAX has them: q by its coordinates, (nv, nq)."""
-    dq, dv, M = _matrices(state, v, vdot, loads(state, external_forces, _load_rate))
+    dq, dv, M = _matrices(state, v, vdot, external_forces)
     found = (by_coordinates(state, dq) if wanted[0] else None), dv, M
     return [state.rounded(x) for x, yes in zip(found, wanted, strict=True) if yes]
 
 
-def _matrices(
-    state: MechanismState, v: Array | None, vdot: Array | None, body_loads: list[Load]
-) -> tuple[Number, Number, Number]:
+def _matrices(state: MechanismState, v: Maybe, vdot: Maybe, external_forces: Wrenches):
+    body_loads = loads(state, external_forces, _load_rate)
     links = state.links(v, vdot)
     motions = recursion.outward(state, motion_step, world_motion(state), links)
     subtrees = _composites(state, links, motions, body_loads)
@@ -120,7 +109,7 @@ def _load_rate(tau: Three, f: Three, r: Three):
 
 
 def _with_root_marks(state: MechanismState, links: list[Link], motions: list[BodyMotion]):
-    return [(*x, state.is_root(b)) for *x, b in zip(links, motions, state.bundles, strict=True)]
+    return [(*x, b.is_on_world) for *x, b in zip(links, motions, state.bundles, strict=True)]
 
 
 def _from_root(own: tuple[Link, BodyMotion, bool], parent: FromRoot) -> tuple[FromRoot, FromRoot]:
@@ -151,7 +140,7 @@ def _of_body(inertia: Inertia, motion: BodyMotion, load: Load):
     sigma = tuple(half_trace - x if i in (0, 2, 5) else -x for i, x in enumerate(J))
     X = vectors.matrix_product(skew(tuple(doubled(-x) for x in motion.w)), symmetric.rows(sigma))
     p = vectors.cross(motion.w, vectors.times(inertia.mass, inertia.com))
-    wrench = (vectors.minus(a, b) for a, b in zip(wrench_of(inertia, motion), (tau, f), strict=True))
+    wrench = minus(wrench_of(inertia, motion), (tau, f))
     return Subtree(inertia, vectors.flat(wrench), X, p, load_rate, f)
 
 
@@ -282,7 +271,7 @@ def _motion_rates(s: Motion, V: Motion, A: Motion, own: Motion) -> tuple[Motion,
 # -- put together -----------------------------------------------------------------------------------------------------
 
 
-def _assembled(state: MechanismState, links: list[Link], found: list[Number]) -> tuple[Number, Number, Number]:
+def _assembled(state: MechanismState, links: list[Link], found: Numbers) -> tuple[Number, Number, Number]:
     """(dtau_dq, dtau_dv, M), as numbers (nv, nv, B)."""
     below = jnp.asarray(np.array(_is_behind(state.topology))[:, :, None])
     by_q, by_v = (where(below, x, _transposed(y)) for x, y in zip(found[2:4], found[:2], strict=True))

@@ -113,7 +113,7 @@ class Solve(Algorithm):
             return None
         units = jnp.eye(self.topology.nv, dtype=force.dtype).reshape((-1, *[1] * n_batch, self.topology.nv))
         (inverse,) = primitive.bind(self, [*(x[None] for x in own), units], n_batch + 1)
-        return [times_columns(jnp.moveaxis(inverse, 0, -1), jnp.moveaxis(force, axes[-1], 0))]
+        return [times_columns(jnp.moveaxis(inverse, 0, -1), jnp.moveaxis(force, axes[-1] or 0, 0))]
 
     def columns(self, arrays: Sequence[jax.Array], n_batch: int) -> list[int]:
         """Of many states: their factors would have to be repeated for every column."""
@@ -182,7 +182,7 @@ def _form(state: MechanismState) -> list[Any]:
     zero = state.known(0.0)
     if state.topology.has_mimics:
         return [zero, *[()] * (len(state.bundles) - 1)]
-    return [zero if floats(state, b) else [((zero,) * 6, zero)] * b.kind.nv for b in state.bundles]
+    return [zero if floats(b) else [((zero,) * 6, zero)] * b.kind.nv for b in state.bundles]
 
 
 @algorithm(*DYNAMICS, *FRAMES, result=of_rates)

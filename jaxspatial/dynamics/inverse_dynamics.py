@@ -4,7 +4,7 @@ import jax
 
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, Algorithm, algorithm, of_rates
-from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.along import Maybe
 from jaxspatial.dynamics.arguments import ExternalForces, Wrenches
 from jaxspatial.dynamics.derivatives import jacobians
 from jaxspatial.dynamics.links import minus_gravity
@@ -130,5 +130,5 @@ class InverseDynamics(Algorithm):
 
 
 @algorithm(*DYNAMICS, *FRAMES, kind=InverseDynamics, result=of_rates)
-def _inverse_dynamics(state: MechanismState, v: Array | None, vdot: Array | None, external_forces: Wrenches):
+def _inverse_dynamics(state: MechanismState, v: Maybe, vdot: Maybe, external_forces: Wrenches):
     return state.by_rate(forces_of(state, v, vdot, loads(state, external_forces), minus_gravity(state)))

@@ -1,12 +1,12 @@
 """Where bodies and frames are and how they move."""
 
-from collections.abc import Sequence
-from typing import TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import jax.numpy as jnp
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import Motion, Numbers
+from jaxspatial.arithmetic.numbers import Motion, Numbers, Three
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import recursion
 from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm
@@ -150,6 +150,15 @@ def of_carrier(state: MechanismState, frame: int, found: list[T], at_world: T) -
     return state.of_body(state.topology.frames[frame][1], found, at_world)
 
 
+def _of_frames(
+    state: MechanismState, frames: Frames, function: Callable[[Pose, Pose, T], Any], found: list[T], at_world: T
+) -> tuple[Any, ...]:
+    """Of function(X_WJ, X_JF, what was found for J), two tuples of k numbers for each frame, arrays (frames, k, B)."""
+    on_joints = _on_joints(state, frames, list(zip(poses(state), found, strict=True)), (world(state), at_world))
+    both = [function(X_WJ, X_JF, x) for X_JF, (X_WJ, x) in on_joints]
+    return tuple(_arranged(state, frames, [x[k] for x in both]) for k in (0, 1))
+
+
 def _arranged(state: MechanismState, frames: Frames, found: Sequence[Numbers]):
     """(frames, k, B) of tuples of k numbers: of bundles in the order of bodies, or one for each frame."""
     if frames is None:
@@ -159,10 +168,12 @@ def _arranged(state: MechanismState, frames: Frames, found: Sequence[Numbers]):
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 12 * len(t))
 def _forward_kinematics(state: MechanismState, *, frames: Frames):
-    found = [composed(X, X_JF) for X_JF, X in _on_joints(state, frames, poses(state), world(state))]
-    return _arranged(state, frames, [vectors.flat(X.rows) for X in found]), _arranged(
-        state, frames, [X.p for X in found]
-    )
+    return _of_frames(state, frames, _pose_in_world, [()] * len(state.bundles), ())
+
+
+def _pose_in_world(X_WJ: Pose, X_JF: Pose, _: Any) -> tuple[Numbers, Three]:
+    X_WF = composed(X_WJ, X_JF)
+    return vectors.flat(X_WF.rows), X_WF.p
 
 
 # -- velocities and accelerations -------------------------------------------------------------------------------------
@@ -182,19 +193,9 @@ def _velocity(link: Link, parent: Motion) -> tuple[Motion, Motion]:
     return V, V
 
 
-def _with_poses(
-    state: MechanismState, frames: Frames, found: list[T], at_world: T
-) -> list[tuple[Pose, tuple[Pose, T]]]:
-    """Those of `_on_joints` with the pose of J."""
-    both = list(zip(poses(state), found, strict=True))
-    return _on_joints(state, frames, both, (world(state), at_world))
-
-
 @algorithm(*GEOMETRY, *FRAMES)
 def _body_velocities(state: MechanismState, v: Array, *, frames: Frames):
-    found = _with_poses(state, frames, velocities(state, v), (state.no_vector, state.no_vector))
-    found = [velocity_in_world(X, X_JF, V) for X_JF, (X, V) in found]
-    return tuple(_arranged(state, frames, [V[k] for V in found]) for k in (0, 1))
+    return _of_frames(state, frames, velocity_in_world, velocities(state, v), (state.no_vector, state.no_vector))
 
 
 def velocity_in_world(X_WJ: Pose, X_JF: Pose, V: Motion) -> Motion:
@@ -208,8 +209,7 @@ def velocity_in_world(X_WJ: Pose, X_JF: Pose, V: Motion) -> Motion:
 def _body_accelerations(state: MechanismState, v: Array, vdot: Array, *, frames: Frames):
     at_rest = BodyMotion(*(state.no_vector,) * 3)
     motions = recursion.outward(state, motion_step, at_rest, state.links(v, vdot))
-    found = [_acceleration_in_world(X, X_JF, A) for X_JF, (X, A) in _with_poses(state, frames, motions, at_rest)]
-    return tuple(_arranged(state, frames, [A[k] for A in found]) for k in (0, 1))
+    return _of_frames(state, frames, _acceleration_in_world, motions, at_rest)
 
 
 def _acceleration_in_world(X_WJ: Pose, X_JF: Pose, motion: BodyMotion) -> Motion:

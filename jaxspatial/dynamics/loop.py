@@ -98,7 +98,7 @@ class _Tried:
     def _spread(self, leaves: list[Any], shape: tuple[int, int]):
         return [x if k else as_data(along.spread(x, shape)) for x, k in zip(leaves, self.is_known, strict=True)]
 
-    def _state(self, data: list[Any]) -> Any:
+    def _state(self, data: Any) -> Any:
         return jax.tree.unflatten(self.tree, with_data(self.given, data))
 
     def _data(self, new: Any, shape: tuple[int, int]) -> list[Any]:

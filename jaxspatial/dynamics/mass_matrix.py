@@ -1,5 +1,7 @@
 """The mass matrix, by composite rigid bodies, and its factors."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -113,7 +115,7 @@ def _composite(link: Link, children: Inertia):
 
 
 def combine(a: Inertia, b: Inertia):
-    return Inertia(*joined(*a, *b, 0.5))
+    return Inertia._make(joined(*a, *b, 0.5))
 
 
 def inertia_to_parent(X_PB: Pose, inertia: Inertia):
@@ -229,5 +231,5 @@ def _solved(L: jax.Array, tau: Array) -> jax.Array:
     return solve(lower, half, left_side=True, lower=True)[..., 0].astype(tau.dtype)
 
 
-def _wide(x: jax.Array) -> jax.Array:
+def _wide(x: Any) -> jax.Array:
     return x.astype(np.promote_types(x.dtype, np.float32) if x.dtype.itemsize > 2 else np.dtype(np.float32))

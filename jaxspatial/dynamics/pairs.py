@@ -138,7 +138,7 @@ def by_rates(state: MechanismState, x: Number, axis: int):
 
 def from_root(state: MechanismState) -> list[Pose]:
     """The Pose of every bundle: in the axes of the world, and from the root that carries it."""
-    own = [(state.placement(b), joint, state.is_root(b)) for b, joint in zip(state.bundles, state.joints, strict=True)]
+    own = [(state.placement(b), joint, b.is_on_world) for b, joint in zip(state.bundles, state.joints, strict=True)]
     return recursion.outward(state, _from_root, world(state), own)
 
 

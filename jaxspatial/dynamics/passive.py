@@ -98,7 +98,7 @@ def acting(
 
 
 def resistance(
-    mechanism: Mechanism, v: Array, compliance: Compliance | None, precision: PrecisionName
+    mechanism: Mechanism, v: Any, compliance: Compliance | None, precision: PrecisionName
 ) -> jax.Array | None:
     """The coefficients c of damping and friction, force = -c v: (nv,) of damping alone, (*batch, nv) with friction;
     None where there is neither."""

@@ -4,6 +4,7 @@ A batch that leaves the cache runs in blocks that stay in it, on processors.
 """
 
 import functools
+import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -24,12 +25,8 @@ def bind(program: Program, arrays: Sequence[Any], n_batch: int) -> list[Any]:
     return list(_program_p.bind(*arrays, program=program, n_batch=n_batch))
 
 
-def _common(shapes: Iterable[tuple[int, ...]]):
-    return np.broadcast_shapes(*shapes)
-
-
 def _abstract(*avals: Any, program: Program, n_batch: int) -> list[Any]:
-    batch = _common([a.shape[:n_batch] for a in avals])
+    batch = np.broadcast_shapes(*(a.shape[:n_batch] for a in avals))
     items = [jax.ShapeDtypeStruct(a.shape[n_batch:], a.dtype) for a in avals]
     size = block_size(math.prod(batch), program.block)
     sizes = [size if math.prod(a.shape[:n_batch]) > 1 else 1 for a in avals]
@@ -42,14 +39,9 @@ def _abstract(*avals: Any, program: Program, n_batch: int) -> list[Any]:
         if owner is not None:
             found.append(avals[owner].update(weak_type=False))
             continue
-        spec = jax.sharding.PartitionSpec(*common, *[None] * len(shape))
-        like = avals[0]
-        aval = like.update(
-            shape=(*batch, *shape),
-            dtype=dtype,
-            weak_type=False,
-            sharding=like.sharding.update(spec=spec),
-        )
+        like, spec = avals[0], jax.sharding.PartitionSpec(*common, *[None] * len(shape))
+        sharding = like.sharding.update(spec=spec)
+        aval = like.update(shape=(*batch, *shape), dtype=dtype, weak_type=False, sharding=sharding)
         if varying:
             aval = aval.update(manual_axis_type=like.mat.update(varying=varying))
         found.append(aval)
@@ -69,10 +61,8 @@ def _batch(arrays: Sequence[Any], axes: Sequence[int | None], *, program: Progra
     size = next(x.shape[axis] for x, axis in zip(arrays, axes, strict=True) if axis is not None)
     found = program.batched(arrays, axes, size, n_batch)
     if found is None:
-        both = enumerate(zip(arrays, axes, strict=True))
-        found = bind(
-            program, [batch_axis_first(x, axis, size, program.needs_own(i)) for i, (x, axis) in both], n_batch + 1
-        )
+        own = map(program.needs_own, range(len(arrays)))
+        found = bind(program, list(map(batch_axis_first, arrays, axes, itertools.repeat(size), own)), n_batch + 1)
     return found, [0] * len(found)
 
 
@@ -105,12 +95,12 @@ def zeros(aval: Aval):
 
 def run(program: Program, n_batch: int, in_blocks: bool, *arrays: jax.Array) -> list[jax.Array]:
     """With one axis of states, in blocks where so asked."""
-    batch = _common([x.shape[:n_batch] for x in arrays])
+    batch = np.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
     columns = program.columns(arrays, n_batch) if in_blocks else []
     if columns:
         return [_over_columns(program.over_columns(), columns, n_batch, arrays)]
     flat = [_flat(x, n_batch, batch) for x in arrays]
-    found = _in_blocks(program, program.block if in_blocks else None, math.prod(batch), flat)
+    found = _in_blocks(program, program.block if in_blocks else math.prod(batch), math.prod(batch), flat)
     return [_unflat(y, program.owner(i), arrays, n_batch, batch) for i, y in enumerate(found)]
 
 
@@ -150,7 +140,7 @@ def block_size(n: int, block: int):
     return -(-n // -(-n // block)) if n else n
 
 
-def _in_blocks(program: Program, block: int | None, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
+def _in_blocks(program: Program, block: int, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
     n_blocks = -(-n // block) if block else 1
     if n_blocks < 2:
         return program.traced([_aval(x) for x in arrays])(*arrays)

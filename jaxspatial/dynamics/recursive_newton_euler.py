@@ -6,15 +6,13 @@
 from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.numbers import Numbers, Rows, Three, Wrench, noinline
 from jaxspatial.dynamics import recursion
-from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.along import Maybe
 from jaxspatial.dynamics.links import BodyMotion, across, angular_acceleration_tensor, body_motion, to_parent
 from jaxspatial.dynamics.state import Inertia, Link, Load, MechanismState
 from jaxspatial.spatial import algebra
 
 
-def forces_of(
-    state: MechanismState, v: Array | None, vdot: Array | None, body_loads: list[Load], gravity: Three
-) -> list[Numbers]:
+def forces_of(state: MechanismState, v: Maybe, vdot: Maybe, body_loads: list[Load], gravity: Three) -> list[Numbers]:
     """The generalized forces of every bundle, under loads; gravity: the upward acceleration of the world."""
     own = list(zip(state.links(v, vdot), body_loads, strict=True))
     world = BodyMotion(state.no_vector, state.no_vector, gravity)

@@ -145,11 +145,9 @@ class Results:
         for b, tree in zip(self.bundles, found, strict=True):
             shape = b.length, b.width, self.n
             leaves = jax.tree.leaves(tree, is_leaf=numbers.is_number)
-            full += [along.spread(x, shape if numbers.is_constant(x) else self._whole(x)) for x in leaves]
+            own = (shape if numbers.is_constant(x) else (*numbers.shape_of(x)[:-1], self.n) for x in leaves)
+            full += map(along.spread, leaves, own)
         return numbers.data_of(map(numbers.as_data, full))
-
-    def _whole(self, x: Number):
-        return *numbers.shape_of(x)[:-1], self.n
 
     def of_words(self, arrays: Iterable[Array], form: Any) -> Any:
         """The tree of numbers that consists of these arrays, in the form of another."""

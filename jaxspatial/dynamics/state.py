@@ -18,7 +18,7 @@ from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Rows, Symmetr
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.dynamics import along
-from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.along import Array, Maybe
 from jaxspatial.dynamics.results import Results
 from jaxspatial.mechanism.joints import JointKind, Parameter
 from jaxspatial.mechanism.joints.form import CosSin
@@ -119,7 +119,7 @@ class MechanismState(Results):
         multiplier, offset = self.of(bundle, self.fields["mimics"])
         return tuple(multiplier * x if of_rates else multiplier * x + offset for x in found)
 
-    def rates(self, bundle: Bundle, array: Array | None) -> Numbers:
+    def rates(self, bundle: Bundle, array: Maybe) -> Numbers:
         """The numbers of a bundle in an array over rates; known zeros for None."""
         if array is None:
             return (self.known(0.0),) * bundle.kind.nv
@@ -175,7 +175,7 @@ class MechanismState(Results):
         (mass,), com, central = (self.of(bundle, x) for x in self.fields["inertias"])
         return Inertia(mass, com, central)
 
-    def links(self, v: Array | None = None, vdot: Array | None = None, tau: Array | None = None):
+    def links(self, v: Maybe = None, vdot: Maybe = None, tau: Maybe = None):
         """The Link of every bundle; known zeros for None, and for what the algorithm does not read."""
         return [
             Link(
@@ -206,10 +206,6 @@ class MechanismState(Results):
         data = [x for x in angles if not numbers.is_constant(x)]
         found = iter(along.split(cosine_sine, data) if data else ())
         return (cosine_sine(x) if numbers.is_constant(x) else next(found) for x in angles)
-
-    def is_root(self, bundle: Bundle):
-        """Whether its bodies hang on the world."""
-        return bundle.is_on_world
 
 
 class KindState:

@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +20,8 @@ from jaxspatial.dynamics.passive import Compliance, acting, resistance
 from jaxspatial.dynamics.variational import variational_step
 from jaxspatial.mechanism import Mechanism
 
-At = tuple[Array, Array, Array]  # q, v, tau
+Checked = Any  # an array
+At = tuple[Checked, Checked, Checked]  # q, v, tau
 
 
 def semi_implicit_step(
@@ -78,8 +80,8 @@ def semi_implicit_step(
 
 
 def _with_springs_and_limits(
-    mechanism: Mechanism, q: Array, v: Array, tau: Array, compliance: Compliance | None, precision: PrecisionName
-) -> Array:
+    mechanism: Mechanism, q: Checked, v: Checked, tau: Checked, compliance: Compliance | None, precision: PrecisionName
+) -> Checked:
     forces = acting(mechanism, q, v, compliance, precision, with_resistance=False)
     return tau if forces is None else _plus(precision, tau, forces)
 
@@ -97,7 +99,7 @@ def _accelerated(
 
 
 def _each_accelerated(
-    mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: jax.Array, forces: ExternalForces
+    mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: Checked, forces: ExternalForces
 ) -> jax.Array:
     """Over a batch with a resistance, or a time, for each."""
     given = *at, h, c
@@ -221,7 +223,7 @@ def rk4_step(
 
 
 def _runge_kutta(
-    precision: PrecisionName, rate: Callable[..., tuple[jax.Array, jax.Array]], x: tuple[Array, Array], h: jax.Array
+    precision: PrecisionName, rate: Callable[..., tuple[jax.Array, jax.Array]], x: tuple[Checked, Checked], h: jax.Array
 ) -> tuple[jax.Array, ...]:
     k = [rate(*x)]
     for share in (0.5, 0.5, 1.0):

@@ -90,7 +90,8 @@ class Tangent(Derived):
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
         arguments, tangents = self._split(arrays)
         both = [_alike(x, t) for x, t in zip(self._chosen(arguments), tangents, strict=True)]
-        return jax.jvp(self._of_chosen(arguments), *zip(*both, strict=True))[1]
+        at, along = zip(*both, strict=True)
+        return jax.jvp(self._of_chosen(arguments), at, along)[1]
 
     def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
         n = len(self.moving)

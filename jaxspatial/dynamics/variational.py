@@ -5,6 +5,7 @@
 
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +24,7 @@ def variational_step(
     mechanism: Mechanism,
     q: jax.Array,
     v: jax.Array,
-    tau: jax.Array,
+    tau: Any,
     h: jax.Array,
     damping: jax.Array | None,
     external_forces: ExternalForces,

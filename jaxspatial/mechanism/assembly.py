@@ -99,8 +99,8 @@ class _Tree:
     def _place(self, name: str, carrier: int, X: RigidTransform) -> list[Hung]:
         """What hangs on a body, the first joint last."""
         self.places[name] = carrier, X
-        if carrier >= 0 and self.bodies[name].inertia is not None:
-            self.masses[carrier].append(act_unless_identity(X, self.bodies[name].inertia))
+        if carrier >= 0 and (M := self.bodies[name].inertia) is not None:
+            self.masses[carrier].append(act_unless_identity(X, M))
         return [(joint, carrier, X) for joint in reversed(self.held.get(name, []))]
 
     def _attached(self, joint: Joint, carrier: int, X: RigidTransform):

@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from typing import Any
 
 import jax
-import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.tree import tree_of
@@ -106,8 +105,8 @@ class Mechanism(Structure):
             ValueError: a name is missing or comes twice, nothing holds a body against the world, a shape does not fit.
         """
         topology, arrays = assembled(list(bodies), list(joints), list(frames))
-        gravity = check.as_vectors(known_in_double(gravity), "Mechanism.build: gravity", held=True)
-        return cls(topology=topology, gravity=np.asarray(gravity, np.float64), **arrays).astype(dtype)
+        arrays["gravity"] = check.as_vectors(known_in_double(gravity), "Mechanism.build: gravity", held=True)
+        return cls(topology=topology, **arrays).astype(dtype)
 
     @classmethod
     def from_urdf(

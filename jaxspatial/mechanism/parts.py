@@ -96,7 +96,7 @@ class Joint:
     velocity_limit: Any = math.inf
     lower: Any = -math.inf
     upper: Any = math.inf
-    mimic: Mimic | tuple[Any, ...] | None = None
+    mimic: tuple[Any, ...] | None = None
     parameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property

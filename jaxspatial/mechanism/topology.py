@@ -62,6 +62,7 @@ class Bundle:
 
     @property
     def is_on_world(self):
+        """Whether its bodies hang on the world."""
         return self.groups[0].parents[0] < 0
 
     @functools.cached_property

@@ -141,12 +141,12 @@ def test_equal_ones_are_one_while_one_lives():
     first = build().as_static()
     assert build().as_static() is first and first.replace().as_static() is first
     key = first.contents
-    n = len(js.mechanism.static._STATIC)
+    n = len(js.mechanism.mechanism._STATIC)
     changed = MECH.replace(gravity=np.float32([0, 0, 3])).as_static()
-    assert len(js.mechanism.static._STATIC) == n + 1 and changed.contents != key
+    assert len(js.mechanism.mechanism._STATIC) == n + 1 and changed.contents != key
     del changed
     gc.collect()
-    assert len(js.mechanism.static._STATIC) == n
+    assert len(js.mechanism.mechanism._STATIC) == n
 
 
 def test_an_equal_copy_is_not_compiled_again_and_folds():

@@ -30,7 +30,8 @@ def numbers_of(text: str):
 
 def range_of(dtype: DTypeLike | None):
     """(the smallest normal, the largest) number of a dtype, JAX's default for None."""
-    info = jnp.finfo(jax.dtypes.canonicalize_dtype(float if dtype is None else dtype))
+    finfo: Any = jnp.finfo
+    info = finfo(jax.dtypes.canonicalize_dtype(float if dtype is None else dtype))
     return float(info.tiny), float(info.max)
 
 

@@ -3,13 +3,35 @@
 import importlib
 import io
 import pathlib
-from typing import Any
+from typing import Any, NoReturn
+
+from jaxspatial.arithmetic.types import DTypeLike
+from jaxspatial.mechanism.formats.notes import Notes
+from jaxspatial.mechanism.formats.numbers import range_of
 
 Element = Any  # of lxml, which declares no types
 _MARK = "\ufeff"
 
 
-def file_source(operation: str, path_or_text: object) -> tuple[bytes, pathlib.Path | None]:
+class ModelText:
+    """The text of a model file: its elements, by their lines, and what is told of it at the end."""
+
+    def __init__(self, operation: str, path_or_text: object, dtype: DTypeLike | None):
+        self.operation, self.notes = operation, Notes(operation)
+        self.source, self.path = _file_source(operation, path_or_text)
+        self.root = _parsed(operation, self.source, self.path is None)
+        self.smallest, self.largest = range_of(dtype)
+
+    def refuse_element(self, element: Element, reason: str) -> NoReturn:
+        raise ValueError(f"{self.operation}: line {element.sourceline}: <{element.tag}>: {reason}")
+
+    def refuse_part(self, element: Element | None, tag: str, name: str, reason: str) -> NoReturn:
+        """One that has a name, and stands in the text or not."""
+        line = "" if element is None else f"line {element.sourceline}: "
+        raise ValueError(f'{self.operation}: {line}<{tag} name="{name}">: {reason}')
+
+
+def _file_source(operation: str, path_or_text: object) -> tuple[bytes, pathlib.Path | None]:
     """(the bytes of a file, its path), or (those of a text, None): text is told by its first sign."""
     if isinstance(path_or_text, str):
         text = path_or_text.removeprefix(_MARK)
@@ -37,7 +59,7 @@ def _check_name(operation: str, text: str):
         raise ValueError(f"{operation}: path_or_text: expected a path, or text that begins with '<', got {shown!r}")
 
 
-def parsed(operation: str, source: bytes, is_text: bool) -> Element:
+def _parsed(operation: str, source: bytes, is_text: bool) -> Element:
     """The root element. Text has no encoding but what it came in, whatever it declares."""
     etree = needed(operation, "lxml.etree")
     try:

@@ -17,9 +17,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxspatial.arithmetic import tree, vectors
 from jaxspatial.arithmetic.numbers import constant
+from jaxspatial.arithmetic.types import Key
 from jaxspatial.mechanism.joints.geometry import Number, Rows, Six, Vector
 from jaxspatial.mechanism.joints.parameter import Parameter
 
@@ -66,10 +68,9 @@ class JointKind:
 
     def __init_subclass__(cls):
         cls.moves_as = vars(cls).get("moves_as", cls.name)
-        rebuilt = functools.partial(tree.rebuilt, cls)
-        jax.tree_util.register_pytree_node(
-            cls, lambda joint: (tuple(vars(joint).values()), tuple(vars(joint))), rebuilt
-        )
+        # Its stub is known in part.
+        register = jax.tree_util.register_pytree_node  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
+        register(cls, _numbers_of, functools.partial(tree.rebuilt, cls))
 
     def __init__(self, of: Callable[[Parameter], Any], zero: Number):
         """of(parameter): its number, or the tuple of its numbers."""
@@ -132,10 +133,10 @@ class JointKind:
         return vectors.minus(q2, q)
 
     @classmethod
-    def random(cls, key: jax.Array, lower: jax.Array, upper: jax.Array, batch_shape: tuple[int, ...]) -> jax.Array:
+    def random(cls, key: Key, lower: jax.Array, upper: jax.Array, batch_shape: tuple[int, ...]) -> jax.Array:
         """Random coordinates (*batch_shape, nq), in the dtype of the limits lower and upper (nq,): uniform between
         these where both are finite; else angles within half a turn, lengths within 1 m."""
-        usual = jnp.asarray([math.pi if k in cls.angles else 1.0 for k in range(cls.nq)], lower.dtype)
+        usual = np.array([math.pi if k in cls.angles else 1.0 for k in range(cls.nq)], lower.dtype)
         has_two, shape = jnp.isfinite(lower) & jnp.isfinite(upper), (*batch_shape, cls.nq)
         lower, upper = (jnp.where(has_two, x, y) for x, y in ((lower, -usual), (upper, usual)))
         lower, upper = (jnp.broadcast_to(x, shape) for x in (lower, upper))
@@ -159,3 +160,8 @@ class JointKind:
         """Of forces along the coordinates that are not of the sphere, at the rates of these: by the transpose of
         `rates`."""
         return forces
+
+
+def _numbers_of(joint: JointKind) -> tuple[tuple[Any, ...], tuple[str, ...]]:
+    """(its numbers, their names)."""
+    return tuple(vars(joint).values()), tuple(vars(joint))

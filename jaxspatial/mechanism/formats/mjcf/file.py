@@ -6,9 +6,7 @@ from typing import NoReturn
 import numpy as np
 
 from jaxspatial.arithmetic.types import DTypeLike
-from jaxspatial.mechanism.formats.notes import Notes
-from jaxspatial.mechanism.formats.numbers import range_of
-from jaxspatial.mechanism.formats.source import Element, file_source, needed, parsed
+from jaxspatial.mechanism.formats.source import Element, ModelText, needed
 from jaxspatial.mechanism.parts import WORLD
 
 _KINDS = "free", "ball", "prismatic", "revolute"
@@ -35,19 +33,17 @@ _NOT_FINITE = {"nan", "inf", "infinity"}
 _RANGES = {"range", "actuatorfrcrange"}
 
 
-class ModelFile:
+class ModelFile(ModelText):
     """The compiled model, and where in the text its elements are."""
 
     def __init__(self, path_or_text: str | pathlib.Path, dtype: DTypeLike | None):
         mujoco = self.mujoco = needed("from_mjcf", "mujoco")
-        source, path = file_source("from_mjcf", path_or_text)
-        self.root, self.notes = parsed("from_mjcf", source, path is None), Notes("from_mjcf")
-        self.smallest, self.largest = range_of(dtype)
+        super().__init__("from_mjcf", path_or_text, dtype)
         self._check_finite()
         try:
             # By its path, so that MuJoCo finds what the file includes.
-            by_text = mujoco.MjModel.from_xml_string
-            self.model = by_text(source.decode()) if path is None else mujoco.MjModel.from_xml_path(str(path))
+            text, path = mujoco.MjModel.from_xml_string, mujoco.MjModel.from_xml_path
+            self.model = text(self.source.decode()) if self.path is None else path(str(self.path))
         except ValueError as error:
             raise ValueError(f"from_mjcf: MuJoCo says {' '.join(str(error).split())}") from None
         bits = mujoco.mjtDisableBit.__members__
@@ -65,9 +61,6 @@ class ModelFile:
                 if ("nan" in words and name in _RANGES) or (words & _NOT_FINITE and name in _ARE_NUMBERS):
                     self.refuse_element(element, f"{name}: expected finite numbers, got {text!r}")
 
-    def refuse_element(self, element: Element, reason: str) -> NoReturn:
-        raise ValueError(f"from_mjcf: line {element.sourceline}: <{element.tag}>: {reason}")
-
     def has(self, *flags: str):
         """Whether none of these is switched off: "SPRING", ..."""
         return not any(f"mjDSBL_{flag}" in self.disabled for flag in flags)
@@ -82,7 +75,7 @@ class ModelFile:
         return getattr(self.model, what)(i).name or f"{what}_{i}"
 
     def kind(self, j: int) -> str:
-        return _KINDS[self.model.jnt_type[j]]
+        return _KINDS[int(self.model.jnt_type[j])]
 
     def is_limited(self, j: int):
         """Whether the range of a joint is one."""
@@ -104,9 +97,7 @@ class ModelFile:
 
     def refuse(self, what: str, i: int, reason: str) -> NoReturn:
         element = self._element(what, i)
-        line = "" if element is None else f"line {element.sourceline}: "
-        tag = what if element is None else element.tag
-        raise ValueError(f'from_mjcf: {line}<{tag} name="{self.name(what, i)}">: {reason}')
+        self.refuse_part(element, what if element is None else element.tag, self.name(what, i), reason)
 
     def refuse_named(self, what: str, name: str, reason: str) -> NoReturn:
         """By its name; a body of ours between the joints of one of theirs is not among them."""

@@ -1,5 +1,7 @@
 """A model of MuJoCo as the parts of a mechanism."""
 
+from typing import Any
+
 import numpy as np
 
 from jaxspatial.mechanism.formats.mjcf.file import ModelFile
@@ -104,7 +106,7 @@ def _joint(
     file: ModelFile, j: int, parent: str, child: str, X_PB: RigidTransform | None, rotors: _Rotors, mimics: Mimics
 ):
     kind, dofs = file.kind(j), file.dofs(j)
-    numbers = {
+    numbers: dict[str, Any] = {
         "armature": file.model.dof_armature[dofs] + rotors.armature[j],
         "damping": (file.model.dof_damping[dofs] + rotors.damping[j]) * file.has("DAMPER", "PASSIVE"),
         "friction_loss": file.model.dof_frictionloss[dofs] * file.has("FRICTIONLOSS", "CONSTRAINT"),

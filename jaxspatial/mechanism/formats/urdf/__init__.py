@@ -17,7 +17,6 @@ from typing import TypeVar
 
 from jaxspatial.arithmetic.types import DTypeLike, Vector3
 from jaxspatial.mechanism.formats.numbers import built
-from jaxspatial.mechanism.formats.source import file_source
 from jaxspatial.mechanism.formats.urdf.robot import body, check_joints, check_mimics, joint, robot_of, root_of
 from jaxspatial.mechanism.formats.urdf.text import Lines, check
 from jaxspatial.mechanism.parts import WORLD, Joint
@@ -38,8 +37,7 @@ def read(
     The root link is welded to the world, or held by a "free" joint named "root_joint"; a root link named "world" is
     the world.
     """
-    source, path = file_source("from_urdf", path_or_text)
-    lines = Lines(source, path is None, dtype)
+    lines = Lines(path_or_text, dtype)
     check(lines, lines.root)
     robot = robot_of(lines)
     check_joints(robot, lines)

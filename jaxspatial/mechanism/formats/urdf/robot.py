@@ -100,7 +100,7 @@ def joint(joint: Part, lines: Lines):
         axis = np.array([0.0, 0.0, 1.0])
     if not axis.any():
         lines.refuse("joint", joint.name, "axis: expected three numbers, not all zero")
-    numbers = {**_limits(joint, kind, lines), **_dynamics(joint), "mimic": _mimic(joint)}
+    numbers: dict[str, Any] = {**_limits(joint, kind, lines), **_dynamics(joint), "mimic": _mimic(joint)}
     return Joint(joint.name, kind, joint.parent, joint.child, _pose(joint.origin), axis=axis, **numbers)
 
 

@@ -5,9 +5,8 @@ from typing import Any, NoReturn
 import numpy as np
 
 from jaxspatial.arithmetic.types import DTypeLike
-from jaxspatial.mechanism.formats.notes import Notes
-from jaxspatial.mechanism.formats.numbers import numbers_of, range_of
-from jaxspatial.mechanism.formats.source import Element, parsed
+from jaxspatial.mechanism.formats.numbers import numbers_of
+from jaxspatial.mechanism.formats.source import Element, ModelText
 
 # What each element consists of, and what it may have besides, which is listed.
 _PARTS = {
@@ -59,25 +58,17 @@ _UNLIMITED = {"inf": np.inf, "+inf": np.inf, "-inf": -np.inf}
 _DIGITS = 1e-4
 
 
-class Lines:
-    """Where in the source an element is, for messages, and what is told of it at the end."""
+class Lines(ModelText):
+    """The text of a URDF, and where in it links and joints are."""
 
-    def __init__(self, source: bytes, is_text: bool, dtype: DTypeLike | None):
-        self.root, self.notes = parsed("from_urdf", source, is_text), Notes("from_urdf")
-        self.smallest, self.largest = range_of(dtype)
+    def __init__(self, path_or_text: object, dtype: DTypeLike | None):
+        super().__init__("from_urdf", path_or_text, dtype)
         if self.root.tag != "robot":
             raise ValueError(f"from_urdf: line {self.root.sourceline}: expected <robot>, got <{self.root.tag}>")
 
-    def element(self, tag: str, name: str) -> Any:
-        return next((e for e in self.root.iterchildren(tag) if e.get("name") == name), None)
-
     def refuse(self, tag: str, name: str, reason: str) -> NoReturn:
-        found = self.element(tag, name)
-        line = "" if found is None else f"line {found.sourceline}: "
-        raise ValueError(f'from_urdf: {line}<{tag} name="{name}">: {reason}')
-
-    def refuse_element(self, element: Element, reason: str) -> NoReturn:
-        raise ValueError(f"from_urdf: line {element.sourceline}: <{element.tag}>: {reason}")
+        found = next((e for e in self.root.iterchildren(tag) if e.get("name") == name), None)
+        self.refuse_part(found, tag, name, reason)
 
     def leave_out(self, kind: str, element: Element):
         """By its own name or that of what it is in; by its line where there is none."""
@@ -124,7 +115,7 @@ def _check_no_text(lines: Lines, element: Element):
 
 def _check_parts(lines: Lines, element: Element):
     own = _PARTS.get(element.tag, set())
-    besides = _BESIDES.get(element.tag, set()) | _BESIDES_ALL if own else set()
+    besides: set[str] = _BESIDES.get(element.tag, set()) | _BESIDES_ALL if own else set()
     seen: set[Any] = set()
     for part in list(element.iterchildren("*")):
         if part.tag in besides:
