@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
 
 KINDS = (js.SpatialVelocity, js.SpatialAcceleration, js.SpatialForce, js.SpatialMomentum)
@@ -31,8 +32,16 @@ def _in_the_middle_of_a_batch(function):
     return call
 
 
-WAYS = {"eager": lambda function: function, "jit": jax.jit, "vmap": _in_the_middle_of_a_batch}
-every_way = pytest.mark.parametrize("way", WAYS.values(), ids=WAYS.keys())
+def _eager(function):
+    return function
+
+
+WAYS = {"numpy": interpreted, "eager": _eager, "jit": jax.jit, "vmap": _in_the_middle_of_a_batch}
+# By default in NumPy: that every program has these bits, `laws.test_transformations` holds of the same operations.
+every_way = pytest.mark.parametrize("way", [interpreted, *map(slow, list(WAYS.values())[1:])], ids=WAYS.keys())
+# Of what the laws have no operation for, comparisons and arithmetic, a compiled program is tried too.
+every_program = pytest.mark.parametrize("way", [jax.jit, slow(_eager), slow(_in_the_middle_of_a_batch)],
+                                        ids=["jit", "eager", "vmap"])  # fmt: skip
 
 
 # In NumPy every operation rounds once, in the order it is written; on arrays of Fraction none does.

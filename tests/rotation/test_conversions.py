@@ -1,6 +1,6 @@
 """Rotations from quaternions, axes and angles, roll-pitch-yaw, and back, against 160 digits, and round trips.
 
-In NumPy (`interpreted`); the table of operations of numbers holds the bits of compiled programs.
+In NumPy (`interpreted`); the table of operations holds the bits of compiled programs.
 """
 
 import jax

@@ -1,6 +1,6 @@
 """Rotations from directions, and nearest to matrices, against 160 digits; interpolation.
 
-In NumPy (`interpreted`); the table of operations of numbers holds the bits of compiled programs.
+In NumPy (`interpreted`); the table of operations holds the bits of compiled programs.
 """
 
 import functools

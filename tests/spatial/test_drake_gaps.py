@@ -6,7 +6,6 @@ the error bounds in laws/. Left out until the types exist: what re-expression an
 """
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -18,10 +17,12 @@ from tests.helpers.drake_oracle import (
     assert_within,
     every_kind,
     every_precision,
+    every_program,
     every_way,
     offsets_of,
     random_shift,
 )
+from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
 
 FORCES = pytest.mark.parametrize("kind", [js.SpatialForce, js.SpatialMomentum])
@@ -50,7 +51,7 @@ def spoiled(kind, dtype, value):
 
 
 @every_kind
-@every_way
+@every_program
 def test_nan_in_any_slot_of_either_is_near_nothing_at_any_tolerance(kind, way, dtype):
     x, y = spoiled(kind, dtype, np.nan)
     near, approx = way(kind.is_nearly_equal_within_absolute_tolerance), way(kind.is_approx)
@@ -74,7 +75,7 @@ def test_nan_is_near_nothing_in_a_single_vector_either(kind, dtype):
 
 
 @every_kind
-@every_way
+@every_program
 @pytest.mark.parametrize("value", [np.inf, -np.inf])
 def test_an_infinity_is_not_near_a_number_at_any_finite_tolerance(kind, way, value, dtype):
     x, y = spoiled(kind, dtype, value)
@@ -86,7 +87,7 @@ def test_an_infinity_is_not_near_a_number_at_any_finite_tolerance(kind, way, val
 
 
 @every_kind
-@every_way
+@every_program
 def test_comparison_answers_for_every_vector_of_the_batch(kind, way, dtype):
     """One vector against six, of which the i-th is i + 1 away in slot i."""
     six = np.arange(1, 7, dtype=dtype)
@@ -226,7 +227,7 @@ def test_shifts_of_integers_add_up_exactly(kind, way, dtype):
     w = [w] if kind is js.SpatialAcceleration else []
     x = kind(rotational, translational)
     in_steps = way(lambda x, a, b, *w: js.shift(js.shift(x, a, *w), b, *w))(x, a, b, *w)
-    oracle.assert_numbers(in_steps, *parts_of(js.shift(x, a + b, *w)))
+    oracle.assert_numbers(in_steps, *parts_of(interpreted(js.shift)(x, a + b, *w)))
 
 
 @FORCES
@@ -242,7 +243,8 @@ def test_power_stays_the_same_when_both_are_shifted(kind, way, precision, dtype)
         shifted = (js.shift(moved, p, precision=precision) for moved in (x, V))
         return js.dot(*shifted, precision=precision)
 
-    here, there = js.dot(x, V, precision=precision), way(power_about_q)(x, V, p)
+    here = interpreted(lambda x, V: js.dot(x, V, precision=precision))(x, V)
+    there = way(power_about_q)(x, V, p)
     about_q = oracle.shift_magnitudes(kind, tau, f, p)[0], f, w, oracle.shift_magnitudes(js.SpatialVelocity, w, v, p)[1]
     bound = 11 * oracle.unit_roundoff(dtype) * oracle.dot_magnitude(*about_q)
     assert_within(there, oracle.exactly(here), bound)
@@ -271,7 +273,7 @@ def test_derivatives_of_shifts_are_the_matrices_of_the_cross_product(jacobian, p
 
     def matrices(kind, *offsets):
         function = jacobian(lambda x, p: js.shift(x, p, *offsets, precision=precision), argnums=(0, 1))
-        of = function(*jax.tree.map(jnp.asarray, (kind(rotational, translational), p)))
+        of = interpreted(function)(kind(rotational, translational), p)
         (by_x, by_p) = of.rotational, of.translational
         return [np.asarray(m) for row in (by_x, by_p) for m in (row[0].rotational, row[0].translational, row[1])]
 
@@ -290,8 +292,8 @@ def test_derivatives_of_shifts_are_the_matrices_of_the_cross_product(jacobian, p
 @every_precision
 @DERIVATIVES
 def test_derivatives_of_power_are_the_other_vector(kind, jacobian, precision, dtype):
-    parts = [jnp.asarray(part) for part in oracle.random_vectors(15, 4, (3,), dtype)]
+    parts = oracle.random_vectors(15, 4, (3,), dtype)
     x, V = kind(*parts[:2]), js.SpatialVelocity(*parts[2:])
-    by_x, by_V = jacobian(lambda x, V: js.dot(x, V, precision=precision), argnums=(0, 1))(x, V)
+    by_x, by_V = interpreted(jacobian(lambda x, V: js.dot(x, V, precision=precision), argnums=(0, 1)))(x, V)
     assert_parts(by_x, *parts_of(V))
     assert_parts(by_V, *parts_of(x))

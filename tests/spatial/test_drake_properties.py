@@ -24,9 +24,11 @@ from tests.helpers.drake_oracle import (
     assert_parts,
     assert_same_bits,
     every_kind,
+    every_program,
     every_way,
     random_shift,
 )
+from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
 
 # Drake's fixture.
@@ -104,7 +106,7 @@ def test_a_vector_keeps_its_numbers_when_the_callers_array_changes(kind, dtype):
 
 
 @every_kind
-@every_way
+@every_program
 @pytest.mark.parametrize("factor", [3, 3.0, -0.7, np.float32(1.1)], ids=repr)
 def test_scaling_scales_both_parts_from_either_side(kind, way, factor, dtype):
     x, s = make(kind, FIRST, dtype), dtype(factor)
@@ -116,7 +118,7 @@ def test_scaling_scales_both_parts_from_either_side(kind, way, factor, dtype):
 
 
 @every_kind
-@every_way
+@every_program
 @pytest.mark.parametrize("scalar", [1.1, -0.7])
 def test_division_divides_both_parts_and_rounds_once(kind, way, scalar, dtype):
     """Drake has none. A compiler likes to multiply by the reciprocal instead, which rounds twice."""
@@ -128,14 +130,14 @@ def test_division_divides_both_parts_and_rounds_once(kind, way, scalar, dtype):
 
 
 @every_kind
-@every_way
+@every_program
 def test_minus_negates_both_parts(kind, way, dtype):
     x = make(kind, (ROTATIONAL, TRANSLATIONAL), dtype)
     assert_parts(way(lambda x: -x)(x), -x.rotational, -x.translational)
 
 
 @every_kind
-@every_way
+@every_program
 def test_sum_and_difference_go_component_by_component(kind, way, dtype):
     x, y = make(kind, FIRST, dtype), make(kind, SECOND, dtype)
     assert_parts(way(lambda x, y: x + y)(x, y), x.rotational + y.rotational, x.translational + y.translational)
@@ -197,7 +199,7 @@ def displaced(kind, dtype):
 
 
 @every_kind
-@every_way
+@every_program
 def test_maximum_absolute_differences_are_of_the_size_of_the_displacement(kind, way, dtype):
     x, y, rotational, translational = displaced(kind, dtype)
     largest = way(kind.get_maximum_absolute_differences)(x, y)
@@ -208,7 +210,7 @@ def test_maximum_absolute_differences_are_of_the_size_of_the_displacement(kind, 
 
 
 @every_kind
-@every_way
+@every_program
 def test_nearly_equal_within_four_times_the_displacement_and_not_within_a_quarter(kind, way, dtype):
     x, y, rotational, translational = displaced(kind, dtype)
 
@@ -223,7 +225,7 @@ def test_nearly_equal_within_four_times_the_displacement_and_not_within_a_quarte
 
 
 @every_kind
-@every_way
+@every_program
 def test_nearly_equal_includes_the_tolerance_itself(kind, way, dtype):
     x, y, *_ = displaced(kind, dtype)
     near = way(kind.is_nearly_equal_within_absolute_tolerance)
@@ -234,7 +236,7 @@ def test_nearly_equal_includes_the_tolerance_itself(kind, way, dtype):
 
 
 @every_kind
-@every_way
+@every_program
 def test_is_approx_measures_absolutely(kind, way, dtype):
     """Against itself times 1 + d the largest difference is 3 d, within (3 + a little) d and not within d."""
     d, a_little = (1e-10, 1e-6) if dtype is np.float64 else (1e-4, 1e-2)
@@ -245,7 +247,7 @@ def test_is_approx_measures_absolutely(kind, way, dtype):
 
 
 @every_kind
-@every_way
+@every_program
 def test_is_approx_allows_one_eps_if_nothing_is_said(kind, way, dtype):
     """Beside 1, numbers are eps apart."""
     ones = np.ones(3, dtype)
@@ -292,7 +294,7 @@ def test_shift_has_the_bits_of_the_formula_in_numpy(kind, way, dtype):
     x, offsets = random_shift(kind, dtype)
     expected = oracle.shifted(kind, x.rotational, x.translational, *offsets)
     assert_parts(way(js.shift)(x, *offsets), *expected)
-    assert_parts(jax.vmap(way(js.shift))(x, *offsets), *expected)
+    assert_parts(way(jax.vmap(js.shift))(x, *offsets), *expected)
 
 
 @every_kind
@@ -377,7 +379,7 @@ def test_shifted_acceleration_is_the_second_derivative_of_the_path_of_the_point(
     with jax.enable_x64(True):
         rng = np.random.default_rng(2)
         motions = rng.normal(size=(20, 3, 3)), rng.normal(size=(20, 3, 3)), rng.normal(size=(20, 3))
-        shifted, expected, terms = jax.jit(shifted_and_differentiated)(*motions)
+        shifted, expected, terms = interpreted(shifted_and_differentiated)(*motions)
         assert_same_bits(shifted.rotational, terms[0])
         _, magnitude = oracle.shift_magnitudes(js.SpatialAcceleration, *terms)
         assert (abs(np.asarray(shifted.translational - expected)) <= 40 * oracle.unit_roundoff(float) * magnitude).all()
@@ -403,7 +405,7 @@ def test_dot_has_the_bits_of_the_sums_in_numpy_both_ways_round(kind, way, dtype)
     x, V = kind(*parts[:2]), js.SpatialVelocity(*parts[2:])
     for order in ((x, V), (V, x)):
         assert_same_bits(way(js.dot)(*order), oracle.dot(*parts))
-        assert_same_bits(jax.vmap(way(js.dot))(*order), oracle.dot(*parts))
+        assert_same_bits(way(jax.vmap(js.dot))(*order), oracle.dot(*parts))
 
 
 @every_way
