@@ -184,8 +184,8 @@ def test_numbers_that_cannot_be_done(job, case, tmp_path, quick, capsys, monkeyp
         assert re.search(message, error), error
 
 
-def test_large_forces_in_float64_alone(tmp_path, monkeypatch, capsys):
-    """And with a motion; what is measured is finite."""
+def test_large_forces_in_float64_alone(tmp_path, quick, monkeypatch, capsys):
+    """And with a motion; their power is finite."""
     monkeypatch.chdir(tmp_path)
     motion = {"w": np.ones((10, 3)), "v": np.ones((10, 3))}
     np.savez("mine.npz", **_of(1e155, float), **motion)

@@ -52,8 +52,8 @@ def test_the_fastest_that_holds():
 
 def test_whole_algorithms_and_trees():
     """Of a float32 mechanism; integers pass."""
-    mech = js.random_mechanism(0, 3, ["revolute"], is_chain=True, dtype=np.float32)
-    q = np.asarray([0.1, 0.2, 0.3], np.float32)
+    mech = js.random_mechanism(0, 1, ["revolute"], dtype=np.float32)
+    q = np.asarray([0.1], np.float32)
 
     def energies(q, n):
         return {"tau": js.inverse_dynamics(mech, q, q, q), "n": n}

@@ -13,17 +13,19 @@ import jaxspatial as js
 from jaxspatial.arithmetic.sums.accumulators import faithful
 from jaxspatial.command.cli import main
 from jaxspatial.measure import checks, self_check
+from tests.helpers.marks import slow
 
 # What carries the name in the package is the function.
 module = importlib.import_module("jaxspatial.measure.self_check")
 
-# The command where neither tables nor pictures can be shown.
+# The command where neither tables nor pictures can be shown, of some dtypes.
 _BARE = "import sys; sys.modules.update(rich=None, matplotlib=None); from jaxspatial.command.cli import main"
+_BARE += "; from jaxspatial.measure import findings; findings.DTYPES = {dtypes}"
 
 
-def _run(flags, *options):
+def _run(dtypes, flags, *options):
     """The command in a process whose compiler has these flags and that has no rich and no matplotlib."""
-    program = f"{_BARE}; sys.exit(main(['--self-check', *{list(options)}]))"
+    program = f"{_BARE.format(dtypes=dtypes)}; sys.exit(main(['--self-check', *{list(options)}]))"
     environment = {**os.environ, "XLA_FLAGS": flags}
     return subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=300)
 
@@ -60,8 +62,10 @@ def test_64_bit_types_on_or_off_by_the_caller(x64, quick):
     assert report.holds and len(report.findings) == len(quick)
 
 
-def test_fast_math_is_seen():
-    run = _run("--xla_cpu_enable_fast_math=true", "--json")
+# In float64 all precisions need what the flag breaks; in float32 some have float64 to compute in.
+@pytest.mark.parametrize("dtypes", [("float64",), slow(("float32", "float64"))], ids="-".join)
+def test_fast_math_is_seen(dtypes):
+    run = _run(dtypes, "--xla_cpu_enable_fast_math=true", "--json")
     assert run.returncode == 1, run.stderr
     found = _found(run)
     broken = {name for name, finding in found.items() if finding["holds"] is False}
@@ -70,8 +74,10 @@ def test_fast_math_is_seen():
     assert all("--xla_cpu_enable_fast_math=true: take it out" in found[name]["advice"] for name in broken)
 
 
-def test_without_fma_all_holds():
-    run = _run("--xla_cpu_max_isa=AVX")
+# In float64 `laws.test_without_fma` holds the same promises.
+@pytest.mark.parametrize("dtypes", [("float32",), slow(("float32", "float64"))], ids="-".join)
+def test_without_fma_all_holds(dtypes):
+    run = _run(dtypes, "--xla_cpu_max_isa=AVX")
     assert run.returncode == 0, run.stdout + run.stderr
     assert run.stdout.endswith("All promises hold here.\n") and "products fused with additions: no" in run.stdout
     assert "errors of products: found by splitting" in run.stdout
