@@ -131,7 +131,7 @@ def _unflat(y: jax.Array, owner: int | None, arrays: Sequence[jax.Array], n_batc
     if y.shape[0] == math.prod(own):
         return y.reshape((*own, *y.shape[1:]))
     whole = y.reshape((*batch, *y.shape[1:]))
-    over = [k for k, (a, b) in enumerate(zip(own, batch, strict=True)) if a != b]
+    over = tuple(k for k, (a, b) in enumerate(zip(own, batch, strict=True)) if a != b)
     return whole.sum(over, keepdims=True) if over else whole
 
 
