@@ -27,6 +27,7 @@ from jaxspatial.dynamics.program import Aval, Result
 from jaxspatial.dynamics.state import MechanismState
 from jaxspatial.dynamics.tangents import Differentiable
 from jaxspatial.mechanism import Mechanism
+from jaxspatial.mechanism.leaves import ByContents
 from jaxspatial.mechanism.topology import Topology
 
 # What an algorithm reads of a mechanism, by what it is about.
@@ -37,23 +38,15 @@ DYNAMICS = (*BODIES, "armature", "gravity")
 FRAMES = ("child_placements", "frame_placements")
 
 
-class Known:
+class Known(ByContents):
     """A NumPy array as part of a program."""
 
     def __init__(self, array: np.ndarray):
-        self.array = array
-        self._key = array.dtype.str, array.shape, array.tobytes()
-        self._hash = hash(self._key)
-
-    def __hash__(self):
-        return self._hash
-
-    def __eq__(self, other: object):
-        return self is other or (isinstance(other, Known) and self._key == other._key)
+        self.array, self.contents = array, (array.dtype.str, array.shape, array.tobytes())
 
 
 @dataclasses.dataclass(eq=False)
-class Algorithm(Differentiable):
+class Algorithm(Differentiable, ByContents):
     """A formula for one structure, with the numbers that are known. tree: of (fields by name, arrays)."""
 
     formula: Any
@@ -65,7 +58,8 @@ class Algorithm(Differentiable):
     dtype: np.dtype
     out_tree: Any = None
 
-    def key(self) -> tuple[Any, ...]:
+    @property
+    def contents(self) -> tuple[Any, ...]:
         own = self.formula, self.precision, self.topology, self.tree, self.known, self.static, self.dtype
         return (type(self), *own)
 
@@ -79,16 +73,6 @@ class Algorithm(Differentiable):
         if entries is None:
             return largest
         return min(max(program.NUMBERS // max(entries(self.topology), 1), program.SMALLEST_BLOCK), largest)
-
-    @functools.cached_property
-    def _hash(self):
-        return hash(self.key())
-
-    def __hash__(self):
-        return self._hash
-
-    def __eq__(self, other: object):
-        return self is other or (isinstance(other, Algorithm) and self.key() == other.key())
 
     def merged(self, data: Iterable[Any]):
         """All leaves of the tree."""
@@ -186,7 +170,7 @@ class ManyProgramsWarning(UserWarning):
 
 def interned(own: Algorithm) -> Algorithm:
     """The one program that is equal to this."""
-    return _PROGRAMS.setdefault(own.key(), own)
+    return _PROGRAMS.setdefault(own.contents, own)
 
 
 class _Kept:
@@ -209,9 +193,9 @@ def _program(
         return mine[key]
     known = tuple(Known(x) if k else None for x, k in zip(given, is_known, strict=True))
     own = kind(formula, precision, mechanism.topology.skeleton, tree, known, static, dtype)
-    kept = _KEPT.setdefault(own.key(), _Kept(interned(own)))
+    kept = _KEPT.setdefault(own.contents, _Kept(interned(own)))
     if not any(known):
-        _OF_DATA[own.key()] = kept
+        _OF_DATA[own.contents] = kept
     mine[key if is_fixed else kept.program] = kept
     return kept
 

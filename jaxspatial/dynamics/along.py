@@ -59,10 +59,13 @@ def stacked(parts: Numbers, shape: Shape, axis: int):
 
 def abreast(trees: Sequence[Any]) -> Any:
     """Trees of numbers as one of numbers (k, ...): what is known and alike stays so. A single one as it is."""
-    if len(trees) == 1:
-        return trees[0]
+    return trees[0] if len(trees) == 1 else _each(trees, lambda xs: stacked(xs, _common_shape(xs), 0))
+
+
+def _each(trees: Sequence[Any], combined: Callable[[Numbers], Number]) -> Any:
+    """The leaves of trees combined, but for what is known and alike."""
     leaves = [jax.tree.leaves(tree, is_leaf=is_number) for tree in trees]
-    found = [xs[0] if alike(xs) else stacked(xs, _common_shape(xs), 0) for xs in zip(*leaves, strict=True)]
+    found = [xs[0] if alike(xs) else combined(xs) for xs in zip(*leaves, strict=True)]
     return jax.tree.unflatten(jax.tree.structure(trees[0], is_leaf=is_number), found)
 
 
@@ -98,9 +101,7 @@ def alike(values: Sequence[Any]):
 
 def concatenated_trees(trees: Sequence[Any], n: int) -> Any:
     """Trees of numbers (1, B) as one of numbers (many, B); known where they are known and alike."""
-    leaves = [jax.tree.leaves(tree, is_leaf=is_number) for tree in trees]
-    found = [xs[0] if alike(xs) else joined([spread(x, (1, n)) for x in xs]) for xs in zip(*leaves, strict=True)]
-    return jax.tree.unflatten(jax.tree.structure(trees[0], is_leaf=is_number), found)
+    return _each(trees, lambda xs: joined([spread(x, (1, n)) for x in xs]))
 
 
 def added_at(x: Number, place: int, y: Number):

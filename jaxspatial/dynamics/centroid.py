@@ -8,10 +8,11 @@ from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics.algorithm import BODIES, algorithm
 from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.kinematics import poses, velocities
-from jaxspatial.dynamics.mass_matrix import composites, inertia_times, wrench_to_parent
+from jaxspatial.dynamics.links import to_parent
+from jaxspatial.dynamics.mass_matrix import composites
 from jaxspatial.dynamics.state import Inertia, JointState, MechanismState, Pose
 from jaxspatial.mechanism import Mechanism
-from jaxspatial.spatial import SpatialMomentum
+from jaxspatial.spatial import SpatialMomentum, algebra
 
 
 def center_of_mass(mechanism: Mechanism, q: Coordinates, *, precision: PrecisionName = None) -> jax.Array:
@@ -225,4 +226,4 @@ def _of_bundle(joint: JointState, composite: Inertia, X_WJ: Pose, center: Three 
 
 
 def _about(composite: Inertia, motion: Motion, X_CJ: Pose):
-    return wrench_to_parent(X_CJ, inertia_times(composite, motion))
+    return vectors.flat(to_parent(X_CJ, *algebra.inertia_times(*composite, *motion)))

@@ -167,7 +167,7 @@ def _integrate(state: MechanismState, v: Array, dt: Array):
 
 @algorithm(*JOINTS)
 def _configuration_rates(state: MechanismState, v: Array):
-    return state.by_coordinate([own.dq_dt(v) for own in state.kind_states], state.topology.joints_by_kind)
+    return state.by_coordinate([own.dq_dt(own.rates(v))[0] for own in state.kind_states], state.topology.joints_by_kind)
 
 
 @algorithm(*JOINTS, at="q0")

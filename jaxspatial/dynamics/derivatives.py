@@ -14,29 +14,22 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import symmetric, vectors
-from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Rows, Three, constant, doubled, noinline, where
+from jaxspatial.arithmetic import numbers, symmetric, vectors
+from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Rows, Three, Wrench, doubled, noinline
 from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import DYNAMICS, FRAMES, algorithm
 from jaxspatial.dynamics.along import Maybe
 from jaxspatial.dynamics.arguments import Wrenches
 from jaxspatial.dynamics.coordinates import by_coordinates
 from jaxspatial.dynamics.kinematics import world
-from jaxspatial.dynamics.links import BodyMotion, across, motion_step, subspace_times, world_motion
+from jaxspatial.dynamics.links import BodyMotion, across, motion_step, subspace_times, to_parent, world_motion
 from jaxspatial.dynamics.loads import loads
-from jaxspatial.dynamics.mass_matrix import (
-    combine,
-    halves,
-    inertia_times,
-    inertia_to_parent,
-    symmetric_of,
-    with_armature,
-    wrench_to_parent,
-)
+from jaxspatial.dynamics.mass_matrix import combine, inertia_to_parent, symmetric_of, with_armature
 from jaxspatial.dynamics.recursive_newton_euler import wrench_of
 from jaxspatial.dynamics.state import Inertia, Link, Load, MechanismState, Pose
 from jaxspatial.inertia import articulated
 from jaxspatial.mechanism.topology import Topology
+from jaxspatial.spatial import algebra
 from jaxspatial.spatial.algebra import force_cross, minus, motion_cross, plus, power, skew, times, twice_crossed
 
 JointRates = tuple[Motion, Motion, Motion, Motion]  # see `_rates`
@@ -85,7 +78,7 @@ class Subtree(NamedTuple):
     """
 
     inertia: Inertia
-    wrench: Numbers
+    wrench: Wrench
     X: Rows
     p: Three
     load_rate: Rows
@@ -98,7 +91,7 @@ def _composites(
     """The Subtree of every bundle."""
     own = list(zip(links, motions, body_loads, strict=True))
     zero = state.no_vector
-    nothing = Subtree(state.no_inertia, (*zero, *zero), (zero,) * 3, zero, (zero,) * 3, zero)
+    nothing = Subtree(state.no_inertia, (zero, zero), (zero,) * 3, zero, (zero,) * 3, zero)
     return recursion.inward(state, _composite_step, nothing, own, joined=_combined)
 
 
@@ -141,7 +134,7 @@ def _of_body(inertia: Inertia, motion: BodyMotion, load: Load):
     X = vectors.matrix_product(skew(tuple(doubled(-x) for x in motion.w)), symmetric.rows(sigma))
     p = vectors.cross(motion.w, vectors.times(inertia.mass, inertia.com))
     wrench = minus(wrench_of(inertia, motion), (tau, f))
-    return Subtree(inertia, vectors.flat(wrench), X, p, load_rate, f)
+    return Subtree(inertia, wrench, X, p, load_rate, f)
 
 
 def _to_observer(link: Link, motion: BodyMotion) -> tuple[Pose, Callable[[Three], Three], Three]:
@@ -160,13 +153,13 @@ def _to_parent(link: Link, motion: BodyMotion, subtree: Subtree):
     X = minus(articulated.sandwiched(subtree.X, X_PB.rows), tuple(tuple(doubled(x) for x in row) for row in shift))
     load = turn(subtree.load)
     load_rate = minus(articulated.sandwiched(subtree.load_rate, X_PB.rows), twice_crossed(X_PB.p, load))
-    inertia, wrench = inertia_to_parent(X_PB, subtree.inertia), wrench_to_parent(X_PB, subtree.wrench)
+    inertia, wrench = inertia_to_parent(X_PB, subtree.inertia), to_parent(X_PB, *subtree.wrench)
     return Subtree(inertia, wrench, X, p, load_rate, load)
 
 
 def _combined(a: Subtree, b: Subtree):
     parts = (
-        vectors.plus(a.wrench, b.wrench),
+        plus(a.wrench, b.wrench),
         plus(a.X, b.X),
         vectors.plus(a.p, b.p),
         plus(a.load_rate, b.load_rate),
@@ -205,13 +198,16 @@ def _column(subtree: Subtree, S: Motion, first: Motion, own: Motion, second: Mot
     loaded = vectors.matrix_times(vectors.transpose(subtree.load_rate), w)
     loaded = vectors.plus(loaded, vectors.cross(subtree.load, v))
     a = vectors.plus(
-        _coriolis(subtree, first[0]),
-        inertia_times(subtree.inertia, second),
-        vectors.flat(force_cross(S, halves(subtree.wrench))),
+        _coriolis(subtree, first[0]), _momentum(subtree.inertia, second), vectors.flat(force_cross(S, subtree.wrench))
     )
     a = vectors.plus(a, (*vectors.matrix_times(subtree.load_rate, w), *vectors.cross(w, subtree.load)))
-    b = vectors.plus(_coriolis(subtree, w), inertia_times(subtree.inertia, plus(first, own)))
-    return *inertia_times(subtree.inertia, S), *t, *a, *b, *loaded
+    b = vectors.plus(_coriolis(subtree, w), _momentum(subtree.inertia, plus(first, own)))
+    return *_momentum(subtree.inertia, S), *t, *a, *b, *loaded
+
+
+def _momentum(inertia: Inertia, motion: Motion):
+    """I V, as six numbers."""
+    return vectors.flat(algebra.inertia_times(*inertia, *motion))
 
 
 def _coriolis(subtree: Subtree, y: Three) -> Numbers:
@@ -222,7 +218,7 @@ def _coriolis(subtree: Subtree, y: Three) -> Numbers:
 def _entries(row: Any, column: tuple[Three, ...]) -> Numbers:
     """dtau_i / dq_j, dtau_i / dv_j, dtau_j / dq_i, dtau_j / dv_i, M of rates j and i behind j, in the frame of j."""
     S, first, both, second, p, v = row
-    (u, t, a, b, loaded), (p2, v2) = _of_column(column), column[-2:]
+    u, t, a, b, loaded, p2, v2 = column[:2], column[2], column[3:5], column[5:7], *column[7:]
     arm, d = vectors.minus(p2, p), vectors.minus(v2, v)
     t = vectors.plus(t, tuple(doubled(x) for x in vectors.cross(d, u[1])))
     u, a, b = ((vectors.plus(tau, vectors.cross(arm, f)), f) for tau, f in (u, a, b))
@@ -231,16 +227,11 @@ def _entries(row: Any, column: tuple[Three, ...]) -> Numbers:
     return by_q, by_v, power(a, S), power(b, S), power(u, S)
 
 
-def _of_column(c: tuple[Three, ...]):
-    """((tau, f) of u, t, (tau, f) of a, of b, l)."""
-    return (c[0], c[1]), c[2], (c[3], c[4]), (c[5], c[6]), c[7]
-
-
 def _rates(link: Link, motion: BodyMotion) -> JointRates:
     """(S, Psi', S', Psi'') of all rates of a joint side by side, for an observer that J rests for."""
     S, (w_r, v_r) = link.joint.subspace, subspace_times(link.joint.subspace, link.v)
     dw, dv = plus(subspace_times(S, link.vdot), subspace_times(link.joint.subspace_rate(link.v), link.v))
-    zero = (constant(motion.w[0], 0),) * 3
+    zero = (numbers.constant(motion.w[0], 0),) * 3
     V, A = (motion.w, zero), (motion.alpha, motion.a)
     before = vectors.minus(motion.w, w_r), tuple(-x for x in v_r)
     across_it = vectors.plus(dw, vectors.cross(motion.w, w_r)), vectors.plus(dv, vectors.cross(motion.w, v_r))
@@ -274,7 +265,7 @@ def _motion_rates(s: Motion, V: Motion, A: Motion, own: Motion) -> tuple[Motion,
 def _assembled(state: MechanismState, links: list[Link], found: Numbers) -> tuple[Number, Number, Number]:
     """(dtau_dq, dtau_dv, M), as numbers (nv, nv, B)."""
     below = jnp.asarray(np.array(_is_behind(state.topology))[:, :, None])
-    by_q, by_v = (where(below, x, _transposed(y)) for x, y in zip(found[2:4], found[:2], strict=True))
+    by_q, by_v = (numbers.where(below, x, _transposed(y)) for x, y in zip(found[2:4], found[:2], strict=True))
     by_q, by_v = (pairs.by_rates(state, pairs.by_rates(state, x, 0), 1) for x in (by_q, by_v))
     return by_q, by_v, with_armature(state, links, symmetric_of(found[4]))
 

@@ -10,14 +10,7 @@ from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import along
 from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm
 from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.kinematics import (
-    composed,
-    of_carrier,
-    poses,
-    velocities,
-    velocity_in_world,
-    world,
-)
+from jaxspatial.dynamics.kinematics import composed, of_carrier, poses, velocities, velocity_in_world, world
 from jaxspatial.dynamics.state import JointState, Link, MechanismState, Pose
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.mechanism.topology import Bundle

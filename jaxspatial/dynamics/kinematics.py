@@ -138,13 +138,6 @@ def composed(X_AB: Pose, X_BC: Pose):
     return Pose(vectors.matrix_product(X_AB.rows, X_BC.rows), p)
 
 
-def _on_joints(state: MechanismState, frames: Frames, found: list[T], at_world: T) -> list[tuple[Pose, T]]:
-    """[(X_JF, what was found for J)] of frames, or of all bodies, a bundle each, for None."""
-    if frames is None:
-        return list(zip(map(state.child_placement, state.bundles), found, strict=True))
-    return [(state.frame_placement(k), of_carrier(state, k, found, at_world)) for k in frames]
-
-
 def of_carrier(state: MechanismState, frame: int, found: list[T], at_world: T) -> T:
     """What was found for the joint that a frame is carried by."""
     return state.of_body(state.topology.frames[frame][1], found, at_world)
@@ -154,9 +147,14 @@ def _of_frames(
     state: MechanismState, frames: Frames, function: Callable[[Pose, Pose, T], Any], found: list[T], at_world: T
 ) -> tuple[Any, ...]:
     """Of function(X_WJ, X_JF, what was found for J), two tuples of k numbers for each frame, arrays (frames, k, B)."""
-    on_joints = _on_joints(state, frames, list(zip(poses(state), found, strict=True)), (world(state), at_world))
-    both = [function(X_WJ, X_JF, x) for X_JF, (X_WJ, x) in on_joints]
-    return tuple(_arranged(state, frames, [x[k] for x in both]) for k in (0, 1))
+    both = list(zip(poses(state), found, strict=True))
+    if frames is None:
+        placed = zip(map(state.child_placement, state.bundles), both, strict=True)
+    else:
+        root = world(state), at_world
+        placed = ((state.frame_placement(k), of_carrier(state, k, both, root)) for k in frames)
+    results = [function(X_WJ, X_JF, x) for X_JF, (X_WJ, x) in placed]
+    return tuple(_arranged(state, frames, [x[k] for x in results]) for k in (0, 1))
 
 
 def _arranged(state: MechanismState, frames: Frames, found: Sequence[Numbers]):

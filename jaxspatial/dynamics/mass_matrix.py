@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, vectors
-from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Three, Wrench, is_constant, noinline, shape_of, where
+from jaxspatial.arithmetic.numbers import Motion, Number, Three, Wrench, is_constant, noinline, shape_of, where
 from jaxspatial.arithmetic.tree import tree
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName
 from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import BODIES, algorithm
 from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.links import across, to_parent
+from jaxspatial.dynamics.links import across
 from jaxspatial.dynamics.state import Inertia, Link, MechanismState, Pose
 from jaxspatial.inertia.articulated import congruent
 from jaxspatial.inertia.composition import joined
@@ -64,17 +64,13 @@ def matrix_of(state: MechanismState):
 
 def _in_root_axes(motion: Motion, composite: Inertia, X: Pose) -> tuple[Placed, Placed]:
     """(the motions S, the wrenches I S of the composite body), in world axes, with their points from the root."""
-    return in_root_axes(X, motion), in_root_axes(X, halves(inertia_times(composite, motion)))
+    return in_root_axes(X, motion), in_root_axes(X, algebra.inertia_times(*composite, *motion))
 
 
 def in_root_axes(X: Pose, vector: Motion | Wrench) -> Placed:
     """The two parts of a motion or wrench in the axes of the world, and where its point is."""
     x, y = (vectors.matrix_times(X.rows, part) for part in vector)
     return x, y, X.p
-
-
-def halves(six: Numbers) -> Wrench:
-    return six[:3], six[3:]
 
 
 def generalized_force(row: Placed, column: Placed):
@@ -121,16 +117,6 @@ def combine(a: Inertia, b: Inertia):
 def inertia_to_parent(X_PB: Pose, inertia: Inertia):
     com = vectors.plus(X_PB.p, vectors.matrix_times(X_PB.rows, inertia.com))
     return Inertia(inertia.mass, com, congruent(inertia.central, X_PB.rows))
-
-
-def inertia_times(inertia: Inertia, motion: Motion):
-    """I A: the wrench for the acceleration A of a body at rest, or the momentum at the velocity A."""
-    return vectors.flat(algebra.inertia_times(*inertia, *motion))
-
-
-def wrench_to_parent(X_PB: Pose, wrench: Numbers) -> Numbers:
-    tau, f = to_parent(X_PB, wrench[:3], wrench[3:])
-    return *tau, *f
 
 
 # -- factors ----------------------------------------------------------------------------------------------------------

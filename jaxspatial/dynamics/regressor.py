@@ -5,13 +5,13 @@ from typing import Any
 import jax
 
 from jaxspatial.arithmetic import symmetric, vectors
-from jaxspatial.arithmetic.numbers import Numbers, Rows, constant, noinline
+from jaxspatial.arithmetic.numbers import Rows, Wrench, constant, noinline
 from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
 from jaxspatial.dynamics import along, pairs, recursion
 from jaxspatial.dynamics.algorithm import GEOMETRY, algorithm
 from jaxspatial.dynamics.along import Array
 from jaxspatial.dynamics.links import BodyMotion, angular_acceleration_tensor, motion_step, world_motion
-from jaxspatial.dynamics.mass_matrix import generalized_force, halves, in_root_axes
+from jaxspatial.dynamics.mass_matrix import generalized_force, in_root_axes
 from jaxspatial.dynamics.state import MechanismState, Pose
 from jaxspatial.mechanism import Mechanism
 
@@ -62,10 +62,10 @@ def _regressor(state: MechanismState, v: Array, vdot: Array):
 
 def _in_root_axes(X: Pose, motion: BodyMotion) -> Any:
     """The wrenches of all parameters of a body, side by side."""
-    return along.abreast([noinline(in_root_axes)(X, halves(wrench)) for wrench in noinline(_of_parameters)(motion)])
+    return along.abreast([noinline(in_root_axes)(X, wrench) for wrench in noinline(_of_parameters)(motion)])
 
 
-def _of_parameters(motion: BodyMotion) -> list[Numbers]:
+def _of_parameters(motion: BodyMotion) -> list[Wrench]:
     """The wrench of a unit of mass, of each first moment, of each entry of the inertia, about the origin of J.
 
     f = m a + E (m c)        tau = (m c) x a + J alpha + w x J w        E = [alpha]x + [w]x [w]x
@@ -74,9 +74,9 @@ def _of_parameters(motion: BodyMotion) -> list[Numbers]:
     no_vector = (zero,) * 3
     units = [tuple(one if i == k else zero for i in range(6)) for k in range(6)]
     E = vectors.transpose(angular_acceleration_tensor(motion.w, motion.alpha))
-    of_arms = [(*vectors.cross(unit[:3], motion.a), *column) for unit, column in zip(units, E, strict=False)]
-    of_inertia = [(*_torque(symmetric.rows(unit), motion), *no_vector) for unit in units]
-    return [(*no_vector, *motion.a), *of_arms, *of_inertia]
+    of_arms = [(vectors.cross(unit[:3], motion.a), column) for unit, column in zip(units, E, strict=False)]
+    of_inertia = [(_torque(symmetric.rows(unit), motion), no_vector) for unit in units]
+    return [(no_vector, motion.a), *of_arms, *of_inertia]
 
 
 def _torque(J: Rows, motion: BodyMotion):

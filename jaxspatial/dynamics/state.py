@@ -244,15 +244,13 @@ class KindState:
         """Whether rates are the coordinates' own."""
         return self.kind.nq == self.kind.nv and not self.kind.rates_need_angles
 
-    def dq_dt(self, v: Array) -> Numbers:
-        return self._dq_dt([self.rates(v)])[0]
+    def dq_dt(self, *rates: Numbers) -> list[Numbers]:
+        """dq/dt of each of several rates."""
+        q = self.coordinates(self.state.q)
+        cos_sin = self.cos_sin(q)
+        return [self.joint.rates(q, cos_sin, v) for v in rates]
 
     def dq_dt_of_units(self):
         """dq/dt of each rate alone, at one."""
-        n = self.kind.nv
-        return self._dq_dt([tuple(self.state.known(float(i == k)) for i in range(n)) for k in range(n)])
-
-    def _dq_dt(self, several: list[Numbers]) -> list[Numbers]:
-        q = self.coordinates(self.state.q)
-        cos_sin = self.cos_sin(q)
-        return [self.joint.rates(q, cos_sin, v) for v in several]
+        n = range(self.kind.nv)
+        return self.dq_dt(*(tuple(self.state.known(float(i == k)) for i in n) for k in n))

@@ -1,6 +1,7 @@
 """Leaves of a mechanism: what NumPy numbers are before programs are made for their values."""
 
 import dataclasses
+import functools
 from typing import Any, TypeVar
 
 import jax
@@ -8,6 +9,22 @@ import numpy as np
 import numpy.typing as npt
 
 M = TypeVar("M")
+
+
+class ByContents:
+    """Hashable, and equal to others of its class with the same contents."""
+
+    contents: Any
+
+    @functools.cached_property
+    def _hash(self):
+        return hash(self.contents)
+
+    def __hash__(self):
+        return self._hash
+
+    def __eq__(self, other: object):
+        return self is other or (isinstance(other, type(self)) and self.contents == other.contents)
 
 
 def read_only(mechanism: M) -> M:

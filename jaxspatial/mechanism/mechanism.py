@@ -14,7 +14,7 @@ from jaxspatial.arithmetic.tree import tree_of
 from jaxspatial.arithmetic.types import DTypeLike, Vector3
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.assembly import assembled
-from jaxspatial.mechanism.leaves import check_replaced, frozen, known, read_only
+from jaxspatial.mechanism.leaves import ByContents, check_replaced, frozen, known, read_only
 from jaxspatial.mechanism.parts import Body, Frame, Joint
 from jaxspatial.mechanism.poses import known as known_in_double
 from jaxspatial.mechanism.structure import Structure
@@ -214,7 +214,7 @@ class Mechanism(Structure):
         return Mechanism(**{field.name: getattr(self, field.name) for field in dataclasses.fields(self)} | changes)
 
 
-class StaticMechanism(Mechanism):
+class StaticMechanism(Mechanism, ByContents):
     """A Mechanism that is a constant: hashable and equal by its contents, a pytree without leaves.
 
     `Mechanism.as_static` makes it, the same object for equal ones while one lives. All functions take it as they take
@@ -229,16 +229,6 @@ class StaticMechanism(Mechanism):
         """(topology, the arrays as bytes): what it is equal and hashed by."""
         leaves = jax.tree.leaves(self._as_tree())
         return self.topology, tuple((x.dtype.name, x.shape, x.tobytes()) for x in leaves)
-
-    @functools.cached_property
-    def _hash(self):
-        return hash(self.contents)
-
-    def __hash__(self):
-        return self._hash
-
-    def __eq__(self, other: object):
-        return self is other or (isinstance(other, StaticMechanism) and self.contents == other.contents)
 
     def __reduce__(self):
         return Mechanism.as_static, (self.as_known(),)

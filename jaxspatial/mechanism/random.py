@@ -16,11 +16,7 @@ from jaxspatial.spatial import RigidTransform
 
 
 def random_mechanism(
-    seed: int,
-    n: int = 12,
-    kinds: Iterable[str] | None = None,
-    is_chain: bool = False,
-    dtype: DTypeLike | None = None,
+    seed: int, n: int = 12, kinds: Iterable[str] | None = None, is_chain: bool = False, dtype: DTypeLike | None = None
 ) -> Mechanism:
     """Builds a random mechanism, with masses, lengths and inertias of size 1, for tests.
 

@@ -23,10 +23,7 @@ _BESIDES = {
     "joint": {"calibration", "safety_controller"},
 }
 # What joints of a kind have no use for.
-_USELESS = {
-    "fixed": {"axis", "limit", "dynamics", "mimic"},
-    "floating": {"axis"},
-}
+_USELESS = {"fixed": {"axis", "limit", "dynamics", "mimic"}, "floating": {"axis"}}
 LIMITS = "lower", "upper"
 _NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
