@@ -1,17 +1,17 @@
 """Rigid motions from pose to pose, and what constructors say of wrong arguments."""
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxspatial as js
+from tests.helpers.interpreted import interpreted
 
 N, EPS = 24, float(np.finfo(np.float32).eps)
 
 
 def _poses(seed):
     w, p = np.random.default_rng(seed).standard_normal((2, N, 3)).astype(np.float32)
-    return js.RigidTransform(js.Rotation.exp(jnp.asarray(w)), p)
+    return js.RigidTransform(interpreted(js.Rotation.exp)(w), p)
 
 
 def _assert_near(X, Y, tolerance):
@@ -20,20 +20,25 @@ def _assert_near(X, Y, tolerance):
 
 def test_interpolation_is_the_screw_from_pose_to_pose():
     X, Y = _poses(0), _poses(1)
-    t = jnp.tile(jnp.asarray([0.0, 1.0, 0.5, -0.25, 1.5, 0.1], jnp.float32), N // 6)
-    screw = X @ js.RigidTransform.exp((X.inverse() @ Y).log() * t)
-    _assert_near(X.interpolate(Y, t), screw, 200 * EPS)
-    _assert_near(X.interpolate(Y, jnp.ones(N)), Y, 32 * EPS)
-    _assert_near(X.interpolate(Y, jnp.zeros(N)), X, 8 * EPS)
+    t = np.tile(np.float32([0.0, 1.0, 0.5, -0.25, 1.5, 0.1]), N // 6)
+    interpolated = interpreted(js.RigidTransform.interpolate)
+    screw = interpreted(lambda X, Y, t: X @ js.RigidTransform.exp((X.inverse() @ Y).log() * t))(X, Y, t)
+    _assert_near(interpolated(X, Y, t), screw, 200 * EPS)
+    _assert_near(interpolated(X, Y, np.ones(N, np.float32)), Y, 32 * EPS)
+    _assert_near(interpolated(X, Y, np.zeros(N, np.float32)), X, 8 * EPS)
 
 
 def test_inverse_and_inverse_times_undo():
+    def undone(X, Y):
+        again = js.RigidTransform.from_matrix(X.to_matrix())
+        return X.inverse() @ X, X.inverse_times(X @ Y), js.RigidTransform.exp(X.log()), again
+
     X, Y = _poses(2), _poses(3)
-    identity = js.RigidTransform.identity((N,), np.float32)
-    _assert_near(X.inverse() @ X, identity, 8 * EPS)
-    _assert_near(X.inverse_times(X @ Y), Y, 16 * EPS)
-    _assert_near(js.RigidTransform.exp(X.log()), X, 16 * EPS)
-    assert js.RigidTransform.from_matrix(X.to_matrix()).to_matrix().tolist() == X.to_matrix().tolist()
+    nothing, second, of_log, again = interpreted(undone)(X, Y)
+    _assert_near(nothing, js.RigidTransform.identity((N,), np.float32), 8 * EPS)
+    _assert_near(second, Y, 16 * EPS)
+    _assert_near(of_log, X, 16 * EPS)
+    assert np.asarray(again.to_matrix()).tolist() == np.asarray(X.to_matrix()).tolist()
 
 
 @pytest.mark.parametrize(

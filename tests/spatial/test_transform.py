@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow_but
 
 EPS = float(np.finfo(np.float32).eps)
@@ -17,12 +18,12 @@ EPS = float(np.finfo(np.float32).eps)
 
 def transforms(count, seed=0, dtype=np.float32):
     rng = np.random.default_rng(seed)
-    w, v = (jnp.asarray(rng.standard_normal((count, 3)).astype(dtype)) for _ in range(2))
-    return js.RigidTransform.exp(js.SpatialVelocity(w, v))
+    w, v = (rng.standard_normal((count, 3)).astype(dtype) for _ in range(2))
+    return interpreted(js.RigidTransform.exp)(js.SpatialVelocity(w, v))
 
 
 def points(count, seed=1):
-    return jnp.asarray(np.random.default_rng(seed).standard_normal((count, 3)).astype(np.float32))
+    return np.random.default_rng(seed).standard_normal((count, 3)).astype(np.float32)
 
 
 def matrices(X):
@@ -42,20 +43,27 @@ def test_to_matrix_and_back():
     np.testing.assert_array_equal(m[:, 3], np.tile([0, 0, 0, 1], (5, 1)))
     np.testing.assert_array_equal(m[:, :3, :3], np.asarray(X.rotation.to_matrix()))
     np.testing.assert_array_equal(m[:, :3, 3], np.asarray(X.translation))
-    again = js.RigidTransform.from_matrix(X.to_matrix())
+    again = interpreted(lambda X: js.RigidTransform.from_matrix(X.to_matrix()))(X)
     chex.assert_trees_all_equal(again, X)
 
 
 @pytest.mark.parametrize("precision", slow_but(["reproducible", "compensated"], js.Precision))
 def test_products_are_those_of_matrices(precision):
     X, Y, p = transforms(7), transforms(7, 2), points(7)
-    with js.default_precision(precision):
-        near(matrices(X @ Y), matrices(X) @ matrices(Y))
-        near(X @ p, np.einsum("nij,nj->ni", matrices(X), np.concatenate((p, np.ones((7, 1))), 1))[:, :3])
-        near(matrices(X.inverse()), np.linalg.inv(matrices(X)))
-        near(matrices(X.inverse_times(Y)), np.linalg.inv(matrices(X)) @ matrices(Y))
-        near(X.inverse() @ (X @ p), p)
-        near(matrices((X @ Y) @ X), matrices(X @ (Y @ X)))
+    m, n, homogeneous = matrices(X), matrices(Y), np.concatenate((p, np.ones((7, 1))), 1)
+
+    def products(X, Y, p):
+        with js.default_precision(precision):
+            motions = X @ Y, X.inverse(), X.inverse_times(Y), (X @ Y) @ X, X @ (Y @ X)
+            return motions, X @ p, X.inverse() @ (X @ p)
+
+    (product, inverse, relative, *twice), moved, back = evaluated(precision, products)(X, Y, p)
+    near(matrices(product), m @ n)
+    near(moved, np.einsum("nij,nj->ni", m, homogeneous)[:, :3])
+    near(matrices(inverse), np.linalg.inv(m))
+    near(matrices(relative), np.linalg.inv(m) @ n)
+    near(back, p)
+    near(*map(matrices, twice))
 
 
 def test_poses_far_away_and_near_each_other():
@@ -64,32 +72,42 @@ def test_poses_far_away_and_near_each_other():
     far = js.RigidTransform(X.rotation, X.translation + np.float32(1e6))
     other = js.RigidTransform(X.rotation, far.translation + np.float32(0.125))
     expected = np.einsum("nji,j->ni", matrices(X)[:, :3, :3], [0.125] * 3)
-    near(far.inverse_times(other).translation, expected, EPS)
+    near(interpreted(js.RigidTransform.inverse_times)(far, other).translation, expected, EPS)
 
 
 def test_motion_matrix_is_what_act_does():
     X, V = transforms(4), js.SpatialVelocity(points(4), points(4, 5))
     F = js.SpatialForce(points(4, 6), points(4, 7))
-    m = np.asarray(X.to_motion_matrix(), float)
-    near(np.einsum("nij,nj->ni", m, V.to_array()), js.act(X, V).to_array())
-    near(np.einsum("nji,nj->ni", np.linalg.inv(m), F.to_array()), js.act(X, F).to_array())
+    m, V_A, F_A = interpreted(lambda X, V, F: (X.to_motion_matrix(), js.act(X, V), js.act(X, F)))(X, V, F)
+    near(np.einsum("nij,nj->ni", m.astype(float), np.concatenate(V.vectors, -1)), np.concatenate(V_A.vectors, -1))
+    back = np.linalg.inv(m.astype(float))
+    near(np.einsum("nji,nj->ni", back, np.concatenate(F.vectors, -1)), np.concatenate(F_A.vectors, -1))
 
 
 def test_adjoint_of_exp_is_the_exponential_of_the_cross_product():
     """exp(V) with its Jacobian: Ad = 1 + ad J, J the left Jacobian."""
-    V = js.SpatialVelocity(points(6), points(6, 3))
-    X, J = js.RigidTransform.exp(V), np.asarray(js.RigidTransform.left_jacobian(V), float)
-    columns = [js.cross(V, js.SpatialVelocity.from_array(jnp.tile(jnp.eye(6)[k], (6, 1)))).to_array() for k in range(6)]
-    ad = np.stack([np.asarray(c, float) for c in columns], -1)
-    near(np.asarray(X.to_motion_matrix()), np.eye(6) + ad @ J, 64 * EPS)
-    near(J @ np.asarray(js.RigidTransform.left_jacobian_inverse(V), float), np.tile(np.eye(6), (6, 1, 1)), 64 * EPS)
+
+    def of(V):
+        units = [js.SpatialVelocity.from_array(jnp.tile(jnp.eye(6)[k], (6, 1))) for k in range(6)]
+        jacobians = js.RigidTransform.left_jacobian(V), js.RigidTransform.left_jacobian_inverse(V)
+        return js.RigidTransform.exp(V).to_motion_matrix(), *jacobians, [js.cross(V, unit).to_array() for unit in units]
+
+    adjoint, J, inverse, columns = interpreted(of)(js.SpatialVelocity(points(6), points(6, 3)))
+    ad = np.stack(columns, -1).astype(float)
+    near(adjoint, np.eye(6) + ad @ J.astype(float), 64 * EPS)
+    near(J.astype(float) @ inverse.astype(float), np.tile(np.eye(6), (6, 1, 1)), 64 * EPS)
 
 
 def test_interpolation_moves_on_a_screw():
     """Constant velocity: equal steps; about the axis, the distance to it stays."""
     X, Y = transforms(5), transforms(5, 4)
-    steps = [X.interpolate(Y, jnp.full(5, t, jnp.float32)) for t in (0.0, 0.25, 0.5, 0.75, 1.0)]
-    relative = [matrices(a.inverse_times(b)) for a, b in zip(steps, steps[1:], strict=False)]
+
+    def moved(X, Y):
+        steps = [X.interpolate(Y, jnp.full(5, t, jnp.float32)) for t in (0.0, 0.25, 0.5, 0.75, 1.0)]
+        return steps, [a.inverse_times(b) for a, b in zip(steps, steps[1:], strict=False)]
+
+    steps, between = interpreted(moved)(X, Y)
+    relative = list(map(matrices, between))
     for m in relative[1:]:
         near(m, relative[0], 64 * EPS)
     near(matrices(steps[-1]), matrices(Y), 64 * EPS)
@@ -221,7 +239,7 @@ def test_jit_grad_scan_and_cond():
     X, p = transforms(1), points(1)
     X = jax.tree.map(lambda leaf: leaf[0], X)
     np.testing.assert_array_equal(jax.jit(lambda X: X @ p[0])(X), X @ p[0])
-    gradient = jax.grad(lambda X: (X @ p[0]).sum())(X)
+    gradient = interpreted(jax.grad(lambda X: (X @ p[0]).sum()))(X)
     np.testing.assert_array_equal(gradient.translation, np.ones(3))
     np.testing.assert_array_equal(gradient.rotation.entries, np.tile(p[0], 3))
     V = js.SpatialVelocity(points(50) / 10, points(50, 2) / 10)
