@@ -1,5 +1,7 @@
 """States of a whole mechanism to and from MuJoCo's: orders, frames and signs, of a file that MuJoCo compiles too."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -8,6 +10,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.interop import mujoco as states
+from tests.helpers.interpreted import interpreted
 
 pytestmark = pytest.mark.filterwarnings("ignore::jaxspatial.interop.ModelFileWarning")
 
@@ -25,12 +28,15 @@ V = np.array([1, 2, 3, 10, 20, 30, 4, 5, 6, 7], np.float32)
 def test_orders():
     """In MuJoCo the position comes before the quaternion, the velocity in world axes before the spin in the body's."""
     mech, model = js.Mechanism.from_mjcf(TREE), mujoco.MjModel.from_xml_string(TREE)
-    qpos, qvel = states.to_qpos(mech, Q), states.to_qvel(mech, Q, V)
+    qpos, qvel = interpreted(lambda q, v: (states.to_qpos(mech, q), states.to_qvel(mech, q, v)))(Q, V)
     assert (qpos.shape, qvel.shape) == ((model.nq,), (model.nv,))
     np.testing.assert_array_equal(qpos, np.float32([*BASE[4:], *BASE[:4], 0, 1, 0, 0, 0, 0.25]))
     np.testing.assert_allclose(qvel, [-20, 10, 30, 1, 2, 3, -14, 4, 5, 6, 7], rtol=1e-6)
-    np.testing.assert_array_equal(states.from_qpos(mech, qpos), Q)
-    np.testing.assert_allclose(states.from_qvel(mech, Q, qvel), V, rtol=1e-6)
+    q, v = interpreted(lambda qpos, q, qvel: (states.from_qpos(mech, qpos), states.from_qvel(mech, q, qvel)))(
+        qpos, Q, qvel
+    )
+    np.testing.assert_array_equal(q, Q)
+    np.testing.assert_allclose(v, V, rtol=1e-6)
 
 
 def test_acceleration_of_a_turning_body():
@@ -55,12 +61,13 @@ def test_forces_have_the_power_of_ours():
 def test_batches_and_transformations(x64):
     mech = js.Mechanism.from_mjcf(TREE)
     dtype = jnp.float64 if x64 else jnp.float32
-    q, v = jnp.stack([jnp.asarray(Q, dtype)] * 3), jnp.asarray(V, dtype)
-    for function in (states.to_qvel, jax.jit(lambda q, v: states.to_qvel(mech, q, v))):
-        found = function(mech, q, v) if function is states.to_qvel else function(q, v)
+    q, v = np.stack([Q.astype(dtype)] * 3), V.astype(dtype)
+    one = interpreted(lambda q, v: states.to_qvel(mech, q, v))(q[0], v)
+    for function in (functools.partial(states.to_qvel, mech), jax.jit(lambda q, v: states.to_qvel(mech, q, v))):
+        found = function(q, v)
         assert (found.shape, found.dtype) == ((3, 11), dtype)
-        np.testing.assert_array_equal(found, jnp.stack([states.to_qvel(mech, q[0], v)] * 3))
-    mapped = jax.vmap(lambda q: states.from_qpos(mech, states.to_qpos(mech, q)))(q)
+        np.testing.assert_array_equal(found, [one] * 3)
+    mapped = interpreted(jax.vmap(lambda q: states.from_qpos(mech, states.to_qpos(mech, q))))(q)
     np.testing.assert_array_equal(mapped, q)
     assert jax.jit(states.to_qpos)(mech, q).shape == (3, 13)
 
