@@ -189,3 +189,22 @@ def test_errors_name_what_came():
     ):
         with pytest.raises(error, match=message):
             js.inverse_dynamics(*arguments)
+
+
+def test_errors_name_the_operation_and_the_argument():
+    mech, (q, v, _), short = mechanism(), state(), np.ones(2)
+    size = r"expected shape \(\*batch, [56]\), got \(2,\)"
+    for call, error, message in (
+        (lambda: js.bias_forces(mech, short, v), ValueError, f"bias_forces: q: {size}"),
+        (lambda: js.gravity_forces(mech, short), ValueError, f"gravity_forces: q: {size}"),
+        (lambda: js.difference(mech, short, q), ValueError, f"difference: q0: {size}"),
+        (lambda: js.difference(mech, q, short), ValueError, f"difference: q1: {size}"),
+        (lambda: js.inverse_dynamics_derivatives(mech, q, v, short), ValueError, f"dynamics_derivatives: vdot: {size}"),
+        (lambda: js.rk4_step(mech, q, v, short, 0.1), ValueError, f"rk4_step: tau: {size}"),
+        (lambda: js.integrate(mech, q, v, short), ValueError, r"batch shapes that broadcast, got .*dt: \(2,\)"),
+        (lambda: js.integrate(mech, q, v, np.float32(1)), TypeError, "got q: float64, v: float64, dt: float32"),
+        (lambda: js.jacobian(mech, q, "nobody"), KeyError, "jacobian: body: expected one of 'world', 'body0'"),
+        (lambda: js.forward_kinematics(mech, q, "body0"), TypeError, "forward_kinematics: frames: expected a sequence"),
+    ):
+        with pytest.raises(error, match=message):
+            call()
