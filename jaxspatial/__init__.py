@@ -12,7 +12,7 @@ This list is what is promised; everything else may change.
 # how numbers are added and multiplied
 from jaxspatial.arithmetic.check import NarrowingWarning as NarrowingWarning
 from jaxspatial.arithmetic.numbers.components import Components as Components
-from jaxspatial.arithmetic.numbers.component_arrays import from_components as from_components
+from jaxspatial.arithmetic.numbers.components import from_components as from_components
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord as DoubleWord
 from jaxspatial.arithmetic.numbers.trees import from_double_word as from_double_word
 from jaxspatial.arithmetic.numbers.trees import to_double_word as to_double_word

@@ -13,13 +13,13 @@ The way from a formula to the bits:
    - in "compensated" and "faithful" a sum of products runs over `numbers.polynomial`: `sums.symbolic` collects the
      terms of each result, and one primitive, `sums.primitive`, evaluates them all;
    - everything else runs there over float64, or for float64 over a `DoubleWord` (`numbers.pairs`);
-   - algorithms of mechanisms, whose promise is relative to their terms, run for float64 over `Corrected` numbers
-     (`numbers.corrections`): plain ones with the first-order correction of their rounding errors.
+   - algorithms of mechanisms, whose promise is relative to their terms, run for float64 over `Corrected` numbers:
+     plain ones with the first-order correction of their rounding errors.
 4. The primitive has its own derivatives: tangents and pull-backs of sums of products are sums of products.
    `sums.evaluation` lowers it with one of the `sums.accumulators`, forms of one kind: `wide` (narrow types, in
    float64); by the error-free transforms of `errorfree`, `compensated` (twice the precision), `estimated` and
    `certified` (NaN where their digits are not enough) and `faithful` (as much as it takes). Sums over a batch are
-   taken by halving: `sums.sum3` and `sums.pairwise`.
+   taken by halving: `sums.pairwise`.
 5. Results are rounded once, to the dtype that came, and stacked in the layout of an argument (`numbers.stacking`).
 
 The folders stand on one another: `errorfree` (single operations), `numbers` (the protocol and its kinds), `sums`.

@@ -40,6 +40,16 @@ _said: dict[Any, Any] = {}
 class StandIn:
     """Base of what stands for an array of floating point without being one: it passes every check as it is."""
 
+    # NumPy and JAX arrays on the left of an operator leave it to us.
+    __array_ufunc__ = None
+
+    shape: Any
+    dtype: Any
+
+    @property
+    def ndim(self) -> int:
+        return len(self.shape)
+
     def over_batch(self, batch_shape: _Shape) -> Any:
         """Broadcast to another batch shape."""
         shape = (*batch_shape, self.shape[-1])

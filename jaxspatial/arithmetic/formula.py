@@ -10,8 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.numbers import Number, Rounded, component_arrays, components, folding, is_number
-from jaxspatial.arithmetic.numbers.components import Components
+from jaxspatial.arithmetic.numbers import Number, Rounded, components, folding, is_number
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.stacking import Stacked, Summed, as_array, converted, of_array, stacked
 from jaxspatial.arithmetic.numbers.trees import to_double_word
@@ -51,7 +50,7 @@ def formula(function: Callable[..., typing.Any] | None = None, *, of_sums: bool 
 
     @functools.wraps(function)
     def call(precision: Any, *arrays: Any, **static: Any) -> Any:
-        arrays = component_arrays.alike(check.narrowed_each(arrays))
+        arrays = components.alike(check.narrowed_each(arrays))
         known = any(isinstance(a, np.ndarray) for a in arrays)
         tracing = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arrays))
         run = program if known and tracing else compiled
@@ -61,13 +60,20 @@ def formula(function: Callable[..., typing.Any] | None = None, *, of_sums: bool 
 
 
 def _run(function: Callable[..., Any], precision: Precision, static: tuple[tuple[str, Any], ...], *arrays: Any) -> Any:
-    batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
-    is_pair, is_apart = any(map(component_arrays.has_pairs, arrays)), any(isinstance(a, Components) for a in arrays)
+    is_pair = any(map(components.has_pairs, arrays))
     twice = is_pair or precision.sees_whole_sums
-    results = _Results(batch, np.dtype(arrays[0].dtype), is_pair, is_apart)
     with jax.enable_x64(bool(jax.config.jax_enable_x64) or twice):
-        given = [of_array(a, precision, twice) for a in check.broadcast_batch(batch, *arrays)]
-        return _each(results.rounded, function(*given, **dict(static)))
+        numbers = functools.partial(of_array, precision=precision, twice=twice)
+        return _run_over(numbers, functools.partial(function, **dict(static)), arrays, is_pair)
+
+
+def _run_over(numbers: Callable[..., Any], function: Callable[..., Any], arrays: Sequence[Any], is_pair: bool = False):
+    """The results for arrays, each over their batch made a vector of numbers."""
+    batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+    is_apart = any(map(components.is_components, arrays))
+    found = function(*map(numbers, check.broadcast_batch(batch, *arrays)))
+    results = _Results(batch, np.dtype(arrays[0].dtype), is_pair, is_apart)
+    return [results.rounded(x) for x in found] if isinstance(found, list) else results.rounded(found)
 
 
 # -- sums of products -------------------------------------------------------------------------------------------------
@@ -77,32 +83,22 @@ def _run_sums(
     function: Callable[..., Any], precision: Precision, static: tuple[tuple[str, Any], ...], *arrays: Any
 ) -> Any:
     function = functools.partial(function, **dict(static))
-    if precision.sees_whole_sums or any(map(component_arrays.has_pairs, arrays)):
+    if precision.sees_whole_sums or any(map(components.has_pairs, arrays)):
         return run_symbolically(function, precision, arrays)
-    if arrays[0].dtype == jnp.bfloat16:
-        found = _run_as_it_is(function, precision, *(jax.tree.map(lambda x: x.astype(np.float32), a) for a in arrays))
-        return jax.tree.map(lambda x: converted(x, jnp.bfloat16), found)
-    return _run_as_it_is(function, precision, *arrays)
 
+    def numbers(array: Any) -> Sequence[Number]:
+        if not is_apart:
+            return stacked(precision, array)
+        return tuple(Rounded(precision, x) for x in components.as_components(array).components)
 
-def _run_as_it_is(function: Callable[..., Any], precision: Precision, *arrays: Any) -> Any:
-    batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
-    is_apart = any(isinstance(a, Components) for a in arrays)
-    given = [_numbers(precision, a, is_apart) for a in check.broadcast_batch(batch, *arrays)]
-    return _each(_Results(batch, np.dtype(arrays[0].dtype), False, is_apart).rounded, function(*given))
-
-
-def _numbers(precision: Precision, array: Any, is_apart: bool) -> Sequence[Number]:
-    if not is_apart:
-        return stacked(precision, array)
-    return tuple(Rounded(precision, x) for x in components.as_components(array).components)
+    is_apart = any(map(components.is_components, arrays))
+    if arrays[0].dtype != jnp.bfloat16:
+        return _run_over(numbers, function, arrays)
+    found = _run_over(numbers, function, jax.tree.map(lambda x: x.astype(np.float32), arrays))
+    return jax.tree.map(lambda x: converted(x, jnp.bfloat16), found)
 
 
 # -- what comes out ---------------------------------------------------------------------------------------------------
-
-
-def _each(function: Callable[..., Any], found: Any) -> Any:
-    return [function(x) for x in found] if isinstance(found, list) else function(found)
 
 
 class _Results(typing.NamedTuple):
@@ -120,11 +116,10 @@ class _Results(typing.NamedTuple):
             return x.array
         if isinstance(x, tuple):
             parts = [self._number(c) for c in x]
-            return components.of(parts) if self.is_apart else self._stacked(parts)
+            if self.is_apart:
+                return components.of(parts)
+            return jax.tree.map(lambda *words: folding.stack(words, self.batch), *parts)
         return self._number(x)
-
-    def _stacked(self, parts: Sequence[Any]) -> Any:
-        return jax.tree.map(lambda *words: folding.stack(words, self.batch), *parts)
 
     def _number(self, x: Any) -> Any:
         if not is_number(x):
@@ -143,11 +138,8 @@ class _Results(typing.NamedTuple):
         """Over the last axis of the batch. A known 0 stays known; of other numbers the sum is data."""
         if not self.is_apart:
             return _sum_of_items(self.rounded(vector))
-        values = [x.value for x in vector]
-        return components.of([c if folding.is_known(c, 0) else self._sum_of_component(c) for c in values])
-
-    def _sum_of_component(self, x: Any) -> Any:
-        return pairwise_sum(jnp.broadcast_to(x, self.batch))
+        parts = ((c, folding.is_known(c, 0)) for c in (x.value for x in vector))
+        return components.of([c if is_0 else pairwise_sum(jnp.broadcast_to(c, self.batch)) for c, is_0 in parts])
 
 
 def _sum_of_items(x: Any) -> Any:

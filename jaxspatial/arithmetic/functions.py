@@ -17,23 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxspatial.arithmetic.numbers import (
-    Corrected,
-    Number,
-    Rounded,
-    constant,
-    doubled,
-    high,
-    is_constant,
-    is_number,
-    nearest_integer,
-    noinline,
-    noinline_pairs,
-    of_word,
-    times_power_of_two,
-    where,
-)
+from jaxspatial.arithmetic.numbers import Corrected, Number, Rounded, constant, high, is_constant, is_number, where
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.number import doubled, nearest_integer, noinline, noinline_pairs, times_power_of_two
 from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.arithmetic.vectors import scaled
 
@@ -102,7 +88,7 @@ def _corrected(coefficients: tuple[Fraction, ...], x: Corrected) -> Number:
     if n is None:
         return _horner(coefficients, x)
     rest = _of_data(coefficients[n:], Precision.REPRODUCIBLE)(Rounded(Precision.REPRODUCIBLE, x.value))
-    return _horner((*coefficients[:n], of_word(x, rest.value)), x)
+    return _horner((*coefficients[:n], x.of_word(rest.value)), x)
 
 
 def _scanned(coefficients: tuple[Fraction, ...], x: Number) -> Number:
@@ -169,9 +155,7 @@ def _words(fraction: Fraction, like: Number) -> Iterator[Fraction]:
         yield fraction
 
 
-@noinline_pairs
-def _quarter_turns(angle: Number):
-    return turns(angle, 4)
+_quarter_turns = noinline_pairs(lambda angle: turns(angle, 4))
 
 
 @noinline
@@ -258,11 +242,5 @@ def log(x: Number) -> Number:
     m, e = where(is_low, 2 * m, m), jnp.where(is_low, e - 1, e)
     ratio = (m - 1) / (m + 1)
     artanh = ratio * series((Fraction(1, 2 * n + 1) for n in itertools.count()), ratio * ratio, Fraction(1, 9))
-    found = _of_integers(x, e) * constant(x, _LN2) + 2 * artanh
+    found = x.of_word(e.astype(x.dtype)) * constant(x, _LN2) + 2 * artanh
     return where(is_usual, found, where(high(x) == 0, -math.inf, where(high(x) > 0, x, math.nan)))
-
-
-def _of_integers(like: Any, e: Array) -> Number:
-    """Integers (*batch,) as a number of the kind of another."""
-    e = e.astype(like.dtype)
-    return of_word(like, e)

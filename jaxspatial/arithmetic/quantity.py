@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import operator
 import typing
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import jax
@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.numbers.component_arrays import as_array
+from jaxspatial.arithmetic.numbers.components import as_array
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.tree import rebuilt
@@ -80,7 +80,7 @@ class Quantity:
         """
         dtype = check.as_dtype(dtype)
         with np.errstate(all="ignore"):
-            return jax.tree.map(lambda x: x.astype(dtype), self, is_leaf=_is_number)
+            return jax.tree.map(lambda x: x.astype(dtype), self, is_leaf=lambda x: isinstance(x, check.StandIn))
 
     def at_batch(self, index: typing.Any) -> typing.Self:
         """The items at an index of the batch, as NumPy has it.
@@ -98,7 +98,9 @@ class Quantity:
         """
         index = tuple(map(_narrow_index, index if isinstance(index, tuple) else (index,)))
         _require_in_range(self, index)
-        return self.with_vectors(_each(lambda x: x[(*index, slice(None))], self.vectors))
+        # Of what consists of known numbers alone there is one for any batch.
+        items = (x if check.goes_with_any_batch(x) else x[(*index, slice(None))] for x in self.vectors)
+        return self.with_vectors(items)
 
     def __eq__(self, other: typing.Any) -> typing.Any:
         """Where all components are equal: a mask (*batch,)."""
@@ -249,11 +251,6 @@ def moved_to_last(vectors: Iterable[typing.Any], place: int, batch_shape: tuple[
     return [jax.tree.map(lambda x: jnp.moveaxis(x, place, last), x) if place != last else x for x in vectors]
 
 
-def _each(function: Callable[[Any], Any], vectors: Iterable[Any]) -> list[Any]:
-    """Of what consists of known numbers alone there is one for any batch."""
-    return [x if check.goes_with_any_batch(x) else function(x) for x in vectors]
-
-
 def _narrow_index(i: Any) -> Any:
     """Integers of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on."""
     i = np.asarray(i, None if i else np.int32) if isinstance(i, list) else i
@@ -291,7 +288,3 @@ def _fields(x: Any) -> list[Any]:
 def _is_numeric(x: Any) -> bool:
     """False for a tree that describes trees, see `check.is_tree_mark`."""
     return all(isinstance(leaf, check.ARRAYS) for leaf in jax.tree.leaves(x, is_leaf=lambda leaf: leaf is None))
-
-
-def _is_number(x: Any) -> bool:
-    return isinstance(x, check.StandIn)

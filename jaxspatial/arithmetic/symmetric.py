@@ -6,25 +6,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.functions import unit_roundoff
-from jaxspatial.arithmetic.numbers import (
-    Mask,
-    Number,
-    Numbers,
-    Rounded,
-    Rows,
-    Symmetric,
-    constant,
-    high,
-    noinline_pairs,
-    times_power_of_two,
-    where,
-)
+from jaxspatial.arithmetic.numbers import Mask, Number, Numbers, Rows, Symmetric, constant, high, where
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.number import as_data, noinline_pairs, repeated, shape_of, times_power_of_two
 from jaxspatial.arithmetic.numbers.trees import from_double_word
 from jaxspatial.arithmetic.precision import Precision
 
@@ -166,23 +154,11 @@ def _exchanged(swap: Mask, a: Number, b: Number) -> tuple[Number, Number]:
 def _jacobi(six: Symmetric) -> tuple[Numbers, Rows]:
     """(the diagonal, the rotation by its rows), in a loop over sweeps: fused into one another, rotations would be
     computed again for every component of the result."""
-    like = six[0]
-    start = [*six, *vectors.flat(_identity(like))]
-    shape = np.broadcast_shapes(*(jnp.shape(high(x)) for x in start))
-    sweeps = _SWEEPS_OF_DOUBLE_WORDS if _is_double(like) else _SWEEPS[like.dtype]
-    words = lax.fori_loop(0, sweeps, lambda _, x: _words(_swept(_numbers(like, x)), shape), _words(start, shape))
-    found = _numbers(like, words)
+    start = [*six, *vectors.flat(_identity(six[0]))]
+    shape = np.broadcast_shapes(*map(shape_of, start))
+    sweeps = _SWEEPS_OF_DOUBLE_WORDS if _is_double(six[0]) else _SWEEPS[six[0].dtype]
+    found = repeated(_swept, sweeps, [as_data(x, shape) for x in start])
     return (found[0], found[2], found[5]), vectors.rows(found[6:])
-
-
-def _words(numbers: Numbers, shape: tuple[int, ...]) -> Any:
-    """What a loop can carry: arrays over the batch, or double words of them."""
-    plain = [x if _is_double(x) else x.value for x in numbers]
-    return jax.tree.map(lambda word: jnp.broadcast_to(jnp.asarray(word), shape), plain)
-
-
-def _numbers(like: Number, words: Any) -> Numbers:
-    return tuple(x if _is_double(x) else Rounded(like.precision, x) for x in words)
 
 
 def _swept(numbers: Numbers) -> Numbers:

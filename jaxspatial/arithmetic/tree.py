@@ -2,13 +2,11 @@
 
 import dataclasses
 import typing
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import jax
 import jax.export
-
-T = typing.TypeVar("T")
 
 _Class = typing.TypeVar("_Class")
 
@@ -19,9 +17,7 @@ def tree(cls: type[_Class]) -> type[_Class]:
 
     JAX rebuilds it with whatever leaves it needs, without the checks that `__post_init__` makes of a caller's.
     """
-    cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
-    names = [field.name for field in dataclasses.fields(cls)]
-    _register(cls, names, [])
+    cls = _registered(cls)
     jax.export.register_pytree_node_serialization(
         cls,
         serialized_name=f"jaxspatial.{cls.__name__}",
@@ -32,15 +28,9 @@ def tree(cls: type[_Class]) -> type[_Class]:
 
 
 @typing.dataclass_transform(eq_default=False, frozen_default=True)
-def tree_of(structure: str) -> typing.Callable[[type[T]], type[T]]:
+def tree_of(structure: str) -> typing.Callable[[type[_Class]], type[_Class]]:
     """As `tree`, with one field that is no array but part of the structure: it has to be hashable."""
-
-    def decorated(cls: type[T]) -> type[T]:
-        cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
-        _register(cls, [field.name for field in dataclasses.fields(cls) if field.name != structure], [structure])
-        return cls
-
-    return decorated
+    return lambda cls: _registered(cls, structure)
 
 
 def named_tuples(types: Iterable[Any]) -> None:
@@ -50,7 +40,9 @@ def named_tuples(types: Iterable[Any]) -> None:
             jax.export.register_namedtuple_serialization(cls, serialized_name=f"jaxspatial.{cls.__name__}")
 
 
-def _register(cls: type, names: Sequence[str], static: Sequence[str]) -> None:
+def _registered(cls: type[_Class], *static: str) -> type[_Class]:
+    cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
+    names = [field.name for field in dataclasses.fields(cls) if field.name not in static]
     keys = list(map(jax.tree_util.GetAttrKey, names))
 
     def structure(x: Any) -> tuple[Any, ...]:
@@ -62,6 +54,7 @@ def _register(cls: type, names: Sequence[str], static: Sequence[str]) -> None:
         lambda static_parts, leaves: rebuilt(cls, [*static, *names], [*static_parts, *leaves]),
         lambda x: (tuple(getattr(x, name) for name in names), structure(x)),
     )
+    return cls
 
 
 def rebuilt(cls: type[_Class], names: Iterable[str], parts: Iterable[typing.Any]) -> _Class:

@@ -10,23 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic.errorfree import scaling
-from jaxspatial.arithmetic.numbers import (
-    Number,
-    Numbers,
-    Rounded,
-    Rows,
-    Three,
-    constant,
-    each,
-    folding,
-    frozen,
-    high,
-    is_constant,
-    noinline_pairs,
-    times_power_of_two,
-    where,
-)
+from jaxspatial.arithmetic.numbers import Number, Numbers, Rounded, Rows, Three, folding, is_constant
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.number import constant, each, frozen, high, noinline_pairs, times_power_of_two, where
 from jaxspatial.arithmetic.numbers.stacking import Stacked, Summed
 
 

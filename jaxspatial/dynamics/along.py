@@ -1,5 +1,7 @@
 """Numbers that are arrays over bodies and states: rows taken, put side by side, added up."""
 
+import itertools
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -9,6 +11,7 @@ import numpy as np
 
 from jaxspatial.arithmetic import numbers
 from jaxspatial.arithmetic.numbers import Number, Numbers, is_constant, is_number, where
+from jaxspatial.arithmetic.sums.pairwise import pairwise
 
 T = TypeVar("T")
 Array = jax.Array | np.ndarray
@@ -112,12 +115,14 @@ def added_at(x: Number, place: int, y: Number):
 
 
 def pairwise_sum(x: Number):
-    """The sum over the first axis, by halves."""
-    while (n := numbers.shape_of(x)[0]) > 1:
-        half = n // 2
-        pairs = _slice(x, 0, half) + _slice(x, half, 2 * half)
-        x = joined([pairs, _slice(x, 2 * half, n)]) if n % 2 else pairs
-    return numbers.mapped(lambda word: word[0], x)
+    """The sum over the first axis, each of the first half added to one of the second."""
+
+    def halves(x: Number) -> list[Number]:
+        n = numbers.shape_of(x)[0]
+        ends = [0, n // 2, n // 2 * 2, n] if n > 1 else []
+        return [_slice(x, a, b) for a, b in itertools.pairwise(ends) if b > a]
+
+    return numbers.mapped(lambda word: word[0], pairwise(operator.add, x, halves, joined))
 
 
 def _slice(x: Number, start: int, stop: int):

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxspatial.arithmetic.numbers.known import in_double
+from jaxspatial.arithmetic.numbers.folding import in_double
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.joint_numbers import as_of_followed, parameter, per, registered_parameters, spring_reference
 from jaxspatial.mechanism.joints import KINDS, OF_EVERY_JOINT, Parameter

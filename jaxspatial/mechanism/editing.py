@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jaxspatial.arithmetic.numbers import Rounded, high
-from jaxspatial.arithmetic.numbers.known import in_double
+from jaxspatial.arithmetic.numbers.folding import in_double
 from jaxspatial.arithmetic.precision import DEFAULT
 from jaxspatial.arithmetic.types import Scalar, Vector
 from jaxspatial.mechanism.joints import JointKind, Parameter

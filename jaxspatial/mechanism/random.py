@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxspatial.arithmetic.numbers.known import in_double
+from jaxspatial.arithmetic.numbers.folding import in_double
 from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.joints import AXIS, BUILT_IN, SECOND_AXIS, JointKind, kind_named

@@ -9,7 +9,7 @@ from jax.core import Tracer
 from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Numbers
-from jaxspatial.arithmetic.numbers.component_arrays import as_array
+from jaxspatial.arithmetic.numbers.components import as_array
 from jaxspatial.arithmetic.numbers.trees import from_double_word
 from jaxspatial.arithmetic.types import Matrix
 

@@ -13,8 +13,7 @@ from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.errorfree.reproducible import product, quotient
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Three, folding
-from jaxspatial.arithmetic.numbers.component_arrays import as_array
-from jaxspatial.arithmetic.numbers.components import Components
+from jaxspatial.arithmetic.numbers.components import Components, as_array
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.stacking import Summed
 from jaxspatial.arithmetic.numbers.trees import from_double_word, to_double_word

@@ -15,7 +15,7 @@ from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.errorfree.scaling import exponent, times_power_of_two
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Number, Three, folding
-from jaxspatial.arithmetic.numbers.component_arrays import as_array
+from jaxspatial.arithmetic.numbers.components import as_array
 from jaxspatial.arithmetic.numbers.stacking import Summed
 from jaxspatial.arithmetic.precision import Precision, resolve
 from jaxspatial.arithmetic.quantity import require_alike

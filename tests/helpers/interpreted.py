@@ -162,7 +162,7 @@ def _sums(*arrays, plan):
 @functools.lru_cache(maxsize=1024)
 def _traced_sums(plan, avals, _):
     """Traced once for all turns of a loop."""
-    return jax.make_jaxpr(functools.partial(sums._evaluated, plan=plan, contracted=lambda dtype: False))(*avals)
+    return jax.make_jaxpr(functools.partial(sums.evaluate, plan=plan, contracted=lambda dtype: False))(*avals)
 
 
 def _program(*arrays, program, n_batch):

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.interpreters import ad, mlir
 
-from jaxspatial.arithmetic.errorfree.elementwise import alike, elementwise, is_zero, no_tangent
 from jaxspatial.arithmetic.errorfree.fence import settled
+from jaxspatial.arithmetic.errorfree.primitives import alike, elementwise, is_zero, no_tangent
 
 
 def product(a: Any, b: Any) -> jax.Array:

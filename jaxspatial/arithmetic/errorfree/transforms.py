@@ -12,9 +12,8 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxspatial.arithmetic.errorfree import contraction
-from jaxspatial.arithmetic.errorfree.elementwise import alike, elementwise, no_tangent
 from jaxspatial.arithmetic.errorfree.fence import kept, settled
-from jaxspatial.arithmetic.errorfree.lowering import rule
+from jaxspatial.arithmetic.errorfree.primitives import alike, elementwise, no_tangent, rule
 from jaxspatial.arithmetic.errorfree.reproducible import product_tangent
 
 Guard = Callable[[Array], Array]
@@ -91,7 +90,7 @@ def dekker_error(a: Array, b: Array, p: Array) -> Array:
 
 
 def product_error(contracted: Callable[[Any], bool]) -> Callable[[Array, Array, Array], Array]:
-    """The error of a product as a function of (a, b, p), in a program of which `lowering.rule` says `contracted`."""
+    """The error of a product as a function of (a, b, p), in a program of which `primitives.rule` says `contracted`."""
     return lambda a, b, p: (contraction.product_error if contracted(p.dtype) else dekker_error)(a, b, p)
 
 

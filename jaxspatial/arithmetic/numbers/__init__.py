@@ -17,21 +17,12 @@ hold is said by `Three`, `Rows`, `Motion` and the like, see `protocol`.
 from jaxspatial.arithmetic.numbers.corrected import Corrected as Corrected
 from jaxspatial.arithmetic.numbers.number import as_data as as_data, constant as constant, data_of as data_of
 from jaxspatial.arithmetic.numbers.number import doubled as doubled, each as each, frozen as frozen, halved as halved
-from jaxspatial.arithmetic.numbers.number import (
-    high as high,
-    is_constant as is_constant,
-    is_number as is_number,
-    mapped as mapped,
-)
+from jaxspatial.arithmetic.numbers.number import high as high, is_constant as is_constant
+from jaxspatial.arithmetic.numbers.number import is_number as is_number, mapped as mapped
 from jaxspatial.arithmetic.numbers.number import nearest_integer as nearest_integer, noinline as noinline
-from jaxspatial.arithmetic.numbers.number import (
-    noinline_pairs as noinline_pairs,
-    of_word as of_word,
-    repeated as repeated,
-)
-from jaxspatial.arithmetic.numbers.number import shape_of as shape_of
+from jaxspatial.arithmetic.numbers.number import noinline_pairs as noinline_pairs, repeated as repeated
+from jaxspatial.arithmetic.numbers.number import shape_of as shape_of, with_data as with_data
 from jaxspatial.arithmetic.numbers.number import times_power_of_two as times_power_of_two, where as where
-from jaxspatial.arithmetic.numbers.number import with_data as with_data
 from jaxspatial.arithmetic.numbers.protocol import Mask as Mask, Motion as Motion, Number as Number, Numbers as Numbers
 from jaxspatial.arithmetic.numbers.protocol import Rows as Rows, Symmetric as Symmetric, Three as Three
 from jaxspatial.arithmetic.numbers.protocol import Wrench as Wrench

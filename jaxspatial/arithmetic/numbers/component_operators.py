@@ -1,6 +1,10 @@
-"""The operators of Components: component by component, what is known folds, and each result is rounded once."""
+"""The operators of Components: component by component, what is known folds, and each result is rounded once.
+
+And what they work on: single components, and an index of them.
+"""
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Self
 
@@ -9,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.numbers import component_numbers, folding
+from jaxspatial.arithmetic.numbers import folding
 from jaxspatial.arithmetic.numbers.polynomial import uniform
 from jaxspatial.arithmetic.precision import Precision
 
@@ -17,12 +21,7 @@ from jaxspatial.arithmetic.precision import Precision
 class Operators(check.StandIn):
     """Base of what is made of components, and of nothing else."""
 
-    # NumPy and JAX arrays on the left of an operator leave it to us.
-    __array_ufunc__ = None
-
     components: Any
-    shape: Any
-    dtype: Any
     _fill: Callable[..., None]
 
     @classmethod
@@ -96,7 +95,7 @@ class Operators(check.StandIn):
         """What stands beside this one in an operation, with as many components; NotImplemented."""
         n = self.shape[-1]
         if isinstance(other, (int, float)) and not isinstance(other, bool):
-            return self.of([component_numbers.over(float(other), (), self.dtype)] * n)
+            return self.of([over(float(other), (), self.dtype)] * n)
         if not isinstance(other, (np.generic, np.ndarray, jax.Array, check.StandIn)):
             return NotImplemented
         array: Any = check.as_float_array(other, "Components: other")
@@ -123,3 +122,78 @@ def _combined(operation: Callable[..., Any], a: Any, b: Any) -> Any:
 
 _compiled = jax.jit(_combined, static_argnums=0, inline=True)
 _product = functools.partial(folding.multiply, Precision.REPRODUCIBLE)
+
+
+# -- single components: known numbers and data, brought to one dtype and one batch -------------------------------------
+
+
+def common_dtype(given: Sequence[Any], dtype: Any) -> np.dtype[Any]:
+    """That of what has one, or the one named; JAX's default for Python floats alone."""
+    typed = {f"component {i}": c for i, c in enumerate(given) if isinstance(c, check.ARRAYS)}
+    if dtype is not None:
+        typed["dtype"] = np.empty((), jax.dtypes.canonicalize_dtype(dtype))
+    check.require_same_dtype(**typed)
+    return next(iter(typed.values())).dtype if typed else jax.dtypes.canonicalize_dtype(float)
+
+
+def over(c: Any, batch: tuple[int, ...], dtype: Any) -> Any:
+    """The component over a batch; a number in its dtype."""
+    if isinstance(c, (float, np.generic)):
+        return folding.quietly(lambda t, number: t.type(number), np.dtype(dtype), c)
+    return jax.tree.map(lambda word: _broadcast(word, batch), c)
+
+
+def _broadcast(word: Any, batch: tuple[int, ...]) -> Any:
+    # A copy of NumPy's: the caller may write to his own.
+    word = jnp.array(word) if isinstance(word, np.ndarray) else word
+    return word if word.shape == batch else jnp.broadcast_to(word, batch)
+
+
+def plain(number: float) -> float:
+    """As a Python float that equals itself: 0 for -0, one NaN for all."""
+    number = float(number)
+    return math.nan if math.isnan(number) else number + 0.0
+
+
+def as_data(leaf: Any) -> Any:
+    """Data as what a formula computes with: a NumPy array that JAX put there would be known."""
+    return jnp.asarray(leaf) if isinstance(leaf, (np.ndarray, np.generic)) else leaf
+
+
+def shown(leaf: Any) -> str:
+    """A number, the shape of more or of something not computed yet."""
+    concrete = isinstance(leaf, (np.ndarray, jax.Array)) and not isinstance(leaf, jax.core.Tracer)
+    if concrete and leaf.ndim == 0:
+        return f"Array({np.asarray(leaf)})"
+    return check.in_short(leaf)
+
+
+# -- an index: that of the batch, and that of the components ----------------------------------------------------------
+
+
+def split(index: Any, ndim: int, has_batch: bool) -> tuple[tuple[Any, ...], Any]:
+    """An index as that of the batch and that of the components, the latter None where they do not stay apart.
+
+    What is known goes with any batch: without data, of an index [..., i, j] the last is taken.
+    """
+    index = index if isinstance(index, tuple) else (index,)
+    if not has_batch and len(index) > 2 and index[0] is Ellipsis and index[-1] is not None:
+        index = index[-1:]
+    given = [i for i in index if i is not Ellipsis]
+    if len(given) > ndim or any(i is None or _is_mask(i) for i in given):
+        return (), None
+    before = next((k for k, i in enumerate(index) if i is Ellipsis), len(index))
+    *batch, last = *index[:before], *[slice(None)] * (ndim - len(given)), *index[before + 1 :]
+    return tuple(batch), _which(last, is_alone=all(isinstance(i, (int, slice)) for i in batch))
+
+
+def _is_mask(i: Any) -> bool:
+    return isinstance(i, bool) or (isinstance(i, check.ARRAYS) and i.dtype == np.bool_)
+
+
+def _which(i: Any, is_alone: bool) -> Any:
+    """The index of components as an int, a slice or a list; None for traced ones, and lists beside arrays."""
+    if isinstance(i, (int, np.integer)):
+        return int(i)
+    is_list = is_alone and isinstance(i, (list, np.ndarray)) and np.ndim(i) == 1
+    return i if isinstance(i, slice) else np.asarray(i) if is_list else None

@@ -15,7 +15,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.numbers import component_index, component_numbers, folding
+from jaxspatial.arithmetic.numbers import component_operators, folding
 from jaxspatial.arithmetic.numbers.component_operators import Operators
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.trees import to_double_word
@@ -62,13 +62,13 @@ class Components(Operators):
         if not components:
             raise ValueError("Components: expected at least one component, got none")
         given = [_checked(c, f"Components: component {i}", dtype) for i, c in enumerate(components)]
-        dtype = component_numbers.common_dtype(given, dtype)
+        dtype = component_operators.common_dtype(given, dtype)
         batches = {f"component {i}": c.shape for i, c in enumerate(given) if not isinstance(c, (float, np.generic))}
         batch = check.common_batch_shape(**batches) if batches else ()
-        self._fill([component_numbers.over(c, batch, dtype) for c in given])
+        self._fill([component_operators.over(c, batch, dtype) for c in given])
 
     def _fill(self, components: Sequence[Any]) -> None:
-        known = tuple(component_numbers.plain(c) if folding.is_known(c) else None for c in components)
+        known = tuple(component_operators.plain(c) if folding.is_known(c) else None for c in components)
         self.data = tuple(c for c, number in zip(components, known, strict=True) if number is None)
         self.structure = _Structure(known, None if self.data else np.dtype(components[0].dtype).name)
 
@@ -101,16 +101,12 @@ class Components(Operators):
         """The n components: arrays or double words (*batch,), and NumPy scalars, which are known."""
         dtype, data = self.dtype, iter(self.data)
         return tuple(
-            component_numbers.as_data(next(data)) if c is None else dtype.type(c) for c in self.structure.known
+            component_operators.as_data(next(data)) if c is None else dtype.type(c) for c in self.structure.known
         )
 
     @property
     def shape(self) -> tuple[int, ...]:
         return (*(self.data[0].shape if self.data else ()), len(self.structure.known))
-
-    @property
-    def ndim(self) -> int:
-        return len(self.shape)
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -149,7 +145,7 @@ class Components(Operators):
 
         Error: none, it is exact.
         """
-        return self._with(component_numbers.over(c, batch_shape, self.dtype) for c in self.data)
+        return _rebuild(self.structure, (component_operators.over(c, batch_shape, self.dtype) for c in self.data))
 
     def astype(self, dtype: DTypeLike) -> "Components":
         """Data and known numbers in another dtype.
@@ -181,12 +177,12 @@ class Components(Operators):
         new: Any = shape[0] if len(shape) == 1 and isinstance(shape[0], (tuple, list)) else shape
         if new[-1] != self.shape[-1]:
             return self.to_array().reshape(new)
-        return self._with(c.reshape(tuple(new[:-1])) for c in self.data)
+        return _rebuild(self.structure, (c.reshape(tuple(new[:-1])) for c in self.data))
 
     def __getitem__(self, index: Any) -> Any:
         """As of the array: x[..., i] is component i, (*batch,), as a NumPy array where it is known; x[..., 1:] and x[3]
         of a batch are Components. What needs components as an axis, x[..., None], comes as an array."""
-        batch, which = component_index.split(index if self.data else component_index.without_batch(index), self.ndim)
+        batch, which = component_operators.split(index, self.ndim, bool(self.data))
         if which is None:
             return self.to_array()[index]
         parts = [c if folding.is_known(c) else c[batch] for c in self.components]
@@ -202,21 +198,9 @@ class Components(Operators):
         # Without it Python would count up __getitem__ until an IndexError, which JAX never raises.
         return (self[i] for i in range(len(self)))
 
-    def _with(self, data: Iterable[Any]) -> "Components":
-        return _rebuild(self.structure, data)
-
     def __repr__(self) -> str:
-        data = map(component_numbers.shown, self.data)
+        data = map(component_operators.shown, self.data)
         return f"Components({', '.join(next(data) if c is None else str(c) for c in self.structure.known)})"
-
-
-def _flattened(x: Components) -> tuple[tuple[Any, ...], _Structure]:
-    return x.data, x.structure
-
-
-def _flattened_with_keys(x: Components) -> tuple[tuple[Any, ...], _Structure]:
-    places = (i for i, c in enumerate(x.structure.known) if c is None)
-    return tuple((jax.tree_util.SequenceKey(i), leaf) for i, leaf in zip(places, x.data, strict=True)), x.structure
 
 
 def _rebuild(structure: _Structure, data: Iterable[Any]) -> Components:
@@ -225,9 +209,14 @@ def _rebuild(structure: _Structure, data: Iterable[Any]) -> Components:
     return x
 
 
+def _flattened_with_keys(x: Components) -> tuple[tuple[Any, ...], _Structure]:
+    places = (i for i, c in enumerate(x.structure.known) if c is None)
+    return tuple((jax.tree_util.SequenceKey(i), leaf) for i, leaf in zip(places, x.data, strict=True)), x.structure
+
+
 def _restored(text: bytes | bytearray) -> _Structure:
     known, dtype = json.loads(text)
-    return _Structure(tuple(None if c is None else component_numbers.plain(float(c)) for c in known), dtype)
+    return _Structure(tuple(None if c is None else component_operators.plain(float(c)) for c in known), dtype)
 
 
 def _stored(structure: _Structure) -> bytes:
@@ -235,7 +224,7 @@ def _stored(structure: _Structure) -> bytes:
     return json.dumps(([None if c is None else repr(c) for c in known], dtype)).encode()
 
 
-jax.tree_util.register_pytree_with_keys(Components, _flattened_with_keys, _rebuild, _flattened)
+jax.tree_util.register_pytree_with_keys(Components, _flattened_with_keys, _rebuild, lambda x: (x.data, x.structure))
 jax.export.register_pytree_node_serialization(
     Components, serialized_name="jaxspatial.Components", serialize_auxdata=_stored, deserialize_auxdata=_restored
 )
@@ -261,3 +250,39 @@ def _checked(c: Any, name: str, dtype: Any) -> Any:
         return float(c)
     array = check.as_float_array(c, name, dtype)
     return array[()] if isinstance(c, np.generic) else array
+
+
+# -- Components where arrays are meant, and arrays beside Components ---------------------------------------------------
+
+
+def from_components(x: typing.Any) -> typing.Any:
+    """Every Components of a tree as one array. All else stays as it is.
+
+    What is known goes with any batch, and comes without one where all of it is known.
+
+    Args:
+        x: a pytree of anything, or one Components (*batch, n).
+
+    Returns:
+        The same tree, with an array (*batch, n), or a DoubleWord, in place of each Components.
+
+    Error: none, it is exact.
+    """
+    return jax.tree.map(lambda leaf: leaf.to_array() if is_components(leaf) else leaf, x, is_leaf=is_components)
+
+
+def as_array(x: typing.Any, batch_shape: tuple[int, ...]) -> typing.Any:
+    """Components as one array over a batch, of which known numbers have none; anything else as it is."""
+    return x.to_array(batch_shape) if is_components(x) else x
+
+
+def alike(arrays: Sequence[Any]) -> Any:
+    """The arguments of a formula; where one is Components, NumPy arrays made such, known where they are 0, 1 or -1."""
+    if not any(map(is_components, arrays)):
+        return arrays
+    return tuple(as_components(a) if isinstance(a, np.ndarray) else a for a in arrays)
+
+
+def has_pairs(x: Any) -> bool:
+    """True for a DoubleWord, and for Components of which one is."""
+    return isinstance(x, DoubleWord) or (is_components(x) and any(isinstance(c, DoubleWord) for c in x.data))

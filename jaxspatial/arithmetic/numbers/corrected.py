@@ -23,12 +23,16 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
+from jax import Array, lax
 
-from jaxspatial.arithmetic.numbers import corrections, folding
+from jaxspatial.arithmetic.errorfree.fence import fence
+from jaxspatial.arithmetic.errorfree.reproducible import quotient
+from jaxspatial.arithmetic.errorfree.transforms import two_product, two_sum
+from jaxspatial.arithmetic.numbers import folding, pairs
+from jaxspatial.arithmetic.numbers.protocol import Compared
 
 
-class Corrected:
+class Corrected(Compared):
     """value + correction: arrays over the batch, or numbers known while tracing, which fold.
 
     A correction may be known to be 0 beside a value that is data; what has a known value has a known correction.
@@ -49,6 +53,14 @@ class Corrected:
     def with_words(self, words: Iterable[Any]):
         """A number of this kind."""
         return Corrected(*words)
+
+    def constant(self, number: float | fractions.Fraction):
+        """The one nearest to a Fraction or Python number, known while tracing."""
+        value = self.dtype.type(float(number))
+        return Corrected(value, _rest(fractions.Fraction(number), value) if math.isfinite(value) else None)
+
+    def of_word(self, word: Any):
+        return Corrected(word)
 
     @property
     def is_known(self):
@@ -71,7 +83,7 @@ class Corrected:
         other = self._of(other)
         if self._is(0):
             return other
-        return self if other._is(0) else self._combined(other, operator.add, corrections.add)
+        return self if other._is(0) else self._combined(other, operator.add, _add)
 
     __radd__ = __add__
 
@@ -90,19 +102,19 @@ class Corrected:
                 return x
             if one.is_known and _is_power_of_two(one):
                 return Corrected(*(folding.quietly(operator.mul, word, one.value) for word in x.words))
-        return self._combined(other, operator.mul, corrections.multiply)
+        return self._combined(other, operator.mul, _multiply)
 
     __rmul__ = __mul__
 
     def __truediv__(self, other: "Corrected | float"):
         other = self._of(other)
-        return self if other._is(1) or self._is(0) else self._combined(other, operator.truediv, corrections.divide)
+        return self if other._is(1) or self._is(0) else self._combined(other, operator.truediv, _divide)
 
     def __rtruediv__(self, other: "Corrected | float"):
         return self._of(other) / self
 
     def sqrt(self):
-        return Corrected(*corrections.square_root(_operand(self, self.value.shape)))
+        return Corrected(*_square_root(_operand(self, self.value.shape)))
 
     def _combined(self, other: "Corrected", exact: Callable[[Any, Any], Any], of_words: Callable[..., Any]):
         if self.is_known and other.is_known:
@@ -116,28 +128,10 @@ class Corrected:
         """The number as one word."""
         if folding.is_known(self.correction):
             return self.value
-        return corrections.rounded(self.words, lax.full_like(self.value, 0))[0]
+        return _rounded(self.words, lax.full_like(self.value, 0))[0]
 
-    def _compared(self, comparison: Callable[[Any, Any], Any], other: "Corrected | float"):
+    def compared(self, comparison: Callable[[Any, Any], Any], other: "Corrected | float"):
         return comparison((self - other).rounded(), 0)
-
-    def __lt__(self, other: "Corrected | float"):
-        return self._compared(operator.lt, other)
-
-    def __le__(self, other: "Corrected | float"):
-        return self._compared(operator.le, other)
-
-    def __gt__(self, other: "Corrected | float"):
-        return self._compared(operator.gt, other)
-
-    def __ge__(self, other: "Corrected | float"):
-        return self._compared(operator.ge, other)
-
-
-def nearest(number: float | fractions.Fraction, dtype: np.dtype[Any]):
-    """The one nearest to a Fraction or Python number, known while tracing."""
-    value = dtype.type(float(number))
-    return Corrected(value, _rest(fractions.Fraction(number), value) if math.isfinite(value) else None)
 
 
 def _rest(exact: fractions.Fraction, value: Any):
@@ -176,3 +170,71 @@ def _operand(x: Corrected, shape: tuple[int, ...]):
 
 def _array(word: Any, shape: tuple[int, ...]):
     return jnp.full(shape, word) if folding.is_known(word) else jnp.broadcast_to(word, shape)
+
+
+# -- the operations ---------------------------------------------------------------------------------------------------
+# An operand is a pair (value, correction), or a value alone, of one shape and dtype. Of a result the value is the
+# operation on the values, rounded; of quotients and roots on values rounded anew, which may have cancelled. Where that
+# is an infinity or NaN the correction means nothing. Errors below are those of value + correction, with (a, c) and
+# (b, d) the operands and u the unit roundoff, while no product of words underflows.
+
+
+@pairs.as_sum
+def _add(x: pairs.Operand, y: pairs.Operand):
+    """x + y. Error <= 3 u (|c| + |d| + u |a + b|). 8 flops."""
+    (a, c), (b, d) = _words(x), _words(y)
+    s, error = two_sum(a, b)
+    return s, pairs.total(error, pairs.total(c, d))
+
+
+@pairs.as_product
+def _multiply(x: pairs.Operand, y: pairs.Operand):
+    """x y. Error <= |c d| + 3 u (|a d| + |b c| + u |a b|). 6 flops, or 17 and 2 splits."""
+    (a, c), (b, d) = _words(x), _words(y)
+    p, error = two_product(a, b)
+    return p, pairs.total(error, pairs.linear(lax.mul, d, a), pairs.linear(lax.mul, c, b))
+
+
+@pairs.as_quotient
+def _divide(x: pairs.Operand, y: pairs.Operand):
+    """x / y. Error <= 5 u (|c / y| + 2 u |a / y|)."""
+    (a, c), (b, d) = _words(x), _normalised(*_words(y))
+    q = quotient(a, b)
+    p, error = two_product(q, b)
+    # Fenced, here and below: of a constant a the compiler would add up the words, (c1 - e) + c2 = (c1 + c2) - e.
+    rest = pairs.total(fence((a - p) - error), c, pairs.linear(lax.mul, d, -q))
+    return q, _finite(quotient(rest, b))
+
+
+@pairs.as_root
+def _square_root(x: pairs.Operand):
+    """sqrt(x). Error <= 5 u^2 sqrt(x)."""
+    a, c = _normalised(*_words(x))
+    r = lax.sqrt(a)
+    p, error = two_product(r, r)
+    return r, _finite(quotient(pairs.total(fence((a - p) - error), c), r + r))
+
+
+@pairs.as_sum
+def _rounded(x: pairs.Pair, zero: Array):
+    """(value + correction as one word, zero); the value where there is no correction, so that a zero keeps its sign."""
+    value, correction = x
+    usable = pairs.is_finite(correction) & lax.ne(correction, zero)
+    return lax.select(usable, value + correction, value), zero
+
+
+def _normalised(value: Array, correction: pairs.Tangent):
+    """(high, low), with high = fl(value + correction); (value, 0) where the correction is not finite."""
+    if correction is None:
+        return value, None
+    high, low = two_sum(value, correction)
+    usable = pairs.is_finite(correction)
+    return lax.select(usable, high, value), lax.select(usable, low, lax.full_like(low, 0))
+
+
+def _words(x: pairs.Operand):
+    return x if isinstance(x, tuple) else (x, None)
+
+
+def _finite(correction: Array):
+    return lax.select(pairs.is_finite(correction), correction, lax.full_like(correction, 0))

@@ -44,9 +44,6 @@ class DoubleWord(check.StandIn):
     hi: typing.Any
     lo: typing.Any
 
-    # NumPy and JAX arrays on the left of an operator leave it to us.
-    __array_ufunc__ = None
-
     def __post_init__(self) -> None:
         """Checks what a caller passes. JAX rebuilds double words without it, with whatever leaves it needs."""
         if all(check.is_tree_mark(word) for word in (self.hi, self.lo)):
@@ -71,13 +68,23 @@ class DoubleWord(check.StandIn):
         """A number of this kind, see `Number`."""
         return of_words(words)
 
+    def constant(self, number: float | fractions.Fraction) -> "DoubleWord":
+        """The one nearest to a Fraction or Python number, known while tracing, see `Number`."""
+        high = float(number)
+        rest = float(fractions.Fraction(number) - fractions.Fraction(high)) if np.isfinite(high) else 0.0
+        return of_words(word[()] for word in map(np.asarray, conversion.of_numbers(high, self.dtype, rest)))
+
+    def of_word(self, word: jax.Array) -> "DoubleWord":
+        """The one that is one word, see `Number`."""
+        return of_words(with_zero(jnp.asarray(word)))
+
+    def rounded(self) -> jax.Array:
+        """As one word, see `Number`."""
+        return self.hi
+
     @property
     def shape(self) -> tuple[int, ...]:
         return jnp.shape(self.hi)
-
-    @property
-    def ndim(self) -> int:
-        return len(self.shape)
 
     @property
     def dtype(self) -> np.dtype[typing.Any]:
@@ -170,23 +177,19 @@ class DoubleWord(check.StandIn):
     def __rtruediv__(self, other: typing.Any) -> "DoubleWord":
         return self._combined(other, lambda x, y: pairs.divide(y, x), lambda x, b: pairs.divide(with_zero(b), x))
 
-    def _combined(
-        self, other: typing.Any, on_pairs: Callable[..., typing.Any], on_word: Callable[..., typing.Any]
-    ) -> typing.Any:
-        operands = self._operands(other)
-        if operands is NotImplemented:
-            return NotImplemented
-        return of_words((on_pairs if isinstance(operands[1], tuple) else on_word)(*operands))
+    def _combined(self, other: typing.Any, on_pairs: _Operation, on_word: _Operation) -> typing.Any:
+        found = self._beside(other, lambda x, y: (on_pairs if isinstance(y, tuple) else on_word)(x, y))
+        return found if found is NotImplemented else of_words(found)
 
-    def _operands(self, other: typing.Any) -> typing.Any:
-        """The pair of words of this one, and the pair or word of the other, broadcast to one shape."""
+    def _beside(self, other: typing.Any, operation: _Operation) -> typing.Any:
+        """operation(the pair of words of this one, the pair or word of the other), broadcast to one shape."""
         words = _words_of(other, self.dtype)
         if words is NotImplemented:
             return NotImplemented
         first = jax.tree.leaves(words)[0]
         check.require_same_dtype(DoubleWord=self, other=first)
         shape = check.common_batch_shape(DoubleWord=self.shape, other=first.shape)
-        return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), (self.words, words))
+        return operation(*jax.tree.map(lambda word: jnp.broadcast_to(word, shape), (self.words, words)))
 
     # -- comparison: arrays of answers; like arrays, what has __eq__ cannot be hashed ---------------------------------
 
@@ -208,12 +211,8 @@ class DoubleWord(check.StandIn):
     def __ne__(self, other: typing.Any) -> typing.Any:
         return self._compared(other, lambda x, y: ~pairs.equal(x, y))
 
-    def _compared(self, other: typing.Any, comparison: Callable[..., jax.Array]) -> typing.Any:
-        operands = self._operands(other)
-        if operands is NotImplemented:
-            return NotImplemented
-        x, y = operands
-        return comparison(x, y if isinstance(y, tuple) else with_zero(y))
+    def _compared(self, other: typing.Any, comparison: _Operation) -> typing.Any:
+        return self._beside(other, lambda x, y: comparison(x, y if isinstance(y, tuple) else with_zero(y)))
 
     def __repr__(self) -> str:
         return f"DoubleWord(hi={_shown(self.hi)}, lo={_shown(self.lo)})"
@@ -239,13 +238,6 @@ def of_words(words: Iterable[typing.Any]) -> DoubleWord:
     for name, word in zip(("hi", "lo"), words, strict=True):
         object.__setattr__(x, name, word)
     return x
-
-
-def nearest_double_word(number: float | fractions.Fraction, dtype: DTypeLike) -> DoubleWord:
-    """The DoubleWord nearest to a Fraction or Python number, known while tracing."""
-    high = float(number)
-    rest = float(fractions.Fraction(number) - fractions.Fraction(high)) if np.isfinite(high) else 0.0
-    return of_words(word[()] for word in map(np.asarray, conversion.of_numbers(high, dtype, rest)))
 
 
 def with_zero(word: jax.Array) -> tuple[jax.Array, jax.Array]:

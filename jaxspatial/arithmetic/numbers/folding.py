@@ -5,6 +5,7 @@ exactly this scene. A known 0 is an exact zero, also next to an infinity or a Na
 IEEE 754 says. No axis of length 3 is ever reduced, and no product of matrices reaches a BLAS.
 """
 
+import contextlib
 import operator
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -15,18 +16,26 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.errorfree import fast, reproducible
+from jaxspatial.arithmetic.errorfree import reproducible
 from jaxspatial.arithmetic.errorfree.fence import kept
 from jaxspatial.arithmetic.numbers.layout import apart
 from jaxspatial.arithmetic.numbers.polynomial import uniform
 from jaxspatial.arithmetic.precision import Precision
 
-_PRODUCT = {Precision.FAST: fast.product, Precision.REPRODUCIBLE: reproducible.product}
+# In "fast" the compiler may contract a product with the addition that follows: error <= u |a b|, or none.
+_PRODUCT = {Precision.FAST: lax.mul, Precision.REPRODUCIBLE: reproducible.product}
 
 
 def is_known(a: Any, *values: float) -> bool:
     """True for a number known while tracing, and, with values given, only if it is one of them."""
     return isinstance(a, np.generic) and (not values or a in values)
+
+
+@contextlib.contextmanager
+def in_double():
+    """Within, numbers that are known stay known, also while JAX traces a function around; in float64."""
+    with jax.ensure_compile_time_eval(), jax.enable_x64(True):
+        yield
 
 
 # -- arrays apart and together ----------------------------------------------------------------------------------------
@@ -73,12 +82,12 @@ def whole(operation: Callable[..., Any], x: Any, others: Any, precision: Precisi
     program, XLA CPU writes it transposed and copies it in a second pass: 4 times slower, and donated memory unused.
     """
     if isinstance(others, jax.Array) and isinstance(x, jax.Array):
-        return _WHOLE[operation](x, others, precision)
+        return _rounded(_OF_ARRAYS[operation], x, others, precision)
     others = others if isinstance(others, (list, tuple)) else unstack(others)
     if isinstance(x, np.ndarray) or any(map(is_known, others)):
         each = [operation(a, c, precision) for a, c in zip(unstack(x), others, strict=True)]
         return stack(each, np.broadcast_shapes(x.shape[:-1], *(c.shape for c in others)))
-    return _WHOLE[operation](x, stack(others, x.shape[:-1]), precision)
+    return _rounded(_OF_ARRAYS[operation], x, stack(others, x.shape[:-1]), precision)
 
 
 # -- one operation ----------------------------------------------------------------------------------------------------
@@ -87,30 +96,23 @@ def whole(operation: Callable[..., Any], x: Any, others: Any, precision: Precisi
 def add(a: Any, b: Any, precision: Precision | None = None) -> Any:
     if is_known(a, 0):
         return b
-    return a if is_known(b, 0) else _sum(*alike(a, b), precision)
+    return a if is_known(b, 0) else _rounded(operator.add, *alike(a, b), precision)
 
 
 def subtract(a: Any, b: Any, precision: Precision | None = None) -> Any:
     if is_known(a, 0):
         return -b
-    return a if is_known(b, 0) else _difference(*alike(a, b), precision)
+    return a if is_known(b, 0) else _rounded(operator.sub, *alike(a, b), precision)
 
 
-def _sum(a: Any, b: Any, precision: Precision | None) -> Any:
-    """fl(a + b), also next to another sum with constants."""
-    return _rounded(operator.add, a, b, precision)
-
-
-def _difference(a: Any, b: Any, precision: Precision | None) -> Any:
-    """fl(a - b), also next to another sum with constants."""
-    return _rounded(operator.sub, a, b, precision)
-
-
-_WHOLE = {add: _sum, subtract: _difference}
+_OF_ARRAYS = {add: operator.add, subtract: operator.sub}
 
 
 def _rounded(operation: Callable[..., Any], a: Any, b: Any, precision: Precision | None) -> Any:
-    """In "fast", only next to what is known here: keeping every sum makes programs a quarter longer."""
+    """fl(a + b) or fl(a - b), also next to another sum with constants.
+
+    In "fast", only next to what is known here: keeping every sum makes programs a quarter longer.
+    """
     result = quietly(operation, a, b)
     is_free = precision is Precision.FAST and not (is_known(a) or is_known(b))
     return result if is_free or not isinstance(result, jax.Array) else kept(result)

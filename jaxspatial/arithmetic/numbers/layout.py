@@ -16,8 +16,7 @@ from jax import Array, lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jaxspatial.arithmetic.errorfree.elementwise import Rule, alike, compiled, is_zero, no_tangent
-from jaxspatial.arithmetic.errorfree.lowering import rule
+from jaxspatial.arithmetic.errorfree.primitives import Rule, alike, compiled, is_zero, no_tangent, rule
 
 
 def apart(x: Array) -> list[Array]:
@@ -35,15 +34,12 @@ def picked(axis: int, lanes: Sequence[Array | None]) -> Array:
     like = next(x for x in lanes if x is not None)
     shape = (*like.shape[:axis], len(lanes), *like.shape[axis:])
     index = lax.broadcasted_iota(np.int32, shape, axis)
-    wide = [_widened(jnp.zeros_like(like) if x is None else x, axis, shape) for x in lanes]
+    full = (jnp.zeros_like(like) if x is None else x for x in lanes)
+    wide = [jnp.broadcast_to(lax.expand_dims(x, [axis]), shape) for x in full]
     found = wide[-1]
     for k in reversed(range(len(wide) - 1)):
         found = lax.select(index == k, wide[k], found)
     return found
-
-
-def _widened(x: Array, axis: int, shape: tuple[int, ...]) -> Array:
-    return jnp.broadcast_to(lax.expand_dims(x, [axis]), shape)
 
 
 # -- the primitives ---------------------------------------------------------------------------------------------------
@@ -71,11 +67,11 @@ def _abstract_together(*lanes: Any, axis: int) -> list[Any]:
     return [_like(x, _with(x.shape, axis, len(lanes)), _with(x.sharding.spec, axis, None))]
 
 
-def _lowered_apart(x: Array, *, axis: int, contracted: Any) -> list[Array]:
+def _lowered_apart(x: Array, *, axis: int, **_: Any) -> list[Array]:
     return [lax.index_in_dim(x, k, axis, keepdims=False) for k in range(x.shape[axis])]
 
 
-def _lowered_together(*lanes: Array, axis: int, contracted: Any) -> list[Array]:
+def _lowered_together(*lanes: Array, axis: int, **_: Any) -> list[Array]:
     return [picked(axis, lanes)]
 
 

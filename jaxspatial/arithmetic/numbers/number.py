@@ -14,12 +14,11 @@ from jax.experimental.xla_metadata import set_xla_metadata
 
 from jaxspatial.arithmetic.errorfree import scaling
 from jaxspatial.arithmetic.numbers import folding
-from jaxspatial.arithmetic.numbers.corrected import Corrected, nearest
-from jaxspatial.arithmetic.numbers.double_word import DoubleWord, nearest_double_word
+from jaxspatial.arithmetic.numbers.corrected import Corrected
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.polynomial import Polynomial
 from jaxspatial.arithmetic.numbers.protocol import Mask, Number, Numbers
 from jaxspatial.arithmetic.numbers.rounded import Rounded
-from jaxspatial.arithmetic.numbers.trees import to_double_word
 
 T = TypeVar("T")
 _KINDS: tuple[type[Number], ...] = (Rounded, Corrected, DoubleWord)
@@ -27,13 +26,7 @@ _KINDS: tuple[type[Number], ...] = (Rounded, Corrected, DoubleWord)
 
 def constant(like: Any, number: float | Fraction) -> Any:
     """The number nearest to a Fraction or Python number, of the kind of another."""
-    if isinstance(like, Polynomial):
-        return like.constant(number)
-    if isinstance(like, DoubleWord):
-        return nearest_double_word(number, like.dtype)
-    if isinstance(like, Corrected):
-        return nearest(number, like.dtype)
-    return Rounded(like.precision, like.dtype.type(float(number)))
+    return like.constant(number)
 
 
 def where(condition: Mask | bool, a: Number | float, b: Number | float) -> Number:
@@ -54,7 +47,7 @@ def _selected(condition: Array, a: Any, b: Any) -> Any:
 
 def high(x: Number) -> jax.Array:
     """The number as one array, up to rounding: to decide upon."""
-    return x.rounded() if isinstance(x, Corrected) else x.words[0]
+    return x.rounded()
 
 
 def shape_of(x: Number) -> tuple[int, ...]:
@@ -65,14 +58,9 @@ def shape_of(x: Number) -> tuple[int, ...]:
 def nearest_integer(x: Number) -> Number:
     """The integer nearest to the first word of x, of one word; a constant to derivatives."""
     value = x.words[0]
-    if folding.is_known(value) and not isinstance(x, DoubleWord):
-        return of_word(x, np.round(value))
-    return of_word(x, lax.round(lax.stop_gradient(value), lax.RoundingMethod.TO_NEAREST_EVEN))
-
-
-def of_word(like: Number, word: Any) -> Number:
-    """A number of the kind of another, of one word."""
-    return to_double_word(word) if isinstance(like, DoubleWord) else like.with_words((word,))
+    if folding.is_known(value):
+        return x.of_word(np.round(value))
+    return x.of_word(lax.round(lax.stop_gradient(value), lax.RoundingMethod.TO_NEAREST_EVEN))
 
 
 def frozen(x: Number) -> Number:
@@ -178,9 +166,15 @@ def with_data(leaves: Iterable[Any], data: Iterable[Any]) -> list[Any]:
     return found
 
 
-def as_data(x: Number) -> Number:
-    """A number of which words are known as one of which none is: a loop has the same of these at every turn."""
-    return x.with_words(jnp.full(shape_of(x), word) if folding.is_known(word) else word for word in x.words)
+def as_data(x: Number, shape: tuple[int, ...] | None = None) -> Number:
+    """A number of which words are known as one of which none is: a loop has the same of these at every turn.
+
+    shape: over which, if not over its own.
+    """
+    shape = shape_of(x) if shape is None else shape
+    return x.with_words(
+        jnp.full(shape, word) if folding.is_known(word) else jnp.broadcast_to(word, shape) for word in x.words
+    )
 
 
 def mapped(function: Callable[..., jax.Array], *numbers: Number) -> Number:

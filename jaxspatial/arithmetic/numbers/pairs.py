@@ -25,27 +25,91 @@ using double-word arithmetic, ACM TOMS 49(1)]
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
+from jax.custom_derivatives import SymbolicZero, zero_from_primal
+from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic.errorfree.fence import fence
 from jaxspatial.arithmetic.errorfree.reproducible import product, quotient
 from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_product, two_sum
 from jaxspatial.arithmetic.numbers.conversion import narrowest
-from jaxspatial.arithmetic.numbers.differentiable import (
-    Pair,
-    Tangent,
-    differentiable,
-    linear,
-    product_tangent,
-    quotient_tangent,
-    root_tangent,
-    sum_tangent,
-)
-from jaxspatial.arithmetic.types import DTypeLike
+
+# -- derivatives: those of the sum hi + lo, accurate to a few u -------------------------------------------------------
+
+Pair = tuple[jax.Array, jax.Array]  # (hi, lo), or (value, correction)
+Operand = Pair | jax.Array
+Tangent = jax.Array | None  # None where it is known to be zero
+TangentRule = Callable[..., Tangent]  # of (result, operands, tangents)
+
+
+def differentiable(tangent: TangentRule) -> Any:
+    """Decorator of an operation on pairs and words, with `tangent(result, operands, tangents)` as its derivative.
+
+    All three are values hi + lo in one word: hi up to rounding, but with the derivatives of the sum. A tangent known
+    to be zero is None: times an infinite derivative it must not become NaN. Called outside of a transformation, an
+    operation is one compiled program.
+    """
+
+    def decorate(operation: Callable[..., Any]) -> Any:
+        differentiable = jax.custom_jvp(operation)
+        call = functools.wraps(operation)(jax.jit(differentiable, inline=True))
+
+        def jvp(operands: Sequence[Any], tangents: Sequence[Any]) -> Any:
+            hi, lo = call(*operands)
+            values = [x[0] + x[1] if isinstance(x, tuple) else x for x in operands]
+            d_hi = tangent(hi + lo, values, [_tangent_of_value(t) for t in tangents])
+            return (hi, lo), (jnp.zeros_like(hi) if d_hi is None else d_hi, zero_from_primal(lo, symbolic_zeros=True))
+
+        differentiable.defjvp(jvp, symbolic_zeros=True)
+        return call
+
+    return decorate
+
+
+def _tangent_of_value(tangents: Any):
+    return total(*(None if isinstance(t, SymbolicZero) else t for t in jax.tree.leaves(tangents)))
+
+
+def total(*terms: Tangent):
+    """The sum of the terms that are there, None if none is."""
+    there = [t for t in terms if t is not None]
+    return functools.reduce(lax.add, there) if there else None
+
+
+def linear(operation: Callable[..., Any], t: Tangent, *others: jax.Array):
+    """operation(t, *others) of a tangent that may be None."""
+    return None if t is None else operation(t, *others)
+
+
+@differentiable
+def as_sum(_: jax.Array, operands: Sequence[jax.Array], tangents: Sequence[Any]):
+    return total(*tangents)
+
+
+@differentiable
+def as_product(_: jax.Array, operands: Sequence[Any], tangents: Sequence[Any]):
+    (a, b), (da, db) = operands, tangents
+    return total(linear(product, da, b), linear(product, db, a))
+
+
+@differentiable
+def as_quotient(result: jax.Array, operands: Sequence[Any], tangents: Sequence[Any]):
+    """d(a / b) = (da - (a / b) db) / b."""
+    (_, b), (da, db) = operands, tangents
+    return linear(quotient, total(da, linear(lax.neg, linear(product, db, result))), b)
+
+
+@differentiable
+def as_root(result: jax.Array, _: Sequence[jax.Array], tangents: Sequence[Any]):
+    """d sqrt(a) = da / (2 sqrt(a)): infinite at 0."""
+    return linear(quotient, tangents[0], result + result)
+
 
 # -- operations on pairs and words ------------------------------------------------------------------------------------
 
@@ -60,7 +124,7 @@ def absolute(x: Pair):
     return lax.abs(x[0]), lax.select(lax.lt(x[0], lax.full_like(x[0], 0)), -x[1], x[1])
 
 
-@differentiable(sum_tangent)
+@as_sum
 def add(x: Pair, y: Pair):
     """x + y of two pairs. Error <= (3 u^2 + 13 u^3) |x + y|, also where they cancel. 20 flops. [Algorithm 6]"""
     s, s_error = two_sum(x[0], y[0])
@@ -69,7 +133,7 @@ def add(x: Pair, y: Pair):
     return _settled(s, high, t_error + low)
 
 
-@differentiable(sum_tangent)
+@as_sum
 def add_word(x: Pair, b: Array):
     """x + b of a pair and a word. Error <= 2 u^2 |x + b|. 10 flops. [Algorithm 4]"""
     s, error = two_sum(x[0], b)
@@ -86,7 +150,7 @@ def subtract_word(x: Pair, b: Array):
     return add_word(x, -b)
 
 
-@differentiable(product_tangent)
+@as_product
 def multiply(x: Pair, y: Pair):
     """x y of two pairs. Error <= 5 u^2 |x y|. 16 flops and 2 splits. [Algorithm 10; 7 u^2 there, 5 u^2 in Muller 2022]
 
@@ -96,7 +160,7 @@ def multiply(x: Pair, y: Pair):
     return _settled(p, p, error + (product(x[0], y[1]) + product(x[1], y[0])))
 
 
-@differentiable(product_tangent)
+@as_product
 def multiply_word(x: Pair, b: Array):
     """x b of a pair and a word. Error <= (3/2 u^2 + 4 u^3) |x b|. 17 flops and 2 splits. [Algorithm 7]"""
     return _settled(*_times_word(x, b))
@@ -109,7 +173,7 @@ def _times_word(x: Pair, b: Array):
     return p, high, low + error
 
 
-@differentiable(quotient_tangent)
+@as_quotient
 def divide(x: Pair, y: Pair):
     """x / y of two pairs. Error <= (15 u^2 + 56 u^3) |x / y|. 25 flops and 2 splits. [Algorithm 17]"""
     q = quotient(x[0], y[0])
@@ -120,7 +184,7 @@ def divide(x: Pair, y: Pair):
     return _settled(q, q, quotient(rest, y[0]))
 
 
-@differentiable(quotient_tangent)
+@as_quotient
 def divide_word(x: Pair, b: Array):
     """x / b of a pair and a word. Error <= 3 u^2 |x / b|. 17 flops and 2 splits. [Algorithm 15]"""
     q = quotient(x[0], b)
@@ -129,7 +193,7 @@ def divide_word(x: Pair, b: Array):
     return _settled(q, q, quotient(rest, b))
 
 
-@differentiable(root_tangent)
+@as_root
 def square_root(x: Pair):
     """sqrt(x) of a pair. Error <= 25/8 u^2 sqrt(x). 18 flops and 2 splits. [Lefevre 2023, SQRTDWtoDW]
 

@@ -1,6 +1,8 @@
 """What a formula may ask of a number, as a type; and names for tuples of numbers, by what they hold."""
 
-from collections.abc import Iterable, Sequence
+import operator
+from collections.abc import Callable, Iterable, Sequence
+from fractions import Fraction
 from typing import Any, Protocol, Self
 
 import jax
@@ -23,6 +25,18 @@ class Number(Protocol):
 
     def with_words(self, words: Iterable[Any], /) -> Self:
         """A number of this kind."""
+        ...
+
+    def constant(self, number: float | Fraction, /) -> Self:
+        """The number of this kind nearest to a Fraction or Python number."""
+        ...
+
+    def of_word(self, word: Any, /) -> Self:
+        """A number of this kind that is one word."""
+        ...
+
+    def rounded(self) -> Any:
+        """The number as one word, up to rounding."""
         ...
 
     def __neg__(self) -> Self: ...
@@ -54,6 +68,26 @@ class Number(Protocol):
     def __ge__(self, other: Self | float, /) -> jax.Array: ...
 
     def sqrt(self) -> Self: ...
+
+
+class Compared:
+    """Base of kinds of which all comparisons are made in one way."""
+
+    def compared(self, comparison: Callable[[Any, Any], Any], other: Any) -> Any:
+        """What the comparison, one of arrays, answers for this and the other."""
+        raise NotImplementedError
+
+    def __lt__(self, other: Any) -> jax.Array:
+        return self.compared(operator.lt, other)
+
+    def __le__(self, other: Any) -> jax.Array:
+        return self.compared(operator.le, other)
+
+    def __gt__(self, other: Any) -> jax.Array:
+        return self.compared(operator.gt, other)
+
+    def __ge__(self, other: Any) -> jax.Array:
+        return self.compared(operator.ge, other)
 
 
 # Sequences, because a vector that comes from an array makes its numbers when they are asked for, see `stacking`.

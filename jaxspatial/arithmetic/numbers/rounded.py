@@ -1,7 +1,7 @@
 """Numbers rounded as the precision says: an array over the batch, or a number known while tracing, which folds."""
 
-import operator
 from collections.abc import Callable, Iterable
+from fractions import Fraction
 from typing import Any
 
 import jax
@@ -10,10 +10,11 @@ from jax import Array, lax
 
 from jaxspatial.arithmetic.errorfree import reproducible
 from jaxspatial.arithmetic.numbers import folding
+from jaxspatial.arithmetic.numbers.protocol import Compared
 from jaxspatial.arithmetic.precision import Precision
 
 
-class Rounded:
+class Rounded(Compared):
     """An array over the batch, or a number known while tracing, whose operations are rounded as the precision says."""
 
     def __init__(self, precision: Precision, value: Any):
@@ -30,6 +31,15 @@ class Rounded:
     def with_words(self, words: Iterable[Any]) -> "Rounded":
         """A number of this kind."""
         return self._new(*words)
+
+    def constant(self, number: float | Fraction) -> "Rounded":
+        return self._new(self.dtype.type(float(number)))
+
+    def of_word(self, word: Any) -> "Rounded":
+        return self._new(word)
+
+    def rounded(self) -> Any:
+        return self.value
 
     def _of(self, other: "Rounded | float") -> Any:
         """The value of what stands beside this one."""
@@ -66,19 +76,7 @@ class Rounded:
     def __abs__(self) -> "Rounded":
         return self._new(abs(self.value))
 
-    def __lt__(self, other: "Rounded | float") -> Array:
-        return self._compared(operator.lt, other)
-
-    def __le__(self, other: "Rounded | float") -> Array:
-        return self._compared(operator.le, other)
-
-    def __gt__(self, other: "Rounded | float") -> Array:
-        return self._compared(operator.gt, other)
-
-    def __ge__(self, other: "Rounded | float") -> Array:
-        return self._compared(operator.ge, other)
-
-    def _compared(self, comparison: Callable[[Any, Any], Any], other: "Rounded | float") -> Any:
+    def compared(self, comparison: Callable[[Any, Any], Any], other: "Rounded | float") -> Any:
         return comparison(*folding.alike(self.value, self._of(other)))
 
     def sqrt(self) -> "Rounded":

@@ -13,14 +13,6 @@ from jaxspatial.arithmetic.numbers.double_word import DoubleWord, of_words, with
 from jaxspatial.arithmetic.types import DTypeLike
 
 
-def sqrt(x: typing.Any):
-    """The square root of a DoubleWord, or of an array to twice its digits, as a DoubleWord.
-
-    Error <= 25/8 u^2 sqrt(x). As `jnp.sqrt`: NaN below 0, -0 of -0, an infinite derivative at 0.
-    """
-    return to_double_word(x).sqrt()
-
-
 def to_double_word(x: typing.Any, dtype: DTypeLike | None = None) -> typing.Any:
     """Every floating-point array of a tree as a DoubleWord: state carried at twice the precision across operations.
 

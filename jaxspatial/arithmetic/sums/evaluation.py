@@ -1,4 +1,5 @@
-"""How a plan of sums becomes arithmetic: in which format, by which accumulator, and in which layout.
+"""Plans: which sums of products are to be evaluated, and how that becomes arithmetic: in which format, by which
+accumulator, and in which layout.
 
 Components are computed as lanes and then picked, see `layout`. Terms that are one array as it stands are added last, to
 the whole array: that ties the result to its layout, and lets it take its place in memory.
@@ -6,7 +7,7 @@ the whole array: that ties the result to its layout, and lets it take its place 
 
 import functools
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,11 +25,46 @@ from jaxspatial.arithmetic.sums.accumulators.estimated import ESTIMATED, ESTIMAT
 from jaxspatial.arithmetic.sums.accumulators.faithful import FAITHFUL, FAITHFUL_OF_NARROW
 from jaxspatial.arithmetic.sums.accumulators.wide import WIDE
 from jaxspatial.arithmetic.sums.pairwise import by_halving
-from jaxspatial.arithmetic.sums.plan import Plan, Sum
 
 
-def evaluate(plan: Plan, arrays: Sequence[Array], contracted: Callable[[Any], bool]) -> list[Array]:
-    """The results of the plan: one array per Sum, or two for a pair. contracted: see `lowering.rule`."""
+class Sum(NamedTuple):
+    """One array of the result: for each of its components the terms; the axes of the batch it is summed over; and the
+    powers of two that components are multiplied by before they are rounded, none for 1."""
+
+    components: tuple[tuple[Term, ...], ...]
+    reduced: tuple[int, ...] = ()
+    shares: tuple[float, ...] = ()
+
+
+class Plan(NamedTuple):
+    """What is to be evaluated: Sums over a batch, in a precision, each as one array or as the pair of a double word.
+
+    `leading`: components are on the first axis, with the batch behind them, and not on the last.
+    """
+
+    sums: tuple[Sum, ...]
+    batch: tuple[int, ...]
+    precision: str
+    is_pair: bool = False
+    leading: bool = False
+
+    @property
+    def axis(self) -> int:
+        return 0 if self.leading else len(self.batch)
+
+    @property
+    def degree(self) -> int:
+        """The largest number of factors of a term."""
+        return max(len(t.factors) for s in self.sums for terms in s.components for t in terms)
+
+    def shape(self, s: Sum) -> tuple[int, ...]:
+        """The shape of the result for a Sum; axes that are summed over keep size 1."""
+        batch = [1 if i in s.reduced else n for i, n in enumerate(self.batch)]
+        return (len(s.components), *batch) if self.leading else (*batch, len(s.components))
+
+
+def evaluate(*arrays: Array, plan: Plan, contracted: Callable[[Any], bool]) -> list[Array]:
+    """The results of the plan: one array per Sum, or two for a pair. contracted: see `primitives.rule`."""
     same = [_same_as(plan, s, arrays) for s in plan.sums]
     others = tuple(s for s, j in zip(plan.sums, same, strict=True) if j is None)
     with jax.enable_x64(True):

@@ -4,28 +4,57 @@ Error <= ceil(log2 n) u mag, mag = sum of |x_i|: for a million terms 20 u, where
 Accuracy and Stability of Numerical Algorithms, 4.2: pairwise summation]
 """
 
+import operator
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 from jax import Array, lax
 
+T = TypeVar("T")
 
-def pairwise_sum(x: jax.Array) -> jax.Array:
-    """The sum of x (*batch, n) over its last axis."""
-    # -0 is the neutral element: -0 + x is x, also for x = -0.
-    (found,) = by_halving(lambda a, b: (a[0] + b[0],), (x,), x.ndim - 1, -0.0 if x.shape[-1] else 0.0)
-    return lax.squeeze(found, [found.ndim - 1])
+
+def pairwise(
+    add: Callable[[T, T], T],
+    items: T,
+    apart: Callable[[T], Sequence[T]],
+    joined: Callable[[Sequence[T]], T] = operator.itemgetter(0),
+) -> T:
+    """The sum of items, added two by two in every round, until one is left.
+
+    apart: of the items [the first of each pair, the second, what is left over, if anything], nothing where there is
+    one. It names the order, and so decides the bits. joined: such parts as items again.
+    """
+    while parts := apart(items):
+        first, second, *rest = parts
+        items = joined([add(first, second), *rest])
+    return items
+
+
+def of_neighbours(add: Callable[[T, T], T], items: Sequence[T]) -> T:
+    """The sum of a sequence, each item added to the one beside it."""
+
+    def apart(x: Sequence[T]) -> list[Sequence[T]]:
+        n = len(x) // 2 * 2
+        return [x[:n:2], x[1:n:2], x[n:]] if n else []
+
+    (found,) = pairwise(lambda a, b: list(map(add, a, b)), items, apart, lambda parts: [*parts[0], *parts[1]])
+    return found
 
 
 def by_halving(
     merge: Callable[..., Any], words: Sequence[jax.Array], axis: int, neutral: float = 0.0
 ) -> tuple[Any, ...]:
-    """The sum over an axis, which is kept with size 1, of numbers of so many words that `merge` adds two of."""
-    words = [_padded(x, axis, neutral) for x in words]
-    while (n := words[0].shape[axis]) > 1:
-        words = merge(*zip(*(lax.split(x, (n // 2, n // 2), axis) for x in words), strict=True))
-    return tuple(words)
+    """The sum over an axis, which is kept with size 1, of numbers of so many words that `merge` adds two of.
+
+    Each of the first half is added to one of the second, of as many as a power of two.
+    """
+
+    def halves(words: Sequence[Array]) -> list[Any]:
+        n = words[0].shape[axis]
+        return [*zip(*(lax.split(x, (n // 2, n // 2), axis) for x in words), strict=True)] if n > 1 else []
+
+    return tuple(pairwise(merge, [_padded(x, axis, neutral) for x in words], halves))
 
 
 def _padded(x: Array, axis: int, neutral: float) -> Array:
@@ -37,3 +66,10 @@ def _padded(x: Array, axis: int, neutral: float) -> Array:
         return x
     shape = *x.shape[:axis], after, *x.shape[axis + 1 :]
     return lax.concatenate([x, lax.full_like(x, neutral, shape=shape)], axis)
+
+
+def pairwise_sum(x: jax.Array) -> jax.Array:
+    """The sum of x (*batch, n) over its last axis."""
+    # -0 is the neutral element: -0 + x is x, also for x = -0.
+    (found,) = by_halving(lambda a, b: (a[0] + b[0],), (x,), x.ndim - 1, -0.0 if x.shape[-1] else 0.0)
+    return lax.squeeze(found, [found.ndim - 1])

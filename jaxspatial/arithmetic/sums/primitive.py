@@ -6,7 +6,7 @@ cotangent that many terms contribute to is rounded once, over a batch that share
 """
 
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -16,11 +16,9 @@ from jax import Array, lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jaxspatial.arithmetic.errorfree.elementwise import alike, common_spec, compiled, is_zero, no_tangent
-from jaxspatial.arithmetic.errorfree.lowering import rule
+from jaxspatial.arithmetic.errorfree.primitives import alike, common_spec, compiled, is_zero, no_tangent, rule
 from jaxspatial.arithmetic.numbers.polynomial import Term
-from jaxspatial.arithmetic.sums.evaluation import evaluate
-from jaxspatial.arithmetic.sums.plan import Plan, Sum
+from jaxspatial.arithmetic.sums.evaluation import Plan, Sum, evaluate
 
 
 def bind_nonzero(plan: Plan, sums: Sequence[Sum], arrays: Sequence[Array]) -> list[Any]:
@@ -41,15 +39,13 @@ def _bind(plan: Plan, arrays: Sequence[Array]) -> list[Array]:
     """All Sums of the plan, with the arrays that they use."""
     used = sorted({j for s in plan.sums for terms in s.components for t in terms for j, _ in t.factors})
     places = {j: i for i, j in enumerate(used)}
-    sums = tuple(s._replace(components=_relabelled(s.components, places)) for s in plan.sums)
-    return _sums_p.bind(*alike(*(arrays[j] for j in used), components=plan.axis), plan=plan._replace(sums=sums))
 
+    def relabelled(t: Term) -> Term:
+        return Term(t.sign, tuple((places[j], k) for j, k in t.factors))
 
-def _relabelled(components: Iterable[Sequence[Term]], places: dict[int, int]) -> tuple[tuple[Term, ...], ...]:
-    def relabelled(term: Term) -> Term:
-        return Term(term.sign, tuple((places[j], k) for j, k in term.factors))
-
-    return tuple(tuple(relabelled(t) for t in terms) for terms in components)
+    sums = [s._replace(components=tuple(tuple(map(relabelled, terms)) for terms in s.components)) for s in plan.sums]
+    arrays = alike(*(arrays[j] for j in used), components=plan.axis)
+    return _sums_p.bind(*arrays, plan=plan._replace(sums=tuple(sums)))
 
 
 def _abstract(*arrays: Any, plan: Plan) -> list[Any]:
@@ -133,14 +129,13 @@ def _batch(arrays: Sequence[Array], axes: Sequence[int | None], *, plan: Plan) -
     first, last = (1, 1 + len(plan.batch)) if leading else (0, len(plan.batch))
     at = at if first <= at <= last else first
     size = next(x.shape[axis] for x, axis in zip(arrays, axes, strict=True) if axis is not None)
-    moved = [_moved(x, axis, at) for x, axis in zip(arrays, axes, strict=True)]
+    moved = [
+        lax.expand_dims(x, [at]) if axis is None else jnp.moveaxis(x, axis, at)
+        for x, axis in zip(arrays, axes, strict=True)
+    ]
     batched = _batched_plan(plan, at - first, size, leading)
     found = _sums_p.bind(*alike(*moved, components=batched.axis), plan=batched)
     return found, [at] * len(found)
-
-
-def _moved(x: Array, axis: int | None, at: int) -> Array:
-    return lax.expand_dims(x, [at]) if axis is None else jnp.moveaxis(x, axis, at)
 
 
 def _batched_plan(plan: Plan, place: int, size: int, leading: bool) -> Plan:
@@ -154,15 +149,11 @@ def _compiled(plan: Plan) -> Callable[..., list[Array]]:
     return compiled(_sums_p, plan=plan)
 
 
-def _evaluated(*arrays: Array, plan: Plan, contracted: Callable[[Any], bool]) -> list[Array]:
-    return evaluate(plan, arrays, contracted)
-
-
 _sums_p: Any = Primitive("jaxspatial_sums")
 _sums_p.multiple_results = True
 _sums_p.def_abstract_eval(_abstract)
 _sums_p.def_impl(lambda *arrays, plan: _compiled(plan)(*arrays))
-mlir.register_lowering(_sums_p, rule(_evaluated))
+mlir.register_lowering(_sums_p, rule(evaluate))
 ad.primitive_jvps[_sums_p] = _jvp
 ad.primitive_transposes[_sums_p] = _transpose
 batching.primitive_batchers[_sums_p] = _batch

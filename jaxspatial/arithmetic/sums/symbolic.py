@@ -1,7 +1,7 @@
 """A formula run over symbols, and what it asks for evaluated as sums of products: values, double words, quotients."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -12,7 +12,7 @@ from jax import Array, lax
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.errorfree.reproducible import quotient
-from jaxspatial.arithmetic.numbers import component_arrays, components
+from jaxspatial.arithmetic.numbers import components
 from jaxspatial.arithmetic.numbers.components import Components
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.folding import is_known, quietly
@@ -20,7 +20,7 @@ from jaxspatial.arithmetic.numbers.polynomial import Polynomial, Quotient, Term,
 from jaxspatial.arithmetic.numbers.stacking import Summed
 from jaxspatial.arithmetic.numbers.trees import from_double_word
 from jaxspatial.arithmetic.precision import Precision
-from jaxspatial.arithmetic.sums.plan import Plan, Sum
+from jaxspatial.arithmetic.sums.evaluation import Plan, Sum
 from jaxspatial.arithmetic.sums.primitive import bind_nonzero
 
 
@@ -35,7 +35,7 @@ def run_symbolically(formula: Callable[..., Any], precision: Precision, arrays: 
     data = _Data(np.dtype(arrays[0].dtype))
     vectors = [data.vector(a) for a in arrays]
     batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
-    plan = Plan((), batch, str(precision), is_pair=any(map(component_arrays.has_pairs, arrays)))
+    plan = Plan((), batch, str(precision), is_pair=any(map(components.has_pairs, arrays)))
     given = {id(s): a for s, a in zip(vectors, arrays, strict=True) if plan.is_pair or isinstance(a, np.ndarray)}
     results = formula(*vectors)
     several = results if isinstance(results, list) else [results]
@@ -76,11 +76,6 @@ class _Data:
             raise _IsData
         return Fraction(float(number))
 
-    def of_rank(self, rank: int) -> list[Array]:
-        """The arrays with axes of size 1 in front: what is shared by a batch stays one item, whose cotangents are
-        summed once."""
-        return [jnp.reshape(x, (1,) * (rank - x.ndim) + x.shape) for x in self.arrays]
-
 
 def _passed_on(array: Any, batch: tuple[int, ...]) -> Any:
     """An argument returned as it came."""
@@ -90,7 +85,8 @@ def _passed_on(array: Any, batch: tuple[int, ...]) -> Any:
 
 def _evaluated(plan: Plan, data: _Data, results: Sequence[Any]) -> list[Any]:
     """What a formula returned, as arrays or double words; everything that is not a quotient in one plan."""
-    arrays = data.of_rank(len(plan.batch) + 1)
+    # With axes of size 1 in front: what is shared by a batch stays one item, whose cotangents are summed once.
+    arrays = [jnp.reshape(x, (1,) * (len(plan.batch) + 1 - x.ndim) + x.shape) for x in data.arrays]
     quotients = [x for x in results if _is_quotient(x)]
     plain = iter(_bound(plan, arrays, [x for x in results if not _is_quotient(x)]))
     divided = iter([_divided(plan, arrays, x) for x in quotients])
@@ -135,7 +131,7 @@ def _of_parts(plan: Plan, x: Any, parts: Sequence[Any]) -> Any:
 def _known(data: _Data, x: Any, c: Any) -> Any:
     """The number that a component is, its exact value rounded once; None for data."""
     try:
-        value = _quotient(data, c) if isinstance(c, Quotient) else _value(data, c)
+        value = _value(data, c)
         is_data = value and isinstance(x, Summed)
         return None if is_data else quietly(lambda t, number: t.type(number), data.dtype, float(value))
     except (_IsData, ZeroDivisionError, OverflowError):
@@ -146,14 +142,11 @@ class _IsData(Exception):
     """A term has a factor that is not known."""
 
 
-def _value(data: _Data, polynomial: Polynomial) -> Fraction:
-    """The exact value of a polynomial in constants; raises _IsData for others."""
-    return Fraction(sum(t.sign * math.prod(map(data.constant, t.factors)) for t in polynomial.terms))
-
-
-def _quotient(data: _Data, c: Quotient) -> Fraction:
-    """0 by whatever is 0, as in `folding`."""
-    return _value(data, c.dividend) / _value(data, c.divisor) if c.dividend.terms else Fraction()
+def _value(data: _Data, c: Polynomial | Quotient) -> Fraction:
+    """The exact value of what consists of constants, 0 by whatever is 0 as in `folding`; raises _IsData for others."""
+    if isinstance(c, Quotient):
+        return _value(data, c.dividend) / _value(data, c.divisor) if c.dividend.terms else Fraction()
+    return Fraction(sum(t.sign * math.prod(map(data.constant, t.factors)) for t in c.terms))
 
 
 # -- evaluation -------------------------------------------------------------------------------------------------------
@@ -180,18 +173,15 @@ def _divided_wide(plan: Plan, arrays: Sequence[Any], parts: Sequence[Any], dtype
 
 def _bound(plan: Plan, arrays: Sequence[Any], results: Sequence[Any]) -> list[Any]:
     """The results of a plan for polynomials: an array or double word each; zeros where there are no terms."""
-    wanted = [_sum([p.of_whole_terms() for p in _components(x)], _reduced(plan, x)) for x in results]
+    wanted = [_sum(plan, x) for x in results]
     found = iter(bind_nonzero(plan, wanted, arrays))
     return [_shaped(plan, x, s, next(found), arrays[0].dtype) for x, s in zip(results, wanted, strict=True)]
 
 
-def _sum(components: Iterable[tuple[tuple[Term, ...], float]], reduced: tuple[int, ...]) -> Sum:
-    terms, shares = zip(*components, strict=True)
+def _sum(plan: Plan, x: Any) -> Sum:
+    terms, shares = zip(*(p.of_whole_terms() for p in _components(x)), strict=True)
+    reduced = (len(plan.batch) - 1,) if isinstance(x, Summed) else ()
     return Sum(terms, reduced, () if set(shares) == {1} else shares)
-
-
-def _reduced(plan: Plan, x: Any) -> tuple[int, ...]:
-    return (len(plan.batch) - 1,) if isinstance(x, Summed) else ()
 
 
 def _shaped(plan: Plan, x: Any, s: Sum, found: Any, dtype: np.dtype[Any]) -> Any:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from jaxspatial.arithmetic.numbers.known import in_double
+from jaxspatial.arithmetic.numbers.folding import in_double
 from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.spatial import RigidTransform

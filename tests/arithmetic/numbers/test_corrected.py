@@ -1,6 +1,6 @@
 """Numbers with corrections, against rational numbers: hostile operands, every surrounding, contraction and none.
 
-Bounds are those of the docstrings of `corrections`.
+Bounds are those of the docstrings of the operations.
 """
 
 import functools

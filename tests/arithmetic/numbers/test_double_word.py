@@ -16,7 +16,7 @@ from jax.sharding import PartitionSpec
 
 from jaxspatial.arithmetic.numbers import pairs
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
-from jaxspatial.arithmetic.numbers.trees import from_double_word, sqrt, to_double_word
+from jaxspatial.arithmetic.numbers.trees import from_double_word, to_double_word
 from jaxspatial.measure.error import unit_roundoff
 from jaxspatial.measure.exact import rationals
 from tests.helpers.marks import slow, slow_but
@@ -363,10 +363,10 @@ def require_special(result, expected):
 def test_special_values_of_functions_of_one(dtype):
     with jax.enable_x64(dtype == "float64"):
         x = jnp.asarray([*SPECIAL, 4.0], dtype)
-        for of_pair, of_word in ((sqrt, jnp.sqrt), (abs, jnp.abs), (operator.neg, operator.neg)):
+        for of_pair, of_word in ((DoubleWord.sqrt, jnp.sqrt), (abs, jnp.abs), (operator.neg, operator.neg)):
             result, expected = of_pair(to_double_word(x)), of_word(x)
             exact = np.asarray(expected).astype(np.float64) != np.sqrt(3)
-            keep = exact & ~((np.asarray(x).astype(np.float64) == 3) & (of_pair is sqrt))
+            keep = exact & ~((np.asarray(x).astype(np.float64) == 3) & (of_pair is DoubleWord.sqrt))
             require_special(result[keep], expected[keep])
 
 
@@ -612,7 +612,7 @@ def through_double_words(f):
 
 
 def root(x):
-    return (sqrt if isinstance(x, DoubleWord) else jnp.sqrt)(x)
+    return (DoubleWord.sqrt if isinstance(x, DoubleWord) else jnp.sqrt)(x)
 
 
 FUNCTIONS = {
@@ -659,7 +659,7 @@ def test_gradients_are_exact_where_they_are_numbers(dtype):
         assert jax.grad(through_double_words(operator.truediv))(x, y) == 1 / y
         assert jax.grad(through_double_words(operator.sub), (0, 1))(x, y) == (1, -1)
         assert jax.grad(through_double_words(abs))(-x) == -1
-        assert jax.grad(through_double_words(sqrt))(jnp.zeros((), dtype)) == math.inf
+        assert jax.grad(through_double_words(DoubleWord.sqrt))(jnp.zeros((), dtype)) == math.inf
         assert jax.grad(lambda x: from_double_word(to_double_word(x) / 0.0))(x) == math.inf
 
 

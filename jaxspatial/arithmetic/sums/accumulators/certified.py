@@ -1,7 +1,8 @@
 """Sums of products in three times the precision, certified to be within one unit in the last place.
 
 Where it cannot be given, because more cancels than that or something overflows, the result is NaN: to be computed again
-by `faithful`, which takes several times as long.
+by `faithful`, which takes several times as long. That sums over a batch this way, too: its expansions would grow with
+the number of items.
 
 The state of a sum is (s, c, d, size): the rounded sum, the sum of the errors made there, the sum of the errors made in
 that one, and the sum of the absolute values of the last, which bounds what is unknown about it. [Ogita, Rump, Oishi
@@ -9,32 +10,24 @@ that one, and the sum of the absolute values of the last, which bounds what is u
 """
 
 import dataclasses
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import DTypeLike
 
-from jaxspatial.arithmetic.errorfree.transforms import two_sum, unguarded
-from jaxspatial.arithmetic.sums import sum3
+from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_sum, unguarded
 from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, Error, OverBatch, Terms, Words
-from jaxspatial.arithmetic.sums.accumulators.compensated import sum_like, vec_sum
-from jaxspatial.arithmetic.sums.accumulators.faithful import parts, parts_of_narrow
+from jaxspatial.arithmetic.sums.accumulators.compensated import parts, parts_of_narrow, sum_like, vec_sum
 
 # d is a sum of at most 2^10 numbers: its error is at most 2^-43 size, and what is allowed is 2^-56 |r|.
 _ENOUGH = 2.0**-13
 
 
-def _total(terms: Terms, error: Error) -> Words:
-    return _sum([parts(sign, factors, error) for sign, factors in terms])
-
-
-def _total_of_narrow(terms: Terms, error: Error) -> Words:
-    """As `_total`, for factors of at most half the digits."""
-    return _sum([parts_of_narrow(sign, factors, error) for sign, factors in terms])
-
-
-def _sum(products: Sequence[Sequence[Array]]) -> Words:
+def _total(terms: Terms, error: Error, of: Callable[..., list[Array]] = parts) -> Words:
+    products = [of(sign, factors, error) for sign, factors in terms]
     s, errors = vec_sum([p[0] for p in products])
     lower = errors + [x for p in products for x in p[1:]]
     if not lower:
@@ -53,19 +46,14 @@ def _plus(state: Words, sign: int, x: Array) -> Words:
 
 def _round(state: Words, dtype: DTypeLike) -> Array:
     """Rounded, or NaN."""
-    r = sum3.rounded(state[:3], state[0].dtype)
+    r = rounded(state[:3], state[0].dtype)
     return lax.convert_element_type(_or_nan(r, r, state), dtype)
 
 
 def _pair(state: Words, dtype: DTypeLike) -> tuple[Array, Array]:
     """(hi, lo): rounded to twice the precision, or NaN. The error is at most 2^-96 |r|."""
-    hi, lo = sum3.pair(state[:3], dtype)
-    return _or_nan(hi, sum3.rounded(state[:3], state[0].dtype), state), lo
-
-
-def _finite_or_nan(x: Array) -> Array:
-    """x, NaN in place of an infinity: what overflowed on the way is to be computed again."""
-    return lax.select(lax.is_finite(x), x, jnp.full_like(x, jnp.nan))
+    hi, lo = pair(state[:3], dtype)
+    return _or_nan(hi, rounded(state[:3], state[0].dtype), state), lo
 
 
 def _or_nan(x: Array, r: Array, state: Words) -> Array:
@@ -75,9 +63,64 @@ def _or_nan(x: Array, r: Array, state: Words) -> Array:
     return lax.select(is_certain, x, jnp.full_like(x, jnp.nan))
 
 
-def _over_batch(state: Words, axes: Sequence[int]) -> OverBatch:
-    return sum3.over_batch(state[2::-1], _finite_or_nan)
+# -- sums of many numbers, without their size: (s, c, d) --------------------------------------------------------------
+
+
+def from_numbers(numbers: Sequence[Array]) -> Words:
+    """The state of the sum of numbers in increasing order."""
+    s, errors = swept(numbers)
+    c, errors = swept(errors[::-1]) if errors else (jnp.zeros_like(s), [])
+    return s, c, sum_like(s, errors)
+
+
+def swept(numbers: Sequence[Array], two_sum: Callable[..., tuple[Array, Array]] = two_sum) -> tuple[Array, list[Array]]:
+    """(the rounded sum, the errors made, of the largest first)."""
+    *others, s = numbers
+    errors = []
+    for x in reversed(others):
+        s, error = two_sum(s, x, unguarded)
+        errors.append(error)
+    return s, errors
+
+
+def over_batch(numbers: Sequence[Array], settled: Callable[[Array], Array]) -> OverBatch:
+    """Of items, each given as numbers in increasing order; `settled`: what becomes of each word of the result."""
+    return OverBatch(
+        from_numbers(numbers),
+        _merge,
+        lambda state, dtype: settled(rounded(state, dtype)),
+        lambda state, dtype: tuple(settled(x) for x in pair(state, dtype)),
+    )
+
+
+def _merge(a: Words, b: Words) -> Words:
+    s, error = two_sum(a[0], b[0], unguarded)
+    c, first = two_sum(a[1], b[1], unguarded)
+    c, second = two_sum(c, error, unguarded)
+    return s, c, (a[2] + b[2]) + (first + second)
+
+
+def rounded(state: Words, dtype: DTypeLike) -> Array:
+    """Rounded; where something is infinite or NaN, what the plain sum gives."""
+    s, c = two_sum(state[0], state[1], unguarded)
+    r = s + (c + state[2])
+    return lax.convert_element_type(lax.select(lax.is_finite(r), r, state[0]), dtype)
+
+
+def pair(state: Words, dtype: DTypeLike) -> tuple[Array, Array]:
+    """(hi, lo): rounded to twice the precision."""
+    s, c = two_sum(state[0], state[1], unguarded)
+    hi, lo = fast_two_sum(s, c + state[2])
+    finite = lax.is_finite(hi)
+    hi, lo = lax.select(finite, hi, state[0]), lax.select(finite, lo, jnp.zeros_like(lo))
+    high = lax.convert_element_type(hi, dtype)
+    return high, lax.convert_element_type((hi - lax.convert_element_type(high, hi.dtype)) + lo, dtype)
+
+
+def _over_batch(state: Words, _: Any) -> OverBatch:
+    """With NaN in place of an infinity: what overflowed on the way is to be computed again."""
+    return over_batch(state[2::-1], lambda x: lax.select(lax.is_finite(x), x, jnp.full_like(x, jnp.nan)))
 
 
 CERTIFIED = Accumulator(total=_total, plus=_plus, round=_round, pair=_pair, over_batch=_over_batch)
-CERTIFIED_OF_NARROW = dataclasses.replace(CERTIFIED, total=_total_of_narrow)
+CERTIFIED_OF_NARROW = dataclasses.replace(CERTIFIED, total=functools.partial(_total, of=parts_of_narrow))

@@ -9,6 +9,7 @@ sum costs at most u^2 (max A + max B + ufp(A_1 + A_2 + B_1 + B_2)), which is <= 
 
 import dataclasses
 import functools
+import operator
 from collections.abc import Sequence
 
 import jax.numpy as jnp
@@ -18,6 +19,7 @@ from jax.typing import DTypeLike
 from jaxspatial.arithmetic.errorfree.contraction import hidden
 from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_sum, unguarded
 from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, Error, OverBatch, Terms, Words
+from jaxspatial.arithmetic.sums.pairwise import of_neighbours
 
 
 def _total(terms: Terms, error: Error) -> Words:
@@ -41,27 +43,36 @@ def signed_product(sign: int, factors: Sequence[Array], error: Error) -> tuple[A
     return (p, e) if sign > 0 else (-p, None if e is None else -e)
 
 
+def parts(sign: int, factors: Sequence[Array], error: Error) -> list[Array]:
+    """The product as one number for each doubling of its digits, exactly their sum: pairs (large, small) in a row."""
+    first, *others = factors
+    found = [first if others else hidden(first)]
+    for x in others:
+        products = [(part, hidden(part * x)) for part in found]
+        found = [y for part, p in products for y in (p, error(part, x, p))]
+    return found if sign > 0 else [-x for x in found]
+
+
+def parts_of_narrow(sign: int, factors: Sequence[Array], error: Error) -> list[Array]:
+    """As `parts`, for up to six factors of at most half the digits: products of two are exact, and none overflows."""
+    return parts(sign, [functools.reduce(operator.mul, factors[i : i + 2]) for i in range(0, len(factors), 2)], error)
+
+
 def vec_sum(numbers: list[Array]) -> tuple[Array, list[Array]]:
     """(the rounded sum, the errors made), added in pairs."""
     errors = []
-    while len(numbers) > 1:
-        sums = [two_sum(a, b, unguarded) for a, b in zip(numbers[::2], numbers[1::2], strict=False)]
-        errors += [e for _, e in sums]
-        numbers = [s for s, _ in sums] + numbers[len(numbers) // 2 * 2 :]
-    return numbers[0], errors
+
+    def add(a: Array, b: Array) -> Array:
+        s, error = two_sum(a, b, unguarded)
+        errors.append(error)
+        return s
+
+    return of_neighbours(add, numbers), errors
 
 
-def sum_like(x: Array, numbers: list[Array]) -> Array:
+def sum_like(x: Array, numbers: Sequence[Array]) -> Array:
     """The sum of the numbers in pairs, 0 in the shape of x where there are none."""
-    return in_pairs(numbers) if numbers else jnp.zeros_like(x)
-
-
-def in_pairs(numbers: list[Array]) -> Array:
-    """The sum of the numbers by halving."""
-    while len(numbers) > 1:
-        sums = [a + b for a, b in zip(numbers[::2], numbers[1::2], strict=False)]
-        numbers = sums + numbers[len(numbers) // 2 * 2 :]
-    return numbers[0]
+    return of_neighbours(operator.add, numbers) if numbers else jnp.zeros_like(x)
 
 
 def _single(terms: Terms, _: Error) -> Words:
@@ -98,9 +109,11 @@ def _pair(state: Words, dtype: DTypeLike) -> tuple[Array, Array]:
     return lax.select(finite, hi, s).astype(dtype), lax.select(finite, lo, jnp.zeros_like(lo)).astype(dtype)
 
 
-def _over_batch(state: Words, axes: Sequence[int]) -> OverBatch:
-    return OverBatch(state, _merge, _round, _pair)
-
-
-COMPENSATED = Accumulator(total=_total, plus=_plus, round=_round, pair=_pair, over_batch=_over_batch)
+COMPENSATED = Accumulator(
+    total=_total,
+    plus=_plus,
+    round=_round,
+    pair=_pair,
+    over_batch=lambda state, _: OverBatch(state, _merge, _round, _pair),
+)
 SINGLE = dataclasses.replace(COMPENSATED, total=_single)

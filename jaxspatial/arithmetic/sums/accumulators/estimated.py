@@ -18,6 +18,7 @@ from jax.typing import DTypeLike
 from jaxspatial.arithmetic.errorfree.transforms import two_sum
 from jaxspatial.arithmetic.sums.accumulators.accumulator import Error, Terms, Trial
 from jaxspatial.arithmetic.sums.accumulators.compensated import signed_product, vec_sum
+from jaxspatial.arithmetic.sums.pairwise import of_neighbours
 
 # Of a unit of the result, what an error before the last rounding may be.
 _ENOUGH = 2.0**-3
@@ -46,14 +47,14 @@ def _total_of_narrow(terms: Terms, _: Error) -> State:
 
 def _summed(like: Array, numbers: list[Array]) -> tuple[Array, Array]:
     """(the sum in pairs, the sum of the absolute values of what was rounded)."""
-    size = jnp.zeros_like(like)
-    if not numbers:
-        return size, size
-    while len(numbers) > 1:
-        sums = [a + b for a, b in zip(numbers[::2], numbers[1::2], strict=False)]
-        size = functools.reduce(operator.add, map(lax.abs, sums), size)
-        numbers = sums + numbers[len(numbers) // 2 * 2 :]
-    return numbers[0], size
+    rounded = []
+
+    def add(a: Array, b: Array) -> Array:
+        rounded.append(a + b)
+        return rounded[-1]
+
+    s = of_neighbours(add, numbers) if numbers else jnp.zeros_like(like)
+    return s, functools.reduce(operator.add, map(lax.abs, rounded), jnp.zeros_like(like))
 
 
 def _plus(state: State, sign: int, x: Array) -> State:

@@ -12,7 +12,7 @@ error bound, too, is in units of its largest terms.
 import dataclasses
 import functools
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -21,9 +21,10 @@ from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic.errorfree.contraction import hidden
 from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_difference, two_sum, unguarded
-from jaxspatial.arithmetic.sums import sum3
+from jaxspatial.arithmetic.sums.accumulators import certified
 from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, Error, OverBatch, Terms, multiplied
-from jaxspatial.arithmetic.sums.accumulators.compensated import in_pairs
+from jaxspatial.arithmetic.sums.accumulators.compensated import parts, parts_of_narrow
+from jaxspatial.arithmetic.sums.pairwise import of_neighbours
 
 # A sum of 2^20 products below 2^1000 is finite, and so is 2^2048 scaled by 2^-540 twice.
 _LARGE = 2.0**1000
@@ -42,64 +43,45 @@ class State(NamedTuple):
 
 def _total(terms: Terms, error: Error) -> State:
     """The state of the sum of terms (sign, factors), products of two of which may overflow."""
-    if _is_long(terms, parts):
-        return _long_total(terms, error)
+    is_long, scalable = _is_long(terms, 1), _scalable(terms)
+    terms = _grouped(terms) if is_long else terms
+    can = [len(factors) in scalable for _, factors in terms]
     products = [parts(sign, factors, error) for sign, factors in terms]
-    plain = _plain(products)
-    zero, one, scale = (jnp.full_like(plain, x) for x in (0.0, 1.0, _SCALE))
-    scalable = _scalable([f for _, f in terms])
-    large = [_is_large(p[0]) & s for s, p in zip(scalable, products, strict=True)]
-    scaled = [_scaled_parts(p, sign, f, error, scale) for p, (sign, f) in zip(products, terms, strict=True)]
-    alone = [[lax.select(m, x, zero) for x in s] for m, s, can in zip(large, scaled, scalable, strict=True) if can]
-    is_scaled = _sum(_expansion(alone)) != 0 if alone else jnp.zeros(plain.shape, bool)
-    chosen = [
-        [lax.select(is_scaled, y, lax.select(m, zero, x)) for x, y in zip(p, s, strict=True)]
-        for m, p, s in zip(large, products, scaled, strict=True)
+    plain = _plain(products, is_long)
+    large = [_is_large(p[0]) & c for p, c in zip(products, can, strict=True)]
+    scaled = [
+        _scaled_parts(p, sign, factors, error, jnp.full_like(p[0], _SCALE))
+        for p, (sign, factors) in zip(products, terms, strict=True)
     ]
-    return State(_expansion(chosen), plain, lax.select(is_scaled, scale, one))
+    alone = [_where(m, s) for m, s, c in zip(large, scaled, can, strict=True) if c]
+    is_scaled = _sum(_expansion(alone, is_long)) != 0 if alone else jnp.zeros(plain.shape, bool)
+    chosen = [_chosen(is_scaled, m, p, s) for m, p, s in zip(large, products, scaled, strict=True)]
+    unit = lax.select(is_scaled, jnp.full_like(plain, _SCALE), jnp.ones_like(plain))
+    return State(_expansion(chosen, is_long), plain, unit)
 
 
 def _total_of_narrow(terms: Terms, error: Error) -> State:
     """The state of the sum of terms (sign, factors), factors of at most half the digits: no product overflows."""
-    if _is_long(terms, parts_of_narrow):
-        return _long_total_of_narrow(terms, error)
-    products = [parts_of_narrow(sign, factors, error) for sign, factors in terms]
-    plain = _plain(products)
-    return State(_expansion(products), plain)
+    is_long = _is_long(terms, 2)
+    products = [parts_of_narrow(sign, factors, error) for sign, factors in (_grouped(terms) if is_long else terms)]
+    return State(_expansion(products, is_long), _plain(products, is_long))
 
 
-def _plain(products: Sequence[Sequence[Array]]) -> Array:
-    return in_pairs([p[0] for p in products])
+def _plain(products: Sequence[Sequence[Array]], is_long: bool) -> Array:
+    """What the plain sum gives: of interest where it is infinite or NaN."""
+    if is_long:
+        return functools.reduce(operator.add, (jnp.sum(p[0], 0) for p in products))
+    return of_neighbours(operator.add, [p[0] for p in products])
 
 
-def _scalable(factors: Sequence[Sequence[Array]]) -> list[bool]:
-    """Of each term, whether it is looked at for being large. Of two numbers no sum overflows but that of all; of three
-    one may on the way."""
-    numbers = sum(len(f) == 1 for f in factors)
-    return [len(f) == 2 or (len(f) == 1 and numbers > 2) for f in factors]
+def _scalable(terms: Terms) -> set[int]:
+    """Terms of how many factors are looked at for being large. Of two numbers no sum overflows but that of all; of
+    three one may on the way."""
+    return {2, 1} if sum(len(factors) == 1 for _, factors in terms) > 2 else {2}
 
 
 def _is_large(p: Array) -> Array:
     return ~(lax.abs(p) < jnp.full_like(p, _LARGE))
-
-
-def parts(sign: int, factors: Sequence[Array], error: Error) -> list[Array]:
-    """The product as one number for each doubling of its digits, exactly their sum: pairs (large, small) in a row."""
-    first, *others = factors
-    found = [first if others else hidden(first)]
-    for x in others:
-        found = [y for part in found for y in _two_product(part, x, error)]
-    return found if sign > 0 else [-x for x in found]
-
-
-def _two_product(a: Array, b: Array, error: Error) -> tuple[Array, Array]:
-    p = hidden(a * b)
-    return p, error(a, b, p)
-
-
-def parts_of_narrow(sign: int, factors: Sequence[Array], error: Error) -> list[Array]:
-    """As `parts`, for up to six factors of at most half the digits: products of two are exact, and none overflows."""
-    return parts(sign, [functools.reduce(operator.mul, factors[i : i + 2]) for i in range(0, len(factors), 2)], error)
 
 
 def _scaled_parts(
@@ -114,8 +96,18 @@ def _scaled_parts(
     return [hidden(x * scale) * scale for x in unscaled]
 
 
-def _expansion(products: Sequence[Sequence[Array]]) -> tuple[Array, ...]:
+def _chosen(is_scaled: Array, is_large: Array, product: Sequence[Array], scaled: Sequence[Array]) -> list[Array]:
+    """Of a product the scaled parts where the sum is scaled, else its own, but for one that overflows: nothing."""
+    return [
+        lax.select(jnp.broadcast_to(is_scaled, x.shape), y, lax.select(is_large, jnp.zeros_like(x), x))
+        for x, y in zip(product, scaled, strict=True)
+    ]
+
+
+def _expansion(products: Sequence[Sequence[Array]], is_long: bool) -> tuple[Array, ...]:
     """The expansion of the sum of products, each given by its parts."""
+    if is_long:
+        return _expansion_in_a_loop(products)
     pairs = [p[i : i + 2] for p in products for i in range(0, len(p), 2)]
     expansion, *others = (tuple(reversed(pair)) for pair in pairs)
     for pair in others:
@@ -143,47 +135,17 @@ def _grown(expansion: Sequence[Array], x: Array) -> tuple[Array, ...]:
 # -- long sums: programs whose length does not grow with the square of their number of terms --------------------------
 
 
-def _is_long(terms: Terms, of: Callable[..., list[Array]]) -> bool:
-    """True where the products have more parts than are added without a loop."""
-    halved = 2 if of is parts_of_narrow else 1
-    return sum(2 ** ((len(factors) - 1) // halved) for _, factors in terms) > _UNROLLED
+def _is_long(terms: Terms, exact: int) -> bool:
+    """True where the products have more parts than are added without a loop; of `exact` factors there is one part."""
+    return sum(2 ** ((len(factors) - 1) // exact) for _, factors in terms) > _UNROLLED
 
 
-def _grouped(terms: Terms) -> list[list[Array]]:
-    """The terms with as many factors as one, stacked along a new first axis: a list of factors for each number."""
+def _grouped(terms: Terms) -> Terms:
+    """The terms with as many factors as one, stacked along a new first axis: one term of sign 1 for each number."""
     groups = {}
     for sign, (first, *others) in terms:
         groups.setdefault(len(others), []).append([first if sign > 0 else -first, *others])
-    return [[jnp.stack(x) for x in zip(*group, strict=True)] for group in groups.values()]
-
-
-def _long_total(terms: Terms, error: Error) -> State:
-    """As `_total`."""
-    groups = _grouped(terms)
-    products = [parts(1, g, error) for g in groups]
-    plain = _plain_of_groups(products)
-    large = [_is_large(p[0]) & (len(g) == 2) for p, g in zip(products, groups, strict=True)]
-    scaled = [_scaled_parts(p, 1, g, error, jnp.full_like(p[0], _SCALE)) for p, g in zip(products, groups, strict=True)]
-    alone = [_where(m, s) for m, s, g in zip(large, scaled, groups, strict=True) if len(g) == 2]
-    is_scaled = _sum(_expansion_in_a_loop(alone)) != 0 if alone else jnp.zeros(plain.shape, bool)
-    others = [_where(~m, p) for m, p in zip(large, products, strict=True)]
-    chosen = [
-        [lax.select(jnp.broadcast_to(is_scaled, x.shape), y, x) for x, y in zip(p, s, strict=True)]
-        for p, s in zip(others, scaled, strict=True)
-    ]
-    unit = lax.select(is_scaled, jnp.full_like(plain, _SCALE), jnp.ones_like(plain))
-    return State(_expansion_in_a_loop(chosen), plain, unit)
-
-
-def _long_total_of_narrow(terms: Terms, error: Error) -> State:
-    """As `_total_of_narrow`."""
-    products = [parts_of_narrow(1, g, error) for g in _grouped(terms)]
-    return State(_expansion_in_a_loop(products), _plain_of_groups(products))
-
-
-def _plain_of_groups(products: Sequence[Sequence[Array]]) -> Array:
-    """What the plain sum gives: of interest where it is infinite or NaN."""
-    return functools.reduce(operator.add, (jnp.sum(p[0], 0) for p in products))
+    return [(1, [jnp.stack(x) for x in zip(*group, strict=True)]) for group in groups.values()]
 
 
 def _where(mask: Array, numbers: Sequence[Array]) -> list[Array]:
@@ -205,12 +167,8 @@ def _expansion_in_a_loop(products: Sequence[Sequence[Array]]) -> tuple[Array, ..
 
 def _sum(expansion: Sequence[Array]) -> Array:
     """The sum, with an error far below one unit in the last place: the errors of the largest added are added last."""
-    *others, s = expansion
-    errors = []
-    for x in reversed(others):
-        s, error = fast_two_sum(s, x, unguarded)
-        errors.append(error)
-    return s + in_pairs(errors[::-1]) if errors else s
+    s, errors = certified.swept(expansion, fast_two_sum)
+    return s + of_neighbours(operator.add, errors[::-1]) if errors else s
 
 
 def _plus(state: State, sign: int, x: Array) -> State:
@@ -232,7 +190,7 @@ def _grown_by(expansion: Sequence[Array], sign: int, x: Array) -> tuple[Array, .
 
 def _pair(state: State, dtype: DTypeLike) -> tuple[Array, Array]:
     """Rounded to twice the precision."""
-    return sum3.pair(sum3.from_numbers([_unscaled(x, state.unit) for x in state.expansion]), dtype)
+    return certified.pair(certified.from_numbers([_unscaled(x, state.unit) for x in state.expansion]), dtype)
 
 
 def _padded(states: Sequence[State | None]) -> list[State]:
@@ -247,7 +205,7 @@ def _padded(states: Sequence[State | None]) -> list[State]:
 
 def _over_batch(state: State, axes: Sequence[int]) -> OverBatch:
     numbers, unit = _in_one_unit(state, axes)
-    return sum3.over_batch(numbers, lambda x: _unscaled(x, unit))
+    return certified.over_batch(numbers, lambda x: _unscaled(x, unit))
 
 
 def _in_one_unit(state: State, axes: Sequence[int]) -> tuple[list[Array], Array | None]:

@@ -5,7 +5,6 @@ The state of a sum is one array.
 
 import functools
 import operator
-from collections.abc import Sequence
 
 import jax.numpy as jnp
 from jax import Array, lax
@@ -16,19 +15,12 @@ from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, Err
 
 def _total(terms: Terms, _: Error) -> Words:
     """The sum of terms (sign, factors), factors arrays of float64. Error <= 2^-53 times their number, times mag."""
-    return (functools.reduce(operator.add, (_signed(sign, functools.reduce(lax.mul, x)) for sign, x in terms)),)
-
-
-def _signed(sign: int, x: Array) -> Array:
-    return x if sign > 0 else -x
+    products = ((sign, functools.reduce(lax.mul, factors)) for sign, factors in terms)
+    return (functools.reduce(operator.add, (p if sign > 0 else -p for sign, p in products)),)
 
 
 def _plus(state: Words, sign: int, x: Array) -> Words:
     return (x + state[0] if sign > 0 else state[0] - x,)
-
-
-def _merge(a: Words, b: Words) -> Words:
-    return (a[0] + b[0],)
 
 
 def _round(state: Words, dtype: DTypeLike) -> Array:
@@ -42,8 +34,10 @@ def _pair(state: Words, dtype: DTypeLike) -> tuple[Array, Array]:
     return hi, lax.convert_element_type(lax.select(lax.is_finite(hi), low, jnp.zeros_like(low)), dtype)
 
 
-def _over_batch(state: Words, axes: Sequence[int]) -> OverBatch:
-    return OverBatch(state, _merge, _round, _pair)
-
-
-WIDE = Accumulator(total=_total, plus=_plus, round=_round, pair=_pair, over_batch=_over_batch)
+WIDE = Accumulator(
+    total=_total,
+    plus=_plus,
+    round=_round,
+    pair=_pair,
+    over_batch=lambda state, _: OverBatch(state, lambda a, b: (a[0] + b[0],), _round, _pair),
+)

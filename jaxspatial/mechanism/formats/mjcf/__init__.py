@@ -18,7 +18,7 @@ import pathlib
 from collections.abc import Callable
 from typing import TypeVar
 
-from jaxspatial.arithmetic.numbers.known import in_double
+from jaxspatial.arithmetic.numbers.folding import in_double
 from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.mechanism.formats.mjcf.checks import check
 from jaxspatial.mechanism.formats.mjcf.file import ModelFile

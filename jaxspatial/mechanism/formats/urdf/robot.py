@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from jaxspatial.arithmetic.numbers.known import in_double
+from jaxspatial.arithmetic.numbers.folding import in_double
 from jaxspatial.mechanism.formats.numbers import rotation_of, with_moments
 from jaxspatial.mechanism.formats.source import needed
 from jaxspatial.mechanism.formats.urdf.text import LIMITS, Lines

@@ -1,5 +1,6 @@
-"""Primitives of arrays of one shape that work number by number."""
+"""Primitives: what those of arrays of one shape that work number by number have in common, and how they are lowered."""
 
+import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
@@ -9,7 +10,10 @@ from jax import Array, lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from jaxspatial.arithmetic.errorfree import contraction
+
 Rule = Callable[..., Any]
+_NO_MESH = jax.sharding.AbstractMesh((), ())
 
 
 def elementwise(
@@ -86,3 +90,21 @@ def is_zero(tangent: object) -> bool:
 
 def no_tangent(x: Any) -> Any:
     return ad.Zero(jax.typeof(x).to_tangent_aval())
+
+
+def rule(function: Callable[..., Sequence[Array]]) -> Callable[..., Any]:
+    """The lowering rule of a primitive: `function(*arrays, contracted, **parameters)` returns a list of arrays.
+
+    contracted(dtype): whether errors of products may be left to contraction. Traced without shardings and manual axes
+    in the types: the arithmetic is elementwise, for the compiler to split. (With them, every constant and index made on
+    the way would have to be sharded by hand.)
+    """
+    lower = mlir.lower_fun(function, multiple_results=True)
+
+    def lowered(context: Any, *arrays: Any, **parameters: Any) -> Any:
+        contracted = functools.partial(contraction.is_used, context)
+        with jax.sharding.use_abstract_mesh(_NO_MESH):
+            plain = [jax.core.ShapedArray(a.shape, a.dtype) for a in context.avals_in]
+            return lower(context.replace(avals_in=plain), *arrays, contracted=contracted, **parameters)
+
+    return lowered
