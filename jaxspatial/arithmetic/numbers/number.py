@@ -192,7 +192,8 @@ def repeated(function: Callable[[Numbers], Numbers], times: int, numbers: Number
     numbers = [as_data(x) for x in numbers]
 
     def turn(data: list[Any], _: None):
-        return data_of(map(as_data, function(with_data(numbers, data)))), None
+        found = function(with_data(numbers, data))
+        return data_of(as_data(x, shape_of(like)) for x, like in zip(found, numbers, strict=True)), None
 
     return tuple(with_data(numbers, lax.scan(turn, data_of(numbers), length=times)[0]))
 
