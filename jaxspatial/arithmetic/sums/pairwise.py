@@ -34,16 +34,16 @@ def pairwise(
 def of_neighbours(add: Callable[[T, T], T], items: Sequence[T]) -> T:
     """The sum of a sequence, each item added to the one beside it."""
 
-    def apart(x: Sequence[T]) -> list[Sequence[T]]:
+    def apart(x: list[T]) -> list[list[T]]:
         n = len(x) // 2 * 2
         return [x[:n:2], x[1:n:2], x[n:]] if n else []
 
-    (found,) = pairwise(lambda a, b: list(map(add, a, b)), items, apart, lambda parts: [*parts[0], *parts[1]])
+    (found,) = pairwise(lambda a, b: list(map(add, a, b)), list(items), apart, lambda parts: [*parts[0], *parts[1]])
     return found
 
 
 def by_halving(
-    merge: Callable[..., Any], words: Sequence[jax.Array], axis: int, neutral: float = 0.0
+    merge: Callable[[Any, Any], Any], words: Sequence[jax.Array], axis: int, neutral: float = 0.0
 ) -> tuple[Any, ...]:
     """The sum over an axis, which is kept with size 1, of numbers of so many words that `merge` adds two of.
 

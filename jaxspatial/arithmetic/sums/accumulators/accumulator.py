@@ -4,11 +4,12 @@ A sum has a state, a tree of arrays of float64: the rounded sum, and what is kno
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
+from jax import lax
 from jax.typing import DTypeLike
 
 State = Any
@@ -29,12 +30,17 @@ class OverBatch(NamedTuple):
 def with_zeros(states: Sequence[State]) -> list[State]:
     """The states with zero in place of None."""
     like = next(state for state in states if state is not None)
-    return [jax.tree.map(jnp.zeros_like, like) if state is None else state for state in states]
+    zeros = jax.tree.map(functools.partial(lax.full_like, fill_value=0), like)
+    return [zeros if state is None else state for state in states]
 
 
 def multiplied(state: State, share: float) -> State:
     """The state of the sum times a power of two."""
-    return jax.tree.map(lambda x: x * jnp.full_like(x, share), state)
+
+    def times(x: jax.Array) -> jax.Array:
+        return x * lax.full_like(x, share)
+
+    return jax.tree.map(times, state)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -11,10 +11,11 @@ that one, and the sum of the absolute values of the last, which bounds what is u
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
 from jax.typing import DTypeLike
 
@@ -31,7 +32,7 @@ def _total(terms: Terms, error: Error, of: Callable[..., list[Array]] = parts) -
     s, errors = vec_sum([p[0] for p in products])
     lower = errors + [x for p in products for x in p[1:]]
     if not lower:
-        return (s, *[jnp.zeros_like(s)] * 3)
+        return (s, *[lax.full_like(s, 0)] * 3)
     c, errors = vec_sum(lower)
     return s, c, sum_like(s, errors), sum_like(s, [lax.abs(x) for x in errors])
 
@@ -58,9 +59,9 @@ def _pair(state: Words, dtype: DTypeLike) -> tuple[Array, Array]:
 
 def _or_nan(x: Array, r: Array, state: Words) -> Array:
     """x where r is certain, an exact 0 too, but no NaN or infinity."""
-    largest = jnp.finfo(r.dtype).max
+    largest = np.finfo(r.dtype).max
     is_certain = (state[3] <= lax.abs(r) * _ENOUGH) & (lax.abs(r) <= largest)
-    return lax.select(is_certain, x, jnp.full_like(x, jnp.nan))
+    return lax.select(is_certain, x, lax.full_like(x, math.nan))
 
 
 # -- sums of many numbers, without their size: (s, c, d) --------------------------------------------------------------
@@ -69,14 +70,14 @@ def _or_nan(x: Array, r: Array, state: Words) -> Array:
 def from_numbers(numbers: Sequence[Array]) -> Words:
     """The state of the sum of numbers in increasing order."""
     s, errors = swept(numbers)
-    c, errors = swept(errors[::-1]) if errors else (jnp.zeros_like(s), [])
+    c, errors = swept(errors[::-1]) if errors else (lax.full_like(s, 0), [])
     return s, c, sum_like(s, errors)
 
 
 def swept(numbers: Sequence[Array], two_sum: Callable[..., tuple[Array, Array]] = two_sum) -> tuple[Array, list[Array]]:
     """(the rounded sum, the errors made, of the largest first)."""
     *others, s = numbers
-    errors = []
+    errors: list[Array] = []
     for x in reversed(others):
         s, error = two_sum(s, x, unguarded)
         errors.append(error)
@@ -85,12 +86,15 @@ def swept(numbers: Sequence[Array], two_sum: Callable[..., tuple[Array, Array]] 
 
 def over_batch(numbers: Sequence[Array], settled: Callable[[Array], Array]) -> OverBatch:
     """Of items, each given as numbers in increasing order; `settled`: what becomes of each word of the result."""
-    return OverBatch(
-        from_numbers(numbers),
-        _merge,
-        lambda state, dtype: settled(rounded(state, dtype)),
-        lambda state, dtype: tuple(settled(x) for x in pair(state, dtype)),
-    )
+
+    def settled_pair(state: Words, dtype: DTypeLike) -> tuple[Array, Array]:
+        hi, lo = pair(state, dtype)
+        return settled(hi), settled(lo)
+
+    def settled_sum(state: Words, dtype: DTypeLike) -> Array:
+        return settled(rounded(state, dtype))
+
+    return OverBatch(from_numbers(numbers), _merge, settled_sum, settled_pair)
 
 
 def _merge(a: Words, b: Words) -> Words:
@@ -112,14 +116,14 @@ def pair(state: Words, dtype: DTypeLike) -> tuple[Array, Array]:
     s, c = two_sum(state[0], state[1], unguarded)
     hi, lo = fast_two_sum(s, c + state[2])
     finite = lax.is_finite(hi)
-    hi, lo = lax.select(finite, hi, state[0]), lax.select(finite, lo, jnp.zeros_like(lo))
+    hi, lo = lax.select(finite, hi, state[0]), lax.select(finite, lo, lax.full_like(lo, 0))
     high = lax.convert_element_type(hi, dtype)
     return high, lax.convert_element_type((hi - lax.convert_element_type(high, hi.dtype)) + lo, dtype)
 
 
 def _over_batch(state: Words, _: Any) -> OverBatch:
     """With NaN in place of an infinity: what overflowed on the way is to be computed again."""
-    return over_batch(state[2::-1], lambda x: lax.select(lax.is_finite(x), x, jnp.full_like(x, jnp.nan)))
+    return over_batch(state[2::-1], lambda x: lax.select(lax.is_finite(x), x, lax.full_like(x, math.nan)))
 
 
 CERTIFIED = Accumulator(total=_total, plus=_plus, round=_round, pair=_pair, over_batch=_over_batch)

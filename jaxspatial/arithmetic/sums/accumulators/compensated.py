@@ -12,7 +12,6 @@ import functools
 import operator
 from collections.abc import Sequence
 
-import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import DTypeLike
 
@@ -60,7 +59,7 @@ def parts_of_narrow(sign: int, factors: Sequence[Array], error: Error) -> list[A
 
 def vec_sum(numbers: list[Array]) -> tuple[Array, list[Array]]:
     """(the rounded sum, the errors made), added in pairs."""
-    errors = []
+    errors: list[Array] = []
 
     def add(a: Array, b: Array) -> Array:
         s, error = two_sum(a, b, unguarded)
@@ -72,14 +71,14 @@ def vec_sum(numbers: list[Array]) -> tuple[Array, list[Array]]:
 
 def sum_like(x: Array, numbers: Sequence[Array]) -> Array:
     """The sum of the numbers in pairs, 0 in the shape of x where there are none."""
-    return of_neighbours(operator.add, numbers) if numbers else jnp.zeros_like(x)
+    return of_neighbours(operator.add, numbers) if numbers else lax.full_like(x, 0)
 
 
 def _single(terms: Terms, _: Error) -> Words:
     """Of one product whose error nobody asks for."""
     ((sign, factors),) = terms
     p = hidden(functools.reduce(lax.mul, factors))
-    return (p if sign > 0 else -p), jnp.zeros_like(p), jnp.zeros_like(p)
+    return (p if sign > 0 else -p), lax.full_like(p, 0), lax.full_like(p, 0)
 
 
 def _plus(state: Words, sign: int, x: Array) -> Words:
@@ -106,7 +105,7 @@ def _pair(state: Words, dtype: DTypeLike) -> tuple[Array, Array]:
     s, t, e = state
     hi, lo = fast_two_sum(s, t + e)
     finite = lax.is_finite(hi)
-    return lax.select(finite, hi, s).astype(dtype), lax.select(finite, lo, jnp.zeros_like(lo)).astype(dtype)
+    return lax.select(finite, hi, s).astype(dtype), lax.select(finite, lo, lax.full_like(lo, 0)).astype(dtype)
 
 
 COMPENSATED = Accumulator(

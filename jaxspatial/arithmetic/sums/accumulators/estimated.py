@@ -8,13 +8,15 @@ exact and s has digits enough: c is None, and size is of what was rounded to get
 
 import dataclasses
 import functools
+import math
 import operator
 from typing import NamedTuple
 
-import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
 from jax.typing import DTypeLike
 
+from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.errorfree.transforms import two_sum
 from jaxspatial.arithmetic.sums.accumulators.accumulator import Error, Terms, Trial
 from jaxspatial.arithmetic.sums.accumulators.compensated import signed_product, vec_sum
@@ -47,14 +49,14 @@ def _total_of_narrow(terms: Terms, _: Error) -> State:
 
 def _summed(like: Array, numbers: list[Array]) -> tuple[Array, Array]:
     """(the sum in pairs, the sum of the absolute values of what was rounded)."""
-    rounded = []
+    rounded: list[Array] = []
 
     def add(a: Array, b: Array) -> Array:
         rounded.append(a + b)
         return rounded[-1]
 
-    s = of_neighbours(add, numbers) if numbers else jnp.zeros_like(like)
-    return s, functools.reduce(operator.add, map(lax.abs, rounded), jnp.zeros_like(like))
+    s = of_neighbours(add, numbers) if numbers else lax.full_like(like, 0)
+    return s, functools.reduce(operator.add, map(lax.abs, rounded), lax.full_like(like, 0))
 
 
 def _plus(state: State, sign: int, x: Array) -> State:
@@ -71,9 +73,9 @@ def _plus(state: State, sign: int, x: Array) -> State:
 def _round(state: State, dtype: DTypeLike) -> Array:
     """Rounded, or NaN."""
     r = state.s if state.c is None else state.s + state.c
-    unit = float(jnp.finfo(dtype).eps / jnp.finfo(r.dtype).eps)
-    is_certain = (state.size <= lax.abs(r) * (unit * _ENOUGH)) & (lax.abs(r) <= jnp.finfo(r.dtype).max)
-    return lax.convert_element_type(lax.select(is_certain, r, jnp.full_like(r, jnp.nan)), dtype)
+    unit = check.eps(dtype) / check.eps(r.dtype)
+    is_certain = (state.size <= lax.abs(r) * (unit * _ENOUGH)) & (lax.abs(r) <= np.finfo(r.dtype).max)
+    return lax.convert_element_type(lax.select(is_certain, r, lax.full_like(r, math.nan)), dtype)
 
 
 ESTIMATED = Trial(total=_total, plus=_plus, round=_round)

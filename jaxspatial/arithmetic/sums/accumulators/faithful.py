@@ -50,13 +50,13 @@ def _total(terms: Terms, error: Error) -> State:
     plain = _plain(products, is_long)
     large = [_is_large(p[0]) & c for p, c in zip(products, can, strict=True)]
     scaled = [
-        _scaled_parts(p, sign, factors, error, jnp.full_like(p[0], _SCALE))
+        _scaled_parts(p, sign, factors, error, lax.full_like(p[0], _SCALE))
         for p, (sign, factors) in zip(products, terms, strict=True)
     ]
     alone = [_where(m, s) for m, s, c in zip(large, scaled, can, strict=True) if c]
-    is_scaled = _sum(_expansion(alone, is_long)) != 0 if alone else jnp.zeros(plain.shape, bool)
+    is_scaled = _sum(_expansion(alone, is_long)) != 0 if alone else lax.full(plain.shape, False)
     chosen = [_chosen(is_scaled, m, p, s) for m, p, s in zip(large, products, scaled, strict=True)]
-    unit = lax.select(is_scaled, jnp.full_like(plain, _SCALE), jnp.ones_like(plain))
+    unit = lax.select(is_scaled, lax.full_like(plain, _SCALE), lax.full_like(plain, 1))
     return State(_expansion(chosen, is_long), plain, unit)
 
 
@@ -81,7 +81,7 @@ def _scalable(terms: Terms) -> set[int]:
 
 
 def _is_large(p: Array) -> Array:
-    return ~(lax.abs(p) < jnp.full_like(p, _LARGE))
+    return ~(lax.abs(p) < lax.full_like(p, _LARGE))
 
 
 def _scaled_parts(
@@ -99,7 +99,7 @@ def _scaled_parts(
 def _chosen(is_scaled: Array, is_large: Array, product: Sequence[Array], scaled: Sequence[Array]) -> list[Array]:
     """Of a product the scaled parts where the sum is scaled, else its own, but for one that overflows: nothing."""
     return [
-        lax.select(jnp.broadcast_to(is_scaled, x.shape), y, lax.select(is_large, jnp.zeros_like(x), x))
+        lax.select(jnp.broadcast_to(is_scaled, x.shape), y, lax.select(is_large, lax.full_like(x, 0), x))
         for x, y in zip(product, scaled, strict=True)
     ]
 
@@ -117,7 +117,7 @@ def _expansion(products: Sequence[Sequence[Array]], is_long: bool) -> tuple[Arra
 
 def _merged(expansion: Sequence[Array], pair: Sequence[Array]) -> tuple[Array, ...]:
     """The expansion of the sum of two. [Shewchuk 1997, theorem 12]"""
-    settled = ()
+    settled: tuple[Array, ...] = ()
     for x in pair:
         lowest, *expansion = _grown(expansion, x)
         settled = (*settled, lowest)
@@ -125,7 +125,7 @@ def _merged(expansion: Sequence[Array], pair: Sequence[Array]) -> tuple[Array, .
 
 
 def _grown(expansion: Sequence[Array], x: Array) -> tuple[Array, ...]:
-    grown = []
+    grown: list[Array] = []
     for y in expansion:
         x, error = two_sum(x, y, unguarded)
         grown.append(error)
@@ -142,14 +142,14 @@ def _is_long(terms: Terms, exact: int) -> bool:
 
 def _grouped(terms: Terms) -> Terms:
     """The terms with as many factors as one, stacked along a new first axis: one term of sign 1 for each number."""
-    groups = {}
+    groups: dict[int, list[list[Array]]] = {}
     for sign, (first, *others) in terms:
         groups.setdefault(len(others), []).append([first if sign > 0 else -first, *others])
     return [(1, [jnp.stack(x) for x in zip(*group, strict=True)]) for group in groups.values()]
 
 
 def _where(mask: Array, numbers: Sequence[Array]) -> list[Array]:
-    return [lax.select(mask, x, jnp.zeros_like(x)) for x in numbers]
+    return [lax.select(mask, x, lax.full_like(x, 0)) for x in numbers]
 
 
 def _expansion_in_a_loop(products: Sequence[Sequence[Array]]) -> tuple[Array, ...]:
@@ -161,7 +161,7 @@ def _expansion_in_a_loop(products: Sequence[Sequence[Array]]) -> tuple[Array, ..
         return jnp.concatenate([grown[1:], largest[None]]), None
 
     numbers = jnp.concatenate([x for p in products for x in p])
-    expansion, _ = lax.scan(add, jnp.zeros_like(numbers), numbers)
+    expansion, _ = lax.scan(add, lax.full_like(numbers, 0), numbers)
     return tuple(expansion[i] for i in range(len(numbers)))
 
 
@@ -196,8 +196,8 @@ def _pair(state: State, dtype: DTypeLike) -> tuple[Array, Array]:
 def _padded(states: Sequence[State | None]) -> list[State]:
     """The states with zero in place of None, and expansions of one length."""
     like = next(state for state in states if state is not None)
-    zero = jnp.zeros_like(like.plain)
-    nothing = State((), zero, None if like.unit is None else jnp.ones_like(zero))
+    zero = lax.full_like(like.plain, 0)
+    nothing = State((), zero, None if like.unit is None else lax.full_like(zero, 1))
     states = [nothing if state is None else state for state in states]
     longest = max(len(state.expansion) for state in states)
     return [s._replace(expansion=(zero,) * (longest - len(s.expansion)) + s.expansion) for s in states]
@@ -219,13 +219,14 @@ def _in_one_unit(state: State, axes: Sequence[int]) -> tuple[list[Array], Array 
     if state.unit is None:
         return [*_where(~lost, others), lax.select(lost, state.plain, largest)], None
     unit = _unit_of_all(_is_large(largest) | (state.unit != 1), axes, state.unit.dtype)
-    change = lax.select(state.unit == unit, jnp.ones_like(state.unit), jnp.broadcast_to(unit, state.unit.shape))
+    change = lax.select(state.unit == unit, lax.full_like(state.unit, 1), jnp.broadcast_to(unit, state.unit.shape))
     scaled = [(x * change) * change for x in (*others, largest)]
     return [*_where(~lost, scaled[:-1]), lax.select(lost, (state.plain * unit) * unit, scaled[-1])], unit
 
 
 def _unit_of_all(is_scaled: Array, axes: Sequence[int], dtype: DTypeLike) -> Array:
-    return jnp.where(jnp.any(is_scaled, axes, keepdims=True), *(jnp.full((), x, dtype) for x in (_SCALE, 1.0)))
+    found = jnp.any(is_scaled, axes, keepdims=True)
+    return lax.select(found, *(lax.full(found.shape, x, dtype) for x in (_SCALE, 1.0)))
 
 
 def _round(state: State, dtype: DTypeLike) -> Array:
@@ -240,7 +241,7 @@ def _unscaled(x: Array, unit: Array | None) -> Array:
     """x unit^-2; None: 1."""
     if unit is None:
         return x
-    inverse = lax.select(unit == 1, unit, jnp.full_like(unit, 1 / _SCALE))
+    inverse = lax.select(unit == 1, unit, lax.full_like(unit, 1 / _SCALE))
     return (x * inverse) * inverse
 
 

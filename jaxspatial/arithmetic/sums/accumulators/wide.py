@@ -6,7 +6,6 @@ The state of a sum is one array.
 import functools
 import operator
 
-import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import DTypeLike
 
@@ -23,6 +22,10 @@ def _plus(state: Words, sign: int, x: Array) -> Words:
     return (x + state[0] if sign > 0 else state[0] - x,)
 
 
+def _merge(a: Words, b: Words) -> Words:
+    return (a[0] + b[0],)
+
+
 def _round(state: Words, dtype: DTypeLike) -> Array:
     return lax.convert_element_type(state[0], dtype)
 
@@ -31,7 +34,7 @@ def _pair(state: Words, dtype: DTypeLike) -> tuple[Array, Array]:
     """(hi, lo) of dtype with the sum of both as near as two of them get."""
     hi = _round(state, dtype)
     low = state[0] - lax.convert_element_type(hi, state[0].dtype)
-    return hi, lax.convert_element_type(lax.select(lax.is_finite(hi), low, jnp.zeros_like(low)), dtype)
+    return hi, lax.convert_element_type(lax.select(lax.is_finite(hi), low, lax.full_like(low, 0)), dtype)
 
 
 WIDE = Accumulator(
@@ -39,5 +42,5 @@ WIDE = Accumulator(
     plus=_plus,
     round=_round,
     pair=_pair,
-    over_batch=lambda state, _: OverBatch(state, lambda a, b: (a[0] + b[0],), _round, _pair),
+    over_batch=lambda state, _: OverBatch(state, _merge, _round, _pair),
 )
