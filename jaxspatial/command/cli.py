@@ -1,22 +1,27 @@
 """The command line: which job it is, and its failures as one line and an exit status."""
 
+import _thread
+import contextlib
 import os
 import sys
+import threading
 from collections.abc import Iterable
 
-from jaxspatial.command import interrupts, measuring, moving, options
+from jaxspatial.command import measuring, moving, options
 from jaxspatial.command.result import as_json
 from jaxspatial.command.wrench_file import WrenchFileError
 from jaxspatial.measure.self_check import self_check
 
 # Exit statuses beside 0, and 1 where a promise does not hold; the last as shells have it, 128 and the signal.
 _IMPOSSIBLE, _INTERRUPTED = 2, 130
+# Seconds until a dropped interrupt comes again: by then the callback is over.
+_PAUSE = 0.02
 
 
 def main(arguments: Iterable[str] | None = None):
     """Runs the command; returns its exit status: 0, 1 where a promise does not hold, 2 for what cannot be done, 130."""
     try:
-        with interrupts.heard():
+        with interrupts_heard():
             status = _run(sys.argv[1:] if arguments is None else list(arguments))
             sys.stdout.flush()
         return status
@@ -27,23 +32,12 @@ def main(arguments: Iterable[str] | None = None):
 
 
 def _run(arguments: list[str]):
-    jobs = {"trade": _measure, "shift": _shift, "self-check": _check}
-    if arguments and arguments[0] in jobs:
-        return jobs[arguments[0]](arguments[1:])
-    return _measure(arguments)
-
-
-def _measure(arguments: list[str]):
-    given = options.measuring().parse_args(arguments)
-    return _print_self_check(given.json) if given.self_check else measuring.run(given)
-
-
-def _shift(arguments: list[str]):
-    return moving.run(options.shifting().parse_args(arguments))
-
-
-def _check(arguments: list[str]):
-    return _print_self_check(options.checking().parse_args(arguments).json)
+    """What is done without a subcommand is `trade`."""
+    job, *rest = arguments if arguments and arguments[0] in ("trade", "shift", "self-check") else ["trade", *arguments]
+    if job == "shift":
+        return moving.run(options.shifting().parse_args(rest))
+    given = (options.checking() if job == "self-check" else options.measuring()).parse_args(rest)
+    return _print_self_check(given.json) if job == "self-check" or given.self_check else measuring.run(given)
 
 
 def _print_self_check(json: bool):
@@ -72,3 +66,24 @@ def _failed(text: str, status: int):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     print(f"error: {text}", file=sys.stderr)
     return status
+
+
+@contextlib.contextmanager
+def interrupts_heard():
+    """Also those that Python drops, as in the callback of the garbage collector that JAX has: while this lasts, a
+    KeyboardInterrupt raised where nothing can catch it comes again, until it is caught."""
+    before, timers = sys.unraisablehook, []
+
+    def again(dropped: "sys.UnraisableHookArgs"):
+        if not issubclass(dropped.exc_type, KeyboardInterrupt):
+            return before(dropped)
+        timers.append(threading.Timer(_PAUSE, _thread.interrupt_main))
+        timers[-1].start()
+
+    sys.unraisablehook = again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+        for timer in timers:
+            timer.cancel()

@@ -174,7 +174,7 @@ def _measured(plan: Plan, console: "Console | None", options: argparse.Namespace
     fitting = [dtype for dtype in trade.STREAMED if moving_at and power.fits(moving_at, plan.offset, dtype)]
     powers = {dtype: power.compare(plan.wrenches, plan.offset, dtype) for dtype in fitting}
     if console:
-        _announce(console, plan, powers)
+        console.print(f"{plan.about}\noffset p_PQ = {plan.offset.tolist()} m\n{timing.machine()}\n")
     lines, pairs = trade.cases(plan.operations, plan.dtypes), conditions.subjects(plan.operations, plan.dtypes)
     whole = algorithms.cases(plan.algorithms, plan.dtypes)
 
@@ -185,23 +185,19 @@ def _measured(plan: Plan, console: "Console | None", options: argparse.Namespace
         yield applications.measure(advance) if plan.is_everything else []
 
     steps = trade.steps(lines) + len(pairs) + algorithms.steps(whole) + plan.is_everything * applications.steps()
-    measured = _with_progress(console, lambda advance: list(work(advance)), steps)
+    measured = _reported(console, powers, lambda advance: list(work(advance)), steps)
     return Result(plan.about, timing.machine(), plan.offset, trade.sizes(plan.largest), powers, *measured)
 
 
-def _announce(console: "Console", plan: Plan, powers: dict[str, power.Power]):
-    from jaxspatial.command import report
-
-    console.print(f"{plan.about}\noffset p_PQ = {plan.offset.tolist()} m\n{timing.machine()}\n")
-    if powers:
-        report.print_power(console, powers)
-
-
-def _with_progress(console: "Console | None", work: Callable[[Advance], list[Any]], total: int):
+def _reported(
+    console: "Console | None", powers: dict[str, power.Power], work: Callable[[Advance], list[Any]], total: int
+):
+    """The work, after the power and with a progress bar where there is a console."""
     if console is None:
         return work(lambda: None)
     from jaxspatial.command import report
 
+    report.print_power(console, powers)
     return report.with_progress(console, work, total)
 
 

@@ -2,7 +2,6 @@
 and in other axes; nothing else is done."""
 
 import argparse
-import pathlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -32,15 +31,10 @@ def run(options: argparse.Namespace):
     file = WrenchFile(options.file, options.columns)
     parts = moved(file.parts, *_motion(file, options), precision=options.precision)
     file.check_finite(parts)
-    write(file, parts, path, options.overwrite)
+    with files.staged(path, options.overwrite) as stream:
+        file.write(stream, parts)
     print(f"{len(file):,} wrenches{' and velocities' if file.moves else ''} {_said(options)}: {path}")
     return 0
-
-
-def write(file: WrenchFile, parts: Parts, path: pathlib.Path, overwrite: bool):
-    """The file with other parts, whole or not at all."""
-    with files.staged(path, overwrite) as stream:
-        file.write(stream, parts)
 
 
 def moved(

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -38,10 +38,10 @@ def print_power(console: Console, powers: dict[str, power.Power]):
     for heading in ("", "about P, W", "about Q, W", "largest difference, u mag", "bound"):
         table.add_column(heading, justify="right")
     for dtype, p in powers.items():
-        digits = 9 if dtype == "float32" else 17
-        numbers = (f"{p.before:.{digits}g}", f"{p.after:.{digits}g}", f"{p.difference:.2f}", f"{power.BOUND:g}")
-        table.add_row(dtype, *numbers)
-    console.print(table)
+        watts = (f"{x:.{9 if dtype == 'float32' else 17}g}" for x in (p.before, p.after))
+        table.add_row(dtype, *watts, f"{p.difference:.2f}", f"{power.BOUND:g}")
+    if powers:
+        console.print(table)
 
 
 # Of the whole table: wider than some terminals, which wrap its lines; cut off it would say nothing.
@@ -59,31 +59,38 @@ _SHORT_HEAD = """\
 def print_trade(console: Console, result: Result, full: bool = False):
     """The trade: at most a screen, or all of it; then, a screen too, that of whole algorithms and of applications."""
     if result.rows:
-        _print_full(console, result) if full else _print_short(console, result)
-    wide = _screen(console)
+        _print_full(_as_wide(console, _WIDTH), result) if full else _print_short(_as_wide(console), result)
     if result.algorithms:
-        _print_algorithms(wide, result.algorithms)
+        _print_algorithms(_as_wide(console), result.algorithms)
     if result.losses:
-        _print_losses(wide, result.losses)
+        _print_losses(_as_wide(console), result.losses)
 
 
-def _screen(console: Console):
-    return Console(file=console.file, width=max(console.width, _SCREEN), force_terminal=console.is_terminal)
+def _as_wide(console: Console, width: int = _SCREEN):
+    return Console(file=console.file, width=max(console.width, width), force_terminal=console.is_terminal)
+
+
+def _print_lines(wide: Console, title: str, head: str, lines: Iterable[Text | str], notes: str):
+    wide.print(Text(title, "italic"))
+    wide.print(head, highlight=False)
+    for line in lines:
+        wide.print(line, highlight=False, soft_wrap=True)
+    wide.print(notes, highlight=False)
 
 
 # -- a screen ---------------------------------------------------------------------------------------------------------
 
 
-def _print_short(console: Console, result: Result):
+def _print_short(wide: Console, result: Result):
     """Per operation: time in the four precisions, and the worst error of two of them, in ulps and in SI units."""
-    wide = _screen(console)
-    wide.print(Text("The trade on this machine", "italic"))
-    wide.print(_SHORT_HEAD, highlight=False)
-    for dtype, rows in _shown_dtypes(result.rows):
-        wide.print(Text(dtype, "bold"))
-        for _, group in itertools.groupby(rows, lambda row: row.case.operation):
-            wide.print(_SHORT_LINE.format(*_short_line(list(group))), highlight=False, soft_wrap=True)
-    wide.print(_SHORT_NOTES.format(result.sizes[0]), highlight=False)
+    lines = [text for dtype, rows in _shown_dtypes(result.rows) for text in _lines(dtype, rows, _short_line)]
+    _print_lines(wide, "The trade on this machine", _SHORT_HEAD, lines, _SHORT_NOTES.format(result.sizes[0]))
+
+
+def _lines(dtype: str, rows: Iterable[Any], line: Callable[[list[Any]], str]) -> list[Text | str]:
+    """A heading, and a line for each operation."""
+    groups = itertools.groupby(rows, lambda row: row.case.operation)
+    return [Text(dtype, "bold"), *(line(list(group)) for _, group in groups)]
 
 
 def _shown_dtypes(rows: Sequence[Row]):
@@ -104,7 +111,7 @@ def _short_line(rows: list[Row]):
         for text in (readable(row.worst_ulps), readable(row.worst_in_units[part]))
     ]
     times = [readable(nanoseconds(by_precision[name].in_cache)) for name in map(str, Precision)]
-    return [operation.title, *times, *errors, operation.units[part]]
+    return _SHORT_LINE.format(operation.title, *times, *errors, operation.units[part])
 
 
 _SHORT_NOTES = """\
@@ -130,13 +137,9 @@ worst of many states. faithful promises what compensated does.
 
 
 def _print_algorithms(wide: Console, rows: Sequence[Evaluated]):
-    wide.print(Text("Whole algorithms", "italic"))
-    wide.print(_WHOLE_HEAD, highlight=False)
-    for dtype, group in itertools.groupby(sorted(rows, key=lambda row: row.case.dtype), lambda row: row.case.dtype):
-        wide.print(Text(dtype, "bold"))
-        for _, precisions in itertools.groupby(group, lambda row: row.case.operation):
-            wide.print(_WHOLE_LINE.format(*_whole_line(list(precisions))), highlight=False, soft_wrap=True)
-    wide.print(_WHOLE_NOTES, highlight=False)
+    dtypes = itertools.groupby(sorted(rows, key=lambda row: row.case.dtype), lambda row: row.case.dtype)
+    lines = [text for dtype, group in dtypes for text in _lines(dtype, group, _whole_line)]
+    _print_lines(wide, "Whole algorithms", _WHOLE_HEAD, lines, _WHOLE_NOTES)
 
 
 def _whole_line(rows: list[Evaluated]):
@@ -148,7 +151,7 @@ def _whole_line(rows: list[Evaluated]):
         for row in (by_precision["reproducible"], by_precision["compensated"])
         for error in (row.worst_ulps, row.worst_in_units)
     ]
-    return [ALGORITHMS[rows[0].case.operation].title, *times, *errors, rows[0].unit]
+    return _WHOLE_LINE.format(ALGORITHMS[rows[0].case.operation].title, *times, *errors, rows[0].unit)
 
 
 _LOSS_LINE = "{:<40} {:>7} {:>7} {:>7} {:>7} {}"
@@ -158,18 +161,15 @@ _LOSS_HEAD = """\
 
 
 def _print_losses(wide: Console, losses: Sequence[Loss]):
-    wide.print(Text("What an application loses, in its own units", "italic"))
-    wide.print(_LOSS_HEAD, highlight=False)
-    for loss in losses:
-        numbers = (readable(x) for x in (loss.size, *loss.errors.values()))
-        wide.print(_LOSS_LINE.format(loss.name, *numbers, loss.unit), highlight=False, soft_wrap=True)
-    wide.print()
+    numbers = ([readable(x) for x in (loss.size, *loss.errors.values())] for loss in losses)
+    lines = (_LOSS_LINE.format(loss.name, *x, loss.unit) for loss, x in zip(losses, numbers, strict=True))
+    _print_lines(wide, "What an application loses, in its own units", _LOSS_HEAD, lines, "")
 
 
 # -- all of it --------------------------------------------------------------------------------------------------------
 
 
-def _print_full(console: Console, result: Result):
+def _print_full(wide: Console, result: Result):
     """Cost in cache and streaming, error against exact rationals, promise."""
     in_cache, streamed = (f"{n:,}" for n in result.sizes)
     table = Table(title="The trade on this machine", box=box.SIMPLE_HEAD, title_justify="left", padding=(0, 1, 0, 0))
@@ -179,7 +179,6 @@ def _print_full(console: Console, result: Result):
         table.add_column(heading, justify="left" if heading in _LEFT else "right", no_wrap=True)
     for _, group in itertools.groupby(result.rows, lambda row: row.case[:2]):
         _add_group(table, list(group))
-    wide = Console(file=console.file, width=max(console.width, _WIDTH), force_terminal=console.is_terminal)
     wide.print(table)
     wide.print(_NOTES, highlight=False)
 

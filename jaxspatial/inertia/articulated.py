@@ -11,6 +11,9 @@ from jaxspatial.spatial import algebra
 
 Symmetrics = tuple[Symmetric, Numbers, Symmetric]  # J, F and M
 
+# Of the six numbers of a symmetric matrix.
+_PLACES = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
+
 # Where among the 21 entries those of a 6 x 6 matrix are, and these in it: rotational and translational in the lower
 # triangle, the coupling, transposed, in the lower left block.
 _ROTATIONAL, _TRANSLATIONAL = (np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]]) + first for first in (0, 15))
@@ -42,8 +45,7 @@ def shifted(j: Symmetric, f: Numbers, m: Symmetric, p: Three) -> Symmetrics:
     moved = vectors.transpose([vectors.cross(p, row) for row in symmetric.rows(m)])
     new = tuple(tuple(a - b for a, b in zip(x, y, strict=True)) for x, y in zip(old, moved, strict=True))
     before, after = ([vectors.cross(row, p) for row in rows] for rows in (old, new))
-    places = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
-    rotational = tuple(a + (before[k][i] + after[i][k]) for a, (i, k) in zip(j, places, strict=True))
+    rotational = tuple(a + (before[k][i] + after[i][k]) for a, (i, k) in zip(j, _PLACES, strict=True))
     return rotational, vectors.flat(new), m
 
 
@@ -139,9 +141,8 @@ def UDinv_of(U: Numbers, D: Number) -> Numbers:
 @noinline
 def rank_one_downdate(j: Symmetric, f: Numbers, m: Symmetric, U: Numbers, UDinv: Numbers) -> Symmetrics:
     """P - U D^-1 U^T, with UDinv = U D^-1."""
-    places = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
-    rotational = tuple(x - U[a] * UDinv[b] for x, (a, b) in zip(j, places, strict=True))
-    translational = tuple(x - U[3 + a] * UDinv[3 + b] for x, (a, b) in zip(m, places, strict=True))
+    rotational = tuple(x - U[a] * UDinv[b] for x, (a, b) in zip(j, _PLACES, strict=True))
+    translational = tuple(x - U[3 + a] * UDinv[3 + b] for x, (a, b) in zip(m, _PLACES, strict=True))
     return rotational, tuple(x - U[i // 3] * UDinv[3 + i % 3] for i, x in enumerate(f)), translational
 
 

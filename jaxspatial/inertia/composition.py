@@ -4,6 +4,9 @@ In the reduced-mass form I1 + I2 + m1 m2 / m (|d|^2 1 - d d^T), d the distance o
 are positive semidefinite are added: nothing cancels, however far from the origin. [Featherstone 2008, 2.13]
 """
 
+# Of `jax.jit` and `jax.tree` the stubs say only a part.
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+
 import functools
 from collections.abc import Callable, Sequence
 from typing import Any, Self

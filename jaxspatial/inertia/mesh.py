@@ -1,5 +1,8 @@
 """What a closed surface of triangles encloses: volume, centre of mass and central inertia, by signed tetrahedra."""
 
+# Of arrays of NumPy, for which those of JAX stand too, the stubs say only a part.
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownVariableType=false
+
 import math
 from typing import Any
 

@@ -1,7 +1,8 @@
 """What a spatial inertia is: mass, centre of mass and central inertia; checked, made, told."""
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Self, TypeGuard, TypeVar
+import functools
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -83,7 +84,8 @@ def moved(M: _Kind, batch_shape: tuple[int, ...], com: jax.Array, central: jax.A
 
 def checked(operation: str, mass: Scalar, com: Vector3, six: Six | Matrix3, name: str = "central") -> list[Any]:
     """The three as arrays of one dtype over their common batch, the last by six entries."""
-    dtype = next((x.dtype for x in (mass, com, six) if _is_floating(x)), None)
+    arguments: tuple[Any, ...] = mass, com, six
+    dtype = next((x.dtype for x in arguments if has_dtype(x) and jnp.issubdtype(x.dtype, jnp.floating)), None)
     given = {
         f"{operation}: mass": check.as_float_array(mass, f"{operation}: mass", dtype, held=True),
         f"{operation}: com": check.as_vectors(com, f"{operation}: com", dtype, held=True),
@@ -96,8 +98,9 @@ def checked(operation: str, mass: Scalar, com: Vector3, six: Six | Matrix3, name
     return [x if shapes[key] == batch else _broadcast(x, (*batch, *items[key])) for key, x in arrays.items()]
 
 
-def _is_floating(x: Any) -> TypeGuard[jax.Array]:
-    return isinstance(x, check.ARRAYS) and jnp.issubdtype(x.dtype, jnp.floating) and not isinstance(x, float)
+def has_dtype(x: Any) -> bool:
+    """Of its own: Python numbers, and np.float64, take that of others."""
+    return isinstance(x, check.ARRAYS) and not isinstance(x, float)
 
 
 def as_entries(x: Vector | Matrix3, name: str, n: int, dtype: DTypeLike | None = None) -> Any:
@@ -112,7 +115,9 @@ def as_entries(x: Vector | Matrix3, name: str, n: int, dtype: DTypeLike | None =
 
 def _broadcast(array: Any, shape: tuple[int, ...]) -> Any:
     if isinstance(array, DoubleWord):
-        return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), array)
+        over: Callable[[Any], Any] = functools.partial(jnp.broadcast_to, shape=shape)
+        return jax.tree.map(over, array)
     if isinstance(array, check.StandIn):
         return array.over_batch(shape[:-1])
-    return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, shape)
+    xp: Any = np if isinstance(array, np.ndarray) else jnp
+    return xp.broadcast_to(array, shape)

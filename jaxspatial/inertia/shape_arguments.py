@@ -10,7 +10,7 @@ import numpy as np
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.types import Amount, PrecisionName, Scalar, Vector, Vector3
 from jaxspatial.inertia import shape_formulas
-from jaxspatial.inertia.parts import Parts
+from jaxspatial.inertia.parts import Parts, has_dtype
 from jaxspatial.rotation.matrices import expanded
 
 _Inertia = TypeVar("_Inertia", bound=Parts)
@@ -40,7 +40,8 @@ class Given(TypedDict, total=False):
 def completed(cls: type[_Inertia]) -> type[_Inertia]:
     """Says for `help`, in docstring and signature of each constructor, what all take and do alike: see `Given`."""
     named = [inspect.Parameter(name, _BY_NAME, default=None, annotation=x) for name, x in Given.__annotations__.items()]
-    for function in (x.__func__ for x in vars(cls).values() if isinstance(x, classmethod)):
+    constructors: list[Any] = [x for x in vars(cls).values() if isinstance(x, classmethod)]
+    for function in (x.__func__ for x in constructors):
         *own, last = inspect.signature(function).parameters.values()
         if last.kind is last.VAR_KEYWORD:
             told, _, error = inspect.cleandoc(function.__doc__ or "").partition("\n\nError: ")
@@ -84,8 +85,8 @@ def made(
 
 def dtype_of(*values: Any) -> np.dtype | None:
     """That of the first of the values that has one, for all Python numbers; None if none has."""
-    leaves = jax.tree.leaves(values, is_leaf=lambda x: isinstance(x, check.StandIn))
-    return next((np.dtype(x.dtype) for x in leaves if isinstance(x, check.ARRAYS) and not isinstance(x, float)), None)
+    leaves: list[Any] = jax.tree.leaves(values, is_leaf=lambda x: isinstance(x, check.StandIn))
+    return next((np.dtype(x.dtype) for x in leaves if has_dtype(x)), None)
 
 
 def number(x: Scalar, name: str, dtype: np.dtype | None, may_be_zero: bool = False) -> jax.Array:

@@ -4,14 +4,12 @@ All formulas are over numbers: lengths and masses may be arrays over a batch, tr
 into the mass one factor at a time, so that nothing over- or underflows before the result does.
 """
 
-from collections.abc import Sequence
 from typing import Self, Unpack
 
-import chex
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.types import PrecisionName, Scalar, Vector, Vector3
+from jaxspatial.arithmetic.types import Matrix, PrecisionName, Scalar, Vector, Vector3
 from jaxspatial.inertia import mesh, shape_formulas
 from jaxspatial.inertia.parts import Parts
 from jaxspatial.inertia.shape_arguments import Given, completed, computed, dtype_of, known, made, number, single_amount
@@ -223,9 +221,7 @@ class Shapes(Parts):
         return cls(*computed(shape_formulas.solid_tetrahedron, precision, arrays, by=kind))
 
     @classmethod
-    def triangle_mesh(
-        cls, vertices: Vector, triangles: chex.Array | Sequence[Sequence[int]], **given: Unpack[Given]
-    ) -> Self:
+    def triangle_mesh(cls, vertices: Vector, triangles: Matrix, **given: Unpack[Given]) -> Self:
         """What a closed surface of triangles encloses, about P.
 
         A volume that is not positive (an open or inverted surface, or none) gives NaN for mass, by density, centre of

@@ -6,6 +6,9 @@ moments. Its eigenvalues s_i belong to the same axes: s_i = (l_j + l_k - l_i) / 
 Linear matrix inequalities for physically consistent inertial parameter identification]
 """
 
+# Of `jax.custom_jvp`, which `symmetric.eigen` is, and `jnp.finfo` the stubs say only a part.
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownVariableType=false
+
 import functools
 from fractions import Fraction
 from typing import Self

@@ -12,37 +12,26 @@
 
 # what a result should be, exactly
 from jaxspatial.measure import exact as exact
-from jaxspatial.measure.exact import evaluate as evaluate
-from jaxspatial.measure.exact import rationals as rationals
+from jaxspatial.measure.exact import evaluate as evaluate, rationals as rationals
 
 # how far off it is
 from jaxspatial.measure import error as error
-from jaxspatial.measure.error import agrees_when_not_finite as agrees_when_not_finite
-from jaxspatial.measure.error import in_u_of as in_u_of
-from jaxspatial.measure.error import in_ulps as in_ulps
-from jaxspatial.measure.error import in_ulps_of_norm as in_ulps_of_norm
-from jaxspatial.measure.error import in_units_of as in_units_of
-from jaxspatial.measure.error import ulp as ulp
-from jaxspatial.measure.error import unit_roundoff as unit_roundoff
+from jaxspatial.measure.error import agrees_when_not_finite as agrees_when_not_finite, in_u_of as in_u_of
+from jaxspatial.measure.error import in_ulps as in_ulps, in_ulps_of_norm as in_ulps_of_norm
+from jaxspatial.measure.error import in_units_of as in_units_of, ulp as ulp, unit_roundoff as unit_roundoff
 
 # arguments that cancel, as much as asked for
 from jaxspatial.measure import inputs as inputs
 
 # how long it takes
 from jaxspatial.measure import timing as timing
-from jaxspatial.measure.timing import interleaved as interleaved
-from jaxspatial.measure.timing import machine as machine
+from jaxspatial.measure.timing import interleaved as interleaved, machine as machine
 
 # the trade: of the operations in `OPERATIONS`, against condition numbers, of one's own function
-from jaxspatial.measure import conditions as conditions
-from jaxspatial.measure import power as power
-from jaxspatial.measure import trade as trade
-from jaxspatial.measure.operation import OPERATIONS as OPERATIONS
-from jaxspatial.measure.operation import Operation as Operation
-from jaxspatial.measure.recommend import Recommendation as Recommendation
-from jaxspatial.measure.recommend import recommend as recommend
+from jaxspatial.measure import conditions as conditions, power as power, trade as trade
+from jaxspatial.measure.operation import OPERATIONS as OPERATIONS, Operation as Operation
+from jaxspatial.measure.recommend import Recommendation as Recommendation, recommend as recommend
 
 # does it hold here
-from jaxspatial.measure.findings import Finding as Finding
-from jaxspatial.measure.findings import Report as Report
+from jaxspatial.measure.findings import Finding as Finding, Report as Report
 from jaxspatial.measure.self_check import self_check as self_check

@@ -26,6 +26,7 @@ _ROUNDS, _LIMIT = 11, 3.0
 _TURNING = {"revolute", "continuous", "helical", "universal", "ball"}
 
 State = tuple[jax.Array, jax.Array, jax.Array]
+Key = tuple[str, str]  # dtype and precision
 
 
 class Algorithm(NamedTuple):
@@ -92,9 +93,8 @@ def _group(algorithm: Algorithm, mechanism: Mechanism, lines: Sequence[Case], st
     """One algorithm, timed in turns; all in numbers of float32, which every dtype holds."""
     state = _state(algorithm, mechanism, states)
     wanted = [case[1:] for case in lines if case.operation == algorithm.name]
-    programs = {
-        key: _Program(algorithm, mechanism, state, key, advance) for key in {**dict.fromkeys(wanted), REFERENCE: 0}
-    }
+    needed = dict.fromkeys([*wanted, REFERENCE])
+    programs = {key: _Program(algorithm, mechanism, state, key, advance) for key in needed}
     seconds = timing.interleaved({key: programs[key] for key in wanted}, _ROUNDS, advance, _LIMIT)
     expected, unit = exact.rationals(programs[REFERENCE]()), algorithm.unit(mechanism)
     for key in wanted:
@@ -119,9 +119,7 @@ def _state(algorithm: Algorithm, mechanism: Mechanism, n: int) -> State:
 class _Program:
     """An algorithm for all states at once, compiled in a dtype and precision."""
 
-    def __init__(
-        self, algorithm: Algorithm, mechanism: Mechanism, state: State, key: tuple[str, str], advance: Advance
-    ):
+    def __init__(self, algorithm: Algorithm, mechanism: Mechanism, state: State, key: Key, advance: Advance):
         dtype, precision = key
         mechanism, self._is_wide = mechanism.astype(np.dtype(dtype)), dtype == "float64"
         with jax.enable_x64(self._is_wide):

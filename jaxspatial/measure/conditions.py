@@ -74,9 +74,8 @@ def _curves(operation: Operation, dtype: str, advance: Advance, seed: int):
         results = {p: np.asarray(_run(operation.name, p)(*arrays)[0]) for p in Precision}
     advance()
     bins = _bins(value, mag)
-    return [
-        Curve(operation.name, dtype, str(p), _points(operation, p, x, value, mag, bins)) for p, x in results.items()
-    ]
+    points = {p: _points(operation, p, x, value, mag, bins) for p, x in results.items()}
+    return [Curve(operation.name, dtype, str(p), found) for p, found in points.items()]
 
 
 @functools.cache
@@ -88,9 +87,8 @@ def _run(name: str, precision: Precision | str):
 def _bins(value: np.ndarray, mag: np.ndarray):
     """Condition numbers by factors of 10, as (condition, mask)."""
     condition = np.frompyfunc(lambda m, r: float(m / abs(r)) if r else np.inf, 2, 1)(mag, value).astype(np.float64)
-    decade = np.where(
-        np.isfinite(condition), np.round(np.log10(np.where(np.isfinite(condition), condition, 1))), np.inf
-    )
+    is_finite = np.isfinite(condition)
+    decade = np.where(is_finite, np.round(np.log10(np.where(is_finite, condition, 1))), np.inf)
     return [(float(np.median(condition[decade == d])), decade == d) for d in np.unique(decade)]
 
 

@@ -57,8 +57,7 @@ def _sizes(p: np.ndarray, tau: np.ndarray, f: np.ndarray, w: np.ndarray | None, 
 
 
 def _cross_of_sizes(a: np.ndarray, b: np.ndarray):
-    (a0, a1, a2), (b0, b1, b2) = (np.moveaxis(x, -1, 0) for x in (a, b))
-    return np.stack([a1 * b2 + a2 * b1, a2 * b0 + a0 * b2, a0 * b1 + a1 * b0], axis=-1)
+    return np.roll(a, -1, -1) * np.roll(b, 1, -1) + np.roll(a, 1, -1) * np.roll(b, -1, -1)
 
 
 def _both(F: SpatialForce, V: SpatialVelocity, p: jax.Array):

@@ -83,11 +83,13 @@ def arm():
     for i, (turn, at, mass, length) in enumerate(_LINKS):
         cylinder = SpatialInertia.solid_cylinder(np.float64(0.06), np.float64(length), mass=np.float64(mass))
         bodies.append(Body(f"link{i + 1}", shift(cylinder, np.array([0.0, 0.02, -length / 4]))))
-        joints.append(
-            Joint(f"joint{i + 1}", "revolute", parent, bodies[-1].name, axis=(0, 0, 1), placement=_at(at, turn))
-        )
+        joints.append(_hinge(i, parent, bodies[-1].name, (0, 0, 1), _at(at, turn)))
         parent = bodies[-1].name
     return bodies, joints
+
+
+def _hinge(i: int, parent: str, child: str, axis: npt.ArrayLike, placement: RigidTransform):
+    return Joint(f"joint{i + 1}", "revolute", parent, child, axis=axis, placement=placement)
 
 
 @_built
@@ -96,17 +98,7 @@ def chain(n: int, length: float = 0.1, mass: float = 0.2):
     rod = SpatialInertia.thin_rod(np.float64(length), np.array([0.0, 0.0, 1.0]), mass=np.float64(mass))
     rod = shift(rod, np.array([0.0, 0.0, -length / 2]))
     names = ["world", *(f"rod{i + 1}" for i in range(n))]
-    joints = [
-        Joint(
-            f"joint{i + 1}",
-            "revolute",
-            names[i],
-            names[i + 1],
-            axis=np.eye(3)[i % 2],
-            placement=_at((0, 0, i and length)),
-        )
-        for i in range(n)
-    ]
+    joints = [_hinge(i, names[i], names[i + 1], np.eye(3)[i % 2], _at((0, 0, i and length))) for i in range(n)]
     tip = Frame("tip", names[-1], _at((0.0, 0.0, length)))
     return [Body(name, rod) for name in names[1:]], joints, [tip]
 
@@ -114,12 +106,9 @@ def chain(n: int, length: float = 0.1, mass: float = 0.2):
 @_built
 def trolley(mass: float, load: float):
     """A trolley (kg) on a rail along x, from which a load (kg) hangs by a metre."""
-    bodies = [
-        Body("trolley", SpatialInertia.point_mass(np.zeros(3), mass=np.float64(mass))),
-        Body(
-            "load", shift(SpatialInertia.solid_sphere(np.float64(0.01), mass=np.float64(load)), np.array([0, 0, 1.0]))
-        ),
-    ]
+    ball = SpatialInertia.solid_sphere(np.float64(0.01), mass=np.float64(load))
+    body = SpatialInertia.point_mass(np.zeros(3), mass=np.float64(mass))
+    bodies = [Body("trolley", body), Body("load", shift(ball, np.array([0, 0, 1.0])))]
     joints = [
         Joint("rail", "prismatic", "world", "trolley", axis=(1, 0, 0)),
         Joint("rope", "revolute", "trolley", "load", axis=(0, 1, 0)),

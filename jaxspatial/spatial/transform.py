@@ -1,24 +1,26 @@
 """Rigid transforms: where a frame is and how it is turned, and what that makes of spatial vectors."""
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, Self, overload
 
 import jax
+import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.quantity import Quantity, require_alike
 from jaxspatial.arithmetic.tree import rebuilt, tree
-from jaxspatial.arithmetic.types import PrecisionName, Scalar
-from jaxspatial.rotation.matrices import expanded, matrices, shown
+from jaxspatial.arithmetic.types import BatchShape, DTypeLike, Matrix, PrecisionName, Scalar, Vector3
+from jaxspatial.rotation.matrices import as_matrices, expanded, matrices, owned, shown
 from jaxspatial.rotation.rotation import Rotation, composed, rotated
 from jaxspatial.spatial import transform_formulas as formulas
 from jaxspatial.spatial.arguments import require_kind
-from jaxspatial.spatial.transform_constructors import OVER_UNIT_TIME, Constructors
 from jaxspatial.spatial.velocity import SpatialVelocity
+
+_OVER_UNIT_TIME = " (over unit time)"
 
 
 @tree
-class RigidTransform(Constructors):
+class RigidTransform(Quantity):
     """X_AB: the pose of frame B in frame A. A point p_BoQ_B is p_AoQ_A = X_AB @ p_BoQ_B.
 
     rotation: Rotation R_AB
@@ -29,10 +31,80 @@ class RigidTransform(Constructors):
     translation: jax.Array
 
     if TYPE_CHECKING:
-        __init__ = Constructors.__init__
+
+        def __init__(self, rotation: Rotation, translation: Vector3): ...
+
+    def __post_init__(self) -> None:
+        """Checks what a caller passes; marks of a tree of axes or specs pass."""
+        if all(map(check.is_tree_mark, self.vectors)):
+            return
+        require_kind(self.rotation, Rotation, "RigidTransform: rotation")
+        p = check.as_vectors(self.translation, "RigidTransform: translation", self.rotation.dtype, held=True)
+        R, p = check.alike(rotation=self.rotation, translation=p).values()
+        batch = check.common_batch_shape(rotation=R.batch_shape, translation=p.shape[:-1])
+        entries, p = check.broadcast_batch(batch, R.entries, p)
+        object.__setattr__(self, "rotation", Rotation(entries))
+        object.__setattr__(self, "translation", owned(p))
 
     def __repr__(self) -> str:
         return f"RigidTransform({self.rotation!r}, translation={shown(self.translation, 3)})"
+
+    # -- construction --------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def identity(cls, batch_shape: BatchShape = (), dtype: DTypeLike | None = None) -> Self:
+        """The transform of a frame to itself, known while tracing. Exact.
+
+        Args:
+            batch_shape: shape of the batch.
+            dtype: of the numbers; None takes JAX's default.
+
+        Returns:
+            The transform (*batch_shape,).
+
+        Raises:
+            TypeError: the dtype is not floating point.
+        """
+        R = Rotation.identity(batch_shape, dtype)
+        return cls(R, np.zeros((*R.batch_shape, 3), R.dtype))
+
+    @classmethod
+    def from_matrix(cls, m: Matrix) -> Self:
+        """From homogeneous matrices, taken as they are, whatever their last row. Exact.
+
+        Args:
+            m: (*batch, 4, 4).
+
+        Returns:
+            The transform (*batch,).
+
+        Raises:
+            TypeError: m is not of floating point.
+            ValueError: the shape does not fit, or the upper left block is no rotation, as of `Rotation.from_matrix`.
+        """
+        found = matrices(as_matrices(m, "RigidTransform.from_matrix: m", 4), 4)
+        return cls(Rotation.from_matrix(found[..., :3, :3]), found[..., :3, 3])
+
+    @classmethod
+    def exp(cls, V: SpatialVelocity, *, precision: PrecisionName = None) -> Self:
+        """Where a frame gets in unit time that moves at V_AB_A, constant in both frames, from A.
+
+        Args:
+            V: SpatialVelocity (*batch,) about Ao, over unit time: w in rad, v in m.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            X_AB (*batch,).
+
+        Raises:
+            TypeError: V is no SpatialVelocity.
+
+        Error: as of `Rotation.exp`, of the translation at most 6 u |v|; beyond half a turn, 2 u |w| |v| more.
+        Source: Murray, Li, Sastry 1994, 2.36.
+        """
+        require_kind(V, SpatialVelocity, "RigidTransform.exp", _OVER_UNIT_TIME)
+        entries, p = formulas.exp(precision, V.w, V.v)
+        return cls(Rotation(entries), p)
 
     # -- to other forms -----------------------------------------------------------------------------------------------
 
@@ -151,7 +223,7 @@ class RigidTransform(Constructors):
         Error: at most 12 u normwise for |w| <= pi.
         Source: Barfoot 2017, 7.1.5.
         """
-        require_kind(V, SpatialVelocity, "RigidTransform.left_jacobian", OVER_UNIT_TIME)
+        require_kind(V, SpatialVelocity, "RigidTransform.left_jacobian", _OVER_UNIT_TIME)
         return matrices(formulas.left_jacobian(precision, V.w, V.v), 6)
 
     @staticmethod
@@ -171,7 +243,7 @@ class RigidTransform(Constructors):
         Error: at most 16 u normwise for |w| <= pi.
         Source: Barfoot 2017, 7.1.5.
         """
-        require_kind(V, SpatialVelocity, "RigidTransform.left_jacobian_inverse", OVER_UNIT_TIME)
+        require_kind(V, SpatialVelocity, "RigidTransform.left_jacobian_inverse", _OVER_UNIT_TIME)
         return matrices(formulas.left_jacobian_inverse(precision, V.w, V.v), 6)
 
     def to_motion_matrix(self) -> jax.Array:

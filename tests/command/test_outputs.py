@@ -15,8 +15,8 @@ import time
 import numpy as np
 import pytest
 
-from jaxspatial.command import files, interrupts, measuring
-from jaxspatial.command.cli import main
+from jaxspatial.command import files, measuring
+from jaxspatial.command.cli import interrupts_heard, main
 from jaxspatial.measure import scene, trade
 
 OFFSET = ["--offset", "0.1", "-0.2", "0.3"]
@@ -226,7 +226,7 @@ def test_an_interrupt_that_python_drops_comes_again(capfd):
         gc.callbacks.remove(callback)
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt), interrupts.heard():
+    with pytest.raises(KeyboardInterrupt), interrupts_heard():
         gc.callbacks.append(callback)
         gc.collect()
         for _ in range(500):
