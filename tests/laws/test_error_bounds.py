@@ -53,8 +53,8 @@ MOST = (*hostile.SURROUNDINGS, "eager", "inside a larger fusion")
 precisions = pytest.mark.parametrize("precision", js.Precision)
 
 
-def _contexts(name, dtype):
-    if name not in REPRESENTATIVES or dtype not in ("float32", "float64"):
+def _contexts(name, dtype, precision):
+    if name not in REPRESENTATIVES or dtype not in ("float32", "float64") or precision == "fast":
         return ("jit vmap", "single items")
     return CONTEXTS if name == REPRESENTATIVES[0] else MOST
 
@@ -79,7 +79,7 @@ def test_bound_of_the_docstring(name, dtype, precision):
     case = hostile.case(name, dtype)
     with jax.enable_x64(dtype == "float64"):
         arrays = [jnp.asarray(x) for x in case.arrays]
-        for how in _contexts(name, dtype):
+        for how in _contexts(name, dtype, precision):
             case.check(precision, CONTEXTS[how](case.operation.on_arrays(precision))(*arrays), how)
 
 
@@ -164,7 +164,7 @@ def _check_constants(whole, precision, constant, places):
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @precisions
-@pytest.mark.parametrize("name", ["shift_force", "shift_velocity", "dot_force_velocity"])
+@pytest.mark.parametrize("name", ["shift_force", slow("shift_velocity"), "dot_force_velocity"])
 def test_bound_when_all_terms_cancel(name, precision, dtype):
     """The torque is fl(p x f), the velocity orthogonal to fl: what is left is rounding errors only."""
     rng = np.random.default_rng(3)
@@ -192,10 +192,11 @@ def test_wrench_from_point_forces(n, dtype, precision):
     p, f = map(exact.sized, (points, forces))
     expected = np.cross(p, f).sum(-2), f.sum(-2)
     with jax.enable_x64(dtype == "float64"):
-        for context in (lambda g: g, lambda g: jax.jit(jax.vmap(g))):
-            F = context(lambda p, f: js.wrench_from_point_forces(p, f, precision=precision))(points, forces)
-            for computed, exactly in zip((F.tau, F.f), expected, strict=True):
-                assert not violations(of_sum(n, each=2), precision, computed, exactly).any()
+        # All of one as it is; the compiler has more to add up of more.
+        context = (lambda g: g) if n == 1 else lambda g: jax.jit(jax.vmap(g))
+        F = context(lambda p, f: js.wrench_from_point_forces(p, f, precision=precision))(points, forces)
+        for computed, exactly in zip((F.tau, F.f), expected, strict=True):
+            assert not violations(of_sum(n, each=2), precision, computed, exactly).any()
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
