@@ -163,6 +163,16 @@ def test_every_entry_is_rounded_once(dtype):
     assert rounded_once(found, [exact.from_quaternion(exact.vector(x)) for x in q], dtype, bounds.FROM_QUATERNION)
 
 
+def test_what_rounding_takes_of_the_squared_angle_is_made_up_for():
+    """Near half a turn, where it is largest: in the root mean square 1.3 u next to float64, beyond 1.4 u without."""
+    rng = np.random.default_rng(0)
+    d = rng.standard_normal((4000, 3))
+    w = (d / np.linalg.norm(d, axis=1)[:, None] * rng.uniform(2.5, 3.1, (4000, 1))).astype(np.float32)
+    found, exact_ones = (interpreted(lambda w: js.Rotation.exp(w).entries)(x) for x in (w, w.astype(float)))
+    errors = np.linalg.norm(found - exact_ones, axis=1) / np.sqrt(3)
+    assert np.sqrt((errors**2).mean()) <= 1.3 * 2.0**-24
+
+
 def rounded_references(dtype, angles):
     matrices, translations = references(dtype, angles)
     entries = np.array([list(m) for m in matrices], object).astype(float)
