@@ -150,10 +150,9 @@ def test_moments_and_forces_that_overflow_on_the_way_to_their_sums(how):
     points, forces = _moments_beyond(rng, 6, 8)
     largest = np.array([1.5e308, 1.0, -1.6e308])
     of_large = np.concatenate([np.tile(largest, (6, 4, 1)), np.tile(-largest * (1 - 2.0**-8), (6, 4, 1))], 1)
-    run = _sums("faithful", how)
     for p, f in ((points, forces), (rng.standard_normal(points.shape) / 16, of_large)):
         with jax.enable_x64(True):
-            tau, total = map(np.asarray, run(p, f))
+            tau, total = map(np.asarray, _sums("faithful", how)(p, f))
         _check_sums(tau, np.cross(sized(p), sized(f)))
         _check_sums(total, sized(f))
 
@@ -240,14 +239,11 @@ def test_results_are_finite_where_those_of_the_formula_are(name, dtype, precisio
 
 
 @precisions
-@pytest.mark.parametrize(("name", "dtype"), slow_but(USUAL, CASES))
+@pytest.mark.parametrize(("name", "dtype"), slow_but(USUAL, CASES[: -len(DTYPES)]))
 def test_nan_and_infinities_go_where_the_formula_takes_them(name, dtype, precision):
-    """A product of three is multiplied out: there it is one of NaN and infinity, not always the same one."""
+    """A product of three is multiplied out: there it is one of NaN and infinity, not always the same."""
     for computed, plain in zip(*_not_finite(name, dtype, precision), strict=True):
-        if name == "shift_acceleration":
-            np.testing.assert_array_equal(np.isfinite(computed), np.isfinite(plain))
-        else:
-            assert error.agrees_when_not_finite(computed, plain).all()
+        assert error.agrees_when_not_finite(computed, plain).all()
 
 
 @functools.cache
