@@ -87,16 +87,33 @@ def test_donated_memory_is_used(axis, dtype, precision):
         assert analysis is not None and analysis.alias_size_in_bytes == arrays[0].nbytes
 
 
-def test_pull_back_of_a_shared_item_is_rounded_once():
-    """A cotangent that cancels over the batch: the terms rounded one by one would leave nothing of it."""
-    f = jnp.float32([[1, 2**24, 0], [1, -(2**24), 0], [1, 1, 0]])
-    tau = jnp.zeros_like(f)
+def _pulled_back_to_a_shared_offset(precision, f):
+    """How the torque about z depends on an offset that a batch shares: minus the sum of f_y, and the sum of f_x."""
 
     def total(p):
-        shifted = jax.vmap(lambda tau, f: js.shift(js.SpatialForce(tau, f), p, precision="compensated").tau)(tau, f)
+        shifted = jax.vmap(lambda f: js.shift(js.SpatialForce(jnp.zeros_like(f), f), p, precision=precision).tau)(f)
         return shifted[:, 2].sum()
 
-    np.testing.assert_array_equal(jax.grad(total)(jnp.zeros(3, jnp.float32)), [-1, 3, 0])
+    return jax.grad(total)(jnp.zeros(3, f.dtype))
+
+
+@PRECISIONS
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_pull_back_of_a_shared_item_is_rounded_once(dtype, precision):
+    """A cotangent that cancels over the batch: the terms rounded one by one would leave nothing of it."""
+    with jax.enable_x64(dtype == "float64"):
+        large = 1 / unit_roundoff(dtype)
+        f = jnp.asarray([[1, large, 0], [1, -large, 0], [1, 1, 0]], dtype)
+        np.testing.assert_array_equal(_pulled_back_to_a_shared_offset(precision, f), [-1, 3, 0])
+
+
+@PRECISIONS
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_pull_backs_of_shared_items_side_by_side(axis, precision):
+    f = jnp.arange(4 * 5 * 3, dtype=jnp.float32).reshape(4, 5, 3)
+    found = jax.vmap(lambda f: _pulled_back_to_a_shared_offset(precision, f), axis)(jnp.moveaxis(f, 0, axis))
+    x, y, z = np.moveaxis(np.asarray(f.sum(1)), -1, 0)
+    np.testing.assert_array_equal(found, np.stack([-y, x, 0 * z], -1))
 
 
 def test_float64_inside_a_program_that_knows_none():
@@ -157,3 +174,20 @@ def test_long_sums_that_cancel(dtype):
         for a, b in zip(found, exact, strict=True):
             if abs(b) < Fraction(float(jnp.finfo(dtype).max)):
                 assert abs(Fraction(float(a)) - b) <= ulp(np.asarray([b]), dtype)[0]
+
+
+@pytest.mark.parametrize("n", [4, 8, 16])
+def test_numbers_whose_sum_overflows_on_the_way(n):
+    """Added in the order they come in, they would be infinite; with a product beside them, and in a loop, too."""
+    rng = np.random.default_rng(n)
+    halves = rng.uniform(1, 2, (30, n // 2)) * 2.0**1023
+    x = rng.permuted(np.concatenate([halves, -halves * (1 - 2.0**-20)], 1), axis=1)
+    y = np.ones((30, 2)) * 2.0**500
+
+    summed = formula(lambda x, y: functools.reduce(operator.add, x, y[0] * y[1]), of_sums=True)
+
+    with jax.enable_x64(True):
+        found = np.asarray(summed("faithful", jnp.asarray(x), jnp.asarray(y)))
+    for a, row in zip(found, x.tolist(), strict=True):
+        exact = sum(map(Fraction, row)) + 2**1000
+        assert abs(Fraction(float(a)) - exact) <= ulp(np.asarray([exact]), "float64")[0]
