@@ -298,9 +298,9 @@ def test_nothing_leaves_nothing_behind():
     limited = mech.replace(lower=np.full_like(mech.lower, -1))
 
     def plain(q, v, tau):
-        q, v, tau, dt = steps._checked("plain", mech, q, v, tau, 1e-3)
-        v = steps._euler(None, v, dt[..., None], js.forward_dynamics(mech, q, v, tau))
-        return js.integrate(mech, q, v, dt), v
+        q, v, tau, h = steps.checked("plain", mech, q=q, v=v, tau=tau, dt=1e-3)
+        v = steps._euler(None, v, h, js.forward_dynamics(mech, q, v, tau))
+        return js.integrate(mech, q, v, 1e-3), v
 
     def step(mech, q, v, tau):
         return js.semi_implicit_step(mech, q, v, tau, 1e-3, compliance=SOFT)
