@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +22,7 @@ class Operation(NamedTuple):
     arguments: str
     function: Callable
     # Over the arrays that the arguments consist of, see `formulas`. None: what takes roots, angles or decisions.
-    formula: Callable | None = None
+    formula: Any = None
     # Of the formula, per array of the result.
     bounds: tuple | None = None
     # The operation that runs the same formula, of other types: what is told of that one need not be told again.
