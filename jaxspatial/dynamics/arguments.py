@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import jax
-import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.dynamics.along import Array
@@ -31,8 +30,8 @@ def checked(operation: str, mechanism: object, **given: Any) -> tuple[Any, ...]:
     arrays = _arrays(operation, mechanism, {name: x for name, x in given.items() if x is not None})
     forces = _by_frame(operation, mechanism, given.get("external_forces") or {})
     named = {f"external_forces[{mechanism.frame_names[i]!r}]": F for i, F in forces.items()}
-    data = [x for x in jax.tree.leaves(mechanism) if not isinstance(x, np.ndarray)]
-    check.require_same_dtype(**arrays, **named, **({"mechanism": data[0]} if data else {}))
+    data = mechanism.first_data
+    check.require_same_dtype(**arrays, **named, **({} if data is None else {"mechanism": data}))
     batches = {name: F.batch_shape for name, F in named.items()}
     check.common_batch_shape(**{name: x.shape[:-1] for name, x in arrays.items()}, **batches)
     wrenches = {i: (F.tau, F.f) for i, F in forces.items()}

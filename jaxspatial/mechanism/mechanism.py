@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import jax
+import numpy as np
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.tree import tree_of
@@ -208,6 +209,11 @@ class Mechanism(Structure):
         """
         own = StaticMechanism(**vars(jax.tree.map(frozen, self.as_known())))
         return _STATIC.setdefault(own.contents, own)
+
+    @functools.cached_property
+    def first_data(self) -> Any:
+        """The first number that is not known, or None. Kept: every call of an algorithm asks for its dtype."""
+        return next((x for x in jax.tree.leaves(self) if not isinstance(x, np.ndarray)), None)
 
     def _as_tree(self, **changes: Any):
         """A Mechanism with leaves, of these numbers and others."""
