@@ -42,14 +42,44 @@ FOLDERS = {
             "arithmetic/test_precision.py",
             "arithmetic/sums/test_sums.py",
             "arithmetic/numbers/test_numbers.py",
+            "rotation/test_angles.py",
+            "spatial/test_quantities.py",
+            "arithmetic/numbers/test_double_word.py",
         ),
     ),
     "spatial": Folder(
         3,
-        ("spatial/test_wrench.py", "spatial/test_vector.py", "spatial/test_motion_force.py", "spatial/test_errors.py"),
+        (
+            "spatial/test_wrench.py",
+            "spatial/test_vector.py",
+            "spatial/test_motion_force.py",
+            "spatial/test_errors.py",
+            "inertia/test_newton_euler.py",
+            "spatial/test_quantities.py",
+        ),
     ),
-    "inertia": Folder(3, ("inertia/test_reduction.py", "inertia/test_parameters.py")),
-    "rotation": Folder(3, ("rotation/test_rotation.py", "rotation/test_directions.py", "rotation/test_conversions.py")),
+    "inertia": Folder(
+        3,
+        (
+            "inertia/test_reduction.py",
+            "inertia/test_parameters.py",
+            "inertia/test_articulated.py",
+            "inertia/test_newton_euler.py",
+            "inertia/test_inertia.py",
+            "inertia/test_validity.py",
+            "inertia/test_shapes.py",
+        ),
+    ),
+    "rotation": Folder(
+        3,
+        (
+            "rotation/test_rotation.py",
+            "rotation/test_directions.py",
+            "rotation/test_conversions.py",
+            "rotation/test_exponential.py",
+            "test_promises.py",
+        ),
+    ),
     "dynamics": Folder(1, ("dynamics/test_steps.py", "dynamics/test_loads.py")),
 }
 
@@ -75,6 +105,10 @@ EQUIVALENT: dict[tuple[str, str], str] = {
         "is_proper = (high(determinant) > -1) & (high(determinant) < math.inf)",
     ): "equivalent: the mean of s and 1/s takes singular values to 1 or more, so determinants from -1 to 0 to -1 or "
     "less, which the next step refuses; 0 is divided by",
+    (
+        "rotation/formulas.py",
+        "return vectors.flat(vectors.matrix_product(a, exponential.rotation(vectors.times(t[ -1], w))))",
+    ): "equivalent: t is one number",
 }
 
 
