@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 HERE = pathlib.Path(__file__).parent
 ROOT = HERE.parents[1]
-COPIED = ("jaxspatial", "tests", "pyproject.toml", "README.md")
+COPIED = ("jaxspatial", "tests", "notebooks", "pyproject.toml", "README.md")
 TIMEOUT = 300
 
 
