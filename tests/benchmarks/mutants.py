@@ -68,6 +68,7 @@ FOLDERS = {
             "inertia/test_inertia.py",
             "inertia/test_validity.py",
             "inertia/test_shapes.py",
+            "laws/test_error_bounds.py",
         ),
     ),
     "rotation": Folder(
