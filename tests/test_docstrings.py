@@ -6,7 +6,6 @@ import re
 import pytest
 
 import jaxspatial as js
-import jaxspatial.dynamics
 from jaxspatial.arithmetic import quantity
 
 

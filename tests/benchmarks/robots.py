@@ -148,7 +148,7 @@ def _largest(errors, is_by_inverse):
     if not own:
         return ""
     what = max(own, key=lambda what: own[what][0] if own[what][0] == own[what][0] else np.inf)
-    error, allowed = own[what]
+    error, _ = own[what]
     is_allowed = all(error <= allowed for error, allowed in own.values())
     is_more = error > min(allowed for _, allowed in errors.values())
     return f"{error:.1e} {what}" + (" +" * is_more if is_allowed else " **more than allowed**")

@@ -116,7 +116,7 @@ def body(rng):
 def alone(mech, name):
     """The chain of a name with its base: nothing side by side."""
     names = [x for x in mech.joint_names if x == "root" or x.startswith(f"j{name}")]
-    bodies, joints, frames = editing.parts(mech)
+    bodies, joints, _ = editing.parts(mech)
     kept = [j for j in joints if j.name in names]
     held = {j.child for j in kept}
     return js.Mechanism.build([b for b in bodies if b.name in held], kept, (), mech.gravity, mech.dtype)

@@ -67,7 +67,7 @@ def moved(mech, q, step):
 
 @trees
 def test_forward_after_inverse_is_the_identity(tree):
-    tau, M, *_, found = evaluated(tree)
+    _, M, *_, found = evaluated(tree)
     a = np.asarray(state(tree)[2])
     condition = max(np.linalg.cond(m) for m in M)
     assert abs(found - a).max() <= 64 * 2.0**-53 * condition * abs(a).max()

@@ -169,7 +169,7 @@ def state():
 @functools.cache
 def stepped(name, h):
     with mp.workdps(60):
-        q, v, tau = map(exact.numbers, state())
+        q, v, _ = map(exact.numbers, state())
         steps = exact.Steps(chain(), state()[2], h)
         return getattr(steps, name)(q, v), steps.accelerations(q, v), steps.mass_matrix(q)
 

@@ -212,7 +212,7 @@ def test_newton_and_euler_is_the_rate_of_momentum():
 
 @_law
 def test_featherstones_acceleration_is_the_rate_of_the_velocity_seen_from_a_fixed_point():
-    X, V, A = _motion(lambda t: _path(t)[0])
+    _, V, A = _motion(lambda t: _path(t)[0])
     spatial = A.to_featherstone(V)
     yield spatial[3:], A.a - jnp.cross(V.w, V.v), 100
     yield js.SpatialAcceleration.from_featherstone(spatial, V), A, 100

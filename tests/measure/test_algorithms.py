@@ -16,7 +16,7 @@ from tests.helpers.marks import slow
 def _forces(mass, load, state):
     """Of a trolley and its load, in 64 digits of a significand: m x'' + l (x'' - a'' cos a + a'^2 sin a), ..."""
     (_, angle), (_, rate), (a, spin) = (np.asarray(x).astype(np.longdouble).T for x in state)
-    mass, load, radius, g = (np.longdouble(np.float32(x)) for x in (mass, load, 0.01, 9.81))
+    mass, load, _, g = (np.longdouble(np.float32(x)) for x in (mass, load, 0.01, 9.81))
     swing = np.float32(0.4 * np.float64(np.float32(load)) * 0.01**2)
     along = (mass + load) * a - load * (spin * np.cos(angle) - rate**2 * np.sin(angle))
     about = (load + swing) * spin - load * a * np.cos(angle) + load * g * np.sin(angle)
