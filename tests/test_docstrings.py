@@ -56,6 +56,14 @@ def faults(function):
     return found
 
 
+@pytest.mark.parametrize("cls", CLASSES)
+def test_what_takes_no_object_is_static(cls):
+    """It can be called by an object too."""
+    own = {name: member for base in cls.__mro__[:-1] for name, member in vars(base).items()}
+    methods = {name: list(inspect.signature(f).parameters) for name, f in own.items() if inspect.isfunction(f)}
+    assert not {name: given for name, given in methods.items() if name[0] != "_" and given[:1] != ["self"]}
+
+
 @pytest.mark.parametrize("name", sorted(FUNCTIONS))
 def test_functions(name):
     assert not faults(FUNCTIONS[name])

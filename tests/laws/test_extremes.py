@@ -125,6 +125,29 @@ def _assert_infinite(computed, exact):
     np.testing.assert_array_equal(computed[beyond], signs[beyond])
 
 
+@precisions
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("beyond", [1.0, 2.0**-7], ids=["far", "near"])
+def test_a_double_word_beyond_the_largest_number_is_an_infinity(beyond, dtype, precision):
+    """Nothing beside it, of one item and of many; beyond: the largest number, in parts of it."""
+    big, one = (np.asarray([[0, 0, x]], jnp.dtype(dtype)) for x in (jnp.finfo(dtype).max, 1))
+    f, p, zero = big[:, [2, 0, 1]], one[:, [0, 2, 1]], np.zeros_like(one)
+    with jax.enable_x64(dtype == "float64"):
+        shifted = _shifted(precision)((-beyond * big).astype(big.dtype), f, js.DoubleWord(p, zero))
+        total = _moments(precision)(js.DoubleWord(np.tile(p, (4, 1)), np.tile(zero, (4, 1))), np.tile(f, (4, 1)))
+        for x in (shifted, total):
+            np.testing.assert_array_equal(np.asarray(x.hi, float).ravel(), [0, 0, -np.inf])
+            np.testing.assert_array_equal(np.asarray(x.lo, float).ravel(), [0, 0, 0])
+
+
+def _shifted(precision):
+    return jax.jit(lambda tau, f, p: js.shift(js.SpatialForce(tau, f), -p, precision=precision).tau)
+
+
+def _moments(precision):
+    return jax.jit(lambda p, f: js.wrench_from_point_forces(p, f, precision=precision).tau)
+
+
 def _moments_beyond(rng, n, items):
     """points, forces (n, items, 3): moments of pairs of items are beyond the largest number, their sums far below."""
     half = [rng.standard_normal((n, items // 2, 3)) * 2.0**k for k in (514, 513)]

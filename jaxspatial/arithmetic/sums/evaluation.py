@@ -206,7 +206,11 @@ class _Evaluation:
 
     def _rounded(self, accumulator: Any, state: Any) -> Sequence[Array]:
         dtype = self.arrays[0].dtype
-        return accumulator.pair(state, dtype) if self.plan.is_pair else [accumulator.round(state, dtype)]
+        if not self.plan.is_pair:
+            return [accumulator.round(state, dtype)]
+        high, low = accumulator.pair(state, dtype)
+        # Beside an infinity inf - inf, whose sum with it is NaN.
+        return high, lax.select(lax.is_finite(high), low, lax.full_like(low, 0))
 
     def _total(self, accumulator: Any, terms: Sequence[Term], share: float) -> Any:
         """The state of one component."""

@@ -24,7 +24,7 @@ class OverBatch(NamedTuple):
     words: Words
     merge: Callable[[Words, Words], Words]  # of the sum of two
     round: Callable[[Words, DTypeLike], jax.Array]
-    pair: Callable[[Words, DTypeLike], tuple[jax.Array, jax.Array]]
+    pair: Callable[[Words, DTypeLike], tuple[jax.Array, jax.Array]]  # the low word anything beside an infinity
 
 
 def with_zeros(states: Sequence[State]) -> list[State]:

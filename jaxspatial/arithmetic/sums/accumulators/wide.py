@@ -33,8 +33,7 @@ def _round(state: Words, dtype: DTypeLike) -> Array:
 def _pair(state: Words, dtype: DTypeLike) -> tuple[Array, Array]:
     """(hi, lo) of dtype with the sum of both as near as two of them get."""
     hi = _round(state, dtype)
-    low = state[0] - lax.convert_element_type(hi, state[0].dtype)
-    return hi, lax.convert_element_type(lax.select(lax.is_finite(hi), low, lax.full_like(low, 0)), dtype)
+    return hi, lax.convert_element_type(state[0] - lax.convert_element_type(hi, state[0].dtype), dtype)
 
 
 WIDE = Accumulator(
