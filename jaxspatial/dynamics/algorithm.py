@@ -21,9 +21,10 @@ from jaxspatial.arithmetic import numbers
 from jaxspatial.arithmetic.precision import Precision, resolve
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.dynamics import primitive, program
-from jaxspatial.dynamics.along import PyTreeDef
+from jaxspatial.dynamics.along import PyTreeDef, tuple_of
 from jaxspatial.dynamics.arguments import checked
 from jaxspatial.dynamics.program import Aval, Result
+from jaxspatial.dynamics.results import is_tuple
 from jaxspatial.dynamics.state import MechanismState
 from jaxspatial.dynamics.tangents import Differentiable
 from jaxspatial.mechanism import Mechanism
@@ -36,6 +37,8 @@ GEOMETRY = ("placements", *JOINTS)
 BODIES = (*GEOMETRY, "inertias")
 DYNAMICS = (*BODIES, "armature", "gravity")
 FRAMES = ("child_placements", "frame_placements")
+
+Static = tuple[tuple[str, Any], ...]  # arguments that are no arrays, by name
 
 
 class Known(ByContents):
@@ -54,7 +57,7 @@ class Algorithm(Differentiable, ByContents):
     topology: Topology
     tree: PyTreeDef
     known: tuple[Known | None, ...]
-    static: tuple[tuple[str, Any], ...]
+    static: Static
     dtype: np.dtype
     out_tree: Any = None
 
@@ -114,8 +117,7 @@ class Algorithm(Differentiable, ByContents):
         if at is not None:
             known[at] = None
         if arrays is not None:
-            leaf = jax.tree.structure(0)
-            tree = jax.tree_util.treedef_tuple([tree.children()[0], jax.tree_util.treedef_tuple([leaf] * arrays)])
+            tree = tuple_of(tree.children()[0], tuple_of(*[jax.tree.structure(0)] * arrays))
             known, static = [*known[: self.n_fields + 1], *[None] * (arrays - 1)], ()
         static = tuple(sorted((*static, *more.items())))
         own = self.precision, self.topology, tree, tuple(known), static, self.dtype
@@ -151,26 +153,14 @@ class Algorithm(Differentiable, ByContents):
 
 
 def _is_result(x: object):
-    return numbers.is_number(x) or (type(x) is tuple and all(map(numbers.is_number, x)))
+    return numbers.is_number(x) or (is_tuple(x) and all(map(numbers.is_number, x)))
 
 
 # -- programs that are there ------------------------------------------------------------------------------------------
 
-# Equal programs are one. Those of known numbers live as long as a mechanism that they were made for.
-_PROGRAMS, _KEPT = weakref.WeakValueDictionary(), weakref.WeakValueDictionary()
-_OF_DATA = {}
-_OF_MECHANISM = weakref.WeakKeyDictionary()
-# Those that were called outside of any transformation, by what they have in common but for numbers.
-_CALLED = {}
-
 
 class ManyProgramsWarning(UserWarning):
     """One algorithm was compiled for the numbers of many mechanisms of one structure."""
-
-
-def interned(own: Algorithm) -> Algorithm:
-    """The one program that is equal to this."""
-    return _PROGRAMS.setdefault(own.contents, own)
 
 
 class _Kept:
@@ -178,31 +168,74 @@ class _Kept:
     would then keep for good."""
 
     def __init__(self, own: Algorithm):
+        def call(n_batch: int, data: list[jax.Array]) -> Any:
+            return own(data, n_batch)
+
         self.program = own
-        self.call = jax.jit(lambda n_batch, data: own(data, n_batch), static_argnums=0)
+        self.call: Callable[[int, list[Any]], Any] = jax.jit(call, static_argnums=0)
+
+
+# Equal programs are one. Those of known numbers live as long as a mechanism that they were made for.
+_PROGRAMS: weakref.WeakValueDictionary[Any, Algorithm] = weakref.WeakValueDictionary()
+_KEPT: weakref.WeakValueDictionary[Any, _Kept] = weakref.WeakValueDictionary()
+_OF_DATA: dict[Any, _Kept] = {}
+_OF_MECHANISM: weakref.WeakKeyDictionary[Mechanism, dict[Any, _Kept]] = weakref.WeakKeyDictionary()
+# Those that were called outside of any transformation, by what they have in common but for numbers.
+_CALLED: dict[Any, weakref.WeakSet[Algorithm]] = {}
+
+
+def interned(own: Algorithm) -> Algorithm:
+    """The one program that is equal to this."""
+    return _PROGRAMS.setdefault(own.contents, own)
+
+
+class _Given:
+    """What a program is called with: the leaves of (fields of a mechanism by name, arrays), and which are known."""
+
+    def __init__(self, fields: dict[str, Any], arrays: tuple[Any, ...]):
+        self.tree: PyTreeDef
+        self.leaves, self.tree = jax.tree.flatten((fields, arrays))
+        self.n_own = len(self.leaves) - len(jax.tree.leaves(arrays))
+        self.dtype = np.dtype(arrays[0].dtype)
+        self.tracing = any(isinstance(x, jax.core.Tracer) for x in self.leaves)
+        self.is_known = tuple(
+            isinstance(x, np.ndarray) and (i < self.n_own or (self.tracing and x.ndim == 1))
+            for i, x in enumerate(self.leaves)
+        )
+
+    def is_fixed(self):
+        """Whether all that is known is the mechanism's, and nobody can write to it."""
+        known = (x for x, k in zip(self.leaves, self.is_known, strict=True) if k)
+        return not any(self.is_known[self.n_own :]) and all(x.base is None and not x.flags.writeable for x in known)
+
+    def data(self) -> tuple[list[Any], int]:
+        """(what is not known, with batch axes in front, how many these are)."""
+        n_batch = len(np.broadcast_shapes((), *(x.shape[:-1] for x in self.leaves[self.n_own :])))
+        leaves = enumerate(zip(self.leaves, self.is_known, strict=True))
+        return [_over(x, i < self.n_own, n_batch) for i, (x, k) in leaves if not k], n_batch
+
+
+def _over(x: Any, is_own: bool, n_batch: int) -> Any:
+    """With as many batch axes in front: of size 1 where there are less."""
+    shape = (1,) * n_batch + x.shape if is_own else (1,) * (n_batch - x.ndim + 1) + x.shape
+    return x.reshape(shape) if shape != x.shape else x
 
 
 def _program(
-    kind: type[Algorithm], key: tuple[Any, ...], mechanism: Mechanism, given: Sequence[Any], n_own: int
+    kind: type[Algorithm], formula: Any, precision: Precision, static: Static, mechanism: Mechanism, given: _Given
 ) -> _Kept:
     """That of the numbers that are known. Of those that nobody can write to, it is found without looking at them."""
-    formula, precision, static, tree, is_known, dtype = key
+    key, is_fixed = (formula, precision, static, given.tree, given.is_known, given.dtype), given.is_fixed()
     mine = _OF_MECHANISM.setdefault(mechanism, {})
-    is_fixed = not any(is_known[n_own:]) and all(_is_fixed(x) for x, k in zip(given, is_known, strict=True) if k)
     if is_fixed and key in mine:
         return mine[key]
-    known = tuple(Known(x) if k else None for x, k in zip(given, is_known, strict=True))
-    own = kind(formula, precision, mechanism.topology.skeleton, tree, known, static, dtype)
+    known = tuple(Known(x) if k else None for x, k in zip(given.leaves, given.is_known, strict=True))
+    own = kind(formula, precision, mechanism.topology.skeleton, given.tree, known, static, given.dtype)
     kept = _KEPT.setdefault(own.contents, _Kept(interned(own)))
     if not any(known):
         _OF_DATA[own.contents] = kept
     mine[key if is_fixed else kept.program] = kept
     return kept
-
-
-def _is_fixed(x: np.ndarray):
-    """Whether nobody can write to it."""
-    return x.base is None and not x.flags.writeable
 
 
 def _count(own: Algorithm):
@@ -250,35 +283,17 @@ def algorithm(
         def call(
             precision: PrecisionName, mechanism: Mechanism, *arrays: Any, operation: str = name, **static: Any
         ) -> Any:
-            given = dict(zip(names, arrays, strict=False))
-            given = checked(operation, mechanism, **given, **static)
-            arrays, static = given[: len(arrays)], dict(zip(static, given[len(arrays) :], strict=True))
-            fields = {name: getattr(mechanism, name) for name in reads}
-            given, tree = jax.tree.flatten((fields, arrays))
-            n_own = len(jax.tree.leaves(fields))
-            tracing = any(isinstance(x, jax.core.Tracer) for x in given)
-            is_known = [
-                isinstance(x, np.ndarray) and (i < n_own or (tracing and x.ndim == 1)) for i, x in enumerate(given)
-            ]
-            dtype = np.dtype(arrays[0].dtype)
-            key = formula, resolve(precision), tuple(sorted(static.items())), tree, tuple(is_known), dtype
-            kept = _program(kind, key, mechanism, given, n_own)
-            data = [x for x, k in zip(given, is_known, strict=True) if not k]
-            batch = np.broadcast_shapes((), *(x.shape[:-1] for x in given[n_own:]))
-            n_mine = sum(not k for k in is_known[:n_own])
-            data = [_over(x, i < n_mine, len(batch)) for i, x in enumerate(data)]
-            if tracing:
-                return kept.program(data, len(batch))
+            found = checked(operation, mechanism, **dict(zip(names, arrays, strict=False)), **static)
+            options = tuple(sorted(zip(static, found[len(arrays) :], strict=True)))
+            given = _Given({name: getattr(mechanism, name) for name in reads}, found[: len(arrays)])
+            kept = _program(kind, formula, resolve(precision), options, mechanism, given)
+            data, n_batch = given.data()
+            if given.tracing:
+                return kept.program(data, n_batch)
             _count(kept.program)
-            return kept.call(len(batch), data)
+            return kept.call(n_batch, data)
 
         vars(call).update(formula=formula, kind=kind)
         return call
 
     return decorated
-
-
-def _over(x: Any, is_own: bool, n_batch: int) -> Any:
-    """With as many batch axes in front: of size 1 where there are less."""
-    shape = (1,) * n_batch + x.shape if is_own else (1,) * (n_batch - x.ndim + 1) + x.shape
-    return x.reshape(shape) if shape != x.shape else x

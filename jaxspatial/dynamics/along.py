@@ -1,9 +1,10 @@
 """Numbers that are arrays over bodies and states: rows taken, put side by side, added up."""
 
+import functools
 import itertools
 import operator
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -44,7 +45,16 @@ def mapped(function: OfWord, x: Number) -> Number:
 
 
 def mapped_tree(function: OfWord, tree: T) -> T:
-    return jax.tree.map(lambda x: mapped(function, x), tree, is_leaf=is_number)
+    return jax.tree.map(functools.partial(mapped, function), tree, is_leaf=is_number)
+
+
+def flattened(tree: Any) -> tuple[list[Any], PyTreeDef]:
+    """(the numbers of a tree, its form)."""
+    return cast(tuple[list[Any], PyTreeDef], jax.tree.flatten(tree, is_leaf=is_number))
+
+
+def tuple_of(*forms: PyTreeDef) -> PyTreeDef:
+    return cast(PyTreeDef, jax.tree_util.treedef_tuple(forms))
 
 
 def spread(x: Number, shape: Shape) -> Number:
@@ -56,8 +66,11 @@ def spread(x: Number, shape: Shape) -> Number:
 
 def stacked(parts: Numbers, shape: Shape, axis: int):
     """Numbers one beside the other along a new axis, each over the shape."""
-    full = [spread(x, shape) for x in parts]
-    return numbers.mapped(lambda *words: jnp.stack(words, axis), *full)
+
+    def side_by_side(*words: jax.Array):
+        return jnp.stack(words, axis)
+
+    return numbers.mapped(side_by_side, *(spread(x, shape) for x in parts))
 
 
 def abreast(trees: Sequence[Any]) -> Any:
@@ -67,9 +80,9 @@ def abreast(trees: Sequence[Any]) -> Any:
 
 def _each(trees: Sequence[Any], combined: Callable[[Numbers], Number]) -> Any:
     """The leaves of trees combined, but for what is known and alike."""
-    leaves = [jax.tree.leaves(tree, is_leaf=is_number) for tree in trees]
+    leaves, forms = zip(*map(flattened, trees), strict=True)
     found = [xs[0] if alike(xs) else combined(xs) for xs in zip(*leaves, strict=True)]
-    return jax.tree.unflatten(jax.tree.structure(trees[0], is_leaf=is_number), found)
+    return jax.tree.unflatten(forms[0], found)
 
 
 def _common_shape(xs: Numbers):
@@ -78,7 +91,11 @@ def _common_shape(xs: Numbers):
 
 def joined(parts: Numbers):
     """Numbers one behind the other along their first axis."""
-    return parts[0] if len(parts) == 1 else numbers.mapped(lambda *words: jnp.concatenate(words), *parts)
+    return parts[0] if len(parts) == 1 else numbers.mapped(concatenated, *parts)
+
+
+def concatenated(*words: jax.Array):
+    return jnp.concatenate(words)
 
 
 def split(function: Callable[[Number], Numbers], parts: Numbers) -> list[Numbers]:

@@ -1,7 +1,7 @@
 """What a caller passes to an algorithm, checked in one place: a mechanism, and what goes with it, by its name."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import jax
 
@@ -44,7 +44,7 @@ def checked(operation: str, mechanism: object, **given: Any) -> tuple[Any, ...]:
 def _arrays(operation: str, mechanism: Mechanism, given: dict[str, Any]) -> dict[str, jax.Array]:
     sizes = dict.fromkeys(("q", "q0", "q1"), mechanism.nq) | dict.fromkeys(("v", "vdot", "tau"), mechanism.nv)
     # Lists of numbers take the dtype of an array beside them.
-    dtype = next((x.dtype for name, x in given.items() if name in sizes and isinstance(x, check.ARRAYS)), None)
+    dtype = next((given[name].dtype for name in given if name in sizes and isinstance(given[name], check.ARRAYS)), None)
     found = {
         name: check.as_vectors(x, f"{operation}: {name}", dtype, sizes[name])
         for name, x in given.items()
@@ -60,7 +60,8 @@ def _by_frame(operation: str, mechanism: Mechanism, forces: Any) -> dict[int, Sp
     what = f"{operation}: external_forces"
     if not isinstance(forces, dict):
         raise TypeError(f"{what}: expected SpatialForces in a dict by name of a frame, got {type(forces).__name__}")
-    found = {_frame_number(what, mechanism, name): F for name, F in forces.items()}
+    by_name = cast(dict[str, Any], forces)
+    found = {_frame_number(what, mechanism, name): F for name, F in by_name.items()}
     for i, F in found.items():
         if not isinstance(F, SpatialForce):
             name = mechanism.frame_names[i]

@@ -11,7 +11,7 @@ from jaxspatial.dynamics.state import MechanismState
 
 def by_coordinates(state: MechanismState, matrix: Number):
     """A matrix (nv, nv, B) with columns by rates, as one with columns by coordinates, kind by kind."""
-    t, found, places = state.topology, [], []
+    t, found, places = state.topology, list[Number](), list[np.ndarray]()
     for own in state.kind_states:
         bodies = own.bundle.own_bodies
         rates = [_columns(matrix, np.array(t.v_starts)[bodies] + k) for k in range(own.kind.nv)]

@@ -1,6 +1,6 @@
 """Systems of linear equations in numbers, (n, n, B): in the precision that an algorithm has."""
 
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -26,20 +26,21 @@ def solved(M: Number, b: Number) -> Number:
         is_none = high(pivot) <= 0
         scale = where(is_none, 0.0, 1 / where(is_none, 1.0, pivot))
         here = (np.arange(n, dtype=np.int32) == k).reshape((n, *[1] * len(shape)))
-        column = mapped(lambda w: lax.dynamic_index_in_dim(w, k, 1, keepdims=False), left)
+        column = _row(left, k, 1)
         factor = where(here, scale * 0.0, column * _lifted(scale))
         rest = left - mapped(lambda w: w[:, None], factor) * _lifted(row)
         right = where(here, where(is_none, 0.0, right), right - factor * _lifted(own))
         return data_of([as_data(rest), as_data(right)])
 
-    left, right = with_data(start, lax.fori_loop(0, n, eliminated, data_of(start)))
+    found = cast(list[Any], lax.fori_loop(0, n, eliminated, data_of(start)))
+    left, right = with_data(start, found)
     diagonal = along.joined([mapped(lambda w, k=k: w[k, k][None], left) for k in range(n)])
     is_none = high(diagonal) <= 0
     return where(is_none, 0.0, right / where(is_none, 1.0, diagonal))
 
 
-def _row(x: Number, k: Any):
-    return mapped(lambda w: lax.dynamic_index_in_dim(w, k, 0, keepdims=False), x)
+def _row(x: Number, k: Any, axis: int = 0):
+    return mapped(lambda w: cast(jax.Array, lax.dynamic_index_in_dim(w, k, axis, keepdims=False)), x)
 
 
 def _lifted(x: Number):

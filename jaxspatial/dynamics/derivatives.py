@@ -235,7 +235,7 @@ def _rates(link: Link, motion: BodyMotion) -> JointRates:
     V, A = (motion.w, zero), (motion.alpha, motion.a)
     before = vectors.minus(motion.w, w_r), tuple(-x for x in v_r)
     across_it = vectors.plus(dw, vectors.cross(motion.w, w_r)), vectors.plus(dv, vectors.cross(motion.w, v_r))
-    parents = tuple(vectors.minus(a, b) for a, b in zip(A, across_it, strict=True))
+    parents = minus(A, across_it)
     if link.joint.kind.is_sequential:
         return along.abreast(_one_by_one(link, before, parents))
     together = along.abreast(S)

@@ -1,8 +1,9 @@
 """Forward dynamics: how a mechanism moves under forces at its joints, by articulated bodies."""
 
+import functools
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -138,7 +139,7 @@ class OverColumns(program.Program):
 
     def evaluate(self, *arrays: jax.Array):
         *own, columns = arrays
-        (found,) = lax.map(lambda column: self.of.evaluate(*own, column), jnp.moveaxis(columns, 1, 0))
+        (found,) = cast(Any, lax.map(functools.partial(self.of.evaluate, *own), jnp.moveaxis(columns, 1, 0)))
         return [jnp.moveaxis(found, 0, 1)]
 
 

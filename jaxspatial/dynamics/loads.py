@@ -25,7 +25,7 @@ def loads(state: MechanismState, forces: Wrenches, of_load: OfLoad | None = None
     """
     of_load = of_load or (lambda tau, f, p_JF: ())
     nothing = (state.no_vector, state.no_vector, of_load(*(state.no_vector,) * 3))
-    on_bodies = {}
+    on_bodies: dict[int, Load] = {}
     placed = poses(state) if forces else []
     for frame, F in forces.items():
         body = state.topology.frames[frame][1]

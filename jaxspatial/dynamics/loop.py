@@ -6,14 +6,14 @@ one group of chains ends and another begins, states wait in a memory. A bundle o
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic.numbers import as_data, data_of, is_number, noinline, with_data
+from jaxspatial.arithmetic.numbers import as_data, data_of, noinline, with_data
 from jaxspatial.dynamics import along
 from jaxspatial.dynamics.along import PyTreeDef
 from jaxspatial.mechanism.topology import Bundle
@@ -60,8 +60,8 @@ def _along(length: int, word: jax.Array):
 def _loop(step: Step, numbers: Any, start: Any, turns: Turns, shape: tuple[int, int]) -> tuple[Any, Any, Any]:
     """A loop over the rows of a bundle. A known number of the state that a step changes is none: tried again, with it
     as data, until nothing changes."""
-    given, tree = jax.tree.flatten(start, is_leaf=is_number)
-    kept = jax.tree.leaves(turns.kept, is_leaf=is_number) if turns.rows else given
+    given, tree = along.flattened(start)
+    kept = along.flattened(turns.kept)[0] if turns.rows else given
     is_known = [along.alike([x, k]) for x, k in zip(given, kept, strict=True)]
     while True:
         tried = _Tried(step, tree, numbers, turns, shape, is_known)
@@ -78,9 +78,10 @@ class _Tried:
         self, step: Step, tree: PyTreeDef, numbers: Any, turns: Turns, shape: tuple[int, int], is_known: list[bool]
     ):
         self.step, self.tree, self.turns, self.shape, self.is_known = step, tree, turns, shape, is_known
-        self.numbers, self.own_tree = jax.tree.flatten(numbers, is_leaf=is_number)
+        self.numbers, self.own_tree = along.flattened(numbers)
         self.changed = [False] * len(is_known)
-        self.given, self.results = [], ([], None)
+        self.given: list[Any] = []
+        self.results: tuple[list[Any], PyTreeDef] = [], None
 
     def run(self, given: list[Any], kept: list[Any]) -> tuple[Any, Any, Any]:
         """(the results, the last state, the memory)."""
@@ -89,7 +90,7 @@ class _Tried:
         start = data_of(self.given), data_of(self._spread(kept, memory)) if turns.rows else None
         rows = [jnp.asarray(x, np.int32) for x in (turns.at, turns.put, turns.get)] if turns.rows else None
         # A pull-back runs steps again: it reads what it would have to keep of them more slowly.
-        again = jax.checkpoint(self._row, prevent_cse=False)
+        again = cast(Step, jax.checkpoint(self._row, prevent_cse=False))
         (last, kept_last), stacked = lax.scan(again, start, (data_of(self.numbers), rows), reverse=turns.is_reverse)
         leaves, tree = self.results
         results = jax.tree.unflatten(tree, with_data(leaves, stacked))
@@ -103,7 +104,7 @@ class _Tried:
 
     def _data(self, new: Any, shape: tuple[int, int]) -> list[Any]:
         """Of a new state what is not known, and a note of what is known no more."""
-        new = jax.tree.leaves(new, is_leaf=is_number)
+        new = along.flattened(new)[0]
         lost = [k and not along.alike([x, y]) for x, y, k in zip(self.given, new, self.is_known, strict=True)]
         self.changed = [a or b for a, b in zip(self.changed, lost, strict=True)]
         return data_of([as_data(along.spread(y, shape)) for y, k in zip(new, self.is_known, strict=True) if not k])
@@ -111,11 +112,11 @@ class _Tried:
     def _row(self, carry: tuple[Any, Any], given: tuple[Any, Any]) -> tuple[Any, Any]:
         (state, kept), (own, rows) = carry, given
         result, new = self.step(jax.tree.unflatten(self.own_tree, with_data(self.numbers, own)), self._state(state))
-        self.results = jax.tree.flatten(result, is_leaf=is_number)
+        self.results = along.flattened(result)
         state = self._data(new, self.shape)
         if rows:
             at, put, get = rows
-            kept, state = lax.cond(at > 0, self._turn, lambda kept, state, *_: (kept, state), kept, state, put, get)
+            kept, state = cast(Any, lax.cond(at > 0, self._turn, _unchanged, kept, state, put, get))
         return (state, kept), data_of(self.results[0])
 
     def _turn(self, kept: Any, state: Any, put: jax.Array, get: jax.Array):
@@ -127,9 +128,13 @@ class _Tried:
                 functools.partial(lax.dynamic_update_slice_in_dim, start_index=put[c], axis=0), kept, new
             )
         begin = [_chains(kept, get[c]) for c in range(self.shape[0])]
-        return kept, jax.tree.map(lambda *words: jnp.concatenate(words), *begin)
+        return kept, jax.tree.map(along.concatenated, *begin)
+
+
+def _unchanged(kept: Any, state: Any, *_: Any):
+    return kept, state
 
 
 def _chains(data: Any, k: Any) -> Any:
     """One chain, or one row of the memory."""
-    return jax.tree.map(lambda w: lax.dynamic_slice_in_dim(w, k, 1), data)
+    return jax.tree.map(functools.partial(lax.dynamic_slice_in_dim, start_index=k, slice_size=1), data)

@@ -1,6 +1,6 @@
 """The mass matrix, by composite rigid bodies, and its factors."""
 
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -173,7 +173,7 @@ class MassMatrixFactor:
         Error: at most nv u (2 sum |log L_ii| + 4 nv (nv + 1) cond(M)), in addition to nv cond(M) times that of
             `mass_matrix`.
         """
-        return 2 * jnp.log(jnp.diagonal(self.L, axis1=-2, axis2=-1)).sum(-1)
+        return 2 * jnp.log(self.L.diagonal(axis1=-2, axis2=-1)).sum(-1)
 
 
 def mass_matrix_factor(mechanism: Mechanism, q: Coordinates, *, precision: PrecisionName = None) -> MassMatrixFactor:
@@ -206,8 +206,8 @@ def factored(M: jax.Array):
 
 def _factor(M: jax.Array) -> jax.Array:
     """L of M, by Cholesky from the last rate to the first, which fills no zero in."""
-    backward = jnp.flip(_wide(M), (-2, -1))
-    return jnp.flip(jnp.linalg.cholesky(backward), (-2, -1)).swapaxes(-1, -2)
+    backward = cast(jax.Array, jnp.linalg.cholesky(jnp.flip(_wide(M), (-2, -1))))
+    return jnp.flip(backward, (-2, -1)).swapaxes(-1, -2)
 
 
 def _solved(L: jax.Array, tau: Array) -> jax.Array:

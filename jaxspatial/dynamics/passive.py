@@ -2,7 +2,7 @@
 
 import functools
 import operator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -112,12 +112,12 @@ def resistance(
     return _coefficients(precision, v, damping, friction, jnp.broadcast_to(friction_speed, friction.shape))
 
 
-def is_nothing(x: Any):
+def is_nothing(x: Array):
     """True for zeros known while tracing."""
     return isinstance(x, np.ndarray) and not x.any()
 
 
-def _is_infinite(x: Any):
+def _is_infinite(x: Array):
     return isinstance(x, np.ndarray) and np.isinf(x).all()
 
 
@@ -140,11 +140,11 @@ def _checked(mechanism: Mechanism, like: Array, compliance: object):
 
 def _per_rate(mechanism: Mechanism, like: Array, name: str, x: Any) -> Array:
     dtype = np.dtype(like.dtype)
-    x = check.as_float_array(x, f"compliance: {name}", dtype)
-    check.require_same_dtype(state=like, **{name: x}) if not isinstance(x, np.ndarray) else None
-    if x.shape not in ((), (mechanism.nv,)):
-        raise ValueError(f"compliance: {name}: expected a number or shape ({mechanism.nv},), got {x.shape}")
-    return (np if isinstance(x, np.ndarray) else jnp).broadcast_to(x, (mechanism.nv,)).astype(dtype)
+    array = cast(Array, check.as_float_array(x, f"compliance: {name}", dtype))
+    check.require_same_dtype(state=like, **{name: array}) if not isinstance(array, np.ndarray) else None
+    if array.shape not in ((), (mechanism.nv,)):
+        raise ValueError(f"compliance: {name}: expected a number or shape ({mechanism.nv},), got {array.shape}")
+    return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, (mechanism.nv,)).astype(dtype)
 
 
 # -- formulas ---------------------------------------------------------------------------------------------------------
@@ -183,7 +183,7 @@ def _of_joints(own: KindState, v: Array, compliance: Compliance, with_resistance
 
 def _resisting(own: KindState, v: Array, compliance: Compliance) -> list[Numbers]:
     damping, friction = (own.state.fields[name] for name in ("damping", "friction_loss"))
-    rates, terms = own.rates(v), []
+    rates, terms = own.rates(v), list[Numbers]()
     if not is_nothing(own.rows(damping)):
         terms.append([-d * x for d, x in zip(own.rates(damping), rates, strict=True)])
     if not is_nothing(own.rows(friction)):

@@ -7,12 +7,13 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
@@ -32,8 +33,8 @@ def _abstract(*avals: Any, program: Program, n_batch: int) -> list[Any]:
     sizes = [size if math.prod(a.shape[:n_batch]) > 1 else 1 for a in avals]
     specs = [a.sharding.spec for a in avals]
     common = [next((s[k] for s in specs if s[k] is not None), None) for k in range(n_batch)]
-    varying = frozenset().union(*(a.mat.varying for a in avals))
-    found = []
+    varying = frozenset[Any]().union(*(a.mat.varying for a in avals))
+    found: list[Any] = []
     for i, (shape, dtype) in enumerate(program.outputs(items, sizes)):
         owner = program.owner(i)
         if owner is not None:
@@ -187,24 +188,28 @@ def _lowering(in_blocks: bool) -> Callable[..., Any]:
     def rule(context: Any, *arrays: Any, program: Program, n_batch: int) -> Any:
         """Without shardings and manual axes in the types: the arithmetic is elementwise, for the compiler to split."""
         with jax.sharding.use_abstract_mesh(_NO_MESH):
-            plain = [jax.core.ShapedArray(a.shape, a.dtype) for a in context.avals_in]
-            evaluated = mlir.lower_fun(functools.partial(run, program, n_batch, in_blocks), multiple_results=True)
-            return evaluated(context.replace(avals_in=plain), *arrays)
+            plain = [ShapedArray(a.shape, a.dtype) for a in context.avals_in]
+            own = functools.partial(run, program, n_batch, in_blocks)
+            return cast(Any, mlir.lower_fun(own, multiple_results=True))(context.replace(avals_in=plain), *arrays)
 
     return rule
 
 
 @functools.lru_cache(maxsize=64)
 def _compiled(program: Program, n_batch: int) -> Callable[..., list[jax.Array]]:
-    """The program on its own, for calls outside of any transformation."""
     return jax.jit(functools.partial(_program_p.bind, program=program, n_batch=n_batch))
 
 
+def _alone(*arrays: jax.Array, program: Program, n_batch: int):
+    """The results outside of any transformation."""
+    return _compiled(program, n_batch)(*arrays)
+
+
 _NO_MESH = jax.sharding.AbstractMesh((), ())
-_program_p = Primitive("jaxspatial_program")
+_program_p: Any = Primitive("jaxspatial_program")
 _program_p.multiple_results = True
 _program_p.def_abstract_eval(_abstract)
-_program_p.def_impl(lambda *arrays, program, n_batch: _compiled(program, n_batch)(*arrays))
+_program_p.def_impl(_alone)
 mlir.register_lowering(_program_p, _lowering(False))
 mlir.register_lowering(_program_p, _lowering(True), platform="cpu")
 ad.primitive_jvps[_program_p] = _jvp

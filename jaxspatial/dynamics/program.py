@@ -6,10 +6,11 @@ whichever axes a caller maps it: (L, W, B), L joints along a chain, W chains sid
 
 import functools
 from collections.abc import Callable, Hashable, Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import jax
 import numpy as np
+from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 from jax.interpreters import partial_eval as pe
 
 T = TypeVar("T")
@@ -94,8 +95,8 @@ class Traced:
 
         closed = jax.make_jaxpr(flat)(*avals)
         jaxpr, _ = pe.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
-        self.closed = jax.extend.core.ClosedJaxpr(jaxpr, closed.consts)
+        self.closed = ClosedJaxpr(jaxpr, closed.consts)
         self.out_avals = closed.out_avals
 
     def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
-        return jax.extend.core.jaxpr_as_fun(self.closed)(*arrays)
+        return cast(list[jax.Array], jaxpr_as_fun(self.closed)(*arrays))

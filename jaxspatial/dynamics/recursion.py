@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import is_number, noinline
+from jaxspatial.arithmetic.numbers import noinline
 from jaxspatial.dynamics import along
 from jaxspatial.dynamics.loop import Join, Step, Turns, run
 from jaxspatial.dynamics.state import MechanismState
@@ -21,7 +21,7 @@ from jaxspatial.mechanism.topology import Bundle
 def outward(state: MechanismState, step: Step, root: Any, own: Sequence[Any]) -> list[Any]:
     """The results of every bundle: step(own, the state of the parent) gives (result, state of the body), with `root`
     for the state of the world."""
-    results, ends = [], {-1: root}
+    results, ends = list[Any](), {-1: root}
     for bundle, numbers in zip(state.bundles, own, strict=True):
         first = bundle.groups[0]
         start = [ends[i] for i in bundle.by_column(first, first.parents)]
@@ -38,7 +38,7 @@ def inward(
 ) -> list[Any]:
     """The results of every bundle: step(own, what its children pass on) gives (result, what is passed on). Of several
     children that is `joined`, by default added; `nothing` arrives at tips."""
-    arrived, results, joined = {}, [], joined or _added
+    arrived, results, joined = dict[int, Any](), list[Any](), joined or _added
     for bundle, numbers in zip(reversed(state.bundles), reversed(own), strict=True):
         first, last = bundle.groups[0], bundle.groups[-1]
         start = [arrived.pop(i, nothing) for i in bundle.by_column(last, last.ends)]
@@ -58,8 +58,8 @@ def _replaced(_: Any, new: Any) -> Any:
 
 
 def _added(a: Any, b: Any) -> Any:
-    leaves, tree = jax.tree.flatten(a, is_leaf=is_number)
-    return jax.tree.unflatten(tree, vectors.plus(tuple(leaves), tuple(jax.tree.leaves(b, is_leaf=is_number))))
+    (left, form), (right, _) = map(along.flattened, (a, b))
+    return jax.tree.unflatten(form, vectors.plus(tuple(left), tuple(right)))
 
 
 def _chain(tree: Any, c: int) -> Any:

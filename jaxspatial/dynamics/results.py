@@ -1,7 +1,7 @@
 """What was found bundle by bundle, put in the order of bodies, rates and coordinates, and rounded."""
 
 from collections.abc import Iterable, Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +16,11 @@ from jaxspatial.dynamics.along import Array
 from jaxspatial.mechanism.topology import Bundle, Topology
 
 T = TypeVar("T")
+
+
+def is_tuple(x: object) -> TypeGuard[tuple[Any, ...]]:
+    """Whether x is a plain tuple: neither a named one nor a list."""
+    return type(x) is tuple
 
 
 class Results:
@@ -66,12 +71,12 @@ class Results:
 
     # -- results ------------------------------------------------------------------------------------------------------
 
-    def rounded(self, x: Any) -> Any:
+    def rounded(self, x: object) -> Any:
         """A number, or a tuple of them, as an array (..., B): rounded once, to the dtype of q. Arrays as they are."""
         if numbers.is_number(x):
             array = jnp.asarray(stacking.as_array(x, self.dtype))
             return jnp.broadcast_to(array, (*array.shape[:-1], self.n))
-        if type(x) is tuple:
+        if is_tuple(x):
             return jnp.stack([self.rounded(c).reshape((self.n,)) for c in x])
         return x
 
@@ -110,7 +115,7 @@ class Results:
     ) -> tuple[Number, np.ndarray, np.ndarray]:
         """(numbers (rows, B), where each row belongs, the body that each is of)."""
         starts = np.array(self.topology.v_starts if of_rates else self.topology.q_starts)
-        pieces, places, bodies = [], [], []
+        pieces, places, bodies = list[Number](), list[np.ndarray](), list[np.ndarray]()
         for b, parts in zip(bundles, found, strict=True):
             if parts:
                 pieces.append(self._rows(b, parts, 2))
@@ -141,17 +146,17 @@ class Results:
 
     def words(self, found: Sequence[Any]) -> list[jax.Array]:
         """The arrays (..., B) that trees of numbers of bundles consist of, not rounded."""
-        full = []
+        full: list[Number] = []
         for b, tree in zip(self.bundles, found, strict=True):
             shape = b.length, b.width, self.n
-            leaves = jax.tree.leaves(tree, is_leaf=numbers.is_number)
+            leaves = along.flattened(tree)[0]
             own = (shape if numbers.is_constant(x) else (*numbers.shape_of(x)[:-1], self.n) for x in leaves)
             full += map(along.spread, leaves, own)
         return numbers.data_of(map(numbers.as_data, full))
 
     def of_words(self, arrays: Iterable[Array], form: Any) -> Any:
         """The tree of numbers that consists of these arrays, in the form of another."""
-        leaves, tree = jax.tree.flatten(form, is_leaf=numbers.is_number)
+        leaves, tree = along.flattened(form)
         like, found = self.known(0.0), iter(arrays)
         return jax.tree.unflatten(tree, [like.with_words(next(found) for _ in like.words) for _ in leaves])
 

@@ -9,10 +9,9 @@ import functools
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import numbers, vectors
+from jaxspatial.arithmetic import check, numbers, vectors
 from jaxspatial.arithmetic.functions import cosine_sine
 from jaxspatial.arithmetic.numbers import Motion, Number, Numbers, Rows, Symmetric, Three
 from jaxspatial.arithmetic.precision import Precision
@@ -168,7 +167,7 @@ class MechanismState(Results):
         few digits that it makes no difference in any precision: 2^-12 u."""
         if not isinstance(entries, np.ndarray):
             return entries
-        is_dust = abs(entries) < float(jnp.finfo(self.dtype).eps) * 2.0**-13
+        is_dust = abs(entries) < check.eps(self.dtype) * 2.0**-13
         return np.where(is_dust, 0, entries).astype(entries.dtype)
 
     def inertia(self, bundle: Bundle):

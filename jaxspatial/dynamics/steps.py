@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Number, Numbers, doubled
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates, Scalar
-from jaxspatial.dynamics.along import Array
+from jaxspatial.dynamics.along import Array, PyTreeDef
 from jaxspatial.dynamics.arguments import ExternalForces, checked
 from jaxspatial.dynamics.configuration import configuration_rates, integrate
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
@@ -102,14 +102,12 @@ def _each_accelerated(
     mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: Checked, forces: ExternalForces
 ) -> jax.Array:
     """Over a batch with a resistance, or a time, for each."""
-    given = *at, h, c
-    batch = np.broadcast_shapes(*(x.shape[:-1] for x in (*given, *jax.tree.leaves(forces))))
-    q, v, tau, h, c = check.broadcast_batch(batch, *given)
-    forces = jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, x.shape[-1])), forces)
+    leaves, tree = cast(tuple[list[Any], PyTreeDef], jax.tree.flatten((at, h, c, forces)))
+    batch = np.broadcast_shapes(*(x.shape[:-1] for x in leaves))
     function = functools.partial(_accelerated, mechanism, precision)
     for _ in batch:
         function = jax.vmap(function)
-    return function((q, v, tau), h, c, forces)
+    return function(*jax.tree.unflatten(tree, check.broadcast_batch(batch, *leaves)))
 
 
 def symplectic_step(

@@ -5,7 +5,7 @@ linear, its transpose the pull-back; of these there are tangents and pull-backs 
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -40,7 +40,7 @@ class Differentiable(Program):
 
     def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
         """The cotangents of the arguments that are linear, None for others."""
-        linear = tuple(map(ad.is_undefined_primal, arguments))
+        linear = tuple(ad.is_undefined_primal(x) for x in arguments)
         at = [zeros(x.aval) if is_linear else x for x, is_linear in zip(arguments, linear, strict=True)]
         return _placed(linear, bind(self.pullback(linear), [*at, *cotangents], n_batch))
 
@@ -106,7 +106,7 @@ class Tangent(Derived):
 
     def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
         at, tangents = self._split(arguments)
-        linear = list(map(ad.is_undefined_primal, tangents))
+        linear = [ad.is_undefined_primal(t) for t in tangents]
         places = [i for i, yes in enumerate(self.moving) if yes]
         moving = tuple(i in [p for p, yes in zip(places, linear, strict=True) if yes] for i in range(len(at)))
         at = [
@@ -129,7 +129,7 @@ class Pullback(Derived):
             return [jnp.broadcast_to(y, (n, *y.shape[1:])) for y in run(*chosen)]
 
         cotangents = [jnp.broadcast_to(c, (n, *c.shape[1:])) for c in cotangents]
-        return list(jax.vjp(over_all, *self._chosen(arguments))[1](cotangents))
+        return list(pullback(over_all, *self._chosen(arguments))(cotangents))
 
     def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
         return [(a.shape, a.dtype) for a in self._chosen(avals[: len(self.moving)])]
@@ -151,6 +151,10 @@ class Pullback(Derived):
 
     def needs_own(self, i: int):
         return i < len(self.moving) and self.moving[i]
+
+
+def pullback(function: Callable[..., Any], *at: Any):
+    return cast(Callable[[Any], tuple[Any, ...]], jax.vjp(function, *at)[1])
 
 
 def times_columns(matrix: jax.Array, columns: jax.Array):

@@ -5,7 +5,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,10 @@ from jaxspatial.dynamics.configuration import configuration_rates, difference, i
 from jaxspatial.dynamics.energy import kinetic_energy
 from jaxspatial.dynamics.inverse_dynamics import bias_forces
 from jaxspatial.dynamics.mass_matrix import factored, mass_matrix
+from jaxspatial.dynamics.tangents import pullback
 from jaxspatial.mechanism import Mechanism
+
+Two = tuple[jax.Array, jax.Array]
 
 
 def variational_step(
@@ -43,7 +46,7 @@ def variational_step(
         left = momentum + derivatives(q, integrate(mechanism, q, v, dt, precision=precision), v, dt)[0]
         return v + factor.solve(left if damping is None else left - damping * v)
 
-    v = jax.lax.fori_loop(0, iterations, nearer, v)
+    v = cast(jax.Array, jax.lax.fori_loop(0, iterations, nearer, v))
     return integrate(mechanism, q, v, dt, precision=precision), v
 
 
@@ -63,8 +66,8 @@ def _action_derivatives(mechanism: Mechanism, precision: PrecisionName) -> Calla
         return kinetic_energy(mechanism, q, v, precision=precision).sum()
 
     def derivatives(q: jax.Array, following: jax.Array, v: jax.Array, dt: jax.Array) -> list[jax.Array]:
-        of_q, momentum = jax.grad(energy, (0, 1))(q, v)
-        _, of_motions = jax.vjp(functools.partial(difference, mechanism, precision=precision), q, following)
+        of_q, momentum = cast(Two, jax.grad(energy, (0, 1))(q, v))
+        of_motions = pullback(functools.partial(difference, mechanism, precision=precision), q, following)
         by_q, by_following = of_motions(momentum)
         both = (q, dt[..., None] * of_q + by_q), (following, by_following)
         return [_by_rates(mechanism, x, by_x, precision) for x, by_x in both]
@@ -75,8 +78,7 @@ def _action_derivatives(mechanism: Mechanism, precision: PrecisionName) -> Calla
 def _by_rates(mechanism: Mechanism, q: jax.Array, gradient: jax.Array, precision: PrecisionName) -> jax.Array:
     """The derivative by rates, of one by coordinates."""
     rates = functools.partial(configuration_rates, mechanism, q, precision=precision)
-    (found,) = jax.vjp(rates, jnp.zeros((*q.shape[:-1], mechanism.nv), q.dtype))[1](gradient)
-    return found
+    return pullback(rates, jnp.zeros((*q.shape[:-1], mechanism.nv), q.dtype))(gradient)[0]
 
 
 def _static(mechanism: Mechanism, q: jax.Array, external_forces: ExternalForces, precision: PrecisionName) -> jax.Array:

@@ -60,7 +60,7 @@ def _check_names(bodies: Sequence[Any], joints: Sequence[Any], frames: Sequence[
 
 
 def _check_unique(what: str, names: Iterable[str]):
-    seen = set()
+    seen: set[str] = set()
     for name in names:
         if name in seen:
             raise ValueError(f"Mechanism.build: {what}: {name!r} comes twice")

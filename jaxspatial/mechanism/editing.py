@@ -1,6 +1,7 @@
 """Mechanisms made of others: joints locked, subtrees taken out."""
 
 import dataclasses
+import operator
 from collections.abc import Mapping
 from typing import Any
 
@@ -88,12 +89,12 @@ def parts(mechanism: Mechanism) -> tuple[list[Body], list[Joint], list[Frame]]:
         raise TypeError("mechanism: expected known numbers (NumPy), got data; build, and replace numbers after")
     with in_double():
         n = len(mechanism.topology)
-        known = jax.tree.map(lambda x: x.astype(np.float64), mechanism.as_known())
+        known = jax.tree.map(operator.methodcaller("astype", np.float64), mechanism.as_known())
         return [_body(known, i) for i in range(n)], [_joint(known, i) for i in range(n)], _frames(known)
 
 
 def _item(tree: Any, i: int):
-    return jax.tree.map(lambda x: x[i], tree)
+    return jax.tree.map(operator.itemgetter(i), tree)
 
 
 def _body(mechanism: Mechanism, i: int):
@@ -166,7 +167,7 @@ def _transform(kind: type[JointKind], joint: Joint, q: np.ndarray):
 
 
 def _parameter(joint: Joint, p: Parameter):
-    found = tuple(map(_number, np.ravel(getattr(joint, p.name) if p.field else joint.parameters[p.name])))
+    found = tuple(map(_number, np.ravel(getattr(joint, p.name) if p.field else joint.parameters[p.name]).tolist()))
     return found if p.size > 1 else found[0]
 
 

@@ -2,7 +2,8 @@
 
 import dataclasses
 import json
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, cast
 
 import jax
 import jax.export
@@ -22,12 +23,13 @@ def _from_bytes(data: bytes):
 
 
 def _as_tuples(x: Any) -> Any:
-    return tuple(map(_as_tuples, x)) if isinstance(x, list) else x
+    return tuple(map(_as_tuples, cast(list[Any], x))) if isinstance(x, list) else x
 
 
 def _static_to_bytes(static: StaticMechanism):
     topology, arrays = static.contents
-    return json.dumps([dataclasses.astuple(topology), [(*x, data.hex()) for *x, data in arrays]]).encode()
+    written = [(name, shape, data.hex()) for name, shape, data in arrays]
+    return json.dumps([dataclasses.astuple(topology), written]).encode()
 
 
 def _static_from_bytes(data: bytes):
@@ -35,10 +37,12 @@ def _static_from_bytes(data: bytes):
     leaves = [np.frombuffer(bytes.fromhex(x), np.dtype(name)).reshape(shape) for name, shape, x in arrays]
     topology = Topology(*map(_as_tuples, topology))
     parameters = {p.name: 0 for p in registered_parameters(topology.kinds)}
-    structure = jax.tree.structure(
-        dataclasses.replace(Mechanism.build([], []), topology=topology, parameters=parameters)
-    )
-    return jax.tree.unflatten(structure, leaves).as_static()
+    like = dataclasses.replace(Mechanism.build([], []), topology=topology, parameters=parameters)
+    return jax.tree.unflatten(cast(Any, jax.tree.structure(like)), leaves).as_static()
+
+
+def _static_from_children(aux_data: Any, children: Sequence[Any]) -> Any:
+    return aux_data
 
 
 jax.export.register_pytree_node_serialization(
@@ -49,5 +53,5 @@ jax.export.register_pytree_node_serialization(
     serialized_name="jaxspatial.StaticMechanism",
     serialize_auxdata=_static_to_bytes,
     deserialize_auxdata=_static_from_bytes,
-    from_children=lambda static, _: static,
+    from_children=_static_from_children,
 )

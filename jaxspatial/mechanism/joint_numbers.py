@@ -56,7 +56,7 @@ def spring_reference(joint: Joint):
 
 def per(joints: Iterable[Joint], name: str, size: str):
     """One number per rate or coordinate, of what is given per joint."""
-    found = []
+    found: list[np.ndarray] = []
     for joint in joints:
         n = getattr(KINDS[joint.kind], size)
         value = known(getattr(joint, name))

@@ -33,7 +33,7 @@ def read_only(mechanism: M) -> M:
     return jax.tree.map(_of_its_own, mechanism)
 
 
-def _of_its_own(x: Any) -> Any:
+def _of_its_own(x: jax.Array | np.ndarray):
     is_ready = not isinstance(x, np.ndarray) or (x.base is None and not x.flags.writeable)
     return x if is_ready else frozen(x)
 
@@ -42,9 +42,10 @@ def check_replaced(cls: type[Any], name: str, old: Any, new: Any):
     if old is None or name == "topology":
         fields = ", ".join(f.name for f in dataclasses.fields(cls) if f.name != "topology")
         raise TypeError(f"Mechanism.replace: expected one of {fields}, got {name!r}")
-    if jax.tree.structure(old) != jax.tree.structure(new):
-        expected, came = (type(x).__name__ for x in (old, new))
-        expected, came = (expected, came) if expected != came else map(jax.tree.structure, (old, new))
+    forms: list[Any] = [jax.tree.structure(x) for x in (old, new)]
+    if forms[0] != forms[1]:
+        names = [type(x).__name__ for x in (old, new)]
+        expected, came = names if names[0] != names[1] else forms
         raise TypeError(f"Mechanism.replace: {name}: expected {expected}, got {came}")
     for a, b in zip(jax.tree.leaves(old), jax.tree.leaves(new), strict=True):
         if np.shape(a) != np.shape(b):

@@ -2,10 +2,11 @@
 
 import dataclasses
 import functools
+import operator
 import pathlib
 import weakref
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -185,11 +186,11 @@ class Mechanism(Structure):
     def astype(self, dtype: DTypeLike | None) -> "Mechanism":
         """Converts all arrays to a dtype, JAX's default for None. What is known stays known."""
         dtype = check.as_dtype(dtype)
-        return read_only(jax.tree.map(lambda x: x.astype(dtype), self._as_tree()))
+        return read_only(jax.tree.map(operator.methodcaller("astype", dtype), self._as_tree()))
 
     def as_data(self) -> "Mechanism":
         """Makes all numbers arrays of JAX: one compiled program serves all values."""
-        return jax.tree.map(jax.numpy.asarray, check.narrowed(self._as_tree()))
+        return jax.tree.map(cast(Any, jax.numpy.asarray), check.narrowed(self._as_tree()))
 
     def as_known(self) -> "Mechanism":
         """Makes all numbers NumPy, known while tracing: the way back from `as_data` and `as_static`.
@@ -207,7 +208,7 @@ class Mechanism(Structure):
         Raises:
             TypeError: numbers are traced.
         """
-        own = StaticMechanism(**vars(jax.tree.map(frozen, self.as_known())))
+        own = StaticMechanism(**vars(cast(Mechanism, jax.tree.map(frozen, self.as_known()))))
         return _STATIC.setdefault(own.contents, own)
 
     @functools.cached_property
@@ -215,9 +216,10 @@ class Mechanism(Structure):
         """The first number that is not known, or None. Kept: every call of an algorithm asks for its dtype."""
         return next((x for x in jax.tree.leaves(self) if not isinstance(x, np.ndarray)), None)
 
-    def _as_tree(self, **changes: Any):
+    def _as_tree(self, **changes: Any) -> "Mechanism":
         """A Mechanism with leaves, of these numbers and others."""
-        return Mechanism(**{field.name: getattr(self, field.name) for field in dataclasses.fields(self)} | changes)
+        own = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return Mechanism(**own | changes)
 
 
 class StaticMechanism(Mechanism, ByContents):
@@ -231,7 +233,7 @@ class StaticMechanism(Mechanism, ByContents):
     """
 
     @functools.cached_property
-    def contents(self) -> tuple[Topology, tuple[Any, ...]]:
+    def contents(self) -> tuple[Topology, tuple[tuple[str, tuple[int, ...], bytes], ...]]:
         """(topology, the arrays as bytes): what it is equal and hashed by."""
         leaves = jax.tree.leaves(self._as_tree())
         return self.topology, tuple((x.dtype.name, x.shape, x.tobytes()) for x in leaves)
@@ -249,5 +251,5 @@ class StaticMechanism(Mechanism, ByContents):
 
 
 # Equal ones are one, which keeps its programs for all who ask.
-_STATIC = weakref.WeakValueDictionary()
+_STATIC: weakref.WeakValueDictionary[Any, StaticMechanism] = weakref.WeakValueDictionary()
 jax.tree_util.register_static(StaticMechanism)

@@ -97,7 +97,7 @@ class Joint:
     lower: Any = -math.inf
     upper: Any = math.inf
     mimic: tuple[Any, ...] | None = None
-    parameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    parameters: Mapping[str, Any] = dataclasses.field(default_factory=dict[str, Any])
 
     @property
     def follows(self) -> Mimic | None:

@@ -5,9 +5,12 @@ A motion is a pair (w, v) or (alpha, a), a wrench a pair (tau, f), both about on
 """
 
 from collections.abc import Callable
+from typing import Any, TypeVar
 
 from jaxspatial.arithmetic import symmetric, vectors
 from jaxspatial.arithmetic.numbers import Motion, Number, Rows, Symmetric, Three, Wrench, constant, noinline_pairs
+
+M = TypeVar("M", bound=Rows)
 
 # -- to another point -------------------------------------------------------------------------------------------------
 
@@ -120,12 +123,14 @@ def newton_euler_torque(c: Three, central: Symmetric, alpha: Three, w: Three, h:
 # -- pairs and matrices, row by row: motions, wrenches -----------------------------------------------------------------
 
 
-def plus(m: Rows, n: Rows) -> Rows:
-    return tuple(vectors.plus(a, b) for a, b in zip(m, n, strict=True))
+def plus(m: M, n: M) -> M:
+    found: Any = tuple(vectors.plus(a, b) for a, b in zip(m, n, strict=True))
+    return found
 
 
-def minus(m: Rows, n: Rows) -> Rows:
-    return tuple(vectors.minus(a, b) for a, b in zip(m, n, strict=True))
+def minus(m: M, n: M) -> M:
+    found: Any = tuple(vectors.minus(a, b) for a, b in zip(m, n, strict=True))
+    return found
 
 
 def times(s: Number, m: Rows) -> Rows:

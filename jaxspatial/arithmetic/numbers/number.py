@@ -21,6 +21,7 @@ from jaxspatial.arithmetic.numbers.protocol import Mask, Number, Numbers
 from jaxspatial.arithmetic.numbers.rounded import Rounded
 
 T = TypeVar("T")
+OfWords = Callable[[Array], Array] | Callable[[Array, Array], Array]
 _KINDS: tuple[type[Number], ...] = (Rounded, Corrected, DoubleWord)
 
 
@@ -177,7 +178,7 @@ def as_data(x: Number, shape: tuple[int, ...] | None = None) -> Number:
     )
 
 
-def mapped(function: Callable[..., jax.Array], *numbers: Number) -> Number:
+def mapped(function: OfWords, *numbers: Number) -> Number:
     """A function of arrays, applied to numbers that are data, word by word; what is known of all to be 0 stays so."""
     words = list(zip(*(x.words for x in numbers), strict=True))
     known = [all(folding.is_known(word, 0) for word in same) for same in words]
