@@ -48,7 +48,8 @@ def _public():
             continue
         yield name
         if inspect.isclass(found):
-            yield from (f"{name}.{method}" for method in sorted(_methods(found)) if not method.startswith("_"))
+            methods = (x for x in sorted(_methods(found)) if x == "__matmul__" or not x.startswith("_"))
+            yield from (f"{name}.{method}" for method in methods)
 
 
 def _methods(cls):

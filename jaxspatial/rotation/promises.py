@@ -26,6 +26,7 @@ INTERPOLATED, EACH_WAY = _normwise(24), _normwise(16, "|t|")
 
 # Whose docstrings state which.
 PROMISES = {
+    "Rotation.__matmul__": (ROTATED,),
     "Rotation.about_x": (SINE,),
     "Rotation.between": (BETWEEN,),
     "Rotation.exp": (EXP, TURNS),

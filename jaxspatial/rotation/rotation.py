@@ -120,7 +120,12 @@ class Rotation(Constructors):
     def __matmul__(self, other: Any) -> Any: ...
 
     def __matmul__(self, other: Any) -> Any:
-        """R_AB @ v_B is v_A, (*batch, 3), and R_AB @ R_BC is R_AC; see `rotated` and `composed` for bounds."""
+        """R_AB @ v_B is v_A, (*batch, 3), and R_AB @ R_BC is R_AC, over the common batch.
+
+        Error: per component, mag the sum of the absolute values of its three products: at most 3 u mag in "fast" and
+            "reproducible", u |r| + 4 u^2 mag in "compensated", 1 ulp in "faithful", while nothing over- or underflows;
+            plus a few finfo.tiny where subnormals are flushed.
+        """
         if isinstance(other, Rotation):
             return composed(self, other)
         return NotImplemented if isinstance(other, Quantity) else rotated(self, other)
@@ -209,9 +214,7 @@ def rotated(R_AB: Rotation, v_B: Vector3, *, precision: PrecisionName = None) ->
         TypeError: dtypes differ.
         ValueError: shapes do not fit.
 
-    Error: per component, mag the sum of the absolute values of its three products: at most 3 u mag in "fast" and
-        "reproducible", u |r| + 4 u^2 mag in "compensated", 1 ulp in "faithful", while nothing over- or underflows; plus
-        a few finfo.tiny where subnormals are flushed.
+    Error: as of `R_AB @ v_B`.
     """
     v_B = check.as_vectors(v_B, "Rotation @ v: v", R_AB.dtype, held=is_identity(R_AB))
     check.require_same_dtype(Rotation=R_AB, v=v_B)
@@ -241,7 +244,7 @@ def composed(R_AB: Rotation, R_BC: Rotation, *, precision: PrecisionName = None)
         TypeError: dtypes differ.
         ValueError: batch shapes do not broadcast.
 
-    Error: per entry, as of a component of `rotated`.
+    Error: as of `R_AB @ R_BC`.
     """
     require_alike(left=R_AB, right=R_BC)
     if is_identity(R_AB) or is_identity(R_BC):

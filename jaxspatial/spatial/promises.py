@@ -29,6 +29,7 @@ PROMISES = {
     "center_of_pressure": (PRESSED,),
     **dict.fromkeys((f"Spatial{kind}.sum" for kind in ("Acceleration", "Force", "Momentum", "Velocity")), (OfSum(),)),
     "wrench_from_point_forces": (OfSum(2),),
+    "RigidTransform.__matmul__": (POINT,),
     "RigidTransform.exp": (of_rotations.EXP_TRANSLATION, of_rotations.TURNS),
     "RigidTransform.interpolate": (of_rotations.INTERPOLATED, of_rotations.EACH_WAY),
     "RigidTransform.left_jacobian": (of_rotations.MOTION_JACOBIAN,),
