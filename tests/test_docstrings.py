@@ -56,6 +56,13 @@ def faults(function):
     return found
 
 
+def test_a_precision_is_given_by_name():
+    """But to what takes nothing else."""
+    kinds = {name: inspect.signature(f).parameters.get("precision") for name, f in {**FUNCTIONS, **METHODS}.items()}
+    given = {name for name, x in kinds.items() if x is not None and x.kind is not inspect.Parameter.KEYWORD_ONLY}
+    assert given == {"default_precision"} and len(kinds) > 100
+
+
 @pytest.mark.parametrize("cls", CLASSES)
 def test_what_takes_no_object_is_static(cls):
     """It can be called by an object too."""

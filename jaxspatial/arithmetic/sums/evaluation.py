@@ -45,7 +45,7 @@ class Plan(NamedTuple):
     sums: tuple[Sum, ...]
     batch: tuple[int, ...]
     precision: str
-    is_pair: bool = False
+    is_pair: bool
     leading: bool = False
 
     @property
