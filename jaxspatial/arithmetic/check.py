@@ -9,7 +9,13 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.typing import DTypeLike
+
+# Of what the stubs leave in part unknown.
+NUMPY: type[Any] = np.ndarray
+config: Any = jax.config
+finfo: Any = jnp.finfo
 
 _Tree = TypeVar("_Tree")
 _Shape = tuple[int, ...]
@@ -53,14 +59,14 @@ class StandIn:
     def over_batch(self, batch_shape: _Shape) -> Any:
         """Broadcast to another batch shape."""
         shape = (*batch_shape, self.shape[-1])
-        return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), self)
+        return jax.tree.map(functools.partial(jnp.broadcast_to, shape=shape), self)
 
 
 # What has a shape and a dtype: arrays, traced ones too, their shapes alone, and what stands for them.
-ARRAYS = jax.Array, np.ndarray, np.generic, jax.ShapeDtypeStruct, StandIn
+ARRAYS: tuple[type[Any], ...] = jax.Array, np.ndarray, np.generic, jax.ShapeDtypeStruct, StandIn
 
 
-def in_short(x: object) -> str:
+def in_short(x: Any) -> str:
     """float32[4,3] of an array, the text of anything else."""
     if isinstance(x, ARRAYS) and not isinstance(x, StandIn):
         return f"{np.dtype(x.dtype).name}[{','.join(map(str, x.shape))}]"
@@ -79,11 +85,11 @@ def as_float_array(x: Any, name: str, dtype: DTypeLike | None = None, *, held: b
     array = _as_array(x, name, dtype)
     if not _is_floating(array.dtype):
         raise TypeError(f"{name}: expected floating point ({_FLOATS}), got {array.dtype}{_advice(x, array, dtype)}")
-    if isinstance(array, np.ndarray):
+    if isinstance(array, NUMPY):
         if held:
-            return array  # pyright: ignore[reportReturnType]
+            return array
         # NumPy's scalar of float64 is a Python float too: nobody asked for its digits.
-        return _in_jax_dtype(array) if isinstance(x, np.float64) else narrowed(array)  # pyright: ignore[reportReturnType]
+        return _in_jax_dtype(array) if isinstance(x, np.float64) else narrowed(array)
     # A weakly typed array would make a second trace for what is otherwise the same call.
     return jax.lax.convert_element_type(array, array.dtype) if array.weak_type else array
 
@@ -126,23 +132,23 @@ def _has_no_dtype(x: Any, leaves: list[Any], array: np.ndarray) -> bool:
 
 def narrowed(tree: _Tree) -> _Tree:
     """The tree with NumPy's float64 as JAX computes with it: as float32 while 64-bit types are off, which is said."""
-    if jax.config.jax_enable_x64:
+    if config.jax_enable_x64:
         return tree
     return jax.tree.map(_narrowed, tree)
 
 
-def is_only_held(x: object) -> bool:
+def is_only_held(x: Any) -> bool:
     """True for NumPy numbers that JAX would narrow."""
-    return isinstance(x, np.ndarray) and x.dtype == np.float64 and not jax.config.jax_enable_x64
+    return isinstance(x, NUMPY) and x.dtype == np.float64 and not config.jax_enable_x64
 
 
 def narrowed_each(arrays: Sequence[Any]) -> Sequence[Any]:
     """`narrowed`, of a sequence of arrays."""
-    return arrays if jax.config.jax_enable_x64 else tuple(map(_narrowed, arrays))
+    return arrays if config.jax_enable_x64 else tuple(map(_narrowed, arrays))
 
 
 def _narrowed(x: Any) -> Any:
-    if not isinstance(x, np.ndarray) or x.dtype != np.float64:
+    if not isinstance(x, NUMPY) or x.dtype != np.float64:
         return x
     warnings.warn_explicit(_NARROWED, NarrowingWarning, "jaxspatial", 0, "jaxspatial", _said)
     return _in_jax_dtype(x)
@@ -165,7 +171,7 @@ def as_dtype(x: DTypeLike | None) -> np.dtype[Any]:
 
 def eps(dtype: DTypeLike) -> float:
     """The distance from 1 to the next number."""
-    return float(jnp.finfo(dtype).eps)
+    return float(finfo(dtype).eps)
 
 
 def _shown(x: object) -> str:
@@ -231,7 +237,7 @@ def broadcast_batch(batch_shape: _Shape, *arrays: Any) -> tuple[Any, ...]:
 def _broadcast(array: Any, batch_shape: _Shape) -> Any:
     if isinstance(array, StandIn):
         return array.over_batch(batch_shape)
-    return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, (*batch_shape, array.shape[-1]))
+    return (np if isinstance(array, NUMPY) else jnp).broadcast_to(array, (*batch_shape, array.shape[-1]))
 
 
 def batch_axis(axis: int, batch_shape: _Shape, operation: str) -> int:
@@ -239,6 +245,11 @@ def batch_axis(axis: int, batch_shape: _Shape, operation: str) -> int:
     if not -len(batch_shape) <= axis < len(batch_shape):
         raise ValueError(f"{operation}: axis: expected one of a batch of shape {batch_shape}, got {axis}")
     return operator.index(axis) % len(batch_shape)
+
+
+def is_computed(x: Any) -> bool:
+    """True for an array whose numbers are there to be looked at."""
+    return isinstance(x, (NUMPY, jax.Array)) and not isinstance(x, Tracer)
 
 
 def goes_with_any_batch(x: object) -> bool:

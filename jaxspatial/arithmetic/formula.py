@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.numbers import Number, Rounded, components, folding, is_number
@@ -52,7 +53,7 @@ def formula(function: Callable[..., typing.Any] | None = None, *, of_sums: bool 
     def call(precision: Any, *arrays: Any, **static: Any) -> Any:
         arrays = components.alike(check.narrowed_each(arrays))
         known = any(isinstance(a, np.ndarray) for a in arrays)
-        tracing = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arrays))
+        tracing = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arrays))
         run = program if known and tracing else compiled
         return run(resolve(precision), tuple(sorted(static.items())), *arrays)
 
@@ -62,7 +63,7 @@ def formula(function: Callable[..., typing.Any] | None = None, *, of_sums: bool 
 def _run(function: Callable[..., Any], precision: Precision, static: tuple[tuple[str, Any], ...], *arrays: Any) -> Any:
     is_pair = any(map(components.has_pairs, arrays))
     twice = is_pair or precision.sees_whole_sums
-    with jax.enable_x64(bool(jax.config.jax_enable_x64) or twice):
+    with jax.enable_x64(bool(check.config.jax_enable_x64) or twice):
         numbers = functools.partial(of_array, precision=precision, twice=twice)
         return _run_over(numbers, functools.partial(function, **dict(static)), arrays, is_pair)
 

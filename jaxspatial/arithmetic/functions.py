@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from jaxspatial.arithmetic.check import finfo
 from jaxspatial.arithmetic.numbers import Corrected, Number, Rounded, constant, high, is_constant, is_number, where
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.number import doubled, nearest_integer, noinline, noinline_pairs, times_power_of_two
@@ -30,7 +31,7 @@ _LN2 = Fraction("0.6931471805599453094172321214581765680755001343602552541206800
 
 def unit_roundoff(x: Number) -> Fraction:
     """u of the numbers that x is one of; u^2 where these have two words."""
-    u = Fraction(1, 2 ** (jnp.finfo(x.dtype).nmant + 1))
+    u = Fraction(1, 2 ** (finfo(x.dtype).nmant + 1))
     return u if isinstance(x, Rounded) else u * u
 
 
@@ -39,7 +40,7 @@ def series(coefficients: Iterable[Fraction], x: Number, largest: float | Fractio
 
     coefficients: an iterable of Fractions, of which those that matter fall off.
     """
-    needed = []
+    needed: list[Fraction] = []
     for n, c in enumerate(coefficients):
         needed.append(c)
         if abs(c) * Fraction(largest) ** n < unit_roundoff(x) * abs(needed[0]) / 16:
@@ -118,13 +119,12 @@ def turns(angle: Number, parts: int) -> tuple[Number, Number]:
     """(k, rest) with angle = k (2 pi / parts) + rest, |rest| <= pi / parts, k an integer: a constant to derivatives.
 
     The error of rest is a few u |rest| while k has at most half of the bits of a word (float32: |angle| <= 2^13 /
-    parts,
-    float64: 2^28 / parts), and 2 u |angle| beyond, as if the angle had been rounded once more. NaN where not even the
-    turn is known: where u |angle| is larger than an eighth of a part.
+    parts, float64: 2^28 / parts), and 2 u |angle| beyond, as if the angle had been rounded once more. NaN where not
+    even the turn is known: where u |angle| is larger than an eighth of a part.
     """
     step = 2 * _PI / parts
     k, rest = _remainder(angle, step)
-    is_known = abs(high(k)) <= 2.0 ** (jnp.finfo(angle.dtype).nmant - 2)
+    is_known = abs(high(k)) <= 2.0 ** (finfo(angle.dtype).nmant - 2)
     return k, where(is_known & (abs(rest.words[0]) <= float(step * 9 / 16)), rest, math.nan)
 
 
@@ -145,7 +145,7 @@ def _words(fraction: Fraction, like: Number) -> Iterator[Fraction]:
     Of seven, because an angle of that many turns may come as near to a whole one as u / 16, and keeps its digits.
     With corrections four of these are one.
     """
-    bits = (jnp.finfo(like.dtype).nmant + 1) // 2 - 1
+    bits = (finfo(like.dtype).nmant + 1) // 2 - 1
     for _ in range(3 if isinstance(like, Corrected) else 7):
         scale = Fraction(2) ** (bits - math.frexp(float(fraction))[1])
         word = Fraction(int(fraction * scale)) / scale
@@ -222,7 +222,7 @@ def exp(x: Number) -> Number:
 
     2^k e^r with |r| <= ln(2) / 2; with as many terms as |r| = 1 would need, derivatives have all digits too.
     """
-    largest = jnp.finfo(x.dtype).maxexp
+    largest = finfo(x.dtype).maxexp
     is_low, is_high = high(x) < -largest, high(x) > largest
     k, rest = _remainder(where(is_low | is_high, 0.0, x), _LN2)
     power = series((Fraction(1, math.factorial(n)) for n in itertools.count()), rest, 1)
@@ -236,7 +236,7 @@ def log(x: Number) -> Number:
 
     e ln 2 + 2 artanh((m - 1) / (m + 1)) with x = 2^e m, 3/4 <= m < 3/2.
     """
-    is_usual = (high(x) > 0) & (high(x) <= jnp.finfo(x.dtype).max)
+    is_usual = (high(x) > 0) & (high(x) <= finfo(x.dtype).max)
     (m,), e = scaled((where(is_usual, x, 1.0),))
     is_low = high(m) < 0.75
     m, e = where(is_low, 2 * m, m), jnp.where(is_low, e - 1, e)

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.functions import unit_roundoff
 from jaxspatial.arithmetic.numbers import Mask, Number, Numbers, Rows, Symmetric, constant, high, where
@@ -77,7 +77,7 @@ def eigen(precision: Precision, six: jax.Array) -> tuple[jax.Array, jax.Array]:
     with W_ij = eps_ij / (l_j - l_i), 0 where l_i = l_j: there eigenvectors have no derivative, and this is one of the
     rotations that leave them eigenvectors. Accurate as in "reproducible", whatever the precision.
     """
-    return tuple(_decomposed(precision, six, eps=float(jnp.finfo(six.dtype).eps)))
+    return tuple(_decomposed(precision, six, eps=check.eps(six.dtype)))
 
 
 @eigen.defjvp  # pyright: ignore[reportFunctionMemberAccess]

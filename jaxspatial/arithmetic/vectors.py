@@ -6,9 +6,9 @@ import operator
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
+from jaxspatial.arithmetic.check import finfo
 from jaxspatial.arithmetic.errorfree import scaling
 from jaxspatial.arithmetic.numbers import Number, Numbers, Rounded, Rows, Three, folding, is_constant
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
@@ -39,7 +39,7 @@ def square(v: Three) -> tuple[Number, Number | None]:
     """
     if not isinstance(v[0], Rounded):
         return dot(v, v), None
-    bits = jnp.finfo(v[0].dtype).nmant + 1
+    bits = finfo(v[0].dtype).nmant + 1
     shift = constant(v[0], 1.5 * 2 ** (bits - 1 - (bits - 12) // 2))
     grid = tuple((x + shift) - shift for x in v)
     coarse = dot(grid, grid)

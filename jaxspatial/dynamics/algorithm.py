@@ -16,8 +16,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
-from jaxspatial.arithmetic import numbers
+from jaxspatial.arithmetic import check, numbers
 from jaxspatial.arithmetic.precision import Precision, resolve
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.dynamics import primitive, program
@@ -87,7 +88,7 @@ class Algorithm(Differentiable, ByContents):
         leaves = self.merged(jnp.moveaxis(x, 0, -1) for x in arrays)
         fields, others = jax.tree.unflatten(self.tree, leaves)
         twice = self.precision.sees_whole_sums
-        with jax.enable_x64(bool(jax.config.jax_enable_x64) or twice):
+        with jax.enable_x64(bool(check.config.jax_enable_x64) or twice):
             state = MechanismState(self.topology, fields, others[0], n, self.precision, self.dtype)
             found = self.formula(state, *others[1:], **dict(self.static))
             results, self.out_tree = jax.tree.flatten(jax.tree.map(state.rounded, found, is_leaf=_is_result))
@@ -197,7 +198,7 @@ class _Given:
         self.leaves, self.tree = jax.tree.flatten((fields, arrays))
         self.n_own = len(self.leaves) - len(jax.tree.leaves(arrays))
         self.dtype = np.dtype(arrays[0].dtype)
-        self.tracing = any(isinstance(x, jax.core.Tracer) for x in self.leaves)
+        self.tracing = any(isinstance(x, Tracer) for x in self.leaves)
         self.is_known = tuple(
             isinstance(x, np.ndarray) and (i < self.n_own or (self.tracing and x.ndim == 1))
             for i, x in enumerate(self.leaves)

@@ -13,6 +13,8 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 from jax.interpreters import partial_eval as pe
 
+from jaxspatial.arithmetic import check
+
 T = TypeVar("T")
 Aval = jax.ShapeDtypeStruct
 Result = tuple[tuple[int, ...], Any]  # shape and dtype
@@ -43,7 +45,7 @@ class Program:
 
     def traced(self, avals: Sequence[Aval]):
         """Traced once for the same shapes."""
-        key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), bool(jax.config.jax_enable_x64)
+        key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), bool(check.config.jax_enable_x64)
         return self.made(key, lambda: Traced(self, avals))
 
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 import numpy.typing as npt
+from jax.core import Tracer
 
 M = TypeVar("M")
 
@@ -53,7 +54,7 @@ def check_replaced(cls: type[Any], name: str, old: Any, new: Any):
 
 
 def known(x: Any):
-    if isinstance(x, jax.core.Tracer):
+    if isinstance(x, Tracer):
         raise TypeError(f"Mechanism.as_known: expected numbers (NumPy or JAX arrays), got {type(x).__name__}, traced")
     return np.asarray(x)
 

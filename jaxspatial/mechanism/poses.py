@@ -4,6 +4,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.core import Tracer
 
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.parts import Body, Frame, Joint
@@ -11,7 +12,7 @@ from jaxspatial.spatial import RigidTransform, act
 
 
 def known(x: Any):
-    if isinstance(x, jax.core.Tracer):
+    if isinstance(x, Tracer):
         raise TypeError(
             "Mechanism.build: expected known numbers (NumPy), got data that is traced; build with known ones, and put "
             "data in their place with Mechanism.replace (results within jax.ensure_compile_time_eval() are known)"

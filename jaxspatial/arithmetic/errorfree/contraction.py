@@ -24,11 +24,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
+from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.extend.mlir.dialects import stablehlo
 from jax.interpreters import mlir
 from jax.typing import DTypeLike
 
+from jaxspatial.arithmetic.check import finfo
 from jaxspatial.arithmetic.errorfree.fence import kept
 
 # -- a zero that the compiler does not know ----------------------------------------------------------------------------
@@ -37,7 +39,7 @@ from jaxspatial.arithmetic.errorfree.fence import kept
 # The index of the replica, of which there are fewer than 2^31: not known before a program runs. Of an argument that it
 # does not look at, so that it is part of the program which that is part of, whatever JAX evaluates while tracing.
 _replica_p: Any = Primitive("jaxspatial_replica")
-_replica_p.def_abstract_eval(lambda _: jax.core.ShapedArray((), np.dtype(np.uint32)))
+_replica_p.def_abstract_eval(lambda _: ShapedArray((), np.dtype(np.uint32)))
 mlir.register_lowering(_replica_p, lambda *_: [stablehlo.replica_id()])
 
 
@@ -47,7 +49,7 @@ def hidden(x: Array):
     A product passed through is not contracted with the sum that follows, and a sum with constants not rearranged. For
     what is lowered for the CPU: not differentiated, batched or run outside of a program.
     """
-    integer = np.dtype(f"uint{jnp.finfo(x.dtype).bits}")
+    integer = np.dtype(f"uint{finfo(x.dtype).bits}")
     with jax.enable_x64(True):
         zero = lax.convert_element_type(lax.shift_right_logical(_replica_p.bind(x), np.uint32(31)), integer)
         bits = lax.bitcast_convert_type(x, integer)
@@ -84,7 +86,7 @@ def is_used(context: Any, dtype: DTypeLike):
 @functools.cache
 def holds(dtype: np.dtype[Any]):
     """Whether errors of products by contraction are exact on the CPU of this process, as far as has been tried."""
-    found = []
+    found: list[bool] = []
     # In a thread of its own: what this one is tracing, or has set for a while, is not the trial's business.
     thread = threading.Thread(target=lambda: found.append(_passes(np.dtype(dtype))))
     thread.start()

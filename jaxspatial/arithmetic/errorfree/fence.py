@@ -1,9 +1,10 @@
 """What keeps XLA from rewriting arithmetic: products contracted with sums, sums with constants rearranged."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
+
+from jaxspatial.arithmetic.check import finfo
 
 
 def fence(x: Array) -> Array:
@@ -13,7 +14,7 @@ def fence(x: Array) -> Array:
     vmap and scan; barriers, bitcasts, clamps and `reduce_precision` do not. NaN, infinities and -0 pass unchanged and
     the derivative is 1. Compared with the largest number, and not `x != x`, which a compiler may fold away.
     """
-    largest = lax.full_like(x, jnp.finfo(x.dtype).max)
+    largest = lax.full_like(x, finfo(x.dtype).max)
     return lax.select(lax.le(lax.abs(x), largest), x, lax.add(x, x))
 
 
@@ -22,7 +23,7 @@ def settled(x: Array) -> Array:
 
     It asks for a signalling NaN, which no operation returns, as the compiler does not know.
     """
-    info = jnp.finfo(x.dtype)
+    info = finfo(x.dtype)
     integer = np.dtype(f"uint{info.bits}")
     # All ones in the exponent, and a fraction whose first bit, that of a quiet NaN, is not set.
     exponent, quiet = ((1 << info.nexp) - 1) << info.nmant, 1 << (info.nmant - 1)
@@ -41,5 +42,5 @@ def kept(x: Array) -> Array:
     It would make x + (c1 + c2) of `(x + c1) + c2`, and x of `(x + c) - c`, for constants c. A rounding to the format
     that x has already stops that, and is removed before any code is made of it: it costs nothing.
     """
-    info = jnp.finfo(x.dtype)
+    info = finfo(x.dtype)
     return lax.reduce_precision(x, exponent_bits=info.nexp, mantissa_bits=info.nmant)

@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
+from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
@@ -104,7 +105,7 @@ def rule(function: Callable[..., Sequence[Array]]) -> Callable[..., Any]:
     def lowered(context: Any, *arrays: Any, **parameters: Any) -> Any:
         contracted = functools.partial(contraction.is_used, context)
         with jax.sharding.use_abstract_mesh(_NO_MESH):
-            plain = [jax.core.ShapedArray(a.shape, a.dtype) for a in context.avals_in]
+            plain = [ShapedArray(a.shape, a.dtype) for a in context.avals_in]
             return lower(context.replace(avals_in=plain), *arrays, contracted=contracted, **parameters)
 
     return lowered

@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 from jax import Array, lax
 from jax.interpreters import ad, mlir
 
+from jaxspatial.arithmetic.check import finfo
 from jaxspatial.arithmetic.errorfree.fence import settled
 from jaxspatial.arithmetic.errorfree.primitives import alike, elementwise, is_zero, no_tangent
 
@@ -37,7 +37,7 @@ def _rounded_quotient(a: Array, b: Array):
     quotients it makes products, `a / (b c)` of `(a / b) / c`, that may overflow, and of `1 / sqrt(x)` a reciprocal
     root: not of what is fenced.
     """
-    finite = lax.le(lax.abs(a), lax.full_like(a, jnp.finfo(a.dtype).max))
+    finite = lax.le(lax.abs(a), lax.full_like(a, finfo(a.dtype).max))
     divisor = lax.select(finite, b, lax.mul(b, lax.full_like(b, 0.5)))
     return settled(lax.div(a, settled(divisor)))
 

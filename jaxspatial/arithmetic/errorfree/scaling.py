@@ -8,6 +8,8 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import DTypeLike
 
+from jaxspatial.arithmetic.check import finfo
+
 
 def exponent(components: Iterable[jax.Array]) -> jax.Array:
     """e with 2^(e-1) <= max |component| < 2^e, and 0 for zeros, infinities and NaN; a constant to derivatives.
@@ -18,7 +20,7 @@ def exponent(components: Iterable[jax.Array]) -> jax.Array:
     # float32 has the range of bfloat16, and no float16 is subnormal in it.
     largest = _largest(components)
     largest = largest if largest.dtype == jnp.float64 else largest.astype(jnp.float32)
-    e = _biased_exponent(largest).astype(jnp.int32) - (jnp.finfo(largest.dtype).maxexp - 2)
+    e = _biased_exponent(largest).astype(jnp.int32) - (finfo(largest.dtype).maxexp - 2)
     return jnp.where((largest > 0) & jnp.isfinite(largest), e, 0)
 
 
@@ -29,7 +31,7 @@ def reciprocal(components: Iterable[Array]) -> Array:
     Right for no NaN, infinity or zero, which stay what they are.
     """
     largest = _largest(components)
-    biased, info = _biased_exponent(largest), jnp.finfo(largest.dtype)
+    biased, info = _biased_exponent(largest), finfo(largest.dtype)
     shift, top, one = (lax.full_like(biased, n) for n in (info.nmant, 2 * info.maxexp - 3, 1))
     found = lax.select(biased < top, top - biased, one)
     return lax.bitcast_convert_type(lax.shift_left(found, shift), largest.dtype)
@@ -41,7 +43,7 @@ def _largest(components: Iterable[jax.Array]) -> jax.Array:
 
 def _biased_exponent(x: jax.Array) -> jax.Array:
     """Of a number that is not negative, straight from its bits."""
-    info = jnp.finfo(x.dtype)
+    info = finfo(x.dtype)
     bits = lax.bitcast_convert_type(x, jnp.dtype(f"uint{info.bits}"))
     return lax.shift_right_logical(bits, lax.full_like(bits, info.nmant))
 
@@ -56,6 +58,6 @@ def times_power_of_two(x: jax.Array, e: jax.Array) -> jax.Array:
 
 def _power_of_two(e: Array, dtype: DTypeLike) -> Array:
     """2^e exactly, put together from its bits: XLA's exp2 is not exact at integers."""
-    info = jnp.finfo(dtype)
+    info = finfo(dtype)
     bits = (e + (info.maxexp - 1)).astype(f"uint{info.bits}")
     return lax.bitcast_convert_type(bits << lax.full_like(bits, info.nmant), dtype)

@@ -11,6 +11,7 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array, lax
 
+from jaxspatial.arithmetic.check import finfo
 from jaxspatial.arithmetic.errorfree import contraction
 from jaxspatial.arithmetic.errorfree.fence import kept, settled
 from jaxspatial.arithmetic.errorfree.primitives import alike, elementwise, no_tangent, rule
@@ -57,7 +58,7 @@ def split(x: Array) -> tuple[Array, Array]:
     *unchecked* requirement: |x| <= (1 - 2^-12) finfo.max, in
     float64 (1 - 2^-27) finfo.max; beyond, hi rounds to infinity.
     """
-    info = jnp.finfo(x.dtype)
+    info = finfo(x.dtype)
     cleared = info.nmant + 1 - (info.nmant + 1) // 2
     bits = lax.bitcast_convert_type(x, jnp.dtype(f"uint{info.bits}"))
     half, mask = (bits.dtype.type(n) for n in (1 << (cleared - 1), (1 << info.bits) - (1 << cleared)))

@@ -140,7 +140,7 @@ def over(c: Any, batch: tuple[int, ...], dtype: Any) -> Any:
     """The component over a batch; a number in its dtype."""
     if isinstance(c, (float, np.generic)):
         return folding.quietly(lambda t, number: t.type(number), np.dtype(dtype), c)
-    return jax.tree.map(lambda word: _broadcast(word, batch), c)
+    return jax.tree.map(functools.partial(_broadcast, batch=batch), c)
 
 
 def _broadcast(word: Any, batch: tuple[int, ...]) -> Any:
@@ -162,8 +162,7 @@ def as_data(leaf: Any) -> Any:
 
 def shown(leaf: Any) -> str:
     """A number, the shape of more or of something not computed yet."""
-    concrete = isinstance(leaf, (np.ndarray, jax.Array)) and not isinstance(leaf, jax.core.Tracer)
-    if concrete and leaf.ndim == 0:
+    if check.is_computed(leaf) and leaf.ndim == 0:
         return f"Array({np.asarray(leaf)})"
     return check.in_short(leaf)
 

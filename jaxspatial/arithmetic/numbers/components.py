@@ -4,6 +4,7 @@ What is known of an array is lost as soon as its components are stacked. Here th
 of the type: it survives jit, scan, vmap and derivatives, where a NumPy array becomes data.
 """
 
+import functools
 import json
 import typing
 from collections.abc import Iterable, Iterator, Sequence
@@ -268,7 +269,7 @@ def from_components(x: typing.Any) -> typing.Any:
 
     Error: none, it is exact.
     """
-    return jax.tree.map(lambda leaf: leaf.to_array() if is_components(leaf) else leaf, x, is_leaf=is_components)
+    return jax.tree.map(functools.partial(as_array, batch_shape=()), x, is_leaf=is_components)
 
 
 def as_array(x: typing.Any, batch_shape: tuple[int, ...]) -> typing.Any:

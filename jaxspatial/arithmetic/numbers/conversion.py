@@ -52,5 +52,5 @@ def narrowest(a: np.dtype[Any], b: np.dtype[Any]) -> np.dtype[Any]:
 
 def holds(a: np.dtype[Any], b: np.dtype[Any]) -> bool:
     """Whether dtype a holds all numbers of dtype b."""
-    wide, narrow = jnp.finfo(a), jnp.finfo(b)
+    wide, narrow = check.finfo(a), check.finfo(b)
     return bool(wide.nmant >= narrow.nmant and wide.maxexp >= narrow.maxexp)

@@ -5,6 +5,7 @@ The type. Its arithmetic, with bounds and ranges, is that of `pairs`; conversion
 
 import dataclasses
 import fractions
+import functools
 import typing
 from collections.abc import Callable, Iterable, Iterator
 
@@ -18,7 +19,7 @@ from jax.typing import DTypeLike
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.numbers import conversion, pairs
 
-_Operation = Callable[..., typing.Any]
+_Operation = Callable[[typing.Any, typing.Any], typing.Any]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -189,7 +190,7 @@ class DoubleWord(check.StandIn):
         first = jax.tree.leaves(words)[0]
         check.require_same_dtype(DoubleWord=self, other=first)
         shape = check.common_batch_shape(DoubleWord=self.shape, other=first.shape)
-        return operation(*jax.tree.map(lambda word: jnp.broadcast_to(word, shape), (self.words, words)))
+        return operation(*jax.tree.map(functools.partial(jnp.broadcast_to, shape=shape), (self.words, words)))
 
     # -- comparison: arrays of answers; like arrays, what has __eq__ cannot be hashed ---------------------------------
 
@@ -260,8 +261,7 @@ def _words_of(x: typing.Any, dtype: DTypeLike) -> typing.Any:
 
 def _shown(word: typing.Any) -> str:
     """Up to six numbers, the shape of more or of something not computed yet."""
-    concrete = isinstance(word, (np.ndarray, jax.Array)) and not isinstance(word, jax.core.Tracer)
-    if concrete and word.ndim <= 1 and word.size <= 6:
+    if check.is_computed(word) and word.ndim <= 1 and word.size <= 6:
         numbers = [str(number) for number in np.asarray(word).ravel()]
         return "[" + ", ".join(numbers) + "]" if word.ndim else numbers[0]
     return check.in_short(word)

@@ -3,7 +3,6 @@
 import functools
 import operator
 from collections.abc import Callable, Iterable
-from fractions import Fraction
 from typing import Any, TypeGuard, TypeVar
 
 import jax
@@ -25,7 +24,7 @@ OfWords = Callable[[Array], Array] | Callable[[Array, Array], Array]
 _KINDS: tuple[type[Number], ...] = (Rounded, Corrected, DoubleWord)
 
 
-def constant(like: Any, number: float | Fraction) -> Any:
+def constant(like: Any, number: Any) -> Any:
     """The number nearest to a Fraction or Python number, of the kind of another."""
     return like.constant(number)
 
@@ -120,7 +119,7 @@ def noinline(function: Callable[..., T]) -> Callable[..., T]:
     @functools.wraps(function)
     def call(*arguments: Any) -> Any:
         leaves, tree = jax.tree.flatten(arguments, is_leaf=is_number)
-        results = []
+        results: list[Any] = []
 
         def on_data(data: list[Any]) -> list[Any]:
             result = function(*jax.tree.unflatten(tree, with_data(leaves, data)))
@@ -160,9 +159,9 @@ def data_of(leaves: Iterable[Any]) -> list[Any]:
 
 def with_data(leaves: Iterable[Any], data: Iterable[Any]) -> list[Any]:
     """The leaves, with other data for that which `data_of` finds."""
-    data, found = iter(data), []
+    rest, found = iter(data), list[Any]()
     for x in leaves:
-        words = [next(data) if is_data else word for word, is_data in _words(x)]
+        words = [next(rest) if is_data else word for word, is_data in _words(x)]
         found.append(x.with_words(words) if is_number(x) else words[0])
     return found
 

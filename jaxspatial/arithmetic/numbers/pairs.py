@@ -35,6 +35,7 @@ from jax import Array, lax
 from jax.custom_derivatives import SymbolicZero, zero_from_primal
 from jax.typing import DTypeLike
 
+from jaxspatial.arithmetic.check import finfo
 from jaxspatial.arithmetic.errorfree.fence import fence
 from jaxspatial.arithmetic.errorfree.reproducible import product, quotient
 from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_product, two_sum
@@ -82,7 +83,7 @@ def total(*terms: Tangent):
     return functools.reduce(lax.add, there) if there else None
 
 
-def linear(operation: Callable[..., Any], t: Tangent, *others: jax.Array):
+def linear(operation: Callable[..., Any], t: Tangent, *others: Any) -> Tangent:
     """operation(t, *others) of a tangent that may be None."""
     return None if t is None else operation(t, *others)
 
@@ -225,7 +226,7 @@ def _settled(single: Array, high: Array, low: Array):
 
 def is_finite(x: Array):
     """Neither infinite nor NaN."""
-    return lax.le(lax.abs(x), lax.full_like(x, jnp.finfo(x.dtype).max))
+    return lax.le(lax.abs(x), lax.full_like(x, finfo(x.dtype).max))
 
 
 # -- comparisons: exact on normalised pairs, which represent a number in one way --------------------------------------
@@ -255,7 +256,7 @@ def convert(x: Pair, dtype: DTypeLike):
 
 
 @functools.cache
-def _conversion(dtype: DTypeLike):
+def _conversion(dtype: np.dtype[Any]):
     def tangent(result: Array, operands: Sequence[Array], tangents: Sequence[Tangent]):
         return linear(lax.convert_element_type, tangents[0], dtype)
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxspatial.arithmetic.check import finfo
 from jaxspatial.arithmetic.errorfree.fence import fence
 from jaxspatial.arithmetic.numbers import Corrected, Numbers, Rounded, folding, high
 from jaxspatial.arithmetic.numbers.components import Components
@@ -80,7 +81,7 @@ def of_array(array: Any, precision: Precision, twice: bool, dtype: Any = None) -
     if twice and dtype == np.float64:
         array = array if array.dtype == dtype else array.astype(dtype)
         return tuple(to_double_word(array[..., i]) for i in range(array.shape[-1]))
-    wide = np.dtype(np.float64 if twice else np.float32 if jnp.finfo(dtype).bits < 32 else dtype)
+    wide = np.dtype(np.float64 if twice else np.float32 if finfo(dtype).bits < 32 else dtype)
     precision = Precision.REPRODUCIBLE if twice else precision
     if isinstance(array, DoubleWord):
         parts = zip(*(folding.unstack(word) for word in (array.hi, array.lo)), strict=True)
@@ -107,7 +108,7 @@ def converted(x: Any, dtype: Any) -> Any:
 
     Not where something stands between. For float16 that is no `reduce_precision`, which flushes its subnormals.
     """
-    if isinstance(x, (np.ndarray, np.generic)) or x.dtype == dtype or jnp.finfo(dtype).bits >= 32:
+    if isinstance(x, (np.ndarray, np.generic)) or x.dtype == dtype or finfo(dtype).bits >= 32:
         return x.astype(dtype) if isinstance(x, (np.ndarray, np.generic)) else lax.convert_element_type(x, dtype)
     if dtype == jnp.bfloat16:
         return lax.convert_element_type(lax.reduce_precision(x, exponent_bits=8, mantissa_bits=7), dtype)

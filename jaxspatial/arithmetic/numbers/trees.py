@@ -1,5 +1,6 @@
 """Double words of arrays and of whole trees, and arrays of double words."""
 
+import functools
 import typing
 
 import jax
@@ -37,7 +38,7 @@ def to_double_word(x: typing.Any, dtype: DTypeLike | None = None) -> typing.Any:
         u^2 |x| = 2^-48 |x| while lo is no subnormal (|x| > 1e-30).
     """
     dtype = None if dtype is None else conversion.known_dtype(dtype)
-    return jax.tree.map(lambda leaf: _as_double_word(leaf, dtype), x, is_leaf=_is_double_word)
+    return jax.tree.map(functools.partial(_as_double_word, dtype=dtype), x, is_leaf=_is_double_word)
 
 
 def _as_double_word(leaf: typing.Any, dtype: DTypeLike | None) -> typing.Any:
@@ -70,7 +71,7 @@ def from_double_word(x: typing.Any, dtype: DTypeLike | None = None) -> typing.An
     Error: at most u |hi + lo|, u the unit roundoff of the dtype.
     """
     dtype = None if dtype is None else conversion.known_dtype(dtype)
-    return jax.tree.map(lambda leaf: _as_word(leaf, dtype), x, is_leaf=_is_double_word)
+    return jax.tree.map(functools.partial(_as_word, dtype=dtype), x, is_leaf=_is_double_word)
 
 
 def _as_word(leaf: typing.Any, dtype: DTypeLike | None) -> typing.Any:

@@ -230,7 +230,7 @@ class _Evaluation:
         if s.shares:
             return [], list(s.components)
         first = [t for t in s.components[0] if len(t.factors) == 1 and t.factors[0][1] == 0]
-        whole = []
+        whole: list[tuple[int, int]] = []
         for sign, ((j, _),) in first:
             same = all(Term(sign, ((j, k),)) in terms for k, terms in enumerate(s.components))
             if same and self.arrays[j].shape == self.plan.shape(s) and (sign, j) not in whole:

@@ -51,7 +51,7 @@ def _bind(plan: Plan, arrays: Sequence[Array]) -> list[Array]:
 def _abstract(*arrays: Any, plan: Plan) -> list[Any]:
     like = arrays[0]
     common = common_spec([a.sharding.spec for a in arrays])
-    results = []
+    results: list[Any] = []
     for shape in map(plan.shape, plan.sums):
         spec = [None if n == 1 or i == plan.axis else common[i] for i, n in enumerate(shape)]
         sharding = like.sharding.update(spec=jax.sharding.PartitionSpec(*spec))
@@ -105,7 +105,7 @@ def _shared(plan: Plan, s: Sum, cotangent: Any) -> Any:
 
 def _pulled_back(plan: Plan, incoming: dict[int, int], j: int, aval: Any) -> Sum:
     """The Sum for the cotangent of array j: from every term that has one of its components, the other factors."""
-    components = [[] for _ in range(aval.shape[plan.axis])]
+    components: list[list[Term]] = [[] for _ in range(aval.shape[plan.axis])]
     for o, s in enumerate(plan.sums):
         for k, terms in enumerate(s.components):
             for sign, factors in terms if o in incoming else ():

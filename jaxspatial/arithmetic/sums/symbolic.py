@@ -37,8 +37,8 @@ def run_symbolically(formula: Callable[..., Any], precision: Precision, arrays: 
     batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
     plan = Plan((), batch, str(precision), is_pair=any(map(components.has_pairs, arrays)))
     given = {id(s): a for s, a in zip(vectors, arrays, strict=True) if plan.is_pair or isinstance(a, np.ndarray)}
-    results = formula(*vectors)
-    several = results if isinstance(results, list) else [results]
+    results: Any = formula(*vectors)
+    several: list[Any] = results if isinstance(results, list) else [results]
     evaluated = _evaluated_apart if is_apart else _evaluated
     computed = iter(evaluated(plan, data, [x for x in several if id(x) not in given]))
     found = [_passed_on(given[id(x)], batch) if id(x) in given else next(computed) for x in several]
@@ -49,7 +49,9 @@ class _Data:
     """The arrays that the symbols of a formula stand for, and the numbers of those that are constants."""
 
     def __init__(self, dtype: np.dtype[Any]):
-        self.dtype, self.arrays, self.constants = dtype, [], {}
+        self.dtype = dtype
+        self.arrays: list[Any] = []
+        self.constants: dict[int, Any] = {}
 
     def vector(self, a: Any) -> tuple[Polynomial, ...]:
         if isinstance(a, Components):
