@@ -158,3 +158,18 @@ def test_lists_take_the_dtype_beside_them_and_narrowing_is_said():
                  lambda: js.bias_forces(mech, Q, Q, {"body1": wide})):  # fmt: skip
         with pytest.warns(js.NarrowingWarning):
             call()
+
+
+@pytest.mark.parametrize("precision", ["compensated", "faithful"])
+def test_what_one_program_keeps_for_another_in_64_bits_needs_no_switch_by_the_caller(precision):
+    """The factors of the mass matrix, in derivatives of forward dynamics."""
+
+    def total(tau):
+        return js.forward_dynamics(robot(), Q, Q, tau, precision=precision).sum()
+
+    def gradient(x64):
+        with jax.enable_x64(x64):
+            return interpreted(jax.grad(total))(Q)
+
+    assert gradient(False).dtype == np.float32
+    assert np.array_equal(gradient(False), gradient(True)) and gradient(False).any()
