@@ -107,7 +107,7 @@ def _advice(x: Any, array: Any, dtype: DTypeLike | None) -> str:
 
 
 def _as_array(x: Any, name: str, dtype: DTypeLike | None) -> Any:
-    if isinstance(x, (np.ndarray, np.generic, jax.Array, jax.ShapeDtypeStruct)) and not isinstance(x, float):
+    if isinstance(x, ARRAYS) and not isinstance(x, float):
         return np.asarray(x) if isinstance(x, np.generic) else x
     leaves = jax.tree.leaves(x)
     try:

@@ -1,6 +1,7 @@
 """How a formula is run: over which numbers; as one compiled program, or written into the one that is being traced."""
 
 import functools
+import operator
 import typing
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -47,7 +48,7 @@ def formula(function: Callable[..., typing.Any] | None = None, *, of_sums: bool 
     if function is None:
         return functools.partial(formula, of_sums=of_sums)
     program = functools.partial(_run_sums if of_sums else _run, function)
-    compiled = jax.jit(program, static_argnums=(0, 1), inline=True)
+    compiled: Any = jax.jit(program, static_argnums=(0, 1), inline=True)
 
     @functools.wraps(function)
     def call(precision: Any, *arrays: Any, **static: Any) -> Any:
@@ -95,8 +96,8 @@ def _run_sums(
     is_apart = any(map(components.is_components, arrays))
     if arrays[0].dtype != jnp.bfloat16:
         return _run_over(numbers, function, arrays)
-    found = _run_over(numbers, function, jax.tree.map(lambda x: x.astype(np.float32), arrays))
-    return jax.tree.map(lambda x: converted(x, jnp.bfloat16), found)
+    found = _run_over(numbers, function, jax.tree.map(operator.methodcaller("astype", np.float32), arrays))
+    return jax.tree.map(functools.partial(converted, dtype=jnp.bfloat16), found)
 
 
 # -- what comes out ---------------------------------------------------------------------------------------------------
@@ -129,7 +130,7 @@ class _Results(typing.NamedTuple):
             return self._over_batch(as_array(x, self.dtype))
         if isinstance(x, DoubleWord):
             return jax.tree.map(self._over_batch, x)
-        return to_double_word(jnp.broadcast_to(x.value, self.batch), self.dtype)
+        return to_double_word(jnp.broadcast_to(x.words[0], self.batch), self.dtype)
 
     def _over_batch(self, x: Any) -> Any:
         """What is known stays so, for the array that it becomes a component of."""
@@ -145,6 +146,6 @@ class _Results(typing.NamedTuple):
 
 def _sum_of_items(x: Any) -> Any:
     """The sum of x (*batch, n, k) over n: (*batch, k)."""
-    if isinstance(x, np.ndarray) and not x.any():
+    if isinstance(x, check.NUMPY) and not x.any():
         return np.zeros((*x.shape[:-2], x.shape[-1]), x.dtype)
     return jnp.moveaxis(pairwise_sum(jnp.moveaxis(x, -1, 0)), 0, -1)

@@ -49,7 +49,7 @@ def series(coefficients: Iterable[Fraction], x: Number, largest: float | Fractio
 
 
 @functools.cache
-def _polynomial(coefficients: tuple[Fraction, ...]) -> Callable[[Number], Number]:
+def _polynomial(coefficients: tuple[Fraction, ...]) -> Callable[[Any], Any]:
     def evaluated(x: Any) -> Number:
         if isinstance(x, DoubleWord):
             return _scanned(coefficients, x)
@@ -60,13 +60,13 @@ def _polynomial(coefficients: tuple[Fraction, ...]) -> Callable[[Number], Number
     return noinline_pairs(evaluated)
 
 
-def _horner(coefficients: tuple[Any, ...], x: Number) -> Number:
+def _horner(coefficients: tuple[Any, ...], x: Any) -> Any:
     result, *others = (c if is_number(c) else constant(x, c) for c in reversed(coefficients))
     return functools.reduce(lambda result, c: result * x + c, others, result)
 
 
 @functools.cache
-def _of_data(coefficients: tuple[Fraction, ...], precision: Precision) -> Callable[[Any], Number]:
+def _of_data(coefficients: tuple[Fraction, ...], precision: Precision) -> Callable[[Any], Rounded]:
     """The polynomial of a Rounded, differentiated as one: a pull-back needs its slope, and not every step to it."""
 
     @jax.custom_jvp
@@ -96,7 +96,7 @@ def _scanned(coefficients: tuple[Fraction, ...], x: Number) -> Number:
     """The polynomial of a double word as a loop: written out, it would compile for seconds."""
     pairs = [constant(x, c) for c in reversed(coefficients)]
     first, rest = pairs[0], jax.tree.map(lambda *words: np.stack(words), *pairs[1:])
-    start = jax.tree.map(lambda word, like: jnp.full_like(like, word), first, x)
+    start = jax.tree.map(jnp.full_like, x, first)
     return lax.scan(lambda result, c: (result * x + c, None), start, rest)[0]
 
 
@@ -155,7 +155,7 @@ def _words(fraction: Fraction, like: Number) -> Iterator[Fraction]:
         yield fraction
 
 
-_quarter_turns = noinline_pairs(lambda angle: turns(angle, 4))
+_quarter_turns = noinline_pairs(functools.partial(turns, parts=4))
 
 
 @noinline

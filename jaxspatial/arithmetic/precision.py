@@ -2,6 +2,7 @@
 
 import contextlib
 import enum
+from typing import Any
 
 import jax
 
@@ -44,7 +45,7 @@ OF_REFERENCES = Precision.COMPENSATED
 OF_ALGORITHMS = Precision.FAST, Precision.REPRODUCIBLE, OF_REFERENCES
 
 # Part of the key under which jit caches its traces: a function traced under one default is traced again under another.
-_default = jax.make_user_context(default_value=DEFAULT)
+_default: Any = jax.make_user_context(default_value=DEFAULT)
 
 
 def default_precision(precision: Precision | str) -> contextlib.AbstractContextManager[None]:

@@ -84,7 +84,7 @@ def is_used(context: Any, dtype: DTypeLike):
 
 
 @functools.cache
-def holds(dtype: np.dtype[Any]):
+def holds(dtype: np.dtype[Any]) -> bool:
     """Whether errors of products by contraction are exact on the CPU of this process, as far as has been tried."""
     found: list[bool] = []
     # In a thread of its own: what this one is tracing, or has set for a while, is not the trial's business.
@@ -99,7 +99,7 @@ def _passes(dtype: Any):
         return False
     try:
         with jax.enable_x64(True), jax.default_device(jax.local_devices(backend="cpu")[0]):
-            return _is_exact(dtype)
+            return _is_exact(np.dtype(dtype))
     except Exception:  # noqa: BLE001 - whatever goes wrong, there is a way without
         return False
 
@@ -134,7 +134,7 @@ def _hidden_product(a: Array, b: Array) -> tuple[Array, Array]:
     return p, product_error(a, b, p)
 
 
-def _trial(a_known: Array, b_known: Array, own: Array, a: Array, b: Array):
+def _trial(a_known: Any, b_known: Any, own: Array, a: Array, b: Array):
     """What is tried: results beside errors and errors alone, arrays, single numbers and loops, numbers that are known
     to the compiler on one side or both, the same for many or not, next to other known numbers, and lanes picked again.
     """

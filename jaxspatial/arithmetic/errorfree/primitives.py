@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 from jax.core import ShapedArray
+from jax.experimental.xla_metadata import set_xla_metadata  # pyright: ignore[reportUnknownVariableType]: no stub
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
@@ -30,26 +31,33 @@ def elementwise(
     def each(result: Any) -> Any:
         return result if n_results is None else [result] * n_results
 
-    primitive.def_abstract_eval(lambda *arrays: each(like.abstract_eval(*arrays[:2])[0]))
+    def abstract(*arrays: Any) -> Any:
+        return each(like.abstract_eval(*arrays[:2])[0])
+
+    def batch(args: Sequence[Array], axes: Sequence[int | None]) -> Any:
+        return primitive.bind(*alike(*_batched(args, axes))), each(0)
+
+    primitive.def_abstract_eval(abstract)
     primitive.def_impl(compiled(primitive))
     mlir.register_lowering(primitive, lower)
     ad.primitive_jvps[primitive] = jvp
     if transpose:
         ad.primitive_transposes[primitive] = transpose
-    batching.primitive_batchers[primitive] = lambda args, axes: (
-        primitive.bind(*alike(*_batched(args, axes))),
-        each(0),
-    )
+    batching.primitive_batchers[primitive] = batch
     return primitive
 
 
 def compiled(primitive: Any, **parameters: Any) -> Callable[..., Any]:
     """The primitive outside of a program: one of its own, also where `jax.disable_jit` is on."""
-    program = jax.jit(lambda *arrays: primitive.bind(*arrays, **parameters))
+
+    def bound(*arrays: Array) -> Any:
+        return primitive.bind(*arrays, **parameters)
 
     def call(*arrays: Array) -> Any:
         with jax.disable_jit(False):
             return program(*arrays)
+
+    program: Callable[..., Any] = jax.jit(bound)
 
     return call
 
@@ -60,9 +68,9 @@ def alike(*arrays: Array, components: int | None = None) -> Sequence[Array]:
     Under explicit sharding, an argument that is whole along an axis is split as the others are; not where it has one
     item for all of theirs. components: the axis along which arrays differ in size without that.
     """
-    varying = [frozenset(jax.typeof(x).mat.varying) for x in arrays]
-    missing = [tuple(frozenset().union(*varying) - own) for own in varying]
-    found = [lax.pcast(x, m, to="varying") if m else x for x, m in zip(arrays, missing, strict=True)]
+    varying: list[frozenset[Any]] = [frozenset(jax.typeof(x).mat.varying) for x in arrays]
+    missing = [tuple(frozenset[Any]().union(*varying) - own) for own in varying]
+    found: list[Array] = [lax.pcast(x, m, to="varying") if m else x for x, m in zip(arrays, missing, strict=True)]
     specs = [jax.typeof(x).sharding.spec for x in found]
     if all(spec == specs[0] for spec in specs):
         return found
@@ -83,6 +91,12 @@ def _batched(arguments: Sequence[Array], axes: Sequence[int | None]) -> Iterator
     size = next(x.shape[axis] for x, axis in zip(arguments, axes, strict=True) if axis is not None)
     for x, axis in zip(arguments, axes, strict=True):
         yield lax.broadcast(x, (size,)) if axis is None else jnp.moveaxis(x, axis, 0)
+
+
+def not_inlined(function: Callable[..., Any], *arguments: Any) -> Any:
+    """function(*arguments), as a call that the compiler does not inline."""
+    with set_xla_metadata(inlineable="false"):
+        return jax.jit(function)(*arguments)
 
 
 def is_zero(tangent: object) -> bool:

@@ -43,7 +43,7 @@ def in_double():
 
 def unstack(x: Any) -> tuple[Any, ...]:
     """The components of x (*batch, n), each (*batch,); of a NumPy array, numbers where one is the same throughout."""
-    if isinstance(x, np.ndarray):
+    if isinstance(x, check.NUMPY):
         return tuple(_number_if_uniform(x[..., i]) for i in range(x.shape[-1]))
     return tuple(apart(x))
 

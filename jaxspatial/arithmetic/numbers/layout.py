@@ -116,7 +116,11 @@ def _linear(name: str, abstract: Rule, lowered: Rule, transposed: Rule, batched:
     primitive.multiple_results = True
     primitive.def_abstract_eval(abstract)
     program = functools.cache(functools.partial(compiled, primitive))
-    primitive.def_impl(lambda *arrays, axis: program(axis=axis)(*arrays))
+
+    def call(*arrays: Array, axis: int) -> Any:
+        return program(axis=axis)(*arrays)
+
+    primitive.def_impl(call)
     mlir.register_lowering(primitive, rule(lowered))
     ad.primitive_jvps[primitive] = functools.partial(_moved, primitive)
     ad.primitive_transposes[primitive] = transposed

@@ -2,16 +2,16 @@
 
 import functools
 import operator
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeGuard, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.experimental.xla_metadata import set_xla_metadata
 
 from jaxspatial.arithmetic.errorfree import scaling
+from jaxspatial.arithmetic.errorfree.primitives import not_inlined
 from jaxspatial.arithmetic.numbers import folding
 from jaxspatial.arithmetic.numbers.corrected import Corrected
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
@@ -103,8 +103,7 @@ def noinline_pairs(function: Callable[..., T]) -> Callable[..., T]:
             return noinline(function)(*numbers)
         if not any(isinstance(x, DoubleWord) for x in leaves):
             return function(*numbers)
-        with set_xla_metadata(inlineable="false"):
-            return jax.jit(function)(*numbers)
+        return not_inlined(function, *numbers)
 
     return call
 
@@ -128,8 +127,7 @@ def noinline(function: Callable[..., T]) -> Callable[..., T]:
 
         if not data_of(leaves):
             return function(*arguments)
-        with set_xla_metadata(inlineable="false"):
-            data = jax.jit(on_data)(data_of(leaves))
+        data = not_inlined(on_data, data_of(leaves))
         return jax.tree.unflatten(results[1], with_data(results[0], data))
 
     return call
@@ -198,7 +196,7 @@ def repeated(function: Callable[[Numbers], Numbers], times: int, numbers: Number
     return tuple(with_data(numbers, lax.scan(turn, data_of(numbers), length=times)[0]))
 
 
-def each(operation: Callable[..., Number], *lists: Numbers) -> list[Number]:
+def each(operation: Callable[..., Number], *lists: Sequence[Any]) -> list[Number]:
     """[operation(a, b) for a, b of the lists]; of double words one operation on all of them, to be compiled once."""
     pairs = [x for numbers in lists for x in numbers if isinstance(x, DoubleWord)]
     if len(lists[0]) == 1 or not pairs:

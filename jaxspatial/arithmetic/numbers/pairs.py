@@ -32,7 +32,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.custom_derivatives import SymbolicZero, zero_from_primal
+from jax.custom_derivatives import SymbolicZero, zero_from_primal  # pyright: ignore[reportUnknownVariableType]: no stub
 from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic.check import finfo
@@ -262,7 +262,8 @@ def _conversion(dtype: np.dtype[Any]):
 
     def converted(x: Pair):
         wide = narrowest(x[0].dtype, dtype)
-        s, error = two_sum(*(lax.convert_element_type(word, wide) for word in x))
+        hi, lo = (lax.convert_element_type(word, wide) for word in x)
+        s, error = two_sum(hi, lo)
         # Fenced: a compiler may leave out a conversion there and back.
         high = fence(lax.convert_element_type(s, dtype))
         low = (s - lax.convert_element_type(high, wide)) + error

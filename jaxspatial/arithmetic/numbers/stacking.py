@@ -41,7 +41,7 @@ class Stacked(Sequence[Any]):
     def __len__(self) -> int:
         return self._size
 
-    def combined(self, operation: Callable[..., Any], vector: Numbers) -> "Stacked":
+    def combined(self, operation: Callable[..., Any], vector: Sequence[Any]) -> "Stacked":
         """`folding.add` or `folding.subtract` of this and a vector: of arrays one operation, where it can be."""
 
         def whole() -> Any:
@@ -53,7 +53,7 @@ class Stacked(Sequence[Any]):
 
         return Stacked(self.precision, len(self), whole, apart)
 
-    def laid_out(self, vector: Numbers) -> "Stacked":
+    def laid_out(self, vector: Sequence[Any]) -> "Stacked":
         """A vector as an array in the layout of this one."""
         values = [x.value for x in vector]
         return Stacked(self.precision, len(values), lambda: folding.stack_like(self.array, values), lambda: values)

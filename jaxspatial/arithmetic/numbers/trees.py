@@ -74,7 +74,7 @@ def from_double_word(x: typing.Any, dtype: DTypeLike | None = None) -> typing.An
     return jax.tree.map(functools.partial(_as_word, dtype=dtype), x, is_leaf=_is_double_word)
 
 
-def _as_word(leaf: typing.Any, dtype: DTypeLike | None) -> typing.Any:
+def _as_word(leaf: typing.Any, dtype: np.dtype[typing.Any] | None) -> typing.Any:
     if not _is_double_word(leaf):
         return leaf
     dtype = leaf.dtype if dtype is None else dtype

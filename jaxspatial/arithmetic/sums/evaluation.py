@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.experimental.xla_metadata import set_xla_metadata
 
+from jaxspatial.arithmetic.errorfree.primitives import not_inlined
 from jaxspatial.arithmetic.errorfree.transforms import product_error
 from jaxspatial.arithmetic.numbers.layout import picked
 from jaxspatial.arithmetic.numbers.polynomial import Term
@@ -119,9 +119,7 @@ def _trials(plan: Plan, is_narrow: bool) -> Sequence[Trial]:
 def _unfused(plan: Plan, accumulator: Any, error: Error, arrays: Sequence[Array]) -> list[Array]:
     """As a call that the compiler does not inline. Where one such sum is fused into the next, XLA CPU computes every
     component again for each it is used in, without vectorising: a shift and a dot then take 7 times as long."""
-    evaluated = jax.jit(functools.partial(_evaluated, plan, accumulator, error))
-    with set_xla_metadata(inlineable="false"):
-        return evaluated(arrays)
+    return not_inlined(functools.partial(_evaluated, plan, accumulator, error), arrays)
 
 
 def _tried(plan: Plan, trials: Sequence[Trial], error: Error, arrays: Sequence[Array]) -> list[Array]:
@@ -169,7 +167,7 @@ class _Evaluation:
 
     def __init__(self, plan: Plan, accumulator: Any, error: Error, arrays: Sequence[Array]):
         self.plan, self.accumulator, self.error, self.arrays = plan, accumulator, error, arrays
-        self._lanes = {}
+        self._lanes: dict[tuple[int, int], Array] = {}
 
     def results(self, s: Sum) -> Sequence[Array]:
         """Of a Sum: one array, or the two of a pair."""
@@ -225,12 +223,12 @@ class _Evaluation:
             self._lanes[j, k] = jnp.broadcast_to(_wide(lane), self.plan.batch)
         return self._lanes[j, k]
 
-    def _separated(self, s: Sum) -> tuple[list[tuple[int, int]], list[Sequence[Term]]]:
+    def _separated(self, s: Sum) -> tuple[list[tuple[Any, int]], list[Sequence[Term]]]:
         """((sign, j) for every array j that is a term just as it stands, the other terms of each component)."""
         if s.shares:
             return [], list(s.components)
         first = [t for t in s.components[0] if len(t.factors) == 1 and t.factors[0][1] == 0]
-        whole: list[tuple[int, int]] = []
+        whole: list[tuple[Any, int]] = []
         for sign, ((j, _),) in first:
             same = all(Term(sign, ((j, k),)) in terms for k, terms in enumerate(s.components))
             if same and self.arrays[j].shape == self.plan.shape(s) and (sign, j) not in whole:

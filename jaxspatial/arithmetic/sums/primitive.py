@@ -149,10 +149,14 @@ def _compiled(plan: Plan) -> Callable[..., list[Array]]:
     return compiled(_sums_p, plan=plan)
 
 
+def _call(*arrays: Array, plan: Plan) -> list[Array]:
+    return _compiled(plan)(*arrays)
+
+
 _sums_p: Any = Primitive("jaxspatial_sums")
 _sums_p.multiple_results = True
 _sums_p.def_abstract_eval(_abstract)
-_sums_p.def_impl(lambda *arrays, plan: _compiled(plan)(*arrays))
+_sums_p.def_impl(_call)
 mlir.register_lowering(_sums_p, rule(evaluate))
 ad.primitive_jvps[_sums_p] = _jvp
 ad.primitive_transposes[_sums_p] = _transpose
