@@ -97,7 +97,7 @@ class Traced:
 
         # What another program has kept in 64 bits stays so, whatever the caller's own numbers may be.
         is_wide = any(np.dtype(a.dtype).itemsize == 8 for a in avals)
-        with jax.enable_x64(is_wide or bool(jax.config.jax_enable_x64)):
+        with jax.enable_x64(is_wide or bool(check.config.jax_enable_x64)):
             closed = jax.make_jaxpr(flat)(*avals)
         jaxpr, _ = pe.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
         self.closed = ClosedJaxpr(jaxpr, closed.consts)

@@ -55,7 +55,8 @@ def check_replaced(cls: type[Any], name: str, old: Any, new: Any):
 
 def known(x: Any):
     if isinstance(x, Tracer):
-        raise TypeError(f"Mechanism.as_known: expected numbers (NumPy or JAX arrays), got {type(x).__name__}, traced")
+        came = x.__class__.__name__
+        raise TypeError(f"Mechanism.as_known: expected numbers (NumPy or JAX arrays), got {came}, traced")
     return np.asarray(x)
 
 
