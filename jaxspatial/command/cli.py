@@ -72,7 +72,7 @@ def _failed(text: str, status: int):
 def interrupts_heard():
     """Also those that Python drops, as in the callback of the garbage collector that JAX has: while this lasts, a
     KeyboardInterrupt raised where nothing can catch it comes again, until it is caught."""
-    before, timers = sys.unraisablehook, []
+    before, timers = sys.unraisablehook, list[threading.Timer]()
 
     def again(dropped: "sys.UnraisableHookArgs"):
         if not issubclass(dropped.exc_type, KeyboardInterrupt):

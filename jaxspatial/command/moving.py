@@ -2,8 +2,9 @@
 and in other axes; nothing else is done."""
 
 import argparse
+import operator
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -46,8 +47,9 @@ def moved(
     of X_AB, (7,) or (n, 7), of a file of wrenches about the origin of B, in B: they come out about that of A, in A.
     """
     with jax.enable_x64(True):
-        vectors = [SpatialForce(parts["tau"], parts["f"])]
-        vectors += [SpatialVelocity(parts["w"], parts["v"])] if "w" in parts else []
+        known = cast(dict[str, Any], parts)
+        vectors = [SpatialForce(known["tau"], known["f"])]
+        vectors += [SpatialVelocity(known["w"], known["v"])] if "w" in parts else []
         for step in _steps(offset, rotation, pose, parts["tau"].dtype, precision):
             vectors = [step(X) for X in vectors]
         arrays = [np.asarray(x) for X in vectors for x in (X.rotational, X.translational)]
@@ -71,7 +73,7 @@ def _steps(
 
 def _rotation(wxyz: np.ndarray, dtype: np.dtype):
     """Rounded once, from float64."""
-    return jax.tree.map(lambda x: x.astype(dtype), Rotation.from_quaternion(np.asarray(wxyz, np.float64)))
+    return jax.tree.map(operator.methodcaller("astype", dtype), Rotation.from_quaternion(np.asarray(wxyz, np.float64)))
 
 
 def _motion(file: WrenchFile, options: argparse.Namespace):

@@ -2,7 +2,7 @@
 
 import pathlib
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -46,7 +46,7 @@ def draw(result: Result, file: BinaryIO | str | pathlib.Path, ending: str = "png
     places: Any = _places(result, dtypes)
     # Made without pyplot: it needs no backend with windows, and nothing is left open.
     figure = Figure(figsize=(16, 4.75 * len(places)), layout="constrained")
-    axes = figure.subplot_mosaic(places)
+    axes = cast(dict[str, Axes], figure.subplot_mosaic(places))
     for dtype in dtypes:
         _draw_trade(axes[dtype], [row for row in result.rows if row.case.dtype == dtype], dtype)
     if dtypes:
@@ -84,7 +84,7 @@ def _draw_points(axes: Axes, points: Sequence[Point], markers: Mapping[str, str]
         joined = [at for case, at, _ in points if case[:2] == group]
         axes.plot(*zip(*joined, strict=True), color=_LIGHT, linewidth=1, zorder=1)
     for case, at, style in points:
-        look = {"color": _COLOURS[case.precision], "marker": markers[case.operation], "markersize": 8, **style}
+        look: Any = {"color": _COLOURS[case.precision], "marker": markers[case.operation], "markersize": 8, **style}
         axes.plot(*at, linestyle="", zorder=2, **look)
     axes.set(xscale="log", yscale="log")
     axes.grid(alpha=0.25)
@@ -143,7 +143,8 @@ def _add_legend(axes: Axes, keys: Keys, **place: Any):
 
 
 def _line(style: str, label: str, **names: Any):
-    return Line2D([], [], linestyle=style, label=label, **{"color": _GREY, "linewidth": 0.8, **names})
+    look: Any = {"linestyle": style, "color": _GREY, "linewidth": 0.8, **names}
+    return Line2D([], [], label=label, **look)
 
 
 def _key(marker: str, label: str, colour: str = _GREY, **style: Any):
@@ -186,10 +187,10 @@ _OF_CONDITIONS = (
 def _draw_curve(axes: Axes, curve: conditions.Curve):
     """The promise as a thin line."""
     points = [point for point in curve.points if np.isfinite(point.condition) and point.results >= _ENOUGH]
-    x, colour = np.array([point.condition for point in points]), _COLOURS[curve.precision]
-    marker = {"marker": _MARKERS[curve.operation], "markerfacecolor": _face(curve.dtype, colour), "markersize": 5}
+    x, colour = [point.condition for point in points], _COLOURS[curve.precision]
+    marker: Any = {"marker": _MARKERS[curve.operation], "markerfacecolor": _face(curve.dtype, colour), "markersize": 5}
     axes.plot(x, [point.worst_ulps or np.nan for point in points], color=colour, linewidth=1.2, **marker)
-    dense = np.geomspace(1, x.max(), 200)
+    dense = np.geomspace(1, max(x), 200)
     axes.plot(dense, conditions.promised_ulps(curve, dense), color=colour, linewidth=0.8, linestyle="--")
 
 

@@ -27,8 +27,9 @@ Numbers that are not finite are null: the condition number of an exact result of
 
 import json
 import math
+from collections.abc import Sequence
 from importlib.metadata import version
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
@@ -92,9 +93,9 @@ def as_json(x: Any):
 
 def _finite(x: Any) -> Any:
     if isinstance(x, dict):
-        return {key: _finite(value) for key, value in x.items()}
+        return {key: _finite(value) for key, value in cast(dict[Any, Any], x).items()}
     if isinstance(x, (list, tuple)):
-        return [_finite(value) for value in x]
+        return [_finite(value) for value in cast(Sequence[Any], x)]
     return None if isinstance(x, float) and not math.isfinite(x) else x
 
 
@@ -107,7 +108,7 @@ def _row(row: trade.Row) -> dict[str, Any]:
         **row.case._asdict(),
         "words_per_item": OPERATIONS[row.case.operation].words,
         "in_cache": _times(row.in_cache),
-        "streamed": None if row.streamed is None else _streamed(row),
+        "streamed": None if row.streamed is None else _streamed(row, row.streamed),
         "compile_seconds": row.compile_seconds,
         "ulps": {"median": row.median_ulps, "worst": row.worst_ulps},
         "absolute": [{"unit": unit, "worst": worst} for unit, worst in row.errors_in_units],
@@ -120,8 +121,8 @@ def _times(seconds: np.ndarray) -> dict[str, Any]:
     return {"nanoseconds": median, "fastest": fastest, "ninety_percent": ninety}
 
 
-def _streamed(row: trade.Row) -> dict[str, Any]:
-    return {**_times(row.streamed), "gigabytes_per_second": row.gigabytes_per_second}
+def _streamed(row: trade.Row, seconds: np.ndarray) -> dict[str, Any]:
+    return {**_times(seconds), "gigabytes_per_second": row.gigabytes_per_second}
 
 
 def _evaluated(row: algorithms.Evaluated) -> dict[str, Any]:

@@ -3,9 +3,9 @@
 import pathlib
 from typing import BinaryIO
 
-import jax.numpy as jnp
 import numpy as np
 
+from jaxspatial.arithmetic import check
 from jaxspatial.command.tables import Csv, Named, Npz, Parts
 from jaxspatial.command.tables import WrenchFileError as WrenchFileError
 
@@ -69,7 +69,7 @@ class WrenchFile:
                 where = self._content.place(part, *bad[0])
                 raise WrenchFileError(
                     f"{self.path}: the {PARTS[part]} about the new point, {where}, is too large for {array.dtype} "
-                    f"(at most {float(jnp.finfo(array.dtype).max):.3g}){_more('; so', len(bad) - 1)}"
+                    f"(at most {float(check.finfo(array.dtype).max):.3g}){_more('; so', len(bad) - 1)}"
                 )
 
 

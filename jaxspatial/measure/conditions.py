@@ -1,7 +1,7 @@
 """Error against condition number: where a precision begins to lose digits, and where it has none left."""
 
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import jax
@@ -12,7 +12,7 @@ from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.measure import error
 from jaxspatial.measure.inputs import CONDITIONED
-from jaxspatial.measure.operation import OPERATIONS, Operation
+from jaxspatial.measure.operation import OPERATIONS, Operation, Parts
 from jaxspatial.measure.timing import Advance
 
 DTYPES = ("float32", "float64")
@@ -79,14 +79,15 @@ def _curves(operation: Operation, dtype: str, advance: Advance, seed: int):
 
 
 @functools.cache
-def _run(name: str, precision: Precision | str):
+def _run(name: str, precision: Precision | str) -> Callable[..., Parts]:
     """Compiled once, however often the curves are measured."""
     return jax.jit(OPERATIONS[name].batched(precision))
 
 
 def _bins(value: np.ndarray, mag: np.ndarray):
     """Condition numbers by factors of 10, as (condition, mask)."""
-    condition = np.frompyfunc(lambda m, r: float(m / abs(r)) if r else np.inf, 2, 1)(mag, value).astype(np.float64)
+    of_each = np.frompyfunc(lambda m, r: float(m / abs(r)) if r else np.inf, 2, 1)(mag, value)
+    condition = np.asarray(of_each, np.float64)
     is_finite = np.isfinite(condition)
     decade = np.where(is_finite, np.round(np.log10(np.where(is_finite, condition, 1))), np.inf)
     return [(float(np.median(condition[decade == d])), decade == d) for d in np.unique(decade)]

@@ -1,14 +1,15 @@
 """Errors of computed numbers against exact ones: in ulps by component and by vector, and in the unit of bounds."""
 
+import functools
 import math
 from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.promise import Promise
 from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.measure.exact import rationals
@@ -21,7 +22,7 @@ Unit = Callable[[Fraction, Fraction], Fraction]
 
 def unit_roundoff(dtype: DTypeLike) -> Any:
     """u: half the distance from 1 to the next number, as an exact Fraction."""
-    return Fraction(float(jnp.finfo(dtype).eps)) / 2
+    return Fraction(float(check.finfo(dtype).eps)) / 2
 
 
 def ulp(exact: np.ndarray, dtype: DTypeLike):
@@ -29,7 +30,7 @@ def ulp(exact: np.ndarray, dtype: DTypeLike):
 
     Below the smallest normal number the unit is that of the smallest normal number.
     """
-    info = jnp.finfo(dtype)
+    info = check.finfo(dtype)
     return np.asarray(np.frompyfunc(lambda x: _ulp(x, info), 1, 1)(exact), dtype=object)
 
 
@@ -39,7 +40,7 @@ def in_ulps(computed: ArrayLike, exact: Exact):
     Below the smallest normal number the unit is that of the smallest normal number. NaN and infinities are infinitely
     far off.
     """
-    info = jnp.finfo(np.asarray(computed).dtype)
+    info = check.finfo(np.asarray(computed).dtype)
     return _over(computed, exact, lambda e, _: _ulp(e, info), exact)
 
 
@@ -49,7 +50,7 @@ def in_ulps_of_norm(computed: ArrayLike, exact: Exact):
     Over the last axis, as float64, one number per vector: the error in the maximum norm. Vectors with NaN or an
     infinity are infinitely far off.
     """
-    info, exact = jnp.finfo(np.asarray(computed).dtype), np.asarray(exact, dtype=object)
+    info, exact = check.finfo(np.asarray(computed).dtype), np.asarray(exact, dtype=object)
     return _over(computed, exact, lambda _, m: _ulp(m, info), abs(exact).max(-1, keepdims=True)).max(-1)
 
 
@@ -69,7 +70,7 @@ def in_u_of(computed: ArrayLike, exact: Exact, magnitude: Exact, flushed: int = 
     `flushed`: so many of the smallest normal number are forgiven beforehand, for subnormals that were flushed to zero.
     """
     dtype = np.asarray(computed).dtype
-    u, forgiven = unit_roundoff(dtype), flushed * Fraction(float(jnp.finfo(dtype).tiny))
+    u, forgiven = unit_roundoff(dtype), flushed * Fraction(float(check.finfo(dtype).tiny))
     return _over(computed, exact, lambda _, m: u * m, magnitude, forgiven)
 
 
@@ -78,7 +79,7 @@ def in_units_of(allowed: Exact, computed: ArrayLike, exact: Exact, flushed: int 
 
     `flushed`: as in `in_u_of`.
     """
-    forgiven = flushed * Fraction(float(jnp.finfo(np.asarray(computed).dtype).tiny))
+    forgiven = flushed * Fraction(float(check.finfo(np.asarray(computed).dtype).tiny))
     return _over(computed, exact, lambda _, a: a, allowed, forgiven)
 
 
@@ -95,12 +96,13 @@ def _over(computed: ArrayLike, exact: Exact, unit: Unit, magnitude: Exact, forgi
     finite = np.isfinite(computed.astype(np.float64))
     errors = abs(rationals(np.where(finite, computed, np.zeros_like(computed))) - exact)
     errors = np.maximum(errors - forgiven, 0) if forgiven else errors
-    ratios = np.frompyfunc(lambda error, e, m: _ratio(error, unit(e, m)), 3, 1)(errors, exact, magnitude)
-    return np.where(finite, ratios.astype(np.float64), np.inf)
+    ratios = np.frompyfunc(functools.partial(_ratio, unit), 3, 1)(errors, exact, magnitude)
+    return np.where(finite, np.asarray(ratios, np.float64), np.inf)
 
 
-def _ratio(error: Fraction, unit: Fraction):
-    return float(error / unit) if unit else (math.inf if error else 0.0)
+def _ratio(unit: Unit, error: Fraction, exact: Fraction, magnitude: Fraction):
+    size = unit(exact, magnitude)
+    return float(error / size) if size else (math.inf if error else 0.0)
 
 
 def _ulp(x: Fraction, info: Any):

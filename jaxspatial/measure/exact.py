@@ -7,6 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+# Over numbers of any kind; a lambda takes its types from the number of its arguments.
+Formula = Callable[[Any, Any], Any] | Callable[[Any, Any, Any], Any] | Callable[[Any, Any, Any, Any], Any]
+
 
 def rationals(x: npt.ArrayLike) -> Any:
     """Every number of x as the Fraction it is. For finite floating point of at most 64 bits."""
@@ -47,7 +50,7 @@ def attribute(array: np.ndarray, name: str) -> Any:
     return np.asarray(np.frompyfunc(lambda x: getattr(x, name), 1, 1)(array), dtype=object)
 
 
-def evaluate(formula: Callable[..., Any], *arrays: npt.ArrayLike):
+def evaluate(formula: Formula | Callable[..., Any], *arrays: npt.ArrayLike):
     """(exact value, mag) of a formula over arrays: two arrays of Fractions.
 
     >>> evaluate(lambda tau, f, p: tau - np.cross(p, f), tau, f, p)

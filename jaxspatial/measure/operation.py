@@ -108,12 +108,32 @@ def _dot(precision: str, tau: jax.Array, f: jax.Array, w: jax.Array, v: jax.Arra
     return (dot(SpatialForce(tau, f), SpatialVelocity(w, v), precision=precision),)
 
 
+def _torque(tau: np.ndarray, f: np.ndarray, p: np.ndarray):
+    return tau - np.cross(p, f)
+
+
+def _velocity(w: np.ndarray, v: np.ndarray, p: np.ndarray):
+    return v + np.cross(w, p)
+
+
+def _acceleration(alpha: np.ndarray, a: np.ndarray, p: np.ndarray, w: np.ndarray):
+    return a + np.cross(alpha, p) + np.cross(w, np.cross(w, p))
+
+
 def _single(w: np.ndarray, v: np.ndarray, x: np.ndarray, y: np.ndarray):
     return np.cross(w, x)
 
 
 def _double(w: np.ndarray, v: np.ndarray, x: np.ndarray, y: np.ndarray):
     return np.cross(w, y) + np.cross(v, x)
+
+
+def _torque_rate(w: np.ndarray, v: np.ndarray, tau: np.ndarray, f: np.ndarray):
+    return _double(w, v, f, tau)
+
+
+def _force_rate(w: np.ndarray, v: np.ndarray, tau: np.ndarray, f: np.ndarray):
+    return _single(w, v, f, tau)
 
 
 def _power(tau: np.ndarray, f: np.ndarray, w: np.ndarray, v: np.ndarray):
@@ -126,16 +146,15 @@ OPERATIONS = {
     operation.name: operation
     for operation in (
         Operation(
-            "shift_force", ("tau", "f", "p"), _shift_force, (lambda tau, f, p: tau - np.cross(p, f),),
+            "shift_force", ("tau", "f", "p"), _shift_force, (_torque,),
             units=("N m",), bounds=(SHIFT,), flushed=6, size=3, turned=(2,), replaced=0,
         ),
         Operation(
-            "shift_velocity", ("w", "v", "p"), _shift_velocity, (lambda w, v, p: v + np.cross(w, p),),
+            "shift_velocity", ("w", "v", "p"), _shift_velocity, (_velocity,),
             units=("m/s",), bounds=(SHIFT,), flushed=6, size=3, turned=(2,), replaced=1,
         ),
         Operation(
-            "shift_acceleration", ("alpha", "a", "p", "w"), _shift_acceleration,
-            (lambda b, a, p, w: a + np.cross(b, p) + np.cross(w, np.cross(w, p)),),
+            "shift_acceleration", ("alpha", "a", "p", "w"), _shift_acceleration, (_acceleration,),
             units=("m/s²",), bounds=(SHIFT_ACCELERATION,), flushed=32, size=3, turned=(2,), replaced=1,
         ),
         Operation(
@@ -143,8 +162,7 @@ OPERATIONS = {
             units=("rad/s³", "m/s³"), bounds=(CROSS_ONE, CROSS_TWO), flushed=12, size=6, turned=(0, 1),
         ),
         Operation(
-            "cross_force", ("w", "v", "tau", "f"), _cross_force,
-            (lambda w, v, tau, f: _double(w, v, f, tau), lambda w, v, tau, f: _single(w, v, f, tau)),
+            "cross_force", ("w", "v", "tau", "f"), _cross_force, (_torque_rate, _force_rate),
             units=("N m/s", "N/s"), bounds=(CROSS_TWO, CROSS_ONE), flushed=12, size=6, turned=(0, 1),
         ),
         Operation(

@@ -1,14 +1,16 @@
 """Power before and after a shift: the same number, as far as numbers go."""
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.measure import error, exact
+from jaxspatial.measure.operation import Parts
 from jaxspatial.measure.scene import Wrenches
 from jaxspatial.spatial import SpatialForce, SpatialVelocity, dot, shift
 from jaxspatial.spatial.promises import DOT, SHIFT
@@ -30,7 +32,7 @@ def compare(wrenches: Wrenches, offset: npt.ArrayLike, dtype: str, sample: int =
     with jax.enable_x64(dtype == "float64"):
         tau, f, w, v = (jnp.asarray(x, dtype) for x in wrenches)
         F, V, p = SpatialForce(tau, f), SpatialVelocity(w, v), jnp.asarray(offset, dtype)
-        before, after = (np.asarray(x) for x in jax.jit(_both)(F, V, p))
+        before, after = (np.asarray(x) for x in cast(Parts, jax.jit(_both)(F, V, p)))
     some = np.linspace(0, len(before) - 1, min(sample, len(before))).astype(int)
     _, moved = exact.evaluate(_power_about_Q, *(np.asarray(x)[some] for x in (F.tau, F.f, V.w, V.v)), np.asarray(p))
     difference = error.in_u_of(after[some], exact.rationals(before[some]), moved, flushed=30).max()
@@ -43,7 +45,7 @@ def fits(wrenches: Wrenches, offset: npt.ArrayLike, dtype: DTypeLike):
     with np.errstate(over="ignore", invalid="ignore"):
         p, tau, f = abs(np.asarray(offset, np.float64)), abs(tau), abs(f)
         sizes = _sizes(p, tau, f, *(None if x is None else abs(x) for x in (w, v)))
-    return bool(np.max(sizes) < float(jnp.finfo(dtype).max))
+    return bool(np.max(sizes) < float(check.finfo(dtype).max))
 
 
 def _sizes(p: np.ndarray, tau: np.ndarray, f: np.ndarray, w: np.ndarray | None, v: np.ndarray | None):

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from jax import lax
 
+from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.precision import DEFAULT, Precision
 from jaxspatial.arithmetic.types import DTypeLike
 from jaxspatial.measure import timing
@@ -28,6 +29,9 @@ _SAMPLE = 500
 _ROUNDS = 11
 # Seconds after which slow cases get fewer rounds.
 _LIMIT = 3.0
+
+# Of a loop: the parts before, and the sign of the next step.
+Carry = tuple[Parts, jax.Array]
 
 
 class Case(NamedTuple):
@@ -209,12 +213,12 @@ def _looped(operation: Operation, precision: str) -> Callable[..., Parts]:
     step = _step(operation, precision)
 
     def run(count: int, first: Parts, *arrays: jax.Array) -> Parts:
-        def body(_: jax.Array, carry: tuple[Parts, jax.Array]):
+        def body(_: jax.Array, carry: Carry) -> Carry:
             previous, sign = carry
             turned = [x * sign if i in operation.turned else x for i, x in enumerate(arrays)]
             return step(previous, *turned), -sign
 
-        return lax.fori_loop(0, count, body, (first, jnp.ones((), arrays[0].dtype)))[0]
+        return cast(Carry, lax.fori_loop(0, count, body, (first, jnp.ones((), arrays[0].dtype))))[0]
 
     return run
 
@@ -236,6 +240,6 @@ def _errors(operation: Operation, loops: Mapping[str, _Loop]) -> dict[str, tuple
 
 def _inside(exactly: Sequence[Exactly], dtype: DTypeLike):
     """Items whose terms add up to less than half of the largest number."""
-    largest = float(jnp.finfo(dtype).max) / 2
+    largest = float(check.finfo(dtype).max) / 2
     small = [(mag < largest).astype(bool) for _, mag in exactly]
     return np.all([x.all(tuple(range(1, x.ndim))) for x in small], axis=0)
