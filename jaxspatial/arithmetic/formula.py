@@ -75,7 +75,7 @@ def _run_over(numbers: Callable[..., Any], function: Callable[..., Any], arrays:
     is_apart = any(map(components.is_components, arrays))
     found = function(*map(numbers, check.broadcast_batch(batch, *arrays)))
     results = _Results(batch, np.dtype(arrays[0].dtype), is_pair, is_apart)
-    return [results.rounded(x) for x in found] if isinstance(found, list) else results.rounded(found)
+    return [results.rounded(x) for x in found] if isinstance(found, check.LIST) else results.rounded(found)
 
 
 # -- sums of products -------------------------------------------------------------------------------------------------
@@ -116,7 +116,7 @@ class _Results(typing.NamedTuple):
             return self._summed(x.vector)
         if isinstance(x, Stacked):
             return x.array
-        if isinstance(x, tuple):
+        if isinstance(x, check.TUPLE):
             parts = [self._number(c) for c in x]
             if self.is_apart:
                 return components.of(parts)

@@ -96,7 +96,7 @@ def _scanned(coefficients: tuple[Fraction, ...], x: Number) -> Number:
     """The polynomial of a double word as a loop: written out, it would compile for seconds."""
     pairs = [constant(x, c) for c in reversed(coefficients)]
     first, rest = pairs[0], jax.tree.map(lambda *words: np.stack(words), *pairs[1:])
-    start = jax.tree.map(jnp.full_like, x, first)
+    start = jax.tree.map(lax.full_like, x, first)
     return lax.scan(lambda result, c: (result * x + c, None), start, rest)[0]
 
 

@@ -65,8 +65,8 @@ class Promise(NamedTuple):
     @property
     def factors(self) -> set[tuple[float, int]]:
         """(number, power of u) of all that is stated."""
-        of_result = {(self.u_of_result, 1), (SMALLEST, 1), (SMALLEST, 2)} if self.u_of_result else set()
-        return {(self.u, 1), (self.u2, 2)} | of_result
+        found: set[tuple[float, int]] = {(self.u, 1), (self.u2, 2)}
+        return found | {(self.u_of_result, 1), (SMALLEST, 1), (SMALLEST, 2)} if self.u_of_result else found
 
     def is_given(self, precision: Precision | str, roundoff: Any, condition: Any) -> Any:
         """Where anything is promised: not of a quotient whose denominator is little more than its rounding errors."""

@@ -78,9 +78,9 @@ class Quantity:
 
         Error: each number is rounded once.
         """
-        dtype = check.as_dtype(dtype)
+        converted = operator.methodcaller("astype", check.as_dtype(dtype))
         with np.errstate(all="ignore"):
-            return jax.tree.map(lambda x: x.astype(dtype), self, is_leaf=lambda x: isinstance(x, check.StandIn))
+            return jax.tree.map(converted, self, is_leaf=lambda x: isinstance(x, check.StandIn))
 
     def at_batch(self, index: typing.Any) -> typing.Self:
         """The items at an index of the batch, as NumPy has it.
@@ -96,7 +96,7 @@ class Quantity:
 
         Error: none, it is exact.
         """
-        index = tuple(map(_narrow_index, index if isinstance(index, tuple) else (index,)))
+        index = tuple(map(_narrow_index, index if isinstance(index, check.TUPLE) else (index,)))
         _require_in_range(self, index)
         # Of what consists of known numbers alone there is one for any batch.
         items = (x if check.goes_with_any_batch(x) else x[(*index, slice(None))] for x in self.vectors)
@@ -111,7 +111,7 @@ class Quantity:
             return not any(numeric) and _fields(self) == _fields(other)
         a, b = matched(self, other, "==")
         parts = ([as_array(v, x.batch_shape) for v in x.vectors] for x in (a, b))
-        return functools.reduce(operator.and_, map(_all_equal, *parts))
+        return functools.reduce(check.and_, map(_all_equal, *parts))
 
     def __ne__(self, other: typing.Any) -> typing.Any:
         equal = self == other
@@ -232,7 +232,8 @@ def _require_equal(given: dict[str, Any], expected: str, error: type[Exception])
 
 def _stacked(vectors: Sequence[Any], batch: tuple[int, ...], place: int) -> Any:
     """What is known of Components stays so where it is the same in all."""
-    if len({jax.tree.structure(x) for x in vectors}) > 1:
+    forms: set[Any] = {jax.tree.structure(x) for x in vectors}
+    if len(forms) > 1:
         vectors = [as_array(x, batch) for x in vectors]
         is_pair = any(isinstance(x, DoubleWord) for x in vectors)
         vectors = to_double_word(vectors) if is_pair else vectors
@@ -248,13 +249,14 @@ def _stacked_words(words: Sequence[Any], place: int) -> Any:
 def moved_to_last(vectors: Iterable[typing.Any], place: int, batch_shape: tuple[int, ...]) -> list[typing.Any]:
     """Arrays (*batch, n) with one axis of the batch behind the others; Components without data have none."""
     last = len(batch_shape) - 1
-    return [jax.tree.map(lambda x: jnp.moveaxis(x, place, last), x) if place != last else x for x in vectors]
+    moved = functools.partial(jnp.moveaxis, source=place, destination=last)
+    return [jax.tree.map(moved, x) if place != last else x for x in vectors]
 
 
 def _narrow_index(i: Any) -> Any:
     """Integers of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on."""
-    i = np.asarray(i, None if i else np.int32) if isinstance(i, list) else i
-    return i.astype(np.int32) if isinstance(i, np.ndarray) and i.dtype.kind in "iu" else i
+    i = np.asarray(i, None if i else np.int32) if isinstance(i, check.LIST) else i
+    return i.astype(np.int32) if isinstance(i, check.NUMPY) and i.dtype.kind in "iu" else i
 
 
 def _require_in_range(x: Any, index: tuple[Any, ...]) -> None:
@@ -270,7 +272,7 @@ def _require_in_range(x: Any, index: tuple[Any, ...]) -> None:
 
 def _all_equal(x: Any, y: Any) -> Any:
     equal = x == y
-    return functools.reduce(operator.and_, [equal[..., i] for i in range(equal.shape[-1])])
+    return functools.reduce(check.and_, [equal[..., i] for i in range(equal.shape[-1])])
 
 
 def _not_comparable(x: Any, other: object) -> Any:

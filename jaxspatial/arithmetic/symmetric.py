@@ -1,7 +1,7 @@
 """Symmetric matrices as six numbers, [xx, xy, yy, xz, yz, zz]: Pinocchio's order, the lower triangle by rows."""
 
 import functools
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +11,7 @@ from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.functions import unit_roundoff
 from jaxspatial.arithmetic.numbers import Mask, Number, Numbers, Rows, Symmetric, constant, high, where
-from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.double_word import DoubleWord, of_words
 from jaxspatial.arithmetic.numbers.number import as_data, noinline_pairs, repeated, shape_of, times_power_of_two
 from jaxspatial.arithmetic.numbers.trees import from_double_word
 from jaxspatial.arithmetic.precision import Precision
@@ -33,7 +33,11 @@ def picked(x: Any, places: np.ndarray) -> Any:
     """x[..., places], of slices: an index by arrays would be a gather. What is known stays so."""
     if not isinstance(x, (jax.Array, DoubleWord)):
         return x[..., places]
-    return jax.tree.map(lambda word: jnp.stack([word[..., i] for i in places.tolist()], -1), x)
+
+    def of_word(word: Any) -> jax.Array:
+        return jnp.stack([word[..., i] for i in places.tolist()], -1)
+
+    return jax.tree.map(of_word, x)
 
 
 def from_matrix(m: jax.Array) -> jax.Array:
@@ -82,7 +86,7 @@ def eigen(precision: Precision, six: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 @eigen.defjvp  # pyright: ignore[reportFunctionMemberAccess]
 def _eigen_jvp(precision: Precision, primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
-    moments, axes = eigen(precision, *primals)
+    moments, axes = cast(tuple[Any, Any], eigen(precision, *primals))
     plain = from_double_word((moments, axes, *tangents))
     rates = _rates(Precision.REPRODUCIBLE, *plain)
     return (moments, axes), tuple(map(_tangent_like, (moments, axes), rates))
@@ -90,7 +94,7 @@ def _eigen_jvp(precision: Precision, primals: tuple[Any], tangents: tuple[Any]) 
 
 def _tangent_like(x: Any, rate: Any) -> Any:
     """The tangent of a double word lies in its first word."""
-    return jax.tree.map(lambda word: rate if word is x.hi else jnp.zeros_like(rate), x) if _is_double(x) else rate
+    return of_words((rate, jnp.zeros_like(rate))) if _is_double(x) else rate
 
 
 def _is_double(x: Any) -> bool:

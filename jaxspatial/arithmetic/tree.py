@@ -8,6 +8,8 @@ from typing import Any
 import jax
 import jax.export
 
+from jaxspatial.arithmetic.check import TUPLE
+
 _Class = typing.TypeVar("_Class")
 
 
@@ -36,14 +38,14 @@ def tree_of(structure: str) -> typing.Callable[[type[_Class]], type[_Class]]:
 def named_tuples(types: Iterable[Any]) -> None:
     """Makes exportable what of these types are NamedTuples: pytrees by nature, of which JAX wants a name to write."""
     for cls in types:
-        if isinstance(cls, type) and issubclass(cls, tuple):
+        if isinstance(cls, type) and issubclass(cls, TUPLE):
             jax.export.register_namedtuple_serialization(cls, serialized_name=f"jaxspatial.{cls.__name__}")
 
 
-def _registered(cls: type[_Class], *static: str) -> type[_Class]:
+def _registered(cls: Any, *static: str) -> Any:
     cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
     names = [field.name for field in dataclasses.fields(cls) if field.name not in static]
-    keys = list(map(jax.tree_util.GetAttrKey, names))
+    keys: list[Any] = [jax.tree_util.GetAttrKey(name) for name in names]
 
     def structure(x: Any) -> tuple[Any, ...]:
         return tuple(getattr(x, name) for name in static)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxspatial.arithmetic.check import finfo
+from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.errorfree import scaling
 from jaxspatial.arithmetic.numbers import Number, Numbers, Rounded, Rows, Three, folding, is_constant
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
@@ -39,7 +39,7 @@ def square(v: Three) -> tuple[Number, Number | None]:
     """
     if not isinstance(v[0], Rounded):
         return dot(v, v), None
-    bits = finfo(v[0].dtype).nmant + 1
+    bits = check.finfo(v[0].dtype).nmant + 1
     shift = constant(v[0], 1.5 * 2 ** (bits - 1 - (bits - 12) // 2))
     grid = tuple((x + shift) - shift for x in v)
     coarse = dot(grid, grid)
@@ -132,7 +132,7 @@ def _scaled_once(v: Numbers) -> Numbers:
 def _exponent(values: Sequence[Any]) -> Any:
     if not all(map(folding.is_known, values)):
         return scaling.exponent(values)
-    largest = float(max(map(abs, values)))
+    largest = float(max(abs(x) for x in values))
     return np.int32(math.frexp(largest)[1] if math.isfinite(largest) else 0)
 
 
@@ -142,7 +142,7 @@ def unit(v: Numbers) -> Numbers:
     v = _scaled_once(v)
     length = dot(v, v).sqrt()
     length = where(high(length) < math.inf, length, math.nan)
-    return tuple(each(operator.truediv, v, [length] * len(v)))
+    return tuple(each(check.truediv, v, [length] * len(v)))
 
 
 @noinline_pairs

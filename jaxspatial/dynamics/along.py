@@ -12,13 +12,13 @@ import numpy as np
 
 from jaxspatial.arithmetic import numbers
 from jaxspatial.arithmetic.numbers import Number, Numbers, is_constant, is_number, where
+from jaxspatial.arithmetic.numbers.number import PyTreeDef as PyTreeDef
 from jaxspatial.arithmetic.sums.pairwise import pairwise
 
 T = TypeVar("T")
 Array = jax.Array | np.ndarray
 Maybe = Array | None
 Shape = tuple[int, ...]
-PyTreeDef = Any  # of jax.tree_util, whose stub has a variable of this name
 OfWord = Callable[[Any], Any]
 
 
@@ -48,11 +48,6 @@ def mapped_tree(function: OfWord, tree: T) -> T:
     return jax.tree.map(functools.partial(mapped, function), tree, is_leaf=is_number)
 
 
-def flattened(tree: Any) -> tuple[list[Any], PyTreeDef]:
-    """(the numbers of a tree, its form)."""
-    return cast(tuple[list[Any], PyTreeDef], jax.tree.flatten(tree, is_leaf=is_number))
-
-
 def tuple_of(*forms: PyTreeDef) -> PyTreeDef:
     return cast(PyTreeDef, jax.tree_util.treedef_tuple(forms))
 
@@ -80,7 +75,7 @@ def abreast(trees: Sequence[Any]) -> Any:
 
 def _each(trees: Sequence[Any], combined: Callable[[Numbers], Number]) -> Any:
     """The leaves of trees combined, but for what is known and alike."""
-    leaves, forms = zip(*map(flattened, trees), strict=True)
+    leaves, forms = zip(*map(numbers.flattened, trees), strict=True)
     found = [xs[0] if alike(xs) else combined(xs) for xs in zip(*leaves, strict=True)]
     return jax.tree.unflatten(forms[0], found)
 

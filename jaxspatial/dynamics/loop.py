@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic.numbers import as_data, data_of, noinline, with_data
+from jaxspatial.arithmetic.numbers import as_data, data_of, flattened, noinline, with_data
 from jaxspatial.dynamics import along
 from jaxspatial.dynamics.along import PyTreeDef
 from jaxspatial.mechanism.topology import Bundle
@@ -60,8 +60,8 @@ def _along(length: int, word: jax.Array):
 def _loop(step: Step, numbers: Any, start: Any, turns: Turns, shape: tuple[int, int]) -> tuple[Any, Any, Any]:
     """A loop over the rows of a bundle. A known number of the state that a step changes is none: tried again, with it
     as data, until nothing changes."""
-    given, tree = along.flattened(start)
-    kept = along.flattened(turns.kept)[0] if turns.rows else given
+    given, tree = flattened(start)
+    kept = flattened(turns.kept)[0] if turns.rows else given
     is_known = [along.alike([x, k]) for x, k in zip(given, kept, strict=True)]
     while True:
         tried = _Tried(step, tree, numbers, turns, shape, is_known)
@@ -78,7 +78,7 @@ class _Tried:
         self, step: Step, tree: PyTreeDef, numbers: Any, turns: Turns, shape: tuple[int, int], is_known: list[bool]
     ):
         self.step, self.tree, self.turns, self.shape, self.is_known = step, tree, turns, shape, is_known
-        self.numbers, self.own_tree = along.flattened(numbers)
+        self.numbers, self.own_tree = flattened(numbers)
         self.changed = [False] * len(is_known)
         self.given: list[Any] = []
         self.results: tuple[list[Any], PyTreeDef] = [], None
@@ -104,7 +104,7 @@ class _Tried:
 
     def _data(self, new: Any, shape: tuple[int, int]) -> list[Any]:
         """Of a new state what is not known, and a note of what is known no more."""
-        new = along.flattened(new)[0]
+        new = flattened(new)[0]
         lost = [k and not along.alike([x, y]) for x, y, k in zip(self.given, new, self.is_known, strict=True)]
         self.changed = [a or b for a, b in zip(self.changed, lost, strict=True)]
         return data_of([as_data(along.spread(y, shape)) for y, k in zip(new, self.is_known, strict=True) if not k])
@@ -112,7 +112,7 @@ class _Tried:
     def _row(self, carry: tuple[Any, Any], given: tuple[Any, Any]) -> tuple[Any, Any]:
         (state, kept), (own, rows) = carry, given
         result, new = self.step(jax.tree.unflatten(self.own_tree, with_data(self.numbers, own)), self._state(state))
-        self.results = along.flattened(result)
+        self.results = flattened(result)
         state = self._data(new, self.shape)
         if rows:
             at, put, get = rows

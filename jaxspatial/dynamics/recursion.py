@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import noinline
+from jaxspatial.arithmetic.numbers import flattened, noinline
 from jaxspatial.dynamics import along
 from jaxspatial.dynamics.loop import Join, Step, Turns, run
 from jaxspatial.dynamics.state import MechanismState
@@ -58,7 +58,7 @@ def _replaced(_: Any, new: Any) -> Any:
 
 
 def _added(a: Any, b: Any) -> Any:
-    (left, form), (right, _) = map(along.flattened, (a, b))
+    (left, form), (right, _) = map(flattened, (a, b))
     return jax.tree.unflatten(form, vectors.plus(tuple(left), tuple(right)))
 
 

@@ -149,14 +149,14 @@ class Results:
         full: list[Number] = []
         for b, tree in zip(self.bundles, found, strict=True):
             shape = b.length, b.width, self.n
-            leaves = along.flattened(tree)[0]
+            leaves = numbers.flattened(tree)[0]
             own = (shape if numbers.is_constant(x) else (*numbers.shape_of(x)[:-1], self.n) for x in leaves)
             full += map(along.spread, leaves, own)
         return numbers.data_of(map(numbers.as_data, full))
 
     def of_words(self, arrays: Iterable[Array], form: Any) -> Any:
         """The tree of numbers that consists of these arrays, in the form of another."""
-        leaves, tree = along.flattened(form)
+        leaves, tree = numbers.flattened(form)
         like, found = self.known(0.0), iter(arrays)
         return jax.tree.unflatten(tree, [like.with_words(next(found) for _ in like.words) for _ in leaves])
 

@@ -39,7 +39,13 @@ from jaxspatial.arithmetic.errorfree.fence import kept
 # The index of the replica, of which there are fewer than 2^31: not known before a program runs. Of an argument that it
 # does not look at, so that it is part of the program which that is part of, whatever JAX evaluates while tracing.
 _replica_p: Any = Primitive("jaxspatial_replica")
-_replica_p.def_abstract_eval(lambda _: ShapedArray((), np.dtype(np.uint32)))
+
+
+@_replica_p.def_abstract_eval
+def _(_: Any) -> ShapedArray:
+    return ShapedArray((), np.dtype(np.uint32))
+
+
 mlir.register_lowering(_replica_p, lambda *_: [stablehlo.replica_id()])
 
 
@@ -138,7 +144,7 @@ def _trial(a_known: Any, b_known: Any, own: Array, a: Array, b: Array):
     """What is tried: results beside errors and errors alone, arrays, single numbers and loops, numbers that are known
     to the compiler on one side or both, the same for many or not, next to other known numbers, and lanes picked again.
     """
-    a_known, b_known, p_known = map(jnp.asarray, (a_known, b_known, a_known * b_known))
+    a_known, b_known, p_known = (jnp.asarray(x) for x in (a_known, b_known, a_known * b_known))
     one, other, one_known, other_known = (x[5, 0] for x in (a, b, a_known, b_known))
     scanned = lax.scan(lambda carry, x: (carry, _hidden_product(*x)[1]), 0, (a[:, 0], b[:, 0]))[1]
     columns = [[x[:, k] for x in (a, b)] for k in range(3)]

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +15,7 @@ from jax.interpreters import ad, batching, mlir
 from jaxspatial.arithmetic.errorfree import contraction
 
 Rule = Callable[..., Any]
+lower_fun = cast(Rule, mlir.lower_fun)
 _NO_MESH = jax.sharding.AbstractMesh((), ())
 
 
@@ -96,7 +97,7 @@ def _batched(arguments: Sequence[Array], axes: Sequence[int | None]) -> Iterator
 def not_inlined(function: Callable[..., Any], *arguments: Any) -> Any:
     """function(*arguments), as a call that the compiler does not inline."""
     with set_xla_metadata(inlineable="false"):
-        return jax.jit(function)(*arguments)
+        return cast(Any, jax.jit(function))(*arguments)
 
 
 def is_zero(tangent: object) -> bool:
@@ -114,7 +115,7 @@ def rule(function: Callable[..., Sequence[Array]]) -> Callable[..., Any]:
     in the types: the arithmetic is elementwise, for the compiler to split. (With them, every constant and index made on
     the way would have to be sharded by hand.)
     """
-    lower = mlir.lower_fun(function, multiple_results=True)
+    lower = lower_fun(function, multiple_results=True)
 
     def lowered(context: Any, *arrays: Any, **parameters: Any) -> Any:
         contracted = functools.partial(contraction.is_used, context)

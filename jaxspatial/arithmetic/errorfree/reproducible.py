@@ -9,11 +9,11 @@ from typing import Any
 
 import jax
 from jax import Array, lax
-from jax.interpreters import ad, mlir
+from jax.interpreters import ad
 
 from jaxspatial.arithmetic.check import finfo
 from jaxspatial.arithmetic.errorfree.fence import settled
-from jaxspatial.arithmetic.errorfree.primitives import alike, elementwise, is_zero, no_tangent
+from jaxspatial.arithmetic.errorfree.primitives import alike, elementwise, is_zero, lower_fun, no_tangent
 
 
 def product(a: Any, b: Any) -> jax.Array:
@@ -78,7 +78,7 @@ def _quotient_transpose(cotangent: Any, _: Any, b: Array) -> list[Array | None]:
 
 
 def _lowered(function: Callable[..., Array]) -> Any:
-    return mlir.lower_fun(function, multiple_results=False)
+    return lower_fun(function, multiple_results=False)
 
 
 _product_p = elementwise("product", lax.mul_p, _lowered(_rounded_product), _product_jvp, _product_transpose)

@@ -16,7 +16,8 @@ hold is said by `Three`, `Rows`, `Motion` and the like, see `protocol`.
 
 from jaxspatial.arithmetic.numbers.corrected import Corrected as Corrected
 from jaxspatial.arithmetic.numbers.number import as_data as as_data, constant as constant, data_of as data_of
-from jaxspatial.arithmetic.numbers.number import doubled as doubled, each as each, frozen as frozen, halved as halved
+from jaxspatial.arithmetic.numbers.number import doubled as doubled, each as each, flattened as flattened
+from jaxspatial.arithmetic.numbers.number import frozen as frozen, halved as halved
 from jaxspatial.arithmetic.numbers.number import high as high, is_constant as is_constant
 from jaxspatial.arithmetic.numbers.number import is_number as is_number, mapped as mapped
 from jaxspatial.arithmetic.numbers.number import nearest_integer as nearest_integer, noinline as noinline

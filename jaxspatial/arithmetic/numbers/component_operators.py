@@ -17,6 +17,9 @@ from jaxspatial.arithmetic.numbers import folding
 from jaxspatial.arithmetic.numbers.polynomial import uniform
 from jaxspatial.arithmetic.precision import Precision
 
+_INTEGERS: tuple[type[Any], ...] = int, np.integer
+_SLICE: type[Any] = slice
+
 
 class Operators(check.StandIn):
     """Base of what is made of components, and of nothing else."""
@@ -120,7 +123,7 @@ def _combined(operation: Callable[..., Any], a: Any, b: Any) -> Any:
     return a.of([operation(x, y) for x, y in zip(a.components, b.components, strict=True)])
 
 
-_compiled = jax.jit(_combined, static_argnums=0, inline=True)
+_compiled: Callable[..., Any] = jax.jit(_combined, static_argnums=0, inline=True)
 _product = functools.partial(folding.multiply, Precision.REPRODUCIBLE)
 
 
@@ -175,7 +178,7 @@ def split(index: Any, ndim: int, has_batch: bool) -> tuple[tuple[Any, ...], Any]
 
     What is known goes with any batch: without data, of an index [..., i, j] the last is taken.
     """
-    index = index if isinstance(index, tuple) else (index,)
+    index = index if isinstance(index, check.TUPLE) else (index,)
     if not has_batch and len(index) > 2 and index[0] is Ellipsis and index[-1] is not None:
         index = index[-1:]
     given = [i for i in index if i is not Ellipsis]
@@ -192,7 +195,7 @@ def _is_mask(i: Any) -> bool:
 
 def _which(i: Any, is_alone: bool) -> Any:
     """The index of components as an int, a slice or a list; None for traced ones, and lists beside arrays."""
-    if isinstance(i, (int, np.integer)):
+    if isinstance(i, _INTEGERS):
         return int(i)
-    is_list = is_alone and isinstance(i, (list, np.ndarray)) and np.ndim(i) == 1
-    return i if isinstance(i, slice) else np.asarray(i) if is_list else None
+    is_list = is_alone and isinstance(i, (check.LIST, check.NUMPY)) and np.ndim(i) == 1
+    return i if isinstance(i, _SLICE) else np.asarray(i) if is_list else None

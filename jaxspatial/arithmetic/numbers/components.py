@@ -23,10 +23,10 @@ from jaxspatial.arithmetic.numbers.trees import to_double_word
 
 
 class _Structure(NamedTuple):
-    """What is static: for every component the known number, None for data; the dtype, where no data has one."""
+    """What is static: for every component the known number, None for data; the dtype's name, where no data has one."""
 
     known: tuple[float | None, ...]
-    dtype: str | None
+    dtype: Any
 
 
 class Components(Operators):
@@ -175,7 +175,7 @@ class Components(Operators):
 
         Error: none, it is exact.
         """
-        new: Any = shape[0] if len(shape) == 1 and isinstance(shape[0], (tuple, list)) else shape
+        new: Any = shape[0] if len(shape) == 1 and isinstance(shape[0], (check.TUPLE, check.LIST)) else shape
         if new[-1] != self.shape[-1]:
             return self.to_array().reshape(new)
         return _rebuild(self.structure, (c.reshape(tuple(new[:-1])) for c in self.data))

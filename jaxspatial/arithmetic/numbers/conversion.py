@@ -14,7 +14,7 @@ def of_numbers(x: Any, dtype: DTypeLike, rest: Any = 0.0) -> tuple[Any, Any]:
     """The pair nearest to x + rest as NumPy arrays, of numbers of at most 64 bits, of which JAX may know only 32."""
     x = np.asarray(x, np.float64)
     with np.errstate(all="ignore"):
-        high = x.astype(dtype)
+        high: np.ndarray[Any, Any] = x.astype(dtype)
         rest = (x - high.astype(np.float64)) + rest
         low = np.where(np.isfinite(rest), rest, 0).astype(dtype)
         # Once more: NumPy rounds twice on the way from float64 to bfloat16. A zero keeps its sign.

@@ -25,6 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.errorfree.fence import fence
 from jaxspatial.arithmetic.errorfree.reproducible import quotient
 from jaxspatial.arithmetic.errorfree.transforms import two_product, two_sum
@@ -108,7 +109,7 @@ class Corrected(Compared):
 
     def __truediv__(self, other: "Corrected | float"):
         other = self._of(other)
-        return self if other._is(1) or self._is(0) else self._combined(other, operator.truediv, _divide)
+        return self if other._is(1) or self._is(0) else self._combined(other, check.truediv, _divide)
 
     def __rtruediv__(self, other: "Corrected | float"):
         return self._of(other) / self

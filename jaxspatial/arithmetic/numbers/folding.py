@@ -83,8 +83,8 @@ def whole(operation: Callable[..., Any], x: Any, others: Any, precision: Precisi
     """
     if isinstance(others, jax.Array) and isinstance(x, jax.Array):
         return _rounded(_OF_ARRAYS[operation], x, others, precision)
-    others = others if isinstance(others, (list, tuple)) else unstack(others)
-    if isinstance(x, np.ndarray) or any(map(is_known, others)):
+    others = others if isinstance(others, (check.LIST, check.TUPLE)) else unstack(others)
+    if isinstance(x, check.NUMPY) or any(map(is_known, others)):
         each = [operation(a, c, precision) for a, c in zip(unstack(x), others, strict=True)]
         return stack(each, np.broadcast_shapes(x.shape[:-1], *(c.shape for c in others)))
     return _rounded(_OF_ARRAYS[operation], x, stack(others, x.shape[:-1]), precision)
@@ -134,7 +134,7 @@ def divide(a: Any, b: Any) -> Any:
     if is_known(b, 1) or is_known(a, 0):
         return a
     if (is_known(a) and is_known(b)) or _is_pair(a, b):
-        return quietly(operator.truediv, a, b)
+        return quietly(check.truediv, a, b)
     return reproducible.quotient(*alike(a, b))
 
 

@@ -3,7 +3,7 @@
 import functools
 import operator
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, TypeGuard, TypeVar
+from typing import Any, TypeGuard, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +20,7 @@ from jaxspatial.arithmetic.numbers.protocol import Mask, Number, Numbers
 from jaxspatial.arithmetic.numbers.rounded import Rounded
 
 T = TypeVar("T")
+PyTreeDef = Any  # of jax.tree_util, whose stub has a variable of this name
 OfWords = Callable[[Array], Array] | Callable[[Array, Array], Array]
 _KINDS: tuple[type[Number], ...] = (Rounded, Corrected, DoubleWord)
 
@@ -117,12 +118,12 @@ def noinline(function: Callable[..., T]) -> Callable[..., T]:
 
     @functools.wraps(function)
     def call(*arguments: Any) -> Any:
-        leaves, tree = jax.tree.flatten(arguments, is_leaf=is_number)
+        leaves, tree = flattened(arguments)
         results: list[Any] = []
 
         def on_data(data: list[Any]) -> list[Any]:
             result = function(*jax.tree.unflatten(tree, with_data(leaves, data)))
-            results.extend(jax.tree.flatten(result, is_leaf=is_number))
+            results.extend(flattened(result))
             return data_of(results[0])
 
         if not data_of(leaves):
@@ -131,6 +132,11 @@ def noinline(function: Callable[..., T]) -> Callable[..., T]:
         return jax.tree.unflatten(results[1], with_data(results[0], data))
 
     return call
+
+
+def flattened(tree: Any) -> tuple[list[Any], PyTreeDef]:
+    """(the numbers of a tree, its form)."""
+    return cast(tuple[list[Any], PyTreeDef], jax.tree.flatten(tree, is_leaf=is_number))
 
 
 def is_number(x: object) -> TypeGuard[Number]:

@@ -26,7 +26,7 @@ using double-word arithmetic, ACM TOMS 49(1)]
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -35,7 +35,7 @@ from jax import Array, lax
 from jax.custom_derivatives import SymbolicZero, zero_from_primal  # pyright: ignore[reportUnknownVariableType]: no stub
 from jax.typing import DTypeLike
 
-from jaxspatial.arithmetic.check import finfo
+from jaxspatial.arithmetic.check import TUPLE, finfo
 from jaxspatial.arithmetic.errorfree.fence import fence
 from jaxspatial.arithmetic.errorfree.reproducible import product, quotient
 from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_product, two_sum
@@ -59,11 +59,11 @@ def differentiable(tangent: TangentRule) -> Any:
 
     def decorate(operation: Callable[..., Any]) -> Any:
         differentiable = jax.custom_jvp(operation)
-        call = functools.wraps(operation)(jax.jit(differentiable, inline=True))
+        call: Any = functools.wraps(operation)(cast(Any, jax.jit(differentiable, inline=True)))
 
         def jvp(operands: Sequence[Any], tangents: Sequence[Any]) -> Any:
             hi, lo = call(*operands)
-            values = [x[0] + x[1] if isinstance(x, tuple) else x for x in operands]
+            values = [x[0] + x[1] if isinstance(x, TUPLE) else x for x in operands]
             d_hi = tangent(hi + lo, values, [_tangent_of_value(t) for t in tangents])
             return (hi, lo), (jnp.zeros_like(hi) if d_hi is None else d_hi, zero_from_primal(lo, symbolic_zeros=True))
 

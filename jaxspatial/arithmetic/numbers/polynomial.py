@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxspatial.arithmetic import check
+
 
 class Term(NamedTuple):
     """sign times the product of factors; a factor (j, k) is component k of array j. Of what was halved the sign is 1/2
@@ -81,7 +83,7 @@ def symbols(arrays: Sequence[Any], parts: Sequence[int]) -> tuple[Polynomial, ..
 
 
 def _component(known: Any, parts: Sequence[int], k: int) -> Polynomial:
-    value = uniform(known[..., k]) if isinstance(known, np.ndarray) else None
+    value = uniform(known[..., k]) if isinstance(known, check.NUMPY) else None
     if value == 0:
         return Polynomial()
     terms = tuple(Term(1, ((j, k),)) for j in parts)

@@ -2,14 +2,14 @@
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.arithmetic.check import finfo
+from jaxspatial.arithmetic.check import NUMPY, SCALAR, finfo
 from jaxspatial.arithmetic.errorfree.fence import fence
 from jaxspatial.arithmetic.numbers import Corrected, Numbers, Rounded, folding, high
 from jaxspatial.arithmetic.numbers.components import Components
@@ -32,7 +32,7 @@ class Stacked(Sequence[Any]):
         return self._make_array()
 
     @functools.cached_property
-    def _numbers(self) -> tuple[Rounded, ...]:
+    def _numbers(self) -> Any:
         return tuple(Rounded(self.precision, x) for x in self._make_values())
 
     def __getitem__(self, i: Any) -> Any:
@@ -64,7 +64,8 @@ def stacked(precision: Precision, array: Any) -> Stacked:
     return Stacked(precision, array.shape[-1], lambda: array, lambda: folding.unstack(array))
 
 
-jax.tree_util.register_pytree_node(Stacked, lambda v: (tuple(v), None), lambda _, numbers: tuple(numbers))
+# It comes back as a tuple, which JAX allows and its stub does not.
+jax.tree_util.register_pytree_node(Stacked, lambda v: (tuple(v), None), lambda _, numbers: cast(Any, tuple(numbers)))
 
 
 class Summed(NamedTuple):
@@ -108,8 +109,8 @@ def converted(x: Any, dtype: Any) -> Any:
 
     Not where something stands between. For float16 that is no `reduce_precision`, which flushes its subnormals.
     """
-    if isinstance(x, (np.ndarray, np.generic)) or x.dtype == dtype or finfo(dtype).bits >= 32:
-        return x.astype(dtype) if isinstance(x, (np.ndarray, np.generic)) else lax.convert_element_type(x, dtype)
+    if isinstance(x, (NUMPY, SCALAR)) or x.dtype == dtype or finfo(dtype).bits >= 32:
+        return x.astype(dtype) if isinstance(x, (NUMPY, SCALAR)) else lax.convert_element_type(x, dtype)
     if dtype == jnp.bfloat16:
         return lax.convert_element_type(lax.reduce_precision(x, exponent_bits=8, mantissa_bits=7), dtype)
     return fence(lax.convert_element_type(x, dtype))

@@ -47,7 +47,7 @@ def _as_double_word(leaf: typing.Any, dtype: DTypeLike | None) -> typing.Any:
     if not conversion.is_floating(leaf):
         return leaf
     if isinstance(leaf, (float, np.ndarray, np.generic)):
-        return of_words(map(jnp.array, conversion.of_numbers(leaf, dtype or jnp.result_type(leaf))))
+        return of_words(jnp.array(word) for word in conversion.of_numbers(leaf, dtype or jnp.result_type(leaf)))
     x = of_words(with_zero(check.as_float_array(leaf, "to_double_word: x")))
     return x if dtype is None else x.astype(dtype)
 

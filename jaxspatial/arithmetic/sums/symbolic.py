@@ -36,9 +36,9 @@ def run_symbolically(formula: Callable[..., Any], precision: Precision, arrays: 
     vectors = [data.vector(a) for a in arrays]
     batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
     plan = Plan((), batch, str(precision), is_pair=any(map(components.has_pairs, arrays)))
-    given = {id(s): a for s, a in zip(vectors, arrays, strict=True) if plan.is_pair or isinstance(a, np.ndarray)}
+    given = {id(s): a for s, a in zip(vectors, arrays, strict=True) if plan.is_pair or isinstance(a, check.NUMPY)}
     results: Any = formula(*vectors)
-    several: list[Any] = results if isinstance(results, list) else [results]
+    several: list[Any] = results if isinstance(results, check.LIST) else [results]
     evaluated = _evaluated_apart if is_apart else _evaluated
     computed = iter(evaluated(plan, data, [x for x in several if id(x) not in given]))
     found = [_passed_on(given[id(x)], batch) if id(x) in given else next(computed) for x in several]
