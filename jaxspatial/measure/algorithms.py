@@ -2,7 +2,8 @@
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple
+from functools import partial
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -113,7 +114,7 @@ def _state(algorithm: Algorithm, mechanism: Mechanism, n: int) -> State:
     v, vdot = (jnp.asarray(x) for x in rng.standard_normal((2, n, mechanism.nv)).astype(np.float32))
     if algorithm.function is inverse_dynamics:
         return q, v, vdot
-    return q, v, jax.jit(jax.vmap(lambda *state: inverse_dynamics(mechanism, *state)))(q, v, vdot)
+    return q, v, cast(jax.Array, jax.jit(jax.vmap(partial(inverse_dynamics, mechanism)))(q, v, vdot))
 
 
 class _Program:

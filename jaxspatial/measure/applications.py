@@ -19,8 +19,7 @@ from jaxspatial.spatial import SpatialForce, shift
 DTYPE = "float32"
 STATES = 200
 
-
-Program = Callable[..., jax.Array]
+Program = Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
 
 
 class Application(NamedTuple):

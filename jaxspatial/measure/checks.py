@@ -3,7 +3,8 @@ whether the precisions keep their promises on inputs that make it hard."""
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from typing import Any
+from functools import partial
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +12,7 @@ import numpy as np
 from jax import lax
 from jax.typing import ArrayLike
 
+from jaxspatial.arithmetic.check import finfo
 from jaxspatial.arithmetic.errorfree import contraction, reproducible, transforms
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.trees import to_double_word
@@ -24,9 +26,12 @@ from jaxspatial.spatial.promises import SHIFT
 
 
 def contracted():
+    def determinant(a: Any, b: Any, c: Any, d: Any):
+        return a * b - c * d
+
     with findings.in_dtype("float32"):
         a, b, c, d = np.stack(inputs.benign(findings.rng(), 4, 400, "float32"))
-        share = findings.differing([jax.jit(lambda a, b, c, d: a * b - c * d)(a, b, c, d)], [a * b - c * d])
+        share = findings.differing([findings.jit(determinant)(a, b, c, d)], [determinant(a, b, c, d)])
     if share:
         advice = "precision 'fast' depends on the program around it; the other three do not"
         return None, f"contracted: a*b - c*d differs from NumPy in {share:.0%} of the lanes", advice
@@ -43,24 +48,24 @@ def errors_of_products():
 
 
 def subnormals():
-    kept = {}
+    kept = dict[str, bool]()
     for dtype in ("float16", "bfloat16", *findings.DTYPES):
         with findings.in_dtype(dtype):
-            tiny = jnp.asarray([float(jnp.finfo(dtype).tiny)] * 8, dtype)
+            tiny = jnp.asarray([float(finfo(dtype).tiny)] * 8, dtype)
             half = jnp.full_like(tiny, 0.5)
-            kept[dtype] = bool(np.asarray(jax.jit(lax.mul)(tiny, half)).all())
+            kept[dtype] = bool(np.asarray(findings.jit(lax.mul)(tiny, half)).all())
     flushed = ", ".join(dtype for dtype, k in kept.items() if not k)
     if not flushed:
         return None, "kept", ""
-    sizes = ", ".join(f"{dtype} {float(jnp.finfo(dtype).tiny):.2g}" for dtype in kept)
+    sizes = ", ".join(f"{dtype} {float(finfo(dtype).tiny):.2g}" for dtype in kept)
     return None, f"flushed to zero in {flushed}", f"bounds hold up to a few finfo.tiny ({sizes}); no flag changes it"
 
 
 def narrow_formats():
-    shares = {}
+    shares = dict[str, float]()
     for dtype in ("float16", "bfloat16"):
         arrays = inputs.benign(findings.rng(), 3, 200, jnp.dtype(dtype))
-        shares[dtype] = findings.differing_from_numpy("shift_force", dtype, arrays, jax.jit)
+        shares[dtype] = findings.differing_from_numpy("shift_force", dtype, arrays, findings.jit)
     if not any(shares.values()):
         return None, "rounded after every operation, as NumPy does", ""
     text = ", ".join(f"{share:.0%} in {dtype}" for dtype, share in shares.items())
@@ -71,7 +76,7 @@ def narrow_formats():
 def matmul():
     with findings.in_dtype("float32"):
         a, b = findings.rng().standard_normal((2, 64, 64)).astype(np.float32)
-        computed = np.asarray(jax.jit(jnp.matmul)(a, b))
+        computed = np.asarray(findings.jit(jnp.matmul)(a, b))
     wide, mag = a.astype(np.float64) @ b.astype(np.float64), abs(a).astype(np.float64) @ abs(b)
     worst = float((abs(computed - wide) / mag).max()) * 2**24
     if worst <= 64:
@@ -80,11 +85,15 @@ def matmul():
     return None, f"float32: worst error {worst:.2g} u mag, factors are cut to fewer digits (TF32, bfloat16)", advice
 
 
+def _arithmetic(a: Any, b: Any):
+    return a + b, a * b, a / b
+
+
 def float64():
     with findings.in_dtype("float64"):
         a, b = np.stack(inputs.mixed_scales(findings.rng(), 2, 200, "float64"))
-        computed = jax.jit(lambda a, b: (a + b, a * b, a / b))(a, b)
-        share = findings.differing(computed, (a + b, a * b, a / b)) if computed[0].dtype == np.float64 else 1.0
+        computed = findings.jit(lambda *x: _arithmetic(*x))(a, b)
+        share = findings.differing(computed, _arithmetic(a, b)) if computed[0].dtype == np.float64 else 1.0
     advice = "float64 is emulated with fewer digits (TPU), or compiled under fast-math: use float32, check its promises"
     return findings.verdict({"float64": share}, "sums, products and quotients are IEEE's, bit by bit", advice)
 
@@ -93,11 +102,17 @@ def float64():
 
 # (a, b) to a rounded number and its error.
 Transform = Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
+
+
+def _error(transform: Transform) -> Callable[[jax.Array, jax.Array], jax.Array]:
+    return lambda a, b: transform(a, b)[1]
+
+
 # What a transform is used in: a compiler that sees less of the result has other ideas.
-_SURROUNDINGS = {
-    "both": lambda f: jax.jit(f),
-    "error alone, vmap": lambda f: jax.jit(jax.vmap(lambda a, b: f(a, b)[1])),
-    "error alone, scan": lambda f: jax.jit(findings.scanned(lambda a, b: f(a, b)[1])),
+_SURROUNDINGS: dict[str, Callable[[Transform], Callable[..., Any]]] = {
+    "both": findings.jit,
+    "error alone, vmap": lambda f: findings.jit(jax.vmap(_error(f))),
+    "error alone, scan": lambda f: findings.jit(findings.scanned(_error(f))),
 }
 
 
@@ -110,7 +125,7 @@ def two_product():
 
 
 def _transform(transform: Transform, operator: Callable[[Any, Any], Any], constants: bool = False):
-    shares = {}
+    shares = dict[str, float]()
     for dtype in findings.DTYPES:
         a, b = (x[:, 0] for x in inputs.benign(findings.rng(), 2, 200, dtype))
         with findings.in_dtype(dtype):
@@ -122,7 +137,10 @@ def _transform(transform: Transform, operator: Callable[[Any, Any], Any], consta
 
 
 def _wrong(
-    compiled: Callable[[jax.Array, jax.Array], Any], operator: Callable[[Any, Any], Any], a: np.ndarray, b: np.ndarray
+    compiled: Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array] | jax.Array],
+    operator: Callable[[Any, Any], Any],
+    a: np.ndarray,
+    b: np.ndarray,
 ):
     """The share of lanes in which rounded result and error do not add up to the exact one."""
     computed = compiled(jnp.asarray(a), jnp.asarray(b))
@@ -134,20 +152,20 @@ def _wrong(
 def _wrong_with_constants(transform: Transform, operator: Callable[[Any, Any], Any], a: np.ndarray):
     c = np.full_like(a, 0.7)
     known = jnp.asarray(c[0])
-    orders = [
+    orders: list[Transform] = [
         (lambda a, _: transform(jnp.full_like(a, known), a)),
         (lambda a, _: transform(a, jnp.full_like(a, known))),
     ]
-    return [_wrong(jax.jit(f), operator, a, c) for f in orders]
+    return [_wrong(findings.jit(f), operator, a, c) for f in orders]
 
 
 def division():
-    shares, plain = {}, {}
+    shares, plain = dict[str, float](), dict[str, float]()
     for dtype in findings.DTYPES:
         a, b = inputs.benign(findings.rng(), 2, 200, dtype)
         with findings.in_dtype(dtype):
             for found, divide in ((shares, reproducible.quotient), (plain, lax.div)):
-                computed = jax.jit(jax.vmap(divide, in_axes=(0, None)))(jnp.asarray(a), jnp.asarray(b[0]))
+                computed = findings.jit(jax.vmap(divide, in_axes=(0, None)))(jnp.asarray(a), jnp.asarray(b[0]))
                 found[dtype] = findings.differing([computed], [a / b[0]])
     noted = ", ".join(f"{share:.0%} in {dtype}" for dtype, share in plain.items())
     what = f"rounded correctly (plain division by a shared divisor: {noted} of the lanes differ)"
@@ -159,10 +177,10 @@ def double_words():
     words = findings.rng().standard_normal((2, 200))
     with findings.in_dtype("float32"):
         x, y = (to_double_word(w) for w in words)
-        computed = jax.jit(lambda x, y: (x + y, x * y, x / y))(x, y)
-        a, b = _value(x), _value(y)
+        computed = findings.jit(lambda *x: _arithmetic(*x))(x, y)
+        expected = _arithmetic(_value(x), _value(y))
     u = error.unit_roundoff("float32")
-    worst = [_over_square(c, e, u) for c, e in zip(computed, (a + b, a * b, a / b), strict=True)]
+    worst = [_over_square(c, e, u) for c, e in zip(computed, expected, strict=True)]
     holds = all(error <= limit for error, limit in zip(worst, [DOUBLE_WORDS[x] for x in "+*/"], strict=True))
     return findings.held(holds, "float32: worst errors {:.2g}, {:.2g}, {:.2g} u^2 (+, *, /)".format(*worst))
 
@@ -182,14 +200,20 @@ _N = 48
 _DERIVATIVE = Promise(u=2 * SHIFT.u, u2=4 * SHIFT.u2)
 
 
+def _times_one(function: Callable[..., Sequence[jax.Array]], *arrays: jax.Array):
+    return [part * 1 for part in function(*arrays)]
+
+
 def reproducible_bits():
     """Bitwise NumPy; among the vectors crossed are equal ones, for which zero is expected."""
     shares: dict[str, float] = dict.fromkeys(findings.DTYPES, 0.0)
+    contexts: list[findings.Context] = [lambda f: f, findings.jit, lambda f: findings.jit(partial(_times_one, f))]
     for dtype in findings.DTYPES:
-        a, b, c, d = inputs.mixed_scales(findings.rng(), 4, 200, dtype)
+        numbers: list[np.ndarray] = inputs.mixed_scales(findings.rng(), 4, 200, dtype)
+        a, b, c, d = numbers
         equal = np.where(np.arange(200)[:, None] % 2 == 0, a, c), np.where(np.arange(200)[:, None] % 2 == 0, b, d)
         for name, arrays in (("shift_force", (a, b, c)), ("cross_motion", (a, b, *equal)), ("dot", (a, b, c, d))):
-            for context in (lambda f: f, jax.jit, lambda f: jax.jit(lambda *x: [p * 1 for p in f(*x)])):
+            for context in contexts:
                 shares[dtype] = max(shares[dtype], findings.differing_from_numpy(name, dtype, arrays, context))
     what = "NumPy's, bit by bit: shift, cross, dot, alone and in a larger program; cross(V, V) is 0"
     return findings.verdict(shares, what)
@@ -233,32 +257,37 @@ def _over_promise(subject: Operation, precision: Precision, arrays: Sequence[np.
 
 
 def _in_a_batch(subject: Operation, precision: Precision):
-    return jax.jit(subject.batched(precision))
+    return findings.jit(subject.batched(precision))
 
 
 def _in_a_loop(subject: Operation, precision: Precision):
-    return jax.jit(findings.scanned(lambda *item: subject.function(str(precision), *item)))
+    return findings.jit(findings.scanned(partial(subject.function, str(precision))))
 
 
 def _one_by_one(subject: Operation, precision: Precision) -> Callable[..., list[np.ndarray]]:
     """Of scalars a compiler makes other programs than of arrays."""
-    compiled = jax.jit(lambda *item: subject.function(str(precision), *item))
+    compiled = findings.jit(partial(subject.function, str(precision)))
     return lambda *arrays: [np.stack(x) for x in zip(*map(compiled, *arrays), strict=True)]
 
 
 def _derivatives_over(precision: Precision, dtype: str):
     """Of a shifted torque: its rate, and what is pulled back to the force. Offset and force are nearly parallel."""
     tau, f, p, d = inputs.nearly_parallel(findings.rng(), 4, 4 * _N, dtype)
-    shifted = OPERATIONS["shift_force"].function
+
+    def torque(tau: jax.Array, f: jax.Array, p: jax.Array):
+        return OPERATIONS["shift_force"].function(str(precision), tau, f, p)[0]
 
     def derivatives(tau: jax.Array, f: jax.Array, p: jax.Array, d: jax.Array) -> tuple[jax.Array, jax.Array]:
-        _, pull_back = jax.vjp(lambda *x: shifted(str(precision), *x)[0], tau, f, p)
-        rate = jax.jvp(lambda *x: shifted(str(precision), *x)[0], (tau, f, p), (d, f, d))[1]
+        pull_back = cast(Callable[[jax.Array], tuple[jax.Array, ...]], jax.vjp(torque, tau, f, p)[1])
+        rate = jax.jvp(torque, (tau, f, p), (d, f, d))[1]
         return rate, pull_back(d)[1]
 
-    formulas = (lambda tau, f, p, d: d - np.cross(d, f) - np.cross(p, f), lambda tau, f, p, d: np.cross(p, d))
+    formulas: list[exact.Formula] = [
+        lambda tau, f, p, d: d - np.cross(d, f) - np.cross(p, f),
+        lambda tau, f, p, d: np.cross(p, d),
+    ]
     with findings.in_dtype(dtype):
-        computed = jax.jit(jax.vmap(derivatives))(tau, f, p, d)
+        computed = findings.jit(jax.vmap(derivatives))(tau, f, p, d)
     exactly = [exact.evaluate(formula, tau, f, p, d) for formula in formulas]
     return max(_over(precision, x, *e) for x, e in zip(computed, exactly, strict=True))
 

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +18,10 @@ _SUSPECTS = ("fast_math", "disable_hlo_passes", "xla_backend_extra_options", "fp
 
 # What a check says: of a `Finding` all but the name.
 Found = tuple[bool | None, str, str]
+
+# What a program is run in, of which the stubs know no result.
+Context = Callable[[Callable[..., Any]], Callable[..., Any]]
+jit = cast(Context, jax.jit)
 
 
 class Finding(NamedTuple):
@@ -118,9 +122,7 @@ def finite(x: ArrayLike):
     return np.where(np.isfinite(x), x, np.zeros_like(x))
 
 
-def differing_from_numpy(
-    name: str, dtype: str, arrays: Sequence[np.ndarray], context: Callable[[Callable[..., Any]], Callable[..., Any]]
-):
+def differing_from_numpy(name: str, dtype: str, arrays: Sequence[np.ndarray], context: Context):
     with in_dtype(dtype):
-        computed = context(OPERATIONS[name].batched(DEFAULT))(*map(jnp.asarray, arrays))
+        computed = context(OPERATIONS[name].batched(DEFAULT))(*[jnp.asarray(x) for x in arrays])
     return differing(computed, [formula(*arrays) for formula in OPERATIONS[name].formulas])
