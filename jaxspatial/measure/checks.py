@@ -146,7 +146,7 @@ def _wrong(
     computed = compiled(jnp.asarray(a), jnp.asarray(b))
     errors = computed[1] if isinstance(computed, tuple) else computed
     exactly = operator(exact.rationals(a), exact.rationals(b))
-    return float(np.mean(exact.rationals(findings.finite(errors)) != exactly - exact.rationals(operator(a, b))))
+    return float((exact.rationals(findings.finite(errors)) != exactly - exact.rationals(operator(a, b))).mean())
 
 
 def _wrong_with_constants(transform: Transform, operator: Callable[[Any, Any], Any], a: np.ndarray):
