@@ -64,16 +64,18 @@ class Algorithm(Differentiable, ByContents):
 
     @property
     def contents(self) -> tuple[Any, ...]:
-        own = self.formula, self.precision, self.topology, self.tree, self.known, self.static, self.dtype
-        return (type(self), *own)
+        return type(self), self.formula, self.precision, self.topology, self.tree, self.known, self.static, self.dtype
+
+    @property
+    def is_wide(self):
+        return self.precision.sees_whole_sums
 
     @property
     def block(self):
         """Fewer states where the results of one are many numbers, or numbers wide."""
         entries = self.formula.entries
         # Half as many numbers of 64 bits, or of two words: the cache has room for bytes.
-        size = max(self.dtype.itemsize, 4) // 4 * (2 if self.precision.sees_whole_sums else 1)
-        largest = program.LARGEST_BLOCK // size
+        largest = program.LARGEST_BLOCK // (max(self.dtype.itemsize, 4) // 4 * (2 if self.is_wide else 1))
         if entries is None:
             return largest
         return min(max(program.NUMBERS // max(entries(self.topology), 1), program.SMALLEST_BLOCK), largest)
@@ -87,8 +89,7 @@ class Algorithm(Differentiable, ByContents):
         n = max((x.shape[0] for x in arrays), default=1)
         leaves = self.merged(jnp.moveaxis(x, 0, -1) for x in arrays)
         fields, others = jax.tree.unflatten(self.tree, leaves)
-        twice = self.precision.sees_whole_sums
-        with jax.enable_x64(bool(check.config.jax_enable_x64) or twice):
+        with jax.enable_x64(bool(check.config.jax_enable_x64) or self.is_wide):
             state = MechanismState(self.topology, fields, others[0], n, self.precision, self.dtype)
             found = self.formula(state, *others[1:], **dict(self.static))
             results, self.out_tree = jax.tree.flatten(jax.tree.map(state.rounded, found, is_leaf=_is_result))
@@ -130,10 +131,8 @@ class Algorithm(Differentiable, ByContents):
 
     def leaf(self, tangents: Sequence[Any], leaf: int) -> jax.Array | None:
         """The tangent of a leaf, None for zero."""
-        if self.known[leaf] is not None:
-            return None
-        found = tangents[self.place(leaf)]
-        return None if primitive.is_zero(found) else found
+        found = None if self.known[leaf] is not None else tangents[self.place(leaf)]
+        return None if found is None or primitive.is_zero(found) else found
 
     def with_leaf(self, data: Sequence[Any], leaf: int, x: Any) -> list[Any]:
         """The data with x in the place of a leaf, that may have been known."""

@@ -135,7 +135,7 @@ class OverColumns(program.Program):
     """A program whose last argument, and result, has an axis of columns behind the states."""
 
     def __init__(self, of: Algorithm):
-        self.of, self.block = of, of.block
+        self.of, self.block, self.is_wide = of, of.block, of.is_wide
 
     def evaluate(self, *arrays: jax.Array):
         *own, columns = arrays

@@ -32,6 +32,9 @@ class Program:
 
     # How many states make a block, on processors.
     block = LARGEST_BLOCK
+    # Whether it computes in 64 bits whatever the caller's numbers are: what JAX makes of it to differentiate it, and
+    # what another such program has kept in 64 bits, is traced so as well.
+    is_wide = False
 
     @functools.cached_property
     def _made(self) -> dict[Hashable, Any]:
@@ -95,9 +98,7 @@ class Traced:
         def flat(*arrays: jax.Array):
             return list(program.evaluate(*arrays))
 
-        # What another program has kept in 64 bits stays so, whatever the caller's own numbers may be.
-        is_wide = any(np.dtype(a.dtype).itemsize == 8 for a in avals)
-        with jax.enable_x64(is_wide or bool(check.config.jax_enable_x64)):
+        with jax.enable_x64(program.is_wide or bool(check.config.jax_enable_x64)):
             closed = jax.make_jaxpr(flat)(*avals)
         jaxpr, _ = pe.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
         self.closed = ClosedJaxpr(jaxpr, closed.consts)

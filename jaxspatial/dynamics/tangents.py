@@ -52,6 +52,10 @@ class Derived(Differentiable):
         self.of, self.moving = of, moving
 
     @property
+    def is_wide(self):
+        return self.of.is_wide
+
+    @property
     def block(self):
         return min(self.of.block, 512)
 
