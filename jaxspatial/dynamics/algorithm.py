@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxspatial.arithmetic import check, numbers
+from jaxspatial.arithmetic import numbers
 from jaxspatial.arithmetic.precision import Precision, resolve
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.dynamics import primitive, program
@@ -89,10 +89,9 @@ class Algorithm(Differentiable, ByContents):
         n = max((x.shape[0] for x in arrays), default=1)
         leaves = self.merged(jnp.moveaxis(x, 0, -1) for x in arrays)
         fields, others = jax.tree.unflatten(self.tree, leaves)
-        with jax.enable_x64(bool(check.config.jax_enable_x64) or self.is_wide):
-            state = MechanismState(self.topology, fields, others[0], n, self.precision, self.dtype)
-            found = self.formula(state, *others[1:], **dict(self.static))
-            results, self.out_tree = jax.tree.flatten(jax.tree.map(state.rounded, found, is_leaf=_is_result))
+        state = MechanismState(self.topology, fields, others[0], n, self.precision, self.dtype)
+        found = self.formula(state, *others[1:], **dict(self.static))
+        results, self.out_tree = jax.tree.flatten(jax.tree.map(state.rounded, found, is_leaf=_is_result))
         return [jnp.moveaxis(y, -1, 0) for y in results]
 
     def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:

@@ -7,16 +7,18 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, cast
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from jaxspatial.arithmetic.errorfree.primitives import compiled, lower_fun, unsharded
+from jaxspatial.arithmetic.errorfree.primitives import is_zero as is_zero
+from jaxspatial.arithmetic.errorfree.primitives import no_tangent as no_tangent
 from jaxspatial.dynamics.program import Aval, Program
 
 
@@ -71,14 +73,6 @@ def batch_axis_first(x: jax.Array, axis: int | None, size: int, is_own: bool):
     if axis is not None:
         return jnp.moveaxis(x, axis, 0)
     return jnp.broadcast_to(x, (size, *x.shape)) if is_own else x[None]
-
-
-def is_zero(tangent: object):
-    return type(tangent) is ad.Zero
-
-
-def no_tangent(x: jax.Array) -> Any:
-    return ad.Zero(jax.typeof(x).to_tangent_aval())
 
 
 def over_own(x: jax.Array, aval: Aval):
@@ -186,18 +180,15 @@ def _aval(x: jax.Array):
 
 def _lowering(in_blocks: bool) -> Callable[..., Any]:
     def rule(context: Any, *arrays: Any, program: Program, n_batch: int) -> Any:
-        """Without shardings and manual axes in the types: the arithmetic is elementwise, for the compiler to split."""
-        with jax.sharding.use_abstract_mesh(_NO_MESH):
-            plain = [ShapedArray(a.shape, a.dtype) for a in context.avals_in]
-            own = functools.partial(run, program, n_batch, in_blocks)
-            return cast(Any, mlir.lower_fun(own, multiple_results=True))(context.replace(avals_in=plain), *arrays)
+        lower = lower_fun(functools.partial(run, program, n_batch, in_blocks), multiple_results=True)
+        return unsharded(lower, context, arrays)
 
     return rule
 
 
 @functools.lru_cache(maxsize=64)
 def _compiled(program: Program, n_batch: int) -> Callable[..., list[jax.Array]]:
-    return jax.jit(functools.partial(_program_p.bind, program=program, n_batch=n_batch))
+    return compiled(_program_p, program=program, n_batch=n_batch)
 
 
 def _alone(*arrays: jax.Array, program: Program, n_batch: int):
@@ -205,7 +196,6 @@ def _alone(*arrays: jax.Array, program: Program, n_batch: int):
     return _compiled(program, n_batch)(*arrays)
 
 
-_NO_MESH = jax.sharding.AbstractMesh((), ())
 _program_p: Any = Primitive("jaxspatial_program")
 _program_p.multiple_results = True
 _program_p.def_abstract_eval(_abstract)

@@ -48,8 +48,9 @@ class Program:
 
     def traced(self, avals: Sequence[Aval]):
         """Traced once for the same shapes."""
-        key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), bool(check.config.jax_enable_x64)
-        return self.made(key, lambda: Traced(self, avals))
+        in_64_bits = self.is_wide or bool(check.config.jax_enable_x64)
+        key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), in_64_bits
+        return self.made(key, lambda: Traced(self, avals, in_64_bits))
 
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
         raise NotImplementedError
@@ -94,11 +95,11 @@ class Program:
 class Traced:
     """The trace of a program, without what its results do not need."""
 
-    def __init__(self, program: Program, avals: Sequence[Aval]):
+    def __init__(self, program: Program, avals: Sequence[Aval], in_64_bits: bool):
         def flat(*arrays: jax.Array):
             return list(program.evaluate(*arrays))
 
-        with jax.enable_x64(program.is_wide or bool(check.config.jax_enable_x64)):
+        with jax.enable_x64(in_64_bits):
             closed = jax.make_jaxpr(flat)(*avals)
         jaxpr, _ = pe.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
         self.closed = ClosedJaxpr(jaxpr, closed.consts)

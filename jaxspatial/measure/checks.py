@@ -85,6 +85,7 @@ def matmul():
     return None, f"float32: worst error {worst:.2g} u mag, factors are cut to fewer digits (TF32, bfloat16)", advice
 
 
+# Compiled as a new function by each check: none takes what another has compiled.
 def _arithmetic(a: Any, b: Any):
     return a + b, a * b, a / b
 

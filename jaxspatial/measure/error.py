@@ -22,7 +22,7 @@ Unit = Callable[[Fraction, Fraction], Fraction]
 
 def unit_roundoff(dtype: DTypeLike) -> Any:
     """u: half the distance from 1 to the next number, as an exact Fraction."""
-    return Fraction(float(check.finfo(dtype).eps)) / 2
+    return Fraction(check.eps(dtype)) / 2
 
 
 def ulp(exact: np.ndarray, dtype: DTypeLike):

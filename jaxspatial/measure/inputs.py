@@ -47,14 +47,14 @@ def parallel(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
 
 def nearly_parallel(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """As `parallel`, but for a few units in the last place."""
-    eps = float(check.finfo(dtype).eps)
+    eps = check.eps(dtype)
     wide = (x.astype(np.float64) for x in parallel(rng, count, n, dtype))
     return [(x * (1 + 4 * eps * rng.standard_normal((n, 3)))).astype(dtype) for x in wide]
 
 
 def just_above_powers_of_two(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """Significands of few units above 1, where a rounding error is largest relative to the number."""
-    eps = float(check.finfo(dtype).eps)
+    eps = check.eps(dtype)
     return _rounded((1 + eps * rng.integers(0, 8, (count, n, 3))) * rng.choice([-1.0, 1.0], (count, n, 3)), dtype)
 
 

@@ -160,6 +160,13 @@ def test_lists_take_the_dtype_beside_them_and_narrowing_is_said():
             call()
 
 
+def test_jit_switched_off():
+    """Outside of a program they are still one."""
+    with jax.disable_jit():
+        found = js.inverse_dynamics(robot(), Q, Q, Q)
+    np.testing.assert_array_equal(found, js.inverse_dynamics(robot(), Q, Q, Q))
+
+
 def _stepped(mech, q, tau, v, precision):
     return js.symplectic_step(mech, q, v, tau, np.float32(0.01), iterations=1, precision=precision)[1]
 

@@ -54,11 +54,11 @@ def compiled(primitive: Any, **parameters: Any) -> Callable[..., Any]:
     def bound(*arrays: Array) -> Any:
         return primitive.bind(*arrays, **parameters)
 
+    program = cast(Callable[..., Any], jax.jit(bound))
+
     def call(*arrays: Array) -> Any:
         with jax.disable_jit(False):
             return program(*arrays)
-
-    program: Callable[..., Any] = jax.jit(bound)
 
     return call
 
@@ -111,16 +111,21 @@ def no_tangent(x: Any) -> Any:
 def rule(function: Callable[..., Sequence[Array]]) -> Callable[..., Any]:
     """The lowering rule of a primitive: `function(*arrays, contracted, **parameters)` returns a list of arrays.
 
-    contracted(dtype): whether errors of products may be left to contraction. Traced without shardings and manual axes
-    in the types: the arithmetic is elementwise, for the compiler to split. (With them, every constant and index made on
-    the way would have to be sharded by hand.)
+    contracted(dtype): whether errors of products may be left to contraction.
     """
     lower = lower_fun(function, multiple_results=True)
 
     def lowered(context: Any, *arrays: Any, **parameters: Any) -> Any:
         contracted = functools.partial(contraction.is_used, context)
-        with jax.sharding.use_abstract_mesh(_NO_MESH):
-            plain = [ShapedArray(a.shape, a.dtype) for a in context.avals_in]
-            return lower(context.replace(avals_in=plain), *arrays, contracted=contracted, **parameters)
+        return unsharded(lower, context, arrays, contracted=contracted, **parameters)
 
     return lowered
+
+
+def unsharded(lower: Rule, context: Any, arrays: Sequence[Any], **parameters: Any) -> Any:
+    """What `lower`, a `lower_fun`, lowers its function to, traced without shardings and manual axes in the types: the
+    arithmetic is elementwise, for the compiler to split. (With them, every constant and index made on the way would
+    have to be sharded by hand.)"""
+    with jax.sharding.use_abstract_mesh(_NO_MESH):
+        plain = [ShapedArray(a.shape, a.dtype) for a in context.avals_in]
+        return lower(context.replace(avals_in=plain), *arrays, **parameters)
