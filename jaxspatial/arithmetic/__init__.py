@@ -9,7 +9,7 @@ The way from a formula to the bits:
 3. What a call is given decides what the numbers are (`numbers`, made from arrays by `numbers.stacking`):
    - in "fast" and "reproducible" `Rounded`, one array over the batch for each component, or a number known while
      tracing, which folds (`numbers.folding`). Products and quotients are rounded by the primitives of
-     `errorfree.reproducible`, behind a `fence` that the compiler cannot look through;
+     `errorfree.reproducible`, and arguments read behind a `barrier`: the compiler cannot look through either;
    - in "compensated" and "faithful" a sum of products runs over `numbers.polynomial`: `sums.symbolic` collects the
      terms of each result, and one primitive, `sums.primitive`, evaluates them all;
    - everything else runs there over float64, or for float64 over a `DoubleWord` (`numbers.pairs`);

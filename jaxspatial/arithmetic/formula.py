@@ -91,7 +91,7 @@ def _run_sums(
     def numbers(array: Any) -> Sequence[Number]:
         if not is_apart:
             return stacked(precision, array)
-        return tuple(Rounded(precision, x) for x in components.as_components(array).components)
+        return tuple(Rounded(precision, x, is_given=True) for x in components.as_components(array).components)
 
     is_apart = any(map(components.is_components, arrays))
     if arrays[0].dtype != jnp.bfloat16:

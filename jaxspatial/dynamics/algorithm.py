@@ -19,6 +19,8 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxspatial.arithmetic import numbers
+from jaxspatial.arithmetic.errorfree.barrier import proving_barrier
+from jaxspatial.arithmetic.numbers import stacking
 from jaxspatial.arithmetic.precision import Precision, resolve
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.dynamics import primitive, program
@@ -70,6 +72,9 @@ class Algorithm(Differentiable, ByContents):
     def is_wide(self):
         return self.precision.sees_whole_sums
 
+    def from_outside(self, x: jax.Array) -> jax.Array:
+        return proving_barrier(x) if self.is_wide else stacking.from_outside(x, self.precision)
+
     @property
     def block(self):
         """Fewer states where the results of one are many numbers, or numbers wide."""
@@ -87,7 +92,7 @@ class Algorithm(Differentiable, ByContents):
 
     def evaluate(self, *arrays: jax.Array):
         n = max((x.shape[0] for x in arrays), default=1)
-        leaves = self.merged(jnp.moveaxis(x, 0, -1) for x in arrays)
+        leaves = self.merged(jnp.moveaxis(self.from_outside(x), 0, -1) for x in arrays)
         fields, others = jax.tree.unflatten(self.tree, leaves)
         state = MechanismState(self.topology, fields, others[0], n, self.precision, self.dtype)
         found = self.formula(state, *others[1:], **dict(self.static))

@@ -181,7 +181,7 @@ def _aval(x: jax.Array):
 def _lowering(in_blocks: bool) -> Callable[..., Any]:
     def rule(context: Any, *arrays: Any, program: Program, n_batch: int) -> Any:
         lower = lower_fun(functools.partial(run, program, n_batch, in_blocks), multiple_results=True)
-        return unsharded(lower, context, arrays)
+        return unsharded(lower, context, *arrays)
 
     return rule
 

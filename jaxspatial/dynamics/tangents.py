@@ -59,6 +59,9 @@ class Derived(Differentiable):
     def block(self):
         return min(self.of.block, 512)
 
+    def from_outside(self, x: jax.Array) -> jax.Array:
+        return self.of.from_outside(x)
+
     def _split(self, arrays: Sequence[Any]) -> tuple[list[Any], list[Any]]:
         """(the arguments of the program, what comes behind them)."""
         n = len(self.moving)
@@ -132,7 +135,7 @@ class Pullback(Derived):
         def over_all(*chosen: jax.Array):
             return [jnp.broadcast_to(y, (n, *y.shape[1:])) for y in run(*chosen)]
 
-        cotangents = [jnp.broadcast_to(c, (n, *c.shape[1:])) for c in cotangents]
+        cotangents = [jnp.broadcast_to(self.from_outside(c), (n, *c.shape[1:])) for c in cotangents]
         return list(pullback(over_all, *self._chosen(arguments))(cotangents))
 
     def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:

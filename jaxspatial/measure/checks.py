@@ -13,7 +13,7 @@ from jax import lax
 from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic.check import finfo
-from jaxspatial.arithmetic.errorfree import contraction, reproducible, transforms
+from jaxspatial.arithmetic.errorfree import reproducible, transforms
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.precision import Precision
@@ -36,15 +36,6 @@ def contracted():
         advice = "precision 'fast' depends on the program around it; the other three do not"
         return None, f"contracted: a*b - c*d differs from NumPy in {share:.0%} of the lanes", advice
     return None, "no: a*b - c*d is NumPy's, bit by bit; 'fast' rounds as 'reproducible' does", ""
-
-
-def errors_of_products():
-    """Which way they are found: see `arithmetic.contraction`."""
-    used = [dtype for dtype in findings.DTYPES if contraction.holds(np.dtype(dtype))]
-    if not used:
-        return None, "found by splitting factors: no contraction that is exact wherever it was tried", ""
-    advice = "keep options of the compiler in XLA_FLAGS: those given to one program (compiler_options) are not seen"
-    return None, f"found by contraction to one operation, exact wherever it was tried, in {' and '.join(used)}", advice
 
 
 def subnormals():

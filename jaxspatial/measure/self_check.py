@@ -39,7 +39,6 @@ def _found(name: str, check: Callable[[], Found]):
 
 _CHECKS = {
     "products fused with additions": checks.contracted,
-    "errors of products": checks.errors_of_products,
     "subnormal numbers": checks.subnormals,
     "float16 and bfloat16": checks.narrow_formats,
     "default precision of jnp.matmul": checks.matmul,

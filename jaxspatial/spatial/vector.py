@@ -10,6 +10,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxspatial.arithmetic import check, vectors
+from jaxspatial.arithmetic.errorfree.barrier import barrier
 from jaxspatial.arithmetic.errorfree.reproducible import product, quotient
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Three, folding
@@ -208,7 +209,7 @@ def _scaled_part(operation: Callable[..., Any], part: Any, s: Any) -> Any:
     x: Any = to_double_word(part) if isinstance(s, DoubleWord) and not isinstance(part, Components) else part
     if isinstance(x, check.StandIn):
         return x * factor if operation is product else x / factor
-    return operation(x, jnp.broadcast_to(factor, x.shape))
+    return operation(barrier(x), barrier(jnp.broadcast_to(factor, x.shape)))
 
 
 def combined(operation: Callable[..., Any], x: _Kind, y: _Kind) -> _Kind:
@@ -223,7 +224,7 @@ def _skipping_zero(operation: Callable[..., Any], x: Any, y: Any) -> Any:
         return x
     if _is_known_zero(x):
         return y if operation is operator.add else -y
-    return folding.quietly(operation, x, y)
+    return folding.quietly(operation, barrier(x), barrier(y))
 
 
 def _is_known_zero(x: Any) -> bool:

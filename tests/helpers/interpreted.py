@@ -101,6 +101,8 @@ OF_NUMBERS = {
     "shift_left": np.left_shift,
     "shift_right_logical": np.right_shift,
     "stop_gradient": np.asarray,
+    "jaxspatial_barrier": np.asarray,
+    "jaxspatial_proving_barrier": np.asarray,
     # The zero that no compiler foresees.
     "jaxspatial_replica": lambda _: np.uint32(0),
 }
@@ -162,7 +164,7 @@ def _sums(*arrays, plan):
 @functools.lru_cache(maxsize=1024)
 def _traced_sums(plan, avals, _):
     """Traced once for all turns of a loop."""
-    return jax.make_jaxpr(functools.partial(sums.evaluate, plan=plan, contracted=lambda dtype: False))(*avals)
+    return jax.make_jaxpr(functools.partial(sums.evaluate, plan=plan))(*avals)
 
 
 def _program(*arrays, program, n_batch):

@@ -80,17 +80,6 @@ def test_without_fma_all_holds(dtypes):
     run = _run(dtypes, "--xla_cpu_max_isa=AVX")
     assert run.returncode == 0, run.stdout + run.stderr
     assert run.stdout.endswith("All promises hold here.\n") and "products fused with additions: no" in run.stdout
-    assert "errors of products: found by splitting" in run.stdout
-
-
-def test_says_how_errors_of_products_are_found(monkeypatch):
-    for found, said in (
-        (True, "by contraction to one operation, exact wherever it was tried, in float32 and float64"),
-        (False, "by splitting"),
-    ):
-        monkeypatch.setattr(checks.contraction, "holds", lambda _, found=found: found)
-        holds, measured, advice = checks.errors_of_products()
-        assert holds is None and said in measured and ("compiler_options" in advice) is found
 
 
 def test_scaling_that_the_compiler_takes_back_on_single_items_is_seen(monkeypatch):
@@ -98,8 +87,8 @@ def test_scaling_that_the_compiler_takes_back_on_single_items_is_seen(monkeypatc
     what overflows does so again."""
     scaled = faithful._scaled_parts
 
-    def taken_back(unscaled, sign, factors, error, scale):
-        right = scaled(unscaled, sign, factors, error, scale)
+    def taken_back(unscaled, sign, factors, scale):
+        right = scaled(unscaled, sign, factors, scale)
         return right if scale.shape else [x * scale * scale for x in unscaled]
 
     monkeypatch.setattr(faithful, "_scaled_parts", taken_back)

@@ -12,8 +12,6 @@ from jax.experimental.xla_metadata import set_xla_metadata  # pyright: ignore[re
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jaxspatial.arithmetic.errorfree import contraction
-
 Rule = Callable[..., Any]
 lower_fun = cast(Rule, mlir.lower_fun)
 _NO_MESH = jax.sharding.AbstractMesh((), ())
@@ -109,20 +107,11 @@ def no_tangent(x: Any) -> Any:
 
 
 def rule(function: Callable[..., Sequence[Array]]) -> Callable[..., Any]:
-    """The lowering rule of a primitive: `function(*arrays, contracted, **parameters)` returns a list of arrays.
-
-    contracted(dtype): whether errors of products may be left to contraction.
-    """
-    lower = lower_fun(function, multiple_results=True)
-
-    def lowered(context: Any, *arrays: Any, **parameters: Any) -> Any:
-        contracted = functools.partial(contraction.is_used, context)
-        return unsharded(lower, context, arrays, contracted=contracted, **parameters)
-
-    return lowered
+    """The lowering rule of a primitive: `function(*arrays, **parameters)` returns a list of arrays."""
+    return functools.partial(unsharded, lower_fun(function, multiple_results=True))
 
 
-def unsharded(lower: Rule, context: Any, arrays: Sequence[Any], **parameters: Any) -> Any:
+def unsharded(lower: Rule, context: Any, *arrays: Any, **parameters: Any) -> Any:
     """What `lower`, a `lower_fun`, lowers its function to, traced without shardings and manual axes in the types: the
     arithmetic is elementwise, for the compiler to split. (With them, every constant and index made on the way would
     have to be sharded by hand.)"""

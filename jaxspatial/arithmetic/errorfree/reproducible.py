@@ -1,7 +1,8 @@
 """The reproducible precision: products and quotients rounded on their own, in values and derivatives of any order.
 
-They are primitives, because derivatives need them too: written with a fence alone, the tangent `da * b + a * db` would
-be contracted, and a pull-back could not be fenced at all (a select is not linear). Both arguments have one shape.
+They are primitives, because derivatives need them too: with a guard around the product alone, the tangent
+`da * b + a * db` would be contracted, and a pull-back could not be guarded at all (a select is not linear). Both
+arguments have one shape, and are numbers of the library's own: those of a caller go through `barrier` first.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,7 +13,7 @@ from jax import Array, lax
 from jax.interpreters import ad
 
 from jaxspatial.arithmetic.check import finfo
-from jaxspatial.arithmetic.errorfree.fence import settled
+from jaxspatial.arithmetic.errorfree.barrier import settled
 from jaxspatial.arithmetic.errorfree.primitives import alike, elementwise, is_zero, lower_fun, no_tangent
 
 
@@ -35,7 +36,7 @@ def _rounded_quotient(a: Array, b: Array):
 
     Infinities and NaN, for which the other divisor is taken, divide by half of b as they do by b. Of quotients of
     quotients it makes products, `a / (b c)` of `(a / b) / c`, that may overflow, and of `1 / sqrt(x)` a reciprocal
-    root: not of what is fenced.
+    root: not of what is settled.
     """
     finite = lax.le(lax.abs(a), lax.full_like(a, finfo(a.dtype).max))
     divisor = lax.select(finite, b, lax.mul(b, lax.full_like(b, 0.5)))

@@ -1,10 +1,12 @@
 """Error-free transforms: a sum or a product as a pair (rounded result, its exact error).
 
 They hold eager, jit, vmap and scan, also where only the error is used or an operand is a constant of the program, with
-and without fused multiply-add. What they cannot survive is `--xla_cpu_enable_fast_math`, and the flushing of
-subnormals: an error below the smallest normal number is lost.
+and without fused multiply-add. Operands are numbers of the library's own: those of a caller go through
+`proving_barrier` first, which gives NaN where the compiler may rearrange sums (`xla_cpu_enable_fast_math`). An error
+below the smallest normal number is lost where subnormals are flushed.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,8 +14,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxspatial.arithmetic.check import finfo
-from jaxspatial.arithmetic.errorfree import contraction
-from jaxspatial.arithmetic.errorfree.fence import kept, settled
+from jaxspatial.arithmetic.errorfree.barrier import hidden, kept
 from jaxspatial.arithmetic.errorfree.primitives import alike, elementwise, no_tangent, rule
 from jaxspatial.arithmetic.errorfree.reproducible import product_tangent
 
@@ -53,51 +54,58 @@ def split(x: Array) -> tuple[Array, Array]:
     """(hi, lo) with hi + lo = x exactly, each of at most half the bits, so that products of halves are exact.
 
     Rounded in its bits, half away from zero: unlike Veltkamp's multiplication this does not overflow for large x, and
-    it is several times faster than `reduce_precision`. Below tiny / eps, where lo would be flushed to zero and a
-    product lose half of its digits, hi is x: products are then rounded, and good to 3 u.
-    *unchecked* requirement: |x| <= (1 - 2^-12) finfo.max, in
-    float64 (1 - 2^-27) finfo.max; beyond, hi rounds to infinity.
+    it is several times faster than `reduce_precision`. Next to the largest number, where hi would be rounded to an
+    infinity, it is cut off: lo has one bit more then, and products with the halves of a number that is not so large
+    are exact. Below tiny / eps, where lo would be flushed to zero and a product lose half of its digits, hi is x:
+    products are then rounded, and good to 3 u.
     """
     info = finfo(x.dtype)
     cleared = info.nmant + 1 - (info.nmant + 1) // 2
     bits = lax.bitcast_convert_type(x, jnp.dtype(f"uint{info.bits}"))
     half, mask = (bits.dtype.type(n) for n in (1 << (cleared - 1), (1 << info.bits) - (1 << cleared)))
-    rounded = (bits + lax.full_like(bits, half)) & lax.full_like(bits, mask)
-    has_low_half = lax.ge(lax.abs(x), lax.full_like(x, info.tiny / info.eps))
+    size = lax.abs(x)
+    is_usual = lax.lt(size, lax.full_like(x, _first_that_rounds_up(info)))
+    added = lax.select(is_usual, lax.full_like(bits, half), lax.full_like(bits, 0))
+    rounded = (bits + added) & lax.full_like(bits, mask)
+    has_low_half = lax.ge(size, lax.full_like(x, info.tiny / info.eps))
     hi = lax.select(has_low_half, lax.bitcast_convert_type(rounded, x.dtype), x)
     return hi, x - hi
+
+
+def _first_that_rounds_up(info: Any) -> float:
+    """The smallest number whose upper half of digits, rounded, is the power of two that the format does not hold."""
+    bits = (info.nmant + 1) // 2
+    return math.ldexp(1 - 2.0 ** -(bits + 1), info.maxexp) if info.maxexp < 1024 else (2 - 2.0**-bits) * 2.0**1023
 
 
 def two_product(a: Array, b: Array) -> tuple[Array, Array]:
     """(p, e) with p = fl(a * b) and p + e = a * b exactly, while e is a normal number or 0.
 
-    Where p is infinite or NaN, e means nothing. e is found by `contraction` where that is seen to be exact when the
-    program is lowered, else as Dekker does: the same bits, but for numbers below tiny / eps.
+    Where p is infinite or NaN, e means nothing. Below tiny / eps see `split`.
     """
     return tuple(_two_product_p.bind(*alike(a, b)))
 
 
-def dekker_error(a: Array, b: Array, p: Array) -> Array:
-    """a * b - p exactly, of p = fl(a * b) fenced or hidden, while that is a normal number or 0. [Dekker 1971]
+def product_error(a: Array, b: Array, p: Array) -> Array:
+    """a * b - p exactly, of p = fl(a * b) that is `hidden`, while that is a normal number or 0. [Dekker 1971]
 
-    Spelled with `ah * bh - p`, never with `p - ah * bh`: the compiler contracts the latter with the product p when p
-    itself is not used. p is guarded for the same reason.
+    Each step is exact, contracted or not: the error does not depend on what a compiler makes of it. Spelled with
+    `ah * bh - p`, never with `p - ah * bh`: the compiler contracts the latter with the product p when p itself is not
+    used. p is hidden for the same reason.
+
+    Where there is a fused multiply-add, `hidden(a) * b - p` would be the error in two operations, if the compiler made
+    one of them. It need not: it vectorises both products together, or finds the second one elsewhere in the program.
     """
     a_hi, a_lo = split(a)
     b_hi, b_lo = split(b)
     # Kept after each step: of constants it would make `(c1 - p) + c2` to (c1 + c2) - p.
     e = kept(kept(kept(a_hi * b_hi - p) + a_hi * b_lo) + a_lo * b_hi)
-    return e + a_lo * b_lo
+    return kept(e + a_lo * b_lo)
 
 
-def product_error(contracted: Callable[[Any], bool]) -> Callable[[Array, Array, Array], Array]:
-    """The error of a product as a function of (a, b, p), in a program of which `primitives.rule` says `contracted`."""
-    return lambda a, b, p: (contraction.product_error if contracted(p.dtype) else dekker_error)(a, b, p)
-
-
-def _two_product(a: Array, b: Array, contracted: Callable[[Any], bool]) -> list[Array]:
-    p = (contraction.hidden if contracted(a.dtype) else settled)(a * b)
-    return [p, product_error(contracted)(a, b, p)]
+def _two_product(a: Array, b: Array) -> list[Array]:
+    p = hidden(a * b)
+    return [p, product_error(a, b, p)]
 
 
 def _two_product_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[list[Array], list[Any]]:

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.errorfree.barrier import read
 from jaxspatial.arithmetic.numbers import folding
 from jaxspatial.arithmetic.numbers.polynomial import uniform
 from jaxspatial.arithmetic.precision import Precision
@@ -120,7 +121,7 @@ def _known_if_unit(column: np.ndarray) -> Any:
 
 
 def _combined(operation: Callable[..., Any], a: Any, b: Any) -> Any:
-    return a.of([operation(x, y) for x, y in zip(a.components, b.components, strict=True)])
+    return a.of([read(operation, x, y) for x, y in zip(a.components, b.components, strict=True)])
 
 
 _compiled: Callable[..., Any] = jax.jit(_combined, static_argnums=0, inline=True)

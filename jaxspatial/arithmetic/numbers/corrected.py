@@ -26,7 +26,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.errorfree.fence import fence
+from jaxspatial.arithmetic.errorfree.barrier import barrier
 from jaxspatial.arithmetic.errorfree.reproducible import quotient
 from jaxspatial.arithmetic.errorfree.transforms import two_product, two_sum
 from jaxspatial.arithmetic.numbers import folding, pairs
@@ -202,8 +202,8 @@ def _divide(x: pairs.Operand, y: pairs.Operand):
     (a, c), (b, d) = _words(x), _normalised(*_words(y))
     q = quotient(a, b)
     p, error = two_product(q, b)
-    # Fenced, here and below: of a constant a the compiler would add up the words, (c1 - e) + c2 = (c1 + c2) - e.
-    rest = pairs.total(fence((a - p) - error), c, pairs.linear(lax.mul, d, -q))
+    # A barrier, here and below: of a constant a the compiler would add up the words, (c1 - e) + c2 = (c1 + c2) - e.
+    rest = pairs.total(barrier((a - p) - error), c, pairs.linear(lax.mul, d, -q))
     return q, _finite(quotient(rest, b))
 
 
@@ -213,7 +213,7 @@ def _square_root(x: pairs.Operand):
     a, c = _normalised(*_words(x))
     r = lax.sqrt(a)
     p, error = two_product(r, r)
-    return r, _finite(quotient(pairs.total(fence((a - p) - error), c), r + r))
+    return r, _finite(quotient(pairs.total(barrier((a - p) - error), c), r + r))
 
 
 @pairs.as_sum

@@ -17,6 +17,7 @@ from jax import lax
 from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.errorfree.barrier import proving_barrier
 from jaxspatial.arithmetic.numbers import conversion, pairs
 
 _Operation = Callable[[typing.Any, typing.Any], typing.Any]
@@ -57,7 +58,7 @@ class DoubleWord(check.StandIn):
             raise ValueError(f"DoubleWord: expected equal shapes, got {came}; see jnp.broadcast_to")
         for name, word in zip(("hi", "lo"), words.values(), strict=True):
             # A copy: the caller may write to his own.
-            object.__setattr__(self, name, jnp.array(word) if isinstance(word, np.ndarray) else word)
+            object.__setattr__(self, name, proving_barrier(jnp.array(word) if isinstance(word, np.ndarray) else word))
 
     # -- as an array --------------------------------------------------------------------------------------------------
 
@@ -256,7 +257,7 @@ def _words_of(x: typing.Any, dtype: DTypeLike) -> typing.Any:
     if isinstance(x, (np.ndarray, np.generic)) and conversion.is_floating(x) and x.dtype != jnp.result_type(x):
         return conversion.of_numbers(x, jnp.result_type(x))
     is_array = isinstance(x, (np.ndarray, np.generic, jax.Array))
-    return check.as_float_array(x, "DoubleWord: other") if is_array else NotImplemented
+    return proving_barrier(check.as_float_array(x, "DoubleWord: other")) if is_array else NotImplemented
 
 
 def _shown(word: typing.Any) -> str:

@@ -17,7 +17,7 @@ from jax import lax
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.errorfree import reproducible
-from jaxspatial.arithmetic.errorfree.fence import kept
+from jaxspatial.arithmetic.errorfree.barrier import kept
 from jaxspatial.arithmetic.numbers.layout import apart
 from jaxspatial.arithmetic.numbers.polynomial import uniform
 from jaxspatial.arithmetic.precision import Precision

@@ -67,7 +67,7 @@ def _abstract_together(*lanes: Any, axis: int) -> list[Any]:
     return [_like(x, _with(x.shape, axis, len(lanes)), _with(x.sharding.spec, axis, None))]
 
 
-def _lowered_apart(x: Array, *, axis: int, **_: Any) -> list[Array]:
+def _lowered_apart(x: Array, *, axis: int) -> list[Array]:
     return [lax.index_in_dim(x, k, axis, keepdims=False) for k in range(x.shape[axis])]
 
 

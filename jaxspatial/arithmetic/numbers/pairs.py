@@ -36,7 +36,7 @@ from jax.custom_derivatives import SymbolicZero, zero_from_primal  # pyright: ig
 from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic.check import TUPLE, finfo
-from jaxspatial.arithmetic.errorfree.fence import fence
+from jaxspatial.arithmetic.errorfree.barrier import barrier
 from jaxspatial.arithmetic.errorfree.reproducible import product, quotient
 from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_product, two_sum
 from jaxspatial.arithmetic.numbers.conversion import narrowest
@@ -180,8 +180,8 @@ def divide(x: Pair, y: Pair):
     q = quotient(x[0], y[0])
     _, high, low = _times_word(y, q)
     high, low = _normalised(high, low)
-    # Fenced, here and below: of a constant x the compiler would add up the words, (c1 - e) + c2 = (c1 + c2) - e.
-    rest = fence(x[0] - high) + (x[1] - low)
+    # A barrier, here and below: of a constant x the compiler would add up the words, (c1 - e) + c2 = (c1 + c2) - e.
+    rest = barrier(x[0] - high) + (x[1] - low)
     return _settled(q, q, quotient(rest, y[0]))
 
 
@@ -190,7 +190,7 @@ def divide_word(x: Pair, b: Array):
     """x / b of a pair and a word. Error <= 3 u^2 |x / b|. 17 flops and 2 splits. [Algorithm 15]"""
     q = quotient(x[0], b)
     p, error = two_product(q, b)
-    rest = fence((x[0] - p) - error) + x[1]
+    rest = barrier((x[0] - p) - error) + x[1]
     return _settled(q, q, quotient(rest, b))
 
 
@@ -202,13 +202,13 @@ def square_root(x: Pair):
     """
     r = lax.sqrt(x[0])
     p, error = two_product(r, r)
-    rest = fence((x[0] - p) - error) + x[1]
+    rest = barrier((x[0] - p) - error) + x[1]
     return _settled(r, r, quotient(rest, r + r))
 
 
 def _normalised(high: Array, low: Array):
-    """`fast_two_sum`, with `low` fenced: the compiler would take c1 + (x + c2) for x + (c1 + c2)."""
-    return fast_two_sum(high, fence(low))
+    """`fast_two_sum`, with `low` behind a barrier: the compiler would take c1 + (x + c2) for x + (c1 + c2)."""
+    return fast_two_sum(high, barrier(low))
 
 
 def _settled(single: Array, high: Array, low: Array):
@@ -264,8 +264,8 @@ def _conversion(dtype: np.dtype[Any]):
         wide = narrowest(x[0].dtype, dtype)
         hi, lo = (lax.convert_element_type(word, wide) for word in x)
         s, error = two_sum(hi, lo)
-        # Fenced: a compiler may leave out a conversion there and back.
-        high = fence(lax.convert_element_type(s, dtype))
+        # Behind a barrier: a compiler may leave out a conversion there and back.
+        high = barrier(lax.convert_element_type(s, dtype))
         low = (s - lax.convert_element_type(high, wide)) + error
         return _settled(high, high, lax.convert_element_type(low, dtype))
 

@@ -1,5 +1,6 @@
 """Numbers rounded as the precision says: an array over the batch, or a number known while tracing, which folds."""
 
+import functools
 from collections.abc import Callable, Iterable
 from fractions import Fraction
 from typing import Any
@@ -9,6 +10,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxspatial.arithmetic.errorfree import reproducible
+from jaxspatial.arithmetic.errorfree.barrier import barrier
 from jaxspatial.arithmetic.numbers import folding
 from jaxspatial.arithmetic.numbers.protocol import Compared
 from jaxspatial.arithmetic.precision import Precision
@@ -17,16 +19,23 @@ from jaxspatial.arithmetic.precision import Precision
 class Rounded(Compared):
     """An array over the batch, or a number known while tracing, whose operations are rounded as the precision says."""
 
-    def __init__(self, precision: Precision, value: Any):
+    def __init__(self, precision: Precision, value: Any, is_given: bool = False):
+        """is_given: whether the value is a caller's. In "fast" the compiler may contract that, too."""
         self.precision, self.value = precision, value
+        self._is_given = is_given and precision is not Precision.FAST
 
     @property
     def dtype(self) -> np.dtype[Any]:
         return np.dtype(self.value.dtype)
 
+    @functools.cached_property
+    def operand(self) -> Any:
+        """The value, to compute with."""
+        return barrier(self.value) if self._is_given else self.value
+
     @property
     def words(self) -> tuple[Any, ...]:
-        return (self.value,)
+        return (self.operand,)
 
     def with_words(self, words: Iterable[Any]) -> "Rounded":
         """A number of this kind."""
@@ -41,46 +50,51 @@ class Rounded(Compared):
     def rounded(self) -> Any:
         return self.value
 
-    def _of(self, other: "Rounded | float") -> Any:
-        """The value of what stands beside this one."""
-        return other.value if isinstance(other, Rounded) else self.dtype.type(other)
+    def _of(self, other: "Rounded | float") -> "Rounded":
+        """What stands beside this one."""
+        return other if isinstance(other, Rounded) else self._new(self.dtype.type(other))
 
     def _new(self, value: Any) -> "Rounded":
         return Rounded(self.precision, value)
 
+    def _result(self, operation: Callable[[Any, Any], Any], other: "Rounded") -> "Rounded":
+        """operation(this, other); what it just passes on stays as it is."""
+        found = operation(self.operand, other.operand)
+        return next((x for x in (self, other) if found is x.operand), None) or self._new(found)
+
     def __add__(self, other: "Rounded | float") -> "Rounded":
-        return self._new(folding.add(self.value, self._of(other), self.precision))
+        return self._result(functools.partial(folding.add, precision=self.precision), self._of(other))
 
     __radd__ = __add__
 
     def __sub__(self, other: "Rounded | float") -> "Rounded":
-        return self._new(folding.subtract(self.value, self._of(other), self.precision))
+        return self._result(functools.partial(folding.subtract, precision=self.precision), self._of(other))
 
     def __rsub__(self, other: "Rounded | float") -> "Rounded":
-        return self._new(folding.subtract(self._of(other), self.value, self.precision))
+        return self._of(other) - self
 
     def __mul__(self, other: "Rounded | float") -> "Rounded":
-        return self._new(folding.multiply(self.precision, self.value, self._of(other)))
+        return self._result(functools.partial(folding.multiply, self.precision), self._of(other))
 
     __rmul__ = __mul__
 
     def __truediv__(self, other: "Rounded | float") -> "Rounded":
-        return self._new(folding.divide(self.value, self._of(other)))
+        return self._result(folding.divide, self._of(other))
 
     def __rtruediv__(self, other: "Rounded | float") -> "Rounded":
-        return self._new(folding.divide(self._of(other), self.value))
+        return self._of(other) / self
 
     def __neg__(self) -> "Rounded":
-        return self._new(-self.value)
+        return self._new(-self.operand)
 
     def __abs__(self) -> "Rounded":
         return self._new(abs(self.value))
 
     def compared(self, comparison: Callable[[Any, Any], Any], other: "Rounded | float") -> Any:
-        return comparison(*folding.alike(self.value, self._of(other)))
+        return comparison(*folding.alike(self.operand, self._of(other).operand))
 
     def sqrt(self) -> "Rounded":
-        return self._new(np.sqrt(self.value) if folding.is_known(self.value) else _root(self.value))
+        return self._new(np.sqrt(self.value) if folding.is_known(self.value) else _root(self.operand))
 
 
 @jax.custom_jvp

@@ -10,7 +10,7 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic.check import NUMPY, SCALAR, finfo
-from jaxspatial.arithmetic.errorfree.fence import fence
+from jaxspatial.arithmetic.errorfree.barrier import barrier
 from jaxspatial.arithmetic.numbers import Corrected, Numbers, Rounded, folding, high
 from jaxspatial.arithmetic.numbers.components import Components
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
@@ -19,12 +19,20 @@ from jaxspatial.arithmetic.precision import Precision
 
 
 class Stacked(Sequence[Any]):
-    """A vector of numbers that is an array (*batch, n) as well: whichever is asked for is made."""
+    """A vector of numbers that is an array (*batch, n) as well: whichever is asked for is made.
+
+    is_given: whether it comes from outside of it. It is passed on as it came, and computed with behind barriers.
+    """
 
     def __init__(
-        self, precision: Precision, size: int, make_array: Callable[[], Any], make_values: Callable[[], Sequence[Any]]
+        self,
+        precision: Precision,
+        size: int,
+        make_array: Callable[[], Any],
+        make_values: Callable[[], Sequence[Any]],
+        is_given: bool = False,
     ):
-        self.precision, self._size = precision, size
+        self.precision, self._size, self._is_given = precision, size, is_given
         self._make_array, self._make_values = make_array, make_values
 
     @functools.cached_property
@@ -32,8 +40,13 @@ class Stacked(Sequence[Any]):
         return self._make_array()
 
     @functools.cached_property
+    def operand(self) -> Any:
+        """The array, to compute with."""
+        return from_outside(self.array, self.precision) if self._is_given else self.array
+
+    @functools.cached_property
     def _numbers(self) -> Any:
-        return tuple(Rounded(self.precision, x) for x in self._make_values())
+        return tuple(Rounded(self.precision, x, self._is_given) for x in self._make_values())
 
     def __getitem__(self, i: Any) -> Any:
         return self._numbers[i]
@@ -45,11 +58,11 @@ class Stacked(Sequence[Any]):
         """`folding.add` or `folding.subtract` of this and a vector: of arrays one operation, where it can be."""
 
         def whole() -> Any:
-            others = vector.array if isinstance(vector, Stacked) else [x.value for x in vector]
-            return folding.whole(operation, self.array, others, self.precision)
+            others = vector.operand if isinstance(vector, Stacked) else [x.operand for x in vector]
+            return folding.whole(operation, self.operand, others, self.precision)
 
         def apart() -> list[Any]:
-            return [operation(a.value, b.value, self.precision) for a, b in zip(self, vector, strict=True)]
+            return [operation(a.operand, b.operand, self.precision) for a, b in zip(self, vector, strict=True)]
 
         return Stacked(self.precision, len(self), whole, apart)
 
@@ -60,8 +73,14 @@ class Stacked(Sequence[Any]):
 
 
 def stacked(precision: Precision, array: Any) -> Stacked:
-    """The numbers of an array (*batch, n)."""
-    return Stacked(precision, array.shape[-1], lambda: array, lambda: folding.unstack(array))
+    """The numbers of an array (*batch, n) from outside."""
+    return Stacked(precision, array.shape[-1], lambda: array, lambda: folding.unstack(array), is_given=True)
+
+
+def from_outside(x: Any, precision: Precision) -> Any:
+    """An array that a caller computed, of whose operations a compiler would make one with ours: behind a barrier, but
+    in "fast", and but for what is known while tracing."""
+    return x if precision is Precision.FAST else barrier(x)
 
 
 # It comes back as a tuple, which JAX allows and its stub does not.
@@ -87,7 +106,9 @@ def of_array(array: Any, precision: Precision, twice: bool, dtype: Any = None) -
     if isinstance(array, DoubleWord):
         parts = zip(*(folding.unstack(word) for word in (array.hi, array.lo)), strict=True)
         return tuple(Rounded(precision, converted(hi, wide) + converted(lo, wide)) for hi, lo in parts)
-    return tuple(Rounded(precision, converted(x, wide)) for x in folding.unstack(array))
+    if wide == dtype:
+        return tuple(Rounded(precision, x, is_given=True) for x in folding.unstack(array))
+    return tuple(Rounded(precision, converted(from_outside(x, precision), wide)) for x in folding.unstack(array))
 
 
 def of_terms(array: Any, precision: Precision, dtype: np.dtype[Any]) -> Numbers:
@@ -113,4 +134,4 @@ def converted(x: Any, dtype: Any) -> Any:
         return x.astype(dtype) if isinstance(x, (NUMPY, SCALAR)) else lax.convert_element_type(x, dtype)
     if dtype == jnp.bfloat16:
         return lax.convert_element_type(lax.reduce_precision(x, exponent_bits=8, mantissa_bits=7), dtype)
-    return fence(lax.convert_element_type(x, dtype))
+    return barrier(lax.convert_element_type(x, dtype))

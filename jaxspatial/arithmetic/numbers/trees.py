@@ -9,6 +9,7 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.errorfree.barrier import proving_barrier
 from jaxspatial.arithmetic.numbers import conversion
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord, of_words, with_zero
 from jaxspatial.arithmetic.types import DTypeLike
@@ -48,7 +49,7 @@ def _as_double_word(leaf: typing.Any, dtype: DTypeLike | None) -> typing.Any:
         return leaf
     if isinstance(leaf, (float, np.ndarray, np.generic)):
         return of_words(jnp.array(word) for word in conversion.of_numbers(leaf, dtype or jnp.result_type(leaf)))
-    x = of_words(with_zero(check.as_float_array(leaf, "to_double_word: x")))
+    x = of_words(with_zero(proving_barrier(check.as_float_array(leaf, "to_double_word: x"))))
     return x if dtype is None else x.astype(dtype)
 
 

@@ -6,7 +6,7 @@ the whole array: that ties the result to its layout, and lets it take its place 
 """
 
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -14,11 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from jaxspatial.arithmetic.errorfree.barrier import hidden, proven
 from jaxspatial.arithmetic.errorfree.primitives import not_inlined
-from jaxspatial.arithmetic.errorfree.transforms import product_error
 from jaxspatial.arithmetic.numbers.layout import picked
 from jaxspatial.arithmetic.numbers.polynomial import Term
-from jaxspatial.arithmetic.sums.accumulators.accumulator import Error, Trial
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Trial
 from jaxspatial.arithmetic.sums.accumulators.certified import CERTIFIED, CERTIFIED_OF_NARROW
 from jaxspatial.arithmetic.sums.accumulators.compensated import COMPENSATED, SINGLE
 from jaxspatial.arithmetic.sums.accumulators.estimated import ESTIMATED, ESTIMATED_OF_NARROW
@@ -63,12 +63,12 @@ class Plan(NamedTuple):
         return (len(s.components), *batch) if self.leading else (*batch, len(s.components))
 
 
-def evaluate(*arrays: Array, plan: Plan, contracted: Callable[[Any], bool]) -> list[Array]:
-    """The results of the plan: one array per Sum, or two for a pair. contracted: see `primitives.rule`."""
+def evaluate(*arrays: Array, plan: Plan) -> list[Array]:
+    """The results of the plan: one array per Sum, or two for a pair."""
     same = [_same_as(plan, s, arrays) for s in plan.sums]
     others = tuple(s for s, j in zip(plan.sums, same, strict=True) if j is None)
     with jax.enable_x64(True):
-        computed = iter(_computed(plan._replace(sums=others), arrays, product_error(contracted)) if others else ())
+        computed = iter(_computed(plan._replace(sums=others), arrays) if others else ())
     width = 1 + plan.is_pair
     return [x for j in same for x in ([next(computed) for _ in range(width)] if j is None else [arrays[j]])]
 
@@ -83,16 +83,16 @@ def _same_as(plan: Plan, s: Sum, arrays: Sequence[Array]) -> int | None:
     return j if passed else None
 
 
-def _computed(plan: Plan, arrays: Sequence[Array], error: Error) -> list[Array]:
+def _computed(plan: Plan, arrays: Sequence[Array]) -> list[Array]:
     is_narrow = arrays[0].dtype != np.float64
     is_single = all(_is_single(plan, s) for s in plan.sums)
     if is_narrow and (is_single or plan.precision != "faithful"):
-        return _evaluated(plan, WIDE, error, arrays)
+        return _evaluated(plan, WIDE, arrays)
     if is_single:
-        return _evaluated(plan, SINGLE, error, arrays)
+        return _evaluated(plan, SINGLE, arrays)
     if plan.precision == "faithful":
-        return _tried(plan, _trials(plan, is_narrow), error, arrays)
-    return _unfused(plan, COMPENSATED, error, arrays)
+        return _tried(plan, _trials(plan, is_narrow), arrays)
+    return _unfused(plan, COMPENSATED, arrays)
 
 
 # So many exact products take less to be added without an error than to be tried first.
@@ -116,26 +116,26 @@ def _trials(plan: Plan, is_narrow: bool) -> Sequence[Trial]:
     return [estimated, *rest] if is_tried and not is_short else rest
 
 
-def _unfused(plan: Plan, accumulator: Any, error: Error, arrays: Sequence[Array]) -> list[Array]:
+def _unfused(plan: Plan, accumulator: Any, arrays: Sequence[Array]) -> list[Array]:
     """As a call that the compiler does not inline. Where one such sum is fused into the next, XLA CPU computes every
     component again for each it is used in, without vectorising: a shift and a dot then take 7 times as long."""
-    return not_inlined(functools.partial(_evaluated, plan, accumulator, error), arrays)
+    return not_inlined(functools.partial(_evaluated, plan, accumulator), arrays)
 
 
-def _tried(plan: Plan, trials: Sequence[Trial], error: Error, arrays: Sequence[Array]) -> list[Array]:
+def _tried(plan: Plan, trials: Sequence[Trial], arrays: Sequence[Array]) -> list[Array]:
     """Evaluated by the first trial, and while that leaves a NaN in the batch once more by the next.
 
     Loops of at most one turn: unlike branches they leave results where they are in memory.
     """
     first, *others = trials
     if not others:
-        return _unfused(plan, first, error, arrays)
-    results = _evaluated(plan, first, error, arrays)
+        return _unfused(plan, first, arrays)
+    results = _evaluated(plan, first, arrays)
     is_missing = _is_missing(results)
     for trial in others:
 
         def again(state: Any, trial: Trial = trial) -> Any:
-            found = _completed(plan, state[0], _evaluated(plan, trial, error, arrays))
+            found = _completed(plan, state[0], _evaluated(plan, trial, arrays))
             return found, np.zeros((), bool), _is_missing(found)
 
         results, _, is_missing = lax.while_loop(lambda state: state[1], again, (results, is_missing, is_missing))
@@ -153,21 +153,19 @@ def _completed(plan: Plan, results: Sequence[Array], others: Sequence[Array]) ->
     return [lax.select(m, y, x) for m, x, y in zip(missing, results, others, strict=True)]
 
 
-def _evaluated(plan: Plan, accumulator: Any, error: Error, arrays: Sequence[Array]) -> list[Array]:
-    evaluation = _Evaluation(plan, accumulator, error, arrays)
+def _evaluated(plan: Plan, accumulator: Any, arrays: Sequence[Array]) -> list[Array]:
+    evaluation = _Evaluation(plan, accumulator, arrays)
     return [x for s in plan.sums for x in evaluation.results(s)]
-
-
-def _wide(x: Array) -> Array:
-    return lax.convert_element_type(x, np.float64)
 
 
 class _Evaluation:
     """What a plan of sums of products of arrays comes to, by one accumulator."""
 
-    def __init__(self, plan: Plan, accumulator: Any, error: Error, arrays: Sequence[Array]):
-        self.plan, self.accumulator, self.error, self.arrays = plan, accumulator, error, arrays
+    def __init__(self, plan: Plan, accumulator: Any, arrays: Sequence[Array]):
+        self.plan, self.accumulator, self.arrays = plan, accumulator, arrays
         self._lanes: dict[tuple[int, int], Array] = {}
+        # What comes from outside is hidden from the compiler, in its own format: a conversion may be left out.
+        self._hidden = hidden if accumulator in (WIDE, SINGLE) else proven
 
     def results(self, s: Sum) -> Sequence[Array]:
         """Of a Sum: one array, or the two of a pair."""
@@ -195,11 +193,11 @@ class _Evaluation:
             for terms, share in zip(rest, _shares(s), strict=True)
         ]
         if all(state is None for state in states):
-            state = accumulator.total([(sign, [_wide(self.arrays[j])]) for sign, j in whole], self.error)
+            state = accumulator.total([(sign, [self._entered(self.arrays[j])]) for sign, j in whole])
         else:
             state = jax.tree.map(lambda *lanes: picked(self.plan.axis, lanes), *accumulator.padded(states))
             for sign, j in whole:
-                state = accumulator.plus(state, sign, _wide(self.arrays[j]))
+                state = accumulator.plus(state, sign, self._entered(self.arrays[j]))
         return self._rounded(accumulator, state)
 
     def _rounded(self, accumulator: Any, state: Any) -> Sequence[Array]:
@@ -212,7 +210,7 @@ class _Evaluation:
 
     def _total(self, accumulator: Any, terms: Sequence[Term], share: float) -> Any:
         """The state of one component."""
-        state = accumulator.total([(t.sign, [self._lane(*f) for f in t.factors]) for t in terms], self.error)
+        state = accumulator.total([(t.sign, [self._lane(*f) for f in t.factors]) for t in terms])
         return state if share == 1 else accumulator.times_power_of_two(state, share)
 
     def _lane(self, j: int, k: int) -> Array:
@@ -220,8 +218,11 @@ class _Evaluation:
         that is used many times would be a pass of its own."""
         if (j, k) not in self._lanes:
             lane = lax.index_in_dim(self.arrays[j], k, self.plan.axis, keepdims=False)
-            self._lanes[j, k] = jnp.broadcast_to(_wide(lane), self.plan.batch)
+            self._lanes[j, k] = jnp.broadcast_to(self._entered(lane), self.plan.batch)
         return self._lanes[j, k]
+
+    def _entered(self, x: Array) -> Array:
+        return lax.convert_element_type(self._hidden(x), np.float64)
 
     def _separated(self, s: Sum) -> tuple[list[tuple[Any, int]], list[Sequence[Term]]]:
         """((sign, j) for every array j that is a term just as it stands, the other terms of each component)."""

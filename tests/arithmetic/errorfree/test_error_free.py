@@ -7,7 +7,7 @@ import pytest
 from jax import lax
 
 from jaxspatial.arithmetic.errorfree import scaling, transforms
-from jaxspatial.arithmetic.errorfree.fence import fence
+from jaxspatial.arithmetic.errorfree.barrier import barrier, proving_barrier
 from jaxspatial.measure.exact import rationals
 from tests.helpers.marks import slow_but
 
@@ -94,6 +94,20 @@ def test_sums_with_constants_of_the_program(transform, dtype):
             assert (rationals(s) + rationals(e) == rationals(x) + sign * rationals(y)).all()
 
 
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_errors_down_to_the_smallest_number_are_off_by_no_more_than_that(dtype):
+    """Below tiny / eps halves are not exact any more, and subnormal errors are lost: at most 3 u of the product."""
+    info = np.finfo(dtype)
+    rng = np.random.default_rng(0)
+    a = np.ldexp(rng.uniform(0.5, 1, 300).astype(dtype), rng.integers(info.minexp, info.minexp + 2 * info.nmant, 300))
+    b = rng.uniform(-1, 1, 300).astype(dtype)
+    with jax.enable_x64(True):
+        p, e = jax.jit(transforms.two_product)(a.astype(dtype), b)
+    off = abs(rationals(p) + rationals(e) - rationals(a.astype(dtype)) * rationals(b))
+    allowed = 3 * rationals(np.full(1, info.eps))[0] * abs(rationals(p)) + 2 * rationals(np.full(1, info.tiny))[0]
+    assert (off <= allowed).all()
+
+
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_split_has_halves_whose_products_are_exact(dtype):
     a, b = _numbers(dtype)
@@ -105,6 +119,19 @@ def test_split_has_halves_whose_products_are_exact(dtype):
     assert (rationals(halves[0]) + rationals(halves[1]) == rationals(a)).all()
     for half in halves:
         assert all(_significant_bits(x) <= bits for x in rationals(half))
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_products_with_the_largest_numbers_are_exact(dtype):
+    """Whose halves are not rounded up to an infinity."""
+    info = jnp.finfo(dtype)
+    with jax.enable_x64(dtype == "float64"):
+        near = jnp.asarray(info.max) * (1 - jnp.arange(8, dtype=dtype) * jnp.asarray(info.eps))
+        hi, _ = jax.jit(transforms.split)(near)
+        a, b = jnp.repeat(near, 3), jnp.tile(jnp.asarray([0, 1, 0.7], dtype), 8)
+        p, e = jax.jit(transforms.two_product)(a, b)
+    assert np.isfinite(np.asarray(hi, float)).all()
+    assert (rationals(p) + rationals(e) == rationals(a) * rationals(b)).all()
 
 
 def _significant_bits(x):
@@ -141,14 +168,15 @@ def _exponents(x):
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
-def test_fence_passes_everything_and_has_derivative_one(dtype):
+@pytest.mark.parametrize("barrier", [barrier, proving_barrier], ids=lambda f: f.__name__)
+def test_a_barrier_passes_everything_and_has_derivative_one(barrier, dtype):
     with jax.enable_x64(dtype == "float64"):
         largest = float(jnp.finfo(dtype).max)
         x = jnp.array([0.0, -0.0, 1.5, -largest, largest, jnp.inf, -jnp.inf, jnp.nan], dtype)
-        through, given = (np.asarray(y).astype(np.float64) for y in (jax.jit(fence)(x), x))
+        through, given = (np.asarray(y).astype(np.float64) for y in (jax.jit(barrier)(x), x))
         np.testing.assert_array_equal(through, given)
         np.testing.assert_array_equal(np.signbit(through), np.signbit(given))
-        assert jax.grad(fence)(x[2]) == 1
+        assert jax.grad(barrier)(x[2]) == 1
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])

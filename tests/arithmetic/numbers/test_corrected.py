@@ -1,4 +1,4 @@
-"""Numbers with corrections, against rational numbers: hostile operands, every surrounding, contraction and none.
+"""Numbers with corrections, against rational numbers: hostile operands, every surrounding.
 
 Bounds are those of the docstrings of the operations.
 """
@@ -15,10 +15,8 @@ import numpy as np
 import pytest
 
 from jaxspatial.arithmetic import functions, numbers, vectors
-from jaxspatial.arithmetic.errorfree import contraction
 from jaxspatial.arithmetic.numbers import Corrected
 from jaxspatial.measure.exact import rationals
-from tests.arithmetic.errorfree.test_contraction import BOTH
 
 N = 200
 
@@ -72,12 +70,11 @@ SURROUNDINGS = {
 }
 
 
-@BOTH
 @pytest.mark.parametrize("operation", [operator.add, operator.mul, operator.truediv, root], ids=lambda f: f.__name__)
 @pytest.mark.parametrize("surrounding", ["eager", "vmap", "scan"])
-def test_bounds(surrounding, operation, way):
+def test_bounds(surrounding, operation):
     arrays = operands(np.float64, positive=operation is root)
-    with jax.enable_x64(True), contraction.forced(way):
+    with jax.enable_x64(True):
         found = SURROUNDINGS[surrounding](words(operation))(*map(jnp.asarray, arrays))
     check(operation, arrays, found, Fraction(1, 2**53))
 
@@ -108,8 +105,7 @@ def test_the_value_is_that_of_plain_arithmetic():
             np.testing.assert_array_equal(value, operation(a, b))
 
 
-@BOTH
-def test_sums_of_products_that_cancel(way):
+def test_sums_of_products_that_cancel():
     """As accurate as in twice the digits, whatever they cancel to, with constants of the program too."""
     rng, u = np.random.default_rng(1), 2.0**-53
     v, w = rng.standard_normal((2, 6, N))
@@ -120,7 +116,7 @@ def test_sums_of_products_that_cancel(way):
 
     exact = sum(rationals(x) * rationals(y) for x, y in zip(v, w, strict=True))
     mag = sum(abs(rationals(x) * rationals(y)) for x, y in zip(v, w, strict=True))
-    with jax.enable_x64(True), contraction.forced(way):
+    with jax.enable_x64(True):
         for found in (jax.jit(dot)(v, w), jax.jit(lambda v: dot(v, w))(v)):
             error = abs(rationals(found) - exact)
             assert (error <= Fraction(u) * abs(exact) + 60 * Fraction(u) ** 2 * mag).all()
@@ -172,15 +168,14 @@ def test_comparisons_are_of_both_words():
         assert chosen.value.tolist() == [0.5, 1.0, 0.5, 0.5] and chosen.correction.tolist() == [0, 1e-20, 0, 0]
 
 
-@BOTH
-def test_functions_have_twice_the_digits(way):
+def test_functions_have_twice_the_digits():
     x = np.random.default_rng(2).uniform(-1, 1, N) * np.repeat([1e-3, 1.0, 10.0, 1e4], N // 4)
 
     def of(function, x):
         found = function(Corrected(x))
         return [y.words for y in (found if isinstance(found, tuple) else (found,))]
 
-    with jax.enable_x64(True), contraction.forced(way), mp.workdps(60):
+    with jax.enable_x64(True), mp.workdps(60):
         positive = abs(x) + 0.1
         for function, exact, at in (
             (functions.cosine_sine, (mp.cos, mp.sin), x),

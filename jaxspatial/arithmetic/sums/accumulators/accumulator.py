@@ -14,7 +14,6 @@ from jax.typing import DTypeLike
 
 State = Any
 Terms = Sequence[tuple[int, Sequence[jax.Array]]]  # (1 or -1, factors) of each
-Error = Callable[[jax.Array, jax.Array, jax.Array], jax.Array]  # of (a, b, p) with p = fl(a b): a b - p, exactly
 Words = Sequence[jax.Array]
 
 
@@ -47,7 +46,7 @@ def multiplied(state: State, share: float) -> State:
 class Trial:
     """How sums of single items are taken and rounded to one word; NaN may say that it takes more than that."""
 
-    total: Callable[[Terms, Error], State]  # the state of the sum of terms
+    total: Callable[[Terms], State]  # the state of the sum of terms
     plus: Callable[[State, int, jax.Array], State]  # with one more term, which may be a constant
     round: Callable[[State, DTypeLike], jax.Array]
     padded: Callable[[Sequence[State]], list[State]] = with_zeros

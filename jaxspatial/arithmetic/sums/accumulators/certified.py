@@ -20,15 +20,15 @@ from jax import Array, lax
 from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_sum, unguarded
-from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, Error, OverBatch, Terms, Words
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, OverBatch, Terms, Words
 from jaxspatial.arithmetic.sums.accumulators.compensated import parts, parts_of_narrow, sum_like, vec_sum
 
 # d is a sum of at most 2^10 numbers: its error is at most 2^-43 size, and what is allowed is 2^-56 |r|.
 _ENOUGH = 2.0**-13
 
 
-def _total(terms: Terms, error: Error, of: Callable[..., list[Array]] = parts) -> Words:
-    products = [of(sign, factors, error) for sign, factors in terms]
+def _total(terms: Terms, of: Callable[..., list[Array]] = parts) -> Words:
+    products = [of(sign, factors) for sign, factors in terms]
     s, errors = vec_sum([p[0] for p in products])
     lower = errors + [x for p in products for x in p[1:]]
     if not lower:

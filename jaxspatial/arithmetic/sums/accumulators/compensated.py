@@ -15,19 +15,19 @@ from collections.abc import Sequence
 from jax import Array, lax
 from jax.typing import DTypeLike
 
-from jaxspatial.arithmetic.errorfree.contraction import hidden
-from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_sum, unguarded
-from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, Error, OverBatch, Terms, Words
+from jaxspatial.arithmetic.errorfree.barrier import hidden
+from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, product_error, two_sum, unguarded
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, OverBatch, Terms, Words
 from jaxspatial.arithmetic.sums.pairwise import of_neighbours
 
 
-def _total(terms: Terms, error: Error) -> Words:
-    pairs = [signed_product(sign, factors, error) for sign, factors in terms]
+def _total(terms: Terms) -> Words:
+    pairs = [signed_product(sign, factors) for sign, factors in terms]
     s, errors = vec_sum([p for p, _ in pairs])
     return s, sum_like(s, errors), sum_like(s, [e for _, e in pairs if e is not None])
 
 
-def signed_product(sign: int, factors: Sequence[Array], error: Error) -> tuple[Array, Array | None]:
+def signed_product(sign: int, factors: Sequence[Array]) -> tuple[Array, Array | None]:
     """(p, e) of sign times the product of factors, p + e exact for two; e None for a single one.
 
     Of n factors the error is at most n (n - 2) u^2 of the product: 3, 8, 15.
@@ -36,25 +36,25 @@ def signed_product(sign: int, factors: Sequence[Array], error: Error) -> tuple[A
     p, e = first if others else hidden(first), None
     for x in others:
         q = hidden(p * x)
-        r = error(p, x, q)
+        r = product_error(p, x, q)
         p, e = q, r if e is None else r + e * x
     # The sign last: a factor that many terms share is hidden, or split, once.
     return (p, e) if sign > 0 else (-p, None if e is None else -e)
 
 
-def parts(sign: int, factors: Sequence[Array], error: Error) -> list[Array]:
+def parts(sign: int, factors: Sequence[Array]) -> list[Array]:
     """The product as one number for each doubling of its digits, exactly their sum: pairs (large, small) in a row."""
     first, *others = factors
     found = [first if others else hidden(first)]
     for x in others:
         products = [(part, hidden(part * x)) for part in found]
-        found = [y for part, p in products for y in (p, error(part, x, p))]
+        found = [y for part, p in products for y in (p, product_error(part, x, p))]
     return found if sign > 0 else [-x for x in found]
 
 
-def parts_of_narrow(sign: int, factors: Sequence[Array], error: Error) -> list[Array]:
+def parts_of_narrow(sign: int, factors: Sequence[Array]) -> list[Array]:
     """As `parts`, for up to six factors of at most half the digits: products of two are exact, and none overflows."""
-    return parts(sign, [functools.reduce(operator.mul, factors[i : i + 2]) for i in range(0, len(factors), 2)], error)
+    return parts(sign, [functools.reduce(operator.mul, factors[i : i + 2]) for i in range(0, len(factors), 2)])
 
 
 def vec_sum(numbers: list[Array]) -> tuple[Array, list[Array]]:
@@ -74,7 +74,7 @@ def sum_like(x: Array, numbers: Sequence[Array]) -> Array:
     return of_neighbours(operator.add, numbers) if numbers else lax.full_like(x, 0)
 
 
-def _single(terms: Terms, _: Error) -> Words:
+def _single(terms: Terms) -> Words:
     """Of one product whose error nobody asks for."""
     ((sign, factors),) = terms
     p = hidden(functools.reduce(lax.mul, factors))

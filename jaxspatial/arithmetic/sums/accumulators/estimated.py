@@ -18,7 +18,7 @@ from jax.typing import DTypeLike
 
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.errorfree.transforms import two_sum
-from jaxspatial.arithmetic.sums.accumulators.accumulator import Error, Terms, Trial
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Terms, Trial
 from jaxspatial.arithmetic.sums.accumulators.compensated import signed_product, vec_sum
 from jaxspatial.arithmetic.sums.pairwise import of_neighbours
 
@@ -32,14 +32,14 @@ class State(NamedTuple):
     size: Array
 
 
-def _total(terms: Terms, error: Error) -> State:
-    pairs = [signed_product(sign, factors, error) for sign, factors in terms]
+def _total(terms: Terms) -> State:
+    pairs = [signed_product(sign, factors) for sign, factors in terms]
     s, errors = vec_sum([p for p, _ in pairs])
     # Those of products first: where products cancel exactly, so do they.
     return State(s, *_summed(s, [e for _, e in pairs if e is not None] + errors))
 
 
-def _total_of_narrow(terms: Terms, _: Error) -> State:
+def _total_of_narrow(terms: Terms) -> State:
     """As `_total`, for at most two factors of at most half the digits."""
     products = [functools.reduce(operator.mul, factors) for _, factors in terms]
     signed = [p if sign > 0 else -p for (sign, _), p in zip(terms, products, strict=True)]

@@ -19,10 +19,10 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import DTypeLike
 
-from jaxspatial.arithmetic.errorfree.contraction import hidden
+from jaxspatial.arithmetic.errorfree.barrier import hidden
 from jaxspatial.arithmetic.errorfree.transforms import fast_two_sum, two_difference, two_sum, unguarded
 from jaxspatial.arithmetic.sums.accumulators import certified
-from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, Error, OverBatch, Terms, multiplied
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, OverBatch, Terms, multiplied
 from jaxspatial.arithmetic.sums.accumulators.compensated import parts, parts_of_narrow
 from jaxspatial.arithmetic.sums.pairwise import of_neighbours
 
@@ -41,16 +41,16 @@ class State(NamedTuple):
     unit: Array | None = None
 
 
-def _total(terms: Terms, error: Error) -> State:
+def _total(terms: Terms) -> State:
     """The state of the sum of terms (sign, factors), products of two of which may overflow."""
     is_long, scalable = _is_long(terms, 1), _scalable(terms)
     terms = _grouped(terms) if is_long else terms
     can = [len(factors) in scalable for _, factors in terms]
-    products = [parts(sign, factors, error) for sign, factors in terms]
+    products = [parts(sign, factors) for sign, factors in terms]
     plain = _plain(products, is_long)
     large = [_is_large(p[0]) & c for p, c in zip(products, can, strict=True)]
     scaled = [
-        _scaled_parts(p, sign, factors, error, lax.full_like(p[0], _SCALE))
+        _scaled_parts(p, sign, factors, lax.full_like(p[0], _SCALE))
         for p, (sign, factors) in zip(products, terms, strict=True)
     ]
     alone = [_where(m, s) for m, s, c in zip(large, scaled, can, strict=True) if c]
@@ -60,10 +60,10 @@ def _total(terms: Terms, error: Error) -> State:
     return State(_expansion(chosen, is_long), plain, unit)
 
 
-def _total_of_narrow(terms: Terms, error: Error) -> State:
+def _total_of_narrow(terms: Terms) -> State:
     """The state of the sum of terms (sign, factors), factors of at most half the digits: no product overflows."""
     is_long = _is_long(terms, 2)
-    products = [parts_of_narrow(sign, factors, error) for sign, factors in (_grouped(terms) if is_long else terms)]
+    products = [parts_of_narrow(sign, factors) for sign, factors in (_grouped(terms) if is_long else terms)]
     return State(_expansion(products, is_long), _plain(products, is_long))
 
 
@@ -84,15 +84,13 @@ def _is_large(p: Array) -> Array:
     return ~(lax.abs(p) < lax.full_like(p, _LARGE))
 
 
-def _scaled_parts(
-    unscaled: Sequence[Array], sign: int, factors: Sequence[Array], error: Error, scale: Array
-) -> list[Array]:
+def _scaled_parts(unscaled: Sequence[Array], sign: int, factors: Sequence[Array], scale: Array) -> list[Array]:
     """The parts of a product of two factors, each factor scaled; of all others by as much.
 
     Hidden: of `(a c) (b c)` and `(x c) c` for a constant c XLA makes `(a b) (c c)` and `x (c c)`, on single items.
     """
     if len(factors) == 2:
-        return parts(sign, [hidden(x * scale) for x in factors], error)
+        return parts(sign, [hidden(x * scale) for x in factors])
     return [hidden(x * scale) * scale for x in unscaled]
 
 

@@ -9,10 +9,10 @@ import operator
 from jax import Array, lax
 from jax.typing import DTypeLike
 
-from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, Error, OverBatch, Terms, Words
+from jaxspatial.arithmetic.sums.accumulators.accumulator import Accumulator, OverBatch, Terms, Words
 
 
-def _total(terms: Terms, _: Error) -> Words:
+def _total(terms: Terms) -> Words:
     """The sum of terms (sign, factors), factors arrays of float64. Error <= 2^-53 times their number, times mag."""
     products = ((sign, functools.reduce(lax.mul, factors)) for sign, factors in terms)
     return (functools.reduce(operator.add, (p if sign > 0 else -p for sign, p in products)),)

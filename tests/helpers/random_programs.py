@@ -1,0 +1,338 @@
+"""Programs drawn at random, in which operations of the library stand beside a caller's own arithmetic.
+
+A compiler sees one program, and merges, contracts and moves what it likes. So a drawn program has products, sums and
+constants of the caller's before, beside and behind operations of the library, and runs in a transformation that is
+drawn, too. All that goes into an operation of the library is known to the last bit: the caller's part is evaluated by
+NumPy, and nothing is drawn that a compiler may round in two ways, as the sum of a product. What comes out is compared
+with exact rationals, or, where bits are promised, with the bits that the operation gives on its own.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+import jaxspatial as js
+from jaxspatial.arithmetic.errorfree import reproducible, transforms
+from jaxspatial.arithmetic.errorfree.barrier import barrier
+from jaxspatial.measure import error, exact
+from jaxspatial.measure.exact import rationals
+
+
+class Value(NamedTuple):
+    """What a program computes: its bits, None where these are not known, and what the caller may do with it."""
+
+    bits: Any
+    is_product: bool = False  # a sum of it may be contracted
+    has_constant: bool = False  # with another constant a compiler may combine it
+
+
+class Operation(NamedTuple):
+    """An operation of the library on so many arrays, and what holds for (operands, results): an array of masks."""
+
+    n: int
+    call: Callable[..., Any]
+    holds: Callable[..., Any]
+    is_exact: bool = False  # whether the bits of its results follow from those of its operands
+    is_vector: bool = False  # whether operands are vectors of three
+
+
+def _is_exact_product(operands, results):
+    (a, b), (p, e) = operands, results
+    return (p == a * b) & (rationals(p) + rationals(e) == rationals(a) * rationals(b))
+
+
+def _is_exact_sum(operands, results):
+    (a, b), (s, e) = operands, results
+    return (s == a + b) & (rationals(s) + rationals(e) == rationals(a) + rationals(b))
+
+
+def _is_near(bound, formula, operands, results):
+    """Within so many u^2 of the exact value."""
+    value = functools.reduce(lambda x, y: x + y, map(rationals, results))
+    expected = formula(*map(rationals, operands))
+    return abs(value - expected) <= bound * error.unit_roundoff(operands[0].dtype) ** 2 * abs(expected)
+
+
+def _has_bits(formula, operands, results):
+    """Those of a formula in NumPy."""
+    return np.asarray(formula(*operands)) == results[0]
+
+
+def _keeps_promise(name, mag2, operands, results):
+    """u |r| + mag2 u^2 mag, see `Promise`."""
+    value, mag = getattr(exact, name)(*operands)
+    u = error.unit_roundoff(operands[0].dtype)
+    return abs(rationals(results[0]) - value) <= u * abs(value) + mag2 * u * u * mag
+
+
+def _is_within_an_ulp(name, operands, results):
+    return error.in_ulps(results[0], getattr(exact, name)(*operands)[0]) <= 1
+
+
+def _double_word(operation):
+    return lambda a, b: operation(js.to_double_word(a), b).words
+
+
+def _shift(precision):
+    return lambda tau, f, p: js.shift(js.SpatialForce(tau, f), p, precision=precision).tau
+
+
+def _dot(precision):
+    return lambda tau, f, w, v: js.dot(js.SpatialForce(tau, f), js.SpatialVelocity(w, v), precision=precision)
+
+
+def _from_outside(operation):
+    """What works on numbers of the library's own: those of a caller are brought behind a barrier first."""
+    return lambda *x: operation(*map(barrier, x))
+
+
+def _bitwise(n, call, formula, is_vector=True):
+    return Operation(n, call, functools.partial(_has_bits, formula), True, is_vector)
+
+
+def _dot_in_numpy(tau, f, w, v):
+    def of_three(a, b):
+        return (a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]) + a[..., 2] * b[..., 2]
+
+    return of_three(tau, w) + of_three(f, v)
+
+
+def _sum(f, g):
+    return (js.SpatialForce(f, g) + js.SpatialForce(g, f)).tau
+
+
+OPERATIONS = {
+    "two_product": Operation(2, _from_outside(transforms.two_product), _is_exact_product, True),
+    "two_sum": Operation(2, _from_outside(transforms.two_sum), _is_exact_sum, True),
+    "double word times word": Operation(2, _double_word(lambda x, y: x * y), _is_exact_product, True),
+    "double word plus word": Operation(2, _double_word(lambda x, y: x + y), _is_exact_sum, True),
+    "double word over word": Operation(
+        2, _double_word(lambda x, y: x / y), functools.partial(_is_near, 3, lambda a, b: a / b)
+    ),
+    "product": _bitwise(2, _from_outside(reproducible.product), np.multiply, False),
+    "quotient": _bitwise(2, _from_outside(reproducible.quotient), np.divide, False),
+    "shift": _bitwise(3, _shift("reproducible"), lambda tau, f, p: tau - np.cross(p, f)),
+    "dot": _bitwise(4, _dot("reproducible"), _dot_in_numpy),
+    "sum": _bitwise(2, _sum, np.add),
+    "compensated shift": Operation(
+        3, _shift("compensated"), functools.partial(_keeps_promise, "shift_force", 4), is_vector=True
+    ),
+    "faithful shift": Operation(
+        3, _shift("faithful"), functools.partial(_is_within_an_ulp, "shift_force"), is_vector=True
+    ),
+    "compensated dot": Operation(4, _dot("compensated"), functools.partial(_keeps_promise, "dot", 8), is_vector=True),
+    "faithful dot": Operation(4, _dot("faithful"), functools.partial(_is_within_an_ulp, "dot"), is_vector=True),
+}
+
+N_ARGUMENTS = 4
+SURROUNDINGS = (
+    "jit",
+    "vmap",
+    "vmap of the last axis",
+    "scan",
+    "scan with a carry",
+    "map",
+    "fori",
+    "while",
+    "cond",
+    "switch",
+    "checkpoint",
+    "donated",
+)
+
+
+class Program:
+    """One program: steps over the numbers of an item, in a surrounding that runs it for n items."""
+
+    def __init__(self, seed: int):
+        self.seed, self.rng = seed, (rng := np.random.default_rng(seed))
+        self.dtype = np.dtype(rng.choice(["float32", "float64"], p=[0.3, 0.7]))
+        self.surrounding = str(rng.choice(SURROUNDINGS))
+        self.is_vector = bool(rng.integers(3))
+        self.size = 3 if self.is_vector else int(rng.choice([0, 8]))
+        self.n = int(rng.choice([4, 20]))
+        shape = (N_ARGUMENTS, self.n, self.size) if self.size else (N_ARGUMENTS, self.n)
+        reach = 10 if self.dtype == np.float32 else 100
+        scales = 2.0 ** rng.integers(-reach, reach, shape)
+        self.arguments = (rng.standard_normal(shape) * (scales if rng.integers(2) else 1)).astype(self.dtype)
+        self.values = [Value(x) for x in self._of_items()]
+        self.steps: list[Callable[..., list[Any]]] = []
+        # (name, operation, operands, results on its own, where its results are) of every operation of the library
+        self.checks: list[tuple[str, Operation, list[Any], list[Any], list[int]]] = []
+        self.beside: list[int] = []
+        for _ in range(int(rng.integers(2, 9))):
+            self._draw_own() if rng.integers(2) else self._draw_of_library()
+        for _ in range(int(rng.integers(1, 4))):
+            self._draw_of_library()
+        for _ in range(int(rng.integers(0, 5))):
+            self._draw_beside()
+        self.returned = self._drawn_results()
+
+    def _of_items(self):
+        """The arguments of all items; the first as that of the item before, where it is carried."""
+        if self.surrounding != "scan with a carry":
+            return list(self.arguments)
+        first = np.concatenate([self.arguments[0, -1:], self.arguments[0, :-1]])
+        return [first, *self.arguments[1:]]
+
+    # -- steps --------------------------------------------------------------------------------------------------------
+
+    def _place(self, allowed=lambda value: True):
+        """One of the values whose bits are known; the last ones oftener."""
+        places = [i for i, v in enumerate(self.values) if v.bits is not None and allowed(v)]
+        return int(places[-1 - min(int(self.rng.exponential(3)), len(places) - 1)])
+
+    def _add(self, step, *values):
+        self.steps.append(step)
+        self.values += values
+
+    def _draw_own(self):
+        """One of the caller's: a product, a sum, a product or sum with a constant, reversed, negative."""
+        kind = str(self.rng.choice(["times", "times", "plus", "times constant", "constant", "reversed", "negative"]))
+        if kind == "times":
+            i, j = self._place(), self._place()
+            a, b = self.values[i], self.values[j]
+            if not (a.has_constant and b.has_constant):
+                bits = a.bits * b.bits
+                return self._add(lambda x: [x[i] * x[j]], Value(bits, True, a.has_constant or b.has_constant))
+        if kind == "plus":
+            i, j = (self._place(lambda v: not (v.is_product or v.has_constant)) for _ in range(2))
+            return self._add(
+                lambda x: [x[i] + x[j]], Value(self.values[i].bits + self.values[j].bits, has_constant=True)
+            )
+        if kind == "times constant":
+            i, c = self._place(lambda v: not v.has_constant), self.dtype.type(self.rng.choice([0.1, 0.7, -3.0, 1 / 3]))
+            return self._add(lambda x: [x[i] * c], Value(self.values[i].bits * c, True, True))
+        if kind == "constant":
+            i, c = self._place(), self.dtype.type(self.rng.choice([0.7, -1.3, 2.0, 1 / 3]))
+            return self._add(
+                lambda x: [jnp.full_like(x[i], c)], Value(np.full_like(self.values[i].bits, c), False, True)
+            )
+        if kind == "reversed" and self.size:
+            i = self._place()
+            return self._add(lambda x: [x[i][..., ::-1]], self.values[i]._replace(bits=self.values[i].bits[..., ::-1]))
+        i = self._place()
+        return self._add(lambda x: [-x[i]], self.values[i]._replace(bits=-self.values[i].bits))
+
+    def _draw_of_library(self):
+        names = [name for name, o in OPERATIONS.items() if not o.is_vector or self.is_vector]
+        name = str(self.rng.choice(names))
+        operation = OPERATIONS[name]
+        places = [self._place() for _ in range(operation.n)]
+        operands = [self.values[i].bits for i in places]
+        results = [np.asarray(x) for x in jax.tree.leaves(operation.call(*map(jnp.asarray, operands)))]
+        if not all(np.isfinite(x).all() and _is_usual(x) for x in results):
+            return
+        at = list(range(len(self.values), len(self.values) + len(results)))
+        self.checks.append((name, operation, operands, results, at))
+        is_known = operation.is_exact and results[0].shape == operands[0].shape
+        self._add(
+            lambda x: jax.tree.leaves(operation.call(*(x[i] for i in places))),
+            *(Value(y if is_known else None, has_constant=True) for y in results),
+        )
+
+    def _draw_beside(self):
+        """What the caller makes of a result, and of the same numbers: nobody looks at it, but the compiler."""
+        of_library = [k for *_, at in self.checks for k in at if self.values[k].bits is not None]
+        if not of_library:
+            return
+        i, j = int(self.rng.choice(of_library)), self._place()
+        k = self._place()
+        kind = int(self.rng.integers(4))
+        step = [
+            lambda x: [x[i] * x[j]],
+            lambda x: [x[i] + x[j] * x[k]],
+            lambda x: [x[j] * x[k]],
+            lambda x: [x[i] * x[j] - x[k]],
+        ][kind]
+        self._add(step, Value(None))
+        self.beside.append(len(self.values) - 1)
+
+    def _drawn_results(self):
+        """Of every operation of the library all its results, or one alone; and what stands beside."""
+        returned = []
+        for *_, at in self.checks:
+            taken = [k for k in at if self.rng.integers(3)]
+            returned += taken or [at[-1]]
+        return sorted({*returned, *self.beside})
+
+    # -- running it ---------------------------------------------------------------------------------------------------
+
+    def item(self, *arguments):
+        values = list(arguments)
+        for step in self.steps:
+            values += step(values)
+        return [values[k] for k in self.returned]
+
+    def function(self):
+        """Of (4, n, ...) arguments, one result for each that is returned: (n, ...)."""
+        item, n = self.item, self.n
+
+        def at(x, i):
+            return [lax.dynamic_index_in_dim(y, i, keepdims=False) for y in x]
+
+        def like(x):
+            shapes = jax.eval_shape(jax.vmap(item), *x)
+            return [jnp.zeros(s.shape, s.dtype) for s in shapes]
+
+        def stored(i, found, x):
+            return [y.at[i].set(z) for y, z in zip(found, item(*at(x, i)), strict=True)]
+
+        def with_carry(x):
+            def body(carry, y):
+                return y[0], item(carry, *y[1:])
+
+            return lax.scan(body, x[0][-1], tuple(x))[1]
+
+        def chosen(*x):
+            return [-y for y in item(*x)]
+
+        by_name = {
+            "jit": lambda x: item(*x),
+            "donated": lambda x: item(*x),
+            "vmap": lambda x: jax.vmap(item)(*x),
+            "vmap of the last axis": lambda x: jax.vmap(item, -1, 0)(*(jnp.moveaxis(y, 0, -1) for y in x)),
+            "scan": lambda x: lax.scan(lambda c, y: (c, item(*y)), 0, tuple(x))[1],
+            "scan with a carry": with_carry,
+            "map": lambda x: lax.map(lambda y: item(*y), tuple(x)),
+            "fori": lambda x: lax.fori_loop(0, n, lambda i, found: stored(i, found, x), like(x)),
+            "while": lambda x: lax.while_loop(
+                lambda s: s[0] < n, lambda s: (s[0] + 1, stored(s[0], s[1], x)), (0, like(x))
+            )[1],
+            "cond": lambda x: lax.cond(x[0].ravel()[0] < np.inf, item, chosen, *x),
+            "switch": lambda x: lax.map(
+                lambda y: lax.switch((y[0].ravel()[0] >= np.inf).astype(np.int32), [item, chosen], *y), tuple(x)
+            ),
+            "checkpoint": lambda x: jax.checkpoint(item)(*x),
+        }
+        return by_name[self.surrounding]
+
+    def run(self, **options: Any):
+        donated = {"donate_argnums": 0} if self.surrounding == "donated" else {}
+        # Copies: what is donated may be written to.
+        found = jax.jit(self.function(), **donated, **options)([jnp.array(x) for x in self.arguments])
+        return [np.asarray(x) for x in found]
+
+    def wrong(self, found: list[np.ndarray]):
+        """(operation, how many numbers of its results are not what they must be) for all that have some."""
+        results = dict(zip(self.returned, found, strict=True))
+        wrong = []
+        for name, operation, operands, alone, at in self.checks:
+            # What is not returned is as it is on its own: an error has to be that of the rounded result.
+            here = [results.get(k, x) for k, x in zip(at, alone, strict=True)]
+            count = int(np.sum(~np.asarray(operation.holds(operands, here), bool)))
+            if count:
+                wrong.append((name, count))
+        return wrong
+
+
+def _is_usual(x: np.ndarray):
+    """Neither so small that errors of products are lost, nor so large that they overflow."""
+    exponent = np.frexp(x)[1][x != 0]
+    reach = 40 if x.dtype == np.float32 else 400
+    return (abs(exponent) < reach).all()
