@@ -53,8 +53,8 @@ def run(step: Step, bundle: Bundle, n: int, numbers: Any, start: Any, turns: Tur
 
 
 def _along(length: int, word: jax.Array):
-    """(L, ..., W, B), of what may be one for all."""
-    return word if word.ndim >= 3 else jnp.broadcast_to(word, (length, 1, 1))
+    """(L, ..., W, B), of what may be one for all bodies, or for all states too."""
+    return word if word.ndim >= 3 else jnp.broadcast_to(word, (length, 1, word.shape[-1] if word.ndim else 1))
 
 
 def _loop(step: Step, numbers: Any, start: Any, turns: Turns, shape: tuple[int, int]) -> tuple[Any, Any, Any]:
