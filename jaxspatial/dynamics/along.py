@@ -120,10 +120,10 @@ def concatenated_trees(trees: Sequence[Any], n: int) -> Any:
 
 
 def added_at(x: Number, place: int, y: Number):
-    """x with y (B,) added to one of its rows."""
-    n, size = numbers.shape_of(x)
-    here = jnp.asarray(np.arange(n) == place)[:, None]
-    return where(jnp.broadcast_to(here, (n, size)), x + spread(y, (n, size)), x)
+    """x with y added to one of its rows."""
+    shape = numbers.shape_of(x)
+    here = jnp.asarray(np.arange(shape[0]) == place).reshape((-1, *[1] * (len(shape) - 1)))
+    return where(jnp.broadcast_to(here, shape), x + spread(y, shape), x)
 
 
 def pairwise_sum(x: Number):

@@ -42,19 +42,16 @@ class Turns(NamedTuple):
 
 
 def run(step: Step, bundle: Bundle, n: int, numbers: Any, start: Any, turns: Turns) -> tuple[Any, Any, Any]:
-    """(the results of step(numbers, state), stacked along the bundle, the last state, the memory)."""
-    numbers = along.mapped_tree(functools.partial(_along, bundle.length), numbers)
+    """(the results of step(numbers, state), stacked along the bundle, the last state, the memory).
+
+    numbers: (L, W, B), start: (W, B), with size 1 where one is for all.
+    """
     if bundle.length == 1:
         first = along.mapped_tree(lambda word: word[0], numbers)
         result, last = noinline(step)(first, start)
         spread = functools.partial(along.mapped_tree, lambda word: jnp.broadcast_to(word, (bundle.width, n)))
         return along.mapped_tree(lambda word: word[None], result), spread(last), None
     return _loop(step, numbers, start, turns, (bundle.width, n))
-
-
-def _along(length: int, word: jax.Array):
-    """(L, ..., W, B), of what may be one for all."""
-    return word if word.ndim >= 3 else jnp.broadcast_to(word, (length, 1, 1))
 
 
 def _loop(step: Step, numbers: Any, start: Any, turns: Turns, shape: tuple[int, int]) -> tuple[Any, Any, Any]:

@@ -127,10 +127,8 @@ def by_rates(state: MechanismState, x: Number, axis: int):
         return x
     bodies = np.repeat(np.arange(len(t)), [t.kind(i).nv for i in range(len(t))])
     first = along.mapped(lambda w: jnp.moveaxis(w, axis, 0), x)
-    shape = numbers.shape_of(first)
-    flat = along.mapped(lambda w: w.reshape((shape[0], -1)), first)
-    found = state.following(flat, np.array(t.v_starts)[bodies], bodies)
-    return along.mapped(lambda w: jnp.moveaxis(w.reshape((-1, *shape[1:])), 0, axis), found)
+    found = state.following(first, np.array(t.v_starts)[bodies], bodies)
+    return along.mapped(lambda w: jnp.moveaxis(w, 0, axis), found)
 
 
 # -- where joints are, seen from the root -----------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from jaxspatial.mechanism.topology import Bundle
 def outward(state: MechanismState, step: Step, root: Any, own: Sequence[Any]) -> list[Any]:
     """The results of every bundle: step(own, the state of the parent) gives (result, state of the body), with `root`
     for the state of the world."""
-    results, ends = list[Any](), {-1: root}
+    results, ends = list[Any](), {-1: _of_world(root)}
     for bundle, numbers in zip(state.bundles, own, strict=True):
         first = bundle.groups[0]
         start = [ends[i] for i in bundle.by_column(first, first.parents)]
@@ -60,6 +60,11 @@ def _replaced(_: Any, new: Any) -> Any:
 def _added(a: Any, b: Any) -> Any:
     (left, form), (right, _) = map(flattened, (a, b))
     return jax.tree.unflatten(form, vectors.plus(tuple(left), tuple(right)))
+
+
+def _of_world(root: Any) -> Any:
+    """Numbers of the world, (B,) as gravity is, as one chain's."""
+    return along.mapped_tree(lambda word: word.reshape((1, -1)), root)
 
 
 def _chain(tree: Any, c: int) -> Any:

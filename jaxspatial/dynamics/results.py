@@ -90,7 +90,7 @@ class Results:
         return self.following(*self._gathered(found, bundles or self.bundles, of_rates=True))
 
     def following(self, whole: Number, places: np.ndarray, bodies: np.ndarray) -> Number:
-        """Of numbers (rows, B) of bodies those that are no mimics', in order, with theirs added."""
+        """Of numbers (rows, ..., B) of bodies those that are no mimics', in order, with theirs added."""
         own = self._own_rows(whole, places, bodies)
         for row in np.flatnonzero(self._follows(bodies)).tolist():
             factor = self.numbers(along.rows(self.fields["mimics"], bodies[row]))[0]

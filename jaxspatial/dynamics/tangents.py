@@ -4,6 +4,7 @@ They are made of the same formula, which they run again: what they keep are the 
 linear, its transpose the pull-back; of these there are tangents and pull-backs again, to any order.
 """
 
+import functools
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, cast
 
@@ -62,6 +63,18 @@ class Derived(Differentiable):
     def from_outside(self, x: jax.Array) -> jax.Array:
         return self.of.from_outside(x)
 
+    def takes_cotangent(self, i: int):
+        n = len(self.moving)
+        return self.of.takes_cotangent(i if i < n else self.places[i - n])
+
+    def needs_own(self, i: int):
+        return i < len(self.moving) and self.of.needs_own(i)
+
+    @functools.cached_property
+    def places(self):
+        """Which arguments move."""
+        return [i for i, yes in enumerate(self.moving) if yes]
+
     def _split(self, arrays: Sequence[Any]) -> tuple[list[Any], list[Any]]:
         """(the arguments of the program, what comes behind them)."""
         n = len(self.moving)
@@ -104,6 +117,9 @@ class Tangent(Derived):
         n = len(self.moving)
         return self.of.outputs(avals[:n], sizes[:n])
 
+    def owner(self, i: int):
+        return self.of.owner(i)
+
     def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int):
         found = self._at_one_state(arrays, axes, size, n_batch)
         if found is None:
@@ -114,10 +130,9 @@ class Tangent(Derived):
     def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
         at, tangents = self._split(arguments)
         linear = [ad.is_undefined_primal(t) for t in tangents]
-        places = [i for i, yes in enumerate(self.moving) if yes]
-        moving = tuple(i in [p for p, yes in zip(places, linear, strict=True) if yes] for i in range(len(at)))
+        moving = tuple(i in [p for p, yes in zip(self.places, linear, strict=True) if yes] for i in range(len(at)))
         at = [
-            _over(x, tangents[places.index(i)].aval, n_batch) if yes else x
+            _over(x, tangents[self.places.index(i)].aval, n_batch) if yes else x
             for i, (x, yes) in enumerate(zip(at, moving, strict=True))
         ]
         found = bind(self.of.pullback(moving), [*at, *cotangents], n_batch)
@@ -133,10 +148,13 @@ class Pullback(Derived):
         n = max((x.shape[0] for x in arrays), default=1)
 
         def over_all(*chosen: jax.Array):
-            return [jnp.broadcast_to(y, (n, *y.shape[1:])) for y in run(*chosen)]
+            # What is itself a cotangent, of an argument that all states share, is one for all.
+            found = enumerate(run(*chosen))
+            return [jnp.broadcast_to(y, (n, *y.shape[1:])) if self.of.owner(i) is None else y for i, y in found]
 
-        cotangents = [jnp.broadcast_to(self.from_outside(c), (n, *c.shape[1:])) for c in cotangents]
-        return list(pullback(over_all, *self._chosen(arguments))(cotangents))
+        found, back = _with_pullback(over_all, *self._chosen(arguments))
+        cotangents = map(self.from_outside, cotangents)
+        return list(back([jnp.broadcast_to(c, y.shape) for c, y in zip(cotangents, found, strict=True)]))
 
     def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
         return [(a.shape, a.dtype) for a in self._chosen(avals[: len(self.moving)])]
@@ -151,17 +169,21 @@ class Pullback(Derived):
         return [over_own(y, x) for x, y in zip(like, pulled, strict=True)]
 
     def owner(self, i: int) -> int | None:
-        return [j for j, yes in enumerate(self.moving) if yes][i]
+        return self.places[i]
 
     def takes_cotangent(self, i: int):
-        return i >= len(self.moving)
+        return i >= len(self.moving) or self.of.takes_cotangent(i)
 
     def needs_own(self, i: int):
-        return i < len(self.moving) and self.moving[i]
+        return i < len(self.moving) and (self.moving[i] or self.of.needs_own(i))
 
 
 def pullback(function: Callable[..., Any], *at: Any):
-    return cast(Callable[[Any], tuple[Any, ...]], jax.vjp(function, *at)[1])
+    return _with_pullback(function, *at)[1]
+
+
+def _with_pullback(function: Callable[..., Any], *at: Any):
+    return cast(tuple[Any, Callable[[Any], tuple[Any, ...]]], jax.vjp(function, *at))
 
 
 def times_columns(matrix: jax.Array, columns: jax.Array):
