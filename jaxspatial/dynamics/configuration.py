@@ -102,7 +102,8 @@ def configuration_rates(
 ) -> jax.Array:
     """The time derivative of q at the rates v: for solvers that step q as an array, and its tangent along v.
 
-    Of a quaternion it is q (0, w) / 2, which keeps its length.
+    Of a quaternion it is q (0, w) / 2, which keeps its length, and is in proportion to it: at any length a solver turns
+    it as fast.
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
@@ -117,9 +118,9 @@ def configuration_rates(
         TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
         ValueError: shapes do not fit.
 
-    Error: none of coordinates that are numbers; in "fast" and "reproducible" at most 2 u |w| of a quaternion's and 6 u
-        |v| of a position's in "planar" and "free" joints, in 2-norms. In the other two 1.01 u of each of these,
-        relative to it.
+    Error: none of coordinates that are numbers; in "fast" and "reproducible" at most 2 u |w| of a unit
+        quaternion's and 6 u |v| of a position's in "planar" and "free" joints, in 2-norms. In the other two 1.01 u of
+        each of these, relative to it.
     Source: of quaternions, Shuster 1993, A survey of attitude representations.
     """
     return _configuration_rates(precision, mechanism, q, v)
@@ -172,7 +173,7 @@ def _configuration_rates(state: MechanismState, v: Array):
 
 @algorithm(*JOINTS, at="q0")
 def _difference(state: MechanismState, q1: Array):
-    found = [own.apply("difference", own.coordinates(q1)) for own in state.kind_states]
+    found = [own.apply("difference", own.configuration(q1)) for own in state.kind_states]
     return state.by_rate(found, state.topology.joints_by_kind)
 
 

@@ -28,7 +28,9 @@ def configurations(kind, rng):
     mech = joint(kind)
     q = rng.uniform(-3, 3, (MANY, mech.nq))
     if mech.nq > mech.nv:
-        q[:, :4] /= np.linalg.norm(q[:, :4], axis=1)[:, None]
+        # Of length one, as rounded, and of any.
+        lengths = np.where(np.arange(MANY) % 2, 1.0, 10.0 ** rng.uniform(-9, 9, MANY))
+        q[:, :4] *= (lengths / np.linalg.norm(q[:, :4], axis=1))[:, None]
     return q.astype(np.float32)
 
 
@@ -82,7 +84,7 @@ def limits(kind, q, q1, v, step):
         },
         {
             "number": 0,
-            "turn": bounds.QUATERNION_RATE.u * norm(v[:3]),
+            "turn": bounds.QUATERNION_RATE.u * norm(v[:3]) * norm(q[:4]),
             "position": bounds.POSITION_RATE.u * norm(v[linear]),
         },
     )

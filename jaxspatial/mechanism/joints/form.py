@@ -4,7 +4,7 @@ A joint holds the child's frame B against the parent's side P of the joint; both
 formulas over the numbers of one joint, an instance of its kind, which has its parameters by the names that the kind
 declares, and `zero`, a number 0. Their arguments:
 
-    q, v, step  nq coordinates; nv rates; nv rates times a time
+    q, v, step  nq coordinates, a quaternion among them of unit length; nv rates; nv rates times a time
     cos_sin     {k: (cosine, sine)} of the coordinates k that `angles` lists: computed for all joints at once
 
 A zero or one of an axis that is known while tracing leaves no operation behind. [Featherstone 2008, tables 4.1, 4.2]
@@ -38,7 +38,7 @@ class JointKind:
     neutral: the coordinates at zero
     angles: which coordinates are angles, in radians
     sphere: how many coordinates, the first, are a point of a unit sphere (a quaternion, or sine and cosine), and how
-        many rates, the first, are theirs
+        many rates, the first, are theirs. Whatever their length is, the verbs get the point in their direction
     moves_as: the name of the kind that the dynamics takes it for; its own, unless a kind differs in coordinates alone
     is_about_one_axis: whether it turns about and slides along `joint.axis` alone: the dynamics may turn its frame then,
         so that this is z. Its other parameters have to be lengths and the like, not directions
@@ -121,7 +121,7 @@ class JointKind:
     # -- its coordinates ----------------------------------------------------------------------------------------------
 
     def rates(self, q: Sequence[Number], cos_sin: CosSin, v: Sequence[Number]) -> Sequence[Number]:
-        """dq/dt, nq numbers, of the rates v."""
+        """dq/dt, nq numbers, of the rates v. Of what is on the sphere in proportion to its length, which is any."""
         return v
 
     def integrate(self, q: Sequence[Number], step: Sequence[Number]) -> Sequence[Number]:

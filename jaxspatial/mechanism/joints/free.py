@@ -13,7 +13,7 @@ from jaxspatial.rotation import exponential, quaternion
 
 
 class Free(Ball):
-    """Holds nothing: q = (unit quaternion wxyz, p_PoBo_P), v = V_PB_B, angular first, both in the child's axes."""
+    """Holds nothing: q = (quaternion wxyz, p_PoBo_P), v = V_PB_B, angular first, both in the child's axes."""
 
     name, nq, nv, is_unconstrained = "free", 7, 6, True
     neutral = (1.0, *[0.0] * 6)
