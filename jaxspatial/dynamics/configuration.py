@@ -167,6 +167,24 @@ def _integrate(state: MechanismState, v: Array, dt: Array):
 
 
 @algorithm(*JOINTS)
+def transport(state: MechanismState, v: Array):
+    """w x v of linear rates along axes that their own joint turns: what their derivative in the parent's axes has more
+    than dv/dt."""
+    return state.by_rate(
+        [own.joint.transport(own.rates(v)) for own in state.kind_states], state.topology.joints_by_kind
+    )
+
+
+@algorithm(*JOINTS)
+def advance(state: MechanismState, v: Array, dt: Array):
+    """(q, v) after the time, as `JointKind.advance` has it: v is along the axes at q before, at the new q after."""
+    (time,), kinds = state.numbers(dt), state.topology.joints_by_kind
+    found = [own.apply("advance", own.rates(v), time) for own in state.kind_states]
+    q, rates = zip(*found, strict=True)
+    return state.by_coordinate(q, kinds), state.by_rate(rates, kinds)
+
+
+@algorithm(*JOINTS)
 def _configuration_rates(state: MechanismState, v: Array):
     return state.by_coordinate([own.dq_dt(own.rates(v))[0] for own in state.kind_states], state.topology.joints_by_kind)
 

@@ -251,10 +251,10 @@ class KindState:
     def joint(self):
         return self.state.joint(self.bundle)
 
-    def apply(self, verb: str, other: Numbers) -> Numbers:
-        """A verb of the kind, of its coordinates and others or a step."""
+    def apply(self, verb: str, *others: Any) -> Any:
+        """A verb of the kind, of its coordinates and others, a step, or rates and a time."""
         q = self.configuration(self.state.q)
-        return numbers.noinline(getattr(self.kind, verb))(self.joint, q, other)
+        return numbers.noinline(getattr(self.kind, verb))(self.joint, q, *others)
 
     def cos_sin(self, q: Numbers) -> CosSin:
         """Of its angles, for the rates of its coordinates."""

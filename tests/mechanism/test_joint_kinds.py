@@ -195,6 +195,14 @@ def test_dynamics_is_that_of_a_revolute_joint_to_the_bit(name, call):
     jax.tree.map(np.testing.assert_array_equal, found, expected)
 
 
+def test_its_sine_and_cosine_are_read_at_unit_length():
+    _, (other, q), v, a = state("a loop")
+    torques = of(js.inverse_dynamics, other)
+    expected = torques(q, v, a)
+    np.testing.assert_array_equal(torques(-2 * -q, v, a), expected)
+    np.testing.assert_allclose(torques(3 * q, v, a), expected, rtol=0, atol=200 * U * abs(expected).max())
+
+
 def test_it_is_in_other_precisions_over_batches_and_as_data(call="inverse dynamics"):
     (plain, q), (other, q_other), v, a = state("a loop", (3,))
     for precision in ("fast", "compensated"):

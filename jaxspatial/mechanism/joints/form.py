@@ -45,6 +45,8 @@ class JointKind:
     is_unconstrained: whether it holds nothing, and S is the identity: a floating root's rates are found all at once
     is_sequential: whether it moves as joints with one rate each, one after the other
     rates_need_angles: whether `rates` asks for `cos_sin`
+    turns_its_axes: whether linear rates are along axes that the joint itself turns: then it has a `transport` and an
+        `advance` of its own
     """
 
     name: str
@@ -59,6 +61,7 @@ class JointKind:
     is_unconstrained: bool = False
     is_sequential: bool = True
     rates_need_angles: bool = False
+    turns_its_axes: bool = False
 
     # Of a joint, where its kind has them.
     zero: Number
@@ -127,6 +130,17 @@ class JointKind:
     def integrate(self, q: Sequence[Number], step: Sequence[Number]) -> Sequence[Number]:
         """q after the motion S step, that is as constant in B as S is."""
         return vectors.plus(q, step)
+
+    def transport(self, v: Sequence[Number]) -> Sequence[Number]:
+        """How the rates change, negative, where the motion is constant in the parent's axes: w x v of linear rates."""
+        return (self.zero,) * self.nv
+
+    def advance(
+        self, q: Sequence[Number], v: Sequence[Number], dt: Number
+    ) -> tuple[Sequence[Number], Sequence[Number]]:
+        """(q, v) after a time of constant rates: linear ones in the parent's axes, straight ahead. v is along the axes
+        at q before, and along those at the new q after."""
+        return self.integrate(q, vectors.times(dt, v)), v
 
     def difference(self, q: Sequence[Number], q2: Sequence[Number]) -> Sequence[Number]:
         """The step that integrates q to q2, the short way round."""
