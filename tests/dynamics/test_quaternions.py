@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.interop import drake, mujoco
 from tests.helpers import marks
 from tests.helpers.counting import asked_for
 from tests.helpers.interpreted import interpreted
@@ -209,3 +210,34 @@ def test_known_ones_of_length_one_leave_no_operation(kinds):
     for found in known:
         assert found["sqrt"] == found["divide"] == 0 < found["add"]
     assert asked_for(lambda q: js.body_velocities(mech, q, v), q)["sqrt"] > 0
+
+
+# -- where else they come in ------------------------------------------------------------------------------------------
+
+
+def test_joints_are_locked_at_quaternions_of_any_length():
+    mech, q = mechanism(), state()[0]
+    name, own = mech.joint_names[1], mech.joint_position_indices(mech.joint_names[1])
+    at = [js.lock_joints(mech, {name: factor * q[own]}).inertias for factor in (1.0, 2.0, 3.0)]
+    for found, allowed in zip(at[1:], (0.0, 64 * U), strict=True):
+        jax.tree.map(functools.partial(np.testing.assert_allclose, rtol=0, atol=allowed), found, at[0])
+    with pytest.raises(ValueError, match="positions.*expected a length above 0, got"):
+        js.lock_joints(mech, {name: 0 * q[own]})
+
+
+def test_states_and_poses_of_others_are_read_at_any_length():
+    mech, (q, _, v, a) = mechanism(), state()
+    calls = {
+        "qvel": lambda q: mujoco.to_qvel(mech, q, v),
+        "from qvel": lambda q: mujoco.from_qvel(mech, q, v),
+        "qacc": lambda q: mujoco.to_qacc(mech, q, v, a),
+        "from qacc": lambda q: mujoco.from_qacc(mech, q, v, a),
+        "qfrc": lambda q: mujoco.to_qfrc(mech, q, a),
+        "from qfrc": lambda q: mujoco.from_qfrc(mech, q, a),
+        "velocities of qpos": lambda q: js.body_velocities(mech, mujoco.from_qpos(mech, mujoco.to_qpos(mech, q)), v).w,
+        "Drake's positions": lambda q: drake.from_floating_positions(q[:7]).rotation.entries,
+    }
+    for name, call in calls.items():
+        expected = np.asarray(call(q))
+        np.testing.assert_array_equal(call(scaled(mech, q, -0.5)), expected, err_msg=name)
+        np.testing.assert_allclose(call(scaled(mech, q, 1e3)), expected, rtol=0, atol=64 * U * abs(expected).max())
