@@ -17,7 +17,8 @@ def integrate(
 ) -> jax.Array:
     """The configuration after constant rates, in the axes of the bodies, have acted for a time.
 
-    Follows the exponential of the rigid motion of each joint. The inverse of `difference`.
+    Follows the exponential of the rigid motion of each joint: a screw, where it moves and turns. The inverse of
+    `difference`. `semi_implicit_step` goes straight instead.
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.

@@ -446,3 +446,33 @@ def test_constraint_wrenches_are_all_that_have_no_power(kind, axis):
     assert len(T) == 0 or np.linalg.matrix_rank(T) == 6 - kind.nv
     singular = np.linalg.svd(np.concatenate([S, T]), compute_uv=False)
     assert singular.min() > 0.1
+
+
+def _values(numbers):
+    return np.array([float(x.value) for x in numbers])
+
+
+@pytest.mark.parametrize("kind", [kind for kind in FORMS if kind.nv], ids=lambda kind: kind.name)
+def test_what_advances_keeps_its_velocity_in_the_axes_of_the_parent(kind):
+    """dq/dt, but for angular rates, which stay along the child's axes; a short way as `integrate` goes."""
+    joint, _ = _numbers(kind, AXES["skew"])
+    rng, n = np.random.default_rng(3), kind.sphere[0]
+    q, v = rng.standard_normal(kind.nq), rng.standard_normal(kind.nv)
+    q[:n] /= np.linalg.norm(q[:n]) or 1.0
+
+    def advanced(h):
+        after = joint.advance(tuple(map(_number, q)), tuple(map(_number, v)), _number(h))
+        return [_values(x) for x in after]
+
+    def rates(q, v):
+        cos_sin = {k: (_number(np.cos(q[k])), _number(np.sin(q[k]))) for k in kind.angles}
+        return _values(joint.rates(tuple(map(_number, q)), cos_sin, tuple(map(_number, v))))
+
+    (far, v_far), (near, v_near) = advanced(0.7), advanced(1e-6)
+    np.testing.assert_allclose(rates(far, v_far)[n:], rates(q, v)[n:], rtol=0, atol=16 * U)
+    np.testing.assert_allclose(far[n:], (q + 0.7 * rates(q, v))[n:], rtol=0, atol=16 * U)
+    along = _values(joint.transport(tuple(map(_number, v))))
+    assert kind.turns_its_axes == along.any()
+    np.testing.assert_allclose(v_near, v - 1e-6 * along, rtol=0, atol=1e-11)
+    step = tuple(map(_number, 1e-6 * v))
+    np.testing.assert_allclose(near, _values(joint.integrate(tuple(map(_number, q)), step)), rtol=0, atol=1e-11)
