@@ -43,10 +43,10 @@ def semi_implicit_step(
 
         u = R v        u' = u + dt du/dt        p' = p + dt u'        v' = R'^T u'
 
-    What spins flies straight, at a constant speed, whatever dt is. The step of most simulators: of first order, one
-    evaluation of `forward_dynamics`; MuJoCo's Euler method, but for its friction, limits and contacts. The momentum of
-    what floats is constant where its centre of mass stays at the origin of the joint, else it drifts in proportion to
-    dt. `passive_forces` act. Damping and friction act implicitly, friction by its coefficient at the old rates: stable
+    What spins flies straight, at a constant speed, whatever dt is, where its centre of mass stays at the origin of the
+    joint; the linear momentum of other robots that float drifts in proportion to dt. The step of most simulators: of
+    first order, one evaluation of `forward_dynamics`; MuJoCo's Euler method, but for its friction, limits and contacts.
+    `passive_forces` act. Damping and friction act implicitly, friction by its coefficient at the old rates: stable
     however stiff, and never a motor. Springs and limits act as they are at the start: stable for dt below 2 / w, of the
     largest natural frequency w = sqrt(stiffness / inertia), and dt limit_damping below the inertia. Where the mass
     matrix depends on q the step is not symplectic, and energy drifts in proportion to dt and the time: see
