@@ -17,7 +17,8 @@ def integrate(
 ) -> jax.Array:
     """The configuration after constant rates, in the axes of the bodies, have acted for a time.
 
-    Follows the exponential of the rigid motion of each joint. The inverse of `difference`.
+    Follows the exponential of the rigid motion of each joint: a screw, where it moves and turns. The inverse of
+    `difference`. `semi_implicit_step` goes straight instead.
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
@@ -102,7 +103,8 @@ def configuration_rates(
 ) -> jax.Array:
     """The time derivative of q at the rates v: for solvers that step q as an array, and its tangent along v.
 
-    Of a quaternion it is q (0, w) / 2, which keeps its length.
+    Of a quaternion it is q (0, w) / 2, which keeps its length, and is in proportion to it: at any length a solver turns
+    it as fast.
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
@@ -117,9 +119,9 @@ def configuration_rates(
         TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
         ValueError: shapes do not fit.
 
-    Error: none of coordinates that are numbers; in "fast" and "reproducible" at most 2 u |w| of a quaternion's and 6 u
-        |v| of a position's in "planar" and "free" joints, in 2-norms. In the other two 1.01 u of each of these,
-        relative to it.
+    Error: none of coordinates that are numbers; in "fast" and "reproducible" at most 2 u |w| of a unit
+        quaternion's and 6 u |v| of a position's in "planar" and "free" joints, in 2-norms. In the other two 1.01 u of
+        each of these, relative to it.
     Source: of quaternions, Shuster 1993, A survey of attitude representations.
     """
     return _configuration_rates(precision, mechanism, q, v)
@@ -166,13 +168,31 @@ def _integrate(state: MechanismState, v: Array, dt: Array):
 
 
 @algorithm(*JOINTS)
+def transport(state: MechanismState, v: Array):
+    """w x v of linear rates along axes that their own joint turns: what their derivative in the parent's axes has more
+    than dv/dt."""
+    return state.by_rate(
+        [own.joint.transport(own.rates(v)) for own in state.kind_states], state.topology.joints_by_kind
+    )
+
+
+@algorithm(*JOINTS)
+def advance(state: MechanismState, v: Array, dt: Array):
+    """(q, v) after the time, as `JointKind.advance` has it: v is along the axes at q before, at the new q after."""
+    (time,), kinds = state.numbers(dt), state.topology.joints_by_kind
+    found = [own.apply("advance", own.rates(v), time) for own in state.kind_states]
+    q, rates = zip(*found, strict=True)
+    return state.by_coordinate(q, kinds), state.by_rate(rates, kinds)
+
+
+@algorithm(*JOINTS)
 def _configuration_rates(state: MechanismState, v: Array):
     return state.by_coordinate([own.dq_dt(own.rates(v))[0] for own in state.kind_states], state.topology.joints_by_kind)
 
 
 @algorithm(*JOINTS, at="q0")
 def _difference(state: MechanismState, q1: Array):
-    found = [own.apply("difference", own.coordinates(q1)) for own in state.kind_states]
+    found = [own.apply("difference", own.configuration(q1)) for own in state.kind_states]
     return state.by_rate(found, state.topology.joints_by_kind)
 
 

@@ -200,7 +200,7 @@ def _positional(own: KindState, v: Array, compliance: Compliance) -> list[Number
     has_limits = compliance.limit_stiffness is not None and not _is_unlimited(own)
     if not kind.nv or not (has_spring or has_limits):
         return []
-    q = own.coordinates(own.state.q)
+    q = own.configuration(own.state.q)
     on_sphere, rates_of_it = kind.sphere
     torques, forces = [zero] * rates_of_it, [zero] * (kind.nq - on_sphere)
     if on_sphere and has_spring:

@@ -21,6 +21,8 @@ QUATERNION_RATE, POSITION_RATE = Normwise(2, "|w|"), Normwise(6, "|v|")
 
 # -- steps in time ----------------------------------------------------------------------------------------------------
 
+STRAIGHT_AHEAD = Normwise(8, "(|v| + dt |vdot| + dt |w| |v|)")
+TURNS_OF_RATES = Normwise(1, "|w dt| of that", rounded=0)
 SEMI_IMPLICIT, RK4 = (Normwise(u, "(|v| + dt |vdot|)") for u in (2, 4))
 RK4_COORDINATES = Normwise(4, "(|q| + dt |dq/dt|)")
 SYMPLECTIC = Normwise(8, "c (|v| + dt |vdot|)", per="n")
@@ -45,7 +47,7 @@ PROMISES = {
     "integrate": (INTEGRATED, INTEGRATED_TURN, INTEGRATED_POSITION, TURNS, TURNS_OF_POSITION),
     "difference": (DIFFERENCE, SHORTEST, DIFFERENCE_TURN, DIFFERENCE_POSITION),
     "configuration_rates": (QUATERNION_RATE, POSITION_RATE),
-    "semi_implicit_step": (SEMI_IMPLICIT,),
+    "semi_implicit_step": (SEMI_IMPLICIT, STRAIGHT_AHEAD, TURNS_OF_RATES),
     "rk4_step": (RK4, RK4_COORDINATES),
     "symplectic_step": (SYMPLECTIC,),
     "passive_forces": (PASSIVE, PASSIVE_TURNS),

@@ -118,6 +118,25 @@ class MechanismState(Results):
         multiplier, offset = self.of(bundle, self.fields["mimics"])
         return tuple(multiplier * x if of_rates else multiplier * x + offset for x in found)
 
+    def configuration(self, bundle: Bundle, q: Array) -> Numbers:
+        """The numbers of a bundle in q, with those of a sphere at unit length: NaN for length 0.
+
+        Those known to be so, to rounding, stay as they are: rotations are those of their directions all the same, see
+        `quaternion.to_matrix`.
+        """
+        found, n = self.coordinates(bundle, q), bundle.kind.sphere[0]
+        if not n or self._has_unit_lengths(bundle, q):
+            return found
+        return *numbers.noinline(vectors.unit)(found[:n]), *found[n:]
+
+    def _has_unit_lengths(self, bundle: Bundle, q: Array):
+        if not isinstance(q, np.ndarray):
+            return False
+        starts = np.array(self.topology.q_starts)[bundle.bodies]
+        on_sphere = q[starts[..., None] + np.arange(bundle.kind.sphere[0])].astype(np.float64)
+        with np.errstate(over="ignore"):
+            return bool((abs((on_sphere**2).sum(-1) - 1) <= 2 * check.eps(self.dtype)).all())
+
     def rates(self, bundle: Bundle, array: Maybe) -> Numbers:
         """The numbers of a bundle in an array over rates; known zeros for None."""
         if array is None:
@@ -192,7 +211,7 @@ class MechanismState(Results):
     @functools.cached_property
     def joints(self):
         """The JointState of every bundle, with the cosines and sines of all angles computed in one call."""
-        q = [self.coordinates(b, self.q) for b in self.bundles]
+        q = [self.configuration(b, self.q) for b in self.bundles]
         found = self._cos_sin([x[k] for x, b in zip(q, self.bundles, strict=True) for k in b.kind.angles])
         return [
             JointState(self.joint(b), x, {k: next(found) for k in b.kind.angles})
@@ -216,6 +235,9 @@ class KindState:
     def coordinates(self, array: Array):
         return self.state.coordinates(self.bundle, array)
 
+    def configuration(self, q: Array):
+        return self.state.configuration(self.bundle, q)
+
     def rates(self, array: Array):
         return self.state.coordinates(self.bundle, array, of_rates=True)
 
@@ -229,10 +251,10 @@ class KindState:
     def joint(self):
         return self.state.joint(self.bundle)
 
-    def apply(self, verb: str, other: Numbers) -> Numbers:
-        """A verb of the kind, of its coordinates and others or a step."""
-        q = self.coordinates(self.state.q)
-        return numbers.noinline(getattr(self.kind, verb))(self.joint, q, other)
+    def apply(self, verb: str, *others: Any) -> Any:
+        """A verb of the kind, of its coordinates and others, a step, or rates and a time."""
+        q = self.configuration(self.state.q)
+        return numbers.noinline(getattr(self.kind, verb))(self.joint, q, *others)
 
     def cos_sin(self, q: Numbers) -> CosSin:
         """Of its angles, for the rates of its coordinates."""
@@ -244,10 +266,14 @@ class KindState:
         return self.kind.nq == self.kind.nv and not self.kind.rates_need_angles
 
     def dq_dt(self, *rates: Numbers) -> list[Numbers]:
-        """dq/dt of each of several rates."""
-        q = self.coordinates(self.state.q)
+        """dq/dt of each of several rates: of a quaternion in proportion to its length."""
+        q, n = self.coordinates(self.state.q), self.kind.sphere[0]
         cos_sin = self.cos_sin(q)
-        return [self.joint.rates(q, cos_sin, v) for v in rates]
+        found = [self.joint.rates(q, cos_sin, v) for v in rates]
+        if not n:
+            return found
+        unit = self.configuration(self.state.q)
+        return [(*x[:n], *self.joint.rates(unit, cos_sin, v)[n:]) for x, v in zip(found, rates, strict=True)]
 
     def dq_dt_of_units(self):
         """dq/dt of each rate alone, at one."""

@@ -14,14 +14,14 @@ from jaxspatial.arithmetic.numbers import Number, Numbers, doubled
 from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates, Scalar
 from jaxspatial.dynamics.along import Array, PyTreeDef
 from jaxspatial.dynamics.arguments import ExternalForces, checked
-from jaxspatial.dynamics.configuration import configuration_rates, integrate
+from jaxspatial.dynamics.configuration import advance, configuration_rates, integrate, transport
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.passive import Compliance, acting, resistance
 from jaxspatial.dynamics.variational import variational_step
 from jaxspatial.mechanism import Mechanism
 
 Checked = Any  # an array
-At = tuple[Checked, Checked, Checked]  # q, v, tau
+At = tuple[Checked, Checked, Checked, Checked]  # q, v, tau, and `transport` or None
 
 
 def semi_implicit_step(
@@ -39,11 +39,18 @@ def semi_implicit_step(
 
         v' = v + dt vdot(q, v)        q' = integrate(q, v', dt)
 
-    The step of most simulators: of first order, one evaluation of `forward_dynamics`. `passive_forces` act. Damping and
-    friction act implicitly, friction by its coefficient at the old rates: stable however stiff, and never a motor.
-    Springs and limits act as they are at the start: stable for dt below 2 / w, of the largest natural frequency
-    w = sqrt(stiffness / inertia), and dt limit_damping below the inertia. Where the mass matrix depends on q the step
-    is not symplectic, and energy drifts in proportion to dt and the time: see `symplectic_step`.
+    Linear rates of "free" and "planar" joints, along axes that turn, are stepped along those of the parent, of R:
+
+        u = R v        u' = u + dt du/dt        p' = p + dt u'        v' = R'^T u'
+
+    What spins flies straight, at a constant speed, whatever dt is, where its centre of mass stays at the origin of the
+    joint; the linear momentum of other robots that float drifts in proportion to dt. The step of most simulators: of
+    first order, one evaluation of `forward_dynamics`; MuJoCo's Euler method, but for its friction, limits and contacts.
+    `passive_forces` act. Damping and friction act implicitly, friction by its coefficient at the old rates: stable
+    however stiff, and never a motor. Springs and limits act as they are at the start: stable for dt below 2 / w, of the
+    largest natural frequency w = sqrt(stiffness / inertia), and dt limit_damping below the inertia. Where the mass
+    matrix depends on q the step is not symplectic, and energy drifts in proportion to dt and the time: see
+    `symplectic_step`.
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
@@ -66,17 +73,28 @@ def semi_implicit_step(
         KeyError: there is no such frame.
 
     Error: of rounding, per step, in the largest number: of v at most 2 u (|v| + dt |vdot|) and dt times that of
-        `forward_dynamics`; of q that of `integrate` and dt times that of v.
+        `forward_dynamics`; of q that of `integrate` and dt times that of v. Of linear rates of "free" and "planar"
+        joints 8 u (|v| + dt |vdot| + dt |w| |v|), in their 2-norm, and u |w dt| of that more beyond half a turn.
     Source: Hairer, Lubich, Wanner 2006, Geometric numerical integration, I.1.2; Todorov 2014, Convex and
         analytically-invertible dynamics with contacts and constraints (implicit damping).
     """
     q, v, tau, h = checked("semi_implicit_step", mechanism, q=q, v=v, tau=tau, dt=dt)
     tau = _with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
     c = resistance(mechanism, v, compliance, precision)
+    turning = transport(precision, mechanism, q, v) if _has_turning_axes(mechanism) else None
     accelerated = _accelerated if c is None or (c.ndim == 1 and h.ndim == 1) else _each_accelerated
-    vdot = accelerated(mechanism, precision, (q, v, tau), h, c, external_forces)
-    after = _euler(precision, v, h, vdot)
-    return integrate(mechanism, q, after, dt, precision=precision), after
+    vdot = accelerated(mechanism, precision, (q, v, tau, turning), h, c, external_forces)
+    if turning is None:
+        after = _euler(precision, v, h, vdot)
+        return integrate(mechanism, q, after, dt, precision=precision), after
+    # Along the axes that there are at q.
+    after = _euler(precision, v, h, _plus(precision, turning, vdot))
+    return advance(precision, mechanism, q, after, dt)
+
+
+def _has_turning_axes(mechanism: Mechanism):
+    t = mechanism.topology
+    return any(t.kind(i).turns_its_axes for i in range(len(t)))
 
 
 def _with_springs_and_limits(
@@ -90,11 +108,13 @@ def _accelerated(
     mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: jax.Array | None, forces: ExternalForces
 ) -> jax.Array:
     """dv/dt that leads to rates at which the resistance -c v acts."""
-    q, v, tau = at
+    q, v, tau, turning = at
     if c is not None:
-        # (M + h c) dv/dt = tau - c v - ...: as if the rotors had the inertia h c more.
+        # (M + h c) dv/dt = tau - c v - ...: as if the rotors had the inertia h c more. v is what the rates would be
+        # after the time without dv/dt.
         armature = jnp.asarray(mechanism.armature, c.dtype) + h * c
-        tau, mechanism = _damped(precision, tau, c, v), mechanism.replace(armature=armature)
+        still = v if turning is None else _euler(precision, v, h, turning)
+        tau, mechanism = _damped(precision, tau, c, still), mechanism.replace(armature=armature)
     return forward_dynamics(mechanism, q, v, tau, forces, precision=precision)
 
 
@@ -127,6 +147,8 @@ def symplectic_step(
     Of first order. It is the exact motion of a discrete action, the sum of dt T(q, v) - dt V(q), with the energy of
     springs in V. Without damping, friction and forces that change or take power, the energy stays within bounds in
     proportion to dt, over any number of steps, and so do momenta. `passive_forces` act as in `semi_implicit_step`.
+    v are the rates of the screw motion that led to q: a linear velocity of what spins points where it did half a step
+    before.
     About five times the work of the other steps.
 
     Args:
@@ -179,8 +201,10 @@ def rk4_step(
     """A step of the classical Runge-Kutta method of fourth order.
 
     tau and the external forces stay during the step. It steps the coordinates as they are; quaternions are brought back
-    to unit length at the end. `passive_forces` act explicitly: stable for dt below 2.8 inertia / c, where c is damping
-    and friction_loss / friction_speed. Where friction or a limit sets in, the step is of first order.
+    to unit length at the end. Linear rates of "free" and "planar" joints turn with their axes: stable for dt |w| below
+    2.8, and what spins keeps its speed to (dt |w|)^6 / 144 per step. `passive_forces` act explicitly: stable for dt
+    below 2.8 inertia / c, where c is damping and friction_loss / friction_speed. Where friction or a limit sets in, the
+    step is of first order.
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.numbers import Rounded, high
 from jaxspatial.arithmetic.numbers.folding import in_double
 from jaxspatial.arithmetic.precision import DEFAULT
@@ -40,7 +41,7 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, Scalar | Vector]) 
 
     Raises:
         KeyError: a name is no joint's; lists those there are.
-        ValueError: a joint is a mimic.
+        ValueError: a joint is a mimic, or a quaternion has the length 0.
         TypeError: numbers of the mechanism are data, or traced.
 
     Error: of numbers that change a few u of float64, rounded once to the dtype; others stay what they are.
@@ -153,6 +154,8 @@ def _with_followers(mechanism: Mechanism, i: int, q: Any) -> list[tuple[int, Any
 def _locked(mechanism: Mechanism, joints: list[Joint], i: int, q: npt.ArrayLike):
     t, joint = mechanism.topology, joints[i]
     q = np.broadcast_to(np.asarray(q, np.float64), (t.kind(i).nq,))
+    if (n := t.kind(i).sphere[0]) and not 0 < abs(q[:n]).max() < np.inf:
+        raise ValueError(f"lock_joints: positions[{joint.name!r}]: expected a length above 0, got {q[:n].tolist()}")
     with in_double():
         X = composed(or_identity(joint, "placement"), _transform(t.kind(i), joint, q))
     return Joint(joint.name, "fixed", joint.parent, joint.child, X, joint.child_placement)
@@ -161,7 +164,9 @@ def _locked(mechanism: Mechanism, joints: list[Joint], i: int, q: npt.ArrayLike)
 def _transform(kind: type[JointKind], joint: Joint, q: np.ndarray):
     """X across a joint at known coordinates."""
     cos_sin = {k: (_number(np.cos(q[k])), _number(np.sin(q[k]))) for k in kind.angles}
-    rows, p = kind(lambda p: _parameter(joint, p), _number(0.0)).transform(tuple(map(_number, q)), cos_sin)
+    found, n = tuple(map(_number, q)), kind.sphere[0]
+    found = (*vectors.unit(found[:n]), *found[n:]) if n else found
+    rows, p = kind(lambda p: _parameter(joint, p), _number(0.0)).transform(found, cos_sin)
     entries = np.array([float(high(x)) for row in rows for x in row])
     return RigidTransform(Rotation(entries), np.array([float(high(x)) for x in p]))
 

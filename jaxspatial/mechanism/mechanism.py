@@ -28,6 +28,8 @@ from jaxspatial.spatial import RigidTransform
 class Mechanism(Structure):
     """Bodies held against each other by joints: n of them move, with nq coordinates q and nv rates v.
 
+    Quaternions in q are read normalised, whatever function they are given to: of any length but 0, which gives NaN.
+
     Its numbers are leaves: NumPy arrays are known while tracing and fold into programs; arrays of JAX, or a mechanism
     that is an argument of a traced function, are data, to be differentiated and batched. Body i is what joint i
     carries; P is its parent's frame, J the joint's, that coincides with it at zero.

@@ -28,7 +28,9 @@ def configurations(kind, rng):
     mech = joint(kind)
     q = rng.uniform(-3, 3, (MANY, mech.nq))
     if mech.nq > mech.nv:
-        q[:, :4] /= np.linalg.norm(q[:, :4], axis=1)[:, None]
+        # Of length one, as rounded, and of any.
+        lengths = np.where(np.arange(MANY) % 2, 1.0, 10.0 ** rng.uniform(-9, 9, MANY))
+        q[:, :4] *= (lengths / np.linalg.norm(q[:, :4], axis=1))[:, None]
     return q.astype(np.float32)
 
 
@@ -82,7 +84,7 @@ def limits(kind, q, q1, v, step):
         },
         {
             "number": 0,
-            "turn": bounds.QUATERNION_RATE.u * norm(v[:3]),
+            "turn": bounds.QUATERNION_RATE.u * norm(v[:3]) * norm(q[:4]),
             "position": bounds.POSITION_RATE.u * norm(v[linear]),
         },
     )
@@ -198,6 +200,48 @@ def test_steps(name, precision):
         assert _largest(v, v_exact) <= limit * U, float(_largest(v, v_exact) / U)
         own = (bounds.RK4_COORDINATES if name == "rk4" else bounds.INTEGRATED).u * (of_q + h * of_v)
         assert _largest(q, q_exact) <= (own + h * limit) * U, float(_largest(q, q_exact) / U)
+
+
+@functools.cache
+def ball(kind):
+    """Of mass 1 and inertia 1, floating, in a field."""
+    body = js.Body("body", js.SpatialInertia(1.0, np.zeros(3), np.eye(3)))
+    return js.Mechanism.build([body], [js.Joint("joint", kind, "world", "body")], gravity=FIELD, dtype=np.float64)
+
+
+FIELD, FLOATING = (0.5, -9.75, 1.25), ("free", "planar")
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("kind", FLOATING)
+def test_steps_of_what_floats(kind, precision):
+    """Of a ball, a = f + g and alpha = tau: turns within a step from none to several."""
+    mech, rng = ball(kind), np.random.default_rng(5)
+    q, (_, _, v, dt), tau = configurations(kind, rng), inputs(kind), rng.standard_normal((MANY, ball(kind).nv))
+    v, tau = (v * np.float32(10) ** rng.uniform(0, 1.5, (MANY, 1))).astype(np.float32), tau.astype(np.float32)
+    step = functools.partial(js.semi_implicit_step, mech, precision=precision)
+    found = [np.asarray(x) for x in evaluated(precision, step)(q, v, tau, dt)]
+    place, linear = (slice(4, 7), slice(3, 6)) if kind == "free" else (slice(0, 2), slice(0, 2))
+    angular = slice(0, 3) if kind == "free" else slice(2, 3)
+    for i in range(MANY):
+        x, rates, forces, (h,) = (exact.numbers(np.atleast_1d(y[i])) for y in (q, v, tau, dt))
+        turn = [x[0], *(-c for c in x[1:4])] if kind == "free" else exact.planar([0, 0, -x[2]])[0]
+        g = exact.rotated(turn, [mp.mpf(c) for c in FIELD])[: linear.stop - linear.start]
+        a = list(forces)
+        a[linear] = [f + c for f, c in zip(forces[linear], g, strict=True)]
+        q_exact, v_exact = exact.straight_ahead(kind, x, rates, a, h)
+        w = exact.norm(v_exact[angular])
+        centripetal = exact.norm(rates[angular]) * exact.norm(rates[linear])
+        vdot = exact.norm(a) + centripetal
+        of_dynamics = bounds.FORWARD_DYNAMICS.allowed(precision, U, vdot, vdot) / U
+        far = max(h * w - mp.pi, 0) and h * w
+        size = exact.norm(rates[linear]) + h * vdot
+        limit = (bounds.STRAIGHT_AHEAD.u + bounds.TURNS_OF_RATES.u * far) * size + h * of_dynamics
+        error = exact.norm([b - c for b, c in zip(exact.numbers(found[1][i][linear]), v_exact[linear], strict=True)])
+        assert error <= limit * U, ("v", float(error / U / size), float(limit / size))
+        moved = bounds.INTEGRATED_POSITION.u * (exact.norm(x[place]) + h * exact.norm(v_exact[linear])) + h * limit
+        error = exact.norm([b - c for b, c in zip(exact.numbers(found[0][i][place]), q_exact[place], strict=True)])
+        assert error <= moved * U, ("q", float(error / U), float(moved))
 
 
 def _largest(ours, numbers):

@@ -121,6 +121,23 @@ def rates(kind, q, v):
     return v
 
 
+def straight_ahead(kind, q, v, a, h):
+    """(q, v) of a floating joint after a step of Euler's method in the parent's axes, of its rates by the accelerations
+    a, linear ones those of its origin along the axes at q: then of its coordinates by the new rates."""
+    v = [x + h * y for x, y in zip(v, a, strict=True)]
+    if kind == "free":
+        w, u, turn, p = v[:3], v[3:], q[:4], q[4:]
+    else:
+        turn, p = planar(q)
+        w, u = [mp.mpf(0), mp.mpf(0), v[2]], [*v[:2], mp.mpf(0)]
+    step = [h * x for x in w]
+    p = [x + h * y for x, y in zip(p, rotated(turn, u), strict=True)]
+    u = rotated(exp_quaternion([-x for x in step]), u)
+    if kind == "free":
+        return [*integrated("ball", turn, step), *p], [*w, *u]
+    return [*p[:2], q[2] + step[2]], [*u[:2], w[2]]
+
+
 class Steps:
     """Steps in time of a chain of revolute joints."""
 

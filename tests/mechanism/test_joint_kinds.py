@@ -16,6 +16,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.arithmetic import vectors
+from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.functions import angle_ratio, cosine_sine, pi
 from jaxspatial.arithmetic.numbers import Rounded, where
 from jaxspatial.arithmetic.precision import Precision
@@ -139,9 +140,20 @@ def as_sine_cosine(name, plain, q):
     return jnp.concatenate(parts, -1)
 
 
+@functools.cache
+def angles():
+    """Those whose sine and cosine, as rounded, have the length 1, as rounded: reading them changes no bit."""
+    found = np.linspace(-3, 3, 500)
+    both = sine_cosine(found)
+    return found[(formula(lambda v: vectors.unit(v))("reproducible", both) == both).all(-1)]
+
+
 def state(name, batch=(), **more):
     plain, other = pair(name, **more)
-    q = js.random_configuration(plain, jax.random.key(3), batch)
+    q = np.array(js.random_configuration(plain, jax.random.key(3), batch))
+    kinds = zip(plain.joint_names, plain.topology.kinds, strict=True)
+    own = [plain.joint_position_indices(joint)[0] for joint, kind in kinds if kind == "revolute"]
+    q[..., own] = angles()[abs(angles() - q[..., own, None]).argmin(-1)]
     v, a = (jnp.asarray(RNG.standard_normal((*batch, plain.nv))) for _ in range(2))
     return (plain, q), (other, as_sine_cosine(name, plain, q)), v, a
 
@@ -181,6 +193,14 @@ def test_dynamics_is_that_of_a_revolute_joint_to_the_bit(name, call):
     (plain, q), (other, q_other), v, a = state(name)
     expected, found = of(CALLS[call], plain)(q, v, a), of(CALLS[call], other)(q_other, v, a)
     jax.tree.map(np.testing.assert_array_equal, found, expected)
+
+
+def test_its_sine_and_cosine_are_read_at_unit_length():
+    _, (other, q), v, a = state("a loop")
+    torques = of(js.inverse_dynamics, other)
+    expected = torques(q, v, a)
+    np.testing.assert_array_equal(torques(-2 * -q, v, a), expected)
+    np.testing.assert_allclose(torques(3 * q, v, a), expected, rtol=0, atol=200 * U * abs(expected).max())
 
 
 def test_it_is_in_other_precisions_over_batches_and_as_data(call="inverse dynamics"):
@@ -426,3 +446,33 @@ def test_constraint_wrenches_are_all_that_have_no_power(kind, axis):
     assert len(T) == 0 or np.linalg.matrix_rank(T) == 6 - kind.nv
     singular = np.linalg.svd(np.concatenate([S, T]), compute_uv=False)
     assert singular.min() > 0.1
+
+
+def _values(numbers):
+    return np.array([float(x.value) for x in numbers])
+
+
+@pytest.mark.parametrize("kind", [kind for kind in FORMS if kind.nv], ids=lambda kind: kind.name)
+def test_what_advances_keeps_its_velocity_in_the_axes_of_the_parent(kind):
+    """dq/dt, but for angular rates, which stay along the child's axes; a short way as `integrate` goes."""
+    joint, _ = _numbers(kind, AXES["skew"])
+    rng, n = np.random.default_rng(3), kind.sphere[0]
+    q, v = rng.standard_normal(kind.nq), rng.standard_normal(kind.nv)
+    q[:n] /= np.linalg.norm(q[:n]) or 1.0
+
+    def advanced(h):
+        after = joint.advance(tuple(map(_number, q)), tuple(map(_number, v)), _number(h))
+        return [_values(x) for x in after]
+
+    def rates(q, v):
+        cos_sin = {k: (_number(np.cos(q[k])), _number(np.sin(q[k]))) for k in kind.angles}
+        return _values(joint.rates(tuple(map(_number, q)), cos_sin, tuple(map(_number, v))))
+
+    (far, v_far), (near, v_near) = advanced(0.7), advanced(1e-6)
+    np.testing.assert_allclose(rates(far, v_far)[n:], rates(q, v)[n:], rtol=0, atol=16 * U)
+    np.testing.assert_allclose(far[n:], (q + 0.7 * rates(q, v))[n:], rtol=0, atol=16 * U)
+    along = _values(joint.transport(tuple(map(_number, v))))
+    assert kind.turns_its_axes == along.any()
+    np.testing.assert_allclose(v_near, v - 1e-6 * along, rtol=0, atol=1e-11)
+    step = tuple(map(_number, 1e-6 * v))
+    np.testing.assert_allclose(near, _values(joint.integrate(tuple(map(_number, q)), step)), rtol=0, atol=1e-11)

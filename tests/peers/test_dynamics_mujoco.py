@@ -14,6 +14,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.interop import mujoco as states
+from tests.helpers import marks
 from tests.helpers.interpreted import interpreted
 
 N = 4
@@ -211,3 +212,90 @@ def test_states_there_and_back(name):
     np.testing.assert_allclose(states.from_qacc(mech, q, v, there["qacc"]), a, rtol=0, atol=4e-14)
     power = np.einsum("bi,bi->b", there["forces"], v)
     np.testing.assert_allclose(np.einsum("bi,bi->b", there["qfrc"], there["qvel"]), power, rtol=0, atol=1e-12)
+
+
+FLYING = """<mujoco><compiler angle="radian"/><option timestep="0.002" gravity="0 0.5 -9.81"/><worldbody>
+  <body pos="0 0 1"><joint type="free" damping="DAMPING"/>
+    <inertial pos=".01 .02 .03" mass="2" diaginertia=".1 .12 .15"/>
+    <body pos=".2 0 .3"><joint axis="0 1 0" damping="DAMPING"/>
+      <inertial pos=".1 0 .05" mass="1" diaginertia=".02 .03 .02"/>
+      <body pos="0 .1 .4"><joint type="ball" damping="DAMPING"/>
+        <inertial pos=".05 .02 .1" mass=".5" diaginertia=".01 .02 .015"/></body></body></body>
+</worldbody></mujoco>"""
+
+
+def stepped(mech, q, v, dt, n=500):
+    """(q, v) at the start and after each of n steps."""
+
+    def step(x, _):
+        x = js.semi_implicit_step(mech, *x, jnp.zeros(mech.nv), dt)
+        return x, x
+
+    with js.default_precision("fast"):
+        after = jax.jit(lambda q, v: jax.lax.scan(step, (q, v), length=n)[1])(q, v)
+    return [jnp.concatenate([start[None], x]) for start, x in zip((q, v), after, strict=True)]
+
+
+def compared_steps(model, qpos, qvel):
+    """Of mj_step, from the first of these states to the others."""
+    data, worst = mujoco.MjData(model), 0.0
+    data.qpos[:], data.qvel[:] = qpos[0], qvel[0]
+    for position, rates in zip(qpos[1:], qvel[1:], strict=True):
+        mujoco.mj_step(model, data)
+        worst = max(worst, abs(data.qpos - position).max(), abs(data.qvel - rates).max())
+    return worst
+
+
+@pytest.mark.parametrize("damping", [marks.slow("0"), "0.7"])
+def test_steps_of_what_floats(damping):
+    """A free base with a hinge and a ball: as mj_step, by Euler's method, implicit damping too; 500 steps."""
+    model, mech = both(FLYING.replace("DAMPING", damping))
+    q = js.random_configuration(mech, jax.random.key(1), (), np.float64)
+    v = jnp.asarray(2 * np.random.default_rng(0).standard_normal(mech.nv))
+    Q, V = stepped(mech, q, v, 0.002)
+    worst = compared_steps(model, np.asarray(states.to_qpos(mech, Q)), np.asarray(states.to_qvel(mech, Q, V)))
+    assert worst <= 1e-11, worst
+
+
+CARRIED = """<mujoco><compiler angle="radian"/><option timestep="0.002"/><worldbody>
+  <body pos="0 0 1"><joint axis="0 .6 .8"/><inertial pos=".1 .2 0" mass="1" diaginertia=".1 .12 .15"/>
+    <body pos=".2 .1 0" quat=".8 .6 0 0">JOINTS
+      <inertial pos=".3 -.1 .2" mass="1.5" diaginertia=".02 .03 .02"/></body></body>
+</worldbody></mujoco>"""
+SLIDES = [f'<joint type="slide" axis="{axis}" damping=".4"/>' for axis in ("1 0 0", "0 1 0", "0 0 1")]
+CARRIERS = {
+    "planar": [*SLIDES[:2], '<joint axis="0 0 1" damping=".4"/>'],
+    "free": [*SLIDES, '<joint type="ball" damping=".4"/>'],
+}
+
+
+@pytest.mark.parametrize("kind", CARRIERS)
+def test_steps_of_planar_and_free_joints_on_a_body(kind):
+    """Which turns: as MuJoCo's slides with a hinge, or a ball, behind them."""
+    model = mujoco.MjModel.from_xml_string(CARRIED.replace("JOINTS", "".join(CARRIERS[kind])))
+    inertias = (([0.1, 0.2, 0], 1.0, [0.1, 0.12, 0.15]), ([0.3, -0.1, 0.2], 1.5, [0.02, 0.03, 0.02]))
+    bodies = [
+        js.Body(name, js.SpatialInertia(mass, np.array(com), np.diag(central)))
+        for name, (com, mass, central) in zip("ab", inertias, strict=True)
+    ]
+    turned = js.Rotation.from_quaternion(np.array([0.8, 0.6, 0.0, 0.0]))
+    identity = js.Rotation.identity(dtype=np.float64)
+    joints = [
+        js.Joint(
+            "hinge", "revolute", "world", "a", js.RigidTransform(identity, np.array([0.0, 0, 1])), axis=(0, 0.6, 0.8)
+        ),
+        js.Joint("joint", kind, "a", "b", js.RigidTransform(turned, np.array([0.2, 0.1, 0])), damping=0.4),
+    ]
+    mech = js.Mechanism.build(bodies, joints, dtype=np.float64)
+    q = js.random_configuration(mech, jax.random.key(1), (), np.float64)
+    v = jnp.asarray(3 * np.random.default_rng(0).standard_normal(mech.nv))
+    Q, V = stepped(mech, q, v, 0.002)
+    rates = np.asarray(js.configuration_rates(mech, Q, V))
+    Q, V = np.asarray(Q), np.asarray(V)
+    if kind == "free":
+        # The position first, and its rates along the axes of the parent.
+        qpos = np.concatenate([Q[:, :1], Q[:, 5:], Q[:, 1:5]], 1)
+        qvel = np.concatenate([V[:, :1], rates[:, 5:], V[:, 1:4]], 1)
+    else:
+        qpos, qvel = Q, rates
+    assert compared_steps(model, qpos, qvel) <= 1e-11

@@ -11,7 +11,7 @@ from jaxspatial.rotation import exponential, quaternion
 
 
 class Ball(JointKind):
-    """Turns about any axis: q a unit quaternion wxyz, v = w_PB_B, rad/s."""
+    """Turns about any axis: q a quaternion wxyz, v = w_PB_B, rad/s."""
 
     name, nq, nv, neutral, sphere = "ball", 4, 3, (1.0, 0.0, 0.0, 0.0), (4, 3)
     is_sequential = False

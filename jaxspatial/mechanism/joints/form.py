@@ -4,7 +4,7 @@ A joint holds the child's frame B against the parent's side P of the joint; both
 formulas over the numbers of one joint, an instance of its kind, which has its parameters by the names that the kind
 declares, and `zero`, a number 0. Their arguments:
 
-    q, v, step  nq coordinates; nv rates; nv rates times a time
+    q, v, step  nq coordinates, a quaternion among them of unit length; nv rates; nv rates times a time
     cos_sin     {k: (cosine, sine)} of the coordinates k that `angles` lists: computed for all joints at once
 
 A zero or one of an axis that is known while tracing leaves no operation behind. [Featherstone 2008, tables 4.1, 4.2]
@@ -38,13 +38,15 @@ class JointKind:
     neutral: the coordinates at zero
     angles: which coordinates are angles, in radians
     sphere: how many coordinates, the first, are a point of a unit sphere (a quaternion, or sine and cosine), and how
-        many rates, the first, are theirs
+        many rates, the first, are theirs. Whatever their length is, the verbs get the point in their direction
     moves_as: the name of the kind that the dynamics takes it for; its own, unless a kind differs in coordinates alone
     is_about_one_axis: whether it turns about and slides along `joint.axis` alone: the dynamics may turn its frame then,
         so that this is z. Its other parameters have to be lengths and the like, not directions
     is_unconstrained: whether it holds nothing, and S is the identity: a floating root's rates are found all at once
     is_sequential: whether it moves as joints with one rate each, one after the other
     rates_need_angles: whether `rates` asks for `cos_sin`
+    turns_its_axes: whether linear rates are along axes that the joint itself turns: then it has a `transport` and an
+        `advance` of its own
     """
 
     name: str
@@ -59,6 +61,7 @@ class JointKind:
     is_unconstrained: bool = False
     is_sequential: bool = True
     rates_need_angles: bool = False
+    turns_its_axes: bool = False
 
     # Of a joint, where its kind has them.
     zero: Number
@@ -121,12 +124,23 @@ class JointKind:
     # -- its coordinates ----------------------------------------------------------------------------------------------
 
     def rates(self, q: Sequence[Number], cos_sin: CosSin, v: Sequence[Number]) -> Sequence[Number]:
-        """dq/dt, nq numbers, of the rates v."""
+        """dq/dt, nq numbers, of the rates v. Of what is on the sphere in proportion to its length, which is any."""
         return v
 
     def integrate(self, q: Sequence[Number], step: Sequence[Number]) -> Sequence[Number]:
         """q after the motion S step, that is as constant in B as S is."""
         return vectors.plus(q, step)
+
+    def transport(self, v: Sequence[Number]) -> Sequence[Number]:
+        """How the rates change, negative, where the motion is constant in the parent's axes: w x v of linear rates."""
+        return (self.zero,) * self.nv
+
+    def advance(
+        self, q: Sequence[Number], v: Sequence[Number], dt: Number
+    ) -> tuple[Sequence[Number], Sequence[Number]]:
+        """(q, v) after a time of constant rates: linear ones in the parent's axes, straight ahead. v is along the axes
+        at q before, and along those at the new q after."""
+        return self.integrate(q, vectors.times(dt, v)), v
 
     def difference(self, q: Sequence[Number], q2: Sequence[Number]) -> Sequence[Number]:
         """The step that integrates q to q2, the short way round."""

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import Numbers
+from jaxspatial.arithmetic.numbers import Number, Numbers
 from jaxspatial.arithmetic.types import Key
 from jaxspatial.mechanism.joints.ball import Ball, quaternion_between, random_quaternion
 from jaxspatial.mechanism.joints.form import CosSin
@@ -13,9 +13,9 @@ from jaxspatial.rotation import exponential, quaternion
 
 
 class Free(Ball):
-    """Holds nothing: q = (unit quaternion wxyz, p_PoBo_P), v = V_PB_B, angular first, both in the child's axes."""
+    """Holds nothing: q = (quaternion wxyz, p_PoBo_P), v = V_PB_B, angular first, both in the child's axes."""
 
-    name, nq, nv, is_unconstrained = "free", 7, 6, True
+    name, nq, nv, is_unconstrained, turns_its_axes = "free", 7, 6, True, True
     neutral = (1.0, *[0.0] * 6)
 
     def transform(self, q: Numbers, cos_sin: CosSin):
@@ -34,6 +34,16 @@ class Free(Ball):
         turn, p = exponential.screw(step[:3], step[3:])
         turned = vectors.unit(quaternion.hamilton_product(q[:4], turn))
         return *turned, *vectors.plus(q[4:], vectors.matrix_times(quaternion.to_matrix(q[:4]), p))
+
+    def transport(self, v: Numbers):
+        return *self.zero_vector, *vectors.cross(v[:3], v[3:])
+
+    def advance(self, q: Numbers, v: Numbers, dt: Number):
+        step = vectors.times(dt, v)
+        turn = exponential.to_quaternion(step[:3])
+        turned = vectors.unit(quaternion.hamilton_product(q[:4], turn))
+        p = vectors.plus(q[4:], vectors.matrix_times(quaternion.to_matrix(q[:4]), step[3:]))
+        return (*turned, *p), (*v[:3], *rotate_back(quaternion.to_matrix(turn), v[3:]))
 
     def difference(self, q: Numbers, q2: Numbers):
         arm = rotate_back(quaternion.to_matrix(q[:4]), vectors.minus(q2[4:], q[4:]))

@@ -2,7 +2,7 @@
 
 from jaxspatial.arithmetic import vectors
 from jaxspatial.arithmetic.functions import cosine_sine
-from jaxspatial.arithmetic.numbers import Numbers
+from jaxspatial.arithmetic.numbers import Number, Numbers
 from jaxspatial.mechanism.joints.form import CosSin, JointKind
 from jaxspatial.mechanism.joints.geometry import rotation_about, shortest_angle
 from jaxspatial.rotation import exponential
@@ -15,7 +15,7 @@ class Planar(JointKind):
     """
 
     name, nq, nv, angles, neutral = "planar", 3, 3, (2,), (0.0, 0.0, 0.0)
-    is_sequential, rates_need_angles = False, True
+    is_sequential, rates_need_angles, turns_its_axes = False, True, True
 
     def transform(self, q: Numbers, cos_sin: CosSin):
         return rotation_about(self.unit_vector(2), *cos_sin[2]), (q[0], q[1], self.zero)
@@ -37,6 +37,16 @@ class Planar(JointKind):
         turn, arm = (*self.zero_vector[:2], step[2]), (*step[:2], self.zero)
         x, y, _ = exponential.translation(turn, arm)
         return q[0] + (c * x - s * y), q[1] + (s * x + c * y), q[2] + step[2]
+
+    def transport(self, v: Numbers):
+        return -(v[2] * v[1]), v[2] * v[0], self.zero
+
+    def advance(self, q: Numbers, v: Numbers, dt: Number):
+        (c, s), turn = cosine_sine(q[2]), dt * v[2]
+        x, y = vectors.times(dt, v[:2])
+        after = q[0] + (c * x - s * y), q[1] + (s * x + c * y), q[2] + turn
+        c, s = cosine_sine(turn)
+        return after, (c * v[0] + s * v[1], c * v[1] - s * v[0], v[2])
 
     def difference(self, q: Numbers, q2: Numbers):
         c, s = cosine_sine(q[2])
