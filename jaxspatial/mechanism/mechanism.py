@@ -154,8 +154,8 @@ class Mechanism(Structure):
             The mechanism with the file's gravity, with NumPy numbers.
 
         Raises:
-            ValueError: MuJoCo does not compile it, or it has what a mechanism cannot represent; with element and
-                reason, and the line where the element is in the text itself.
+            ValueError: MuJoCo does not compile it, or it has what a mechanism cannot represent; with line, element and
+                reason.
             FileNotFoundError: there is no such file.
             ImportError: mujoco or lxml is missing.
 
