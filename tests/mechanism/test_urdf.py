@@ -168,6 +168,13 @@ REFUSED = {
     "no name of the robot": ((' name="arm"', ""), "line 1: <robot>: name: expected one"),
     "unknown type": (('"continuous"', '"screw"'), "line 15: <joint name=\"elbow\">: type: expected one of .*'screw'"),
     "no type": ((' type="continuous"', ""), 'line 15: <joint name="elbow">: type: expected one of .*None'),
+    "misspelt kind": (('"continuous"', '"continous"'), "line 15: .*got 'continous'; did you mean 'continuous'[?]$"),
+    "misspelt link": (
+        ('<parent link="upper"/>', '<parent link="uper"/>'), "line 15: .*no link 'uper'; did you mean 'upper'[?]$"
+    ),
+    "misspelt mimic": (
+        (MIMIC[0], MIMIC[1].replace("shoulder", "shuolder")), "line 15: .*'shuolder'; did you mean 'shoulder'[?]$"
+    ),
     "no name": (('name="elbow" ', ""), "line 15: <joint>: name: expected one"),
     "name twice": (('"elbow"', '"shoulder"'), "line 15: <joint>: name: 'shoulder' comes twice"),
     "link twice": (('<link name="fore"', '<link name="upper"'), "line 7: <link>: name: 'upper' comes twice"),
