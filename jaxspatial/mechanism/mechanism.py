@@ -136,7 +136,7 @@ class Mechanism(Structure):
             ImportError: yourdfpy or lxml is missing.
 
         Warns:
-            ModelFileWarning: names what was left out.
+            ModelFileWarning: names what was left out, and inertias that no rigid body has.
         """
         from jaxspatial.mechanism.formats import urdf
 

@@ -277,6 +277,13 @@ REFUSED = {
         "line 18: <flex>: bodies are rigid",
     ),
     "site too far": (('name="tip"', 'name="tip" pos="1e39 0 0"'), 'line 14: <site name="tip">: pos: .*3.4e.38'),
+    "site that is too far with its body": (
+        (
+            'pos="0 0 1"><inertial mass="2" pos="0 0 0" diaginertia="4 5 6"/><site name="tip"',
+            'pos="0 0 3e38"><site name="tip" pos="0 0 3e38"',
+        ),
+        'line 14: <site name="tip">: frame_placements: with what .* beyond the numbers of float32',
+    ),
     "site in a frame": (
         ('<site name="tip"/>', '<frame>\n<site pos="1e39 0 0"/></frame>'),
         'line 15: <site name="site_1">: pos: .*3.4e.38',

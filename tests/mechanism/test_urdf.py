@@ -160,6 +160,13 @@ def test_a_joint_of_the_file_may_be_called_root_joint():
 # -- what is refused --------------------------------------------------------------------------------------------------
 
 ELBOW = '<joint name="elbow" type="continuous"><parent link="upper"/><child link="fore"/></joint>'
+
+
+def _far(parent, child):
+    ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="3e38 0 0"/>'
+    return f'<link name="{child}"/><joint name="{child}" type="fixed">{ends}</joint>'
+
+
 _LOOP = '<joint name="loop" type="fixed"><parent link="fore"/><child link="base"/></joint>'
 _WORLD = '<link name="world"/>' + _LOOP.replace('"base"', '"world"')
 REFUSED = {
@@ -249,6 +256,10 @@ REFUSED = {
         "line 6: <inertia>: ixx: expected 1 number",
     ),
     "axis without numbers": (('<axis xyz="0 0 2"/>', "<axis/>"), "line 12: <axis>: xyz: expected 3 numbers"),
+    "frame too far": (
+        ("</robot>", _far("tool", "x") + "\n" + _far("x", "y") + "</robot>"),
+        'line 19: <link name="y">: frame_placements: with what .* beyond the numbers of float32',
+    ),
     "damping that adds up": (
         (MIMIC[0], MIMIC[1].replace("-2", "1e20") + '<dynamics damping="9"/>'),
         'line 11: <joint name="shoulder">: damping: with what .* beyond the numbers of float32',

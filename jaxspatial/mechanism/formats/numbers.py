@@ -19,7 +19,7 @@ _ROUNDING = 8 * np.finfo(float).eps
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 Made = TypeVar("Made")
-Refuse = Callable[[str, str, str], NoReturn]  # of "body" or "joint", its name and the reason
+Refuse = Callable[[str, str, str], NoReturn]  # of "body", "joint" or "frame", its name and the reason
 # What is a number per rate or coordinate, and adds up of what drives a joint and what follows it.
 _OF_JOINTS = {"armature": "v", "damping": "v", "friction_loss": "v", "stiffness": "v", "spring_references": "q"}
 
@@ -47,12 +47,13 @@ def built(build: Callable[..., Made], refuse: Refuse, *parts: Any):
 
 def _check_finite(mechanism: Any, refuse: Refuse):
     """Limits may be infinite."""
-    for field in ("placements", "child_placements", "axes", "mimics", "inertias"):
+    of_bodies = dict.fromkeys(("placements", "child_placements", "axes", "mimics", "inertias"), "body")
+    for field, what in {**of_bodies, "frame_placements": "frame"}.items():
         for leaf in jax.tree.leaves(getattr(mechanism, field)):
             bad = ~np.isfinite(leaf).all(tuple(range(1, leaf.ndim)))
             if bad.any():
                 reason = f"{field}: with what is welded to it beyond the numbers of {mechanism.dtype}"
-                refuse("body", mechanism.body_names[int(bad.argmax())], reason)
+                refuse(what, getattr(mechanism, f"{what}_names")[int(bad.argmax())], reason)
     for field, size in _OF_JOINTS.items():
         array, own = getattr(mechanism, field), getattr(mechanism.topology, f"{size}_slice")
         for i, name in enumerate(mechanism.joint_names):

@@ -132,9 +132,15 @@ class ModelFile(ModelText):
         self.refuse_part(element, element.tag, self.name(what, i), reason)
 
     def refuse_named(self, what: str, name: str, reason: str) -> NoReturn:
-        """By its name; a body of ours between the joints of one of theirs is not among them."""
-        names = [self.name(what, i) for i in range(len(self._counted(what)))]
-        self.refuse(what, names.index(name) if name in names else names.index(name.rpartition("/")[0]), reason)
+        """A part of the mechanism. Frames are bodies or sites; those of ours between the joints of one of their bodies,
+        and sites that are called as a body is, have the names of both."""
+        kinds = ("body", "site") if what == "frame" else (what,)
+        body, _, last = name.rpartition("/")
+        for own, kind in ((own, kind) for own in (name, last, body) for kind in kinds):
+            names = [self.name(kind, i) for i in range(len(self._counted(kind)))]
+            if own in names:
+                self.refuse(kind, names.index(own), reason)
+        self.refuse_element(self.root, reason)
 
     def _element(self, what: str, i: int) -> Element | None:
         """By its name, or by its place where the text has all elements that the model has; None for all others."""

@@ -69,7 +69,7 @@ class Lines(ModelText):
 
     def refuse_made(self, what: str, name: str, reason: str) -> NoReturn:
         """A part of the mechanism."""
-        self.refuse("link" if what == "body" else what, name, reason)
+        self.refuse("joint" if what == "joint" else "link", name, reason)
 
     def leave_out(self, kind: str, element: Element):
         """By its own name or that of what it is in; by its line where there is none."""
