@@ -284,6 +284,13 @@ REFUSED = {
         ),
         'line 14: <site name="tip">: frame_placements: with what .* beyond the numbers of float32',
     ),
+    "site that is called as a body is, too far with it": (
+        (
+            'pos="0 0 1"><inertial mass="2" pos="0 0 0" diaginertia="4 5 6"/><site name="tip"',
+            'pos="0 0 3e38"><site name="fore" pos="0 0 3e38"',
+        ),
+        'line 14: <site name="fore">: frame_placements: with what .* beyond the numbers of float32',
+    ),
     "site in a frame": (
         ('<site name="tip"/>', '<frame>\n<site pos="1e39 0 0"/></frame>'),
         'line 15: <site name="site_1">: pos: .*3.4e.38',
@@ -366,16 +373,26 @@ def test_what_is_included_has_its_line(tmp_path, part, message):
         js.Mechanism.from_mjcf(path)
 
 
-def test_what_is_attached_has_the_line_of_what_holds_it(tmp_path):
+ATTACHED = {
+    "joint": (
+        ('<body><joint damping="-1"/>', '<body name="more"><joint damping="-1"/>'),
+        '<joint name="joint_1">: damping',
+    ),
+    "body": (('<body><joint damping="-1"/>', '<body name="more" gravcomp="1">'), '<body name="pmore">: gravcomp'),
+}
+
+
+@pytest.mark.parametrize(("change", "message"), ATTACHED.values(), ids=ATTACHED)
+def test_what_is_attached_has_the_line_of_what_holds_it(tmp_path, change, message):
     """Which is not in the text itself."""
     path = tmp_path / "arm.xml"
-    (tmp_path / "part.xml").write_text(PART.replace(' density="1"', "").replace("<body>", '<body name="more">'))
-    attached = '<attach model="p" body="more" prefix="p"/></body>\n      <body name="fore">'
-    model = '<asset><model name="p" file="part.xml"/></asset><worldbody>'
-    path.write_text(
-        changed(ARM, ("<worldbody>", model), ('<body name="fore">', '<body name="tip"><geom size="1"/>\n' + attached))
+    (tmp_path / "part.xml").write_text(changed(PART, (' density="1"', ""), change))
+    attached = (
+        '<body name="tip"><geom size="1"/>\n<attach model="p" body="more" prefix="p"/></body>\n<body name="fore">'
     )
-    with pytest.raises(ValueError, match=r'^from_mjcf: line 10: in <body>: <joint name="joint_1">: damping: .*>= 0'):
+    model = '<asset><model name="p" file="part.xml"/></asset><worldbody>'
+    path.write_text(changed(ARM, ("<worldbody>", model), ('<body name="fore">', attached)))
+    with pytest.raises(ValueError, match=f"^from_mjcf: line 10: in <body>: {message}: "):
         js.Mechanism.from_mjcf(path)
 
 

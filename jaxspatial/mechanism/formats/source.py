@@ -29,21 +29,19 @@ class ModelText:
         tag = self.root.tag
         expected = next(tag for tag, (_, reader) in _FORMATS.items() if reader == self.operation)
         if tag != expected:
-            known = "this is {}: read it with Mechanism.{}".format(*_FORMATS[tag]) if tag in _FORMATS else ""
-            self.refuse_element(self.root, f"expected <{expected}>" + (known and f"; {known}"))
+            hint = "; this is {}: read it with Mechanism.{}".format(*_FORMATS[tag]) if tag in _FORMATS else ""
+            self.refuse_element(self.root, f"expected <{expected}>{hint}")
 
-    def refuse_at(self, element: Element, reason: str) -> NoReturn:
-        """With the line, and the file where that is another one, which this includes."""
-        file = f" of {element.base}" if element.base else ""
-        raise ValueError(f"{self.operation}: line {element.sourceline}{file}: {reason}")
+    def line(self, element: Element) -> str:
+        """Where an element is; with the file, where that is another one, which this includes."""
+        return f"line {element.sourceline}" + (f" of {element.base}" if element.base else "")
 
     def refuse_element(self, element: Element, reason: str) -> NoReturn:
-        self.refuse_at(element, f"<{element.tag}>: {reason}")
+        raise ValueError(f"{self.operation}: {self.line(element)}: <{element.tag}>: {reason}")
 
-    def refuse_part(self, element: Element, tag: str, name: str, reason: str) -> NoReturn:
-        """One that has a name; in an element of another tag where it does not stand in the text itself."""
-        around = "" if element.tag == tag else f"in <{element.tag}>: "
-        self.refuse_at(element, f'{around}<{tag} name="{name}">: {reason}')
+    def refuse_part(self, place: str, tag: str, name: str, reason: str) -> NoReturn:
+        """One that has a name."""
+        raise ValueError(f'{self.operation}: {place}: <{tag} name="{name}">: {reason}')
 
 
 def _file_source(operation: str, path_or_text: object) -> tuple[bytes, pathlib.Path | None]:

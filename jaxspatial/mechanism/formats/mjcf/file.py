@@ -50,7 +50,7 @@ class ModelFile(ModelText):
             text, path = mujoco.MjModel.from_xml_string, mujoco.MjModel.from_xml_path
             self.model = text(self.source.decode()) if self.path is None else path(str(self.path))
         except ValueError as error:
-            self._refuse_as_mujoco(" ".join(str(error).split()))
+            raise ValueError(f"from_mjcf: {self._with_line(' '.join(str(error).split()))}") from None
         bits = mujoco.mjtDisableBit.__members__
         self.disabled = {
             name for name, bit in bits.items() if "DSBL" in name and self.model.opt.disableflags & int(bit)
@@ -71,13 +71,13 @@ class ModelFile(ModelText):
                     mark.addprevious(part)
                 mark.getparent().remove(mark)
 
-    def _refuse_as_mujoco(self, reason: str) -> NoReturn:
-        """With a line, which MuJoCo leaves out of what it says of other files: that of the element which names one."""
-        if not re.search(r"line \d+", reason):
-            quoted = tuple(re.findall(r"'([^']+)'", reason))
-            naming = [e for e in self.root.iter("*") if any(text.endswith(quoted) for text in e.attrib.values())]
-            self.refuse_at((*naming, self.root)[0], f"MuJoCo says {reason}")
-        raise ValueError(f"from_mjcf: MuJoCo says {reason}") from None
+    def _with_line(self, said: str):
+        """What MuJoCo says. Of other files it says no line: that of the element which names one."""
+        if re.search(r"line \d+", said):
+            return f"MuJoCo says {said}"
+        quoted = tuple(re.findall(r"'([^']+)'", said))
+        naming = [e for e in self.root.iter("*") if any(text.endswith(quoted) for text in e.attrib.values())]
+        return f"{self.line((*naming, self.root)[0])}: MuJoCo says {said}"
 
     def _check_finite(self):
         """Of the text itself, with its lines; MuJoCo would write into a log."""
@@ -128,15 +128,16 @@ class ModelFile(ModelText):
     def refuse(self, what: str, i: int, reason: str) -> NoReturn:
         element = self._element(what, i)
         if element is None:
-            self.refuse_part(self._around(what, i), what, self.name(what, i), reason)
-        self.refuse_part(element, element.tag, self.name(what, i), reason)
+            around = self._around(what, i)
+            self.refuse_part(f"{self.line(around)}: in <{around.tag}>", what, self.name(what, i), reason)
+        self.refuse_part(self.line(element), element.tag, self.name(what, i), reason)
 
     def refuse_named(self, what: str, name: str, reason: str) -> NoReturn:
-        """A part of the mechanism. Frames are bodies or sites; those of ours between the joints of one of their bodies,
-        and sites that are called as a body is, have the names of both."""
-        kinds = ("body", "site") if what == "frame" else (what,)
+        """A part of the mechanism, by its name. "<body>/<joint>" is a body of ours, "<body>/<site>" a site that has the
+        name of a body; both are frames."""
         body, _, last = name.rpartition("/")
-        for own, kind in ((own, kind) for own in (name, last, body) for kind in kinds):
+        of_frames = ("body", name), ("site", name), ("site", last), ("body", body)
+        for kind, own in {"body": of_frames[::3], "frame": of_frames}.get(what, ((what, name),)):
             names = [self.name(kind, i) for i in range(len(self._counted(kind)))]
             if own in names:
                 self.refuse(kind, names.index(own), reason)

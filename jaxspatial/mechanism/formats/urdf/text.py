@@ -65,7 +65,7 @@ class Lines(ModelText):
 
     def refuse(self, tag: str, name: str, reason: str) -> NoReturn:
         found = next((e for e in self.root.iterchildren(tag) if e.get("name") == name), self.root)
-        self.refuse_part(found, tag, name, reason)
+        self.refuse_part(self.line(found), tag, name, reason)
 
     def refuse_made(self, what: str, name: str, reason: str) -> NoReturn:
         """A part of the mechanism."""
