@@ -9,110 +9,117 @@
 This list is what is promised; everything else may change.
 """
 
-# how numbers are added and multiplied
-from jaxspatial.arithmetic.check import NarrowingWarning as NarrowingWarning
-from jaxspatial.arithmetic.numbers.components import Components as Components
-from jaxspatial.arithmetic.numbers.components import from_components as from_components
-from jaxspatial.arithmetic.numbers.double_word import DoubleWord as DoubleWord
-from jaxspatial.arithmetic.numbers.trees import from_double_word as from_double_word
-from jaxspatial.arithmetic.numbers.trees import to_double_word as to_double_word
-from jaxspatial.arithmetic.precision import Precision as Precision
-from jaxspatial.arithmetic.precision import default_precision as default_precision
+import sys as _sys
 
-# rotations and frames
-from jaxspatial.rotation import Rotation as Rotation
-from jaxspatial.spatial import RigidTransform as RigidTransform
+# `python -m jaxspatial` imports this before it runs, and answers `--help` or refuses a wrong option without the seconds
+# that JAX takes to import: it has no use for these names. Until Python has found what to run, argv begins with "-m".
+_IS_FOR_THE_COMMAND = _sys.argv[:1] == ["-m"] and _sys.orig_argv[-len(_sys.argv)] in ("jaxspatial", "-mjaxspatial")
 
-# spatial vectors
-from jaxspatial.spatial import SpatialAcceleration as SpatialAcceleration
-from jaxspatial.spatial import SpatialForce as SpatialForce
-from jaxspatial.spatial import SpatialMomentum as SpatialMomentum
-from jaxspatial.spatial import SpatialVelocity as SpatialVelocity
+if not _IS_FOR_THE_COMMAND:
+    # how numbers are added and multiplied
+    from jaxspatial.arithmetic.check import NarrowingWarning as NarrowingWarning
+    from jaxspatial.arithmetic.numbers.components import Components as Components
+    from jaxspatial.arithmetic.numbers.components import from_components as from_components
+    from jaxspatial.arithmetic.numbers.double_word import DoubleWord as DoubleWord
+    from jaxspatial.arithmetic.numbers.trees import from_double_word as from_double_word
+    from jaxspatial.arithmetic.numbers.trees import to_double_word as to_double_word
+    from jaxspatial.arithmetic.precision import Precision as Precision
+    from jaxspatial.arithmetic.precision import default_precision as default_precision
 
-# batches of all of these, and of inertias
-from jaxspatial.arithmetic.quantity import stack as stack
+    # rotations and frames
+    from jaxspatial.rotation import Rotation as Rotation
+    from jaxspatial.spatial import RigidTransform as RigidTransform
 
-# operations on them
-from jaxspatial.spatial import act as act
-from jaxspatial.spatial import act_inverse as act_inverse
-from jaxspatial.spatial import cross as cross
-from jaxspatial.spatial import dot as dot
-from jaxspatial.spatial import rotate as rotate
-from jaxspatial.spatial import shift as shift
+    # spatial vectors
+    from jaxspatial.spatial import SpatialAcceleration as SpatialAcceleration
+    from jaxspatial.spatial import SpatialForce as SpatialForce
+    from jaxspatial.spatial import SpatialMomentum as SpatialMomentum
+    from jaxspatial.spatial import SpatialVelocity as SpatialVelocity
 
-# inertia
-from jaxspatial.inertia import ArticulatedInertia as ArticulatedInertia
-from jaxspatial.inertia import SpatialInertia as SpatialInertia
-from jaxspatial.inertia import kinetic_energy_regressor as kinetic_energy_regressor
-from jaxspatial.inertia import momentum_regressor as momentum_regressor
-from jaxspatial.inertia import newton_euler as newton_euler
-from jaxspatial.inertia import newton_euler_regressor as newton_euler_regressor
+    # batches of all of these, and of inertias
+    from jaxspatial.arithmetic.quantity import stack as stack
 
-# mechanisms
-from jaxspatial.mechanism import Body as Body
-from jaxspatial.mechanism import Frame as Frame
-from jaxspatial.mechanism import Joint as Joint
-from jaxspatial.mechanism import Mechanism as Mechanism
-from jaxspatial.mechanism import StaticMechanism as StaticMechanism
-from jaxspatial.mechanism import lock_joints as lock_joints
-from jaxspatial.mechanism import random_mechanism as random_mechanism
-from jaxspatial.mechanism import subtree as subtree
+    # operations on them
+    from jaxspatial.spatial import act as act
+    from jaxspatial.spatial import act_inverse as act_inverse
+    from jaxspatial.spatial import cross as cross
+    from jaxspatial.spatial import dot as dot
+    from jaxspatial.spatial import rotate as rotate
+    from jaxspatial.spatial import shift as shift
 
-# dynamics
-from jaxspatial.dynamics.centroid import center_of_mass as center_of_mass
-from jaxspatial.dynamics.centroid import center_of_mass_jacobian as center_of_mass_jacobian
-from jaxspatial.dynamics.centroid import center_of_mass_velocity as center_of_mass_velocity
-from jaxspatial.dynamics.centroid import centroidal_momentum as centroidal_momentum
-from jaxspatial.dynamics.centroid import centroidal_momentum_matrix as centroidal_momentum_matrix
-from jaxspatial.dynamics.configuration import configuration_rates as configuration_rates
-from jaxspatial.dynamics.configuration import difference as difference
-from jaxspatial.dynamics.configuration import integrate as integrate
-from jaxspatial.dynamics.configuration import interpolate as interpolate
-from jaxspatial.dynamics.configuration import random_configuration as random_configuration
-from jaxspatial.dynamics.energy import kinetic_energy as kinetic_energy
-from jaxspatial.dynamics.energy import potential_energy as potential_energy
-from jaxspatial.dynamics.forward_dynamics import forward_dynamics as forward_dynamics
-from jaxspatial.dynamics.inverse_dynamics import bias_forces as bias_forces
-from jaxspatial.dynamics.inverse_dynamics import gravity_forces as gravity_forces
-from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics as inverse_dynamics
-from jaxspatial.dynamics.jacobians import jacobian as jacobian
-from jaxspatial.dynamics.jacobians import jacobian_rate as jacobian_rate
-from jaxspatial.dynamics.kinematics import body_accelerations as body_accelerations
-from jaxspatial.dynamics.kinematics import body_velocities as body_velocities
-from jaxspatial.dynamics.kinematics import forward_kinematics as forward_kinematics
-from jaxspatial.dynamics.linearization import ForwardDynamicsDerivatives as ForwardDynamicsDerivatives
-from jaxspatial.dynamics.linearization import InverseDynamicsDerivatives as InverseDynamicsDerivatives
-from jaxspatial.dynamics.linearization import forward_dynamics_derivatives as forward_dynamics_derivatives
-from jaxspatial.dynamics.linearization import inverse_dynamics_derivatives as inverse_dynamics_derivatives
-from jaxspatial.dynamics.mass_matrix import MassMatrixFactor as MassMatrixFactor
-from jaxspatial.dynamics.mass_matrix import mass_matrix as mass_matrix
-from jaxspatial.dynamics.mass_matrix import mass_matrix_factor as mass_matrix_factor
-from jaxspatial.dynamics.passive import Compliance as Compliance
-from jaxspatial.dynamics.passive import passive_forces as passive_forces
-from jaxspatial.dynamics.regressor import joint_torque_regressor as joint_torque_regressor
-from jaxspatial.dynamics.steps import rk4_step as rk4_step
-from jaxspatial.dynamics.steps import semi_implicit_step as semi_implicit_step
-from jaxspatial.dynamics.steps import symplectic_step as symplectic_step
+    # inertia
+    from jaxspatial.inertia import ArticulatedInertia as ArticulatedInertia
+    from jaxspatial.inertia import SpatialInertia as SpatialInertia
+    from jaxspatial.inertia import kinetic_energy_regressor as kinetic_energy_regressor
+    from jaxspatial.inertia import momentum_regressor as momentum_regressor
+    from jaxspatial.inertia import newton_euler as newton_euler
+    from jaxspatial.inertia import newton_euler_regressor as newton_euler_regressor
 
-# wrenches and points
-from jaxspatial.spatial import CentralAxis as CentralAxis
-from jaxspatial.spatial import center_of_pressure as center_of_pressure
-from jaxspatial.spatial import central_axis as central_axis
-from jaxspatial.spatial import wrench_from_point_forces as wrench_from_point_forces
+    # mechanisms
+    from jaxspatial.mechanism import Body as Body
+    from jaxspatial.mechanism import Frame as Frame
+    from jaxspatial.mechanism import Joint as Joint
+    from jaxspatial.mechanism import Mechanism as Mechanism
+    from jaxspatial.mechanism import StaticMechanism as StaticMechanism
+    from jaxspatial.mechanism import lock_joints as lock_joints
+    from jaxspatial.mechanism import random_mechanism as random_mechanism
+    from jaxspatial.mechanism import subtree as subtree
 
-# does it hold here
-from jaxspatial.measure import self_check as self_check
+    # dynamics
+    from jaxspatial.dynamics.centroid import center_of_mass as center_of_mass
+    from jaxspatial.dynamics.centroid import center_of_mass_jacobian as center_of_mass_jacobian
+    from jaxspatial.dynamics.centroid import center_of_mass_velocity as center_of_mass_velocity
+    from jaxspatial.dynamics.centroid import centroidal_momentum as centroidal_momentum
+    from jaxspatial.dynamics.centroid import centroidal_momentum_matrix as centroidal_momentum_matrix
+    from jaxspatial.dynamics.configuration import configuration_rates as configuration_rates
+    from jaxspatial.dynamics.configuration import difference as difference
+    from jaxspatial.dynamics.configuration import integrate as integrate
+    from jaxspatial.dynamics.configuration import interpolate as interpolate
+    from jaxspatial.dynamics.configuration import random_configuration as random_configuration
+    from jaxspatial.dynamics.energy import kinetic_energy as kinetic_energy
+    from jaxspatial.dynamics.energy import potential_energy as potential_energy
+    from jaxspatial.dynamics.forward_dynamics import forward_dynamics as forward_dynamics
+    from jaxspatial.dynamics.inverse_dynamics import bias_forces as bias_forces
+    from jaxspatial.dynamics.inverse_dynamics import gravity_forces as gravity_forces
+    from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics as inverse_dynamics
+    from jaxspatial.dynamics.jacobians import jacobian as jacobian
+    from jaxspatial.dynamics.jacobians import jacobian_rate as jacobian_rate
+    from jaxspatial.dynamics.kinematics import body_accelerations as body_accelerations
+    from jaxspatial.dynamics.kinematics import body_velocities as body_velocities
+    from jaxspatial.dynamics.kinematics import forward_kinematics as forward_kinematics
+    from jaxspatial.dynamics.linearization import ForwardDynamicsDerivatives as ForwardDynamicsDerivatives
+    from jaxspatial.dynamics.linearization import InverseDynamicsDerivatives as InverseDynamicsDerivatives
+    from jaxspatial.dynamics.linearization import forward_dynamics_derivatives as forward_dynamics_derivatives
+    from jaxspatial.dynamics.linearization import inverse_dynamics_derivatives as inverse_dynamics_derivatives
+    from jaxspatial.dynamics.mass_matrix import MassMatrixFactor as MassMatrixFactor
+    from jaxspatial.dynamics.mass_matrix import mass_matrix as mass_matrix
+    from jaxspatial.dynamics.mass_matrix import mass_matrix_factor as mass_matrix_factor
+    from jaxspatial.dynamics.passive import Compliance as Compliance
+    from jaxspatial.dynamics.passive import passive_forces as passive_forces
+    from jaxspatial.dynamics.regressor import joint_torque_regressor as joint_torque_regressor
+    from jaxspatial.dynamics.steps import rk4_step as rk4_step
+    from jaxspatial.dynamics.steps import semi_implicit_step as semi_implicit_step
+    from jaxspatial.dynamics.steps import symplectic_step as symplectic_step
 
-# objects and arrays of other libraries; accuracy and speed of one's own functions
-from jaxspatial import interop as interop
-from jaxspatial import measure as measure
+    # wrenches and points
+    from jaxspatial.spatial import CentralAxis as CentralAxis
+    from jaxspatial.spatial import center_of_pressure as center_of_pressure
+    from jaxspatial.spatial import central_axis as central_axis
+    from jaxspatial.spatial import wrench_from_point_forces as wrench_from_point_forces
 
-# which version
-from importlib.metadata import version as _version
+    # does it hold here
+    from jaxspatial.measure import self_check as self_check
 
-# every public NamedTuple is known to `jax.export`
-from jaxspatial.arithmetic.tree import named_tuples as _named_tuples
+    # objects and arrays of other libraries; accuracy and speed of one's own functions
+    from jaxspatial import interop as interop
+    from jaxspatial import measure as measure
 
-_named_tuples(list(vars().values()))
+    # which version
+    from importlib.metadata import version as _version
 
-__version__ = _version("jaxspatial")
+    # every public NamedTuple is known to `jax.export`
+    from jaxspatial.arithmetic.tree import named_tuples as _named_tuples
+
+    _named_tuples(list(vars().values()))
+
+    __version__ = _version("jaxspatial")

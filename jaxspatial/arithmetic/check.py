@@ -1,9 +1,10 @@
 """What comes in from the caller, checked once: messages name the argument, what was expected and what came."""
 
+import difflib
 import functools
 import operator
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar, cast
 
 import jax
@@ -74,8 +75,15 @@ ARRAYS: tuple[type[Any], ...] = jax.Array, np.ndarray, np.generic, jax.ShapeDtyp
 def in_short(x: Any) -> str:
     """float32[4,3] of an array, the text of anything else."""
     if isinstance(x, ARRAYS) and not isinstance(x, StandIn):
-        return f"{np.dtype(x.dtype).name}[{','.join(map(str, x.shape))}]"
+        return f"{x.dtype}[{','.join(map(str, x.shape))}]"
     return repr(x)
+
+
+def did_you_mean(name: object, names: Iterable[str]) -> str:
+    """What a message that a name is none of these ends with: the nearest of them, where one is near."""
+    by_small = {known.lower(): known for known in names}
+    near = difflib.get_close_matches(name.lower(), by_small, n=1) if isinstance(name, str) else []
+    return f"; did you mean {by_small[near[0]]!r}?" if near else ""
 
 
 def as_float_array(x: Any, name: str, dtype: DTypeLike | None = None, *, held: bool = False) -> jax.Array:
@@ -97,6 +105,13 @@ def as_float_array(x: Any, name: str, dtype: DTypeLike | None = None, *, held: b
         return _in_jax_dtype(array) if isinstance(x, np.float64) else narrowed(array)
     # A weakly typed array would make a second trace for what is otherwise the same call.
     return jax.lax.convert_element_type(array, array.dtype) if array.weak_type else array
+
+
+def floating_dtype(*given: Any) -> np.dtype[Any] | None:
+    """The dtype of the first array of floating point: what Python numbers, np.float64 among them, take on beside it,
+    and what integers are to be converted to."""
+    arrays = (x for x in given if isinstance(x, ARRAYS) and not isinstance(x, float))
+    return next((np.dtype(x.dtype) for x in arrays if _is_floating(x.dtype)), None)
 
 
 @functools.cache
@@ -254,7 +269,10 @@ def batch_axis(axis: int, batch_shape: _Shape, operation: str) -> int:
 
 def is_computed(x: Any) -> bool:
     """True for an array whose numbers are there to be looked at."""
-    return isinstance(x, (NUMPY, jax.Array)) and not isinstance(x, Tracer)
+    if not isinstance(x, jax.Array):
+        return isinstance(x, NUMPY)
+    is_number = not jnp.issubdtype(x.dtype, jax.dtypes.extended)
+    return is_number and not isinstance(x, Tracer) and not x.is_deleted()
 
 
 def goes_with_any_batch(x: object) -> bool:

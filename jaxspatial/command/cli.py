@@ -1,4 +1,7 @@
-"""The command line: which job it is, and its failures as one line and an exit status."""
+"""The command line: which job it is, and its failures as one line and an exit status.
+
+What takes JAX is imported when all that can be refused before has been.
+"""
 
 import _thread
 import contextlib
@@ -7,10 +10,8 @@ import sys
 import threading
 from collections.abc import Iterable
 
-from jaxspatial.command import measuring, moving, options
-from jaxspatial.command.result import as_json
-from jaxspatial.command.wrench_file import WrenchFileError
-from jaxspatial.measure.self_check import self_check
+from jaxspatial.command import options
+from jaxspatial.command.files import WrenchFileError
 
 # Exit statuses beside 0, and 1 where a promise does not hold; the last as shells have it, 128 and the signal.
 _IMPOSSIBLE, _INTERRUPTED = 2, 130
@@ -35,12 +36,23 @@ def _run(arguments: list[str]):
     """What is done without a subcommand is `trade`."""
     job, *rest = arguments if arguments and arguments[0] in ("trade", "shift", "self-check") else ["trade", *arguments]
     if job == "shift":
-        return moving.run(options.shifting().parse_args(rest))
-    given = (options.checking() if job == "self-check" else options.measuring()).parse_args(rest)
-    return _print_self_check(given.json) if job == "self-check" or given.self_check else measuring.run(given)
+        given = options.to_shift(rest)
+        from jaxspatial.command import moving
+
+        return moving.run(given)
+    given = options.checking().parse_args(rest) if job == "self-check" else options.to_measure(rest)
+    if job == "self-check" or given.self_check:
+        return _print_self_check(given.json)
+    from jaxspatial.command import measuring
+
+    return measuring.run(given)
 
 
 def _print_self_check(json: bool):
+    from jaxspatial.command import measuring
+    from jaxspatial.command.result import as_json
+    from jaxspatial.measure.self_check import self_check
+
     found, console = self_check(), None if json else measuring.console_on()
     if console:
         from jaxspatial.command import report

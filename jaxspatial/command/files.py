@@ -1,16 +1,49 @@
-"""Files that are written whole or not at all, with the permissions of any new file, and over no other one unasked."""
+"""Files that are there to be read, and those that are written whole or not at all, with the permissions of any new
+file, and over no other one unasked."""
 
 import contextlib
 import itertools
 import os
 import pathlib
+import re
 import secrets
 from collections.abc import Generator
 from typing import BinaryIO
 
+# What the formats of wrenches end in.
+ENDINGS = ".npz", ".csv", ".tsv"
+
+
+class WrenchFileError(ValueError):
+    """A file that does not hold wrenches, or a wish that cannot be met; the message says where and why."""
+
 
 class OutputError(OSError):
     """A file that cannot be written; the message says which and why, and nothing of it is there."""
+
+
+def existing(path: pathlib.Path, endings: tuple[str, ...] = ()):
+    """path, if a file of one of these formats is there; raises `WrenchFileError` before any work is done."""
+    if path.is_dir():
+        raise WrenchFileError(f"{path}: expected a file, got a folder")
+    ending = path.suffix.lower()
+    if endings and ending not in endings:
+        names = f"{', '.join(endings[:-1])} or {endings[-1]}"
+        raise WrenchFileError(f"{path}: expected a file ending in {names}, got {ending or 'no ending'}")
+    if not path.is_file():
+        raise WrenchFileError(f"{path}: no such file")
+    return path
+
+
+def decimal_point(text: str):
+    """What is said of a number with a decimal comma; nothing of anything else."""
+    is_number = re.fullmatch(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*", text)
+    return f"; numbers have a decimal point, as {text.strip().replace(',', '.')}" if is_number else ""
+
+
+def shifted_path(path: pathlib.Path):
+    """Where the shifted wrenches of a file go unless told otherwise: beside it."""
+    return path.with_name(f"{path.stem}_shifted{path.suffix}")
 
 
 @contextlib.contextmanager

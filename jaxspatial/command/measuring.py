@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxspatial.command import files, moving
 from jaxspatial.command.result import Result
-from jaxspatial.command.wrench_file import WrenchFile, WrenchFileError, shifted_path
+from jaxspatial.command.wrench_file import WrenchFile, WrenchFileError
 from jaxspatial.measure import algorithms, applications, conditions, power, timing, trade
 from jaxspatial.measure.algorithms import ALGORITHMS
 from jaxspatial.measure.operation import OPERATIONS
@@ -82,8 +82,6 @@ def _check_installed(options: argparse.Namespace):
 
 
 def _plan(options: argparse.Namespace):
-    if options.file is not None and options.offset is None:
-        raise WrenchFileError("--offset: expected X Y Z, the position of the new point from the old, with a file")
     outputs, offset = _outputs(options), np.array(_OFFSET if options.offset is None else options.offset)
     file = WrenchFile(options.file) if options.file else None
     wrenches, about = _wrenches(file, options.largest)
@@ -123,7 +121,7 @@ def _outputs(options: argparse.Namespace):
         picture = beside.with_name(f"{beside.stem.rstrip('.')}_trade.png")
         picture = picture if options.overwrite else files.free(picture)
     found = {"picture": _as_picture(picture)} if picture else {}
-    found |= {"shifted wrenches": shifted_path(options.file)} if options.file else {}
+    found |= {"shifted wrenches": files.shifted_path(options.file)} if options.file else {}
     return {what: files.checked(path, options.overwrite) for what, path in found.items()}
 
 

@@ -9,9 +9,9 @@ from typing import Any, cast
 import jax
 import numpy as np
 
-from jaxspatial.command import files
+from jaxspatial.command import files, options
 from jaxspatial.command.tables import Parts
-from jaxspatial.command.wrench_file import WrenchFile, WrenchFileError, shifted_path
+from jaxspatial.command.wrench_file import WrenchFile, WrenchFileError
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialForce, SpatialVelocity, act, rotate, shift
 from jaxspatial.spatial.vector import SpatialVector
@@ -23,18 +23,14 @@ _ROUNDED = 1e-3
 Entries = np.ndarray | None
 
 
-def run(options: argparse.Namespace):
-    """Converts, and says so; returns the exit status."""
-    path = options.output or shifted_path(options.file)
-    if path.suffix.lower() != options.file.suffix.lower():
-        raise WrenchFileError(f"--output: expected a name ending in {options.file.suffix}, as {options.file} has")
-    files.checked(path, options.overwrite)
-    file = WrenchFile(options.file, options.columns)
-    parts = moved(file.parts, *_motion(file, options), precision=options.precision)
+def run(given: argparse.Namespace):
+    """Converts what `options.to_shift` was told, and says so; returns the exit status."""
+    file = WrenchFile(given.file, given.columns)
+    parts = moved(file.parts, *_motion(file, given), precision=given.precision)
     file.check_finite(parts)
-    with files.staged(path, options.overwrite) as stream:
+    with files.staged(given.output, given.overwrite) as stream:
         file.write(stream, parts)
-    print(f"{len(file):,} wrenches{' and velocities' if file.moves else ''} {_said(options)}: {path}")
+    print(f"{len(file):,} wrenches{' and velocities' if file.moves else ''} {_said(given)}: {given.output}")
     return 0
 
 
@@ -76,23 +72,23 @@ def _rotation(wxyz: np.ndarray, dtype: np.dtype):
     return jax.tree.map(operator.methodcaller("astype", dtype), Rotation.from_quaternion(np.asarray(wxyz, np.float64)))
 
 
-def _motion(file: WrenchFile, options: argparse.Namespace):
+def _motion(file: WrenchFile, given: argparse.Namespace):
     """offset, rotation, pose as arrays: one for all, or one each where columns of the file are named."""
-    if options.offset is options.rotation is options.pose is None:
-        raise WrenchFileError("expected --offset X Y Z, --rotation W X Y Z or --pose W X Y Z PX PY PZ")
-    if options.pose is not None and not (options.offset is options.rotation is None):
-        raise WrenchFileError("--pose: is a rotation and a position; expected no --offset or --rotation beside it")
-    found = [_resolved(file, entries) for entries in (options.offset, options.rotation, options.pose)]
+    found = [_resolved(file, name, getattr(given, name)) for name in ("offset", "rotation", "pose")]
     for name, x in zip(("rotation", "pose"), found[1:], strict=True):
         _check_quaternions(name, x)
     return found
 
 
-def _resolved(file: WrenchFile, entries: Sequence[float | str] | None):
+def _resolved(file: WrenchFile, name: str, entries: Sequence[float | str] | None):
     """Numbers and columns as one array (k,) or (n, k)."""
     if entries is None:
         return None
-    return np.stack(np.broadcast_arrays(*(file.column(e) if isinstance(e, str) else e for e in entries)), axis=-1)
+    try:
+        columns = [file.column(e) if isinstance(e, str) else e for e in entries]
+    except WrenchFileError as error:
+        raise WrenchFileError(f"{error}; {options.example(name)}") from error
+    return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 
 def _check_quaternions(name: str, x: Entries):
@@ -106,6 +102,6 @@ def _check_quaternions(name: str, x: Entries):
         raise WrenchFileError(f"--{name}: expected a unit quaternion W X Y Z first, got one of norm {found:.6g}{where}")
 
 
-def _said(options: argparse.Namespace):
-    done = (("shifted", options.offset), ("rotated", options.rotation), ("moved by their pose", options.pose))
-    return " and ".join(word for word, given in done if given is not None)
+def _said(given: argparse.Namespace):
+    done = (("shifted", given.offset), ("rotated", given.rotation), ("moved by their pose", given.pose))
+    return " and ".join(word for word, entries in done if entries is not None)

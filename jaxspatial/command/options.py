@@ -1,18 +1,16 @@
-"""What the command can be told: the main job, and its subcommands."""
+"""What the command can be told: the main job, and its subcommands. Nothing here takes JAX, which takes seconds."""
 
 import argparse
 import math
 import pathlib
 import re
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable
-from typing import Any, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn, TypeVar
 
-from jaxspatial.arithmetic.precision import Precision
-from jaxspatial.command.wrench_file import PARTS
-from jaxspatial.measure import trade
-from jaxspatial.measure.algorithms import ALGORITHMS
-from jaxspatial.measure.operation import OPERATIONS
+from jaxspatial.command import files
+from jaxspatial.command.files import WrenchFileError
+from jaxspatial.command.names import ALGORITHMS, DTYPES, LARGEST, OPERATIONS, PARTS, PRECISIONS, SMALLEST
 
 N = TypeVar("N", int, float)
 _PROG = "python -m jaxspatial"
@@ -22,24 +20,54 @@ subcommands, each with its own --help:
   trade        what is done without a subcommand: measure
   shift FILE   only convert: wrenches about another point, in other axes
   self-check   as --self-check
+
+as in
+  python -m jaxspatial mine.csv --offset 0.3 0 -0.1
 """
+_FILES = """\
+The first line of a .csv has the names of columns; numbers have a decimal point:
+  tau_x,tau_y,tau_z,f_x,f_y,f_z
+  0.5,0,-1.25,10,0,3
+A line of comments before:           tail -n +2 mine.csv > new.csv
+Decimal commas between semicolons:   tr , . < mine.csv > new.csv
+"""
+# By option, what it takes: numbers, or names of columns.
+_EXAMPLES = {
+    "offset": ("0.3 0 -0.1", "p_x p_y p_z"),
+    "rotation": ("1 0 0 0", "q_w q_x q_y q_z"),
+    "pose": ("1 0 0 0 0.3 0 -0.1", "q_w q_x q_y q_z p_x p_y p_z"),
+}
+
+
+def example(name: str, has_columns: bool = True):
+    """How an option of a motion is given, with numbers and, where rows may have their own, with columns."""
+    numbers, columns = _EXAMPLES[name]
+    return f"as in --{name} {numbers}" + (f", or with columns of the file, --{name} {columns}" if has_columns else "")
 
 
 class _Parser(argparse.ArgumentParser):
-    """Takes -1e-3 for the number that it is, not for an option."""
+    """Takes -1e-3 for the number that it is, not for an option; has examples for what is given wrongly."""
 
-    def __init__(self, **names: Any):
+    def __init__(self, has_columns: bool, **names: Any):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **names)
         self._negative_number_matcher = re.compile(r"-\.?\d")
+        self._has_columns = has_columns
+
+    def error(self, message: str) -> NoReturn:
+        """Exits, as that of any parser."""
+        named = re.match(r"argument --(\w+): expected", message)
+        hint = f"; {example(named[1], self._has_columns)}" if named and named[1] in _EXAMPLES else ""
+        super().error(message + hint)
 
 
 def measuring():
     """Of the main job."""
     parser = _Parser(
+        has_columns=False,
         prog=_PROG,
         description="The speed and accuracy trade, measured here. Exit status 1 where a promise does not hold,\n"
         "2 where something cannot be done, 130 after an interrupt.",
-        epilog=_SUBCOMMANDS,
+        epilog=f"{_SUBCOMMANDS}\n{_FILES}",
     )
     parser.add_argument(
         "file",
@@ -56,9 +84,9 @@ def measuring():
         help=".urdf or MJCF file of the robot whose inverse and forward dynamics are measured. Without: an arm of "
         "seven joints; none where a FILE of wrenches is given",
     )
-    parser.add_argument("--largest", type=_count, default=trade.LARGEST, help="number of wrenches to stream")
+    parser.add_argument("--largest", type=_count, default=LARGEST, help="number of wrenches to stream")
     parser.add_argument("--picture", type=pathlib.Path, help="where to write the picture")
-    for name, choices in (("operation", (*OPERATIONS, *ALGORITHMS)), ("dtype", trade.DTYPES)):
+    for name, choices in (("operation", (*OPERATIONS, *ALGORITHMS)), ("dtype", DTYPES)):
         what = f"only this {name}, may be repeated: {', '.join(choices)}"
         parser.add_argument(f"--{name}", action="append", choices=tuple(choices), metavar=name.upper(), help=what)
     _add_flags(parser)
@@ -83,20 +111,52 @@ def _add_flags(parser: ArgumentParser):
     )
 
 
+def to_measure(arguments: Sequence[str]):
+    """What the main job is told, with files that are there."""
+    given = measuring().parse_args(arguments)
+    if given.file is not None:
+        files.existing(given.file, files.ENDINGS)
+        if given.offset is None:
+            what = "the position of the new point from the old, with a file"
+            raise WrenchFileError(f"--offset: expected X Y Z, {what}, {example('offset', has_columns=False)}")
+    if given.robot is not None:
+        files.existing(given.robot)
+    return given
+
+
 def checking():
     """Of `self-check`."""
-    parser = _Parser(prog=f"{_PROG} self-check", description="Whether the promises of the library hold here.")
+    parser = _Parser(
+        has_columns=False, prog=f"{_PROG} self-check", description="Whether the promises of the library hold here."
+    )
     parser.add_argument("--json", action="store_true", help="as one JSON object: holds, surroundings, findings")
     return parser
+
+
+def to_shift(arguments: Sequence[str]):
+    """What `shift` is told, with a file that is there, one motion, and a place for the result."""
+    given = shifting().parse_args(arguments)
+    files.existing(given.file, files.ENDINGS)
+    if given.offset is given.rotation is given.pose is None:
+        wanted = "--offset X Y Z, --rotation W X Y Z or --pose W X Y Z PX PY PZ"
+        raise WrenchFileError(f"expected {wanted}, {example('offset')}")
+    if given.pose is not None and not (given.offset is given.rotation is None):
+        raise WrenchFileError("--pose: is a rotation and a position; expected no --offset or --rotation beside it")
+    given.output = given.output or files.shifted_path(given.file)
+    if given.output.suffix.lower() != given.file.suffix.lower():
+        raise WrenchFileError(f"--output: expected a name ending in {given.file.suffix}, as {given.file} has")
+    files.checked(given.output, given.overwrite)
+    return given
 
 
 def shifting():
     """Of `shift`."""
     parser = _Parser(
+        has_columns=True,
         prog=f"{_PROG} shift",
         description="Wrenches, and velocities where they are known, about another point and in other axes.\n"
         "X, W, PX ... are numbers, or names of columns of the file: then each row has its own.",
-        epilog=_SHIFTING,
+        epilog=f"{_SHIFTING}\n{_FILES}",
     )
     parser.add_argument("file", type=pathlib.Path, help=".npz, .csv or .tsv; separated by commas, semicolons or tabs")
     motions = (
@@ -110,11 +170,15 @@ def shifting():
     parser.add_argument("--columns", nargs="+", action=_Columns, metavar="PART=NAMES", help="what the file calls them")
     parser.add_argument("--output", type=pathlib.Path, help="where to write; without: FILE_shifted, beside it")
     _add_overwrite(parser)
-    parser.add_argument("--precision", choices=tuple(map(str, Precision)), help="of the arithmetic")
+    parser.add_argument("--precision", choices=PRECISIONS, help="of the arithmetic")
     return parser
 
 
 _SHIFTING = """\
+as in
+  shift mine.csv --offset 0.3 0 -0.1      the same for all rows
+  shift mine.csv --offset p_x p_y p_z     columns of the file: each row has its own
+
 columns: tau_x tau_y tau_z f_x f_y f_z and, if known, w_x ... v_z, or named: --columns tau=Mx,My,Mz f=Fx,Fy,Fz
 (or f=force for force_x, force_y, force_z). In a .npz they are arrays tau, f (n, 3), and a name may be that of an array
 (n,), or of a column of one: p_x of p (n, 3), q_w of q (n, 4), a_0 of a (n, k).
@@ -143,7 +207,8 @@ class _Columns(argparse.Action):
 
 def _entry(text: str):
     """A number, or the name of a column."""
-    return text if _number(text, float) is None else _finite(text, "number")
+    is_name = _number(text, float) is None and not files.decimal_point(text)
+    return text if is_name else _finite(text, "number")
 
 
 def _metres(text: str):
@@ -153,14 +218,14 @@ def _metres(text: str):
 def _finite(text: str, what: str):
     value = _number(text, float)
     if value is None or not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"expected a finite {what}, got {text}")
+        raise argparse.ArgumentTypeError(f"expected a finite {what}, got {text}{files.decimal_point(text)}")
     return value
 
 
 def _count(text: str):
     value = _number(text, int)
-    if value is None or value < trade.SMALLEST:
-        raise argparse.ArgumentTypeError(f"expected at least {trade.SMALLEST} wrenches, got {text}")
+    if value is None or value < SMALLEST:
+        raise argparse.ArgumentTypeError(f"expected at least {SMALLEST} wrenches, got {text}")
     return value
 
 

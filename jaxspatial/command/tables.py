@@ -3,11 +3,14 @@
 import csv
 import io
 import pathlib
+import shlex
 from collections.abc import Iterable, Sequence
 from types import EllipsisType
 from typing import BinaryIO, TextIO
 
 import numpy as np
+
+from jaxspatial.command.files import WrenchFileError, decimal_point
 
 _AXES = {3: "xyz", 4: "wxyz"}
 _SEPARATORS = (",", ";", "\t")
@@ -20,10 +23,6 @@ Named = dict[str, tuple[str, ...]]
 
 # Into an array: all of it, or a column.
 Index = EllipsisType | tuple[EllipsisType, int]
-
-
-class WrenchFileError(ValueError):
-    """A file that does not hold wrenches; the message says where and why."""
 
 
 class Npz:
@@ -114,9 +113,31 @@ class Csv:
         except csv.Error as error:
             raise WrenchFileError(f"{path}: expected rows of text: {error}") from error
         self.names, self.rows = tuple(name.strip() for name in rows[0]) if rows else (), rows[1:]
+        self._check_first_line()
         for i, row in enumerate(self.rows):
             if len(row) != len(self.names):
-                raise WrenchFileError(f"{path}: row {i + 1}: expected {len(self.names)} values, got {len(row)}")
+                raise WrenchFileError(
+                    f"{path}: row {i + 1}: expected {len(self.names)} values, got {len(row)}{self._if_too_many(row)}"
+                )
+
+    def _check_first_line(self):
+        first = self.names[0] if self.names else ""
+        if len(first) > 1 and first.startswith(("#", "%", "//")):
+            # Names behind such a sign, as many as there are numbers below, are what NumPy's savetxt writes.
+            is_names = bool(self.rows) and len(self.rows[0]) == len(self.names) > 1
+            command = "sed '1s|^[#%/ ]*||'" if is_names else "tail -n +2"
+            raise WrenchFileError(
+                f"{self.path}: line 1: expected names of columns, as in tau_x,tau_y,tau_z,f_x,f_y,f_z, got the comment "
+                f"{first!r}; take it out: {command} {self._named_in_a_shell()}"
+            )
+
+    def _named_in_a_shell(self):
+        """As what a command reads, and a file for what it writes."""
+        return f"{shlex.quote(str(self.path))} > new{self.path.suffix}"
+
+    def _if_too_many(self, row: Sequence[str]):
+        is_doubt = self._separator == "," and len(row) > len(self.names)
+        return "; if its numbers have decimal commas, write 1.5 for 1,5" if is_doubt else ""
 
     def _rows(self, file: TextIO):
         """All rows that are not empty; separator and ends of lines are those of the first."""
@@ -160,8 +181,9 @@ class Csv:
     def _no_number(self, j: int):
         """Which cell it was that is no number."""
         i = next(i for i, row in enumerate(self.rows) if not _is_number(row[j]))
-        where = f"row {i + 1}, column {self.names[j]}"
-        return WrenchFileError(f"{self.path}: expected a number, got {self.rows[i][j]!r} in {where}")
+        where, text = f"row {i + 1}, column {self.names[j]}", self.rows[i][j]
+        hint = decimal_point(text) and f"{decimal_point(text)}: tr , . < {self._named_in_a_shell()}"
+        return WrenchFileError(f"{self.path}: expected a number, got {text!r} in {where}{hint}")
 
     def place(self, part: str, row: int, column: int):
         return f"row {row + 1}, column {self._columns(part)[column]}"

@@ -6,18 +6,14 @@ from typing import BinaryIO
 import numpy as np
 
 from jaxspatial.arithmetic import check
+from jaxspatial.command import files
+from jaxspatial.command.files import WrenchFileError as WrenchFileError
+from jaxspatial.command.names import PARTS
 from jaxspatial.command.tables import Csv, Named, Npz, Parts
-from jaxspatial.command.tables import WrenchFileError as WrenchFileError
 
-PARTS = {"tau": "torque", "f": "force", "w": "angular velocity", "v": "velocity"}
 _REQUIRED, _OPTIONAL = ("tau", "f"), ("w", "v")
-_READERS = {".npz": Npz, ".csv": Csv, ".tsv": Csv}
+_READERS: dict[str, type[Npz | Csv]] = dict(zip(files.ENDINGS, (Npz, Csv, Csv), strict=True))
 _DTYPES = tuple(np.dtype(name) for name in ("float16", "float32", "float64"))
-
-
-def shifted_path(path: pathlib.Path):
-    """Where the shifted wrenches of a file go unless told otherwise: beside it."""
-    return path.with_name(f"{path.stem}_shifted{path.suffix}")
 
 
 class WrenchFile:
@@ -28,13 +24,8 @@ class WrenchFile:
     """
 
     def __init__(self, path: str | pathlib.Path, named: Named | None = None):
-        self.path = pathlib.Path(path)
-        ending = self.path.suffix.lower()
-        if ending not in _READERS:
-            raise WrenchFileError(f"{path}: expected a file ending in .npz, .csv or .tsv, got {ending or 'no ending'}")
-        if not self.path.is_file():
-            raise WrenchFileError(f"{path}: no such file")
-        self._content = _READERS[ending](self.path, named or {})
+        self.path = files.existing(pathlib.Path(path), files.ENDINGS)
+        self._content = _READERS[self.path.suffix.lower()](self.path, named or {})
         self.parts = _checked(self.path, self._content, named or {})
 
     @property

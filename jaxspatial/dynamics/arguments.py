@@ -44,7 +44,7 @@ def checked(operation: str, mechanism: object, **given: Any) -> tuple[Any, ...]:
 def _arrays(operation: str, mechanism: Mechanism, given: dict[str, Any]) -> dict[str, jax.Array]:
     sizes = dict.fromkeys(("q", "q0", "q1"), mechanism.nq) | dict.fromkeys(("v", "vdot", "tau"), mechanism.nv)
     # Lists of numbers take the dtype of an array beside them.
-    dtype = next((given[name].dtype for name in given if name in sizes and isinstance(given[name], check.ARRAYS)), None)
+    dtype = check.floating_dtype(*(x for name, x in given.items() if name in sizes), mechanism.first_data)
     found = {
         name: check.as_vectors(x, f"{operation}: {name}", dtype, sizes[name])
         for name, x in given.items()

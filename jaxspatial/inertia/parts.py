@@ -85,7 +85,7 @@ def moved(M: _Kind, batch_shape: tuple[int, ...], com: jax.Array, central: jax.A
 def checked(operation: str, mass: Scalar, com: Vector3, six: Six | Matrix3, name: str = "central") -> list[Any]:
     """The three as arrays of one dtype over their common batch, the last by six entries."""
     arguments: tuple[Any, ...] = mass, com, six
-    dtype = next((x.dtype for x in arguments if has_dtype(x) and jnp.issubdtype(x.dtype, jnp.floating)), None)
+    dtype = check.floating_dtype(*arguments)
     given = {
         f"{operation}: mass": check.as_float_array(mass, f"{operation}: mass", dtype, held=True),
         f"{operation}: com": check.as_vectors(com, f"{operation}: com", dtype, held=True),
@@ -96,11 +96,6 @@ def checked(operation: str, mass: Scalar, com: Vector3, six: Six | Matrix3, name
     shapes = {key: x.shape[: len(x.shape) - len(items[key])] for key, x in arrays.items()}
     batch = check.common_batch_shape(**shapes)
     return [x if shapes[key] == batch else _broadcast(x, (*batch, *items[key])) for key, x in arrays.items()]
-
-
-def has_dtype(x: Any) -> bool:
-    """Of its own: Python numbers, and np.float64, take that of others."""
-    return isinstance(x, check.ARRAYS) and not isinstance(x, float)
 
 
 def as_entries(x: Vector | Matrix3, name: str, n: int, dtype: DTypeLike | None = None) -> Any:

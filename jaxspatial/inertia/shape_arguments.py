@@ -10,7 +10,7 @@ import numpy as np
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.types import Amount, PrecisionName, Scalar, Vector, Vector3
 from jaxspatial.inertia import shape_formulas
-from jaxspatial.inertia.parts import Parts, has_dtype
+from jaxspatial.inertia.parts import Parts
 from jaxspatial.rotation.matrices import expanded
 
 _Inertia = TypeVar("_Inertia", bound=Parts)
@@ -84,9 +84,9 @@ def made(
 
 
 def dtype_of(*values: Any) -> np.dtype | None:
-    """That of the first of the values that has one, for all Python numbers; None if none has."""
+    """That of the first array of floating point among the values, for all Python numbers; None where there is none."""
     leaves: list[Any] = jax.tree.leaves(values, is_leaf=lambda x: isinstance(x, check.StandIn))
-    return next((np.dtype(x.dtype) for x in leaves if has_dtype(x)), None)
+    return check.floating_dtype(*leaves)
 
 
 def number(x: Scalar, name: str, dtype: np.dtype | None, may_be_zero: bool = False) -> jax.Array:

@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.numbers.folding import in_double
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.joint_numbers import as_of_followed, parameter, per, registered_parameters, spring_reference
@@ -53,10 +54,12 @@ def _check_names(bodies: Sequence[Any], joints: Sequence[Any], frames: Sequence[
             check_single(body, "inertia", SpatialInertia)
     _check_unique("bodies and frames", [WORLD, *(b.name for b in bodies), *(f.name for f in frames)])
     _check_unique("joints: children", [joint.child for joint in joints])
+    names = {body.name for body in bodies}
     for joint in joints:
-        for side, name in (("parent", joint.parent), ("child", joint.child)):
-            if name not in {body.name for body in bodies} and (name, side) != (WORLD, "parent"):
-                raise ValueError(f"Joint {joint.name!r}: {side}: there is no body {name!r}")
+        for side, name, there in (("parent", joint.parent, names | {WORLD}), ("child", joint.child, names)):
+            if name not in there:
+                near = check.did_you_mean(name, there)
+                raise ValueError(f"Joint {joint.name!r}: {side}: there is no body {name!r}{near}")
 
 
 def _check_unique(what: str, names: Iterable[str]):
@@ -116,7 +119,8 @@ class _Tree:
 
     def add_frame(self, frame: Frame):
         if frame.body not in self.places:
-            raise ValueError(f"Frame {frame.name!r}: body: there is no body {frame.body!r}")
+            near = check.did_you_mean(frame.body, self.places)
+            raise ValueError(f"Frame {frame.name!r}: body: there is no body {frame.body!r}{near}")
         carrier, X = self.places[frame.body]
         self.places[frame.name] = carrier, composed(X, or_identity(frame, "placement"))
 
@@ -139,9 +143,9 @@ class _Tree:
             return i
         both = [joint, *(other for other in self.moving if other.name == mimic.joint)]
         if len(both) < 2 or both[1].follows or any(KINDS[x.kind].nq != 1 for x in both):
-            raise ValueError(
-                f"Joint {joint.name!r}: mimic: expected the name of a joint with one coordinate of its own"
-            )
+            near = "" if len(both) > 1 else check.did_you_mean(mimic.joint, names)
+            expected = "the name of a joint with one coordinate of its own"
+            raise ValueError(f"Joint {joint.name!r}: mimic: expected {expected}, got {mimic.joint!r}{near}")
         return names.index(mimic.joint)
 
     def arrays(self) -> dict[str, Any]:

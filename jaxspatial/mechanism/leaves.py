@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from jax.core import Tracer
 
+from jaxspatial.arithmetic import check
+
 M = TypeVar("M")
 
 
@@ -42,7 +44,8 @@ def _of_its_own(x: jax.Array | np.ndarray):
 def check_replaced(cls: type[Any], name: str, old: Any, new: Any):
     if old is None or name == "topology":
         fields = ", ".join(f.name for f in dataclasses.fields(cls) if f.name != "topology")
-        raise TypeError(f"Mechanism.replace: expected one of {fields}, got {name!r}")
+        near = check.did_you_mean(name, fields.split(", "))
+        raise TypeError(f"Mechanism.replace: expected one of {fields}, got {name!r}{near}")
     forms: list[Any] = [jax.tree.structure(x) for x in (old, new)]
     if forms[0] != forms[1]:
         names = [type(x).__name__ for x in (old, new)]
@@ -51,6 +54,7 @@ def check_replaced(cls: type[Any], name: str, old: Any, new: Any):
     for a, b in zip(jax.tree.leaves(old), jax.tree.leaves(new), strict=True):
         if np.shape(a) != np.shape(b):
             raise ValueError(f"Mechanism.replace: {name}: expected shape {np.shape(a)}, got {np.shape(b)}")
+        check.as_float_array(b, f"Mechanism.replace: {name}", check.floating_dtype(a), held=True)
 
 
 def known(x: Any):

@@ -138,7 +138,7 @@ class Mechanism(Structure):
             ImportError: yourdfpy or lxml is missing.
 
         Warns:
-            ModelFileWarning: names what was left out.
+            ModelFileWarning: names what was left out, and inertias that no rigid body has.
         """
         from jaxspatial.mechanism.formats import urdf
 
@@ -156,8 +156,8 @@ class Mechanism(Structure):
             The mechanism with the file's gravity, with NumPy numbers.
 
         Raises:
-            ValueError: MuJoCo does not compile it, or it has what a mechanism cannot represent; with element and
-                reason, and the line where the element is in the text itself.
+            ValueError: MuJoCo does not compile it, or it has what a mechanism cannot represent; with line, element and
+                reason.
             FileNotFoundError: there is no such file.
             ImportError: mujoco or lxml is missing.
 

@@ -5,6 +5,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from jaxspatial.arithmetic import check
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.joints import KINDS
 from jaxspatial.spatial import RigidTransform
@@ -106,10 +107,11 @@ class Joint:
 
     def __post_init__(self):
         if self.kind not in KINDS:
-            known = ", ".join(map(repr, KINDS))
-            raise ValueError(f"Joint {self.name!r}: kind: expected one of {known}, got {self.kind!r}")
+            known, near = ", ".join(map(repr, KINDS)), check.did_you_mean(self.kind, KINDS)
+            raise ValueError(f"Joint {self.name!r}: kind: expected one of {known}, got {self.kind!r}{near}")
         own = [p.name for p in KINDS[self.kind].parameters if p.field is None]
         for name in self.parameters:
             if name not in own:
                 expected = f"one of {', '.join(map(repr, own))}" if own else f"none of {self.kind!r}"
-                raise ValueError(f"Joint {self.name!r}: parameters: expected {expected}, got {name!r}")
+                near = check.did_you_mean(name, own)
+                raise ValueError(f"Joint {self.name!r}: parameters: expected {expected}, got {name!r}{near}")

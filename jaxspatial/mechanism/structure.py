@@ -77,7 +77,9 @@ class Structure:
     def __repr__(self):
         """The tree: one line per body, with its joint."""
         t = self.topology
-        head = f"{type(self).__name__}(nq={self.nq}, nv={self.nv}, {len(t)} bodies, {self.dtype.name})"
+        # Of a tree that JAX rebuilt leaves may be anything: shapes, axes, None.
+        numbers = getattr(self.gravity, "dtype", type(self.gravity).__name__)
+        head = f"{type(self).__name__}(nq={self.nq}, nv={self.nv}, {len(t)} bodies, {numbers})"
         return "\n".join([head, *(self._line(i) for i in range(len(t)))])
 
     def _line(self, i: int):

@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from jaxspatial.arithmetic import check
 from jaxspatial.mechanism.joints import KINDS, JointKind, kind_named
 
 T = TypeVar("T")
@@ -269,9 +270,10 @@ class Topology:
         )
 
     def index(self, names: tuple[str, ...], name: str, what: str):
-        """Where a name is among others; raises KeyError that lists what there is."""
+        """Where a name is among others; raises KeyError that lists what there is, and says which is near."""
         if name not in names:
-            raise KeyError(f"{what}: expected one of {', '.join(map(repr, names))}, got {name!r}")
+            near = check.did_you_mean(name, names)
+            raise KeyError(f"{what}: expected one of {', '.join(map(repr, names))}, got {name!r}{near}")
         return names.index(name)
 
 

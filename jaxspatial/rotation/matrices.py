@@ -53,14 +53,14 @@ def owned(array: jax.Array) -> jax.Array:
 
 def shown(x: jax.Array | check.StandIn | None, n: int) -> str:
     """The numbers of one item, n in a row (0 of a scalar); the shape of a batch or of something not computed yet."""
-    whole: object = x  # not narrowed to a Tracer, whose type parameter nothing names
-    if isinstance(x, (np.ndarray, jax.Array)) and not isinstance(x, Tracer) and x.ndim == min(n, 1):
+    whole: Any = x
+    if check.is_computed(whole) and whole.ndim == min(n, 1):
         if not n:
             return str(x)
         numbers = [str(number) for number in np.asarray(x)]
         rows = [", ".join(numbers[i : i + n]) for i in range(0, len(numbers), n)]
         return "[" + "; ".join(rows) + "]"
-    return check.in_short(whole)
+    return check.in_short(x)
 
 
 def expanded(x: jax.Array) -> jax.Array:

@@ -2,6 +2,7 @@
 
 import pathlib
 import re
+import subprocess
 import time
 
 import numpy as np
@@ -157,7 +158,24 @@ def test_precision(wrenches):
 
 
 BAD = {
-    "nothing to do": ([], "expected --offset X Y Z, --rotation W X Y Z or --pose"),
+    "nothing to do": ([], "expected --offset X Y Z, --rotation W X Y Z or --pose.*, as in --offset 0.3 0 -0.1, or"),
+    "absent columns": (
+        ["--offset", "p_x", "p_y", "p_z"],
+        "expected one column 'p_x', got no.*; as in --offset 0.3 0 -0.1, or with columns of .*, --offset p_x p_y p_z",
+    ),
+    "absent quaternion": (
+        ["--rotation", *"wxyz"],
+        "column 'w', .*; as in --rotation 1 0 0 0, .* --rotation q_w q_x q_y",
+    ),
+    "one column for three": (
+        ["--offset", "p"],
+        "--offset: expected 3 arguments; as in --offset 0.3 .* --offset p_x p_y p_z",
+    ),
+    "one text for three": (["--offset", "0.3,0,0"], "--offset: expected 3 arguments; as in --offset 0.3 0 -0.1"),
+    "decimal comma": (
+        ["--offset", "0,3", "0", "0"],
+        "expected a finite number, got 0,3; .* decimal point, as 0.3; as in",
+    ),
     "two positions": (["--pose", *THIRD, "0", "0", "0", *OFFSET], "--pose: is a rotation and a position"),
     "no such column": (["--offset", "0", "0", "height"], "expected one column 'height', got no numbers of that name"),
     "twice": (["--offset", "0", "0", "twice"], "expected one column 'twice', got 2 of that name"),
@@ -203,3 +221,36 @@ def test_help_of_subcommands(capsys):
     with pytest.raises(SystemExit):
         main(["--help"])
     assert "shift FILE" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("job", [[], ["shift"]])
+def test_the_help_has_examples(job, wrenches, capsys):
+    """Which do what they say."""
+    with pytest.raises(SystemExit):
+        main([*job, "--help"])
+    text = capsys.readouterr().out
+    assert "--offset 0.3 0 -0.1" in text and ("--offset p_x p_y p_z" in text) is bool(job)
+    (lines,) = re.findall(r"  (tau_x,.*)\n  (.*)\n", text)
+    (tail,), (tr,) = (re.findall(rf"{name} .*> new.csv", text) for name in ("tail", "tr"))
+    for command, content in (
+        (tail, ["# by hand", *lines]),
+        (tr, [";".join(x.split(",")).replace(".", ",") for x in lines]),
+    ):
+        pathlib.Path("mine.csv").write_text("\n".join(content))
+        assert main(["shift", "mine.csv", *OFFSET]) == 2
+        subprocess.run(command, shell=True, check=True)
+        assert main(["shift", "new.csv", *OFFSET, "--overwrite"]) == 0
+
+
+def test_names_behind_a_sign_of_comments(wrenches, capsys):
+    """As NumPy writes them; what the message says makes a file of it that is read."""
+    np.savetxt("mine.csv", _table(wrenches), delimiter=",", header=",".join(COLUMNS))
+    assert main(["shift", "mine.csv", *OFFSET]) == 2
+    (sed,) = re.findall("sed .*", capsys.readouterr().err)
+    subprocess.run(sed, shell=True, check=True)
+    assert main(["shift", "new.csv", *OFFSET]) == 0
+
+
+def test_a_column_of_row_numbers_is_no_comment(wrenches):
+    _write(["#", *COLUMNS[:6]], np.c_[np.arange(40), _table(wrenches)[:, :6]])
+    assert main(["shift", "mine.csv", *OFFSET]) == 0

@@ -212,7 +212,7 @@ def test_the_robot_of_a_file(tmp_path, capsys):
     assert (tmp_path / "x.png").exists()
 
 
-@pytest.mark.parametrize(("text", "message"), [(None, "No such file"), ("<robot", "malformed XML"), (
+@pytest.mark.parametrize(("text", "message"), [(None, "no such file"), ("<robot", "malformed XML"), (
     '<robot name="stone"><link name="stone"/></robot>', "expected joints that move, got none")])  # fmt: skip
 def test_a_robot_that_cannot_be_measured(text, message, tmp_path, capsys):
     path = tmp_path / "bad.urdf"
@@ -250,6 +250,13 @@ _ONES = np.ones((4, 3))
 _HOLE = np.where(np.arange(12).reshape(4, 3) == 7, np.nan, _ONES)
 BAD_FILES = {
     "missing columns": (_csv("tau_x,tau_y,f_x,f_y,f_z\n1,2,3,4,5\n"), "torque as columns tau_x, .*; found tau_x"),
+    "comment": (_csv(f"# by hand\n{_HEADER}1,2,3,4,5,6\n"), "the comment '# by hand'; .*: tail -n .2 .*bad.csv > new"),
+    "names in a comment": (_csv(f"# {_HEADER}1,2,3,4,5,6\n"), "comment '# tau_x'; take it out: sed '1s.*' .*bad.csv >"),
+    "decimal commas": (
+        _csv(_HEADER.replace(",", ";") + "1;2;3;-1,25;5;6\n"),
+        "got '-1,25' in row 1, column f_x; numbers have a decimal point, as -1.25: tr , . < .*bad.csv > new.csv",
+    ),
+    "commas of two kinds": (_csv(_HEADER + "1,2,3,4,0,5,6\n"), "got 7; if its numbers have decimal commas, write 1.5"),
     "no rows": (_csv(_HEADER), "at least one wrench, got no rows"),
     "empty": (_csv(""), "found nothing"),
     "NaN row": (_csv(_HEADER + "1,2,3,4,5,6\n1,nan,3,4,5,6\n"), "finite numbers, got nan in row 2, column tau_y"),
@@ -286,9 +293,16 @@ def test_bad_file_says_where_and_writes_nothing(case, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["FILE"], "--offset: expected X Y Z"),
-        (["FILE", "--offset", "1", "2"], "expected 3 arguments"),
-        (["FILE", "--offset", "1", "2", "inf"], "expected a finite number of metres, got inf"),
+        (
+            ["FILE"],
+            "--offset: expected X Y Z, the position of the new point from the old, with a file, as in --offset 0.3",
+        ),
+        (["FILE", "--offset", "1", "2"], "expected 3 arguments; as in --offset 0.3 0 -0.1\n"),
+        (["FILE", "--offset", "1", "2", "inf"], "expected a finite number of metres, got inf; as in --offset 0.3"),
+        (
+            ["FILE", "--offset", "1,5", "2", "0"],
+            "of metres, got 1,5; numbers have a decimal point, as 1.5; as in --offset",
+        ),
         (["FILE", "--offset", "1", "2", "three"], "expected a finite number of metres, got three"),
         (["--operation", "twist"], "invalid choice: 'twist'"),
         (["--largest", "10"], "expected at least 1000 wrenches, got 10"),

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 import jaxspatial as js
 
 SOURCE = """
@@ -21,6 +23,35 @@ assert {"urdf", "lxml", "yourdfpy"} <= there() and "mjcf" not in there(), there(
 
 def test_readers_are_imported_with_what_they_need_at_the_first_call():
     subprocess.run([sys.executable, "-c", SOURCE], check=True)
+
+
+URDF, MJCF = '<robot name="r"><link name="l"/></robot>', "<!-- -->\n<mujoco/>"
+OTHERS = {
+    "a URDF": (
+        "from_mjcf",
+        URDF,
+        "line 1: <robot>: expected <mujoco>; this is a URDF: read it with Mechanism.from_urdf",
+    ),
+    "an MJCF": (
+        "from_urdf",
+        MJCF,
+        "line 2: <mujoco>: expected <robot>; this is an MJCF: read it with Mechanism.from_mjcf",
+    ),
+    "SDF, as URDF": ("from_urdf", "<sdf/>", "line 1: <sdf>: expected <robot>"),
+    "SDF, as MJCF": ("from_mjcf", "<sdf/>", "line 1: <sdf>: expected <mujoco>"),
+}
+
+
+@pytest.mark.parametrize(("reader", "text", "message"), OTHERS.values(), ids=OTHERS)
+def test_files_of_another_format_are_told_by_what_is_in_them(tmp_path, reader, text, message):
+    """Whatever their names end in."""
+    paths = [tmp_path / f"robot.{suffix}" for suffix in ("urdf", "xml", "txt")]
+    for path in paths:
+        path.write_text(text)
+    for source in (text, *paths, str(paths[0])):
+        with pytest.raises(ValueError) as error:
+            getattr(js.Mechanism, reader)(source)
+        assert str(error.value) == f"{reader}: {message}"
 
 
 def test_the_public_edge_is_listed():

@@ -207,6 +207,11 @@ def _tendon(attributes):
     return END, f'<tendon><fixed {attributes}><joint joint="elbow" coef="1"/></fixed></tendon></mujoco>'
 
 
+def _motor(attributes, n=1):
+    motors = f'<motor name="m" joint="elbow" {attributes}/>' + f'<motor joint="elbow" {attributes}/>' * (n - 1)
+    return END, f"<actuator>{motors}</actuator></mujoco>"
+
+
 _BALL = '<joint name="elbow" type="ball" range="0 1"/><joint name="x" type="slide"'
 _ROD = '<tendon><fixed name="t"><joint joint="elbow" coef="1"/></fixed></tendon>'
 REFUSED = {
@@ -235,7 +240,72 @@ REFUSED = {
     "negative armature": (('armature=".5"', 'armature="-1"'), "line 7: <joint .*armature: expected .*>= 0"),
     "triangle inequality": (('diaginertia="4 5 6"', 'diaginertia="4 5 9.1"'), "MuJoCo says .*A . B >= C.*line 6"),
     "unknown type": ((SHOULDER, f'{SHOULDER} type="screw"'), "MuJoCo says .*'screw'.*line 7"),
-    "missing joint": (_equality('<joint joint1="x"/>'), "MuJoCo says .*'x'"),
+    "missing joint": (_equality('<joint joint1="x"/>'), "MuJoCo says .*'x'.*line 18"),
+    "missing file": (
+        ("<worldbody>", '<asset><mesh name="q" file="no.stl"/></asset><worldbody><geom type="mesh" mesh="q"/>'),
+        "line 4: MuJoCo says .*no.stl",
+    ),
+    "missing part": (("<worldbody>", '<include file="no.xml"/><worldbody>'), "MuJoCo says .*no.xml.*line 4"),
+    "too much data": (("<worldbody>", '<size nuserdata="-2"/><worldbody>'), "line 1: MuJoCo says .*too large"),
+    "geared too far": (_motor('gear="1e20" armature="1"'), 'line 18: <motor name="m">: armature: .* got 1 . 1e.20.2'),
+    "geared beyond all": (_motor('gear="1e19" damping="9e37"'), 'line 18: <motor name="m">: damping: .*3.4e.38 times'),
+    "rotors that add up": (
+        _motor('gear="1" armature="3e38"', 2),
+        'line 12: <joint name="elbow">: armature: with what drives it .* float32',
+    ),
+    "stiffness that adds up": (
+        (
+            END,
+            '<equality><joint joint1="elbow" joint2="slide" polycoef="0 1e20"/></equality>'
+            '<default><joint stiffness="1"/></default></mujoco>',
+        ),
+        'line 11: <joint name="slide">: stiffness: with what drives it and follows it beyond',
+    ),
+    "mimic too far": (
+        _equality('<joint joint1="elbow" joint2="slide" polycoef="0 1e39"/>'),
+        "line 18: <joint .*polycoef: .*3.4e.38",
+    ),
+    "flex": (
+        ("<worldbody>", '<worldbody>\n<flexcomp name="f" type="grid" count="2 2 1" dim="2"/>'),
+        "line 5: <flexcomp>: bodies are rigid",
+    ),
+    "rubber": (
+        (
+            "</worldbody>",
+            '</worldbody><deformable>\n<flex name="f" dim="1" body="upper fore" element="0 1"/></deformable>',
+        ),
+        "line 18: <flex>: bodies are rigid",
+    ),
+    "site too far": (('name="tip"', 'name="tip" pos="1e39 0 0"'), 'line 14: <site name="tip">: pos: .*3.4e.38'),
+    "site that is too far with its body": (
+        (
+            'pos="0 0 1"><inertial mass="2" pos="0 0 0" diaginertia="4 5 6"/><site name="tip"',
+            'pos="0 0 3e38"><site name="tip" pos="0 0 3e38"',
+        ),
+        'line 14: <site name="tip">: frame_placements: with what .* beyond the numbers of float32',
+    ),
+    "site that is called as a body is, too far with it": (
+        (
+            'pos="0 0 1"><inertial mass="2" pos="0 0 0" diaginertia="4 5 6"/><site name="tip"',
+            'pos="0 0 3e38"><site name="fore" pos="0 0 3e38"',
+        ),
+        'line 14: <site name="fore">: frame_placements: with what .* beyond the numbers of float32',
+    ),
+    "site in a frame": (
+        ('<site name="tip"/>', '<frame>\n<site pos="1e39 0 0"/></frame>'),
+        'line 15: <site name="site_1">: pos: .*3.4e.38',
+    ),
+    "replicated": (
+        (
+            "</worldbody>",
+            '<replicate count="3">\n<body><joint damping="-1"/><geom size="1"/></body></replicate></worldbody>',
+        ),
+        'line 18: <joint name="joint_3">: damping: .*>= 0',
+    ),
+    "a second world": (
+        (END, '<worldbody>\n<body><joint damping="-1"/><geom size="1"/></body></worldbody></mujoco>'),
+        'line 19: <joint name="joint_3">: damping: .*>= 0',
+    ),
     "gravcomp": (('name="fore"', 'name="fore" gravcomp="1"'), 'line 10: <body name="fore">: gravcomp'),
     "air": (('-9.81"', '-9.81" density="1.2"'), "line 3: <option>: density"),
     "oil": (('-9.81"', '-9.81" viscosity="1.2"'), "line 3: <option>: viscosity"),
@@ -268,6 +338,62 @@ def test_refused(change, message):
     with pytest.raises(ValueError, match="^from_mjcf: ") as error:
         read(ARM, change)
     assert re.search(message, str(error.value)), str(error.value)
+    assert re.search(r"\bline \d+\b", str(error.value))
+
+
+def test_names_that_are_made_for_others():
+    with pytest.raises(ValueError, match="^from_mjcf: line 11: <joint>: name: 'joint_2' is made for another here"):
+        read(ARM, ('name="slide"', 'name="joint_2"'), (' name="elbow"', ""))
+    with pytest.raises(ValueError, match="^from_mjcf: line 9: <site>: name: 'fore/slide' is made for another here"):
+        read(ARM, ('<site name="upper"', '<site name="fore/slide"'))
+
+
+PART = """<mujoco>
+  <option density="1"/>
+  <worldbody>
+    <body><joint damping="-1"/><geom size="1"/></body>
+  </worldbody>
+</mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("part", "message"),
+    [
+        (PART, "line 2 of part.xml: <option>: density: there is no drag"),
+        (PART.replace(' density="1"', ""), 'line 4 of part.xml: <joint name="joint_3">: damping: .*>= 0'),
+        (PART.replace("-1", "nan"), "line 4 of part.xml: <joint>: damping: expected finite"),
+        (PART.replace(' density="1"', "").replace("-1", "1e39"), "line 4 of part.xml: <joint .*>: damping: .*3.4e.38"),
+    ],
+)
+def test_what_is_included_has_its_line(tmp_path, part, message):
+    path = tmp_path / "arm.xml"
+    (tmp_path / "part.xml").write_text(part)
+    path.write_text(changed(ARM, (END, '<include file="part.xml"/></mujoco>')))
+    with pytest.raises(ValueError, match=f"^from_mjcf: {message}"):
+        js.Mechanism.from_mjcf(path)
+
+
+ATTACHED = {
+    "joint": (
+        ('<body><joint damping="-1"/>', '<body name="more"><joint damping="-1"/>'),
+        '<joint name="joint_1">: damping',
+    ),
+    "body": (('<body><joint damping="-1"/>', '<body name="more" gravcomp="1">'), '<body name="pmore">: gravcomp'),
+}
+
+
+@pytest.mark.parametrize(("change", "message"), ATTACHED.values(), ids=ATTACHED)
+def test_what_is_attached_has_the_line_of_what_holds_it(tmp_path, change, message):
+    """Which is not in the text itself."""
+    path = tmp_path / "arm.xml"
+    (tmp_path / "part.xml").write_text(changed(PART, (' density="1"', ""), change))
+    attached = (
+        '<body name="tip"><geom size="1"/>\n<attach model="p" body="more" prefix="p"/></body>\n<body name="fore">'
+    )
+    model = '<asset><model name="p" file="part.xml"/></asset><worldbody>'
+    path.write_text(changed(ARM, ("<worldbody>", model), ('<body name="fore">', attached)))
+    with pytest.raises(ValueError, match=f"^from_mjcf: line 10: in <body>: {message}: "):
+        js.Mechanism.from_mjcf(path)
 
 
 @pytest.mark.parametrize("attribute", ["armature", "frictionloss"])

@@ -160,6 +160,13 @@ def test_a_joint_of_the_file_may_be_called_root_joint():
 # -- what is refused --------------------------------------------------------------------------------------------------
 
 ELBOW = '<joint name="elbow" type="continuous"><parent link="upper"/><child link="fore"/></joint>'
+
+
+def _far(parent, child):
+    ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="3e38 0 0"/>'
+    return f'<link name="{child}"/><joint name="{child}" type="fixed">{ends}</joint>'
+
+
 _LOOP = '<joint name="loop" type="fixed"><parent link="fore"/><child link="base"/></joint>'
 _WORLD = '<link name="world"/>' + _LOOP.replace('"base"', '"world"')
 REFUSED = {
@@ -168,6 +175,13 @@ REFUSED = {
     "no name of the robot": ((' name="arm"', ""), "line 1: <robot>: name: expected one"),
     "unknown type": (('"continuous"', '"screw"'), "line 15: <joint name=\"elbow\">: type: expected one of .*'screw'"),
     "no type": ((' type="continuous"', ""), 'line 15: <joint name="elbow">: type: expected one of .*None'),
+    "misspelt kind": (('"continuous"', '"continous"'), "line 15: .*got 'continous'; did you mean 'continuous'[?]$"),
+    "misspelt link": (
+        ('<parent link="upper"/>', '<parent link="uper"/>'), "line 15: .*no link 'uper'; did you mean 'upper'[?]$"
+    ),
+    "misspelt mimic": (
+        (MIMIC[0], MIMIC[1].replace("shoulder", "shuolder")), "line 15: .*'shuolder'; did you mean 'shoulder'[?]$"
+    ),
     "no name": (('name="elbow" ', ""), "line 15: <joint>: name: expected one"),
     "name twice": (('"elbow"', '"shoulder"'), "line 15: <joint>: name: 'shoulder' comes twice"),
     "link twice": (('<link name="fore"', '<link name="upper"'), "line 7: <link>: name: 'upper' comes twice"),
@@ -234,8 +248,22 @@ REFUSED = {
     "two masses": (('<mass value="2"/>', '<mass value="2"/><mass value="3"/>'), "line 5: <mass>: <mass> comes twice"),
     "two limits": (('<limit', '<limit/><limit'), "line 13: <limit>: <limit> comes twice"),
     "no mass": (('<mass value="2"/>', ""), 'line 5: <link name="upper">: inertial: expected mass and inertia'),
-    "no value": (('value="2"', ""), "line 5: <mass>: value: expected a number"),
-    "no moment": (('iyy="5"', ""), "line 6: <inertia>: iyy: expected a number"),
+    "no value": (('value="2"', ""), "line 5: <mass>: value: expected 1 number"),
+    "no moment": (('iyy="5"', ""), "line 6: <inertia>: iyy: expected 1 number"),
+    "no product": (('ixz=".2"', ""), "line 6: <inertia>: ixz: expected 1 number"),
+    "no numbers": (
+        ('<inertia ixx="4" iyy="5" izz="6" ixy=".1" ixz=".2" iyz=".3"/>', "<inertia/>"),
+        "line 6: <inertia>: ixx: expected 1 number",
+    ),
+    "axis without numbers": (('<axis xyz="0 0 2"/>', "<axis/>"), "line 12: <axis>: xyz: expected 3 numbers"),
+    "frame too far": (
+        ("</robot>", _far("tool", "x") + "\n" + _far("x", "y") + "</robot>"),
+        'line 19: <link name="y">: frame_placements: with what .* beyond the numbers of float32',
+    ),
+    "damping that adds up": (
+        (MIMIC[0], MIMIC[1].replace("-2", "1e20") + '<dynamics damping="9"/>'),
+        'line 11: <joint name="shoulder">: damping: with what .* beyond the numbers of float32',
+    ),
     "spring": ((MIMIC[0], MIMIC[0] + "<spring/>"), "line 15: <spring>: there is no counterpart"),
     "closed loop": (("</robot>", "<loop_joint/></robot>"), "line 18: <loop_joint>: there is no counterpart"),
 }  # fmt: skip
@@ -336,12 +364,48 @@ def test_limits_that_have_no_place_are_listed():
     assert found["lower and upper limit of a continuous joint"] == ("elbow",)
 
 
-def test_inertias_of_no_body_are_listed():
+def _of_moments(ixx, iyy, izz):
+    return f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/>'
+
+
+IMPOSSIBLE = {
+    "plate": ((4, 5, 9), None),
+    "rounded plate": ((4, 5, 9.0001), None),
+    "triangle": ((9.1, 5, 4), "principal moments 4 + 5 < 9.1 kg m2 by 0.1 (triangle inequality)"),
+    "small": (
+        (4e-30, 5e-30, 9.5e-30),
+        "principal moments 4e-30 + 5e-30 < 9.5e-30 kg m2 by 5e-31 (triangle inequality)",
+    ),
+    "negative": ((4, -2, 5), "principal moment -2 kg m2 < 0"),
+    "negative definite": ((-4, -5, -6), "principal moment -6 kg m2 < 0"),
+}
+
+
+@pytest.mark.parametrize(("moments", "why"), IMPOSSIBLE.values(), ids=IMPOSSIBLE)
+def test_inertias_of_no_body_are_listed_with_the_rule_they_break(moments, why):
     """Of a plate the third moment is the sum of the others: what rounding makes of it is none of those."""
-    moments = 'ixx="4" iyy="5" izz="6"'
-    for izz, found in (("9", {}), ("9.1", {"inertia that no rigid body has": ("upper in line 6",)})):
-        text = changed(ARM, (moments, f'ixx="4" iyy="5" izz="{izz}"'), ('ixy=".1" ixz=".2" iyz=".3"', ""))
-        assert warned(js.Mechanism.from_urdf, text).doubtful == found
+    text = changed(ARM, (INERTIAL.partition("\n  ")[2].partition("</")[0], _of_moments(*moments)))
+    message = warned(js.Mechanism.from_urdf, text)
+    assert message.doubtful == ({"inertia that no rigid body has": (f"upper in line 6: {why}",)} if why else {})
+    assert (f"upper in line 6: {why}" in str(message)) is (why is not None)
+
+
+IMPROPER = f'<inertial><mass value=".1"/>{_of_moments(1, 1, 3)}</inertial>'
+
+
+def test_inertias_of_what_is_welded_count_with_all_that_is():
+    """That of the tool alone is of no body, that of the forearm with it is; with two such it is not."""
+    of = {name: (f'<link name="{name}">{INERTIAL}', f'<link name="{name}">{IMPROPER}') for name in ("fore", "tool")}
+    assert not warned(js.Mechanism.from_urdf, changed(ARM, of["tool"])).doubtful
+    (found,) = warned(js.Mechanism.from_urdf, changed(ARM, *of.values())).doubtful.values()
+    assert [x.split()[0] for x in found] == ["fore", "tool"]
+
+
+def test_an_inertia_that_is_welded_to_the_world_is_none():
+    """The base; it is one where it floats."""
+    text = changed(ARM, ('<link name="base">', f'<link name="base">{IMPROPER}'))
+    assert not warned(js.Mechanism.from_urdf, text).doubtful
+    assert list(warned(lambda: js.Mechanism.from_urdf(text, floating_base=True)).doubtful)
 
 
 def test_all_is_said_of_a_robot_that_has_nothing_else(recwarn):

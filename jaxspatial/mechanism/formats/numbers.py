@@ -19,7 +19,9 @@ _ROUNDING = 8 * np.finfo(float).eps
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 Made = TypeVar("Made")
-Refuse = Callable[[str, str], NoReturn]  # of the name of a body and the reason
+Refuse = Callable[[str, str, str], NoReturn]  # of "body", "joint" or "frame", its name and the reason
+# What is a number per rate or coordinate, and adds up of what drives a joint and what follows it.
+_OF_JOINTS = {"armature": "v", "damping": "v", "friction_loss": "v", "stiffness": "v", "spring_references": "q"}
 
 
 def numbers_of(text: str):
@@ -36,7 +38,7 @@ def range_of(dtype: DTypeLike | None):
 
 
 def built(build: Callable[..., Made], refuse: Refuse, *parts: Any):
-    """build(*parts), a Mechanism; refuse(body, reason) where what numbers make together is none of the dtype."""
+    """build(*parts), a Mechanism; refused where what numbers make together is none of the dtype."""
     with np.errstate(over="ignore"):
         mechanism = build(*parts)
     _check_finite(mechanism, refuse)
@@ -45,12 +47,19 @@ def built(build: Callable[..., Made], refuse: Refuse, *parts: Any):
 
 def _check_finite(mechanism: Any, refuse: Refuse):
     """Limits may be infinite."""
-    for field in ("placements", "child_placements", "axes", "mimics", "inertias"):
+    of_bodies = dict.fromkeys(("placements", "child_placements", "axes", "mimics", "inertias"), "body")
+    for field, what in {**of_bodies, "frame_placements": "frame"}.items():
         for leaf in jax.tree.leaves(getattr(mechanism, field)):
             bad = ~np.isfinite(leaf).all(tuple(range(1, leaf.ndim)))
             if bad.any():
                 reason = f"{field}: with what is welded to it beyond the numbers of {mechanism.dtype}"
-                refuse(mechanism.body_names[int(bad.argmax())], reason)
+                refuse(what, getattr(mechanism, f"{what}_names")[int(bad.argmax())], reason)
+    for field, size in _OF_JOINTS.items():
+        array, own = getattr(mechanism, field), getattr(mechanism.topology, f"{size}_slice")
+        for i, name in enumerate(mechanism.joint_names):
+            if not np.isfinite(array[own(i)]).all():
+                reason = f"{field}: with what drives it and follows it beyond the numbers of {mechanism.dtype}"
+                refuse("joint", name, reason)
 
 
 def rotation_of(entries: npt.ArrayLike):

@@ -11,6 +11,8 @@ from jaxspatial.mechanism.formats.numbers import range_of
 
 Element = Any  # of lxml, which declares no types
 _MARK = "\ufeff"
+# By the root element of a file: what it is, and who reads it.
+_FORMATS = {"robot": ("a URDF", "from_urdf"), "mujoco": ("an MJCF", "from_mjcf")}
 
 
 class ModelText:
@@ -20,15 +22,26 @@ class ModelText:
         self.operation, self.notes = operation, Notes(operation)
         self.source, self.path = _file_source(operation, path_or_text)
         self.root = _parsed(operation, self.source, self.path is None)
+        self._check_format()
         self.smallest, self.largest = range_of(dtype)
 
-    def refuse_element(self, element: Element, reason: str) -> NoReturn:
-        raise ValueError(f"{self.operation}: line {element.sourceline}: <{element.tag}>: {reason}")
+    def _check_format(self):
+        tag = self.root.tag
+        expected = next(tag for tag, (_, reader) in _FORMATS.items() if reader == self.operation)
+        if tag != expected:
+            hint = "; this is {}: read it with Mechanism.{}".format(*_FORMATS[tag]) if tag in _FORMATS else ""
+            self.refuse_element(self.root, f"expected <{expected}>{hint}")
 
-    def refuse_part(self, element: Element | None, tag: str, name: str, reason: str) -> NoReturn:
-        """One that has a name, and stands in the text or not."""
-        line = "" if element is None else f"line {element.sourceline}: "
-        raise ValueError(f'{self.operation}: {line}<{tag} name="{name}">: {reason}')
+    def line(self, element: Element) -> str:
+        """Where an element is; with the file, where that is another one, which this includes."""
+        return f"line {element.sourceline}" + (f" of {element.base}" if element.base else "")
+
+    def refuse_element(self, element: Element, reason: str) -> NoReturn:
+        raise ValueError(f"{self.operation}: {self.line(element)}: <{element.tag}>: {reason}")
+
+    def refuse_part(self, place: str, tag: str, name: str, reason: str) -> NoReturn:
+        """One that has a name."""
+        raise ValueError(f'{self.operation}: {place}: <{tag} name="{name}">: {reason}')
 
 
 def _file_source(operation: str, path_or_text: object) -> tuple[bytes, pathlib.Path | None]:
@@ -66,6 +79,15 @@ def _parsed(operation: str, source: bytes, is_text: bool) -> Element:
         return etree.parse(io.BytesIO(source), etree.XMLParser(encoding="utf-8" if is_text else None)).getroot()
     except etree.XMLSyntaxError as error:
         raise ValueError(f"{operation}: malformed XML: {error}") from None
+
+
+def included(path: pathlib.Path) -> Element | None:
+    """The root element of a file that another includes; None where there is none."""
+    etree = importlib.import_module("lxml.etree")
+    try:
+        return etree.parse(io.BytesIO(path.read_bytes())).getroot()
+    except (OSError, etree.XMLSyntaxError):
+        return None
 
 
 def needed(operation: str, module: str):

@@ -12,6 +12,7 @@ A kind from anywhere else is a subclass of `JointKind` in a file of its own:
     js.Joint("j", "sliding", "world", "body", parameters={...})
 """
 
+from jaxspatial.arithmetic import check
 from jaxspatial.mechanism.joints.ball import Ball as Ball
 from jaxspatial.mechanism.joints.cylindrical import Cylindrical as Cylindrical
 from jaxspatial.mechanism.joints.fixed import Fixed as Fixed
@@ -37,7 +38,8 @@ KINDS: dict[str, type[JointKind]] = {kind.name: kind for kind in BUILT_IN}
 def kind_named(name: str) -> type[JointKind]:
     """The kind of this name. Raises KeyError that lists what there is."""
     if name not in KINDS:
-        raise KeyError(f"kind: expected one of {', '.join(map(repr, KINDS))}, got {name!r}; `register` adds others")
+        near, known = check.did_you_mean(name, KINDS), ", ".join(map(repr, KINDS))
+        raise KeyError(f"kind: expected one of {known}, got {name!r}; `register` adds others{near}")
     return KINDS[name]
 
 

@@ -7,13 +7,13 @@ most first degree makes a mimic, as if it were rigid. Springs, damping and frict
 mechanism, see `passive_forces`. What serves pictures, contact or control (geoms but for their mass, cameras, sensors,
 keyframes, actuators but for armature and damping, options of MuJoCo's solver, that bodies are of mocap) is no part of a
 mechanism: one `ModelFileWarning` lists it. Everything else that changes the motion and has no counterpart is refused,
-with its line where it is in the text itself; so are numbers that are not finite or that the dtype does not have.
+with its line (that of what holds it, where it is not in the text itself but in a model that is attached); so are
+numbers that are not finite or that the dtype does not have.
 
 Coordinates of hinges, slides and balls are MuJoCo's: zero is where `ref` is zero. A free joint has its quaternion
 first, and its linear velocity in the body's axes; a mimic has no coordinate. `interop.mujoco` converts.
 """
 
-import functools
 import pathlib
 from collections.abc import Callable
 from typing import TypeVar
@@ -36,6 +36,6 @@ def read(build: Callable[..., Made], path_or_text: str | pathlib.Path, dtype: DT
     leave_out(file)
     with in_double():
         found = parts(file)
-    mechanism = built(build, functools.partial(file.refuse_named, "body"), *found, file.gravity, dtype)
+    mechanism = built(build, file.refuse_named, *found, file.gravity, dtype)
     file.notes.tell()
     return mechanism

@@ -31,15 +31,12 @@ def check(file: ModelFile):
 def _check_medium(file: ModelFile):
     for name in ("density", "viscosity"):
         if getattr(file.model.opt, name) != 0:
-            found = [e for e in file.root.findall("option") if e.get(name)]
-            line = f"line {found[0].sourceline}: " if found else ""
-            raise ValueError(f"from_mjcf: {line}<option>: {name}: there is no drag here, expected 0")
+            file.refuse_element(file.option(name), f"{name}: there is no drag here, expected 0")
     if not (abs(file.gravity) <= file.largest).all():
-        options = file.root.findall("option")
-        line = f"line {options[0].sourceline}: " if options else ""
-        raise ValueError(f"from_mjcf: {line}<option>: gravity: expected finite numbers, got {file.gravity.tolist()}")
+        found = file.gravity.tolist()
+        file.refuse_element(file.option("gravity"), f"gravity: {_finite(file)}, got {found}")
     if file.model.nflex:
-        raise ValueError("from_mjcf: <flex>: bodies are rigid here")
+        file.refuse_element([file.root, *file.root.iter("flex", "flexcomp")][-1], "bodies are rigid here")
 
 
 def _check_numbers(file: ModelFile):
@@ -62,11 +59,15 @@ def _check_numbers(file: ModelFile):
 
 def _check_number(file: ModelFile, what: str, i: int, name: str, x: np.ndarray):
     if not (abs(x) <= file.largest).all():
-        file.refuse(what, i, f"{name}: expected finite numbers of at most {file.largest:.3g}, got {x.tolist()}")
+        file.refuse(what, i, f"{name}: {_finite(file)}, got {x.tolist()}")
     if name in _NOT_NEGATIVE and (x < 0).any():
         file.refuse(what, i, f"{name}: expected a number >= 0, got {x.tolist()}")
     if name == "mass" and 0 < x < file.smallest:
         file.refuse(what, i, f"mass: expected at least {file.smallest:.3g}, got {x.tolist()}")
+
+
+def _finite(file: ModelFile):
+    return f"expected finite numbers of at most {file.largest:.3g}"
 
 
 def _check_bodies(file: ModelFile):

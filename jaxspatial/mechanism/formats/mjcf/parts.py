@@ -1,5 +1,6 @@
 """A model of MuJoCo as the parts of a mechanism."""
 
+import collections
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,19 @@ def parts(file: ModelFile):
     joints = [joint for i in moving for joint in _held(file, i, rotors, mimics)]
     bodies = [_body(file, i) for i in moving]
     between = {joint.child for joint in joints} - {body.name for body in bodies}
-    return [*bodies, *map(Body, sorted(between))], joints, list(_frames(file))
+    found = [*bodies, *map(Body, sorted(between))], joints, list(_frames(file))
+    _check_names(file, [joint.name for joint in joints])
+    _check_names(file, [part.name for part in (*found[0], *found[2])])
+    return found
+
+
+def _check_names(file: ModelFile, names: list[str]):
+    """Those that are made for what has none may be those of others."""
+    for name, count in collections.Counter(names).items():
+        if count > 1:
+            named = [e for e in file.root.iter("body", "joint", "freejoint", "site") if e.get("name") == name]
+            reason = f"name: {name!r} is made for another here, which has none in the file; name one of them otherwise"
+            file.refuse_element([file.root, *named][-1], reason)
 
 
 class _Rotors:
@@ -43,7 +56,13 @@ class _Rotors:
         is_simple = m.actuator_trntype[i] == file.on_joints and file.kind(j) in ("revolute", "prismatic")
         if not is_simple or name == "dampingpoly":
             file.refuse("actuator", i, f"{name.removesuffix('poly')}: expected one number, on a hinge or a slide")
-        getattr(self, name)[j] += numbers[0] * m.actuator_gear[i, 0] ** 2
+        gear = m.actuator_gear[i, 0]
+        with np.errstate(over="ignore"):
+            geared = numbers[0] * gear**2
+        if not geared <= file.largest:
+            reason = f"{name}: expected at most {file.largest:.3g} times gear^2, got {numbers[0]:.3g} * {gear:.3g}^2"
+            file.refuse("actuator", i, reason)
+        getattr(self, name)[j] += geared
 
 
 def _mimics(file: ModelFile):

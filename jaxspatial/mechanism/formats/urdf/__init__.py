@@ -7,18 +7,18 @@ that are not known (a misspelt one would change the robot), what comes twice, nu
 dtype does not have, joints and inertias that have no counterpart.
 
 Inertias that no rigid body has (a third moment larger than the other two together: a dozen of the robots that are
-passed around have such) are taken as they are; the warning lists their links.
+passed around have such) are taken as they are; the warning lists their links, with the rule that is broken and by how
+much, unless the body is possible that a link is a part of with all that is welded to it.
 """
 
-import functools
 import pathlib
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from jaxspatial.arithmetic.types import DTypeLike, Vector3
 from jaxspatial.mechanism.formats.numbers import built
 from jaxspatial.mechanism.formats.urdf.robot import body, check_joints, check_mimics, joint, robot_of, root_of
-from jaxspatial.mechanism.formats.urdf.text import Lines, check
+from jaxspatial.mechanism.formats.urdf.text import Lines, broken_rule, check
 from jaxspatial.mechanism.parts import WORLD, Joint
 
 _ROOT = "root_joint"
@@ -53,6 +53,15 @@ def read(
         joints.insert(0, Joint(name, kind, WORLD, root))
     elif floating_base:
         raise ValueError('from_urdf: floating_base: the root link is "world", which cannot float')
-    mechanism = built(build, functools.partial(lines.refuse, "link"), bodies, joints, (), gravity, dtype)
+    mechanism = built(build, lines.refuse_made, bodies, joints, (), gravity, dtype)
+    for link, why in lines.impossible.items():
+        if _is_impossible(mechanism, link):
+            lines.notes.doubt("inertia that no rigid body has", why)
     lines.notes.tell()
     return mechanism
+
+
+def _is_impossible(mechanism: Any, link: str):
+    """Whether the body that a link is welded to has such an inertia, with all that is. That of the world is nothing."""
+    body = dict(mechanism.topology.frames)[link]
+    return body >= 0 and broken_rule(mechanism.inertias.central[body]) is not None

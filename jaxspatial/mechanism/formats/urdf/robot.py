@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.numbers.folding import in_double
 from jaxspatial.mechanism.formats.numbers import rotation_of, with_moments
 from jaxspatial.mechanism.formats.source import needed
@@ -33,10 +34,12 @@ def check_joints(robot: Robot, lines: Lines):
     held: dict[str, Part] = {}
     for joint in robot.joints:
         if joint.type not in _KINDS:
-            lines.refuse("joint", joint.name, f"type: expected one of {', '.join(_KINDS)}, got {joint.type!r}")
+            near = check.did_you_mean(joint.type, _KINDS)
+            lines.refuse("joint", joint.name, f"type: expected one of {', '.join(_KINDS)}, got {joint.type!r}{near}")
         for side, name in (("parent", joint.parent), ("child", joint.child)):
             if name not in links or (side, name) == ("child", WORLD):
-                reason = "the world hangs on nothing" if name in links else f"there is no link {name!r}"
+                near = check.did_you_mean(name, links)
+                reason = "the world hangs on nothing" if name in links else f"there is no link {name!r}{near}"
                 lines.refuse("joint", joint.name, f"{side}: {reason}")
         if joint.child in held:
             other = held[joint.child].name
@@ -67,7 +70,8 @@ def check_mimics(robot: Robot, lines: Lines):
     own = {joint.name for joint in robot.joints if joint.mimic is None and _is_scalar(joint)}
     for joint in robot.joints:
         if joint.mimic is not None and joint.mimic.joint not in names:
-            lines.refuse("joint", joint.name, f"mimic: there is no joint {joint.mimic.joint!r}")
+            near = check.did_you_mean(joint.mimic.joint, names)
+            lines.refuse("joint", joint.name, f"mimic: there is no joint {joint.mimic.joint!r}{near}")
         if joint.mimic is not None and joint.type != "fixed" and not (_is_scalar(joint) and joint.mimic.joint in own):
             reason = f"expected two joints of one coordinate, the second its own, got {joint.mimic.joint!r}"
             lines.refuse("joint", joint.name, f"mimic: {reason}")

@@ -1,5 +1,6 @@
 """The text of a URDF, checked: yourdfpy would pass over what is wrong in it, or say so without the line."""
 
+from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import numpy as np
@@ -25,7 +26,7 @@ _BESIDES = {
 # What joints of a kind have no use for.
 _USELESS = {"fixed": {"axis", "limit", "dynamics", "mimic"}, "floating": {"axis"}}
 LIMITS = "lower", "upper"
-_NUMBERS = {
+_NUMBERS: dict[str, dict[str, int]] = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
     "mass": {"value": 1},
@@ -48,7 +49,7 @@ _ATTRIBUTES_BESIDES = {
     "limit": {"current", "command_effort", "gear_velocity"},
     "dynamics": {"D", "K", "mu_coulomb", "mu_viscous"},
 }
-_REQUIRED = {"mass": ("value",), "inertia": ("ixx", "iyy", "izz")}
+_REQUIRED = {"mass": ("value",), "inertia": tuple(_NUMBERS["inertia"]), "axis": ("xyz",)}
 _NOT_NEGATIVE = {"dynamics": ("damping", "friction"), "limit": ("effort", "velocity"), "mass": ("value",)}
 _UNLIMITED = {"inf": np.inf, "+inf": np.inf, "-inf": -np.inf}
 # By how much of their sum the digits of a file may make the largest moment larger than the other two together.
@@ -60,12 +61,15 @@ class Lines(ModelText):
 
     def __init__(self, path_or_text: object, dtype: DTypeLike | None):
         super().__init__("from_urdf", path_or_text, dtype)
-        if self.root.tag != "robot":
-            raise ValueError(f"from_urdf: line {self.root.sourceline}: expected <robot>, got <{self.root.tag}>")
+        self.impossible: dict[str, str] = {}  # by link: where its inertia is that no rigid body has, and why not
 
     def refuse(self, tag: str, name: str, reason: str) -> NoReturn:
-        found = next((e for e in self.root.iterchildren(tag) if e.get("name") == name), None)
-        self.refuse_part(found, tag, name, reason)
+        found = next((e for e in self.root.iterchildren(tag) if e.get("name") == name), self.root)
+        self.refuse_part(self.line(found), tag, name, reason)
+
+    def refuse_made(self, what: str, name: str, reason: str) -> NoReturn:
+        """A part of the mechanism."""
+        self.refuse("joint" if what == "joint" else "link", name, reason)
 
     def leave_out(self, kind: str, element: Element):
         """By its own name or that of what it is in; by its line where there is none."""
@@ -145,7 +149,8 @@ def _check_numbers(lines: Lines, element: Element):
             _check_number(lines, element, name, n)
     for name in _REQUIRED.get(element.tag, ()):
         if element.get(name) is None:
-            lines.refuse_element(element, f"{name}: expected a number")
+            n = _NUMBERS[element.tag][name]
+            lines.refuse_element(element, f"{name}: expected {_counted(n)}")
 
 
 def _check_number(lines: Lines, element: Element, name: str, n: int):
@@ -154,11 +159,15 @@ def _check_number(lines: Lines, element: Element, name: str, n: int):
     if is_limit and text.strip() in _UNLIMITED:
         found = [_UNLIMITED[text.strip()]]
     elif found is None or len(found) != n:
-        lines.refuse_element(element, f"{name}: expected {n} number{'s' * (n > 1)}, got {text!r}")
+        lines.refuse_element(element, f"{name}: expected {_counted(n)}, got {text!r}")
     elif not all(abs(x) <= (np.finfo(float).max if is_limit else lines.largest) for x in found):
         lines.refuse_element(element, f"{name}: expected at most {lines.largest:.3g} in this dtype, got {text!r}")
     if name in _NOT_NEGATIVE.get(element.tag, ()) and found[0] < 0:
         lines.refuse_element(element, f"{name}: expected a number >= 0, got {text!r}")
+
+
+def _counted(n: int):
+    return f"{n} number{'s' * (n > 1)}"
 
 
 def _check_inertial(lines: Lines, element: Element):
@@ -169,15 +178,22 @@ def _check_inertial(lines: Lines, element: Element):
         lines.refuse_element(
             mass, f"value: expected at least {lines.smallest:.3g} in this dtype, got {mass.get('value')!r}"
         )
-    if _is_impossible([float(moments.get(name, 0)) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]):
-        lines.notes.doubt("inertia that no rigid body has", f"{link} in line {moments.sourceline}")
+    if why := broken_rule([float(moments.get(name)) for name in ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")]):
+        lines.impossible[link] = f"{link} in line {moments.sourceline}: {why}"
 
 
-def _is_impossible(six: list[float]):
-    """Whether one of the principal moments is larger than the other two together."""
-    xx, xy, xz, yy, yz, zz = np.array(six) / (max(map(abs, six)) or 1.0)
-    principal = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    return principal[2] - principal[1] - principal[0] > _DIGITS * abs(principal).sum()
+def broken_rule(central: Sequence[float]) -> str | None:
+    """Which rule of principal moments an inertia (xx, xy, yy, xz, yz, zz) breaks, and by how much; None for none."""
+    largest = max(map(abs, central)) or 1.0
+    xx, xy, yy, xz, yz, zz = (float(x) / largest for x in central)
+    a, b, c = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])).tolist()
+    tolerance = _DIGITS * (abs(a) + abs(b) + abs(c))
+    if c - b - a <= tolerance:
+        return None
+    if a < -tolerance:
+        return f"principal moment {a * largest:.6g} kg m2 < 0"
+    moments, excess = (f"{x * largest:.6g}" for x in (a, b, c)), (c - b - a) * largest
+    return "principal moments {} + {} < {} kg m2".format(*moments) + f" by {excess:.2g} (triangle inequality)"
 
 
 def _check_joint(lines: Lines, element: Element):

@@ -1,0 +1,110 @@
+"""What algorithms say of arguments that are none: integers, and names that nothing has."""
+
+import inspect
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxspatial as js
+
+ALGORITHMS = {
+    name: f
+    for name, f in vars(js).items()
+    if inspect.isfunction(f) and f.__module__.startswith("jaxspatial.dynamics") and name != "random_configuration"
+}
+NUMBERS = "q", "q0", "q1", "v", "vdot", "tau", "dt", "t"
+MECH = js.random_mechanism(0, 2, ["revolute", "prismatic"], dtype=np.float32)
+
+
+def _cases():
+    for name, f in ALGORITHMS.items():
+        for parameter in inspect.signature(f).parameters:
+            if parameter in NUMBERS:
+                yield name, parameter
+
+
+def _arguments(f, dtype, **others):
+    """What f is called with, but for what has a default."""
+    given = {"mechanism": MECH, "body": "body0"} | dict.fromkeys(NUMBERS[:-2], np.ones(2, dtype))
+    given |= dict.fromkeys(NUMBERS[-2:], dtype(0.5))
+    needed = {name for name, x in inspect.signature(f).parameters.items() if x.default is x.empty}
+    return {name: x for name, x in given.items() if name in needed} | others
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+@pytest.mark.parametrize(("name", "parameter"), list(_cases()))
+def test_integers_are_to_become_floats(name, parameter, dtype):
+    """Of the dtype of the numbers beside them; of those of the mechanism, or JAX's own, where there are none."""
+    f = ALGORITHMS[name]
+    integers = np.int64(1) if parameter in ("dt", "t") else np.arange(2)
+    given = _arguments(f, dtype, **{parameter: integers})
+    beside = dtype if {*given} & {*NUMBERS} - {parameter} else np.float32
+    with pytest.raises(
+        TypeError, match=rf"expected floating point .*, got int64; convert with .astype\('{beside.__name__}'\)$"
+    ):
+        f(**given)
+
+
+@pytest.mark.parametrize("integers", [np.arange(2), jnp.arange(2), np.ones(2, bool)])
+def test_integers_beside_nothing_else(integers):
+    for mech, dtype in ((MECH, "float32"), (MECH.astype(np.float16).as_data(), "float16")):
+        with pytest.raises(TypeError, match=rf"^gravity_forces: q: .* got {integers.dtype}; convert with .*'{dtype}'"):
+            js.gravity_forces(mech, integers)
+
+
+def test_lists_of_integers_are_numbers():
+    """Beside arrays of integers too, which are refused."""
+    np.testing.assert_array_equal(js.gravity_forces(MECH, [1, 2]), js.gravity_forces(MECH, [1.0, 2.0]))
+    with pytest.raises(TypeError, match=r"^bias_forces: v: expected floating point .* got int64; .*'float32'"):
+        js.bias_forces(MECH, [1, 2], np.arange(2))
+
+
+@pytest.mark.parametrize("convert", [np.asarray, jnp.asarray])
+def test_numbers_of_a_mechanism_are_no_integers(convert):
+    with pytest.raises(TypeError, match=r"^Mechanism.replace: gravity: expected floating point .*'float32'"):
+        MECH.replace(gravity=convert([0, 0, -9]))
+
+
+F = js.SpatialForce(np.ones(3, np.float32), np.ones(3, np.float32))
+Q = np.ones(2, np.float32)
+NAMES = {
+    "external forces": ("body0", lambda name: js.inverse_dynamics(MECH, Q, Q, Q, {name: F})),
+    "kinematics": ("body1", lambda name: js.forward_kinematics(MECH, Q, [name])),
+    "velocities": ("world", lambda name: js.body_velocities(MECH, Q, Q, ["body0", name])),
+    "jacobian": ("body1", lambda name: js.jacobian(MECH, Q, name)),
+    "jacobian rate": ("body1", lambda name: js.jacobian_rate(MECH, Q, Q, name)),
+    "positions": ("joint1", lambda name: MECH.joint_position_indices(name)),
+    "rates": ("joint1", lambda name: MECH.joint_velocity_indices(name)),
+    "frame": ("body1", lambda name: MECH.frame_body(name)),
+    "locked": ("joint0", lambda name: js.lock_joints(MECH, {name: 0.0})),
+    "subtree": ("body0", lambda name: js.subtree(MECH, name)),
+    "parent": ("bolt", lambda name: js.Mechanism.build(PARTS, [*HELD, js.Joint("k", "fixed", name, "nut")])),
+    "child": ("nut", lambda name: js.Mechanism.build(PARTS, [*HELD, js.Joint("k", "fixed", "bolt", name)])),
+    "mimic": ("screw", lambda name: js.Mechanism.build(PARTS, [*HELD, _mimic(name)])),
+    "frame's body": ("bolt", lambda name: js.Mechanism.build(PARTS[:1], HELD, [js.Frame("f", name)])),
+    "kind": ("helical", lambda name: js.Joint("j", name, "world", "bolt")),
+    "kinds": ("prismatic", lambda name: js.random_mechanism(0, 1, [name])),
+    "field": ("armature", lambda name: MECH.replace(**{name: 0.0})),
+}
+PARTS, HELD = [js.Body("bolt"), js.Body("nut")], [js.Joint("screw", "helical", "world", "bolt")]
+
+
+def _mimic(name):
+    return js.Joint("k", "helical", "bolt", "nut", mimic=(name,))
+
+
+@pytest.mark.parametrize(("name", "call"), NAMES.values(), ids=NAMES)
+def test_a_name_that_nothing_has_is_told_which_is_near(name, call):
+    for wrong in (f"{name}x", name.upper(), f"_{name}"):
+        with pytest.raises((KeyError, ValueError, TypeError)) as error:
+            call(wrong)
+        message = error.value.args[0]
+        assert message.endswith(f"; did you mean {name!r}?") and repr(wrong) in message
+    with pytest.raises((KeyError, ValueError, TypeError), match="^(?!.*did you mean)"):
+        call("zzzzzz")
+
+
+def test_what_is_no_name_is_near_nothing():
+    with pytest.raises(KeyError, match="got 3"):
+        js.jacobian(MECH, Q, 3)
