@@ -6,13 +6,14 @@ from typing import Any, cast
 import jax
 
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.numbers.components import as_array, is_components, is_zero
 from jaxspatial.dynamics.along import Array
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.spatial import SpatialForce
 
 # SpatialForces by name of a frame, see `inverse_dynamics`.
 ExternalForces = dict[str, SpatialForce] | None
-Wrenches = dict[int, tuple[Array, Array]]  # (tau, f) by the number of a frame
+Wrenches = dict[int, tuple[Array | None, Array | None]]  # (tau, f) by the number of a frame, None for a known zero
 Frames = tuple[int, ...] | None  # by number, None for all bodies
 
 
@@ -34,7 +35,7 @@ def checked(operation: str, mechanism: object, **given: Any) -> tuple[Any, ...]:
     check.require_same_dtype(**arrays, **named, **({} if data is None else {"mechanism": data}))
     batches = {name: F.batch_shape for name, F in named.items()}
     check.common_batch_shape(**{name: x.shape[:-1] for name, x in arrays.items()}, **batches)
-    wrenches = {i: (F.tau, F.f) for i, F in forces.items()}
+    wrenches = {i: tuple(_none_if_zero(x, F.batch_shape) for x in (F.tau, F.f)) for i, F in forces.items()}
     numbers = {"frames": _frame_numbers, "body": _frame_number}
     found = {name: numbers[name](f"{operation}: {name}", mechanism, given[name]) for name in numbers if name in given}
     found |= {"external_forces": wrenches} if "external_forces" in given else {}
@@ -67,6 +68,11 @@ def _by_frame(operation: str, mechanism: Mechanism, forces: Any) -> dict[int, Sp
             name = mechanism.frame_names[i]
             raise TypeError(f"{what}[{name!r}]: expected a SpatialForce, got {type(F).__name__}")
     return check.narrowed(found)
+
+
+def _none_if_zero(x: Any, batch_shape: tuple[int, ...]) -> Any:
+    """An array, but for Components of zeros, of which nothing is to be left in a program."""
+    return None if is_components(x) and is_zero(x) else as_array(x, batch_shape)
 
 
 def _frame_number(what: str, mechanism: Mechanism, name: str) -> int:
