@@ -35,7 +35,7 @@ def checked(operation: str, mechanism: object, **given: Any) -> tuple[Any, ...]:
     check.require_same_dtype(**arrays, **named, **({} if data is None else {"mechanism": data}))
     batches = {name: F.batch_shape for name, F in named.items()}
     check.common_batch_shape(**{name: x.shape[:-1] for name, x in arrays.items()}, **batches)
-    wrenches = {i: tuple(_none_if_zero(x, F.batch_shape) for x in (F.tau, F.f)) for i, F in forces.items()}
+    wrenches = {i: tuple(_none_if_zero(x, F.batch_shape) for x in F.vectors) for i, F in forces.items()}
     found: dict[str, Any] = {"external_forces": wrenches} if "external_forces" in given else {}
     if given.get("frames") is not None:
         found["frames"] = _frame_numbers(f"{operation}: frames", mechanism, given["frames"])

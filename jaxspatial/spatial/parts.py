@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.numbers.components import Components, as_array, zero
+from jaxspatial.arithmetic.numbers.components import Components, as_array, is_components, is_zero, zero
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.quantity import Additive
@@ -71,6 +71,12 @@ class Parts(Additive):
     # -- parts --------------------------------------------------------------------------------------------------------
 
     @property
+    def vectors(self) -> tuple[Any, Any]:
+        """Both parts. One that is a known zero alone takes the dtype of the other, whatever was made of that since."""
+        first, second = (getattr(self, name) for name in self.__match_args__)
+        return _zero_like(first, second), _zero_like(second, first)
+
+    @property
     def rotational(self) -> Any:
         """(*batch, 3) the rotational part."""
         return self.vectors[0]
@@ -105,6 +111,11 @@ class Parts(Additive):
     def __repr__(self) -> str:
         parts = ", ".join(f"{name}={shown(getattr(self, name), 3)}" for name in self.__match_args__)
         return f"{type(self).__name__}({parts})"
+
+
+def _zero_like(x: Any, other: Any) -> Any:
+    dtype = getattr(other, "dtype", None)
+    return zero(3, dtype) if is_components(x) and is_zero(x) and dtype not in (None, x.dtype) else x
 
 
 def _require_one_batch(kind: str, arrays: dict[str, Any]) -> None:

@@ -23,8 +23,8 @@ TAKING = [
     for name, operation in OPERATIONS.items()
     if {"F", "L", "V", "A", "forces"} & set(operation.arguments.split()) and not operation.twin
 ]
-SOME = ["shift_acceleration", "cross_force", "act_velocity", "compose_velocity", "sum", "central_axis", "add",
-        "divide", "equal", "is_approx"]  # fmt: skip
+SOME = ["shift_acceleration", "cross_force", "act_velocity", "compose_velocity", "sum", "central_axis",
+        "center_of_pressure", "add", "divide", "equal", "is_approx"]  # fmt: skip
 
 
 def numbers(shape=(3,), dtype=np.float32, seed=0):
@@ -40,11 +40,14 @@ def without(X, kept):
 
 
 def assert_same(found, expected):
-    """Number for number; -0 is 0."""
-    found, expected = jax.tree.leaves(js.from_components(found)), jax.tree.leaves(expected)
-    for x, y in zip(found, expected, strict=True):
-        assert x.dtype == y.dtype
-        np.testing.assert_array_equal(np.broadcast_to(x, y.shape), y)
+    """Number for number, of vectors as arrays; -0 is 0."""
+    is_vector = lambda X: isinstance(X, KINDS)  # noqa: E731
+    arrays = [
+        jax.tree.map(lambda X: X.to_array() if is_vector(X) else X, result, is_leaf=is_vector)
+        for result in (found, expected)
+    ]
+    for x, y in zip(*map(jax.tree.leaves, arrays), strict=True):
+        np.testing.assert_array_equal(x, y, strict=True)
 
 
 @kept
@@ -98,6 +101,22 @@ def test_every_dtype(dtype, x64, precision, kept):
         assert_same(jax.vmap(shift, (0, None))(F[0], p), jax.vmap(shift, (0, None))(F[1], p))
         assert_same(jax.vmap(dot)(F[0], V[0]), jax.vmap(dot)(F[1], V[1]))
         assert_same(F[0].astype(np.float16), F[1].astype(np.float16))
+
+
+@kept
+def test_the_zero_follows_where_leaves_are_cast(kept):
+    F, full = without(js.SpatialForce(*numbers((2, 4, 3))), kept)
+    cast, whole = (jax.tree.map(lambda x: x.astype(np.float16), X) for X in (F, full))
+    assert cast.dtype == np.float16
+    p = numbers((3,), np.float16)
+    for function in (
+        lambda X: X.to_array(),
+        lambda X: js.shift(X, p),
+        lambda X: js.stack([X, X]),
+        lambda X: X + X * 2.0,
+    ):
+        assert_same(function(cast), function(whole))
+    assert js.stack([cast, F.astype(np.float16)]).dtype == np.float16
 
 
 # -- programs ---------------------------------------------------------------------------------------------------------
