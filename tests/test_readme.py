@@ -46,6 +46,23 @@ def _run(blocks):
     return scope
 
 
+def _told():
+    """All that users read: pages, notebooks, docstrings and messages, by path."""
+    paths = [ROOT / "README.md", *(ROOT / "notebooks").iterdir(), *(ROOT / "jaxspatial").rglob("*.py")]
+    return {str(path.relative_to(ROOT)): path.read_text() for path in paths if path.suffix in (".md", ".ipynb", ".py")}
+
+
+def test_what_is_told_to_install_can_be_installed():
+    """Before a release from a clone alone, with extras that there are."""
+    assert "## 0.1.0, not released yet" in PAGES["releases.md"], "released: say `pip install jaxspatial`"
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    found = []
+    for path, text in _told().items():
+        assert not re.findall(r"pip install[^\n`&]*jaxspatial|[\"']jaxspatial\[", text), path
+        found += re.findall(r"pip install[^\n`]*\.\[([\w,]+)\]", text)
+    assert len(found) >= 8 and {extra for names in found for extra in names.split(",")} <= set(extras)
+
+
 def test_first_example_runs_alone(capsys):
     block = _examples(README)[0]
     assert len([line for line in block.splitlines() if line and not line.startswith("#")]) <= 20

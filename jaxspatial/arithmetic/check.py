@@ -154,7 +154,7 @@ def narrowed(tree: _Tree) -> _Tree:
     """The tree with NumPy's float64 as JAX computes with it: as float32 while 64-bit types are off, which is said."""
     if config.jax_enable_x64:
         return tree
-    return jax.tree.map(_narrowed, tree)
+    return jax.tree.map(_narrowed, tree, is_leaf=goes_with_any_batch)
 
 
 def is_only_held(x: Any) -> bool:
@@ -168,6 +168,8 @@ def narrowed_each(arrays: Sequence[Any]) -> Sequence[Any]:
 
 
 def _narrowed(x: Any) -> Any:
+    if goes_with_any_batch(x):
+        return x.astype(jax.dtypes.canonicalize_dtype(x.dtype))
     if not isinstance(x, NUMPY) or x.dtype != np.float64:
         return x
     warnings.warn_explicit(_NARROWED, NarrowingWarning, "jaxspatial", 0, "jaxspatial", _said)

@@ -14,6 +14,7 @@ from jax.core import Tracer
 from jaxspatial.arithmetic import check
 from jaxspatial.arithmetic.numbers import Number, Rounded, components, folding, is_number
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
+from jaxspatial.arithmetic.numbers.polynomial import Quotient
 from jaxspatial.arithmetic.numbers.stacking import Stacked, Summed, as_array, converted, of_array, stacked
 from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.precision import Precision, resolve
@@ -39,7 +40,7 @@ def formula(function: Callable[..., typing.Any] | None = None, *, of_sums: bool 
 
     and rounded once at the end. Arguments may be double words: then the results are, whatever the precision asked for.
     If any is Components, all results with an axis of components are, known where the structure of the arguments makes
-    them so.
+    them so; if these are zeros all of them, only those results are that are zero.
 
     Outside of any transformation a call is one compiled program, as fast as it gets and bitwise the same as inside a
     larger jit; it compiles once per precision, shapes and dtypes. While tracing, NumPy arrays are numbers known to the
@@ -47,7 +48,7 @@ def formula(function: Callable[..., typing.Any] | None = None, *, of_sums: bool 
     """
     if function is None:
         return functools.partial(formula, of_sums=of_sums)
-    program = functools.partial(_run_sums if of_sums else _run, function)
+    program = functools.partial(_run_beside_zeros, _run_sums if of_sums else _run, function)
     compiled: Any = jax.jit(program, static_argnums=(0, 1), inline=True)
 
     @functools.wraps(function)
@@ -59,6 +60,30 @@ def formula(function: Callable[..., typing.Any] | None = None, *, of_sums: bool 
         return run(resolve(precision), tuple(sorted(static.items())), *arrays)
 
     return call
+
+
+def _run_beside_zeros(
+    run: Callable[..., Any], function: Callable[..., Any], precision: Precision, static: Any, *arrays: Any
+) -> Any:
+    """As `run`. Where all Components are zeros, whole arrays are computed with, and zeros come out as Components."""
+    zeros = [components.is_zero(a) for a in arrays if components.is_components(a)]
+    if not zeros or not all(zeros):
+        return run(function, precision, static, *arrays)
+    is_vector: list[bool] = []
+
+    def noted(*vectors: Any, **static: Any) -> Any:
+        found = function(*vectors, **static)
+        several: list[Any] = found if isinstance(found, check.LIST) else [found]
+        is_vector[:] = [isinstance(x, (Stacked, check.TUPLE)) and not isinstance(x, Quotient) for x in several]
+        return found
+
+    found = run(noted, precision, static, *(components.as_array(a, ()) for a in arrays))
+    several = found if isinstance(found, check.LIST) else [found]
+    several = [
+        components.zero(x.shape[-1], x.dtype) if yes and components.is_zero(x) else x
+        for yes, x in zip(is_vector, several, strict=True)
+    ]
+    return several if isinstance(found, check.LIST) else several[0]
 
 
 def _run(function: Callable[..., Any], precision: Precision, static: tuple[tuple[str, Any], ...], *arrays: Any) -> Any:
@@ -121,7 +146,8 @@ class _Results(typing.NamedTuple):
             if self.is_apart:
                 return components.of(parts)
             return jax.tree.map(lambda *words: folding.stack(words, self.batch), *parts)
-        return self._number(x)
+        found = self._number(x)
+        return np.broadcast_to(found, self.batch) if self.batch and folding.is_known(found) else found
 
     def _number(self, x: Any) -> Any:
         if not is_number(x):

@@ -31,6 +31,9 @@ class Quantity:
     # NumPy and JAX arrays on the left of an operator leave it to us.
     __array_ufunc__ = None
 
+    # The method that gives the numbers as an array.
+    _as_array: typing.ClassVar[str] = "to_matrix"
+
     if typing.TYPE_CHECKING:
         # The names of the fields, as dataclasses have it.
         __match_args__: typing.ClassVar[tuple[str, ...]]
@@ -101,6 +104,10 @@ class Quantity:
         # Of what consists of known numbers alone there is one for any batch.
         items = (x if check.goes_with_any_batch(x) else x[(*index, slice(None))] for x in self.vectors)
         return self.with_vectors(items)
+
+    def __array__(self, dtype: typing.Any = None, copy: bool | None = None) -> typing.NoReturn:
+        """Says what to call: `np.asarray` would make an array of one object of it. `jnp.asarray` comes here, too."""
+        raise TypeError(f"asarray: expected an array, got {type(self).__name__}; its numbers are x.{self._as_array}()")
 
     def __eq__(self, other: typing.Any) -> typing.Any:
         """Where all components are equal: a mask (*batch,)."""

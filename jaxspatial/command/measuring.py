@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 _OFFSET = (0.3, -0.2, 0.5)
-_NEEDED = "python -m jaxspatial shows tables, progress and pictures: pip install 'jaxspatial[plot]'"
+_NEEDED = "python -m jaxspatial shows tables, progress and pictures: from a clone, pip install '.[plot]'"
 # Of what is no terminal: room for the whole table.
 _WIDTH = 144
 

@@ -1,19 +1,20 @@
 """What a caller passes to an algorithm, checked in one place: a mechanism, and what goes with it, by its name."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any, cast
 
 import jax
 
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.numbers.components import as_array, is_components, is_zero
 from jaxspatial.dynamics.along import Array
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.spatial import SpatialForce
 
 # SpatialForces by name of a frame, see `inverse_dynamics`.
 ExternalForces = dict[str, SpatialForce] | None
-Wrenches = dict[int, tuple[Array, Array]]  # (tau, f) by the number of a frame
-Frames = tuple[int, ...] | None  # by number, None for all bodies
+Wrenches = dict[int, tuple[Array | None, Array | None]]  # (tau, f) by the number of a frame, None for a known zero
+Frames = int | tuple[int, ...] | None  # by number, None for all bodies
 
 
 def checked_mechanism(operation: str, mechanism: object) -> Mechanism:
@@ -24,8 +25,8 @@ def checked_mechanism(operation: str, mechanism: object) -> Mechanism:
 
 def checked(operation: str, mechanism: object, **given: Any) -> tuple[Any, ...]:
     """What is given, by name: q, q0 and q1 as arrays (*batch, nq), v, vdot and tau as (*batch, nv), a time dt as
-    (*batch, 1), with a dtype in common and batch shapes that broadcast; external_forces as Wrenches, frames and a body
-    as numbers of frames. Others, and None for an array, as they are."""
+    (*batch, 1), with a dtype in common and batch shapes that broadcast; external_forces as Wrenches, frames by their
+    numbers. Others, and None for an array, as they are."""
     mechanism = checked_mechanism(operation, mechanism)
     arrays = _arrays(operation, mechanism, {name: x for name, x in given.items() if x is not None})
     forces = _by_frame(operation, mechanism, given.get("external_forces") or {})
@@ -34,10 +35,10 @@ def checked(operation: str, mechanism: object, **given: Any) -> tuple[Any, ...]:
     check.require_same_dtype(**arrays, **named, **({} if data is None else {"mechanism": data}))
     batches = {name: F.batch_shape for name, F in named.items()}
     check.common_batch_shape(**{name: x.shape[:-1] for name, x in arrays.items()}, **batches)
-    wrenches = {i: (F.tau, F.f) for i, F in forces.items()}
-    numbers = {"frames": _frame_numbers, "body": _frame_number}
-    found = {name: numbers[name](f"{operation}: {name}", mechanism, given[name]) for name in numbers if name in given}
-    found |= {"external_forces": wrenches} if "external_forces" in given else {}
+    wrenches = {i: tuple(_none_if_zero(x, F.batch_shape) for x in F.vectors) for i, F in forces.items()}
+    found: dict[str, Any] = {"external_forces": wrenches} if "external_forces" in given else {}
+    if given.get("frames") is not None:
+        found["frames"] = _frame_numbers(f"{operation}: frames", mechanism, given["frames"])
     return tuple({**given, **arrays, **found}.values())
 
 
@@ -69,13 +70,21 @@ def _by_frame(operation: str, mechanism: Mechanism, forces: Any) -> dict[int, Sp
     return check.narrowed(found)
 
 
+def _none_if_zero(x: Any, batch_shape: tuple[int, ...]) -> Any:
+    """An array, but for Components of zeros, of which nothing is to be left in a program."""
+    return None if is_components(x) and is_zero(x) else as_array(x, batch_shape)
+
+
 def _frame_number(what: str, mechanism: Mechanism, name: str) -> int:
     return mechanism.topology.index(mechanism.frame_names, name, what)
 
 
-def _frame_numbers(what: str, mechanism: Mechanism, names: Sequence[str] | None) -> Frames:
-    if names is None:
-        return None
+def _frame_numbers(what: str, mechanism: Mechanism, names: Any) -> int | tuple[int, ...]:
     if isinstance(names, str):
-        raise TypeError(f"{what}: expected a sequence of names, got the string {names!r}")
-    return tuple(_frame_number(what, mechanism, name) for name in names)
+        return _frame_number(what, mechanism, names)
+    if not isinstance(names, Iterable):
+        raise TypeError(f"{what}: expected the name of a frame, or a sequence of names, got {names!r}")
+    found = tuple(_frame_number(what, mechanism, name) for name in cast(Iterable[str], names))
+    if not found:
+        raise ValueError(f"{what}: expected at least one name, got none")
+    return found

@@ -1,5 +1,7 @@
 """Jacobians of frames, and their rates."""
 
+from collections.abc import Callable, Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,20 +18,23 @@ from jaxspatial.mechanism import Mechanism
 from jaxspatial.mechanism.topology import Bundle
 
 
-def jacobian(mechanism: Mechanism, q: Coordinates, body: str, *, precision: PrecisionName = None) -> jax.Array:
+def jacobian(
+    mechanism: Mechanism, q: Coordinates, frames: str | Sequence[str], *, precision: PrecisionName = None
+) -> jax.Array:
     """The Jacobian of the origin of a frame: V_WF_W = J v.
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
         q: (*batch, nq) coordinates: rad, m, unit quaternions.
-        body: name of a body or frame, one of `mechanism.frame_names`.
+        frames: a name of `mechanism.frame_names`, or several, in the order of the results.
         precision: name of a precision; None takes the default.
 
     Returns:
-        J (*batch, 6, nv), rotational rows on top, in world axes.
+        J (*batch, 6, nv) of the one frame that is named, (*batch, n, 6, nv) of several; rotational rows on top, in
+        world axes.
 
     Raises:
-        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
         ValueError: shapes do not fit.
         KeyError: there is no such frame.
 
@@ -37,11 +42,17 @@ def jacobian(mechanism: Mechanism, q: Coordinates, body: str, *, precision: Prec
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 3.4.
     """
-    return _jacobian(precision, mechanism, q, body=body)
+    _require_names("jacobian", frames)
+    return _jacobian(precision, mechanism, q, frames=frames)
 
 
 def jacobian_rate(
-    mechanism: Mechanism, q: Coordinates, v: Rates, body: str, *, precision: PrecisionName = None
+    mechanism: Mechanism,
+    q: Coordinates,
+    v: Rates,
+    frames: str | Sequence[str],
+    *,
+    precision: PrecisionName = None,
 ) -> jax.Array:
     """The time derivative of `jacobian` along v: A_WF_W = J vdot + dJ/dt v.
 
@@ -49,14 +60,15 @@ def jacobian_rate(
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
         q: (*batch, nq) coordinates: rad, m, unit quaternions.
         v: (*batch, nv) rates: rad/s, m/s.
-        body: name of a body or frame, one of `mechanism.frame_names`.
+        frames: a name of `mechanism.frame_names`, or several, in the order of the results.
         precision: name of a precision; None takes the default.
 
     Returns:
-        dJ/dt (*batch, 6, nv), rotational rows on top, in world axes.
+        dJ/dt (*batch, 6, nv) of the one frame that is named, (*batch, n, 6, nv) of several; rotational rows on top, in
+        world axes.
 
     Raises:
-        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
         ValueError: shapes do not fit.
         KeyError: there is no such frame.
 
@@ -64,18 +76,34 @@ def jacobian_rate(
         most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: the derivative of that of `jacobian`.
     """
-    return _jacobian_rate(precision, mechanism, q, v, body=body)
+    _require_names("jacobian_rate", frames)
+    return _jacobian_rate(precision, mechanism, q, v, frames=frames)
+
+
+def _require_names(operation: str, frames: object) -> None:
+    """None, which elsewhere stands for all bodies, is nothing to take a Jacobian of."""
+    if frames is None:
+        raise TypeError(f"{operation}: frames: expected the name of a frame, or a sequence of names, got None")
+
+
+def _stacked(frames: int | tuple[int, ...], function: Callable[[int], jax.Array]) -> jax.Array:
+    """The matrix of one frame, or those of several."""
+    return function(frames) if isinstance(frames, int) else jnp.stack([function(frame) for frame in frames])
 
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
-def _jacobian(state: MechanismState, *, body: int):
+def _jacobian(state: MechanismState, *, frames: int | tuple[int, ...]):
     found = poses(state)
-    p_WF = _origin(state, body, found).p
-    columns = [
-        tuple(_column(state, b, body, x) for x in _arms(joint, X, p_WF))
-        for b, joint, X in zip(state.bundles, state.joints, found, strict=True)
-    ]
-    return state.matrix_by_rate(columns)
+
+    def of_frame(frame: int) -> jax.Array:
+        p_WF = _origin(state, frame, found).p
+        columns = [
+            tuple(_column(state, b, frame, x) for x in _arms(joint, X, p_WF))
+            for b, joint, X in zip(state.bundles, state.joints, found, strict=True)
+        ]
+        return state.matrix_by_rate(columns)
+
+    return _stacked(frames, of_frame)
 
 
 def _origin(state: MechanismState, frame: int, found: list[Pose]):
@@ -106,16 +134,20 @@ def _column(state: MechanismState, bundle: Bundle, frame: int, column: Numbers):
 
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
-def _jacobian_rate(state: MechanismState, v: Array, *, body: int):
+def _jacobian_rate(state: MechanismState, v: Array, *, frames: int | tuple[int, ...]):
     found = list(zip(poses(state), velocities(state, v), strict=True))
-    X, V = of_carrier(state, body, found, (world(state), (state.no_vector, state.no_vector)))
-    _, v_WF = velocity_in_world(X, state.frame_placement(body), V)
-    p_WF = _origin(state, body, [x for x, _ in found]).p
-    columns = [
-        tuple(_column(state, b, body, x) for x in _arm_rates(link, *own, p_WF, v_WF))
-        for b, link, own in zip(state.bundles, state.links(v), found, strict=True)
-    ]
-    return state.matrix_by_rate(columns)
+
+    def of_frame(frame: int) -> jax.Array:
+        X, V = of_carrier(state, frame, found, (world(state), (state.no_vector, state.no_vector)))
+        _, v_WF = velocity_in_world(X, state.frame_placement(frame), V)
+        p_WF = _origin(state, frame, [x for x, _ in found]).p
+        columns = [
+            tuple(_column(state, b, frame, x) for x in _arm_rates(link, *own, p_WF, v_WF))
+            for b, link, own in zip(state.bundles, state.links(v), found, strict=True)
+        ]
+        return state.matrix_by_rate(columns)
+
+    return _stacked(frames, of_frame)
 
 
 def _arm_rates(link: Link, X_WJ: Pose, V_WJ_J: Motion, p_WF: Three, v_WF: Three):

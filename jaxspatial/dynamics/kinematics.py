@@ -22,21 +22,22 @@ T = TypeVar("T")
 
 
 def forward_kinematics(
-    mechanism: Mechanism, q: Coordinates, frames: Sequence[str] | None = None, *, precision: PrecisionName = None
+    mechanism: Mechanism, q: Coordinates, frames: str | Sequence[str] | None = None, *, precision: PrecisionName = None
 ) -> RigidTransform:
     """The poses of frames: X_WF.
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
         q: (*batch, nq) coordinates: rad, m, unit quaternions.
-        frames: names of `mechanism.frame_names`, in the order of the results; None takes `mechanism.body_names`.
+        frames: a name of `mechanism.frame_names`, or several, in the order of the results; None takes
+            `mechanism.body_names`.
         precision: name of a precision; None takes the default.
 
     Returns:
-        X_WF (*batch, n), the pose of each frame in the world; translations in m.
+        X_WF (*batch,), the pose in the world of the one frame that is named, (*batch, n) of several; translations in m.
 
     Raises:
-        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
         ValueError: shapes do not fit.
         KeyError: there is no such frame.
 
@@ -52,7 +53,7 @@ def body_velocities(
     mechanism: Mechanism,
     q: Coordinates,
     v: Rates,
-    frames: Sequence[str] | None = None,
+    frames: str | Sequence[str] | None = None,
     *,
     precision: PrecisionName = None,
 ) -> SpatialVelocity:
@@ -62,14 +63,15 @@ def body_velocities(
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
         q: (*batch, nq) coordinates: rad, m, unit quaternions.
         v: (*batch, nv) rates: rad/s, m/s.
-        frames: names of `mechanism.frame_names`, in the order of the results; None takes `mechanism.body_names`.
+        frames: a name of `mechanism.frame_names`, or several, in the order of the results; None takes
+            `mechanism.body_names`.
         precision: name of a precision; None takes the default.
 
     Returns:
-        V_WF_W (*batch, n), in world axes: rad/s, m/s.
+        V_WF_W (*batch,) of the one frame that is named, (*batch, n) of several, in world axes: rad/s, m/s.
 
     Raises:
-        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
         ValueError: shapes do not fit.
         KeyError: there is no such frame.
 
@@ -85,7 +87,7 @@ def body_accelerations(
     q: Coordinates,
     v: Rates,
     vdot: Rates,
-    frames: Sequence[str] | None = None,
+    frames: str | Sequence[str] | None = None,
     *,
     precision: PrecisionName = None,
 ) -> SpatialAcceleration:
@@ -96,14 +98,16 @@ def body_accelerations(
         q: (*batch, nq) coordinates: rad, m, unit quaternions.
         v: (*batch, nv) rates: rad/s, m/s.
         vdot: (*batch, nv) time derivatives of the rates: rad/s^2, m/s^2.
-        frames: names of `mechanism.frame_names`, in the order of the results; None takes `mechanism.body_names`.
+        frames: a name of `mechanism.frame_names`, or several, in the order of the results; None takes
+            `mechanism.body_names`.
         precision: name of a precision; None takes the default.
 
     Returns:
-        A_WF_W (*batch, n), in world axes: rad/s^2, m/s^2, the classical acceleration of the origin.
+        A_WF_W (*batch,) of the one frame that is named, (*batch, n) of several, in world axes: rad/s^2, m/s^2, the
+        classical acceleration of the origin.
 
     Raises:
-        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
         ValueError: shapes do not fit.
         KeyError: there is no such frame.
 
@@ -146,22 +150,25 @@ def of_carrier(state: MechanismState, frame: int, found: list[T], at_world: T) -
 def _of_frames(
     state: MechanismState, frames: Frames, function: Callable[[Pose, Pose, T], Any], found: list[T], at_world: T
 ) -> tuple[Any, ...]:
-    """Of function(X_WJ, X_JF, what was found for J), two tuples of k numbers for each frame, arrays (frames, k, B)."""
+    """Of function(X_WJ, X_JF, what was found for J), two tuples of k numbers for each frame, arrays (frames, k, B); of
+    one frame (k, B)."""
     both = list(zip(poses(state), found, strict=True))
     if frames is None:
         placed = zip(map(state.child_placement, state.bundles), both, strict=True)
     else:
         root = world(state), at_world
-        placed = ((state.frame_placement(k), of_carrier(state, k, both, root)) for k in frames)
+        named = (frames,) if isinstance(frames, int) else frames
+        placed = ((state.frame_placement(k), of_carrier(state, k, both, root)) for k in named)
     results = [function(X_WJ, X_JF, x) for X_JF, (X_WJ, x) in placed]
     return tuple(_arranged(state, frames, [x[k] for x in results]) for k in (0, 1))
 
 
 def _arranged(state: MechanismState, frames: Frames, found: Sequence[Numbers]):
-    """(frames, k, B) of tuples of k numbers: of bundles in the order of bodies, or one for each frame."""
+    """(frames, k, B) of tuples of k numbers: of bundles in the order of bodies, or of frames; (k, B) of one frame."""
     if frames is None:
         return state.by_body(found)
-    return jnp.stack([jnp.stack([state.rounded(c).reshape((-1,)) for c in x]) for x in found])
+    each = [jnp.stack([state.rounded(c).reshape((-1,)) for c in x]) for x in found]
+    return each[0] if isinstance(frames, int) else jnp.stack(each)
 
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 12 * len(t))

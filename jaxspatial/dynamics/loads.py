@@ -37,12 +37,22 @@ def loads(state: MechanismState, forces: Wrenches, of_load: OfLoad | None = None
 
 
 def _of_frame(
-    state: MechanismState, placed: list[Pose], frame: int, body: int, F: tuple[Array, Array], of_load: OfLoad
+    state: MechanismState,
+    placed: list[Pose],
+    frame: int,
+    body: int,
+    F: tuple[Array | None, Array | None],
+    of_load: OfLoad,
 ) -> Load:
     X_WJ, X_JF = state.of_body(body, placed, world(state)), state.frame_placement(frame)
-    wrench = (tuple(along.mapped(lambda w: w[None], x) for x in state.numbers(part)) for part in F)
-    tau, f = noinline(_about_joint)(X_WJ, X_JF, *wrench)
+    tau, f = noinline(_about_joint)(X_WJ, X_JF, *(_part(state, part) for part in F))
     return tau, f, of_load(tau, f, X_JF.p)
+
+
+def _part(state: MechanismState, part: Array | None) -> Any:
+    if part is None:
+        return state.no_vector
+    return tuple(along.mapped(lambda w: w[None], x) for x in state.numbers(part))
 
 
 def _about_joint(X_WJ: Pose, X_JF: Pose, tau: Three, f: Three) -> Wrench:

@@ -11,12 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check, symmetric
+from jaxspatial.arithmetic.numbers.components import as_array
 from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.interop import mujoco
 from jaxspatial.interop.library import library
 from jaxspatial.rotation.matrices import expanded
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialForce, SpatialMomentum, SpatialVelocity, act
+from jaxspatial.spatial.vector import SpatialVector
 
 
 def from_motion(V: Any) -> SpatialVelocity:
@@ -43,7 +45,12 @@ def to_motion(V: SpatialVelocity) -> Any:
     Raises:
         ImportError: brax is missing.
     """
-    return library("brax.base").Motion(ang=V.w, vel=V.v)
+    return library("brax.base").Motion(**_parts(V))
+
+
+def _parts(x: SpatialVector) -> dict[str, Any]:
+    """Brax computes with arrays alone."""
+    return {name: as_array(part, x.batch_shape) for name, part in zip(("ang", "vel"), x.vectors, strict=True)}
 
 
 def from_spatial_acceleration(A: Any, V: Any, *, precision: PrecisionName = None) -> SpatialAcceleration:
@@ -117,7 +124,7 @@ def to_force(F: SpatialForce | SpatialMomentum) -> Any:
     Raises:
         ImportError: brax is missing.
     """
-    return library("brax.base").Force(ang=F.rotational, vel=F.translational)
+    return library("brax.base").Force(**_parts(F))
 
 
 def from_transform(X_AB: Any, *, precision: PrecisionName = None) -> RigidTransform:

@@ -78,7 +78,7 @@ _LINKS = 100
 
 def _tip() -> Program:
     mech = scene.chain(_LINKS)
-    return lambda q, v, vdot: forward_kinematics(mech.astype(q.dtype), q, frames=["tip"]).translation
+    return lambda q, v, vdot: forward_kinematics(mech.astype(q.dtype), q, frames="tip").translation
 
 
 def _torque_at_the_base() -> Program:

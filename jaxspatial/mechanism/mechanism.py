@@ -54,7 +54,7 @@ class Mechanism(Structure):
 
     A frame is a name for a place on a body, or on the world: every body is one, where its own frame is, and so is
     every body welded to it. `frame_body(name)` is the name of the body that carries a frame, `frame_placements` has
-    where on that body's joint it is, `forward_kinematics(mech, q, [name])` where in the world.
+    where on that body's joint it is, `forward_kinematics(mech, q, name)` where in the world.
     """
 
     topology: Topology

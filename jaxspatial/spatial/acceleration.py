@@ -13,7 +13,7 @@ from jaxspatial.arithmetic.types import PrecisionName, Six, Vector3
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.arguments import require_kind, require_w, shift_by
 from jaxspatial.spatial.operations import shift
-from jaxspatial.spatial.parts import joined
+from jaxspatial.spatial.parts import LEFT_OUT, joined
 from jaxspatial.spatial.vector import SpatialVector
 from jaxspatial.spatial.velocity import SpatialVelocity
 
@@ -24,10 +24,12 @@ class SpatialAcceleration(SpatialVector):
 
     alpha: (*batch, 3) angular acceleration, rad/s2
     a: (*batch, 3) classical acceleration of Bp, m/s2: Featherstone's spatial acceleration plus w x v
+
+    A part that is left out is a known zero, see `SpatialForce`.
     """
 
-    alpha: jax.Array
-    a: jax.Array
+    alpha: jax.Array = LEFT_OUT
+    a: jax.Array = LEFT_OUT
 
     def compose_with_moving_frame(
         self,

@@ -9,6 +9,7 @@ from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.arguments import require_no_w, shift_by
 from jaxspatial.spatial.operations import shift
+from jaxspatial.spatial.parts import LEFT_OUT
 from jaxspatial.spatial.vector import SpatialVector
 
 
@@ -19,11 +20,13 @@ class SpatialForce(SpatialVector):
     tau: (*batch, 3) torque about Bp, N m
     f: (*batch, 3) force, N
 
-    The sum of two has a meaning for forces on the same body, about the same point, in the same frame.
+    A part that is left out is a known zero, which leaves no operation behind: `SpatialForce(f=f)` is a pure force,
+    `SpatialForce(tau)` a couple. The sum of two has a meaning for forces on the same body, about the same point, in the
+    same frame.
     """
 
-    tau: jax.Array
-    f: jax.Array
+    tau: jax.Array = LEFT_OUT
+    f: jax.Array = LEFT_OUT
 
 
 @tree
@@ -32,10 +35,12 @@ class SpatialMomentum(SpatialVector):
 
     h: (*batch, 3) angular momentum about Sp, N m s
     l: (*batch, 3) linear momentum, N s
+
+    A part that is left out is a known zero, see `SpatialForce`.
     """
 
-    h: jax.Array
-    l: jax.Array  # noqa: E741 - the field's letter
+    h: jax.Array = LEFT_OUT
+    l: jax.Array = LEFT_OUT  # noqa: E741 - the field's letter
 
 
 @shift.register

@@ -12,36 +12,40 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.numbers.components import as_array
+from jaxspatial.arithmetic.numbers.components import Components, as_array, is_components, is_zero, zero
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.quantity import Additive
 from jaxspatial.arithmetic.types import Six, Vector3
 from jaxspatial.rotation.matrices import owned, shown
 
+# Stands for a part that is left out: a known zero, which takes the dtype of the other.
+LEFT_OUT: Any = Components(0.0, 0.0, 0.0, dtype=np.float32)
+
 
 class Parts(Additive):
-    """Two parts by the names of the fields of a subclass: checked, made, told."""
+    """Two parts by the names of the fields of a subclass: checked, made, told. One of them may be left out."""
 
     _items = (3,), (3,)
+    _as_array = "to_array"
 
     if TYPE_CHECKING:
 
-        def __init__(self, rotational: Vector3, translational: Vector3): ...
+        def __init__(self, rotational: Vector3 = LEFT_OUT, translational: Vector3 = LEFT_OUT): ...
 
     def __post_init__(self) -> None:
         """Checks what a caller passes. JAX rebuilds vectors without it, with whatever leaves it needs."""
-        if all(check.is_tree_mark(leaf) for leaf in self.vectors):
-            return
-        names = [f"{type(self).__name__}: {name}" for name in self.__match_args__]
-        given = zip(names, self.vectors, strict=True)
-        arrays = check.alike(**{name: owned(check.as_vectors(x, name, held=True)) for name, x in given})
-        batch_shapes = {name: a.shape[:-1] for name, a in arrays.items() if not check.goes_with_any_batch(a)}
-        if len(set(batch_shapes.values())) > 1:
-            came = ", ".join(f"{name}: {shape}" for name, shape in batch_shapes.items())
-            raise ValueError(f"{type(self).__name__}: expected equal batch shapes, got {came}; see jnp.broadcast_to")
-        for name, array in zip(self.__match_args__, arrays.values(), strict=True):
-            object.__setattr__(self, name, array)
+        kind, names = type(self).__name__, self.__match_args__
+        given = {f"{kind}: {name}": getattr(self, name) for name in names if getattr(self, name) is not LEFT_OUT}
+        if not given:
+            raise TypeError(f"{kind}: expected {', '.join(names)} or both, got neither; zero is {kind}.zero()")
+        parts, left_out = given, None
+        if not all(map(check.is_tree_mark, given.values())):
+            parts = check.alike(**{name: owned(check.as_vectors(x, name, held=True)) for name, x in given.items()})
+            _require_one_batch(kind, parts)
+            left_out = zero(3, next(iter(parts.values())).dtype) if len(parts) == 1 else None
+        for name in names:
+            object.__setattr__(self, name, parts.get(f"{kind}: {name}", left_out))
 
     # -- construction -------------------------------------------------------------------------------------------------
 
@@ -65,6 +69,12 @@ class Parts(Additive):
         return cls(array[..., :3], array[..., 3:])
 
     # -- parts --------------------------------------------------------------------------------------------------------
+
+    @property
+    def vectors(self) -> tuple[Any, Any]:
+        """Both parts. One that is a known zero alone takes the dtype of the other, whatever was made of that since."""
+        first, second = (getattr(self, name) for name in self.__match_args__)
+        return _zero_like(first, second), _zero_like(second, first)
 
     @property
     def rotational(self) -> Any:
@@ -101,6 +111,18 @@ class Parts(Additive):
     def __repr__(self) -> str:
         parts = ", ".join(f"{name}={shown(getattr(self, name), 3)}" for name in self.__match_args__)
         return f"{type(self).__name__}({parts})"
+
+
+def _zero_like(x: Any, other: Any) -> Any:
+    dtype = getattr(other, "dtype", None)
+    return zero(3, dtype) if is_components(x) and is_zero(x) and dtype not in (None, x.dtype) else x
+
+
+def _require_one_batch(kind: str, arrays: dict[str, Any]) -> None:
+    batch_shapes = {name: a.shape[:-1] for name, a in arrays.items() if not check.goes_with_any_batch(a)}
+    if len(set(batch_shapes.values())) > 1:
+        came = ", ".join(f"{name}: {shape}" for name, shape in batch_shapes.items())
+        raise ValueError(f"{kind}: expected equal batch shapes, got {came}; see jnp.broadcast_to")
 
 
 def joined(*parts: Any) -> Any:

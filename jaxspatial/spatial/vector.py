@@ -14,7 +14,7 @@ from jaxspatial.arithmetic.errorfree.barrier import barrier
 from jaxspatial.arithmetic.errorfree.reproducible import product, quotient
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Three, folding
-from jaxspatial.arithmetic.numbers.components import Components, as_array
+from jaxspatial.arithmetic.numbers.components import Components, as_array, is_zero
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.stacking import Summed
 from jaxspatial.arithmetic.numbers.trees import from_double_word, to_double_word
@@ -220,15 +220,11 @@ def combined(operation: Callable[..., Any], x: _Kind, y: _Kind) -> _Kind:
 
 def _skipping_zero(operation: Callable[..., Any], x: Any, y: Any) -> Any:
     """x + y or x - y: of known zeros nothing is left."""
-    if _is_known_zero(y):
+    if is_zero(y):
         return x
-    if _is_known_zero(x):
+    if is_zero(x):
         return y if operation is operator.add else -y
     return folding.quietly(operation, barrier(x), barrier(y))
-
-
-def _is_known_zero(x: Any) -> bool:
-    return isinstance(x, np.ndarray) and not x.any()
 
 
 def _largest(x: Any) -> Any:

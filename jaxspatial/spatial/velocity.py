@@ -11,6 +11,7 @@ from jaxspatial.arithmetic.types import PrecisionName, Vector3
 from jaxspatial.spatial import algebra
 from jaxspatial.spatial.arguments import require_kind, require_no_w, shift_by
 from jaxspatial.spatial.operations import shift
+from jaxspatial.spatial.parts import LEFT_OUT
 from jaxspatial.spatial.vector import SpatialVector
 
 
@@ -20,10 +21,12 @@ class SpatialVelocity(SpatialVector):
 
     w: (*batch, 3) angular velocity, rad/s
     v: (*batch, 3) velocity of Bp, m/s
+
+    A part that is left out is a known zero, see `SpatialForce`: `SpatialVelocity(v=v)` is a translation.
     """
 
-    w: jax.Array
-    v: jax.Array
+    w: jax.Array = LEFT_OUT
+    v: jax.Array = LEFT_OUT
 
     def compose_with_moving_frame(
         self, p_BoCo_E: Vector3, V_BC_E: "SpatialVelocity", *, precision: PrecisionName = None

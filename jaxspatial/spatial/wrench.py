@@ -15,7 +15,7 @@ from jaxspatial.arithmetic import check, vectors
 from jaxspatial.arithmetic.errorfree.scaling import exponent, times_power_of_two
 from jaxspatial.arithmetic.formula import formula
 from jaxspatial.arithmetic.numbers import Number, Three, folding
-from jaxspatial.arithmetic.numbers.components import as_array
+from jaxspatial.arithmetic.numbers.components import as_array, is_zero
 from jaxspatial.arithmetic.numbers.stacking import Summed
 from jaxspatial.arithmetic.precision import Precision, resolve
 from jaxspatial.arithmetic.quantity import require_alike
@@ -94,7 +94,7 @@ def central_axis(F_P_E: SpatialForce, *, precision: PrecisionName = None) -> Cen
     Source: Featherstone 2008, 2.5; Ball 1900, A Treatise on the Theory of Screws.
     """
     require_kind(F_P_E, SpatialForce, "central_axis")
-    parts = (as_array(part, F_P_E.batch_shape) for part in check.narrowed_each((F_P_E.tau, F_P_E.f)))
+    parts = (as_array(part, F_P_E.batch_shape) for part in check.narrowed_each(F_P_E.vectors))
     return CentralAxis(*_central_axis(resolve(precision), *parts))
 
 
@@ -165,8 +165,9 @@ def center_of_pressure(
     """
     require_kind(F_P_E, SpatialForce, "center_of_pressure")
     normal = check.as_vectors(normal, "center_of_pressure: normal", F_P_E.dtype)
-    require_alike(SpatialForce=F_P_E, normal=normal)
-    return _center_of_pressure(precision, F_P_E.tau, F_P_E.f, normal)
+    batch = require_alike(SpatialForce=F_P_E, normal=normal)
+    found = _center_of_pressure(precision, *F_P_E.vectors, normal)
+    return as_array(found, batch) if is_zero(found) else found
 
 
 @formula(of_sums=True)

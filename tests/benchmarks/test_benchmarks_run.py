@@ -32,6 +32,19 @@ def test_the_c_kernels_compute_what_we_compute(dtype):
 
 
 @pytest.mark.slow
+def test_fresh_results():
+    options = ["--sizes", "64", "300000", "--rounds", "2", "--processes", "1"]
+    run = subprocess.run(
+        [sys.executable, HERE / "fresh_results.py", *options], capture_output=True, text=True, timeout=300
+    )
+    assert run.returncode in (0, 1) and not run.stderr, run.stderr
+    for setting in ("as it comes", "kept", "huge pages"):
+        assert f"| {setting}, n = 64 | ns" in run.stdout
+    donated = [line for line in run.stdout.splitlines() if line.startswith("| donated")]
+    assert len(donated) == 6 and all(line.endswith("| 1.00 | 1.00 | 1.00 | 0 |") for line in donated)
+
+
+@pytest.mark.slow
 def test_precisions():
     command = [sys.executable, HERE / "precisions.py", "--n", "640", "--rounds", "2", "--sample", "20"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=600)

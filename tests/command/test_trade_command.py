@@ -124,7 +124,7 @@ def test_a_broken_promise_is_an_exit_status(tmp_path, capsys, monkeypatch):
 def test_what_is_missing_is_said(name, options, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, name, None)
     assert main(SMALL + options) == 2
-    assert "pip install 'jaxspatial[plot]'" in capsys.readouterr().err
+    assert "from a clone, pip install '.[plot]'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("scale", [1e-25, slow(1e-17), slow(1e15)])

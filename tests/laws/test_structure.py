@@ -36,8 +36,8 @@ def _known(*numbers):
 ZERO, PLANE, NORMAL = _known(0, 0, 0), js.Components(_x(), _x(), 0.0), js.Components(0.0, 0.0, _x())
 F, V, A = (kind(_vector(), _vector()) for kind in (js.SpatialForce, js.SpatialVelocity, js.SpatialAcceleration))
 F_PLANE, V_PLANE, A_PLANE = (type(x)(NORMAL, PLANE) for x in (F, V, A))
-FORCE, COUPLE = js.SpatialForce(ZERO, _vector()), js.SpatialForce(_vector(), ZERO)
-NO_SPIN, NO_TRANSLATION = js.SpatialVelocity(ZERO, _vector()), js.SpatialVelocity(_vector(), ZERO)
+FORCE, COUPLE = js.SpatialForce(f=_vector()), js.SpatialForce(tau=_vector())
+NO_SPIN, NO_TRANSLATION = js.SpatialVelocity(v=_vector()), js.SpatialVelocity(w=_vector())
 P, W = _vector(), _vector()
 R, R_Z = js.Rotation(_vector(9)), js.Rotation(js.Components(_x(), _x(), 0.0, _x(), _x(), 0.0, 0.0, 0.0, 1.0))
 ONE = js.Rotation(_known(1, 0, 0, 0, 1, 0, 0, 0, 1))
@@ -60,7 +60,8 @@ def _energy(M, V, precision):
     return M.kinetic_energy(V, precision=precision)
 
 
-# operation: (function, {scene: (arguments, multiplications, flops)}), the scene of arrays first
+# operation: (function, {scene: (arguments, multiplications, flops)}), the scene of arrays first. A fourth number: of
+# how many results an addition, and a selection, ties the layout to that of an argument; on top of the flops.
 SCENES = {
     "shift_force": (js.shift, {
         "general": ((F, P), 6, 10), "pure_force": ((FORCE, P), 6, 12), "pure_couple": ((COUPLE, P), 0, 0),
@@ -71,7 +72,7 @@ SCENES = {
         "along_an_axis": ((V, NORMAL), 2, 5),
     }),
     "shift_acceleration": (js.shift, {
-        "general": ((A, P, W), 18, 29), "plane": ((A_PLANE, PLANE, NORMAL), 6, 13), "no_spin": ((A, P, ZERO), 6, 12),
+        "general": ((A, P, W), 18, 29), "plane": ((A_PLANE, PLANE, NORMAL), 6, 13), "no_spin": ((A, P, ZERO), 6, 10),
         "along_an_axis": ((A, NORMAL, W), 8, 17),
     }),
     "dot": (js.dot, {
@@ -80,12 +81,12 @@ SCENES = {
         "no_power": ((FORCE, NO_TRANSLATION), 0, 0),
     }),
     "cross": (js.cross, {
-        "general": ((V, F), 18, 32), "plane": ((V_PLANE, F_PLANE), 4, 6), "pure_force": ((V, FORCE), 12, 18),
-        "pure_couple": ((V, COUPLE), 6, 9), "no_spin": ((NO_SPIN, F), 6, 9),
+        "general": ((V, F), 18, 32), "plane": ((V_PLANE, F_PLANE), 4, 6), "pure_force": ((V, FORCE), 12, 18, 2),
+        "pure_couple": ((V, COUPLE), 6, 9, 1), "no_spin": ((NO_SPIN, F), 6, 9, 1),
     }),
     "rotate": (js.rotate, {
         "general": ((R, F), 18, 32), "about_z": ((R_Z, F), 8, 12), "plane": ((R_Z, F_PLANE), 4, 6),
-        "pure_force": ((R, FORCE), 9, 15), "identity": ((ONE, F), 0, 0),
+        "pure_force": ((R, FORCE), 9, 15, 1), "identity": ((ONE, F), 0, 0),
     }),
     "compose": (composed, {
         "general": ((R, R), 27, 46), "about_z": ((R_Z, R_Z), 8, 12), "one_about_z": ((R, R_Z), 12, 18),
@@ -93,24 +94,24 @@ SCENES = {
     }),
     "act": (js.act, {
         "general": ((X, F), 24, 44), "plane": ((X_PLANE, F_PLANE), 6, 10), "about_z": ((TURN, F), 8, 12),
-        "translation": ((STEP, F), 6, 12), "pure_force": ((X, FORCE), 15, 24), "identity": ((IDENTITY, F), 0, 0),
+        "translation": ((STEP, F), 6, 12), "pure_force": ((X, FORCE), 15, 24, 2), "identity": ((IDENTITY, F), 0, 0),
     }),
     "act_inverse": (js.act_inverse, {
         "general": ((X, V), 24, 44), "plane": ((X_PLANE, V_PLANE), 6, 11), "identity": ((IDENTITY, V), 0, 0),
     }),
     "act_acceleration": (js.act, {
         "general": ((X, A, W), 45, 80), "plane": ((X_PLANE, A_PLANE, NORMAL), 10, 19),
-        "no_spin": ((X, A, ZERO), 24, 42), "identity": ((IDENTITY, A, W), 0, 0),
+        "no_spin": ((X, A, ZERO), 24, 42, 2), "identity": ((IDENTITY, A, W), 0, 0),
     }),
     "apply_to_acceleration": (_applied, {
-        "general": ((M, A), 24, 44), "point_mass": ((POINT_MASS, A), 15, 24), "ball": ((BALL, A), 18, 30),
-        "diagonal": ((BOX, A), 18, 30), "centred": ((CENTRED, A), 12, 18), "centred_ball": ((CENTRED_BALL, A), 6, 6),
+        "general": ((M, A), 24, 44), "point_mass": ((POINT_MASS, A), 15, 24, 2), "ball": ((BALL, A), 18, 30),
+        "diagonal": ((BOX, A), 18, 30), "centred": ((CENTRED, A), 12, 18, 2), "centred_ball": ((CENTRED_BALL, A), 6, 6),
         "plane": ((M_PLANE, A_PLANE), 7, 12),
     }),
     "apply_to_velocity": (_applied, {
-        "general": ((M, V), 24, 44), "point_mass": ((POINT_MASS, V), 15, 24), "centred": ((CENTRED, V), 12, 18),
+        "general": ((M, V), 24, 44), "point_mass": ((POINT_MASS, V), 15, 24, 2), "centred": ((CENTRED, V), 12, 18, 2),
         "centred_ball": ((CENTRED_BALL, V), 6, 6), "plane": ((M_PLANE, V_PLANE), 7, 12),
-        "no_spin": ((M, NO_SPIN), 9, 12),
+        "no_spin": ((M, NO_SPIN), 9, 12, 2),
     }),
     "kinetic_energy": (_energy, {
         "general": ((M, V), 23, 40), "point_mass": ((POINT_MASS, V), 11, 19), "ball": ((BALL, V), 17, 28),
@@ -121,8 +122,8 @@ SCENES = {
         "general": ((M, P), 0, 1), "plane": ((M_PLANE, PLANE), 0, 2), "nowhere": ((M, ZERO), 0, 0),
     }),
     "rotate_inertia": (js.rotate, {
-        "general": ((R, M), 54, 92), "point_mass": ((R, POINT_MASS), 9, 15), "diagonal": ((R, BOX), 36, 54),
-        "centred": ((R, CENTRED), 45, 75), "centred_ball": ((R, CENTRED_BALL), 27, 39),
+        "general": ((R, M), 54, 92), "point_mass": ((R, POINT_MASS), 9, 15, 1), "diagonal": ((R, BOX), 36, 54),
+        "centred": ((R, CENTRED), 45, 75, 1), "centred_ball": ((R, CENTRED_BALL), 27, 39),
         "plane": ((R_Z, M_PLANE), 18, 27), "identity": ((ONE, M), 0, 0),
     }),
 }  # fmt: skip
@@ -130,9 +131,9 @@ SCENES = {
 
 def _cases(operations, *left_out):
     return [
-        pytest.param(SCENES[name][0], *scene, id=f"{name}-{of}")
+        pytest.param(SCENES[name][0], arguments, products, total, sum(tied), id=f"{name}-{of}")
         for name in operations
-        for of, scene in SCENES[name][1].items()
+        for of, (arguments, products, total, *tied) in SCENES[name][1].items()
         if of not in left_out
     ]
 
@@ -140,32 +141,32 @@ def _cases(operations, *left_out):
 CASES, KNOWN_CASES = _cases(SCENES), _cases(SCENES, "general")
 # Of these no output shares anything with another, so that XLA has nothing to compute twice.
 UNSHARED = _cases(("shift_force", "dot", "cross", "rotate", "compose"))
-NOTHING = [case for case in KNOWN_CASES if case.values[-1] == 0]
+NOTHING = [case for case in KNOWN_CASES if case.values[3] == 0]
 
 
-@pytest.mark.parametrize(("function", "arguments", "products", "total"), CASES)
-def test_flops_asked_for(function, arguments, products, total):
+@pytest.mark.parametrize(("function", "arguments", "products", "total", "tied"), CASES)
+def test_flops_asked_for(function, arguments, products, total, tied):
     counted = asked_for(functools.partial(function, precision="fast"), *arguments)
-    assert (counted["multiply"], flops(counted)) == (products, total)
+    assert (counted["multiply"], flops(counted)) == (products, total + tied)
 
 
-@pytest.mark.parametrize(("function", "arguments", "products", "total"), KNOWN_CASES)
-def test_every_product_left_has_its_fence_and_nothing_else(function, arguments, products, total):
+@pytest.mark.parametrize(("function", "arguments", "products", "total", "tied"), KNOWN_CASES)
+def test_every_product_left_has_its_fence_and_nothing_else(function, arguments, products, total, tied):
     counted = asked_for(functools.partial(function, precision="reproducible"), *arguments)
     # The half in kinetic energy is exact.
     fences = products - (function is _energy)
-    assert (counted["multiply"], counted["select"], flops(counted)) == (products, fences, total)
+    assert (counted["multiply"], counted["select"], flops(counted)) == (products, fences + tied, total + tied)
 
 
-@pytest.mark.parametrize(("function", "arguments", "products", "total"), UNSHARED)
-def test_the_compiler_adds_nothing(function, arguments, products, total):
+@pytest.mark.parametrize(("function", "arguments", "products", "total", "tied"), UNSHARED)
+def test_the_compiler_adds_nothing(function, arguments, products, total, tied):
     counted = compiled(functools.partial(function, precision="fast"), *arguments)
-    assert (counted["multiply"], flops(counted)) == (products, total)
+    assert counted["multiply"] == products and total <= flops(counted) <= total + tied
 
 
 @pytest.mark.parametrize("precision", [slow("fast"), "reproducible", "compensated", slow("faithful")])
-@pytest.mark.parametrize(("function", "arguments", "products", "total"), NOTHING)
-def test_what_vanishes_leaves_nothing(function, arguments, products, total, precision):
+@pytest.mark.parametrize(("function", "arguments", "products", "total", "tied"), NOTHING)
+def test_what_vanishes_leaves_nothing(function, arguments, products, total, tied, precision):
     assert asked_for(functools.partial(function, precision=precision), *arguments) == {}
     assert compiled(functools.partial(function, precision=precision), *arguments) == {}
 

@@ -53,6 +53,13 @@ def test_spatial_vectors_both_ways(of, to, kind, theirs):
     np.testing.assert_array_equal(of(made).to_array(), ours.to_array())
 
 
+def test_a_part_that_is_left_out_becomes_zeros():
+    for to, kind in ((interop.brax.to_motion, js.SpatialVelocity), (interop.brax.to_force, js.SpatialForce)):
+        made = to(kind(**{kind.__match_args__[1]: np.ones((4, 3), np.float32)}))
+        np.testing.assert_array_equal(made.ang, np.zeros((4, 3)))
+        np.testing.assert_array_equal(made.vel, np.ones((4, 3)))
+
+
 def test_transform_both_ways_and_what_it_does():
     ours = poses()
     theirs = interop.brax.to_transform(ours)

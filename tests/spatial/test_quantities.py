@@ -6,6 +6,7 @@ import operator
 import warnings
 from fractions import Fraction
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -258,6 +259,52 @@ def test_what_cannot_be_equal_says_so():
     with pytest.raises(TypeError, match="expected one dtype"):
         assert F == F.astype(np.float16)
     assert F != "x" and not F == object() and F not in (None, "x") and F in (None, F)
+
+
+AS_ARRAY = {
+    "np.asarray": np.asarray,
+    "np.array": np.array,
+    "of a list": lambda x: np.array([x, x]),
+    "with a dtype": lambda x: np.asarray(x, np.float32),
+    "np.stack": lambda x: np.stack([x, x]),
+    "jnp.asarray": jnp.asarray,
+    "jnp.array": jnp.array,
+    "of a list in JAX": lambda x: jnp.array([x, x]),
+}
+
+
+@pytest.mark.parametrize("as_array", AS_ARRAY.values(), ids=AS_ARRAY)
+@kinds
+def test_what_is_no_array_says_how_to_make_one(kind, as_array):
+    way = "to_array" if kind in VECTORS else "to_matrix"
+    message = rf"asarray: expected an array, got {kind.__name__}; its numbers are x\.{way}\(\)"
+    for of in (np.asarray, jnp.asarray):
+        x = quantity(kind, (2,), of)
+        with pytest.raises(TypeError, match=message):
+            as_array(x)
+        with pytest.raises(TypeError, match=message):
+            jax.jit(lambda x: as_array(x))(x)
+        assert getattr(x, way)().shape[0] == 2
+
+
+@kinds
+def test_to_jax_it_is_a_tree_all_the_same(kind):
+    x = quantity(kind, (3,))
+    assert_same(jax.jit(lambda x: x)(x), jax.tree.map(jnp.asarray, x))
+    assert_same(jax.vmap(lambda x: x)(x), jax.device_put(x))
+    assert_same(
+        jax.lax.scan(lambda c, x: (x, c), x.at_batch(0), x)[1].at_batch(np.s_[1:]),
+        jax.device_put(x).at_batch(np.s_[:2]),
+    )
+    assert_same(jax.tree.map(lambda *leaves: np.stack(leaves), x, x), js.stack([x, x]))
+    assert_same(jax.device_get(jax.tree.map(jnp.asarray, x)), x)
+    np.testing.assert_array_equal(*(leaves(y)[0] for y in (x, jax.device_put(x))))
+    chex.assert_trees_all_equal(x, jax.device_get(jax.device_put(x)))
+    assert jax.eval_shape(lambda x: x, x).batch_shape == (3,) and np.iterable(leaves(x))
+    two = jnp.float32(2)
+    if hasattr(kind, "__mul__"):
+        assert_same(two * x, x * two)
+        assert_same(np.float32(2) * x, x * np.float32(2))
 
 
 @kinds

@@ -43,7 +43,8 @@ class Components(Operators):
     infinity or a NaN (-0 is 0). Components take the place of an array wherever the library takes one. What is given any
     returns Components. What is known of these is decided by the structure of the arguments, not by where it is called:
     NumPy arrays beside them are known in those components that are 0, 1 or -1 throughout, eagerly too. Beside double
-    words the data of results are double words.
+    words the data of results are double words. Where all Components given are known zeros, as in `SpatialForce(f=f)`,
+    results are arrays, but for those that are zero, which are such Components again.
 
     A pytree whose leaves are the data, (*batch,) each. `jax.vmap` with in_axes=0 maps over the first axis of the batch,
     with -1 over the last one of the batch, not over components. Known numbers are static. Another number is another
@@ -277,9 +278,22 @@ def as_array(x: typing.Any, batch_shape: tuple[int, ...]) -> typing.Any:
     return x.to_array(batch_shape) if is_components(x) else x
 
 
+def zero(size: int, dtype: DTypeLike) -> Components:
+    """Components of known zeros, also of a dtype that JAX has switched off."""
+    return of([np.dtype(dtype).type(0)] * size)
+
+
+def is_zero(x: Any) -> bool:
+    """True for what is known to be zero throughout: Components without data, or a NumPy array."""
+    if isinstance(x, Components):
+        return not x.data and not any(x.structure.known)
+    return isinstance(x, check.NUMPY) and not x.any()
+
+
 def alike(arrays: Sequence[Any]) -> Any:
-    """The arguments of a formula; where one is Components, NumPy arrays made such, known where they are 0, 1 or -1."""
-    if not any(map(is_components, arrays)):
+    """The arguments of a formula; where one is Components, and not merely zero, NumPy arrays made such, known where
+    they are 0, 1 or -1."""
+    if all(is_zero(a) for a in arrays if is_components(a)):
         return arrays
     return tuple(as_components(a) if isinstance(a, np.ndarray) else a for a in arrays)
 

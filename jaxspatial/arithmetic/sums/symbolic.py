@@ -81,8 +81,7 @@ class _Data:
 
 def _passed_on(array: Any, batch: tuple[int, ...]) -> Any:
     """An argument returned as it came."""
-    (array,) = check.broadcast_batch(batch, array)
-    return jnp.asarray(array) if isinstance(array, np.ndarray) else array
+    return check.broadcast_batch(batch, array)[0]
 
 
 def _evaluated(plan: Plan, data: _Data, results: Sequence[Any]) -> list[Any]:

@@ -96,4 +96,4 @@ def needed(operation: str, module: str):
         return importlib.import_module(module)
     except ImportError as error:
         package = module.split(".")[0]
-        raise ImportError(f"{operation}: needs the package {package}: pip install jaxspatial[models]") from error
+        raise ImportError(f"{operation}: needs the package {package}: from a clone, pip install '.[models]'") from error
