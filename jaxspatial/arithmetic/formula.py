@@ -12,6 +12,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxspatial.arithmetic import check
+from jaxspatial.arithmetic.errorfree.barrier import barrier
 from jaxspatial.arithmetic.numbers import Number, Rounded, components, folding, is_number
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.polynomial import Quotient
@@ -166,7 +167,7 @@ class _Results(typing.NamedTuple):
         """Over the last axis of the batch. A known 0 stays known; of other numbers the sum is data."""
         if not self.is_apart:
             return _sum_of_items(self.rounded(vector))
-        parts = ((c, folding.is_known(c, 0)) for c in (x.value for x in vector))
+        parts = ((c, folding.is_known(c, 0)) for c in (x.operand for x in vector))
         return components.of([c if is_0 else pairwise_sum(jnp.broadcast_to(c, self.batch)) for c, is_0 in parts])
 
 
@@ -174,4 +175,4 @@ def _sum_of_items(x: Any) -> Any:
     """The sum of x (*batch, n, k) over n: (*batch, k)."""
     if isinstance(x, check.NUMPY) and not x.any():
         return np.zeros((*x.shape[:-2], x.shape[-1]), x.dtype)
-    return jnp.moveaxis(pairwise_sum(jnp.moveaxis(x, -1, 0)), 0, -1)
+    return jnp.moveaxis(pairwise_sum(jnp.moveaxis(barrier(x), -1, 0)), 0, -1)

@@ -101,10 +101,13 @@ def inertia_times(m: Number, c: Three, central: Symmetric, w: Three, v: Three) -
 def twice_kinetic_energy(
     m: Number, c: Three, central: Symmetric, w: Three, v: Three, half: Callable[[Number], Number] = lambda x: x
 ) -> Number:
-    """m |v + w x c|^2 + w . I w; with `half` of a number one factor of each square is taken before it is squared."""
+    """m |v + w x c|^2 + w . I w; with `half` of a number one factor of each square is taken before it is squared.
+
+    The mass is the last factor: m v may be beyond the largest number where v w, and with it m v w, is zero.
+    """
     at_center = velocity_at(w, v, c)
     turning = vectors.dot(tuple(map(half, w)), vectors.matrix_times(symmetric.rows(central), w))
-    return m * vectors.dot(tuple(map(half, at_center)), at_center) + turning
+    return vectors.dot(tuple(map(half, at_center)), at_center) * m + turning
 
 
 def parallel_axis(p: Three, q: Three) -> Symmetric:

@@ -26,7 +26,7 @@ def _cases():
 
 def _arguments(f, dtype, **others):
     """What f is called with, but for what has a default."""
-    given = {"mechanism": MECH, "body": "body0"} | dict.fromkeys(NUMBERS[:-2], np.ones(2, dtype))
+    given = {"mechanism": MECH, "frames": "body0"} | dict.fromkeys(NUMBERS[:-2], np.ones(2, dtype))
     given |= dict.fromkeys(NUMBERS[-2:], dtype(0.5))
     needed = {name for name, x in inspect.signature(f).parameters.items() if x.default is x.empty}
     return {name: x for name, x in given.items() if name in needed} | others
@@ -107,4 +107,4 @@ def test_a_name_that_nothing_has_is_told_which_is_near(name, call):
 
 def test_what_is_no_name_is_near_nothing():
     with pytest.raises(KeyError, match="got 3"):
-        js.jacobian(MECH, Q, 3)
+        js.jacobian(MECH, Q, [3])

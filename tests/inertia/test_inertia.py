@@ -290,6 +290,17 @@ def test_momentum_of_the_shifted_is_the_shifted_momentum(scene):
     _require_equal_pairs(lambda M, V, p: [(M.shift(p) @ V.shift(p), (M @ V).shift(p))], M, V, X.translation)
 
 
+@pytest.mark.parametrize("precision", list(js.Precision))
+def test_kinetic_energy_beyond_the_largest_number_is_an_infinity(precision):
+    """Also where m v is, beside terms that w or the centre of mass make zero."""
+    with jax.enable_x64(True):
+        M = js.SpatialInertia(jnp.asarray(1e300), jnp.zeros(3), jnp.eye(3))
+        V = js.SpatialVelocity(jnp.zeros((3, 3)), jnp.asarray([[0, 0, 1e15], [-1e15, 0, 0], [1e200, 1e200, 1.0]]))
+        found = jax.jit(lambda M, V: M.kinetic_energy(V, precision=precision))(M, V)
+        np.testing.assert_array_equal(found, np.full(3, np.inf))
+        np.testing.assert_array_equal(M.kinetic_energy(V, precision=precision), found)
+
+
 def test_kinetic_energy_does_not_depend_on_point_or_frame(scene):
     def energies(M, V, X):
         p, R = X.translation, X.rotation

@@ -132,6 +132,27 @@ def test_value_is_the_same_compiled(context, dtype, x64, items, names):
             assert_same_bits(result[name], expected[name], name)
 
 
+@pytest.mark.parametrize(
+    ("names", "dtype"),
+    [(MANY, "float32"), *(pytest.param(OWN, dtype, marks=pytest.mark.slow) for dtype in ("float32", "float64"))],
+    ids=["many-float32", "own-float32", "own-float64"],
+)
+def test_value_does_not_depend_on_who_computed_the_arguments(names, dtype):
+    """Products of the same program, which without a barrier are contracted with sums of the operations."""
+    rng = np.random.default_rng(0)
+    given = {name: arrays(name, dtype) for name in names}
+    near_one = {name: [rng.uniform(0.999, 1.001, x.shape).astype(dtype) for x in xs] for name, xs in given.items()}
+
+    def multiplied(given, near_one):
+        return {name: [x * y for x, y in zip(given[name], near_one[name], strict=True)] for name in names}
+
+    expected = {name: OPERATIONS[name].naive(*xs) for name, xs in multiplied(given, near_one).items()}
+    with jax.enable_x64(dtype == "float64"):
+        result = jax.jit(lambda *both: together(names)(multiplied(*both)))(given, near_one)
+    for name in names:
+        assert_same_bits(result[name], expected[name], name)
+
+
 @pytest.mark.parametrize(("dtype", "x64"), FORMATS)
 def test_value_is_bitwise_the_naive_formula(dtype, x64):
     """Where 64-bit types are on, narrower ones are not widened."""

@@ -407,7 +407,7 @@ def test_a_free_joint_has_neither(attribute):
 def test_without_the_package(monkeypatch, package):
     for name in [name for name in __import__("sys").modules if name.split(".")[0] == package]:
         monkeypatch.setitem(__import__("sys").modules, name, None)
-    with pytest.raises(ImportError, match=rf"from_mjcf: needs the package {package}: .*jaxspatial\[models\]"):
+    with pytest.raises(ImportError, match=rf"from_mjcf: needs the package {package}: .*pip install .*models"):
         read()
 
 

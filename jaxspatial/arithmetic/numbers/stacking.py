@@ -106,7 +106,7 @@ def of_array(array: Any, precision: Precision, twice: bool, dtype: Any = None) -
     if isinstance(array, DoubleWord):
         parts = zip(*(folding.unstack(word) for word in (array.hi, array.lo)), strict=True)
         return tuple(Rounded(precision, converted(hi, wide) + converted(lo, wide)) for hi, lo in parts)
-    if wide == dtype:
+    if array.dtype == wide:
         return tuple(Rounded(precision, x, is_given=True) for x in folding.unstack(array))
     return tuple(Rounded(precision, converted(from_outside(x, precision), wide)) for x in folding.unstack(array))
 
