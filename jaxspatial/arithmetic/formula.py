@@ -1,7 +1,6 @@
 """How a formula is run: over which numbers; as one compiled program, or written into the one that is being traced."""
 
 import functools
-import operator
 import typing
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -16,7 +15,7 @@ from jaxspatial.arithmetic.errorfree.barrier import barrier
 from jaxspatial.arithmetic.numbers import Number, Rounded, components, folding, is_number
 from jaxspatial.arithmetic.numbers.double_word import DoubleWord
 from jaxspatial.arithmetic.numbers.polynomial import Quotient
-from jaxspatial.arithmetic.numbers.stacking import Stacked, Summed, as_array, converted, of_array, stacked
+from jaxspatial.arithmetic.numbers.stacking import Stacked, Summed, as_array, converted, from_outside, of_array, stacked
 from jaxspatial.arithmetic.numbers.trees import to_double_word
 from jaxspatial.arithmetic.precision import Precision, resolve
 from jaxspatial.arithmetic.sums.pairwise import pairwise_sum
@@ -107,6 +106,11 @@ def _run_over(numbers: Callable[..., Any], function: Callable[..., Any], arrays:
 # -- sums of products -------------------------------------------------------------------------------------------------
 
 
+def _widened(x: Any) -> Any:
+    """In float32: behind a barrier first, for a rounding to bfloat16 and back may be left out."""
+    return barrier(x).astype(np.float32)
+
+
 def _run_sums(
     function: Callable[..., Any], precision: Precision, static: tuple[tuple[str, Any], ...], *arrays: Any
 ) -> Any:
@@ -117,12 +121,13 @@ def _run_sums(
     def numbers(array: Any) -> Sequence[Number]:
         if not is_apart:
             return stacked(precision, array)
-        return tuple(Rounded(precision, x, is_given=True) for x in components.as_components(array).components)
+        apart = components.as_components(array).components
+        return tuple(Rounded(precision, x, from_outside(x, precision)) for x in apart)
 
     is_apart = any(map(components.is_components, arrays))
     if arrays[0].dtype != jnp.bfloat16:
         return _run_over(numbers, function, arrays)
-    found = _run_over(numbers, function, jax.tree.map(operator.methodcaller("astype", np.float32), arrays))
+    found = _run_over(numbers, function, jax.tree.map(_widened, arrays))
     return jax.tree.map(functools.partial(converted, dtype=jnp.bfloat16), found)
 
 

@@ -13,9 +13,9 @@ class Precision(enum.StrEnum):
     `FAST`: the compiler may contract `a * b + c` to one fused multiply-add, so that results depend on the program
     around them.
     `REPRODUCIBLE` (the default): every product is rounded on its own. Results are bitwise those of the same formula in
-    NumPy, whatever the batch size and whether compiled or not; `cross(a, a) == 0`, `cross(a, b) == -cross(b, a)`;
-    inputs scaled by powers of two give outputs scaled by powers of two. bfloat16 is evaluated in float32, and rounded
-    once.
+    NumPy, whatever the batch size, whether compiled or not, and whatever computed the arguments; `cross(a, a) == 0`,
+    `cross(a, b) == -cross(b, a)`; inputs scaled by powers of two give outputs scaled by powers of two. bfloat16 is
+    evaluated in float32, and rounded once.
     `COMPENSATED`: as if computed in twice the precision and rounded once.
     `FAITHFUL`: within one unit in the last place of the exact result, however much cancels.
 

@@ -211,7 +211,7 @@ def of_numbers(mech, name, x):
     """The mechanism with a field of these numbers: rotations stay rotations, and axes unit vectors."""
     if name.endswith("placements"):
         x = js.RigidTransform(js.Rotation.exp(x[0]) @ getattr(mech, name).rotation, x[1])
-    if name in ("axes", "second_axes"):
+    elif name in ("axes", "second_axes"):
         x = x / jnp.sqrt((x * x).sum(-1, keepdims=True))
     return mech.replace(**{name: x})
 
@@ -351,7 +351,7 @@ def test_all_are_drawn():
         name for name, f in vars(js).items() if inspect.isfunction(f) and "mechanism" in inspect.signature(f).parameters
     }
     assert taking - {name.split(",")[0] for name in ALGORITHMS} == {"random_configuration", "lock_joints", "subtree"}
-    mechs, fields, names, derivatives, ways = map(set, zip(*DRAWN, strict=True))
+    mechs, fields, names, *_ = map(set, zip(*DRAWN, strict=True))
     assert mechs == set(MECHANISMS) and names == set(ALGORITHMS)
     assert {"topology", *READ_BY_NONE} == {f.name for f in dataclasses.fields(js.Mechanism)} - fields
     assert {case[3:] for case in DRAWN} == set(itertools.product(DERIVATIVES, WAYS))

@@ -10,7 +10,6 @@ import numpy as np
 from jax import Array, lax
 
 from jaxspatial.arithmetic.errorfree import reproducible
-from jaxspatial.arithmetic.errorfree.barrier import barrier
 from jaxspatial.arithmetic.numbers import folding
 from jaxspatial.arithmetic.numbers.protocol import Compared
 from jaxspatial.arithmetic.precision import Precision
@@ -19,19 +18,14 @@ from jaxspatial.arithmetic.precision import Precision
 class Rounded(Compared):
     """An array over the batch, or a number known while tracing, whose operations are rounded as the precision says."""
 
-    def __init__(self, precision: Precision, value: Any, is_given: bool = False):
-        """is_given: whether the value is a caller's. In "fast" the compiler may contract that, too."""
+    def __init__(self, precision: Precision, value: Any, operand: Any = None):
+        """operand: the value to compute with, if it is a caller's: behind a barrier."""
         self.precision, self.value = precision, value
-        self._is_given = is_given and precision is not Precision.FAST
+        self.operand = value if operand is None else operand
 
     @property
     def dtype(self) -> np.dtype[Any]:
         return np.dtype(self.value.dtype)
-
-    @functools.cached_property
-    def operand(self) -> Any:
-        """The value, to compute with."""
-        return barrier(self.value) if self._is_given else self.value
 
     @property
     def words(self) -> tuple[Any, ...]:

@@ -46,7 +46,9 @@ class Stacked(Sequence[Any]):
 
     @functools.cached_property
     def _numbers(self) -> Any:
-        return tuple(Rounded(self.precision, x, self._is_given) for x in self._make_values())
+        values = self._make_values()
+        operands = folding.unstack(self.operand) if self._is_given else values
+        return tuple(Rounded(self.precision, x, y) for x, y in zip(values, operands, strict=True))
 
     def __getitem__(self, i: Any) -> Any:
         return self._numbers[i]
@@ -106,9 +108,10 @@ def of_array(array: Any, precision: Precision, twice: bool, dtype: Any = None) -
     if isinstance(array, DoubleWord):
         parts = zip(*(folding.unstack(word) for word in (array.hi, array.lo)), strict=True)
         return tuple(Rounded(precision, converted(hi, wide) + converted(lo, wide)) for hi, lo in parts)
-    if array.dtype == wide:
-        return tuple(Rounded(precision, x, is_given=True) for x in folding.unstack(array))
-    return tuple(Rounded(precision, converted(from_outside(x, precision), wide)) for x in folding.unstack(array))
+    operands = folding.unstack(from_outside(array, precision))
+    values = folding.unstack(array) if array.dtype == wide else [None] * len(operands)
+    given = ((y if x is None else x, y) for x, y in zip(values, operands, strict=True))
+    return tuple(Rounded(precision, *(converted(word, wide) for word in words)) for words in given)
 
 
 def of_terms(array: Any, precision: Precision, dtype: np.dtype[Any]) -> Numbers:
