@@ -22,6 +22,7 @@ import numpy as np  # noqa: E402
 from jax import lax  # noqa: E402
 
 import jaxspatial as js  # noqa: E402
+from jaxspatial.arithmetic.errorfree.barrier import barrier, proving_barrier  # noqa: E402
 from jaxspatial.measure import exact, inputs, scene, timing  # noqa: E402
 
 HERE = pathlib.Path(__file__).parent
@@ -74,6 +75,8 @@ PRICES = {
 }
 # Inverse dynamics, in times of `fast`: float32, float64.
 WHOLE_ALGORITHMS = {"compensated": (2.0, 4.0)}
+# An addition of arrays behind barriers, in times of one without.
+BARRIER = 1.03
 # Of 16 bits, in times of float32.
 NARROW = ("bfloat16", "float16"), 1.5
 # A value with its gradient, in times of the value.
@@ -152,6 +155,17 @@ def converted(n):
     )
 
 
+def barriers(n, dtype):
+    """A sum of two arrays as it is, with its arguments behind barriers, and with the proof that sums have errors."""
+    arrays = vectors(4, n, dtype)
+    sums = {"without": jnp.add, "barrier": lambda a, b: barrier(a) + barrier(b)}
+    sums["barrier and proof"] = lambda a, b: proving_barrier(a) + proving_barrier(b)
+    runs = {name: jax.jit(run, donate_argnums=0) for name, run in sums.items()}
+    calls = {name: _fed_back(run, arrays[:2]) for name, run in runs.items()}
+    claimed = tuple(Claim(name, "without", BARRIER) for name in runs if name != "without")
+    return Group("a sum, streaming, in place", calls, n, claimed)
+
+
 def derivatives(n, dtype):
     """Value alone, and value with gradient in all twelve numbers, of the power of a shifted wrench."""
     arrays = vectors(4, n, dtype)
@@ -211,6 +225,7 @@ def groups(n, dtype):
         yield streaming(operation, n, dtype)
         yield in_cache(operation, dtype)
     yield in_place(n, dtype)
+    yield barriers(n, dtype)
     yield derivatives(n // 10, dtype)
     for name, mechanism in robots():
         yield whole_algorithm(name, mechanism, min(n, STATES), dtype)
