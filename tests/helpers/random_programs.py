@@ -8,6 +8,7 @@ with exact rationals, or, where bits are promised, with the bits that the operat
 """
 
 import functools
+import operator
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -37,18 +38,29 @@ class Operation(NamedTuple):
     n: int
     call: Callable[..., Any]
     holds: Callable[..., Any]
-    is_exact: bool = False  # whether the bits of its results follow from those of its operands
+    bits: Callable[..., Any] | None = None  # the results in NumPy, where the operands decide on their bits
     is_vector: bool = False  # whether operands are vectors of three
 
 
-def _is_exact_product(operands, results):
-    (a, b), (p, e) = operands, results
-    return (p == a * b) & (rationals(p) + rationals(e) == rationals(a) * rationals(b))
+def _with_error(operation):
+    """(the rounded result of an operation, its error, which is a number of the format)."""
+
+    def bits(a, b):
+        rounded = operation(a, b)
+        return rounded, (operation(rationals(a), rationals(b)) - rationals(rounded)).astype(a.dtype)
+
+    return bits
 
 
-def _is_exact_sum(operands, results):
-    (a, b), (s, e) = operands, results
-    return (s == a + b) & (rationals(s) + rationals(e) == rationals(a) + rationals(b))
+def _has_bits(bits, operands, results):
+    expected = bits(*operands)
+    return np.array([x == y for x, y in zip(expected, results, strict=True) if y is not None])
+
+
+def _exactly(call, operation):
+    """Of two numbers an operation with its error."""
+    bits = _with_error(operation)
+    return Operation(2, call, functools.partial(_has_bits, bits), bits)
 
 
 def _is_near(bound, formula, operands, results):
@@ -56,11 +68,6 @@ def _is_near(bound, formula, operands, results):
     value = functools.reduce(lambda x, y: x + y, map(rationals, results))
     expected = formula(*map(rationals, operands))
     return abs(value - expected) <= bound * error.unit_roundoff(operands[0].dtype) ** 2 * abs(expected)
-
-
-def _has_bits(formula, operands, results):
-    """Those of a formula in NumPy."""
-    return np.asarray(formula(*operands)) == results[0]
 
 
 def _keeps_promise(name, mag2, operands, results):
@@ -92,7 +99,12 @@ def _from_outside(operation):
 
 
 def _bitwise(n, call, formula, is_vector=True):
-    return Operation(n, call, functools.partial(_has_bits, formula), True, is_vector)
+    """The bits of a formula in NumPy."""
+
+    def bits(*operands):
+        return [np.asarray(formula(*operands))]
+
+    return Operation(n, call, functools.partial(_has_bits, bits), bits, is_vector)
 
 
 def _dot_in_numpy(tau, f, w, v):
@@ -107,12 +119,12 @@ def _sum(f, g):
 
 
 OPERATIONS = {
-    "two_product": Operation(2, _from_outside(transforms.two_product), _is_exact_product, True),
-    "two_sum": Operation(2, _from_outside(transforms.two_sum), _is_exact_sum, True),
-    "double word times word": Operation(2, _double_word(lambda x, y: x * y), _is_exact_product, True),
-    "double word plus word": Operation(2, _double_word(lambda x, y: x + y), _is_exact_sum, True),
+    "two_product": _exactly(_from_outside(transforms.two_product), operator.mul),
+    "two_sum": _exactly(_from_outside(transforms.two_sum), operator.add),
+    "double word times word": _exactly(_double_word(operator.mul), operator.mul),
+    "double word plus word": _exactly(_double_word(operator.add), operator.add),
     "double word over word": Operation(
-        2, _double_word(lambda x, y: x / y), functools.partial(_is_near, 3, lambda a, b: a / b)
+        2, _double_word(operator.truediv), functools.partial(_is_near, 3, operator.truediv)
     ),
     "product": _bitwise(2, _from_outside(reproducible.product), np.multiply, False),
     "quotient": _bitwise(2, _from_outside(reproducible.quotient), np.divide, False),
@@ -155,15 +167,15 @@ class Program:
         self.surrounding = str(rng.choice(SURROUNDINGS))
         self.is_vector = bool(rng.integers(3))
         self.size = 3 if self.is_vector else int(rng.choice([0, 8]))
-        self.n = int(rng.choice([4, 20]))
+        self.n = int(rng.choice([5, 20]))
         shape = (N_ARGUMENTS, self.n, self.size) if self.size else (N_ARGUMENTS, self.n)
         reach = 10 if self.dtype == np.float32 else 100
         scales = 2.0 ** rng.integers(-reach, reach, shape)
         self.arguments = (rng.standard_normal(shape) * (scales if rng.integers(2) else 1)).astype(self.dtype)
         self.values = [Value(x) for x in self._of_items()]
         self.steps: list[Callable[..., list[Any]]] = []
-        # (name, operation, operands, results on its own, where its results are) of every operation of the library
-        self.checks: list[tuple[str, Operation, list[Any], list[Any], list[int]]] = []
+        # (name, operation, operands, where its results are) of every operation of the library
+        self.checks: list[tuple[str, Operation, list[Any], list[int]]] = []
         self.beside: list[int] = []
         for _ in range(int(rng.integers(2, 9))):
             self._draw_own() if rng.integers(2) else self._draw_of_library()
@@ -225,16 +237,24 @@ class Program:
         operation = OPERATIONS[name]
         places = [self._place() for _ in range(operation.n)]
         operands = [self.values[i].bits for i in places]
-        results = [np.asarray(x) for x in jax.tree.leaves(operation.call(*map(jnp.asarray, operands)))]
-        if not all(np.isfinite(x).all() and _is_usual(x) for x in results):
+        is_quotient = name in ("quotient", "double word over word")
+        if is_quotient and not operands[1].all():
             return
-        at = list(range(len(self.values), len(self.values) + len(results)))
-        self.checks.append((name, operation, operands, results, at))
-        is_known = operation.is_exact and results[0].shape == operands[0].shape
+        results = operation.bits and operation.bits(*operands)
+        if results and not all(map(_is_usual, results)):
+            return
+        n_results = len(results) if results else len(self._shapes(operation, operands))
+        at = list(range(len(self.values), len(self.values) + n_results))
+        self.checks.append((name, operation, operands, at))
+        is_known = results and results[0].shape == operands[0].shape
         self._add(
             lambda x: jax.tree.leaves(operation.call(*(x[i] for i in places))),
-            *(Value(y if is_known else None, has_constant=True) for y in results),
+            *(Value(y, has_constant=True) for y in (results if is_known else [None] * n_results)),
         )
+
+    @staticmethod
+    def _shapes(operation, operands):
+        return jax.tree.leaves(jax.eval_shape(operation.call, *operands))
 
     def _draw_beside(self):
         """What the caller makes of a result, and of the same numbers: nobody looks at it, but the compiler."""
@@ -254,10 +274,10 @@ class Program:
         self.beside.append(len(self.values) - 1)
 
     def _drawn_results(self):
-        """Of every operation of the library all its results, or one alone; and what stands beside."""
+        """Of every operation of the library all its results, or some alone; and what stands beside."""
         returned = []
-        for *_, at in self.checks:
-            taken = [k for k in at if self.rng.integers(3)]
+        for _, operation, _, at in self.checks:
+            taken = [k for k in at if operation.bits is None or self.rng.integers(3)]
             returned += taken or [at[-1]]
         return sorted({*returned, *self.beside})
 
@@ -322,10 +342,8 @@ class Program:
         """(operation, how many numbers of its results are not what they must be) for all that have some."""
         results = dict(zip(self.returned, found, strict=True))
         wrong = []
-        for name, operation, operands, alone, at in self.checks:
-            # What is not returned is as it is on its own: an error has to be that of the rounded result.
-            here = [results.get(k, x) for k, x in zip(at, alone, strict=True)]
-            count = int(np.sum(~np.asarray(operation.holds(operands, here), bool)))
+        for name, operation, operands, at in self.checks:
+            count = int(np.sum(~np.asarray(operation.holds(operands, [results.get(k) for k in at]), bool)))
             if count:
                 wrong.append((name, count))
         return wrong
