@@ -20,7 +20,7 @@ def center_of_mass(mechanism: Mechanism, q: Coordinates, *, precision: Precision
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         precision: name of a precision; None takes the default.
 
     Returns:
@@ -44,7 +44,7 @@ def center_of_mass_velocity(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) rates: rad/s, m/s.
         precision: name of a precision; None takes the default.
 
@@ -67,7 +67,7 @@ def center_of_mass_jacobian(mechanism: Mechanism, q: Coordinates, *, precision: 
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         precision: name of a precision; None takes the default.
 
     Returns:
@@ -93,7 +93,7 @@ def centroidal_momentum(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) rates: rad/s, m/s.
         precision: name of a precision; None takes the default.
 
@@ -116,7 +116,7 @@ def centroidal_momentum_matrix(mechanism: Mechanism, q: Coordinates, *, precisio
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         precision: name of a precision; None takes the default.
 
     Returns:

@@ -22,7 +22,7 @@ def integrate(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) rates: rad/s, m/s.
         dt: the time, s: a number or (*batch,).
         precision: name of a precision; None takes the default.
@@ -51,7 +51,7 @@ def difference(mechanism: Mechanism, q0: Coordinates, q1: Coordinates, *, precis
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q0: (*batch, nq) coordinates at the start: rad, m, unit quaternions.
+        q0: (*batch, nq) coordinates at the start: rad, m, quaternions (read normalised).
         q1: (*batch, nq) coordinates at the end.
         precision: name of a precision; None takes the default.
 
@@ -78,7 +78,7 @@ def interpolate(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q0: (*batch, nq) coordinates at t = 0: rad, m, unit quaternions.
+        q0: (*batch, nq) coordinates at t = 0: rad, m, quaternions (read normalised).
         q1: (*batch, nq) coordinates at t = 1.
         t: a number or (*batch,), any number.
         precision: name of a precision; None takes the default.
@@ -108,7 +108,7 @@ def configuration_rates(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions of any length.
         v: (*batch, nv) rates: rad/s, m/s.
         precision: name of a precision; None takes the default.
 

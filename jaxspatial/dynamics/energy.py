@@ -20,7 +20,7 @@ def kinetic_energy(mechanism: Mechanism, q: Coordinates, v: Rates, *, precision:
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) rates: rad/s, m/s.
         precision: name of a precision; None takes the default.
 
@@ -43,7 +43,7 @@ def potential_energy(mechanism: Mechanism, q: Coordinates, *, precision: Precisi
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         precision: name of a precision; None takes the default.
 
     Returns:

@@ -33,7 +33,7 @@ def inverse_dynamics(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) rates: rad/s, m/s.
         vdot: (*batch, nv) time derivatives of the rates: rad/s^2, m/s^2.
         external_forces: by name of a frame (bodies are frames, welded links too) a SpatialForce (*batch,) about the
@@ -69,7 +69,7 @@ def bias_forces(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) rates: rad/s, m/s.
         external_forces: by name of a frame (bodies are frames, welded links too) a SpatialForce (*batch,) about the
             origin of the frame, in world axes. It acts on the body that carries the frame, see `Mechanism.frame_body`.
@@ -96,7 +96,7 @@ def gravity_forces(mechanism: Mechanism, q: Coordinates, *, precision: Precision
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         precision: name of a precision; None takes the default.
 
     Returns:

@@ -25,7 +25,7 @@ def jacobian(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         frames: a name of `mechanism.frame_names`, or several, in the order of the results.
         precision: name of a precision; None takes the default.
 
@@ -58,7 +58,7 @@ def jacobian_rate(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) rates: rad/s, m/s.
         frames: a name of `mechanism.frame_names`, or several, in the order of the results.
         precision: name of a precision; None takes the default.

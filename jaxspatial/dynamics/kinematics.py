@@ -28,7 +28,7 @@ def forward_kinematics(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         frames: a name of `mechanism.frame_names`, or several, in the order of the results; None takes
             `mechanism.body_names`.
         precision: name of a precision; None takes the default.
@@ -61,7 +61,7 @@ def body_velocities(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) rates: rad/s, m/s.
         frames: a name of `mechanism.frame_names`, or several, in the order of the results; None takes
             `mechanism.body_names`.
@@ -95,7 +95,7 @@ def body_accelerations(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) rates: rad/s, m/s.
         vdot: (*batch, nv) time derivatives of the rates: rad/s^2, m/s^2.
         frames: a name of `mechanism.frame_names`, or several, in the order of the results; None takes

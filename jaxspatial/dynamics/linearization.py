@@ -44,7 +44,7 @@ def inverse_dynamics_derivatives(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) rates: rad/s, m/s.
         vdot: (*batch, nv) time derivatives of the rates: rad/s^2, m/s^2.
         external_forces: by name of a frame (bodies are frames, welded links too) a SpatialForce (*batch,) about the
@@ -85,7 +85,7 @@ def forward_dynamics_derivatives(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) rates: rad/s, m/s.
         tau: (*batch, nv) generalized forces of the joints: N m, N.
         external_forces: by name of a frame (bodies are frames, welded links too) a SpatialForce (*batch,) about the

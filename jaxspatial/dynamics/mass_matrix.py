@@ -29,7 +29,7 @@ def mass_matrix(mechanism: Mechanism, q: Coordinates, *, precision: PrecisionNam
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         precision: name of a precision; None takes the default.
 
     Returns:
@@ -183,7 +183,7 @@ def mass_matrix_factor(mechanism: Mechanism, q: Coordinates, *, precision: Preci
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         precision: of M, name of a precision; None takes the default. The factor is found in the dtype of q (float32 for
             16-bit types) in every precision.
 

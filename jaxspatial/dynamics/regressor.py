@@ -27,7 +27,7 @@ def joint_torque_regressor(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) rates: rad/s, m/s.
         vdot: (*batch, nv) time derivatives of the rates: rad/s^2, m/s^2.
         precision: name of a precision; None takes the default.

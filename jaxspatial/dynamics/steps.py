@@ -54,7 +54,7 @@ def semi_implicit_step(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) rates: rad/s, m/s.
         tau: (*batch, nv) generalized forces of the joints: N m, N.
         dt: the time, s: a number or (*batch,).
@@ -153,7 +153,7 @@ def symplectic_step(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) rates: rad/s, m/s.
         tau: (*batch, nv) generalized forces of the joints: N m, N.
         dt: the time, s: a number or (*batch,). The same at every step.
@@ -208,7 +208,7 @@ def rk4_step(
 
     Args:
         mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, unit quaternions.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) rates: rad/s, m/s.
         tau: (*batch, nv) generalized forces of the joints: N m, N.
         dt: the time, s: a number or (*batch,).
