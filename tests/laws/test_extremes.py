@@ -127,7 +127,9 @@ def _assert_infinite(computed, exact):
 
 @precisions
 @pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("beyond", [1.0, 2.0**-7], ids=["far", "near"])
+@pytest.mark.parametrize(
+    "beyond", [pytest.param(1.0, id="far", marks=pytest.mark.slow), pytest.param(2.0**-7, id="near")]
+)
 def test_a_double_word_beyond_the_largest_number_is_an_infinity(beyond, dtype, precision):
     """Nothing beside it, of one item and of many; beyond: the largest number, in parts of it."""
     big, one = (np.asarray([[0, 0, x]], jnp.dtype(dtype)) for x in (jnp.finfo(dtype).max, 1))

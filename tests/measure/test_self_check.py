@@ -62,8 +62,9 @@ def test_64_bit_types_on_or_off_by_the_caller(x64, quick):
     assert report.holds and len(report.findings) == len(quick)
 
 
-# In float64 all precisions need what the flag breaks; in float32 some have float64 to compute in.
-@pytest.mark.parametrize("dtypes", [("float64",), slow(("float32", "float64"))], ids="-".join)
+# In float64 all precisions need what the flag breaks; in float32 some have float64 to compute in. By default
+# `arithmetic.errorfree.test_barrier` tells that results are NaN then.
+@pytest.mark.parametrize("dtypes", [slow(("float64",)), slow(("float32", "float64"))], ids="-".join)
 def test_fast_math_is_seen(dtypes):
     run = _run(dtypes, "--xla_cpu_enable_fast_math=true", "--json")
     assert run.returncode == 1, run.stderr
