@@ -249,7 +249,7 @@ class Program:
         is_known = results and results[0].shape == operands[0].shape
         self._add(
             lambda x: jax.tree.leaves(operation.call(*(x[i] for i in places))),
-            *(Value(y, has_constant=True) for y in (results if is_known else [None] * n_results)),
+            *(Value(y, has_constant=True) for y in (results if results and is_known else [None] * n_results)),
         )
 
     @staticmethod
