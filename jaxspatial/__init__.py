@@ -17,14 +17,14 @@ _IS_FOR_THE_COMMAND = _sys.argv[:1] == ["-m"] and _sys.orig_argv[-len(_sys.argv)
 
 if not _IS_FOR_THE_COMMAND:
     # how numbers are added and multiplied
-    from jaxspatial.arithmetic.check import NarrowingWarning as NarrowingWarning
-    from jaxspatial.arithmetic.numbers.components import Components as Components
-    from jaxspatial.arithmetic.numbers.components import from_components as from_components
-    from jaxspatial.arithmetic.numbers.double_word import DoubleWord as DoubleWord
-    from jaxspatial.arithmetic.numbers.trees import from_double_word as from_double_word
-    from jaxspatial.arithmetic.numbers.trees import to_double_word as to_double_word
-    from jaxspatial.arithmetic.precision import Precision as Precision
-    from jaxspatial.arithmetic.precision import default_precision as default_precision
+    from jaxspatial.numerics.check import NarrowingWarning as NarrowingWarning
+    from jaxspatial.numerics.numbers.components import Components as Components
+    from jaxspatial.numerics.numbers.components import from_components as from_components
+    from jaxspatial.numerics.numbers.double_word import DoubleWord as DoubleWord
+    from jaxspatial.numerics.numbers.double_word import from_double_word as from_double_word
+    from jaxspatial.numerics.numbers.double_word import to_double_word as to_double_word
+    from jaxspatial.numerics.precision import Precision as Precision
+    from jaxspatial.numerics.precision import default_precision as default_precision
 
     # rotations and frames
     from jaxspatial.rotation import Rotation as Rotation
@@ -37,7 +37,7 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.spatial import SpatialVelocity as SpatialVelocity
 
     # batches of all of these, and of inertias
-    from jaxspatial.arithmetic.quantity import stack as stack
+    from jaxspatial.numerics.quantity import stack as stack
 
     # operations on them
     from jaxspatial.spatial import act as act
@@ -50,10 +50,7 @@ if not _IS_FOR_THE_COMMAND:
     # inertia
     from jaxspatial.inertia import ArticulatedInertia as ArticulatedInertia
     from jaxspatial.inertia import SpatialInertia as SpatialInertia
-    from jaxspatial.inertia import kinetic_energy_regressor as kinetic_energy_regressor
-    from jaxspatial.inertia import momentum_regressor as momentum_regressor
     from jaxspatial.inertia import newton_euler as newton_euler
-    from jaxspatial.inertia import newton_euler_regressor as newton_euler_regressor
 
     # mechanisms
     from jaxspatial.mechanism import Body as Body
@@ -62,7 +59,6 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.mechanism import Mechanism as Mechanism
     from jaxspatial.mechanism import StaticMechanism as StaticMechanism
     from jaxspatial.mechanism import lock_joints as lock_joints
-    from jaxspatial.mechanism import random_mechanism as random_mechanism
     from jaxspatial.mechanism import subtree as subtree
 
     # dynamics
@@ -87,22 +83,18 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.dynamics.kinematics import body_accelerations as body_accelerations
     from jaxspatial.dynamics.kinematics import body_velocities as body_velocities
     from jaxspatial.dynamics.kinematics import forward_kinematics as forward_kinematics
-    from jaxspatial.dynamics.linearization import ForwardDynamicsDerivatives as ForwardDynamicsDerivatives
-    from jaxspatial.dynamics.linearization import InverseDynamicsDerivatives as InverseDynamicsDerivatives
     from jaxspatial.dynamics.linearization import forward_dynamics_derivatives as forward_dynamics_derivatives
     from jaxspatial.dynamics.linearization import inverse_dynamics_derivatives as inverse_dynamics_derivatives
-    from jaxspatial.dynamics.mass_matrix import MassMatrixFactor as MassMatrixFactor
-    from jaxspatial.dynamics.mass_matrix import mass_matrix as mass_matrix
-    from jaxspatial.dynamics.mass_matrix import mass_matrix_factor as mass_matrix_factor
+    from jaxspatial.dynamics.composite_bodies import mass_matrix as mass_matrix
+    from jaxspatial.dynamics.composite_bodies import mass_matrix_factor as mass_matrix_factor
     from jaxspatial.dynamics.passive import Compliance as Compliance
     from jaxspatial.dynamics.passive import passive_forces as passive_forces
-    from jaxspatial.dynamics.regressor import joint_torque_regressor as joint_torque_regressor
+    from jaxspatial.dynamics import regressors as regressors
     from jaxspatial.dynamics.steps import rk4_step as rk4_step
     from jaxspatial.dynamics.steps import semi_implicit_step as semi_implicit_step
     from jaxspatial.dynamics.steps import symplectic_step as symplectic_step
 
     # wrenches and points
-    from jaxspatial.spatial import CentralAxis as CentralAxis
     from jaxspatial.spatial import center_of_pressure as center_of_pressure
     from jaxspatial.spatial import central_axis as central_axis
     from jaxspatial.spatial import wrench_from_point_forces as wrench_from_point_forces
@@ -110,16 +102,14 @@ if not _IS_FOR_THE_COMMAND:
     # does it hold here
     from jaxspatial.measure import self_check as self_check
 
+    # random mechanisms, for tests
+    from jaxspatial.mechanism import testing as testing
+
     # objects and arrays of other libraries; accuracy and speed of one's own functions
     from jaxspatial import interop as interop
     from jaxspatial import measure as measure
 
     # which version
     from importlib.metadata import version as _version
-
-    # every public NamedTuple is known to `jax.export`
-    from jaxspatial.arithmetic.tree import named_tuples as _named_tuples
-
-    _named_tuples(list(vars().values()))
 
     __version__ = _version("jaxspatial")

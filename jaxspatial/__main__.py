@@ -1,12 +1,107 @@
-"""python -m jaxspatial: the speed and accuracy trade on this machine; its subcommands."""
+"""python -m jaxspatial: which job it is, and its failures as one line and an exit status.
 
+What needs JAX is imported when all that can be refused before has been.
+"""
+
+import _thread
+import contextlib
+import os
 import sys
+import threading
+from collections.abc import Iterable
 
-try:
-    from jaxspatial.command.cli import main
+# Exit statuses beside 0, and 1 where a promise does not hold; the last as shells have it, 128 and the signal.
+_IMPOSSIBLE, _INTERRUPTED = 2, 130
+# Seconds until a dropped interrupt comes again: by then the callback is over.
+_PAUSE = 0.02
 
-    status = main()
-except KeyboardInterrupt:
-    print("error: interrupted", file=sys.stderr)
-    status = 130
-sys.exit(status)
+
+def main(arguments: Iterable[str] | None = None):
+    """Runs the command; returns its exit status: 0, 1 where a promise does not hold, 2 for what cannot be done, 130."""
+    try:
+        from jaxspatial.measure.options import WrenchFileError
+
+        try:
+            with interrupts_heard():
+                status = _run(sys.argv[1:] if arguments is None else list(arguments))
+                sys.stdout.flush()
+            return status
+        except (WrenchFileError, OSError, MemoryError) as error:
+            return _failed(_line(error), _IMPOSSIBLE)
+    except KeyboardInterrupt:
+        return _failed("interrupted", _INTERRUPTED)
+
+
+def _run(arguments):
+    """What is done without a subcommand is `trade`."""
+    from jaxspatial.measure import options
+
+    job, *rest = arguments if arguments and arguments[0] in ("trade", "shift", "self-check") else ["trade", *arguments]
+    if job == "shift":
+        given = options.to_shift(rest)
+        from jaxspatial.measure import wrench_file
+
+        return wrench_file.convert(given)
+    given = options.checking().parse_args(rest) if job == "self-check" else options.to_measure(rest)
+    if job == "self-check" or given.self_check:
+        return _print_self_check(given.json)
+    from jaxspatial.measure import measuring
+
+    return measuring.run(given)
+
+
+def _print_self_check(json):
+    from jaxspatial.measure import measuring
+    from jaxspatial.measure.checks import self_check
+    from jaxspatial.measure.result import as_json
+
+    result, console = self_check(), None if json else measuring.console_on()
+    if console:
+        from jaxspatial.measure import report
+
+        report.print_self_check(console, result)
+    else:
+        print(as_json(result.to_dict()) if json else result)
+    return 0 if result.holds else 1
+
+
+def _line(error):
+    """What happened in one line."""
+    name, reason = getattr(error, "filename", None), getattr(error, "strerror", None) or str(error)
+    text = f"{name}: {reason}" if name else reason or type(error).__name__
+    return text.splitlines()[0]
+
+
+def _failed(text, status):
+    try:
+        sys.stdout.flush()
+    except OSError:
+        # What does not fit would be tried again, and complained about, when Python ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    print(f"error: {text}", file=sys.stderr)
+    return status
+
+
+@contextlib.contextmanager
+def interrupts_heard():
+    """Hears also those that Python drops, as in the callback of the garbage collector that JAX has: while this lasts, a
+    KeyboardInterrupt raised where nothing can catch it comes again, until it is caught."""
+    before, timers = sys.unraisablehook, list[threading.Timer]()
+
+    def again(dropped):
+        if not issubclass(dropped.exc_type, KeyboardInterrupt):
+            return before(dropped)
+        timers.append(threading.Timer(_PAUSE, _thread.interrupt_main))
+        timers[-1].start()
+
+    sys.unraisablehook = again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+        for timer in timers:
+            timer.cancel()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

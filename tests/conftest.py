@@ -1,6 +1,7 @@
 """Every test runs under JAX's strictest rules, and knows how to ask for 64 bits."""
 
 import os
+import pathlib
 import shutil
 import tempfile
 
@@ -17,6 +18,38 @@ mpmath.mp.dps = 160
 # Compiled programs are shared by the workers of a run, by its modules, and by the processes that tests start.
 CACHE = "JAX_COMPILATION_CACHE_DIR"
 SHORTEST, SMALLEST = "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"
+
+# These files take the longest. They run first, so that no worker is left alone with one of them at the end of a run:
+# workers take files in the order in which they are collected.
+HERE = pathlib.Path(__file__).parent
+LONGEST = (
+    "test_notebooks.py",
+    "numerics/errorfree/test_random_programs.py",
+    "test_readme.py",
+    "dynamics/test_laws.py",
+    "dynamics/test_extremes.py",
+    "measure/test_self_check.py",
+    "laws/test_extremes.py",
+    "laws/test_transformations.py",
+    "spatial/test_errors.py",
+    "spatial/test_pytree.py",
+    "measure/test_trade_command.py",
+    "dynamics/test_transformations.py",
+    "laws/test_error_bounds.py",
+    "dynamics/test_fields.py",
+    "spatial/test_quantities.py",
+    "dynamics/test_programs.py",
+    "mechanism/test_mechanism.py",
+    "mechanism/test_joint_kinds.py",
+    "dynamics/test_jacobians.py",
+    "peers/test_dynamics_mujoco.py",
+    "laws/test_without_fma.py",
+)
+
+
+def pytest_collection_modifyitems(items):
+    places = {HERE / name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(item.path, len(places)))
 
 
 def pytest_configure(config):

@@ -6,7 +6,8 @@ import re
 import pytest
 
 import jaxspatial as js
-from jaxspatial.arithmetic import quantity
+from jaxspatial.dynamics.composite_bodies import MassMatrixFactor
+from jaxspatial.numerics import quantity
 
 
 def _public(module):
@@ -25,10 +26,14 @@ def _methods(cls):
 
 
 INERTIA = _public(js.inertia)
-FUNCTIONS = _public(js) | INERTIA | _public(js.dynamics)
+ELSEWHERE = _public(js.regressors) | {"random_mechanism": js.testing.random_mechanism}
+FUNCTIONS = (
+    _public(js) | INERTIA | {name: f for name, f in ELSEWHERE.items() if name.endswith(("regressor", "mechanism"))}
+)
+ALGORITHMS = [name for name, f in FUNCTIONS.items() if f.__module__.startswith("jaxspatial.dynamics")]
 VECTORS = js.Rotation, js.RigidTransform, js.SpatialVelocity, js.SpatialAcceleration
 NUMBERS = js.Components, js.DoubleWord
-CLASSES = *VECTORS, js.SpatialInertia, js.ArticulatedInertia, js.MassMatrixFactor, quantity.Quantity, *NUMBERS
+CLASSES = *VECTORS, js.SpatialInertia, js.ArticulatedInertia, MassMatrixFactor, quantity.Quantity, *NUMBERS
 METHODS = {name: f for cls in CLASSES for name, f in _methods(cls).items()}
 
 
@@ -76,7 +81,7 @@ def test_functions(name):
     assert not faults(FUNCTIONS[name])
 
 
-@pytest.mark.parametrize("name", sorted(_public(js.dynamics)))
+@pytest.mark.parametrize("name", sorted(ALGORITHMS))
 def test_algorithms_tell_their_source_and_what_they_raise(name):
     doc = inspect.getdoc(FUNCTIONS[name]) or ""
     assert re.search(r"^Source: .", doc, re.M) and re.search(r"^    \w+Error: .", doc, re.M)

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.dynamics import composite_bodies, linearization
+from jaxspatial.spatial import wrench
 
 
 def _ones(*shape):
@@ -31,10 +33,10 @@ EXAMPLES = {
     "Compliance": lambda: js.Compliance(*(_ones(2) * i for i in (1, 2, 3))),
     "Components": lambda: js.Components(_ones(2), 0.0, 1.0),
     "DoubleWord": lambda: js.to_double_word(_ones(2, 3)),
-    "ForwardDynamicsDerivatives": lambda: _derivatives(js.ForwardDynamicsDerivatives),
-    "InverseDynamicsDerivatives": lambda: _derivatives(js.InverseDynamicsDerivatives),
-    "MassMatrixFactor": lambda: js.MassMatrixFactor(_ones(2, 2)),
-    "Mechanism": lambda: js.random_mechanism(0, n=2, dtype=np.float32),
+    "ForwardDynamicsDerivatives": lambda: _derivatives(linearization.ForwardDynamicsDerivatives),
+    "InverseDynamicsDerivatives": lambda: _derivatives(linearization.InverseDynamicsDerivatives),
+    "MassMatrixFactor": lambda: composite_bodies.MassMatrixFactor(_ones(2, 2)),
+    "Mechanism": lambda: js.testing.random_mechanism(0, n=2, dtype=np.float32),
     "RigidTransform": lambda: js.RigidTransform(js.Rotation(_ones(2, 9)), _ones(2, 3)),
     "Rotation": lambda: js.Rotation(_ones(2, 9)),
     "SpatialAcceleration": lambda: js.SpatialAcceleration(_ones(2, 3), _ones(2, 3)),
@@ -42,7 +44,7 @@ EXAMPLES = {
     "SpatialInertia": _inertia,
     "SpatialMomentum": lambda: js.SpatialMomentum(_ones(2, 3), _ones(2, 3)),
     "SpatialVelocity": lambda: js.SpatialVelocity(_ones(2, 3), _ones(2, 3)),
-    "StaticMechanism": lambda: js.random_mechanism(0, n=2, dtype=np.float32).as_static(),
+    "StaticMechanism": lambda: js.testing.random_mechanism(0, n=2, dtype=np.float32).as_static(),
 }
 # Descriptions that a mechanism is built of, with names in them: nothing that a program takes.
 DESCRIPTIONS = {"Body", "Frame", "Joint"}
@@ -52,13 +54,23 @@ def _is_data(cls):
     return not issubclass(cls, (enum.Enum, Warning))
 
 
-PUBLIC_TYPES = {name for name, x in vars(js).items() if not name.startswith("_") and inspect.isclass(x) and _is_data(x)}
+# Those of the top level, and of results, which stand beside their functions.
+MODULES = js, composite_bodies, linearization, wrench
+PUBLIC_TYPES = {
+    name: x
+    for module in MODULES
+    for name, x in vars(module).items()
+    if not name.startswith("_")
+    and inspect.isclass(x)
+    and _is_data(x)
+    and (module is js or x.__module__ == module.__name__)
+}
 
 
-@pytest.mark.parametrize("name", sorted(PUBLIC_TYPES - DESCRIPTIONS))
+@pytest.mark.parametrize("name", sorted(set(PUBLIC_TYPES) - DESCRIPTIONS))
 def test_every_public_type_goes_through_export(name):
     x = EXAMPLES[name]()
-    assert type(x) is getattr(js, name)
+    assert type(x) is PUBLIC_TYPES[name]
     doubled = jax.jit(lambda x: jax.tree.map(lambda leaf: leaf + leaf, x))
     blob = jax.export.export(doubled)(x).serialize()
     found = jax.export.deserialize(blob).call(x)

@@ -132,6 +132,40 @@ def test_every_convention_is_listed():
         assert listed == {k for k in own if k[0] != "_"} - {"single"}, name
 
 
+def _theirs():
+    """What the expressions of the table read, by name."""
+    turn, place, six = [0.5, 0.5, -0.5, 0.5], [1, 2, 3], np.arange(6, dtype=np.float32)
+    X = js.RigidTransform(js.Rotation.from_quaternion(np.float32(turn)), np.float32(place))
+    sixes = "x6 cvel cfrc xfrc_applied fullinertia v6 velocities6 tangent coordinates".split()
+    return dict.fromkeys(sixes, six) | {
+        "J": np.arange(24, dtype=np.float32).reshape(6, 4), "xpos": X.translation, "xquat": np.float32(turn),
+        "xmat": X.rotation.entries, "xmat_of_mjx": X.rotation.to_matrix(), "qpos7": np.float32(place + turn),
+        "q7": np.float32(place + turn[1:] + turn[:1]), "positions7": np.float32(turn + place),
+        "mass": np.float32(2), "pos": np.float32(place), "pi10": np.float32([2, 2, 0, 0, 1, 0, 4, 0, 0, 4]),
+        "adjoint": js.interop.orders.matrix_to_linear_first(X.to_motion_matrix()),
+        "F_Wo_W": js.SpatialForce.from_array(six), "F_Bo_W": js.SpatialForce.from_array(six),
+    }, {"js": js, "np": np, "orders": js.interop.orders, "X": X, "X_WB": X}  # fmt: skip
+
+
+@pytest.mark.parametrize("row", _table(PAGES["conventions.md"], "What needs no function"), ids=lambda row: row[1])
+def test_what_needs_no_function(row):
+    """What one operation reads, the other gives back."""
+    reading, making = (cell.strip("`") for cell in row[1:])
+    theirs, scope = _theirs()
+    letters = {js.SpatialVelocity: "V", js.SpatialForce: "F", js.RigidTransform: "X", js.SpatialInertia: "M"}
+    ours = eval(reading, scope | theirs)
+    made = eval(making, scope | {letters.get(type(ours), "m"): ours})
+    read = [_array(theirs[name]) for name in re.findall(r"\w+", reading) if name in theirs]
+    made = [_array(x) for x in (made if isinstance(made, tuple) else (made,))]
+    assert len(read) == len(made)
+    for x, y in zip(sorted(read, key=np.shape), sorted(made, key=np.shape), strict=True):
+        np.testing.assert_allclose(x, y, rtol=0, atol=2.0**-20)
+
+
+def _array(x):
+    return np.asarray(x.to_array() if isinstance(x, js.SpatialForce) else x)
+
+
 def test_layers_are_those_there_are():
     section = README.split("## For developers\n")[1].split("`tests/`")[0]
     assert [name for name in re.findall(r"`(\w+)`", section) if name in LAYERS] == LAYERS
@@ -146,7 +180,7 @@ def test_extras_exist():
 
 def test_robots_are_compiled_once_on_disk(tmp_path):
     """The cache of JAX serves a second process, in which names have other hashes."""
-    source = "import numpy as np, jaxspatial as js; m = js.random_mechanism(0, 2, dtype=np.float32); "
+    source = "import numpy as np, jaxspatial as js; m = js.testing.random_mechanism(0, 2, dtype=np.float32); "
     source += "js.gravity_forces(m, m.neutral())"
     setup = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
     kept = []

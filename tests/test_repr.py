@@ -63,7 +63,7 @@ def test_what_was_donated_is_shown():
 
 @pytest.mark.parametrize("leaf", LEAVES.values(), ids=LEAVES)
 def test_a_mechanism_is_its_tree_whatever_its_numbers_are(leaf):
-    mech = js.random_mechanism(0, n=3, dtype=np.float32)
+    mech = js.testing.random_mechanism(0, n=3, dtype=np.float32)
     head, *tree = repr(jax.tree.map(lambda _: leaf, mech)).splitlines()
     assert head.startswith("Mechanism(nq=") and tree == repr(mech).splitlines()[1:]
 

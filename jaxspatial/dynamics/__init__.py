@@ -1,13 +1,18 @@
-"""Layer 5: what mechanisms do.
+"""Layer 7: the dynamics of mechanisms, as in the textbooks.
 
-From a call to its result:
+Each file is one subject, with its public functions and the formulas over a `MechanismState` that they run.
+`jaxspatial.engine` turns a formula into a program.
 
-1. A public function says what it computes, and calls an `algorithm`: a formula over the state of a mechanism. There its
-   `arguments` are checked, and the `program` for the numbers that are known is found, or made. `primitive` runs it,
-   over any batch; `tangents` has its derivatives.
-2. `state` makes the numbers of a mechanism at its coordinates, bundle by bundle, with joints turned to common axes
-   (`alignment`); `along` has operations on such numbers, `dense` equations in them.
-3. `recursion` goes outward and inward over the tree, each bundle in a `loop`, with steps for one body (`links`);
-   `pairs` makes matrices, entry by entry. No step returns to the mechanism.
-4. `results` puts what was found in the order of bodies, rates and coordinates, rounded once.
+    kinematics            poses, velocities, accelerations of bodies and frames
+    newton_euler          the recursive Newton-Euler algorithm; external forces
+    inverse_dynamics      generalized forces for given accelerations
+    composite_bodies      the mass matrix and its factors
+    articulated_bodies    accelerations for given forces, in forward_dynamics
+    derivatives           derivatives of inverse dynamics in closed form, in linearization
+    jacobians             Jacobians of frames and their time derivatives
+    centroid, energy      centre of mass, momentum, kinetic and potential energy
+    configuration         steps on the manifold of configurations
+    passive               springs, damping, friction, limits
+    steps                 steps in time
+    regressors            forces as linear functions of inertial parameters
 """

@@ -1,4 +1,4 @@
-"""Jacobians of frames, and their rates."""
+"""Jacobians of frames, and their time derivatives."""
 
 from collections.abc import Callable, Sequence
 
@@ -6,74 +6,51 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import Motion, Numbers, Rows, Three, noinline, where
-from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
-from jaxspatial.dynamics import along
-from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm
-from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.kinematics import composed, of_carrier, poses, velocities, velocity_in_world, world
-from jaxspatial.dynamics.state import JointState, Link, MechanismState, Pose
+from jaxspatial.dynamics.docstrings import documented
+from jaxspatial.dynamics.kinematics import at_carrier, poses, velocities, velocity_in_world
+from jaxspatial.engine import stacking
+from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm
+from jaxspatial.engine.stacking import Array
+from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.mechanism.topology import Bundle
+from jaxspatial.numerics.linear import Matrix, Motion, Pose, Vector, cross
+from jaxspatial.numerics.numbers import Numbers, noinline, where
+from jaxspatial.numerics.types import ArrayLike, PrecisionName
+from jaxspatial.spatial.algebra import composed
 
 
+@documented
 def jacobian(
-    mechanism: Mechanism, q: Coordinates, frames: str | Sequence[str], *, precision: PrecisionName = None
+    mechanism: Mechanism, q: ArrayLike, frames: str | Sequence[str], *, precision: PrecisionName = None
 ) -> jax.Array:
     """The Jacobian of the origin of a frame: V_WF_W = J v.
-
-    Args:
-        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
-        frames: a name of `mechanism.frame_names`, or several, in the order of the results.
-        precision: name of a precision; None takes the default.
 
     Returns:
         J (*batch, 6, nv) of the one frame that is named, (*batch, n, 6, nv) of several; rotational rows on top, in
         world axes.
 
-    Raises:
-        TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
-        ValueError: shapes do not fit.
-        KeyError: there is no such frame.
-
-    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
-        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 3.4.
     """
     _require_names("jacobian", frames)
     return _jacobian(precision, mechanism, q, frames=frames)
 
 
+@documented
 def jacobian_rate(
     mechanism: Mechanism,
-    q: Coordinates,
-    v: Rates,
+    q: ArrayLike,
+    v: ArrayLike,
     frames: str | Sequence[str],
     *,
     precision: PrecisionName = None,
 ) -> jax.Array:
     """The time derivative of `jacobian` along v: A_WF_W = J vdot + dJ/dt v.
 
-    Args:
-        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
-        v: (*batch, nv) rates: rad/s, m/s.
-        frames: a name of `mechanism.frame_names`, or several, in the order of the results.
-        precision: name of a precision; None takes the default.
-
     Returns:
         dJ/dt (*batch, 6, nv) of the one frame that is named, (*batch, n, 6, nv) of several; rotational rows on top, in
         world axes.
 
-    Raises:
-        TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
-        ValueError: shapes do not fit.
-        KeyError: there is no such frame.
-
-    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
-        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: the derivative of that of `jacobian`.
     """
     _require_names("jacobian_rate", frames)
@@ -81,7 +58,7 @@ def jacobian_rate(
 
 
 def _require_names(operation: str, frames: object) -> None:
-    """None, which elsewhere stands for all bodies, is nothing to take a Jacobian of."""
+    """Refuses None, which for other functions stands for all bodies."""
     if frames is None:
         raise TypeError(f"{operation}: frames: expected the name of a frame, or a sequence of names, got None")
 
@@ -93,73 +70,67 @@ def _stacked(frames: int | tuple[int, ...], function: Callable[[int], jax.Array]
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
 def _jacobian(state: MechanismState, *, frames: int | tuple[int, ...]):
-    found = poses(state)
+    placed = poses(state)
 
     def of_frame(frame: int) -> jax.Array:
-        p_WF = _origin(state, frame, found).p
-        columns = [
-            tuple(_column(state, b, frame, x) for x in _arms(joint, X, p_WF))
-            for b, joint, X in zip(state.bundles, state.joints, found, strict=True)
-        ]
-        return state.matrix_by_rate(columns)
+        p_WF = _origin(state, frame, placed).p
+        columns: list[tuple[Numbers, ...]] = []
+        for b, joint, X in zip(state.bundles, state.joints, placed, strict=True):
+            arm = p_WF - X.p
+            columns.append(tuple(_column(state, b, frame, _velocity_at(X.R, s, arm)) for s in joint.subspace))
+        return state.matrix_by_velocity(columns)
 
     return _stacked(frames, of_frame)
 
 
-def _origin(state: MechanismState, frame: int, found: list[Pose]):
+def _origin(state: MechanismState, frame: int, placed: list[Pose]) -> Pose:
     """X_WF of one frame."""
-    return composed(of_carrier(state, frame, found, world(state)), state.frame_placement(frame))
+    return composed(at_carrier(state, frame, placed, state.world), state.frame_placement(frame))
 
 
-def _arms(joint: JointState, X_WJ: Pose, p_WF: Three):
-    """Of every motion of a joint: the velocity of the frame's origin, per rate."""
-    arm = vectors.minus(p_WF, X_WJ.p)
-    return [noinline(_velocity_at)(X_WJ.rows, motion, arm) for motion in joint.subspace]
+@noinline
+def _velocity_at(R: Matrix, s: Motion, arm: Vector) -> Motion:
+    """A motion of J in its own axes, as the velocity in world axes of the point at an arm from J."""
+    w, v = R @ s.w, R @ s.v
+    return Motion(w, v + cross(w, arm))
 
 
-def _velocity_at(rows: Rows, motion: Motion, arm: Three) -> Numbers:
-    """The velocity of the point at an arm from J, in world axes, of a motion of J in its own axes."""
-    w, v = (vectors.matrix_times(rows, x) for x in motion)
-    return *w, *vectors.plus(v, vectors.cross(w, arm))
-
-
-def _column(state: MechanismState, bundle: Bundle, frame: int, column: Numbers):
-    """The columns of bodies that carry the frame, zeros for others."""
+def _column(state: MechanismState, bundle: Bundle, frame: int, column: Motion) -> Numbers:
+    """The columns of a bundle: zero for bodies that do not carry the frame."""
     carriers = set(state.topology.ancestors(state.topology.frames[frame][1]))
     is_carrier = np.isin(bundle.bodies, list(carriers))
     if not is_carrier.any():
         return (state.known(0.0),) * 6
     mask = jnp.asarray(np.broadcast_to(is_carrier[..., None], (*is_carrier.shape, state.n)))
-    return tuple(where(mask, along.spread(x, mask.shape), 0.0) for x in column)
+    return tuple(where(mask, stacking.spread(x, mask.shape), 0.0) for x in (*column.w, *column.v))
 
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
 def _jacobian_rate(state: MechanismState, v: Array, *, frames: int | tuple[int, ...]):
-    found = list(zip(poses(state), velocities(state, v), strict=True))
+    moving = list(zip(poses(state), velocities(state, v), strict=True))
+    at_rest = Motion(state.zero_vector, state.zero_vector)
 
     def of_frame(frame: int) -> jax.Array:
-        X, V = of_carrier(state, frame, found, (world(state), (state.no_vector, state.no_vector)))
-        _, v_WF = velocity_in_world(X, state.frame_placement(frame), V)
-        p_WF = _origin(state, frame, [x for x, _ in found]).p
+        X, V = at_carrier(state, frame, moving, (state.world, at_rest))
+        v_WF = velocity_in_world(X, state.frame_placement(frame), V).v
+        p_WF = _origin(state, frame, [x for x, _ in moving]).p
         columns = [
-            tuple(_column(state, b, frame, x) for x in _arm_rates(link, *own, p_WF, v_WF))
-            for b, link, own in zip(state.bundles, state.links(v), found, strict=True)
+            tuple(
+                _column(state, b, frame, _velocity_rate_at(X_WJ, V_WJ_J, s, rate, p_WF, v_WF))
+                for s, rate in zip(link.joint.subspace, link.joint.subspace_rate(link.v), strict=True)
+            )
+            for b, link, (X_WJ, V_WJ_J) in zip(state.bundles, state.links(v), moving, strict=True)
         ]
-        return state.matrix_by_rate(columns)
+        return state.matrix_by_velocity(columns)
 
     return _stacked(frames, of_frame)
 
 
-def _arm_rates(link: Link, X_WJ: Pose, V_WJ_J: Motion, p_WF: Three, v_WF: Three):
-    """The time derivatives of `_arms`."""
-    motions = zip(link.joint.subspace, link.joint.subspace_rate(link.v), strict=True)
-    return [noinline(_velocity_rate_at)(X_WJ, V_WJ_J, motion, rate, p_WF, v_WF) for motion, rate in motions]
-
-
-def _velocity_rate_at(X_WJ: Pose, V_WJ_J: Motion, motion: Motion, rate: Motion, p_WF: Three, v_WF: Three) -> Numbers:
-    """d/dt of R k and R l + R k x r, of a motion (k, l) with rates of its own, r the arm from J to F in the world."""
-    turning, (k, _) = V_WJ_J[0], motion
-    dk, dl = (vectors.plus(vectors.cross(turning, x), dx) for x, dx in zip(motion, rate, strict=True))
-    k, dk, dl, v_WJ = (vectors.matrix_times(X_WJ.rows, x) for x in (k, dk, dl, V_WJ_J[1]))
-    tangential = vectors.cross(dk, vectors.minus(p_WF, X_WJ.p))
-    return *dk, *vectors.plus(dl, tangential, vectors.cross(k, vectors.minus(v_WF, v_WJ)))
+@noinline
+def _velocity_rate_at(X_WJ: Pose, V_WJ_J: Motion, s: Motion, rate: Motion, p_WF: Vector, v_WF: Vector) -> Motion:
+    """d/dt of (R k, R l + R k x r), for a motion s = (k, l) with rate ds/dt in J, and the arm r from J to F."""
+    turning, R = V_WJ_J.w, X_WJ.R
+    dk, dl = (cross(turning, x) + dx for x, dx in zip(s, rate, strict=True))
+    k, dk, dl, v_WJ = R @ s.w, R @ dk, R @ dl, R @ V_WJ_J.v
+    tangential = cross(dk, p_WF - X_WJ.p)
+    return Motion(dk, dl + tangential + cross(k, v_WF - v_WJ))

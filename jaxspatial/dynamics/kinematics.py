@@ -1,58 +1,50 @@
-"""Where bodies and frames are and how they move."""
+"""Forward kinematics: poses, velocities and accelerations of bodies and frames."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax.numpy as jnp
 
-from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import Motion, Numbers, Three
-from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
-from jaxspatial.dynamics import recursion
-from jaxspatial.dynamics.algorithm import FRAMES, GEOMETRY, algorithm
-from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.arguments import Frames
-from jaxspatial.dynamics.links import BodyMotion, acceleration_at, across, motion_step, subspace_times
-from jaxspatial.dynamics.state import JointState, Link, MechanismState, Pose
+from jaxspatial.dynamics.docstrings import documented
+from jaxspatial.engine import recursion
+from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, Frames, algorithm
+from jaxspatial.engine.stacking import Array
+from jaxspatial.engine.state import JointState, Link, MechanismState, across
 from jaxspatial.mechanism import Mechanism
+from jaxspatial.numerics.linear import Matrix, Motion, Pose, Vector, cross, dot
+from jaxspatial.numerics.numbers import Numbers, noinline, noinline_pairs
+from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialVelocity
+from jaxspatial.spatial.algebra import composed
 
 T = TypeVar("T")
 
 
+@documented
 def forward_kinematics(
-    mechanism: Mechanism, q: Coordinates, frames: str | Sequence[str] | None = None, *, precision: PrecisionName = None
+    mechanism: Mechanism, q: ArrayLike, frames: str | Sequence[str] | None = None, *, precision: PrecisionName = None
 ) -> RigidTransform:
     """The poses of frames: X_WF.
 
     Args:
-        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         frames: a name of `mechanism.frame_names`, or several, in the order of the results; None takes
             `mechanism.body_names`.
-        precision: name of a precision; None takes the default.
 
     Returns:
         X_WF (*batch,), the pose in the world of the one frame that is named, (*batch, n) of several; translations in m.
 
-    Raises:
-        TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
-        ValueError: shapes do not fit.
-        KeyError: there is no such frame.
-
-    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
-        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 3.2.
     """
     entries, p = _forward_kinematics(precision, mechanism, q, frames=frames)
     return RigidTransform(Rotation(entries), p)
 
 
+@documented
 def body_velocities(
     mechanism: Mechanism,
-    q: Coordinates,
-    v: Rates,
+    q: ArrayLike,
+    v: ArrayLike,
     frames: str | Sequence[str] | None = None,
     *,
     precision: PrecisionName = None,
@@ -60,33 +52,23 @@ def body_velocities(
     """The velocities of the origins of frames: V_WF_W.
 
     Args:
-        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
-        v: (*batch, nv) rates: rad/s, m/s.
         frames: a name of `mechanism.frame_names`, or several, in the order of the results; None takes
             `mechanism.body_names`.
-        precision: name of a precision; None takes the default.
 
     Returns:
         V_WF_W (*batch,) of the one frame that is named, (*batch, n) of several, in world axes: rad/s, m/s.
 
-    Raises:
-        TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
-        ValueError: shapes do not fit.
-        KeyError: there is no such frame.
-
-    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
-        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Featherstone 2008, 4.4 (velocities from body to body).
     """
     return SpatialVelocity(*_body_velocities(precision, mechanism, q, v, frames=frames))
 
 
+@documented
 def body_accelerations(
     mechanism: Mechanism,
-    q: Coordinates,
-    v: Rates,
-    vdot: Rates,
+    q: ArrayLike,
+    v: ArrayLike,
+    vdot: ArrayLike,
     frames: str | Sequence[str] | None = None,
     *,
     precision: PrecisionName = None,
@@ -94,25 +76,13 @@ def body_accelerations(
     """The accelerations of the origins of frames, without gravity: the time derivative of `body_velocities`.
 
     Args:
-        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
-        v: (*batch, nv) rates: rad/s, m/s.
-        vdot: (*batch, nv) time derivatives of the rates: rad/s^2, m/s^2.
         frames: a name of `mechanism.frame_names`, or several, in the order of the results; None takes
             `mechanism.body_names`.
-        precision: name of a precision; None takes the default.
 
     Returns:
         A_WF_W (*batch,) of the one frame that is named, (*batch, n) of several, in world axes: rad/s^2, m/s^2, the
         classical acceleration of the origin.
 
-    Raises:
-        TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
-        ValueError: shapes do not fit.
-        KeyError: there is no such frame.
-
-    Error: for n links one behind the other, r the largest number and mag what it would be if no terms cancelled, at
-        most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
     Source: Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators.
     """
     return SpatialAcceleration(*_body_accelerations(precision, mechanism, q, v, vdot, frames=frames))
@@ -123,51 +93,43 @@ def body_accelerations(
 
 def poses(state: MechanismState) -> list[Pose]:
     """X_WJ of every bundle."""
-    own = list(zip(map(state.placement, state.bundles), state.joints, strict=True))
-    return recursion.outward(state, _pose, world(state), own)
+    links = list(zip(map(state.placement, state.bundles), state.joints, strict=True))
+    return recursion.outward(state, _pose, state.world, links)
 
 
-def world(state: MechanismState):
-    zero, one = (state.known(x) for x in (0.0, 1.0))
-    return Pose(((one, zero, zero), (zero, one, zero), (zero, zero, one)), (zero, zero, zero))
-
-
-def _pose(own: tuple[Pose, JointState], X_WP: Pose):
-    X_WJ = composed(X_WP, across(*own))
+def _pose(link: tuple[Pose, JointState], X_WP: Pose) -> tuple[Pose, Pose]:
+    X_WJ = composed(X_WP, across(*link))
     return X_WJ, X_WJ
 
 
-def composed(X_AB: Pose, X_BC: Pose):
-    p = vectors.plus(X_AB.p, vectors.matrix_times(X_AB.rows, X_BC.p))
-    return Pose(vectors.matrix_product(X_AB.rows, X_BC.rows), p)
-
-
-def of_carrier(state: MechanismState, frame: int, found: list[T], at_world: T) -> T:
-    """What was found for the joint that a frame is carried by."""
-    return state.of_body(state.topology.frames[frame][1], found, at_world)
+def at_carrier(state: MechanismState, frame: int, results: list[T], at_world: T) -> T:
+    """The result for the body that carries a frame, from those for every bundle."""
+    return state.of_body(state.topology.frames[frame][1], results, at_world)
 
 
 def _of_frames(
-    state: MechanismState, frames: Frames, function: Callable[[Pose, Pose, T], Any], found: list[T], at_world: T
+    state: MechanismState, frames: Frames, function: Callable[[Pose, Pose, T], Any], results: list[T], at_world: T
 ) -> tuple[Any, ...]:
-    """Of function(X_WJ, X_JF, what was found for J), two tuples of k numbers for each frame, arrays (frames, k, B); of
-    one frame (k, B)."""
-    both = list(zip(poses(state), found, strict=True))
+    """Calls function(X_WJ, X_JF, the result for J), which returns two tuples of k numbers, for each frame.
+
+    Returns two arrays (frames, k, B), for a single frame (k, B).
+    """
+    both = list(zip(poses(state), results, strict=True))
     if frames is None:
         placed = zip(map(state.child_placement, state.bundles), both, strict=True)
     else:
-        root = world(state), at_world
+        root = state.world, at_world
         named = (frames,) if isinstance(frames, int) else frames
-        placed = ((state.frame_placement(k), of_carrier(state, k, both, root)) for k in named)
-    results = [function(X_WJ, X_JF, x) for X_JF, (X_WJ, x) in placed]
-    return tuple(_arranged(state, frames, [x[k] for x in results]) for k in (0, 1))
+        placed = ((state.frame_placement(k), at_carrier(state, k, both, root)) for k in named)
+    of_frames = [function(X_WJ, X_JF, x) for X_JF, (X_WJ, x) in placed]
+    return tuple(_arranged(state, frames, [x[k] for x in of_frames]) for k in (0, 1))
 
 
-def _arranged(state: MechanismState, frames: Frames, found: Sequence[Numbers]):
-    """(frames, k, B) of tuples of k numbers: of bundles in the order of bodies, or of frames; (k, B) of one frame."""
+def _arranged(state: MechanismState, frames: Frames, of_frames: Sequence[Numbers]):
+    """An array (frames, k, B) of tuples of k numbers, one for each bundle or frame; (k, B) for a single frame."""
     if frames is None:
-        return state.by_body(found)
-    each = [jnp.stack([state.rounded(c).reshape((-1,)) for c in x]) for x in found]
+        return state.by_body(of_frames)
+    each = [jnp.stack([state.rounded(c).reshape((-1,)) for c in x]) for x in of_frames]
     return each[0] if isinstance(frames, int) else jnp.stack(each)
 
 
@@ -176,47 +138,116 @@ def _forward_kinematics(state: MechanismState, *, frames: Frames):
     return _of_frames(state, frames, _pose_in_world, [()] * len(state.bundles), ())
 
 
-def _pose_in_world(X_WJ: Pose, X_JF: Pose, _: Any) -> tuple[Numbers, Three]:
+def _pose_in_world(X_WJ: Pose, X_JF: Pose, _) -> tuple[Numbers, Vector]:
     X_WF = composed(X_WJ, X_JF)
-    return vectors.flat(X_WF.rows), X_WF.p
+    return X_WF.R.entries, X_WF.p
 
 
-# -- velocities and accelerations -------------------------------------------------------------------------------------
+# -- velocities -------------------------------------------------------------------------------------------------------
 
 
 def velocities(state: MechanismState, v: Array) -> list[Motion]:
-    """(w, v) of every bundle: V_WJ_J."""
-    return recursion.outward(state, _velocity, (state.no_vector, state.no_vector), state.links(v))
+    """V_WJ_J of every bundle."""
+    return recursion.outward(state, _velocity, Motion(state.zero_vector, state.zero_vector), state.links(v))
 
 
-def _velocity(link: Link, parent: Motion) -> tuple[Motion, Motion]:
-    X_PB = across(link.placement, link.joint)
-    R_BP = vectors.transpose(X_PB.rows)
-    w_r, v_r = subspace_times(link.joint.subspace, link.v)
-    arm = vectors.plus(parent[1], vectors.cross(parent[0], X_PB.p))
-    V = vectors.plus(vectors.matrix_times(R_BP, parent[0]), w_r), vectors.plus(vectors.matrix_times(R_BP, arm), v_r)
+def _velocity(link: Link, V_P: Motion) -> tuple[Motion, Motion]:
+    X_PB = link.X_PB
+    w, v = subspace_times(link.joint.subspace, link.v)
+    v_B = V_P.v + cross(V_P.w, X_PB.p)
+    V = Motion(X_PB.R.T @ V_P.w + w, X_PB.R.T @ v_B + v)
     return V, V
+
+
+def subspace_times(S: Sequence[Motion], v: Numbers) -> Motion:
+    """S v: the motion across a joint."""
+    w, linear = (Vector(*(dot(v, [s[k][i] for s in S]) for i in range(3))) for k in (0, 1))
+    return Motion(w, linear)
 
 
 @algorithm(*GEOMETRY, *FRAMES)
 def _body_velocities(state: MechanismState, v: Array, *, frames: Frames):
-    return _of_frames(state, frames, velocity_in_world, velocities(state, v), (state.no_vector, state.no_vector))
+    at_rest = Motion(state.zero_vector, state.zero_vector)
+    return _of_frames(state, frames, velocity_in_world, velocities(state, v), at_rest)
 
 
 def velocity_in_world(X_WJ: Pose, X_JF: Pose, V: Motion) -> Motion:
-    """V_WF_W of V_WJ_J."""
-    w, v = V
-    v = vectors.plus(v, vectors.cross(w, X_JF.p))
-    return vectors.matrix_times(X_WJ.rows, w), vectors.matrix_times(X_WJ.rows, v)
+    """V_WF_W of a frame, from V_WJ_J of the body that carries it."""
+    v = V.v + cross(V.w, X_JF.p)
+    return Motion(X_WJ.R @ V.w, X_WJ.R @ v)
+
+
+# -- accelerations ----------------------------------------------------------------------------------------------------
+
+
+class BodyMotion(NamedTuple):
+    """Angular velocity and acceleration of a body, and the classical acceleration of its origin, in its axes.
+
+    Gravity is an upward acceleration of the world. The linear velocity is left out, as no formula needs it.
+    """
+
+    w: Vector
+    alpha: Vector
+    a: Vector
+
+
+def body_motion(link: Link, parent: BodyMotion) -> BodyMotion:
+    """The BodyMotion of a body, from that of its parent.
+
+        w = R^T w_P + w_r    alpha = R^T alpha_P + (R^T w_P) x w_r + dw_r
+        a = R^T (a_P + E_P p) + 2 (R^T w_P) x v_r + w_r x v_r + dv_r        E = [alpha]x + [w]x [w]x
+
+    with (w_r, v_r) = S v the motion across the joint in the child's axes, (dw_r, dv_r) = S vdot + dS/dt v.
+    """
+    X_PB = link.X_PB
+    R_BP = X_PB.R.T
+    S, bias = link.joint.subspace, subspace_times(link.joint.subspace_rate(link.v), link.v)
+    (w_r, v_r), (dw, dv) = subspace_times(S, link.v), subspace_times(S, link.vdot)
+    w_P, a_P = _turned(R_BP, parent.w), _acceleration_at(parent, X_PB.p)
+    alpha = R_BP @ parent.alpha + cross(w_P, w_r) + dw + bias.w
+    coriolis = cross(w_P + w_P + w_r, v_r)
+    return BodyMotion(w_P + w_r, alpha, R_BP @ a_P + coriolis + dv + bias.v)
+
+
+def motion_step(link: Link, parent: BodyMotion) -> tuple[BodyMotion, BodyMotion]:
+    """`body_motion`, as the step of an outward recursion."""
+    motion = body_motion(link, parent)
+    return motion, motion
+
+
+def world_motion(state: MechanismState) -> BodyMotion:
+    """The motion of the world, at rest, with gravity as an upward acceleration."""
+    return BodyMotion(state.zero_vector, state.zero_vector, state.minus_gravity)
+
+
+def angular_acceleration_tensor(w: Vector, alpha: Vector) -> Matrix:
+    """E = [alpha]x + [w]x [w]x: the point at r has the acceleration a + E r, with a that of the origin."""
+    x, y, z = w
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    i, j, k = alpha
+    return Matrix(
+        Vector(-(yy + zz), xy - k, xz + j), Vector(xy + k, -(xx + zz), yz - i), Vector(xz - j, yz + i, -(xx + yy))
+    )
+
+
+def acceleration_at(motion: BodyMotion, p: Vector) -> Vector:
+    """The classical acceleration a + E p of the point of a body at p from its origin."""
+    return motion.a + tensor(motion.w, motion.alpha) @ p
+
+
+# Several components of a result need these: calls of their own are computed once, where fused code repeats them.
+tensor = noinline(angular_acceleration_tensor)
+_turned = noinline(Matrix.__matmul__)
+_acceleration_at = noinline_pairs(acceleration_at)
 
 
 @algorithm(*GEOMETRY, *FRAMES)
 def _body_accelerations(state: MechanismState, v: Array, vdot: Array, *, frames: Frames):
-    at_rest = BodyMotion(*(state.no_vector,) * 3)
+    at_rest = BodyMotion(*(state.zero_vector,) * 3)
     motions = recursion.outward(state, motion_step, at_rest, state.links(v, vdot))
     return _of_frames(state, frames, _acceleration_in_world, motions, at_rest)
 
 
 def _acceleration_in_world(X_WJ: Pose, X_JF: Pose, motion: BodyMotion) -> Motion:
     a = acceleration_at(motion, X_JF.p)
-    return vectors.matrix_times(X_WJ.rows, motion.alpha), vectors.matrix_times(X_WJ.rows, a)
+    return Motion(X_WJ.R @ motion.alpha, X_WJ.R @ a)

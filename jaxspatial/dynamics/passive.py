@@ -1,4 +1,4 @@
-"""Generalized forces of what a mechanism does by itself at its joints: springs, damping, friction and limits."""
+"""The passive generalized forces of a mechanism: springs, damping, friction and limits of its joints."""
 
 import functools
 import operator
@@ -8,24 +8,27 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import Number, Numbers, where
-from jaxspatial.arithmetic.types import Coordinates, PrecisionName, Rates
-from jaxspatial.dynamics.algorithm import JOINTS, algorithm
-from jaxspatial.dynamics.along import Array
-from jaxspatial.dynamics.arguments import checked
-from jaxspatial.dynamics.state import KindState, MechanismState
+from jaxspatial.dynamics.docstrings import documented
+from jaxspatial.engine.algorithm import JOINTS, algorithm, checked
+from jaxspatial.engine.stacking import Array
+from jaxspatial.engine.state import JointsOfKind, MechanismState
 from jaxspatial.mechanism import Mechanism
-from jaxspatial.mechanism.joints.form import CosSin
+from jaxspatial.mechanism.joints import CosSin
+from jaxspatial.numerics import check
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.numbers import Number, Numbers, where
+from jaxspatial.numerics.promise import Normwise
+from jaxspatial.numerics.quantity import exported
+from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
 
+@exported
 class Compliance(NamedTuple):
-    """How soft friction and limits are: numbers, or one per rate (nv,).
+    """How soft friction and limits are: numbers, or one per velocity (nv,).
 
-    friction_speed: of regularised friction, rad/s or m/s, > 0: there it has 1 / sqrt(2) of its full size
-    limit_stiffness: N m/rad or N/m, per depth beyond a limit; zero leaves limits out
-    limit_damping: N m s/rad or N s/m, per speed of what is beyond a limit
+    friction_speed: speed, rad/s or m/s, > 0, at which regularised friction has 1 / sqrt(2) of its full size
+    limit_stiffness: N m/rad or N/m, times the depth beyond a limit; zero leaves limits out
+    limit_damping: N m s/rad or N s/m, times the speed beyond a limit
     """
 
     friction_speed: Any = 1e-3
@@ -33,60 +36,65 @@ class Compliance(NamedTuple):
     limit_damping: Any = 0.0
 
 
-Softness = Compliance | None  # None takes the default
+PASSIVE = Normwise(8, "times the sum of the sizes of the four terms", rounded=1, u2=64)
+PASSIVE_TURNS = Normwise(8, "stiffness")
 
 
+@documented(bound=PASSIVE, turns=PASSIVE_TURNS)
 def passive_forces(
     mechanism: Mechanism,
-    q: Coordinates,
-    v: Rates,
+    q: ArrayLike,
+    v: ArrayLike,
     compliance: Compliance | None = None,
     *,
     precision: PrecisionName = None,
 ) -> jax.Array:
-    """Generalized forces (*batch, nv) of springs, damping, friction and limits: what to add to tau.
+    """The generalized forces of springs, damping, friction and limits, which add to tau.
 
         tau = -stiffness (q - spring_references) - damping v - friction_loss v / sqrt(v^2 + friction_speed^2) + N
 
-    and N, where a coordinate is x beyond a limit, the larger of limit_stiffness x + limit_damping dx/dt and zero, back
-    into the range. Limits push and never pull. Friction is regularised: it is zero at rest, and a load below
-    friction_loss creeps, at about the same part of friction_speed.
+    N is the force of a limit, back into the range: limit_stiffness x + limit_damping dx/dt at the depth x beyond it, or
+    zero if that is negative, as limits push and never pull. Friction is regularised: it is zero at rest, and a joint
+    creeps under any load below friction_loss, for small loads at about the same fraction of friction_speed.
 
     Args:
-        mechanism: Mechanism, with `stiffness`, `spring_references`, `damping`, `friction_loss`, `lower`, `upper`. What
-            is known to be zero, or infinite of limits, leaves no operation behind.
+        mechanism: Mechanism, with `stiffness`, `spring_references`, `damping`, `friction_loss`, `lower`, `upper`.
+            Known zeros, and limits known to be infinite, cost no operation.
         q: (*batch, nq) coordinates.
-        v: (*batch, nv) rates. Batch shapes broadcast.
+        v: (*batch, nv) generalized velocities. Batch shapes broadcast.
         compliance: Compliance; None takes the default, in which limits do not act.
-        precision: name of a precision; None takes the default.
 
     Returns:
-        (*batch, nv), over the common batch: N m, or N of what slides. Springs are the derivative of the energy
-        sum(stiffness d^2) / 2, of deflections d: the difference of coordinates, the short way round for "continuous"
-        joints and the angle of "planar" ones; of positions in "planar" and "free" joints along the axes of the parent;
-        of orientations the rotation vector from the reference. With one stiffness for all axes these are MuJoCo's
-        springs. Limits of quaternions do not act.
+        (*batch, nv), over the common batch: N m, or N along sliding joints. Springs are the gradient of the energy
+        sum(stiffness d^2) / 2. The deflection d is the difference of coordinates, the short way round for "continuous"
+        joints and the angle of "planar" ones; for positions in "planar" and "free" joints, along the axes of the
+        parent; for orientations, the rotation vector from the reference. With one stiffness for all axes these are
+        MuJoCo's springs. Limits of quaternions do not act.
 
     Raises:
         TypeError: dtypes differ, or the first argument is no Mechanism.
         ValueError: shapes do not fit, or a friction speed that is not above zero.
 
-    Error: at most 8 u times the sum of the sizes of the four terms in "fast" and "reproducible", u |r| + 64 u^2 of them
-        in the other two; for "ball", "free" and "planar" of the terms of all rates of the joint. An angle brought
-        within half a turn adds 8 u stiffness, more for many turns.
+    Error: {bound}; for "ball", "free" and "planar" of the terms of the whole joint. An angle brought within half a turn
+        adds {turns.plain}, more for many turns.
     Source: springs and damping MuJoCo, Computation, passive forces; the Jacobian of rotation vectors Barfoot 2017, 7.1.
     """
-    position, rates = checked("passive_forces", mechanism, q=q, v=v)
-    found = acting(mechanism, position, rates, compliance, precision)
-    batch = np.broadcast_shapes(position.shape[:-1], rates.shape[:-1])
-    return jnp.zeros((*batch, mechanism.nv), position.dtype) if found is None else found
+    position, velocity = checked("passive_forces", mechanism, q=q, v=v)
+    forces = passive_forces_or_none(mechanism, position, velocity, compliance, precision)
+    batch = np.broadcast_shapes(position.shape[:-1], velocity.shape[:-1])
+    return jnp.zeros((*batch, mechanism.nv), position.dtype) if forces is None else forces
 
 
-def acting(
-    mechanism: Mechanism, q: Array, v: Array, softness: Softness, precision: PrecisionName, with_resistance: bool = True
+def passive_forces_or_none(
+    mechanism: Mechanism,
+    q: Array,
+    v: Array,
+    compliance: Compliance | None,
+    precision: PrecisionName,
+    with_resistance: bool = True,
 ) -> jax.Array | None:
-    """`passive_forces`, or None where nothing acts; without damping and friction if so asked."""
-    compliance = _checked(mechanism, q, softness)
+    """`passive_forces`, or None if there are none. with_resistance=False leaves out damping and friction."""
+    compliance = _checked_compliance(mechanism, q, compliance)
     names = ("stiffness", "damping", "friction_loss") if with_resistance else ("stiffness",)
     acts = [not is_nothing(getattr(mechanism, name)) for name in names]
     acts.append(
@@ -97,12 +105,14 @@ def acting(
     return _forces(precision, mechanism, q, v, compliance, with_resistance=with_resistance)
 
 
-def resistance(
+def damping_coefficients(
     mechanism: Mechanism, v: Any, compliance: Compliance | None, precision: PrecisionName
 ) -> jax.Array | None:
-    """The coefficients c of damping and friction, force = -c v: (nv,) of damping alone, (*batch, nv) with friction;
-    None where there is neither."""
-    friction_speed = _checked(mechanism, v, compliance).friction_speed
+    """The coefficients c of the force -c v of damping and friction, or None if there are none.
+
+    (nv,) for damping alone, (*batch, nv) with friction, whose coefficient depends on v.
+    """
+    friction_speed = _checked_compliance(mechanism, v, compliance).friction_speed
     damping, friction = (
         None if is_nothing(x) else jnp.asarray(x, v.dtype) for x in (mechanism.damping, mechanism.friction_loss)
     )
@@ -113,7 +123,7 @@ def resistance(
 
 
 def is_nothing(x: Array):
-    """True for zeros known while tracing."""
+    """Whether all numbers are known to be zero."""
     return isinstance(x, np.ndarray) and not x.any()
 
 
@@ -121,24 +131,25 @@ def _is_infinite(x: Array):
     return isinstance(x, np.ndarray) and np.isinf(x).all()
 
 
-def _is_unlimited(own: KindState):
-    return all(_is_infinite(own.rows(own.state.fields[name], of_rates=False)) for name in ("lower", "upper"))
+def _is_unlimited(joints: JointsOfKind):
+    limits = (joints.state.fields[name] for name in ("lower", "upper"))
+    return all(_is_infinite(joints.rows(x, over_velocities=False)) for x in limits)
 
 
-def _checked(mechanism: Mechanism, like: Array, compliance: object):
-    """A Compliance of arrays (nv,), limit_stiffness None where limits do not act."""
+def _checked_compliance(mechanism: Mechanism, like: Array, compliance: object):
+    """The Compliance, checked, as arrays (nv,); limit_stiffness and limit_damping are None if limits do not act."""
     compliance = Compliance() if compliance is None else compliance
     if not isinstance(compliance, Compliance):
         raise TypeError(f"compliance: expected a Compliance, got {type(compliance).__name__}")
-    given = [_per_rate(mechanism, like, name, x) for name, x in compliance._asdict().items()]
-    speed, stiffness, damping = given
+    items = compliance._asdict().items()
+    speed, stiffness, damping = [_per_velocity(mechanism, like, name, x) for name, x in items]
     if isinstance(speed, np.ndarray) and not (speed > 0).all():
         raise ValueError(f"compliance: friction_speed: expected numbers above 0, got {compliance.friction_speed}")
     acts = not (is_nothing(stiffness) and is_nothing(damping))
     return Compliance(speed, *((stiffness, damping) if acts else (None, None)))
 
 
-def _per_rate(mechanism: Mechanism, like: Array, name: str, x: Any) -> Array:
+def _per_velocity(mechanism: Mechanism, like: Array, name: str, x) -> Array:
     dtype = np.dtype(like.dtype)
     array = cast(Array, check.as_float_array(x, f"compliance: {name}", dtype))
     check.require_same_dtype(state=like, **{name: array}) if not isinstance(array, np.ndarray) else None
@@ -150,68 +161,69 @@ def _per_rate(mechanism: Mechanism, like: Array, name: str, x: Any) -> Array:
 # -- formulas ---------------------------------------------------------------------------------------------------------
 
 
-@formula
+@formula(any_size=True)
 def _coefficients(v: Numbers, damping: Numbers, friction: Numbers, speed: Numbers):
     both = zip(v, damping, friction, speed, strict=True)
-    return tuple(d + f / _length(x, s) for x, d, f, s in both)
+    return tuple(d + f / _hypotenuse(x, s) for x, d, f, s in both)
 
 
-def _length(x: Number, s: Number):
-    """sqrt(x^2 + s^2), that neither over- nor underflows."""
+def _hypotenuse(x: Number, s: Number):
+    """sqrt(x^2 + s^2), without over- or underflow."""
     longer, shorter = (where(abs(x) > s, *both) for both in ((abs(x), s), (s, abs(x))))
     t = shorter / longer
     return longer * (1 + t * t).sqrt()
 
 
-_READ = ("stiffness", "spring_references", "damping", "friction_loss", "lower", "upper")
+_FIELDS = ("stiffness", "spring_references", "damping", "friction_loss", "lower", "upper")
 
 
-@algorithm(*JOINTS, *_READ)
+@algorithm(*JOINTS, *_FIELDS)
 def _forces(state: MechanismState, v: Array, compliance: Compliance, *, with_resistance: bool):
-    found = [_of_joints(own, v, compliance, with_resistance) for own in state.kind_states]
-    return state.by_rate(found, state.topology.joints_by_kind)
+    forces = [_of_joints(joints, v, compliance, with_resistance) for joints in state.independent_joints]
+    return state.by_velocity(forces, state.topology.joints_by_kind)
 
 
-def _of_joints(own: KindState, v: Array, compliance: Compliance, with_resistance: bool) -> Numbers:
-    """Numbers per rate; what a mimic has of them is with the joint that it follows, see `mechanism.assembly`."""
-    terms = _positional(own, v, compliance)
-    terms += _resisting(own, v, compliance) if with_resistance else []
+def _of_joints(joints: JointsOfKind, v: Array, compliance: Compliance, with_resistance: bool) -> Numbers:
+    """The force of each velocity. `mechanism.assembly` adds parameters of mimics to the joint that they follow."""
+    terms = _positional(joints, v, compliance)
+    terms += _resisting(joints, v, compliance) if with_resistance else []
     if not terms:
-        return (own.state.known(0.0),) * own.kind.nv
+        return (joints.state.known(0.0),) * joints.kind.nv
     return tuple(functools.reduce(operator.add, x) for x in zip(*terms, strict=True))
 
 
-def _resisting(own: KindState, v: Array, compliance: Compliance) -> list[Numbers]:
-    damping, friction = (own.state.fields[name] for name in ("damping", "friction_loss"))
-    rates, terms = own.rates(v), list[Numbers]()
-    if not is_nothing(own.rows(damping)):
-        terms.append([-d * x for d, x in zip(own.rates(damping), rates, strict=True)])
-    if not is_nothing(own.rows(friction)):
-        both = zip(own.rates(friction), rates, strict=True)
-        speeds = own.rates(compliance.friction_speed)
-        terms.append([-f * (x / _length(x, s)) for (f, x), s in zip(both, speeds, strict=True)])
+def _resisting(joints: JointsOfKind, v: Array, compliance: Compliance) -> list[Numbers]:
+    """The forces of damping and of friction, those that act."""
+    damping, friction = (joints.state.fields[name] for name in ("damping", "friction_loss"))
+    velocities, terms = joints.velocities(v), list[Numbers]()
+    if not is_nothing(joints.rows(damping)):
+        terms.append([-d * x for d, x in zip(joints.velocities(damping), velocities, strict=True)])
+    if not is_nothing(joints.rows(friction)):
+        both = zip(joints.velocities(friction), velocities, strict=True)
+        speeds = joints.velocities(compliance.friction_speed)
+        terms.append([-f * (x / _hypotenuse(x, s)) for (f, x), s in zip(both, speeds, strict=True)])
     return terms
 
 
-def _positional(own: KindState, v: Array, compliance: Compliance) -> list[Numbers]:
-    """Of springs and limits: of coordinates first, then of the rates."""
-    kind, zero = own.kind, own.state.known(0.0)
-    has_spring = not is_nothing(own.rows(own.state.fields["stiffness"]))
-    has_limits = compliance.limit_stiffness is not None and not _is_unlimited(own)
+def _positional(joints: JointsOfKind, v: Array, compliance: Compliance) -> list[Numbers]:
+    """The forces of springs and limits, if they act: computed for coordinates, then converted to velocities."""
+    kind, zero = joints.kind, joints.state.known(0.0)
+    has_spring = not is_nothing(joints.rows(joints.state.fields["stiffness"]))
+    has_limits = compliance.limit_stiffness is not None and not _is_unlimited(joints)
     if not kind.nv or not (has_spring or has_limits):
         return []
-    q = own.configuration(own.state.q)
-    on_sphere, rates_of_it = kind.sphere
-    torques, forces = [zero] * rates_of_it, [zero] * (kind.nq - on_sphere)
+    q = joints.configuration(joints.state.q)
+    on_sphere, n_turns = kind.sphere
+    torques, forces = [zero] * n_turns, [zero] * (kind.nq - on_sphere)
     if on_sphere and has_spring:
-        torques = _of_sphere_spring(own, q)
+        torques = _of_sphere_spring(joints, q)
     if forces:
-        cos_sin = own.cos_sin(q)
+        cos_sin = joints.cos_sin(q)
         if has_spring:
-            forces = _plus(forces, _of_springs(own, q))
+            forces = _plus(forces, _of_springs(joints, q))
         if has_limits:
-            forces = _plus(forces, _of_limits(own, q, cos_sin, v, compliance))
-        forces = own.joint.generalized_forces(q, cos_sin, forces)
+            forces = _plus(forces, _of_limits(joints, q, cos_sin, v, compliance))
+        forces = joints.joint.generalized_forces(q, cos_sin, forces)
     return [[*torques, *forces]]
 
 
@@ -219,25 +231,29 @@ def _plus(a: Numbers, b: Numbers):
     return [x + y for x, y in zip(a, b, strict=True)]
 
 
-def _of_sphere_spring(own: KindState, q: Numbers):
-    fields = own.state.fields
-    reference, stiffness = own.coordinates(fields["spring_references"]), own.rates(fields["stiffness"])
-    return own.joint.sphere_spring(q, reference, stiffness)
+def _of_sphere_spring(joints: JointsOfKind, q: Numbers):
+    """The torques of springs on orientations."""
+    fields = joints.state.fields
+    reference, stiffness = joints.coordinates(fields["spring_references"]), joints.velocities(fields["stiffness"])
+    return joints.joint.sphere_spring(q, reference, stiffness)
 
 
-def _of_springs(own: KindState, q: Numbers):
-    """By coordinate, of those that are not of the sphere."""
-    fields, (start, first_rate) = own.state.fields, own.kind.sphere
-    reference, stiffness = own.coordinates(fields["spring_references"]), own.rates(fields["stiffness"])[first_rate:]
-    deflection = own.joint.deflection(reference[start:], q[start:])
+def _of_springs(joints: JointsOfKind, q: Numbers):
+    """The forces of springs on coordinates other than quaternions."""
+    fields, (start, first_velocity) = joints.state.fields, joints.kind.sphere
+    reference, stiffness = (
+        joints.coordinates(fields["spring_references"]),
+        joints.velocities(fields["stiffness"])[first_velocity:],
+    )
+    deflection = joints.joint.deflection(reference[start:], q[start:])
     return [-k * d for k, d in zip(stiffness, deflection, strict=True)]
 
 
-def _of_limits(own: KindState, q: Numbers, cos_sin: CosSin, v: Array, compliance: Compliance):
-    fields, (start, first_rate) = own.state.fields, own.kind.sphere
-    speeds = own.joint.rates(q, cos_sin, own.rates(v))[start:]
-    softness = [own.rates(x)[first_rate:] for x in (compliance.limit_stiffness, compliance.limit_damping)]
-    limits = [own.coordinates(fields[name])[start:] for name in ("lower", "upper")]
+def _of_limits(joints: JointsOfKind, q: Numbers, cos_sin: CosSin, v: Array, compliance: Compliance):
+    fields, (start, first_velocity) = joints.state.fields, joints.kind.sphere
+    speeds = joints.joint.rates(q, cos_sin, joints.velocities(v))[start:]
+    softness = [joints.velocities(x)[first_velocity:] for x in (compliance.limit_stiffness, compliance.limit_damping)]
+    limits = [joints.coordinates(fields[name])[start:] for name in ("lower", "upper")]
     return [_of_limit(*x) for x in zip(q[start:], speeds, *softness, *limits, strict=True)]
 
 
@@ -248,7 +264,7 @@ def _of_limit(q: Number, speed: Number, stiffness: Number, damping: Number, lowe
 
 
 def _one_sided_force(depth: Number, speed: Number, stiffness: Number, damping: Number):
-    """Zero where the depth is not above zero, minus infinity too."""
+    """The force at a depth beyond a limit; zero where the depth is not positive, even if it is minus infinity."""
     is_beyond = depth > 0
     force = stiffness * where(is_beyond, depth, 0.0) + damping * where(is_beyond, speed, 0.0)
     return where(force > 0, force, 0.0)

@@ -1,35 +1,47 @@
-"""Steps in time."""
+"""Integrators: semi-implicit Euler, variational Euler, and Runge-Kutta steps in time."""
 
 import functools
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import Number, Numbers, doubled
-from jaxspatial.arithmetic.types import Coordinates, Forces, PrecisionName, Rates, Scalar
-from jaxspatial.dynamics.along import Array, PyTreeDef
-from jaxspatial.dynamics.arguments import ExternalForces, checked
-from jaxspatial.dynamics.configuration import advance, configuration_rates, integrate, transport
+from jaxspatial.dynamics.composite_bodies import factored, mass_matrix
+from jaxspatial.dynamics.configuration import advance, configuration_rates, difference, integrate, transport
+from jaxspatial.dynamics.docstrings import documented
+from jaxspatial.dynamics.energy import kinetic_energy
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
-from jaxspatial.dynamics.passive import Compliance, acting, resistance
-from jaxspatial.dynamics.variational import variational_step
+from jaxspatial.dynamics.inverse_dynamics import bias_forces
+from jaxspatial.dynamics.passive import Compliance, damping_coefficients, passive_forces_or_none
+from jaxspatial.engine.algorithm import ExternalForces, checked
+from jaxspatial.engine.derivatives import pullback
 from jaxspatial.mechanism import Mechanism
+from jaxspatial.numerics import check
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.numbers import Number, Numbers, doubled
+from jaxspatial.numerics.promise import Normwise
+from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
-Checked = Any  # an array
+Checked = Any  # an array that `checked` returned in place of an ArrayLike
 At = tuple[Checked, Checked, Checked, Checked]  # q, v, tau, and `transport` or None
 
+# Error bounds of velocities: in general, of linear ones whose axes turn, and what turning beyond half a turn adds.
+SEMI_IMPLICIT, RK4 = (Normwise(u, "(|v| + dt |vdot|)") for u in (2, 4))
+STRAIGHT_AHEAD = Normwise(8, "(|v| + dt |vdot| + dt |w| |v|)")
+TURNS = Normwise(1, "|w dt| of that", rounded=0)
+RK4_COORDINATES = Normwise(4, "(|q| + dt |dq/dt|)")
+SYMPLECTIC = Normwise(8, "c (|v| + dt |vdot|)", per="n")
 
+
+@documented(bound=SEMI_IMPLICIT, linear=STRAIGHT_AHEAD, turns=TURNS)
 def semi_implicit_step(
     mechanism: Mechanism,
-    q: Coordinates,
-    v: Rates,
-    tau: Forces,
-    dt: Scalar,
+    q: ArrayLike,
+    v: ArrayLike,
+    tau: ArrayLike,
+    dt: ArrayLike,
     external_forces: ExternalForces = None,
     *,
     compliance: Compliance | None = None,
@@ -39,55 +51,42 @@ def semi_implicit_step(
 
         v' = v + dt vdot(q, v)        q' = integrate(q, v', dt)
 
-    Linear rates of "free" and "planar" joints, along axes that turn, are stepped along those of the parent, of R:
+    It is of first order, takes one evaluation of `forward_dynamics`, and is the step of most simulators: MuJoCo's Euler
+    method, except for friction, limits and contacts.
+
+    The linear velocities of "free" and "planar" joints are along axes that turn, with rotation R. They are stepped in
+    the axes of the parent:
 
         u = R v        u' = u + dt du/dt        p' = p + dt u'        v' = R'^T u'
 
-    What spins flies straight, at a constant speed, whatever dt is, where its centre of mass stays at the origin of the
-    joint; the linear momentum of other robots that float drifts in proportion to dt. The step of most simulators: of
-    first order, one evaluation of `forward_dynamics`; MuJoCo's Euler method, but for its friction, limits and contacts.
-    `passive_forces` act. Damping and friction act implicitly, friction by its coefficient at the old rates: stable
-    however stiff, and never a motor. Springs and limits act as they are at the start: stable for dt below 2 / w, of the
-    largest natural frequency w = sqrt(stiffness / inertia), and dt limit_damping below the inertia. Where the mass
-    matrix depends on q the step is not symplectic, and energy drifts in proportion to dt and the time: see
-    `symplectic_step`.
+    A spinning body whose centre of mass is at the origin of its joint then moves along a straight line at constant
+    speed, whatever dt is; the linear momentum of other floating robots drifts in proportion to dt.
 
-    Args:
-        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
-        v: (*batch, nv) rates: rad/s, m/s.
-        tau: (*batch, nv) generalized forces of the joints: N m, N.
-        dt: the time, s: a number or (*batch,).
-        external_forces: by name of a frame (bodies are frames, welded links too) a SpatialForce (*batch,) about the
-            origin of the frame, in world axes. It acts on the body that carries the frame, see `Mechanism.frame_body`.
-        compliance: of friction and limits; None takes the default, see `Compliance`.
-        precision: name of a precision; None takes the default.
+    `passive_forces` act. Damping and friction are implicit, friction with its coefficient at the old velocities: the
+    step is stable however large they are, and they never add energy. Springs and limits are explicit: the step is
+    stable for dt below 2 / w, with w = sqrt(stiffness / inertia) the largest natural frequency, and for
+    dt limit_damping below the inertia. Where the mass matrix depends on q the step is not symplectic, and energy drifts
+    in proportion to dt and the time: see `symplectic_step`.
 
     Returns:
         (q (*batch, nq), v (*batch, nv)) after the time dt, over the common batch; quaternions of unit length.
 
-    Raises:
-        TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or forces are no dict of
-            SpatialForces.
-        ValueError: shapes do not fit.
-        KeyError: there is no such frame.
-
-    Error: of rounding, per step, in the largest number: of v at most 2 u (|v| + dt |vdot|) and dt times that of
-        `forward_dynamics`; of q that of `integrate` and dt times that of v. Of linear rates of "free" and "planar"
-        joints 8 u (|v| + dt |vdot| + dt |w| |v|), in their 2-norm, and u |w dt| of that more beyond half a turn.
+    Error: of rounding, per step, in the largest number: of v at most {bound.plain} and dt times that of
+        `forward_dynamics`; of q that of `integrate` and dt times that of v. Of linear velocities of "free" and "planar"
+        joints {linear.plain}, in their 2-norm, and {turns.plain} more beyond half a turn.
     Source: Hairer, Lubich, Wanner 2006, Geometric numerical integration, I.1.2; Todorov 2014, Convex and
         analytically-invertible dynamics with contacts and constraints (implicit damping).
     """
     q, v, tau, h = checked("semi_implicit_step", mechanism, q=q, v=v, tau=tau, dt=dt)
     tau = _with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
-    c = resistance(mechanism, v, compliance, precision)
+    c = damping_coefficients(mechanism, v, compliance, precision)
     turning = transport(precision, mechanism, q, v) if _has_turning_axes(mechanism) else None
     accelerated = _accelerated if c is None or (c.ndim == 1 and h.ndim == 1) else _each_accelerated
     vdot = accelerated(mechanism, precision, (q, v, tau, turning), h, c, external_forces)
     if turning is None:
         after = _euler(precision, v, h, vdot)
         return integrate(mechanism, q, after, dt, precision=precision), after
-    # Along the axes that there are at q.
+    # v is still along the axes at q; `advance` turns it to those at the new q.
     after = _euler(precision, v, h, _plus(precision, turning, vdot))
     return advance(precision, mechanism, q, after, dt)
 
@@ -100,18 +99,18 @@ def _has_turning_axes(mechanism: Mechanism):
 def _with_springs_and_limits(
     mechanism: Mechanism, q: Checked, v: Checked, tau: Checked, compliance: Compliance | None, precision: PrecisionName
 ) -> Checked:
-    forces = acting(mechanism, q, v, compliance, precision, with_resistance=False)
+    forces = passive_forces_or_none(mechanism, q, v, compliance, precision, with_resistance=False)
     return tau if forces is None else _plus(precision, tau, forces)
 
 
 def _accelerated(
     mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: jax.Array | None, forces: ExternalForces
 ) -> jax.Array:
-    """dv/dt that leads to rates at which the resistance -c v acts."""
+    """The accelerations vdot under implicit damping: the force is -c v at the new velocities."""
     q, v, tau, turning = at
     if c is not None:
-        # (M + h c) dv/dt = tau - c v - ...: as if the rotors had the inertia h c more. v is what the rates would be
-        # after the time without dv/dt.
+        # (M + h c) vdot = tau - c v - ...: as with armature increased by h c. v is the velocity at the end of the step
+        # for vdot = 0.
         armature = jnp.asarray(mechanism.armature, c.dtype) + h * c
         still = v if turning is None else _euler(precision, v, h, turning)
         tau, mechanism = _damped(precision, tau, c, still), mechanism.replace(armature=armature)
@@ -121,8 +120,8 @@ def _accelerated(
 def _each_accelerated(
     mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: Checked, forces: ExternalForces
 ) -> jax.Array:
-    """Over a batch with a resistance, or a time, for each."""
-    leaves, tree = cast(tuple[list[Any], PyTreeDef], jax.tree.flatten((at, h, c, forces)))
+    """`_accelerated` over a batch in which damping coefficients, or times, differ."""
+    leaves, tree = jax.tree.flatten((at, h, c, forces))
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in leaves))
     function = functools.partial(_accelerated, mechanism, precision)
     for _ in batch:
@@ -130,52 +129,38 @@ def _each_accelerated(
     return function(*jax.tree.unflatten(tree, check.broadcast_batch(batch, *leaves)))
 
 
+@documented(bound=SYMPLECTIC)
 def symplectic_step(
     mechanism: Mechanism,
-    q: Coordinates,
-    v: Rates,
-    tau: Forces,
-    dt: Scalar,
+    q: ArrayLike,
+    v: ArrayLike,
+    tau: ArrayLike,
+    dt: ArrayLike,
     external_forces: ExternalForces = None,
     *,
     iterations: int = 5,
     compliance: Compliance | None = None,
     precision: PrecisionName = None,
 ) -> tuple[jax.Array, jax.Array]:
-    """A step of the variational Euler method: q moves by the new v, the rates of this step.
+    """A step of the variational Euler method, which is symplectic: q moves by the new v, the velocity of this step.
 
-    Of first order. It is the exact motion of a discrete action, the sum of dt T(q, v) - dt V(q), with the energy of
-    springs in V. Without damping, friction and forces that change or take power, the energy stays within bounds in
-    proportion to dt, over any number of steps, and so do momenta. `passive_forces` act as in `semi_implicit_step`.
-    v are the rates of the screw motion that led to q: a linear velocity of what spins points where it did half a step
-    before.
-    About five times the work of the other steps.
+    It is of first order, and about five times the work of the other steps. It makes the discrete action, the sum of
+    dt T(q, v) - dt V(q), stationary, with the energy of springs in V. Without damping, friction, and forces that vary
+    or dissipate, the errors of energy and momenta stay bounded in proportion to dt, over any number of steps.
+    `passive_forces` act as in `semi_implicit_step`. v is the velocity of the screw motion that led to q, so the linear
+    velocity of a spinning body has the direction of half a step earlier.
 
     Args:
-        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
-        v: (*batch, nv) rates: rad/s, m/s.
-        tau: (*batch, nv) generalized forces of the joints: N m, N.
         dt: the time, s: a number or (*batch,). The same at every step.
-        external_forces: by name of a frame (bodies are frames, welded links too) a SpatialForce (*batch,) about the
-            origin of the frame, in world axes. It acts on the body that carries the frame, see `Mechanism.frame_body`.
-        iterations: of the equation for v, which is quadratic. Each takes the error down by dt |v| times a number
-            between 1 and about the condition of the mass matrix.
-        compliance: of friction and limits; None takes the default, see `Compliance`.
-        precision: name of a precision; None takes the default.
+        iterations: how many, of the quadratic equation for v. Each reduces the error by a factor of dt |v| times a
+            number between 1 and about the condition number of the mass matrix.
 
     Returns:
         (q (*batch, nq), v (*batch, nv)) after the time dt, over the common batch; quaternions of unit length.
 
-    Raises:
-        TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or forces are no dict of
-            SpatialForces.
-        ValueError: shapes do not fit.
-        KeyError: there is no such frame.
-
-    Error: of rounding, per step, in the largest number: of v at most 8 n u c (|v| + dt |vdot|), for n links one behind
-        the other and c the condition of the mass matrix, in every precision; of q that of `integrate` and dt times that
-        of v. The remainder of the iteration comes on top.
+    Error: of rounding, per step, in the largest number: of v at most {bound.plain} in every precision, for n links in
+        the longest chain and c the condition number of the mass matrix; of q that of `integrate` and dt times that of
+        v. The remainder of the iteration comes on top.
     Source: Marsden, West 2001, Discrete mechanics and variational integrators, 1.1 to 1.4; Lee, Leok, McClamroch 2007,
         Lie group variational integrators for the full body problem.
     """
@@ -183,16 +168,81 @@ def symplectic_step(
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in at), h.shape[:-1])
     q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (*at, h))
     tau = _with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
-    damping = resistance(mechanism, v, compliance, precision)
-    return variational_step(mechanism, q, v, tau, h, damping, external_forces, iterations, precision)
+    damping = damping_coefficients(mechanism, v, compliance, precision)
+    return _variational_step(mechanism, q, v, tau, h, damping, external_forces, iterations, precision)
 
 
+def _variational_step(
+    mechanism: Mechanism,
+    q: jax.Array,
+    v: jax.Array,
+    tau,
+    h: jax.Array,
+    damping: jax.Array | None,
+    external_forces: ExternalForces,
+    iterations: int,
+    precision: PrecisionName,
+) -> tuple[jax.Array, jax.Array]:
+    """(q, v) after the time h (*batch, 1), under forces tau and -damping v; damping None for none."""
+    derivatives, dt = _action_derivatives(mechanism, precision), h[..., 0]
+    damping = None if damping is None else h * jnp.broadcast_to(damping, v.shape)
+    before = integrate(mechanism, q, v, -dt, precision=precision)
+    momentum = derivatives(before, q, v, dt)[1] + h * (tau - _static(mechanism, q, external_forces, precision))
+    M = mass_matrix(mechanism, q, precision=precision)
+    factor = factored(M if damping is None else M + _diagonal(damping))
+
+    def nearer(_: jax.Array, v: jax.Array) -> jax.Array:
+        left = momentum + derivatives(q, integrate(mechanism, q, v, dt, precision=precision), v, dt)[0]
+        return v + factor.solve(left if damping is None else left - damping * v)
+
+    v = jax.lax.fori_loop(0, iterations, nearer, v)
+    return integrate(mechanism, q, v, dt, precision=precision), v
+
+
+def _diagonal(x: jax.Array):
+    """The diagonal matrices (*batch, n, n) of vectors (*batch, n)."""
+    is_diagonal = jnp.broadcast_to(jnp.eye(x.shape[-1], dtype=bool), (*x.shape, x.shape[-1]))
+    return jnp.where(is_diagonal, jnp.broadcast_to(x[..., None], is_diagonal.shape), 0)
+
+
+def _action_derivatives(mechanism: Mechanism, precision: PrecisionName) -> Callable[..., list[jax.Array]]:
+    """A function of (q, next q, v, dt): the derivatives of the kinetic action dt T(q, v) by motions of q and of next q.
+
+    v = (next q - q) / dt is an argument because that difference would have a rounding error of u |q| / dt.
+    """
+
+    def energy(q: jax.Array, v: jax.Array):
+        return kinetic_energy(mechanism, q, v, precision=precision).sum()
+
+    def derivatives(q: jax.Array, next_q: jax.Array, v: jax.Array, dt: jax.Array) -> list[jax.Array]:
+        of_q, momentum = jax.grad(energy, (0, 1))(q, v)
+        of_motions = pullback(functools.partial(difference, mechanism, precision=precision), q, next_q)
+        by_q, by_next_q = of_motions(momentum)
+        both = (q, dt[..., None] * of_q + by_q), (next_q, by_next_q)
+        return [_by_velocity(mechanism, x, by_x, precision) for x, by_x in both]
+
+    return derivatives
+
+
+def _by_velocity(mechanism: Mechanism, q: jax.Array, gradient: jax.Array, precision: PrecisionName) -> jax.Array:
+    """A gradient by coordinates, converted to one by velocities."""
+    rates = functools.partial(configuration_rates, mechanism, q, precision=precision)
+    return pullback(rates, jnp.zeros((*q.shape[:-1], mechanism.nv), q.dtype))(gradient)[0]
+
+
+def _static(mechanism: Mechanism, q: jax.Array, external_forces: ExternalForces, precision: PrecisionName) -> jax.Array:
+    """The static forces g(q) - J^T F."""
+    nothing = np.zeros(mechanism.nv, q.dtype)
+    return bias_forces(mechanism, q, nothing, external_forces, precision=precision)
+
+
+@documented(bound=RK4, coordinates=RK4_COORDINATES)
 def rk4_step(
     mechanism: Mechanism,
-    q: Coordinates,
-    v: Rates,
-    tau: Forces,
-    dt: Scalar,
+    q: ArrayLike,
+    v: ArrayLike,
+    tau: ArrayLike,
+    dt: ArrayLike,
     external_forces: ExternalForces = None,
     *,
     compliance: Compliance | None = None,
@@ -200,48 +250,32 @@ def rk4_step(
 ) -> tuple[jax.Array, jax.Array]:
     """A step of the classical Runge-Kutta method of fourth order.
 
-    tau and the external forces stay during the step. It steps the coordinates as they are; quaternions are brought back
-    to unit length at the end. Linear rates of "free" and "planar" joints turn with their axes: stable for dt |w| below
-    2.8, and what spins keeps its speed to (dt |w|)^6 / 144 per step. `passive_forces` act explicitly: stable for dt
-    below 2.8 inertia / c, where c is damping and friction_loss / friction_speed. Where friction or a limit sets in, the
-    step is of first order.
-
-    Args:
-        mechanism: the mechanism. Its NumPy numbers are part of the program, traced ones are its data.
-        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
-        v: (*batch, nv) rates: rad/s, m/s.
-        tau: (*batch, nv) generalized forces of the joints: N m, N.
-        dt: the time, s: a number or (*batch,).
-        external_forces: by name of a frame (bodies are frames, welded links too) a SpatialForce (*batch,) about the
-            origin of the frame, in world axes. It acts on the body that carries the frame, see `Mechanism.frame_body`.
-        compliance: of friction and limits; None takes the default, see `Compliance`.
-        precision: name of a precision; None takes the default.
+    tau and the external forces are constant during the step. Coordinates are stepped as an array; quaternions are
+    normalised at the end. The linear velocities of "free" and "planar" joints are along axes that turn with w: the step
+    is stable for dt |w| below 2.8, and a spinning body keeps its speed to (dt |w|)^6 / 144 per step. `passive_forces`
+    are explicit: stable for dt below 2.8 inertia / c, with c the sum of damping and friction_loss / friction_speed. A
+    step in which friction or a limit sets in is of first order.
 
     Returns:
         (q (*batch, nq), v (*batch, nv)) after the time dt, over the common batch; quaternions of unit length.
 
-    Raises:
-        TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or forces are no dict of
-            SpatialForces.
-        ValueError: shapes do not fit.
-        KeyError: there is no such frame.
-
-    Error: of rounding, per step, in the largest number: of v at most 4 u (|v| + dt |vdot|) and dt times that of
-        `forward_dynamics`, with vdot the largest of the four; of q 4 u (|q| + dt |dq/dt|) and dt times that of v. In
+    Error: of rounding, per step, in the largest number: of v at most {bound.plain} and dt times that of
+        `forward_dynamics`, with vdot the largest of the four; of q {coordinates.plain} and dt times that of v. In
         "compensated" and "faithful" the stages between are rounded to the dtype.
     Source: Hairer, Norsett, Wanner 1993, Solving ordinary differential equations I, II.1.
     """
     q, v, tau, h = checked("rk4_step", mechanism, q=q, v=v, tau=tau, dt=dt)
 
-    def rate(q: Array, v: Array) -> tuple[jax.Array, jax.Array]:
-        passive = acting(mechanism, q, v, compliance, precision)
+    def rate(q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
+        passive = passive_forces_or_none(mechanism, q, v, compliance, precision)
         forces = tau if passive is None else _plus(precision, tau, passive)
         vdot = forward_dynamics(mechanism, q, v, forces, external_forces, precision=precision)
         return configuration_rates(mechanism, q, v, precision=precision), vdot
 
     q, v = _runge_kutta(precision, rate, (q, v), h)
-    nowhere = np.zeros(mechanism.nv, q.dtype)
-    return integrate(mechanism, q, nowhere, precision=precision), v
+    # A step of length zero normalises quaternions.
+    zero = np.zeros(mechanism.nv, q.dtype)
+    return integrate(mechanism, q, zero, precision=precision), v
 
 
 def _runge_kutta(
@@ -254,12 +288,12 @@ def _runge_kutta(
     return tuple(_rk4_mean(precision, a, h, *rates) for a, *rates in zip(x, *k, strict=True))
 
 
-@formula
+@formula(any_size=True)
 def _euler(x: Numbers, dt: Numbers, rate: Numbers):
     return tuple(a + dt[0] * b for a, b in zip(x, rate, strict=True))
 
 
-@formula
+@formula(any_size=True)
 def _rk4_mean(x: Numbers, dt: Numbers, *rates: Numbers):
     def one(a: Number, k1: Number, k2: Number, k3: Number, k4: Number):
         return a + dt[0] * ((k1 + k4) + doubled(k2 + k3)) / 6
@@ -267,11 +301,11 @@ def _rk4_mean(x: Numbers, dt: Numbers, *rates: Numbers):
     return tuple(one(a, *k) for a, *k in zip(x, *rates, strict=True))
 
 
-@formula
+@formula(any_size=True)
 def _plus(a: Numbers, b: Numbers):
     return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
-@formula
+@formula(any_size=True)
 def _damped(tau: Numbers, damping: Numbers, v: Numbers):
     return tuple(t - d * x for t, d, x in zip(tau, damping, v, strict=True))

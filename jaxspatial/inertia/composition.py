@@ -1,192 +1,93 @@
-"""Rigid bodies put together and taken apart, about one point in one frame.
+"""Rigid bodies put together and taken unstack, over numbers, about one point in one frame; and sums over a batch.
 
 In the reduced-mass form I1 + I2 + m1 m2 / m (|d|^2 1 - d d^T), d the distance of the centres of mass, only terms that
 are positive semidefinite are added: nothing cancels, however far from the origin. [Featherstone 2008, 2.13]
+
+Sums of few vectors are written out by components, here and beside: an operator of vectors stacks double words, which
+takes up to twice as long where nothing else is stacked.
 """
 
-# Of `jax.jit` and `jax.tree` the stubs say only a part.
-# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
-
 import functools
-from collections.abc import Callable, Sequence
-from typing import Any, Self
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, vectors
-from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import Rounded, constant, high, noinline_pairs, where
-from jaxspatial.arithmetic.numbers.folding import is_known
-from jaxspatial.arithmetic.numbers.protocol import Number, Numbers, Symmetric, Three
-from jaxspatial.arithmetic.precision import Precision, resolve
-from jaxspatial.arithmetic.quantity import moved_to_last, require_alike
-from jaxspatial.arithmetic.types import PrecisionName
-from jaxspatial.inertia.parts import Parts
-from jaxspatial.inertia.reduction import summed
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.linear import Inertia, Symmetric, Vector
+from jaxspatial.numerics.numbers import Number, Numbers, Rounded, constant, high, noinline_pairs, where
+from jaxspatial.numerics.numbers.double_word import DoubleWord
+from jaxspatial.numerics.numbers.layout import unstack
+from jaxspatial.numerics.numbers.rounded import is_known
+from jaxspatial.numerics.precision import Precision
+from jaxspatial.numerics.sums.pairwise import by_halving, pairwise_sum
 from jaxspatial.spatial import algebra
 
-Ten = list[Number | Numbers]  # mass, com, central
-
-
-class Composition(Parts):
-    """Sums and differences of `SpatialInertia` about one point in one frame."""
-
-    def __add__(self, other: Any) -> Any:
-        """Two bodies as one: see `combine`."""
-        return self.combine(other) if isinstance(other, type(self)) else NotImplemented
-
-    def __radd__(self, other: Any) -> Any:
-        """0 + M is M, for Python's `sum`; for many bodies `SpatialInertia.sum` is faster and better."""
-        return self if isinstance(other, int) and other == 0 else NotImplemented
-
-    def __sub__(self, other: Any) -> Any:
-        """What is left without a part: see `remove`."""
-        return self.remove(other) if isinstance(other, type(self)) else NotImplemented
-
-    def combine(self, other: Self, *, precision: PrecisionName = None) -> Self:
-        """The inertia of two bodies as one, about the same point in the same frame.
-
-            com = c1 + (m2 / m) d    central = I1 + I2 + (m1 m2 / m) (|d|^2 1 - d d^T)    d = c2 - c1
-
-        The terms are positive semidefinite, so that nothing cancels and nothing turns indefinite but by rounding an
-        entry: the validity slack falls by at most 16 u. Where the centres of mass coincide, com is exactly theirs. Two
-        bodies without mass have the mean of their com.
-
-        Args:
-            other: the inertia of the other body.
-            precision: name of a precision; None takes the default.
-
-        Returns:
-            The inertia of both together, over the common batch.
-
-        Raises:
-            TypeError: the other is no SpatialInertia, or dtypes differ.
-            ValueError: batch shapes do not broadcast.
-
-        Error: of mass u m, of com at most 6 u (m1 |c1| + m2 |c2|) / m, of central 10 u mag; in "compensated" and
-            "faithful" u |r| + 128 u^2 mag. Derivatives are exact to a few u.
-        Source: Featherstone 2008, 2.13.
-        """
-        return self._with(_combined, "+", other, precision)
-
-    def remove(self, other: Self, *, precision: PrecisionName = None) -> Self:
-        """The inertia of what is left of this body without a part of it, about the same point in the same frame.
-
-        This cancels: of mass, com and central as many digits are lost as what is left is smaller. Where no mass is left
-        of a body that had some, com and central are infinite or NaN; without mass from the start com stays.
-
-        Args:
-            other: the inertia of the part.
-            precision: name of a precision; None takes the default.
-
-        Returns:
-            The inertia of what is left, over the common batch.
-
-        Raises:
-            TypeError: the other is no SpatialInertia, or dtypes differ.
-            ValueError: batch shapes do not broadcast.
-
-        Error: as of `combine`, with mag of the differences, com's over the mass that is left.
-        """
-        return self._with(_removed, "-", other, precision)
-
-    def _with(self, operation: Callable[..., Any], sign: str, other: Any, precision: PrecisionName) -> Self:
-        if not isinstance(other, type(self)):
-            raise TypeError(f"{sign}: expected a SpatialInertia, got {type(other).__name__}")
-        require_alike(left=self, right=other)
-        return self._like(operation(precision, *self.vectors, *other.vectors))
-
-    def sum(self, axis: int = 0, *, precision: PrecisionName = None) -> Self:
-        """The inertia of all bodies along an axis of the batch as one, about the same point in the same frame.
-
-            com = sum m_i c_i / m    central = sum (I_i + m_i (|d_i|^2 1 - d_i d_i^T))    d_i = c_i - com
-
-        Sums by halving, always in the same order; what com is off counts in central by its square only. Nothing turns
-        indefinite but by rounding, as for `combine`. Without any mass com is the mean; of no bodies at all the result
-        is zero.
-
-        Args:
-            axis: an integer; which axis of the batch.
-            precision: name of a precision; None takes the default.
-
-        Returns:
-            The inertia of all together, over the other axes of the batch.
-
-        Raises:
-            TypeError: the axis is no integer.
-            ValueError: the batch has no such axis.
-
-        Error: with L = ceil(log2 n), of mass at most L u m, of com (4 + L) u sum m_i |c_i| / m, of central (10 + L) u
-            mag, mag = sum (|I_i| + m_i |d_i|^2) with |d_i|^2 <= |c_i|^2 + |com|^2; in "compensated" and "faithful" u
-            |r| + 64 (4 + L) u^2 mag. Of double words com and central are good to 64 (4 + L) u^2 mag.
-        """
-        place = check.batch_axis(axis, self.batch_shape, "SpatialInertia.sum")
-        if not self.batch_shape[place]:
-            return self.zero((*self.batch_shape[:place], *self.batch_shape[place + 1 :]), self.dtype)
-        moved = moved_to_last(check.narrowed_each(self.vectors), place, self.batch_shape)
-        return self._like(composite(resolve(precision), *moved))
-
-
-# -- as formulas over numbers ------------------------------------------------------------------------------------------
+# -- two bodies -------------------------------------------------------------------------------------------------------
 
 
 @formula
-def _combined(mass: Numbers, com: Three, central: Symmetric, mass2: Numbers, com2: Three, central2: Symmetric) -> Ten:
-    """[mass, com, central] of two bodies as one; without mass, the mean of their centres of mass."""
-    return joined(mass[0], com, central, mass2[0], com2, central2, 0.5)
+def combined(a: Inertia, b: Inertia) -> Inertia:
+    """Two bodies as one; without mass, com is the mean of both."""
+    return joined(a, b, 0.5)
 
 
 @formula
-def _removed(mass: Numbers, com: Three, central: Symmetric, mass2: Numbers, com2: Three, central2: Symmetric) -> Ten:
-    """[mass, com, central] of what is left of the first without the second; without mass, com stays."""
-    return joined(mass[0], com, central, -mass2[0], com2, vectors.negative(central2), 0.0)
+def removed(a: Inertia, b: Inertia) -> Inertia:
+    """What is left of the first body without the second; without mass, com stays."""
+    return joined(a, Inertia(-b.mass, b.com, -b.central), 0.0)
 
 
-def joined(m1: Number, c1: Three, i1: Symmetric, m2: Number, c2: Three, i2: Symmetric, share: float) -> Ten:
-    """Seen from the heavier body: where the centres of mass are one, it is exactly theirs."""
-    m = m1 + m2
-    is_massless = (high(m1) == 0) & (high(m2) == 0)
+def joined(a: Inertia, b: Inertia, share: float) -> Inertia:
+    """Two bodies as one, with the centre of mass computed from that of the heavier body: exact where both coincide.
+
+    share: of the way from a to b at which the centre of mass is where neither body has mass.
+    """
+    m = a.mass + b.mass
+    is_massless = (high(a.mass) == 0) & (high(b.mass) == 0)
     divisor = where(is_massless, 1.0, m)
-    d = [b - a for a, b in zip(c1, c2, strict=True)]
-    is_first = abs(high(m1)) >= abs(high(m2))
-    lighter, heavier = where(is_first, m2, m1), where(is_first, m1, m2)
+    d = Vector(*(y - x for x, y in zip(a.com, b.com, strict=True)))
+    is_first = abs(high(a.mass)) >= abs(high(b.mass))
+    lighter, heavier = where(is_first, b.mass, a.mass), where(is_first, a.mass, b.mass)
     part = where(is_massless, share, lighter / divisor)
-    com = tuple(where(is_first, a, b) + where(is_first, part, -part) * x for a, b, x in zip(c1, c2, d, strict=True))
+    com = Vector(
+        *(where(is_first, x, y) + where(is_first, part, -part) * z for x, y, z in zip(a.com, b.com, d, strict=True))
+    )
     arm = steiner(heavier * (lighter / divisor), d)
-    return [m, com, tuple((a + b) + c for a, b, c in zip(i1, i2, arm, strict=True))]
+    return Inertia(m, com, Symmetric(*(x + y + z for x, y, z in zip(a.central, b.central, arm, strict=True))))
 
 
 @noinline_pairs
-def steiner(m: Number, d: Three) -> Symmetric:
-    """m (|d|^2 1 - d d^T), of m d first: its square may not be a number of the format where the product is."""
-    return algebra.parallel_axis(d, vectors.times(m, d))
+def steiner(m: Number, d: Vector) -> Symmetric:
+    """m (|d|^2 1 - d d^T). The product m d comes first: |d|^2 may overflow where the result does not."""
+    return algebra.point_inertia(d, m * d)
 
 
-# -- many -------------------------------------------------------------------------------------------------------------
+# -- many bodies ------------------------------------------------------------------------------------------------------
 
 
 @functools.partial(jax.jit, static_argnums=0, inline=True)
-def composite(precision: Precision, mass: jax.Array, com: jax.Array, central: jax.Array) -> list[jax.Array]:
-    """[mass (*batch,), com, central] of n bodies as one, given as (*batch, n, 1), (*batch, n, 3), (*batch, n, 6)."""
-    one, vector, six = _composite(precision, mass, com, central)
-    return [one[..., 0], vector[..., 0, :], six[..., 0, :]]
+def composite(precision: Precision, mass: Any, com: Any, central: Any) -> list[jax.Array]:
+    """[mass (*batch,), com, central] of n bodies as one, from (*batch, n, 1), (*batch, n, 3), (*batch, n, 6)."""
+    mass, com, central = _composite(precision, Inertia(mass, com, central))
+    return [mass[..., 0], com[..., 0, :], central[..., 0, :]]
 
 
 @formula
-def _composite(mass: Numbers, com: Three, central: Symmetric) -> Ten:
-    """What the common centre is off by counts in central by its square only."""
-    m = mass[0]
-    shape = np.broadcast_shapes(*(jnp.shape(high(x)) for x in (m, *com, *central)))
-    (whole,) = summed((m,), shape[-1])
-    all_of_it = _spread(whole, shape)
-    is_massless = high(all_of_it) == 0
-    mean = 1 / constant(m, shape[-1])
-    share = where(is_massless, mean, m / where(is_massless, 1.0, all_of_it))
-    center = summed(vectors.times(share, com), shape[-1])
-    arm = steiner(m, [c - _spread(x, shape) for c, x in zip(com, center, strict=True)])
-    return [whole, center, summed(tuple(i + a for i, a in zip(central, arm, strict=True)), shape[-1])]
+def _composite(M: Inertia) -> Inertia:
+    """An error of the common centre of mass counts in the central inertia by its square only."""
+    shape = np.broadcast_shapes(*(jnp.shape(high(x)) for x in (M.mass, *M.com, *M.central)))
+    (whole,) = summed((M.mass,), shape[-1])
+    total = _spread(whole, shape)
+    is_massless = high(total) == 0
+    mean = 1 / constant(M.mass, shape[-1])
+    share = where(is_massless, mean, M.mass / where(is_massless, 1.0, total))
+    center = summed(share * M.com, shape[-1])
+    d = Vector(*(c - _spread(x, shape) for c, x in zip(M.com, center, strict=True)))
+    central = [x + y for x, y in zip(M.central, steiner(M.mass, d), strict=True)]
+    return Inertia(whole, Vector(*center), Symmetric(*summed(central, shape[-1])))
 
 
 def _spread(x: Number, shape: Sequence[int]) -> Number:
@@ -194,3 +95,45 @@ def _spread(x: Number, shape: Sequence[int]) -> Number:
     if isinstance(x, Rounded):
         return x if is_known(x.value) else Rounded(x.precision, jnp.broadcast_to(x.value, shape))
     return jax.tree.map(lambda word: jnp.broadcast_to(word, shape), x)
+
+
+# -- sums over the last axis of a batch, in one fixed order ------------------------------------------------------------
+
+
+def summed(numbers: Numbers, size: int) -> Numbers:
+    """The sum of each of a tuple of numbers over the last axis of the batch, which is left with size 1.
+
+    size: of that axis, at least 1. By halving, always in the same order. The error is at most ceil(log2 size) u mag
+    with mag the sum of |x_i|; of double words 3 ceil(log2 size) u^2 mag. A known 0 stays one.
+    """
+    rounded = [x for x in numbers if isinstance(x, Rounded)]
+    if not rounded:
+        return _of_double_words(numbers)
+    data = [x.value for x in rounded if not is_known(x.value, 0)]
+    sums = iter(_of_rounded(data, size) if data else ())
+    return tuple(x if is_known(x.value, 0) else Rounded(x.precision, next(sums)) for x in rounded)
+
+
+def _of_rounded(values: Sequence[jax.Array], size: int) -> list[jax.Array]:
+    """All of them in one array: one chain of additions."""
+    shape = np.broadcast_shapes((size,), *(x.shape for x in values))
+    sums = pairwise_sum(jnp.stack([jnp.broadcast_to(x, shape) for x in values]))
+    return [x[..., None] for x in unstack(jnp.moveaxis(sums, 0, -1))]
+
+
+@noinline_pairs
+def _of_double_words(numbers: Numbers) -> Numbers:
+    words = [jnp.stack([getattr(x, word) for x in numbers]) for word in ("hi", "lo")]
+    sums = DoubleWord(*by_halving(_added, words, words[0].ndim - 1))
+    return tuple(sums[i] for i in range(len(numbers)))
+
+
+def _added(a, b) -> tuple[jax.Array, ...]:
+    return tuple(jax.tree.leaves(DoubleWord(*a) + DoubleWord(*b)))
+
+
+def first(x: Number) -> Number:
+    """A number that is the same along the last axis of the batch, with that axis of size 1."""
+    if isinstance(x, DoubleWord):
+        return x[..., :1]
+    return Rounded(x.precision, x.value[..., :1]) if isinstance(x, Rounded) and not is_known(x.value) else x

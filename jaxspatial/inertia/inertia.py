@@ -1,57 +1,573 @@
 """Spatial inertia: mass, centre of mass and inertia about the centre of mass, and what is done with them.
 
-The mathematics is in the modules beside this one, as functions of arrays; the bases hold methods by subject.
+The formulas over numbers stand beside it, by subject; those of motion are in `spatial.algebra`.
 """
 
-from typing import TYPE_CHECKING, Any, Self
+import functools
+import inspect
+import re
+from collections.abc import Callable, Iterable
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.numbers import Number, Numbers, Symmetric, Three, halved
-from jaxspatial.arithmetic.quantity import require_alike
-from jaxspatial.arithmetic.tree import tree
-from jaxspatial.arithmetic.types import PrecisionName, Vector3
-from jaxspatial.inertia.composition import Composition
-from jaxspatial.inertia.forms import Forms
-from jaxspatial.inertia.parts import Parts
-from jaxspatial.inertia.shapes import Shapes
-from jaxspatial.inertia.validity import PrincipalAxes
-from jaxspatial.spatial import SpatialAcceleration, SpatialForce, SpatialMomentum, SpatialVelocity, algebra
-from jaxspatial.spatial.arguments import require_kind
+from jaxspatial.inertia import composition, parameters, shapes
+from jaxspatial.inertia.shapes import Options
+from jaxspatial.numerics import check, eigen
+from jaxspatial.numerics.check import as_matrices, expanded, owned, require_kind, shown
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.linear import Inertia, Motion, Symmetric, Vector, congruence
+from jaxspatial.numerics.numbers import Number, halved
+from jaxspatial.numerics.numbers.double_word import DoubleWord
+from jaxspatial.numerics.precision import resolve
+from jaxspatial.numerics.promise import Normwise, OfSum, Promise, promises
+from jaxspatial.numerics.quantity import Additive, moved_to_last, rebuilt, require_compatible, tree
+from jaxspatial.numerics.types import ArrayLike, DTypeLike, PrecisionName
+from jaxspatial.rotation.rotation import Rotation, is_identity
+from jaxspatial.spatial import (
+    RigidTransform,
+    SpatialAcceleration,
+    SpatialForce,
+    SpatialMomentum,
+    SpatialVelocity,
+    algebra,
+)
 from jaxspatial.spatial.operations import rotate, shift
+from jaxspatial.spatial.vectors import require_no_w
+
+# f = m (a + alpha x c), and tau = I alpha + c x f; twice the kinetic energy.
+FORCE, TORQUE, ENERGY = Promise(5, 64), Promise(8, 64), Promise(12, 128)
+# The moments about another point than the centre of mass.
+ABOUT = Promise(5, 16)
+# Central inertias: of two bodies, of moments about another point, of a matrix root; com and mass have less.
+COMBINED, FROM_MOMENTS, FROM_ROOT = Promise(10, 128), Promise(6, 64, mag="|I_P| + m |c|^2"), Promise(24, 64)
+COMBINED_COM, ROOT_MASS = Normwise(6, "(m1 |c1| + m2 |c2|) / m", u2=128), Normwise(8, "m")
+# Of n bodies, L = ceil(log2 n).
+SUM_MASS, SUM_COM, SUM_CENTRAL = OfSum(of="m"), OfSum(4, of="sum m_i |c_i| / m", u2=64), OfSum(10, u2=64)
+# Of the largest moment.
+MOMENTS, AXES = Normwise(8, "times the largest"), Normwise(32, "times the largest moment", rounded=32)
+ORTHONORMAL = Normwise(16, "of the identity", rounded=2)
+ELLIPSOID = Normwise(64, "times the largest", rounded=64)
+NEAREST_VALID = Normwise(32, "times its largest principal moment", rounded=32)
+LENGTH, SLACK = Normwise(8, ""), Normwise(32, "", rounded=32)
+# c the condition of the second moments.
+ALPHA, LOG_CHOLESKY, THERE_AND_BACK = Normwise(4, "|alpha|"), Normwise(32, "(c + |d|)"), Normwise(64, "c")
+LOG_CHOLESKY_OFF_DIAGONAL = Normwise(32, "c sqrt(tr(Sigma) / m)")
+
+# Of eps: what rounding an inertia tensor, and finding its moments, can take from a body as flat or thin as can be.
+_TOLERANCE = 16
+_Z = (0.0, 0.0, 1.0)
+_Class = TypeVar("_Class")
 
 
+# What docstrings of methods leave out.
+_ARGUMENTS = {
+    "radius": "(*batch,) m.",
+    "length": "(*batch,) m.",
+    "axis": "(*batch, 3) its axis, of any length but 0 (NaN).",
+    "mass": "(*batch,) kg; exactly one of mass and density is to be passed.",
+    "density": "(*batch,) kg/m3, of a shell kg/m2.",
+    "precision": "name of a precision; None takes the default.",
+}
+
+
+def _completed(cls: type[_Class]) -> type[_Class]:
+    """Class decorator that adds the arguments that docstrings leave out, where they say what is returned."""
+    for function in (getattr(member, "__func__", member) for member in vars(cls).values()):
+        doc = inspect.cleandoc(getattr(function, "__doc__", None) or "")
+        start, returns, rest = doc.partition("\n\nReturns:")
+        if inspect.isfunction(function) and returns:
+            summary, _, stated = start.partition("\n\nArgs:\n")
+            blocks = dict(re.findall(r"^    (\w+): (.*(?:\n     .*)*)", stated, re.M))
+            names = [name for name in inspect.signature(function).parameters if name in {**_ARGUMENTS, **blocks}]
+            lines = [f"\n    {name}: {blocks.get(name) or _ARGUMENTS[name]}" for name in names]
+            arguments = "\n\nArgs:" + "".join(lines) if lines else ""
+            function.__doc__ = summary + arguments + returns + rest
+    return cls
+
+
+@_completed
 @tree
-class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes):
+class SpatialInertia(Additive):
     """M_BP_E: the inertia of body B about its point P, expressed in frame E.
 
     mass: (*batch,) kg
     com: (*batch, 3) p_PBcm_E, from P to the centre of mass, m
     central: (*batch, 6) rotational inertia about the centre of mass, kg m2: Ixx, Ixy, Iyy, Ixz, Iyz, Izz, products with
-        the sign that they have in the matrix. Given like that or as (*batch, 3, 3), of which the lower triangle is
-        read.
+        the sign that they have in the matrix. Also accepted as (*batch, 3, 3), of which the lower triangle is read.
 
     Moving P leaves mass and central as they are, so that no distance takes digits from them. Python floats take the
-    dtype of the arrays beside them, batch shapes broadcast. Bodies without mass are inertias too. Nothing is checked of
-    the values: see `is_physically_valid`.
+    dtype of the arrays beside them, batch shapes broadcast. Bodies without mass are inertias too. Values are not
+    checked: see `is_physically_valid`.
 
-    What the error bounds below mean: u is the unit roundoff, r the exact component, mag the sum of the absolute values
-    of its terms, multiplied out; for bounds, edges and derivatives of sums of products see
-    `jaxspatial.spatial.operations`. What takes quotients and roots as well is evaluated in float64 for "compensated"
-    and "faithful", or for float64 in double words, and rounded once; float16 and bfloat16 otherwise in float32.
+    In the error bounds below u is the unit roundoff, r the exact component, and mag the sum of the absolute values of
+    its terms, multiplied out; for bounds, edges and derivatives of sums of products see
+    `jaxspatial.spatial.operations`. Formulas with quotients and roots are evaluated in float64 for "compensated" and
+    "faithful", or for float64 in double words, and rounded once; float16 and bfloat16 otherwise in float32.
     """
 
     mass: jax.Array
     com: jax.Array
     central: jax.Array
 
-    if TYPE_CHECKING:
-        __init__ = Parts.__init__
+    _items = (), (3,), (6,)
 
-    def shift(self, p_PQ_E: Vector3, *, precision: PrecisionName = None) -> Self:
+    if TYPE_CHECKING:
+
+        def __init__(self, mass: ArrayLike, com: ArrayLike, central: ArrayLike): ...
+
+    def __post_init__(self) -> None:
+        """Checks what a caller passes. JAX rebuilds inertias without it, with whatever leaves it needs."""
+        if all(check.is_tree_mark(leaf) for leaf in self._parts):
+            return
+        for name, array in zip(self.__match_args__, _checked("SpatialInertia", *self._parts), strict=True):
+            object.__setattr__(self, name, owned(array))
+
+    # -- bodies of uniform density ------------------------------------------------------------------------------------
+
+    @classmethod
+    @shapes.constructor
+    def solid_box(cls, size: ArrayLike, **options: Unpack[Options]) -> Self:
+        """A box with edges along x, y and z.
+
+        Args:
+            size: (*batch, 3) lengths of the edges, m.
+        """
+        return cls(*shapes.parts(shapes.solid_box, {"size": size}, n=3, **options))
+
+    @classmethod
+    @shapes.constructor
+    def solid_cube(cls, size: ArrayLike, **options: Unpack[Options]) -> Self:
+        """A cube.
+
+        Args:
+            size: (*batch,) length of an edge, m.
+        """
+        return cls(*shapes.parts(shapes.solid_cube, {"size": size}, **options))
+
+    @classmethod
+    @shapes.constructor
+    def solid_sphere(cls, radius: ArrayLike, **options: Unpack[Options]) -> Self:
+        """A ball."""
+        return cls(*shapes.parts(shapes.solid_sphere, {"radius": radius}, **options))
+
+    @classmethod
+    @shapes.constructor
+    def hollow_sphere(cls, radius: ArrayLike, **options: Unpack[Options]) -> Self:
+        """A spherical shell."""
+        return cls(*shapes.parts(shapes.hollow_sphere, {"radius": radius}, **options))
+
+    @classmethod
+    @shapes.constructor
+    def solid_ellipsoid(cls, semi_axes: ArrayLike, **options: Unpack[Options]) -> Self:
+        """An ellipsoid with its axes along x, y and z.
+
+        Args:
+            semi_axes: (*batch, 3) m.
+        """
+        return cls(*shapes.parts(shapes.solid_ellipsoid, {"semi_axes": semi_axes}, n=3, **options))
+
+    @classmethod
+    def point_mass(cls, com: ArrayLike, *, mass: ArrayLike) -> Self:
+        """All mass in one point.
+
+        Args:
+            com: (*batch, 3) p_PPcm, m.
+            mass: (*batch,) kg.
+
+        Returns:
+            The inertia about P, over the common batch.
+
+        Raises:
+            TypeError: dtypes differ or are not floating point.
+            ValueError: a known mass is negative, or shapes do not fit.
+
+        Error: none, it is exact.
+        """
+        dtype = shapes.dtype_of(com, mass)
+        c = check.as_vectors(com, "point_mass: com", dtype, held=True)
+        m = shapes.number(mass, "point_mass: mass", dtype, may_be_zero=True)
+        check.require_same_dtype(com=c, mass=m)
+        batch = check.common_batch_shape(com=c.shape[:-1], mass=m.shape)
+        m, c = check.broadcast_batch(batch, expanded(m), c)
+        return cls(m.reshape(batch), c, np.zeros((*batch, 6), c.dtype))
+
+    @classmethod
+    @shapes.constructor
+    def solid_cylinder(
+        cls, radius: ArrayLike, length: ArrayLike, axis: ArrayLike = _Z, **options: Unpack[Options]
+    ) -> Self:
+        """A cylinder."""
+        return cls(*shapes.parts(shapes.solid_cylinder, {"radius": radius, "length": length}, axis, **options))
+
+    @classmethod
+    @shapes.constructor
+    def solid_cylinder_about_end(
+        cls, radius: ArrayLike, length: ArrayLike, axis: ArrayLike = _Z, **options: Unpack[Options]
+    ) -> Self:
+        """A cylinder about the centre of one of its ends: from there axis points to the centre of mass."""
+        lengths = {"radius": radius, "length": length}
+        return cls(*shapes.parts(shapes.solid_cylinder_about_end, lengths, axis, **options))
+
+    @classmethod
+    @shapes.constructor
+    def hollow_cylinder(
+        cls,
+        inner_radius: ArrayLike,
+        outer_radius: ArrayLike,
+        length: ArrayLike,
+        axis: ArrayLike = _Z,
+        **options: Unpack[Options],
+    ) -> Self:
+        """A tube: what is between two radii; with equal ones a shell (by mass).
+
+        Args:
+            inner_radius: (*batch,) m, from 0 to the outer one.
+            outer_radius: (*batch,) m.
+        """
+        lengths = {"inner_radius": inner_radius, "outer_radius": outer_radius, "length": length}
+        return cls(*shapes.parts(shapes.hollow_cylinder, lengths, axis, ("inner_radius",), **options))
+
+    @classmethod
+    @shapes.constructor
+    def solid_capsule(
+        cls, radius: ArrayLike, length: ArrayLike, axis: ArrayLike = _Z, **options: Unpack[Options]
+    ) -> Self:
+        """A cylinder between two half balls. With length 0 it is a ball, with radius 0 a thin rod.
+
+        Args:
+            length: (*batch,) of the cylinder, m.
+        """
+        lengths = {"radius": radius, "length": length}
+        return cls(*shapes.parts(shapes.solid_capsule, lengths, axis, may_be_zero=lengths, **options))
+
+    @classmethod
+    @shapes.constructor
+    def solid_cone(cls, radius: ArrayLike, height: ArrayLike, axis: ArrayLike = _Z, **options: Unpack[Options]) -> Self:
+        """A cone: the centre of its base is at -height/4, the apex at 3/4 height along axis.
+
+        Args:
+            radius: (*batch,) of the base, m.
+            height: (*batch,) m.
+        """
+        return cls(*shapes.parts(shapes.solid_cone, {"radius": radius, "height": height}, axis, **options))
+
+    @classmethod
+    @promises(mass=shapes.MASS, central=shapes.CENTRAL)
+    def thin_rod(
+        cls, length: ArrayLike, axis: ArrayLike = _Z, *, mass: ArrayLike, precision: PrecisionName = None
+    ) -> Self:
+        """A straight line of mass; without a moment about its axis.
+
+        Args:
+            mass: (*batch,) kg.
+
+        Returns:
+            The inertia about the centre of mass, the origin P, over the common batch.
+
+        Raises:
+            TypeError: dtypes differ.
+            ValueError: a known number is negative, a length 0, or shapes do not fit.
+
+        Error: none of mass, of central at most {central.plain} in "fast" and "reproducible", {central.precise} in the
+            other two, while nothing over- or underflows.
+        """
+        return cls(*shapes.parts(shapes.thin_rod, {"length": length}, axis, mass=mass, precision=precision))
+
+    @classmethod
+    @promises(central=shapes.CENTRAL, determinant=shapes.DETERMINANT, com=shapes.TETRAHEDRON_COM)
+    @shapes.constructor
+    def solid_tetrahedron(cls, vertices: ArrayLike, **options: Unpack[Options]) -> Self:
+        """A tetrahedron, about P. By mass it may be flat, or a line.
+
+        Computed from its edges, whose squares are summed: nothing cancels, however far from P it is.
+
+        Args:
+            vertices: (*batch, 4, 3) in any order, p_PV, m.
+
+        Error: by mass, of central at most {central.plain} in "fast" and "reproducible", {central.precise} in the other
+            two. By density mass and central have that of a determinant besides, whose size is the sum of the absolute
+            values of its six products over its value: at most {determinant.plain}, in the other two
+            {determinant.precise}. Error of com at most {com.plain}.
+        """
+        kind, amount, precision = shapes.single_amount("solid_tetrahedron", **options)
+        dtype = shapes.dtype_of(vertices, amount)
+        v = check.as_vectors(vertices, "solid_tetrahedron: vertices", dtype, many=["4"], held=True)
+        if v.shape[-2] != 4:
+            raise ValueError(f"solid_tetrahedron: vertices: expected shape (*batch, 4, 3), got {v.shape}")
+        amount = shapes.number(amount, f"solid_tetrahedron: {kind}", v.dtype, may_be_zero=True)
+        arrays = {kind: expanded(amount), "vertices": v.reshape((*v.shape[:-2], 12))}
+        return cls(*shapes.computed(shapes.solid_tetrahedron, precision, arrays, by=kind))
+
+    @classmethod
+    @promises(volume=shapes.MESH_VOLUME, com=shapes.MESH_COM, central=shapes.MESH_CENTRAL)
+    @shapes.constructor
+    def triangle_mesh(cls, vertices: ArrayLike, triangles: ArrayLike, **options: Unpack[Options]) -> Self:
+        """The volume that a closed surface of triangles encloses, about P.
+
+        A volume that is not positive (an open or inverted surface, or none) gives NaN for mass, by density, centre of
+        mass and central inertia. A sum of signed tetrahedra from the middle of the box around the mesh, by halving: a
+        mesh far from P loses nothing but the digits that its vertices do not have. Differentiable in the vertices.
+
+        Args:
+            vertices: (*batch, n, 3) positions p_PV, m.
+            triangles: (m, 3) integers, m >= 1, the vertices of each, counterclockwise seen from outside. *unchecked*
+                requirement: every edge belongs to two triangles, which run along it in opposite directions.
+
+        Error: let L be ceil(log2 m), V the volume, S the sum over triangles of |a| |b - a| |c - a|, where a, b and c
+            are the vertices seen from that middle, and r the largest distance of a vertex from it. In "fast" and
+            "reproducible" the error is at most {volume.plain} of the volume, u |com| + {com.plain} of com, and
+            {central.plain} of an entry of the central inertia. In the other two it is 8 times these with u^2 in place
+            of u, plus 1.01 u of the result. For a body as thick as wide S / V is about 10.
+        Source: Mirtich 1996, Fast and accurate computation of polyhedral mass properties; Eberly 2002.
+        """
+        kind, amount, precision = shapes.single_amount("triangle_mesh", **options)
+        dtype = shapes.dtype_of(vertices, amount)
+        vertices = check.as_vectors(vertices, "triangle_mesh: vertices", dtype, many=["n"])
+        corners = shapes.corners_of(vertices, triangles)
+        amount = shapes.number(amount, f"triangle_mesh: {kind}", corners.dtype, may_be_zero=True)
+        check.require_same_dtype(vertices=corners, **{kind: amount})
+        check.common_batch_shape(vertices=corners.shape[:-2], **{kind: amount.shape})
+        arrays = amount.reshape((*amount.shape, 1, 1)), corners, shapes.middle_of(corners)
+        results = shapes.known(shapes.triangle_mesh, precision, *arrays, by=kind, size=corners.shape[-2])
+        m, com, central = (x[..., 0, :] for x in results)
+        return cls(m.reshape(m.shape[:-1]), com, central)
+
+    # -- from other parameters ----------------------------------------------------------------------------------------
+
+    @classmethod
+    @promises(bound=ABOUT)
+    def from_origin(
+        cls, mass: ArrayLike, com: ArrayLike, about_origin: ArrayLike, *, precision: PrecisionName = None
+    ) -> Self:
+        """From the inertia about P, in place of that about the centre of mass.
+
+            central = I_P - m (|c|^2 1 - c c^T)
+
+        This cancels: central loses as many digits as I_P is larger. Where P is far away, they are lost in I_P already:
+        pass the central inertia where it is known.
+
+        Args:
+            mass: (*batch,) m, kg.
+            com: (*batch, 3) c = p_PBcm_E, m.
+            about_origin: (*batch, 3, 3) or (*batch, 6) I_P, kg m2.
+
+        Returns:
+            The inertia, over the common batch.
+
+        Raises:
+            TypeError: dtypes differ or are not floating point.
+            ValueError: shapes do not fit.
+
+        Error: per entry, mag = |I_P| + m |c|^2: {bound}.
+        """
+        m, c, six = _checked("SpatialInertia.from_origin", mass, com, about_origin, "about_origin")
+        body = Inertia._make([expanded(m), c, six])
+        return cls(m, c, parameters.about_center(precision, body))
+
+    @classmethod
+    def from_matrix(cls, m: ArrayLike, *, precision: PrecisionName = None) -> Self:
+        """From matrices as those of `to_matrix`; of entries that stand there more than once, one is read.
+
+        Args:
+            m: (*batch, 6, 6), rotational on top.
+
+        Returns:
+            The inertia, over the batch of m.
+
+        Raises:
+            TypeError: m is not of floating point.
+            ValueError: the shape does not fit.
+
+        Error: as of `from_dynamic_parameters`, with the same cancellation.
+        """
+        entries = as_matrices(m, "SpatialInertia.from_matrix: m", 6)
+        return cls(entries[..., 21], *parameters.from_six_by_six(precision, entries))
+
+    @classmethod
+    @promises(bound=FROM_MOMENTS)
+    def from_dynamic_parameters(cls, pi10: ArrayLike, *, precision: PrecisionName = None) -> Self:
+        """From m, m c, then Ixx, Ixy, Iyy, Ixz, Iyz, Izz about P: Pinocchio's order.
+
+        c = m c / m, 0 for 0 / 0, and central = I_P - m (|c|^2 1 - c c^T), which cancels as in `from_origin`.
+
+        Args:
+            pi10: (*batch, 10), kg, kg m, kg m2.
+
+        Returns:
+            The inertia, over the batch of pi10.
+
+        Raises:
+            TypeError: pi10 is not of floating point.
+            ValueError: the shape does not fit.
+
+        Error: of com u |c|, of central at most {bound.plain}, mag = {bound.mag}; in "compensated" and "faithful"
+            {bound.precise}.
+        """
+        ten = check.as_vectors(pi10, "SpatialInertia.from_dynamic_parameters: pi10", size=10)
+        return cls(ten[..., 0], *parameters.from_dynamic_parameters(precision, ten))
+
+    @classmethod
+    def from_pseudo_inertia(cls, J: ArrayLike, *, precision: PrecisionName = None) -> Self:
+        """From the pseudo-inertia matrix [[Sigma, m c], [m c^T, m]] about P, Sigma = integral of x x^T dm.
+
+        Args:
+            J: (*batch, 4, 4), of which the lower triangle, and m c from the last column, are read.
+
+        Returns:
+            The inertia, over the batch of J.
+
+        Raises:
+            TypeError: J is not of floating point.
+            ValueError: the shape does not fit.
+
+        Error: as of `from_dynamic_parameters`, with the same cancellation, mag = |Sigma|.
+        """
+        entries = as_matrices(J, "SpatialInertia.from_pseudo_inertia: J", 4)
+        return cls(entries[..., 15], *parameters.from_pseudo_inertia(precision, entries))
+
+    @classmethod
+    @promises(bound=FROM_ROOT, mass=ROOT_MASS)
+    def from_log_cholesky(cls, theta10: ArrayLike, *, precision: PrecisionName = None) -> Self:
+        """From any ten real numbers alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3: a body that can exist.
+
+            J = U U^T    U = e^alpha [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3], [0, 0, 0, 1]]
+
+        Pinocchio's order. mass = e^(2 alpha), com = t, and with L the upper left block of U over e^alpha the second
+        moments about the centre of mass are m L L^T: the diagonal of central is a sum of squares.
+
+        Args:
+            theta10: (*batch, 10).
+
+        Returns:
+            The inertia, over the batch of theta10.
+
+        Raises:
+            TypeError: theta10 is not of floating point.
+            ValueError: the shape does not fit.
+
+        Error: of mass at most {mass.plain}, of central {bound.plain}; in "compensated" and "faithful" {bound.precise}.
+        Source: Rucker and Wensing 2022, Smooth parameterization of rigid-body inertia, equations 11 and 12.
+        """
+        theta10 = check.as_vectors(theta10, "SpatialInertia.from_log_cholesky: theta10", size=10)
+        return cls(*parameters.from_log_cholesky(precision, theta10))
+
+    # -- to other parameters ------------------------------------------------------------------------------------------
+
+    def central_matrix(self) -> jax.Array:
+        """The rotational inertia about the centre of mass.
+
+        Returns:
+            (*batch, 3, 3), kg m2.
+
+        Error: none, it is exact.
+        """
+        return eigen.matrix_of_six(self.central)
+
+    @promises(bound=ABOUT)
+    def inertia_about_origin(self, *, precision: PrecisionName = None) -> jax.Array:
+        """The rotational inertia about P: central + m (|c|^2 1 - c c^T).
+
+        Returns:
+            (*batch, 3, 3), kg m2.
+
+        Error: per entry {bound}.
+        Source: Huygens 1673, Steiner 1840.
+        """
+        return eigen.matrix_of_six(parameters.about_origin(precision, self._grouped))
+
+    def to_matrix(self, *, precision: PrecisionName = None) -> jax.Array:
+        """The spatial inertia matrix [[I_P, m [c x]], [-m [c x], m 1]].
+
+        Returns:
+            (*batch, 6, 6), rotational on top.
+
+        Error: as of `inertia_about_origin`.
+        """
+        entries = parameters.six_by_six(precision, self._grouped)
+        return entries.reshape((*entries.shape[:-1], 6, 6))
+
+    def to_dynamic_parameters(self, *, precision: PrecisionName = None) -> jax.Array:
+        """The ten dynamic parameters: m, m c, then Ixx, Ixy, Iyy, Ixz, Iyz, Izz about P.
+
+        Returns:
+            (*batch, 10), kg, kg m, kg m2.
+
+        Error: as of `inertia_about_origin`.
+        """
+        return parameters.dynamic_parameters(precision, self._grouped)
+
+    def to_pseudo_inertia(self, *, precision: PrecisionName = None) -> jax.Array:
+        """The pseudo-inertia matrix, defined in `from_pseudo_inertia`.
+
+        Returns:
+            (*batch, 4, 4).
+
+        Error: as of `inertia_about_origin`, mag of Sigma = tr(I) / 2 1 - I.
+        """
+        return parameters.pseudo_inertia(precision, self._grouped)
+
+    @promises(alpha=ALPHA, d=LOG_CHOLESKY, s=LOG_CHOLESKY_OFF_DIAGONAL, back=THERE_AND_BACK)
+    def to_log_cholesky(self, *, precision: PrecisionName = None) -> jax.Array:
+        """The inverse of `from_log_cholesky`, by a Cholesky factorisation from the last column on.
+
+        Flat, thin and massless bodies have none: where Sigma is singular, d is -inf and others may be NaN, and NaN
+        where no body can have this inertia.
+
+        Returns:
+            (*batch, 10) alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3.
+
+        Error: of alpha {alpha.plain}; all others grow with c = tr(Sigma) / (smallest eigenvalue of Sigma), Sigma the
+            second moments about the centre of mass: of the d at most {d.plain}, of the s {s.plain}, so that the way
+            there and back costs {back.plain} relative to central; in "compensated" and "faithful" u |r| and u^2 of
+            that. Derivatives grow in the same way.
+        """
+        return parameters.log_cholesky(precision, self._grouped)
+
+    # -- parts --------------------------------------------------------------------------------------------------------
+
+    @property
+    def _parts(self) -> tuple[Any, Any, Any]:
+        return self.mass, self.com, self.central
+
+    @property
+    def vectors(self) -> tuple[Any, ...]:
+        return expanded(self.mass), self.com, self.central
+
+    @property
+    def _grouped(self) -> Inertia:
+        """Its arrays as formulas take them."""
+        return Inertia(*self.vectors)
+
+    def with_vectors(self, vectors: Iterable[Any]) -> Self:
+        mass, com, central = vectors
+        return self._like(mass[..., 0], com, central)
+
+    @classmethod
+    def _like(cls, mass, com, central) -> Self:
+        """Of parts that need no check."""
+        return rebuilt(cls, cls.__match_args__, (mass, com, central))
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """The batch shape."""
+        return jnp.shape(self.mass)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The dtype of the numbers."""
+        return np.dtype(self.mass.dtype)
+
+    def __repr__(self) -> str:
+        named = zip(self.__match_args__, self._parts, (0, 3, 6), strict=True)
+        return f"SpatialInertia({', '.join(f'{name}={shown(x, n)}' for name, x, n in named)})"
+
+    # -- about another point, in another frame ------------------------------------------------------------------------
+
+    def shift(self, p_PQ_E: ArrayLike, *, precision: PrecisionName = None) -> Self:
         """About the point Q of the same body, see `jaxspatial.shift`."""
         return shift(self, p_PQ_E, precision=precision)
 
@@ -59,22 +575,54 @@ class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes):
         """R @ M: see `jaxspatial.rotate`."""
         return rotate(R_AE, self)
 
+    def _shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None, precision: PrecisionName) -> Self:
+        require_no_w(self, w)
+        p = check.as_vectors(p_PQ_E, "shift: p_PQ_E", self.dtype)
+        batch = require_compatible(SpatialInertia=self, p_PQ_E=p)
+        M = check.narrowed(self)
+        (central,) = check.broadcast_batch(batch, M.central)
+        return M._moved(batch, _shifted_com(precision, M.com, p), central)
+
+    def _rotate(self, R_AE: Rotation, precision: PrecisionName) -> Self:
+        require_compatible(Rotation=R_AE, SpatialInertia=self)
+        return self if is_identity(R_AE) else self._placed(_rotated, precision, R_AE.entries)
+
+    def _act(self, X_AB: RigidTransform, w: ArrayLike | None, precision: PrecisionName) -> Self:
+        require_no_w(self, w, "act")
+        return self._placed(_acted, precision, *X_AB.vectors)
+
+    def _act_inverse(self, X_AB: RigidTransform, w: ArrayLike | None, precision: PrecisionName) -> Self:
+        require_no_w(self, w, "act_inverse")
+        return self._placed(_acted_inverse, precision, *X_AB.vectors)
+
+    def _placed(self, function: Callable[..., list[jax.Array]], precision: PrecisionName, *pose: jax.Array) -> Self:
+        """The same mass, with com and central from a formula of (*pose, com, central)."""
+        M = check.narrowed(self)
+        batch = np.broadcast_shapes(M.batch_shape, *(x.shape[:-1] for x in pose))
+        return M._moved(batch, *function(precision, *pose, M.com, M.central))
+
+    def _moved(self, batch_shape: tuple[int, ...], com: jax.Array, central: jax.Array) -> Self:
+        """The same mass, over a batch, with another com and central."""
+        (mass,) = check.broadcast_batch(batch_shape, expanded(self.mass))
+        return self._like(self.mass if self.batch_shape == batch_shape else mass[..., 0], com, central)
+
+    # -- motion -------------------------------------------------------------------------------------------------------
+
     def __matmul__(self, motion: Any) -> Any:
         """M @ A is a SpatialForce, M @ V a SpatialMomentum: see `apply`."""
         return self.apply(motion)
 
+    @promises(force=FORCE, torque=TORQUE)
     def apply(self, motion_P_E: SpatialAcceleration | SpatialVelocity, *, precision: PrecisionName = None) -> Any:
         """The 6 x 6 matrix times a motion: M A, the force of inertia of the body, or M V, its momentum, about P.
 
             acceleration   f = m (a + alpha x c)    tau = I alpha + c x f    SpatialForce
             velocity       l = m (v + w x c)        h = I w + c x l          SpatialMomentum
 
-        c is com, I is central. Without the terms in w x w that the force on a moving body has as well: those are
-        `newton_euler`'s.
+        c is com, I is central. A body that turns needs more force: see `jaxspatial.newton_euler`.
 
         Args:
             motion_P_E: the acceleration or the velocity of P, in the same frame.
-            precision: name of a precision; None takes the default.
 
         Returns:
             SpatialForce of an acceleration, SpatialMomentum of a velocity, over the common batch. 45 flops.
@@ -83,23 +631,22 @@ class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes):
             TypeError: the motion is of another kind, or dtypes differ.
             ValueError: batch shapes do not broadcast.
 
-        Error: per component, of f and l at most 5 u mag, of tau and h 8 u mag in "fast" and "reproducible", u |r| + 64
-            u^2 mag in "compensated", 1 ulp in "faithful".
+        Error: per component, of f and l {force}; of tau and h {torque}.
         Source: Jain 2010, 2.1; Drake, SpatialInertia::operator*.
         """
         kind = _RESULTS.get(type(motion_P_E))
         if kind is None:
             came = type(motion_P_E).__name__
             raise TypeError(f"SpatialInertia @: expected a SpatialAcceleration or SpatialVelocity, got {came}")
-        require_alike(SpatialInertia=self, motion=motion_P_E)
-        return kind(*_applied(precision, *self.vectors, *motion_P_E.vectors))
+        require_compatible(SpatialInertia=self, motion=motion_P_E)
+        return kind(*_applied(precision, self._grouped, Motion(*motion_P_E.vectors)))
 
+    @promises(bound=ENERGY)
     def kinetic_energy(self, V_MBp_E: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
         """The kinetic energy m |v + w x c|^2 / 2 + w . I w / 2. Another point or frame does not change it.
 
         Args:
             V_MBp_E: the velocity of the point P of the body in the frame M.
-            precision: name of a precision; None takes the default.
 
         Returns:
             (*batch,), over the common batch, J.
@@ -108,30 +655,309 @@ class SpatialInertia(Forms, Shapes, Composition, PrincipalAxes):
             TypeError: the motion is no SpatialVelocity, or dtypes differ.
             ValueError: batch shapes do not broadcast.
 
-        Error: at most 12 u mag in "fast" and "reproducible", u |r| + 128 u^2 mag in "compensated", 1 ulp in "faithful".
+        Error: {bound}.
         Source: Jain 2010, 2.1.
         """
         require_kind(V_MBp_E, SpatialVelocity, "kinetic_energy")
-        require_alike(SpatialInertia=self, SpatialVelocity=V_MBp_E)
+        require_compatible(SpatialInertia=self, SpatialVelocity=V_MBp_E)
         energy = _energy_of_float16 if self.dtype == np.float16 else _energy
-        return energy(precision, *self.vectors, *V_MBp_E.vectors)
+        return energy(precision, self._grouped, Motion(*V_MBp_E.vectors))
+
+    # -- bodies put together and taken apart --------------------------------------------------------------------------
+
+    def __add__(self, other: Any) -> Any:
+        """Two bodies as one: see `combine`."""
+        return self.combine(other) if isinstance(other, type(self)) else NotImplemented
+
+    def __radd__(self, other: Any) -> Any:
+        """0 + M is M, for Python's `sum`; for many bodies `SpatialInertia.sum` is faster and better."""
+        return self if isinstance(other, int) and other == 0 else NotImplemented
+
+    def __sub__(self, other: Any) -> Any:
+        """What is left without a part: see `remove`."""
+        return self.remove(other) if isinstance(other, type(self)) else NotImplemented
+
+    @promises(com=COMBINED_COM, central=COMBINED)
+    def combine(self, other: Self, *, precision: PrecisionName = None) -> Self:
+        """The inertia of two bodies as one, about the same point in the same frame.
+
+            com = c1 + (m2 / m) d    central = I1 + I2 + (m1 m2 / m) (|d|^2 1 - d d^T)    d = c2 - c1
+
+        The terms are positive semidefinite: nothing cancels, and the result is indefinite at most by the rounding of an
+        entry: the validity slack falls by at most 16 u. Where the centres of mass coincide, com is exactly theirs. Two
+        bodies without mass have the mean of their com.
+
+        Args:
+            other: the inertia of the other body.
+
+        Returns:
+            The inertia of both together, over the common batch.
+
+        Raises:
+            TypeError: the other is no SpatialInertia, or dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: of mass u m, of com at most {com.plain}, of central {central.plain}; in "compensated" and "faithful"
+            {central.precise}. Derivatives are exact to a few u.
+        Source: Featherstone 2008, 2.13.
+        """
+        return self._with(composition.combined, "+", other, precision)
+
+    def remove(self, other: Self, *, precision: PrecisionName = None) -> Self:
+        """The inertia of what is left of this body without a part of it, about the same point in the same frame.
+
+        This cancels: mass, com and central lose as many digits as what is left is smaller. Where no mass is left of a
+        body that had some, com and central are infinite or NaN; without mass from the start com stays.
+
+        Args:
+            other: the inertia of the part.
+
+        Returns:
+            The inertia of what is left, over the common batch.
+
+        Raises:
+            TypeError: the other is no SpatialInertia, or dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: as of `combine`, with mag of the differences, com's over the mass that is left.
+        """
+        return self._with(composition.removed, "-", other, precision)
+
+    def _with(self, operation: Callable[..., Any], sign: str, other, precision: PrecisionName) -> Self:
+        if not isinstance(other, type(self)):
+            raise TypeError(f"{sign}: expected a SpatialInertia, got {type(other).__name__}")
+        require_compatible(left=self, right=other)
+        return self._like(*operation(precision, self._grouped, other._grouped))
+
+    @promises(mass=SUM_MASS, com=SUM_COM, central=SUM_CENTRAL)
+    def sum(self, axis: int = 0, *, precision: PrecisionName = None) -> Self:
+        """The inertia of all bodies along an axis of the batch as one, about the same point in the same frame.
+
+            com = sum m_i c_i / m    central = sum (I_i + m_i (|d_i|^2 1 - d_i d_i^T))    d_i = c_i - com
+
+        Sums by halving, always in the same order. An error of com counts in central by its square only, and the result
+        is indefinite at most by rounding, as for `combine`. Without any mass com is the mean; of no bodies at all the
+        result is zero.
+
+        Args:
+            axis: an integer; which axis of the batch.
+
+        Returns:
+            The inertia of all together, over the other axes of the batch.
+
+        Raises:
+            TypeError: the axis is no integer.
+            ValueError: the batch has no such axis.
+
+        Error: with L = ceil(log2 n), of mass at most {mass.plain}, of com {com.plain}, of central {central.plain},
+            mag = sum (|I_i| + m_i |d_i|^2) with |d_i|^2 <= |c_i|^2 + |com|^2; in "compensated" and "faithful" u |r| +
+            64 (4 + L) u^2 mag. Of double words com and central are good to 64 (4 + L) u^2 mag.
+        """
+        place = check.batch_axis(axis, self.batch_shape, "SpatialInertia.sum")
+        if not self.batch_shape[place]:
+            return self.zero((*self.batch_shape[:place], *self.batch_shape[place + 1 :]), self.dtype)
+        moved = moved_to_last(check.narrowed_each(self.vectors), place, self.batch_shape)
+        return self._like(*composition.composite(resolve(precision), *moved))
+
+    # -- principal axes -----------------------------------------------------------------------------------------------
+
+    def principal_moments(self, *, precision: PrecisionName = None) -> jax.Array:
+        """The principal moments about the centre of mass.
+
+        Returns:
+            (*batch, 3), ascending, kg m2.
+
+        Error: as of `principal_moments_and_axes`.
+        """
+        return self.principal_moments_and_axes(precision=precision)[0]
+
+    @promises(moments=MOMENTS, axes=AXES, orthonormal=ORTHONORMAL)
+    def principal_moments_and_axes(self, *, precision: PrecisionName = None) -> tuple[jax.Array, Rotation]:
+        """The principal moments about the centre of mass, and their axes.
+
+        Where central is diagonal, up to 2 eps of its trace, axes are exactly coordinate axes, the third one reversed if
+        they were left-handed else; where the moments differ by no more than 4 eps of the trace, exactly the identity.
+
+        Derivatives of the moments are the derivatives of their matrix along the axes, those of axes divide by the
+        difference of moments; of axes with equal moments, which have none, the part within their plane is 0.
+
+        Returns:
+            (moments (*batch, 3), ascending, kg m2; R_EA with the principal axes as its columns, right-handed).
+
+        Error: of the moments at most {moments.plain}, of the axes {axes.plain} over the distance to the next; R R^T is
+            within {orthonormal.plain}, 2 u in "compensated" and "faithful".
+        Source: Jacobi 1846.
+        """
+        moments, axes = eigen.decomposition(resolve(precision), check.narrowed(self.central))
+        return moments, Rotation(axes)
+
+    @promises(bound=ELLIPSOID)
+    def equivalent_ellipsoid(self, *, precision: PrecisionName = None) -> tuple[jax.Array, Rotation]:
+        """The solid ellipsoid about the centre of mass with this mass and inertia.
+
+        a_i^2 = 5 s_i / m, s_i the second moment as of `validity_slack`; 0 where that is not positive, with derivative
+        0. NaN or inf without mass.
+
+        Returns:
+            (semi-axes a (*batch, 3), descending, m; R_EA of `principal_moments_and_axes`, along whose columns they
+            are).
+
+        Error: of a_i^2 at most {bound.plain}: a rod may have 1e-8 (float32: 1e-3) of its length as its thickness.
+        """
+        return self._equivalent(Fraction(1, 5), precision)
+
+    def equivalent_box(self, *, precision: PrecisionName = None) -> tuple[jax.Array, Rotation]:
+        """The solid box with this mass and inertia: edge_i^2 = 12 s_i / m, else as `equivalent_ellipsoid`.
+
+        Returns:
+            (edges (*batch, 3), descending, m; R_EA of `principal_moments_and_axes`, along whose columns they are).
+
+        Error: as of `equivalent_ellipsoid`.
+        """
+        return self._equivalent(Fraction(1, 12), precision)
+
+    def _equivalent(self, factor: Fraction, precision: PrecisionName) -> tuple[jax.Array, Rotation]:
+        moments, R_EA = self.principal_moments_and_axes(precision=precision)
+        return parameters.lengths(precision, expanded(self.mass), moments, factor=factor), R_EA
+
+    @promises(bound=LENGTH)
+    def minimum_length(self, *, precision: PrecisionName = None) -> jax.Array:
+        """sqrt(2 tr(central) / mass): no body with this inertia is shorter than that in its longest direction.
+
+        Returns:
+            (*batch,), m.
+
+        Error: at most {bound.plain}.
+        Source: Drake, CalcMinimumPhysicalLength.
+        """
+        return parameters.minimum_length(precision, expanded(self.mass), self.central)
+
+    # -- which inertias a body can have -------------------------------------------------------------------------------
+
+    @promises(bound=SLACK)
+    def validity_slack(self, *, precision: PrecisionName = None) -> jax.Array:
+        """How far this is from what no body can have: the smallest second moment over the sum of the sizes of all.
+
+        Second moments s_i = (l_j + l_k - l_i) / 2, l the principal moments: integrals of x_i^2 dm along the principal
+        axes, from the centre of mass. The sum is one of their absolute values.
+
+        Returns:
+            (*batch,): 1/3 for a ball, 0 for a plate, a rod and a point, negative where the triangle inequality of the
+            principal moments does not hold; -1 for a negative mass, NaN where a number is not finite.
+
+        Error: at most {bound.plain}.
+        Source: Wensing, Kim and Slotine 2018.
+        """
+        M = Inertia(*check.narrowed_each(self.vectors))
+        return parameters.slack(precision, M, eigen.decomposition(resolve(precision), M.central)[0])
+
+    def is_physically_valid(self, tolerance: float | None = None, *, precision: PrecisionName = None) -> jax.Array:
+        """Whether a body can have this inertia: all finite, mass >= 0, `validity_slack` >= -tolerance.
+
+        The answer does not depend on the point P.
+
+        Args:
+            tolerance: relative, as the slack is; 16 eps by default, for what rounding takes from a plate.
+
+        Returns:
+            (*batch,) of bool.
+
+        Error: of the slack, as of `validity_slack`.
+        """
+        tolerance = _TOLERANCE * check.eps(check.narrowed(self).dtype) if tolerance is None else tolerance
+        return self.validity_slack(precision=precision) >= -tolerance
+
+    @promises(bound=NEAREST_VALID)
+    def nearest_valid(self, tolerance: float | None = None, *, precision: PrecisionName = None) -> Self:
+        """The nearest inertia that a body can have, of mass and second moments about the centre of mass no less than 0.
+
+        The matrix of second moments is the nearest such one in the Frobenius norm. Mass, or central, that are valid
+        with this tolerance stay bit for bit, and so do those that are not finite; com always.
+
+        Args:
+            tolerance: relative, of the slack; 16 eps by default.
+
+        Returns:
+            The inertia, over the same batch.
+
+        Error: of central at most {bound.plain}.
+        """
+        M = check.narrowed(self)
+        tolerance = float(_TOLERANCE * check.eps(M.dtype) if tolerance is None else tolerance)
+        moments_and_axes = eigen.decomposition(resolve(precision), M.central)
+        mass, central = parameters.nearest_valid(precision, M._grouped, *moments_and_axes, tolerance=tolerance)
+        return self._like(mass, M.com, central)
 
 
 _RESULTS = {SpatialAcceleration: SpatialForce, SpatialVelocity: SpatialMomentum}
 
+# -- formulas over numbers --------------------------------------------------------------------------------------------
 
-@formula(of_sums=True)
-def _applied(mass: Numbers, com: Three, central: Symmetric, alpha: Three, a: Three) -> list[Numbers]:
-    wrench = algebra.inertia_times(mass[0], com, central, alpha, a)
-    return [vectors.laid_out_as(*each) for each in zip((alpha, a), wrench, strict=True)]
+_applied = formula(algebra.apply_inertia, of_sums=True, layout=(3, 4))
 
 
 @formula(of_sums=True)
-def _energy(mass: Numbers, com: Three, central: Symmetric, w: Three, v: Three) -> Number:
-    return halved(algebra.twice_kinetic_energy(mass[0], com, central, w, v))
+def _energy(M: Inertia, V: Motion) -> Number:
+    return halved(algebra.twice_energy(M, V))
 
 
 @formula(of_sums=True)
-def _energy_of_float16(mass: Numbers, com: Three, central: Symmetric, w: Three, v: Three) -> Number:
-    """As `_energy`, to the bit; but the range of float16 ends at 65504: halved are vectors, before they are squared."""
-    return algebra.twice_kinetic_energy(mass[0], com, central, w, v, half=halved)
+def _energy_of_float16(M: Inertia, V: Motion) -> Number:
+    """The same bits as `_energy`. The range of float16 ends at 65504: vectors are halved before they are squared."""
+    return algebra.twice_energy(M, V, half=halved)
+
+
+@formula(of_sums=True)
+def _shifted_com(com: Vector, p: Vector) -> Vector:
+    return com - p
+
+
+@formula(of_sums=True, layout=(1, 2))
+def _rotated(R, com: Vector, central: Symmetric) -> list[Any]:
+    return [R @ com, congruence(R, central)]
+
+
+@formula(of_sums=True, layout=(None, 3))
+def _acted(R, p: Vector, com: Vector, central: Symmetric) -> list[Any]:
+    return [p + R @ com, congruence(R, central)]
+
+
+@formula(of_sums=True, layout=(2, 3))
+def _acted_inverse(R, p: Vector, com: Vector, central: Symmetric) -> list[Any]:
+    return [R.T @ (com - p), congruence(R.T, central)]
+
+
+# -- arrays of a caller -----------------------------------------------------------------------------------------------
+
+
+def _checked(operation: str, mass: ArrayLike, com: ArrayLike, six: ArrayLike, name: str = "central") -> list[Any]:
+    """The three as arrays of one dtype over their common batch, the last by six entries."""
+    dtype = check.floating_dtype(mass, com, six)
+    arrays = {
+        f"{operation}: mass": check.as_float_array(mass, f"{operation}: mass", dtype, held=True),
+        f"{operation}: com": check.as_vectors(com, f"{operation}: com", dtype, held=True),
+        f"{operation}: {name}": as_entries(six, f"{operation}: {name}", 6, dtype),
+    }
+    arrays = check.same_dtype(**arrays)
+    items = dict(zip(arrays, ((), (3,), (6,)), strict=True))
+    shapes = {key: x.shape[: len(x.shape) - len(items[key])] for key, x in arrays.items()}
+    batch = check.common_batch_shape(**shapes)
+    return [x if shapes[key] == batch else _broadcast(x, (*batch, *items[key])) for key, x in arrays.items()]
+
+
+def as_entries(x: ArrayLike, name: str, n: int, dtype: DTypeLike | None = None) -> Any:
+    """An array (*batch, n), or of matrices (*batch, 3, 3) their n entries: 6 of symmetric ones, or all 9."""
+    array = check.as_float_array(x, name, dtype, held=True)
+    if array.shape[-1:] == (n,):
+        return array
+    if array.shape[-2:] != (3, 3):
+        raise ValueError(f"{name}: expected shape (*batch, 3, 3) or (*batch, {n}), got {array.shape}")
+    return eigen.six_of_matrix(array) if n == 6 else array.reshape((*array.shape[:-2], 9))
+
+
+def _broadcast(array, shape: tuple[int, ...]):
+    if isinstance(array, DoubleWord):
+        return jax.tree.map(functools.partial(jnp.broadcast_to, shape=shape), array)
+    if isinstance(array, check.StandIn):
+        return array.over_batch(shape[:-1])
+    return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, shape)

@@ -1,253 +1,378 @@
-"""Bodies of uniform density: mass, centre of mass and central inertia of boxes, balls, cylinders and the like.
+"""Bodies of uniform density: what the constructors of `SpatialInertia` check, say in their docstrings, and compute.
 
-All formulas are over numbers: lengths and masses may be arrays over a batch, traced or known. Squares are multiplied
-into the mass one factor at a time, so that nothing over- or underflows before the result does.
+A formula gives [(mass,), com, central], or without the com [(mass,), central], of a mass or density (amount,), lengths
+and a direction. Squares are multiplied into the mass one factor at a time, so that nothing over- or underflows before
+the result does.
 """
 
-from typing import Self, Unpack
+import inspect
+import math
+import operator
+from collections.abc import Callable, Container, Mapping, Sequence
+from typing import Any, TypedDict, TypeVar, Unpack
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
-from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.types import Matrix, PrecisionName, Scalar, Vector, Vector3
-from jaxspatial.inertia import mesh, shape_formulas
-from jaxspatial.inertia.parts import Parts
-from jaxspatial.inertia.shape_arguments import Given, completed, computed, dtype_of, known, made, number, single_amount
-from jaxspatial.rotation.matrices import expanded
+from jaxspatial.inertia.composition import first, summed
+from jaxspatial.numerics import check, linear
+from jaxspatial.numerics.check import expanded
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.functions import pi
+from jaxspatial.numerics.linear import Matrix, Symmetric, Vector, cross, dot, total
+from jaxspatial.numerics.numbers import Number, Numbers, constant, high, noinline_pairs, where
+from jaxspatial.numerics.numbers.double_word import from_double_word
+from jaxspatial.numerics.promise import Normwise, OfSum, Promise, promises
+from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
-_Z = (0.0, 0.0, 1.0)
+MASS, CENTRAL = Promise(12, 64), Promise(20, 64)
+# Of tetrahedra by density: of a determinant.
+DETERMINANT, TETRAHEDRON_COM = Normwise(12, "size", u2=64), Normwise(4, "|vertices|")
+# Of m triangles, L = ceil(log2 m).
+MESH_VOLUME, MESH_COM = OfSum(12, of="S", u2=8), OfSum(12, of="r S / V", u2=8)
+MESH_CENTRAL = OfSum(24, 2, "mass r^2 S / V", u2=8)
+
+# -- what all constructors have in common -----------------------------------------------------------------------------
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-@completed
-class Shapes(Parts):
-    """The constructors of `SpatialInertia` for bodies of uniform density.
-
-    Lengths in metres, `mass` in kg or `density` in kg/m3 (exactly one of them), each a number or (*batch,); vectors
-    (*batch, 3). Batch shapes broadcast, Python numbers take the dtype of the arrays beside them. `axis`: (*batch, 3),
-    of any length but 0 (NaN). Inertias are about the centre of mass, which is the origin P unless said otherwise: a
-    zero known while tracing. Where all that is given are NumPy arrays or Python numbers, so are mass and central
-    inertia.
-
-    Arrays of JAX, which may be traced, are *unchecked*: their lengths are to be positive, masses positive or 0.
+class Options(TypedDict, total=False):
+    """
+    Returns:
+        The inertia over the common batch, about the centre of mass, which is the origin P unless said otherwise. Mass
+        and central inertia are NumPy arrays where all arguments are NumPy arrays or Python numbers.
 
     Raises:
-        TypeError: both or neither of mass and density are given.
-        ValueError: Python or NumPy numbers are negative, or lengths 0 (a capsule may have one that is); with the name
-            of the argument.
+        TypeError: both or neither of mass and density are passed, or dtypes differ.
+        ValueError: a NumPy or Python number is negative, a length 0 that may not be, an inner radius above the outer
+            one; or shapes do not fit. The values of JAX arrays are *unchecked*.
 
-    Error: with u the unit roundoff and mag the sum of the absolute values of an entry's terms, errors are at most 12 u
-        mass and 20 u mag in "fast" and "reproducible", of moments, on the diagonal, thus 20 u relative to themselves;
-        u |r| + 64 u^2 mag in the other two, r the exact value; while nothing over- or underflows. Tetrahedra by
-        density, and meshes: see there. Derivatives are exact to a few u.
+    Error: mag the sum of the absolute values of an entry's terms: of mass at most {mass.plain}, of central
+        {central.plain} in "fast" and "reproducible", {central.precise} in the other two, while nothing over- or
+        underflows. Derivatives are exact to a few u.
     Source: Drake, UnitInertia; Mirtich 1996.
     """
 
-    @classmethod
-    def solid_box(cls, size: Vector3, **given: Unpack[Given]) -> Self:
-        """A box with edges along x, y and z.
+    mass: ArrayLike | None
+    density: ArrayLike | None
+    precision: PrecisionName
 
-        Args:
-            size: (*batch, 3) lengths of the edges, m.
-        """
-        return made(cls, "solid_box", {"size": size}, n=3, **given)
 
-    @classmethod
-    def solid_cube(cls, size: Scalar, **given: Unpack[Given]) -> Self:
-        """A cube.
+def constructor(function: _Function) -> _Function:
+    """Decorator that completes docstring and signature of a constructor by what all have in common: see `Options`."""
+    *parameters, _ = inspect.signature(function).parameters.values()
+    summary, _, own_error = inspect.cleandoc(function.__doc__ or "").partition("\n\nError: ")
+    common, _, error = inspect.cleandoc(Options.__doc__ or "").partition("\n\nError: ")
+    function.__doc__ = f"{summary}\n\n{common}\n\nError: {own_error or error}"
+    options = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
+        for name, kind in Options.__annotations__.items()
+    ]
+    function.__signature__ = inspect.signature(function).replace(parameters=[*parameters, *options])
+    return function if own_error else promises(mass=MASS, central=CENTRAL)(function)
 
-        Args:
-            size: (*batch,) length of an edge, m.
-        """
-        return made(cls, "solid_cube", {"size": size}, **given)
 
-    @classmethod
-    def solid_sphere(cls, radius: Scalar, **given: Unpack[Given]) -> Self:
-        """A ball.
+def parts(
+    shape: Callable[..., Any],
+    lengths: Mapping[str, Any],
+    axis: ArrayLike | None = None,
+    may_be_zero: Container[str] = (),
+    n: int = 1,
+    **options: Unpack[Options],
+) -> tuple[Any, Any, Any]:
+    """(mass, com, central) that a formula gives for lengths, or vectors of n lengths, and an axis."""
+    name = shape.__name__
+    kind, amount, precision = single_amount(name, **options)
+    dtype = dtype_of(*lengths.values(), amount, axis)
+    arrays = {kind: expanded(number(amount, f"{name}: {kind}", dtype, may_be_zero=True))}
+    for key, x in lengths.items():
+        arrays[key] = _lengths(x, f"{name}: {key}", dtype, n, key in may_be_zero)
+    if "inner_radius" in arrays:
+        _require_order(name, arrays["inner_radius"], arrays["outer_radius"])
+    if axis is not None:
+        arrays["axis"] = check.as_vectors(axis, f"{name}: axis", dtype)
+    return computed(shape, precision, arrays, by=kind)
 
-        Args:
-            radius: (*batch,) m.
-        """
-        return made(cls, "solid_sphere", {"radius": radius}, **given)
 
-    @classmethod
-    def hollow_sphere(cls, radius: Scalar, **given: Unpack[Given]) -> Self:
-        """A spherical shell.
+def single_amount(
+    name: str, mass: ArrayLike | None = None, density: ArrayLike | None = None, precision: PrecisionName = None
+) -> tuple[str, Any, PrecisionName]:
+    """("mass", mass) or ("density", density), of which exactly one is passed, and the precision."""
+    if (mass is None) == (density is None):
+        came = "neither" if mass is None else "both"
+        raise TypeError(f"{name}: expected either mass or density, got {came}")
+    return ("density", density, precision) if mass is None else ("mass", mass, precision)
 
-        Args:
-            radius: (*batch,) m.
-        """
-        return made(cls, "hollow_sphere", {"radius": radius}, **given)
 
-    @classmethod
-    def solid_ellipsoid(cls, semi_axes: Vector3, **given: Unpack[Given]) -> Self:
-        """An ellipsoid with its axes along x, y and z.
+def dtype_of(*values: Any) -> np.dtype | None:
+    """That of the first array of floating point among the values, for all Python numbers; None where there is none."""
+    return check.floating_dtype(*jax.tree.leaves(values, is_leaf=lambda x: isinstance(x, check.StandIn)))
 
-        Args:
-            semi_axes: (*batch, 3) m.
-        """
-        return made(cls, "solid_ellipsoid", {"semi_axes": semi_axes}, n=3, **given)
 
-    @classmethod
-    def point_mass(cls, com: Vector3, *, mass: Scalar) -> Self:
-        """All mass in one point.
+def number(x: ArrayLike, name: str, dtype: np.dtype | None, may_be_zero: bool = False) -> jax.Array:
+    return _positive(check.as_float_array(x, name, dtype, held=True), name, may_be_zero)
 
-        Args:
-            com: (*batch, 3) p_PPcm, m.
-            mass: (*batch,) kg.
 
-        Returns:
-            The inertia about P, over the common batch.
+def _lengths(x, name: str, dtype: np.dtype | None, n: int, may_be_zero: bool) -> jax.Array:
+    if n == 1:
+        return expanded(number(x, name, dtype, may_be_zero))
+    return _positive(check.as_vectors(x, name, dtype, size=n, held=True), name, may_be_zero)
 
-        Raises:
-            TypeError: dtypes differ or are not floating point.
-            ValueError: a known mass is negative, or shapes do not fit.
 
-        Error: none, it is exact.
-        """
-        dtype = dtype_of(com, mass)
-        c = check.as_vectors(com, "point_mass: com", dtype, held=True)
-        m = number(mass, "point_mass: mass", dtype, may_be_zero=True)
-        check.require_same_dtype(com=c, mass=m)
-        batch = check.common_batch_shape(com=c.shape[:-1], mass=m.shape)
-        m, c = check.broadcast_batch(batch, expanded(m), c)
-        return cls(m.reshape(batch), c, np.zeros((*batch, 6), c.dtype))
+def _positive(x: jax.Array, name: str, may_be_zero: bool) -> jax.Array:
+    """Raises ValueError for known numbers that are negative, or 0; arrays of JAX, which may be traced, pass."""
+    if isinstance(x, np.ndarray) and ((x < 0).any() or (not may_be_zero and (x == 0).any())):
+        expected = "no negative number" if may_be_zero else "a positive number"
+        raise ValueError(f"{name}: expected {expected}, got {x}")
+    return x
 
-    # -- bodies of revolution ------------------------------------------------------------------------------------------
 
-    @classmethod
-    def solid_cylinder(cls, radius: Scalar, length: Scalar, axis: Vector3 = _Z, **given: Unpack[Given]) -> Self:
-        """A cylinder.
+def _require_order(name: str, inner: jax.Array, outer: jax.Array) -> None:
+    if isinstance(inner, np.ndarray) and isinstance(outer, np.ndarray) and (inner > outer).any():
+        raise ValueError(f"{name}: inner_radius: expected at most outer_radius {outer[..., 0]}, got {inner[..., 0]}")
 
-        Args:
-            radius: (*batch,) m.
-            length: (*batch,) m.
-            axis: (*batch, 3) its axis, of any length but 0 (NaN).
-        """
-        return made(cls, "solid_cylinder", {"radius": radius, "length": length}, axis, **given)
 
-    @classmethod
-    def solid_cylinder_about_end(
-        cls, radius: Scalar, length: Scalar, axis: Vector3 = _Z, **given: Unpack[Given]
-    ) -> Self:
-        """A cylinder about the centre of one of its ends: from there axis points to the centre of mass.
+def computed(
+    shape: Callable[..., Any], precision: PrecisionName, arrays: dict[str, jax.Array], **static: Any
+) -> tuple[jax.Array, Any, jax.Array]:
+    """(mass, com, central) that a formula gives; com is a known zero where the formula has none."""
+    check.require_same_dtype(**arrays)
+    batch = check.common_batch_shape(**{name: x.shape[:-1] for name, x in arrays.items()})
+    if "axis" in arrays:
+        arrays["axis"] = known(_direction, None, arrays["axis"])
+    m, *com, central = known(shape, precision, *arrays.values(), **static)
+    return m.reshape(batch), com[0] if com else np.zeros((*batch, 3), central.dtype), central
 
-        Args:
-            radius: (*batch,) m.
-            length: (*batch,) m.
-            axis: (*batch, 3) its axis, of any length but 0 (NaN).
-        """
-        return made(cls, "solid_cylinder_about_end", {"radius": radius, "length": length}, axis, **given)
 
-    @classmethod
-    def hollow_cylinder(
-        cls, inner_radius: Scalar, outer_radius: Scalar, length: Scalar, axis: Vector3 = _Z, **given: Unpack[Given]
-    ) -> Self:
-        """A tube: what is between two radii; with equal ones a shell (by mass).
+def known(shape: Callable[..., Any], precision: PrecisionName, *arrays: jax.Array, **static: Any) -> Any:
+    """The formula; where all arrays are known its results are known too, while tracing as well."""
+    if not all(isinstance(a, np.ndarray) for a in arrays):
+        return shape(precision, *arrays, **static)
+    with jax.ensure_compile_time_eval():
+        return jax.tree.map(np.asarray, shape(precision, *arrays, **static))
 
-        Args:
-            inner_radius: (*batch,) m, from 0 to the outer one.
-            outer_radius: (*batch,) m.
-            length: (*batch,) m.
-            axis: (*batch, 3) its axis, of any length but 0 (NaN).
-        """
-        lengths = {"inner_radius": inner_radius, "outer_radius": outer_radius, "length": length}
-        return made(cls, "hollow_cylinder", lengths, axis, ("inner_radius",), **given)
 
-    @classmethod
-    def solid_capsule(cls, radius: Scalar, length: Scalar, axis: Vector3 = _Z, **given: Unpack[Given]) -> Self:
-        """A cylinder between two half balls. With length 0 it is a ball, with radius 0 a thin rod.
+@formula
+def _direction(axis: Vector) -> Vector:
+    """The axis times a power of two, with its largest component from 1 to 2: one along x, y or z with a known 1."""
+    return 2 * linear.scaled(axis)[0]
 
-        Args:
-            radius: (*batch,) m.
-            length: (*batch,) of the cylinder, m.
-            axis: (*batch, 3) its axis, of any length but 0 (NaN).
-        """
-        return made(cls, "solid_capsule", {"radius": radius, "length": length}, axis, ("radius", "length"), **given)
 
-    @classmethod
-    def solid_cone(cls, radius: Scalar, height: Scalar, axis: Vector3 = _Z, **given: Unpack[Given]) -> Self:
-        """A cone: the centre of its base is at -height/4, the apex at 3/4 height along axis.
+# -- formulas ---------------------------------------------------------------------------------------------------------
 
-        Args:
-            radius: (*batch,) of the base, m.
-            height: (*batch,) m.
-            axis: (*batch, 3) its axis, of any length but 0 (NaN).
-        """
-        return made(cls, "solid_cone", {"radius": radius, "height": height}, axis, **given)
 
-    @classmethod
-    def thin_rod(cls, length: Scalar, axis: Vector3 = _Z, *, mass: Scalar, precision: PrecisionName = None) -> Self:
-        """A straight line of mass; without a moment about its axis.
+def _mass(by: str, amount: Number, *factors: Number) -> Number:
+    return amount if by == "mass" else math.prod(factors, start=amount)
 
-        Args:
-            length: (*batch,) m.
-            axis: (*batch, 3) its axis, of any length but 0 (NaN).
-            mass: (*batch,) kg.
-            precision: name of a precision; None takes the default.
 
-        Returns:
-            The inertia about the centre of mass, the origin P, over the common batch.
+def _diagonal(xx: Number, yy: Number, zz: Number) -> Symmetric:
+    zero = constant(xx, 0)
+    return Symmetric(xx, zero, yy, zero, zero, zz)
 
-        Raises:
-            TypeError: dtypes differ.
-            ValueError: a known number is negative, a length 0, or shapes do not fit.
 
-        Error: as of all of `Shapes`.
-        """
-        return made(cls, "thin_rod", {"length": length}, axis, mass=mass, precision=precision)
+def _round(m: Number, along: Number, across: Number, difference: Number, n: Vector) -> list[Any]:
+    """Of a body of revolution about n, of any length: along n n^T / n.n + across (1 - n n^T / n.n), difference = along
+    - across.
 
-    # -- polyhedra -----------------------------------------------------------------------------------------------------
+    Moments are sums of terms that are not negative; no root is taken, and a known coordinate axis is no special case.
+    """
+    squared = dot(n, n)
+    x, y, z = (c * c / squared for c in n)
+    xy, xz, yz = (difference * (n[i] * n[j] / squared) for i, j in ((0, 1), (0, 2), (1, 2)))
+    xx, yy, zz = (along * a + across * (b + c) for a, b, c in ((x, y, z), (y, z, x), (z, x, y)))
+    return [(m,), Symmetric(xx, xy, yy, xz, yz, zz)]
 
-    @classmethod
-    def solid_tetrahedron(cls, vertices: Vector, **given: Unpack[Given]) -> Self:
-        """A tetrahedron, about P. By mass it may be flat, or a line.
 
-        Computed from its edges, whose squares are summed: nothing cancels, however far from P it is.
+@formula
+def solid_box(amount: Numbers, size: Vector, by: str) -> list[Any]:
+    m = _mass(by, amount[0], *size)
+    x, y, z = (m * c * c / 12 for c in size)
+    return [(m,), _diagonal(y + z, z + x, x + y)]
 
-        Args:
-            vertices: (*batch, 4, 3) in any order, p_PV, m.
 
-        Error: as of all of `Shapes`. By density mass and central have that of a determinant besides, whose size is the
-            sum of the absolute values of its six products over its value: at most 12 u size, in the other two 64 u^2
-            size. Error of com at most 4 u |vertices|.
-        """
-        kind, amount, precision = single_amount("solid_tetrahedron", **given)
-        dtype = dtype_of(vertices, amount)
-        v = check.as_vectors(vertices, "solid_tetrahedron: vertices", dtype, many=["4"], held=True)
-        if v.shape[-2] != 4:
-            raise ValueError(f"solid_tetrahedron: vertices: expected shape (*batch, 4, 3), got {v.shape}")
-        amount = number(amount, f"solid_tetrahedron: {kind}", v.dtype, may_be_zero=True)
-        arrays = {kind: expanded(amount), "vertices": v.reshape((*v.shape[:-2], 12))}
-        return cls(*computed(shape_formulas.solid_tetrahedron, precision, arrays, by=kind))
+@formula
+def solid_cube(amount: Numbers, size: Numbers, by: str) -> list[Any]:
+    (c,) = size
+    m = _mass(by, amount[0], c, c, c)
+    moment = m * c * c / 6
+    return [(m,), _diagonal(moment, moment, moment)]
 
-    @classmethod
-    def triangle_mesh(cls, vertices: Vector, triangles: Matrix, **given: Unpack[Given]) -> Self:
-        """What a closed surface of triangles encloses, about P.
 
-        A volume that is not positive (an open or inverted surface, or none) gives NaN for mass, by density, centre of
-        mass and central inertia. A sum of signed tetrahedra from the middle of the box around the mesh, by halving: a
-        mesh far from P loses nothing but the digits that its vertices do not have. Differentiable in the vertices.
+def _mass_of_ellipsoid(by: str, amount: Number, a: Number, b: Number, c: Number) -> Number:
+    return _mass(by, amount, a, b, 4 * c, pi(c) / 3)
 
-        Args:
-            vertices: (*batch, n, 3) positions p_PV, m.
-            triangles: (m, 3) integers, m >= 1, the vertices of each, counterclockwise seen from outside. *unchecked*
-                requirement: every edge belongs to two triangles, which run along it in opposite directions.
 
-        Error: with L = ceil(log2 m), S = sum over triangles of |a| |b - a| |c - a| for vertices a, b, c seen from that
-            middle, at most r away, and V the volume: at most (12 + L) u S of the volume, u |com| + (12 + L) u r S / V
-            of com, (24 + 2 L) u mass r^2 S / V of an entry of the central inertia in "fast" and "reproducible"; the
-            same with u^2 in place of u, 8 times, and 1.01 u of the result, in the other two. For a body as thick as
-            wide S / V is about 10.
-        Source: Mirtich 1996, Fast and accurate computation of polyhedral mass properties; Eberly 2002.
-        """
-        kind, amount, precision = single_amount("triangle_mesh", **given)
-        dtype = dtype_of(vertices, amount)
-        vertices = check.as_vectors(vertices, "triangle_mesh: vertices", dtype, many=["n"])
-        corners = mesh.corners(vertices, triangles)
-        amount = number(amount, f"triangle_mesh: {kind}", corners.dtype, may_be_zero=True)
-        check.require_same_dtype(vertices=corners, **{kind: amount})
-        check.common_batch_shape(vertices=corners.shape[:-2], **{kind: amount.shape})
-        arrays = [amount.reshape((*amount.shape, 1, 1)), corners, mesh.middle(corners)]
-        found = known(mesh.enclosed, precision, *arrays, by=kind, size=corners.shape[-2])
-        m, com, central = (x[..., 0, :] for x in found)
-        return cls(m.reshape(m.shape[:-1]), com, central)
+@formula
+def solid_sphere(amount: Numbers, radius: Numbers, by: str) -> list[Any]:
+    (r,) = radius
+    m = _mass_of_ellipsoid(by, amount[0], r, r, r)
+    moment = 2 * (m * r * r) / 5
+    return [(m,), _diagonal(moment, moment, moment)]
+
+
+@formula
+def hollow_sphere(amount: Numbers, radius: Numbers, by: str) -> list[Any]:
+    (r,) = radius
+    m = _mass(by, amount[0], r, r, 4 * pi(r))
+    moment = 2 * (m * r * r) / 3
+    return [(m,), _diagonal(moment, moment, moment)]
+
+
+@formula
+def solid_ellipsoid(amount: Numbers, semi_axes: Vector, by: str) -> list[Any]:
+    m = _mass_of_ellipsoid(by, amount[0], *semi_axes)
+    a, b, c = (m * s * s / 5 for s in semi_axes)
+    return [(m,), _diagonal(b + c, c + a, a + b)]
+
+
+@formula
+def solid_cylinder(amount: Numbers, radius: Numbers, length: Numbers, axis: Vector, by: str) -> list[Any]:
+    return _cylinder(by, amount[0], radius[0], length[0], axis)
+
+
+@formula
+def solid_cylinder_about_end(amount: Numbers, radius: Numbers, length: Numbers, axis: Vector, by: str) -> list[Any]:
+    m, central = _cylinder(by, amount[0], radius[0], length[0], axis)
+    half = length[0] / 2 / dot(axis, axis).sqrt()
+    return [m, half * axis, central]
+
+
+def _cylinder(by: str, amount: Number, r: Number, length: Number, axis: Vector) -> list[Any]:
+    m = _mass(by, amount, r, r, length, pi(r))
+    a, b = m * r * r, m * length * length
+    return _round(m, a / 2, (3 * a + b) / 12, (3 * a - b) / 12, axis)
+
+
+@formula
+def hollow_cylinder(
+    amount: Numbers, inner_radius: Numbers, outer_radius: Numbers, length: Numbers, axis: Vector, by: str
+) -> list[Any]:
+    (p,), (q,), (h,) = inner_radius, outer_radius, length
+    m = _mass(by, amount[0], q - p, q + p, h, pi(q))
+    a, b = m * p * p + m * q * q, m * h * h
+    return _round(m, a / 2, (3 * a + b) / 12, (3 * a - b) / 12, axis)
+
+
+@formula
+def solid_capsule(amount: Numbers, radius: Numbers, length: Numbers, axis: Vector, by: str) -> list[Any]:
+    """Of a cylinder, 3 h / (3 h + 4 r) of the mass, and two half balls, 4 r / (3 h + 4 r)."""
+    (r,), (h,) = radius, length
+    whole = 3 * h + 4 * r
+    m = _mass(by, amount[0], r, r, whole, pi(r) / 3)
+    whole = where(high(whole) == 0, 1.0, whole)
+    between, ends = m * (3 * h / whole), m * (4 * r / whole)
+    rr, hh = between * r * r, between * h * h
+    along = (5 * rr + 4 * (ends * r * r)) / 10
+    across = (3 * rr + hh) / 12 + (16 * (ends * r * r) + (10 * (ends * h * h) + 15 * (ends * h * r))) / 40
+    return _round(m, along, across, (3 * rr - hh) / 12 - (2 * (ends * h * h) + 3 * (ends * h * r)) / 8, axis)
+
+
+@formula
+def solid_cone(amount: Numbers, radius: Numbers, height: Numbers, axis: Vector, by: str) -> list[Any]:
+    (r,), (h,) = radius, height
+    m = _mass(by, amount[0], r, r, h, pi(r) / 3)
+    a, b = 12 * (m * r * r), 3 * (m * h * h)
+    return _round(m, 2 * a / 80, (a + b) / 80, (a - b) / 80, axis)
+
+
+@formula
+def thin_rod(mass: Numbers, length: Numbers, axis: Vector, by: str) -> list[Any]:
+    across = mass[0] * length[0] * length[0] / 12
+    return _round(mass[0], constant(across, 0), across, -across, axis)
+
+
+@formula
+def solid_tetrahedron(amount: Numbers, vertices: Numbers, by: str) -> list[Any]:
+    corners = [Vector(*vertices[i : i + 3]) for i in range(0, 12, 3)]
+    edges = [_difference(b, a) for i, a in enumerate(corners) for b in corners[i + 1 :]]
+    m = amount[0] if by == "mass" else _mass(by, amount[0], abs(_determinant(*edges[:3])) / 6)
+    com = Vector(*(x + y / 4 for x, y in zip(corners[0], edges[0] + edges[1] + edges[2], strict=True)))
+    return [(m,), com, _squares(m / 80, edges).trace_minus()]
+
+
+def _difference(a: Vector, b: Vector) -> Vector:
+    return Vector(*map(operator.sub, a, b))
+
+
+@noinline_pairs
+def _determinant(a: Vector, b: Vector, c: Vector) -> Number:
+    return dot(a, cross(b, c))
+
+
+@noinline_pairs
+def _squares(m: Number, edges: Sequence[Vector]) -> Symmetric:
+    """m times the sum of e e^T."""
+    return Symmetric(*(total([m * e[i] * e[j] for e in edges]) for i, j in _PAIRS))
+
+
+_PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+
+# -- meshes: signed tetrahedra from the middle to each triangle -------------------------------------------------------
+
+
+def corners_of(vertices: jax.Array, triangles: Any) -> jax.Array:
+    """(*batch, m, 9): the three vertices of each of m triangles."""
+    indices = _as_indices(triangles, vertices.shape[-2])
+    x = vertices[..., indices, :]
+    return x.reshape((*x.shape[:-3], indices.shape[0], 9))
+
+
+def _as_indices(triangles, n: int):
+    triangles = triangles if isinstance(triangles, check.ARRAYS) else np.asarray(triangles)
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or not triangles.shape[0]:
+        raise ValueError(f"triangle_mesh: triangles: expected shape (m, 3) with m >= 1, got {triangles.shape}")
+    if not jnp.issubdtype(triangles.dtype, jnp.integer):
+        raise TypeError(f"triangle_mesh: triangles: expected integers, got {triangles.dtype}")
+    if isinstance(triangles, np.ndarray) and (triangles.min() < 0 or triangles.max() >= n):
+        came = f"{triangles.min()} to {triangles.max()}"
+        raise ValueError(f"triangle_mesh: triangles: expected indices from 0 to {n - 1}, got {came}")
+    return triangles
+
+
+def middle_of(corners: jax.Array) -> jax.Array:
+    """(*batch, 1, 3) the middle of the box around all corners.
+
+    Any point does: the result does not depend on it, hence neither do derivatives. Near the mesh nothing cancels, and
+    differences from it are exact where the mesh is far away.
+    """
+    x = from_double_word(corners)
+    x = x if isinstance(x, np.ndarray) else lax.stop_gradient(x)
+    x = x.reshape((*x.shape[:-2], -1, 3))
+    return x.min(-2, keepdims=True) / 2 + x.max(-2, keepdims=True) / 2
+
+
+@formula
+def triangle_mesh(amount: Numbers, corners: Matrix, middle: Vector, by: str, size: int) -> list[Any]:
+    """Of a mass or density (amount,) and triangles, `size` of them along the last axis."""
+    d, *moments = summed(_moments(corners, middle), size)
+    d = where(high(d) > 0, d, math.nan)
+    m = first(amount[0]) if by == "mass" else first(amount[0]) * (d / 6)
+    arm, squares = Vector(*moments[:3]), Symmetric(*moments[3:])
+    return [(m,), *_about_center(m, d, arm, squares, Vector(*map(first, middle)))]
+
+
+@noinline_pairs
+def _moments(corners: Matrix, middle: Vector) -> Numbers:
+    """Of the tetrahedron from the middle to a triangle (a, b, c): d = 6 volume, d s and d (s s^T + a a^T + b b^T + c
+    c^T) with s = a + b + c.
+
+    d = a . (b - a) x (c - a), with edges from the corners as they come: the error falls with the size of the triangle.
+    """
+    a, b, c = corners
+    edges = _difference(b, a), _difference(c, a)
+    a, b, c = (_difference(p, middle) for p in (a, b, c))
+    d = dot(a, cross(*edges))
+    s = a + b + c
+    squares = (d * total([p[i] * p[j] for p in (s, a, b, c)]) for i, j in _PAIRS)
+    return d, *(d * s), *squares
+
+
+@noinline_pairs
+def _about_center(m: Number, d: Number, arm: Vector, squares: Symmetric, middle: Vector) -> tuple[Vector, Symmetric]:
+    """(com, central) from the sums over all tetrahedra."""
+    c = Vector(*(x / (4 * d) for x in arm))
+    six = Symmetric(*(m * (x / (20 * d) - c[i] * c[j]) for x, (i, j) in zip(squares, _PAIRS, strict=True)))
+    return middle + c, six.trace_minus()

@@ -3,9 +3,11 @@
     from jaxspatial import interop
     F_Bo_B = interop.pinocchio.from_force(data.f[1])
 
-`orders` moves components on arrays; beside it stands one module for each library. None of the libraries is imported
-until a function has to make one of its objects: reading takes attributes as they are. Model files are read by
-`Mechanism.from_urdf` and `Mechanism.from_mjcf`; `ModelFileWarning` is what they have to tell.
+`orders` moves components on arrays; beside it stands one module for each library. A library is imported by the function
+that makes one of its objects, and ImportError says that it is missing; reading takes attributes as they are. A
+`precision` is a name or None, which takes the default. Where a convention is ours, or an operation does the conversion,
+there is no function: notebooks/conventions.md names the operation. `Mechanism.from_urdf` and `Mechanism.from_mjcf` read
+model files; they warn with `ModelFileWarning`.
 """
 
 from jaxspatial.interop import brax as brax

@@ -1,8 +1,8 @@
 """Brax: Transform (pos, rot wxyz), Motion (ang, vel) and Force (ang, vel), whose ang is a torque and vel a force.
 
-All may be batched over leading axes. Beware that `Transform.do` takes a Force, an Inertia and a Transform out of the
-frame, as `act` does, but a Motion into it, as `act_inverse` does; that `inv_do` takes a Motion out of it; and that
-`inv_do` of a Force returns NotImplemented. Read: brax/base.py, brax 0.14.
+All may be batched over leading axes. Beware that `Transform.do` takes a Force, an Inertia and a
+Transform out of the frame, as `act` does, but a Motion into it, as `act_inverse` does; that `inv_do` takes a Motion out
+of it; and that `inv_do` of a Force returns NotImplemented. Read: brax/base.py, brax 0.14.
 """
 
 from typing import Any
@@ -10,51 +10,31 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic import check, symmetric
-from jaxspatial.arithmetic.numbers.components import as_array
-from jaxspatial.arithmetic.types import PrecisionName
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.interop import mujoco
-from jaxspatial.interop.library import library
-from jaxspatial.rotation.matrices import expanded
+from jaxspatial.numerics import check, eigen
+from jaxspatial.numerics.numbers.components import as_array
+from jaxspatial.numerics.types import PrecisionName
+from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialForce, SpatialMomentum, SpatialVelocity, act
-from jaxspatial.spatial.vector import SpatialVector
+from jaxspatial.spatial.vectors import SpatialVector
+
+# -- motions, forces and transforms ------------------------------------------------------------------------------------
 
 
 def from_motion(V: Any) -> SpatialVelocity:
-    """Reads a brax.base.Motion that is a velocity.
-
-    Args:
-        V: ang is w, vel is v; (*batch, 3) each.
-
-    Returns:
-        The same (*batch,).
-    """
+    """Reads a brax.base.Motion (*batch,) that is a velocity: w is its ang, v its vel."""
     return SpatialVelocity(V.ang, V.vel)
 
 
 def to_motion(V: SpatialVelocity) -> Any:
-    """Makes a brax.base.Motion that is a velocity.
+    """Makes a brax.base.Motion (*batch,) that is a velocity."""
+    from brax import base
 
-    Args:
-        V: (*batch,).
-
-    Returns:
-        The Motion.
-
-    Raises:
-        ImportError: brax is missing.
-    """
-    return library("brax.base").Motion(**_parts(V))
-
-
-def _parts(x: SpatialVector) -> dict[str, Any]:
-    """Brax computes with arrays alone."""
-    return {name: as_array(part, x.batch_shape) for name, part in zip(("ang", "vel"), x.vectors, strict=True)}
+    return base.Motion(**_parts(V))
 
 
 def from_spatial_acceleration(A: Any, V: Any, *, precision: PrecisionName = None) -> SpatialAcceleration:
-    """Reads a brax.base.Motion that is Featherstone's acceleration.
+    """Reads a brax.base.Motion that is Featherstone's acceleration: a = A.vel + w x v.
 
     Args:
         A: the acceleration (*batch,).
@@ -62,7 +42,7 @@ def from_spatial_acceleration(A: Any, V: Any, *, precision: PrecisionName = None
         precision: name of a precision; None takes the default.
 
     Returns:
-        The classical acceleration (*batch,), a = A.vel + w x v.
+        The classical acceleration (*batch,).
 
     Error: as of `SpatialAcceleration.from_featherstone`.
     """
@@ -70,18 +50,7 @@ def from_spatial_acceleration(A: Any, V: Any, *, precision: PrecisionName = None
 
 
 def to_spatial_acceleration(A: SpatialAcceleration, V: SpatialVelocity, *, precision: PrecisionName = None) -> Any:
-    """Makes a brax.base.Motion that is Featherstone's acceleration.
-
-    Args:
-        A: classical, as all here are (*batch,).
-        V: about the same point (*batch,).
-        precision: name of a precision; None takes the default.
-
-    Returns:
-        The Motion.
-
-    Raises:
-        ImportError: brax is missing.
+    """Makes a brax.base.Motion (*batch,) that is Featherstone's acceleration; A is classical, V about the same point.
 
     Error: as of `SpatialAcceleration.to_featherstone`.
     """
@@ -89,85 +58,53 @@ def to_spatial_acceleration(A: SpatialAcceleration, V: SpatialVelocity, *, preci
 
 
 def from_force(F: Any) -> SpatialForce:
-    """Reads a brax.base.Force that is a force.
-
-    Args:
-        F: ang is tau, vel is f; (*batch, 3) each.
-
-    Returns:
-        The same (*batch,).
-    """
+    """Reads a brax.base.Force (*batch,) that is a force: tau is its ang, f its vel."""
     return SpatialForce(F.ang, F.vel)
 
 
 def from_momentum(L: Any) -> SpatialMomentum:
-    """Reads a brax.base.Force that is a momentum, such as `Inertia.mul` of a velocity.
-
-    Args:
-        L: ang is h, vel is l; (*batch, 3) each.
-
-    Returns:
-        The same (*batch,).
-    """
+    """Reads a brax.base.Force (*batch,) that is a momentum, such as `Inertia.mul` gives: h is its ang, l its vel."""
     return SpatialMomentum(L.ang, L.vel)
 
 
 def to_force(F: SpatialForce | SpatialMomentum) -> Any:
-    """Makes a brax.base.Force.
+    """Makes a brax.base.Force (*batch,)."""
+    from brax import base
 
-    Args:
-        F: (*batch,).
+    return base.Force(**_parts(F))
 
-    Returns:
-        The Force.
 
-    Raises:
-        ImportError: brax is missing.
-    """
-    return library("brax.base").Force(**_parts(F))
+def _parts(x: SpatialVector) -> dict[str, Any]:
+    """Brax computes with arrays alone: a part that is a known zero becomes one."""
+    return {name: as_array(part, x.batch_shape) for name, part in zip(("ang", "vel"), x.vectors, strict=True)}
 
 
 def from_transform(X_AB: Any, *, precision: PrecisionName = None) -> RigidTransform:
-    """Reads a brax.base.Transform, which holds p_AB and a quaternion wxyz.
-
-    Args:
-        X_AB: a Transform (*batch,); m.
-        precision: name of a precision; None takes the default.
-
-    Returns:
-        The same (*batch,).
+    """Reads a brax.base.Transform (*batch,), which holds p_AB, m, and a quaternion wxyz.
 
     Error: as of `Rotation.from_quaternion`.
     """
-    return mujoco.from_xpos_xquat(X_AB.pos, X_AB.rot, precision=precision)
+    return RigidTransform(Rotation.from_quaternion(X_AB.rot, precision=precision), X_AB.pos)
 
 
 def to_transform(X_AB: RigidTransform, *, precision: PrecisionName = None) -> Any:
-    """Makes a brax.base.Transform, the real part not negative.
-
-    Args:
-        X_AB: (*batch,); m.
-        precision: name of a precision; None takes the default.
-
-    Returns:
-        The Transform.
-
-    Raises:
-        ImportError: brax is missing.
+    """Makes a brax.base.Transform (*batch,), m, the real part not negative.
 
     Error: as of `Rotation.to_quaternion`.
     """
-    return library("brax.base").Transform(*mujoco.to_xpos_xquat(X_AB, precision=precision))
+    from brax import base
+
+    return base.Transform(pos=X_AB.translation, rot=X_AB.rotation.to_quaternion(precision=precision))
 
 
-# Inertia is one class with two meanings: of a link, and after `Transform.do`.
+# -- inertias: one class with two meanings, of a link and after `Transform.do` -----------------------------------------
 
 
 def from_inertia(M: Any, *, precision: PrecisionName = None) -> SpatialInertia:
     """Reads a brax.base.Inertia as links have it.
 
     Args:
-        M: `i` is about the centre of mass, in the axes of `transform`, whose `pos` is the centre of mass.
+        M: (*batch,); `i` is about the centre of mass, in the axes of `transform`, whose `pos` is the centre of mass.
         precision: name of a precision; None takes the default.
 
     Returns:
@@ -180,53 +117,37 @@ def from_inertia(M: Any, *, precision: PrecisionName = None) -> SpatialInertia:
 
 
 def to_inertia(M_BBo_B: SpatialInertia) -> Any:
-    """Makes a brax.base.Inertia as links have it, in the axes of the link.
+    """Makes a brax.base.Inertia (*batch,) as links have it, in the axes of the link."""
+    from brax import base
 
-    Args:
-        M_BBo_B: (*batch,), about the link's origin in its axes.
-
-    Returns:
-        The Inertia.
-
-    Raises:
-        ImportError: brax is missing.
-    """
-    transform = library("brax.base").Transform.create(pos=check.as_vectors(M_BBo_B.com, "brax.to_inertia: com"))
-    return library("brax.base").Inertia(transform=transform, i=M_BBo_B.central_matrix(), mass=M_BBo_B.mass)
+    transform = base.Transform.create(pos=check.as_vectors(M_BBo_B.com, "brax.to_inertia: com"))
+    return base.Inertia(transform=transform, i=M_BBo_B.central_matrix(), mass=M_BBo_B.mass)
 
 
 def from_moved_inertia(M: Any, *, precision: PrecisionName = None) -> SpatialInertia:
     """Reads a brax.base.Inertia that has gone through `Transform.do`; `Inertia.mul` is for these only.
 
     Args:
-        M: `i` is about the new origin P, and `transform.pos` the mass times the centre of mass.
+        M: (*batch,); `i` is about the new origin P, and `transform.pos` the mass times the centre of mass.
         precision: name of a precision; None takes the default.
 
     Returns:
         M_BP_E (*batch,).
 
-    Error: as of `SpatialInertia.from_dynamic_parameters`, which tells what cancels.
+    Error: as of `SpatialInertia.from_dynamic_parameters`, which says what cancels.
     """
-    mass, six = check.as_float_array(M.mass, "brax.from_moved_inertia: mass"), symmetric.from_matrix(M.i)
-    pi10 = jnp.concatenate((expanded(mass), M.transform.pos, six), -1)
+    mass, six = check.as_float_array(M.mass, "brax.from_moved_inertia: mass"), eigen.six_of_matrix(M.i)
+    pi10 = jnp.concatenate((mass.reshape((*mass.shape, 1)), M.transform.pos, six), -1)
     return SpatialInertia.from_dynamic_parameters(pi10, precision=precision)
 
 
 def to_moved_inertia(M_BP_E: SpatialInertia, *, precision: PrecisionName = None) -> Any:
-    """Makes a brax.base.Inertia as it is after `Transform.do`, for `Inertia.mul`.
-
-    Args:
-        M_BP_E: (*batch,).
-        precision: name of a precision; None takes the default.
-
-    Returns:
-        The Inertia.
-
-    Raises:
-        ImportError: brax is missing.
+    """Makes a brax.base.Inertia (*batch,) as it is after `Transform.do`, for `Inertia.mul`.
 
     Error: as of `SpatialInertia.to_dynamic_parameters`.
     """
+    from brax import base
+
     pi10 = M_BP_E.to_dynamic_parameters(precision=precision)
-    transform = library("brax.base").Transform.create(pos=pi10[..., 1:4])
-    return library("brax.base").Inertia(transform=transform, i=symmetric.to_matrix(pi10[..., 4:]), mass=M_BP_E.mass)
+    transform = base.Transform.create(pos=pi10[..., 1:4])
+    return base.Inertia(transform=transform, i=eigen.matrix_of_six(pi10[..., 4:]), mass=M_BP_E.mass)

@@ -1,41 +1,41 @@
-"""Whole algorithms in the trade: inverse and forward dynamics of a robot, precision against time against error."""
+"""Whole algorithms in the trade-off: dynamics of a robot, precision against time against error; and what applications
+lose in float32, in their own units: a long chain, a far offset, light bodies and heavy ones."""
 
+import functools
 import time
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic.precision import OF_ALGORITHMS, OF_REFERENCES
 from jaxspatial.dynamics.configuration import random_configuration
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics
-from jaxspatial.measure import error, exact, timing
-from jaxspatial.measure.recommend import compiled
-from jaxspatial.measure.timing import Advance
-from jaxspatial.measure.trade import Case
-from jaxspatial.mechanism import Mechanism
+from jaxspatial.dynamics.kinematics import forward_kinematics
+from jaxspatial.inertia import SpatialInertia
+from jaxspatial.measure import error, timing
+from jaxspatial.measure.timing import Advance, compiled, reference
+from jaxspatial.measure.trade import STREAMED, Case
+from jaxspatial.mechanism import Body, Frame, Joint, Mechanism
+from jaxspatial.numerics.precision import DEFAULT, OF_ALGORITHMS, OF_REFERENCES
+from jaxspatial.rotation import Rotation
+from jaxspatial.spatial import RigidTransform, SpatialForce, shift
 
-DTYPES = ("float32", "float64")
-# What all others are held against: its result is as if of twice the digits of float64, rounded once.
+# What all others are compared with: its result is as if of twice the digits of float64, rounded once.
 REFERENCE = ("float64", OF_REFERENCES)
 STATES = 500
 _ROUNDS, _LIMIT = 11, 3.0
-_TURNING = {"revolute", "continuous", "helical", "universal", "ball"}
-
-State = tuple[jax.Array, jax.Array, jax.Array]
-Key = tuple[str, str]  # dtype and precision
+_ROTATING = {"revolute", "continuous", "helical", "universal", "ball"}
 
 
 class Algorithm(NamedTuple):
-    """One algorithm: of q, v and, per coordinate, vdot or tau; turning is the unit of joints that do nothing else."""
+    """One algorithm: of q, v and, per coordinate, vdot or tau; the unit is that of joints that rotate."""
 
     name: str
     function: Callable[..., jax.Array]
-    turning: str
+    rotating: str
 
     @property
     def title(self):
@@ -43,16 +43,12 @@ class Algorithm(NamedTuple):
 
     def unit(self, mechanism: Mechanism):
         """Of the numbers of its results."""
-        is_turning = set(mechanism.topology.kinds) <= _TURNING
-        return self.turning if is_turning else "SI"
+        return self.rotating if set(mechanism.topology.kinds) <= _ROTATING else "SI"
 
 
 ALGORITHMS = {
-    algorithm.name: algorithm
-    for algorithm in (
-        Algorithm("inverse_dynamics", inverse_dynamics, "N m"),
-        Algorithm("forward_dynamics", forward_dynamics, "rad/s²"),
-    )
+    "inverse_dynamics": Algorithm("inverse_dynamics", inverse_dynamics, "N m"),
+    "forward_dynamics": Algorithm("forward_dynamics", forward_dynamics, "rad/s²"),
 }
 
 
@@ -71,9 +67,9 @@ class Evaluated(NamedTuple):
         return float(np.max(self.ulps))
 
 
-def cases(algorithms: Iterable[str] = tuple(ALGORITHMS), dtypes: Iterable[str] = DTYPES):
+def cases(algorithms: Iterable[str] = tuple(ALGORITHMS), dtypes: Iterable[str] = STREAMED):
     """All that is measured."""
-    return [Case(a, d, str(p)) for a in algorithms for d in dtypes if d in DTYPES for p in OF_ALGORITHMS]
+    return [Case(a, d, str(p)) for a in algorithms for d in dtypes if d in STREAMED for p in OF_ALGORITHMS]
 
 
 def steps(lines: Sequence[Case]):
@@ -85,42 +81,41 @@ def steps(lines: Sequence[Case]):
 
 def measure(mechanism: Mechanism, lines: Sequence[Case], states: int = STATES, advance: Advance = lambda: None):
     """What `cases` cost for random states of a Mechanism, all of them in one call, and how far off they are."""
-    names = dict.fromkeys(case.operation for case in lines)
-    mechanism = mechanism.astype(np.float32)
-    return [row for name in names for row in _group(ALGORITHMS[name], mechanism, lines, states, advance)]
+    mechanism, groups = mechanism.astype(np.float32), dict[str, list]()
+    for name, *key in lines:
+        groups.setdefault(name, []).append(tuple(key))
+    return [row for name in groups for row in _rows(ALGORITHMS[name], mechanism, groups[name], states, advance)]
 
 
-def _group(algorithm: Algorithm, mechanism: Mechanism, lines: Sequence[Case], states: int, advance: Advance):
-    """One algorithm, timed in turns; all in numbers of float32, which every dtype holds."""
+def _rows(algorithm, mechanism, keys, states, advance):
+    """One algorithm in these dtypes and precisions, timed alternately; all in numbers of float32, which every dtype
+    holds."""
     state = _state(algorithm, mechanism, states)
-    wanted = [case[1:] for case in lines if case.operation == algorithm.name]
-    needed = dict.fromkeys([*wanted, REFERENCE])
-    programs = {key: _Program(algorithm, mechanism, state, key, advance) for key in needed}
-    seconds = timing.interleaved({key: programs[key] for key in wanted}, _ROUNDS, advance, _LIMIT)
-    expected, unit = exact.rationals(programs[REFERENCE]()), algorithm.unit(mechanism)
-    for key in wanted:
-        errors = _errors(programs[key](), expected) if key != REFERENCE else (np.full(states, np.nan), np.nan)
-        yield Evaluated(Case(algorithm.name, *key), seconds[key] / states, programs[key].compile_seconds, *errors, unit)
+    programs = {key: _Program(algorithm, mechanism, state, key, advance) for key in dict.fromkeys([*keys, REFERENCE])}
+    seconds = timing.interleaved({key: programs[key] for key in keys}, _ROUNDS, advance, _LIMIT)
+    expected, unit = error.rationals(programs[REFERENCE]()), algorithm.unit(mechanism)
+    for key in keys:
+        ulps, worst = np.full(states, np.nan), np.nan
+        if key != REFERENCE:
+            computed = programs[key]()
+            ulps, worst = error.in_ulps_of_norm(computed, expected), error.in_units_of(1, computed, expected).max()
+        case = Case(algorithm.name, *key)
+        yield Evaluated(case, seconds[key] / states, programs[key].compile_seconds, ulps, float(worst), unit)
 
 
-def _errors(computed: jax.Array, expected: np.ndarray):
-    """(per state in ulps of the largest number, the largest of all as it is)."""
-    return error.in_ulps_of_norm(computed, expected), float(error.in_units_of(1, computed, expected).max())
-
-
-def _state(algorithm: Algorithm, mechanism: Mechanism, n: int) -> State:
+def _state(algorithm, mechanism, n):
     """q, v and vdot (n, ...) of random motions; or q, v and the generalized forces that they need."""
     rng, q = np.random.default_rng(0), random_configuration(mechanism, jax.random.key(0), (n,), jnp.float32)
     v, vdot = (jnp.asarray(x) for x in rng.standard_normal((2, n, mechanism.nv)).astype(np.float32))
     if algorithm.function is inverse_dynamics:
         return q, v, vdot
-    return q, v, cast(jax.Array, jax.jit(jax.vmap(partial(inverse_dynamics, mechanism)))(q, v, vdot))
+    return q, v, jax.jit(jax.vmap(functools.partial(inverse_dynamics, mechanism)))(q, v, vdot)
 
 
 class _Program:
     """An algorithm for all states at once, compiled in a dtype and precision."""
 
-    def __init__(self, algorithm: Algorithm, mechanism: Mechanism, state: State, key: Key, advance: Advance):
+    def __init__(self, algorithm, mechanism, state, key, advance):
         dtype, precision = key
         mechanism, self._is_wide = mechanism.astype(np.dtype(dtype)), dtype == "float64"
         with jax.enable_x64(self._is_wide):
@@ -133,3 +128,169 @@ class _Program:
     def __call__(self):
         with jax.enable_x64(self._is_wide):
             return self._call()
+
+
+# -- the robots, in float32 --------------------------------------------------------------------------------------------
+
+_UPRIGHT = np.eye(3)
+# Quarter turns about x, of rotations by 90 and by -90 degrees.
+_LEFT, _RIGHT = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+# Of each link: rotation and position of its joint's frame in the frame before, kg, and the length along the arm, m.
+_LINKS = (
+    (_UPRIGHT, (0.0, 0.0, 0.333), 4.0, 0.3),
+    (_RIGHT, (0.0, 0.0, 0.0), 4.0, 0.3),
+    (_LEFT, (0.0, -0.316, 0.0), 3.0, 0.3),
+    (_LEFT, (0.0825, 0.0, 0.0), 3.0, 0.3),
+    (_RIGHT, (-0.0825, 0.384, 0.0), 2.5, 0.3),
+    (_LEFT, (0.0, 0.0, 0.0), 1.5, 0.1),
+    (_LEFT, (0.088, 0.0, 0.0), 1.0, 0.2),
+)
+
+
+def _built(parts: Callable[..., tuple]) -> Callable[..., Mechanism]:
+    """Builds a Mechanism of bodies, joints, frames; its numbers are float32, so that it is the same in every dtype."""
+
+    @functools.wraps(parts)
+    def build(*numbers):
+        with jax.enable_x64(True):
+            return Mechanism.build(*parts(*numbers), dtype=np.float64).astype(np.float32)
+
+    return build
+
+
+@_built
+def arm():
+    """An arm of seven revolute joints and 19 kg that reaches 0.86 m, of the measures of Franka's Panda."""
+    names, bodies, joints = ["world", *(f"link{i + 1}" for i in range(7))], [], []
+    for i, (rotation, position, mass, length) in enumerate(_LINKS):
+        cylinder = SpatialInertia.solid_cylinder(np.float64(0.06), np.float64(length), mass=np.float64(mass))
+        bodies.append(Body(names[i + 1], shift(cylinder, np.array([0.0, 0.02, -length / 4]))))
+        joints.append(_hinge(i, names, (0, 0, 1), _at(position, rotation)))
+    return bodies, joints
+
+
+def _hinge(i, names, axis, placement):
+    return Joint(f"joint{i + 1}", "revolute", names[i], names[i + 1], axis=axis, placement=placement)
+
+
+@_built
+def chain(n: int, length: float = 0.1, mass: float = 0.2):
+    """n rods in series along z, m and kg each, hinged about x and y alternately; the frame "tip" at the end."""
+    rod = SpatialInertia.thin_rod(np.float64(length), np.array([0.0, 0.0, 1.0]), mass=np.float64(mass))
+    rod = shift(rod, np.array([0.0, 0.0, -length / 2]))
+    names = ["world", *(f"rod{i + 1}" for i in range(n))]
+    joints = [_hinge(i, names, np.eye(3)[i % 2], _at((0, 0, i and length))) for i in range(n)]
+    return [Body(name, rod) for name in names[1:]], joints, [Frame("tip", names[-1], _at((0.0, 0.0, length)))]
+
+
+@_built
+def trolley(mass: float, load: float):
+    """A trolley (kg) on a rail along x, from which a load (kg) hangs by a metre."""
+    ball = SpatialInertia.solid_sphere(np.float64(0.01), mass=np.float64(load))
+    body = SpatialInertia.point_mass(np.zeros(3), mass=np.float64(mass))
+    rail = Joint("rail", "prismatic", "world", "trolley", axis=(1, 0, 0))
+    rope = Joint("rope", "revolute", "trolley", "load", axis=(0, 1, 0))
+    return [Body("trolley", body), Body("load", shift(ball, np.array([0, 0, 1.0])))], [rail, rope]
+
+
+def _at(position, rotation=_UPRIGHT):
+    return RigidTransform(Rotation.from_matrix(rotation), np.array(position, np.float64))
+
+
+# -- applications ------------------------------------------------------------------------------------------------------
+
+# What applications are measured in, in how many states, and the links of the long chain.
+LOSSY = "float32"
+_SAMPLE, _LONG = 200, 100
+
+
+class Application(NamedTuple):
+    """program() is the function of one item; arguments(rng, n) are n items of float32."""
+
+    name: str
+    unit: str
+    program: Callable[[], Callable[..., jax.Array]]
+    arguments: Callable[[np.random.Generator, int], list[np.ndarray]]
+
+
+class Loss(NamedTuple):
+    """The largest number of many results, and in each precision the largest error, both in the unit."""
+
+    name: str
+    unit: str
+    size: float
+    errors: dict[str, float]
+
+
+def application_steps():
+    """How often `losses` calls `advance`."""
+    return len(APPLICATIONS) * (len(OF_ALGORITHMS) + 1)
+
+
+def losses(advance: Advance = lambda: None, states: int = _SAMPLE):
+    """The Loss of each application, against float64, whose own error is smaller by 2^29."""
+    return [_loss(application, states, advance) for application in APPLICATIONS]
+
+
+def _loss(application, n, advance):
+    arguments = application.arguments(np.random.default_rng(0), n)
+    function = jax.vmap(application.program())
+    (expected,) = reference(function, arguments, DEFAULT)
+    advance()
+    errors = {}
+    for precision in OF_ALGORITHMS:
+        computed = np.asarray(compiled(function, precision, arguments)(), np.float64)
+        errors[str(precision)] = float(abs(computed - expected).max())
+        advance()
+    return Loss(application.name, application.unit, float(abs(expected).max()), errors)
+
+
+def _moving(rng, n):
+    """q, v, vdot of all joints of the chain."""
+    return list(rng.uniform(-0.3, 0.3, (3, n, _LONG)).astype(np.float32))
+
+
+def _left_alone(rng, n):
+    """q, v of a trolley and its load, and no forces."""
+    return [*rng.uniform(-0.5, 0.5, (2, n, 2)).astype(np.float32), np.zeros((n, 2), np.float32)]
+
+
+def _levers(rng, n):
+    """Wrenches that read nearly the same a kilometre away, where torques of about 1 N m are left."""
+    f = rng.normal(0.0, 1000.0, (n, 3)).astype(np.float32)
+    p = (1000 * _unit(rng.standard_normal((n, 3)))).astype(np.float32)
+    rest = _unit(rng.standard_normal((n, 3)))
+    return [(rest + np.cross(p.astype(np.float64), f.astype(np.float64))).astype(np.float32), f, p]
+
+
+def _unit(x):
+    return x / np.linalg.norm(x, axis=-1, keepdims=True)
+
+
+def _tip():
+    mech = chain(_LONG)
+    return lambda q, v, vdot: forward_kinematics(mech.astype(q.dtype), q, frames="tip").translation
+
+
+def _torque_at_the_base():
+    mech = chain(_LONG)
+    return lambda q, v, vdot: inverse_dynamics(mech.astype(q.dtype), q, v, vdot)[0]
+
+
+def _far_torque():
+    return lambda tau, f, p: shift(SpatialForce(tau, f), p).tau
+
+
+def _acceleration(mass, load, coordinate):
+    mech = trolley(mass, load)
+    return lambda q, v, tau: forward_dynamics(mech.astype(q.dtype), q, v, tau)[coordinate]
+
+
+_LIGHT_LOAD, _LIGHT_TROLLEY = (functools.partial(_acceleration, *x) for x in ((1e3, 1e-2, 1), (1e-2, 1e3, 0)))
+APPLICATIONS = (
+    Application("end of a chain of 100 links, 10 m", "m", _tip, _moving),
+    Application("torque that holds its base", "N m", _torque_at_the_base, _moving),
+    Application("torque of a force of 1 kN, moved by 1 km", "N m", _far_torque, _levers),
+    Application("10 g hanging on 1 t: the light body", "rad/s²", _LIGHT_LOAD, _left_alone),
+    Application("1 t hanging on 10 g: the light body", "m/s²", _LIGHT_TROLLEY, _left_alone),
+)

@@ -1,4 +1,4 @@
-"""Errors of computed numbers against exact ones: in ulps by component and by vector, and in the unit of bounds."""
+"""Exact results, and how far off computed ones are: in ulps by component and by vector, and in the unit of bounds."""
 
 import functools
 import math
@@ -7,20 +7,67 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from jax.typing import ArrayLike
+from jax.typing import DTypeLike
+from numpy.typing import ArrayLike
 
-from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.promise import Promise
-from jaxspatial.arithmetic.types import DTypeLike
-from jaxspatial.measure.exact import rationals
+from jaxspatial.numerics import check
+from jaxspatial.numerics.promise import Promise
 
-# Exact numbers: an array of Fractions, or one for all.
-Exact = np.ndarray | Fraction | int
-# Of an exact number and a magnitude.
-Unit = Callable[[Fraction, Fraction], Fraction]
+# -- exact results, and the sizes of their terms -----------------------------------------------------------------------
 
 
-def unit_roundoff(dtype: DTypeLike) -> Any:
+def rationals(x: ArrayLike) -> np.ndarray:
+    """Every number of x as the Fraction it is. For finite floating point of at most 64 bits."""
+    return np.asarray(np.frompyfunc(Fraction, 1, 1)(np.asarray(x).astype(np.float64).astype(object)), dtype=object)
+
+
+class Sized:
+    """An exact number with mag, the sum of the absolute values of the terms it is made of, and the condition (mag over
+    size) of the last number it was divided by: what error bounds are stated in."""
+
+    def __init__(self, value: Fraction, mag: Fraction | None = None, condition: Fraction = Fraction(1)):
+        self.value, self.mag, self.condition = value, abs(value) if mag is None else mag, condition
+
+    def __neg__(self):
+        return Sized(-self.value, self.mag)
+
+    def __add__(self, other: "Sized"):
+        return Sized(self.value + other.value, self.mag + other.mag)
+
+    def __sub__(self, other: "Sized"):
+        return Sized(self.value - other.value, self.mag + other.mag)
+
+    def __mul__(self, other: "Sized"):
+        return Sized(self.value * other.value, self.mag * other.mag)
+
+    def __truediv__(self, other: "Sized"):
+        size = abs(other.value)
+        return Sized(self.value / other.value, self.mag / size, other.mag / size)
+
+
+def sized(x: ArrayLike) -> np.ndarray:
+    """Every number of x as the `Sized` it is; NumPy's formulas work on the array."""
+    return np.asarray(np.frompyfunc(Sized, 1, 1)(rationals(x)), dtype=object)
+
+
+def attribute(array: np.ndarray, name: str) -> Any:
+    """One attribute of every `Sized` of an array: "value", "mag" or "condition"."""
+    return np.asarray(np.frompyfunc(lambda x: getattr(x, name), 1, 1)(array), dtype=object)
+
+
+def evaluate(formula: Callable[..., Any], *arrays: ArrayLike):
+    """(exact value, mag) of a formula over arrays: two arrays of Fractions; mag adds up the sizes of all terms.
+
+    >>> evaluate(lambda tau, f, p: tau - np.cross(p, f), tau, f, p)
+    """
+    result = formula(*map(sized, arrays))
+    return attribute(result, "value"), attribute(result, "mag")
+
+
+# -- errors ------------------------------------------------------------------------------------------------------------
+
+
+def unit_roundoff(dtype: DTypeLike) -> Fraction:
     """u: half the distance from 1 to the next number, as an exact Fraction."""
     return Fraction(check.eps(dtype)) / 2
 
@@ -34,7 +81,7 @@ def ulp(exact: np.ndarray, dtype: DTypeLike):
     return np.asarray(np.frompyfunc(lambda x: _ulp(x, info), 1, 1)(exact), dtype=object)
 
 
-def in_ulps(computed: ArrayLike, exact: Exact):
+def in_ulps(computed: ArrayLike, exact: ArrayLike):
     """|computed - exact| in units in the last place of the exact value, componentwise, as float64.
 
     Below the smallest normal number the unit is that of the smallest normal number. NaN and infinities are infinitely
@@ -44,7 +91,7 @@ def in_ulps(computed: ArrayLike, exact: Exact):
     return _over(computed, exact, lambda e, _: _ulp(e, info), exact)
 
 
-def in_ulps_of_norm(computed: ArrayLike, exact: Exact):
+def in_ulps_of_norm(computed: ArrayLike, exact: ArrayLike):
     """The largest error of a component of a vector in units in the last place of its largest exact component.
 
     Over the last axis, as float64, one number per vector: the error in the maximum norm. Vectors with NaN or an
@@ -64,52 +111,49 @@ def agrees_when_not_finite(computed: ArrayLike, expected: ArrayLike):
     return np.where(np.isfinite(expected), np.isfinite(computed), same)
 
 
-def in_u_of(computed: ArrayLike, exact: Exact, magnitude: Exact, flushed: int = 0):
+def in_u_of(computed: ArrayLike, exact: ArrayLike, magnitude: ArrayLike, flushed: int = 0):
     """|computed - exact| / (u magnitude), componentwise, as float64: the unit in which bounds are promised.
 
     `flushed`: so many of the smallest normal number are forgiven beforehand, for subnormals that were flushed to zero.
     """
-    dtype = np.asarray(computed).dtype
-    u, forgiven = unit_roundoff(dtype), flushed * Fraction(float(check.finfo(dtype).tiny))
-    return _over(computed, exact, lambda _, m: u * m, magnitude, forgiven)
+    u = unit_roundoff(np.asarray(computed).dtype)
+    return _over(computed, exact, lambda _, m: u * m, magnitude, flushed)
 
 
-def in_units_of(allowed: Exact, computed: ArrayLike, exact: Exact, flushed: int = 0):
+def in_units_of(allowed: ArrayLike | Fraction, computed: ArrayLike, exact: ArrayLike, flushed: int = 0):
     """|computed - exact| / allowed, componentwise, as float64: at most 1 where a promise `allowed` (Fractions) is kept.
 
     `flushed`: as in `in_u_of`.
     """
-    forgiven = flushed * Fraction(float(check.finfo(np.asarray(computed).dtype).tiny))
-    return _over(computed, exact, lambda _, a: a, allowed, forgiven)
+    return _over(computed, exact, lambda _, a: a, allowed, flushed)
 
 
-def allowed(
-    promise: Promise, precision: str, value: np.ndarray, mag: np.ndarray, dtype: DTypeLike, condition: Any = 1
-) -> Any:
+def allowed(promise: Promise, precision: str, value: Any, mag: Any, dtype: DTypeLike, condition: Any = 1) -> Any:
     """The bound of a `Promise` on numbers of exact value and mag, as Fractions; where r is 0, 1 ulp is nothing."""
     ulps = np.where(value != 0, ulp(value, dtype), 0 * mag)
     return promise.allowed(precision, unit_roundoff(dtype), ulps, value, mag, condition)
 
 
-def _over(computed: ArrayLike, exact: Exact, unit: Unit, magnitude: Exact, forgiven: Fraction | int = 0):
+def _over(computed, exact, unit, magnitude, flushed=0):
+    """|computed - exact| over unit(exact, magnitude), once `flushed` smallest normal numbers are taken off."""
     computed, exact, magnitude = np.broadcast_arrays(*map(np.asarray, (computed, exact, magnitude)))
     finite = np.isfinite(computed.astype(np.float64))
     errors = abs(rationals(np.where(finite, computed, np.zeros_like(computed))) - exact)
-    errors = np.maximum(errors - forgiven, 0) if forgiven else errors
+    if flushed:
+        errors = np.maximum(errors - flushed * Fraction(float(check.finfo(computed.dtype).tiny)), 0)
     ratios = np.frompyfunc(functools.partial(_ratio, unit), 3, 1)(errors, exact, magnitude)
     return np.where(finite, np.asarray(ratios, np.float64), np.inf)
 
 
-def _ratio(unit: Unit, error: Fraction, exact: Fraction, magnitude: Fraction):
+def _ratio(unit, error, exact, magnitude):
     size = unit(exact, magnitude)
     return float(error / size) if size else (math.inf if error else 0.0)
 
 
-def _ulp(x: Fraction, info: Any):
+def _ulp(x, info):
     smallest = Fraction(float(info.tiny)) * Fraction(float(info.eps))
     if not x:
         return smallest
     exponent = abs(x.numerator).bit_length() - x.denominator.bit_length()
-    power = Fraction(2) ** exponent
-    exponent -= power > abs(x)
+    exponent -= Fraction(2) ** exponent > abs(x)
     return max(Fraction(2) ** exponent * Fraction(float(info.eps)), smallest)

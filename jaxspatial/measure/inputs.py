@@ -2,25 +2,26 @@
 
 `FAMILIES` and `EXTREMES` map a name to function(rng, count, n, dtype) -> list of count arrays (n, 3). None of FAMILIES
 over- or underflows in a product of three, so every error bound holds on them; each of EXTREMES breaks that assumption
-in one way. `CONDITIONED` maps the name of a function of `jaxspatial.measure.exact` to function(rng, n, dtype,
-condition) -> its arguments, at that condition number:
+in one way. `CONDITIONED` maps "dot" and the names of the shifts to function(rng, n, dtype, condition) -> arguments, at
+that condition number:
 
 >>> tau, f, p = CONDITIONED["shift_force"](rng, 1000, "float32", 1e6)
->>> value, mag = exact.shift_force(tau, f, p)
->>> error.in_ulps(my_shift(tau, f, p), value)
+>>> value, mag = evaluate(lambda tau, f, p: tau - np.cross(p, f), tau, f, p)
+>>> in_ulps(my_shift(tau, f, p), value)
 
 The condition number of a component is mag / |exact value|, where mag is the sum of the absolute values of its terms.
 """
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+from jax.typing import DTypeLike
 
-from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.types import DTypeLike
-from jaxspatial.measure.error import ulp
-from jaxspatial.measure.exact import Formula, evaluate, rationals
+from jaxspatial.measure.error import evaluate, rationals, ulp
+from jaxspatial.measure.operation import OPERATIONS
+from jaxspatial.numerics import check
 
 # A number, or one per component.
 Condition = float | np.ndarray
@@ -34,9 +35,8 @@ def benign(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
 def mixed_scales(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """Components whose sizes differ by up to the fourth root of the range of the format."""
     exponents = _spread(dtype)
-    return _rounded(
-        rng.standard_normal((count, n, 3)) * 2.0 ** rng.integers(-exponents, exponents, (count, n, 3)), dtype
-    )
+    normal = rng.standard_normal((count, n, 3))
+    return _rounded(normal * 2.0 ** rng.integers(-exponents, exponents, (count, n, 3)), dtype)
 
 
 def parallel(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
@@ -69,7 +69,7 @@ def signed_zeros(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike)
 
 
 def far_offsets(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
-    """One array in turn, number i % count in item i, is far off, about 1e8, the others about 1e-3.
+    """In item i array number i % count is far off, about 1e8, the others about 1e-3.
 
     Where the range of the format does not allow these: 2^(maxexp / 4) and 2^(-maxexp / 8) (float16: 16 and 1/4).
     """
@@ -81,16 +81,10 @@ def far_offsets(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
 FAMILIES = {
     family.__name__: family
     for family in (
-        benign,
-        mixed_scales,
-        parallel,
-        nearly_parallel,
-        just_above_powers_of_two,
-        small_integers_and_zeros,
-        signed_zeros,
-        far_offsets,
+        benign, mixed_scales, parallel, nearly_parallel,
+        just_above_powers_of_two, small_integers_and_zeros, signed_zeros, far_offsets,
     )
-}
+}  # fmt: skip
 
 
 def near_overflow_of_products(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
@@ -154,13 +148,15 @@ EXTREMES = {
 }
 
 
-def with_condition(rng: np.random.Generator, formula: Formula, others: Sequence[np.ndarray], condition: Condition):
+def with_condition(
+    rng: np.random.Generator, formula: Callable[..., Any], others: Sequence[np.ndarray], condition: Condition
+):
     """Arguments [first, *others] of a formula, at which each component of its value has the condition number asked for.
 
     >>> tau, f, p = with_condition(rng, lambda tau, f, p: tau - np.cross(p, f), benign(rng, 2, 1000, "float32"), 1e6)
 
     formula: its value must be its first argument plus terms of the others (*unchecked* requirement), in operations that
-    `exact.evaluate` knows. others: arrays of one dtype, whose shapes broadcast to that of the value. condition: at
+    `evaluate` knows. others: arrays of one dtype, whose shapes broadcast to that of the value. condition: at
     least 1, a number or one per component.
 
     Guaranteed up to 1/u: the one reached is within a factor of 2.1, unless `first` over- or underflows or all other
@@ -201,35 +197,21 @@ def workless(rng: np.random.Generator, n: int, dtype: DTypeLike):
     return [tau, f, w, v]
 
 
-def shift_force_with_condition(rng: np.random.Generator, n: int, dtype: DTypeLike, condition: Condition):
-    """tau, f, p (n, 3): tau - p x f has this condition number in each component, as `with_condition` guarantees.
-
-    f and p are of size 1/2 to 1.
-    """
-    return with_condition(rng, lambda tau, f, p: tau - np.cross(p, f), _halves(rng, 2, n, dtype), condition)
-
-
-def shift_velocity_with_condition(rng: np.random.Generator, n: int, dtype: DTypeLike, condition: Condition):
-    """w, v, p (n, 3): v + w x p has this condition number in each component, as `with_condition` guarantees.
-
-    w and p are of size 1/2 to 1.
-    """
-    v, w, p = with_condition(rng, lambda v, w, p: v + np.cross(w, p), _halves(rng, 2, n, dtype), condition)
-    return [w, v, p]
-
-
-def shift_acceleration_with_condition(rng: np.random.Generator, n: int, dtype: DTypeLike, condition: Condition):
-    """alpha, a, p, w (n, 3): a + alpha x p + w x (w x p) has this condition number in each component, as
+def shift_with_condition(name: str, rng: np.random.Generator, n: int, dtype: DTypeLike, condition: Condition):
+    """Arguments (n, 3) of a shift of `OPERATIONS`: each component of what it computes has this condition number, as
     `with_condition` guarantees.
 
-    alpha, p and w are of size 1/2 to 1.
+    All of them but the term to which the others are added (tau, v, a) are of size 1/2 to 1.
     """
+    operation = OPERATIONS[name]
+    i = operation.in_place or 0
 
-    def formula(a: np.ndarray, alpha: np.ndarray, p: np.ndarray, w: np.ndarray):
-        return a + np.cross(alpha, p) + np.cross(w, np.cross(w, p))
+    def formula(first, *others):
+        return operation.formulas[0](*others[:i], first, *others[i:])
 
-    a, alpha, p, w = with_condition(rng, formula, _halves(rng, 3, n, dtype), condition)
-    return [alpha, a, p, w]
+    others = _halves(rng, len(operation.arguments) - 1, n, dtype)
+    first, *others = with_condition(rng, formula, others, condition)
+    return [*others[:i], first, *others[i:]]
 
 
 def dot_with_condition(rng: np.random.Generator, n: int, dtype: DTypeLike, condition: float):
@@ -243,12 +225,8 @@ def dot_with_condition(rng: np.random.Generator, n: int, dtype: DTypeLike, condi
     return [x[:, :3], x[:, 3:], y[:, :3], y[:, 3:]]
 
 
-CONDITIONED = {
-    "shift_force": shift_force_with_condition,
-    "shift_velocity": shift_velocity_with_condition,
-    "shift_acceleration": shift_acceleration_with_condition,
-    "dot": dot_with_condition,
-}
+_SHIFTS = "shift_force", "shift_velocity", "shift_acceleration"
+CONDITIONED = {name: functools.partial(shift_with_condition, name) for name in _SHIFTS} | {"dot": dot_with_condition}
 
 
 def nearest(exact: np.ndarray, dtype: DTypeLike) -> np.ndarray:
@@ -257,7 +235,7 @@ def nearest(exact: np.ndarray, dtype: DTypeLike) -> np.ndarray:
     return (np.frompyfunc(round, 1, 1)(exact / unit) * unit).astype(np.float64).astype(dtype)
 
 
-def _last_term(rest: np.ndarray, mag: np.ndarray, condition: Condition, sign: np.ndarray):
+def _last_term(rest, mag, condition, sign):
     """What to add to `rest` so that the sum has a condition number between max(1, condition - 1) and condition + 1.
 
     The sum is to be t with |t| = (|rest| + mag) / condition. Adding t - rest adds |t - rest| to mag, and that is
@@ -266,7 +244,7 @@ def _last_term(rest: np.ndarray, mag: np.ndarray, condition: Condition, sign: np
     return sign * (abs(rest) + mag) * rationals(1 / np.asarray(condition, np.float64)) - rest
 
 
-def _factors(rng: np.random.Generator, products: np.ndarray, dtype: DTypeLike) -> tuple[np.ndarray, np.ndarray]:
+def _factors(rng, products, dtype):
     """x, y whose products are `products` (Fractions, none 0) up to the rounding of y; of similar size."""
     spread = 2.0 ** (rng.uniform(-1, 1, len(products)) * check.finfo(dtype).maxexp / 64)
     sizes = np.sqrt(abs(products).astype(np.float64)) * spread
@@ -274,21 +252,21 @@ def _factors(rng: np.random.Generator, products: np.ndarray, dtype: DTypeLike) -
     return x, nearest(products / rationals(x), dtype)
 
 
-def _signed(rng: np.random.Generator, exponents: np.ndarray, dtype: DTypeLike):
+def _signed(rng, exponents, dtype):
     """Numbers of random sign and significand times 2^exponents, representable, in float64."""
     digits = check.finfo(dtype).nmant
     significands = 1 + np.ldexp(rng.integers(0, 2**digits, np.shape(exponents)).astype(np.float64), -digits)
     return np.ldexp(significands * rng.choice([-1.0, 1.0], np.shape(exponents)), exponents)
 
 
-def _halves(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
+def _halves(rng, count, n, dtype):
     """count arrays (n, 3) of numbers of size 1/2 to 1."""
     return list(_signed(rng, np.full((count, n, 3), -1), dtype).astype(dtype))
 
 
-def _spread(dtype: DTypeLike):
+def _spread(dtype):
     return max(int(check.finfo(dtype).maxexp) // 8, 1)
 
 
-def _rounded(x: npt.ArrayLike, dtype: DTypeLike):
+def _rounded(x, dtype):
     return list(np.asarray(x, np.float64).astype(dtype))

@@ -1,28 +1,29 @@
-"""The trade of speed for accuracy, measured: operation x dtype x precision, in cache and streaming through memory."""
+"""The trade-off of speed for accuracy, measured: operation x dtype x precision, in cache and streaming through memory;
+error against condition number; power before and after a shift."""
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, cast
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpy.typing as npt
 from jax import lax
+from jax.typing import DTypeLike
+from numpy.typing import ArrayLike
 
-from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.precision import DEFAULT, Precision
-from jaxspatial.arithmetic.types import DTypeLike
-from jaxspatial.measure import timing
-from jaxspatial.measure.operation import OPERATIONS, Exactly, Operation, Parts
-from jaxspatial.measure.scene import Wrenches
-from jaxspatial.measure.timing import Advance, Name
+from jaxspatial.measure import error, timing
+from jaxspatial.measure.inputs import CONDITIONED
+from jaxspatial.measure.operation import OPERATIONS, Operation, Wrenches
+from jaxspatial.measure.options import DTYPES, LARGEST
+from jaxspatial.measure.timing import Advance
+from jaxspatial.numerics import check
+from jaxspatial.numerics.precision import DEFAULT, Precision
+from jaxspatial.spatial import SpatialForce, SpatialVelocity, dot, shift
+from jaxspatial.spatial.operations import DOT, SHIFT
 
-LARGEST = 1_000_000
-SMALLEST = 1_000
 IN_CACHE = 2_000
-DTYPES = ("float16", "bfloat16", "float32", "float64")
-# The others are there to hold data, not to compute with: one size tells enough.
+# The other dtypes are there to hold data, not to compute with: one size is enough.
 STREAMED = ("float32", "float64")
 _STEPS = 100
 _SAMPLE = 500
@@ -30,19 +31,13 @@ _ROUNDS = 11
 # Seconds after which slow cases get fewer rounds.
 _LIMIT = 3.0
 
-# Of a loop: the parts before, and the sign of the next step.
-Carry = tuple[Parts, jax.Array]
-
 
 class Case(NamedTuple):
-    """One line of the trade."""
+    """One line of the trade-off."""
 
     operation: str
     dtype: str
     precision: str
-
-
-Lines = Sequence[Case]
 
 
 class Row(NamedTuple):
@@ -57,8 +52,12 @@ class Row(NamedTuple):
     worst_in_units: tuple[float, ...]  # the largest error of each part, in its SI unit
 
     @property
+    def operation(self):
+        return OPERATIONS[self.case.operation]
+
+    @property
     def promise(self):
-        return OPERATIONS[self.case.operation].promise(self.case.precision)
+        return self.operation.promise(self.case.precision)
 
     @property
     def holds(self):
@@ -75,13 +74,12 @@ class Row(NamedTuple):
     @property
     def errors_in_units(self):
         """(unit, largest error) of each part."""
-        return list(zip(OPERATIONS[self.case.operation].units, self.worst_in_units, strict=True))
+        return list(zip(self.operation.units, self.worst_in_units, strict=True))
 
     @property
     def gigabytes_per_second(self):
         """Of numbers read and written while streaming."""
-        words = OPERATIONS[self.case.operation].words
-        return words * jnp.dtype(self.case.dtype).itemsize / nanoseconds(self.streamed)
+        return self.operation.words * jnp.dtype(self.case.dtype).itemsize / nanoseconds(self.streamed)
 
 
 def nanoseconds(seconds: np.ndarray | None):
@@ -95,90 +93,68 @@ def sizes(largest: int = LARGEST):
 
 
 def cases(operations: Iterable[str] = tuple(OPERATIONS), dtypes: Iterable[str] = DTYPES):
-    """All lines of the trade."""
+    """All lines of the trade-off."""
     return [Case(o, d, str(p)) for o in operations for d in dtypes for p in Precision]
 
 
-def steps(lines: Lines):
+def steps(lines: Sequence[Case]):
     """How often `measure` calls `advance`."""
     streamed = sum(case.dtype in STREAMED for case in lines)
     return len(lines) + streamed + (len(lines) + streamed) // len(Precision) * _ROUNDS
 
 
 def measure(
-    wrenches: Wrenches, offset: npt.ArrayLike, lines: Lines, largest: int = LARGEST, advance: Advance = lambda: None
+    wrenches: Wrenches,
+    offset: ArrayLike,
+    lines: Sequence[Case],
+    largest: int = LARGEST,
+    advance: Advance = lambda: None,
 ):
-    """The rows of the trade for these wrenches (float64 arrays), repeated or cut to each size, and this offset."""
+    """The rows of these lines for these wrenches (float64 arrays), repeated or cut to each size, and this offset."""
     groups = dict.fromkeys((case.operation, case.dtype) for case in lines)
-    return [row for name, dtype in groups for row in _group((wrenches, offset), name, dtype, largest, advance)]
+    return [row for name, dtype in groups for row in _rows(name, wrenches, offset, dtype, largest, advance)]
 
 
-def _group(scene: tuple[Wrenches, npt.ArrayLike], name: str, dtype: str, largest: int, advance: Advance):
-    """The rows of one operation in one dtype: its precisions are timed in turns, and share the exact results."""
-    operation, (wrenches, offset), (in_cache, streamed) = OPERATIONS[name], scene, sizes(largest)
+def _rows(name, wrenches, offset, dtype, largest, advance):
+    """The rows of one operation in one dtype: its precisions are timed alternately, and share the exact results."""
+    operation, precisions, (in_cache, streamed) = OPERATIONS[name], [str(p) for p in Precision], sizes(largest)
+
+    def timed(calls, items):
+        seconds = timing.interleaved(calls, _ROUNDS, advance, _LIMIT)
+        return {p: x / items for p, x in seconds.items()}
+
     with jax.enable_x64(dtype == "float64"):
-        arrays = arguments(operation, wrenches, offset, in_cache, dtype)
-        loops = {p: _Loop(operation, p, arrays, advance) for p in map(str, Precision)}
-        cached = _timed(loops, in_cache * _STEPS, advance)
-        stream = _streamed(operation, arguments(operation, wrenches, offset, streamed, dtype), advance)
+        arrays = operation.drawn(wrenches, offset, in_cache, dtype)
+        loops = {p: _Loop(operation, p, arrays, advance) for p in precisions}
+        cached, stream = timed(loops, in_cache * _STEPS), dict.fromkeys(precisions)
+        if dtype in STREAMED:
+            many = operation.drawn(wrenches, offset, streamed, dtype)
+            stream = timed({p: _Stream(operation, p, many, advance) for p in precisions}, streamed)
         errors = _errors(operation, loops)
-    return [
-        Row(Case(name, dtype, p), cached[p], stream[p], loops[p].compile_seconds, *errors[p])
-        for p in map(str, Precision)
-    ]
+    return [Row(Case(name, dtype, p), cached[p], stream[p], loops[p].compile_seconds, *errors[p]) for p in precisions]
 
 
-def _streamed(operation: Operation, arrays: Sequence[jax.Array], advance: Advance):
-    """precision -> seconds per item (rounds,), None for formats that only hold data."""
-    if arrays[0].dtype.name not in STREAMED:
-        return dict.fromkeys(map(str, Precision))
-    calls = {p: _Stream(operation, p, arrays, advance) for p in map(str, Precision)}
-    return _timed(calls, len(arrays[0]), advance)
-
-
-def _timed(calls: Mapping[Name, Callable[[], Any]], items: int, advance: Advance):
-    return {p: x / items for p, x in timing.interleaved(calls, _ROUNDS, advance, _LIMIT).items()}
-
-
-def arguments(operation: Operation, wrenches: Wrenches, offset: npt.ArrayLike, n: int, dtype: str):
-    """The arguments of an operation for n of the wrenches, evenly spread, or repeated as often as needed.
-
-    Accelerations are those of a body of 1 kg and 1 kg m2 under the wrench.
-    """
-    count = len(wrenches.tau)
-    index = np.linspace(0, count - 1, n).astype(int) if n < count else np.arange(n) % count
-    known = {
-        **wrenches._asdict(),
-        "alpha": wrenches.tau,
-        "a": wrenches.f,
-        "p": np.broadcast_to(np.asarray(offset, np.float64), wrenches.tau.shape),
-    }
-    with np.errstate(over="ignore"):
-        return [jnp.asarray(known[name][index].astype(jnp.dtype(dtype))) for name in operation.arguments]
-
-
-def _step(operation: Operation, precision: str):
+def _step(operation: Operation, precision):
     """function(parts before, *arguments) -> parts: in place where the operation can be."""
-    batched, i = operation.batched(precision), operation.replaced
+    batched, i = operation.batched(precision), operation.in_place
 
-    def step(previous: Parts, *arrays: jax.Array):
+    def step(previous, *arrays):
         return batched(*arrays) if i is None else batched(*arrays[:i], *previous, *arrays[i + 1 :])
 
     return step
 
 
-def _first(operation: Operation, arrays: Sequence[jax.Array]):
+def _first(operation: Operation, arrays):
     """Parts to start from: the argument that is replaced, or room for the result."""
-    if operation.replaced is not None:
-        return (arrays[operation.replaced] + 0,)
-    shapes = jax.eval_shape(operation.batched(DEFAULT), *arrays)
-    return tuple(jnp.zeros(x.shape, x.dtype) for x in shapes)
+    if operation.in_place is not None:
+        return (arrays[operation.in_place] + 0,)
+    return tuple(jnp.zeros(x.shape, x.dtype) for x in jax.eval_shape(operation.batched(DEFAULT), *arrays))
 
 
 class _Stream:
     """One pass over memory; the result takes the place of an argument, or of the result before (no page faults)."""
 
-    def __init__(self, operation: Operation, precision: str, arrays: Sequence[jax.Array], advance: Advance):
+    def __init__(self, operation, precision, arrays, advance):
         self._state, self._arrays = _first(operation, arrays), arrays
         compiled = jax.jit(_step(operation, precision), donate_argnums=0, keep_unused=True)
         self._run = compiled.lower(self._state, *arrays).compile()
@@ -197,11 +173,19 @@ class _Loop:
     result of a single step.
     """
 
-    def __init__(self, operation: Operation, precision: str, arrays: Sequence[jax.Array], advance: Advance):
-        self.arrays, self._first = arrays, _first(operation, arrays)
+    def __init__(self, operation, precision, arrays, advance):
+        self.arrays, self._first, step = arrays, _first(operation, arrays), _step(operation, precision)
+
+        def run(count, first, *arrays):
+            def body(_, carry):
+                previous, sign = carry
+                signed = [x * sign if i in operation.flipped else x for i, x in enumerate(arrays)]
+                return step(previous, *signed), -sign
+
+            return lax.fori_loop(0, count, body, (first, jnp.ones((), arrays[0].dtype)))[0]
+
         start = time.perf_counter()
-        looped = jax.jit(_looped(operation, precision))
-        self._run = looped.lower(_STEPS, self._first, *arrays).compile()
+        self._run = jax.jit(run).lower(_STEPS, self._first, *arrays).compile()
         self.compile_seconds = time.perf_counter() - start
         advance()
 
@@ -209,37 +193,145 @@ class _Loop:
         return self._run(count, self._first, *self.arrays)
 
 
-def _looped(operation: Operation, precision: str) -> Callable[..., Parts]:
-    step = _step(operation, precision)
-
-    def run(count: int, first: Parts, *arrays: jax.Array) -> Parts:
-        def body(_: jax.Array, carry: Carry) -> Carry:
-            previous, sign = carry
-            turned = [x * sign if i in operation.turned else x for i, x in enumerate(arrays)]
-            return step(previous, *turned), -sign
-
-        return cast(Carry, lax.fori_loop(0, count, body, (first, jnp.ones((), arrays[0].dtype))))[0]
-
-    return run
-
-
-def _errors(operation: Operation, loops: Mapping[str, _Loop]) -> dict[str, tuple[np.ndarray, float, tuple[float, ...]]]:
+def _errors(operation: Operation, loops: dict[str, _Loop]):
     """precision -> (errors in ulps, the largest over the bound, the largest of each part in its unit), on the items
     that do not overflow in this dtype."""
     arrays = [np.asarray(x) for x in next(iter(loops.values())).arrays]
     finite = np.all([np.isfinite(x.astype(np.float64)).all(-1) for x in arrays], axis=0)
     some = np.flatnonzero(finite)[:: max(1, len(finite) // _SAMPLE)]
     exactly = operation.exactly(*(x[some] for x in arrays))
-    inside = _inside(exactly, arrays[0].dtype)
-    chosen = some[inside]
-    exactly = [(value[inside], mag[inside]) for value, mag in exactly]
-    computed = {p: [np.asarray(x)[chosen] for x in loop(1)] for p, loop in loops.items()}
-    found = {p: operation.of_promise(p, x, exactly) for p, x in computed.items()}
-    return {p: (ulps, worst, operation.in_units(computed[p], exactly)) for p, (worst, ulps) in found.items()}
-
-
-def _inside(exactly: Sequence[Exactly], dtype: DTypeLike):
-    """Items whose terms add up to less than half of the largest number."""
-    largest = float(check.finfo(dtype).max) / 2
+    # Items whose terms add up to less than half of the largest number.
+    largest = float(check.finfo(arrays[0].dtype).max) / 2
     small = [(mag < largest).astype(bool) for _, mag in exactly]
-    return np.all([x.all(tuple(range(1, x.ndim))) for x in small], axis=0)
+    inside = np.all([x.all(tuple(range(1, x.ndim))) for x in small], axis=0)
+    exactly, errors = [(value[inside], mag[inside]) for value, mag in exactly], {}
+    for precision, loop in loops.items():
+        computed = [np.asarray(x)[some[inside]] for x in loop(1)]
+        worst, ulps = operation.of_promise(precision, computed, exactly)
+        errors[precision] = ulps, worst, operation.in_units(computed, exactly)
+    return errors
+
+
+# -- error against condition number: where a precision begins to lose digits, and where it has none left ---------------
+
+# The operations of which a curve is measured; the others do not look different.
+CURVED = ("shift_force", "dot")
+_ITEMS = 60
+_POINTS = 17
+
+
+class Point(NamedTuple):
+    """The worst of many results with about one condition number (inf: the exact result is 0)."""
+
+    condition: float
+    results: int
+    worst_ulps: float
+    of_promise: float
+
+
+class Curve(NamedTuple):
+    """Points of increasing condition number."""
+
+    operation: str
+    dtype: str
+    precision: str
+    points: tuple[Point, ...]
+
+    @property
+    def holds(self):
+        return all(point.of_promise <= 1 for point in self.points)
+
+
+def curved(operations: Sequence[str] = CURVED, dtypes: Sequence[str] = STREAMED):
+    """Those operations and dtypes of which there are curves, as pairs of names."""
+    return [(name, dtype) for name in operations if name in CURVED for dtype in dtypes if dtype in STREAMED]
+
+
+def curves(pairs: Iterable[tuple[str, str]], advance: Advance = lambda: None, seed: int = 0):
+    """The curves of `curved` operations, one per precision; calls `advance` after each pair."""
+    return [curve for name, dtype in pairs for curve in _curves(OPERATIONS[name], dtype, advance, seed)]
+
+
+def _curves(operation: Operation, dtype, advance, seed):
+    """All items of all condition numbers in one call; then each in the bin of the condition number it has."""
+    rng, u = np.random.default_rng(seed), float(error.unit_roundoff(dtype))
+    requested = [*np.geomspace(1, u**-2, _POINTS).tolist(), np.inf]
+    groups = [CONDITIONED[operation.name](rng, _ITEMS, dtype, condition) for condition in requested]
+    arrays = [np.concatenate(x) for x in zip(*groups, strict=True)]
+    ((value, mag),) = operation.exactly(*arrays)
+    with jax.enable_x64(dtype == "float64"):
+        results = {p: np.asarray(jax.jit(operation.batched(p))(*arrays)[0]) for p in Precision}
+    advance()
+    bins = _bins(value, mag)
+    for precision, computed in results.items():
+        bound = operation.allowed(precision, 0, value, mag, computed.dtype)
+        ratio, ulps = error.in_units_of(bound, computed, value, operation.flushed), error.in_ulps(computed, value)
+        points = (Point(c, int(some.sum()), float(ulps[some].max()), float(ratio[some].max())) for c, some in bins)
+        yield Curve(operation.name, dtype, str(precision), tuple(points))
+
+
+def _bins(value, mag):
+    """Condition numbers by factors of 10, as (condition, mask)."""
+    of_each = np.frompyfunc(lambda m, r: float(m / abs(r)) if r else np.inf, 2, 1)(mag, value)
+    condition = np.asarray(of_each, np.float64)
+    is_finite = np.isfinite(condition)
+    decade = np.where(is_finite, np.round(np.log10(np.where(is_finite, condition, 1))), np.inf)
+    return [(float(np.median(condition[decade == d])), decade == d) for d in np.unique(decade)]
+
+
+def promised_ulps(curve: Curve, condition: np.ndarray):
+    """The bound of a curve's precision at a condition number, for the largest numbers that share an ulp."""
+    promise, u = OPERATIONS[curve.operation].bounds[0], float(error.unit_roundoff(jnp.dtype(curve.dtype)))
+    return promise.allowed(curve.precision, u, u, 1.0, condition) / u
+
+
+# -- power before and after a shift: the same number, up to rounding ---------------------------------------------------
+
+# Two shifts and two pairings, on terms whose sizes add up to mag (see `power`).
+POWER_BOUND = 2.0 * (SHIFT.u + DOT.u)
+
+
+class Power(NamedTuple):
+    """Total power in watts about P and about Q, and the largest difference for one wrench, over u mag."""
+
+    before: float
+    after: float
+    difference: float
+
+
+def power(wrenches: Wrenches, offset: ArrayLike, dtype: str, sample: int = 2_000):
+    """Power of all wrenches about P and, force and velocity shifted, about Q; the difference over a sample of them."""
+    with jax.enable_x64(dtype == "float64"):
+        tau, f, w, v = (jnp.asarray(x, dtype) for x in wrenches)
+        F, V, p = SpatialForce(tau, f), SpatialVelocity(w, v), jnp.asarray(offset, dtype)
+        before, after = (np.asarray(x) for x in jax.jit(_powers)(F, V, p))
+    some = np.linspace(0, len(before) - 1, min(sample, len(before))).astype(int)
+    _, mag = error.evaluate(_power_about_Q, *(np.asarray(x)[some] for x in (F.tau, F.f, V.w, V.v)), np.asarray(p))
+    difference = error.in_u_of(after[some], error.rationals(before[some]), mag, flushed=30).max()
+    return Power(float(before.astype(np.float64).sum()), float(after.astype(np.float64).sum()), float(difference))
+
+
+def _powers(F, V, p):
+    return dot(F, V), dot(jax.vmap(shift, in_axes=(0, None))(F, p), jax.vmap(shift, in_axes=(0, None))(V, p))
+
+
+def _power_about_Q(tau, f, w, v, p):
+    return ((tau - np.cross(p, f)) * w).sum(-1) + (f * (v + np.cross(w, p))).sum(-1)
+
+
+def fits(wrenches: Wrenches, offset: ArrayLike, dtype: DTypeLike):
+    """Whether the terms of torques about Q and, where the motion is known, of power are within the range of a dtype."""
+    sizes: Any = [None if x is None else abs(np.asarray(x, np.float64)) for x in (*wrenches, offset)]
+    tau, f, w, v, p = sizes
+    with np.errstate(over="ignore", invalid="ignore"):
+        torque = tau + _cross_of_sizes(p, f)
+        sizes = [torque.max(), f.max()]
+        if w is not None and v is not None:
+            powers = (torque * w + f * (v + _cross_of_sizes(w, p))).sum(-1)
+            # The total is added up in float64, whatever the dtype: NaN where it is beyond that.
+            sizes += [w.max(), v.max(), powers.max(), 0 * powers.sum()]
+    return bool(np.max(sizes) < float(check.finfo(dtype).max))
+
+
+def _cross_of_sizes(a, b):
+    return np.roll(a, -1, -1) * np.roll(b, 1, -1) + np.roll(a, 1, -1) * np.roll(b, -1, -1)

@@ -1,6 +1,5 @@
-"""Layer 4: joints, the tree they make of bodies, and the numbers of it."""
+"""Layer 4: joints, bodies, and the tree they make: `Mechanism`."""
 
-from jaxspatial.mechanism import export as export  # tells jax.export how mechanisms are written
 from jaxspatial.mechanism.editing import lock_joints as lock_joints
 from jaxspatial.mechanism.editing import subtree as subtree
 from jaxspatial.mechanism.mechanism import Mechanism as Mechanism
@@ -8,4 +7,3 @@ from jaxspatial.mechanism.mechanism import StaticMechanism as StaticMechanism
 from jaxspatial.mechanism.parts import Body as Body
 from jaxspatial.mechanism.parts import Frame as Frame
 from jaxspatial.mechanism.parts import Joint as Joint
-from jaxspatial.mechanism.random import random_mechanism as random_mechanism

@@ -1,49 +1,51 @@
-"""From the parts that a caller names to the arrays of a Mechanism: the tree put in order, welded bodies merged."""
+"""Builds the arrays of a mechanism from its parts: puts the tree in order and merges welded bodies."""
 
 import functools
 import operator
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import jax
 import numpy as np
 
-from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.numbers.folding import in_double
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.mechanism.joint_numbers import as_of_followed, parameter, per, registered_parameters, spring_reference
 from jaxspatial.mechanism.joints import KINDS, OF_EVERY_JOINT, Parameter
-from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
-from jaxspatial.mechanism.poses import act_unless_identity, check_single, composed, identity, known, or_identity
+from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint, Mimic, known, numbers, parameter, spring_reference
 from jaxspatial.mechanism.topology import Topology
+from jaxspatial.numerics import check
+from jaxspatial.numerics.numbers.rounded import in_double
 from jaxspatial.rotation import Rotation
-from jaxspatial.spatial import RigidTransform
+from jaxspatial.spatial import RigidTransform, act
 
-# How these go with the ratio of a gear.
+# Fields to which a mimic adds what it has, and the power of its multiplier, as of a gear ratio, that they go with.
 _POWERS = {"armature": 2, "damping": 2, "friction_loss": 1, "stiffness": 2}
-
-# A joint with the number of the moving body that carries it, and where on it its parent is.
-Hung = tuple[Joint, int, RigidTransform]
+_LIMITS = {"effort_limit": "nv", "velocity_limit": "nv", "lower": "nq", "upper": "nq"}
 
 
 def assembled(
     bodies: Sequence[Body], joints: Sequence[Joint], frames: Sequence[Frame]
 ) -> tuple[Topology, dict[str, Any]]:
-    """(Topology, its arrays by name) of parts: what `Mechanism` consists of but for gravity, in float64."""
+    """Returns the topology and, by name, the arrays of a Mechanism except gravity, in float64."""
     _check_names(bodies, joints, frames)
     with in_double():
-        tree = _Tree({b.name: b for b in bodies}, {j.name: j for j in joints})
-        tree.attach(WORLD, -1, identity())
-        _check_reached(bodies, tree.places)
+        tree = _Tree(bodies, joints)
+        lost = [body.name for body in bodies if body.name not in tree.places]
+        if lost:
+            raise ValueError(f"Mechanism.build: joints: nothing holds {', '.join(map(repr, lost))} against the world")
         for frame in frames:
             tree.add_frame(frame)
         return tree.topology(), tree.arrays()
 
 
+def registered_parameters(kinds: Iterable[str]) -> list[Parameter]:
+    """The parameters that registered kinds declare, each once."""
+    return list(dict.fromkeys(p for kind in kinds for p in KINDS[kind].parameters if p.field is None))
+
+
 # -- names ------------------------------------------------------------------------------------------------------------
 
 
-def _check_names(bodies: Sequence[Any], joints: Sequence[Any], frames: Sequence[Any]):
+def _check_names(bodies: Sequence[Body], joints: Sequence[Joint], frames: Sequence[Frame]):
     for what, kind, parts in (("bodies", Body, bodies), ("joints", Joint, joints), ("frames", Frame, frames)):
         for part in parts:
             if not isinstance(part, kind):
@@ -51,7 +53,7 @@ def _check_names(bodies: Sequence[Any], joints: Sequence[Any], frames: Sequence[
         _check_unique(what, [part.name for part in parts])
     for body in bodies:
         if body.inertia is not None:
-            check_single(body, "inertia", SpatialInertia)
+            _check_single(body, "inertia", SpatialInertia)
     _check_unique("bodies and frames", [WORLD, *(b.name for b in bodies), *(f.name for f in frames)])
     _check_unique("joints: children", [joint.child for joint in joints])
     names = {body.name for body in bodies}
@@ -63,52 +65,46 @@ def _check_names(bodies: Sequence[Any], joints: Sequence[Any], frames: Sequence[
 
 
 def _check_unique(what: str, names: Iterable[str]):
-    seen: set[str] = set()
+    seen = set[str]()
     for name in names:
         if name in seen:
             raise ValueError(f"Mechanism.build: {what}: {name!r} comes twice")
         seen.add(name)
 
 
-def _check_reached(bodies: Iterable[Body], places: Container[str]):
-    lost = [body.name for body in bodies if body.name not in places]
-    if lost:
-        raise ValueError(f"Mechanism.build: joints: nothing holds {', '.join(map(repr, lost))} against the world")
-
-
 # -- the tree ---------------------------------------------------------------------------------------------------------
 
 
 class _Tree:
-    """What has been hung up so far."""
+    """The bodies in depth-first order: each comes right after its parent or a branch of it, as chains need it.
 
-    def __init__(self, bodies: dict[str, Body], joints: dict[str, Joint]):
-        self.bodies = bodies
-        self.held: dict[str, list[Joint]] = {}
-        for joint in joints.values():
-            self.held.setdefault(joint.parent, []).append(joint)
+    moving: the joints that move. parents, placements, masses: of each of them. places: {body or frame: (number of the
+    moving body it is a part of, pose on the joint of that body)}.
+    """
+
+    def __init__(self, bodies: Sequence[Body], joints: Sequence[Joint]):
+        self.inertias = {body.name: body.inertia for body in bodies}
         self.moving, self.parents = list[Joint](), list[int]()
         self.placements, self.masses = list[RigidTransform](), list[list[SpatialInertia]]()
-        # Of every body: the moving one that it is a part of, and where on it.
-        self.places: dict[str, tuple[int, RigidTransform]] = {}
-
-    def attach(self, name: str, carrier: int, X: RigidTransform):
-        """The body at X on the moving body number `carrier`, and all that hangs on it: each body right behind its
-        parent or a branch of it, as chains need it."""
-        pending = self._place(name, carrier, X)
+        self.places = dict[str, tuple[int, RigidTransform]]()
+        self.held = dict[str, list[Joint]]()
+        for joint in reversed(joints):
+            self.held.setdefault(joint.parent, []).append(joint)
+        pending = self._place(WORLD, -1, identity())
         while pending:
-            pending += self._place(*self._attached(*pending.pop()))
+            pending += self._place(*self._attach(pending.pop()))
 
-    def _place(self, name: str, carrier: int, X: RigidTransform) -> list[Hung]:
-        """What hangs on a body, the first joint last."""
+    def _place(self, name: str, carrier: int, X: RigidTransform):
+        """Adds a body to its carrier; returns the joints that hang on it, the first one last."""
         self.places[name] = carrier, X
-        if carrier >= 0 and (M := self.bodies[name].inertia) is not None:
-            self.masses[carrier].append(act_unless_identity(X, M))
-        return [(joint, carrier, X) for joint in reversed(self.held.get(name, []))]
+        if carrier >= 0 and (M := self.inertias[name]) is not None:
+            M = jax.tree.map(known, M)
+            self.masses[carrier].append(M if is_identity(X) else jax.tree.map(known, act(X, M)))
+        return self.held.get(name, [])
 
-    def _attached(self, joint: Joint, carrier: int, X: RigidTransform):
-        placement = composed(X, or_identity(joint, "placement"))
-        child = or_identity(joint, "child_placement")
+    def _attach(self, joint: Joint):
+        carrier, X = self.places[joint.parent]
+        placement, child = composed(X, or_identity(joint, "placement")), or_identity(joint, "child_placement")
         if joint.kind == "fixed":
             return joint.child, carrier, composed(placement, child)
         self.moving.append(joint)
@@ -124,90 +120,126 @@ class _Tree:
         carrier, X = self.places[frame.body]
         self.places[frame.name] = carrier, composed(X, or_identity(frame, "placement"))
 
-    # -- results ------------------------------------------------------------------------------------------------------
-
     def topology(self):
-        names = [joint.name for joint in self.moving]
         return Topology(
             body_names=tuple(joint.child for joint in self.moving),
-            joint_names=tuple(names),
+            joint_names=tuple(joint.name for joint in self.moving),
             kinds=tuple(joint.kind for joint in self.moving),
             parents=tuple(self.parents),
-            followed=tuple(self._followed(names, i) for i in range(len(names))),
+            followed=tuple(map(self._followed, range(len(self.moving)))),
             frames=tuple((name, carrier) for name, (carrier, _) in self.places.items()),
         )
 
-    def _followed(self, names: list[str], i: int) -> int:
+    def _followed(self, i: int):
         joint = self.moving[i]
         if not (mimic := joint.follows):
             return i
-        both = [joint, *(other for other in self.moving if other.name == mimic.joint)]
-        if len(both) < 2 or both[1].follows or any(KINDS[x.kind].nq != 1 for x in both):
-            near = "" if len(both) > 1 else check.did_you_mean(mimic.joint, names)
+        names = [other.name for other in self.moving]
+        leader = self.moving[names.index(mimic.joint)] if mimic.joint in names else None
+        if leader is None or leader.follows or any(KINDS[x.kind].nq != 1 for x in (joint, leader)):
+            near = check.did_you_mean(mimic.joint, names) if leader is None else ""
             expected = "the name of a joint with one coordinate of its own"
             raise ValueError(f"Joint {joint.name!r}: mimic: expected {expected}, got {mimic.joint!r}{near}")
         return names.index(mimic.joint)
 
     def arrays(self) -> dict[str, Any]:
-        own = [joint for joint in self.moving if not joint.follows]
-        limits = {"effort_limit": "nv", "velocity_limit": "nv", "lower": "nq", "upper": "nq"}
+        leaders = [joint for joint in self.moving if not joint.follows]
+        mimics = [(joint, joint.follows) for joint in self.moving if joint.follows]
         return {
             "placements": _stacked(self.placements),
             "child_placements": _stacked([or_identity(joint, "child_placement") for joint in self.moving]),
             **{p.field: self._parameter(p) for p in OF_EVERY_JOINT if p.field},
             "parameters": {p.name: self._parameter(p) for p in registered_parameters(j.kind for j in self.moving)},
-            "mimics": rows([mimic[1:] if (mimic := joint.follows) else (1.0, 0.0) for joint in self.moving], 2),
+            "mimics": _rows([mimic[1:] if (mimic := joint.follows) else (1.0, 0.0) for joint in self.moving], 2),
             "inertias": _inertias(self.masses),
             "frame_placements": _stacked([X for _, X in self.places.values()]),
-            **{name: self._with_mimics(own, name, power) for name, power in _POWERS.items()},
-            **{name: per(own, name, size) for name, size in limits.items()},
-            "spring_references": self._references(own),
+            **{name: _with_mimics(leaders, mimics, name, power) for name, power in _POWERS.items()},
+            **{name: _joined(numbers(joint, name, size) for joint in leaders) for name, size in _LIMITS.items()},
+            "spring_references": _joined(_rest(joint, mimics) for joint in leaders),
         }
 
     def _parameter(self, p: Parameter):
         """(n, size) of all joints, (n,) of the pitch."""
-        found = rows([parameter(joint, p) for joint in self.moving], p.size)
-        return found[:, 0] if p.field and p.size == 1 else found
-
-    def _references(self, own: list[Joint]):
-        """Where the springs of each joint and its mimics together rest: the mean of where each does, by stiffness."""
-        return np.concatenate([np.zeros(0), *(self._rests(joint) for joint in own)])
-
-    def _rests(self, joint: Joint):
-        own, followers = spring_reference(joint), [(j, j.follows) for j in self.moving]
-        springs = [as_of_followed(j, mimic) for j, mimic in followers if mimic and mimic.joint == joint.name]
-        stiffness = per([joint], "stiffness", "nv")[0] if springs else 0.0
-        total = stiffness + sum(k for k, _ in springs)
-        return own if not total else sum((k * x for k, x in springs), stiffness * own) / total
-
-    def _with_mimics(self, own: list[Joint], name: str, power: int):
-        """One number per rate: what a mimic has of it is with the joint that it follows."""
-        found = np.split(per(own, name, "nv"), np.cumsum([KINDS[joint.kind].nv for joint in own])[:-1])
-        places = {joint.name: k for k, joint in enumerate(own)}
-        for joint in self.moving:
-            if mimic := joint.follows:
-                found[places[mimic.joint]] += abs(mimic.multiplier) ** power * per([joint], name, "nv")
-        return np.concatenate([np.zeros(0), *found])
+        values = _rows([parameter(joint, p) for joint in self.moving], p.size)
+        return values[:, 0] if p.field and p.size == 1 else values
 
 
 # -- arrays -----------------------------------------------------------------------------------------------------------
 
+_Mimics = list[tuple[Joint, Mimic]]
 
-def rows(rows: Sequence[Any], n: int):
-    return np.array(rows, np.float64).reshape(len(rows), n)
+
+def _with_mimics(leaders: list[Joint], mimics: _Mimics, name: str, power: int):
+    """A number per generalized velocity: what a mimic has is added to the joint that it follows."""
+    totals = {joint.name: numbers(joint, name, "nv") for joint in leaders}
+    for joint, (leader, multiplier, _) in mimics:
+        totals[leader] = totals[leader] + abs(multiplier) ** power * numbers(joint, name, "nv")
+    return _joined(totals.values())
+
+
+def _rest(joint: Joint, mimics: _Mimics):
+    """The coordinates at which the springs of a joint and its mimics together rest: the mean of theirs, by stiffness.
+
+    The spring k of a mimic at a q + b is one of a^2 k at q.
+    """
+    rest = spring_reference(joint)
+    springs = [
+        (a**2 * numbers(mimic, "stiffness", "nv")[0], (spring_reference(mimic) - b) / (a or 1.0))
+        for mimic, (leader, a, b) in mimics
+        if leader == joint.name
+    ]
+    stiffness = numbers(joint, "stiffness", "nv")[0] if springs else 0.0
+    total = stiffness + sum(k for k, _ in springs)
+    return rest if not total else sum((k * x for k, x in springs), stiffness * rest) / total
+
+
+def _joined(arrays: Iterable[np.ndarray]):
+    return np.concatenate([np.zeros(0), *arrays])
+
+
+def _rows(values: Sequence[Any], n: int):
+    return np.array(values, np.float64).reshape(len(values), n)
 
 
 def _stacked(transforms: Sequence[RigidTransform]):
-    entries = rows([X.rotation.entries for X in transforms], 9)
-    return RigidTransform(Rotation(entries), rows([X.translation for X in transforms], 3))
+    entries = _rows([X.rotation.entries for X in transforms], 9)
+    return RigidTransform(Rotation(entries), _rows([X.translation for X in transforms], 3))
 
 
 def _inertias(masses: list[list[SpatialInertia]]):
-    merged = [functools.reduce(operator.add, parts) if parts else _nothing() for parts in masses]
-    leaves = [jax.tree.leaves(jax.tree.map(known, M)) for M in merged]
-    mass, com, central = ([parts[k] for parts in leaves] for k in range(3))
-    return SpatialInertia(rows(mass, 1)[:, 0], rows(com, 3), rows(central, 6))
+    nothing = SpatialInertia.zero(dtype=np.float64)
+    sums = [jax.tree.map(known, functools.reduce(operator.add, parts)) if parts else nothing for parts in masses]
+    mass, com, central = [M.mass for M in sums], [M.com for M in sums], [M.central for M in sums]
+    return SpatialInertia(_rows(mass, 1)[:, 0], _rows(com, 3), _rows(central, 6))
 
 
-def _nothing():
-    return SpatialInertia.zero(dtype=np.float64)
+# -- known poses, exact where frames coincide -------------------------------------------------------------------------
+
+
+def identity() -> RigidTransform:
+    return RigidTransform.identity(dtype=np.float64)
+
+
+def or_identity(part: Joint | Frame, name: str) -> RigidTransform:
+    X = getattr(part, name)
+    if X is None:
+        return identity()
+    _check_single(part, name, RigidTransform)
+    return jax.tree.map(known, X)
+
+
+def _check_single(part: Body | Joint | Frame, name: str, kind: type[RigidTransform | SpatialInertia]):
+    x = getattr(part, name)
+    if not isinstance(x, kind) or x.batch_shape:
+        came = f"a batch of shape {x.batch_shape}" if isinstance(x, kind) else type(x).__name__
+        raise TypeError(f"{type(part).__name__} {part.name!r}: {name}: expected a single {kind.__name__}, got {came}")
+
+
+def is_identity(X: RigidTransform) -> bool:
+    return bool(not X.translation.any() and (X.rotation.entries == np.eye(3).ravel()).all())
+
+
+def composed(X_AB: RigidTransform, X_BC: RigidTransform) -> RigidTransform:
+    if is_identity(X_AB) or is_identity(X_BC):
+        return X_BC if is_identity(X_AB) else X_AB
+    return jax.tree.map(known, X_AB @ X_BC)

@@ -1,4 +1,4 @@
-"""Mechanisms made of others: joints locked, subtrees taken out."""
+"""Makes mechanisms of others: locks joints, takes out subtrees."""
 
 import dataclasses
 import operator
@@ -9,42 +9,42 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.numbers import Rounded, high
-from jaxspatial.arithmetic.numbers.folding import in_double
-from jaxspatial.arithmetic.precision import DEFAULT
-from jaxspatial.arithmetic.types import Scalar, Vector
+from jaxspatial.mechanism.assembly import composed, is_identity, or_identity
 from jaxspatial.mechanism.joints import JointKind, Parameter
 from jaxspatial.mechanism.mechanism import Mechanism
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
-from jaxspatial.mechanism.poses import composed, is_identity, or_identity
+from jaxspatial.numerics.linear import unit
+from jaxspatial.numerics.numbers import Rounded, high
+from jaxspatial.numerics.numbers.rounded import in_double
+from jaxspatial.numerics.precision import DEFAULT
+from jaxspatial.numerics.types import ArrayLike
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, act_inverse
 
-_PER_RATE = "armature", "damping", "friction_loss", "stiffness", "effort_limit", "velocity_limit"
-# By the field of a Joint that of a Mechanism.
+_PER_VELOCITY = "armature", "damping", "friction_loss", "stiffness", "effort_limit", "velocity_limit"
+# {field of a Joint: field of a Mechanism}
 _PER_COORDINATE = {"lower": "lower", "upper": "upper", "spring_reference": "spring_references"}
 
 
-def lock_joints(mechanism: Mechanism, positions: Mapping[str, Scalar | Vector]) -> Mechanism:
-    """Locks joints at given coordinates: their bodies become parts of those that carry them.
+def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mechanism:
+    """Locks joints at given coordinates: their bodies merge with those that carry them.
 
-    What was locked leaves no operation behind. Names of locked bodies stay as frames. A mimic is locked with the joint
-    that it follows.
+    Locked joints leave no operation in programs. Locked bodies stay as frames. A mimic is locked with the joint that it
+    follows.
 
     Args:
         mechanism: with known numbers.
         positions: coordinates by joint name, a number or as many as the joint has; rad or m.
 
     Returns:
-        The mechanism of the joints that are left, with NumPy numbers.
+        The mechanism of the other joints, with NumPy numbers.
 
     Raises:
         KeyError: a name is no joint's; lists those there are.
         ValueError: a joint is a mimic, or a quaternion has the length 0.
         TypeError: numbers of the mechanism are data, or traced.
 
-    Error: of numbers that change a few u of float64, rounded once to the dtype; others stay what they are.
+    Error: a few u of float64, rounded once to the dtype, where numbers change; others stay as they are.
     """
     bodies, joints, frames = parts(mechanism)
     for name, q in positions.items():
@@ -55,33 +55,33 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, Scalar | Vector]) 
 
 
 def subtree(mechanism: Mechanism, body: str) -> Mechanism:
-    """Takes out a body with all that hangs on it. What carried the body is the world.
+    """Takes out a body and all that hangs on it; the world takes the place of its parent.
 
     Args:
         mechanism: with known numbers.
         body: one of `mechanism.body_names`.
 
     Returns:
-        The mechanism of these bodies, with NumPy numbers. Frames elsewhere are left out.
+        The mechanism of these bodies and their frames, with NumPy numbers.
 
     Raises:
         KeyError: there is no such body; lists those there are.
         TypeError: numbers of the mechanism are data, or traced.
 
-    Error: of numbers that change a few u of float64, rounded once to the dtype; others stay what they are.
+    Error: a few u of float64, rounded once to the dtype, where numbers change; others stay as they are.
     """
     t = mechanism.topology
     root = t.index(mechanism.body_names, body, "subtree: body")
-    kept = {i for i in range(len(t)) if root in t.ancestors(i)}
+    numbers = [i for i in range(len(t)) if root in t.ancestors(i)]
+    names = {t.body_names[i] for i in numbers}
     bodies, joints, frames = parts(mechanism)
-    joints = [dataclasses.replace(j, parent=WORLD) if i == root else j for i, j in enumerate(joints) if i in kept]
-    names = {mechanism.body_names[i] for i in kept}
-    left = [frame for frame in frames if frame.body in names]
-    return Mechanism.build([b for b in bodies if b.name in names], joints, left, mechanism.gravity, mechanism.dtype)
+    bodies, frames = [b for b in bodies if b.name in names], [f for f in frames if f.body in names]
+    joints = [dataclasses.replace(joints[i], parent=WORLD) if i == root else joints[i] for i in numbers]
+    return Mechanism.build(bodies, joints, frames, mechanism.gravity, mechanism.dtype)
 
 
 def parts(mechanism: Mechanism) -> tuple[list[Body], list[Joint], list[Frame]]:
-    """Takes a mechanism apart into what `Mechanism.build` makes it of.
+    """Takes a mechanism apart into the bodies, joints and frames that `Mechanism.build` makes it of.
 
     Raises:
         TypeError: numbers of the mechanism are data, or traced.
@@ -90,16 +90,16 @@ def parts(mechanism: Mechanism) -> tuple[list[Body], list[Joint], list[Frame]]:
         raise TypeError("mechanism: expected known numbers (NumPy), got data; build, and replace numbers after")
     with in_double():
         n = len(mechanism.topology)
-        known = jax.tree.map(operator.methodcaller("astype", np.float64), mechanism.as_known())
-        return [_body(known, i) for i in range(n)], [_joint(known, i) for i in range(n)], _frames(known)
+        mechanism = jax.tree.map(operator.methodcaller("astype", np.float64), mechanism.as_known())
+        return [_body(mechanism, i) for i in range(n)], [_joint(mechanism, i) for i in range(n)], _frames(mechanism)
 
 
-def _item(tree: Any, i: int):
+def _item(tree, i: int):
     return jax.tree.map(operator.itemgetter(i), tree)
 
 
 def _body(mechanism: Mechanism, i: int):
-    """With its inertia about its own frame."""
+    """The body with its inertia about its own frame."""
     M, X_JB = jax.tree.map(np.asarray, _item(mechanism.inertias, i)), _item(mechanism.child_placements, i)
     return Body(mechanism.body_names[i], M if is_identity(X_JB) else act_inverse(X_JB, M))
 
@@ -108,7 +108,7 @@ def _joint(mechanism: Mechanism, i: int):
     t, fields = mechanism.topology, {}
     parent, X_PJ = _on_body(mechanism, t.parents[i], _item(mechanism.placements, i))
     if not t.is_mimic(i):
-        fields = {name: getattr(mechanism, name)[t.v_slice(i)] for name in _PER_RATE}
+        fields = {name: getattr(mechanism, name)[t.v_slice(i)] for name in _PER_VELOCITY}
         fields |= {name: getattr(mechanism, field)[t.q_slice(i)] for name, field in _PER_COORDINATE.items()}
     return Joint(
         t.joint_names[i],
@@ -127,7 +127,7 @@ def _joint(mechanism: Mechanism, i: int):
 
 
 def _on_body(mechanism: Mechanism, i: int, X_JF: RigidTransform):
-    """(the name of body i, or of the world for -1; X_BF of what is at X_JF on its joint)."""
+    """(the name of body i, or of the world for -1; X_BF of a frame that is at X_JF on its joint)."""
     if i < 0:
         return WORLD, X_JF
     X_JB = _item(mechanism.child_placements, i)
@@ -137,11 +137,11 @@ def _on_body(mechanism: Mechanism, i: int, X_JF: RigidTransform):
 
 def _frames(mechanism: Mechanism):
     bodies, places = {WORLD, *mechanism.body_names}, enumerate(mechanism.topology.frames)
-    own = [(name, i, _item(mechanism.frame_placements, k)) for k, (name, i) in places if name not in bodies]
-    return [Frame(name, *_on_body(mechanism, i, X_JF)) for name, i, X_JF in own]
+    frames = [(name, i, _item(mechanism.frame_placements, k)) for k, (name, i) in places if name not in bodies]
+    return [Frame(name, *_on_body(mechanism, i, X_JF)) for name, i, X_JF in frames]
 
 
-def _with_followers(mechanism: Mechanism, i: int, q: Any) -> list[tuple[int, Any]]:
+def _with_followers(mechanism: Mechanism, i: int, q) -> list[tuple[int, Any]]:
     """[(joint, its coordinates)] of a joint and its mimics."""
     t = mechanism.topology
     if t.is_mimic(i):
@@ -162,18 +162,18 @@ def _locked(mechanism: Mechanism, joints: list[Joint], i: int, q: npt.ArrayLike)
 
 
 def _transform(kind: type[JointKind], joint: Joint, q: np.ndarray):
-    """X across a joint at known coordinates."""
+    """X_PB of a joint at known coordinates."""
     cos_sin = {k: (_number(np.cos(q[k])), _number(np.sin(q[k]))) for k in kind.angles}
-    found, n = tuple(map(_number, q)), kind.sphere[0]
-    found = (*vectors.unit(found[:n]), *found[n:]) if n else found
-    rows, p = kind(lambda p: _parameter(joint, p), _number(0.0)).transform(found, cos_sin)
+    coordinates, n = tuple(map(_number, q)), kind.sphere[0]
+    coordinates = (*unit(coordinates[:n]), *coordinates[n:]) if n else coordinates
+    rows, p = kind(lambda p: _parameter(joint, p), _number(0.0)).transform(coordinates, cos_sin)
     entries = np.array([float(high(x)) for row in rows for x in row])
     return RigidTransform(Rotation(entries), np.array([float(high(x)) for x in p]))
 
 
 def _parameter(joint: Joint, p: Parameter):
-    found = tuple(map(_number, np.ravel(getattr(joint, p.name) if p.field else joint.parameters[p.name]).tolist()))
-    return found if p.size > 1 else found[0]
+    value = tuple(map(_number, np.ravel(getattr(joint, p.name) if p.field else joint.parameters[p.name]).tolist()))
+    return value if p.size > 1 else value[0]
 
 
 def _number(x: float):

@@ -1,38 +1,38 @@
-"""The mechanism: a tree of bodies that joints hold against each other, as a pytree of numbers."""
+"""The mechanism: a tree of bodies and joints, as a pytree of numbers."""
 
 import dataclasses
 import functools
+import json
 import operator
 import pathlib
 import weakref
 from collections.abc import Iterable
-from typing import Any, cast
+from typing import Any
 
 import jax
+import jax.export
 import numpy as np
+from jax.core import Tracer
 
-from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.tree import tree_of
-from jaxspatial.arithmetic.types import DTypeLike, Vector3
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.mechanism.assembly import assembled
-from jaxspatial.mechanism.leaves import ByContents, check_replaced, frozen, known, read_only
-from jaxspatial.mechanism.parts import Body, Frame, Joint
-from jaxspatial.mechanism.poses import known as known_in_double
-from jaxspatial.mechanism.structure import Structure
+from jaxspatial.mechanism.assembly import assembled, registered_parameters
+from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint, known
 from jaxspatial.mechanism.topology import Topology
+from jaxspatial.numerics import check
+from jaxspatial.numerics.quantity import tree_of
+from jaxspatial.numerics.types import ArrayLike, DTypeLike
 from jaxspatial.spatial import RigidTransform
 
 
 @tree_of("topology")
-class Mechanism(Structure):
-    """Bodies held against each other by joints: n of them move, with nq coordinates q and nv rates v.
+class Mechanism:
+    """A tree of n moving bodies, each carried by a joint, with nq coordinates q and nv generalized velocities v.
 
-    Quaternions in q are read normalised, whatever function they are given to: of any length but 0, which gives NaN.
+    All functions normalise the quaternions in q: any length but 0 serves, and 0 gives NaN.
 
-    Its numbers are leaves: NumPy arrays are known while tracing and fold into programs; arrays of JAX, or a mechanism
-    that is an argument of a traced function, are data, to be differentiated and batched. Body i is what joint i
-    carries; P is its parent's frame, J the joint's, that coincides with it at zero.
+    The numbers of a mechanism are leaves of a pytree. NumPy arrays are known while tracing and fold into programs.
+    Arrays of JAX, or a mechanism that is an argument of a traced function, are data, to be differentiated and batched.
+    Joint i carries body i. P is the frame of its parent, J the frame of the joint, which moves with the body.
 
     Attributes:
         topology: names, kinds and connections; static.
@@ -42,19 +42,19 @@ class Mechanism(Structure):
         pitches: (n,) of helical joints, metres per radian.
         parameters: {name: (n, size)} of other parameters, those of kinds that were registered.
         mimics: (n, 2) multiplier and offset of coordinates that follow another's; 1 and 0 for all others.
-        inertias: SpatialInertia (n,) about the origin of J, in the axes of J; bodies welded to it are in it.
+        inertias: SpatialInertia (n,) about the origin of J, in the axes of J, welded bodies included.
         armature, damping, friction_loss, stiffness, effort_limit, velocity_limit: (nv,), units as of `Joint`.
         lower, upper: (nq,) limits of the coordinates.
         spring_references: (nq,) coordinates at which the springs are at rest.
         frame_placements: RigidTransform (k,) of all named frames on their J, or in the world.
         gravity: (3,) acceleration of free fall in the world, m/s2.
 
-    Known numbers take the dtype of q, whatever theirs; data has to have it. NumPy numbers are leaves as well: what
-    trains, casts or saves all leaves of a tree takes them for parameters. `as_static` has none.
+    Known numbers are converted to the dtype of q; data must have it. NumPy numbers are leaves as well: libraries that
+    train, cast or save all leaves of a tree take them for parameters. The result of `as_static` has no leaves.
 
-    A frame is a name for a place on a body, or on the world: every body is one, where its own frame is, and so is
-    every body welded to it. `frame_body(name)` is the name of the body that carries a frame, `frame_placements` has
-    where on that body's joint it is, `forward_kinematics(mech, q, name)` where in the world.
+    A frame is a named place on a body or on the world. Every body is a frame, and so is every body welded to another.
+    `frame_body(name)` names the body that carries a frame, `frame_placements` has its pose on the joint of that body,
+    and `forward_kinematics(mech, q, name)` is its pose in the world.
     """
 
     topology: Topology
@@ -86,13 +86,13 @@ class Mechanism(Structure):
         bodies: Iterable[Body],
         joints: Iterable[Joint],
         frames: Iterable[Frame] = (),
-        gravity: Vector3 = (0.0, 0.0, -9.81),
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
         dtype: DTypeLike | None = None,
     ) -> "Mechanism":
-        """Builds a mechanism of bodies that joints hold against each other.
+        """Builds a mechanism of bodies and the joints that hold them.
 
-        Bodies held by "fixed" joints become one, their frames stay. Coordinates are in depth-first order, children in
-        the order of `joints`. All numbers are known while tracing, also where JAX traces a function around.
+        Bodies held by "fixed" joints merge with those that carry them, and stay as frames. Coordinates are in
+        depth-first order, children in the order of `joints`. All numbers are known while tracing.
 
         Args:
             bodies: at most one of each name.
@@ -109,7 +109,7 @@ class Mechanism(Structure):
             ValueError: a name is missing or comes twice, nothing holds a body against the world, a shape does not fit.
         """
         topology, arrays = assembled(list(bodies), list(joints), list(frames))
-        arrays["gravity"] = check.as_vectors(known_in_double(gravity), "Mechanism.build: gravity", held=True)
+        arrays["gravity"] = check.as_vectors(known(gravity), "Mechanism.build: gravity", held=True)
         return cls(topology=topology, **arrays).astype(dtype)
 
     @classmethod
@@ -118,13 +118,13 @@ class Mechanism(Structure):
         path_or_text: str | pathlib.Path,
         floating_base: bool = False,
         *,
-        gravity: Vector3 = (0.0, 0.0, -9.81),
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
         dtype: DTypeLike | None = None,
     ) -> "Mechanism":
         """Reads a file in the Unified Robot Description Format; see `jaxspatial.mechanism.formats.urdf`.
 
         Args:
-            path_or_text: a path, or the text itself, told by its first sign "<".
+            path_or_text: a path, or the text itself, which begins with "<".
             floating_base: whether a "free" joint named "root_joint" holds the root link; else it is welded.
             gravity: (3,) acceleration of free fall in the world, m/s2.
             dtype: of all numbers; JAX's default for None.
@@ -135,7 +135,7 @@ class Mechanism(Structure):
         Raises:
             ValueError: the file is malformed, or has what a mechanism cannot represent; with line, element and reason.
             FileNotFoundError: there is no such file.
-            ImportError: yourdfpy or lxml is missing.
+            ImportError: lxml is missing.
 
         Warns:
             ModelFileWarning: names what was left out, and inertias that no rigid body has.
@@ -149,7 +149,7 @@ class Mechanism(Structure):
         """Reads a file in MuJoCo's format; see `jaxspatial.mechanism.formats.mjcf`.
 
         Args:
-            path_or_text: a path, or the text itself, told by its first sign "<".
+            path_or_text: a path, or the text itself, which begins with "<".
             dtype: of all numbers; JAX's default for None.
 
         Returns:
@@ -168,6 +168,80 @@ class Mechanism(Structure):
 
         return mjcf.read(cls.build, path_or_text, dtype)
 
+    # -- names and places ---------------------------------------------------------------------------------------------
+
+    @property
+    def nq(self) -> int:
+        """The number of coordinates."""
+        return self.topology.nq
+
+    @property
+    def nv(self) -> int:
+        """The number of generalized velocities."""
+        return self.topology.nv
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """The names of the moving bodies, in the order of results."""
+        return self.topology.body_names
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The names of the joints that move, in the order of bodies."""
+        return self.topology.joint_names
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """The names of all frames: the world, all bodies with the welded ones, and the frames given by name."""
+        return tuple(name for name, _ in self.topology.frames)
+
+    @property
+    def dtype(self) -> np.dtype:
+        """The dtype of the numbers."""
+        return np.dtype(self.gravity.dtype)
+
+    def frame_body(self, name: str) -> str:
+        """Names the body that carries a frame: the one it is, is on or is welded to, or "world".
+
+        Raises:
+            KeyError: there is no such frame; lists those there are.
+        """
+        body = self.topology.frames[self.topology.index(self.frame_names, name, "Mechanism.frame_body: name")][1]
+        return WORLD if body < 0 else self.body_names[body]
+
+    def joint_position_indices(self, name: str) -> np.ndarray:
+        """Returns the places of a joint's coordinates in q: integers (k,).
+
+        Those of a mimic are those of the joint that it follows.
+
+        Raises:
+            KeyError: there is no such joint; lists those there are.
+        """
+        return np.arange(self.nq)[self.topology.q_slice(self.topology.index(self.joint_names, name, "joint"))]
+
+    def joint_velocity_indices(self, name: str) -> np.ndarray:
+        """Returns the places of a joint's velocities in v: integers (k,). Raises as `joint_position_indices`."""
+        return np.arange(self.nv)[self.topology.v_slice(self.topology.index(self.joint_names, name, "joint"))]
+
+    def neutral(self) -> np.ndarray:
+        """Makes the coordinates (nq,) at zero: 0, and 1 0 0 0 for quaternions."""
+        t = self.topology
+        return np.array([x for i in range(len(t)) if not t.is_mimic(i) for x in t.kind(i).neutral], self.dtype)
+
+    def __repr__(self):
+        """The tree: one line per body, with its joint."""
+        t = self.topology
+        # JAX rebuilds trees with leaves that are no arrays: shapes, axes, None.
+        dtype = getattr(self.gravity, "dtype", type(self.gravity).__name__)
+        lines = [f"{type(self).__name__}(nq={self.nq}, nv={self.nv}, {len(t)} bodies, {dtype})"]
+        for i, (body, joint, kind) in enumerate(zip(t.body_names, t.joint_names, t.kinds, strict=True)):
+            indent = "  " * len([*t.ancestors(i)])
+            follows = f" follows {t.joint_names[t.followed[i]]}" if t.is_mimic(i) else ""
+            lines.append(f"{indent}{body}  <- {joint}: {kind}{follows}")
+        return "\n".join(lines)
+
+    # -- other numbers ------------------------------------------------------------------------------------------------
+
     def replace(self, **changes: Any) -> "Mechanism":
         """Replaces arrays: `mech.replace(gravity=...)`, `mech.replace(inertias=...)`.
 
@@ -175,24 +249,24 @@ class Mechanism(Structure):
             **changes: fields by name, numbers known or traced.
 
         Returns:
-            The same mechanism with these.
+            The mechanism with these.
 
         Raises:
             TypeError: there is no such field, or it holds another type.
             ValueError: the shape is not that of the field.
         """
         for name, new in changes.items():
-            check_replaced(Mechanism, name, getattr(self, name, None), new)
-        return read_only(self._as_tree(**changes))
+            _check_replaced(name, getattr(self, name, None), new)
+        return _read_only(self._as_tree(**changes))
 
     def astype(self, dtype: DTypeLike | None) -> "Mechanism":
-        """Converts all arrays to a dtype, JAX's default for None. What is known stays known."""
+        """Converts all arrays to a dtype, JAX's default for None. Known numbers stay known."""
         dtype = check.as_dtype(dtype)
-        return read_only(jax.tree.map(operator.methodcaller("astype", dtype), self._as_tree()))
+        return _read_only(jax.tree.map(operator.methodcaller("astype", dtype), self._as_tree()))
 
     def as_data(self) -> "Mechanism":
         """Makes all numbers arrays of JAX: one compiled program serves all values."""
-        return jax.tree.map(cast(Any, jax.numpy.asarray), check.narrowed(self._as_tree()))
+        return jax.tree.map(jax.numpy.asarray, check.narrowed(self._as_tree()))
 
     def as_known(self) -> "Mechanism":
         """Makes all numbers NumPy, known while tracing: the way back from `as_data` and `as_static`.
@@ -200,43 +274,99 @@ class Mechanism(Structure):
         Raises:
             TypeError: numbers are traced.
         """
-        return read_only(jax.tree.map(known, self._as_tree()))
+        return _read_only(jax.tree.map(_as_numpy, self._as_tree()))
 
     def as_static(self) -> "StaticMechanism":
-        """Makes a StaticMechanism of it, without leaves.
-
-        For a field of a learner's module, or an argument of a function under jit that folds.
+        """Makes a StaticMechanism, without leaves: for a field of a learner's module, or an argument of a jitted
+        function that is to fold.
 
         Raises:
             TypeError: numbers are traced.
         """
-        own = StaticMechanism(**vars(cast(Mechanism, jax.tree.map(frozen, self.as_known()))))
-        return _STATIC.setdefault(own.contents, own)
+        static = StaticMechanism(**vars(jax.tree.map(_frozen, self.as_known())))
+        return _STATIC.setdefault(static.contents, static)
 
     @functools.cached_property
     def first_data(self) -> Any:
-        """The first number that is not known, or None. Kept: every call of an algorithm asks for its dtype."""
+        """The first number that is not known, or None. Cached: every call of an algorithm asks for its dtype."""
         return next((x for x in jax.tree.leaves(self) if not isinstance(x, np.ndarray)), None)
 
-    def _as_tree(self, **changes: Any) -> "Mechanism":
+    def _as_tree(self, **changes) -> "Mechanism":
         """A Mechanism with leaves, of these numbers and others."""
-        own = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return Mechanism(**own | changes)
+        return Mechanism(**{field.name: getattr(self, field.name) for field in dataclasses.fields(self)} | changes)
+
+
+def _check_replaced(name: str, old, new):
+    if old is None or name == "topology":
+        fields = [field.name for field in dataclasses.fields(Mechanism) if field.name != "topology"]
+        near = check.did_you_mean(name, fields)
+        raise TypeError(f"Mechanism.replace: expected one of {', '.join(fields)}, got {name!r}{near}")
+    structures = [jax.tree.structure(x) for x in (old, new)]
+    if structures[0] != structures[1]:
+        types = [type(x).__name__ for x in (old, new)]
+        expected, came = types if types[0] != types[1] else structures
+        raise TypeError(f"Mechanism.replace: {name}: expected {expected}, got {came}")
+    for a, b in zip(jax.tree.leaves(old), jax.tree.leaves(new), strict=True):
+        if np.shape(a) != np.shape(b):
+            raise ValueError(f"Mechanism.replace: {name}: expected shape {np.shape(a)}, got {np.shape(b)}")
+        check.as_float_array(b, f"Mechanism.replace: {name}", check.floating_dtype(a), held=True)
+
+
+def _as_numpy(x):
+    if isinstance(x, Tracer):
+        came = x.__class__.__name__
+        raise TypeError(f"Mechanism.as_known: expected numbers (NumPy or JAX arrays), got {came}, traced")
+    return np.asarray(x)
+
+
+def _read_only(mechanism: Mechanism) -> Mechanism:
+    """Copies NumPy arrays that others may write to. Programs are compiled for the values, and looked up by the
+    mechanism."""
+    return jax.tree.map(lambda x: _frozen(x) if isinstance(x, np.ndarray) and _is_open(x) else x, mechanism)
+
+
+def _is_open(x: np.ndarray):
+    return x.base is not None or x.flags.writeable
+
+
+def _frozen(x):
+    """A copy that nobody can write to."""
+    x = np.array(x, order="C")
+    x.flags.writeable = False
+    return x
+
+
+# -- mechanisms that are constants ------------------------------------------------------------------------------------
+
+
+class ByContents:
+    """Hashable, and equal to others of its class with the same contents."""
+
+    contents: Any
+
+    @functools.cached_property
+    def _hash(self):
+        return hash(self.contents)
+
+    def __hash__(self):
+        return self._hash
+
+    def __eq__(self, other: object):
+        return self is other or (isinstance(other, type(self)) and self.contents == other.contents)
 
 
 class StaticMechanism(Mechanism, ByContents):
     """A Mechanism that is a constant: hashable and equal by its contents, a pytree without leaves.
 
-    `Mechanism.as_static` makes it, the same object for equal ones while one lives. All functions take it as they take
-    a Mechanism, and its numbers fold, as an argument of a function under jit as well, without being named static:
-    there is one program for each of its contents. Gradients, optimizers, casts and checkpoints see nothing of it.
-    `replace`, `as_data` and `as_known` give a Mechanism with leaves. Equal are the tree, its names, dtypes and all
-    numbers, bit by bit.
+    `Mechanism.as_static` makes it; equal ones are the same object while one lives. All functions take it as they take
+    a Mechanism. Its numbers fold also where it is an argument of a jitted function, which need not be named static:
+    each value has a program. Gradients, optimizers, casts and checkpoints pass it by. `replace`, `as_data` and
+    `as_known` give a Mechanism with leaves. Two are equal when tree, names, dtypes and all bits of the numbers are.
     """
 
     @functools.cached_property
     def contents(self) -> tuple[Topology, tuple[tuple[str, tuple[int, ...], bytes], ...]]:
-        """(topology, the arrays as bytes): what it is equal and hashed by."""
+        """(topology, the arrays as bytes): what decides equality and hash."""
         leaves = jax.tree.leaves(self._as_tree())
         return self.topology, tuple((x.dtype.name, x.shape, x.tobytes()) for x in leaves)
 
@@ -252,6 +382,52 @@ class StaticMechanism(Mechanism, ByContents):
         return self
 
 
-# Equal ones are one, which keeps its programs for all who ask.
+# Equal ones are one object, which keeps its programs for all who ask.
 _STATIC: weakref.WeakValueDictionary[Any, StaticMechanism] = weakref.WeakValueDictionary()
 jax.tree_util.register_static(StaticMechanism)
+
+
+# -- exported programs ------------------------------------------------------------------------------------------------
+# They hold the tree as JSON, and of a StaticMechanism its arrays too.
+
+
+def _to_bytes(structure: tuple[Topology]):
+    return json.dumps(dataclasses.astuple(structure[0])).encode()
+
+
+def _from_bytes(data: bytes):
+    return (_topology(json.loads(data)),)
+
+
+def _topology(fields: list[Any]):
+    return Topology(*map(_as_tuples, fields))
+
+
+def _as_tuples(x):
+    return tuple(map(_as_tuples, x)) if isinstance(x, list) else x
+
+
+def _static_to_bytes(static: StaticMechanism):
+    topology, arrays = static.contents
+    return json.dumps([dataclasses.astuple(topology), [(name, shape, x.hex()) for name, shape, x in arrays]]).encode()
+
+
+def _static_from_bytes(data: bytes):
+    fields, arrays = json.loads(data)
+    topology = _topology(fields)
+    leaves = [np.frombuffer(bytes.fromhex(x), np.dtype(name)).reshape(shape) for name, shape, x in arrays]
+    parameters = {p.name: 0 for p in registered_parameters(topology.kinds)}
+    like = dataclasses.replace(Mechanism.build([], []), topology=topology, parameters=parameters)
+    return jax.tree.unflatten(jax.tree.structure(like), leaves).as_static()
+
+
+jax.export.register_pytree_node_serialization(
+    Mechanism, serialized_name="jaxspatial.Mechanism", serialize_auxdata=_to_bytes, deserialize_auxdata=_from_bytes
+)
+jax.export.register_pytree_node_serialization(
+    StaticMechanism,
+    serialized_name="jaxspatial.StaticMechanism",
+    serialize_auxdata=_static_to_bytes,
+    deserialize_auxdata=_static_from_bytes,
+    from_children=lambda aux_data, children: aux_data,
+)

@@ -1,16 +1,21 @@
-"""What a mechanism is built of, as a caller or a reader of files describes it."""
+"""The parts that a mechanism is built of, as a caller or a reader of files describes them: bodies, joints, frames."""
 
 import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from jaxspatial.arithmetic import check
+import numpy as np
+from jax.core import Tracer
+
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.mechanism.joints import KINDS
+from jaxspatial.mechanism.joints import KINDS, Parameter
+from jaxspatial.numerics import check
 from jaxspatial.spatial import RigidTransform
 
 WORLD = "world"
+# How far the length of a quaternion, or of a sine and cosine, may be from 1.
+_UNIT = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -18,7 +23,7 @@ class Body:
     """A rigid body.
 
     Args:
-        name: how others refer to it.
+        name: unique among bodies and frames.
         inertia: M_BBo_B, a single SpatialInertia about the body's origin; None for a body without mass.
     """
 
@@ -31,7 +36,7 @@ class Frame:
     """A named frame F on a body.
 
     Args:
-        name: how others refer to it.
+        name: unique among bodies and frames.
         body: the body, or "world".
         placement: X_BF, a single RigidTransform; None where it is the body's own.
     """
@@ -51,29 +56,29 @@ class Mimic(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint holds the body `child` against the body `parent`, or against "world".
+    """A joint between the body `parent`, or "world", and the body `child` that it carries.
 
-    A number stands for each rate of the joint, or each coordinate, where several of them may be given.
+    Fields per velocity or per coordinate take a number for each, or one number for all.
 
     Args:
-        name: how others refer to it.
+        name: unique among joints.
         kind: "fixed", "revolute", "continuous", "prismatic", "helical", "cylindrical", "universal", "planar", "ball",
-            "free", or one that was registered; their coordinates: see `jaxspatial.mechanism.joints`.
+            "free", or one that was registered; `jaxspatial.mechanism.joints` has their coordinates.
         parent, child: names of bodies; the parent may be "world".
         placement: X_PJ, the pose of the joint's frame J on the parent; None where they coincide.
         child_placement: X_JB at zero, the pose of the child's frame on its side of the joint; None where they coincide.
-        axis, second_axis: directions in J, which become unit vectors; the second of "universal" only.
+        axis, second_axis: directions in J of any length; the second serves "universal" only.
         pitch: of "helical", metres per radian.
-        armature: inertia of what turns with the joint, at its side of the gears: kg m2, kg for what slides; per rate.
-        damping: N m s or N s/m; per rate.
-        friction_loss: N m or N; per rate.
-        stiffness: of springs, N m/rad or N/m; per rate. Of "ball" and "free" see `passive_forces`.
+        armature: inertia of the rotor, at the joint's side of the gears, kg m2 or kg; per velocity.
+        damping: N m s or N s/m; per velocity.
+        friction_loss: N m or N; per velocity.
+        stiffness: of springs, N m/rad or N/m; per velocity. For "ball" and "free" see `passive_forces`.
         spring_reference: the coordinates that springs pull towards, zero for None; per coordinate.
-        effort_limit: N m or N; per rate.
-        velocity_limit: rad/s or m/s; per rate.
+        effort_limit: N m or N; per velocity.
+        velocity_limit: rad/s or m/s; per velocity.
         lower, upper: limits of the coordinates, rad or m; per coordinate.
         mimic: (joint, multiplier, offset) where the coordinate follows that of another joint.
-        parameters: what else a kind that was registered is made with, by name.
+        parameters: values of the parameters that a registered kind declares, by name.
 
     Raises:
         ValueError: there is no such kind, or the kind has no such parameter. `Mechanism.build` checks the rest.
@@ -102,16 +107,67 @@ class Joint:
 
     @property
     def follows(self) -> Mimic | None:
-        """What `mimic` says, with a name for each."""
+        """`mimic` with a name for each part."""
         return None if self.mimic is None else Mimic(*self.mimic)
 
     def __post_init__(self):
         if self.kind not in KINDS:
             known, near = ", ".join(map(repr, KINDS)), check.did_you_mean(self.kind, KINDS)
             raise ValueError(f"Joint {self.name!r}: kind: expected one of {known}, got {self.kind!r}{near}")
-        own = [p.name for p in KINDS[self.kind].parameters if p.field is None]
+        names = [p.name for p in KINDS[self.kind].parameters if p.field is None]
         for name in self.parameters:
-            if name not in own:
-                expected = f"one of {', '.join(map(repr, own))}" if own else f"none of {self.kind!r}"
-                near = check.did_you_mean(name, own)
+            if name not in names:
+                expected = f"one of {', '.join(map(repr, names))}" if names else f"none of {self.kind!r}"
+                near = check.did_you_mean(name, names)
                 raise ValueError(f"Joint {self.name!r}: parameters: expected {expected}, got {name!r}{near}")
+
+
+# -- the numbers of parts, checked ------------------------------------------------------------------------------------
+
+
+def known(x: Any) -> np.ndarray:
+    """Known numbers, in float64."""
+    if isinstance(x, Tracer):
+        raise TypeError(
+            "Mechanism.build: expected known numbers (NumPy), got data that is traced; build with known ones, and put "
+            "data in their place with Mechanism.replace (results within jax.ensure_compile_time_eval() are known)"
+        )
+    return np.asarray(x, np.float64)
+
+
+def numbers(joint: Joint, name: str, size: str) -> np.ndarray:
+    """The numbers of a field of a joint, one per generalized velocity ("nv") or coordinate ("nq")."""
+    n, value = getattr(KINDS[joint.kind], size), known(getattr(joint, name))
+    if value.shape not in ((), (n,)):
+        raise ValueError(f"Joint {joint.name!r}: {name}: expected a number or {n} of them, got shape {value.shape}")
+    return np.broadcast_to(value, (n,))
+
+
+def spring_reference(joint: Joint) -> np.ndarray:
+    """The coordinates at which the spring of a joint rests."""
+    kind = KINDS[joint.kind]
+    q = np.array(kind.neutral) if joint.spring_reference is None else numbers(joint, "spring_reference", "nq")
+    if (n := kind.sphere[0]) and abs(np.linalg.norm(q[:n]) - 1) > _UNIT:
+        expected = "a unit quaternion" if n == 4 else f"{n} numbers of length 1"
+        raise ValueError(f"Joint {joint.name!r}: spring_reference: expected {expected} first, got {q[:n].tolist()}")
+    return q
+
+
+def parameter(joint: Joint, p: Parameter) -> np.ndarray:
+    """The numbers (size,) of a parameter of a joint; a unit vector for a direction."""
+    value = known(getattr(joint, p.name) if p.field else joint.parameters.get(p.name, p.default))
+    if p.is_direction:
+        return _unit(joint, p.name, value)
+    if value.shape not in ((), (p.size,)):
+        expected = f"{p.size} number{'s' * (p.size > 1)}"
+        raise ValueError(f"Joint {joint.name!r}: {p.name}: expected {expected}, got shape {value.shape}")
+    return np.broadcast_to(value, (p.size,))
+
+
+def _unit(joint: Joint, name: str, axis: np.ndarray):
+    # Scaled by the largest entry first: the squares may over- or underflow.
+    largest = abs(axis).max() if axis.shape == (3,) else 0.0
+    if not (np.isfinite(largest) and largest > 0):
+        raise ValueError(f"Joint {joint.name!r}: {name}: expected three numbers, not all zero, got {axis.tolist()}")
+    axis = axis / 2.0 ** np.floor(np.log2(largest))
+    return axis / np.linalg.norm(axis)

@@ -1,4 +1,9 @@
-"""The static part of a mechanism: which body hangs on which, by which kind of joint, and where its coordinates are."""
+"""The tree of a mechanism: which body hangs on which, by which kind of joint, and where its coordinates are.
+
+Algorithms compute joints of one kind together. A chain is a run of bodies in series, each the only child of the one
+before, with joints of one kind. Chains of one kind and length are batched (`Chains`), and such batches are stacked, one
+after the other, into one loop (`Bundle`).
+"""
 
 import dataclasses
 import functools
@@ -8,16 +13,19 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from jaxspatial.arithmetic import check
 from jaxspatial.mechanism.joints import KINDS, JointKind, kind_named
+from jaxspatial.numerics import check
 
 T = TypeVar("T")
+# How much more a bundle may cost than its batches of chains each in a loop of its own: it is compiled once.
+_MOST = 1.25
 
 
 class Chains(NamedTuple):
-    """Chains of joints of one kind and one length, side by side.
+    """A batch of chains of one kind and one length.
 
-    starts: the first body of each chain; the others follow it. parents: the body that each chain hangs on.
+    starts: the first body of each chain; its others have the numbers that follow. parents: the body that each chain
+    hangs on.
     """
 
     kind: type[JointKind]
@@ -35,16 +43,16 @@ class Chains(NamedTuple):
 
     @property
     def bodies(self):
-        """(length, width) of their numbers."""
+        """The numbers of the bodies (length, width)."""
         return np.arange(self.length)[:, None] + np.array(self.starts)
 
 
 @dataclasses.dataclass(frozen=True)
 class Bundle:
-    """Chains of joints of one kind, groups of equal ones one after the other: what a recursion takes as one loop.
+    """Batches of chains of one kind, stacked: a recursion over the tree computes them as one loop over rows.
 
-    A row of it is as wide as the widest group. Where a group is narrower, its first chain stands there again: its twins
-    are computed beside it, and nobody asks for them.
+    Each row is as wide as the widest batch. Narrower batches are padded with copies of their first chain: these are
+    computed, and their results are not used.
     """
 
     groups: tuple[Chains, ...]
@@ -63,21 +71,21 @@ class Bundle:
 
     @property
     def is_on_world(self):
-        """Whether its bodies hang on the world."""
+        """Whether its chains hang on the world."""
         return self.groups[0].parents[0] < 0
 
     @functools.cached_property
     def bodies(self):
-        """(length, width) of their numbers."""
-        return np.concatenate([group.bodies[:, list(self._slots(group))] for group in self.groups])
+        """The numbers of the bodies (length, width), padding included."""
+        return np.concatenate([group.bodies[:, self._columns(group)] for group in self.groups])
 
-    def _slots(self, group: Chains):
-        """The chain of a group that stands in each column."""
-        return (*range(group.width), *[0] * (self.width - group.width))
+    def _columns(self, group: Chains):
+        """Which chain of a group is in each column of the bundle."""
+        return [*range(group.width), *[0] * (self.width - group.width)]
 
-    def by_column(self, group: Chains, of_chains: Sequence[T]):
-        """What there is for each chain of a group, by column."""
-        return [of_chains[c] for c in self._slots(group)]
+    def by_column(self, group: Chains, items: Sequence[T]):
+        """The items of the chains of a group, one for each column of the bundle."""
+        return [items[c] for c in self._columns(group)]
 
     @property
     def ends(self):
@@ -85,29 +93,35 @@ class Bundle:
 
     @functools.cached_property
     def own_rows(self):
-        """Where, with chains one behind the other, all are but the twins."""
-        is_own = np.concatenate(
-            [np.tile(np.arange(self.width) < group.width, (group.length, 1)) for group in self.groups]
-        )
-        return np.flatnonzero(is_own.T)
+        """The places of `bodies.T.ravel()` that are no padding."""
+        lengths, widths = zip(*((group.length, group.width) for group in self.groups), strict=True)
+        return np.flatnonzero(np.arange(self.width)[:, None] < np.repeat(widths, lengths))
 
     @functools.cached_property
     def own_bodies(self):
-        """Their bodies."""
+        """The numbers of the bodies, column by column, without padding."""
         return self.bodies.T.ravel()[self.own_rows]
 
     @property
     def cost(self):
-        """Of its rows: what all chains together do, and what a row costs by itself."""
+        """A row costs what its chains do, and as much as one more chain by itself."""
         return self.length * (self.width + 1)
+
+    def has_room_for(self, group: Chains):
+        """Whether a batch of chains is computed as its next rows at little more cost than in a loop of its own. Chains
+        on the world are not: most of what they compute with is known."""
+        if group.kind.moves_as != self.kind.moves_as or self.is_on_world:
+            return False
+        separate = sum(Bundle((g,)).cost for g in (*self.groups, group))
+        return Bundle((*self.groups, group)).cost <= _MOST * separate
 
 
 @dataclasses.dataclass(frozen=True)
 class Topology:
-    """Body i is what joint i carries; parents come first, -1 is the world.
+    """Names, kinds and connections: joint i carries body i. Parents have lower numbers than children, the world is -1.
 
-    followed: the joint whose coordinate that of joint i follows, or i.
-    frames: (name, body) of all frames, -1 on the world.
+    followed: for each joint the one whose coordinate it follows; itself where it has coordinates of its own.
+    frames: (name, body) of all frames.
     """
 
     body_names: tuple[str, ...]
@@ -121,7 +135,7 @@ class Topology:
         return self._hash
 
     def __reduce__(self):
-        """By its fields: hashes of names differ from one process to the next."""
+        """Pickles the fields alone: the hash of a name differs from one process to the next."""
         return Topology, dataclasses.astuple(self)
 
     @functools.cached_property
@@ -146,16 +160,16 @@ class Topology:
 
     @functools.cached_property
     def q_starts(self):
-        """Where the coordinates of each joint begin, and their number at the end; a mimic has none of its own."""
+        """For each joint the index of its first coordinate, that of the followed joint for a mimic; then nq."""
         return self._starts([kind.nq for kind in map(self.kind, range(len(self)))])
 
     @functools.cached_property
     def v_starts(self):
+        """The same for generalized velocities; then nv."""
         return self._starts([kind.nv for kind in map(self.kind, range(len(self)))])
 
     def _starts(self, sizes: list[int]):
-        own = [0 if self.is_mimic(i) else size for i, size in enumerate(sizes)]
-        starts = [0, *itertools.accumulate(own)]
+        starts = [0, *itertools.accumulate(0 if self.is_mimic(i) else size for i, size in enumerate(sizes))]
         return (*(starts[i] for i in self.followed), starts[-1])
 
     @property
@@ -181,109 +195,98 @@ class Topology:
         return children
 
     def ancestors(self, i: int):
-        """Body i and what it hangs on, towards the base."""
+        """Body i and those it hangs on, towards the world."""
         while i >= 0:
             yield i
             i = self.parents[i]
 
     @functools.cached_property
     def chains(self):
-        """All bodies, parents first: chains that hang on bodies before, those alike side by side."""
-        found, level = dict[tuple[int, str, int], list[int]](), {-1: -1}
-        for start, stop in self._chains():
-            level[stop - 1] = level[self.parents[start]] + 1
-            found.setdefault((level[stop - 1], self.kind(start).moves_as, stop - start), []).append(start)
+        """All bodies as batches of chains, parents first. Chains of one batch are as many chains from the world."""
+        batches, depth = dict[tuple[int, str, int], list[int]](), {-1: -1}
+        for start, stop in self._runs():
+            depth[stop - 1] = depth[self.parents[start]] + 1
+            batches.setdefault((depth[stop - 1], self.kind(start).moves_as, stop - start), []).append(start)
         return tuple(
             Chains(KINDS[kind], n, tuple(starts), tuple(self.parents[i] for i in starts))
-            for (_, kind, n), starts in sorted(found.items(), key=lambda item: (item[0][0], item[1]))
+            for (_, kind, n), starts in sorted(batches.items(), key=lambda item: (item[0][0], item[1]))
         )
 
     @functools.cached_property
     def bundles(self):
-        """All chains, parents first, in as few bundles as cost little more than each on its own."""
-        found, place = list[Bundle](), {-1: -1}
+        """All chains, parents first, in as few bundles as cost little more than a loop for each batch."""
+        bundles, place = list[Bundle](), {-1: -1}
         for group in self.chains:
             last = max(place[parent] for parent in group.parents)
-            for k in range(max(last, 0), len(found)):
-                if _goes_with(found[k], group):
-                    found[k] = Bundle((*found[k].groups, group))
+            for k in range(max(last, 0), len(bundles)):
+                if bundles[k].has_room_for(group):
+                    bundles[k] = Bundle((*bundles[k].groups, group))
                     break
             else:
-                k, found = len(found), [*found, Bundle((group,))]
+                k = len(bundles)
+                bundles.append(Bundle((group,)))
             place |= dict.fromkeys(group.ends, k)
-        return tuple(found)
+        return tuple(bundles)
 
     @functools.cached_property
     def joints_by_kind(self):
-        """All joints that are no mimics, kind by kind: for what needs no tree."""
-        found: dict[str, list[int]] = {}
+        """All joints that are no mimics, a bundle for each kind: for formulas that need no tree."""
+        joints = dict[str, list[int]]()
         for i, kind in enumerate(self.kinds):
             if not self.is_mimic(i):
-                found.setdefault(kind, []).append(i)
+                joints.setdefault(kind, []).append(i)
         return tuple(
-            Bundle((Chains(KINDS[kind], 1, tuple(own), tuple(self.parents[i] for i in own)),))
-            for kind, own in found.items()
+            Bundle((Chains(KINDS[kind], 1, tuple(of_kind), tuple(self.parents[i] for i in of_kind)),))
+            for kind, of_kind in joints.items()
         )
 
-    def _chains(self):
-        """(start, stop) of chains that branch, or change the kind of their joints, at their ends only."""
+    def _runs(self):
+        """(start, stop) of all chains."""
         ends = [i for i in range(1, len(self)) if not self._continues(i)]
         return zip([0, *ends], [*ends, len(self)], strict=True) if len(self) else ()
 
     def _continues(self, i: int):
-        """Whether body i is the only child of the one before, by a joint that moves alike. What hangs on the world is
-        alone: there, most is known."""
+        """Whether body i continues the chain of the one before: its only child, by a joint of the same kind. A body on
+        the world is a chain of its own: most of what it computes with is known."""
         is_only = self.parents[i] == i - 1 and len(self.children[i - 1]) == 1 and self.parents[i - 1] >= 0
         return is_only and self.kind(i).moves_as == self.kind(i - 1).moves_as
 
     @functools.cached_property
     def places(self):
         """(bundle, row, column) of every body."""
-        found: dict[int, tuple[int, int, int]] = {}
+        places = dict[int, tuple[int, int, int]]()
         for k, bundle in enumerate(self.bundles):
-            rows = itertools.accumulate((group.length for group in bundle.groups), initial=0)
-            for first, group in zip(rows, bundle.groups, strict=False):
-                found |= {i + j: (k, first + j, c) for c, i in enumerate(group.starts) for j in range(group.length)}
-        return found
+            firsts = itertools.accumulate((group.length for group in bundle.groups), initial=0)
+            for first, group in zip(firsts, bundle.groups, strict=False):
+                places |= {i + j: (k, first + j, c) for c, i in enumerate(group.starts) for j in range(group.length)}
+        return places
 
     @functools.cached_property
     def _chains_by_end(self):
-        """(which of `chains`, which of them) of every body that a chain ends with; (-1, 0) for the world."""
-        ends = ((i, (k, c)) for k, group in enumerate(self.chains) for c, i in enumerate(group.ends))
-        return {-1: (-1, 0), **dict(ends)}
+        """(index in `chains`, index in that batch) of the chain that ends with a body; (-1, 0) for the world."""
+        return {-1: (-1, 0)} | {i: (k, c) for k, group in enumerate(self.chains) for c, i in enumerate(group.ends)}
 
     def carriers(self, b: int):
-        """{which of `chains`: [(chain of b, the chain there that carries it)]}, b itself among them."""
-        found: dict[int, list[tuple[int, int]]] = {}
+        """The batches that carry batch b of `chains`, b among them: {index of a batch: [(chain of b, the chain of that
+        batch which it hangs on)]}."""
+        carriers = dict[int, list[tuple[int, int]]]()
         for c in range(self.chains[b].width):
-            k, mine = b, c
+            k, carrier = b, c
             while k >= 0:
-                found.setdefault(k, []).append((c, mine))
-                k, mine = self._chains_by_end[self.chains[k].parents[mine]]
-        return found
+                carriers.setdefault(k, []).append((c, carrier))
+                k, carrier = self._chains_by_end[self.chains[k].parents[carrier]]
+        return carriers
 
     @functools.cached_property
     def skeleton(self):
-        """The same without names: mechanisms of one structure share their programs."""
+        """The topology without names: mechanisms of one structure share their programs."""
         return dataclasses.replace(
             self, body_names=(), joint_names=(), frames=tuple(("", body) for _, body in self.frames)
         )
 
     def index(self, names: tuple[str, ...], name: str, what: str):
-        """Where a name is among others; raises KeyError that lists what there is, and says which is near."""
+        """The index of a name; raises KeyError that lists the names there are and the nearest."""
         if name not in names:
             near = check.did_you_mean(name, names)
             raise KeyError(f"{what}: expected one of {', '.join(map(repr, names))}, got {name!r}{near}")
         return names.index(name)
-
-
-def _goes_with(bundle: Bundle, group: Chains):
-    """Whether a group does as the next rows of a bundle. What hangs on the world does not: there, most is known."""
-    if group.kind.moves_as != bundle.kind.moves_as or bundle.is_on_world:
-        return False
-    apart = sum(Bundle((g,)).cost for g in (*bundle.groups, group))
-    return Bundle((*bundle.groups, group)).cost <= _MOST * apart
-
-
-# How much more than on their own chains may cost together: they are compiled once.
-_MOST = 1.25

@@ -1,163 +1,135 @@
-"""The laws of spatial algebra over numbers, each once: what typed operations and dynamics are made of.
+"""The formulas of spatial algebra over numbers, each written once; typed operations and dynamics call them.
 
-Vectors are tuples of three numbers, matrices tuples of their rows, a symmetric matrix six numbers (see `symmetric`).
-A motion is a pair (w, v) or (alpha, a), a wrench a pair (tau, f), both about one point in one frame.
+A `Motion` is a velocity (w, v) or an acceleration (alpha, a), a `Wrench` a force (tau, f) or a momentum (h, l), both
+about one point in one frame. A `Pose` is X_AB, an `Inertia` that of a rigid body about a point.
 """
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
-from jaxspatial.arithmetic import symmetric, vectors
-from jaxspatial.arithmetic.numbers import Motion, Number, Rows, Symmetric, Three, Wrench, constant, noinline_pairs
+from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Symmetric, Vector, Wrench, congruence, cross, dot
+from jaxspatial.numerics.numbers import Number
 
-M = TypeVar("M", bound=Rows)
-
-# -- to another point -------------------------------------------------------------------------------------------------
+# -- about another point ----------------------------------------------------------------------------------------------
 
 
-def velocity_at(w: Three, v: Three, p: Three) -> Three:
-    """v + w x p: of the point at p. [Jain 2010, 1.4]"""
-    return vectors.plus(v, vectors.cross(w, p))
+def shifted_motion(V: Motion, p: Vector) -> Motion:
+    """The velocity of the point at p: (w, v + w x p). [Jain 2010, 1.4]"""
+    return Motion(V.w, V.v + cross(V.w, p))
 
 
-def acceleration_at(alpha: Three, a: Three, w: Three, p: Three) -> Three:
-    """a + alpha x p + w x (w x p): the classical acceleration of the point at p. [Featherstone 2008, 2.11]"""
-    return vectors.plus(a, vectors.cross(alpha, p), vectors.cross(w, vectors.cross(w, p)))
+def shifted_acceleration(A: Motion, p: Vector, w: Vector) -> Motion:
+    """The classical acceleration of the point at p: (alpha, a + alpha x p + w x (w x p)). [Featherstone 2008, 2.11]"""
+    return Motion(A.w, A.v + cross(A.w, p) + cross(w, cross(w, p)))
 
 
-def torque_about(tau: Three, f: Three, p: Three) -> Three:
-    """tau - p x f: about the point at p. [Jain 2010, 1.5]"""
-    return vectors.minus(tau, vectors.cross(p, f))
+def shifted_wrench(F: Wrench, p: Vector) -> Wrench:
+    """The wrench about the point at p: (tau - p x f, f). [Jain 2010, 1.5]"""
+    return Wrench(F.tau - cross(p, F.f), F.f)
 
 
-# -- to another frame -------------------------------------------------------------------------------------------------
+# -- in another frame: from Bo in B to Ao in A, and back --------------------------------------------------------------
 
 
-def act(rows: Rows, p: Three, x: Three, y: Three) -> tuple[Three, Three]:
-    """(R x, R y + p x R x): a motion (x, y), or a wrench (y, x), from Bo in B to Ao in A. [Featherstone 2008, 2.8]"""
-    turned = noinline_pairs(vectors.matrix_times)(rows, x)
-    return turned, vectors.plus(vectors.matrix_times(rows, y), vectors.cross(p, turned))
+def composed(X_AB: Pose, X_BC: Pose) -> Pose:
+    """X_AC = X_AB X_BC: (R_AB R_BC, p_AB + R_AB p_BC)."""
+    p = X_AB.p + X_AB.R @ X_BC.p
+    return Pose(X_AB.R @ X_BC.R, p)
 
 
-def act_inverse(rows: Rows, p: Three, x: Three, y: Three) -> tuple[Three, Three]:
-    """(R^T x, R^T (y - p x x)): back again."""
-    back = vectors.transpose(rows)
-    return vectors.matrix_times(back, x), vectors.matrix_times(back, vectors.minus(y, vectors.cross(p, x)))
+def acted_motion(X: Pose, V: Motion) -> Motion:
+    """A motion about Bo in B, as one about Ao in A: (R w, R v + p x R w). [Featherstone 2008, 2.8]"""
+    w = X.R @ V.w
+    return Motion(w, X.R @ V.v + cross(X.p, w))
 
 
-def act_on_acceleration(rows: Rows, p: Three, w: Three, alpha: Three, a: Three) -> Motion:
-    """(R alpha, R a + p x R alpha + R w x (p x R w)) of a classical acceleration."""
-    turned, spin = vectors.matrix_times(rows, alpha), vectors.matrix_times(rows, w)
-    tangential, centripetal = vectors.cross(p, turned), vectors.cross(spin, vectors.cross(p, spin))
-    return turned, vectors.plus(vectors.matrix_times(rows, a), tangential, centripetal)
+def acted_wrench(X: Pose, F: Wrench) -> Wrench:
+    """A wrench about Bo in B, as one about Ao in A: (R tau + p x R f, R f). [Featherstone 2008, 2.8]"""
+    f = X.R @ F.f
+    return Wrench(X.R @ F.tau + cross(X.p, f), f)
 
 
-def act_inverse_on_acceleration(rows: Rows, p: Three, w: Three, alpha: Three, a: Three) -> Motion:
-    """(R^T alpha, R^T (a + alpha x p + w x (w x p)))."""
-    back = vectors.transpose(rows)
-    return vectors.matrix_times(back, alpha), vectors.matrix_times(back, acceleration_at(alpha, a, w, p))
+def acted_acceleration(X: Pose, A: Motion, w: Vector) -> Motion:
+    """A classical acceleration of Bo in B, as one of Ao in A: (R alpha, R a + p x R alpha + R w x (p x R w))."""
+    alpha, w = X.R @ A.w, X.R @ w
+    return Motion(alpha, X.R @ A.v + cross(X.p, alpha) + cross(w, cross(X.p, w)))
 
 
-def sandwiched(m: Rows, rows: Rows) -> Rows:
-    """R m R^T."""
-    return vectors.matrix_product(rows, vectors.matrix_product(m, vectors.transpose(rows)))
+def inverse_acted_motion(X: Pose, V: Motion) -> Motion:
+    """A motion about Ao in A, as one about Bo in B: (R^T w, R^T (v - p x w))."""
+    return Motion(X.R.T @ V.w, X.R.T @ (V.v - cross(X.p, V.w)))
 
 
-def congruent(six: Symmetric, rows: Rows) -> Symmetric:
-    """R S R^T of a symmetric matrix."""
-    turned = vectors.matrix_product(rows, symmetric.rows(six))
-    return tuple(vectors.dot(turned[i], rows[k]) for i in range(3) for k in range(i + 1))
+def inverse_acted_wrench(X: Pose, F: Wrench) -> Wrench:
+    """A wrench about Ao in A, as one about Bo in B: (R^T (tau - p x f), R^T f)."""
+    return Wrench(X.R.T @ (F.tau - cross(X.p, F.f)), X.R.T @ F.f)
+
+
+def inverse_acted_acceleration(X: Pose, A: Motion, w: Vector) -> Motion:
+    """A classical acceleration of Ao in A, as one of Bo in B: (R^T alpha, R^T (a + alpha x p + w x (w x p)))."""
+    alpha, a = shifted_acceleration(A, X.p, w)
+    return Motion(X.R.T @ alpha, X.R.T @ a)
+
+
+def acted_inertia(X: Pose, M: Inertia) -> Inertia:
+    """An inertia about Bo in B, as one about Ao in A: the mass m at R c + p, with the central inertia R I R^T."""
+    return Inertia(M.mass, X.p + X.R @ M.com, congruence(X.R, M.central))
 
 
 # -- where motion meets motion and force ------------------------------------------------------------------------------
 
 
-def motion_cross(V: Motion, X: Motion) -> Motion:
-    """(w x x, w x y + v x x): how a motion (x, y) changes, carried by V. [Featherstone 2008, 2.31]"""
-    (w, v), (x, y) = V, X
-    return vectors.cross(w, x), vectors.plus(vectors.cross(w, y), vectors.cross(v, x))
+def cross_motion(V: Motion, W: Motion) -> Motion:
+    """The rate of a motion W fixed in a body with velocity V: (w x w2, w x v2 + v x w2). [Featherstone 2008, 2.31]"""
+    return Motion(cross(V.w, W.w), cross(V.w, W.v) + cross(V.v, W.w))
 
 
-def force_cross(V: Motion, F: Wrench) -> Wrench:
-    """(w x tau + v x f, w x f): how a wrench changes, carried by V. [Featherstone 2008, 2.32]"""
-    f, tau = motion_cross(V, (F[1], F[0]))
-    return tau, f
+def cross_force(V: Motion, F: Wrench) -> Wrench:
+    """The rate of a wrench F fixed in a body with velocity V: (w x tau + v x f, w x f). [Featherstone 2008, 2.32]"""
+    return Wrench(cross(V.w, F.tau) + cross(V.v, F.f), cross(V.w, F.f))
 
 
-def power(F: Wrench, V: Motion) -> Number:
-    """tau . w + f . v."""
-    return vectors.dot(F[0], V[0]) + vectors.dot(F[1], V[1])
+def power(F: Any, V: Any) -> Number:
+    """The power of a wrench at a velocity: tau . w + f . v."""
+    return dot(F[0], V[0]) + dot(F[1], V[1])
 
 
 # -- inertia ----------------------------------------------------------------------------------------------------------
 
 
-def inertia_times(m: Number, c: Three, central: Symmetric, w: Three, v: Three) -> Wrench:
-    """(I w + c x f, f = m (v + w x c)): the momentum of a motion, or the force of an acceleration. [Jain 2010, 2.1]"""
-    f = vectors.times(m, velocity_at(w, v, c))
-    return vectors.plus(vectors.matrix_times(symmetric.rows(central), w), vectors.cross(c, f)), f
+def apply_inertia(M: Inertia, V: Motion) -> Wrench:
+    """The momentum of a velocity, or force of an acceleration: (I w + c x f, f = m (v + w x c)). [Jain 2010, 2.1]"""
+    f = M.mass * (V.v + cross(V.w, M.com))
+    return Wrench(M.central @ V.w + cross(M.com, f), f)
 
 
-def twice_kinetic_energy(
-    m: Number, c: Three, central: Symmetric, w: Three, v: Three, half: Callable[[Number], Number] = lambda x: x
-) -> Number:
-    """m |v + w x c|^2 + w . I w; with `half` of a number one factor of each square is taken before it is squared.
+def twice_energy(M: Inertia, V: Motion, half: Callable[[Number], Number] = lambda x: x) -> Number:
+    """Twice the kinetic energy: m |v + w x c|^2 + w . I w.
 
-    The mass is the last factor: m v may be beyond the largest number where v w, and with it m v w, is zero.
+    The mass is the last factor, as m v may overflow where the square is zero.
+
+    half: applied to one factor of each square, before it is squared.
     """
-    at_center = velocity_at(w, v, c)
-    turning = vectors.dot(tuple(map(half, w)), vectors.matrix_times(symmetric.rows(central), w))
-    return vectors.dot(tuple(map(half, at_center)), at_center) * m + turning
+    v_c = V.v + cross(V.w, M.com)
+    rotational = dot(tuple(map(half, V.w)), M.central @ V.w)
+    return dot(tuple(map(half, v_c)), v_c) * M.mass + rotational
 
 
-def parallel_axis(p: Three, q: Three) -> Symmetric:
-    """(p . q) 1 - p q^T of parallel vectors, as six: of m c and c what a mass m at c adds. [Steiner 1840]"""
-    products = [p[i] * q[j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))]
-    return symmetric.trace_minus(products)
+def point_inertia(p: Vector, q: Vector) -> Symmetric:
+    """(p . q) 1 - p q^T, of parallel vectors. For q = m p it is the inertia of a point mass m at p. [Steiner 1840]"""
+    (px, py, pz), (qx, qy, qz) = p, q
+    return Symmetric(px * qx, px * qy, py * qy, px * qz, py * qz, pz * qz).trace_minus()
 
 
-def newton_euler_torque(c: Three, central: Symmetric, alpha: Three, w: Three, h: Three, f: Three) -> Three:
-    """I alpha + w x h + c x f, with h = I w the angular momentum about the centre of mass c, and f = m a_c the force
-    that makes it accelerate. [Newton 1687; Euler 1776]"""
-    turning = vectors.matrix_times(symmetric.rows(central), alpha)
-    return vectors.plus(turning, vectors.cross(w, h), vectors.cross(c, f))
+def euler_torque(M: Inertia, alpha: Vector, w: Vector, h: Vector, f: Vector) -> Vector:
+    """The torque of Euler's equation about the origin: I alpha + w x h + c x f. [Newton 1687; Euler 1776]
+
+    h = I w is the angular momentum about the centre of mass c, f = m a_c the force that accelerates it.
+    """
+    return M.central @ alpha + cross(w, h) + cross(M.com, f)
 
 
-# -- pairs and matrices, row by row: motions, wrenches -----------------------------------------------------------------
-
-
-def plus(m: M, n: M) -> M:
-    found: Any = tuple(vectors.plus(a, b) for a, b in zip(m, n, strict=True))
-    return found
-
-
-def minus(m: M, n: M) -> M:
-    found: Any = tuple(vectors.minus(a, b) for a, b in zip(m, n, strict=True))
-    return found
-
-
-def times(s: Number, m: Rows) -> Rows:
-    return tuple(vectors.times(s, x) for x in m)
-
-
-# -- matrices ---------------------------------------------------------------------------------------------------------
-
-
-def skew(v: Three) -> Rows:
-    """[v]x with [v]x y = v x y."""
-    x, y, z = v
-    zero = constant(x, 0)
-    return (zero, -z, y), (z, zero, -x), (-y, x, zero)
-
-
-def twice_crossed(a: Three, b: Three) -> Rows:
+def double_cross(a: Vector, b: Vector) -> Matrix:
     """[a]x [b]x = b a^T - (a . b) 1."""
-    inner = vectors.dot(a, b)
-    return tuple(tuple(y * x - inner if i == j else y * x for j, x in enumerate(a)) for i, y in enumerate(b))
-
-
-def of_moments(v: Three) -> Rows:
-    """The matrix that gives I v of [Ixx, Ixy, Iyy, Ixz, Iyz, Izz]."""
-    x, y, z = v
-    zero = constant(x, 0)
-    return (x, y, zero, z, zero, zero), (zero, x, y, zero, z, zero), (zero, zero, zero, x, y, z)
+    inner = dot(a, b)
+    return Matrix(*(Vector(*(y * x - inner if i == j else y * x for j, x in enumerate(a))) for i, y in enumerate(b)))

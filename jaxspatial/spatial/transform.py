@@ -1,4 +1,4 @@
-"""Rigid transforms: where a frame is and how it is turned, and what that makes of spatial vectors."""
+"""Rigid transforms: the pose of a frame in another, exponential and logarithm, and transformed points."""
 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Self, overload
@@ -6,17 +6,68 @@ from typing import TYPE_CHECKING, Any, Self, overload
 import jax
 import numpy as np
 
-from jaxspatial.arithmetic import check
-from jaxspatial.arithmetic.quantity import Quantity, require_alike
-from jaxspatial.arithmetic.tree import rebuilt, tree
-from jaxspatial.arithmetic.types import BatchShape, DTypeLike, Matrix, PrecisionName, Scalar, Vector3
-from jaxspatial.rotation.matrices import as_matrices, expanded, matrices, owned, shown
-from jaxspatial.rotation.rotation import Rotation, composed, rotated
-from jaxspatial.spatial import transform_formulas as formulas
-from jaxspatial.spatial.arguments import require_kind
-from jaxspatial.spatial.velocity import SpatialVelocity
+from jaxspatial.numerics import check
+from jaxspatial.numerics.check import expanded, matrices, require_kind
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.linear import Matrix, Motion, Pose, Vector, cross
+from jaxspatial.numerics.numbers import Numbers, constant
+from jaxspatial.numerics.promise import Promise, promises
+from jaxspatial.numerics.quantity import Quantity, rebuilt, require_compatible, tree
+from jaxspatial.numerics.types import ArrayLike, BatchShape, DTypeLike, PrecisionName
+from jaxspatial.rotation import exponential
+from jaxspatial.rotation.rotation import EACH_WAY, INTERPOLATED, TURNS, Rotation, composed, normwise, rotated
+from jaxspatial.spatial.vectors import SpatialVelocity
+
+# Error bounds, see `numerics.promise`.
+POINT = Promise(4, 8, mag="|R| |p_BQ| + |p_AB|")
+EXP_TRANSLATION, LOG_TRANSLATION = normwise(6, "|v|"), normwise(8, "|v|")
+MOTION_JACOBIAN, MOTION_JACOBIAN_INVERSE = normwise(12), normwise(16)
 
 _OVER_UNIT_TIME = " (over unit time)"
+
+# -- formulas over arrays ---------------------------------------------------------------------------------------------
+
+_exp, _log = formula(exponential.pose), formula(exponential.motion_logarithm)
+_moved = formula(lambda X, p: X.p + X.R @ p, of_sums=True)
+_moved_back = formula(lambda X, p: X.R.T @ (p - X.p), of_sums=True, layout=(2,))
+
+
+@formula(of_sums=True)
+def _motion_matrix(X: Pose) -> Numbers:
+    lower = Matrix(*(cross(X.p, column) for column in X.R.T)).T
+    return _blocks(X.R, lower)
+
+
+@formula
+def _to_matrix(X: Pose) -> Numbers:
+    (a, b, c), p = X
+    return *a, p[0], *b, p[1], *c, p[2], *(constant(p[0], int(i == 3)) for i in range(4))
+
+
+@formula
+def _interpolated(X: Pose, Y: Pose, t: Numbers) -> Pose:
+    # By components: a difference of vectors of double words is stacked into one, which takes longer here.
+    arm = Vector(*(b - a for a, b in zip(X.p, Y.p, strict=True)))
+    w, v = exponential.motion_logarithm(X.R.T @ Y.R, X.R.T @ arm)
+    step = exponential.pose(Motion(t[0] * w, t[0] * v))
+    return Pose(X.R @ step.R, X.p + X.R @ step.p)
+
+
+@formula
+def _left_jacobian(w: Vector, v: Vector) -> Numbers:
+    return _blocks(exponential.left_jacobian(w), exponential.coupling(w, v))
+
+
+@formula
+def _left_jacobian_inverse(w: Vector, v: Vector) -> Numbers:
+    return _blocks(exponential.left_jacobian_inverse(w), exponential.inverse_coupling(w, v))
+
+
+def _blocks(diagonal: Matrix, lower: Matrix) -> Numbers:
+    """The entries of [[diagonal, 0], [lower, diagonal]]."""
+    zero = (constant(diagonal[0][0], 0),) * 3
+    top = tuple(x for row in diagonal for x in (*row, *zero))
+    return top + tuple(x for rows in zip(lower, diagonal, strict=True) for row in rows for x in row)
 
 
 @tree
@@ -32,24 +83,24 @@ class RigidTransform(Quantity):
 
     if TYPE_CHECKING:
 
-        def __init__(self, rotation: Rotation, translation: Vector3): ...
+        def __init__(self, rotation: Rotation, translation: ArrayLike): ...
 
     def __post_init__(self) -> None:
-        """Checks what a caller passes; marks of a tree of axes or specs pass."""
+        """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
         if all(map(check.is_tree_mark, self.vectors)):
             return
         require_kind(self.rotation, Rotation, "RigidTransform: rotation")
         p = check.as_vectors(self.translation, "RigidTransform: translation", self.rotation.dtype, held=True)
-        R, p = check.alike(rotation=self.rotation, translation=p).values()
+        R, p = check.same_dtype(rotation=self.rotation, translation=p).values()
         batch = check.common_batch_shape(rotation=R.batch_shape, translation=p.shape[:-1])
         entries, p = check.broadcast_batch(batch, R.entries, p)
         object.__setattr__(self, "rotation", Rotation(entries))
-        object.__setattr__(self, "translation", owned(p))
+        object.__setattr__(self, "translation", check.owned(p))
 
     def __repr__(self) -> str:
-        return f"RigidTransform({self.rotation!r}, translation={shown(self.translation, 3)})"
+        return f"RigidTransform({self.rotation!r}, translation={check.shown(self.translation, 3)})"
 
-    # -- construction --------------------------------------------------------------------------------------------------
+    # -- construction -------------------------------------------------------------------------------------------------
 
     @classmethod
     def identity(cls, batch_shape: BatchShape = (), dtype: DTypeLike | None = None) -> Self:
@@ -69,7 +120,7 @@ class RigidTransform(Quantity):
         return cls(R, np.zeros((*R.batch_shape, 3), R.dtype))
 
     @classmethod
-    def from_matrix(cls, m: Matrix) -> Self:
+    def from_matrix(cls, m: ArrayLike) -> Self:
         """From homogeneous matrices, taken as they are, whatever their last row. Exact.
 
         Args:
@@ -82,12 +133,13 @@ class RigidTransform(Quantity):
             TypeError: m is not of floating point.
             ValueError: the shape does not fit, or the upper left block is no rotation, as of `Rotation.from_matrix`.
         """
-        found = matrices(as_matrices(m, "RigidTransform.from_matrix: m", 4), 4)
-        return cls(Rotation.from_matrix(found[..., :3, :3]), found[..., :3, 3])
+        m = matrices(check.as_matrices(m, "RigidTransform.from_matrix: m", 4), 4)
+        return cls(Rotation.from_matrix(m[..., :3, :3]), m[..., :3, 3])
 
     @classmethod
+    @promises(translation=EXP_TRANSLATION, beyond=TURNS)
     def exp(cls, V: SpatialVelocity, *, precision: PrecisionName = None) -> Self:
-        """Where a frame gets in unit time that moves at V_AB_A, constant in both frames, from A.
+        """The pose that frame B reaches in unit time, from A, at the constant velocity V_AB_A.
 
         Args:
             V: SpatialVelocity (*batch,) about Ao, over unit time: w in rad, v in m.
@@ -99,21 +151,23 @@ class RigidTransform(Quantity):
         Raises:
             TypeError: V is no SpatialVelocity.
 
-        Error: as of `Rotation.exp`, of the translation at most 6 u |v|; beyond half a turn, 2 u |w| |v| more.
+        Error: as of `Rotation.exp`, of the translation at most {translation.plain}; beyond half a turn, {beyond.plain}
+            |v| more.
         Source: Murray, Li, Sastry 1994, 2.36.
         """
         require_kind(V, SpatialVelocity, "RigidTransform.exp", _OVER_UNIT_TIME)
-        entries, p = formulas.exp(precision, V.w, V.v)
+        entries, p = _exp(precision, Motion(*V.vectors))
         return cls(Rotation(entries), p)
 
     # -- to other forms -----------------------------------------------------------------------------------------------
 
     def to_matrix(self) -> jax.Array:
         """The homogeneous matrix (*batch, 4, 4), with the last row 0 0 0 1. Exact."""
-        return matrices(formulas.to_matrix("reproducible", self.rotation.entries, self.translation), 4)
+        return matrices(_to_matrix("reproducible", self._pose), 4)
 
+    @promises(translation=LOG_TRANSLATION)
     def log(self, *, precision: PrecisionName = None) -> SpatialVelocity:
-        """The SpatialVelocity that makes this motion in unit time: exp(log(X)) = X.
+        """The constant velocity that leads from A to B in unit time: exp(log(X)) = X.
 
         At half a turn it jumps, see `Rotation.log`.
 
@@ -123,13 +177,17 @@ class RigidTransform(Quantity):
         Returns:
             The velocity (*batch,) about Ao: w in rad, at most pi long, v in m.
 
-        Error: as of `Rotation.log`, of v at most 8 u |v|.
+        Error: as of `Rotation.log`, of v at most {translation.plain}.
         """
-        return SpatialVelocity(*formulas.log(precision, self.rotation.entries, self.translation))
+        return SpatialVelocity(*_log(precision, *self.vectors))
 
     @property
     def vectors(self) -> tuple[Any, ...]:
         return getattr(self.rotation, "entries", self.rotation), self.translation
+
+    @property
+    def _pose(self) -> Pose:
+        return Pose(*self.vectors)
 
     def with_vectors(self, vectors: Iterable[Any]) -> "RigidTransform":
         entries, p = vectors
@@ -158,17 +216,17 @@ class RigidTransform(Quantity):
     @overload
     def __matmul__(self, other: Any) -> Any: ...
 
+    @promises(point=POINT)
     def __matmul__(self, other: Any) -> Any:
         """X_AB @ p_BQ is p_AQ, (*batch, 3), m, of points; X_AB @ X_BC is X_AC; over the common batch.
 
-        Error: per component of a point, mag = |R| |p_BQ| + |p_AB|: at most 4 u mag in "fast" and "reproducible",
-            u |r| + 8 u^2 mag in "compensated", 1 ulp in "faithful". Of X_AC so of the translation, of the rotation as
-            of `R_AB @ R_BC`.
+        Error: per component of a point, mag = |R| |p_BQ| + |p_AB|: {point}. The translation of X_AC has the same bound,
+            its rotation that of `R_AB @ R_BC`.
         """
         return transformed(self, other)
 
     def inverse_times(self, other: "RigidTransform", *, precision: PrecisionName = None) -> "RigidTransform":
-        """X_AB^-1 X_AC = X_BC, with the difference of the translations taken before it is rotated.
+        """X_BC = X_AB^-1 X_AC. Translations are subtracted before they are rotated.
 
         Args:
             other: X_AC (*batch,).
@@ -185,14 +243,17 @@ class RigidTransform(Quantity):
         """
         check.require_same_dtype(left=self, right=other)
         R_BC = composed(self.rotation.inverse(), other.rotation, precision=precision)
-        p = formulas.moved_back(precision, self.rotation.entries, self.translation, other.translation)
+        p = _moved_back(precision, self._pose, other.translation)
         return RigidTransform(R_BC, p)
 
-    def interpolate(self, other: "RigidTransform", t: Scalar, *, precision: PrecisionName = None) -> "RigidTransform":
-        """X exp(t log(X^-1 X2)): at constant velocity from this pose to the other: a screw motion.
+    @promises(bound=INTERPOLATED, each_way=EACH_WAY)
+    def interpolate(
+        self, other: "RigidTransform", t: ArrayLike, *, precision: PrecisionName = None
+    ) -> "RigidTransform":
+        """A pose on the screw motion from this pose X to another: X exp(t log(X^-1 X2)).
 
         Args:
-            other: X2 (*batch,). The way is the shorter one; at half a turn see `Rotation.log`.
+            other: X2 (*batch,). The rotation takes the shorter way; at half a turn see `Rotation.log`.
             t: (*batch,), any number: 0 for this pose, 1 for the other.
             precision: name of a precision; None takes the default.
 
@@ -203,17 +264,17 @@ class RigidTransform(Quantity):
             TypeError: dtypes differ.
             ValueError: batch shapes do not broadcast.
 
-        Error: at most 24 u normwise and 16 u |t|, of the translation times the size of both.
+        Error: at most {bound.plain} and {each_way.plain}, of the translation times the size of both.
         """
-        t = check.as_float_array(t, "RigidTransform.interpolate: t", self.dtype)
+        t = expanded(check.as_float_array(t, "RigidTransform.interpolate: t", self.dtype))
         check.require_same_dtype(start=self, end=other, t=t)
-        arrays = (self.rotation.entries, self.translation, other.rotation.entries, other.translation, expanded(t))
-        entries, p = formulas.interpolated(precision, *arrays)
+        entries, p = _interpolated(precision, self._pose, other._pose, t)
         return RigidTransform(Rotation(entries), p)
 
     @staticmethod
+    @promises(bound=MOTION_JACOBIAN)
     def left_jacobian(V: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
-        """J, rotational on top, with exp(V + e) = exp(J e) exp(V) for small e.
+        """The left Jacobian J of the exponential: exp(V + e) = exp(J e) exp(V) for small e. Rotational on top.
 
         Args:
             V: SpatialVelocity (*batch,) over unit time: w in rad, v in m.
@@ -225,13 +286,14 @@ class RigidTransform(Quantity):
         Raises:
             TypeError: V is no SpatialVelocity.
 
-        Error: at most 12 u normwise for |w| <= pi.
+        Error: at most {bound.plain} for |w| <= pi.
         Source: Barfoot 2017, 7.1.5.
         """
         require_kind(V, SpatialVelocity, "RigidTransform.left_jacobian", _OVER_UNIT_TIME)
-        return matrices(formulas.left_jacobian(precision, V.w, V.v), 6)
+        return matrices(_left_jacobian(precision, *V.vectors), 6)
 
     @staticmethod
+    @promises(bound=MOTION_JACOBIAN_INVERSE)
     def left_jacobian_inverse(V: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
         """J^-1 of `left_jacobian`.
 
@@ -245,27 +307,27 @@ class RigidTransform(Quantity):
         Raises:
             TypeError: V is no SpatialVelocity.
 
-        Error: at most 16 u normwise for |w| <= pi.
+        Error: at most {bound.plain} for |w| <= pi.
         Source: Barfoot 2017, 7.1.5.
         """
         require_kind(V, SpatialVelocity, "RigidTransform.left_jacobian_inverse", _OVER_UNIT_TIME)
-        return matrices(formulas.left_jacobian_inverse(precision, V.w, V.v), 6)
+        return matrices(_left_jacobian_inverse(precision, *V.vectors), 6)
 
     def to_motion_matrix(self) -> jax.Array:
-        """[[R, 0], [p x R, R]]: what `act` does to the coefficients of a velocity.
+        """The matrix by which `act` multiplies the coefficients of a velocity: [[R, 0], [p x R, R]].
 
-        Its inverse transpose does it to a force.
+        For a force it is the inverse transpose.
 
         Returns:
             (*batch, 6, 6), rotational on top.
 
         Error: as of `cross`.
         """
-        return matrices(formulas.motion_matrix(None, self.rotation.entries, self.translation), 6)
+        return matrices(_motion_matrix(None, self._pose), 6)
 
 
 def transformed(X_AB: RigidTransform, other: Any, *, precision: PrecisionName = None) -> Any:
-    """Points p_BQ as p_AQ = R p + p_AB, or a RigidTransform X_BC as X_AC.
+    """Transforms points, p_AQ = R p_BQ + p_AB, or composes with a RigidTransform, X_AC = X_AB X_BC.
 
     Args:
         X_AB: the transform (*batch,).
@@ -286,8 +348,8 @@ def transformed(X_AB: RigidTransform, other: Any, *, precision: PrecisionName = 
     if isinstance(other, Quantity):
         raise TypeError(f"RigidTransform @ p: expected points or a RigidTransform, got {type(other).__name__}; see act")
     p = check.as_vectors(other, "RigidTransform @ p: p", X_AB.dtype)
-    require_alike(RigidTransform=X_AB, p=p)
-    return formulas.moved(precision, X_AB.rotation.entries, X_AB.translation, p)
+    require_compatible(RigidTransform=X_AB, p=p)
+    return _moved(precision, X_AB._pose, p)
 
 
 def _composed(X_AB: RigidTransform, X_BC: RigidTransform, precision: PrecisionName) -> RigidTransform:

@@ -1,6 +1,6 @@
 """How many small faults the tests see: a sample of mutants of the formulas, each run against the tests beside its file.
 
-    python tests/benchmarks/mutants.py [--n 35] [--seed 0] [--minutes 40] [--only arithmetic spatial] [--write]
+    python tests/benchmarks/mutants.py [--n 35] [--seed 0] [--minutes 40] [--only numerics spatial] [--write]
 
 Faults are cosmic-ray's: an operator of arithmetic or comparison replaced by another, a number off by one, a sign, a
 `not`, an `and` or a decorator changed, where results may depend on it. Drawn evenly over the places where one is
@@ -35,18 +35,18 @@ class Folder(NamedTuple):
 
 
 FOLDERS = {
-    "arithmetic": Folder(
+    "numerics": Folder(
         3,
         (
-            "arithmetic/numbers/test_folding.py",
-            "arithmetic/numbers/test_polynomial.py",
-            "arithmetic/test_precision.py",
-            "arithmetic/sums/test_sums.py",
-            "arithmetic/numbers/test_numbers.py",
-            "arithmetic/numbers/test_components.py",
+            "numerics/numbers/test_folding.py",
+            "numerics/numbers/test_polynomial.py",
+            "numerics/test_precision.py",
+            "numerics/sums/test_sums.py",
+            "numerics/numbers/test_numbers.py",
+            "numerics/numbers/test_components.py",
             "rotation/test_angles.py",
             "spatial/test_quantities.py",
-            "arithmetic/numbers/test_double_word.py",
+            "numerics/numbers/test_double_word.py",
         ),
     ),
     "spatial": Folder(
@@ -81,6 +81,21 @@ FOLDERS = {
             "rotation/test_exponential.py",
         ),
     ),
+    "engine": Folder(
+        1,
+        (
+            "dynamics/test_programs.py",
+            "dynamics/test_frames.py",
+            "dynamics/test_loads.py",
+            "dynamics/test_jacobians.py",
+        ),
+        (
+            "dynamics/test_programs.py",
+            "dynamics/test_frames.py",
+            "dynamics/test_loads.py",
+            "dynamics/test_jacobians.py",
+        ),
+    ),
     "dynamics": Folder(
         1, ("dynamics/test_steps.py", "dynamics/test_loads.py", "dynamics/test_laws.py", "dynamics/test_jacobians.py")
     ),
@@ -112,16 +127,16 @@ OTHERS = (
 # (file, the mutated line) -> why no test can see it.
 EQUIVALENT: dict[tuple[str, str], str] = {
     (
-        "rotation/directions.py",
+        "rotation/quaternion.py",
         "is_proper = (high(determinant) > -1) & (high(determinant) < math.inf)",
     ): "equivalent: the mean of s and 1/s takes singular values to 1 or more, so determinants from -1 to 0 to -1 or "
     "less, which the next step refuses; 0 is divided by",
     (
-        "rotation/formulas.py",
-        "return vectors.flat(vectors.matrix_product(a, exponential.rotation(vectors.times(t[ -1], w))))",
+        "rotation/rotation.py",
+        "return R @ exponential.rotation(t[ -1] * exponential.rotation_vector(R.T @ S))",
     ): "equivalent: t is one number",
     (
-        "rotation/angles.py",
+        "rotation/quaternion.py",
         "length = where(is_zero, 2.0, total).sqrt()",
     ): "equivalent: what is divided by it is 0",
 }

@@ -22,8 +22,8 @@ import numpy as np  # noqa: E402
 from jax import lax  # noqa: E402
 
 import jaxspatial as js  # noqa: E402
-from jaxspatial.arithmetic.errorfree.barrier import barrier, proving_barrier  # noqa: E402
-from jaxspatial.measure import exact, inputs, scene, timing  # noqa: E402
+from jaxspatial.measure import algorithms, error, inputs, timing  # noqa: E402
+from jaxspatial.numerics.errorfree.barrier import barrier, barrier_or_nan  # noqa: E402
 
 HERE = pathlib.Path(__file__).parent
 DTYPES = ("float32", "float64")
@@ -159,7 +159,7 @@ def barriers(n, dtype):
     """A sum of two arrays as it is, with its arguments behind barriers, and with the proof that sums have errors."""
     arrays = vectors(4, n, dtype)
     sums = {"without": jnp.add, "barrier": lambda a, b: barrier(a) + barrier(b)}
-    sums["barrier and proof"] = lambda a, b: proving_barrier(a) + proving_barrier(b)
+    sums["barrier and proof"] = lambda a, b: barrier_or_nan(a) + barrier_or_nan(b)
     runs = {name: jax.jit(run, donate_argnums=0) for name, run in sums.items()}
     calls = {name: _fed_back(run, arrays[:2]) for name, run in runs.items()}
     claimed = tuple(Claim(name, "without", BARRIER) for name in runs if name != "without")
@@ -199,7 +199,7 @@ def sixteen_bits(n):
 
 def robots():
     """name -> Mechanism: the embedded arm, and a humanoid with a floating base."""
-    yield "an arm", scene.arm()
+    yield "an arm", algorithms.arm()
     package = importlib.util.find_spec("frax")
     if package and package.origin:
         yield "the G1", js.Mechanism.from_urdf(pathlib.Path(package.origin).parent / G1, floating_base=True)
@@ -271,7 +271,7 @@ def families(dtype, n):
     yield "parallel, no torque", (np.zeros_like(f), f, p)
     u = float(jnp.finfo(dtype).eps) / 2
     for name, condition in (("condition 1/sqrt(u)", u**-0.5), ("condition 1/u", 1 / u), ("last bit", np.inf)):
-        yield name, inputs.shift_force_with_condition(rng, n, jnp.dtype(dtype), condition)
+        yield name, inputs.CONDITIONED["shift_force"](rng, n, jnp.dtype(dtype), condition)
 
 
 def meaningless(function, tau, f, p):
@@ -279,9 +279,9 @@ def meaningless(function, tau, f, p):
     computed = np.asarray(jax.jit(jax.vmap(function))(tau, f, p))
     usable = np.all([np.isfinite(x).all(-1, keepdims=True) for x in (tau, f, p)], axis=0) & np.isfinite(computed)
     clean = (np.where(np.isfinite(x), x, np.zeros_like(x)) for x in (tau, f, p))
-    value, _ = exact.shift_force(*clean)
-    errors = abs(exact.rationals(np.where(usable, computed, np.zeros_like(computed))) - value)
-    flushed = exact.rationals(np.full(1, 16 * float(jnp.finfo(computed.dtype).tiny)))[0]
+    value, _ = error.evaluate(lambda tau, f, p: tau - np.cross(p, f), *clean)
+    errors = abs(error.rationals(np.where(usable, computed, np.zeros_like(computed))) - value)
+    flushed = error.rationals(np.full(1, 16 * float(jnp.finfo(computed.dtype).tiny)))[0]
     return float(np.mean(usable & (errors >= abs(value)) & (errors > flushed)))
 
 

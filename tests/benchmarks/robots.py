@@ -21,7 +21,7 @@ sys.path.insert(0, str(ROOT))
 
 from tests.helpers import pinocchio_models as models  # noqa: E402
 
-PACKAGES = "jax", "jaxlib", "numpy", "pin", "example-robot-data", "yourdfpy"
+PACKAGES = "jax", "jaxlib", "numpy", "pin", "example-robot-data", "lxml"
 
 HEAD = """# Robots against Pinocchio
 

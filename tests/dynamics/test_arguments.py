@@ -14,7 +14,7 @@ ALGORITHMS = {
     if inspect.isfunction(f) and f.__module__.startswith("jaxspatial.dynamics") and name != "random_configuration"
 }
 NUMBERS = "q", "q0", "q1", "v", "vdot", "tau", "dt", "t"
-MECH = js.random_mechanism(0, 2, ["revolute", "prismatic"], dtype=np.float32)
+MECH = js.testing.random_mechanism(0, 2, ["revolute", "prismatic"], dtype=np.float32)
 
 
 def _cases():
@@ -84,7 +84,7 @@ NAMES = {
     "mimic": ("screw", lambda name: js.Mechanism.build(PARTS, [*HELD, _mimic(name)])),
     "frame's body": ("bolt", lambda name: js.Mechanism.build(PARTS[:1], HELD, [js.Frame("f", name)])),
     "kind": ("helical", lambda name: js.Joint("j", name, "world", "bolt")),
-    "kinds": ("prismatic", lambda name: js.random_mechanism(0, 1, [name])),
+    "kinds": ("prismatic", lambda name: js.testing.random_mechanism(0, 1, [name])),
     "field": ("armature", lambda name: MECH.replace(**{name: 0.0})),
 }
 PARTS, HELD = [js.Body("bolt"), js.Body("nut")], [js.Joint("screw", "helical", "world", "bolt")]

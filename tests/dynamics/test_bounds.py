@@ -1,6 +1,6 @@
 """The error bounds of the docstrings, against 60 digits: chains of n revolute joints, bodies of very different masses.
 
-Of the largest number of each result, where terms cancel too: see `dynamics.promises`. For forward dynamics times the
+Of the largest number of each result, where terms cancel too: see `dynamics.docstrings`. For forward dynamics times the
 condition of the mass matrix.
 """
 
@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.dynamics.promises import ALGORITHM, FORWARD_DYNAMICS
+from jaxspatial.dynamics.docstrings import ALGORITHM
+from jaxspatial.dynamics.forward_dynamics import FORWARD_DYNAMICS
 from tests.helpers import exact_dynamics as exact
 from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
@@ -129,7 +130,7 @@ def all_of_ours(precision, q, v, a):
             "forward dynamics": js.forward_dynamics(mech, q, v, a),
             "bias forces": js.bias_forces(mech, q, v),
             "gravity forces": js.gravity_forces(mech, q),
-            "regressor": js.joint_torque_regressor(mech, q, v, a),
+            "regressor": js.regressors.joint_torque_regressor(mech, q, v, a),
             "mass matrix": js.mass_matrix(mech, q),
             "kinetic energy": js.kinetic_energy(mech, q, v),
             "potential energy": js.potential_energy(mech, q),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.dynamics.promises import ALGORITHM
+from jaxspatial.dynamics.docstrings import ALGORITHM
 from jaxspatial.mechanism import editing
 from tests.helpers import exact_dynamics as exact
 from tests.helpers import tangents
@@ -26,7 +26,7 @@ def _x64():
 
 
 def chain(n, dtype=np.float64, seed=0):
-    return js.random_mechanism(seed, n, ["revolute"], is_chain=True, dtype=np.float64).astype(dtype)
+    return js.testing.random_mechanism(seed, n, ["revolute"], is_chain=True, dtype=np.float64).astype(dtype)
 
 
 def state(n, dtype=np.float64, seed=1):

@@ -14,9 +14,9 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import jaxspatial as js
-from jaxspatial.arithmetic import vectors
-from jaxspatial.dynamics import algorithm as reading
+from jaxspatial.engine import algorithm as reading
 from jaxspatial.mechanism import joints
+from jaxspatial.numerics.linear import Motion
 from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
 
@@ -40,8 +40,8 @@ class Geared(joints.JointKind):
         return joints.Prismatic.transform(self, [self.ratio * q[0]], cos_sin)
 
     def motion_subspace(self, cos_sin):
-        ((w, v),) = joints.Prismatic.motion_subspace(self, cos_sin)
-        return ((w, vectors.times(self.ratio, v)),)
+        (s,) = joints.Prismatic.motion_subspace(self, cos_sin)
+        return (Motion(s.w, self.ratio * s.v),)
 
     constraint_subspace = joints.Prismatic.constraint_subspace
 
@@ -158,7 +158,7 @@ ALGORITHMS = {
     "centroidal_momentum_matrix": (lambda m, q, v, a: js.centroidal_momentum_matrix(m, q), BODIES),
     "kinetic_energy": (lambda m, q, v, a: js.kinetic_energy(m, q, v), FREE_OF_GRAVITY),
     "potential_energy": (lambda m, q, v, a: js.potential_energy(m, q), (*BODIES, "gravity")),
-    "joint_torque_regressor": (js.joint_torque_regressor, (*GEOMETRY, "gravity")),
+    "joint_torque_regressor": (js.regressors.joint_torque_regressor, (*GEOMETRY, "gravity")),
     "inverse_dynamics_derivatives": (lambda m, q, v, a: js.inverse_dynamics_derivatives(m, q, v, a, loads(q)), LOADED),
     "forward_dynamics_derivatives": (lambda m, q, v, a: js.forward_dynamics_derivatives(m, q, v, a), DYNAMICS),
     "passive_forces": (lambda m, q, v, a: js.passive_forces(m, q, v, SOFT), (*JOINTS, *PASSIVE)),

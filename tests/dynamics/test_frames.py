@@ -82,7 +82,7 @@ def test_gradients_of_one_are_those_among_several(name):
 @pytest.mark.parametrize("name", ["jacobian", "jacobian_rate"])
 def test_one_recursion_for_several(name):
     """Poses and velocities are found once: a frame more asks for its own columns alone."""
-    mech = js.random_mechanism(1, 6, ["ball"])
+    mech = js.testing.random_mechanism(1, 6, ["ball"])
     x = jnp.asarray(mech.neutral()), jnp.ones(mech.nv), jnp.ones(mech.nv)
     of, last = functools.partial(OF_FRAMES[name], mech), mech.body_names[-2:]
     one, both = (flops(asked_for(functools.partial(of, frames=frames), *x)) for frames in (last[0], last))

@@ -26,7 +26,7 @@ def _x64():
 @functools.cache
 def mechanism():
     """Joints of a quaternion and in the plane, whose rates are not those of coordinates, and one of one rate."""
-    return js.random_mechanism(0, 3, ["free", "revolute", "planar"], dtype=np.float64)
+    return js.testing.random_mechanism(0, 3, ["free", "revolute", "planar"], dtype=np.float64)
 
 
 @functools.cache

@@ -30,10 +30,10 @@ def _x64():
 @functools.cache
 def mechanism(tree):
     if tree == "every kind":
-        return js.random_mechanism(0, len(MOVING), dtype=np.float64)
+        return js.testing.random_mechanism(0, len(MOVING), dtype=np.float64)
     if tree == "chain":
-        return js.random_mechanism(1, len(MOVING), MOVING[::-1], is_chain=True, dtype=np.float64)
-    return js.random_mechanism(2, 3, [tree], dtype=np.float64)
+        return js.testing.random_mechanism(1, len(MOVING), MOVING[::-1], is_chain=True, dtype=np.float64)
+    return js.testing.random_mechanism(2, 3, [tree], dtype=np.float64)
 
 
 @functools.cache
@@ -191,7 +191,7 @@ def central(M):
 @trees
 def test_torques_are_linear_in_the_inertial_parameters(tree):
     mech, (q, v, a) = mechanism(tree), state(tree)
-    Y = of(js.joint_torque_regressor, tree)(q, v, a)
+    Y = of(js.regressors.joint_torque_regressor, tree)(q, v, a)
     pi = np.asarray(mech.inertias.to_dynamic_parameters()).ravel()
     tau = evaluated(tree)[0]
     assert abs(Y @ pi + mech.armature * np.asarray(a) - tau).max() <= 256 * 2.0**-53 * abs(tau).max()

@@ -12,7 +12,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.dynamics import steps
-from jaxspatial.dynamics.promises import PASSIVE
+from jaxspatial.dynamics.passive import PASSIVE
 from jaxspatial.mechanism.joints import KINDS
 from tests.helpers.interpreted import interpreted
 
@@ -24,7 +24,7 @@ SEQUENTIAL = ["revolute", "prismatic", "helical", "cylindrical", "universal"]
 def sprung(kinds, dtype=np.float64, **numbers):
     """A tree of joints with a spring, damping, friction and limits each, but for what is given."""
     rng = np.random.default_rng(7)
-    mech = js.random_mechanism(3, len(kinds), kinds)
+    mech = js.testing.random_mechanism(3, len(kinds), kinds)
     sizes = {"stiffness": mech.nv, "damping": mech.nv, "friction_loss": mech.nv}
     found = {name: rng.uniform(1, 9, n) for name, n in sizes.items()}
     found |= {"lower": rng.uniform(-0.9, -0.1, mech.nq), "upper": rng.uniform(0.1, 0.9, mech.nq)}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.interop import drake, mujoco
+from jaxspatial.interop import mujoco, orders
 from tests.helpers import marks
 from tests.helpers.counting import asked_for
 from tests.helpers.interpreted import interpreted
@@ -24,7 +24,7 @@ def _float64():
 
 @functools.cache
 def mechanism():
-    mech = js.random_mechanism(3, 2, ["free", "ball"], is_chain=True, dtype=np.float64)
+    mech = js.testing.random_mechanism(3, 2, ["free", "ball"], is_chain=True, dtype=np.float64)
     return mech.replace(stiffness=np.ones(mech.nv))
 
 
@@ -66,7 +66,7 @@ FUNCTIONS = {
     "factor": lambda m, q, v, a: js.mass_matrix_factor(m, q).solve(a),
     "bias forces": lambda m, q, v, a: js.bias_forces(m, q, v),
     "gravity forces": lambda m, q, v, a: js.gravity_forces(m, q),
-    "regressor": js.joint_torque_regressor,
+    "regressor": js.regressors.joint_torque_regressor,
     "energy": lambda m, q, v, a: js.kinetic_energy(m, q, v) + js.potential_energy(m, q),
     "centre of mass": lambda m, q, v, a: js.center_of_mass(m, q),
     "its velocity": lambda m, q, v, a: js.center_of_mass_velocity(m, q, v),
@@ -198,7 +198,7 @@ def test_jacobians_by_quaternions_of_any_length(function):
 @pytest.mark.parametrize("kinds", [["free"], ["ball", "revolute", "ball"], ["free", "free"]])
 def test_known_ones_of_length_one_leave_no_operation(kinds):
     """No root and no quotient, in any function of them; of another length where there is one of a kind."""
-    mech = js.random_mechanism(3, len(kinds), kinds, dtype=np.float64)
+    mech = js.testing.random_mechanism(3, len(kinds), kinds, dtype=np.float64)
     q = np.asarray(js.random_configuration(mech, jax.random.key(0), (), np.float64))
     v = np.ones(mech.nv)
 
@@ -235,7 +235,7 @@ def test_states_and_poses_of_others_are_read_at_any_length():
         "qfrc": lambda q: mujoco.to_qfrc(mech, q, a),
         "from qfrc": lambda q: mujoco.from_qfrc(mech, q, a),
         "velocities of qpos": lambda q: js.body_velocities(mech, mujoco.from_qpos(mech, mujoco.to_qpos(mech, q)), v).w,
-        "Drake's positions": lambda q: drake.from_floating_positions(q[:7]).rotation.entries,
+        "Drake's positions": lambda q: orders.pose_from_wxyz_xyz(q[:7]).rotation.entries,
     }
     for name, call in calls.items():
         expected = np.asarray(call(q))

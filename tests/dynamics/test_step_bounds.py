@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.dynamics import promises as bounds
+from jaxspatial.dynamics import composite_bodies, configuration, forward_dynamics, steps
 from tests.helpers import exact_steps as exact
 from tests.helpers.interpreted import evaluated, interpreted
 
@@ -68,24 +68,24 @@ def limits(kind, q, q1, v, step):
     w = norm(step[:3] if turning else step[-1:])
     far = max(w - mp.pi, 0) and w
     apart = norm(exact.differed(kind, q, q1)[:3] if turning else exact.differed(kind, q, q1)[-1:])
-    angle = bounds.SHORTEST if kind in ("continuous", "planar") else bounds.DIFFERENCE
+    angle = configuration.SHORTEST if kind in ("continuous", "planar") else configuration.DIFFERENCE
     between = norm(q[place]) + norm(q1[place])
     return (
         {
-            "number": bounds.INTEGRATED.u * (abs(q[-1]) + abs(step[-1])),
-            "turn": bounds.INTEGRATED_TURN.u + bounds.TURNS.u * far,
-            "position": bounds.INTEGRATED_POSITION.u * (norm(q[place]) + norm(step[linear]))
-            + bounds.TURNS_OF_POSITION.u * far * norm(step[linear]),
+            "number": configuration.INTEGRATED.u * (abs(q[-1]) + abs(step[-1])),
+            "turn": configuration.INTEGRATED_TURN.u + configuration.TURNS.u * far,
+            "position": configuration.INTEGRATED_POSITION.u * (norm(q[place]) + norm(step[linear]))
+            + configuration.TURNS_OF_POSITION.u * far * norm(step[linear]),
         },
         {
             "number": angle.u * (abs(q[-1]) + abs(q1[-1])),
-            "turn": bounds.DIFFERENCE_TURN.u,
-            "position": bounds.DIFFERENCE_POSITION.u * between * (1 + apart),
+            "turn": configuration.DIFFERENCE_TURN.u,
+            "position": configuration.DIFFERENCE_POSITION.u * between * (1 + apart),
         },
         {
             "number": 0,
-            "turn": bounds.QUATERNION_RATE.u * norm(v[:3]) * norm(q[:4]),
-            "position": bounds.POSITION_RATE.u * norm(v[linear]),
+            "turn": configuration.QUATERNION_RATE.u * norm(v[:3]) * norm(q[:4]),
+            "position": configuration.POSITION_RATE.u * norm(v[linear]),
         },
     )
 
@@ -190,15 +190,15 @@ def test_steps(name, precision):
         (q_exact, v_exact), vdot, M = stepped(name, h)
         c, h = np.linalg.cond(np.array(M.tolist(), float)), float(h)
         of_q, of_v, of_vdot = (max(map(abs, x)) for x in (exact.numbers(state()[0]), v_exact, vdot))
-        of_dynamics = bounds.FORWARD_DYNAMICS.allowed(precision, 1, N * c * of_vdot, of_vdot)
+        of_dynamics = forward_dynamics.FORWARD_DYNAMICS.allowed(precision, 1, N * c * of_vdot, of_vdot)
         if name == "symplectic":
-            limit = bounds.SYMPLECTIC.u * N * c * (of_v + h * of_vdot)
+            limit = steps.SYMPLECTIC.u * N * c * (of_v + h * of_vdot)
             assert h > 1e-4 or limit < of_q / h / 10
         else:
-            own = bounds.SEMI_IMPLICIT if name == "semi_implicit" else bounds.RK4
+            own = steps.SEMI_IMPLICIT if name == "semi_implicit" else steps.RK4
             limit = own.u * (of_v + h * of_vdot) + h * of_dynamics * 1.1
         assert _largest(v, v_exact) <= limit * U, float(_largest(v, v_exact) / U)
-        own = (bounds.RK4_COORDINATES if name == "rk4" else bounds.INTEGRATED).u * (of_q + h * of_v)
+        own = (steps.RK4_COORDINATES if name == "rk4" else configuration.INTEGRATED).u * (of_q + h * of_v)
         assert _largest(q, q_exact) <= (own + h * limit) * U, float(_largest(q, q_exact) / U)
 
 
@@ -233,13 +233,15 @@ def test_steps_of_what_floats(kind, precision):
         w = exact.norm(v_exact[angular])
         centripetal = exact.norm(rates[angular]) * exact.norm(rates[linear])
         vdot = exact.norm(a) + centripetal
-        of_dynamics = bounds.FORWARD_DYNAMICS.allowed(precision, U, vdot, vdot) / U
+        of_dynamics = forward_dynamics.FORWARD_DYNAMICS.allowed(precision, U, vdot, vdot) / U
         far = max(h * w - mp.pi, 0) and h * w
         size = exact.norm(rates[linear]) + h * vdot
-        limit = (bounds.STRAIGHT_AHEAD.u + bounds.TURNS_OF_RATES.u * far) * size + h * of_dynamics
+        limit = (steps.STRAIGHT_AHEAD.u + steps.TURNS.u * far) * size + h * of_dynamics
         error = exact.norm([b - c for b, c in zip(exact.numbers(found[1][i][linear]), v_exact[linear], strict=True)])
         assert error <= limit * U, ("v", float(error / U / size), float(limit / size))
-        moved = bounds.INTEGRATED_POSITION.u * (exact.norm(x[place]) + h * exact.norm(v_exact[linear])) + h * limit
+        moved = (
+            configuration.INTEGRATED_POSITION.u * (exact.norm(x[place]) + h * exact.norm(v_exact[linear])) + h * limit
+        )
         error = exact.norm([b - c for b, c in zip(exact.numbers(found[0][i][place]), q_exact[place], strict=True)])
         assert error <= moved * U, ("q", float(error / U), float(moved))
 
@@ -254,14 +256,14 @@ def test_factors_of_the_mass_matrix():
     M = np.asarray(interpreted(functools.partial(js.mass_matrix, chain()))(state()[0]), np.float64)
     L, n = np.asarray(factor.L, np.float64), N
     size, c = np.linalg.norm(M, 2), np.linalg.cond(M)
-    assert np.linalg.norm(L.T @ L - M, 2) <= bounds.FACTOR.u * n * (n + 1) * U * size
+    assert np.linalg.norm(L.T @ L - M, 2) <= composite_bodies.FACTOR.u * n * (n + 1) * U * size
     tau = state()[2]
     x = np.linalg.solve(M, tau.astype(np.float64))
-    limit = bounds.SOLVED.u * n * (n + 1) * U * c
+    limit = composite_bodies.SOLVED.u * n * (n + 1) * U * c
     assert np.linalg.norm(np.asarray(factor.solve(tau), np.float64) - x) <= limit * np.linalg.norm(x)
     inverse = np.linalg.inv(M)
     assert np.linalg.norm(np.asarray(factor.inverse(), np.float64) - inverse, 2) <= limit * np.linalg.norm(inverse, 2)
     logs = np.abs(np.log(np.diagonal(L))).sum()
-    limit = bounds.LOG_DETERMINANT.u * n * U * (2 * logs + bounds.SOLVED.u * n * (n + 1) * c)
+    limit = composite_bodies.LOG_DETERMINANT.u * n * U * (2 * logs + composite_bodies.SOLVED.u * n * (n + 1) * c)
     assert abs(float(factor.log_determinant()) - np.linalg.slogdet(M)[1]) <= limit
     assert jnp.isfinite(factor.L).all()

@@ -82,7 +82,7 @@ def energy(mech, q, v):
 
 def test_momentum_is_conserved_in_free_fall():
     """A floating mechanism without gravity, over 40 steps of Runge and Kutta."""
-    mech = js.random_mechanism(3, 4, ["free", "revolute", "ball", "prismatic"], is_chain=True, dtype=np.float64)
+    mech = js.testing.random_mechanism(3, 4, ["free", "revolute", "ball", "prismatic"], is_chain=True, dtype=np.float64)
     mech = mech.replace(gravity=np.zeros(3), damping=0 * mech.damping, armature=0 * mech.armature)
     q = js.random_configuration(mech, jax.random.key(0), (), np.float64)
     v = jnp.asarray(np.random.default_rng(0).standard_normal(mech.nv))
@@ -136,7 +136,7 @@ def test_energy_of_a_double_pendulum_over_many_steps():
 )
 def test_orders_of_the_steps(step, order):
     """Half the step, half the error, and a sixteenth."""
-    mech, rng = js.random_mechanism(4, 2, ["planar", "ball"], dtype=np.float64), np.random.default_rng(0)
+    mech, rng = js.testing.random_mechanism(4, 2, ["planar", "ball"], dtype=np.float64), np.random.default_rng(0)
     x = js.random_configuration(mech, jax.random.key(1), (), np.float64), jnp.asarray(rng.standard_normal(mech.nv))
 
     @interpreted

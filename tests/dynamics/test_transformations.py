@@ -18,7 +18,7 @@ KINDS = ["revolute", "prismatic", "ball"]
 
 @functools.cache
 def mechanism():
-    return js.random_mechanism(0, 3, KINDS, dtype=np.float64)
+    return js.testing.random_mechanism(0, 3, KINDS, dtype=np.float64)
 
 
 @functools.cache
@@ -44,7 +44,7 @@ ALGORITHMS = {
     "jacobian rate": lambda mech, q, v, a: js.jacobian_rate(mech, q, v, "body2"),
     "momentum": lambda mech, q, v, a: js.centroidal_momentum(mech, q, v).to_array(),
     "momentum matrix": lambda mech, q, v, a: js.centroidal_momentum_matrix(mech, q),
-    "regressor": js.joint_torque_regressor,
+    "regressor": js.regressors.joint_torque_regressor,
     "derivatives": lambda mech, q, v, a: js.inverse_dynamics_derivatives(mech, q, v, a).dtau_dq,
     "factor": lambda mech, q, v, a: js.mass_matrix_factor(mech, q).solve(a),
     "semi-implicit step": lambda mech, q, v, a: js.semi_implicit_step(mech, q, v, a, 0.01)[0],
@@ -145,7 +145,7 @@ def test_a_rebuilt_mechanism_is_not_traced_again():
 
     q = state()[0][0]
     for seed in (0, 0):
-        f(js.random_mechanism(seed, 3, KINDS, dtype=np.float64), q)
+        f(js.testing.random_mechanism(seed, 3, KINDS, dtype=np.float64), q)
     f(mechanism().as_data().replace(gravity=jnp.asarray([0.0, 0.0, -1.0])), q)
 
 
@@ -169,7 +169,7 @@ def test_dtypes_and_precisions(dtype, precision):
 @pytest.mark.parametrize("precision", ["reproducible", "compensated"])
 def test_known_numbers_take_the_dtype_of_q(precision):
     """Those of a mechanism in float32 are what they are, in float64."""
-    q, narrow = np.array([0.3]), js.random_mechanism(0, 1, ["revolute"], dtype=np.float32)
+    q, narrow = np.array([0.3]), js.testing.random_mechanism(0, 1, ["revolute"], dtype=np.float32)
     of = lambda m: interpreted(functools.partial(js.gravity_forces, m, precision=precision))(q)  # noqa: E731
     found, expected = of(narrow), of(narrow.astype(np.float64))
     assert found.dtype == np.float64

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 import jaxspatial as js
-from jaxspatial.arithmetic import symmetric
+from jaxspatial.numerics import eigen
 from tests.helpers import formulas
 
 N_POINTS = 5
@@ -62,7 +62,7 @@ def _inertia(smallest=0.3, size=1.0):
         moments = rng.uniform((smallest, 0.4, 0.7), (smallest + 0.1, 0.6, 1.0), (*batch, 3))
         seconds = q @ (size * moments[..., None] * np.swapaxes(q, -1, -2))
         central = np.trace(seconds, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - seconds
-        return [size * rng.uniform(1, 2, batch), rng.standard_normal((*batch, 3)), symmetric.from_matrix(central)]
+        return [size * rng.uniform(1, 2, batch), rng.standard_normal((*batch, 3)), eigen.six_of_matrix(central)]
 
     return arrays
 
@@ -87,7 +87,7 @@ def _articulated(smallest=0.5):
     def arrays(rng, batch):
         a = rng.standard_normal((*batch, 6, 6))
         p = a @ np.swapaxes(a, -1, -2) / 2 + smallest * np.eye(6)
-        j, m = (symmetric.from_matrix(x) for x in (p[..., :3, :3], p[..., 3:, 3:]))
+        j, m = (eigen.six_of_matrix(x) for x in (p[..., :3, :3], p[..., 3:, 3:]))
         return [j, p[..., :3, 3:].reshape((*batch, 9)), m]
 
     return arrays

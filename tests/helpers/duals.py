@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxspatial.measure.exact import Sized, sized
+from jaxspatial.measure.error import Sized, sized
 from tests.helpers.operations import OPERATIONS
 
 _ZERO = Sized(0)

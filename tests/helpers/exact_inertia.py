@@ -2,11 +2,12 @@
 
 from fractions import Fraction
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 import jaxspatial as js
-from jaxspatial.measure.exact import rationals
+from jaxspatial.measure.error import rationals
 
 SIX = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)]
 
@@ -28,7 +29,7 @@ def steiner(m, c):
 
 def exactly(M):
     """mass, com and central as Fractions."""
-    return [rationals(np.asarray(x)) for x in M._parts]
+    return [rationals(np.asarray(x)) for x in jax.tree.leaves(M)]
 
 
 def random_inertia(batch, dtype="float64", seed=0, spread=0.0):

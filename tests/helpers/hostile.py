@@ -12,8 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.measure.error import unit_roundoff
-from jaxspatial.measure.exact import rationals
+from jaxspatial.measure.error import rationals, unit_roundoff
 from jaxspatial.measure.inputs import CONDITIONED, FAMILIES, products_with_condition
 from tests.helpers.operation import Operation, violations
 from tests.helpers.operations import OPERATIONS

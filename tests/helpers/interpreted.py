@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import Literal
 
-from jaxspatial.arithmetic.sums import primitive as sums
-from jaxspatial.dynamics import primitive as programs
+from jaxspatial.engine import program as programs
+from jaxspatial.numerics.sums import primitive as sums
 
 
 def interpreted(function):
@@ -102,7 +102,7 @@ OF_NUMBERS = {
     "shift_right_logical": np.right_shift,
     "stop_gradient": np.asarray,
     "jaxspatial_barrier": np.asarray,
-    "jaxspatial_proving_barrier": np.asarray,
+    "jaxspatial_barrier_or_nan": np.asarray,
     # The zero that no compiler foresees.
     "jaxspatial_replica": lambda _: np.uint32(0),
 }
@@ -174,10 +174,10 @@ def _program(*arrays, program, n_batch):
         return _evaluated(jax.make_jaxpr(functools.partial(programs.run, program, n_batch, True))(*arrays), arrays)
     varies = [math.prod(x.shape[:n_batch]) > 1 for x in arrays]
     over = [np.broadcast_to(x, (*batch, *x.shape[n_batch:])) if y else x for x, y in zip(arrays, varies, strict=True)]
-    flat = [programs._flat(x, n_batch, batch) for x in over]
+    flat = [programs.with_one_axis(x, n_batch, batch) for x in over]
     traced = program.traced([jax.ShapeDtypeStruct(x.shape, x.dtype) for x in flat])
     found = _evaluated(traced.closed, flat)
-    return [programs._unflat(y, program.owner(i), arrays, n_batch, batch) for i, y in enumerate(found)]
+    return [programs.with_batch(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(found)]
 
 
 def _scan(*arrays, jaxpr, length, reverse, num_consts=0, num_carry=0, ft_in=None, **_):
@@ -225,8 +225,8 @@ _OF_ARRAYS = {
     "convert_element_type": lambda x, *, new_dtype, **_: x.astype(new_dtype),
     "bitcast_convert_type": lambda x, *, new_dtype: x.view(new_dtype),
     "reduce_precision": _reduce_precision,
-    "jaxspatial_apart": lambda x, *, axis: list(np.moveaxis(x, axis, 0)),
-    "jaxspatial_together": lambda *lanes, axis: [np.stack(lanes, axis)],
+    "jaxspatial_unstack": lambda x, *, axis: list(np.moveaxis(x, axis, 0)),
+    "jaxspatial_stack": lambda *lanes, axis: [np.stack(lanes, axis)],
     "jaxspatial_sums": _sums,
     "jaxspatial_program": _program,
     "scan": _scan,

@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.arithmetic.promise import EXACT
 from jaxspatial.measure import error
-from jaxspatial.measure.exact import attribute, rationals, sized
+from jaxspatial.measure.error import attribute, rationals, sized
+from jaxspatial.numerics.promise import EXACT
 from tests.helpers.arguments import KINDS
 from tests.helpers.interpreted import interpreted
 

@@ -10,29 +10,28 @@ import functools
 import numpy as np
 
 import jaxspatial as js
-from jaxspatial.arithmetic.promise import EXACT, Promise
 from jaxspatial.inertia import joint_projection
-from jaxspatial.inertia.promises import ABOUT, ARTICULATED_SHIFT, ARTICULATED_TIMES, ENERGY, FORCE, REGRESSOR, TORQUE
-from jaxspatial.measure import OPERATIONS as MEASURED
-from jaxspatial.rotation.promises import ROTATED
-from jaxspatial.rotation.rotation import composed
-from jaxspatial.spatial.promises import (
-    ACT,
-    ACT_ACCELERATION,
-    CENTRAL_AXIS,
-    COMPOSED,
-    COMPOSED_ACCELERATION,
-    CROSS_ONE,
-    POINT,
-    PRESSED,
-    ROTATED_INERTIA,
-    SHIFT,
-    of_sum,
-)
-from jaxspatial.spatial.transform import transformed
+from jaxspatial.inertia.articulated import SHIFT as ARTICULATED_SHIFT
+from jaxspatial.inertia.articulated import TIMES as ARTICULATED_TIMES
+from jaxspatial.inertia.inertia import ABOUT, ENERGY, FORCE, TORQUE
+from jaxspatial.inertia.regressors import NEWTON_EULER_REGRESSOR
+from jaxspatial.measure.operation import OPERATIONS as MEASURED
+from jaxspatial.numerics.promise import EXACT, OfSum, Promise
+from jaxspatial.rotation.rotation import ROTATED, composed
+from jaxspatial.spatial.operations import ACT, ACT_ACCELERATION, CROSS_ONE, ROTATED_INERTIA, SHIFT
+from jaxspatial.spatial.transform import POINT, transformed
+from jaxspatial.spatial.vectors import COMPOSED, COMPOSED_ACCELERATION
+from jaxspatial.spatial.wrench import CENTRAL_AXIS, PRESSED
 from tests.helpers import formulas as naive
 from tests.helpers.arguments import N_POINTS
 from tests.helpers.operation import Operation
+
+
+def of_sum(n: int, each: int = 0) -> Promise:
+    """Of n items, by halving; each: the factor of one of them, 2 for a cross product."""
+    rounds = OfSum(each).factor(n)
+    return Promise(u=rounds, u2=2 * rounds**2, u3=n**2)
+
 
 DTYPES = ("float16", "bfloat16", "float32", "float64")
 SUMMED, PLAIN_SUM = of_sum(N_POINTS, each=2), of_sum(N_POINTS)
@@ -146,8 +145,8 @@ OPERATIONS = {
         Operation("to_pseudo_inertia", "M",
                   lambda M, precision=None: M.to_pseudo_inertia(precision=precision) * 2, naive.twice_pseudo_inertia,
                   (ABOUT,), twin="to_matrix"),
-        Operation("newton_euler_regressor", "A vector", js.newton_euler_regressor, naive.regressor,
-                  (REGRESSOR,), is_long=True),
+        Operation("newton_euler_regressor", "A vector", js.regressors.newton_euler_regressor, naive.regressor,
+                  (NEWTON_EULER_REGRESSOR,), is_long=True),
         Operation("inverse_transform", "X", js.RigidTransform.inverse, naive.inverse, (EXACT, ROTATED)),
         Operation("to_articulated", "M", js.ArticulatedInertia.from_spatial_inertia, naive.articulated,
                   (ABOUT, CROSS_ONE, EXACT), twin="to_matrix"),
@@ -257,14 +256,16 @@ OPERATIONS = {
         Operation("newton_euler", "M A vector", js.newton_euler),
     )
 }  # fmt: skip
-# What has a naive formula, and of that what has a precision to choose.
+
+# -- groups of operations ---------------------------------------------------------------------------------------------
+
+# Operations with a naive formula, and those of them that have a precision to choose: sums of products.
 NAIVE = [name for name, operation in OPERATIONS.items() if operation.formula]
 SUMS = [name for name in NAIVE if OPERATIONS[name].bounds]
-# One of each formula.
-OWN = [name for name, operation in OPERATIONS.items() if not operation.twin]
-FORMULAS = [name for name in SUMS if name in OWN]
-# Of each kind of sum one, which is tried in every surrounding; of each kind of other arithmetic one: series, angles,
-# directions, quotients, loops, shapes, products.
+# One operation of each formula: the others run the same one on other types.
+DISTINCT = [name for name, operation in OPERATIONS.items() if not operation.twin]
+DISTINCT_SUMS = [name for name in SUMS if name in DISTINCT]
+# One operation of each kind of sum of products.
 REPRESENTATIVES = (
     "shift_force",
     "shift_acceleration",
@@ -273,7 +274,8 @@ REPRESENTATIVES = (
     "act_velocity",
     "wrench_from_point_forces",
 )
-OF_NUMBERS = (
+# One operation of each other kind of arithmetic: series, angles, directions, quotients, loops, shapes, products.
+OTHER_REPRESENTATIVES = (
     "left_jacobian_inverse",
     "to_axis_angle",
     "from_one_vector",

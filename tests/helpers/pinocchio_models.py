@@ -424,7 +424,7 @@ ALGORITHMS = {
         lambda s, q, v, a, tau, F: pin.computePotentialEnergy(s.model, s.data, q),
     ),
     "regressor": (
-        lambda m, q, v, a, F: js.joint_torque_regressor(m, q, v, a),
+        lambda m, q, v, a, F: js.regressors.joint_torque_regressor(m, q, v, a),
         lambda s, q, v, a, tau, F: _regressor(s, q, v, a),
     ),
     "inverse dynamics by q": (

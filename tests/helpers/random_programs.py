@@ -18,10 +18,11 @@ import numpy as np
 from jax import lax
 
 import jaxspatial as js
-from jaxspatial.arithmetic.errorfree import reproducible, transforms
-from jaxspatial.arithmetic.errorfree.barrier import barrier
-from jaxspatial.measure import error, exact
-from jaxspatial.measure.exact import rationals
+from jaxspatial.measure import error
+from jaxspatial.measure.error import rationals
+from jaxspatial.measure.operation import OPERATIONS as MEASURED
+from jaxspatial.numerics.errorfree import transforms
+from jaxspatial.numerics.errorfree.barrier import barrier, product, quotient
 
 
 class Value(NamedTuple):
@@ -72,17 +73,17 @@ def _is_near(bound, formula, operands, results):
 
 def _keeps_promise(name, mag2, operands, results):
     """u |r| + mag2 u^2 mag, see `Promise`."""
-    value, mag = getattr(exact, name)(*operands)
+    value, mag = MEASURED[name].exactly(*operands)[0]
     u = error.unit_roundoff(operands[0].dtype)
     return abs(rationals(results[0]) - value) <= u * abs(value) + mag2 * u * u * mag
 
 
 def _is_within_an_ulp(name, operands, results):
-    return error.in_ulps(results[0], getattr(exact, name)(*operands)[0]) <= 1
+    return error.in_ulps(results[0], MEASURED[name].exactly(*operands)[0][0]) <= 1
 
 
 def _double_word(operation):
-    return lambda a, b: operation(js.to_double_word(a), b).words
+    return lambda a, b: operation(js.to_double_word(a), b).limbs
 
 
 def _shift(precision):
@@ -126,8 +127,8 @@ OPERATIONS = {
     "double word over word": Operation(
         2, _double_word(operator.truediv), functools.partial(_is_near, 3, operator.truediv)
     ),
-    "product": _bitwise(2, _from_outside(reproducible.product), np.multiply, False),
-    "quotient": _bitwise(2, _from_outside(reproducible.quotient), np.divide, False),
+    "product": _bitwise(2, _from_outside(product), np.multiply, False),
+    "quotient": _bitwise(2, _from_outside(quotient), np.divide, False),
     "shift": _bitwise(3, _shift("reproducible"), lambda tau, f, p: tau - np.cross(p, f)),
     "dot": _bitwise(4, _dot("reproducible"), _dot_in_numpy),
     "sum": _bitwise(2, _sum, np.add),

@@ -14,15 +14,11 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.arithmetic.promise import EXACT
 from jaxspatial.inertia import SpatialInertia, joint_projection
-from jaxspatial.inertia.articulated_inertia import ArticulatedInertia
-from jaxspatial.inertia.promises import ARTICULATED_ACT as ACT
-from jaxspatial.inertia.promises import ARTICULATED_ROTATED as TURN
-from jaxspatial.inertia.promises import ARTICULATED_SHIFT as SHIFT
-from jaxspatial.inertia.promises import PROJECTED
-from jaxspatial.measure.error import unit_roundoff
-from jaxspatial.measure.exact import Sized, attribute, rationals, sized
+from jaxspatial.inertia.articulated import ACT, PROJECTED, SHIFT, ArticulatedInertia
+from jaxspatial.inertia.articulated import ROTATED as TURN
+from jaxspatial.measure.error import Sized, attribute, rationals, sized, unit_roundoff
+from jaxspatial.numerics.promise import EXACT
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow
 from tests.helpers.operation import violations

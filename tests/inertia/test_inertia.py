@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.inertia.promises import ENERGY, FORCE, TORQUE
+from jaxspatial.inertia.inertia import ENERGY, FORCE, TORQUE
 from jaxspatial.measure import error
-from jaxspatial.measure.exact import rationals, sized
+from jaxspatial.measure.error import rationals, sized
 from tests.helpers.exact_inertia import exactly, matrix, random_inertia, six_of, steiner
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow_but
@@ -30,7 +30,7 @@ def body(dtype="float32"):
 
 def dense(M):
     """The 6 x 6 matrix, naively."""
-    m, c, i = (np.asarray(x, np.float64) for x in M._parts)
+    m, c, i = (np.asarray(x, np.float64) for x in jax.tree.leaves(M))
     cross = np.array([[0, -c[2], c[1]], [c[2], 0, -c[0]], [-c[1], c[0], 0]])
     return np.block([[matrix(i) + m * cross @ cross.T, m * cross], [m * cross.T, m * np.eye(3)]])
 
@@ -59,7 +59,9 @@ def test_of_a_matrix_the_lower_triangle_is_read():
 
 def test_python_numbers_take_the_dtype_of_arrays_and_batches_broadcast(x64):
     M = js.SpatialInertia(1.0, jnp.zeros((4, 3), jnp.float16), np.eye(3).tolist())
-    assert [x.shape for x in M._parts] == [(4,), (4, 3), (4, 6)] and {x.dtype.name for x in M._parts} == {"float16"}
+    assert [x.shape for x in jax.tree.leaves(M)] == [(4,), (4, 3), (4, 6)] and {
+        x.dtype.name for x in jax.tree.leaves(M)
+    } == {"float16"}
     assert js.SpatialInertia(1.0, [0.0, 0, 0], np.eye(3).tolist()).dtype == (np.float64 if x64 else np.float32)
 
 
@@ -67,7 +69,7 @@ def test_numpy_numbers_stay_known_and_are_copied():
     com = np.ones(3, np.float32)
     M = js.SpatialInertia(np.float32(1), com, np.eye(3, dtype=np.float32))
     com[0] = 7
-    assert all(isinstance(x, np.ndarray) for x in M._parts) and M.com[0] == 1 and not M.com.flags.writeable
+    assert all(isinstance(x, np.ndarray) for x in jax.tree.leaves(M)) and M.com[0] == 1 and not M.com.flags.writeable
 
 
 @pytest.mark.parametrize(
@@ -104,8 +106,8 @@ def test_no_value_raises():
 
 def test_zero_and_nan():
     zero, nan = js.SpatialInertia.zero((2,), jnp.float32), js.SpatialInertia.nan(dtype=jnp.float16)
-    assert zero.batch_shape == (2,) and not any(x.any() for x in zero._parts)
-    assert nan.dtype == np.float16 and all(np.isnan(x).all() for x in nan._parts)
+    assert zero.batch_shape == (2,) and not any(x.any() for x in jax.tree.leaves(zero))
+    assert nan.dtype == np.float16 and all(np.isnan(x).all() for x in jax.tree.leaves(nan))
 
 
 def test_repr():
@@ -182,7 +184,7 @@ def test_bounds_of_what_cancels(precision, dtype):
         energy, momentum = evaluated(
             precision, lambda M, V: (M.kinetic_energy(V, precision=precision), M.apply(V, precision=precision))
         )(M, V)
-        arrays = [sized(np.asarray(x)) for x in (*M._parts, *V.vectors)]
+        arrays = [sized(np.asarray(x)) for x in (*jax.tree.leaves(M), *V.vectors)]
         u = error.unit_roundoff(dtype)
         _require_bound(precision, dtype, np.asarray(energy) * 2, _doubled_energy(*arrays), u, ENERGY)
         for found, exact, bound in zip(momentum.vectors, _applied(*arrays), (TORQUE, FORCE), strict=True):
@@ -196,7 +198,10 @@ def test_a_kilogram_at_three_hundred_metres_per_second_in_float16(precision):
     M = js.SpatialInertia(np.float16(1), zero, unit)
     both = evaluated(
         precision,
-        lambda M, V: (M.kinetic_energy(V, precision=precision), js.kinetic_energy_regressor(V, precision=precision)),
+        lambda M, V: (
+            M.kinetic_energy(V, precision=precision),
+            js.regressors.kinetic_energy_regressor(V, precision=precision),
+        ),
     )
     for V in (js.SpatialVelocity(zero, v), js.SpatialVelocity(v, zero)):
         energy, regressor = both(M, V)
@@ -222,7 +227,7 @@ def test_halves_of_sums_that_overflow(dtype, precision):
 def test_halves_of_squares_that_overflow(dtype, precision):
     with jax.enable_x64(dtype == "float64"):
         fast = np.array([1.25 * float(jnp.finfo(dtype).max) ** 0.5, 0, 0]).astype(jnp.dtype(dtype))
-        regressor = evaluated(precision, lambda V: js.kinetic_energy_regressor(V, precision=precision))
+        regressor = evaluated(precision, lambda V: js.regressors.kinetic_energy_regressor(V, precision=precision))
         y = regressor(js.SpatialVelocity(fast, fast))
         half = rationals(fast)[0] ** 2 / 2
         assert (abs(rationals(np.asarray(y)[[0, 4]]) - half) <= 2 * error.unit_roundoff(dtype) * half).all()
@@ -445,7 +450,7 @@ def test_from_origin_undoes_inertia_about_origin():
 # -- transformations --------------------------------------------------------------------------------------------------
 
 FUNCTIONS = {
-    "from_origin": lambda M: js.SpatialInertia.from_origin(*M._parts),
+    "from_origin": lambda M: js.SpatialInertia.from_origin(*jax.tree.leaves(M)),
     "to_matrix": lambda M: M.to_matrix(),
     "from_matrix": lambda M: js.SpatialInertia.from_matrix(M.to_matrix()),
     "dynamic_parameters": lambda M: js.SpatialInertia.from_dynamic_parameters(M.to_dynamic_parameters()),

@@ -13,12 +13,11 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.arithmetic.formula import formula
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.inertia.promises import MESH_CENTRAL, MESH_COM, MESH_VOLUME
-from jaxspatial.inertia.reduction import summed
-from jaxspatial.measure.error import unit_roundoff
-from jaxspatial.measure.exact import rationals
+from jaxspatial.inertia.composition import summed
+from jaxspatial.inertia.shapes import MESH_CENTRAL, MESH_COM, MESH_VOLUME
+from jaxspatial.measure.error import rationals, unit_roundoff
+from jaxspatial.numerics.formula import formula
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow
 

@@ -6,11 +6,11 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from jaxspatial.arithmetic.numbers import Rounded
-from jaxspatial.arithmetic.numbers.double_word import DoubleWord
-from jaxspatial.arithmetic.precision import Precision
-from jaxspatial.inertia.reduction import first, summed
-from jaxspatial.measure.exact import rationals
+from jaxspatial.inertia.composition import first, summed
+from jaxspatial.measure.error import rationals
+from jaxspatial.numerics.numbers import Rounded
+from jaxspatial.numerics.numbers.double_word import DoubleWord
+from jaxspatial.numerics.precision import Precision
 
 U = Fraction(1, 2**24)
 SIZES = pytest.mark.parametrize("shape", [(1,), (2,), (3,), (2, 5), (2, 2, 8)])

@@ -15,10 +15,8 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.inertia.promises import DETERMINANT, TETRAHEDRON_COM
-from jaxspatial.inertia.promises import SHAPE_CENTRAL as CENTRAL
-from jaxspatial.inertia.promises import SHAPE_MASS as MASS
-from jaxspatial.measure.exact import Sized, attribute, rationals, sized
+from jaxspatial.inertia.shapes import CENTRAL, DETERMINANT, MASS, TETRAHEDRON_COM
+from jaxspatial.measure.error import Sized, attribute, rationals, sized
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow, slow_but
 from tests.helpers.operation import violations

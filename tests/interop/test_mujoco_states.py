@@ -81,4 +81,4 @@ def test_what_comes_is_checked():
     with pytest.raises(TypeError, match="mujoco.to_qpos: expected a Mechanism first, got ndarray"):
         states.to_qpos(Q, mech)
     with pytest.raises(ValueError, match="MuJoCo has no joints like 'joint0': planar"):
-        states.to_qpos(js.random_mechanism(0, 1, ["planar"]), np.zeros(3, np.float32))
+        states.to_qpos(js.testing.random_mechanism(0, 1, ["planar"]), np.zeros(3, np.float32))

@@ -55,9 +55,9 @@ def test_linear_first_exchanges_the_halves(kind):
 
 @every_kind
 def test_rotational_first_is_ours(kind):
-    x = orders.from_rotational_first(kind, COUNTED)
+    x = kind.from_array(COUNTED)
     np.testing.assert_array_equal(x.rotational, [1, 2, 3])
-    np.testing.assert_array_equal(orders.to_rotational_first(x), COUNTED)
+    np.testing.assert_array_equal(x.to_array(), COUNTED)
 
 
 def test_matrix_between_linear_first_vectors_acts_on_ours():

@@ -205,7 +205,7 @@ def test_newton_and_euler_is_the_rate_of_momentum():
     X, V, A = _motion(lambda t: _path(t)[0])
     F = js.shift(js.newton_euler(X.rotation @ M_B, A, V), -X.translation)
     yield (F.tau, F.f), (rate.h, rate.l), 1000
-    Y = js.newton_euler_regressor(A, V)
+    Y = js.regressors.newton_euler_regressor(A, V)
     by_regressor = Y @ (X.rotation @ M_B).to_dynamic_parameters()
     yield by_regressor, js.newton_euler(X.rotation @ M_B, A, V).to_array(), 1000
 

@@ -4,7 +4,6 @@ Tangents and pull-backs are sums of products of their own, which may cancel wher
 """
 
 import functools
-import itertools
 
 import jax
 import jax.numpy as jnp
@@ -12,29 +11,16 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.arithmetic.promise import EXACT, Promise
 from jaxspatial.measure.inputs import FAMILIES, with_condition
+from jaxspatial.numerics.promise import EXACT, Promise
 from tests.helpers import duals, hostile
-from tests.helpers.interpreted import interpreted
-from tests.helpers.marks import slow, slow_but
+from tests.helpers.marks import slow
 from tests.helpers.operation import violations
 from tests.helpers.operations import OPERATIONS
+from tests.laws.cases import DERIVATIVES
 
-NAMES = (
-    "shift_force",
-    "shift_velocity",
-    "shift_acceleration",
-    "dot_force_velocity",
-    "cross_velocity",
-    "cross_force",
-    "rotate",
-    "wrench_from_point_forces",
-)
 N = 4
-CASES = [(name, dtype) for name in NAMES for dtype in ("float32", "float64")] + [("shift_velocity", "bfloat16")]
-
-
-# Which arrays are the same for all: those of the last argument, those of the first.
+# Operations, and which of their arrays all items share: those of the last argument, those of the first.
 SHARED = [
     ("shift_force", {2}),
     ("shift_force", {0, 1}),
@@ -44,14 +30,7 @@ SHARED = [
 ]
 
 
-# By default one operation compiled, in all precisions and dtypes, and all of them op by op in one precision of float32.
-COMPILED = [(*case, precision, jax.jit) for case, precision in itertools.product(CASES, ["compensated", "faithful"])]
-OP_BY_OP = [(name, "float32", "compensated", interpreted) for name in NAMES]
-USUAL = [case for case in COMPILED if case[0] == "shift_velocity"] + OP_BY_OP
-cases = pytest.mark.parametrize(("name", "dtype", "precision", "run"), slow_but(USUAL, COMPILED + OP_BY_OP))
-
-
-@cases
+@DERIVATIVES.parametrize
 def test_tangent(name, dtype, precision, run):
     arrays, tangents = _directions(name, dtype)
     with jax.enable_x64(dtype == "float64"):
@@ -59,7 +38,7 @@ def test_tangent(name, dtype, precision, run):
     _check(name, precision, _bounds(name), results, _pushed(name, dtype))
 
 
-@cases
+@DERIVATIVES.parametrize
 def test_pull_back_of_each_result_alone(name, dtype, precision, run):
     arrays, cotangents = _covectors(name, dtype)
     for part in (i for i, bound in enumerate(_bounds(name)) if bound != EXACT):
@@ -68,9 +47,9 @@ def test_pull_back_of_each_result_alone(name, dtype, precision, run):
         _check(name, precision, [_worst(name)] * len(arrays), results, _pulled(name, dtype, part))
 
 
-@cases
+@DERIVATIVES.parametrize
 def test_pull_back_of_all_results(name, dtype, precision, run):
-    """Also to arguments that are passed on as they are, or that several results are made of."""
+    """Also to arguments that are passed on as they are, or that enter several results."""
     arrays, cotangents = _covectors(name, dtype)
     with jax.enable_x64(dtype == "float64"):
         results = run(_vjp(name, precision))(arrays, cotangents)
@@ -82,7 +61,7 @@ def test_pull_back_of_all_results(name, dtype, precision, run):
 @pytest.mark.parametrize("dtype", ["float32", slow("float64")])
 @pytest.mark.parametrize(("name", "shared"), SHARED)
 def test_pull_back_to_an_item_that_a_batch_shares(name, shared, dtype, precision, how):
-    """One sum over the batch, rounded once. Of the result that is computed."""
+    """It is one sum over the batch, rounded once. Only the computed result has a cotangent."""
     arrays, cotangents = _covectors(name, dtype)
     part = _FREE.get(name, (0, 0))[1]
     expected = _pulled(name, dtype, part, frozenset(shared))

@@ -1,10 +1,8 @@
 """Every operation keeps the error bound of its docstring, held against exact rationals.
 
-Operations x precisions x dtypes x hostile inputs x surroundings: a compiler breaks error-free transforms depending on
-what else is computed from what. The tolerance is the promise itself.
+Operations x precisions x dtypes x hostile inputs x surroundings: what else a program computes decides whether a
+compiler breaks error-free transforms. The tolerance is the promise itself. Which of these run by default: see `cases`.
 """
-
-import itertools
 
 import jax
 import jax.numpy as jnp
@@ -12,79 +10,31 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.measure import error, exact
+from jaxspatial.measure import error
 from jaxspatial.measure.inputs import FAMILIES
-from jaxspatial.spatial.promises import of_sum
 from tests.helpers import formulas, hostile
 from tests.helpers.marks import slow, slow_but
 from tests.helpers.operation import violations
-from tests.helpers.operations import DTYPES, EXACT, FORMULAS, OPERATIONS
-from tests.helpers.operations import REPRESENTATIVES as OF_EACH_KIND
-
-
-def _batch_last(f):
-    return lambda *a: jax.jit(jax.vmap(f, in_axes=-1, out_axes=0))(*(jnp.moveaxis(x, 0, -1) for x in a))
-
-
-def _larger(f):
-    """Operands that are computed, results that are computed with; but by factors of 1, which only we know of."""
-
-    def fused(one, *a):
-        results = f(*(x * one for x in a))
-        return [r * one + (one - 1) * s for r, s in zip(results, reversed(results), strict=True) if r.shape == s.shape]
-
-    return lambda *a: jax.jit(fused)(jnp.ones((), a[0].dtype), *a)
-
-
-CONTEXTS = {
-    **hostile.SURROUNDINGS,
-    "eager": lambda f: f,
-    "jit": jax.jit,
-    "vmap": jax.vmap,
-    "jit vmap, batch last": _batch_last,
-    "primal of a pull-back": lambda f: jax.jit(lambda *a: jax.vjp(f, *a)[0]),
-    "inside a larger fusion": _larger,
-}
-# The first in all surroundings, the second in most, in float32 and float64; everything else is computed in batches and
-# item by item.
-REPRESENTATIVES = ("shift_force", "dot_force_velocity")
-MOST = (*hostile.SURROUNDINGS, "eager", "inside a larger fusion")
+from tests.helpers.operations import DTYPES, EXACT, of_sum
+from tests.laws import cases
+from tests.laws.surroundings import OF_ITEMS
 
 precisions = pytest.mark.parametrize("precision", js.Precision)
 
 
-def _contexts(name, dtype, precision):
-    if name not in REPRESENTATIVES or dtype not in ("float32", "float64") or precision == "fast":
-        return ("jit vmap", "single items")
-    return CONTEXTS if name == REPRESENTATIVES[0] else MOST
-
-
-# Expansions of many products of many factors compile for seconds, those of `act_acceleration` for minutes. By default
-# all operations are run op by op, and compiled one of each kind in float32; all dtypes and precisions of the
-# representatives, which error-free transforms in float64 are made like.
-CASES = list(itertools.product(FORMULAS, DTYPES, js.Precision))
-OF_FORMULAS = [case for case in CASES if case[1] == "float32" and case[2] in ("reproducible", "compensated")]
-COMPILED = (*OF_EACH_KIND, "central_axis", "kinetic_energy")
-USUAL = [case for case in CASES if case[0] in REPRESENTATIVES or case in OF_FORMULAS and case[0] in COMPILED]
-
-
-# That sums are whole is seen in "faithful": numbers rounded one by one have its bound but where nearly all cancels.
-FAITHFUL = [(name, "float32", "faithful") for name in FORMULAS if not OPERATIONS[name].is_long]
-
-
-@pytest.mark.parametrize(("name", "dtype", "precision"), OF_FORMULAS + FAITHFUL)
+@cases.BOUNDS_OP_BY_OP.parametrize
 def test_bound_of_the_docstring_op_by_op(name, dtype, precision):
     case = hostile.case(name, dtype)
     case.check(precision, case.operation.op_by_op(*case.arrays, precision=precision), "op by op")
 
 
-@pytest.mark.parametrize(("name", "dtype", "precision"), slow_but(USUAL, CASES))
+@cases.BOUNDS_COMPILED.parametrize
 def test_bound_of_the_docstring(name, dtype, precision):
     case = hostile.case(name, dtype)
     with jax.enable_x64(dtype == "float64"):
         arrays = [jnp.asarray(x) for x in case.arrays]
-        for how in _contexts(name, dtype, precision):
-            case.check(precision, CONTEXTS[how](case.operation.on_arrays(precision))(*arrays), how)
+        for how in cases.bound_surroundings(name, dtype, precision):
+            case.check(precision, OF_ITEMS[how](case.operation.on_arrays(precision))(*arrays), how)
 
 
 @precisions
@@ -96,7 +46,7 @@ def test_a_result_used_alone(name, dtype, precision):
     with jax.enable_x64(dtype == "float64"):
         for part in parts:
             for how in hostile.SURROUNDINGS:
-                alone = CONTEXTS[how](lambda *a, part=part: [case.operation.on_arrays(precision)(*a)[part]])
+                alone = OF_ITEMS[how](lambda *a, part=part: [case.operation.on_arrays(precision)(*a)[part]])
                 case.check(precision, alone(*map(jnp.asarray, case.arrays)), how, [part])
 
 
@@ -159,8 +109,8 @@ def _check_constants(whole, precision, constant, places):
 
     @jax.jit
     def program(*data):
-        given = iter(data)
-        return function(*(x if j in places else next(given) for j, x in enumerate(arrays)))
+        others = iter(data)
+        return function(*(x if j in places else next(others) for j, x in enumerate(arrays)))
 
     results = program(*(jnp.asarray(x) for j, x in enumerate(arrays) if j not in places))
     hostile.made(whole.operation.name, [np.asarray(x) for x in arrays]).check(precision, results, places)
@@ -195,7 +145,7 @@ def test_wrench_from_point_forces(n, dtype, precision):
     if n > 1 and dtype != "float16":  # whose range is too small for condition numbers of many products
         groups += [hostile.wrench(rng, 3, jnp.dtype(dtype), condition, n) for condition in hostile.conditions(dtype)]
     points, forces = (np.concatenate(x) for x in zip(*groups, strict=True))
-    p, f = map(exact.sized, (points, forces))
+    p, f = map(error.sized, (points, forces))
     expected = np.cross(p, f).sum(-2), f.sum(-2)
     with jax.enable_x64(dtype == "float64"):
         # All of one as it is; the compiler has more to add up of more.
@@ -211,6 +161,6 @@ def test_scaling_rounds_once(dtype):
     factors = s[:, 0]
     with jax.enable_x64(dtype == "float64"):
         F = js.SpatialForce(x, y)
-        for scaled, exactly in ((F * factors, exact.rationals(x) * exact.rationals(factors)[:, None]),
-                                (F / factors, exact.rationals(x) / exact.rationals(factors)[:, None])):  # fmt: skip
+        for scaled, exactly in ((F * factors, error.rationals(x) * error.rationals(factors)[:, None]),
+                                (F / factors, error.rationals(x) / error.rationals(factors)[:, None])):  # fmt: skip
             assert error.in_u_of(scaled.tau, exactly, abs(exactly)).max() <= 1

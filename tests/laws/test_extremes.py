@@ -14,13 +14,12 @@ from jax import lax
 
 import jaxspatial as js
 from jaxspatial.measure import error
-from jaxspatial.measure.exact import attribute, rationals, sized
+from jaxspatial.measure.error import attribute, rationals, sized
 from jaxspatial.measure.inputs import EXTREMES
-from jaxspatial.spatial.promises import of_sum
 from tests.helpers import hostile
 from tests.helpers.marks import slow, slow_but
 from tests.helpers.operation import violations
-from tests.helpers.operations import DTYPES, EXACT, OPERATIONS
+from tests.helpers.operations import DTYPES, EXACT, OPERATIONS, of_sum
 
 # Where intermediate results may overflow: all formats evaluated in a wider one, and whatever is faithful.
 SAFE = [(dtype, precision) for dtype in DTYPES for precision in ("compensated", "faithful")]

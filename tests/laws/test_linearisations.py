@@ -1,99 +1,67 @@
 """Derivatives of every operation are those of the exact formula, and pull-backs belong to tangents, of every dtype.
 
-Of what has no formula in the table they are compared with differences in float64. Bounds on hostile inputs: see
+Operations without a formula in the table are compared with differences in float64. Bounds on hostile inputs: see
 `test_derivatives`.
 """
 
 import functools
-import itertools
 from fractions import Fraction
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
-from jaxspatial.measure.error import unit_roundoff
-from jaxspatial.measure.exact import rationals
+from jaxspatial.measure.error import rationals, unit_roundoff
 from tests.helpers.interpreted import interpreted
-from tests.helpers.marks import slow, slow_but
-from tests.helpers.operations import FORMULAS, NAIVE, OF_NUMBERS, OPERATIONS, OWN, REPRESENTATIVES
-from tests.laws.given import ONE, arrays, assert_same_bits
+from tests.helpers.operations import OPERATIONS
+from tests.laws import cases
+from tests.laws.batches import ONE, arrays, assert_same_bits
 
-# Of float32 next to float64, in u normwise: cancellation of well conditioned values.
+# How far float32 may be from float64, in u normwise: well conditioned values cancel a little.
 DERIVED = 64
-# Central differences of order 8 at steps of 2^-10, in float64: what rounding leaves of them.
+# Central differences of order 8 at steps of 2^-10, in float64, and the error that rounding leaves.
 STEP, WEIGHTS, OF_DIFFERENCES = 2.0**-10, (4 / 5, -1 / 5, 4 / 105, -1 / 280), 2.5e-10
 
-NAMES = [name for name in OWN if OPERATIONS[name].differentiable]
-BY_FORMULA = [name for name in NAMES if name in NAIVE]
-OFTEN_KNOWN = ("from_axis_angle", "project_out", "log")
-# By default formulas in one dtype, and representatives in all of them: a derivative is made of the same operations.
-CASES = [(name, dtype, None) for dtype in ("float32", "float64", "bfloat16") for name in NAMES]
-CASES = [case for case in CASES if case[1] != "bfloat16" or case[0] in BY_FORMULA]
-CASES += [(name, dtype, "fast") for dtype in ("float32", "float64") for name in FORMULAS]
-CASES += [(name, "float32", precision) for precision in ("compensated", "faithful") for name in FORMULAS]
-USUAL = [
-    (name, dtype, precision)
-    for name, dtype, precision in CASES
-    if precision in (None, "compensated") and name in REPRESENTATIVES
-    or precision is None and dtype == "float32" and name in (*BY_FORMULA, *OF_NUMBERS, *OFTEN_KNOWN)
-    or precision == "fast" and name == "shift_force"
-]  # fmt: skip
-SHARED = [name for name in NAMES if " " in OPERATIONS[name].arguments]
-HOW = ("vmap", "broadcasting")
-SHORT = [name for name in SHARED if name in BY_FORMULA and not OPERATIONS[name].is_long]
 
-derivatives = pytest.mark.parametrize(("name", "dtype", "precision"), slow_but(USUAL, CASES))
-
-
-@derivatives
+@cases.LINEARISATIONS.parametrize
 def test_tangent_is_the_derivative(name, dtype, precision):
-    found, tangent = _pushed(name, dtype, precision)
+    result, tangent = _pushed(name, dtype, precision)
     if precision is None and OPERATIONS[name].formula:
-        assert_same_bits(found, OPERATIONS[name].naive(*_point(name, dtype)))
+        assert_same_bits(result, OPERATIONS[name].naive(*_point(name, dtype)))
     for x, (exact, near) in zip(tangent, _derivative(name, dtype), strict=True):
         assert x.dtype == dtype
         assert abs(rationals(x) - exact).max() <= near
 
 
-@derivatives
+@cases.LINEARISATIONS.parametrize
 def test_pull_back_is_the_transpose_of_the_tangent(name, dtype, precision):
     tangent = _pushed(name, dtype, precision)[1]
     _assert_transpose(OPERATIONS[name].on_arrays(precision), _point(name, dtype), _direction(name, dtype), tangent)
 
 
-@pytest.mark.parametrize(("name", "how"), slow_but([(name, "vmap") for name in SHORT], itertools.product(SHARED, HOW)))
+@cases.SHARED_ARGUMENTS.parametrize
 def test_pull_back_of_an_item_shared_by_a_batch(name, how):
     operation = OPERATIONS[name]
     for i in range(len(operation.kinds)):
         shared = [place == i for place in operation.places]
         x, t = (
-            [a[ONE] if is_shared else a[:, 0, 0] for a, is_shared in zip(given(name, "float32"), shared, strict=True)]
-            for given in (_point, _direction)
+            [a[ONE] if is_shared else a[:, 0, 0] for a, is_shared in zip(make(name, "float32"), shared, strict=True)]
+            for make in (_point, _direction)
         )
         one = operation.on_arrays()
         function = one if how == "broadcasting" else jax.vmap(one, [None if is_shared else 0 for is_shared in shared])
         _assert_transpose(function, x, t, interpreted(functools.partial(_jvp, function))(x, t)[1])
 
 
-@pytest.mark.parametrize(
-    ("name", "dtype"),
-    [
-        *((name, "float32") for name in (*REPRESENTATIVES, "newton_euler")),
-        *map(slow, (name for name in BY_FORMULA if name not in REPRESENTATIVES), itertools.repeat("float32")),
-        *map(slow, BY_FORMULA, itertools.repeat("float64")),
-        slow("combine", "float32"),
-    ],
-)
+@cases.COMPILED_DERIVATIVES.parametrize
 def test_derivatives_are_bitwise_the_same_compiled_and_recomputed(name, dtype):
-    function, given = OPERATIONS[name].on_arrays(), (_point(name, dtype), _direction(name, dtype))
+    function, inputs = OPERATIONS[name].on_arrays(), (_point(name, dtype), _direction(name, dtype))
     with jax.enable_x64(dtype == "float64"):
-        x, t = jax.tree.map(jnp.asarray, given)
+        x, t = jax.tree.map(jnp.asarray, inputs)
         cotangent = _cotangent(jax.eval_shape(function, *x))
         again = jax.checkpoint(function)
         tangent, gradient = jax.jit(lambda x, t: (_jvp(again, x, t)[1], _pulled(again, cotangent, *x)))(x, t)
-        # Op by op calls that are kept apart add up in an order of their own.
+        # Separate calls, op by op, add up in another order.
         runs = interpreted if OPERATIONS[name].formula else lambda f: f
         expected = runs(functools.partial(_pulled, function, cotangent))(*x)
     assert_same_bits(tangent, _pushed(name, dtype)[1])
@@ -147,8 +115,8 @@ def _differences(name):
     x, t = _point(name, "float64"), _direction(name, "float64")
     steps = STEP * np.array([s * k for k in (1, 2, 3, 4) for s in (1, -1)])
     spread = [a + steps.reshape((8, *[1] * a.ndim)) * b for a, b in zip(x, t, strict=True)]
-    found = OPERATIONS[name].op_by_op(*spread)
-    return [sum(w * (y[2 * k] - y[2 * k + 1]) for k, w in enumerate(WEIGHTS)) / STEP for y in found]
+    results = OPERATIONS[name].op_by_op(*spread)
+    return [sum(w * (y[2 * k] - y[2 * k + 1]) for k, w in enumerate(WEIGHTS)) / STEP for y in results]
 
 
 def _jvp(function, x, t):

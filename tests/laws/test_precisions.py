@@ -1,5 +1,7 @@
-"""Every operation keeps its dtype in every precision, and the bound of its docstring; what has no formula in the table
-is compared with float64. Hostile inputs: see `test_error_bounds`, and the tests of each operation.
+"""Every operation keeps its dtype in every precision, and the bound of its docstring.
+
+Operations without a formula in the table are compared with float64. Hostile inputs: see `test_error_bounds`, and the
+tests of each operation.
 """
 
 import functools
@@ -9,46 +11,23 @@ import numpy as np
 import pytest
 
 from jaxspatial.measure.error import unit_roundoff
-from tests.helpers.marks import slow, slow_but
+from tests.helpers.marks import slow
 from tests.helpers.operation import violations
-from tests.helpers.operations import DTYPES, NAIVE, OF_NUMBERS, OPERATIONS, OWN, REPRESENTATIVES, SUMS
-from tests.laws.given import BATCH, arrays, assert_same_bits, on_device, precisely, sized, together, value
-from tests.laws.test_transformations import CONTEXTS
+from tests.helpers.operations import OPERATIONS, OTHER_REPRESENTATIVES, REPRESENTATIVES, SUMS
+from tests.laws import cases
+from tests.laws.batches import BATCH, arrays, assert_same_bits, on_device, precisely, sized, together, value
+from tests.laws.surroundings import OF_OPERATIONS
 
-PRECISIONS = ("fast", "reproducible", "compensated", "faithful")
-# Next to float64, in u normwise: cancellation of well conditioned ones.
+# How far a result may be from float64, in u normwise: well conditioned values cancel a little.
 ROUNDED = 16
-# Sums over many items are many programs op by op, of many shapes; `inertia.test_mesh` and `test_sums` tell of them.
-MANY_SHAPES = ("triangle_mesh", "sum_of_inertias")
-OTHERS = [name for name in OPERATIONS if name not in NAIVE]
-# By default all operations in one of these, and representatives in a few: in a formula nothing but the numbers it runs
-# in depends on dtype and precision.
-TYPES = [
-    (name, dtype, precision)
-    for dtype in DTYPES
-    for precision in PRECISIONS
-    for name in OTHERS
-    if name in OWN or (dtype, precision) == ("float32", "reproducible")
-]
-OF_FEW = [
-    ("float32", "compensated"),
-    ("float16", "faithful"),
-    ("float64", "reproducible"),
-    ("bfloat16", "reproducible"),
-]
-USUAL = [
-    (name, *types)
-    for name, *types in TYPES
-    if name not in MANY_SHAPES and (types == ["float32", "reproducible"] or name in OF_NUMBERS and (*types,) in OF_FEW)
-]
 
 
-@pytest.mark.parametrize(("name", "dtype", "precision"), slow_but(USUAL, TYPES))
+@cases.PRECISIONS.parametrize
 def test_every_precision_keeps_the_dtype_and_agrees_with_float64(name, dtype, precision):
-    """Evaluated in the wider format and rounded once: bit for bit what is rounded of it."""
+    """A formula evaluated in a wider dtype has the bits of that result, rounded once."""
     operation, wide = OPERATIONS[name], _evaluated_in(precision, dtype)
-    found = value(name, dtype) if precision == "reproducible" else precisely(name, dtype, precision)
-    for x, exact, same in zip(found, _widened(name, dtype, "float64"), _widened(name, dtype, wide), strict=True):
+    results = value(name, dtype) if precision == "reproducible" else precisely(name, dtype, precision)
+    for x, exact, same in zip(results, _widened(name, dtype, "float64"), _widened(name, dtype, wide), strict=True):
         assert x.dtype == (bool if operation.is_mask else dtype) and x.shape == exact.shape
         if operation.is_one_formula and operation.takes_precision and wide != dtype:
             np.testing.assert_array_equal(x, same.astype(x.dtype))
@@ -57,14 +36,18 @@ def test_every_precision_keeps_the_dtype_and_agrees_with_float64(name, dtype, pr
 
 @pytest.mark.parametrize(
     ("precision", "names"),
-    [("compensated", OF_NUMBERS[1:4]), slow("compensated", OF_NUMBERS), slow("fast", OF_NUMBERS)],
+    [
+        ("compensated", OTHER_REPRESENTATIVES[1:4]),
+        slow("compensated", OTHER_REPRESENTATIVES),
+        slow("fast", OTHER_REPRESENTATIVES),
+    ],
 )
 def test_other_precisions_compiled(precision, names):
-    found = jax.jit(together(names, precision))({name: on_device(arrays(name)) for name in names})
+    results = jax.jit(together(names, precision))({name: on_device(arrays(name)) for name in names})
     for name in names:
         if precision == "compensated":
-            assert_same_bits(found[name], precisely(name, "float32", precision), name)
-        for x, exact in zip(found[name], _widened(name, "float32", "float64"), strict=True):
+            assert_same_bits(results[name], precisely(name, "float32", precision), name)
+        for x, exact in zip(results[name], _widened(name, "float32", "float64"), strict=True):
             _assert_near(np.asarray(x), exact, ROUNDED)
 
 
@@ -76,13 +59,10 @@ def test_bound_of_the_docstring_with_64_bit_types_on(names, precision):
         _assert_within_bounds(jax.jit(together(names, precision)), names, precision)
 
 
-SURROUNDED = [(context, precision) for precision in ("compensated", "faithful", "fast") for context in CONTEXTS]
-
-
-@pytest.mark.parametrize(("context", "precision"), slow_but(SURROUNDED[: len(CONTEXTS)], SURROUNDED))
-def test_bound_of_the_docstring_in_every_context(context, precision):
+@cases.SURROUNDED.parametrize
+def test_bound_of_the_docstring_in_every_surrounding(surrounding, precision):
     names = REPRESENTATIVES[:3] if precision == "compensated" else REPRESENTATIVES
-    _assert_within_bounds(CONTEXTS[context](together(names, precision)), names, precision)
+    _assert_within_bounds(OF_OPERATIONS[surrounding](together(names, precision)), names, precision)
 
 
 # -- helpers ----------------------------------------------------------------------------------------------------------
@@ -96,7 +76,7 @@ def _evaluated_in(precision, dtype):
 
 @functools.cache
 def _widened(name, dtype, wide):
-    """Of inputs of one dtype, what comes in another, in "reproducible"."""
+    """The result in "reproducible" of inputs of one dtype, converted to another."""
     return OPERATIONS[name].op_by_op(*(x.astype(wide) for x in arrays(name, dtype)))
 
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.arithmetic.precision import OF_ALGORITHMS
-from jaxspatial.measure import algorithms, applications, scene
+from jaxspatial.measure import algorithms
 from jaxspatial.measure.algorithms import ALGORITHMS, Case
-from jaxspatial.measure.exact import rationals
+from jaxspatial.measure.error import rationals
+from jaxspatial.numerics.precision import OF_ALGORITHMS
 from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
 
@@ -26,7 +26,7 @@ def _forces(mass, load, state):
 @pytest.mark.skipif(np.finfo(np.longdouble).nmant < 60, reason="needs numbers of more digits than float64 has")
 def test_errors_are_those_of_the_numbers():
     """Of a trolley and its load, by hand."""
-    mech, n = scene.trolley(3.0, 0.5), 20
+    mech, n = algorithms.trolley(3.0, 0.5), 20
     lines = algorithms.cases(["inverse_dynamics"])
     advanced = []
     rows = algorithms.measure(mech, lines, n, lambda: advanced.append(1))
@@ -42,7 +42,7 @@ def test_errors_are_those_of_the_numbers():
 
 
 def test_forces_of_forward_dynamics_are_those_of_a_motion():
-    mech = scene.trolley(3.0, 0.5)
+    mech = algorithms.trolley(3.0, 0.5)
     q, v, tau = algorithms._state(ALGORITHMS["forward_dynamics"], mech, 10)
     *_, vdot = algorithms._state(ALGORITHMS["inverse_dynamics"], mech, 10)
     found = interpreted(lambda *x: js.forward_dynamics(mech, *x))(q, v, tau)
@@ -58,7 +58,7 @@ def test_steps_count_the_reference_too():
 
 
 def test_the_embedded_arm_is_an_arm():
-    mech = scene.arm()
+    mech = algorithms.arm()
     assert mech.nv == 7 and mech.dtype == np.float32
     assert interpreted(lambda M: M.is_physically_valid())(mech.inertias).all()
     stretched = interpreted(lambda q: js.forward_kinematics(mech, q).translation[-1])(np.zeros(7, np.float32))
@@ -68,11 +68,11 @@ def test_the_embedded_arm_is_an_arm():
 @pytest.mark.parametrize("names", [("100 links", "1 km"), slow(("base", "1 t", "10 g"))])
 def test_applications(names, monkeypatch):
     """Compensated is off by rounding once, the others by more."""
-    some = [one for one in applications.APPLICATIONS if any(name in one.name for name in names)]
-    monkeypatch.setattr(applications, "APPLICATIONS", some)
+    some = [one for one in algorithms.APPLICATIONS if any(name in one.name for name in names)]
+    monkeypatch.setattr(algorithms, "APPLICATIONS", some)
     advanced = []
-    losses = applications.measure(lambda: advanced.append(1), states=20)
-    assert len(advanced) == applications.steps() and len(losses) == len(some) >= len(names)
+    losses = algorithms.losses(lambda: advanced.append(1), states=20)
+    assert len(advanced) == algorithms.application_steps() and len(losses) == len(some) >= len(names)
     for loss in losses:
         rounded = 1.01 * 2.0**-24 * loss.size
         assert loss.errors["compensated"] <= rounded < loss.errors["fast"] + loss.errors["reproducible"]
@@ -80,8 +80,8 @@ def test_applications(names, monkeypatch):
 
 def test_what_is_lost_far_off():
     """By exact rationals."""
-    far = next(one for one in applications.APPLICATIONS if "1 km" in one.name)
-    found = applications._loss(far, 20, lambda: None)
+    far = next(one for one in algorithms.APPLICATIONS if "1 km" in one.name)
+    found = algorithms._loss(far, 20, lambda: None)
     tau, f, p = far.arguments(np.random.default_rng(0), 20)
     exact = rationals(tau) - np.cross(rationals(p), rationals(f))
     plain = (tau - np.cross(p, f)).astype(np.float32)

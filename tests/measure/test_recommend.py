@@ -9,7 +9,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.measure import recommend
-from jaxspatial.measure.recommend import Measured, Recommendation
+from jaxspatial.measure.timing import Measured, Recommendation
 
 
 def cancelling():
@@ -52,7 +52,7 @@ def test_the_fastest_that_holds():
 
 def test_whole_algorithms_and_trees():
     """Of a float32 mechanism; integers pass."""
-    mech = js.random_mechanism(0, 1, ["revolute"], dtype=np.float32)
+    mech = js.testing.random_mechanism(0, 1, ["revolute"], dtype=np.float32)
     q = np.asarray([0.1], np.float32)
 
     def energies(q, n):

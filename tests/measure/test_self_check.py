@@ -1,6 +1,5 @@
 """The self-check: it holds on compilers that keep promises, and sees those that do not; without the plot extra."""
 
-import importlib
 import json
 import os
 import subprocess
@@ -10,17 +9,14 @@ import jax
 import pytest
 
 import jaxspatial as js
-from jaxspatial.arithmetic.sums.accumulators import faithful
-from jaxspatial.command.cli import main
+from jaxspatial.__main__ import main
 from jaxspatial.measure import checks, self_check
+from jaxspatial.numerics.sums import faithful
 from tests.helpers.marks import slow
 
-# What carries the name in the package is the function.
-module = importlib.import_module("jaxspatial.measure.self_check")
-
 # The command where neither tables nor pictures can be shown, of some dtypes.
-_BARE = "import sys; sys.modules.update(rich=None, matplotlib=None); from jaxspatial.command.cli import main"
-_BARE += "; from jaxspatial.measure import findings; findings.DTYPES = {dtypes}"
+_BARE = "import sys; sys.modules.update(rich=None, matplotlib=None); from jaxspatial.__main__ import main"
+_BARE += "; from jaxspatial.measure import checks; checks.DTYPES = {dtypes}"
 
 
 def _run(dtypes, flags, *options):
@@ -37,9 +33,9 @@ def _found(run):
 @pytest.fixture(scope="module")
 def quick():
     """The checks that are quick, for what does not depend on their number."""
-    kept = {name: check for name, check in module._CHECKS.items() if not name.startswith("precision")}
+    kept = {name: check for name, check in checks._CHECKS.items() if not name.startswith("precision")}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "_CHECKS", kept)
+        patch.setattr(checks, "_CHECKS", kept)
         yield kept
 
 
@@ -63,7 +59,7 @@ def test_64_bit_types_on_or_off_by_the_caller(x64, quick):
 
 
 # In float64 all precisions need what the flag breaks; in float32 some have float64 to compute in. By default
-# `arithmetic.errorfree.test_barrier` tells that results are NaN then.
+# `numerics.errorfree.test_barrier` tells that results are NaN then.
 @pytest.mark.parametrize("dtypes", [slow(("float64",)), slow(("float32", "float64"))], ids="-".join)
 def test_fast_math_is_seen(dtypes):
     run = _run(dtypes, "--xla_cpu_enable_fast_math=true", "--json")
@@ -106,7 +102,7 @@ def test_what_cannot_be_run_does_not_hold(quick, monkeypatch, capsys):
     def fails():
         raise NotImplementedError("no 64 bits on this device")
 
-    monkeypatch.setattr(module, "_CHECKS", {"float64": fails})
+    monkeypatch.setattr(checks, "_CHECKS", {"float64": fails})
     report = self_check()
     assert not report.holds and "no 64 bits on this device" in str(report) and "--xla_cpu" in report.findings[0].advice
     assert main(["--self-check"]) == 1 and "1 of the promises do not hold" in capsys.readouterr().out

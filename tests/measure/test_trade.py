@@ -5,27 +5,27 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxspatial.arithmetic.precision import Precision
-from jaxspatial.measure import conditions, error, scene, timing, trade
-from jaxspatial.measure.operation import OPERATIONS
+from jaxspatial.measure import error, timing, trade
+from jaxspatial.measure.operation import OPERATIONS, Wrenches, rotating_body
+from jaxspatial.numerics.precision import Precision
 from tests.helpers.marks import slow_but
 
 OFFSET = np.array([0.3, -0.2, 0.5])
-WRENCHES = scene.rotating_body(50)
+WRENCHES = rotating_body(50)
 
 
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_record_of_an_operation_is_consistent(name):
     """The function computes the formulas, in as many numbers as the record says."""
     operation = OPERATIONS[name]
-    arrays = trade.arguments(operation, WRENCHES, OFFSET, 50, "float32")
+    arrays = operation.drawn(WRENCHES, OFFSET, 50, "float32")
     computed, exactly = operation.batched("reproducible")(*arrays), operation.exactly(*arrays)
     assert len(operation.bounds) == len(operation.formulas) == len(computed)
     assert sum(x.size for x in computed) == 50 * operation.size and operation.words == 3 * len(arrays) + operation.size
     assert operation.of_promise("reproducible", computed, exactly)[0] <= 1
-    turned = [-x if i in operation.turned else x for i, x in enumerate(arrays)]
-    for there, back, (value, mag) in zip(computed, operation.batched("fast")(*turned), exactly, strict=True):
-        if operation.replaced is None:
+    flipped = [-x if i in operation.flipped else x for i, x in enumerate(arrays)]
+    for there, back, (value, mag) in zip(computed, operation.batched("fast")(*flipped), exactly, strict=True):
+        if operation.in_place is None:
             assert error.in_units_of(mag * 2**-20, -back, value).max() <= 1
         else:
             assert error.in_units_of(mag * 2**-20, there + back, 2 * value * 0 + _twice(arrays, operation)).max() <= 2
@@ -33,7 +33,7 @@ def test_record_of_an_operation_is_consistent(name):
 
 def _twice(arrays, operation):
     """What shifts there and back add up to: twice what was to be shifted."""
-    return 2 * error.rationals(arrays[operation.replaced])
+    return 2 * error.rationals(arrays[operation.in_place])
 
 
 @pytest.mark.parametrize("precision", Precision)
@@ -46,7 +46,7 @@ def test_promises_are_those_of_the_docstrings(precision):
 
 def test_an_error_beyond_the_promise_is_seen():
     operation = OPERATIONS["shift_force"]
-    arrays = trade.arguments(operation, WRENCHES, OFFSET, 50, "float32")
+    arrays = operation.drawn(WRENCHES, OFFSET, 50, "float32")
     (computed,), exactly = operation.batched("faithful")(*arrays), operation.exactly(*arrays)
     off = np.nextafter(np.nextafter(computed, np.float32(np.inf)), np.float32(np.inf))
     assert operation.of_promise("faithful", [computed], exactly)[0] <= 0.51
@@ -70,7 +70,7 @@ def test_rows(dtype):
 def test_a_step_of_the_timed_loop_is_the_operation(x64):
     """And two are there and back: what is fed back in is what came out."""
     operation = OPERATIONS["shift_force"]
-    arrays = trade.arguments(operation, WRENCHES, OFFSET, 50, "float32")
+    arrays = operation.drawn(WRENCHES, OFFSET, 50, "float32")
     loop = trade._Loop(operation, Precision.REPRODUCIBLE, arrays, lambda: None)
     once, there_and_back = (loop(count)[0] for count in (1, 2))
     np.testing.assert_array_equal(once, operation.batched("reproducible")(*arrays)[0])
@@ -78,11 +78,11 @@ def test_a_step_of_the_timed_loop_is_the_operation(x64):
 
 
 def test_what_overflows_in_a_narrow_format_is_left_out():
-    wrenches = scene.Wrenches(*(np.where(np.arange(50)[:, None] < 25, x, x * 1e4) for x in WRENCHES if x is not None))
+    wrenches = Wrenches(*(np.where(np.arange(50)[:, None] < 25, x, x * 1e4) for x in WRENCHES if x is not None))
     rows = trade.measure(wrenches, OFFSET, trade.cases(("dot",), ("float16",)), 1_000)
     assert all(row.holds and 0 < row.ulps.size < 500 for row in rows)
     rows = trade.measure(
-        scene.Wrenches(*(x * 1e30 for x in WRENCHES if x is not None)),
+        Wrenches(*(x * 1e30 for x in WRENCHES if x is not None)),
         OFFSET,
         trade.cases(("dot",), ("float16",)),
         1_000,
@@ -103,7 +103,7 @@ def test_slow_cases_get_fewer_rounds():
 
 @pytest.fixture(scope="module")
 def curves():
-    return conditions.measure(conditions.subjects(("dot",)))
+    return trade.curves(trade.curved(("dot",)))
 
 
 def test_conditions_reach_from_one_to_beyond_all_digits(curves):
@@ -114,17 +114,17 @@ def test_conditions_reach_from_one_to_beyond_all_digits(curves):
         assert curve.holds and sum(point.results for point in curve.points) > 1000
         finite = np.array(found[:-1])
         ulps = np.array([point.worst_ulps for point in curve.points[:-1]])
-        assert (ulps <= conditions.promised_ulps(curve, 10**0.5 * finite)).all()
+        assert (ulps <= trade.promised_ulps(curve, 10**0.5 * finite)).all()
 
 
 def test_precisions_lose_their_digits_in_order(curves):
     ends = {(c.dtype, c.precision): c.points[-2].worst_ulps for c in curves}
-    for dtype in conditions.DTYPES:
+    for dtype in trade.STREAMED:
         assert ends[dtype, "faithful"] <= 1 < ends[dtype, "compensated"] < 1e-5 * ends[dtype, "reproducible"]
 
 
 def test_formats_are_those_asked_for():
     for dtype in trade.DTYPES:
         with jax.enable_x64(dtype == "float64"):
-            arrays = trade.arguments(OPERATIONS["dot"], WRENCHES, OFFSET, 120, dtype)
+            arrays = OPERATIONS["dot"].drawn(WRENCHES, OFFSET, 120, dtype)
             assert all(x.dtype == jnp.dtype(dtype) and x.shape == (120, 3) for x in arrays)

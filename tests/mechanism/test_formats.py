@@ -13,11 +13,11 @@ import jaxspatial as js
 
 def there():
     names = {name.removeprefix("jaxspatial.mechanism.formats.") for name in sys.modules}
-    return names & {"urdf", "mjcf", "lxml", "yourdfpy", "mujoco"}
+    return names & {"urdf", "mjcf", "lxml", "mujoco"}
 
 assert not there(), there()
 js.Mechanism.from_urdf('<robot name="r"><link name="l"/></robot>')
-assert {"urdf", "lxml", "yourdfpy"} <= there() and "mjcf" not in there(), there()
+assert there() == {"urdf", "lxml"}, there()
 """
 
 

@@ -7,7 +7,6 @@ the bit where cosine and sine are the same numbers.
 
 import functools
 import math
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,13 +14,13 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.functions import angle_ratio, cosine_sine, pi
-from jaxspatial.arithmetic.numbers import Rounded, where
-from jaxspatial.arithmetic.precision import Precision
 from jaxspatial.mechanism import joints
 from jaxspatial.mechanism.joints import AXIS, BUILT_IN, KINDS, JointKind, Parameter, Revolute
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.functions import angle_ratio, cosine_sine, pi
+from jaxspatial.numerics.linear import Motion, Pose, cross, unit
+from jaxspatial.numerics.numbers import Rounded, where
+from jaxspatial.numerics.precision import Precision
 from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
 
@@ -48,7 +47,7 @@ class SineCosineRevolute(JointKind):
 
     def integrate(self, q, step):
         (s, c), (cosine, sine) = q, cosine_sine(step[0])
-        return vectors.unit((s * cosine + c * sine, c * cosine - s * sine))
+        return unit((s * cosine + c * sine, c * cosine - s * sine))
 
     def difference(self, q, q2):
         s, c = q2[0] * q[1] - q2[1] * q[0], q2[1] * q[1] + q2[0] * q[0]
@@ -70,14 +69,12 @@ class OffsetScrew(JointKind):
 
     name, nq, nv, angles, parameters = "offset_screw", 1, 1, (0,), (AXIS, LEAD, OFFSET)
 
-    def transform(self, q, cos_sin) -> Any:
-        rows, _ = Revolute.transform(self, q, cos_sin)
-        arm = vectors.minus(self.offset, vectors.matrix_times(rows, self.offset))
-        return rows, vectors.plus(arm, vectors.times(self.lead * q[0], self.axis))
+    def transform(self, q, cos_sin):
+        R = Revolute.transform(self, q, cos_sin).R
+        return Pose(R, self.offset - R @ self.offset + (self.lead * q[0]) * self.axis)
 
-    def motion_subspace(self, cos_sin) -> Any:
-        along = vectors.times(self.lead, self.axis)
-        return ((self.axis, vectors.plus(vectors.cross(self.offset, self.axis), along)),)
+    def motion_subspace(self, cos_sin):
+        return (Motion(self.axis, cross(self.offset, self.axis) + self.lead * self.axis),)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -109,7 +106,7 @@ TREES = {
 
 def build(tree, kind, **more):
     """A random mechanism of a tree, that does not depend on the kind of the joints that are compared."""
-    like = js.random_mechanism(7, len(tree), ["revolute"], dtype=np.float64)
+    like = js.testing.random_mechanism(7, len(tree), ["revolute"], dtype=np.float64)
     bodies = [js.Body(f"b{i}", jax.tree.map(lambda x, i=i: x[i], like.inertias)) for i in range(len(tree))]
     made = [
         js.Joint(
@@ -145,7 +142,7 @@ def angles():
     """Those whose sine and cosine, as rounded, have the length 1, as rounded: reading them changes no bit."""
     found = np.linspace(-3, 3, 500)
     both = sine_cosine(found)
-    return found[(formula(lambda v: vectors.unit(v))("reproducible", both) == both).all(-1)]
+    return found[(formula(lambda v: unit(v))("reproducible", both) == both).all(-1)]
 
 
 def state(name, batch=(), **more):
@@ -177,7 +174,7 @@ CALLS = {
     "jacobian rate": lambda m, q, v, a, **p: js.jacobian_rate(m, q, v, m.body_names[-1], **p),
     "energy": lambda m, q, v, a, **p: js.kinetic_energy(m, q, v, **p) + js.potential_energy(m, q, **p),
     "momentum": lambda m, q, v, a, **p: js.centroidal_momentum(m, q, v, **p),
-    "regressor": lambda m, q, v, a, **p: js.joint_torque_regressor(m, q, v, a, **p),
+    "regressor": lambda m, q, v, a, **p: js.regressors.joint_torque_regressor(m, q, v, a, **p),
     "derivatives of inverse dynamics": lambda m, q, v, a, **p: js.inverse_dynamics_derivatives(m, q, v, a, **p),
     "derivatives of forward dynamics": lambda m, q, v, a, **p: js.forward_dynamics_derivatives(m, q, v, a, **p),
 }
@@ -361,7 +358,7 @@ def test_parameters_are_numbers_of_the_mechanism():
     exported = jax.export.export(jax.jit(js.gravity_forces))(static, q)
     again = jax.export.deserialize(exported.serialize())
     np.testing.assert_array_equal(again.call(static, q), of(js.gravity_forces, other)(q))
-    random = js.random_mechanism(0, 3, ["offset_screw", "helical"], dtype=np.float64)
+    random = js.testing.random_mechanism(0, 3, ["offset_screw", "helical"], dtype=np.float64)
     assert random.parameters["lead"][0] != 0.25 != random.parameters["lead"][2] and random.pitches[1] != 0
 
 

@@ -11,6 +11,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.mechanism.joints import KINDS
 from tests.helpers import tangents
+from tests.helpers.interpreted import interpreted
 from tests.helpers.tracing import assert_known_while_tracing
 
 U = 2.0**-53
@@ -233,7 +234,7 @@ def test_mechanisms_are_built_while_tracing(x64):
 
     def made():
         mech = js.Mechanism.build(*parts)
-        return [mech, js.lock_joints(mech, {"j": (0.6, 0.8, 0.0, 0.0)}), js.random_mechanism(3, 3)]
+        return [mech, js.lock_joints(mech, {"j": (0.6, 0.8, 0.0, 0.0)}), js.testing.random_mechanism(3, 3)]
 
     assert_known_while_tracing(made)
 
@@ -260,22 +261,30 @@ def test_a_locked_master_holds_its_mimics():
 
 
 def test_the_algorithms_of_a_mechanism_with_mimics():
-    """Its mass matrix, regressor and derivatives are those that inverse dynamics is linear in."""
+    """Torques are linear in its mass matrix, bias forces and regressor, and have its derivatives; both dynamics, which
+    are compiled, are inverse to each other."""
     with jax.enable_x64(True), js.default_precision("fast"):
         mech, rng = geared(dtype=np.float64), np.random.default_rng(0)
         q = np.array([0.3, 0.5, 0.5, 0.5, 0.5])
         v, a = rng.standard_normal((2, mech.nv))
         tau = js.inverse_dynamics(mech, q, v, a)
-        np.testing.assert_allclose(js.mass_matrix(mech, q) @ a + js.bias_forces(mech, q, v), tau, rtol=1e-13)
-        Y = js.joint_torque_regressor(mech, q, v, a)
+        np.testing.assert_allclose(js.forward_dynamics(mech, q, v, tau), a, rtol=1e-12)
+
+        def torques(q, v):
+            return js.inverse_dynamics(mech, q, v, jnp.asarray(a))
+
+        def others(q, v, a):
+            derivatives = js.inverse_dynamics_derivatives(mech, q, v, a).dtau_dv, jax.jacrev(torques)(q, v)
+            linear = js.mass_matrix(mech, q) @ a + js.bias_forces(mech, q, v)
+            Y = js.regressors.joint_torque_regressor(mech, q, v, a)
+            return linear, Y, derivatives, tangents.jacobians(torques, (0, 1))(q, v)
+
+        linear, Y, (dtau_dv, dtau_dq), (by_q, by_v) = interpreted(others)(q, v, a)
+        np.testing.assert_allclose(linear, tau, rtol=1e-13)
         pi = mech.inertias.to_dynamic_parameters().ravel()
         np.testing.assert_allclose(Y @ pi + mech.armature * a, tau, rtol=1e-13)
-        found = js.inverse_dynamics_derivatives(mech, q, v, a)
-        forces = lambda q, v: js.inverse_dynamics(mech, q, v, jnp.asarray(a))  # noqa: E731
-        by_q, by_v = tangents.jacobians(forces, (0, 1))(jnp.asarray(q), jnp.asarray(v))
-        np.testing.assert_allclose(found.dtau_dv, by_v, atol=1e-13)
-        np.testing.assert_allclose(jax.jacrev(forces)(jnp.asarray(q), jnp.asarray(v)), by_q, atol=1e-13)
-        np.testing.assert_allclose(js.forward_dynamics(mech, q, v, tau), a, rtol=1e-12)
+        np.testing.assert_allclose(dtau_dv, by_v, atol=1e-13)
+        np.testing.assert_allclose(dtau_dq, by_q, atol=1e-13)
 
 
 def test_limits_are_per_rate_or_coordinate():
@@ -441,10 +450,10 @@ def test_known_numbers_and_data_give_the_same(float64):
 
 
 def test_random_mechanisms_are_the_same_for_the_same_seed():
-    first, again, other = (js.random_mechanism(seed, 4) for seed in (0, 0, 1))
+    first, again, other = (js.testing.random_mechanism(seed, 4) for seed in (0, 0, 1))
     jax.tree.map(np.testing.assert_array_equal, first, again)
     assert (first.inertias.mass != other.inertias.mass).all()
-    chain = js.random_mechanism(0, 4, ["ball"], is_chain=True)
+    chain = js.testing.random_mechanism(0, 4, ["ball"], is_chain=True)
     assert (chain.topology.parents, chain.topology.kinds) == ((-1, 0, 1, 2), ("ball",) * 4)
 
 

@@ -419,6 +419,6 @@ def test_numbers_of_a_file_are_known_while_tracing():
 
 
 def test_without_the_package(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "yourdfpy", None)
-    with pytest.raises(ImportError, match=r"from_urdf: needs the package yourdfpy: .*pip install '\.\[models\]'"):
+    monkeypatch.setitem(__import__("sys").modules, "lxml.etree", None)
+    with pytest.raises(ImportError, match=r"from_urdf: needs the package lxml: .*pip install '\.\[models\]'"):
         read()

@@ -11,7 +11,8 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.inertia.newton_euler import newton_euler, newton_euler_regressor
+from jaxspatial.inertia.newton_euler import newton_euler
+from jaxspatial.inertia.regressors import newton_euler_regressor
 from tests.helpers.optional import needs
 
 pin = needs("pinocchio")

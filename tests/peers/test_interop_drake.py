@@ -19,12 +19,7 @@ drake_math = needs("pydrake.multibody.math")
 pydrake_math = needs("pydrake.math")
 
 U = 2.0**-53
-KINDS = {
-    js.SpatialForce: (interop.drake.from_force, interop.drake.to_force),
-    js.SpatialVelocity: (interop.drake.from_velocity, interop.drake.to_velocity),
-    js.SpatialAcceleration: (interop.drake.from_acceleration, interop.drake.to_acceleration),
-    js.SpatialMomentum: (interop.drake.from_momentum, interop.drake.to_momentum),
-}
+KINDS = js.SpatialForce, js.SpatialVelocity, js.SpatialAcceleration, js.SpatialMomentum
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 
 
@@ -36,7 +31,7 @@ def float64():
 
 @every_kind
 def test_spatial_vectors_both_ways(kind):
-    of, to = KINDS[kind]
+    of, to = interop.drake.from_spatial_vector, interop.drake.to_spatial_vector
     theirs = getattr(drake_math, kind.__name__)
     (six,) = inputs(6, rows=20)
     for row in six:
@@ -49,7 +44,7 @@ def test_spatial_vectors_both_ways(kind):
 
 def test_what_is_read_does_not_change_with_its_source():
     F, X = drake_math.SpatialForce(np.arange(6.0)), pydrake_math.RigidTransform(np.arange(3.0))
-    ours, frame = interop.drake.from_force(F), interop.drake.from_rigid_transform(X)
+    ours, frame = interop.drake.from_spatial_vector(F), interop.drake.from_rigid_transform(X)
     F.SetZero()
     X.set_translation(np.ones(3))
     np.testing.assert_array_equal(ours.to_array(), np.arange(6.0))
@@ -60,15 +55,17 @@ def test_power_is_theirs():
     six, other = inputs(6, 6, rows=20)
     for a, b in zip(six, other, strict=True):
         F, V = js.SpatialForce.from_array(a), js.SpatialVelocity.from_array(b)
-        power = interop.drake.to_force(F).dot(interop.drake.to_velocity(V))
+        power = interop.drake.to_spatial_vector(F).dot(interop.drake.to_spatial_vector(V))
         assert abs(power - js.dot(F, V)) <= 8 * U * abs(a * b).sum()
 
 
 def test_float32_and_double_words_are_widened_exactly():
     F = js.SpatialForce(*np.random.default_rng(0).normal(size=(2, 3)).astype(np.float32))
-    np.testing.assert_array_equal(interop.drake.to_force(F).get_coeffs(), np.asarray(F.to_array(), np.float64))
+    np.testing.assert_array_equal(interop.drake.to_spatial_vector(F).get_coeffs(), np.asarray(F.to_array(), np.float64))
     pair = js.to_double_word(F)
-    np.testing.assert_array_equal(interop.drake.to_force(pair).get_coeffs(), np.asarray(F.to_array(), np.float64))
+    np.testing.assert_array_equal(
+        interop.drake.to_spatial_vector(pair).get_coeffs(), np.asarray(F.to_array(), np.float64)
+    )
 
 
 def test_frames_both_ways_and_what_they_do():
@@ -90,7 +87,7 @@ def test_a_wrench_acted_on_is_rotated_and_shifted():
     for X, six in zip(each(poses()), np.random.default_rng(2).normal(size=(N, 6)), strict=True):
         F = js.SpatialForce.from_array(six)
         frame = interop.drake.to_rigid_transform(X)
-        moved = interop.drake.to_force(F).Rotate(frame.rotation()).Shift(np.negative(frame.translation()))
+        moved = interop.drake.to_spatial_vector(F).Rotate(frame.rotation()).Shift(np.negative(frame.translation()))
         theirs = np.asarray(moved.get_coeffs(), np.float64)
         size = np.abs(six).sum() * (1 + abs(X.translation).max())
         assert abs(theirs - np.asarray(js.act(X, F).to_array())).max() <= 8 * U * size
@@ -112,19 +109,19 @@ def test_floating_joint_and_columns_of_a_jacobian():
     plant, context, body = plant_of_one_body()
     frame, world = body.body_frame(), plant.world_frame()
     for X, v in zip(each(poses()), np.random.default_rng(3).normal(size=(N, 6)), strict=True):
-        plant.SetPositions(context, interop.drake.to_floating_positions(X))
-        plant.SetVelocities(context, interop.drake.to_floating_velocities(js.SpatialVelocity.from_array(v)))
+        plant.SetPositions(context, interop.orders.pose_to_wxyz_xyz(X))
+        plant.SetVelocities(context, js.SpatialVelocity.from_array(v).to_array())
         back = interop.drake.from_rigid_transform(plant.EvalBodyPoseInWorld(context, body))
         np.testing.assert_allclose(back.to_matrix(), X.to_matrix(), rtol=0, atol=12 * U)
-        again = interop.drake.from_floating_positions(plant.GetPositions(context))
+        again = interop.orders.pose_from_wxyz_xyz(plant.GetPositions(context))
         np.testing.assert_allclose(again.to_matrix(), X.to_matrix(), rtol=0, atol=12 * U)
-        moving = interop.drake.from_velocity(plant.EvalBodySpatialVelocityInWorld(context, body))
-        np.testing.assert_array_equal(moving.to_array(), interop.drake.from_floating_velocities(v).to_array())
+        moving = interop.drake.from_spatial_vector(plant.EvalBodySpatialVelocityInWorld(context, body))
+        np.testing.assert_array_equal(moving.to_array(), js.SpatialVelocity.from_array(v).to_array())
         variable = JacobianWrtVariable.kV
         jacobian = plant.CalcJacobianSpatialVelocity(context, variable, frame, np.zeros(3), world, world)
-        columns = interop.drake.from_columns(js.SpatialVelocity, jacobian)
+        columns = js.SpatialVelocity.from_array(jacobian.T)
         assert columns.batch_shape == (6,)
-        np.testing.assert_array_equal(interop.drake.to_columns(columns), jacobian)
+        np.testing.assert_array_equal(columns.to_array().T, jacobian)
         np.testing.assert_allclose((columns * v).to_array().sum(0), v, rtol=0, atol=8 * U * abs(v).sum())
 
 
@@ -144,8 +141,16 @@ def test_externally_applied_force():
 
 
 def test_a_batch_is_refused():
-    with pytest.raises(ValueError, match=r"drake.to_force: expected one item, got a batch of shape \(4,\)"):
-        interop.drake.to_force(js.SpatialForce.zero(4))
+    with pytest.raises(ValueError, match=r"drake.to_spatial_vector: expected one item, got a batch of shape \(4,\)"):
+        interop.drake.to_spatial_vector(js.SpatialForce.zero(4))
+
+
+def test_what_is_no_spatial_vector_of_floats_is_refused():
+    from pydrake.autodiffutils import AutoDiffXd
+
+    for x in (drake_math.SpatialForce_[AutoDiffXd](), np.zeros(6)):
+        with pytest.raises(TypeError, match="drake.from_spatial_vector: x: expected pydrake's SpatialForce or"):
+            interop.drake.from_spatial_vector(x)
 
 
 def near(ours, theirs, size, k=16):
@@ -165,9 +170,9 @@ def test_inertia_both_ways_and_what_it_does():
         np.testing.assert_array_equal(back.com, M.com)
         near(back.central, M.central, size)
         V, A = js.SpatialVelocity.from_array(six), js.SpatialAcceleration.from_array(six)
-        momentum = interop.drake.from_momentum(theirs * interop.drake.to_velocity(V))
+        momentum = interop.drake.from_spatial_vector(theirs * interop.drake.to_spatial_vector(V))
         near((M @ V).to_array(), momentum.to_array(), 4 * (size + linear))
-        force = interop.drake.from_force(theirs * interop.drake.to_acceleration(A))
+        force = interop.drake.from_spatial_vector(theirs * interop.drake.to_spatial_vector(A))
         near((M @ A).to_array(), force.to_array(), 4 * (size + linear))
 
 

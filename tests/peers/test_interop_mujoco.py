@@ -76,41 +76,40 @@ def body_object(model, data, of, name):
 
 def test_poses(state):
     model, data = state
-    X = interop.mujoco.from_xpos_xmat(data.xpos, data.xmat)
-    near(interop.mujoco.from_xpos_xquat(data.xpos, data.xquat).to_matrix(), X.to_matrix(), k=16)
-    xpos, xmat = interop.mujoco.to_xpos_xmat(X)
-    np.testing.assert_array_equal(xpos, data.xpos)
-    np.testing.assert_array_equal(xmat, data.xmat)
-    xpos, xquat = interop.mujoco.to_xpos_xquat(X)
-    np.testing.assert_array_equal(xpos, data.xpos)
-    near(np.abs(np.sum(np.asarray(xquat) * data.xquat, -1)), 1, k=16)
-    in_mjx = interop.mujoco.from_xpos_xmat(data.xpos, data.xmat.reshape(-1, 3, 3))
+    X = js.RigidTransform(js.Rotation(data.xmat), data.xpos)
+    of_quaternion = js.RigidTransform(js.Rotation.from_quaternion(data.xquat), data.xpos)
+    near(of_quaternion.to_matrix(), X.to_matrix(), k=16)
+    np.testing.assert_array_equal(X.translation, data.xpos)
+    np.testing.assert_array_equal(X.rotation.entries, data.xmat)
+    near(np.abs(np.sum(np.asarray(X.rotation.to_quaternion()) * data.xquat, -1)), 1, k=16)
+    in_mjx = js.RigidTransform(js.Rotation.from_matrix(data.xmat.reshape(-1, 3, 3)), data.xpos)
     np.testing.assert_array_equal(in_mjx.to_matrix(), X.to_matrix())
-    near((X @ interop.mujoco.from_xpos_xquat(model.body_ipos, model.body_iquat)).translation, data.xipos, k=16)
+    X_BI = js.RigidTransform(js.Rotation.from_quaternion(model.body_iquat), model.body_ipos)
+    near((X @ X_BI).translation, data.xipos, k=16)
 
 
 def test_cvel_shifted_to_the_body_is_its_velocity(state):
     model, data = state
-    V_WC = interop.mujoco.from_cvel(data.cvel)
+    V_WC = js.SpatialVelocity.from_array(data.cvel)
     V_WB = js.shift(V_WC, data.xpos - centres(model, data))
     for name in NAMES:
         near(V_WB.to_array()[model.body(name).id], body_object(model, data, mujoco.mj_objectVelocity, name), 10)
-    back = interop.mujoco.to_cvel(js.shift(V_WB, centres(model, data) - data.xpos))
+    back = js.shift(V_WB, centres(model, data) - data.xpos).to_array()
     near(back, data.cvel, 10)
 
 
 def test_cdof_are_the_columns_of_the_velocity(state):
     model, data = state
-    columns = interop.mujoco.from_cdof(data.cdof)
+    columns = js.SpatialVelocity.from_array(data.cdof)
     V_C = (columns * data.qvel).to_array()[:8].sum(0)
     near(V_C, data.cvel[model.body("c").id], 10)
-    np.testing.assert_array_equal(interop.mujoco.to_cdof(columns), data.cdof)
+    np.testing.assert_array_equal(columns.to_array(), data.cdof)
 
 
 def test_cacc_shifted_to_the_body_is_its_classical_acceleration(state):
     model, data = state
     gravity, offset = model.opt.gravity, data.xpos - centres(model, data)
-    V_WC = interop.mujoco.from_cvel(data.cvel)
+    V_WC = js.SpatialVelocity.from_array(data.cvel)
     A_WC = interop.mujoco.from_cacc(data.cacc, data.cvel, gravity)
     A_WB = js.shift(A_WC, offset, V_WC.w)
     for name in NAMES:
@@ -125,41 +124,41 @@ def test_cacc_shifted_to_the_body_is_its_classical_acceleration(state):
 def test_free_joint(state):
     model, data = state
     body = model.body("a").id
-    X = interop.mujoco.from_free_joint_qpos(data.qpos[:7])
-    near(X.to_matrix(), interop.mujoco.from_xpos_xmat(data.xpos, data.xmat).to_matrix()[body], 2)
-    near(interop.mujoco.to_free_joint_qpos(X), data.qpos[:7] * np.sign(data.qpos[3]), k=8)
-    V = interop.mujoco.from_free_joint_qvel(data.qvel[:6], X.rotation)
+    X = interop.orders.pose_from_xyz_wxyz(data.qpos[:7])
+    near(X.to_matrix(), js.RigidTransform(js.Rotation(data.xmat), data.xpos).to_matrix()[body], 2)
+    near(interop.orders.pose_to_xyz_wxyz(X), data.qpos[:7] * np.sign(data.qpos[3]), k=8)
+    V = interop.mujoco.from_free_joint(js.SpatialVelocity, data.qvel[:6], X.rotation)
     near(V.to_array(), body_object(model, data, mujoco.mj_objectVelocity, "a"), 10)
-    near(interop.mujoco.to_free_joint_qvel(V, X.rotation), data.qvel[:6], 10)
-    A = interop.mujoco.from_free_joint_qacc(data.qacc[:6], X.rotation)
+    near(interop.mujoco.to_free_joint(V, X.rotation), data.qvel[:6], 10)
+    A = interop.mujoco.from_free_joint(js.SpatialAcceleration, data.qacc[:6], X.rotation)
     theirs = body_object(model, data, mujoco.mj_objectAcceleration, "a")
     near(A.to_array(), interop.mujoco.from_object_acceleration(theirs, model.opt.gravity).to_array(), 1e3)
-    near(interop.mujoco.to_free_joint_qacc(A, X.rotation), data.qacc[:6], 1e3)
+    near(interop.mujoco.to_free_joint(A, X.rotation), data.qacc[:6], 1e3)
 
 
 def test_wrench_on_a_free_body_is_its_generalised_force(state):
     """xfrc_applied about the centre of mass, force first; in qfrc force first too, torque in body axes."""
     model, data = state
     body = model.body("a").id
-    X = interop.mujoco.from_xpos_xmat(data.xpos[body], data.xmat[body])
+    X = js.RigidTransform(js.Rotation(data.xmat[body]), data.xpos[body])
     F_Bo = js.SpatialForce(*np.random.default_rng(1).normal(size=(2, 3)))
-    pushed = np.asarray(interop.mujoco.to_xfrc_applied(js.shift(F_Bo, data.xipos[body] - data.xpos[body])))
+    pushed = np.asarray(interop.orders.to_linear_first(js.shift(F_Bo, data.xipos[body] - data.xpos[body])))
     qfrc = np.zeros(model.nv)
     mujoco.mj_applyFT(model, data, pushed[:3].copy(), pushed[3:].copy(), data.xipos[body], body, qfrc)
-    near(interop.mujoco.from_free_joint_qfrc(qfrc[:6], X.rotation).to_array(), F_Bo.to_array(), 10)
-    near(interop.mujoco.to_free_joint_qfrc(F_Bo, X.rotation), qfrc[:6], 10)
-    F_Bcm = interop.mujoco.from_xfrc_applied(pushed)
+    near(interop.mujoco.from_free_joint(js.SpatialForce, qfrc[:6], X.rotation).to_array(), F_Bo.to_array(), 10)
+    near(interop.mujoco.to_free_joint(F_Bo, X.rotation), qfrc[:6], 10)
+    F_Bcm = interop.orders.from_linear_first(js.SpatialForce, pushed)
     near(js.shift(F_Bcm, data.xpos[body] - data.xipos[body]).to_array(), F_Bo.to_array(), 10)
 
 
 def test_cfrc_ext_is_what_was_applied_moved_to_the_centre(state):
     model, data = state
-    applied = interop.mujoco.from_xfrc_applied(data.xfrc_applied[1:4])
+    applied = interop.orders.from_linear_first(js.SpatialForce, data.xfrc_applied[1:4])
     at_centre = js.shift(applied, (centres(model, data) - data.xipos)[1:4])
-    ours = interop.mujoco.from_cfrc(data.cfrc_ext[1:4])
+    ours = js.SpatialForce.from_array(data.cfrc_ext[1:4])
     near(ours.to_array(), at_centre.to_array(), 10)
-    np.testing.assert_array_equal(interop.mujoco.to_cfrc(ours), data.cfrc_ext[1:4])
-    power = js.dot(ours, interop.mujoco.from_cvel(data.cvel[1:4])).sum()
+    np.testing.assert_array_equal(ours.to_array(), data.cfrc_ext[1:4])
+    power = js.dot(ours, js.SpatialVelocity.from_array(data.cvel[1:4])).sum()
     near(power, data.qvel @ generalised(model, data), 100)
 
 
@@ -197,9 +196,9 @@ def test_joint_force_is_its_own_part_of_cfrc_int(state):
     mujoco.mj_forward(model, data)
     mujoco.mj_rnePostConstraint(model, data)
     bodies = [model.body(name).id for name in "bc"]
-    F, V = interop.mujoco.from_cfrc(data.cfrc_int[bodies]), interop.mujoco.from_cdof(data.cdof[6:8])
+    F, V = js.SpatialForce.from_array(data.cfrc_int[bodies]), js.SpatialVelocity.from_array(data.cdof[6:8])
     near(js.dot(F, V), [1.7, -0.4], 1e3)
-    np.testing.assert_array_equal(interop.mujoco.to_cfrc(F), data.cfrc_int[bodies])
+    np.testing.assert_array_equal(F.to_array(), data.cfrc_int[bodies])
 
 
 @pytest.mark.parametrize("kind", [js.SpatialForce, js.SpatialVelocity], ids=lambda kind: kind.__name__)
@@ -225,10 +224,10 @@ def test_arrays_of_mjx_are_the_same():
         there = mjx.put_data(model, data)
         cvel = getattr(there, "cvel", None)
         cvel = there._impl.cvel if cvel is None else cvel
-        X = interop.mujoco.from_xpos_xmat(there.xpos, there.xmat)
-        V = interop.mujoco.from_cvel(cvel)
+        X = js.RigidTransform(js.Rotation.from_matrix(there.xmat), there.xpos)
+        V = js.SpatialVelocity.from_array(cvel)
     np.testing.assert_allclose(
-        X.to_matrix(), interop.mujoco.from_xpos_xmat(data.xpos, data.xmat).to_matrix(), atol=1e-6
+        X.to_matrix(), js.RigidTransform(js.Rotation(data.xmat), data.xpos).to_matrix(), atol=1e-6
     )
     np.testing.assert_allclose(V.to_array(), data.cvel, atol=1e-6)
 
@@ -269,7 +268,7 @@ def test_inertia_of_bodies(state):
     bodies = slice(1, None)
     arrays = [getattr(model, f"body_{name}")[bodies] for name in ("mass", "inertia", "ipos", "iquat")]
     M_B = interop.mujoco.from_body_inertia(*arrays)
-    X = interop.mujoco.from_xpos_xmat((data.xpos - centres(model, data))[bodies], data.xmat[bodies])
+    X = js.RigidTransform(js.Rotation(data.xmat[bodies]), (data.xpos - centres(model, data))[bodies])
     M_C = js.act(X, M_B)
     near(interop.mujoco.to_cinert(M_C), data.cinert[bodies], 10)
     back = interop.mujoco.from_cinert(data.cinert[bodies])
@@ -286,23 +285,23 @@ def test_inertia_of_bodies(state):
 def test_body_inertia_is_what_the_compiler_makes_of_full_inertia(state):
     model, _ = state
     full = np.array([0.03, 0.025, 0.02, 0.003, -0.002, 0.001])
-    M = interop.mujoco.from_full_inertia(1.3, np.array([0.02, 0.05, -0.04]), full)
-    mass, pos, again = interop.mujoco.to_full_inertia(M)
-    np.testing.assert_array_equal(again, full)
+    pos = np.array([0.02, 0.05, -0.04])
+    M = js.SpatialInertia(1.3, pos, interop.orders.symmetric_from_diagonal_first(full))
+    np.testing.assert_array_equal(interop.orders.symmetric_to_diagonal_first(M.central), full)
     np.testing.assert_array_equal(pos, M.com)
     b = model.body("b").id
     arrays = [getattr(model, f"body_{name}")[b] for name in ("mass", "inertia", "ipos", "iquat")]
     theirs = interop.mujoco.from_body_inertia(*arrays)
     # MuJoCo stops the iteration for its eigenvectors at 1e-12.
     np.testing.assert_allclose(theirs.central, M.central, rtol=0, atol=1e-13)
-    assert (theirs.mass, mass) == (M.mass, M.mass)
+    assert theirs.mass == M.mass
     np.testing.assert_allclose(interop.mujoco.to_body_inertia(M)[1], arrays[1], rtol=0, atol=1e-13)
 
 
 def test_kinetic_energy_and_momentum_of_the_tree(state):
     """M V of every body about C sums to MuJoCo's momentum, and the energies to its energy."""
     model, data = state
-    M, V = interop.mujoco.from_cinert(data.cinert), interop.mujoco.from_cvel(data.cvel)
+    M, V = interop.mujoco.from_cinert(data.cinert), js.SpatialVelocity.from_array(data.cvel)
     mujoco.mj_energyVel(model, data)
     mujoco.mj_subtreeVel(model, data)
     near(M.kinetic_energy(V)[1:].sum(), data.energy[1], 100)

@@ -111,15 +111,15 @@ def test_free_flyer_configuration_and_velocity():
     data = model.createData()
     velocities = np.random.default_rng(3).normal(size=(N, 6))
     for X, six in zip(each(poses()), velocities, strict=True):
-        q = np.asarray(interop.pinocchio.to_free_flyer_configuration(X))
+        q = np.asarray(orders.pose_to_xyz_xyzw(X))
         V = js.SpatialVelocity.from_array(six)
-        v = np.asarray(interop.pinocchio.to_free_flyer_velocity(V))
+        v = np.asarray(orders.to_linear_first(V))
         near(abs(q), abs(pin.SE3ToXYZQUAT(interop.pinocchio.to_se3(X))), 1, 8)
         pin.forwardKinematics(model, data, q, v)
         near(interop.pinocchio.from_se3(data.oMi[1]).to_matrix(), X.to_matrix(), 1, 12)
-        near(interop.pinocchio.from_free_flyer_configuration(q).to_matrix(), X.to_matrix(), 1, 12)
+        near(orders.pose_from_xyz_xyzw(q).to_matrix(), X.to_matrix(), 1, 12)
         np.testing.assert_array_equal(interop.pinocchio.from_motion(data.v[1]).to_array(), six)
-        np.testing.assert_array_equal(interop.pinocchio.from_free_flyer_velocity(v).to_array(), six)
+        np.testing.assert_array_equal(orders.from_linear_first(js.SpatialVelocity, v).to_array(), six)
 
 
 def free_flyer():
@@ -138,7 +138,7 @@ def moving():
     for X in each(poses()):
         v, a = rng.normal(size=(2, 6))
         data = model.createData()
-        q = np.asarray(interop.pinocchio.to_free_flyer_configuration(X))
+        q = np.asarray(orders.pose_to_xyz_xyzw(X))
         pin.forwardKinematics(model, data, q, v, a)
         yield interop.pinocchio.from_se3(data.oMi[1]), model, data
 
@@ -150,10 +150,10 @@ def test_reference_frames_of_a_velocity():
         in_world = interop.pinocchio.from_motion(pin.getVelocity(model, data, 1, frames.WORLD))
         aligned = interop.pinocchio.from_motion(pin.getVelocity(model, data, 1, frames.LOCAL_WORLD_ALIGNED))
         size = 8 * (1 + abs(X.translation).max())
-        near(interop.pinocchio.to_world(X, V).to_array(), in_world.to_array(), size)
-        near(interop.pinocchio.from_world(X, in_world).to_array(), V.to_array(), size)
-        near(interop.pinocchio.to_local_world_aligned(X, V).to_array(), aligned.to_array(), 8)
-        near(interop.pinocchio.from_local_world_aligned(X, aligned).to_array(), V.to_array(), 8)
+        near(js.act(X, V).to_array(), in_world.to_array(), size)
+        near(js.act_inverse(X, in_world).to_array(), V.to_array(), size)
+        near(js.rotate(X.rotation, V).to_array(), aligned.to_array(), 8)
+        near(js.rotate(X.rotation.inverse(), aligned).to_array(), V.to_array(), 8)
 
 
 def test_reference_frames_of_an_acceleration():
@@ -165,9 +165,9 @@ def test_reference_frames_of_an_acceleration():
         local, world, aligned = (interop.pinocchio.from_spatial_acceleration(A[f], V[f]) for f in A)
         w = interop.pinocchio.from_motion(V[frames.LOCAL]).w
         size = 64 * (1 + abs(X.translation).max())
-        near(interop.pinocchio.to_world(X, local, w).to_array(), world.to_array(), size)
-        near(interop.pinocchio.from_world(X, world, X.rotation @ w).to_array(), local.to_array(), size)
-        near(interop.pinocchio.to_local_world_aligned(X, local).to_array(), aligned.to_array(), 64)
+        near(js.act(X, local, w).to_array(), world.to_array(), size)
+        near(js.act_inverse(X, world, X.rotation @ w).to_array(), local.to_array(), size)
+        near(js.rotate(X.rotation, local).to_array(), aligned.to_array(), 64)
         classical = pin.getClassicalAcceleration(model, data, 1, frames.LOCAL_WORLD_ALIGNED)
         near(interop.pinocchio.from_classical_acceleration(classical).to_array(), aligned.to_array(), 64)
 
@@ -178,7 +178,7 @@ def test_accelerations_with_and_without_gravity():
     rng = np.random.default_rng(8)
     for X in each(poses()):
         v, a = rng.normal(size=(2, 6))
-        data, q = model.createData(), np.asarray(interop.pinocchio.to_free_flyer_configuration(X))
+        data, q = model.createData(), np.asarray(orders.pose_to_xyz_xyzw(X))
         pin.rnea(model, data, q, v, a)
         less = interop.pinocchio.from_spatial_acceleration(data.a_gf[1], data.v[1])
         pin.forwardKinematics(model, data, q, v, a)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.arithmetic.formula import formula
-from jaxspatial.arithmetic.precision import Precision
-from jaxspatial.rotation import angles
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.precision import Precision
+from jaxspatial.rotation import quaternion
 from tests.helpers.interpreted import interpreted
 
 U = 2.0**-24
-_angle_of = formula(lambda x: (angles.angle_of(*x),))
+_angle_of = formula(lambda x: (quaternion.angle_of(*x),))
 DIRECTIONS = [(s, c) for s in (-1.0, -0.25, 0.0, 0.75, 1.0) for c in (-1.0, -0.5, 0.0, 0.25, 1.0)]
 
 

@@ -11,9 +11,9 @@ import pytest
 from scipy.spatial import transform
 
 import jaxspatial as js
-from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.formula import formula
-from jaxspatial.rotation import promises as bounds
+from jaxspatial.numerics import linear
+from jaxspatial.numerics.formula import formula
+from jaxspatial.rotation import rotation as bounds
 from tests.helpers import exact_rotation as exact
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow_but
@@ -130,7 +130,7 @@ def test_about_a_coordinate_axis(k, dtype, precision):
     assert not np.isfinite(np.asarray(about(of_dtype(np.inf, dtype)).entries, float)).all()
 
 
-_unit = formula(vectors.unit)
+_unit = formula(linear.unit)
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.rotation import promises as bounds
+from jaxspatial.rotation import rotation as bounds
 from tests.helpers import exact_rotation as exact
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow, slow_but

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.rotation import promises as bounds
+from jaxspatial.rotation import rotation as bounds
+from jaxspatial.spatial import transform as motion_bounds
 from tests.helpers import exact_rotation as exact
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow, slow_but
@@ -120,7 +121,7 @@ def test_exp(dtype, precision):
         assert largest.max() <= max(allowed(dtype, precision, bounds.EXP), 1.7 * eps(dtype) / 2)
     sizes = np.linalg.norm(np.asarray(motions(dtype, angles)[1], float), axis=1)
     errors = np.linalg.norm(exact.differences(p, translations), axis=1) / sizes
-    assert errors.max() <= allowed(dtype, precision, bounds.EXP_TRANSLATION)
+    assert errors.max() <= allowed(dtype, precision, motion_bounds.EXP_TRANSLATION)
 
 
 @wide_cases
@@ -136,7 +137,9 @@ def test_exp_of_more_than_half_a_turn(dtype, precision):
     assert (frobenius <= allowed(dtype, precision, bounds.EXP) + growth).all()
     assert (spectral <= max(allowed(dtype, precision, bounds.EXP), 1.7 * eps(dtype) / 2) + growth).all()
     errors = np.linalg.norm(exact.differences(p, translations), axis=1)
-    assert (errors <= (allowed(dtype, precision, bounds.EXP_TRANSLATION) + growth) * np.linalg.norm(v, axis=1)).all()
+    assert (
+        errors <= (allowed(dtype, precision, motion_bounds.EXP_TRANSLATION) + growth) * np.linalg.norm(v, axis=1)
+    ).all()
 
 
 def rounded_once(found, references, dtype, bound):
@@ -209,7 +212,7 @@ def test_log_of_the_matrix_as_it_is(dtype, precision):
     w = [exact_log(x) for x in entries]
     v = [exact.left_jacobian(x) ** -1 * mp.matrix(exact.vector(y)) for x, y in zip(w, p, strict=True)]
     assert relative(exact.differences(V.w, w), w).max() <= allowed(dtype, precision, bounds.LOG)
-    assert relative(exact.differences(V.v, v), v).max() <= allowed(dtype, precision, bounds.LOG_TRANSLATION)
+    assert relative(exact.differences(V.v, v), v).max() <= allowed(dtype, precision, motion_bounds.LOG_TRANSLATION)
 
 
 @wide_dtypes
@@ -316,8 +319,8 @@ def test_left_jacobians(dtype, precision):
     for function, given, exact_ones, bound in (
         (js.Rotation.left_jacobian, w, [m[:3, :3] for m in J], bounds.JACOBIAN),
         (js.Rotation.left_jacobian_inverse, w, [m[:3, :3] for m in inverse], bounds.JACOBIAN_INVERSE),
-        (js.RigidTransform.left_jacobian, V, J, bounds.MOTION_JACOBIAN),
-        (js.RigidTransform.left_jacobian_inverse, V, inverse, bounds.MOTION_JACOBIAN_INVERSE),
+        (js.RigidTransform.left_jacobian, V, J, motion_bounds.MOTION_JACOBIAN),
+        (js.RigidTransform.left_jacobian_inverse, V, inverse, motion_bounds.MOTION_JACOBIAN_INVERSE),
     ):
         found = evaluated(precision, functools.partial(function, precision=precision))(given)
         errors = relative(exact.differences(found.reshape(len(w), -1), exact_ones), exact_ones)

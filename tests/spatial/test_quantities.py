@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.interop import drake, orders
+from jaxspatial.interop import orders
 from tests.helpers.interpreted import interpreted
 
 VECTORS = (js.SpatialForce, js.SpatialMomentum, js.SpatialVelocity, js.SpatialAcceleration)
@@ -71,7 +71,7 @@ def test_digits_survive_wherever_nothing_is_computed(x64):
     moved = (
         F.to_array()[..., 0], js.SpatialForce.from_array(x6).tau[0], (F + F).tau[0] / 2, F.__neg__().__neg__().tau[0],
         orders.to_linear_first(F)[3], orders.from_linear_first(js.SpatialForce, x6).f[0],
-        drake.to_columns(drake.from_columns(js.SpatialForce, columns))[0, 0],
+        js.SpatialForce.from_array(columns.T).to_array().T[0, 0],
         orders.quaternion_to_xyzw(np.array([0.0, 1e8 + 1, 0, 0]))[0],
         orders.symmetric_from_diagonal_first(x6)[0],
     )  # fmt: skip
@@ -159,7 +159,7 @@ def test_python_integers_in_lists_are_numbers(x64):
     assert js.SpatialInertia(2, [0, 0, 1], np.eye(3, dtype=np.float16)).dtype == np.float16
     assert js.Rotation.from_quaternion([1, 0, 0, 0]).dtype == default and js.Rotation.about_z(0).dtype == default
     assert js.Components(1, 0, dtype=np.float16).dtype == np.float16
-    mechanism = js.random_mechanism(0, n=2, kinds=["revolute"], dtype=default)
+    mechanism = js.testing.random_mechanism(0, n=2, kinds=["revolute"], dtype=default)
     assert js.gravity_forces(mechanism, [0, 1]).dtype == default
 
 

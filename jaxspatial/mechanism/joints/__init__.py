@@ -1,42 +1,41 @@
-"""The kinds of joints: one file each, a form filled in.
+"""The kinds of joints. Each is a subclass of `JointKind`, and so is a kind that is added from elsewhere:
 
-A kind from anywhere else is a subclass of `JointKind` in a file of its own:
+from jaxspatial.mechanism.joints import JointKind, register
 
-    from jaxspatial.mechanism.joints import JointKind, register
+@register
+class Sliding(JointKind):
+    name, nq, nv, parameters = "sliding", 1, 1, (...)
+    ...
 
-    @register
-    class Sliding(JointKind):
-        name, nq, nv, parameters = "sliding", 1, 1, (...)
-        ...
-
-    js.Joint("j", "sliding", "world", "body", parameters={...})
+js.Joint("j", "sliding", "world", "body", parameters={...})
 """
 
-from jaxspatial.arithmetic import check
+from jaxspatial.numerics import check
+from jaxspatial.mechanism.joints.axes import Continuous as Continuous
+from jaxspatial.mechanism.joints.axes import Cylindrical as Cylindrical
+from jaxspatial.mechanism.joints.axes import Fixed as Fixed
+from jaxspatial.mechanism.joints.axes import Helical as Helical
+from jaxspatial.mechanism.joints.axes import Prismatic as Prismatic
+from jaxspatial.mechanism.joints.axes import Revolute as Revolute
+from jaxspatial.mechanism.joints.axes import Universal as Universal
 from jaxspatial.mechanism.joints.ball import Ball as Ball
-from jaxspatial.mechanism.joints.cylindrical import Cylindrical as Cylindrical
-from jaxspatial.mechanism.joints.fixed import Fixed as Fixed
-from jaxspatial.mechanism.joints.form import JointKind as JointKind
-from jaxspatial.mechanism.joints.free import Free as Free
-from jaxspatial.mechanism.joints.helical import Helical as Helical
-from jaxspatial.mechanism.joints.parameter import AXIS as AXIS
-from jaxspatial.mechanism.joints.parameter import OF_EVERY_JOINT as OF_EVERY_JOINT
-from jaxspatial.mechanism.joints.parameter import PITCH as PITCH
-from jaxspatial.mechanism.joints.parameter import SECOND_AXIS as SECOND_AXIS
-from jaxspatial.mechanism.joints.parameter import Parameter as Parameter
+from jaxspatial.mechanism.joints.ball import Free as Free
+from jaxspatial.mechanism.joints.kind import AXIS as AXIS
+from jaxspatial.mechanism.joints.kind import OF_EVERY_JOINT as OF_EVERY_JOINT
+from jaxspatial.mechanism.joints.kind import PITCH as PITCH
+from jaxspatial.mechanism.joints.kind import SECOND_AXIS as SECOND_AXIS
+from jaxspatial.mechanism.joints.kind import CosSin as CosSin
+from jaxspatial.mechanism.joints.kind import JointKind as JointKind
+from jaxspatial.mechanism.joints.kind import Parameter as Parameter
 from jaxspatial.mechanism.joints.planar import Planar as Planar
-from jaxspatial.mechanism.joints.prismatic import Prismatic as Prismatic
-from jaxspatial.mechanism.joints.revolute import Continuous as Continuous
-from jaxspatial.mechanism.joints.revolute import Revolute as Revolute
-from jaxspatial.mechanism.joints.universal import Universal as Universal
 
 BUILT_IN = Fixed, Revolute, Continuous, Prismatic, Helical, Cylindrical, Universal, Planar, Ball, Free
-# All kinds there are, by name.
+# {name: kind} of all kinds, registered ones too.
 KINDS: dict[str, type[JointKind]] = {kind.name: kind for kind in BUILT_IN}
 
 
 def kind_named(name: str) -> type[JointKind]:
-    """The kind of this name. Raises KeyError that lists what there is."""
+    """Returns the kind of a name. Raises KeyError that lists the kinds there are."""
     if name not in KINDS:
         near, known = check.did_you_mean(name, KINDS), ", ".join(map(repr, KINDS))
         raise KeyError(f"kind: expected one of {known}, got {name!r}; `register` adds others{near}")
@@ -44,7 +43,7 @@ def kind_named(name: str) -> type[JointKind]:
 
 
 def register(kind: type[JointKind]) -> type[JointKind]:
-    """Makes a kind of joint known by its name, for `Joint(..., kind=name)`. A class decorator.
+    """Class decorator: registers a kind of joint by its name, for `Joint(..., kind=name)`.
 
     Args:
         kind: a subclass of `JointKind`.
@@ -54,10 +53,10 @@ def register(kind: type[JointKind]) -> type[JointKind]:
 
     Raises:
         TypeError: it is no subclass of `JointKind`.
-        ValueError: another kind has the name, as programs are kept by it; the coordinates at zero are not nq; a
-            parameter has the name of a different one, of another kind, or of something else in the form.
+        ValueError: another kind has the name, by which programs are cached; `neutral` has not nq coordinates; a
+            parameter has the name of a different one of another kind, or of an attribute of `JointKind`.
     """
-    if not (isinstance(kind, type) and issubclass(kind, JointKind)):  # pyright: ignore[reportUnnecessaryIsInstance]
+    if not (isinstance(kind, type) and issubclass(kind, JointKind)):
         raise TypeError(f"register: expected a subclass of JointKind, got {kind!r}")
     if KINDS.get(kind.name, kind) is not kind:
         raise ValueError(f"register: name: there is another kind {kind.name!r}")

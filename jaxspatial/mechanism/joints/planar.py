@@ -1,10 +1,10 @@
 """The joint that moves in a plane."""
 
-from jaxspatial.arithmetic import vectors
-from jaxspatial.arithmetic.functions import cosine_sine
-from jaxspatial.arithmetic.numbers import Number, Numbers
-from jaxspatial.mechanism.joints.form import CosSin, JointKind
 from jaxspatial.mechanism.joints.geometry import rotation_about, shortest_angle
+from jaxspatial.mechanism.joints.kind import CosSin, JointKind
+from jaxspatial.numerics.functions import cosine_sine
+from jaxspatial.numerics.linear import Pose, Vector
+from jaxspatial.numerics.numbers import Number, Numbers
 from jaxspatial.rotation import exponential
 
 
@@ -18,15 +18,15 @@ class Planar(JointKind):
     is_sequential, rates_need_angles, turns_its_axes = False, True, True
 
     def transform(self, q: Numbers, cos_sin: CosSin):
-        return rotation_about(self.unit_vector(2), *cos_sin[2]), (q[0], q[1], self.zero)
+        return Pose(rotation_about(self.unit_vector(2), *cos_sin[2]), Vector(q[0], q[1], self.zero))
 
     def motion_subspace(self, cos_sin: CosSin):
         x, y, z = self.unit_vectors
-        return *self.forces([x, y]), *self.torques([z])
+        return *self.slides([x, y]), *self.turns([z])
 
     def constraint_subspace(self, cos_sin: CosSin):
         x, y, z = self.unit_vectors
-        return *self.torques([x, y]), *self.forces([z])
+        return *self.couples([x, y]), *self.forces([z])
 
     def rates(self, q: Numbers, cos_sin: CosSin, v: Numbers):
         c, s = cos_sin[2]
@@ -34,7 +34,7 @@ class Planar(JointKind):
 
     def integrate(self, q: Numbers, step: Numbers):
         c, s = cosine_sine(q[2])
-        turn, arm = (*self.zero_vector[:2], step[2]), (*step[:2], self.zero)
+        turn, arm = Vector(self.zero, self.zero, step[2]), Vector(step[0], step[1], self.zero)
         x, y, _ = exponential.translation(turn, arm)
         return q[0] + (c * x - s * y), q[1] + (s * x + c * y), q[2] + step[2]
 
@@ -43,7 +43,7 @@ class Planar(JointKind):
 
     def advance(self, q: Numbers, v: Numbers, dt: Number):
         (c, s), turn = cosine_sine(q[2]), dt * v[2]
-        x, y = vectors.times(dt, v[:2])
+        x, y = dt * v[0], dt * v[1]
         after = q[0] + (c * x - s * y), q[1] + (s * x + c * y), q[2] + turn
         c, s = cosine_sine(turn)
         return after, (c * v[0] + s * v[1], c * v[1] - s * v[0], v[2])
@@ -51,12 +51,12 @@ class Planar(JointKind):
     def difference(self, q: Numbers, q2: Numbers):
         c, s = cosine_sine(q[2])
         x, y, turn = q2[0] - q[0], q2[1] - q[1], shortest_angle(q2[2] - q[2])
-        axis, arm = (*self.zero_vector[:2], turn), (c * x + s * y, c * y - s * x, self.zero)
-        return (*vectors.matrix_times(exponential.left_jacobian_inverse(axis), arm)[:2], turn)
+        axis, arm = Vector(self.zero, self.zero, turn), Vector(c * x + s * y, c * y - s * x, self.zero)
+        return (*(exponential.left_jacobian_inverse(axis) @ arm)[:2], turn)
 
     def deflection(self, reference: Numbers, q: Numbers):
         """Along the axes of the parent, and the angle."""
-        x, y, turn = vectors.minus(q, reference)
+        x, y, turn = Vector(*q) - Vector(*reference)
         return x, y, shortest_angle(turn)
 
     def generalized_forces(self, q: Numbers, cos_sin: CosSin, forces: Numbers):

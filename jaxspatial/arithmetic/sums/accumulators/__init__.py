@@ -1,1 +1,0 @@
-"""Ways to add products up with their errors: twice the precision, certified, and as much as it takes."""

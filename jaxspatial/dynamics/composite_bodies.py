@@ -1,0 +1,215 @@
+"""Composite rigid bodies: the mass matrix and its factors.
+
+[Walker, Orin 1982; Featherstone 2008, table 6.2]
+"""
+
+from typing import cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.dynamics.docstrings import documented
+from jaxspatial.engine import matrices, recursion, stacking
+from jaxspatial.engine.algorithm import BODIES, algorithm
+from jaxspatial.engine.state import Link, MechanismState
+from jaxspatial.inertia.composition import joined
+from jaxspatial.mechanism import Mechanism
+from jaxspatial.numerics import check
+from jaxspatial.numerics.linear import Inertia, Motion, Pose, Vector, Wrench, congruence, cross
+from jaxspatial.numerics.numbers import Number, is_constant, noinline, shape_of, where
+from jaxspatial.numerics.promise import Normwise, promises
+from jaxspatial.numerics.quantity import tree
+from jaxspatial.numerics.types import ArrayLike, PrecisionName
+from jaxspatial.spatial import algebra
+
+# The two parts of a motion or wrench in world axes, and the position of its point from the root.
+Placed = tuple[Vector, Vector, Vector]
+
+# Error bounds of the factor and its solutions; nv is the size of M.
+FACTOR, SOLVED = Normwise(2, "|M|", per="nv (nv + 1)"), Normwise(4, "cond(M)", per="nv (nv + 1)")
+LOG_DETERMINANT = Normwise(1, "(2 sum |log L_ii| + 4 nv (nv + 1) cond(M))", per="nv")
+
+
+@documented
+def mass_matrix(mechanism: Mechanism, q: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
+    """The mass matrix M(q): v^T M v / 2 is the kinetic energy. Armature is on its diagonal.
+
+    Returns:
+        (*batch, nv, nv), symmetric to the last bit; kg m^2, kg m, kg.
+
+    Source: Walker, Orin 1982, Efficient dynamic computer simulation of robotic mechanisms; Featherstone 2008, table
+        6.2.
+    """
+    return _mass_matrix(precision, mechanism, q)
+
+
+@algorithm(*BODIES, "armature", entries=lambda t: t.nv**2, result_shape=lambda t: (t.nv, t.nv))
+def _mass_matrix(state: MechanismState):
+    return state.rounded(matrix_of(state))
+
+
+def matrix_of(state: MechanismState) -> Number:
+    """M as numbers (nv, nv, B)."""
+    links, placed = state.links(), matrices.poses_from_root(state)
+    sides = [
+        _sides(stacking.stacked_trees(link.joint.subspace), composite, X)
+        for link, composite, X in zip(links, composites(state), placed, strict=True)
+    ]
+    rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, sides, strict=True)] for side in (0, 1))
+    (upper,) = matrices.matrices(state, lambda row, column: (generalized_force(row, column),), rows, columns)
+    return with_armature(state, links, matrices.symmetric_of(upper))
+
+
+@noinline
+def _sides(S: Motion, composite: Inertia, X: Pose) -> tuple[Placed, Placed]:
+    """(the motion subspace S of a joint, the momenta I S of its composite body), in world axes from the root."""
+    return in_world_axes(X, S), in_world_axes(X, algebra.apply_inertia(composite, S))
+
+
+def in_world_axes(X: Pose, vector: Motion | Wrench) -> Placed:
+    """A motion or wrench in world axes, with the position of its point from the root."""
+    x, y = vector
+    return X.R @ x, X.R @ y, X.p
+
+
+def generalized_force(motion: Placed, wrench: Placed) -> Number:
+    """S . F, of a motion and a wrench about different points."""
+    (w, v, p), (tau, f, p2) = motion, wrench
+    return algebra.power((tau + cross(p2 - p, f), f), (w, v))
+
+
+def with_armature(state: MechanismState, links: list[Link], M: Number) -> Number:
+    """Reduces a matrix over the velocities of all joints to one over v, and adds armature to its diagonal."""
+    whole = matrices.by_velocity(state, matrices.by_velocity(state, M, 0), 1)
+    if all(is_constant(x) and x.value == 0 for link in links for x in link.armature):
+        return whole
+    rotors = state.of_independent_joints([link.armature for link in links])
+    on_diagonal = jnp.asarray(np.eye(shape_of(whole)[0], dtype=bool)[:, :, None])
+    return where(on_diagonal, whole + stacking.mapped(lambda w: w[:, None], rotors), whole)
+
+
+# -- composite bodies -------------------------------------------------------------------------------------------------
+
+
+def composites(state: MechanismState) -> list[Inertia]:
+    """The composite inertia of the subtree of every body, about J in its axes."""
+    return recursion.inward(state, _composite, state.zero_inertia, state.links(), join=combined)
+
+
+def _composite(link: Link, children: Inertia) -> tuple[Inertia, Inertia]:
+    """The composite inertia of a body and its children: (about J, about the parent's origin in its axes)."""
+    inertia = combined(link.inertia, children)
+    return inertia, inertia_to_parent(link.X_PB, inertia)
+
+
+def combined(a: Inertia, b: Inertia) -> Inertia:
+    """The inertia of two bodies as one."""
+    return joined(a, b, 0.5)
+
+
+def inertia_to_parent(X_PB: Pose, M: Inertia) -> Inertia:
+    """`algebra.acted_inertia`, with the rotation of the central inertia not inlined."""
+    return Inertia(M.mass, X_PB.p + X_PB.R @ M.com, _congruence(X_PB.R, M.central))
+
+
+_congruence = noinline(congruence)
+
+
+# -- factors ----------------------------------------------------------------------------------------------------------
+
+
+@tree
+class MassMatrixFactor:
+    """The factor L of M = L^T L: lower triangular, zero where neither of two joints carries the other.
+
+    L: (*batch, nv, nv). NaN where M is not positive definite: some joint moves neither mass nor armature.
+    [Featherstone 2008, 6.5]
+    """
+
+    L: jax.Array
+
+    @promises(bound=SOLVED)
+    def solve(self, tau: ArrayLike) -> jax.Array:
+        """M^-1 tau: the accelerations that generalized forces cause from rest, without gravity.
+
+        Args:
+            tau: (*batch, nv) generalized forces: N m, N.
+
+        Returns:
+            (*batch, nv), over the common batch: rad/s^2, m/s^2.
+
+        Raises:
+            TypeError: dtypes differ.
+            ValueError: shapes do not fit.
+
+        Error: at most {bound.plain} relative to the result, in 2-norms and in addition to cond(M) times that of
+            `mass_matrix`, while that is small.
+        Source: Higham 2002, Accuracy and stability of numerical algorithms, theorem 10.4.
+        """
+        tau = check.as_vectors(tau, "MassMatrixFactor.solve: tau", self.L.dtype, self.L.shape[-1])
+        return _solved(_wide(self.L), tau)
+
+    def inverse(self) -> jax.Array:
+        """The inverse M^-1.
+
+        Returns:
+            (*batch, nv, nv).
+
+        Error: as of `solve`, in the spectral norm.
+        """
+        eye = jnp.broadcast_to(jnp.eye(self.L.shape[-1], dtype=_wide(self.L).dtype), self.L.shape)
+        half = jax.lax.linalg.triangular_solve(_wide(self.L), eye, left_side=True, lower=True)
+        return (half @ jnp.swapaxes(half, -1, -2)).astype(self.L.dtype)
+
+    @promises(bound=LOG_DETERMINANT)
+    def log_determinant(self) -> jax.Array:
+        """The logarithm of the determinant, log det M.
+
+        Returns:
+            (*batch,).
+
+        Error: at most {bound.plain}, in addition to nv cond(M) times that of `mass_matrix`.
+        """
+        return 2 * jnp.log(self.L.diagonal(axis1=-2, axis2=-1)).sum(-1)
+
+
+@documented(bound=FACTOR)
+def mass_matrix_factor(mechanism: Mechanism, q: ArrayLike, *, precision: PrecisionName = None) -> MassMatrixFactor:
+    """The factor of `mass_matrix`, for many right-hand sides, the inverse, or the determinant.
+
+    For a single vector of forces `forward_dynamics` is faster and more accurate.
+
+    Args:
+        precision: of M, name of a precision; None takes the default. The factor is computed in the dtype of q (float32
+            for 16-bit types) in every precision.
+
+    Returns:
+        MassMatrixFactor (*batch,); NaN where M is not positive definite.
+
+    Error: |L^T L - M| is at most {bound.plain}, in spectral norms and in addition to that of `mass_matrix`.
+    Source: Featherstone 2008, 6.5; Higham 2002, Accuracy and stability of numerical algorithms, theorem 10.3.
+    """
+    return factored(mass_matrix(mechanism, q, precision=precision))
+
+
+def factored(M: jax.Array):
+    return MassMatrixFactor(_factor(M).astype(M.dtype))
+
+
+def _factor(M: jax.Array) -> jax.Array:
+    """L of M, by Cholesky from the last velocity to the first, without fill-in."""
+    backward = cast(jax.Array, jnp.linalg.cholesky(jnp.flip(_wide(M), (-2, -1))))
+    return jnp.flip(backward, (-2, -1)).swapaxes(-1, -2)
+
+
+def _solved(L: jax.Array, tau: jax.Array) -> jax.Array:
+    b, solve = _wide(tau)[..., None], jax.lax.linalg.triangular_solve
+    lower, b = (jnp.broadcast_to(x, (*np.broadcast_shapes(L.shape[:-2], b.shape[:-2]), *x.shape[-2:])) for x in (L, b))
+    half = solve(lower, b, left_side=True, lower=True, transpose_a=True)
+    return solve(lower, half, left_side=True, lower=True)[..., 0].astype(tau.dtype)
+
+
+def _wide(x) -> jax.Array:
+    """x in its dtype, or in float32 for 16-bit types."""
+    return x.astype(np.promote_types(x.dtype, np.float32) if x.dtype.itemsize > 2 else np.dtype(np.float32))

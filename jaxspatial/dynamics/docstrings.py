@@ -1,0 +1,71 @@
+"""The common sections of the docstrings of algorithms: arguments, exceptions, and the error bound."""
+
+import inspect
+import re
+import textwrap
+from typing import Any
+
+from jaxspatial.numerics.promise import Normwise, promises
+
+_ARGUMENTS = {
+    "mechanism": "the mechanism. Its NumPy numbers are constants of the program, traced ones are its data.",
+    "q": "(*batch, nq) coordinates: rad, m, quaternions (read normalised).",
+    "v": "(*batch, nv) generalized velocities: rad/s, m/s.",
+    "vdot": "(*batch, nv) generalized accelerations: rad/s^2, m/s^2.",
+    "tau": "(*batch, nv) generalized forces of the joints: N m, N.",
+    "dt": "the time, s: a number or (*batch,).",
+    "external_forces": """by name of a frame (bodies are frames, welded links too) a SpatialForce (*batch,) about the
+    origin of the frame, in world axes. It acts on the body that carries the frame, see `Mechanism.frame_body`.""",
+    "frames": "a name of `mechanism.frame_names`, or several, in the order of the results.",
+    "compliance": "of friction and limits; None takes the default, see `Compliance`.",
+    "precision": "name of a precision; None takes the default.",
+}
+_SECTIONS = ("Args", "Returns", "Raises", "Error", "Source")
+
+# The error bound of algorithms, relative to the largest number of a result.
+ALGORITHM = Normwise(4, "mag", per="n", u2=32)
+_ERROR = """Let n be the number of links in the longest chain, r the largest number of the result, and mag that number
+    with every term replaced by its absolute value. The error of every number is {bound}."""
+
+
+def documented(function: Any = None, **bounds: Normwise) -> Any:
+    """Decorator that completes the sections of an algorithm's docstring, and attaches its error bounds.
+
+    The docstring itself says only what is special: under `Args` parameters with a meaning of their own, under `Error`
+    bounds other than `ALGORITHM`, by name in braces.
+    """
+    if function is None:
+        return lambda function: documented(function, **bounds)
+    doc = inspect.cleandoc(function.__doc__ or "")
+    head, *rest = re.split(rf"^({'|'.join(_SECTIONS)}):", doc, flags=re.M)
+    sections = dict(zip(rest[::2], map(str.rstrip, rest[1::2]), strict=True))
+    parameters = inspect.signature(function).parameters
+    sections["Args"] = "".join(f"\n    {text}" for text in _arguments(parameters, sections.get("Args", "")))
+    sections.setdefault("Raises", _raises(parameters))
+    if "Error" not in sections:
+        sections["Error"], bounds = " " + _ERROR, {"bound": ALGORITHM}
+    parts = [head.rstrip()]
+    for name in (name for name in _SECTIONS if name in sections):
+        gap = "" if name == "Source" else "\n"
+        parts.append(f"{gap}{name}:{sections[name]}")
+    function.__doc__ = "\n".join(parts)
+    return promises(**bounds)(function) if bounds else function
+
+
+def _arguments(parameters, special: str) -> list[str]:
+    """One entry for each parameter, in the order of the signature."""
+    entries = re.split(r"^    (?=\w+: )", special, flags=re.M)[1:]
+    by_name = {entry.partition(":")[0]: entry.rstrip() for entry in entries}
+    return [by_name.get(name) or f"{name}: {_ARGUMENTS[name]}".replace("\n", "\n    ") for name in parameters]
+
+
+def _raises(parameters) -> str:
+    reasons = ["the first argument is no Mechanism"]
+    reasons += ["frames no names"] if "frames" in parameters else []
+    reasons += ["dtypes differ or are not floating point"]
+    reasons += ["forces are no dict of SpatialForces"] if "external_forces" in parameters else []
+    errors = [f"TypeError: {', '.join(reasons[:-1])}, or {reasons[-1]}.", "ValueError: shapes do not fit."]
+    if "frames" in parameters or "external_forces" in parameters:
+        errors.append("KeyError: there is no such frame.")
+    indented = (textwrap.fill(error, 116, initial_indent="    ", subsequent_indent="        ") for error in errors)
+    return "\n" + "\n".join(indented)

@@ -1,0 +1,76 @@
+"""Joint torques as a linear function of inertial parameters; also exports the regressors of a single body."""
+
+import jax
+
+from jaxspatial.dynamics.composite_bodies import Placed, generalized_force, in_world_axes
+from jaxspatial.dynamics.docstrings import documented
+from jaxspatial.dynamics.kinematics import BodyMotion, motion_step, tensor, world_motion
+from jaxspatial.engine import matrices, recursion, stacking
+from jaxspatial.engine.algorithm import GEOMETRY, algorithm
+from jaxspatial.engine.stacking import Array
+from jaxspatial.engine.state import MechanismState
+from jaxspatial.inertia.regressors import kinetic_energy_regressor as kinetic_energy_regressor
+from jaxspatial.inertia.regressors import momentum_regressor as momentum_regressor
+from jaxspatial.inertia.regressors import newton_euler_regressor as newton_euler_regressor
+from jaxspatial.mechanism import Mechanism
+from jaxspatial.numerics.linear import Pose, Symmetric, Vector, Wrench, cross
+from jaxspatial.numerics.numbers import constant, noinline
+from jaxspatial.numerics.types import ArrayLike, PrecisionName
+
+
+@documented
+def joint_torque_regressor(
+    mechanism: Mechanism, q: ArrayLike, v: ArrayLike, vdot: ArrayLike, *, precision: PrecisionName = None
+) -> jax.Array:
+    """The matrix Y of joint torques as a linear function of inertial parameters pi.
+
+        tau = Y pi + armature vdot        (`inverse_dynamics` without external forces)
+
+    pi = `mechanism.inertias.to_dynamic_parameters().ravel()` has ten parameters for each of the n bodies, in the order
+    of `mechanism.body_names`, about the origin of the body's joint frame, in its axes.
+
+    Returns:
+        Y (*batch, nv, 10 n), zero wherever a joint does not carry a body.
+
+    Source: Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and links; Khalil,
+        Dombre 2002, 12.2.
+    """
+    return _regressor(precision, mechanism, q, v, vdot)
+
+
+@algorithm(*GEOMETRY, "gravity", entries=lambda t: 10 * t.nv * len(t))
+def _regressor(state: MechanismState, v: Array, vdot: Array):
+    links, placed = state.links(v, vdot), matrices.poses_from_root(state)
+    motions = recursion.outward(state, motion_step, world_motion(state), links)
+    subspaces = ((link.joint.subspace, X) for link, X in zip(links, placed, strict=True))
+    rows = [(len(S), _placed(X, stacking.stacked_trees(S))) for S, X in subspaces]
+    columns = [(10, _columns(*x)) for x in zip(placed, motions, strict=True)]
+    (Y,) = matrices.matrices(state, lambda row, column: (generalized_force(row, column),), rows, columns)
+    return state.in_callers_axes(state.rounded(matrices.by_velocity(state, Y, 0)))
+
+
+_placed = noinline(in_world_axes)
+
+
+def _columns(X: Pose, motion: BodyMotion) -> Placed:
+    """The wrenches of unit parameters of a body, stacked."""
+    return stacking.stacked_trees([_placed(X, wrench) for wrench in _of_parameters(motion)])
+
+
+@noinline
+def _of_parameters(motion: BodyMotion) -> list[Wrench]:
+    """The wrench about Jo for each unit parameter: the mass, the first moments m c, and the entries of the inertia J.
+
+    f = m a + E (m c)        tau = (m c) x a + J alpha + w x J w        E = [alpha]x + [w]x [w]x
+    """
+    zero, one = (constant(motion.w[0], x) for x in (0, 1))
+    no_vector = Vector(zero, zero, zero)
+    units = [Symmetric(*(one if i == k else zero for i in range(6))) for k in range(6)]
+    E = tensor(motion.w, motion.alpha).T
+    of_arms = [Wrench(cross(unit[:3], motion.a), column) for unit, column in zip(units, E, strict=False)]
+    of_inertia = [Wrench(_torque(unit, motion), no_vector) for unit in units]
+    return [Wrench(no_vector, motion.a), *of_arms, *of_inertia]
+
+
+def _torque(J: Symmetric, motion: BodyMotion) -> Vector:
+    return J @ motion.alpha + cross(motion.w, J @ motion.w)

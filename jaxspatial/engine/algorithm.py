@@ -1,0 +1,423 @@
+"""Calls algorithms: a formula over a MechanismState becomes a function of a mechanism and arrays.
+
+    @algorithm(*BODIES, "gravity")
+    def _potential_energy(state): ...
+
+    _potential_energy(precision, mechanism, q)
+
+NumPy numbers of the mechanism are constants of the program, which is compiled once for their values; while tracing, so
+are NumPy arrays of coordinates. A program depends only on the fields of the mechanism that its formula reads. It
+computes with the numbers that the precision requires, see `numerics.numbers`, and rounds once at the end.
+"""
+
+import functools
+import inspect
+import warnings
+import weakref
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from jaxspatial.engine import program
+from jaxspatial.engine.derivatives import Differentiable
+from jaxspatial.engine.program import Aval, Result
+from jaxspatial.engine.stacking import Array
+from jaxspatial.engine.state import MechanismState, is_vector
+from jaxspatial.mechanism import Mechanism
+from jaxspatial.mechanism.topology import Topology
+from jaxspatial.numerics import check, numbers
+from jaxspatial.numerics.errorfree.barrier import barrier_or_nan
+from jaxspatial.numerics.errorfree.primitives import is_zero
+from jaxspatial.numerics.formula import from_outside
+from jaxspatial.numerics.numbers import components
+from jaxspatial.numerics.precision import Precision, resolve
+from jaxspatial.spatial import SpatialForce
+
+# The fields of a mechanism that algorithms read, by subject.
+JOINTS = ("axes", "second_axes", "pitches", "parameters", "mimics")
+GEOMETRY = ("placements", *JOINTS)
+BODIES = (*GEOMETRY, "inertias")
+DYNAMICS = (*BODIES, "armature", "gravity")
+FRAMES = ("child_placements", "frame_placements")
+
+# SpatialForces by name of a frame, see `inverse_dynamics`.
+ExternalForces = dict[str, SpatialForce] | None
+Wrenches = dict[int, tuple[Array | None, Array | None]]  # (tau, f) by the number of a frame, None for a known zero
+Frames = int | tuple[int, ...] | None  # by number, None for all bodies
+Static = tuple[tuple[str, Any], ...]  # arguments that are no arrays, by name
+
+
+def algorithm(
+    *reads: str,
+    program_class: "type[Algorithm] | None" = None,
+    entries: Callable[[Topology], int] | None = None,
+    result_shape: Callable[[Topology], tuple[int, ...]] | None = None,
+    at: str = "q",
+) -> Any:
+    """Turns `formula(state, *arrays, **static)` into a function of (precision, mechanism, q, *arrays, **static).
+
+    Arguments are checked by their names in the formula, see `checked`. Messages of errors begin with the name of the
+    formula, or with `operation` if the caller passes one.
+
+    Args:
+        reads: the fields of a Mechanism that the formula uses.
+        program_class: the subclass of Algorithm to use, for special rules of differentiation or batching.
+        entries: a function of the Topology: how many numbers the results have, where these are matrices.
+        result_shape: a function of the Topology: the shape of the result without its batch, where it is a single array.
+            No trace is then needed to know it.
+        at: the name of the argument q in messages.
+
+    Returns:
+        The decorator. q and the arrays are (*batch, n), with batch shapes that broadcast, or trees of such arrays.
+    """
+
+    def decorated(formula):
+        formula.entries, formula.result_shape = entries, result_shape
+        formula.program_class = program_class or Algorithm
+        names, name = [at, *list(inspect.signature(formula).parameters)[1:]], formula.__name__.lstrip("_")
+
+        @functools.wraps(formula)
+        def call(precision, mechanism: Mechanism, *arrays, operation: str = name, **static):
+            arguments = checked(operation, mechanism, **dict(zip(names, arrays, strict=False)), **static)
+            options = tuple(sorted(zip(static, arguments[len(arrays) :], strict=True)))
+            return _run(formula, resolve(precision), mechanism, reads, arguments[: len(arrays)], options)
+
+        vars(call).update(formula=formula)
+        return call
+
+    return decorated
+
+
+# -- arguments --------------------------------------------------------------------------------------------------------
+
+
+def checked_mechanism(operation: str, mechanism: object) -> Mechanism:
+    if not isinstance(mechanism, Mechanism):
+        raise TypeError(f"{operation}: expected a Mechanism first, got {type(mechanism).__name__}")
+    return mechanism
+
+
+def checked(operation: str, mechanism: object, **arguments: Any) -> tuple[Any, ...]:
+    """Checks and converts the arguments of an algorithm, by their names.
+
+    q, q0 and q1 become arrays (*batch, nq), v, vdot and tau (*batch, nv), a time dt (*batch, 1), with a common dtype
+    and batch shapes that broadcast; external_forces become Wrenches, frames their numbers. Other arguments, and None in
+    place of an array, pass unchanged.
+    """
+    mechanism = checked_mechanism(operation, mechanism)
+    arrays = _arrays(operation, mechanism, {name: x for name, x in arguments.items() if x is not None})
+    data = mechanism.first_data
+    named = dict(arrays) if data is None else {**arrays, "mechanism": data}
+    if arguments.get("external_forces"):
+        forces = _by_frame(operation, mechanism, arguments["external_forces"])
+        named |= {f"external_forces[{mechanism.frame_names[i]!r}]": F for i, F in forces.items()}
+        arguments["external_forces"] = {
+            i: tuple(_none_if_zero(x, F.batch_shape) for x in F.vectors) for i, F in forces.items()
+        }
+    elif "external_forces" in arguments:
+        _by_frame(operation, mechanism, arguments["external_forces"] or {})
+        arguments["external_forces"] = {}
+    check.require_same_dtype(**named)
+    named.pop("mechanism", None)
+    check.common_batch_shape(
+        **{name: x.batch_shape if isinstance(x, SpatialForce) else x.shape[:-1] for name, x in named.items()}
+    )
+    if arguments.get("frames") is not None:
+        arguments["frames"] = _frame_numbers(f"{operation}: frames", mechanism, arguments["frames"])
+    return tuple({**arguments, **arrays}.values())
+
+
+def _arrays(operation: str, mechanism: Mechanism, arguments: dict[str, Any]) -> dict[str, jax.Array]:
+    sizes = dict.fromkeys(("q", "q0", "q1"), mechanism.nq) | dict.fromkeys(("v", "vdot", "tau"), mechanism.nv)
+    # Lists of numbers take the dtype of an array beside them.
+    dtype = check.floating_dtype(*(x for name, x in arguments.items() if name in sizes), mechanism.first_data)
+    arrays = {
+        name: check.as_vectors(x, f"{operation}: {name}", dtype, sizes[name])
+        for name, x in arguments.items()
+        if name in sizes
+    }
+    if "dt" in arguments:
+        dtype = next(iter(arrays.values())).dtype
+        arrays["dt"] = check.as_float_array(arguments["dt"], f"{operation}: dt", dtype)[..., None]
+    return arrays
+
+
+def _by_frame(operation: str, mechanism: Mechanism, forces) -> dict[int, SpatialForce]:
+    what = f"{operation}: external_forces"
+    if not isinstance(forces, dict):
+        raise TypeError(f"{what}: expected SpatialForces in a dict by name of a frame, got {type(forces).__name__}")
+    by_name = cast(dict[str, Any], forces)
+    by_number = {_frame_number(what, mechanism, name): F for name, F in by_name.items()}
+    for i, F in by_number.items():
+        if not isinstance(F, SpatialForce):
+            name = mechanism.frame_names[i]
+            raise TypeError(f"{what}[{name!r}]: expected a SpatialForce, got {type(F).__name__}")
+    return check.narrowed(by_number)
+
+
+def _none_if_zero(x, batch_shape: tuple[int, ...]):
+    """The array, or None for Components that are known to be zero, so that no operation on them is left."""
+    is_known_zero = components.is_components(x) and components.is_zero(x)
+    return None if is_known_zero else components.as_array(x, batch_shape)
+
+
+def _frame_number(what: str, mechanism: Mechanism, name: str) -> int:
+    return mechanism.topology.index(mechanism.frame_names, name, what)
+
+
+def _frame_numbers(what: str, mechanism: Mechanism, names) -> int | tuple[int, ...]:
+    if isinstance(names, str):
+        return _frame_number(what, mechanism, names)
+    if not isinstance(names, Iterable):
+        raise TypeError(f"{what}: expected the name of a frame, or a sequence of names, got {names!r}")
+    result = tuple(_frame_number(what, mechanism, name) for name in cast(Iterable[str], names))
+    if not result:
+        raise ValueError(f"{what}: expected at least one name, got none")
+    return result
+
+
+# -- the program of an algorithm --------------------------------------------------------------------------------------
+
+
+class Algorithm(Differentiable):
+    """The program of a formula for one topology, with constants in place of some arguments.
+
+    tree: the structure of (fields by name, arrays). known: for each of its leaves a constant, or None for data.
+    program_cache: a weak reference to the ProgramCache that owns this program.
+    """
+
+    def __init__(
+        self,
+        formula: Any,
+        precision: Precision,
+        cache: "ProgramCache",
+        tree: Any,
+        known: tuple[np.ndarray | None, ...],
+        static: Static,
+        dtype: np.dtype,
+    ):
+        self.formula, self.precision, self.topology, self.tree = formula, precision, cache.topology, tree
+        self.known, self.static, self.dtype = known, static, dtype
+        self.program_cache = weakref.ref(cache)
+        self.out_tree = None
+
+    @property
+    def is_wide(self) -> bool:
+        return self.precision.sees_whole_sums
+
+    def from_outside(self, x: jax.Array) -> jax.Array:
+        return barrier_or_nan(x) if self.is_wide else from_outside(x, self.precision)
+
+    @property
+    def block(self) -> int:
+        """States per block: fewer where each has many results, or wide numbers."""
+        # The processor's cache holds half as many numbers of 64 bits, or of two limbs.
+        largest = program.LARGEST_BLOCK // (max(self.dtype.itemsize, 4) // 4 * (2 if self.is_wide else 1))
+        if self.formula.entries is None:
+            return largest
+        return min(max(program.NUMBERS // max(self.formula.entries(self.topology), 1), program.SMALLEST_BLOCK), largest)
+
+    def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
+        n = max((x.shape[0] for x in arrays), default=1)
+        data = (jnp.moveaxis(self.from_outside(x), 0, -1) for x in arrays)
+        fields, (q, *others) = jax.tree.unflatten(self.tree, [next(data) if x is None else x for x in self.known])
+        state = MechanismState(self.topology, fields, q, n, self.precision, self.dtype)
+        results = self.formula(state, *others, **dict(self.static))
+        leaves, self.out_tree = jax.tree.flatten(jax.tree.map(state.rounded, results, is_leaf=_is_result))
+        return [jnp.moveaxis(y, -1, 0) for y in leaves]
+
+    def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
+        if self.formula.result_shape is not None:
+            self.out_tree = jax.tree.structure(0)
+            return [(self.formula.result_shape(self.topology), self.dtype)]
+
+        def outputs() -> list[Result]:
+            batched = [jax.ShapeDtypeStruct((n, *a.shape), a.dtype) for a, n in zip(avals, sizes, strict=True)]
+            return [(y.shape[1:], y.dtype) for y in self.traced(batched).out_avals]
+
+        return self.cached(("outputs", *((a.shape, np.dtype(a.dtype).name) for a in avals)), outputs)
+
+    def __call__(self, data: Sequence[jax.Array], n_batch: int) -> Any:
+        leaves = program.bind(self, data, n_batch)
+        # Known only now that the program has been traced.
+        return jax.tree.unflatten(self.out_tree, leaves)
+
+    # -- programs of other algorithms ---------------------------------------------------------------------------------
+
+    @property
+    def n_fields(self) -> int:
+        return self.tree.children()[0].num_leaves
+
+    def program_of(self, call: Any, at: int | None = None, arrays: int | None = None, **more: Any) -> "Algorithm":
+        """The program of another algorithm, with the same fields and arrays.
+
+        Args:
+            call: the other algorithm.
+            at: a leaf that is data in the other program, even if it is a constant here.
+            arrays: how many arrays the other takes. The first is that of this program, the others are data.
+            more: static arguments.
+        """
+
+        def made() -> Algorithm:
+            known, tree, static = list(self.known), self.tree, self.static
+            if at is not None:
+                known[at] = None
+            if arrays is not None:
+                leaves = jax.tree_util.treedef_tuple([jax.tree.structure(0)] * arrays)
+                tree = jax.tree_util.treedef_tuple((tree.children()[0], leaves))
+                known, static = [*known[: self.n_fields + 1], *[None] * (arrays - 1)], ()
+            static = tuple(sorted((*static, *more.items())))
+            cache = self.program_cache() or ProgramCache(self.topology, tuple(known))
+            return cache.program(call.formula, self.precision, tree, tuple(known), static, self.dtype)
+
+        return self.cached((call, at, arrays, tuple(sorted(more.items()))), made)
+
+    def place(self, leaf: int) -> int:
+        """The index of a leaf among the data."""
+        return sum(x is None for x in self.known[:leaf])
+
+    def tangent_of_leaf(self, tangents: Sequence[Any], leaf: int) -> jax.Array | None:
+        """The tangent of a leaf, None for zero."""
+        tangent = None if self.known[leaf] is not None else tangents[self.place(leaf)]
+        return None if tangent is None or is_zero(tangent) else tangent
+
+    def with_leaf(self, data: Sequence[Any], leaf: int, x: Any) -> list[Any]:
+        """The data with x in place of a leaf, which may be a constant of this program."""
+        place = self.place(leaf)
+        return [*data[:place], x, *data[place + (self.known[leaf] is None) :]]
+
+    def tangents(self, primals: Sequence[Any], tangents: Sequence[Any], n_batch: int) -> list[Any]:
+        """The tangents of the results at tangents of the arguments. None stands for zero in both."""
+        moving = tuple(t is not None and not is_zero(t) for t in tangents)
+        if not any(moving):
+            return [None]
+        of_moving = [t for t, yes in zip(tangents, moving, strict=True) if yes]
+        return program.bind(self.tangent(moving), [*primals, *of_moving], n_batch)
+
+
+def _is_result(x: object) -> bool:
+    return numbers.is_number(x) or (is_vector(x) and all(map(numbers.is_number, cast(Any, x))))
+
+
+# -- caches of programs -----------------------------------------------------------------------------------------------
+
+
+class ManyProgramsWarning(UserWarning):
+    """One algorithm was compiled for the numbers of many mechanisms of one structure."""
+
+
+class ProgramCache:
+    """The programs that were made for one set of constants: the fields of a mechanism that an algorithm reads.
+
+    Mechanisms with equal constants share one cache, and its programs live as long as such a mechanism. Compiled calls
+    are stored here and not in the programs, which JAX's own caches would then keep alive for good.
+    """
+
+    def __init__(self, topology: Topology, known: tuple[np.ndarray | None, ...]):
+        self.topology, self.known = topology, known
+        self.programs: dict[Any, Algorithm] = {}
+        self.calls: dict[Algorithm, Any] = {}
+        self.called: set[Any] = set()
+
+    def program(
+        self, formula: Any, precision: Precision, tree: Any, known: tuple[Any, ...], static: Static, dtype: np.dtype
+    ) -> Algorithm:
+        """The program of an algorithm. known: the constants among all leaves of the tree."""
+        of_arrays = tuple(map(_contents, known[len(self.known) :]))
+        key = formula, precision, tree, of_arrays, static, dtype
+        if key not in self.programs:
+            self.programs[key] = formula.program_class(formula, precision, self, tree, known, static, dtype)
+        return self.programs[key]
+
+    def call(self, program: Algorithm) -> Callable[[int, list[Any]], Any]:
+        """A program as a compiled function of (n_batch, data), outside of any transformation."""
+        if program not in self.calls:
+            self.calls[program] = jax.jit(lambda n_batch, data: program(data, n_batch), static_argnums=0)
+        return self.calls[program]
+
+
+def _contents(x: np.ndarray | None):
+    """A hashable copy of a constant."""
+    return None if x is None else (x.dtype.str, x.shape, x.tobytes())
+
+
+# All caches by the contents of their constants. Those without constants serve any mechanism, and are kept for good.
+_CACHES: weakref.WeakValueDictionary[Any, ProgramCache] = weakref.WeakValueDictionary()
+_WITHOUT_CONSTANTS: dict[Any, ProgramCache] = {}
+# The caches of each mechanism by the fields that are read, found without comparing numbers.
+_BY_MECHANISM: weakref.WeakKeyDictionary[Mechanism, dict[tuple[str, ...], ProgramCache]] = weakref.WeakKeyDictionary()
+
+
+def _program_cache(mechanism: Mechanism, reads: tuple[str, ...], tree, leaves: Sequence[Any]) -> ProgramCache:
+    of_mechanism = _BY_MECHANISM.setdefault(mechanism, {})
+    if reads in of_mechanism:
+        return of_mechanism[reads]
+    known = tuple(x if isinstance(x, np.ndarray) else None for x in leaves)
+    key = mechanism.topology.skeleton, tree, tuple(map(_contents, known))
+    cache = _CACHES.setdefault(key, ProgramCache(mechanism.topology.skeleton, known))
+    if not any(x is not None for x in known):
+        _WITHOUT_CONSTANTS[key] = cache
+    # Arrays that can be written to are compared in each call: their entry only keeps the cache alive.
+    is_fixed = all(x is None or (x.base is None and not x.flags.writeable) for x in known)
+    of_mechanism[reads if is_fixed else ("", *reads)] = cache
+    return cache
+
+
+def _run(
+    formula,
+    precision: Precision,
+    mechanism: Mechanism,
+    reads: tuple[str, ...],
+    arrays: tuple[Any, ...],
+    static: Static,
+):
+    fields = {name: getattr(mechanism, name) for name in reads}
+    leaves, tree = jax.tree.flatten((fields, arrays))
+    n_fields = tree.children()[0].num_leaves
+    tracing = any(isinstance(x, Tracer) for x in leaves)
+    cache = _program_cache(mechanism, reads, tree.children()[0], leaves[:n_fields])
+    known = (
+        *cache.known,
+        *[x if tracing and isinstance(x, np.ndarray) and x.ndim == 1 else None for x in leaves[n_fields:]],
+    )
+    compiled = cache.program(formula, precision, tree, known, static, np.dtype(arrays[0].dtype))
+    n_batch = len(np.broadcast_shapes((), *[x.shape[:-1] for x in leaves[n_fields:]]))
+    is_data = [k is None for k in known]
+    data = [_with_batch_axes(x, i < n_fields, n_batch) for i, x in enumerate(leaves) if is_data[i]]
+    if tracing:
+        return compiled(data, n_batch)
+    _warn_of_many_programs(cache, (formula, tree, static, compiled.dtype))
+    return cache.call(compiled)(n_batch, data)
+
+
+def _with_batch_axes(x, is_field: bool, n_batch: int):
+    """The array with n_batch axes in front, those that it lacks of size 1."""
+    shape = (1,) * n_batch + x.shape if is_field else (1,) * (n_batch - x.ndim + 1) + x.shape
+    return x.reshape(shape) if shape != x.shape else x
+
+
+def _warn_of_many_programs(cache: ProgramCache, key) -> None:
+    """Warns once when one algorithm is compiled for the constants of a fourth mechanism."""
+    if key in cache.called:
+        return
+    cache.called.add(key)
+    if not any(x is not None for x in cache.known):
+        return
+    same = [c for c in _CACHES.values() if c.topology == cache.topology and key in c.called]
+    if len(same) == 4:
+        name = key[0].__name__.lstrip("_")
+        warnings.warn(
+            f"{name}: compiled for the fourth mechanism of one structure, each for its own numbers. One program "
+            "for all of them: mechanism.as_data(), or a jitted function that takes the mechanism as an argument.",
+            ManyProgramsWarning,
+            stacklevel=5,
+        )
+
+
+def velocity_shape(topology: Topology) -> tuple[int, ...]:
+    """The shape (nv,) of a result with one number per velocity."""
+    return (topology.nv,)

@@ -1,0 +1,222 @@
+"""Derivatives of programs, which are programs again: the tangent, and its transpose, the pull-back.
+
+Both run the formula again and store nothing but its arguments. They have tangents and pull-backs themselves, to any
+order.
+"""
+
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.interpreters import ad
+
+from jaxspatial.engine.program import Aval, Program, Result, batch_axis_first, bind, over_batch_of, zeros
+from jaxspatial.numerics.errorfree.primitives import is_zero
+
+Moving = tuple[bool, ...]
+
+
+class Differentiable(Program):
+    """A program with a tangent and a pull-back."""
+
+    def tangent(self, moving: Moving):
+        return self.cached(("tangent", moving), lambda: Tangent(self, moving))
+
+    def pullback(self, moving: Moving):
+        return self.cached(("pullback", moving), lambda: Pullback(self, moving))
+
+    def jacobians(self, moving: Moving, n_columns: int) -> "Differentiable | None":
+        """The program of the Jacobians of the one result with respect to the arguments that move.
+
+        None if there is none, or if n_columns tangents or cotangents at one state are too few for it to pay.
+        """
+        return None
+
+    def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
+        """(results, their tangents)."""
+        moving = tuple(not is_zero(t) for t in tangents)
+        of_moving = [t for t in tangents if not is_zero(t)]
+        return bind(self, primals, n_batch), bind(self.tangent(moving), [*primals, *of_moving], n_batch)
+
+    def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
+        """The cotangents of the linear arguments, None for the others."""
+        linear = tuple(ad.is_undefined_primal(x) for x in arguments)
+        at = [zeros(x.aval) if is_linear else x for x, is_linear in zip(arguments, linear, strict=True)]
+        return _placed(linear, bind(self.pullback(linear), [*at, *cotangents], n_batch))
+
+
+class Derived(Differentiable):
+    """The derivative of another program with respect to the arguments marked in `moving`."""
+
+    def __init__(self, program: Differentiable, moving: Moving):
+        self.program, self.moving = program, moving
+
+    @property
+    def is_wide(self):
+        return self.program.is_wide
+
+    @property
+    def block(self):
+        return min(self.program.block, 512)
+
+    def from_outside(self, x: jax.Array) -> jax.Array:
+        return self.program.from_outside(x)
+
+    def takes_cotangent(self, i: int):
+        n = len(self.moving)
+        return self.program.takes_cotangent(i if i < n else self.places[i - n])
+
+    def needs_all_states(self, i: int):
+        return i < len(self.moving) and self.program.needs_all_states(i)
+
+    @functools.cached_property
+    def places(self):
+        """The indices of the arguments that move."""
+        return [i for i, yes in enumerate(self.moving) if yes]
+
+    def _split(self, arrays: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+        """(the arguments of the program, its tangents or cotangents)."""
+        n = len(self.moving)
+        return list(arrays[:n]), list(arrays[n:])
+
+    def _at_one_state(
+        self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int
+    ) -> tuple[list[jax.Array], list[jax.Array]] | None:
+        """(the Jacobians, the tangents or cotangents with a new axis in front) if only these are mapped; else None."""
+        at, others = self._split(arrays)
+        is_at_one_state = all(a is None for a in axes[: len(at)])
+        jacobians = self.program.jacobians(self.moving, size) if is_at_one_state else None
+        if jacobians is None:
+            return None
+        both = zip(others, axes[len(at) :], strict=True)
+        return bind(jacobians, at, n_batch), [batch_axis_first(x, axis, size, False) for x, axis in both]
+
+    def _chosen(self, arguments: Sequence[Any]) -> list[Any]:
+        return [x for x, yes in zip(arguments, self.moving, strict=True) if yes]
+
+    def _of_chosen(self, arguments: Sequence[Any]) -> Callable[..., list[jax.Array]]:
+        """The program as a function of the arguments that move."""
+
+        def run(*chosen: jax.Array):
+            rest = iter(chosen)
+            both = zip(arguments, self.moving, strict=True)
+            return self.program.evaluate(*(next(rest) if yes else x for x, yes in both))
+
+        return run
+
+
+class Tangent(Derived):
+    """(arguments, tangents of those that move) -> the tangents of the results: linear in the latter."""
+
+    def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
+        arguments, tangents = self._split(arrays)
+        both = [_broadcast(x, t) for x, t in zip(self._chosen(arguments), tangents, strict=True)]
+        at, along = zip(*both, strict=True)
+        return jax.jvp(self._of_chosen(arguments), at, along)[1]
+
+    def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
+        n = len(self.moving)
+        return self.program.outputs(avals[:n], sizes[:n])
+
+    def primal_of(self, i: int):
+        return self.program.primal_of(i)
+
+    def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int):
+        at_one_state = self._at_one_state(arrays, axes, size, n_batch)
+        if at_one_state is None:
+            return None
+        matrices, tangents = at_one_state
+        return [times_columns(jnp.concatenate(matrices, -1), _concatenated(tangents))]
+
+    def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
+        at, tangents = self._split(arguments)
+        linear = [ad.is_undefined_primal(t) for t in tangents]
+        moving = tuple(i in [p for p, yes in zip(self.places, linear, strict=True) if yes] for i in range(len(at)))
+        at = [
+            _over(x, tangents[self.places.index(i)].aval, n_batch) if yes else x
+            for i, (x, yes) in enumerate(zip(at, moving, strict=True))
+        ]
+        of_linear = bind(self.program.pullback(moving), [*at, *cotangents], n_batch)
+        return [*[None] * len(at), *_placed(linear, of_linear)]
+
+
+class Pullback(Derived):
+    """(arguments, cotangents of the results) -> the cotangents of the arguments that move."""
+
+    def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
+        arguments, cotangents = self._split(arrays)
+        run = self._of_chosen(arguments)
+        n = max((x.shape[0] for x in arrays), default=1)
+
+        def over_all(*chosen: jax.Array):
+            # A result that is itself the cotangent of a shared argument is shared by all states.
+            primals = ((self.program.primal_of(i), y) for i, y in enumerate(run(*chosen)))
+            return [jnp.broadcast_to(y, (n, *y.shape[1:])) if primal is None else y for primal, y in primals]
+
+        results, back = _with_pullback(over_all, *self._chosen(arguments))
+        cotangents = map(self.from_outside, cotangents)
+        return list(back([jnp.broadcast_to(c, y.shape) for c, y in zip(cotangents, results, strict=True)]))
+
+    def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
+        return [(a.shape, a.dtype) for a in self._chosen(avals[: len(self.moving)])]
+
+    def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int):
+        at_one_state = self._at_one_state(arrays, axes, size, n_batch)
+        if at_one_state is None:
+            return None
+        matrices, (cotangents,) = at_one_state
+        pulled = (times_columns(jnp.swapaxes(J, -1, -2), cotangents) for J in matrices)
+        like = (jax.ShapeDtypeStruct((size, *x.shape), x.dtype) for x in self._chosen(self._split(arrays)[0]))
+        return [over_batch_of(y, x) for x, y in zip(like, pulled, strict=True)]
+
+    def primal_of(self, i: int) -> int | None:
+        return self.places[i]
+
+    def takes_cotangent(self, i: int):
+        return i >= len(self.moving) or self.program.takes_cotangent(i)
+
+    def needs_all_states(self, i: int):
+        return i < len(self.moving) and (self.moving[i] or self.program.needs_all_states(i))
+
+
+def pullback(function: Callable[..., Any], *at: Any):
+    return _with_pullback(function, *at)[1]
+
+
+def _with_pullback(function: Callable[..., Any], *at):
+    return cast(tuple[Any, Callable[[Any], tuple[Any, ...]]], jax.vjp(function, *at))
+
+
+def times_columns(matrix: jax.Array, columns: jax.Array):
+    """A matrix (*batch, n, m) times k columns (k, *batch, m): (k, *batch, n). Exact for unit vectors."""
+    shape = np.broadcast_shapes(matrix.shape[:-2], columns.shape[1:-1])
+    wide = np.dtype(np.float32) if matrix.dtype.itemsize == 2 else matrix.dtype
+    products = jnp.einsum(
+        "...ij,k...j->k...i", matrix, columns, precision="highest", preferred_element_type=wide, optimize=False
+    )
+    return jnp.broadcast_to(products, (columns.shape[0], *shape, matrix.shape[-2])).astype(matrix.dtype)
+
+
+def _concatenated(columns: Sequence[jax.Array]):
+    shape = np.broadcast_shapes(*(x.shape[:-1] for x in columns))
+    return jnp.concatenate([jnp.broadcast_to(x, (*shape, x.shape[-1])) for x in columns], -1)
+
+
+def _placed(linear: Sequence[bool], of_linear: Iterable[Any]) -> list[Any]:
+    """The cotangents of linear arguments in the places of these, None elsewhere."""
+    rest = iter(of_linear)
+    return [next(rest) if yes else None for yes in linear]
+
+
+def _broadcast(x: jax.Array, t: jax.Array):
+    shape = np.broadcast_shapes(x.shape, t.shape)
+    return jnp.broadcast_to(x, shape), jnp.broadcast_to(t, shape)
+
+
+def _over(x: jax.Array, aval: Aval, n_batch: int):
+    """x broadcast to the batch of its tangent."""
+    shape = np.broadcast_shapes(x.shape[:n_batch], aval.shape[:n_batch])
+    return jnp.broadcast_to(x, (*shape, *x.shape[n_batch:]))

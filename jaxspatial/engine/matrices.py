@@ -1,0 +1,209 @@
+"""Matrices over pairs of joints, such as the mass matrix, and the solution of linear equations.
+
+An entry depends only on its two joints, one of which carries the other. Both are expressed in world axes, with
+positions from the root that carries both, so nothing is propagated from body to body: the entries of all pairs of
+bodies of two bundles are one operation.
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxspatial.engine import recursion, stacking
+from jaxspatial.engine.state import JointState, MechanismState, across
+from jaxspatial.mechanism.topology import Chains
+from jaxspatial.numerics import numbers
+from jaxspatial.numerics.linear import Pose, Vector
+from jaxspatial.numerics.numbers import Number, Numbers, as_data, data_of, high, mapped, noinline, where, with_data
+from jaxspatial.spatial.algebra import composed
+
+Entry = Callable[[Any, Any], Numbers]
+# (chain of the column, chain of the row that carries it).
+ChainPairs = list[tuple[int, int]]
+# For every bundle (k, tree of numbers), see `matrices`.
+Sides = Sequence[tuple[int, Any]]
+
+
+def matrices(state: MechanismState, entry: Entry, rows: Sides, columns: Sides) -> Numbers:
+    """Assembles matrices (rows, columns, B), one for each number of the tuple `entry(row, column)`.
+
+    Entries are 0 where the joint of the row does not carry the body of the column.
+
+    rows, columns: for every bundle (k, a tree of numbers (k, L, W, B)); k is the number of velocities of its joint, or
+    of columns per body. Numbers that are the same for all k may lack the first axis.
+    """
+    chains = state.topology.chains
+    sizes = [[_count(state, y, group) * group.length for group in chains] for y in (rows, columns)]
+    starts = [_starts(state, y) for y in (rows, columns)]
+    rows, columns = ([_of_chains(state, y, group) for group in chains] for y in (rows, columns))
+    whole: Numbers = ()
+    for b, column in enumerate(columns):
+        for a, pairs in state.topology.carriers(b).items():
+            if rows[a] is not None and column is not None:
+                shape = sizes[0][a], sizes[1][b], len(pairs), state.n
+                block = _block(entry, rows[a], column, pairs, shape)
+                block = [_upper(x, chains[a].length) for x in block] if a == b else block
+                whole = _with_block(state, whole or _zeros(state, block, starts), block, starts, a, b, pairs)
+    return whole
+
+
+def _place(state: MechanismState, group: Chains) -> tuple[int, int, int]:
+    return state.topology.places[group.starts[0]]
+
+
+def _count(state: MechanismState, trees: Sides, group: Chains) -> int:
+    return trees[_place(state, group)[0]][0]
+
+
+def _starts(state: MechanismState, trees: Sides) -> np.ndarray:
+    """The first row of each body, and at the end the number of rows."""
+    t = state.topology
+    return np.cumsum([0, *(trees[t.places[i][0]][0] for i in range(len(t)))])
+
+
+def _of_chains(state: MechanismState, trees: Sides, group: Chains) -> Any:
+    """The numbers (rows, W, B) of one group of chains; None if it has no rows."""
+    b, first, _ = _place(state, group)
+    k, tree = trees[b]
+    return stacking.mapped(functools.partial(_flat, group, k, first), tree) if k else None
+
+
+def _flat(group: Chains, k: int, first: int, word: jax.Array) -> jax.Array:
+    """The rows of all bodies of a chain as one axis: (L k, W, B)."""
+    if word.ndim >= 3:
+        word = word[..., first : first + group.length, : group.width, :]
+    full = jnp.broadcast_to(word, (k, group.length, *np.broadcast_shapes(word.shape[-2:], (1, 1))))
+    return jnp.moveaxis(full, 0, 1).reshape((-1, *full.shape[2:]))
+
+
+def _block(entry: Entry, row: Any, column: Any, pairs: ChainPairs, shape: tuple[int, ...]) -> list[Number]:
+    """The entries (rows, columns, pairs, B) of pairs (chain of the column, chain of the row)."""
+    of_columns, of_rows = zip(*pairs, strict=True)
+    row = stacking.mapped(lambda w: _picked(w, of_rows)[:, None], row)
+    entries = noinline(entry)(row, stacking.mapped(lambda w: _picked(w, of_columns)[None], column))
+    return [stacking.spread(x, shape) for x in entries]
+
+
+def _picked(w: jax.Array, chains: tuple[int, ...]) -> jax.Array:
+    """w[:, chains], without a copy where possible."""
+    if chains == tuple(range(w.shape[1])) or w.shape[1] == 1:
+        return w
+    return w[:, chains[0] : chains[0] + 1] if len(set(chains)) == 1 else jnp.stack([w[:, c] for c in chains], 1)
+
+
+def _upper(x: Number, length: int) -> Number:
+    """The entries of one chain with itself, 0 where the body of the column comes before that of the row."""
+    n, m = numbers.shape_of(x)[:2]
+    is_behind = np.arange(m)[None, :] // (m // length) >= np.arange(n)[:, None] // (n // length)
+    return where(jnp.asarray(is_behind[:, :, None, None]), x, 0.0)
+
+
+def _zeros(state: MechanismState, block: list[Number], starts: list[np.ndarray]) -> list[Number]:
+    shape = int(starts[0][-1]), int(starts[1][-1]), state.n
+    return [mapped(lambda w: jnp.zeros(shape, w.dtype), x) for x in block]
+
+
+def _with_block(
+    state: MechanismState, whole: Numbers, block: Numbers, starts: list[np.ndarray], a: int, b: int, pairs: ChainPairs
+) -> Numbers:
+    """The matrices with the block of one pair of chain groups filled in."""
+    of_rows, of_columns = (state.topology.chains[k].starts for k in (a, b))
+    for k, (c, r) in enumerate(pairs):
+        place = int(starts[0][of_rows[r]]), int(starts[1][of_columns[c]]), 0
+        put = functools.partial(_put, k=k, place=place)
+        whole = [mapped(put, x, y) for x, y in zip(whole, block, strict=True)]
+    return whole
+
+
+def _put(whole: jax.Array, block: jax.Array, k: int, place: tuple[int, int, int]) -> jax.Array:
+    return lax.dynamic_update_slice(whole, block[:, :, k], place)
+
+
+def by_velocity(state: MechanismState, x: Number, axis: int) -> Number:
+    """Reduces an axis over the velocities of all joints to one over v.
+
+    The force on a mimic acts, times its multiplier, on the joint that it follows.
+    """
+    t = state.topology
+    if not t.has_mimics:
+        return x
+    bodies = np.repeat(np.arange(len(t)), [t.kind(i).nv for i in range(len(t))])
+    first = stacking.mapped(lambda w: jnp.moveaxis(w, axis, 0), x)
+    result = state.fold_mimics(first, np.array(t.v_starts)[bodies], bodies)
+    return stacking.mapped(lambda w: jnp.moveaxis(w, 0, axis), result)
+
+
+def symmetric_of(upper: Number) -> Number:
+    """The symmetric matrix with this upper triangle."""
+    n = numbers.shape_of(upper)[0]
+    is_upper = jnp.asarray(np.triu(np.ones((n, n), bool))[:, :, None])
+    return where(is_upper, upper, transposed(upper))
+
+
+def transposed(x: Number) -> Number:
+    return stacking.mapped(lambda w: jnp.swapaxes(w, 0, 1), x)
+
+
+# -- poses from the root ----------------------------------------------------------------------------------------------
+
+
+def poses_from_root(state: MechanismState) -> list[Pose]:
+    """The Pose of every bundle: in the axes of the world, with positions from the root that carries it."""
+    links = [(state.placement(b), joint, b.is_on_world) for b, joint in zip(state.bundles, state.joints, strict=True)]
+    return recursion.outward(state, _from_root, state.world, links)
+
+
+def _from_root(link: tuple[Pose, JointState, bool], parent: Pose) -> tuple[Pose, Pose]:
+    placement, joint, is_root = link
+    X = composed(parent, across(placement, joint))
+    X = Pose(X.R, zero_at_root(is_root, X.p))
+    return X, X
+
+
+def zero_at_root(is_root: bool, v: Vector) -> Vector:
+    """v, or known zeros for a root."""
+    return Vector(*(numbers.constant(x, 0) for x in v)) if is_root else v
+
+
+# -- linear equations -------------------------------------------------------------------------------------------------
+
+
+def solved(M: Number, b: Number) -> Number:
+    """M^-1 b for a symmetric positive M (n, n, ...) and b (n, ...), by Gauss-Jordan elimination in a loop.
+
+    Where a pivot is not positive, the unknown is 0. Error: n u cond(M) times a small number.
+    [Golub and Van Loan 2013, 4.1: Gauss and Jordan]
+    """
+    n, *shape = numbers.shape_of(b)
+    start = as_data(M), as_data(b)
+
+    def eliminated(k: jax.Array, data: list[Any]) -> list[Any]:
+        left, right = with_data(start, data)
+        row, of_row = (_row(x, k) for x in (left, right))
+        pivot = _row(row, k)
+        is_none = high(pivot) <= 0
+        scale = where(is_none, 0.0, 1 / where(is_none, 1.0, pivot))
+        here = (np.arange(n, dtype=np.int32) == k).reshape((n, *[1] * len(shape)))
+        column = _row(left, k, 1)
+        factor = where(here, scale * 0.0, column * _lifted(scale))
+        rest = left - mapped(lambda w: w[:, None], factor) * _lifted(row)
+        right = where(here, where(is_none, 0.0, right), right - factor * _lifted(of_row))
+        return data_of((as_data(rest), as_data(right)))
+
+    left, right = with_data(start, lax.fori_loop(0, n, eliminated, data_of(start)))
+    diagonal = stacking.concatenated([mapped(lambda w, k=k: w[k, k][None], left) for k in range(n)])
+    is_none = high(diagonal) <= 0
+    return where(is_none, 0.0, right / where(is_none, 1.0, diagonal))
+
+
+def _row(x: Number, k: Any, axis: int = 0) -> Number:
+    return mapped(lambda w: lax.dynamic_index_in_dim(w, k, axis, keepdims=False), x)
+
+
+def _lifted(x: Number) -> Number:
+    return mapped(lambda w: w[None], x)

@@ -1,0 +1,310 @@
+"""Programs over batches, and the primitive that runs them: what `vmap`, `jvp` and transposition do is decided here.
+
+An algorithm is one primitive. Its formula sees a single axis of states, innermost in memory, however often and along
+whichever axes a caller maps it: (L, W, B), L joints along a chain, W chains, B states. On CPUs a batch that does not
+fit the cache runs in blocks that do.
+"""
+
+import functools
+import itertools
+import math
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
+from jax.interpreters import ad, batching, mlir
+from jax.interpreters import partial_eval as pe
+
+from jaxspatial.numerics import check
+from jaxspatial.numerics.errorfree.primitives import compiled, is_zero, lower_fun, unsharded
+
+T = TypeVar("T")
+Aval = jax.ShapeDtypeStruct
+Result = tuple[tuple[int, ...], Any]  # shape and dtype
+
+# Bounds on the states of a block, long enough for loops and short enough for the cache, and on its numbers of results.
+LARGEST_BLOCK, SMALLEST_BLOCK, NUMBERS = 2048, 64, 2**18
+
+
+class Program:
+    """What the primitive runs. A subclass implements `evaluate` and `outputs`."""
+
+    # The number of states in a block, on CPUs.
+    block = LARGEST_BLOCK
+    # Whether it computes in 64 bits, whatever the dtype of the caller. Its derivatives are then traced in 64 bits too,
+    # and so are programs that take 64-bit numbers from it.
+    is_wide = False
+
+    @functools.cached_property
+    def _derived(self) -> dict[Hashable, Any]:
+        return {}
+
+    def cached(self, key: Hashable, maker: Callable[[], T]) -> T:
+        """A derivative or trace of this program, made once by `maker`; it lives as long as the program."""
+        if key not in self._derived:
+            self._derived[key] = maker()
+        return self._derived[key]
+
+    def traced(self, avals: Sequence[Aval]) -> "Traced":
+        """The trace of the program, made once for the same shapes."""
+        in_64_bits = self.is_wide or bool(check.config.jax_enable_x64)
+        key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), in_64_bits
+        return self.cached(key, lambda: Traced(self, avals, in_64_bits))
+
+    def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
+        """The results for arrays (B, ...), or (1, ...) where all states share one."""
+        raise NotImplementedError
+
+    def from_outside(self, x: jax.Array) -> jax.Array:
+        """An argument as an operand: behind a barrier where bits are promised, or rounding errors computed."""
+        raise NotImplementedError
+
+    def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
+        """Shapes, without the batch, and dtypes of the results. avals: arguments without the batch; sizes: how many
+        states each has."""
+        raise NotImplementedError
+
+    def primal_of(self, i: int) -> int | None:
+        """The argument whose cotangent result i is, and whose batch it has; None for results over all states."""
+        return None
+
+    def takes_cotangent(self, i: int) -> bool:
+        """Whether argument i is a cotangent, which is 0 for states that pad a block."""
+        return False
+
+    def needs_all_states(self, i: int) -> bool:
+        """Whether argument i must be repeated for every state, because its cotangents must not be summed."""
+        return False
+
+    def columns(self, arrays: Sequence[jax.Array], n_batch: int) -> list[int]:
+        """The axes of the batch along which only the last argument varies, if a loop over them is faster than a batch
+        on CPUs."""
+        return []
+
+    def over_columns(self) -> "Program":
+        """The program for a last argument, and a result, with an axis of such columns behind the states."""
+        raise NotImplementedError
+
+    def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int) -> Any:
+        """The results along a new axis in front, if there is a faster way than more states; else None."""
+        return None
+
+    def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
+        """(results, their tangents)."""
+        raise NotImplementedError
+
+    def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
+        """The cotangents of the arguments that are linear, None for others."""
+        raise NotImplementedError
+
+
+class Traced:
+    """The trace of a program, without dead code."""
+
+    def __init__(self, program: Program, avals: Sequence[Aval], in_64_bits: bool):
+        def flat(*arrays: jax.Array) -> list[jax.Array]:
+            return list(program.evaluate(*arrays))
+
+        with jax.enable_x64(in_64_bits):
+            closed = jax.make_jaxpr(flat)(*avals)
+        jaxpr, _ = pe.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
+        self.closed = ClosedJaxpr(jaxpr, closed.consts)
+        self.out_avals = closed.out_avals
+
+    def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
+        return jaxpr_as_fun(self.closed)(*arrays)
+
+
+# -- the primitive ----------------------------------------------------------------------------------------------------
+
+
+def bind(program: Program, arrays: Sequence[Any], n_batch: int) -> list[Any]:
+    """The results (*batch, ...) of arrays that have n_batch axes in front, of size 1 where they do not vary."""
+    arrays = [c if not is_zero(c) else zeros(c.aval) for c in arrays]
+    return list(_program_p.bind(*arrays, program=program, n_batch=n_batch))
+
+
+def _abstract(*avals, program: Program, n_batch: int) -> list[Any]:
+    batch = np.broadcast_shapes(*(a.shape[:n_batch] for a in avals))
+    items = [jax.ShapeDtypeStruct(a.shape[n_batch:], a.dtype) for a in avals]
+    size = block_size(math.prod(batch), program.block)
+    sizes = [size if math.prod(a.shape[:n_batch]) > 1 else 1 for a in avals]
+    specs = [a.sharding.spec for a in avals]
+    common = [next((s[k] for s in specs if s[k] is not None), None) for k in range(n_batch)]
+    varying = frozenset[Any]().union(*(a.mat.varying for a in avals))
+    results: list[Any] = []
+    for i, (shape, dtype) in enumerate(program.outputs(items, sizes)):
+        primal = program.primal_of(i)
+        if primal is not None:
+            results.append(avals[primal].update(weak_type=False))
+            continue
+        like, spec = avals[0], jax.sharding.PartitionSpec(*common, *[None] * len(shape))
+        sharding = like.sharding.update(spec=spec)
+        aval = like.update(shape=(*batch, *shape), dtype=dtype, weak_type=False, sharding=sharding)
+        if varying:
+            aval = aval.update(manual_axis_type=like.mat.update(varying=varying))
+        results.append(aval)
+    return results
+
+
+def _jvp(primals: Sequence[Any], tangents: Sequence[Any], *, program: Program, n_batch: int):
+    return program.jvp(list(primals), list(tangents), n_batch)
+
+
+def _transpose(cotangents: Sequence[Any], *arguments, program: Program, n_batch: int):
+    return program.transposed(list(cotangents), list(arguments), n_batch)
+
+
+def _batch(arrays: Sequence[Any], axes: Sequence[int | None], *, program: Program, n_batch: int):
+    """Batches along a new axis in front of the others."""
+    size = next(x.shape[axis] for x, axis in zip(arrays, axes, strict=True) if axis is not None)
+    results = program.batched(arrays, axes, size, n_batch)
+    if results is None:
+        every = map(program.needs_all_states, range(len(arrays)))
+        results = bind(program, list(map(batch_axis_first, arrays, axes, itertools.repeat(size), every)), n_batch + 1)
+    return results, [0] * len(results)
+
+
+def batch_axis_first(x: jax.Array, axis: int | None, size: int, for_each: bool) -> jax.Array:
+    if axis is not None:
+        return jnp.moveaxis(x, axis, 0)
+    return jnp.broadcast_to(x, (size, *x.shape)) if for_each else x[None]
+
+
+def over_batch_of(x: jax.Array, aval: Aval) -> jax.Array:
+    """Sums a cotangent over the axes along which its argument has size 1."""
+    axes = [k for k, (a, b) in enumerate(zip(x.shape, aval.shape, strict=True)) if a != b]
+    return x.sum(axes, keepdims=True) if axes else x
+
+
+def zeros(aval: Aval) -> jax.Array:
+    return lax.full(aval.shape, 0, aval.dtype)
+
+
+# -- running a program ------------------------------------------------------------------------------------------------
+
+
+def run(program: Program, n_batch: int, in_blocks: bool, *arrays: jax.Array) -> list[jax.Array]:
+    """Runs a program on arrays with n_batch axes in front: flattened to one axis of states, and in blocks if asked."""
+    batch = np.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
+    columns = program.columns(arrays, n_batch) if in_blocks else []
+    if columns:
+        return [_over_columns(program.over_columns(), columns, n_batch, arrays)]
+    flat = [with_one_axis(x, n_batch, batch) for x in arrays]
+    results = _in_blocks(program, program.block if in_blocks else math.prod(batch), math.prod(batch), flat)
+    return [with_batch(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(results)]
+
+
+def _over_columns(program: Program, axes: list[int], n_batch: int, arrays: Sequence[jax.Array]) -> jax.Array:
+    """Runs a program with these axes of the batch, its columns, as one axis behind the states."""
+    *others, last = arrays
+    states = [k for k in range(n_batch) if k not in axes]
+    shape, sizes = last.shape[:n_batch], [last.shape[k] for k in axes]
+    last = jnp.transpose(last, (*states, *axes, n_batch))
+    last = last.reshape((*(shape[k] for k in states), math.prod(sizes), -1))
+    (y,) = run(program, len(states), True, *(x.reshape(np.delete(x.shape, axes)) for x in others), last)
+    y = y.reshape((*y.shape[: len(states)], *sizes, -1))
+    return jnp.transpose(y, (*np.argsort([*states, *axes]), n_batch))
+
+
+def with_one_axis(x: jax.Array, n_batch: int, batch: tuple[int, ...]) -> jax.Array:
+    """An array (*batch, ...) as (B, ...), or as (1, ...) where no axis of the batch varies."""
+    shape = x.shape[:n_batch]
+    if math.prod(shape) > 1 and shape != batch:
+        x, shape = jnp.broadcast_to(x, (*batch, *x.shape[n_batch:])), batch
+    return x.reshape((math.prod(shape), *x.shape[n_batch:]))
+
+
+def with_batch(
+    y: jax.Array, primal: int | None, arrays: Sequence[jax.Array], n_batch: int, batch: tuple[int, ...]
+) -> jax.Array:
+    """A result (B, ...) over the batch, or, of a cotangent, over the batch of its argument."""
+    if primal is None:
+        return y.reshape((*batch, *y.shape[1:]))
+    shape = arrays[primal].shape[:n_batch]
+    if y.shape[0] == math.prod(shape):
+        return y.reshape((*shape, *y.shape[1:]))
+    whole = y.reshape((*batch, *y.shape[1:]))
+    over = tuple(k for k, (a, b) in enumerate(zip(shape, batch, strict=True)) if a != b)
+    return whole.sum(over, keepdims=True) if over else whole
+
+
+def block_size(n: int, block: int) -> int:
+    """The size of blocks, at most `block`, that divide n states as evenly as possible."""
+    return -(-n // -(-n // block)) if n else n
+
+
+def _in_blocks(program: Program, block: int, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
+    n_blocks = -(-n // block) if block else 1
+    if n_blocks < 2:
+        return program.traced([_aval(x) for x in arrays])(*arrays)
+    size = block_size(n, block)
+    varies = [x.shape[0] > 1 for x in arrays]
+    filled = [
+        _blocks(x, size, n_blocks, program.takes_cotangent(i)) if yes else x
+        for i, (x, yes) in enumerate(zip(arrays, varies, strict=True))
+    ]
+    avals = [_aval(x[0] if yes else x) for x, yes in zip(filled, varies, strict=True)]
+    one = program.traced(avals)
+    adds = [(k := program.primal_of(i)) is not None and not varies[k] for i in range(len(one.out_avals))]
+
+    def body(sums: list[jax.Array], blocks: Iterable[jax.Array]):
+        blocks = iter(blocks)
+        results = one(*(next(blocks) if yes else x for x, yes in zip(filled, varies, strict=True)))
+        sums = [s + y for s, y in zip(sums, [y for y, yes in zip(results, adds, strict=True) if yes], strict=True)]
+        return sums, [y for y, yes in zip(results, adds, strict=True) if not yes]
+
+    start = [zeros(a) for a, yes in zip(one.out_avals, adds, strict=True) if yes]
+    sums, stacked = lax.scan(body, start, [x for x, yes in zip(filled, varies, strict=True) if yes])
+    sums, stacked = iter(sums), iter(stacked)
+    return [next(sums) if yes else _unblocked(next(stacked), n) for yes in adds]
+
+
+def _unblocked(x: jax.Array, n: int) -> jax.Array:
+    return x.reshape((-1, *x.shape[2:]))[:n]
+
+
+def _blocks(x: jax.Array, size: int, n_blocks: int, is_cotangent: bool) -> jax.Array:
+    """An array as blocks (n_blocks, size, ...), padded with the last state, or with zeros if it is a cotangent."""
+    missing = size * n_blocks - x.shape[0]
+    if missing:
+        last = jnp.broadcast_to(x[-1:], (missing, *x.shape[1:]))
+        x = jnp.concatenate([x, jnp.zeros_like(last) if is_cotangent else last])
+    return x.reshape((n_blocks, size, *x.shape[1:]))
+
+
+def _aval(x: jax.Array) -> Aval:
+    return jax.ShapeDtypeStruct(x.shape, x.dtype)
+
+
+def _lowering(in_blocks: bool) -> Callable[..., Any]:
+    def rule(context, *arrays, program: Program, n_batch: int):
+        lower = lower_fun(functools.partial(run, program, n_batch, in_blocks), multiple_results=True)
+        return unsharded(lower, context, *arrays)
+
+    return rule
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled(program: Program, n_batch: int) -> Callable[..., list[jax.Array]]:
+    return compiled(_program_p, program=program, n_batch=n_batch)
+
+
+def _run_alone(*arrays: jax.Array, program: Program, n_batch: int) -> list[jax.Array]:
+    """The results outside of any transformation."""
+    return _compiled(program, n_batch)(*arrays)
+
+
+_program_p: Any = Primitive("jaxspatial_program")
+_program_p.multiple_results = True
+_program_p.def_abstract_eval(_abstract)
+_program_p.def_impl(_run_alone)
+mlir.register_lowering(_program_p, _lowering(False))
+mlir.register_lowering(_program_p, _lowering(True), platform="cpu")
+ad.primitive_jvps[_program_p] = _jvp
+ad.primitive_transposes[_program_p] = _transpose
+batching.primitive_batchers[_program_p] = _batch

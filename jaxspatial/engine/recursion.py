@@ -1,0 +1,239 @@
+"""Recursions over the tree, outward from the base and inward from the tips: a step for one body, looped over a bundle.
+
+A bundle consists of chains of joints of one kind; groups of equal chains follow each other in its rows (`Bundle`). Its
+step is compiled once, whatever the length and number of the chains. Numbers of the state that are known all along a
+loop stay known: a planar arm has no components out of its plane. Where one group ends and the next begins, a memory
+holds the states of the bodies where chains meet. A bundle of single bodies needs no loop.
+"""
+
+import functools
+import itertools
+import operator
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxspatial.engine import stacking
+from jaxspatial.engine.state import MechanismState
+from jaxspatial.mechanism.topology import Bundle
+from jaxspatial.numerics.numbers import as_data, data_of, is_number, noinline, with_data
+
+# step(numbers of a body, state) -> (its result, its state), as trees of numbers.
+Step = Callable[[Any, Any], tuple[Any, Any]]
+Join = Callable[[Any, Any], Any]
+
+
+def outward(state: MechanismState, step: Step, root: Any, numbers: Sequence[Any]) -> list[Any]:
+    """Computes body after body from the base to the tips: the results for every bundle.
+
+    step(numbers of a body, state of its parent) -> (its result, its state). root: the state of the world.
+    """
+    results, ends = list[Any](), {-1: stacking.mapped(lambda word: word.reshape((1, -1)), root)}
+    for bundle, of_bundle in zip(state.bundles, numbers, strict=True):
+        first = bundle.groups[0]
+        start = [ends[i] for i in bundle.by_column(first, first.parents)]
+        boundaries = _boundaries(state, bundle, ends, start[0], _replaced, is_reverse=False)
+        result, last, memory = _run(step, bundle, state.n, of_bundle, _side_by_side(start, state.n), boundaries)
+        ends |= {i: _chain(memory, k) for i, k in boundaries.rows.items() if i not in ends}
+        ends |= {i: _chain(last, c) for c, i in enumerate(bundle.groups[-1].ends)}
+        results.append(result)
+    return results
+
+
+def inward(
+    state: MechanismState, step: Step, at_tips: Any, numbers: Sequence[Any], join: Join | None = None
+) -> list[Any]:
+    """Computes body after body from the tips to the base: the results for every bundle.
+
+    step(numbers of a body, joined states of its children) -> (its result, its state). at_tips: the state that bodies
+    without children receive. join: combines the states of two children; by default their sum.
+    """
+    arrived, results, join = dict[int, Any](), list[Any](), join or _sum
+    for bundle, of_bundle in zip(reversed(state.bundles), reversed(numbers), strict=True):
+        first, last = bundle.groups[0], bundle.groups[-1]
+        start = [arrived.pop(i, at_tips) for i in bundle.by_column(last, last.ends)]
+        boundaries = _boundaries(state, bundle, arrived, at_tips, join, is_reverse=True)
+        result, passed, memory = _run(step, bundle, state.n, of_bundle, _side_by_side(start, state.n), boundaries)
+        arrived |= {i: _chain(memory, k) for i, k in boundaries.rows.items() if i not in bundle.ends}
+        for c, parent in enumerate(first.parents):
+            if parent >= 0:
+                x = _chain(passed, c)
+                arrived[parent] = noinline(join)(arrived[parent], x) if parent in arrived else x
+        results.append(result)
+    return results[::-1]
+
+
+def _replaced(_, new):
+    return new
+
+
+def _sum(a, b):
+    return jax.tree.map(operator.add, a, b, is_leaf=is_number)
+
+
+def _chain(tree, c: int):
+    """The numbers (1, B) of one chain, or of one row of a memory."""
+    return stacking.mapped(lambda word: word[c : c + 1], tree)
+
+
+def _side_by_side(trees: Sequence[Any], n: int):
+    """The states of several chains as one tree (W, B), or as the single one that all share."""
+    same = all(tree is trees[0] for tree in trees)
+    return trees[0] if same else stacking.concatenated_trees(trees, n)
+
+
+# -- boundaries between groups ----------------------------------------------------------------------------------------
+
+
+class Boundaries(NamedTuple):
+    """Where groups of a bundle end and others begin.
+
+    memory: the states (rows, B) of the bodies where chains meet. rows: the row of each of these bodies; row 0 holds the
+    state of tips, row 1 is scratch. at (length,): 1 for rows of the bundle that a boundary follows. put, get (length,
+    width): the rows of the memory that ending chains write and beginning chains read. join(old, new): combines the
+    states written to one row.
+    """
+
+    memory: Any
+    rows: dict[int, int]
+    at: np.ndarray
+    put: np.ndarray
+    get: np.ndarray
+    join: Join
+    is_reverse: bool
+
+
+def _boundaries(
+    state: MechanismState, bundle: Bundle, states: dict[int, Any], default, join: Join, is_reverse: bool
+) -> Boundaries:
+    """The Boundaries of a loop outward, or in reverse. states: those of the bodies where groups may meet."""
+    meet = [i for g in bundle.groups[1:] for i in g.parents]
+    meet += [i for g in bundle.groups[:-1] for i in g.ends if state.topology.children[i]]
+    rows = {i: k + 2 for k, i in enumerate(dict.fromkeys(meet))}
+    memory = _side_by_side([default, default, *(states.get(i, default) for i in rows)], state.n) if rows else None
+    at, put, get = (np.zeros(shape, int) for shape in ((bundle.length,), *[bundle.bodies.shape] * 2))
+    for row, end, begin in _meetings(bundle, is_reverse):
+        at[row] = 1
+        padding = [1] * (bundle.width - len(end))
+        put[row], get[row] = [rows.get(i, 1) for i in end] + padding, [rows.get(i, 0) for i in begin]
+    return Boundaries(memory, rows, at, put, get, join, is_reverse)
+
+
+def _meetings(bundle: Bundle, is_reverse: bool) -> Iterator[tuple[int, Sequence[int], Sequence[int]]]:
+    """At each boundary: (the last row of a group, the bodies whose rows its chains write, those that the next read)."""
+    first = 0
+    for a, b in itertools.pairwise(bundle.groups):
+        first += a.length
+        if is_reverse:
+            yield first, b.parents, bundle.by_column(a, a.ends)
+        else:
+            yield first - 1, a.ends, bundle.by_column(b, b.parents)
+
+
+# -- the loop ---------------------------------------------------------------------------------------------------------
+
+
+def _run(step: Step, bundle: Bundle, n: int, numbers, start, boundaries: Boundaries) -> tuple[Any, Any, Any]:
+    """Runs a bundle: (the results stacked along it, the last state, the memory).
+
+    numbers: (L, W, B), start: (W, B), of size 1 along axes where one serves all.
+    """
+    if bundle.length > 1:
+        return _loop(step, numbers, start, boundaries, (bundle.width, n))
+    result, last = noinline(step)(stacking.mapped(lambda word: word[0], numbers), start)
+    last = stacking.mapped(lambda word: jnp.broadcast_to(word, (bundle.width, n)), last)
+    return stacking.mapped(lambda word: word[None], result), last, None
+
+
+def _loop(step: Step, numbers, start, boundaries: Boundaries, shape: tuple[int, int]) -> tuple[Any, Any, Any]:
+    """Loops over the rows of a bundle.
+
+    A known number of the state stays known unless a step changes it. The loop is then traced again with this number as
+    data, until no known number changes.
+    """
+    states, structure = jax.tree.flatten(start, is_leaf=is_number)
+    memory = jax.tree.leaves(boundaries.memory, is_leaf=is_number) if boundaries.rows else states
+    is_known = [stacking.all_equal([x, k]) for x, k in zip(states, memory, strict=True)]
+    while True:
+        trial = _Loop(step, structure, numbers, boundaries, shape, is_known)
+        results, last, last_memory = trial.run(states, memory)
+        if not any(trial.changed):
+            return results, last, last_memory
+        is_known = [k and not c for k, c in zip(is_known, trial.changed, strict=True)]
+
+
+class _Loop:
+    """One trace of a loop. is_known: the numbers of the state to keep known; changed: those that a step changed."""
+
+    def __init__(
+        self,
+        step: Step,
+        structure: Any,
+        numbers: Any,
+        boundaries: Boundaries,
+        shape: tuple[int, int],
+        is_known: list[bool],
+    ):
+        self.step, self.structure, self.numbers = step, structure, numbers
+        self.boundaries, self.shape, self.is_known = boundaries, shape, is_known
+        self.changed = [False] * len(is_known)
+        self.states: list[Any] = []
+        self.result = None
+
+    def run(self, states: list[Any], memory: list[Any]) -> tuple[Any, Any, Any]:
+        """(the results, the last state, the memory)."""
+        boundaries, n_rows = self.boundaries, len(self.boundaries.rows)
+        self.states = self._spread(states, self.shape)
+        start = data_of(self.states), data_of(self._spread(memory, (n_rows + 2, self.shape[1]))) if n_rows else None
+        rows = (boundaries.at, boundaries.put, boundaries.get)
+        inputs = data_of(self.numbers), [jnp.asarray(x, np.int32) for x in rows] if n_rows else None
+        # A pull-back recomputes the steps, which is faster than reading stored intermediates.
+        again = jax.checkpoint(self._row, prevent_cse=False)
+        (last, last_memory), stacked = lax.scan(again, start, inputs, reverse=boundaries.is_reverse)
+        results = with_data(self.result, stacked)
+        return results, self._state(last), self._state(last_memory) if n_rows else None
+
+    def _spread(self, states: list[Any], shape: tuple[int, int]) -> list[Any]:
+        return [x if k else as_data(stacking.spread(x, shape)) for x, k in zip(states, self.is_known, strict=True)]
+
+    def _state(self, data):
+        return jax.tree.unflatten(self.structure, with_data(self.states, data))
+
+    def _data(self, state, shape: tuple[int, int]) -> list[Any]:
+        """The data of a new state; records in `changed` which known numbers differ."""
+        new = jax.tree.leaves(state, is_leaf=is_number)
+        for i, (x, y, k) in enumerate(zip(self.states, new, self.is_known, strict=True)):
+            self.changed[i] |= k and not stacking.all_equal([x, y])
+        return data_of([as_data(stacking.spread(y, shape)) for y, k in zip(new, self.is_known, strict=True) if not k])
+
+    def _row(self, carry: tuple[Any, Any], inputs: tuple[Any, Any]) -> tuple[Any, Any]:
+        (state, memory), (data, rows) = carry, inputs
+        self.result, new = self.step(with_data(self.numbers, data), self._state(state))
+        state = self._data(new, self.shape)
+        if rows:
+            at, put, get = rows
+            memory, state = lax.cond(at > 0, self._cross, _unchanged, memory, state, put, get)
+        return (state, memory), data_of(self.result)
+
+    def _cross(self, memory, state, put: jax.Array, get: jax.Array) -> tuple[Any, Any]:
+        """(the memory, the state of the chains that begin), at a boundary."""
+        for c in range(self.shape[0]):
+            both = (self._state(x) for x in (_row_of(memory, put[c]), _row_of(state, c)))
+            new = self._data(noinline(self.boundaries.join)(*both), (1, self.shape[1]))
+            update = functools.partial(lax.dynamic_update_slice_in_dim, start_index=put[c], axis=0)
+            memory = jax.tree.map(update, memory, new)
+        begin = [_row_of(memory, get[c]) for c in range(self.shape[0])]
+        return memory, jax.tree.map(lambda *words: jnp.concatenate(words), *begin)
+
+
+def _unchanged(memory, state, *_) -> tuple[Any, Any]:
+    return memory, state
+
+
+def _row_of(data, k):
+    """Row k of data (rows, B)."""
+    return jax.tree.map(functools.partial(lax.dynamic_slice_in_dim, start_index=k, slice_size=1), data)

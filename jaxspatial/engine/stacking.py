@@ -1,0 +1,115 @@
+"""Rows, stacks, concatenations and sums of numbers that are arrays over bodies and states."""
+
+import itertools
+import operator
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.numerics import numbers
+from jaxspatial.numerics.numbers import Number, Numbers, is_constant, is_number, where
+from jaxspatial.numerics.sums.pairwise import pairwise
+
+T = TypeVar("T")
+Array = jax.Array | np.ndarray
+Shape = tuple[int, ...]
+
+
+def rows(array: Array, places: np.ndarray) -> Array:
+    """array[places], for places (L, W, ...) known while tracing; data is sliced, chain by chain."""
+    if isinstance(array, np.ndarray):
+        return array[places]
+    if np.ndim(places) > 1:
+        return jnp.swapaxes(_sliced(array, np.swapaxes(places, 0, 1)), 0, 1)
+    return _sliced(array, places)
+
+
+def _sliced(array: jax.Array, places: np.ndarray) -> jax.Array:
+    flat = np.ravel(places)
+    ends = [0, *(np.flatnonzero(np.diff(flat) != 1) + 1).tolist(), flat.size]
+    pieces = [array[flat[a] : flat[a] + b - a] for a, b in zip(ends[:-1], ends[1:], strict=True) if b > a]
+    taken = pieces[0] if len(pieces) == 1 else jnp.concatenate(pieces) if pieces else array[:0]
+    return taken.reshape((*np.shape(places), *array.shape[1:]))
+
+
+def mapped(function: Callable[[Any], Any], tree: T) -> T:
+    """Applies a function to the arrays in a tree of numbers; known numbers pass unchanged."""
+    return jax.tree.map(lambda x: function(x) if isinstance(x, jax.Array) else x, tree)
+
+
+def spread(x: Number, shape: Shape) -> Number:
+    """A number broadcast to an array of this shape, also if it is known."""
+    if is_constant(x):
+        return x.with_limbs(jnp.full(shape, word) for word in x.limbs)
+    return numbers.mapped(lambda word: jnp.broadcast_to(word, shape), x)
+
+
+def all_equal(values: Sequence[Any]) -> bool:
+    """Whether all numbers are known, and equal."""
+    return all(map(is_constant, values)) and len({tuple(map(float, x.limbs)) for x in values}) == 1
+
+
+def stacked(parts: Numbers, shape: Shape, axis: int) -> Number:
+    """Broadcasts numbers to the shape, and stacks them along a new axis."""
+    return numbers.mapped(lambda *words: jnp.stack(words, axis), *(spread(x, shape) for x in parts))
+
+
+def stacked_trees(trees: Sequence[T]) -> T:
+    """Stacks k trees of numbers to one of numbers (k, ...). Known equal numbers stay known, a single tree unchanged."""
+    return trees[0] if len(trees) == 1 else _combined(trees, lambda xs: stacked(xs, _common_shape(xs), 0))
+
+
+def concatenated(parts: Numbers) -> Number:
+    """Concatenates numbers along their first axis."""
+    return parts[0] if len(parts) == 1 else numbers.mapped(lambda *words: jnp.concatenate(words), *parts)
+
+
+def concatenated_trees(trees: Sequence[T], n: int) -> T:
+    """Concatenates k trees of numbers (1, B) to one of numbers (k, B). Known equal numbers stay known."""
+    return _combined(trees, lambda xs: concatenated([spread(x, (1, n)) for x in xs]))
+
+
+def _combined(trees: Sequence[Any], combine: Callable[[Numbers], Number]):
+    return jax.tree.map(lambda *xs: xs[0] if all_equal(xs) else combine(xs), *trees, is_leaf=is_number)
+
+
+def _common_shape(xs: Numbers) -> Shape:
+    return np.broadcast_shapes((1, 1, 1), *(numbers.shape_of(x) for x in xs))
+
+
+def in_one_call(function: Callable[[Number], Numbers], parts: Numbers) -> list[Numbers]:
+    """[function(x) for x in parts], evaluated once, on all numbers concatenated."""
+    shapes = [numbers.shape_of(x) for x in parts]
+    size = max(shape[-1] for shape in shapes)
+    flat = [
+        numbers.mapped(lambda w, s=s: jnp.broadcast_to(w, (*s[:-1], size)).reshape((-1, size)), x)
+        for x, s in zip(parts, shapes, strict=True)
+    ]
+    results = function(concatenated(flat))
+    counts = [int(np.prod(s[:-1])) for s in shapes]
+    ends = itertools.accumulate(counts)
+    return [
+        mapped(lambda w, s=s, n=n, e=e: w[e - n : e].reshape((*s[:-1], size)), results)
+        for s, n, e in zip(shapes, counts, ends, strict=True)
+    ]
+
+
+def added_at(x: Number, row: int, y: Number) -> Number:
+    """x with y added to one of its rows."""
+    shape = numbers.shape_of(x)
+    here = jnp.asarray(np.arange(shape[0]) == row).reshape((-1, *[1] * (len(shape) - 1)))
+    return where(jnp.broadcast_to(here, shape), x + spread(y, shape), x)
+
+
+def pairwise_sum(x: Number) -> Number:
+    """The sum over the first axis, each of the first half added to one of the second."""
+
+    def halves(x: Number) -> list[Number]:
+        n = numbers.shape_of(x)[0]
+        ends = [0, n // 2, n // 2 * 2, n] if n > 1 else []
+        return [numbers.mapped(lambda w, a=a, b=b: w[a:b], x) for a, b in itertools.pairwise(ends) if b > a]
+
+    return numbers.mapped(lambda word: word[0], pairwise(operator.add, x, halves, concatenated))

@@ -1,0 +1,467 @@
+"""MuJoCo: arrays of mjData and mjModel, of the C library as of MJX, and states of a whole Mechanism.
+
+MuJoCo has two orders of components. Inside, the rotational part comes first, as here: cvel, cacc, cdof, cfrc_int,
+cfrc_ext. All of them are in the world's axes, about the centre of mass of the whole tree that the body belongs to,
+point C = `subtree_com[body_rootid[i]]`: `shift(x, xpos[i] - C)` moves them to the body's origin. At the surface, force
+comes first: xfrc_applied, mj_contactForce. Quaternions are wxyz. Arrays are (*batch, n), so that a field of mjData can
+be taken whole; a shape that does not fit raises ValueError.
+
+Functions of states take a mechanism with joints that MuJoCo has, in its order. They raise TypeError where the first
+argument is no Mechanism or dtypes differ, and ValueError where MuJoCo has no joints of a kind. MuJoCo has coordinates
+for mimics: `to_` functions compute them, `from_` functions leave them out.
+
+Read: MuJoCo's engine_core_smooth.c, mujoco 4.0, mjx 3.17.
+"""
+
+import itertools
+from types import SimpleNamespace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.inertia import SpatialInertia
+from jaxspatial.interop import orders
+from jaxspatial.interop.orders import K
+from jaxspatial.mechanism import Mechanism
+from jaxspatial.numerics import check
+from jaxspatial.numerics.check import require_kind
+from jaxspatial.numerics.types import ArrayLike, PrecisionName
+from jaxspatial.rotation import Rotation
+from jaxspatial.rotation.rotation import rotated
+from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialForce, SpatialVelocity, act, rotate
+from jaxspatial.spatial.vectors import SpatialVector, joined
+
+# [xx, yy, zz, xy, xz, yz, m c, m] in ours, [m, m c, xx, xy, yy, xz, yz, zz], and back. Of int32: JAX 0.10 caches what
+# it makes of an array of int64, and fails when 64-bit types are switched on later.
+_FROM_CINERT = np.array([9, 6, 7, 8, 0, 3, 1, 4, 5, 2], np.int32)
+_TO_CINERT = np.argsort(_FROM_CINERT).astype(np.int32)
+# The principal axes in reverse, the last one negated so that they stay right-handed.
+_REVERSED = np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]])
+
+# -- accelerations and contact forces of bodies ------------------------------------------------------------------------
+
+
+def from_cacc(
+    cacc: ArrayLike, cvel: ArrayLike, gravity: ArrayLike, *, precision: PrecisionName = None
+) -> SpatialAcceleration:
+    """Reads mjData.cacc, which is there after mj_rnePostConstraint: a = cacc[3:] + gravity + w x v.
+
+    MuJoCo's is Featherstone's acceleration, about C at rest, less gravity: -gravity for the world body, 0 in free fall.
+
+    Args:
+        cacc: (*batch, 6) [alpha; a], rad/s2, m/s2.
+        cvel: (*batch, 6) [w; v] of mjData, rad/s, m/s.
+        gravity: (3,) of mjOption, m/s2.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        A_WC_W (*batch,) of the body's point at C, classical.
+
+    Error: as of `SpatialAcceleration.from_featherstone`.
+    """
+    spatial = from_object_acceleration(cacc, gravity).to_array()
+    return SpatialAcceleration.from_featherstone(spatial, SpatialVelocity.from_array(cvel), precision=precision)
+
+
+def to_cacc(
+    A_WC_W: SpatialAcceleration, V_WC_W: SpatialVelocity, gravity: ArrayLike, *, precision: PrecisionName = None
+) -> jax.Array:
+    """Makes mjData.cacc: (alpha, a - w x v - gravity).
+
+    Args:
+        A_WC_W: of the body's point at C (*batch,), classical.
+        V_WC_W: of the same point.
+        gravity: (3,) of mjOption, m/s2.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        (*batch, 6) [alpha; a], rad/s2, m/s2.
+
+    Error: as of `SpatialAcceleration.to_featherstone`.
+    """
+    spatial = A_WC_W.to_featherstone(V_WC_W, precision=precision)
+    return to_object_acceleration(SpatialAcceleration.from_array(spatial), gravity)
+
+
+def from_object_acceleration(x6: ArrayLike, gravity: ArrayLike) -> SpatialAcceleration:
+    """Reads what mj_objectAcceleration gives with flg_local = 0.
+
+    Args:
+        x6: (*batch, 6) [alpha; a - gravity], rad/s2, m/s2.
+        gravity: (3,) of mjOption, m/s2.
+
+    Returns:
+        A_WP_W (*batch,) of the object's origin P, classical.
+
+    Error: a sum, rounded once.
+    """
+    A_WP_W = SpatialAcceleration.from_array(x6)
+    return A_WP_W + _of_gravity(gravity, A_WP_W)
+
+
+def to_object_acceleration(A_WP_W: SpatialAcceleration, gravity: ArrayLike) -> jax.Array:
+    """Makes what mj_objectAcceleration gives with flg_local = 0: (*batch, 6) [alpha; a - gravity].
+
+    Args:
+        A_WP_W: of the object's origin P (*batch,), classical.
+        gravity: (3,) of mjOption, m/s2.
+
+    Error: a difference, rounded once.
+    """
+    return (A_WP_W - _of_gravity(gravity, A_WP_W)).to_array()
+
+
+def _of_gravity(gravity: ArrayLike, like: SpatialAcceleration) -> SpatialAcceleration:
+    a = check.as_vectors(gravity, "gravity", like.dtype)
+    return SpatialAcceleration(0 * a, a)
+
+
+def from_contact_force(force: ArrayLike, frame: ArrayLike, *, precision: PrecisionName = None) -> SpatialForce:
+    """Reads what mj_contactForce gives.
+
+    Args:
+        force: (*batch, 6) [f; tau] along the axes of the contact, N, N m.
+        frame: (*batch, 9) or (*batch, 3, 3) of the contact: its axes by rows, the first of them the normal from geom1
+            to geom2.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        F_P_W (*batch,), about the contact's `pos` in the world's axes, on the body of its second geom; on that of the
+        first acts -F.
+
+    Error: as of `rotate`.
+    """
+    return rotate(_rotation(frame).inverse(), orders.from_linear_first(SpatialForce, force), precision=precision)
+
+
+def to_contact_force(F_P_W: SpatialForce, frame: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
+    """Makes what mj_contactForce gives, (*batch, 6) [f; tau] along the axes of the contact: see `from_contact_force`.
+
+    Error: as of `rotate`.
+    """
+    return orders.to_linear_first(rotate(_rotation(frame), F_P_W, precision=precision))
+
+
+def _rotation(matrix: ArrayLike) -> Rotation:
+    """Of (*batch, 9) in C or (*batch, 3, 3) in MJX, row by row."""
+    m = check.as_float_array(matrix, "mujoco: matrix", held=True)
+    return Rotation.from_matrix(m if m.shape[-1] == 3 else m.reshape((*m.shape[:-1], 3, 3)))
+
+
+# -- one free joint: linear part in world axes, then angular part in body axes -----------------------------------------
+
+
+def from_free_joint(kind: type[K], x6: ArrayLike, R_WB: Rotation, *, precision: PrecisionName = None) -> K:
+    """Reads the numbers of a free joint in qvel, qacc, qfrc_applied and the like.
+
+    Args:
+        kind: SpatialVelocity for qvel, SpatialAcceleration for qacc, SpatialForce for generalized forces.
+        x6: (*batch, 6) [v in world axes; w in body axes], [a; alpha] or [f; tau].
+        R_WB: the orientation of the body (*batch,).
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        V_WBo_W, A_WBo_W (classical) or F_Bo_W (*batch,), of or about the body's origin, in world axes.
+
+    Error: as of `rotate`.
+    """
+    x = orders.from_linear_first(kind, x6)
+    return kind(rotated(R_WB, x.rotational, precision=precision), x.translational)
+
+
+def to_free_joint(x_Bo_W: SpatialVector, R_WB: Rotation, *, precision: PrecisionName = None) -> jax.Array:
+    """Makes the numbers of a free joint in qvel, qacc, qfrc_applied and the like.
+
+    Args:
+        x_Bo_W: V_WBo_W, A_WBo_W (classical) or F_Bo_W (*batch,), of or about the body's origin, in world axes.
+        R_WB: the orientation of the body (*batch,).
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        (*batch, 6) [v in world axes; w in body axes], [a; alpha] or [f; tau].
+
+    Error: as of `rotate`.
+    """
+    return joined(x_Bo_W.translational, rotated(R_WB.inverse(), x_Bo_W.rotational, precision=precision))
+
+
+# -- inertias of bodies ------------------------------------------------------------------------------------------------
+
+
+def from_cinert(cinert: ArrayLike, *, precision: PrecisionName = None) -> SpatialInertia:
+    """Reads mjData.cinert or crb.
+
+    Args:
+        cinert: (*batch, 10) [xx, yy, zz, xy, xz, yz, m c, m], the inertia about C too; kg m2, kg m, kg.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        M_BC_W (*batch,), about C in the world's axes.
+
+    Error: as of `SpatialInertia.from_dynamic_parameters`, which says what cancels.
+    """
+    ten = check.as_vectors(cinert, "mujoco.from_cinert: cinert", size=10)
+    return SpatialInertia.from_dynamic_parameters(ten[..., _FROM_CINERT], precision=precision)
+
+
+def to_cinert(M_BC_W: SpatialInertia, *, precision: PrecisionName = None) -> jax.Array:
+    """Makes mjData.cinert or crb, (*batch, 10) [xx, yy, zz, xy, xz, yz, m c, m], of an inertia about C in world axes.
+
+    Error: as of `SpatialInertia.to_dynamic_parameters`.
+    """
+    return M_BC_W.to_dynamic_parameters(precision=precision)[..., _TO_CINERT]
+
+
+def from_body_inertia(
+    body_mass: ArrayLike,
+    body_inertia: ArrayLike,
+    body_ipos: ArrayLike,
+    body_iquat: ArrayLike,
+    *,
+    precision: PrecisionName = None,
+) -> SpatialInertia:
+    """Reads mjModel's body_mass, body_inertia, body_ipos and body_iquat.
+
+    Args:
+        body_mass: (*batch,), kg.
+        body_inertia: (*batch, 3) moments about principal axes, kg m2.
+        body_ipos: (*batch, 3) position of these axes, m.
+        body_iquat: (*batch, 4) wxyz of these axes.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        M_BBo_B (*batch,), about the body's origin in its axes.
+
+    Error: as of `act` of an inertia.
+    """
+    X_BI = RigidTransform(Rotation.from_quaternion(body_iquat, precision=precision), body_ipos)
+    moments = check.as_vectors(body_inertia, "mujoco.from_body_inertia: body_inertia", X_BI.dtype)
+    is_moment = np.array([1, 0, 1, 0, 0, 1], X_BI.dtype)
+    diagonal = moments[..., np.array([0, 0, 1, 0, 0, 2])] * np.broadcast_to(is_moment, (*moments.shape[:-1], 6))
+    principal = SpatialInertia(body_mass, np.zeros(3, X_BI.dtype), diagonal)
+    return act(X_BI, principal, precision=precision)
+
+
+def to_body_inertia(
+    M_BBo_B: SpatialInertia, *, precision: PrecisionName = None
+) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """Makes mjModel's body_mass, body_inertia, body_ipos and body_iquat, moments descending as its compiler sorts them.
+
+    Args:
+        M_BBo_B: about the body's origin in its axes (*batch,).
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        The four arrays, as `from_body_inertia` takes them.
+
+    Error: as of `SpatialInertia.principal_moments_and_axes`.
+    """
+    moments, R_BA = M_BBo_B.principal_moments_and_axes(precision=precision)
+    R_BI = R_BA @ Rotation.from_matrix(_REVERSED.astype(R_BA.dtype))
+    return M_BBo_B.mass, moments[..., ::-1], M_BBo_B.com, R_BI.to_quaternion(precision=precision)
+
+
+# -- states of a whole Mechanism ---------------------------------------------------------------------------------------
+
+
+def to_qpos(mechanism: Mechanism, q: ArrayLike) -> jax.Array:
+    """Makes mjData.qpos (*batch, model.nq), exact but for mimics.
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        q: (*batch, nq) our coordinates.
+    """
+    joints, state = _arguments("mujoco.to_qpos", mechanism, q=q)
+    return _stacked(state.q, [j.rolled(j.followed(state.q[..., j.q], with_offset=True), 4) for j in joints])
+
+
+def from_qpos(mechanism: Mechanism, qpos: ArrayLike) -> jax.Array:
+    """Reads mjData.qpos as q (*batch, nq), exactly.
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        qpos: (*batch, model.nq).
+    """
+    joints, state = _arguments("mujoco.from_qpos", mechanism, qpos=qpos)
+    return _stacked(state.qpos, [j.rolled(state.qpos[..., j.qpos], 3) for j in joints if not j.is_mimic])
+
+
+def to_qvel(mechanism: Mechanism, q: ArrayLike, v: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
+    """Makes mjData.qvel (*batch, model.nv).
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        q: (*batch, nq) our coordinates.
+        v: (*batch, nv) our generalized velocities.
+        precision: name of a precision; None takes the default.
+
+    Error: of a free joint as of `rotate`; else exact but for mimics.
+    """
+    joints, state = _arguments("mujoco.to_qvel", mechanism, q=q, v=v)
+    return _stacked(state.q, [j.in_world(state.q, j.followed(state.v[..., j.v]), precision) for j in joints])
+
+
+def from_qvel(mechanism: Mechanism, q: ArrayLike, qvel: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
+    """Reads mjData.qvel as v (*batch, nv).
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        q: (*batch, nq) our coordinates.
+        qvel: (*batch, model.nv).
+        precision: name of a precision; None takes the default.
+
+    Error: of a free joint as of `rotate`; else exact.
+    """
+    joints, state = _arguments("mujoco.from_qvel", mechanism, q=q, qvel=qvel)
+    return _stacked(state.q, [j.in_body(state.q, state.qvel[..., j.qvel], precision) for j in joints if not j.is_mimic])
+
+
+def to_qacc(
+    mechanism: Mechanism, q: ArrayLike, v: ArrayLike, vdot: ArrayLike, *, precision: PrecisionName = None
+) -> jax.Array:
+    """Makes mjData.qacc (*batch, model.nv).
+
+    MuJoCo's linear acceleration of a free joint is that of the body's origin in world axes, R (dv/dt + w x v).
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        q: (*batch, nq) our coordinates.
+        v: (*batch, nv) our generalized velocities.
+        vdot: (*batch, nv), the derivatives of v.
+        precision: name of a precision; None takes the default.
+
+    Error: of a free joint as of `SpatialAcceleration.from_featherstone` and `rotate`; else exact but for mimics.
+    """
+    joints, state = _arguments("mujoco.to_qacc", mechanism, q=q, v=v, vdot=vdot)
+    parts: list[jax.Array] = []
+    for joint in joints:
+        a = joint.followed(state.vdot[..., joint.v])
+        if joint.is_free:
+            V = SpatialVelocity.from_array(state.v[..., joint.v])
+            a = SpatialAcceleration.from_featherstone(a, V, precision=precision).to_array()
+        parts.append(joint.in_world(state.q, a, precision))
+    return _stacked(state.q, parts)
+
+
+def from_qacc(
+    mechanism: Mechanism, q: ArrayLike, v: ArrayLike, qacc: ArrayLike, *, precision: PrecisionName = None
+) -> jax.Array:
+    """Reads mjData.qacc as vdot (*batch, nv), the derivatives of v.
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        q: (*batch, nq) our coordinates.
+        v: (*batch, nv) our generalized velocities.
+        qacc: (*batch, model.nv).
+        precision: name of a precision; None takes the default.
+
+    Error: of a free joint as of `rotate` and `SpatialAcceleration.to_featherstone`; else exact.
+    """
+    joints, state = _arguments("mujoco.from_qacc", mechanism, q=q, v=v, qacc=qacc)
+    parts: list[jax.Array] = []
+    for joint in (j for j in joints if not j.is_mimic):
+        a = joint.in_body(state.q, state.qacc[..., joint.qvel], precision)
+        if joint.is_free:
+            V = SpatialVelocity.from_array(state.v[..., joint.v])
+            a = SpatialAcceleration.from_array(a).to_featherstone(V, precision=precision)
+        parts.append(a)
+    return _stacked(state.q, parts)
+
+
+def to_qfrc(mechanism: Mechanism, q: ArrayLike, tau: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
+    """Makes generalized forces of MuJoCo (*batch, model.nv), such as qfrc_applied, with the same power; 0 on mimics.
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        q: (*batch, nq) our coordinates.
+        tau: (*batch, nv) our generalized forces, N m or N.
+        precision: name of a precision; None takes the default.
+
+    Error: of a free joint as of `rotate`; else exact.
+    """
+    joints, state = _arguments("mujoco.to_qfrc", mechanism, q=q, tau=tau)
+    parts = ((j, state.tau[..., j.v]) for j in joints)
+    return _stacked(state.q, [0 * part if j.is_mimic else j.in_world(state.q, part, precision) for j, part in parts])
+
+
+def from_qfrc(mechanism: Mechanism, q: ArrayLike, qfrc: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
+    """Reads generalized forces of MuJoCo, such as qfrc_inverse or qfrc_bias, as tau (*batch, nv), with the same power.
+
+    What acts on a mimic acts, times its multiplier, on the joint that it follows.
+
+    Args:
+        mechanism: with joints that MuJoCo has, in its order.
+        q: (*batch, nq) our coordinates.
+        qfrc: (*batch, model.nv), N m or N.
+        precision: name of a precision; None takes the default.
+
+    Error: of a free joint as of `rotate`; else exact but for mimics.
+    """
+    joints, state = _arguments("mujoco.from_qfrc", mechanism, q=q, qfrc=qfrc)
+    by_start = {j.v.start: j.in_body(state.q, state.qfrc[..., j.qvel], precision) for j in joints if not j.is_mimic}
+    for joint in (j for j in joints if j.is_mimic):
+        by_start[joint.v.start] = by_start[joint.v.start] + joint.followed(state.qfrc[..., joint.qvel])
+    return _stacked(state.q, [by_start[start] for start in sorted(by_start)])
+
+
+class _Joint:
+    """One joint: its slices of q, v, qpos and qvel, and the conversions of its part of a state."""
+
+    def __init__(self, mechanism: Mechanism, i: int, qpos: slice, qvel: slice, dtype: np.dtype[Any]):
+        t = mechanism.topology
+        if t.kinds[i] not in ("free", "ball", "prismatic", "revolute", "continuous"):
+            raise ValueError(f"mujoco: MuJoCo has no joints like {t.joint_names[i]!r}: {t.kinds[i]}")
+        self.q, self.v, self.qpos, self.qvel = t.q_slice(i), t.v_slice(i), qpos, qvel
+        self.is_free, self.is_mimic = t.kinds[i] == "free", t.is_mimic(i)
+        self.multiplier, self.offset = (mechanism.mimics[i, k : k + 1].astype(dtype) for k in (0, 1))
+
+    def followed(self, x: jax.Array, with_offset: bool = False) -> jax.Array:
+        """Of a mimic multiplier x + offset, with x the part of the joint that it follows; of other joints x."""
+        if not self.is_mimic:
+            return x
+        multiplier, offset = (jnp.broadcast_to(y, x.shape) for y in (self.multiplier, self.offset))
+        return multiplier * x + offset if with_offset else multiplier * x
+
+    def rolled(self, x: jax.Array, n: int) -> jax.Array:
+        """Of a free joint with its first n numbers, the quaternion or the position, at the end."""
+        return jnp.concatenate([x[..., n:], x[..., :n]], -1) if self.is_free else x
+
+    def in_world(self, q: jax.Array, x: jax.Array, precision: PrecisionName) -> jax.Array:
+        """Of a free joint [linear in world axes; angular in body axes] of [angular; linear], both in body axes."""
+        if not self.is_free:
+            return x
+        return joined(rotated(self._R_WB(q, precision), x[..., 3:], precision=precision), x[..., :3])
+
+    def in_body(self, q: jax.Array, x: jax.Array, precision: PrecisionName) -> jax.Array:
+        """Back of `in_world`."""
+        if not self.is_free:
+            return x
+        return joined(x[..., 3:], rotated(self._R_WB(q, precision).inverse(), x[..., :3], precision=precision))
+
+    def _R_WB(self, q: jax.Array, precision: PrecisionName) -> Rotation:
+        return Rotation.from_quaternion(q[..., self.q][..., :4], precision=precision)
+
+
+def _arguments(operation: str, mechanism: Mechanism, **arrays: ArrayLike) -> tuple[list[_Joint], SimpleNamespace]:
+    """(all joints, the checked arrays by name, over one batch shape)."""
+    require_kind(mechanism, Mechanism, operation, " first")
+    kinds = [mechanism.topology.kind(i) for i in range(len(mechanism.topology))]
+    qpos, qvel = ([0, *itertools.accumulate(sizes)] for sizes in ([k.nq for k in kinds], [k.nv for k in kinds]))
+    sizes = {"q": mechanism.nq, "qpos": qpos[-1]} | dict.fromkeys(("qvel", "qacc", "qfrc"), qvel[-1])
+    checked = {
+        name: check.as_vectors(x, f"{operation}: {name}", size=sizes.get(name, mechanism.nv))
+        for name, x in arrays.items()
+    }
+    check.require_same_dtype(**checked)
+    batch = check.common_batch_shape(**{name: x.shape[:-1] for name, x in checked.items()})
+    dtype = next(iter(checked.values())).dtype
+    slices = ([slice(a, b) for a, b in itertools.pairwise(ends)] for ends in (qpos, qvel))
+    joints = [_Joint(mechanism, i, a, b, dtype) for i, (a, b) in enumerate(zip(*slices, strict=True))]
+    return joints, SimpleNamespace(**dict(zip(checked, check.broadcast_batch(batch, *checked.values()), strict=True)))
+
+
+def _stacked(like: jax.Array, parts: list[jax.Array]) -> jax.Array:
+    """The parts side by side; of no joints an array without numbers."""
+    return jnp.concatenate([like[..., :0], *parts], -1)

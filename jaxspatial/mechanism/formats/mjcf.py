@@ -1,0 +1,525 @@
+"""Mechanisms from MuJoCo's format (mujoco.readthedocs.io, XML reference).
+
+The package mujoco compiles the files. Bodies, joints and sites become bodies, joints and frames of the same name,
+"body_<id>", "joint_<id>" and "site_<id>" where they have none; a site with the name of a body is "<body>/<site>". Of
+several joints on one body, each but the last carries a body without mass, "<body>/<joint>". A joint constraint of at
+most first degree makes a mimic, as if it were rigid. Springs, damping and friction of joints are numbers of the
+mechanism, see `passive_forces`.
+
+What serves pictures, contact or control (geoms but for their mass, cameras, sensors, keyframes, actuators but for
+armature and damping, options of MuJoCo's solver, mocap) is no part of a mechanism: one `ModelFileWarning` lists it.
+Everything else that changes the motion and that a mechanism cannot represent is refused, and so are numbers that are
+not finite or beyond the dtype. Messages have the line of the element, or of what holds it where it is in an attached
+model.
+
+Coordinates of hinges, slides and balls are MuJoCo's: zero is where `ref` is zero. A free joint has its quaternion
+first, and its linear velocity in the body's axes; a mimic has no coordinate. `interop.mujoco` converts.
+"""
+
+import collections
+import importlib
+import io
+import pathlib
+import re
+from collections.abc import Callable, Iterator
+from typing import Any, NoReturn
+
+import numpy as np
+
+from jaxspatial.mechanism.formats.source import Element, Made, ModelText, built, needed, rotation_of, with_moments
+from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint, Mimic
+from jaxspatial.numerics.numbers.rounded import in_double
+from jaxspatial.numerics.types import DTypeLike
+from jaxspatial.rotation import Rotation
+from jaxspatial.spatial import RigidTransform
+
+
+def read(build: Callable[..., Made], path_or_text: str | pathlib.Path, dtype: DTypeLike | None = None) -> Made:
+    """Reads an MJCF for `Mechanism.from_mjcf`: the same arguments and errors, and `Mechanism.build`."""
+    file = _File(path_or_text, dtype)
+    _check(file)
+    _leave_out(file)
+    with in_double():
+        parts = _parts(file)
+    mechanism = built(build, file.refuse_part, *parts, file.gravity, dtype)
+    file.warn()
+    return mechanism
+
+
+# -- the compiled model, and where in the text its elements are -------------------------------------------------------
+
+_KINDS = "free", "ball", "prismatic", "revolute"
+# For each kind of element: the section of the text, the tags there (none for all), an array of the model with one item
+# for each element.
+_ELEMENTS = {
+    "body": ("worldbody", ("body",), "body_parentid"),
+    "joint": ("worldbody", ("joint", "freejoint"), "jnt_bodyid"),
+    "site": ("worldbody", ("site",), "site_bodyid"),
+    "eq": ("equality", (), "eq_type"),
+    "tendon": ("tendon", (), "tendon_num"),
+    "actuator": ("actuator", (), "actuator_trntype"),
+}
+# Attributes whose words are numbers, in which MuJoCo takes "nan" and "inf".
+_ARE_NUMBERS = {
+    "pos", "quat", "axis", "euler", "axisangle", "xyaxes", "zaxis", "fromto", "size", "mass", "density", "diaginertia",
+    "fullinertia", "gravity", "armature", "damping", "frictionloss", "stiffness", "ref", "springref", "springdamper",
+    "gear", "polycoef",
+}  # fmt: skip
+_NOT_FINITE = {"nan", "inf", "infinity"}
+# Attributes in which infinite numbers mean that there is no limit.
+_RANGES = {"range", "actuatorfrcrange"}
+
+
+class _File(ModelText):
+    def __init__(self, path_or_text: str | pathlib.Path, dtype: DTypeLike | None):
+        mujoco = self.mujoco = needed("from_mjcf", "mujoco")
+        super().__init__("from_mjcf", path_or_text, dtype)
+        self._include(self.root, {self.path and self.path.resolve()})
+        self._check_finite()
+        try:
+            # By its path, so that MuJoCo finds included files.
+            text, path = mujoco.MjModel.from_xml_string, mujoco.MjModel.from_xml_path
+            self.model = text(self.source.decode()) if self.path is None else path(str(self.path))
+        except ValueError as error:
+            raise ValueError(f"from_mjcf: {self._with_line(' '.join(str(error).split()))}") from None
+        bits = mujoco.mjtDisableBit.__members__
+        flags = self.model.opt.disableflags
+        self.disabled = {name for name, bit in bits.items() if "DSBL" in name and flags & int(bit)}
+
+    def _include(self, element: Element, files: set[pathlib.Path | None]):
+        """Puts the elements of included files in place, as MuJoCo does; leaves what cannot be read for it to refuse."""
+        etree = importlib.import_module("lxml.etree")
+        folder = pathlib.Path() if self.path is None else self.path.parent
+        for mark in list(element.iter("include")):
+            name = mark.get("file", "")
+            path = (folder / name).resolve()
+            if path in files:
+                continue
+            try:
+                root = etree.parse(io.BytesIO(path.read_bytes())).getroot()
+            except (OSError, etree.XMLSyntaxError):
+                continue
+            self._include(root, {*files, path})
+            for part in list(root.iterchildren("*")):
+                part.base = part.base or name
+                mark.addprevious(part)
+            mark.getparent().remove(mark)
+
+    def _with_line(self, message: str):
+        """A message of MuJoCo. One about an included file has no line: that of the element which names the file."""
+        if re.search(r"line \d+", message):
+            return f"MuJoCo says {message}"
+        quoted = tuple(re.findall(r"'([^']+)'", message))
+        naming = [e for e in self.root.iter("*") if any(text.endswith(quoted) for text in e.attrib.values())]
+        return f"{self.line((*naming, self.root)[0])}: MuJoCo says {message}"
+
+    def _check_finite(self):
+        """Checks the text: its lines are known, and MuJoCo would write into a log."""
+        for element in self.root.iter("*"):
+            for name, text in element.items():
+                words = {word.lstrip("+-") for word in text.lower().split()}
+                if ("nan" in words and name in _RANGES) or (words & _NOT_FINITE and name in _ARE_NUMBERS):
+                    self.refuse_element(element, f"{name}: expected finite numbers, got {text!r}")
+
+    def has(self, *flags: str):
+        """Whether none of these is switched off: "SPRING", ..."""
+        return not any(f"mjDSBL_{flag}" in self.disabled for flag in flags)
+
+    @property
+    def gravity(self):
+        return np.array(self.model.opt.gravity) if self.has("GRAVITY") else np.zeros(3)
+
+    def name(self, what: str, i: int) -> str:
+        return WORLD if (what, i) == ("body", 0) else getattr(self.model, what)(i).name or f"{what}_{i}"
+
+    def kind(self, j: int) -> str:
+        return _KINDS[int(self.model.jnt_type[j])]
+
+    def is_limited(self, j: int):
+        """Whether the range of a joint limits it."""
+        return bool(self.model.jnt_limited[j]) and self.has("LIMIT", "CONSTRAINT")
+
+    def dofs(self, j: int):
+        """The places of the velocities of a joint."""
+        start = self.model.jnt_dofadr[j]
+        return slice(start, start + {"free": 6, "ball": 3}.get(self.kind(j), 1))
+
+    def coordinates(self, j: int):
+        """The places of the coordinates of a joint."""
+        start = self.model.jnt_qposadr[j]
+        return slice(start, start + {"free": 7, "ball": 4}.get(self.kind(j), 1))
+
+    def numbers(self, name: str):
+        """An array of the model as (n, k); zeros (n, 0) where this version of MuJoCo does not have it."""
+        array = getattr(self.model, name, None)
+        return np.zeros((1 << 16, 0)) if array is None else np.asarray(array).reshape((len(array), array[:1].size or 1))
+
+    def option(self, name: str) -> Element:
+        """The last element that sets an option, or the root."""
+        return [self.root, *(e for e in self.root.findall("option") if e.get(name))][-1]
+
+    def refuse(self, what: str, i: int, reason: str) -> NoReturn:
+        element = self._element(what, i)
+        if element is None:
+            around = self._around(what, i)
+            self.refuse_named(f"{self.line(around)}: in <{around.tag}>", what, self.name(what, i), reason)
+        self.refuse_named(self.line(element), element.tag, self.name(what, i), reason)
+
+    def refuse_part(self, what: str, name: str, reason: str) -> NoReturn:
+        """Refuses a part of the mechanism. "<body>/<joint>" is a body of ours, "<body>/<site>" a site that has the name
+        of a body; both are frames."""
+        body, _, last = name.rpartition("/")
+        of_frames = ("body", name), ("site", name), ("site", last), ("body", body)
+        for kind, candidate in {"body": of_frames[::3], "frame": of_frames}.get(what, ((what, name),)):
+            names = [self.name(kind, i) for i in range(len(self._array(kind)))]
+            if candidate in names:
+                self.refuse(kind, names.index(candidate), reason)
+        self.refuse_element(self.root, reason)
+
+    def _array(self, what: str):
+        return getattr(self.model, _ELEMENTS[what][2])
+
+    def _element(self, what: str, i: int) -> Element | None:
+        """By its name, or by its place where the text has all elements that the model has; else None."""
+        section, tags, _ = _ELEMENTS[what]
+        elements = [e for part in self.root.findall(section) for e in part.iter(*tags) if isinstance(e.tag, str)]
+        named = [e for e in elements if e.get("name") and e.get("name") == getattr(self.model, what)(i).name]
+        listed = self._listed(what)
+        return named[0] if named else listed[i] if len(listed) == len(self._array(what)) else None
+
+    def _around(self, what: str, i: int) -> Element:
+        """What holds an element that is not in the text, as one of an attached model: a body, or the section."""
+        if what in ("body", "joint", "site") and (what, i) != ("body", 0):
+            carrier = int(self._array(what)[i])
+            element = self._element("body", carrier)
+            return self._around("body", carrier) if element is None else element
+        return [self.root, *self.root.findall(_ELEMENTS[what][0])][-1]
+
+    def _listed(self, what: str) -> list[Element]:
+        """Elements in the order of the model: body by body, bodies depth first. The world may have several elements."""
+        section, tags, _ = _ELEMENTS[what]
+        parts = self.root.findall(section)
+        if section != "worldbody":
+            return [e for part in parts for e in part.iterchildren("*")]
+        bodies = [parts or [self.root], *([body] for part in parts for body in _bodies(part))]
+        if what == "body":
+            return [body[0] for body in bodies]
+        return [e for body in bodies for part in body for e in _children(part, tags)]
+
+
+def _bodies(element: Element) -> Iterator[Element]:
+    for body in _children(element, ("body",)):
+        yield body
+        yield from _bodies(body)
+
+
+def _children(element: Element, tags: tuple[str, ...]) -> Iterator[Element]:
+    """Children with these tags, those in frames too, and those in <replicate> as often as it says."""
+    for part in element.iterchildren("*"):
+        if part.tag in tags:
+            yield part
+        elif part.tag in ("frame", "replicate"):
+            yield from [*_children(part, tags)] * int(part.get("count", 1))
+
+
+# -- what changes the motion and cannot be represented is refused -----------------------------------------------------
+
+# {element: {name in files: array of the model}}, of arrays that become numbers of the mechanism.
+_NUMBERS = {
+    "body": {"pos": "body_pos", "quat": "body_quat", "inertial pos": "body_ipos", "inertial quat": "body_iquat",
+             "mass": "body_mass", "inertia": "body_inertia"},
+    "joint": {"pos": "jnt_pos", "axis": "jnt_axis", "stiffness": "jnt_stiffness",
+              "actuatorfrcrange": "jnt_actfrcrange"},
+    "site": {"pos": "site_pos", "quat": "site_quat"},
+    "actuator": {"gear": "actuator_gear", "armature": "actuator_armature", "damping": "actuator_damping"},
+    "eq": {"polycoef": "eq_data"},
+}  # fmt: skip
+_OF_VELOCITIES = {"armature": "dof_armature", "damping": "dof_damping", "frictionloss": "dof_frictionloss"}
+_OF_COORDINATES = {"ref": "qpos0", "springref": "qpos_spring"}
+_NOT_NEGATIVE = {"mass", "stiffness", "armature", "damping", "frictionloss"}
+
+
+def _check(file: _File):
+    m = file.model
+    for name in ("density", "viscosity"):
+        if getattr(m.opt, name) != 0:
+            file.refuse_element(file.option(name), f"{name}: there is no drag here, expected 0")
+    if not (abs(file.gravity) <= file.largest).all():
+        file.refuse_element(file.option("gravity"), f"gravity: {_finite(file)}, got {file.gravity.tolist()}")
+    if m.nflex:
+        file.refuse_element([file.root, *file.root.iter("flex", "flexcomp")][-1], "bodies are rigid here")
+    _check_numbers(file)
+    for i in range(m.nbody):
+        if m.body_gravcomp[i] != 0 and file.gravity.any():
+            file.refuse("body", i, "gravcomp: gravity pulls on every body here")
+        if m.body_plugin[i] >= 0:
+            file.refuse("body", i, "plugin: what it does to the motion is not known")
+    _check_joints(file)
+    _check_tendons(file)
+
+
+def _check_numbers(file: _File):
+    """Checks the compiled numbers: finite, and not negative where no matter has such."""
+    m = file.model
+    for what, arrays in _NUMBERS.items():
+        for name, array in arrays.items():
+            for i, x in enumerate(file.numbers(array)[: len(getattr(m, array, ()))]):
+                _check_number(file, what, i, name, x)
+    for j in range(m.njnt):
+        for name, array in _OF_VELOCITIES.items():
+            _check_number(file, "joint", j, name, getattr(m, array)[file.dofs(j)])
+        for name, array in _OF_COORDINATES.items():
+            _check_number(file, "joint", j, name, getattr(m, array)[file.coordinates(j)])
+        if np.isnan(m.jnt_range[j]).any():
+            file.refuse("joint", j, "range: expected numbers, got nan")
+        if not np.isclose(np.linalg.norm(m.jnt_axis[j]), 1):
+            file.refuse("joint", j, "axis: expected numbers that MuJoCo can make a unit vector of")
+
+
+def _check_number(file: _File, what: str, i: int, name: str, x: np.ndarray):
+    if not (abs(x) <= file.largest).all():
+        file.refuse(what, i, f"{name}: {_finite(file)}, got {x.tolist()}")
+    if name in _NOT_NEGATIVE and (x < 0).any():
+        file.refuse(what, i, f"{name}: expected a number >= 0, got {x.tolist()}")
+    if name == "mass" and 0 < x < file.smallest:
+        file.refuse(what, i, f"mass: expected at least {file.smallest:.3g}, got {x.tolist()}")
+
+
+def _finite(file: _File):
+    return f"expected finite numbers of at most {file.largest:.3g}"
+
+
+def _check_joints(file: _File):
+    m, has_springs = file.model, file.has("SPRING", "PASSIVE")
+    for j in range(m.njnt):
+        dofs = file.dofs(j)
+        if has_springs and file.numbers("jnt_stiffnesspoly")[j].any():
+            file.refuse("joint", j, "stiffness: expected one number, springs are linear here")
+        if has_springs and file.numbers("jnt_springyield")[j].any():
+            file.refuse("joint", j, "springyield: springs stay elastic here")
+        if file.has("DAMPER", "PASSIVE") and file.numbers("dof_dampingpoly")[dofs].any():
+            file.refuse("joint", j, "damping: expected one number, forces are linear in the rate here")
+        if file.kind(j) == "ball" and file.is_limited(j):
+            file.refuse("joint", j, "range: a ball joint has no limits here")
+        if file.kind(j) == "free" and m.dof_armature[dofs].any():
+            file.refuse("joint", j, "armature: a free joint turns nothing; add mass and inertia to its body")
+        if file.kind(j) == "free" and m.dof_frictionloss[dofs].any():
+            file.refuse("joint", j, "frictionloss: that of a free joint is in the world's axes")
+
+
+def _check_tendons(file: _File):
+    forces = {"stiffness": ("SPRING", "PASSIVE"), "damping": ("DAMPER", "PASSIVE")}
+    forces |= {"stiffnesspoly": forces["stiffness"], "dampingpoly": forces["damping"]}
+    forces |= {"frictionloss": ("FRICTIONLOSS", "CONSTRAINT"), "limited": ("LIMIT", "CONSTRAINT"), "armature": ()}
+    for i in range(file.model.ntendon):
+        for name, flags in forces.items():
+            if file.has(*flags) and file.numbers(f"tendon_{name}")[i].any():
+                file.refuse("tendon", i, f"{name.removesuffix('poly')}: there are no tendons here")
+
+
+# -- what is no part of a mechanism is listed -------------------------------------------------------------------------
+
+# {element: how many the model has}
+_LEFT_OUT = {
+    "geom": "ngeom", "cam": "ncam", "light": "nlight", "skin": "nskin", "mesh": "nmesh", "tex": "ntex", "mat": "nmat",
+    "hfield": "nhfield", "pair": "npair", "exclude": "nexclude", "actuator": "nu", "sensor": "nsensor", "key": "nkey",
+    "tendon": "ntendon", "numeric": "nnumeric", "tuple": "ntuple", "plugin": "nplugin",
+}  # fmt: skip
+_TAGS = {"cam": "camera", "tex": "texture", "mat": "material", "key": "keyframe"}
+# Options and switches that a mechanism has, or that are refused.
+_OPTIONS = {"gravity", "density", "viscosity", "disableflags", "o_margin", "o_solref", "o_solimp", "o_friction"}
+_SWITCHES = {"CONSTRAINT", "EQUALITY", "FRICTIONLOSS", "LIMIT", "SPRING", "DAMPER", "GRAVITY", "PASSIVE"}
+# What makes limits and friction of joints soft in MuJoCo: {name in files: (array of the model, default in a spec)}.
+_SOFTNESS = {
+    "margin": ("jnt_margin", "margin"),
+    "solreflimit": ("jnt_solref", "solref_limit"),
+    "solimplimit": ("jnt_solimp", "solimp_limit"),
+    "solreffriction": ("dof_solref", "solref_friction"),
+    "solimpfriction": ("dof_solimp", "solimp_friction"),
+}
+
+
+def _leave_out(file: _File):
+    m = file.model
+    for what, count in _LEFT_OUT.items():
+        for i in range(getattr(m, count, 0)):
+            file.leave_out(_TAGS.get(what, what), file.name(what, i))
+    for i in range(m.neq):
+        if not (m.eq_active0[i] and file.has("EQUALITY", "CONSTRAINT")):
+            file.leave_out("constraint that is not active", file.name("eq", i))
+    for i in range(1, m.nbody):
+        if m.body_mocapid[i] >= 0:
+            file.leave_out("mocap", file.name("body", i))
+    usual = file.mujoco.MjOption()
+    for name in dir(usual):
+        if not name.startswith("_") and name not in _OPTIONS:
+            if not np.array_equal(getattr(usual, name), getattr(m.opt, name)):
+                file.leave_out("option", name)
+    for name in sorted(file.disabled):
+        if name.removeprefix("mjDSBL_") not in _SWITCHES:
+            file.leave_out("option", f"{name.removeprefix('mjDSBL_').lower()} switched off")
+    defaults = file.mujoco.MjSpec().default.joint
+    for j in range(m.njnt):
+        for name, (array, default) in _SOFTNESS.items():
+            values = getattr(m, array)[j if array.startswith("jnt") else file.dofs(j)]
+            if not np.array_equal(values, np.broadcast_to(getattr(defaults, default), values.shape)):
+                file.leave_out(name, file.name("joint", j))
+        if m.jnt_actfrclimited[j] and m.jnt_actfrcrange[j].sum() != 0:
+            file.leave_out("side of actuatorfrcrange that is nearer to 0", file.name("joint", j))
+
+
+# -- the parts of the mechanism ---------------------------------------------------------------------------------------
+
+
+def _parts(file: _File):
+    """(bodies, joints, frames)."""
+    rotors, mimics = _rotors(file), _mimics(file)
+    moving = range(1, file.model.nbody)
+    joints = [joint for i in moving for joint in _joints(file, i, rotors, mimics)]
+    bodies, frames = [_body(file, i) for i in moving], list(_frames(file))
+    between = {joint.child for joint in joints} - {body.name for body in bodies}
+    bodies += map(Body, sorted(between))
+    _check_names(file, [joint.name for joint in joints])
+    _check_names(file, [part.name for part in (*bodies, *frames)])
+    return bodies, joints, frames
+
+
+def _check_names(file: _File, names: list[str]):
+    """Checks that the names made for elements without one are not those of others."""
+    for name, count in collections.Counter(names).items():
+        if count > 1:
+            named = [e for e in file.root.iter("body", "joint", "freejoint", "site") if e.get("name") == name]
+            reason = f"name: {name!r} is made for another here, which has none in the file; name one of them otherwise"
+            file.refuse_element([file.root, *named][-1], reason)
+
+
+def _rotors(file: _File):
+    """{"armature", "damping": those of the actuators of each joint, at its side of the gears}."""
+    m = file.model
+    totals = {"armature": np.zeros(m.njnt), "damping": np.zeros(m.njnt)}
+    for i in range(len(m.actuator_trntype)):
+        j, gear = m.actuator_trnid[i, 0], m.actuator_gear[i, 0]
+        is_on_joint = m.actuator_trntype[i] == int(file.mujoco.mjtTrn.mjTRN_JOINT)
+        for name in ("armature", "damping", "dampingpoly"):
+            numbers = file.numbers(f"actuator_{name}")[i]
+            if not numbers.any():
+                continue
+            if not (is_on_joint and file.kind(j) in ("revolute", "prismatic")) or name == "dampingpoly":
+                file.refuse("actuator", i, f"{name.removesuffix('poly')}: expected one number, on a hinge or a slide")
+            with np.errstate(over="ignore"):
+                geared = numbers[0] * gear**2
+            if not geared <= file.largest:
+                expected = f"expected at most {file.largest:.3g} times gear^2"
+                file.refuse("actuator", i, f"{name}: {expected}, got {numbers[0]:.3g} * {gear:.3g}^2")
+            totals[name][j] += geared
+    return totals
+
+
+def _mimics(file: _File) -> dict[int, Mimic]:
+    """{number of a joint: its mimic}."""
+    m, mimics = file.model, dict[int, tuple[int, int, float, float]]()  # {joint: (equation, leader, a, b)}
+    for i in range(m.neq if file.has("EQUALITY", "CONSTRAINT") else 0):
+        if m.eq_active0[i]:
+            j = m.eq_obj1id[i]
+            mimic = _mimic(file, i)
+            if j in mimics:
+                file.refuse("eq", i, f"joint1: {file.name('joint', j)!r} follows another joint already")
+            mimics[j] = mimic
+    for j, (i, leader, _, _) in mimics.items():
+        if leader in mimics:
+            file.refuse("eq", i, f"{file.name('joint', j)!r} follows a joint that follows another itself")
+    for j in mimics:
+        if file.is_limited(j):
+            file.leave_out("range of a mimic", file.name("joint", j))
+    return {j: Mimic(file.name("joint", leader), a, b) for j, (_, leader, a, b) in mimics.items()}
+
+
+def _mimic(file: _File, i: int):
+    """Of the equation q1 - ref1 = a0 + a1 (q2 - ref2)."""
+    m = file.model
+    j, leader = m.eq_obj1id[i], m.eq_obj2id[i]
+    if m.eq_type[i] != int(file.mujoco.mjtEq.mjEQ_JOINT):
+        file.refuse("eq", i, "expected a tree of bodies, only joints can follow others")
+    a0, a1, *higher = m.eq_data[i, :5]
+    if any(higher):
+        expected = "expected a polynomial of at most first degree"
+        file.refuse("eq", i, f"polycoef: {expected}, got {m.eq_data[i, :5].tolist()}")
+    if leader < 0:
+        file.refuse("eq", i, f"joint2: expected a joint to follow; leave out {file.name('joint', j)!r}, that is held")
+    return i, leader, a1, a0 + _reference(file, j) - a1 * _reference(file, leader)
+
+
+def _body(file: _File, i: int):
+    m, name = file.model, file.name("body", i)
+    if not (m.body_mass[i] > 0 or m.body_inertia[i].any()):
+        return Body(name)
+    X_BI = _pose(m.body_ipos[i], m.body_iquat[i])
+    return Body(name, with_moments(m.body_mass[i], X_BI, np.diag(m.body_inertia[i])))
+
+
+def _joints(file: _File, i: int, rotors: dict[str, np.ndarray], mimics: dict[int, Mimic]):
+    """The joints of a body, in series."""
+    m, body, parent = file.model, file.name("body", i), file.name("body", file.model.body_parentid[i])
+    X_PB = _pose(m.body_pos[i], m.body_quat[i])
+    numbers = range(m.body_jntadr[i], m.body_jntadr[i] + m.body_jntnum[i])
+    if not numbers:
+        yield Joint(f"{body}/fixed", "fixed", parent, body, X_PB)
+    for j in numbers:
+        name, kind = file.name("joint", j), file.kind(j)
+        child = body if j == numbers[-1] else f"{body}/{name}"
+        poses = (None, None) if kind == "free" else _anchored(file, j, X_PB)
+        yield Joint(name, kind, parent, child, *poses, mimic=mimics.get(j), **_numbers(file, j, rotors))
+        parent, X_PB = child, None
+
+
+def _numbers(file: _File, j: int, rotors: dict[str, np.ndarray]):
+    """The fields of a joint that are numbers, by name."""
+    m, kind, dofs = file.model, file.kind(j), file.dofs(j)
+    rest = np.array(m.qpos_spring[file.coordinates(j)])
+    numbers: dict[str, Any] = {
+        "armature": m.dof_armature[dofs] + rotors["armature"][j],
+        "damping": (m.dof_damping[dofs] + rotors["damping"][j]) * file.has("DAMPER", "PASSIVE"),
+        "friction_loss": m.dof_frictionloss[dofs] * file.has("FRICTIONLOSS", "CONSTRAINT"),
+        "stiffness": m.jnt_stiffness[j] * file.has("SPRING", "PASSIVE"),
+        "spring_reference": np.roll(rest, 4) if kind == "free" else rest,  # the quaternion first
+    }
+    if kind in ("revolute", "prismatic"):
+        numbers["axis"] = m.jnt_axis[j]
+    if file.is_limited(j):
+        numbers["lower"], numbers["upper"] = m.jnt_range[j].tolist()
+    if m.jnt_actfrclimited[j]:
+        numbers["effort_limit"] = float(abs(m.jnt_actfrcrange[j]).max())
+    return numbers
+
+
+def _anchored(file: _File, j: int, X_PB: RigidTransform | None):
+    """(X_PJ, X_JB) of a joint at its anchor: at q = ref the body is at X_PB."""
+    axis, anchor = file.model.jnt_axis[j], file.model.jnt_pos[j]
+    back, unturned = -_reference(file, j) * axis, np.eye(3)
+    if file.kind(j) == "prismatic":
+        return _after(X_PB, unturned, back), None
+    turned = rotation_of(Rotation.exp(back).entries) if back.any() else unturned
+    return _after(X_PB, turned, anchor), RigidTransform(Rotation(unturned.ravel()), -anchor)
+
+
+def _after(X_AB: RigidTransform | None, matrix: np.ndarray, p: np.ndarray):
+    X_BC = RigidTransform(Rotation(matrix.ravel()), np.array(p))
+    return X_BC if X_AB is None else X_AB @ X_BC
+
+
+def _reference(file: _File, j: int):
+    """MuJoCo's coordinate in the pose that the file describes."""
+    is_number = file.kind(j) in ("revolute", "prismatic")
+    return float(file.model.qpos0[file.model.jnt_qposadr[j]]) if is_number else 0.0
+
+
+def _frames(file: _File):
+    m, taken = file.model, {file.name("body", i) for i in range(file.model.nbody)}
+    for i in range(m.nsite):
+        name, body = file.name("site", i), file.name("body", m.site_bodyid[i])
+        yield Frame(f"{body}/{name}" if name in taken else name, body, _pose(m.site_pos[i], m.site_quat[i]))
+
+
+def _pose(p: np.ndarray, wxyz: np.ndarray):
+    entries = Rotation.from_quaternion(np.array(wxyz)).entries
+    return RigidTransform(Rotation(rotation_of(entries).ravel()), np.array(p))

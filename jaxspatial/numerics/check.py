@@ -1,0 +1,345 @@
+"""Checks of arguments, once at the public edge: messages name the argument, what was expected and what it got."""
+
+import difflib
+import functools
+import operator
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NoReturn, TypeVar, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jax.typing import DTypeLike
+
+# Of what the stubs leave in part unknown. `isinstance` of these types leaves nothing unknown behind.
+NUMPY: type[Any] = np.ndarray
+SCALAR: type[Any] = np.generic
+LIST: type[Any] = list
+TUPLE: type[Any] = tuple
+and_ = cast(Callable[[Any, Any], Any], operator.and_)
+truediv = cast(Callable[[Any, Any], Any], operator.truediv)
+config: Any = jax.config
+finfo: Any = jnp.finfo
+_dtype_of = operator.attrgetter("dtype")
+
+_Tree = TypeVar("_Tree")
+_Shape = tuple[int, ...]
+_FLOATS = "float16, bfloat16, float32 or float64"
+_NARROWED = (
+    "float64 NumPy numbers become float32 in this operation: JAX's 64-bit types are off. To compute in float64: "
+    'jax.config.update("jax_enable_x64", True), or a block `with jax.enable_x64(True):`. To compute in float32: give '
+    ".astype(np.float32). Said once; to find out where: warnings.simplefilter('error', jaxspatial.NarrowingWarning)"
+)
+
+
+class NarrowingWarning(UserWarning):
+    """An operation computes in float32 with float64 NumPy numbers, because JAX's 64-bit types are off. Said once.
+
+    Numbers that nothing is computed with keep their digits: inside a vector, in `to_array`, in converters.
+
+        jax.config.update("jax_enable_x64", True)                       # compute in float64
+        F.astype(np.float32)                                            # say that float32 is meant
+        warnings.simplefilter("ignore", jaxspatial.NarrowingWarning)    # silence
+        warnings.simplefilter("error", jaxspatial.NarrowingWarning)     # find out where
+    """
+
+
+# What Python's `warnings` keeps in a module that warns: with it nothing is said twice.
+_said: dict[Any, Any] = {}
+
+
+class StandIn:
+    """Base of what stands for an array of floating point without being one: it passes every check as it is."""
+
+    # NumPy and JAX arrays on the left of an operator leave it to us.
+    __array_ufunc__ = None
+
+    shape: Any
+    dtype: Any
+
+    @property
+    def ndim(self) -> int:
+        return len(self.shape)
+
+    def over_batch(self, batch_shape: _Shape) -> Any:
+        """Broadcast to another batch shape."""
+        shape = (*batch_shape, self.shape[-1])
+        return jax.tree.map(functools.partial(jnp.broadcast_to, shape=shape), self)
+
+
+# What has a shape and a dtype: arrays, traced ones too, their shapes alone, and what stands for them.
+ARRAYS: tuple[type[Any], ...] = jax.Array, np.ndarray, np.generic, jax.ShapeDtypeStruct, StandIn
+
+
+def in_short(x: Any) -> str:
+    """float32[4,3] of an array, the text of anything else."""
+    if isinstance(x, ARRAYS) and not isinstance(x, StandIn):
+        return f"{x.dtype}[{','.join(map(str, x.shape))}]"
+    return repr(x)
+
+
+def shown(x: Any, n: int) -> str:
+    """The numbers of one item, n in a row (0 of a scalar); the shape of a batch or of something not computed yet."""
+    if not is_computed(x) or x.ndim != min(n, 1):
+        return in_short(x)
+    if not n:
+        return str(x)
+    numbers = list(map(str, np.asarray(x)))
+    return f"[{'; '.join(', '.join(numbers[i : i + n]) for i in range(0, len(numbers), n))}]"
+
+
+def did_you_mean(name: object, names: Iterable[str]) -> str:
+    """The end of a message about an unknown name: the nearest of the known ones, where one is near."""
+    by_small = {known.lower(): known for known in names}
+    near = difflib.get_close_matches(name.lower(), by_small, n=1) if isinstance(name, str) else []
+    return f"; did you mean {by_small[near[0]]!r}?" if near else ""
+
+
+def as_float_array(x: Any, name: str, dtype: DTypeLike | None = None, *, held: bool = False) -> jax.Array:
+    """x as an array of floating point. Python numbers, and lists of them, get the dtype `dtype`.
+
+    NumPy stays NumPy (known while tracing): with `held` in its own dtype, else in the one JAX computes in, see
+    `narrowed`. Arrays of integers are refused: whether 1 means 1.0f or 1.0 is the caller's to say.
+    """
+    # To all who compute, what stands for an array and those of NumPy are arrays, which no stub says.
+    if isinstance(x, StandIn):
+        return x  # pyright: ignore[reportReturnType]
+    array: Any = x if isinstance(x, jax.Array) else _as_array(x, name, dtype)
+    if not _is_floating(array.dtype):
+        raise TypeError(f"{name}: expected floating point ({_FLOATS}), got {array.dtype}{_advice(x, array, dtype)}")
+    if isinstance(array, NUMPY):
+        if held:
+            return array
+        # NumPy's scalar of float64 is a Python float too: nobody asked for its digits.
+        return _in_jax_dtype(array) if isinstance(x, np.float64) else narrowed(array)
+    # A weakly typed array would make a second trace for what is otherwise the same call.
+    return jax.lax.convert_element_type(array, array.dtype) if array.weak_type else array
+
+
+def floating_dtype(*arguments: Any) -> np.dtype[Any] | None:
+    """The dtype of the first array of floating point: Python numbers, np.float64 among them, take it on beside the
+    array, and messages advise to convert integers to it."""
+    arrays = (x for x in arguments if isinstance(x, ARRAYS) and not isinstance(x, float))
+    return next((np.dtype(x.dtype) for x in arrays if _is_floating(x.dtype)), None)
+
+
+@functools.cache
+def _is_floating(dtype: DTypeLike) -> bool:
+    return jnp.issubdtype(dtype, jnp.floating) and np.dtype(dtype).itemsize <= 8
+
+
+def _advice(x: Any, array: Any, dtype: DTypeLike | None) -> str:
+    if np.dtype(array.dtype).kind not in "iubf":
+        return ""
+    meant = np.dtype(jax.dtypes.canonicalize_dtype(float) if dtype is None else dtype).name
+    return f"; convert with .astype({meant!r})" if isinstance(x, ARRAYS) else "; write 1.0 for 1"
+
+
+def _as_array(x: Any, name: str, dtype: DTypeLike | None) -> Any:
+    if isinstance(x, ARRAYS) and not isinstance(x, float):
+        return np.asarray(x) if isinstance(x, SCALAR) else x
+    leaves = jax.tree.leaves(x)
+    try:
+        if any(isinstance(leaf, jax.Array) for leaf in leaves):
+            return jnp.asarray(x)
+        array = np.asarray(x)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"{name}: expected an array of floating point ({_FLOATS}), got {_shown(x)}") from error
+    if array.dtype.kind not in "fiub":
+        raise TypeError(f"{name}: expected an array of floating point ({_FLOATS}), got {_shown(x)}")
+    dtype = jax.dtypes.canonicalize_dtype(float) if dtype is None else dtype
+    return array.astype(dtype) if _has_no_dtype(x, leaves, array) else array
+
+
+def _has_no_dtype(x: Any, leaves: list[Any], array: np.ndarray) -> bool:
+    """True for Python numbers, and lists of them and of NumPy's scalars of floating point."""
+    is_plain = isinstance(x, (int, float, list, tuple)) and not isinstance(x, np.generic)
+    if not is_plain or any(np.ndim(leaf) for leaf in leaves):
+        return False
+    return array.dtype.kind == "f" or all(type(leaf) is int for leaf in leaves)
+
+
+def narrowed(tree: _Tree) -> _Tree:
+    """The tree with NumPy's float64 as JAX computes with it: as float32, with a warning, while 64-bit types are off."""
+    if config.jax_enable_x64:
+        return tree
+    return jax.tree.map(_narrowed, tree, is_leaf=goes_with_any_batch)
+
+
+def is_only_held(x: Any) -> bool:
+    """True for NumPy numbers that JAX would narrow."""
+    return isinstance(x, NUMPY) and x.dtype == np.float64 and not config.jax_enable_x64
+
+
+def narrowed_each(arrays: Sequence[Any]) -> Sequence[Any]:
+    """`narrowed`, of a sequence of arrays."""
+    if config.jax_enable_x64:
+        return arrays
+    return [x if isinstance(x, jax.Array) else _narrowed(x) for x in arrays]
+
+
+def _narrowed(x: Any) -> Any:
+    if goes_with_any_batch(x):
+        return x.astype(jax.dtypes.canonicalize_dtype(x.dtype))
+    if not isinstance(x, NUMPY) or x.dtype != np.float64:
+        return x
+    warnings.warn_explicit(_NARROWED, NarrowingWarning, "jaxspatial", 0, "jaxspatial", _said)
+    return _in_jax_dtype(x)
+
+
+def _in_jax_dtype(array: Any) -> Any:
+    with np.errstate(all="ignore"):
+        return array.astype(jax.dtypes.canonicalize_dtype(array.dtype), copy=False)
+
+
+def as_dtype(x: DTypeLike | None) -> np.dtype[Any]:
+    """The dtype of this name, NumPy's own: None and Python's `float` are JAX's default."""
+    if x is None or x is float:
+        return np.dtype(jax.dtypes.canonicalize_dtype(float))
+    dtype = np.dtype(x)
+    if not _is_floating(dtype):
+        raise TypeError(f"dtype: expected {_FLOATS}, got {dtype}")
+    return dtype
+
+
+def eps(dtype: DTypeLike) -> float:
+    """The distance from 1 to the next number."""
+    return float(finfo(dtype).eps)
+
+
+def _shown(x: object) -> str:
+    text = repr(x)
+    return f"{type(x).__name__} {text if len(text) <= 60 else text[:57] + '...'}"
+
+
+def as_vectors(
+    x: Any, name: str, dtype: DTypeLike | None = None, size: int = 3, many: Sequence[str] = (), *, held: bool = False
+) -> jax.Array:
+    """x as an array of shape (*batch, size), or (*batch, n, size) with n named in `many`; see `as_float_array`."""
+    array = as_float_array(x, name, dtype, held=True)
+    if array.shape[-1:] != (size,) or array.ndim <= len(many):
+        shape = ", ".join(("*batch", *many, str(size)))
+        raise ValueError(f"{name}: expected shape ({shape}), got {array.shape}")
+    return array if held or isinstance(array, jax.Array) else narrowed(array)
+
+
+def as_matrices(m: Any, name: str, n: int = 3) -> jax.Array:
+    """Matrices (*batch, n, n) by their entries (*batch, n n)."""
+    array = as_vectors(m, name, size=n, many=[str(n)], held=True)
+    if array.shape[-2] != n:
+        raise ValueError(f"{name}: expected shape (*batch, {n}, {n}), got {array.shape}")
+    return array.reshape((*array.shape[:-2], n * n))
+
+
+def matrices(entries: Any, n: int) -> jax.Array:
+    """Entries (*batch, n n) as matrices (*batch, n, n)."""
+    return entries.reshape((*entries.shape[:-1], n, n))
+
+
+def expanded(x: Any) -> jax.Array:
+    """(*batch,) as (*batch, 1)."""
+    return x.reshape((*x.shape, 1))
+
+
+def owned(array: Any) -> Any:
+    """A NumPy array as a read-only copy: the caller may write to the original."""
+    if not isinstance(array, NUMPY):
+        return array
+    copy = np.array(array)
+    copy.setflags(write=False)
+    return copy
+
+
+def refuse(operation: str, expected: str, x: object) -> NoReturn:
+    raise TypeError(f"{operation}: expected {expected}, got {type(x).__name__}")
+
+
+def require_kind(x: object, kind: type, name: str, place: str = "") -> None:
+    if not isinstance(x, kind):
+        refuse(name, f"a {kind.__name__}{place}", x)
+
+
+def require_same_dtype(**arrays: Any) -> None:
+    """All dtypes equal, as JAX computes with them: mixed ones would be promoted silently, or not at all, depending on a
+    global flag."""
+    if len(set(map(_dtype_of, arrays.values()))) == 1:
+        return
+    dtypes = {name: np.dtype(_computed_in(a)).name for name, a in arrays.items()}
+    if len(set(dtypes.values())) > 1:
+        came = ", ".join(f"{name}: {dtype}" for name, dtype in dtypes.items())
+        raise TypeError(f"{' and '.join(dtypes)}: expected one dtype, got {came}; convert with .astype")
+
+
+def _computed_in(x: Any) -> DTypeLike:
+    is_numpy = all(isinstance(leaf, np.ndarray) for leaf in jax.tree.leaves(x))
+    return jax.dtypes.canonicalize_dtype(x.dtype) if is_numpy else x.dtype
+
+
+def same_dtype(**arrays: Any) -> dict[str, Any]:
+    """The arrays, or trees of them, in one dtype: as they are, or as JAX computes with them; see `narrowed`."""
+    if len(set(map(_dtype_of, arrays.values()))) == 1:
+        return arrays
+    require_same_dtype(**arrays)
+    return {name: narrowed(a) for name, a in arrays.items()}
+
+
+def common_batch_shape(**batch_shapes: _Shape) -> _Shape:
+    """The shape that all batch shapes broadcast to."""
+    first, *others = batch_shapes.values()
+    if others.count(first) == len(others):
+        return first
+    try:
+        return np.broadcast_shapes(first, *others)
+    except ValueError:
+        came = ", ".join(f"{name}: {shape}" for name, shape in batch_shapes.items())
+        raise ValueError(
+            f"{' and '.join(batch_shapes)}: expected batch shapes that broadcast, got {came}; "
+            "one item against many is jax.vmap(..., in_axes=(0, None))"
+        ) from None
+
+
+def broadcast_batch(batch_shape: _Shape, *arrays: Any) -> tuple[Any, ...]:
+    """Each array (*batch, n) over the common batch; NumPy stays NumPy."""
+    return tuple([a if a.shape[:-1] == batch_shape else _broadcast(a, batch_shape) for a in arrays])
+
+
+def _broadcast(array: Any, batch_shape: _Shape) -> Any:
+    if isinstance(array, StandIn):
+        return array.over_batch(batch_shape)
+    return (np if isinstance(array, NUMPY) else jnp).broadcast_to(array, (*batch_shape, array.shape[-1]))
+
+
+def batch_axis(axis: int, batch_shape: _Shape, operation: str) -> int:
+    """An axis of the batch, counted from the front."""
+    if not -len(batch_shape) <= axis < len(batch_shape):
+        raise ValueError(f"{operation}: axis: expected one of a batch of shape {batch_shape}, got {axis}")
+    return operator.index(axis) % len(batch_shape)
+
+
+def is_computed(x: Any) -> bool:
+    """True for an array whose numbers are there to be looked at."""
+    if not isinstance(x, jax.Array):
+        return isinstance(x, NUMPY)
+    is_number = not jnp.issubdtype(x.dtype, jax.dtypes.extended)
+    return is_number and not isinstance(x, Tracer) and not x.is_deleted()
+
+
+def goes_with_any_batch(x: object) -> bool:
+    """True for what consists of known numbers alone, see `Components`."""
+    return isinstance(x, StandIn) and not jax.tree.leaves(x)
+
+
+def batch_shape(*parts: Any) -> _Shape:
+    """The batch shape of arrays that have one in common, but for those that go with any."""
+    for x in parts:
+        if not isinstance(x, StandIn) or not goes_with_any_batch(x):
+            return x.shape[:-1]
+    return parts[0].shape[:-1]
+
+
+def is_tree_mark(leaf: object) -> bool:
+    """True for what stands for a leaf in a tree that describes trees: an axis, None, a sharding, a partition spec."""
+    axis = isinstance(leaf, int) and not isinstance(leaf, bool)
+    return leaf is None or axis or isinstance(leaf, (jax.sharding.PartitionSpec, jax.sharding.Sharding))

@@ -1,0 +1,216 @@
+"""What keeps a compiler from rewriting arithmetic: one fma of a product and a sum, sums and products with constants
+rearranged, numbers taken from one place for another.
+
+`barrier` is for anywhere; the others are for the inside of primitives, and are not differentiated or batched.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+from jax.core import ShapedArray
+from jax.extend.core import Primitive
+from jax.extend.mlir.dialects import stablehlo
+from jax.interpreters import ad, mlir
+from jax.typing import DTypeLike
+
+from jaxspatial.numerics.check import finfo
+from jaxspatial.numerics.errorfree.primitives import elementwise, is_zero, lower_fun, no_tangent, same_sharding
+
+
+def barrier(x: Any) -> Any:
+    """x, an array rounded where it stands, of whose numbers the compiler knows nothing: 1 operation.
+
+    For arrays that a caller computed: no fma is made of a product passed through and the sum that follows, sums and
+    products with constants are not rearranged. The derivative is 1, and tangents and cotangents pass a barrier, too.
+    What is no array of JAX stays as it is.
+    """
+    return _barrier_p.bind(x) if isinstance(x, Array) else x
+
+
+def barrier_or_nan(x: Any) -> Any:
+    """`barrier`, for arrays whose errors of sums and products are going to be computed; see `opaque_or_nan`."""
+    return _barrier_or_nan_p.bind(x) if isinstance(x, Array) else x
+
+
+# The index of the replica, of which there are fewer than 2^31: not known before a program runs. Of an argument that it
+# does not look at, so that it is part of the program which that is part of, whatever JAX evaluates while tracing.
+_replica_p: Any = Primitive("jaxspatial_replica")
+
+
+@_replica_p.def_abstract_eval
+def _(_) -> ShapedArray:
+    return ShapedArray((), np.dtype(np.uint32))
+
+
+mlir.register_lowering(_replica_p, lambda *_: [stablehlo.replica_id()])
+
+
+def opaque(x: Array) -> Array:
+    """`barrier`, for the inside of primitives: the bits of x or those of a zero that the compiler cannot foresee.
+
+    `optimization_barrier`, `reduce_precision`, bitcasts and clamps do not keep XLA CPU from making an fma, and a select
+    is folded where an operand is a constant.
+    """
+    with jax.enable_x64(True):
+        return _of_bits(lax.bitwise_or(bits := _bits(x), lax.broadcast(_zero(x), bits.shape)), x.dtype)
+
+
+def opaque_or_nan(x: Array) -> Array:
+    """`opaque`, with the program's own proof that a sum has an error: NaN where a compiler takes it for 0.
+
+    Where an option says that sums may be rearranged (`xla_cpu_enable_fast_math`), in XLA_FLAGS or for one program, a
+    compiler concludes that the error of every sum is 0, and results would be wrong without a word. So each program adds
+    two opaque numbers whose error is known, and compares. Of a batch this is one number: it costs nothing.
+    """
+    with jax.enable_x64(True):
+        zero = lax.convert_element_type(_zero(x), np.uint32)
+        one, small = (_of_bits(_bits(y) + zero, y.dtype) for y in (jnp.float32(1), jnp.float32(2.0**-30)))
+        total = one + small
+        part = total - one
+        error = (one - (total - part)) + (small - part)
+        is_right = lax.eq(_bits(error), _bits(small))
+        bits = _bits(x)
+        nan = _bits(lax.full((), np.nan, x.dtype))
+        mask = lax.select(is_right, _zero(x), nan)
+        return _of_bits(lax.bitwise_or(bits, lax.broadcast(mask, bits.shape)), x.dtype)
+
+
+def _zero(x: Array) -> Array:
+    """A zero that the compiler cannot foresee, an integer of as many bits as the numbers of x have."""
+    return lax.convert_element_type(lax.shift_right_logical(_replica_p.bind(x), np.uint32(31)), _integer(x.dtype))
+
+
+def _integer(dtype: DTypeLike) -> np.dtype[Any]:
+    return np.dtype(f"uint{finfo(dtype).bits}")
+
+
+def _bits(x: Array) -> Array:
+    return lax.bitcast_convert_type(x, _integer(x.dtype))
+
+
+def _of_bits(bits: Array, dtype: DTypeLike) -> Array:
+    return lax.bitcast_convert_type(bits, dtype)
+
+
+def no_fma(x: Array) -> Array:
+    """x, rounded where it stands: no fma is made of a product passed through and the sum that follows.
+
+    It asks for a signalling NaN, which no operation returns, as the compiler does not know.
+    """
+    info, integer = finfo(x.dtype), _integer(x.dtype)
+    # All ones in the exponent, and a fraction whose first bit, that of a quiet NaN, is not set.
+    exponent, quiet = ((1 << info.nexp) - 1) << info.nmant, 1 << (info.nmant - 1)
+    never = integer.type(exponent | 0x5B5B5B5B5B5B5B5B % quiet)
+    # Also in a program without 64-bit types, that a sum in float64 is a part of.
+    with jax.enable_x64(True):
+        bits = _bits(x)
+        # As integers: where there is no NaN (fast-math) a compiler would take x for the only choice.
+        usual, nan = lax.ne(bits, lax.full_like(bits, never)), lax.full_like(bits, never | integer.type(quiet))
+        return _of_bits(lax.select(usual, bits, nan), x.dtype)
+
+
+def no_reassociation(x: Array) -> Array:
+    """x, a sum: for XLA's algebraic simplifier not a sum any more.
+
+    It would make x + (c1 + c2) of `(x + c1) + c2`, and x of `(x + c) - c`, for constants c. A rounding to the format
+    that x has already stops that, and is removed before any code is made of it: it costs nothing.
+    """
+    info = finfo(x.dtype)
+    return lax.reduce_precision(x, exponent_bits=info.nexp, mantissa_bits=info.nmant)
+
+
+def _identity(name: str, lower: Callable[[Array], Array]):
+    """A primitive that changes nothing, and neither do its derivatives."""
+
+    def jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
+        result, (tangent,) = primitive.bind(*primals), tangents
+        return result, no_tangent(result) if is_zero(tangent) else primitive.bind(tangent)
+
+    def transpose(cotangent, _) -> list[Any]:
+        return [None if is_zero(cotangent) else primitive.bind(cotangent)]
+
+    primitive = elementwise(name, lax.neg_p, lower_fun(lower, multiple_results=False), jvp, transpose)
+    return primitive
+
+
+_barrier_p = _identity("barrier", opaque)
+_barrier_or_nan_p = _identity("barrier_or_nan", opaque_or_nan)
+
+
+# -- products and quotients rounded on their own -----------------------------------------------------------------------
+# They are primitives, because derivatives need them too: with a guard around the product alone, the tangent
+# `da * b + a * db` would become an fma, and a pull-back could not be guarded at all (a select is not linear). Both
+# arguments have one shape, and are numbers of the library's own: those of a caller go through `barrier` first.
+
+
+def product(a: Any, b: Any) -> jax.Array:
+    """fl(a * b), never part of an fma: error <= u |a b|, bitwise NumPy's."""
+    return _product_p.bind(*((a, b) if jax.typeof(a) == jax.typeof(b) else same_sharding(a, b)))
+
+
+def quotient(a: Any, b: Any) -> jax.Array:
+    """fl(a / b), never a multiplication by fl(1 / b): error <= u |a / b|, bitwise NumPy's."""
+    return _quotient_p.bind(*same_sharding(a, b))
+
+
+def _rounded_product(a: Array, b: Array):
+    return no_fma(lax.mul(a, b))
+
+
+def _rounded_quotient(a: Array, b: Array):
+    """XLA multiplies by the reciprocal of a divisor that is one number for many; not if it depends on the dividend.
+
+    Infinities and NaN, for which the other divisor is taken, divide by half of b as they do by b. Of quotients of
+    quotients it makes products, `a / (b c)` of `(a / b) / c`, that may overflow, and of `1 / sqrt(x)` a reciprocal
+    root: not of what `no_fma` returns.
+    """
+    finite = lax.le(lax.abs(a), lax.full_like(a, finfo(a.dtype).max))
+    divisor = lax.select(finite, b, lax.mul(b, lax.full_like(b, 0.5)))
+    return no_fma(lax.div(a, no_fma(divisor)))
+
+
+def _product_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
+    result = product(*primals)
+    return result, product_tangent(result, primals, tangents)
+
+
+def product_tangent(result: Array, primals: Sequence[Array], tangents: Sequence[Any]) -> Any:
+    """da b + a db, of tangents that may be known to be zero."""
+    (a, b), (da, db) = primals, tangents
+    return _sum(result, [product(x, y) for x, y in ((da, b), (a, db)) if not (is_zero(x) or is_zero(y))])
+
+
+def _quotient_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
+    """d(a / b) = da / b - (a / b) db / b."""
+    (a, b), (da, db) = primals, tangents
+    result = quotient(a, b)
+    of_dividend = [] if is_zero(da) else [quotient(da, b)]
+    of_divisor = [] if is_zero(db) else [lax.neg(quotient(product(result, db), b))]
+    return result, _sum(result, of_dividend + of_divisor)
+
+
+def _sum(result: Array, terms: Sequence[Array]):
+    """The sum of at most two tangents of `result`."""
+    return lax.add(*terms) if len(terms) == 2 else terms[0] if terms else no_tangent(result)
+
+
+def _product_transpose(cotangent, a, b) -> list[Array | None]:
+    if is_zero(cotangent):
+        return [None, None]
+    return [product(cotangent, b), None] if ad.is_undefined_primal(a) else [None, product(a, cotangent)]
+
+
+def _quotient_transpose(cotangent, _, b: Array) -> list[Array | None]:
+    return [None if is_zero(cotangent) else quotient(cotangent, b), None]
+
+
+def _lowered(function: Callable[..., Array]):
+    return lower_fun(function, multiple_results=False)
+
+
+_product_p = elementwise("product", lax.mul_p, _lowered(_rounded_product), _product_jvp, _product_transpose)
+_quotient_p = elementwise("quotient", lax.div_p, _lowered(_rounded_quotient), _quotient_jvp, _quotient_transpose)

@@ -1,0 +1,123 @@
+"""How primitives are made: elementwise ones, of arrays of one shape; compiled, lowered, and with shardings."""
+
+import functools
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, cast
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+from jax.core import ShapedArray
+from jax.experimental.xla_metadata import set_xla_metadata  # pyright: ignore[reportUnknownVariableType]: no stub
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+Rule = Callable[..., Any]
+lower_fun = cast(Rule, mlir.lower_fun)
+_NO_MESH = jax.sharding.AbstractMesh((), ())
+
+
+def elementwise(
+    name: str, like: Any, lower: Rule, jvp: Rule, transpose: Rule | None = None, n_results: int | None = None
+) -> Any:
+    """A primitive with the shapes, shardings and complaints of the lax primitive `like` for the first two arguments.
+
+    n_results: how many arrays a list of results has; None for one array.
+    """
+    primitive = Primitive(f"jaxspatial_{name}")
+    primitive.multiple_results = n_results is not None
+
+    def each(result):
+        return result if n_results is None else [result] * n_results
+
+    def abstract(*arrays):
+        return each(like.abstract_eval(*arrays[:2])[0])
+
+    def batch(args: Sequence[Array], axes: Sequence[int | None]):
+        return primitive.bind(*same_sharding(*_batched(args, axes))), each(0)
+
+    primitive.def_abstract_eval(abstract)
+    primitive.def_impl(compiled(primitive))
+    mlir.register_lowering(primitive, lower)
+    ad.primitive_jvps[primitive] = jvp
+    if transpose:
+        ad.primitive_transposes[primitive] = transpose
+    batching.primitive_batchers[primitive] = batch
+    return primitive
+
+
+def compiled(primitive: Any, **parameters: Any) -> Callable[..., Any]:
+    """The primitive outside of a program: one of its own, also where `jax.disable_jit` is on."""
+
+    def bound(*arrays: Array):
+        return primitive.bind(*arrays, **parameters)
+
+    program = cast(Callable[..., Any], jax.jit(bound))
+
+    def call(*arrays: Array):
+        with jax.disable_jit(False):
+            return program(*arrays)
+
+    return call
+
+
+def same_sharding(*arrays: Array, components: int | None = None) -> Sequence[Array]:
+    """The arrays, varying over the same axes of a `shard_map` and sharded in one way; lax.mul does this for itself.
+
+    Under explicit sharding, an argument that is whole along an axis is split as the others are; not where it has one
+    item for all of theirs. components: the axis along which arrays differ in size without that.
+    """
+    types = list(map(jax.typeof, arrays))
+    if types.count(types[0]) == len(types):
+        return arrays
+    varying: list[frozenset[Any]] = [frozenset(t.mat.varying) for t in types]
+    missing = [tuple(frozenset[Any]().union(*varying) - axes) for axes in varying]
+    varied: list[Array] = [lax.pcast(x, m, to="varying") if m else x for x, m in zip(arrays, missing, strict=True)]
+    specs = [jax.typeof(x).sharding.spec for x in varied]
+    if all(spec == specs[0] for spec in specs):
+        return varied
+    sizes = [max(n) for n in zip(*(x.shape for x in arrays), strict=True)]
+    common, ours = common_spec(specs), range(len(sizes))
+    split = [[common[i] if x.shape[i] == sizes[i] or i == components else None for i in ours] for x in arrays]
+    wanted = [jax.sharding.PartitionSpec(*entries) for entries in split]
+    return [x if w == s else jax.sharding.reshard(x, w) for x, s, w in zip(varied, specs, wanted, strict=True)]
+
+
+def common_spec(specs: Iterable[Any]) -> list[Any]:
+    """For every axis what one of the specs has there."""
+    return [next((s for s in entries if s is not None), None) for entries in zip(*specs, strict=True)]
+
+
+def _batched(arguments: Sequence[Array], axes: Sequence[int | None]) -> Iterator[Array]:
+    """The arguments with the batch axis first; one without it repeated, so that its cotangents are summed."""
+    size = next(x.shape[axis] for x, axis in zip(arguments, axes, strict=True) if axis is not None)
+    for x, axis in zip(arguments, axes, strict=True):
+        yield lax.broadcast(x, (size,)) if axis is None else jnp.moveaxis(x, axis, 0)
+
+
+def not_inlined(function: Callable[..., Any], *arguments: Any) -> Any:
+    """function(*arguments), as a call that the compiler does not inline."""
+    with set_xla_metadata(inlineable="false"):
+        return cast(Any, jax.jit(function))(*arguments)
+
+
+def is_zero(tangent: object) -> bool:
+    return type(tangent) is ad.Zero
+
+
+def no_tangent(x: Any) -> Any:
+    return ad.Zero(jax.typeof(x).to_tangent_aval())
+
+
+def rule(function: Callable[..., Sequence[Array]]) -> Callable[..., Any]:
+    """The lowering rule of a primitive: `function(*arrays, **parameters)` returns a list of arrays."""
+    return functools.partial(unsharded, lower_fun(function, multiple_results=True))
+
+
+def unsharded(lower: Rule, context: Any, *arrays: Any, **parameters: Any) -> Any:
+    """What `lower`, a `lower_fun`, lowers its function to, traced without shardings and manual axes in the types: the
+    arithmetic is elementwise, for the compiler to split. (With them, every constant and index made on the way would
+    have to be sharded by hand.)"""
+    with jax.sharding.use_abstract_mesh(_NO_MESH):
+        plain = [ShapedArray(a.shape, a.dtype) for a in context.avals_in]
+        return lower(context.replace(avals_in=plain), *arrays, **parameters)

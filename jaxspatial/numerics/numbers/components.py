@@ -1,0 +1,486 @@
+"""Arrays by their components, some of which are numbers known while tracing: planar forces, rotations about an axis.
+
+What is known of an array is lost as soon as its components are stacked. Here they stay unstacked, and what is known is
+part of the type: it survives jit, scan, vmap and derivatives, where a NumPy array becomes data.
+"""
+
+import functools
+import json
+import math
+import operator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple, Self, TypeGuard
+
+import jax
+import jax.export
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+
+from jaxspatial.numerics import check
+from jaxspatial.numerics.errorfree.barrier import barrier
+from jaxspatial.numerics.numbers.double_word import DoubleWord, to_double_word
+from jaxspatial.numerics.numbers.layout import stack
+from jaxspatial.numerics.numbers.rounded import Rounded, is_known, quietly, uniform
+from jaxspatial.numerics.precision import Precision
+
+_INTEGERS: tuple[type, ...] = int, np.integer
+
+
+class _Structure(NamedTuple):
+    """What is static: for every component the known number, None for data; the dtype's name, where no data has one."""
+
+    known: tuple[float | None, ...]
+    dtype: Any
+
+
+class Components(check.StandIn):
+    """An array (*batch, n) by its n components, each data or a number known while tracing.
+
+        f = js.Components(fx, fy, 0.0)                        # a force in the plane
+        F = js.SpatialForce(js.Components(0.0, 0.0, tz), f)
+        js.shift(F, js.Components(px, py, 0.0)).tau           # Components(0.0, 0.0, tz'): 2 products, not 6
+
+    Each component is data: an array (*batch,) or a DoubleWord, with batches that broadcast; or known: a Python number
+    or NumPy scalar. dtype: that of the data; of known numbers alone it may be named.
+
+    Known numbers fold: a known 0, 1 or -1 leaves no operation behind, and a known 0 is an exact zero, also next to an
+    infinity or a NaN (-0 is 0). Components take the place of an array wherever the library takes one. What gets any
+    returns Components. What is known of these is decided by the structure of the arguments, not by where it is called:
+    NumPy arrays beside them are known in those components that are 0, 1 or -1 throughout, eagerly too. Beside double
+    words the data of results are double words. Where all Components among the arguments are known zeros, as in
+    `SpatialForce(f=f)`, results are arrays, but for those that are zero, which are such Components again.
+
+    A pytree whose leaves are the data, (*batch,) each. `jax.vmap` with in_axes=0 maps over the first axis of the batch,
+    with -1 over the last one of the batch, not over components. Known numbers are static. Another number is another
+    type, for which jit compiles again, and which a scan carry or the other branch of a cond does not take; without data
+    there is no batch, and it goes with any. In gradients and tangents known numbers stand as they are: descend by
+    `jax.tree.map(lambda x, g: x - rate * g, x, gradient)`, which leaves them alone.
+
+    Operators: + - * / with arrays (*batch, n) or (*batch, 1), numbers and Components, each result rounded once.
+    Raises TypeError for dtypes that differ or integers, ValueError for batches that do not broadcast.
+    """
+
+    structure: _Structure
+    data: tuple[Any, ...]
+
+    def __init__(self, *components: Any, dtype: DTypeLike | None = None):
+        """Checks what a caller passes. JAX rebuilds Components without it, with whatever leaves it needs."""
+        if not components:
+            raise ValueError("Components: expected at least one component, got none")
+        parts = [_checked(c, f"Components: component {i}", dtype) for i, c in enumerate(components)]
+        dtype = _common_dtype(parts, dtype)
+        batches = {f"component {i}": c.shape for i, c in enumerate(parts) if not isinstance(c, (float, np.generic))}
+        batch = check.common_batch_shape(**batches) if batches else ()
+        self._fill([_over(c, batch, dtype) for c in parts])
+
+    def _fill(self, components: Sequence[Any]) -> None:
+        known = tuple(_plain(c) if is_known(c) else None for c in components)
+        self.data = tuple(c for c, number in zip(components, known, strict=True) if number is None)
+        self.structure = _Structure(known, None if self.data else np.dtype(components[0].dtype).name)
+
+    @classmethod
+    def from_array(cls, x: Any, known: Sequence[float | None]) -> Self:
+        """The components of x (*batch, n), but for those of which the number is known: `known` has it, or None.
+
+            js.Components.from_array(p, (None, None, 0.0))      # what a plane leaves of p
+
+        Args:
+            x: array (*batch, n). What it has where a number is known is not looked at.
+            known: n entries, a number or None for data.
+
+        Returns:
+            The Components, of the dtype of x.
+
+        Raises:
+            TypeError: x is not floating point.
+            ValueError: it has not as many components as `known` entries.
+
+        Error: none, it is exact.
+        """
+        x = check.as_vectors(x, "Components.from_array: x", size=len(known))
+        return cls(*(x[..., i] if number is None else number for i, number in enumerate(known)), dtype=x.dtype)
+
+    @classmethod
+    def of(cls, components: Sequence[Any]) -> Self:
+        """Of components of one dtype, not checked.
+
+        Args:
+            components: NumPy scalars, which are known, and data (*batch,) over one batch.
+
+        Returns:
+            Components of these.
+
+        Error: none, it is exact.
+        """
+        x = object.__new__(cls)
+        x._fill(components)
+        return x
+
+    @classmethod
+    def of_array(cls, x: Any) -> Self:
+        """Of an array: in one of NumPy, components that are 0, 1 or -1 throughout are known.
+
+        Args:
+            x: (*batch, n) array.
+
+        Returns:
+            Its n components, (*batch,) each.
+
+        Error: none, it is exact.
+        """
+        columns = [x[..., i] for i in range(x.shape[-1])]
+        return cls.of([_known_if_unit(c) for c in columns] if isinstance(x, np.ndarray) else columns)
+
+    # -- as an array ---------------------------------------------------------------------------------------------------
+
+    @property
+    def components(self) -> tuple[Any, ...]:
+        """The n components: arrays or double words (*batch,), and NumPy scalars, which are known."""
+        dtype, data = self.dtype, iter(self.data)
+        return tuple(_as_data(next(data)) if c is None else dtype.type(c) for c in self.structure.known)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (*(self.data[0].shape if self.data else ()), len(self.structure.known))
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return np.dtype(self.data[0].dtype if self.data else self.structure.dtype)
+
+    def to_array(self, batch_shape: tuple[int, ...] = ()) -> Any:
+        """All components as one array.
+
+        Args:
+            batch_shape: what the batch is broadcast to, if it is wider than that of the data.
+
+        Returns:
+            (*batch, n), an array, or a DoubleWord where any component is one; NumPy's where all are known.
+
+        Raises:
+            ValueError: the batch shapes do not broadcast.
+
+        Error: none, it is exact.
+        """
+        batch = np.broadcast_shapes(self.shape[:-1], batch_shape)
+        parts = self.components
+        parts = to_double_word(parts) if any(isinstance(c, DoubleWord) for c in parts) else parts
+        return jax.tree.map(lambda *limbs: stack(limbs, batch), *parts, is_leaf=is_known)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.asarray(self.to_array(), dtype)
+
+    def over_batch(self, batch_shape: tuple[int, ...]) -> "Components":
+        """The data over another batch; what is known goes with any.
+
+        Args:
+            batch_shape: one that the batch of the data broadcasts to.
+
+        Returns:
+            The Components over it.
+
+        Error: none, it is exact.
+        """
+        return _rebuild(self.structure, (_over(c, batch_shape, self.dtype) for c in self.data))
+
+    def astype(self, dtype: DTypeLike) -> "Components":
+        """Data and known numbers in another dtype.
+
+        Args:
+            dtype: one of floating point.
+
+        Returns:
+            The Components in it.
+
+        Error: each number is rounded once, a double word as `DoubleWord.astype` does it.
+        """
+        return self.of([c.astype(dtype) for c in self.components])
+
+    def reshape(self, *shape: Any) -> Any:
+        """With another batch shape; with other components as an array.
+
+        Args:
+            shape: the new one, components included, as one tuple or number by number. -1 as in NumPy.
+
+        Returns:
+            The Components, or, where their number changes, an array or a DoubleWord.
+
+        Raises:
+            TypeError: the sizes do not fit.
+
+        Error: none, it is exact.
+        """
+        new: Any = shape[0] if len(shape) == 1 and isinstance(shape[0], (check.TUPLE, check.LIST)) else shape
+        if new[-1] != self.shape[-1]:
+            return self.to_array().reshape(new)
+        return _rebuild(self.structure, (c.reshape(tuple(new[:-1])) for c in self.data))
+
+    def __getitem__(self, index: Any) -> Any:
+        """As of the array: x[..., i] is component i, (*batch,), as a NumPy array where it is known; x[..., 1:] and x[3]
+        of a batch are Components. What needs components as an axis, x[..., None], comes as an array."""
+        batch, which = _split_index(index, self.ndim, bool(self.data))
+        if which is None:
+            return self.to_array()[index]
+        parts = [c if is_known(c) else c[batch] for c in self.components]
+        if not isinstance(which, int):
+            return self.of([parts[i] for i in np.arange(len(parts))[which]])
+        shape = next((c.shape for c in parts if not is_known(c)), ())
+        return np.broadcast_to(parts[which], shape) if is_known(parts[which]) else parts[which]
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __iter__(self) -> Iterator[Any]:
+        # Without it Python would count up __getitem__ until an IndexError, which JAX never raises.
+        return (self[i] for i in range(len(self)))
+
+    # -- operators: component by component, what is known folds, and each result is rounded once -----------------------
+
+    def __neg__(self) -> Self:
+        return self.of([-c for c in self.components])
+
+    def __abs__(self) -> Self:
+        return self.of([abs(c) for c in self.components])
+
+    def __add__(self, other: Any) -> Self:
+        return self._combined(operator.add, other)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Self:
+        return self._combined(operator.sub, other)
+
+    def __rsub__(self, other: Any) -> Self:
+        return self._combined(operator.sub, other, is_reflected=True)
+
+    def __mul__(self, other: Any) -> Self:
+        return self._combined(operator.mul, other)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Self:
+        return self._combined(check.truediv, other)
+
+    def __rtruediv__(self, other: Any) -> Self:
+        return self._combined(check.truediv, other, is_reflected=True)
+
+    def _combined(self, operation: Callable[..., Any], other: Any, is_reflected: bool = False) -> Any:
+        other = self._beside(other)
+        if other is NotImplemented:
+            return NotImplemented
+        a, b = (other, self) if is_reflected else (self, other)
+        batch = check.common_batch_shape(left=a.shape[:-1], right=b.shape[:-1])
+        return _compiled(operation, *check.broadcast_batch(batch, a, b))
+
+    def _beside(self, other: Any) -> Any:
+        """What stands beside this one in an operation, with as many components; NotImplemented."""
+        n = self.shape[-1]
+        if isinstance(other, (int, float)) and not isinstance(other, bool):
+            return self.of([_over(float(other), (), self.dtype)] * n)
+        if not isinstance(other, (np.generic, np.ndarray, jax.Array, check.StandIn)):
+            return NotImplemented
+        array: Any = check.as_float_array(other, "Components: other")
+        check.require_same_dtype(Components=self, other=array)
+        parts = [array[()]] if isinstance(other, np.generic) else self._parts(array)
+        return self.of(parts * n if len(parts) == 1 else parts)
+
+    def _parts(self, array: Any) -> Any:
+        """The components of an array (*batch, n), (*batch, 1) or ()."""
+        n, array = self.shape[-1], array if array.ndim else array.reshape((1,))
+        if array.shape[-1] not in (1, n):
+            raise ValueError(f"Components: other: expected shape (*batch, {n}) or (*batch, 1), got {array.shape}")
+        return (array if is_components(array) else self.of_array(array)).components
+
+    def __repr__(self) -> str:
+        data = map(_shown, self.data)
+        return f"Components({', '.join(next(data) if c is None else str(c) for c in self.structure.known)})"
+
+
+def _rebuild(structure: _Structure, data: Iterable[Any]) -> Components:
+    x = object.__new__(Components)
+    x.structure, x.data = structure, tuple(data)
+    return x
+
+
+def _flattened_with_keys(x: Components) -> tuple[tuple[Any, ...], _Structure]:
+    places = (i for i, c in enumerate(x.structure.known) if c is None)
+    return tuple((jax.tree_util.SequenceKey(i), leaf) for i, leaf in zip(places, x.data, strict=True)), x.structure
+
+
+def _restored(text: bytes | bytearray) -> _Structure:
+    known, dtype = json.loads(text)
+    return _Structure(tuple(None if c is None else _plain(float(c)) for c in known), dtype)
+
+
+def _stored(structure: _Structure) -> bytes:
+    known, dtype = structure
+    return json.dumps(([None if c is None else repr(c) for c in known], dtype)).encode()
+
+
+jax.tree_util.register_pytree_with_keys(Components, _flattened_with_keys, _rebuild, lambda x: (x.data, x.structure))
+jax.export.register_pytree_node_serialization(
+    Components, serialized_name="jaxspatial.Components", serialize_auxdata=_stored, deserialize_auxdata=_restored
+)
+
+
+def is_components(x: object) -> TypeGuard[Components]:
+    return isinstance(x, Components)
+
+
+def as_components(x: Any) -> Components:
+    """Any array (*batch, n) as Components: `of_array` for NumPy arrays, all data for others."""
+    return x if is_components(x) else Components.of_array(x)
+
+
+of = Components.of
+
+
+def _checked(c: Any, name: str, dtype: Any) -> Any:
+    """A component as it came: a Python number as a float, a NumPy scalar, an array or a DoubleWord."""
+    if is_components(c):
+        raise TypeError(f"{name}: expected an array (*batch,), a DoubleWord or a float, got Components")
+    if type(c) in (float, int):
+        return float(c)
+    array = check.as_float_array(c, name, dtype)
+    return array[()] if isinstance(c, np.generic) else array
+
+
+# -- Components where arrays are meant, and arrays beside Components ---------------------------------------------------
+
+
+def from_components(x: Any) -> Any:
+    """Every Components of a tree as one array. All else stays as it is.
+
+    What is known goes with any batch, and comes without one where all of it is known.
+
+    Args:
+        x: a pytree of anything, or one Components (*batch, n).
+
+    Returns:
+        The same tree, with an array (*batch, n), or a DoubleWord, in place of each Components.
+
+    Error: none, it is exact.
+    """
+    return jax.tree.map(functools.partial(as_array, batch_shape=()), x, is_leaf=is_components)
+
+
+def as_array(x: Any, batch_shape: tuple[int, ...]) -> Any:
+    """Components as one array over a batch, of which known numbers have none; anything else as it is."""
+    return x.to_array(batch_shape) if is_components(x) else x
+
+
+def zero(size: int, dtype: DTypeLike) -> Components:
+    """Components of known zeros, also of a dtype that JAX has switched off."""
+    return of([np.dtype(dtype).type(0)] * size)
+
+
+def is_zero(x: Any) -> bool:
+    """True for what is known to be zero throughout: Components without data, or a NumPy array."""
+    if isinstance(x, Components):
+        return not x.data and not any(x.structure.known)
+    return isinstance(x, check.NUMPY) and not x.any()
+
+
+def all_are_zero(arrays: Sequence[Any]) -> bool:
+    """Whether all Components among the arrays are zeros."""
+    return all(is_zero(a) for a in arrays if isinstance(a, Components))
+
+
+def beside_components(arrays: Sequence[Any]) -> Sequence[Any]:
+    """The arguments of a formula of which one is Components: where that is not merely zero, NumPy arrays are made such,
+    known where they are 0, 1 or -1."""
+    if all_are_zero(arrays):
+        return arrays
+    return tuple(as_components(a) if isinstance(a, np.ndarray) else a for a in arrays)
+
+
+def has_pairs(x: Any) -> bool:
+    """True for a DoubleWord, and for Components of which one is."""
+    return isinstance(x, DoubleWord) or (is_components(x) and any(isinstance(c, DoubleWord) for c in x.data))
+
+
+def _known_if_unit(column: np.ndarray) -> Any:
+    number = uniform(column)
+    return column.dtype.type(number) if number is not None and number in (0, 1, -1) else jnp.asarray(column)
+
+
+def _combined(operation: Callable[..., Any], a: Any, b: Any) -> Any:
+    numbers = ([Rounded(Precision.REPRODUCIBLE, c, barrier(c)) for c in x.components] for x in (a, b))
+    return a.of([x.value for x in map(operation, *numbers)])
+
+
+_compiled: Callable[..., Any] = jax.jit(_combined, static_argnums=0, inline=True)
+
+
+# -- single components: known numbers and data, brought to one dtype and one batch -------------------------------------
+
+
+def _common_dtype(parts: Sequence[Any], dtype: Any) -> np.dtype[Any]:
+    """That of what has one, or the one named; JAX's default for Python floats alone."""
+    typed = {f"component {i}": c for i, c in enumerate(parts) if isinstance(c, check.ARRAYS)}
+    if dtype is not None:
+        typed["dtype"] = np.empty((), jax.dtypes.canonicalize_dtype(dtype))
+    check.require_same_dtype(**typed)
+    return next(iter(typed.values())).dtype if typed else jax.dtypes.canonicalize_dtype(float)
+
+
+def _over(c: Any, batch: tuple[int, ...], dtype: Any) -> Any:
+    """The component over a batch; a number in its dtype."""
+    if isinstance(c, (float, np.generic)):
+        return quietly(lambda t, number: t.type(number), np.dtype(dtype), c)
+    return jax.tree.map(functools.partial(_broadcast, batch=batch), c)
+
+
+def _broadcast(limb: Any, batch: tuple[int, ...]) -> Any:
+    # A copy of NumPy's: the caller may write to his own.
+    limb = jnp.array(limb) if isinstance(limb, np.ndarray) else limb
+    return limb if limb.shape == batch else jnp.broadcast_to(limb, batch)
+
+
+def _plain(number: float) -> float:
+    """As a Python float that equals itself: 0 for -0, one NaN for all."""
+    number = float(number)
+    return math.nan if math.isnan(number) else number + 0.0
+
+
+def _as_data(leaf: Any) -> Any:
+    """Data as what a formula computes with: a NumPy array that JAX put there would be known."""
+    return jnp.asarray(leaf) if isinstance(leaf, (np.ndarray, np.generic)) else leaf
+
+
+def _shown(leaf: Any) -> str:
+    """A number, the shape of more or of something not computed yet."""
+    if check.is_computed(leaf) and leaf.ndim == 0:
+        return f"Array({np.asarray(leaf)})"
+    return check.in_short(leaf)
+
+
+# -- an index: that of the batch, and that of the components -----------------------------------------------------------
+
+
+def _split_index(index: Any, ndim: int, has_batch: bool) -> tuple[tuple[Any, ...], Any]:
+    """An index as that of the batch and that of the components, the latter None where they do not stay unstacked.
+
+    What is known goes with any batch: without data, of an index [..., i, j] the last is taken.
+    """
+    index = index if isinstance(index, check.TUPLE) else (index,)
+    if not has_batch and len(index) > 2 and index[0] is Ellipsis and index[-1] is not None:
+        index = index[-1:]
+    indices = [i for i in index if i is not Ellipsis]
+    if len(indices) > ndim or any(i is None or _is_mask(i) for i in indices):
+        return (), None
+    before = next((k for k, i in enumerate(index) if i is Ellipsis), len(index))
+    *batch, last = *index[:before], *[slice(None)] * (ndim - len(indices)), *index[before + 1 :]
+    return tuple(batch), _which(last, is_alone=all(isinstance(i, (int, slice)) for i in batch))
+
+
+def _is_mask(i: Any) -> bool:
+    return isinstance(i, bool) or (isinstance(i, check.ARRAYS) and i.dtype == np.bool_)
+
+
+def _which(i: Any, is_alone: bool) -> Any:
+    """The index of components as an int, a slice or a list; None for traced ones, and lists beside arrays."""
+    if isinstance(i, _INTEGERS):
+        return int(i)
+    is_list = is_alone and isinstance(i, (check.LIST, check.NUMPY)) and np.ndim(i) == 1
+    return i if isinstance(i, slice) else np.asarray(i) if is_list else None

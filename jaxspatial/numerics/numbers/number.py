@@ -1,0 +1,248 @@
+"""What a formula may do with any number: constants, selections, scaling, and calls that are not inlined."""
+
+import functools
+import operator
+from collections.abc import Callable, Iterable, Sequence
+from fractions import Fraction
+from typing import Any, Protocol, Self, TypeGuard, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+
+from jaxspatial.numerics.errorfree import scaling
+from jaxspatial.numerics.errorfree.primitives import not_inlined
+from jaxspatial.numerics.numbers.corrected import Corrected
+from jaxspatial.numerics.numbers.double_word import DoubleWord
+from jaxspatial.numerics.numbers.polynomial import Polynomial
+from jaxspatial.numerics.numbers.rounded import Rounded, is_known, quietly
+
+
+class Number(Protocol):
+    """A number that formulas are written over: an array over the batch, however many digits it has, or a known number.
+
+    Beside it, on either side of an operation, may stand another of its kind or a Python number.
+    """
+
+    @property
+    def dtype(self) -> np.dtype[Any]: ...
+
+    @property
+    def limbs(self) -> tuple[Any, ...]:
+        """What it is the sum of: arrays, or numbers known while tracing."""
+        ...
+
+    def with_limbs(self, limbs: Iterable[Any], /) -> Self:
+        """A number of this kind."""
+        ...
+
+    def constant(self, number: float | Fraction, /) -> Self:
+        """The number of this kind nearest to a Fraction or Python number."""
+        ...
+
+    def of_limb(self, limb: Any, /) -> Self:
+        """A number of this kind that is one limb."""
+        ...
+
+    def rounded(self) -> Any:
+        """The number as one limb, up to rounding."""
+        ...
+
+    def __neg__(self) -> Self: ...
+
+    def __abs__(self) -> Self: ...
+
+    def __add__(self, other: Self | float, /) -> Self: ...
+
+    def __radd__(self, other: Self | float, /) -> Self: ...
+
+    def __sub__(self, other: Self | float, /) -> Self: ...
+
+    def __rsub__(self, other: Self | float, /) -> Self: ...
+
+    def __mul__(self, other: Self | float, /) -> Self: ...
+
+    def __rmul__(self, other: Self | float, /) -> Self: ...
+
+    def __truediv__(self, other: Self | float, /) -> Self: ...
+
+    def __rtruediv__(self, other: Self | float, /) -> Self: ...
+
+    def __lt__(self, other: Self | float, /) -> jax.Array: ...
+
+    def __le__(self, other: Self | float, /) -> jax.Array: ...
+
+    def __gt__(self, other: Self | float, /) -> jax.Array: ...
+
+    def __ge__(self, other: Self | float, /) -> jax.Array: ...
+
+    def sqrt(self) -> Self: ...
+
+
+Numbers = Sequence[Number]
+Mask = jax.Array  # (*batch,): what comparisons answer
+
+T = TypeVar("T")
+_KINDS: tuple[type[Number], ...] = (Rounded, Corrected, DoubleWord)
+
+
+def constant(like: Any, number: Any) -> Any:
+    """The number nearest to a Fraction or Python number, of the kind of another."""
+    return like.constant(number)
+
+
+def where(condition: Mask | bool, a: Number | float, b: Number | float) -> Number:
+    """a where the condition holds, else b; one of them may be a Python number."""
+    like: Any = a if is_number(a) else b
+    first, second = a if is_number(a) else constant(like, a), b if is_number(b) else constant(like, b)
+    if isinstance(condition, (bool, np.bool_)):
+        return first if condition else second
+    return like.with_limbs([_selected(condition, *both) for both in zip(first.limbs, second.limbs, strict=True)])
+
+
+def _selected(condition: Array, a: Any, b: Any) -> Any:
+    if is_known(a, 0) and is_known(b, 0):
+        return a
+    shape = np.broadcast_shapes(condition.shape, np.shape(a), np.shape(b))
+    return lax.select(*(jnp.broadcast_to(jnp.asarray(x), shape) for x in (condition, a, b)))
+
+
+def high(x: Number) -> jax.Array:
+    """The number as one array, up to rounding: to decide upon."""
+    return x.rounded()
+
+
+def shape_of(x: Number) -> tuple[int, ...]:
+    """That of the number as an array."""
+    return np.shape(x.limbs[0])
+
+
+def nearest_integer(x: Number) -> Number:
+    """The integer nearest to the leading limb of x, of one limb; a constant to derivatives."""
+    value = x.limbs[0]
+    if is_known(value):
+        return x.of_limb(np.round(value))
+    return x.of_limb(lax.round(lax.stop_gradient(value), lax.RoundingMethod.TO_NEAREST_EVEN))
+
+
+def frozen(x: Number) -> Number:
+    """x, a constant to derivatives."""
+    return x.with_limbs(limb if is_known(limb) else lax.stop_gradient(limb) for limb in x.limbs)
+
+
+def times_power_of_two(x: Number, e: Any) -> Number:
+    """x 2^e for integers e (*batch,), exactly but for underflow."""
+    return x.with_limbs(_limb_times_power_of_two(limb, e) for limb in x.limbs)
+
+
+def _limb_times_power_of_two(limb: Any, e: Any) -> Any:
+    if is_known(limb) and isinstance(e, np.integer):
+        return quietly(np.ldexp, limb, e)
+    return limb if is_known(limb, 0) else scaling.times_power_of_two(jnp.asarray(limb), e)
+
+
+def doubled(x: Number, times: int = 1) -> Number:
+    """x 2^times, for a number of times known while tracing."""
+    return x.with_limbs(quietly(operator.mul, limb, limb.dtype.type(2.0**times)) for limb in x.limbs)
+
+
+def halved(x: Any) -> Any:
+    """x / 2, exactly but for underflow. Of a whole sum before it is rounded: what overflows twice as large is right."""
+    return x.halved() if isinstance(x, Polynomial) else doubled(x, -1)
+
+
+def noinline_pairs(function: Callable[..., T]) -> Callable[..., T]:
+    """A function of numbers of two limbs becomes a call that the compiler does not inline.
+
+    Each of their operations is ten of the processor's; fused into one another they would be computed again for every
+    use, and compile for minutes.
+    """
+    call = noinline(function)
+
+    @functools.wraps(function)
+    def chosen(*numbers: Any) -> Any:
+        kinds = set(map(type, jax.tree.leaves(numbers, is_leaf=is_number)))
+        if Corrected in kinds:
+            return call(*numbers)
+        return not_inlined(function, *numbers) if DoubleWord in kinds else function(*numbers)
+
+    return chosen
+
+
+def noinline(function: Callable[..., T]) -> Callable[..., T]:
+    """A function of trees of numbers becomes a call that the compiler does not inline.
+
+    For what many entries of a result are made of: it would be computed again for each of them. What is known while
+    tracing stays so on both sides of the call.
+    """
+
+    @functools.wraps(function)
+    def call(*arguments: Any) -> Any:
+        data = data_of(arguments)
+        if not data:
+            return function(*arguments)
+        result: Any = None
+
+        def on_data(data: list[Any]) -> list[Any]:
+            nonlocal result
+            result = function(*with_data(arguments, data))
+            return data_of(result)
+
+        results = not_inlined(on_data, data)
+        return with_data(result, results)
+
+    return call
+
+
+def is_number(x: object) -> TypeGuard[Number]:
+    """True for a number of any kind but a polynomial."""
+    return isinstance(x, _KINDS)
+
+
+def is_constant(x: object) -> TypeGuard[Rounded | Corrected]:
+    """True for a number that is known while tracing."""
+    return isinstance(x, _KINDS) and isinstance(x.limbs[0], np.generic)
+
+
+def data_of(tree: Any) -> list[jax.Array]:
+    """The arrays of a tree of numbers: what of it is not known while tracing."""
+    return [x for x in jax.tree.leaves(tree) if isinstance(x, jax.Array)]
+
+
+def with_data(tree: T, data: Iterable[Any]) -> T:
+    """The tree, with other data in place of that which `data_of` finds."""
+    leaves, structure = jax.tree.flatten(tree)
+    rest = iter(data)
+    return jax.tree.unflatten(structure, [next(rest) if isinstance(x, jax.Array) else x for x in leaves])
+
+
+def as_data(x: Number, shape: tuple[int, ...] | None = None) -> Number:
+    """The number without limbs that are known while tracing: a loop has the same of these in every pass.
+
+    shape: over which, if not over its own.
+    """
+    shape = shape_of(x) if shape is None else shape
+    return x.with_limbs([jnp.full(shape, y) if is_known(y) else jnp.broadcast_to(y, shape) for y in x.limbs])
+
+
+def mapped(function: Callable[..., Array], *numbers: Number) -> Number:
+    """A function of arrays, applied to numbers that are data, limb by limb; what is known of all to be 0 stays so."""
+    limbs = list(zip(*[x.limbs for x in numbers], strict=True))
+    known = [all([isinstance(y, np.generic) and y == 0 for y in same]) for same in limbs]
+    if not all(known[1:]):
+        limbs = zip(*[as_data(x).limbs for x in numbers], strict=True)
+    return numbers[0].with_limbs([y[0] if k else function(*y) for y, k in zip(limbs, known, strict=True)])
+
+
+def repeated(function: Callable[[Numbers], Numbers], times: int, numbers: Numbers) -> Numbers:
+    """The function of a tuple of numbers applied to its own result so many times, as a loop: to be compiled once."""
+    if any(map(is_constant, numbers)):
+        return functools.reduce(lambda x, _: function(x), range(times), numbers)
+    numbers = tuple(as_data(x) for x in numbers)
+
+    def step(data: list[Any], _: None):
+        result = function(with_data(numbers, data))
+        return data_of([as_data(x, shape_of(like)) for x, like in zip(result, numbers, strict=True)]), None
+
+    return with_data(numbers, lax.scan(step, data_of(numbers), length=times)[0])

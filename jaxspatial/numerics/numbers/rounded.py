@@ -1,0 +1,234 @@
+"""Numbers rounded as the precision says: an array over the batch, or a number known while tracing, which folds.
+
+A component that is known to be 0 or 1 leaves no operation behind, so that a formula written once becomes the program of
+exactly this scene. A known 0 is an exact zero, also next to an infinity or a NaN; a 0 that arrives as data behaves as
+IEEE 754 says. No axis of length 3 is ever reduced, and no product of matrices reaches a BLAS.
+"""
+
+import contextlib
+import operator
+from collections.abc import Callable, Iterable, Sequence
+from fractions import Fraction
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+
+from jaxspatial.numerics import check
+from jaxspatial.numerics.errorfree.barrier import no_reassociation, product, quotient
+from jaxspatial.numerics.precision import Precision
+
+# In "fast" the compiler may make one fma of a product and the addition that follows: error <= u |a b|, or none.
+_PRODUCT = {Precision.FAST: lax.mul, Precision.REPRODUCIBLE: product}
+
+# Operands that are not arrays of JAX: numbers known while tracing, and what stands for an array.
+# Its stub knows no operators.
+_KNOWN: type[Any] = np.generic
+_NO_ARRAYS: Any = (np.generic, check.StandIn)
+# Factors that leave no product behind.
+_UNITS = 0, 1, -1
+
+
+def is_known(a: Any, *values: float) -> bool:
+    """True for a number known while tracing, and, if there are values, only where it is one of them."""
+    return isinstance(a, np.generic) and (not values or a in values)
+
+
+def uniform(column: np.ndarray) -> Any:
+    """The number that a NumPy array is throughout, or None."""
+    first = column.flat[0] if column.size else None
+    return first if first is not None and (column == first).all() else None
+
+
+@contextlib.contextmanager
+def in_double():
+    """Within, numbers that are known stay known, also while JAX traces a function around; in float64."""
+    with jax.ensure_compile_time_eval(), jax.enable_x64(True):
+        yield
+
+
+# -- one operation -----------------------------------------------------------------------------------------------------
+# Of arrays (*batch,), known numbers and double words. These are called for each operation of each formula: they test
+# for `np.generic`, which is what `is_known` does, themselves.
+
+
+def add(a: Any, b: Any, precision: Precision) -> Any:
+    if isinstance(a, np.generic) and a == 0:
+        return b
+    return a if isinstance(b, np.generic) and b == 0 else rounded_sum(operator.add, a, b, precision)
+
+
+def subtract(a: Any, b: Any, precision: Precision) -> Any:
+    if isinstance(a, np.generic) and a == 0:
+        return -b
+    return a if isinstance(b, np.generic) and b == 0 else rounded_sum(operator.sub, a, b, precision)
+
+
+def rounded_sum(operation: Callable[..., Any], a: Any, b: Any, precision: Precision) -> Any:
+    """fl(a + b) or fl(a - b), also next to another sum with constants.
+
+    In "fast" a compiler may rearrange them: holding on to every sum makes programs a quarter longer.
+    """
+    if isinstance(a, _NO_ARRAYS) or isinstance(b, _NO_ARRAYS):
+        result = quietly(operation, *broadcast(a, b))
+    else:
+        result = operation(a, b) if a.shape == b.shape else operation(*broadcast(a, b))
+    return result if precision is Precision.FAST or not isinstance(result, Array) else no_reassociation(result)
+
+
+def multiply(a: Any, b: Any, precision: Precision) -> Any:
+    if isinstance(a, _NO_ARRAYS) or isinstance(b, _NO_ARRAYS):
+        if isinstance(a, _KNOWN) and a in _UNITS:
+            return a * a if a == 0 else b if a == 1 else -b
+        if isinstance(b, _KNOWN) and b in _UNITS:
+            return b * b if b == 0 else a if b == 1 else -a
+        a, b = broadcast(a, b)
+        if isinstance(a, _NO_ARRAYS) or isinstance(b, _NO_ARRAYS):
+            return quietly(operator.mul, a, b)
+    return _PRODUCT[precision](a, b) if a.shape == b.shape else _PRODUCT[precision](*broadcast(a, b))
+
+
+def divide(a: Any, b: Any, _: Precision) -> Any:
+    """a / b; rounded on its own in every precision."""
+    if is_known(b, 1) or is_known(a, 0):
+        return a
+    a, b = broadcast(a, b)
+    if isinstance(a, _NO_ARRAYS) or isinstance(b, _NO_ARRAYS):
+        return quietly(check.truediv, a, b)
+    return quotient(a, b)
+
+
+def quietly(operation: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
+    """The operation; on numbers known while tracing NumPy does it now, as silent about overflow and NaN as JAX is."""
+    with np.errstate(all="ignore"):
+        return operation(a, b)
+
+
+def broadcast(a: Any, b: Any) -> tuple[Any, Any]:
+    """a and b over one shape; a known number beside an array made an array. A double word broadcasts itself."""
+    is_known_a, is_known_b = isinstance(a, np.generic), isinstance(b, np.generic)
+    if (is_known_a and is_known_b) or isinstance(a, check.StandIn) or isinstance(b, check.StandIn):
+        return a, b
+    if is_known_a or is_known_b:
+        return (jnp.full_like(b, a), b) if is_known_a else (a, jnp.full_like(a, b))
+    if a.shape == b.shape:
+        return a, b
+    shape = np.broadcast_shapes(a.shape, b.shape)
+    return jnp.broadcast_to(a, shape), jnp.broadcast_to(b, shape)
+
+
+# -- numbers -----------------------------------------------------------------------------------------------------------
+
+
+class Compared:
+    """Base of kinds of which all comparisons are made in one way."""
+
+    def compared(self, comparison: Callable[[Any, Any], Any], other: Any) -> Any:
+        """What the comparison, one of arrays, answers for this and the other."""
+        raise NotImplementedError
+
+    def __lt__(self, other: Any) -> jax.Array:
+        return self.compared(operator.lt, other)
+
+    def __le__(self, other: Any) -> jax.Array:
+        return self.compared(operator.le, other)
+
+    def __gt__(self, other: Any) -> jax.Array:
+        return self.compared(operator.gt, other)
+
+    def __ge__(self, other: Any) -> jax.Array:
+        return self.compared(operator.ge, other)
+
+
+def _operator(operation: Callable[[Any, Any, Precision], Any]) -> Callable[["Rounded", Any], Any]:
+    """The operator of Rounded for an operation on operands. An operand that comes back as it went in is its number."""
+
+    def combined(self: "Rounded", other: Any) -> Any:
+        if not isinstance(other, Rounded):
+            if isinstance(other, Sequence):
+                return NotImplemented  # A vector, which knows its multiples itself.
+            other = self.constant(other)
+        result = operation(self.operand, other.operand, self.precision)
+        if result is self.operand:
+            return self
+        return other if result is other.operand else Rounded(self.precision, result)
+
+    return combined
+
+
+class Rounded(Compared):
+    """An array over the batch, or a number known while tracing, whose operations are rounded as the precision says.
+
+    JAX takes it for a tree of one array, or of one known number.
+    """
+
+    __slots__ = ("precision", "value", "operand")
+
+    def __init__(self, precision: Precision, value: Any = None, operand: Any = None):
+        """operand: the value to compute with, where that is behind a barrier; one of both may be left out."""
+        self.precision = precision
+        self.value = operand if value is None else value
+        self.operand = value if operand is None else operand
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return np.dtype(self.value.dtype)
+
+    @property
+    def limbs(self) -> tuple[Any, ...]:
+        return (self.operand,)
+
+    def with_limbs(self, limbs: Iterable[Any]) -> "Rounded":
+        """A number of this kind."""
+        return Rounded(self.precision, *limbs)
+
+    def constant(self, number: float | Fraction) -> "Rounded":
+        return Rounded(self.precision, self.dtype.type(float(number)))
+
+    def of_limb(self, limb: Any) -> "Rounded":
+        return Rounded(self.precision, limb)
+
+    def rounded(self) -> Any:
+        return self.value
+
+    __add__ = __radd__ = _operator(add)
+    __sub__ = _operator(subtract)
+    __mul__ = __rmul__ = _operator(multiply)
+    __truediv__ = _operator(divide)
+
+    def __rsub__(self, other: Any) -> "Rounded":
+        return self.constant(other) - self
+
+    def __rtruediv__(self, other: Any) -> "Rounded":
+        return self.constant(other) / self
+
+    def __neg__(self) -> "Rounded":
+        operand: Any = self.operand
+        return Rounded(self.precision, -operand)
+
+    def __abs__(self) -> "Rounded":
+        return Rounded(self.precision, abs(self.value))
+
+    def compared(self, comparison: Callable[[Any, Any], Any], other: "Rounded | float") -> Any:
+        other = other if isinstance(other, Rounded) else self.constant(other)
+        return comparison(*broadcast(self.operand, other.operand))
+
+    def sqrt(self) -> "Rounded":
+        return Rounded(self.precision, np.sqrt(self.value) if is_known(self.value) else _root(self.operand))
+
+
+jax.tree_util.register_dataclass(Rounded, data_fields=("operand",), meta_fields=("precision",))
+
+
+@jax.custom_jvp
+def _root(x: Array) -> Array:
+    return lax.sqrt(x)
+
+
+@_root.defjvp  # pyright: ignore[reportFunctionMemberAccess]
+def _root_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    """dx / (2 sqrt(x)), the quotient rounded on its own: `lax.sqrt` has one that depends on the program around it."""
+    root = _root(*primals)
+    return root, quotient(*tangents, root + root)

@@ -1,0 +1,371 @@
+"""Types that JAX knows as trees of arrays, and what all of them with a batch can do: change dtype, be indexed, stacked
+and compared."""
+
+import dataclasses
+import functools
+import operator
+import typing
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import jax
+import jax.export
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.numerics import check
+from jaxspatial.numerics.numbers.components import as_array
+from jaxspatial.numerics.numbers.double_word import DoubleWord, to_double_word
+from jaxspatial.numerics.types import BatchShape, DTypeLike
+
+_Class = typing.TypeVar("_Class")
+_Kind = typing.TypeVar("_Kind", bound="Quantity")
+
+
+@typing.dataclass_transform(eq_default=False, frozen_default=True)
+def tree(cls: type[_Class]) -> type[_Class]:
+    """Class decorator: a frozen dataclass, known to JAX as a pytree, that can be exported.
+
+    JAX rebuilds it with whatever leaves it needs, without the checks that `__post_init__` makes of a caller's.
+    """
+    cls = _registered(cls)
+    jax.export.register_pytree_node_serialization(
+        cls,
+        serialized_name=f"jaxspatial.{cls.__name__}",
+        serialize_auxdata=lambda _: b"",
+        deserialize_auxdata=lambda _: (),
+    )
+    return cls
+
+
+@typing.dataclass_transform(eq_default=False, frozen_default=True)
+def tree_of(structure: str) -> typing.Callable[[type[_Class]], type[_Class]]:
+    """As `tree`, with one field that is no array but part of the structure: it has to be hashable."""
+    return lambda cls: _registered(cls, structure)
+
+
+def exported(cls: type[_Class]) -> type[_Class]:
+    """Class decorator of a NamedTuple, a pytree by nature: it can be exported, for which JAX wants a name to write."""
+    jax.export.register_namedtuple_serialization(cls, serialized_name=f"jaxspatial.{cls.__name__}")
+    return cls
+
+
+def _registered(cls, *static: str):
+    cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
+    names = [field.name for field in dataclasses.fields(cls) if field.name not in static]
+    keys: list[Any] = [jax.tree_util.GetAttrKey(name) for name in names]
+    order, parts = (*static, *names), _getter(names)
+    # JAX asks for the parts often: no call more than they take.
+    structure = _getter(static) if static else None
+
+    def unflatten(static_parts: tuple[Any, ...], leaves: Iterable[Any]):
+        x = object.__new__(cls)
+        vars(x).update(zip(order, (*static_parts, *leaves), strict=True))
+        return x
+
+    jax.tree_util.register_pytree_with_keys(
+        cls,
+        lambda x: (tuple(zip(keys, parts(x), strict=True)), structure(x) if structure else ()),
+        unflatten,
+        lambda x: (parts(x), structure(x) if structure else ()),
+    )
+    return cls
+
+
+def _getter(names: Sequence[str]) -> Callable[[Any], tuple[Any, ...]]:
+    """The fields of these names, in a tuple."""
+    return operator.attrgetter(*names) if len(names) > 1 else lambda x: tuple(getattr(x, name) for name in names)
+
+
+def rebuilt(cls: type[_Class], names: Iterable[str], parts: Iterable[Any]) -> _Class:
+    """An object of these parts, unchecked."""
+    x = object.__new__(cls)
+    vars(x).update(zip(names, parts, strict=True))
+    return x
+
+
+class Quantity:
+    """Base of spatial vectors, rotations, transforms and inertias: one item, or a batch of them.
+
+    `==` and `!=` compare numbers, one answer per item of the batch: True where all components are equal, never with
+    NaN. What rounding leaves different is for `is_approx` and its like. Hashes are those of the object.
+    """
+
+    # NumPy and JAX arrays on the left of an operator leave it to us.
+    __array_ufunc__ = None
+
+    # The method that gives the numbers as an array.
+    _as_array: typing.ClassVar[str] = "to_matrix"
+
+    if typing.TYPE_CHECKING:
+        # The names of the fields, as dataclasses have it.
+        __match_args__: typing.ClassVar[tuple[str, ...]]
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """The batch shape."""
+        return check.batch_shape(*self.vectors)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The dtype of the numbers."""
+        return np.dtype(self.vectors[0].dtype)
+
+    @property
+    def vectors(self) -> tuple[Any, ...]:
+        """All that this consists of, as arrays (*batch, n): its fields, unless a kind says otherwise."""
+        return tuple(getattr(self, name) for name in self.__match_args__)
+
+    def with_vectors(self, vectors: Iterable[Any]) -> typing.Self:
+        """The same kind of quantity made of others.
+
+        Args:
+            vectors: arrays as those of `vectors`, in that order; *unchecked*.
+
+        Returns:
+            The same kind, over the batch of the arrays.
+
+        Error: none, it is exact.
+        """
+        return rebuilt(type(self), self.__match_args__, vectors)
+
+    def astype(self, dtype: DTypeLike | None) -> typing.Self:
+        """The same with all numbers rounded to another dtype.
+
+        Args:
+            dtype: any; of NumPy's numbers also one that JAX has switched off. None and Python's `float` are JAX's
+                default.
+
+        Returns:
+            The same kind. NumPy stays NumPy.
+
+        Raises:
+            TypeError: the dtype is not floating point.
+
+        Error: each number is rounded once.
+        """
+        converted = operator.methodcaller("astype", check.as_dtype(dtype))
+        with np.errstate(all="ignore"):
+            return jax.tree.map(converted, self, is_leaf=lambda x: isinstance(x, check.StandIn))
+
+    def at_batch(self, index: Any) -> typing.Self:
+        """The items at an index of the batch, as NumPy has it.
+
+        Args:
+            index: an integer, a slice, a mask, an array of integers, or a tuple of them (`numpy.s_[:, 0]`).
+
+        Returns:
+            The same kind, of the batch shape that NumPy gives.
+
+        Raises:
+            IndexError: it is known to be out of range; traced integers are clamped, as in JAX.
+
+        Error: none, it is exact.
+        """
+        index = tuple(map(_narrow_index, index if isinstance(index, check.TUPLE) else (index,)))
+        _require_in_range(self, index)
+        # Of what consists of known numbers alone there is one for any batch.
+        items = (x if check.goes_with_any_batch(x) else x[(*index, slice(None))] for x in self.vectors)
+        return self.with_vectors(items)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> typing.NoReturn:
+        """Says what to call: `np.asarray` would make an array of one object of it. `jnp.asarray` comes here, too."""
+        raise TypeError(f"asarray: expected an array, got {type(self).__name__}; its numbers are x.{self._as_array}()")
+
+    def __eq__(self, other: Any) -> Any:
+        """Where all components are equal: a mask (*batch,)."""
+        if type(other) is not type(self):
+            return _not_comparable(self, other)
+        numeric = _is_numeric(self), _is_numeric(other)
+        if not all(numeric):
+            return not any(numeric) and _fields(self) == _fields(other)
+        a, b = matched(self, other, "==")
+        parts = ([as_array(v, x.batch_shape) for v in x.vectors] for x in (a, b))
+        return functools.reduce(check.and_, map(_all_equal, *parts))
+
+    def __ne__(self, other: Any) -> Any:
+        equal = self == other
+        return equal if equal is NotImplemented else not equal if isinstance(equal, bool) else ~equal
+
+    __hash__ = object.__hash__
+
+
+class Additive(Quantity):
+    """Base of the quantities that can be zero: spatial vectors and inertias."""
+
+    # The shapes of the fields of one item.
+    _items: typing.ClassVar[tuple[tuple[int, ...], ...]] = ()
+
+    if typing.TYPE_CHECKING:
+        # What each kind has: how it is moved and re-expressed, see `jaxspatial.spatial.operations`.
+        def _shift(self, p_PQ_E, w, precision) -> typing.Self: ...
+        def _rotate(self, R_AE, precision) -> typing.Self: ...
+        def _act(self, X_AB, w, precision) -> typing.Self: ...
+        def _act_inverse(self, X_AB, w, precision) -> typing.Self: ...
+
+    @classmethod
+    def zero(cls, batch_shape: BatchShape = (), dtype: DTypeLike | None = None) -> typing.Self:
+        """Zeros, known while tracing: what is added to them, or made of them, leaves no operation behind.
+
+        Args:
+            batch_shape: an integer or a tuple.
+            dtype: of floating point; None takes JAX's default.
+
+        Returns:
+            The zero of this kind, over the batch shape.
+
+        Raises:
+            TypeError: the dtype is not floating point.
+
+        Error: none, it is exact.
+        """
+        return cls._filled(0, batch_shape, dtype)
+
+    @classmethod
+    def nan(cls, batch_shape: BatchShape = (), dtype: DTypeLike | None = None) -> typing.Self:
+        """NaNs, for what is yet to be set.
+
+        Args:
+            batch_shape: an integer or a tuple.
+            dtype: of floating point; None takes JAX's default.
+
+        Returns:
+            The kind, all of it NaN, over the batch shape.
+
+        Raises:
+            TypeError: the dtype is not floating point.
+
+        Error: none, nothing is computed.
+        """
+        return cls._filled(np.nan, batch_shape, dtype)
+
+    @classmethod
+    def _filled(cls, value: float, batch_shape: BatchShape, dtype: DTypeLike | None) -> typing.Self:
+        batch, dtype = (batch_shape,) if isinstance(batch_shape, int) else batch_shape, check.as_dtype(dtype)
+        arrays = [np.full((*batch, *item), value, dtype) for item in cls._items]
+        return cls(*arrays)
+
+
+def require_compatible(**arguments: Any) -> tuple[int, ...]:
+    """The common batch shape of quantities and arrays (*batch, n) by name, which are to be of one dtype."""
+    check.require_same_dtype(**arguments)
+    shapes: dict[str, Any] = {}
+    for name, x in arguments.items():
+        shapes[name] = x.batch_shape if isinstance(x, Quantity) else x.shape[:-1]
+    return check.common_batch_shape(**shapes)
+
+
+def matched(a: _Kind, b: _Kind, operation: str) -> tuple[_Kind, _Kind]:
+    """a and b, of one kind and dtype, over their common batch."""
+    if type(a) is not type(b):
+        raise TypeError(f"{operation}: expected two of one kind, got {type(a).__name__} and {type(b).__name__}")
+    a, b = check.same_dtype(left=a, right=b).values()
+    batch = check.common_batch_shape(left=a.batch_shape, right=b.batch_shape)
+    over = functools.partial(check.broadcast_batch, batch)
+    return a.with_vectors(over(*a.vectors)), b.with_vectors(over(*b.vectors))
+
+
+def stack(quantities: Iterable[_Kind], axis: int = 0) -> _Kind:
+    """Quantities of one kind, dtype and batch shape as a batch, along a new axis of the batch.
+
+        F = js.stack([F_1, F_2, F_3])          # batch shape (3,); F.at_batch(0) is F_1
+
+    Args:
+        quantities: spatial vectors, rotations, transforms or inertias, all of one kind.
+        axis: where in the batch shape of the result the new axis is: -1 is the last axis of the batch.
+
+    Returns:
+        The same kind. All NumPy stays NumPy.
+
+    Raises:
+        TypeError: kinds or dtypes differ.
+        ValueError: batch shapes differ, there is no such axis, or there is nothing to stack.
+
+    Error: none, it is exact.
+    """
+    arguments = {f"quantities[{i}]": x for i, x in enumerate(quantities)}
+    _require_one_kind(arguments)
+    items = list(check.same_dtype(**arguments).values())
+    batch = items[0].batch_shape
+    place = check.batch_axis(axis, (*batch, len(items)), "stack")
+    columns = zip(*(x.vectors for x in items), strict=True)
+    return items[0].with_vectors([_stacked(vectors, batch, place) for vectors in columns])
+
+
+def _require_one_kind(arguments: dict[str, Any]) -> None:
+    if not arguments:
+        raise ValueError("stack: expected at least one quantity, got none")
+    for name, x in arguments.items():
+        if not isinstance(x, Quantity):
+            raise TypeError(f"stack: {name}: expected a spatial vector or the like, got {type(x).__name__}")
+    _require_equal({name: type(x).__name__ for name, x in arguments.items()}, "one kind", TypeError)
+    _require_equal({name: x.batch_shape for name, x in arguments.items()}, "equal batch shapes", ValueError)
+
+
+def _require_equal(arguments: dict[str, Any], expected: str, error: type[Exception]) -> None:
+    first, *others = arguments.items()
+    for name, other in others:
+        if other != first[1]:
+            raise error(f"stack: expected {expected}, got {first[0]}: {first[1]}, {name}: {other}")
+
+
+def _stacked(vectors: Sequence[Any], batch: tuple[int, ...], place: int):
+    """What is known of Components stays so where it is the same in all."""
+    forms: set[Any] = {jax.tree.structure(x) for x in vectors}
+    if len(forms) > 1:
+        vectors = [as_array(x, batch) for x in vectors]
+        is_pair = any(isinstance(x, DoubleWord) for x in vectors)
+        vectors = to_double_word(vectors) if is_pair else vectors
+    return jax.tree.map(lambda *limbs: _stacked_limbs(limbs, place), *vectors)
+
+
+def _stacked_limbs(limbs: Sequence[Any], place: int):
+    if all(isinstance(limb, np.ndarray) for limb in limbs):
+        return np.stack(limbs, place)
+    return jnp.stack([jnp.asarray(limb) for limb in limbs], place)
+
+
+def moved_to_last(vectors: Iterable[Any], place: int, batch_shape: tuple[int, ...]) -> list[Any]:
+    """Arrays (*batch, n) with one axis of the batch behind the others; Components without data have none."""
+    last = len(batch_shape) - 1
+    moved = functools.partial(jnp.moveaxis, source=place, destination=last)
+    return [jax.tree.map(moved, x) if place != last else x for x in vectors]
+
+
+def _narrow_index(i):
+    """Integers of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on."""
+    i = np.asarray(i, None if i else np.int32) if isinstance(i, check.LIST) else i
+    return i.astype(np.int32) if isinstance(i, check.NUMPY) and i.dtype.kind in "iu" else i
+
+
+def _require_in_range(x, index: tuple[Any, ...]) -> None:
+    """JAX takes the last item for what is out of range."""
+    if any(isinstance(i, jax.Array) for i in index):
+        return
+    try:
+        np.broadcast_to(np.False_, x.batch_shape)[index]
+    except IndexError as error:
+        kind = type(x).__name__
+        raise IndexError(f"{kind}.at_batch: expected an index of a batch of shape {x.batch_shape}: {error}") from None
+
+
+def _all_equal(x, y):
+    equal = x == y
+    return functools.reduce(check.and_, [equal[..., i] for i in range(equal.shape[-1])])
+
+
+def _not_comparable(x, other: object):
+    """Numbers and arrays are no quantities, and unequal quantities of two kinds have no answer: say so."""
+    if isinstance(other, (Quantity, int, float, complex, *check.ARRAYS)):
+        kinds = f"{type(x).__name__} and {type(other).__name__}"
+        raise TypeError(f"==: expected two of one kind, got {kinds}; numbers are in x.to_array() or x.to_matrix()")
+    return NotImplemented
+
+
+def _fields(x) -> list[Any]:
+    return [getattr(x, field.name) for field in dataclasses.fields(x)]
+
+
+def _is_numeric(x) -> bool:
+    """False for a tree that describes trees, see `check.is_tree_mark`."""
+    return all(isinstance(leaf, check.ARRAYS) for leaf in jax.tree.leaves(x, is_leaf=lambda leaf: leaf is None))

@@ -1,0 +1,163 @@
+"""Sums of products as one primitive: what precisions that look at a whole sum are made of.
+
+It takes arrays and a list of polynomials in their components. Tangents and pull-backs of a sum of products are sums of
+products again, evaluated by the same primitive: derivatives of every order keep the promise of their precision, and a
+cotangent that many terms contribute to is rounded once, over a batch that shares one item too.
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array, lax
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+from jaxspatial.numerics.errorfree.primitives import common_spec, compiled, is_zero, no_tangent, rule, same_sharding
+from jaxspatial.numerics.numbers.polynomial import Term
+from jaxspatial.numerics.sums.evaluation import Plan, Sum, evaluate
+
+
+def bind_nonzero(plan: Plan, sums: Sequence[Sum], arrays: Sequence[Array]) -> list[Any]:
+    """For each Sum its result, a list of one array or of the two of a pair; None for a Sum without terms.
+
+    Arrays have the components on the plan's axis, and on each axis of the batch its size or 1.
+    """
+    nonzero = [i for i, s in enumerate(sums) if any(s.components)]
+    if not nonzero:
+        return [None] * len(sums)
+    results = _bind(plan._replace(sums=tuple(sums[i] for i in nonzero)), arrays)
+    width = 1 + plan.is_pair
+    by_sum = {i: results[width * place : width * (place + 1)] for place, i in enumerate(nonzero)}
+    return [by_sum.get(i) for i in range(len(sums))]
+
+
+def _bind(plan: Plan, arrays: Sequence[Array]) -> list[Array]:
+    """All Sums of the plan, with the arrays that they use."""
+    used = sorted({j for s in plan.sums for terms in s.components for t in terms for j, _ in t.factors})
+    places = {j: i for i, j in enumerate(used)}
+
+    def relabelled(t: Term) -> Term:
+        return Term(t.sign, tuple((places[j], k) for j, k in t.factors))
+
+    sums = [s._replace(components=tuple(tuple(map(relabelled, terms)) for terms in s.components)) for s in plan.sums]
+    arrays = same_sharding(*(arrays[j] for j in used), components=plan.axis)
+    return _sums_p.bind(*arrays, plan=plan._replace(sums=tuple(sums)))
+
+
+def _abstract(*arrays, plan: Plan) -> list[Any]:
+    like = arrays[0]
+    common = common_spec([a.sharding.spec for a in arrays])
+    results: list[Any] = []
+    for shape in map(plan.shape, plan.sums):
+        spec = [None if n == 1 or i == plan.axis else common[i] for i, n in enumerate(shape)]
+        sharding = like.sharding.update(spec=jax.sharding.PartitionSpec(*spec))
+        results += [like.update(shape=shape, sharding=sharding, weak_type=False)] * (1 + plan.is_pair)
+    return results
+
+
+# -- derivatives -------------------------------------------------------------------------------------------------------
+
+
+def _jvp(primals: Sequence[Array], tangents: Sequence[Any], *, plan: Plan) -> tuple[list[Array], list[Any]]:
+    results = _sums_p.bind(*primals, plan=plan)
+    n = len(primals)
+    moving = {j: n + j for j, t in enumerate(tangents) if not is_zero(t)}
+    sums = [s._replace(components=tuple(_differential(terms, moving) for terms in s.components)) for s in plan.sums]
+    differentials = bind_nonzero(plan, sums, [*primals, *tangents])
+    width = 1 + plan.is_pair
+    flat = [d for pair in differentials for d in (pair or [None] * width)]
+    return results, [no_tangent(x) if d is None else d for x, d in zip(results, flat, strict=True)]
+
+
+def _differential(terms: Sequence[Term], moving: dict[int, int]) -> tuple[Term, ...]:
+    """The product rule: each factor in turn replaced by its tangent."""
+    return tuple(
+        Term(t.sign, (*t.factors[:i], (moving[j], k), *t.factors[i + 1 :]))
+        for t in terms
+        for i, (j, k) in enumerate(t.factors)
+        if j in moving
+    )
+
+
+def _transpose(cotangents: Sequence[Any], *arrays, plan: Plan) -> list[Any]:
+    """The low limb of a pair is a rounding error: its cotangent counts for nothing."""
+    cotangents = [_shared(plan, s, c) for s, c in zip(plan.sums, cotangents[:: 1 + plan.is_pair], strict=True)]
+    n = len(arrays)
+    incoming = {o: n + o for o, c in enumerate(cotangents) if not is_zero(c)}
+    linear = [j for j, x in enumerate(arrays) if ad.is_undefined_primal(x)]
+    sums = [_pulled_back(plan, incoming, j, arrays[j].aval) for j in linear]
+    pulled = bind_nonzero(plan._replace(is_pair=False), sums, [*arrays, *cotangents])
+    by_array = {j: x[0] for j, x in zip(linear, pulled, strict=True) if x is not None}
+    return [by_array.get(j) for j in range(n)]
+
+
+def _shared(plan: Plan, s: Sum, cotangent):
+    """The cotangent of the sum of the terms alone."""
+    if not s.shares or is_zero(cotangent):
+        return cotangent
+    shares = np.asarray(s.shares, cotangent.dtype).reshape([-1 if i == plan.axis else 1 for i in range(cotangent.ndim)])
+    return lax.mul(cotangent, jnp.broadcast_to(shares, cotangent.shape))
+
+
+def _pulled_back(plan: Plan, incoming: dict[int, int], j: int, aval) -> Sum:
+    """The Sum for the cotangent of array j: from every term that has one of its components, the other factors."""
+    components: list[list[Term]] = [[] for _ in range(aval.shape[plan.axis])]
+    for o, s in enumerate(plan.sums):
+        for k, terms in enumerate(s.components):
+            for sign, factors in terms if o in incoming else ():
+                for i, (array, component) in enumerate(factors):
+                    if array == j:
+                        others = (*factors[:i], *factors[i + 1 :], (incoming[o], k))
+                        components[component].append(Term(sign, others))
+    batch = aval.shape[1:] if plan.leading else aval.shape[:-1]
+    reduced = tuple(i for i, (one, n) in enumerate(zip(batch, plan.batch, strict=True)) if one != n)
+    return Sum(tuple(map(tuple, components)), reduced)
+
+
+# -- batching and lowering ---------------------------------------------------------------------------------------------
+
+
+def _batch(arrays: Sequence[Array], axes: Sequence[int | None], *, plan: Plan) -> tuple[list[Array], list[int]]:
+    """The new axis stays where it is if it is there in all, behind the components where it comes behind them."""
+    mapped = {axis for axis in axes if axis is not None}
+    leading = plan.leading if plan.batch else mapped == {1}
+    at = mapped.pop() if len(mapped) == 1 else -1
+    first, last = (1, 1 + len(plan.batch)) if leading else (0, len(plan.batch))
+    at = at if first <= at <= last else first
+    size = next(x.shape[axis] for x, axis in zip(arrays, axes, strict=True) if axis is not None)
+    moved = [
+        lax.expand_dims(x, [at]) if axis is None else jnp.moveaxis(x, axis, at)
+        for x, axis in zip(arrays, axes, strict=True)
+    ]
+    batched = _batched_plan(plan, at - first, size, leading)
+    results = _sums_p.bind(*same_sharding(*moved, components=batched.axis), plan=batched)
+    return results, [at] * len(results)
+
+
+def _batched_plan(plan: Plan, place: int, size: int, leading: bool) -> Plan:
+    sums = tuple(s._replace(reduced=tuple(i + (i >= place) for i in s.reduced)) for s in plan.sums)
+    batch = (*plan.batch[:place], size, *plan.batch[place:])
+    return plan._replace(sums=sums, batch=batch, leading=leading)
+
+
+@functools.cache
+def _compiled(plan: Plan) -> Callable[..., list[Array]]:
+    return compiled(_sums_p, plan=plan)
+
+
+def _call(*arrays: Array, plan: Plan) -> list[Array]:
+    return _compiled(plan)(*arrays)
+
+
+_sums_p: Any = Primitive("jaxspatial_sums")
+_sums_p.multiple_results = True
+_sums_p.def_abstract_eval(_abstract)
+_sums_p.def_impl(_call)
+mlir.register_lowering(_sums_p, rule(evaluate))
+ad.primitive_jvps[_sums_p] = _jvp
+ad.primitive_transposes[_sums_p] = _transpose
+batching.primitive_batchers[_sums_p] = _batch

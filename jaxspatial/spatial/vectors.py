@@ -1,0 +1,681 @@
+"""Spatial vectors: two 3-vectors, rotational on top of translational, about one point, in one frame.
+
+Names say which point, which body and which frame (monogram notation: `F_Bp_E` acts on body B at point Bp, expressed in
+frame E). They are never stored: vectors of different frames can be stacked, scanned and batched.
+
+Each kind implements `shift`, `dot`, `cross`, `rotate`, `act` and `act_inverse` as methods `_shift`, `_dot` and so on.
+The generic functions in `operations` document and call them.
+"""
+
+import operator
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.numerics import check
+from jaxspatial.numerics.check import refuse, require_kind
+from jaxspatial.numerics.errorfree.barrier import barrier, product, quotient
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.linear import Motion, Pose, Summed, Vector, Wrench, cross
+from jaxspatial.numerics.numbers.components import Components, as_array, is_zero, zero
+from jaxspatial.numerics.numbers.double_word import DoubleWord, from_double_word, to_double_word
+from jaxspatial.numerics.numbers.rounded import is_known, quietly
+from jaxspatial.numerics.promise import OfSum, Promise, promises
+from jaxspatial.numerics.quantity import Additive, Quantity, matched, moved_to_last, require_compatible, tree
+from jaxspatial.numerics.types import ArrayLike, PrecisionName
+from jaxspatial.rotation.rotation import Rotation, rotated_together
+from jaxspatial.spatial import algebra
+
+if TYPE_CHECKING:
+    from jaxspatial.spatial.transform import RigidTransform
+
+_Kind = TypeVar("_Kind", bound=Quantity)
+# Default of a part that is left out: a known zero, which takes the dtype of the other part.
+LEFT_OUT: Any = Components(0.0, 0.0, 0.0, dtype=np.float32)
+# Error bounds of velocity and acceleration in a moving frame, see `numerics.promise`.
+COMPOSED, COMPOSED_ACCELERATION = Promise(4, 4), Promise(10, 32)
+
+# -- formulas over arrays; results in the layout of the parts they are added to ---------------------------------------
+
+_shifted_motion = formula(algebra.shifted_motion, of_sums=True)
+_shifted_acceleration = formula(algebra.shifted_acceleration, of_sums=True)
+_shifted_wrench = formula(algebra.shifted_wrench, of_sums=True)
+_acted_motion = formula(algebra.acted_motion, of_sums=True, layout=(2, 3))
+_acted_acceleration = formula(algebra.acted_acceleration, of_sums=True, layout=(2, 3))
+_acted_wrench = formula(algebra.acted_wrench, of_sums=True, layout=(2, 3))
+_inverse_acted_motion = formula(algebra.inverse_acted_motion, of_sums=True, layout=(2, 3))
+_inverse_acted_acceleration = formula(algebra.inverse_acted_acceleration, of_sums=True, layout=(2, 3))
+_inverse_acted_wrench = formula(algebra.inverse_acted_wrench, of_sums=True, layout=(2, 3))
+_crossed_motion = formula(algebra.cross_motion, of_sums=True, layout=(2, 3))
+_crossed_wrench = formula(algebra.cross_force, of_sums=True, layout=(2, 3))
+_power = formula(algebra.power, of_sums=True)
+_to_featherstone = formula(lambda A, V: Motion(A.w, A.v - cross(V.w, V.v)), of_sums=True)
+_from_featherstone = formula(lambda A, V: Motion(A.w, A.v + cross(V.w, V.v)), of_sums=True)
+_composed_velocity = formula(lambda V, p, V_BC: algebra.shifted_motion(V, p) + V_BC, of_sums=True)
+_summed = formula(lambda rotational, translational: [Summed(rotational), Summed(translational)], of_sums=True)
+
+
+@formula(of_sums=True)
+def _composed_acceleration(A: Motion, p: Vector, w: Vector, V_BC: Motion, A_BC: Motion) -> Motion:
+    coriolis = cross(w, V_BC.v)
+    alpha, a = algebra.shifted_acceleration(A, p, w)
+    return Motion(alpha + A_BC.w + cross(w, V_BC.w), a + (coriolis + coriolis) + A_BC.v)
+
+
+# -- the base of the four kinds ---------------------------------------------------------------------------------------
+
+
+class SpatialVector(Additive):
+    """Base of the four kinds. A subclass is a `tree` of two fields, rotational first, one of which may be left out."""
+
+    _items = (3,), (3,)
+    _as_array = "to_array"
+
+    if TYPE_CHECKING:
+
+        def __init__(self, rotational: ArrayLike = LEFT_OUT, translational: ArrayLike = LEFT_OUT): ...
+
+    def __post_init__(self) -> None:
+        """Checks what a caller passes. JAX rebuilds vectors with any leaves, and without this check."""
+        kind, names, left_out = type(self).__name__, self.__match_args__, None
+        parts = {f"{kind}: {name}": x for name, x in vars(self).items() if x is not LEFT_OUT}
+        if not parts:
+            raise TypeError(f"{kind}: expected {', '.join(names)} or both, got neither; zero is {kind}.zero()")
+        if not all(map(check.is_tree_mark, parts.values())):
+            for name, x in parts.items():
+                parts[name] = check.owned(check.as_vectors(x, name, held=True))
+            parts = check.same_dtype(**parts)
+            arrays = list(parts.values())
+            if arrays[0].shape != arrays[-1].shape:
+                _require_one_batch(kind, parts)
+            left_out = zero(3, arrays[0].dtype) if len(arrays) == 1 else None
+        for name in names:
+            vars(self)[name] = parts.get(f"{kind}: {name}", left_out)
+
+    # -- construction and parts ---------------------------------------------------------------------------------------
+
+    @classmethod
+    def from_array(cls, x6: ArrayLike) -> Self:
+        """From six coefficients, rotational on top.
+
+        Args:
+            x6: (*batch, 6).
+
+        Returns:
+            The vector (*batch,).
+
+        Raises:
+            TypeError: x6 is not of floating point.
+            ValueError: the shape does not fit.
+
+        Error: none, it is exact.
+        """
+        array = check.as_vectors(x6, f"{cls.__name__}.from_array: x6", size=6, held=True)
+        return cls(array[..., :3], array[..., 3:])
+
+    @property
+    def vectors(self) -> tuple[Any, Any]:
+        """(rotational, translational). A known zero takes the dtype of the other part, even once that is converted."""
+        first, second = (parts := vars(self).values())
+        if Components in map(type, parts):
+            return _zero_like(first, second), _zero_like(second, first)
+        return first, second
+
+    @property
+    def rotational(self) -> Any:
+        """(*batch, 3) the rotational part."""
+        return self.vectors[0]
+
+    @property
+    def translational(self) -> Any:
+        """(*batch, 3) the translational part."""
+        return self.vectors[1]
+
+    def to_array(self) -> jax.Array:
+        """The coefficients (*batch, 6), rotational on top; as NumPy where JAX would narrow them. Exact."""
+        return joined(*self.vectors)
+
+    @property
+    def size(self) -> int:
+        """6, whatever the batch."""
+        return 6
+
+    def __getitem__(self, i: int) -> Any:
+        """The i-th of the six components of one vector, rotational first."""
+        if self.batch_shape:
+            # Not an IndexError: iteration would end silently.
+            raise TypeError(
+                f"{type(self).__name__}[i] is the i-th component of a single vector, this is a batch of shape "
+                f"{self.batch_shape}; component i of all: x.to_array()[..., i], vector i of the batch: x.at_batch(i)"
+            )
+        i = operator.index(i)
+        if not -6 <= i < 6:
+            raise IndexError(f"{type(self).__name__}: expected a component index from -6 to 5, got {i}")
+        return self.vectors[i % 6 // 3][i % 3]
+
+    def __repr__(self) -> str:
+        parts = ", ".join(f"{name}={check.shown(getattr(self, name), 3)}" for name in self.__match_args__)
+        return f"{type(self).__name__}({parts})"
+
+    # -- arithmetic ---------------------------------------------------------------------------------------------------
+
+    def __add__(self, other: Any) -> Self:
+        """The sum of two vectors about the same point in the same frame: error <= u |x_i + y_i| per component."""
+        return self._combined(operator.add, other)
+
+    def __sub__(self, other: Any) -> Self:
+        """The difference of two about the same point in the same frame: error <= u |x_i - y_i| per component."""
+        return self._combined(operator.sub, other)
+
+    def __radd__(self, other: Any) -> Self:
+        """0 + x is x, for Python's `sum`; nothing else adds to a spatial vector."""
+        if isinstance(other, int) and other == 0:
+            return self
+        return self.__rsub__(other)
+
+    def __rsub__(self, other: Any) -> Any:
+        raise TypeError(f"+ or -: expected two of one kind, got {type(other).__name__} and {type(self).__name__}")
+
+    def __neg__(self) -> Self:
+        """The negated vector, exactly."""
+        return self.with_vectors(-part for part in self.vectors)
+
+    def __mul__(self, scalar: Any) -> Self:
+        """Times a number, or one number per vector of the batch: error <= u |x_i s| per component.
+
+        The number does not add axes to the batch: three times one vector is `jax.vmap(operator.mul, (None, 0))(x, s)`.
+        """
+        return self._scaled(product, scalar)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, scalar: Any) -> Self:
+        """Divided by a number, or by one number per vector of the batch: error <= u |x_i / s| per component."""
+        return self._scaled(quotient, scalar)
+
+    def _combined(self, operation: Any, other: Any) -> Any:
+        if not isinstance(other, SpatialVector):
+            return NotImplemented
+        return combined(operation, self, other)
+
+    def _scaled(self, operation: Any, scalar: Any) -> Any:
+        if isinstance(scalar, SpatialVector):
+            return NotImplemented
+        x, s = check.narrowed(self), self._scalar(scalar)
+        batch = check.common_batch_shape(**{type(self).__name__: x.batch_shape, "scalar": s.shape})
+        parts = check.broadcast_batch(batch, *x.vectors)
+        factor = s if is_known(s) else check.broadcast_batch(batch, check.expanded(s))[0]
+        return self.with_vectors(_scaled_part(operation, part, factor) for part in parts)
+
+    def _scalar(self, scalar: Any) -> Any:
+        """The checked factor: a NumPy number for a Python number, or an array with one number per vector."""
+        kind = type(self).__name__
+        dtype = check.narrowed(self).dtype
+        if isinstance(scalar, (int, float)):
+            return dtype.type(scalar)
+        s = check.as_float_array(scalar, f"{kind} * or / scalar", dtype)
+        check.require_same_dtype(**{kind: self, "scalar": s})
+        if len(s.shape) > len(self.batch_shape) and not all(map(check.goes_with_any_batch, self.vectors)):
+            raise ValueError(
+                f"{kind} * or / scalar: expected a number, or one per vector of the batch of shape {self.batch_shape}, "
+                f"got shape {s.shape}; each of them times all: jax.vmap(operator.mul, in_axes=(None, 0))(x, s)"
+            )
+        return s
+
+    @promises(bound=OfSum())
+    def sum(self, axis: int = 0, *, precision: PrecisionName = None) -> Self:
+        """The sum of all vectors along an axis of the batch, about the same point in the same frame.
+
+        Summation is pairwise, always in the same order.
+
+        Args:
+            axis: of the batch; negative ones count from its end.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            The sum, over the other axes of the batch; zero if there are no vectors.
+
+        Raises:
+            ValueError: the batch does not have the axis.
+
+        Error: per component of n vectors, L = ceil(log2 n), mag the sum of the absolute values: at most {bound.plain}
+            in "fast" and "reproducible", u |r| + 2 L^2 u^2 mag in "compensated", 1 ulp of r in "faithful" while |r| >=
+            n^2 u^2 mag (a sum in three times the precision), while nothing over- or underflows; plus a few finfo.tiny
+            where subnormals are flushed.
+        Source: Higham 2002, 4.2: pairwise summation.
+        """
+        place = check.batch_axis(axis, self.batch_shape, f"{type(self).__name__}.sum")
+        return self.with_vectors(_summed(precision, *moved_to_last(self.vectors, place, self.batch_shape)))
+
+    # -- operations ---------------------------------------------------------------------------------------------------
+
+    def shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None = None, *, precision: PrecisionName = None) -> Self:
+        """To another point of the body, see `jaxspatial.shift`."""
+        return self._shift(p_PQ_E, w, precision)
+
+    def dot(self, other: "SpatialVector", *, precision: PrecisionName = None) -> jax.Array:
+        """The pairing of force and velocity, see `jaxspatial.dot`."""
+        return self._dot(other, precision)
+
+    def __rmatmul__(self, R_AE: Any) -> Self:
+        """R @ X: see `jaxspatial.rotate`."""
+        require_kind(R_AE, Rotation, "rotate", " first")
+        return self._rotate(R_AE, None)
+
+    if TYPE_CHECKING:
+        # V x self: each kind has it.
+        def _cross(self, V_P_E: "SpatialVelocity", precision: PrecisionName) -> Self: ...
+
+    def _dot(self, other: Any, precision: PrecisionName) -> jax.Array:
+        refuse("dot", "a SpatialForce or SpatialMomentum and a SpatialVelocity", self)
+
+    def _rotate(self, R_AE: Rotation, precision: PrecisionName) -> Self:
+        check.require_same_dtype(Rotation=R_AE, **{type(self).__name__: self})
+        return self.with_vectors(rotated_together(R_AE, *self.vectors, precision=precision))
+
+    # -- comparison: masks over the batch; NaN is near nothing --------------------------------------------------------
+
+    def get_maximum_absolute_differences(self, other: Self) -> tuple[jax.Array, jax.Array]:
+        """The largest absolute difference of each part, NaN where either has one.
+
+        Args:
+            other: the same kind, about the same point, in the same frame.
+
+        Returns:
+            (rotational (*batch,), translational (*batch,)), over the common batch.
+
+        Raises:
+            TypeError: other is of another kind, or dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: that of one rounded difference.
+        """
+        a, b = matched(self, other, "comparison")
+        differences = (quietly(operator.sub, x, y) for x, y in zip(a.vectors, b.vectors, strict=True))
+        rotational, translational = (from_double_word(abs(as_array(d, a.batch_shape))) for d in differences)
+        return _largest(rotational), _largest(translational)
+
+    def is_nearly_equal_within_absolute_tolerance(
+        self, other: Self, rotational_tolerance: ArrayLike, translational_tolerance: ArrayLike
+    ) -> jax.Array:
+        """True where the largest absolute difference of each part is at most its tolerance.
+
+        Args:
+            other: the same kind, about the same point, in the same frame.
+            rotational_tolerance: (*batch,), in the units of the rotational part.
+            translational_tolerance: (*batch,), in the units of the translational part.
+
+        Returns:
+            A mask (*batch,), over the common batch; False where there is a NaN.
+
+        Raises:
+            TypeError: other is of another kind, or dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: as of `get_maximum_absolute_differences`.
+        """
+        rotational, translational = self.get_maximum_absolute_differences(other)
+        return (rotational <= _plain(rotational_tolerance)) & (translational <= _plain(translational_tolerance))
+
+    def is_approx(self, other: Self, tolerance: ArrayLike | None = None) -> jax.Array:
+        """True where all six absolute differences are at most the tolerance.
+
+        Args:
+            other: the same kind, about the same point, in the same frame.
+            tolerance: (*batch,); None takes the eps of the dtype.
+
+        Returns:
+            A mask (*batch,), over the common batch; False where there is a NaN.
+
+        Raises:
+            TypeError: other is of another kind, or dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: as of `get_maximum_absolute_differences`.
+        """
+        a, b = matched(self, other, "comparison")
+        tolerance = check.eps(a.dtype) if tolerance is None else tolerance
+        return a.is_nearly_equal_within_absolute_tolerance(b, tolerance, tolerance)
+
+
+# -- the four kinds ---------------------------------------------------------------------------------------------------
+
+
+@tree
+class SpatialForce(SpatialVector):
+    """F_Bp_E: a wrench on body B: a torque on top of a force, about point Bp, expressed in frame E.
+
+    tau: (*batch, 3) torque about Bp, N m
+    f: (*batch, 3) force, N
+
+    A part that is left out is a known zero, with which nothing is computed: `SpatialForce(f=f)` is a pure force,
+    `SpatialForce(tau)` a couple. Add only forces on the same body, about the same point, in the same frame.
+    """
+
+    tau: jax.Array = LEFT_OUT
+    f: jax.Array = LEFT_OUT
+
+    def _shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None, precision: PrecisionName):
+        require_no_w(self, w)
+        p = offset(self, p_PQ_E)
+        return self.with_vectors(_shifted_wrench(precision, Wrench(*self.vectors), p))
+
+    def _act(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
+        require_no_w(self, w, "act")
+        return self.with_vectors(_acted_wrench(precision, Pose(*X_AB.vectors), Wrench(*self.vectors)))
+
+    def _act_inverse(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
+        require_no_w(self, w, "act_inverse")
+        return self.with_vectors(_inverse_acted_wrench(precision, Pose(*X_AB.vectors), Wrench(*self.vectors)))
+
+    def _dot(self, other: Any, precision: PrecisionName) -> jax.Array:
+        require_kind(other, SpatialVelocity, "dot", f" beside a {type(self).__name__}")
+        require_pair(self, other)
+        return _power(precision, Wrench(*self.vectors), Motion(*other.vectors))
+
+    def _cross(self, V_P_E: "SpatialVelocity", precision: PrecisionName):
+        return self.with_vectors(_crossed_wrench(precision, Motion(*V_P_E.vectors), Wrench(*self.vectors)))
+
+
+@tree
+class SpatialMomentum(SpatialVector):
+    """L_MSp_E: the momentum of system S in frame M, about point Sp, expressed in frame E.
+
+    h: (*batch, 3) angular momentum about Sp, N m s
+    l: (*batch, 3) linear momentum, N s
+
+    A part that is left out is a known zero, see `SpatialForce`.
+    """
+
+    h: jax.Array = LEFT_OUT
+    l: jax.Array = LEFT_OUT  # noqa: E741 - the field's letter
+
+    # Moved and paired as a force is.
+    _shift, _act, _act_inverse = SpatialForce._shift, SpatialForce._act, SpatialForce._act_inverse
+    _dot, _cross = SpatialForce._dot, SpatialForce._cross
+
+
+@tree
+class SpatialVelocity(SpatialVector):
+    """V_MBp_E: the velocity of body B in frame M, about point Bp, expressed in frame E.
+
+    w: (*batch, 3) angular velocity, rad/s
+    v: (*batch, 3) velocity of Bp, m/s
+
+    A part that is left out is a known zero, see `SpatialForce`: `SpatialVelocity(v=v)` is a translation.
+    """
+
+    w: jax.Array = LEFT_OUT
+    v: jax.Array = LEFT_OUT
+
+    @promises(bound=COMPOSED)
+    def compose_with_moving_frame(
+        self, p_BoCo_E: ArrayLike, V_BC_E: "SpatialVelocity", *, precision: PrecisionName = None
+    ) -> "SpatialVelocity":
+        """Composes velocities: V_MC_E of frame C, which moves at V_BC_E in frame B, which moves at this V_MB_E in M.
+
+            w_MC = w_MB + w_BC            v_MCo = v_MBo + w_MB x p_BoCo + v_BCo
+
+        Composing frame after frame is associative but for rounding.
+
+        Args:
+            p_BoCo_E: (*batch, 3) position of Co from Bo, m, expressed in frame E.
+            V_BC_E: SpatialVelocity (*batch,) of C in B about Co, in the same frame.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            V_MC_E about Co, over the common batch. 18 flops.
+
+        Raises:
+            TypeError: V_BC_E is of another kind, or dtypes differ.
+            ValueError: shapes do not fit.
+
+        Error: per component, mag the sum of the absolute values of its terms: {bound}.
+        Source: Jain 2010, 1.4.
+        """
+        require_kind(V_BC_E, SpatialVelocity, "compose_with_moving_frame: V_BC_E")
+        p = check.as_vectors(p_BoCo_E, "compose_with_moving_frame: p_BoCo_E", self.dtype)
+        require_compatible(V_MB_E=self, p_BoCo_E=p, V_BC_E=V_BC_E)
+        return self.with_vectors(_composed_velocity(precision, Motion(*self.vectors), p, Motion(*V_BC_E.vectors)))
+
+    def _shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None, precision: PrecisionName):
+        require_no_w(self, w)
+        p = offset(self, p_PQ_E)
+        return self.with_vectors(_shifted_motion(precision, Motion(*self.vectors), p))
+
+    def _act(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
+        require_no_w(self, w, "act")
+        return self.with_vectors(_acted_motion(precision, Pose(*X_AB.vectors), Motion(*self.vectors)))
+
+    def _act_inverse(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
+        require_no_w(self, w, "act_inverse")
+        return self.with_vectors(_inverse_acted_motion(precision, Pose(*X_AB.vectors), Motion(*self.vectors)))
+
+    def _dot(self, other: Any, precision: PrecisionName) -> jax.Array:
+        if not isinstance(other, (SpatialForce, SpatialMomentum)):
+            refuse("dot", "a SpatialForce or SpatialMomentum beside a velocity", other)
+        return other._dot(self, precision)
+
+    def _cross(self, V_P_E: "SpatialVelocity", precision: PrecisionName):
+        return self.with_vectors(_crossed_motion(precision, Motion(*V_P_E.vectors), Motion(*self.vectors)))
+
+
+@tree
+class SpatialAcceleration(SpatialVector):
+    """A_MBp_E: the acceleration of body B in frame M, about point Bp, expressed in frame E.
+
+    alpha: (*batch, 3) angular acceleration, rad/s2
+    a: (*batch, 3) classical acceleration of Bp, m/s2: Featherstone's spatial acceleration plus w x v
+
+    A part that is left out is a known zero, see `SpatialForce`.
+    """
+
+    alpha: jax.Array = LEFT_OUT
+    a: jax.Array = LEFT_OUT
+
+    @promises(bound=COMPOSED_ACCELERATION)
+    def compose_with_moving_frame(
+        self,
+        p_BoCo_E: ArrayLike,
+        w_MB_E: ArrayLike,
+        V_BC_E: SpatialVelocity,
+        A_BC_E: "SpatialAcceleration",
+        *,
+        precision: PrecisionName = None,
+    ) -> "SpatialAcceleration":
+        """Composes accelerations: A_MC_E of frame C, which moves at A_BC_E in frame B, which moves at this A_MB_E in M.
+
+            alpha_MC = alpha_MB + alpha_BC + w_MB x w_BC
+            a_MCo = a_MBo + alpha_MB x p + w_MB x (w_MB x p) + 2 w_MB x v_BC + a_BC        p = p_BoCo
+
+        The terms are the tangential, centripetal and Coriolis accelerations.
+
+        Args:
+            p_BoCo_E: (*batch, 3) position of Co from Bo, m, expressed in frame E.
+            w_MB_E: (*batch, 3) angular velocity of B in M, rad/s, in E.
+            V_BC_E: SpatialVelocity (*batch,) of C in B about Co, in E.
+            A_BC_E: SpatialAcceleration (*batch,) of C in B about Co, in E.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            A_MC_E about Co, over the common batch. 66 flops.
+
+        Raises:
+            TypeError: V_BC_E or A_BC_E is of another kind, or dtypes differ.
+            ValueError: shapes do not fit.
+
+        Error: per component, mag the sum of the absolute values of its terms, multiplied out: {bound}.
+        Source: Mitiguy 2022, Dynamics of Mechanical, Aerospace, and Biomechanical Systems; Featherstone 2008, 2.11.
+        """
+        name = "compose_with_moving_frame"
+        require_kind(V_BC_E, SpatialVelocity, f"{name}: V_BC_E")
+        require_kind(A_BC_E, SpatialAcceleration, f"{name}: A_BC_E")
+        p = check.as_vectors(p_BoCo_E, f"{name}: p_BoCo_E", self.dtype)
+        w = check.as_vectors(w_MB_E, f"{name}: w_MB_E", self.dtype)
+        require_compatible(A_MB_E=self, p_BoCo_E=p, w_MB_E=w, V_BC_E=V_BC_E, A_BC_E=A_BC_E)
+        V_BC, A_BC = Motion(*V_BC_E.vectors), Motion(*A_BC_E.vectors)
+        return self.with_vectors(_composed_acceleration(precision, Motion(*self.vectors), p, w, V_BC, A_BC))
+
+    def to_featherstone(self, V_MP_E: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
+        """Featherstone's spatial acceleration, rotational on top: (alpha, a - w x v).
+
+        It is the rate of the velocity at a fixed point that body points pass, where the classical acceleration follows
+        one point of the body. Pinocchio and MuJoCo use it. The result is an array, which nothing can mistake for a
+        classical acceleration.
+
+        Args:
+            V_MP_E: SpatialVelocity (*batch,) of the same body, about the same point, in the same frame.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            (*batch, 6), over the common batch: rad/s2, m/s2.
+
+        Raises:
+            TypeError: V_MP_E is of another kind, or dtypes differ.
+            ValueError: batch shapes do not broadcast.
+
+        Error: as of `shift` of a force.
+        Source: Featherstone 2008, 2.11.
+        """
+        require_kind(V_MP_E, SpatialVelocity, "to_featherstone: V_MP_E")
+        require_compatible(A_MP_E=self, V_MP_E=V_MP_E)
+        return joined(*_to_featherstone(precision, Motion(*self.vectors), Motion(*V_MP_E.vectors)))
+
+    @classmethod
+    def from_featherstone(cls, x6: ArrayLike, V_MP_E: SpatialVelocity, *, precision: PrecisionName = None) -> Self:
+        """The classical acceleration from Featherstone's spatial acceleration: (alpha, a + w x v).
+
+        Args:
+            x6: (*batch, 6) Featherstone's spatial acceleration, rotational on top: rad/s2, m/s2.
+            V_MP_E: SpatialVelocity (*batch,) of the same body, about the same point, in the same frame.
+            precision: name of a precision; None takes the default.
+
+        Returns:
+            The acceleration, over the common batch.
+
+        Raises:
+            TypeError: V_MP_E is of another kind, or dtypes differ.
+            ValueError: shapes do not fit.
+
+        Error: as of `shift` of a force.
+        Source: Featherstone 2008, 2.11.
+        """
+        require_kind(V_MP_E, SpatialVelocity, "from_featherstone: V_MP_E")
+        spatial = cls.from_array(x6)
+        require_compatible(x6=spatial, V_MP_E=V_MP_E)
+        A = Motion(*spatial.vectors)
+        return spatial.with_vectors(_from_featherstone(precision, A, Motion(*V_MP_E.vectors)))
+
+    def _shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None, precision: PrecisionName):
+        w = require_w(self, w, "shift")
+        p = offset(self, p_PQ_E, w=w)
+        return self.with_vectors(_shifted_acceleration(precision, Motion(*self.vectors), p, w))
+
+    def _act(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
+        w = require_w(self, w, "act")
+        return self.with_vectors(_acted_acceleration(precision, Pose(*X_AB.vectors), Motion(*self.vectors), w))
+
+    def _act_inverse(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
+        w = require_w(self, w, "act_inverse")
+        return self.with_vectors(_inverse_acted_acceleration(precision, Pose(*X_AB.vectors), Motion(*self.vectors), w))
+
+    _cross = SpatialVelocity._cross
+
+
+# -- arguments --------------------------------------------------------------------------------------------------------
+
+
+def offset(X_P_E: Quantity, p_PQ_E: ArrayLike, **others: jax.Array) -> jax.Array:
+    """The checked offset of `shift`: an array of the dtype of X, whose batch broadcasts with those of X and others."""
+    p = check.as_vectors(p_PQ_E, "shift: p_PQ_E", X_P_E.dtype)
+    require_compatible(**{type(X_P_E).__name__: X_P_E}, p_PQ_E=p, **others)
+    return p
+
+
+def require_no_w(X_P_E: Quantity, w: ArrayLike | None, operation: str = "shift") -> None:
+    """Refuses an angular velocity, which only a SpatialAcceleration needs."""
+    if w is not None:
+        raise TypeError(f"{operation}: w is for a SpatialAcceleration, not for a {type(X_P_E).__name__}")
+
+
+def require_w(A_P_E: Quantity, w: ArrayLike | None, operation: str) -> jax.Array:
+    """The checked angular velocity of the body, which an acceleration needs to be moved."""
+    if w is None:
+        raise TypeError(
+            f"{operation}: expected w, the angular velocity of the body, (*batch, 3), for a SpatialAcceleration"
+        )
+    w = check.as_vectors(w, f"{operation}: w", A_P_E.dtype)
+    require_compatible(SpatialAcceleration=A_P_E, w=w)
+    return w
+
+
+def require_pair(a: SpatialVector, b: SpatialVector) -> None:
+    """Checks that two vectors have one dtype, and batches that broadcast."""
+    kinds = type(a).__name__, type(b).__name__
+    check.require_same_dtype(**dict(zip(kinds if len({*kinds}) == 2 else ("first", "second"), (a, b), strict=True)))
+    check.common_batch_shape(first=a.batch_shape, second=b.batch_shape)
+
+
+def _require_one_batch(kind: str, arrays: dict[str, Any]) -> None:
+    batch_shapes = {name: a.shape[:-1] for name, a in arrays.items() if not check.goes_with_any_batch(a)}
+    if len(set(batch_shapes.values())) > 1:
+        came = ", ".join(f"{name}: {shape}" for name, shape in batch_shapes.items())
+        raise ValueError(f"{kind}: expected equal batch shapes, got {came}; see jnp.broadcast_to")
+
+
+# -- parts as arrays --------------------------------------------------------------------------------------------------
+
+
+def joined(*parts: Any) -> Any:
+    """The two parts as one array (*batch, 6), a NumPy array where JAX would narrow it."""
+    arrays = [as_array(part, check.batch_shape(*parts)) for part in parts]
+    if all(map(check.is_only_held, arrays)):
+        return np.concatenate(arrays, axis=-1)
+    arrays = to_double_word(arrays) if any(isinstance(x, DoubleWord) for x in arrays) else arrays
+    return jax.tree.map(lambda *words: jnp.concatenate(words, axis=-1), *arrays)
+
+
+def _zero_like(x: Any, other: Any) -> Any:
+    dtype = getattr(other, "dtype", None)
+    return zero(3, dtype) if isinstance(x, Components) and is_zero(x) and dtype not in (None, x.dtype) else x
+
+
+def _scaled_part(operation: Callable[..., Any], part: Any, s: Any) -> Any:
+    """operation(part, s), `product` or `quotient`, for s (*batch, 1) or a number.
+
+    Double words and Components have operators for it.
+    """
+    factor: Any = s
+    x: Any = to_double_word(part) if isinstance(s, DoubleWord) and not isinstance(part, Components) else part
+    if isinstance(x, check.StandIn):
+        return x * factor if operation is product else x / factor
+    return operation(barrier(x), barrier(jnp.broadcast_to(factor, x.shape)))
+
+
+def combined(operation: Callable[..., Any], x: _Kind, y: _Kind) -> _Kind:
+    """x + y or x - y, of one kind, part by part."""
+    a, b = matched(x, y, operation.__name__)
+    return a.with_vectors(_skipping_zero(operation, *parts) for parts in zip(a.vectors, b.vectors, strict=True))
+
+
+def _skipping_zero(operation: Callable[..., Any], x: Any, y: Any) -> Any:
+    """x + y or x - y, without an operation for known zeros."""
+    if is_zero(y):
+        return x
+    if is_zero(x):
+        return y if operation is operator.add else -y
+    return quietly(operation, barrier(x), barrier(y))
+
+
+def _largest(x: Any) -> Any:
+    # Written out, as XLA CPU reduces an axis of length 3 in a library call. Both maxima propagate NaN.
+    maximum: Any = np.maximum if isinstance(x, np.ndarray) else jnp.maximum
+    return maximum(maximum(x[..., 0], x[..., 1]), x[..., 2])
+
+
+def _plain(number: ArrayLike) -> Any:
+    """np.float64 as a Python float, which takes the dtype of what it is compared with."""
+    return float(number) if isinstance(number, float) else number

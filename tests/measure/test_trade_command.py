@@ -1,0 +1,319 @@
+"""python -m jaxspatial: the built-in scene, the user's file, and everything that can be wrong with one."""
+
+import json
+import re
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import jaxspatial as js
+from jaxspatial.__main__ import main
+from jaxspatial.measure import algorithms, measuring, options, result, trade
+from jaxspatial.measure.operation import OPERATIONS, rotating_body
+from jaxspatial.measure.wrench_file import WrenchFile, WrenchFileError
+from jaxspatial.numerics.promise import Promise
+from tests.helpers.marks import slow
+
+OFFSET = ["--offset", "0.1", "-0.2", "0.3"]
+COLUMNS = [f"{part}_{axis}" for part in ("tau", "f", "w", "v") for axis in "xyz"]
+SMALL = ["--largest", "1000", "--operation", "shift_force", "--dtype", "float32"]
+
+
+@pytest.fixture
+def wrenches():
+    return rotating_body(40)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """The main job without the measuring and the picture of it, which other tests wait for."""
+    monkeypatch.setattr(trade, "measure", lambda *_: [])
+    monkeypatch.setattr(trade, "curves", lambda *_: [])
+    monkeypatch.setattr(measuring, "_draw", lambda result, file, path: file.write(b"a picture"))
+
+
+def _write_csv(path, wrenches, columns=COLUMNS):
+    table = np.concatenate(wrenches, axis=1)[:, : len(columns)]
+    path.write_text("\n".join([",".join(columns), *(",".join(map(repr, row)) for row in table.tolist())]) + "\n")
+    return path
+
+
+def test_the_scene_is_a_rigid_body(wrenches):
+    """Velocities of points of one body: v - v_C is orthogonal to w, and no faster than |w| times the farthest point."""
+    relative = wrenches.v - np.array([1.0, 0.0, 0.2])
+    np.testing.assert_allclose((relative * wrenches.w).sum(-1), 0, atol=1e-13)
+    assert (np.linalg.norm(relative, axis=-1) <= 3 * 0.5 * np.sqrt(3)).all()
+
+
+def test_built_in_scene(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main([*SMALL, "--dtype", "bfloat16", "--full"]) == 0
+    text = capsys.readouterr().out
+    assert "Power before and after the shift" in text and "1,000" in text
+    for name in ("shift force", "float32", "bfloat16", *js.Precision, "3 u mag", "1 ulp", "N m"):
+        assert name in text, name
+    with Image.open(tmp_path / "jaxspatial_trade.png") as picture:
+        assert picture.size[0] > 1000
+
+
+def test_json(tmp_path, capsys, monkeypatch):
+    """Nothing but JSON on standard output, no picture, and no need for the packages that show tables and pictures."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("matplotlib", "rich", "rich.console"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert main([*SMALL, "--json"]) == 0
+    out = capsys.readouterr()
+    found = json.loads(out.out, parse_constant=pytest.fail)
+    assert found["holds"] and not found["broken"] and not list(tmp_path.iterdir()) and not out.err
+    assert found["sizes"] == {"in_cache": 1000, "streamed": 1000} and found["versions"].keys() >= {"jax", "jaxlib"}
+    assert found["power"]["float64"]["difference"] <= found["power"]["float64"]["bound"]
+    assert [row["precision"] for row in found["rows"]] == [str(p) for p in js.Precision]
+    for row in found["rows"]:
+        assert row["holds"] and row["of_promise"] <= 1 and row["in_cache"]["nanoseconds"] > 0
+        assert row["streamed"]["gigabytes_per_second"] > 0 and row["ulps"]["worst"] >= row["ulps"]["median"] >= 0
+    curves = {(c["operation"], c["dtype"], c["precision"]): c["points"] for c in found["conditions"]}
+    assert {name for name, _, _ in curves} == {"shift_force"} and len(curves) == 4
+    assert max(point["worst_ulps"] for point in curves["shift_force", "float32", "faithful"]) <= 1
+
+
+def test_json_with_progress_and_picture(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    asked = ["--operation", "dot", "--dtype", "float32", "--dtype", "float16", "--json", "--picture", "mine.png"]
+    assert main([*SMALL[:2], *asked]) == 0
+    out = capsys.readouterr()
+    found = json.loads(out.out, parse_constant=pytest.fail)
+    assert [row["dtype"] for row in found["rows"] if row["streamed"] is None] == ["float16"] * 4
+    assert any(point["condition"] is None for curve in found["conditions"] for point in curve["points"])
+    assert "Power before and after" in out.err and (tmp_path / "mine.png").exists()
+
+
+def test_keys_of_the_json_object_are_documented(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    text = capsys.readouterr().out
+    keys = ["about", "machine", "versions", "offset", "sizes", "power", "rows", "conditions", "algorithms"]
+    keys += ["applications", "broken", "holds"]
+    assert all(key in text and key in str(result.__doc__) for key in keys)
+
+
+@pytest.mark.parametrize("dtype", trade.STREAMED)
+def test_power_is_unchanged_and_a_wrong_sign_is_seen(dtype, wrenches, monkeypatch):
+    offset = np.array([0.1, -0.2, 0.3])
+    found = trade.power(wrenches, offset, dtype)
+    assert found.difference <= trade.POWER_BOUND
+    terms = np.concatenate([wrenches.tau * wrenches.w, wrenches.f * wrenches.v])
+    eps = np.finfo(dtype).eps
+    assert found.before == pytest.approx(terms.sum(), abs=4 * eps * abs(terms).sum())
+    assert found.after == pytest.approx(terms.sum(), abs=14 * eps * abs(terms).sum())
+    monkeypatch.setattr(trade, "_powers", lambda F, V, p: (js.dot(F, V), js.dot(F.shift(-p), V.shift(p))))
+    assert trade.power(wrenches, offset, dtype).difference > 1e4
+
+
+def test_a_broken_promise_is_an_exit_status(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(OPERATIONS, "shift_force", OPERATIONS["shift_force"]._replace(bounds=(Promise(0.1, 4),)))
+    assert main(SMALL) == 1
+    out = capsys.readouterr().out
+    assert "does not hold here: shift_force float32 fast" in out and "float32 faithful" not in out
+
+
+@pytest.mark.parametrize(("name", "options"), [("rich", []), ("matplotlib", ["--json", "--picture", "x.png"])])
+def test_what_is_missing_is_said(name, options, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, name, None)
+    assert main(SMALL + options) == 2
+    assert "from a clone, pip install '.[plot]'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("scale", [1e-25, slow(1e-17), slow(1e15)])
+def test_small_and_large_wrenches_keep_the_promises(scale, tmp_path, wrenches):
+    path = tmp_path / "mine.npz"
+    np.savez(path, **wrenches._replace(tau=wrenches.tau * scale, f=wrenches.f * scale)._asdict())
+    narrow = ["--operation", "cross_force", "--dtype", "float32", "--dtype", "float16"]
+    assert main([str(path), *OFFSET, *SMALL[:2], *narrow]) == 0
+
+
+def test_npz_is_shifted_beside_itself(tmp_path, wrenches, quick, capsys):
+    path = tmp_path / "mine.npz"
+    np.savez(path, **wrenches._asdict(), time=np.arange(40))
+    assert main([str(path), *OFFSET, *SMALL]) == 0
+    out = np.load(tmp_path / "mine_shifted.npz")
+    p = np.array([0.1, -0.2, 0.3])
+    np.testing.assert_array_equal(out["tau"], wrenches.tau - np.cross(p, wrenches.f))
+    np.testing.assert_array_equal(out["v"], wrenches.v + np.cross(wrenches.w, p))
+    np.testing.assert_array_equal(out["f"], wrenches.f)
+    np.testing.assert_array_equal(out["time"], np.arange(40))
+    assert (tmp_path / "mine_trade.png").exists()
+
+
+def test_csv_keeps_its_other_columns(tmp_path, wrenches, quick):
+    path = _write_csv(tmp_path / "mine.csv", wrenches)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([f"joint,{lines[0]}", *(f"elbow {i},{line}" for i, line in enumerate(lines[1:]))]))
+    assert main([str(path), *OFFSET, *SMALL]) == 0
+    out = WrenchFile(tmp_path / "mine_shifted.csv")
+    expected = wrenches.tau - np.cross(np.array([0.1, -0.2, 0.3]), wrenches.f)
+    np.testing.assert_array_equal(out.parts["tau"], expected)
+    assert (tmp_path / "mine_shifted.csv").read_text().splitlines()[3].startswith("elbow 2,")
+
+
+def test_no_motion_is_invented(tmp_path, wrenches, capsys):
+    """Of a file without w and v there is no power, and only what needs neither is measured."""
+    path = _write_csv(tmp_path / "mine.csv", wrenches, COLUMNS[:6])
+    assert main([str(path), *OFFSET, "--largest", "1000", "--dtype", "float32", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["power"] == {} and {row["operation"] for row in found["rows"]} == {"shift_force"}
+    assert "gives no motion" in found["about"] and found["rows"][0]["absolute"][0]["unit"] == "N m"
+    assert main([str(path), *OFFSET, *SMALL, "--operation", "dot", "--overwrite"]) == 2
+    assert "--operation dot: expected w, v" in capsys.readouterr().err
+
+
+def test_no_acceleration_is_invented(tmp_path, wrenches):
+    file = WrenchFile(_write_csv(tmp_path / "mine.csv", wrenches))
+    assert measuring._operations(file, None) == ["shift_force", "shift_velocity", "cross_force", "dot"]
+    assert measuring._operations(None, None) == list(OPERATIONS)
+
+
+def test_trade_is_the_main_job(tmp_path, quick, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["trade", *SMALL, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["about"] == "1,000 wrenches on a rotating body"
+
+
+def test_float32_stays_float32(tmp_path, wrenches, quick):
+    path = tmp_path / "mine.npz"
+    parts = {name: x.astype(np.float32) for name, x in wrenches._asdict().items() if name in ("tau", "f")}
+    np.savez(path, **parts)
+    assert main([str(path), *OFFSET, *SMALL]) == 0
+    out = np.load(tmp_path / "mine_shifted.npz")["tau"]
+    p = np.array([0.1, -0.2, 0.3], np.float32)
+    np.testing.assert_array_equal(out, parts["tau"] - np.cross(p, parts["f"]), strict=True)
+
+
+_URDF = """<robot name="pendulum"><link name="base"/><link name="rod"><inertial><origin xyz="0 0 -0.5"/>
+<mass value="2"/><inertia ixx="0.2" iyy="0.2" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="pivot" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>"""
+
+
+def test_the_robot_of_a_file(tmp_path, capsys):
+    path = tmp_path / "pendulum.urdf"
+    path.write_text(_URDF)
+    asked = ["--operation", "inverse_dynamics", "--dtype", "float32", "--json", "--picture", str(tmp_path / "x.png")]
+    assert main(["--largest", "1000", "--robot", str(path), *asked]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["about"].endswith("; pendulum.urdf") and found["rows"] == found["applications"] == []
+    assert found["power"] == {}
+    rows = {row["precision"]: row for row in found["algorithms"]}
+    assert list(rows) == ["fast", "reproducible", "compensated"] and rows["compensated"]["worst_ulps"] <= 0.51
+    for row in rows.values():
+        assert row["dtype"] == "float32" and row["nanoseconds"] > 0 and 0 < row["worst"] < 1e-4 and row["unit"] == "N m"
+    assert (tmp_path / "x.png").exists()
+
+
+@pytest.mark.parametrize(("text", "message"), [(None, "no such file"), ("<robot", "malformed XML"), (
+    '<robot name="stone"><link name="stone"/></robot>', "expected joints that move, got none")])  # fmt: skip
+def test_a_robot_that_cannot_be_measured(text, message, tmp_path, capsys):
+    path = tmp_path / "bad.urdf"
+    if text is not None:
+        path.write_text(text)
+    assert main(["--robot", str(path), "--operation", "inverse_dynamics", "--json"]) == 2
+    assert re.fullmatch(f"error: .*bad.urdf: .*{message}.*", capsys.readouterr().err.strip())
+
+
+def test_what_is_measured_unasked(monkeypatch):
+    """Of a wrench file no robot, of a robot's file no applications."""
+    monkeypatch.setattr(measuring, "_check_sizes", lambda *_: None)
+
+    def plan(*arguments):
+        return measuring._plan(options.measuring().parse_args([*arguments, "--json", "--largest", "1000"]))
+
+    everything = plan()
+    assert everything.algorithms == list(algorithms.ALGORITHMS) and everything.robot and everything.robot.nv == 7
+    assert everything.is_everything
+    assert not plan("--operation", "dot").algorithms and not plan("--dtype", "float64").is_everything
+    forward = plan("--operation", "forward_dynamics")
+    assert forward.algorithms == ["forward_dynamics"] and not forward.operations and not forward.is_everything
+
+
+def _csv(text):
+    return "bad.csv", lambda path: path.write_text(text)
+
+
+def _npz(**arrays):
+    return "bad.npz", lambda path: np.savez(path, **arrays)
+
+
+_HEADER = "tau_x,tau_y,tau_z,f_x,f_y,f_z\n"
+_ONES = np.ones((4, 3))
+_HOLE = np.where(np.arange(12).reshape(4, 3) == 7, np.nan, _ONES)
+BAD_FILES = {
+    "missing columns": (_csv("tau_x,tau_y,f_x,f_y,f_z\n1,2,3,4,5\n"), "torque as columns tau_x, .*; found tau_x"),
+    "comment": (_csv(f"# by hand\n{_HEADER}1,2,3,4,5,6\n"), "the comment '# by hand'; .*: tail -n .2 .*bad.csv > new"),
+    "names in a comment": (_csv(f"# {_HEADER}1,2,3,4,5,6\n"), "comment '# tau_x'; take it out: sed '1s.*' .*bad.csv >"),
+    "decimal commas": (
+        _csv(_HEADER.replace(",", ";") + "1;2;3;-1,25;5;6\n"),
+        "got '-1,25' in row 1, column f_x; numbers have a decimal point, as -1.25: tr , . < .*bad.csv > new.csv",
+    ),
+    "commas of two kinds": (_csv(_HEADER + "1,2,3,4,0,5,6\n"), "got 7; if its numbers have decimal commas, write 1.5"),
+    "no rows": (_csv(_HEADER), "at least one wrench, got no rows"),
+    "empty": (_csv(""), "found nothing"),
+    "NaN row": (_csv(_HEADER + "1,2,3,4,5,6\n1,nan,3,4,5,6\n"), "finite numbers, got nan in row 2, column tau_y"),
+    "word": (_csv(_HEADER + "1,2,3,4,five,6\n"), "a number, got 'five' in row 1, column f_y"),
+    "short row": (_csv(_HEADER + "1,2,3\n"), "row 1: expected 6 values, got 3"),
+    "not text": (("bad.csv", lambda path: path.write_bytes(b"\xff\xfe\x00\x01")), "text in UTF-8"),
+    "missing array": (_npz(tau=_ONES), "force as array 'f' of shape .n, 3.; found tau"),
+    "half a motion": (_npz(tau=_ONES, f=_ONES, w=_ONES), "velocity as array 'v'"),
+    "wrong shape": (_npz(tau=_ONES, f=np.ones((4, 2))), r"f: expected shape \(4, 3\).*got \(4, 2\)"),
+    "different lengths": (_npz(tau=_ONES, f=np.ones((5, 3))), r"f: expected shape \(4, 3\).*got \(5, 3\)"),
+    "different dtypes": (_npz(tau=_ONES, f=_ONES.astype(np.float32)), "f: expected .*float64.*float32"),
+    "integers": (_npz(tau=_ONES.astype(int), f=_ONES.astype(int)), "tau: expected floating point numbers, got int64"),
+    "NaN array": (_npz(tau=_ONES, f=_HOLE), r"finite numbers, got nan in f\[2, 1\]$"),
+    "no rows, npz": (_npz(tau=np.ones((0, 3)), f=np.ones((0, 3))), "at least one wrench"),
+    "not an archive": (("bad.npz", lambda path: path.write_text("hello")), "NumPy .npz archive"),
+    "other ending": (("bad.txt", lambda path: path.write_text("")), "ending in .npz, .csv or .tsv, got .txt"),
+    "no file": (("bad.npz", lambda path: None), "no such file"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_bad_file_says_where_and_writes_nothing(case, tmp_path, capsys):
+    (name, write), message = BAD_FILES[case]
+    write(tmp_path / name)
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(WrenchFileError, match=message):
+        WrenchFile(tmp_path / name)
+    assert main([str(tmp_path / name), *OFFSET, *SMALL]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and name in error
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ["FILE"],
+            "--offset: expected X Y Z, the position of the new point from the old, with a file, as in --offset 0.3",
+        ),
+        (["FILE", "--offset", "1", "2"], "expected 3 arguments; as in --offset 0.3 0 -0.1\n"),
+        (["FILE", "--offset", "1", "2", "inf"], "expected a finite number of metres, got inf; as in --offset 0.3"),
+        (
+            ["FILE", "--offset", "1,5", "2", "0"],
+            "of metres, got 1,5; numbers have a decimal point, as 1.5; as in --offset",
+        ),
+        (["FILE", "--offset", "1", "2", "three"], "expected a finite number of metres, got three"),
+        (["--operation", "twist"], "invalid choice: 'twist'"),
+        (["--largest", "10"], "expected at least 1000 wrenches, got 10"),
+        (["FILE", *OFFSET, "--picture", "nowhere/x.png"], "expected a folder to write to"),
+        (["FILE", *OFFSET, "--picture", "x.doc"], "expected a name ending in"),
+    ],
+)
+def test_bad_arguments(arguments, message, tmp_path, wrenches, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = _write_csv(tmp_path / "mine.csv", wrenches)
+    try:
+        status = main([str(path) if a == "FILE" else a for a in arguments])
+    except SystemExit as exit:
+        status = exit.code
+    assert status == 2 and message in capsys.readouterr().err

@@ -1,0 +1,134 @@
+"""Numbers that a caller computes stay apart from ours; and what a compiler is allowed to break says so."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+
+import jaxspatial as js
+from jaxspatial.measure.error import rationals
+from jaxspatial.numerics.errorfree import transforms
+from jaxspatial.numerics.errorfree.barrier import barrier, barrier_or_nan, product
+from tests.helpers.marks import slow_but
+
+N = 50
+
+
+def numbers(k, dtype="float64"):
+    return np.random.default_rng(0).standard_normal((k, N)).astype(dtype)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_a_product_of_the_caller_stays_rounded(dtype):
+    """Without a barrier it is contracted with the sum that follows, here and in a derivative."""
+    a, b, c = numbers(3, dtype)
+    with jax.enable_x64(True):
+        found = jax.jit(lambda a, b, c: barrier(a * b) + c)(a, b, c)
+        rate = jax.jit(lambda a, b, c: jax.jvp(lambda x: barrier(x) + c, (a,), (a * b,))[1] + c)(a, b, c)
+        pulled = jax.jit(lambda a, b, c: jax.vjp(lambda x: barrier(x) * c[0], a)[1](a * b)[0] + c)(a, b, c)
+    np.testing.assert_array_equal(found, a * b + c)
+    np.testing.assert_array_equal(rate, a * b + c)
+    assert pulled.shape == c.shape
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_products_with_two_constants_are_not_rearranged(dtype):
+    """XLA makes x (c d) of (x c) d for constants. Products of the library are for numbers of its own: those of a caller
+    go through a barrier first, as all functions that take arrays have it."""
+    (x,), c, d = numbers(1, dtype), np.dtype(dtype).type(0.1), numbers(2, dtype)[1]
+    with jax.enable_x64(True):
+        constant = jnp.asarray(d)
+        found = jax.jit(lambda x: product(barrier(x * c), constant))(x)
+        scaled = jax.jit(lambda x: (js.SpatialForce(*[jnp.stack([x * c] * 3, -1)] * 2) * constant).tau)(x)
+    np.testing.assert_array_equal(found, (x * c) * d)
+    np.testing.assert_array_equal(scaled, np.stack([(x * c) * d] * 3, -1))
+
+
+# -- options of one program -------------------------------------------------------------------------------------------
+
+UNOPTIMISED, REARRANGED = {"xla_backend_optimization_level": 0}, {"xla_cpu_enable_fast_math": True}
+
+
+def cancelling():
+    rng = np.random.default_rng(3)
+    p, f = rng.standard_normal((2, N, 3)) * [[[1e6]], [[1.0]]]
+    return np.cross(p, f), f, p
+
+
+def shifted(precision):
+    return lambda tau, f, p: js.shift(js.SpatialForce(tau, f), p, precision=precision).tau
+
+
+@pytest.mark.parametrize("precision", ["compensated", "faithful"])
+def test_code_that_is_not_optimised_has_the_same_bits(precision):
+    arrays = cancelling()
+    with jax.enable_x64(True):
+        expected = jax.jit(shifted(precision))(*arrays)
+        np.testing.assert_array_equal(jax.jit(shifted(precision), compiler_options=UNOPTIMISED)(*arrays), expected)
+
+
+CASES = {
+    "shift": shifted("compensated"),
+    "faithful shift": shifted("faithful"),
+    "sum of a batch": lambda tau, f, p: js.SpatialForce(tau, f).sum(0, precision="compensated").tau,
+    "double word sum": lambda tau, f, p: (js.to_double_word(tau) + f).limbs[0],
+    "double word product": lambda tau, f, p: (js.to_double_word(tau) * f).limbs[0],
+    "gradient": lambda *x: jax.grad(lambda *x: shifted("compensated")(*x).sum(), 2)(*x),
+    "one item": lambda tau, f, p: shifted("compensated")(tau[0], f[0], p[0]),
+    "scan": lambda *x: lax.scan(lambda c, y: (c, shifted("compensated")(*y)), 0, x)[1],
+}
+
+
+@pytest.mark.parametrize("name", slow_but(["shift", "faithful shift", "double word sum", "gradient"], list(CASES)))
+def test_where_sums_may_be_rearranged_results_are_nan(name):
+    """Not finite but wrong: with the option the error of every sum is 0 to the compiler."""
+    function = CASES[name]
+    with jax.enable_x64(True):
+        found = jax.tree.leaves(jax.jit(function, compiler_options=REARRANGED)(*cancelling()))
+        right = jax.tree.leaves(jax.jit(function)(*cancelling()))
+    assert all(np.isnan(x).all() for x in found) and all(np.isfinite(x).all() for x in right)
+
+
+def test_what_needs_no_errors_of_sums_stays_within_its_bound_there():
+    """float32 is computed in float64; "fast" and "reproducible" round as they do."""
+    tau, f, p = cancelling()
+    narrow = [x.astype(np.float32) for x in (tau, f, p)]
+    exact = rationals(narrow[0]) - np.cross(*map(rationals, (narrow[2], narrow[1])))
+    with jax.enable_x64(True):
+        found = rationals(jax.jit(shifted("compensated"), compiler_options=REARRANGED)(*narrow))
+    assert (abs(found - exact) <= abs(exact) * 2**-23).all()
+
+
+def test_a_proof_is_one_number_of_a_batch():
+    """No operation more over the batch than a barrier has."""
+    x = jax.ShapeDtypeStruct((1000,), np.float32)
+
+    def over_the_batch(function):
+        return jax.jit(function).lower(x).as_text().count("tensor<1000x")
+
+    assert over_the_batch(barrier_or_nan) == over_the_batch(barrier)
+
+
+def test_products_in_a_batch_that_is_reversed_beside_one_constant():
+    """Both products of a guard by contraction were merged here, and 40 of 60 errors were 0."""
+    x = np.random.default_rng(0).standard_normal((20, 3))
+    with jax.enable_x64(True):
+        p, e = jax.jit(lambda x: transforms.two_product(jnp.full_like(x, 0.7), x[:, ::-1]))(x)
+    assert (rationals(p) + rationals(e) == rationals(0.7) * rationals(x[:, ::-1])).all() and np.any(e)
+
+
+def test_the_same_numbers_multiplied_by_the_caller():
+    """The product of a guard by contraction was taken for the caller's here, and all low words were 0."""
+    f, w, c = numbers(3)
+
+    def found(f, w, c):
+        zero = jnp.zeros_like(f)
+        F, V = (js.SpatialForce(*[jnp.stack([x, zero, zero], -1)] * 2) for x in (f, w))
+        y = js.dot(F, js.SpatialVelocity(V.tau, jnp.zeros_like(V.f)), precision="compensated")
+        z = js.to_double_word(w * f) * c
+        return y * c, z.hi, z.lo
+
+    with jax.enable_x64(True):
+        _, hi, lo = jax.jit(found)(f, w, c)
+    assert (rationals(hi) + rationals(lo) == rationals(w * f) * rationals(c)).all() and np.any(lo)
