@@ -14,7 +14,9 @@ from jaxspatial.interop import brax as brax
 from jaxspatial.interop import drake as drake
 from jaxspatial.interop import jaxlie as jaxlie
 from jaxspatial.interop import mujoco as mujoco
+from jaxspatial.interop import newton as newton
 from jaxspatial.interop import orders as orders
 from jaxspatial.interop import pinocchio as pinocchio
+from jaxspatial.interop import ros as ros
 from jaxspatial.interop import scipy as scipy
 from jaxspatial.mechanism.formats import ModelFileWarning as ModelFileWarning

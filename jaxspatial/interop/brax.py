@@ -5,8 +5,10 @@ Transform out of the frame, as `act` does, but a Motion into it, as `act_inverse
 of it; and that `inv_do` of a Force returns NotImplemented. Read: brax/base.py, brax 0.14.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -15,7 +17,16 @@ from jaxspatial.numerics import check, eigen
 from jaxspatial.numerics.numbers.components import as_array
 from jaxspatial.numerics.types import PrecisionName
 from jaxspatial.rotation import Rotation
-from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialForce, SpatialMomentum, SpatialVelocity, act
+from jaxspatial.spatial import (
+    RigidTransform,
+    SpatialAcceleration,
+    SpatialForce,
+    SpatialMomentum,
+    SpatialVelocity,
+    act,
+    dot,
+    shift,
+)
 from jaxspatial.spatial.vectors import SpatialVector
 
 # -- motions, forces and transforms ------------------------------------------------------------------------------------
@@ -151,3 +162,52 @@ def to_moved_inertia(M_BP_E: SpatialInertia, *, precision: PrecisionName = None)
     pi10 = M_BP_E.to_dynamic_parameters(precision=precision)
     transform = base.Transform.create(pos=pi10[..., 1:4])
     return base.Inertia(transform=transform, i=eigen.matrix_of_six(pi10[..., 4:]), mass=M_BP_E.mass)
+
+
+# -- wrenches on links -------------------------------------------------------------------------------------------------
+
+
+def to_tau(sys: Any, state: Any, wrenches: Mapping[str, SpatialForce], *, precision: PrecisionName = None) -> jax.Array:
+    """Makes the generalized forces of wrenches on links, for the generalized pipeline of Brax.
+
+        tau_i = cdof_i . sum F_C        over the links that joint i moves, C = root_com
+
+    Of a state, `cdof` and `root_com` belong to its q: those that the next step starts with.
+
+    Args:
+        sys: a brax.base.System.
+        state: a brax.generalized.base.State (*batch,) of it.
+        wrenches: by name of a link F_Bo_W (*batch,), about the origin of the link in world axes, N m, N, as
+            `applied_wrenches` gives them. What acts on "world" moves no link.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        (*batch, qd_size) tau, N m or N, in the order of `state.qd`, to be added to those of the actuators.
+
+    Raises:
+        KeyError: there is no such link.
+
+    Error: as of `shift`, then of `dot`, for each wrench; then one sum per further wrench.
+    """
+    total = jnp.zeros_like(state.qd)
+    for name, F_Bo_W in wrenches.items():
+        if name == "world":
+            continue
+        if name not in sys.link_names:
+            raise KeyError(f"brax.to_tau: there is no link {name!r}{check.did_you_mean(name, sys.link_names)}")
+        link = sys.link_names.index(name)
+        F_C_W = shift(F_Bo_W, state.root_com[..., link, :] - state.x.pos[..., link, :], precision=precision)
+        S_C_W = from_motion(state.cdof)
+        on_each = SpatialForce(*(part[..., None, :] for part in F_C_W.vectors))
+        total = total + jnp.where(_moves(sys, link), dot(S_C_W, on_each, precision=precision), 0)
+    return total
+
+
+def _moves(sys: Any, link: int) -> np.ndarray:
+    """(qd_size,) whether a joint coordinate moves a link: it is one of the link, or of a link that carries it."""
+    carriers = set[int]()
+    while link >= 0:
+        carriers.add(link)
+        link = int(sys.link_parents[link])
+    widths = [6 if kind == "f" else int(kind) for kind in sys.link_types]
+    return np.repeat([i in carriers for i in range(len(widths))], widths)

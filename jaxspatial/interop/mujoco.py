@@ -21,10 +21,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxspatial.engine.algorithm import ExternalForces
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.interop import orders
+from jaxspatial.interop import bodies, orders
 from jaxspatial.interop.orders import K
-from jaxspatial.mechanism import Mechanism
+from jaxspatial.mechanism import AppliedForces, Mechanism
 from jaxspatial.numerics import check
 from jaxspatial.numerics.check import require_kind
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
@@ -148,6 +149,72 @@ def _rotation(matrix: ArrayLike) -> Rotation:
     """Of (*batch, 9) in C or (*batch, 3, 3) in MJX, row by row."""
     m = check.as_float_array(matrix, "mujoco: matrix", held=True)
     return Rotation.from_matrix(m if m.shape[-1] == 3 else m.reshape((*m.shape[:-1], 3, 3)))
+
+
+# -- wrenches on bodies ------------------------------------------------------------------------------------------------
+
+
+def to_xfrc_applied(
+    model: Any, mechanism: Mechanism, q: ArrayLike, forces: ExternalForces, *, precision: PrecisionName = None
+) -> jax.Array:
+    """Makes mjData.xfrc_applied: [f; tau] on each body, about its centre of mass, in world axes.
+
+        tau_Bcm = tau_Bo - R_WB ipos x f
+
+    R_WB is that of q. `xipos` of mjx.Data is not read: until `mjx.kinematics` runs again it is that of the step before.
+    A body that is welded to another one is a frame of that other one here, which takes the wrench: all bodies move
+    alike; forces that MuJoCo's sensors tell between the two do not.
+
+    Args:
+        model: a mujoco.MjModel or mjx.Model, whose bodies have the names of the bodies of the mechanism, as
+            `Mechanism.from_mjcf` gives them; `body_ipos` may be data.
+        mechanism: with the joints of the model, read from the same file or from another one of the same robot.
+        q: (*batch, nq) our coordinates, see `from_qpos`.
+        forces: as `external_forces` of `forward_dynamics`: a dict of SpatialForces by name of a frame, or
+            AppliedForces.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        (*batch, model.nbody, 6) [f; tau], N, N m; zeros of bodies without a wrench.
+
+    Raises:
+        KeyError: there is no such frame, or MuJoCo has no body with the name of the body that carries it.
+
+    Error: as of `applied_wrenches`, then of a rotation and of `shift`.
+    """
+    require_kind(mechanism, Mechanism, "mujoco.to_xfrc_applied", " second")
+    names = _body_names(model)
+
+    def row(name: str) -> int:
+        if name not in names:
+            near = check.did_you_mean(name, names)
+            raise KeyError(f"mujoco.to_xfrc_applied: the model has no body {name!r}{near}")
+        return names.index(name)
+
+    return bodies.to_rows(mechanism, q, forces, row, model.body_ipos, precision)
+
+
+def from_xfrc_applied(model: Any, xfrc_applied: ArrayLike) -> AppliedForces:
+    """Reads mjData.xfrc_applied as `external_forces`, exactly.
+
+    Args:
+        model: a mujoco.MjModel or mjx.Model. Bodies without a name are "body_<id>", as `Mechanism.from_mjcf` has it.
+        xfrc_applied: (*batch, model.nbody, 6) [f; tau] about centres of mass, in world axes, N, N m.
+
+    Returns:
+        AppliedForces (*batch,) on all bodies but the world, each at its centre of mass `body_ipos`, in world axes.
+    """
+    six = check.as_vectors(xfrc_applied, "mujoco.from_xfrc_applied: xfrc_applied", size=6, many=["nbody"], held=True)
+    if six.shape[-2] != model.nbody:
+        raise ValueError(f"mujoco.from_xfrc_applied: expected shape (*batch, {model.nbody}, 6), got {six.shape}")
+    return bodies.from_rows(_body_names(model)[1:], six[..., 1:, :], model.body_ipos[..., 1:, :])
+
+
+def _body_names(model: Any) -> tuple[str, ...]:
+    """Of all bodies; mjx.Model has no accessors by index. Where there is no name: as `Mechanism.from_mjcf` has it."""
+    starts = np.asarray(model.name_bodyadr).tolist()
+    found = [model.names[start : model.names.index(b"\0", start)].decode() for start in starts]
+    return tuple(name or f"body_{i}" for i, name in enumerate(found))
 
 
 # -- one free joint: linear part in world axes, then angular part in body axes -----------------------------------------

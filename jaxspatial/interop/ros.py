@@ -1,0 +1,39 @@
+"""ROS: `geometry_msgs/Wrench`, of ROS 1 and ROS 2, whose fields are force, then torque. One message holds one wrench.
+
+A Wrench says neither point nor axes: the header of a WrenchStamped names a frame, and the wrench is about the origin of
+that frame, in its axes. `act` moves it to another frame. So does `tf2_geometry_msgs`, but for its older versions: they
+turned both parts and left out the moment of the force about the new origin (ros2/geometry2, pull request 538). Some
+drivers mean another point or other axes than the header says.
+
+Read: geometry_msgs/msg/Wrench.msg, tf2_geometry_msgs.hpp.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from jaxspatial.interop import orders
+from jaxspatial.spatial import SpatialForce
+
+
+def from_wrench(message: Any) -> SpatialForce:
+    """Reads a geometry_msgs/Wrench, N, N m, as float64: F_Fo_F, with F the frame that the header beside it names."""
+    return orders.from_linear_first(SpatialForce, np.array([*_xyz(message.force), *_xyz(message.torque)], np.float64))
+
+
+def to_wrench(F_Fo_F: SpatialForce) -> Any:
+    """Makes a geometry_msgs.msg.Wrench, N, N m: about the origin of the frame F that its header will name, in the axes
+    of F.
+
+    Raises:
+        ValueError: the wrench is a batch.
+    """
+    from geometry_msgs.msg import Vector3, Wrench
+
+    six = orders.single(orders.to_linear_first(F_Fo_F), "ros.to_wrench: F_Fo_F").tolist()
+    force, torque = (Vector3(**dict(zip("xyz", part, strict=True))) for part in (six[:3], six[3:]))
+    return Wrench(force=force, torque=torque)
+
+
+def _xyz(v: Any) -> tuple[float, float, float]:
+    return v.x, v.y, v.z
