@@ -172,7 +172,8 @@ def to_tau(sys: Any, state: Any, wrenches: Mapping[str, SpatialForce], *, precis
 
         tau_i = cdof_i . sum F_C        over the links that joint i moves, C = root_com
 
-    Of a state, `cdof` and `root_com` belong to its q: those that the next step starts with.
+    `cdof` and `root_com` of a state are those of its q, so that the next step starts with them. Of a slide on a body
+    that has turned, Brax 0.14 does not turn the axis in cdof: its dynamics then are not those of MuJoCo, nor is this.
 
     Args:
         sys: a brax.base.System.
