@@ -45,6 +45,18 @@ def test_fresh_results():
 
 
 @pytest.mark.slow
+def test_xfrc_applied():
+    for name in ("brax", "mujoco.mjx"):
+        pytest.importorskip(name)
+    command = [sys.executable, HERE / "xfrc_applied.py", "--n", "16", "--rounds", "3", "--robots", "ant"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert run.returncode in (0, 1) and "Traceback" not in run.stderr, run.stderr
+    rows = [line for line in run.stdout.splitlines() if line.startswith("| ")]
+    assert [row.split(" | ")[0] for row in rows] == ["| ant", "| mjx.step", "| mjx.step of wrenches", "| to_xfrc_applied"]
+    assert run.stdout.count(" over mjx.step: ") == 2
+
+
+@pytest.mark.slow
 def test_precisions():
     command = [sys.executable, HERE / "precisions.py", "--n", "640", "--rounds", "2", "--sample", "20"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=600)

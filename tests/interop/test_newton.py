@@ -49,12 +49,12 @@ def state(*batch):
 
 
 def test_about_the_centre_of_mass_force_first():
-    """A force on the welded tool, 1 m along the arm, which points along y: it is on the arm, about (-0.2, 0, 0) there."""
-    F = js.SpatialForce(f=np.float32([3, 0, 0]))
+    """A force on the tool, which is welded to the arm: it acts on the arm, about its centre of mass."""
+    F = js.SpatialForce(f=np.float32([3, 5, 0]))
     x = newton.to_body_f(model(), robot(), state(), {"tool": F})
     assert x.shape == (3, 6)
-    # From the arm's origin the tool is at (0, 1, 0) and the centre of mass at (-0.2, 0, 0).
-    np.testing.assert_allclose(x[1], [3, 0, 0, 0, 0, -3], rtol=0, atol=16 * U)
+    # From the arm's origin, in world axes, the tool is at (0, 1, 0) and the centre of mass at (-0.2, 0, 0).
+    np.testing.assert_allclose(x[1], [3, 5, 0, 0, 0, -2], rtol=0, atol=16 * U)
     assert not x[0].any() and not x[2].any()
 
 
