@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 import tomllib
+import types
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +19,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.mechanism.joints import BUILT_IN
 from tests.helpers.optional import needs
+from tests.interop import test_ros
 from tests.test_architecture import LAYERS
 
 ROOT = pathlib.Path(__file__).parent.parent
@@ -91,7 +93,11 @@ def test_the_way_of_a_newcomer_comes_first():
     assert places == sorted(places)
 
 
-@pytest.mark.parametrize("name", [name for name, text in PAGES.items() if _examples(text)])
+# Its sections run one by one, where their simulators are.
+SIMULATORS = PAGES["simulators.md"].split("\n## ")
+
+
+@pytest.mark.parametrize("name", [name for name, text in PAGES.items() if _examples(text) and name != "simulators.md"])
 def test_pages_run(name):
     blocks = _examples(PAGES[name])
     for module in OPTIONAL:
@@ -100,6 +106,28 @@ def test_pages_run(name):
     # As users have it; optax and orbax mix dtypes.
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         _run(blocks)
+
+
+# Brax reads attributes that MJX has moved, and says that it is no longer developed.
+@pytest.mark.filterwarnings("ignore:Accessing .* from `Data` is deprecated:DeprecationWarning")
+@pytest.mark.filterwarnings("ignore:Brax System, piplines:UserWarning")
+@pytest.mark.filterwarnings("ignore::jaxspatial.interop.ModelFileWarning")
+@pytest.mark.parametrize("section", SIMULATORS[1:], ids=lambda text: re.split(r"\W", text)[0])
+def test_recipes_of_simulators_run(section, monkeypatch):
+    """Each behind what all share, in at most 25 lines."""
+    (shared,), (recipe,) = _examples(SIMULATORS[0]), _examples(section)
+    for module in ("mujoco.mjx", "brax.io.mjcf", "brax.generalized.pipeline"):
+        if f"from {module.rpartition('.')[0]} import {module.rpartition('.')[2]}" in recipe:
+            needs(module)
+    if "import newton" in recipe:
+        pytest.importorskip("newton")
+    if "geometry_msgs" in recipe:
+        declared = types.SimpleNamespace(Vector3=test_ros.Vector3, Wrench=test_ros.Wrench)
+        for name, module in ("geometry_msgs", types.SimpleNamespace(msg=declared)), ("geometry_msgs.msg", declared):
+            monkeypatch.setitem(sys.modules, name, module)
+    assert len([line for line in recipe.splitlines() if line]) <= 25
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        _run([shared, recipe])
 
 
 def test_example_of_double_words(capsys):
@@ -124,7 +152,7 @@ def test_a_floating_base_is_as_told():
 
 def test_every_convention_is_listed():
     """And nothing else."""
-    for name in ("orders", "mujoco", "brax", "pinocchio", "drake", "jaxlie", "scipy"):
+    for name in ("orders", "mujoco", "brax", "newton", "ros", "pinocchio", "drake", "jaxlie", "scipy"):
         module = getattr(js.interop, name)
         own = {k for k, f in vars(module).items() if inspect.isfunction(f) and f.__module__.startswith(module.__name__)}
         rows = _table(PAGES["conventions.md"], f".*`interop.{name}`")

@@ -52,7 +52,8 @@ def test_xfrc_applied():
     run = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert run.returncode in (0, 1) and "Traceback" not in run.stderr, run.stderr
     rows = [line for line in run.stdout.splitlines() if line.startswith("| ")]
-    assert [row.split(" | ")[0] for row in rows] == ["| ant", "| mjx.step", "| mjx.step of wrenches", "| to_xfrc_applied"]
+    names = [row.split(" | ")[0].removeprefix("| ") for row in rows]
+    assert names == ["ant", "mjx.step", "mjx.step of wrenches", "to_xfrc_applied"]
     assert run.stdout.count(" over mjx.step: ") == 2
 
 
