@@ -53,11 +53,13 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.inertia import newton_euler as newton_euler
 
     # mechanisms
+    from jaxspatial.mechanism import AppliedForces as AppliedForces
     from jaxspatial.mechanism import Body as Body
     from jaxspatial.mechanism import Frame as Frame
     from jaxspatial.mechanism import Joint as Joint
     from jaxspatial.mechanism import Mechanism as Mechanism
     from jaxspatial.mechanism import StaticMechanism as StaticMechanism
+    from jaxspatial.mechanism import add_frames as add_frames
     from jaxspatial.mechanism import lock_joints as lock_joints
     from jaxspatial.mechanism import subtree as subtree
 

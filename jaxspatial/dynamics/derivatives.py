@@ -54,7 +54,7 @@ def jacobians(
 
 
 def _matrices(state: MechanismState, v: Array | None, vdot: Array | None, external_forces: Wrenches):
-    body_loads = loads(state, external_forces, _load_rate)
+    body_loads = loads(state, external_forces, _turning)
     links = state.links(v, vdot)
     motions = recursion.outward(state, motion_step, world_motion(state), links)
     composites = _composites(state, links, motions, body_loads)
@@ -73,8 +73,8 @@ class CompositeBody(NamedTuple):
     """The bodies of a subtree as one rigid body, about J, in the frame that moves with J.
 
     wrench: their net wrench. p: their linear momentum. X (3 x 3): an additional angular velocity y of all of them
-    changes the wrench by 2 B y = (X y, 2 y x p), with B the Coriolis matrix. load: the external forces on them. These
-    keep their directions in the world, so a rotation by y changes their wrench by (load_rate y, y x load).
+    changes the wrench by 2 B y = (X y, 2 y x p), with B the Coriolis matrix. load: the external forces on them that
+    keep their directions in the world: a rotation by y changes their wrench by (load_rate y, y x load).
     """
 
     inertia: Inertia
@@ -96,10 +96,13 @@ def _composites(
     return recursion.inward(state, _composite_step, nothing, bodies, join=_combined)
 
 
-def _load_rate(tau: Vector, f: Vector, r: Vector) -> Matrix:
-    """The matrix m of (m y, y x f): the rate of a load at r, fixed in the world, as the body turns with y."""
+def _turning(tau: Vector, f: Vector, r: Vector, in_world: bool) -> tuple[Matrix, Vector]:
+    """(load_rate, load) of a CompositeBody, for a load at r. One that turns with the body has none of either."""
+    if not in_world:
+        zero = Vector(*[numbers.constant(tau[0], 0)] * 3)
+        return Matrix(zero, zero, zero), zero
     about_point = tau - cross(r, f)
-    return skew(-about_point) - double_cross(r, f)
+    return skew(-about_point) - double_cross(r, f), f
 
 
 def _from_root(body: tuple[Link, BodyMotion, bool], parent: FromRoot) -> tuple[FromRoot, FromRoot]:
@@ -127,13 +130,13 @@ def _of_body(inertia: Inertia, motion: BodyMotion, load: Load) -> CompositeBody:
 
     X = -2 [w]x Sigma, with Sigma = (tr J / 2) 1 - J for J about the origin: the Coriolis matrix where the origin rests.
     """
-    tau, f, load_rate = load
+    tau, f, (load_rate, in_world) = load
     J = of_body(inertia).J
     half_trace = doubled(J.xx + J.yy + J.zz, -1)
     sigma = J._make(half_trace - x if i in (0, 2, 5) else -x for i, x in enumerate(J))
     X = skew(_twice(-motion.w)) @ sigma
     p = cross(motion.w, inertia.mass * inertia.com)
-    return CompositeBody(inertia, wrench_of(inertia, motion) - Wrench(tau, f), X, p, load_rate, f)
+    return CompositeBody(inertia, wrench_of(inertia, motion) - Wrench(tau, f), X, p, load_rate, in_world)
 
 
 def _twice(v: Vector) -> Vector:

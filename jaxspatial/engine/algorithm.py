@@ -27,7 +27,7 @@ from jaxspatial.engine.derivatives import Differentiable
 from jaxspatial.engine.program import Aval, Result
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState, is_vector
-from jaxspatial.mechanism import Mechanism
+from jaxspatial.mechanism import AppliedForces, Mechanism
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check, numbers
 from jaxspatial.numerics.errorfree.barrier import barrier_or_nan
@@ -35,6 +35,7 @@ from jaxspatial.numerics.errorfree.primitives import is_zero
 from jaxspatial.numerics.formula import from_outside
 from jaxspatial.numerics.numbers import components
 from jaxspatial.numerics.precision import Precision, resolve
+from jaxspatial.numerics.quantity import tree_of
 from jaxspatial.spatial import SpatialForce
 
 # The fields of a mechanism that algorithms read, by subject.
@@ -44,11 +45,28 @@ BODIES = (*GEOMETRY, "inertias")
 DYNAMICS = (*BODIES, "armature", "gravity")
 FRAMES = ("child_placements", "frame_placements")
 
-# SpatialForces by name of a frame, see `inverse_dynamics`.
-ExternalForces = dict[str, SpatialForce] | None
-Wrenches = dict[int, tuple[Array | None, Array | None]]  # (tau, f) by the number of a frame, None for a known zero
+# What callers pass: SpatialForces by name of a frame, or AppliedForces, see `inverse_dynamics`.
+ExternalForces = dict[str, SpatialForce] | AppliedForces | None
 Frames = int | tuple[int, ...] | None  # by number, None for all bodies
 Static = tuple[tuple[str, Any], ...]  # arguments that are no arrays, by name
+
+
+@tree_of("frames", "in_world")
+class WrenchesOnFrames:
+    """AppliedForces with numbers in place of names. Numbers of all n frames are side by side: (*batch, 3 n).
+
+    frames: the numbers of the frames. in_world: whether wrenches are in world axes, or in those of their frames.
+    tau, f, points: None for known zeros.
+    """
+
+    frames: tuple[int, ...]
+    in_world: bool
+    tau: Array | None
+    f: Array | None
+    points: Array | None
+
+
+Wrenches = tuple[WrenchesOnFrames, ...]
 
 
 def algorithm(
@@ -112,20 +130,12 @@ def checked(operation: str, mechanism: object, **arguments: Any) -> tuple[Any, .
     arrays = _arrays(operation, mechanism, {name: x for name, x in arguments.items() if x is not None})
     data = mechanism.first_data
     named = dict(arrays) if data is None else {**arrays, "mechanism": data}
-    if arguments.get("external_forces"):
-        forces = _by_frame(operation, mechanism, arguments["external_forces"])
-        named |= {f"external_forces[{mechanism.frame_names[i]!r}]": F for i, F in forces.items()}
-        arguments["external_forces"] = {
-            i: tuple(_none_if_zero(x, F.batch_shape) for x in F.vectors) for i, F in forces.items()
-        }
-    elif "external_forces" in arguments:
-        _by_frame(operation, mechanism, arguments["external_forces"] or {})
-        arguments["external_forces"] = {}
+    if "external_forces" in arguments:
+        forces, arguments["external_forces"] = _external(operation, mechanism, arguments["external_forces"])
+        named |= forces
     check.require_same_dtype(**named)
     named.pop("mechanism", None)
-    check.common_batch_shape(
-        **{name: x.batch_shape if isinstance(x, SpatialForce) else x.shape[:-1] for name, x in named.items()}
-    )
+    _require_one_batch(named)
     if arguments.get("frames") is not None:
         arguments["frames"] = _frame_numbers(f"{operation}: frames", mechanism, arguments["frames"])
     return tuple({**arguments, **arrays}.values())
@@ -146,23 +156,58 @@ def _arrays(operation: str, mechanism: Mechanism, arguments: dict[str, Any]) -> 
     return arrays
 
 
-def _by_frame(operation: str, mechanism: Mechanism, forces) -> dict[int, SpatialForce]:
+def _external(operation: str, mechanism: Mechanism, forces: Any) -> tuple[dict[str, Any], Wrenches]:
+    """(external forces by their names in messages, the same as Wrenches in the order of frames)."""
     what = f"{operation}: external_forces"
-    if not isinstance(forces, dict):
-        raise TypeError(f"{what}: expected SpatialForces in a dict by name of a frame, got {type(forces).__name__}")
-    by_name = cast(dict[str, Any], forces)
-    by_number = {_frame_number(what, mechanism, name): F for name, F in by_name.items()}
-    for i, F in by_number.items():
+    if isinstance(forces, tuple):
+        return {}, cast(Wrenches, forces)  # checked before
+    if isinstance(forces, AppliedForces):
+        F = check.narrowed(forces)
+        frames = tuple(_frame_number(f"{what}: frames", mechanism, name) for name in F.frames)
+        if not frames:
+            return {"external_forces": F}, ()
+        n, batch = len(frames), F.wrenches.batch_shape
+        arrays = (_array_or_none(x, batch, n) for x in (*F.wrenches.vectors, F.points))
+        return {"external_forces": F}, (WrenchesOnFrames(frames, F.axes == "world", *arrays),)
+    if not isinstance(forces, dict | None):
+        expected = "SpatialForces in a dict by name of a frame, or AppliedForces"
+        raise TypeError(f"{what}: expected {expected}, got {type(forces).__name__}")
+    by_name = cast(dict[str, Any], forces or {})
+    numbers = {name: _frame_number(what, mechanism, name) for name in by_name}
+    for name, F in by_name.items():
         if not isinstance(F, SpatialForce):
-            name = mechanism.frame_names[i]
             raise TypeError(f"{what}[{name!r}]: expected a SpatialForce, got {type(F).__name__}")
-    return check.narrowed(by_number)
+    by_name = check.narrowed(by_name)
+    wrenches = (
+        WrenchesOnFrames((numbers[name],), True, *(_array_or_none(x, F.batch_shape) for x in F.vectors), None)
+        for name, F in sorted(by_name.items(), key=lambda item: numbers[item[0]])
+    )
+    return {f"external_forces[{name!r}]": F for name, F in by_name.items()}, tuple(wrenches)
 
 
-def _none_if_zero(x, batch_shape: tuple[int, ...]):
-    """The array, or None for Components that are known to be zero, so that no operation on them is left."""
-    is_known_zero = components.is_components(x) and components.is_zero(x)
-    return None if is_known_zero else components.as_array(x, batch_shape)
+def _array_or_none(x: Any, batch_shape: tuple[int, ...], n: int | None = None) -> Any:
+    """The array (*batch, 3); of n frames the last axis of the batch becomes part of the rows: (*batch, 3 n).
+
+    None for Components that are known to be zero, so that no operation on them is left.
+    """
+    if x is None or (components.is_components(x) and components.is_zero(x)):
+        return None
+    array = components.as_array(x, batch_shape)
+    return array if n is None else array.reshape((*array.shape[:-2], 3 * n))
+
+
+def _require_one_batch(arguments: dict[str, Any]) -> None:
+    forces = SpatialForce, AppliedForces
+    shapes = {name: x.batch_shape if isinstance(x, forces) else x.shape[:-1] for name, x in arguments.items()}
+    try:
+        check.common_batch_shape(**shapes)
+    except ValueError as error:
+        if not any(isinstance(x, SpatialForce) and x.batch_shape for x in arguments.values()):
+            raise
+        raise ValueError(
+            f"{error}; a batch of forces under one name acts on one frame, in as many states: forces on several frames, "
+            "or at several points, are AppliedForces(frames, wrenches)"
+        ) from None
 
 
 def _frame_number(what: str, mechanism: Mechanism, name: str) -> int:

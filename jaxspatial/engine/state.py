@@ -186,7 +186,11 @@ class MechanismState:
 
     def frame_placement(self, frame: int) -> Pose:
         """X_JF of one of the named frames, as numbers (1, B)."""
-        return self._pose(self.fields["frame_placements"], np.array([frame]))
+        return self.frame_placements((frame,))
+
+    def frame_placements(self, frames: Sequence[int]) -> Pose:
+        """X_JF of n of the named frames, as numbers (n, B)."""
+        return self._pose(self.fields["frame_placements"], np.array(frames))
 
     def _pose(self, transforms: tuple[Array, Array], places: np.ndarray) -> Pose:
         entries, p = (stacking.rows(x, places) for x in transforms)

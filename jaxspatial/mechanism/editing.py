@@ -1,8 +1,8 @@
-"""Makes mechanisms of others: locks joints, takes out subtrees."""
+"""Makes mechanisms of others: adds frames, locks joints, takes out subtrees."""
 
 import dataclasses
 import operator
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import jax
@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from jaxspatial.mechanism.assembly import composed, is_identity, or_identity
 from jaxspatial.mechanism.joints import JointKind, Parameter
-from jaxspatial.mechanism.mechanism import Mechanism
+from jaxspatial.mechanism.mechanism import Mechanism, StaticMechanism
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
+from jaxspatial.numerics import check
 from jaxspatial.numerics.linear import unit
 from jaxspatial.numerics.numbers import Rounded, high
 from jaxspatial.numerics.numbers.rounded import in_double
@@ -24,6 +25,49 @@ from jaxspatial.spatial import RigidTransform, act_inverse
 _PER_VELOCITY = "armature", "damping", "friction_loss", "stiffness", "effort_limit", "velocity_limit"
 # {field of a Joint: field of a Mechanism}
 _PER_COORDINATE = {"lower": "lower", "upper": "upper", "spring_reference": "spring_references"}
+
+
+def add_frames(mechanism: Mechanism, frames: Iterable[Frame]) -> Mechanism:
+    """Adds named frames: tools, sensors, points of contact.
+
+        js.add_frames(mech, [js.Frame("tool", "link7", X_LT)])
+
+    All functions that take names of frames take these. No number of the mechanism changes.
+
+    Args:
+        mechanism: with known numbers.
+        frames: named places. Their `body` is the name of a body, of any frame there is, or of an earlier one of these;
+            `placement` is their pose on it.
+
+    Returns:
+        The mechanism with these frames after its own, with NumPy numbers; a StaticMechanism is static again.
+
+    Raises:
+        KeyError: a name of a body is that of no frame; lists those there are.
+        TypeError: numbers of the mechanism are data, or traced, or a placement is no single RigidTransform.
+        ValueError: a frame has the name of another.
+
+    Error: a few u of float64, rounded once to the dtype, of a frame placed on another; else exact to rounding.
+    """
+    _require_known(mechanism)
+    t, places = mechanism.topology, mechanism.frame_placements
+    named, new = list(t.frames), list[RigidTransform]()
+    with in_double():
+        poses = [_item(jax.tree.map(lambda x: x.astype(np.float64), places), i) for i in range(len(named))]
+        for frame in frames:
+            if not isinstance(frame, Frame):
+                check.refuse("add_frames: frames", "Frames", frame)
+            names = tuple(name for name, _ in named)
+            if frame.name in names:
+                raise ValueError(f"add_frames: frames: there is a frame {frame.name!r} already")
+            i = t.index(names, frame.body, f"add_frames: Frame {frame.name!r}: body")
+            named.append((frame.name, named[i][1]))
+            poses.append(composed(poses[i], or_identity(frame, "placement")))
+            new.append(poses[-1])
+    placements = jax.tree.map(lambda old, *x: np.stack([*old, *x]).astype(old.dtype), places, *new)
+    topology = dataclasses.replace(t, frames=tuple(named))
+    added = dataclasses.replace(mechanism.as_known(), topology=topology, frame_placements=placements).as_known()
+    return added.as_static() if isinstance(mechanism, StaticMechanism) else added
 
 
 def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mechanism:
@@ -86,12 +130,16 @@ def parts(mechanism: Mechanism) -> tuple[list[Body], list[Joint], list[Frame]]:
     Raises:
         TypeError: numbers of the mechanism are data, or traced.
     """
-    if not all(isinstance(x, np.ndarray) for x in jax.tree.leaves(mechanism)):
-        raise TypeError("mechanism: expected known numbers (NumPy), got data; build, and replace numbers after")
+    _require_known(mechanism)
     with in_double():
         n = len(mechanism.topology)
         mechanism = jax.tree.map(operator.methodcaller("astype", np.float64), mechanism.as_known())
         return [_body(mechanism, i) for i in range(n)], [_joint(mechanism, i) for i in range(n)], _frames(mechanism)
+
+
+def _require_known(mechanism: Mechanism) -> None:
+    if not all(isinstance(x, np.ndarray) for x in jax.tree.leaves(mechanism)):
+        raise TypeError("mechanism: expected known numbers (NumPy), got data; build, and replace numbers after")
 
 
 def _item(tree, i: int):

@@ -187,8 +187,13 @@ class Mechanism:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """The names of the joints that move, in the order of bodies."""
+        """The names of the joints that move, in the order of bodies: joint i carries body i."""
         return self.topology.joint_names
+
+    @property
+    def parents(self) -> tuple[int, ...]:
+        """The number of the body that each body hangs on, -1 for the world; lower than its own."""
+        return self.topology.parents
 
     @property
     def frame_names(self) -> tuple[str, ...]:

@@ -39,9 +39,9 @@ def tree(cls: type[_Class]) -> type[_Class]:
 
 
 @typing.dataclass_transform(eq_default=False, frozen_default=True)
-def tree_of(structure: str) -> typing.Callable[[type[_Class]], type[_Class]]:
-    """As `tree`, with one field that is no array but part of the structure: it has to be hashable."""
-    return lambda cls: _registered(cls, structure)
+def tree_of(*structure: str) -> typing.Callable[[type[_Class]], type[_Class]]:
+    """As `tree`, with fields that are no arrays but part of the structure: they have to be hashable."""
+    return lambda cls: _registered(cls, *structure)
 
 
 def exported(cls: type[_Class]) -> type[_Class]:
