@@ -76,10 +76,12 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.dynamics.configuration import random_configuration as random_configuration
     from jaxspatial.dynamics.energy import kinetic_energy as kinetic_energy
     from jaxspatial.dynamics.energy import potential_energy as potential_energy
+    from jaxspatial.dynamics.external_forces import applied_wrenches as applied_wrenches
     from jaxspatial.dynamics.forward_dynamics import forward_dynamics as forward_dynamics
     from jaxspatial.dynamics.inverse_dynamics import bias_forces as bias_forces
     from jaxspatial.dynamics.inverse_dynamics import gravity_forces as gravity_forces
     from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics as inverse_dynamics
+    from jaxspatial.dynamics.inverse_dynamics import joint_reactions as joint_reactions
     from jaxspatial.dynamics.jacobians import jacobian as jacobian
     from jaxspatial.dynamics.jacobians import jacobian_rate as jacobian_rate
     from jaxspatial.dynamics.kinematics import body_accelerations as body_accelerations

@@ -10,8 +10,9 @@ import jax
 import numpy as np
 
 from jaxspatial.dynamics.composite_bodies import matrix_of
+from jaxspatial.dynamics.external_forces import Load, loads
 from jaxspatial.dynamics.kinematics import BodyMotion, body_motion
-from jaxspatial.dynamics.newton_euler import Load, forces_of, loads
+from jaxspatial.dynamics.newton_euler import forces_of
 from jaxspatial.engine import matrices, recursion, stacking
 from jaxspatial.engine.algorithm import Wrenches
 from jaxspatial.engine.stacking import Array

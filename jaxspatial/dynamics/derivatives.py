@@ -13,8 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.dynamics.composite_bodies import combined, inertia_to_parent, with_armature
+from jaxspatial.dynamics.external_forces import Load, loads
 from jaxspatial.dynamics.kinematics import BodyMotion, motion_step, subspace_times, world_motion
-from jaxspatial.dynamics.newton_euler import Load, loads, wrench_of
+from jaxspatial.dynamics.newton_euler import wrench_of
 from jaxspatial.engine import matrices, recursion, stacking
 from jaxspatial.engine.algorithm import DYNAMICS, FRAMES, Wrenches, algorithm
 from jaxspatial.engine.stacking import Array

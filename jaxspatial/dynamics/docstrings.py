@@ -14,8 +14,9 @@ _ARGUMENTS = {
     "vdot": "(*batch, nv) generalized accelerations: rad/s^2, m/s^2.",
     "tau": "(*batch, nv) generalized forces of the joints: N m, N.",
     "dt": "the time, s: a number or (*batch,).",
-    "external_forces": """by name of a frame (bodies are frames, welded links too) a SpatialForce (*batch,) about the
-    origin of the frame, in world axes. It acts on the body that carries the frame, see `Mechanism.frame_body`.""",
+    "external_forces": """AppliedForces, or by name of a frame (bodies are frames, welded links too) a SpatialForce
+    (*batch,) about the origin of the frame, in world axes. They act on the bodies that carry the frames, see
+    `Mechanism.frame_body`.""",
     "frames": "a name of `mechanism.frame_names`, or several, in the order of the results.",
     "compliance": "of friction and limits; None takes the default, see `Compliance`.",
     "precision": "name of a precision; None takes the default.",
@@ -63,7 +64,9 @@ def _raises(parameters) -> str:
     reasons = ["the first argument is no Mechanism"]
     reasons += ["frames no names"] if "frames" in parameters else []
     reasons += ["dtypes differ or are not floating point"]
-    reasons += ["forces are no dict of SpatialForces"] if "external_forces" in parameters else []
+    reasons += (
+        ["forces are neither a dict of SpatialForces nor AppliedForces"] if "external_forces" in parameters else []
+    )
     errors = [f"TypeError: {', '.join(reasons[:-1])}, or {reasons[-1]}.", "ValueError: shapes do not fit."]
     if "frames" in parameters or "external_forces" in parameters:
         errors.append("KeyError: there is no such frame.")

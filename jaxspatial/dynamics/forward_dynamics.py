@@ -11,8 +11,9 @@ from jax import lax
 
 from jaxspatial.dynamics.articulated_bodies import accelerations, has_floating_roots, solution
 from jaxspatial.dynamics.docstrings import ALGORITHM, documented
+from jaxspatial.dynamics.external_forces import loads
 from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics_of
-from jaxspatial.dynamics.newton_euler import forces_of, loads
+from jaxspatial.dynamics.newton_euler import forces_of
 from jaxspatial.engine import program
 from jaxspatial.engine.algorithm import DYNAMICS, FRAMES, Algorithm, ExternalForces, Wrenches, algorithm, velocity_shape
 from jaxspatial.engine.derivatives import times_columns
@@ -184,4 +185,4 @@ def _form(state: MechanismState) -> list[Any]:
 @algorithm(*DYNAMICS, *FRAMES, result_shape=velocity_shape)
 def _mass_times(state: MechanismState, a: Array):
     """M a, by inverse dynamics at rest and without gravity."""
-    return state.by_velocity(forces_of(state, None, a, loads(state, {}), state.zero_vector))
+    return state.by_velocity(forces_of(state, None, a, loads(state, ()), state.zero_vector))

@@ -6,12 +6,25 @@ import jax
 
 from jaxspatial.dynamics.derivatives import jacobians
 from jaxspatial.dynamics.docstrings import documented
-from jaxspatial.dynamics.newton_euler import forces_of, loads
-from jaxspatial.engine.algorithm import DYNAMICS, FRAMES, Algorithm, ExternalForces, Wrenches, algorithm, velocity_shape
+from jaxspatial.dynamics.external_forces import loads
+from jaxspatial.dynamics.kinematics import arranged
+from jaxspatial.dynamics.newton_euler import forces_of, wrenches_through_joints
+from jaxspatial.engine.algorithm import (
+    BODIES,
+    DYNAMICS,
+    FRAMES,
+    Algorithm,
+    ExternalForces,
+    Wrenches,
+    algorithm,
+    velocity_shape,
+)
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import Mechanism
+from jaxspatial.numerics.numbers import noinline
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
+from jaxspatial.spatial import SpatialForce, algebra
 
 
 @documented
@@ -72,6 +85,36 @@ def gravity_forces(mechanism: Mechanism, q: ArrayLike, *, precision: PrecisionNa
     return inverse_dynamics_of(precision, mechanism, q, None, None, None, operation="gravity_forces")
 
 
+@documented
+def joint_reactions(
+    mechanism: Mechanism,
+    q: ArrayLike,
+    v: ArrayLike,
+    vdot: ArrayLike,
+    external_forces: ExternalForces = None,
+    *,
+    precision: PrecisionName = None,
+) -> SpatialForce:
+    """The wrench through every joint: what its parent exerts on each body.
+
+        F_i = M_i A_i + ... - (external forces on i) + sum of the F of its children
+
+    It holds the body against gravity, external forces, its own motion and all that it carries. What is along the joint
+    is the force of the joint: S . F + armature vdot = `inverse_dynamics`, in "reproducible" bit by bit where joints are
+    at the origins of their bodies. The rest is carried by the bearing. The wrench through a weld is that of a joint in
+    its place, or `newton_euler` of what is behind it.
+
+    Returns:
+        F_Bo_B (*batch, n), in the order of `mechanism.body_names`: on each body by its parent, about the origin of the
+        body, in its axes; N m, N. Drake's `reaction_forces` are the same, on the child about its joint's frame;
+        Pinocchio's `data.f` about the joint; MuJoCo's `cfrc_int` about `subtree_com` of the root, in world axes.
+
+    Source: Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators; Featherstone 2008, table
+        5.1.
+    """
+    return SpatialForce(*_joint_reactions(precision, mechanism, q, v, vdot, external_forces))
+
+
 class InverseDynamics(Algorithm):
     """The program of `inverse_dynamics_of`; nv or more (co)tangents at one state use closed-form Jacobians."""
 
@@ -90,3 +133,15 @@ class InverseDynamics(Algorithm):
 @algorithm(*DYNAMICS, *FRAMES, program_class=InverseDynamics, result_shape=velocity_shape)
 def inverse_dynamics_of(state: MechanismState, v: Array | None, vdot: Array | None, external_forces: Wrenches):
     return state.by_velocity(forces_of(state, v, vdot, loads(state, external_forces), state.minus_gravity))
+
+
+@algorithm(*BODIES, "gravity", *FRAMES, entries=lambda t: 6 * len(t))
+def _joint_reactions(state: MechanismState, v: Array, vdot: Array, external_forces: Wrenches):
+    body_loads = loads(state, external_forces)
+    through = wrenches_through_joints(state, v, vdot, body_loads, state.minus_gravity)
+    placed = zip(map(state.child_placement, state.bundles), through, strict=True)
+    about_bodies = [_about_body(X_JB, F) for X_JB, F in placed]
+    return tuple(arranged(state, None, [F[k] for F in about_bodies]) for k in (0, 1))
+
+
+_about_body = noinline(algebra.inverse_acted_wrench)

@@ -122,10 +122,10 @@ def _of_frames(
         named = (frames,) if isinstance(frames, int) else frames
         placed = ((state.frame_placement(k), at_carrier(state, k, both, root)) for k in named)
     of_frames = [function(X_WJ, X_JF, x) for X_JF, (X_WJ, x) in placed]
-    return tuple(_arranged(state, frames, [x[k] for x in of_frames]) for k in (0, 1))
+    return tuple(arranged(state, frames, [x[k] for x in of_frames]) for k in (0, 1))
 
 
-def _arranged(state: MechanismState, frames: Frames, of_frames: Sequence[Numbers]):
+def arranged(state: MechanismState, frames: Frames, of_frames: Sequence[Numbers]):
     """An array (frames, k, B) of tuples of k numbers, one for each bundle or frame; (k, B) for a single frame."""
     if frames is None:
         return state.by_body(of_frames)

@@ -77,12 +77,14 @@ def semi_implicit_step(
     Source: Hairer, Lubich, Wanner 2006, Geometric numerical integration, I.1.2; Todorov 2014, Convex and
         analytically-invertible dynamics with contacts and constraints (implicit damping).
     """
-    q, v, tau, h = checked("semi_implicit_step", mechanism, q=q, v=v, tau=tau, dt=dt)
+    q, v, tau, h, forces = checked(
+        "semi_implicit_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces
+    )
     tau = _with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
     c = damping_coefficients(mechanism, v, compliance, precision)
     turning = transport(precision, mechanism, q, v) if _has_turning_axes(mechanism) else None
     accelerated = _accelerated if c is None or (c.ndim == 1 and h.ndim == 1) else _each_accelerated
-    vdot = accelerated(mechanism, precision, (q, v, tau, turning), h, c, external_forces)
+    vdot = accelerated(mechanism, precision, (q, v, tau, turning), h, c, forces)
     if turning is None:
         after = _euler(precision, v, h, vdot)
         return integrate(mechanism, q, after, dt, precision=precision), after
@@ -104,7 +106,7 @@ def _with_springs_and_limits(
 
 
 def _accelerated(
-    mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: jax.Array | None, forces: ExternalForces
+    mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: jax.Array | None, forces: Checked
 ) -> jax.Array:
     """The accelerations vdot under implicit damping: the force is -c v at the new velocities."""
     q, v, tau, turning = at
@@ -118,7 +120,7 @@ def _accelerated(
 
 
 def _each_accelerated(
-    mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: Checked, forces: ExternalForces
+    mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: Checked, forces: Checked
 ) -> jax.Array:
     """`_accelerated` over a batch in which damping coefficients, or times, differ."""
     leaves, tree = jax.tree.flatten((at, h, c, forces))
@@ -164,12 +166,12 @@ def symplectic_step(
     Source: Marsden, West 2001, Discrete mechanics and variational integrators, 1.1 to 1.4; Lee, Leok, McClamroch 2007,
         Lie group variational integrators for the full body problem.
     """
-    *at, h = checked("symplectic_step", mechanism, q=q, v=v, tau=tau, dt=dt)
+    *at, h, forces = checked("symplectic_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in at), h.shape[:-1])
     q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (*at, h))
     tau = _with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
     damping = damping_coefficients(mechanism, v, compliance, precision)
-    return _variational_step(mechanism, q, v, tau, h, damping, external_forces, iterations, precision)
+    return _variational_step(mechanism, q, v, tau, h, damping, forces, iterations, precision)
 
 
 def _variational_step(
@@ -179,7 +181,7 @@ def _variational_step(
     tau,
     h: jax.Array,
     damping: jax.Array | None,
-    external_forces: ExternalForces,
+    external_forces: Checked,
     iterations: int,
     precision: PrecisionName,
 ) -> tuple[jax.Array, jax.Array]:
@@ -230,7 +232,7 @@ def _by_velocity(mechanism: Mechanism, q: jax.Array, gradient: jax.Array, precis
     return pullback(rates, jnp.zeros((*q.shape[:-1], mechanism.nv), q.dtype))(gradient)[0]
 
 
-def _static(mechanism: Mechanism, q: jax.Array, external_forces: ExternalForces, precision: PrecisionName) -> jax.Array:
+def _static(mechanism: Mechanism, q: jax.Array, external_forces: Checked, precision: PrecisionName) -> jax.Array:
     """The static forces g(q) - J^T F."""
     nothing = np.zeros(mechanism.nv, q.dtype)
     return bias_forces(mechanism, q, nothing, external_forces, precision=precision)
@@ -264,12 +266,12 @@ def rk4_step(
         "compensated" and "faithful" the stages between are rounded to the dtype.
     Source: Hairer, Norsett, Wanner 1993, Solving ordinary differential equations I, II.1.
     """
-    q, v, tau, h = checked("rk4_step", mechanism, q=q, v=v, tau=tau, dt=dt)
+    q, v, tau, h, external = checked("rk4_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
 
     def rate(q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
         passive = passive_forces_or_none(mechanism, q, v, compliance, precision)
         forces = tau if passive is None else _plus(precision, tau, passive)
-        vdot = forward_dynamics(mechanism, q, v, forces, external_forces, precision=precision)
+        vdot = forward_dynamics(mechanism, q, v, forces, external, precision=precision)
         return configuration_rates(mechanism, q, v, precision=precision), vdot
 
     q, v = _runge_kutta(precision, rate, (q, v), h)

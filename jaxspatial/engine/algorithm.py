@@ -167,8 +167,9 @@ def _external(operation: str, mechanism: Mechanism, forces: Any) -> tuple[dict[s
         if not frames:
             return {"external_forces": F}, ()
         n, batch = len(frames), F.wrenches.batch_shape
-        arrays = (_array_or_none(x, batch, n) for x in (*F.wrenches.vectors, F.points))
-        return {"external_forces": F}, (WrenchesOnFrames(frames, F.axes == "world", *arrays),)
+        tau, f, points = (_array_or_none(x, batch, n) for x in (*F.wrenches.vectors, F.points))
+        on_frames = WrenchesOnFrames(frames, F.axes == "world", tau, f, points)
+        return {"external_forces": F}, (on_frames,)
     if not isinstance(forces, dict | None):
         expected = "SpatialForces in a dict by name of a frame, or AppliedForces"
         raise TypeError(f"{what}: expected {expected}, got {type(forces).__name__}")
@@ -205,8 +206,8 @@ def _require_one_batch(arguments: dict[str, Any]) -> None:
         if not any(isinstance(x, SpatialForce) and x.batch_shape for x in arguments.values()):
             raise
         raise ValueError(
-            f"{error}; a batch of forces under one name acts on one frame, in as many states: forces on several frames, "
-            "or at several points, are AppliedForces(frames, wrenches)"
+            f"{error}; a batch of forces under one name acts on one frame, in as many states: forces on several "
+            "frames, or at several points, are AppliedForces(frames, wrenches)"
         ) from None
 
 

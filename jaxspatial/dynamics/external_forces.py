@@ -1,0 +1,163 @@
+"""External forces: from the points and axes in which they are given to the bodies that they act on."""
+
+import operator
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import jax
+
+from jaxspatial.dynamics.docstrings import documented
+from jaxspatial.dynamics.kinematics import poses
+from jaxspatial.engine import stacking
+from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, ExternalForces, Wrenches, WrenchesOnFrames, algorithm
+from jaxspatial.engine.stacking import Array
+from jaxspatial.engine.state import MechanismState
+from jaxspatial.mechanism import AppliedForces, Mechanism
+from jaxspatial.mechanism.parts import WORLD
+from jaxspatial.mechanism.topology import Bundle
+from jaxspatial.numerics.linear import Matrix, Pose, Vector, Wrench, cross
+from jaxspatial.numerics.numbers import is_number, noinline
+from jaxspatial.numerics.sums.pairwise import of_neighbours
+from jaxspatial.numerics.types import ArrayLike, PrecisionName
+from jaxspatial.spatial import SpatialForce, algebra
+
+T = TypeVar("T")
+# The external wrench (tau, f) on a body about J, and further numbers that add up with it, see `loads`.
+Load = tuple[Vector, Vector, Any]
+OfLoad = Callable[[Vector, Vector, Vector, bool], Any]
+
+
+@documented
+def applied_wrenches(
+    mechanism: Mechanism, q: ArrayLike, external_forces: ExternalForces, *, precision: PrecisionName = None
+) -> dict[str, SpatialForce]:
+    """The external wrench on each body, about its origin: F_Bo_W.
+
+    All functions that take external forces take this dict in place of them. It is what simulators ask for, see
+    `interop.mujoco.to_xfrc_applied`.
+
+    Returns:
+        By name of a body on which forces act, in the order of `mechanism.body_names`: the sum of all of them, a
+        SpatialForce (*batch,) about the body's origin, in world axes. Forces on frames of the world are under "world".
+
+    Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 2.5 (wrenches).
+    """
+    sums = _applied_wrenches(precision, mechanism, q, external_forces, operation="applied_wrenches")
+    frames = external_forces.frames if isinstance(external_forces, AppliedForces) else external_forces or {}
+    carriers = {mechanism.frame_body(name) for name in frames}
+    names = [name for name in (WORLD, *mechanism.body_names) if name in carriers]
+    return {name: SpatialForce(*F) for name, F in zip(names, sums, strict=True)}
+
+
+@algorithm(*GEOMETRY, *FRAMES)
+def _applied_wrenches(state: MechanismState, external_forces: Wrenches) -> list[Wrench]:
+    """The sum on each body that carries forces, in the order of bodies."""
+    placed = poses(state)
+    on_bodies: dict[int, list[Wrench]] = {}
+    for group in external_forces:
+        bodies, F = _bodies_of(state, group), _given(state, group)
+        X_WJ, X_JQ = _of_bodies(state, bodies, placed), _placed(state, group)
+        X_JB = _of_bodies(state, bodies, list(map(state.child_placement, state.bundles)))
+        if not group.in_world:
+            F = _turned(X_WJ.R, X_JQ.R, F)
+        F = _about_origin(X_WJ.R, X_JQ.p - X_JB.p, F)
+        for i, body in enumerate(bodies):
+            on_bodies.setdefault(body, []).append(_row(F, i))
+    return [of_neighbours(operator.add, on_bodies[body]) for body in sorted(on_bodies)]
+
+
+@noinline
+def _turned(R_WJ: Matrix, R_JF: Matrix, F: Wrench) -> Wrench:
+    """A wrench in the axes of F, in those of the world."""
+    return Wrench(R_WJ @ (R_JF @ F.tau), R_WJ @ (R_JF @ F.f))
+
+
+@noinline
+def _about_origin(R_WJ: Matrix, p_BQ_J: Vector, F: Wrench) -> Wrench:
+    """A wrench about Q in world axes, as one about Bo."""
+    return Wrench(F.tau + cross(R_WJ @ p_BQ_J, F.f), F.f)
+
+
+# -- about joints -----------------------------------------------------------------------------------------------------
+
+
+def loads(state: MechanismState, forces: Wrenches, of_load: OfLoad | None = None) -> list[Load]:
+    """The external Load of every bundle, about J in its axes; known zeros for bodies without one.
+
+    of_load: a function of (tau, f, the position of the point, whether the wrench keeps its direction in the world) that
+        returns the further numbers of a Load.
+    """
+    of_load = of_load or (lambda tau, f, p_JQ, in_world: ())
+    zero = state.zero_vector
+    nothing = zero, zero, of_load(zero, zero, zero, True)
+    on_bodies: dict[int, list[Load]] = {}
+    placed = poses(state) if any(group.in_world for group in forces) else []
+    for group in forces:
+        bodies, X_JQ, F = _bodies_of(state, group), _placed(state, group), _given(state, group)
+        F = _about_joint(_of_bodies(state, bodies, placed), X_JQ, F) if group.in_world else _acted(X_JQ, F)
+        load = F.tau, F.f, of_load(F.tau, F.f, X_JQ.p, group.in_world)
+        for i, body in enumerate(bodies):
+            on_bodies.setdefault(body, []).append(_row(load, i) if len(bodies) > 1 else load)
+    summed = {body: of_neighbours(_added, items) for body, items in on_bodies.items()}
+    return [_of_bundle(state, bundle, summed, nothing) for bundle in state.bundles]
+
+
+def _bodies_of(state: MechanismState, group: WrenchesOnFrames) -> list[int]:
+    """The numbers of the bodies that carry the frames."""
+    return [state.topology.frames[frame][1] for frame in group.frames]
+
+
+def _of_bodies(state: MechanismState, bodies: list[int], poses: list[Pose]) -> Pose:
+    """The poses of bodies, as numbers (n, B), from those of every bundle; that of the world for -1."""
+    of_bodies = [state.of_body(body, poses, state.world) for body in bodies]
+    return of_bodies[0] if len(of_bodies) == 1 else stacking.concatenated_trees(of_bodies, state.n)
+
+
+def _placed(state: MechanismState, group: WrenchesOnFrames) -> Pose:
+    """X_JQ of the frames, moved to their points."""
+    X_JF = state.frame_placements(group.frames)
+    return X_JF if group.points is None else _moved(X_JF, _parts(state, group.points))
+
+
+def _given(state: MechanismState, group: WrenchesOnFrames) -> Wrench:
+    return Wrench(_parts(state, group.tau), _parts(state, group.f))
+
+
+def _parts(state: MechanismState, parts: Array | None) -> Vector:
+    """The numbers (n, B) of n vectors."""
+    if parts is None:
+        return state.zero_vector
+    return Vector(*state.numbers(parts.reshape((-1, 3, *parts.shape[1:]))))
+
+
+@noinline
+def _moved(X_JF: Pose, p_FQ: Vector) -> Pose:
+    """X_JQ of a frame with the axes of F at Q."""
+    return Pose(X_JF.R, X_JF.p + X_JF.R @ p_FQ)
+
+
+@noinline
+def _about_joint(X_WJ: Pose, X_JQ: Pose, F: Wrench) -> Wrench:
+    """A wrench about Q in world axes, as one about Jo in the axes of J."""
+    f = X_WJ.R.T @ F.f
+    return Wrench(X_WJ.R.T @ F.tau + cross(X_JQ.p, f), f)
+
+
+_acted = noinline(algebra.acted_wrench)
+
+
+def _row(load: T, i: int) -> T:
+    """Row i of numbers (n, B); a number that is the same for all has one row."""
+    return stacking.mapped(lambda word: word[min(i, word.shape[0] - 1)][None], load)
+
+
+def _added(a: Load, b: Load) -> Load:
+    return jax.tree.map(operator.add, a, b, is_leaf=is_number)
+
+
+def _of_bundle(state: MechanismState, bundle: Bundle, on_bodies: dict[int, Load], nothing: Load) -> Load:
+    bodies = bundle.bodies.ravel().tolist()
+    if not any(i in on_bodies for i in bodies):
+        return nothing
+    rows = stacking.concatenated_trees([on_bodies.get(i, nothing) for i in bodies], state.n)
+    return stacking.mapped(lambda word: word.reshape((bundle.length, bundle.width, -1)), rows)
