@@ -30,7 +30,14 @@ def drawn():
         _arrow(axes, SO, tip, INK, width=1.4)
         _text(axes, tip[0] + (0.12 if name == "z" else 0.14), tip[1] - (0.14 if name == "z" else -0.02), name, INK)
     _arrow(axes, SO, (SO[0], 2.75), READING)
-    _text(axes, 2.7, 2.72, "reading $F_{So\\_S}$: on the load, by the robot,\nabout So, along the axes of S", READING, "left")
+    _text(
+        axes,
+        2.7,
+        2.72,
+        "reading $F_{So\\_S}$: on the load, by the robot,\nabout So, along the axes of S",
+        READING,
+        "left",
+    )
     _arrow(axes, C, (C[0], -0.1), WEIGHT)
     _text(axes, C[0] + 0.12, 0.0, "weight m g, at C", WEIGHT, "left")
     _arrow(axes, (T[0], 0.35), T, CONTACT)
