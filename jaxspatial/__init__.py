@@ -91,6 +91,7 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.dynamics.linearization import inverse_dynamics_derivatives as inverse_dynamics_derivatives
     from jaxspatial.dynamics.composite_bodies import mass_matrix as mass_matrix
     from jaxspatial.dynamics.composite_bodies import mass_matrix_factor as mass_matrix_factor
+    from jaxspatial.dynamics.momentum_observer import MomentumObserver as MomentumObserver
     from jaxspatial.dynamics.passive import Compliance as Compliance
     from jaxspatial.dynamics.passive import passive_forces as passive_forces
     from jaxspatial.dynamics import regressors as regressors

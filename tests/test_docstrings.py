@@ -33,7 +33,8 @@ FUNCTIONS = (
 ALGORITHMS = [name for name, f in FUNCTIONS.items() if f.__module__.startswith("jaxspatial.dynamics")]
 VECTORS = js.Rotation, js.RigidTransform, js.SpatialVelocity, js.SpatialAcceleration
 NUMBERS = js.Components, js.DoubleWord
-CLASSES = *VECTORS, js.SpatialInertia, js.ArticulatedInertia, MassMatrixFactor, quantity.Quantity, *NUMBERS
+OF_DYNAMICS = MassMatrixFactor, js.MomentumObserver
+CLASSES = *VECTORS, js.SpatialInertia, js.ArticulatedInertia, *OF_DYNAMICS, quantity.Quantity, *NUMBERS
 METHODS = {name: f for cls in CLASSES for name, f in _methods(cls).items()}
 
 

@@ -37,6 +37,7 @@ EXAMPLES = {
     "InverseDynamicsDerivatives": lambda: _derivatives(linearization.InverseDynamicsDerivatives),
     "MassMatrixFactor": lambda: composite_bodies.MassMatrixFactor(_ones(2, 2)),
     "Mechanism": lambda: js.testing.random_mechanism(0, n=2, dtype=np.float32),
+    "MomentumObserver": lambda: js.MomentumObserver(*(_ones(2) * i for i in (1, 2, 3))),
     "RigidTransform": lambda: js.RigidTransform(js.Rotation(_ones(2, 9)), _ones(2, 3)),
     "Rotation": lambda: js.Rotation(_ones(2, 9)),
     "SpatialAcceleration": lambda: js.SpatialAcceleration(_ones(2, 3), _ones(2, 3)),

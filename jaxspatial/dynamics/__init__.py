@@ -14,5 +14,6 @@ Each file is one subject, with its public functions and the formulas over a `Mec
     configuration         steps on the manifold of configurations
     passive               springs, damping, friction, limits
     steps                 steps in time
+    momentum_observer     external generalized forces from measured states
     regressors            forces as linear functions of inertial parameters
 """

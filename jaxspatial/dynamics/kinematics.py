@@ -148,10 +148,11 @@ def _pose_in_world(X_WJ: Pose, X_JF: Pose, _) -> tuple[Numbers, Vector]:
 
 def velocities(state: MechanismState, v: Array) -> list[Motion]:
     """V_WJ_J of every bundle."""
-    return recursion.outward(state, _velocity, Motion(state.zero_vector, state.zero_vector), state.links(v))
+    return recursion.outward(state, velocity_step, Motion(state.zero_vector, state.zero_vector), state.links(v))
 
 
-def _velocity(link: Link, V_P: Motion) -> tuple[Motion, Motion]:
+def velocity_step(link: Link, V_P: Motion) -> tuple[Motion, Motion]:
+    """V_WJ_J of a body from that of its parent, as the step of an outward recursion."""
     X_PB = link.X_PB
     w, v = subspace_times(link.joint.subspace, link.v)
     v_B = V_P.v + cross(V_P.w, X_PB.p)

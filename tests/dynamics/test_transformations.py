@@ -34,6 +34,11 @@ def _x64():
         yield
 
 
+def observed(mech, q, v, tau):
+    """The residual of an observer after one sample, from half the velocity."""
+    return js.MomentumObserver.start(mech, q, 0.5 * v).update(mech, q, v, tau, 0.01, 10.0).residual
+
+
 ALGORITHMS = {
     "inverse dynamics": js.inverse_dynamics,
     "forward dynamics": js.forward_dynamics,
@@ -49,6 +54,7 @@ ALGORITHMS = {
     "factor": lambda mech, q, v, a: js.mass_matrix_factor(mech, q).solve(a),
     "semi-implicit step": lambda mech, q, v, a: js.semi_implicit_step(mech, q, v, a, 0.01)[0],
     "symplectic step": lambda mech, q, v, a: js.symplectic_step(mech, q, v, a, 0.01)[1],
+    "momentum observer": observed,
     "Runge-Kutta step": lambda mech, q, v, a: js.rk4_step(mech, q, v, a, 0.01)[1],
 }
 # Factors and products of matrices are libraries', whose order of sums is not ours.

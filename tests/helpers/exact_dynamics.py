@@ -200,6 +200,28 @@ class Chain:
             J = array(J)
             yield J @ alpha + cross(w, J @ w), zero()
 
+    def momentum_and_beta(self):
+        """(p, beta) of `MomentumObserver`, from the momentum and the weight of all that a joint carries."""
+        (w, v), g, found = (zero(), zero()), -self.gravity, []
+        for body, q, rate in zip(self.bodies, self.q, self.v, strict=True):
+            R = body.R @ about(body.k, q)
+            v, g = R.T @ (v + cross(w, body.p)), R.T @ g
+            w = R.T @ w + body.k * rate
+            l = (v + cross(w, body.com)) * body.mass  # noqa: E741
+            found.append((R, w, v, body.central @ w + cross(body.com, l), l, g * body.mass))
+        (h, l, tau, f), momenta, betas = (zero(),) * 4, [], []  # noqa: E741
+        for body, (R, w, v, h_own, l_own, weight) in zip(reversed(self.bodies), reversed(found), strict=True):
+            h, l, tau, f = h + h_own, l + l_own, tau + cross(body.com, weight), f + weight  # noqa: E741
+            momenta.append(body.k @ h)
+            betas.append(body.k @ (tau + cross(w, h) + cross(v, l)))
+            l, f = R @ l, R @ f  # noqa: E741
+            h, tau = R @ h + cross(body.p, l), R @ tau + cross(body.p, f)
+        return momenta[::-1], betas[::-1]
+
+    def momentum_rate(self):
+        """dM/dt v."""
+        return self.along("q", self.v, lambda chain: chain.at(a=self.v, v=self.nothing).inverse_dynamics(gravity=0))
+
     # -- in world axes ------------------------------------------------------------------------------------------------
 
     @functools.cached_property
