@@ -28,6 +28,9 @@ def _derivatives(kind):
 
 # One of each type whose objects are data.
 EXAMPLES = {
+    "AppliedForces": lambda: js.AppliedForces(
+        ["left", "right"], js.SpatialForce(_ones(4, 2, 3), _ones(4, 2, 3)), _ones(2, 3), "frame"
+    ),
     "ArticulatedInertia": lambda: js.ArticulatedInertia.from_spatial_inertia(_inertia()),
     "CentralAxis": lambda: js.central_axis(js.SpatialForce(_ones(2, 3), _ones(2, 3))),
     "Compliance": lambda: js.Compliance(*(_ones(2) * i for i in (1, 2, 3))),

@@ -97,12 +97,12 @@ def joint_reactions(
 ) -> SpatialForce:
     """The wrench through every joint: what its parent exerts on each body.
 
-        F_i = M_i A_i + ... - (external forces on i) + sum of the F of its children
+        F_i = (net wrench of body i) - (external forces on body i) + sum of F over its children
 
-    It holds the body against gravity, external forces, its own motion and all that it carries. What is along the joint
-    is the force of the joint: S . F + armature vdot = `inverse_dynamics`, in "reproducible" bit by bit where joints are
-    at the origins of their bodies. The rest is carried by the bearing. The wrench through a weld is that of a joint in
-    its place, or `newton_euler` of what is behind it.
+    It holds the body against gravity, external forces, its own motion and all that hangs on it. Its part along the
+    joint is the force of the joint: S . F + armature vdot = `inverse_dynamics`, in "reproducible" bit by bit where the
+    joint is at the origin of its body. The bearing takes the rest. The wrench through a weld is that of `newton_euler`
+    for what is behind it.
 
     Returns:
         F_Bo_B (*batch, n), in the order of `mechanism.body_names`: on each body by its parent, about the origin of the

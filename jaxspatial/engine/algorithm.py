@@ -179,10 +179,10 @@ def _external(operation: str, mechanism: Mechanism, forces: Any) -> tuple[dict[s
         if not isinstance(F, SpatialForce):
             raise TypeError(f"{what}[{name!r}]: expected a SpatialForce, got {type(F).__name__}")
     by_name = check.narrowed(by_name)
-    wrenches = (
-        WrenchesOnFrames((numbers[name],), True, *(_array_or_none(x, F.batch_shape) for x in F.vectors), None)
-        for name, F in sorted(by_name.items(), key=lambda item: numbers[item[0]])
-    )
+    wrenches: list[WrenchesOnFrames] = []
+    for name, F in sorted(by_name.items(), key=lambda item: numbers[item[0]]):
+        tau, f = (_array_or_none(x, F.batch_shape) for x in F.vectors)
+        wrenches.append(WrenchesOnFrames((numbers[name],), True, tau, f, None))
     return {f"external_forces[{name!r}]": F for name, F in by_name.items()}, tuple(wrenches)
 
 
