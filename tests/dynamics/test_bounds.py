@@ -88,7 +88,8 @@ def balanced(q):
 def expected(name):
     """algorithm -> numbers of 60 digits, with the size of their terms."""
     with mp.workdps(exact.DIGITS):
-        c = at(*states()[name])
+        q, v, a = states()[name]
+        c = at(q, v, a)
         return {
             "rotations": c.rotations(),
             "positions": c.positions(),
@@ -98,6 +99,8 @@ def expected(name):
             "jacobian rate": c.jacobian_rate(N - 2),
             "inverse dynamics": c.inverse_dynamics(),
             "forward dynamics": c.forward_dynamics(),
+            "joint reactions": c.joint_reactions(),
+            "applied wrench": c.applied_wrench(N - 1, a[:3], v[:3], q[:3]),
             "bias forces": c.bias_forces(),
             "gravity forces": c.gravity_forces(),
             "regressor": c.regressor(),
@@ -114,6 +117,12 @@ def expected(name):
         }
 
 
+def _applied(mech, q, v, a):
+    """Of a wrench at a point of the last body, in its axes: any numbers serve."""
+    F = js.AppliedForces([f"body{N - 1}"], js.SpatialForce(a[None, :3], v[None, :3]), q[None, :3], "frame")
+    return js.applied_wrenches(mech, q, F)[f"body{N - 1}"].to_array()
+
+
 def all_of_ours(precision, q, v, a):
     mech = chain()
     with js.default_precision(precision):
@@ -128,6 +137,8 @@ def all_of_ours(precision, q, v, a):
             "jacobian rate": js.jacobian_rate(mech, q, v, f"body{N - 2}"),
             "inverse dynamics": js.inverse_dynamics(mech, q, v, a),
             "forward dynamics": js.forward_dynamics(mech, q, v, a),
+            "joint reactions": js.joint_reactions(mech, q, v, a).to_array(),
+            "applied wrench": _applied(mech, q, v, a),
             "bias forces": js.bias_forces(mech, q, v),
             "gravity forces": js.gravity_forces(mech, q),
             "regressor": js.regressors.joint_torque_regressor(mech, q, v, a),

@@ -146,13 +146,29 @@ class Chain:
 
     def at_joints(self, motions, wrenches):
         """The forces at the joints of wrenches on bodies."""
+        through = self.through_joints(motions, wrenches)
+        return [body.k @ tau for body, (tau, _) in zip(self.bodies, through, strict=True)]
+
+    def through_joints(self, motions, wrenches):
+        """(tau, f) of the whole wrenches, about the origins of the bodies, in their axes."""
         (tau, f), found = (zero(), zero()), []
         for body, (R, *_), (torque, force) in zip(*map(reversed, (self.bodies, motions, wrenches)), strict=True):
             tau, f = tau + torque, f + force
-            found.append(body.k @ tau)
+            found.append((tau, f))
             f = R @ f
             tau = R @ tau + cross(body.p, f)
         return found[::-1]
+
+    def joint_reactions(self):
+        motions = self.motions(-self.gravity)
+        wrenches = [body.wrench(*x[1:]) for body, x in zip(self.bodies, motions, strict=True)]
+        return [x for tau, f in self.through_joints(motions, wrenches) for x in (*tau.numbers(), *f.numbers())]
+
+    def applied_wrench(self, i, tau, f, p):
+        """About the origin of body i, in world axes, of a wrench (tau, f) at p on it, in its axes."""
+        R, *_ = self.placed[i]
+        tau, f, p = (R @ array(x) for x in (tau, f, p))
+        return [*(tau + cross(p, f)).numbers(), *f.numbers()]
 
     def bias_forces(self):
         return self.at(a=self.nothing).inverse_dynamics()

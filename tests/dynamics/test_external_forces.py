@@ -1,0 +1,267 @@
+"""Forces at points of frames: against Jacobians, in every transformation, and what they cost; reactions of joints."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from tests.dynamics.test_loads import arm, pose, state
+from tests.helpers.counting import asked_for
+from tests.helpers.interpreted import interpreted
+
+# Two wrenches on one frame, one on a frame of the same body, one on the other body, one on the world.
+FRAMES = ("tip", "tool", "tip", "elbow", "world")
+AXES = pytest.mark.parametrize("axes", ["world", "frame"])
+
+
+@pytest.fixture(autouse=True)
+def _x64():
+    with jax.enable_x64(True):
+        yield
+
+
+def forces(axes="world", *batch, frames=FRAMES):
+    tau, f, p = np.random.default_rng(2).standard_normal((3, *batch, len(frames), 3))
+    return js.AppliedForces(frames, js.SpatialForce(jnp.asarray(tau), jnp.asarray(f)), jnp.asarray(p), axes)
+
+
+def about_origins(q, F):
+    """The wrenches about the origins of their frames, in world axes."""
+    R_WF = js.forward_kinematics(arm(), q, F.frames).rotation
+    in_world = js.rotate(R_WF, F.wrenches) if F.axes == "frame" else F.wrenches
+    return js.shift(in_world, -(R_WF @ F.points))
+
+
+def pulled(q, F):
+    """J^T F."""
+    return jnp.einsum("nij,ni->j", js.jacobian(arm(), q, F.frames), about_origins(q, F).to_array(), precision="highest")
+
+
+@AXES
+def test_wrenches_act_where_they_are_said_to(axes):
+    (q, v, a), F = state(), forces(axes)
+    expected = interpreted(lambda q: js.inverse_dynamics(arm(), q, v, a) - pulled(q, F))(q)
+    found = interpreted(lambda q, F: js.inverse_dynamics(arm(), q, v, a, F))(q, F)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * abs(expected).max())
+    back = interpreted(lambda q, F: js.forward_dynamics(arm(), q, v, found, F))(q, F)
+    np.testing.assert_allclose(back, a, rtol=0, atol=1e-12)
+
+
+@AXES
+def test_sums_on_bodies_are_the_same_forces(axes):
+    (q, v, _), F = state(), forces(axes)
+    sums = interpreted(lambda q, F: js.applied_wrenches(arm(), q, F))(q, F)
+    assert list(js.applied_wrenches(arm(), q, F)) == ["world", "upper", "lower"]
+    found, expected = (interpreted(lambda q, F: js.bias_forces(arm(), q, v, F))(q, x) for x in (sums, F))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * abs(expected).max())
+    of_dict = interpreted(lambda q, F: js.applied_wrenches(arm(), q, F))(q, sums)
+    for name, F_Bo_W in sums.items():
+        np.testing.assert_array_equal(of_dict[name].to_array(), F_Bo_W.to_array())
+    p_WE = js.forward_kinematics(arm(), q, "elbow").translation - js.forward_kinematics(arm(), q, "upper").translation
+    on_elbow = about_origins(q, F)
+    moved = js.shift(js.SpatialForce(on_elbow.tau[3], on_elbow.f[3]), -p_WE).to_array()
+    np.testing.assert_allclose(sums["upper"].to_array(), moved, rtol=0, atol=1e-13)
+    assert js.applied_wrenches(arm(), q, None) == {} == js.applied_wrenches(arm(), q, {})
+
+
+@AXES
+def test_closed_form_derivatives(axes):
+    """One derivative at a time goes through the recursion, not through the closed form."""
+    (q, v, a), F = state(), forces(axes)
+
+    def along(step):
+        return js.inverse_dynamics(arm(), js.integrate(arm(), q, step), v, a, F)
+
+    closed = interpreted(lambda q: js.inverse_dynamics_derivatives(arm(), q, v, a, F).dtau_dq)(q)
+    for k, unit in enumerate(np.eye(arm().nv)):
+        one = interpreted(lambda t: jax.jvp(along, (jnp.zeros(arm().nv),), (t,))[1])(unit)
+        np.testing.assert_allclose(closed[:, k], one, rtol=0, atol=1e-12 * abs(closed).max())
+
+
+def test_in_every_transformation():
+    """Batches by leading axes, by vmap and in a scan have the bits of single items; derivatives by all numbers are
+    linear in the wrenches."""
+    (q, v, _), F = state(), forces("frame", 4)
+    of = functools.partial(js.bias_forces, arm(), q, v)
+    whole = jax.jit(of)(F)
+    np.testing.assert_array_equal(jax.jit(jax.vmap(of))(F), whole)
+    np.testing.assert_array_equal(jax.lax.scan(lambda _, x: (None, of(x)), None, F)[1], whole)
+    np.testing.assert_array_equal(interpreted(of)(F), whole)
+    one = jax.tree.map(lambda x: x[0], F)
+    by = jax.jit(jax.grad(lambda F: jnp.sum(of(F) * v)))(one)
+    assert jax.tree.structure(by) == jax.tree.structure(one)
+    # Power -V . J^T F is linear in the wrenches: its gradient by them is minus the velocity of their points.
+    power = jnp.sum(by.wrenches.to_array() * one.wrenches.to_array())
+    np.testing.assert_allclose(power, jnp.sum((of(one) - js.bias_forces(arm(), q, v)) * v), rtol=1e-12)
+    step = 1e-6
+    moved = [js.AppliedForces(FRAMES, one.wrenches, one.points + s * step, "frame") for s in (1, -1)]
+    difference = (jnp.sum(of(moved[0]) * v) - jnp.sum(of(moved[1]) * v)) / (2 * step)
+    np.testing.assert_allclose(jnp.sum(by.points), difference, rtol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["semi_implicit_step", "rk4_step", "symplectic_step"])
+def test_in_steps(name):
+    """A batch of forces on a batch of states, with damping that differs from item to item."""
+    q, v, a = state()
+    mech, step = arm().replace(friction_loss=0.1 * np.ones(arm().nv)), getattr(js, name)
+    # About origins of bodies: at other points, a wrench about the origin would change within a step.
+    F = forces("world", 3, frames=("upper", "lower", "lower"))
+    F = js.AppliedForces(F.frames, F.wrenches, 0 * F.points)
+    batch = [jnp.stack([x, x, x]) for x in (q, v, a)]
+    found = interpreted(lambda q, v, a, F: step(mech, q, v, a, 1e-3, F))(*batch, F)
+    alone = interpreted(lambda q, v, a, F: step(mech, q, v, a, 1e-3, js.applied_wrenches(mech, q, F)))(*batch, F)
+    for x, y in zip(found, alone, strict=True):
+        np.testing.assert_allclose(x, y, rtol=0, atol=1e-11 if name == "symplectic_step" else 1e-13)
+    assert abs(found[1][0] - found[1][1]).max() > 1e-5
+
+
+# -- what they cost ---------------------------------------------------------------------------------------------------
+
+
+def counted(F, *arguments):
+    q, v, _ = state()
+    run = functools.partial(js.bias_forces, arm(), precision="fast")
+    return asked_for(lambda q, v, *x: run(q, v, F(*x)), q, v, *arguments)
+
+
+def test_origins_in_world_axes_cost_what_a_dict_costs():
+    frames = "upper", "tip", "elbow"
+    x = jnp.ones((3, 3)), jnp.ones((3, 3))
+    stacked = counted(lambda tau, f: js.AppliedForces(frames, js.SpatialForce(tau, f)), *x)
+    by_name = counted(lambda tau, f: {name: js.SpatialForce(tau[i], f[i]) for i, name in enumerate(frames)}, *x)
+    assert stacked["multiply"] <= by_name["multiply"] and stacked["add"] <= by_name["add"]
+    one = counted(lambda tau, f: js.AppliedForces(["tip"], js.SpatialForce(tau[:1], f[:1])), *x)
+    assert one == counted(lambda tau, f: {"tip": js.SpatialForce(tau[0], f[0])}, *x)
+
+
+def test_what_is_absent_leaves_nothing_behind():
+    nothing, f = counted(lambda: None), jnp.ones((1, 3))
+    assert counted(lambda: js.AppliedForces([], js.SpatialForce.zero((0,)))) == nothing
+    assert counted(lambda: js.AppliedForces(["tip"], js.SpatialForce(np.zeros((1, 3)), np.zeros((1, 3))))) == nothing
+
+    def on(frame, points, axes="world"):
+        return counted(lambda f: js.AppliedForces([frame], js.SpatialForce(f=f), points, axes), f)["multiply"]
+
+    above, beside = np.array([[0.0, 0.0, 0.3]]), np.ones((1, 3))
+    assert on("upper", None) == on("upper", np.zeros((1, 3))) < on("upper", above) < on("upper", beside)
+    assert on("tip", None) == on("tip", above) == on("tip", beside)  # known points are part of known placements
+    # In the axes of the frame no pose of the body is needed.
+    assert on("tip", None, "frame") < on("tip", None)
+
+
+# -- messages ---------------------------------------------------------------------------------------------------------
+
+
+def test_errors_say_what_is_expected():
+    (q, v, _), F = state(), js.SpatialForce.zero((2,), np.float64)
+    for arguments, error, message in [
+        (("tip", F), TypeError, "AppliedForces: frames: expected a sequence of names, got 'tip'"),
+        ((["tip"], F), ValueError, r"AppliedForces: wrenches: expected one for each of 1 frames.*got shape \(2,\)"),
+        ((["tip", "tip"], jnp.zeros((2, 6))), TypeError, "AppliedForces: wrenches: expected a SpatialForce"),
+        ((["tip", "tip"], F, np.zeros((3, 3))), ValueError, r"AppliedForces: points: expected shape \(\*batch, 2, 3\)"),
+        ((["tip", "tip"], F, np.zeros(3)), ValueError, r"AppliedForces: points: expected shape \(\*batch, 2, 3\)"),
+        ((["tip", "tip"], F, None, "body"), ValueError, "AppliedForces: axes: expected 'world' or 'frame', got 'body'"),
+    ]:
+        with pytest.raises(error, match=message):
+            js.AppliedForces(*arguments)
+    for forces, error, message in [
+        (js.AppliedForces(["tip", "tipp"], F), KeyError, "bias_forces: external_forces: frames: .*did you mean 'tip'"),
+        ([F], TypeError, "SpatialForces in a dict by name of a frame, or AppliedForces, got list"),
+        ({"tip": 1.0}, TypeError, r"external_forces\['tip'\]: expected a SpatialForce, got float"),
+    ]:
+        with pytest.raises(error, match=message):
+            js.bias_forces(arm(), q, v, forces)
+
+
+def test_stacked_feet_under_one_name():
+    """What does not fit as a batch was meant as several frames."""
+    q, v, _ = (jnp.stack([x, x, x]) for x in state())
+    feet = js.SpatialForce.zero((4,), np.float64)
+    with pytest.raises(ValueError, match=r"under one name .* are AppliedForces\(frames, wrenches\)"):
+        js.bias_forces(arm(), q, v, {"tip": feet})
+    with pytest.raises(ValueError, match="external_forces") as caught:
+        js.bias_forces(arm(), q, v, js.AppliedForces(["tip"] * 4, js.SpatialForce.zero((2, 4), np.float64)))
+    assert "under one name" not in str(caught.value)
+
+
+# -- frames after loading ---------------------------------------------------------------------------------------------
+
+
+def test_frames_are_added():
+    """As if the mechanism had been built with them: on bodies, on welded ones, on frames, on the world."""
+    X, Y, q = pose(np.random.default_rng(5)), pose(np.random.default_rng(6)), state()[0]
+    new = [js.Frame("sensor", "tool", X), js.Frame("finger", "sensor", Y), js.Frame("lamp", "world", X)]
+    mech = js.add_frames(arm(), [*new, js.Frame("same", "elbow")])
+    assert mech.frame_names == (*arm().frame_names, "sensor", "finger", "lamp", "same")
+    assert [mech.frame_body(x) for x in ("sensor", "finger", "lamp", "same")] == ["lower", "lower", "world", "upper"]
+    X_WT, found = (js.forward_kinematics(arm(), q, "tool"), js.forward_kinematics(mech, q, ["sensor", "finger"]))
+    expected = js.stack([X_WT @ X, X_WT @ X @ Y], 0)
+    np.testing.assert_allclose(found.to_matrix(), expected.to_matrix(), rtol=0, atol=1e-14)
+    for name in ("elbow", "same"):
+        np.testing.assert_array_equal(
+            js.forward_kinematics(mech, q, name).to_matrix(), js.forward_kinematics(arm(), q, "elbow").to_matrix()
+        )
+    n = len(arm().frame_names)
+    np.testing.assert_array_equal(mech.frame_placements.translation[:n], arm().frame_placements.translation)
+    assert js.add_frames(arm(), []).topology == arm().topology
+    static = js.add_frames(arm().as_static(), new)
+    assert isinstance(static, js.StaticMechanism) and static.frame_names == mech.frame_names[:-1]
+    assert arm().parents == (-1, 0) and arm().joint_names == ("shoulder", "elbow joint")
+
+
+def test_frames_that_cannot_be_added():
+    for frames, error, message in [
+        ([js.Frame("tip", "lower")], ValueError, "add_frames: frames: there is a frame 'tip' already"),
+        ([js.Frame("x", "lover")], KeyError, "add_frames: Frame 'x': body: .*did you mean 'lower'"),
+        (["x"], TypeError, "add_frames: frames: expected Frames, got str"),
+    ]:
+        with pytest.raises(error, match=message):
+            js.add_frames(arm(), frames)
+    with pytest.raises(TypeError, match="known numbers"):
+        js.add_frames(arm().as_data(), [js.Frame("x", "lower")])
+
+
+# -- reactions --------------------------------------------------------------------------------------------------------
+
+
+@AXES
+def test_reactions_along_joints_are_inverse_dynamics_bit_by_bit(axes):
+    """Joints along the axes of their bodies: torque or force about that axis, and armature."""
+    rng = np.random.default_rng(0)
+    joints, bodies = [], []
+    for i, (kind, axis) in enumerate([("revolute", 2), ("prismatic", 1), ("revolute", 0), ("revolute", 2)]):
+        central = np.diag([0.3, 0.4, 0.5])
+        bodies.append(js.Body(f"b{i}", js.SpatialInertia(1.0 + i, rng.standard_normal(3), central)))
+        parent = f"b{i - 1}" if i else "world"
+        joints.append(
+            js.Joint(f"j{i}", kind, parent, f"b{i}", pose(rng), axis=np.eye(3)[axis], armature=0.1 * (i == 1))
+        )
+    mech = js.Mechanism.build(bodies, joints, dtype=np.float64)
+    q, v, a = (jnp.asarray(x) for x in rng.standard_normal((3, mech.nv)))
+    F = forces(axes, frames=("b3", "b1", "b3"))
+    reactions = jax.jit(lambda *x: js.joint_reactions(mech, *x))(q, v, a, F)
+    tau = jax.jit(lambda *x: js.inverse_dynamics(mech, *x))(q, v, a, F)
+    along = jnp.stack([reactions.tau[0, 2], reactions.f[1, 1], reactions.tau[2, 0], reactions.tau[3, 2]])
+    np.testing.assert_array_equal(along + mech.armature * a, tau)
+    np.testing.assert_array_equal(
+        interpreted(lambda *x: js.joint_reactions(mech, *x).to_array())(q, v, a, F), reactions.to_array()
+    )
+
+
+def test_a_chain_at_rest_hangs_on_its_joints():
+    """The weight of all that a joint holds, at their centre of mass, less the external forces."""
+    (q, _, _), mech = state(), arm()
+    zero = jnp.zeros(mech.nv)
+    found = interpreted(lambda q: js.joint_reactions(mech, q, zero, zero))(q)
+    X = js.forward_kinematics(mech, q)
+    com = js.act(X, mech.inertias).com  # of each body, from the world
+    mass = mech.inertias.mass
+    weight = -mass[:, None] * mech.gravity
+    held = [weight[0] + weight[1], weight[1]]
+    moment = [sum(jnp.cross(com[k] - X.translation[i], weight[k]) for k in range(i, 2)) for i in range(2)]
+    in_world = js.rotate(X.rotation, js.SpatialForce(jnp.asarray(found.tau), jnp.asarray(found.f)))
+    np.testing.assert_allclose(in_world.f, jnp.stack(held), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(in_world.tau, jnp.stack(moment), rtol=0, atol=1e-12)

@@ -1,0 +1,101 @@
+"""Wrenches through joints against Drake and MuJoCo in float64: an arm, a quadruped, a humanoid, with forces at points.
+
+Drake's reaction forces act on the child, about the joint's frame on it, which for URDF is that of the body. MuJoCo's
+cfrc_int acts on the body too, about the centre of mass of its tree, in world axes.
+"""
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from jaxspatial.interop import mujoco as states
+from tests.helpers.interpreted import interpreted
+from tests.helpers.optional import needs
+from tests.peers import test_wrenches_mujoco as with_wrenches
+
+needs("pydrake")
+needs("pinocchio")
+from pydrake.common.value import Value  # noqa: E402
+from pydrake.math import RigidTransform  # noqa: E402
+from pydrake.multibody.math import SpatialForce  # noqa: E402
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce  # noqa: E402
+
+from tests.peers.test_dynamics_drake import Robot  # noqa: E402
+
+ALLOWED = 1e-12
+N_POINTS = 5
+
+
+def forces_at_points(mech, rng):
+    bodies = [name for name in mech.body_names if "/" not in name]
+    names = [bodies[i] for i in rng.integers(0, len(bodies), N_POINTS)]
+    tau, f, p = rng.standard_normal((3, N_POINTS, 3))
+    return js.AppliedForces(names, js.SpatialForce(jnp.asarray(tau), jnp.asarray(10 * f)), jnp.asarray(p))
+
+
+@pytest.mark.parametrize(("name", "floating"), [("panda", False), ("solo12", True), ("talos_reduced", True)])
+def test_as_drakes_reaction_forces(name, floating):
+    """Of the output port: tau and forces go in, accelerations and reactions come out."""
+    r = Robot(name, floating)
+    mech, rng = r.mech, np.random.default_rng(0)
+    with jax.enable_x64(True):
+        F = forces_at_points(mech, rng)
+        q, v = r.q[0], r.v[0]
+        T, T_rate_v = r.set(0)
+        tau = np.linalg.solve(T.T, rng.standard_normal(mech.nv))
+        plant, context = r.plant, r.context
+        plant.get_applied_generalized_force_input_port().FixValue(context, tau)
+        applied = []
+        for body, wrench, p in zip(F.frames, np.asarray(F.wrenches.to_array()), np.asarray(F.points), strict=True):
+            one = ExternallyAppliedSpatialForce()
+            one.body_index = plant.GetBodyByName(body).index()
+            one.p_BoBq_B, one.F_Bq_W = p, SpatialForce(wrench)
+            applied.append(one)
+        plant.get_applied_spatial_force_input_port().FixValue(context, Value(applied))
+        derivatives = plant.EvalTimeDerivatives(context).get_generalized_velocity().CopyToVector()
+        vdot = np.linalg.solve(T, derivatives - T_rate_v)
+        reactions = plant.get_reaction_forces_output_port().Eval(context)
+        joints = [plant.get_joint(i) for i in plant.GetJointIndices()]
+        # The port has them in the order of joints.
+        of_child = {joint.child_body().index(): k for k, joint in enumerate(joints)}
+        expected = []
+        for body in r.bodies:
+            k = of_child[body.index()]
+            assert joints[k].frame_on_child().GetFixedPoseInBodyFrame().IsExactlyEqualTo(RigidTransform())
+            expected.append(reactions[k].get_coeffs())
+        found = interpreted(lambda *x: js.joint_reactions(mech, *x).to_array())(q, v, vdot, F)
+    expected = np.array(expected)
+    assert abs(np.asarray(found) - expected).max() <= ALLOWED * abs(expected).max()
+
+
+@pytest.mark.parametrize("name", with_wrenches.ROBOTS)
+def test_as_mujocos_cfrc_int(name):
+    with jax.enable_x64(True):
+        model, mech, q = with_wrenches.robot(name)
+        q, rng = q[0], np.random.default_rng(1)
+        v, a = (jnp.asarray(x) for x in rng.standard_normal((2, mech.nv)))
+        F = forces_at_points(mech, rng)
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:] = states.to_qpos(mech, q), states.to_qvel(mech, q, v)
+        data.xfrc_applied[:] = states.to_xfrc_applied(model, mech, q, F)
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        data.qacc[:] = states.to_qacc(mech, q, v, a)
+        data.ncon = 0
+        mujoco.mj_rnePostConstraint(model, data)
+        X_WB = js.forward_kinematics(mech, q)
+        found = interpreted(lambda *x: js.joint_reactions(mech, *x).to_array())(q, v, a, F)
+        in_world = js.act(X_WB, js.SpatialForce.from_array(jnp.asarray(found)))
+        expected, ours = [], []
+        for i, body in enumerate(mech.body_names):
+            if "/" in body:
+                continue  # between two joints of one body, which MuJoCo does not have
+            b = with_wrenches.body(model, body)
+            # It acts about the origin of the world after `act`.
+            ours.append(js.shift(in_world.at_batch(i), jnp.asarray(data.subtree_com[model.body_rootid[b]])))
+            expected.append(data.cfrc_int[b])
+    found, expected = np.stack([F.to_array() for F in ours]), np.array(expected)
+    assert len(expected) >= 3 and abs(found - expected).max() <= ALLOWED * abs(expected).max()
