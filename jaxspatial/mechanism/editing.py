@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from jaxspatial.mechanism.assembly import composed, is_identity, or_identity
 from jaxspatial.mechanism.joints import JointKind, Parameter
-from jaxspatial.mechanism.mechanism import Mechanism, StaticMechanism
+from jaxspatial.mechanism.mechanism import Mechanism
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
 from jaxspatial.numerics import check
 from jaxspatial.numerics.linear import unit
@@ -40,7 +40,7 @@ def add_frames(mechanism: Mechanism, frames: Iterable[Frame]) -> Mechanism:
             `placement` is their pose on it.
 
     Returns:
-        The mechanism with these frames after its own, with NumPy numbers; a StaticMechanism is static again.
+        The mechanism with these frames after its own, with NumPy numbers.
 
     Raises:
         KeyError: a name of a body is that of no frame; lists those there are.
@@ -66,8 +66,8 @@ def add_frames(mechanism: Mechanism, frames: Iterable[Frame]) -> Mechanism:
             new.append(poses[-1])
     placements = jax.tree.map(lambda old, *x: np.stack([*old, *x]).astype(old.dtype), places, *new)
     topology = dataclasses.replace(t, frames=tuple(named))
-    added = dataclasses.replace(mechanism.as_known(), topology=topology, frame_placements=placements).as_known()
-    return added.as_static() if isinstance(mechanism, StaticMechanism) else added
+    known = mechanism.as_known()
+    return dataclasses.replace(known, topology=topology, frame_placements=placements).as_known()
 
 
 def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mechanism:

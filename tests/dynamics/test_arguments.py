@@ -26,7 +26,9 @@ def _cases():
 
 def _arguments(f, dtype, **others):
     """What f is called with, but for what has a default."""
-    given = {"mechanism": MECH, "frames": "body0"} | dict.fromkeys(NUMBERS[:-2], np.ones(2, dtype))
+    given = {"mechanism": MECH, "frames": "body0", "external_forces": {}} | dict.fromkeys(
+        NUMBERS[:-2], np.ones(2, dtype)
+    )
     given |= dict.fromkeys(NUMBERS[-2:], dtype(0.5))
     needed = {name for name, x in inspect.signature(f).parameters.items() if x.default is x.empty}
     return {name: x for name, x in given.items() if name in needed} | others

@@ -191,7 +191,11 @@ def test_errors_name_what_came():
         ((mech, q, v, a[:2]), ValueError, "expected batch shapes that broadcast"),
         ((mech, q, v, a, {"nobody": 1}), KeyError, "external_forces: expected one of 'world', 'body0'"),
         ((mech, q, v, a, {"body1": 1}), TypeError, "expected a SpatialForce, got int"),
-        ((mech, q, v, a, [1]), TypeError, "expected SpatialForces in a dict by name of a frame, got list"),
+        (
+            (mech, q, v, a, [1]),
+            TypeError,
+            "expected SpatialForces in a dict by name of a frame, or AppliedForces, got list",
+        ),
     ):
         with pytest.raises(error, match=message):
             js.inverse_dynamics(*arguments)

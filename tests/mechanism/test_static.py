@@ -40,6 +40,9 @@ FORCES = {"hand": js.SpatialForce(jnp.float32([1, 2, 3]), jnp.float32([4, 5, 6])
 DT = np.float32(1e-3)
 # All functions of the package that take a mechanism, with what else they take.
 CALLS = {
+    js.add_frames: ([js.Frame("point", "tip")],),
+    js.applied_wrenches: (Q, FORCES),
+    js.joint_reactions: (Q, V, A, FORCES),
     js.bias_forces: (Q, V, FORCES),
     js.body_accelerations: (Q, V, A, ["tip"]),
     js.body_velocities: (Q, V),
