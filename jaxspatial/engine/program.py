@@ -19,6 +19,7 @@ from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 from jax.interpreters import partial_eval as pe
 
+from jaxspatial.engine import kernels
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.primitives import compiled, is_zero, lower_fun, unsharded
 
@@ -27,7 +28,8 @@ Aval = jax.ShapeDtypeStruct
 Result = tuple[tuple[int, ...], Any]  # shape and dtype
 
 # Bounds on the states of a block, long enough for loops and short enough for the cache, and on its numbers of results.
-LARGEST_BLOCK, SMALLEST_BLOCK, NUMBERS = 2048, 64, 2**18
+import os
+LARGEST_BLOCK, SMALLEST_BLOCK, NUMBERS = int(os.environ.get('BLOCK','2048')), 64, 2**18
 
 
 class Program:
@@ -115,8 +117,8 @@ class Traced:
         self.closed = ClosedJaxpr(jaxpr, closed.consts)
         self.out_avals = closed.out_avals
 
-    def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
-        return jaxpr_as_fun(self.closed)(*arrays)
+    def __call__(self, as_kernels: bool, *arrays: jax.Array) -> list[jax.Array]:
+        return kernels.run(self.closed, *arrays) if as_kernels else jaxpr_as_fun(self.closed)(*arrays)
 
 
 # -- the primitive ----------------------------------------------------------------------------------------------------
@@ -195,7 +197,7 @@ def run(program: Program, n_batch: int, in_blocks: bool, *arrays: jax.Array) -> 
     if columns:
         return [_over_columns(program.over_columns(), columns, n_batch, arrays)]
     flat = [with_one_axis(x, n_batch, batch) for x in arrays]
-    results = _in_blocks(program, program.block if in_blocks else math.prod(batch), math.prod(batch), flat)
+    results = _in_blocks(program, in_blocks, math.prod(batch), flat)
     return [with_batch(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(results)]
 
 
@@ -238,10 +240,11 @@ def block_size(n: int, block: int) -> int:
     return -(-n // -(-n // block)) if n else n
 
 
-def _in_blocks(program: Program, block: int, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
+def _in_blocks(program: Program, in_blocks: bool, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
+    block = program.block if in_blocks else n
     n_blocks = -(-n // block) if block else 1
     if n_blocks < 2:
-        return program.traced([_aval(x) for x in arrays])(*arrays)
+        return program.traced([_aval(x) for x in arrays])(in_blocks, *arrays)
     size = block_size(n, block)
     varies = [x.shape[0] > 1 for x in arrays]
     filled = [
@@ -254,7 +257,7 @@ def _in_blocks(program: Program, block: int, n: int, arrays: Sequence[jax.Array]
 
     def body(sums: list[jax.Array], blocks: Iterable[jax.Array]):
         blocks = iter(blocks)
-        results = one(*(next(blocks) if yes else x for x, yes in zip(filled, varies, strict=True)))
+        results = one(True, *(next(blocks) if yes else x for x, yes in zip(filled, varies, strict=True)))
         sums = [s + y for s, y in zip(sums, [y for y, yes in zip(results, adds, strict=True) if yes], strict=True)]
         return sums, [y for y, yes in zip(results, adds, strict=True) if not yes]
 

@@ -56,7 +56,19 @@ def opaque(x: Array) -> Array:
     is folded where an operand is a constant.
     """
     with jax.enable_x64(True):
-        return _of_bits(lax.bitwise_or(bits := _bits(x), lax.broadcast(_zero(x), bits.shape)), x.dtype)
+        return joined(x, hidden_zero(x))
+
+
+def hidden_zero(x: Array) -> Array:
+    """A zero (uint32) that the compiler cannot foresee, in the program that x is part of."""
+    return lax.shift_right_logical(_replica_p.bind(x), np.uint32(31))
+
+
+def joined(x: Array, zero: Array) -> Array:
+    """The bits of x or those of a hidden zero: x, of which the compiler knows nothing."""
+    bits = _bits(x)
+    zero = lax.convert_element_type(zero, bits.dtype)
+    return _of_bits(lax.bitwise_or(bits, lax.broadcast(zero, bits.shape)), x.dtype)
 
 
 def opaque_or_nan(x: Array) -> Array:
@@ -80,8 +92,8 @@ def opaque_or_nan(x: Array) -> Array:
 
 
 def _zero(x: Array) -> Array:
-    """A zero that the compiler cannot foresee, an integer of as many bits as the numbers of x have."""
-    return lax.convert_element_type(lax.shift_right_logical(_replica_p.bind(x), np.uint32(31)), _integer(x.dtype))
+    """A hidden zero, an integer of as many bits as the numbers of x have."""
+    return lax.convert_element_type(hidden_zero(x), _integer(x.dtype))
 
 
 def _integer(dtype: DTypeLike) -> np.dtype[Any]:

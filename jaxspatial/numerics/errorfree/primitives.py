@@ -13,6 +13,8 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 Rule = Callable[..., Any]
+# The name of calls in traces.
+CALL = "jaxspatial_call"
 lower_fun = cast(Rule, mlir.lower_fun)
 _NO_MESH = jax.sharding.AbstractMesh((), ())
 
@@ -98,7 +100,17 @@ def _batched(arguments: Sequence[Array], axes: Sequence[int | None]) -> Iterator
 def not_inlined(function: Callable[..., Any], *arguments: Any) -> Any:
     """function(*arguments), as a call that the compiler does not inline."""
     with set_xla_metadata(inlineable="false"):
-        return cast(Any, jax.jit(function))(*arguments)
+        return called(function, *arguments)
+
+
+def called(function: Callable[..., Any], *arguments: Any) -> Any:
+    """function(*arguments), as a call that a trace knows by its name."""
+
+    def call(*arguments: Any) -> Any:
+        return function(*arguments)
+
+    call.__name__ = CALL
+    return cast(Any, jax.jit(call))(*arguments)
 
 
 def is_zero(tangent: object) -> bool:

@@ -170,7 +170,7 @@ def noinline_pairs(function: Callable[..., T]) -> Callable[..., T]:
     return chosen
 
 
-def noinline(function: Callable[..., T]) -> Callable[..., T]:
+def noinline(function: Callable[..., T], call: Callable[..., Any] = not_inlined) -> Callable[..., T]:
     """A function of trees of numbers becomes a call that the compiler does not inline.
 
     For what many entries of a result are made of: it would be computed again for each of them. What is known while
@@ -178,7 +178,7 @@ def noinline(function: Callable[..., T]) -> Callable[..., T]:
     """
 
     @functools.wraps(function)
-    def call(*arguments: Any) -> Any:
+    def wrapped(*arguments: Any) -> Any:
         data = data_of(arguments)
         if not data:
             return function(*arguments)
@@ -189,10 +189,10 @@ def noinline(function: Callable[..., T]) -> Callable[..., T]:
             result = function(*with_data(arguments, data))
             return data_of(result)
 
-        results = not_inlined(on_data, data)
+        results = call(on_data, data)
         return with_data(result, results)
 
-    return call
+    return wrapped
 
 
 def is_number(x: object) -> TypeGuard[Number]:

@@ -1,0 +1,363 @@
+"""Runs traces on CPUs with one kernel for each call that is not inlined.
+
+XLA CPU makes a kernel of every result of a graph, and each computes again what the results share. A variadic reduction
+is one kernel with as many results as operands, whatever its body computes. So a call of elementwise operations becomes
+a reduction over an axis of two equal items, whose body looks at the item and not at what was reduced before: the
+compiler moves it out of the loop over the two, and vectorises over the states.
+
+Numbers that are known, and differ only from row to row of a loop or from chain to chain, are tables in the body. As
+operands each would be a result, too, over all states.
+"""
+
+import collections
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.core import ShapedArray
+from jax.extend.core import ClosedJaxpr, Literal, Primitive
+from jax.interpreters import mlir
+from jax.interpreters import partial_eval as pe
+
+from jaxspatial.numerics.errorfree.barrier import hidden_zero, joined
+from jaxspatial.numerics.errorfree.primitives import CALL, lower_fun, not_inlined
+
+# A kernel of more operations is compiled as the calls that it consists of. Known numbers in more rows are operands.
+MOST_OPERATIONS, MOST_ROWS = 4000, 256
+
+Shape = tuple[int, ...]
+
+# What keeps the place of each number, and operations number by number.
+_MOVES = {"broadcast_in_dim", "reshape", "squeeze", "copy", "copy_p", "expand_dims"}
+_ELEMENTWISE = {
+    "abs", "add", "add_any", "and", "bitcast_convert_type", "ceil", "clamp", "convert_element_type", "div", "eq",
+    "floor", "ge", "gt", "integer_pow", "is_finite", "le", "lt", "max", "min", "mul", "ne", "neg", "not", "or",
+    "reduce_precision", "rem", "round", "rsqrt", "select_n", "shift_left", "shift_right_arithmetic",
+    "shift_right_logical", "sign", "sqrt", "square", "stop_gradient", "sub", "xor", "jaxspatial_quotient",
+}  # fmt: skip
+# Rounded where they stand: see `_guarded`.
+_GUARDED = {"jaxspatial_product": lax.mul, "jaxspatial_barrier": lambda x: x}
+_CALLS = {"jit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2", "checkpoint"}
+
+
+class Table(NamedTuple):
+    """Known numbers of several rows, (rows, W, 1), and the row that is meant: an index, or None for the only one."""
+
+    numbers: np.ndarray
+    row: Any
+
+    @property
+    def shape(self) -> Shape:
+        return self.numbers.shape[1:]
+
+    @property
+    def size(self) -> int:
+        return self.numbers.size
+
+    @property
+    def dtype(self) -> np.dtype:
+        return self.numbers.dtype
+
+    def array(self) -> jax.Array:
+        numbers = jnp.asarray(self.numbers)
+        return numbers[0] if self.row is None else lax.dynamic_index_in_dim(numbers, self.row, keepdims=False)
+
+
+def run(closed: ClosedJaxpr, *arrays: jax.Array) -> list[jax.Array]:
+    """The results of a trace."""
+    with jax.enable_x64(True):
+        return [_array(x) for x in _evaluated(closed.jaxpr, closed.consts, arrays)]
+
+
+def _array(x: Any) -> jax.Array:
+    return x.array() if isinstance(x, Table) else x
+
+
+# -- a trace, operation by operation ----------------------------------------------------------------------------------
+
+
+def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any]) -> list[Any]:
+    """The results, where a Table may stand for a known number."""
+    values = {v: _known(c) for v, c in zip(jaxpr.constvars, consts, strict=True)}
+    values |= dict(zip(jaxpr.invars, arguments, strict=True))
+    pieced: set[Any] = set()  # concatenations, and what is made of them number by number
+    for eqn in jaxpr.eqns:
+        inputs = [x.val if isinstance(x, Literal) else values[x] for x in eqn.invars]
+        name = eqn.primitive.name
+        of_pieces = any(not isinstance(x, Literal) and x in pieced for x in eqn.invars)
+        if name == "jit" and eqn.params["name"] == CALL:
+            results = _called(eqn, inputs, of_pieces)
+        elif name in _CALLS:
+            inner = _inner(eqn)
+            results = _evaluated(inner.jaxpr, inner.consts, inputs)
+        elif name == "scan":
+            results = _scanned(eqn, inputs)
+        else:
+            results = _moved(eqn, inputs) or _bound(eqn, map(_array, inputs))
+            if name == "concatenate" or (of_pieces and name in _ELEMENTWISE | _MOVES | _GUARDED.keys()):
+                pieced.update(eqn.outvars)
+        values |= dict(zip(eqn.outvars, results, strict=True))
+    return [x.val if isinstance(x, Literal) else values[x] for x in jaxpr.outvars]
+
+
+def _bound(eqn: Any, inputs: Iterable[Any]) -> list[Any]:
+    results = eqn.primitive.bind(*inputs, **eqn.params)
+    return list(results) if eqn.primitive.multiple_results else [results]
+
+
+def _inner(eqn: Any) -> ClosedJaxpr:
+    """The trace that a call runs."""
+    inner = next(eqn.params[k] for k in ("jaxpr", "call_jaxpr") if k in eqn.params)
+    return inner if isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, ())
+
+
+def _known(x: Any) -> Any:
+    """A constant of the trace, as a Table where it is a number of each chain."""
+    is_table = not isinstance(x, jax.core.Tracer) and np.ndim(x) == 2 and np.shape(x)[-1] == 1
+    return Table(np.asarray(x)[None], None) if is_table and np.size(x) <= MOST_ROWS else x
+
+
+def _moved(eqn: Any, inputs: Sequence[Any]) -> list[Any] | None:
+    """The result of an operation that only moves known numbers, if it is a number of each chain; else None."""
+    (x, *others), shape = inputs, eqn.outvars[0].aval.shape
+    if others or len(shape) != 2 or shape[-1] != 1 or isinstance(x, jax.core.Tracer):
+        return None
+    if eqn.primitive.name in ("squeeze", "reshape", "broadcast_in_dim") and x.size == np.prod(shape):
+        if isinstance(x, Table) or np.ndim(x) <= 3:
+            numbers = x.numbers if isinstance(x, Table) else np.asarray(x)
+            row = x.row if isinstance(x, Table) else None
+            return [Table(numbers.reshape((-1, *shape)), row)] if x.shape != () else None
+    return None
+
+
+def _scanned(eqn: Any, inputs: Sequence[Any]) -> list[Any]:
+    """A loop over rows, with kernels for the calls in it, and known numbers of its rows as Tables."""
+    n_consts, n_carry, length = (eqn.params[k] for k in ("num_consts", "num_carry", "length"))
+    n, body = n_consts + n_carry, eqn.params["jaxpr"]
+    tables = {k for k, x in enumerate(inputs) if k >= n and _is_table_of_rows(x)}
+    consts, carry = list(map(_array, inputs[:n_consts])), list(map(_array, inputs[n_consts:n]))
+    rows = [_array(x) for k, x in enumerate(inputs) if k >= n and k not in tables]
+
+    def row(carry: list[jax.Array], of_row: tuple[list[jax.Array], jax.Array]) -> tuple[list[Any], list[Any]]:
+        left, index = iter(of_row[0]), of_row[1]
+        each = (Table(np.asarray(inputs[k]), index) if k in tables else next(left) for k in range(n, len(inputs)))
+        results = list(map(_array, _evaluated(body.jaxpr, body.consts, [*consts, *carry, *each])))
+        return results[:n_carry], results[n_carry:]
+
+    xs = rows, lax.iota(np.int32, length)
+    carry, stacked = lax.scan(row, carry, xs, reverse=eqn.params["reverse"])
+    return [*carry, *stacked]
+
+
+def _is_table_of_rows(x: Any) -> bool:
+    is_known = not isinstance(x, (jax.core.Tracer, Table))
+    return is_known and np.ndim(x) == 3 and np.shape(x)[-1] == 1 and np.size(x) <= MOST_ROWS
+
+
+# -- calls ------------------------------------------------------------------------------------------------------------
+
+
+def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool) -> list[Any]:
+    """A call as kernels, one for all results of one shape; or, if it is none, as a call with kernels in it."""
+    inner = _inner(eqn)
+    kernels = _kernels(inner, inputs)
+    arrays = [None if isinstance(x, Table) else jnp.asarray(x) for x in inputs]
+    data = [x for x in arrays if x is not None]
+
+    def call(*data: jax.Array) -> list[jax.Array]:
+        left = iter(data)
+        each = [x if y is None else next(left) for x, y in zip(inputs, arrays, strict=True)]
+        if kernels is None:
+            return [_array(x) for x in _evaluated(inner.jaxpr, inner.consts, each)]
+        results: dict[int, jax.Array] = {}
+        for kernel in kernels:
+            results |= kernel.run([x for x, yes in zip(each, kernel.reads, strict=True) if yes])
+        return [results[k] for k in range(len(results))]
+
+    # A concatenation inside a kernel, where each number asks which piece it is of, would not be vectorised.
+    is_apart = kernels is None or of_pieces
+    return not_inlined(call, *data) if is_apart and data else call(*data)
+
+
+class Kernel(NamedTuple):
+    """The results of one shape. places: which results of the call. reads: which of its arguments they need."""
+
+    trace: ClosedJaxpr
+    shape: Shape
+    places: tuple[int, ...]
+    reads: tuple[bool, ...]
+
+    def run(self, arguments: Sequence[Any]) -> dict[int, jax.Array]:
+        return dict(zip(self.places, _one_kernel(self.trace, arguments, self.shape), strict=True))
+
+
+def _kernels(inner: ClosedJaxpr, arguments: Sequence[Any]) -> list[Kernel] | None:
+    """None if the trace is too long, or does more than operations number by number."""
+    by_shape = collections.defaultdict[Shape, list[int]](list)
+    for k, v in enumerate(inner.jaxpr.outvars):
+        by_shape[v.aval.shape].append(k)
+    kernels = list[Kernel]()
+    for shape, places in by_shape.items():
+        wanted = [k in places for k in range(len(inner.jaxpr.outvars))]
+        jaxpr, reads = pe.dce_jaxpr(inner.jaxpr, wanted)
+        shapes = [x.shape for x, yes in zip(arguments, reads, strict=True) if yes]
+        if not all(_fits(s, shape) for s in shapes) or not 0 <= _count(jaxpr, shape) <= MOST_OPERATIONS:
+            return None
+        kernels.append(Kernel(ClosedJaxpr(jaxpr, inner.consts), shape, tuple(places), tuple(reads)))
+    return kernels
+
+
+def _fits(shape: Shape, whole: Shape) -> bool:
+    """Whether an array broadcasts to the whole, axis by axis."""
+    return shape == () or (len(shape) == len(whole) and all(a in (1, b) for a, b in zip(shape, whole, strict=True)))
+
+
+def _count(jaxpr: Any, shape: Shape) -> int:
+    """How many operations number by number a trace has; a negative number if it has others."""
+    count = 0
+    for eqn in jaxpr.eqns:
+        name = eqn.primitive.name
+        more = _count(_inner(eqn).jaxpr, shape) if name in _CALLS else int(name in _ELEMENTWISE or name in _GUARDED)
+        keeps_place = name in _MOVES and _keeps_places(eqn)
+        if not (more > 0 or keeps_place or (name in _CALLS and more == 0)):
+            return -1
+        if not all(_fits(v.aval.shape, shape) for v in eqn.outvars):
+            return -1
+        count += more
+    return count
+
+
+def _keeps_places(eqn: Any) -> bool:
+    if eqn.primitive.name != "broadcast_in_dim":
+        return True
+    n, rank = len(eqn.invars[0].aval.shape), len(eqn.params["shape"])
+    return tuple(eqn.params["broadcast_dimensions"]) == tuple(range(rank - n, rank))
+
+
+# -- one kernel -------------------------------------------------------------------------------------------------------
+
+
+def _one_kernel(trace: ClosedJaxpr, arguments: Sequence[Any], shape: Shape) -> list[jax.Array]:
+    """The results of a trace, all of this shape."""
+    operands = _Operands([v.aval.dtype for v in trace.jaxpr.outvars], shape)
+    tables = [x for x in arguments if isinstance(x, Table) and x.size > 1]
+    rows = max((len(x.numbers) for x in tables), default=1)
+    hidden = operands.add(_hidden(arguments, tables, shape))
+    places = [None if isinstance(x, Table) else operands.add(x) for x in arguments]
+
+    def body(_: Any, items: Sequence[jax.Array]) -> tuple[jax.Array, ...]:
+        index, zero = items[hidden] & np.uint32(2**31 - 1), items[hidden] >> np.uint32(31)
+        each = [
+            items[k] if k is not None else _looked_up(x, rows, shape, index)
+            for x, k in zip(arguments, places, strict=True)
+        ]
+        results = _of_scalars(trace.jaxpr, trace.consts, each, zero)
+        typed = [lax.convert_element_type(y, d) for y, d in zip(results, operands.kinds, strict=False)]
+        return *typed, *items[len(typed) :]
+
+    whole, start = operands.arrays, [lax.full((), 0, d) for d in operands.kinds]
+    # A simplification of results without use is wrong where operands differ in dtype: behind the barrier all have one.
+    results = lax.optimization_barrier(lax.reduce(tuple(whole), tuple(start), body, (0,)))
+    return list(results)[: len(trace.jaxpr.outvars)]
+
+
+class _Operands:
+    """The operands of a reduction, as many as there are results or more. kinds: their dtypes, first of the results."""
+
+    def __init__(self, kinds: Sequence[np.dtype], shape: Shape):
+        self.kinds, self.two = list(kinds), (2, *shape)
+        self.items: list[jax.Array | None] = [None] * len(kinds)
+
+    def add(self, x: Any) -> int:
+        """The place of an operand: that of a result of its kind, if one is left."""
+        x = jnp.asarray(x)
+        free = (k for k, y in enumerate(self.items) if y is None and self.kinds[k] == x.dtype)
+        k = next(free, len(self.items))
+        if k == len(self.items):
+            self.items.append(None)
+            self.kinds.append(x.dtype)
+        self.items[k] = jnp.broadcast_to(x.reshape((*[1] * (len(self.two) - x.ndim), *x.shape)), self.two)
+        return k
+
+    @property
+    def arrays(self) -> list[jax.Array]:
+        return [lax.full(self.two, 0, d) if x is None else x for x, d in zip(self.items, self.kinds, strict=True)]
+
+
+def _hidden(arguments: Sequence[Any], tables: Sequence[Table], shape: Shape) -> jax.Array:
+    """A zero that the compiler cannot foresee, in the first bit, and where to look in tables, in the others."""
+    zero = hidden_zero(next(x for x in arguments if isinstance(x, jax.Array))) << np.uint32(31)
+    if not tables:
+        return zero
+    row = next((x.row for x in tables if x.row is not None), np.int32(0))
+    chain = lax.broadcasted_iota(np.int32, (shape[0], 1), 0)
+    index = row * np.int32(shape[0]) + chain
+    return index.astype(np.uint32) | zero
+
+
+def _looked_up(table: Table, rows: int, shape: Shape, index: jax.Array) -> Any:
+    if table.size == 1:
+        return table.numbers.reshape(())[()]
+    numbers = np.broadcast_to(table.numbers[..., 0], (rows, shape[0])).ravel()
+    return _table_p.bind(index.astype(np.int32), numbers=_Contents(numbers))
+
+
+class _Contents:
+    """A NumPy array as a parameter, equal where the numbers are."""
+
+    def __init__(self, array: np.ndarray):
+        self.array = np.ascontiguousarray(array)
+        self._key = self.array.dtype.str, self.array.tobytes()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Contents) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
+_table_p: Any = Primitive("jaxspatial_table")
+
+
+@_table_p.def_abstract_eval
+def _(_, *, numbers: _Contents) -> ShapedArray:
+    return ShapedArray((), numbers.array.dtype)
+
+
+def _lowered_table(context: Any, index: Any, *, numbers: _Contents) -> Any:
+    def picked(index: jax.Array, numbers: jax.Array) -> jax.Array:
+        return lax.dynamic_slice(numbers, (index,), (1,)).reshape(())
+
+    constant = mlir.ir_constant(numbers.array)
+    context = context.replace(avals_in=[*context.avals_in, ShapedArray(numbers.array.shape, numbers.array.dtype)])
+    return lower_fun(picked, multiple_results=False)(context, index, constant)
+
+
+mlir.register_lowering(_table_p, _lowered_table)
+
+
+def _of_scalars(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], zero: jax.Array) -> list[Any]:
+    """The results of a trace for one number of every argument."""
+    values = {v: np.asarray(c).reshape(())[()] for v, c in zip(jaxpr.constvars, consts, strict=True)}
+    values |= dict(zip(jaxpr.invars, arguments, strict=True))
+
+    def read(x: Any) -> Any:
+        return np.asarray(x.val, x.aval.dtype).reshape(())[()] if isinstance(x, Literal) else values[x]
+
+    for eqn in jaxpr.eqns:
+        name, inputs = eqn.primitive.name, [read(x) for x in eqn.invars]
+        if name in _CALLS:
+            inner = _inner(eqn)
+            results = _of_scalars(inner.jaxpr, inner.consts, inputs, zero)
+        elif name in _MOVES:
+            results = inputs[:1]
+        elif name in _GUARDED:
+            results = [joined(_GUARDED[name](*inputs), zero)]
+        else:
+            params = {k: None if k == "sharding" else x for k, x in eqn.params.items()}
+            results = [eqn.primitive.bind(*inputs, **params)]
+        values |= dict(zip(eqn.outvars, results, strict=True))
+    return [read(x) for x in jaxpr.outvars]
