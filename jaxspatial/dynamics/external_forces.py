@@ -53,17 +53,16 @@ def applied_wrenches(
 def _applied_wrenches(state: MechanismState, external_forces: Wrenches) -> list[Wrench]:
     """The sum on each body that carries forces, in the order of bodies."""
     placed = poses(state)
-    on_bodies: dict[int, list[Wrench]] = {}
+    on_bodies: list[tuple[list[int], Wrench]] = []
     for group in external_forces:
         bodies, F = _bodies_of(state, group), _given(state, group)
         X_WJ, X_JQ = _of_bodies(state, bodies, placed), _placed(state, group)
         X_JB = _of_bodies(state, bodies, list(map(state.child_placement, state.bundles)))
         if not group.in_world:
             F = _turned(X_WJ.R, X_JQ.R, F)
-        F = _about_origin(X_WJ.R, X_JQ.p - X_JB.p, F)
-        for i, body in enumerate(bodies):
-            on_bodies.setdefault(body, []).append(_row(F, i))
-    return [of_neighbours(operator.add, on_bodies[body]) for body in sorted(on_bodies)]
+        on_bodies.append((bodies, _about_origin(X_WJ.R, X_JQ.p - X_JB.p, F)))
+    summed = _sums(on_bodies)
+    return [summed[body] for body in sorted(summed)]
 
 
 @noinline
@@ -90,15 +89,13 @@ def loads(state: MechanismState, forces: Wrenches, of_load: OfLoad | None = None
     of_load = of_load or (lambda tau, f, p_JQ, in_world: ())
     zero = state.zero_vector
     nothing = zero, zero, of_load(zero, zero, zero, True)
-    on_bodies: dict[int, list[Load]] = {}
+    on_bodies: list[tuple[list[int], Load]] = []
     placed = poses(state) if any(group.in_world for group in forces) else []
     for group in forces:
         bodies, X_JQ, F = _bodies_of(state, group), _placed(state, group), _given(state, group)
         F = _about_joint(_of_bodies(state, bodies, placed), X_JQ, F) if group.in_world else _acted(X_JQ, F)
-        load = F.tau, F.f, of_load(F.tau, F.f, X_JQ.p, group.in_world)
-        for i, body in enumerate(bodies):
-            on_bodies.setdefault(body, []).append(_row(load, i) if len(bodies) > 1 else load)
-    summed = {body: of_neighbours(_added, items) for body, items in on_bodies.items()}
+        on_bodies.append((bodies, (F.tau, F.f, of_load(F.tau, F.f, X_JQ.p, group.in_world))))
+    summed = _sums(on_bodies)
     return [_of_bundle(state, bundle, summed, nothing) for bundle in state.bundles]
 
 
@@ -146,12 +143,21 @@ def _about_joint(X_WJ: Pose, X_JQ: Pose, F: Wrench) -> Wrench:
 _acted = noinline(algebra.acted_wrench)
 
 
-def _row(load: T, i: int) -> T:
+def _sums(on_bodies: list[tuple[list[int], T]]) -> dict[int, T]:
+    """The sum on each body of trees of numbers (n, B), a row for each of n bodies, which may come several times."""
+    by_body: dict[int, list[T]] = {}
+    for bodies, tree in on_bodies:
+        for i, body in enumerate(bodies):
+            by_body.setdefault(body, []).append(_row(tree, i) if len(bodies) > 1 else tree)
+    return {body: of_neighbours(_added, trees) for body, trees in by_body.items()}
+
+
+def _row(tree: T, i: int) -> T:
     """Row i of numbers (n, B); a number that is the same for all has one row."""
-    return stacking.mapped(lambda word: word[min(i, word.shape[0] - 1)][None], load)
+    return stacking.mapped(lambda word: word[min(i, word.shape[0] - 1)][None], tree)
 
 
-def _added(a: Load, b: Load) -> Load:
+def _added(a: T, b: T) -> T:
     return jax.tree.map(operator.add, a, b, is_leaf=is_number)
 
 

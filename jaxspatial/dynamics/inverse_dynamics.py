@@ -105,9 +105,10 @@ def joint_reactions(
     for what is behind it.
 
     Returns:
-        F_Bo_B (*batch, n), in the order of `mechanism.body_names`: on each body by its parent, about the origin of the
-        body, in its axes; N m, N. Drake's `reaction_forces` are the same, on the child about its joint's frame;
-        Pinocchio's `data.f` about the joint; MuJoCo's `cfrc_int` about `subtree_com` of the root, in world axes.
+        F_Bo_B (*batch, n), in the order of `mechanism.body_names`: the wrench on each body by its parent, about the
+        origin of the body, in its axes; N m, N. Others have the same wrench on the child about other points: Drake's
+        `reaction_forces` about the origin of the joint's frame on the child, in the axes of that frame; Pinocchio's
+        `data.f` about the joint, in its axes; MuJoCo's `cfrc_int` about `subtree_com` of the root, in world axes.
 
     Source: Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators; Featherstone 2008, table
         5.1.

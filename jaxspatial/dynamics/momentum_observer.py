@@ -17,7 +17,7 @@ from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
-from jaxspatial.numerics.linear import Inertia, Motion, Vector, Wrench, cross
+from jaxspatial.numerics.linear import Motion, Vector, Wrench, cross
 from jaxspatial.numerics.numbers import Numbers, halved, noinline
 from jaxspatial.numerics.promise import Normwise, promises
 from jaxspatial.numerics.quantity import tree
@@ -231,14 +231,8 @@ def _at_joint(body: tuple[Link, tuple[Motion, _Subtree]], of_children: _Subtree)
 
 # Several components of a result need these: calls of their own are computed once, where fused code repeats them.
 @noinline
-def _momentum(M: Inertia, V: Motion) -> Wrench:
-    l = M.mass * (V.v + cross(V.w, M.com))  # noqa: E741
-    return Wrench(M.central @ V.w + cross(M.com, l), l)
-
-
-@noinline
 def _turned(link: Link, gravity: Vector) -> Vector:
     return link.X_PB.R.T @ gravity
 
 
-_rate_in_body = noinline(algebra.cross_force)
+_momentum, _rate_in_body = noinline(algebra.apply_inertia), noinline(algebra.cross_force)

@@ -50,12 +50,11 @@ def _net_wrench(body: tuple[Link, Load], parent: BodyMotion) -> tuple[Wrench, Bo
 
 def _joint_forces(body: tuple[Link, Wrench], of_children: Wrench) -> tuple[Numbers, Wrench]:
     """(tau, the wrench across the joint, about the parent's origin), from the net wrench and the sum of children's."""
-    link, wrench = body
-    wrench = wrench + of_children
+    link, _ = body
+    wrench, about_parent = _wrench_through_joint(body, of_children)
     at_joint = [algebra.power(wrench, s) for s in link.joint.subspace]
     of_rotors = [i * x for i, x in zip(link.armature, link.vdot, strict=True)]
-    tau = tuple(x + y for x, y in zip(at_joint, of_rotors, strict=True))
-    return tau, algebra.acted_wrench(link.X_PB, wrench)
+    return tuple(x + y for x, y in zip(at_joint, of_rotors, strict=True)), about_parent
 
 
 def _wrench_through_joint(body: tuple[Link, Wrench], of_children: Wrench) -> tuple[Wrench, Wrench]:

@@ -159,8 +159,8 @@ def _arrays(operation: str, mechanism: Mechanism, arguments: dict[str, Any]) -> 
 def _external(operation: str, mechanism: Mechanism, forces: Any) -> tuple[dict[str, Any], Wrenches]:
     """(external forces by their names in messages, the same as Wrenches in the order of frames)."""
     what = f"{operation}: external_forces"
-    if isinstance(forces, tuple):
-        return {}, cast(Wrenches, forces)  # checked before
+    if isinstance(forces, tuple) and all(isinstance(x, WrenchesOnFrames) for x in forces):
+        return {}, forces  # checked before
     if isinstance(forces, AppliedForces):
         F = check.narrowed(forces)
         frames = tuple(_frame_number(f"{what}: frames", mechanism, name) for name in F.frames)

@@ -162,8 +162,8 @@ def to_xfrc_applied(
         tau_Bcm = tau_Bo - R_WB ipos x f
 
     R_WB is that of q. `xipos` of mjx.Data is not read: until `mjx.kinematics` runs again it is that of the step before.
-    A body that is welded to another one is a frame of that other one here, which takes the wrench: all bodies move
-    alike; forces that MuJoCo's sensors tell between the two do not.
+    A body welded to another is a frame of that body here, and the wrench acts on that body. The motion is the same;
+    MuJoCo's force sensors between the two do not see the wrench.
 
     Args:
         model: a mujoco.MjModel or mjx.Model, whose bodies have the names of the bodies of the mechanism, as

@@ -28,7 +28,7 @@ def to_body_f(
 
         tau_Bcm = tau_Bo - R_WB body_com x f
 
-    A body that is welded to another one is a frame of that other one here, which takes the wrench.
+    A body welded to another is a frame of that body here, and the wrench acts on that body. The motion is the same.
 
     Args:
         model: a newton.Model, whose bodies have the names of the bodies of the mechanism: the whole label

@@ -47,7 +47,7 @@ def add_frames(mechanism: Mechanism, frames: Iterable[Frame]) -> Mechanism:
         TypeError: numbers of the mechanism are data, or traced, or a placement is no single RigidTransform.
         ValueError: a frame has the name of another.
 
-    Error: a few u of float64, rounded once to the dtype, of a frame placed on another; else exact to rounding.
+    Error: a few u of float64, rounded once to the dtype, where two poses multiply; else the pose, rounded once.
     """
     _require_known(mechanism)
     t, places = mechanism.topology, mechanism.frame_placements
@@ -66,8 +66,7 @@ def add_frames(mechanism: Mechanism, frames: Iterable[Frame]) -> Mechanism:
             new.append(poses[-1])
     placements = jax.tree.map(lambda old, *x: np.stack([*old, *x]).astype(old.dtype), places, *new)
     topology = dataclasses.replace(t, frames=tuple(named))
-    known = mechanism.as_known()
-    return dataclasses.replace(known, topology=topology, frame_placements=placements).as_known()
+    return dataclasses.replace(mechanism, topology=topology, frame_placements=placements).as_known()
 
 
 def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mechanism:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import jax
 import jax.export
@@ -13,7 +13,7 @@ from jaxspatial.numerics.quantity import tree_of
 from jaxspatial.numerics.types import ArrayLike
 from jaxspatial.spatial import SpatialForce
 
-_AXES = "world", "frame"
+Axes = Literal["world", "frame"]
 
 
 @tree_of("frames", "axes")
@@ -45,7 +45,7 @@ class AppliedForces:
     frames: tuple[str, ...]
     wrenches: SpatialForce
     points: jax.Array | None = None
-    axes: Literal["world", "frame"] = "world"
+    axes: Axes = "world"
 
     if TYPE_CHECKING:
 
@@ -54,14 +54,14 @@ class AppliedForces:
             frames: Iterable[str],
             wrenches: SpatialForce,
             points: ArrayLike | None = None,
-            axes: Literal["world", "frame"] = "world",
+            axes: Axes = "world",
         ): ...
 
     def __post_init__(self) -> None:
         """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
         frames = _names(self.frames)
         object.__setattr__(self, "frames", frames)
-        if self.axes not in _AXES:
+        if self.axes not in get_args(Axes):
             raise ValueError(f"AppliedForces: axes: expected 'world' or 'frame', got {self.axes!r}")
         if not isinstance(self.wrenches, SpatialForce):
             check.refuse("AppliedForces: wrenches", "a SpatialForce", self.wrenches)

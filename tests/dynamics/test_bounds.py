@@ -192,3 +192,42 @@ def test_every_algorithm(precision, dtype, run):
             assert error <= bound.allowed(precision, u, n * mag, size), (state, name, float(error / u / mag))
             beyond |= {(state, name)} if error > bound.allowed(precision, u, n * size, size) else set()
     assert beyond >= CANCELLING or precision.sees_whole_sums or dtype == "float64"
+
+
+# -- many wrenches on one body ----------------------------------------------------------------------------------------
+
+U = 2.0**-24
+
+
+def many(k):
+    """name -> (tau, f, p) of k wrenches, (k, 3) each in float32."""
+    rng = np.random.default_rng(k)
+    wild = rng.standard_normal((3, k, 3)) * 2.0 ** rng.integers(-20, 20, (3, k, 1))
+    some, order = wild[:, : k // 2], rng.permutation(k)
+    opposed = np.stack([-some[0], -some[1], some[2]]) * (1 + 4 * U * rng.integers(-8, 9, some.shape))
+    first = np.where(np.arange(k)[:, None], U, 1.0) * np.ones(3)
+    found = {
+        "of sizes of many orders": wild,
+        "in pairs that cancel but for their last digits": np.concatenate([some, opposed], 1)[:, order],
+        "beside a large one": (first, first, 0 * first),  # which a running sum does not see grow
+    }
+    return {name: [np.float32(x) for x in wrenches] for name, wrenches in found.items()}
+
+
+@pytest.mark.parametrize(("k", "axes"), [(64, "world"), (64, "frame"), slow(1000, "world")])
+def test_many_wrenches_on_one_body(k, axes):
+    """They add ceil(log2 k) u mag to the error; a running sum would add up to (k - 1) u mag."""
+    q, body, cases = states()["any"][0], f"body{N - 1}", many(k)
+
+    def summed(q, tau, f, p):
+        F = js.AppliedForces([body] * k, js.SpatialForce(tau, f), p, axes)
+        return js.applied_wrenches(chain(), q, F)[body].to_array()
+
+    found = interpreted(summed)(np.float32(q), *(np.stack(x) for x in zip(*cases.values(), strict=True)))
+    for ours, (name, wrenches) in zip(found, cases.items(), strict=True):
+        with mp.workdps(exact.DIGITS):
+            numbers = at(q).applied_wrenches(N - 1, *wrenches, axes)
+            error = max(abs(mp.mpf(float(x)) - y) for x, y in zip(ours, exact.values(numbers), strict=True))
+        mag = max(x.size for x in numbers)
+        allowed = ALGORITHM.allowed("reproducible", U, N * mag) + np.ceil(np.log2(k)) * U * mag
+        assert error <= allowed, (name, float(error / U / mag))

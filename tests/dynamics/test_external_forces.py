@@ -170,6 +170,7 @@ def test_errors_say_what_is_expected():
     for forces, error, message in [
         (js.AppliedForces(["tip", "tipp"], F), KeyError, "bias_forces: external_forces: frames: .*did you mean 'tip'"),
         ([F], TypeError, "SpatialForces in a dict by name of a frame, or AppliedForces, got list"),
+        ((F,), TypeError, "SpatialForces in a dict by name of a frame, or AppliedForces, got tuple"),
         ({"tip": 1.0}, TypeError, r"external_forces\['tip'\]: expected a SpatialForce, got float"),
     ]:
         with pytest.raises(error, match=message):

@@ -129,6 +129,17 @@ def loads(q):
     return {TOOL: js.SpatialForce(*(jnp.stack([wave(first + k) for k in range(3)], -1) for wave in (jnp.sin, jnp.cos)))}
 
 
+def at_points(q):
+    """Two wrenches at points of a frame, along its axes, of every state their own."""
+    first = jnp.stack([q[..., 0], q[..., 0] + 1], -1)
+    tau, f, p = (jnp.stack([wave(first + k) for k in range(3)], -1) for wave in (jnp.sin, jnp.cos, jnp.tanh))
+    return js.AppliedForces([TOOL, TOOL], js.SpatialForce(tau, f), p, "frame")
+
+
+def sums(m, q):
+    return [F.to_array() for F in js.applied_wrenches(m, q, at_points(q)).values()]
+
+
 def factor(L, a):
     return L.solve(a), L.inverse(), L.log_determinant()
 
@@ -172,6 +183,11 @@ ALGORITHMS = {
         STEPS,
     ),
     "rk4_step": (lambda m, q, v, a: js.rk4_step(m, q, v, a, DT, compliance=SOFT), STEPS),
+    "joint_reactions": (
+        lambda m, q, v, a: js.joint_reactions(m, q, v, a, at_points(q)).to_array(),
+        (*BODIES, "gravity", *reading.FRAMES),
+    ),
+    "applied_wrenches": (lambda m, q, v, a: sums(m, q), (*GEOMETRY, *reading.FRAMES)),
 }
 
 # -- derivatives ------------------------------------------------------------------------------------------------------
@@ -351,9 +367,7 @@ def test_all_are_drawn():
         name for name, f in vars(js).items() if inspect.isfunction(f) and "mechanism" in inspect.signature(f).parameters
     }
     editing = {"random_configuration", "add_frames", "lock_joints", "subtree"}
-    # Made of the recursions of inverse dynamics; `test_external_forces` has their derivatives by forces and points.
-    not_drawn = {"applied_wrenches", "joint_reactions"}
-    assert taking - {name.split(",")[0] for name in ALGORITHMS} == editing | not_drawn
+    assert taking - {name.split(",")[0] for name in ALGORITHMS} == editing
     mechs, fields, names, *_ = map(set, zip(*DRAWN, strict=True))
     assert mechs == set(MECHANISMS) and names == set(ALGORITHMS)
     assert {"topology", *READ_BY_NONE} == {f.name for f in dataclasses.fields(js.Mechanism)} - fields

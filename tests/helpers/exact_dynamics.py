@@ -164,11 +164,18 @@ class Chain:
         wrenches = [body.wrench(*x[1:]) for body, x in zip(self.bodies, motions, strict=True)]
         return [x for tau, f in self.through_joints(motions, wrenches) for x in (*tau.numbers(), *f.numbers())]
 
-    def applied_wrench(self, i, tau, f, p):
-        """About the origin of body i, in world axes, of a wrench (tau, f) at p on it, in its axes."""
+    def applied_wrench(self, i, tau, f, p, axes="frame"):
+        """About the origin of body i, in world axes, of a wrench (tau, f) at p on it, in its axes or the world's."""
         R, *_ = self.placed[i]
-        tau, f, p = (R @ array(x) for x in (tau, f, p))
+        tau, f, p = array(tau), array(f), R @ array(p)
+        if axes == "frame":
+            tau, f = R @ tau, R @ f
         return [*(tau + cross(p, f)).numbers(), *f.numbers()]
+
+    def applied_wrenches(self, i, tau, f, p, axes):
+        """The sum of k of these, of (k, 3) each."""
+        each = [self.applied_wrench(i, *one, axes) for one in zip(tau, f, p, strict=True)]
+        return [_sum(terms) for terms in zip(*each, strict=True)]
 
     def bias_forces(self):
         return self.at(a=self.nothing).inverse_dynamics()
