@@ -27,6 +27,8 @@ from jaxspatial.numerics.errorfree.primitives import CALL, lower_fun, not_inline
 
 # A kernel of more operations is compiled as the calls that it consists of. Known numbers in more rows are operands.
 MOST_OPERATIONS, MOST_ROWS = 4000, 256
+# Rows per turn of a loop: with two, what one writes the next reads where it is, and not a copy.
+UNROLLED = 2
 
 Shape = tuple[int, ...]
 
@@ -116,21 +118,23 @@ def _inner(eqn: Any) -> ClosedJaxpr:
 
 def _known(x: Any) -> Any:
     """A constant of the trace, as a Table where it is a number of each chain."""
-    is_table = not isinstance(x, jax.core.Tracer) and np.ndim(x) == 2 and np.shape(x)[-1] == 1
-    return Table(np.asarray(x)[None], None) if is_table and np.size(x) <= MOST_ROWS else x
+    is_known = not isinstance(x, jax.core.Tracer) and _is_of_chains(np.shape(x))
+    return Table(np.asarray(x)[None], None) if is_known else x
+
+
+def _is_of_chains(shape: Shape) -> bool:
+    return len(shape) == 2 and shape[1] == 1 and shape[0] <= MOST_ROWS
 
 
 def _moved(eqn: Any, inputs: Sequence[Any]) -> list[Any] | None:
-    """The result of an operation that only moves known numbers, if it is a number of each chain; else None."""
-    (x, *others), shape = inputs, eqn.outvars[0].aval.shape
-    if others or len(shape) != 2 or shape[-1] != 1 or isinstance(x, jax.core.Tracer):
+    """The result of an operation that only moves a known number of each chain, as a Table; else None."""
+    shape = eqn.outvars[0].aval.shape
+    if eqn.primitive.name not in ("squeeze", "reshape", "broadcast_in_dim") or not _is_of_chains(shape):
         return None
-    if eqn.primitive.name in ("squeeze", "reshape", "broadcast_in_dim") and x.size == np.prod(shape):
-        if isinstance(x, Table) or np.ndim(x) <= 3:
-            numbers = x.numbers if isinstance(x, Table) else np.asarray(x)
-            row = x.row if isinstance(x, Table) else None
-            return [Table(numbers.reshape((-1, *shape)), row)] if x.shape != () else None
-    return None
+    (x,) = inputs
+    if isinstance(x, jax.core.Tracer) or np.prod(x.shape) != shape[0] or not x.shape:
+        return None
+    return [Table(x.numbers.reshape((-1, *shape)), x.row) if isinstance(x, Table) else _known(np.reshape(x, shape))]
 
 
 def _scanned(eqn: Any, inputs: Sequence[Any]) -> list[Any]:
@@ -148,7 +152,7 @@ def _scanned(eqn: Any, inputs: Sequence[Any]) -> list[Any]:
         return results[:n_carry], results[n_carry:]
 
     xs = rows, lax.iota(np.int32, length)
-    carry, stacked = lax.scan(row, carry, xs, reverse=eqn.params["reverse"])
+    carry, stacked = lax.scan(row, carry, xs, reverse=eqn.params["reverse"], unroll=UNROLLED)
     return [*carry, *stacked]
 
 
@@ -205,6 +209,8 @@ def _kernels(inner: ClosedJaxpr, arguments: Sequence[Any]) -> list[Kernel] | Non
         jaxpr, reads = pe.dce_jaxpr(inner.jaxpr, wanted)
         shapes = [x.shape for x, yes in zip(arguments, reads, strict=True) if yes]
         if not all(_fits(s, shape) for s in shapes) or not 0 <= _count(jaxpr, shape) <= MOST_OPERATIONS:
+            return None
+        if not any(yes and isinstance(x, jax.Array) for x, yes in zip(arguments, reads, strict=True)):
             return None
         kernels.append(Kernel(ClosedJaxpr(jaxpr, inner.consts), shape, tuple(places), tuple(reads)))
     return kernels

@@ -8,7 +8,7 @@ fit the cache runs in blocks that do.
 import functools
 import itertools
 import math
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any, TypeVar
 
 import jax
@@ -28,8 +28,9 @@ Aval = jax.ShapeDtypeStruct
 Result = tuple[tuple[int, ...], Any]  # shape and dtype
 
 # Bounds on the states of a block, long enough for loops and short enough for the cache, and on its numbers of results.
-import os
-LARGEST_BLOCK, SMALLEST_BLOCK, NUMBERS = int(os.environ.get('BLOCK','2048')), 64, 2**18
+LARGEST_BLOCK, SMALLEST_BLOCK, NUMBERS = 496, 64, 2**18
+# Numbers of a line of the cache.
+LINE = 16
 
 
 class Program:
@@ -236,52 +237,53 @@ def with_batch(
 
 
 def block_size(n: int, block: int) -> int:
-    """The size of blocks, at most `block`, that divide n states as evenly as possible."""
-    return -(-n // -(-n // block)) if n else n
+    """The size of blocks for n states: about `block`, as even as possible.
+
+    An odd number of cache lines: arrays as long as a power of two would all lie in the same sets of the cache.
+    """
+    if n <= block:
+        return n
+    lines = -(-n // (-(-n // block) * LINE))
+    return min((lines + 1 - lines % 2) * LINE, n)
 
 
 def _in_blocks(program: Program, in_blocks: bool, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
-    block = program.block if in_blocks else n
-    n_blocks = -(-n // block) if block else 1
-    if n_blocks < 2:
-        return program.traced([_aval(x) for x in arrays])(in_blocks, *arrays)
-    size = block_size(n, block)
+    size = block_size(n, program.block) if in_blocks else n
     varies = [x.shape[0] > 1 for x in arrays]
-    filled = [
-        _blocks(x, size, n_blocks, program.takes_cotangent(i)) if yes else x
-        for i, (x, yes) in enumerate(zip(arrays, varies, strict=True))
-    ]
-    avals = [_aval(x[0] if yes else x) for x, yes in zip(filled, varies, strict=True)]
+    avals = [_aval(x, size if yes else None) for x, yes in zip(arrays, varies, strict=True)]
     one = program.traced(avals)
+    if size == n:
+        return one(in_blocks, *arrays)
+    # The first block holds what is left over, and states of the second, which computes them again.
+    n_blocks = -(-n // size)
+    first = n - (n_blocks - 1) * size
+    starts = np.array([0, *(first + size * np.arange(n_blocks - 1))], np.int32)
     adds = [(k := program.primal_of(i)) is not None and not varies[k] for i in range(len(one.out_avals))]
+    masked = [yes and any(adds) and first < size and program.takes_cotangent(i) for i, yes in enumerate(varies)]
 
-    def body(sums: list[jax.Array], blocks: Iterable[jax.Array]):
-        blocks = iter(blocks)
-        results = one(True, *(next(blocks) if yes else x for x, yes in zip(filled, varies, strict=True)))
-        sums = [s + y for s, y in zip(sums, [y for y, yes in zip(results, adds, strict=True) if yes], strict=True)]
-        return sums, [y for y, yes in zip(results, adds, strict=True) if not yes]
+    def part(x: jax.Array, start: jax.Array, is_masked: bool) -> jax.Array:
+        x = lax.dynamic_slice_in_dim(x, start, size)
+        if not is_masked:
+            return x
+        row = lax.broadcasted_iota(np.int32, x.shape, 0)
+        return lax.select((row < first) | (start > 0), x, lax.full_like(x, 0))
 
-    start = [zeros(a) for a, yes in zip(one.out_avals, adds, strict=True) if yes]
-    sums, stacked = lax.scan(body, start, [x for x, yes in zip(filled, varies, strict=True) if yes])
-    sums, stacked = iter(sums), iter(stacked)
-    return [next(sums) if yes else _unblocked(next(stacked), n) for yes in adds]
+    def body(results: list[jax.Array], start: jax.Array) -> tuple[list[jax.Array], None]:
+        each = zip(arrays, varies, masked, strict=True)
+        new = one(True, *(part(x, start, is_masked) if yes else x for x, yes, is_masked in each))
+        return [
+            old + y if yes else lax.dynamic_update_slice_in_dim(old, y, start, 0)
+            for old, y, yes in zip(results, new, adds, strict=True)
+        ], None
 
-
-def _unblocked(x: jax.Array, n: int) -> jax.Array:
-    return x.reshape((-1, *x.shape[2:]))[:n]
-
-
-def _blocks(x: jax.Array, size: int, n_blocks: int, is_cotangent: bool) -> jax.Array:
-    """An array as blocks (n_blocks, size, ...), padded with the last state, or with zeros if it is a cotangent."""
-    missing = size * n_blocks - x.shape[0]
-    if missing:
-        last = jnp.broadcast_to(x[-1:], (missing, *x.shape[1:]))
-        x = jnp.concatenate([x, jnp.zeros_like(last) if is_cotangent else last])
-    return x.reshape((n_blocks, size, *x.shape[1:]))
+    both = zip(one.out_avals, adds, strict=True)
+    begin = [lax.full(a.shape if yes else (n, *a.shape[1:]), 0, a.dtype) for a, yes in both]
+    return lax.scan(body, begin, starts)[0]
 
 
-def _aval(x: jax.Array) -> Aval:
-    return jax.ShapeDtypeStruct(x.shape, x.dtype)
+def _aval(x: jax.Array, size: int | None = None) -> Aval:
+    """That of an array, or of a block of so many of its states."""
+    return jax.ShapeDtypeStruct(x.shape if size is None else (size, *x.shape[1:]), x.dtype)
 
 
 def _lowering(in_blocks: bool) -> Callable[..., Any]:

@@ -110,8 +110,7 @@ class Bundle:
     def has_room_for(self, group: Chains):
         """Whether a batch of chains is computed as its next rows at little more cost than in a loop of its own. Chains
         on the world are not: most of what they compute with is known."""
-        import os
-        if group.kind.moves_as != self.kind.moves_as or self.is_on_world or os.environ.get("UNROLL"):
+        if group.kind.moves_as != self.kind.moves_as or self.is_on_world:
             return False
         separate = sum(Bundle((g,)).cost for g in (*self.groups, group))
         return Bundle((*self.groups, group)).cost <= _MOST * separate
@@ -249,8 +248,6 @@ class Topology:
     def _continues(self, i: int):
         """Whether body i continues the chain of the one before: its only child, by a joint of the same kind. A body on
         the world is a chain of its own: most of what it computes with is known."""
-        import os
-        if os.environ.get("UNROLL"): return False
         is_only = self.parents[i] == i - 1 and len(self.children[i - 1]) == 1 and self.parents[i - 1] >= 0
         return is_only and self.kind(i).moves_as == self.kind(i - 1).moves_as
 
