@@ -261,8 +261,10 @@ class Algorithm(Differentiable):
     @property
     def block(self) -> int:
         """States per block: fewer where each has many results, or wide numbers."""
-        # The processor's cache holds half as many numbers of 64 bits, or of two limbs.
-        largest = program.LARGEST_BLOCK // (max(self.dtype.itemsize, 4) // 4 * (2 if self.is_wide else 1))
+        # The processor's cache holds half as many numbers of 64 bits. Those of two limbs are no kernels: many small
+        # operations, whose number matters more than the cache.
+        n_bytes = max(self.dtype.itemsize, 4) * (2 if self.is_wide else 1)
+        largest = {4: program.LARGEST_BLOCK, 8: program.LARGEST_BLOCK // 2, 16: program.LARGEST_BLOCK}[n_bytes]
         if self.formula.entries is None:
             return largest
         return min(max(program.NUMBERS // max(self.formula.entries(self.topology), 1), program.SMALLEST_BLOCK), largest)

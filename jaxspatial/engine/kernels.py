@@ -23,10 +23,10 @@ from jax.interpreters import mlir
 from jax.interpreters import partial_eval as pe
 
 from jaxspatial.numerics.errorfree.barrier import hidden_zero, joined
-from jaxspatial.numerics.errorfree.primitives import CALL, lower_fun, not_inlined
+from jaxspatial.numerics.errorfree.primitives import CALL, STEP, lower_fun, not_inlined
 
 # A kernel of more operations is compiled as the calls that it consists of. Known numbers in more rows are operands.
-MOST_OPERATIONS, MOST_ROWS = 4000, 256
+MOST_OPERATIONS, MOST_ROWS = 1000, 256
 # Rows per turn of a loop: with two, what one writes the next reads where it is, and not a copy.
 UNROLLED = 2
 
@@ -40,7 +40,8 @@ _ELEMENTWISE = {
     "reduce_precision", "rem", "round", "rsqrt", "select_n", "shift_left", "shift_right_arithmetic",
     "shift_right_logical", "sign", "sqrt", "square", "stop_gradient", "sub", "xor", "jaxspatial_quotient",
 }  # fmt: skip
-# Rounded where they stand: see `_guarded`.
+# Results of which the compiler must know nothing. A hidden zero is joined to their bits, which is less than what they
+# do by themselves.
 _GUARDED = {"jaxspatial_product": lax.mul, "jaxspatial_barrier": lambda x: x}
 _CALLS = {"jit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2", "checkpoint"}
 
@@ -90,7 +91,7 @@ def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any]) -> l
         inputs = [x.val if isinstance(x, Literal) else values[x] for x in eqn.invars]
         name = eqn.primitive.name
         of_pieces = any(not isinstance(x, Literal) and x in pieced for x in eqn.invars)
-        if name == "jit" and eqn.params["name"] == CALL:
+        if name == "jit" and eqn.params["name"] in (CALL, STEP):
             results = _called(eqn, inputs, of_pieces)
         elif name in _CALLS:
             inner = _inner(eqn)
@@ -151,9 +152,20 @@ def _scanned(eqn: Any, inputs: Sequence[Any]) -> list[Any]:
         results = list(map(_array, _evaluated(body.jaxpr, body.consts, [*consts, *carry, *each])))
         return results[:n_carry], results[n_carry:]
 
-    xs = rows, lax.iota(np.int32, length)
-    carry, stacked = lax.scan(row, carry, xs, reverse=eqn.params["reverse"], unroll=UNROLLED)
+    xs, unroll = (rows, lax.iota(np.int32, length)), UNROLLED if _is_of_kernels(body.jaxpr) else 1
+    carry, stacked = lax.scan(row, carry, xs, reverse=eqn.params["reverse"], unroll=unroll)
     return [*carry, *stacked]
+
+
+def _is_of_kernels(jaxpr: Any) -> bool:
+    """Whether the steps of a loop are kernels: others would compute again, for the second row, what the two share."""
+    for eqn in jaxpr.eqns:
+        if eqn.primitive.name == "jit" and eqn.params["name"] == STEP:
+            if _kernels(_inner(eqn), [v.aval for v in eqn.invars]) is None:
+                return False
+        elif eqn.primitive.name in _CALLS and not _is_of_kernels(_inner(eqn).jaxpr):
+            return False
+    return True
 
 
 def _is_table_of_rows(x: Any) -> bool:
@@ -165,7 +177,7 @@ def _is_table_of_rows(x: Any) -> bool:
 
 
 def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool) -> list[Any]:
-    """A call as kernels, one for all results of one shape; or, if it is none, as a call with kernels in it."""
+    """A call as kernels, one for all results of one shape; or, if it is none, with kernels for the calls in it."""
     inner = _inner(eqn)
     kernels = _kernels(inner, inputs)
     arrays = [None if isinstance(x, Table) else jnp.asarray(x) for x in inputs]
@@ -182,7 +194,7 @@ def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool) -> list[Any]:
         return [results[k] for k in range(len(results))]
 
     # A concatenation inside a kernel, where each number asks which piece it is of, would not be vectorised.
-    is_apart = kernels is None or of_pieces
+    is_apart = of_pieces if kernels else eqn.params["name"] == CALL
     return not_inlined(call, *data) if is_apart and data else call(*data)
 
 
@@ -199,7 +211,7 @@ class Kernel(NamedTuple):
 
 
 def _kernels(inner: ClosedJaxpr, arguments: Sequence[Any]) -> list[Kernel] | None:
-    """None if the trace is too long, or does more than operations number by number."""
+    """None if the trace is too long, or does more than operations number by number, or all numbers are known."""
     by_shape = collections.defaultdict[Shape, list[int]](list)
     for k, v in enumerate(inner.jaxpr.outvars):
         by_shape[v.aval.shape].append(k)
@@ -210,7 +222,7 @@ def _kernels(inner: ClosedJaxpr, arguments: Sequence[Any]) -> list[Kernel] | Non
         shapes = [x.shape for x, yes in zip(arguments, reads, strict=True) if yes]
         if not all(_fits(s, shape) for s in shapes) or not 0 <= _count(jaxpr, shape) <= MOST_OPERATIONS:
             return None
-        if not any(yes and isinstance(x, jax.Array) for x, yes in zip(arguments, reads, strict=True)):
+        if all(isinstance(x, Table) or not yes for x, yes in zip(arguments, reads, strict=True)):
             return None
         kernels.append(Kernel(ClosedJaxpr(jaxpr, inner.consts), shape, tuple(places), tuple(reads)))
     return kernels

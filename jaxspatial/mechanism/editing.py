@@ -94,7 +94,7 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mec
         i = mechanism.topology.index(mechanism.joint_names, name, "lock_joints: positions")
         for k, x in _with_followers(mechanism, i, q):
             joints[k] = _locked(mechanism, joints, k, x)
-    return Mechanism.build(bodies, joints, frames, mechanism.gravity, mechanism.dtype)
+    return _rebuilt(mechanism, bodies, joints, frames)
 
 
 def subtree(mechanism: Mechanism, body: str) -> Mechanism:
@@ -120,7 +120,13 @@ def subtree(mechanism: Mechanism, body: str) -> Mechanism:
     bodies, joints, frames = parts(mechanism)
     bodies, frames = [b for b in bodies if b.name in names], [f for f in frames if f.body in names]
     joints = [dataclasses.replace(joints[i], parent=WORLD) if i == root else joints[i] for i in numbers]
-    return Mechanism.build(bodies, joints, frames, mechanism.gravity, mechanism.dtype)
+    return _rebuilt(mechanism, bodies, joints, frames)
+
+
+def _rebuilt(mechanism: Mechanism, bodies: list[Body], joints: list[Joint], frames: list[Frame]) -> Mechanism:
+    """A mechanism of these parts, with what else there is to a mechanism."""
+    new = Mechanism.build(bodies, joints, frames, mechanism.gravity, mechanism.dtype)
+    return new.written_out() if mechanism.topology.is_written_out else new
 
 
 def parts(mechanism: Mechanism) -> tuple[list[Body], list[Joint], list[Frame]]:

@@ -121,7 +121,8 @@ class Topology:
     """Names, kinds and connections: joint i carries body i. Parents have lower numbers than children, the world is -1.
 
     followed: for each joint the one whose coordinate it follows; itself where it has coordinates of its own.
-    frames: (name, body) of all frames.
+    frames: (name, body) of all frames. is_written_out: whether recursions compute body after body, without loops along
+    chains; see `Mechanism.written_out`.
     """
 
     body_names: tuple[str, ...]
@@ -130,6 +131,7 @@ class Topology:
     parents: tuple[int, ...]
     followed: tuple[int, ...]
     frames: tuple[tuple[str, int], ...] = ()
+    is_written_out: bool = False
 
     def __hash__(self):
         return self._hash
@@ -140,7 +142,7 @@ class Topology:
 
     @functools.cached_property
     def _hash(self):
-        return hash((self.body_names, self.joint_names, self.kinds, self.parents, self.followed, self.frames))
+        return hash(dataclasses.astuple(self))
 
     def __len__(self):
         return len(self.parents)
@@ -218,7 +220,7 @@ class Topology:
         bundles, place = list[Bundle](), {-1: -1}
         for group in self.chains:
             last = max(place[parent] for parent in group.parents)
-            for k in range(max(last, 0), len(bundles)):
+            for k in () if self.is_written_out else range(max(last, 0), len(bundles)):
                 if bundles[k].has_room_for(group):
                     bundles[k] = Bundle((*bundles[k].groups, group))
                     break
@@ -248,6 +250,8 @@ class Topology:
     def _continues(self, i: int):
         """Whether body i continues the chain of the one before: its only child, by a joint of the same kind. A body on
         the world is a chain of its own: most of what it computes with is known."""
+        if self.is_written_out:
+            return False
         is_only = self.parents[i] == i - 1 and len(self.children[i - 1]) == 1 and self.parents[i - 1] >= 0
         return is_only and self.kind(i).moves_as == self.kind(i - 1).moves_as
 

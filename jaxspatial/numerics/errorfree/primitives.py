@@ -13,8 +13,8 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 Rule = Callable[..., Any]
-# The name of calls in traces.
-CALL = "jaxspatial_call"
+# The names in traces of calls that are not inlined, and of others that may be one kernel.
+CALL, STEP = "jaxspatial_call", "jaxspatial_step"
 lower_fun = cast(Rule, mlir.lower_fun)
 _NO_MESH = jax.sharding.AbstractMesh((), ())
 
@@ -100,16 +100,19 @@ def _batched(arguments: Sequence[Array], axes: Sequence[int | None]) -> Iterator
 def not_inlined(function: Callable[..., Any], *arguments: Any) -> Any:
     """function(*arguments), as a call that the compiler does not inline."""
     with set_xla_metadata(inlineable="false"):
-        return called(function, *arguments)
+        return _called(CALL, function, *arguments)
 
 
-def called(function: Callable[..., Any], *arguments: Any) -> Any:
-    """function(*arguments), as a call that a trace knows by its name."""
+def as_step(function: Callable[..., Any], *arguments: Any) -> Any:
+    """function(*arguments), as a part of a trace that is known by its name."""
+    return _called(STEP, function, *arguments)
 
+
+def _called(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
     def call(*arguments: Any) -> Any:
         return function(*arguments)
 
-    call.__name__ = CALL
+    call.__name__ = name
     return cast(Any, jax.jit(call))(*arguments)
 
 

@@ -1,0 +1,183 @@
+"""Calls run as kernels: the same bits as the plain trace, one reduction for each call, and no call left."""
+
+import functools
+import re
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+
+import jaxspatial as js
+from jaxspatial.engine import kernels
+from jaxspatial.numerics.numbers import Rounded, noinline, where
+from jaxspatial.numerics.precision import Precision
+
+N = 37  # states: no multiple of what a processor computes at once
+
+
+def number(x):
+    return Rounded(Precision.REPRODUCIBLE, x)
+
+
+@noinline
+def step(a, b, c):
+    """Three results that share all of their work: sums of products, a quotient, a choice."""
+    x = a * b - c * a
+    y = x * x + b / (1 + x * x)
+    return x + y, y * c - x, where(a.value > 0, x * y, -y)
+
+
+def inner(a, b, c):
+    """A call in a call."""
+    x, y, z = step(a, b, c)
+    return step(y, x * z, a + z)
+
+
+def compared(function, *arrays):
+    """The results with kernels, and of the plain trace, both compiled; and the text of the first."""
+    closed = jax.make_jaxpr(lambda *x: [y.value for y in function(*map(number, x))])(*arrays)
+    program = jax.jit(functools.partial(kernels.run, closed))
+    text = program.lower(*arrays).as_text()
+    plain = jax.jit(jax.extend.core.jaxpr_as_fun(closed))
+    return list(map(np.asarray, program(*arrays))), list(map(np.asarray, plain(*arrays))), text
+
+
+def arrays(*shapes, dtype=np.float32, seed=0):
+    rng = np.random.default_rng(seed)
+    return [jnp.asarray(rng.standard_normal(s) * 10.0 ** rng.integers(-3, 3, s), dtype) for s in shapes]
+
+
+def reductions(text):
+    return len(re.findall(r"stablehlo\.reduce\b", text))
+
+
+def same(found, expected):
+    for x, y in zip(found, expected, strict=True):
+        assert x.dtype == y.dtype and x.shape == y.shape
+        np.testing.assert_array_equal(x.view(np.uint8), y.view(np.uint8))
+
+
+@pytest.mark.parametrize("function", [step, noinline(inner)])
+@pytest.mark.parametrize("shapes", [[(2, N)] * 3, [(2, N), (1, N), (2, 1)], [(2, N), (2, N), ()]])
+def test_a_call_is_one_kernel_with_the_same_bits(function, shapes):
+    found, expected, text = compared(function, *arrays(*shapes))
+    same(found, expected)
+    assert reductions(text) == 1
+
+
+def test_a_program_of_several_calls_has_a_kernel_for_each():
+    found, expected, text = compared(inner, *arrays((2, N), (2, N), (2, N)))
+    same(found, expected)
+    assert reductions(text) == 2
+
+
+def test_results_of_several_shapes_have_a_kernel_each():
+    def two_shapes(a, b, c):
+        return a * a + c * c, b * c - a * b, c * a + a * a, a * b + b * b
+
+    found, expected, text = compared(noinline(two_shapes), *arrays((1, N), (3, N), (1, N)))
+    same(found, expected)
+    assert [x.shape for x in found] == [(1, N), (3, N), (1, N), (3, N)] and reductions(text) == 2
+
+
+def test_more_operations_than_a_kernel_holds_are_the_calls_they_consist_of(monkeypatch):
+    monkeypatch.setattr(kernels, "MOST_OPERATIONS", 30)
+    found, expected, text = compared(noinline(inner), *arrays((2, N), (2, N), (2, N)))
+    same(found, expected)
+    assert reductions(text) == 2
+
+
+def test_what_is_more_than_numbers_is_a_call_with_kernels_in_it():
+    def with_a_sum(a, b, c):
+        total = number(jnp.broadcast_to(a.value.sum(1, keepdims=True), a.value.shape))
+        return step(a, b + total, c)
+
+    found, expected, text = compared(noinline(with_a_sum), *arrays((2, N), (2, N), (2, N)))
+    same(found, expected)
+    assert reductions(text) >= 1
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+@pytest.mark.parametrize("width", [1, 3])
+def test_known_numbers_of_rows_are_tables(width, reverse):
+    """In a loop, numbers of the row and of the chain are no operands: their dtype is in no reduction but as data."""
+    rng = np.random.default_rng(1)
+    table = rng.standard_normal((5, width, 1)).astype(np.float32)
+    of_chains = rng.standard_normal((width, 1)).astype(np.float32)
+
+    def loop(a, b):
+        def row(carry, of_row):
+            x, y, _ = noinline(lambda x, y, c, d: step(x * c, y, d * c))(*map(number, (*carry, of_row, of_chains_)))
+            return (x.value, y.value), x.value
+
+        of_chains_ = jnp.asarray(of_chains)
+        (x, y), stacked = lax.scan(row, (a.value, b.value), jnp.asarray(table), reverse=reverse)
+        return number(x), number(y), number(stacked)
+
+    found, expected, text = compared(loop, *arrays((width, N), (width, N)))
+    same(found, expected)
+    operands = re.search(r"stablehlo\.reduce\(.*? across", text).group().count("init:")
+    assert operands == 4  # three results, and what no compiler foresees
+
+
+def test_more_rows_than_a_table_holds_are_operands(monkeypatch):
+    monkeypatch.setattr(kernels, "MOST_ROWS", 4)
+    table = np.arange(12, dtype=np.float32).reshape((6, 2, 1)) / 7
+
+    def loop(a, b):
+        def row(carry, c):
+            x, y, _ = step(*map(number, (*carry, c)))
+            return (x.value, y.value), x.value
+
+        (x, y), stacked = lax.scan(row, (a.value, b.value), jnp.asarray(table))
+        return number(x), number(y), number(stacked)
+
+    same(*compared(loop, *arrays((2, N), (2, N)))[:2])
+
+
+def test_64_bits_in_a_program_of_32():
+    with jax.enable_x64(True):
+        doubles = arrays((2, N), (2, N), (2, N), dtype=np.float64)
+    closed = None
+    with jax.enable_x64(True):
+        closed = jax.make_jaxpr(lambda *x: [y.value for y in step(*map(number, x))])(*doubles)
+        expected = list(map(np.asarray, jax.jit(jax.extend.core.jaxpr_as_fun(closed))(*doubles)))
+    with jax.enable_x64(False):
+        found = list(map(np.asarray, jax.jit(functools.partial(kernels.run, closed))(*doubles)))
+    same(found, expected)
+
+
+def arm(n=6):
+    return js.testing.random_mechanism(3, n, ["revolute"], is_chain=True, dtype=np.float32)
+
+
+@pytest.mark.parametrize("is_written_out", [False, True])
+def test_recursions_are_a_kernel_for_each_step(is_written_out):
+    """In place of some 40 kernels for each row of inverse dynamics, of which each computes again what they share."""
+    mech = arm().written_out(is_written_out)
+    x = np.ones((4, 6), np.float32)
+    text = jax.jit(lambda *a: js.inverse_dynamics(mech, *a)).lower(x, x, x).compile().as_text()
+    # Angles are pieces of several arrays: their cosines and sines are a call of their own.
+    assert len(set(re.findall(r"(\S+) = \(.* call\(", text))) <= 1
+    assert (" while(" in text) != is_written_out
+
+
+@pytest.mark.parametrize("function", [js.inverse_dynamics, js.forward_dynamics])
+def test_written_out_computes_the_same_bits(function):
+    mech, rng = js.testing.random_mechanism(0, 9, dtype=np.float32), np.random.default_rng(0)
+    q = np.asarray(js.random_configuration(mech, jax.random.key(0), 5))
+    v, a = rng.standard_normal((2, 5, mech.nv)).astype(np.float32)
+    np.testing.assert_array_equal(function(mech, q, v, a), function(mech.written_out(), q, v, a))
+
+
+def test_written_out_stays_with_what_is_made_of_a_mechanism():
+    mech = arm().written_out()
+    made = [
+        mech.as_data(), mech.as_static(), mech.astype(np.float64), mech.replace(gravity=mech.gravity),
+        js.subtree(mech, mech.body_names[1]), js.lock_joints(mech, {mech.joint_names[0]: 0.1}), js.add_frames(mech, []),
+    ]  # fmt: skip
+    assert all(x.topology.is_written_out for x in made)
+    assert not mech.written_out(False).topology.is_written_out
+    assert mech.written_out(False).topology == arm().topology != mech.topology
