@@ -10,14 +10,15 @@ operands each would be a result, too, over all states.
 """
 
 import collections
+import math
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.core import ShapedArray
+from jax.core import ShapedArray, Tracer
 from jax.extend.core import ClosedJaxpr, Literal, Primitive
 from jax.interpreters import mlir
 from jax.interpreters import partial_eval as pe
@@ -119,7 +120,7 @@ def _inner(eqn: Any) -> ClosedJaxpr:
 
 def _known(x: Any) -> Any:
     """A constant of the trace, as a Table where it is a number of each chain."""
-    is_known = not isinstance(x, jax.core.Tracer) and _is_of_chains(np.shape(x))
+    is_known = not isinstance(x, Tracer) and _is_of_chains(np.shape(x))
     return Table(np.asarray(x)[None], None) if is_known else x
 
 
@@ -133,7 +134,7 @@ def _moved(eqn: Any, inputs: Sequence[Any]) -> list[Any] | None:
     if eqn.primitive.name not in ("squeeze", "reshape", "broadcast_in_dim") or not _is_of_chains(shape):
         return None
     (x,) = inputs
-    if isinstance(x, jax.core.Tracer) or np.prod(x.shape) != shape[0] or not x.shape:
+    if isinstance(x, Tracer) or np.prod(x.shape) != shape[0] or not x.shape:
         return None
     return [Table(x.numbers.reshape((-1, *shape)), x.row) if isinstance(x, Table) else _known(np.reshape(x, shape))]
 
@@ -169,7 +170,7 @@ def _is_of_kernels(jaxpr: Any) -> bool:
 
 
 def _is_table_of_rows(x: Any) -> bool:
-    is_known = not isinstance(x, (jax.core.Tracer, Table))
+    is_known = not isinstance(x, (Tracer, Table))
     return is_known and np.ndim(x) == 3 and np.shape(x)[-1] == 1 and np.size(x) <= MOST_ROWS
 
 
@@ -179,6 +180,9 @@ def _is_table_of_rows(x: Any) -> bool:
 def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool) -> list[Any]:
     """A call as kernels, one for all results of one shape; or, if it is none, with kernels for the calls in it."""
     inner = _inner(eqn)
+    inputs = [
+        x if hasattr(x, "shape") else np.asarray(x, v.aval.dtype) for x, v in zip(inputs, eqn.invars, strict=True)
+    ]
     kernels = _kernels(inner, inputs)
     arrays = [None if isinstance(x, Table) else jnp.asarray(x) for x in inputs]
     data = [x for x in arrays if x is not None]
@@ -213,8 +217,8 @@ class Kernel(NamedTuple):
 def _kernels(inner: ClosedJaxpr, arguments: Sequence[Any]) -> list[Kernel] | None:
     """None if the trace is too long, or does more than operations number by number, or all numbers are known."""
     by_shape = collections.defaultdict[Shape, list[int]](list)
-    for k, v in enumerate(inner.jaxpr.outvars):
-        by_shape[v.aval.shape].append(k)
+    for k, a in enumerate(inner.out_avals):
+        by_shape[a.shape].append(k)
     kernels = list[Kernel]()
     for shape, places in by_shape.items():
         wanted = [k in places for k in range(len(inner.jaxpr.outvars))]
@@ -235,6 +239,8 @@ def _fits(shape: Shape, whole: Shape) -> bool:
 
 def _count(jaxpr: Any, shape: Shape) -> int:
     """How many operations number by number a trace has; a negative number if it has others."""
+    if any(math.prod(v.aval.shape) > 1 for v in jaxpr.constvars):
+        return -1
     count = 0
     for eqn in jaxpr.eqns:
         name = eqn.primitive.name
@@ -260,7 +266,7 @@ def _keeps_places(eqn: Any) -> bool:
 
 def _one_kernel(trace: ClosedJaxpr, arguments: Sequence[Any], shape: Shape) -> list[jax.Array]:
     """The results of a trace, all of this shape."""
-    operands = _Operands([v.aval.dtype for v in trace.jaxpr.outvars], shape)
+    operands = _Operands([cast(Any, a).dtype for a in trace.out_avals], shape)
     tables = [x for x in arguments if isinstance(x, Table) and x.size > 1]
     rows = max((len(x.numbers) for x in tables), default=1)
     hidden = operands.add(_hidden(arguments, tables, shape))
@@ -363,7 +369,7 @@ def _of_scalars(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], zer
     values |= dict(zip(jaxpr.invars, arguments, strict=True))
 
     def read(x: Any) -> Any:
-        return np.asarray(x.val, x.aval.dtype).reshape(())[()] if isinstance(x, Literal) else values[x]
+        return np.asarray(x.val, cast(Any, x.aval).dtype).reshape(())[()] if isinstance(x, Literal) else values[x]
 
     for eqn in jaxpr.eqns:
         name, inputs = eqn.primitive.name, [read(x) for x in eqn.invars]

@@ -278,7 +278,7 @@ def _in_blocks(program: Program, in_blocks: bool, n: int, arrays: Sequence[jax.A
 
     both = zip(one.out_avals, adds, strict=True)
     begin = [lax.full(a.shape if yes else (n, *a.shape[1:]), 0, a.dtype) for a, yes in both]
-    return lax.scan(body, begin, starts)[0]
+    return lax.scan(body, begin, jnp.asarray(starts))[0]
 
 
 def _aval(x: jax.Array, size: int | None = None) -> Aval:

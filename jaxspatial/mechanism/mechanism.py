@@ -7,7 +7,7 @@ import operator
 import pathlib
 import weakref
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.export
@@ -420,7 +420,7 @@ def _from_bytes(data: bytes):
 
 
 def _topology(fields: list[Any]):
-    return Topology(*map(_as_tuples, fields))
+    return Topology(*cast(Any, map(_as_tuples, fields)))
 
 
 def _as_tuples(x):
