@@ -217,11 +217,13 @@ def main(arguments=None):
     falls = guard.fallen(kept.ratios if kept else {}, found)
     print("\n".join([*guard.lines(kept, found, falls), ""]))
     if options.write:
+        now = guard.Kept(guard.this_commit(), datetime.date.today().isoformat(), machine, found)  # before files change
         (HERE / "dynamics.md").write_text(f"# Dynamics of robots\n\n![times](dynamics.png)\n\n{table}\n")
         report.picture(results, HERE / "dynamics.png")
         if guard.is_to_be_kept(kept, falls, options.accept):
-            date = datetime.date.today().isoformat()
-            guard.PLACE.write_text(guard.to_json(guard.Kept(guard.this_commit(), date, machine, found)))
+            guard.PLACE.write_text(guard.to_json(now))
+        else:
+            print(f"{guard.PLACE.name} is left as it was: --accept keeps ratios that fell.\n")
     return _verdict(report.all_claims(results, sizes)) or int(bool(falls) and not options.accept)
 
 
