@@ -1,10 +1,16 @@
 """Dynamics of robots next to Pinocchio and MuJoCo in C++, frax and MuJoCo MJX: in one process, on one core, in turns.
 
     python tests/benchmarks/dynamics.py [--write] [--robots panda g1] [--dtypes float32] [--rows "mass matrix" step]
+    python tests/benchmarks/dynamics.py --against COMMIT [--robots ...] [--dtypes ...] [--rows ...] [--batch N]
 
 Prints what each algorithm costs to trace, to compile and to run, and every claim of `dynamics_claims.py`; exit status 1
 with the list of those that are not met. `--write` renews the table and the picture beside this file. Needs
 jaxspatial[benchmarks] and g++, which takes minutes for Pinocchio's headers, once: libraries are kept in `--folder`.
+
+Every run is compared with the ratios to Pinocchio of the last good one, in `dynamics_ratios.json`: a row that fell by
+more than a tenth is told, with both numbers, and makes the exit status 1. `--write` renews that file too, where nothing
+fell; with `--accept`, whatever fell. That something is as fast as before is claimed by `--against COMMIT`, which runs
+two commits in turns and needs no g++: see `dynamics_against.py`.
 """
 
 import os
@@ -13,19 +19,20 @@ CORES = os.sched_getaffinity(0)
 os.sched_setaffinity(0, {min(CORES)})  # one core for all sides, before XLA counts them
 
 import argparse  # noqa: E402
+import datetime  # noqa: E402
 import pathlib  # noqa: E402
 import sys  # noqa: E402
 import time  # noqa: E402
-import warnings  # noqa: E402
 
+import dynamics_against as against  # noqa: E402
 import dynamics_compiling as compiling  # noqa: E402
+import dynamics_guard as guard  # noqa: E402
 import dynamics_peers as peers  # noqa: E402
 import dynamics_report as report  # noqa: E402
 import dynamics_rows as rows  # noqa: E402
 import dynamics_shapes as shapes  # noqa: E402
 import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
 from dynamics_claims import (  # noqa: E402
     FEW,
     FORWARD,
@@ -45,13 +52,10 @@ from dynamics_claims import (  # noqa: E402
     Results,
 )
 
-import jaxspatial as js  # noqa: E402
-from jaxspatial.interop import ModelFileWarning  # noqa: E402
 from jaxspatial.measure import timing  # noqa: E402
 
 HERE = pathlib.Path(__file__).parent
 CACHE = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "jaxspatial" / "benchmarks"
-ROBOTS = {"panda": peers.Robot("panda", False), "g1": peers.Robot("g1", True)}
 DTYPES = ("float32", "float64")
 PRECISIONS = {OURS: None, rows.FAST: "fast", rows.AS_DATA: None}
 # The gradient of a step of MJX takes three to five times as long to compile as the step.
@@ -63,7 +67,7 @@ class Robot:
 
     def __init__(self, robot, dtype, libraries, options, left_out):
         self.robot, self.dtype, self.options, self.left_out = robot, dtype, options, left_out
-        mech = self.mechanism()
+        mech = rows.mechanism(robot)
         self.model, self.pinocchio = peers.load_pinocchio(libraries[dtype], robot)
         self.mujoco = peers.load_mujoco(libraries[MUJOCO], robot)
         self.orders = rows.orders(robot, mech, self.model)
@@ -75,11 +79,6 @@ class Robot:
     def _has_mjx(self):
         """It is made for float32, and takes a second for 64 states of the Panda."""
         return MJX in self.options.peers and self.dtype == "float32"
-
-    def mechanism(self):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ModelFileWarning)
-            return js.Mechanism.from_urdf(self.robot.urdf, self.robot.floating_base, dtype=np.float64)
 
     def measured(self):
         """Results of the main batch with the large one, and of one and few states."""
@@ -132,7 +131,7 @@ class Robot:
         return lambda: self._ours(case), states.ours(self.dtype)
 
     def _ours(self, case):
-        mech = self.mechanism()
+        mech = rows.mechanism(self.robot)
         if case.who == rows.AS_DATA:
             mech = mech.astype(self.dtype).as_data()
         return rows.program(compiling.watched(mech), self.robot.tip, case.algorithm, PRECISIONS[case.who])
@@ -165,7 +164,7 @@ def _told(case, found):
 
 def _options(arguments):
     parser = argparse.ArgumentParser(description="Dynamics of robots next to Pinocchio, MuJoCo, frax and MJX.")
-    choices = {"robots": ROBOTS, "dtypes": DTYPES, "rows": rows.ALGORITHMS, "peers": PEERS, "parts": PARTS}
+    choices = {"robots": peers.ROBOTS, "dtypes": DTYPES, "rows": rows.ALGORITHMS, "peers": PEERS, "parts": PARTS}
     for name, known in choices.items():
         parser.add_argument(f"--{name}", nargs="+", choices=tuple(known), default=list(known))
     parser.add_argument("--programs", nargs="+", choices=rows.PROGRAMS, default=[OURS], help="ways to run ours")
@@ -176,10 +175,16 @@ def _options(arguments):
     parser.add_argument("--mjx-budget", type=float, default=30.0, help="seconds that a gradient of MJX may compile")
     parser.add_argument("--folder", type=pathlib.Path, default=CACHE, help="keep the compiled libraries here")
     parser.add_argument("--write", action="store_true", help="write dynamics.md and dynamics.png beside this file")
+    parser.add_argument("--accept", action="store_true", help="with --write: keep ratios to Pinocchio that fell")
+    parser.add_argument("--against", metavar="COMMIT", help="run this tree and a commit in turns, without peers")
     options = parser.parse_args(arguments)
     asked = all(getattr(options, name) == list(known) for name, known in choices.items())
     if options.write and not (asked and (options.batch, options.large) == (MANY, LARGE)):
         parser.error("--write is for all rows, robots, dtypes, peers and parts, at the batches of the claims")
+    if options.accept and not options.write:
+        parser.error("--accept is for --write")
+    if options.against and options.write:
+        parser.error("--against writes nothing")
     return options
 
 
@@ -190,11 +195,13 @@ def _measured(options, libraries, left_out):
     for robot in options.robots if "robots" in options.parts else ():
         for dtype in options.dtypes:
             with jax.enable_x64(dtype == "float64"):
-                yield Robot(ROBOTS[robot], dtype, libraries, options, left_out).measured()
+                yield Robot(peers.ROBOTS[robot], dtype, libraries, options, left_out).measured()
 
 
 def main(arguments=None):
     options, left_out, start = _options(arguments), [], time.perf_counter()
+    if options.against:
+        return against.main(options, timing.machine())
     libraries = peers.built(options.dtypes, options.folder, CORES) if "robots" in options.parts else {}
     built = time.perf_counter()
     compiling.prepare()
@@ -206,10 +213,18 @@ def main(arguments=None):
     spent = f"{built - start:.0f} s to build the C++ libraries, {time.perf_counter() - built:.0f} s to measure."
     table = "\n".join(report.lines(results, sizes, left_out, f"{machine}; {spent}"))
     print(f"\n{table}\n")
+    kept, found = guard.read(), guard.ratios(results)
+    falls = guard.fallen(kept.ratios if kept else {}, found)
+    print("\n".join([*guard.lines(kept, found, falls), ""]))
     if options.write:
+        now = guard.Kept(guard.this_commit(), datetime.date.today().isoformat(), machine, found)  # before files change
         (HERE / "dynamics.md").write_text(f"# Dynamics of robots\n\n![times](dynamics.png)\n\n{table}\n")
         report.picture(results, HERE / "dynamics.png")
-    return _verdict(report.all_claims(results, sizes))
+        if guard.is_to_be_kept(kept, falls, options.accept):
+            guard.PLACE.write_text(guard.to_json(now))
+        else:
+            print(f"{guard.PLACE.name} is left as it was: --accept keeps ratios that fell.\n")
+    return _verdict(report.all_claims(results, sizes)) or int(bool(falls) and not options.accept)
 
 
 def _verdict(found):

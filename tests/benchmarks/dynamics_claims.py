@@ -13,6 +13,11 @@ INVERSE_DERIVATIVES, FORWARD_DERIVATIVES = "derivatives of inverse dynamics", "d
 JACFWD_INVERSE, JACFWD_FORWARD = "jacfwd of inverse dynamics", "jacfwd of forward dynamics"
 GRADIENT, BY_INERTIAS = "gradient of forward dynamics", "gradient by inertial parameters"
 STEP, GRADIENT_OF_STEP = "step", "gradient of a step"
+# Matrices where they are used: what is returned is a vector.
+MASS_TIMES, INVERSE_MASS_TIMES = "mass matrix times a vector", "inverse mass matrix times a vector"
+JACOBIAN_TIMES = "Jacobian transposed times a wrench"
+INVERSE_BY_MATRICES, INVERSE_BY_JVP = (f"{INVERSE_DERIVATIVES} times vectors, by {x}" for x in ("matrices", "jvp"))
+FORWARD_BY_MATRICES, FORWARD_BY_JVP = (f"{FORWARD_DERIVATIVES} times vectors, by {x}" for x in ("matrices", "jvp"))
 
 ONE, FEW, MANY, LARGE = 1, 64, 4096, 65536  # the batches that the claims are about
 
@@ -88,6 +93,10 @@ ROBOTS = ("panda", "g1")
 # algorithm -> Pinocchio's time over ours at batch 4096, at least
 OVER_PINOCCHIO = dict.fromkeys((INVERSE, FORWARD), {"float32": 5.0, "float64": 2.5})
 OVER_PINOCCHIO |= dict.fromkeys((MASS, INVERSE_DERIVATIVES, FORWARD_DERIVATIVES), {"float32": 3.0, "float64": 1.5})
+# Likewise of the floating G1, in both dtypes.
+PRODUCTS = (MASS_TIMES, INVERSE_MASS_TIMES, JACOBIAN_TIMES)
+PRODUCTS += (INVERSE_BY_MATRICES, INVERSE_BY_JVP, FORWARD_BY_MATRICES, FORWARD_BY_JVP)
+PRODUCTS_OVER_PINOCCHIO = 1.0
 FEW_OVER_PINOCCHIO = 1.5
 GRADIENT_OVER_VALUE = 4.0
 # Of autodiff's time to that of the same derivatives in closed form.
@@ -121,7 +130,7 @@ def best_peer(results, case):
 
 def claims(results):
     """Of all that was measured: Claim by Claim."""
-    for kind in (_compiling, _many, _large, _gradient, _jacfwd, _few, _one, _agreeing):
+    for kind in (_compiling, _many, _products, _large, _gradient, _jacfwd, _few, _one, _agreeing):
         yield from kind(results)
 
 
@@ -141,6 +150,12 @@ def _many(results):
     for algorithm, asked in OVER_PINOCCHIO.items():
         what = f"{algorithm}, batch {results.many}: {PINOCCHIO}'s time over ours"
         yield from _over_peer(results, Case(algorithm, results.many, OURS), PINOCCHIO, asked[results.dtype], what)
+
+
+def _products(results):
+    for algorithm in PRODUCTS if results.robot == "g1" else ():
+        what = f"{algorithm}, batch {results.many}: {PINOCCHIO}'s time over ours"
+        yield from _over_peer(results, Case(algorithm, results.many, OURS), PINOCCHIO, PRODUCTS_OVER_PINOCCHIO, what)
 
 
 def _over_peer(results, case, peer, asked, what):

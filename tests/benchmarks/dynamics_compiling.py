@@ -8,8 +8,6 @@ import jax
 import jax.numpy as jnp
 from dynamics_claims import Compiling
 
-from jaxspatial.measure import timing
-
 _MADE = []  # weak references to the mechanisms of programs that were compiled
 
 
@@ -51,6 +49,8 @@ def prepare():
 
 def in_turns(cases, rounds, limit, least=0.02):
     """Case -> seconds per state, one per round: calls are repeated until they take `least` seconds."""
+    from jaxspatial.measure import timing  # here: `dynamics_against.py` runs older trees, which may not have it
+
     counts, calls = {}, {}
     for case, call in cases.items():
         jax.block_until_ready(call())

@@ -25,15 +25,23 @@ import numpy as np
 from dynamics_claims import (
     BY_INERTIAS,
     FORWARD,
+    FORWARD_BY_JVP,
+    FORWARD_BY_MATRICES,
     FORWARD_DERIVATIVES,
     GRADIENT,
     GRADIENT_OF_STEP,
     INVERSE,
+    INVERSE_BY_JVP,
+    INVERSE_BY_MATRICES,
     INVERSE_DERIVATIVES,
+    INVERSE_MASS_TIMES,
     JACOBIAN,
+    JACOBIAN_TIMES,
     KINEMATICS,
     MASS,
+    MASS_TIMES,
     MUJOCO,
+    PRODUCTS,
     STEP,
 )
 from mujoco import mjx
@@ -70,6 +78,9 @@ class Robot(NamedTuple):
     @property
     def tip(self):
         return TIPS[self.name]
+
+
+ROBOTS = {"panda": Robot("panda", False), "g1": Robot("g1", True)}
 
 
 class Library(NamedTuple):
@@ -157,7 +168,8 @@ def load_pinocchio(library, robot):
     nq, nv, n = model.nq, model.nv, model.njoints - 1
     sizes = {INVERSE: nv, FORWARD: nv, MASS: nv * nv, KINEMATICS: 12 * n, JACOBIAN: 6 * nv}
     sizes |= {INVERSE_DERIVATIVES: 3 * nv * nv, FORWARD_DERIVATIVES: 3 * nv * nv}
-    return model, Library(library.run, sizes | {GRADIENT: 3 * nv, BY_INERTIAS: 0, STEP: nq + nv}, 10 * n)
+    sizes |= {GRADIENT: 3 * nv, BY_INERTIAS: 0, STEP: nq + nv, **dict.fromkeys(PRODUCTS, nv)}
+    return model, Library(library.run, sizes, 10 * n)
 
 
 def load_mujoco(library, robot):
@@ -299,6 +311,27 @@ def _step(model, robot, q, v, tau, c):
     return [pin.integrate(model, q, DT * after), after]
 
 
+def _symmetric(upper):
+    return np.triu(upper) + np.triu(upper, 1).T
+
+
+def _mass(model, q):
+    return _symmetric(_copied("crba", model, q)[0])
+
+
+def _jacobian_times(model, robot, *state):
+    """The wrench is torque on top of force here, and so are a floating base's coordinates; there force is on top."""
+    wrench = state[-1][:6] if robot.floating_base else np.roll(state[-1][:6], 3)
+    return [_jacobian(model, robot, *state)[0] @ wrench]
+
+
+def _times_directions(name, model, robot, q, v, a, c):
+    by_q, by_v, by_a = _copied(name, model, q, v, a)
+    return [by_q @ c + by_v @ a + _symmetric(by_a) @ v]
+
+
+_OF_INVERSE = functools.partial(_times_directions, "computeRNEADerivatives")
+_OF_FORWARD = functools.partial(_times_directions, "computeABADerivatives")
 _REFERENCES = {
     INVERSE: _simple("rnea", 0, 1, 2),
     FORWARD: _simple("aba", 0, 1, 2),
@@ -310,6 +343,13 @@ _REFERENCES = {
     GRADIENT: _gradient,
     BY_INERTIAS: _of_parameters,
     STEP: _step,
+    MASS_TIMES: lambda model, robot, q, v, a, c: [_mass(model, q) @ c],
+    INVERSE_MASS_TIMES: lambda model, robot, q, v, a, c: [np.linalg.solve(_mass(model, q), c)],
+    JACOBIAN_TIMES: _jacobian_times,
+    INVERSE_BY_MATRICES: _OF_INVERSE,
+    INVERSE_BY_JVP: _OF_INVERSE,
+    FORWARD_BY_MATRICES: _OF_FORWARD,
+    FORWARD_BY_JVP: _OF_FORWARD,
 }
 
 

@@ -1,6 +1,7 @@
 // Pinocchio's algorithms over a batch of states, rows of arrays, on one core: as a C++ program would call them.
 #include <pinocchio/algorithm/aba-derivatives.hpp>
 #include <pinocchio/algorithm/aba.hpp>
+#include <pinocchio/algorithm/cholesky.hpp>
 #include <pinocchio/algorithm/crba.hpp>
 #include <pinocchio/algorithm/frames.hpp>
 #include <pinocchio/algorithm/joint-configuration.hpp>
@@ -22,6 +23,7 @@ using OutMatrix = Eigen::Map<Matrix>;  // by columns, as Pinocchio keeps its own
 static Model model;
 static pin::DataTpl<T>* data;
 static int frame;
+static Eigen::Matrix<T, 6, Eigen::Dynamic> J_of_tip;
 static const T dt = T(0.002);
 
 extern "C" int load(const char* path, int frame_of_jacobian) {
@@ -30,6 +32,7 @@ extern "C" int load(const char* path, int frame_of_jacobian) {
   model = read.cast<T>();
   data = new pin::DataTpl<T>(model);
   frame = frame_of_jacobian;
+  J_of_tip.resize(6, model.nv);
   return model.nv;
 }
 
@@ -60,7 +63,9 @@ static void jacobian(const Row& q, const Row&, const Row&, const Row&, T* out) {
   pin::computeFrameJacobian(model, *data, q, frame, pin::LOCAL_WORLD_ALIGNED, J);
 }
 
-static void three(const Matrix& x, const Matrix& y, const Matrix& z, T* out) {
+// Templates, for Pinocchio keeps some by rows and some by columns: a Matrix would be one more copy of those by rows.
+template <typename X, typename Z>
+static void three(const X& x, const X& y, const Z& z, T* out) {
   const int nv = model.nv;
   OutMatrix(out, nv, nv) = x;
   OutMatrix(out + nv * nv, nv, nv) = y;
@@ -100,10 +105,58 @@ static void step(const Row& q, const Row& v, const Row& tau, const Row&, T* out)
   pin::integrate(model, q, moved, q_after);
 }
 
+// -- matrices times vectors: c is what M and its inverse are multiplied by, its first six numbers are a wrench, and
+// (c, a, v) are the directions of derivatives by (q, v, a).
+
+static void mass_matrix_times(const Row& q, const Row&, const Row&, const Row& c, T* out) {
+  Out(out, model.nv).noalias() = pin::crba(model, *data, q).template selfadjointView<Eigen::Upper>() * c;
+}
+
+// The fastest of its ways: computeMinverse and a product take longer, and so does aba from rest without gravity.
+static void inverse_mass_matrix_times(const Row& q, const Row&, const Row&, const Row& c, T* out) {
+  Out x(out, model.nv);
+  x = c;
+  pin::crba(model, *data, q);
+  pin::cholesky::decompose(model, *data);
+  pin::cholesky::solve(model, *data, x);
+}
+
+// Torque is on top of force in a wrench here, as in the coordinates of a floating base; there force is on top.
+static void jacobian_transposed_times(const Row& q, const Row&, const Row&, const Row& c, T* out) {
+  const int force = model.joints[1].nv() == 6 ? 0 : 3;
+  Eigen::Matrix<T, 6, 1> wrench;
+  wrench << c.template segment<3>(force), c.template segment<3>(3 - force);
+  J_of_tip.setZero();
+  pin::computeFrameJacobian(model, *data, q, frame, pin::LOCAL_WORLD_ALIGNED, J_of_tip);
+  Out(out, model.nv).noalias() = J_of_tip.transpose() * wrench;
+}
+
+// The third is symmetric.
+template <typename X, typename Z>
+static void times(const X& x, const X& y, const Z& z, const Row& v, const Row& a, const Row& c, T* out) {
+  Out sum(out, model.nv);
+  sum.noalias() = x * c;
+  sum.noalias() += y * a;
+  sum.noalias() += z.template selfadjointView<Eigen::Upper>() * v;
+}
+
+static void inverse_dynamics_derivatives_times(const Row& q, const Row& v, const Row& a, const Row& c, T* out) {
+  pin::computeRNEADerivatives(model, *data, q, v, a);
+  times(data->dtau_dq, data->dtau_dv, data->M, v, a, c, out);
+}
+
+static void forward_dynamics_derivatives_times(const Row& q, const Row& v, const Row& tau, const Row& c, T* out) {
+  pin::computeABADerivatives(model, *data, q, v, tau);
+  times(data->ddq_dq, data->ddq_dv, data->Minv, v, tau, c, out);
+}
+
 using Algorithm = void (*)(const Row&, const Row&, const Row&, const Row&, T*);
 static const Algorithm ALGORITHMS[] = {
     inverse_dynamics, forward_dynamics, mass_matrix, kinematics, jacobian, inverse_dynamics_derivatives,
     forward_dynamics_derivatives, gradient_of_forward_dynamics, gradient_by_inertias, step,
+    mass_matrix_times, inverse_mass_matrix_times, jacobian_transposed_times,
+    inverse_dynamics_derivatives_times, inverse_dynamics_derivatives_times,  // by matrices, by jvp: ours differ
+    forward_dynamics_derivatives_times, forward_dynamics_derivatives_times,
 };
 
 // size: numbers of a state's result; 0 for one result of all states.

@@ -45,6 +45,11 @@ NOTES = (
     "- Gradient of forward dynamics: `jax.vjp` by q, v and tau of every state; Pinocchio's is `computeABADerivatives`",
     "  times what comes back, by a step of q. By inertial parameters: of inverse dynamics, by ten parameters of every",
     "  body, added up over the batch; Pinocchio's is `computeJointTorqueRegressor`, transposed, times what comes back.",
+    "- Matrices times vectors, in a program that returns the vector: M x is `mass_matrix(...) @ x`, next to `crba` and",
+    "  a product (for one vector `inverse_dynamics` from rest without gravity gives the same without M); M^-1 x is",
+    "  `forward_dynamics` from rest without gravity, next to `crba` and `cholesky::solve`, its fastest way; J^T F is",
+    "  `jacobian(...).T @ F`, next to `computeFrameJacobian` and a product. Derivatives: the three matrices, times a",
+    "  vector each, added up; by jvp: `jax.jvp` along the same vectors, next to Pinocchio's matrices again.",
     "- A step is `semi_implicit_step`, `mj_step` and `mjx.step` without contacts and limits; of frax and Pinocchio",
     "  forward dynamics and then `integrate`.",
     "- Pinocchio writes the upper triangle of a mass matrix, we write both.",
@@ -58,15 +63,15 @@ def asked(claim):
 
 
 def told(claim):
-    return f"{_number(claim.found)} {claim.unit}".rstrip()
+    return f"{number(claim.found)} {claim.unit}".rstrip()
 
 
-def _number(x):
+def number(x):
     return f"{x:.3g}" if x < 1000 else f"{x:.0f}"
 
 
-def _spread(seconds, scale=1e6):
-    low, middle, high = (_number(x) for x in np.quantile(seconds, [0.1, 0.5, 0.9]) * scale)
+def spread(seconds, scale=1e6):
+    low, middle, high = (number(x) for x in np.quantile(seconds, [0.1, 0.5, 0.9]) * scale)
     return f"{middle} ({low}-{high})"
 
 
@@ -88,7 +93,7 @@ def _lines_of_times(result):
     for algorithm, batch in measured:
         case = Case(algorithm, batch, OURS)
         times = [case._replace(who=x) for x in who]
-        cells = [_spread(result.seconds[x]) if x in result.seconds else "" for x in times]
+        cells = [spread(result.seconds[x]) if x in result.seconds else "" for x in times]
         best, error = best_peer(result, case), result.errors.get(case)
         cells.append(f"{best[1]:.2f} ({best[0]})" if best else "")
         cells.append(f"{error:.0e}" if error is not None else "")
@@ -127,8 +132,8 @@ def _lines_of_shapes(shapes):
     for shape in shapes:
         for size, compiling in shape.compiling.items():
             per_link = shape.seconds.get(size)
-            cells = (_spread(per_link * int(size.split()[0])), _spread(per_link)) if per_link is not None else ("", "")
-            yield f"| {shape.name}, {shape.algorithm} | {size} | {_spread(compiling, 1)} | {' | '.join(cells)} |"
+            cells = (spread(per_link * int(size.split()[0])), spread(per_link)) if per_link is not None else ("", "")
+            yield f"| {shape.name}, {shape.algorithm} | {size} | {spread(compiling, 1)} | {' | '.join(cells)} |"
 
 
 # -- picture ----------------------------------------------------------------------------------------------------------
@@ -202,7 +207,7 @@ def _dots(axes, result, is_first):
             axes.plot(time, height, MARKERS[who], color=COLOURS[who], ms=8, zorder=3)
         if OURS in times:
             told = {"textcoords": "offset points", "ha": "center", "fontsize": 8, "color": COLOURS[OURS]}
-            axes.annotate(_number(times[OURS]), (times[OURS], height), (0, 7), **told)
+            axes.annotate(number(times[OURS]), (times[OURS], height), (0, 7), **told)
     axes.set_yticks(range(len(algorithms)), algorithms if is_first else [""] * len(algorithms))
     axes.set(xscale="log", xlabel="us per state", ylim=(-0.6, len(algorithms) - 0.3))
     axes.set_title(f"{result.robot}, {result.dtype}, batch {result.many}")

@@ -1,6 +1,7 @@
 """What of this library the benchmark of dynamics runs, on which states, and what it is compared with."""
 
 import functools
+import warnings
 from typing import Any, NamedTuple
 
 import jax
@@ -9,19 +10,27 @@ import numpy as np
 from dynamics_claims import (
     BY_INERTIAS,
     FORWARD,
+    FORWARD_BY_JVP,
+    FORWARD_BY_MATRICES,
     FORWARD_DERIVATIVES,
     FRAX,
     GRADIENT,
     GRADIENT_OF_STEP,
     INVERSE,
+    INVERSE_BY_JVP,
+    INVERSE_BY_MATRICES,
     INVERSE_DERIVATIVES,
+    INVERSE_MASS_TIMES,
     JACFWD_FORWARD,
     JACFWD_INVERSE,
     JACOBIAN,
+    JACOBIAN_TIMES,
     KINEMATICS,
     MASS,
+    MASS_TIMES,
     OURS,
     PINOCCHIO,
+    PRODUCTS,
     STEP,
 )
 from dynamics_peers import DT, pulled_back
@@ -32,6 +41,13 @@ import jaxspatial as js
 # program for all numbers of such a robot.
 FAST, AS_DATA = f"{OURS}, fast", f"{OURS}, numbers as data"
 PROGRAMS = (OURS, FAST, AS_DATA)
+
+
+def mechanism(robot):
+    """Of its file, with known numbers; what of the file is not read is not told."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return js.Mechanism.from_urdf(robot.urdf, robot.floating_base, dtype=np.float64)
 
 
 class Orders(NamedTuple):
@@ -114,6 +130,34 @@ def _gradient_of_step(mech, tip, precision, q, v, tau, c):
     return pulled_back(_step(mech, precision), (q, v, tau), (jnp.ones_like(q), c))
 
 
+# -- matrices times vectors: c is what M and its inverse are multiplied by, its first six numbers are a wrench, and
+# (c, a, v) are the directions of derivatives by (q, v, a) --
+
+
+def _mass_times(mech, tip, precision, q, v, a, c):
+    return js.mass_matrix(mech, q, precision=precision) @ c
+
+
+def _inverse_mass_times(mech, tip, precision, q, v, a, c):
+    """What the documentation of `mass_matrix_factor` says is faster for one vector: from rest, without gravity."""
+    weightless = mech.replace(gravity=np.zeros(3, mech.dtype))
+    return js.forward_dynamics(weightless, q, jnp.zeros_like(c), c, precision=precision)
+
+
+def _jacobian_times(mech, tip, precision, q, v, a, c):
+    return _jacobian(mech, tip, precision, q, v, a, c).T @ c[:6]
+
+
+def _by_matrices(derivatives, mech, precision, q, v, a, c):
+    by_q, by_v, by_a = derivatives(mech, q, v, a, precision=precision)
+    return by_q @ c + by_v @ a + by_a @ v
+
+
+def _by_jvp(algorithm, mech, precision, q, v, a, c):
+    directions = js.configuration_rates(mech, q, c), a, v
+    return jax.jvp(functools.partial(algorithm, mech, precision=precision), (q, v, a), directions)[1]
+
+
 _STATES = {
     INVERSE: lambda mech, tip, p, q, v, a, c: js.inverse_dynamics(mech, q, v, a, precision=p),
     FORWARD: lambda mech, tip, p, q, v, tau, c: _forward(mech, p)(q, v, tau),
@@ -125,6 +169,13 @@ _STATES = {
     JACFWD_INVERSE: lambda mech, tip, p, q, v, a, c: _jacfwd(js.inverse_dynamics, mech, p, q, v, a),
     JACFWD_FORWARD: lambda mech, tip, p, q, v, tau, c: _jacfwd(js.forward_dynamics, mech, p, q, v, tau),
     GRADIENT: _gradient,
+    MASS_TIMES: _mass_times,
+    INVERSE_MASS_TIMES: _inverse_mass_times,
+    JACOBIAN_TIMES: _jacobian_times,
+    INVERSE_BY_MATRICES: lambda mech, tip, p, *state: _by_matrices(js.inverse_dynamics_derivatives, mech, p, *state),
+    INVERSE_BY_JVP: lambda mech, tip, p, *state: _by_jvp(js.inverse_dynamics, mech, p, *state),
+    FORWARD_BY_MATRICES: lambda mech, tip, p, *state: _by_matrices(js.forward_dynamics_derivatives, mech, p, *state),
+    FORWARD_BY_JVP: lambda mech, tip, p, *state: _by_jvp(js.forward_dynamics, mech, p, *state),
     STEP: lambda mech, tip, p, q, v, tau, c: _step(mech, p)(q, v, tau),
     GRADIENT_OF_STEP: _gradient_of_step,
 }
@@ -165,7 +216,7 @@ def _in_order(orders, algorithm, found):
     if algorithm == BY_INERTIAS:
         return np.asarray(found, float)[bodies].ravel()
     arrays = [np.asarray(x, float) for x in jax.tree.leaves(_plain(found))]
-    if algorithm in (INVERSE, FORWARD):
+    if algorithm in (INVERSE, FORWARD, *PRODUCTS):
         parts = [arrays[0][:, v]]
     elif algorithm == KINEMATICS:
         parts = [np.concatenate([x.reshape((len(x), x.shape[1], -1)) for x in arrays], -1)[:, bodies]]

@@ -85,6 +85,8 @@ def test_dynamics(dtype, peer):
         pytest.importorskip(name)
     rows = ["inverse dynamics", "forward dynamics", "mass matrix", "kinematics", "Jacobian", "step"]
     rows += ["derivatives of inverse dynamics", "jacfwd of inverse dynamics", "gradient by inertial parameters"]
+    rows += ["mass matrix times a vector", "inverse mass matrix times a vector", "Jacobian transposed times a wrench"]
+    rows += ["derivatives of inverse dynamics times vectors, by jvp"]
     options = ["--robots", "panda", "--dtypes", dtype, "--peers", "Pinocchio C++", peer, "--parts", "robots"]
     options += ["--batch", "40", "--large", "80", "--rounds", "2", "--limit", "1", "--rows", *rows]
     run = subprocess.run([sys.executable, HERE / "dynamics.py", *options], capture_output=True, text=True, timeout=3000)
@@ -95,6 +97,25 @@ def test_dynamics(dtype, peer):
     # What is right is right whatever the machine: the one claim that no clock decides.
     (agreement,) = (line for line in run.stdout.splitlines() if "largest error over largest number" in line)
     assert agreement.endswith("| met |"), agreement
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (HERE.parents[1] / ".git").exists() or not shutil.which("git"), reason="needs the repository")
+def test_dynamics_against_a_commit():
+    """The last one, on few states: every row is compiled and timed in both trees, and results are compared."""
+    for name in ("mujoco.mjx", "frax"):
+        pytest.importorskip(name)
+    rows = ["kinematics", "Jacobian"]
+    options = ["--against", "HEAD", "--robots", "panda", "--dtypes", "float32", "--batch", "40", "--rounds", "3"]
+    command = [sys.executable, HERE / "dynamics.py", *options, "--rows", *rows]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=1800)
+    assert run.returncode in (0, 1) and "Traceback" not in run.stderr, run.stderr
+    for row in rows:
+        (told,) = (line for line in run.stdout.splitlines() if line.startswith(f"| panda, float32 | {row} | "))
+        assert told.count(" | ") == 8
+    assert "of 2 rows are slower" in run.stdout and "Left out" not in run.stdout
+    trees = subprocess.run(["git", "-C", HERE, "worktree", "list"], capture_output=True, text=True).stdout
+    assert "/before " not in trees
 
 
 @pytest.mark.slow

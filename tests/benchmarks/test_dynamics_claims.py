@@ -22,6 +22,7 @@ with pytest.MonkeyPatch.context() as patch:
         MASS,
         OURS,
         PINOCCHIO,
+        PRODUCTS,
         Case,
         Compiling,
         Results,
@@ -52,6 +53,15 @@ def test_pinocchios_time_is_asked_to_be_a_multiple_of_ours(dtype, algorithm, ask
     for ratio, is_met in ((1.01 * asked, True), (0.99 * asked, False)):
         (found,) = claims.claims(results(pair(algorithm, MANY, PINOCCHIO, ratio), dtype=dtype))
         assert (found.asked, found.is_met) == (asked, is_met) and np.isclose(found.found, ratio)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("algorithm", PRODUCTS)
+def test_matrices_times_vectors_take_at_most_pinocchios_time_for_the_g1(algorithm, dtype):
+    for ratio, is_met in ((1.01, True), (0.99, False)):
+        (found,) = claims.claims(results(pair(algorithm, MANY, PINOCCHIO, ratio), dtype=dtype))
+        assert (found.asked, found.is_met) == (1.0, is_met) and np.isclose(found.found, ratio)
+    assert not list(claims.claims(results(pair(algorithm, MANY, PINOCCHIO, 0.5), dtype=dtype, robot="panda")))
 
 
 def test_seconds_to_trace_and_compile_are_added():
