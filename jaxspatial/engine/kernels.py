@@ -26,8 +26,9 @@ from jax.interpreters import partial_eval as pe
 from jaxspatial.numerics.errorfree.barrier import hidden_zero, joined
 from jaxspatial.numerics.errorfree.primitives import CALL, STEP, lower_fun, not_inlined
 
-# A kernel of more operations is compiled as the calls that it consists of. Known numbers in more rows are operands.
-MOST_OPERATIONS, MOST_ROWS = 1000, 256
+# A kernel of more operations is compiled as the calls that it consists of: from some thousand on compiling takes minutes.
+# Known numbers in more rows are operands.
+MOST_OPERATIONS, MOST_ROWS = 700, 256
 # Rows per turn of a loop: with two, what one writes the next reads where it is, and not a copy.
 UNROLLED = 2
 
@@ -44,6 +45,8 @@ _ELEMENTWISE = {
 # Results of which the compiler must know nothing. A hidden zero is joined to their bits, which is less than what they
 # do by themselves.
 _GUARDED = {"jaxspatial_product": lax.mul, "jaxspatial_barrier": lambda x: x}
+# How many operations a quotient is.
+_QUOTIENT = 8
 _CALLS = {"jit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2", "checkpoint"}
 
 
@@ -245,6 +248,7 @@ def _count(jaxpr: Any, shape: Shape) -> int:
     for eqn in jaxpr.eqns:
         name = eqn.primitive.name
         more = _count(_inner(eqn).jaxpr, shape) if name in _CALLS else int(name in _ELEMENTWISE or name in _GUARDED)
+        more = _QUOTIENT if name == "jaxspatial_quotient" else more
         keeps_place = name in _MOVES and _keeps_places(eqn)
         if not (more > 0 or keeps_place or (name in _CALLS and more == 0)):
             return -1
