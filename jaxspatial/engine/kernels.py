@@ -26,7 +26,7 @@ from jax.interpreters import partial_eval as pe
 from jaxspatial.numerics.errorfree.barrier import hidden_zero, joined
 from jaxspatial.numerics.errorfree.primitives import CALL, STEP, lower_fun, not_inlined
 
-# A kernel of more operations is compiled as the calls that it consists of: from some thousand on compiling takes minutes.
+# A kernel of more operations is compiled as the calls that it consists of: thousands would compile for minutes.
 # Known numbers in more rows are operands.
 MOST_OPERATIONS, MOST_ROWS = 700, 256
 # Rows per turn of a loop: with two, what one writes the next reads where it is, and not a copy.
