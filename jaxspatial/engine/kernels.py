@@ -28,7 +28,7 @@ from jaxspatial.numerics.errorfree.primitives import CALL, STEP, lower_fun, not_
 
 # A kernel of more operations is compiled as the calls that it consists of: thousands would compile for minutes.
 # Known numbers in more rows are operands.
-MOST_OPERATIONS, MOST_ROWS = 700, 256
+MOST_OPERATIONS, MOST_ROWS = 1000, 256
 # Rows per turn of a loop: with two, what one writes the next reads where it is, and not a copy.
 UNROLLED = 2
 
@@ -156,7 +156,7 @@ def _scanned(eqn: Any, inputs: Sequence[Any]) -> list[Any]:
         results = list(map(_array, _evaluated(body.jaxpr, body.consts, [*consts, *carry, *each])))
         return results[:n_carry], results[n_carry:]
 
-    xs, unroll = (rows, lax.iota(np.int32, length)), UNROLLED if _is_of_kernels(body.jaxpr) else 1
+    xs, unroll = (rows, lax.iota(np.uint32, length)), UNROLLED if _is_of_kernels(body.jaxpr) else 1
     carry, stacked = lax.scan(row, carry, xs, reverse=eqn.params["reverse"], unroll=unroll)
     return [*carry, *stacked]
 
@@ -320,17 +320,15 @@ def _hidden(arguments: Sequence[Any], tables: Sequence[Table], shape: Shape) -> 
     zero = hidden_zero(next(x for x in arguments if isinstance(x, jax.Array))) << np.uint32(31)
     if not tables:
         return zero
-    row = next((x.row for x in tables if x.row is not None), np.int32(0))
-    chain = lax.broadcasted_iota(np.int32, (shape[0], 1), 0)
-    index = row * np.int32(shape[0]) + chain
-    return index.astype(np.uint32) | zero
+    row = next((x.row for x in tables if x.row is not None), np.uint32(0))
+    return row * np.uint32(shape[0]) + lax.broadcasted_iota(np.uint32, (shape[0], 1), 0) | zero
 
 
 def _looked_up(table: Table, rows: int, shape: Shape, index: jax.Array) -> Any:
     if table.size == 1:
         return table.numbers.reshape(())[()]
     numbers = np.broadcast_to(table.numbers[..., 0], (rows, shape[0])).ravel()
-    return _table_p.bind(index.astype(np.int32), numbers=_Contents(numbers))
+    return _table_p.bind(index, numbers=_Contents(numbers))
 
 
 class _Contents:

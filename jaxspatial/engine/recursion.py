@@ -191,7 +191,8 @@ class _Loop:
         self.states = self._spread(states, self.shape)
         start = data_of(self.states), data_of(self._spread(memory, (n_rows + 2, self.shape[1]))) if n_rows else None
         rows = (boundaries.at, boundaries.put, boundaries.get)
-        inputs = data_of(self.numbers), [jnp.asarray(x, np.int32) for x in rows] if n_rows else None
+        # Unsigned, no index is asked whether it counts from the end.
+        inputs = data_of(self.numbers), [jnp.asarray(x, np.uint32) for x in rows] if n_rows else None
         # A pull-back recomputes the steps, which is faster than reading stored intermediates.
         again = jax.checkpoint(self._row, prevent_cse=False)
         (last, last_memory), stacked = lax.scan(again, start, inputs, reverse=boundaries.is_reverse)
