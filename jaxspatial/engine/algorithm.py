@@ -261,10 +261,11 @@ class Algorithm(Differentiable):
     @property
     def block(self) -> int:
         """States per block: fewer where each has many results, or wide numbers."""
-        # The processor's cache holds half as many numbers of 64 bits. Those of two limbs are no kernels: many small
-        # operations, whose number matters more than the cache.
+        # The processor's cache holds half as many numbers of 64 bits. Those of two limbs are no kernels: of many small
+        # operations the number matters more than the cache.
+        most = program.WRITTEN_OUT_BLOCK if self.topology.is_written_out else program.LARGEST_BLOCK
         n_bytes = max(self.dtype.itemsize, 4) * (2 if self.is_wide else 1)
-        largest = {4: program.LARGEST_BLOCK, 8: program.LARGEST_BLOCK // 2, 16: program.LARGEST_BLOCK}[n_bytes]
+        largest = {4: most, 8: most // 2, 16: most}[n_bytes]
         if self.formula.entries is None:
             return largest
         return min(max(program.NUMBERS // max(self.formula.entries(self.topology), 1), program.SMALLEST_BLOCK), largest)

@@ -29,6 +29,8 @@ Result = tuple[tuple[int, ...], Any]  # shape and dtype
 
 # Bounds on the states of a block, long enough for loops and short enough for the cache, and on its numbers of results.
 LARGEST_BLOCK, SMALLEST_BLOCK, NUMBERS = 496, 64, 2**18
+# Without loops there is less to begin anew in each block.
+WRITTEN_OUT_BLOCK = 304
 # Numbers of a line of the cache.
 LINE = 16
 
