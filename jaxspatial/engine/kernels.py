@@ -6,7 +6,8 @@ a reduction over an axis of two equal items, whose body looks at the item and no
 compiler moves it out of the loop over the two, and vectorises over the states.
 
 Numbers that are known, and differ only from row to row of a loop or from chain to chain, are tables in the body. As
-operands each would be a result, too, over all states.
+operands each would be a result, too, over all states. A product is rounded on its own by a zero that is joined to its
+bits, one operation where a select takes two; the zero is an operand, as XLA knows no other way into the body.
 """
 
 import collections
