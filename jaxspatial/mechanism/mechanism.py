@@ -285,8 +285,8 @@ class Mechanism:
         """Chooses programs that compute body after body, instead of loops along chains of equal joints.
 
         What is known of each body then folds by itself. On CPUs a robot of many joints runs up to twice as fast, and
-        takes two to three times as long to compile; for a single arm it makes little difference. Results are the same;
-        gradients may differ in the last bits, as sums are in another order.
+        takes two to three times as long to compile; for a single arm it makes little difference. Results have the same
+        bits, but for energies and others that are sums over all bodies, and for some gradients: sums in another order.
 
         Args:
             yes: False for loops, which is how mechanisms are built.

@@ -162,22 +162,3 @@ def test_recursions_are_a_kernel_for_each_step(is_written_out):
     # Angles are pieces of several arrays: their cosines and sines are a call of their own.
     assert len(set(re.findall(r"(\S+) = \(.* call\(", text))) <= 1
     assert (" while(" in text) != is_written_out
-
-
-@pytest.mark.parametrize("function", [js.inverse_dynamics, js.forward_dynamics])
-def test_written_out_computes_the_same_bits(function):
-    mech, rng = js.testing.random_mechanism(0, 9, dtype=np.float32), np.random.default_rng(0)
-    q = np.asarray(js.random_configuration(mech, jax.random.key(0), 5))
-    v, a = rng.standard_normal((2, 5, mech.nv)).astype(np.float32)
-    np.testing.assert_array_equal(function(mech, q, v, a), function(mech.written_out(), q, v, a))
-
-
-def test_written_out_stays_with_what_is_made_of_a_mechanism():
-    mech = arm().written_out()
-    made = [
-        mech.as_data(), mech.as_static(), mech.astype(np.float64), mech.replace(gravity=mech.gravity),
-        js.subtree(mech, mech.body_names[1]), js.lock_joints(mech, {mech.joint_names[0]: 0.1}), js.add_frames(mech, []),
-    ]  # fmt: skip
-    assert all(x.topology.is_written_out for x in made)
-    assert not mech.written_out(False).topology.is_written_out
-    assert mech.written_out(False).topology == arm().topology != mech.topology
