@@ -36,7 +36,7 @@ UNROLLED = 2
 Shape = tuple[int, ...]
 
 # What keeps the place of each number, and operations number by number.
-_MOVES = {"broadcast_in_dim", "reshape", "squeeze", "copy", "copy_p", "expand_dims"}
+_MOVES = {"broadcast_in_dim", "reshape", "squeeze", "copy"}
 _ELEMENTWISE = {
     "abs", "add", "add_any", "and", "bitcast_convert_type", "ceil", "clamp", "convert_element_type", "div", "eq",
     "floor", "ge", "gt", "integer_pow", "is_finite", "le", "lt", "max", "min", "mul", "ne", "neg", "not", "or",
@@ -46,8 +46,8 @@ _ELEMENTWISE = {
 # Results of which the compiler must know nothing. A hidden zero is joined to their bits, which is less than what they
 # do by themselves.
 _GUARDED = {"jaxspatial_product": lax.mul, "jaxspatial_barrier": lambda x: x}
-# How many operations a quotient is.
-_QUOTIENT = 8
+# How many operations of the processor each is.
+_SIZES = dict.fromkeys(_ELEMENTWISE | _GUARDED.keys(), 1) | {"jaxspatial_quotient": 8}
 _CALLS = {"jit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2", "checkpoint"}
 
 
@@ -105,7 +105,7 @@ def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any]) -> l
             results = _scanned(eqn, inputs)
         else:
             results = _moved(eqn, inputs) or _bound(eqn, map(_array, inputs))
-            if name == "concatenate" or (of_pieces and name in _ELEMENTWISE | _MOVES | _GUARDED.keys()):
+            if name == "concatenate" or (of_pieces and (name in _SIZES or name in _MOVES)):
                 pieced.update(eqn.outvars)
         values |= dict(zip(eqn.outvars, results, strict=True))
     return [x.val if isinstance(x, Literal) else values[x] for x in jaxpr.outvars]
@@ -248,12 +248,11 @@ def _count(jaxpr: Any, shape: Shape) -> int:
     count = 0
     for eqn in jaxpr.eqns:
         name = eqn.primitive.name
-        more = _count(_inner(eqn).jaxpr, shape) if name in _CALLS else int(name in _ELEMENTWISE or name in _GUARDED)
-        more = _QUOTIENT if name == "jaxspatial_quotient" else more
-        keeps_place = name in _MOVES and _keeps_places(eqn)
-        if not (more > 0 or keeps_place or (name in _CALLS and more == 0)):
-            return -1
-        if not all(_fits(v.aval.shape, shape) for v in eqn.outvars):
+        if name in _CALLS:
+            more = _count(_inner(eqn).jaxpr, shape)
+        else:
+            more = 0 if name in _MOVES and _keeps_places(eqn) else _SIZES.get(name, -1)
+        if more < 0 or not all(_fits(v.aval.shape, shape) for v in eqn.outvars):
             return -1
         count += more
     return count

@@ -31,7 +31,7 @@ Result = tuple[tuple[int, ...], Any]  # shape and dtype
 LARGEST_BLOCK, SMALLEST_BLOCK, NUMBERS = 496, 64, 2**18
 # Without loops there is less to begin anew in each block.
 WRITTEN_OUT_BLOCK = 304
-# Numbers of a line of the cache.
+# Numbers of float32 in a line of the cache.
 LINE = 16
 
 
@@ -241,7 +241,7 @@ def with_batch(
 def block_size(n: int, block: int) -> int:
     """The size of blocks for n states: about `block`, as even as possible.
 
-    An odd number of cache lines: arrays as long as a power of two would all lie in the same sets of the cache.
+    An odd number of lines of the cache, of float32: arrays as long as a power of two would all lie in its same sets.
     """
     if n <= block:
         return n

@@ -20,8 +20,7 @@ from jax import lax
 from jaxspatial.engine import stacking
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism.topology import Bundle
-from jaxspatial.numerics.errorfree.primitives import as_step
-from jaxspatial.numerics.numbers import as_data, data_of, is_number, noinline, with_data
+from jaxspatial.numerics.numbers import as_data, as_step, data_of, is_number, noinline, with_data
 
 # step(numbers of a body, state) -> (its result, its state), as trees of numbers.
 Step = Callable[[Any, Any], tuple[Any, Any]]
@@ -214,7 +213,7 @@ class _Loop:
 
     def _row(self, carry: tuple[Any, Any], inputs: tuple[Any, Any]) -> tuple[Any, Any]:
         (state, memory), (data, rows) = carry, inputs
-        self.result, new = noinline(self.step, as_step)(with_data(self.numbers, data), self._state(state))
+        self.result, new = as_step(self.step)(with_data(self.numbers, data), self._state(state))
         state = self._data(new, self.shape)
         if rows:
             at, put, get = rows

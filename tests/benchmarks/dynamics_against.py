@@ -31,7 +31,6 @@ import jaxspatial as js
 HERE = pathlib.Path(__file__).parent
 SIDES = "before", "now"
 LEAST_ROUNDS = 3
-LEAST_SECONDS = 0.02  # that a turn takes
 
 
 # -- the process that asks --------------------------------------------------------------------------------------------
@@ -163,9 +162,7 @@ class _Programs:
             np.savez(results, *map(np.asarray, jax.tree.leaves(call())))
         except Exception as error:
             return {"cannot": _reason(error)}
-        start = time.perf_counter()
-        jax.block_until_ready(call())
-        self.calls[row] = call, max(1, min(500, round(LEAST_SECONDS / (time.perf_counter() - start))))
+        self.calls[row] = call, *compiling.repeated(call)
         return found._asdict()
 
     def _program(self, row):
@@ -173,11 +170,10 @@ class _Programs:
 
     def time(self, row):
         """Seconds per call. The first call of a turn is not counted: it finds caches as the other process left them."""
-        call, count = self.calls[row]
+        call, run, count = self.calls[row]
         jax.block_until_ready(call())
         start = time.perf_counter()
-        for _ in range(count):
-            jax.block_until_ready(call())
+        run()
         return (time.perf_counter() - start) / count
 
 

@@ -47,24 +47,29 @@ def prepare():
     jax.block_until_ready(loop(jnp.ones((4, 3))))
 
 
-def in_turns(cases, rounds, limit, least=0.02):
-    """Case -> seconds per state, one per round: calls are repeated until they take `least` seconds."""
+LEAST_SECONDS = 0.02  # that a call takes which is timed
+
+
+def in_turns(cases, rounds, limit):
+    """Case -> seconds per state, one per round: calls are repeated until they take `LEAST_SECONDS`."""
     from jaxspatial.measure import timing  # here: `dynamics_against.py` runs older trees, which may not have it
 
-    counts, calls = {}, {}
+    calls, counts = {}, {}
     for case, call in cases.items():
         jax.block_until_ready(call())
-        start = time.perf_counter()
-        jax.block_until_ready(call())
-        counts[case] = max(1, min(500, round(least / (time.perf_counter() - start))))
-        calls[case] = _repeated(call, counts[case])
+        calls[case], counts[case] = repeated(call)
     seconds = timing.interleaved(calls, rounds, limit=limit)
     return {case: s / counts[case] / case.batch for case, s in seconds.items()}
 
 
-def _repeated(call, count):
+def repeated(call):
+    """(a function that repeats a call that has run before for about `LEAST_SECONDS`, how often)."""
+    start = time.perf_counter()
+    jax.block_until_ready(call())
+    count = max(1, min(500, round(LEAST_SECONDS / (time.perf_counter() - start))))
+
     def run():
         for _ in range(count):
             jax.block_until_ready(call())
 
-    return run
+    return run, count

@@ -140,7 +140,6 @@ def test_more_rows_than_a_table_holds_are_operands(monkeypatch):
 def test_64_bits_in_a_program_of_32():
     with jax.enable_x64(True):
         doubles = arrays((2, N), (2, N), (2, N), dtype=np.float64)
-    closed = None
     with jax.enable_x64(True):
         closed = jax.make_jaxpr(lambda *x: [y.value for y in step(*map(number, x))])(*doubles)
         expected = list(map(np.asarray, jax.jit(jax.extend.core.jaxpr_as_fun(closed))(*doubles)))

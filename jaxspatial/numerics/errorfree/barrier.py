@@ -64,11 +64,11 @@ def hidden_zero(x: Array) -> Array:
     return lax.shift_right_logical(_replica_p.bind(x), np.uint32(31))
 
 
-def joined(x: Array, zero: Array) -> Array:
-    """The bits of x or those of a hidden zero: x, of which the compiler knows nothing."""
+def joined(x: Array, mask: Array) -> Array:
+    """The bits of x or those of an integer: of a hidden zero, x, of which the compiler knows nothing."""
     bits = _bits(x)
-    zero = lax.convert_element_type(zero, bits.dtype)
-    return _of_bits(lax.bitwise_or(bits, lax.broadcast(zero, bits.shape)), x.dtype)
+    mask = lax.convert_element_type(mask, bits.dtype)
+    return _of_bits(lax.bitwise_or(bits, lax.broadcast(mask, bits.shape)), x.dtype)
 
 
 def opaque_or_nan(x: Array) -> Array:
@@ -85,10 +85,8 @@ def opaque_or_nan(x: Array) -> Array:
         part = total - one
         error = (one - (total - part)) + (small - part)
         is_right = lax.eq(_bits(error), _bits(small))
-        bits = _bits(x)
         nan = _bits(lax.full((), np.nan, x.dtype))
-        mask = lax.select(is_right, _zero(x), nan)
-        return _of_bits(lax.bitwise_or(bits, lax.broadcast(mask, bits.shape)), x.dtype)
+        return joined(x, lax.select(is_right, _zero(x), nan))
 
 
 def _zero(x: Array) -> Array:

@@ -103,7 +103,7 @@ def not_inlined(function: Callable[..., Any], *arguments: Any) -> Any:
         return _called(CALL, function, *arguments)
 
 
-def as_step(function: Callable[..., Any], *arguments: Any) -> Any:
+def named_step(function: Callable[..., Any], *arguments: Any) -> Any:
     """function(*arguments), as a part of a trace that is known by its name."""
     return _called(STEP, function, *arguments)
 

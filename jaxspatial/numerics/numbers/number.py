@@ -12,7 +12,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxspatial.numerics.errorfree import scaling
-from jaxspatial.numerics.errorfree.primitives import not_inlined
+from jaxspatial.numerics.errorfree.primitives import named_step, not_inlined
 from jaxspatial.numerics.numbers.corrected import Corrected
 from jaxspatial.numerics.numbers.double_word import DoubleWord
 from jaxspatial.numerics.numbers.polynomial import Polynomial
@@ -170,12 +170,25 @@ def noinline_pairs(function: Callable[..., T]) -> Callable[..., T]:
     return chosen
 
 
-def noinline(function: Callable[..., T], call: Callable[..., Any] = not_inlined) -> Callable[..., T]:
+def noinline(function: Callable[..., T]) -> Callable[..., T]:
     """A function of trees of numbers becomes a call that the compiler does not inline.
 
     For what many entries of a result are made of: it would be computed again for each of them. What is known while
     tracing stays so on both sides of the call.
     """
+    return _over_data(function, not_inlined)
+
+
+def as_step(function: Callable[..., T]) -> Callable[..., T]:
+    """A function of trees of numbers, the step of a loop, becomes a part of the trace that is known by its name.
+
+    A compiler may inline it; where programs run as kernels, see `engine.kernels`, it is one of them.
+    """
+    return _over_data(function, named_step)
+
+
+def _over_data(function: Callable[..., T], call: Callable[..., Any]) -> Callable[..., T]:
+    """A function of trees of numbers, called by `call` on the arrays in them."""
 
     @functools.wraps(function)
     def wrapped(*arguments: Any) -> Any:
