@@ -84,32 +84,42 @@ def run(closed: ClosedJaxpr, *arrays: jax.Array) -> list[jax.Array]:
 
 
 def _array(x: Any) -> jax.Array:
+    x = _whole(x)
     return x.array() if isinstance(x, Table) else x
+
+
+class Pieced(NamedTuple):
+    """An array that is a concatenation, or was made of one outside of kernels: the compiler may not have stored it."""
+
+    array: jax.Array
+
+
+def _whole(x: Any) -> Any:
+    return x.array if isinstance(x, Pieced) else x
 
 
 # -- a trace, operation by operation ----------------------------------------------------------------------------------
 
 
 def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any]) -> list[Any]:
-    """The results, where a Table may stand for a known number."""
+    """The results, where a Table may stand for a known number, and a Pieced for an array."""
     values = {v: _known(c) for v, c in zip(jaxpr.constvars, consts, strict=True)}
     values |= dict(zip(jaxpr.invars, arguments, strict=True))
-    pieced: set[Any] = set()  # concatenations, and what is made of them number by number
     for eqn in jaxpr.eqns:
         inputs = [x.val if isinstance(x, Literal) else values[x] for x in eqn.invars]
         name = eqn.primitive.name
-        of_pieces = any(not isinstance(x, Literal) and x in pieced for x in eqn.invars)
+        of_pieces = any(isinstance(x, Pieced) for x in inputs)
         if name == "jit" and eqn.params["name"] in (CALL, STEP):
-            results = _called(eqn, inputs, of_pieces)
+            results = _called(eqn, list(map(_whole, inputs)), of_pieces)
         elif name in _CALLS:
             inner = _inner(eqn)
             results = _evaluated(inner.jaxpr, inner.consts, inputs)
         elif name == "scan":
-            results = _scanned(eqn, inputs)
+            results = _scanned(eqn, list(map(_whole, inputs)))
         else:
-            results = _moved(eqn, inputs) or _bound(eqn, map(_array, inputs))
-            if name == "concatenate" or (of_pieces and (name in _SIZES or name in _MOVES)):
-                pieced.update(eqn.outvars)
+            results = _moved(eqn, list(map(_whole, inputs))) or _bound(eqn, map(_array, inputs))
+            if name == "concatenate" or of_pieces:
+                results = list(map(Pieced, results))
         values |= dict(zip(eqn.outvars, results, strict=True))
     return [x.val if isinstance(x, Literal) else values[x] for x in jaxpr.outvars]
 

@@ -36,12 +36,15 @@ from dynamics_claims import (
     INVERSE_DERIVATIVES,
     INVERSE_MASS_TIMES,
     JACOBIAN,
+    JACOBIAN_BY_PULLBACK,
     JACOBIAN_TIMES,
     KINEMATICS,
     MASS,
+    MASS_BY_DYNAMICS,
     MASS_TIMES,
     MUJOCO,
     PRODUCTS,
+    PRODUCTS_BY_MATRICES,
     STEP,
 )
 from mujoco import mjx
@@ -168,7 +171,8 @@ def load_pinocchio(library, robot):
     nq, nv, n = model.nq, model.nv, model.njoints - 1
     sizes = {INVERSE: nv, FORWARD: nv, MASS: nv * nv, KINEMATICS: 12 * n, JACOBIAN: 6 * nv}
     sizes |= {INVERSE_DERIVATIVES: 3 * nv * nv, FORWARD_DERIVATIVES: 3 * nv * nv}
-    sizes |= {GRADIENT: 3 * nv, BY_INERTIAS: 0, STEP: nq + nv, **dict.fromkeys(PRODUCTS, nv)}
+    sizes |= {GRADIENT: 3 * nv, BY_INERTIAS: 0, STEP: nq + nv}
+    sizes |= dict.fromkeys((*PRODUCTS, *PRODUCTS_BY_MATRICES), nv)
     return model, Library(library.run, sizes, 10 * n)
 
 
@@ -319,6 +323,10 @@ def _mass(model, q):
     return _symmetric(_copied("crba", model, q)[0])
 
 
+def _mass_times(model, robot, q, v, a, c):
+    return [_mass(model, q) @ c]
+
+
 def _jacobian_times(model, robot, *state):
     """The wrench is torque on top of force here, and so are a floating base's coordinates; there force is on top."""
     wrench = state[-1][:6] if robot.floating_base else np.roll(state[-1][:6], 3)
@@ -343,9 +351,11 @@ _REFERENCES = {
     GRADIENT: _gradient,
     BY_INERTIAS: _of_parameters,
     STEP: _step,
-    MASS_TIMES: lambda model, robot, q, v, a, c: [_mass(model, q) @ c],
+    MASS_TIMES: _mass_times,
+    MASS_BY_DYNAMICS: _mass_times,
     INVERSE_MASS_TIMES: lambda model, robot, q, v, a, c: [np.linalg.solve(_mass(model, q), c)],
     JACOBIAN_TIMES: _jacobian_times,
+    JACOBIAN_BY_PULLBACK: _jacobian_times,
     INVERSE_BY_MATRICES: _OF_INVERSE,
     INVERSE_BY_JVP: _OF_INVERSE,
     FORWARD_BY_MATRICES: _OF_FORWARD,

@@ -154,8 +154,10 @@ using Algorithm = void (*)(const Row&, const Row&, const Row&, const Row&, T*);
 static const Algorithm ALGORITHMS[] = {
     inverse_dynamics, forward_dynamics, mass_matrix, kinematics, jacobian, inverse_dynamics_derivatives,
     forward_dynamics_derivatives, gradient_of_forward_dynamics, gradient_by_inertias, step,
-    mass_matrix_times, inverse_mass_matrix_times, jacobian_transposed_times,
-    inverse_dynamics_derivatives_times, inverse_dynamics_derivatives_times,  // by matrices, by jvp: ours differ
+    mass_matrix_times, mass_matrix_times,  // where ours differ: by the matrix, and without
+    inverse_mass_matrix_times,
+    jacobian_transposed_times, jacobian_transposed_times,
+    inverse_dynamics_derivatives_times, inverse_dynamics_derivatives_times,
     forward_dynamics_derivatives_times, forward_dynamics_derivatives_times,
 };
 

@@ -24,13 +24,16 @@ from dynamics_claims import (
     JACFWD_FORWARD,
     JACFWD_INVERSE,
     JACOBIAN,
+    JACOBIAN_BY_PULLBACK,
     JACOBIAN_TIMES,
     KINEMATICS,
     MASS,
+    MASS_BY_DYNAMICS,
     MASS_TIMES,
     OURS,
     PINOCCHIO,
     PRODUCTS,
+    PRODUCTS_BY_MATRICES,
     STEP,
 )
 from dynamics_peers import DT, pulled_back
@@ -114,8 +117,12 @@ def _step(mech, precision):
     return lambda q, v, tau: js.semi_implicit_step(mech, q, v, tau, DT, precision=precision)
 
 
+def _frame(mech, tip):
+    return mech.body_names[mech.joint_names.index(tip)]
+
+
 def _jacobian(mech, tip, precision, q, v, a, c):
-    return js.jacobian(mech, q, mech.body_names[mech.joint_names.index(tip)], precision=precision)
+    return js.jacobian(mech, q, _frame(mech, tip), precision=precision)
 
 
 def _jacfwd(algorithm, mech, precision, *state):
@@ -138,10 +145,27 @@ def _mass_times(mech, tip, precision, q, v, a, c):
     return js.mass_matrix(mech, q, precision=precision) @ c
 
 
+# For one vector the documentation of `mass_matrix` and of `mass_matrix_factor` tells to take dynamics, from rest and
+# without gravity, and that of `jacobian` the pull-back of the velocity of the frame.
+
+
+def _mass_by_dynamics(mech, tip, precision, q, v, a, c):
+    return js.inverse_dynamics(_weightless(mech), q, np.zeros(mech.nv, c.dtype), c, precision=precision)
+
+
 def _inverse_mass_times(mech, tip, precision, q, v, a, c):
-    """What the documentation of `mass_matrix_factor` says is faster for one vector: from rest, without gravity."""
-    weightless = mech.replace(gravity=np.zeros(3, mech.dtype))
-    return js.forward_dynamics(weightless, q, jnp.zeros_like(c), c, precision=precision)
+    return js.forward_dynamics(_weightless(mech), q, np.zeros(mech.nv, c.dtype), c, precision=precision)
+
+
+def _weightless(mech):
+    return mech.replace(gravity=np.zeros(3, mech.dtype))
+
+
+def _jacobian_by_pullback(mech, tip, precision, q, v, a, c):
+    def velocity(v):
+        return js.body_velocities(mech, q, v, _frame(mech, tip), precision=precision).to_array()
+
+    return pulled_back(velocity, (v,), c[:6])[0]
 
 
 def _jacobian_times(mech, tip, precision, q, v, a, c):
@@ -170,8 +194,10 @@ _STATES = {
     JACFWD_FORWARD: lambda mech, tip, p, q, v, tau, c: _jacfwd(js.forward_dynamics, mech, p, q, v, tau),
     GRADIENT: _gradient,
     MASS_TIMES: _mass_times,
+    MASS_BY_DYNAMICS: _mass_by_dynamics,
     INVERSE_MASS_TIMES: _inverse_mass_times,
     JACOBIAN_TIMES: _jacobian_times,
+    JACOBIAN_BY_PULLBACK: _jacobian_by_pullback,
     INVERSE_BY_MATRICES: lambda mech, tip, p, *state: _by_matrices(js.inverse_dynamics_derivatives, mech, p, *state),
     INVERSE_BY_JVP: lambda mech, tip, p, *state: _by_jvp(js.inverse_dynamics, mech, p, *state),
     FORWARD_BY_MATRICES: lambda mech, tip, p, *state: _by_matrices(js.forward_dynamics_derivatives, mech, p, *state),
@@ -216,7 +242,7 @@ def _in_order(orders, algorithm, found):
     if algorithm == BY_INERTIAS:
         return np.asarray(found, float)[bodies].ravel()
     arrays = [np.asarray(x, float) for x in jax.tree.leaves(_plain(found))]
-    if algorithm in (INVERSE, FORWARD, *PRODUCTS):
+    if algorithm in (INVERSE, FORWARD, *PRODUCTS, *PRODUCTS_BY_MATRICES):
         parts = [arrays[0][:, v]]
     elif algorithm == KINEMATICS:
         parts = [np.concatenate([x.reshape((len(x), x.shape[1], -1)) for x in arrays], -1)[:, bodies]]

@@ -85,7 +85,8 @@ def test_dynamics(dtype, peer):
         pytest.importorskip(name)
     rows = ["inverse dynamics", "forward dynamics", "mass matrix", "kinematics", "Jacobian", "step"]
     rows += ["derivatives of inverse dynamics", "jacfwd of inverse dynamics", "gradient by inertial parameters"]
-    rows += ["mass matrix times a vector", "inverse mass matrix times a vector", "Jacobian transposed times a wrench"]
+    rows += ["inverse mass matrix times a vector", "mass matrix times a vector", "Jacobian transposed times a wrench"]
+    rows += [f"{rows[-2]}, by inverse dynamics", f"{rows[-1]}, by pull-back"]
     rows += ["derivatives of inverse dynamics times vectors, by jvp"]
     options = ["--robots", "panda", "--dtypes", dtype, "--peers", "Pinocchio C++", peer, "--parts", "robots"]
     options += ["--batch", "40", "--large", "80", "--rounds", "2", "--limit", "1", "--rows", *rows]

@@ -99,6 +99,22 @@ def test_what_is_more_than_numbers_is_a_call_with_kernels_in_it():
     assert reductions(text) >= 1
 
 
+@pytest.mark.parametrize("move", [lambda x: x, lambda x: x[:, ::-1], lambda x: -jnp.swapaxes(x.reshape(2, 2, N), 0, 1)])
+def test_what_is_pieced_together_is_computed_before_the_kernel(move):
+    """A kernel with a concatenation in it, however it is moved since, would not be vectorised."""
+
+    def function(*pieces):
+        x = number(move(jnp.concatenate([p.value for p in pieces])))
+        return step(x, x, x)
+
+    found, expected, _ = compared(function, *arrays((2, N), (2, N)))
+    same(found, expected)
+    traced = jax.make_jaxpr(lambda *x: [y.value for y in function(*map(number, x))])(*arrays((2, N), (2, N)))
+    text = jax.jit(functools.partial(kernels.run, traced)).lower(*arrays((2, N), (2, N))).compile().as_text()
+    with_reduction = [body for body in text.split("\n\n") if " reduce(" in body]
+    assert with_reduction and not any(" concatenate(" in body for body in with_reduction)
+
+
 @pytest.mark.parametrize("reverse", [False, True])
 @pytest.mark.parametrize("width", [1, 3])
 def test_known_numbers_of_rows_are_tables(width, reverse):
