@@ -1,7 +1,7 @@
 """Closed loops: what holds frames of a mechanism together beside its joints, and the motion of all under it.
 
-A closure is described by the motion of its frame B as seen from its frame A, X_AB = (R, p). The error e(R, p), in rows,
-is a function of it, and the Jacobian and what velocities contribute to accelerations are derivatives of that function.
+A closure sees the motion of its frame B for an observer on its frame A: the pose X_AB = (R, p), and the twist
+V = (w, v) along the axes of A, with dR/dt = [w]x R and dp/dt = v. It holds rows N(R, p) of the twist at zero: N V = 0.
 
 The equations of motion are those of the tree with the wrenches of the closures,
 
@@ -84,10 +84,10 @@ def constraint_error(
         errors of `forward_kinematics`.
     Source: Featherstone 2008, 8.2 (loop constraints).
     """
-    q, loops, distances = _checked("constraint_error", mechanism, loops, q=q)
+    q, closures, distances = _checked("constraint_error", mechanism, loops, q=q)
 
     def error(q: Any, distances: Any) -> jax.Array:
-        return _errors(_closures(mechanism, q, loops, distances, precision), q.dtype)
+        return _errors(_Loops(mechanism, closures, distances, precision).placed(q), q.dtype)
 
     return _over_batch(error, q, distances)
 
@@ -96,10 +96,12 @@ def constraint_error(
 def constraint_jacobian(
     mechanism: Mechanism, q: ArrayLike, loops: Iterable[LoopClosure], *, precision: PrecisionName = None
 ) -> jax.Array:
-    """The derivative of `constraint_error` along velocities: its rate is J v, at all q.
+    """The Jacobian of loop closures: J v is the velocity that they hold at zero.
 
-    J^T l is the generalized force of the closures whose multipliers are l. At the closed configurations of a "weld",
-    "hinge" or "ball" multipliers are torques and forces on B along the axes of A.
+    Rows are those of `constraint_error`: of angular velocities, then of the velocity of the origin of B, for an
+    observer on A and in the axes of A. At closed configurations J v is the rate of `constraint_error`, for "universal",
+    "ball" and "distance" at all others too. J^T l is the generalized force of closures with the multipliers l, torques
+    and forces on B along the axes of A.
 
     Returns:
         J (*batch, rows, nv).
@@ -108,11 +110,11 @@ def constraint_jacobian(
         those of `forward_kinematics`.
     Source: Featherstone 2008, 8.2 (loop constraints).
     """
-    q, loops, distances = _checked("constraint_jacobian", mechanism, loops, q=q)
+    q, closures, distances = _checked("constraint_jacobian", mechanism, loops, q=q)
 
     def rows(q: Any, distances: Any) -> jax.Array:
-        closures = _closures(mechanism, q, loops, distances, precision)
-        return _jacobian(mechanism, q, loops, closures, [x.by_twist() for x in closures], precision)
+        of_state = _Loops(mechanism, closures, distances, precision)
+        return of_state.jacobian(q, of_state.placed(q))
 
     return _over_batch(rows, q, distances)
 
@@ -160,12 +162,18 @@ def constrained_forward_dynamics(
         Baumgarte 1972, Stabilization of constraints and integrals of motion in dynamical systems.
     """
     operation = "constrained_forward_dynamics"
-    q, v, tau, forces, loops, distances = _checked(
+    q, v, tau, forces, closures, distances = _checked(
         operation, mechanism, loops, q=q, v=v, tau=tau, external_forces=external_forces
     )
-    k = None if stabilization is None else check.as_float_array(stabilization, f"{operation}: stabilization", q.dtype)
-    k = None if k is None else k[..., None]
-    return _over_batch(functools.partial(_constrained, mechanism, loops, precision), q, v, tau, k, distances, forces)
+    k = None
+    if stabilization is not None:
+        dtype = cast(Any, q).dtype
+        k = check.as_float_array(stabilization, f"{operation}: stabilization", dtype)[..., None]
+
+    def constrained(q: Any, v: Any, tau: Any, k: Any, distances: Any, forces: Any) -> ConstrainedDynamics:
+        return _constrained(_Loops(mechanism, closures, distances, precision), q, v, tau, k, forces)
+
+    return _over_batch(constrained, q, v, tau, k, distances, forces)
 
 
 @documented
@@ -198,10 +206,10 @@ def close_loops(
     Source: Fan, Yuan 2005, On the quadratic convergence of the Levenberg-Marquardt method without nonsingularity
         assumption.
     """
-    q, loops, distances = _checked("close_loops", mechanism, loops, q=q)
+    q, closures, distances = _checked("close_loops", mechanism, loops, q=q)
 
     def closed(q: Any, distances: Any) -> ClosedConfiguration:
-        return _closed(mechanism, loops, precision, iterations, q, distances)
+        return _closed(_Loops(mechanism, closures, distances, precision), q, iterations)
 
     return _over_batch(closed, q, distances)
 
@@ -210,16 +218,11 @@ def close_loops(
 
 
 def _checked(operation: str, mechanism: Mechanism, loops: Any, **arguments: Any) -> tuple[Any, ...]:
-    """The arguments as `engine.algorithm.checked` returns them, the closures, and their distances (*batch, 1) or None.
-
-    The frames of closures are looked up here, so that messages name the operation.
-    """
+    """The arguments as `algorithm.checked` returns them, the closures, and their distances (*batch, 1) or None."""
     found = checked(operation, mechanism, **arguments)
-    loops, dtype = checked_loops(loops, f"{operation}: loops"), found[0].dtype
-    for name in (name for loop in loops for name in (loop.frame_a, loop.frame_b)):
-        mechanism.topology.index(mechanism.frame_names, name, f"{operation}: loops")
-    distances = [None if loop.distance is None else _distance(operation, loop, dtype) for loop in loops]
-    return *found, loops, distances
+    closures, dtype = checked_loops(loops, mechanism.topology, f"{operation}: loops"), found[0].dtype
+    distances = [None if loop.distance is None else _distance(operation, loop, dtype) for loop in closures]
+    return *found, closures, distances
 
 
 def _distance(operation: str, loop: LoopClosure, dtype: np.dtype) -> Any:
@@ -254,58 +257,58 @@ class _Pose(NamedTuple):
     p: jax.Array
 
 
-class _Closure(NamedTuple):
-    """A closure at one configuration: the poses of its frames, and its error as a function of X_AB."""
+class _Placed(NamedTuple):
+    """A closure at one configuration: where its frames are."""
 
+    kind: str
+    distance: jax.Array | None
     R_WA: jax.Array
     p_AB_W: jax.Array
     X_AB: _Pose
-    error: Callable[[_Pose], jax.Array]
 
-    def by_twist(self) -> jax.Array:
-        """The derivative (rows, 6) of the error by the motion of B seen from A: (w, v) in world axes."""
-        twists = jnp.eye(6, dtype=self.p_AB_W.dtype)
+    @property
+    def error(self) -> jax.Array:
+        """(rows,), see `constraint_error`."""
+        R, p = self.X_AB
+        if self.distance is not None:
+            return _length(p)[None] - self.distance
+        if self.kind == "weld":
+            return jnp.concatenate([Rotation(R.reshape(9)).log(), p])
+        if self.kind == "hinge":
+            z = np.array([0, 0, 1], R.dtype)
+            return jnp.concatenate([Rotation.between(z, R[:, 2]).log()[:2], p])
+        return jnp.concatenate([-R[2:, 0], p]) if self.kind == "universal" else p
 
-        def along(twist: jax.Array) -> jax.Array:
-            return jax.jvp(self.error, (self.X_AB,), (_Pose(_skew(twist[:3]) @ self.X_AB.R, twist[3:]),))[1]
+    def rows(self, X_AB: _Pose) -> jax.Array:
+        """N (rows, 6), of a twist in the axes of A: at closed configurations the derivative of the error."""
+        R, p = X_AB
+        twist = jnp.eye(6, dtype=R.dtype)
+        if self.kind == "universal":
+            across = jnp.stack([-R[1, 0], R[0, 0], *jnp.zeros(4, R.dtype)])  # z of A x x of B
+            return jnp.concatenate([across[None], twist[3:]])
+        if self.kind == "distance":
+            length = _length(p)
+            along = p / jnp.where(length == 0, 1, length)
+            return jnp.concatenate([jnp.zeros(3, R.dtype), along])[None]
+        return {"weld": twist, "hinge": twist[np.array([0, 1, 3, 4, 5])], "ball": twist[3:]}[self.kind]
 
-        of_A = jax.vmap(along)(twists)
-        R_AW = self.R_WA.T
-        return jnp.concatenate([_times(of_A[:3].T, R_AW), _times(of_A[3:].T, R_AW)], -1)
+    @property
+    def in_world(self) -> jax.Array:
+        """N of a twist in world axes."""
+        N = self.rows(self.X_AB)
+        return jnp.concatenate([_times(N[:, :3], self.R_WA.T), _times(N[:, 3:], self.R_WA.T)], -1)
 
-    def second_rate(self, V_A: jax.Array, V_B: jax.Array, A_A: jax.Array, A_B: jax.Array) -> jax.Array:
-        """The second rate of the error, from velocities and accelerations (6,) of the two origins in world axes."""
+    def bias(self, V_A: jax.Array, V_B: jax.Array, A_A: jax.Array, A_B: jax.Array) -> jax.Array:
+        """d/dt (N V), from velocities and accelerations (6,) of the two origins in world axes."""
         (w_A, v_A), (w_B, v_B), (alpha_A, a_A), (alpha_B, a_B) = (jnp.split(x, 2) for x in (V_A, V_B, A_A, A_B))
         p, cross = self.p_AB_W, jnp.cross
-        # The motion of B for an observer who moves with A.
         w, v = w_B - w_A, v_B - v_A - cross(w_A, p)
         alpha = alpha_B - alpha_A - cross(w_A, w_B)
         a = a_B - a_A - cross(alpha_A, p) - cross(w_A, cross(w_A, p) + 2 * v)
-        w, v, alpha, a = map(self._in_A, (w, v, alpha, a))
-        turning = _skew(w)
-        first = _Pose(_times(turning, self.X_AB.R), v)
-        second = _Pose(_times(_skew(alpha) + _times(turning, turning), self.X_AB.R), a)
-
-        def rate(X: _Pose, of_X: _Pose) -> jax.Array:
-            return jax.jvp(self.error, (X,), (of_X,))[1]
-
-        return jax.jvp(rate, (self.X_AB, first), (first, second))[1]
-
-    def _in_A(self, x: jax.Array) -> jax.Array:
-        return _times(self.R_WA.T, x)
-
-
-def _error(kind: str, distance: jax.Array | None, X_AB: _Pose) -> jax.Array:
-    """The rows of one closure, see `constraint_error`."""
-    R, p = X_AB
-    if kind == "distance":
-        return _length(p)[None] - distance
-    if kind == "weld":
-        return jnp.concatenate([Rotation(R.reshape(9)).log(), p])
-    if kind == "hinge":
-        z = np.array([0, 0, 1], R.dtype)
-        return jnp.concatenate([Rotation.between(z, R[:, 2]).log()[:2], p])
-    return jnp.concatenate([-R[2:, 0], p]) if kind == "universal" else p
+        w, v, alpha, a = (_times(x, self.R_WA) for x in (w, v, alpha, a))
+        rates = _Pose(_times(_skew(w), self.X_AB.R), v)
+        N, of_N = jax.jvp(self.rows, (self.X_AB,), (rates,))
+        return _times(N, jnp.concatenate([alpha, a])) + _times(of_N, jnp.concatenate([w, v]))
 
 
 def _length(p: jax.Array) -> jax.Array:
@@ -328,98 +331,82 @@ _times = functools.partial(jnp.matmul, precision=lax.Precision.HIGHEST)
 # -- all of them ------------------------------------------------------------------------------------------------------
 
 
-def _closures(
-    mechanism: Mechanism, q: Any, loops: Sequence[LoopClosure], distances: Sequence[Any], precision: PrecisionName
-) -> list[_Closure]:
-    if not loops:
-        return []
-    X_WF = forward_kinematics(mechanism, q, _frames(loops), precision=precision)
-    R_WF, p_WF, n = X_WF.rotation.to_matrix(), X_WF.translation, len(loops)
-    closures: list[_Closure] = []
-    for R_WA, R_WB, p_WA, p_WB, loop, distance in zip(R_WF, R_WF[n:], p_WF, p_WF[n:], loops, distances, strict=False):
-        p_AB_W = p_WB - p_WA
-        X_AB = _Pose(_times(R_WA.T, R_WB), _times(R_WA.T, p_AB_W))
-        closures.append(_Closure(R_WA, p_AB_W, X_AB, functools.partial(_error, loop.kind, distance)))
-    return closures
+class _Loops(NamedTuple):
+    """The closures of a mechanism, for one state."""
+
+    mechanism: Mechanism
+    closures: tuple[LoopClosure, ...]
+    distances: Sequence[Any]
+    precision: PrecisionName
+
+    @property
+    def frames(self) -> list[str]:
+        """Frames A of all closures, then frames B."""
+        return [x.frame_a for x in self.closures] + [x.frame_b for x in self.closures]
+
+    def placed(self, q: Any) -> list[_Placed]:
+        if not self.closures:
+            return []
+        X_WF = forward_kinematics(self.mechanism, q, self.frames, precision=self.precision)
+        of_A, of_B = _halves(X_WF.rotation.to_matrix()), _halves(X_WF.translation)
+        placed: list[_Placed] = []
+        for x, distance, R_WA, R_WB, p_WA, p_WB in zip(self.closures, self.distances, *of_A, *of_B, strict=True):
+            p_AB_W = p_WB - p_WA
+            X_AB = _Pose(_times(R_WA.T, R_WB), _times(p_AB_W, R_WA))
+            placed.append(_Placed(x.kind, distance, R_WA, p_AB_W, X_AB))
+        return placed
+
+    def jacobian(self, q: Any, placed: Sequence[_Placed]) -> jax.Array:
+        """(rows, nv)."""
+        rows = [jnp.zeros((0, self.mechanism.nv), q.dtype)]
+        if placed:
+            J_WF = jacobian(self.mechanism, q, self.frames, precision=self.precision)
+            for x, J_A, J_B in zip(placed, *_halves(J_WF), strict=True):
+                # The twists of B for an observer on A.
+                turned = _times(_skew(x.p_AB_W), J_A[:3])
+                rows.append(_times(x.in_world, J_B - J_A + jnp.concatenate([jnp.zeros_like(turned), turned])))
+        return jnp.concatenate(rows)
+
+    def biases(self, q: Any, v: Any, placed: Sequence[_Placed]) -> jax.Array:
+        """dJ/dt v (rows,)."""
+        V = body_velocities(self.mechanism, q, v, self.frames, precision=self.precision)
+        A = body_accelerations(self.mechanism, q, v, jnp.zeros_like(v), self.frames, precision=self.precision)
+        each = zip(placed, *_halves(V.to_array()), *_halves(A.to_array()), strict=True)
+        return jnp.concatenate([x.bias(*motions) for x, *motions in each])
 
 
-def _frames(loops: Sequence[LoopClosure]) -> list[str]:
-    """Frames A of all closures, then frames B."""
-    return [loop.frame_a for loop in loops] + [loop.frame_b for loop in loops]
+def _halves(x: jax.Array) -> list[jax.Array]:
+    """(those of frames A, those of frames B)."""
+    return jnp.split(x, 2)
 
 
-def _errors(closures: Sequence[_Closure], dtype: np.dtype) -> jax.Array:
-    return jnp.concatenate([jnp.zeros(0, dtype), *(x.error(x.X_AB) for x in closures)])
-
-
-def _jacobian(
-    mechanism: Mechanism,
-    q: Any,
-    loops: Sequence[LoopClosure],
-    closures: Sequence[_Closure],
-    by_twist: Sequence[jax.Array],
-    precision: PrecisionName,
-) -> jax.Array:
-    """The rows (rows, nv) of all closures."""
-    rows = [jnp.zeros((0, mechanism.nv), q.dtype)]
-    J_WF = jacobian(mechanism, q, _frames(loops), precision=precision) if loops else ()
-    for J_A, J_B, closure, D in zip(J_WF, J_WF[len(loops) :], closures, by_twist, strict=False):
-        # The twists of B for an observer who moves with A.
-        turned = _times(_skew(closure.p_AB_W), J_A[:3])
-        rows.append(_times(D, J_B - J_A + jnp.concatenate([jnp.zeros_like(turned), turned])))
-    return jnp.concatenate(rows)
+def _errors(placed: Sequence[_Placed], dtype: np.dtype) -> jax.Array:
+    return jnp.concatenate([jnp.zeros(0, dtype), *(x.error for x in placed)])
 
 
 # -- dynamics ---------------------------------------------------------------------------------------------------------
 
 
-def _constrained(
-    mechanism: Mechanism,
-    loops: Sequence[LoopClosure],
-    precision: PrecisionName,
-    q: Any,
-    v: Any,
-    tau: Any,
-    k: Any,
-    distances: Sequence[Any],
-    forces: Any,
-) -> ConstrainedDynamics:
+def _constrained(loops: _Loops, q: Any, v: Any, tau: Any, k: Any, forces: Any) -> ConstrainedDynamics:
     """`constrained_forward_dynamics` of one state."""
 
     def of_tree(tau: Any) -> jax.Array:
-        return forward_dynamics(mechanism, q, v, tau, forces, precision=precision)
+        return forward_dynamics(loops.mechanism, q, v, tau, forces, precision=loops.precision)
 
     # The derivative by tau is M^-1, with the factors that vdot is computed with.
     vdot, times_inverse = jax.linearize(of_tree, tau)
-    closures = _closures(mechanism, q, loops, distances, precision)
-    by_twist = [x.by_twist() for x in closures]
-    J = _jacobian(mechanism, q, loops, closures, by_twist, precision)
-    if not loops:
+    if not loops.closures:
         return ConstrainedDynamics(vdot, SpatialForce.zero(0, vdot.dtype))
+    placed = loops.placed(q)
+    J = loops.jacobian(q, placed)
     Y = jax.vmap(times_inverse)(J)
-    due = -_biases(mechanism, q, v, loops, closures, precision)
+    due = -loops.biases(q, v, placed)
     if k is not None:
-        due -= 2 * k * _times(J, v) + k * k * _errors(closures, vdot.dtype)
+        due -= 2 * k * _times(J, v) + k * k * _errors(placed, vdot.dtype)
     multipliers = _multipliers(_times(J, Y.T), due - _times(J, vdot))
-    of_each = jnp.split(multipliers, np.cumsum([loop.rows for loop in loops])[:-1].tolist())
-    F = jnp.stack([_times(D.T, x) for D, x in zip(by_twist, of_each, strict=True)])
+    of_each = jnp.split(multipliers, np.cumsum([x.rows for x in loops.closures])[:-1].tolist())
+    F = jnp.stack([_times(own, x.in_world) for own, x in zip(of_each, placed, strict=True)])
     return ConstrainedDynamics(vdot + _times(multipliers, Y), SpatialForce(F[:, :3], F[:, 3:]))
-
-
-def _biases(
-    mechanism: Mechanism,
-    q: Any,
-    v: Any,
-    loops: Sequence[LoopClosure],
-    closures: Sequence[_Closure],
-    precision: PrecisionName,
-) -> jax.Array:
-    """The second rates of all errors (rows,) at vdot = 0."""
-    frames, n = _frames(loops), len(loops)
-    V = body_velocities(mechanism, q, v, frames, precision=precision).to_array()
-    A = body_accelerations(mechanism, q, v, jnp.zeros_like(v), frames, precision=precision).to_array()
-    each = zip(closures, V, V[n:], A, A[n:], strict=False)
-    return jnp.concatenate([closure.second_rate(*motions) for closure, *motions in each])
 
 
 def _multipliers(G: jax.Array, b: jax.Array) -> jax.Array:
@@ -428,9 +415,7 @@ def _multipliers(G: jax.Array, b: jax.Array) -> jax.Array:
     JAX differentiates it by its equation, not by its iterations.
     """
     solve = _proximal(G)
-    found = lax.custom_linear_solve(
-        functools.partial(_times, G), b, lambda _, b: solve(b), lambda _, b: solve(b), symmetric=True
-    )
+    found = lax.custom_linear_solve(functools.partial(_times, G), b, lambda _, b: solve(b), symmetric=True)
     return cast(jax.Array, found)
 
 
@@ -456,55 +441,48 @@ def _equilibrated(G: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 def _inverse(A: jax.Array, shift: jax.Array | float) -> jax.Array:
-    """(A + shift)^-1, of a positive definite matrix."""
-    eye = jnp.eye(len(A), dtype=A.dtype)
-    half = lax.linalg.triangular_solve(jnp.linalg.cholesky(A + shift * eye), eye, left_side=True, lower=True)
-    return _times(half.T, half)
+    """(A + shift)^-1, of a positive semidefinite matrix and a shift above 0; by way of float32 for 16-bit types."""
+    eye = jnp.eye(len(A), dtype=A.dtype if A.dtype.itemsize > 2 else np.float32)
+    lower = cast(jax.Array, jnp.linalg.cholesky(A.astype(eye.dtype) + eye * jnp.asarray(shift, eye.dtype)))
+    half = lax.linalg.triangular_solve(lower, eye, left_side=True, lower=True)
+    return _times(half.T, half).astype(A.dtype)
 
 
-def _shift(dtype: np.dtype) -> float:
+def _shift(dtype: Any) -> float:
     return check.eps(dtype) ** (2 / 3)
 
 
 # -- configurations ---------------------------------------------------------------------------------------------------
 
 
-def _closed(
-    mechanism: Mechanism,
-    loops: Sequence[LoopClosure],
-    precision: PrecisionName,
-    iterations: int,
-    q: Any,
-    distances: Sequence[Any],
-) -> ClosedConfiguration:
+def _closed(loops: _Loops, q: Any, iterations: int) -> ClosedConfiguration:
     """`close_loops` of one state."""
+    mechanism, precision = loops.mechanism, loops.precision
     # A step of length 0 normalises quaternions.
     at_rest = np.zeros(mechanism.nv, q.dtype)
-    if not loops:
+    if not loops.closures:
         q = integrate(mechanism, q, at_rest, precision=precision)
         return ClosedConfiguration(q, jnp.zeros((), q.dtype))
-    fixed, start, lengths = _fixed(mechanism), _fixed(q), _fixed(distances)
-
-    def linearized(q: Any) -> tuple[jax.Array, jax.Array]:
-        closures = _closures(fixed, q, loops, lengths, precision)
-        J = _jacobian(fixed, q, loops, closures, [x.by_twist() for x in closures], precision)
-        return _errors(closures, q.dtype), J
+    mechanism, start, distances = _fixed((mechanism, q, loops.distances))
+    fixed = loops._replace(mechanism=mechanism, distances=distances)
 
     def nearer(_: Any, q: Any) -> jax.Array:
-        error, J = linearized(q)
+        placed = fixed.placed(q)
+        J = fixed.jacobian(q, placed)
         scale, A = _equilibrated(_times(J, J.T))
-        error = scale * error
+        error = scale * _errors(placed, q.dtype)
         damping = _shift(A.dtype) + jnp.sum(error * error)
         step = _times(scale * _times(_inverse(A, damping), error), J)
-        return integrate(fixed, q, -step, precision=precision)
+        return integrate(mechanism, q, -step, precision=precision)
 
-    end = lax.fori_loop(0, iterations, nearer, integrate(fixed, start, at_rest, precision=precision))
+    end = lax.fori_loop(0, iterations, nearer, integrate(mechanism, start, at_rest, precision=precision))
     # Derivatives are those of one more step, in which the start and the error vary, and nothing else.
-    moved = integrate(fixed, q, difference(fixed, start, end, precision=precision), precision=precision)
-    _, J = linearized(_fixed(moved))
-    error = _errors(_closures(mechanism, moved, loops, distances, precision), moved.dtype)
-    closed = integrate(fixed, moved, -_times(_proximal(_times(J, J.T))(error), J), precision=precision)
-    residual, _ = linearized(_fixed(closed))
+    moved = integrate(mechanism, q, difference(mechanism, start, end, precision=precision), precision=precision)
+    at_end = _fixed(moved)
+    J = fixed.jacobian(at_end, fixed.placed(at_end))
+    step = _times(_proximal(_times(J, J.T))(_errors(loops.placed(moved), moved.dtype)), J)
+    closed = integrate(mechanism, moved, -step, precision=precision)
+    residual = _errors(fixed.placed(_fixed(closed)), closed.dtype)
     return ClosedConfiguration(closed, jnp.max(jnp.abs(residual)))
 
 

@@ -72,8 +72,8 @@ def add_frames(mechanism: Mechanism, frames: Iterable[Frame]) -> Mechanism:
 def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mechanism:
     """Locks joints at given coordinates: their bodies merge with those that carry them.
 
-    Locked joints leave no operation in programs. Locked bodies stay as frames, and loops as they are. A mimic is locked with the joint that it
-    follows.
+    Locked joints leave no operation in programs. Locked bodies stay as frames, and loops as they are. A mimic is locked
+    with the joint that it follows.
 
     Args:
         mechanism: with known numbers.

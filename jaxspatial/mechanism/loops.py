@@ -8,6 +8,7 @@ import jax
 import jax.export
 import numpy as np
 
+from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check
 from jaxspatial.numerics.quantity import tree_of
 from jaxspatial.numerics.types import ArrayLike
@@ -87,9 +88,12 @@ jax.export.register_pytree_node_serialization(
 )
 
 
-def checked_loops(loops: Any, what: str) -> tuple[LoopClosure, ...]:
-    """A sequence of closures, as a tuple."""
+def checked_loops(loops: Any, topology: Topology, what: str) -> tuple[LoopClosure, ...]:
+    """A sequence of closures between frames that there are, as a tuple."""
     closures = tuple(loops) if isinstance(loops, Iterable) else None
     if closures is None or not all(isinstance(loop, LoopClosure) for loop in closures):
         raise TypeError(f"{what}: expected a sequence of LoopClosures, got {loops!r}")
+    frames = tuple(name for name, _ in topology.frames)
+    for name in (name for loop in closures for name in (loop.frame_a, loop.frame_b)):
+        topology.index(frames, name, what)
     return closures

@@ -117,7 +117,8 @@ class Mechanism:
         """
         topology, arrays = assembled(list(bodies), list(joints), list(frames))
         arrays["gravity"] = check.as_vectors(known(gravity), "Mechanism.build: gravity", held=True)
-        return cls(topology=topology, **arrays, loops=_known_loops(topology, loops)).astype(dtype)
+        arrays["loops"] = jax.tree.map(known, checked_loops(loops, topology, "Mechanism.build: loops"))
+        return cls(topology=topology, **arrays).astype(dtype)
 
     @classmethod
     def from_urdf(
@@ -255,7 +256,7 @@ class Mechanism:
     # -- other numbers ------------------------------------------------------------------------------------------------
 
     def replace(self, **changes: Any) -> "Mechanism":
-        """Replaces arrays: `mech.replace(gravity=...)`, `mech.replace(inertias=...)`.
+        """Replaces arrays: `mech.replace(gravity=...)`, `mech.replace(inertias=...)`; and loops by any others.
 
         Args:
             **changes: fields by name, numbers known or traced.
@@ -264,11 +265,15 @@ class Mechanism:
             The mechanism with these.
 
         Raises:
+            KeyError: a closure of a loop names no frame; lists those there are.
             TypeError: there is no such field, or it holds another type.
             ValueError: the shape is not that of the field.
         """
         for name, new in changes.items():
-            _check_replaced(name, getattr(self, name, None), new)
+            if name == "loops":
+                changes[name] = checked_loops(new, self.topology, "Mechanism.replace: loops")
+            else:
+                _check_replaced(name, getattr(self, name, None), new)
         return _read_only(self._as_tree(**changes))
 
     def astype(self, dtype: DTypeLike | None) -> "Mechanism":
@@ -321,15 +326,6 @@ class Mechanism:
     def _as_tree(self, **changes) -> "Mechanism":
         """A Mechanism with leaves, of these numbers and others."""
         return Mechanism(**{field.name: getattr(self, field.name) for field in dataclasses.fields(self)} | changes)
-
-
-def _known_loops(topology: Topology, loops: Iterable[LoopClosure]) -> tuple[LoopClosure, ...]:
-    """Closures between frames that there are, with known numbers."""
-    frames = tuple(name for name, _ in topology.frames)
-    closures = jax.tree.map(known, checked_loops(loops, "Mechanism.build: loops"))
-    for name in (name for loop in closures for name in (loop.frame_a, loop.frame_b)):
-        topology.index(frames, name, "Mechanism.build: loops")
-    return closures
 
 
 def _check_replaced(name: str, old, new):
@@ -455,7 +451,7 @@ def _static_from_bytes(data: bytes):
     topology = _topology(fields)
     leaves = [np.frombuffer(bytes.fromhex(x), np.dtype(name)).reshape(shape) for name, shape, x in arrays]
     parameters = {p.name: 0 for p in registered_parameters(topology.kinds)}
-    closures = tuple(LoopClosure(*names, 1.0 if names[2] == "distance" else None) for names in loops)
+    closures = tuple(LoopClosure(a, b, kind, 1.0 if kind == "distance" else None) for a, b, kind in loops)
     like = dataclasses.replace(Mechanism.build([], []), topology=topology, parameters=parameters, loops=closures)
     return jax.tree.unflatten(jax.tree.structure(like), leaves).as_static()
 

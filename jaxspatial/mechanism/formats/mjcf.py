@@ -5,8 +5,8 @@ The package mujoco compiles the files. Bodies, joints and sites become bodies, j
 several joints on one body, each but the last carries a body without mass, "<body>/<joint>". A joint constraint of at
 most first degree makes a mimic, as if it were rigid. The equality constraints `connect` and `weld` become the
 `loops` of the mechanism, of kinds "ball" and "weld", as if they were rigid; between bodies they hold frames
-"<constraint>/a" on the first body and "<constraint>/b" on the second. Springs, damping and friction of joints are numbers of the
-mechanism, see `passive_forces`.
+"<constraint>/a" on the first body and "<constraint>/b" on the second. Springs, damping and friction of joints are
+numbers of the mechanism, see `passive_forces`.
 
 What serves pictures, contact or control (geoms but for their mass, cameras, sensors, keyframes, actuators but for
 armature and damping, options of MuJoCo's solver, mocap) is no part of a mechanism: one `ModelFileWarning` lists it.
@@ -543,18 +543,22 @@ def _loops(file: _File) -> tuple[list[LoopClosure], list[Frame]]:
             continue
         ids = m.eq_obj1id[i], m.eq_obj2id[i]
         if m.eq_objtype[i] == int(file.mujoco.mjtObj.mjOBJ_SITE):
-            loops.append(LoopClosure(*(_site(file, k) for k in ids), kind))
-            continue
-        name, data, unturned = file.name("eq", i), m.eq_data[i], np.array([1.0, 0, 0, 0])
-        # Of a weld MuJoCo has the anchor on the second body first, then the pose of the second on the first.
-        poses = ((data[3:6], data[6:10]), (data[:3], unturned))
-        if kind == "ball":
-            poses = (data[:3], unturned), (data[3:6], unturned)
-        pair = [f"{name}/a", f"{name}/b"]
-        bodies = [file.name("body", k) for k in ids]
-        frames += [Frame(*names, _pose(*pose)) for *names, pose in zip(pair, bodies, poses, strict=True)]
-        loops.append(LoopClosure(*pair, kind))
+            a, b = (_site(file, k) for k in ids)
+        else:
+            a, b = (f"{file.name('eq', i)}/{side}" for side in "ab")
+            for name, body, pose in zip((a, b), ids, _anchors(m.eq_data[i], kind), strict=True):
+                frames.append(Frame(name, file.name("body", body), pose))
+        loops.append(LoopClosure(a, b, kind))
     return loops, frames
+
+
+def _anchors(data: np.ndarray, kind: Kind) -> list[RigidTransform]:
+    """The poses of the frames that an equality constraint holds, on its two bodies."""
+    unturned = np.array([1.0, 0, 0, 0])
+    if kind == "ball":
+        return [_pose(data[:3], unturned), _pose(data[3:6], unturned)]
+    # The anchor on the second body comes first, then the pose of the second body on the first.
+    return [_pose(data[3:6], data[6:10]), _pose(data[:3], unturned)]
 
 
 def _site(file: _File, i: int) -> str:
