@@ -76,8 +76,9 @@ class LoopClosure:
         return ROWS[self.kind]
 
     def __repr__(self) -> str:
-        distance = "" if self.distance is None else f", {check.in_short(self.distance)}"
-        return f"LoopClosure({self.frame_a!r}, {self.frame_b!r}, {self.kind!r}{distance})"
+        d = self.distance
+        shown = "" if d is None else f", {d.tolist() if isinstance(d, np.ndarray) else check.in_short(d)}"
+        return f"LoopClosure({self.frame_a!r}, {self.frame_b!r}, {self.kind!r}{shown})"
 
 
 jax.export.register_pytree_node_serialization(

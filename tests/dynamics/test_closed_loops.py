@@ -35,9 +35,9 @@ def placed(p, w=(0, 0, 0)):
 
 @functools.cache
 def two_bodies():
-    """One floats; the other is on two joints, one of which has a quaternion. "A" and "B" are on them."""
-    mech = js.testing.random_mechanism(3, 3, ["free", "ball", "revolute"], dtype=np.float64)
-    frames = [("A", mech.body_names[0], 1), ("B", mech.body_names[2], 2), ("C", "world", 3)]
+    """One floats, the other hangs on it by two joints with quaternions. "A" and "B" are on them."""
+    mech = js.testing.random_mechanism(3, 4, ["free", "ball", "free", "revolute"], dtype=np.float64)
+    frames = [("A", "body0", 1), ("B", "body2", 2), ("C", "world", 3)]
     rngs = [(name, body, np.random.default_rng(seed)) for name, body, seed in frames]
     return js.add_frames(mech, [js.Frame(x, b, placed(r.standard_normal(3), r.standard_normal(3))) for x, b, r in rngs])
 
@@ -101,9 +101,9 @@ def test_jacobian_is_the_rate_of_the_error(kind):
     at_closed = interpreted(lambda q: js.close_loops(mech, q, loops, iterations=40))(q)
     assert at_closed.residual <= 1e-14
     h = 1e-5
-    for q in (at_closed.q, q) if kind not in ("weld", "hinge") else (at_closed.q,):
-        ahead, behind = (error(mech, js.integrate(mech, q, v, t), loops) for t in (h, -h))
-        along = rows(mech, q, loops) @ v
+    for at in (at_closed.q, q)[: 1 if kind in ("weld", "hinge") else 2]:
+        ahead, behind = (error(mech, js.integrate(mech, at, v, t), loops) for t in (h, -h))
+        along = rows(mech, at, loops) @ v
         assert abs((ahead - behind) / (2 * h) - along).max() <= 1e-8 * abs(along).max()
 
 
@@ -172,9 +172,9 @@ def test_redundant_closures_change_nothing(name, more):
 
 
 def test_a_folded_linkage():
-    """A parallelogram flat on a line: rows are dependent there alone. All is finite; motions that stay on it are met."""
-    bars = [("a", "world", 0.0), ("b", "a", 1.0), ("c", "world", 2.0)]
-    bodies = [js.Body(name, js.SpatialInertia.thin_rod(np.float64(1), mass=np.float64(1), axis=0)) for name, *_ in bars]
+    """A parallelogram flat on a line: there alone rows are dependent. All is finite, and the rows are held."""
+    bars, one = [("a", "world", 0.0), ("b", "a", 1.0), ("c", "world", 2.0)], np.float64(1)
+    bodies = [js.Body(name, js.SpatialInertia.thin_rod(one, np.eye(3)[0], mass=one)) for name, *_ in bars]
     joints = [js.Joint(f"j{name}", "revolute", on, name, placed([x, 0, 0]), axis=(0, 1, 0)) for name, on, x in bars]
     frames = [js.Frame("A", "c", placed([1, 0, 0])), js.Frame("B", "b", placed([2, 0, 0]))]
     mech = js.Mechanism.build(bodies, joints, frames, dtype=np.float64)
@@ -280,7 +280,7 @@ def test_derivatives_of_dynamics(name, more):
 
 
 def test_derivatives_of_closed_configurations():
-    """Where q is closed: P, the projection on motions that stay closed; and of a distance, of how it is closed again."""
+    """Where q is closed: P, the projection on motions that stay closed; by a distance: how it is closed again."""
     s = closed_loops.closed("five-bar")
     q, J = s.q[0], rows(s.mech, s.q[0], s.loops)
     P = np.eye(4) - np.linalg.pinv(J) @ J
@@ -336,7 +336,7 @@ def test_what_cannot_close_is_told():
         js.Frame("B", "world", placed([3, 0, 0]))], dtype=np.float64,
     )  # fmt: skip
     found = interpreted(lambda q: js.close_loops(mech, q, [closure("ball")]))(np.float64([0.3]))
-    assert 2 - 1e-9 <= found.residual <= 3 and np.isfinite(found.q).all()
+    assert found.residual >= 2 / 3**0.5 and np.isfinite(found.q).all()
 
 
 def test_drift_and_stabilisation():
@@ -352,8 +352,8 @@ def test_drift_and_stabilisation():
 
         return jax.jit(lambda x: jax.lax.scan(step, x, None, 100)[0])((q, v))
 
-    left = {k: abs(error(s.mech, np.asarray(after(k)[0]), s.loops)).max() for k in (None, 50.0)}
-    assert left[None] > 1e-3 and left[50.0] < 0.1 * left[None]
+    start, free, held = (abs(error(s.mech, x, s.loops)).max() for x in (q, after(None)[0], after(50.0)[0]))
+    assert free > 0.3 * start and held < 0.02 * start
 
 
 # -- refusals ---------------------------------------------------------------------------------------------------------

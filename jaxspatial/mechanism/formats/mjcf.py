@@ -235,7 +235,6 @@ _NUMBERS = {
               "actuatorfrcrange": "jnt_actfrcrange"},
     "site": {"pos": "site_pos", "quat": "site_quat"},
     "actuator": {"gear": "actuator_gear", "armature": "actuator_armature", "damping": "actuator_damping"},
-    "eq": {"polycoef": "eq_data"},
 }  # fmt: skip
 _OF_VELOCITIES = {"armature": "dof_armature", "damping": "dof_damping", "frictionloss": "dof_frictionloss"}
 _OF_COORDINATES = {"ref": "qpos0", "springref": "qpos_spring"}
@@ -268,6 +267,9 @@ def _check_numbers(file: _File):
         for name, array in arrays.items():
             for i, x in enumerate(file.numbers(array)[: len(getattr(m, array, ()))]):
                 _check_number(file, what, i, name, x)
+    for i in range(m.neq):
+        name = "anchor" if m.eq_type[i] in _closures(file) else "polycoef"
+        _check_number(file, "eq", i, name, m.eq_data[i])
     for j in range(m.njnt):
         for name, array in _OF_VELOCITIES.items():
             _check_number(file, "joint", j, name, getattr(m, array)[file.dofs(j)])
