@@ -57,6 +57,7 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.mechanism import Body as Body
     from jaxspatial.mechanism import Frame as Frame
     from jaxspatial.mechanism import Joint as Joint
+    from jaxspatial.mechanism import LoopClosure as LoopClosure
     from jaxspatial.mechanism import Mechanism as Mechanism
     from jaxspatial.mechanism import StaticMechanism as StaticMechanism
     from jaxspatial.mechanism import add_frames as add_frames
@@ -69,6 +70,10 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.dynamics.centroid import center_of_mass_velocity as center_of_mass_velocity
     from jaxspatial.dynamics.centroid import centroidal_momentum as centroidal_momentum
     from jaxspatial.dynamics.centroid import centroidal_momentum_matrix as centroidal_momentum_matrix
+    from jaxspatial.dynamics.closed_loops import close_loops as close_loops
+    from jaxspatial.dynamics.closed_loops import constrained_forward_dynamics as constrained_forward_dynamics
+    from jaxspatial.dynamics.closed_loops import constraint_error as constraint_error
+    from jaxspatial.dynamics.closed_loops import constraint_jacobian as constraint_jacobian
     from jaxspatial.dynamics.configuration import configuration_rates as configuration_rates
     from jaxspatial.dynamics.configuration import difference as difference
     from jaxspatial.dynamics.configuration import integrate as integrate

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.dynamics import composite_bodies, linearization
+from jaxspatial.dynamics import closed_loops, composite_bodies, linearization
 from jaxspatial.spatial import wrench
 
 
@@ -38,6 +38,11 @@ EXAMPLES = {
     "DoubleWord": lambda: js.to_double_word(_ones(2, 3)),
     "ForwardDynamicsDerivatives": lambda: _derivatives(linearization.ForwardDynamicsDerivatives),
     "InverseDynamicsDerivatives": lambda: _derivatives(linearization.InverseDynamicsDerivatives),
+    "ClosedConfiguration": lambda: closed_loops.ClosedConfiguration(_ones(2, 3), _ones(2)),
+    "ConstrainedDynamics": lambda: closed_loops.ConstrainedDynamics(
+        _ones(2, 3), js.SpatialForce(_ones(2, 1, 3), _ones(2, 1, 3))
+    ),
+    "LoopClosure": lambda: js.LoopClosure("left", "right", "distance", _ones(2)),
     "MassMatrixFactor": lambda: composite_bodies.MassMatrixFactor(_ones(2, 2)),
     "Mechanism": lambda: js.testing.random_mechanism(0, n=2, dtype=np.float32),
     "MomentumObserver": lambda: js.MomentumObserver(*(_ones(2) * i for i in (1, 2, 3))),
@@ -59,7 +64,7 @@ def _is_data(cls):
 
 
 # Those of the top level, and of results, which stand beside their functions.
-MODULES = js, composite_bodies, linearization, wrench
+MODULES = js, closed_loops, composite_bodies, linearization, wrench
 PUBLIC_TYPES = {
     name: x
     for module in MODULES

@@ -18,6 +18,7 @@ _ARGUMENTS = {
     (*batch,) about the origin of the frame, in world axes. They act on the bodies that carry the frames, see
     `Mechanism.frame_body`.""",
     "frames": "a name of `mechanism.frame_names`, or several, in the order of the results.",
+    "loops": "LoopClosures, such as `mechanism.loops`; none at all leave the tree.",
     "compliance": "of friction and limits; None takes the default, see `Compliance`.",
     "precision": "name of a precision; None takes the default.",
 }
@@ -64,11 +65,12 @@ def _raises(parameters) -> str:
     reasons = ["the first argument is no Mechanism"]
     reasons += ["frames no names"] if "frames" in parameters else []
     reasons += ["dtypes differ or are not floating point"]
+    reasons += ["loops are no LoopClosures"] if "loops" in parameters else []
     reasons += (
         ["forces are neither a dict of SpatialForces nor AppliedForces"] if "external_forces" in parameters else []
     )
     errors = [f"TypeError: {', '.join(reasons[:-1])}, or {reasons[-1]}.", "ValueError: shapes do not fit."]
-    if "frames" in parameters or "external_forces" in parameters:
+    if {"frames", "external_forces", "loops"} & {*parameters}:
         errors.append("KeyError: there is no such frame.")
     indented = (textwrap.fill(error, 116, initial_indent="    ", subsequent_indent="        ") for error in errors)
     return "\n" + "\n".join(indented)

@@ -72,8 +72,8 @@ def add_frames(mechanism: Mechanism, frames: Iterable[Frame]) -> Mechanism:
 def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mechanism:
     """Locks joints at given coordinates: their bodies merge with those that carry them.
 
-    Locked joints leave no operation in programs. Locked bodies stay as frames. A mimic is locked with the joint that it
-    follows.
+    Locked joints leave no operation in programs. Locked bodies stay as frames, and loops as they are. A mimic is locked
+    with the joint that it follows.
 
     Args:
         mechanism: with known numbers.
@@ -105,7 +105,8 @@ def subtree(mechanism: Mechanism, body: str) -> Mechanism:
         body: one of `mechanism.body_names`.
 
     Returns:
-        The mechanism of these bodies and their frames, with NumPy numbers.
+        The mechanism of these bodies and their frames, with NumPy numbers, and with the loops that close between frames
+        that are left.
 
     Raises:
         KeyError: there is no such body; lists those there are.
@@ -125,7 +126,9 @@ def subtree(mechanism: Mechanism, body: str) -> Mechanism:
 
 def _rebuilt(mechanism: Mechanism, bodies: list[Body], joints: list[Joint], frames: list[Frame]) -> Mechanism:
     """A mechanism of these parts, with what else there is to a mechanism."""
-    new = Mechanism.build(bodies, joints, frames, mechanism.gravity, mechanism.dtype)
+    names = {WORLD, *(part.name for part in (*bodies, *frames))}
+    loops = [loop for loop in mechanism.loops if {loop.frame_a, loop.frame_b} <= names]
+    new = Mechanism.build(bodies, joints, frames, mechanism.gravity, mechanism.dtype, loops)
     return new.written_out() if mechanism.topology.is_written_out else new
 
 

@@ -16,6 +16,7 @@ from jax.core import Tracer
 
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.assembly import assembled, registered_parameters
+from jaxspatial.mechanism.loops import LoopClosure, checked_loops
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint, known
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check
@@ -48,6 +49,8 @@ class Mechanism:
         spring_references: (nq,) coordinates at which the springs are at rest.
         frame_placements: RigidTransform (k,) of all named frames on their J, or in the world.
         gravity: (3,) acceleration of free fall in the world, m/s2.
+        loops: LoopClosures that hold frames together beside the joints. Of all functions those act on them that take
+            `loops`: `constrained_forward_dynamics(mech, q, v, tau, mech.loops)`. All others see the tree alone.
 
     Known numbers are converted to the dtype of q; data must have it. NumPy numbers are leaves as well: libraries that
     train, cast or save all leaves of a tree take them for parameters. The result of `as_static` has no leaves.
@@ -77,6 +80,7 @@ class Mechanism:
     spring_references: jax.Array
     frame_placements: RigidTransform
     gravity: jax.Array
+    loops: tuple[LoopClosure, ...] = ()
 
     # -- construction -------------------------------------------------------------------------------------------------
 
@@ -88,6 +92,7 @@ class Mechanism:
         frames: Iterable[Frame] = (),
         gravity: ArrayLike = (0.0, 0.0, -9.81),
         dtype: DTypeLike | None = None,
+        loops: Iterable[LoopClosure] = (),
     ) -> "Mechanism":
         """Builds a mechanism of bodies and the joints that hold them.
 
@@ -100,16 +105,19 @@ class Mechanism:
             frames: named places on bodies, or on "world".
             gravity: (3,) acceleration of free fall in the world, m/s2.
             dtype: of all numbers; JAX's default for None.
+            loops: closures between frames, bodies among them, or the world.
 
         Returns:
             The mechanism, with NumPy numbers.
 
         Raises:
+            KeyError: a closure names no frame; lists those there are.
             TypeError: a part has another type, or numbers are traced: put these in with `replace`.
             ValueError: a name is missing or comes twice, nothing holds a body against the world, a shape does not fit.
         """
         topology, arrays = assembled(list(bodies), list(joints), list(frames))
         arrays["gravity"] = check.as_vectors(known(gravity), "Mechanism.build: gravity", held=True)
+        arrays["loops"] = jax.tree.map(known, checked_loops(loops, topology, "Mechanism.build: loops"))
         return cls(topology=topology, **arrays).astype(dtype)
 
     @classmethod
@@ -248,7 +256,7 @@ class Mechanism:
     # -- other numbers ------------------------------------------------------------------------------------------------
 
     def replace(self, **changes: Any) -> "Mechanism":
-        """Replaces arrays: `mech.replace(gravity=...)`, `mech.replace(inertias=...)`.
+        """Replaces arrays: `mech.replace(gravity=...)`, `mech.replace(inertias=...)`; and loops by any others.
 
         Args:
             **changes: fields by name, numbers known or traced.
@@ -257,11 +265,15 @@ class Mechanism:
             The mechanism with these.
 
         Raises:
+            KeyError: a closure of a loop names no frame; lists those there are.
             TypeError: there is no such field, or it holds another type.
             ValueError: the shape is not that of the field.
         """
         for name, new in changes.items():
-            _check_replaced(name, getattr(self, name, None), new)
+            if name == "loops":
+                changes[name] = checked_loops(new, self.topology, "Mechanism.replace: loops")
+            else:
+                _check_replaced(name, getattr(self, name, None), new)
         return _read_only(self._as_tree(**changes))
 
     def astype(self, dtype: DTypeLike | None) -> "Mechanism":
@@ -385,10 +397,11 @@ class StaticMechanism(Mechanism, ByContents):
     """
 
     @functools.cached_property
-    def contents(self) -> tuple[Topology, tuple[tuple[str, tuple[int, ...], bytes], ...]]:
-        """(topology, the arrays as bytes): what decides equality and hash."""
-        leaves = jax.tree.leaves(self._as_tree())
-        return self.topology, tuple((x.dtype.name, x.shape, x.tobytes()) for x in leaves)
+    def contents(self) -> tuple[Any, ...]:
+        """(topology, closures of loops by names, the arrays as bytes): what decides equality and hash."""
+        leaves, loops = jax.tree.leaves(self._as_tree()), self.loops
+        named = tuple((x.frame_a, x.frame_b, x.kind) for x in loops)
+        return self.topology, named, tuple((x.dtype.name, x.shape, x.tobytes()) for x in leaves)
 
     def __reduce__(self):
         return Mechanism.as_static, (self.as_known(),)
@@ -428,16 +441,18 @@ def _as_tuples(x):
 
 
 def _static_to_bytes(static: StaticMechanism):
-    topology, arrays = static.contents
-    return json.dumps([dataclasses.astuple(topology), [(name, shape, x.hex()) for name, shape, x in arrays]]).encode()
+    topology, loops, arrays = static.contents
+    as_text = [(name, shape, x.hex()) for name, shape, x in arrays]
+    return json.dumps([dataclasses.astuple(topology), loops, as_text]).encode()
 
 
 def _static_from_bytes(data: bytes):
-    fields, arrays = json.loads(data)
+    fields, loops, arrays = json.loads(data)
     topology = _topology(fields)
     leaves = [np.frombuffer(bytes.fromhex(x), np.dtype(name)).reshape(shape) for name, shape, x in arrays]
     parameters = {p.name: 0 for p in registered_parameters(topology.kinds)}
-    like = dataclasses.replace(Mechanism.build([], []), topology=topology, parameters=parameters)
+    closures = tuple(LoopClosure(a, b, kind, 1.0 if kind == "distance" else None) for a, b, kind in loops)
+    like = dataclasses.replace(Mechanism.build([], []), topology=topology, parameters=parameters, loops=closures)
     return jax.tree.unflatten(jax.tree.structure(like), leaves).as_static()
 
 

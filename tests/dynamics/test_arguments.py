@@ -29,7 +29,7 @@ def _arguments(f, dtype, **others):
     given = {"mechanism": MECH, "frames": "body0", "external_forces": {}} | dict.fromkeys(
         NUMBERS[:-2], np.ones(2, dtype)
     )
-    given |= dict.fromkeys(NUMBERS[-2:], dtype(0.5))
+    given |= {"loops": [js.LoopClosure("body0", "body1", "ball")]} | dict.fromkeys(NUMBERS[-2:], dtype(0.5))
     needed = {name for name, x in inspect.signature(f).parameters.items() if x.default is x.empty}
     return {name: x for name, x in given.items() if name in needed} | others
 
@@ -74,6 +74,8 @@ NAMES = {
     "external forces": ("body0", lambda name: js.inverse_dynamics(MECH, Q, Q, Q, {name: F})),
     "kinematics": ("body1", lambda name: js.forward_kinematics(MECH, Q, [name])),
     "velocities": ("world", lambda name: js.body_velocities(MECH, Q, Q, ["body0", name])),
+    "loops": ("body1", lambda name: js.constraint_error(MECH, Q, [js.LoopClosure("world", name, "ball")])),
+    "closure": ("hinge", lambda name: js.LoopClosure("world", "body1", name)),
     "jacobian": ("body1", lambda name: js.jacobian(MECH, Q, name)),
     "jacobian rate": ("body1", lambda name: js.jacobian_rate(MECH, Q, Q, name)),
     "positions": ("joint1", lambda name: MECH.joint_position_indices(name)),

@@ -119,6 +119,7 @@ JOINTS, GEOMETRY, BODIES, DYNAMICS = reading.JOINTS, reading.GEOMETRY, reading.B
 FREE_OF_GRAVITY = *BODIES, "armature"
 OF_BODIES, OF_FRAMES = (*GEOMETRY, "child_placements"), (*GEOMETRY, "frame_placements")
 LOADED = *DYNAMICS, "frame_placements"
+HELD = (js.LoopClosure("world", TOOL, "distance", 0.7),)
 PASSIVE = "stiffness", "spring_references", "damping", "friction_loss", "lower", "upper"
 STEPS = *DYNAMICS, *PASSIVE
 
@@ -187,6 +188,13 @@ ALGORITHMS = {
         lambda m, q, v, a: js.joint_reactions(m, q, v, a, at_points(q)).to_array(),
         (*BODIES, "gravity", *reading.FRAMES),
     ),
+    "constraint_error": (lambda m, q, v, a: js.constraint_error(m, q, HELD), (*GEOMETRY, "frame_placements")),
+    "constraint_jacobian": (lambda m, q, v, a: js.constraint_jacobian(m, q, HELD), (*GEOMETRY, "frame_placements")),
+    "constrained_forward_dynamics": (
+        lambda m, q, v, a: js.constrained_forward_dynamics(m, q, v, a, HELD).vdot,
+        (*DYNAMICS, "frame_placements"),
+    ),
+    # Derivatives by numbers of the mechanism are those of a closed start, and first ones: in `test_closed_loops`.
     "applied_wrenches": (lambda m, q, v, a: sums(m, q), (*GEOMETRY, *reading.FRAMES)),
 }
 
@@ -308,8 +316,8 @@ def table(name, field):
 
 # The fields that only some kinds of joints read, and the mechanism that has them; all others are in every mechanism.
 OF_KINDS = {"second_axes": "two axes", "pitches": "two axes", "parameters": "sliding", "mimics": "mimic"}
-# Limits of what motors can do are there for others.
-READ_BY_NONE = "effort_limit", "velocity_limit"
+# Limits of what motors can do are there for others, and loops for callers to pass.
+READ_BY_NONE = "effort_limit", "velocity_limit", "loops"
 # What takes longest to trace: these, and second derivatives, are drawn for the smallest mechanisms; and of these no
 # second derivatives.
 LONG = "inverse_dynamics", "forward_dynamics", "derivatives", "step", "regressor"
@@ -366,7 +374,7 @@ def test_all_are_drawn():
     taking = {
         name for name, f in vars(js).items() if inspect.isfunction(f) and "mechanism" in inspect.signature(f).parameters
     }
-    editing = {"random_configuration", "add_frames", "lock_joints", "subtree"}
+    editing = {"random_configuration", "close_loops", "add_frames", "lock_joints", "subtree"}
     assert taking - {name.split(",")[0] for name in ALGORITHMS} == editing
     mechs, fields, names, *_ = map(set, zip(*DRAWN, strict=True))
     assert mechs == set(MECHANISMS) and names == set(ALGORITHMS)

@@ -14,6 +14,7 @@ from tests.helpers.interpreted import interpreted
 
 N = 3
 KINDS = ["revolute", "prismatic", "ball"]
+HELD = [js.LoopClosure("world", "body2", "ball")]
 
 
 @functools.cache
@@ -54,11 +55,13 @@ ALGORITHMS = {
     "factor": lambda mech, q, v, a: js.mass_matrix_factor(mech, q).solve(a),
     "semi-implicit step": lambda mech, q, v, a: js.semi_implicit_step(mech, q, v, a, 0.01)[0],
     "symplectic step": lambda mech, q, v, a: js.symplectic_step(mech, q, v, a, 0.01)[1],
+    "closed loop": lambda mech, q, v, a: js.constrained_forward_dynamics(mech, q, v, a, HELD).vdot,
+    "constraint error": lambda mech, q, v, a: js.constraint_error(mech, q, HELD),
     "momentum observer": observed,
     "Runge-Kutta step": lambda mech, q, v, a: js.rk4_step(mech, q, v, a, 0.01)[1],
 }
-# Factors and products of matrices are libraries', whose order of sums is not ours.
-SOLVED = "factor", "symplectic step"
+# Factors and products of matrices are libraries', whose order of sums is not ours; so are those of closures.
+SOLVED = "factor", "symplectic step", "closed loop", "constraint error"
 DEFAULT = "inverse dynamics", "forward dynamics"
 of_some = marks.slow_but(DEFAULT[1:], ALGORITHMS)
 

@@ -386,7 +386,7 @@ def test_replace():
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"weight": 3}, TypeError, "Mechanism.replace: expected one of placements, .*, gravity, got 'weight'"),
+        ({"weight": 3}, TypeError, "Mechanism.replace: expected one of placements, .*, gravity, loops, got 'weight'"),
         ({"topology": 3}, TypeError, "Mechanism.replace: expected one of .* got 'topology'"),
         ({"gravity": np.zeros(2)}, ValueError, r"Mechanism.replace: gravity: expected shape \(3,\), got \(2,\)"),
         ({"inertias": np.zeros(3)}, TypeError, "Mechanism.replace: inertias: expected SpatialInertia, got ndarray"),

@@ -199,6 +199,9 @@ def test_what_does_not_move_it_is_left_out():
 # -- what is refused --------------------------------------------------------------------------------------------------
 
 
+_CONNECT = "<connect name='c' body1='tool' anchor='0 0 0'/>"
+
+
 def _equality(element):
     return END, f"<equality>{element}</equality></mujoco>"
 
@@ -310,10 +313,10 @@ REFUSED = {
     "air": (('-9.81"', '-9.81" density="1.2"'), "line 3: <option>: density"),
     "oil": (('-9.81"', '-9.81" viscosity="1.2"'), "line 3: <option>: viscosity"),
     "limited ball": ((ELBOW, _BALL), 'line 12: <joint name="elbow">: range: a ball joint'),
-    "weld": (_equality('<weld body1="tool" body2="upper"/>'), 'line 18: <weld name="eq_0">: expected a tree'),
-    "loop": (
-        _equality('<connect name="c" body1="tool" anchor="0 0 0"/>'),
-        'line 18: <connect name="c">: expected a tree',
+    "huge anchor": (_equality(_CONNECT.replace("anchor='0", "anchor='1e39")), 'line 18: <connect name="c">: anchor'),
+    "frame of a loop": (
+        ("</worldbody>", f'<site name="c/a"/></worldbody><equality>{_CONNECT}</equality>'),
+        "name: 'c/a' is made for another",
     ),
     "polynomial": (_equality('<joint joint1="elbow" joint2="slide" polycoef="0 1 2"/>'), "line 18: <joint .*polycoef"),
     "held joint": (_equality('<joint name="h" joint1="elbow"/>'), "line 18: <joint name=\"h\">: joint2: .*'elbow'"),

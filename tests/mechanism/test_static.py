@@ -38,6 +38,7 @@ Q = np.float32([0.3, 0.2, 0.6, 0.8, 0, 0, 1, 2, 3])
 V, A, T = (jnp.asarray(RNG.standard_normal(MECH.nv), np.float32) for _ in range(3))
 FORCES = {"hand": js.SpatialForce(jnp.float32([1, 2, 3]), jnp.float32([4, 5, 6]))}
 DT = np.float32(1e-3)
+LOOPS = (js.LoopClosure("tip", "c", "distance", 2.0),)
 # All functions of the package that take a mechanism, with what else they take.
 CALLS = {
     js.add_frames: ([js.Frame("point", "tip")],),
@@ -46,6 +47,10 @@ CALLS = {
     js.bias_forces: (Q, V, FORCES),
     js.body_accelerations: (Q, V, A, ["tip"]),
     js.body_velocities: (Q, V),
+    js.close_loops: (Q, LOOPS),
+    js.constrained_forward_dynamics: (Q, V, T, LOOPS),
+    js.constraint_error: (Q, LOOPS),
+    js.constraint_jacobian: (Q, LOOPS),
     js.center_of_mass: (Q,),
     js.center_of_mass_jacobian: (Q,),
     js.center_of_mass_velocity: (Q, V),

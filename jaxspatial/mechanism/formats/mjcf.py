@@ -3,8 +3,10 @@
 The package mujoco compiles the files. Bodies, joints and sites become bodies, joints and frames of the same name,
 "body_<id>", "joint_<id>" and "site_<id>" where they have none; a site with the name of a body is "<body>/<site>". Of
 several joints on one body, each but the last carries a body without mass, "<body>/<joint>". A joint constraint of at
-most first degree makes a mimic, as if it were rigid. Springs, damping and friction of joints are numbers of the
-mechanism, see `passive_forces`.
+most first degree makes a mimic, as if it were rigid. The equality constraints `connect` and `weld` become the
+`loops` of the mechanism, of kinds "ball" and "weld", as if they were rigid; between bodies they hold frames
+"<constraint>/a" on the first body and "<constraint>/b" on the second. Springs, damping and friction of joints are
+numbers of the mechanism, see `passive_forces`.
 
 What serves pictures, contact or control (geoms but for their mass, cameras, sensors, keyframes, actuators but for
 armature and damping, options of MuJoCo's solver, mocap) is no part of a mechanism: one `ModelFileWarning` lists it.
@@ -27,6 +29,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from jaxspatial.mechanism.formats.source import Element, Made, ModelText, built, needed, rotation_of, with_moments
+from jaxspatial.mechanism.loops import Kind, LoopClosure
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint, Mimic
 from jaxspatial.numerics.numbers.rounded import in_double
 from jaxspatial.numerics.types import DTypeLike
@@ -40,8 +43,8 @@ def read(build: Callable[..., Made], path_or_text: str | pathlib.Path, dtype: DT
     _check(file)
     _leave_out(file)
     with in_double():
-        parts = _parts(file)
-    mechanism = built(build, file.refuse_part, *parts, file.gravity, dtype)
+        *parts, loops = _parts(file)
+    mechanism = built(build, file.refuse_part, *parts, file.gravity, dtype, loops)
     file.warn()
     return mechanism
 
@@ -232,7 +235,6 @@ _NUMBERS = {
               "actuatorfrcrange": "jnt_actfrcrange"},
     "site": {"pos": "site_pos", "quat": "site_quat"},
     "actuator": {"gear": "actuator_gear", "armature": "actuator_armature", "damping": "actuator_damping"},
-    "eq": {"polycoef": "eq_data"},
 }  # fmt: skip
 _OF_VELOCITIES = {"armature": "dof_armature", "damping": "dof_damping", "frictionloss": "dof_frictionloss"}
 _OF_COORDINATES = {"ref": "qpos0", "springref": "qpos_spring"}
@@ -265,6 +267,9 @@ def _check_numbers(file: _File):
         for name, array in arrays.items():
             for i, x in enumerate(file.numbers(array)[: len(getattr(m, array, ()))]):
                 _check_number(file, what, i, name, x)
+    for i in range(m.neq):
+        name = "anchor" if m.eq_type[i] in _closures(file) else "polycoef"
+        _check_number(file, "eq", i, name, m.eq_data[i])
     for j in range(m.njnt):
         for name, array in _OF_VELOCITIES.items():
             _check_number(file, "joint", j, name, getattr(m, array)[file.dofs(j)])
@@ -372,16 +377,17 @@ def _leave_out(file: _File):
 
 
 def _parts(file: _File):
-    """(bodies, joints, frames)."""
+    """(bodies, joints, frames, loops)."""
     rotors, mimics = _rotors(file), _mimics(file)
     moving = range(1, file.model.nbody)
     joints = [joint for i in moving for joint in _joints(file, i, rotors, mimics)]
-    bodies, frames = [_body(file, i) for i in moving], list(_frames(file))
+    loops, anchors = _loops(file)
+    bodies, frames = [_body(file, i) for i in moving], [*_frames(file), *anchors]
     between = {joint.child for joint in joints} - {body.name for body in bodies}
     bodies += map(Body, sorted(between))
     _check_names(file, [joint.name for joint in joints])
     _check_names(file, [part.name for part in (*bodies, *frames)])
-    return bodies, joints, frames
+    return bodies, joints, frames, loops
 
 
 def _check_names(file: _File, names: list[str]):
@@ -415,11 +421,22 @@ def _rotors(file: _File):
     return totals
 
 
+def _equalities(file: _File) -> list[int]:
+    """The numbers of the equality constraints that are active."""
+    return [i for i in range(file.model.neq) if file.model.eq_active0[i] and file.has("EQUALITY", "CONSTRAINT")]
+
+
+def _closures(file: _File) -> dict[int, Kind]:
+    """{type of an equality constraint: the kind of closure that it is}."""
+    types = file.mujoco.mjtEq
+    return {int(types.mjEQ_CONNECT): "ball", int(types.mjEQ_WELD): "weld"}
+
+
 def _mimics(file: _File) -> dict[int, Mimic]:
     """{number of a joint: its mimic}."""
     m, mimics = file.model, dict[int, tuple[int, int, float, float]]()  # {joint: (equation, leader, a, b)}
-    for i in range(m.neq if file.has("EQUALITY", "CONSTRAINT") else 0):
-        if m.eq_active0[i]:
+    for i in _equalities(file):
+        if m.eq_type[i] not in _closures(file):
             j = m.eq_obj1id[i]
             mimic = _mimic(file, i)
             if j in mimics:
@@ -439,7 +456,7 @@ def _mimic(file: _File, i: int):
     m = file.model
     j, leader = m.eq_obj1id[i], m.eq_obj2id[i]
     if m.eq_type[i] != int(file.mujoco.mjtEq.mjEQ_JOINT):
-        file.refuse("eq", i, "expected a tree of bodies, only joints can follow others")
+        file.refuse("eq", i, "expected joints that follow others, and bodies that are connected or welded")
     a0, a1, *higher = m.eq_data[i, :5]
     if any(higher):
         expected = "expected a polynomial of at most first degree"
@@ -514,10 +531,42 @@ def _reference(file: _File, j: int):
 
 
 def _frames(file: _File):
-    m, taken = file.model, {file.name("body", i) for i in range(file.model.nbody)}
+    m = file.model
     for i in range(m.nsite):
-        name, body = file.name("site", i), file.name("body", m.site_bodyid[i])
-        yield Frame(f"{body}/{name}" if name in taken else name, body, _pose(m.site_pos[i], m.site_quat[i]))
+        yield Frame(_site(file, i), file.name("body", m.site_bodyid[i]), _pose(m.site_pos[i], m.site_quat[i]))
+
+
+def _loops(file: _File) -> tuple[list[LoopClosure], list[Frame]]:
+    """(closures, the frames that they hold where these are no sites)."""
+    m, kinds = file.model, _closures(file)
+    loops, frames = list[LoopClosure](), list[Frame]()
+    for i in _equalities(file):
+        if (kind := kinds.get(int(m.eq_type[i]))) is None:
+            continue
+        ids = m.eq_obj1id[i], m.eq_obj2id[i]
+        if m.eq_objtype[i] == int(file.mujoco.mjtObj.mjOBJ_SITE):
+            a, b = (_site(file, k) for k in ids)
+        else:
+            a, b = (f"{file.name('eq', i)}/{side}" for side in "ab")
+            for name, body, pose in zip((a, b), ids, _anchors(m.eq_data[i], kind), strict=True):
+                frames.append(Frame(name, file.name("body", body), pose))
+        loops.append(LoopClosure(a, b, kind))
+    return loops, frames
+
+
+def _anchors(data: np.ndarray, kind: Kind) -> list[RigidTransform]:
+    """The poses of the frames that an equality constraint holds, on its two bodies."""
+    unturned = np.array([1.0, 0, 0, 0])
+    if kind == "ball":
+        return [_pose(data[:3], unturned), _pose(data[3:6], unturned)]
+    # The anchor on the second body comes first, then the pose of the second body on the first.
+    return [_pose(data[3:6], data[6:10]), _pose(data[:3], unturned)]
+
+
+def _site(file: _File, i: int) -> str:
+    """The name of the frame of a site."""
+    name, taken = file.name("site", i), {file.name("body", k) for k in range(file.model.nbody)}
+    return f"{file.name('body', file.model.site_bodyid[i])}/{name}" if name in taken else name
 
 
 def _pose(p: np.ndarray, wxyz: np.ndarray):

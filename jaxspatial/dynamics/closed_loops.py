@@ -1,0 +1,494 @@
+"""Closed loops: what holds frames of a mechanism together beside its joints, and the motion of all under it.
+
+A closure sees the motion of its frame B for an observer on its frame A: the pose X_AB = (R, p), and the twist
+V = (w, v) along the axes of A, with dR/dt = [w]x R and dp/dt = v. It holds rows N(R, p) of the twist at zero: N V = 0.
+
+The equations of motion are those of the tree with the wrenches of the closures,
+
+    M vdot + h = tau + J^T l        J vdot + b = 0        b = dJ/dt v
+
+The accelerations of the tree alone come from articulated bodies, and so does Y = M^-1 J^T, column by column with the
+factors that are there already. What is left is G l = -(J vdot_tree + b), G = J Y, as large as there are rows. Where
+rows depend on others, G is singular: the equation is solved by proximal iterations, which find one of its solutions.
+All of them give the same J^T l. [Carpentier, Budhiraja, Mansard 2021, Proximal and sparse resolution of constrained
+dynamic equations]
+"""
+
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxspatial.dynamics.configuration import difference, integrate
+from jaxspatial.dynamics.docstrings import documented
+from jaxspatial.dynamics.forward_dynamics import forward_dynamics
+from jaxspatial.dynamics.jacobians import jacobian
+from jaxspatial.dynamics.kinematics import body_accelerations, body_velocities, forward_kinematics
+from jaxspatial.engine.algorithm import ExternalForces, checked
+from jaxspatial.mechanism import LoopClosure, Mechanism
+from jaxspatial.mechanism.loops import checked_loops
+from jaxspatial.numerics import check
+from jaxspatial.numerics.quantity import exported
+from jaxspatial.numerics.types import ArrayLike, PrecisionName
+from jaxspatial.rotation import Rotation
+from jaxspatial.spatial import SpatialForce
+
+# Of the proximal iterations: how many. Each reduces the error along an eigenvector of G, with its rows scaled to a
+# diagonal of ones, by shift / (eigenvalue + shift). The shift is the root of eps: where closures contradict one another
+# multipliers grow with its inverse, and their rounding errors with them.
+_ITERATIONS = 10
+# Of Gauss-Newton steps, times the square of their length in rad: bounds steps to about 1.6 rad.
+_DAMPING = 0.1
+
+
+@exported
+class ConstrainedDynamics(NamedTuple):
+    """What `constrained_forward_dynamics` finds.
+
+    vdot: (*batch, nv) generalized accelerations. loop_wrenches: SpatialForce (*batch, number of closures), of each
+    closure on the body of its frame B, about the origin of B, in world axes; on the body of frame A acts the opposite,
+    about the same point.
+    """
+
+    vdot: jax.Array
+    loop_wrenches: SpatialForce
+
+
+@exported
+class ClosedConfiguration(NamedTuple):
+    """What `close_loops` finds.
+
+    q: (*batch, nq). residual: (*batch,) the largest number of `constraint_error` there, rad or m.
+    """
+
+    q: jax.Array
+    residual: jax.Array
+
+
+@documented
+def constraint_error(
+    mechanism: Mechanism, q: ArrayLike, loops: Iterable[LoopClosure], *, precision: PrecisionName = None
+) -> jax.Array:
+    """How far loops are from closed: zero where they are.
+
+    Rows come closure by closure, for each first of orientations, then of positions, from frame A to frame B and in the
+    axes of A. "weld": the rotation vector of R_AB, rad, and p_AB. "hinge": x and y of the rotation vector that takes z
+    of A to z of B, rad, and p_AB. "universal": the sine of the angle about -z of A x x of B by which x of B leaves the
+    plane across z of A, and p_AB. "ball": p_AB. "distance": |p_AB| less the distance.
+
+    Returns:
+        (*batch, rows): rad, m.
+
+    Error: in every precision 64 u of 1 rad and of the largest coordinate of an origin in the world, in addition to the
+        errors of `forward_kinematics`.
+    Source: Featherstone 2008, 8.2 (loop constraints).
+    """
+    q, closures, distances = _checked("constraint_error", mechanism, loops, q=q)
+
+    def error(q: Any, distances: Any) -> jax.Array:
+        return _errors(_Loops(mechanism, closures, distances, precision).placed(q), q.dtype)
+
+    return _over_batch(error, q, distances)
+
+
+@documented
+def constraint_jacobian(
+    mechanism: Mechanism, q: ArrayLike, loops: Iterable[LoopClosure], *, precision: PrecisionName = None
+) -> jax.Array:
+    """The Jacobian of loop closures: J v is the velocity that they hold at zero.
+
+    Rows are those of `constraint_error`: of angular velocities, then of the velocity of the origin of B, for an
+    observer on A and in the axes of A. At closed configurations J v is the rate of `constraint_error`, for "universal",
+    "ball" and "distance" at all others too. J^T l is the generalized force of closures with the multipliers l, torques
+    and forces on B along the axes of A.
+
+    Returns:
+        J (*batch, rows, nv).
+
+    Error: in every precision 64 u of the largest number of `jacobian` of the frames, in addition to its errors and
+        those of `forward_kinematics`.
+    Source: Featherstone 2008, 8.2 (loop constraints).
+    """
+    q, closures, distances = _checked("constraint_jacobian", mechanism, loops, q=q)
+
+    def rows(q: Any, distances: Any) -> jax.Array:
+        of_state = _Loops(mechanism, closures, distances, precision)
+        return of_state.jacobian(q, of_state.placed(q))
+
+    return _over_batch(rows, q, distances)
+
+
+@documented
+def constrained_forward_dynamics(
+    mechanism: Mechanism,
+    q: ArrayLike,
+    v: ArrayLike,
+    tau: ArrayLike,
+    loops: Iterable[LoopClosure],
+    external_forces: ExternalForces = None,
+    *,
+    stabilization: ArrayLike | None = None,
+    precision: PrecisionName = None,
+) -> ConstrainedDynamics:
+    """The generalized accelerations of a mechanism with closed loops, and the wrenches that keep them closed.
+
+        M vdot + C(q, v) v + g(q) = tau + J^T F + J^T l        d^2/dt^2 constraint_error = 0
+
+    q and v are to be closed: `close_loops` closes q, and J v = 0. They are taken as they are, and accelerations say
+    nothing of errors that are there. In time, loops open: an error of the first step stays, one of velocity grows in
+    proportion to time, and those of an integrator add up. `stabilization` pulls back.
+
+    Closures may be redundant: a planar loop closed by a "ball", a hinge that is held at two points. vdot and J^T l are
+    unique then, the multipliers are not, and of the wrenches these are one choice of many. Closures that contradict one
+    another are met in the mean.
+
+    Derivatives, by all arguments, are those of the equations, which the same factors solve; also where closures are
+    redundant. In configurations in which rows become dependent that are not so beside them, as of a four-bar linkage
+    folded flat, the multipliers grow without bound as one comes near, and there are no derivatives.
+
+    Args:
+        stabilization: a rate k, 1/s, a number or (*batch,), after Baumgarte: errors e then decay as
+            d^2e/dt^2 = -2 k de/dt - k^2 e. An explicit integrator wants k dt well below 1. None for none.
+
+    Returns:
+        ConstrainedDynamics: vdot (*batch, nv): rad/s^2, m/s^2; loop_wrenches (*batch, number of closures): N m, N.
+
+    Error: in every precision n u c of the largest acceleration of the tree and of the largest number of M^-1 J^T l,
+        with c the condition number of the mass matrix and n the number of links in the longest chain and of rows, while
+        the eigenvalues of J M^-1 J^T, its rows scaled to a diagonal of ones, are 0 or above 1e-7 in float64 and 1e-3 in
+        float32. Closures that contradict one another by r add 1e-7 r in float64, 1e-2 r in float32.
+    Source: Carpentier, Budhiraja, Mansard 2021, Proximal and sparse resolution of constrained dynamic equations;
+        Baumgarte 1972, Stabilization of constraints and integrals of motion in dynamical systems.
+    """
+    operation = "constrained_forward_dynamics"
+    q, v, tau, forces, closures, distances = _checked(
+        operation, mechanism, loops, q=q, v=v, tau=tau, external_forces=external_forces
+    )
+    k = None
+    if stabilization is not None:
+        dtype = cast(Any, q).dtype
+        k = check.as_float_array(stabilization, f"{operation}: stabilization", dtype)[..., None]
+
+    def constrained(q: Any, v: Any, tau: Any, k: Any, distances: Any, forces: Any) -> ConstrainedDynamics:
+        return _constrained(_Loops(mechanism, closures, distances, precision), q, v, tau, k, forces)
+
+    return _over_batch(constrained, q, v, tau, k, distances, forces)
+
+
+@documented
+def close_loops(
+    mechanism: Mechanism,
+    q: ArrayLike,
+    loops: Iterable[LoopClosure],
+    *,
+    iterations: int = 20,
+    precision: PrecisionName = None,
+) -> ClosedConfiguration:
+    """Closes loops: moves q to a configuration near by in which `constraint_error` is zero.
+
+    Damped Gauss-Newton iterations, each the smallest motion, in the 2-norm over velocities, that closes the loops to
+    first order. They are damped in proportion to the square of their length, and converge quadratically near a closed
+    configuration, also where closures are redundant. Far from one they may not converge: `residual` tells. To choose
+    which joints move, lock the others (`lock_joints`), or start from where these should be.
+
+    The derivative by q is the projection of motions onto those that keep loops closed, and that by numbers of the
+    mechanism the smallest motion that closes them again (the implicit function theorem): exact where q is closed
+    already, else as if the result had been the start. Second derivatives are not those of a projection.
+
+    Args:
+        iterations: how many at most; their number is fixed, and each is a few kernels. From 0.1 rad 5 are enough.
+
+    Returns:
+        ClosedConfiguration: q (*batch, nq), quaternions of unit length; residual (*batch,): rad or m.
+
+    Error: the residual, which is as small as the error of `constraint_error` where iterations have converged.
+    Source: Fan, Yuan 2005, On the quadratic convergence of the Levenberg-Marquardt method without nonsingularity
+        assumption.
+    """
+    q, closures, distances = _checked("close_loops", mechanism, loops, q=q)
+
+    def closed(q: Any, distances: Any) -> ClosedConfiguration:
+        return _closed(_Loops(mechanism, closures, distances, precision), q, iterations)
+
+    return _over_batch(closed, q, distances)
+
+
+# -- arguments --------------------------------------------------------------------------------------------------------
+
+
+def _checked(operation: str, mechanism: Mechanism, loops: Any, **arguments: Any) -> tuple[Any, ...]:
+    """The arguments as `algorithm.checked` returns them, the closures, and their distances (*batch, 1) or None."""
+    found = checked(operation, mechanism, **arguments)
+    closures, dtype = checked_loops(loops, mechanism.topology, f"{operation}: loops"), found[0].dtype
+    distances = [None if loop.distance is None else _distance(operation, loop, dtype) for loop in closures]
+    return *found, closures, distances
+
+
+def _distance(operation: str, loop: LoopClosure, dtype: np.dtype) -> Any:
+    distance: Any = loop.distance
+    if isinstance(distance, np.ndarray):
+        return distance.astype(dtype)[..., None]
+    distance = check.as_float_array(distance, f"{operation}: loops: distance", dtype)
+    check.require_same_dtype(q=np.zeros(0, dtype), distance=distance)
+    return distance[..., None]
+
+
+def _over_batch(function: Callable[..., Any], *arguments: Any) -> Any:
+    """The function of one state, over the common batch of its arguments: trees of arrays (*batch, n)."""
+    leaves, tree = jax.tree.flatten(arguments)
+    batch = np.broadcast_shapes(*(x.shape[:-1] for x in leaves))
+
+    def of_leaves(*leaves: Any) -> Any:
+        return function(*jax.tree.unflatten(tree, leaves))
+
+    for _ in batch:
+        of_leaves = jax.vmap(of_leaves)
+    return of_leaves(*check.broadcast_batch(batch, *leaves))
+
+
+# -- one closure ------------------------------------------------------------------------------------------------------
+
+
+class _Pose(NamedTuple):
+    """X_AB by its matrix R (3, 3) and position p (3,), or a derivative of it."""
+
+    R: jax.Array
+    p: jax.Array
+
+
+class _Placed(NamedTuple):
+    """A closure at one configuration: where its frames are."""
+
+    kind: str
+    distance: jax.Array | None
+    R_WA: jax.Array
+    p_AB_W: jax.Array
+    X_AB: _Pose
+
+    @property
+    def error(self) -> jax.Array:
+        """(rows,), see `constraint_error`."""
+        R, p = self.X_AB
+        if self.distance is not None:
+            return _length(p)[None] - self.distance
+        if self.kind == "weld":
+            return jnp.concatenate([Rotation(R.reshape(9)).log(), p])
+        if self.kind == "hinge":
+            z = np.array([0, 0, 1], R.dtype)
+            return jnp.concatenate([Rotation.between(z, R[:, 2]).log()[:2], p])
+        return jnp.concatenate([-R[2:, 0], p]) if self.kind == "universal" else p
+
+    def rows(self, X_AB: _Pose) -> jax.Array:
+        """N (rows, 6), of a twist in the axes of A: at closed configurations the derivative of the error."""
+        R, p = X_AB
+        twist = jnp.eye(6, dtype=R.dtype)
+        if self.kind == "universal":
+            across = jnp.stack([-R[1, 0], R[0, 0], *jnp.zeros(4, R.dtype)])  # z of A x x of B
+            return jnp.concatenate([across[None], twist[3:]])
+        if self.kind == "distance":
+            length = _length(p)
+            along = p / jnp.where(length == 0, 1, length)
+            return jnp.concatenate([jnp.zeros(3, R.dtype), along])[None]
+        return {"weld": twist, "hinge": twist[np.array([0, 1, 3, 4, 5])], "ball": twist[3:]}[self.kind]
+
+    @property
+    def in_world(self) -> jax.Array:
+        """N of a twist in world axes."""
+        N = self.rows(self.X_AB)
+        return jnp.concatenate([_times(N[:, :3], self.R_WA.T), _times(N[:, 3:], self.R_WA.T)], -1)
+
+    def bias(self, V_A: jax.Array, V_B: jax.Array, A_A: jax.Array, A_B: jax.Array) -> jax.Array:
+        """d/dt (N V), from velocities and accelerations (6,) of the two origins in world axes."""
+        (w_A, v_A), (w_B, v_B), (alpha_A, a_A), (alpha_B, a_B) = (jnp.split(x, 2) for x in (V_A, V_B, A_A, A_B))
+        p, cross = self.p_AB_W, jnp.cross
+        w, v = w_B - w_A, v_B - v_A - cross(w_A, p)
+        alpha = alpha_B - alpha_A - cross(w_A, w_B)
+        a = a_B - a_A - cross(alpha_A, p) - cross(w_A, cross(w_A, p) + 2 * v)
+        w, v, alpha, a = (_times(x, self.R_WA) for x in (w, v, alpha, a))
+        rates = _Pose(_times(_skew(w), self.X_AB.R), v)
+        N, of_N = jax.jvp(self.rows, (self.X_AB,), (rates,))
+        return _times(N, jnp.concatenate([alpha, a])) + _times(of_N, jnp.concatenate([w, v]))
+
+
+def _length(p: jax.Array) -> jax.Array:
+    """|p|, with derivative 0 where it is 0."""
+    squared = jnp.sum(p * p)
+    is_zero = squared == 0
+    return jnp.where(is_zero, 0, jnp.sqrt(jnp.where(is_zero, 1, squared)))
+
+
+def _skew(x: jax.Array) -> jax.Array:
+    """[x]x."""
+    i, j, k = x
+    zero = jnp.zeros_like(i)
+    return jnp.stack([zero, -k, j, k, zero, -i, -j, i, zero]).reshape(3, 3)
+
+
+_times = functools.partial(jnp.matmul, precision=lax.Precision.HIGHEST)
+
+
+# -- all of them ------------------------------------------------------------------------------------------------------
+
+
+class _Loops(NamedTuple):
+    """The closures of a mechanism, for one state."""
+
+    mechanism: Mechanism
+    closures: tuple[LoopClosure, ...]
+    distances: Sequence[Any]
+    precision: PrecisionName
+
+    @property
+    def frames(self) -> list[str]:
+        """Frames A of all closures, then frames B."""
+        return [x.frame_a for x in self.closures] + [x.frame_b for x in self.closures]
+
+    def placed(self, q: Any) -> list[_Placed]:
+        if not self.closures:
+            return []
+        X_WF = forward_kinematics(self.mechanism, q, self.frames, precision=self.precision)
+        of_A, of_B = _halves(X_WF.rotation.to_matrix()), _halves(X_WF.translation)
+        placed: list[_Placed] = []
+        for x, distance, R_WA, R_WB, p_WA, p_WB in zip(self.closures, self.distances, *of_A, *of_B, strict=True):
+            p_AB_W = p_WB - p_WA
+            X_AB = _Pose(_times(R_WA.T, R_WB), _times(p_AB_W, R_WA))
+            placed.append(_Placed(x.kind, distance, R_WA, p_AB_W, X_AB))
+        return placed
+
+    def jacobian(self, q: Any, placed: Sequence[_Placed]) -> jax.Array:
+        """(rows, nv)."""
+        rows = [jnp.zeros((0, self.mechanism.nv), q.dtype)]
+        if placed:
+            J_WF = jacobian(self.mechanism, q, self.frames, precision=self.precision)
+            for x, J_A, J_B in zip(placed, *_halves(J_WF), strict=True):
+                # The twists of B for an observer on A.
+                turned = _times(_skew(x.p_AB_W), J_A[:3])
+                rows.append(_times(x.in_world, J_B - J_A + jnp.concatenate([jnp.zeros_like(turned), turned])))
+        return jnp.concatenate(rows)
+
+    def biases(self, q: Any, v: Any, placed: Sequence[_Placed]) -> jax.Array:
+        """dJ/dt v (rows,)."""
+        V = body_velocities(self.mechanism, q, v, self.frames, precision=self.precision)
+        A = body_accelerations(self.mechanism, q, v, jnp.zeros_like(v), self.frames, precision=self.precision)
+        each = zip(placed, *_halves(V.to_array()), *_halves(A.to_array()), strict=True)
+        return jnp.concatenate([x.bias(*motions) for x, *motions in each])
+
+
+def _halves(x: jax.Array) -> list[jax.Array]:
+    """(those of frames A, those of frames B)."""
+    return jnp.split(x, 2)
+
+
+def _errors(placed: Sequence[_Placed], dtype: np.dtype) -> jax.Array:
+    return jnp.concatenate([jnp.zeros(0, dtype), *(x.error for x in placed)])
+
+
+# -- dynamics ---------------------------------------------------------------------------------------------------------
+
+
+def _constrained(loops: _Loops, q: Any, v: Any, tau: Any, k: Any, forces: Any) -> ConstrainedDynamics:
+    """`constrained_forward_dynamics` of one state."""
+
+    def of_tree(tau: Any) -> jax.Array:
+        return forward_dynamics(loops.mechanism, q, v, tau, forces, precision=loops.precision)
+
+    if not loops.closures:
+        return ConstrainedDynamics(of_tree(tau), SpatialForce.zero(0, q.dtype))
+    # The derivative by tau is M^-1, with the factors that vdot is computed with.
+    vdot, times_inverse = jax.linearize(of_tree, tau)
+    placed = loops.placed(q)
+    J = loops.jacobian(q, placed)
+    Y = jax.vmap(times_inverse)(J)
+    due = -loops.biases(q, v, placed)
+    if k is not None:
+        due -= 2 * k * _times(J, v) + k * k * _errors(placed, vdot.dtype)
+    multipliers = _multipliers(_times(J, Y.T), due - _times(J, vdot))
+    of_each = jnp.split(multipliers, np.cumsum([x.rows for x in loops.closures])[:-1].tolist())
+    F = jnp.stack([_times(own, x.in_world) for own, x in zip(of_each, placed, strict=True)])
+    return ConstrainedDynamics(vdot + _times(multipliers, Y), SpatialForce(F[:, :3], F[:, 3:]))
+
+
+def _multipliers(G: jax.Array, b: jax.Array) -> jax.Array:
+    """A solution x of G x = b for symmetric G, positive semidefinite; in the mean where there is none.
+
+    JAX differentiates it by its equation, not by its iterations.
+    """
+    solve = _proximal(G)
+    found = lax.custom_linear_solve(functools.partial(_times, G), b, lambda _, b: solve(b), symmetric=True)
+    return cast(jax.Array, found)
+
+
+def _proximal(G: jax.Array) -> Callable[[jax.Array], jax.Array]:
+    """The solver of G x = b by proximal iterations."""
+    scale, A = _equilibrated(G)
+    inverse = _inverse(A, _shift(A.dtype))
+
+    def solve(b: jax.Array) -> jax.Array:
+        b, x = scale * b, jnp.zeros_like(b)
+        for _ in range(_ITERATIONS):
+            x += _times(inverse, b - _times(A, x))
+        return scale * x
+
+    return solve
+
+
+def _equilibrated(G: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """(s, s G s), with a diagonal of ones: rows may be of radians and of metres. Rows of zeros stay."""
+    diagonal = jnp.diagonal(G)
+    scale = lax.rsqrt(jnp.where(diagonal > 0, diagonal, 1))
+    return scale, scale[:, None] * G * scale[None, :]
+
+
+def _inverse(A: jax.Array, shift: jax.Array | float) -> jax.Array:
+    """(A + shift)^-1, of a positive semidefinite matrix and a shift above 0; by way of float32 for 16-bit types."""
+    eye = jnp.eye(len(A), dtype=A.dtype if A.dtype.itemsize > 2 else np.float32)
+    lower = cast(jax.Array, jnp.linalg.cholesky(A.astype(eye.dtype) + eye * jnp.asarray(shift, eye.dtype)))
+    half = lax.linalg.triangular_solve(lower, eye, left_side=True, lower=True)
+    return _times(half.T, half).astype(A.dtype)
+
+
+def _shift(dtype: Any) -> float:
+    return check.eps(dtype) ** 0.5
+
+
+# -- configurations ---------------------------------------------------------------------------------------------------
+
+
+def _closed(loops: _Loops, q: Any, iterations: int) -> ClosedConfiguration:
+    """`close_loops` of one state."""
+    mechanism, precision = loops.mechanism, loops.precision
+    # A step of length 0 normalises quaternions.
+    at_rest = np.zeros(mechanism.nv, q.dtype)
+    if not loops.closures:
+        q = integrate(mechanism, q, at_rest, precision=precision)
+        return ClosedConfiguration(q, jnp.zeros((), q.dtype))
+    mechanism, start, distances = _fixed((mechanism, q, loops.distances))
+    fixed = loops._replace(mechanism=mechanism, distances=distances)
+
+    def nearer(_: Any, q: Any) -> jax.Array:
+        placed = fixed.placed(q)
+        J = fixed.jacobian(q, placed)
+        scale, A = _equilibrated(_times(J, J.T))
+        error = scale * _errors(placed, q.dtype)
+        damping = _shift(A.dtype) + _DAMPING * jnp.sum(error * error)
+        step = _times(scale * _times(_inverse(A, damping), error), J)
+        return integrate(mechanism, q, -step, precision=precision)
+
+    end = lax.fori_loop(0, iterations, nearer, integrate(mechanism, start, at_rest, precision=precision))
+    # Derivatives are those of one more step, in which the start and the error vary, and nothing else.
+    moved = integrate(mechanism, q, difference(mechanism, start, end, precision=precision), precision=precision)
+    at_end = _fixed(moved)
+    J = fixed.jacobian(at_end, fixed.placed(at_end))
+    step = _times(_proximal(_times(J, J.T))(_errors(loops.placed(moved), moved.dtype)), J)
+    closed = integrate(mechanism, moved, -step, precision=precision)
+    residual = _errors(fixed.placed(_fixed(closed)), closed.dtype)
+    return ClosedConfiguration(closed, jnp.max(jnp.abs(residual)))
+
+
+def _fixed(tree: Any) -> Any:
+    """The tree as constants of derivatives; NumPy numbers are so already, and stay known."""
+    return jax.tree.map(lambda x: lax.stop_gradient(x) if isinstance(x, jax.Array) else x, tree)

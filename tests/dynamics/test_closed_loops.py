@@ -1,0 +1,389 @@
+"""Closed loops: closures of every kind, redundant ones, singular configurations, derivatives, and how loops are closed.
+
+Accelerations are compared with those of other engines in `peers`.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from tests.helpers import closed_loops
+from tests.helpers.interpreted import interpreted
+from tests.helpers.marks import slow
+
+
+@pytest.fixture(autouse=True)
+def _x64():
+    with jax.enable_x64(True):
+        yield
+
+
+KINDS = {"weld": 6, "hinge": 5, "universal": 4, "ball": 3, "distance": 1}
+U = 2.0**-53
+
+
+def closure(kind, a="A", b="B"):
+    return js.LoopClosure(a, b, kind, 0.8 if kind == "distance" else None)
+
+
+def placed(p, w=(0, 0, 0)):
+    return js.RigidTransform(js.Rotation.exp(np.float64(w)), np.float64(p))
+
+
+@functools.cache
+def two_bodies():
+    """One floats, the other hangs on it by two joints with quaternions. "A" and "B" are on them."""
+    mech = js.testing.random_mechanism(3, 4, ["free", "ball", "free", "revolute"], dtype=np.float64)
+    frames = [("A", "body0", 1), ("B", "body2", 2), ("C", "world", 3)]
+    rngs = [(name, body, np.random.default_rng(seed)) for name, body, seed in frames]
+    return js.add_frames(mech, [js.Frame(x, b, placed(r.standard_normal(3), r.standard_normal(3))) for x, b, r in rngs])
+
+
+def state(mech, seed=0):
+    q = np.asarray(js.random_configuration(mech, jax.random.key(seed), (), np.float64))
+    return q, *np.random.default_rng(seed).standard_normal((2, mech.nv))
+
+
+def error(mech, q, loops):
+    return interpreted(lambda q: js.constraint_error(mech, q, loops))(q)
+
+
+def rows(mech, q, loops):
+    return interpreted(lambda q: js.constraint_jacobian(mech, q, loops))(q)
+
+
+def dynamics(mech, q, v, tau, loops, **options):
+    return interpreted(lambda *x: js.constrained_forward_dynamics(mech, *x, loops, **options))(q, v, tau)
+
+
+# -- what a closure is ------------------------------------------------------------------------------------------------
+
+HINGE_ANGLE, UNIVERSAL_ANGLES, BALL = 0.7, (0.4, -0.9), (0.3, -0.8, 0.5)
+FREE = {  # the rotations that a kind leaves free, from no rotation
+    "weld": js.Rotation.identity(dtype=np.float32),
+    "hinge": js.Rotation.about_z(np.float32(HINGE_ANGLE)),
+    "universal": js.Rotation.about_z(np.float32(UNIVERSAL_ANGLES[0])) @ js.Rotation.about_x(np.float32(-0.9)),
+    "ball": js.Rotation.exp(np.float32(BALL)),
+}
+
+
+@pytest.mark.parametrize("kind", FREE)
+def test_what_a_kind_leaves_free(kind):
+    """A body that floats, held at the world: its error is zero in those poses, and in no others of small rotations."""
+    mech = js.Mechanism.build([js.Body("b")], [js.Joint("j", "free", "world", "b")], dtype=np.float64)
+    quaternion = np.float64(FREE[kind].to_quaternion())
+    quaternion /= np.linalg.norm(quaternion)
+    loops = [js.LoopClosure("world", "b", kind)]
+    assert abs(error(mech, np.float64([*quaternion, 0, 0, 0]), loops)).max() <= 1e-7  # angles are of float32
+    J = rows(mech, np.float64([*quaternion, 0, 0, 0]), loops)
+    assert J.shape == (KINDS[kind], 6) and np.linalg.matrix_rank(J, tol=0.1) == KINDS[kind]
+    assert abs(error(mech, np.float64([*quaternion, 0, 0.25, 0]), loops)[-3:] - [0, 0.25, 0]).max() <= 1e-15
+
+
+@pytest.mark.parametrize("kind", ["weld", "hinge"])
+def test_angles_are_whole(kind):
+    """A body that is turned over is not closed: by half a turn the error is pi."""
+    mech = js.Mechanism.build([js.Body("b")], [js.Joint("j", "free", "world", "b")], dtype=np.float64)
+    for angle in (1e-9, 0.5, 3.0, np.pi):
+        q = np.float64([np.cos(angle / 2), np.sin(angle / 2), 0, 0, 0, 0, 0])
+        found = error(mech, q, [js.LoopClosure("world", "b", kind)])
+        np.testing.assert_allclose(np.linalg.norm(found), angle, rtol=4e-16)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_jacobian_is_the_rate_of_the_error(kind):
+    """At closed configurations; of kinds whose error is no rotation vector at all others too."""
+    mech, loops = two_bodies(), [closure(kind)]
+    q, v, _ = state(mech)
+    at_closed = interpreted(lambda q: js.close_loops(mech, q, loops, iterations=40))(q)
+    assert at_closed.residual <= 1e-14
+    h = 1e-5
+    for at in (at_closed.q, q)[: 1 if kind in ("weld", "hinge") else 2]:
+        ahead, behind = (error(mech, js.integrate(mech, at, v, t), loops) for t in (h, -h))
+        along = rows(mech, at, loops) @ v
+        assert abs((ahead - behind) / (2 * h) - along).max() <= 1e-8 * abs(along).max()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("a", ["A", "C"])
+def test_constraint_acceleration_is_zero(kind, a):
+    """J vdot + dJ/dt v, with dJ/dt by differences; at states that are not closed, too."""
+    mech, loops = two_bodies(), [closure(kind, a)]
+    q, v, tau = state(mech, 1)
+    found, J, h = dynamics(mech, q, v, tau, loops), rows(mech, q, loops), 1e-5
+    ahead, behind = (rows(mech, js.integrate(mech, q, v, t), loops) for t in (h, -h))
+    bias = (ahead - behind) @ v / (2 * h)
+    assert abs(J @ found.vdot + bias).max() <= 1e-8 * abs(bias).max()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_wrenches_are_those_of_the_closures(kind):
+    """On B, and their opposites on A about the same point, beside tau they cause vdot. Those of a kind have no power in
+    motions that it leaves free."""
+    mech, loops = two_bodies(), [closure(kind)]
+    q, v, tau = state(mech, 2)
+    found = dynamics(mech, q, v, tau, loops)
+    F = js.SpatialForce.from_array(found.loop_wrenches.to_array())
+    poses = js.forward_kinematics(mech, q, ["A", "B"])
+    p_AB = (poses.translation[1] - poses.translation[0])[None]
+    both = {"B": F.at_batch(0), "A": -js.shift(F, -p_AB).at_batch(0)}
+    forces = interpreted(lambda a: js.inverse_dynamics(mech, q, v, a, both))(found.vdot)
+    assert abs(forces - tau).max() <= 1e-12 * abs(forces - js.inverse_dynamics(mech, q, v, found.vdot)).max()
+
+
+def test_without_closures():
+    mech = two_bodies()
+    q, v, tau = state(mech)
+    found = js.constrained_forward_dynamics(mech, q, v, tau, [])
+    np.testing.assert_array_equal(found.vdot, js.forward_dynamics(mech, q, v, tau))
+    assert found.loop_wrenches.batch_shape == (0,)
+    assert js.constraint_error(mech, q, ()).shape == (0,) and js.constraint_jacobian(mech, q, ()).shape == (0, mech.nv)
+    assert js.close_loops(mech, np.stack([q, q]), ()).residual.shape == (2,)
+
+
+# -- redundant, singular, without mass, not a number ------------------------------------------------------------------
+
+
+def hinge_at_two_points(s):
+    """The closure of "hinges" by two points of its axis: five rows of six say all."""
+    mech = js.add_frames(s.mech, [js.Frame(f"{x}2", x, placed([0, 0, 0.3])) for x in "AB"])
+    return mech, (js.LoopClosure("A", "B", "ball"), js.LoopClosure("A2", "B2", "ball"))
+
+
+REDUNDANT = {
+    "twice": ("arms", lambda s: (s.mech, s.loops * 2)),
+    "three times": ("four-bar", lambda s: (s.mech, s.loops * 3)),
+    "a weld and a ball": ("arms", lambda s: (s.mech, (*s.loops, closure("ball")))),
+    "two points": ("hinges", hinge_at_two_points),
+    "the world": ("four-bar", lambda s: (s.mech, (*s.loops, js.LoopClosure("world", "world", "weld")))),
+}
+
+
+@pytest.mark.parametrize(("name", "more"), REDUNDANT.values(), ids=REDUNDANT)
+def test_redundant_closures_change_nothing(name, more):
+    s = closed_loops.closed(name)
+    mech, loops = more(s)
+    found = dynamics(mech, s.q, s.v, s.tau, loops).vdot
+    expected = closed_loops.constrained(name).vdot
+    assert abs(found - expected).max() <= 1e-11 * abs(expected).max()
+
+
+def test_a_folded_linkage():
+    """A parallelogram flat on a line: there alone rows are dependent. All is finite, and the rows are held."""
+    bars, one = [("a", "world", 0.0), ("b", "a", 1.0), ("c", "world", 2.0)], np.float64(1)
+    bodies = [js.Body(name, js.SpatialInertia.thin_rod(one, np.eye(3)[0], mass=one)) for name, *_ in bars]
+    joints = [js.Joint(f"j{name}", "revolute", on, name, placed([x, 0, 0]), axis=(0, 1, 0)) for name, on, x in bars]
+    frames = [js.Frame("A", "c", placed([1, 0, 0])), js.Frame("B", "b", placed([2, 0, 0]))]
+    mech = js.Mechanism.build(bodies, joints, frames, dtype=np.float64)
+    loops, v = (closure("ball"),), np.float64([1, -1, 1])
+    q, still = np.zeros(3), np.zeros(3)
+    J = rows(mech, q, loops)
+    assert np.linalg.matrix_rank(J) == 1 and abs(J @ v).max() == 0
+    found = dynamics(mech, q, v, still, loops)
+    assert np.isfinite(found.vdot).all()
+    # From rest it falls as a parallelogram would: the acceleration is along v or along the other branch.
+    at_rest = dynamics(mech, q, still, still, loops).vdot
+    assert abs(J @ at_rest).max() <= 1e-12 * abs(at_rest).max() and abs(at_rest).max() > 1
+    # Near by it is that of a linkage which moves in one way.
+    near = interpreted(lambda q: js.close_loops(mech, q, loops))(np.float64([0.1, -0.1, 0.1]))
+    assert near.residual <= 1e-15
+    vdot = dynamics(mech, near.q, still, still, loops).vdot
+    np.testing.assert_allclose(vdot, vdot[0] * v, rtol=1e-9)
+
+
+def test_parts_without_mass():
+    """A rod of no mass: its own accelerations follow, and forces through it are along it."""
+    s = closed_loops.closed("four-bar")
+    mass = np.array(s.mech.inertias.mass) * [1, 0, 1]
+    empty = js.SpatialInertia(mass, s.mech.inertias.com, s.mech.inertias.central * (mass > 0)[:, None])
+    mech = s.mech.replace(inertias=empty, armature=np.float64([0, 1e-6, 0]))
+    found = dynamics(mech, s.q, s.v, 0 * s.tau, s.loops)
+    J = rows(mech, s.q, s.loops)
+    vdot = closed_loops.constrained("four-bar").vdot
+    assert np.isfinite(found.vdot).all() and abs(found.vdot - vdot).max() > 1e-3
+    p = np.stack([js.forward_kinematics(mech, q, ["B", "b"]).translation for q in s.q])
+    rod, f = p[:, 0] - p[:, 1], found.loop_wrenches.f[:, 0]
+    assert abs(np.cross(rod, f)).max() <= 1e-4 * abs(f).max() and J.shape[-1] == 3
+    # Without armature either, the rod does not accelerate on its own; all stays finite.
+    bare = dynamics(mech.replace(armature=np.zeros(3)), s.q, s.v, 0 * s.tau, s.loops)
+    assert np.isfinite(bare.vdot).all()
+
+
+def test_nan_gives_nan():
+    s = closed_loops.closed("four-bar")
+    for k in range(3):
+        arguments = [x.copy() for x in (s.q, s.v, s.tau)]
+        arguments[k][1, 0] = np.nan
+        found = dynamics(s.mech, *arguments, s.loops)
+        for x in (found.vdot, found.loop_wrenches.f.reshape(4, -1)):
+            np.testing.assert_array_equal(np.isnan(x).any(1), [False, True, False, False])
+    q, residual = interpreted(lambda q: js.close_loops(s.mech, q, s.loops))(
+        np.where(np.isnan(arguments[2]), np.nan, s.q)
+    )
+    np.testing.assert_array_equal(np.isnan(residual), [False, True, False, False])
+
+
+# -- transformations and derivatives ----------------------------------------------------------------------------------
+
+
+def test_compiled_mapped_and_batched():
+    """The numbers of the formula op by op, to a few u; and of float32."""
+    s, expected = closed_loops.closed("four-bar"), closed_loops.constrained("four-bar")
+    own = functools.partial(js.constrained_forward_dynamics, s.mech, loops=s.loops)
+    found = {"jit": jax.jit(own)(s.q, s.v, s.tau), "vmap": jax.vmap(own)(s.q, s.v, s.tau)}
+    for how, x in found.items():
+        for a, b in zip(jax.tree.leaves(x), jax.tree.leaves(expected), strict=True):
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * abs(b).max(), err_msg=how)
+    one = [np.float32(x[0]) for x in (s.q, s.v, s.tau)]
+    with jax.enable_x64(False):
+        narrow = interpreted(own)(*one)
+    assert narrow.vdot.dtype == np.float32
+    assert abs(narrow.vdot - expected.vdot[0]).max() <= 1e-4 * abs(expected.vdot[0]).max()
+
+
+@pytest.mark.parametrize("precision", js.Precision)
+def test_precisions(precision):
+    s, expected = closed_loops.closed("four-bar"), closed_loops.constrained("four-bar").vdot
+    found = dynamics(s.mech, s.q, s.v, s.tau, s.loops, precision=precision).vdot
+    assert abs(found - expected).max() <= 1e-12 * abs(expected).max()
+
+
+@pytest.mark.parametrize("name", ["four-bar", slow("hinges")])
+def test_derivatives_of_dynamics(name):
+    """Forward and reverse ones agree, and are differences: of the state, of tau, of masses and of where bodies are. Of
+    the planar linkage, which is held three times over, in its plane: rows depend on others there."""
+    is_planar = name in closed_loops.PLANAR
+    s = closed_loops.closed(name)
+    loops = s.loops * (3 if is_planar else 1)
+    mech, rng = s.mech.as_data(), np.random.default_rng(5)
+    plane = np.float64([1, not is_planar, 1])
+
+    def of(mass, placements, q, v, tau):
+        inertias = js.SpatialInertia(mass, mech.inertias.com, mech.inertias.central)
+        changed = mech.replace(inertias=inertias, placements=placements)
+        return js.constrained_forward_dynamics(changed, q, v, tau, loops).vdot
+
+    x = mech.inertias.mass, mech.placements, *(jnp.asarray(y[0]) for y in (s.q, s.v, s.tau))
+    t = jax.tree.map(lambda leaf: jnp.asarray(rng.standard_normal(leaf.shape)), x)
+    # A rotation has nine entries and three ways to move.
+    spin = np.cross(np.eye(3), rng.standard_normal(3) * (1 - plane if is_planar else 1))
+    entries = (mech.placements.rotation.to_matrix() @ spin).reshape(-1, 9)
+    t = (t[0], js.RigidTransform(js.Rotation(entries), t[1].translation * plane[None]), *t[2:])
+    value, tangent = interpreted(lambda x, t: jax.jvp(of, x, t))(x, t)
+    cotangent = rng.standard_normal(value.shape)
+    pulled = interpreted(lambda x: jax.vjp(of, *x)[1](cotangent))(x)
+    products = [jnp.sum(a * b) for a, b in zip(jax.tree.leaves(pulled), jax.tree.leaves(t), strict=True)]
+    assert abs(sum(products) - cotangent @ tangent) <= 1e-11 * sum(map(abs, products))
+    run, h = interpreted(lambda x: of(*x)), 1e-5
+    ahead, behind = (run(jax.tree.map(lambda a, b, h=h: a + h * b, x, t)) for h in (h, -h))
+    assert abs((ahead - behind) / (2 * h) - tangent).max() <= 1e-6 * abs(tangent).max()
+
+
+def test_derivatives_of_closed_configurations():
+    """Where q is closed: P, the projection on motions that stay closed; by a distance: how it is closed again."""
+    s = closed_loops.closed("five-bar")
+    q, J = s.q[0], rows(s.mech, s.q[0], s.loops)
+    P = np.eye(4) - np.linalg.pinv(J) @ J
+    close = interpreted(lambda q: jax.jacfwd(lambda q: js.close_loops(s.mech, q, s.loops).q)(q))
+    pulled = interpreted(lambda q: jax.jacrev(lambda q: js.close_loops(s.mech, q, s.loops).q)(q))
+    for found in (close(q), pulled(q)):
+        assert abs(found - P).max() <= 1e-9
+
+    def at(distance):
+        return js.close_loops(s.mech, q, [js.LoopClosure("a", "B", "distance", distance)]).q
+
+    apart = np.linalg.norm(np.subtract(*js.forward_kinematics(s.mech, q, ["a", "B"]).translation))
+    found, h = interpreted(jax.jacfwd(at))(apart), 1e-5
+    ahead, behind = (interpreted(at)(apart + x) for x in (h, -h))
+    np.testing.assert_allclose(found, (ahead - behind) / (2 * h), rtol=0, atol=1e-7)
+
+
+# -- closing loops ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", closed_loops.BODIES)
+def test_loops_close_quadratically(name):
+    """From 0.1 rad off. The residual is told at every number of iterations, and is that of the error."""
+    s = closed_loops.closed(name)
+    off = s.q[0] + 0.1 * np.sign(np.random.default_rng(0).standard_normal(s.mech.nv))
+    runs = [interpreted(lambda q, n=n: js.close_loops(s.mech, q, s.loops, iterations=n))(off) for n in range(5)]
+    residuals = [float(x.residual) for x in runs]
+    assert residuals[-1] <= 1e-14
+    for x in runs[:2]:
+        np.testing.assert_allclose(abs(error(s.mech, x.q, s.loops)).max(), x.residual, rtol=1e-9)
+    for before, after in zip(residuals, residuals[1:], strict=False):
+        assert after <= 20 * before**2 + 1e-14
+    # By a motion that is not much longer than the smallest.
+    J = rows(s.mech, runs[-1].q, s.loops)
+    moved = js.difference(s.mech, off, runs[-1].q)
+    assert np.linalg.norm(moved - np.linalg.pinv(J) @ J @ moved) <= 0.5 * np.linalg.norm(moved)
+
+
+def test_quaternions_stay_of_unit_length():
+    mech = two_bodies()
+    q, _, _ = state(mech)
+    found = interpreted(lambda q: js.close_loops(mech, q, [closure("weld")], iterations=40))(3 * q)
+    assert found.residual <= 1e-14
+    starts = [i for i, kind in enumerate(mech.topology.kinds) if kind in ("free", "ball")]
+    for i in starts:
+        x = found.q[mech.topology.q_slice(i)][:4]
+        assert abs(np.linalg.norm(x) - 1) <= 4 * U
+
+
+def test_what_cannot_close_is_told():
+    mech = js.Mechanism.build(
+        [js.Body("a")], [js.Joint("j", "revolute", "world", "a")], [js.Frame("A", "a", placed([1, 0, 0])),
+        js.Frame("B", "world", placed([3, 0, 0]))], dtype=np.float64,
+    )  # fmt: skip
+    found = interpreted(lambda q: js.close_loops(mech, q, [closure("ball")]))(np.float64([0.3]))
+    assert found.residual >= 2 / 3**0.5 and np.isfinite(found.q).all()
+
+
+def test_drift_and_stabilisation():
+    """A four-bar linkage in Runge-Kutta steps: errors that are there stay or grow, with stabilization they decay."""
+    s = closed_loops.closed("four-bar")
+    q, v, dt = s.q[0] + 1e-3, s.v[0], 2e-3
+
+    def after(k):
+        def step(x, _):
+            vdot = js.constrained_forward_dynamics(s.mech, *x, 0 * s.tau[0], s.loops, stabilization=k).vdot
+            v = x[1] + dt * vdot
+            return (js.integrate(s.mech, x[0], v, dt), v), None
+
+        return jax.jit(lambda x: jax.lax.scan(step, x, None, 100)[0])((q, v))
+
+    start, free, held = (abs(error(s.mech, x, s.loops)).max() for x in (q, after(None)[0], after(50.0)[0]))
+    assert free > 0.3 * start and held < 0.02 * start
+
+
+# -- refusals ---------------------------------------------------------------------------------------------------------
+
+REFUSED = {
+    "kind": (lambda: js.LoopClosure("A", "B", "hing"), ValueError, "LoopClosure: kind: .*did you mean 'hinge'"),
+    "name": (lambda: js.LoopClosure("A", 3, "weld"), TypeError, "LoopClosure: frame_b: expected the name of a frame"),
+    "no distance": (lambda: js.LoopClosure("A", "B", "distance"), ValueError, "distance: expected a number above 0"),
+    "zero": (lambda: js.LoopClosure("A", "B", "distance", 0.0), ValueError, "distance: .* above 0, got 0.0"),
+    "distance of a ball": (lambda: js.LoopClosure("A", "B", "ball", 1.0), ValueError, "expected none for 'ball'"),
+    "frame": (
+        lambda: js.constraint_error(two_bodies(), two_bodies().neutral(), [js.LoopClosure("A", "b", "ball")]),
+        KeyError, "constraint_error: loops: expected one of .* got 'b'; did you mean 'B'",
+    ),
+    "no closures": (
+        lambda: js.close_loops(two_bodies(), two_bodies().neutral(), ["A"]), TypeError, "close_loops: loops: expected",
+    ),
+    "built": (
+        lambda: js.Mechanism.build([], [], loops=[js.LoopClosure("A", "world", "ball")]), KeyError,
+        "Mechanism.build: loops: .*'A'",
+    ),
+    "replaced": (lambda: two_bodies().replace(loops=(closure("ball", "D"),)), KeyError, "Mechanism.replace: loops"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "kind", "message"), REFUSED.values(), ids=REFUSED)
+def test_refused(call, kind, message):
+    with pytest.raises(kind, match=message):
+        call()
