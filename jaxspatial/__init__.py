@@ -56,8 +56,10 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.mechanism import AppliedForces as AppliedForces
     from jaxspatial.mechanism import Body as Body
     from jaxspatial.mechanism import Frame as Frame
+    from jaxspatial.mechanism import HalfSpace as HalfSpace
     from jaxspatial.mechanism import Joint as Joint
     from jaxspatial.mechanism import Mechanism as Mechanism
+    from jaxspatial.mechanism import PointContacts as PointContacts
     from jaxspatial.mechanism import StaticMechanism as StaticMechanism
     from jaxspatial.mechanism import add_frames as add_frames
     from jaxspatial.mechanism import lock_joints as lock_joints
