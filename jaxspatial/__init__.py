@@ -76,6 +76,7 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.dynamics.configuration import integrate as integrate
     from jaxspatial.dynamics.configuration import interpolate as interpolate
     from jaxspatial.dynamics.configuration import random_configuration as random_configuration
+    from jaxspatial.dynamics.contact import contact_forces as contact_forces
     from jaxspatial.dynamics.energy import kinetic_energy as kinetic_energy
     from jaxspatial.dynamics.energy import potential_energy as potential_energy
     from jaxspatial.dynamics.external_forces import applied_wrenches as applied_wrenches

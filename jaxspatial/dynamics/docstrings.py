@@ -19,6 +19,9 @@ _ARGUMENTS = {
     `Mechanism.frame_body`.""",
     "frames": "a name of `mechanism.frame_names`, or several, in the order of the results.",
     "compliance": "of friction and limits; None takes the default, see `Compliance`.",
+    "contacts": "PointContacts: spheres on frames, how stiff and how rough they are.",
+    "ground": """HalfSpace, or a function from a point (3,) in world axes to its signed distance (), m: above zero
+    outside, its gradient the direction out of the ground. None is the plane z = 0.""",
     "precision": "name of a precision; None takes the default.",
 }
 _SECTIONS = ("Args", "Returns", "Raises", "Error", "Source")
@@ -64,11 +67,12 @@ def _raises(parameters) -> str:
     reasons = ["the first argument is no Mechanism"]
     reasons += ["frames no names"] if "frames" in parameters else []
     reasons += ["dtypes differ or are not floating point"]
+    reasons += ["contacts are no PointContacts"] if "contacts" in parameters else []
     reasons += (
         ["forces are neither a dict of SpatialForces nor AppliedForces"] if "external_forces" in parameters else []
     )
     errors = [f"TypeError: {', '.join(reasons[:-1])}, or {reasons[-1]}.", "ValueError: shapes do not fit."]
-    if "frames" in parameters or "external_forces" in parameters:
+    if {"frames", "external_forces", "contacts"} & set(parameters):
         errors.append("KeyError: there is no such frame.")
     indented = (textwrap.fill(error, 116, initial_indent="    ", subsequent_indent="        ") for error in errors)
     return "\n" + "\n".join(indented)

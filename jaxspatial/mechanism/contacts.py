@@ -6,13 +6,15 @@ from typing import TYPE_CHECKING, Any, Self, cast
 
 import jax
 import jax.export
-import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.mechanism.forces import names_of_frames
 from jaxspatial.numerics import check
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.linear import Vector, dot, unit
+from jaxspatial.numerics.numbers import Numbers
 from jaxspatial.numerics.quantity import tree, tree_of
-from jaxspatial.numerics.types import ArrayLike, DTypeLike
+from jaxspatial.numerics.types import ArrayLike, DTypeLike, PrecisionName
 
 _PARAMETERS = ("radius", "stiffness", "relaxation_time", "friction")
 
@@ -31,8 +33,8 @@ class PointContacts:
 
     Args:
         frames: names of frames, n of them; static. A name may come several times.
-        positions: (n, 3) or (*batch, n, 3) positions of the centres from the origins of their frames, in the axes of the
-            frames, m; None for the origins.
+        positions: (n, 3) or (*batch, n, 3) positions of the centres from the origins of their frames, in the axes of
+            the frames, m; None for the origins.
         radius: of the spheres, m: a number, (n,) or (*batch, n), as all that follow.
         stiffness: k, N/m, above zero.
         relaxation_time: tau_d, s: how long a sphere that is let go inside the ground takes to come out, by a factor e.
@@ -130,6 +132,27 @@ def _shown(x: Any) -> str:
     return check.shown(x, 0)
 
 
+def above_plane(precision: PrecisionName, p: Any, normal: Any, offset: Any) -> tuple[Any, Any]:
+    """The normal of unit length of a plane, (*batch, 3), and the signed distance (*batch,) of points (*batch, 3).
+
+    offset: (*batch, 1). The normal is of the plane's own batch.
+    """
+    # In a formula of its own: of a quotient with one divisor for a whole batch compilers make a product.
+    n = units(precision, normal)
+    return n, _distance(precision, n, p, offset)
+
+
+@formula
+def units(v: Vector) -> Vector:
+    """v / |v|."""
+    return unit(v)
+
+
+@formula
+def _distance(n: Vector, p: Vector, offset: Numbers) -> Any:
+    return dot(n, p) - offset[0]
+
+
 @tree
 class HalfSpace:
     """The ground under a plane: a function from a point to its signed distance, m.
@@ -183,21 +206,12 @@ class HalfSpace:
         """The same with all numbers rounded to another dtype. NumPy stays NumPy."""
         return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
 
-    @property
-    def unit_normal(self) -> jax.Array:
-        """The normal (*batch, 3) of unit length."""
-        normal = jnp.asarray(check.narrowed(self.normal))
-        # Divided by its largest number first: no square over- or underflows.
-        normal = normal / abs(normal).max(-1, keepdims=True)
-        return normal / jnp.sqrt((normal * normal).sum(-1, keepdims=True))
-
     def __call__(self, point: ArrayLike) -> jax.Array:
         """The signed distance (*batch,) of points (*batch, 3) in world axes; batch shapes broadcast."""
-        p = jnp.asarray(check.as_vectors(point, "HalfSpace: point", self.dtype))
+        p = check.as_vectors(point, "HalfSpace: point", self.dtype)
         check.require_same_dtype(ground=self, point=p)
-        batch = check.common_batch_shape(ground=self.batch_shape, point=p.shape[:-1])
-        normal, p = (jnp.broadcast_to(x, (*batch, 3)) for x in (self.unit_normal, p))
-        return (normal * p).sum(-1) - jnp.broadcast_to(check.narrowed(self.offset), batch)
+        check.common_batch_shape(ground=self.batch_shape, point=p.shape[:-1])
+        return above_plane(None, p, self.normal, check.expanded(self.offset))[1]
 
     def __repr__(self) -> str:
         return f"HalfSpace({check.shown(self.normal, 3)}, {check.shown(self.offset, 0)})"
