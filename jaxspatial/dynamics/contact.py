@@ -51,7 +51,8 @@ def contact_forces(
     at a depth x > 0, with v_t the velocity of the body along the ground, k the stiffness, d the dissipation, mu the
     friction, v_s the stiction speed, and s(r) = r^3 (10 - 15 r + 6 r^2) for r < 1, else 1. At a distance forces are
     exactly zero. The force acts on the ground under the sphere: at C, the centre less its distance from the ground
-    along the normal. This is Drake's continuous model. The relaxation times of the contacts have no part in it.
+    along the normal. This is Drake's continuous model, whose forces act half a depth lower. The relaxation
+    times of the contacts have no part in it.
 
     Forces depend on the state alone. They are smooth in it, but where a sphere begins to touch and where f_n becomes
     zero. A stiff contact needs short steps: with `semi_implicit_step` below 2 sqrt(m / k), and below m v_s / (mu f_n)

@@ -132,7 +132,7 @@ def test_any_ground():
 
 @pytest.mark.parametrize("scale", [1.0, 1e-2, 0.0])
 def test_derivatives_are_differences(scale):
-    """By the state, by all numbers of contacts and ground; forward and reverse. Also at rest, where friction sets in."""
+    """By the state, by all numbers of contacts and ground; forward, reverse. Also at rest, where friction begins."""
     q, v = (x[0] for x in state(1))
     x = jax.tree.map(jnp.asarray, (q, scale * v, contacts(), plane()))
 

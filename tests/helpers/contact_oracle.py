@@ -1,0 +1,210 @@
+"""The convex step with contact, solved densely in NumPy, in float64: what `convex_step` is held to.
+
+    v+ = argmin |v - v*|^2_A / 2 + sum l_i(J_i v)
+
+A = M + dt C and v*, the velocities without contact, are given, and for each term its rows J. Formulas are Drake's of
+1.51.1, as its SAP solver evaluates them, with its stopping rule where `solve` is asked for it. Nothing here is derived
+by articulated bodies, and nothing is differentiated. Dry friction of joints, which Drake's steps do not have, is a term
+of the same kind.
+
+[Castro, Permenter, Han 2022, An unconstrained convex formulation of compliant contact; Castro, Han, Masterjohn 2023,
+Irrotational contact fields]
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+NEAR_RIGID, STICKING, NEAR_RIGID_LIMIT = 1 / (4 * np.pi**2), 1e-3, 0.01 / (4 * np.pi**2)
+LIMIT_STIFFNESS, WINDOW, SOFT = 1e12, 2.0, 1e-7
+
+
+class Contact(NamedTuple):
+    """A sphere. J (3, nv): of the point of its body at C, two tangents and the normal. distance: negative inside."""
+
+    J: np.ndarray
+    distance: float
+    stiffness: float
+    relaxation_time: float
+    friction: float
+
+
+class Limit(NamedTuple):
+    """J (1, nv): the rate of the gap."""
+
+    J: np.ndarray
+    gap: float
+
+
+class DryFriction(NamedTuple):
+    """J (1, nv): the rate of the joint. loss: the largest force."""
+
+    J: np.ndarray
+    loss: float
+
+
+class Term(NamedTuple):
+    """A term with its rows, and its law: velocities -> (cost, impulses, G = -d impulses / d velocities)."""
+
+    J: np.ndarray
+    law: Any
+
+
+class Result(NamedTuple):
+    """v, the impulses of each Term, the gradient at v relative to the momenta, and how many iterations it took."""
+
+    v: np.ndarray
+    impulses: list[np.ndarray]
+    residual: float
+    iterations: int
+    why: str
+
+
+# -- laws of the terms ------------------------------------------------------------------------------------------------
+
+
+def delassus(A, J):
+    """|J diag(A)^-1 J^T|_F over the number of rows."""
+    return np.linalg.norm((J / np.diag(A)) @ J.T) / len(J)
+
+
+def of_contact(c, A, dt):
+    w, memory = delassus(A, c.J), dt + c.relaxation_time
+    R_n, R_t, mu = max(NEAR_RIGID * w, 1 / (dt * c.stiffness * memory)), STICKING * w, c.friction
+    R, free = np.array([R_t, R_t, R_n]), np.array([0, 0, -c.distance / memory])
+
+    def law(u):
+        y = (free - u) / R
+        size = np.sqrt(y[:2] @ y[:2] + SOFT**2)
+        t, steep = y[:2] / size, mu * R_t / R_n
+        if size <= mu * y[2]:
+            impulse, slope = y, np.eye(3)
+        elif y[2] + steep * size > 0:
+            share = 1 / (1 + mu * steep)
+            normal = (y[2] + steep * size) * share
+            impulse = np.append(mu * normal * t, normal)
+            # Rows of the derivative by y: of the tangents mu (n dt/dy + t dn/dy), of the normal dn/dy.
+            dn = share * np.append(steep * t, 1)
+            slope = np.zeros((3, 3))
+            slope[:2, :2] = mu * normal / size * (np.eye(2) - np.outer(t, t))
+            slope[:2] += mu * np.outer(t, dn)
+            slope[2] = dn
+        else:
+            impulse, slope = np.zeros(3), np.zeros((3, 3))
+        return R @ impulse**2 / 2, impulse, slope / R
+
+    return Term(c.J, law)
+
+
+def of_limit(x, A, dt):
+    R = max(NEAR_RIGID_LIMIT * delassus(A, x.J), 1 / (2 * dt**2 * LIMIT_STIFFNESS))
+
+    def law(u):
+        impulse = np.maximum((-x.gap / (2 * dt) - u) / R, 0)
+        return R * impulse @ impulse / 2, impulse, np.diag((impulse > 0) / R)
+
+    return Term(x.J, law)
+
+
+def of_dry_friction(x, A, dt):
+    R, largest = STICKING * delassus(A, x.J), dt * x.loss
+
+    def law(u):
+        impulse = np.clip(-u / R, -largest, largest)
+        sticks = abs(u) < R * largest
+        cost = np.where(sticks, u**2 / (2 * R), largest * abs(u) - R * largest**2 / 2)
+        return cost.sum(), impulse, np.diag(sticks / R)
+
+    return Term(x.J, law)
+
+
+def terms_of(A, free, v, dt, contacts=(), limits=(), dry=()):
+    """The terms that are in the problem: spheres inside, limits so near that they may be reached."""
+    fastest = WINDOW * dt * np.maximum(abs(v), abs(free))
+    near = [x for x in limits if x.gap < fastest[np.flatnonzero(x.J[0])[0]]]
+    inside = [c for c in contacts if c.distance <= 0]
+    groups = (of_contact, inside), (of_limit, near), (of_dry_friction, dry)
+    return [function(x, A, dt) for function, group in groups for x in group]
+
+
+# -- Newton's method --------------------------------------------------------------------------------------------------
+
+
+class Problem:
+    """A, v* and the terms."""
+
+    def __init__(self, A, free, terms):
+        self.A, self.free, self.terms, self.scale = A, free, terms, 1 / np.sqrt(np.diag(A))
+
+    def at(self, v):
+        """(cost, gradient, Hessian, J^T impulses)."""
+        change = self.A @ (v - self.free)
+        cost, pushed, H = (v - self.free) @ change / 2, np.zeros_like(v), self.A.copy()
+        for J, law in self.terms:
+            own, impulse, G = law(J @ v)
+            cost, pushed, H = cost + own, pushed + J.T @ impulse, H + J.T @ G @ J
+        return cost, change - pushed, H, pushed
+
+    def momenta(self, v):
+        """(the gradient's norm, what it is compared with), scaled by diag(A)^-1/2."""
+        _, g, _, pushed = self.at(v)
+        norm = [np.linalg.norm(self.scale * x) for x in (g, self.A @ v, pushed)]
+        return norm[0], max(norm[1:])
+
+    def along(self, v, d):
+        """The length of the step that minimises the cost along d, at most 1.5."""
+
+        def slope(a):
+            _, g, H, _ = self.at(v + a * d)
+            return g @ d, d @ H @ d
+
+        low, high = 0.0, 1.5
+        cost, g, _, _ = self.at(v)
+        first, (last, curvature) = g @ d, slope(high)
+        if last <= 0:
+            return high
+        if -first < 1e-30 + 1e-15 * cost:
+            return 1.0
+        a = min(-first / curvature, high)
+        for _ in range(100):
+            s, curvature = slope(a)
+            if abs(s) <= 1e-8 * abs(first):
+                return a
+            low, high = (a, high) if s < 0 else (low, a)
+            newton = a - s / curvature
+            a = newton if low < newton < high else (low + high) / 2
+        return a
+
+    def solve(self, start, relative=1e-6, of_cost=1e-15, most=200):
+        """From the velocity `start`, with Drake's stopping rule and tolerances."""
+        if not self.terms:
+            return Result(self.free, [], 0.0, 0, "free")
+        v, a, k, cost, why = start, 0.0, 0, np.inf, "failed"
+        while k < most:
+            now, g, H, _ = self.at(v)
+            size, of = self.momenta(v)
+            if size <= 1e-14 + relative * of:
+                why = "gradient"
+                break
+            if a > 0.5 and abs(now - cost) < 1e-30 + of_cost * (abs(now) + abs(cost)) / 2:
+                why = "cost"
+                break
+            d = -np.linalg.solve(H, g)
+            a, cost = self.along(v, d), now
+            v, k = v + a * d, k + 1
+        return Result(v, [law(J @ v)[1] for J, law in self.terms], size / max(of, 1e-300), k, why)
+
+    def optimum(self, start):
+        """To rounding: full Newton steps at the end, while the gradient shrinks."""
+        if not self.terms:
+            return Result(self.free, [], 0.0, 0, "free")
+        v, _, _, steps, why = self.solve(start, 1e-10, 0.0)
+        size, of = self.momenta(v)
+        for _ in range(50):
+            _, g, H, _ = self.at(v)
+            nearer = v - np.linalg.solve(H, g)
+            if self.momenta(nearer)[0] >= size:
+                break
+            v = nearer
+            size, of = self.momenta(v)
+        return Result(v, [law(J @ v)[1] for J, law in self.terms], size / max(of, 1e-300), steps, why)
