@@ -11,9 +11,14 @@ of the same kind.
 Irrotational contact fields]
 """
 
+import functools
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+
+import jaxspatial as js
 
 NEAR_RIGID, STICKING, NEAR_RIGID_LIMIT = 1 / (4 * np.pi**2), 1e-3, 0.01 / (4 * np.pi**2)
 LIMIT_STIFFNESS, WINDOW, SOFT = 1e12, 2.0, 1e-7
@@ -208,3 +213,116 @@ class Problem:
             v = nearer
             size, of = self.momenta(v)
         return Result(v, [law(J @ v)[1] for J, law in self.terms], size / max(of, 1e-300), steps, why)
+
+
+# -- of our mechanisms ------------------------------------------------------------------------------------------------
+
+
+class Numbers(NamedTuple):
+    """What the problem of one state is made of, by our own functions: of n spheres where they are, J of their frames."""
+
+    M: np.ndarray
+    bias: np.ndarray
+    springs: np.ndarray
+    R: np.ndarray
+    p: np.ndarray
+    J: np.ndarray
+    distances: np.ndarray
+    normals: np.ndarray
+
+
+@functools.cache
+def _program(frames, ground):
+    def numbers(mech, q, v, positions, radius):
+        X = js.forward_kinematics(mech, q, frames)
+        centers = X @ positions
+        distances, normals = jax.vmap(jax.value_and_grad(ground))(centers)
+        without = mech.replace(damping=0 * mech.damping, friction_loss=0 * mech.friction_loss)
+        springs = js.passive_forces(without, q, v)
+        M, bias, J = js.mass_matrix(mech, q), js.bias_forces(mech, q, v), js.jacobian(mech, q, frames)
+        return Numbers(M, bias, springs, X.rotation.to_matrix(), centers, J, distances - radius, normals)
+
+    return jax.jit(numbers)
+
+
+def on_plane(p):
+    return p[2]
+
+
+def problem_of(mech, q, v, tau, dt, contacts, ground=on_plane):
+    """(Problem, v in axes that do not turn, the numbers of the spheres inside, all contact points, their axes).
+
+    Of one state, in the axes of our rates at q. Of joints whose axes turn it knows the free one."""
+    with jax.enable_x64(True):
+        given = jax.tree.map(jnp.asarray, (mech, q, v))
+        n = len(contacts.frames)
+        positions = jnp.zeros((n, 3)) if contacts.positions is None else jnp.asarray(contacts.positions)
+        radius = jnp.broadcast_to(contacts.radius, (n,))
+        found = Numbers(*map(np.asarray, _program(contacts.frames, ground)(*given, positions, radius)))
+        origins = np.asarray(js.forward_kinematics(*given[:2], contacts.frames).translation) if n else None
+    q, v, tau, damping, loss = (np.asarray(x, float) for x in (q, v, tau, mech.damping, mech.friction_loss))
+    still = v.copy()
+    for rows in _of_free_joints(mech):
+        w, linear = v[rows].reshape(2, 3)
+        still[rows[3:]] += dt * np.cross(w, linear)
+    A = found.M + dt * np.diag(damping)
+    free = still + dt * np.linalg.solve(A, tau + found.springs - found.bias - damping * still)
+    numbers = [np.broadcast_to(getattr(contacts, x), (n,)) for x in ("stiffness", "relaxation_time", "friction")]
+    spheres, points, axes = [], [], []
+    for i, own in enumerate(zip(*numbers, strict=True)):
+        normal = found.normals[i] / np.linalg.norm(found.normals[i])
+        distance = found.distances[i] + radius[i]
+        point = found.p[i] - distance * normal
+        at_point = found.J[i][3:] - np.cross((point - origins[i])[:, None], found.J[i][:3], axis=0)
+        points.append(point)
+        axes.append(_axes(normal))
+        spheres.append(Contact(axes[-1] @ at_point, found.distances[i], *own))
+    limits, dry = [], [DryFriction(np.eye(len(v))[[i]], loss[i]) for i in np.flatnonzero(loss)]
+    for name in mech.joint_names:
+        own_q, own_v = mech.joint_position_indices(name), mech.joint_velocity_indices(name)
+        if len(own_q) == len(own_v) == 1:
+            row, x = np.eye(len(v))[own_v], q[own_q[0]]
+            limits += [Limit(row, x - mech.lower[own_q[0]]), Limit(-row, mech.upper[own_q[0]] - x)]
+    limits = [x for x in limits if np.isfinite(x.gap)]
+    inside = [i for i, c in enumerate(spheres) if c.distance <= 0]
+    terms = terms_of(A, free, still, dt, spheres, limits, dry)
+    return Problem(A, free, terms), still, inside, np.array(points), np.array(axes)
+
+
+def _of_free_joints(mech):
+    rows = map(mech.joint_velocity_indices, mech.joint_names)
+    return [np.asarray(x) for x in rows if len(x) == 6]
+
+
+def _axes(normal):
+    """Two tangents and the normal, as rows."""
+    first = np.cross(normal, np.eye(3)[abs(normal).argmin()])
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(normal, first), normal])
+
+
+def step_of(mech, q, v, tau, dt, contacts, ground=on_plane):
+    """(v+ in the axes of the rates at q, forces (n, 3) on the spheres in world axes, the Problem's Result)."""
+    problem, still, inside, _, axes = problem_of(mech, q, v, tau, dt, contacts, ground)
+    found = problem.optimum(still)
+    forces = np.zeros((len(contacts.frames), 3))
+    for i, impulse in zip(inside, found.impulses, strict=False):
+        forces[i] = axes[i].T @ impulse / dt
+    return found.v, forces, found
+
+
+def in_old_axes(mech, q, after_q, after_v):
+    """Rates after a step, with linear ones of free joints along the axes at q."""
+    found = np.array(after_v, float)
+    for name in mech.joint_names:
+        rows, places = np.asarray(mech.joint_velocity_indices(name)), mech.joint_position_indices(name)
+        if len(rows) == 6:
+            R, R_after = (_rotation(np.asarray(x, float)[places[:4]]) for x in (q, after_q))
+            found[rows[3:]] = R.T @ R_after @ found[rows[3:]]
+    return found
+
+
+def _rotation(wxyz):
+    w, x, y, z = wxyz / np.linalg.norm(wxyz)
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + 2 * w * skew + 2 * skew @ skew
