@@ -395,7 +395,8 @@ def test_derivatives_are_those_of_the_optimum(name):
     Forward and reverse agree."""
     scene, dt, n, rng = SCENES[name](), 5e-3, 12, np.random.default_rng(6)
     mech, given, (q, v, tau) = scene.mechanism, scene.contacts, many(name, n)
-    per_contact = (np.broadcast_to(getattr(given, x), len(given.frames)) for x in PARAMETERS)
+    numbers = given.stiffness, given.relaxation_time, given.friction
+    per_contact = (np.broadcast_to(x, len(given.frames)) for x in numbers)
     contacts = spheres(given.frames, given.positions, given.radius, *map(jnp.asarray, per_contact))
     contacts = jax.tree.map(jnp.asarray, contacts)
     along = jax.tree.map(lambda y: rng.standard_normal(y.shape) * abs(y).max(), contacts)

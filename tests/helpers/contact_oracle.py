@@ -219,7 +219,7 @@ class Problem:
 
 
 class Numbers(NamedTuple):
-    """What the problem of one state is made of, by our own functions: of n spheres where they are, J of their frames."""
+    """What the problem of one state is made of, by our own functions: of n spheres and J of their frames."""
 
     M: np.ndarray
     bias: np.ndarray
