@@ -9,22 +9,28 @@ Everything is in world axes, about the origins of joints: passes over the tree m
 them. [Castro, Permenter, Han 2022, An unconstrained convex formulation of compliant contact; Drake 1.51, SapDriver]
 """
 
+import itertools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
+from jaxspatial.dynamics.articulated_bodies import has_floating_roots
 from jaxspatial.dynamics.composite_bodies import combined
 from jaxspatial.engine import matrices, recursion, stacking
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import Link, MechanismState, across
 from jaxspatial.inertia import articulated
 from jaxspatial.inertia.articulated import Articulated
-from jaxspatial.mechanism.topology import Topology
+from jaxspatial.mechanism.topology import Bundle, Topology
 from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Symmetric, Vector, Wrench, congruence, cross, dot
-from jaxspatial.numerics.numbers import Mask, Number, Numbers, constant, high, noinline, where
+from jaxspatial.numerics.numbers import Mask, Number, Numbers, constant, high, is_constant, is_number, noinline, where
 from jaxspatial.spatial import algebra
 
+T = TypeVar("T")
 # Drake's numbers: how much softer than rigid contacts are in the near-rigid regime, in units of the Delassus operator
 # along the normal and along the tangents, the same for limits, and the impulse by which friction is smoothed.
 NEAR_RIGID, STICKING, NEAR_RIGID_LIMIT = 1.0 / (4 * np.pi**2), 1e-3, 0.1**2 / (4 * np.pi**2)
@@ -52,7 +58,9 @@ class Touching(NamedTuple):
 class Body(NamedTuple):
     """The bodies of a bundle. R: their axes. p: positions from the root, r from the parent's origin.
 
-    S: the motions of each velocity of their joints. armature: with what implicit damping adds.
+    S: the motions of each velocity of their joints. resistance: armature, and dt times the damping of the joint.
+    turns: whether velocities are along the axes of the world, and not along those of the bodies: of floating roots,
+    whose motions S are then known.
     """
 
     R: Matrix
@@ -60,19 +68,21 @@ class Body(NamedTuple):
     r: Vector
     S: tuple[Motion, ...]
     inertia: Inertia
-    armature: Numbers
+    resistance: Numbers
+    turns: bool
 
 
 # -- bodies -----------------------------------------------------------------------------------------------------------
 
 
-def bodies_in_world(state: MechanismState, damping: Array | None) -> list[Body]:
-    """The Body of every bundle. damping: dt C (nv, B), or None."""
-    links = state.links(tau=damping)
+def bodies_in_world(state: MechanismState, dt: Number) -> list[Body]:
+    """The Body of every bundle. dt: (1, B)."""
+    links = state.links(tau=state.fields["damping"])
     frames = [(link.placement, link.joint, b.is_on_world) for link, b in zip(links, state.bundles, strict=True)]
     world = state.world
     placed = recursion.outward(state, _placed, (world.R, world.p), frames)
-    return [_body(x, link) for x, link in zip(placed, links, strict=True)]
+    dt = stacking.mapped(lambda w: w[None], dt)
+    return [_body(state, b, x, link, dt) for b, x, link in zip(state.bundles, placed, links, strict=True)]
 
 
 def _placed(frame: Any, parent: tuple[Matrix, Vector]) -> tuple[Any, Any]:
@@ -83,13 +93,38 @@ def _placed(frame: Any, parent: tuple[Matrix, Vector]) -> tuple[Any, Any]:
     return (R, p, r), (R, p)
 
 
-@noinline
-def _body(placed: tuple[Matrix, Vector, Vector], link: Link) -> Body:
+def _body(state: MechanismState, bundle: Bundle, placed: Any, link: Link, dt: Number) -> Body:
     R, p, r = placed
+    S, inertia, resistance = _in_world(R, link, dt)
+    turns = has_floating_roots(bundle) and all(is_constant(x) and x.value == 0 for x in resistance)
+    if turns:
+        e = state.world.R
+        zero = state.zero_vector
+        S = (*(Motion(x, zero) for x in e), *(Motion(zero, x) for x in e))
+    return Body(R, p, r, S, inertia, resistance, turns)
+
+
+@noinline
+def _in_world(R: Matrix, link: Link, dt: Number) -> tuple[tuple[Motion, ...], Inertia, Numbers]:
     S = tuple(Motion(R @ s.w, R @ s.v) for s in link.joint.subspace)
     M = link.inertia
-    armature = tuple(a + c for a, c in zip(link.armature, link.tau, strict=True))
-    return Body(R, p, r, S, Inertia(M.mass, R @ M.com, congruence(R, M.central)), armature)
+    resistance = tuple(a + dt * c for a, c in zip(link.armature, link.tau, strict=True))
+    return S, Inertia(M.mass, R @ M.com, congruence(R, M.central)), resistance
+
+
+def turned(state: MechanismState, bodies: list[Body], x: Number, to_world: bool) -> Number:
+    """Velocities (nv, B) with those of floating roots in world axes, from those along the axes of bodies; or back."""
+    if not any(body.turns for body in bodies):
+        return x
+    of_bundles = [of_bundle(state, k, x) for k in range(len(bodies))]
+    return state.numbers_by_velocity(
+        [_turned(b.R if to_world else b.R.T, y) if b.turns else y for b, y in zip(bodies, of_bundles, strict=True)]
+    )
+
+
+@noinline
+def _turned(R: Matrix, six: Numbers) -> Numbers:
+    return (*(R @ Vector(*six[:3])), *(R @ Vector(*six[3:])))
 
 
 def velocities(state: MechanismState, bodies: list[Body], fields: Sequence[Number]) -> list[tuple[Motion, ...]]:
@@ -125,7 +160,7 @@ def diagonals(state: MechanismState, bodies: list[Body]) -> list[Numbers]:
     """The diagonal of A: for every bundle a number of each velocity."""
     links = [(body.inertia, body.r) for body in bodies]
     composites = recursion.inward(state, _composite, state.zero_inertia, links, join=combined)
-    return [_diagonal(body.S, body.armature, M) for body, M in zip(bodies, composites, strict=True)]
+    return [_diagonal(body.S, body.resistance, M) for body, M in zip(bodies, composites, strict=True)]
 
 
 def _composite(body: tuple[Inertia, Vector], children: Inertia) -> tuple[Inertia, Inertia]:
@@ -135,8 +170,8 @@ def _composite(body: tuple[Inertia, Vector], children: Inertia) -> tuple[Inertia
 
 
 @noinline
-def _diagonal(S: Sequence[Motion], armature: Numbers, M: Inertia) -> Numbers:
-    return tuple(algebra.power(algebra.apply_inertia(M, s), s) + a for s, a in zip(S, armature, strict=True))
+def _diagonal(S: Sequence[Motion], resistance: Numbers, M: Inertia) -> Numbers:
+    return tuple(algebra.power(algebra.apply_inertia(M, s), s) + a for s, a in zip(S, resistance, strict=True))
 
 
 def mobilities(state: MechanismState, bodies: list[Body], diagonal: list[Numbers]) -> list[Articulated]:
@@ -209,7 +244,58 @@ def carriers_of(topology: Topology, frames: tuple[int, ...]) -> list[int]:
 
 def of_carriers(state: MechanismState, carriers: list[int], results: list[Any]) -> Any:
     """Numbers (n, B) of n bodies, from those for every bundle."""
-    return stacking.concatenated_trees([state.of_body(body, results, None) for body in carriers], state.n)
+    pieces = list[Any]()
+    for k, run in itertools.groupby(carriers, lambda body: state.topology.places[body][0]):
+        places = [state.topology.places[body][1:] for body in run]
+        pieces.append(stacking.mapped(lambda w, at=places: _rows_at(w, at), results[k]))
+    return pieces[0] if len(pieces) == 1 else stacking.concatenated_rows(pieces, state.n)
+
+
+def _rows_at(word: jax.Array, places: list[tuple[int, int]]) -> jax.Array:
+    """The rows (n, B) at (row, chain) of an array (L, W, B), of size 1 where all have the same."""
+    L, W = word.shape[:2]
+    flat = np.array([min(j, L - 1) * W + min(c, W - 1) for j, c in places])
+    return stacking.rows(word.reshape((L * W, -1)), flat[:1] if (flat == flat[0]).all() else flat)
+
+
+def on_bundles(state: MechanismState, carriers: list[int], tree: T, nothing: T) -> list[T]:
+    """Numbers (n, B) of n bodies as those of every bundle: their sums where a body comes several times.
+
+    nothing: known zeros, which bundles without any of the bodies have.
+    """
+    bodies = sorted(set(carriers))
+    of_body = [[k for k, c in enumerate(carriers) if c == body] for body in bodies]
+    most = max(map(len, of_body))
+    # Row n is zero.
+    places = np.array([[x[k] if k < len(x) else len(carriers) for x in of_body] for k in range(most)])
+    sums = jax.tree.map(lambda x: _summed(x, places, state.n), tree, is_leaf=is_number)
+    return [_on_bundle(state, b, bodies, sums, nothing) for b in state.bundles]
+
+
+def _summed(x: Number, places: np.ndarray, n: int) -> Number:
+    if is_constant(x):
+        return x
+    x = stacking.mapped(lambda w: _with_zero_rows(jnp.broadcast_to(w, (w.shape[0], n)), places.ravel()), x)
+    whole = stacking.mapped(lambda w: w.reshape((*places.shape, n)), x)
+    return stacking.pairwise_sum(whole) if len(places) > 1 else stacking.mapped(lambda w: w[0], whole)
+
+
+def _on_bundle(state: MechanismState, bundle: Bundle, bodies: list[int], sums: T, nothing: T) -> T:
+    places = [bodies.index(i) if i in bodies else len(bodies) for i in bundle.bodies.ravel().tolist()]
+    if all(k == len(bodies) for k in places):
+        return nothing
+    shape = bundle.length, bundle.width, -1
+    return stacking.mapped(lambda w: _with_zero_rows(w, np.array(places)).reshape(shape), sums)
+
+
+def _with_zero_rows(x: jax.Array, places: np.ndarray) -> jax.Array:
+    """x[places] (m, B), with rows of zeros for the place len(x)."""
+    pieces = list[jax.Array]()
+    for is_zero, run in itertools.groupby(places.tolist(), lambda k: k >= len(x)):
+        rows = list(run)
+        zeros = lax.full((len(rows), *x.shape[1:]), 0, x.dtype)
+        pieces.append(zeros if is_zero else stacking.rows(x, np.array(rows)))
+    return pieces[0] if len(pieces) == 1 else jnp.concatenate(pieces)
 
 
 def _vectors(state: MechanismState, array: Array) -> Vector:

@@ -22,10 +22,11 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.dynamics import contact_problem as problem
-from jaxspatial.dynamics.articulated_bodies import ArticulatedBody, Elimination, bias_through_joint
+from jaxspatial.dynamics.articulated_bodies import ArticulatedBody, Elimination, without_velocity
 from jaxspatial.dynamics.contact_problem import Body, Contacts, Joints, Law, Touching
-from jaxspatial.dynamics.external_forces import loads, of_bundle, sums_on_bodies
+from jaxspatial.dynamics.external_forces import loads
 from jaxspatial.dynamics.newton_euler import forces_of
+from jaxspatial.dynamics.passive import is_nothing
 from jaxspatial.engine import recursion, stacking
 from jaxspatial.engine.algorithm import DYNAMICS, FRAMES, Algorithm, Wrenches, algorithm, velocity_shape
 from jaxspatial.engine.stacking import Array
@@ -42,7 +43,7 @@ TOLERANCES = {4: 2e-6, 8: 1e-10}
 MOST_ITERATIONS, MOST_TRIALS = 60, 20
 # A line search stops where the slope is this share of the first one; it tries no step longer than this.
 SLOPE, LONGEST = 0.1, 1.5
-FIELDS = (*DYNAMICS, *FRAMES, "friction_loss", "lower", "upper")
+FIELDS = (*DYNAMICS, *FRAMES, "damping", "friction_loss", "lower", "upper")
 
 
 class ContactProgram(Algorithm):
@@ -73,13 +74,12 @@ def scene_of(
     still: Array,
     change: Array,
     time: Array,
-    damping: Array | None,
     touching: Touching | None,
     frames: tuple[int, ...],
 ) -> Scene:
-    bodies = problem.bodies_in_world(state, damping)
-    diagonal = problem.diagonals(state, bodies)
     h = state.numbers(time[:, None])[0]
+    bodies = problem.bodies_in_world(state, h)
+    diagonal = problem.diagonals(state, bodies)
     contacts = joints = None
     carriers = problem.carriers_of(state.topology, frames)
     if touching is not None:
@@ -87,10 +87,15 @@ def scene_of(
         contacts = problem.contacts_of(state, bodies, mobility, frames, touching, h)
     rows = problem.rows_of_joints(state)
     if len(rows):
-        before, y = (state.numbers(x[:, None])[0] for x in (still, change))
+        before, y = in_world(state, bodies, still, change)
         fastest = where(high(abs(before)) > high(abs(before + y)), abs(before), abs(before + y))
         joints = problem.joints_of(state, rows, state.numbers_by_velocity(diagonal), fastest, h)
     return Scene(bodies, carriers, contacts, rows, joints)
+
+
+def in_world(state: MechanismState, bodies: list[Body], *vectors: Array) -> list[Number]:
+    """Generalized velocities as numbers (nv, B), those of floating roots in world axes."""
+    return [problem.turned(state, bodies, state.numbers(x[:, None])[0], to_world=True) for x in vectors]
 
 
 def laws(scene: Scene, v: Vectors) -> tuple[Vectors, tuple[Law | None, Number | None]]:
@@ -159,8 +164,7 @@ def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, force:
     on_bodies: list[ArticulatedBody] = [nothing] * len(scene.bodies)
     if scene.contacts is not None:
         added = _contact_inertia(scene.contacts, of_contacts, impulse.points)
-        sums = sums_on_bodies([(scene.carriers, added)])
-        on_bodies = [of_bundle(state, b, sums, nothing) for b in state.bundles]
+        on_bodies = problem.on_bundles(state, scene.carriers, added, nothing)
     joint_forces, stiffer = _whole(state, scene, impulse.joints, force), _whole(state, scene, of_joints, None)
     links = []
     for k, (body, touched) in enumerate(zip(scene.bodies, on_bodies, strict=True)):
@@ -201,16 +205,13 @@ def _contact_inertia(contacts: Contacts, of_law: Law, impulse: Vector) -> Articu
 def _eliminate(link: Any, children: ArticulatedBody) -> tuple[list[Elimination], ArticulatedBody]:
     """([Elimination of each velocity], the articulated body about the parent's origin)."""
     body, touched, tau, more = link
-    P, Z = articulated.of_body(body.inertia) + touched.P + children.P, touched.Z + children.Z
+    P = articulated.of_body(body.inertia) + touched.P + children.P
+    rest = ArticulatedBody(P, touched.Z + children.Z)
     eliminated: list[Elimination] = []
-    for s, force, armature, stiffer in zip(body.S, tau, body.armature, more, strict=True):
-        U, D = articulated.U_and_D(P, s, armature + stiffer)
-        UDinv = articulated.UDinv_of(U, D)
-        u = force - algebra.power(Z, s)
-        Z = bias_through_joint(Z, u, UDinv)
-        P = articulated.rank_one_downdate(P, U, UDinv)
-        eliminated.append(Elimination(U, D, u))
-    return eliminated, ArticulatedBody(articulated.shifted(P, -body.r), algebra.shifted_wrench(Z, -body.r))
+    for s, force, resistance, stiffer in zip(body.S, tau, body.resistance, more, strict=True):
+        rest, elimination = without_velocity(rest, s, force, resistance + stiffer)
+        eliminated.append(elimination)
+    return eliminated, ArticulatedBody(articulated.shifted(rest.P, -body.r), algebra.shifted_wrench(rest.Z, -body.r))
 
 
 def _accelerate(link: Any, parent: Motion) -> tuple[Any, Motion]:
@@ -244,17 +245,16 @@ def solve(
     still: Array,
     change: Array,
     time: Array,
-    damping: Array | None,
     touching: Touching | None,
     *,
     frames_in_contact: tuple[int, ...],
 ):
     """(y, residual, iterations): the change of the velocities from `still`, that without contact being `change`.
 
-    Where nothing touches, y is `change` to the last bit.
+    Where nothing touches there are no iterations, and y is 0.
     """
-    scene = scene_of(state, still, change, time, damping, touching, frames_in_contact)
-    before, free = (state.numbers(x[:, None])[0] for x in (still, change))
+    scene = scene_of(state, still, change, time, touching, frames_in_contact)
+    before, free = in_world(state, scene.bodies, still, change)
     both = problem.velocities(state, scene.bodies, [before, free])
     v, v_free = (
         velocities_at(state, scene, [V[k] for V in both], x) for k, x in enumerate((before, free))
@@ -283,7 +283,7 @@ def solve(
 
     data, _, count, _ = lax.while_loop(is_going, iterate, (data_of(start), is_done, count, np.int32(0)))
     last: Iterate = with_data(start, data)
-    y = where(_is_touched(scene, state.n), last.y, free)
+    y = problem.turned(state, scene.bodies, last.y, to_world=False)
     reference = high(scale)
     residual = jnp.sqrt(high(last.residual) / jnp.where(reference > 0, reference, 1))
     return high(y), residual, count
@@ -296,22 +296,23 @@ def solve_at(
     change: Array,
     y: Array,
     time: Array,
-    damping: Array | None,
     touching: Touching | None,
     force: Array,
     *,
     frames_in_contact: tuple[int, ...],
 ):
     """H^-1 times a force, with H at the velocities `still` + y."""
-    scene = scene_of(state, still, change, time, damping, touching, frames_in_contact)
+    scene = scene_of(state, still, change, time, touching, frames_in_contact)
     v = _velocities_after(state, scene, still, y)
     _, G = laws(scene, v)
     nothing = combined(lambda x: 0.0 * x, v)
-    return high(solved(state, scene, G, nothing, state.numbers(force[:, None])[0])[0])
+    (right,) = in_world(state, scene.bodies, force)
+    y, _ = solved(state, scene, G, nothing, right)
+    return high(problem.turned(state, scene.bodies, y, to_world=False))
 
 
 def _velocities_after(state: MechanismState, scene: Scene, still: Array, y: Array) -> Vectors:
-    before, change = (state.numbers(x[:, None])[0] for x in (still, y))
+    before, change = in_world(state, scene.bodies, still, y)
     after = before + change
     motions = [V for (V,) in problem.velocities(state, scene.bodies, [after])]
     return velocities_at(state, scene, motions, after)
@@ -327,28 +328,27 @@ def imbalance(
     vdot: Array,
     tau: Array,
     time: Array,
-    damping: Array | None,
     touching: Touching | None,
     external_forces: Wrenches,
     *,
     frames_in_contact: tuple[int, ...],
 ):
     """The gradient of the cost at y = dt vdot: by Newton and Euler, with the impulses of contacts as forces."""
-    scene = scene_of(state, still, change, time, damping, touching, frames_in_contact)
+    scene = scene_of(state, still, change, time, touching, frames_in_contact)
     impulse, _ = laws(scene, _velocities_after(state, scene, still, y))
     body_loads = loads(state, external_forces)
     h = state.numbers(time[:, None])[0]
     if scene.contacts is not None:
         R = problem.of_carriers(state, scene.carriers, [body.R for body in scene.bodies])
-        sums = sums_on_bodies([(scene.carriers, _about_joint(scene.contacts.arm, impulse.points, R, h))])
         nothing = Wrench(state.zero_vector, state.zero_vector)
-        wrenches = [of_bundle(state, b, sums, nothing) for b in state.bundles]
+        on_joints = _about_joint(scene.contacts.arm, impulse.points, R, h)
+        wrenches = problem.on_bundles(state, scene.carriers, on_joints, nothing)
         body_loads = [(tau + F.tau, f + F.f, more) for (tau, f, more), F in zip(body_loads, wrenches, strict=True)]
     forces = state.numbers_by_velocity(forces_of(state, v, vdot, body_loads, state.minus_gravity))
     lacking = h * (forces - state.numbers(tau[:, None])[0])
-    if damping is not None:
-        x, y_, c = (state.numbers(a[:, None])[0] for a in (still, y, damping))
-        lacking = lacking + c * (x + y_)
+    if not is_nothing(state.fields["damping"]):
+        before, change_, c = (state.numbers(x[:, None])[0] for x in (still, y, state.fields["damping"]))
+        lacking = lacking + h * (c * (before + change_))
     on_joints = _whole(state, scene, impulse.joints, None)
     return high(lacking if on_joints is None else lacking - on_joints)
 
@@ -366,13 +366,12 @@ def impulses(
     change: Array,
     y: Array,
     time: Array,
-    damping: Array | None,
     touching: Touching | None,
     *,
     frames_in_contact: tuple[int, ...],
 ):
     """The impulses of contacts (3 n, B), at the velocities `still` + y."""
-    scene = scene_of(state, still, change, time, damping, touching, frames_in_contact)
+    scene = scene_of(state, still, change, time, touching, frames_in_contact)
     impulse, _ = laws(scene, _velocities_after(state, scene, still, y))
     parts = [state.rounded(x) for x in impulse.points]
     return jnp.stack(parts, 1).reshape((-1, state.n))
@@ -394,7 +393,7 @@ def _twice_energy(state: MechanismState, scene: Scene, motions: list[Motion], x:
     """v^T A v, (1, B)."""
     parts = []
     for k, (body, V) in enumerate(zip(scene.bodies, motions, strict=True)):
-        parts.append(_energy(body.inertia, V, body.armature, problem.of_bundle(state, k, x)))
+        parts.append(_energy(body.inertia, V, body.resistance, problem.of_bundle(state, k, x)))
     return stacking.mapped(lambda w: w[None], state.sum_over_bodies(parts))
 
 

@@ -69,9 +69,8 @@ def convex_step(
 
     free, still, vdot, wide_h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (free, still, vdot, h))
     touching = None if contacts is None else _touching(mechanism, q, contacts, ground or HalfSpace(), precision)
-    damping = None if c is None else wide_h * jnp.broadcast_to(c, vdot.shape)
     y, residual, iterations = _changed(
-        _narrow(precision), mechanism, q, v, still, wide_h * vdot, tau, wide_h, damping, touching, forces, contacts
+        _narrow(precision), mechanism, q, v, still, wide_h * vdot, tau, wide_h, touching, forces, contacts
     )
     is_touched = jnp.broadcast_to((iterations > 0)[..., None], y.shape)
     after = _valued(still + y, lax.stop_gradient(jnp.where(is_touched, still + y, free)))
@@ -105,7 +104,6 @@ def _changed(
     change: jax.Array,
     tau: Any,
     h: jax.Array,
-    damping: jax.Array | None,
     touching: Touching | None,
     forces: Any,
     contacts: PointContacts | None,
@@ -116,7 +114,7 @@ def _changed(
     change = lax.stop_gradient(change)
     fixed = jax.tree.map(
         lambda x: x if isinstance(x, np.ndarray) else lax.stop_gradient(x),
-        (mechanism, q, still, h, damping, touching),
+        (mechanism, q, still, h, touching),
     )
     y, residual, iterations = contact_solver.solve(
         precision, fixed[0], fixed[1], fixed[2], change, *fixed[3:], **options
@@ -124,7 +122,7 @@ def _changed(
 
     def imbalance(y: jax.Array) -> jax.Array:
         return contact_solver.imbalance(
-            precision, mechanism, q, v, still, change, y, y / h, tau, h, damping, touching, forces, **options
+            precision, mechanism, q, v, still, change, y, y / h, tau, h, touching, forces, **options
         )
 
     def inverse(_: Any, force: jax.Array) -> jax.Array:

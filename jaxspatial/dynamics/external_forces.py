@@ -61,7 +61,7 @@ def _applied_wrenches(state: MechanismState, external_forces: Wrenches) -> list[
         if not group.in_world:
             F = _turned(X_WJ.R, X_JQ.R, F)
         on_bodies.append((bodies, _about_origin(X_WJ.R, X_JQ.p - X_JB.p, F)))
-    summed = sums_on_bodies(on_bodies)
+    summed = _sums(on_bodies)
     return [summed[body] for body in sorted(summed)]
 
 
@@ -95,8 +95,8 @@ def loads(state: MechanismState, forces: Wrenches, of_load: OfLoad | None = None
         bodies, X_JQ, F = _bodies_of(state, group), _placed(state, group), _given(state, group)
         F = _about_joint(_of_bodies(state, bodies, placed), X_JQ, F) if group.in_world else _acted(X_JQ, F)
         on_bodies.append((bodies, (F.tau, F.f, of_load(F.tau, F.f, X_JQ.p, group.in_world))))
-    summed = sums_on_bodies(on_bodies)
-    return [of_bundle(state, bundle, summed, nothing) for bundle in state.bundles]
+    summed = _sums(on_bodies)
+    return [_of_bundle(state, bundle, summed, nothing) for bundle in state.bundles]
 
 
 def _bodies_of(state: MechanismState, group: WrenchesOnFrames) -> list[int]:
@@ -143,7 +143,7 @@ def _about_joint(X_WJ: Pose, X_JQ: Pose, F: Wrench) -> Wrench:
 _acted = noinline(algebra.acted_wrench)
 
 
-def sums_on_bodies(on_bodies: list[tuple[list[int], T]]) -> dict[int, T]:
+def _sums(on_bodies: list[tuple[list[int], T]]) -> dict[int, T]:
     """The sum on each body of trees of numbers (n, B), a row for each of n bodies, which may come several times."""
     by_body: dict[int, list[T]] = {}
     for bodies, tree in on_bodies:
@@ -161,7 +161,7 @@ def _added(a: T, b: T) -> T:
     return jax.tree.map(operator.add, a, b, is_leaf=is_number)
 
 
-def of_bundle(state: MechanismState, bundle: Bundle, on_bodies: dict[int, Load], nothing: Load) -> Load:
+def _of_bundle(state: MechanismState, bundle: Bundle, on_bodies: dict[int, Load], nothing: Load) -> Load:
     bodies = bundle.bodies.ravel().tolist()
     if not any(i in on_bodies for i in bodies):
         return nothing
