@@ -35,9 +35,9 @@ def tree():
            (([0.3, 0, 0], [0.2, 0, 0]), ([0, 0.5, 0], [0.3, 0, 0.1]), ([0.0, 0, -1], [0, 0.3, 0]))]  # fmt: skip
     joints = [
         js.Joint("root", "free", "world", "a"),
-        js.Joint("j", "revolute", "a", "b", out[0], (0, 1, 0), **joint),
-        js.Joint("k", "prismatic", "b", "c", out[1], (0, 0, 1), **joint | {"friction_loss": 0.0}),
-        js.Joint("l", "revolute", "a", "d", out[2], (1, 0, 0), **joint | {"lower": -np.inf}),
+        js.Joint("j", "revolute", "a", "b", out[0], axis=(0, 1, 0), **joint),
+        js.Joint("k", "prismatic", "b", "c", out[1], axis=(0, 0, 1), **joint | {"friction_loss": 0.0}),
+        js.Joint("l", "revolute", "a", "d", out[2], axis=(1, 0, 0), **joint | {"lower": -np.inf}),
     ]
     mech = js.Mechanism.build([js.Body(name, ball) for name in "abcd"], joints, dtype=np.float64)
     numbers = np.array([1e4, 1e5, 2e3, 1e4]), np.array([0.0, 0.01, 0.1, 0.02]), np.array([0.0, 0.3, 1.0, 0.6])
@@ -70,16 +70,15 @@ def test_it_is_the_optimum(name, dt):
     scene, (q, v, tau), n_rows = SCENES[name](), many(name, 40), []
     found = step(name, dt)(q, v, tau)
     assert found.residual.shape == found.iterations.shape == (40,)
-    for i in range(40):
-        expected, forces, result = oracle.step_of(scene.mechanism, q[i], v[i], tau[i], dt, scene.contacts)
-        after = oracle.in_old_axes(scene.mechanism, q[i], found.q[i], found.v[i])
-        size = max(abs(expected).max(), abs(v[i]).max(), G * dt)
-        np.testing.assert_allclose(after, expected, rtol=0, atol=ALLOWED * size, err_msg=f"{i}")
-        f = found.contact_forces
+    for i, expected in enumerate(oracle.steps_of(scene.mechanism, q, v, tau, dt, scene.contacts)):
+        after = oracle.in_world(scene.mechanism, found.q[i]) @ found.v[i]
+        size, f = max(abs(expected.v).max(), abs(v[i]).max(), G * dt), found.contact_forces
+        np.testing.assert_allclose(after, expected.v, rtol=0, atol=ALLOWED * size, err_msg=f"{i}")
         # A stiff contact turns an error of a velocity into one of an impulse: momenta are what is compared.
-        np.testing.assert_allclose(f.f[i], forces, rtol=0, atol=1e-6 * max(abs(forces).max(), 1), err_msg=f"{i}")
+        largest = max(abs(expected.forces).max(), 1)
+        np.testing.assert_allclose(f.f[i], expected.forces, rtol=0, atol=1e-6 * largest, err_msg=f"{i}")
         np.testing.assert_array_equal(f.tau[i], 0)
-        n_rows.append(len(result.impulses))
+        n_rows.append(len(expected.result.impulses))
     assert np.mean(np.array(n_rows) > 0) > 0.5 and found.iterations.max() < 30
     assert found.residual.max() < 1e-6
 
@@ -242,7 +241,8 @@ def test_impulses_move_momentum_and_oppose_slip():
     points, f = centers * [1, 1, 0], np.asarray(found.contact_forces.f)
     momenta = []
     for x in (found, free):
-        after = np.array([oracle.in_old_axes(mech, *y) for y in zip(q, x.q, x.v, strict=True)])
+        old, new = ([oracle.in_world(mech, y) for y in z] for z in (q, x.q))
+        after = np.array([a.T @ b @ v for a, b, v in zip(old, new, x.v, strict=True)])
         momenta.append(np.asarray(js.centroidal_momentum(mech, q, after).to_array()))
     change = momenta[0] - momenta[1]
     arms = points - np.asarray(js.center_of_mass(mech, q))[:, None]
@@ -352,8 +352,8 @@ def test_hostile_numbers(n):
     out = js.RigidTransform(js.Rotation.identity(), np.array([0.3, 0.1, 0.2]))
     joints = [
         js.Joint("root", "free", "world", "a"),
-        js.Joint("j", "revolute", "a", "b", out, (0, 1, 0)),
-        js.Joint("k", "revolute", "b", "c", out, (1, 0, 0)),
+        js.Joint("j", "revolute", "a", "b", out, axis=(0, 1, 0)),
+        js.Joint("k", "revolute", "b", "c", out, axis=(1, 0, 0)),
     ]
     bodies = [js.Body("a", light), js.Body("b", heavy), js.Body("c", light)]
     mech = js.Mechanism.build(bodies, joints, dtype=np.float64)
@@ -369,14 +369,13 @@ def test_hostile_numbers(n):
         return js.convex_step(mech, q, v, tau, dt, contacts=spheres(frames, positions, 0.05, k, tau_d, mu))
 
     found, wrong = run(q, v, tau, dt, k, tau_d, mu), []
-    for i in range(n):
-        contacts = spheres(frames, positions, 0.05, k[i], tau_d[i], mu[i])
-        problem, *_ = oracle.problem_of(mech, q[i], v[i], tau[i], dt[i], contacts)
+    contacts = spheres(frames, positions, 0.05, k, tau_d, mu)
+    for i, (problem, *_) in enumerate(oracle.problems_of(mech, q, v, tau, dt, contacts)):
         if not problem.terms:
             continue
-        after = oracle.in_old_axes(mech, q[i], found.q[i], found.v[i])
+        after = oracle.in_world(mech, found.q[i]) @ found.v[i]
         size, of = problem.momenta(after)
-        best = problem.optimum(np.asarray(after))
+        best = problem.optimum(after)
         assert np.isfinite(after).all()
         # In the metric of the problem: sqrt of the cost above the optimum, beside the momenta.
         beyond = max(problem.at(after)[0] - problem.at(best.v)[0], 0)
@@ -426,18 +425,21 @@ def test_derivatives_are_those_of_the_optimum(name):
 
 def _difference(scene, at, x, along, h=1e-7):
     """(the derivative of rates after a step of the oracle, how many terms have an impulse)."""
-    (q, dt), found = at, []
-    for s in (0.0, h, -h):
-        v, tau, contacts = jax.tree.map(lambda y, d, s=s: np.asarray(y + s * d), x, along)
-        found.append(oracle.step_of(scene.mechanism, q, v, tau, dt, contacts))
-    (after, _, result), ahead, behind = found
-    difference = (ahead[0] - behind[0]) / (2 * h)
+    (q, dt), three = at, np.array([0.0, h, -h])
+    v, tau, contacts = jax.tree.map(lambda y, d: np.stack([y + s * d for s in three]), x, along)
+    steps = oracle.steps_of(scene.mechanism, np.stack([q] * 3), v, tau, dt, contacts)
+    after, ahead, behind = (step.v for step in steps)
+    difference = (ahead - behind) / (2 * h)
     if scene.is_floating:
-        # Linear rates are along axes that have turned by dt w: their derivative has that of the axes in it.
-        turned, rates = (lambda w: js.Rotation.exp(-dt * w).to_matrix()), difference[:3]
-        E, dE = jax.jvp(turned, (after[:3],), (rates,))
-        difference[3:6] = E @ difference[3:6] + dE @ after[3:6]
-    return difference, sum(bool(impulse.any()) for impulse in result.impulses)
+        # Those of the base are along its axes, which have turned by dt w: these have a derivative too.
+        R, (w, linear) = oracle.in_world(scene.mechanism, q)[:3, :3], after[:6].reshape(2, 3)
+
+        def in_body(w, linear):
+            R_after = js.Rotation.exp(dt * w).to_matrix() @ R
+            return jnp.concatenate([R_after.T @ w, R_after.T @ linear])
+
+        difference[:6] = jax.jvp(in_body, (w, linear), (difference[:3], difference[3:6]))[1]
+    return difference, sum(bool(impulse.any()) for impulse in steps[0].result.impulses)
 
 
 def test_gradients_of_hostile_states_are_finite():

@@ -11,14 +11,13 @@ of the same kind.
 Irrotational contact fields]
 """
 
-import functools
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 import jaxspatial as js
+from tests.helpers.interpreted import interpreted
 
 NEAR_RIGID, STICKING, NEAR_RIGID_LIMIT = 1 / (4 * np.pi**2), 1e-3, 0.01 / (4 * np.pi**2)
 LIMIT_STIFFNESS, WINDOW, SOFT = 1e12, 2.0, 1e-7
@@ -219,64 +218,77 @@ class Problem:
 
 
 class Numbers(NamedTuple):
-    """What the problem of one state is made of, by our own functions: of n spheres and J of their frames."""
+    """What problems are made of, by our own functions: of n spheres and J of their frames, whose origins are p."""
 
     M: np.ndarray
     bias: np.ndarray
     springs: np.ndarray
-    R: np.ndarray
     p: np.ndarray
     J: np.ndarray
+    centers: np.ndarray
     distances: np.ndarray
     normals: np.ndarray
 
 
-@functools.cache
-def _program(frames, ground):
-    def numbers(mech, q, v, positions, radius):
-        X = js.forward_kinematics(mech, q, frames)
-        centers = X @ positions
-        distances, normals = jax.vmap(jax.value_and_grad(ground))(centers)
-        without = mech.replace(damping=0 * mech.damping, friction_loss=0 * mech.friction_loss)
-        springs = js.passive_forces(without, q, v)
-        M, bias, J = js.mass_matrix(mech, q), js.bias_forces(mech, q, v), js.jacobian(mech, q, frames)
-        return Numbers(M, bias, springs, X.rotation.to_matrix(), centers, J, distances - radius, normals)
+class Own(NamedTuple):
+    """A problem of ours: v in its coordinates, the numbers of the spheres inside, the axes (n, 3, 3) at all spheres."""
 
-    return jax.jit(numbers)
+    problem: Problem
+    v: np.ndarray
+    inside: list[int]
+    axes: np.ndarray
 
 
 def on_plane(p):
     return p[2]
 
 
-def problem_of(mech, q, v, tau, dt, contacts, ground=on_plane):
-    """(Problem, v in axes that do not turn, the numbers of the spheres inside, all contact points, their axes).
+def _numbers(mech, frames, ground):
+    without = mech.replace(damping=np.zeros(mech.nv), friction_loss=np.zeros(mech.nv))
 
-    Of one state, in the axes of our rates at q. Of joints whose axes turn it knows the free one."""
+    def numbers(q, v, positions):
+        X = js.forward_kinematics(mech, q, frames)
+        centers = jax.vmap(lambda X, p: X @ p)(X, positions)
+        distances, normals = jax.vmap(jax.vmap(jax.value_and_grad(ground)))(centers)
+        dynamics = js.mass_matrix(mech, q), js.bias_forces(mech, q, v), js.passive_forces(without, q, v)
+        return Numbers(*dynamics, X.translation, js.jacobian(mech, q, frames), centers, distances, normals)
+
+    return interpreted(numbers)
+
+
+def problems_of(mech, q, v, tau, dt, contacts, ground=on_plane):
+    """An Own for each of m states q (m, nq), v, tau (m, nv), dt (m,); numbers of contacts may be batches (m, n).
+
+    Rates of free joints are along the axes of the world, as Drake's; of joints whose axes turn it knows no other.
+    """
+    m, n = len(q), len(contacts.frames)
+    q, v, tau = (np.asarray(x, float) for x in (q, v, tau))
+    positions = np.zeros((n, 3)) if contacts.positions is None else np.asarray(contacts.positions)
+    numbers = contacts.radius, contacts.stiffness, contacts.relaxation_time, contacts.friction
+    of_spheres = np.stack([np.broadcast_to(np.asarray(x), (m, n)) for x in numbers], -1)
     with jax.enable_x64(True):
-        given = jax.tree.map(jnp.asarray, (mech, q, v))
-        n = len(contacts.frames)
-        positions = jnp.zeros((n, 3)) if contacts.positions is None else jnp.asarray(contacts.positions)
-        radius = jnp.broadcast_to(contacts.radius, (n,))
-        found = Numbers(*map(np.asarray, _program(contacts.frames, ground)(*given, positions, radius)))
-        origins = np.asarray(js.forward_kinematics(*given[:2], contacts.frames).translation) if n else None
-    q, v, tau, damping, loss = (np.asarray(x, float) for x in (q, v, tau, mech.damping, mech.friction_loss))
-    still = v.copy()
+        found = _numbers(mech, contacts.frames, ground)(q, v, np.broadcast_to(positions, (m, n, 3)))
+    each = zip(map(Numbers._make, zip(*found, strict=True)), q, v, tau, np.broadcast_to(dt, m), of_spheres, strict=True)
+    return [_problem_of(mech, *x) for x in each]
+
+
+def _problem_of(mech, found, q, v, tau, dt, of_spheres):
+    damping, loss, still = np.asarray(mech.damping), np.asarray(mech.friction_loss), v.copy()
     for rows in _of_free_joints(mech):
         w, linear = v[rows].reshape(2, 3)
         still[rows[3:]] += dt * np.cross(w, linear)
     A = found.M + dt * np.diag(damping)
     free = still + dt * np.linalg.solve(A, tau + found.springs - found.bias - damping * still)
-    numbers = [np.broadcast_to(getattr(contacts, x), (n,)) for x in ("stiffness", "relaxation_time", "friction")]
-    spheres, points, axes = [], [], []
-    for i, own in enumerate(zip(*numbers, strict=True)):
+    T = in_world(mech, q)
+    # T is orthogonal.
+    A, free, still = T @ A @ T.T, T @ free, T @ still
+    spheres, axes = [], []
+    for i, (radius, *own) in enumerate(of_spheres):
         normal = found.normals[i] / np.linalg.norm(found.normals[i])
-        distance = found.distances[i] + radius[i]
-        point = found.p[i] - distance * normal
-        at_point = found.J[i][3:] - np.cross((point - origins[i])[:, None], found.J[i][:3], axis=0)
-        points.append(point)
+        arm = found.centers[i] - found.distances[i] * normal - found.p[i]
+        at_point = found.J[i][3:] - np.cross(arm[:, None], found.J[i][:3], axis=0)
         axes.append(_axes(normal))
-        spheres.append(Contact(axes[-1] @ at_point, found.distances[i], *own))
+        spheres.append(Contact(axes[-1] @ at_point @ T.T, found.distances[i] - radius, *own))
     limits, dry = [], [DryFriction(np.eye(len(v))[[i]], loss[i]) for i in np.flatnonzero(loss)]
     for name in mech.joint_names:
         own_q, own_v = mech.joint_position_indices(name), mech.joint_velocity_indices(name)
@@ -285,8 +297,27 @@ def problem_of(mech, q, v, tau, dt, contacts, ground=on_plane):
             limits += [Limit(row, x - mech.lower[own_q[0]]), Limit(-row, mech.upper[own_q[0]] - x)]
     limits = [x for x in limits if np.isfinite(x.gap)]
     inside = [i for i, c in enumerate(spheres) if c.distance <= 0]
-    terms = terms_of(A, free, still, dt, spheres, limits, dry)
-    return Problem(A, free, terms), still, inside, np.array(points), np.array(axes)
+    problem = Problem(A, free, terms_of(A, free, still, dt, spheres, limits, dry))
+    return Own(problem, still, inside, np.array(axes))
+
+
+class Step(NamedTuple):
+    """v with rates of free joints in world axes, forces (n, 3) on the spheres in world axes, and the Result."""
+
+    v: np.ndarray
+    forces: np.ndarray
+    result: Result
+
+
+def steps_of(mech, q, v, tau, dt, contacts, ground=on_plane):
+    """The Step of each state, to rounding; see `problems_of`."""
+    found = []
+    for own, h in zip(problems_of(mech, q, v, tau, dt, contacts, ground), np.broadcast_to(dt, len(q)), strict=True):
+        result, forces = own.problem.optimum(own.v), np.zeros((len(contacts.frames), 3))
+        for i, impulse in zip(own.inside, result.impulses, strict=False):
+            forces[i] = own.axes[i].T @ impulse / h
+        found.append(Step(result.v, forces, result))
+    return found
 
 
 def _of_free_joints(mech):
@@ -301,25 +332,15 @@ def _axes(normal):
     return np.array([first, np.cross(normal, first), normal])
 
 
-def step_of(mech, q, v, tau, dt, contacts, ground=on_plane):
-    """(v+ in the axes of the rates at q, forces (n, 3) on the spheres in world axes, the Problem's Result)."""
-    problem, still, inside, _, axes = problem_of(mech, q, v, tau, dt, contacts, ground)
-    found = problem.optimum(still)
-    forces = np.zeros((len(contacts.frames), 3))
-    for i, impulse in zip(inside, found.impulses, strict=False):
-        forces[i] = axes[i].T @ impulse / dt
-    return found.v, forces, found
-
-
-def in_old_axes(mech, q, after_q, after_v):
-    """Rates after a step, with linear ones of free joints along the axes at q."""
-    found = np.array(after_v, float)
+def in_world(mech, q):
+    """T, with T v the rates of which those of free joints are along the axes of the world."""
+    T = np.eye(mech.nv)
     for name in mech.joint_names:
         rows, places = np.asarray(mech.joint_velocity_indices(name)), mech.joint_position_indices(name)
         if len(rows) == 6:
-            R, R_after = (_rotation(np.asarray(x, float)[places[:4]]) for x in (q, after_q))
-            found[rows[3:]] = R.T @ R_after @ found[rows[3:]]
-    return found
+            # Placed in the world without a turn of their own.
+            T[np.ix_(rows, rows)] = np.kron(np.eye(2), _rotation(np.asarray(q, float)[places[:4]]))
+    return T
 
 
 def _rotation(wxyz):
