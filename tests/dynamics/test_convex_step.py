@@ -118,7 +118,7 @@ def spheres(frames, positions, radius, stiffness, relaxation_time, friction):
 @functools.cache
 def slider():
     """A mass that moves along three axes, and does not turn."""
-    mass = js.SpatialInertia.point_mass(np.zeros(3), np.float64(MASS))
+    mass = js.SpatialInertia.point_mass(np.zeros(3), mass=np.float64(MASS))
     bodies = [js.Body("a"), js.Body("b"), js.Body("c", mass)]
     axes = zip("xyz", ("world", "a", "b"), "abc", np.eye(3), strict=True)
     joints = [js.Joint(n, "prismatic", parent, child, axis=axis) for n, parent, child, axis in axes]
