@@ -50,6 +50,7 @@ class ContactProgram(Algorithm):
     """A program in small blocks: each iterates until its slowest state has converged."""
 
     block = 80
+    always_as_kernels = True
 
 
 class Scene(NamedTuple):

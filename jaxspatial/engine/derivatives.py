@@ -51,6 +51,8 @@ class Differentiable(Program):
 class Derived(Differentiable):
     """The derivative of another program with respect to the arguments marked in `moving`."""
 
+    always_as_kernels = True
+
     def __init__(self, program: Differentiable, moving: Moving):
         self.program, self.moving = program, moving
 

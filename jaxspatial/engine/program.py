@@ -9,7 +9,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Hashable, Sequence
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -40,6 +40,8 @@ class Program:
 
     # The number of states in a block, on CPUs.
     block = LARGEST_BLOCK
+    # Whether its operations run often in one call, or would be slow to compile without kernels.
+    always_as_kernels = False
     # Whether it computes in 64 bits, whatever the dtype of the caller. Its derivatives are then traced in 64 bits too,
     # and so are programs that take 64-bit numbers from it.
     is_wide = False
@@ -130,10 +132,25 @@ class Traced:
 def bind(program: Program, arrays: Sequence[Any], n_batch: int) -> list[Any]:
     """The results (*batch, ...) of arrays that have n_batch axes in front, of size 1 where they do not vary."""
     arrays = [c if not is_zero(c) else zeros(c.aval) for c in arrays]
-    return list(_program_p.bind(*arrays, program=program, n_batch=n_batch))
+    in_loop = any(map(_is_in_loop, arrays))
+    return list(_program_p.bind(*arrays, program=program, n_batch=n_batch, in_loop=in_loop))
 
 
-def _abstract(*avals, program: Program, n_batch: int) -> list[Any]:
+def _is_in_loop(x: Any) -> bool:
+    """Whether an array is traced for the body of a loop of JAX, as far as its trace tells.
+
+    Speed alone depends on the answer, see `_in_blocks`; a version of JAX that does not tell is taken to say no.
+    """
+    trace = getattr(x, "_trace", None)
+    while trace is not None:
+        information = getattr(getattr(trace, "frame", None), "debug_info", None)
+        if str(getattr(information, "traced_for", "")).startswith(("scan", "while", "fori")):
+            return True
+        trace = getattr(trace, "parent_trace", None)
+    return False
+
+
+def _abstract(*avals, program: Program, n_batch: int, in_loop: bool) -> list[Any]:
     batch = np.broadcast_shapes(*(a.shape[:n_batch] for a in avals))
     items = [jax.ShapeDtypeStruct(a.shape[n_batch:], a.dtype) for a in avals]
     size = block_size(math.prod(batch), program.block)
@@ -156,15 +173,15 @@ def _abstract(*avals, program: Program, n_batch: int) -> list[Any]:
     return results
 
 
-def _jvp(primals: Sequence[Any], tangents: Sequence[Any], *, program: Program, n_batch: int):
+def _jvp(primals: Sequence[Any], tangents: Sequence[Any], *, program: Program, n_batch: int, in_loop: bool):
     return program.jvp(list(primals), list(tangents), n_batch)
 
 
-def _transpose(cotangents: Sequence[Any], *arguments, program: Program, n_batch: int):
+def _transpose(cotangents: Sequence[Any], *arguments, program: Program, n_batch: int, in_loop: bool):
     return program.transposed(list(cotangents), list(arguments), n_batch)
 
 
-def _batch(arrays: Sequence[Any], axes: Sequence[int | None], *, program: Program, n_batch: int):
+def _batch(arrays: Sequence[Any], axes: Sequence[int | None], *, program: Program, n_batch: int, in_loop: bool):
     """Batches along a new axis in front of the others."""
     size = next(x.shape[axis] for x, axis in zip(arrays, axes, strict=True) if axis is not None)
     results = program.batched(arrays, axes, size, n_batch)
@@ -193,25 +210,32 @@ def zeros(aval: Aval) -> jax.Array:
 # -- running a program ------------------------------------------------------------------------------------------------
 
 
-def run(program: Program, n_batch: int, in_blocks: bool, *arrays: jax.Array) -> list[jax.Array]:
-    """Runs a program on arrays with n_batch axes in front: flattened to one axis of states, and in blocks if asked."""
+class Way(NamedTuple):
+    """How a program runs. in_blocks: in blocks, with kernels, as is best on CPUs. in_loop: as part of a loop."""
+
+    in_blocks: bool
+    in_loop: bool = False
+
+
+def run(program: Program, n_batch: int, way: Way, *arrays: jax.Array) -> list[jax.Array]:
+    """Runs a program on arrays with n_batch axes in front, flattened to one axis of states."""
     batch = np.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
-    columns = program.columns(arrays, n_batch) if in_blocks else []
+    columns = program.columns(arrays, n_batch) if way.in_blocks else []
     if columns:
-        return [_over_columns(program.over_columns(), columns, n_batch, arrays)]
+        return [_over_columns(program.over_columns(), columns, n_batch, way, arrays)]
     flat = [with_one_axis(x, n_batch, batch) for x in arrays]
-    results = _in_blocks(program, in_blocks, math.prod(batch), flat)
+    results = _in_blocks(program, way, math.prod(batch), flat)
     return [with_batch(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(results)]
 
 
-def _over_columns(program: Program, axes: list[int], n_batch: int, arrays: Sequence[jax.Array]) -> jax.Array:
+def _over_columns(program: Program, axes: list[int], n_batch: int, way: Way, arrays: Sequence[jax.Array]) -> jax.Array:
     """Runs a program with these axes of the batch, its columns, as one axis behind the states."""
     *others, last = arrays
     states = [k for k in range(n_batch) if k not in axes]
     shape, sizes = last.shape[:n_batch], [last.shape[k] for k in axes]
     last = jnp.transpose(last, (*states, *axes, n_batch))
     last = last.reshape((*(shape[k] for k in states), math.prod(sizes), -1))
-    (y,) = run(program, len(states), True, *(x.reshape(np.delete(x.shape, axes)) for x in others), last)
+    (y,) = run(program, len(states), way, *(x.reshape(np.delete(x.shape, axes)) for x in others), last)
     y = y.reshape((*y.shape[: len(states)], *sizes, -1))
     return jnp.transpose(y, (*np.argsort([*states, *axes]), n_batch))
 
@@ -249,13 +273,15 @@ def block_size(n: int, block: int) -> int:
     return min((lines + 1 - lines % 2) * LINE, n)
 
 
-def _in_blocks(program: Program, in_blocks: bool, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
-    size = block_size(n, program.block) if in_blocks else n
+def _in_blocks(program: Program, way: Way, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
+    size = block_size(n, program.block) if way.in_blocks else n
     varies = [x.shape[0] > 1 for x in arrays]
     avals = [_aval(x, size if yes else None) for x, yes in zip(arrays, varies, strict=True)]
     one = program.traced(avals)
     if size == n:
-        return one(in_blocks, *arrays)
+        # With kernels a call of the program takes longer, by a buffer for each of their operations, and each turn of
+        # a loop is several times as fast. The bits are the same.
+        return one(way.in_blocks and (way.in_loop or program.always_as_kernels), *arrays)
     # The first block holds what is left over, and states of the second, which computes them again.
     n_blocks = -(-n // size)
     first = n - (n_blocks - 1) * size
@@ -289,21 +315,22 @@ def _aval(x: jax.Array, size: int | None = None) -> Aval:
 
 
 def _lowering(in_blocks: bool) -> Callable[..., Any]:
-    def rule(context, *arrays, program: Program, n_batch: int):
-        lower = lower_fun(functools.partial(run, program, n_batch, in_blocks), multiple_results=True)
+    def rule(context, *arrays, program: Program, n_batch: int, in_loop: bool):
+        way = Way(in_blocks, in_loop)
+        lower = lower_fun(functools.partial(run, program, n_batch, way), multiple_results=True)
         return unsharded(lower, context, *arrays)
 
     return rule
 
 
 @functools.lru_cache(maxsize=64)
-def _compiled(program: Program, n_batch: int) -> Callable[..., list[jax.Array]]:
-    return compiled(_program_p, program=program, n_batch=n_batch)
+def _compiled(program: Program, n_batch: int, in_loop: bool) -> Callable[..., list[jax.Array]]:
+    return compiled(_program_p, program=program, n_batch=n_batch, in_loop=in_loop)
 
 
-def _run_alone(*arrays: jax.Array, program: Program, n_batch: int) -> list[jax.Array]:
+def _run_alone(*arrays: jax.Array, program: Program, n_batch: int, in_loop: bool) -> list[jax.Array]:
     """The results outside of any transformation."""
-    return _compiled(program, n_batch)(*arrays)
+    return _compiled(program, n_batch, in_loop)(*arrays)
 
 
 _program_p: Any = Primitive("jaxspatial_program")

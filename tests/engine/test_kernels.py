@@ -156,8 +156,41 @@ def arm(n=6):
 def test_recursions_are_a_kernel_for_each_step(is_written_out):
     """In place of some 40 kernels for each row of inverse dynamics, of which each computes again what they share."""
     mech = arm().written_out(is_written_out)
-    x = np.ones((4, 6), np.float32)
-    text = jax.jit(lambda *a: js.inverse_dynamics(mech, *a)).lower(x, x, x).compile().as_text()
+    x = np.ones((2, 4, 6), np.float32)
+    text = jax.jit(lambda *a: lax.map(lambda b: js.inverse_dynamics(mech, *b), a)).lower(x, x, x).compile().as_text()
     # Angles are pieces of several arrays: their cosines and sines are a call of their own.
     assert len(set(re.findall(r"(\S+) = \(.* call\(", text))) <= 1
-    assert (" while(" in text) != is_written_out
+    assert text.count(" while(") == (1 if is_written_out else 3)
+
+
+def test_kernels_are_for_loops_and_for_many_states():
+    """A call of a program pays for each operation in its kernels; in a loop they are paid for once."""
+    mech = arm()
+
+    def text_of(function, *shape):
+        x = np.ones(shape, np.float32)
+        return jax.jit(function).lower(x, x, x).as_text()
+
+    def torque(*state):
+        return js.inverse_dynamics(mech, *state)
+
+    def repeated(q, v, vdot):
+        # Another function: JAX keeps the trace of a jitted one, and in which place it was made first.
+        call = jax.jit(lambda v: torque(q, v, vdot))
+        return lax.scan(lambda v, _: (call(v), None), v, length=3)[0]
+
+    assert not reductions(text_of(torque, 6))
+    assert not reductions(text_of(torque, 64, 6))
+    assert reductions(text_of(torque, 1000, 6)) >= 3
+    assert reductions(text_of(repeated, 6)) >= 3
+    assert reductions(text_of(lambda *x: jax.vjp(torque, *x)[1](x[0]), 6)) >= 3
+
+
+def test_a_state_has_the_same_bits_alone_and_in_a_loop():
+    mech = arm()
+    states = np.random.default_rng(0).standard_normal((3, 5, 6)).astype(np.float32)
+    alone = [js.forward_dynamics(mech, *x) for x in states.swapaxes(0, 1)]
+    in_loop = jax.jit(lambda *x: lax.map(lambda state: js.forward_dynamics(mech, *state), x))(*states)
+    many = jax.jit(functools.partial(js.forward_dynamics, mech))(*np.tile(states, (1, 200, 1)))
+    same(list(in_loop), alone)
+    same(list(many[:5]), alone)

@@ -71,6 +71,13 @@ def joined(x: Array, mask: Array) -> Array:
     return _of_bits(lax.bitwise_or(bits, lax.broadcast(mask, bits.shape)), x.dtype)
 
 
+def minus_zero(zero: Array, dtype: DTypeLike) -> Array:
+    """-0 of which the compiler knows nothing, of a hidden zero (uint32)."""
+    integer = _integer(dtype)
+    sign = integer.type(1 << (finfo(dtype).bits - 1))
+    return _of_bits(lax.bitwise_or(lax.convert_element_type(zero, integer), sign), dtype)
+
+
 def opaque_or_nan(x: Array) -> Array:
     """`opaque`, with the program's own proof that a sum has an error: NaN where a compiler takes it for 0.
 
@@ -131,6 +138,14 @@ def no_reassociation(x: Array) -> Array:
     """
     info = finfo(x.dtype)
     return lax.reduce_precision(x, exponent_bits=info.nexp, mantissa_bits=info.nmant)
+
+
+def is_no_reassociation(eqn: Any) -> bool:
+    """Whether an operation of a trace is `no_reassociation`."""
+    if eqn.primitive.name != "reduce_precision":
+        return False
+    info = finfo(eqn.invars[0].aval.dtype)
+    return (eqn.params["exponent_bits"], eqn.params["mantissa_bits"]) == (info.nexp, info.nmant)
 
 
 def _identity(name: str, lower: Callable[[Array], Array]):
