@@ -96,6 +96,8 @@ def _placed(frame: Any, parent: tuple[Matrix, Vector]) -> tuple[Any, Any]:
 def _body(state: MechanismState, bundle: Bundle, placed: Any, link: Link, dt: Number) -> Body:
     R, p, r = placed
     S, inertia, resistance = _in_world(R, link, dt)
+    # The time is the same for all rows.
+    resistance = stacking.mapped(lambda w: jnp.broadcast_to(w, (bundle.length, *w.shape[1:])), resistance)
     turns = has_floating_roots(bundle) and all(is_constant(x) and x.value == 0 for x in resistance)
     if turns:
         e = state.world.R

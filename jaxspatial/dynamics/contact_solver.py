@@ -275,7 +275,7 @@ def solve(
     def iterate(carry: Any) -> Any:
         data, is_done, count, k = carry
         at: Iterate = with_data(start, data)
-        new, is_small = _iterated(state, scene, at, v_free, free, energy, scale * tolerance)
+        new, is_small = _iterated(state, scene, at, v_free, free, energy, scale * tolerance, is_done)
         kept = [jnp.where(is_done if x.ndim == 2 else is_done[0], x, y) for x, y in zip(data, data_of(new), strict=True)]
         return kept, is_done | is_small, count + ~is_done, k + 1
 
@@ -406,8 +406,26 @@ def _energy(M: Any, V: Motion, armature: Numbers, x: Numbers) -> Number:
     return total
 
 
+class Along(NamedTuple):
+    """A direction: its velocities at points and joints, the derivative of the cost along it without its impulses, the
+    part of its curvature that is d . A d, the decrement d . H d, and the size of what rounding errors are made of."""
+
+    v: Vectors
+    slope: Number
+    curvature: Number
+    decrement: Number
+    noise: Number
+
+
 def _iterated(
-    state: MechanismState, scene: Scene, at: Iterate, v_free: Vectors, free: Number, energy: Number, smallest: Number
+    state: MechanismState,
+    scene: Scene,
+    at: Iterate,
+    v_free: Vectors,
+    free: Number,
+    energy: Number,
+    smallest: Number,
+    is_done: jax.Array,
 ) -> tuple[Iterate, jax.Array]:
     """(the next Iterate, whether the gradient of this one was small)."""
     impulse, G = laws(scene, at.v)
@@ -423,8 +441,9 @@ def _iterated(
     decrement = at.lacking * along_free + inner(over, v_d)
     curvature = decrement - inner(v_d, G_d)
     slope = inner(at.phi, v_d) - at.lacking * along_free
-    size = inner(combined(abs, impulse), combined(abs, v_d))
-    length = _searched(state, scene, at.v, v_d, slope, curvature, decrement, size)
+    noise = inner(combined(abs, impulse), combined(abs, v_d)) + abs(slope) + abs(curvature)
+    is_small = ~(high(decrement) > high(smallest))
+    length = _searched(state, scene, at.v, Along(v_d, slope, curvature, decrement, noise), is_small | is_done)
     rest = 1 - length
     new = Iterate(
         at.y + length * d,
@@ -433,41 +452,33 @@ def _iterated(
         rest * at.lacking,
         decrement,
     )
-    return new, ~(high(decrement) > high(smallest))
+    return new, is_small
 
 
-def _searched(
-    state: MechanismState,
-    scene: Scene,
-    v: Vectors,
-    v_d: Vectors,
-    slope: Number,
-    curvature: Number,
-    decrement: Number,
-    size: Number,
-) -> Number:
-    """The length (1, B) of a step at which the derivative of the cost along it is small, by safeguarded Newton."""
-    noise = 8 * check.eps(state.dtype)
-    goal = SLOPE * abs(decrement) + noise * size
+def _searched(state: MechanismState, scene: Scene, v: Vectors, along: Along, is_good: jax.Array) -> Number:
+    """The length (1, B) of a step at which the derivative of the cost along it is small, by safeguarded Newton.
+
+    is_good: states for which a whole step is taken.
+    """
+    shape = 1, state.n
+    goal = SLOPE * abs(along.decrement) + 8 * check.eps(state.dtype) * along.noise
 
     def at(length: Number) -> tuple[Number, Number]:
-        impulse, G = laws(scene, combined(lambda a, b: a + length * b, v, v_d))
-        return slope + length * curvature - inner(impulse, v_d), curvature + inner(v_d, times_G(scene, G, v_d))
+        f, rate = _slopes(scene, v, along.v, length)
+        return along.slope + length * along.curvature - f, along.curvature + rate
 
-    shape = 1, state.n
     low, one, up = (as_data(state.known(x), shape) for x in (0.0, 1.0, LONGEST))
-    start = tuple(as_data(x, shape) for x in (low, up, one, *at(one)))
+    f, rate = at(one)
+    start = low, up, one, where(is_good, 0.0, f), rate
 
     def trial(carry: Any) -> Any:
         data, k = carry
         low, up, length, f, rate = with_data(start, data)
-        is_good = ~(high(abs(f)) > high(goal))
-        is_low = high(f) < 0
-        low, up = where(is_low, length, low), where(is_low, up, length)
-        step = length - f / where(high(rate) > 0, rate, 1.0)
-        inside = (high(step) > high(low)) & (high(step) < high(up))
-        new = where(is_good, length, where(inside, step, (low + up) * 0.5))
-        return data_of(tuple(as_data(x, shape) for x in (low, up, new, *at(new)))), k + 1
+        low, up, new = _next_length(low, up, length, f, rate, goal)
+        is_over = is_good | ~(high(abs(f)) > high(goal))
+        new = where(is_over, length, new)
+        f, rate = at(new)
+        return data_of((low, up, new, where(is_over, 0.0, f), rate)), k + 1
 
     def is_going(carry: Any) -> jax.Array:
         data, k = carry
@@ -476,3 +487,37 @@ def _searched(
 
     data, _ = lax.while_loop(is_going, trial, (data_of(start), np.int32(0)))
     return with_data(start, data)[2]
+
+
+@noinline
+def _next_length(low: Number, up: Number, length: Number, f: Number, rate: Number, goal: Number):
+    """(the ends of the interval that holds the length, the next length to try)."""
+    is_short = high(f) < 0
+    low, up = where(is_short, length, low), where(is_short, up, length)
+    step = length - f / where(high(rate) > 0, rate, 1.0)
+    is_inside = (high(step) > high(low)) & (high(step) < high(up))
+    return low, up, where(is_inside, step, (low + up) * 0.5)
+
+
+def _slopes(scene: Scene, v: Vectors, v_d: Vectors, length: Number) -> tuple[Number, Number]:
+    """(d . impulses, d . G d) at v + length d, summed over contacts and joints."""
+    parts = list[tuple[Number, Number]]()
+    if scene.contacts is not None:
+        parts.append(_slopes_at_contacts(scene.contacts, v.points, v_d.points, length))
+    if scene.joints is not None:
+        parts.append(_slopes_at_joints(scene.joints, v.joints, v_d.joints, length))
+    sums = [[stacking.mapped(lambda w: w[None], stacking.pairwise_sum(x)) for x in part] for part in parts]
+    f, rate = sums[0] if len(sums) == 1 else [a + b for a, b in zip(*sums, strict=True)]
+    return f, rate
+
+
+@noinline
+def _slopes_at_contacts(contacts: Contacts, v: Vector, d: Vector, length: Number) -> tuple[Number, Number]:
+    of_law = problem.law(contacts, v + length * d)
+    return dot(of_law.impulse, d), dot(problem.times_G(contacts, of_law, d), d)
+
+
+@noinline
+def _slopes_at_joints(joints: Joints, v: Number, d: Number, length: Number) -> tuple[Number, Number]:
+    impulse, G = problem.joint_law(joints, v + length * d)
+    return impulse * d, G * d * d
