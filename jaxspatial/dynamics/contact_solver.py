@@ -277,7 +277,7 @@ def solve(
         at: Iterate = with_data(start, data)
         new, is_small = _iterated(state, scene, at, v_free, free, energy, scale * tolerance, is_done)
         kept = [jnp.where(is_done if x.ndim == 2 else is_done[0], x, y) for x, y in zip(data, data_of(new), strict=True)]
-        return kept, is_done | is_small, count + ~is_done, k + 1
+        return kept, is_done | is_small, count + (~is_done).astype(np.int32), k + 1
 
     def is_going(carry: Any) -> jax.Array:
         return (carry[3] < MOST_ITERATIONS) & ~carry[1].all()
@@ -286,7 +286,8 @@ def solve(
     last: Iterate = with_data(start, data)
     y = problem.turned(state, scene.bodies, last.y, to_world=False)
     reference = high(scale)
-    residual = jnp.sqrt(high(last.residual) / jnp.where(reference > 0, reference, 1))
+    # Rounding may leave a square below zero.
+    residual = jnp.sqrt(jnp.maximum(high(last.residual), 0) / jnp.where(reference > 0, reference, 1))
     return high(y), residual, count
 
 

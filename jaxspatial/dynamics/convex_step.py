@@ -1,6 +1,5 @@
 """A step in time with contact, friction and limits: one convex problem, solved by articulated bodies."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -9,6 +8,7 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.dynamics import contact_solver
+from jaxspatial.dynamics.contact import Ground, normals_and_distances
 from jaxspatial.dynamics.contact_problem import Touching
 from jaxspatial.dynamics.kinematics import forward_kinematics
 from jaxspatial.dynamics.passive import is_nothing
@@ -22,13 +22,11 @@ from jaxspatial.dynamics.steps import (
     with_springs_and_limits,
 )
 from jaxspatial.engine.algorithm import ExternalForces, checked
-from jaxspatial.mechanism import HalfSpace, Mechanism, PointContacts
+from jaxspatial.mechanism import Mechanism, PointContacts
 from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.quantity import exported
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce
-
-Ground = Callable[[jax.Array], jax.Array]
 
 
 @exported
@@ -68,7 +66,7 @@ def convex_step(
     still = v if turning is None else euler(precision, v, h, turning)
 
     free, still, vdot, wide_h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (free, still, vdot, h))
-    touching = None if contacts is None else _touching(mechanism, q, contacts, ground or HalfSpace(), precision)
+    touching = None if contacts is None else _touching(mechanism, q, contacts, ground, precision)
     y, residual, iterations = _changed(
         _narrow(precision), mechanism, q, v, still, wide_h * vdot, tau, wide_h, touching, forces, contacts
     )
@@ -149,20 +147,14 @@ def _(primals: Any, tangents: Any) -> Any:
 
 
 def _touching(
-    mechanism: Mechanism, q: jax.Array, contacts: PointContacts, ground: Ground, precision: PrecisionName
+    mechanism: Mechanism, q: jax.Array, contacts: PointContacts, ground: Ground | None, precision: PrecisionName
 ) -> Touching:
     n = len(contacts.frames)
     contacts = jax.tree.map(lambda x: x.astype(q.dtype) if isinstance(x, np.ndarray) else x, contacts)
     X_WF = forward_kinematics(mechanism, q, contacts.frames, precision=precision)
     p_WS = X_WF.translation if contacts.positions is None else X_WF @ contacts.positions
 
-    def distance(p: jax.Array) -> jax.Array:
-        return ground(p)
-
-    at = jax.value_and_grad(distance)
-    for _ in p_WS.shape[:-1]:
-        at = jax.vmap(at)
-    s, normal = at(p_WS)
+    normal, s = normals_and_distances("convex_step", ground, p_WS, precision)
     radius = jnp.broadcast_to(contacts.radius, s.shape)
 
     def flat(x: jax.Array) -> jax.Array:
