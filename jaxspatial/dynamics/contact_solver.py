@@ -265,7 +265,11 @@ def solve(
     tolerance = TOLERANCES[state.dtype.itemsize] ** 2
 
     shape, zero = (1, state.n), state.known(0.0)
-    v = combined(lambda x: as_data(x, (*shape_of(x)[:1], state.n)), v)
+    # One row for each contact and joint, also where all have the same velocity.
+    v = Vectors(
+        None if v.points is None else Vector(*(as_data(x, (len(scene.carriers), state.n)) for x in v.points)),
+        None if v.joints is None else as_data(v.joints, (len(scene.rows), state.n)),
+    )
     at_rest = combined(lambda x: as_data(zero, shape_of(x)), v)
     y = as_data(zero, (state.topology.nv, state.n))
     start = Iterate(y, v, at_rest, as_data(state.known(1.0), shape), as_data(zero, shape))
