@@ -77,6 +77,8 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.dynamics.configuration import interpolate as interpolate
     from jaxspatial.dynamics.configuration import random_configuration as random_configuration
     from jaxspatial.dynamics.contact import contact_forces as contact_forces
+    from jaxspatial.dynamics.convex_step import ConvexStep as ConvexStep
+    from jaxspatial.dynamics.convex_step import convex_step as convex_step
     from jaxspatial.dynamics.energy import kinetic_energy as kinetic_energy
     from jaxspatial.dynamics.energy import potential_energy as potential_energy
     from jaxspatial.dynamics.external_forces import applied_wrenches as applied_wrenches

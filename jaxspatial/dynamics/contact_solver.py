@@ -252,7 +252,7 @@ def solve(
 ):
     """(y, residual, iterations): the change of the velocities from `still`, that without contact being `change`.
 
-    Where nothing touches there are no iterations, and y is 0.
+    Where nothing touches there are no iterations, and y is `change`.
     """
     scene = scene_of(state, still, change, time, touching, frames_in_contact)
     before, free = in_world(state, scene.bodies, still, change)
@@ -288,7 +288,8 @@ def solve(
 
     data, _, count, _ = lax.while_loop(is_going, iterate, (data_of(start), is_done, count, np.int32(0)))
     last: Iterate = with_data(start, data)
-    y = problem.turned(state, scene.bodies, last.y, to_world=False)
+    found = problem.turned(state, scene.bodies, last.y, to_world=False)
+    y = where(_is_touched(scene, state.n), found, state.numbers(change[:, None])[0])
     reference = high(scale)
     # Rounding may leave a square below zero.
     residual = jnp.sqrt(jnp.maximum(high(last.residual), 0) / jnp.where(reference > 0, reference, 1))
