@@ -109,7 +109,8 @@ def convex_step(
     batch = _batch(q, v, tau, h, forces, contacts)
     if contacts is None and not _acts_on_joints(mechanism):
         after = semi_implicit_step(mechanism, q, v, tau, dt, forces, precision=precision)
-        return ConvexStep(*after, None, jnp.zeros(batch, q.dtype), jnp.zeros(batch, np.int32))
+        # Known zeros leave no operation behind.
+        return ConvexStep(*after, None, np.zeros(batch, q.dtype), np.zeros(batch, np.int32))
     if mechanism.topology.has_mimics:
         raise NotImplementedError("convex_step: mechanism: contacts, limits and friction of mechanisms with mimics")
     tau = with_springs_and_limits(mechanism, q, v, tau, None, precision)
