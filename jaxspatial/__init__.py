@@ -56,9 +56,11 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.mechanism import AppliedForces as AppliedForces
     from jaxspatial.mechanism import Body as Body
     from jaxspatial.mechanism import Frame as Frame
+    from jaxspatial.mechanism import HalfSpace as HalfSpace
     from jaxspatial.mechanism import Joint as Joint
     from jaxspatial.mechanism import LoopClosure as LoopClosure
     from jaxspatial.mechanism import Mechanism as Mechanism
+    from jaxspatial.mechanism import PointContacts as PointContacts
     from jaxspatial.mechanism import StaticMechanism as StaticMechanism
     from jaxspatial.mechanism import add_frames as add_frames
     from jaxspatial.mechanism import lock_joints as lock_joints
@@ -79,6 +81,9 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.dynamics.configuration import integrate as integrate
     from jaxspatial.dynamics.configuration import interpolate as interpolate
     from jaxspatial.dynamics.configuration import random_configuration as random_configuration
+    from jaxspatial.dynamics.contact import contact_forces as contact_forces
+    from jaxspatial.dynamics.convex_step import ConvexStep as ConvexStep
+    from jaxspatial.dynamics.convex_step import convex_step as convex_step
     from jaxspatial.dynamics.energy import kinetic_energy as kinetic_energy
     from jaxspatial.dynamics.energy import potential_energy as potential_energy
     from jaxspatial.dynamics.external_forces import applied_wrenches as applied_wrenches

@@ -37,6 +37,7 @@ EXAMPLES = {
     "Components": lambda: js.Components(_ones(2), 0.0, 1.0),
     "DoubleWord": lambda: js.to_double_word(_ones(2, 3)),
     "ForwardDynamicsDerivatives": lambda: _derivatives(linearization.ForwardDynamicsDerivatives),
+    "HalfSpace": lambda: js.HalfSpace(_ones(2, 3), _ones(2)),
     "InverseDynamicsDerivatives": lambda: _derivatives(linearization.InverseDynamicsDerivatives),
     "ClosedConfiguration": lambda: closed_loops.ClosedConfiguration(_ones(2, 3), _ones(2)),
     "ConstrainedDynamics": lambda: closed_loops.ConstrainedDynamics(
@@ -46,6 +47,9 @@ EXAMPLES = {
     "MassMatrixFactor": lambda: composite_bodies.MassMatrixFactor(_ones(2, 2)),
     "Mechanism": lambda: js.testing.random_mechanism(0, n=2, dtype=np.float32),
     "MomentumObserver": lambda: js.MomentumObserver(*(_ones(2) * i for i in (1, 2, 3))),
+    "PointContacts": lambda: js.PointContacts(
+        ["left", "right"], _ones(2, 3), _ones(), stiffness=_ones(4, 2), relaxation_time=_ones(2), friction=_ones(2)
+    ),
     "RigidTransform": lambda: js.RigidTransform(js.Rotation(_ones(2, 9)), _ones(2, 3)),
     "Rotation": lambda: js.Rotation(_ones(2, 9)),
     "SpatialAcceleration": lambda: js.SpatialAcceleration(_ones(2, 3), _ones(2, 3)),

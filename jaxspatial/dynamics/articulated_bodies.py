@@ -167,7 +167,7 @@ def _eliminate(
         return FloatingElimination(_matrix(rest.P, link.armature), rest.P, u), rest
     eliminated: list[Elimination] = []
     for s, tau, armature in zip(link.joint.subspace, link.tau, link.armature, strict=True):
-        rest, elimination = _without_velocity(rest, s, tau, armature)
+        rest, elimination = without_velocity(rest, s, tau, armature)
         eliminated.append(elimination)
     return eliminated, _to_parent(link.X_PB, rest)
 
@@ -191,7 +191,7 @@ def _combined(M: Inertia, Z: Wrench, children: ArticulatedBody) -> ArticulatedBo
     return ArticulatedBody(articulated.of_body(M) + children.P, Z + children.Z)
 
 
-def _without_velocity(
+def without_velocity(
     body: ArticulatedBody, s: Motion, tau: Number, armature: Number
 ) -> tuple[ArticulatedBody, Elimination]:
     """The articulated body with one motion of the joint free, and the Elimination that gives the acceleration of it.

@@ -20,6 +20,9 @@ _ARGUMENTS = {
     "frames": "a name of `mechanism.frame_names`, or several, in the order of the results.",
     "loops": "LoopClosures, such as `mechanism.loops`; none at all leave the tree.",
     "compliance": "of friction and limits; None takes the default, see `Compliance`.",
+    "contacts": "PointContacts: spheres on frames, how stiff and how rough they are.",
+    "ground": """HalfSpace, or a function from a point (3,) in world axes to its signed distance (), m: above zero
+    outside, its gradient the direction out of the ground. None is the plane z = 0.""",
     "precision": "name of a precision; None takes the default.",
 }
 _SECTIONS = ("Args", "Returns", "Raises", "Error", "Source")
@@ -66,11 +69,12 @@ def _raises(parameters) -> str:
     reasons += ["frames no names"] if "frames" in parameters else []
     reasons += ["dtypes differ or are not floating point"]
     reasons += ["loops are no LoopClosures"] if "loops" in parameters else []
+    reasons += ["contacts are no PointContacts"] if "contacts" in parameters else []
     reasons += (
         ["forces are neither a dict of SpatialForces nor AppliedForces"] if "external_forces" in parameters else []
     )
     errors = [f"TypeError: {', '.join(reasons[:-1])}, or {reasons[-1]}.", "ValueError: shapes do not fit."]
-    if {"frames", "external_forces", "loops"} & {*parameters}:
+    if {"frames", "external_forces", "loops", "contacts"} & {*parameters}:
         errors.append("KeyError: there is no such frame.")
     indented = (textwrap.fill(error, 116, initial_indent="    ", subsequent_indent="        ") for error in errors)
     return "\n" + "\n".join(indented)

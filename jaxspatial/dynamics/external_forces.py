@@ -56,8 +56,8 @@ def _applied_wrenches(state: MechanismState, external_forces: Wrenches) -> list[
     on_bodies: list[tuple[list[int], Wrench]] = []
     for group in external_forces:
         bodies, F = _bodies_of(state, group), _given(state, group)
-        X_WJ, X_JQ = _of_bodies(state, bodies, placed), _placed(state, group)
-        X_JB = _of_bodies(state, bodies, list(map(state.child_placement, state.bundles)))
+        X_WJ, X_JQ = of_bodies(state, bodies, placed, state.world), _placed(state, group)
+        X_JB = of_bodies(state, bodies, list(map(state.child_placement, state.bundles)), state.world)
         if not group.in_world:
             F = _turned(X_WJ.R, X_JQ.R, F)
         on_bodies.append((bodies, _about_origin(X_WJ.R, X_JQ.p - X_JB.p, F)))
@@ -93,7 +93,7 @@ def loads(state: MechanismState, forces: Wrenches, of_load: OfLoad | None = None
     placed = poses(state) if any(group.in_world for group in forces) else []
     for group in forces:
         bodies, X_JQ, F = _bodies_of(state, group), _placed(state, group), _given(state, group)
-        F = _about_joint(_of_bodies(state, bodies, placed), X_JQ, F) if group.in_world else _acted(X_JQ, F)
+        F = _about_joint(of_bodies(state, bodies, placed, state.world), X_JQ, F) if group.in_world else _acted(X_JQ, F)
         on_bodies.append((bodies, (F.tau, F.f, of_load(F.tau, F.f, X_JQ.p, group.in_world))))
     summed = _sums(on_bodies)
     return [_of_bundle(state, bundle, summed, nothing) for bundle in state.bundles]
@@ -104,23 +104,23 @@ def _bodies_of(state: MechanismState, group: WrenchesOnFrames) -> list[int]:
     return [state.topology.frames[frame][1] for frame in group.frames]
 
 
-def _of_bodies(state: MechanismState, bodies: list[int], poses: list[Pose]) -> Pose:
-    """The poses of bodies, as numbers (n, B), from those of every bundle; that of the world for -1."""
-    of_bodies = [state.of_body(body, poses, state.world) for body in bodies]
-    return of_bodies[0] if len(of_bodies) == 1 else stacking.concatenated_trees(of_bodies, state.n)
+def of_bodies(state: MechanismState, bodies: list[int], results: list[T], at_world: T) -> T:
+    """The results for bodies, as numbers (n, B), from those for every bundle; at_world for -1."""
+    each = [state.of_body(body, results, at_world) for body in bodies]
+    return each[0] if len(each) == 1 else stacking.concatenated_trees(each, state.n)
 
 
 def _placed(state: MechanismState, group: WrenchesOnFrames) -> Pose:
     """X_JQ of the frames, moved to their points."""
     X_JF = state.frame_placements(group.frames)
-    return X_JF if group.points is None else _moved(X_JF, _parts(state, group.points))
+    return X_JF if group.points is None else _moved(X_JF, parts(state, group.points))
 
 
 def _given(state: MechanismState, group: WrenchesOnFrames) -> Wrench:
-    return Wrench(_parts(state, group.tau), _parts(state, group.f))
+    return Wrench(parts(state, group.tau), parts(state, group.f))
 
 
-def _parts(state: MechanismState, parts: Array | None) -> Vector:
+def parts(state: MechanismState, parts: Array | None) -> Vector:
     """The numbers (n, B) of n vectors."""
     if parts is None:
         return state.zero_vector

@@ -80,41 +80,56 @@ def semi_implicit_step(
     q, v, tau, h, forces = checked(
         "semi_implicit_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces
     )
-    tau = _with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
+    tau = with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
     c = damping_coefficients(mechanism, v, compliance, precision)
-    turning = transport(precision, mechanism, q, v) if _has_turning_axes(mechanism) else None
-    accelerated = _accelerated if c is None or (c.ndim == 1 and h.ndim == 1) else _each_accelerated
+    turning = turning_of_axes(mechanism, q, v, precision)
     vdot = accelerated(mechanism, precision, (q, v, tau, turning), h, c, forces)
-    if turning is None:
-        after = _euler(precision, v, h, vdot)
-        return integrate(mechanism, q, after, dt, precision=precision), after
-    # v is still along the axes at q; `advance` turns it to those at the new q.
-    after = _euler(precision, v, h, _plus(precision, turning, vdot))
-    return advance(precision, mechanism, q, after, dt)
+    after = euler(precision, v, h, vdot if turning is None else plus(precision, turning, vdot))
+    return moved(mechanism, q, after, dt, precision)
 
 
-def _has_turning_axes(mechanism: Mechanism):
+def turning_of_axes(mechanism: Mechanism, q: Checked, v: Checked, precision: PrecisionName) -> jax.Array | None:
+    """`transport`, or None where no joint turns its axes."""
     t = mechanism.topology
-    return any(t.kind(i).turns_its_axes for i in range(len(t)))
+    turns = any(t.kind(i).turns_its_axes for i in range(len(t)))
+    return transport(precision, mechanism, q, v) if turns else None
 
 
-def _with_springs_and_limits(
+def moved(
+    mechanism: Mechanism, q: Checked, v: Checked, dt: ArrayLike, precision: PrecisionName
+) -> tuple[jax.Array, jax.Array]:
+    """(q, v) after the time dt, for new velocities v along the axes at the old q."""
+    if any(mechanism.topology.kind(i).turns_its_axes for i in range(len(mechanism.topology))):
+        # `advance` turns v to the axes at the new q.
+        return advance(precision, mechanism, q, v, dt)
+    return integrate(mechanism, q, v, dt, precision=precision), v
+
+
+def with_springs_and_limits(
     mechanism: Mechanism, q: Checked, v: Checked, tau: Checked, compliance: Compliance | None, precision: PrecisionName
 ) -> Checked:
     forces = passive_forces_or_none(mechanism, q, v, compliance, precision, with_resistance=False)
-    return tau if forces is None else _plus(precision, tau, forces)
+    return tau if forces is None else plus(precision, tau, forces)
+
+
+def accelerated(
+    mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: jax.Array | None, forces: Checked
+) -> jax.Array:
+    """The accelerations vdot under implicit damping: the force is -c v at the new velocities."""
+    of_all = _accelerated if c is None or (c.ndim == 1 and h.ndim == 1) else _each_accelerated
+    return of_all(mechanism, precision, at, h, c, forces)
 
 
 def _accelerated(
     mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: jax.Array | None, forces: Checked
 ) -> jax.Array:
-    """The accelerations vdot under implicit damping: the force is -c v at the new velocities."""
+    """`accelerated`, with one time and the same damping for all states."""
     q, v, tau, turning = at
     if c is not None:
         # (M + h c) vdot = tau - c v - ...: as with armature increased by h c. v is the velocity at the end of the step
         # for vdot = 0.
         armature = jnp.asarray(mechanism.armature, c.dtype) + h * c
-        still = v if turning is None else _euler(precision, v, h, turning)
+        still = v if turning is None else euler(precision, v, h, turning)
         tau, mechanism = _damped(precision, tau, c, still), mechanism.replace(armature=armature)
     return forward_dynamics(mechanism, q, v, tau, forces, precision=precision)
 
@@ -169,7 +184,7 @@ def symplectic_step(
     *at, h, forces = checked("symplectic_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in at), h.shape[:-1])
     q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (*at, h))
-    tau = _with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
+    tau = with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
     damping = damping_coefficients(mechanism, v, compliance, precision)
     return _variational_step(mechanism, q, v, tau, h, damping, forces, iterations, precision)
 
@@ -270,7 +285,7 @@ def rk4_step(
 
     def rate(q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
         passive = passive_forces_or_none(mechanism, q, v, compliance, precision)
-        forces = tau if passive is None else _plus(precision, tau, passive)
+        forces = tau if passive is None else plus(precision, tau, passive)
         vdot = forward_dynamics(mechanism, q, v, forces, external, precision=precision)
         return configuration_rates(mechanism, q, v, precision=precision), vdot
 
@@ -285,13 +300,13 @@ def _runge_kutta(
 ) -> tuple[jax.Array, ...]:
     k = [rate(*x)]
     for share in (0.5, 0.5, 1.0):
-        ahead = (_euler(precision, a, h * h.dtype.type(share), b) for a, b in zip(x, k[-1], strict=True))
+        ahead = (euler(precision, a, h * h.dtype.type(share), b) for a, b in zip(x, k[-1], strict=True))
         k.append(rate(*ahead))
     return tuple(_rk4_mean(precision, a, h, *rates) for a, *rates in zip(x, *k, strict=True))
 
 
 @formula(any_size=True)
-def _euler(x: Numbers, dt: Numbers, rate: Numbers):
+def euler(x: Numbers, dt: Numbers, rate: Numbers):
     return tuple(a + dt[0] * b for a, b in zip(x, rate, strict=True))
 
 
@@ -304,7 +319,7 @@ def _rk4_mean(x: Numbers, dt: Numbers, *rates: Numbers):
 
 
 @formula(any_size=True)
-def _plus(a: Numbers, b: Numbers):
+def plus(a: Numbers, b: Numbers):
     return tuple(x + y for x, y in zip(a, b, strict=True))
 
 

@@ -116,6 +116,8 @@ def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any]) -> l
             results = _evaluated(inner.jaxpr, inner.consts, inputs)
         elif name == "scan":
             results = _scanned(eqn, list(map(_whole, inputs)))
+        elif name == "while":
+            results = _repeated(eqn, list(map(_array, inputs)))
         else:
             results = _moved(eqn, list(map(_whole, inputs))) or _bound(eqn, map(_array, inputs))
             if name == "concatenate" or of_pieces:
@@ -173,6 +175,22 @@ def _scanned(eqn: Any, inputs: Sequence[Any]) -> list[Any]:
     xs, unroll = (rows, lax.iota(np.uint32, length)), UNROLLED if _is_of_kernels(body.jaxpr) else 1
     carry, stacked = lax.scan(row, carry, xs, reverse=eqn.params["reverse"], unroll=unroll)
     return [*carry, *stacked]
+
+
+def _repeated(eqn: Any, inputs: Sequence[Any]) -> list[Any]:
+    """A loop until a condition, with kernels for the calls in it."""
+    n_of_cond, n_of_body = eqn.params["cond_nconsts"], eqn.params["body_nconsts"]
+    of_cond, of_body = inputs[:n_of_cond], inputs[n_of_cond : n_of_cond + n_of_body]
+
+    def run_of(name: str, consts: Sequence[Any], carry: Sequence[Any]) -> list[Any]:
+        inner = eqn.params[name]
+        return list(map(_array, _evaluated(inner.jaxpr, inner.consts, [*consts, *carry])))
+
+    return lax.while_loop(
+        lambda carry: run_of("cond_jaxpr", of_cond, carry)[0],
+        lambda carry: run_of("body_jaxpr", of_body, carry),
+        list(inputs[n_of_cond + n_of_body :]),
+    )
 
 
 def _is_of_kernels(jaxpr: Any) -> bool:

@@ -72,6 +72,15 @@ def concatenated_trees(trees: Sequence[T], n: int) -> T:
     return _combined(trees, lambda xs: concatenated([spread(x, (1, n)) for x in xs]))
 
 
+def concatenated_rows(trees: Sequence[T], n: int) -> T:
+    """Concatenates trees of numbers (k, B) along their rows. Known equal numbers stay known."""
+
+    def rows(x: Number) -> Number:
+        return spread(x, ((numbers.shape_of(x) or (1,))[0], n))
+
+    return _combined(trees, lambda xs: concatenated([rows(x) for x in xs]))
+
+
 def _combined(trees: Sequence[Any], combine: Callable[[Numbers], Number]):
     return jax.tree.map(lambda *xs: xs[0] if all_equal(xs) else combine(xs), *trees, is_leaf=is_number)
 

@@ -1,5 +1,7 @@
 """Layer 4: joints, bodies, and the tree they make: `Mechanism`."""
 
+from jaxspatial.mechanism.contacts import HalfSpace as HalfSpace
+from jaxspatial.mechanism.contacts import PointContacts as PointContacts
 from jaxspatial.mechanism.editing import add_frames as add_frames
 from jaxspatial.mechanism.editing import lock_joints as lock_joints
 from jaxspatial.mechanism.editing import subtree as subtree

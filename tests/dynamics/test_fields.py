@@ -114,6 +114,7 @@ def states(name):
 
 # -- algorithms -------------------------------------------------------------------------------------------------------
 
+SPHERES = js.PointContacts(["tool0"], radius=9.0, stiffness=2.0, relaxation_time=0.0, friction=0.5)
 SOFT, DT, TOOL = js.Compliance(friction_speed=0.7, limit_stiffness=3.0, limit_damping=0.2), 0.1, "tool0"
 JOINTS, GEOMETRY, BODIES, DYNAMICS = reading.JOINTS, reading.GEOMETRY, reading.BODIES, reading.DYNAMICS
 FREE_OF_GRAVITY = *BODIES, "armature"
@@ -195,6 +196,10 @@ ALGORITHMS = {
         (*DYNAMICS, "frame_placements"),
     ),
     # Derivatives by numbers of the mechanism are those of a closed start, and first ones: in `test_closed_loops`.
+    "contact_forces": (
+        lambda m, q, v, a: js.contact_forces(m, q, v, SPHERES, stiction_speed=1.0).wrenches.to_array(),
+        OF_FRAMES,
+    ),
     "applied_wrenches": (lambda m, q, v, a: sums(m, q), (*GEOMETRY, *reading.FRAMES)),
 }
 

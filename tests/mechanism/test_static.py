@@ -37,6 +37,7 @@ MECH = build()
 Q = np.float32([0.3, 0.2, 0.6, 0.8, 0, 0, 1, 2, 3])
 V, A, T = (jnp.asarray(RNG.standard_normal(MECH.nv), np.float32) for _ in range(3))
 FORCES = {"hand": js.SpatialForce(jnp.float32([1, 2, 3]), jnp.float32([4, 5, 6]))}
+FEET = js.PointContacts(["tip", "c"], radius=np.float32(5), stiffness=10.0, relaxation_time=0.1, friction=0.5)
 DT = np.float32(1e-3)
 LOOPS = (js.LoopClosure("tip", "c", "distance", 2.0),)
 # All functions of the package that take a mechanism, with what else they take.
@@ -57,6 +58,7 @@ CALLS = {
     js.centroidal_momentum: (Q, V),
     js.centroidal_momentum_matrix: (Q,),
     js.configuration_rates: (Q, V),
+    js.contact_forces: (Q, V, FEET),
     js.difference: (Q, Q),
     js.forward_dynamics: (Q, V, T, FORCES),
     js.forward_dynamics_derivatives: (Q, V, T),

@@ -1,0 +1,237 @@
+"""Contact with the ground: where spheres on a mechanism touch it, how they move there, and the explicit law of forces.
+
+[Hunt, Crossley 1975; Castro and others 2020, A transition-aware method for the simulation of compliant contact with
+regularized friction; Drake, Multibody, compliant point contact]
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.dynamics.docstrings import documented
+from jaxspatial.dynamics.external_forces import of_bodies, parts
+from jaxspatial.dynamics.kinematics import velocity_step
+from jaxspatial.engine import recursion
+from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm, checked
+from jaxspatial.engine.stacking import Array
+from jaxspatial.engine.state import Link, MechanismState
+from jaxspatial.mechanism import AppliedForces, HalfSpace, Mechanism, PointContacts
+from jaxspatial.mechanism.contacts import above_plane, units
+from jaxspatial.numerics import check
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.linear import Motion, Pose, Vector, cross, dot, norm
+from jaxspatial.numerics.numbers import Number, Numbers, noinline, where
+from jaxspatial.numerics.types import ArrayLike, PrecisionName
+from jaxspatial.spatial import SpatialForce
+from jaxspatial.spatial.algebra import composed
+
+# The ground: from the position (3,) of a point in world axes to its signed distance.
+Ground = Callable[[jax.Array], Any]
+
+
+@documented
+def contact_forces(
+    mechanism: Mechanism,
+    q: ArrayLike,
+    v: ArrayLike,
+    contacts: PointContacts,
+    ground: Ground | None = None,
+    *,
+    dissipation: ArrayLike = 0.0,
+    stiction_speed: ArrayLike = 1e-3,
+    precision: PrecisionName = None,
+) -> AppliedForces:
+    """The forces of spheres that touch the ground, for the `external_forces` of an algorithm.
+
+        f_n = k x (1 + d dx/dt), never below zero        f_t = -mu f_n s(|v_t| / v_s) v_t / |v_t|
+
+    at a depth x > 0, with v_t the velocity of the body along the ground, k the stiffness, d the dissipation, mu the
+    friction, v_s the stiction speed, and s(r) = r^3 (10 - 15 r + 6 r^2) for r < 1, else 1. At a distance forces are
+    exactly zero. The force acts on the ground under the sphere: at C, the centre less its distance from the ground
+    along the normal. This is Drake's continuous model, whose forces act half a depth lower. The relaxation
+    times of the contacts have no part in it.
+
+    Forces depend on the state alone. They are smooth in it, but where a sphere begins to touch and where f_n becomes
+    zero. A stiff contact needs short steps: with `semi_implicit_step` below 2 sqrt(m / k), and below m v_s / (mu f_n)
+    for its friction, with m the mass that a sphere moves. Friction is zero at rest: all creeps on a slope.
+
+    Args:
+        dissipation: d, s/m: a number, (n,) or (*batch, n), of n contacts.
+        stiction_speed: v_s, m/s, above zero: the speed from which friction has its full size; as `dissipation`.
+
+    Returns:
+        AppliedForces (*batch,) on the frames of the contacts, at the centres of the spheres, in world axes.
+
+    Error: of centres and velocities that of `forward_kinematics` and `body_velocities`, of forces that of depth times k
+        and 64 u of the force; depth is a difference of positions.
+    Source: Hunt, Crossley 1975, Coefficient of restitution interpreted as damping in vibroimpact; Castro and others
+        2020, A transition-aware method for the simulation of compliant contact with regularized friction.
+    """
+    what = "contact_forces"
+    at = contact_geometry(what, mechanism, q, v, contacts, ground, precision)
+    dtype, n = np.dtype(at.depth.dtype), len(contacts.frames)
+    given = {"dissipation": dissipation, "stiction_speed": stiction_speed}
+    own = {name: _per_contact(f"{what}: {name}", x, n, dtype) for name, x in given.items()}
+    check.require_same_dtype(contacts=at.depth, **own)
+    if isinstance(own["stiction_speed"], np.ndarray) and (own["stiction_speed"] <= 0).any():
+        raise ValueError(f"{what}: stiction_speed: expected numbers above 0, got {stiction_speed}")
+    check.common_batch_shape(contacts=at.depth.shape[:-1], **{name: x.shape[:-1] for name, x in own.items()})
+    numbers = (at.depth, contacts.stiffness, contacts.friction, *own.values())
+    tau, f = _forces(precision, at.normals, at.velocities, at.offsets, *map(check.expanded, numbers))
+    points = contacts.positions
+    return AppliedForces(contacts.frames, SpatialForce(tau, f), None if points is None else check.narrowed(points))
+
+
+def _per_contact(name: str, x: Any, n: int, dtype: np.dtype) -> Any:
+    array = check.as_float_array(x, name, dtype)
+    if array.shape[-1:] not in ((), (n,)):
+        raise ValueError(f"{name}: expected a number, or shape (*batch, {n}), got {array.shape}")
+    return array
+
+
+@formula
+def _forces(
+    normal: Vector, velocity: Vector, offset: Vector, depth: Numbers, k: Numbers, mu: Numbers, d: Numbers, v_s: Numbers
+) -> list[Vector]:
+    """The torque about the centre, and the force."""
+    is_outside, speed = depth[0] <= 0, dot(normal, velocity)
+    # NaN is not outside. Numbers outside are replaced, as derivatives there are to be zero and not NaN.
+    x = where(is_outside, 0.0, depth[0])
+    pressed = k[0] * x * (1 - d[0] * where(is_outside, 0.0, speed))
+    pressed = where(pressed <= 0, 0.0, pressed)
+    along = velocity - speed * normal
+    f = pressed * normal - mu[0] * pressed * _regularised(along, v_s[0])
+    return [cross(offset, f), f]
+
+
+def _regularised(v: Vector, v_s: Number) -> Vector:
+    """The direction of v, times a smooth step from 0 at rest to 1 at the speed v_s."""
+    r = norm(v) / v_s
+    is_slow = r < 1
+    slow, fast = where(is_slow, r, 0.0), where(is_slow, 1.0, r)
+    step = where(is_slow, slow * slow * (10 - slow * (15 - 6 * slow)), 1 / fast)
+    return Vector(*((step / v_s) * c for c in v))
+
+
+# -- geometry ---------------------------------------------------------------------------------------------------------
+
+
+class ContactGeometry(NamedTuple):
+    """Where n spheres on a mechanism are, and how they move, in world axes.
+
+    centers (*batch, n, 3): p_WS. depth (*batch, n): how far each sphere is inside the ground, m. normals
+    (*batch, n, 3): out of the ground. offsets (*batch, n, 3): p_SC, from the centres to the contact points on the
+    ground. velocities (*batch, n, 3): of the point of the body that is at C, m/s.
+    """
+
+    centers: jax.Array
+    depth: jax.Array
+    normals: jax.Array
+    offsets: jax.Array
+    velocities: jax.Array
+
+
+def contact_geometry(
+    operation: str,
+    mechanism: Mechanism,
+    q: ArrayLike,
+    v: ArrayLike,
+    contacts: PointContacts,
+    ground: Ground | None,
+    precision: PrecisionName,
+) -> ContactGeometry:
+    """The ContactGeometry, over the common batch of all arguments. operation: who asks, for messages."""
+    contacts = checked_contacts(operation, contacts)
+    at_q, at_v = checked(operation, mechanism, q=q, v=v)
+    check.require_same_dtype(q=at_q, contacts=contacts)
+    batch = check.common_batch_shape(q=at_q.shape[:-1], v=at_v.shape[:-1], contacts=contacts.batch_shape)
+    n, points = len(contacts.frames), contacts.positions
+    if not n:
+        nothing = jnp.zeros((*batch, 0, 3), at_q.dtype)
+        return ContactGeometry(nothing, nothing[..., 0], nothing, nothing, nothing)
+    points = None if points is None else points.reshape((*points.shape[:-2], 3 * n))
+    centers, w, velocities = _point_motions(
+        precision, mechanism, at_q, at_v, points, frames=contacts.frames, operation=operation
+    )
+    normals, distances = normals_and_distances(operation, ground, centers, precision)
+    offsets, depth, at_C = _at_contact(
+        precision, w, velocities, normals, *map(check.expanded, (distances, contacts.radius))
+    )
+    return ContactGeometry(centers, depth, normals, offsets, at_C)
+
+
+def checked_contacts(operation: str, contacts: Any) -> PointContacts:
+    """The contacts, as JAX computes with them."""
+    if not isinstance(contacts, PointContacts):
+        check.refuse(f"{operation}: contacts", "PointContacts", contacts)
+    return check.narrowed(contacts)
+
+
+def normals_and_distances(
+    operation: str, ground: Ground | None, p: jax.Array, precision: PrecisionName
+) -> tuple[jax.Array, jax.Array]:
+    """The normals (*batch, n, 3) of the ground and the signed distances (*batch, n) of points (*batch, n, 3).
+
+    A HalfSpace may be a batch, of which each has n points.
+    """
+    dtype = np.dtype(p.dtype)
+    ground = HalfSpace(np.array([0, 0, 1], dtype), np.zeros((), dtype)) if ground is None else ground
+    if isinstance(ground, HalfSpace):
+        ground = check.narrowed(ground)
+        check.require_same_dtype(q=p, ground=ground)
+        check.common_batch_shape(q=p.shape[:-2], ground=ground.batch_shape)
+        normal, offset = (x[..., None, :] for x in (ground.normal, check.expanded(ground.offset)))
+        normals, distances = above_plane(precision, p, normal, offset)
+        return jnp.broadcast_to(normals, (*distances.shape, 3)), distances
+    if not callable(ground):
+        expected = "a HalfSpace, or a function from a point (3,) to its signed distance"
+        check.refuse(f"{operation}: ground", expected, ground)
+
+    def distance(point: jax.Array) -> jax.Array:
+        x = jnp.asarray(ground(point))
+        if x.shape or x.dtype != dtype:
+            raise ValueError(
+                f"{operation}: ground: expected a signed distance, {dtype}[], of a point {dtype}[3], "
+                f"got {check.in_short(x)}"
+            )
+        return x
+
+    distances, gradients = jax.vmap(jax.value_and_grad(distance))(p.reshape((-1, 3)))
+    return units(precision, gradients.reshape(p.shape)), distances.reshape(p.shape[:-1])
+
+
+@formula
+def _at_contact(w: Vector, v: Vector, normal: Vector, distance: Numbers, radius: Numbers) -> list[Any]:
+    """The offset of C from the centre, the depth of the sphere, and the velocity of the body at C."""
+    offset = -distance[0] * normal
+    return [offset, radius[0] - distance[0], v + cross(w, offset)]
+
+
+@algorithm(*GEOMETRY, *FRAMES)
+def _point_motions(state: MechanismState, v: Array, points: Array | None, *, frames: tuple[int, ...]):
+    """Positions, angular velocities and velocities (n, 3, B) of points of frames, in world axes.
+
+    points: (3 n, B) their positions in the frames; None for the origins.
+    """
+    at_rest = Motion(state.zero_vector, state.zero_vector)
+    moving = recursion.outward(state, _pose_and_velocity, (state.world, at_rest), state.links(v))
+    X_WJ, V_J = of_bodies(state, [state.topology.frames[k][1] for k in frames], moving, (state.world, at_rest))
+    motions = _in_world(X_WJ, V_J, state.frame_placements(frames), parts(state, points))
+    shape = len(frames), state.n
+    return tuple(jnp.stack([jnp.broadcast_to(state.rounded(c), shape) for c in x], 1) for x in motions)
+
+
+def _pose_and_velocity(link: Link, parent: tuple[Pose, Motion]):
+    X_WP, V_P = parent
+    motion = composed(X_WP, link.X_PB), velocity_step(link, V_P)[0]
+    return motion, motion
+
+
+@noinline
+def _in_world(X_WJ: Pose, V: Motion, X_JF: Pose, p_FS: Vector) -> tuple[Vector, Vector, Vector]:
+    """p_WS, w and v_S of a point at S in a frame, from V_WJ_J of the body that carries the frame."""
+    p_JS = X_JF.p + X_JF.R @ p_FS
+    return X_WJ.p + X_WJ.R @ p_JS, X_WJ.R @ V.w, X_WJ.R @ (V.v + cross(V.w, p_JS))

@@ -1,0 +1,491 @@
+"""A step with contact as a convex problem, and what of it depends on the configuration.
+
+    v+ = argmin |v - v*|^2_A / 2 + sum l_i(J_i v)        A = M + dt C, with v* the velocities without contact
+
+There is one term l_i for each contact, and for each joint with limits or dry friction. Its derivative is the impulse:
+gamma_i = -dl_i/dv_i at the velocity v_i = J_i v; its second derivative G_i = -dgamma_i/dv_i is never negative.
+
+Everything is in world axes, about the origins of joints: passes over the tree move spatial vectors without turning
+them. [Castro, Permenter, Han 2022, An unconstrained convex formulation of compliant contact; Drake 1.51, SapDriver]
+"""
+
+import itertools
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxspatial.dynamics.articulated_bodies import has_floating_roots
+from jaxspatial.dynamics.composite_bodies import combined
+from jaxspatial.engine import matrices, recursion, stacking
+from jaxspatial.engine.stacking import Array
+from jaxspatial.engine.state import Link, MechanismState, across
+from jaxspatial.inertia import articulated
+from jaxspatial.inertia.articulated import Articulated
+from jaxspatial.mechanism.topology import Bundle, Topology
+from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Symmetric, Vector, Wrench, congruence, cross, dot
+from jaxspatial.numerics.numbers import Mask, Number, Numbers, constant, high, is_constant, is_number, noinline, where
+from jaxspatial.spatial import algebra
+
+T = TypeVar("T")
+# Drake's numbers: how much softer than rigid contacts are in the near-rigid regime, in units of the Delassus operator
+# along the normal and along the tangents, the same for limits, and the impulse by which friction is smoothed.
+NEAR_RIGID, STICKING, NEAR_RIGID_LIMIT = 1.0 / (4 * np.pi**2), 1e-3, 0.1**2 / (4 * np.pi**2)
+SMOOTHED = 1e-14
+# Stiffness of limits, and how many steps ahead they are seen.
+LIMIT_STIFFNESS, LIMIT_WINDOW = 1e12, 2.0
+
+
+class Touching(NamedTuple):
+    """The contacts of a step, as arrays (*batch, n) or (*batch, 3 n): n spheres on frames.
+
+    positions: of the centres, in the frames; None for the origins. offsets: from the centres to the contact points C,
+    in world axes. normals: out of the ground, in world axes. distances: between sphere and ground, negative inside.
+    """
+
+    positions: Array | None
+    offsets: Array
+    normals: Array
+    distances: Array
+    stiffness: Array
+    relaxation_time: Array
+    friction: Array
+
+
+class Body(NamedTuple):
+    """The bodies of a bundle. R: their axes. p: positions from the root, r from the parent's origin.
+
+    S: the motions of each velocity of their joints. resistance: armature, and dt times the damping of the joint.
+    turns: whether velocities are along the axes of the world, and not along those of the bodies: of floating roots,
+    whose motions S are then known.
+    """
+
+    R: Matrix
+    p: Vector
+    r: Vector
+    S: tuple[Motion, ...]
+    inertia: Inertia
+    resistance: Numbers
+    turns: bool
+
+
+# -- bodies -----------------------------------------------------------------------------------------------------------
+
+
+def bodies_in_world(state: MechanismState, dt: Number) -> list[Body]:
+    """The Body of every bundle. dt: (1, B)."""
+    links = state.links(tau=state.fields["damping"])
+    frames = [(link.placement, link.joint, b.is_on_world) for link, b in zip(links, state.bundles, strict=True)]
+    world = state.world
+    placed = recursion.outward(state, _placed, (world.R, world.p), frames)
+    dt = stacking.mapped(lambda w: w[None], dt)
+    return [_body(state, b, x, link, dt) for b, x, link in zip(state.bundles, placed, links, strict=True)]
+
+
+def _placed(frame: Any, parent: tuple[Matrix, Vector]) -> tuple[Any, Any]:
+    (placement, joint, is_root), (R_P, p_P) = frame, parent
+    X_PB = across(placement, joint)
+    R, r = R_P @ X_PB.R, matrices.zero_at_root(is_root, R_P @ X_PB.p)
+    p = matrices.zero_at_root(is_root, p_P + r)
+    return (R, p, r), (R, p)
+
+
+def _body(state: MechanismState, bundle: Bundle, placed: Any, link: Link, dt: Number) -> Body:
+    R, p, r = placed
+    S, inertia, resistance = _in_world(R, link, dt)
+    # The time is the same for all rows.
+    resistance = stacking.mapped(lambda w: jnp.broadcast_to(w, (bundle.length, *w.shape[1:])), resistance)
+    turns = has_floating_roots(bundle) and all(is_constant(x) and x.value == 0 for x in resistance)
+    if turns:
+        e = state.world.R
+        zero = state.zero_vector
+        S = (*(Motion(x, zero) for x in e), *(Motion(zero, x) for x in e))
+    return Body(R, p, r, S, inertia, resistance, turns)
+
+
+@noinline
+def _in_world(R: Matrix, link: Link, dt: Number) -> tuple[tuple[Motion, ...], Inertia, Numbers]:
+    S = tuple(Motion(R @ s.w, R @ s.v) for s in link.joint.subspace)
+    M = link.inertia
+    resistance = tuple(a + dt * c for a, c in zip(link.armature, link.tau, strict=True))
+    return S, Inertia(M.mass, R @ M.com, congruence(R, M.central)), resistance
+
+
+def turned(state: MechanismState, bodies: list[Body], x: Number, to_world: bool) -> Number:
+    """Velocities (nv, B) with those of floating roots in world axes, from those along the axes of bodies; or back."""
+    if not any(body.turns for body in bodies):
+        return x
+    of_bundles = [of_bundle(state, k, x) for k in range(len(bodies))]
+    return state.numbers_by_velocity(
+        [_turned(b.R if to_world else b.R.T, y) if b.turns else y for b, y in zip(bodies, of_bundles, strict=True)]
+    )
+
+
+@noinline
+def _turned(R: Matrix, six: Numbers) -> Numbers:
+    return (*(R @ Vector(*six[:3])), *(R @ Vector(*six[3:])))
+
+
+def velocities(state: MechanismState, bodies: list[Body], fields: Sequence[Number]) -> list[tuple[Motion, ...]]:
+    """The velocity of every bundle for each of several vectors (nv, B) of generalized velocities."""
+    of_bundles = [[of_bundle(state, k, x) for x in fields] for k in range(len(bodies))]
+    at_rest = tuple(Motion(state.zero_vector, state.zero_vector) for _ in fields)
+    both = [(body.S, body.r, x) for body, x in zip(bodies, of_bundles, strict=True)]
+    return recursion.outward(state, _velocity, at_rest, both)
+
+
+def _velocity(body: Any, parent: tuple[Motion, ...]) -> tuple[Any, Any]:
+    S, r, fields = body
+    found = []
+    for V, x in zip(parent, fields, strict=True):
+        V = algebra.shifted_motion(V, r)
+        for s, rate in zip(S, x, strict=True):
+            V = V + rate * s
+        found.append(V)
+    return tuple(found), tuple(found)
+
+
+def of_bundle(state: MechanismState, k: int, x: Number) -> Numbers:
+    """The numbers of bundle k among numbers (nv, B)."""
+    b = state.bundles[k]
+    starts = np.array(state.topology.v_starts)[b.bodies]
+    return tuple(stacking.mapped(lambda w, i=i: stacking.rows(w, starts + i), x) for i in range(b.kind.nv))
+
+
+# -- the diagonal of A, and of the Delassus operator ------------------------------------------------------------------
+
+
+def diagonals(state: MechanismState, bodies: list[Body]) -> list[Numbers]:
+    """The diagonal of A: for every bundle a number of each velocity."""
+    links = [(body.inertia, body.r) for body in bodies]
+    composites = recursion.inward(state, _composite, state.zero_inertia, links, join=combined)
+    return [_diagonal(body.S, body.resistance, M) for body, M in zip(bodies, composites, strict=True)]
+
+
+def _composite(body: tuple[Inertia, Vector], children: Inertia) -> tuple[Inertia, Inertia]:
+    """The composite inertia of a body and its children: (about its origin, about that of its parent)."""
+    M = combined(body[0], children)
+    return M, Inertia(M.mass, M.com + body[1], M.central)
+
+
+@noinline
+def _diagonal(S: Sequence[Motion], resistance: Numbers, M: Inertia) -> Numbers:
+    return tuple(algebra.power(algebra.apply_inertia(M, s), s) + a for s, a in zip(S, resistance, strict=True))
+
+
+def mobilities(state: MechanismState, bodies: list[Body], diagonal: list[Numbers]) -> list[Articulated]:
+    """S D^-1 S^T of the velocities that carry each body, with D the diagonal of A.
+
+    As an Articulated with velocities in place of torques and angular velocities in place of forces: both move to
+    another point alike.
+    """
+    zero = state.zero_vector
+    six = Symmetric(*zero, *zero)
+    nothing = Articulated(six, Matrix(zero, zero, zero), six)
+    both = [(body.S, body.r, d) for body, d in zip(bodies, diagonal, strict=True)]
+    return recursion.outward(state, _mobility, nothing, both)
+
+
+def _mobility(body: Any, parent: Articulated) -> tuple[Articulated, Articulated]:
+    S, r, diagonal = body
+    whole = articulated.shifted(parent, r)
+    for s, d in zip(S, diagonal, strict=True):
+        U = Wrench(s.v, s.w)
+        UDinv = articulated.UDinv_of(U, d)
+        whole = articulated.rank_one_downdate(whole, U, -UDinv)
+    return whole, whole
+
+
+# -- contacts ---------------------------------------------------------------------------------------------------------
+
+
+class Contacts(NamedTuple):
+    """n contacts, as numbers (n, B). arm: from the origin of the body to C. The law of `impulses`: its free velocity
+    along the normal, and how much an impulse changes velocities along the normal and the tangents."""
+
+    arm: Vector
+    normal: Vector
+    is_touching: Mask
+    free: Number
+    R_n: Number
+    R_t: Number
+    friction: Number
+
+
+def contacts_of(
+    state: MechanismState,
+    bodies: list[Body],
+    mobility: list[Articulated],
+    frames: tuple[int, ...],
+    touching: Touching,
+    dt: Number,
+) -> Contacts:
+    """The Contacts on frames. dt: (1, B)."""
+    carriers = carriers_of(state.topology, frames)
+    X_JF = state.frame_placements(frames)
+    R, mobility_there = of_carriers(state, carriers, [(b.R, x) for b, x in zip(bodies, mobility, strict=True)])
+    centre = None if touching.positions is None else _vectors(state, touching.positions)
+    arm = _arm(R, X_JF, centre, _vectors(state, touching.offsets))
+    scalars = (
+        _scalars(state, x)
+        for x in (touching.distances, touching.stiffness, touching.relaxation_time, touching.friction)
+    )
+    distance, stiffness, relaxation_time, friction = scalars
+    w = _delassus(mobility_there, arm)
+    free, R_n, R_t = _regularisation(w, distance, stiffness, relaxation_time, dt)
+    return Contacts(arm, _vectors(state, touching.normals), high(distance) <= 0, free, R_n, R_t, friction)
+
+
+def carriers_of(topology: Topology, frames: tuple[int, ...]) -> list[int]:
+    """The numbers of the bodies that carry frames."""
+    return [topology.frames[frame][1] for frame in frames]
+
+
+def of_carriers(state: MechanismState, carriers: list[int], results: list[Any]) -> Any:
+    """Numbers (n, B) of n bodies, from those for every bundle."""
+    pieces = list[Any]()
+    for k, run in itertools.groupby(carriers, lambda body: state.topology.places[body][0]):
+        places = [state.topology.places[body][1:] for body in run]
+        pieces.append(stacking.mapped(lambda w, at=places: _rows_at(w, at), results[k]))
+    return pieces[0] if len(pieces) == 1 else stacking.concatenated_rows(pieces, state.n)
+
+
+def _rows_at(word: jax.Array, places: list[tuple[int, int]]) -> jax.Array:
+    """The rows (n, B) at (row, chain) of an array (L, W, B), of size 1 where all have the same."""
+    L, W = word.shape[:2]
+    flat = np.array([min(j, L - 1) * W + min(c, W - 1) for j, c in places])
+    return stacking.rows(word.reshape((L * W, -1)), flat[:1] if (flat == flat[0]).all() else flat)
+
+
+def on_bundles(state: MechanismState, carriers: list[int], tree: T, nothing: T) -> list[T]:
+    """Numbers (n, B) of n bodies as those of every bundle: their sums where a body comes several times.
+
+    nothing: known zeros, which bundles without any of the bodies have.
+    """
+    bodies = sorted(set(carriers))
+    of_body = [[k for k, c in enumerate(carriers) if c == body] for body in bodies]
+    most = max(map(len, of_body))
+    # Row n is zero.
+    places = np.array([[x[k] if k < len(x) else len(carriers) for x in of_body] for k in range(most)])
+    sums = jax.tree.map(lambda x: _summed(x, places, state.n), tree, is_leaf=is_number)
+    return [_on_bundle(state, b, bodies, sums, nothing) for b in state.bundles]
+
+
+def _summed(x: Number, places: np.ndarray, n: int) -> Number:
+    if is_constant(x):
+        return x
+    x = stacking.mapped(lambda w: _with_zero_rows(jnp.broadcast_to(w, (w.shape[0], n)), places.ravel()), x)
+    whole = stacking.mapped(lambda w: w.reshape((*places.shape, n)), x)
+    return stacking.pairwise_sum(whole) if len(places) > 1 else stacking.mapped(lambda w: w[0], whole)
+
+
+def _on_bundle(state: MechanismState, bundle: Bundle, bodies: list[int], sums: T, nothing: T) -> T:
+    places = [bodies.index(i) if i in bodies else len(bodies) for i in bundle.bodies.ravel().tolist()]
+    if all(k == len(bodies) for k in places):
+        return nothing
+    shape = bundle.length, bundle.width, -1
+    return stacking.mapped(lambda w: _with_zero_rows(w, np.array(places)).reshape(shape), sums)
+
+
+def _with_zero_rows(x: jax.Array, places: np.ndarray) -> jax.Array:
+    """x[places] (m, B), with rows of zeros for the place len(x)."""
+    pieces = list[jax.Array]()
+    for is_zero, run in itertools.groupby(places.tolist(), lambda k: k >= len(x)):
+        rows = list(run)
+        zeros = lax.full((len(rows), *x.shape[1:]), 0, x.dtype)
+        pieces.append(zeros if is_zero else stacking.rows(x, np.array(rows)))
+    return pieces[0] if len(pieces) == 1 else jnp.concatenate(pieces)
+
+
+def _vectors(state: MechanismState, array: Array) -> Vector:
+    return Vector(*state.numbers(array.reshape((-1, 3, *array.shape[1:]))))
+
+
+def _scalars(state: MechanismState, array: Array) -> Number:
+    return state.numbers(array[:, None])[0]
+
+
+@noinline
+def _arm(R: Matrix, X_JF: Any, centre: Vector | None, offset: Vector) -> Vector:
+    p = X_JF.p if centre is None else X_JF.p + X_JF.R @ centre
+    return R @ p + offset
+
+
+@noinline
+def _delassus(mobility: Articulated, arm: Vector) -> Number:
+    """The Frobenius norm of J D^-1 J^T of a contact, over 3."""
+    xx, xy, yy, xz, yz, zz = articulated.shifted(mobility, arm).J
+    return dot((xx, yy, zz, xy + xy, xz + xz, yz + yz), (xx, yy, zz, xy, xz, yz)).sqrt() / 3
+
+
+@noinline
+def _regularisation(w: Number, distance: Number, stiffness: Number, relaxation_time: Number, dt: Number):
+    """(the free velocity along the normal, R_n, R_t)."""
+    memory = dt + relaxation_time
+    compliant, rigid = 1 / (dt * stiffness * memory), NEAR_RIGID * w
+    return -distance / memory, where(high(rigid) > high(compliant), rigid, compliant), STICKING * w
+
+
+class Law(NamedTuple):
+    """The impulse of a contact, and G = normal n n^T + mixed (n t^T + t n^T) + across (1 - n n^T) + along t t^T."""
+
+    impulse: Vector
+    t: Vector
+    normal: Number
+    mixed: Number
+    across: Number
+    along: Number
+
+
+def law(contacts: Contacts, v: Vector) -> Law:
+    """The Law at velocities v of the contact points: projection on the cone of friction in the norm of R.
+
+    y = (free n - v) / R sticks where |y_t| <= mu y_n, with impulse y. Else it slides, or there is no impulse.
+    [Castro, Permenter, Han 2022, 3.2]
+    """
+    n, mu, R_n, R_t = contacts.normal, contacts.friction, contacts.R_n, contacts.R_t
+    along_normal = dot(n, v)
+    y_n, y_t = (contacts.free - along_normal) / R_n, (along_normal * n - v) / R_t
+    length = (dot(y_t, y_t) + SMOOTHED).sqrt()
+    t = y_t / length
+    steep = mu * R_t / R_n
+    share = 1 / (1 + mu * steep)
+    sliding = (y_n + steep * length) * share
+    sticks = contacts.is_touching & (high(length) <= high(mu * y_n))
+    slides = contacts.is_touching & ~sticks & (high(y_n + steep * length) > 0)
+    zero = constant(y_n, 0)
+
+    def chosen(stick: Number, slide: Number) -> Number:
+        return where(sticks, stick, where(slides, slide, zero))
+
+    normal_impulse, size = chosen(y_n, sliding), chosen(length, mu * sliding)
+    mixed = chosen(zero, mu * share / R_n)
+    turning = mu * sliding / (length * R_t)
+    return Law(
+        normal_impulse * n + size * t,
+        t,
+        chosen(1 / R_n, share / R_n),
+        mixed,
+        chosen(1 / R_t, turning),
+        chosen(zero, mu * steep * share / R_t - turning),
+    )
+
+
+def times_G(contacts: Contacts, of_law: Law, v: Vector) -> Vector:
+    """G v."""
+    n, t = contacts.normal, of_law.t
+    v_n, v_t = dot(n, v), dot(t, v)
+    return (
+        ((of_law.normal - of_law.across) * v_n + of_law.mixed * v_t) * n
+        + (of_law.mixed * v_n + of_law.along * v_t) * t
+        + of_law.across * v
+    )
+
+
+def matrix_G(contacts: Contacts, of_law: Law) -> Symmetric:
+    """G."""
+    n, t, c = contacts.normal, of_law.t, of_law
+    a, k = c.normal - c.across, c.across
+
+    def entry(i: int, j: int) -> Number:
+        x = a * (n[i] * n[j]) + c.mixed * (n[i] * t[j] + t[i] * n[j]) + c.along * (t[i] * t[j])
+        return x + k if i == j else x
+
+    return Symmetric(entry(0, 0), entry(0, 1), entry(1, 1), entry(0, 2), entry(1, 2), entry(2, 2))
+
+
+def at_points(arm: Vector, V: Motion) -> Vector:
+    """The velocities of the contact points of bodies."""
+    return V.v + cross(V.w, arm)
+
+
+# -- limits and dry friction of joints --------------------------------------------------------------------------------
+
+
+class Joints(NamedTuple):
+    """m velocities with limits or dry friction, as numbers (m, B).
+
+    lower, upper: how fast, at most, a joint may approach a limit. near_lower, near_upper: whether a limit is near enough
+    to act. friction: the largest impulse of dry friction, a known zero without. R, R_f: how much an impulse of a limit,
+    and of friction, changes the velocity.
+    """
+
+    lower: Number
+    upper: Number
+    near_lower: Mask
+    near_upper: Mask
+    friction: Number
+    R: Number
+    R_f: Number
+
+
+def rows_of_joints(state: MechanismState) -> np.ndarray:
+    """The velocities (m,) on which limits or dry friction may act.
+
+    Limits act on joints of one coordinate, whose rate is their velocity.
+    """
+    t, rows = state.topology, list[int]()
+    for i in range(len(t)):
+        has_friction = not _is_known(state.fields["friction_loss"], t.v_slice(i), 0)
+        if has_friction or (t.kind(i).nv == 1 and _has_limits(state, i)):
+            rows += range(t.v_slice(i).start, t.v_slice(i).stop)
+    return np.array(rows, int)
+
+
+def _has_limits(state: MechanismState, i: int) -> bool:
+    kind, places = state.topology.kind(i), state.topology.q_slice(i)
+    is_simple = kind.nq == kind.nv == 1 and not kind.rates_need_angles
+    unlimited = (_is_known(state.fields[k], places, x) for k, x in (("lower", -np.inf), ("upper", np.inf)))
+    return is_simple and not all(unlimited)
+
+
+def _is_known(x: Array, places: slice, number: float) -> bool:
+    return isinstance(x, np.ndarray) and bool((x[places] == number).all())
+
+
+def joints_of(state: MechanismState, rows: np.ndarray, diagonal: Number, fastest: Number, dt: Number) -> Joints:
+    """The Joints of these velocities. diagonal: of A, fastest: the larger of |v| and |v*|, both (nv, B). dt: (1, B)."""
+    t, fields = state.topology, state.fields
+    body = {v: i for i in range(len(t)) for v in range(t.v_slice(i).start, t.v_slice(i).stop)}
+    has_limits = np.array([_has_limits(state, body[v]) for v in rows])
+    q_rows = np.array([t.q_starts[body[v]] for v in rows])
+    q, lower, upper, friction = (
+        _scalars(state, stacking.rows(x, places))
+        for x, places in (
+            (state.q, q_rows),
+            (fields["lower"], q_rows),
+            (fields["upper"], q_rows),
+            (fields["friction_loss"], rows),
+        )
+    )
+    w, fastest = (stacking.mapped(lambda x: stacking.rows(x, rows), y) for y in (1 / diagonal, fastest))
+    return _joints(q, lower, upper, friction, w, fastest, dt, has_limits)
+
+
+def _joints(
+    q: Number, lower: Number, upper: Number, friction: Number, w: Number, fastest: Number, dt: Number, has_limits: Any
+) -> Joints:
+    compliant, rigid = 1 / (2 * LIMIT_STIFFNESS * (dt * dt)), NEAR_RIGID_LIMIT * w
+    R = where(high(rigid) > high(compliant), rigid, compliant)
+    window = LIMIT_WINDOW * dt * fastest
+    near, speeds = list[Mask](), list[Number]()
+    for gap in (q - lower, upper - q):
+        near.append((high(gap) < high(window)) & has_limits[:, None])
+        speeds.append(where(near[-1], gap, 0.0) / (2 * dt))
+    return Joints(*speeds, *near, friction * dt, R, STICKING * w)
+
+
+def joint_law(joints: Joints, v: Number) -> tuple[Number, Number]:
+    """(the impulses of joints at velocities v (m, B), their G)."""
+    zero = constant(v, 0)
+    down, up = (-joints.lower - v) / joints.R, (v - joints.upper) / joints.R
+    is_down, is_up = joints.near_lower & (high(down) > 0), joints.near_upper & (high(up) > 0)
+    stuck = -v / joints.R_f
+    largest = joints.friction
+    is_stuck = high(abs(stuck)) < high(largest)
+    slipping = where(high(stuck) > 0, largest, -largest)
+    impulse = where(is_down, down, zero) - where(is_up, up, zero) + where(is_stuck, stuck, slipping)
+    return impulse, where(is_down | is_up, 1 / joints.R, zero) + where(is_stuck, 1 / joints.R_f, zero)

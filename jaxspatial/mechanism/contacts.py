@@ -1,0 +1,225 @@
+"""Contact of a mechanism: which points of it touch, how stiff and rough they are, and the ground under them."""
+
+import json
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Self, cast
+
+import jax
+import jax.export
+import numpy as np
+
+from jaxspatial.mechanism.forces import names_of_frames
+from jaxspatial.numerics import check
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.linear import Vector, dot, unit
+from jaxspatial.numerics.numbers import Numbers
+from jaxspatial.numerics.quantity import tree, tree_of
+from jaxspatial.numerics.types import ArrayLike, DTypeLike, PrecisionName
+
+_PARAMETERS = ("radius", "stiffness", "relaxation_time", "friction")
+
+
+@tree_of("frames")
+class PointContacts:
+    """Spheres on named frames that touch the ground: the `contacts` of `contact_forces`.
+
+        feet = js.PointContacts(
+            ["foot_left", "foot_right"], radius=0.02, stiffness=1e5, relaxation_time=0.01, friction=0.8
+        )
+
+    Sphere i has its centre at position i of frame i; with a radius of zero it is a point. Any number of spheres may be
+    on one frame. The law that turns their depth and speed into forces belongs to the function that takes them. Every
+    number but the names of frames is data: it can be differentiated, and batched.
+
+    Args:
+        frames: names of frames, n of them; static. A name may come several times.
+        positions: (n, 3) or (*batch, n, 3) positions of the centres from the origins of their frames, in the axes of
+            the frames, m; None for the origins.
+        radius: of the spheres, m: a number, (n,) or (*batch, n), as all that follow.
+        stiffness: k, N/m, above zero.
+        relaxation_time: tau_d, s: how long a sphere that is let go inside the ground takes to come out, by a factor e.
+        friction: the coefficient mu of Coulomb friction, static and dynamic. Numbers of Python take the dtype of arrays
+            beside them, or else JAX's default.
+
+    Raises:
+        TypeError: frames are no names, or dtypes differ.
+        ValueError: shapes do not fit, or a number known while tracing is negative, a stiffness zero.
+
+    Error: none, nothing is computed.
+    """
+
+    frames: tuple[str, ...]
+    positions: jax.Array | None = None
+    radius: jax.Array = 0.0  # pyright: ignore[reportAssignmentType]
+    stiffness: jax.Array = None  # pyright: ignore[reportAssignmentType]
+    relaxation_time: jax.Array = None  # pyright: ignore[reportAssignmentType]
+    friction: jax.Array = None  # pyright: ignore[reportAssignmentType]
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frames: Iterable[str],
+            positions: ArrayLike | None = None,
+            radius: ArrayLike = 0.0,
+            *,
+            stiffness: ArrayLike,
+            relaxation_time: ArrayLike,
+            friction: ArrayLike,
+        ): ...
+
+    def __post_init__(self) -> None:
+        """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
+        frames = names_of_frames("PointContacts", self.frames)
+        object.__setattr__(self, "frames", frames)
+        given = {name: getattr(self, name) for name in ("positions", *_PARAMETERS)}
+        if all(map(check.is_tree_mark, given.values())):
+            return
+        dtype = check.floating_dtype(*given.values())
+        arrays = {name: _per_contact(name, given[name], len(frames), dtype) for name in _PARAMETERS}
+        if self.positions is not None:
+            what, n = "PointContacts: positions", len(frames)
+            positions = check.as_vectors(self.positions, what, dtype, many=[str(n)], held=True)
+            if positions.shape[-2] != n:
+                raise ValueError(f"{what}: expected shape (*batch, {n}, 3), got {positions.shape}")
+            arrays["positions"] = positions
+        check.require_same_dtype(**arrays)
+        check.common_batch_shape(**{name: _batch_shape(name, x) for name, x in arrays.items()})
+        for name, x in arrays.items():
+            object.__setattr__(self, name, check.owned(x))
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """The batch shape, without the axis over contacts."""
+        arrays = {name: x for name, x in vars(self).items() if name != "frames" and x is not None}
+        return np.broadcast_shapes(*(_batch_shape(name, x) for name, x in arrays.items()))
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The dtype of the numbers."""
+        return np.dtype(self.stiffness.dtype)
+
+    def astype(self, dtype: DTypeLike | None) -> Self:
+        """The same with all numbers rounded to another dtype. NumPy stays NumPy."""
+        return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
+
+    def __repr__(self) -> str:
+        parts = ["positions"] if self.positions is not None else []
+        numbers = ", ".join(f"{name}={_shown(getattr(self, name))}" for name in (*parts, *_PARAMETERS))
+        return f"PointContacts({list(self.frames)}, {numbers})"
+
+
+def _per_contact(name: str, x: Any, n: int, dtype: DTypeLike | None) -> Any:
+    what = f"PointContacts: {name}"
+    if x is None:
+        raise TypeError(f"{what}: expected a number, ({n},) or (*batch, {n}), got None")
+    array = cast(Any, check.as_float_array(x, what, dtype, held=True))
+    if array.shape[-1:] not in ((), (n,)):
+        raise ValueError(f"{what}: expected a number, or shape (*batch, {n}), got {array.shape}")
+    if isinstance(array, np.ndarray):
+        least = "above 0" if name == "stiffness" else "of at least 0"
+        # NaN passes, and gives NaN.
+        if (array <= 0).any() if name == "stiffness" else (array < 0).any():
+            raise ValueError(f"{what}: expected numbers {least}, got {x}")
+    return array
+
+
+def _batch_shape(name: str, x: Any) -> tuple[int, ...]:
+    return x.shape[:-2] if name == "positions" else x.shape[:-1]
+
+
+def _shown(x: Any) -> str:
+    return check.shown(x, 0)
+
+
+def above_plane(precision: PrecisionName, p: Any, normal: Any, offset: Any) -> tuple[Any, Any]:
+    """The normal of unit length of a plane, (*batch, 3), and the signed distance (*batch,) of points (*batch, 3).
+
+    offset: (*batch, 1). The normal is of the plane's own batch.
+    """
+    # In a formula of its own: of a quotient with one divisor for a whole batch compilers make a product.
+    n = units(precision, normal)
+    return n, _distance(precision, n, p, offset)
+
+
+@formula
+def units(v: Vector) -> Vector:
+    """v / |v|."""
+    return unit(v)
+
+
+@formula
+def _distance(n: Vector, p: Vector, offset: Numbers) -> Any:
+    return dot(n, p) - offset[0]
+
+
+@tree
+class HalfSpace:
+    """The ground under a plane: a function from a point to its signed distance, m.
+
+        ground = js.HalfSpace([0.0, -0.5, 1.0])     # a slope
+        ground(p_WP)                                # above zero outside, below zero inside
+
+    Args:
+        normal: (3,) or (*batch, 3), out of the ground, in world axes; of any length above zero.
+        offset: distance of the plane from the origin of the world along the normal, m: a number or (*batch,).
+
+    Raises:
+        TypeError: dtypes differ.
+        ValueError: shapes do not fit, or a normal known while tracing is zero.
+
+    Error: none, nothing is computed; of a distance 8 u (|p| + |offset|).
+    """
+
+    normal: jax.Array = (0.0, 0.0, 1.0)  # pyright: ignore[reportAssignmentType]
+    offset: jax.Array = 0.0  # pyright: ignore[reportAssignmentType]
+
+    if TYPE_CHECKING:
+
+        def __init__(self, normal: ArrayLike = (0.0, 0.0, 1.0), offset: ArrayLike = 0.0): ...
+
+    def __post_init__(self) -> None:
+        """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
+        if all(map(check.is_tree_mark, (self.normal, self.offset))):
+            return
+        dtype = check.floating_dtype(self.normal, self.offset)
+        normal = check.as_vectors(self.normal, "HalfSpace: normal", dtype, held=True)
+        offset = check.as_float_array(self.offset, "HalfSpace: offset", dtype, held=True)
+        check.require_same_dtype(normal=normal, offset=offset)
+        check.common_batch_shape(normal=normal.shape[:-1], offset=offset.shape)
+        if isinstance(normal, np.ndarray) and not normal.any(-1).all():
+            raise ValueError(f"HalfSpace: normal: expected a vector of a length above 0, got {self.normal}")
+        object.__setattr__(self, "normal", check.owned(normal))
+        object.__setattr__(self, "offset", check.owned(offset))
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """The batch shape."""
+        return np.broadcast_shapes(self.normal.shape[:-1], self.offset.shape)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The dtype of the numbers."""
+        return np.dtype(self.normal.dtype)
+
+    def astype(self, dtype: DTypeLike | None) -> Self:
+        """The same with all numbers rounded to another dtype. NumPy stays NumPy."""
+        return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
+
+    def __call__(self, point: ArrayLike) -> jax.Array:
+        """The signed distance (*batch,) of points (*batch, 3) in world axes; batch shapes broadcast."""
+        p = check.as_vectors(point, "HalfSpace: point", self.dtype)
+        check.require_same_dtype(ground=self, point=p)
+        check.common_batch_shape(ground=self.batch_shape, point=p.shape[:-1])
+        return above_plane(None, p, self.normal, check.expanded(self.offset))[1]
+
+    def __repr__(self) -> str:
+        return f"HalfSpace({check.shown(self.normal, 3)}, {check.shown(self.offset, 0)})"
+
+
+jax.export.register_pytree_node_serialization(
+    PointContacts,
+    serialized_name="jaxspatial.PointContacts",
+    serialize_auxdata=lambda structure: json.dumps(structure).encode(),
+    deserialize_auxdata=lambda data: (tuple(json.loads(data)[0]),),
+)

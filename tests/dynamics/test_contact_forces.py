@@ -1,0 +1,228 @@
+"""The explicit law of contact: against its formula in NumPy, in every transformation, its derivatives and messages."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from tests.helpers.interpreted import interpreted
+
+FRAMES = ("body0", "body2", "body2", "tool0", "world")
+STIFFNESS, FRICTION, DISSIPATION, STICTION = np.array([1e3, 2e3, 5e2, 1e3, 1e3]), 0.7, 0.4, 0.3
+NORMAL, OFFSET = np.array([0.2, -0.3, 1.5]), -0.1
+
+
+@pytest.fixture(autouse=True)
+def _x64():
+    with jax.enable_x64(True):
+        yield
+
+
+@functools.cache
+def mechanism():
+    mech = js.testing.random_mechanism(0, 3, ["free", "revolute", "ball"], dtype=np.float64)
+    X = js.RigidTransform(js.Rotation.exp(np.array([0.3, 0.2, -0.5])), np.array([0.1, 0.4, -0.2]))
+    return js.add_frames(mech, [js.Frame("tool0", "body1", X)])
+
+
+def state(*batch):
+    rng = np.random.default_rng(1)
+    q = js.random_configuration(mechanism(), jax.random.key(0), batch, np.float64)
+    return q, jnp.asarray(rng.standard_normal((*batch, mechanism().nv)))
+
+
+def contacts(**changes):
+    p = np.random.default_rng(2).normal(size=(len(FRAMES), 3))
+    return js.PointContacts(
+        FRAMES, p, **{"radius": 0.1, "stiffness": STIFFNESS, "relaxation_time": 0.1, "friction": FRICTION} | changes
+    )
+
+
+def plane():
+    return js.HalfSpace(NORMAL, OFFSET)
+
+
+def forces(q, v, given=None, ground=None):
+    given, ground = given or contacts(), ground or plane()
+    F = js.contact_forces(mechanism(), q, v, given, ground, dissipation=DISSIPATION, stiction_speed=STICTION)
+    return F.wrenches.to_array()
+
+
+def law(q, v):
+    """As its docstring has it, on the velocities of bodies at contact points, by Jacobians."""
+    mech, given, n = mechanism(), contacts(), NORMAL / np.linalg.norm(NORMAL)
+    X = js.forward_kinematics(mech, q, FRAMES)
+    R, p, J = (np.asarray(x) for x in (X.rotation.to_matrix(), X.translation, js.jacobian(mech, q, FRAMES)))
+    result = []
+    for i in range(len(FRAMES)):
+        turned = R[i] @ given.positions[i]
+        distance = n @ (p[i] + turned) - OFFSET
+        offset, (w, at_origin) = -distance * n, (J[i] @ np.asarray(v)).reshape(2, 3)
+        at_C = at_origin + np.cross(w, turned + offset)
+        depth, speed = 0.1 - distance, n @ at_C
+        pressed = max(STIFFNESS[i] * depth * (1 - DISSIPATION * speed), 0) if depth > 0 else 0
+        along = at_C - speed * n
+        r = np.linalg.norm(along) / STICTION
+        step = r**3 * (10 - 15 * r + 6 * r**2) if r < 1 else 1
+        f = pressed * (n - FRICTION * step * along / max(np.linalg.norm(along), 1e-300))
+        result.append(np.concatenate([np.cross(offset, f), f]))
+    return np.array(result)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.1, 1e-3, 0.0])
+def test_the_law(scale):
+    q, v = state(8)
+    found = interpreted(lambda q, v: forces(q, scale * v))(q, v)
+    expected = np.array([law(*x) for x in zip(q, scale * v, strict=True)])
+    assert abs(found - expected).max() <= 1e-13 * abs(expected).max()
+    touching = (expected != 0).any(-1)
+    np.testing.assert_array_equal((found != 0).any(-1), touching)  # exactly zero at a distance
+    assert touching.any(0).any() and (~touching).any()
+
+
+def test_forces_act_where_they_are_said_to():
+    """In forward dynamics, as J^T f."""
+    q, v = (x[0] for x in state(1))
+    tau = jnp.zeros(mechanism().nv)
+    F = js.contact_forces(mechanism(), q, v, contacts(stiffness=1e3), plane())
+    assert F.frames == FRAMES and F.axes == "world" and F.batch_shape == ()
+    X = js.forward_kinematics(mechanism(), q, FRAMES)
+    at_origins = js.shift(F.wrenches, -(X.rotation @ F.points)).to_array()
+    pulled = jnp.einsum("nij,ni->j", js.jacobian(mechanism(), q, FRAMES), at_origins, precision="highest")
+    found = js.forward_dynamics(mechanism(), q, v, tau, F)
+    np.testing.assert_allclose(found, js.forward_dynamics(mechanism(), q, v, pulled), rtol=1e-10, atol=1e-10)
+
+
+def test_the_same_bits_however_it_is_called():
+    x = state(3)
+    expected = interpreted(forces)(*x)
+    calls = {
+        "eager": forces,
+        "jit of vmap": jax.jit(jax.vmap(forces)),
+        "scan": lambda *x: jax.lax.scan(lambda _, item: (None, forces(*item)), None, x)[1],
+        "one by one": lambda *x: jnp.stack([forces(*item) for item in zip(*x, strict=True)]),
+    }
+    for how, call in calls.items():
+        np.testing.assert_array_equal(call(*x), expected, err_msg=how)
+
+
+def curved(p):
+    """Distance from the surface of a ball of radius 5, centre at (0.5, 0, -5)."""
+    return jnp.sqrt(((p - jnp.array([0.5, 0.0, -5.0], p.dtype)) ** 2).sum()) - 5
+
+
+def test_any_ground():
+    x = state(3)
+    np.testing.assert_allclose(forces(*x, ground=lambda p: plane()(p)), forces(*x), rtol=0, atol=1e-10)
+    flat = js.HalfSpace(), lambda p: p[2], None
+    found = [js.contact_forces(mechanism(), *x, contacts(), ground).wrenches.to_array() for ground in flat]
+    np.testing.assert_array_equal(found[0], found[2])
+    np.testing.assert_array_equal(found[1], found[2])
+    # On a ball all normals meet in its centre.
+    F = js.contact_forces(mechanism(), *x, contacts(friction=0.0), curved)
+    centers = js.forward_kinematics(mechanism(), x[0], FRAMES) @ jnp.asarray(contacts().positions)
+    arm = np.asarray(centers) - [0.5, 0.0, -5.0]
+    assert abs(F.wrenches.f).max() > 100
+    np.testing.assert_allclose(np.cross(arm, F.wrenches.f), 0 * arm, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(F.wrenches.tau, 0 * arm, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-2, 0.0])
+def test_derivatives_are_differences(scale):
+    """By the state, by all numbers of contacts and ground; forward, reverse. Also at rest, where friction begins."""
+    q, v = (x[0] for x in state(1))
+    x = jax.tree.map(jnp.asarray, (q, scale * v, contacts(), plane()))
+
+    def of(x):
+        return forces(*x)
+
+    rng = np.random.default_rng(3)
+    t = jax.tree.map(lambda leaf: jnp.asarray(rng.standard_normal(leaf.shape)), x)
+    value, tangent = interpreted(lambda x, t: jax.jvp(of, (x,), (t,)))(x, t)
+    assert (value != 0).any(-1).sum() >= 2
+    cotangent = rng.standard_normal(value.shape)
+    (pulled,) = interpreted(lambda x, c: jax.vjp(of, x)[1](c))(x, cotangent)
+    inner = sum(jnp.sum(a * b) for a, b in zip(jax.tree.leaves(pulled), jax.tree.leaves(t), strict=True))
+    size = sum(jnp.sum(abs(a * b)) for a, b in zip(jax.tree.leaves(pulled), jax.tree.leaves(t), strict=True))
+    assert abs(inner - jnp.sum(cotangent * tangent)) <= 1e-12 * size
+    step = 1e-6
+    run = interpreted(of)
+    ahead, behind = (run(jax.tree.map(lambda a, b, s=s: a + s * b, x, t)) for s in (step, -step))
+    assert abs((ahead - behind) / (2 * step) - tangent).max() <= 1e-6 * abs(tangent).max()
+
+
+def test_at_a_distance_derivatives_are_zero():
+    q, v = (x[0] for x in state(1))
+    high = js.HalfSpace(offset=-100.0)
+    gradient = interpreted(jax.grad(lambda q, v, c: (forces(q, v, c, high) ** 2).sum(), (0, 1, 2)))(
+        q, v, jax.tree.map(jnp.asarray, contacts())
+    )
+    assert all((leaf == 0).all() for leaf in jax.tree.leaves(gradient))
+
+
+def test_what_is_no_number_is_none_in_the_result():
+    q, v = (x[0] for x in state(1))
+    assert jnp.isnan(forces(q * jnp.nan, v)).all(-1)[:-1].all()  # the last is on the world
+
+
+def test_a_batch_of_contacts_and_of_grounds():
+    q, v = (x[0] for x in state(1))
+    friction = jnp.linspace(0.0, 1.0, 4)
+    found = forces(q, v, contacts(friction=jnp.broadcast_to(friction[:, None], (4, 5))))
+    each = [forces(q, v, contacts(friction=mu)) for mu in friction]
+    np.testing.assert_array_equal(found, each)
+    grounds = js.HalfSpace(jnp.broadcast_to(NORMAL, (4, 3)), jnp.linspace(-0.5, 0.5, 4))
+    each = [forces(q, v, ground=js.HalfSpace(NORMAL, offset)) for offset in grounds.offset]
+    np.testing.assert_allclose(forces(q, v, ground=grounds), each, rtol=0, atol=1e-10)
+
+
+def test_in_float32():
+    """Also while 64-bit types are on."""
+    mech, x = mechanism().astype(np.float32), [y.astype(np.float32) for y in state(3)]
+    given, ground = contacts().astype(np.float32), plane().astype(np.float32)
+    F = js.contact_forces(mech, *x, given, ground, dissipation=DISSIPATION, stiction_speed=STICTION)
+    assert F.dtype == np.float32
+    expected = forces(*state(3))
+    # Forces are as accurate as depths: k times a position's rounding.
+    assert abs(np.asarray(F.wrenches.to_array()) - np.asarray(expected)).max() <= 64 * 2.0**-24 * 2e3 * 4
+    assert js.contact_forces(mech, *x, given).dtype == np.float32
+
+
+def test_no_contacts():
+    q, v = state(3)
+    F = js.contact_forces(mechanism(), q, v, js.PointContacts([], stiffness=1.0, relaxation_time=0.0, friction=0.0))
+    assert F.wrenches.batch_shape == (3, 0)
+    js.forward_dynamics(mechanism(), q, v, jnp.zeros_like(v), F)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"contacts": None}, TypeError, "contact_forces: contacts: expected PointContacts, got NoneType"),
+        ({"ground": 3}, TypeError, "contact_forces: ground: expected a HalfSpace, or a function .*, got int"),
+        ({"ground": lambda p: p}, ValueError, r"ground: expected a signed distance, float64\[\], .* got float64\[3\]"),
+        ({"ground": js.HalfSpace().astype(np.float32)}, TypeError, "q and ground: expected one dtype"),
+        ({"stiction_speed": 0.0}, ValueError, "stiction_speed: expected numbers above 0, got 0.0"),
+        ({"dissipation": np.zeros(3)}, ValueError, r"dissipation: expected a number, or shape \(\*batch, 5\)"),
+        ({"dissipation": np.zeros((3, 5))}, ValueError, "expected batch shapes that broadcast"),
+    ],
+)
+def test_what_is_refused(changes, error, message):
+    arguments = {"contacts": contacts(), "ground": None} | changes
+    with pytest.raises(error, match=message):
+        js.contact_forces(mechanism(), *state(2), **arguments)
+
+
+def test_more_that_is_refused():
+    q, v = state(2)
+    with pytest.raises(KeyError, match="contact_forces: frames: .*did you mean 'tool0'"):
+        js.contact_forces(
+            mechanism(), q, v, js.PointContacts(["tool"], stiffness=1.0, relaxation_time=0.0, friction=0.0)
+        )
+    with pytest.raises(ValueError, match="q and v and contacts: expected batch shapes that broadcast"):
+        js.contact_forces(mechanism(), q, v, contacts(friction=np.zeros((3, 5))))
+    with pytest.raises(TypeError, match="q and contacts: expected one dtype"):
+        js.contact_forces(mechanism(), q, v, contacts().astype(np.float32))

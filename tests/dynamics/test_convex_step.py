@@ -1,0 +1,473 @@
+"""The convex step: against the oracle, in cases that one works out by hand, in hostile states, and its derivatives."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxspatial as js
+from tests.helpers import contact_oracle as oracle
+from tests.helpers import contact_scenes as scenes
+from tests.helpers.marks import slow, slow_but
+
+G = 9.81
+# Of velocities in float64, relative to the largest of them and of what gravity adds: the solver's tolerance.
+ALLOWED = 1e-8
+
+
+@pytest.fixture(autouse=True)
+def _x64():
+    with jax.enable_x64(True):
+        yield
+
+
+# -- against the oracle -----------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def tree():
+    """A floating body with an arm: springs, damping, dry friction and limits; spheres on all bodies."""
+    ball = js.SpatialInertia.solid_ellipsoid(np.array([0.2, 0.3, 0.1]), mass=np.float64(2))
+    joint = {"stiffness": 2.0, "damping": 0.3, "friction_loss": 0.5, "lower": -0.6, "upper": 0.8}
+    out = [js.RigidTransform(js.Rotation.exp(np.array(w)), np.array(p)) for w, p in
+           (([0.3, 0, 0], [0.2, 0, 0]), ([0, 0.5, 0], [0.3, 0, 0.1]), ([0.0, 0, -1], [0, 0.3, 0]))]  # fmt: skip
+    joints = [
+        js.Joint("root", "free", "world", "a"),
+        js.Joint("j", "revolute", "a", "b", out[0], axis=(0, 1, 0), **joint),
+        js.Joint("k", "prismatic", "b", "c", out[1], axis=(0, 0, 1), **joint | {"friction_loss": 0.0}),
+        js.Joint("l", "revolute", "a", "d", out[2], axis=(1, 0, 0), **joint | {"lower": -np.inf}),
+    ]
+    mech = js.Mechanism.build([js.Body(name, ball) for name in "abcd"], joints, dtype=np.float64)
+    numbers = np.array([1e4, 1e5, 2e3, 1e4]), np.array([0.0, 0.01, 0.1, 0.02]), np.array([0.0, 0.3, 1.0, 0.6])
+    positions = np.array([[0, 0, -0.1], [0.1, 0, -0.1], [0.1, 0.1, 0], [0, 0.2, 0]])
+    return scenes.Scene("", mech, True, tuple("abcd"), positions, 0.05, *numbers)
+
+
+SCENES = {"box": scenes.box, "arm": scenes.arm, "tree": tree}
+
+
+@functools.cache
+def step(name, dt, dtype="float64"):
+    """A compiled step of many states, with the contacts of a scene: q, v, tau -> ConvexStep."""
+    scene = SCENES[name]()
+    mech, contacts = scene.mechanism.astype(dtype), scene.contacts.astype(dtype)
+    return jax.jit(lambda q, v, tau: js.convex_step(mech, q, v, tau, np.dtype(dtype).type(dt), contacts=contacts))
+
+
+def many(name, n, seed=0):
+    found = scenes.states(SCENES[name](), n, seed)
+    return [np.array(x) for x in zip(*found, strict=True)]
+
+
+FEW = [("box", 5e-3), ("arm", 1e-3), ("tree", 1e-2)]
+CASES = slow_but(FEW, [(name, dt) for name in SCENES for dt in (1e-3, 5e-3, 1e-2)])
+
+
+@pytest.mark.parametrize(("name", "dt"), CASES)
+def test_it_is_the_optimum(name, dt):
+    scene, (q, v, tau), n_rows = SCENES[name](), many(name, 40), []
+    found = step(name, dt)(q, v, tau)
+    assert found.residual.shape == found.iterations.shape == (40,)
+    for i, expected in enumerate(oracle.steps_of(scene.mechanism, q, v, tau, dt, scene.contacts)):
+        after = oracle.in_world(scene.mechanism, found.q[i]) @ found.v[i]
+        size, f = max(abs(expected.v).max(), abs(v[i]).max(), G * dt), found.contact_forces
+        np.testing.assert_allclose(after, expected.v, rtol=0, atol=ALLOWED * size, err_msg=f"{i}")
+        # A stiff contact turns an error of a velocity into one of an impulse: momenta are what is compared.
+        largest = max(abs(expected.forces).max(), 1)
+        np.testing.assert_allclose(f.f[i], expected.forces, rtol=0, atol=1e-6 * largest, err_msg=f"{i}")
+        np.testing.assert_array_equal(f.tau[i], 0)
+        n_rows.append(len(expected.result.impulses))
+    assert np.mean(np.array(n_rows) > 0) > 0.5 and found.iterations.max() < 30
+    assert found.residual.max() < 1e-6
+
+
+def test_without_anything_to_touch_it_is_the_plain_step():
+    """The same program where there are no contacts; with contacts far away, the same bits."""
+    scene, (q, v, tau) = scenes.box(), many("box", 8)
+    expected = js.semi_implicit_step(scene.mechanism, q, v, tau, 1e-2)
+    alone = js.convex_step(scene.mechanism, q, v, tau, 1e-2)
+    above = js.convex_step(scene.mechanism, q, v, tau, 1e-2, contacts=scene.contacts, ground=js.HalfSpace(offset=-99.0))
+    for found in (alone, above):
+        np.testing.assert_array_equal(found.q, expected[0])
+        np.testing.assert_array_equal(found.v, expected[1])
+        np.testing.assert_array_equal(found.residual, 0)
+        np.testing.assert_array_equal(found.iterations, 0)
+    np.testing.assert_array_equal(above.contact_forces.to_array(), 0)
+
+    def lowered(step):
+        return str(jax.make_jaxpr(step)(q, v, tau))
+
+    mech = scene.mechanism
+    assert lowered(lambda *x: js.convex_step(mech, *x, 1e-2)[:2]) == lowered(
+        lambda *x: js.semi_implicit_step(mech, *x, 1e-2)
+    )
+
+
+# -- by hand ----------------------------------------------------------------------------------------------------------
+
+MASS, STIFF, TAU_D = 2.0, 1e4, 0.02
+
+
+def spheres(frames, positions, radius, stiffness, relaxation_time, friction):
+    numbers = {"stiffness": stiffness, "relaxation_time": relaxation_time, "friction": friction}
+    return js.PointContacts(frames, positions, np.asarray(radius, np.float64), **numbers)
+
+
+@functools.cache
+def slider():
+    """A mass that moves along three axes, and does not turn."""
+    mass = js.SpatialInertia.point_mass(np.zeros(3), mass=np.float64(MASS))
+    bodies = [js.Body("a"), js.Body("b"), js.Body("c", mass)]
+    axes = zip("xyz", ("world", "a", "b"), "abc", np.eye(3), strict=True)
+    joints = [js.Joint(n, "prismatic", parent, child, axis=axis) for n, parent, child, axis in axes]
+    return js.Mechanism.build(bodies, joints, dtype=np.float64)
+
+
+def touching(friction, n=1, tau_d=TAU_D):
+    """n points at the mass of the slider."""
+    return spheres(["c"] * n, None, 0, np.float64(STIFF), np.float64(tau_d), friction)
+
+
+def softness(dt, n=1):
+    """(R_n, R_t) of the slider: w = |1/m 1|_F / 3."""
+    return 1 / (dt * STIFF * (dt + TAU_D)), 1e-3 * np.sqrt(3) / 3 / MASS
+
+
+@pytest.mark.parametrize("n", [1, 4])
+def test_contacts_share_a_weight(n):
+    """Depth m g / (n k): rest is a fixed point, bit for bit nearly."""
+    q = np.array([0.3, 0.2, -MASS * G / (n * STIFF)])
+    found = js.convex_step(slider(), q, np.zeros(3), np.zeros(3), 5e-3, contacts=touching(0.5, n))
+    np.testing.assert_allclose(found.v, 0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.contact_forces.f, [[0, 0, MASS * G / n]] * n, rtol=1e-9, atol=1e-9)
+
+
+def rolled_out(mech, q, v, dt, n, contacts, ground=None):
+    """States after each of n steps without forces of joints."""
+    tau = np.zeros(mech.nv)
+
+    @jax.jit
+    def run(q, v):
+        def one(state, _):
+            after = js.convex_step(mech, *state, tau, dt, contacts=contacts, ground=ground)
+            return after[:2], after[:2]
+
+        return jax.lax.scan(one, (q, v), None, n)[1]
+
+    return jax.tree.map(np.asarray, run(jnp.asarray(q), jnp.asarray(v)))
+
+
+@pytest.mark.parametrize("steeper", [0.98, 1.02])
+def test_an_incline_holds_up_to_its_angle_of_friction(steeper):
+    """Below, a block creeps at R_t m g sin / n, the regularisation of sticking; above it slides away."""
+    mu, dt, n = 0.6, 5e-3, 2
+    angle = np.arctan(mu) * steeper
+    down, normal = np.array([np.cos(angle), 0, -np.sin(angle)]), np.array([np.sin(angle), 0, np.cos(angle)])
+    q = -normal * MASS * G * np.cos(angle) / (n * STIFF)
+    _, v = rolled_out(slider(), q, np.zeros(3), dt, 200, touching(mu, n), js.HalfSpace(normal))
+    creep = softness(dt)[1] * MASS * G * np.sin(angle) * dt / n
+    if steeper < 1:
+        np.testing.assert_allclose(v[-1], creep * down, rtol=0, atol=1e-9)
+    else:
+        assert v[-1] @ down > 0.5 * 200 * dt * G * (np.sin(angle) - mu * np.cos(angle)) > 20 * creep
+
+
+def test_sliding_down_an_incline():
+    """Steadily g (sin - mu cos), while the convex problem lifts the block at (dt + tau_d) mu times that."""
+    mu, dt, angle = 0.3, 1e-3, 0.6
+    down, normal = np.array([np.cos(angle), 0, -np.sin(angle)]), np.array([np.sin(angle), 0, np.cos(angle)])
+    faster = G * (np.sin(angle) - mu * np.cos(angle))
+    rises, speed = (dt + TAU_D) * mu * faster, 0.1
+    R_n, R_t = softness(dt)
+    impulse = MASS * G * np.cos(angle) * dt
+    depth = (dt + TAU_D) * ((R_n + mu**2 * R_t) * impulse + rises - mu * (speed + faster * dt))
+    v = speed * down + rises * normal
+    q, v = rolled_out(slider(), -depth * normal, v, dt, 20, touching(mu), js.HalfSpace(normal))
+    np.testing.assert_allclose(v @ down, speed + faster * dt * np.arange(1, 21), rtol=1e-8)
+    np.testing.assert_allclose(v @ normal, rises, rtol=1e-6)
+    assert (q @ normal < 0).all()
+
+
+def test_a_thrown_sphere_rolls():
+    """At 5/7 of its speed, for a radius less its depth: v0 / (1 + 0.4 R^2 / h^2)."""
+    R, k = 0.1, 1e5
+    M = js.SpatialInertia.solid_sphere(np.float64(R), mass=np.float64(1))
+    mech = js.Mechanism.build([js.Body("c", M)], [js.Joint("root", "free", "world", "c")], dtype=np.float64)
+    h = R - G / k
+    q, v = np.array([1, 0, 0, 0, 0, 0, h]), np.array([0, 0, 0, 1, 0, 0.0])
+    q, v = rolled_out(mech, q, v, 1e-3, 400, spheres(["c"], None, R, k, 0.002, 0.3))
+    R_WB = js.Rotation.from_quaternion(q[-1, :4])
+    w, linear = (np.asarray(R_WB @ x) for x in v[-1].reshape(2, 3))
+    np.testing.assert_allclose(linear, [1 / (1 + 0.4 * R**2 / h**2), 0, 0], rtol=0, atol=2e-3)
+    np.testing.assert_allclose(np.cross(w, [0, 0, -h]) + linear, 0, rtol=0, atol=1e-3)
+    assert abs(linear[0] - 5 / 7) < 2e-3
+
+
+def test_a_bounce_in_one_step():
+    """(m + dt k (dt + tau_d)) v+ = m v* - dt k phi, or v+ = v* where the ground would pull."""
+    dt, depths = 5e-3, np.array([1e-3, 5e-3, 1e-2, 1e-3])
+    v = np.array([[0, 0, -1.0], [0, 0, 0.0], [0, 0, 0.3], [0, 0, 3.0]])
+    q = np.stack([0 * depths, 0 * depths, -depths], 1)
+    found = js.convex_step(slider(), q, v, np.zeros((4, 3)), dt, contacts=touching(0.5))
+    free = v[:, 2] - G * dt
+    memory = dt + TAU_D
+    expected = np.maximum((MASS * free + dt * STIFF * depths) / (MASS + dt * STIFF * memory), free)
+    np.testing.assert_allclose(found.v[:, 2], expected, rtol=1e-9, atol=1e-12)
+    assert expected[3] == free[3] and (found.contact_forces.f[3] == 0).all()
+
+
+@pytest.mark.parametrize("tau_d", [0.0, 2e-3])
+def test_restitution(tau_d):
+    """Of short steps: exp(-(b / om) (pi - atan2(2 b om, om^2 - b^2))), b = k tau_d / 2 m. [Schwager, Poeschel 2007]"""
+    dt, mech = 1e-5, slider().replace(gravity=np.zeros(3))
+    contacts = touching(0.0, tau_d=tau_d)
+    _, v = rolled_out(mech, np.zeros(3), np.array([0, 0, -1.0]), dt, 5000, contacts)
+    b = STIFF * tau_d / (2 * MASS)
+    om = np.sqrt(STIFF / MASS - b**2)
+    expected = np.exp(-b / om * (np.pi - np.arctan2(2 * b * om, om**2 - b**2)))
+    np.testing.assert_allclose(v[-1], [0, 0, expected], rtol=0, atol=2e-3)
+
+
+def test_impulses_move_momentum_and_oppose_slip():
+    """A free body's momenta change by exactly the impulses; none of these pulls, none is outside of its cone."""
+    scene, (q, v, _), dt = scenes.box(), many("box", 40), 5e-3
+    mech = scene.mechanism.replace(gravity=np.zeros(3))
+    found = js.convex_step(mech, q, v, np.zeros_like(v), dt, contacts=scene.contacts)
+    free = js.convex_step(mech, q, v, np.zeros_like(v), dt)
+    X = js.forward_kinematics(mech, q, scene.frames)
+    centers = np.asarray(X @ jnp.asarray(scene.positions))
+    points, f = centers * [1, 1, 0], np.asarray(found.contact_forces.f)
+    momenta = []
+    for x in (found, free):
+        old, new = ([oracle.in_world(mech, y) for y in z] for z in (q, x.q))
+        after = np.array([a.T @ b @ v for a, b, v in zip(old, new, x.v, strict=True)])
+        momenta.append(np.asarray(js.centroidal_momentum(mech, q, after).to_array()))
+    change = momenta[0] - momenta[1]
+    arms = points - np.asarray(js.center_of_mass(mech, q))[:, None]
+    size = abs(dt * f).max()
+    np.testing.assert_allclose(change[:, 3:], dt * f.sum(1), rtol=0, atol=1e-7 * size)
+    np.testing.assert_allclose(change[:, :3], dt * np.cross(arms, f).sum(1), rtol=0, atol=1e-7 * size)
+    tangential = np.linalg.norm(f[..., :2], axis=-1)
+    assert (f[..., 2] >= 0).all() and (tangential <= scene.friction * f[..., 2] + 1e-9 * abs(f).max()).all()
+    assert (f[..., 2] > 0).sum() > 20
+
+
+def test_the_order_of_contacts_means_nothing():
+    scene, (q, v, tau) = scenes.box(), many("box", 20)
+    c = scene.contacts
+    back = spheres(c.frames[::-1], c.positions[::-1], c.radius, c.stiffness, c.relaxation_time, c.friction)
+    a, b = (js.convex_step(scene.mechanism, q, v, tau, 5e-3, contacts=x) for x in (c, back))
+    np.testing.assert_allclose(a.v, b.v, rtol=0, atol=ALLOWED * abs(a.v).max())
+    np.testing.assert_allclose(a.contact_forces.f, b.contact_forces.f[:, ::-1], rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize(("dt", "n"), [(5e-3, 2000), *(slow(dt, 100_000) for dt in (1e-3, 5e-3, 2e-2))])
+def test_energy_is_never_more(dt, n):
+    """Of a box thrown to the ground: it comes to rest, and never has more than it began with, but for what explicit
+    gravity and turning add in a step, and for the depth at which spheres are first found inside."""
+    scene = scenes.box()
+    mech = scene.mechanism
+    q, v = np.array([0.9, 0.3, -0.2, 0.1, 0, 0, 0.6]), np.array([1.0, -2, 0.5, 0.5, 0.3, 0])
+    q[:4] /= np.linalg.norm(q[:4])
+    q_of, v_of = rolled_out(mech, q, v, dt, n, scene.contacts)
+    energy = np.asarray(js.kinetic_energy(mech, q_of, v_of) + js.potential_energy(mech, q_of))
+    start = float(js.kinetic_energy(mech, q, v) + js.potential_energy(mech, q))
+    fastest = np.sqrt(2 * start / 2.0)
+    found_inside = 8 * scene.stiffness * (fastest * dt) ** 2 / 2
+    assert np.isfinite(energy).all() and energy.max() < start * (1 + 2 * dt) + found_inside
+    # Long after: at rest, for good.
+    assert abs(v_of[n // 2 :]).max() < 1e-3 and np.ptp(energy[n // 2 :]) < 1e-3
+
+
+# -- transformations --------------------------------------------------------------------------------------------------
+
+
+def test_however_it_is_called():
+    """Compiled, batched by axes and by vmap, one by one: states do not see each other."""
+    x = many("tree", 6)
+    scene = tree()
+
+    def own(q, v, tau):
+        return js.convex_step(scene.mechanism, q, v, tau, 5e-3, contacts=scene.contacts)
+
+    expected = step("tree", 5e-3)(*x)
+    calls = {
+        "jit of vmap": jax.jit(jax.vmap(own))(*x),
+        "eager": own(*x),
+        "(2, 3)": jax.tree.map(lambda y: y.reshape((6, *y.shape[2:])), own(*(y.reshape((2, 3, -1)) for y in x))),
+        "scan": jax.lax.scan(lambda _, item: (None, own(*item)), None, tuple(map(jnp.asarray, x)))[1],
+    }
+    for how, found in calls.items():
+        for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+            np.testing.assert_array_equal(a, b, err_msg=how)
+
+
+def test_a_batch_of_contacts():
+    scene, (q, v, tau) = scenes.box(), many("box", 4)
+
+    def stepped(q, v, tau, friction):
+        contacts = spheres(scene.frames, scene.positions, 0.02, np.float64(1e4), np.float64(0.02), friction)
+        return js.convex_step(scene.mechanism, q, v, tau, 5e-3, contacts=contacts)
+
+    friction = np.repeat(np.linspace(0, 1, 4)[:, None], 8, 1)
+    found = stepped(q, v, tau, friction)
+    for i in range(4):
+        np.testing.assert_allclose(found.v[i], stepped(q[i], v[i], tau[i], friction[i]).v, rtol=0, atol=1e-12)
+
+
+def test_float32():
+    """Its own dtype throughout, and near what float64 has: 1e-4 of the largest velocity."""
+    x = many("tree", 40)
+    expected = step("tree", 5e-3)(*x)
+    found = step("tree", 5e-3, "float32")(*(y.astype(np.float32) for y in x))
+    assert {y.dtype.name for y in jax.tree.leaves(found)} == {"float32", "int32"}
+    error = abs(np.asarray(found.v, float) - np.asarray(expected.v)).max(1) / abs(np.asarray(expected.v)).max(1)
+    assert np.median(error) < 1e-5 and error.max() < 1e-3
+    assert found.iterations.max() < 40
+
+
+def test_no_number_in_none_out():
+    """In the state that has it, and no endless loop."""
+    x = many("tree", 6)
+    expected, others = step("tree", 5e-3)(*x), np.arange(6) != 2
+    for k in range(3):
+        broken = [y.copy() for y in x]
+        broken[k][2, -1] = np.nan
+        found = step("tree", 5e-3)(*broken)
+        assert np.isnan(found.v[2]).any() and np.isnan(found.residual[2])
+        np.testing.assert_array_equal(np.asarray(found.v)[others], np.asarray(expected.v)[others])
+
+
+# -- hostile ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [64, slow(2000)])
+def test_hostile_numbers(n):
+    """No friction and much, stiffness from 1 to 1e12, masses of 1e-3 and 1e3, steps from 1e-5 to 0.1, deep inside,
+    every contact twice: what comes is the optimum, or the residual says that it is not."""
+    rng = np.random.default_rng(5)
+    light, heavy = (js.SpatialInertia.solid_sphere(np.float64(0.2), mass=np.float64(m)) for m in (1e-3, 1e3))
+    out = js.RigidTransform(js.Rotation.identity(), np.array([0.3, 0.1, 0.2]))
+    joints = [
+        js.Joint("root", "free", "world", "a"),
+        js.Joint("j", "revolute", "a", "b", out, axis=(0, 1, 0)),
+        js.Joint("k", "revolute", "b", "c", out, axis=(1, 0, 0)),
+    ]
+    bodies = [js.Body("a", light), js.Body("b", heavy), js.Body("c", light)]
+    mech = js.Mechanism.build(bodies, joints, dtype=np.float64)
+    frames, positions = ("a", "b", "c") * 2, np.tile(rng.normal(size=(3, 3)) / 5, (2, 1))
+    q, v, tau = rng.standard_normal((n, 9)), 3 * rng.standard_normal((n, 8)), rng.standard_normal((n, 8))
+    q[:, :4] /= np.linalg.norm(q[:, :4], axis=1, keepdims=True)
+    q[:, 6] = rng.uniform(-1, 0.3, n)
+    dt, k = 10 ** rng.uniform(-5, -1, n), 10 ** rng.uniform(0, 12, (n, 6))
+    mu, tau_d = rng.choice([0.0, 0.5, 10.0], (n, 6)), rng.choice([0.0, 0.1], (n, 6))
+
+    @jax.jit
+    def run(q, v, tau, dt, k, tau_d, mu):
+        return js.convex_step(mech, q, v, tau, dt, contacts=spheres(frames, positions, 0.05, k, tau_d, mu))
+
+    found, wrong = run(q, v, tau, dt, k, tau_d, mu), []
+    contacts = spheres(frames, positions, 0.05, k, tau_d, mu)
+    for i, (problem, *_) in enumerate(oracle.problems_of(mech, q, v, tau, dt, contacts)):
+        if not problem.terms:
+            continue
+        after = oracle.in_world(mech, found.q[i]) @ found.v[i]
+        size, of = problem.momenta(after)
+        best = problem.optimum(after)
+        assert np.isfinite(after).all()
+        # Of momenta: A times what is wrong with the velocities.
+        error = np.linalg.norm(problem.scale * (problem.A @ (after - best.v))) / max(of, 1e-300)
+        wrong.append((error > 1e-6 and found.residual[i] < 1e-6, i, error, size / of, float(found.residual[i])))
+    assert not [x for x in wrong if x[0]], [x[1:] for x in wrong if x[0]]
+    assert np.mean(np.asarray(found.residual) < 1e-6) > 0.99
+
+
+# -- derivatives ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["box", "arm", slow("tree")])
+def test_derivatives_are_those_of_the_optimum(name):
+    """By v, tau and all numbers of contacts, against differences of the oracle's optima: stuck, sliding and in flight.
+    Forward and reverse agree."""
+    scene, dt, n, rng = SCENES[name](), 5e-3, 12, np.random.default_rng(6)
+    mech, given, (q, v, tau) = scene.mechanism, scene.contacts, many(name, n)
+    numbers = given.radius, given.stiffness, given.relaxation_time, given.friction
+    per_contact = (np.broadcast_to(x, len(given.frames)) for x in numbers)
+    contacts = jax.tree.map(jnp.asarray, spheres(given.frames, given.positions, *per_contact))
+    along = jax.tree.map(lambda y: rng.standard_normal(y.shape) * abs(y).max(), contacts)
+    along = (*rng.standard_normal((2, mech.nv)), along)
+
+    def own(q, v, tau, contacts):
+        return js.convex_step(mech, q, v, tau, dt, contacts=contacts).v
+
+    @jax.jit
+    def derivatives(q, v, tau, c):
+        x = v, tau, contacts
+        tangent = jax.jvp(lambda *x: own(q, *x), x, along)[1]
+        return tangent, jax.vjp(lambda *x: own(q, *x), *x)[1](c)
+
+    errors, kinds = [], set()
+    for i in range(n):
+        c = rng.standard_normal(mech.nv)
+        tangent, pulled = derivatives(q[i], v[i], tau[i], c)
+        inner = sum(jnp.vdot(a, b) for a, b in zip(jax.tree.leaves(pulled), jax.tree.leaves(along), strict=True))
+        assert abs(inner - c @ tangent) <= 1e-7 * np.linalg.norm(c) * np.linalg.norm(tangent)
+        difference, n_impulses = _difference(scene, (q[i], dt), (v[i], tau[i], contacts), along)
+        errors.append(abs(difference - tangent).max() / abs(difference).max())
+        kinds.add(n_impulses)
+    assert np.max(errors) < 1e-5, errors
+    assert len(kinds) > 1
+
+
+def _difference(scene, at, x, along, h=1e-7):
+    """(the derivative of rates after a step of the oracle, how many terms have an impulse)."""
+    (q, dt), three = at, np.array([0.0, h, -h])
+    v, tau, contacts = jax.tree.map(lambda y, d: np.stack([y + s * d for s in three]), x, along)
+    steps = oracle.steps_of(scene.mechanism, np.stack([q] * 3), v, tau, dt, contacts)
+    after, ahead, behind = (step.v for step in steps)
+    difference = (ahead - behind) / (2 * h)
+    if scene.is_floating:
+        # Those of the base are along its axes, which have turned by dt w: these have a derivative too.
+        R, (w, linear) = oracle.in_world(scene.mechanism, q)[:3, :3], after[:6].reshape(2, 3)
+
+        def in_body(w, linear):
+            R_after = js.Rotation.exp(dt * w).to_matrix() @ R
+            return jnp.concatenate([R_after.T @ w, R_after.T @ linear])
+
+        difference[:6] = jax.jvp(in_body, (w, linear), (difference[:3], difference[3:6]))[1]
+    return difference, sum(bool(impulse.any()) for impulse in steps[0].result.impulses)
+
+
+def test_gradients_of_hostile_states_are_finite():
+    """At rest, where nothing slips; just touching; without friction; and with every contact twice."""
+    mech, zero = slider(), np.zeros(3)
+
+    def total(q, v, contacts):
+        found = js.convex_step(mech, q, v, zero, 5e-3, contacts=contacts)
+        return found.v.sum() + found.q.sum()
+
+    gradient = jax.jit(jax.grad(total, (0, 1, 2)))
+    for depth in (0.0, 1e-12, 1e-3):
+        for mu in (0.0, 0.5):
+            contacts = jax.tree.map(jnp.asarray, touching(mu, 2))
+            found = gradient(np.array([0, 0, -depth]), zero, contacts)
+            assert all(np.isfinite(y).all() for y in jax.tree.leaves(found))
+
+
+def test_what_friction_learns():
+    """Of a block that slides: its speed v0 - mu gamma / m with gamma in closed form, and the derivative by mu."""
+    dt, start, depth = 5e-3, 1.0, MASS * G / STIFF
+    q, v = np.array([0, 0, -depth]), np.array([start, 0, 0])
+    R_n, R_t = softness(dt)
+
+    def speed(mu):
+        return js.convex_step(slider(), q, v, np.zeros(3), dt, contacts=touching(mu)).v[0]
+
+    def by_hand(mu):
+        whole = R_n + 1 / MASS + mu**2 * (R_t + 1 / MASS)
+        return start - mu * (depth / (dt + TAU_D) + G * dt + mu * start) / whole / MASS
+
+    found, expected = jax.value_and_grad(speed)(0.3), jax.value_and_grad(by_hand)(0.3)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
