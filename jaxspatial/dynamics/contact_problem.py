@@ -253,7 +253,7 @@ def of_carriers(state: MechanismState, carriers: list[int], results: list[Any]) 
     return pieces[0] if len(pieces) == 1 else stacking.concatenated_rows(pieces, state.n)
 
 
-def _rows_at(word: jax.Array, places: list[tuple[int, int]]) -> jax.Array:
+def _rows_at(word: jax.Array, places: list[tuple[int, int]]) -> Array:
     """The rows (n, B) at (row, chain) of an array (L, W, B), of size 1 where all have the same."""
     L, W = word.shape[:2]
     flat = np.array([min(j, L - 1) * W + min(c, W - 1) for j, c in places])
@@ -292,7 +292,7 @@ def _on_bundle(state: MechanismState, bundle: Bundle, bodies: list[int], sums: T
 
 def _with_zero_rows(x: jax.Array, places: np.ndarray) -> jax.Array:
     """x[places] (m, B), with rows of zeros for the place len(x)."""
-    pieces = list[jax.Array]()
+    pieces = list[Any]()
     for is_zero, run in itertools.groupby(places.tolist(), lambda k: k >= len(x)):
         rows = list(run)
         zeros = lax.full((len(rows), *x.shape[1:]), 0, x.dtype)
@@ -408,8 +408,8 @@ def at_points(arm: Vector, V: Motion) -> Vector:
 class Joints(NamedTuple):
     """m velocities with limits or dry friction, as numbers (m, B).
 
-    lower, upper: how fast, at most, a joint may approach a limit. near_lower, near_upper: whether a limit is near enough
-    to act. friction: the largest impulse of dry friction, a known zero without. R, R_f: how much an impulse of a limit,
+    lower, upper: how fast, at most, a joint may approach a limit. near_lower, near_upper: whether a limit is near, and
+    may act. friction: the largest impulse of dry friction, a known zero without. R, R_f: how much an impulse of a limit,
     and of friction, changes the velocity.
     """
 
@@ -471,11 +471,12 @@ def _joints(
     compliant, rigid = 1 / (2 * LIMIT_STIFFNESS * (dt * dt)), NEAR_RIGID_LIMIT * w
     R = where(high(rigid) > high(compliant), rigid, compliant)
     window = LIMIT_WINDOW * dt * fastest
-    near, speeds = list[Mask](), list[Number]()
+    near, speeds = list[Any](), list[Any]()
     for gap in (q - lower, upper - q):
         near.append((high(gap) < high(window)) & has_limits[:, None])
         speeds.append(where(near[-1], gap, 0.0) / (2 * dt))
-    return Joints(*speeds, *near, friction * dt, R, STICKING * w)
+    (lower_speed, upper_speed), (near_lower, near_upper) = speeds, near
+    return Joints(lower_speed, upper_speed, near_lower, near_upper, friction * dt, R, STICKING * w)
 
 
 def joint_law(joints: Joints, v: Number) -> tuple[Number, Number]:

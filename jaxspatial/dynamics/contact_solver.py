@@ -60,8 +60,11 @@ FIELDS = (*DYNAMICS, *FRAMES, "damping", "friction_loss", "lower", "upper")
 class ContactProgram(Algorithm):
     """A program in small blocks: each iterates until its slowest state has converged."""
 
-    block = 80
     always_as_kernels = True
+
+    @property
+    def block(self) -> int:
+        return 80
 
 
 class Scene(NamedTuple):
@@ -122,8 +125,9 @@ _law, _joint_law = noinline(problem.law), noinline(problem.joint_law)
 
 def times_G(scene: Scene, G: Any, v: Vectors) -> Vectors:
     of_contacts, of_joints = G
+    rates: Any = v.joints
     points = None if scene.contacts is None else _times_G(scene.contacts, of_contacts, v.points)
-    return Vectors(points, None if of_joints is None else of_joints * v.joints)
+    return Vectors(points, None if of_joints is None else of_joints * rates)
 
 
 _times_G = noinline(problem.times_G)
@@ -134,7 +138,7 @@ def inner(a: Vectors, b: Vectors) -> Number:
     sums = list[Number]()
     if a.points is not None:
         sums.append(stacking.pairwise_sum(_dot(a.points, b.points)))
-    if a.joints is not None:
+    if a.joints is not None and b.joints is not None:
         sums.append(stacking.pairwise_sum(a.joints * b.joints))
     total = sums[0] if len(sums) == 1 else sums[0] + sums[1]
     return stacking.mapped(lambda w: w[None], total)
@@ -200,7 +204,7 @@ def _whole(state: MechanismState, scene: Scene, of_rows: Number | None, force: N
     places = np.full(state.topology.nv, len(scene.rows))
     places[scene.rows] = np.arange(len(scene.rows))
 
-    def filled(w: jax.Array) -> jax.Array:
+    def filled(w: jax.Array) -> Array:
         return stacking.rows(jnp.concatenate([w, jnp.zeros((1, *w.shape[1:]), w.dtype)]), places)
 
     whole = stacking.mapped(filled, of_rows)
@@ -329,8 +333,8 @@ def solve_at(
     _, G = laws(scene, v)
     nothing = combined(lambda x: 0.0 * x, v)
     (right,) = in_world(state, scene.bodies, force)
-    y, _ = solved(state, scene, G, nothing, right)
-    return high(problem.turned(state, scene.bodies, y, to_world=False))
+    solution: Any = solved(state, scene, G, nothing, right)[0]
+    return high(problem.turned(state, scene.bodies, solution, to_world=False))
 
 
 def _velocities_after(state: MechanismState, scene: Scene, still: Array, y: Array) -> Vectors:
@@ -395,7 +399,8 @@ def impulses(
     """The impulses of contacts (3 n, B), at the velocities `still` + y."""
     scene = scene_of(state, still, change, time, touching, frames_in_contact)
     impulse, _ = laws(scene, _velocities_after(state, scene, still, y))
-    parts = [state.rounded(x) for x in impulse.points]
+    points: Any = impulse.points
+    parts = [state.rounded(x) for x in points]
     return jnp.stack(parts, 1).reshape((-1, state.n))
 
 

@@ -1,6 +1,7 @@
 """A step in time with contact, friction and limits: one convex problem, solved by articulated bodies."""
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -104,13 +105,29 @@ def convex_step(
     Source: Castro, Permenter, Han 2022, An unconstrained convex formulation of compliant contact; Featherstone 2008,
         table 7.1; Drake 1.51, SapDriver, whose numbers these are.
     """
-    q, v, tau, h, forces = checked("convex_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
-    contacts = _checked_contacts(mechanism, q, contacts)
+    *state, h, forces = checked("convex_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
+    contacts = _checked_contacts(mechanism, state[0], contacts)
+    return _step(mechanism, state, h, dt, forces, contacts, ground, precision)
+
+
+def _step(
+    mechanism: Mechanism,
+    state: Sequence[Any],
+    h: Any,
+    dt: ArrayLike,
+    forces: Any,
+    contacts: PointContacts | None,
+    ground: Ground | None,
+    precision: PrecisionName,
+) -> ConvexStep:
+    """`convex_step` of checked arguments. state: q, v and tau; h: dt as (*batch, 1)."""
+    q, v, tau = state
     batch = _batch(q, v, tau, h, forces, contacts)
     if contacts is None and not _acts_on_joints(mechanism):
         after = semi_implicit_step(mechanism, q, v, tau, dt, forces, precision=precision)
         # Known zeros leave no operation behind.
-        return ConvexStep(*after, None, np.zeros(batch, q.dtype), np.zeros(batch, np.int32))
+        residual, iterations = cast(Any, (np.zeros(batch, q.dtype), np.zeros(batch, np.int32)))
+        return ConvexStep(after[0], after[1], None, residual, iterations)
     if mechanism.topology.has_mimics:
         raise NotImplementedError("convex_step: mechanism: contacts, limits and friction of mechanisms with mimics")
     tau = with_springs_and_limits(mechanism, q, v, tau, None, precision)
@@ -128,7 +145,8 @@ def convex_step(
     is_touched = jnp.broadcast_to((iterations > 0)[..., None], y.shape)
     after = _valued(still + y, lax.stop_gradient(jnp.where(is_touched, still + y, free)))
     pushed = None if contacts is None else problem.forces_at(_narrow(precision), frames, y)
-    return ConvexStep(*moved(mechanism, q, after, dt, precision), pushed, residual, iterations)
+    next_q, next_v = moved(mechanism, q, after, dt, precision)
+    return ConvexStep(next_q, next_v, pushed, residual, iterations)
 
 
 def _checked_contacts(mechanism: Mechanism, q: Any, contacts: Any) -> PointContacts | None:

@@ -62,6 +62,7 @@ CALLS = {
     js.difference: (Q, Q),
     js.forward_dynamics: (Q, V, T, FORCES),
     js.forward_dynamics_derivatives: (Q, V, T),
+    js.convex_step: (Q, V, T, DT),
     js.forward_kinematics: (Q,),
     js.gravity_forces: (Q,),
     js.integrate: (Q, V, DT),
