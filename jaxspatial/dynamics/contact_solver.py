@@ -54,6 +54,8 @@ TOLERANCES = {4: 2e-6, 8: 1e-10}
 MOST_ITERATIONS, MOST_TRIALS = 60, 20
 # A line search stops where the slope is this share of the first one; it tries no step longer than this.
 SLOPE, LONGEST = 0.1, 1.5
+# Rounding errors of a derivative along a direction, in eps of the sum of the sizes of its terms.
+NOISE = 8
 FIELDS = (*DYNAMICS, *FRAMES, "damping", "friction_loss", "lower", "upper")
 
 
@@ -468,7 +470,9 @@ def _iterated(
     curvature = decrement - inner(v_d, G_d)
     slope = inner(at.phi, v_d) - at.lacking * along_free
     noise = inner(combined(abs, impulse), combined(abs, v_d)) + abs(slope) + abs(curvature)
-    is_small = ~(high(decrement) > high(smallest))
+    # Below what rounding errors make of it, no direction goes down.
+    rounding = NOISE * check.eps(state.dtype) * noise
+    is_small = ~(high(decrement) > high(where(high(rounding) > high(smallest), rounding, smallest)))
     length = _searched(state, scene, at.v, Along(v_d, slope, curvature, decrement, noise), is_small | is_done)
     rest = 1 - length
     new = Iterate(
@@ -487,7 +491,7 @@ def _searched(state: MechanismState, scene: Scene, v: Vectors, along: Along, is_
     is_good: states for which a whole step is taken.
     """
     shape = 1, state.n
-    goal = SLOPE * abs(along.decrement) + 8 * check.eps(state.dtype) * along.noise
+    goal = SLOPE * abs(along.decrement) + NOISE * check.eps(state.dtype) * along.noise
 
     def at(length: Number) -> tuple[Number, Number]:
         f, rate = _slopes(scene, v, along.v, length)

@@ -164,8 +164,7 @@ def _checked_contacts(mechanism: Mechanism, q: Any, contacts: Any) -> PointConta
 
 def _narrow(precision: PrecisionName) -> Precision:
     """The precision of the iteration: numbers of one limb."""
-    asked = resolve(precision)
-    return Precision.REPRODUCIBLE if asked.sees_whole_sums else asked
+    return resolve(precision).of_one_limb
 
 
 def _batch(q: Any, v: Any, tau: Any, h: Any, forces: Any, contacts: PointContacts | None) -> tuple[int, ...]:

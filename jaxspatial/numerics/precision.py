@@ -29,6 +29,11 @@ class Precision(enum.StrEnum):
     FAITHFUL = "faithful"
 
     @property
+    def of_one_limb(self) -> "Precision":
+        """Itself, or of those that compute with more than the working precision, the best one that does not."""
+        return Precision.REPRODUCIBLE if self.sees_whole_sums else self
+
+    @property
     def sees_whole_sums(self):
         """True for those that evaluate a sum of products as a whole, and not operation by operation."""
         return self in (Precision.COMPENSATED, Precision.FAITHFUL)

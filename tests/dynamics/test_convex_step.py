@@ -252,6 +252,7 @@ def test_impulses_move_momentum_and_oppose_slip():
     assert (f[..., 2] > 0).sum() > 20
 
 
+@pytest.mark.slow
 def test_the_order_of_contacts_means_nothing():
     scene, (q, v, tau) = scenes.box(), many("box", 20)
     c = scene.contacts
@@ -261,7 +262,7 @@ def test_the_order_of_contacts_means_nothing():
     np.testing.assert_allclose(a.contact_forces.f, b.contact_forces.f[:, ::-1], rtol=0, atol=1e-4)
 
 
-@pytest.mark.parametrize(("dt", "n"), [(5e-3, 2000), *(slow(dt, 100_000) for dt in (1e-3, 5e-3, 2e-2))])
+@pytest.mark.parametrize(("dt", "n"), [slow(5e-3, 2000), *(slow(dt, 100_000) for dt in (1e-3, 5e-3, 2e-2))])
 def test_energy_is_never_more(dt, n):
     """Of a box thrown to the ground: it comes to rest, and never has more than it began with, but for what explicit
     gravity and turning add in a step, and for the depth at which spheres are first found inside."""
@@ -282,6 +283,7 @@ def test_energy_is_never_more(dt, n):
 # -- transformations --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_however_it_is_called():
     """Compiled, batched by axes and by vmap, one by one: states do not see each other."""
     x = many("tree", 6)
@@ -302,6 +304,7 @@ def test_however_it_is_called():
             np.testing.assert_array_equal(a, b, err_msg=how)
 
 
+@pytest.mark.slow
 def test_a_batch_of_contacts():
     scene, (q, v, tau) = scenes.box(), many("box", 4)
 
@@ -386,7 +389,7 @@ def test_hostile_numbers(n):
 # -- derivatives ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["box", "arm", slow("tree")])
+@pytest.mark.parametrize("name", ["box", slow("arm"), slow("tree")])
 def test_derivatives_are_those_of_the_optimum(name):
     """By v, tau and all numbers of contacts, against differences of the oracle's optima: stuck, sliding and in flight.
     Forward and reverse agree."""
