@@ -42,7 +42,7 @@ def _box(axes, names):
     _ground(axes, -0.35, 2.4, -0.05)
     js, corners = names["js"], np.asarray(names["corners"])
     order = [0, 1, 3, 2, 0]
-    steps = np.unique(np.round(np.array([0, 0.04, 0.08, 0.12, 0.17, 0.24, 0.36, 0.999]) * len(q)).astype(int))
+    steps = np.unique(np.round(np.array([0, 0.04, 0.08, 0.12, 0.17, 0.24, 0.36, 1.0]) * (len(q) - 1)).astype(int))
     for k in steps:
         X = js.RigidTransform(js.Rotation.from_quaternion(q[k, :4]), q[k, 4:])
         p = np.asarray(X @ corners)
