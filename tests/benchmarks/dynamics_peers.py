@@ -44,7 +44,6 @@ from dynamics_claims import (
     MASS_TIMES,
     MUJOCO,
     PRODUCTS,
-    PRODUCTS_BY_MATRICES,
     STEP,
 )
 from mujoco import mjx
@@ -171,8 +170,7 @@ def load_pinocchio(library, robot):
     nq, nv, n = model.nq, model.nv, model.njoints - 1
     sizes = {INVERSE: nv, FORWARD: nv, MASS: nv * nv, KINEMATICS: 12 * n, JACOBIAN: 6 * nv}
     sizes |= {INVERSE_DERIVATIVES: 3 * nv * nv, FORWARD_DERIVATIVES: 3 * nv * nv}
-    sizes |= {GRADIENT: 3 * nv, BY_INERTIAS: 0, STEP: nq + nv}
-    sizes |= dict.fromkeys((*PRODUCTS, *PRODUCTS_BY_MATRICES), nv)
+    sizes |= {GRADIENT: 3 * nv, BY_INERTIAS: 0, STEP: nq + nv, **dict.fromkeys(PRODUCTS, nv)}
     return model, Library(library.run, sizes, 10 * n)
 
 

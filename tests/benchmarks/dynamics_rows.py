@@ -33,7 +33,6 @@ from dynamics_claims import (
     OURS,
     PINOCCHIO,
     PRODUCTS,
-    PRODUCTS_BY_MATRICES,
     STEP,
 )
 from dynamics_peers import DT, pulled_back
@@ -242,7 +241,7 @@ def _in_order(orders, algorithm, found):
     if algorithm == BY_INERTIAS:
         return np.asarray(found, float)[bodies].ravel()
     arrays = [np.asarray(x, float) for x in jax.tree.leaves(_plain(found))]
-    if algorithm in (INVERSE, FORWARD, *PRODUCTS, *PRODUCTS_BY_MATRICES):
+    if algorithm in (INVERSE, FORWARD, *PRODUCTS):
         parts = [arrays[0][:, v]]
     elif algorithm == KINEMATICS:
         parts = [np.concatenate([x.reshape((len(x), x.shape[1], -1)) for x in arrays], -1)[:, bodies]]
