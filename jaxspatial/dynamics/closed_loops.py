@@ -117,7 +117,7 @@ def constraint_jacobian(
 
     def rows(q: Any, distances: Any) -> jax.Array:
         of_state = _Loops(mechanism, closures, distances, precision)
-        return of_state.jacobian(q, of_state.placed(q))
+        return of_state.rows(q, of_state.placed(q)).J
 
     return _over_batch(rows, q, distances)
 
@@ -334,6 +334,13 @@ _times = functools.partial(jnp.matmul, precision=lax.Precision.HIGHEST)
 # -- all of them ------------------------------------------------------------------------------------------------------
 
 
+class _Rows(NamedTuple):
+    """J (rows, nv), and the squares of the norms of rows (rows,) that it would have if no terms cancelled."""
+
+    J: jax.Array
+    squares: jax.Array
+
+
 class _Loops(NamedTuple):
     """The closures of a mechanism, for one state."""
 
@@ -359,16 +366,17 @@ class _Loops(NamedTuple):
             placed.append(_Placed(x.kind, distance, R_WA, p_AB_W, X_AB))
         return placed
 
-    def jacobian(self, q: Any, placed: Sequence[_Placed]) -> jax.Array:
-        """(rows, nv)."""
-        rows = [jnp.zeros((0, self.mechanism.nv), q.dtype)]
+    def rows(self, q: Any, placed: Sequence[_Placed]) -> "_Rows":
+        rows = [_Rows(jnp.zeros((0, self.mechanism.nv), q.dtype), jnp.zeros(0, q.dtype))]
         if placed:
             J_WF = jacobian(self.mechanism, q, self.frames, precision=self.precision)
             for x, J_A, J_B in zip(placed, *_halves(J_WF), strict=True):
-                # The twists of B for an observer on A.
+                # The twists of B for an observer on A are J_B - J_A + turned.
                 turned = _times(_skew(x.p_AB_W), J_A[:3])
-                rows.append(_times(x.in_world, J_B - J_A + jnp.concatenate([jnp.zeros_like(turned), turned])))
-        return jnp.concatenate(rows)
+                turned = jnp.concatenate([jnp.zeros_like(turned), turned])
+                terms = _times(jnp.abs(x.in_world), jnp.abs(J_A) + jnp.abs(J_B) + jnp.abs(turned))
+                rows.append(_Rows(_times(x.in_world, J_B - J_A + turned), jnp.sum(terms * terms, -1)))
+        return _Rows(*(jnp.concatenate(parts) for parts in zip(*rows, strict=True)))
 
     def biases(self, q: Any, v: Any, placed: Sequence[_Placed]) -> jax.Array:
         """dJ/dt v (rows,)."""
@@ -401,30 +409,28 @@ def _constrained(loops: _Loops, q: Any, v: Any, tau: Any, k: Any, forces: Any) -
     # The derivative by tau is M^-1, with the factors that vdot is computed with.
     vdot, times_inverse = jax.linearize(of_tree, tau)
     placed = loops.placed(q)
-    J = loops.jacobian(q, placed)
+    J, squares = loops.rows(q, placed)
     Y = jax.vmap(times_inverse)(J)
     due = -loops.biases(q, v, placed)
     if k is not None:
         due -= 2 * k * _times(J, v) + k * k * _errors(placed, vdot.dtype)
-    multipliers = _multipliers(_times(J, Y.T), due - _times(J, vdot))
+    multipliers = _multipliers(_times(J, Y.T), due - _times(J, vdot), _Rows(J, squares))
     of_each = jnp.split(multipliers, np.cumsum([x.rows for x in loops.closures])[:-1].tolist())
     F = jnp.stack([_times(own, x.in_world) for own, x in zip(of_each, placed, strict=True)])
     return ConstrainedDynamics(vdot + _times(multipliers, Y), SpatialForce(F[:, :3], F[:, 3:]))
 
 
-def _multipliers(G: jax.Array, b: jax.Array) -> jax.Array:
-    """A solution x of G x = b for symmetric G, positive semidefinite; in the mean where there is none.
-
-    JAX differentiates it by its equation, not by its iterations.
-    """
-    solve = _proximal(G)
+def _multipliers(G: jax.Array, b: jax.Array, rows: _Rows) -> jax.Array:
+    """A solution x of G x = b. JAX differentiates it by its equation, and not by how it is solved."""
+    solve = _proximal(*_fixed((G, rows)))
     found = lax.custom_linear_solve(functools.partial(_times, G), b, lambda _, b: solve(b), symmetric=True)
     return cast(jax.Array, found)
 
 
-def _proximal(G: jax.Array) -> Callable[[jax.Array], jax.Array]:
-    """The solver of G x = b by proximal iterations."""
-    scale, A = _equilibrated(G)
+def _proximal(G: jax.Array, rows: _Rows) -> Callable[[jax.Array], jax.Array]:
+    """The solver of G x = b for symmetric positive semidefinite G by proximal iterations; in the mean where there is no
+    solution."""
+    scale, A = _equilibrated(G, rows)
     inverse = _inverse(A, _shift(A.dtype))
 
     def solve(b: jax.Array) -> jax.Array:
@@ -436,10 +442,16 @@ def _proximal(G: jax.Array) -> Callable[[jax.Array], jax.Array]:
     return solve
 
 
-def _equilibrated(G: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """(s, s G s), with a diagonal of ones: rows may be of radians and of metres. Rows of zeros stay."""
+def _equilibrated(G: jax.Array, rows: _Rows) -> tuple[jax.Array, jax.Array]:
+    """(s, s G s), with a diagonal of ones: rows may be of radians and of metres.
+
+    Rows that are zero stay so, up to rounding: across the plane of a planar loop nothing moves, and what is left of
+    terms that cancel says nothing.
+    """
+    norms = jnp.sum(rows.J * rows.J, -1)
+    share = norms / jnp.where(rows.squares > 0, norms + _shift(G.dtype) * rows.squares, 1)
     diagonal = jnp.diagonal(G)
-    scale = lax.rsqrt(jnp.where(diagonal > 0, diagonal, 1))
+    scale = jnp.sqrt(share / jnp.where(diagonal > 0, diagonal, 1))
     return scale, scale[:, None] * G * scale[None, :]
 
 
@@ -471,19 +483,20 @@ def _closed(loops: _Loops, q: Any, iterations: int) -> ClosedConfiguration:
 
     def nearer(_: Any, q: Any) -> jax.Array:
         placed = fixed.placed(q)
-        J = fixed.jacobian(q, placed)
-        scale, A = _equilibrated(_times(J, J.T))
+        rows = fixed.rows(q, placed)
+        scale, A = _equilibrated(_times(rows.J, rows.J.T), rows)
         error = scale * _errors(placed, q.dtype)
         damping = _shift(A.dtype) + _DAMPING * jnp.sum(error * error)
-        step = _times(scale * _times(_inverse(A, damping), error), J)
+        step = _times(scale * _times(_inverse(A, damping), error), rows.J)
         return integrate(mechanism, q, -step, precision=precision)
 
     end = lax.fori_loop(0, iterations, nearer, integrate(mechanism, start, at_rest, precision=precision))
     # Derivatives are those of one more step, in which the start and the error vary, and nothing else.
     moved = integrate(mechanism, q, difference(mechanism, start, end, precision=precision), precision=precision)
     at_end = _fixed(moved)
-    J = fixed.jacobian(at_end, fixed.placed(at_end))
-    step = _times(_proximal(_times(J, J.T))(_errors(loops.placed(moved), moved.dtype)), J)
+    rows = fixed.rows(at_end, fixed.placed(at_end))
+    solve = _proximal(_times(rows.J, rows.J.T), rows)
+    step = _times(solve(_errors(loops.placed(moved), moved.dtype)), rows.J)
     closed = integrate(mechanism, moved, -step, precision=precision)
     residual = _errors(fixed.placed(_fixed(closed)), closed.dtype)
     return ClosedConfiguration(closed, jnp.max(jnp.abs(residual)))

@@ -172,6 +172,23 @@ def test_redundant_closures_change_nothing(name, more):
     assert abs(found - expected).max() <= 1e-11 * abs(expected).max()
 
 
+@pytest.mark.parametrize("name", closed_loops.PLANAR)
+def test_a_plane_of_any_direction(name):
+    """Across it rows are rounding errors where they were zeros."""
+    s, R = closed_loops.closed(name), js.Rotation.exp(np.float64([0.3, -0.5, 0.7]))
+    R = jax.tree.map(np.asarray, R)
+    X, is_root = s.mech.placements, np.array(s.mech.parents) < 0
+    entries = np.where(is_root[:, None], (R.to_matrix() @ X.rotation.to_matrix()).reshape(-1, 9), X.rotation.entries)
+    p = np.where(is_root[:, None], X.translation @ R.to_matrix().T, X.translation)
+    turned = js.RigidTransform(js.Rotation(np.asarray(entries)), np.asarray(p))
+    mech = s.mech.replace(placements=turned, gravity=R.to_matrix() @ s.mech.gravity)
+    found, expected = dynamics(mech, s.q, s.v, s.tau, s.loops).vdot, closed_loops.constrained(name).vdot
+    assert abs(found - expected).max() <= 1e-11 * abs(expected).max()
+    off = s.q + 0.05
+    residual = interpreted(lambda q: js.close_loops(mech, q, s.loops))(off).residual
+    assert residual.max() <= 1e-14
+
+
 def test_a_folded_linkage():
     """A parallelogram flat on a line: there alone rows are dependent. All is finite, and the rows are held."""
     bars, one = [("a", "world", 0.0), ("b", "a", 1.0), ("c", "world", 2.0)], np.float64(1)
