@@ -114,9 +114,7 @@ def states(name):
 
 # -- algorithms -------------------------------------------------------------------------------------------------------
 
-SPHERES = js.PointContacts(
-    ["tool0"], radius=np.float64(9.0), stiffness=2.0, relaxation_time=0.0, friction=0.5
-)
+SPHERES = js.PointContacts(["tool0"], radius=np.float64(9.0), stiffness=2.0, relaxation_time=0.0, friction=0.5)
 SOFT, DT, TOOL = js.Compliance(friction_speed=0.7, limit_stiffness=3.0, limit_damping=0.2), 0.1, "tool0"
 JOINTS, GEOMETRY, BODIES, DYNAMICS = reading.JOINTS, reading.GEOMETRY, reading.BODIES, reading.DYNAMICS
 FREE_OF_GRAVITY = *BODIES, "armature"
