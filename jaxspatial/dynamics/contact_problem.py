@@ -409,8 +409,8 @@ class Joints(NamedTuple):
     """m velocities with limits or dry friction, as numbers (m, B).
 
     lower, upper: how fast, at most, a joint may approach a limit. near_lower, near_upper: whether a limit is near, and
-    may act. friction: the largest impulse of dry friction, a known zero without. R, R_f: how much an impulse of a limit,
-    and of friction, changes the velocity.
+    may act. friction: the largest impulse of dry friction, a known zero without. R, R_f: how much an impulse of a
+    limit, and of friction, changes the velocity.
     """
 
     lower: Number
