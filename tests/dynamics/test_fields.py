@@ -114,7 +114,11 @@ def states(name):
 
 # -- algorithms -------------------------------------------------------------------------------------------------------
 
-SPHERES = js.PointContacts(["tool0"], radius=np.float64(9.0), stiffness=2.0, relaxation_time=0.0, friction=0.5)
+
+def spheres(dtype):
+    return js.PointContacts(["tool0"], radius=np.asarray(9.0, dtype), stiffness=2.0, relaxation_time=0.0, friction=0.5)
+
+
 SOFT, DT, TOOL = js.Compliance(friction_speed=0.7, limit_stiffness=3.0, limit_damping=0.2), 0.1, "tool0"
 JOINTS, GEOMETRY, BODIES, DYNAMICS = reading.JOINTS, reading.GEOMETRY, reading.BODIES, reading.DYNAMICS
 FREE_OF_GRAVITY = *BODIES, "armature"
@@ -197,7 +201,7 @@ ALGORITHMS = {
     ),
     # Derivatives by numbers of the mechanism are those of a closed start, and first ones: in `test_closed_loops`.
     "contact_forces": (
-        lambda m, q, v, a: js.contact_forces(m, q, v, SPHERES, stiction_speed=1.0).wrenches.to_array(),
+        lambda m, q, v, a: js.contact_forces(m, q, v, spheres(q.dtype), stiction_speed=1.0).wrenches.to_array(),
         OF_FRAMES,
     ),
     "applied_wrenches": (lambda m, q, v, a: sums(m, q), (*GEOMETRY, *reading.FRAMES)),
@@ -379,7 +383,8 @@ def test_all_are_drawn():
     taking = {
         name for name, f in vars(js).items() if inspect.isfunction(f) and "mechanism" in inspect.signature(f).parameters
     }
-    editing = {"random_configuration", "close_loops", "add_frames", "lock_joints", "subtree"}
+    # Derivatives of a step with contact are compared with differences in `test_convex_step`.
+    editing = {"random_configuration", "close_loops", "add_frames", "lock_joints", "subtree", "convex_step"}
     assert taking - {name.split(",")[0] for name in ALGORITHMS} == editing
     mechs, fields, names, *_ = map(set, zip(*DRAWN, strict=True))
     assert mechs == set(MECHANISMS) and names == set(ALGORITHMS)
