@@ -51,7 +51,7 @@ def test_accelerations_and_forces(name):
     own.extend(closures(model, s.model, closed_loops.CLOSURES[name][2]))
     datas = pin.StdVec_RigidConstraintData()
     datas.extend([x.createData() for x in own])
-    pin.initConstraintDynamics(model, data, own)
+    pin.initConstraintDynamics(model, data, own, datas)
     found = closed_loops.constrained(name)
     for q, v, tau, ours in zip(s.q, s.v, s.tau, np.asarray(found.vdot), strict=True):
         settings = pin.ProximalSettings(1e-14, 1e-14, 1e-10, 50)
