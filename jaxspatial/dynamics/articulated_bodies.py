@@ -78,18 +78,13 @@ def accelerations(state: MechanismState, v: Array, tau: Array, forces: Wrenches)
     bodies = list(zip(links, body_loads, strict=True))
     zero = state.zero_vector
     biases = recursion.outward(state, _velocity_bias, zero, bodies)
-    no_inertia = articulated.Articulated(_zeros(zero), Matrix(zero, zero, zero), _zeros(zero))
-    nothing = ArticulatedBody(no_inertia, Wrench(zero, zero))
+    nothing = ArticulatedBody(articulated.none(zero[0]), Wrench(zero, zero))
     floating = [has_floating_roots(b) for b in state.bundles]
     eliminated = recursion.inward(state, _eliminate, nothing, list(zip(bodies, biases, floating, strict=True)))
     both = [(link, bias.c, e) for (link, _), bias, e in zip(bodies, biases, eliminated, strict=True)]
     vdot = recursion.outward(state, _accelerate, Motion(zero, gravity), both)
     factors = [e.matrix if f else [x[:2] for x in e] for e, f in zip(eliminated, floating, strict=True)]
     return state.by_velocity(vdot), factors
-
-
-def _zeros(zero: Vector) -> Symmetric:
-    return Symmetric(*zero, *zero)
 
 
 def _by_matrix(state: MechanismState, M: Number, links: list[Link], bias: Number | float = 0.0) -> jax.Array:
@@ -165,10 +160,7 @@ def _eliminate(
     if is_floating:
         u = _wrench(link.tau) - rest.Z
         return FloatingElimination(_matrix(rest.P, link.armature), rest.P, u), rest
-    eliminated: list[Elimination] = []
-    for s, tau, armature in zip(link.joint.subspace, link.tau, link.armature, strict=True):
-        rest, elimination = without_velocity(rest, s, tau, armature)
-        eliminated.append(elimination)
+    rest, eliminated = without_velocities(rest, link.joint.subspace, link.tau, link.armature)
     return eliminated, _to_parent(link.X_PB, rest)
 
 
@@ -191,7 +183,18 @@ def _combined(M: Inertia, Z: Wrench, children: ArticulatedBody) -> ArticulatedBo
     return ArticulatedBody(articulated.of_body(M) + children.P, Z + children.Z)
 
 
-def without_velocity(
+def without_velocities(
+    body: ArticulatedBody, S: Sequence[Motion], tau: Numbers, armature: Numbers
+) -> tuple[ArticulatedBody, list[Elimination]]:
+    """The articulated body with all motions of the joint free, and the Elimination of each."""
+    eliminated = list[Elimination]()
+    for s, force, own in zip(S, tau, armature, strict=True):
+        body, elimination = _without_velocity(body, s, force, own)
+        eliminated.append(elimination)
+    return body, eliminated
+
+
+def _without_velocity(
     body: ArticulatedBody, s: Motion, tau: Number, armature: Number
 ) -> tuple[ArticulatedBody, Elimination]:
     """The articulated body with one motion of the joint free, and the Elimination that gives the acceleration of it.
@@ -254,13 +257,19 @@ def _accelerate(body: tuple[Link, Motion, Any], parent: Motion) -> tuple[Numbers
         six = _floating(eliminated, A)
         w, v = Vector(*six[:3]), Vector(*six[3:])
         return six, A + Motion(w, v) + c
-    vdot: list[Number] = []
-    for s, (U, D, u) in zip(reversed(link.joint.subspace), reversed(eliminated), strict=True):
+    vdot, A = with_velocities(A, link.joint.subspace, eliminated)
+    return vdot, A + c
+
+
+def with_velocities(A: Motion, S: Sequence[Motion], eliminated: Sequence[Elimination]) -> tuple[Numbers, Motion]:
+    """(the accelerations of the joint, that of the body), from that of the body without them."""
+    found = list[Number]()
+    for s, (U, D, u) in zip(reversed(S), reversed(eliminated), strict=True):
         is_none = high(D) <= 0
         x = where(is_none, 0.0, (u - dot((*U.tau, *U.f), (*A.w, *A.v))) / where(is_none, 1.0, D))
         A = A + x * s
-        vdot.append(x)
-    return tuple(reversed(vdot)), A + c
+        found.append(x)
+    return tuple(reversed(found)), A
 
 
 def _floating(eliminated: FloatingElimination, A: Motion) -> Numbers:

@@ -28,7 +28,8 @@ from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.jacobians import jacobian
 from jaxspatial.dynamics.kinematics import body_accelerations, body_velocities, forward_kinematics
-from jaxspatial.engine.algorithm import ExternalForces, checked
+from jaxspatial.engine.algorithm import ExternalForces, checked, over_batch
+from jaxspatial.engine.derivatives import fixed
 from jaxspatial.mechanism import LoopClosure, Mechanism
 from jaxspatial.mechanism.loops import checked_loops
 from jaxspatial.numerics import check
@@ -92,7 +93,7 @@ def constraint_error(
     def error(q: Any, distances: Any) -> jax.Array:
         return _errors(_Loops(mechanism, closures, distances, precision).placed(q), q.dtype)
 
-    return _over_batch(error, q, distances)
+    return over_batch(error, q, distances)
 
 
 @documented
@@ -119,7 +120,7 @@ def constraint_jacobian(
         of_state = _Loops(mechanism, closures, distances, precision)
         return of_state.rows(q, of_state.placed(q)).J
 
-    return _over_batch(rows, q, distances)
+    return over_batch(rows, q, distances)
 
 
 @documented
@@ -146,9 +147,12 @@ def constrained_forward_dynamics(
     unique then, the multipliers are not, and of the wrenches these are one choice of many. Closures that contradict one
     another are met in the mean.
 
+    A closure is not met where it would have to accelerate a body without mass or armature.
+
     Derivatives, by all arguments, are those of the equations, which the same factors solve; also where closures are
-    redundant. In configurations in which rows become dependent that are not so beside them, as of a four-bar linkage
-    folded flat, the multipliers grow without bound as one comes near, and there are no derivatives.
+    redundant. There are none in singular configurations, such as a four-bar linkage that is folded flat: there rows
+    depend on each other that do not beside them, and the multipliers grow without bound as one comes near. Neither are
+    there derivatives by what takes a planar loop out of its plane.
 
     Args:
         stabilization: a rate k, 1/s, a number or (*batch,), after Baumgarte: errors e then decay as
@@ -176,7 +180,7 @@ def constrained_forward_dynamics(
     def constrained(q: Any, v: Any, tau: Any, k: Any, distances: Any, forces: Any) -> ConstrainedDynamics:
         return _constrained(_Loops(mechanism, closures, distances, precision), q, v, tau, k, forces)
 
-    return _over_batch(constrained, q, v, tau, k, distances, forces)
+    return over_batch(constrained, q, v, tau, k, distances, forces)
 
 
 @documented
@@ -214,7 +218,7 @@ def close_loops(
     def closed(q: Any, distances: Any) -> ClosedConfiguration:
         return _closed(_Loops(mechanism, closures, distances, precision), q, iterations)
 
-    return _over_batch(closed, q, distances)
+    return over_batch(closed, q, distances)
 
 
 # -- arguments --------------------------------------------------------------------------------------------------------
@@ -235,19 +239,6 @@ def _distance(operation: str, loop: LoopClosure, dtype: np.dtype) -> Any:
     distance = check.as_float_array(distance, f"{operation}: loops: distance", dtype)
     check.require_same_dtype(q=np.zeros(0, dtype), distance=distance)
     return distance[..., None]
-
-
-def _over_batch(function: Callable[..., Any], *arguments: Any) -> Any:
-    """The function of one state, over the common batch of its arguments: trees of arrays (*batch, n)."""
-    leaves, tree = jax.tree.flatten(arguments)
-    batch = np.broadcast_shapes(*(x.shape[:-1] for x in leaves))
-
-    def of_leaves(*leaves: Any) -> Any:
-        return function(*jax.tree.unflatten(tree, leaves))
-
-    for _ in batch:
-        of_leaves = jax.vmap(of_leaves)
-    return of_leaves(*check.broadcast_batch(batch, *leaves))
 
 
 # -- one closure ------------------------------------------------------------------------------------------------------
@@ -422,7 +413,7 @@ def _constrained(loops: _Loops, q: Any, v: Any, tau: Any, k: Any, forces: Any) -
 
 def _multipliers(G: jax.Array, b: jax.Array, rows: _Rows) -> jax.Array:
     """A solution x of G x = b. JAX differentiates it by its equation, and not by how it is solved."""
-    solve = _proximal(*_fixed((G, rows)))
+    solve = _proximal(*fixed((G, rows)))
     found = lax.custom_linear_solve(functools.partial(_times, G), b, lambda _, b: solve(b), symmetric=True)
     return cast(jax.Array, found)
 
@@ -478,12 +469,12 @@ def _closed(loops: _Loops, q: Any, iterations: int) -> ClosedConfiguration:
     if not loops.closures:
         q = integrate(mechanism, q, at_rest, precision=precision)
         return ClosedConfiguration(q, jnp.zeros((), q.dtype))
-    mechanism, start, distances = _fixed((mechanism, q, loops.distances))
-    fixed = loops._replace(mechanism=mechanism, distances=distances)
+    mechanism, start, distances = fixed((mechanism, q, loops.distances))
+    held = loops._replace(mechanism=mechanism, distances=distances)
 
     def nearer(_: Any, q: Any) -> jax.Array:
-        placed = fixed.placed(q)
-        rows = fixed.rows(q, placed)
+        placed = held.placed(q)
+        rows = held.rows(q, placed)
         scale, A = _equilibrated(_times(rows.J, rows.J.T), rows)
         error = scale * _errors(placed, q.dtype)
         damping = _shift(A.dtype) + _DAMPING * jnp.sum(error * error)
@@ -493,15 +484,10 @@ def _closed(loops: _Loops, q: Any, iterations: int) -> ClosedConfiguration:
     end = lax.fori_loop(0, iterations, nearer, integrate(mechanism, start, at_rest, precision=precision))
     # Derivatives are those of one more step, in which the start and the error vary, and nothing else.
     moved = integrate(mechanism, q, difference(mechanism, start, end, precision=precision), precision=precision)
-    at_end = _fixed(moved)
-    rows = fixed.rows(at_end, fixed.placed(at_end))
+    at_end = fixed(moved)
+    rows = held.rows(at_end, held.placed(at_end))
     solve = _proximal(_times(rows.J, rows.J.T), rows)
     step = _times(solve(_errors(loops.placed(moved), moved.dtype)), rows.J)
     closed = integrate(mechanism, moved, -step, precision=precision)
-    residual = _errors(fixed.placed(_fixed(closed)), closed.dtype)
+    residual = _errors(held.placed(fixed(closed)), closed.dtype)
     return ClosedConfiguration(closed, jnp.max(jnp.abs(residual)))
-
-
-def _fixed(tree: Any) -> Any:
-    """The tree as constants of derivatives; NumPy numbers are so already, and stay known."""
-    return jax.tree.map(lambda x: lax.stop_gradient(x) if isinstance(x, jax.Array) else x, tree)

@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.dynamics.docstrings import documented
-from jaxspatial.dynamics.external_forces import of_bodies, parts
 from jaxspatial.dynamics.kinematics import velocity_step
 from jaxspatial.engine import recursion
 from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm, checked
@@ -218,8 +217,8 @@ def _point_motions(state: MechanismState, v: Array, points: Array | None, *, fra
     """
     at_rest = Motion(state.zero_vector, state.zero_vector)
     moving = recursion.outward(state, _pose_and_velocity, (state.world, at_rest), state.links(v))
-    X_WJ, V_J = of_bodies(state, [state.topology.frames[k][1] for k in frames], moving, (state.world, at_rest))
-    motions = _in_world(X_WJ, V_J, state.frame_placements(frames), parts(state, points))
+    X_WJ, V_J = state.of_bodies(state.topology.bodies_of(frames), moving, (state.world, at_rest))
+    motions = _in_world(X_WJ, V_J, state.frame_placements(frames), state.vectors(points))
     shape = len(frames), state.n
     return tuple(jnp.stack([jnp.broadcast_to(state.rounded(c), shape) for c in x], 1) for x in motions)
 

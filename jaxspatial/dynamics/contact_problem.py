@@ -10,7 +10,7 @@ them. [Castro, Permenter, Han 2022, An unconstrained convex formulation of compl
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -26,7 +26,7 @@ from jaxspatial.engine.state import Link, MechanismState, across
 from jaxspatial.inertia import articulated
 from jaxspatial.inertia.articulated import Articulated
 from jaxspatial.mechanism.topology import Bundle, Topology
-from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Symmetric, Vector, Wrench, congruence, cross, dot
+from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Symmetric, Vector, Wrench, congruence, cross, dot
 from jaxspatial.numerics.numbers import Mask, Number, Numbers, constant, high, is_constant, is_number, noinline, where
 from jaxspatial.spatial import algebra
 
@@ -56,7 +56,7 @@ class Touching(NamedTuple):
 
 
 class Body(NamedTuple):
-    """The bodies of a bundle. R: their axes. p: positions from the root, r from the parent's origin.
+    """The bodies of a bundle. R: their axes. r: positions from the parent's origin.
 
     S: the motions of each velocity of their joints. resistance: armature, and dt times the damping of the joint.
     turns: whether velocities are along the axes of the world, and not along those of the bodies: of floating roots,
@@ -64,7 +64,6 @@ class Body(NamedTuple):
     """
 
     R: Matrix
-    p: Vector
     r: Vector
     S: tuple[Motion, ...]
     inertia: Inertia
@@ -79,22 +78,21 @@ def bodies_in_world(state: MechanismState, dt: Number) -> list[Body]:
     """The Body of every bundle. dt: (1, B)."""
     links = state.links(tau=state.fields["damping"])
     frames = [(link.placement, link.joint, b.is_on_world) for link, b in zip(links, state.bundles, strict=True)]
-    world = state.world
-    placed = recursion.outward(state, _placed, (world.R, world.p), frames)
+    placed = recursion.outward(state, _placed, state.world.R, frames)
     dt = stacking.mapped(lambda w: w[None], dt)
     return [_body(state, b, x, link, dt) for b, x, link in zip(state.bundles, placed, links, strict=True)]
 
 
-def _placed(frame: Any, parent: tuple[Matrix, Vector]) -> tuple[Any, Any]:
-    (placement, joint, is_root), (R_P, p_P) = frame, parent
+def _placed(frame: Any, R_P: Matrix) -> tuple[tuple[Matrix, Vector], Matrix]:
+    """((R, r) of a body, R)."""
+    placement, joint, is_root = frame
     X_PB = across(placement, joint)
-    R, r = R_P @ X_PB.R, matrices.zero_at_root(is_root, R_P @ X_PB.p)
-    p = matrices.zero_at_root(is_root, p_P + r)
-    return (R, p, r), (R, p)
+    R = R_P @ X_PB.R
+    return (R, matrices.zero_at_root(is_root, R_P @ X_PB.p)), R
 
 
 def _body(state: MechanismState, bundle: Bundle, placed: Any, link: Link, dt: Number) -> Body:
-    R, p, r = placed
+    R, r = placed
     S, inertia, resistance = _in_world(R, link, dt)
     # The time is the same for all rows.
     resistance = stacking.mapped(lambda w: jnp.broadcast_to(w, (bundle.length, *w.shape[1:])), resistance)
@@ -103,7 +101,7 @@ def _body(state: MechanismState, bundle: Bundle, placed: Any, link: Link, dt: Nu
         e = state.world.R
         zero = state.zero_vector
         S = (*(Motion(x, zero) for x in e), *(Motion(zero, x) for x in e))
-    return Body(R, p, r, S, inertia, resistance, turns)
+    return Body(R, r, S, inertia, resistance, turns)
 
 
 @noinline
@@ -182,9 +180,7 @@ def mobilities(state: MechanismState, bodies: list[Body], diagonal: list[Numbers
     As an Articulated with velocities in place of torques and angular velocities in place of forces: both move to
     another point alike.
     """
-    zero = state.zero_vector
-    six = Symmetric(*zero, *zero)
-    nothing = Articulated(six, Matrix(zero, zero, zero), six)
+    nothing = articulated.none(state.known(0.0))
     both = [(body.S, body.r, d) for body, d in zip(bodies, diagonal, strict=True)]
     return recursion.outward(state, _mobility, nothing, both)
 
@@ -203,8 +199,8 @@ def _mobility(body: Any, parent: Articulated) -> tuple[Articulated, Articulated]
 
 
 class Contacts(NamedTuple):
-    """n contacts, as numbers (n, B). arm: from the origin of the body to C. The law of `impulses`: its free velocity
-    along the normal, and how much an impulse changes velocities along the normal and the tangents."""
+    """n contacts, as numbers (n, B). arm: from the origin of the body to C. free: the velocity along the normal at
+    which there is no impulse. R_n, R_t: how much an impulse changes velocities along the normal and the tangents."""
 
     arm: Vector
     normal: Vector
@@ -224,11 +220,10 @@ def contacts_of(
     dt: Number,
 ) -> Contacts:
     """The Contacts on frames. dt: (1, B)."""
-    carriers = carriers_of(state.topology, frames)
-    X_JF = state.frame_placements(frames)
-    R, mobility_there = of_carriers(state, carriers, [(b.R, x) for b, x in zip(bodies, mobility, strict=True)])
-    centre = None if touching.positions is None else _vectors(state, touching.positions)
-    arm = _arm(R, X_JF, centre, _vectors(state, touching.offsets))
+    at_world = state.world.R, articulated.none(state.known(0.0))
+    both = [(body.R, x) for body, x in zip(bodies, mobility, strict=True)]
+    R, mobility_there = state.of_bodies(state.topology.bodies_of(frames), both, at_world)
+    arm = _arm(R, state.frame_placements(frames), state.vectors(touching.positions), state.vectors(touching.offsets))
     scalars = (
         _scalars(state, x)
         for x in (touching.distances, touching.stiffness, touching.relaxation_time, touching.friction)
@@ -236,49 +231,28 @@ def contacts_of(
     distance, stiffness, relaxation_time, friction = scalars
     w = _delassus(mobility_there, arm)
     free, R_n, R_t = _regularisation(w, distance, stiffness, relaxation_time, dt)
-    return Contacts(arm, _vectors(state, touching.normals), high(distance) <= 0, free, R_n, R_t, friction)
-
-
-def carriers_of(topology: Topology, frames: tuple[int, ...]) -> list[int]:
-    """The numbers of the bodies that carry frames."""
-    return [topology.frames[frame][1] for frame in frames]
-
-
-def of_carriers(state: MechanismState, carriers: list[int], results: list[Any]) -> Any:
-    """Numbers (n, B) of n bodies, from those for every bundle."""
-    pieces = list[Any]()
-    for k, run in itertools.groupby(carriers, lambda body: state.topology.places[body][0]):
-        places = [state.topology.places[body][1:] for body in run]
-        pieces.append(stacking.mapped(lambda w, at=places: _rows_at(w, at), results[k]))
-    return pieces[0] if len(pieces) == 1 else stacking.concatenated_rows(pieces, state.n)
-
-
-def _rows_at(word: jax.Array, places: list[tuple[int, int]]) -> Array:
-    """The rows (n, B) at (row, chain) of an array (L, W, B), of size 1 where all have the same."""
-    L, W = word.shape[:2]
-    flat = np.array([min(j, L - 1) * W + min(c, W - 1) for j, c in places])
-    return stacking.rows(word.reshape((L * W, -1)), flat[:1] if (flat == flat[0]).all() else flat)
+    return Contacts(arm, state.vectors(touching.normals), high(distance) <= 0, free, R_n, R_t, friction)
 
 
 def on_bundles(state: MechanismState, carriers: list[int], tree: T, nothing: T) -> list[T]:
     """Numbers (n, B) of n bodies as those of every bundle: their sums where a body comes several times.
 
-    nothing: known zeros, which bundles without any of the bodies have.
+    Known numbers are zeros. nothing: known zeros, which bundles without any of the bodies have.
     """
     bodies = sorted(set(carriers))
     of_body = [[k for k, c in enumerate(carriers) if c == body] for body in bodies]
     most = max(map(len, of_body))
     # Row n is zero.
     places = np.array([[x[k] if k < len(x) else len(carriers) for x in of_body] for k in range(most)])
-    sums = jax.tree.map(lambda x: _summed(x, places, state.n), tree, is_leaf=is_number)
+    sums = jax.tree.map(lambda x: _summed(x, places, (len(carriers), state.n)), tree, is_leaf=is_number)
     return [_on_bundle(state, b, bodies, sums, nothing) for b in state.bundles]
 
 
-def _summed(x: Number, places: np.ndarray, n: int) -> Number:
+def _summed(x: Number, places: np.ndarray, shape: tuple[int, int]) -> Number:
     if is_constant(x):
         return x
-    x = stacking.mapped(lambda w: _with_zero_rows(jnp.broadcast_to(w, (w.shape[0], n)), places.ravel()), x)
-    whole = stacking.mapped(lambda w: w.reshape((*places.shape, n)), x)
+    x = stacking.mapped(lambda w: with_zero_rows(jnp.broadcast_to(w, shape), places.ravel()), x)
+    whole = stacking.mapped(lambda w: w.reshape((*places.shape, shape[1])), x)
     return stacking.pairwise_sum(whole) if len(places) > 1 else stacking.mapped(lambda w: w[0], whole)
 
 
@@ -287,10 +261,10 @@ def _on_bundle(state: MechanismState, bundle: Bundle, bodies: list[int], sums: T
     if all(k == len(bodies) for k in places):
         return nothing
     shape = bundle.length, bundle.width, -1
-    return stacking.mapped(lambda w: _with_zero_rows(w, np.array(places)).reshape(shape), sums)
+    return stacking.mapped(lambda w: with_zero_rows(w, np.array(places)).reshape(shape), sums)
 
 
-def _with_zero_rows(x: jax.Array, places: np.ndarray) -> jax.Array:
+def with_zero_rows(x: jax.Array, places: np.ndarray) -> jax.Array:
     """x[places] (m, B), with rows of zeros for the place len(x)."""
     pieces = list[Any]()
     for is_zero, run in itertools.groupby(places.tolist(), lambda k: k >= len(x)):
@@ -300,18 +274,13 @@ def _with_zero_rows(x: jax.Array, places: np.ndarray) -> jax.Array:
     return pieces[0] if len(pieces) == 1 else jnp.concatenate(pieces)
 
 
-def _vectors(state: MechanismState, array: Array) -> Vector:
-    return Vector(*state.numbers(array.reshape((-1, 3, *array.shape[1:]))))
-
-
 def _scalars(state: MechanismState, array: Array) -> Number:
     return state.numbers(array[:, None])[0]
 
 
 @noinline
-def _arm(R: Matrix, X_JF: Any, centre: Vector | None, offset: Vector) -> Vector:
-    p = X_JF.p if centre is None else X_JF.p + X_JF.R @ centre
-    return R @ p + offset
+def _arm(R: Matrix, X_JF: Pose, centre: Vector, offset: Vector) -> Vector:
+    return R @ (X_JF.p + X_JF.R @ centre) + offset
 
 
 @noinline
@@ -422,23 +391,23 @@ class Joints(NamedTuple):
     R_f: Number
 
 
-def rows_of_joints(state: MechanismState) -> np.ndarray:
-    """The velocities (m,) on which limits or dry friction may act.
+def rows_of_joints(topology: Topology, fields: Mapping[str, Any]) -> np.ndarray:
+    """The velocities (m,) on which limits or dry friction may act. fields: numbers of the mechanism, by name.
 
     Limits act on joints of one coordinate, whose rate is their velocity.
     """
-    t, rows = state.topology, list[int]()
-    for i in range(len(t)):
-        has_friction = not _is_known(state.fields["friction_loss"], t.v_slice(i), 0)
-        if has_friction or (t.kind(i).nv == 1 and _has_limits(state, i)):
-            rows += range(t.v_slice(i).start, t.v_slice(i).stop)
+    rows = list[int]()
+    for i in range(len(topology)):
+        own = topology.v_slice(i)
+        if _has_limits(topology, fields, i) or not _is_known(fields["friction_loss"], own, 0):
+            rows += range(own.start, own.stop)
     return np.array(rows, int)
 
 
-def _has_limits(state: MechanismState, i: int) -> bool:
-    kind, places = state.topology.kind(i), state.topology.q_slice(i)
+def _has_limits(topology: Topology, fields: Mapping[str, Any], i: int) -> bool:
+    kind, places = topology.kind(i), topology.q_slice(i)
     is_simple = kind.nq == kind.nv == 1 and not kind.rates_need_angles
-    unlimited = (_is_known(state.fields[k], places, x) for k, x in (("lower", -np.inf), ("upper", np.inf)))
+    unlimited = (_is_known(fields[k], places, x) for k, x in (("lower", -np.inf), ("upper", np.inf)))
     return is_simple and not all(unlimited)
 
 
@@ -450,7 +419,7 @@ def joints_of(state: MechanismState, rows: np.ndarray, diagonal: Number, fastest
     """The Joints of these velocities. diagonal: of A, fastest: the larger of |v| and |v*|, both (nv, B). dt: (1, B)."""
     t, fields = state.topology, state.fields
     body = {v: i for i in range(len(t)) for v in range(t.v_slice(i).start, t.v_slice(i).stop)}
-    has_limits = np.array([_has_limits(state, body[v]) for v in rows])
+    has_limits = np.array([_has_limits(t, fields, body[v]) for v in rows])
     q_rows = np.array([t.q_starts[body[v]] for v in rows])
     q, lower, upper, friction = (
         _scalars(state, stacking.rows(x, places))

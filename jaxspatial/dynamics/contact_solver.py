@@ -22,7 +22,7 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.dynamics import contact_problem as problem
-from jaxspatial.dynamics.articulated_bodies import ArticulatedBody, Elimination, without_velocity
+from jaxspatial.dynamics.articulated_bodies import ArticulatedBody, Elimination, with_velocities, without_velocities
 from jaxspatial.dynamics.contact_problem import Body, Contacts, Joints, Law, Touching
 from jaxspatial.dynamics.external_forces import loads
 from jaxspatial.dynamics.newton_euler import forces_of
@@ -32,9 +32,8 @@ from jaxspatial.engine.algorithm import DYNAMICS, FRAMES, Algorithm, Wrenches, a
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.inertia import articulated
-from jaxspatial.inertia.articulated import Articulated
 from jaxspatial.numerics import check
-from jaxspatial.numerics.linear import Matrix, Motion, Symmetric, Vector, Wrench, cross, dot
+from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Vector, Wrench, cross, dot
 from jaxspatial.numerics.numbers import (
     Number,
     Numbers,
@@ -70,8 +69,12 @@ class ContactProgram(Algorithm):
 
 
 class Scene(NamedTuple):
-    """What the solver reads: bodies, and the contacts and joints that are there, at known places of the mechanism."""
+    """What the solver reads: bodies, and the contacts and joints that are there, at known places of the mechanism.
 
+    dt: (1, B).
+    """
+
+    dt: Number
     bodies: list[Body]
     carriers: list[int]
     contacts: Contacts | None
@@ -94,20 +97,20 @@ def scene_of(
     touching: Touching | None,
     frames: tuple[int, ...],
 ) -> Scene:
-    h = state.numbers(time[:, None])[0]
-    bodies = problem.bodies_in_world(state, h)
+    dt = state.numbers(time[:, None])[0]
+    bodies = problem.bodies_in_world(state, dt)
     diagonal = problem.diagonals(state, bodies)
     contacts = joints = None
-    carriers = problem.carriers_of(state.topology, frames)
+    carriers = state.topology.bodies_of(frames)
     if touching is not None:
         mobility = problem.mobilities(state, bodies, diagonal)
-        contacts = problem.contacts_of(state, bodies, mobility, frames, touching, h)
-    rows = problem.rows_of_joints(state)
+        contacts = problem.contacts_of(state, bodies, mobility, frames, touching, dt)
+    rows = problem.rows_of_joints(state.topology, state.fields)
     if len(rows):
         before, y = in_world(state, bodies, still, change)
         fastest = where(high(abs(before)) > high(abs(before + y)), abs(before), abs(before + y))
-        joints = problem.joints_of(state, rows, state.numbers_by_velocity(diagonal), fastest, h)
-    return Scene(bodies, carriers, contacts, rows, joints)
+        joints = problem.joints_of(state, rows, state.numbers_by_velocity(diagonal), fastest, dt)
+    return Scene(dt, bodies, carriers, contacts, rows, joints)
 
 
 def in_world(state: MechanismState, bodies: list[Body], *vectors: Array) -> list[Number]:
@@ -165,7 +168,7 @@ def velocities_at(state: MechanismState, scene: Scene, motions: list[Motion], x:
     """The velocities of contact points and joints, from those of bodies and generalized ones (nv, B)."""
     points = None
     if scene.contacts is not None:
-        V = problem.of_carriers(state, scene.carriers, motions)
+        V = state.of_bodies(scene.carriers, motions, _at_rest(state))
         points = _at_points(scene.contacts.arm, V)
     joints = stacking.mapped(lambda w: stacking.rows(w, scene.rows), x) if scene.joints is not None else None
     return Vectors(points, joints)
@@ -178,9 +181,7 @@ def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, force:
     """(H^-1 (J^T impulse + force) as numbers (nv, B), the same as Motions of the bodies of every bundle)."""
     of_contacts, of_joints = G
     zero = state.zero_vector
-    nothing = ArticulatedBody(
-        Articulated(Symmetric(*zero, *zero), Matrix(zero, zero, zero), Symmetric(*zero, *zero)), Wrench(zero, zero)
-    )
+    nothing = ArticulatedBody(articulated.none(zero[0]), Wrench(zero, zero))
     on_bodies: list[ArticulatedBody] = [nothing] * len(scene.bodies)
     if scene.contacts is not None:
         added = _contact_inertia(scene.contacts, of_contacts, impulse.points)
@@ -193,10 +194,13 @@ def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, force:
         more = none if stiffer is None else problem.of_bundle(state, k, stiffer)
         links.append((body, touched, tau, more))
     eliminated = recursion.inward(state, _eliminate, nothing, links)
-    at_rest = Motion(zero, zero)
     both = [(body.S, body.r, e) for body, e in zip(scene.bodies, eliminated, strict=True)]
-    found = recursion.outward(state, _accelerate, at_rest, both)
+    found = recursion.outward(state, _accelerate, _at_rest(state), both)
     return state.numbers_by_velocity([x for x, _ in found]), [A for _, A in found]
+
+
+def _at_rest(state: MechanismState) -> Motion:
+    return Motion(state.zero_vector, state.zero_vector)
 
 
 def _whole(state: MechanismState, scene: Scene, of_rows: Number | None, force: Number | None) -> Number | None:
@@ -205,22 +209,15 @@ def _whole(state: MechanismState, scene: Scene, of_rows: Number | None, force: N
         return force
     places = np.full(state.topology.nv, len(scene.rows))
     places[scene.rows] = np.arange(len(scene.rows))
-
-    def filled(w: jax.Array) -> Array:
-        return stacking.rows(jnp.concatenate([w, jnp.zeros((1, *w.shape[1:]), w.dtype)]), places)
-
-    whole = stacking.mapped(filled, of_rows)
+    whole = stacking.mapped(lambda w: problem.with_zero_rows(w, places), of_rows)
     return whole if force is None else whole + force
 
 
 @noinline
 def _contact_inertia(contacts: Contacts, of_law: Law, impulse: Vector) -> ArticulatedBody:
     """The inertia G of a contact, and the impulse on it as a bias, about the origin of its body."""
-    zero = Vector(*[constant(impulse[0], 0)] * 3)
-    none = Symmetric(*zero, *zero)
-    P = articulated.shifted(
-        Articulated(none, Matrix(zero, zero, zero), problem.matrix_G(contacts, of_law)), -contacts.arm
-    )
+    P = articulated.none(constant(impulse[0], 0))._replace(M=problem.matrix_G(contacts, of_law))
+    P = articulated.shifted(P, -contacts.arm)
     return ArticulatedBody(P, Wrench(-cross(contacts.arm, impulse), -impulse))
 
 
@@ -229,23 +226,15 @@ def _eliminate(link: Any, children: ArticulatedBody) -> tuple[list[Elimination],
     body, touched, tau, more = link
     P = articulated.of_body(body.inertia) + touched.P + children.P
     rest = ArticulatedBody(P, touched.Z + children.Z)
-    eliminated: list[Elimination] = []
-    for s, force, resistance, stiffer in zip(body.S, tau, body.resistance, more, strict=True):
-        rest, elimination = without_velocity(rest, s, force, resistance + stiffer)
-        eliminated.append(elimination)
+    resistance = tuple(a + b for a, b in zip(body.resistance, more, strict=True))
+    rest, eliminated = without_velocities(rest, body.S, tau, resistance)
     return eliminated, ArticulatedBody(articulated.shifted(rest.P, -body.r), algebra.shifted_wrench(rest.Z, -body.r))
 
 
 def _accelerate(link: Any, parent: Motion) -> tuple[Any, Motion]:
     S, r, eliminated = link
-    A = algebra.shifted_motion(parent, r)
-    found: list[Number] = []
-    for s, (U, D, u) in zip(reversed(S), reversed(eliminated), strict=True):
-        is_none = high(D) <= 0
-        x = where(is_none, 0.0, (u - dot((*U.tau, *U.f), (*A.w, *A.v))) / where(is_none, 1.0, D))
-        A = A + x * s
-        found.append(x)
-    return (tuple(reversed(found)), A), A
+    x, A = with_velocities(algebra.shifted_motion(parent, r), S, eliminated)
+    return (x, A), A
 
 
 # -- Newton's method --------------------------------------------------------------------------------------------------
@@ -292,25 +281,23 @@ def solve(
     at_rest = combined(lambda x: as_data(zero, shape_of(x)), v)
     y = as_data(zero, (state.topology.nv, state.n))
     start = Iterate(y, v, at_rest, as_data(state.known(1.0), shape), as_data(zero, shape))
-    is_done = ~_is_touched(scene, state.n)
+    is_touched = _is_touched(scene, state.n)
     count = jnp.zeros(shape, np.int32)
 
     def iterate(carry: Any) -> Any:
         data, is_done, count, k = carry
         at: Iterate = with_data(start, data)
         new, is_small = _iterated(state, scene, at, v_free, free, energy, scale * tolerance, is_done)
-        kept = [
-            jnp.where(is_done if x.ndim == 2 else is_done[0], x, y) for x, y in zip(data, data_of(new), strict=True)
-        ]
+        kept = [jnp.where(is_done, x, y) for x, y in zip(data, data_of(new), strict=True)]
         return kept, is_done | is_small, count + (~is_done).astype(np.int32), k + 1
 
     def is_going(carry: Any) -> jax.Array:
         return (carry[3] < MOST_ITERATIONS) & ~carry[1].all()
 
-    data, _, count, _ = lax.while_loop(is_going, iterate, (data_of(start), is_done, count, np.int32(0)))
+    data, _, count, _ = lax.while_loop(is_going, iterate, (data_of(start), ~is_touched, count, np.int32(0)))
     last: Iterate = with_data(start, data)
     found = problem.turned(state, scene.bodies, last.y, to_world=False)
-    y = where(_is_touched(scene, state.n), found, state.numbers(change[:, None])[0])
+    y = where(is_touched, found, state.numbers(change[:, None])[0])
     reference = high(scale)
     # Rounding may leave a square below zero.
     residual = jnp.sqrt(jnp.maximum(high(last.residual), 0) / jnp.where(reference > 0, reference, 1))
@@ -330,20 +317,28 @@ def solve_at(
     frames_in_contact: tuple[int, ...],
 ):
     """H^-1 times a force, with H at the velocities `still` + y."""
-    scene = scene_of(state, still, change, time, touching, frames_in_contact)
-    v = _velocities_after(state, scene, still, y)
-    _, G = laws(scene, v)
-    nothing = combined(lambda x: 0.0 * x, v)
+    scene, (impulse, G) = _at(state, still, change, y, time, touching, frames_in_contact)
+    nothing = combined(lambda x: 0.0 * x, impulse)
     (right,) = in_world(state, scene.bodies, force)
     solution: Any = solved(state, scene, G, nothing, right)[0]
     return high(problem.turned(state, scene.bodies, solution, to_world=False))
 
 
-def _velocities_after(state: MechanismState, scene: Scene, still: Array, y: Array) -> Vectors:
-    before, change = in_world(state, scene.bodies, still, y)
-    after = before + change
+def _at(
+    state: MechanismState,
+    still: Array,
+    change: Array,
+    y: Array,
+    time: Array,
+    touching: Touching | None,
+    frames: tuple[int, ...],
+) -> tuple[Scene, Any]:
+    """(the Scene, `laws` at the velocities `still` + y)."""
+    scene = scene_of(state, still, change, time, touching, frames)
+    before, y_in_world = in_world(state, scene.bodies, still, y)
+    after = before + y_in_world
     motions = [V for (V,) in problem.velocities(state, scene.bodies, [after])]
-    return velocities_at(state, scene, motions, after)
+    return scene, laws(scene, velocities_at(state, scene, motions, after))
 
 
 @algorithm(*FIELDS, program_class=ContactProgram, result_shape=velocity_shape)
@@ -362,21 +357,19 @@ def imbalance(
     frames_in_contact: tuple[int, ...],
 ):
     """The gradient of the cost at y = dt vdot: by Newton and Euler, with the impulses of contacts as forces."""
-    scene = scene_of(state, still, change, time, touching, frames_in_contact)
-    impulse, _ = laws(scene, _velocities_after(state, scene, still, y))
+    scene, (impulse, _) = _at(state, still, change, y, time, touching, frames_in_contact)
     body_loads = loads(state, external_forces)
-    h = state.numbers(time[:, None])[0]
     if scene.contacts is not None:
-        R = problem.of_carriers(state, scene.carriers, [body.R for body in scene.bodies])
+        R = state.of_bodies(scene.carriers, [body.R for body in scene.bodies], state.world.R)
         nothing = Wrench(state.zero_vector, state.zero_vector)
-        on_joints = _about_joint(scene.contacts.arm, impulse.points, R, h)
+        on_joints = _about_joint(scene.contacts.arm, impulse.points, R, scene.dt)
         wrenches = problem.on_bundles(state, scene.carriers, on_joints, nothing)
         body_loads = [(tau + F.tau, f + F.f, more) for (tau, f, more), F in zip(body_loads, wrenches, strict=True)]
     forces = state.numbers_by_velocity(forces_of(state, v, vdot, body_loads, state.minus_gravity))
-    lacking = h * (forces - state.numbers(tau[:, None])[0])
+    lacking = scene.dt * (forces - state.numbers(tau[:, None])[0])
     if not is_nothing(state.fields["damping"]):
         before, change_, c = (state.numbers(x[:, None])[0] for x in (still, y, state.fields["damping"]))
-        lacking = lacking + h * (c * (before + change_))
+        lacking = lacking + scene.dt * (c * (before + change_))
     on_joints = _whole(state, scene, impulse.joints, None)
     return high(lacking if on_joints is None else lacking - on_joints)
 
@@ -399,8 +392,7 @@ def impulses(
     frames_in_contact: tuple[int, ...],
 ):
     """The impulses of contacts (3 n, B), at the velocities `still` + y."""
-    scene = scene_of(state, still, change, time, touching, frames_in_contact)
-    impulse, _ = laws(scene, _velocities_after(state, scene, still, y))
+    _, (impulse, _) = _at(state, still, change, y, time, touching, frames_in_contact)
     points: Any = impulse.points
     parts = [state.rounded(x) for x in points]
     return jnp.stack(parts, 1).reshape((-1, state.n))
@@ -427,22 +419,22 @@ def _twice_energy(state: MechanismState, scene: Scene, motions: list[Motion], x:
 
 
 @noinline
-def _energy(M: Any, V: Motion, armature: Numbers, x: Numbers) -> Number:
+def _energy(M: Inertia, V: Motion, resistance: Numbers, x: Numbers) -> Number:
     total = algebra.twice_energy(M, V)
-    for a, rate in zip(armature, x, strict=True):
+    for a, rate in zip(resistance, x, strict=True):
         total = total + a * rate * rate
     return total
 
 
 class Along(NamedTuple):
-    """A direction: its velocities at points and joints, the derivative of the cost along it without its impulses, the
-    part of its curvature that is d . A d, the decrement d . H d, and the size of what rounding errors are made of."""
+    """A direction d. v: its velocities at points and joints. slope: the derivative of |v - v*|^2_A / 2 along it.
+    curvature: d . A d. decrement: d . H d. rounding: the size of rounding errors of the decrement."""
 
     v: Vectors
     slope: Number
     curvature: Number
     decrement: Number
-    noise: Number
+    rounding: Number
 
 
 def _iterated(
@@ -473,7 +465,7 @@ def _iterated(
     # Below what rounding errors make of it, no direction goes down.
     rounding = NOISE * check.eps(state.dtype) * noise
     is_small = ~(high(decrement) > high(where(high(rounding) > high(smallest), rounding, smallest)))
-    length = _searched(state, scene, at.v, Along(v_d, slope, curvature, decrement, noise), is_small | is_done)
+    length = _searched(state, scene, at.v, Along(v_d, slope, curvature, decrement, rounding), is_small | is_done)
     rest = 1 - length
     new = Iterate(
         at.y + length * d,
@@ -491,7 +483,7 @@ def _searched(state: MechanismState, scene: Scene, v: Vectors, along: Along, is_
     is_good: states for which a whole step is taken.
     """
     shape = 1, state.n
-    goal = SLOPE * abs(along.decrement) + NOISE * check.eps(state.dtype) * along.noise
+    goal = SLOPE * abs(along.decrement) + along.rounding
 
     def at(length: Number) -> tuple[Number, Number]:
         f, rate = _slopes(scene, v, along.v, length)

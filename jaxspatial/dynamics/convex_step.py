@@ -9,22 +9,20 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.dynamics import contact_solver
-from jaxspatial.dynamics.contact import Ground, normals_and_distances
-from jaxspatial.dynamics.contact_problem import Touching
+from jaxspatial.dynamics.contact import Ground, checked_contacts, normals_and_distances
+from jaxspatial.dynamics.contact_problem import Touching, rows_of_joints
 from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.kinematics import forward_kinematics
 from jaxspatial.dynamics.passive import is_nothing
 from jaxspatial.dynamics.steps import (
     SEMI_IMPLICIT,
-    accelerated,
-    euler,
     moved,
-    plus,
     semi_implicit_step,
-    turning_of_axes,
-    with_springs_and_limits,
+    stepped_velocities,
+    without_accelerations,
 )
 from jaxspatial.engine.algorithm import ExternalForces, checked
+from jaxspatial.engine.derivatives import fixed
 from jaxspatial.mechanism import Mechanism, PointContacts
 from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.numerics import check
@@ -41,9 +39,10 @@ class ConvexStep(NamedTuple):
     q: (*batch, nq), quaternions of unit length. v: (*batch, nv).
     contact_forces: SpatialForce (*batch, n), on the body of each contact, about the contact point C on the ground, in
         world axes: impulse over dt, N; None without contacts.
-    residual: (*batch,) the decrement sqrt(g^T H^-1 g) of the last iteration, which its own step makes smaller, relative
-        to the momenta: sqrt(v^T A v + y^T A y), y what v changes by without contact. 0 where nothing touches. At most
-        2e-6 in float32 and 1e-10 in float64, unless the iterations were not enough.
+    residual: (*batch,) the decrement sqrt(g^T H^-1 g) at the start of the last iteration, relative to the momenta
+        sqrt(v^T A v + y^T A y), with g the gradient and H the Hessian of the cost, and y the change of v without
+        contact. It is at most 2e-6 in float32 and 1e-10 in float64, unless the iterations were not enough; 0 where
+        nothing touches.
     iterations: (*batch,) of Newton's method, at most 60; 0 where nothing touches.
     """
 
@@ -106,7 +105,7 @@ def convex_step(
         table 7.1; Drake 1.51, SapDriver, whose numbers these are.
     """
     *state, h, forces = checked("convex_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
-    contacts = _checked_contacts(mechanism, state[0], contacts)
+    contacts = None if contacts is None else _checked_contacts(mechanism, state[0], contacts)
     return _step(mechanism, state, h, dt, forces, contacts, ground, precision)
 
 
@@ -123,59 +122,43 @@ def _step(
     """`convex_step` of checked arguments. state: q, v and tau; h: dt as (*batch, 1)."""
     q, v, tau = state
     batch = _batch(q, v, tau, h, forces, contacts)
-    if contacts is None and not _acts_on_joints(mechanism):
+    if contacts is None and not len(rows_of_joints(mechanism.topology, vars(mechanism))):
         after = semi_implicit_step(mechanism, q, v, tau, dt, forces, precision=precision)
         # Known zeros leave no operation behind.
         residual, iterations = cast(Any, (np.zeros(batch, q.dtype), np.zeros(batch, np.int32)))
         return ConvexStep(after[0], after[1], None, residual, iterations)
     if mechanism.topology.has_mimics:
         raise NotImplementedError("convex_step: mechanism: contacts, limits and friction of mechanisms with mimics")
-    tau = with_springs_and_limits(mechanism, q, v, tau, None, precision)
     c = None if is_nothing(mechanism.damping) else jnp.asarray(mechanism.damping, q.dtype)
-    turning = turning_of_axes(mechanism, q, v, precision)
-    vdot = accelerated(mechanism, precision, (q, v, tau, turning), h, c, forces)
-    free = euler(precision, v, h, vdot if turning is None else plus(precision, turning, vdot))
-    still = v if turning is None else euler(precision, v, h, turning)
+    free, turning, vdot, tau = stepped_velocities(mechanism, (q, v, tau), h, c, forces, None, precision)
+    still = without_accelerations(precision, v, h, turning)
 
     free, still, vdot, wide_h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (free, still, vdot, h))
     touching = None if contacts is None else _touching(mechanism, q, contacts, ground, precision)
     problem = _Problem(mechanism, q, v, still, lax.stop_gradient(wide_h * vdot), tau, wide_h, touching, forces)
     frames = () if contacts is None else tuple(map(mechanism.frame_names.index, contacts.frames))
-    y, residual, iterations = problem.solved(_narrow(precision), frames)
+    # The iteration has numbers of one limb.
+    narrow = resolve(precision).of_one_limb
+    y, residual, iterations = problem.solved(narrow, frames)
     is_touched = jnp.broadcast_to((iterations > 0)[..., None], y.shape)
     after = _valued(still + y, lax.stop_gradient(jnp.where(is_touched, still + y, free)))
-    pushed = None if contacts is None else problem.forces_at(_narrow(precision), frames, y)
+    pushed = None if contacts is None else problem.forces_at(narrow, frames, y)
     next_q, next_v = moved(mechanism, q, after, dt, precision)
     return ConvexStep(next_q, next_v, pushed, residual, iterations)
 
 
 def _checked_contacts(mechanism: Mechanism, q: Any, contacts: Any) -> PointContacts | None:
-    if contacts is None:
-        return None
-    if not isinstance(contacts, PointContacts):
-        raise TypeError(f"convex_step: contacts: expected PointContacts, got {type(contacts).__name__}")
+    contacts = checked_contacts("convex_step", contacts)
     for name in contacts.frames:
         if mechanism.frame_body(name) == WORLD:
             raise ValueError(f"convex_step: contacts: expected frames of moving bodies, got {name!r}, of the world")
-    contacts = jax.tree.map(lambda x: x.astype(q.dtype) if isinstance(x, np.ndarray) else x, contacts)
-    check.require_same_dtype(q=q, contacts=contacts.stiffness)
+    check.require_same_dtype(q=q, contacts=contacts)
     return contacts if contacts.frames else None
-
-
-def _narrow(precision: PrecisionName) -> Precision:
-    """The precision of the iteration: numbers of one limb."""
-    return resolve(precision).of_one_limb
 
 
 def _batch(q: Any, v: Any, tau: Any, h: Any, forces: Any, contacts: PointContacts | None) -> tuple[int, ...]:
     of_contacts = () if contacts is None else contacts.batch_shape
     return np.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), of_contacts)
-
-
-def _acts_on_joints(mechanism: Mechanism) -> bool:
-    """Whether limits or dry friction may act."""
-    is_limited = not all(isinstance(x, np.ndarray) and np.isinf(x).all() for x in (mechanism.lower, mechanism.upper))
-    return is_limited or not is_nothing(mechanism.friction_loss)
 
 
 class _Problem(NamedTuple):
@@ -194,7 +177,7 @@ class _Problem(NamedTuple):
 
     def solved(self, precision: Precision, frames: tuple[int, ...]) -> tuple[jax.Array, jax.Array, jax.Array]:
         """(the change of velocities, the residual, the iterations); derivatives by the implicit function theorem."""
-        at = self._without_derivatives()
+        at = fixed(self)
         y, residual, iterations = contact_solver.solve(
             precision, at.mechanism, at.q, at.still, at.change, at.h, at.touching, frames_in_contact=frames
         )
@@ -213,9 +196,6 @@ class _Problem(NamedTuple):
             return lax.custom_linear_solve(times_H, force, inverse, symmetric=True)
 
         return lax.custom_root(imbalance, y, lambda _, y: y, tangent), residual[..., 0], iterations[..., 0]
-
-    def _without_derivatives(self) -> "_Problem":
-        return jax.tree.map(lambda x: x if isinstance(x, np.ndarray) else lax.stop_gradient(x), self)
 
     def forces_at(self, precision: Precision, frames: tuple[int, ...], y: jax.Array) -> SpatialForce:
         """The forces of contacts, for a change y of the velocities."""

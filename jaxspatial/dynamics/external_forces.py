@@ -10,7 +10,6 @@ from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.kinematics import poses
 from jaxspatial.engine import stacking
 from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, ExternalForces, Wrenches, WrenchesOnFrames, algorithm
-from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import AppliedForces, Mechanism
 from jaxspatial.mechanism.parts import WORLD
@@ -55,9 +54,9 @@ def _applied_wrenches(state: MechanismState, external_forces: Wrenches) -> list[
     placed = poses(state)
     on_bodies: list[tuple[list[int], Wrench]] = []
     for group in external_forces:
-        bodies, F = _bodies_of(state, group), _given(state, group)
-        X_WJ, X_JQ = of_bodies(state, bodies, placed, state.world), _placed(state, group)
-        X_JB = of_bodies(state, bodies, list(map(state.child_placement, state.bundles)), state.world)
+        bodies, F = state.topology.bodies_of(group.frames), _given(state, group)
+        X_WJ, X_JQ = state.of_bodies(bodies, placed, state.world), _placed(state, group)
+        X_JB = state.of_bodies(bodies, list(map(state.child_placement, state.bundles)), state.world)
         if not group.in_world:
             F = _turned(X_WJ.R, X_JQ.R, F)
         on_bodies.append((bodies, _about_origin(X_WJ.R, X_JQ.p - X_JB.p, F)))
@@ -92,39 +91,21 @@ def loads(state: MechanismState, forces: Wrenches, of_load: OfLoad | None = None
     on_bodies: list[tuple[list[int], Load]] = []
     placed = poses(state) if any(group.in_world for group in forces) else []
     for group in forces:
-        bodies, X_JQ, F = _bodies_of(state, group), _placed(state, group), _given(state, group)
-        F = _about_joint(of_bodies(state, bodies, placed, state.world), X_JQ, F) if group.in_world else _acted(X_JQ, F)
+        bodies, X_JQ, F = state.topology.bodies_of(group.frames), _placed(state, group), _given(state, group)
+        F = _about_joint(state.of_bodies(bodies, placed, state.world), X_JQ, F) if group.in_world else _acted(X_JQ, F)
         on_bodies.append((bodies, (F.tau, F.f, of_load(F.tau, F.f, X_JQ.p, group.in_world))))
     summed = _sums(on_bodies)
     return [_of_bundle(state, bundle, summed, nothing) for bundle in state.bundles]
 
 
-def _bodies_of(state: MechanismState, group: WrenchesOnFrames) -> list[int]:
-    """The numbers of the bodies that carry the frames."""
-    return [state.topology.frames[frame][1] for frame in group.frames]
-
-
-def of_bodies(state: MechanismState, bodies: list[int], results: list[T], at_world: T) -> T:
-    """The results for bodies, as numbers (n, B), from those for every bundle; at_world for -1."""
-    each = [state.of_body(body, results, at_world) for body in bodies]
-    return each[0] if len(each) == 1 else stacking.concatenated_trees(each, state.n)
-
-
 def _placed(state: MechanismState, group: WrenchesOnFrames) -> Pose:
     """X_JQ of the frames, moved to their points."""
     X_JF = state.frame_placements(group.frames)
-    return X_JF if group.points is None else _moved(X_JF, parts(state, group.points))
+    return X_JF if group.points is None else _moved(X_JF, state.vectors(group.points))
 
 
 def _given(state: MechanismState, group: WrenchesOnFrames) -> Wrench:
-    return Wrench(parts(state, group.tau), parts(state, group.f))
-
-
-def parts(state: MechanismState, parts: Array | None) -> Vector:
-    """The numbers (n, B) of n vectors."""
-    if parts is None:
-        return state.zero_vector
-    return Vector(*state.numbers(parts.reshape((-1, 3, *parts.shape[1:]))))
+    return Wrench(state.vectors(group.tau), state.vectors(group.f))
 
 
 @noinline

@@ -104,7 +104,7 @@ def _pose(link: tuple[Pose, JointState], X_WP: Pose) -> tuple[Pose, Pose]:
 
 def at_carrier(state: MechanismState, frame: int, results: list[T], at_world: T) -> T:
     """The result for the body that carries a frame, from those for every bundle."""
-    return state.of_body(state.topology.frames[frame][1], results, at_world)
+    return state.of_bodies(state.topology.bodies_of([frame]), results, at_world)
 
 
 def _of_frames(

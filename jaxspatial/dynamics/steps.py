@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,10 +15,9 @@ from jaxspatial.dynamics.energy import kinetic_energy
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.inverse_dynamics import bias_forces
 from jaxspatial.dynamics.passive import Compliance, damping_coefficients, passive_forces_or_none
-from jaxspatial.engine.algorithm import ExternalForces, checked
+from jaxspatial.engine.algorithm import ExternalForces, checked, over_batch
 from jaxspatial.engine.derivatives import pullback
 from jaxspatial.mechanism import Mechanism
-from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.numbers import Number, Numbers, doubled
 from jaxspatial.numerics.promise import Normwise
@@ -80,70 +79,72 @@ def semi_implicit_step(
     q, v, tau, h, forces = checked(
         "semi_implicit_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces
     )
-    tau = with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
     c = damping_coefficients(mechanism, v, compliance, precision)
-    turning = turning_of_axes(mechanism, q, v, precision)
-    vdot = accelerated(mechanism, precision, (q, v, tau, turning), h, c, forces)
-    after = euler(precision, v, h, vdot if turning is None else plus(precision, turning, vdot))
+    after = stepped_velocities(mechanism, (q, v, tau), h, c, forces, compliance, precision).v
     return moved(mechanism, q, after, dt, precision)
 
 
-def turning_of_axes(mechanism: Mechanism, q: Checked, v: Checked, precision: PrecisionName) -> jax.Array | None:
-    """`transport`, or None where no joint turns its axes."""
-    t = mechanism.topology
-    turns = any(t.kind(i).turns_its_axes for i in range(len(t)))
-    return transport(precision, mechanism, q, v) if turns else None
+class SteppedVelocities(NamedTuple):
+    """v: the velocities after a time dt, along the axes at the start. turning: `transport`, None where no joint turns
+    its axes. vdot: the accelerations. tau: the forces at the joints, with those of springs and limits."""
+
+    v: jax.Array
+    turning: jax.Array | None
+    vdot: jax.Array
+    tau: Checked
+
+
+def stepped_velocities(
+    mechanism: Mechanism,
+    at: tuple[Checked, Checked, Checked],
+    h: jax.Array,
+    c: jax.Array | None,
+    forces: Checked,
+    compliance: Compliance | None,
+    precision: PrecisionName,
+) -> SteppedVelocities:
+    """The SteppedVelocities of a state (q, v, tau), under implicit damping: the force is -c v at the new velocities."""
+    q, v, tau = at
+    springs = passive_forces_or_none(mechanism, q, v, compliance, precision, with_resistance=False)
+    tau = tau if springs is None else plus(precision, tau, springs)
+    turning = transport(precision, mechanism, q, v) if mechanism.topology.turns_axes else None
+    accelerated = functools.partial(_accelerated, mechanism, precision)
+    if c is None or (c.ndim == 1 and h.ndim == 1):
+        vdot = accelerated((q, v, tau, turning), h, c, forces)
+    else:
+        # Damping coefficients, or times, differ within the batch.
+        vdot = over_batch(accelerated, (q, v, tau, turning), h, c, forces)
+    after = euler(precision, v, h, vdot if turning is None else plus(precision, turning, vdot))
+    return SteppedVelocities(after, turning, vdot, tau)
+
+
+def without_accelerations(precision: PrecisionName, v: Checked, h: jax.Array, turning: jax.Array | None) -> Checked:
+    """The velocities after a time dt in which only the axes turn."""
+    return v if turning is None else euler(precision, v, h, turning)
 
 
 def moved(
     mechanism: Mechanism, q: Checked, v: Checked, dt: ArrayLike, precision: PrecisionName
 ) -> tuple[jax.Array, jax.Array]:
     """(q, v) after the time dt, for new velocities v along the axes at the old q."""
-    if any(mechanism.topology.kind(i).turns_its_axes for i in range(len(mechanism.topology))):
+    if mechanism.topology.turns_axes:
         # `advance` turns v to the axes at the new q.
         return advance(precision, mechanism, q, v, dt)
     return integrate(mechanism, q, v, dt, precision=precision), v
 
 
-def with_springs_and_limits(
-    mechanism: Mechanism, q: Checked, v: Checked, tau: Checked, compliance: Compliance | None, precision: PrecisionName
-) -> Checked:
-    forces = passive_forces_or_none(mechanism, q, v, compliance, precision, with_resistance=False)
-    return tau if forces is None else plus(precision, tau, forces)
-
-
-def accelerated(
-    mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: jax.Array | None, forces: Checked
-) -> jax.Array:
-    """The accelerations vdot under implicit damping: the force is -c v at the new velocities."""
-    of_all = _accelerated if c is None or (c.ndim == 1 and h.ndim == 1) else _each_accelerated
-    return of_all(mechanism, precision, at, h, c, forces)
-
-
 def _accelerated(
     mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: jax.Array | None, forces: Checked
 ) -> jax.Array:
-    """`accelerated`, with one time and the same damping for all states."""
+    """The accelerations under implicit damping, with one time and the same damping for all states."""
     q, v, tau, turning = at
     if c is not None:
         # (M + h c) vdot = tau - c v - ...: as with armature increased by h c. v is the velocity at the end of the step
         # for vdot = 0.
         armature = jnp.asarray(mechanism.armature, c.dtype) + h * c
-        still = v if turning is None else euler(precision, v, h, turning)
+        still = without_accelerations(precision, v, h, turning)
         tau, mechanism = _damped(precision, tau, c, still), mechanism.replace(armature=armature)
     return forward_dynamics(mechanism, q, v, tau, forces, precision=precision)
-
-
-def _each_accelerated(
-    mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: Checked, forces: Checked
-) -> jax.Array:
-    """`_accelerated` over a batch in which damping coefficients, or times, differ."""
-    leaves, tree = jax.tree.flatten((at, h, c, forces))
-    batch = np.broadcast_shapes(*(x.shape[:-1] for x in leaves))
-    function = functools.partial(_accelerated, mechanism, precision)
-    for _ in batch:
-        function = jax.vmap(function)
-    return function(*jax.tree.unflatten(tree, check.broadcast_batch(batch, *leaves)))
 
 
 @documented(bound=SYMPLECTIC)
@@ -184,7 +185,8 @@ def symplectic_step(
     *at, h, forces = checked("symplectic_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in at), h.shape[:-1])
     q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (*at, h))
-    tau = with_springs_and_limits(mechanism, q, v, tau, compliance, precision)
+    springs = passive_forces_or_none(mechanism, q, v, compliance, precision, with_resistance=False)
+    tau = tau if springs is None else plus(precision, tau, springs)
     damping = damping_coefficients(mechanism, v, compliance, precision)
     return _variational_step(mechanism, q, v, tau, h, damping, forces, iterations, precision)
 

@@ -467,6 +467,19 @@ def _warn_of_many_programs(cache: ProgramCache, key) -> None:
         )
 
 
+def over_batch(function: Callable[..., Any], *arguments: Any) -> Any:
+    """The function of one state, over the common batch of its arguments: trees of arrays (*batch, n)."""
+    leaves, tree = jax.tree.flatten(arguments)
+    batch = np.broadcast_shapes(*(x.shape[:-1] for x in leaves))
+
+    def of_leaves(*leaves: Any) -> Any:
+        return function(*jax.tree.unflatten(tree, leaves))
+
+    for _ in batch:
+        of_leaves = jax.vmap(of_leaves)
+    return of_leaves(*check.broadcast_batch(batch, *leaves))
+
+
 def velocity_shape(topology: Topology) -> tuple[int, ...]:
     """The shape (nv,) of a result with one number per velocity."""
     return (topology.nv,)

@@ -6,16 +6,18 @@ order.
 
 import functools
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jax.interpreters import ad
 
 from jaxspatial.engine.program import Aval, Program, Result, batch_axis_first, bind, over_batch_of, zeros
 from jaxspatial.numerics.errorfree.primitives import is_zero
 
+T = TypeVar("T")
 Moving = tuple[bool, ...]
 
 
@@ -182,6 +184,11 @@ class Pullback(Derived):
 
     def needs_all_states(self, i: int):
         return i < len(self.moving) and (self.moving[i] or self.program.needs_all_states(i))
+
+
+def fixed(tree: T) -> T:
+    """The tree as constants of derivatives; NumPy numbers are so already, and stay known."""
+    return jax.tree.map(lambda x: lax.stop_gradient(x) if isinstance(x, jax.Array) else x, tree)
 
 
 def pullback(function: Callable[..., Any], *at: Any):

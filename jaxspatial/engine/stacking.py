@@ -67,18 +67,13 @@ def concatenated(parts: Numbers) -> Number:
     return parts[0] if len(parts) == 1 else numbers.mapped(lambda *words: jnp.concatenate(words), *parts)
 
 
-def concatenated_trees(trees: Sequence[T], n: int) -> T:
-    """Concatenates k trees of numbers (1, B) to one of numbers (k, B). Known equal numbers stay known."""
-    return _combined(trees, lambda xs: concatenated([spread(x, (1, n)) for x in xs]))
+def concatenated_trees(trees: Sequence[T], n: int, counts: Sequence[int] | None = None) -> T:
+    """Concatenates trees of numbers (k, B) to one of numbers (sum of k, B). Known equal numbers stay known.
 
-
-def concatenated_rows(trees: Sequence[T], n: int) -> T:
-    """Concatenates trees of numbers (k, B) along their rows. Known equal numbers stay known."""
-
-    def rows(x: Number) -> Number:
-        return spread(x, ((numbers.shape_of(x) or (1,))[0], n))
-
-    return _combined(trees, lambda xs: concatenated([rows(x) for x in xs]))
+    counts: the k of each tree, 1 for None. A tree has one row where all its rows are the same.
+    """
+    k = counts or [1] * len(trees)
+    return _combined(trees, lambda xs: concatenated([spread(x, (i, n)) for x, i in zip(xs, k, strict=True)]))
 
 
 def _combined(trees: Sequence[Any], combine: Callable[[Numbers], Number]):

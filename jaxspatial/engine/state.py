@@ -6,6 +6,7 @@ and frames, inertias and placements with them; this is exact, see `alignment`.
 """
 
 import functools
+import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeVar
 
@@ -101,6 +102,12 @@ class MechanismState:
         """The k numbers of a NumPy array (..., k), or of data (..., k, B)."""
         array = array[..., None, :] if isinstance(array, np.ndarray) else jnp.moveaxis(array, -2, -1)
         return of_terms(array, self.precision, self.dtype)
+
+    def vectors(self, array: Array | None) -> Vector:
+        """n vectors, of an array (..., 3 n) or (..., 3 n, B), as numbers (n, B); the known zero vector for None."""
+        if array is None:
+            return self.zero_vector
+        return Vector(*self.numbers(array.reshape((-1, 3, *array.shape[1:]))))
 
     def known(self, number: float) -> Number:
         """A number that is known while tracing."""
@@ -263,13 +270,18 @@ class MechanismState:
             return jnp.stack([self.rounded(c).reshape((self.n,)) for c in x])
         return x
 
-    def of_body(self, body: int, results: Sequence[T], at_world: T) -> T:
-        """The result for one body, numbers (1, B), from those for all bundles; at_world for body -1."""
-        if body < 0:
-            return at_world
-        k, j, c = self.topology.places[body]
-        # A number that is the same for all chains has one column.
-        return stacking.mapped(lambda word: word[j, min(c, word.shape[1] - 1)][None], results[k])
+    def of_bodies(self, bodies: Sequence[int], results: Sequence[T], at_world: T) -> T:
+        """The results for n bodies, numbers (n, B), from those for all bundles; at_world for body -1.
+
+        A number has one row where it is the same for all of them.
+        """
+        places = [self.topology.places[body] if body >= 0 else (-1, 0, 0) for body in bodies]
+        pieces, counts = list[Any](), list[int]()
+        for k, run in itertools.groupby(places, lambda place: place[0]):
+            at = [place[1:] for place in run]
+            counts.append(len(at))
+            pieces.append(at_world if k < 0 else stacking.mapped(lambda w, at=at: _rows_at(w, at), results[k]))
+        return pieces[0] if len(pieces) == 1 else stacking.concatenated_trees(pieces, self.n, counts)
 
     def by_body(self, results: Sequence[Numbers]) -> jax.Array:
         """Results by body, (n, k, B), from a tuple of k numbers for every bundle."""
@@ -378,6 +390,13 @@ class MechanismState:
         """The inverse of `words`: numbers made of these arrays, in trees of the structure of `form`."""
         like, rest = self.known(0.0), iter(words)
         return jax.tree.map(lambda _: like.with_limbs(next(rest) for _ in like.limbs), form, is_leaf=numbers.is_number)
+
+
+def _rows_at(word: jax.Array, places: Sequence[tuple[int, int]]) -> Array:
+    """The rows (n, B) at (row, chain) of an array (L, W, B), of size 1 where all rows or chains have the same."""
+    L, W = word.shape[:2]
+    flat = np.array([min(j, L - 1) * W + min(c, W - 1) for j, c in places])
+    return stacking.rows(word.reshape((L * W, -1)), flat[:1] if (flat == flat[0]).all() else flat)
 
 
 def is_vector(x: object) -> bool:

@@ -384,6 +384,11 @@ def _times_identity(m: Number) -> Symmetric:
     return Symmetric(m, zero, m, zero, zero, m)
 
 
+def none(zero: Number) -> Articulated:
+    """No inertia at all, of a known zero."""
+    return Articulated(Symmetric(*[zero] * 6), Matrix(*[Vector(*[zero] * 3)] * 3), Symmetric(*[zero] * 6))
+
+
 def rows(P: Articulated) -> list[Numbers]:
     """The six rows of six numbers."""
     return [(*a, *b) for a, b in (*zip(P.J.matrix, P.F, strict=True), *zip(P.F.T, P.M.matrix, strict=True))]

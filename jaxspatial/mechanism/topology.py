@@ -8,7 +8,7 @@ after the other, into one loop (`Bundle`).
 import dataclasses
 import functools
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -195,6 +195,15 @@ class Topology:
             if parent >= 0:
                 children[parent].append(i)
         return children
+
+    def bodies_of(self, frames: Iterable[int]) -> list[int]:
+        """The bodies that carry frames, -1 for the world."""
+        return [self.frames[frame][1] for frame in frames]
+
+    @functools.cached_property
+    def turns_axes(self):
+        """Whether the linear velocities of any joint are along axes that the joint itself turns."""
+        return any(self.kind(i).turns_its_axes for i in range(len(self)))
 
     def ancestors(self, i: int):
         """Body i and those it hangs on, towards the world."""

@@ -29,7 +29,7 @@ def _x64():
 
 @functools.cache
 def tree():
-    """A floating body with an arm: springs, damping, dry friction and limits; spheres on all bodies."""
+    """A floating body with an arm: springs, damping, dry friction and limits; spheres on all bodies, two on the root."""
     ball = js.SpatialInertia.solid_ellipsoid(np.array([0.2, 0.3, 0.1]), mass=np.float64(2))
     joint = {"stiffness": 2.0, "damping": 0.3, "friction_loss": 0.5, "lower": -0.6, "upper": 0.8}
     out = [js.RigidTransform(js.Rotation.exp(np.array(w)), np.array(p)) for w, p in
@@ -41,9 +41,10 @@ def tree():
         js.Joint("l", "revolute", "a", "d", out[2], axis=(1, 0, 0), **joint | {"lower": -np.inf}),
     ]
     mech = js.Mechanism.build([js.Body(name, ball) for name in "abcd"], joints, dtype=np.float64)
-    numbers = np.array([1e4, 1e5, 2e3, 1e4]), np.array([0.0, 0.01, 0.1, 0.02]), np.array([0.0, 0.3, 1.0, 0.6])
-    positions = np.array([[0, 0, -0.1], [0.1, 0, -0.1], [0.1, 0.1, 0], [0, 0.2, 0]])
-    return scenes.Scene("", mech, True, tuple("abcd"), positions, 0.05, *numbers)
+    stiffness, relaxation_time = np.array([1e4, 3e3, 1e5, 2e3, 1e4]), np.array([0.0, 0.05, 0.01, 0.1, 0.02])
+    positions = np.array([[0, 0, -0.1], [-0.1, 0, -0.1], [0.1, 0, -0.1], [0.1, 0.1, 0], [0, 0.2, 0]])
+    friction = np.array([0.0, 0.5, 0.3, 1.0, 0.6])
+    return scenes.Scene("", mech, True, tuple("aabcd"), positions, 0.05, stiffness, relaxation_time, friction)
 
 
 SCENES = {"box": scenes.box, "arm": scenes.arm, "tree": tree}
@@ -101,6 +102,16 @@ def test_without_anything_to_touch_it_is_the_plain_step():
     assert asked_for(lambda *x: js.convex_step(mech, *x, 1e-2)[:2], q, v, tau) == asked_for(
         lambda *x: js.semi_implicit_step(mech, *x, 1e-2), q, v, tau
     )
+
+
+def test_limits_on_joints_of_several_coordinates_are_no_terms():
+    body = js.Body("a", js.SpatialInertia.solid_ellipsoid(np.array([0.2, 0.3, 0.1]), mass=np.float64(2)))
+    mech = js.Mechanism.build([body], [js.Joint("j", "planar", "world", "a")], dtype=np.float64)
+    mech = mech.replace(lower=np.full(3, -0.1), upper=np.full(3, 0.1))
+    q, v, tau = np.full(3, 0.2), np.ones(3), np.ones(3)
+    found, expected = js.convex_step(mech, q, v, tau, 1e-2), js.semi_implicit_step(mech, q, v, tau, 1e-2)
+    np.testing.assert_array_equal(found.q, expected[0])
+    np.testing.assert_array_equal(found.v, expected[1])
 
 
 # -- by hand ----------------------------------------------------------------------------------------------------------

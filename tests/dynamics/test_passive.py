@@ -299,7 +299,7 @@ def test_nothing_leaves_nothing_behind():
 
     def plain(q, v, tau):
         q, v, tau, h = steps.checked("plain", mech, q=q, v=v, tau=tau, dt=1e-3)
-        v = steps._euler(None, v, h, js.forward_dynamics(mech, q, v, tau))
+        v = steps.euler(None, v, h, js.forward_dynamics(mech, q, v, tau))
         return js.integrate(mech, q, v, 1e-3), v
 
     def step(mech, q, v, tau):
