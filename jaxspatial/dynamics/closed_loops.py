@@ -24,6 +24,7 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.dynamics.configuration import difference, integrate
+from jaxspatial.dynamics.contact_problem import Closing
 from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.jacobians import jacobian
@@ -227,9 +228,15 @@ def close_loops(
 def _checked(operation: str, mechanism: Mechanism, loops: Any, **arguments: Any) -> tuple[Any, ...]:
     """The arguments as `algorithm.checked` returns them, the closures, and their distances (*batch, 1) or None."""
     found = checked(operation, mechanism, **arguments)
-    closures, dtype = checked_loops(loops, mechanism.topology, f"{operation}: loops"), found[0].dtype
-    distances = [None if loop.distance is None else _distance(operation, loop, dtype) for loop in closures]
-    return *found, closures, distances
+    return *found, *checked_closures(operation, mechanism, loops, found[0].dtype)
+
+
+def checked_closures(
+    operation: str, mechanism: Mechanism, loops: Any, dtype: np.dtype
+) -> tuple[tuple[LoopClosure, ...], list[Any]]:
+    """The closures, and their distances (*batch, 1) or None."""
+    closures = checked_loops(loops, mechanism.topology, f"{operation}: loops")
+    return closures, [None if loop.distance is None else _distance(operation, loop, dtype) for loop in closures]
 
 
 def _distance(operation: str, loop: LoopClosure, dtype: np.dtype) -> Any:
@@ -384,6 +391,20 @@ def _halves(x: jax.Array) -> list[jax.Array]:
 
 def _errors(placed: Sequence[_Placed], dtype: np.dtype) -> jax.Array:
     return jnp.concatenate([jnp.zeros(0, dtype), *(x.error for x in placed)])
+
+
+def closing_of(
+    mechanism: Mechanism, q: Any, closures: tuple[LoopClosure, ...], distances: Sequence[Any], precision: PrecisionName
+) -> Closing:
+    """The rows of all closures as the solver of contacts takes them."""
+
+    def of_state(q: Any, distances: Any) -> Closing:
+        placed = _Loops(mechanism, closures, distances, precision).placed(q)
+        N = jnp.concatenate([x.in_world for x in placed])
+        p_AB_W = jnp.concatenate([x.p_AB_W for x in placed])
+        return Closing(N[:, :3].reshape(-1), N[:, 3:].reshape(-1), _errors(placed, q.dtype), p_AB_W)
+
+    return over_batch(of_state, q, distances)
 
 
 # -- dynamics ---------------------------------------------------------------------------------------------------------

@@ -162,10 +162,10 @@ def contact_geometry(
     return ContactGeometry(centers, depth, normals, offsets, at_C)
 
 
-def checked_contacts(operation: str, contacts: Any) -> PointContacts:
+def checked_contacts(operation: str, contacts: Any, name: str = "contacts") -> PointContacts:
     """The contacts, as JAX computes with them."""
     if not isinstance(contacts, PointContacts):
-        check.refuse(f"{operation}: contacts", "PointContacts", contacts)
+        check.refuse(f"{operation}: {name}", "PointContacts", contacts)
     return check.narrowed(contacts)
 
 

@@ -2,14 +2,17 @@
 
     v+ = argmin |v - v*|^2_A / 2 + sum l_i(J_i v)        A = M + dt C, with v* the velocities without contact
 
-There is one term l_i for each contact, and for each joint with limits or dry friction. Its derivative is the impulse:
-gamma_i = -dl_i/dv_i at the velocity v_i = J_i v; its second derivative G_i = -dgamma_i/dv_i is never negative.
+There is one term l_i for each contact, for each joint with limits or dry friction, and for each row of a loop closure.
+Its derivative is the impulse: gamma_i = -dl_i/dv_i at the velocity v_i = J_i v; its second derivative
+G_i = -dgamma_i/dv_i is never negative.
 
 Everything is in world axes, about the origins of joints: passes over the tree move spatial vectors without turning
 them. [Castro, Permenter, Han 2022, An unconstrained convex formulation of compliant contact; Drake 1.51, SapDriver]
 """
 
+import functools
 import itertools
+import operator
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
@@ -26,6 +29,7 @@ from jaxspatial.engine.state import Link, MechanismState, across
 from jaxspatial.inertia import articulated
 from jaxspatial.inertia.articulated import Articulated
 from jaxspatial.mechanism.topology import Bundle, Topology
+from jaxspatial.numerics import check
 from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Symmetric, Vector, Wrench, congruence, cross, dot
 from jaxspatial.numerics.numbers import Mask, Number, Numbers, constant, high, is_constant, is_number, noinline, where
 from jaxspatial.spatial import algebra
@@ -37,22 +41,74 @@ NEAR_RIGID, STICKING, NEAR_RIGID_LIMIT = 1.0 / (4 * np.pi**2), 1e-3, 0.1**2 / (4
 SMOOTHED = 1e-14
 # Stiffness of limits, and how many steps ahead they are seen.
 LIMIT_STIFFNESS, LIMIT_WINDOW = 1e12, 2.0
+# Two bodies with less mobility against each other than this, in eps of that of each, do not move.
+MOBILE = 1e3
+
+
+class Centres(NamedTuple):
+    """Centres of n spheres on frames, as arrays (*batch, 3 n). positions: in the frames; None for the origins. offsets:
+    from the centres to the contact points C, in world axes."""
+
+    positions: Array | None
+    offsets: Array
 
 
 class Touching(NamedTuple):
     """The contacts of a step, as arrays (*batch, n) or (*batch, 3 n): n spheres on frames.
 
-    positions: of the centres, in the frames; None for the origins. offsets: from the centres to the contact points C,
-    in world axes. normals: out of the ground, in world axes. distances: between sphere and ground, negative inside.
+    others: of the spheres that the last of them touch; all but these touch the ground. normals: out of the ground or of
+    the other sphere, in world axes. distances: between the surfaces, negative inside.
     """
 
-    positions: Array | None
-    offsets: Array
+    centres: Centres
+    others: Centres | None
     normals: Array
     distances: Array
     stiffness: Array
     relaxation_time: Array
     friction: Array
+
+
+class Closing(NamedTuple):
+    """The k rows of loop closures in a step, as arrays: what closures hold at zero, see `closed_loops`.
+
+    turning, moving (*batch, 3 k): N of the twist of frame B for an observer on A, about the origin of B in world axes.
+    errors (*batch, k): rad, m. p_AB_W (*batch, 3 n): of n closures.
+    """
+
+    turning: Array
+    moving: Array
+    errors: Array
+    p_AB_W: Array
+
+
+class Closure(NamedTuple):
+    """Frames of a loop closure, by number, and how many of its rows hold orientations and positions."""
+
+    frame_a: int
+    frame_b: int
+    n_turning: int
+    n_moving: int
+
+
+class Where(NamedTuple):
+    """The frames that contacts are on, the frames of the others that the last of them touch, and loop closures."""
+
+    frames: tuple[int, ...] = ()
+    others: tuple[int, ...] = ()
+    closures: tuple[Closure, ...] = ()
+
+
+class Ends(NamedTuple):
+    """The bodies b and a that each of n terms acts between, -1 for the world."""
+
+    b: list[int]
+    a: list[int]
+
+    @property
+    def between_bodies(self) -> np.ndarray:
+        """Which terms act between two bodies."""
+        return np.flatnonzero(np.array(self.a) >= 0)
 
 
 class Body(NamedTuple):
@@ -195,14 +251,53 @@ def _mobility(body: Any, parent: Articulated) -> tuple[Articulated, Articulated]
     return whole, whole
 
 
+# -- between bodies ---------------------------------------------------------------------------------------------------
+
+
+def relative_mobility(
+    state: MechanismState, bodies: list[Body], mobility: list[Articulated], ends: Ends, arm_b: Vector, arm_a: Vector
+) -> tuple[Articulated, Articulated]:
+    """J D^-1 J^T of the motion of bodies b for observers on bodies a, about points: numbers (n, B); and the same as if
+    they moved on their own.
+
+    arm_b, arm_a: the points, from the origins of b and a. What carries both bodies moves neither for the other.
+    """
+    nothing = articulated.none(state.known(0.0))
+    whole = _shifted(state.of_bodies(ends.b, mobility, nothing), arm_b)
+    if not len(ends.between_bodies):
+        return whole, whole
+    t = state.topology
+    common, from_common = list[int](), list[Vector]()
+    for b, a in zip(*ends, strict=True):
+        behind = [i for i in t.ancestors(b) if i not in set(t.ancestors(a))]
+        common.append(t.parents[behind[-1]] if behind else b)
+        arms = [state.of_bodies([i], [body.r for body in bodies], state.zero_vector) for i in behind]
+        from_common.append(functools.reduce(operator.add, arms, state.zero_vector))
+    whole = whole + _shifted(state.of_bodies(ends.a, mobility, nothing), arm_a)
+    arm = arm_b + stacking.concatenated_trees(from_common, state.n)
+    return whole - 2.0 * _shifted(state.of_bodies(common, mobility, nothing), arm), whole
+
+
+_shifted = noinline(articulated.shifted)
+
+
+@noinline
+def _size(S: Symmetric) -> Number:
+    """The Frobenius norm over 3."""
+    xx, xy, yy, xz, yz, zz = S
+    return dot((xx, yy, zz, xy + xy, xz + xz, yz + yz), (xx, yy, zz, xy, xz, yz)).sqrt() / 3
+
+
 # -- contacts ---------------------------------------------------------------------------------------------------------
 
 
 class Contacts(NamedTuple):
-    """n contacts, as numbers (n, B). arm: from the origin of the body to C. free: the velocity along the normal at
-    which there is no impulse. R_n, R_t: how much an impulse changes velocities along the normal and the tangents."""
+    """n contacts, as numbers (n, B). arm, arm_a: from the origins of bodies b and a to C. free: the velocity along the
+    normal at which there is no impulse. R_n, R_t: how much an impulse changes velocities along the normal and the
+    tangents."""
 
     arm: Vector
+    arm_a: Vector
     normal: Vector
     is_touching: Mask
     free: Number
@@ -215,31 +310,42 @@ def contacts_of(
     state: MechanismState,
     bodies: list[Body],
     mobility: list[Articulated],
-    frames: tuple[int, ...],
+    at: Where,
     touching: Touching,
     dt: Number,
-) -> Contacts:
-    """The Contacts on frames. dt: (1, B)."""
-    at_world = state.world.R, articulated.none(state.known(0.0))
-    both = [(body.R, x) for body, x in zip(bodies, mobility, strict=True)]
-    R, mobility_there = state.of_bodies(state.topology.bodies_of(frames), both, at_world)
-    arm = _arm(R, state.frame_placements(frames), state.vectors(touching.positions), state.vectors(touching.offsets))
+) -> tuple[Contacts, Ends]:
+    """The Contacts, and the bodies that they are between. dt: (1, B)."""
+    n, n_ground = len(at.frames), len(at.frames) - len(at.others)
+    ends = Ends(state.topology.bodies_of(at.frames), [-1] * n_ground + state.topology.bodies_of(at.others))
+    arm, arm_a = _arms(state, bodies, at.frames, touching.centres), state.zero_vector
+    if touching.others is not None:
+        places = np.array([n] * n_ground + list(range(n - n_ground)))
+        own = _arms(state, bodies, at.others, touching.others)
+        arm_a = stacking.mapped(lambda w: with_zero_rows(jnp.broadcast_to(w, (n - n_ground, state.n)), places), own)
     scalars = (
         _scalars(state, x)
         for x in (touching.distances, touching.stiffness, touching.relaxation_time, touching.friction)
     )
     distance, stiffness, relaxation_time, friction = scalars
-    w = _delassus(mobility_there, arm)
+    w = _size(relative_mobility(state, bodies, mobility, ends, arm, arm_a)[0].J)
     free, R_n, R_t = _regularisation(w, distance, stiffness, relaxation_time, dt)
-    return Contacts(arm, state.vectors(touching.normals), high(distance) <= 0, free, R_n, R_t, friction)
+    normal = state.vectors(touching.normals)
+    return Contacts(arm, arm_a, normal, high(distance) <= 0, free, R_n, R_t, friction), ends
+
+
+def _arms(state: MechanismState, bodies: list[Body], frames: tuple[int, ...], centres: Centres) -> Vector:
+    R = state.of_bodies(state.topology.bodies_of(frames), [body.R for body in bodies], state.world.R)
+    return _arm(R, state.frame_placements(frames), state.vectors(centres.positions), state.vectors(centres.offsets))
 
 
 def on_bundles(state: MechanismState, carriers: list[int], tree: T, nothing: T) -> list[T]:
     """Numbers (n, B) of n bodies as those of every bundle: their sums where a body comes several times.
 
-    Known numbers are zeros. nothing: known zeros, which bundles without any of the bodies have.
+    Known numbers are zeros; the body -1 is the world. nothing: known zeros, for bundles without any of the bodies.
     """
-    bodies = sorted(set(carriers))
+    bodies = sorted(set(carriers) - {-1})
+    if not bodies:
+        return [nothing] * len(state.bundles)
     of_body = [[k for k, c in enumerate(carriers) if c == body] for body in bodies]
     most = max(map(len, of_body))
     # Row n is zero.
@@ -281,13 +387,6 @@ def _scalars(state: MechanismState, array: Array) -> Number:
 @noinline
 def _arm(R: Matrix, X_JF: Pose, centre: Vector, offset: Vector) -> Vector:
     return R @ (X_JF.p + X_JF.R @ centre) + offset
-
-
-@noinline
-def _delassus(mobility: Articulated, arm: Vector) -> Number:
-    """The Frobenius norm of J D^-1 J^T of a contact, over 3."""
-    xx, xy, yy, xz, yz, zz = articulated.shifted(mobility, arm).J
-    return dot((xx, yy, zz, xy + xy, xz + xz, yz + yz), (xx, yy, zz, xy, xz, yz)).sqrt() / 3
 
 
 @noinline
@@ -366,9 +465,9 @@ def matrix_G(contacts: Contacts, of_law: Law) -> Symmetric:
     return Symmetric(entry(0, 0), entry(0, 1), entry(1, 1), entry(0, 2), entry(1, 2), entry(2, 2))
 
 
-def at_points(arm: Vector, V: Motion) -> Vector:
-    """The velocities of the contact points of bodies."""
-    return V.v + cross(V.w, arm)
+def at_points(contacts: Contacts, V_b: Motion, V_a: Motion) -> Vector:
+    """The velocities of contact points on bodies b, for observers on bodies a."""
+    return V_b.v + cross(V_b.w, contacts.arm) - (V_a.v + cross(V_a.w, contacts.arm_a))
 
 
 # -- limits and dry friction of joints --------------------------------------------------------------------------------
@@ -459,3 +558,63 @@ def joint_law(joints: Joints, v: Number) -> tuple[Number, Number]:
     slipping = where(high(stuck) > 0, largest, -largest)
     impulse = where(is_down, down, zero) - where(is_up, up, zero) + where(is_stuck, stuck, slipping)
     return impulse, where(is_down | is_up, 1 / joints.R, zero) + where(is_stuck, 1 / joints.R_f, zero)
+
+
+# -- loop closures ----------------------------------------------------------------------------------------------------
+
+
+class Loops(NamedTuple):
+    """k rows of loop closures, as numbers (k, B). on_b, on_a: the wrenches on bodies b and a of a unit impulse, about
+    their origins. free: the velocity at which there is no impulse. R: how much an impulse changes the velocity."""
+
+    on_b: Wrench
+    on_a: Wrench
+    free: Number
+    R: Number
+
+
+def loops_of(
+    state: MechanismState,
+    bodies: list[Body],
+    mobility: list[Articulated],
+    closures: tuple[Closure, ...],
+    closing: Closing,
+    dt: Number,
+) -> tuple[Loops, Ends]:
+    """The Loops, and the bodies that each row is between. dt: (1, B)."""
+    frames_a, frames_b = tuple(c.frame_a for c in closures), tuple(c.frame_b for c in closures)
+    arm_b = _arms(state, bodies, frames_b, Centres(None, np.zeros(3 * len(closures), state.dtype)))
+    arm_a = _arms(state, bodies, frames_a, Centres(None, closing.p_AB_W))
+    ends = Ends(*map(state.topology.bodies_of, (frames_b, frames_a)))
+    both = relative_mobility(state, bodies, mobility, ends, arm_b, arm_a)
+    sizes = [stacking.concatenated_trees([_size(P.M), _size(P.J)], state.n, [len(closures)] * 2) for P in both]
+    # Of each row the closure, and whether it holds a position.
+    of_row = np.array([k for k, c in enumerate(closures) for _ in range(c.n_turning + c.n_moving)])
+    moves = np.array([i >= c.n_turning for c in closures for i in range(c.n_turning + c.n_moving)])
+    w = stacking.mapped(lambda x: stacking.rows(x, of_row + len(closures) * moves), sizes)
+    both = stacking.mapped(
+        lambda x: stacking.rows(jnp.broadcast_to(x, (len(closures), state.n)), of_row), (arm_b, arm_a)
+    )
+    N = Wrench(state.vectors(closing.turning), state.vectors(closing.moving))
+    on_b, on_a, free, R = _loops(N, *both, _scalars(state, closing.errors), *w, dt)
+    return Loops(on_b, on_a, free, R), Ends([ends.b[k] for k in of_row], [ends.a[k] for k in of_row])
+
+
+@noinline
+def _loops(N: Wrench, arm_b: Vector, arm_a: Vector, error: Number, w: Number, apart: Number, dt: Number):
+    on_b, on_a = (algebra.shifted_wrench(N, -arm) for arm in (arm_b, arm_a))
+    # Where the two cannot move against each other, w is made of rounding errors, and nothing closes an error.
+    least = MOBILE * check.eps(high(w).dtype) * apart
+    moves = high(w) > high(least)
+    R = NEAR_RIGID_LIMIT * where(moves, w, where(high(apart) > 0, least, 1.0))
+    return on_b, -on_a, where(moves, -error, 0.0) / dt, R
+
+
+def along_rows(loops: Loops, V_b: Motion, V_a: Motion) -> Number:
+    """The velocities that closures hold at zero."""
+    return algebra.power(loops.on_b, V_b) + algebra.power(loops.on_a, V_a)
+
+
+def loop_law(loops: Loops, v: Number) -> tuple[Number, Number]:
+    """(the impulses of closures at velocities v (k, B), their G)."""
+    return (loops.free - v) / loops.R, 1 / loops.R

@@ -14,6 +14,8 @@ length a along it is r -> (1 - a) r, phi_i -> (1 - a) phi_i + a (gamma_i - G_i J
 but the velocities of contact points and joints. [Castro, Permenter, Han 2022, 4]
 """
 
+import functools
+import operator
 from typing import Any, NamedTuple
 
 import jax
@@ -22,16 +24,23 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.dynamics import contact_problem as problem
-from jaxspatial.dynamics.articulated_bodies import ArticulatedBody, Elimination, with_velocities, without_velocities
-from jaxspatial.dynamics.contact_problem import Body, Contacts, Joints, Law, Touching
+from jaxspatial.dynamics.articulated_bodies import (
+    ArticulatedBody,
+    Elimination,
+    bias_through_joint,
+    with_velocities,
+    without_velocities,
+)
+from jaxspatial.dynamics.contact_problem import Body, Closing, Contacts, Ends, Joints, Law, Loops, Touching, Where
 from jaxspatial.dynamics.external_forces import loads
 from jaxspatial.dynamics.newton_euler import forces_of
 from jaxspatial.dynamics.passive import is_nothing
-from jaxspatial.engine import recursion, stacking
+from jaxspatial.engine import matrices, recursion, stacking
 from jaxspatial.engine.algorithm import DYNAMICS, FRAMES, Algorithm, Wrenches, algorithm, velocity_shape
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.inertia import articulated
+from jaxspatial.inertia.articulated import Articulated
 from jaxspatial.numerics import check
 from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Vector, Wrench, cross, dot
 from jaxspatial.numerics.numbers import (
@@ -41,6 +50,7 @@ from jaxspatial.numerics.numbers import (
     constant,
     data_of,
     high,
+    is_number,
     noinline,
     shape_of,
     where,
@@ -68,49 +78,53 @@ class ContactProgram(Algorithm):
         return 80
 
 
-class Scene(NamedTuple):
-    """What the solver reads: bodies, and the contacts and joints that are there, at known places of the mechanism.
+class Terms(NamedTuple):
+    """What programs read of contacts and closures, None where there are none; their places are a `Where`."""
 
-    dt: (1, B).
-    """
+    touching: Touching | None
+    closing: Closing | None
+
+
+class Scene(NamedTuple):
+    """What the solver reads: bodies, and the contacts, joints and closures that are there, with the bodies that these
+    are between, and the velocities of the joints. dt: (1, B)."""
 
     dt: Number
     bodies: list[Body]
-    carriers: list[int]
     contacts: Contacts | None
-    rows: np.ndarray
+    contact_ends: Ends
     joints: Joints | None
+    rows: np.ndarray
+    loops: Loops | None
+    loop_ends: Ends
 
 
 class Vectors(NamedTuple):
-    """Numbers of the contact points, a vector (n, B), and of the joints with limits or friction (m, B)."""
+    """Numbers of the contact points, a vector (n, B), of the joints with limits or friction (m, B), and of the rows of
+    closures (k, B)."""
 
     points: Vector | None
     joints: Number | None
+    loops: Number | None
 
 
-def scene_of(
-    state: MechanismState,
-    still: Array,
-    change: Array,
-    time: Array,
-    touching: Touching | None,
-    frames: tuple[int, ...],
-) -> Scene:
+def scene_of(state: MechanismState, still: Array, change: Array, time: Array, terms: Terms, at: Where) -> Scene:
     dt = state.numbers(time[:, None])[0]
     bodies = problem.bodies_in_world(state, dt)
     diagonal = problem.diagonals(state, bodies)
-    contacts = joints = None
-    carriers = state.topology.bodies_of(frames)
-    if touching is not None:
-        mobility = problem.mobilities(state, bodies, diagonal)
-        contacts = problem.contacts_of(state, bodies, mobility, frames, touching, dt)
+    contacts = joints = loops = None
+    contact_ends = loop_ends = Ends([], [])
+    mobility = problem.mobilities(state, bodies, diagonal) if any(x is not None for x in terms) else []
+    if terms.touching is not None:
+        contacts, contact_ends = problem.contacts_of(state, bodies, mobility, at, terms.touching, dt)
+    if terms.closing is not None:
+        loops, loop_ends = problem.loops_of(state, bodies, mobility, at.closures, terms.closing, dt)
     rows = problem.rows_of_joints(state.topology, state.fields)
     if len(rows):
         before, y = in_world(state, bodies, still, change)
         fastest = where(high(abs(before)) > high(abs(before + y)), abs(before), abs(before + y))
         joints = problem.joints_of(state, rows, state.numbers_by_velocity(diagonal), fastest, dt)
-    return Scene(dt, bodies, carriers, contacts, rows, joints)
+    return Scene(dt, bodies, contacts, contact_ends, joints, rows, loops, loop_ends)
 
 
 def in_world(state: MechanismState, bodies: list[Body], *vectors: Array) -> list[Number]:
@@ -118,21 +132,30 @@ def in_world(state: MechanismState, bodies: list[Body], *vectors: Array) -> list
     return [problem.turned(state, bodies, state.numbers(x[:, None])[0], to_world=True) for x in vectors]
 
 
-def laws(scene: Scene, v: Vectors) -> tuple[Vectors, tuple[Law | None, Number | None]]:
-    """(impulses, G) at velocities v."""
-    of_contacts = None if scene.contacts is None else _law(scene.contacts, v.points)
-    impulse, G = (None, None) if scene.joints is None else _joint_law(scene.joints, v.joints)
-    return Vectors(None if of_contacts is None else of_contacts.impulse, impulse), (of_contacts, G)
+def laws(scene: Scene, v: Vectors) -> tuple[Vectors, Any]:
+    """(impulses, G) at velocities v: G is a Law for contacts, numbers for joints and closures."""
+    impulses, G = list[Any](), list[Any]()
+    functions, all_terms = (_law, _joint_law, _loop_law), (scene.contacts, scene.joints, scene.loops)
+    for law, terms, x in zip(functions, all_terms, v, strict=True):
+        impulse, own = (None, None) if terms is None else law(terms, x)
+        impulses.append(impulse)
+        G.append(own)
+    return Vectors(*impulses), tuple(G)
 
 
-_law, _joint_law = noinline(problem.law), noinline(problem.joint_law)
+@noinline
+def _law(contacts: Contacts, v: Vector) -> tuple[Vector, Law]:
+    of_law = problem.law(contacts, v)
+    return of_law.impulse, of_law
+
+
+_joint_law, _loop_law = noinline(problem.joint_law), noinline(problem.loop_law)
 
 
 def times_G(scene: Scene, G: Any, v: Vectors) -> Vectors:
-    of_contacts, of_joints = G
-    rates: Any = v.joints
+    of_contacts, *of_rows = G
     points = None if scene.contacts is None else _times_G(scene.contacts, of_contacts, v.points)
-    return Vectors(points, None if of_joints is None else of_joints * rates)
+    return Vectors(points, *(None if g is None else g * x for g, x in zip(of_rows, v[1:], strict=True)))
 
 
 _times_G = noinline(problem.times_G)
@@ -140,12 +163,14 @@ _times_G = noinline(problem.times_G)
 
 def inner(a: Vectors, b: Vectors) -> Number:
     """The sum of a . b, (1, B)."""
-    sums = list[Number]()
-    if a.points is not None:
-        sums.append(stacking.pairwise_sum(_dot(a.points, b.points)))
-    if a.joints is not None and b.joints is not None:
-        sums.append(stacking.pairwise_sum(a.joints * b.joints))
-    total = sums[0] if len(sums) == 1 else sums[0] + sums[1]
+    parts = [] if a.points is None else [_dot(a.points, b.points)]
+    parts += [x * y for x, y in zip(a[1:], b[1:], strict=True) if x is not None and y is not None]
+    return _total(parts)
+
+
+def _total(parts: list[Number]) -> Number:
+    """The sum of all numbers (rows, B), (1, B)."""
+    total = functools.reduce(operator.add, map(stacking.pairwise_sum, parts))
     return stacking.mapped(lambda w: w[None], total)
 
 
@@ -154,10 +179,10 @@ _dot = noinline(dot)
 
 def combined(function: Any, *vectors: Vectors) -> Vectors:
     """A function of numbers, applied to those of Vectors, part by part."""
-    points, joints = zip(*vectors, strict=True)
+    points, *rest = zip(*vectors, strict=True)
     return Vectors(
         None if points[0] is None else Vector(*(function(*x) for x in zip(*points, strict=True))),
-        None if joints[0] is None else function(*joints),
+        *(None if x[0] is None else function(*x) for x in rest),
     )
 
 
@@ -165,37 +190,76 @@ def combined(function: Any, *vectors: Vectors) -> Vectors:
 
 
 def velocities_at(state: MechanismState, scene: Scene, motions: list[Motion], x: Number) -> Vectors:
-    """The velocities of contact points and joints, from those of bodies and generalized ones (nv, B)."""
-    points = None
+    """The velocities of contact points, joints and closures, from those of bodies and generalized ones (nv, B)."""
+    points = loops = None
     if scene.contacts is not None:
-        V = state.of_bodies(scene.carriers, motions, _at_rest(state))
-        points = _at_points(scene.contacts.arm, V)
-    joints = stacking.mapped(lambda w: stacking.rows(w, scene.rows), x) if scene.joints is not None else None
-    return Vectors(points, joints)
+        points = _at_points(scene.contacts, *(state.of_bodies(x, motions, _at_rest(state)) for x in scene.contact_ends))
+    if scene.loops is not None:
+        loops = _along_rows(scene.loops, *(state.of_bodies(x, motions, _at_rest(state)) for x in scene.loop_ends))
+    joints = None if scene.joints is None else stacking.mapped(lambda w: stacking.rows(w, scene.rows), x)
+    return Vectors(points, joints, loops)
 
 
-_at_points = noinline(problem.at_points)
+_at_points, _along_rows = noinline(problem.at_points), noinline(problem.along_rows)
+
+
+def wrenches(state: MechanismState, scene: Scene, impulse: Vectors) -> list[Wrench]:
+    """The wrenches of impulses on the bodies of every bundle, about their origins, in world axes."""
+    bodies, parts, counts = list[int](), list[Wrench](), list[int]()
+    if scene.contacts is not None:
+        on_b, on_a = _on_both(scene.contacts, impulse.points)
+        parts.append(on_b)
+        bodies, between = scene.contact_ends.b, scene.contact_ends.between_bodies
+        counts.append(len(bodies))
+        if len(between):
+            parts.append(stacking.mapped(lambda w: stacking.rows(w, between), on_a))
+            bodies = bodies + [scene.contact_ends.a[i] for i in between]
+            counts.append(len(between))
+    if scene.loops is not None:
+        parts += _on_loops(scene.loops, impulse.loops)
+        bodies = [*bodies, *scene.loop_ends.b, *scene.loop_ends.a]
+        counts += [len(scene.loop_ends.b)] * 2
+    nothing = Wrench(state.zero_vector, state.zero_vector)
+    if not parts:
+        return [nothing] * len(scene.bodies)
+    whole = parts[0] if len(parts) == 1 else stacking.concatenated_trees(parts, state.n, counts)
+    return problem.on_bundles(state, bodies, whole, nothing)
+
+
+def _on_both_bodies(contacts: Contacts, impulse: Vector) -> tuple[Wrench, Wrench]:
+    """The wrenches of an impulse on bodies b and a, about their origins."""
+    return Wrench(cross(contacts.arm, impulse), impulse), Wrench(-cross(contacts.arm_a, impulse), -impulse)
+
+
+_on_both = noinline(_on_both_bodies)
+
+
+@noinline
+def _on_loops(loops: Loops, impulse: Number) -> tuple[Wrench, Wrench]:
+    return impulse * loops.on_b, impulse * loops.on_a
 
 
 def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, force: Number | None) -> tuple[Any, Any]:
     """(H^-1 (J^T impulse + force) as numbers (nv, B), the same as Motions of the bodies of every bundle)."""
-    of_contacts, of_joints = G
+    of_contacts, of_joints, _ = G
     zero = state.zero_vector
     nothing = ArticulatedBody(articulated.none(zero[0]), Wrench(zero, zero))
-    on_bodies: list[ArticulatedBody] = [nothing] * len(scene.bodies)
+    stiff = [nothing.P] * len(scene.bodies)
     if scene.contacts is not None:
-        added = _contact_inertia(scene.contacts, of_contacts, impulse.points)
-        on_bodies = problem.on_bundles(state, scene.carriers, added, nothing)
+        on_one = [b if a < 0 else -1 for b, a in zip(*scene.contact_ends, strict=True)]
+        stiff = problem.on_bundles(state, on_one, _contact_inertia(scene.contacts, of_contacts), nothing.P)
+    pushed = wrenches(state, scene, impulse)
     joint_forces, stiffer = _whole(state, scene, impulse.joints, force), _whole(state, scene, of_joints, None)
     links = []
-    for k, (body, touched) in enumerate(zip(scene.bodies, on_bodies, strict=True)):
+    for k, (body, P, F) in enumerate(zip(scene.bodies, stiff, pushed, strict=True)):
         none = (state.known(0.0),) * len(body.S)
         tau = none if joint_forces is None else problem.of_bundle(state, k, joint_forces)
         more = none if stiffer is None else problem.of_bundle(state, k, stiffer)
-        links.append((body, touched, tau, more))
+        links.append((body, ArticulatedBody(P, -F), tau, more))
     eliminated = recursion.inward(state, _eliminate, nothing, links)
     both = [(body.S, body.r, e) for body, e in zip(scene.bodies, eliminated, strict=True)]
     found = recursion.outward(state, _accelerate, _at_rest(state), both)
+    found = _with_complement(state, scene, G, eliminated, found)
     return state.numbers_by_velocity([x for x, _ in found]), [A for _, A in found]
 
 
@@ -214,11 +278,10 @@ def _whole(state: MechanismState, scene: Scene, of_rows: Number | None, force: N
 
 
 @noinline
-def _contact_inertia(contacts: Contacts, of_law: Law, impulse: Vector) -> ArticulatedBody:
-    """The inertia G of a contact, and the impulse on it as a bias, about the origin of its body."""
-    P = articulated.none(constant(impulse[0], 0))._replace(M=problem.matrix_G(contacts, of_law))
-    P = articulated.shifted(P, -contacts.arm)
-    return ArticulatedBody(P, Wrench(-cross(contacts.arm, impulse), -impulse))
+def _contact_inertia(contacts: Contacts, of_law: Law) -> Articulated:
+    """The inertia G of a contact about the origin of its body."""
+    G = problem.matrix_G(contacts, of_law)
+    return articulated.shifted(articulated.none(constant(G[0], 0))._replace(M=G), -contacts.arm)
 
 
 def _eliminate(link: Any, children: ArticulatedBody) -> tuple[list[Elimination], ArticulatedBody]:
@@ -235,6 +298,134 @@ def _accelerate(link: Any, parent: Motion) -> tuple[Any, Motion]:
     S, r, eliminated = link
     x, A = with_velocities(algebra.shifted_motion(parent, r), S, eliminated)
     return (x, A), A
+
+
+# -- the complement of terms between two bodies -----------------------------------------------------------------------
+
+
+class Columns(NamedTuple):
+    """L^T J of the terms between two bodies, with G = L L^T: k rows as the wrenches (k, B) that they put on bodies b
+    and a, about the origins of these, in world axes."""
+
+    on_b: Wrench
+    on_a: Wrench
+
+
+def _with_complement(state: MechanismState, scene: Scene, G: Any, eliminated: list[Any], found: list[Any]) -> list[Any]:
+    """What `_accelerate` found without the G of terms between two bodies, corrected for it.
+
+    With H' all the rest of H, and J their rows:  H^-1 = H'^-1 - Y (1 + L^T J Y)^-1 Y^T,  Y = H'^-1 J^T L, of as many
+    columns as there are rows. [Golub and Van Loan 2013, 2.1.4: Sherman, Morrison and Woodbury]
+    """
+    columns, ends = _columns(state, scene, G)
+    if columns is None:
+        return found
+    # Columns are states beside each other.
+    n, k = state.n, len(ends.b)
+    wide, own = state.of_size(n * k), np.eye(k, dtype=bool)[:, :, None]
+
+    def tiled(w: jax.Array) -> jax.Array:
+        return jnp.tile(w, (*[1] * (w.ndim - 1), k)) if w.shape[-1] == n > 1 else w
+
+    def apart(w: jax.Array) -> jax.Array:
+        """Row i in column i, zero elsewhere."""
+        return jnp.where(own, jnp.broadcast_to(w, (k, n))[:, None], 0).reshape((k, k * n))
+
+    def column(w: jax.Array, i: int) -> jax.Array:
+        return w[..., i * n : (i + 1) * n] if w.shape[-1] == n * k else w
+
+    def rates(state: MechanismState, columns: Columns, results: list[Any]) -> Number:
+        motions = [A for _, A in results]
+        return _rates(columns, *(state.of_bodies(x, motions, _at_rest(state)) for x in ends))
+
+    nothing = Wrench(state.zero_vector, state.zero_vector)
+    rows = stacking.concatenated_trees(list(stacking.mapped(apart, columns)), wide.n, [k, k])
+    forces = problem.on_bundles(wide, ends.b + ends.a, rows, nothing)
+    factors = [(b.S, b.r, [x[:2] for x in e]) for b, e in zip(scene.bodies, eliminated, strict=True)]
+    factors = stacking.mapped(tiled, factors)
+    left = recursion.inward(wide, _to_parent, nothing, list(zip(factors, forces, strict=True)))
+    both = [(S, r, e) for (S, r, _), e in zip(factors, left, strict=True)]
+    Y = recursion.outward(wide, _accelerate, _at_rest(wide), both)
+    through = rates(wide, stacking.mapped(tiled, columns), Y)
+    M = stacking.mapped(lambda w: jnp.broadcast_to(w, (k, k * n)).reshape((k, k, n)), through)
+    M = where(jnp.broadcast_to(own, (k, k, n)), M + 1.0, M)
+    share = matrices.solved(M, stacking.spread(rates(state, columns, found), (k, n)))
+    shares = [stacking.mapped(lambda w, i=i: w[i], share) for i in range(k)]
+    of_bundles = [[stacking.mapped(lambda w, i=i: column(w, i), y) for i in range(k)] for y in Y]
+    return [_less(x, shares, y) for x, y in zip(found, of_bundles, strict=True)]
+
+
+def _columns(state: MechanismState, scene: Scene, G: Any) -> tuple[Columns | None, Ends]:
+    """(the Columns, the bodies of each); None without terms between two bodies."""
+    parts, counts, b, a = list[Columns](), list[int](), list[int](), list[int]()
+    between = scene.contact_ends.between_bodies
+    if scene.contacts is not None and len(between):
+        parts += _columns_of_contacts(*stacking.mapped(lambda w: _rows(w, between), (scene.contacts, G[0])))
+        counts += [len(between)] * 3
+        b += [scene.contact_ends.b[i] for i in between] * 3
+        a += [scene.contact_ends.a[i] for i in between] * 3
+    if scene.loops is not None:
+        parts.append(_columns_of_loops(scene.loops))
+        counts.append(len(scene.loop_ends.b))
+        b, a = b + scene.loop_ends.b, a + scene.loop_ends.a
+    if not parts:
+        return None, Ends(b, a)
+    whole = parts[0] if len(parts) == 1 else stacking.concatenated_trees(parts, state.n, counts)
+    return whole, Ends(b, a)
+
+
+def _rows(w: Any, places: np.ndarray) -> Any:
+    """Rows of numbers (n, B), of size 1 where all have the same."""
+    return w if w.shape[0] == 1 else stacking.rows(w, places)
+
+
+@noinline
+def _columns_of_contacts(contacts: Contacts, of_law: Law) -> list[Columns]:
+    """The columns of L, for each contact, by Cholesky's method; a pivot that is zero leaves a column of zeros."""
+    xx, xy, yy, xz, yz, zz = problem.matrix_G(contacts, of_law)
+    zero, size = constant(xx, 0), xx + yy + zz
+
+    def column(pivot: Number, *below: Number) -> list[Number]:
+        # Rounding may leave one that is zero at either side of it.
+        is_none = ~(high(pivot) > high(8 * check.eps(high(size).dtype) * size))
+        root = where(is_none, 1.0, pivot).sqrt()
+        return [where(is_none, zero, x / root) for x in (pivot, *below)]
+
+    a, b, c = column(xx, xy, xz)
+    d, e = column(yy - b * b, yz - b * c)
+    (f,) = column(zz - c * c - e * e)
+    columns = Vector(a, b, c), Vector(zero, d, e), Vector(zero, zero, f)
+    return [Columns(*_on_both_bodies(contacts, x)) for x in columns]
+
+
+@noinline
+def _columns_of_loops(loops: Loops) -> Columns:
+    scale = (1 / loops.R).sqrt()
+    return Columns(scale * loops.on_b, scale * loops.on_a)
+
+
+def _to_parent(body: Any, children: Wrench) -> tuple[list[Elimination], Wrench]:
+    """([Elimination of each velocity], the bias force about the parent's origin) of a body under a wrench."""
+    (S, r, factors), F = body
+    Z, eliminated = children - F, list[Elimination]()
+    for s, (U, D) in zip(S, factors, strict=True):
+        u = -algebra.power(Z, s)
+        Z = bias_through_joint(Z, u, articulated.UDinv_of(U, D))
+        eliminated.append(Elimination(U, D, u))
+    return eliminated, algebra.shifted_wrench(Z, -r)
+
+
+@noinline
+def _rates(columns: Columns, V_b: Motion, V_a: Motion) -> Number:
+    return algebra.power(columns.on_b, V_b) + algebra.power(columns.on_a, V_a)
+
+
+@noinline
+def _less(x: Any, shares: list[Number], columns: list[Any]) -> Any:
+    """x less the sum of columns, times their shares."""
+    for share, column in zip(shares, columns, strict=True):
+        x = jax.tree.map(lambda a, b, s=share: a - s * b, x, column, is_leaf=is_number)
+    return x
 
 
 # -- Newton's method --------------------------------------------------------------------------------------------------
@@ -256,15 +447,15 @@ def solve(
     still: Array,
     change: Array,
     time: Array,
-    touching: Touching | None,
+    terms: Terms,
     *,
-    frames_in_contact: tuple[int, ...],
+    places: Where,
 ):
     """(y, residual, iterations): the change of the velocities from `still`, that without contact being `change`.
 
     Where nothing touches there are no iterations, and y is `change`.
     """
-    scene = scene_of(state, still, change, time, touching, frames_in_contact)
+    scene = scene_of(state, still, change, time, terms, places)
     before, free = in_world(state, scene.bodies, still, change)
     both = problem.velocities(state, scene.bodies, [before, free])
     v, v_free = (velocities_at(state, scene, [V[k] for V in both], x) for k, x in enumerate((before, free)))
@@ -273,11 +464,10 @@ def solve(
     tolerance = TOLERANCES[state.dtype.itemsize] ** 2
 
     shape, zero = (1, state.n), state.known(0.0)
-    # One row for each contact and joint, also where all have the same velocity.
-    v = Vectors(
-        None if v.points is None else Vector(*(as_data(x, (len(scene.carriers), state.n)) for x in v.points)),
-        None if v.joints is None else as_data(v.joints, (len(scene.rows), state.n)),
-    )
+    # One row for each contact, joint and row of a closure, also where all have the same velocity.
+    n_points, *counts = (len(x) for x in (scene.contact_ends.b, scene.rows, scene.loop_ends.b))
+    points = None if v.points is None else Vector(*(as_data(x, (n_points, state.n)) for x in v.points))
+    v = Vectors(points, *(x if x is None else as_data(x, (m, state.n)) for x, m in zip(v[1:], counts, strict=True)))
     at_rest = combined(lambda x: as_data(zero, shape_of(x)), v)
     y = as_data(zero, (state.topology.nv, state.n))
     start = Iterate(y, v, at_rest, as_data(state.known(1.0), shape), as_data(zero, shape))
@@ -311,13 +501,13 @@ def solve_at(
     change: Array,
     y: Array,
     time: Array,
-    touching: Touching | None,
+    terms: Terms,
     force: Array,
     *,
-    frames_in_contact: tuple[int, ...],
+    places: Where,
 ):
     """H^-1 times a force, with H at the velocities `still` + y."""
-    scene, (impulse, G) = _at(state, still, change, y, time, touching, frames_in_contact)
+    scene, (impulse, G) = _at(state, still, change, y, time, terms, places)
     nothing = combined(lambda x: 0.0 * x, impulse)
     (right,) = in_world(state, scene.bodies, force)
     solution: Any = solved(state, scene, G, nothing, right)[0]
@@ -330,11 +520,11 @@ def _at(
     change: Array,
     y: Array,
     time: Array,
-    touching: Touching | None,
-    frames: tuple[int, ...],
+    terms: Terms,
+    places: Where,
 ) -> tuple[Scene, Any]:
     """(the Scene, `laws` at the velocities `still` + y)."""
-    scene = scene_of(state, still, change, time, touching, frames)
+    scene = scene_of(state, still, change, time, terms, places)
     before, y_in_world = in_world(state, scene.bodies, still, y)
     after = before + y_in_world
     motions = [V for (V,) in problem.velocities(state, scene.bodies, [after])]
@@ -351,20 +541,17 @@ def imbalance(
     vdot: Array,
     tau: Array,
     time: Array,
-    touching: Touching | None,
+    terms: Terms,
     external_forces: Wrenches,
     *,
-    frames_in_contact: tuple[int, ...],
+    places: Where,
 ):
     """The gradient of the cost at y = dt vdot: by Newton and Euler, with the impulses of contacts as forces."""
-    scene, (impulse, _) = _at(state, still, change, y, time, touching, frames_in_contact)
+    scene, (impulse, _) = _at(state, still, change, y, time, terms, places)
     body_loads = loads(state, external_forces)
-    if scene.contacts is not None:
-        R = state.of_bodies(scene.carriers, [body.R for body in scene.bodies], state.world.R)
-        nothing = Wrench(state.zero_vector, state.zero_vector)
-        on_joints = _about_joint(scene.contacts.arm, impulse.points, R, scene.dt)
-        wrenches = problem.on_bundles(state, scene.carriers, on_joints, nothing)
-        body_loads = [(tau + F.tau, f + F.f, more) for (tau, f, more), F in zip(body_loads, wrenches, strict=True)]
+    pushed = wrenches(state, scene, impulse)
+    pushed = [_in_axes(body.R, F, scene.dt) for body, F in zip(scene.bodies, pushed, strict=True)]
+    body_loads = [(tau + F.tau, f + F.f, more) for (tau, f, more), F in zip(body_loads, pushed, strict=True)]
     forces = state.numbers_by_velocity(forces_of(state, v, vdot, body_loads, state.minus_gravity))
     lacking = scene.dt * (forces - state.numbers(tau[:, None])[0])
     if not is_nothing(state.fields["damping"]):
@@ -375,9 +562,9 @@ def imbalance(
 
 
 @noinline
-def _about_joint(arm: Vector, impulse: Vector, R: Matrix, dt: Number) -> Wrench:
-    f = impulse / dt
-    return Wrench(R.T @ cross(arm, f), R.T @ f)
+def _in_axes(R: Matrix, impulse: Wrench, dt: Number) -> Wrench:
+    """The wrench of an impulse in world axes, in the axes of a body."""
+    return Wrench(*(R.T @ (x / dt) for x in impulse))
 
 
 @algorithm(*FIELDS, program_class=ContactProgram)
@@ -387,20 +574,20 @@ def impulses(
     change: Array,
     y: Array,
     time: Array,
-    touching: Touching | None,
+    terms: Terms,
     *,
-    frames_in_contact: tuple[int, ...],
+    places: Where,
 ):
-    """The impulses of contacts (3 n, B), at the velocities `still` + y."""
-    _, (impulse, _) = _at(state, still, change, y, time, touching, frames_in_contact)
+    """The impulses of contacts (3 n, B), and of rows of closures (k, B), at the velocities `still` + y."""
+    _, (impulse, _) = _at(state, still, change, y, time, terms, places)
     points: Any = impulse.points
-    parts = [state.rounded(x) for x in points]
-    return jnp.stack(parts, 1).reshape((-1, state.n))
+    found = [] if points is None else [jnp.stack([state.rounded(x) for x in points], 1).reshape((-1, state.n))]
+    return tuple(found if impulse.loops is None else [*found, state.rounded(impulse.loops)])
 
 
 def _is_touched(scene: Scene, n: int) -> jax.Array:
-    """Whether contacts, limits or friction act at all, (1, B)."""
-    any_of = jnp.zeros((1, n), bool)
+    """Whether contacts, limits, friction or closures act at all, (1, B)."""
+    any_of = jnp.full((1, n), scene.loops is not None)
     if scene.contacts is not None:
         any_of = any_of | scene.contacts.is_touching.any(0, keepdims=True)
     if scene.joints is not None:
@@ -522,24 +709,26 @@ def _next_length(low: Number, up: Number, length: Number, f: Number, rate: Numbe
 
 
 def _slopes(scene: Scene, v: Vectors, v_d: Vectors, length: Number) -> tuple[Number, Number]:
-    """(d . impulses, d . G d) at v + length d, summed over contacts and joints."""
-    parts = list[tuple[Number, Number]]()
-    if scene.contacts is not None:
-        parts.append(_slopes_at_contacts(scene.contacts, v.points, v_d.points, length))
-    if scene.joints is not None:
-        parts.append(_slopes_at_joints(scene.joints, v.joints, v_d.joints, length))
-    sums = [[stacking.mapped(lambda w: w[None], stacking.pairwise_sum(x)) for x in part] for part in parts]
-    f, rate = sums[0] if len(sums) == 1 else [a + b for a, b in zip(*sums, strict=True)]
+    """(d . impulses, d . G d) at v + length d, summed over all terms."""
+    terms, functions = (scene.contacts, scene.joints, scene.loops), (_at_contacts, _at_joints, _at_loops)
+    parts = [f(x, *at, length) for f, x, *at in zip(functions, terms, v, v_d, strict=True) if x is not None]
+    f, rate = (_total(list(x)) for x in zip(*parts, strict=True))
     return f, rate
 
 
 @noinline
-def _slopes_at_contacts(contacts: Contacts, v: Vector, d: Vector, length: Number) -> tuple[Number, Number]:
+def _at_contacts(contacts: Contacts, v: Vector, d: Vector, length: Number) -> tuple[Number, Number]:
     of_law = problem.law(contacts, v + length * d)
     return dot(of_law.impulse, d), dot(problem.times_G(contacts, of_law, d), d)
 
 
 @noinline
-def _slopes_at_joints(joints: Joints, v: Number, d: Number, length: Number) -> tuple[Number, Number]:
+def _at_joints(joints: Joints, v: Number, d: Number, length: Number) -> tuple[Number, Number]:
     impulse, G = problem.joint_law(joints, v + length * d)
+    return impulse * d, G * d * d
+
+
+@noinline
+def _at_loops(loops: Loops, v: Number, d: Number, length: Number) -> tuple[Number, Number]:
+    impulse, G = problem.loop_law(loops, v + length * d)
     return impulse * d, G * d * d

@@ -1,6 +1,6 @@
-"""A step in time with contact, friction and limits: one convex problem, solved by articulated bodies."""
+"""A step in time with contact, friction, limits and closed loops: one convex problem, solved by articulated bodies."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -9,8 +9,10 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.dynamics import contact_solver
+from jaxspatial.dynamics.closed_loops import checked_closures, closing_of
 from jaxspatial.dynamics.contact import Ground, checked_contacts, normals_and_distances
-from jaxspatial.dynamics.contact_problem import Touching, rows_of_joints
+from jaxspatial.dynamics.contact_problem import Centres, Closure, Touching, Where, rows_of_joints
+from jaxspatial.dynamics.contact_solver import Terms
 from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.kinematics import forward_kinematics
 from jaxspatial.dynamics.passive import is_nothing
@@ -23,9 +25,11 @@ from jaxspatial.dynamics.steps import (
 )
 from jaxspatial.engine.algorithm import ExternalForces, checked
 from jaxspatial.engine.derivatives import fixed
-from jaxspatial.mechanism import Mechanism, PointContacts
+from jaxspatial.mechanism import LoopClosure, Mechanism, PointContacts
 from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.numerics import check
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.linear import Vector, norm, unit
 from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.quantity import exported
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
@@ -37,18 +41,22 @@ class ConvexStep(NamedTuple):
     """The state after a `convex_step`, and how it was found.
 
     q: (*batch, nq), quaternions of unit length. v: (*batch, nv).
-    contact_forces: SpatialForce (*batch, n), on the body of each contact, about the contact point C on the ground, in
-        world axes: impulse over dt, N; None without contacts.
+    contact_forces: SpatialForce (*batch, n), on the body of each contact, about the contact point C, in world axes:
+        impulse over dt, N; None without contacts. Those of `contacts` come first, then those of `pairs`, on the
+        bodies of the second of the two.
+    loop_wrenches: SpatialForce (*batch, number of closures), of each closure on the body of its frame B, about the
+        origin of B, in world axes: impulse over dt, N m and N; None without closures.
     residual: (*batch,) the decrement sqrt(g^T H^-1 g) at the start of the last iteration, relative to the momenta
         sqrt(v^T A v + y^T A y), with g the gradient and H the Hessian of the cost, and y the change of v without
         contact. It is at most 2e-6 in float32 and 1e-10 in float64, unless the iterations were not enough; 0 where
-        nothing touches.
-    iterations: (*batch,) of Newton's method, at most 60; 0 where nothing touches.
+        nothing acts.
+    iterations: (*batch,) of Newton's method, at most 60; 0 where nothing acts.
     """
 
     q: jax.Array
     v: jax.Array
     contact_forces: SpatialForce | None
+    loop_wrenches: SpatialForce | None
     residual: jax.Array
     iterations: jax.Array
 
@@ -64,9 +72,11 @@ def convex_step(
     *,
     contacts: PointContacts | None = None,
     ground: Ground | None = None,
+    pairs: tuple[PointContacts, PointContacts] | None = None,
+    loops: Iterable[LoopClosure] = (),
     precision: PrecisionName = None,
 ) -> ConvexStep:
-    """A step of semi-implicit Euler with contact, dry friction and limits of joints, as one convex problem.
+    """A step of semi-implicit Euler with contact, dry friction, limits of joints and closed loops, as a convex problem.
 
         v' = argmin |v' - v*|^2_A / 2 + sum l_i(J_i v')        q' = integrate(q, v', dt)
 
@@ -84,6 +94,11 @@ def convex_step(
     artefact of convexity. Contacts that are found outside of the ground do nothing in this step, however fast they
     approach.
 
+    Loop closures are as stiff as the time step allows, too: each is an impulse (v_i - v_c) / R, with v_c the velocity
+    that closes it within this step, and R a share of 2.5e-4 of what an impulse moves. Start with closed loops, see
+    `close_loops`. Closures may be redundant. They, and contacts between two bodies, cost a system of as many unknowns
+    as they have rows, 3 for a contact.
+
     Derivatives of any order are those of the optimum, by the implicit function theorem: with the same solver, through
     sticking, sliding and flight. Where a contact begins to touch, stick or slide, they are those of one side.
 
@@ -91,12 +106,16 @@ def convex_step(
         dt: the time, s: a number or (*batch,).
         contacts: PointContacts on frames of moving bodies; None for none.
         ground: HalfSpace, or a function from a point (3,) in world axes to its signed distance; None for z = 0.
+        pairs: (spheres, others): two PointContacts, of which sphere i of one touches sphere i of the other, on another
+            body; None for none. Both surfaces give way: stiffnesses act in series, relaxation times add up, and the
+            friction is 2 mu mu' / (mu + mu'). Spheres with one centre have no normal: NaN.
+        loops: LoopClosures, such as `mechanism.loops`.
 
     Returns:
         ConvexStep over the common batch.
 
     Raises:
-        NotImplementedError: something touches a mechanism with mimics.
+        NotImplementedError: any of these act on a mechanism with mimics.
 
     Error: of v at most {bound.plain} and dt times that of `forward_dynamics`, and what the residual says: the distance
         from the optimum, in the norm of A, is about residual^2 of sqrt(v^T A v + y^T A y), see `ConvexStep`. The
@@ -105,8 +124,8 @@ def convex_step(
         table 7.1; Drake 1.51, SapDriver, whose numbers these are.
     """
     *state, h, forces = checked("convex_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
-    contacts = None if contacts is None else _checked_contacts(mechanism, state[0], contacts)
-    return _step(mechanism, state, h, dt, forces, contacts, ground, precision)
+    touched = _checked_terms(mechanism, state[0], contacts, ground, pairs, loops)
+    return _step(mechanism, state, h, dt, forces, touched, precision)
 
 
 def _step(
@@ -115,50 +134,195 @@ def _step(
     h: Any,
     dt: ArrayLike,
     forces: Any,
-    contacts: PointContacts | None,
-    ground: Ground | None,
+    given: "_Given",
     precision: PrecisionName,
 ) -> ConvexStep:
     """`convex_step` of checked arguments. state: q, v and tau; h: dt as (*batch, 1)."""
     q, v, tau = state
-    batch = _batch(q, v, tau, h, forces, contacts)
-    if contacts is None and not len(rows_of_joints(mechanism.topology, vars(mechanism))):
+    batch = np.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), given.batch_shape)
+    if given.is_nothing and not len(rows_of_joints(mechanism.topology, vars(mechanism))):
         after = semi_implicit_step(mechanism, q, v, tau, dt, forces, precision=precision)
         # Known zeros leave no operation behind.
         residual, iterations = cast(Any, (np.zeros(batch, q.dtype), np.zeros(batch, np.int32)))
-        return ConvexStep(after[0], after[1], None, residual, iterations)
+        return ConvexStep(after[0], after[1], None, None, residual, iterations)
     if mechanism.topology.has_mimics:
-        raise NotImplementedError("convex_step: mechanism: contacts, limits and friction of mechanisms with mimics")
+        raise NotImplementedError(
+            "convex_step: mechanism: contacts, limits, friction and loops of mechanisms with mimics"
+        )
     c = None if is_nothing(mechanism.damping) else jnp.asarray(mechanism.damping, q.dtype)
     free, turning, vdot, tau = stepped_velocities(mechanism, (q, v, tau), h, c, forces, None, precision)
     still = without_accelerations(precision, v, h, turning)
 
     free, still, vdot, wide_h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (free, still, vdot, h))
-    touching = None if contacts is None else _touching(mechanism, q, contacts, ground, precision)
-    problem = _Problem(mechanism, q, v, still, lax.stop_gradient(wide_h * vdot), tau, wide_h, touching, forces)
-    frames = () if contacts is None else tuple(map(mechanism.frame_names.index, contacts.frames))
+    terms = given.terms_at(mechanism, q, precision)
+    problem = _Problem(mechanism, q, v, still, lax.stop_gradient(wide_h * vdot), tau, wide_h, terms, forces)
     # The iteration has numbers of one limb.
-    narrow = resolve(precision).of_one_limb
-    y, residual, iterations = problem.solved(narrow, frames)
-    is_touched = jnp.broadcast_to((iterations > 0)[..., None], y.shape)
-    after = _valued(still + y, lax.stop_gradient(jnp.where(is_touched, still + y, free)))
-    pushed = None if contacts is None else problem.forces_at(narrow, frames, y)
+    narrow, places = resolve(precision).of_one_limb, given.places(mechanism)
+    y, residual, iterations = problem.solved(narrow, places)
+    acts = jnp.broadcast_to((iterations > 0)[..., None], y.shape)
+    after = _valued(still + y, lax.stop_gradient(jnp.where(acts, still + y, free)))
+    pushed = (None, None) if given.is_nothing else problem.forces_at(narrow, places, y)
     next_q, next_v = moved(mechanism, q, after, dt, precision)
-    return ConvexStep(next_q, next_v, pushed, residual, iterations)
+    return ConvexStep(next_q, next_v, *pushed, residual, iterations)
 
 
-def _checked_contacts(mechanism: Mechanism, q: Any, contacts: Any) -> PointContacts | None:
-    contacts = checked_contacts("convex_step", contacts)
-    for name in contacts.frames:
-        if mechanism.frame_body(name) == WORLD:
-            raise ValueError(f"convex_step: contacts: expected frames of moving bodies, got {name!r}, of the world")
-    check.require_same_dtype(q=q, contacts=contacts)
-    return contacts if contacts.frames else None
+# -- contacts and closures --------------------------------------------------------------------------------------------
 
 
-def _batch(q: Any, v: Any, tau: Any, h: Any, forces: Any, contacts: PointContacts | None) -> tuple[int, ...]:
-    of_contacts = () if contacts is None else contacts.batch_shape
-    return np.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), of_contacts)
+class _Given(NamedTuple):
+    """What a caller passes, checked, and None or empty where there is nothing. distances: of closures, (*batch, 1)."""
+
+    contacts: PointContacts | None
+    ground: Ground | None
+    pairs: tuple[PointContacts, PointContacts] | None
+    closures: tuple[LoopClosure, ...]
+    distances: Sequence[Any]
+
+    @property
+    def is_nothing(self) -> bool:
+        return self.contacts is None and self.pairs is None and not self.closures
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        of_contacts = [x.batch_shape for x in (self.contacts, *(self.pairs or ())) if x is not None]
+        return np.broadcast_shapes(*of_contacts, *(d.shape[:-1] for d in self.distances if d is not None))
+
+    def places(self, mechanism: Mechanism) -> Where:
+        """Frames, by number. Spheres on the ground come first, then those that touch others."""
+        number, (others, spheres) = mechanism.frame_names.index, self.pairs or (None, None)
+        frames = [name for x in (self.contacts, spheres) if x is not None for name in x.frames]
+        closures = (
+            Closure(number(x.frame_a), number(x.frame_b), x.rows - min(x.rows, 3), min(x.rows, 3))
+            for x in self.closures
+        )
+        on_others = () if others is None else others.frames
+        return Where(tuple(map(number, frames)), tuple(map(number, on_others)), tuple(closures))
+
+    def terms_at(self, mechanism: Mechanism, q: jax.Array, precision: PrecisionName) -> Terms:
+        closing = None
+        if self.closures:
+            closing = closing_of(mechanism, q, self.closures, self.distances, precision)
+        parts = [] if self.contacts is None else [_on_ground(mechanism, q, self.contacts, self.ground, precision)]
+        parts += [] if self.pairs is None else [_between(mechanism, q, *self.pairs, precision)]
+        return Terms(_side_by_side(parts, q.dtype) if parts else None, closing)
+
+
+def _checked_terms(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pairs: Any, loops: Any) -> _Given:
+    what = "convex_step"
+    if contacts is not None:
+        contacts = _checked_contacts(mechanism, q, contacts, "contacts")
+    if pairs is not None:
+        if not isinstance(pairs, tuple) or len(pairs) != 2:
+            check.refuse(f"{what}: pairs", "(spheres, others), two PointContacts", pairs)
+        pairs = [_checked_contacts(mechanism, q, x, "pairs") for x in pairs]
+        a, b = (x.frames for x in pairs)
+        if len(a) != len(b):
+            raise ValueError(f"{what}: pairs: expected as many spheres as others, got {len(a)} and {len(b)}")
+        for one, other in zip(a, b, strict=True):
+            if mechanism.frame_body(one) == mechanism.frame_body(other):
+                raise ValueError(f"{what}: pairs: expected frames of two bodies, got {one!r} and {other!r}, of one")
+        pairs = tuple(pairs) if a else None
+    closures, distances = checked_closures(what, mechanism, loops, q.dtype)
+    return _Given(contacts if contacts is not None and contacts.frames else None, ground, pairs, closures, distances)
+
+
+def _checked_contacts(mechanism: Mechanism, q: Any, contacts: Any, name: str) -> PointContacts:
+    contacts = checked_contacts("convex_step", contacts, name)
+    for frame in contacts.frames:
+        if mechanism.frame_body(frame) == WORLD:
+            raise ValueError(f"convex_step: {name}: expected frames of moving bodies, got {frame!r}, of the world")
+    check.require_same_dtype(q=q, **{name: contacts})
+    return contacts
+
+
+class _Part(NamedTuple):
+    """A Touching whose arrays have an axis over contacts: vectors (*batch, n, 3), numbers (*batch, n)."""
+
+    centres: Centres
+    others: Centres | None
+    normals: jax.Array
+    distances: jax.Array
+    stiffness: Any
+    relaxation_time: Any
+    friction: Any
+
+
+def _on_ground(
+    mechanism: Mechanism, q: jax.Array, contacts: PointContacts, ground: Ground | None, precision: PrecisionName
+) -> _Part:
+    """Spheres that touch the ground."""
+    normal, s = normals_and_distances("convex_step", ground, _centres(mechanism, q, contacts, precision), precision)
+    law = (_each(x, len(contacts.frames)) for x in (contacts.stiffness, contacts.relaxation_time, contacts.friction))
+    centres = Centres(contacts.positions, -s[..., None] * normal)
+    return _Part(centres, None, normal, s - jnp.broadcast_to(contacts.radius, s.shape), *law)
+
+
+def _between(
+    mechanism: Mechanism, q: jax.Array, others: PointContacts, spheres: PointContacts, precision: PrecisionName
+) -> _Part:
+    """Spheres that touch others. C is midway between the surfaces."""
+    p_AB = _centres(mechanism, q, spheres, precision) - _centres(mechanism, q, others, precision)
+    normal, length = _direction(precision, p_AB)
+    r_A, r_B = (jnp.broadcast_to(x.radius, length.shape) for x in (others, spheres))
+    distance = length - r_A - r_B
+    pairs = ((_each(getattr(x, k), len(x.frames)) for x in (others, spheres)) for k in ("stiffness", "friction"))
+    stiffness, friction = (_harmonic_mean(*x) for x in pairs)
+    return _Part(
+        Centres(spheres.positions, -(r_B + distance / 2)[..., None] * normal),
+        Centres(others.positions, (r_A + distance / 2)[..., None] * normal),
+        normal,
+        distance,
+        stiffness / 2,
+        _each(others.relaxation_time, len(others.frames)) + _each(spheres.relaxation_time, len(others.frames)),
+        friction,
+    )
+
+
+@formula
+def _direction(v: Vector) -> list[Any]:
+    return [unit(v), norm(v)]
+
+
+def _harmonic_mean(a: Any, b: Any) -> Any:
+    """2 a b / (a + b), 0 where both are."""
+    total = a + b
+    return 2 * a * (b / jnp.where(total == 0, 1, total))
+
+
+def _centres(mechanism: Mechanism, q: jax.Array, contacts: PointContacts, precision: PrecisionName) -> jax.Array:
+    """p_WS (*batch, n, 3)."""
+    X_WF = forward_kinematics(mechanism, q, contacts.frames, precision=precision)
+    return X_WF.translation if contacts.positions is None else X_WF @ contacts.positions
+
+
+def _each(x: Any, n: int) -> Any:
+    return (np if isinstance(x, np.ndarray) else jnp).broadcast_to(x, (*x.shape[:-1], n))
+
+
+def _side_by_side(parts: list[_Part], dtype: np.dtype) -> Touching:
+    """All contacts as one Touching."""
+
+    def joined(arrays: Sequence[Any], is_vector: bool) -> Any:
+        if len(arrays) > 1:
+            k = 2 if is_vector else 1
+            batch = np.broadcast_shapes(*(x.shape[:-k] for x in arrays))
+            arrays = [jnp.concatenate([jnp.broadcast_to(x, (*batch, *x.shape[-k:])) for x in arrays], -k)]
+        x = arrays[0]
+        return x.reshape((*x.shape[:-2], -1)) if is_vector else x
+
+    positions = [x.centres.positions for x in parts]
+    if any(x is not None for x in positions):
+        sizes = [x.normals.shape[-2:] for x in parts]
+        positions = [np.zeros(n, dtype) if x is None else x for x, n in zip(positions, sizes, strict=True)]
+    centres = Centres(
+        None if positions[0] is None else joined(positions, True), joined([x.centres.offsets for x in parts], True)
+    )
+    others = next((x.others for x in parts if x.others is not None), None)
+    if others is not None:
+        own = others.positions
+        others = Centres(None if own is None else joined([own], True), joined([others.offsets], True))
+    normals, *numbers = zip(*(x[2:] for x in parts), strict=True)
+    return Touching(centres, others, joined(normals, True), *(joined(x, False) for x in numbers))
 
 
 class _Problem(NamedTuple):
@@ -172,37 +336,48 @@ class _Problem(NamedTuple):
     change: jax.Array
     tau: jax.Array
     h: jax.Array
-    touching: Touching | None
+    terms: Terms
     forces: Any
 
-    def solved(self, precision: Precision, frames: tuple[int, ...]) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def solved(self, precision: Precision, places: Where) -> tuple[jax.Array, jax.Array, jax.Array]:
         """(the change of velocities, the residual, the iterations); derivatives by the implicit function theorem."""
         at = fixed(self)
         y, residual, iterations = contact_solver.solve(
-            precision, at.mechanism, at.q, at.still, at.change, at.h, at.touching, frames_in_contact=frames
+            precision, at.mechanism, at.q, at.still, at.change, at.h, at.terms, places=places
         )
 
         def imbalance(y: jax.Array) -> jax.Array:
             state = self.q, self.v, self.still, self.change, y, y / self.h, self.tau, self.h
-            return contact_solver.imbalance(
-                precision, self.mechanism, *state, self.touching, self.forces, frames_in_contact=frames
-            )
+            return contact_solver.imbalance(precision, self.mechanism, *state, self.terms, self.forces, places=places)
 
         def inverse(_: Any, force: jax.Array) -> jax.Array:
-            state = at.q, at.still, at.change, y, at.h, at.touching
-            return contact_solver.solve_at(precision, at.mechanism, *state, force, frames_in_contact=frames)
+            state = at.q, at.still, at.change, y, at.h, at.terms
+            return contact_solver.solve_at(precision, at.mechanism, *state, force, places=places)
 
         def tangent(times_H: Any, force: jax.Array) -> jax.Array:
             return lax.custom_linear_solve(times_H, force, inverse, symmetric=True)
 
         return lax.custom_root(imbalance, y, lambda _, y: y, tangent), residual[..., 0], iterations[..., 0]
 
-    def forces_at(self, precision: Precision, frames: tuple[int, ...], y: jax.Array) -> SpatialForce:
-        """The forces of contacts, for a change y of the velocities."""
+    def forces_at(
+        self, precision: Precision, places: Where, y: jax.Array
+    ) -> tuple[SpatialForce | None, SpatialForce | None]:
+        """The forces of contacts and the wrenches of closures, for a change y of the velocities."""
         state = self.q, self.still, self.change, y, self.h
-        impulses = contact_solver.impulses(precision, self.mechanism, *state, self.touching, frames_in_contact=frames)
-        f = (impulses / self.h).reshape((*impulses.shape[:-1], len(frames), 3))
-        return SpatialForce(jnp.zeros_like(f), f)
+        found = contact_solver.impulses(precision, self.mechanism, *state, self.terms, places=places)
+        of_contacts = wrenches = None
+        if places.frames:
+            f = (found[0] / self.h).reshape((*found[0].shape[:-1], len(places.frames), 3))
+            of_contacts = SpatialForce(jnp.zeros_like(f), f)
+        if self.terms.closing is not None:
+            multipliers = found[-1] / self.h
+            rows = (x.reshape((*x.shape[:-1], -1, 3)) for x in (self.terms.closing.turning, self.terms.closing.moving))
+            counts = np.cumsum([x.n_turning + x.n_moving for x in places.closures])[:-1].tolist()
+            tau, f = (
+                jnp.stack([x.sum(-2) for x in jnp.split(multipliers[..., None] * N, counts, -2)], -2) for N in rows
+            )
+            wrenches = SpatialForce(tau, f)
+        return of_contacts, wrenches
 
 
 @jax.custom_jvp
@@ -214,31 +389,3 @@ def _valued(x: jax.Array, value: jax.Array) -> jax.Array:
 @_valued.defjvp
 def _(primals: Any, tangents: Any) -> Any:
     return primals[1], tangents[0]
-
-
-def _touching(
-    mechanism: Mechanism, q: jax.Array, contacts: PointContacts, ground: Ground | None, precision: PrecisionName
-) -> Touching:
-    n = len(contacts.frames)
-    X_WF = forward_kinematics(mechanism, q, contacts.frames, precision=precision)
-    p_WS = X_WF.translation if contacts.positions is None else X_WF @ contacts.positions
-
-    normal, s = normals_and_distances("convex_step", ground, p_WS, precision)
-    radius = jnp.broadcast_to(contacts.radius, s.shape)
-
-    def flat(x: jax.Array) -> jax.Array:
-        return x.reshape((*x.shape[:-2], 3 * n))
-
-    def each(x: Any) -> Any:
-        return (np if isinstance(x, np.ndarray) else jnp).broadcast_to(x, (*x.shape[:-1], n))
-
-    positions = None if contacts.positions is None else contacts.positions.reshape((*contacts.positions.shape[:-2], -1))
-    return Touching(
-        positions,
-        flat(-s[..., None] * normal),
-        flat(normal),
-        s - radius,
-        each(contacts.stiffness),
-        each(contacts.relaxation_time),
-        each(contacts.friction),
-    )

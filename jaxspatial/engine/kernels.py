@@ -153,7 +153,7 @@ def _moved(eqn: Any, inputs: Sequence[Any]) -> list[Any] | None:
     if eqn.primitive.name not in ("squeeze", "reshape", "broadcast_in_dim") or not _is_of_chains(shape):
         return None
     (x,) = inputs
-    if isinstance(x, Tracer) or np.prod(x.shape) != shape[0] or not x.shape:
+    if isinstance(x, Tracer) or not np.ndim(x) or math.prod(x.shape) != shape[0]:
         return None
     return [Table(x.numbers.reshape((-1, *shape)), x.row) if isinstance(x, Table) else _known(np.reshape(x, shape))]
 

@@ -5,6 +5,7 @@ chains, for B states, of size 1 where it is the same for all. Joint axes along a
 and frames, inertias and placements with them; this is exact, see `alignment`.
 """
 
+import copy
 import functools
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
@@ -86,6 +87,12 @@ class MechanismState:
     ):
         self.topology, self.q, self.n, self.precision, self.dtype = topology, q, n, precision, np.dtype(dtype)
         self.fields, self._turns = alignment.aligned(topology, fields)
+
+    def of_size(self, n: int) -> "MechanismState":
+        """The same for numbers of n states, which the caller has."""
+        other = copy.copy(self)
+        other.n = n
+        return other
 
     @property
     def bundles(self) -> tuple[Bundle, ...]:

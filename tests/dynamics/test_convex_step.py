@@ -29,7 +29,7 @@ def _x64():
 
 @functools.cache
 def tree():
-    """A floating body with an arm: springs, damping, dry friction and limits; spheres on all bodies, two on the root."""
+    """A floating body with an arm: springs, damping, dry friction, limits; spheres on all bodies, two on the root."""
     ball = js.SpatialInertia.solid_ellipsoid(np.array([0.2, 0.3, 0.1]), mass=np.float64(2))
     joint = {"stiffness": 2.0, "damping": 0.3, "friction_loss": 0.5, "lower": -0.6, "upper": 0.8}
     out = [js.RigidTransform(js.Rotation.exp(np.array(w)), np.array(p)) for w, p in
@@ -102,6 +102,75 @@ def test_without_anything_to_touch_it_is_the_plain_step():
     assert asked_for(lambda *x: js.convex_step(mech, *x, 1e-2)[:2], q, v, tau) == asked_for(
         lambda *x: js.semi_implicit_step(mech, *x, 1e-2), q, v, tau
     )
+
+
+LOOPS = {
+    "ball": [js.LoopClosure("b", "d", "ball")],
+    "to the world": [js.LoopClosure("world", "c", "universal"), js.LoopClosure("b", "d", "distance", 0.4)],
+    "redundant": [js.LoopClosure("c", "d", "distance", 0.5)] * 2,
+    "pairs": [],
+    "pairs and a ball": [js.LoopClosure("b", "d", "ball")],
+}
+
+
+@functools.cache
+def pairs():
+    """Spheres between bodies of the tree: most of them inside each other."""
+    law = {"relaxation_time": np.array([0.01, 0.0, 0.05]), "friction": np.array([0.5, 0.2, 0.9])}
+    at = np.array([[0.1, 0, 0.05], [0, 0.1, 0], [0, 0, 0.2]])
+    radii, stiffness = np.array([[0.2, 0.1, 0.3], [0.2, 0.2, 0.2]]), np.array([[1e3, 1e4, 1e5], [1e4, 1e4, 3e4]])
+    both = (("a", "b", "d"), at), (("c", "d", "b"), -at)
+    return tuple(js.PointContacts(*x, r, stiffness=k, **law) for x, r, k in zip(both, radii, stiffness, strict=True))
+
+
+@pytest.mark.parametrize("name", slow_but(["ball", "pairs"], list(LOOPS)))
+def test_terms_between_two_bodies(name):
+    """Loop closures, and spheres on two bodies, beside all other terms of the tree: closures open by some 1e-2."""
+    scene, (q, v, tau), dt = tree(), many("tree", 12), 5e-3
+    loops, touching, mech = LOOPS[name], pairs() if "pairs" in name else None, scene.mechanism
+    step = jax.jit(lambda *x: js.convex_step(mech, *x, dt, contacts=scene.contacts, pairs=touching, loops=loops))
+    with jax.enable_x64(True):
+        q = np.array(js.close_loops(mech, q, loops).q) + 1e-3
+        q[:, :4] /= np.linalg.norm(q[:, :4], axis=1, keepdims=True)
+    found = step(q, v, tau)
+    inside = 0
+    expected = oracle.steps_of(mech, q, v, tau, dt, scene.contacts, pairs=touching, loops=loops)
+    for i, own in enumerate(expected):
+        after = oracle.in_world(mech, found.q[i]) @ found.v[i]
+        size = max(abs(own.v).max(), abs(v[i]).max(), G * dt)
+        np.testing.assert_allclose(after, own.v, rtol=0, atol=ALLOWED * size, err_msg=f"{i}")
+        largest = max(abs(own.forces).max(), 1)
+        np.testing.assert_allclose(found.contact_forces.f[i], own.forces, rtol=0, atol=1e-6 * largest, err_msg=f"{i}")
+        inside += np.count_nonzero(own.forces[5:].any(1))
+        if loops:
+            multipliers = np.concatenate(own.result.impulses[-len(loops) :]) / dt
+            J = np.asarray(js.constraint_jacobian(mech, q[i], loops))
+            pushed = sum(
+                J_B.T @ F
+                for J_B, F in zip(_relative(mech, q[i], loops), found.loop_wrenches.to_array()[i], strict=True)
+            )
+            np.testing.assert_allclose(pushed, J.T @ multipliers, rtol=0, atol=1e-6 * abs(multipliers).max())
+    assert found.residual.max() < 1e-6
+    assert inside > 5 or touching is None
+
+
+def test_a_closure_that_nothing_can_move_does_nothing():
+    """The origin of d is on the axis of its joint to a: no number of the result is made of rounding errors."""
+    mech, (q, v, tau) = tree().mechanism, many("tree", 4)
+    loops = [js.LoopClosure("a", "d", "ball"), js.LoopClosure("b", "d", "distance", 0.3)]
+    step = jax.jit(lambda loops: js.convex_step(mech, q, v, tau, 5e-3, loops=loops))
+    found, expected = step(loops), step(loops[1:])
+    np.testing.assert_allclose(found.v, expected.v, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found.loop_wrenches.f[:, 1:], expected.loop_wrenches.f, rtol=1e-5)
+
+
+def _relative(mech, q, loops):
+    """Jacobians (6, nv) of the motion of B about its origin, less that of the point of A that is there."""
+    for loop in loops:
+        X = [js.forward_kinematics(mech, q, x) for x in (loop.frame_a, loop.frame_b)]
+        J_A, J_B = (np.asarray(js.jacobian(mech, q, x)) for x in (loop.frame_a, loop.frame_b))
+        p = np.asarray(X[1].translation - X[0].translation)
+        yield J_B - J_A + np.concatenate([np.zeros((3, len(J_A[0]))), np.cross(p[:, None], J_A[:3], axis=0)])
 
 
 def test_limits_on_joints_of_several_coordinates_are_no_terms():

@@ -47,6 +47,14 @@ class DryFriction(NamedTuple):
     loss: float
 
 
+class Held(NamedTuple):
+    """A loop closure. J (k, nv): of what it holds, with their errors (k,); size: of the Delassus operator, per row."""
+
+    J: np.ndarray
+    errors: np.ndarray
+    size: np.ndarray
+
+
 class Term(NamedTuple):
     """A term with its rows, and its law: velocities -> (cost, impulses, G = -d impulses / d velocities)."""
 
@@ -122,12 +130,22 @@ def of_dry_friction(x, A, dt):
     return Term(x.J, law)
 
 
-def terms_of(A, free, v, dt, contacts=(), limits=(), dry=()):
+def of_closure(x, A, dt):
+    R = NEAR_RIGID_LIMIT * x.size
+
+    def law(u):
+        impulse = (-x.errors / dt - u) / R
+        return R @ impulse**2 / 2, impulse, np.diag(1 / R)
+
+    return Term(x.J, law)
+
+
+def terms_of(A, free, v, dt, contacts=(), limits=(), dry=(), closures=()):
     """The terms that are in the problem: spheres inside, limits so near that they may be reached."""
     fastest = WINDOW * dt * np.maximum(abs(v), abs(free))
     near = [x for x in limits if x.gap < fastest[np.flatnonzero(x.J[0])[0]]]
     inside = [c for c in contacts if c.distance <= 0]
-    groups = (of_contact, inside), (of_limit, near), (of_dry_friction, dry)
+    groups = (of_contact, inside), (of_limit, near), (of_dry_friction, dry), (of_closure, closures)
     return [function(x, A, dt) for function, group in groups for x in group]
 
 
@@ -256,7 +274,7 @@ def _numbers(mech, frames, ground):
     return interpreted(numbers)
 
 
-def problems_of(mech, q, v, tau, dt, contacts, ground=on_plane):
+def problems_of(mech, q, v, tau, dt, contacts, ground=on_plane, pairs=None, loops=()):
     """An Own for each of m states q (m, nq), v, tau (m, nv), dt (m,); numbers of contacts may be batches (m, n).
 
     Rates of free joints are along the axes of the world, as Drake's; of joints whose axes turn it knows no other.
@@ -268,11 +286,44 @@ def problems_of(mech, q, v, tau, dt, contacts, ground=on_plane):
     of_spheres = np.stack([np.broadcast_to(np.asarray(x), (m, n)) for x in numbers], -1)
     with jax.enable_x64(True):
         found = _numbers(mech, contacts.frames, ground)(q, v, np.broadcast_to(positions, (m, n, 3)))
+        between = [_between(mech, x, pairs) if pairs else ([], []) for x in q]
+        closures = [[_held(mech, x, loop) for loop in loops] for x in q]
     each = zip(map(Numbers._make, zip(*found, strict=True)), q, v, tau, np.broadcast_to(dt, m), of_spheres, strict=True)
-    return [_problem_of(mech, *x) for x in each]
+    return [_problem_of(mech, *x, *y) for x, y in zip(each, zip(between, closures, strict=True), strict=True)]
 
 
-def _problem_of(mech, found, q, v, tau, dt, of_spheres):
+def _between(mech, q, pairs):
+    """(a Contact, its axes) of each sphere that touches another."""
+    X, J = ([f(mech, q, x.frames) for x in pairs] for f in (js.forward_kinematics, js.jacobian))
+    centres = [X @ x.positions for X, x in zip(X, pairs, strict=True)]
+    found, axes = [], []
+    for i, p_AB in enumerate(np.asarray(centres[1] - centres[0])):
+        radius, k, tau_d, mu = (
+            [np.broadcast_to(getattr(x, name), len(x.frames))[i] for x in pairs]
+            for name in ("radius", "stiffness", "relaxation_time", "friction")
+        )
+        length = np.linalg.norm(p_AB)
+        distance = length - sum(radius)
+        axes.append(_axes(p_AB / length))
+        C = np.asarray(centres[0])[i] + p_AB / length * (radius[0] + distance / 2)
+        at_C = [
+            np.asarray(own[i])[3:] - np.cross((C - np.asarray(x.translation)[i])[:, None], own[i][:3], axis=0)
+            for own, x in zip(J, X, strict=True)
+        ]
+        law = 1 / (1 / k[0] + 1 / k[1]), sum(tau_d), 2 * mu[0] * mu[1] / (mu[0] + mu[1])
+        found.append(Contact(axes[-1] @ (at_C[1] - at_C[0]), distance, *law))
+    return found, axes
+
+
+def _held(mech, q, loop):
+    """J is of all six rows, of which it holds some."""
+    weld = [js.LoopClosure(loop.frame_a, loop.frame_b, "weld")]
+    six = np.asarray(js.constraint_jacobian(mech, q, weld))
+    J, errors = (np.asarray(f(mech, q, [loop])) for f in (js.constraint_jacobian, js.constraint_error))
+    return Held(J, errors, six)
+
+
+def _problem_of(mech, found, q, v, tau, dt, of_spheres, between=((), ()), closures=()):
     damping, loss, still = np.asarray(mech.damping), np.asarray(mech.friction_loss), v.copy()
     for rows in _of_free_joints(mech):
         w, linear = v[rows].reshape(2, 3)
@@ -296,24 +347,36 @@ def _problem_of(mech, found, q, v, tau, dt, of_spheres):
             row, x = np.eye(len(v))[own_v], q[own_q[0]]
             limits += [Limit(row, x - mech.lower[own_q[0]]), Limit(-row, mech.upper[own_q[0]] - x)]
     limits = [x for x in limits if np.isfinite(x.gap)]
+    spheres += [c._replace(J=c.J @ T.T) for c in between[0]]
+    axes += between[1]
     inside = [i for i, c in enumerate(spheres) if c.distance <= 0]
-    problem = Problem(A, free, terms_of(A, free, still, dt, spheres, limits, dry))
+    held = []
+    for J, errors, six in closures:
+        of_blocks = [np.linalg.norm((x / np.diag(A)) @ x.T) / 3 for x in (six[:3] @ T.T, six[3:] @ T.T)]
+        if not min(of_blocks) > 1e-20:
+            raise ValueError("closures that nothing can move")
+        n_moving = min(len(J), 3)
+        held.append(Held(J @ T.T, errors, np.repeat(of_blocks, [len(J) - n_moving, n_moving])))
+    problem = Problem(A, free, terms_of(A, free, still, dt, spheres, limits, dry, held))
     return Own(problem, still, inside, np.array(axes))
 
 
 class Step(NamedTuple):
-    """v with rates of free joints in world axes, forces (n, 3) on the spheres in world axes, and the Result."""
+    """v with rates of free joints in world axes, forces (n, 3) on the spheres in world axes, and the Result.
+
+    Impulses of closures are the last of the Result."""
 
     v: np.ndarray
     forces: np.ndarray
     result: Result
 
 
-def steps_of(mech, q, v, tau, dt, contacts, ground=on_plane):
+def steps_of(mech, q, v, tau, dt, contacts, ground=on_plane, pairs=None, loops=()):
     """The Step of each state, to rounding; see `problems_of`."""
     found = []
-    for own, h in zip(problems_of(mech, q, v, tau, dt, contacts, ground), np.broadcast_to(dt, len(q)), strict=True):
-        result, forces = own.problem.optimum(own.v), np.zeros((len(contacts.frames), 3))
+    problems = problems_of(mech, q, v, tau, dt, contacts, ground, pairs, loops)
+    for own, h in zip(problems, np.broadcast_to(dt, len(q)), strict=True):
+        result, forces = own.problem.optimum(own.v), np.zeros((len(own.axes), 3))
         for i, impulse in zip(own.inside, result.impulses, strict=False):
             forces[i] = own.axes[i].T @ impulse / h
         found.append(Step(result.v, forces, result))
