@@ -215,7 +215,7 @@ def wrenches(state: MechanismState, scene: Scene, impulse: Vectors) -> list[Wren
             parts.append(stacking.mapped(lambda w: stacking.rows(w, between), on_a))
             bodies = bodies + [scene.contact_ends.a[i] for i in between]
             counts.append(len(between))
-    if scene.loops is not None:
+    if scene.loops is not None and impulse.loops is not None:
         parts += _on_loops(scene.loops, impulse.loops)
         bodies = [*bodies, *scene.loop_ends.b, *scene.loop_ends.a]
         counts += [len(scene.loop_ends.b)] * 2
@@ -239,8 +239,17 @@ def _on_loops(loops: Loops, impulse: Number) -> tuple[Wrench, Wrench]:
     return impulse * loops.on_b, impulse * loops.on_a
 
 
-def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, force: Number | None) -> tuple[Any, Any]:
-    """(H^-1 (J^T impulse + force) as numbers (nv, B), the same as Motions of the bodies of every bundle)."""
+class Solution(NamedTuple):
+    """x = H^-1 (J^T impulse + force): as numbers (nv, B), as Motions of the bodies of every bundle, and
+    left = impulse - G J x, of the rows of closures."""
+
+    x: Number
+    motions: list[Motion]
+    left: Number | None
+
+
+def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, force: Number | None) -> Solution:
+    """The Solution of the equations of one direction."""
     of_contacts, of_joints, _ = G
     zero = state.zero_vector
     nothing = ArticulatedBody(articulated.none(zero[0]), Wrench(zero, zero))
@@ -248,7 +257,7 @@ def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, force:
     if scene.contacts is not None:
         on_one = [b if a < 0 else -1 for b, a in zip(*scene.contact_ends, strict=True)]
         stiff = problem.on_bundles(state, on_one, _contact_inertia(scene.contacts, of_contacts), nothing.P)
-    pushed = wrenches(state, scene, impulse)
+    pushed = wrenches(state, scene, impulse._replace(loops=None))
     joint_forces, stiffer = _whole(state, scene, impulse.joints, force), _whole(state, scene, of_joints, None)
     links = []
     for k, (body, P, F) in enumerate(zip(scene.bodies, stiff, pushed, strict=True)):
@@ -259,8 +268,8 @@ def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, force:
     eliminated = recursion.inward(state, _eliminate, nothing, links)
     both = [(body.S, body.r, e) for body, e in zip(scene.bodies, eliminated, strict=True)]
     found = recursion.outward(state, _accelerate, _at_rest(state), both)
-    found = _with_complement(state, scene, G, eliminated, found)
-    return state.numbers_by_velocity([x for x, _ in found]), [A for _, A in found]
+    found, left = _with_complement(state, scene, G, impulse.loops, eliminated, found)
+    return Solution(state.numbers_by_velocity([x for x, _ in found]), [A for _, A in found], left)
 
 
 def _at_rest(state: MechanismState) -> Motion:
@@ -311,15 +320,22 @@ class Columns(NamedTuple):
     on_a: Wrench
 
 
-def _with_complement(state: MechanismState, scene: Scene, G: Any, eliminated: list[Any], found: list[Any]) -> list[Any]:
-    """What `_accelerate` found without the G of terms between two bodies, corrected for it.
+def _with_complement(
+    state: MechanismState, scene: Scene, G: Any, impulse: Number | None, eliminated: list[Any], found: list[Any]
+) -> tuple[list[Any], Number | None]:
+    """(what `_accelerate` found, corrected for terms between two bodies; what is left of the impulses of closures).
 
-    With H' all the rest of H, and J their rows:  H^-1 = H'^-1 - Y (1 + L^T J Y)^-1 Y^T,  Y = H'^-1 J^T L, of as many
-    columns as there are rows. [Golub and Van Loan 2013, 2.1.4: Sherman, Morrison and Woodbury]
+    found: x', without the G of these terms and without the impulses of closures. With H' all the rest of H,
+
+        x = x' + Y s        (1 + L^T J Y) s = L^-1 impulse - L^T J x'        Y = H'^-1 J^T L
+
+    of as many columns as there are rows, by the formula of Sherman, Morrison and Woodbury, and impulse - G J x = L s.
+    Impulses of open closures are large, and what is left of them is small: so they are never applied as a whole.
+    [Golub and Van Loan 2013, 2.1.4]
     """
     columns, ends = _columns(state, scene, G)
     if columns is None:
-        return found
+        return found, None
     # Columns are states beside each other.
     n, k = state.n, len(ends.b)
     wide, own = state.of_size(n * k), np.eye(k, dtype=bool)[:, :, None]
@@ -349,10 +365,19 @@ def _with_complement(state: MechanismState, scene: Scene, G: Any, eliminated: li
     through = rates(wide, stacking.mapped(tiled, columns), Y)
     M = stacking.mapped(lambda w: jnp.broadcast_to(w, (k, k * n)).reshape((k, k, n)), through)
     M = where(jnp.broadcast_to(own, (k, k, n)), M + 1.0, M)
-    share = matrices.solved(M, stacking.spread(rates(state, columns, found), (k, n)))
-    shares = [stacking.mapped(lambda w, i=i: w[i], share) for i in range(k)]
+    lacking = stacking.spread(-rates(state, columns, found), (k, n))
+    n_contacts = k - len(scene.loop_ends.b)
+    if scene.loops is not None:
+        given = _over_L(scene.loops, impulse)
+        places = np.array([k] * n_contacts + list(range(k - n_contacts)))
+        lacking = lacking + stacking.mapped(lambda w: problem.with_zero_rows(w, places), given)
+    s = matrices.solved(M, lacking)
+    shares = [stacking.mapped(lambda w, i=i: w[i], s) for i in range(k)]
     of_bundles = [[stacking.mapped(lambda w, i=i: column(w, i), y) for i in range(k)] for y in Y]
-    return [_less(x, shares, y) for x, y in zip(found, of_bundles, strict=True)]
+    found = [_plus(x, shares, y) for x, y in zip(found, of_bundles, strict=True)]
+    if scene.loops is None:
+        return found, None
+    return found, _times_L(scene.loops, stacking.mapped(lambda w: w[n_contacts:], s))
 
 
 def _columns(state: MechanismState, scene: Scene, G: Any) -> tuple[Columns | None, Ends]:
@@ -421,11 +446,21 @@ def _rates(columns: Columns, V_b: Motion, V_a: Motion) -> Number:
 
 
 @noinline
-def _less(x: Any, shares: list[Number], columns: list[Any]) -> Any:
-    """x less the sum of columns, times their shares."""
+def _plus(x: Any, shares: list[Number], columns: list[Any]) -> Any:
+    """x and the sum of columns, times their shares."""
     for share, column in zip(shares, columns, strict=True):
-        x = jax.tree.map(lambda a, b, s=share: a - s * b, x, column, is_leaf=is_number)
+        x = jax.tree.map(lambda a, b, s=share: a + s * b, x, column, is_leaf=is_number)
     return x
+
+
+@noinline
+def _over_L(loops: Loops, impulse: Number) -> Number:
+    return impulse * loops.R.sqrt()
+
+
+@noinline
+def _times_L(loops: Loops, s: Number) -> Number:
+    return s / loops.R.sqrt()
 
 
 # -- Newton's method --------------------------------------------------------------------------------------------------
@@ -510,7 +545,7 @@ def solve_at(
     scene, (impulse, G) = _at(state, still, change, y, time, terms, places)
     nothing = combined(lambda x: 0.0 * x, impulse)
     (right,) = in_world(state, scene.bodies, force)
-    solution: Any = solved(state, scene, G, nothing, right)[0]
+    solution = solved(state, scene, G, nothing, right).x
     return high(problem.turned(state, scene.bodies, solution, to_world=False))
 
 
@@ -638,7 +673,7 @@ def _iterated(
     impulse, G = laws(scene, at.v)
     change = times_G(scene, G, v_free)
     right = combined(lambda a, b, c: a - b - at.lacking * c, impulse, at.phi, change)
-    e, motions = solved(state, scene, G, right, None)
+    e, motions, left = solved(state, scene, G, right, None)
     v_e = velocities_at(state, scene, motions, e)
     d, v_d = e + at.lacking * free, combined(lambda a, b: a + at.lacking * b, v_e, v_free)
     G_d = times_G(scene, G, v_d)
@@ -654,10 +689,13 @@ def _iterated(
     is_small = ~(high(decrement) > high(where(high(rounding) > high(smallest), rounding, smallest)))
     length = _searched(state, scene, at.v, Along(v_d, slope, curvature, decrement, rounding), is_small | is_done)
     rest = 1 - length
+    phi = combined(lambda p, i, g: rest * p + length * (i - g), at.phi, impulse, G_d)
+    if left is not None:
+        phi = phi._replace(loops=at.phi.loops + length * left)
     new = Iterate(
         at.y + length * d,
         combined(lambda a, b: a + length * b, at.v, v_d),
-        combined(lambda p, i, g: rest * p + length * (i - g), at.phi, impulse, G_d),
+        phi,
         rest * at.lacking,
         decrement,
     )
