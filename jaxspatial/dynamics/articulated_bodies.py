@@ -160,7 +160,10 @@ def _eliminate(
     if is_floating:
         u = _wrench(link.tau) - rest.Z
         return FloatingElimination(_matrix(rest.P, link.armature), rest.P, u), rest
-    rest, eliminated = without_velocities(rest, link.joint.subspace, link.tau, link.armature)
+    eliminated: list[Elimination] = []
+    for s, tau, armature in zip(link.joint.subspace, link.tau, link.armature, strict=True):
+        rest, elimination = without_velocity(rest, s, tau, armature)
+        eliminated.append(elimination)
     return eliminated, _to_parent(link.X_PB, rest)
 
 
@@ -183,18 +186,7 @@ def _combined(M: Inertia, Z: Wrench, children: ArticulatedBody) -> ArticulatedBo
     return ArticulatedBody(articulated.of_body(M) + children.P, Z + children.Z)
 
 
-def without_velocities(
-    body: ArticulatedBody, S: Sequence[Motion], tau: Numbers, armature: Numbers
-) -> tuple[ArticulatedBody, list[Elimination]]:
-    """The articulated body with all motions of the joint free, and the Elimination of each."""
-    eliminated = list[Elimination]()
-    for s, force, own in zip(S, tau, armature, strict=True):
-        body, elimination = _without_velocity(body, s, force, own)
-        eliminated.append(elimination)
-    return body, eliminated
-
-
-def _without_velocity(
+def without_velocity(
     body: ArticulatedBody, s: Motion, tau: Number, armature: Number
 ) -> tuple[ArticulatedBody, Elimination]:
     """The articulated body with one motion of the joint free, and the Elimination that gives the acceleration of it.

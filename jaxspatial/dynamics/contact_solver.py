@@ -29,7 +29,7 @@ from jaxspatial.dynamics.articulated_bodies import (
     Elimination,
     bias_through_joint,
     with_velocities,
-    without_velocities,
+    without_velocity,
 )
 from jaxspatial.dynamics.contact_problem import Body, Closing, Contacts, Ends, Joints, Law, Loops, Touching, Where
 from jaxspatial.dynamics.external_forces import loads
@@ -50,6 +50,7 @@ from jaxspatial.numerics.numbers import (
     constant,
     data_of,
     high,
+    is_constant,
     is_number,
     noinline,
     shape_of,
@@ -65,6 +66,8 @@ MOST_ITERATIONS, MOST_TRIALS = 60, 20
 SLOPE, LONGEST = 0.1, 1.5
 # Rounding errors of a derivative along a direction, in eps of the sum of the sizes of its terms.
 NOISE = 8
+# So near the tolerance, in multiples of it, a square that is more than this share of the last is of rounding errors.
+NEAR, STALLED = 100, 0.25
 FIELDS = (*DYNAMICS, *FRAMES, "damping", "friction_loss", "lower", "upper")
 
 
@@ -240,12 +243,16 @@ def _on_loops(loops: Loops, impulse: Number) -> tuple[Wrench, Wrench]:
 
 
 class Solution(NamedTuple):
-    """x = H^-1 (J^T impulse + force): as numbers (nv, B), as Motions of the bodies of every bundle, and
-    left = impulse - G J x, of the rows of closures."""
+    """x = H^-1 (J^T impulse + force): as numbers (nv, B), and as Motions of the bodies of every bundle.
+
+    left: impulse - G J x, of joints and of rows of closures.
+    Impulses at limits, and of open closures, are large, and what is left of them is small: the difference would have
+    rounding errors in proportion to the impulse.
+    """
 
     x: Number
     motions: list[Motion]
-    left: Number | None
+    left: Vectors
 
 
 def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, force: Number | None) -> Solution:
@@ -258,32 +265,39 @@ def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, force:
         on_one = [b if a < 0 else -1 for b, a in zip(*scene.contact_ends, strict=True)]
         stiff = problem.on_bundles(state, on_one, _contact_inertia(scene.contacts, of_contacts), nothing.P)
     pushed = wrenches(state, scene, impulse._replace(loops=None))
-    joint_forces, stiffer = _whole(state, scene, impulse.joints, force), _whole(state, scene, of_joints, None)
-    links = []
-    for k, (body, P, F) in enumerate(zip(scene.bodies, stiff, pushed, strict=True)):
-        none = (state.known(0.0),) * len(body.S)
-        tau = none if joint_forces is None else problem.of_bundle(state, k, joint_forces)
-        more = none if stiffer is None else problem.of_bundle(state, k, stiffer)
-        links.append((body, ArticulatedBody(P, -F), tau, more))
+    of_rows = [force, *(_whole(state, scene, x) for x in (impulse.joints, of_joints))]
+    numbers = (_by_bundle(state, scene, x) for x in of_rows)
+    touched = [ArticulatedBody(P, -F) for P, F in zip(stiff, pushed, strict=True)]
+    links = list(zip(scene.bodies, touched, *numbers, strict=True))
     eliminated = recursion.inward(state, _eliminate, nothing, links)
     both = [(body.S, body.r, e) for body, e in zip(scene.bodies, eliminated, strict=True)]
     found = recursion.outward(state, _accelerate, _at_rest(state), both)
-    found, left = _with_complement(state, scene, G, impulse.loops, eliminated, found)
-    return Solution(state.numbers_by_velocity([x for x, _ in found]), [A for _, A in found], left)
+    found, of_loops = _with_complement(state, scene, G, impulse.loops, eliminated, found)
+    x, motions, of_joints = ([y[k] for y in found] for k in range(3))
+    left = None
+    if scene.joints is not None:
+        left = stacking.mapped(lambda w: stacking.rows(w, scene.rows), state.numbers_by_velocity(of_joints))
+    return Solution(state.numbers_by_velocity(x), motions, Vectors(None, left, of_loops))
 
 
 def _at_rest(state: MechanismState) -> Motion:
     return Motion(state.zero_vector, state.zero_vector)
 
 
-def _whole(state: MechanismState, scene: Scene, of_rows: Number | None, force: Number | None) -> Number | None:
-    """Numbers (nv, B): those of the rows in their places, zero elsewhere, and a force."""
+def _whole(state: MechanismState, scene: Scene, of_rows: Number | None) -> Number | None:
+    """Numbers (nv, B): those of the joints with limits or friction in their places, zero elsewhere."""
     if of_rows is None:
-        return force
+        return None
     places = np.full(state.topology.nv, len(scene.rows))
     places[scene.rows] = np.arange(len(scene.rows))
-    whole = stacking.mapped(lambda w: problem.with_zero_rows(w, places), of_rows)
-    return whole if force is None else whole + force
+    return stacking.mapped(lambda w: problem.with_zero_rows(w, places), of_rows)
+
+
+def _by_bundle(state: MechanismState, scene: Scene, x: Number | None) -> list[Numbers]:
+    """The numbers (nv, B) of the joints of every bundle, known zeros for None."""
+    if x is None:
+        return [(state.known(0.0),) * len(body.S) for body in scene.bodies]
+    return [problem.of_bundle(state, k, x) for k in range(len(scene.bodies))]
 
 
 @noinline
@@ -293,20 +307,38 @@ def _contact_inertia(contacts: Contacts, of_law: Law) -> Articulated:
     return articulated.shifted(articulated.none(constant(G[0], 0))._replace(M=G), -contacts.arm)
 
 
-def _eliminate(link: Any, children: ArticulatedBody) -> tuple[list[Elimination], ArticulatedBody]:
-    """([Elimination of each velocity], the articulated body about the parent's origin)."""
-    body, touched, tau, more = link
-    P = articulated.of_body(body.inertia) + touched.P + children.P
-    rest = ArticulatedBody(P, touched.Z + children.Z)
-    resistance = tuple(a + b for a, b in zip(body.resistance, more, strict=True))
-    rest, eliminated = without_velocities(rest, body.S, tau, resistance)
+class Stiff(NamedTuple):
+    """The Elimination of a velocity, and its D and u without the G and the impulse of the joint; None without these."""
+
+    whole: Elimination
+    D: Number | None
+    u: Number | None
+
+
+def _eliminate(link: Any, children: ArticulatedBody) -> tuple[list[Stiff], ArticulatedBody]:
+    """([Stiff of each velocity], the articulated body about the parent's origin)."""
+    body, touched, tau, impulse, G = link
+    rest = ArticulatedBody(articulated.of_body(body.inertia) + touched.P + children.P, touched.Z + children.Z)
+    eliminated = list[Stiff]()
+    for s, force, own, resistance, g in zip(body.S, tau, impulse, body.resistance, G, strict=True):
+        u = None if is_constant(g) else force - algebra.power(rest.Z, s)
+        rest, whole = without_velocity(rest, s, force + own, resistance + g)
+        eliminated.append(Stiff(whole, None if u is None else algebra.power(whole.U, s) + resistance, u))
     return eliminated, ArticulatedBody(articulated.shifted(rest.P, -body.r), algebra.shifted_wrench(rest.Z, -body.r))
 
 
 def _accelerate(link: Any, parent: Motion) -> tuple[Any, Motion]:
+    """((velocities, the motion of the body, what is left of the impulses of the joint), the motion)."""
     S, r, eliminated = link
-    x, A = with_velocities(algebra.shifted_motion(parent, r), S, eliminated)
-    return (x, A), A
+    A, found = algebra.shifted_motion(parent, r), list[tuple[Number, Number]]()
+    for s, (whole, D, u) in zip(reversed(S), reversed(eliminated), strict=True):
+        (x,), after = with_velocities(A, [s], [whole])
+        # D x = u + impulse - G x - U . A
+        left = constant(x, 0) if D is None or u is None else D * x - (u - algebra.power(whole.U, A))
+        found.append((x, left))
+        A = after
+    x, left = zip(*reversed(found), strict=True) if found else ((), ())
+    return (x, A, left), A
 
 
 # -- the complement of terms between two bodies -----------------------------------------------------------------------
@@ -351,17 +383,18 @@ def _with_complement(
         return w[..., i * n : (i + 1) * n] if w.shape[-1] == n * k else w
 
     def rates(state: MechanismState, columns: Columns, results: list[Any]) -> Number:
-        motions = [A for _, A in results]
+        motions = [x[1] for x in results]
         return _rates(columns, *(state.of_bodies(x, motions, _at_rest(state)) for x in ends))
 
     nothing = Wrench(state.zero_vector, state.zero_vector)
     rows = stacking.concatenated_trees(list(stacking.mapped(apart, columns)), wide.n, [k, k])
     forces = problem.on_bundles(wide, ends.b + ends.a, rows, nothing)
-    factors = [(b.S, b.r, [x[:2] for x in e]) for b, e in zip(scene.bodies, eliminated, strict=True)]
+    factors = [(b.S, b.r, [x.whole[:2] for x in e]) for b, e in zip(scene.bodies, eliminated, strict=True)]
     factors = stacking.mapped(tiled, factors)
-    left = recursion.inward(wide, _to_parent, nothing, list(zip(factors, forces, strict=True)))
-    both = [(S, r, e) for (S, r, _), e in zip(factors, left, strict=True)]
-    Y = recursion.outward(wide, _accelerate, _at_rest(wide), both)
+    returned = recursion.inward(wide, _to_parent, nothing, list(zip(factors, forces, strict=True)))
+    stiffer = _by_bundle(state, scene, _whole(state, scene, G[1]))
+    both = [(S, r, e, g) for (S, r, _), e, g in zip(factors, returned, stacking.mapped(tiled, stiffer), strict=True)]
+    Y = recursion.outward(wide, _follow, _at_rest(wide), both)
     through = rates(wide, stacking.mapped(tiled, columns), Y)
     M = stacking.mapped(lambda w: jnp.broadcast_to(w, (k, k * n)).reshape((k, k, n)), through)
     M = where(jnp.broadcast_to(own, (k, k, n)), M + 1.0, M)
@@ -427,6 +460,13 @@ def _columns_of_contacts(contacts: Contacts, of_law: Law) -> list[Columns]:
 def _columns_of_loops(loops: Loops) -> Columns:
     scale = (1 / loops.R).sqrt()
     return Columns(scale * loops.on_b, scale * loops.on_a)
+
+
+def _follow(link: Any, parent: Motion) -> tuple[Any, Motion]:
+    """`_accelerate`, where joints have no impulses."""
+    S, r, eliminated, G = link
+    x, A = with_velocities(algebra.shifted_motion(parent, r), S, eliminated)
+    return (x, A, tuple(-g * y for g, y in zip(G, x, strict=True))), A
 
 
 def _to_parent(body: Any, children: Wrench) -> tuple[list[Elimination], Wrench]:
@@ -592,7 +632,7 @@ def imbalance(
     if not is_nothing(state.fields["damping"]):
         before, change_, c = (state.numbers(x[:, None])[0] for x in (still, y, state.fields["damping"]))
         lacking = lacking + scene.dt * (c * (before + change_))
-    on_joints = _whole(state, scene, impulse.joints, None)
+    on_joints = _whole(state, scene, impulse.joints)
     return high(lacking if on_joints is None else lacking - on_joints)
 
 
@@ -687,11 +727,15 @@ def _iterated(
     # Below what rounding errors make of it, no direction goes down.
     rounding = NOISE * check.eps(state.dtype) * noise
     is_small = ~(high(decrement) > high(where(high(rounding) > high(smallest), rounding, smallest)))
+    is_near = high(decrement) < high(NEAR**2 * smallest)
+    is_small = is_small | (is_near & (high(decrement) > high(STALLED * at.residual)) & (high(at.residual) > 0))
     length = _searched(state, scene, at.v, Along(v_d, slope, curvature, decrement, rounding), is_small | is_done)
     rest = 1 - length
     phi = combined(lambda p, i, g: rest * p + length * (i - g), at.phi, impulse, G_d)
-    if left is not None:
-        phi = phi._replace(loops=at.phi.loops + length * left)
+    for name in ("joints", "loops"):
+        own: Any = getattr(left, name)
+        if own is not None:
+            phi = phi._replace(**{name: getattr(at.phi, name) + length * own})
     new = Iterate(
         at.y + length * d,
         combined(lambda a, b: a + length * b, at.v, v_d),
