@@ -42,8 +42,8 @@ class ConvexStep(NamedTuple):
 
     q: (*batch, nq), quaternions of unit length. v: (*batch, nv).
     contact_forces: SpatialForce (*batch, n), on the body of each contact, about the contact point C, in world axes:
-        impulse over dt, N; None without contacts. Those of `contacts` come first, then those of `pairs`, on the
-        bodies of the second of the two.
+        impulse over dt, N; None without contacts. Those of `contacts` come first, then those of `pairs` (a, b),
+        on the bodies of b.
     loop_wrenches: SpatialForce (*batch, number of closures), of each closure on the body of its frame B, about the
         origin of B, in world axes: impulse over dt, N m and N; None without closures.
     residual: (*batch,) the decrement sqrt(g^T H^-1 g) at the start of the last iteration, relative to the momenta
@@ -106,8 +106,8 @@ def convex_step(
         dt: the time, s: a number or (*batch,).
         contacts: PointContacts on frames of moving bodies; None for none.
         ground: HalfSpace, or a function from a point (3,) in world axes to its signed distance; None for z = 0.
-        pairs: (spheres, others): two PointContacts, of which sphere i of one touches sphere i of the other, on another
-            body; None for none. Both surfaces give way: stiffnesses act in series, relaxation times add up, and the
+        pairs: (a, b): two PointContacts, of which sphere i of one touches sphere i of the other, on another body; None
+            for none. Both surfaces give way: stiffnesses act in series, relaxation times add up, and the
             friction is 2 mu mu' / (mu + mu'). Spheres with one centre have no normal: NaN.
         loops: LoopClosures, such as `mechanism.loops`.
 
@@ -213,11 +213,11 @@ def _checked_terms(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pai
         contacts = _checked_contacts(mechanism, q, contacts, "contacts")
     if pairs is not None:
         if not isinstance(pairs, tuple) or len(pairs) != 2:
-            check.refuse(f"{what}: pairs", "(spheres, others), two PointContacts", pairs)
+            check.refuse(f"{what}: pairs", "(a, b), two PointContacts", pairs)
         pairs = [_checked_contacts(mechanism, q, x, "pairs") for x in pairs]
         a, b = (x.frames for x in pairs)
         if len(a) != len(b):
-            raise ValueError(f"{what}: pairs: expected as many spheres as others, got {len(a)} and {len(b)}")
+            raise ValueError(f"{what}: pairs: expected as many of one as of the other, got {len(a)} and {len(b)}")
         for one, other in zip(a, b, strict=True):
             if mechanism.frame_body(one) == mechanism.frame_body(other):
                 raise ValueError(f"{what}: pairs: expected frames of two bodies, got {one!r} and {other!r}, of one")

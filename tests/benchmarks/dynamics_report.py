@@ -15,6 +15,19 @@ from dynamics_claims import (
     claims_of_shape,
 )
 
+# What the picture shows the compiling of.
+COMPILED = (
+    "inverse dynamics",
+    "forward dynamics",
+    "mass matrix",
+    "kinematics",
+    "derivatives of inverse dynamics",
+    "derivatives of forward dynamics",
+    "gradient of forward dynamics",
+    "gradient by inertial parameters",
+    "step",
+    "gradient of a step",
+)
 COLOURS = {OURS: "#00798c", PINOCCHIO: "#d1495b", MUJOCO: "#edae49", FRAX: "#66a182", MJX: "#8d6a9f"}
 MARKERS = {OURS: "o", PINOCCHIO: "s", MUJOCO: "D", FRAX: "^", MJX: "v"}
 
@@ -168,7 +181,8 @@ def picture(results, path):
 def _scatter(axes, result):
     points = []
     for case, compiling in result.compiling.items():
-        if case.who in COLOURS and case.batch == result.many and case in result.seconds:
+        is_shown = case.who in COLOURS and case.algorithm in COMPILED
+        if is_shown and case.batch == result.many and case in result.seconds:
             x, y = compiling.total, np.median(result.seconds[case]) * 1e6
             axes.plot(x, y, MARKERS[case.who], color=COLOURS[case.who], ms=7, zorder=3)
             points.append((case, x, y))
@@ -178,7 +192,7 @@ def _scatter(axes, result):
         if who == OURS and other:
             axes.plot((x, other[0]), (y, other[1]), color="#cccccc", lw=1, zorder=1)
     axes.set(xscale="log", yscale="log", xlabel="seconds to trace and compile, cold", ylabel="us per state")
-    axes.set_title(f"{result.robot}, {result.dtype}, batch {result.many}: compiling against running")
+    axes.set_title(f"{result.robot}, {result.dtype}: compiling and running", loc="left")
     _name(axes, [(case.algorithm, x, y) for case, x, y in points if case.who == OURS])
     _bare(axes)
 
@@ -187,14 +201,12 @@ def _name(axes, points):
     """Names in a column on the right, where room is made, each with a line to its point."""
     axes.margins(0.1)
     low, high = axes.get_xlim()
-    axes.set_xlim(low, high * (high / low) ** 0.8)
-    place = -np.inf
-    for name, x, y in sorted(points, key=lambda p: p[2]):
-        height = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))[1]
-        place = max(height, place + 0.045)
+    axes.set_xlim(low, high * (high / low) ** 1.4)
+    places = np.linspace(0.04, 0.96, len(points))
+    for (name, x, y), place in zip(sorted(points, key=lambda p: p[2]), places, strict=True):
         told = {"xycoords": "data", "textcoords": axes.transAxes, "fontsize": 9, "va": "center"}
         line = {"arrowstyle": "-", "color": COLOURS[OURS], "lw": 0.6, "alpha": 0.6, "relpos": (0, 0.5)}
-        axes.annotate(name, (x, y), (0.64, place), arrowprops=line, **told)
+        axes.annotate(name, (x, y), (0.52, place), arrowprops=line, **told)
 
 
 def _dots(axes, result, is_first):
