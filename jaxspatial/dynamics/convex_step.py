@@ -94,7 +94,7 @@ def convex_step(
     artefact of convexity. Contacts that are found outside of the ground do nothing in this step, however fast they
     approach.
 
-    Loop closures are as stiff as the time step allows, too: each is an impulse (v_i - v_c) / R, with v_c the velocity
+    Loop closures are as stiff as the time step allows, too: each is an impulse (v_c - v_i) / R, with v_c the velocity
     that closes it within this step, and R a share of 2.5e-4 of what an impulse moves. Start with closed loops, see
     `close_loops`. Closures may be redundant. They, and contacts between two bodies, cost a system of as many unknowns
     as they have rows, 3 for a contact.
@@ -107,8 +107,8 @@ def convex_step(
         contacts: PointContacts on frames of moving bodies; None for none.
         ground: HalfSpace, or a function from a point (3,) in world axes to its signed distance; None for z = 0.
         pairs: (a, b): two PointContacts, of which sphere i of one touches sphere i of the other, on another body; None
-            for none. Both surfaces give way: stiffnesses act in series, relaxation times add up, and the
-            friction is 2 mu mu' / (mu + mu'). Spheres with one centre have no normal: NaN.
+            for none. Both surfaces give way: stiffnesses act in series, relaxation times add up, and friction is
+            2 mu mu' / (mu + mu'). Spheres with one centre have no normal: NaN.
         loops: LoopClosures, such as `mechanism.loops`.
 
     Returns:

@@ -183,6 +183,30 @@ def test_limits_on_joints_of_several_coordinates_are_no_terms():
     np.testing.assert_array_equal(found.v, expected[1])
 
 
+def on(*frames):
+    return js.PointContacts(frames, stiffness=np.float64(1e4), relaxation_time=np.float64(0), friction=np.float64(1))
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        ({"contacts": on("world")}, ValueError, "contacts: expected frames of moving bodies, got 'world'"),
+        ({"contacts": 3.0}, TypeError, "contacts: expected PointContacts, got"),
+        ({"pairs": on("a")}, TypeError, r"pairs: expected \(a, b\), two PointContacts, got"),
+        ({"pairs": (on("a"), on("b", "c"))}, ValueError, "pairs: expected as many of one as of the other, got 1 and 2"),
+        ({"pairs": (on("a"), on("a"))}, ValueError, "pairs: expected frames of two bodies, got 'a' and 'a', of one"),
+        ({"loops": [js.LoopClosure("a", "nowhere", "ball")]}, KeyError, "loops: expected one of"),
+        ({"ground": 3.0, "contacts": on("a")}, TypeError, "ground: expected a HalfSpace, or a function"),
+    ],
+)
+def test_what_is_refused(given, error, message):
+    mech, (q, v, tau) = tree().mechanism, many("tree", 1)
+    with pytest.raises(error, match=f"convex_step: {message}"):
+        js.convex_step(mech, q, v, tau, 5e-3, **given)
+    with pytest.raises(TypeError, match="contacts"):
+        js.convex_step(mech, q, v, tau, 5e-3, contacts=on("a").astype(np.float32))
+
+
 # -- by hand ----------------------------------------------------------------------------------------------------------
 
 MASS, STIFF, TAU_D = 2.0, 1e4, 0.02
