@@ -34,7 +34,7 @@ EXAMPLES = {
     "ArticulatedInertia": lambda: js.ArticulatedInertia.from_spatial_inertia(_inertia()),
     "CentralAxis": lambda: js.central_axis(js.SpatialForce(_ones(2, 3), _ones(2, 3))),
     "ConvexStep": lambda: js.ConvexStep(
-        _ones(2), _ones(2), js.SpatialForce(_ones(1, 3), _ones(1, 3)), _ones(), _ones()
+        _ones(2), _ones(2), *(js.SpatialForce(_ones(n, 3), _ones(n, 3)) for n in (1, 2)), _ones(), _ones()
     ),
     "Compliance": lambda: js.Compliance(*(_ones(2) * i for i in (1, 2, 3))),
     "Components": lambda: js.Components(_ones(2), 0.0, 1.0),
