@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.dynamics.docstrings import documented
-from jaxspatial.dynamics.kinematics import at_carrier, poses, velocities, velocity_in_world
+from jaxspatial.dynamics.kinematics import at_carrier, carrying, poses, velocities, velocity_in_world
 from jaxspatial.engine import stacking
 from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm
 from jaxspatial.engine.stacking import Array
@@ -73,6 +73,7 @@ def _stacked(frames: int | tuple[int, ...], function: Callable[[int], jax.Array]
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
 def _jacobian(state: MechanismState, *, frames: int | tuple[int, ...]):
+    state = carrying(state, frames)
     placed = poses(state)
 
     def of_frame(frame: int) -> jax.Array:
@@ -104,12 +105,15 @@ def _column(state: MechanismState, bundle: Bundle, frame: int, column: Motion) -
     is_carrier = np.isin(bundle.bodies, list(carriers))
     if not is_carrier.any():
         return (state.known(0.0),) * 6
+    if is_carrier.all():
+        return *column.w, *column.v
     mask = jnp.asarray(np.broadcast_to(is_carrier[..., None], (*is_carrier.shape, state.n)))
     return tuple(where(mask, stacking.spread(x, mask.shape), 0.0) for x in (*column.w, *column.v))
 
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
 def _jacobian_rate(state: MechanismState, v: Array, *, frames: int | tuple[int, ...]):
+    state = carrying(state, frames)
     moving = list(zip(poses(state), velocities(state, v), strict=True))
     at_rest = Motion(state.zero_vector, state.zero_vector)
 

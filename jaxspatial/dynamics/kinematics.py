@@ -102,6 +102,11 @@ def _pose(link: tuple[Pose, JointState], X_WP: Pose) -> tuple[Pose, Pose]:
     return X_WJ, X_WJ
 
 
+def carrying(state: MechanismState, frames: Frames) -> MechanismState:
+    """The state, for recursions that compute only the bodies which carry these frames."""
+    return state if frames is None else state.carrying((frames,) if isinstance(frames, int) else frames)
+
+
 def at_carrier(state: MechanismState, frame: int, results: list[T], at_world: T) -> T:
     """The result for the body that carries a frame, from those for every bundle."""
     return state.of_bodies(state.topology.bodies_of([frame]), results, at_world)
@@ -135,6 +140,7 @@ def arranged(state: MechanismState, frames: Frames, of_frames: Sequence[Numbers]
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 12 * len(t))
 def _forward_kinematics(state: MechanismState, *, frames: Frames):
+    state = carrying(state, frames)
     return _of_frames(state, frames, _pose_in_world, [()] * len(state.bundles), ())
 
 
@@ -168,7 +174,7 @@ def subspace_times(S: Sequence[Motion], v: Numbers) -> Motion:
 
 @algorithm(*GEOMETRY, *FRAMES)
 def _body_velocities(state: MechanismState, v: Array, *, frames: Frames):
-    at_rest = Motion(state.zero_vector, state.zero_vector)
+    state, at_rest = carrying(state, frames), Motion(state.zero_vector, state.zero_vector)
     return _of_frames(state, frames, velocity_in_world, velocities(state, v), at_rest)
 
 
@@ -244,7 +250,7 @@ _acceleration_at = noinline_pairs(acceleration_at)
 
 @algorithm(*GEOMETRY, *FRAMES)
 def _body_accelerations(state: MechanismState, v: Array, vdot: Array, *, frames: Frames):
-    at_rest = BodyMotion(*(state.zero_vector,) * 3)
+    state, at_rest = carrying(state, frames), BodyMotion(*(state.zero_vector,) * 3)
     motions = recursion.outward(state, motion_step, at_rest, state.links(v, vdot))
     return _of_frames(state, frames, _acceleration_in_world, motions, at_rest)
 

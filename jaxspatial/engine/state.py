@@ -94,6 +94,13 @@ class MechanismState:
         other.n = n
         return other
 
+    def carrying(self, frames: Iterable[int]) -> "MechanismState":
+        """The same, for recursions that compute only the bodies which carry some frames."""
+        other = copy.copy(self)
+        other.topology = self.topology.carrying(self.topology.bodies_of(frames))
+        other.__dict__.pop("joints", None)
+        return other
+
     @property
     def bundles(self) -> tuple[Bundle, ...]:
         return self.topology.bundles
@@ -335,10 +342,15 @@ class MechanismState:
         return self.rounded(self._independent_rows(*gathered))
 
     def matrix_by_velocity(self, results: Sequence[Sequence[Numbers]]) -> jax.Array:
-        """A matrix (k, nv, B), from its columns: a tuple of k numbers per velocity, in a tuple for each bundle."""
-        k = next(len(parts[0]) for parts in results if parts)
+        """A matrix (k, nv, B), from its columns: a tuple of k numbers per velocity, in a tuple for each bundle.
+
+        Columns of joints that recursions do not compute are zero.
+        """
+        others, zero = self.topology.not_computed, self.known(0.0)
+        k = next((len(parts[0]) for parts in results if parts), 6)
         rows = ([tuple(column[i] for column in parts) for parts in results] for i in range(k))
-        return jnp.stack([self.by_velocity(row) for row in rows])
+        zeros, bundles = [(zero,) * b.kind.nv for b in others], (*self.bundles, *others)
+        return jnp.stack([self.by_velocity([*row, *zeros], bundles) for row in rows])
 
     def _rows(self, bundle: Bundle, parts: Numbers, rank: int) -> Number:
         """The numbers of a bundle, chain after chain: (rows, B) for rank 2, (bodies, k, B) for rank 3."""

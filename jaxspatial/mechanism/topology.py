@@ -122,7 +122,7 @@ class Topology:
 
     followed: for each joint the one whose coordinate it follows; itself where it has coordinates of its own.
     frames: (name, body) of all frames. is_written_out: whether recursions compute body after body, without loops along
-    chains; see `Mechanism.written_out`.
+    chains; see `Mechanism.written_out`. computed: the bodies that recursions compute, None for all; see `carrying`.
     """
 
     body_names: tuple[str, ...]
@@ -132,6 +132,7 @@ class Topology:
     followed: tuple[int, ...]
     frames: tuple[tuple[str, int], ...] = ()
     is_written_out: bool = False
+    computed: tuple[int, ...] | None = None
 
     def __hash__(self):
         return self._hash
@@ -188,12 +189,22 @@ class Topology:
     def v_slice(self, i: int):
         return slice(self.v_starts[i], self.v_starts[i] + self.kind(i).nv)
 
+    def carrying(self, bodies: Iterable[int]) -> "Topology":
+        """The same topology, of which recursions compute some bodies and those that carry them, and no others."""
+        computed = {i for body in bodies for i in self.ancestors(body)}
+        return self if len(computed) == len(self) else dataclasses.replace(self, computed=tuple(sorted(computed)))
+
+    @functools.cached_property
+    def _computed(self):
+        return tuple(range(len(self))) if self.computed is None else self.computed
+
     @functools.cached_property
     def children(self):
+        """Of each body those that recursions compute."""
         children = tuple(list[int]() for _ in self.parents)
-        for i, parent in enumerate(self.parents):
-            if parent >= 0:
-                children[parent].append(i)
+        for i in self._computed:
+            if self.parents[i] >= 0:
+                children[self.parents[i]].append(i)
         return children
 
     def bodies_of(self, frames: Iterable[int]) -> list[int]:
@@ -242,10 +253,18 @@ class Topology:
     @functools.cached_property
     def joints_by_kind(self):
         """All joints that are no mimics, a bundle for each kind: for formulas that need no tree."""
+        return self._by_kind(range(len(self)))
+
+    @functools.cached_property
+    def not_computed(self):
+        """The other joints that are no mimics, those that recursions do not compute."""
+        return self._by_kind(sorted({*range(len(self))} - {*self._computed}))
+
+    def _by_kind(self, bodies: Iterable[int]):
         joints = dict[str, list[int]]()
-        for i, kind in enumerate(self.kinds):
+        for i in bodies:
             if not self.is_mimic(i):
-                joints.setdefault(kind, []).append(i)
+                joints.setdefault(self.kinds[i], []).append(i)
         return tuple(
             Bundle((Chains(KINDS[kind], 1, tuple(of_kind), tuple(self.parents[i] for i in of_kind)),))
             for kind, of_kind in joints.items()
@@ -253,13 +272,15 @@ class Topology:
 
     def _runs(self):
         """(start, stop) of all chains."""
-        ends = [i for i in range(1, len(self)) if not self._continues(i)]
-        return zip([0, *ends], [*ends, len(self)], strict=True) if len(self) else ()
+        runs = list[tuple[int, int]]()
+        for i in self._computed:
+            runs.append((runs.pop()[0] if self._continues(i) else i, i + 1))
+        return runs
 
     def _continues(self, i: int):
         """Whether body i continues the chain of the one before: its only child, by a joint of the same kind. A body on
         the world is a chain of its own: most of what it computes with is known."""
-        if self.is_written_out:
+        if self.is_written_out or i == 0:
             return False
         is_only = self.parents[i] == i - 1 and len(self.children[i - 1]) == 1 and self.parents[i - 1] >= 0
         return is_only and self.kind(i).moves_as == self.kind(i - 1).moves_as

@@ -150,3 +150,40 @@ def test_numbers_passed_as_arguments_stay_general(name):
     function, n = ALGORITHMS[name]
     general = asked_for(lambda mech, *x: function(mech, *x, precision="fast"), arm().as_data(), *STATE[:n])
     assert counted(arm(), name)["multiply"] <= general["multiply"] <= 4 / 3 * counted(arm(), name)["multiply"]
+
+
+def hand(n_fingers):
+    """An arm of two links, on whose end hang fingers of three; the first finger is always the same."""
+    rng = np.random.default_rng(0)
+    names, parents = ["arm0", "arm1"], ["world", "arm0"]
+    for i in range(n_fingers):
+        finger = [f"finger{i}_{k}" for k in range(3)]
+        names, parents = [*names, *finger], [*parents, "arm1", *finger[:2]]
+    joints = [
+        js.Joint(name, "revolute", parent, name, placement=pose(rng), axis=rng.standard_normal(3))
+        for name, parent in zip(names, parents, strict=True)
+    ]
+    return js.Mechanism.build([body(rng, name) for name in names], joints)
+
+
+OF_FRAMES = {
+    "pose": lambda mech, q, v, frame: js.forward_kinematics(mech, q, frame, precision="fast").translation,
+    "velocity": lambda mech, q, v, frame: js.body_velocities(mech, q, v, frame, precision="fast").v,
+    "acceleration": lambda mech, q, v, frame: js.body_accelerations(mech, q, v, v, frame, precision="fast").a,
+    "Jacobian": lambda mech, q, v, frame: js.jacobian(mech, q, frame, precision="fast"),
+    "rate of the Jacobian": lambda mech, q, v, frame: js.jacobian_rate(mech, q, v, frame, precision="fast"),
+}
+
+
+@pytest.mark.parametrize("frame", ["finger0_2", "arm1", "world"])
+@pytest.mark.parametrize("name", OF_FRAMES)
+def test_bodies_that_do_not_carry_a_frame_are_not_computed(name, frame):
+    """One finger of four costs what it costs alone; columns of the others are zero."""
+    alone, four = hand(1), hand(4)
+    q = jnp.asarray(np.random.default_rng(1).standard_normal(four.nv).astype(np.float32))
+    function = OF_FRAMES[name]
+    costs = [asked_for(lambda q, v, m=m: function(m, q, v, frame), q[: m.nv], q[: m.nv]) for m in (alone, four)]
+    assert costs[0] == costs[1]
+    ours, expected = function(four, q, q, frame), function(alone, q[: alone.nv], q[: alone.nv], frame)
+    np.testing.assert_array_equal(ours[..., : expected.shape[-1]], expected)
+    np.testing.assert_array_equal(ours[..., expected.shape[-1] :], 0)
