@@ -50,6 +50,7 @@ if not _IS_FOR_THE_COMMAND:
     # inertia
     from jaxspatial.inertia import ArticulatedInertia as ArticulatedInertia
     from jaxspatial.inertia import SpatialInertia as SpatialInertia
+    from jaxspatial.inertia import bregman_divergence as bregman_divergence
     from jaxspatial.inertia import newton_euler as newton_euler
 
     # mechanisms

@@ -254,6 +254,7 @@ OPERATIONS = {
         _plain("is_valid_articulated", "doubtful_P", lambda P: P.is_physically_valid(2.0**-7),
                differentiable=False, is_mask=True),
         Operation("newton_euler", "M A vector", js.newton_euler),
+        Operation("bregman_divergence", "M M", js.bregman_divergence),
     )
 }  # fmt: skip
 
