@@ -38,7 +38,8 @@ class Plan(NamedTuple):
     shifted: dict[str, np.ndarray]  # the parts of the file about Q
     robot: Mechanism | None
     algorithms: list[str]  # of the robot
-    is_everything: bool  # nothing was asked for by name: applications too
+    has_applications: bool
+    is_first_look: bool  # nothing was asked for
 
 
 def run(given: argparse.Namespace):
@@ -49,7 +50,7 @@ def run(given: argparse.Namespace):
     _write(plan, result, given.overwrite)
     if given.json:
         print(result.to_json())
-    _show(console, result, plan.outputs, given)
+    _show(console, result, plan, given)
     return 1 if result.broken else 0
 
 
@@ -76,6 +77,8 @@ def _check_installed(given):
 
 
 def _plan(given):
+    if options.is_first_look(given):
+        return _first_look(_outputs(given))
     outputs, offset = _outputs(given), np.array(_OFFSET if given.offset is None else given.offset)
     file, asked = WrenchFile(given.file) if given.file else None, given.operation
     wrenches, about = _wrenches(file, given.largest)
@@ -89,7 +92,15 @@ def _plan(given):
         file.check_finite(shifted)
     is_all = not (file or asked or given.robot) and algorithms.LOSSY in dtypes
     measured = operations, dtypes, outputs, file, shifted
-    return Plan(about, wrenches, offset, given.largest, *measured, robot, whole, is_all)
+    return Plan(about, wrenches, offset, given.largest, *measured, robot, whole, is_all, is_first_look=False)
+
+
+def _first_look(outputs):
+    """One operation and one algorithm in one dtype, and the applications: what shows the trade in half a minute."""
+    n, about = trade.IN_CACHE, "wrenches on a rotating body, an arm of seven joints, and five applications, in float32"
+    measured = ["shift_force"], [algorithms.LOSSY], outputs, None, {}
+    offset, whole = np.array(_OFFSET), ["inverse_dynamics"]
+    return Plan(about, rotating_body(n), offset, n, *measured, arm(), whole, has_applications=True, is_first_look=True)
 
 
 def _robot(given):
@@ -161,12 +172,15 @@ def _check_sizes(wrenches, offset, dtypes, source):
 
 def _measured(plan: Plan, console):
     """All measurements; where there is a console, with the power before, and a progress bar."""
-    moving = plan.wrenches if plan.operations and plan.wrenches.w is not None else None
+    has_power = plan.operations and plan.wrenches.w is not None and not plan.is_first_look
+    moving = plan.wrenches if has_power else None
     fitting = [dtype for dtype in trade.STREAMED if moving and trade.fits(moving, plan.offset, dtype)]
     powers = {dtype: trade.power(plan.wrenches, plan.offset, dtype) for dtype in fitting}
     if console:
-        console.print(f"{plan.about}\noffset p_PQ = {plan.offset.tolist()} m\n{timing.machine()}\n")
-    lines, pairs = trade.cases(plan.operations, plan.dtypes), trade.curved(plan.operations, plan.dtypes)
+        offset = "" if plan.is_first_look else f"offset p_PQ = {plan.offset.tolist()} m\n"
+        console.print(f"{plan.about}\n{offset}{timing.machine()}\n", soft_wrap=True)
+    lines = trade.cases(plan.operations, plan.dtypes)
+    pairs = [] if plan.is_first_look else trade.curved(plan.operations, plan.dtypes)
     whole = algorithms.cases(plan.algorithms, plan.dtypes)
 
     def work(advance):
@@ -174,14 +188,14 @@ def _measured(plan: Plan, console):
             trade.measure(plan.wrenches, plan.offset, lines, plan.largest, advance),
             trade.curves(pairs, advance),
             algorithms.measure(plan.robot, whole, advance=advance) if plan.robot else [],
-            algorithms.losses(advance) if plan.is_everything else [],
+            algorithms.losses(advance) if plan.has_applications else [],
         )
 
     if console:
         from jaxspatial.measure import report
 
         steps = trade.steps(lines) + len(pairs) + algorithms.steps(whole)
-        steps += plan.is_everything * algorithms.application_steps()
+        steps += plan.has_applications * algorithms.application_steps()
         report.print_power(console, powers)
         measured = report.with_progress(console, work, steps)
     else:
@@ -195,24 +209,28 @@ def _write(plan: Plan, result, overwrite):
         for what, path in plan.outputs.items():
             file = stack.enter_context(staged(path, overwrite))
             if what == "picture":
-                _draw(result, file, path)
+                _draw(plan, result, file, path)
             elif plan.file:
                 plan.file.write(file, plan.shifted)
 
 
-def _draw(result, file, path):
+def _draw(plan: Plan, result, file, path):
     from jaxspatial.measure import picture
 
-    picture.draw(result, file, path.suffix[1:].lower())
+    draw = picture.draw_first_look if plan.is_first_look else picture.draw
+    draw(result, file, path.suffix[1:].lower())
 
 
-def _show(console, result: Result, outputs, given):
+def _show(console, result: Result, plan: Plan, given):
     """Tables, what was written, and what is broken."""
     if console and not given.json:
         from jaxspatial.measure import report
 
-        report.print_trade(console, result, given.full)
-    written = [f"{what}: {path}" for what, path in outputs.items()]
+        if plan.is_first_look:
+            report.print_first_look(console, result)
+        else:
+            report.print_trade(console, result, given.full)
+    written = [f"{what}: {path}" for what, path in plan.outputs.items()]
     broken = [f"does not hold here: {what}" for what in result.broken]
     for text in (*written, *broken):
         console.print(text, style="bold red" if text in broken else None) if console else print(text, file=sys.stderr)

@@ -119,7 +119,9 @@ def measuring():
     for name, choices in (("operation", (*OPERATIONS, *ALGORITHMS)), ("dtype", DTYPES)):
         what = f"only this {name}, may be repeated: {', '.join(choices)}"
         parser.add_argument(f"--{name}", action="append", choices=choices, metavar=name.upper(), help=what)
-    parser.add_argument("--full", action="store_true", help="the whole table: every dtype, precision and number")
+    parser.add_argument(
+        "--full", action="store_true", help="everything: all operations, dtypes and numbers, minutes instead of seconds"
+    )
     _add_overwrite(parser)
     parser.add_argument(
         "--json",
@@ -235,6 +237,12 @@ def to_measure(arguments: Sequence[str]):
     if options.robot is not None:
         existing(options.robot)
     return options
+
+
+def is_first_look(given: argparse.Namespace):
+    """Whether nothing is asked for: neither a part nor everything."""
+    asked = given.file, given.operation, given.dtype, given.robot, given.full, given.json
+    return not any(asked) and given.largest == LARGEST
 
 
 def to_shift(arguments: Sequence[str]):

@@ -53,6 +53,37 @@ def draw(result: Result, file, ending: str = "png"):
     figure.savefig(file, dpi=130, format=ending)
 
 
+def draw_first_look(result: Result, file, ending: str = "png"):
+    """What precisions cost, and what applications lose: two panels."""
+    figure = Figure(figsize=(13, 4.75), layout="constrained")
+    times, losses = figure.subplots(1, 2)
+    _draw_times(times, result)
+    _draw_losses(losses, result.losses)
+    figure.suptitle(f"{result.about}\n{result.machine}", fontsize=_SMALL)
+    figure.savefig(file, dpi=130, format=ending)
+
+
+def _draw_times(axes, result):
+    """A bar for each precision, as long as its time over that of fast; the time itself beside it."""
+    shift = {row.case.precision: (trade.nanoseconds(row.in_cache), "ns") for row in result.rows}
+    arm = {row.case.precision: (trade.nanoseconds(row.seconds) / 1e3, "µs") for row in result.algorithms}
+    places, names = [], []
+    for title, times in (("a wrench moved\nto another point", shift), ("torques of an arm\nof seven joints", arm)):
+        start = places[-1] + 2 if places else 0
+        for i, (precision, (time, unit)) in enumerate(times.items()):
+            share = time / times["fast"][0]
+            axes.barh(start + i, share, color=_COLOURS[precision], height=0.8)
+            axes.text(share, start + i, f" {precision}, {readable(time)} {unit}", va="center", fontsize=_SMALL)
+            places.append(start + i)
+        names.append(((start + places[-1]) / 2, title))
+    axes.set_yticks([at for at, _ in names], [title for _, title in names])
+    axes.invert_yaxis()
+    axes.set(title="What a precision costs", xlabel="time over that of fast")
+    axes.margins(x=0.35)
+    axes.set_xlim(left=0)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
 def _places(result, dtypes):
     """Where each axes is: operations beside their condition numbers, algorithms beside applications."""
     places = [[dtype, "conditions"] if result.curves else [dtype, dtype] for dtype in dtypes]

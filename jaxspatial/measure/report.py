@@ -71,6 +71,47 @@ def _print_lines(wide, title, head, lines, notes):
     wide.print(notes, highlight=False)
 
 
+# -- the first look: for who has never seen an ulp ---------------------------------------------------------------------
+
+_FIRST_TITLE = "What accuracy costs on this machine, and what it buys"
+_FIRST_NOTES = """\
+fast          when only time counts
+reproducible  the default: the same digits in every program, batch and run
+compensated   as if computed with twice the digits, then rounded once
+faithful      the nearest number but for one, however much cancels; whole algorithms
+              are computed as in compensated
+
+Everything else that can be measured here, in numbers: --full
+"""
+
+
+def print_first_look(console: Console, result: Result):
+    """Times and errors in words, a column for each precision."""
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title=_FIRST_TITLE, title_justify="left")
+    table.add_column("", min_width=30)
+    for precision in Precision:
+        table.add_column(str(precision), justify="right")
+    shifts = {row.case.precision: f"{readable(nanoseconds(row.in_cache))} ns" for row in result.rows}
+    torques = {row.case.precision: f"{readable(nanoseconds(row.seconds) / 1e3)} µs" for row in result.algorithms}
+    table.add_row(Text("time", "bold"))
+    _add_words(table, "a wrench moved to another point", shifts)
+    _add_words(table, "the torques of an arm of seven joints", torques)
+    table.add_row("the same digits every time", *("no" if p is Precision.FAST else "yes" for p in Precision))
+    table.add_row(Text("off by at most in float32, in the unit of the result", "bold"))
+    for loss in result.losses:
+        errors = {precision: readable(error) for precision, error in loss.errors.items()}
+        _add_words(table, f"{loss.name} ({readable(loss.size)} {loss.unit})", errors)
+    wide = _as_wide(console)
+    wide.print(table)
+    wide.print(_FIRST_NOTES, highlight=False)
+
+
+def _add_words(table: Table, text: str, cells: dict[str, str]):
+    """What is measured in the precisions of algorithms alone is the same in the last two."""
+    known = {str(Precision.FAITHFUL): cells[str(Precision.COMPENSATED)]} | cells
+    table.add_row(text, *(known[str(precision)] for precision in Precision))
+
+
 # -- a screen ---------------------------------------------------------------------------------------------------------
 
 

@@ -1,19 +1,25 @@
 """Wrenches in files: read and checked, moved to another point and other axes, written whole or not at all.
 
 `Npz` holds arrays, `Csv` named columns; what else is in a file is kept. Parts are "tau", "f" and, both or none, "w",
-"v": arrays (n, 3).
+"v": arrays (n, 3). Files are read in blocks of rows, so that a file may be larger than memory.
 """
 
 import argparse
 import contextlib
 import csv
 import io
+import itertools
+import math
 import os
 import pathlib
 import secrets
 import shlex
-from collections.abc import Sequence
-from typing import Any, BinaryIO
+import shutil
+import sys
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, BinaryIO, NamedTuple
 
 import jax
 import numpy as np
@@ -28,16 +34,85 @@ _REQUIRED, _OPTIONAL = ("tau", "f"), ("w", "v")
 _DTYPES = tuple(np.dtype(name) for name in ("float16", "float32", "float64"))
 _AXES = {3: "xyz", 4: "wxyz"}
 _SEPARATORS = (",", ";", "\t")
-# Rows that are made text at once: enough for speed, little next to the table.
-_ROWS = 10_000
+# Rows that are read, moved and written at once: enough for speed, and as text some 60 MB.
+_BLOCK = 65_536
 # How far the norm of a quaternion may be from 1: it is normalised, but what is further off is no quaternion.
 _ROUNDED = 1e-3
 
 Parts = dict[str, np.ndarray]
 
 
-class WrenchFile:
-    """A file of wrenches: `parts` are the arrays (n, 3) that it holds.
+class Rows(NamedTuple):
+    """Rows of a file as a format reads them: the number of the first, how many, whether there may be more, and the
+    numbers (n,) or (n, k) under a name."""
+
+    first: int
+    n: int
+    is_last: bool
+    values: Callable[[str], np.ndarray]
+
+
+class Block:
+    """Rows of a file of wrenches: `parts` are arrays (n, 3), finite; `first` is the number of the first row."""
+
+    def __init__(self, content: "Npz | Csv", rows: Rows, parts: Sequence[str]):
+        self._content, self._rows, self.first = content, rows, rows.first
+        self.parts = {part: self._part(part) for part in parts}
+        for part, array in self.parts.items():
+            self._check_numbers(part, array)
+
+    def __len__(self):
+        return self._rows.n
+
+    def column(self, name: str) -> np.ndarray:
+        """The finite numbers (n,) of a column beside the wrenches, as float64."""
+        self._content.check_column(name)
+        numbers = self._rows.values(name).astype(np.float64)
+        bad = np.flatnonzero(~np.isfinite(numbers))
+        if len(bad):
+            where = f"row {self.first + bad[0] + 1}, column {name}"
+            raise WrenchFileError(f"{self._content.path}: expected finite numbers, got {numbers[bad[0]]} in {where}")
+        return numbers
+
+    def check_finite(self, parts: Parts):
+        """Refuses results that overflow: the first is named by its place."""
+        for part, array in parts.items():
+            bad = np.argwhere(~np.isfinite(array))
+            if len(bad):
+                raise WrenchFileError(
+                    f"{self._content.path}: the {PARTS[part]} about the new point, {self._place(part, bad[0])}, is too "
+                    f"large for {array.dtype} (at most {float(check.finfo(array.dtype).max):.3g})"
+                    f"{self._more('; so', len(bad) - 1)}"
+                )
+
+    def _part(self, part):
+        columns = [self._rows.values(name) for name in self._content.named(part)]
+        return columns[0] if len(columns) == 1 else np.stack(columns, axis=-1)
+
+    def _place(self, part, index):
+        return self._content.place(part, self.first + index[0], index[1])
+
+    def _check_numbers(self, part, array):
+        dtype, where = array.dtype, f"{self._content.path}: {part}"
+        if not np.issubdtype(dtype, np.floating):
+            raise WrenchFileError(f"{where}: expected floating point numbers, got {dtype}")
+        if dtype not in _DTYPES or not dtype.isnative:
+            expected = "float16, float32 or float64 in the byte order of this machine"
+            raise WrenchFileError(f"{where}: expected {expected}, got {dtype}; convert it, as with astype('float64')")
+        bad = np.argwhere(~np.isfinite(array))
+        if len(bad):
+            value, place = array[tuple(bad[0])], self._place(part, bad[0])
+            more = self._more(", and so", len(bad) - 1)
+            raise WrenchFileError(f"{self._content.path}: expected finite numbers, got {value} in {place}{more}")
+
+    def _more(self, before, n):
+        """How many more there are like the first, as far as is read; nothing where there are none."""
+        until = "" if self._rows.is_last else f" up to row {self.first + len(self)}"
+        return f"{before} {'is' if n == 1 else 'are'} {n} more{until}" if n else ""
+
+
+class WrenchLog:
+    """A file of wrenches, read in blocks of rows: however long it is, it takes the memory of one.
 
     columns: part -> names of its columns, for files that call them otherwise. What else is in the file is kept and
     written out again as it was.
@@ -46,49 +121,43 @@ class WrenchFile:
     def __init__(self, path: str | pathlib.Path, columns: dict[str, tuple[str, ...]] | None = None):
         self.path, columns = options.existing(pathlib.Path(path), options.ENDINGS), columns or {}
         self._content = (Npz if self.path.suffix.lower() == ".npz" else Csv)(self.path, columns)
-        present = [part for part in PARTS if self._content.has(part)]
-        self._check_parts(present, columns)
-        self.parts = {part: self._content.read(part) for part in present}
-        self._check_shapes()
-        for part, array in self.parts.items():
-            self._check_numbers(part, array)
+        self._present = [part for part in PARTS if self._content.has(part)]
+        self._check_parts(columns)
+        self._content.check_shapes(self._present)
 
     @property
     def moves(self):
         """Whether the motion is known."""
-        return "w" in self.parts
+        return "w" in self._present
 
-    def __len__(self):
-        return len(self.parts["tau"])
+    def blocks(self, rows: int = _BLOCK) -> Iterator[Block]:
+        """All rows, so many at once."""
+        return (Block(self._content, read, self._present) for read in self._content.rows(rows))
 
-    def column(self, name: str) -> np.ndarray:
-        """The finite numbers (n,) of a column beside the wrenches, as float64."""
-        numbers = self._content.column(name)
-        if len(numbers) != len(self):
-            raise WrenchFileError(f"{self.path}: {name}: expected {len(self)} numbers, got {len(numbers)}")
-        bad = np.flatnonzero(~np.isfinite(numbers))
-        if len(bad):
-            where = f"row {bad[0] + 1}, column {name}"
-            raise WrenchFileError(f"{self.path}: expected finite numbers, got {numbers[bad[0]]} in {where}")
-        return numbers
+    def rewrite(
+        self,
+        file: BinaryIO,
+        change: Callable[[Block], Parts],
+        rows: int = _BLOCK,
+        advance: Callable[[float], Any] = lambda share: None,
+    ) -> int:
+        """Writes a copy into a binary file, with `change(block)` in place of the parts of each block; returns how many
+        wrenches there are. What did not change stays as it was. `advance` hears which share of the work is done."""
+        n = 0
 
-    def write(self, file: BinaryIO, parts: Parts):
-        """Writes a copy into a binary file, with `parts` in place of its own. What did not change stays as it was."""
-        changed = {name: x for name, x in parts.items() if x.tobytes() != self.parts[name].tobytes()}
-        self._content.write(file, changed)
+        def changed(read: Rows):
+            nonlocal n
+            block = Block(self._content, read, self._present)
+            parts = change(block)
+            block.check_finite(parts)
+            n = max(n, read.first + read.n)
+            return {name: x for name, x in parts.items() if x.tobytes() != block.parts[name].tobytes()}
 
-    def check_finite(self, parts: Parts):
-        """Refuses results that overflow: the first is named by its place."""
-        for part, array in parts.items():
-            bad = np.argwhere(~np.isfinite(array))
-            if len(bad):
-                where = self._content.place(part, *bad[0])
-                raise WrenchFileError(
-                    f"{self.path}: the {PARTS[part]} about the new point, {where}, is too large for {array.dtype} "
-                    f"(at most {float(check.finfo(array.dtype).max):.3g}){_more('; so', len(bad) - 1)}"
-                )
+        self._content.rewrite(file, self._present, changed, rows, advance)
+        return n
 
-    def _check_parts(self, present, columns):
+    def _check_parts(self, columns):
+        present = self._present
         missing = [part for part in PARTS if part not in present and (part in _REQUIRED or part in columns)]
         if len(present) - len(_REQUIRED) == 1:
             missing += [part for part in _OPTIONAL if part not in (*present, *missing)]
@@ -97,32 +166,25 @@ class WrenchFile:
             found = ", ".join(self._content.names) or "nothing"
             raise WrenchFileError(f"{self.path}: expected {wanted}; found {found}")
 
-    def _check_shapes(self):
-        tau = self.parts["tau"]
-        if not tau.ndim or not len(tau):
-            raise WrenchFileError(f"{self.path}: expected at least one wrench, got no rows")
-        for part, x in self.parts.items():
-            if x.shape != (len(tau), 3) or x.dtype != tau.dtype:
-                expected = f"shape {(len(tau), 3)} and {tau.dtype} as tau has"
-                raise WrenchFileError(f"{self.path}: {part}: expected {expected}, got {x.shape} and {x.dtype}")
 
-    def _check_numbers(self, part, array):
-        dtype, where = array.dtype, f"{self.path}: {part}"
-        if not np.issubdtype(dtype, np.floating):
-            raise WrenchFileError(f"{where}: expected floating point numbers, got {dtype}")
-        if dtype not in _DTYPES or not dtype.isnative:
-            expected = "float16, float32 or float64 in the byte order of this machine"
-            raise WrenchFileError(f"{where}: expected {expected}, got {dtype}; convert it, as with astype('float64')")
-        bad = np.argwhere(~np.isfinite(array))
-        if len(bad):
-            value, place = array[tuple(bad[0])], self._content.place(part, *bad[0])
-            more = _more(", and so", len(bad) - 1)
-            raise WrenchFileError(f"{self.path}: expected finite numbers, got {value} in {place}{more}")
+class WrenchFile(WrenchLog):
+    """A file of wrenches that is read at once: `parts` are the arrays (n, 3) that it holds."""
 
+    def __init__(self, path: str | pathlib.Path, columns: dict[str, tuple[str, ...]] | None = None):
+        super().__init__(path, columns)
+        (self._block,) = self.blocks(sys.maxsize)
+        self.parts = self._block.parts
 
-def _more(before, n):
-    """How many more there are like the first; nothing where there are none."""
-    return f"{before} {'is' if n == 1 else 'are'} {n} more" if n else ""
+    def __len__(self):
+        return len(self._block)
+
+    def write(self, file: BinaryIO, parts: Parts):
+        """Writes a copy into a binary file, with `parts` in place of its own. What did not change stays as it was."""
+        self.rewrite(file, lambda block: parts, sys.maxsize)
+
+    def check_finite(self, parts: Parts):
+        """Refuses results that overflow: the first is named by its place."""
+        self._block.check_finite(parts)
 
 
 # -- moving them -------------------------------------------------------------------------------------------------------
@@ -130,36 +192,55 @@ def _more(before, n):
 
 def convert(given: argparse.Namespace):
     """Moves the wrenches of a file as the options of `shift` say, and nothing else; returns the exit status."""
-    file = WrenchFile(given.file, given.columns)
-    offset, rotation, pose = (_resolved(file, name, getattr(given, name)) for name in ("offset", "rotation", "pose"))
-    _check_quaternions("rotation", rotation)
-    _check_quaternions("pose", pose)
-    parts = moved(file.parts, offset, rotation, pose, given.precision)
-    file.check_finite(parts)
-    with staged(given.output, given.overwrite) as stream:
-        file.write(stream, parts)
-    done = (("shifted", offset), ("rotated", rotation), ("moved by their pose", pose))
-    what = " and ".join(word for word, x in done if x is not None)
-    print(f"{len(file):,} wrenches{' and velocities' if file.moves else ''} {what}: {given.output}")
+    log = WrenchLog(given.file, given.columns)
+
+    def change(block: Block):
+        motions = [_resolved(block, name, getattr(given, name)) for name in ("offset", "rotation", "pose")]
+        return moved(block.parts, *motions, given.precision)
+
+    with staged(given.output, given.overwrite) as stream, _bar() as advance:
+        n = log.rewrite(stream, change, advance=advance)
+    done = {"offset": "shifted", "rotation": "rotated", "pose": "moved by their pose"}
+    what = " and ".join(word for name, word in done.items() if getattr(given, name) is not None)
+    print(f"{n:,} wrenches{' and velocities' if log.moves else ''} {what}: {given.output}")
     return 0
 
 
-def _resolved(file, name, entries: Sequence[float | str] | None):
+@contextlib.contextmanager
+def _bar():
+    """Yields what shows which share of the work is done: a bar, where rich is installed and somebody sees it."""
+    try:
+        from rich import progress
+        from rich.console import Console
+    except ImportError:
+        yield lambda share: None
+        return
+    console = Console(stderr=True)
+    columns = (progress.BarColumn(), progress.TaskProgressColumn(), progress.TimeRemainingColumn())
+    with progress.Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda share: bar.update(task, completed=share)
+
+
+def _resolved(block: Block, name, entries: Sequence[float | str] | None):
     """Numbers and columns as one array (k,), or (n, k) where each row has its own."""
     if entries is None:
         return None
     try:
-        columns = [file.column(e) if isinstance(e, str) else e for e in entries]
+        columns = [block.column(e) if isinstance(e, str) else e for e in entries]
     except WrenchFileError as error:
         raise WrenchFileError(f"{error}; {options.example(name)}") from error
-    return np.stack(np.broadcast_arrays(*columns), axis=-1)
+    x = np.stack(np.broadcast_arrays(*columns), axis=-1)
+    if name != "offset":
+        _check_quaternions(name, x, block.first)
+    return x
 
 
-def _check_quaternions(name, x):
-    norms = np.ones(()) if x is None else np.linalg.norm(x[..., :4], axis=-1)
+def _check_quaternions(name, x, first):
+    norms = np.linalg.norm(x[..., :4], axis=-1)
     wrong = np.argwhere(~(abs(norms - 1) <= _ROUNDED))
     if len(wrong):
-        got = f"one of norm {norms[tuple(wrong[0])]:.6g}" + (f" in row {wrong[0][0] + 1}" if norms.ndim else "")
+        got = f"one of norm {norms[tuple(wrong[0])]:.6g}" + (f" in row {first + wrong[0][0] + 1}" if norms.ndim else "")
         raise WrenchFileError(f"--{name}: expected a unit quaternion W X Y Z first, got {got}")
 
 
@@ -231,6 +312,14 @@ def _publish(temporary, target, overwrite):
 # -- the formats -------------------------------------------------------------------------------------------------------
 
 
+class _Array(NamedTuple):
+    """An array of an archive, without its numbers; `whole` are they where they cannot be read row by row."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    whole: np.ndarray | None
+
+
 class Npz:
     """Arrays by name. A column is an array (n,), or one of an array: p_x of p (n, 3), q_w of q (n, 4), a_0 of a (n, k).
 
@@ -239,64 +328,158 @@ class Npz:
 
     def __init__(self, path: pathlib.Path, columns: dict[str, tuple[str, ...]]):
         try:
-            with np.load(path, allow_pickle=False) as file:
-                self.arrays = dict(file)
+            with zipfile.ZipFile(path) as archive:
+                files = [name for name in archive.namelist() if name.endswith(".npy")]
+                self.arrays = {name.removesuffix(".npy"): self._described(archive, name) for name in files}
         except Exception as error:
             raise WrenchFileError(f"{path}: expected a NumPy .npz archive without pickles: {error}") from error
         self.path, self.names, self._columns = path, tuple(self.arrays), columns
 
+    @staticmethod
+    def _described(archive, name):
+        with archive.open(name) as file:
+            shape, is_fortran, dtype = _header(file)
+        if not is_fortran:
+            return _Array(shape, dtype, None)
+        with archive.open(name) as file:
+            return _Array(shape, dtype, np.lib.format.read_array(file, allow_pickle=False))
+
     def has(self, part):
-        return all(self._find(name)[0] for name in self._named(part))
+        return all(self._find(name)[0] for name in self.named(part))
 
     def expected(self, part):
-        names = self._named(part)
+        names = self.named(part)
         return f"array '{names[0]}' of shape (n, 3)" if len(names) == 1 else f"columns {', '.join(names)}"
 
-    def read(self, part):
-        columns = [self._values(name) for name in self._named(part)]
-        if len({x.shape for x in columns}) > 1:
-            lengths = [len(x) for x in columns]
-            raise WrenchFileError(f"{self.path}: {part}: expected columns of one length, got {lengths}")
-        return columns[0] if len(columns) == 1 else np.stack(columns, axis=-1)
+    def check_shapes(self, parts):
+        found = {part: self._shape_and_dtype(part) for part in parts}
+        (length, *_), tau = found["tau"][0] or (0,), found["tau"][1]
+        if not length:
+            raise WrenchFileError(f"{self.path}: expected at least one wrench, got no rows")
+        for part, (shape, dtype) in found.items():
+            if shape != (length, 3) or dtype != tau:
+                expected = f"shape {(length, 3)} and {tau} as tau has"
+                raise WrenchFileError(f"{self.path}: {part}: expected {expected}, got {shape} and {dtype}")
+        self._length = length
 
-    def column(self, name):
-        """The numbers (n,) of a column, as float64."""
-        x = self._values(name) if self._find(name)[0] else np.empty(())
-        if x.ndim != 1 or not np.issubdtype(x.dtype, np.number) or np.iscomplexobj(x):
+    def check_column(self, name):
+        """Refuses what is no column of as many real numbers as there are wrenches."""
+        base, index = self._find(name)
+        if not base:
             raise _no_column(self, name)
-        return x.astype(np.float64)
+        shape, dtype, _ = self.arrays[base]
+        is_real = np.issubdtype(dtype, np.number) and not np.issubdtype(dtype, np.complexfloating)
+        if len(shape) != (1 if index is ... else 2) or not is_real:
+            raise _no_column(self, name)
+        if shape[0] != self._length:
+            raise WrenchFileError(f"{self.path}: {name}: expected {self._length} numbers, got {shape[0]}")
 
     def place(self, part, row, column):
-        names = self._named(part)
+        names = self.named(part)
         return f"{part}[{row}, {column}]" if len(names) == 1 else f"{names[column]}[{row}]"
 
-    def write(self, file: BinaryIO, parts: Parts):
-        arrays = {name: array.copy() for name, array in self.arrays.items()}
-        for part, array in parts.items():
-            names = self._named(part)
+    def rows(self, at_once: int) -> Iterator[Rows]:
+        with zipfile.ZipFile(self.path) as archive, contextlib.ExitStack() as stack:
+            streams: dict[str, Any] = {}
+            for begin in range(0, self._length, at_once):
+                n = min(at_once, self._length - begin)
+                read: dict[str, np.ndarray] = {}
+
+                def values(name, begin=begin, n=n, read=read):
+                    base, index = self._find(name)
+                    if base not in read:
+                        read[base] = self._next(archive, stack, streams, base, begin, n)
+                    return read[base][index]
+
+                yield Rows(begin, n, begin + n == self._length, values)
+
+    def rewrite(self, file: BinaryIO, parts, changed, at_once: int, advance):
+        """An archive holds one array after the other: all rows are read again for each one that changes."""
+        places: dict[str, list[tuple[str, Any, Any]]] = {}
+        for part in parts:
+            names = self.named(part)
             for i, name in enumerate(names):
                 base, index = self._find(name)
-                arrays[base][index] = array if len(names) == 1 else array[:, i]
-        np.savez(file, **arrays)
+                places.setdefault(base, []).append((part, ... if len(names) == 1 else (..., i), index))
+        done, all_rows = 0, self._length * len(places)
+        with zipfile.ZipFile(self.path) as source, zipfile.ZipFile(file, "w") as target:
+            for info in source.infolist():
+                base = info.filename.removesuffix(".npy")
+                with target.open(info.filename, "w", force_zip64=True) as out:
+                    if base not in places:
+                        with source.open(info) as member:
+                            shutil.copyfileobj(member, out)
+                        continue
+                    shape, dtype, _ = self.arrays[base]
+                    descr = np.lib.format.dtype_to_descr(dtype)
+                    header = {"descr": descr, "fortran_order": False, "shape": shape}
+                    np.lib.format.write_array_header_1_0(out, header)
+                    for rows in self.rows(at_once):
+                        x, new = self._own(rows, base), changed(rows)
+                        for part, entries, index in places[base]:
+                            if part in new:
+                                x[index] = new[part][entries]
+                        out.write(x.tobytes())
+                        done += rows.n
+                        advance(done / all_rows)
 
-    def _named(self, part):
+    def named(self, part):
         return self._columns.get(part, (part,))
+
+    def _own(self, rows, base):
+        """A copy of rows of a whole array."""
+        return np.array(rows.values(base))
 
     def _find(self, name):
         """(array, index into it) of a name; no array where there is nothing of that name."""
         if name in self.arrays:
             return name, ...
         base, _, last = name.rpartition("_")
-        if base in self.arrays and self.arrays[base].ndim == 2:
+        if base in self.arrays and len(self.arrays[base].shape) == 2:
             k = self.arrays[base].shape[1]
             indices = {str(i): i for i in range(k)} | {axis: i for i, axis in enumerate(_AXES.get(k, ""))}
             if last in indices:
                 return base, (..., indices[last])
         return "", ...
 
-    def _values(self, name):
-        base, index = self._find(name)
-        return self.arrays[base][index]
+    def _shape_and_dtype(self, part):
+        """Of the array of a part, or of its columns together."""
+        found = [(self.arrays[base], index) for base, index in map(self._find, self.named(part))]
+        shapes = [x.shape if index is ... else x.shape[:1] for x, index in found]
+        if len(set(shapes)) > 1:
+            lengths = [shape[0] if shape else 0 for shape in shapes]
+            raise WrenchFileError(f"{self.path}: {part}: expected columns of one length, got {lengths}")
+        shape = shapes[0] if len(shapes) == 1 else (*shapes[0], len(shapes))
+        return shape, np.result_type(*(x.dtype for x, _ in found))
+
+    def _next(self, archive, stack, streams, base, begin, n):
+        """n rows of an array from `begin` on, where it was left, or from where it is kept."""
+        shape, dtype, whole = self.arrays[base]
+        if whole is not None:
+            return whole[begin : begin + n]
+        try:
+            if base not in streams:
+                streams[base] = stack.enter_context(archive.open(f"{base}.npy"))
+                _header(streams[base])
+            size = n * math.prod(shape[1:]) * dtype.itemsize
+            data = streams[base].read(size)
+        except (zipfile.BadZipFile, zlib.error, EOFError) as error:
+            raise WrenchFileError(f"{self.path}: {base}: {error}") from error
+        if len(data) != size:
+            raise WrenchFileError(f"{self.path}: {base}: expected {shape[0]} rows, got fewer")
+        return np.frombuffer(data, dtype).reshape(n, *shape[1:])
+
+
+def _header(file):
+    """(shape, whether in Fortran's order, dtype) of an array in a file, which is left where its numbers begin."""
+    version = np.lib.format.read_magic(file)
+    read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version not in read:
+        raise ValueError(f"format {version} of an array")
+    shape, is_fortran, dtype = read[version](file)
+    if dtype.hasobject:
+        raise ValueError("arrays of objects")
+    return shape, is_fortran, dtype
 
 
 class Csv:
@@ -307,27 +490,17 @@ class Csv:
 
     def __init__(self, path: pathlib.Path, columns: dict[str, tuple[str, ...]]):
         self.path, self._columns = path, columns
-        try:
-            with open(path, newline="", encoding="utf-8-sig") as file:
-                rows = self._rows(file)
-        except UnicodeDecodeError as error:
-            raise WrenchFileError(f"{path}: expected text in UTF-8: {error}") from error
-        except csv.Error as error:
-            raise WrenchFileError(f"{path}: expected rows of text: {error}") from error
-        self.names, self.rows = tuple(name.strip() for name in rows[0]) if rows else (), rows[1:]
+        lines = self._lines()
+        self.names = tuple(name.strip() for name in next(lines, ()))
+        self._are_names_quoted = self._quoted
+        self._first = next(lines, None)
         self._check_first_line()
-        n = len(self.names)
-        for i, row in enumerate(self.rows):
-            if len(row) != n:
-                is_doubt = self._separator == "," and len(row) > n
-                hint = "; if its numbers have decimal commas, write 1.5 for 1,5" if is_doubt else ""
-                raise WrenchFileError(f"{path}: row {i + 1}: expected {n} values, got {len(row)}{hint}")
 
     def _check_first_line(self):
         first = self.names[0] if self.names else ""
         if len(first) > 1 and first.startswith(("#", "%", "//")):
             # Names behind such a sign, as many as there are numbers below, are what NumPy's savetxt writes.
-            is_names = bool(self.rows) and len(self.rows[0]) == len(self.names) > 1
+            is_names = self._first is not None and len(self._first) == len(self.names) > 1
             command = "sed '1s|^[#%/ ]*||'" if is_names else "tail -n +2"
             raise WrenchFileError(
                 f"{self.path}: line 1: expected names of columns, as in tau_x,tau_y,tau_z,f_x,f_y,f_z, got the comment "
@@ -338,72 +511,107 @@ class Csv:
         """As what a command reads, and a file for what it writes."""
         return f"{shlex.quote(str(self.path))} > new{self.path.suffix}"
 
-    def _rows(self, file):
-        """All rows that are not empty; separator and ends of lines are those of the first."""
-        head = file.readline()
-        file.seek(0)
-        self._separator = max(_SEPARATORS, key=head.count)
-        self._end = "\r\n" if head.endswith("\r\n") else "\n"
-        self._quoted = False
+    def _lines(self):
+        """The cells of all lines that are not empty; separator and ends of lines are those of the first.
 
-        def watched():
-            """The lines, noting whether any has quotes."""
+        Notes whether any has quotes, and how many characters are read."""
+        self._quoted, self._characters = False, 0
+
+        def watched(file):
             for line in file:
                 self._quoted = self._quoted or '"' in line
+                self._characters += len(line)
                 yield line
 
-        # As tuples: the garbage collector soon leaves those of text alone.
-        return [tuple(row) for row in csv.reader(watched(), delimiter=self._separator) if row]
+        try:
+            with open(self.path, newline="", encoding="utf-8-sig") as file:
+                head = file.readline()
+                file.seek(0)
+                self._separator = max(_SEPARATORS, key=head.count)
+                self._end = "\r\n" if head.endswith("\r\n") else "\n"
+                # As tuples: the garbage collector soon leaves those of text alone.
+                yield from (tuple(row) for row in csv.reader(watched(file), delimiter=self._separator) if row)
+        except UnicodeDecodeError as error:
+            raise WrenchFileError(f"{self.path}: expected text in UTF-8: {error}") from error
+        except csv.Error as error:
+            raise WrenchFileError(f"{self.path}: expected rows of text: {error}") from error
 
-    def _named(self, part):
+    def named(self, part):
         names = self._columns.get(part, (part,))
         return tuple(f"{names[0]}_{axis}" for axis in "xyz") if len(names) == 1 else names
 
     def has(self, part):
-        return all(name in self.names for name in self._named(part))
+        return all(name in self.names for name in self.named(part))
 
     def expected(self, part):
-        return f"columns {', '.join(self._named(part))}"
+        return f"columns {', '.join(self.named(part))}"
 
-    def read(self, part):
-        return np.stack([self.column(name) for name in self._named(part)], axis=-1)
+    def check_shapes(self, parts):
+        if self._first is None:
+            raise WrenchFileError(f"{self.path}: expected at least one wrench, got no rows")
+        for name in itertools.chain(*map(self.named, parts)):
+            self.check_column(name)
 
-    def column(self, name):
-        """The numbers (n,) of a column, as float64."""
+    def check_column(self, name):
         if self.names.count(name) != 1:
             raise _no_column(self, name)
-        j = self.names.index(name)
-        try:
-            return np.fromiter((float(row[j]) for row in self.rows), np.float64, len(self.rows))
-        except ValueError:
-            raise self._no_number(j) from None
 
-    def _no_number(self, j):
+    def place(self, part, row, column):
+        return f"row {row + 1}, column {self.named(part)[column]}"
+
+    def rows(self, at_once: int) -> Iterator[Rows]:
+        for first, table, is_last in self._tables(at_once):
+            yield self._as_rows(first, table, is_last)
+
+    def rewrite(self, file: BinaryIO, parts, changed, at_once: int, advance):
+        """Numbers as the shortest text that reads back as the same number."""
+        size = self.path.stat().st_size
+        file.write(self._text([self.names], self._are_names_quoted))
+        for first, table, is_last in self._tables(at_once):
+            columns = list(zip(*table, strict=True))
+            for part, x in changed(self._as_rows(first, table, is_last)).items():
+                for name, numbers in zip(self.named(part), x.T, strict=True):
+                    columns[self.names.index(name)] = tuple(map(repr, numbers.tolist()))
+            file.write(self._text(zip(*columns, strict=True), self._quoted))
+            advance(self._characters / size)
+
+    def _tables(self, at_once):
+        """(number of the first, cells by row and column, whether it is the last) of so many lines at once."""
+        lines, first, n = self._lines(), 0, len(self.names)
+        next(lines)
+        table = list(itertools.islice(lines, at_once))
+        while table:
+            for i, row in enumerate(table, first):
+                if len(row) != n:
+                    is_doubt = self._separator == "," and len(row) > n
+                    hint = "; if its numbers have decimal commas, write 1.5 for 1,5" if is_doubt else ""
+                    raise WrenchFileError(f"{self.path}: row {i + 1}: expected {n} values, got {len(row)}{hint}")
+            yield first, table, len(table) < at_once
+            first += len(table)
+            self._quoted = False
+            table = list(itertools.islice(lines, at_once))
+
+    def _as_rows(self, first, table, is_last):
+        def values(name):
+            j = self.names.index(name)
+            try:
+                return np.fromiter((float(row[j]) for row in table), np.float64, len(table))
+            except ValueError:
+                raise self._no_number(first, table, j) from None
+
+        return Rows(first, len(table), is_last, values)
+
+    def _no_number(self, first, table, j):
         """Which cell it was that is no number."""
-        i, text = next((i, row[j]) for i, row in enumerate(self.rows) if not _is_number(row[j]))
+        i, text = next((i, row[j]) for i, row in enumerate(table, first) if not _is_number(row[j]))
         hint = options.decimal_point(text)
         hint += f": tr , . < {self._in_a_shell()}" if hint else ""
         where = f"row {i + 1}, column {self.names[j]}"
         return WrenchFileError(f"{self.path}: expected a number, got {text!r} in {where}{hint}")
 
-    def place(self, part, row, column):
-        return f"row {row + 1}, column {self._named(part)[column]}"
-
-    def write(self, file: BinaryIO, parts: Parts):
-        """Numbers as the shortest text that reads back as the same number."""
-        changed = {
-            self.names.index(name): x[:, i] for part, x in parts.items() for i, name in enumerate(self._named(part))
-        }
-        file.write(self._text([self.names]))
-        for begin in range(0, len(self.rows), _ROWS):
-            columns = list(zip(*self.rows[begin : begin + _ROWS], strict=True))
-            for j, numbers in changed.items():
-                columns[j] = tuple(map(repr, numbers[begin : begin + _ROWS].tolist()))
-            file.write(self._text(zip(*columns, strict=True)))
-
-    def _text(self, rows):
+    def _text(self, rows, is_quoted):
         """Rows as bytes. Without quotes anywhere no cell needs any, which is quick."""
-        if self._quoted:
+        if is_quoted:
             text = io.StringIO()
             csv.writer(text, delimiter=self._separator, lineterminator=self._end).writerows(rows)
             return text.getvalue().encode()

@@ -43,7 +43,7 @@ def quick(monkeypatch):
     """The main job without the measuring, which other tests wait for."""
     monkeypatch.setattr(trade, "measure", lambda *_: [])
     monkeypatch.setattr(trade, "curves", lambda *_: [])
-    monkeypatch.setattr(measuring, "_draw", lambda result, file, path: file.write(b"x" * 100_000))
+    monkeypatch.setattr(measuring, "_draw", lambda plan, result, file, path: file.write(b"x" * 100_000))
     monkeypatch.setattr(measuring, "_show", lambda *_: None)
 
 
@@ -109,7 +109,7 @@ def test_a_full_disk(job, path, quick, capsys):
 
 
 def test_a_second_file_that_fails_takes_the_first_with_it(path, quick, capsys, monkeypatch):
-    monkeypatch.setattr(measuring, "_draw", lambda result, file, path: file.write(b"a picture"))
+    monkeypatch.setattr(measuring, "_draw", lambda plan, result, file, path: file.write(b"a picture"))
     with _no_file_larger_than(1000):
         assert f"mine_shifted{path.suffix}: not written" in _failed([path, *OFFSET, *SMALL], capsys)
 

@@ -31,7 +31,7 @@ def quick(monkeypatch):
     """The main job without the measuring and the picture of it, which other tests wait for."""
     monkeypatch.setattr(trade, "measure", lambda *_: [])
     monkeypatch.setattr(trade, "curves", lambda *_: [])
-    monkeypatch.setattr(measuring, "_draw", lambda result, file, path: file.write(b"a picture"))
+    monkeypatch.setattr(measuring, "_draw", lambda plan, result, file, path: file.write(b"a picture"))
 
 
 def _write_csv(path, wrenches, columns=COLUMNS):
@@ -230,10 +230,28 @@ def test_what_is_measured_unasked(monkeypatch):
 
     everything = plan()
     assert everything.algorithms == list(algorithms.ALGORITHMS) and everything.robot and everything.robot.nv == 7
-    assert everything.is_everything
-    assert not plan("--operation", "dot").algorithms and not plan("--dtype", "float64").is_everything
+    assert everything.has_applications
+    assert not plan("--operation", "dot").algorithms and not plan("--dtype", "float64").has_applications
     forward = plan("--operation", "forward_dynamics")
-    assert forward.algorithms == ["forward_dynamics"] and not forward.operations and not forward.is_everything
+    assert forward.algorithms == ["forward_dynamics"] and not forward.operations and not forward.has_applications
+
+
+def test_the_first_look(tmp_path, capsys, monkeypatch):
+    """Without a wish: a table in words, on a screen, and a picture. Any wish is no first look."""
+    for wish in (["--full"], ["--json"], ["--dtype", "float32"], ["--largest", "1000"], ["--operation", "dot"]):
+        assert not options.is_first_look(options.measuring().parse_args(wish))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(algorithms, "STATES", 20)
+    assert main([]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) < 40 and max(map(len, lines)) <= 144
+    rows = {line[:40].strip(): line[60:].split() for line in lines}
+    same = next(cells for name, cells in rows.items() if name.startswith("the same digits"))
+    assert same[-4:] == ["no", "yes", "yes", "yes"]
+    lever = next(line.split()[-4:] for line in lines if "moved by 1 km" in line)
+    assert float(lever[0]) > 1e-3 > 1e-6 > float(lever[2]) == float(lever[3])
+    with Image.open(tmp_path / "jaxspatial_trade.png") as picture:
+        assert picture.size[0] > 1.5 * picture.size[1]
 
 
 def _csv(text):
