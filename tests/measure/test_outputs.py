@@ -213,7 +213,7 @@ def test_control_c(tmp_path):
         [sys.executable, "-u", "-c", code], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     assert run.stdout is not None
-    while "Power before" not in run.stdout.readline():
+    while "jaxlib" not in run.stdout.readline():
         assert run.poll() is None
     run.send_signal(signal.SIGINT)
     _, error = run.communicate(timeout=60)
