@@ -11,6 +11,8 @@ import jaxspatial
 
 PACKAGE = pathlib.Path(jaxspatial.__file__).parent
 LAYERS = ["numerics", "rotation", "spatial", "inertia", "mechanism", "engine", "dynamics", "interop", "measure"]
+# Modules above all layers: nothing imports them but users do, by their names, with an extra of each.
+ON_TOP = ["plot", "viewer"]
 
 FLOORS = ["check", "precision", "types", "errorfree", "numbers", "linear", "sums"]
 MODULES = sorted(PACKAGE.rglob("*.py"))
@@ -34,14 +36,20 @@ def test_every_folder_is_a_layer():
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_imports_point_down(path):
-    layer = path.relative_to(PACKAGE).parts[0]
-    if layer in ("__init__.py", "__main__.py"):
+    layer = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    assert not {name.split(".")[1] for name in _imported(path)} & {*ON_TOP}
+    if layer in ("__init__", "__main__", *ON_TOP):
         return
     for name in _imported(path):
         below = name.split(".")[1]
         if below == "_IS_FOR_THE_COMMAND":  # no layer: whether any names are wanted
             continue
         assert LAYERS.index(below) <= LAYERS.index(layer), f"{layer} imports {name}"
+
+
+def test_modules_are_a_layer_or_above_all():
+    modules = {path.stem for path in PACKAGE.glob("*.py")}
+    assert modules == {"__init__", "__main__", *ON_TOP}
 
 
 def _floor(name):
@@ -73,7 +81,7 @@ def test_runtime_needs_only_what_is_installed(path):
 
 
 def test_public_names_exist_and_are_documented():
-    exported = [name for name in vars(jaxspatial) if not name.startswith("_") and name not in LAYERS]
+    exported = [name for name in vars(jaxspatial) if not name.startswith("_") and name not in (*LAYERS, *ON_TOP)]
     assert {"SpatialForce", "SpatialVelocity", "shift", "dot", "cross", "Precision"} <= set(exported)
     for name in exported:
         assert getattr(jaxspatial, name).__doc__, name

@@ -1,0 +1,521 @@
+"""Draws robots, frames, wrenches and inertias in 3-D axes of matplotlib.
+
+    from jaxspatial import plot
+
+    ax = plot.mechanism(mech, q)
+    plot.torques(mech, q, js.gravity_forces(mech, q), ax)
+    plot.wrench(F_T_W, p_WT, ax)
+
+Every function draws in the axes that it is given, or in new ones, and returns them. Positions are in metres, in world
+axes. Colours can be read on white and on black. A function draws one state: of a batch, pass one item. It needs the
+extra `plot`.
+"""
+
+import weakref
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jaxspatial.dynamics.kinematics import forward_kinematics
+from jaxspatial.inertia import SpatialInertia
+from jaxspatial.mechanism import HalfSpace, Mechanism
+from jaxspatial.numerics import check
+from jaxspatial.numerics.types import ArrayLike
+from jaxspatial.spatial import RigidTransform, SpatialForce, central_axis
+
+try:
+    from matplotlib import pyplot
+    from matplotlib.colors import to_rgb
+    from matplotlib.patches import FancyArrowPatch
+    from matplotlib.ticker import MaxNLocator, MultipleLocator
+    from mpl_toolkits.mplot3d import Axes3D, proj3d
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+except ImportError as error:
+    raise ImportError("jaxspatial.plot: needs the package matplotlib: from a clone, pip install '.[plot]'") from error
+
+BODY, JOINT, GROUND = "#7b8794", "#2f7fc1", "#8a94a0"
+FORCE, TORQUE, INERTIA = "#e0521f", "#a64ac9", "#00798c"
+XYZ = "#d1495b", "#3a7d44", "#00798c"
+
+# From the back to the front, in axes of our own: there the order of drawing is this one.
+_PLANE, _SOLID, _BODY, _JOINT, _ARROW, _FRAME = range(1, 7)
+# Lengths as shares of the size of the scene: the axes of a frame, the longest arrow, the largest arc, the shortest.
+_TRIAD, _LONGEST, _WIDEST, _LEAST = 0.1, 0.3, 0.09, 0.01
+# An arc has a gap, so that one sees which way it turns.
+_TURN = np.linspace(0.0, np.deg2rad(290.0), 60)
+
+
+class Scales(NamedTuple):
+    """How large arrows are drawn. force: metres of arrow per N. torque: metres of an arc's radius per N m."""
+
+    force: float | None = None
+    torque: float | None = None
+
+
+_SCALES: "weakref.WeakKeyDictionary[Axes3D, Scales]" = weakref.WeakKeyDictionary()
+# The axes that were made here.
+_OWN: "weakref.WeakSet[Axes3D]" = weakref.WeakSet()
+
+
+# -- what users call --------------------------------------------------------------------------------------------------
+
+
+def mechanism(
+    mech: Mechanism,
+    q: ArrayLike,
+    ax: Axes3D | None = None,
+    *,
+    frames: Sequence[str] | None = None,
+    ground: HalfSpace | None = None,
+    color: str = BODY,
+) -> Axes3D:
+    """Draws a robot: its bodies as lines between the origins of its joints, its joints as dots.
+
+    A line leads from each joint to the joints of the next bodies, and from the origin of the world to the joints that
+    stand on it, "free" ones excepted.
+
+    Args:
+        mech: the mechanism.
+        q: (nq,) coordinates: rad, m, quaternions.
+        ax: 3-D axes; None makes new ones.
+        frames: names of `mech.frame_names`. Each is drawn with a line from the joint of its body, three axes and its
+            name, in this order. None draws a line to the tip of each body without children: the frame that is farthest
+            from the joint, or else the centre of mass.
+        ground: HalfSpace, drawn as a part of its plane; None for none.
+        color: of the bodies.
+
+    Returns:
+        The axes. Each line has the name of the body or frame at its end, `line.get_gid()`; the dots are "joints".
+
+    Raises:
+        KeyError: there is no such frame; lists those there are.
+        TypeError: an argument has another type.
+        ValueError: mech or q is a batch, or q has another size.
+    """
+    ax, X_WJ = _axes("plot.mechanism", ax), _joints("plot.mechanism", mech, q)
+    if frames is not None and (isinstance(frames, str) or not all(isinstance(name, str) for name in frames)):
+        raise TypeError(f"plot.mechanism: frames: expected a sequence of names, got {frames!r}")
+    X_WF = _frames(mech, X_WJ)
+    for i, parent in enumerate(mech.parents):
+        if parent >= 0 or mech.topology.kinds[i] != "free":
+            _line(ax, X_WJ.p[parent] if parent >= 0 else np.zeros(3), X_WJ.p[i], color, mech.body_names[i])
+    if frames is None:
+        for i, children in enumerate(mech.topology.children):
+            if not children:
+                _line(ax, X_WJ.p[i], _tip(mech, i, X_WJ, X_WF), color, f"{mech.body_names[i]} tip")
+    numbers = [mech.topology.index(mech.frame_names, name, "plot.mechanism: frames") for name in frames or ()]
+    for k in numbers:
+        name, body = mech.topology.frames[k]
+        _line(ax, X_WJ.p[body] if body >= 0 else np.zeros(3), X_WF.p[k], color, name)
+    ax.plot(*X_WJ.p.T, linestyle="", marker="o", markersize=6, color=JOINT, zorder=_JOINT, gid="joints")
+    size = _size(ax)
+    for k in numbers:
+        _triad(ax, X_WF.R[k], X_WF.p[k], _TRIAD * size, mech.frame_names[k])
+    if ground is not None:
+        check.require_kind(ground, HalfSpace, "plot.mechanism: ground")
+        _plane(ax, ground, X_WJ.p.mean(0), size)
+    return _fit(ax)
+
+
+def torques(
+    mech: Mechanism, q: ArrayLike, tau: ArrayLike, ax: Axes3D | None = None, *, scale: Scales | None = None
+) -> Axes3D:
+    """Draws the forces of joints: torques as arcs about the axes of hinges, forces as arrows along those of slides.
+
+        plot.torques(mech, q, js.gravity_forces(mech, q), plot.mechanism(mech, q))
+
+    Joints of several coordinates are left out, and so are those that follow another joint.
+
+    Args:
+        mech: the mechanism.
+        q: (nq,) coordinates: rad, m, quaternions.
+        tau: (nv,) generalized forces: N m, N.
+        ax: 3-D axes; None makes new ones.
+        scale: as of `wrench`.
+
+    Returns:
+        The axes, with the lines and arrows that `wrench` draws.
+
+    Raises:
+        TypeError: an argument has another type.
+        ValueError: an argument is a batch, has another size, or is not finite.
+    """
+    ax, X_WJ = _axes("plot.torques", ax), _joints("plot.torques", mech, q)
+    given = _one("plot.torques: tau", "tau", tau, mech.nv)
+    t = mech.topology
+    single = [i for i in range(len(t)) if t.kind(i).nv == 1 and t.kind(i).is_about_one_axis and not t.is_mimic(i)]
+    along = np.einsum("nij,nj->ni", X_WJ.R, _numbers(mech.axes))[single] * given[[t.v_starts[i] for i in single], None]
+    slides = np.array([t.kind(i).moves_as == "prismatic" for i in single], bool)[:, None]
+    return _draw_wrenches(
+        "plot.torques", ax, np.where(slides, 0, along), np.where(slides, along, 0), X_WJ.p[single], scale
+    )
+
+
+def frame(X_WF: RigidTransform, ax: Axes3D | None = None, *, length: float | None = None, name: str = "") -> Axes3D:
+    """Draws a frame as three axes: x red, y green, z blue.
+
+    Args:
+        X_WF: the pose of the frame in the world, a single one, m.
+        ax: 3-D axes; None makes new ones.
+        length: of the axes, m; None takes a tenth of the scene.
+        name: written beside the origin.
+
+    Returns:
+        The axes.
+
+    Raises:
+        TypeError: X_WF is no RigidTransform, or the axes are not 3-D.
+        ValueError: X_WF is a batch.
+    """
+    ax, X = _axes("plot.frame", ax), _pose("plot.frame: X_WF", X_WF)
+    _triad(ax, X.R, X.p, _TRIAD * _size(ax) if length is None else length, name)
+    return _fit(ax)
+
+
+def wrench(
+    F_P_W: SpatialForce,
+    p_WP: ArrayLike,
+    ax: Axes3D | None = None,
+    *,
+    scale: Scales | None = None,
+    axis: bool = True,
+    name: str = "",
+) -> Axes3D:
+    """Draws a wrench at P: an arrow for its force, an arc about its torque, and the line of its central axis.
+
+    The arc turns as the torque does. The dashed line is the central axis: about its points the wrench has no torque but
+    that along its force. It has a dot at the point nearest to P, and is left out where it passes through P and where it
+    is out of sight.
+
+    All arrows in the same axes have one scale, so that they can be compared. The first call chooses it: the longest
+    arrow takes three tenths of the scene, the largest arc a tenth; arrows of less than a hundredth are left out.
+
+    Args:
+        F_P_W: SpatialForce about P, in world axes: N m, N; a single one, or (n,) of them.
+        p_WP: (3,) position of P, or (n, 3), m.
+        ax: 3-D axes; None makes new ones.
+        scale: Scales(force, torque): metres per N and per N m, for this call and those that follow. None, or None in
+            one of its fields, takes that of the axes, see `scales`.
+        axis: whether to draw the central axis.
+        name: written at the tip of the force, or at the arc where there is no force.
+
+    Returns:
+        The axes. Arrows and lines have names, `get_gid()`: "force", "torque", "central axis". The label of a central
+        axis tells its pitch: `ax.legend()` shows it.
+
+    Raises:
+        TypeError: F_P_W is no SpatialForce, or the axes are not 3-D.
+        ValueError: shapes do not fit, or numbers are not finite.
+    """
+    ax = _axes("plot.wrench", ax)
+    check.require_kind(F_P_W, SpatialForce, "plot.wrench", " first")
+    if len(F_P_W.batch_shape) > 1:
+        raise ValueError(f"plot.wrench: expected one wrench or (n,), got {F_P_W.batch_shape}: pass F.at_batch(i)")
+    points = np.asarray(p_WP, float)
+    if points.shape not in ((3,), (*F_P_W.batch_shape, 3)) and not (points.ndim == 2 and not F_P_W.batch_shape):
+        raise ValueError(f"plot.wrench: p_WP: expected shape (3,) or {(*F_P_W.batch_shape, 3)}, got {points.shape}")
+    tau, f, points = np.broadcast_arrays(*map(np.atleast_2d, (_numbers(F_P_W.tau), _numbers(F_P_W.f), points)))
+    _draw_wrenches("plot.wrench", ax, tau, f, points, scale, name)
+    if axis:
+        # In the dtype that JAX computes in: a picture needs no digits.
+        pitch, p_PA = central_axis(F_P_W.astype(None), precision="fast")
+        pitch, p_PA = np.broadcast_to(_numbers(pitch), len(f)), np.broadcast_to(_numbers(p_PA), f.shape)
+        for given in zip(f, points, pitch, p_PA, strict=True):
+            _central_axis(ax, *given)
+    return _fit(ax)
+
+
+def scales(ax: Axes3D) -> Scales:
+    """Tells how large the arrows in some axes are: `f"1 m of arrow is {1 / plot.scales(ax).force:.0f} N"`.
+
+    Args:
+        ax: 3-D axes in which `wrench` or `torques` has drawn.
+
+    Returns:
+        Scales, with None for what was not drawn yet.
+
+    Raises:
+        TypeError: the axes are not 3-D.
+    """
+    _require_axes("plot.scales", ax)
+    return _SCALES.get(ax, Scales())
+
+
+def inertia(
+    M_BBo_B: SpatialInertia, ax: Axes3D | None = None, X_WB: RigidTransform | None = None, *, color: str = INERTIA
+) -> Axes3D:
+    """Draws the solid ellipsoid with the same mass, centre of mass and inertia.
+
+    Args:
+        M_BBo_B: a single inertia about Bo, in the axes of B: kg, m, kg m2.
+        ax: 3-D axes; None makes new ones.
+        X_WB: the pose of B in the world, m; None where it is the world's.
+        color: of the ellipsoid.
+
+    Returns:
+        The axes. Three lines named "inertia" are the sections through pairs of principal axes.
+
+    Raises:
+        TypeError: an argument has another type.
+        ValueError: an argument is a batch, or the inertia has no ellipsoid: there is no mass, or no body has it.
+    """
+    ax = _axes("plot.inertia", ax)
+    _require_single("plot.inertia", M_BBo_B, SpatialInertia)
+    X = _Poses(np.eye(3), np.zeros(3)) if X_WB is None else _pose("plot.inertia: X_WB", X_WB)
+    a, R_BE = M_BBo_B.equivalent_ellipsoid(precision="fast")
+    axes = X.R @ _numbers(R_BE.to_matrix()) * _numbers(a)  # semi-axes, as columns
+    centre = X.p + X.R @ _numbers(M_BBo_B.com)
+    if not np.isfinite(axes).all():
+        raise ValueError(f"plot.inertia: expected the inertia of a body with a mass, got {M_BBo_B}")
+    around, down = np.linspace(0, 2 * np.pi, 49), np.linspace(0, np.pi, 25)
+    sphere = np.stack([np.outer(np.cos(around), np.sin(down)), np.outer(np.sin(around), np.sin(down))])
+    sphere = np.stack([*sphere, np.broadcast_to(np.cos(down), sphere[0].shape)])
+    surface = centre[:, None, None] + np.einsum("ij,jkl->ikl", axes, sphere)
+    ax.plot_surface(*surface, color=color, alpha=0.25, linewidth=0, zorder=_SOLID)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        section = centre[:, None] + np.outer(axes[:, i], np.cos(around)) + np.outer(axes[:, j], np.sin(around))
+        ax.plot(*section, color=color, linewidth=1, zorder=_SOLID, gid="inertia")
+    return _fit(ax)
+
+
+# -- arguments --------------------------------------------------------------------------------------------------------
+
+
+class _Poses(NamedTuple):
+    """Rotation matrices (*batch, 3, 3) and positions (*batch, 3)."""
+
+    R: np.ndarray
+    p: np.ndarray
+
+
+def _numbers(x: Any) -> np.ndarray:
+    return np.asarray(x, float)
+
+
+def _poses(X: RigidTransform) -> _Poses:
+    return _Poses(_numbers(X.rotation.to_matrix()), _numbers(X.translation))
+
+
+def _require_axes(operation: str, ax: Any) -> None:
+    if not isinstance(ax, Axes3D):
+        raise TypeError(f"{operation}: ax: expected axes with projection='3d', got {type(ax).__name__}")
+
+
+def _axes(operation: str, ax: Any) -> Axes3D:
+    if ax is not None:
+        _require_axes(operation, ax)
+        return ax
+    with pyplot.rc_context({"grid.color": f"{GROUND}60", "grid.linewidth": 0.6}):
+        ax = pyplot.figure(figsize=(6.5, 6)).add_axes((0, 0.02, 0.95, 0.98), projection="3d", computed_zorder=False)
+    ax.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
+    ax.view_init(20, -50)
+    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+        axis.set_pane_color((0, 0, 0, 0))
+        axis.line.set_color(GROUND)
+    ax.tick_params(labelsize="small")
+    _OWN.add(ax)
+    return ax
+
+
+def _require_single(operation: str, x: Any, kind: type) -> None:
+    check.require_kind(x, kind, operation)
+    if x.batch_shape:
+        raise ValueError(f"{operation}: expected a single one, got a batch {x.batch_shape}: pass x.at_batch(i)")
+
+
+def _pose(operation: str, X: Any) -> _Poses:
+    _require_single(operation, X, RigidTransform)
+    return _poses(X)
+
+
+def _one(operation: str, name: str, x: Any, n: int) -> np.ndarray:
+    """The numbers (n,) of one state."""
+    if np.shape(x) != (n,):
+        way_out = f": pass one state, {name}[i]" if np.ndim(x) > 1 else ""
+        raise ValueError(f"{operation}: expected shape ({n},), got {np.shape(x)}{way_out}")
+    return _numbers(x)
+
+
+def _joints(operation: str, mech: Any, q: Any) -> _Poses:
+    """X_WJ: the frames of joints, which move with their bodies."""
+    check.require_kind(mech, Mechanism, operation, " first")
+    n = len(mech.topology)
+    if mech.placements.batch_shape != (n,):
+        raise ValueError(f"{operation}: expected one mechanism, got a batch: jax.tree.map(lambda x: x[i], mech)")
+    _one(f"{operation}: q", "q", q, mech.nq)
+    # In the dtype that JAX computes in: a picture needs no digits.
+    x = np.asarray(q)
+    X_WB = _poses(forward_kinematics(mech, x.astype(jax.dtypes.canonicalize_dtype(x.dtype)), precision="fast"))
+    X_JB = _poses(mech.child_placements)
+    R_WJ = X_WB.R @ X_JB.R.swapaxes(-1, -2)
+    return _Poses(R_WJ, X_WB.p - np.einsum("nij,nj->ni", R_WJ, X_JB.p))
+
+
+def _frames(mech: Mechanism, X_WJ: _Poses) -> _Poses:
+    """X_WF of all frames."""
+    X_JF, bodies = _poses(mech.frame_placements), [body for _, body in mech.topology.frames]
+    # The world is number -1: the last.
+    R = np.concatenate([X_WJ.R, np.eye(3)[None]])[bodies]
+    p = np.concatenate([X_WJ.p, np.zeros((1, 3))])[bodies]
+    return _Poses(R @ X_JF.R, p + np.einsum("nij,nj->ni", R, X_JF.p))
+
+
+def _tip(mech: Mechanism, i: int, X_WJ: _Poses, X_WF: _Poses) -> np.ndarray:
+    """The frame of body i that is farthest from its joint, or its centre of mass."""
+    on_body = [k for k, (_, body) in enumerate(mech.topology.frames) if body == i]
+    farthest = max(X_WF.p[on_body], key=lambda p: np.linalg.norm(p - X_WJ.p[i]))
+    if np.linalg.norm(farthest - X_WJ.p[i]) > 1e-6:
+        return farthest
+    return X_WJ.p[i] + X_WJ.R[i] @ _numbers(mech.inertias.com)[i]
+
+
+# -- drawing ----------------------------------------------------------------------------------------------------------
+
+
+class Arrow(FancyArrowPatch):
+    """An arrow between two points of space, `ends` (2, 3) in m, with a head of a fixed size on paper."""
+
+    def __init__(self, start: np.ndarray, end: np.ndarray, **style: Any):
+        super().__init__((0, 0), (1, 1), arrowstyle="-|>", shrinkA=0, shrinkB=0, **style)
+        self.ends = np.stack([start, end])
+
+    def do_3d_projection(self, renderer: Any = None) -> float:
+        """Places the arrow on paper; axes call it."""
+        axes: Any = self.axes
+        xs, ys, zs = self.ends.T
+        x, y, z = proj3d.proj_transform(xs, ys, zs, axes.M)
+        self.set_positions((x[0], y[0]), (x[1], y[1]))
+        return min(z)
+
+
+def _size(ax: Axes3D) -> float:
+    """The length of the longest edge of the box around all that is drawn; 1 m where nothing is."""
+    if not ax.has_data():
+        return 1.0
+    return float(max(np.ptp(limits) for limits in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())))
+
+
+def _fit(ax: Axes3D) -> Axes3D:
+    ax.set_aspect("equal")
+    if ax in _OWN:
+        low, high = MaxNLocator(4).tick_values(0, _size(ax))[:2]
+        for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+            axis.set_major_locator(MultipleLocator(high - low))
+    return ax
+
+
+def _include(ax: Axes3D, points: np.ndarray) -> None:
+    """Widens the limits, as matplotlib does for what it draws itself."""
+    ax.auto_scale_xyz(*np.reshape(points, (-1, 3)).T, had_data=ax.has_data())
+
+
+def _line(ax: Axes3D, start: np.ndarray, end: np.ndarray, color: str, gid: str) -> None:
+    if np.linalg.norm(end - start) > 1e-9:
+        look: Any = {"color": color, "linewidth": 4, "solid_capstyle": "round", "zorder": _BODY}
+        ax.plot(*np.stack([start, end]).T, gid=gid, **look)
+
+
+def _arrow(ax: Axes3D, start: np.ndarray, end: np.ndarray, color: str, gid: str, width: float = 2.2) -> None:
+    _include(ax, np.stack([start, end]))
+    look: Any = {"color": color, "linewidth": width, "mutation_scale": 6 * width, "zorder": _ARROW}
+    ax.add_artist(Arrow(start, end, gid=gid, joinstyle="miter", **look))
+
+
+def _text(ax: Axes3D, p: np.ndarray, text: str, color: str | None = None) -> None:
+    if text:
+        color = color or pyplot.rcParams["text.color"]
+        x, y, z = p
+        ax.text(x, y, z, f"  {text}", color=color, zorder=_FRAME, fontsize="small")
+
+
+def _triad(ax: Axes3D, R: np.ndarray, p: np.ndarray, length: float, name: str) -> None:
+    for axis, color, letter in zip(R.T, XYZ, "xyz", strict=True):
+        ax.plot(*np.stack([p, p + length * axis]).T, color=color, linewidth=2.2, zorder=_FRAME, gid=f"{name} {letter}")
+    # On the side where no axis is.
+    _text(ax, p - 0.25 * length * R.sum(1), name)
+
+
+def _plane(ax: Axes3D, ground: HalfSpace, centre: np.ndarray, size: float) -> None:
+    """A checkered square of the plane, under the robot."""
+    normal = _numbers(ground.normal)
+    if normal.shape != (3,):
+        raise ValueError(f"plot.mechanism: ground: expected one plane, got a batch {normal.shape[:-1]}")
+    normal = normal / np.linalg.norm(normal)
+    u, v = _across(normal)
+    middle = centre - (normal @ centre - float(ground.offset)) * normal
+    cells, edge = 6, 1.3 * size / 6
+    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) - cells / 2
+    squares = [(corners + (i, j)) * edge for i in range(cells) for j in range(cells)]
+    squares = middle + np.stack(squares) @ np.stack([u, v])
+    shades = [(*to_rgb(GROUND), 0.22 if (k + k // cells) % 2 else 0.1) for k in range(cells**2)]
+    ax.add_collection3d(Poly3DCollection(squares, facecolors=shades, zorder=_PLANE, gid="ground"))
+    _include(ax, squares)
+
+
+def _across(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors (u, v) with u x v = n."""
+    u = np.cross(n, np.eye(3)[np.argmin(abs(n))])
+    u = u / np.linalg.norm(u)
+    return u, np.cross(n, u)
+
+
+# -- wrenches ---------------------------------------------------------------------------------------------------------
+
+
+def _draw_wrenches(
+    operation: str, ax: Axes3D, tau: np.ndarray, f: np.ndarray, points: np.ndarray, scale: Scales | None, name: str = ""
+) -> Axes3D:
+    if not all(np.isfinite(x).all() for x in (tau, f, points)):
+        raise ValueError(f"{operation}: expected finite numbers, got torques {tau}, forces {f}, points {points}")
+    if not ax.has_data():
+        _include(ax, points)
+        size = 1.0
+    else:
+        size = _size(ax)
+    s = _chosen(operation, ax, scale, size, f, tau)
+    for t, force, p in zip(tau, f, points, strict=True):
+        tip, is_seen = p + (s.force or 0) * force, (s.force or 0) * np.linalg.norm(force) >= _LEAST * size
+        if is_seen:
+            _arrow(ax, p, tip, FORCE, "force")
+            _text(ax, tip, name, FORCE)
+        radius = (s.torque or 0) * float(np.linalg.norm(t))
+        if radius >= _LEAST * size:
+            _arc(ax, t / np.linalg.norm(t), p, radius)
+            _text(ax, p + radius * _across(t / np.linalg.norm(t))[0], "" if is_seen else name, TORQUE)
+    return _fit(ax)
+
+
+def _chosen(operation: str, ax: Axes3D, given: Scales | None, size: float, f: np.ndarray, tau: np.ndarray) -> Scales:
+    """The scale of the axes: what is given, or was used before, or makes the largest arrow as large as it may be."""
+    if given is not None:
+        check.require_kind(given, Scales, f"{operation}: scale")
+    chosen = [*(given or Scales())]
+    for k, (before, share, vectors) in enumerate(zip(scales(ax), (_LONGEST, _WIDEST), (f, tau), strict=True)):
+        largest = float(np.linalg.norm(vectors, axis=-1).max(initial=0.0))
+        if chosen[k] is None:
+            chosen[k] = before if before is not None or not largest else share * size / largest
+    _SCALES[ax] = Scales(*chosen)
+    return _SCALES[ax]
+
+
+def _arc(ax: Axes3D, normal: np.ndarray, centre: np.ndarray, radius: float) -> None:
+    """An arc that turns about the normal, with a head at its end, and the axis that it turns about."""
+    u, v = _across(normal)
+    arc = centre + radius * (np.outer(np.cos(_TURN), u) + np.outer(np.sin(_TURN), v))
+    ax.plot(*arc.T, color=TORQUE, linewidth=2, zorder=_ARROW, gid="torque")
+    ax.plot(*(centre + np.outer([-0.5, 0.5], radius * normal)).T, color=TORQUE, linewidth=1, zorder=_ARROW)
+    _arrow(ax, arc[-4], arc[-1], TORQUE, "torque head", width=2)
+
+
+def _central_axis(ax: Axes3D, f: np.ndarray, p: np.ndarray, pitch: float, p_PA: np.ndarray) -> None:
+    force, away, size = np.linalg.norm(f), np.linalg.norm(p_PA), _size(ax)
+    # Of a couple, it is NaN.
+    if not away <= size or max(away, abs(pitch)) < 1e-3 * size:
+        return
+    line = p + p_PA + np.outer([-0.35, 0.35], size * f / force)
+    look: Any = {"color": FORCE, "linewidth": 1.2, "zorder": _ARROW}
+    ax.plot(*line.T, linestyle="--", gid="central axis", label=f"central axis, pitch {pitch:.3g} m", **look)
+    ax.plot(*(p + p_PA)[:, None], marker="o", markersize=4, **look)
+    ax.plot(*np.stack([p, p + p_PA]).T, linestyle=":", **look)

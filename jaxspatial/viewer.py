@@ -1,0 +1,330 @@
+"""Shows robots in a browser, by viser: their shapes, a trajectory with a slider, wrenches and frames.
+
+    from jaxspatial import viewer
+
+    scene = viewer.show(mech, q, dt=0.01, shapes="panda.urdf")         # q: (n, nq); look at the address that it prints
+    viewer.record(mech, q, "fall.html", dt=0.01, shapes="panda.urdf")  # one file, which needs no server
+
+All bodies are where `forward_kinematics` puts them. It needs the extra `view`.
+"""
+
+import contextlib
+import io
+import pathlib
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxspatial.dynamics.kinematics import forward_kinematics
+from jaxspatial.mechanism import AppliedForces, HalfSpace, Mechanism
+from jaxspatial.numerics import check
+from jaxspatial.numerics.types import ArrayLike
+from jaxspatial.spatial import SpatialForce, act_inverse
+
+try:
+    import viser
+    import yourdfpy
+except ImportError as error:
+    raise ImportError(
+        "jaxspatial.viewer: needs the package viser[urdf]: from a clone, pip install '.[view]'"
+    ) from error
+
+FORCE, TORQUE, BODY = (224, 82, 31), (166, 74, 201), (123, 135, 148)
+# As shares of the size of the scene: the axes of a frame, the longest arrow, the heads of arrows and their radius.
+_TRIAD, _LONGEST, _HEAD, _THICK = 0.08, 0.35, 0.04, 0.006
+_FRAMES_PER_SECOND = 30.0
+
+
+def show(
+    mech: Mechanism,
+    q: ArrayLike,
+    *,
+    dt: float = 1 / 30,
+    shapes: str | pathlib.Path | None = None,
+    forces: dict[str, SpatialForce] | AppliedForces | None = None,
+    frames: Sequence[str] = (),
+    ground: HalfSpace | None = None,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+) -> "Scene":
+    """Shows a robot in a browser, at one state or along a trajectory, with a slider and a box to let it play.
+
+        scene = viewer.show(mech, path.q, dt=5e-3, forces=js.AppliedForces(feet.frames, path.contact_forces))
+
+    The address is printed. The program goes on, and the page lives as long as it does: `scene.server.sleep_forever()`.
+
+    Args:
+        mech: the mechanism.
+        q: (nq,) or (n, nq) coordinates of n states: rad, m, quaternions.
+        dt: time from one state to the next, s.
+        shapes: path of the URDF file whose visual meshes are shown; None shows the ellipsoids of inertias.
+        forces: wrenches shown as arrows, as `external_forces` have them: SpatialForces by name of a frame, or
+            AppliedForces, one for all states or (n,) of them: N m, N. Forces orange, torques purple along their axes.
+        frames: names of `mech.frame_names`, shown as three axes with their names.
+        ground: HalfSpace, shown as a grid; None for none.
+        host: address to listen at; "0.0.0.0" lets other machines in.
+        port: the first to try.
+
+    Returns:
+        The Scene: `scene.draw(i)` shows state i; `scene.server` is viser's, and `scene.server.stop()` ends it.
+
+    Raises:
+        FileNotFoundError: there is no such file of shapes.
+        KeyError: there is no such frame, or the file has a link that is no frame of the mechanism.
+        TypeError: an argument has another type.
+        ValueError: shapes of arrays do not fit.
+    """
+    scene = Scene(mech, q, dt, shapes, forces, frames, ground, host, port)
+    scene.add_player()
+    return scene
+
+
+def record(
+    mech: Mechanism,
+    q: ArrayLike,
+    path: str | pathlib.Path,
+    *,
+    dt: float = 1 / 30,
+    shapes: str | pathlib.Path | None = None,
+    forces: dict[str, SpatialForce] | AppliedForces | None = None,
+    frames: Sequence[str] = (),
+    ground: HalfSpace | None = None,
+) -> pathlib.Path:
+    """Writes what `show` shows to one file that needs no server: a page that plays it, at 30 frames a second.
+
+    Args:
+        mech, q, dt, shapes, forces, frames, ground: as of `show`.
+        path: where to write; ".html" makes a page with all it needs, some MB; ".viser" the recording alone, for a
+            client of viser that is there already.
+
+    Returns:
+        The path.
+
+    Raises:
+        ValueError: the path has another ending. Else as `show`.
+    """
+    path = pathlib.Path(path)
+    if path.suffix not in (".html", ".viser"):
+        raise ValueError(f"viewer.record: path: expected one that ends in .html or .viser, got {path}")
+    with contextlib.redirect_stdout(io.StringIO()):  # it has an address, for a while
+        scene = Scene(mech, q, dt, shapes, forces, frames, ground, "127.0.0.1", 8080)
+    try:
+        recording = scene.server.get_scene_serializer()
+        for i in scene.times() if scene.n > 1 else ():
+            scene.draw(i)
+            recording.insert_sleep(1 / _FRAMES_PER_SECOND)
+        path.write_bytes(recording.as_html().encode() if path.suffix == ".html" else recording.serialize())
+    finally:
+        with contextlib.redirect_stdout(io.StringIO()):
+            scene.server.stop()
+    return path
+
+
+class Scene:
+    """What a browser shows of a robot, one state at a time; made by `show`.
+
+    Attributes:
+        server: viser's server, to add to the scene or to its panel.
+        n: the number of states.
+        dt: time from one state to the next, s.
+    """
+
+    def __init__(
+        self,
+        mech: Mechanism,
+        q: ArrayLike,
+        dt: float,
+        shapes: str | pathlib.Path | None,
+        forces: dict[str, SpatialForce] | AppliedForces | None,
+        frames: Sequence[str],
+        ground: HalfSpace | None,
+        host: str,
+        port: int,
+    ):
+        check.require_kind(mech, Mechanism, "viewer", " first")
+        states = np.atleast_2d(np.asarray(q))
+        if states.ndim != 2 or states.shape[1] != mech.nq or not len(states):
+            raise ValueError(f"viewer: q: expected shape ({mech.nq},) or (n, {mech.nq}), got {np.shape(q)}")
+        self.n, self.dt = len(states), float(dt)
+        meshes = {} if shapes is None else _meshes(mech, pathlib.Path(shapes))
+        names = list(dict.fromkeys([*(mech.body_names if shapes is None else meshes), *frames]))
+        self._wxyz, self._p = _poses(mech, states, names)
+        arrows = _arrows(mech, states, forces) if forces else []
+        size = float(np.ptp(self._p[0], axis=0).max(initial=0.2))
+
+        self.server: Any = viser.ViserServer(host=host, port=port, verbose=False)
+        add = self.server.scene
+        add.set_up_direction("+z")
+        self._nodes = []
+        for name in names:
+            is_named = name in frames
+            length = _TRIAD * size
+            look: Any = {"show_axes": is_named, "axes_length": length, "axes_radius": 0.05 * length}
+            self._nodes.append(add.add_frame(f"/robot/{_node(name)}", **look))
+            for k, mesh in enumerate(meshes.get(name, ())):
+                add.add_mesh_trimesh(f"/robot/{_node(name)}/shape {k}", mesh)
+            if is_named:
+                add.add_label(f"/robot/{_node(name)}/name", name)
+        if shapes is None:
+            _add_ellipsoids(add, mech)
+        self._arrows = [_Arrows(add, *given, size) for given in arrows]
+        if ground is not None:
+            _add_ground(add, ground, size)
+        self.server.initial_camera.position = self._p[0].mean(0) + size * np.array([0.8, -1.2, 0.4])
+        self.server.initial_camera.look_at = self._p[0].mean(0)
+        self.draw(0)
+
+    def draw(self, i: int) -> None:
+        """Shows state i."""
+        with self.server.atomic():
+            for node, wxyz, p in zip(self._nodes, self._wxyz[i], self._p[i], strict=True):
+                node.wxyz, node.position = wxyz, p
+            for arrows in self._arrows:
+                arrows.draw(i)
+
+    def times(self) -> np.ndarray:
+        """The states to be seen at 30 frames a second: integers."""
+        seconds = np.arange(0, self.n * self.dt, 1 / _FRAMES_PER_SECOND)
+        return np.minimum((seconds / self.dt + 1e-9).astype(int), self.n - 1)
+
+    def add_player(self) -> None:
+        """Adds a slider over the states, and a box that lets them play in real time, again and again."""
+        if self.n == 1:
+            return
+        slider = self.server.gui.add_slider("state", min=0, max=self.n - 1, step=1, initial_value=0)
+        plays = self.server.gui.add_checkbox("play", initial_value=False)
+        slider.on_update(lambda _: self.draw(int(slider.value)))
+
+        def play() -> None:
+            while plays.value:
+                for i in self.times()[np.searchsorted(self.times(), slider.value) % len(self.times()) :]:
+                    if not plays.value:
+                        return
+                    slider.value = int(i)  # which draws
+                    time.sleep(1 / _FRAMES_PER_SECOND)
+                slider.value = 0
+
+        @plays.on_update
+        def _(_: Any) -> None:
+            if plays.value:
+                threading.Thread(target=play, daemon=True).start()
+
+
+# -- shapes -----------------------------------------------------------------------------------------------------------
+
+
+def _meshes(mech: Mechanism, path: pathlib.Path) -> dict[str, list[Any]]:
+    """The visual meshes of a URDF by link, in the axes of the link.
+
+    viser's own ViserUrdf computes poses itself, of the joints of the file: here they come from the mechanism, which may
+    float, or have joints that are locked."""
+    if not path.is_file():
+        raise FileNotFoundError(f"viewer: shapes: there is no file {path}")
+    urdf = yourdfpy.URDF.load(str(path), filename_handler=lambda fname: _found(fname, path.parent))
+    meshes: dict[str, list[Any]] = {}
+    for name, mesh in urdf.scene.geometry.items():
+        link = urdf.scene.graph.transforms.parents[name]
+        mech.topology.index(mech.frame_names, link, "viewer: shapes: a link of the file")
+        # Scales and reflections are part of it.
+        meshes.setdefault(link, []).append(mesh.copy().apply_transform(urdf.get_transform(name, link)))
+    return meshes
+
+
+def _found(name: str, folder: pathlib.Path) -> str:
+    """The path of a mesh: what follows "package://" is looked for in all folders above the file."""
+    parts = pathlib.PurePosixPath(name.partition("://")[2] or name).parts
+    tails = [pathlib.Path(*parts[k:]) for k in range(len(parts))]
+    found = (up / tail for tail in tails for up in (folder, *folder.resolve().parents) if (up / tail).is_file())
+    return str(next(found, name))
+
+
+def _add_ellipsoids(add: Any, mech: Mechanism) -> None:
+    """The solid ellipsoid of each inertia, on its body."""
+    M = act_inverse(mech.child_placements, mech.inertias, precision="fast")  # M_BBo_B
+    a, R_BE = M.equivalent_ellipsoid(precision="fast")
+    parts = np.asarray(a), np.asarray(R_BE.to_quaternion(precision="fast")), np.asarray(M.com)
+    for name, semi_axes, wxyz, com in zip(mech.body_names, *parts, strict=True):
+        if np.isfinite(semi_axes).all() and semi_axes.any():
+            # Flat and thin ones can be seen, too.
+            scale = tuple(np.maximum(semi_axes, 0.02 * semi_axes[0]).tolist())
+            add.add_icosphere(
+                f"/robot/{_node(name)}/shape", color=BODY, scale=scale, opacity=0.7, wxyz=wxyz, position=com
+            )
+
+
+def _node(name: str) -> str:
+    """A name for viser, to which "/" begins that of a child."""
+    return name.replace("/", "_")
+
+
+def _poses(mech: Mechanism, q: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Quaternions (n, k, 4) and positions (n, k, 3) of frames."""
+    X_WF = forward_kinematics(mech, q, list(names), precision="fast")
+    return np.asarray(X_WF.rotation.to_quaternion(precision="fast")), np.asarray(X_WF.translation)
+
+
+def _add_ground(add: Any, ground: HalfSpace, size: float) -> None:
+    check.require_kind(ground, HalfSpace, "viewer: ground")
+    normal = np.asarray(ground.normal) / np.linalg.norm(ground.normal)
+    place: Any = {"wxyz": _from_z(normal), "position": normal * float(ground.offset)}
+    add.add_grid("/ground", width=6 * size, height=6 * size, cell_size=size / 4, section_size=size, **place)
+
+
+# -- arrows -----------------------------------------------------------------------------------------------------------
+
+
+def _arrows(mech: Mechanism, q: np.ndarray, forces: Any) -> list[tuple[str, np.ndarray, np.ndarray, Any]]:
+    """(name, points (n, m, 3), vectors (n, m, 3), colour) of the forces and of the torques, in world axes."""
+    if isinstance(forces, AppliedForces):
+        names, tau, f, points = forces.frames, forces.wrenches.tau, forces.wrenches.f, forces.points
+        is_along_frame = forces.axes == "frame"
+    elif isinstance(forces, dict) and all(isinstance(F, SpatialForce) for F in forces.values()):
+        names, points, is_along_frame = tuple(forces), None, False
+        tau, f = ([np.asarray(getattr(F, part)) for F in forces.values()] for part in ("tau", "f"))
+        tau, f = (np.stack(np.broadcast_arrays(*parts), axis=-2) for parts in (tau, f))
+    else:
+        raise TypeError(f"viewer: forces: expected AppliedForces, or SpatialForces by name, got {forces!r}")
+    X_WF = forward_kinematics(mech, q, names, precision="fast")
+    R, p = np.asarray(X_WF.rotation.to_matrix()), np.asarray(X_WF.translation)
+    if points is not None:
+        p = p + np.einsum("nmij,nmj->nmi", R, np.broadcast_to(np.asarray(points), p.shape))
+    arrows = []
+    for name, x, color in (("forces", np.asarray(f), FORCE), ("torques", np.asarray(tau), TORQUE)):
+        if x.shape not in (p.shape[1:], p.shape):
+            raise ValueError(f"viewer: forces: expected one for all states or ({len(q)},), got {x.shape[:-2]}")
+        if x.any():
+            x = np.broadcast_to(x, p.shape)
+            arrows.append((name, p, np.einsum("nmij,nmj->nmi", R, x) if is_along_frame else x, color))
+    return arrows
+
+
+class _Arrows:
+    """Arrows of one kind and colour, over time. The longest of all times takes a third of the scene."""
+
+    def __init__(self, add: Any, name: str, points: Any, vectors: Any, color: Any, size: float):
+        lengths = np.linalg.norm(vectors, axis=-1)
+        scale = _LONGEST * size / lengths.max()
+        self.ends = np.stack([points, points + scale * vectors], axis=-2)
+        # Shorter than their heads, they would seem to point from elsewhere.
+        self.are_seen = scale * lengths > _HEAD * size
+        look: Any = {"shaft_radius": _THICK * size, "head_radius": 2.5 * _THICK * size, "head_length": _HEAD * size}
+        self.handle = add.add_arrows(f"/{name}", self.ends[0], color, **look)
+
+    def draw(self, i: int) -> None:
+        """Shows those of state i."""
+        are_seen = self.are_seen[i]
+        self.handle.visible = bool(are_seen.any())
+        if self.handle.visible:
+            self.handle.points = self.ends[i][are_seen]
+
+
+def _from_z(d: np.ndarray) -> np.ndarray:
+    """The quaternion that turns z to a unit vector, the short way."""
+    x, y, z = d
+    if z < -1 + 1e-12:
+        return np.array([0.0, 1.0, 0.0, 0.0])
+    wxyz = np.array([1 + z, -y, x, 0.0])
+    return wxyz / np.linalg.norm(wxyz)

@@ -1,0 +1,288 @@
+"""What is drawn has the numbers of the library: ends of lines, arrows and arcs, extents of ellipsoids."""
+
+import inspect
+import re
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+import jaxspatial as js
+
+pyplot = pytest.importorskip("matplotlib.pyplot")
+from jaxspatial import plot  # noqa: E402
+
+FLOAT = np.float32
+DRAWING = [plot.mechanism, plot.torques, plot.frame, plot.wrench, plot.inertia, plot.scales]
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    backend = pyplot.get_backend()
+    pyplot.switch_backend("agg")
+    yield
+    pyplot.close("all")
+    pyplot.switch_backend(backend)
+
+
+def placed(*p):
+    return js.RigidTransform(js.Rotation.identity(dtype=FLOAT), np.array(p, FLOAT))
+
+
+def arm():
+    """A hinge on the world about x, a slide along its z, and a hinge whose body is not where its joint is."""
+    M = js.SpatialInertia.solid_box(FLOAT([0.1, 0.2, 0.4]), mass=FLOAT(2))
+    joints = [
+        js.Joint("shoulder", "revolute", "world", "upper", placed(0.1, 0, 0.5), axis=(1, 0, 0)),
+        js.Joint("slide", "prismatic", "upper", "rod", placed(0, 0.2, 0.3)),
+        js.Joint("wrist", "revolute", "rod", "hand", placed(0, 0, 0.2), placed(0, 0.3, 0), axis=(0, 1, 0)),
+    ]
+    bodies = [js.Body(name, M) for name in ("upper", "rod", "hand")]
+    frames = [js.Frame("grip", "hand", placed(0, 0.4, 0.1)), js.Frame("table", "world", placed(0, 0, 0.2))]
+    return js.Mechanism.build(bodies, joints, frames, dtype=FLOAT)
+
+
+Q = FLOAT([0.7, 0.1, -0.4])
+
+
+def named(ax, gid):
+    """The points (n, 3) of each line and arrow of a name."""
+    lines = [np.stack(line.get_data_3d(), -1) for line in ax.lines if line.get_gid() == gid]
+    return lines + [arrow.ends for arrow in ax.patches if arrow.get_gid() == gid]
+
+
+def places(mech, q, frames):
+    return np.asarray(js.forward_kinematics(mech, q, frames).translation)
+
+
+def test_bodies_join_the_origins_of_joints():
+    mech = arm()
+    X_WH = js.forward_kinematics(mech, Q, "hand")
+    wrist = np.asarray(X_WH @ FLOAT([0, -0.3, 0]))  # where the joint is on the body
+    joints = np.stack([*places(mech, Q, ["upper", "rod"]), wrist])
+    ax = plot.mechanism(mech, Q, frames=["grip", "table"])
+    close = {"rtol": 0, "atol": 1e-6}
+    np.testing.assert_allclose(named(ax, "joints")[0], joints, **close)
+    for name, start, end in zip(["upper", "rod", "hand"], [np.zeros(3), *joints[:2]], joints, strict=True):
+        np.testing.assert_allclose(named(ax, name), [[start, end]], **close)
+    grip, table = places(mech, Q, ["grip", "table"])
+    np.testing.assert_allclose(named(ax, "grip"), [[wrist, grip]], **close)
+    np.testing.assert_allclose(named(ax, "table"), [[np.zeros(3), table]], **close)
+    assert [text.get_text().strip() for text in ax.texts] == ["grip", "table"]
+    axes = np.stack([named(ax, f"grip {letter}")[0] for letter in "xyz"])
+    R_WG = np.asarray(js.forward_kinematics(mech, Q, "grip").rotation.to_matrix())
+    directions = np.diff(axes, axis=1)[:, 0]
+    np.testing.assert_allclose(directions / np.linalg.norm(directions, axis=1, keepdims=True), R_WG.T, **close)
+
+
+def test_a_body_without_children_ends_in_its_farthest_frame():
+    """Or in its centre of mass."""
+    mech = arm()
+    ax = plot.mechanism(mech, Q)
+    np.testing.assert_allclose(named(ax, "hand tip")[0][1], places(mech, Q, "grip"), rtol=0, atol=1e-6)
+    M = js.SpatialInertia.thin_rod(FLOAT(0.6), mass=FLOAT(1)).shift(FLOAT([0, 0, 0.3]))
+    pendulum = js.Mechanism.build([js.Body("rod", M)], [js.Joint("a", "revolute", "world", "rod", axis=(0, 1, 0))])
+    q = FLOAT([0.3])
+    end = named(plot.mechanism(pendulum, q), "rod tip")[0][1]
+    np.testing.assert_allclose(end, js.center_of_mass(pendulum, q), rtol=0, atol=1e-6)
+
+
+def test_nothing_ties_a_free_body_to_the_world():
+    M = js.SpatialInertia.solid_sphere(FLOAT(0.1), mass=FLOAT(1))
+    ball = js.Mechanism.build([js.Body("ball", M)], [js.Joint("root", "free", "world", "ball")])
+    ax = plot.mechanism(ball, FLOAT([1, 0, 0, 0, 0.5, 0.2, 1]), ground=js.HalfSpace(FLOAT([0, 0, 2]), FLOAT(0.1)))
+    assert not named(ax, "ball") and named(ax, "joints")[0].tolist() == [pytest.approx([0.5, 0.2, 1])]
+    low, high = ax.get_zlim()
+    assert low <= 0.1 <= high  # the plane, for a normal of any length
+
+
+def test_frames():
+    X = js.RigidTransform(js.Rotation.exp(FLOAT([0.3, -0.2, 0.9])), FLOAT([1, 2, 3]))
+    ax = plot.frame(X, length=0.5, name="B")
+    for k, letter in enumerate("xyz"):
+        tip = np.asarray(X @ (0.5 * np.eye(3, dtype=FLOAT)[k]))
+        np.testing.assert_allclose(named(ax, f"B {letter}"), [[[1, 2, 3], tip]], rtol=0, atol=1e-6)
+    assert ax.texts[0].get_text().strip() == "B"
+
+
+def test_a_wrench():
+    """The arrow is along the force; the arc turns about the torque; about the central axis no torque is across it."""
+    F, P = js.SpatialForce(FLOAT([1, 2, -1]), FLOAT([0, 4, -20])), np.array([0.3, 0.2, 0.1])
+    ax = plot.wrench(F, P, scale=plot.Scales(0.05, 0.1))
+    (arrow,), (arc,), (line,) = (named(ax, name) for name in ("force", "torque", "central axis"))
+    np.testing.assert_allclose(arrow, [P, P + 0.05 * np.asarray(F.f)], rtol=0, atol=1e-6)
+    spokes = arc - P
+    np.testing.assert_allclose(np.linalg.norm(spokes, axis=1), 0.1 * np.sqrt(6), rtol=1e-6)
+    turning = np.cross(spokes[:-1], spokes[1:])
+    n = np.asarray(F.tau) / np.sqrt(6)
+    np.testing.assert_allclose(turning / np.linalg.norm(turning, axis=1, keepdims=True), n + 0 * turning, atol=1e-6)
+    (head,) = named(ax, "torque head")
+    np.testing.assert_allclose(head[1], arc[-1], atol=1e-12)
+    pitch = js.central_axis(F).pitch
+    for end in line:
+        F_A = js.shift(F, FLOAT(end - P))
+        np.testing.assert_allclose(F_A.tau, pitch * F.f, rtol=0, atol=2e-5)
+    assert ax.get_legend_handles_labels()[1] == [f"central axis, pitch {pitch:.3g} m"]
+
+
+def test_no_axis_is_drawn_without_use():
+    """Through the point of the wrench, of a couple, far away, or where none is asked for."""
+    zero, f = FLOAT([0, 0, 0]), FLOAT([0, 0, 10])
+    for F in (js.SpatialForce(zero, f), js.SpatialForce(f, zero), js.SpatialForce(FLOAT([0, 1e3, 0]), f)):
+        assert not named(plot.wrench(F, np.zeros(3)), "central axis")
+    assert not named(plot.wrench(js.SpatialForce(FLOAT([0, 1, 0]), f), np.zeros(3), axis=False), "central axis")
+
+
+def test_arrows_in_the_same_axes_have_one_scale():
+    zero, points = np.zeros((2, 3), FLOAT), np.array([[0, 0, 0], [1, 0, 0.5]])
+    ax = plot.mechanism(arm(), Q)
+    size = max(np.ptp(limits) for limits in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim()))
+    plot.wrench(js.SpatialForce(zero, FLOAT([[0, 0, 5], [0, 0, 20]])), points, ax)
+    lengths = [np.linalg.norm(np.diff(ends, axis=0)) for ends in named(ax, "force")]
+    np.testing.assert_allclose(lengths, [0.075 * size, 0.3 * size], rtol=1e-6)
+    before = plot.scales(ax)
+    assert before.torque is None and before.force == pytest.approx(0.3 * size / 20)
+    plot.wrench(js.SpatialForce(FLOAT([0, 0, 7]), FLOAT([0, 40, 0])), points[0], ax, axis=False)
+    assert plot.scales(ax).force == before.force and plot.scales(ax).torque > 0
+    np.testing.assert_allclose(np.diff(named(ax, "force")[2], axis=0), [[0, 40 * before.force, 0]], rtol=1e-6)
+    assert len(named(ax, "torque")) == 1  # nothing where there is no torque
+
+
+def test_small_arrows_are_left_out():
+    f = FLOAT([[0, 0, 10], [0, 0, 0.01], [0, 0, 0]])
+    ax = plot.wrench(js.SpatialForce(np.zeros((3, 3), FLOAT), f), np.zeros(3))
+    assert len(named(ax, "force")) == 1
+
+
+def test_forces_of_joints_are_about_and_along_their_axes():
+    mech, tau = arm(), FLOAT([3, -4, -2])
+    ax = plot.torques(mech, Q, tau, plot.mechanism(mech, Q))
+    force, torque = plot.scales(ax)
+    (slide,) = named(ax, "force")
+    R = js.forward_kinematics(mech, Q).rotation.to_matrix()
+    np.testing.assert_allclose(np.diff(slide, axis=0)[0], force * -4 * np.asarray(R[1, :, 2]), atol=1e-6)
+    joints = named(ax, "joints")[0]
+    for arc, i, axis, t in zip(named(ax, "torque"), (0, 2), (R[0, :, 0], R[2, :, 1]), (3, -2), strict=True):
+        spokes = arc - joints[i]
+        np.testing.assert_allclose(np.linalg.norm(spokes, axis=1), torque * abs(t), rtol=1e-5)
+        turning = np.cross(spokes[0], spokes[1])
+        np.testing.assert_allclose(turning / np.linalg.norm(turning), np.sign(t) * np.asarray(axis), atol=1e-5)
+
+
+def test_joints_of_several_coordinates_and_mimics_have_no_arrow():
+    mech = js.testing.random_mechanism(0, 6, ["free", "ball", "revolute"], dtype=FLOAT)
+    hinges = mech.topology.kinds.count("revolute")
+    ax = plot.torques(mech, mech.neutral(), np.ones(mech.nv, FLOAT), plot.mechanism(mech, mech.neutral()))
+    assert 0 < len(named(ax, "torque")) == hinges < mech.nv
+
+
+def test_an_ellipsoid():
+    """Its sections are on the surface whose second moments are those of the inertia."""
+    M = js.SpatialInertia.solid_box(FLOAT([0.1, 0.5, 0.3]), mass=FLOAT(2)).shift(FLOAT([0.2, 0.1, 0]))
+    X = js.RigidTransform(js.Rotation.exp(FLOAT([0.3, -0.2, 0.9])), FLOAT([1, 2, 3]))
+    sections = named(plot.inertia(M, None, X), "inertia")
+    assert len(sections) == 3
+    p_WC = np.asarray(X @ M.com)
+    R = np.asarray(X.rotation.to_matrix(), float)
+    second = np.diag(np.array([0.1, 0.5, 0.3]) ** 2 / 12)  # of a box: those of the ellipsoid are a^2 / 5
+    inverse = np.linalg.inv(R @ (5 * second) @ R.T)
+    for section in sections:
+        np.testing.assert_allclose(np.einsum("ni,ij,nj->n", section - p_WC, inverse, section - p_WC), 1, rtol=1e-5)
+    farthest = max(np.linalg.norm(section - p_WC, axis=1).max() for section in sections)
+    np.testing.assert_allclose(farthest, M.equivalent_ellipsoid()[0][0], rtol=1e-5)
+
+
+def test_lengths_are_equal_along_all_axes():
+    ax = plot.mechanism(arm(), Q)
+    plot.wrench(js.SpatialForce(FLOAT([0, 0, 0]), FLOAT([0, 9, 0])), np.zeros(3), ax)
+    lengths = [np.ptp(limits) for limits in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())]
+    np.testing.assert_allclose(
+        ax.get_box_aspect() / np.linalg.norm(ax.get_box_aspect()), lengths / np.linalg.norm(lengths)
+    )
+
+
+def test_all_that_is_drawn_is_inside_the_axes():
+    ax = plot.frame(placed(0, 0, 0))
+    plot.wrench(js.SpatialForce(FLOAT([0, 0, 1]), FLOAT([30, 40, 0])), np.ones(3), ax)
+    ax.figure.canvas.draw()
+    for line in [*named(ax, "force"), *named(ax, "torque"), *named(ax, "central axis")]:
+        for values, limits in zip(line.T, (ax.get_xlim(), ax.get_ylim(), ax.get_zlim()), strict=True):
+            assert limits[0] <= values.min() and values.max() <= limits[1]
+
+
+def test_names_are_in_the_ink_of_the_theme():
+    with pyplot.style.context("dark_background"):
+        ax = plot.frame(placed(0, 0, 0), name="W")
+        assert ax.texts[0].get_color() == pyplot.rcParams["text.color"] == "white"
+
+
+def _luminance(color):
+    from matplotlib.colors import to_rgb
+
+    rgb = np.array(to_rgb(color))
+    return np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+
+@pytest.mark.parametrize("color", [plot.BODY, plot.JOINT, plot.FORCE, plot.TORQUE, plot.INERTIA, *plot.XYZ])
+def test_colours_can_be_seen_on_white_and_on_black(color):
+    """The contrast that WCAG 2.2 asks of graphics, 1.4.11."""
+    y = _luminance(color)
+    assert 1.05 / (y + 0.05) >= 3 and (y + 0.05) / 0.05 >= 3
+
+
+MECH, FORCE = arm(), js.SpatialForce(np.zeros(3, FLOAT), np.ones(3, FLOAT))
+MANY = js.SpatialForce(np.zeros((2, 2, 3), FLOAT), np.ones((2, 2, 3), FLOAT))
+TWO = placed(0, 0, 0).with_vectors([np.tile(x, (2, 1)) for x in placed(0, 0, 0).vectors])
+BODIES = MECH.inertias
+MESSAGES = [
+    (lambda: plot.mechanism("robot", Q), TypeError, "plot.mechanism: expected a Mechanism first, got str"),
+    (lambda: plot.mechanism(MECH, np.zeros((5, 3), FLOAT)), ValueError, r"q: expected shape \(3,\), .*pass one state, q\[i\]"),
+    (lambda: plot.mechanism(MECH, np.zeros(4, FLOAT)), ValueError, r"q: expected shape \(3,\), got \(4,\)$"),
+    (lambda: plot.mechanism(MECH, Q, frames=["gripp"]), KeyError, "did you mean 'grip'"),
+    (lambda: plot.mechanism(MECH, Q, frames="grip"), TypeError, "frames: expected a sequence of names"),
+    (lambda: plot.mechanism(MECH, Q, ground=0.0), TypeError, "ground: expected a HalfSpace"),
+    (lambda: plot.mechanism(MECH, Q, pyplot.figure().add_subplot()), TypeError, "projection='3d', got Axes"),
+    (lambda: plot.mechanism(jax.tree.map(lambda x: np.stack([x, x]), MECH), Q), ValueError, "one mechanism, got a batch"),
+    (lambda: plot.torques(MECH, Q, np.zeros(2, FLOAT)), ValueError, r"tau: expected shape \(3,\), got \(2,\)"),
+    (lambda: plot.torques(MECH, Q, np.full(3, np.nan, FLOAT)), ValueError, "expected finite numbers"),
+    (lambda: plot.frame(np.eye(4)), TypeError, "plot.frame: X_WF: expected a RigidTransform"),
+    (lambda: plot.frame(TWO), ValueError, r"got a batch \(2,\): pass x.at_batch\(i\)"),
+    (lambda: plot.wrench(np.zeros(6), np.zeros(3)), TypeError, "plot.wrench: expected a SpatialForce"),
+    (lambda: plot.wrench(MANY, np.zeros(3)), ValueError, r"got \(2, 2\): pass F.at_batch\(i\)"),
+    (lambda: plot.wrench(FORCE, np.zeros(2)), ValueError, r"p_WP: expected shape \(3,\)"),
+    (lambda: plot.wrench(FORCE, np.zeros(3), scale=0.1), TypeError, "scale: expected a Scales"),
+    (lambda: plot.inertia(BODIES), ValueError, r"got a batch \(3,\): pass x.at_batch\(i\)"),
+    (lambda: plot.inertia(js.SpatialInertia.zero(dtype=FLOAT)), ValueError, "expected the inertia of a body with a mass"),
+    (lambda: plot.scales(None), TypeError, "projection='3d', got NoneType"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "error", "message"), MESSAGES, ids=[message for *_, message in MESSAGES])
+def test_messages(call, error, message):
+    with pytest.raises(error, match=message):
+        call()
+
+
+@pytest.mark.parametrize("function", DRAWING, ids=lambda f: f.__name__)
+def test_docstrings_tell_arguments_results_and_errors(function):
+    doc = inspect.getdoc(function) or ""
+    args = re.search(r"^Args:\n((?:    .*\n)+)", doc, re.M)
+    assert args and re.findall(r"^    (\w+): ", args[1], re.M) == list(inspect.signature(function).parameters)
+    assert re.search(r"^Returns:", doc, re.M) and re.search(r"^    \w+Error: .", doc, re.M)
+
+
+def test_only_who_draws_needs_matplotlib():
+    source = """
+import sys
+sys.modules["matplotlib"] = None
+import jaxspatial
+try:
+    from jaxspatial import plot
+except ImportError as error:
+    assert "[plot]" in str(error) and "matplotlib" in str(error), error
+else:
+    raise AssertionError
+"""
+    subprocess.run([sys.executable, "-c", source], check=True)
