@@ -1,0 +1,189 @@
+"""The pages that are written while the site is built: one per public name, and the tables of benchmarks."""
+
+import importlib
+import inspect
+import pathlib
+import re
+import subprocess
+from typing import Any, NamedTuple
+
+import docstrings
+
+FOLDER = pathlib.Path(__file__).parent.parent
+ROOT = FOLDER.parent
+# Types that only results are of stand on the page of the function that makes them.
+RESULTS = {
+    "central_axis": ["jaxspatial.spatial.wrench.CentralAxis"],
+    "close_loops": ["jaxspatial.dynamics.closed_loops.ClosedConfiguration"],
+    "constrained_forward_dynamics": ["jaxspatial.dynamics.closed_loops.ConstrainedDynamics"],
+    "forward_dynamics_derivatives": ["jaxspatial.dynamics.linearization.ForwardDynamicsDerivatives"],
+    "inverse_dynamics_derivatives": ["jaxspatial.dynamics.linearization.InverseDynamicsDerivatives"],
+    "mass_matrix_factor": ["jaxspatial.dynamics.composite_bodies.MassMatrixFactor"],
+}
+# What stands behind public names and is told of in their docstrings.
+BEHIND = {
+    "error_bounds": ("Error bounds", ["jaxspatial.spatial.operations", "jaxspatial.numerics.promise"]),
+}
+# Names of other modules that a public module exports.
+OWN = {
+    "jaxspatial.regressors": ["jaxspatial.dynamics.regressors", "jaxspatial.inertia.regressors"],
+    "jaxspatial.interop": ["jaxspatial.interop", "jaxspatial.mechanism.formats"],
+}
+TABLES = [*sorted((ROOT / "tests/benchmarks").glob("*.md")), ROOT / "tests/peers/robots.md"]
+
+
+class Entry(NamedTuple):
+    """A public name of the page reference.md."""
+
+    subject: str
+    name: str
+    example: str
+
+
+def entries(text: str) -> list[Entry]:
+    """All public names of the page, in its order."""
+    found = []
+    for section in re.split(r"^## ", text, flags=re.M)[1:]:
+        subject, *parts = re.split(r"^### ", section, flags=re.M)
+        for part in parts:
+            (example,) = re.findall(r"```python\n(.*?)```", part, re.S)
+            found.append(Entry(subject.strip(), part.partition("\n")[0].strip(), example))
+    return found
+
+
+def shared(text: str) -> str:
+    """What the examples of the page share."""
+    return re.findall(r"```python\n(.*?)```", text.partition("\n## ")[0], re.S)[0]
+
+
+def reference() -> str:
+    return (FOLDER / "reference.md").read_text()
+
+
+def first_sentence(x: Any) -> str:
+    """What it computes, for a list."""
+    paragraph = (inspect.getdoc(x) or "").partition("\n\n")[0]
+    return " ".join(re.split(r"\.(?:\s|$)", paragraph.rstrip(":"))[0].split()) + "."
+
+
+# -- as pages ---------------------------------------------------------------------------------------------------------
+
+
+def overview(text: str) -> str:
+    """reference.md as the site has it: tables of names by subject, in place of the examples."""
+    import jaxspatial
+
+    intro, *_ = text.partition("\n## ")
+    parts = [intro.replace("On the site every name has a page of its own", "Every name has a page of its own"), ""]
+    found = entries(text)
+    for subject in dict.fromkeys(entry.subject for entry in found):
+        names = [entry.name for entry in found if entry.subject == subject]
+        rows = [f"| [`{x}`](reference/{x}) | {_cell(first_sentence(getattr(jaxspatial, x)))} |" for x in names]
+        tree = ["```{toctree}", ":hidden:", f":caption: {subject}", "", *(f"reference/{x}" for x in names), "```"]
+        parts += [f"## {subject}", "", "| | |", "|---|---|", *rows, "", *tree, ""]
+    pages = [f"- [{title}](reference/{name})" for name, (title, _) in BEHIND.items()]
+    tree = ["```{toctree}", ":hidden:", ":caption: What bounds mean", "", *(f"reference/{name}" for name in BEHIND)]
+    return "\n".join([*parts, "## What bounds mean", "", *pages, "", *tree, "```", ""])
+
+
+def with_trees(text: str) -> str:
+    """A page of links with the pages in the tree of the site, each section one part of it."""
+    parts = re.split(r"^(?=## )", text, flags=re.M)
+    for i, part in enumerate(parts):
+        linked = re.findall(r"^- \[[^\]]*\]\(([\w/]+)\.(?:md|ipynb)\)", part, re.M)
+        caption = part.partition("\n")[0].removeprefix("## ")
+        if linked:
+            parts[i] += "\n".join(["", "```{toctree}", ":hidden:", f":caption: {caption}", "", *linked, "```", "", ""])
+    return "".join(parts)
+
+
+def _cell(text: str) -> str:
+    """In a table of Markdown, all but code as it stands."""
+    plain_and_code = re.split(r"(`[^`]+`)", text)
+    return "".join(x if i % 2 else re.sub(r"([*_\\<\[])", r"\\\1", x) for i, x in enumerate(plain_and_code)).replace(
+        "|", r"\|"
+    )
+
+
+def write() -> None:
+    """The generated pages, each only where it has changed, and none that is no more."""
+    pages = {FOLDER / "reference" / f"{name}.rst": text for name, text in _reference_pages().items()}
+    pages |= {FOLDER / "measured" / path.name: _table(path) for path in TABLES}
+    for path, text in pages.items():
+        path.parent.mkdir(exist_ok=True)
+        if not path.exists() or path.read_text() != text:
+            path.write_text(text)
+    for folder in ("reference", "measured"):
+        for path in set((FOLDER / folder).iterdir()) - pages.keys():
+            path.unlink()
+
+
+def _reference_pages() -> dict[str, str]:
+    text = reference()
+    pages = {entry.name: _page(entry, shared(text)) for entry in entries(text)}
+    for name, (title, modules) in BEHIND.items():
+        parts = (f".. automodule:: {module}\n" + "   :members:\n" * module.endswith("promise") for module in modules)
+        pages[name] = _titled(title) + "\n".join(parts)
+    return pages
+
+
+def _titled(title: str) -> str:
+    return f"{title}\n{'=' * len(title)}\n\n"
+
+
+def _page(entry: Entry, setup: str) -> str:
+    import jaxspatial
+
+    described = [_described(f"jaxspatial.{entry.name}", getattr(jaxspatial, entry.name))]
+    described += [_described(x, _object(x)) for x in RESULTS.get(entry.name, [])]
+    if inspect.ismodule(getattr(jaxspatial, entry.name)):
+        described = [_module(f"jaxspatial.{entry.name}", getattr(jaxspatial, entry.name))]
+    example = f"Example\n-------\n\n{_code(entry.example)}"
+    more = ".. container:: setup\n\n   What the examples share:\n\n" + _indented(_code(setup))
+    return _titled(entry.name) + "\n".join([*described, example, more])
+
+
+def _described(name: str, x: Any) -> str:
+    if not inspect.isclass(x):
+        return f".. autofunction:: {name}\n"
+    bases = ", ".join(base.__name__ for base in x.__mro__ if not base.__module__.startswith("jaxspatial"))
+    return f".. autoclass:: {name}\n   :members:\n   :inherited-members: {bases}\n"
+
+
+def _module(name: str, module: Any) -> str:
+    """All public names of a module and of the modules in it."""
+    parts = [f".. py:module:: {name}\n", *docstrings.to_rst((module.__doc__ or "").splitlines(), lambda code: None)]
+    inner = []
+    for key, x in vars(module).items():
+        home = getattr(x, "__module__", getattr(x, "__name__", ""))
+        if key.startswith("_") or not home.startswith(tuple(OWN.get(name, [module.__name__]))):
+            continue
+        if inspect.ismodule(x):
+            inner += [f"{key}\n{'-' * len(key)}\n", _module(f"{name}.{key}", x)]
+        elif callable(x):
+            parts.append(_described(f"{name}.{key}", x))
+    return "\n".join([*parts, *inner])
+
+
+def _object(name: str) -> Any:
+    module, _, attribute = name.rpartition(".")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def _code(text: str) -> str:
+    return ".. code-block:: python\n\n" + _indented(text)
+
+
+def _indented(text: str) -> str:
+    return re.sub(r"^(?=.)", "   ", text, flags=re.M)
+
+
+def _table(path: pathlib.Path) -> str:
+    """A table of a benchmark, with the day on which it was written."""
+    title, _, rest = path.read_text().partition("\n")
+    command = ["git", "log", "-1", "--format=%cs", "--", str(path)]
+    is_shallow = (ROOT / ".git/shallow").exists()  # there the last commit has all files
+    found = None if is_shallow else subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    day = found.stdout.strip() if found else ""
+    source = path.relative_to(ROOT)
+    return f"{title}\n\n`{source}`{f', of {day}' if day else ''}.\n{rest}"
