@@ -1,0 +1,29 @@
+"""Runs the notebooks as a reader does, in a process of their own, by papermill."""
+
+import json
+import pathlib
+import warnings
+
+from tests.helpers.optional import needs
+
+FOLDER = pathlib.Path(__file__).parent.parent.parent / "notebooks"
+
+
+def executed(name, **parameters):
+    """The notebook with its outputs; parameters replace numbers of its cell that is tagged "parameters"."""
+    papermill = needs("papermill")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        source = papermill.iorw.load_notebook_node(str(FOLDER / f"{name}.ipynb"))
+        known = {p.name for p in papermill.inspection._infer_parameters(source)}
+        assert parameters.keys() <= known, f"no parameters of {name}: {parameters.keys() - known}"
+        return papermill.execute_notebook(
+            FOLDER / f"{name}.ipynb", None, parameters, cwd=FOLDER, progress_bar=False, log_output=False
+        )
+
+
+def last_numbers(notebook):
+    """What the last cell of a notebook prints as JSON."""
+    cell = [cell for cell in notebook.cells if cell.cell_type == "code"][-1]
+    text = "".join(output.get("text", "") for output in cell.outputs)
+    return json.loads(text.strip().splitlines()[-1])
