@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import importlib.metadata
 import inspect
 import os
 import pathlib
@@ -18,7 +19,9 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.mechanism.joints import BUILT_IN
+from tests.helpers.interpreted import interpreted
 from tests.helpers.optional import needs
+from tests.helpers.pages import examples, run
 from tests.interop import test_ros
 from tests.test_architecture import LAYERS
 
@@ -36,18 +39,6 @@ def _table(text, heading):
     return [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
 
 
-def _examples(text):
-    return re.findall(r"```python\n(.*?)```", text, re.S)
-
-
-def _run(blocks):
-    """One after the other, as they are read."""
-    scope = {}
-    for block in blocks:
-        exec(block, scope)
-    return scope
-
-
 def _told():
     """All that users read: pages, notebooks, docstrings and messages, by path."""
     paths = [ROOT / "README.md", *(ROOT / "notebooks").iterdir(), *(ROOT / "jaxspatial").rglob("*.py")]
@@ -56,7 +47,7 @@ def _told():
 
 def test_what_is_told_to_install_can_be_installed():
     """Before a release from a clone alone, with extras that there are."""
-    assert "## 0.1.0, not released yet" in PAGES["releases.md"], "released: say `pip install jaxspatial`"
+    assert "## 0.2.0, not published yet" in PAGES["releases.md"], "published: say `pip install jaxspatial`"
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     found = []
     for path, text in _told().items():
@@ -65,47 +56,47 @@ def test_what_is_told_to_install_can_be_installed():
     assert len(found) >= 8 and {extra for names in found for extra in names.split(",")} <= set(extras)
 
 
-def test_first_example_runs_alone(capsys):
-    block = _examples(README)[0]
-    assert len([line for line in block.splitlines() if line and not line.startswith("#")]) <= 20
-    exec(block, {})
+def test_first_steps_run(capsys, tmp_path, monkeypatch):
+    """The gradient is that of the squares of the torques, by differences in float64."""
+    if "example-robot-data" not in {x.metadata["Name"] for x in importlib.metadata.distributions()}:
+        pytest.skip("the extra peers has the robots")
+    blocks = examples(README)
+    assert sum(bool(line) for line in blocks[0].splitlines()) <= 10
+    monkeypatch.chdir(tmp_path)
+    scope = run(blocks)
     printed = capsys.readouterr().out.splitlines()
-    assert printed[0] == "SpatialForce(tau=[2.0, -1.0, -3.0], f=[1.0, 2.0, 0.0]) 3.5 3.5"
+    assert printed[0] == "Mechanism(nq=9, nv=9, 9 bodies, float32)" and printed[-3].endswith("(1000, 9) (1000, 9)")
+    assert printed[-2] == "SpatialForce(tau=[2.0, -1.0, -3.0], f=[1.0, 2.0, 0.0]) 3.5 3.5"
+    assert printed[-1] == "SpatialForce(tau=[2000.0, -1000.0, -3000.0], f=[1000.0, 2000.0, 0.0])"
+    assert (tmp_path / "panda.png").exists()
+    with jax.enable_x64(True):
+        panda, q = scope["panda"].astype(np.float64), np.asarray(scope["q"][0], np.float64)
+        ahead = q + 1e-6 * np.concatenate([np.eye(9), -np.eye(9)])
+        squares = np.asarray(interpreted(js.gravity_forces)(panda, ahead) ** 2).sum(-1)
+    differences = (squares[:9] - squares[9:]) / 2e-6
+    np.testing.assert_allclose(scope["gradient"][0], differences, rtol=0, atol=1e-4 * abs(differences).max())
 
 
-def test_first_steps_run(capsys):
-    scope = _run(_examples(README))
-    printed = capsys.readouterr().out.splitlines()
-    assert printed[1] == (
-        "SpatialForce(tau=[2000.0, -1000.0, -3000.0], f=[1000.0, 2000.0, 0.0])"
-        " SpatialForce(tau=[2.0, -1.0, -3.0], f=[1.0, 2.0, 0.0])"
-    )
-    assert printed[2] == "Mechanism(nq=2, nv=2, 2 bodies, float32)"
-    assert printed[4] == "    lower  <- elbow: revolute" and all(line[0] in "[ " for line in printed[5:])
-    assert scope["torques"].shape == (1000, 2)
-
-
-def test_the_way_of_a_newcomer_comes_first():
+def test_what_it_is_comes_first():
+    assert len(README.splitlines()) <= 130
     headings = re.findall(r"^## (.*)", README, re.M)
-    assert headings[:2] == ["First steps", "Quick start"]
-    words = "install", "wrench is", "A batch", "A robot", "A gradient"
-    places = [README.index(word, README.index("## First steps")) for word in words]
-    assert places == sorted(places)
+    assert headings[:3] == ["First steps", "What you can rely on", "Quick start"]
+    assert "notebooks/robot.png" in README.split("## First steps")[0]
 
 
+# Pages whose code other tests run.
+OWN_TESTS = "simulators.md", "inverse_kinematics.md", "scale.md"
 # Its sections run one by one, where their simulators are.
 SIMULATORS = PAGES["simulators.md"].split("\n## ")
 
 
-@pytest.mark.parametrize("name", [name for name, text in PAGES.items() if _examples(text) and name != "simulators.md"])
+@pytest.mark.parametrize("name", [name for name, text in PAGES.items() if examples(text) and name not in OWN_TESTS])
 def test_pages_run(name):
-    blocks = _examples(PAGES[name])
+    blocks = examples(PAGES[name])
     for module in OPTIONAL:
         if re.search(rf"^(import|from) {re.escape(module)}\b", "\n".join(blocks), re.M):
             needs(module)
-    # As users have it; optax and orbax mix dtypes.
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        _run(blocks)
+    run(blocks)
 
 
 # Brax reads attributes that MJX has moved, and says that it is no longer developed.
@@ -115,7 +106,7 @@ def test_pages_run(name):
 @pytest.mark.parametrize("section", SIMULATORS[1:], ids=lambda text: re.split(r"\W", text)[0])
 def test_recipes_of_simulators_run(section, monkeypatch):
     """Each behind what all share, in at most 25 lines."""
-    (shared,), (recipe,) = _examples(SIMULATORS[0]), _examples(section)
+    (shared,), (recipe,) = examples(SIMULATORS[0]), examples(section)
     for module in ("mujoco.mjx", "brax.io.mjcf", "brax.generalized.pipeline"):
         if f"from {module.rpartition('.')[0]} import {module.rpartition('.')[2]}" in recipe:
             needs(module)
@@ -126,12 +117,11 @@ def test_recipes_of_simulators_run(section, monkeypatch):
         for name, module in ("geometry_msgs", types.SimpleNamespace(msg=declared)), ("geometry_msgs.msg", declared):
             monkeypatch.setitem(sys.modules, name, module)
     assert len([line for line in recipe.splitlines() if line]) <= 25
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        _run([shared, recipe])
+    run([shared, recipe])
 
 
 def test_example_of_double_words(capsys):
-    exec(_examples(PAGES["precision.md"])[0], {})
+    exec(examples(PAGES["precision.md"])[0], {})
     assert capsys.readouterr().out == "SpatialForce(tau=[0.1, 0.2, 0.3], f=[1.0, 2.0, 3.0])\n"
 
 
@@ -195,8 +185,8 @@ def _array(x):
 
 
 def test_layers_are_those_there_are():
-    section = README.split("## For developers\n")[1].split("`tests/`")[0]
-    assert [name for name in re.findall(r"`(\w+)`", section) if name in LAYERS] == LAYERS
+    rows = _table(PAGES["contributing.md"], "Where things are")
+    assert [row[0].strip("`") for row in rows][: len(LAYERS)] == LAYERS
 
 
 def test_extras_exist():
@@ -243,10 +233,10 @@ def test_coming_from_drake(row):
     assert eval(ours.strip("`"), scope) is not None
 
 
-def test_every_public_name_is_in_the_readme():
+def test_every_public_name_is_in_the_reference():
     for name in js.__dict__:
         if not name.startswith("_") and name not in (*LAYERS, "Precision", "CentralAxis"):
-            assert re.search(rf"\b{name}\b", README), name
+            assert re.search(rf"\b{name}\b", PAGES["reference.md"]), name
 
 
 @pytest.mark.parametrize("name", ["README.md", *PAGES])
@@ -257,6 +247,16 @@ def test_links_and_pictures_exist(name):
             assert (folder / target).exists(), target
 
 
-def test_every_page_is_linked():
-    for path in (ROOT / "notebooks").glob("*.*"):
-        assert f"notebooks/{path.name}" in README, path.name
+def test_every_page_is_two_clicks_away():
+    """From the README; and every picture is on a page."""
+    found = linked = _linked(README, "notebooks/")
+    for name in linked & PAGES.keys():
+        found = found | _linked(PAGES[name], "")
+    names = {path.name for path in (ROOT / "notebooks").iterdir() if path.suffix in (".md", ".ipynb")}
+    assert names - {"index.md"} <= found
+    for path in (ROOT / "notebooks").glob("*.png"):
+        assert any(path.name in text for text in (README, *PAGES.values())), path.name
+
+
+def _linked(text, folder):
+    return set(re.findall(rf"\]\({folder}(\w+\.(?:md|ipynb))[)#]", text))
