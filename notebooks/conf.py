@@ -22,6 +22,7 @@ copyright = "The jaxspatial developers"
 release = jaxspatial.__version__
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
 exclude_patterns = ["_site", "**.ipynb_checkpoints"]
+smartquotes = False  # names of precisions are in plain quotation marks
 nitpicky = True
 # Names of other libraries, and annotations of our own that are no public names.
 nitpick_ignore_regex = [("py:.*", r"(?!jaxspatial\.).*")]
@@ -39,6 +40,7 @@ autodoc_typehints = "none"
 autodoc_member_order = "bysource"
 autodoc_class_signature = "mixed"
 add_module_names = False
+toc_object_entries_show_parents = "hide"
 python_use_unqualified_type_names = True
 viewcode_follow_imported_members = True
 
@@ -50,6 +52,7 @@ html_static_path = ["_site/static"]
 html_css_files = ["style.css"]
 html_math_renderer = "mathml"
 html_copy_source = False
+html_domain_indices = False
 html_show_sourcelink = False
 html_theme_options: dict[str, Any] = {
     "navbar_align": "left",
@@ -148,6 +151,11 @@ def read_docstring(app: Any, what: str, name: str, x: Any, options: Any, lines: 
     lines[:] = docstrings.to_rst(lines, lambda code: _named(code, name))
 
 
+def read_signature(app: Any, what: str, name: str, x: Any, options: Any, signature: str | None, returns: Any) -> Any:
+    """A part that is left out is known to be zero; its object says no more."""
+    return signature and signature.replace("Components(0.0, 0.0, 0.0)", "0"), returns
+
+
 def _named(code: str, context: str) -> str | None:
     """The public object that code in a docstring names."""
     match = re.fullmatch(r"(?:js\.|jaxspatial\.)?([A-Za-z]\w*(?:\.\w+)?)(?:\(\))?", code)
@@ -165,7 +173,7 @@ def _members() -> set[str]:
     """Methods and attributes that autodoc describes: those with a docstring, of public classes."""
     found = set()
     for name in NAMES:
-        cls = getattr(jaxspatial, name)
+        cls = getattr(jaxspatial, name, None)
         if isinstance(cls, type):
             ours = [base for base in cls.__mro__ if base.__module__.startswith("jaxspatial")]
             members = {key: x for base in reversed(ours) for key, x in vars(base).items() if key[0] != "_"}
@@ -177,6 +185,19 @@ def _members() -> set[str]:
 
 NAMES = {entry.name for entry in pages.entries(pages.reference())}
 MEMBERS = _members()
+
+
+def drop_lost_links(app: Any, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
+    """Sphinx links the sources of a module to one name of it only, however many names it is documented by."""
+    known = app.env.domaindata["py"]["objects"]
+
+    def link(match: re.Match) -> str:
+        file, name = match[1], match[2]
+        return match[0] if name in known and file.endswith(f"{known[name].docname}.html") else ""
+
+    if page.startswith("_modules/"):
+        context["body"] = re.sub(r'<a class="viewcode-back" href="([^"#]*)#([^"]*)">.*?</a>', link, context["body"])
+
 
 # -- formulas: MathML, which browsers set without a script ------------------------------------------------------------
 
@@ -199,6 +220,8 @@ def setup(app: Any) -> None:
     app.add_html_math_renderer("mathml", (visit_math, None), (visit_displaymath, None))
     app.connect("source-read", read_page)
     app.connect("autodoc-process-docstring", read_docstring)
+    app.connect("autodoc-process-signature", read_signature)
+    app.connect("html-page-context", drop_lost_links)
     pages.write()
     # Pages of sources are there before Sphinx looks for pages.
     for path in [ROOT / "README.md", *HERE.glob("*.md"), *HERE.glob("*.ipynb"), *PLACES.values()]:

@@ -17,11 +17,13 @@ pages = importlib.import_module("pages")
 TEXT = pages.reference()
 ENTRIES = {entry.name: entry.example for entry in pages.entries(TEXT)}
 # Layers that are no names of their own.
+# Imported by name: they need the extras `plot` and `view`.
+OPTIONAL = {"plot": "matplotlib", "viewer": "viser"}
 INNER = {"numerics", "rotation", "spatial", "inertia", "mechanism", "engine", "dynamics"}
 
 
 def test_every_public_name_has_one_entry():
-    public = {name for name in vars(js) if not name.startswith("_")} - INNER
+    public = {name for name in vars(js) if not name.startswith("_")} - INNER | {*OPTIONAL}
     assert INNER < set(LAYERS)
     assert public == set(ENTRIES) and len(ENTRIES) == len(pages.entries(TEXT))
 
@@ -34,8 +36,15 @@ def shared():
         yield scope
 
 
-@pytest.mark.parametrize("name", ENTRIES)
-def test_example(name, shared):
-    """As users have it: in the promotion rules of JAX."""
+# These compile long programs, or many.
+LONG = {"self_check", "convex_step", "constrained_forward_dynamics", "close_loops"}
+
+
+@pytest.mark.parametrize("name", [pytest.param(x, marks=[pytest.mark.slow] if x in LONG else []) for x in ENTRIES])
+def test_example(name, shared, tmp_path, monkeypatch):
+    """Under the promotion rules of these tests, which are stricter than a user's."""
+    if name in OPTIONAL:
+        pytest.importorskip(OPTIONAL[name])
+    monkeypatch.chdir(tmp_path)
     found, said = printed(ENTRIES[name], dict(shared))
     assert found and found == said

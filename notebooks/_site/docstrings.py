@@ -22,8 +22,9 @@ def to_rst(lines: Iterable[str], link: Link) -> list[str]:
 def _field(title: str, body: str, link: Link) -> list[str]:
     if title in ("Args", "Raises"):
         role = "param" if title == "Args" else "raises"
-        entries = re.findall(r"^    ([\w.]+): ((?:.*\n?)(?:     +.*\n?|\n)*)", body, re.M)
-        return [f":{role} {name}: {_inline(' '.join(text.split()), link)}" for name, text in entries]
+        entries = re.findall(r"^    ([\w.]+(?:, [\w.]+)*): ((?:.*\n?)(?:     +.*\n?|\n)*)", body, re.M)
+        text_of = {name: _inline(" ".join(text.split()), link) for names, text in entries for name in names.split(", ")}
+        return [f":{role} {name}: {text}" for name, text in text_of.items()]
     name = {"Returns": "returns", "Error": "Error bound"}.get(title, title)
     paragraphs = [_inline(" ".join(x.split()), link) for x in re.split(r"\n\s*\n", body) if x.strip()]
     return [f":{name}: {paragraphs[0]}", *(line for x in paragraphs[1:] for line in ("", f"    {x}"))]
@@ -47,7 +48,8 @@ def _blocks(lines: list[str], link: Link) -> list[str]:
         if line.startswith("    ") and not paragraph:
             end = next((k for k in range(i, len(lines)) if lines[k] and not lines[k].startswith("    ")), len(lines))
             block = "\n".join(lines[i:end]).rstrip()
-            found += ["::", "", *block.splitlines(), ""]
+            language = "python" if re.search(r"\b(js|jax|measure|interop)\.|\bprint\(", block) else "text"
+            found += [f".. code-block:: {language}", "", *block.splitlines(), ""]
             i = end
             continue
         if re.match(r"(- |\d\. )", line) or not line:

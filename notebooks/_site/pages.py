@@ -5,6 +5,7 @@ import inspect
 import pathlib
 import re
 import subprocess
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import docstrings
@@ -24,11 +25,6 @@ RESULTS = {
 BEHIND = {
     "error_bounds": ("Error bounds", ["jaxspatial.spatial.operations", "jaxspatial.numerics.promise"]),
 }
-# Names of other modules that a public module exports.
-OWN = {
-    "jaxspatial.regressors": ["jaxspatial.dynamics.regressors", "jaxspatial.inertia.regressors"],
-    "jaxspatial.interop": ["jaxspatial.interop", "jaxspatial.mechanism.formats"],
-}
 TABLES = [*sorted((ROOT / "tests/benchmarks").glob("*.md")), ROOT / "tests/peers/robots.md"]
 
 
@@ -47,7 +43,7 @@ def entries(text: str) -> list[Entry]:
         subject, *parts = re.split(r"^### ", section, flags=re.M)
         for part in parts:
             (example,) = re.findall(r"```python\n(.*?)```", part, re.S)
-            found.append(Entry(subject.strip(), part.partition("\n")[0].strip(), example))
+            found.append(Entry(subject.partition("\n")[0], part.partition("\n")[0].strip(), example))
     return found
 
 
@@ -71,16 +67,16 @@ def first_sentence(x: Any) -> str:
 
 def overview(text: str) -> str:
     """reference.md as the site has it: tables of names by subject, in place of the examples."""
-    import jaxspatial
-
     intro, *_ = text.partition("\n## ")
     parts = [intro.replace("On the site every name has a page of its own", "Every name has a page of its own"), ""]
     found = entries(text)
     for subject in dict.fromkeys(entry.subject for entry in found):
         names = [entry.name for entry in found if entry.subject == subject]
-        rows = [f"| [`{x}`](reference/{x}) | {_cell(first_sentence(getattr(jaxspatial, x)))} |" for x in names]
+        rows = [f"| [`{x}`](reference/{x}) | {_cell(first_sentence(_object(f'jaxspatial.{x}')))} |" for x in names]
         tree = ["```{toctree}", ":hidden:", f":caption: {subject}", "", *(f"reference/{x}" for x in names), "```"]
-        parts += [f"## {subject}", "", "| | |", "|---|---|", *rows, "", *tree, ""]
+        note = re.split(rf"^## {subject}\n", text, flags=re.M)[1].partition("\n#")[0].strip()
+        parts += [f"## {subject}", "", note, "", "| | |", "|---|---|", *rows, "", *tree, ""]
+    parts.append("{ref}`Index of all names, members included <genindex>`")
     pages = [f"- [{title}](reference/{name})" for name, (title, _) in BEHIND.items()]
     tree = ["```{toctree}", ":hidden:", ":caption: What bounds mean", "", *(f"reference/{name}" for name in BEHIND)]
     return "\n".join([*parts, "## What bounds mean", "", *pages, "", *tree, "```", ""])
@@ -132,15 +128,19 @@ def _titled(title: str) -> str:
 
 
 def _page(entry: Entry, setup: str) -> str:
-    import jaxspatial
+    x = _object(f"jaxspatial.{entry.name}")
+    described = [_module(f"jaxspatial.{entry.name}", x)] if inspect.ismodule(x) else []
+    described += [] if described else [_described(f"jaxspatial.{entry.name}", x)]
+    described += [_described(name, _object(name)) for name in RESULTS.get(entry.name, [])]
+    example = f"Example\n-------\n\n{_code(entry.example)}\n{_folded('What the examples share', setup)}"
+    # What has members is long: there the example comes first.
+    parts = [example, *described] if not inspect.isroutine(x) else [*described, example]
+    return _titled(entry.name) + "\n".join(parts)
 
-    described = [_described(f"jaxspatial.{entry.name}", getattr(jaxspatial, entry.name))]
-    described += [_described(x, _object(x)) for x in RESULTS.get(entry.name, [])]
-    if inspect.ismodule(getattr(jaxspatial, entry.name)):
-        described = [_module(f"jaxspatial.{entry.name}", getattr(jaxspatial, entry.name))]
-    example = f"Example\n-------\n\n{_code(entry.example)}"
-    more = ".. container:: setup\n\n   What the examples share:\n\n" + _indented(_code(setup))
-    return _titled(entry.name) + "\n".join([*described, example, more])
+
+def _folded(title: str, code: str) -> str:
+    opened, closed = f"<details class='shared'><summary>{title}</summary>", "</details>"
+    return f".. raw:: html\n\n   {opened}\n\n{_code(code)}\n.. raw:: html\n\n   {closed}\n"
 
 
 def _described(name: str, x: Any) -> str:
@@ -154,20 +154,30 @@ def _module(name: str, module: Any) -> str:
     """All public names of a module and of the modules in it."""
     parts = [f".. py:module:: {name}\n", *docstrings.to_rst((module.__doc__ or "").splitlines(), lambda code: None)]
     inner = []
-    for key, x in vars(module).items():
-        home = getattr(x, "__module__", getattr(x, "__name__", ""))
-        if key.startswith("_") or not home.startswith(tuple(OWN.get(name, [module.__name__]))):
-            continue
+    for key, x in _public(module):
         if inspect.ismodule(x):
             inner += [f"{key}\n{'-' * len(key)}\n", _module(f"{name}.{key}", x)]
-        elif callable(x):
+        else:
             parts.append(_described(f"{name}.{key}", x))
     return "\n".join([*parts, *inner])
 
 
+def _public(module: Any) -> Iterator[tuple[str, Any]]:
+    """What a module exports as itself, `X as X`, and what it defines if it is no package."""
+    exported = set(re.findall(r"\b(\w+) as \1\b", inspect.getsource(module)))
+    is_package = hasattr(module, "__path__")
+    for key, x in vars(module).items():
+        is_own = not is_package and callable(x) and getattr(x, "__module__", "") == module.__name__
+        if key in exported or (is_own and not key.startswith("_")):
+            yield key, x
+
+
 def _object(name: str) -> Any:
-    module, _, attribute = name.rpartition(".")
-    return getattr(importlib.import_module(module), attribute)
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError:
+        module, _, attribute = name.rpartition(".")
+        return getattr(importlib.import_module(module), attribute)
 
 
 def _code(text: str) -> str:
