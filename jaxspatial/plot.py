@@ -28,6 +28,7 @@ from jaxspatial.spatial import RigidTransform, SpatialForce, central_axis
 try:
     from matplotlib import pyplot
     from matplotlib.colors import to_rgb
+    from matplotlib.figure import Figure
     from matplotlib.patches import FancyArrowPatch
     from matplotlib.ticker import MaxNLocator, MultipleLocator
     from mpl_toolkits.mplot3d import Axes3D, proj3d
@@ -54,12 +55,44 @@ class Scales(NamedTuple):
     torque: float | None = None
 
 
-_SCALES: "weakref.WeakKeyDictionary[Axes3D, Scales]" = weakref.WeakKeyDictionary()
 # The axes that were made here.
 _OWN: "weakref.WeakSet[Axes3D]" = weakref.WeakSet()
 
 
 # -- what users call --------------------------------------------------------------------------------------------------
+
+
+def axes(figure: Figure | None = None, place: tuple[int, int, int] = (1, 1, 1)) -> Axes3D:
+    """Makes 3-D axes in the style of this module: in metres, with equal steps, arrows in front of robots.
+
+        figure = plt.figure(figsize=(12, 5))
+        ax = plot.mechanism(mech, q, plot.axes(figure, (1, 2, 1)))
+
+    Args:
+        figure: where; None makes a new one.
+        place: rows, columns and number of the axes in the figure, as of `figure.add_subplot`.
+
+    Returns:
+        The axes. Other 3-D axes serve as well.
+
+    Raises:
+        ValueError: there is no such place.
+    """
+    style: Any = {"projection": "3d", "computed_zorder": False}
+    with pyplot.rc_context({"grid.color": f"{GROUND}60", "grid.linewidth": 0.6}):
+        if figure is None:
+            ax: Any = pyplot.figure(figsize=(6.5, 6)).add_axes((0.02, 0.06, 0.88, 0.94), **style)
+        else:
+            ax = figure.add_subplot(*place, **style)
+    ax.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
+    ax.view_init(20, -50)
+    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+        axis.set_pane_color((0, 0, 0, 0))
+        axis.line.set_color(GROUND)
+    ax.tick_params(labelsize="small")
+    ax.zaxis.labelpad = 8
+    _OWN.add(ax)
+    return ax
 
 
 def mechanism(
@@ -189,15 +222,15 @@ def wrench(
     that along its force. It has a dot at the point nearest to P, and is left out where it passes through P and where it
     is out of sight.
 
-    All arrows in the same axes have one scale, so that they can be compared. The first call chooses it: the longest
-    arrow takes three tenths of the scene, the largest arc a tenth; arrows of less than a hundredth are left out.
+    All arrows in the same axes have one scale, so that they can be compared: the longest arrow takes three tenths of
+    the scene, the largest arc about a tenth, and what is smaller than a hundredth is left out. Draw the robot first.
 
     Args:
         F_P_W: SpatialForce about P, in world axes: N m, N; a single one, or (n,) of them.
         p_WP: (3,) position of P, or (n, 3), m.
         ax: 3-D axes; None makes new ones.
-        scale: Scales(force, torque): metres per N and per N m, for this call and those that follow. None, or None in
-            one of its fields, takes that of the axes, see `scales`.
+        scale: Scales(force, torque): metres per N and per N m, of all arrows in these axes. None, or None in one of
+            its fields, leaves it as it is.
         axis: whether to draw the central axis.
         name: written at the tip of the force, or at the arc where there is no force.
 
@@ -240,7 +273,7 @@ def scales(ax: Axes3D) -> Scales:
         TypeError: the axes are not 3-D.
     """
     _require_axes("plot.scales", ax)
-    return _SCALES.get(ax, Scales())
+    return _WRENCHES[ax].scale if ax in _WRENCHES else Scales()
 
 
 def inertia(
@@ -265,17 +298,17 @@ def inertia(
     _require_single("plot.inertia", M_BBo_B, SpatialInertia)
     X = _Poses(np.eye(3), np.zeros(3)) if X_WB is None else _pose("plot.inertia: X_WB", X_WB)
     a, R_BE = M_BBo_B.equivalent_ellipsoid(precision="fast")
-    axes = X.R @ _numbers(R_BE.to_matrix()) * _numbers(a)  # semi-axes, as columns
+    semi_axes = X.R @ _numbers(R_BE.to_matrix()) * _numbers(a)  # as columns
     centre = X.p + X.R @ _numbers(M_BBo_B.com)
-    if not np.isfinite(axes).all():
+    if not np.isfinite(semi_axes).all():
         raise ValueError(f"plot.inertia: expected the inertia of a body with a mass, got {M_BBo_B}")
     around, down = np.linspace(0, 2 * np.pi, 49), np.linspace(0, np.pi, 25)
     sphere = np.stack([np.outer(np.cos(around), np.sin(down)), np.outer(np.sin(around), np.sin(down))])
     sphere = np.stack([*sphere, np.broadcast_to(np.cos(down), sphere[0].shape)])
-    surface = centre[:, None, None] + np.einsum("ij,jkl->ikl", axes, sphere)
+    surface = centre[:, None, None] + np.einsum("ij,jkl->ikl", semi_axes, sphere)
     ax.plot_surface(*surface, color=color, alpha=0.25, linewidth=0, zorder=_SOLID)
     for i, j in ((0, 1), (0, 2), (1, 2)):
-        section = centre[:, None] + np.outer(axes[:, i], np.cos(around)) + np.outer(axes[:, j], np.sin(around))
+        section = centre[:, None] + semi_axes[:, [i, j]] @ [np.cos(around), np.sin(around)]
         ax.plot(*section, color=color, linewidth=1, zorder=_SOLID, gid="inertia")
     return _fit(ax)
 
@@ -304,18 +337,9 @@ def _require_axes(operation: str, ax: Any) -> None:
 
 
 def _axes(operation: str, ax: Any) -> Axes3D:
-    if ax is not None:
-        _require_axes(operation, ax)
-        return ax
-    with pyplot.rc_context({"grid.color": f"{GROUND}60", "grid.linewidth": 0.6}):
-        ax = pyplot.figure(figsize=(6.5, 6)).add_axes((0, 0.02, 0.95, 0.98), projection="3d", computed_zorder=False)
-    ax.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
-    ax.view_init(20, -50)
-    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
-        axis.set_pane_color((0, 0, 0, 0))
-        axis.line.set_color(GROUND)
-    ax.tick_params(labelsize="small")
-    _OWN.add(ax)
+    if ax is None:
+        return axes()
+    _require_axes(operation, ax)
     return ax
 
 
@@ -383,9 +407,9 @@ class Arrow(FancyArrowPatch):
 
     def do_3d_projection(self, renderer: Any = None) -> float:
         """Places the arrow on paper; axes call it."""
-        axes: Any = self.axes
+        ax: Any = self.axes
         xs, ys, zs = self.ends.T
-        x, y, z = proj3d.proj_transform(xs, ys, zs, axes.M)
+        x, y, z = proj3d.proj_transform(xs, ys, zs, ax.M)
         self.set_positions((x[0], y[0]), (x[1], y[1]))
         return min(z)
 
@@ -417,24 +441,25 @@ def _line(ax: Axes3D, start: np.ndarray, end: np.ndarray, color: str, gid: str) 
         ax.plot(*np.stack([start, end]).T, gid=gid, **look)
 
 
-def _arrow(ax: Axes3D, start: np.ndarray, end: np.ndarray, color: str, gid: str, width: float = 2.2) -> None:
+def _arrow(ax: Axes3D, start: np.ndarray, end: np.ndarray, color: str, gid: str, width: float = 2.2) -> Any:
     _include(ax, np.stack([start, end]))
     look: Any = {"color": color, "linewidth": width, "mutation_scale": 6 * width, "zorder": _ARROW}
-    ax.add_artist(Arrow(start, end, gid=gid, joinstyle="miter", **look))
+    return ax.add_artist(Arrow(start, end, gid=gid, joinstyle="miter", **look))
 
 
-def _text(ax: Axes3D, p: np.ndarray, text: str, color: str | None = None) -> None:
-    if text:
-        color = color or pyplot.rcParams["text.color"]
-        x, y, z = p
-        ax.text(x, y, z, f"  {text}", color=color, zorder=_FRAME, fontsize="small")
+def _text(ax: Axes3D, p: np.ndarray, text: str, color: str | None = None, ha: str = "left") -> list[Any]:
+    if not text:
+        return []
+    x, y, z = p
+    look: Any = {"color": color or pyplot.rcParams["text.color"], "fontsize": "small", "zorder": _FRAME}
+    return [ax.text(x, y, z, f"  {text}" if ha == "left" else text, ha=ha, va="center", **look)]
 
 
 def _triad(ax: Axes3D, R: np.ndarray, p: np.ndarray, length: float, name: str) -> None:
     for axis, color, letter in zip(R.T, XYZ, "xyz", strict=True):
         ax.plot(*np.stack([p, p + length * axis]).T, color=color, linewidth=2.2, zorder=_FRAME, gid=f"{name} {letter}")
     # On the side where no axis is.
-    _text(ax, p - 0.25 * length * R.sum(1), name)
+    _text(ax, p - 0.35 * length * R.sum(1), name, ha="center")
 
 
 def _plane(ax: Axes3D, ground: HalfSpace, centre: np.ndarray, size: float) -> None:
@@ -464,49 +489,76 @@ def _across(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 # -- wrenches ---------------------------------------------------------------------------------------------------------
 
 
+class _Wrenches:
+    """All wrenches in some axes: drawn anew when one is added, as the largest chooses the scale of all."""
+
+    def __init__(self, ax: Axes3D):
+        limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
+        self.scene = limits if ax.has_data() else np.zeros((0, 3))
+        self.given, self.scale = Scales(), Scales()
+        self.wrenches: list[tuple[np.ndarray, np.ndarray, np.ndarray, str]] = []  # tau, f, the point, a name
+        self.artists: list[Any] = []
+
+    @property
+    def size(self) -> float:
+        """Of the scene, without arrows but with their points."""
+        corners = np.stack([*self.scene, *(p for *_, p, _ in self.wrenches)])
+        return float(np.ptp(corners, axis=0).max()) or 1.0
+
+    def draw(self, ax: Axes3D) -> None:
+        """Draws all of them, in the place of those that were drawn before."""
+        for artist in self.artists:
+            artist.remove()
+        scale: list[float | None] = [*self.given]
+        for k, share in ((0, _LONGEST), (1, _WIDEST)):
+            largest = max(float(np.linalg.norm((f, tau)[k])) for tau, f, *_ in self.wrenches)
+            if scale[k] is None and largest:
+                scale[k] = share * self.size / largest
+        self.scale, least = Scales(*scale), _LEAST * self.size
+        self.artists = []
+        for tau, f, p, name in self.wrenches:
+            force, torque = (self.scale.force or 0) * f, (self.scale.torque or 0) * tau
+            is_seen, radius = np.linalg.norm(force) >= least, float(np.linalg.norm(torque))
+            if is_seen:
+                self.artists += [_arrow(ax, p, p + force, FORCE, "force"), *_text(ax, p + force, name, FORCE)]
+            if radius >= least:
+                self.artists += _arc(ax, torque / radius, p, radius)
+                above = p + radius * _across(torque / radius)[0]
+                self.artists += [] if is_seen else _text(ax, above, name, TORQUE)
+
+
+_WRENCHES: "weakref.WeakKeyDictionary[Axes3D, _Wrenches]" = weakref.WeakKeyDictionary()
+
+
 def _draw_wrenches(
     operation: str, ax: Axes3D, tau: np.ndarray, f: np.ndarray, points: np.ndarray, scale: Scales | None, name: str = ""
 ) -> Axes3D:
     if not all(np.isfinite(x).all() for x in (tau, f, points)):
         raise ValueError(f"{operation}: expected finite numbers, got torques {tau}, forces {f}, points {points}")
-    if not ax.has_data():
+    if scale is not None:
+        check.require_kind(scale, Scales, f"{operation}: scale")
+    drawn = _WRENCHES.get(ax)
+    # Axes that were cleared have none.
+    if drawn is None or any(artist.axes is not ax for artist in drawn.artists) or not ax.has_data():
+        drawn = _WRENCHES[ax] = _Wrenches(ax)
+    drawn.given = Scales(
+        *(old if new is None else new for old, new in zip(drawn.given, scale or Scales(), strict=True))
+    )
+    drawn.wrenches += [(*wrench, name) for wrench in zip(tau, f, points, strict=True)]
+    if drawn.wrenches:
         _include(ax, points)
-        size = 1.0
-    else:
-        size = _size(ax)
-    s = _chosen(operation, ax, scale, size, f, tau)
-    for t, force, p in zip(tau, f, points, strict=True):
-        tip, is_seen = p + (s.force or 0) * force, (s.force or 0) * np.linalg.norm(force) >= _LEAST * size
-        if is_seen:
-            _arrow(ax, p, tip, FORCE, "force")
-            _text(ax, tip, name, FORCE)
-        radius = (s.torque or 0) * float(np.linalg.norm(t))
-        if radius >= _LEAST * size:
-            _arc(ax, t / np.linalg.norm(t), p, radius)
-            _text(ax, p + radius * _across(t / np.linalg.norm(t))[0], "" if is_seen else name, TORQUE)
+        drawn.draw(ax)
     return _fit(ax)
 
 
-def _chosen(operation: str, ax: Axes3D, given: Scales | None, size: float, f: np.ndarray, tau: np.ndarray) -> Scales:
-    """The scale of the axes: what is given, or was used before, or makes the largest arrow as large as it may be."""
-    if given is not None:
-        check.require_kind(given, Scales, f"{operation}: scale")
-    chosen = [*(given or Scales())]
-    for k, (before, share, vectors) in enumerate(zip(scales(ax), (_LONGEST, _WIDEST), (f, tau), strict=True)):
-        largest = float(np.linalg.norm(vectors, axis=-1).max(initial=0.0))
-        if chosen[k] is None:
-            chosen[k] = before if before is not None or not largest else share * size / largest
-    _SCALES[ax] = Scales(*chosen)
-    return _SCALES[ax]
-
-
-def _arc(ax: Axes3D, normal: np.ndarray, centre: np.ndarray, radius: float) -> None:
+def _arc(ax: Axes3D, normal: np.ndarray, centre: np.ndarray, radius: float) -> list[Any]:
     """An arc that turns about the normal, with a head at its end, and the axis that it turns about."""
     u, v = _across(normal)
     arc = centre + radius * (np.outer(np.cos(_TURN), u) + np.outer(np.sin(_TURN), v))
-    ax.plot(*arc.T, color=TORQUE, linewidth=2, zorder=_ARROW, gid="torque")
-    ax.plot(*(centre + np.outer([-0.5, 0.5], radius * normal)).T, color=TORQUE, linewidth=1, zorder=_ARROW)
-    _arrow(ax, arc[-4], arc[-1], TORQUE, "torque head", width=2)
+    axis = centre + np.outer([-0.5, 0.5], radius * normal)
+    lines = ax.plot(*arc.T, color=TORQUE, linewidth=2, zorder=_ARROW, gid="torque")
+    lines += ax.plot(*axis.T, color=TORQUE, linewidth=1, zorder=_ARROW)
+    return [*lines, _arrow(ax, arc[-4], arc[-1], TORQUE, "torque head", width=1.7)]
 
 
 def _central_axis(ax: Axes3D, f: np.ndarray, p: np.ndarray, pitch: float, p_PA: np.ndarray) -> None:

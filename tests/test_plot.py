@@ -15,7 +15,7 @@ pyplot = pytest.importorskip("matplotlib.pyplot")
 from jaxspatial import plot  # noqa: E402
 
 FLOAT = np.float32
-DRAWING = [plot.mechanism, plot.torques, plot.frame, plot.wrench, plot.inertia, plot.scales]
+DRAWING = [plot.axes, plot.mechanism, plot.torques, plot.frame, plot.wrench, plot.inertia, plot.scales]
 
 
 @pytest.fixture(autouse=True)
@@ -136,18 +136,28 @@ def test_no_axis_is_drawn_without_use():
 
 
 def test_arrows_in_the_same_axes_have_one_scale():
-    zero, points = np.zeros((2, 3), FLOAT), np.array([[0, 0, 0], [1, 0, 0.5]])
+    """The largest has the length that is said, whichever came first."""
+    zero, points = np.zeros((2, 3), FLOAT), np.array([[0, 0, 0.1], [0.1, 0, 0.5]])
     ax = plot.mechanism(arm(), Q)
     size = max(np.ptp(limits) for limits in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim()))
     plot.wrench(js.SpatialForce(zero, FLOAT([[0, 0, 5], [0, 0, 20]])), points, ax)
-    lengths = [np.linalg.norm(np.diff(ends, axis=0)) for ends in named(ax, "force")]
-    np.testing.assert_allclose(lengths, [0.075 * size, 0.3 * size], rtol=1e-6)
-    before = plot.scales(ax)
-    assert before.torque is None and before.force == pytest.approx(0.3 * size / 20)
+    assert plot.scales(ax) == (pytest.approx(0.3 * size / 20), None)
     plot.wrench(js.SpatialForce(FLOAT([0, 0, 7]), FLOAT([0, 40, 0])), points[0], ax, axis=False)
-    assert plot.scales(ax).force == before.force and plot.scales(ax).torque > 0
-    np.testing.assert_allclose(np.diff(named(ax, "force")[2], axis=0), [[0, 40 * before.force, 0]], rtol=1e-6)
+    lengths = [np.linalg.norm(np.diff(ends, axis=0)) for ends in named(ax, "force")]
+    np.testing.assert_allclose(lengths, 0.3 * size * np.array([5, 20, 40]) / 40, rtol=1e-6)
+    assert plot.scales(ax) == (pytest.approx(0.3 * size / 40), pytest.approx(0.09 * size / 7))
     assert len(named(ax, "torque")) == 1  # nothing where there is no torque
+    plot.wrench(js.SpatialForce(zero[0], FLOAT([0, 1, 0])), points[0], ax, scale=plot.Scales(force=0.01))
+    assert plot.scales(ax) == (0.01, pytest.approx(0.09 * size / 7))
+    np.testing.assert_allclose(np.diff(named(ax, "force")[0], axis=0), [[0, 0, 0.05]], atol=1e-7)
+
+
+def test_axes_can_be_cleared_for_the_next_state():
+    ax = plot.wrench(FORCE, np.zeros(3))
+    for _ in range(2):
+        ax.clear()
+        plot.wrench(FORCE, np.zeros(3), plot.mechanism(arm(), Q, ax))
+        assert len(named(ax, "force")) == 1
 
 
 def test_small_arrows_are_left_out():
@@ -212,6 +222,14 @@ def test_all_that_is_drawn_is_inside_the_axes():
             assert limits[0] <= values.min() and values.max() <= limits[1]
 
 
+def test_axes_of_our_own_have_equal_steps():
+    figure = pyplot.figure()
+    ax = plot.mechanism(arm(), Q, plot.axes(figure, (1, 2, 2)))
+    assert ax.figure is figure and ax.get_subplotspec().get_geometry()[:2] == (1, 2)
+    steps = [np.diff(ticks) for ticks in (ax.get_xticks(), ax.get_yticks(), ax.get_zticks())]
+    np.testing.assert_allclose(np.concatenate(steps), steps[0][0])
+
+
 def test_names_are_in_the_ink_of_the_theme():
     with pyplot.style.context("dark_background"):
         ax = plot.frame(placed(0, 0, 0), name="W")
@@ -238,13 +256,13 @@ TWO = placed(0, 0, 0).with_vectors([np.tile(x, (2, 1)) for x in placed(0, 0, 0).
 BODIES = MECH.inertias
 MESSAGES = [
     (lambda: plot.mechanism("robot", Q), TypeError, "plot.mechanism: expected a Mechanism first, got str"),
-    (lambda: plot.mechanism(MECH, np.zeros((5, 3), FLOAT)), ValueError, r"q: expected shape \(3,\), .*pass one state, q\[i\]"),
+    (lambda: plot.mechanism(MECH, np.zeros((5, 3), FLOAT)), ValueError, r"q: .*, got \(5, 3\): pass one state, q\[i\]"),
     (lambda: plot.mechanism(MECH, np.zeros(4, FLOAT)), ValueError, r"q: expected shape \(3,\), got \(4,\)$"),
     (lambda: plot.mechanism(MECH, Q, frames=["gripp"]), KeyError, "did you mean 'grip'"),
     (lambda: plot.mechanism(MECH, Q, frames="grip"), TypeError, "frames: expected a sequence of names"),
     (lambda: plot.mechanism(MECH, Q, ground=0.0), TypeError, "ground: expected a HalfSpace"),
     (lambda: plot.mechanism(MECH, Q, pyplot.figure().add_subplot()), TypeError, "projection='3d', got Axes"),
-    (lambda: plot.mechanism(jax.tree.map(lambda x: np.stack([x, x]), MECH), Q), ValueError, "one mechanism, got a batch"),
+    (lambda: plot.mechanism(jax.tree.map(lambda x: np.stack([x, x]), MECH), Q), ValueError, "mechanism, got a batch"),
     (lambda: plot.torques(MECH, Q, np.zeros(2, FLOAT)), ValueError, r"tau: expected shape \(3,\), got \(2,\)"),
     (lambda: plot.torques(MECH, Q, np.full(3, np.nan, FLOAT)), ValueError, "expected finite numbers"),
     (lambda: plot.frame(np.eye(4)), TypeError, "plot.frame: X_WF: expected a RigidTransform"),
@@ -254,7 +272,7 @@ MESSAGES = [
     (lambda: plot.wrench(FORCE, np.zeros(2)), ValueError, r"p_WP: expected shape \(3,\)"),
     (lambda: plot.wrench(FORCE, np.zeros(3), scale=0.1), TypeError, "scale: expected a Scales"),
     (lambda: plot.inertia(BODIES), ValueError, r"got a batch \(3,\): pass x.at_batch\(i\)"),
-    (lambda: plot.inertia(js.SpatialInertia.zero(dtype=FLOAT)), ValueError, "expected the inertia of a body with a mass"),
+    (lambda: plot.inertia(js.SpatialInertia.zero(dtype=FLOAT)), ValueError, "the inertia of a body with a mass"),
     (lambda: plot.scales(None), TypeError, "projection='3d', got NoneType"),
 ]  # fmt: skip
 
