@@ -130,19 +130,21 @@ class WrenchLog:
         """Whether the motion is known."""
         return "w" in self._present
 
-    def blocks(self, rows: int = _BLOCK) -> Iterator[Block]:
-        """All rows, so many at once."""
+    def blocks(self, rows: int) -> Iterator[Block]:
+        """All of the file, so many rows at once."""
         return (Block(self._content, read, self._present) for read in self._content.rows(rows))
 
     def rewrite(
         self,
         file: BinaryIO,
         change: Callable[[Block], Parts],
-        rows: int = _BLOCK,
+        rows: int,
         advance: Callable[[float], Any] = lambda share: None,
     ) -> int:
-        """Writes a copy into a binary file, with `change(block)` in place of the parts of each block; returns how many
-        wrenches there are. What did not change stays as it was. `advance` hears which share of the work is done."""
+        """Writes a copy into a binary file, with `change(block)` in place of the parts of each block of so many rows.
+
+        Returns how many wrenches there are. What did not change stays as it was. `advance` hears which share of the
+        work is done."""
         n = 0
 
         def changed(read: Rows):
@@ -195,11 +197,13 @@ def convert(given: argparse.Namespace):
     log = WrenchLog(given.file, given.columns)
 
     def change(block: Block):
-        motions = [_resolved(block, name, getattr(given, name)) for name in ("offset", "rotation", "pose")]
-        return moved(block.parts, *motions, given.precision)
+        offset, rotation, pose = (
+            _resolved(block, name, getattr(given, name)) for name in ("offset", "rotation", "pose")
+        )
+        return moved(block.parts, offset, rotation, pose, given.precision)
 
     with staged(given.output, given.overwrite) as stream, _bar() as advance:
-        n = log.rewrite(stream, change, advance=advance)
+        n = log.rewrite(stream, change, _BLOCK, advance)
     done = {"offset": "shifted", "rotation": "rotated", "pose": "moved by their pose"}
     what = " and ".join(word for name, word in done.items() if getattr(given, name) is not None)
     print(f"{n:,} wrenches{' and velocities' if log.moves else ''} {what}: {given.output}")

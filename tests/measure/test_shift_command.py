@@ -1,14 +1,18 @@
 """python -m jaxspatial shift: wrenches of a file about another point and in other axes, and nothing else."""
 
+import io
 import pathlib
 import re
 import subprocess
+import sys
 import time
+import tracemalloc
 
 import numpy as np
 import pytest
 
 from jaxspatial.__main__ import main
+from jaxspatial.measure import wrench_file
 from jaxspatial.measure.operation import rotating_body
 from jaxspatial.measure.wrench_file import WrenchFile, moved
 
@@ -210,6 +214,133 @@ def test_many_rows_take_seconds(wrenches):
     begin = time.process_time()
     assert main(["shift", "mine.csv", "--pose", *"abcd", "1", "2", "3"]) == 0
     assert time.process_time() - begin < 6
+
+
+# -- files that are read and written in blocks -------------------------------------------------------------------------
+
+# Not a divisor of 40.
+BLOCK = 7
+
+
+def _both(monkeypatch, name, *arguments):
+    """The bytes of what the command writes in one block and in several."""
+    found = []
+    for rows in (10**6, BLOCK):
+        monkeypatch.setattr(wrench_file, "_BLOCK", rows)
+        assert main(["shift", name, *arguments, "--overwrite"]) == 0
+        found.append(pathlib.Path(name).with_stem("mine_shifted").read_bytes())
+    return found
+
+
+def test_blocks_of_a_table_are_not_seen(wrenches, monkeypatch, capsys):
+    """Quotes in one of them, empty lines and a pose per row included."""
+    table = np.c_[_table(wrenches), np.random.default_rng(0).standard_normal((40, 3))]
+    _write([*COLUMNS, "p_x", "p_y", "p_z"], table)
+    lines = pathlib.Path("mine.csv").read_text().splitlines()
+    notes = [f"note {i}" if i % 5 else f'"a, {i}"' for i in range(40)]
+    rows = [f"{note},{line}" for note, line in zip(notes, lines[1:], strict=True)]
+    pathlib.Path("mine.csv").write_text("\n".join([f"note,{lines[0]}", "", *rows[:20], "", *rows[20:]]) + "\n")
+    whole, blocks = _both(monkeypatch, "mine.csv", "--offset", "p_x", "p_y", "p_z")
+    assert blocks.splitlines()[:20] == whole.splitlines()[:20] and len(blocks.splitlines()) == 41
+    out = _read()
+    np.testing.assert_array_equal(out["tau"], wrenches.tau - np.cross(table[:, 12:], wrenches.f))
+    assert [row.rpartition(b",")[0].startswith(b'"a, ') for row in blocks.splitlines()[1:]] == [
+        i % 5 == 0 for i in range(40)
+    ]
+    assert capsys.readouterr().out.splitlines()[-1].startswith("40 wrenches and velocities shifted")
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_blocks_of_an_archive_are_not_seen(save, wrenches, monkeypatch):
+    """Arrays in Fortran's order, columns of one array, and what has another length included."""
+    both = np.concatenate([wrenches.f, wrenches.tau], axis=1)
+    p = np.asfortranarray(np.random.default_rng(0).standard_normal((40, 3)))
+    save("mine.npz", wrench=both, p=p, w=np.asfortranarray(wrenches.w), v=wrenches.v, unit="N", times=np.arange(100))
+    named = ["--columns", "tau=wrench_3,wrench_4,wrench_5", "f=wrench_0,wrench_1,wrench_2"]
+    _both(monkeypatch, "mine.npz", "--pose", *THIRD, "p_x", "p_y", "p_z", *named)
+    out = np.load("mine_shifted.npz")
+    whole = moved(_read("mine.npz", tau=("wrench_3", "wrench_4", "wrench_5"), f=("wrench_0", "wrench_1", "wrench_2")),
+                  pose=np.c_[np.full((40, 4), 0.5), p])  # fmt: skip
+    np.testing.assert_array_equal(out["wrench"], np.concatenate([whole["f"], whole["tau"]], axis=1))
+    np.testing.assert_array_equal(out["w"], whole["w"])
+    np.testing.assert_array_equal(out["v"], whole["v"])
+    assert out["unit"] == "N" and (out["times"] == np.arange(100)).all() and (out["p"] == p).all()
+
+
+LATE = {
+    "short row": (lambda rows: rows[30].__delitem__(0), "row 31: expected 6 values, got 5"),
+    "word": (lambda rows: rows[30].__setitem__(0, "up"), "expected a number, got 'up' in row 31, column tau_x"),
+    "nan": (lambda rows: rows[30].__setitem__(0, "nan"), "got nan in row 31, column tau_x$"),
+    "several": (
+        lambda rows: [rows[i].__setitem__(0, "nan") for i in (29, 30, 39)],
+        "got nan in row 30, column tau_x, and so is 1 more up to row 35",
+    ),
+    "overflow": (lambda rows: rows[30].__setitem__(4, "1e308"), "about the new point, row 31, column tau_x, is too"),
+}
+
+
+@pytest.mark.parametrize("case", LATE)
+def test_what_is_wrong_in_a_later_block(case, wrenches, monkeypatch, tmp_path, capsys):
+    """Is named by its row in the file, and nothing is written."""
+    change, message = LATE[case]
+    rows = [list(map(repr, row)) for row in np.asarray(_table(wrenches)[:, :6]).tolist()]
+    change(rows)
+    pathlib.Path("mine.csv").write_text("\n".join(map(",".join, [COLUMNS[:6], *rows])))
+    monkeypatch.setattr(wrench_file, "_BLOCK", BLOCK)
+    assert main(["shift", "mine.csv", "--offset", "0", "0", "100"]) == 2
+    assert re.search(message, capsys.readouterr().err.strip()) and [p.name for p in tmp_path.iterdir()] == ["mine.csv"]
+
+
+def test_an_archive_that_is_damaged(wrenches, tmp_path, capsys):
+    """Where its numbers are read: the last rows of the first array."""
+    np.savez("mine.npz", tau=np.tile(wrenches.tau, (10, 1)), f=np.tile(wrenches.f, (10, 1)))
+    content = bytearray(pathlib.Path("mine.npz").read_bytes())
+    content[9000] ^= 1
+    pathlib.Path("mine.npz").write_bytes(content)
+    assert main(["shift", "mine.npz", *OFFSET]) == 2
+    assert "tau: Bad CRC-32" in capsys.readouterr().err and len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("name", ["mine.csv", "mine.npz"])
+def test_memory_is_that_of_a_block(name, wrenches, monkeypatch):
+    """Not of the file: four times the rows take no more."""
+    monkeypatch.setattr(wrench_file, "_BLOCK", 500)
+    peaks = []
+    for n in (50, 200):
+        table = np.tile(_table(wrenches), (n, 1))
+        if name == "mine.csv":
+            _write(COLUMNS, table)
+        else:
+            np.savez(name, **{part: table[:, 3 * i : 3 * i + 3] for i, part in enumerate(("tau", "f", "w", "v"))})
+        assert main(["shift", name, *OFFSET, "--overwrite"]) == 0
+        tracemalloc.start()
+        assert main(["shift", name, *OFFSET, "--overwrite"]) == 0
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0]
+
+
+@pytest.mark.parametrize("name", ["mine.csv", "mine.npz"])
+def test_a_bar_on_a_terminal(name, wrenches, monkeypatch):
+    """Which ends at all of the work; it leaves nothing behind."""
+    pytest.importorskip("rich")
+    _write(COLUMNS, _table(wrenches))
+    np.savez("mine.npz", tau=wrenches.tau, f=wrenches.f)
+
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    shares, terminal = [], Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(wrench_file, "_BLOCK", BLOCK)
+    assert main(["shift", name, *OFFSET]) == 0
+    assert "100%" in terminal.getvalue()
+    given = wrench_file.options.to_shift([name, *OFFSET, "--overwrite"])
+    log = wrench_file.WrenchLog(given.file)
+    assert log.rewrite(io.BytesIO(), lambda block: moved(block.parts, P), BLOCK, shares.append) == 40
+    assert len(shares) >= 6 and shares == sorted(shares) and shares[-1] == 1.0
 
 
 def test_help_of_subcommands(capsys):
