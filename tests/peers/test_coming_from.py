@@ -14,6 +14,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.numerics.quantity import Quantity
+from tests.helpers.interpreted import interpreted
 from tests.helpers.optional import needs
 from tests.helpers.pages import examples
 
@@ -68,6 +69,15 @@ def evaluated(code, names):
     return eval(compile(ast.Expression(last.value), "row", "eval"), names)
 
 
+def ours_evaluated(code, names):
+    """As `evaluated`, of what is ours without compiling it: in NumPy, operation by operation."""
+    arrays = {key: x for key, x in names.items() if isinstance(x, np.ndarray) and re.search(rf"\b{key}\b", code)}
+    arrays = {key: x for key, x in arrays.items() if x.dtype.kind == "f"}
+    if "js." not in code or "random" in code:
+        return evaluated(code, names)
+    return interpreted(lambda arrays: evaluated(code, names | arrays))(arrays)
+
+
 def numbers(x):
     """A result of any library as one array; six components with the rotational part first."""
     kind = type(x).__module__.split(".")[0]
@@ -96,15 +106,24 @@ def _of_brax(x):
     return js.interop.brax.from_transform(x).to_matrix() if hasattr(x, "rot") else (x.ang, x.vel)
 
 
-@pytest.mark.parametrize(("name", "row"), [(name, i) for name, text in PAGES.items() for i in range(len(rows(text)))])
+def cases():
+    """Every row; what others compile for many seconds, in the slow lane."""
+    for name, text in PAGES.items():
+        for i, (theirs, _) in enumerate(rows(text)):
+            is_long = theirs.startswith(("mjx.", "jax.jit(mjx.", "jax.vmap(lambda x: mjx.", "jax.jacobian(robot"))
+            yield pytest.param(name, i, marks=[pytest.mark.slow] if is_long else [])
+
+
+@pytest.mark.parametrize(("name", "row"), list(cases()))
 def test_both_columns_agree(name, row):
     theirs, ours = rows(PAGES[name])[row]
     names = dict(scope(name))
     with numbers_of(name):
-        expected, found = numbers(evaluated(theirs, names)), numbers(evaluated(ours, names))
-    if expected.dtype.kind in "OUSb":
-        assert (expected == found).all()
-        return
+        expected = numbers(evaluated(theirs, names))
+        if expected.dtype.kind in "OUSb":
+            assert (expected == numbers(evaluated(ours, names))).all()
+            return
+        found = numbers(ours_evaluated(ours, names))
     if re.search(r"\.rot$|xquat|quat_mul|quat_rot_axis", theirs):  # q and -q are one rotation
         expected, found = expected * np.sign(expected[..., :1]), found * np.sign(found[..., :1])
     found = found.reshape(expected.shape)
