@@ -148,6 +148,8 @@ class Scene:
         states = np.atleast_2d(np.asarray(q))
         if states.ndim != 2 or states.shape[1] != mech.nq or not len(states):
             raise ValueError(f"viewer: q: expected shape ({mech.nq},) or (n, {mech.nq}), got {np.shape(q)}")
+        if ground is not None:
+            check.require_kind(ground, HalfSpace, "viewer: ground")
         self.n, self.dt = len(states), float(dt)
         meshes = {} if shapes is None else _meshes(mech, pathlib.Path(shapes))
         names = list(dict.fromkeys([*(mech.body_names if shapes is None else meshes), *frames]))
@@ -187,8 +189,8 @@ class Scene:
 
     def times(self) -> np.ndarray:
         """The states to be seen at 30 frames a second: integers."""
-        seconds = np.arange(0, self.n * self.dt, 1 / _FRAMES_PER_SECOND)
-        return np.minimum((seconds / self.dt + 1e-9).astype(int), self.n - 1)
+        step = 1 / (_FRAMES_PER_SECOND * self.dt)  # in states; a hair more than an integer is that integer
+        return (np.arange(np.ceil(self.n / step - 1e-6)) * step + 1e-6).astype(int)
 
     def add_player(self) -> None:
         """Adds a slider over the states, and a box that lets them play in real time, again and again."""
@@ -267,7 +269,6 @@ def _poses(mech: Mechanism, q: np.ndarray, names: Sequence[str]) -> tuple[np.nda
 
 
 def _add_ground(add: Any, ground: HalfSpace, size: float) -> None:
-    check.require_kind(ground, HalfSpace, "viewer: ground")
     normal = np.asarray(ground.normal) / np.linalg.norm(ground.normal)
     place: Any = {"wxyz": _from_z(normal), "position": normal * float(ground.offset)}
     add.add_grid("/ground", width=6 * size, height=6 * size, cell_size=size / 4, section_size=size, **place)
