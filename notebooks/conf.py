@@ -22,7 +22,7 @@ copyright = "The jaxspatial developers"
 release = jaxspatial.__version__
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
 exclude_patterns = ["_site", "**.ipynb_checkpoints"]
-smartquotes = False  # names of precisions are in plain quotation marks
+smartquotes_action = "D"  # dashes: names of precisions are in plain quotation marks
 nitpicky = True
 # Names of other libraries, and annotations of our own that are no public names.
 nitpick_ignore_regex = [("py:.*", r"(?!jaxspatial\.).*")]
@@ -157,7 +157,9 @@ def read_signature(app: Any, what: str, name: str, x: Any, options: Any, signatu
 
 
 def _named(code: str, context: str) -> str | None:
-    """The public object that code in a docstring names."""
+    """The public object, or the page on bounds, that code in a docstring names."""
+    if any(code in modules for _, modules in pages.BEHIND.values()):
+        return code
     match = re.fullmatch(r"(?:js\.|jaxspatial\.)?([A-Za-z]\w*(?:\.\w+)?)(?:\(\))?", code)
     if match is None:
         return None

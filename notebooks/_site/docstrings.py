@@ -83,4 +83,4 @@ def _inline(text: str, link: Link) -> str:
         role = f":py:obj:`{code} <{target}>`" if target else f"``{code}``"
         parts.append(role + ("\\ " if after[:1].isalnum() else "") + after)
     joined = "".join(parts)
-    return joined.replace("\n", "\n" + " " * len(marker[0])) if marker else joined
+    return re.sub(r"\n *", "\n" + " " * len(marker[0]), joined) if marker else joined
