@@ -23,8 +23,8 @@ class Page(html.parser.HTMLParser):
         self.links, self.shown, self.places = [], [], set()
         self.feed(path.read_text())
 
-    def handle_starttag(self, tag, attributes):
-        given = dict(attributes)
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
         self.places |= {given[key] for key in ("id", "name") if given.get(key)}
         if tag == "a" and given.get("href"):
             self.links.append(given["href"])
