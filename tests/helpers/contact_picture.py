@@ -3,9 +3,12 @@
 import pathlib
 import re
 
+import jax
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+
+from jaxspatial import plot
 
 PAGES = pathlib.Path(__file__).parents[2] / "notebooks"
 FILE = PAGES / "contact.png"
@@ -22,7 +25,8 @@ def scope():
 
 def drawn(names):
     figure = Figure(figsize=(9, 5.2))
-    box, dog = figure.add_axes((0.05, 0.53, 0.93, 0.42)), figure.add_axes((0.05, 0.09, 0.4, 0.38))
+    box = figure.add_axes((0.05, 0.53, 0.93, 0.42))
+    dog = figure.add_axes((0.02, 0.02, 0.46, 0.5), projection="3d", computed_zorder=False)
     gradients = figure.add_axes((0.56, 0.12, 0.42, 0.33))
     _box(box, names)
     _dog(dog, names)
@@ -57,17 +61,16 @@ def _box(axes, names):
 
 
 def _dog(axes, names):
+    """With the forces on its feet."""
     q, mech, js = np.asarray(names["standing"].q)[-1], names["dog"], names["js"]
-    _ground(axes, -0.45, 0.45, -0.04)
-    frames = [[f"{leg}_{part}" for part in ("upper", "lower", "foot")] for leg in names["legs"]]
-    trunk = []
-    for leg in frames:
-        p = np.asarray(js.forward_kinematics(mech, q, leg).translation)
-        trunk.append(p[0])
-        axes.plot(p[:, 0], p[:, 2], color=DOG, lw=2.5, marker="o", ms=3)
-    trunk = np.array(trunk)
-    axes.plot([trunk[:, 0].min(), trunk[:, 0].max()], [trunk[0, 2]] * 2, color=INK, lw=9, solid_capstyle="round")
-    axes.set_title("a quadruped that stands", fontsize=10, color=INK)
+    feet = list(names["feet"].frames)
+    plot.mechanism(mech, q, axes, ground=js.HalfSpace(), color=DOG)
+    forces = jax.tree.map(lambda x: x[-1], names["standing"].contact_forces)
+    plot.wrench(forces, js.forward_kinematics(mech, q, feet).translation, axes)
+    axes.set_box_aspect(axes.get_box_aspect(), zoom=1.25)
+    axes.view_init(14, -62)
+    axes.set_axis_off()
+    axes.set_title("a quadruped that stands, and the forces on its feet", fontsize=10, color=INK, y=0.96)
 
 
 def _gradients(axes, names):
