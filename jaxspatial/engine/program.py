@@ -157,6 +157,8 @@ def _abstract(*avals, program: Program, n_batch: int, in_loop: bool) -> list[Any
     sizes = [size if math.prod(a.shape[:n_batch]) > 1 else 1 for a in avals]
     specs = [a.sharding.spec for a in avals]
     common = [next((s[k] for s in specs if s[k] is not None), None) for k in range(n_batch)]
+    # Numbers of a robot may be of no mesh.
+    meshed = next((a for a in avals if not a.sharding.mesh.empty), avals[0])
     varying = frozenset[Any]().union(*(a.mat.varying for a in avals))
     results: list[Any] = []
     for i, (shape, dtype) in enumerate(program.outputs(items, sizes)):
@@ -165,7 +167,7 @@ def _abstract(*avals, program: Program, n_batch: int, in_loop: bool) -> list[Any
             results.append(avals[primal].update(weak_type=False))
             continue
         like, spec = avals[0], jax.sharding.PartitionSpec(*common, *[None] * len(shape))
-        sharding = like.sharding.update(spec=spec)
+        sharding = meshed.sharding.update(spec=spec)
         aval = like.update(shape=(*batch, *shape), dtype=dtype, weak_type=False, sharding=sharding)
         if varying:
             aval = aval.update(manual_axis_type=like.mat.update(varying=varying))
@@ -211,10 +213,12 @@ def zeros(aval: Aval) -> jax.Array:
 
 
 class Way(NamedTuple):
-    """How a program runs. in_blocks: in blocks, with kernels, as is best on CPUs. in_loop: as part of a loop."""
+    """How a program runs. in_blocks: in blocks, with kernels, as is best on CPUs. in_loop: as part of a loop.
+    n_devices: over how many devices the compiler may split the batch."""
 
     in_blocks: bool
     in_loop: bool = False
+    n_devices: int = 1
 
 
 def run(program: Program, n_batch: int, way: Way, *arrays: jax.Array) -> list[jax.Array]:
@@ -274,39 +278,54 @@ def block_size(n: int, block: int) -> int:
 
 
 def _in_blocks(program: Program, way: Way, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
-    size = block_size(n, program.block) if way.in_blocks else n
+    # Each device has a part of the states, and takes its blocks from there: blocks of the whole would be gathered.
+    n_parts = math.gcd(n, way.n_devices)
+    n_each = n // n_parts
+    size = block_size(n_each, program.block) if way.in_blocks else n_each
     varies = [x.shape[0] > 1 for x in arrays]
-    avals = [_aval(x, size if yes else None) for x, yes in zip(arrays, varies, strict=True)]
+    avals = [_aval(x, n_parts * size if yes else None) for x, yes in zip(arrays, varies, strict=True)]
     one = program.traced(avals)
-    if size == n:
+    if size == n_each:
         # With kernels a call of the program takes longer, by a buffer for each of their operations, and each turn of
         # a loop is several times as fast. The bits are the same.
         return one(way.in_blocks and (way.in_loop or program.always_as_kernels), *arrays)
     # The first block holds what is left over, and states of the second, which computes them again.
-    n_blocks = -(-n // size)
-    first = n - (n_blocks - 1) * size
+    n_blocks = -(-n_each // size)
+    first = n_each - (n_blocks - 1) * size
     starts = np.array([0, *(first + size * np.arange(n_blocks - 1))], np.int32)
     adds = [(k := program.primal_of(i)) is not None and not varies[k] for i in range(len(one.out_avals))]
     masked = [yes and any(adds) and first < size and program.takes_cotangent(i) for i, yes in enumerate(varies)]
 
-    def part(x: jax.Array, start: jax.Array, is_masked: bool) -> jax.Array:
-        x = lax.dynamic_slice_in_dim(x, start, size)
-        if not is_masked:
-            return x
-        row = lax.broadcasted_iota(np.int32, x.shape, 0)
-        return lax.select((row < first) | (start > 0), x, lax.full_like(x, 0))
+    axis = int(n_parts > 1)
+
+    def split(x: jax.Array) -> jax.Array:
+        return x.reshape((n_parts, -1, *x.shape[1:])) if axis else x
+
+    def joined(x: jax.Array) -> jax.Array:
+        return x.reshape((-1, *x.shape[2:])) if axis else x
+
+    def block(x: jax.Array, start: jax.Array, is_masked: bool) -> jax.Array:
+        x = lax.dynamic_slice_in_dim(x, start, size, axis)
+        if is_masked:
+            row = lax.broadcasted_iota(np.int32, x.shape, axis)
+            x = lax.select((row < first) | (start > 0), x, lax.full_like(x, 0))
+        return joined(x)
 
     def body(results: list[jax.Array], start: jax.Array) -> tuple[list[jax.Array], None]:
-        each = zip(arrays, varies, masked, strict=True)
-        new = one(True, *(part(x, start, is_masked) if yes else x for x, yes, is_masked in each))
+        each = zip(parts, varies, masked, strict=True)
+        new = one(True, *(block(x, start, is_masked) if yes else x for x, yes, is_masked in each))
         return [
-            old + y if yes else lax.dynamic_update_slice_in_dim(old, y, start, 0)
+            old + y if yes else lax.dynamic_update_slice_in_dim(old, split(y), start, axis)
             for old, y, yes in zip(results, new, adds, strict=True)
         ], None
 
-    both = zip(one.out_avals, adds, strict=True)
-    begin = [lax.full(a.shape if yes else (n, *a.shape[1:]), 0, a.dtype) for a, yes in both]
-    return lax.scan(body, begin, jnp.asarray(starts))[0]
+    parts = [split(x) if yes else x for x, yes in zip(arrays, varies, strict=True)]
+    both = list(zip(one.out_avals, adds, strict=True))
+    begin = [
+        lax.full(a.shape, 0, a.dtype) if yes else split(lax.full((n, *a.shape[1:]), 0, a.dtype)) for a, yes in both
+    ]
+    results = lax.scan(body, begin, jnp.asarray(starts))[0]
+    return [y if yes else joined(y) for y, (_, yes) in zip(results, both, strict=True)]
 
 
 def _aval(x: jax.Array, size: int | None = None) -> Aval:
@@ -316,7 +335,8 @@ def _aval(x: jax.Array, size: int | None = None) -> Aval:
 
 def _lowering(in_blocks: bool) -> Callable[..., Any]:
     def rule(context, *arrays, program: Program, n_batch: int, in_loop: bool):
-        way = Way(in_blocks, in_loop)
+        # Not within a `shard_map`, where arrays are those of one device already.
+        way = Way(in_blocks, in_loop, getattr(context.module_context.axis_context, "num_devices", 1) or 1)
         lower = lower_fun(functools.partial(run, program, n_batch, way), multiple_results=True)
         return unsharded(lower, context, *arrays)
 

@@ -397,6 +397,15 @@ def test_sharded_over_devices_without_communication(four_devices, law):
     assert four_devices[law] == ""
 
 
+def test_a_mesh_that_only_an_argument_has():
+    """Explicit axes, and no mesh in the context: the offset, which is of no mesh, is split as the wrenches are."""
+    mesh = jax.make_mesh((1,), ("batch",), axis_types=(AxisType.Explicit,))
+    F, _, p = _data("shared")
+    result = jax.jit(js.shift)(jax.device_put(F, NamedSharding(mesh, P("batch"))), p)
+    assert all(leaf.sharding.spec[0] == "batch" for leaf in jax.tree.leaves(result))
+    _assert_equal(result, js.shift(F, p))
+
+
 def _check_law(axis_type, offset, how):
     """Shift and power are split over the batch, bitwise those of one device; gradients too."""
     mesh = jax.make_mesh((4,), ("batch",), axis_types=(AxisType[axis_type],))

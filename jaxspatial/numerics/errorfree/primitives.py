@@ -82,7 +82,12 @@ def same_sharding(*arrays: Array, components: int | None = None) -> Sequence[Arr
     common, ours = common_spec(specs), range(len(sizes))
     split = [[common[i] if x.shape[i] == sizes[i] or i == components else None for i in ours] for x in arrays]
     wanted = [jax.sharding.PartitionSpec(*entries) for entries in split]
-    return [x if w == s else jax.sharding.reshard(x, w) for x, s, w in zip(varied, specs, wanted, strict=True)]
+    # By name of the mesh, which is nobody's context where only arguments have it.
+    mesh = next(t.sharding.mesh for t in types if not t.sharding.mesh.empty)
+    return [
+        x if w == s else jax.sharding.reshard(x, jax.NamedSharding(mesh, w))
+        for x, s, w in zip(varied, specs, wanted, strict=True)
+    ]
 
 
 def common_spec(specs: Iterable[Any]) -> list[Any]:

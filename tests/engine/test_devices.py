@@ -1,0 +1,75 @@
+"""Batches of states that are split over devices: nothing is sent between them, and the bits are those of one device."""
+
+import functools
+import os
+import re
+import subprocess
+import sys
+
+import jax
+import numpy as np
+from jax.sharding import AxisType
+from jax.sharding import PartitionSpec as P
+
+import jaxspatial as js
+from jaxspatial.engine.program import LARGEST_BLOCK
+
+COLLECTIVES = "all-reduce|all-gather|all-to-all|reduce-scatter|collective"
+N_DEVICES = 4
+# States of a device: several blocks of which the first is not full; one block.
+MANY, FEW = 2 * LARGEST_BLOCK + 100, 40
+
+
+def _map(function, mesh):
+    return jax.shard_map(function, mesh=mesh, in_specs=P("batch"), out_specs=P("batch"))
+
+
+def _inverse(mech, q, v, vdot):
+    return js.inverse_dynamics(mech, q, v, vdot)
+
+
+def _mapped(mech, q, v, vdot):
+    return jax.vmap(functools.partial(_inverse, mech))(q, v, vdot)
+
+
+def _gradient(mech, q, v, vdot):
+    return jax.grad(lambda q: js.gravity_forces(mech, q).sum())(q)
+
+
+# (function, whether the robot is data, how many states a device has, kind of axis, whether in a shard_map)
+CASES = (
+    (_inverse, False, MANY, AxisType.Auto, False),
+    (_inverse, True, MANY, AxisType.Explicit, False),
+    (_inverse, False, FEW, AxisType.Explicit, False),
+    (_mapped, False, MANY, AxisType.Explicit, False),
+    (_inverse, False, MANY, AxisType.Auto, True),
+    (_gradient, False, MANY, AxisType.Auto, False),
+)
+
+
+def test_states_stay_on_their_device():
+    flags = f"--xla_force_host_platform_device_count={N_DEVICES}"
+    environment = {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, __file__], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["True"] * len(CASES)
+
+
+def _check(function, is_data, n_each, axis_type, is_map):
+    mech = js.testing.random_mechanism(0, 2, ["revolute"], is_chain=True, dtype=np.float32)
+    function = functools.partial(function, mech.as_data() if is_data else mech)
+    rng = np.random.default_rng(0)
+    states = [rng.standard_normal((N_DEVICES * n_each, 2)).astype(np.float32) for _ in range(3)]
+    mesh = jax.make_mesh((N_DEVICES,), ("batch",), axis_types=(axis_type,))
+    split = [jax.device_put(x, jax.NamedSharding(mesh, P("batch"))) for x in states]
+    compiled = jax.jit(_map(function, mesh) if is_map else function).lower(*split).compile()
+    assert re.findall(COLLECTIVES, compiled.as_text()) == []
+    result = compiled(*split)
+    assert [x.data.shape for x in result.addressable_shards] == [(n_each, 2)] * N_DEVICES
+    np.testing.assert_array_equal(result, jax.jit(function)(*states))
+    print(True)
+
+
+if __name__ == "__main__":
+    for case in CASES:
+        _check(*case)
