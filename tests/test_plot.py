@@ -169,7 +169,7 @@ def test_small_arrows_are_left_out():
 def test_forces_of_joints_are_about_and_along_their_axes():
     mech, tau = arm(), FLOAT([3, -4, -2])
     ax = plot.torques(mech, Q, tau, plot.mechanism(mech, Q))
-    force, torque = plot.scales(ax)
+    force, torque = map(float, plot.scales(ax))
     (slide,) = named(ax, "force")
     R = js.forward_kinematics(mech, Q).rotation.to_matrix()
     np.testing.assert_allclose(np.diff(slide, axis=0)[0], force * -4 * np.asarray(R[1, :, 2]), atol=1e-6)
@@ -207,10 +207,9 @@ def test_an_ellipsoid():
 def test_lengths_are_equal_along_all_axes():
     ax = plot.mechanism(arm(), Q)
     plot.wrench(js.SpatialForce(FLOAT([0, 0, 0]), FLOAT([0, 9, 0])), np.zeros(3), ax)
-    lengths = [np.ptp(limits) for limits in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())]
-    np.testing.assert_allclose(
-        ax.get_box_aspect() / np.linalg.norm(ax.get_box_aspect()), lengths / np.linalg.norm(lengths)
-    )
+    lengths = np.ptp([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()], axis=1)
+    shape = np.array(ax.get_box_aspect())
+    np.testing.assert_allclose(shape / np.linalg.norm(shape), lengths / np.linalg.norm(lengths))
 
 
 def test_all_that_is_drawn_is_inside_the_axes():

@@ -283,7 +283,7 @@ def test_a_browser_shows_a_recording(robot, tmp_path):
     page = viewer.record(mech, trajectory(61), tmp_path / "arm.html", shapes=path, forces=tip)
     flags = "--headless --no-sandbox --disable-gpu --disable-background-networking --disable-component-update"
     flags += " --disable-sync --no-first-run"
-    faults, pictures = [], []
+    faults, pictures, orange = [], [], 0
     with playwright.sync_playwright() as p:
         browser = p.chromium.launch(executable_path=str(BROWSER), args=flags.split())
         tab = browser.new_page(viewport={"width": 800, "height": 600})

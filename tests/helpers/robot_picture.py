@@ -29,7 +29,7 @@ FINE = 2  # pixels of the robot for one of the picture, along each side
 
 def scene():
     """(the arm, its state, the shapes of its links and of the load, the weight about T, the torques of the motors)."""
-    files = importlib.metadata.files("example-robot-data")
+    files = importlib.metadata.files("example-robot-data") or []
     path = pathlib.Path(next(file for file in files if file.name == "panda.urdf").locate())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", js.interop.ModelFileWarning)
@@ -56,8 +56,8 @@ def drawn(dpi=DPI):
     ax.set_axis_off()
     ax.patch.set_alpha(0)
     ax.set_proj_type("ortho")
-    scale = plot.Scales(0.011, 0.0035)
-    plot.torques(mech, q, tau, ax, scale=scale)
+    metres_per_newton = 0.011
+    plot.torques(mech, q, tau, ax, scale=plot.Scales(metres_per_newton, 0.0035))
     p_WT = np.asarray(js.forward_kinematics(mech, q, T).translation)
     plot.wrench(F_T_W, p_WT, ax, axis=True)
     ax.set(xlim=(-0.13, 0.91), ylim=(-0.35, 0.45), zlim=(-0.06, 0.96))
@@ -68,7 +68,7 @@ def drawn(dpi=DPI):
     joints = np.asarray(js.forward_kinematics(mech, q).translation)
     for i, (dx, dz) in {1: (0, -0.11), 2: (-0.1, -0.04), 3: (-0.13, 0.14), 5: (-0.09, -0.06)}.items():
         ax.text(*(joints[i] + [dx, 0, dz]), f"{abs(tau[i]):.0f} N m", color=plot.TORQUE, **write)
-    ax.text(*(p_WT + [0, 0, scale.force * F_T_W.f[2] - 0.03]), f"{-F_T_W.f[2]:.0f} N", color=plot.FORCE, **write)
+    ax.text(*(p_WT + [0, 0, metres_per_newton * F_T_W.f[2] - 0.03]), f"{-F_T_W.f[2]:.0f} N", color=plot.FORCE, **write)
     _explain(figure)
     ax.apply_aspect()
     figure.figimage(_rendered(ax, shapes, mech, q), origin="lower", zorder=-1)
