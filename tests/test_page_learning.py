@@ -1,0 +1,29 @@
+"""The notebook on learning, with small sizes and with its own: each part ends with a number that its gradients made."""
+
+import pytest
+
+from tests.helpers.notebooks import executed, last_numbers
+
+SMALL = {"FRICTION_UPDATES": 200, "JUMP_UPDATES": 60, "ENVIRONMENTS": 64, "POLICY_UPDATES": 400}
+
+
+@pytest.mark.parametrize("sizes", [SMALL, pytest.param({}, marks=pytest.mark.slow)], ids=["small", "full"])
+@pytest.mark.filterwarnings("ignore")
+def test_the_page_learns(sizes):
+    found = last_numbers(executed("06_learning", **sizes))
+
+    # Seven hinges: 7 parameters of each link but the first, of which there is one.
+    assert (found["rank"], found["rank_of_unknown"]) == (43, 30)
+    assert found["links_with_known_mass"] == [5, 7]
+    assert found["mass_error_believed"] > 0.25
+    assert found["mass_error_least_squares"] < 0.015 and found["mass_error_learned"] < 0.015
+    assert found["bodies_learned"] == 4 > found["bodies_of_least_squares"]
+
+    assert found["angle_error_after"] < (0.1 if sizes else 0.05) * found["angle_error_before"]
+
+    assert found["jump_miss_before"] > 0.4
+    assert found["jump_miss_after"] < (0.02 if sizes else 0.01)
+    assert found["jump_gradient_error"] < 1e-5
+
+    assert found["standing_before"] < 0.05
+    assert found["standing_after"] > (0.7 if sizes else 0.9)
