@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from tests.helpers.interpreted import interpreted
 from tests.helpers.pages import run_page
 
 
@@ -71,7 +72,7 @@ def test_the_terms_of_operational_space(names):
     panda, v = names["panda"], jnp.linspace(-1.0, 1.0, 7)
     q, F, tau_0 = names["q_start"] + 0.1, 0.1 * jnp.arange(6.0), jnp.linspace(3.0, -5.0, 7)
 
-    @jax.jit
+    @interpreted
     def accelerations(q, v):
         J, Lambda, J_bar, mu, p = names["operational_space"](q, v)
         null = tau_0 - J.T @ (J_bar.T @ tau_0)
@@ -101,7 +102,7 @@ def test_gradients_are_finite_at_singular_configurations(names):
         return jax.jacfwd(lambda q: names["improved"](q, target))(q), jax.grad(names["log_manipulability"])(q)
 
     with jax.numpy_rank_promotion("allow"):
-        slopes = jax.jit(jax.vmap(both))(at)
+        slopes = interpreted(jax.vmap(both))(at)
     assert all(jnp.isfinite(x).all() for x in slopes)
 
 
