@@ -1,0 +1,33 @@
+"""What the page on a simulator of one's own shows, holds: notebooks/04_a_simulator.ipynb."""
+
+import pytest
+
+from tests.helpers.notebooks import executed, last_numbers
+from tests.helpers.optional import needs
+
+needs("papermill")
+
+
+def _holds(numbers):
+    assert numbers["all_finite"]
+    assert numbers["share_of_weakly_pushed_that_fell"] == 0
+    assert numbers["share_of_strongly_pushed_that_fell"] > 0.9  # where friction is low, some slide
+    # Newton's method stays where it is: a derivative that is off by a percent leaves a percent of what is left.
+    assert all(abs(x - 45) < 0.01 for x in numbers["last_tilts"][-2:]), numbers["last_tilts"]
+    assert abs(numbers["tilt"] - 45) < 1e-4
+    assert numbers["cosine_of_push_and_gradient"] > 1 - 1e-6
+    assert numbers["tilt_by_99_percent"] < 10 and numbers["tilt_by_101_percent"] > 80
+    assert 25 < numbers["push"] < 28
+    assert numbers["error_of_gradient"] < 1e-4
+
+
+def test_a_few_robots_without_mjx():
+    numbers = last_numbers(executed("04_a_simulator", environments=16, timings=3, peers=0))
+    assert numbers["environments"] == 16
+    _holds(numbers)
+
+
+@pytest.mark.slow
+def test_as_in_the_file():
+    needs("mujoco.mjx")
+    _holds(last_numbers(executed("04_a_simulator")))
