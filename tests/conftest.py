@@ -23,7 +23,11 @@ SHORTEST, SMALLEST = "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "JAX_PERSISTE
 # workers take files in the order in which they are collected.
 HERE = pathlib.Path(__file__).parent
 LONGEST = (
+    "dynamics/test_convex_step.py",
     "test_notebooks.py",
+    "test_page_simulator.py",
+    "test_page_learning.py",
+    "test_page_inside_simulators.py",
     "numerics/errorfree/test_random_programs.py",
     "test_readme.py",
     "dynamics/test_laws.py",
