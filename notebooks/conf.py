@@ -50,6 +50,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = "jaxspatial"
 html_static_path = ["_site/static"]
 html_css_files = ["style.css"]
+html_extra_path = ["source/recordings"]
 html_math_renderer = "mathml"
 html_copy_source = False
 html_domain_indices = False
@@ -135,6 +136,8 @@ def _place_of(docname: str) -> pathlib.Path | None:
 def read_page(app: Any, docname: str, source: list[str]) -> None:
     if docname == "reference":
         source[0] = pages.overview(source[0])
+    elif docname == "drawing":
+        source[0] = _relinked(source[0], HERE, docname) + pages.RECORDING
     elif docname == "index":
         readme = _relinked((ROOT / "README.md").read_text(), ROOT, docname)
         source[0] = source[0].replace("```{include} ../README.md\n```", readme)
@@ -225,6 +228,7 @@ def setup(app: Any) -> None:
     app.connect("autodoc-process-signature", read_signature)
     app.connect("html-page-context", drop_lost_links)
     pages.write()
+    pages.record(SOURCES / "recordings/_recordings")
     # Pages of sources are there before Sphinx looks for pages.
     for path in [ROOT / "README.md", *HERE.glob("*.md"), *HERE.glob("*.ipynb"), *PLACES.values()]:
         _relinked(path.read_text(), path.parent, path.stem)

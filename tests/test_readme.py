@@ -87,7 +87,7 @@ def test_what_it_is_comes_first():
 
 # Pages whose code other tests run.
 OF_OTHERS = ("brax", "frax", "mujoco", "pinocchio")
-OWN_TESTS = ["simulators.md", "inverse_kinematics.md", "scale.md", "reference.md"]
+OWN_TESTS = ["drawing.md", "simulators.md", "inverse_kinematics.md", "scale.md", "reference.md"]
 OWN_TESTS += [f"coming_from_{name}.md" for name in OF_OTHERS]
 # Its sections run one by one, where their simulators are.
 SIMULATORS = PAGES["simulators.md"].split("\n## ")

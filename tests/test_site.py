@@ -74,6 +74,13 @@ def test_no_link_is_broken(site):
     assert not broken
 
 
+def test_a_robot_drops_on_the_page_on_drawing(site):
+    """The recording is a page of its own, with all that it shows."""
+    out, _ = site
+    assert '<iframe src="_recordings/solo.html"' in (out / "drawing.html").read_text()
+    assert (out / "_recordings/solo.html").stat().st_size > 5e5
+
+
 def test_every_page_is_two_clicks_from_the_first(site):
     out, pages = site
     near = {out / "index.html"}

@@ -114,14 +114,18 @@ def recommend(function: Callable[..., Any], *arguments: Any, tolerance: float, r
     and compared with a reference: itself in "compensated", on the same numbers as float64. For float64 arguments that
     is the best that the function does, not exact: errors below 1e-15 say no more.
 
-    function: of the arguments, to arrays or trees of them; whatever jit takes. What it closes over has to go with
-        float64 arguments as well, for the reference: Python numbers do, and a Mechanism of known numbers.
-    arguments: trees of arrays, of one floating dtype
-    tolerance: the largest error allowed, relative to the largest number of each result
-    rounds: how often each precision is timed; the median counts
+    Args:
+        function: of the arguments, to arrays or trees of them; whatever jit takes. What it closes over has to go with
+            float64 arguments as well, for the reference: Python numbers do, and a Mechanism of known numbers.
+        arguments: trees of arrays, of one floating dtype.
+        tolerance: the largest error allowed, relative to the largest number of each result.
+        rounds: how often each precision is timed; the median counts.
 
-    Returns a Recommendation: `.precision` by name, `.rows`, and a table to print. Raises ValueError for a tolerance
-    that is not positive, and for arguments without floating numbers.
+    Returns:
+        A Recommendation: `.precision` by name, `.rows`, and a table to print.
+
+    Raises:
+        ValueError: the tolerance is not positive, or the arguments have no floating numbers.
     """
     if not tolerance > 0:
         raise ValueError(f"recommend: tolerance: expected a number above 0, got {tolerance!r}")

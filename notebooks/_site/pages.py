@@ -1,5 +1,6 @@
 """The pages that are written while the site is built: one per public name, and the tables of benchmarks."""
 
+import contextlib
 import importlib
 import inspect
 import pathlib
@@ -25,6 +26,12 @@ RESULTS = {
 BEHIND = {
     "error_bounds": ("Error bounds", ["jaxspatial.spatial.operations", "jaxspatial.numerics.promise"]),
 }
+# Shows what the page on drawing records.
+RECORDING = """
+```{raw} html
+<iframe src="_recordings/solo.html" title="A quadruped drops" loading="lazy" style="width: 100%; height: 26rem; border: 0"></iframe>
+```
+"""
 TABLES = [*sorted((ROOT / "tests/benchmarks").glob("*.md")), ROOT / "tests/peers/robots.md"]
 
 
@@ -197,3 +204,14 @@ def _table(path: pathlib.Path) -> str:
     day = found.stdout.strip() if found else ""
     source = path.relative_to(ROOT)
     return f"{title}\n\n`{source}`{f', of {day}' if day else ''}.\n{rest}"
+
+
+def record(folder: pathlib.Path) -> None:
+    """Runs the code of the page on drawing in a folder, for its recording, unless it is there and not older."""
+    page, recording = FOLDER / "drawing.md", folder / "solo.html"
+    if recording.exists() and recording.stat().st_mtime > page.stat().st_mtime:
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    with contextlib.chdir(folder):
+        exec("\n".join(re.findall(r"```python\n(.*?)```", page.read_text(), re.S)), {})
+    (folder / "solo.png").unlink()

@@ -37,9 +37,11 @@ _OF_JOINTS = {"armature": "v", "damping": "v", "friction_loss": "v", "stiffness"
 class ModelFileWarning(UserWarning):
     """Lists what of a model file is left out of the mechanism, and what no rigid body can have.
 
-    left_out: {kind: names, or lines, of what was left out}
-    doubtful: the same for what was taken as it is
     Silence it with `warnings.simplefilter("ignore", jaxspatial.interop.ModelFileWarning)`.
+
+    Attributes:
+        left_out: what was left out, names or lines by kind.
+        doubtful: the same for what was taken as it is.
     """
 
     def __init__(self, operation: str, left_out: Mapping[str, Iterable[str]], doubtful: Mapping[str, Iterable[str]]):
