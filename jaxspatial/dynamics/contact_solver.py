@@ -75,10 +75,17 @@ class ContactProgram(Algorithm):
     """A program in small blocks: each iterates until its slowest state has converged."""
 
     always_as_kernels = True
+    rows_per_turn = 1
 
     @property
     def block(self) -> int:
         return 80
+
+
+class Solver(ContactProgram):
+    """A ContactProgram that passes over the tree again and again."""
+
+    rows_per_turn = 2
 
 
 class Terms(NamedTuple):
@@ -516,7 +523,7 @@ class Iterate(NamedTuple):
     residual: Number
 
 
-@algorithm(*FIELDS, program_class=ContactProgram)
+@algorithm(*FIELDS, program_class=Solver)
 def solve(
     state: MechanismState,
     still: Array,

@@ -83,6 +83,8 @@ class ForwardDynamics(Algorithm):
 class WithFactors(ForwardDynamics):
     """The program of `_with_factors`, for derivatives of derivatives."""
 
+    rows_per_turn = 1
+
     def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
         _, *factors = bind(self, primals, n_batch)
         (vdot,), (rate,) = self.program_of(_forward_dynamics).jvp(primals, tangents, n_batch)

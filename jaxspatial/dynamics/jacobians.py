@@ -89,7 +89,7 @@ def _jacobian(state: MechanismState, *, frames: int | tuple[int, ...]):
 
 def _origin(state: MechanismState, frame: int, placed: list[Pose]) -> Pose:
     """X_WF of one frame."""
-    return composed(at_carrier(state, frame, placed, state.world), state.frame_placement(frame))
+    return composed(at_carrier(state, frame, placed, state.world), state.frame_placements((frame,)))
 
 
 @noinline
@@ -119,7 +119,7 @@ def _jacobian_rate(state: MechanismState, v: Array, *, frames: int | tuple[int, 
 
     def of_frame(frame: int) -> jax.Array:
         X, V = at_carrier(state, frame, moving, (state.world, at_rest))
-        v_WF = velocity_in_world(X, state.frame_placement(frame), V).v
+        v_WF = velocity_in_world(X, state.frame_placements((frame,)), V).v
         p_WF = _origin(state, frame, [x for x, _ in moving]).p
         columns = [
             tuple(

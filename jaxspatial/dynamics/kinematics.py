@@ -3,8 +3,6 @@
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar
 
-import jax.numpy as jnp
-
 from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.engine import recursion
 from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, Frames, algorithm
@@ -122,20 +120,12 @@ def _of_frames(
     both = list(zip(poses(state), results, strict=True))
     if frames is None:
         placed = zip(map(state.child_placement, state.bundles), both, strict=True)
-    else:
-        root = state.world, at_world
-        named = (frames,) if isinstance(frames, int) else frames
-        placed = ((state.frame_placement(k), at_carrier(state, k, both, root)) for k in named)
-    of_frames = [function(X_WJ, X_JF, x) for X_JF, (X_WJ, x) in placed]
-    return tuple(arranged(state, frames, [x[k] for x in of_frames]) for k in (0, 1))
-
-
-def arranged(state: MechanismState, frames: Frames, of_frames: Sequence[Numbers]):
-    """An array (frames, k, B) of tuples of k numbers, one for each bundle or frame; (k, B) for a single frame."""
-    if frames is None:
-        return state.by_body(of_frames)
-    each = [jnp.stack([state.rounded(c).reshape((-1,)) for c in x]) for x in of_frames]
-    return each[0] if isinstance(frames, int) else jnp.stack(each)
+        of_bundles = [function(X_WJ, X_JF, x) for X_JF, (X_WJ, x) in placed]
+        return tuple(state.by_body([x[k] for x in of_bundles]) for k in (0, 1))
+    named = (frames,) if isinstance(frames, int) else frames
+    X_WJ, x = state.of_bodies(state.topology.bodies_of(named), both, (state.world, at_world))
+    of_frames = [state.by_row(y, len(named)) for y in function(X_WJ, state.frame_placements(named), x)]
+    return tuple(y[0] if isinstance(frames, int) else y for y in of_frames)
 
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 12 * len(t))

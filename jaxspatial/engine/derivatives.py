@@ -54,6 +54,7 @@ class Derived(Differentiable):
     """The derivative of another program with respect to the arguments marked in `moving`."""
 
     always_as_kernels = True
+    rows_per_turn = 1
 
     def __init__(self, program: Differentiable, moving: Moving):
         self.program, self.moving = program, moving

@@ -36,9 +36,6 @@ from jaxspatial.numerics.errorfree.primitives import CALL, STEP, lower_fun, not_
 # A kernel of more operations is compiled as the calls that it consists of: thousands would compile for minutes.
 # Known numbers in more rows are operands.
 MOST_OPERATIONS, MOST_ROWS = 1000, 256
-# Rows per turn of a loop: with two, what one writes the next reads where it is, and not a copy.
-UNROLLED = 2
-
 Shape = tuple[int, ...]
 
 # What keeps the place of each number, and operations number by number.
@@ -77,10 +74,10 @@ class Table(NamedTuple):
         return numbers[0] if self.row is None else lax.dynamic_index_in_dim(numbers, self.row, keepdims=False)
 
 
-def run(closed: ClosedJaxpr, *arrays: jax.Array) -> list[jax.Array]:
-    """The results of a trace."""
+def run(closed: ClosedJaxpr, rows_per_turn: int, *arrays: jax.Array) -> list[jax.Array]:
+    """The results of a trace. rows_per_turn: of its loops over rows."""
     with jax.enable_x64(True):
-        return [_array(x) for x in _evaluated(closed.jaxpr, closed.consts, arrays)]
+        return [_array(x) for x in _evaluated(closed.jaxpr, closed.consts, arrays, rows_per_turn)]
 
 
 def _array(x: Any) -> jax.Array:
@@ -101,7 +98,7 @@ def _whole(x: Any) -> Any:
 # -- a trace, operation by operation ----------------------------------------------------------------------------------
 
 
-def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any]) -> list[Any]:
+def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], rows_per_turn: int) -> list[Any]:
     """The results, where a Table may stand for a known number, and a Pieced for an array."""
     values = {v: _known(c) for v, c in zip(jaxpr.constvars, consts, strict=True)}
     values |= dict(zip(jaxpr.invars, arguments, strict=True))
@@ -110,14 +107,14 @@ def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any]) -> l
         name = eqn.primitive.name
         of_pieces = any(isinstance(x, Pieced) for x in inputs)
         if name == "jit" and eqn.params["name"] in (CALL, STEP):
-            results = _called(eqn, list(map(_whole, inputs)), of_pieces)
+            results = _called(eqn, list(map(_whole, inputs)), of_pieces, rows_per_turn)
         elif name in _CALLS:
             inner = _inner(eqn)
-            results = _evaluated(inner.jaxpr, inner.consts, inputs)
+            results = _evaluated(inner.jaxpr, inner.consts, inputs, rows_per_turn)
         elif name == "scan":
-            results = _scanned(eqn, list(map(_whole, inputs)))
+            results = _scanned(eqn, list(map(_whole, inputs)), rows_per_turn)
         elif name == "while":
-            results = _repeated(eqn, list(map(_array, inputs)))
+            results = _repeated(eqn, list(map(_array, inputs)), rows_per_turn)
         else:
             results = _moved(eqn, list(map(_whole, inputs))) or _bound(eqn, map(_array, inputs))
             if name == "concatenate" or of_pieces:
@@ -158,7 +155,7 @@ def _moved(eqn: Any, inputs: Sequence[Any]) -> list[Any] | None:
     return [Table(x.numbers.reshape((-1, *shape)), x.row) if isinstance(x, Table) else _known(np.reshape(x, shape))]
 
 
-def _scanned(eqn: Any, inputs: Sequence[Any]) -> list[Any]:
+def _scanned(eqn: Any, inputs: Sequence[Any], rows_per_turn: int) -> list[Any]:
     """A loop over rows, with kernels for the calls in it, and known numbers of its rows as Tables."""
     n_consts, n_carry, length = (eqn.params[k] for k in ("num_consts", "num_carry", "length"))
     n, body = n_consts + n_carry, eqn.params["jaxpr"]
@@ -169,22 +166,22 @@ def _scanned(eqn: Any, inputs: Sequence[Any]) -> list[Any]:
     def row(carry: list[jax.Array], of_row: tuple[list[jax.Array], jax.Array]) -> tuple[list[Any], list[Any]]:
         left, index = iter(of_row[0]), of_row[1]
         each = (Table(np.asarray(inputs[k]), index) if k in tables else next(left) for k in range(n, len(inputs)))
-        results = list(map(_array, _evaluated(body.jaxpr, body.consts, [*consts, *carry, *each])))
+        results = list(map(_array, _evaluated(body.jaxpr, body.consts, [*consts, *carry, *each], rows_per_turn)))
         return results[:n_carry], results[n_carry:]
 
-    xs, unroll = (rows, lax.iota(np.uint32, length)), UNROLLED if _is_of_kernels(body.jaxpr) else 1
+    xs, unroll = (rows, lax.iota(np.uint32, length)), rows_per_turn if _is_of_kernels(body.jaxpr) else 1
     carry, stacked = lax.scan(row, carry, xs, reverse=eqn.params["reverse"], unroll=unroll)
     return [*carry, *stacked]
 
 
-def _repeated(eqn: Any, inputs: Sequence[Any]) -> list[Any]:
+def _repeated(eqn: Any, inputs: Sequence[Any], rows_per_turn: int) -> list[Any]:
     """A loop until a condition, with kernels for the calls in it."""
     n_of_cond, n_of_body = eqn.params["cond_nconsts"], eqn.params["body_nconsts"]
     of_cond, of_body = inputs[:n_of_cond], inputs[n_of_cond : n_of_cond + n_of_body]
 
     def run_of(name: str, consts: Sequence[Any], carry: Sequence[Any]) -> list[Any]:
         inner = eqn.params[name]
-        return list(map(_array, _evaluated(inner.jaxpr, inner.consts, [*consts, *carry])))
+        return list(map(_array, _evaluated(inner.jaxpr, inner.consts, [*consts, *carry], rows_per_turn)))
 
     return lax.while_loop(
         lambda carry: run_of("cond_jaxpr", of_cond, carry)[0],
@@ -212,7 +209,7 @@ def _is_table_of_rows(x: Any) -> bool:
 # -- calls ------------------------------------------------------------------------------------------------------------
 
 
-def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool) -> list[Any]:
+def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool, rows_per_turn: int) -> list[Any]:
     """A call as kernels, one for all results of one shape; or, if it is none, with kernels for the calls in it."""
     inner = _inner(eqn)
     inputs = [
@@ -226,7 +223,7 @@ def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool) -> list[Any]:
         left = iter(data)
         each = [x if y is None else next(left) for x, y in zip(inputs, arrays, strict=True)]
         if kernels is None:
-            return [_array(x) for x in _evaluated(inner.jaxpr, inner.consts, each)]
+            return [_array(x) for x in _evaluated(inner.jaxpr, inner.consts, each, rows_per_turn)]
         results: dict[int, jax.Array] = {}
         for kernel in kernels:
             results |= kernel.run([x for x, yes in zip(each, kernel.reads, strict=True) if yes])
@@ -313,7 +310,7 @@ def _one_kernel(trace: ClosedJaxpr, arguments: Sequence[Any], shape: Shape) -> l
             items[k] if k is not None else _looked_up(x, rows, shape, index)
             for x, k in zip(arguments, places, strict=True)
         ]
-        results = _of_scalars(trace.jaxpr, trace.consts, each, zero)
+        results = _Scalars(zero).results(trace.jaxpr, trace.consts, each)
         typed = [lax.convert_element_type(y, d) for y, d in zip(results, operands.kinds, strict=False)]
         return *typed, *items[len(typed) :]
 
@@ -338,7 +335,8 @@ class _Operands:
         if k == len(self.items):
             self.items.append(None)
             self.kinds.append(x.dtype)
-        self.items[k] = jnp.broadcast_to(x.reshape((*[1] * (len(self.two) - x.ndim), *x.shape)), self.two)
+        rank = len(self.two)
+        self.items[k] = lax.broadcast_in_dim(x, self.two, range(rank - x.ndim, rank))
         return k
 
     @property
@@ -396,32 +394,63 @@ def _lowered_table(context: Any, index: Any, *, numbers: _Contents) -> Any:
 mlir.register_lowering(_table_p, _lowered_table)
 
 
-def _of_scalars(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], zero: jax.Array) -> list[Any]:
-    """The results of a trace for one number of every argument."""
-    values = {v: np.asarray(c).reshape(())[()] for v, c in zip(jaxpr.constvars, consts, strict=True)}
-    values |= dict(zip(jaxpr.invars, arguments, strict=True))
+class _Scalars:
+    """Runs traces on one number of every argument. What is the same is computed once: programs compile sooner.
 
-    def read(x: Any) -> Any:
-        return np.asarray(x.val, cast(Any, x.aval).dtype).reshape(())[()] if isinstance(x, Literal) else values[x]
+    zero: the hidden zero of a kernel.
+    """
 
-    # Sums of numbers that are not known, which no simplification takes apart.
-    sums: set[Any] = set()
-    for eqn in jaxpr.eqns:
-        name, inputs = eqn.primitive.name, [read(x) for x in eqn.invars]
-        if name in _CALLS:
-            inner = _inner(eqn)
-            results = _of_scalars(inner.jaxpr, inner.consts, inputs, zero)
-        elif name in _MOVES or (is_no_reassociation(eqn) and eqn.invars[0] in sums):
-            results = inputs[:1]
-        elif name == "jaxspatial_product":
+    def __init__(self, zero: jax.Array):
+        self.zero = zero
+        self.minus_zeros: dict[np.dtype, jax.Array] = {}
+        # Results by operation. The operands are kept, so that no other object takes the identity of one.
+        self.known: dict[Any, tuple[Sequence[Any], list[Any]]] = {}
+
+    def results(self, jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any]) -> list[Any]:
+        values = {v: np.asarray(c).reshape(())[()] for v, c in zip(jaxpr.constvars, consts, strict=True)}
+        values |= dict(zip(jaxpr.invars, arguments, strict=True))
+
+        def read(x: Any) -> Any:
+            return np.asarray(x.val, cast(Any, x.aval).dtype).reshape(())[()] if isinstance(x, Literal) else values[x]
+
+        # Sums of numbers that are not known, which no simplification takes apart.
+        sums: set[Any] = set()
+        for eqn in jaxpr.eqns:
+            name, inputs = eqn.primitive.name, [read(x) for x in eqn.invars]
+            if name in _CALLS:
+                inner = _inner(eqn)
+                results = self.results(inner.jaxpr, inner.consts, inputs)
+            elif name in _MOVES or (is_no_reassociation(eqn) and eqn.invars[0] in sums):
+                results = inputs[:1]
+            else:
+                results = self._once(eqn, inputs)
+                if name in ("add", "sub") and all(isinstance(x, Tracer) for x in inputs):
+                    sums.update(eqn.outvars)
+            values |= dict(zip(eqn.outvars, results, strict=True))
+        return [read(x) for x in jaxpr.outvars]
+
+    def _once(self, eqn: Any, inputs: Sequence[Any]) -> list[Any]:
+        """The results of an operation, which may be known already."""
+        params = {k: None if k == "sharding" else x for k, x in eqn.params.items()}
+        key = eqn.primitive.name, *map(_identity, inputs), *sorted((k, str(x)) for k, x in params.items())
+        if key not in self.known:
+            self.known[key] = inputs, self._computed(eqn, inputs, params)
+        return self.known[key][1]
+
+    def _computed(self, eqn: Any, inputs: Sequence[Any], params: dict[str, Any]) -> list[Any]:
+        if eqn.primitive.name == "jaxspatial_product":
             product = lax.mul(*inputs)
-            results = [product + minus_zero(zero, product.dtype)]
-        elif name == "jaxspatial_barrier":
-            results = [joined(inputs[0], zero)]
-        else:
-            params = {k: None if k == "sharding" else x for k, x in eqn.params.items()}
-            results = [eqn.primitive.bind(*inputs, **params)]
-            if name in ("add", "sub") and all(isinstance(x, Tracer) for x in inputs):
-                sums.update(eqn.outvars)
-        values |= dict(zip(eqn.outvars, results, strict=True))
-    return [read(x) for x in jaxpr.outvars]
+            return [product + self._minus_zero(product.dtype)]
+        if eqn.primitive.name == "jaxspatial_barrier":
+            return [joined(inputs[0], self.zero)]
+        return [eqn.primitive.bind(*inputs, **params)]
+
+    def _minus_zero(self, dtype: np.dtype) -> jax.Array:
+        if dtype not in self.minus_zeros:
+            self.minus_zeros[dtype] = minus_zero(self.zero, dtype)
+        return self.minus_zeros[dtype]
+
+
+def _identity(x: Any) -> Any:
+    """What is equal of two numbers only if they are the same."""
+    return id(x) if isinstance(x, Tracer) else (np.asarray(x).dtype.str, np.asarray(x).tobytes())

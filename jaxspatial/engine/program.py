@@ -42,6 +42,9 @@ class Program:
     block = LARGEST_BLOCK
     # Whether its operations run often in one call, or would be slow to compile without kernels.
     always_as_kernels = False
+    # Rows per turn of its loops over bodies, as kernels: with two, what one writes the next reads where it is, and not
+    # a copy, but the step is compiled twice. Steps of derivatives are so long that copies cost nothing beside them.
+    rows_per_turn = 2
     # Whether it computes in 64 bits, whatever the dtype of the caller. Its derivatives are then traced in 64 bits too,
     # and so are programs that take 64-bit numbers from it.
     is_wide = False
@@ -122,8 +125,11 @@ class Traced:
         self.closed = ClosedJaxpr(jaxpr, closed.consts)
         self.out_avals = closed.out_avals
 
-    def __call__(self, as_kernels: bool, *arrays: jax.Array) -> list[jax.Array]:
-        return kernels.run(self.closed, *arrays) if as_kernels else jaxpr_as_fun(self.closed)(*arrays)
+    def __call__(self, rows_per_turn: int | None, *arrays: jax.Array) -> list[jax.Array]:
+        """rows_per_turn: of loops as kernels; None without kernels."""
+        if rows_per_turn is None:
+            return jaxpr_as_fun(self.closed)(*arrays)
+        return kernels.run(self.closed, rows_per_turn, *arrays)
 
 
 # -- the primitive ----------------------------------------------------------------------------------------------------
@@ -288,7 +294,9 @@ def _in_blocks(program: Program, way: Way, n: int, arrays: Sequence[jax.Array]) 
     if size == n_each:
         # With kernels a call of the program takes longer, by a buffer for each of their operations, and each turn of
         # a loop is several times as fast. The bits are the same.
-        return one(way.in_blocks and (way.in_loop or program.always_as_kernels), *arrays)
+        as_kernels = way.in_blocks and (way.in_loop or program.always_as_kernels)
+        # Of one state copies cost nothing.
+        return one((program.rows_per_turn if size > 1 else 1) if as_kernels else None, *arrays)
     # The first block holds what is left over, and states of the second, which computes them again.
     n_blocks = -(-n_each // size)
     first = n_each - (n_blocks - 1) * size
@@ -313,7 +321,7 @@ def _in_blocks(program: Program, way: Way, n: int, arrays: Sequence[jax.Array]) 
 
     def body(results: list[jax.Array], start: jax.Array) -> tuple[list[jax.Array], None]:
         each = zip(parts, varies, masked, strict=True)
-        new = one(True, *(block(x, start, is_masked) if yes else x for x, yes, is_masked in each))
+        new = one(program.rows_per_turn, *(block(x, start, is_masked) if yes else x for x, yes, is_masked in each))
         return [
             old + y if yes else lax.dynamic_update_slice_in_dim(old, split(y), start, axis)
             for old, y, yes in zip(results, new, adds, strict=True)

@@ -205,10 +205,6 @@ class MechanismState:
     def child_placement(self, bundle: Bundle) -> Pose:
         return self._pose(self.fields["child_placements"], bundle.bodies)
 
-    def frame_placement(self, frame: int) -> Pose:
-        """X_JF of one of the named frames, as numbers (1, B)."""
-        return self.frame_placements((frame,))
-
     def frame_placements(self, frames: Sequence[int]) -> Pose:
         """X_JF of n of the named frames, as numbers (n, B)."""
         return self._pose(self.fields["frame_placements"], np.array(frames))
@@ -304,6 +300,10 @@ class MechanismState:
         return self.rounded(
             stacking.mapped(lambda w: stacking.rows(w, np.argsort(places)), stacking.concatenated(pieces))
         )
+
+    def by_row(self, parts: Numbers, n: int) -> jax.Array:
+        """An array (n, k, B) of k numbers (n, B), or of one row where all rows are the same."""
+        return jnp.stack([jnp.broadcast_to(self.rounded(x).reshape((-1, self.n)), (n, self.n)) for x in parts], 1)
 
     def sum_over_bodies(self, results: Sequence[Number]) -> Number:
         """The sum over all bodies, (B,), of a number for every bundle."""

@@ -29,7 +29,7 @@ BEHIND = {
 # Shows what the page on drawing records.
 RECORDING = """
 ```{raw} html
-<iframe src="_recordings/solo.html" title="A quadruped drops" loading="lazy" style="width: 100%; height: 26rem; border: 0"></iframe>
+<iframe class="recording" src="_recordings/solo.html" title="A quadruped drops" loading="lazy"></iframe>
 ```
 """
 TABLES = [*sorted((ROOT / "tests/benchmarks").glob("*.md")), ROOT / "tests/peers/robots.md"]

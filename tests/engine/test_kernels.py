@@ -38,7 +38,7 @@ def inner(a, b, c):
 def compared(function, *arrays):
     """The results with kernels, and of the plain trace, both compiled; and the text of the first."""
     closed = jax.make_jaxpr(lambda *x: [y.value for y in function(*map(number, x))])(*arrays)
-    program = jax.jit(functools.partial(kernels.run, closed))
+    program = jax.jit(functools.partial(kernels.run, closed, 2))
     text = program.lower(*arrays).as_text()
     plain = jax.jit(jax.extend.core.jaxpr_as_fun(closed))
     return list(map(np.asarray, program(*arrays))), list(map(np.asarray, plain(*arrays))), text
@@ -110,7 +110,7 @@ def test_what_is_pieced_together_is_computed_before_the_kernel(move):
     found, expected, _ = compared(function, *arrays((2, N), (2, N)))
     same(found, expected)
     traced = jax.make_jaxpr(lambda *x: [y.value for y in function(*map(number, x))])(*arrays((2, N), (2, N)))
-    text = jax.jit(functools.partial(kernels.run, traced)).lower(*arrays((2, N), (2, N))).compile().as_text()
+    text = jax.jit(functools.partial(kernels.run, traced, 2)).lower(*arrays((2, N), (2, N))).compile().as_text()
     with_reduction = [body for body in text.split("\n\n") if " reduce(" in body]
     assert with_reduction and not any(" concatenate(" in body for body in with_reduction)
 
@@ -160,7 +160,7 @@ def test_64_bits_in_a_program_of_32():
         closed = jax.make_jaxpr(lambda *x: [y.value for y in step(*map(number, x))])(*doubles)
         expected = list(map(np.asarray, jax.jit(jax.extend.core.jaxpr_as_fun(closed))(*doubles)))
     with jax.enable_x64(False):
-        found = list(map(np.asarray, jax.jit(functools.partial(kernels.run, closed))(*doubles)))
+        found = list(map(np.asarray, jax.jit(functools.partial(kernels.run, closed, 2))(*doubles)))
     same(found, expected)
 
 
