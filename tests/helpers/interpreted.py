@@ -205,6 +205,12 @@ def _while(*arrays, cond_jaxpr, body_jaxpr, cond_nconsts, body_nconsts):
     return carry
 
 
+def _linear_solve(*arrays, const_lengths, jaxprs):
+    """By the solver that the caller gave: its constants come after those of the two products with the matrix."""
+    start, n = const_lengths.matvec + const_lengths.vecmat, const_lengths.solve
+    return _evaluated(jaxprs.solve, [*arrays[start : start + n], *arrays[sum(const_lengths) :]])
+
+
 def _call(*arrays, jaxpr=None, call_jaxpr=None, **_):
     inner = call_jaxpr if jaxpr is None else jaxpr
     return _evaluated(inner if hasattr(inner, "consts") else jax.extend.core.ClosedJaxpr(inner, ()), arrays)
@@ -233,6 +239,7 @@ _OF_ARRAYS = {
     "jaxspatial_sums": _sums,
     "jaxspatial_program": _program,
     "scan": _scan,
+    "custom_linear_solve": _linear_solve,
     "while": _while,
     "cond": lambda which, *arrays, branches, **_: _evaluated(branches[int(which)], arrays),
     **dict.fromkeys(("jit", "pjit", "closed_call", "custom_jvp_call", "checkpoint", "remat2"), _call),
