@@ -85,7 +85,7 @@ def constraint_error(
     Returns:
         (*batch, rows): rad, m.
 
-    Error: in every precision 64 u of 1 rad and of the largest coordinate of an origin in the world, in addition to the
+    Error: in every precision 8 u of 1 rad and of the largest coordinate of an origin in the world, in addition to the
         errors of `forward_kinematics`.
     Source: Featherstone 2008, 8.2 (loop constraints).
     """
@@ -111,7 +111,7 @@ def constraint_jacobian(
     Returns:
         J (*batch, rows, nv).
 
-    Error: in every precision 64 u of the largest number of `jacobian` of the frames, in addition to its errors and
+    Error: in every precision 8 u of the largest number of `jacobian` of the frames, in addition to its errors and
         those of `forward_kinematics`.
     Source: Featherstone 2008, 8.2 (loop constraints).
     """
