@@ -56,6 +56,16 @@ def rows(mech, q, loops):
     return interpreted(lambda q: js.constraint_jacobian(mech, q, loops))(q)
 
 
+def rows_at(mech, qs, loops):
+    """Of configurations one after another, in one program."""
+    return interpreted(jax.vmap(lambda q: js.constraint_jacobian(mech, q, loops)))(np.stack(qs))
+
+
+def along(mech, q, v, h):
+    """Configurations that h ahead of q and h behind it are on the way along v."""
+    return interpreted(jax.vmap(lambda t: js.integrate(mech, q, v, t)))(np.float64([h, -h]))
+
+
 def dynamics(mech, q, v, tau, loops, **options):
     return interpreted(lambda *x: js.constrained_forward_dynamics(mech, *x, loops, **options))(q, v, tau)
 
@@ -103,9 +113,9 @@ def test_jacobian_is_the_rate_of_the_error(kind):
     assert at_closed.residual <= 1e-14
     h = 1e-5
     for at in (at_closed.q, q)[: 1 if kind in ("weld", "hinge") else 2]:
-        ahead, behind = (error(mech, js.integrate(mech, at, v, t), loops) for t in (h, -h))
-        along = rows(mech, at, loops) @ v
-        assert abs((ahead - behind) / (2 * h) - along).max() <= 1e-8 * abs(along).max()
+        ahead, behind = interpreted(jax.vmap(lambda q: js.constraint_error(mech, q, loops)))(along(mech, at, v, h))
+        rate = rows(mech, at, loops) @ v
+        assert abs((ahead - behind) / (2 * h) - rate).max() <= 1e-8 * abs(rate).max()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -114,8 +124,8 @@ def test_constraint_acceleration_is_zero(kind, a):
     """J vdot + dJ/dt v, with dJ/dt by differences; at states that are not closed, too."""
     mech, loops = two_bodies(), [closure(kind, a)]
     q, v, tau = state(mech, 1)
-    found, J, h = dynamics(mech, q, v, tau, loops), rows(mech, q, loops), 1e-5
-    ahead, behind = (rows(mech, js.integrate(mech, q, v, t), loops) for t in (h, -h))
+    found, h = dynamics(mech, q, v, tau, loops), 1e-5
+    J, ahead, behind = rows_at(mech, [q, *along(mech, q, v, h)], loops)
     bias = (ahead - behind) @ v / (2 * h)
     assert abs(J @ found.vdot + bias).max() <= 1e-8 * abs(bias).max()
 
@@ -128,21 +138,26 @@ def test_wrenches_are_those_of_the_closures(kind):
     q, v, tau = state(mech, 2)
     found = dynamics(mech, q, v, tau, loops)
     F = js.SpatialForce.from_array(found.loop_wrenches.to_array())
-    poses = js.forward_kinematics(mech, q, ["A", "B"])
-    p_AB = (poses.translation[1] - poses.translation[0])[None]
-    both = {"B": F.at_batch(0), "A": -js.shift(F, -p_AB).at_batch(0)}
-    forces = interpreted(lambda a: js.inverse_dynamics(mech, q, v, a, both))(found.vdot)
-    assert abs(forces - tau).max() <= 1e-12 * abs(forces - js.inverse_dynamics(mech, q, v, found.vdot)).max()
+
+    def needed(vdot, F):
+        """With the wrenches, and without."""
+        poses = js.forward_kinematics(mech, q, ["A", "B"])
+        p_AB = (poses.translation[1] - poses.translation[0])[None]
+        both = {"B": F.at_batch(0), "A": -js.shift(F, -p_AB).at_batch(0)}
+        return js.inverse_dynamics(mech, q, v, vdot, both), js.inverse_dynamics(mech, q, v, vdot)
+
+    forces, alone = interpreted(needed)(found.vdot, F)
+    assert abs(forces - tau).max() <= 1e-12 * abs(forces - alone).max()
 
 
 def test_without_closures():
     mech = two_bodies()
     q, v, tau = state(mech)
-    found = js.constrained_forward_dynamics(mech, q, v, tau, [])
-    np.testing.assert_array_equal(found.vdot, js.forward_dynamics(mech, q, v, tau))
-    assert found.loop_wrenches.batch_shape == (0,)
-    assert js.constraint_error(mech, q, ()).shape == (0,) and js.constraint_jacobian(mech, q, ()).shape == (0, mech.nv)
-    assert js.close_loops(mech, np.stack([q, q]), ()).residual.shape == (2,)
+    found = dynamics(mech, q, v, tau, [])
+    np.testing.assert_array_equal(found.vdot, interpreted(functools.partial(js.forward_dynamics, mech))(q, v, tau))
+    assert found.loop_wrenches.f.shape == (0, 3)
+    assert error(mech, q, ()).shape == (0,) and rows(mech, q, ()).shape == (0, mech.nv)
+    assert interpreted(lambda q: js.close_loops(mech, q, ()))(np.stack([q, q])).residual.shape == (2,)
 
 
 # -- redundant, singular, without mass, not a number ------------------------------------------------------------------
@@ -222,7 +237,7 @@ def test_parts_without_mass():
     J = rows(mech, s.q, s.loops)
     vdot = closed_loops.constrained("four-bar").vdot
     assert np.isfinite(found.vdot).all() and abs(found.vdot - vdot).max() > 1e-3
-    p = np.stack([js.forward_kinematics(mech, q, ["B", "b"]).translation for q in s.q])
+    p = interpreted(lambda q: js.forward_kinematics(mech, q, ["B", "b"]).translation)(s.q)
     rod, f = p[:, 0] - p[:, 1], found.loop_wrenches.f[:, 0]
     assert abs(np.cross(rod, f)).max() <= 1e-4 * abs(f).max() and J.shape[-1] == 3
     # Without armature either, the rod does not accelerate on its own; all stays finite.
@@ -251,7 +266,7 @@ def test_compiled_mapped_and_batched():
     """The numbers of the formula op by op, to a few u; and of float32."""
     s, expected = closed_loops.closed("four-bar"), closed_loops.constrained("four-bar")
     own = functools.partial(js.constrained_forward_dynamics, s.mech, loops=s.loops)
-    found = {"jit": jax.jit(own)(s.q, s.v, s.tau), "vmap": jax.vmap(own)(s.q, s.v, s.tau)}
+    found = {"jit": jax.jit(own)(s.q, s.v, s.tau), "vmap": interpreted(jax.vmap(own))(s.q, s.v, s.tau)}
     for how, x in found.items():
         for a, b in zip(jax.tree.leaves(x), jax.tree.leaves(expected), strict=True):
             np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * abs(b).max(), err_msg=how)
@@ -295,8 +310,9 @@ def test_derivatives_of_dynamics(name):
     pulled = interpreted(lambda x: jax.vjp(of, *x)[1](cotangent))(x)
     products = [jnp.sum(a * b) for a, b in zip(jax.tree.leaves(pulled), jax.tree.leaves(t), strict=True)]
     assert abs(sum(products) - cotangent @ tangent) <= 1e-11 * sum(map(abs, products))
-    run, h = interpreted(lambda x: of(*x)), 1e-5
-    ahead, behind = (run(jax.tree.map(lambda a, b, h=h: a + h * b, x, t)) for h in (h, -h))
+    h = 1e-5
+    both = jax.tree.map(lambda a, b: np.stack([a + h * b, a - h * b]), x, t)
+    ahead, behind = interpreted(jax.vmap(of))(*both)
     assert abs((ahead - behind) / (2 * h) - tangent).max() <= 1e-6 * abs(tangent).max()
 
 
@@ -305,17 +321,17 @@ def test_derivatives_of_closed_configurations():
     s = closed_loops.closed("five-bar")
     q, J = s.q[0], rows(s.mech, s.q[0], s.loops)
     P = np.eye(4) - np.linalg.pinv(J) @ J
-    close = interpreted(lambda q: jax.jacfwd(lambda q: js.close_loops(s.mech, q, s.loops).q)(q))
-    pulled = interpreted(lambda q: jax.jacrev(lambda q: js.close_loops(s.mech, q, s.loops).q)(q))
-    for found in (close(q), pulled(q)):
-        assert abs(found - P).max() <= 1e-9
+    close = lambda q: js.close_loops(s.mech, q, s.loops).q  # noqa: E731
+    for derivative in (jax.jacfwd, jax.jacrev):
+        assert abs(interpreted(derivative(close))(q) - P).max() <= 1e-9
 
     def at(distance):
         return js.close_loops(s.mech, q, [js.LoopClosure("a", "B", "distance", distance)]).q
 
-    apart = np.linalg.norm(np.subtract(*js.forward_kinematics(s.mech, q, ["a", "B"]).translation))
-    found, h = interpreted(jax.jacfwd(at))(apart), 1e-5
-    ahead, behind = (interpreted(at)(apart + x) for x in (h, -h))
+    ends = interpreted(lambda q: js.forward_kinematics(s.mech, q, ["a", "B"]).translation)(q)
+    apart, h = np.linalg.norm(np.subtract(*ends)), 1e-5
+    found = interpreted(jax.jacfwd(at))(apart)
+    ahead, behind = interpreted(jax.vmap(at))(apart + np.float64([h, -h]))
     np.testing.assert_allclose(found, (ahead - behind) / (2 * h), rtol=0, atol=1e-7)
 
 
@@ -336,7 +352,7 @@ def test_loops_close_quadratically(name):
         assert after <= 20 * before**2 + 1e-14
     # By a motion that is not much longer than the smallest.
     J = rows(s.mech, runs[-1].q, s.loops)
-    moved = js.difference(s.mech, off, runs[-1].q)
+    moved = interpreted(functools.partial(js.difference, s.mech))(off, runs[-1].q)
     assert np.linalg.norm(moved - np.linalg.pinv(J) @ J @ moved) <= 0.5 * np.linalg.norm(moved)
 
 

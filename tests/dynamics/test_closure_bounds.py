@@ -10,6 +10,7 @@ import jaxspatial as js
 from jaxspatial.dynamics.docstrings import ALGORITHM
 from jaxspatial.numerics.precision import Precision
 from tests.helpers.interpreted import evaluated
+from tests.helpers.marks import slow_but
 
 KINDS = "weld", "hinge", "universal", "ball", "distance"
 # Of each arm: axes of hinges by number, and arms from one to the next, the last to the frame. Numbers of float32.
@@ -105,7 +106,7 @@ def states():
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize("precision", [str(p) for p in Precision])
+@pytest.mark.parametrize("precision", slow_but(["reproducible", "compensated"], [str(p) for p in Precision]))
 def test_errors_and_jacobians(precision, dtype):
     """8 u of what they are made of, and what forward kinematics and Jacobians of frames add on both sides."""
     distance, q = 0.75, states()

@@ -25,10 +25,12 @@ def robot(seed=0):
 
 @pytest.fixture(autouse=True)
 def _nothing_called_before(monkeypatch):
-    """In the precision that compiles soonest."""
+    """In the precision that compiles soonest. What tests before have left is not searched: there are millions of it."""
+    gc.freeze()
     monkeypatch.setattr(algorithm, "_CACHES", weakref.WeakValueDictionary())
     with js.default_precision("fast"):
         yield
+    gc.unfreeze()
 
 
 def programs():

@@ -16,6 +16,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.interop import mujoco as states
+from tests.helpers.interpreted import interpreted
 from tests.helpers.optional import needs
 
 ROBOTS = ("pusher", "ant", "humanoid")
@@ -65,6 +66,10 @@ def at_state(model, mech, q):
     return data
 
 
+def xfrc_applied(model, mech, q, forces):
+    return interpreted(lambda q, forces: states.to_xfrc_applied(model, mech, q, forces))(q, forces)
+
+
 def body(model, name):
     """The body of MuJoCo that a frame is; of one without a name by its number."""
     return int(name.removeprefix("body_")) if name.startswith("body_") else model.body(name).id
@@ -95,7 +100,7 @@ def generalized_of_rows(model, data, rows):
 def test_as_mj_apply_ft(name, axes, float64):
     model, mech, q = robot(name)
     forces = applied(mech, axes)
-    rows = jax.jit(lambda q, F: states.to_xfrc_applied(model, mech, q, F))(q, forces)
+    rows = xfrc_applied(model, mech, q, forces)
     assert rows.shape == (N, model.nbody, 6)
     for i in range(N):
         data = at_state(model, mech, q[i])
@@ -110,7 +115,7 @@ def test_a_dict_of_wrenches_about_origins(name, float64):
     model, mech, q = robot(name)
     names, rng = frames(mech)[:-2], np.random.default_rng(1)
     wrenches = {frame: js.SpatialForce(*rng.normal(size=(2, N, 3))) for frame in names}
-    rows = states.to_xfrc_applied(model, mech, q, wrenches)
+    rows = xfrc_applied(model, mech, q, wrenches)
     pulled = {body(model, mech.frame_body(frame)) for frame in names if mech.frame_body(frame) != "world"}
     assert {int(b) for b in np.flatnonzero(np.any(np.asarray(rows), (0, 2)))} == pulled
     for i in range(N):
@@ -128,12 +133,14 @@ def test_mj_forward_has_our_accelerations(name, float64):
     model, mech, q = robot(name)
     forces = applied(mech, "frame", seed=2)
     v = jnp.asarray(np.random.default_rng(3).normal(size=(N, mech.nv)))
-    rows = states.to_xfrc_applied(model, mech, q, forces)
+    rows = xfrc_applied(model, mech, q, forces)
     back = states.from_xfrc_applied(model, rows)
     assert back.axes == "world" and len(back.frames) == model.nbody - 1
     tau = jnp.zeros((N, mech.nv))
-    vdot, again = (jax.jit(lambda q, v, F: js.forward_dynamics(mech, q, v, tau, F))(q, v, F) for F in (forces, back))
-    qvel, qacc = states.to_qvel(mech, q, v), states.to_qacc(mech, q, v, vdot)
+    dynamics = interpreted(lambda q, v, F: js.forward_dynamics(mech, q, v, tau, F))
+    vdot, again = (dynamics(q, v, F) for F in (forces, back))
+    qvel = interpreted(lambda q, v: states.to_qvel(mech, q, v))(q, v)
+    qacc = interpreted(lambda q, v, vdot: states.to_qacc(mech, q, v, vdot))(q, v, vdot)
     for i in range(N):
         data = at_state(model, mech, q[i])
         data.qvel[:], data.xfrc_applied[:] = qvel[i], rows[i]
@@ -163,11 +170,12 @@ def test_under_grad_and_vmap(float64):
 
     gradient = jax.jit(jax.vmap(jax.grad(total)))(q)
     h = 1e-6
-    moved = (total(q[0] + h * jnp.eye(mech.nq)[3]) - total(q[0] - h * jnp.eye(mech.nq)[3])) / (2 * h)
+    ahead, behind = (interpreted(total)(q[0] + s * h * np.eye(mech.nq)[3]) for s in (1, -1))
+    moved = (ahead - behind) / (2 * h)
     assert abs(moved) > 1
     np.testing.assert_allclose(gradient[0, 3], moved, rtol=1e-7)
-    each = jax.vmap(lambda q: states.to_xfrc_applied(model, mech, q, forces))(q)
-    np.testing.assert_allclose(each, states.to_xfrc_applied(model, mech, q, forces), rtol=0, atol=1e-14)
+    each = jax.jit(jax.vmap(lambda q: states.to_xfrc_applied(model, mech, q, forces)))(q)
+    np.testing.assert_allclose(each, xfrc_applied(model, mech, q, forces), rtol=0, atol=1e-14)
 
 
 def test_nothing_acts(float64):
