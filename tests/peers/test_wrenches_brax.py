@@ -11,6 +11,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial import interop
+from tests.helpers.interpreted import interpreted
 from tests.helpers.optional import needs
 
 base, mjcf = needs("brax.base"), needs("brax.io.mjcf")
@@ -68,18 +69,22 @@ def case():
 def expected_tau(mech, q, forces):
     """J^T F, in the coordinates of Brax, which are those of MuJoCo."""
     rest = jnp.zeros((N, mech.nv), jnp.float32)
-    with_them, without = (js.bias_forces(mech, q, rest, F) for F in (forces, None))
-    return interop.mujoco.to_qfrc(mech, q, without - with_them)
+
+    def pulled(q, F):
+        without, with_them = (js.bias_forces(mech, q, rest, F) for F in (None, F))
+        return interop.mujoco.to_qfrc(mech, q, without - with_them)
+
+    return interpreted(pulled)(q, forces)
 
 
 def test_as_the_transposed_jacobian():
     sys, mech, q, _, forces, states = case()
-    wrenches = js.applied_wrenches(mech, q, forces)
+    wrenches = interpreted(functools.partial(js.applied_wrenches, mech))(q, forces)
     assert set(wrenches) == set("acde")
-    found = jax.jit(lambda s, F: interop.brax.to_tau(sys, s, F))(states, wrenches)
-    J = {name: js.jacobian(mech, q, name) for name in wrenches}
+    found = interpreted(lambda s, F: interop.brax.to_tau(sys, s, F))(states, wrenches)
+    J = interpreted(lambda q: {name: js.jacobian(mech, q, name) for name in wrenches})(q)
     of_each = [jnp.einsum("bij,bi->bj", J[name], F.to_array(), precision="highest") for name, F in wrenches.items()]
-    expected = interop.mujoco.to_qfrc(mech, q, sum(of_each))
+    expected = interpreted(functools.partial(interop.mujoco.to_qfrc, mech))(q, sum(of_each))
     np.testing.assert_allclose(found, expected, rtol=0, atol=64 * U * abs(expected).max())
     np.testing.assert_allclose(found, expected_tau(mech, q, forces), rtol=0, atol=512 * U * abs(expected).max())
     each = jax.jit(jax.vmap(lambda s, F: interop.brax.to_tau(sys, s, F)))(states, wrenches)
@@ -102,14 +107,16 @@ def test_the_step_of_brax_has_our_accelerations():
     sys, mech, q, v, forces, states = case()
     pushed = with_forces_of_all_joints(sys)
 
-    @jax.jit
+    @functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
     @jax.vmap
     def step(state, q, forces):
         tau = interop.brax.to_tau(sys, state, js.applied_wrenches(mech, q, forces))
         return pipeline.step(pushed, state, tau).qdd
 
-    vdot = js.forward_dynamics(mech, q, v, jnp.zeros_like(v), forces)
-    expected = interop.mujoco.to_qacc(mech, q, v, vdot)
+    def ours(q, v, forces):
+        return interop.mujoco.to_qacc(mech, q, v, js.forward_dynamics(mech, q, v, jnp.zeros_like(v), forces))
+
+    expected = interpreted(ours)(q, v, forces)
     np.testing.assert_allclose(step(states, q, forces), expected, rtol=0, atol=2.0**-15 * abs(expected).max())
 
 
