@@ -1,12 +1,23 @@
 """Runs the code of a page from top to bottom, as a reader does."""
 
 import ast
+import contextlib
 import pathlib
 import re
 
 import jax
 
 FOLDER = pathlib.Path(__file__).parent.parent.parent / "notebooks"
+
+
+@contextlib.contextmanager
+def compiled_soon():
+    """XLA compiles in two thirds of the time, programs that run slower: what pages tell holds for these as well."""
+    jax.config.update("jax_disable_most_optimizations", True)
+    try:
+        yield
+    finally:
+        jax.config.update("jax_disable_most_optimizations", False)
 
 
 def examples(text):
@@ -19,7 +30,7 @@ def run(blocks, **numbers):
 
     Numbers replace what names are assigned at the top level of a block: sizes, so that a test takes seconds."""
     scope, replaced = {}, set()
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"), compiled_soon():
         for block in blocks:
             tree = ast.parse(block)
             for line in tree.body:

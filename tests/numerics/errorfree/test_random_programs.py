@@ -9,7 +9,7 @@ from tests.helpers.marks import slow
 from tests.helpers.random_programs import OPERATIONS, SURROUNDINGS, Program
 
 # In small groups: pytest gives files of many tests to its workers first, and none is left with this one at the end.
-FEW, MANY, GROUP = 96, 3000, 4
+FEW, MANY, GROUP = 32, 3000, 4
 
 
 def programs(first, count):
@@ -36,7 +36,7 @@ def test_the_default_run_has_all_operations_in_all_surroundings():
     assert {check[0] for p in drawn for check in p.checks} == set(OPERATIONS)
 
 
-@pytest.mark.parametrize(("first", "count"), [(0, GROUP), slow(GROUP, FEW)])
+@pytest.mark.parametrize(("first", "count"), [(0, GROUP), slow(GROUP, 3 * FEW)])
 def test_unoptimised_code_is_right_too(first, count):
     options = {"xla_backend_optimization_level": 0}
     assert {p.seed: w for p in programs(first, count) if (w := wrong(p, compiler_options=options))} == {}
