@@ -1,5 +1,7 @@
 """Programs without loops: the same bits as with them, but for sums over all bodies."""
 
+import functools
+
 import jax
 import numpy as np
 import pytest
@@ -24,23 +26,38 @@ SUMS = ("energy",)
 CASES = [(name, False) for name in ALGORITHMS] + [("forward dynamics", True), ("mass matrix", True)]
 
 
+@functools.cache
+def both(is_chain, dtype):
+    """With loops along and across chains, and the same written out."""
+    kinds = ["free", "revolute", "revolute", "revolute"] if is_chain else ["revolute", "ball"]
+    mech = js.testing.random_mechanism(0, 4 if is_chain else 6, kinds, is_chain, dtype=dtype)
+    looped, straight = ([bundle.bodies.shape[0] for bundle in m.topology.bundles] for m in (mech, mech.written_out()))
+    assert max(looped) == (3 if is_chain else 2) and max(straight) == 1
+    return mech, mech.written_out()
+
+
+def state(mech, *batch):
+    """q, v and accelerations."""
+    q = np.asarray(js.random_configuration(mech, jax.random.key(0), batch))
+    return q, *np.random.default_rng(0).standard_normal((2, *batch, mech.nv)).astype(q.dtype)
+
+
 @pytest.mark.parametrize(("name", "is_chain"), CASES)
 def test_the_same_bits(name, is_chain):
-    mech, rng = js.testing.random_mechanism(0, 9, is_chain=is_chain, dtype=np.float64), np.random.default_rng(0)
     with jax.enable_x64(True):
-        q = np.asarray(js.random_configuration(mech, jax.random.key(0)))
-        at = (q, *rng.standard_normal((2, mech.nv)))[: 2 if name in SUMS else 3]
-        both = [interpreted(lambda *x, m=m: ALGORITHMS[name](m, *x))(*at) for m in (mech, mech.written_out())]
-    for x, y in zip(*map(jax.tree.leaves, both), strict=True):
+        mechs = both(is_chain, np.float64)
+        at = state(mechs[0])[: 2 if name in SUMS else 3]
+        found = [interpreted(lambda *x, m=m: ALGORITHMS[name](m, *x))(*at) for m in mechs]
+    for x, y in zip(*map(jax.tree.leaves, found), strict=True):
         np.testing.assert_allclose(x, y, rtol=2.0**-50 if name in SUMS else 0)
 
 
 def test_compiled_the_same_bits():
-    mech, rng = js.testing.random_mechanism(0, 9, dtype=np.float32), np.random.default_rng(0)
-    q = np.asarray(js.random_configuration(mech, jax.random.key(0), 5))
-    v, a = rng.standard_normal((2, 5, mech.nv)).astype(np.float32)
-    for function in (js.inverse_dynamics, js.forward_dynamics):
-        np.testing.assert_array_equal(function(mech, q, v, a), function(mech.written_out(), q, v, a))
+    """As the formula with loops, in NumPy."""
+    mech, written_out = both(True, np.float32)
+    at = state(mech, 5)
+    expected = interpreted(functools.partial(js.forward_dynamics, mech))(*at)
+    np.testing.assert_array_equal(js.forward_dynamics(written_out, *at), expected)
 
 
 def test_stays_with_what_is_made_of_a_mechanism():
