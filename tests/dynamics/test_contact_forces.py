@@ -28,10 +28,15 @@ def mechanism():
     return js.add_frames(mech, [js.Frame("tool0", "body1", X)])
 
 
-def state(*batch):
-    rng = np.random.default_rng(1)
-    q = js.random_configuration(mechanism(), jax.random.key(0), batch, np.float64)
-    return q, jnp.asarray(rng.standard_normal((*batch, mechanism().nv)))
+@functools.cache
+def states():
+    q = js.random_configuration(mechanism(), jax.random.key(0), 8, np.float64)
+    return q, jnp.asarray(np.random.default_rng(1).standard_normal((8, mechanism().nv)))
+
+
+def state(n):
+    """The first n."""
+    return [x[:n] for x in states()]
 
 
 def contacts(**changes):
@@ -51,12 +56,20 @@ def forces(q, v, given=None, ground=None):
     return F.wrenches.to_array()
 
 
-def law(q, v):
+def of(q, v, **given):
+    """The same in NumPy."""
+    return interpreted(lambda q, v: forces(q, v, **given))(q, v)
+
+
+def kinematics(q):
+    """Rotations, origins and Jacobians of the frames."""
+    X = js.forward_kinematics(mechanism(), q, FRAMES)
+    return X.rotation.to_matrix(), X.translation, js.jacobian(mechanism(), q, FRAMES)
+
+
+def law(v, R, p, J):
     """As its docstring has it, on the velocities of bodies at contact points, by Jacobians."""
-    mech, given, n = mechanism(), contacts(), NORMAL / np.linalg.norm(NORMAL)
-    X = js.forward_kinematics(mech, q, FRAMES)
-    R, p, J = (np.asarray(x) for x in (X.rotation.to_matrix(), X.translation, js.jacobian(mech, q, FRAMES)))
-    result = []
+    given, n, result = contacts(), NORMAL / np.linalg.norm(NORMAL), []
     for i in range(len(FRAMES)):
         turned = R[i] @ given.positions[i]
         distance = n @ (p[i] + turned) - OFFSET
@@ -76,7 +89,7 @@ def law(q, v):
 def test_the_law(scale):
     q, v = state(8)
     found = interpreted(lambda q, v: forces(q, scale * v))(q, v)
-    expected = np.array([law(*x) for x in zip(q, scale * v, strict=True)])
+    expected = np.array([law(*x) for x in zip(scale * v, *interpreted(kinematics)(q), strict=True)])
     assert abs(found - expected).max() <= 1e-13 * abs(expected).max()
     touching = (expected != 0).any(-1)
     np.testing.assert_array_equal((found != 0).any(-1), touching)  # exactly zero at a distance
@@ -86,14 +99,18 @@ def test_the_law(scale):
 def test_forces_act_where_they_are_said_to():
     """In forward dynamics, as J^T f."""
     q, v = (x[0] for x in state(1))
-    tau = jnp.zeros(mechanism().nv)
-    F = js.contact_forces(mechanism(), q, v, contacts(stiffness=1e3), plane())
-    assert F.frames == FRAMES and F.axes == "world" and F.batch_shape == ()
-    X = js.forward_kinematics(mechanism(), q, FRAMES)
-    at_origins = js.shift(F.wrenches, -(X.rotation @ F.points)).to_array()
-    pulled = jnp.einsum("nij,ni->j", js.jacobian(mechanism(), q, FRAMES), at_origins, precision="highest")
-    found = js.forward_dynamics(mechanism(), q, v, tau, F)
-    np.testing.assert_allclose(found, js.forward_dynamics(mechanism(), q, v, pulled), rtol=1e-10, atol=1e-10)
+    mech = mechanism()
+
+    def both(q, v):
+        F = js.contact_forces(mech, q, v, contacts(stiffness=1e3), plane())
+        assert F.frames == FRAMES and F.axes == "world" and F.batch_shape == ()
+        X = js.forward_kinematics(mech, q, FRAMES)
+        at_origins = js.shift(F.wrenches, -(X.rotation @ F.points)).to_array()
+        pulled = jnp.einsum("nij,ni->j", js.jacobian(mech, q, FRAMES), at_origins, precision="highest")
+        return js.forward_dynamics(mech, q, v, 0 * pulled, F), js.forward_dynamics(mech, q, v, pulled)
+
+    found, expected = interpreted(both)(q, v)
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
 
 
 def test_the_same_bits_however_it_is_called():
@@ -103,7 +120,6 @@ def test_the_same_bits_however_it_is_called():
         "eager": forces,
         "jit of vmap": jax.jit(jax.vmap(forces)),
         "scan": lambda *x: jax.lax.scan(lambda _, item: (None, forces(*item)), None, x)[1],
-        "one by one": lambda *x: jnp.stack([forces(*item) for item in zip(*x, strict=True)]),
     }
     for how, call in calls.items():
         np.testing.assert_array_equal(call(*x), expected, err_msg=how)
@@ -116,18 +132,21 @@ def curved(p):
 
 def test_any_ground():
     x = state(3)
-    np.testing.assert_allclose(forces(*x, ground=lambda p: plane()(p)), forces(*x), rtol=0, atol=1e-10)
-    flat = js.HalfSpace(), lambda p: p[2], None
-    found = [js.contact_forces(mechanism(), *x, contacts(), ground).wrenches.to_array() for ground in flat]
-    np.testing.assert_array_equal(found[0], found[2])
-    np.testing.assert_array_equal(found[1], found[2])
+    np.testing.assert_allclose(of(*x, ground=lambda p: plane()(p)), of(*x), rtol=0, atol=1e-10)
+
+    def on(ground, **changes):
+        return js.contact_forces(mechanism(), *x, contacts(**changes), ground).wrenches
+
+    found = [interpreted(lambda ground=ground: on(ground).to_array())() for ground in (js.HalfSpace(), lambda p: p[2])]
+    np.testing.assert_array_equal(found[0], interpreted(lambda: on(None).to_array())())
+    np.testing.assert_array_equal(found[1], found[0])
     # On a ball all normals meet in its centre.
-    F = js.contact_forces(mechanism(), *x, contacts(friction=0.0), curved)
-    centers = js.forward_kinematics(mechanism(), x[0], FRAMES) @ jnp.asarray(contacts().positions)
-    arm = np.asarray(centers) - [0.5, 0.0, -5.0]
-    assert abs(F.wrenches.f).max() > 100
-    np.testing.assert_allclose(np.cross(arm, F.wrenches.f), 0 * arm, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(F.wrenches.tau, 0 * arm, rtol=0, atol=1e-10)
+    F = interpreted(lambda: on(curved, friction=0.0))()
+    R, p, _ = interpreted(kinematics)(x[0])
+    arm = p + np.einsum("...ij,...j->...i", R, contacts().positions) - [0.5, 0.0, -5.0]
+    assert abs(F.f).max() > 100
+    np.testing.assert_allclose(np.cross(arm, F.f), 0 * arm, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(F.tau, 0 * arm, rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-2, 0.0])
@@ -136,21 +155,18 @@ def test_derivatives_are_differences(scale):
     q, v = (x[0] for x in state(1))
     x = jax.tree.map(jnp.asarray, (q, scale * v, contacts(), plane()))
 
-    def of(x):
-        return forces(*x)
-
     rng = np.random.default_rng(3)
     t = jax.tree.map(lambda leaf: jnp.asarray(rng.standard_normal(leaf.shape)), x)
-    value, tangent = interpreted(lambda x, t: jax.jvp(of, (x,), (t,)))(x, t)
+    value, tangent = interpreted(lambda x, t: jax.jvp(lambda x: forces(*x), (x,), (t,)))(x, t)
     assert (value != 0).any(-1).sum() >= 2
     cotangent = rng.standard_normal(value.shape)
-    (pulled,) = interpreted(lambda x, c: jax.vjp(of, x)[1](c))(x, cotangent)
+    (pulled,) = interpreted(lambda x, c: jax.vjp(lambda x: forces(*x), x)[1](c))(x, cotangent)
     inner = sum(jnp.sum(a * b) for a, b in zip(jax.tree.leaves(pulled), jax.tree.leaves(t), strict=True))
     size = sum(jnp.sum(abs(a * b)) for a, b in zip(jax.tree.leaves(pulled), jax.tree.leaves(t), strict=True))
     assert abs(inner - jnp.sum(cotangent * tangent)) <= 1e-12 * size
     step = 1e-6
-    run = interpreted(of)
-    ahead, behind = (run(jax.tree.map(lambda a, b, s=s: a + s * b, x, t)) for s in (step, -step))
+    both = jax.tree.map(lambda a, b: np.stack([a + step * b, a - step * b]), x, t)
+    ahead, behind = interpreted(jax.vmap(lambda x: forces(*x)))(both)
     assert abs((ahead - behind) / (2 * step) - tangent).max() <= 1e-6 * abs(tangent).max()
 
 
@@ -165,37 +181,43 @@ def test_at_a_distance_derivatives_are_zero():
 
 def test_what_is_no_number_is_none_in_the_result():
     q, v = (x[0] for x in state(1))
-    assert jnp.isnan(forces(q * jnp.nan, v)).all(-1)[:-1].all()  # the last is on the world
+    assert np.isnan(of(q * jnp.nan, v)).all(-1)[:-1].all()  # the last is on the world
 
 
 def test_a_batch_of_contacts_and_of_grounds():
     q, v = (x[0] for x in state(1))
-    friction = jnp.linspace(0.0, 1.0, 4)
-    found = forces(q, v, contacts(friction=jnp.broadcast_to(friction[:, None], (4, 5))))
-    each = [forces(q, v, contacts(friction=mu)) for mu in friction]
+    friction = np.linspace(0.0, 1.0, 4)
+    found = of(q, v, given=contacts(friction=np.broadcast_to(friction[:, None], (4, 5))))
+    each = [of(q, v, given=contacts(friction=mu)) for mu in friction]
     np.testing.assert_array_equal(found, each)
-    grounds = js.HalfSpace(jnp.broadcast_to(NORMAL, (4, 3)), jnp.linspace(-0.5, 0.5, 4))
-    each = [forces(q, v, ground=js.HalfSpace(NORMAL, offset)) for offset in grounds.offset]
-    np.testing.assert_allclose(forces(q, v, ground=grounds), each, rtol=0, atol=1e-10)
+    grounds = js.HalfSpace(np.broadcast_to(NORMAL, (4, 3)), np.linspace(-0.5, 0.5, 4))
+    each = [of(q, v, ground=js.HalfSpace(NORMAL, offset)) for offset in grounds.offset]
+    np.testing.assert_allclose(of(q, v, ground=grounds), each, rtol=0, atol=1e-10)
 
 
 def test_in_float32():
     """Also while 64-bit types are on."""
     mech, x = mechanism().astype(np.float32), [y.astype(np.float32) for y in state(3)]
     given, ground = contacts().astype(np.float32), plane().astype(np.float32)
-    F = js.contact_forces(mech, *x, given, ground, dissipation=DISSIPATION, stiction_speed=STICTION)
-    assert F.dtype == np.float32
-    expected = forces(*state(3))
+    limits = {"dissipation": DISSIPATION, "stiction_speed": STICTION}
+    found = interpreted(lambda *x: js.contact_forces(mech, *x, given, ground, **limits).wrenches.to_array())(*x)
+    assert found.dtype == np.float32
+    expected = of(*state(3))
     # Forces are as accurate as depths: k times a position's rounding.
-    assert abs(np.asarray(F.wrenches.to_array()) - np.asarray(expected)).max() <= 64 * 2.0**-24 * 2e3 * 4
-    assert js.contact_forces(mech, *x, given).dtype == np.float32
+    assert abs(found - expected).max() <= 64 * 2.0**-24 * 2e3 * 4
+    assert jax.eval_shape(lambda *x: js.contact_forces(mech, *x, given), *x).dtype == np.float32
 
 
 def test_no_contacts():
     q, v = state(3)
-    F = js.contact_forces(mechanism(), q, v, js.PointContacts([], stiffness=1.0, relaxation_time=0.0, friction=0.0))
-    assert F.wrenches.batch_shape == (3, 0)
-    js.forward_dynamics(mechanism(), q, v, jnp.zeros_like(v), F)
+    none = js.PointContacts([], stiffness=1.0, relaxation_time=0.0, friction=0.0)
+
+    def fall(q, v):
+        F = js.contact_forces(mechanism(), q, v, none)
+        assert F.wrenches.batch_shape == (3, 0)
+        return js.forward_dynamics(mechanism(), q, v, 0 * v, F), js.forward_dynamics(mechanism(), q, v, 0 * v)
+
+    np.testing.assert_array_equal(*interpreted(fall)(q, v))
 
 
 @pytest.mark.parametrize(
@@ -213,7 +235,7 @@ def test_no_contacts():
 def test_what_is_refused(changes, error, message):
     arguments = {"contacts": contacts(), "ground": None} | changes
     with pytest.raises(error, match=message):
-        js.contact_forces(mechanism(), *state(2), **arguments)
+        jax.eval_shape(lambda *x: js.contact_forces(mechanism(), *x, **arguments), *state(2))
 
 
 def test_more_that_is_refused():

@@ -157,38 +157,54 @@ def test_every_gain_is_stable():
     """A gain beyond all limits takes the difference of momenta as it is."""
     mech = floating()
     (q, v), (q1, v1), tau = state(mech), state(mech, 1), np.ones(mech.nv)
-    before = js.MomentumObserver.start(mech, q, v)
-    before = js.MomentumObserver(before.residual + 1e3, before.momentum, before.beta)
-    after = before.update(mech, q1, v1, tau, 0.1, 1e9)
+
+    @interpreted
+    def updated(q, v, q1, v1):
+        """The observer before, and after a sample with the gain and with none."""
+        start = js.MomentumObserver.start(mech, q, v)
+        before = js.MomentumObserver(start.residual + 1e3, start.momentum, start.beta)
+        return before, *(before.update(mech, q1, v1, tau, 0.1, gain) for gain in (1e9, 0.0))
+
+    before, after, same = updated(q, v, q1, v1)
     expected = (after.momentum - before.momentum) / 0.1 - tau + (after.beta + before.beta) / 2
     np.testing.assert_allclose(after.residual, expected, atol=1e-11)
-    np.testing.assert_array_equal(before.update(mech, q1, v1, tau, 0.1, 0.0).residual, before.residual)
+    np.testing.assert_array_equal(same.residual, before.residual)
 
 
 # -- noise ------------------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def at_rest():
+    """An arm, where it is, its gravity forces and mass matrix there, and residuals (samples, arms, 2), of measured
+    velocities and forces, a gain and a time: compiled once for all that is measured."""
+    mech, q = js.testing.random_mechanism(4, 2, ["revolute"], is_chain=True, dtype=np.float64), np.array([0.3, -0.8])
+    gravity, M = interpreted(lambda q: (js.gravity_forces(mech, q), js.mass_matrix(mech, q)))(q)
+
+    @jax.jit
+    def residuals(v, tau, gain, dt):
+        def step(observer, sample):
+            observer = observer.update(mech, q, *sample, dt, gain)
+            return observer, observer.residual
+
+        return jax.lax.scan(step, js.MomentumObserver.start(mech, q, v[0]), (v[1:], tau[1:]))[1]
+
+    return gravity, M, residuals
 
 
 @pytest.mark.parametrize("gain", [5.0, 400.0])
 @pytest.mark.parametrize("noisy", ["velocities", "forces"])
 def test_noise_is_that_of_theory(noisy, gain):
     """An arm at rest, 400 of them over 250 samples: standard deviations within 3 %."""
-    mech = js.testing.random_mechanism(4, 2, ["revolute"], is_chain=True, dtype=np.float64)
-    q, (dt, s), rng = jnp.asarray([0.3, -0.8]), (4e-3, 1e-4), np.random.default_rng(5)
+    gravity, M, residuals = at_rest()
+    (dt, s), rng = (4e-3, 1e-4), np.random.default_rng(5)
     v, forces = (s * x * rng.standard_normal((250, 400, 2)) for x in (noisy == "velocities", noisy == "forces"))
-    tau = np.asarray(js.gravity_forces(mech, q)) + forces
-
-    def step(observer, sample):
-        observer = observer.update(mech, q, *sample, dt, gain)
-        return observer, observer.residual
-
-    start = js.MomentumObserver.start(mech, q, v[0])
-    residuals = jax.jit(lambda v, tau: jax.lax.scan(step, start, (v, tau))[1])(v[1:], tau[1:])
-    b, M = -np.expm1(-gain * dt), np.asarray(js.mass_matrix(mech, q))
+    found, b = residuals(v, gravity + forces, gain, dt), -np.expm1(-gain * dt)
     if noisy == "velocities":
         expected = s * np.linalg.norm(M, axis=1) * b / dt * np.sqrt(2 / (2 - b))
     else:
         expected = s * np.sqrt(b / (2 - b)) * np.ones(2)
-    settled = np.asarray(residuals)[-1 if gain < 100 else slice(100, None)].reshape(-1, 2)
+    settled = np.asarray(found)[-1 if gain < 100 else slice(100, None)].reshape(-1, 2)
     few = 1 / np.sqrt(2 * len(settled) / (1 if gain < 100 else 2))
     assert (abs(settled.std(0) / expected - 1) < 4 * few).all() and few < 0.04
 
@@ -218,9 +234,10 @@ def test_a_scan_is_a_loop_and_a_batch_its_items():
     with js.default_precision("reproducible"):
         found = interpreted(functools.partial(run, mech))(q, v, tau)
         each = interpreted(jax.vmap(functools.partial(run, mech), 1, 1))(q, v, tau)
-        observer = js.MomentumObserver.start(mech, q[0], v[0])
+        observer = interpreted(lambda q, v: js.MomentumObserver.start(mech, q, v))(q[0], v[0])
+        update = interpreted(lambda observer, *sample: observer.update(mech, *sample, 1e-2, GAIN))
         for k in range(1, 4):
-            observer = observer.update(mech, q[k], v[k], tau[k], 1e-2, GAIN)
+            observer = update(observer, q[k], v[k], tau[k])
             np.testing.assert_array_equal(observer.residual, found[k - 1])
     np.testing.assert_array_equal(found, each)
     assert found.shape == (3, 2, mech.nv)
@@ -266,10 +283,15 @@ def test_float32_stays_float32(x64):
 def test_bound_of_an_update(precision):
     """In float32, of the numbers that it starts from: in 60 digits."""
     mech, (q, v, tau), dt, gain = floating(), samples(2), np.float32(1e-3), np.float32(77.0)
-    start = js.MomentumObserver.start(mech, *(np.float32(x[0]) for x in (q, v)))
-    start = js.MomentumObserver(jnp.full(mech.nv, 1e3, np.float32), start.momentum, start.beta)
-    tau = np.float32(tau[1])
-    end = start.update(mech, *(np.float32(x[1]) for x in (q, v)), tau, dt, gain, precision=precision)
+    q, v, tau = np.float32(q), np.float32(v), np.float32(tau[1])
+
+    @interpreted
+    def both(q, v, tau):
+        start = js.MomentumObserver.start(mech, q[0], v[0])
+        start = js.MomentumObserver(jnp.full(mech.nv, 1e3, np.float32), start.momentum, start.beta)
+        return start, start.update(mech, q[1], v[1], tau, dt, gain, precision=precision)
+
+    start, end = both(q, v, tau)
     with mp.workdps(60):
         b = -mp.expm1(-mp.mpf(float(dt)) * mp.mpf(float(gain)))
         for i in range(mech.nv):
@@ -287,7 +309,7 @@ def test_bound_of_an_update(precision):
 
 def test_errors_name_the_argument():
     mech, (q, v, tau) = floating(), samples(2)
-    observer = js.MomentumObserver.start(mech, q[0], v[0])
+    observer = js.MomentumObserver(*np.zeros((3, mech.nv)))
     for arguments, error, message in (
         ((1, q[0], v[0], tau[0], 0.1, 1.0), TypeError, "update: expected a Mechanism first, got int"),
         ((mech, q[0], v[0, 1:], tau[0], 0.1, 1.0), ValueError, "update: v: expected shape"),
