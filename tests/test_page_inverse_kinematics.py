@@ -59,7 +59,7 @@ def test_the_jacobian_is_that_of_the_error(names):
     q = names["q_start"]
     X_WT = js.forward_kinematics(names["panda"], q + 0.2, names["HAND"])
     with jax.numpy_rank_promotion("allow"):
-        (e, J), slope = jax.jit(
+        (e, J), slope = interpreted(
             lambda q: (names["error"](q, X_WT), jax.jacfwd(lambda q: names["error"](q, X_WT)[0])(q))
         )(q)
     factor = js.RigidTransform.left_jacobian_inverse(js.SpatialVelocity.from_array(e))

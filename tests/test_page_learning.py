@@ -10,7 +10,7 @@ SMALL = {"FRICTION_UPDATES": 200, "JUMP_UPDATES": 60, "ENVIRONMENTS": 64, "POLIC
 @pytest.mark.parametrize("sizes", [SMALL, pytest.param({}, marks=pytest.mark.slow)], ids=["small", "full"])
 @pytest.mark.filterwarnings("ignore")
 def test_the_page_learns(sizes):
-    found = last_numbers(executed("06_learning", **sizes))
+    found = last_numbers(executed("06_learning", compiled_soon=bool(sizes), **sizes))
 
     # Seven hinges: 7 parameters of each link but the first, of which there is one.
     assert (found["rank"], found["rank_of_unknown"]) == (43, 30)

@@ -13,11 +13,12 @@ FOLDER = pathlib.Path(__file__).parent.parent.parent / "notebooks"
 @contextlib.contextmanager
 def compiled_soon():
     """XLA compiles in two thirds of the time, programs that run slower: what pages tell holds for these as well."""
+    before = jax.config.values["jax_disable_most_optimizations"]
     jax.config.update("jax_disable_most_optimizations", True)
     try:
         yield
     finally:
-        jax.config.update("jax_disable_most_optimizations", False)
+        jax.config.update("jax_disable_most_optimizations", before)
 
 
 def examples(text):

@@ -16,7 +16,7 @@ import jaxspatial as js
 from jaxspatial.numerics.quantity import Quantity
 from tests.helpers.interpreted import interpreted
 from tests.helpers.optional import needs
-from tests.helpers.pages import examples
+from tests.helpers.pages import compiled_soon, examples
 
 FOLDER = pathlib.Path(__file__).parent.parent.parent / "notebooks"
 PAGES = {name: (FOLDER / f"coming_from_{name}.md").read_text() for name in ("pinocchio", "mujoco", "brax", "frax")}
@@ -43,7 +43,7 @@ def rows(text):
 @contextlib.contextmanager
 def numbers_of(name):
     """float64 where a page has it; libraries mix dtypes and ranks. Compiled in "fast", which takes the least time."""
-    with jax.enable_x64(name in ("pinocchio", "mujoco")), js.default_precision("fast"):
+    with jax.enable_x64(name in ("pinocchio", "mujoco")), js.default_precision("fast"), compiled_soon():
         with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
             yield
 
