@@ -21,4 +21,4 @@ def test_pictures_are_shown(name):
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name < "04"])
 def test_it_runs(name):
-    executed(name)
+    executed(name, compiled_soon=name[:2] in ("00", "03"))  # what others compute takes longer than to compile it
