@@ -1,5 +1,6 @@
 """Every test runs under JAX's strictest rules, and knows how to ask for 64 bits."""
 
+import gc
 import os
 import pathlib
 import shutil
@@ -14,6 +15,10 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 # One for all modules, whichever is imported last: of what cancels at an angle of 1e-30, 60 digits are left.
 mpmath.mp.dps = 160
+
+# Tracing makes millions of objects, few of them garbage in cycles. Looking for it as often as Python does takes a tenth
+# of the time of the tests.
+gc.set_threshold(100_000, 10, 10)
 
 # Compiled programs are shared by the workers of a run, by its modules, and by the processes that tests start.
 CACHE = "JAX_COMPILATION_CACHE_DIR"
