@@ -4,6 +4,7 @@ Those with numbers of their own to check have tests of their own, `test_page_*.p
 
 import pytest
 
+from tests.helpers.marks import slow
 from tests.helpers.notebooks import FOLDER, executed
 from tests.helpers.optional import needs
 
@@ -20,5 +21,6 @@ def test_pictures_are_shown(name):
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name < "04"])
-def test_it_runs(name):
-    executed(name, compiled_soon=name[:2] in ("00", "03"))  # what others compute takes longer than to compile it
+@pytest.mark.parametrize("compiled_soon", [True, slow(False)], ids=lambda x: "soon" if x else "as a reader does")
+def test_it_runs(name, compiled_soon):
+    executed(name, compiled_soon)

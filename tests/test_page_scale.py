@@ -13,7 +13,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.__main__ import main
-from tests.helpers.notebooks import COMPILED_SOON
+from tests.helpers import soon
 from tests.helpers.optional import needs
 from tests.helpers.pages import FOLDER
 
@@ -97,7 +97,7 @@ def test_the_benchmark_runs():
     if len(os.sched_getaffinity(0)) < 2:
         pytest.skip("needs two cores")
     command = ["tests/benchmarks/scale.py", "--wrenches", 640, "--states", 640, "--rounds", 2, "--repeats", 1]
-    out = _finished(_run(*command, folder=ROOT, **COMPILED_SOON))
+    out = _finished(_run(*command, folder=ROOT, **soon.environment()))
     assert len(re.findall(r"^\| (shift|forward).*\|$", out, re.M)) == 6
 
 

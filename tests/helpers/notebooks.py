@@ -6,19 +6,16 @@ import pathlib
 import warnings
 from unittest import mock
 
+from tests.helpers import soon
 from tests.helpers.optional import needs
 
 FOLDER = pathlib.Path(__file__).parent.parent.parent / "notebooks"
 
 
-# XLA compiles in two thirds of the time, programs that run slower.
-COMPILED_SOON = {"JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
-
-
 def executed(name, compiled_soon=True, **parameters):
     """The notebook with its outputs; parameters replace numbers of its cell that is tagged "parameters"."""
     papermill = needs("papermill")
-    with warnings.catch_warnings(), mock.patch.dict(os.environ, COMPILED_SOON if compiled_soon else {}):
+    with warnings.catch_warnings(), mock.patch.dict(os.environ, soon.environment() if compiled_soon else {}):
         warnings.simplefilter("ignore")
         source = papermill.iorw.load_notebook_node(str(FOLDER / f"{name}.ipynb"))
         known = {p.name for p in papermill.inspection._infer_parameters(source)}

@@ -1,24 +1,14 @@
 """Runs the code of a page from top to bottom, as a reader does."""
 
 import ast
-import contextlib
 import pathlib
 import re
 
 import jax
 
+from tests.helpers.soon import compiled_soon
+
 FOLDER = pathlib.Path(__file__).parent.parent.parent / "notebooks"
-
-
-@contextlib.contextmanager
-def compiled_soon():
-    """XLA compiles in two thirds of the time, programs that run slower: what pages tell holds for these as well."""
-    before = jax.config.values["jax_disable_most_optimizations"]
-    jax.config.update("jax_disable_most_optimizations", True)
-    try:
-        yield
-    finally:
-        jax.config.update("jax_disable_most_optimizations", before)
 
 
 def examples(text):

@@ -16,7 +16,8 @@ import jaxspatial as js
 from jaxspatial.numerics.quantity import Quantity
 from tests.helpers.interpreted import interpreted
 from tests.helpers.optional import needs
-from tests.helpers.pages import compiled_soon, examples
+from tests.helpers.pages import examples
+from tests.helpers.soon import compiled_soon
 
 FOLDER = pathlib.Path(__file__).parent.parent.parent / "notebooks"
 PAGES = {name: (FOLDER / f"coming_from_{name}.md").read_text() for name in ("pinocchio", "mujoco", "brax", "frax")}
