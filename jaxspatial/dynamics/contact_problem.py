@@ -432,11 +432,13 @@ class Law(NamedTuple):
     along: Number
 
 
-def law(contacts: Contacts, v: Vector) -> Law:
+def law(contacts: Contacts, v: Vector, held: Mask | bool = False) -> Law:
     """The Law at velocities v of the contact points: projection on the cone of friction in the norm of R.
 
     y = (free n - v) / R sticks where |y_t| <= mu y_n, with impulse y. Else it slides, or there is no impulse.
     [Castro, Permenter, Han 2022, 3.2]
+
+    held: contacts that stick wherever y is.
     """
     n, mu, R_n, R_t = contacts.normal, contacts.friction, contacts.R_n, contacts.R_t
     along_normal = dot(n, v)
@@ -446,7 +448,7 @@ def law(contacts: Contacts, v: Vector) -> Law:
     steep = mu * R_t / R_n
     share = 1 / (1 + mu * steep)
     sliding = (y_n + steep * length) * share
-    sticks = contacts.is_touching & (high(length) <= high(mu * y_n))
+    sticks = held | (contacts.is_touching & (high(length) <= high(mu * y_n)))
     slides = contacts.is_touching & ~sticks & (high(y_n + steep * length) > 0)
     zero = constant(y_n, 0)
 

@@ -4,14 +4,18 @@ H = A + sum J_i^T G_i J_i is the mass matrix of the same mechanism with the iner
 in contact, and with G added to the armature of joints at limits: a direction is one pass of the articulated-body
 algorithm. Neither H nor any Jacobian is ever formed.
 
-With y = v - v0 the change of the velocities, y* = v* - v0 that without contact, and r the share of y* that y lacks, the
-gradient at every iterate is
+With y = v - v0 the change of the velocities, y* = v* - v0 that without contact, and y = (1 - r) y* + x, the gradient is
 
-    g = -(r A y* + sum J_i^T (gamma_i - phi_i)),        r = 1, phi = 0 at first
+    g = A (x - r y*) - sum J_i^T gamma_i,               r = 1, x = 0 at first
 
-so that a direction d = r y* + e has the right side H e = sum J_i^T (gamma_i - phi_i - r G_i J_i y*), and a step of
-length a along it is r -> (1 - a) r, phi_i -> (1 - a) phi_i + a (gamma_i - G_i J_i d). A line search, too, sees nothing
-but the velocities of contact points and joints. [Castro, Permenter, Han 2022, 4]
+so that a direction d = r y* + e has the right side H e = sum J_i^T (gamma_i - r G_i J_i y*) - A x, and a step of length
+a along it is r -> (1 - a) r, x -> x + a e. A x is summed from the momenta of bodies, which move at the velocities x, in
+the pass that finds e: rounding errors of one direction are corrected by the next. A line search sees nothing but the
+velocities of contact points and joints. [Castro, Permenter, Han 2022, 4]
+
+The first direction is that of a linear problem: contacts that push at v0, or without contact, stick, even against a
+pull and outside of the cone of friction. Its whole step is taken. Most often feet do stick, and the iteration ends; a
+search from v0 would stop at the kink of each foot.
 """
 
 import functools
@@ -44,6 +48,7 @@ from jaxspatial.inertia.articulated import Articulated
 from jaxspatial.numerics import check
 from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Vector, Wrench, cross, dot
 from jaxspatial.numerics.numbers import (
+    Mask,
     Number,
     Numbers,
     as_data,
@@ -53,7 +58,6 @@ from jaxspatial.numerics.numbers import (
     is_constant,
     is_number,
     noinline,
-    shape_of,
     where,
     with_data,
 )
@@ -142,10 +146,11 @@ def in_world(state: MechanismState, bodies: list[Body], *vectors: Array) -> list
     return [problem.turned(state, bodies, state.numbers(x[:, None])[0], to_world=True) for x in vectors]
 
 
-def laws(scene: Scene, v: Vectors) -> tuple[Vectors, Any]:
-    """(impulses, G) at velocities v: G is a Law for contacts, numbers for joints and closures."""
+def laws(scene: Scene, v: Vectors, held: Mask | bool = False) -> tuple[Vectors, Any]:
+    """(impulses, G) at velocities v: G is a Law for contacts, numbers for joints and closures. held: see `law`."""
     impulses, G = list[Any](), list[Any]()
-    functions, all_terms = (_law, _joint_law, _loop_law), (scene.contacts, scene.joints, scene.loops)
+    functions = functools.partial(_law, held), _joint_law, _loop_law
+    all_terms = scene.contacts, scene.joints, scene.loops
     for law, terms, x in zip(functions, all_terms, v, strict=True):
         impulse, own = (None, None) if terms is None else law(terms, x)
         impulses.append(impulse)
@@ -154,8 +159,8 @@ def laws(scene: Scene, v: Vectors) -> tuple[Vectors, Any]:
 
 
 @noinline
-def _law(contacts: Contacts, v: Vector) -> tuple[Vector, Law]:
-    of_law = problem.law(contacts, v)
+def _law(held: Mask | bool, contacts: Contacts, v: Vector) -> tuple[Vector, Law]:
+    of_law = problem.law(contacts, v, held)
     return of_law.impulse, of_law
 
 
@@ -250,7 +255,7 @@ def _on_loops(loops: Loops, impulse: Number) -> tuple[Wrench, Wrench]:
 
 
 class Solution(NamedTuple):
-    """x = H^-1 (J^T impulse + force): as numbers (nv, B), and as Motions of the bodies of every bundle.
+    """x = H^-1 (J^T impulse + forces): as numbers (nv, B), and as Motions of the bodies of every bundle.
 
     left: impulse - G J x, of joints and of rows of closures.
     Impulses at limits, and of open closures, are large, and what is left of them is small: the difference would have
@@ -262,8 +267,15 @@ class Solution(NamedTuple):
     left: Vectors
 
 
-def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, force: Number | None) -> Solution:
-    """The Solution of the equations of one direction."""
+class Force(NamedTuple):
+    """Forces on the bodies of a bundle, about their origins in world axes, and on the velocities of their joints."""
+
+    on_bodies: Wrench
+    on_joints: Numbers
+
+
+def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, forces: list[Force]) -> Solution:
+    """The Solution of the equations of one direction. forces: on every bundle."""
     of_contacts, of_joints, _ = G
     zero = state.zero_vector
     nothing = ArticulatedBody(articulated.none(zero[0]), Wrench(zero, zero))
@@ -272,10 +284,9 @@ def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, force:
         on_one = [b if a < 0 else -1 for b, a in zip(*scene.contact_ends, strict=True)]
         stiff = problem.on_bundles(state, on_one, _contact_inertia(scene.contacts, of_contacts), nothing.P)
     pushed = wrenches(state, scene, impulse._replace(loops=None))
-    of_rows = [force, *(_whole(state, scene, x) for x in (impulse.joints, of_joints))]
-    numbers = (_by_bundle(state, scene, x) for x in of_rows)
-    touched = [ArticulatedBody(P, -F) for P, F in zip(stiff, pushed, strict=True)]
-    links = list(zip(scene.bodies, touched, *numbers, strict=True))
+    numbers = (_by_bundle(state, scene, _whole(state, scene, x)) for x in (impulse.joints, of_joints))
+    touched = [ArticulatedBody(P, -(F + more.on_bodies)) for P, F, more in zip(stiff, pushed, forces, strict=True)]
+    links = list(zip(scene.bodies, touched, [x.on_joints for x in forces], *numbers, strict=True))
     eliminated = recursion.inward(state, _eliminate, nothing, links)
     both = [(body.S, body.r, e) for body, e in zip(scene.bodies, eliminated, strict=True)]
     found = recursion.outward(state, _accelerate, _at_rest(state), both)
@@ -514,13 +525,22 @@ def _times_L(loops: Loops, s: Number) -> Number:
 
 
 class Iterate(NamedTuple):
-    """y: (nv, B). v: velocities of points and joints. phi, lacking (1, B): see above. residual: (1, B)."""
+    """x: (nv, B), and the Motions of bodies that have these velocities. v: velocities of points and joints. over_free:
+    y* . A x. lacking: r. Numbers (1, B)."""
 
-    y: Number
+    x: Number
+    motions: list[Motion]
     v: Vectors
-    phi: Vectors
+    over_free: Number
     lacking: Number
     residual: Number
+
+
+class Free(NamedTuple):
+    """The velocities of points and joints that y* makes, and y* . A y*."""
+
+    v: Vectors
+    energy: Number
 
 
 @algorithm(*FIELDS, program_class=Solver)
@@ -540,9 +560,10 @@ def solve(
     scene = scene_of(state, still, change, time, terms, places)
     before, free = in_world(state, scene.bodies, still, change)
     both = problem.velocities(state, scene.bodies, [before, free])
-    v, v_free = (velocities_at(state, scene, [V[k] for V in both], x) for k, x in enumerate((before, free)))
-    energy_before, energy = (_twice_energy(state, scene, [V[k] for V in both], x) for k, x in enumerate((before, free)))
-    scale = energy_before + energy
+    motions, motions_free = ([V[k] for V in both] for k in range(2))
+    v, v_free = (velocities_at(state, scene, V, x) for V, x in ((motions, before), (motions_free, free)))
+    energy_before, energy = (_twice_energy(state, scene, V, x) for V, x in ((motions, before), (motions_free, free)))
+    scale, without = energy_before + energy, Free(v_free, energy)
     tolerance = TOLERANCES[state.dtype.itemsize] ** 2
 
     shape, zero = (1, state.n), state.known(0.0)
@@ -550,16 +571,21 @@ def solve(
     n_points, *counts = (len(x) for x in (scene.contact_ends.b, scene.rows, scene.loop_ends.b))
     points = None if v.points is None else Vector(*(as_data(x, (n_points, state.n)) for x in v.points))
     v = Vectors(points, *(x if x is None else as_data(x, (m, state.n)) for x, m in zip(v[1:], counts, strict=True)))
-    at_rest = combined(lambda x: as_data(zero, shape_of(x)), v)
-    y = as_data(zero, (state.topology.nv, state.n))
-    start = Iterate(y, v, at_rest, as_data(state.known(1.0), shape), as_data(zero, shape))
+    held = _pushes(scene, v, v_free)
+    x = as_data(zero, (state.topology.nv, state.n))
+    at_rest = [
+        Motion(*(Vector(*(as_data(zero, (*b.bodies.shape, state.n)) for _ in range(3))) for _ in range(2)))
+        for b in state.bundles
+    ]
+    nothing = as_data(zero, shape)
+    start = Iterate(x, at_rest, v, nothing, as_data(state.known(1.0), shape), nothing)
     is_touched = _is_touched(scene, state.n)
     count = jnp.zeros(shape, np.int32)
 
     def iterate(carry: Any) -> Any:
         data, is_done, count, k = carry
         at: Iterate = with_data(start, data)
-        new, is_small = _iterated(state, scene, at, v_free, free, energy, scale * tolerance, is_done)
+        new, is_small = _iterated(state, scene, at, without, scale * tolerance, is_done, held, k == 0)
         kept = [jnp.where(is_done, x, y) for x, y in zip(data, data_of(new), strict=True)]
         return kept, is_done | is_small, count + (~is_done).astype(np.int32), k + 1
 
@@ -568,7 +594,7 @@ def solve(
 
     data, _, count, _ = lax.while_loop(is_going, iterate, (data_of(start), ~is_touched, count, np.int32(0)))
     last: Iterate = with_data(start, data)
-    found = problem.turned(state, scene.bodies, last.y, to_world=False)
+    found = problem.turned(state, scene.bodies, (1 - last.lacking) * free + last.x, to_world=False)
     y = where(is_touched, found, state.numbers(change[:, None])[0])
     reference = high(scale)
     # Rounding may leave a square below zero.
@@ -592,7 +618,9 @@ def solve_at(
     scene, (impulse, G) = _at(state, still, change, y, time, terms, places)
     nothing = combined(lambda x: 0.0 * x, impulse)
     (right,) = in_world(state, scene.bodies, force)
-    solution = solved(state, scene, G, nothing, right).x
+    at_rest = Wrench(state.zero_vector, state.zero_vector)
+    forces = [Force(at_rest, x) for x in _by_bundle(state, scene, right)]
+    solution = solved(state, scene, G, nothing, forces).x
     return high(problem.turned(state, scene.bodies, solution, to_world=False))
 
 
@@ -710,47 +738,114 @@ def _iterated(
     state: MechanismState,
     scene: Scene,
     at: Iterate,
-    v_free: Vectors,
-    free: Number,
-    energy: Number,
+    free: Free,
     smallest: Number,
     is_done: jax.Array,
+    held: Mask,
+    is_first: jax.Array,
 ) -> tuple[Iterate, jax.Array]:
-    """(the next Iterate, whether the gradient of this one was small)."""
-    impulse, G = laws(scene, at.v)
-    change = times_G(scene, G, v_free)
-    right = combined(lambda a, b, c: a - b - at.lacking * c, impulse, at.phi, change)
-    e, motions, left = solved(state, scene, G, right, None)
+    """(the next Iterate, whether the gradient of this one was small, or that of the next is).
+
+    held: contacts that stick in the first iteration, whose step is not searched.
+    """
+    impulse, G = laws(scene, at.v, held & is_first)
+    right = combined(lambda a, g: a - at.lacking * g, impulse, times_G(scene, G, free.v))
+    momenta = _momenta(state, scene, at.motions, at.x)
+    e, motions, left = solved(state, scene, G, right, stacking.mapped(lambda w: -w, momenta))
     v_e = velocities_at(state, scene, motions, e)
-    d, v_d = e + at.lacking * free, combined(lambda a, b: a + at.lacking * b, v_e, v_free)
+    v_d = combined(lambda a, b: a + at.lacking * b, v_e, free.v)
     G_d = times_G(scene, G, v_d)
-    over = combined(lambda a, b: a - b, impulse, at.phi)
-    # y* . A d, by the equation of d.
-    along_free = at.lacking * energy + inner(over, v_free) - inner(v_free, G_d)
-    decrement = at.lacking * along_free + inner(over, v_d)
+    # y* . A e, by the equation of d, and d . A x.
+    free_e = inner(impulse, free.v) - inner(free.v, G_d) - at.over_free
+    along_free = at.lacking * free.energy + free_e
+    of_d = _power(state, momenta, motions, e) + at.lacking * at.over_free
+    decrement = at.lacking * along_free + inner(impulse, v_d) - of_d
     curvature = decrement - inner(v_d, G_d)
-    slope = inner(at.phi, v_d) - at.lacking * along_free
+    slope = of_d - at.lacking * along_free
     noise = inner(combined(abs, impulse), combined(abs, v_d)) + abs(slope) + abs(curvature)
     # Below what rounding errors make of it, no direction goes down.
     rounding = NOISE * check.eps(state.dtype) * noise
     is_small = ~(high(decrement) > high(where(high(rounding) > high(smallest), rounding, smallest)))
     is_near = high(decrement) < high(NEAR**2 * smallest)
     is_small = is_small | (is_near & (high(decrement) > high(STALLED * at.residual)) & (high(at.residual) > 0))
-    length = _searched(state, scene, at.v, Along(v_d, slope, curvature, decrement, rounding), is_small | is_done)
-    rest = 1 - length
-    phi = combined(lambda p, i, g: rest * p + length * (i - g), at.phi, impulse, G_d)
-    for name in ("joints", "loops"):
-        own: Any = getattr(left, name)
-        if own is not None:
-            phi = phi._replace(**{name: getattr(at.phi, name) + length * own})
-    new = Iterate(
-        at.y + length * d,
-        combined(lambda a, b: a + length * b, at.v, v_d),
-        phi,
-        rest * at.lacking,
-        decrement,
+    # The first decrement is of another problem.
+    is_small = is_small & ~is_first
+    along = Along(v_d, slope, curvature, decrement, rounding)
+    length = _searched(state, scene, at.v, along, is_small | is_done | is_first)
+    x, moving, v = jax.tree.map(
+        lambda a, b: a + length * b, (at.x, at.motions, at.v), (e, motions, v_d), is_leaf=is_number
     )
-    return new, is_small
+    linear = left._replace(points=combined(lambda a, b: a - b, impulse, G_d).points)
+    bound = where(high(length) == 1, _bound(scene, v, linear), np.inf)
+    is_settled = high(bound) <= high(smallest)
+    residual = where(is_settled, bound, where(is_first, 0.0, decrement))
+    over_free = at.over_free + length * free_e
+    return Iterate(x, moving, v, over_free, (1 - length) * at.lacking, residual), is_small | is_settled
+
+
+def _momenta(state: MechanismState, scene: Scene, motions: list[Motion], x: Number) -> list[Force]:
+    """A x, of velocities x (nv, B) at which the bodies of every bundle have Motions."""
+    return [
+        _momentum(body.inertia, V, body.resistance, problem.of_bundle(state, k, x))
+        for k, (body, V) in enumerate(zip(scene.bodies, motions, strict=True))
+    ]
+
+
+@noinline
+def _momentum(M: Inertia, V: Motion, resistance: Numbers, x: Numbers) -> Force:
+    return Force(algebra.apply_inertia(M, V), tuple(a * rate for a, rate in zip(resistance, x, strict=True)))
+
+
+def _power(state: MechanismState, forces: list[Force], motions: list[Motion], x: Number) -> Number:
+    """The power (1, B) of forces at velocities x (nv, B), at which bodies have Motions."""
+    parts = [
+        _power_of(F, V, problem.of_bundle(state, k, x)) for k, (F, V) in enumerate(zip(forces, motions, strict=True))
+    ]
+    return stacking.mapped(lambda w: w[None], state.sum_over_bodies(parts))
+
+
+@noinline
+def _power_of(F: Force, V: Motion, x: Numbers) -> Number:
+    return functools.reduce(operator.add, map(operator.mul, F.on_joints, x), algebra.power(F.on_bodies, V))
+
+
+def _pushes(scene: Scene, *velocities: Vectors) -> Mask:
+    """Contacts that push at any of the velocities."""
+    if scene.contacts is None:
+        return jnp.zeros((1, 1), bool)
+    masks = [high(_law(False, scene.contacts, v.points)[1].normal) > 0 for v in velocities]
+    return functools.reduce(operator.or_, masks)
+
+
+def _bound(scene: Scene, v: Vectors, linear: Vectors) -> Number:
+    """At least g^T H^-1 g after a whole step to velocities v, without a pass over the tree; infinite where that takes
+    one.
+
+    linear: the impulses phi that the step took, by G. The gradient is J^T x, with x = phi - gamma. As H is at least
+    J^T G J, g^T H^-1 g is at most the sum of x_i^T G_i^-1 x_i, where no x_i has a part in which G_i is zero. And x is
+    zero, but for rounding errors, where laws are linear: where contacts stick, or do nothing, as before the step.
+    """
+    impulse, G = laws(scene, v)
+    x = combined(lambda a, b: a - b, linear, impulse)
+    parts = [] if scene.contacts is None else [_bound_of_contacts(scene.contacts, G[0], x.points)]
+    parts += [_bound_of_rows(g, y) for g, y in zip(G[1:], x[1:], strict=True) if y is not None]
+    return _total(parts)
+
+
+@noinline
+def _bound_of_contacts(contacts: Contacts, of_law: Law, x: Vector) -> Number:
+    along = dot(contacts.normal, x)
+    across = x - along * contacts.normal
+    # Where contacts slide, an impulse has no part along one direction: G is zero there.
+    sticks = (high(of_law.mixed) == 0) & (high(of_law.across) > 0)
+    square = along * along * contacts.R_n + dot(across, across) * contacts.R_t
+    return where(sticks | (high(dot(x, x)) == 0), square, np.inf)
+
+
+@noinline
+def _bound_of_rows(G: Number, x: Number) -> Number:
+    is_stiff = high(G) > 0
+    return where(is_stiff | (high(x) == 0), x * x / where(is_stiff, G, 1.0), np.inf)
 
 
 def _searched(state: MechanismState, scene: Scene, v: Vectors, along: Along, is_good: jax.Array) -> Number:

@@ -46,10 +46,10 @@ class ConvexStep(NamedTuple):
         on the bodies of b.
     loop_wrenches: SpatialForce (*batch, number of closures), of each closure on the body of its frame B, about the
         origin of B, in world axes: impulse over dt, N m and N; None without closures.
-    residual: (*batch,) the decrement sqrt(g^T H^-1 g) at the start of the last iteration, relative to the momenta
-        sqrt(v^T A v + y^T A y), with g the gradient and H the Hessian of the cost, and y the change of v without
-        contact. It is at most 2e-6 in float32 and 1e-10 in float64, or 100 times that where rounding errors stop it
-        sooner, unless the iterations were not enough; 0 where nothing acts.
+    residual: (*batch,) the decrement sqrt(g^T H^-1 g) at the start of the last iteration, or a bound of it after the
+        last, relative to the momenta sqrt(v^T A v + y^T A y), with g the gradient and H the Hessian of the cost, and y
+        the change of v without contact. It is at most 2e-6 in float32 and 1e-10 in float64, or 100 times that where
+        rounding errors stop it sooner, unless the iterations were not enough; 0 where nothing acts.
     iterations: (*batch,) of Newton's method, at most 60; 0 where nothing acts.
     """
 
