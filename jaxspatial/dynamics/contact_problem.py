@@ -432,7 +432,7 @@ class Law(NamedTuple):
     along: Number
 
 
-def law(contacts: Contacts, v: Vector, held: Mask | bool = False) -> Law:
+def law(contacts: Contacts, v: Vector, held: Mask | None = None) -> Law:
     """The Law at velocities v of the contact points: projection on the cone of friction in the norm of R.
 
     y = (free n - v) / R sticks where |y_t| <= mu y_n, with impulse y. Else it slides, or there is no impulse.
@@ -448,7 +448,8 @@ def law(contacts: Contacts, v: Vector, held: Mask | bool = False) -> Law:
     steep = mu * R_t / R_n
     share = 1 / (1 + mu * steep)
     sliding = (y_n + steep * length) * share
-    sticks = held | (contacts.is_touching & (high(length) <= high(mu * y_n)))
+    sticks = contacts.is_touching & (high(length) <= high(mu * y_n))
+    sticks = sticks if held is None else sticks | held
     slides = contacts.is_touching & ~sticks & (high(y_n + steep * length) > 0)
     zero = constant(y_n, 0)
 

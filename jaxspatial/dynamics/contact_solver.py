@@ -146,21 +146,21 @@ def in_world(state: MechanismState, bodies: list[Body], *vectors: Array) -> list
     return [problem.turned(state, bodies, state.numbers(x[:, None])[0], to_world=True) for x in vectors]
 
 
-def laws(scene: Scene, v: Vectors, held: Mask | bool = False) -> tuple[Vectors, Any]:
+def laws(scene: Scene, v: Vectors, *held: Mask) -> tuple[Vectors, Any]:
     """(impulses, G) at velocities v: G is a Law for contacts, numbers for joints and closures. held: see `law`."""
     impulses, G = list[Any](), list[Any]()
-    functions = functools.partial(_law, held), _joint_law, _loop_law
+    functions, more = (_law, _joint_law, _loop_law), (held, (), ())
     all_terms = scene.contacts, scene.joints, scene.loops
-    for law, terms, x in zip(functions, all_terms, v, strict=True):
-        impulse, own = (None, None) if terms is None else law(terms, x)
+    for law, terms, x, others in zip(functions, all_terms, v, more, strict=True):
+        impulse, own = (None, None) if terms is None else law(terms, x, *others)
         impulses.append(impulse)
         G.append(own)
     return Vectors(*impulses), tuple(G)
 
 
 @noinline
-def _law(held: Mask | bool, contacts: Contacts, v: Vector) -> tuple[Vector, Law]:
-    of_law = problem.law(contacts, v, held)
+def _law(contacts: Contacts, v: Vector, *held: Mask) -> tuple[Vector, Law]:
+    of_law = problem.law(contacts, v, *held)
     return of_law.impulse, of_law
 
 
@@ -751,7 +751,7 @@ def _iterated(
     impulse, G = laws(scene, at.v, held & is_first)
     right = combined(lambda a, g: a - at.lacking * g, impulse, times_G(scene, G, free.v))
     momenta = _momenta(state, scene, at.motions, at.x)
-    e, motions, left = solved(state, scene, G, right, stacking.mapped(lambda w: -w, momenta))
+    e, motions, left = solved(state, scene, G, right, jax.tree.map(operator.neg, momenta, is_leaf=is_number))
     v_e = velocities_at(state, scene, motions, e)
     v_d = combined(lambda a, b: a + at.lacking * b, v_e, free.v)
     G_d = times_G(scene, G, v_d)
@@ -810,10 +810,10 @@ def _power_of(F: Force, V: Motion, x: Numbers) -> Number:
 
 
 def _pushes(scene: Scene, *velocities: Vectors) -> Mask:
-    """Contacts that push at any of the velocities."""
-    if scene.contacts is None:
+    """Contacts that push at any of the velocities; none beside closures, which throw bodies far where they are open."""
+    if scene.contacts is None or scene.loops is not None:
         return jnp.zeros((1, 1), bool)
-    masks = [high(_law(False, scene.contacts, v.points)[1].normal) > 0 for v in velocities]
+    masks = [high(_law(scene.contacts, v.points)[1].normal) > 0 for v in velocities]
     return functools.reduce(operator.or_, masks)
 
 

@@ -28,6 +28,7 @@ from jaxspatial.engine.derivatives import fixed
 from jaxspatial.mechanism import LoopClosure, Mechanism, PointContacts
 from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.numerics import check
+from jaxspatial.numerics.errorfree.barrier import quotient
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Vector, norm, unit
 from jaxspatial.numerics.precision import Precision, resolve
@@ -349,7 +350,7 @@ class _Problem(NamedTuple):
         )
 
         def imbalance(y: jax.Array) -> jax.Array:
-            state = self.q, self.v, self.still, self.change, y, y / self.h, self.tau, self.h
+            state = self.q, self.v, self.still, self.change, y, _over(y, self.h), self.tau, self.h
             return contact_solver.imbalance(precision, self.mechanism, *state, self.terms, self.forces, places=places)
 
         def inverse(_: Any, force: jax.Array) -> jax.Array:
@@ -369,10 +370,10 @@ class _Problem(NamedTuple):
         found = contact_solver.impulses(precision, self.mechanism, *state, self.terms, places=places)
         of_contacts = wrenches = None
         if places.frames:
-            f = (found[0] / self.h).reshape((*found[0].shape[:-1], len(places.frames), 3))
+            f = _over(found[0], self.h).reshape((*found[0].shape[:-1], len(places.frames), 3))
             of_contacts = SpatialForce(jnp.zeros_like(f), f)
         if self.terms.closing is not None:
-            multipliers = found[-1] / self.h
+            multipliers = _over(found[-1], self.h)
             rows = (x.reshape((*x.shape[:-1], -1, 3)) for x in (self.terms.closing.turning, self.terms.closing.moving))
             counts = np.cumsum([x.n_turning + x.n_moving for x in places.closures])[:-1].tolist()
             tau, f = (
@@ -380,6 +381,11 @@ class _Problem(NamedTuple):
             )
             wrenches = SpatialForce(tau, f)
         return of_contacts, wrenches
+
+
+def _over(x: jax.Array, h: jax.Array) -> jax.Array:
+    """x / h, each rounded on its own."""
+    return quotient(x, jnp.broadcast_to(h, x.shape))
 
 
 @jax.custom_jvp
