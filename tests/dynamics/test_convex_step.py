@@ -475,6 +475,20 @@ def test_float32():
     assert found.iterations.max() < 40
 
 
+def test_what_sticks_takes_one_iteration():
+    """A box that lies on the ground, and one that is set down on it; one that slides takes more."""
+    n, rng = 12, np.random.default_rng(3)
+    q, v = np.zeros((n, 7)), np.zeros((n, 6))
+    q[:, 0] = 1
+    # Four spheres are inside, at 0.2 m below the centre.
+    q[:, 6] = 0.2 + 0.02 - rng.uniform(1e-4, 2e-3, n)
+    v[:4], v[4:8, 5], v[8:, 3] = 0, -0.1, 2
+    found = step("box", 5e-3)(q, v, np.zeros((n, 6)))
+    np.testing.assert_array_equal(found.iterations[:8], 1)
+    assert found.iterations[8:].min() > 1
+    assert found.residual.max() < 1e-10
+
+
 def test_no_number_in_none_out():
     """In the state that has it, and no endless loop."""
     x = many("tree", 6)
