@@ -146,6 +146,7 @@ def contact_geometry(
     contacts = checked_contacts(operation, contacts)
     at_q, at_v = checked(operation, mechanism, q=q, v=v)
     check.require_same_dtype(q=at_q, contacts=contacts)
+    ground = checked_ground(operation, ground, at_q)
     batch = check.common_batch_shape(q=at_q.shape[:-1], v=at_v.shape[:-1], contacts=contacts.batch_shape)
     n, points = len(contacts.frames), contacts.positions
     if not n:
@@ -169,25 +170,32 @@ def checked_contacts(operation: str, contacts: Any, name: str = "contacts") -> P
     return check.narrowed(contacts)
 
 
+def checked_ground(operation: str, ground: Any, q: Any) -> Ground:
+    """The ground, as JAX computes with it; z = 0 for None."""
+    if ground is None:
+        return HalfSpace(np.array([0, 0, 1], q.dtype), np.zeros((), q.dtype))
+    if isinstance(ground, HalfSpace):
+        ground = check.narrowed(ground)
+        check.require_same_dtype(q=q, ground=ground)
+    elif not callable(ground):
+        expected = "a HalfSpace, or a function from a point (3,) to its signed distance"
+        check.refuse(f"{operation}: ground", expected, ground)
+    return ground
+
+
 def normals_and_distances(
-    operation: str, ground: Ground | None, p: jax.Array, precision: PrecisionName
+    operation: str, ground: Ground, p: jax.Array, precision: PrecisionName
 ) -> tuple[jax.Array, jax.Array]:
     """The normals (*batch, n, 3) of the ground and the signed distances (*batch, n) of points (*batch, n, 3).
 
-    A HalfSpace may be a batch, of which each has n points.
+    ground: as `checked_ground` returns it. A HalfSpace may be a batch, of which each has n points.
     """
     dtype = np.dtype(p.dtype)
-    ground = HalfSpace(np.array([0, 0, 1], dtype), np.zeros((), dtype)) if ground is None else ground
     if isinstance(ground, HalfSpace):
-        ground = check.narrowed(ground)
-        check.require_same_dtype(q=p, ground=ground)
         check.common_batch_shape(q=p.shape[:-2], ground=ground.batch_shape)
         normal, offset = (x[..., None, :] for x in (ground.normal, check.expanded(ground.offset)))
         normals, distances = above_plane(precision, p, normal, offset)
         return jnp.broadcast_to(normals, (*distances.shape, 3)), distances
-    if not callable(ground):
-        expected = "a HalfSpace, or a function from a point (3,) to its signed distance"
-        check.refuse(f"{operation}: ground", expected, ground)
 
     def distance(point: jax.Array) -> jax.Array:
         x = jnp.asarray(ground(point))

@@ -10,7 +10,7 @@ from jax import lax
 
 from jaxspatial.dynamics import contact_solver
 from jaxspatial.dynamics.closed_loops import checked_closures, closing_of
-from jaxspatial.dynamics.contact import Ground, checked_contacts, normals_and_distances
+from jaxspatial.dynamics.contact import Ground, checked_contacts, checked_ground, normals_and_distances
 from jaxspatial.dynamics.contact_problem import Centres, Closure, Touching, Where, rows_of_joints
 from jaxspatial.dynamics.contact_solver import Terms
 from jaxspatial.dynamics.docstrings import documented
@@ -176,7 +176,7 @@ class _Given(NamedTuple):
     """What a caller passes, checked, and None or empty where there is nothing. distances: of closures, (*batch, 1)."""
 
     contacts: PointContacts | None
-    ground: Ground | None
+    ground: Ground
     pairs: tuple[PointContacts, PointContacts] | None
     closures: tuple[LoopClosure, ...]
     distances: Sequence[Any]
@@ -212,6 +212,7 @@ class _Given(NamedTuple):
 
 def _checked_terms(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pairs: Any, loops: Any) -> _Given:
     what = "convex_step"
+    ground = checked_ground(what, ground, q)
     if contacts is not None:
         contacts = _checked_contacts(mechanism, q, contacts, "contacts")
     if pairs is not None:
@@ -251,7 +252,7 @@ class _Part(NamedTuple):
 
 
 def _on_ground(
-    mechanism: Mechanism, q: jax.Array, contacts: PointContacts, ground: Ground | None, precision: PrecisionName
+    mechanism: Mechanism, q: jax.Array, contacts: PointContacts, ground: Ground, precision: PrecisionName
 ) -> _Part:
     """Spheres that touch the ground."""
     normal, s = normals_and_distances("convex_step", ground, _centres(mechanism, q, contacts, precision), precision)

@@ -218,6 +218,8 @@ def test_no_contacts():
         return js.forward_dynamics(mechanism(), q, v, 0 * v, F), js.forward_dynamics(mechanism(), q, v, 0 * v)
 
     np.testing.assert_array_equal(*interpreted(fall)(q, v))
+    with pytest.raises(TypeError, match="contact_forces: ground: expected a HalfSpace"):
+        js.contact_forces(mechanism(), q, v, none, 3)
 
 
 @pytest.mark.parametrize(

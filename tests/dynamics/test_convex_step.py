@@ -217,6 +217,7 @@ def on(*frames):
         ({"pairs": (on("a"), on("a"))}, ValueError, "pairs: expected frames of two bodies, got 'a' and 'a', of one"),
         ({"loops": [js.LoopClosure("a", "nowhere", "ball")]}, KeyError, "loops: expected one of"),
         ({"ground": 3.0, "contacts": on("a")}, TypeError, "ground: expected a HalfSpace, or a function"),
+        ({"ground": 3.0}, TypeError, "ground: expected a HalfSpace, or a function"),
     ],
 )
 def test_what_is_refused(given, error, message):
