@@ -62,7 +62,9 @@ def _matrices(state: MechanismState, v: Array | None, vdot: Array | None, extern
     bodies = [(*x, b.is_on_world) for *x, b in zip(links, motions, state.bundles, strict=True)]
     world = state.world
     placed = recursion.outward(state, _from_root, (world.R, world.p, state.zero_vector), bodies)
-    sides = list(map(_in_world_axes, links, motions, composites, placed))
+    # Stacked outside of the call, which is one kernel without it.
+    subspaces = [stacking.stacked_trees(link.joint.subspace) for link in links]
+    sides = list(map(_in_world_axes, subspaces, links, motions, composites, placed))
     rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, sides, strict=True)] for side in (0, 1))
     return _assembled(state, links, matrices.matrices(state, _entries, rows, columns))
 
@@ -184,10 +186,15 @@ def _combined(a: CompositeBody, b: CompositeBody) -> CompositeBody:
 
 
 @noinline
-def _in_world_axes(link: Link, motion: BodyMotion, body: CompositeBody, placed: FromRoot) -> tuple[Any, Any]:
-    """(the motions of a joint for rows, its wrenches for columns), stacked over its velocities, in world axes."""
+def _in_world_axes(
+    S: Motion, link: Link, motion: BodyMotion, body: CompositeBody, placed: FromRoot
+) -> tuple[Any, Any]:
+    """(the motions of a joint for rows, its wrenches for columns), stacked over its velocities, in world axes.
+
+    S: the stacked motion subspace.
+    """
     R, *where = placed
-    S, first, carried, second = _rates(link, motion)
+    S, first, carried, second = _rates(S, link, motion)
     rows = [Motion(R @ x.w, R @ x.v) for x in (S, first, first + carried, second)]
     return (*rows, *where), (*(R @ x for x in _column(body, S, first, carried, second)), *where)
 
@@ -219,10 +226,11 @@ def _entries(row, column: tuple[Vector, ...]) -> Numbers:
     return by_q, by_v, power(a, S), power(b, S), power(u, S)
 
 
-def _rates(link: Link, motion: BodyMotion) -> JointRates:
+def _rates(S: Motion, link: Link, motion: BodyMotion) -> JointRates:
     """(S, Psi', S', Psi'') of all velocities of a joint, for an observer for whom J is at rest."""
-    S, across_joint = link.joint.subspace, subspace_times(link.joint.subspace, link.v)
-    change = subspace_times(S, link.vdot) + subspace_times(link.joint.subspace_rate(link.v), link.v)
+    subspace = link.joint.subspace
+    across_joint = subspace_times(subspace, link.v)
+    change = subspace_times(subspace, link.vdot) + subspace_times(link.joint.subspace_rate(link.v), link.v)
     zero = Vector(*[numbers.constant(motion.w[0], 0)] * 3)
     V, A = Motion(motion.w, zero), Motion(motion.alpha, motion.a)
     before = Motion(motion.w - across_joint.w, -across_joint.v)
@@ -230,8 +238,7 @@ def _rates(link: Link, motion: BodyMotion) -> JointRates:
     of_parent = A - (change + turning)
     if link.joint.kind.is_sequential:
         return stacking.stacked_trees(_one_by_one(link, before, of_parent))
-    together = stacking.stacked_trees(S)
-    return together, *_motion_rates(together, before, of_parent, cross_motion(V, together))
+    return S, *_motion_rates(S, before, of_parent, cross_motion(V, S))
 
 
 def _one_by_one(link: Link, V: Motion, A: Motion) -> list[JointRates]:

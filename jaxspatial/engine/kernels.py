@@ -265,8 +265,9 @@ def _kernels(inner: ClosedJaxpr, arguments: Sequence[Any]) -> list[Kernel] | Non
 
 
 def _fits(shape: Shape, whole: Shape) -> bool:
-    """Whether an array broadcasts to the whole, axis by axis."""
-    return shape == () or (len(shape) == len(whole) and all(a in (1, b) for a, b in zip(shape, whole, strict=True)))
+    """Whether an array broadcasts to the whole, whose last axes are its own."""
+    both = zip(reversed(shape), reversed(whole), strict=False)
+    return len(shape) <= len(whole) and all(a in (1, b) for a, b in both)
 
 
 def _count(jaxpr: Any, shape: Shape) -> int:
@@ -287,10 +288,12 @@ def _count(jaxpr: Any, shape: Shape) -> int:
 
 
 def _keeps_places(eqn: Any) -> bool:
-    if eqn.primitive.name != "broadcast_in_dim":
-        return True
-    n, rank = len(eqn.invars[0].aval.shape), len(eqn.params["shape"])
-    return tuple(eqn.params["broadcast_dimensions"]) == tuple(range(rank - n, rank))
+    """Whether each number of the result is that of the argument at the same place, counted from the last axis."""
+    before, after = eqn.invars[0].aval.shape, eqn.outvars[0].aval.shape
+    if eqn.primitive.name == "broadcast_in_dim":
+        return tuple(eqn.params["broadcast_dimensions"]) == tuple(range(len(after) - len(before), len(after)))
+    longer, shorter = sorted((before, after), key=len, reverse=True)
+    return longer == (*[1] * (len(longer) - len(shorter)), *shorter)
 
 
 # -- one kernel -------------------------------------------------------------------------------------------------------
