@@ -860,23 +860,23 @@ def _searched(state: MechanismState, scene: Scene, v: Vectors, along: Along, is_
         f, rate = _slopes(scene, v, along.v, length)
         return along.slope + length * along.curvature - f, along.curvature + rate
 
-    low, one, up = (as_data(state.known(x), shape) for x in (0.0, 1.0, LONGEST))
-    f, rate = at(one)
-    start = low, up, one, where(is_good, 0.0, f), rate
+    # The first length is 1, whose derivative is not known before the loop: it is evaluated in one place.
+    low, one, up, unknown = (as_data(state.known(x), shape) for x in (0.0, 1.0, LONGEST, np.inf))
+    start = low, up, one, where(is_good, 0.0, unknown), one
 
     def trial(carry: Any) -> Any:
         data, k = carry
-        low, up, length, f, rate = with_data(start, data)
-        low, up, new = _next_length(low, up, length, f, rate, goal)
+        *before, f, rate = with_data(start, data)
+        after = _next_length(*before, f, rate, goal)
         is_over = is_good | ~(high(abs(f)) > high(goal))
-        new = where(is_over, length, new)
+        low, up, new = (where(is_over | (k == 0), x, y) for x, y in zip(before, after, strict=True))
         f, rate = at(new)
         return data_of((low, up, new, where(is_over, 0.0, f), rate)), k + 1
 
     def is_going(carry: Any) -> jax.Array:
         data, k = carry
         f = with_data(start, data)[3]
-        return (k < MOST_TRIALS) & (high(abs(f)) > high(goal)).any()
+        return (k <= MOST_TRIALS) & (high(abs(f)) > high(goal)).any()
 
     data, _ = lax.while_loop(is_going, trial, (data_of(start), np.int32(0)))
     return with_data(start, data)[2]
