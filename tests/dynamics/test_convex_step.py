@@ -491,7 +491,7 @@ def test_what_sticks_takes_one_iteration():
 
 
 def test_no_number_in_none_out():
-    """In the state that has it, and no endless loop."""
+    """In the state that has it, whichever number that is and whether its term acts or not, and no endless loop."""
     x = many("tree", 6)
     expected, others = step("tree", 5e-3)(*x), np.arange(6) != 2
     for k in range(3):
@@ -500,6 +500,65 @@ def test_no_number_in_none_out():
         found = step("tree", 5e-3)(*broken)
         assert np.isnan(found.v[2]).any() and np.isnan(found.residual[2])
         np.testing.assert_array_equal(np.asarray(found.v)[others], np.asarray(expected.v)[others])
+    # Nothing acts on a box in flight.
+    q, v, tau = many("box", 1)
+    q[0, 6], v[0, 0] = 5, np.nan
+    found = step("box", 5e-3)(q, v, tau)
+    assert np.isnan(found.v).any() and np.isnan(found.residual)
+
+
+OF_MECHANISM = "lower", "upper", "damping", "friction_loss"
+OF_CONTACTS = "positions", "radius", "stiffness", "relaxation_time", "friction"
+
+
+@functools.cache
+def with_all_numbers():
+    """(a step of the tree that takes all numbers but those of the state as an argument, these numbers for one state).
+
+    There is one pair, and one closure."""
+    scene, (a, b) = tree(), pairs()
+    mech, c = scene.mechanism, scene.contacts
+    a, b = (js.PointContacts(x.frames[:1], **{k: getattr(x, k)[:1] for k in OF_CONTACTS}) for x in (a, b))
+    numbers = {k: getattr(mech, k) for k in OF_MECHANISM} | {f"b.{k}": getattr(b, k) for k in OF_CONTACTS}
+    numbers |= {f"c.{k}": getattr(c, k) for k in OF_CONTACTS} | {"c.radius": np.full(5, c.radius)}
+    numbers |= {"dt": 5e-3, "normal": np.array([0.0, 0, 1]), "offset": 0.0, "distance": 0.5}
+
+    def own(q, v, tau, given):
+        spheres_b, spheres_c = (
+            js.PointContacts(x.frames, **{k: given[f"{name}.{k}"] for k in OF_CONTACTS})
+            for name, x in (("b", b), ("c", c))
+        )
+        terms = {
+            "contacts": spheres_c,
+            "pairs": (a, spheres_b),
+            "loops": [js.LoopClosure("b", "d", "distance", given["distance"])],
+            "ground": js.HalfSpace(given["normal"], given["offset"]),
+        }
+        own = mech.replace(**{k: given[k] for k in OF_MECHANISM})
+        return js.convex_step(own, q, v, tau, given["dt"], **terms)
+
+    return own, jax.tree.map(lambda x: np.asarray(x, float), numbers)
+
+
+@pytest.mark.parametrize("height", [0.0, 5.0])
+def test_no_number_of_a_term_in_none_out(height):
+    """Every second state has NaN in one of the numbers that are no state. The others keep their bits. From a height of
+    5 m no sphere touches the ground."""
+    own, numbers = with_all_numbers()
+    n = 2 * len(numbers)
+    q, v, tau = (np.repeat(x, n, 0) for x in many("tree", 1))
+    q[:, 6] += height
+    clean = jax.tree.map(lambda x: np.repeat(x[None], n, 0), numbers)
+    broken = jax.tree.map(np.copy, clean)
+    for i, name in enumerate(numbers):
+        broken[name][(2 * i, *[-1] * (broken[name].ndim - 1))] = np.nan
+    run = interpreted(jax.vmap(own))
+    expected, found = run(q, v, tau, clean), run(q, v, tau, broken)
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_array_equal(a[1::2], b[1::2])
+    for i, name in enumerate(numbers):
+        is_none = [np.isnan(x).any() for x in (found.v[2 * i], found.contact_forces.f[2 * i], found.residual[2 * i])]
+        assert all(is_none), (name, is_none)
 
 
 # -- hostile ----------------------------------------------------------------------------------------------------------
