@@ -1,6 +1,7 @@
 """The convex step: against the oracle, in cases that one works out by hand, in hostile states, and its derivatives."""
 
 import functools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -693,45 +694,125 @@ def test_no_number_of_a_term_in_none_out(height):
 # -- hostile ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("n", [64, slow(100_000)])
-def test_hostile_numbers(n):
+class Hostile(NamedTuple):
+    """A mechanism, terms of the step that are the same for all states, and numbers of states: q, v, tau, dt and the
+    stiffness, relaxation time and friction of its spheres."""
+
+    mechanism: js.Mechanism
+    positions: np.ndarray
+    terms: dict
+    states: tuple
+
+    def step(self, q, v, tau, dt, k, tau_d, mu):
+        law = {"stiffness": k, "relaxation_time": tau_d, "friction": mu}
+        contacts = js.PointContacts(("a", "b", "c") * 2, self.positions, np.asarray(0.05, q.dtype), **law)
+        return js.convex_step(self.mechanism, q, v, tau, dt, contacts=contacts, **self.terms)
+
+    def astype(self, dtype):
+        return Hostile(*jax.tree.map(lambda x: x.astype(dtype) if hasattr(x, "astype") else dtype.type(x), tuple(self)))
+
+
+def hostile(kind, n):
     """No friction and much, stiffness from 1 to 1e12, masses of 1e-3 and 1e3, steps from 1e-5 to 0.1, deep inside,
-    every contact twice: what comes is the optimum, or the residual says that it is not."""
+    every contact twice. "joints": limits and dry friction too. "between": these, spheres on two bodies, and a closure
+    twice, open by some 0.3 m."""
     rng = np.random.default_rng(5)
     light, heavy = (js.SpatialInertia.solid_sphere(np.float64(0.2), mass=np.float64(m)) for m in (1e-3, 1e3))
     out = js.RigidTransform(js.Rotation.identity(), np.array([0.3, 0.1, 0.2]))
+    more = {} if kind == "contacts" else {"lower": -0.5, "upper": 0.5, "friction_loss": 1.0}
     joints = [
         js.Joint("root", "free", "world", "a"),
-        js.Joint("j", "revolute", "a", "b", out, axis=(0, 1, 0)),
-        js.Joint("k", "revolute", "b", "c", out, axis=(1, 0, 0)),
+        js.Joint("j", "revolute", "a", "b", out, axis=(0, 1, 0), **more),
+        js.Joint("k", "revolute", "b", "c", out, axis=(1, 0, 0), **more),
     ]
     bodies = [js.Body("a", light), js.Body("b", heavy), js.Body("c", light)]
     mech = js.Mechanism.build(bodies, joints, dtype=np.float64)
-    frames, positions = ("a", "b", "c") * 2, np.tile(rng.normal(size=(3, 3)) / 5, (2, 1))
+    positions, terms = np.tile(rng.normal(size=(3, 3)) / 5, (2, 1)), {}
+    if kind == "between":
+        pair = tuple(spheres([x], np.array([[0.05, 0, 0.02]]), 0.3, np.float64(1e5), 0.01, 0.5) for x in "ac")
+        terms = {"pairs": pair, "loops": [js.LoopClosure("a", "c", "distance", 0.45)] * 2}
     q, v, tau = rng.standard_normal((n, 9)), 3 * rng.standard_normal((n, 8)), rng.standard_normal((n, 8))
     q[:, :4] /= np.linalg.norm(q[:, :4], axis=1, keepdims=True)
     q[:, 6] = rng.uniform(-1, 0.3, n)
     dt, k = 10 ** rng.uniform(-5, -1, n), 10 ** rng.uniform(0, 12, (n, 6))
     mu, tau_d = rng.choice([0.0, 0.5, 10.0], (n, 6)), rng.choice([0.0, 0.1], (n, 6))
+    return Hostile(mech, positions, terms, (q, v, tau, dt, k, tau_d, mu))
 
-    def own(q, v, tau, dt, k, tau_d, mu):
-        return js.convex_step(mech, q, v, tau, dt, contacts=spheres(frames, positions, 0.05, k, tau_d, mu))
 
-    run = interpreted(own) if n < 100 else jax.jit(own)
-    found, wrong = jax.tree.map(np.asarray, run(q, v, tau, dt, k, tau_d, mu)), []
-    contacts = spheres(frames, positions, 0.05, k, tau_d, mu)
-    for i, (problem, *_) in enumerate(oracle.problems_of(mech, q, v, tau, dt, contacts)):
+CHUNK = 2000
+
+
+def in_chunks(function, arguments):
+    """A function of many states, evaluated where these are few, else compiled for chunks of them."""
+    n = len(arguments[0])
+    if n < 100:
+        return interpreted(function)(*arguments)
+    run = jax.jit(function)
+    parts = [run(*(x[i : i + CHUNK] for x in arguments)) for i in range(0, n, CHUNK)]
+    return jax.tree.map(lambda *x: np.concatenate(x), *parts)
+
+
+# (how hostile, how many states, the largest share of them that does not converge in 60 iterations).
+@pytest.mark.parametrize(
+    ("kind", "n", "unsolved"),
+    [
+        ("contacts", 64, 0.0),
+        ("joints", 12, 0.1),
+        ("between", 3, 0.0),
+        slow("contacts", 2000, 0.0),
+        slow("contacts", 100_000, 1e-3),
+        slow("joints", 2000, 0.01),
+        slow("between", 200, 0.02),
+    ],
+)
+def test_hostile_numbers(kind, n, unsolved):
+    """What comes is the optimum, or the residual says that it is not."""
+    given = hostile(kind, n)
+    found = in_chunks(given.step, given.states)
+    q, v, tau, dt, k, tau_d, mu = given.states
+    contacts, wrong = spheres(("a", "b", "c") * 2, given.positions, 0.05, k, tau_d, mu), []
+    for i, (problem, *_) in enumerate(oracle.problems_of(given.mechanism, q, v, tau, dt, contacts, **given.terms)):
         if not problem.terms:
             continue
-        after = oracle.in_world(mech, found.q[i]) @ found.v[i]
+        after = oracle.in_world(given.mechanism, found.q[i]) @ found.v[i]
         size, of = problem.momenta(after)
         best = problem.optimum(after)
         assert np.isfinite(after).all()
-        # Of momenta: A times what is wrong with the velocities.
+        # Of momenta: A times what is wrong with the velocities. Impulses against one another leave rounding errors.
         error = np.linalg.norm(problem.scale * (problem.A @ (after - best.v))) / max(of, 1e-300)
-        wrong.append((error > 1e-6 and found.residual[i] < 1e-6, i, error, size / of, float(found.residual[i])))
+        largest = max(abs(x).max() for x in best.impulses)
+        allowed = 2e-8 + (kind != "contacts") * 1e4 * U * largest * problem.scale.max() / max(of, 1e-300)
+        wrong.append((error > allowed and found.residual[i] < 1e-8, i, error, size / of, float(found.residual[i])))
     assert not [x for x in wrong if x[0]], [x[1:] for x in wrong if x[0]]
-    assert np.mean(np.asarray(found.residual) < 1e-6) > 0.99
+    is_unsolved = np.asarray(found.residual) > 1e-8
+    assert np.mean(is_unsolved) <= unsolved
+    assert (found.iterations[is_unsolved] == 60).all()
+
+
+@pytest.mark.parametrize(("kind", "n"), [("contacts", 32), slow("contacts", 2000), slow("joints", 2000)])
+def test_hostile_numbers_in_float32(kind, n):
+    """Finite, and the residual is as `ConvexStep` has it. Forces are off by a rounding of depths times stiffness: of
+    these the residual knows nothing."""
+    given = hostile(kind, n).astype(np.dtype(np.float32))
+    found = in_chunks(given.step, given.states)
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(found))
+    residual, is_out = found.residual, found.iterations == 60
+    assert np.mean(residual < 2e-6) > 0.5 and np.mean(residual < 2e-4) > (0.98 if kind == "contacts" else 0.85)
+    assert residual[~is_out].max() < 1e-2 and np.mean(is_out) < (0.01 if kind == "contacts" else 0.15)
+
+
+@pytest.mark.parametrize(("kind", "n"), [("contacts", 4), slow("contacts", 2000), slow("joints", 2000)])
+def test_gradients_of_hostile_numbers_are_finite(kind, n):
+    """Of all velocities and coordinates after the step, by all numbers of a state."""
+    given = hostile(kind, n)
+
+    def total(*x):
+        found = given.step(*x)
+        return found.v.sum() + found.q.sum()
+
+    found = in_chunks(jax.vmap(jax.grad(total, tuple(range(len(given.states))))), given.states)
+    is_finite = [np.isfinite(x).reshape((n, -1)).all(1) for x in found]
+    assert np.all(is_finite), [np.flatnonzero(~x) for x in is_finite]
 
 
 # -- derivatives ------------------------------------------------------------------------------------------------------
