@@ -109,6 +109,81 @@ def test_without_anything_to_touch_it_is_the_plain_step():
     )
 
 
+def test_where_an_arm_touches_nothing_it_has_the_bits_of_the_plain_step():
+    """In float32, with limits and spheres that are far: damping, and no term acts."""
+    scene = scenes.arm()
+    mech, contacts = scene.mechanism.astype(np.float32), scene.contacts.astype(np.float32)
+    rng = np.random.default_rng(1)
+    middle = (np.asarray(mech.lower) + np.asarray(mech.upper)) / 2
+    q = (middle + 0.02 * rng.standard_normal((8, 4))).astype(np.float32)
+    v, tau = (rng.standard_normal((2, 8, 4)) * [[[0.5]], [[2]]]).astype(np.float32)
+    dt, ground = np.float32(1e-3), js.HalfSpace(offset=-9.0).astype(np.float32)
+    found = interpreted(lambda *x: js.convex_step(mech, *x, dt, contacts=contacts, ground=ground))(q, v, tau)
+    expected = interpreted(lambda *x: js.semi_implicit_step(mech, *x, dt))(q, v, tau)
+    np.testing.assert_array_equal(found.iterations, 0)
+    np.testing.assert_array_equal(found.q, expected[0])
+    np.testing.assert_array_equal(found.v, expected[1])
+
+
+def curved(p):
+    """Distance from the surface of a ball of radius 5, centre at (0.5, 0, -5)."""
+    return jnp.sqrt(((p - jnp.array([0.5, 0.0, -5.0], p.dtype)) ** 2).sum()) - 5
+
+
+def test_a_curved_ground():
+    scene, (q, v, tau), dt = scenes.box(), many("box", 8), 5e-3
+    # Near its top, and 5 mm lower than above a plane.
+    q[:, 4:] = q[:, 4:] * [0.1, 0.1, 1] + [0.5, 0, -0.005]
+    mech, contacts = scene.mechanism, scene.contacts
+    found = interpreted(lambda *x: js.convex_step(mech, *x, dt, contacts=contacts, ground=curved))(q, v, tau)
+    n_inside = 0
+    for i, expected in enumerate(oracle.steps_of(mech, q, v, tau, dt, contacts, curved)):
+        after, f = oracle.in_world(mech, found.q[i]) @ found.v[i], found.contact_forces.f[i]
+        np.testing.assert_allclose(after, expected.v, rtol=0, atol=ALLOWED * max(abs(v[i]).max(), 1))
+        np.testing.assert_allclose(f, expected.forces, rtol=0, atol=1e-6 * max(abs(expected.forces).max(), 1))
+        n_inside += np.count_nonzero(expected.forces.any(1))
+    assert n_inside > 5
+
+
+def test_external_forces_are_generalized_forces():
+    """F at a frame, or J^T F."""
+    scene, (q, v, tau) = tree(), many("tree", 6)
+    mech, contacts = scene.mechanism, scene.contacts
+    F = np.random.default_rng(2).standard_normal((6, 6)) * 5
+
+    def both(q, v, tau, F):
+        force = js.AppliedForces(["c"], js.SpatialForce.from_array(F[None]))
+        more = js.jacobian(mech, q, "c").T @ F
+        found = js.convex_step(mech, q, v, tau, 5e-3, force, contacts=contacts)
+        return found, js.convex_step(mech, q, v, tau + more, 5e-3, contacts=contacts)
+
+    found, expected = interpreted(jax.vmap(both))(q, v, tau, F)
+    np.testing.assert_allclose(found.v, expected.v, rtol=0, atol=ALLOWED * abs(expected.v).max())
+    alone = step("tree", 5e-3)(q, v, tau)
+    assert abs(found.v - alone.v).max() > 0.01
+
+
+@pytest.mark.parametrize("precision", [slow(x) for x in ("fast", "compensated", "faithful")])
+def test_every_precision_has_the_optimum(precision):
+    scene, x = tree(), many("tree", 6)
+    mech, contacts = scene.mechanism, scene.contacts
+    found = js.convex_step(mech, *x, 5e-3, contacts=contacts, precision=precision)
+    expected = step("tree", 5e-3)(*x)
+    np.testing.assert_allclose(found.v, expected.v, rtol=0, atol=ALLOWED * abs(expected.v).max())
+    assert found.residual.max() < 1e-8
+
+
+def test_mimics_are_refused():
+    bodies = [js.Body(x, js.SpatialInertia.solid_sphere(np.float64(0.1), mass=np.float64(1))) for x in "ab"]
+    joints = [
+        js.Joint("j", "revolute", "world", "a", axis=(0, 1, 0)),
+        js.Joint("k", "revolute", "a", "b", axis=(0, 1, 0), mimic=("j", 2.0)),
+    ]
+    mech, one = js.Mechanism.build(bodies, joints, dtype=np.float64), np.ones(1)
+    with pytest.raises(NotImplementedError, match="convex_step: .*of mechanisms with mimics"):
+        js.convex_step(mech, one, one, one, 5e-3, contacts=on("a"))
+
+
 LOOPS = {
     "ball": [js.LoopClosure("b", "d", "ball")],
     "to the world": [js.LoopClosure("world", "c", "universal"), js.LoopClosure("b", "d", "distance", 0.4)],
@@ -578,6 +653,26 @@ def test_however_it_is_called():
     for how, found in calls.items():
         for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
             np.testing.assert_array_equal(a, b, err_msg=how)
+
+
+@pytest.mark.slow
+def test_inside_of_other_transformations():
+    """Of checkpoint and cond: the bits, and gradients, of the step alone."""
+    scene, x = scenes.box(), [jnp.asarray(x[0]) for x in many("box", 1)]
+
+    def own(q, v, tau):
+        return js.convex_step(scene.mechanism, q, v, tau, 5e-3, contacts=scene.contacts).v
+
+    def chosen(q, v, tau):
+        return jax.lax.cond(q[6] < 9, own, lambda q, v, tau: v, q, v, tau)
+
+    def gradient(function):
+        return jax.jit(jax.grad(lambda *x: function(*x).sum(), 1))(*x)
+
+    expected = jax.jit(own)(*x)
+    for function in (jax.checkpoint(own), chosen):
+        np.testing.assert_array_equal(jax.jit(function)(*x), expected)
+        np.testing.assert_allclose(gradient(function), gradient(own), rtol=1e-9)
 
 
 @pytest.mark.slow
