@@ -129,6 +129,10 @@ class Body(NamedTuple):
     turns: bool
 
 
+def is_nan(x: Number) -> Mask:
+    return high(x) != high(x)
+
+
 # -- bodies -----------------------------------------------------------------------------------------------------------
 
 
@@ -332,7 +336,11 @@ def contacts_of(
     w = _size(relative_mobility(state, bodies, mobility, ends, arm, arm_a)[0].J)
     free, R_n, R_t = _regularisation(w, distance, stiffness, relaxation_time, dt)
     normal = state.vectors(touching.normals)
-    return Contacts(arm, arm_a, normal, high(distance) <= 0, free, R_n, R_t, friction), ends
+    # What cannot move has no law: its R_t is zero. NaN, of any number, is not outside.
+    is_inside = ~(high(distance) > 0) & (high(w) != 0)
+    for x in (stiffness, dt + relaxation_time, friction):
+        is_inside = is_inside if is_constant(x) else is_inside | is_nan(x)
+    return Contacts(arm, arm_a, normal, is_inside, free, R_n, R_t, friction), ends
 
 
 def _arms(state: MechanismState, bodies: list[Body], frames: tuple[int, ...], centres: Centres) -> Vector:
@@ -450,7 +458,8 @@ def law(contacts: Contacts, v: Vector, held: Mask | None = None) -> Law:
     sliding = (y_n + steep * length) * share
     sticks = contacts.is_touching & (high(length) <= high(mu * y_n))
     sticks = sticks if held is None else sticks | held
-    slides = contacts.is_touching & ~sticks & (high(y_n + steep * length) > 0)
+    # NaN slides, and becomes the impulse.
+    slides = contacts.is_touching & ~sticks & ~(high(y_n + steep * length) <= 0)
     zero = constant(y_n, 0)
 
     def chosen(stick: Number, slide: Number) -> Number:
@@ -568,7 +577,8 @@ def _joints(
     window = LIMIT_WINDOW * dt * fastest
     near, speeds = list[Any](), list[Any]()
     for gap in (q - lower, upper - q):
-        near.append((high(gap) < high(window)) & has_limits[:, None])
+        # NaN is near, and becomes the impulse.
+        near.append(~(high(gap) >= high(window)) & has_limits[:, None])
         speeds.append(where(near[-1], gap, 0.0) / (2 * dt))
     (lower_speed, upper_speed), (near_lower, near_upper) = speeds, near
     return Joints(lower_speed, upper_speed, near_lower, near_upper, friction * dt, R, STICKING * w)
@@ -578,7 +588,7 @@ def joint_law(joints: Joints, v: Number) -> tuple[Number, Number]:
     """(the impulses of joints at velocities v (m, B), their G)."""
     zero = constant(v, 0)
     down, up = (-joints.lower - v) / joints.R, (v - joints.upper) / joints.R
-    is_down, is_up = joints.near_lower & (high(down) > 0), joints.near_upper & (high(up) > 0)
+    is_down, is_up = joints.near_lower & ~(high(down) <= 0), joints.near_upper & ~(high(up) <= 0)
     stuck = -v / joints.R_f
     largest = joints.friction
     is_stuck = high(abs(stuck)) < high(largest)
@@ -632,7 +642,7 @@ def _loops(N: Wrench, arm_b: Vector, arm_a: Vector, error: Number, w: Number, ap
     on_b, on_a = (algebra.shifted_wrench(N, -arm) for arm in (arm_b, arm_a))
     # Where the two cannot move against each other, w is made of rounding errors, and nothing closes an error.
     least = MOBILE * check.eps(high(w).dtype) * apart
-    moves = high(w) > high(least)
+    moves = ~(high(w) <= high(least)) | is_nan(error)
     R = NEAR_RIGID_LIMIT * where(moves, w, where(high(apart) > 0, least, 1.0))
     return on_b, -on_a, where(moves, -error, 0.0) / dt, R
 

@@ -598,7 +598,7 @@ def solve(
     y = where(is_touched, found, state.numbers(change[:, None])[0])
     reference = high(scale)
     # Rounding may leave a square below zero.
-    residual = jnp.sqrt(jnp.maximum(high(last.residual), 0) / jnp.where(reference > 0, reference, 1))
+    residual = jnp.sqrt(jnp.maximum(high(last.residual), 0) / jnp.where(reference <= 0, 1, reference))
     return high(y), residual, count
 
 
@@ -702,7 +702,7 @@ def _is_touched(scene: Scene, n: int) -> jax.Array:
         any_of = any_of | scene.contacts.is_touching.any(0, keepdims=True)
     if scene.joints is not None:
         x = scene.joints
-        acts = x.near_lower | x.near_upper | (high(x.friction) > 0)
+        acts = x.near_lower | x.near_upper | ~(high(x.friction) <= 0)
         any_of = any_of | acts.any(0, keepdims=True)
     return any_of
 

@@ -58,6 +58,18 @@ def test_xfrc_applied():
 
 
 @pytest.mark.slow
+def test_contact():
+    for name in ("pinocchio", "mujoco.mjx"):
+        pytest.importorskip(name)
+    options = ["--n", "8", "--steps", "4", "--rounds", "2", "--robots", "go1"]
+    run = subprocess.run([sys.executable, HERE / "contact.py", *options], capture_output=True, text=True, timeout=900)
+    assert run.returncode in (0, 1) and "Traceback" not in run.stderr, run.stderr
+    for case in ("convex_step", "semi_implicit_step", "mjx.step", "convex_step, one state"):
+        assert f"\n| {case} | " in run.stdout
+    assert run.stdout.count("at most") == 5 and "the program of semi_implicit_step" in run.stdout
+
+
+@pytest.mark.slow
 def test_precisions():
     command = [sys.executable, HERE / "precisions.py", "--n", "640", "--rounds", "2", "--sample", "20"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=600)

@@ -41,9 +41,8 @@ def state(n):
 
 def contacts(**changes):
     p = np.random.default_rng(2).normal(size=(len(FRAMES), 3))
-    return js.PointContacts(
-        FRAMES, p, **{"radius": 0.1, "stiffness": STIFFNESS, "relaxation_time": 0.1, "friction": FRICTION} | changes
-    )
+    law = {"radius": 0.1, "stiffness": STIFFNESS, "relaxation_time": 0.1, "friction": FRICTION}
+    return js.PointContacts(FRAMES, **{"positions": p} | law | changes)
 
 
 def plane():
@@ -182,6 +181,20 @@ def test_at_a_distance_derivatives_are_zero():
 def test_what_is_no_number_is_none_in_the_result():
     q, v = (x[0] for x in state(1))
     assert np.isnan(of(q * jnp.nan, v)).all(-1)[:-1].all()  # the last is on the world
+
+    def own(positions, radius, k, mu, d, v_s, normal, offset):
+        given = contacts(radius=radius, stiffness=k, friction=mu, positions=positions)
+        limits = {"dissipation": d, "stiction_speed": v_s}
+        F = js.contact_forces(mechanism(), q, v, given, js.HalfSpace(normal, offset), **limits)
+        return F.wrenches.to_array()
+
+    given = contacts()
+    numbers = (given.positions, 0.1, STIFFNESS, FRICTION, DISSIPATION, STICTION, NORMAL, OFFSET)
+    numbers = [np.repeat(np.asarray(x, float)[None], 8, 0) for x in numbers]
+    for i, x in enumerate(numbers):
+        x[(i, *[0] * (x.ndim - 1))] = np.nan
+    found = interpreted(jax.vmap(own))(*numbers)
+    assert np.isnan(found).any((1, 2)).all()
 
 
 def test_a_batch_of_contacts_and_of_grounds():

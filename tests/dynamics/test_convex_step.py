@@ -1,6 +1,7 @@
 """The convex step: against the oracle, in cases that one works out by hand, in hostile states, and its derivatives."""
 
 import functools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -106,6 +107,81 @@ def test_without_anything_to_touch_it_is_the_plain_step():
     assert asked_for(lambda *x: js.convex_step(mech, *x, 1e-2)[:2], q, v, tau) == asked_for(
         lambda *x: js.semi_implicit_step(mech, *x, 1e-2), q, v, tau
     )
+
+
+def test_where_an_arm_touches_nothing_it_has_the_bits_of_the_plain_step():
+    """In float32, with limits and spheres that are far: damping, and no term acts."""
+    scene = scenes.arm()
+    mech, contacts = scene.mechanism.astype(np.float32), scene.contacts.astype(np.float32)
+    rng = np.random.default_rng(1)
+    middle = (np.asarray(mech.lower) + np.asarray(mech.upper)) / 2
+    q = (middle + 0.02 * rng.standard_normal((8, 4))).astype(np.float32)
+    v, tau = (rng.standard_normal((2, 8, 4)) * [[[0.5]], [[2]]]).astype(np.float32)
+    dt, ground = np.float32(1e-3), js.HalfSpace(offset=-9.0).astype(np.float32)
+    found = interpreted(lambda *x: js.convex_step(mech, *x, dt, contacts=contacts, ground=ground))(q, v, tau)
+    expected = interpreted(lambda *x: js.semi_implicit_step(mech, *x, dt))(q, v, tau)
+    np.testing.assert_array_equal(found.iterations, 0)
+    np.testing.assert_array_equal(found.q, expected[0])
+    np.testing.assert_array_equal(found.v, expected[1])
+
+
+def curved(p):
+    """Distance from the surface of a ball of radius 5, centre at (0.5, 0, -5)."""
+    return jnp.sqrt(((p - jnp.array([0.5, 0.0, -5.0], p.dtype)) ** 2).sum()) - 5
+
+
+def test_a_curved_ground():
+    scene, (q, v, tau), dt = scenes.box(), many("box", 8), 5e-3
+    # Near its top, and 5 mm lower than above a plane.
+    q[:, 4:] = q[:, 4:] * [0.1, 0.1, 1] + [0.5, 0, -0.005]
+    mech, contacts = scene.mechanism, scene.contacts
+    found = interpreted(lambda *x: js.convex_step(mech, *x, dt, contacts=contacts, ground=curved))(q, v, tau)
+    n_inside = 0
+    for i, expected in enumerate(oracle.steps_of(mech, q, v, tau, dt, contacts, curved)):
+        after, f = oracle.in_world(mech, found.q[i]) @ found.v[i], found.contact_forces.f[i]
+        np.testing.assert_allclose(after, expected.v, rtol=0, atol=ALLOWED * max(abs(v[i]).max(), 1))
+        np.testing.assert_allclose(f, expected.forces, rtol=0, atol=1e-6 * max(abs(expected.forces).max(), 1))
+        n_inside += np.count_nonzero(expected.forces.any(1))
+    assert n_inside > 5
+
+
+def test_external_forces_are_generalized_forces():
+    """F at a frame, or J^T F."""
+    scene, (q, v, tau) = tree(), many("tree", 6)
+    mech, contacts = scene.mechanism, scene.contacts
+    F = np.random.default_rng(2).standard_normal((6, 6)) * 5
+
+    def both(q, v, tau, F):
+        force = js.AppliedForces(["c"], js.SpatialForce.from_array(F[None]))
+        more = js.jacobian(mech, q, "c").T @ F
+        found = js.convex_step(mech, q, v, tau, 5e-3, force, contacts=contacts)
+        return found, js.convex_step(mech, q, v, tau + more, 5e-3, contacts=contacts)
+
+    found, expected = interpreted(jax.vmap(both))(q, v, tau, F)
+    np.testing.assert_allclose(found.v, expected.v, rtol=0, atol=ALLOWED * abs(expected.v).max())
+    alone = step("tree", 5e-3)(q, v, tau)
+    assert abs(found.v - alone.v).max() > 0.01
+
+
+@pytest.mark.parametrize("precision", [slow(x) for x in ("fast", "compensated", "faithful")])
+def test_every_precision_has_the_optimum(precision):
+    scene, x = tree(), many("tree", 6)
+    mech, contacts = scene.mechanism, scene.contacts
+    found = js.convex_step(mech, *x, 5e-3, contacts=contacts, precision=precision)
+    expected = step("tree", 5e-3)(*x)
+    np.testing.assert_allclose(found.v, expected.v, rtol=0, atol=ALLOWED * abs(expected.v).max())
+    assert found.residual.max() < 1e-8
+
+
+def test_mimics_are_refused():
+    bodies = [js.Body(x, js.SpatialInertia.solid_sphere(np.float64(0.1), mass=np.float64(1))) for x in "ab"]
+    joints = [
+        js.Joint("j", "revolute", "world", "a", axis=(0, 1, 0)),
+        js.Joint("k", "revolute", "a", "b", axis=(0, 1, 0), mimic=("j", 2.0)),
+    ]
+    mech, one = js.Mechanism.build(bodies, joints, dtype=np.float64), np.ones(1)
+    with pytest.raises(NotImplementedError, match="convex_step: .*of mechanisms with mimics"):
+        js.convex_step(mech, one, one, one, 5e-3, contacts=on("a"))
 
 
 LOOPS = {
@@ -269,19 +345,19 @@ def test_contacts_share_a_weight(n):
     np.testing.assert_allclose(found.contact_forces.f, [[0, 0, MASS * G / n]] * n, rtol=1e-9, atol=1e-9)
 
 
-def rolled_out(mech, q, v, dt, n, contacts, ground=None):
+def rolled_out(mech, q, v, dt, n, contacts=None, **terms):
     """States after each of n steps without forces of joints."""
     tau = np.zeros(mech.nv)
 
     @jax.jit
     def run(q, v):
         def one(state, _):
-            after = js.convex_step(mech, *state, tau, dt, contacts=contacts, ground=ground)
+            after = js.convex_step(mech, *state, tau, dt, contacts=contacts, **terms)
             return after[:2], after[:2]
 
         return jax.lax.scan(one, (q, v), None, n)[1]
 
-    return jax.tree.map(np.asarray, run(jnp.asarray(q), jnp.asarray(v)))
+    return run(jnp.asarray(q), jnp.asarray(v))
 
 
 @pytest.mark.parametrize("steeper", [0.98, 1.02])
@@ -291,7 +367,7 @@ def test_an_incline_holds_up_to_its_angle_of_friction(steeper):
     angle = np.arctan(mu) * steeper
     down, normal = np.array([np.cos(angle), 0, -np.sin(angle)]), np.array([np.sin(angle), 0, np.cos(angle)])
     q = -normal * MASS * G * np.cos(angle) / (n * STIFF)
-    _, v = rolled_out(slider(), q, np.zeros(3), dt, 200, touching(mu, n), js.HalfSpace(normal))
+    _, v = rolled_out(slider(), q, np.zeros(3), dt, 200, touching(mu, n), ground=js.HalfSpace(normal))
     creep = softness(dt)[1] * MASS * G * np.sin(angle) * dt / n
     if steeper < 1:
         np.testing.assert_allclose(v[-1], creep * down, rtol=0, atol=1e-9)
@@ -309,7 +385,7 @@ def test_sliding_down_an_incline():
     impulse = MASS * G * np.cos(angle) * dt
     depth = (dt + TAU_D) * ((R_n + mu**2 * R_t) * impulse + rises - mu * (speed + faster * dt))
     v = speed * down + rises * normal
-    q, v = rolled_out(slider(), -depth * normal, v, dt, 20, touching(mu), js.HalfSpace(normal))
+    q, v = rolled_out(slider(), -depth * normal, v, dt, 20, touching(mu), ground=js.HalfSpace(normal))
     np.testing.assert_allclose(v @ down, speed + faster * dt * np.arange(1, 21), rtol=1e-8)
     np.testing.assert_allclose(v @ normal, rises, rtol=1e-6)
     assert (q @ normal < 0).all()
@@ -355,6 +431,16 @@ def test_restitution(tau_d):
     np.testing.assert_allclose(v[-1], [0, 0, expected], rtol=0, atol=2e-3)
 
 
+def _momenta(mech, q, *steps):
+    """The momenta (m, 6) about the centre of mass after steps from q, whose velocities are along axes that turn."""
+    found = []
+    for x in steps:
+        old, new = ([oracle.in_world(mech, y) for y in z] for z in (q, x.q))
+        after = np.array([a.T @ b @ v for a, b, v in zip(old, new, x.v, strict=True)])
+        found.append(interpreted(lambda *y: js.centroidal_momentum(mech, *y).to_array())(q, after))
+    return found
+
+
 def test_impulses_move_momentum_and_oppose_slip():
     """A free body's momenta change by exactly the impulses; none of these pulls, none is outside of its cone."""
     scene, (q, v, _), dt = scenes.box(), many("box", 40), 5e-3
@@ -364,12 +450,8 @@ def test_impulses_move_momentum_and_oppose_slip():
     free = interpreted(lambda *x: js.convex_step(mech, *x, still, dt))(q, v)
     centers = interpreted(lambda q: js.forward_kinematics(mech, q, scene.frames) @ scene.positions)(q)
     points, f = centers * [1, 1, 0], np.asarray(found.contact_forces.f)
-    momenta = []
-    for x in (found, free):
-        old, new = ([oracle.in_world(mech, y) for y in z] for z in (q, x.q))
-        after = np.array([a.T @ b @ v for a, b, v in zip(old, new, x.v, strict=True)])
-        momenta.append(interpreted(lambda *y: js.centroidal_momentum(mech, *y).to_array())(q, after))
-    change = momenta[0] - momenta[1]
+    after, without = _momenta(mech, q, found, free)
+    change = after - without
     arms = points - interpreted(lambda q: js.center_of_mass(mech, q))(q)[:, None]
     size = abs(dt * f).max()
     np.testing.assert_allclose(change[:, 3:], dt * f.sum(1), rtol=0, atol=1e-7 * size)
@@ -377,6 +459,81 @@ def test_impulses_move_momentum_and_oppose_slip():
     tangential = np.linalg.norm(f[..., :2], axis=-1)
     assert (f[..., 2] >= 0).all() and (tangential <= scene.friction * f[..., 2] + 1e-9 * abs(f).max()).all()
     assert (f[..., 2] > 0).sum() > 20
+
+
+def free_spheres(*masses):
+    """Free spheres of 0.1 m, each with spheres of contact at its centre."""
+    names = [f"s{i}" for i in range(len(masses))]
+    inertias = [js.SpatialInertia.solid_sphere(np.float64(0.1), mass=np.float64(m)) for m in masses]
+    joints = [js.Joint(f"j{name}", "free", "world", name) for name in names]
+    return js.Mechanism.build(list(map(js.Body, names, inertias)), joints, dtype=np.float64)
+
+
+def test_a_stack_carries_its_weight():
+    """Of three spheres: the ground carries all, each sphere what is above it. They lie as deep as these forces need,
+    between two of them at half of the stiffness, and stay there."""
+    masses = np.array([1.0, 2, 0.5])
+    mech, weights = free_spheres(*masses), G * np.cumsum(masses[::-1])[::-1]
+    q, r = np.zeros((3, 7)), 0.1
+    q[:, 0] = 1
+    q[:, 6] = np.cumsum([r, 2 * r, 2 * r] - weights / STIFF / [1, 0.5, 0.5])
+    on_ground, lower, upper = (spheres(x, None, r, STIFF, TAU_D, 0.5) for x in (["s0"], ["s0", "s1"], ["s1", "s2"]))
+
+    def own(q):
+        still = np.zeros(18)
+        return js.convex_step(mech, q, still, still, 5e-3, contacts=on_ground, pairs=(lower, upper))
+
+    found = interpreted(own)(q.ravel())
+    np.testing.assert_allclose(found.v, 0, rtol=0, atol=1e-10)
+    expected = weights[:, None] * [0, 0, 1]
+    np.testing.assert_allclose(found.contact_forces.f, expected, rtol=0, atol=1e-8 * weights[0])
+
+
+def test_a_pair_of_free_bodies_keeps_its_momentum():
+    """Linear and angular, while the two hit, slip and turn each other."""
+    mech, rng, n = free_spheres(1.0, 3.0).replace(gravity=np.zeros(3)), np.random.default_rng(11), 12
+    q, v = rng.standard_normal((n, 2, 7)), 2 * rng.standard_normal((n, 12))
+    q[..., :4] /= np.linalg.norm(q[..., :4], axis=-1, keepdims=True)
+    aside = rng.standard_normal((n, 3))
+    q[:, 1, 4:] = q[:, 0, 4:] + 0.195 * aside / np.linalg.norm(aside, axis=1, keepdims=True)
+    q = q.reshape((n, 14))
+    pair = tuple(spheres([name], None, 0.1, STIFF, TAU_D, 0.5) for name in ("s0", "s1"))
+    still = np.zeros(12)
+    found, free = (
+        interpreted(lambda *x, terms=terms: js.convex_step(mech, *x, still, 5e-3, **terms))(q, v)
+        for terms in ({"pairs": pair}, {})
+    )
+    after, without = _momenta(mech, q, found, free)
+    f = np.linalg.norm(found.contact_forces.f[:, 0], axis=-1)
+    assert np.count_nonzero(f) > n / 2
+    np.testing.assert_allclose(after, without, rtol=0, atol=1e-9 * f.max() * 5e-3)
+    assert abs(found.v - free.v).max() > 0.1
+
+
+def test_what_a_hop_takes():
+    """A body on a leg that pushes off: the ground's impulses are the change of momentum and the weight's."""
+    masses, dt, n = np.array([4.0, 0.5]), 2e-3, 150
+    bodies = [js.Body(x, js.SpatialInertia.point_mass(np.zeros(3), mass=m)) for x, m in zip("ab", masses, strict=True)]
+    joints = [
+        js.Joint("height", "prismatic", "world", "a", axis=(0, 0, 1)),
+        js.Joint("leg", "prismatic", "a", "b", axis=(0, 0, 1)),
+    ]
+    mech = js.Mechanism.build(bodies, joints, dtype=np.float64)
+    foot = spheres(["b"], None, 0, 1e4, 0.01, 0.5)
+
+    def one(state, push):
+        tau = jnp.stack([0 * push, -push])
+        after = js.convex_step(mech, *state, tau, dt, contacts=foot)
+        return after[:2], (after.v, after.contact_forces.f[0, 2])
+
+    # It is let down first, and kicks then: in the end it flies.
+    q, v, push = np.array([0.4, -0.4]), np.array([-1.0, 0]), np.where(np.arange(n) < 80, 60.0, 150.0)
+    push[110:] = 0
+    v_of, f = interpreted(lambda *x: jax.lax.scan(one, x[:2], x[2])[1])(q, v, push)
+    momenta = np.cumsum(np.vstack([v, v_of]), 1) @ masses
+    T = dt * n
+    np.testing.assert_allclose(f.sum() * dt, momenta[-1] - momenta[0] + masses.sum() * G * T, rtol=1e-8)
+    assert (f >= 0).all() and f[-1] == 0 and v_of[-1, 0] > 0.5 and (f > 0).sum() > n / 3
 
 
 @pytest.mark.slow
@@ -389,22 +546,70 @@ def test_the_order_of_contacts_means_nothing():
     np.testing.assert_allclose(a.contact_forces.f, b.contact_forces.f[:, ::-1], rtol=0, atol=1e-4)
 
 
-@pytest.mark.parametrize(("dt", "n"), [slow(5e-3, 2000), *(slow(dt, 100_000) for dt in (1e-3, 5e-3, 2e-2))])
-def test_energy_is_never_more(dt, n):
-    """Of a box thrown to the ground: it comes to rest, and never has more than it began with, but for what explicit
-    gravity and turning add in a step, and for the depth at which spheres are first found inside."""
+STEPS = np.array([1e-3, 5e-3, 2e-2])
+
+
+def energies(mech, q, v, contacts=None):
+    """(kinetic and potential energy, the distances of spheres from the ground) of many states."""
+
+    def of_one(q, v):
+        energy = js.kinetic_energy(mech, q, v) + js.potential_energy(mech, q)
+        if contacts is None:
+            return energy, jnp.zeros(0)
+        X = js.forward_kinematics(mech, q, contacts.frames)
+        return energy, (X @ contacts.positions)[..., 2] - contacts.radius
+
+    return interpreted(jax.vmap(of_one))(q, v)
+
+
+@functools.cache
+def thrown(n):
+    """(energies, distances) of a box thrown to the ground, at first and after each of n steps, for each of STEPS."""
     scene = scenes.box()
-    mech = scene.mechanism
-    q, v = np.array([0.9, 0.3, -0.2, 0.1, 0, 0, 0.6]), np.array([1.0, -2, 0.5, 0.5, 0.3, 0])
+    q, v = np.array([0.9, 0.3, -0.2, 0.1, 0, 0, 0.4]), np.array([1.0, -2, 0.5, 0.5, 0.3, 0])
     q[:4] /= np.linalg.norm(q[:4])
-    q_of, v_of = rolled_out(mech, q, v, dt, n, scene.contacts)
-    energy = np.asarray(js.kinetic_energy(mech, q_of, v_of) + js.potential_energy(mech, q_of))
-    start = float(js.kinetic_energy(mech, q, v) + js.potential_energy(mech, q))
-    fastest = np.sqrt(2 * start / 2.0)
-    found_inside = 8 * scene.stiffness * (fastest * dt) ** 2 / 2
-    assert np.isfinite(energy).all() and energy.max() < start * (1 + 2 * dt) + found_inside
-    # Long after: at rest, for good.
-    assert abs(v_of[n // 2 :]).max() < 1e-3 and np.ptp(energy[n // 2 :]) < 1e-3
+    after = jax.vmap(lambda dt: rolled_out(scene.mechanism, q, v, dt, n, scene.contacts))(STEPS)
+    after = [np.concatenate([np.broadcast_to(x, (3, 1, len(x))), y], 1) for x, y in zip((q, v), after, strict=True)]
+    found = energies(scene.mechanism, *(x.reshape((-1, x.shape[-1])) for x in after), scene.contacts)
+    return [x.reshape((3, n + 1, *x.shape[1:])) for x in found], abs(after[1]).max(-1)
+
+
+@pytest.mark.parametrize("n", [1000, slow(100_000)])
+def test_energy_is_never_more(n):
+    """Of a box thrown to the ground: kinetic, potential and elastic. In a step it rises by the elastic energy of the
+    spheres that are newly found inside, at most; else it never rises. In the end the box rests."""
+    (energy, distance), speed = thrown(n)
+    elastic = scenes.box().stiffness * np.minimum(distance, 0) ** 2 / 2
+    is_new = (distance[:, :-1] > 0) & (distance[:, 1:] <= 0)
+    rise = np.diff(energy + elastic.sum(-1)) - (elastic[:, 1:] * is_new).sum(-1)
+    assert rise.max() < 1e-14 * energy[:, 0].max()
+    assert is_new.any((1, 2)).all()
+    assert speed[1:, -1].max() < 1e-3 and energy[1:, -1].max() < 0.5 * energy[1:, 0].max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["limits", "a pair and a closure"])
+def test_limits_pairs_and_closures_add_no_energy(name):
+    """A second of a fast arm that is thrown against its limits, and of pendulums that hit each other and are tied.
+
+    Their energy is never more than at first. Limits give back what they hold after a step, some 1e-4 J."""
+    if name == "limits":
+        mech, terms = scenes.arm().mechanism, {}
+        q, v, steps = np.array([0.1, 1.0, 0.02, 0.3]), np.array([3.0, 2, 0.5, -4]), STEPS[:2]
+    else:
+        mech, steps = pendulums(), STEPS
+        q, v = np.array([-1.2, 0.9, 0.5]), np.array([0.5, -0.3, 0.2])
+        law = {"stiffness": np.array([2e3]), "relaxation_time": np.array([0.01]), "friction": np.array([0.5])}
+        pair = tuple(js.PointContacts([x], np.array([[0, 0.05, -0.3]]), np.array([0.1]), **law) for x in "ab")
+        X = js.forward_kinematics(mech, q, ("a", "c")).translation
+        terms = {"pairs": pair, "loops": [js.LoopClosure("a", "c", "distance", jnp.linalg.norm(X[0] - X[1]))]}
+    q_of, v_of = jax.vmap(lambda dt: rolled_out(mech, q, v, dt, 1000, **terms))(steps)
+    energy = np.stack([energies(mech, *x)[0] for x in zip(np.asarray(q_of), np.asarray(v_of), strict=True)])
+    start = energies(mech, q[None], v[None])[0]
+    assert energy.max() < start - 1e-3
+    assert np.diff(energy).max() < 1e-3 or name != "limits"
+    lost = start - energy[:, -1]
+    assert (lost > 0.5).all() and (name != "limits" or np.ptp(lost) < 0.02 * lost.max())
 
 
 # -- transformations --------------------------------------------------------------------------------------------------
@@ -451,6 +656,26 @@ def test_however_it_is_called():
 
 
 @pytest.mark.slow
+def test_inside_of_other_transformations():
+    """Of checkpoint and cond: the bits, and gradients, of the step alone."""
+    scene, x = scenes.box(), [jnp.asarray(x[0]) for x in many("box", 1)]
+
+    def own(q, v, tau):
+        return js.convex_step(scene.mechanism, q, v, tau, 5e-3, contacts=scene.contacts).v
+
+    def chosen(q, v, tau):
+        return jax.lax.cond(q[6] < 9, own, lambda q, v, tau: v, q, v, tau)
+
+    def gradient(function):
+        return jax.jit(jax.grad(lambda *x: function(*x).sum(), 1))(*x)
+
+    expected = jax.jit(own)(*x)
+    for function in (jax.checkpoint(own), chosen):
+        np.testing.assert_array_equal(jax.jit(function)(*x), expected)
+        np.testing.assert_allclose(gradient(function), gradient(own), rtol=1e-9)
+
+
+@pytest.mark.slow
 def test_a_batch_of_contacts():
     scene, (q, v, tau) = scenes.box(), many("box", 4)
 
@@ -491,7 +716,7 @@ def test_what_sticks_takes_one_iteration():
 
 
 def test_no_number_in_none_out():
-    """In the state that has it, and no endless loop."""
+    """In the state that has it, whichever number that is and whether its term acts or not, and no endless loop."""
     x = many("tree", 6)
     expected, others = step("tree", 5e-3)(*x), np.arange(6) != 2
     for k in range(3):
@@ -500,50 +725,191 @@ def test_no_number_in_none_out():
         found = step("tree", 5e-3)(*broken)
         assert np.isnan(found.v[2]).any() and np.isnan(found.residual[2])
         np.testing.assert_array_equal(np.asarray(found.v)[others], np.asarray(expected.v)[others])
+    # Nothing acts on a box in flight.
+    q, v, tau = many("box", 1)
+    q[0, 6], v[0, 0] = 5, np.nan
+    found = step("box", 5e-3)(q, v, tau)
+    assert np.isnan(found.v).any() and np.isnan(found.residual)
+
+
+OF_MECHANISM = "lower", "upper", "damping", "friction_loss"
+OF_CONTACTS = "positions", "radius", "stiffness", "relaxation_time", "friction"
+
+
+@functools.cache
+def with_all_numbers():
+    """(a step of the tree that takes all numbers but those of the state as an argument, these numbers for one state).
+
+    There is one pair, and one closure."""
+    scene, (a, b) = tree(), pairs()
+    mech, c = scene.mechanism, scene.contacts
+    a, b = (js.PointContacts(x.frames[:1], **{k: getattr(x, k)[:1] for k in OF_CONTACTS}) for x in (a, b))
+    numbers = {k: getattr(mech, k) for k in OF_MECHANISM} | {f"b.{k}": getattr(b, k) for k in OF_CONTACTS}
+    numbers |= {f"c.{k}": getattr(c, k) for k in OF_CONTACTS} | {"c.radius": np.full(5, c.radius)}
+    numbers |= {"dt": 5e-3, "normal": np.array([0.0, 0, 1]), "offset": 0.0, "distance": 0.5}
+
+    def own(q, v, tau, given, mech=mech, external_forces=None):
+        spheres_b, spheres_c = (
+            js.PointContacts(x.frames, **{k: given[f"{name}.{k}"] for k in OF_CONTACTS})
+            for name, x in (("b", b), ("c", c))
+        )
+        terms = {
+            "contacts": spheres_c,
+            "pairs": (a, spheres_b),
+            "loops": [js.LoopClosure("c", "d", "distance", given["distance"])],
+            "ground": js.HalfSpace(given["normal"], given["offset"]),
+        }
+        own = mech.replace(**{k: given[k] for k in OF_MECHANISM})
+        return js.convex_step(own, q, v, tau, given["dt"], external_forces, **terms)
+
+    return own, jax.tree.map(lambda x: np.asarray(x, float), numbers)
+
+
+@pytest.mark.parametrize("height", [0.0, 5.0])
+def test_no_number_of_a_term_in_none_out(height):
+    """Every second state has NaN in one of the numbers that are no state. The others keep their bits. From a height of
+    5 m no sphere touches the ground."""
+    own, numbers = with_all_numbers()
+    n = 2 * len(numbers)
+    q, v, tau = (np.repeat(x, n, 0) for x in many("tree", 1))
+    q[:, 6] += height
+    clean = jax.tree.map(lambda x: np.repeat(x[None], n, 0), numbers)
+    broken = jax.tree.map(np.copy, clean)
+    for i, name in enumerate(numbers):
+        broken[name][(2 * i, *[-1] * (broken[name].ndim - 1))] = np.nan
+    run = interpreted(jax.vmap(own))
+    expected, found = run(q, v, tau, clean), run(q, v, tau, broken)
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_array_equal(a[1::2], b[1::2])
+    for i, name in enumerate(numbers):
+        is_none = [np.isnan(x).any() for x in (found.v[2 * i], found.contact_forces.f[2 * i], found.residual[2 * i])]
+        assert all(is_none), (name, is_none)
 
 
 # -- hostile ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("n", [64, slow(100_000)])
-def test_hostile_numbers(n):
+class Hostile(NamedTuple):
+    """A mechanism, terms of the step that are the same for all states, and numbers of states: q, v, tau, dt and the
+    stiffness, relaxation time and friction of its spheres."""
+
+    mechanism: js.Mechanism
+    positions: np.ndarray
+    terms: dict
+    states: tuple
+
+    def step(self, q, v, tau, dt, k, tau_d, mu):
+        law = {"stiffness": k, "relaxation_time": tau_d, "friction": mu}
+        contacts = js.PointContacts(("a", "b", "c") * 2, self.positions, np.asarray(0.05, q.dtype), **law)
+        return js.convex_step(self.mechanism, q, v, tau, dt, contacts=contacts, **self.terms)
+
+    def astype(self, dtype):
+        return Hostile(*jax.tree.map(lambda x: x.astype(dtype) if hasattr(x, "astype") else dtype.type(x), tuple(self)))
+
+
+def hostile(kind, n):
     """No friction and much, stiffness from 1 to 1e12, masses of 1e-3 and 1e3, steps from 1e-5 to 0.1, deep inside,
-    every contact twice: what comes is the optimum, or the residual says that it is not."""
+    every contact twice. "joints": limits and dry friction too. "between": these, spheres on two bodies, and a closure
+    twice, open by some 0.3 m."""
     rng = np.random.default_rng(5)
     light, heavy = (js.SpatialInertia.solid_sphere(np.float64(0.2), mass=np.float64(m)) for m in (1e-3, 1e3))
     out = js.RigidTransform(js.Rotation.identity(), np.array([0.3, 0.1, 0.2]))
+    more = {} if kind == "contacts" else {"lower": -0.5, "upper": 0.5, "friction_loss": 1.0}
     joints = [
         js.Joint("root", "free", "world", "a"),
-        js.Joint("j", "revolute", "a", "b", out, axis=(0, 1, 0)),
-        js.Joint("k", "revolute", "b", "c", out, axis=(1, 0, 0)),
+        js.Joint("j", "revolute", "a", "b", out, axis=(0, 1, 0), **more),
+        js.Joint("k", "revolute", "b", "c", out, axis=(1, 0, 0), **more),
     ]
     bodies = [js.Body("a", light), js.Body("b", heavy), js.Body("c", light)]
     mech = js.Mechanism.build(bodies, joints, dtype=np.float64)
-    frames, positions = ("a", "b", "c") * 2, np.tile(rng.normal(size=(3, 3)) / 5, (2, 1))
+    positions, terms = np.tile(rng.normal(size=(3, 3)) / 5, (2, 1)), {}
+    if kind == "between":
+        pair = tuple(spheres([x], np.array([[0.05, 0, 0.02]]), 0.3, np.float64(1e5), 0.01, 0.5) for x in "ac")
+        terms = {"pairs": pair, "loops": [js.LoopClosure("a", "c", "distance", 0.45)] * 2}
     q, v, tau = rng.standard_normal((n, 9)), 3 * rng.standard_normal((n, 8)), rng.standard_normal((n, 8))
     q[:, :4] /= np.linalg.norm(q[:, :4], axis=1, keepdims=True)
     q[:, 6] = rng.uniform(-1, 0.3, n)
     dt, k = 10 ** rng.uniform(-5, -1, n), 10 ** rng.uniform(0, 12, (n, 6))
     mu, tau_d = rng.choice([0.0, 0.5, 10.0], (n, 6)), rng.choice([0.0, 0.1], (n, 6))
+    return Hostile(mech, positions, terms, (q, v, tau, dt, k, tau_d, mu))
 
-    def own(q, v, tau, dt, k, tau_d, mu):
-        return js.convex_step(mech, q, v, tau, dt, contacts=spheres(frames, positions, 0.05, k, tau_d, mu))
 
-    run = interpreted(own) if n < 100 else jax.jit(own)
-    found, wrong = jax.tree.map(np.asarray, run(q, v, tau, dt, k, tau_d, mu)), []
-    contacts = spheres(frames, positions, 0.05, k, tau_d, mu)
-    for i, (problem, *_) in enumerate(oracle.problems_of(mech, q, v, tau, dt, contacts)):
+CHUNK = 2000
+
+
+def in_chunks(function, arguments):
+    """A function of many states, evaluated where these are few, else compiled for chunks of them."""
+    n = len(arguments[0])
+    if n < 100:
+        return interpreted(function)(*arguments)
+    run = jax.jit(function)
+    parts = [run(*(x[i : i + CHUNK] for x in arguments)) for i in range(0, n, CHUNK)]
+    return jax.tree.map(lambda *x: np.concatenate(x), *parts)
+
+
+# (how hostile, how many states, the largest share of them that does not converge in 60 iterations).
+@pytest.mark.parametrize(
+    ("kind", "n", "unsolved"),
+    [
+        ("contacts", 64, 0.0),
+        ("joints", 12, 0.1),
+        ("between", 3, 0.0),
+        slow("contacts", 2000, 0.0),
+        slow("contacts", 100_000, 1e-3),
+        slow("joints", 2000, 0.01),
+        slow("between", 200, 0.02),
+    ],
+)
+def test_hostile_numbers(kind, n, unsolved):
+    """What comes is the optimum, or the residual says that it is not."""
+    given = hostile(kind, n)
+    found = in_chunks(given.step, given.states)
+    q, v, tau, dt, k, tau_d, mu = given.states
+    contacts, wrong = spheres(("a", "b", "c") * 2, given.positions, 0.05, k, tau_d, mu), []
+    for i, (problem, *_) in enumerate(oracle.problems_of(given.mechanism, q, v, tau, dt, contacts, **given.terms)):
         if not problem.terms:
             continue
-        after = oracle.in_world(mech, found.q[i]) @ found.v[i]
+        after = oracle.in_world(given.mechanism, found.q[i]) @ found.v[i]
         size, of = problem.momenta(after)
         best = problem.optimum(after)
         assert np.isfinite(after).all()
-        # Of momenta: A times what is wrong with the velocities.
+        # Of momenta: A times what is wrong with the velocities. Impulses against one another leave rounding errors.
         error = np.linalg.norm(problem.scale * (problem.A @ (after - best.v))) / max(of, 1e-300)
-        wrong.append((error > 1e-6 and found.residual[i] < 1e-6, i, error, size / of, float(found.residual[i])))
+        largest = max(abs(x).max() for x in best.impulses)
+        allowed = (2e-8 if kind != "between" and n <= CHUNK else 1e-6) + (
+            kind != "contacts"
+        ) * 1e4 * U * largest * problem.scale.max() / max(of, 1e-300)
+        wrong.append((error > allowed and found.residual[i] < 1e-8, i, error, size / of, float(found.residual[i])))
     assert not [x for x in wrong if x[0]], [x[1:] for x in wrong if x[0]]
-    assert np.mean(np.asarray(found.residual) < 1e-6) > 0.99
+    is_unsolved = np.asarray(found.residual) > 1e-8
+    assert np.mean(is_unsolved) <= unsolved
+    assert (found.iterations[is_unsolved] == 60).all()
+
+
+@pytest.mark.parametrize(("kind", "n"), [("contacts", 32), slow("contacts", 2000), slow("joints", 2000)])
+def test_hostile_numbers_in_float32(kind, n):
+    """Finite, and the residual is as `ConvexStep` has it. Forces are off by a rounding of depths times stiffness: of
+    these the residual knows nothing."""
+    given = hostile(kind, n).astype(np.dtype(np.float32))
+    found = in_chunks(given.step, given.states)
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(found))
+    residual, is_out = found.residual, found.iterations == 60
+    assert np.mean(residual < 2e-6) > 0.4 and np.mean(residual < 2e-4) > (0.98 if kind == "contacts" else 0.85)
+    assert residual[~is_out].max() < 0.05 and np.mean(is_out) < (0.01 if kind == "contacts" else 0.15)
+
+
+@pytest.mark.parametrize(("kind", "n"), [("contacts", 4), slow("contacts", 2000), slow("joints", 2000)])
+def test_gradients_of_hostile_numbers_are_finite(kind, n):
+    """Of all velocities and coordinates after the step, by all numbers of a state."""
+    given = hostile(kind, n)
+
+    def total(*x):
+        found = given.step(*x)
+        return found.v.sum() + found.q.sum()
+
+    found = in_chunks(jax.vmap(jax.grad(total, tuple(range(len(given.states))))), given.states)
+    is_finite = [np.isfinite(x).reshape((n, -1)).all(1) for x in found]
+    assert np.all(is_finite), [np.flatnonzero(~x) for x in is_finite]
 
 
 # -- derivatives ------------------------------------------------------------------------------------------------------
@@ -630,6 +996,43 @@ def test_derivatives_with_terms_between_two_bodies():
     np.testing.assert_allclose(inner, c @ tangent, rtol=1e-7)
 
 
+MASSES, PUSHED = "masses", "external forces"
+OTHERS = ("q", MASSES, PUSHED, "dt", "normal", "offset", "distance", *OF_MECHANISM, "b.positions", "c.positions")
+
+
+@pytest.mark.slow
+def test_derivatives_by_every_other_number():
+    """Along q, masses, damping, dry friction, limits, the time, the ground, a closure and external forces, one by one,
+    against differences, in a state in which spheres, limits, a pair and a closure act."""
+    own, numbers = with_all_numbers()
+    mech, rng, h = tree().mechanism, np.random.default_rng(8), 1e-5
+    base = dict(zip(("q", "v", "tau"), (x[9] for x in many("tree", 10)), strict=True)) | numbers
+    base |= {MASSES: np.zeros(4), PUSHED: rng.standard_normal(6), "distance": np.float64(0.468)}
+    # One joint is above its upper limit, another below its lower one.
+    for name, i, beyond in (("upper", 9, 1e-2), ("lower", 8, -1e-3)):
+        base[name] = np.where(np.arange(10) == i, base["q"] - beyond, base[name])
+
+    def after(x):
+        M, more = mech.inertias, 1 + x[MASSES]
+        heavier = js.SpatialInertia(M.mass * more, M.com, M.central * more[:, None])
+        F = js.AppliedForces(["c"], js.SpatialForce.from_array(x[PUSHED][None]))
+        found = own(x["q"], x["v"], x["tau"], x, mech.replace(inertias=heavier), F)
+        return jnp.concatenate([found.v, found.contact_forces.f.ravel() / 1e3])
+
+    along = {k: np.zeros((len(OTHERS), *np.shape(x))) for k, x in base.items()}
+    for i, k in enumerate(OTHERS):
+        x = np.where(np.isfinite(base[k]), base[k], 0)
+        along[k][i] = rng.standard_normal(np.shape(x)) * np.isfinite(base[k]) * (abs(x).max() or 1)
+    x = jax.tree.map(lambda y: np.repeat(np.asarray(y, float)[None], len(OTHERS), 0), base)
+    tangent = interpreted(jax.vmap(lambda x, d: jax.jvp(after, (x,), (d,))[1]))(x, along)
+    near = [jax.tree.map(lambda a, d, s=s: a + s * d, x, along) for s in (h, -h, 2 * h, -2 * h)]
+    ahead, behind, *farther = interpreted(jax.vmap(jax.vmap(after)))(jax.tree.map(lambda *y: np.stack(y), *near))
+    difference = (8 * (ahead - behind) - (farther[0] - farther[1])) / (12 * h)
+    for k, a, b in zip(OTHERS, tangent, difference, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-6 * abs(b).max() + 1e-7, err_msg=k)
+        assert abs(b).max() > 1e-3, k
+
+
 def test_gradients_of_hostile_states_are_finite():
     """At rest, where nothing slips; just touching; without friction; and with every contact twice."""
     mech, zero = slider(), np.zeros(3)
@@ -661,3 +1064,5 @@ def test_what_friction_learns():
 
     found, expected = interpreted(jax.value_and_grad(speed))(0.3), jax.value_and_grad(by_hand)(0.3)
     np.testing.assert_allclose(found, expected, rtol=1e-6)
+    found, expected = interpreted(jax.grad(jax.grad(speed)))(0.3), jax.grad(jax.grad(by_hand))(0.3)
+    np.testing.assert_allclose(found, expected, rtol=1e-5)

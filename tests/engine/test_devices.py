@@ -8,11 +8,13 @@ import sys
 
 import jax
 import numpy as np
+import pytest
 from jax.sharding import AxisType
 from jax.sharding import PartitionSpec as P
 
 import jaxspatial as js
 from jaxspatial.engine.program import LARGEST_BLOCK
+from tests.helpers.marks import slow
 
 COLLECTIVES = "all-reduce|all-gather|all-to-all|reduce-scatter|collective"
 N_DEVICES = 4
@@ -36,6 +38,12 @@ def _gradient(mech, q, v, vdot):
     return jax.grad(lambda q: js.gravity_forces(mech, q).sum())(q)
 
 
+def _contact(mech, q, v, tau):
+    law = {"stiffness": np.float32(1e4), "relaxation_time": np.float32(0.01), "friction": np.float32(0.5)}
+    tip = js.PointContacts([mech.body_names[-1]], None, np.float32(0.1), **law)
+    return js.convex_step(mech, q, v, tau, np.float32(5e-3), contacts=tip).v
+
+
 # (function, whether the robot is data, how many states a device has, kind of axis, whether in a shard_map)
 CASES = (
     (_inverse, False, MANY, AxisType.Auto, False),
@@ -46,16 +54,26 @@ CASES = (
     (_gradient, False, MANY, AxisType.Auto, False),
 )
 
+# Devices agree whether all states have converged, unless each runs its own program.
+CONTACT_CASES = (
+    (_contact, False, FEW, AxisType.Auto, True),
+    (_contact, False, FEW, AxisType.Explicit, False),
+)
 
-def test_states_stay_on_their_device():
+
+@pytest.mark.parametrize("cases", ["CASES", slow("CONTACT_CASES")])
+def test_states_stay_on_their_device(cases):
     flags = f"--xla_force_host_platform_device_count={N_DEVICES}"
     environment = {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run([sys.executable, __file__], env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, __file__, cases], env=environment, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["True"] * len(CASES)
+    assert done.stdout.split() == ["True"] * len(globals()[cases])
 
 
 def _check(function, is_data, n_each, axis_type, is_map):
+    agrees = function is _contact and not is_map
     mech = js.testing.random_mechanism(0, 2, ["revolute"], is_chain=True, dtype=np.float32)
     function = functools.partial(function, mech.as_data() if is_data else mech)
     rng = np.random.default_rng(0)
@@ -63,7 +81,11 @@ def _check(function, is_data, n_each, axis_type, is_map):
     mesh = jax.make_mesh((N_DEVICES,), ("batch",), axis_types=(axis_type,))
     split = [jax.device_put(x, jax.NamedSharding(mesh, P("batch"))) for x in states]
     compiled = jax.jit(_map(function, mesh) if is_map else function).lower(*split).compile()
-    assert re.findall(COLLECTIVES, compiled.as_text()) == []
+    text = compiled.as_text()
+    if agrees:
+        assert re.findall(rf"= (\S+) (?:{COLLECTIVES})\S*\(", text) == ["pred[]"] * 2
+    else:
+        assert re.findall(COLLECTIVES, text) == []
     result = compiled(*split)
     assert [x.data.shape for x in result.addressable_shards] == [(n_each, 2)] * N_DEVICES
     np.testing.assert_array_equal(result, jax.jit(function)(*states))
@@ -71,5 +93,5 @@ def _check(function, is_data, n_each, axis_type, is_map):
 
 
 if __name__ == "__main__":
-    for case in CASES:
+    for case in globals()[sys.argv[1]]:
         _check(*case)

@@ -119,6 +119,17 @@ def test_every_function_takes_it_with_the_same_bits(function):
     jax.tree.map(np.testing.assert_array_equal, found, expected)
 
 
+def test_a_step_with_contacts_takes_it():
+    """The same bits, of a step in which feet touch."""
+
+    def own(mech):
+        return interpreted(lambda q, v: js.convex_step(mech, q, v, T, DT, contacts=FEET))(Q, V)
+
+    expected, found = own(MECH), own(MECH.as_static())
+    assert (np.asarray(expected.contact_forces.f) != 0).any()
+    jax.tree.map(np.testing.assert_array_equal, found, expected)
+
+
 def test_states_of_mujoco_take_it():
     mech = js.subtree(MECH, "b")
     q, v = jnp.ones((2, mech.nv), np.float32)

@@ -197,13 +197,17 @@ def _convex(name, dt):
 @pytest.mark.parametrize(("name", "dt", "n"), CASES)
 def test_a_step_is_drakes(name, dt, n):
     """To the tolerance of Drake's solver, which stops at 1e-6 of the momenta: velocities to 2e-5 of the largest, and to
-    1e-8 in the median, as Newton's method mostly does better than it has to; coordinates and forces likewise."""
+    1e-8 in the median, as Newton's method mostly does better than it has to; coordinates and forces likewise.
+
+    Of the change of velocities that contact makes, ours are off Drake's by 2e-6 in nine of ten states, and by 1e-4 at
+    most. What is off is Drake's, where it stops: from the optimum of its problem, by its own matrices, ours are 1e-11.
+    """
     there = plant(name, dt)
     states = scenes.states(there.scene, n)
     with jax.enable_x64(True):
         found = _convex(name, dt)(*map(np.array, zip(*states, strict=True)))
     found = jax.tree.map(np.asarray, found)
-    of_v, of_f, touching = [], [], 0
+    of_v, of_f, of_change, from_optimum, touching = [], [], [], [], 0
     for i, state in enumerate(states):
         there.set(state)
         q, v, forces = there.step()
@@ -215,9 +219,17 @@ def test_a_step_is_drakes(name, dt, n):
         expected = np.array([forces.get(k, np.zeros(3)) for k in range(len(there.bodies))])
         of_f.append(abs(found.contact_forces.f[i] - expected).max() / max(abs(expected).max(), 1))
         touching += bool(forces)
+        problem, before = there.problem()[0], there.plant.GetVelocities(there.context)
+        change = abs(v - problem.free).max()
+        # Less is of rounding errors: nothing acts.
+        if change > 1e-8 * size:
+            of_change.append(abs(own_v - v).max() / change)
+            from_optimum.append(abs(own_v - problem.optimum(before).v).max() / change)
     assert max(of_v) < 2e-5 and np.median(of_v) < 1e-8, (max(of_v), np.median(of_v))
     assert max(of_f) < 1e-3 and np.median(of_f) < 1e-6, (max(of_f), np.median(of_f))
-    assert touching > n / 4
+    assert np.quantile(of_change, 0.9) < 2e-6 and max(of_change) < 1e-4, max(of_change)
+    assert max(from_optimum) < 1e-11, max(from_optimum)
+    assert touching > n / 4 and len(of_change) > n / 2
 
 
 def _generalized_contact_forces(there):
