@@ -53,7 +53,7 @@ def test_what_is_told_to_install_can_be_installed():
     for path, text in _told().items():
         assert not re.findall(r"pip install[^\n`&]*jaxspatial|[\"']jaxspatial\[", text), path
         found += re.findall(r"pip install[^\n`]*\.\[([\w,]+)\]", text)
-    assert len(found) >= 8 and {extra for names in found for extra in names.split(",")} <= set(extras)
+    assert len(found) >= 10 and {extra for names in found for extra in names.split(",")} <= set(extras)
 
 
 @pytest.mark.filterwarnings("ignore::jaxspatial.interop.ModelFileWarning")
