@@ -219,7 +219,10 @@ def test_quick_start_has_two_lines():
     assert "python -m jaxspatial" in blocks[0] and "pytest" in blocks[1]
 
 
-@pytest.mark.parametrize("row", _table(PAGES["coming_from_drake.md"], "SpatialForce, member by member"), ids=lambda row: row[0])
+MEMBERS = _table(PAGES["coming_from_drake.md"], "SpatialForce, member by member")
+
+
+@pytest.mark.parametrize("row", MEMBERS, ids=lambda row: row[0])
 def test_coming_from_drake(row):
     """No row is empty, and every expression of ours works."""
     drake, ours, _ = row

@@ -58,7 +58,7 @@ def scope(name):
     """What the code of a page defines."""
     if name == "frax":
         pytest.importorskip("frax")  # of the extra `benchmarks`
-    needs({"mujoco": "mujoco.mjx", "brax": "brax.io.mjcf", "pinocchio": "pinocchio", "frax": "jax", "drake": "pydrake"}[name])
+    needs({"mujoco": "mujoco.mjx", "brax": "brax.io.mjcf", "drake": "pydrake", "frax": "jax"}.get(name, name))
     found = {"jax": jax, "copy": copy}
     with numbers_of(name), warnings.catch_warnings():
         warnings.simplefilter("ignore")
