@@ -34,6 +34,12 @@ def test_one_title_comes_first(path):
     assert all(after <= before + 1 for before, after in zip(levels, levels[1:], strict=False))
 
 
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_fractions_are_in_braces(path):
+    """The site sets "frac12" as 12 over what follows."""
+    assert not re.findall(r"\\[td]?frac(?!\{)", written(path))
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_pictures_are_shown(name):
     cells = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4).cells
