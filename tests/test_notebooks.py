@@ -2,6 +2,8 @@
 
 Those with numbers of their own to check have tests of their own, `test_page_*.py`."""
 
+import re
+
 import pytest
 
 from tests.helpers.marks import slow
@@ -11,6 +13,31 @@ from tests.helpers.optional import needs
 nbformat = needs("nbformat")
 
 NAMES = [path.stem for path in sorted(FOLDER.glob("*.ipynb"))]
+# Of index.md, the README.
+PAGES = [path for path in sorted(FOLDER.iterdir()) if path.suffix in (".md", ".ipynb") and path.name != "index.md"]
+
+
+def written(path):
+    """The text of a page or notebook, without its code."""
+    if path.suffix == ".md":
+        return re.sub(r"^```.*?^```", "", path.read_text(), flags=re.M | re.S)
+    cells = nbformat.read(path, as_version=4).cells
+    return "\n\n".join(cell.source for cell in cells if cell.cell_type == "markdown")
+
+
+@pytest.mark.parametrize("path", [FOLDER.parent / "README.md", *PAGES], ids=lambda path: path.name)
+def test_one_title_comes_first(path):
+    """And no heading is two levels below the one before it."""
+    levels = [len(signs) for signs in re.findall(r"^(#+) ", written(path), re.M)]
+    assert levels[0] == 1 and levels.count(1) == 1
+    assert written(path).lstrip().startswith("# ")
+    assert all(after <= before + 1 for before, after in zip(levels, levels[1:], strict=False))
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_fractions_are_in_braces(path):
+    """The site sets "frac12" as 12 over what follows."""
+    assert not re.findall(r"\\[td]?frac(?!\{)", written(path))
 
 
 @pytest.mark.parametrize("name", NAMES)

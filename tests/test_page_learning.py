@@ -4,7 +4,7 @@ import pytest
 
 from tests.helpers.notebooks import executed, last_numbers
 
-SMALL = {"FRICTION_UPDATES": 200, "JUMP_UPDATES": 60, "ENVIRONMENTS": 64, "POLICY_UPDATES": 400}
+SMALL = {"FRICTION_UPDATES": 120, "JUMP_UPDATES": 60, "ENVIRONMENTS": 64, "POLICY_UPDATES": 200}
 
 
 @pytest.mark.parametrize("sizes", [SMALL, pytest.param({}, marks=pytest.mark.slow)], ids=["small", "full"])
@@ -21,9 +21,13 @@ def test_the_page_learns(sizes):
 
     assert found["angle_error_after"] < (0.1 if sizes else 0.05) * found["angle_error_before"]
 
+    assert max(found["friction_slope_errors"]) < 1e-7
+
     assert found["jump_miss_before"] > 0.4
     assert found["jump_miss_after"] < (0.02 if sizes else 0.01)
     assert found["jump_gradient_error"] < 1e-5
 
     assert found["standing_before"] < 0.05
     assert found["standing_after"] > (0.7 if sizes else 0.9)
+    assert found["cost_after"] < (0.3 if sizes else 0.25)
+    assert max(found["policy_slope_errors"]) < 1e-7

@@ -53,7 +53,7 @@ def test_what_is_told_to_install_can_be_installed():
     for path, text in _told().items():
         assert not re.findall(r"pip install[^\n`&]*jaxspatial|[\"']jaxspatial\[", text), path
         found += re.findall(r"pip install[^\n`]*\.\[([\w,]+)\]", text)
-    assert len(found) >= 8 and {extra for names in found for extra in names.split(",")} <= set(extras)
+    assert len(found) >= 10 and {extra for names in found for extra in names.split(",")} <= set(extras)
 
 
 @pytest.mark.filterwarnings("ignore::jaxspatial.interop.ModelFileWarning")
@@ -86,7 +86,7 @@ def test_what_it_is_comes_first():
 
 
 # Pages whose code other tests run.
-OF_OTHERS = ("brax", "frax", "mujoco", "pinocchio")
+OF_OTHERS = ("brax", "drake", "frax", "mujoco", "pinocchio")
 OWN_TESTS = ["drawing.md", "simulators.md", "inverse_kinematics.md", "scale.md", "reference.md"]
 OWN_TESTS += [f"coming_from_{name}.md" for name in OF_OTHERS]
 # Its sections run one by one, where their simulators are.
@@ -219,7 +219,10 @@ def test_quick_start_has_two_lines():
     assert "python -m jaxspatial" in blocks[0] and "pytest" in blocks[1]
 
 
-@pytest.mark.parametrize("row", _table(PAGES["coming_from_drake.md"], "Coming from Drake"), ids=lambda row: row[0])
+MEMBERS = _table(PAGES["coming_from_drake.md"], "SpatialForce, member by member")
+
+
+@pytest.mark.parametrize("row", MEMBERS, ids=lambda row: row[0])
 def test_coming_from_drake(row):
     """No row is empty, and every expression of ours works."""
     drake, ours, _ = row

@@ -1,6 +1,8 @@
 """The site is built without a warning; every page is two clicks from the first, and no link is broken."""
 
 import html.parser
+import importlib
+import json
 import os
 import pathlib
 import subprocess
@@ -58,6 +60,20 @@ def test_every_name_has_its_page(site):
     for name in ENTRIES:
         page = pages[out / "reference" / f"{name}.html"]
         assert any(place == f"jaxspatial.{name}" or place == f"module-jaxspatial.{name}" for place in page.places), name
+
+
+@pytest.mark.parametrize("name", ["semi_implicit_step", "SpatialForce", "convex_step"])
+def test_search_finds_a_name(site, name):
+    """As an object, as a title, and in the text of pages: `searchindex.js` is what the search in a browser reads."""
+    out, _ = site
+    text = (out / "searchindex.js").read_text()
+    index = json.loads(text.removeprefix("Search.setIndex(").removesuffix(")"))
+    page = index["docnames"].index(f"reference/{name}")
+    assert any(place[0] == page and place[-1] == name for place in index["objects"]["jaxspatial"])
+    stem = importlib.import_module("sphinx.search.en").SearchEnglish({}).stem(name.lower())  # as the browser does
+    assert index["terms"][stem]  # other pages
+    titled = index["titleterms"][stem]  # the number of one page, or a list of several
+    assert page in (titled if isinstance(titled, list) else [titled])
 
 
 def test_no_link_is_broken(site):

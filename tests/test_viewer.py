@@ -276,7 +276,7 @@ else:
 @pytest.mark.skipif(not BROWSER.exists(), reason="needs chromium")
 def test_a_browser_shows_a_recording(robot, tmp_path):
     """The robot is in the middle, and has moved when the film has played on."""
-    playwright = pytest.importorskip("playwright.sync_api")
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install playwright")
     image = pytest.importorskip("PIL.Image")
     mech, path = robot
     tip = {"tip": js.SpatialForce(f=FLOAT([0, 0, -10]))}

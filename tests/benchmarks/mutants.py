@@ -89,12 +89,6 @@ FOLDERS = {
             "dynamics/test_loads.py",
             "dynamics/test_jacobians.py",
         ),
-        (
-            "dynamics/test_programs.py",
-            "dynamics/test_frames.py",
-            "dynamics/test_loads.py",
-            "dynamics/test_jacobians.py",
-        ),
     ),
     "dynamics": Folder(
         1, ("dynamics/test_steps.py", "dynamics/test_loads.py", "dynamics/test_laws.py", "dynamics/test_jacobians.py")
@@ -332,6 +326,8 @@ def _shown(code):
 
 def summary(outcomes, drawn, seed):
     """Paragraphs on what was run."""
+    git = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True)
+    yield f"Lines and folders are those of commit {git.stdout.strip()}.\n"
     survived = [o for o in outcomes if o.verdict == "survived"]
     explained = sum(o.by != "NOT EXPLAINED" for o in survived)
     yield (

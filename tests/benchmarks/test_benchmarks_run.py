@@ -150,6 +150,15 @@ def test_robots():
     assert run.returncode == 0 and "| double_pendulum | floating |" in run.stdout, run.stderr
 
 
+def test_files_that_see_mutants_exist():
+    """Also where the extra `mutants` is not installed."""
+    program = "import mutants as m; print(*m.OF_ALL, *(name for folder in m.FOLDERS.values() for name in folder.tests))"
+    command = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(HERE)!r}); {program}"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert run.returncode == 0, run.stderr
+    assert all((HERE.parent / name).is_file() for name in run.stdout.split())
+
+
 def test_mutants_are_drawn_from_the_seed():
     """The same twice, each another program than the one it is made of, and of the folder asked for."""
     pytest.importorskip("cosmic_ray")

@@ -20,9 +20,13 @@ from tests.helpers.pages import examples
 from tests.helpers.soon import compiled_soon
 
 FOLDER = pathlib.Path(__file__).parent.parent.parent / "notebooks"
-PAGES = {name: (FOLDER / f"coming_from_{name}.md").read_text() for name in ("pinocchio", "mujoco", "brax", "frax")}
+# What follows a heading about members is C++; tests/test_readme.py runs our column of it.
+PAGES = {
+    name: (FOLDER / f"coming_from_{name}.md").read_text().partition("\n## SpatialForce, member by member\n")[0]
+    for name in ("pinocchio", "mujoco", "brax", "frax", "drake")
+}
 # Of both columns, relative to the largest number: in float64, and in float32, where inverses of mass matrices are.
-ALLOWED = {"pinocchio": 1e-11, "mujoco": 1e-11, "brax": 2e-4, "frax": 2e-4}
+ALLOWED = {"pinocchio": 1e-11, "mujoco": 1e-11, "drake": 1e-11, "brax": 2e-4, "frax": 2e-4}
 pytestmark = [
     # Brax reads attributes that MJX has moved, and says that it is no longer developed.
     pytest.mark.filterwarnings("ignore:Accessing .* from `Data` is deprecated:DeprecationWarning"),
@@ -44,7 +48,7 @@ def rows(text):
 @contextlib.contextmanager
 def numbers_of(name):
     """float64 where a page has it; libraries mix dtypes and ranks. Compiled in "fast", which takes the least time."""
-    with jax.enable_x64(name in ("pinocchio", "mujoco")), js.default_precision("fast"), compiled_soon():
+    with jax.enable_x64(name in ("pinocchio", "mujoco", "drake")), js.default_precision("fast"), compiled_soon():
         with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
             yield
 
@@ -54,7 +58,7 @@ def scope(name):
     """What the code of a page defines."""
     if name == "frax":
         pytest.importorskip("frax")  # of the extra `benchmarks`
-    needs({"mujoco": "mujoco.mjx", "brax": "brax.io.mjcf", "pinocchio": "pinocchio", "frax": "jax"}[name])
+    needs({"mujoco": "mujoco.mjx", "brax": "brax.io.mjcf", "drake": "pydrake", "frax": "jax"}.get(name, name))
     found = {"jax": jax, "copy": copy}
     with numbers_of(name), warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -84,6 +88,8 @@ def numbers(x):
     kind = type(x).__module__.split(".")[0]
     if kind.startswith("pinocchio"):
         return _of_pinocchio(x)
+    if kind == "pydrake":
+        return np.array(x.GetAsMatrix4() if hasattr(x, "GetAsMatrix4") else x.get_coeffs())
     if kind == "brax":
         return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(_of_brax(x))])
     if isinstance(x, Quantity):
