@@ -28,6 +28,9 @@ def _holds(numbers, simulators):
     assert numbers["gradient"] < 1e-7
 
 
+# By default `peers.test_wrenches_mujoco` steps MJX with our wrenches, `test_readme` runs the same recipe, and
+# `test_notebooks` reads the code.
+@pytest.mark.slow
 def test_a_few_environments_of_mjx():
     found = executed("05_inside_simulators", environments=8, simulators=["MJX"])
     _holds(last_numbers(found), ["MJX"])

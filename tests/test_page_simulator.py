@@ -21,6 +21,9 @@ def _holds(numbers):
     assert numbers["error_of_gradient"] < 1e-4
 
 
+# By default `test_page_learning` compiles the same step in a loop, with its gradient, `dynamics.test_convex_step` holds
+# its numbers and derivatives, and `test_notebooks` reads the code.
+@pytest.mark.slow
 def test_a_few_robots_without_mjx():
     numbers = last_numbers(executed("04_a_simulator", environments=16, timings=3, peers=0))
     assert numbers["environments"] == 16
