@@ -12,6 +12,8 @@ import pytest
 from tests.test_reference import ENTRIES
 
 ROOT = pathlib.Path(__file__).parent.parent
+# By default `test_readme` follows the links of pages, and `test_reference` and `test_docstrings` look at every name.
+pytestmark = pytest.mark.slow
 pytest.importorskip("myst_nb", reason='the extra `docs` is not installed: python -m pip install -e ".[docs]"')
 
 
