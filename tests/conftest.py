@@ -66,6 +66,7 @@ AS_USERS_COMPILE = (
     "dynamics/test_step_bounds.py",
     "dynamics/test_transformations.py",
     "dynamics/test_written_out.py",
+    "spatial/test_quantities.py",
     "test_promises.py",
 )
 
