@@ -92,6 +92,8 @@ def test_its_commands(tmp_path, monkeypatch, capsys):
     np.testing.assert_array_equal(np.load("log_shifted.npz")["tau"], tau - np.cross([0.3, 0.0, -0.1], f))
 
 
+# By default the tests above, and `engine.test_devices`, hold what it asserts: the same bits, and that nothing is sent.
+@pytest.mark.slow
 def test_the_benchmark_runs():
     """In all its cases, on few states; it asserts that bits are the same and nothing is sent."""
     if len(os.sched_getaffinity(0)) < 2:

@@ -16,6 +16,8 @@ except importlib.metadata.PackageNotFoundError:
     pytest.skip("example-robot-data is not installed", allow_module_level=True)
 
 
+# By default `test_plot` holds what is drawn, and the test below the numbers.
+@pytest.mark.slow
 # Parsers of shapes use what is no longer recommended.
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_the_picture_can_be_drawn_again(tmp_path):

@@ -7,6 +7,8 @@ and `laws.test_transformations` hold.
 
 import functools
 import math
+import weakref
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -36,17 +38,41 @@ def evaluated(precision, function):
 
 def _evaluated(closed, arrays):
     """The results of a closed jaxpr."""
-    jaxpr = closed.jaxpr
-    known = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*map(np.asarray, closed.consts), *arrays], strict=True))
+    plan = _planned(closed.jaxpr)
+    known = [*map(np.asarray, closed.consts), *arrays, *plan.literals, *[None] * plan.n_made]
+    for primitive, inputs, outputs, parameters in plan.steps:
+        found = _result(primitive, [known[i] for i in inputs], parameters)
+        for i, y in zip(outputs, found if primitive.multiple_results else [found], strict=True):
+            known[i] = np.asarray(y)
+    return [known[i] for i in plan.results]
 
-    def value(x):
-        return np.asarray(x.val, x.aval.dtype) if isinstance(x, Literal) else known[x]
 
-    for equation in jaxpr.eqns:
-        found = _result(equation.primitive, [value(x) for x in equation.invars], equation.params)
-        found = found if equation.primitive.multiple_results else [found]
-        known |= {x: np.asarray(y) for x, y in zip(equation.outvars, found, strict=True)}
-    return [value(x) for x in jaxpr.outvars]
+class _Plan(NamedTuple):
+    """Where values are: constants, arguments, literals, and what is made of them, one behind the other."""
+
+    literals: list
+    n_made: int
+    steps: list
+    results: list
+
+
+_plans = weakref.WeakKeyDictionary()
+
+
+def _planned(jaxpr):
+    """Made once for all turns of a loop."""
+    if jaxpr not in _plans:
+        asked = [x for equation in jaxpr.eqns for x in equation.invars] + jaxpr.outvars
+        literals = [x for x in asked if isinstance(x, Literal)]
+        made = [x for equation in jaxpr.eqns for x in equation.outvars]
+        places = {id(x): i for i, x in enumerate([*jaxpr.constvars, *jaxpr.invars, *literals, *made])}
+        steps = [
+            (e.primitive, [places[id(x)] for x in e.invars], [places[id(x)] for x in e.outvars], e.params)
+            for e in jaxpr.eqns
+        ]
+        values = [np.asarray(x.val, x.aval.dtype) for x in literals]
+        _plans[jaxpr] = _Plan(values, len(made), steps, [places[id(x)] for x in jaxpr.outvars])
+    return _plans[jaxpr]
 
 
 def _result(primitive, arrays, parameters):
@@ -112,9 +138,18 @@ OF_NUMBERS = {
 
 
 def _broadcast_in_dim(x, *, shape, broadcast_dimensions, **_):
-    own = np.ones(len(shape), int)
-    own[list(broadcast_dimensions)] = x.shape
-    return np.broadcast_to(x.reshape(own), shape)
+    own = [1] * len(shape)
+    for i, n in zip(broadcast_dimensions, x.shape, strict=True):
+        own[i] = n
+    x = x.reshape(own)
+    if x.shape == shape:
+        return x
+    if math.prod(shape) > 1000:
+        return np.broadcast_to(x, shape)
+    # A copy of few numbers takes a third of the time that NumPy takes to find out how to go without one.
+    found = np.empty(shape, x.dtype)
+    found[...] = x
+    return found
 
 
 def _iota(*, dtype, shape, dimension, **_):
@@ -150,10 +185,18 @@ def _pad(x, value, *, padding_config):
     return found
 
 
+@functools.cache
+def _bits(dtype):
+    info = jnp.finfo(dtype)
+    return info.nexp, info.nmant
+
+
 def _reduce_precision(x, *, exponent_bits, mantissa_bits):
-    info = jnp.finfo(x.dtype)
-    is_its_own = (info.nexp, info.nmant) == (exponent_bits, mantissa_bits)
-    return x if is_its_own else jax.lax.reduce_precision(x, exponent_bits, mantissa_bits)
+    return (
+        x
+        if _bits(x.dtype) == (exponent_bits, mantissa_bits)
+        else jax.lax.reduce_precision(x, exponent_bits, mantissa_bits)
+    )
 
 
 def _sums(*arrays, plan):

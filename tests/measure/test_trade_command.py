@@ -236,10 +236,15 @@ def test_what_is_measured_unasked(monkeypatch):
     assert forward.algorithms == ["forward_dynamics"] and not forward.operations and not forward.has_applications
 
 
-def test_the_first_look(tmp_path, capsys, monkeypatch):
-    """Without a wish: a table in words, on a screen, and a picture. Any wish is no first look."""
+def test_any_wish_is_no_first_look():
     for wish in (["--full"], ["--json"], ["--dtype", "float32"], ["--largest", "1000"], ["--operation", "dot"]):
         assert not options.is_first_look(options.measuring().parse_args(wish))
+
+
+# By default `test_algorithms` holds the numbers, `test_report` the table, and tests above the command and its picture.
+@pytest.mark.slow
+def test_the_first_look(tmp_path, capsys, monkeypatch):
+    """Without a wish: a table in words, on a screen, and a picture."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(algorithms, "STATES", 20)
     assert main([]) == 0
