@@ -1,6 +1,5 @@
 """Every test runs under JAX's strictest rules, and knows how to ask for 64 bits."""
 
-import contextlib
 import gc
 import os
 import pathlib
@@ -11,8 +10,6 @@ import chex
 import jax
 import mpmath
 import pytest
-
-from tests.helpers.soon import compiled_soon
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -35,10 +32,13 @@ LONGEST = (
     "dynamics/test_convex_step.py",
     "test_notebooks.py",
     "test_page_learning.py",
+    "test_page_inside_simulators.py",
+    "test_page_simulator.py",
     "dynamics/test_closed_loops.py",
     "dynamics/test_laws.py",
     "laws/test_error_bounds.py",
     "measure/test_trade_command.py",
+    "test_page_scale.py",
     "dynamics/test_fields.py",
     "laws/test_transformations.py",
     "dynamics/test_transformations.py",
@@ -46,33 +46,8 @@ LONGEST = (
     "laws/test_extremes.py",
     "peers/test_coming_from.py",
     "test_page_drawing.py",
-    "test_page_scale.py",
+    "test_site.py",
 )
-
-# What these hold of compiled programs, they hold of programs that are compiled as users compile them: bits, bounds, and
-# how long programs take. All else is compiled in less than half of the time by default; with `--as-users-compile`, and
-# where slow tests run, as users compile.
-AS_USERS_COMPILE = (
-    "engine",
-    "laws",
-    "measure",
-    "numerics",
-    "dynamics/test_bounds.py",
-    "dynamics/test_closure_bounds.py",
-    "dynamics/test_convex_step.py",
-    "dynamics/test_extremes.py",
-    "dynamics/test_laws.py",
-    "dynamics/test_programs.py",
-    "dynamics/test_step_bounds.py",
-    "dynamics/test_transformations.py",
-    "dynamics/test_written_out.py",
-    "spatial/test_quantities.py",
-    "test_promises.py",
-)
-
-
-def pytest_addoption(parser):
-    parser.addoption("--as-users-compile", action="store_true", help="compile no test's programs sooner than users do")
 
 
 def pytest_collection_modifyitems(items):
@@ -112,11 +87,7 @@ def count_traces_anew():
 
 
 @pytest.fixture(autouse=True, scope="module")
-def programs_of_a_module(request):
-    """Compiled soon where that is enough, and forgotten: thousands would take gigabytes."""
-    path, config = request.path, request.config
-    as_users = config.getoption("--as-users-compile") or config.option.markexpr != "not slow"
-    as_users = as_users or any(path.is_relative_to(HERE / place) for place in AS_USERS_COMPILE)
-    with contextlib.nullcontext() if as_users else compiled_soon():
-        yield
+def forget_programs():
+    """Thousands of compiled programs would take gigabytes."""
+    yield
     jax.clear_caches()
