@@ -4,18 +4,15 @@ from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from jaxspatial.dynamics.docstrings import documented
-from jaxspatial.dynamics.kinematics import at_carrier, carrying, poses, velocities, velocity_in_world
-from jaxspatial.engine import stacking
+from jaxspatial.dynamics.kinematics import at_carrier, carrying, of_carriers, poses, velocities, velocity_in_world
 from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import Mechanism
-from jaxspatial.mechanism.topology import Bundle
 from jaxspatial.numerics.linear import Matrix, Motion, Pose, Vector, cross
-from jaxspatial.numerics.numbers import Numbers, noinline, where
+from jaxspatial.numerics.numbers import Numbers, noinline
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial.algebra import composed
 
@@ -27,7 +24,7 @@ def jacobian(
     """The Jacobian of the origin of a frame: V_WF_W = J v.
 
     Without the matrix J v is `body_velocities` of the frame, and J^T F its pull-back, by `jax.vjp` with respect to v:
-    in about the same time for an arm, a little less for a humanoid.
+    in about the same time for an arm, in less for a humanoid.
 
     Returns:
         J (*batch, 6, nv) of the one frame that is named, (*batch, n, 6, nv) of several; rotational rows on top, in
@@ -81,7 +78,7 @@ def _jacobian(state: MechanismState, *, frames: int | tuple[int, ...]):
         columns: list[tuple[Numbers, ...]] = []
         for b, joint, X in zip(state.bundles, state.joints, placed, strict=True):
             arm = p_WF - X.p
-            columns.append(tuple(_column(state, b, frame, _velocity_at(X.R, s, arm)) for s in joint.subspace))
+            columns.append(tuple(of_carriers(state, b, frame, _six(_velocity_at(X.R, s, arm))) for s in joint.subspace))
         return state.matrix_by_velocity(columns)
 
     return _stacked(frames, of_frame)
@@ -92,23 +89,15 @@ def _origin(state: MechanismState, frame: int, placed: list[Pose]) -> Pose:
     return composed(at_carrier(state, frame, placed, state.world), state.frame_placements((frame,)))
 
 
+def _six(V: Motion) -> Numbers:
+    return *V.w, *V.v
+
+
 @noinline
 def _velocity_at(R: Matrix, s: Motion, arm: Vector) -> Motion:
     """A motion of J in its own axes, as the velocity in world axes of the point at an arm from J."""
     w, v = R @ s.w, R @ s.v
     return Motion(w, v + cross(w, arm))
-
-
-def _column(state: MechanismState, bundle: Bundle, frame: int, column: Motion) -> Numbers:
-    """The columns of a bundle: zero for bodies that do not carry the frame."""
-    carriers = set(state.topology.ancestors(state.topology.frames[frame][1]))
-    is_carrier = np.isin(bundle.bodies, list(carriers))
-    if not is_carrier.any():
-        return (state.known(0.0),) * 6
-    if is_carrier.all():
-        return *column.w, *column.v
-    mask = jnp.asarray(np.broadcast_to(is_carrier[..., None], (*is_carrier.shape, state.n)))
-    return tuple(where(mask, stacking.spread(x, mask.shape), 0.0) for x in (*column.w, *column.v))
 
 
 @algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
@@ -123,7 +112,7 @@ def _jacobian_rate(state: MechanismState, v: Array, *, frames: int | tuple[int, 
         p_WF = _origin(state, frame, [x for x, _ in moving]).p
         columns = [
             tuple(
-                _column(state, b, frame, _velocity_rate_at(X_WJ, V_WJ_J, s, rate, p_WF, v_WF))
+                of_carriers(state, b, frame, _six(_velocity_rate_at(X_WJ, V_WJ_J, s, rate, p_WF, v_WF)))
                 for s, rate in zip(link.joint.subspace, link.joint.subspace_rate(link.v), strict=True)
             )
             for b, link, (X_WJ, V_WJ_J) in zip(state.bundles, state.links(v), moving, strict=True)

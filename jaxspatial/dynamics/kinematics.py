@@ -3,18 +3,24 @@
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar
 
+import jax
+import jax.numpy as jnp
+import numpy as np
+
 from jaxspatial.dynamics.docstrings import documented
-from jaxspatial.engine import recursion
-from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, Frames, algorithm
+from jaxspatial.engine import matrices, recursion, stacking
+from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, Algorithm, Frames, algorithm
+from jaxspatial.engine.derivatives import Derived, Moving, Pullback
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import JointState, Link, MechanismState, across
 from jaxspatial.mechanism import Mechanism
-from jaxspatial.numerics.linear import Matrix, Motion, Pose, Vector, cross, dot
-from jaxspatial.numerics.numbers import Numbers, noinline, noinline_pairs
+from jaxspatial.mechanism.topology import Bundle
+from jaxspatial.numerics.linear import Matrix, Motion, Pose, Vector, Wrench, cross, dot
+from jaxspatial.numerics.numbers import Numbers, noinline, noinline_pairs, where
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialVelocity
-from jaxspatial.spatial.algebra import composed
+from jaxspatial.spatial.algebra import composed, power
 
 T = TypeVar("T")
 
@@ -162,7 +168,58 @@ def subspace_times(S: Sequence[Motion], v: Numbers) -> Motion:
     return Motion(w, linear)
 
 
-@algorithm(*GEOMETRY, *FRAMES)
+class BodyVelocities(Algorithm):
+    """The program of `_body_velocities`. The pull-back of one frame to v is J^T F, without a recursion inward."""
+
+    def pullback(self, moving: Moving) -> Derived:
+        moves = [i for i, yes in enumerate(moving) if yes]
+        if isinstance(dict(self.static)["frames"], int) and moves == [self.place(self.n_fields + 1)]:
+            return self.cached(("J^T F", moving), lambda: JacobianTransposed(self, moving))
+        return super().pullback(moving)
+
+
+class JacobianTransposed(Pullback):
+    """(arguments, the wrench on the frame about its origin, in world axes) -> the generalized forces."""
+
+    def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
+        arguments, cotangents = self._split(arrays)
+        state, _ = self.program.state_of(arguments, max(x.shape[0] for x in arrays))
+        F = Wrench(*(Vector(*state.numbers(jnp.moveaxis(self.from_outside(x), 0, -1)[None])) for x in cotangents))
+        return [jnp.moveaxis(_forces_of_wrench(state, dict(self.program.static)["frames"], F), -1, 0)]
+
+
+def _forces_of_wrench(state: MechanismState, frame: int, F_F_W: Wrench) -> jax.Array:
+    """J^T F (nv, B), of a wrench on one frame."""
+    state = carrying(state, frame)
+    placed = matrices.poses_from_root(state)
+    p_F = composed(at_carrier(state, frame, placed, state.world), state.frame_placements((frame,))).p
+    forces = [
+        of_carriers(state, b, frame, _forces_at_joint(X, joint.subspace, p_F, F_F_W))
+        for b, joint, X in zip(state.bundles, state.joints, placed, strict=True)
+    ]
+    return state.by_all_velocities(forces)
+
+
+@noinline
+def _forces_at_joint(X: Pose, S: Sequence[Motion], p_F: Vector, F: Wrench) -> Numbers:
+    """S . F of each velocity, for a wrench about p_F in the axes of the world."""
+    about_J = Wrench(X.R.T @ (F.tau + cross(p_F - X.p, F.f)), X.R.T @ F.f)
+    return tuple(power(about_J, s) for s in S)
+
+
+def of_carriers(state: MechanismState, bundle: Bundle, frame: int, numbers: Numbers) -> Numbers:
+    """Numbers (L, W, B) of a bundle, zero for bodies that do not carry the frame."""
+    carriers = set(state.topology.ancestors(state.topology.frames[frame][1]))
+    is_carrier = np.isin(bundle.bodies, list(carriers))
+    if not is_carrier.any():
+        return (state.known(0.0),) * len(numbers)
+    if is_carrier.all():
+        return numbers
+    mask = jnp.asarray(np.broadcast_to(is_carrier[..., None], (*is_carrier.shape, state.n)))
+    return tuple(where(mask, stacking.spread(x, mask.shape), 0.0) for x in numbers)
+
+
+@algorithm(*GEOMETRY, *FRAMES, program_class=BodyVelocities)
 def _body_velocities(state: MechanismState, v: Array, *, frames: Frames):
     state, at_rest = carrying(state, frames), Motion(state.zero_vector, state.zero_vector)
     return _of_frames(state, frames, velocity_in_world, velocities(state, v), at_rest)

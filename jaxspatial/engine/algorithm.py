@@ -271,13 +271,16 @@ class Algorithm(Differentiable):
         return min(max(program.NUMBERS // max(self.formula.entries(self.topology), 1), program.SMALLEST_BLOCK), largest)
 
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
-        n = max((x.shape[0] for x in arrays), default=1)
-        data = (jnp.moveaxis(self.from_outside(x), 0, -1) for x in arrays)
-        fields, (q, *others) = jax.tree.unflatten(self.tree, [next(data) if x is None else x for x in self.known])
-        state = MechanismState(self.topology, fields, q, n, self.precision, self.dtype)
+        state, others = self.state_of(arrays, max((x.shape[0] for x in arrays), default=1))
         results = self.formula(state, *others, **dict(self.static))
         leaves, self.out_tree = jax.tree.flatten(jax.tree.map(state.rounded, results, is_leaf=_is_result))
         return [jnp.moveaxis(y, -1, 0) for y in leaves]
+
+    def state_of(self, arrays: Sequence[jax.Array], n: int) -> tuple[MechanismState, list[Any]]:
+        """(the MechanismState of n states, the arrays after q), of the data of this program."""
+        data = (jnp.moveaxis(self.from_outside(x), 0, -1) for x in arrays)
+        fields, (q, *others) = jax.tree.unflatten(self.tree, [next(data) if x is None else x for x in self.known])
+        return MechanismState(self.topology, fields, q, n, self.precision, self.dtype), others
 
     def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
         if self.formula.result_shape is not None:

@@ -346,11 +346,15 @@ class MechanismState:
 
         Columns of joints that recursions do not compute are zero.
         """
-        others, zero = self.topology.not_computed, self.known(0.0)
         k = next((len(parts[0]) for parts in results if parts), 6)
         rows = ([tuple(column[i] for column in parts) for parts in results] for i in range(k))
-        zeros, bundles = [(zero,) * b.kind.nv for b in others], (*self.bundles, *others)
-        return jnp.stack([self.by_velocity([*row, *zeros], bundles) for row in rows])
+        return jnp.stack([self.by_all_velocities(row) for row in rows])
+
+    def by_all_velocities(self, results: Sequence[Numbers]) -> jax.Array:
+        """`by_velocity`, zero for joints that recursions do not compute."""
+        others = self.topology.not_computed
+        zeros = [(self.known(0.0),) * b.kind.nv for b in others]
+        return self.by_velocity([*results, *zeros], (*self.bundles, *others))
 
     def _rows(self, bundle: Bundle, parts: Numbers, rank: int) -> Number:
         """The numbers of a bundle, chain after chain: (rows, B) for rank 2, (bodies, k, B) for rank 3."""
