@@ -149,3 +149,71 @@ def test_they_are_the_closed_forms():
     assert (N, mech.nv, mech.nq) in sizes(jax.jacfwd(inverse))
     assert (N, mech.nv, mech.nv) in sizes(jax.jacrev(inverse, 1))
     assert (mech.nv, N, mech.nv) not in sizes(jax.jacfwd(inverse, 1))
+
+
+# -- J^T F ------------------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def tree():
+    """Branches, and joints of several velocities: some joints carry a frame, others do not."""
+    return js.testing.random_mechanism(1, 6, ["free", "revolute", "universal", "planar", "ball", "prismatic"])
+
+
+def forces_of_wrench(mech, frame, q, v, F):
+    """J^T F as a user has it: the velocity of a frame, pulled back to v."""
+    return jax.vjp(lambda v: js.body_velocities(mech, q, v, frame).to_array(), v)[1](F)[0]
+
+
+def with_matrix(mech, frame, q, F):
+    return jnp.einsum("...ij,...i->...j", js.jacobian(mech, q, frame), F)
+
+
+def wrench_state(dtype):
+    mech, rng = tree(), np.random.default_rng(5)
+    q = js.random_configuration(mech, jax.random.key(6), N, dtype)
+    return q, *(jnp.asarray(rng.standard_normal((N, n)), dtype) for n in (mech.nv, 6))
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_a_pulled_back_wrench_is_the_transposed_jacobian_times_it(dtype):
+    mech, (q, v, F) = tree(), wrench_state(dtype)
+    for frame in mech.frame_names:
+        found = interpreted(functools.partial(forces_of_wrench, mech, frame))(q, v, F)
+        wanted = interpreted(functools.partial(with_matrix, mech, frame))(q, F)
+        assert found.dtype == dtype and found.shape == (N, mech.nv)
+        largest = abs(np.asarray(wanted)).max()
+        assert abs(np.asarray(found - wanted)).max() <= 32 * np.finfo(dtype).eps * largest, frame
+
+
+@pytest.mark.parametrize("maps", [0, 1, 2])
+def test_a_pulled_back_wrench_has_the_same_bits_however_it_is_called(maps):
+    mech, state = tree(), wrench_state(np.float64)
+    pulled = functools.partial(forces_of_wrench, mech, mech.body_names[-1])
+    wanted, mapped = interpreted(pulled)(*state), pulled
+    for _ in range(maps):
+        mapped = jax.vmap(mapped)
+    each = [x[:, None] for x in state] if maps == 2 else state
+    np.testing.assert_array_equal(np.asarray(jax.jit(mapped)(*each)).reshape(wanted.shape), wanted)
+
+
+def test_a_velocity_that_states_share_gets_the_sum_of_their_forces():
+    mech, (q, v, F) = tree(), wrench_state(np.float64)
+    frame = mech.body_names[-1]
+    found = interpreted(functools.partial(forces_of_wrench, mech, frame))(q, v[0], F)
+    wanted = np.asarray(with_matrix(mech, frame, q, F)).sum(0)
+    assert abs(found - wanted).max() <= 1e-14 * abs(wanted).max()
+
+
+def test_derivatives_of_a_pulled_back_wrench():
+    """By coordinates and by the wrench, which the matrix has, too."""
+    mech, (q, v, F) = tree(), wrench_state(np.float64)
+    frame = mech.body_names[-1]
+
+    def squares(function):
+        return interpreted(jax.grad(lambda q, F: (function(q, F) ** 2).sum(), (0, 1)))(q, F)
+
+    found = squares(lambda q, F: forces_of_wrench(mech, frame, q, v, F))
+    wanted = squares(functools.partial(with_matrix, mech, frame))
+    for x, y in zip(found, wanted, strict=True):
+        assert abs(x - y).max() <= 1e-13 * abs(y).max()
