@@ -186,9 +186,7 @@ def _combined(a: CompositeBody, b: CompositeBody) -> CompositeBody:
 
 
 @noinline
-def _in_world_axes(
-    S: Motion, link: Link, motion: BodyMotion, body: CompositeBody, placed: FromRoot
-) -> tuple[Any, Any]:
+def _in_world_axes(S: Motion, link: Link, motion: BodyMotion, body: CompositeBody, placed: FromRoot) -> tuple[Any, Any]:
     """(the motions of a joint for rows, its wrenches for columns), stacked over its velocities, in world axes.
 
     S: the stacked motion subspace.
