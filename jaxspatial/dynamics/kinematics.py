@@ -10,7 +10,7 @@ import numpy as np
 from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.engine import matrices, recursion, stacking
 from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, Algorithm, Frames, algorithm
-from jaxspatial.engine.derivatives import Derived, Moving, Pullback
+from jaxspatial.engine.derivatives import Moving, Pullback
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import JointState, Link, MechanismState, across
 from jaxspatial.mechanism import Mechanism
@@ -171,7 +171,7 @@ def subspace_times(S: Sequence[Motion], v: Numbers) -> Motion:
 class BodyVelocities(Algorithm):
     """The program of `_body_velocities`. The pull-back of one frame to v is J^T F, without a recursion inward."""
 
-    def pullback(self, moving: Moving) -> Derived:
+    def pullback(self, moving: Moving) -> Pullback:
         moves = [i for i, yes in enumerate(moving) if yes]
         if isinstance(dict(self.static)["frames"], int) and moves == [self.place(self.n_fields + 1)]:
             return self.cached(("J^T F", moving), lambda: JacobianTransposed(self, moving))
@@ -180,6 +180,8 @@ class BodyVelocities(Algorithm):
 
 class JacobianTransposed(Pullback):
     """(arguments, the wrench on the frame about its origin, in world axes) -> the generalized forces."""
+
+    program: Algorithm
 
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
         arguments, cotangents = self._split(arrays)
