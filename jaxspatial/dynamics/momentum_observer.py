@@ -18,7 +18,7 @@ from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Motion, Vector, Wrench, cross
-from jaxspatial.numerics.numbers import Numbers, halved, noinline
+from jaxspatial.numerics.numbers import Number, halved, noinline
 from jaxspatial.numerics.promise import Normwise, promises
 from jaxspatial.numerics.quantity import tree
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
@@ -154,15 +154,11 @@ def _share(dt: Array, gain: Array) -> Array:
     return -(np if isinstance(x, np.ndarray) else jnp).expm1(x)
 
 
-@formula(any_size=True)
+@formula(by_number=True)
 def _updated(
-    residual: Numbers, p0: Numbers, p1: Numbers, beta0: Numbers, beta1: Numbers, tau: Numbers, dt: Numbers, b: Numbers
+    residual: Number, p0: Number, p1: Number, beta0: Number, beta1: Number, tau: Number, dt: Number, share: Number
 ):
-    each = zip(residual, p0, p1, beta0, beta1, tau, b, strict=True)
-    return tuple(
-        r + share * (((after - before) / dt[0] + (halved(b0 + b1) - t)) - r)
-        for r, before, after, b0, b1, t, share in each
-    )
+    return residual + share * (((p1 - p0) / dt + (halved(beta0 + beta1) - tau)) - residual)
 
 
 # -- momentum and beta ------------------------------------------------------------------------------------------------

@@ -161,10 +161,9 @@ def _per_velocity(mechanism: Mechanism, like: Array, name: str, x) -> Array:
 # -- formulas ---------------------------------------------------------------------------------------------------------
 
 
-@formula(any_size=True)
-def _coefficients(v: Numbers, damping: Numbers, friction: Numbers, speed: Numbers):
-    both = zip(v, damping, friction, speed, strict=True)
-    return tuple(d + f / _hypotenuse(x, s) for x, d, f, s in both)
+@formula(by_number=True)
+def _coefficients(v: Number, damping: Number, friction: Number, speed: Number):
+    return damping + friction / _hypotenuse(v, speed)
 
 
 def _hypotenuse(x: Number, s: Number):

@@ -19,7 +19,7 @@ from jaxspatial.engine.algorithm import ExternalForces, checked, over_batch
 from jaxspatial.engine.derivatives import pullback
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics.formula import formula
-from jaxspatial.numerics.numbers import Number, Numbers, doubled
+from jaxspatial.numerics.numbers import Number, doubled
 from jaxspatial.numerics.promise import Normwise
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
@@ -307,24 +307,21 @@ def _runge_kutta(
     return tuple(_rk4_mean(precision, a, h, *rates) for a, *rates in zip(x, *k, strict=True))
 
 
-@formula(any_size=True)
-def euler(x: Numbers, dt: Numbers, rate: Numbers):
-    return tuple(a + dt[0] * b for a, b in zip(x, rate, strict=True))
+@formula(by_number=True)
+def euler(x: Number, dt: Number, rate: Number):
+    return x + dt * rate
 
 
-@formula(any_size=True)
-def _rk4_mean(x: Numbers, dt: Numbers, *rates: Numbers):
-    def one(a: Number, k1: Number, k2: Number, k3: Number, k4: Number):
-        return a + dt[0] * ((k1 + k4) + doubled(k2 + k3)) / 6
-
-    return tuple(one(a, *k) for a, *k in zip(x, *rates, strict=True))
+@formula(by_number=True)
+def _rk4_mean(x: Number, dt: Number, k1: Number, k2: Number, k3: Number, k4: Number):
+    return x + dt * ((k1 + k4) + doubled(k2 + k3)) / 6
 
 
-@formula(any_size=True)
-def plus(a: Numbers, b: Numbers):
-    return tuple(x + y for x, y in zip(a, b, strict=True))
+@formula(by_number=True)
+def plus(a: Number, b: Number):
+    return a + b
 
 
-@formula(any_size=True)
-def _damped(tau: Numbers, damping: Numbers, v: Numbers):
-    return tuple(t - d * x for t, d, x in zip(tau, damping, v, strict=True))
+@formula(by_number=True)
+def _damped(tau: Number, damping: Number, v: Number):
+    return tau - damping * v

@@ -33,7 +33,7 @@ def formula(
     *,
     of_sums: bool = False,
     layout: Sequence[int | None] = (),
-    any_size: bool = False,
+    by_number: bool = False,
 ) -> Any:
     """Turns a function of vectors of numbers into a function of (precision, *arrays, **static).
 
@@ -62,15 +62,17 @@ def formula(
     layout: for each result, the index of the array whose memory layout it gets, None for any. XLA CPU writes a result
     transposed unless an addition ties it to an array, and then copies it in a second pass: see `layout.whole`.
 
-    any_size: True where n has no meaning, as for the coordinates of a mechanism: nine numbers are then no Matrix.
+    by_number: True where each number of a result depends on those in the same place: the function receives numbers
+    instead of vectors, each of which stands for a whole array (*batch, n). Of the coordinates of a mechanism there may
+    be many, and each would be a kernel of its own.
 
     Outside of any transformation a call is one compiled program, bitwise the same as inside a larger jit; it compiles
     once per precision, shapes and dtypes. While tracing, NumPy arrays are constants of the formula, and operations that
     they make unnecessary are left out; without such constants a cached trace is inlined.
     """
     if function is None:
-        return functools.partial(formula, of_sums=of_sums, layout=layout, any_size=any_size)
-    function = _of_any_size(function) if any_size else function
+        return functools.partial(formula, of_sums=of_sums, layout=layout, by_number=by_number)
+    function = _of_numbers(function) if by_number else function
     run = functools.partial(_run_sums, layout=tuple(layout)) if of_sums else _run
     program = functools.partial(_run_with_zeros, run, function)
     compiled: Any = jax.jit(program, static_argnums=(0, 1, 2), inline=True)
@@ -82,6 +84,7 @@ def formula(
         for x in trees:
             groups.append(type(x) if isinstance(x, _GROUPS) else None)
             arrays.extend(x) if groups[-1] else arrays.append(x)
+        arrays = [x[..., None] for x in arrays] if by_number else arrays
         arrays = check.narrowed_each(arrays)
         if Components in map(type, arrays):
             arrays = components.beside_components(arrays)
@@ -94,12 +97,12 @@ def formula(
     return call
 
 
-def _of_any_size(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function, with nine numbers as a tuple instead of a Matrix."""
+def _of_numbers(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function of vectors of one number each."""
 
     @functools.wraps(function)
     def call(*vectors: Any, **static: Any) -> Any:
-        return function(*(v.entries if isinstance(v, Matrix) else v for v in vectors), **static)
+        return function(*(v[0] for v in vectors), **static)
 
     return call
 
