@@ -69,7 +69,7 @@ def test_folders_of_numerics_stand_on_one_another(path):
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_runtime_needs_only_what_is_installed(path):
     """Optional packages are imported inside functions or in modules that only the command line imports."""
-    allowed = {"jax", "jaxlib", "chex", "numpy", "jaxspatial"}
+    allowed = {"jax", "jaxlib", "numpy", "jaxspatial"}
     if path.parent.name == "measure" and path.name in ("picture.py", "report.py"):
         allowed |= {"matplotlib", "rich"}
     standard = sys.stdlib_module_names

@@ -75,7 +75,11 @@ def formula(
     function = _of_numbers(function) if by_number else function
     run = functools.partial(_run_sums, layout=tuple(layout)) if of_sums else _run
     program = functools.partial(_run_with_zeros, run, function)
-    compiled: Any = jax.jit(program, static_argnums=(0, 1, 2), inline=True)
+
+    @functools.cache
+    def compiled() -> Any:
+        """Made when it is first called: `jit` reads signatures, which for all formulas is a twentieth of an import."""
+        return jax.jit(program, static_argnums=(0, 1, 2), inline=True)
 
     @functools.wraps(function)
     def call(precision: Any, *trees: Any, **static: Any) -> Any:
@@ -90,7 +94,7 @@ def formula(
             arrays = components.beside_components(arrays)
         known = np.ndarray in map(type, arrays)
         tracing = known and any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arrays))
-        return (program if tracing else compiled)(
+        return (program if tracing else compiled())(
             resolve(precision), tuple(groups), tuple(sorted(static.items())), *arrays
         )
 

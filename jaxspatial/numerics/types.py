@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-import chex
 import jax.typing
 from jax.typing import DTypeLike as DTypeLike
 
@@ -12,7 +11,7 @@ from jaxspatial.numerics.precision import Precision
 
 # An array of JAX or NumPy, a number, a sequence of numbers, or what stands for an array (`DoubleWord`, `Components`).
 # Docstrings say its shape, (*batch, ...), and what it holds. Results are `jax.Array`.
-ArrayLike = chex.Numeric | StandIn | Sequence[Any]
+ArrayLike = jax.typing.ArrayLike | StandIn | Sequence[Any]
 BatchShape = int | Sequence[int]
 PrecisionName = Precision | str | None  # None takes the default
 Key = jax.typing.ArrayLike  # of jax.random
