@@ -232,6 +232,7 @@ def test_arrays_of_mjx_are_the_same():
     np.testing.assert_allclose(V.to_array(), data.cvel, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_robot_computes_with_states_of_mjx():
     """From the same file, batched, under jit, with a derivative: the bias forces that MuJoCo has."""
     mjx = needs("mujoco.mjx")

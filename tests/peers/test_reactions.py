@@ -13,6 +13,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.interop import mujoco as states
 from tests.helpers.interpreted import interpreted
+from tests.helpers.marks import slow_but
 from tests.helpers.optional import needs
 from tests.peers import test_wrenches_mujoco as with_wrenches
 
@@ -71,7 +72,7 @@ def test_as_drakes_reaction_forces(name, floating):
     assert abs(np.asarray(found) - expected).max() <= ALLOWED * abs(expected).max()
 
 
-@pytest.mark.parametrize("name", with_wrenches.ROBOTS)
+@pytest.mark.parametrize("name", slow_but(["ant"], with_wrenches.ROBOTS))
 def test_as_mujocos_cfrc_int(name):
     with jax.enable_x64(True):
         model, mech, q = with_wrenches.robot(name)

@@ -77,6 +77,7 @@ def expected_tau(mech, q, forces):
     return interpreted(pulled)(q, forces)
 
 
+@pytest.mark.slow
 def test_as_the_transposed_jacobian():
     sys, mech, q, _, forces, states = case()
     wrenches = interpreted(functools.partial(js.applied_wrenches, mech))(q, forces)

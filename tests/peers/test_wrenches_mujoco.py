@@ -209,6 +209,7 @@ SMALL = """
 """
 
 
+@pytest.mark.slow
 def test_512_environments_of_mjx():
     """mjx.step by vmap, from data whose xipos are those of another state: the accelerations are ours."""
     mjx, n = needs("mujoco.mjx"), 512
