@@ -105,8 +105,12 @@ def states():
     return np.float64(np.float32(q))
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize("precision", slow_but(["reproducible", "compensated"], [str(p) for p in Precision]))
+CASES = [(str(precision), dtype) for precision in Precision for dtype in ("float32", "float64")]
+
+
+@pytest.mark.parametrize(
+    ("precision", "dtype"), slow_but([("reproducible", "float32"), ("compensated", "float64")], CASES)
+)
 def test_errors_and_jacobians(precision, dtype):
     """8 u of what they are made of, and what forward kinematics and Jacobians of frames add on both sides."""
     distance, q = 0.75, states()

@@ -9,6 +9,7 @@ import pytest
 
 import jaxspatial as js
 from tests.helpers.interpreted import interpreted
+from tests.helpers.marks import slow_but
 
 FRAMES = ("body0", "body2", "body2", "tool0", "world")
 STIFFNESS, FRICTION, DISSIPATION, STICTION = np.array([1e3, 2e3, 5e2, 1e3, 1e3]), 0.7, 0.4, 0.3
@@ -112,16 +113,17 @@ def test_forces_act_where_they_are_said_to():
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
 
 
-def test_the_same_bits_however_it_is_called():
+CALLS = {
+    "eager": forces,
+    "jit of vmap": jax.jit(jax.vmap(forces)),
+    "scan": lambda *x: jax.lax.scan(lambda _, item: (None, forces(*item)), None, x)[1],
+}
+
+
+@pytest.mark.parametrize("how", slow_but(["scan"], CALLS))
+def test_the_same_bits_however_it_is_called(how):
     x = state(3)
-    expected = interpreted(forces)(*x)
-    calls = {
-        "eager": forces,
-        "jit of vmap": jax.jit(jax.vmap(forces)),
-        "scan": lambda *x: jax.lax.scan(lambda _, item: (None, forces(*item)), None, x)[1],
-    }
-    for how, call in calls.items():
-        np.testing.assert_array_equal(call(*x), expected, err_msg=how)
+    np.testing.assert_array_equal(CALLS[how](*x), interpreted(forces)(*x))
 
 
 def curved(p):

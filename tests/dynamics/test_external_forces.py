@@ -11,6 +11,7 @@ import jaxspatial as js
 from tests.dynamics.test_loads import arm, pose, state
 from tests.helpers.counting import asked_for
 from tests.helpers.interpreted import interpreted
+from tests.helpers.marks import slow
 
 # Two wrenches on one frame, one on a frame of the same body, one on the other body, one on the world.
 FRAMES = ("tip", "tool", "tip", "elbow", "world")
@@ -89,15 +90,23 @@ def test_closed_form_derivatives(axes):
         np.testing.assert_allclose(closed[:, k], one, rtol=0, atol=1e-12 * abs(closed).max())
 
 
-def test_in_every_transformation():
-    """Batches by leading axes, by vmap and in a scan have the bits of single items; derivatives by all numbers are
-    linear in the wrenches."""
+WAYS = {
+    "leading axes": jax.jit,
+    "vmap": lambda of: jax.jit(jax.vmap(of)),
+    "scan": lambda of: lambda F: jax.lax.scan(lambda _, x: (None, of(x)), None, F)[1],
+}
+
+
+@pytest.mark.parametrize("way", [slow("leading axes"), "vmap", slow("scan")])
+def test_the_same_bits_however_they_are_given(way):
     (q, v, _), F = state(), forces("frame", 4)
     of = functools.partial(js.bias_forces, arm(), q, v)
-    whole = jax.jit(of)(F)
-    np.testing.assert_array_equal(jax.jit(jax.vmap(of))(F), whole)
-    np.testing.assert_array_equal(jax.lax.scan(lambda _, x: (None, of(x)), None, F)[1], whole)
-    np.testing.assert_array_equal(interpreted(of)(F), whole)
+    np.testing.assert_array_equal(WAYS[way](of)(F), interpreted(of)(F))
+
+
+def test_derivatives_are_linear_in_the_wrenches():
+    (q, v, _), F = state(), forces("frame", 4)
+    of = functools.partial(js.bias_forces, arm(), q, v)
     one = jax.tree.map(lambda x: x[0], F)
     by = interpreted(jax.grad(lambda F: jnp.sum(of(F) * v)))(one)
     assert jax.tree.structure(by) == jax.tree.structure(one)

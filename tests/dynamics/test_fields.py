@@ -55,12 +55,12 @@ def _registered():
 
 MECHANISMS = {
     "single": ["revolute on -1"],
+    "planar": ["planar on -1", "ball on 0"],
     # A loop.
     "chain": ["revolute on -1", "revolute on 0", "revolute on 1"],
     # Chains side by side, and one that begins where another ends, on a floating base.
     "floating": ["free on -1", "revolute on 0", "revolute on 1", "revolute on 0", "revolute on 3", "revolute on 3"],
     "mimic": ["revolute on -1", "revolute on 0 as 0"],
-    "planar": ["planar on -1", "ball on 0"],
     "two axes": ["universal on -1", "helical on 0"],
     "sliding": ["geared on -1", "cylindrical on 0"],
 }
@@ -327,9 +327,12 @@ def table(name, field):
 OF_KINDS = {"second_axes": "two axes", "pitches": "two axes", "parameters": "sliding", "mimics": "mimic"}
 # Limits of what motors can do are there for others, and loops for callers to pass.
 READ_BY_NONE = "effort_limit", "velocity_limit", "loops"
-# What takes longest to trace: these, and second derivatives, are drawn for the smallest mechanisms; and of these no
+# What takes longest to trace: these, and second derivatives, are drawn for the smallest mechanism; and of these no
 # second derivatives.
-LONG = "inverse_dynamics", "forward_dynamics", "derivatives", "step", "regressor"
+LONG = (
+    "inverse_dynamics", "forward_dynamics", "derivatives", "step", "regressor", "factor", "reactions",
+    "constraint_jacobian", "bias_forces", "gravity_forces",
+)  # fmt: skip
 
 
 def covering(rows):
@@ -337,7 +340,7 @@ def covering(rows):
     algorithm that came least so far, and ways, derivatives and mechanisms in turn. Ways and derivatives come in all
     pairs."""
     pairs, of_long = (itertools.cycle(itertools.product(WAYS, names)) for names in (DERIVATIVES, ["jacfwd", "jacrev"]))
-    small, large = itertools.cycle(["single", "mimic"]), itertools.cycle(MECHANISMS)
+    large = itertools.cycle(["planar", "floating", "chain"])
     came, cases = collections.Counter(), []
     for name, count in rows:
         for _ in range(count):
@@ -345,7 +348,7 @@ def covering(rows):
             is_small = name.endswith(LONG) or derivative == "hessian"
             field = min((x for x in ALGORITHMS[name][1] if not (is_small and x in OF_KINDS)), key=lambda x: came[x])
             came[field] += 1
-            cases.append((OF_KINDS.get(field) or next(small if is_small else large), field, name, derivative, way))
+            cases.append((OF_KINDS.get(field) or ("single" if is_small else next(large)), field, name, derivative, way))
     return cases
 
 

@@ -12,13 +12,16 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.mechanism.joints import KINDS
-from tests.helpers import tangents
+from tests.helpers import marks, tangents
 from tests.helpers.interpreted import interpreted
 
 N = 4
 MOVING = [name for name in KINDS if name != "fixed"]
-slow = [pytest.param(tree, marks=pytest.mark.slow) for tree in ("chain", *MOVING)]
-trees = pytest.mark.parametrize("tree", ["every kind", *slow])
+# Of what holds for every kind of joint where other laws do, and of compiled programs: a few kinds are enough.
+FEW = "few kinds"
+ALL = "every kind", FEW, "chain", *MOVING
+trees = pytest.mark.parametrize("tree", marks.slow_but(["every kind"], ALL))
+few = pytest.mark.parametrize("tree", marks.slow_but([FEW], ALL))
 
 
 @pytest.fixture(autouse=True)
@@ -33,7 +36,7 @@ def mechanism(tree):
         return js.testing.random_mechanism(0, len(MOVING), dtype=np.float64)
     if tree == "chain":
         return js.testing.random_mechanism(1, len(MOVING), MOVING[::-1], is_chain=True, dtype=np.float64)
-    return js.testing.random_mechanism(2, 3, [tree], dtype=np.float64)
+    return js.testing.random_mechanism(2, 3, ["helical", "planar", "ball"] if tree == FEW else [tree], dtype=np.float64)
 
 
 @functools.cache
@@ -232,7 +235,7 @@ def test_derivatives_of_forward_dynamics():
         assert abs(np.asarray(x) - np.asarray(y)).max() <= allowed * abs(np.asarray(y)).max()
 
 
-@trees
+@few
 def test_rate_of_the_mass_matrix_less_twice_coriolis_is_skew(tree):
     """With Coriolis' matrix that of Christoffel's symbols: C v = the bias without gravity, and M' = C + C^T."""
     mech, (q, v, _) = mechanism(tree), state(tree)
@@ -274,28 +277,32 @@ def test_difference_undoes_integrate(tree):
     np.testing.assert_allclose(of(js.integrate, tree)(q, np.zeros_like(v)), q, rtol=4 * 2.0**-53)
 
 
-@pytest.mark.parametrize("tree", ["every kind"])
+@few
 def test_external_forces_act_through_the_jacobian(tree):
     mech, (q, v, a) = mechanism(tree), state(tree)
     rng = np.random.default_rng(5)
-    bodies = mech.body_names[2], mech.body_names[-1]
+    bodies = sorted([mech.body_names[1], mech.body_names[-1]])
     forces = {name: js.SpatialForce(*rng.standard_normal((2, N, 3))) for name in bodies}
 
     def all_of_them(mech, q, v, a, forces):
         tau = js.inverse_dynamics(mech, q, v, a, forces)
         jacobians = [js.jacobian(mech, q, name) for name in forces]
-        return tau, js.forward_dynamics(mech, q, v, tau, forces), jacobians
+        return js.inverse_dynamics(mech, q, v, a), tau, js.forward_dynamics(mech, q, v, tau, forces), jacobians
 
-    tau, back, jacobians = of(all_of_them, tree)(q, v, a, forces)
+    alone, tau, back, jacobians = of(all_of_them, tree)(q, v, a, forces)
     for J, F in zip(jacobians, forces.values(), strict=True):
         tau = tau + np.einsum("bij,bi->bj", J, np.concatenate([F.tau, F.f], -1))
-    np.testing.assert_allclose(tau, evaluated(tree)[0], atol=1e-13 * abs(tau).max())
+    np.testing.assert_allclose(tau, alone, atol=1e-13 * abs(tau).max())
     np.testing.assert_allclose(back, a, atol=1e-11)
 
 
-@trees
+@few
 @pytest.mark.parametrize("i", [0, pytest.param(np.s_[:], marks=pytest.mark.slow)], ids=["torques", "all of them"])
 def test_compiled_programs_give_the_same_bits(tree, i):
     """As the formulas in NumPy, operation by operation; of other algorithms see `test_transformations`."""
-    compiled = jax.jit(jax.vmap(lambda *x: dynamics(mechanism(tree), *x)[i]))(*state(tree))
-    jax.tree.map(np.testing.assert_array_equal, compiled, evaluated(tree)[i])
+
+    def own(*x):
+        return dynamics(mechanism(tree), *x)[i]
+
+    compiled = jax.jit(jax.vmap(own))(*state(tree))
+    jax.tree.map(np.testing.assert_array_equal, compiled, interpreted(own)(*state(tree)))

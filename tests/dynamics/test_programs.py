@@ -15,6 +15,7 @@ import jaxspatial as js
 from jaxspatial.engine import algorithm
 from jaxspatial.engine.algorithm import Algorithm, ManyProgramsWarning
 from tests.helpers.interpreted import interpreted
+from tests.helpers.marks import slow
 
 Q = np.full(2, 0.3, np.float32)
 
@@ -175,8 +176,10 @@ def _stepped(mech, q, tau, v, precision):
     return js.symplectic_step(mech, q, v, tau, np.float32(0.01), iterations=1, precision=precision)[1]
 
 
-@pytest.mark.parametrize("precision", ["compensated", "faithful"])
-@pytest.mark.parametrize("function", [js.forward_dynamics, _stepped])
+OF_64_BITS = [(js.forward_dynamics, "compensated"), (js.forward_dynamics, "faithful"), (_stepped, "compensated")]
+
+
+@pytest.mark.parametrize(("function", "precision"), [*OF_64_BITS, slow(_stepped, "faithful")])
 def test_what_is_computed_in_64_bits_needs_no_switch_by_the_caller(function, precision):
     """The factors of the mass matrix, which one program keeps for another; slices of joints, which JAX pads back."""
     mech = js.testing.random_mechanism(0, 2, ["revolute"], dtype=np.float32)

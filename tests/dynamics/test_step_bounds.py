@@ -1,6 +1,7 @@
 """The error bounds of configurations, steps in time and factors of the mass matrix, against 60 digits."""
 
 import functools
+import itertools
 
 import jax.numpy as jnp
 import mpmath as mp
@@ -11,11 +12,19 @@ import jaxspatial as js
 from jaxspatial.dynamics import composite_bodies, configuration, forward_dynamics, steps
 from tests.helpers import exact_steps as exact
 from tests.helpers.interpreted import evaluated, interpreted
+from tests.helpers.marks import slow, slow_but
 
 KINDS = ["revolute", "continuous", "planar", "ball", "free"]
-PRECISIONS = ["fast", pytest.param("reproducible", marks=pytest.mark.slow), "compensated"]
+# "fast" has the bounds of "reproducible", and is compiled: of it some cases are enough.
+PRECISIONS = "fast", "reproducible", "compensated"
 U = 2.0**-24
 MANY = 20
+
+
+def cases(names, *compiled):
+    """All pairs of a name and a precision: in "fast" those of few names by default."""
+    pairs = list(itertools.product(names, PRECISIONS))
+    return slow_but([x for x in pairs if x[1] != "fast" or x[0] in compiled], pairs)
 
 
 @functools.cache
@@ -90,8 +99,7 @@ def limits(kind, q, q1, v, step):
     )
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("kind", "precision"), cases(KINDS, "continuous"))
 def test_configurations(kind, precision):
     found = ours(kind, precision)
     for i in range(MANY):
@@ -116,7 +124,7 @@ def _apart(a, b, of_either_sign):
     return min(both) if of_either_sign else both[0]
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("precision", [slow("fast"), *PRECISIONS[1:]])
 def test_interpolation(precision):
     """Half the way between orientations and positions."""
     mech, (q, q1, _, t) = joint("free"), inputs("free")
@@ -179,8 +187,7 @@ def stepped(name, h):
 STEPS = {"semi_implicit": js.semi_implicit_step, "rk4": js.rk4_step, "symplectic": js.symplectic_step}
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
-@pytest.mark.parametrize("name", STEPS)
+@pytest.mark.parametrize(("name", "precision"), cases(STEPS))
 def test_steps(name, precision):
     """Of a thousandth and of a hundred-thousandth of a second: rates taken from a difference of coordinates would be
     off by u |q| / dt, which none of the bounds allows."""
@@ -212,8 +219,7 @@ def ball(kind):
 FIELD, FLOATING = (0.5, -9.75, 1.25), ("free", "planar")
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
-@pytest.mark.parametrize("kind", FLOATING)
+@pytest.mark.parametrize(("kind", "precision"), cases(FLOATING, "planar"))
 def test_steps_of_what_floats(kind, precision):
     """Of a ball, a = f + g and alpha = tau: turns within a step from none to several."""
     mech, rng = ball(kind), np.random.default_rng(5)

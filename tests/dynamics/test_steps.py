@@ -82,7 +82,7 @@ def energy(mech, q, v):
 
 def test_momentum_is_conserved_in_free_fall():
     """A floating mechanism without gravity, over 40 steps of Runge and Kutta."""
-    mech = js.testing.random_mechanism(3, 4, ["free", "revolute", "ball", "prismatic"], is_chain=True, dtype=np.float64)
+    mech = js.testing.random_mechanism(3, 3, ["free", "ball", "prismatic"], is_chain=True, dtype=np.float64)
     mech = mech.replace(gravity=np.zeros(3), damping=0 * mech.damping, armature=0 * mech.armature)
     q = js.random_configuration(mech, jax.random.key(0), (), np.float64)
     v = jnp.asarray(np.random.default_rng(0).standard_normal(mech.nv))
@@ -115,15 +115,21 @@ def simulated(step, mech, x, dt, n, run=jax.jit):
     return run(lambda x: jax.lax.scan(body, x, length=n))(x)
 
 
-def test_energy_of_a_double_pendulum_over_many_steps():
-    """A hundred thousand symplectic ones: bounded, in proportion to dt, without a drift. The motion is chaotic: of 16
-    starts within 1e-9 the largest deviations are 0.0288 to 0.0314 of the swing."""
+@pytest.mark.parametrize("many", [20_000, marks.slow(100_000)])
+def test_energy_of_a_double_pendulum_over_many_steps(many):
+    """Symplectic ones: bounded, in proportion to dt, without a drift. The motion is chaotic: of 16 starts within 1e-9
+    the largest deviations over a hundred thousand are 0.0288 to 0.0314 of the swing."""
     mech, x = double_pendulum(), (jnp.array([2.0, 1.0]), jnp.zeros(2))
     start = energy(mech, *x)
     swing = 2 * (0.5 + 1.5) * 9.81  # of the potential, from lowest to highest
     largest = []
-    for dt, n in ((1e-3, 100_000), (5e-4, 20_000)):
-        E = np.asarray(simulated(js.symplectic_step, mech, x, dt, n)[1] - start)
+
+    @functools.partial(jax.jit, static_argnums=1)
+    def run(dt, n):
+        return simulated(js.symplectic_step, mech, x, dt, n, lambda f: f)[1] - start
+
+    for dt, n in ((1e-3, many), (5e-4, 20_000)):
+        E = np.asarray(run(dt, n))
         largest.append(abs(E).max() / swing)
         assert abs(E[-n // 4 :].mean() - E[: n // 4].mean()) <= 0.1 * abs(E).max()
     assert largest[0] <= 0.032 and largest[1] <= 0.75 * largest[0]

@@ -8,6 +8,7 @@ import pytest
 
 import jaxspatial as js
 from tests.helpers.interpreted import interpreted
+from tests.helpers.marks import slow
 
 ALGORITHMS = {
     "inverse dynamics": js.inverse_dynamics,
@@ -23,7 +24,11 @@ ALGORITHMS = {
     "energy": js.kinetic_energy,
 }
 SUMS = ("energy",)
-CASES = [(name, False) for name in ALGORITHMS] + [("forward dynamics", True), ("mass matrix", True)]
+# Gradients are JAX's, of a program that is held here itself.
+CASES = [slow(name, False) if name == "gradient" else (name, False) for name in ALGORITHMS] + [
+    ("forward dynamics", True),
+    ("mass matrix", True),
+]
 
 
 @functools.cache
@@ -52,12 +57,13 @@ def test_the_same_bits(name, is_chain):
         np.testing.assert_allclose(x, y, rtol=2.0**-50 if name in SUMS else 0)
 
 
-def test_compiled_the_same_bits():
+@pytest.mark.parametrize("name", ["inverse dynamics", slow("forward dynamics")])
+def test_compiled_the_same_bits(name):
     """As the formula with loops, in NumPy."""
     mech, written_out = both(True, np.float32)
     at = state(mech, 5)
-    expected = interpreted(functools.partial(js.forward_dynamics, mech))(*at)
-    np.testing.assert_array_equal(js.forward_dynamics(written_out, *at), expected)
+    expected = interpreted(functools.partial(ALGORITHMS[name], mech))(*at)
+    np.testing.assert_array_equal(ALGORITHMS[name](written_out, *at), expected)
 
 
 def test_stays_with_what_is_made_of_a_mechanism():

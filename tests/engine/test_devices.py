@@ -47,6 +47,10 @@ def _contact(mech, q, v, tau):
 # (function, whether the robot is data, how many states a device has, kind of axis, whether in a shard_map)
 CASES = (
     (_inverse, False, MANY, AxisType.Auto, False),
+    (_mapped, True, MANY, AxisType.Explicit, False),
+    (_gradient, False, MANY, AxisType.Auto, True),
+)
+MORE_CASES = (
     (_inverse, True, MANY, AxisType.Explicit, False),
     (_inverse, False, FEW, AxisType.Explicit, False),
     (_mapped, False, MANY, AxisType.Explicit, False),
@@ -61,7 +65,7 @@ CONTACT_CASES = (
 )
 
 
-@pytest.mark.parametrize("cases", ["CASES", slow("CONTACT_CASES")])
+@pytest.mark.parametrize("cases", ["CASES", slow("MORE_CASES"), slow("CONTACT_CASES")])
 def test_states_stay_on_their_device(cases):
     flags = f"--xla_force_host_platform_device_count={N_DEVICES}"
     environment = {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -13,6 +13,7 @@ import jaxspatial as js
 from jaxspatial.engine import kernels
 from jaxspatial.numerics.numbers import Rounded, noinline, where
 from jaxspatial.numerics.precision import Precision
+from tests.helpers.marks import slow
 
 N = 37  # states: no multiple of what a processor computes at once
 
@@ -202,11 +203,12 @@ def test_kernels_are_for_loops_and_for_many_states():
     assert reductions(text_of(lambda *x: jax.vjp(torque, *x)[1](x[0]), 6)) >= 3
 
 
-def test_a_state_has_the_same_bits_alone_and_in_a_loop():
+@pytest.mark.parametrize("function", [js.inverse_dynamics, slow(js.forward_dynamics)])
+def test_a_state_has_the_same_bits_alone_and_in_a_loop(function):
     mech = arm()
     states = np.random.default_rng(0).standard_normal((3, 5, 6)).astype(np.float32)
-    alone = [js.forward_dynamics(mech, *x) for x in states.swapaxes(0, 1)]
-    in_loop = jax.jit(lambda *x: lax.map(lambda state: js.forward_dynamics(mech, *state), x))(*states)
-    many = jax.jit(functools.partial(js.forward_dynamics, mech))(*np.tile(states, (1, 200, 1)))
+    alone = [function(mech, *x) for x in states.swapaxes(0, 1)]
+    in_loop = jax.jit(lambda *x: lax.map(lambda state: function(mech, *state), x))(*states)
+    many = jax.jit(functools.partial(function, mech))(*np.tile(states, (1, 200, 1)))
     same(list(in_loop), alone)
     same(list(many[:5]), alone)

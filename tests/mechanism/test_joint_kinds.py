@@ -201,7 +201,7 @@ def test_its_sine_and_cosine_are_read_at_unit_length():
 
 
 def test_it_is_in_other_precisions_over_batches_and_as_data(call="inverse dynamics"):
-    (plain, q), (other, q_other), v, a = state("a loop", (3,))
+    (plain, q), (other, q_other), v, a = state("one", (3,))
     for precision in ("fast", "compensated"):
         function = functools.partial(CALLS[call], precision=precision)
         expected, found = of(function, plain)(q, v, a), of(function, other.as_data())(q_other, v, a)

@@ -261,14 +261,19 @@ def test_a_locked_master_holds_its_mimics():
 
 
 def test_the_algorithms_of_a_mechanism_with_mimics():
-    """Torques are linear in its mass matrix, bias forces and regressor, and have its derivatives; both dynamics, which
-    are compiled, are inverse to each other."""
+    """Torques are linear in its mass matrix, bias forces and regressor, and have its derivatives; both dynamics are
+    inverse to each other."""
     with jax.enable_x64(True), js.default_precision("fast"):
         mech, rng = geared(dtype=np.float64), np.random.default_rng(0)
         q = np.array([0.3, 0.5, 0.5, 0.5, 0.5])
         v, a = rng.standard_normal((2, mech.nv))
-        tau = js.inverse_dynamics(mech, q, v, a)
-        np.testing.assert_allclose(js.forward_dynamics(mech, q, v, tau), a, rtol=1e-12)
+
+        def both(q, v, a):
+            tau = js.inverse_dynamics(mech, q, v, a)
+            return tau, js.forward_dynamics(mech, q, v, tau)
+
+        tau, back = interpreted(both)(q, v, a)
+        np.testing.assert_allclose(back, a, rtol=1e-12)
 
         def torques(q, v):
             return js.inverse_dynamics(mech, q, v, jnp.asarray(a))
@@ -464,4 +469,4 @@ def test_a_program_of_a_mechanism_is_exported():
     exported = jax.export.export(jax.jit(js.gravity_forces))(mech, q)
     again = jax.export.deserialize(exported.serialize())
     heavier = mech.replace(gravity=2 * mech.gravity)
-    np.testing.assert_allclose(again.call(heavier, q), js.gravity_forces(heavier, q), rtol=1e-6)
+    np.testing.assert_allclose(again.call(heavier, q), interpreted(js.gravity_forces)(heavier, q), rtol=1e-6)

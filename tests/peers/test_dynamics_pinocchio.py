@@ -74,6 +74,7 @@ def test_compiled(name, floating_base, what, dtype):
         np.testing.assert_array_equal(compiled, s.ours(what, is_compiled=False))
 
 
+@pytest.mark.slow
 def test_nothing_else_is_refused():
     for name in models.ROBOTS:
         for floating_base in (False, True):

@@ -14,6 +14,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial import interop
+from tests.helpers.interpreted import interpreted
 from tests.helpers.optional import needs
 
 U = 2.0**-53
@@ -257,8 +258,9 @@ def test_a_robot_computes_with_states_of_mjx():
 
         many = jax.tree.map(lambda *x: jnp.stack(x), *(there for there, _ in states))
         found = jax.jit(jax.vmap(bias))(many)
-        power = jax.jit(jax.grad(lambda qvel, data: bias(data.replace(qvel=qvel)) @ qvel))
-        assert np.isfinite(power(states[0][0].qvel, states[0][0])).all()
+        data = states[0][0]
+        power = interpreted(jax.grad(lambda qvel: bias(data.replace(qvel=qvel)) @ qvel))
+        assert np.isfinite(power(data.qvel)).all()
     expected = np.stack([theirs for _, theirs in states])
     np.testing.assert_allclose(found, expected, atol=2.0**-18 * abs(expected).max())
 
@@ -268,18 +270,23 @@ def test_inertia_of_bodies(state):
     model, data = state
     bodies = slice(1, None)
     arrays = [getattr(model, f"body_{name}")[bodies] for name in ("mass", "inertia", "ipos", "iquat")]
-    M_B = interop.mujoco.from_body_inertia(*arrays)
     X = js.RigidTransform(js.Rotation(data.xmat[bodies]), (data.xpos - centres(model, data))[bodies])
-    M_C = js.act(X, M_B)
-    near(interop.mujoco.to_cinert(M_C), data.cinert[bodies], 10)
-    back = interop.mujoco.from_cinert(data.cinert[bodies])
-    near(back.to_matrix(), M_C.to_matrix(), 10)
+
+    def there_and_back(arrays, X, cinert):
+        M_B = interop.mujoco.from_body_inertia(*arrays)
+        M_C, back = js.act(X, M_B), interop.mujoco.from_cinert(cinert)
+        matrices = interop.mujoco.to_cinert(M_C), M_C.to_matrix(), back.to_matrix()
+        return M_B, M_C, back, matrices, interop.mujoco.to_body_inertia(M_B)
+
+    M_B, M_C, back, matrices, of_body = interpreted(there_and_back)(arrays, X, data.cinert[bodies])
+    near(matrices[0], data.cinert[bodies], 10)
+    near(matrices[2], matrices[1], 10)
     near(back.central, M_C.central, 10)
-    mass, inertia, ipos, iquat = interop.mujoco.to_body_inertia(M_B)
+    mass, inertia, ipos, iquat = of_body
     np.testing.assert_array_equal(mass, arrays[0])
     near(inertia, arrays[1])
     np.testing.assert_array_equal(ipos, arrays[2])
-    again = interop.mujoco.from_body_inertia(mass, inertia, ipos, iquat)
+    again = interpreted(interop.mujoco.from_body_inertia)(mass, inertia, ipos, iquat)
     near(again.central, M_B.central)
 
 

@@ -80,23 +80,25 @@ def test_as_mujocos_cfrc_int(name):
         v, a = (jnp.asarray(x) for x in rng.standard_normal((2, mech.nv)))
         F = forces_at_points(mech, rng)
         data = mujoco.MjData(model)
-        data.qpos[:], data.qvel[:] = states.to_qpos(mech, q), states.to_qvel(mech, q, v)
-        data.xfrc_applied[:] = states.to_xfrc_applied(model, mech, q, F)
+        state = interpreted(
+            lambda *x: (states.to_qpos(mech, x[0]), states.to_qvel(mech, *x), states.to_qacc(mech, *x, a))
+        )
+        (data.qpos[:], data.qvel[:], qacc) = state(q, v)
+        data.xfrc_applied[:] = interpreted(lambda q, F: states.to_xfrc_applied(model, mech, q, F))(q, F)
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
-        data.qacc[:] = states.to_qacc(mech, q, v, a)
+        data.qacc[:] = qacc
         data.ncon = 0
         mujoco.mj_rnePostConstraint(model, data)
-        X_WB = js.forward_kinematics(mech, q)
-        found = interpreted(lambda *x: js.joint_reactions(mech, *x).to_array())(q, v, a, F)
-        in_world = js.act(X_WB, js.SpatialForce.from_array(jnp.asarray(found)))
-        expected, ours = [], []
-        for i, body in enumerate(mech.body_names):
-            if "/" in body:
-                continue  # between two joints of one body, which MuJoCo does not have
-            b = with_wrenches.body(model, body)
+        # Between two joints of one body MuJoCo has none.
+        own = {i: with_wrenches.body(model, name) for i, name in enumerate(mech.body_names) if "/" not in name}
+        rows, numbers = (np.array(x) for x in (list(own), list(own.values())))
+
+        def about_centres(q, v, a, F):
             # It acts about the origin of the world after `act`.
-            ours.append(js.shift(in_world.at_batch(i), jnp.asarray(data.subtree_com[model.body_rootid[b]])))
-            expected.append(data.cfrc_int[b])
-    found, expected = np.stack([F.to_array() for F in ours]), np.array(expected)
+            in_world = js.act(js.forward_kinematics(mech, q), js.joint_reactions(mech, q, v, a, F)).at_batch(rows)
+            return js.shift(in_world, jnp.asarray(data.subtree_com[model.body_rootid[numbers]])).to_array()
+
+        found = interpreted(about_centres)(q, v, a, F)
+    expected = data.cfrc_int[numbers]
     assert len(expected) >= 3 and abs(found - expected).max() <= ALLOWED * abs(expected).max()

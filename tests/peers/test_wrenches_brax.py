@@ -62,7 +62,7 @@ def case():
     F = js.SpatialForce(*rng.normal(size=(2, N, len(frames), 3)).astype(np.float32))
     forces = js.AppliedForces(frames, F, rng.normal(size=(N, len(frames), 3)).astype(np.float32), axes="frame")
     qpos, qvel = interop.mujoco.to_qpos(mech, q), interop.mujoco.to_qvel(mech, q, v)
-    states = jax.jit(jax.vmap(pipeline.init, in_axes=(None, 0, 0)))(sys, qpos, qvel)
+    states = interpreted(jax.vmap(functools.partial(pipeline.init, sys)))(qpos, qvel)
     return sys, mech, q, v, forces, states
 
 
@@ -104,6 +104,7 @@ def with_forces_of_all_joints(sys):
     return sys.replace(actuator=actuator, nu=sys.nu + n)
 
 
+@pytest.mark.slow
 def test_the_step_of_brax_has_our_accelerations():
     sys, mech, q, v, forces, states = case()
     pushed = with_forces_of_all_joints(sys)
@@ -138,6 +139,7 @@ SLIDING = """
 """
 
 
+@pytest.mark.slow
 def test_brax_leaves_the_axis_of_a_slide_unturned():
     """What the docstring says of it: its own dynamics are those of another robot than MuJoCo's."""
     sys = mjcf.loads(SLIDING)

@@ -17,6 +17,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.interop import mujoco as states
 from tests.helpers.interpreted import interpreted
+from tests.helpers.marks import slow
 from tests.helpers.optional import needs
 
 ROBOTS = ("pusher", "ant", "humanoid")
@@ -127,7 +128,7 @@ def test_a_dict_of_wrenches_about_origins(name, float64):
         np.testing.assert_allclose(found, expected, rtol=0, atol=64 * U * abs(expected).max())
 
 
-@robots
+@pytest.mark.parametrize("name", ["pusher", slow("ant"), slow("humanoid")])
 def test_mj_forward_has_our_accelerations(name, float64):
     """And back: what is read of xfrc_applied gives the same."""
     model, mech, q = robot(name)
@@ -168,7 +169,7 @@ def test_under_grad_and_vmap(float64):
     def total(q):
         return jnp.sum(states.to_xfrc_applied(model, mech, q, forces) ** 2)
 
-    gradient = jax.jit(jax.vmap(jax.grad(total)))(q)
+    gradient = interpreted(jax.vmap(jax.grad(total)))(q)
     h = 1e-6
     ahead, behind = (interpreted(total)(q[0] + s * h * np.eye(mech.nq)[3]) for s in (1, -1))
     moved = (ahead - behind) / (2 * h)
@@ -207,6 +208,17 @@ SMALL = """
     </body></body>
 </worldbody></mujoco>
 """
+
+
+def test_a_model_of_mjx_has_the_rows_of_its_own():
+    """In float32, of several states."""
+    mjx, model, mech = needs("mujoco.mjx"), mujoco.MjModel.from_xml_string(SMALL), js.Mechanism.from_mjcf(SMALL)
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        on_device = mjx.put_model(model)
+    q, forces = js.random_configuration(mech, jax.random.key(0), N), applied(mech, "frame", np.float32)
+    found, expected = (xfrc_applied(x, mech, q, forces) for x in (on_device, model))
+    assert found.dtype == np.float32 and abs(expected).max() > 1
+    np.testing.assert_allclose(found, expected, rtol=0, atol=16 * 2.0**-24 * abs(expected).max())
 
 
 @pytest.mark.slow
