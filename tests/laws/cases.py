@@ -62,8 +62,8 @@ BOUNDS_OP_BY_OP = Choice(
     ],
     by_default=lambda case: case.precision != "reproducible",
     why="Op by op nothing is compiled: all formulas run in float32, where other dtypes are made the same way; bits of "
-    "reproducible are those of the naive formulas, see `test_transformations`. That sums are rounded once as a whole shows in faithful: there, terms rounded one by one break the "
-    "bound where nearly all cancels.",
+    "reproducible are those of the naive formulas, see `test_transformations`. That sums are rounded once as a whole "
+    "shows in faithful: there, terms rounded one by one break the bound where nearly all cancels.",
 )
 
 # These two are compiled in every dtype and precision, and in the surroundings of `bound_surroundings`.

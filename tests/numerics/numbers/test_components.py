@@ -28,8 +28,9 @@ KEEPING = [name for name in OF_ARRAYS if OPERATIONS[name].bounds and name != "ce
 SOME = ["shift_force", "shift_acceleration", "dot_force_velocity", "cross_force", "rotate", "compose_rotations",
         "act_velocity", "center_of_pressure"]  # fmt: skip
 # All shapes of arguments and results, and all that is made of components one by one.
-USUAL = [*SOME, "rotate_inertia", "to_matrix", "newton_euler_regressor", "articulated_shift", "wrench_from_point_forces",
-         "sum", "central_axis", "motion_matrix", "stack", "at_batch", "equal", "is_approx"]  # fmt: skip
+USUAL = [*SOME, "rotate_inertia", "to_matrix", "newton_euler_regressor", "articulated_shift",
+         "wrench_from_point_forces", "sum", "central_axis", "motion_matrix", "stack", "at_batch", "equal",
+         "is_approx"]  # fmt: skip
 
 WHOLE_SUMS = [("float32", "compensated"), ("float64", "compensated"), ("float64", "faithful")]
 

@@ -371,8 +371,9 @@ def test_special_values_of_functions_of_one(dtype):
         x = jnp.asarray([*SPECIAL, 4.0], dtype)
         of_pair, of_word = (DoubleWord.sqrt, abs, operator.neg), (jnp.sqrt, jnp.abs, operator.neg)
         results = jax.jit(lambda x: [f(to_double_word(x)) for f in of_pair])(x)
-        for f, result, expected in zip(of_pair, results, jax.jit(lambda x: [f(x) for f in of_word])(x), strict=True):
-            keep = (np.asarray(x).astype(np.float64) != 3) | (f is not DoubleWord.sqrt)
+        words = jax.jit(lambda x: [f(x) for f in of_word])(x)
+        for function, result, expected in zip(of_pair, results, words, strict=True):
+            keep = (np.asarray(x).astype(np.float64) != 3) | (function is not DoubleWord.sqrt)
             hi, lo, expected = (np.asarray(word)[keep] for word in (result.hi, result.lo, expected))
             require_special(DoubleWord(hi, lo), expected)
 
