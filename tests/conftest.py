@@ -45,7 +45,6 @@ LONGEST = (
     "test_page_inverse_kinematics.py",
     "laws/test_extremes.py",
     "peers/test_coming_from.py",
-    "test_page_drawing.py",
     "test_site.py",
 )
 

@@ -10,12 +10,20 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from tests.helpers.soon import compiled_soon
 
 pyplot = pytest.importorskip("matplotlib.pyplot")
 from jaxspatial import plot  # noqa: E402
 
 FLOAT = np.float32
 DRAWING = [plot.axes, plot.mechanism, plot.torques, plot.frame, plot.wrench, plot.inertia, plot.scales]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _soon():
+    """What is drawn is the same, and many small programs compile sooner."""
+    with compiled_soon():
+        yield
 
 
 @pytest.fixture(autouse=True)

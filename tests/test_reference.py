@@ -1,5 +1,6 @@
 """The page of all public names: none is missing, and each example prints what it says."""
 
+import contextlib
 import importlib
 import pathlib
 import sys
@@ -9,6 +10,7 @@ import pytest
 
 import jaxspatial as js
 from tests.helpers.printed import printed
+from tests.helpers.soon import compiled_soon
 from tests.test_architecture import LAYERS
 
 FOLDER = pathlib.Path(__file__).parent.parent / "notebooks"
@@ -30,7 +32,7 @@ def test_every_public_name_has_one_entry():
 
 @pytest.fixture(scope="module")
 def shared():
-    with np.printoptions():
+    with np.printoptions(), compiled_soon():
         scope = {}
         exec(pages.shared(TEXT), scope)
         yield scope
@@ -38,6 +40,8 @@ def shared():
 
 # These compile long programs, or many.
 LONG = {"self_check", "convex_step", "constrained_forward_dynamics", "close_loops"}
+# These print zeros, whose signs another compiler may choose otherwise.
+SIGNED = {"forward_dynamics_derivatives"}
 
 
 @pytest.mark.parametrize("name", [pytest.param(x, marks=[pytest.mark.slow] if x in LONG else []) for x in ENTRIES])
@@ -46,5 +50,6 @@ def test_example(name, shared, tmp_path, monkeypatch):
     if name in OPTIONAL:
         pytest.importorskip(OPTIONAL[name])
     monkeypatch.chdir(tmp_path)
-    found, said = printed(ENTRIES[name], dict(shared))
+    with contextlib.nullcontext() if name in SIGNED else compiled_soon():
+        found, said = printed(ENTRIES[name], dict(shared))
     assert found and found == said

@@ -1,20 +1,26 @@
-"""The site is built without a warning; every page is two clicks from the first, and no link is broken."""
+"""The site is built without a warning; every page is two clicks from the first, and no link is broken.
+
+And the page on drawing, whose code makes a recording that the site shows: it runs once, for both."""
 
 import html.parser
 import importlib
+import importlib.metadata
 import json
 import os
 import pathlib
+import shutil
 import subprocess
 import sys
 import urllib.parse
 
+import numpy as np
 import pytest
 
-from tests.test_reference import ENTRIES
+from tests.helpers.pages import run_page
+from tests.test_reference import ENTRIES, pages
 
 ROOT = pathlib.Path(__file__).parent.parent
-pytest.importorskip("myst_nb", reason='the extra `docs` is not installed: python -m pip install -e ".[docs]"')
+RECORDING = ROOT / "notebooks/source/recordings/_recordings/solo.html"
 
 
 class Page(html.parser.HTMLParser):
@@ -35,8 +41,23 @@ class Page(html.parser.HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    """path -> Page, of all pages."""
+def drawn(tmp_path_factory):
+    """(all names of the page on drawing, the folder of its files)."""
+    pytest.importorskip("viser", reason="the extra `view` is not installed")
+    if "example-robot-data" not in {x.metadata["Name"] for x in importlib.metadata.distributions()}:
+        pytest.skip("the extra docs has the robot")
+    folder = tmp_path_factory.mktemp("drawn")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        return run_page("drawing.md"), folder
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory, drawn):
+    """path -> Page, of all pages. Its recording is there: `test_the_site_records_a_fall_itself` is slow."""
+    pytest.importorskip("myst_nb", reason='the extra `docs` is not installed: python -m pip install -e ".[docs]"')
+    RECORDING.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(drawn[1] / "solo.html", RECORDING)
     out = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "notebooks", str(out)]
     built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
@@ -95,6 +116,34 @@ def test_a_robot_drops_on_the_page_on_drawing(site):
     out, _ = site
     assert 'src="_recordings/solo.html"' in (out / "drawing.html").read_text()
     assert (out / "_recordings/solo.html").stat().st_size > 5e5
+
+
+def test_a_quadruped_drops_and_stands(drawn):
+    """The forces that the recording shows carry its weight in the end."""
+    matplotlib = pytest.importorskip("matplotlib.image")
+    page, folder = drawn
+    weight = 9.81 * float(np.sum(page["solo"].inertias.mass))
+    f = np.asarray(page["forces"].f)
+    assert not f[:10].any()  # in the air
+    np.testing.assert_allclose(f[-100:].mean(0).sum(0), [0, 0, weight], rtol=0, atol=0.02 * weight)
+    assert page["trajectory"][-1, 6] > 0.2
+    picture = matplotlib.imread(folder / "solo.png")
+    assert (picture[..., :3].min(-1) < 0.5).mean() > 1e-3
+    assert "<html" in (folder / "solo.html").read_text()[:1000]
+
+
+@pytest.mark.slow
+def test_the_site_records_a_fall_itself(drawn, tmp_path):
+    """Where there is no recording, or one that is older than its page."""
+    pages.record(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["solo.html"]
+    recorded = (tmp_path / "solo.html").stat()
+    assert recorded.st_size > 5e5
+    pages.record(tmp_path)
+    assert (tmp_path / "solo.html").stat().st_mtime == recorded.st_mtime
+    os.utime(tmp_path / "solo.html", (0, 0))
+    pages.record(tmp_path)
+    assert (tmp_path / "solo.html").stat().st_mtime > 0
 
 
 def test_every_page_is_two_clicks_from_the_first(site):

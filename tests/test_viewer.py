@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from tests.helpers.soon import compiled_soon
 
 pytest.importorskip("viser")
 msgspec = pytest.importorskip("msgspec")
@@ -24,6 +25,14 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::DeprecationWarning:(websockets|viser|trimesh).*"),
     pytest.mark.filterwarnings("ignore::jaxspatial.interop.ModelFileWarning"),
 ]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _soon():
+    """What is drawn is the same, and many small programs compile sooner."""
+    with compiled_soon():
+        yield
+
 
 SHAPES = """<robot name="arm">
   <link name="base"/>

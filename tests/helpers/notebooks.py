@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import tempfile
 import warnings
 from unittest import mock
 
@@ -12,17 +13,22 @@ from tests.helpers.optional import needs
 FOLDER = pathlib.Path(__file__).parent.parent.parent / "notebooks"
 
 
-def executed(name, compiled_soon=True, **parameters):
-    """The notebook with its outputs; parameters replace numbers of its cell that is tagged "parameters"."""
+def executed(name, compiled_soon=True, first=None, **parameters):
+    """The notebook with its outputs; parameters replace numbers of its cell that is tagged "parameters". first: code
+    that runs before."""
     papermill = needs("papermill")
     with warnings.catch_warnings(), mock.patch.dict(os.environ, soon.environment() if compiled_soon else {}):
         warnings.simplefilter("ignore")
         source = papermill.iorw.load_notebook_node(str(FOLDER / f"{name}.ipynb"))
         known = {p.name for p in papermill.inspection._infer_parameters(source)}
         assert parameters.keys() <= known, f"no parameters of {name}: {parameters.keys() - known}"
-        return papermill.execute_notebook(
-            FOLDER / f"{name}.ipynb", None, parameters, cwd=FOLDER, progress_bar=False, log_output=False
-        )
+        path = FOLDER / f"{name}.ipynb"
+        with tempfile.TemporaryDirectory() as folder:
+            if first:
+                source.cells.insert(0, needs("nbformat").v4.new_code_cell(first))
+                path = pathlib.Path(folder) / path.name
+                papermill.iorw.write_ipynb(source, str(path))
+            return papermill.execute_notebook(path, None, parameters, cwd=FOLDER, progress_bar=False, log_output=False)
 
 
 def last_numbers(notebook):

@@ -45,6 +45,8 @@ _MOST = "jax_disable_most_optimizations"
 
 
 def environment():
-    """Variables for a process that compiles so, in which LLVM optimises: what notebooks run takes longer else."""
-    flags = [os.environ.get("XLA_FLAGS", ""), *(f"--{name}={str(x).lower()}" for name, x in _options().items())]
+    """Variables for a process that compiles so, in which LLVM optimises a little: what notebooks run takes longer
+    without."""
+    options = _options() and {**_options(), "xla_backend_optimization_level": 1}
+    flags = [os.environ.get("XLA_FLAGS", ""), *(f"--{name}={str(x).lower()}" for name, x in options.items())]
     return {"XLA_FLAGS": " ".join(flags).strip()}

@@ -4,6 +4,8 @@ Operations x precisions x dtypes x hostile inputs x surroundings: what else a pr
 compiler breaks error-free transforms. The tolerance is the promise itself. Which of these run by default: see `cases`.
 """
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,6 +22,11 @@ from tests.laws import cases
 from tests.laws.surroundings import OF_ITEMS
 
 precisions = pytest.mark.parametrize("precision", js.Precision)
+# In float64 the shortest of error-free sums by default: `test_bound_of_the_docstring` has all of them there.
+BOTH = list(itertools.product(["float32", "float64"], js.Precision))
+usual = pytest.mark.parametrize(
+    ("dtype", "precision"), slow_but([x for x in BOTH if x[0] == "float32" or x[1] == "compensated"], BOTH)
+)
 
 
 @cases.BOUNDS_OP_BY_OP.parametrize
@@ -37,8 +44,16 @@ def test_bound_of_the_docstring(name, dtype, precision):
             case.check(precision, OF_ITEMS[how](case.operation.on_arrays(precision))(*arrays), how)
 
 
-@precisions
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@cases.BOUNDS_SURROUNDED.parametrize
+def test_bound_of_the_docstring_in_all_surroundings(name, dtype, precision):
+    case = hostile.case(name, dtype)
+    with jax.enable_x64(dtype == "float64"):
+        arrays = [jnp.asarray(x) for x in case.arrays]
+        for how, surrounded in OF_ITEMS.items():
+            case.check(precision, surrounded(case.operation.on_arrays(precision))(*arrays), how)
+
+
+@usual
 @pytest.mark.parametrize("name", ["shift_force", slow("shift_acceleration"), slow("cross_force")])
 def test_a_result_used_alone(name, dtype, precision):
     case = hostile.case(name, dtype)
@@ -50,8 +65,7 @@ def test_a_result_used_alone(name, dtype, precision):
                 case.check(precision, alone(*map(jnp.asarray, case.arrays)), how, [part])
 
 
-@precisions
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@usual
 def test_several_results_of_one_program(dtype, precision):
     """Moved there and on, and two powers: each keeps its own bound, whatever the compiler shares between them."""
     shift, power = (hostile.case(name, dtype) for name in ("shift_force", "dot_force_velocity"))
@@ -88,7 +102,7 @@ CONSTANTS = {
 @pytest.mark.parametrize(
     ("name", "precision"),
     [
-        ("shift_force", "compensated"),
+        slow("shift_force", "compensated"),
         ("shift_force", "faithful"),
         ("dot_force_velocity", "compensated"),
         slow("dot_force_velocity", "faithful"),
@@ -116,8 +130,7 @@ def _check_constants(whole, precision, constant, places):
     hostile.made(whole.operation.name, [np.asarray(x) for x in arrays]).check(precision, results, places)
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-@precisions
+@usual
 @pytest.mark.parametrize("name", ["shift_force", slow("shift_velocity"), "dot_force_velocity", "from_origin"])
 def test_bound_when_all_terms_cancel(name, precision, dtype):
     """The torque is fl(p x f), the velocity orthogonal to fl, the inertia fl(that of a point): what is left is rounding

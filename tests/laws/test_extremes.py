@@ -27,12 +27,21 @@ SAFE = [(dtype, precision) for dtype in DTYPES for precision in ("compensated", 
 SAFE.remove(("float64", "compensated"))
 NAMES = ("shift_force", "shift_velocity", "dot_force_velocity", "cross_force")
 N = 48
-# By default the first operation in all dtypes, the others in float32 alone.
-CASES = list(itertools.product([*NAMES, "shift_acceleration"], DTYPES))
-USUAL = [case for case in CASES if case[0] == NAMES[0] or case[1] == "float32" and case[0] in NAMES]
+# By default in float32 all precisions of the first operation and one of the others; each other dtype in one or two.
+ALL = list(itertools.product(DTYPES, js.Precision))
+OF_OTHERS = [("float64", "reproducible"), ("float64", "faithful"), ("float16", "compensated"), ("bfloat16", "faithful")]
+WIDE, SINGLE = (
+    ("float32", "float64"),
+    [("float32", "reproducible"), ("float32", "faithful"), ("float64", "compensated")],
+)
+FEW = [case for case in ALL if case[0] == "float32" or case in OF_OTHERS]
+CASES = list(itertools.product([*NAMES, "shift_acceleration"], DTYPES, js.Precision))
+USUAL = [case for case in CASES if (case[0] == NAMES[0] and case[1:] in FEW)]
+USUAL += [(name, "float32", "compensated") for name in NAMES[1:]]
 
 safe = pytest.mark.parametrize(("dtype", "precision"), SAFE)
 precisions = pytest.mark.parametrize("precision", js.Precision)
+few = pytest.mark.parametrize(("dtype", "precision"), slow_but(FEW, ALL))
 
 
 def _results(case, precision, how="jit vmap"):
@@ -71,8 +80,7 @@ def test_products_that_overflow_on_the_way_do_not_matter(name, dtype, precision)
         case.check(precision, results, how, flushed=6)
 
 
-@precisions
-@pytest.mark.parametrize(("name", "dtype"), slow_but(USUAL, CASES[: -len(DTYPES)]))
+@pytest.mark.parametrize(("name", "dtype", "precision"), slow_but(USUAL, CASES[: -len(ALL)]))
 def test_huge_factors_beside_tiny_ones(name, dtype, precision):
     """In float64 tiny ones leave no digits to error-free products: errors are those of "fast" then, and no larger."""
     case = _extreme(name, "near_overflow_of_splits", dtype)
@@ -106,8 +114,7 @@ def test_power_of_huge_products_that_cancel(dtype, precision):
         case.check(precision, results, how)
 
 
-@precisions
-@pytest.mark.parametrize("dtype", DTYPES)
+@few
 @pytest.mark.parametrize("name", ["shift_force", "dot_force_velocity"])
 def test_a_result_beyond_the_largest_number_is_an_infinity(name, dtype, precision):
     """Of the right sign: all terms of a component have one sign."""
@@ -132,8 +139,7 @@ def _assert_infinite(computed, exact):
     np.testing.assert_array_equal(computed[beyond], signs[beyond])
 
 
-@precisions
-@pytest.mark.parametrize("dtype", DTYPES)
+@few
 @pytest.mark.parametrize(
     "beyond", [pytest.param(1.0, id="far", marks=pytest.mark.slow), pytest.param(2.0**-7, id="near")]
 )
@@ -217,9 +223,8 @@ def test_what_is_not_finite_in_a_sum_over_points(bad, precision):
 # -- underflow --------------------------------------------------------------------------------------------------------
 
 
-@precisions
 @pytest.mark.parametrize("family", ["tiny_products", "subnormals"])
-@pytest.mark.parametrize(("name", "dtype"), slow_but(USUAL, CASES[: -len(DTYPES)]))
+@pytest.mark.parametrize(("name", "dtype", "precision"), slow_but(USUAL, CASES[: -len(ALL)]))
 def test_what_is_flushed_costs_a_few_of_the_smallest_numbers(name, dtype, family, precision):
     """In float64 the last two are as good as the first two there, beyond that."""
     case = _extreme(name, family, dtype)
@@ -235,8 +240,7 @@ def _is_flushed(dtype):
     return not np.asarray(jax.jit(lax.mul)(tiny, jnp.full_like(tiny, 0.5))).any()
 
 
-@precisions
-@pytest.mark.parametrize("dtype", DTYPES)
+@few
 def test_subnormal_numbers_that_are_given_count_as_zero(dtype, precision):
     """Beside a factor so large that it would matter; those of float16 are numbers as all others."""
     with jax.enable_x64(dtype == "float64"):
@@ -267,15 +271,13 @@ def test_three_factors_in_float64(precision, how):
 # -- NaN and infinities -----------------------------------------------------------------------------------------------
 
 
-@precisions
-@pytest.mark.parametrize(("name", "dtype"), slow_but(USUAL, CASES))
+@pytest.mark.parametrize(("name", "dtype", "precision"), slow_but(USUAL, CASES))
 def test_results_are_finite_where_those_of_the_formula_are(name, dtype, precision):
     for computed, plain in zip(*_not_finite(name, dtype, precision), strict=True):
         np.testing.assert_array_equal(np.isfinite(computed), np.isfinite(plain))
 
 
-@precisions
-@pytest.mark.parametrize(("name", "dtype"), slow_but(USUAL, CASES[: -len(DTYPES)]))
+@pytest.mark.parametrize(("name", "dtype", "precision"), slow_but(USUAL, CASES[: -len(ALL)]))
 def test_nan_and_infinities_go_where_the_formula_takes_them(name, dtype, precision):
     """A product of three is multiplied out: there it is one of NaN and infinity, not always the same."""
     for computed, plain in zip(*_not_finite(name, dtype, precision), strict=True):
@@ -319,8 +321,7 @@ def test_a_hundred_shifts_there_and_back_in_double_words_are_exact(dtype, precis
             np.testing.assert_array_equal(np.asarray(x), np.asarray(y))
 
 
-@pytest.mark.parametrize("precision", js.Precision)
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize(("dtype", "precision"), slow_but(SINGLE, [case for case in ALL if case[0] in WIDE]))
 def test_single_words_do_not_come_back(dtype, precision):
     """However precise a step is: what counts is how the state is stored in between."""
     with jax.enable_x64(dtype == "float64"):

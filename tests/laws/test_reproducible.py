@@ -29,9 +29,10 @@ RESULTS = [
 ]  # fmt: skip
 
 
-# Of all operations one size and dtype, alone and in a larger program; of one operation all of them, in all contexts.
+# Of all operations one size and dtype, alone and in a larger program; of one operation three, in all contexts.
 CASES = [(*result, n, dtype) for result, n, dtype in itertools.product(RESULTS, SIZES, DTYPES)]
-USUAL = [(*case, 257, "float32") for case in RESULTS] + [case for case in CASES if case[0] == "shift_force"]
+USUAL = [(*case, 257, "float32") for case in RESULTS]
+USUAL += [("shift_force", 0, 1, "float32"), ("shift_force", 0, 257, "float64")]
 
 
 def _alone(name, part):

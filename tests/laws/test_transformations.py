@@ -15,8 +15,8 @@ import pytest
 
 from tests.helpers.interpreted import OF_NUMBERS as OPERATION_OF
 from tests.helpers.interpreted import interpreted
-from tests.helpers.marks import slow_but
-from tests.helpers.operations import DISTINCT, DTYPES, NAIVE, OPERATIONS
+from tests.helpers.marks import slow, slow_but
+from tests.helpers.operations import DISTINCT, DTYPES, NAIVE, OPERATIONS, REPRESENTATIVES
 from tests.laws.batches import ALL, BATCH, ONE, arrays, assert_same_bits, on_device, together, value
 from tests.laws.cases import MANY, PROGRAMS
 from tests.laws.surroundings import OF_OPERATIONS
@@ -45,8 +45,8 @@ def test_value_is_the_same_compiled(surrounding, dtype, x64, items, operations):
 
 @pytest.mark.parametrize(
     ("names", "dtype"),
-    [(MANY, "float32"), *(pytest.param(DISTINCT, dtype, marks=pytest.mark.slow) for dtype in ("float32", "float64"))],
-    ids=["many-float32", "distinct-float32", "distinct-float64"],
+    [(REPRESENTATIVES, "float32"), slow(MANY, "float32"), slow(DISTINCT, "float32"), slow(DISTINCT, "float64")],
+    ids=["representatives-float32", "many-float32", "distinct-float32", "distinct-float64"],
 )
 def test_value_does_not_depend_on_who_computed_the_arguments(names, dtype):
     """The same program multiplies them: without a barrier these products and sums of the operations become fmas."""
@@ -102,7 +102,8 @@ def test_sixteen_bits_are_rounded_between_operations(dtype):
     assert_same_bits(jax.jit(there_and_on)(*inputs), there_and_on(*inputs))
 
 
-@pytest.mark.parametrize("name", OPERATIONS)
+# A twin runs the same formula on another type, which `test_precisions` and the naive formulas above hold.
+@pytest.mark.parametrize("name", slow_but(DISTINCT, OPERATIONS))
 def test_batch_by_broadcasting_and_by_nested_vmap(name):
     """Compares with broadcasting over (3, 1, 2). Compiled: see above."""
     function = OPERATIONS[name].on_arrays()

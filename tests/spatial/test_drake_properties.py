@@ -107,7 +107,7 @@ def test_a_vector_keeps_its_numbers_when_the_callers_array_changes(kind, dtype):
 
 @every_kind
 @every_program
-@pytest.mark.parametrize("factor", [3, 3.0, -0.7, np.float32(1.1)], ids=repr)
+@pytest.mark.parametrize("factor", [3, slow(3.0), -0.7, np.float32(1.1)], ids=repr)
 def test_scaling_scales_both_parts_from_either_side(kind, way, factor, dtype):
     x, s = make(kind, FIRST, dtype), dtype(factor)
     python_number = factor if isinstance(factor, (int, float)) else s
@@ -119,7 +119,7 @@ def test_scaling_scales_both_parts_from_either_side(kind, way, factor, dtype):
 
 @every_kind
 @every_program
-@pytest.mark.parametrize("scalar", [1.1, -0.7])
+@pytest.mark.parametrize("scalar", [1.1, slow(-0.7)])
 def test_division_divides_both_parts_and_rounds_once(kind, way, scalar, dtype):
     """Drake has none. A compiler likes to multiply by the reciprocal instead, which rounds twice."""
     x, s = kind(*oracle.random_vectors(4, 2, (200, 3), dtype)), dtype(scalar)

@@ -10,7 +10,7 @@ from jax import lax
 
 import jaxspatial as js
 from tests.helpers.counting import asked_for, flops
-from tests.helpers.marks import slow_but
+from tests.helpers.marks import slow, slow_but
 from tests.helpers.operations import OPERATIONS
 
 KINDS = (js.SpatialForce, js.SpatialMomentum, js.SpatialVelocity, js.SpatialAcceleration)
@@ -89,9 +89,21 @@ def test_every_operation_takes_it_for_zeros(name, kept):
 
 
 @kept
-@pytest.mark.parametrize("precision", slow_but(["reproducible", "compensated"], list(map(str, js.Precision))))
 @pytest.mark.parametrize(
-    ("dtype", "x64"), [("float16", False), ("bfloat16", True), ("float32", True), ("float64", True)]
+    ("dtype", "x64", "precision"),
+    slow_but(
+        [
+            ("float16", False, "reproducible"),
+            ("bfloat16", True, "compensated"),
+            ("float32", True, "compensated"),
+            ("float64", True, "reproducible"),
+        ],
+        [
+            (dtype, x64, precision)
+            for dtype, x64 in (("float16", False), ("bfloat16", True), ("float32", True), ("float64", True))
+            for precision in map(str, js.Precision)
+        ],
+    ),
 )
 def test_every_dtype(dtype, x64, precision, kept):
     shift, dot = (functools.partial(f, precision=precision) for f in (js.shift, js.dot))
@@ -191,8 +203,15 @@ def test_trees_of_axes_leave_out_the_same_part():
 # -- robots -----------------------------------------------------------------------------------------------------------
 
 
-@kept
-@pytest.mark.parametrize("algorithm", [js.inverse_dynamics, js.forward_dynamics])
+@pytest.mark.parametrize(
+    ("algorithm", "kept"),
+    [
+        (js.inverse_dynamics, 0),
+        slow(js.inverse_dynamics, 1),
+        slow(js.forward_dynamics, 0),
+        (js.forward_dynamics, 1),
+    ],
+)
 def test_an_external_force_leaves_no_operation_for_the_part_left_out(algorithm, kept):
     rod = js.SpatialInertia.thin_rod(1.0, (0.0, 0.0, 1.0), mass=2.0)
     joints = [

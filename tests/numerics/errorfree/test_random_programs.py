@@ -9,7 +9,7 @@ from tests.helpers.marks import slow
 from tests.helpers.random_programs import OPERATIONS, SURROUNDINGS, Program
 
 # In small groups: pytest gives files of many tests to its workers first, and none is left with this one at the end.
-FEW, MANY, GROUP = 32, 3000, 4
+FEW, MANY, GROUP = 24, 3000, 4
 
 
 def programs(first, count):

@@ -11,6 +11,7 @@ import jaxspatial as js
 from jaxspatial.measure import inputs
 from jaxspatial.measure.error import rationals, ulp
 from jaxspatial.numerics.sums.estimated import ESTIMATED, ESTIMATED_OF_NARROW
+from tests.helpers.marks import slow
 
 N = 400
 CONDITIONS = [1.5, 1e4, 1e8, 1e12, 1e14, 1e15, 3e15, 1e16, 1e17, 1e20, np.inf]
@@ -87,7 +88,7 @@ def test_terms_added_last_count(dtype):
         assert (abs(rationals(x[given]) - exact[given]) <= allowed).all()
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", ["float32", slow("float64")])
 def test_an_item_has_the_same_bits_in_any_batch(dtype):
     """Beside items that take every trial there is."""
     easy, hard, hopeless = (_dots(dtype, c, 40)[0] for c in (1.5, 1e18, np.inf))

@@ -1,6 +1,7 @@
 """Sums of products as one primitive: what is known folds, and layouts and memory are kept."""
 
 import functools
+import itertools
 import math
 import operator
 from fractions import Fraction
@@ -15,7 +16,7 @@ from jaxspatial.measure.error import ulp, unit_roundoff
 from jaxspatial.numerics import linear
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.numbers.polynomial import Polynomial, symbols
-from tests.helpers.marks import slow
+from tests.helpers.marks import slow, slow_but
 
 ZERO = np.zeros(3, np.float32)
 PRECISIONS = pytest.mark.parametrize("precision", ["compensated", "faithful"])
@@ -71,9 +72,13 @@ def test_known_units_are_summed(precision):
     np.testing.assert_array_equal(known, np.asarray(tau) - np.cross(p, f))
 
 
-@PRECISIONS
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize("axis", [0, -1])
+@pytest.mark.parametrize(
+    ("axis", "dtype", "precision"),
+    slow_but(
+        [(0, "float32", "compensated"), (0, "float32", "faithful"), (-1, "float64", "compensated")],
+        list(itertools.product([0, -1], ["float32", "float64"], ["compensated", "faithful"])),
+    ),
+)
 def test_donated_memory_is_used(axis, dtype, precision):
     with jax.enable_x64(dtype == "float64"):
         arrays = _vectors(*((64, 3) if axis == 0 else (3, 64)), dtype=dtype)
@@ -97,8 +102,11 @@ def _pulled_back_to_a_shared_offset(precision, f):
     return jax.grad(total)(jnp.zeros(3, f.dtype))
 
 
-@PRECISIONS
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+# Faithful in float64: `laws.test_extremes` has a pull-back to a shared item there.
+@pytest.mark.parametrize(
+    ("dtype", "precision"),
+    [("float32", "compensated"), ("float32", "faithful"), ("float64", "compensated"), slow("float64", "faithful")],
+)
 def test_pull_back_of_a_shared_item_is_rounded_once(dtype, precision):
     """A cotangent that cancels over the batch: the terms rounded one by one would leave nothing of it."""
     with jax.enable_x64(dtype == "float64"):
@@ -108,7 +116,7 @@ def test_pull_back_of_a_shared_item_is_rounded_once(dtype, precision):
 
 
 @PRECISIONS
-@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("axis", [0, slow(1), 2])
 def test_pull_backs_of_shared_items_side_by_side(axis, precision):
     f = jnp.arange(4 * 5 * 3, dtype=jnp.float32).reshape(4, 5, 3)
     found = jax.vmap(lambda f: _pulled_back_to_a_shared_offset(precision, f), axis)(jnp.moveaxis(f, 0, axis))
@@ -123,8 +131,13 @@ def test_float64_inside_a_program_that_knows_none():
         assert "f64" in program.lower(tau, f, p).as_text() and program(tau, f, p).dtype == np.float32
 
 
-@pytest.mark.parametrize("dtype", ["float16", "float32", slow("float64")])
-@pytest.mark.parametrize("degree", [3, 4, 5, 6])
+@pytest.mark.parametrize(
+    ("degree", "dtype"),
+    slow_but(
+        [(3, "float16"), *((degree, "float32") for degree in (3, 4, 5, 6))],
+        list(itertools.product([3, 4, 5, 6], ["float16", "float32", "float64"])),
+    ),
+)
 def test_terms_of_any_degree(degree, dtype):
     """(x y - z) w ... with all digits but those of the last factors cancelling: against fractions."""
 
@@ -153,7 +166,7 @@ def test_terms_of_any_degree(degree, dtype):
             assert abs(Fraction(float(a)) - b) <= u * abs(b) + (degree * (degree - 2) + 4) * u * u * mag
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", [slow("float32"), "float64"])
 def test_long_sums_that_cancel(dtype):
     """More numbers than are added without a loop, of which almost nothing is left, and some of which overflow."""
 
@@ -176,7 +189,7 @@ def test_long_sums_that_cancel(dtype):
                 assert abs(Fraction(float(a)) - b) <= ulp(np.asarray([b]), dtype)[0]
 
 
-@pytest.mark.parametrize("n", [4, 8, 16])
+@pytest.mark.parametrize("n", [4, slow(8), 16])
 def test_numbers_whose_sum_overflows_on_the_way(n):
     """Added in the order they come in, they would be infinite; with a product beside them, and in a loop, too."""
     rng = np.random.default_rng(n)
