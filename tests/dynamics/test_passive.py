@@ -362,7 +362,7 @@ def energies(mech, q, v):
     [
         slow(js.semi_implicit_step, ["revolute", "prismatic"], 2e-3, 1000, 0.1),
         (js.symplectic_step, ["revolute", "prismatic"], 1e-3, 4000, 0.02),
-        (js.rk4_step, ["ball"], 2e-3, 1000, 1e-6),
+        slow(js.rk4_step, ["ball"], 2e-3, 1000, 1e-6),
     ],
     ids=["semi-implicit", "symplectic", "Runge-Kutta"],
 )

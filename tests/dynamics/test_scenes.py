@@ -13,6 +13,7 @@ import pytest
 import jaxspatial as js
 from tests.helpers.counting import asked_for, flops
 from tests.helpers.interpreted import interpreted
+from tests.helpers.marks import slow_but
 
 N = 6
 STATE = tuple(jnp.ones(N, jnp.float32) for _ in range(3))
@@ -25,6 +26,9 @@ ALGORITHMS = {
     "kinetic energy": (js.kinetic_energy, 2),
 }
 algorithms = pytest.mark.parametrize("name", ALGORITHMS)
+# Bias forces are inverse dynamics without acceleration.
+KEPT = "inverse dynamics", "forward dynamics", "gravity forces", "mass matrix"
+most_algorithms = pytest.mark.parametrize("name", slow_but(KEPT, ALGORITHMS))
 
 
 def body(rng, name, is_planar=False, is_point=False):
@@ -123,7 +127,7 @@ def test_without_external_forces(name):
         assert counted(arm(), name, external_forces=load)["multiply"] > counted(arm(), name)["multiply"]
 
 
-@algorithms
+@most_algorithms
 def test_welded_bodies(name):
     """A body welded to another costs nothing: what is left is an arm with one joint less."""
     rng = np.random.default_rng(0)
@@ -137,7 +141,7 @@ def test_welded_bodies(name):
     assert counted(js.Mechanism.build(bodies, joints), name) == counted(arm(n=2, gravity=(0.0, 0.0, -9.81)), name)
 
 
-@algorithms
+@most_algorithms
 def test_locked_joints(name):
     """The operations of the scene built without them."""
     locked = js.lock_joints(arm(), {f"joint{i}": 0.3 for i in (2, 3, 4, 5)})
@@ -157,7 +161,7 @@ def test_point_masses(name):
     assert point == general if name in ("gravity forces", "forward dynamics") else point < general
 
 
-@algorithms
+@most_algorithms
 def test_numbers_passed_as_arguments_stay_general(name):
     """And cost at most a third more than known ones of which nothing is special."""
     function, n = ALGORITHMS[name]

@@ -416,13 +416,14 @@ def test_batches_transformations_and_derivatives():
     np.testing.assert_array_equal(whole, jax.jit(jax.vmap(chain))(P, p, V))
     assert jax.eval_shape(chain, jax.tree.map(lambda x: x[0], P), p, V).shape == (6, 6, 6)
     direction = jax.tree.map(lambda x: rng.standard_normal(x.shape), (P, p, V))
-    tangent = interpreted(lambda x, t: jax.jvp(chain, x, t)[1])((P, p, V), direction)
+
+    def derivatives(x, t, c):
+        return jax.jvp(chain, x, t)[1], jax.vjp(lambda x: chain(*x), x)[1](c)[0]
+
+    tangent, pulled = interpreted(derivatives)((P, p, V), direction, whole)
     step = 1e-6
-    ends = [
-        interpreted(chain)(*jax.tree.map(lambda x, t, s=s: x + s * step * t, (P, p, V), direction)) for s in (1, -1)
-    ]
+    ends = interpreted(chain)(*jax.tree.map(lambda x, t: np.stack([x + step * t, x - step * t]), (P, p, V), direction))
     np.testing.assert_allclose(tangent, (ends[0] - ends[1]) / (2 * step), atol=1e-6 * abs(tangent).max())
-    pulled = interpreted(lambda x, c: jax.vjp(lambda x: chain(*x), x)[1](c)[0])((P, p, V), whole)
     terms = jax.tree.map(lambda a, b: (a * b).sum(), pulled, direction)
     np.testing.assert_allclose(sum(jax.tree.leaves(terms)), (tangent * whole).sum(), rtol=1e-10)
 

@@ -12,6 +12,7 @@ from jaxspatial import interop
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.interop import mujoco, orders, pinocchio
 from tests.helpers.interpreted import interpreted
+from tests.helpers.marks import slow
 
 EPS = 2.0**-23
 QUARTER = [0.0, 0.0, 0.0, 1.0]  # wxyz, half a turn about z
@@ -77,16 +78,19 @@ ROUND_TRIPS = {
 }
 
 
+WAYS = {"leading axes": lambda f: f, "vmap": lambda f: jax.vmap(jax.vmap(f))}
+
+
+@pytest.mark.parametrize("way", [slow("leading axes"), "vmap"])
 @pytest.mark.parametrize(("function", "sizes"), [(f, sizes) for f, *sizes in ROUND_TRIPS.values()], ids=ROUND_TRIPS)
-def test_round_trips_over_batches_and_transformations(function, sizes):
+def test_round_trips_over_batches_and_transformations(function, sizes, way):
     arrays = [random(3, 2, n, seed=i) for i, n in enumerate(sizes)]
     if sizes == [10]:
         arrays[0][..., 9] = 2
     expected = interpreted(function)(*arrays)
     assert expected.dtype == np.float32
     np.testing.assert_allclose(expected, arrays[0], rtol=0, atol=64 * EPS)
-    for way in (jax.jit(function), jax.jit(jax.vmap(jax.vmap(function)))):
-        np.testing.assert_array_equal(way(*arrays), expected)
+    np.testing.assert_array_equal(jax.jit(WAYS[way](function))(*arrays), expected)
 
 
 def test_wide_types_switched_on_later():

@@ -7,6 +7,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.interop import newton
+from tests.helpers.interpreted import interpreted
 
 LABELS = ["robot/worldbody/base", "robot/worldbody/base/arm", "robot/worldbody/base/arm/tool"]
 COM = np.float32([[0.1, 0, 0], [0, 0.2, 0], [0, 0, 0.3]])
@@ -63,16 +64,17 @@ def test_many_worlds_are_a_batch():
     F = js.SpatialForce(*rng.normal(size=(2, 4, 2, 3)).astype(np.float32))
     forces = js.AppliedForces(["base", "arm"], F)
     com = rng.normal(size=(12, 3))
-    x = np.asarray(newton.to_body_f(model(4, com=com), robot(), state(4), forces))
+    of_worlds = interpreted(lambda forces: newton.to_body_f(model(4, com=com), robot(), state(4), forces))
+    x = of_worlds(forces)
     assert x.shape == (4, 3, 6)
     for i in range(4):
         own = js.AppliedForces(["base", "arm"], F.at_batch(i))
-        alone = newton.to_body_f(model(com=com[3 * i : 3 * i + 3]), robot(), state(), own)
+        of_one = model(com=com[3 * i : 3 * i + 3])
+        alone = interpreted(lambda own, m=of_one: newton.to_body_f(m, robot(), state(), own))(own)
         np.testing.assert_allclose(x[i], alone, rtol=0, atol=16 * U)
     back = newton.from_body_f(model(4, com=com), OfWarp(x.reshape(-1, 6)))
     assert back.frames == ("base", "arm", "tool") and back.batch_shape == (4,)
-    again = newton.to_body_f(model(4, com=com), robot(), state(4), back)
-    np.testing.assert_allclose(again, x, rtol=0, atol=64 * U)
+    np.testing.assert_allclose(of_worlds(back), x, rtol=0, atol=64 * U)
 
 
 def test_what_is_read_is_force_first():

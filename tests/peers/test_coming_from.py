@@ -113,11 +113,17 @@ def _of_brax(x):
     return js.interop.brax.from_transform(x).to_matrix() if hasattr(x, "rot") else (x.ang, x.vel)
 
 
+LONG = (
+    "mjx.", "jax.jit(mjx.", "jax.vmap(lambda x: mjx.", "jax.jacobian(robot", "jax.vmap(lambda x: kinematics.",
+    "jax.jit(pipeline.step)", "jax.vmap(robot.",
+)  # fmt: skip
+
+
 def cases():
     """Every row; what others compile for many seconds, in the slow lane."""
     for name, text in PAGES.items():
         for i, (theirs, _) in enumerate(rows(text)):
-            is_long = theirs.startswith(("mjx.", "jax.jit(mjx.", "jax.vmap(lambda x: mjx.", "jax.jacobian(robot"))
+            is_long = theirs.startswith(LONG)
             yield pytest.param(name, i, marks=[pytest.mark.slow] if is_long else [])
 
 

@@ -8,6 +8,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial import interop
 from jaxspatial.inertia import SpatialInertia
+from tests.helpers.interpreted import interpreted
 from tests.helpers.optional import needs
 
 base = needs("brax.base")
@@ -61,11 +62,15 @@ def test_a_part_that_is_left_out_becomes_zeros():
 
 
 def test_transform_both_ways_and_what_it_does():
-    ours = poses()
-    theirs = interop.brax.to_transform(ours)
-    np.testing.assert_allclose(interop.brax.from_transform(theirs).to_matrix(), ours.to_matrix(), rtol=0, atol=16 * U)
-    product = jax.vmap(base.Transform.do)(theirs, interop.brax.to_transform(ours.inverse()))
-    identity = interop.brax.from_transform(product).rotation.to_matrix()
+
+    def both(ours):
+        theirs = interop.brax.to_transform(ours)
+        product = jax.vmap(base.Transform.do)(theirs, interop.brax.to_transform(ours.inverse()))
+        identity = interop.brax.from_transform(product).rotation.to_matrix()
+        return interop.brax.from_transform(theirs).to_matrix(), ours.to_matrix(), product, identity
+
+    back, ours, product, identity = interpreted(both)(poses())
+    np.testing.assert_allclose(back, ours, rtol=0, atol=16 * U)
     np.testing.assert_allclose(identity, np.tile(np.eye(3), (N, 1, 1)), rtol=0, atol=32 * U)
     np.testing.assert_allclose(product.pos, 0, atol=64 * U)
 
@@ -137,12 +142,16 @@ def test_inertia_in_axes_of_its_own():
 def test_moved_inertia_both_ways_and_what_it_does():
     """`do` of the pose of the inertia's axes, as Brax's dynamics do it, then `mul`."""
     M, X, V = at_the_origin(bodies()), poses(), js.SpatialVelocity(random(N, 3), random(N, 3, seed=2))
-    expected = js.act(X, M)
-    moved = jax.vmap(base.Transform.do)(interop.brax.to_transform(X), interop.brax.to_inertia(M))
-    read = interop.brax.from_moved_inertia(moved)
-    np.testing.assert_allclose(read.to_matrix(), expected.to_matrix(), rtol=0, atol=1024 * U)
-    made = interop.brax.to_moved_inertia(expected)
+
+    def both(M, X, V):
+        expected = js.act(X, M)
+        moved = jax.vmap(base.Transform.do)(interop.brax.to_transform(X), interop.brax.to_inertia(M))
+        read, made = interop.brax.from_moved_inertia(moved), interop.brax.to_moved_inertia(expected)
+        momentum = interop.brax.from_momentum(jax.vmap(base.Inertia.mul)(made, interop.brax.to_motion(V)))
+        return moved, made, (read.to_matrix(), expected.to_matrix()), (momentum, expected @ V)
+
+    moved, made, matrices, momenta = interpreted(both)(M, X, V)
+    np.testing.assert_allclose(*matrices, rtol=0, atol=1024 * U)
     np.testing.assert_allclose(made.i, moved.i, rtol=0, atol=1024 * U)
     np.testing.assert_allclose(made.transform.pos, moved.transform.pos, rtol=0, atol=256 * U)
-    momentum = jax.vmap(base.Inertia.mul)(made, interop.brax.to_motion(V))
-    near(interop.brax.from_momentum(momentum), expected @ V, 2048)
+    near(*momenta, 2048)

@@ -7,6 +7,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial import interop
 from jaxspatial.interop import orders
+from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow_but
 from tests.helpers.optional import needs
 
@@ -41,34 +42,52 @@ def near(ours, theirs, tolerance):
 
 @every_dtype
 def test_so3_both_ways_and_what_it_does(dtype, u):
-    ours = js.Rotation.exp(twists(dtype).w)
-    theirs = interop.jaxlie.to_so3(ours)
-    near(theirs.as_matrix(), ours.to_matrix(), 12 * u)
-    near(interop.jaxlie.from_so3(theirs).to_matrix(), ours.to_matrix(), 16 * u)
+
+    def both(w, v):
+        ours = js.Rotation.exp(w)
+        theirs = interop.jaxlie.to_so3(ours)
+        back = interop.jaxlie.from_so3(theirs).to_matrix()
+        moved = ours @ v, jax.vmap(jaxlie.SO3.apply)(theirs, v)
+        return theirs.as_matrix(), ours.to_matrix(), back, moved, (ours.log(), theirs.log())
+
     v = np.random.default_rng(1).normal(size=(50, 3)).astype(dtype)
-    near(ours @ v, jax.vmap(jaxlie.SO3.apply)(theirs, v), 128 * u)
-    near(ours.log(), theirs.log(), 64 * u)
+    theirs, ours, back, moved, logarithms = interpreted(both)(twists(dtype).w, v)
+    near(theirs, ours, 12 * u)
+    near(back, ours, 16 * u)
+    near(*moved, 128 * u)
+    near(*logarithms, 64 * u)
 
 
 @every_dtype
 def test_se3_both_ways_and_what_it_does(dtype, u):
     V = twists(dtype)
-    theirs = jaxlie.SE3.exp(orders.to_linear_first(V))
-    ours = interop.jaxlie.from_se3(theirs)
-    near(ours.to_matrix(), theirs.as_matrix(), 16 * u)
-    near(js.RigidTransform.exp(V).to_matrix(), theirs.as_matrix(), 256 * u)
-    back = interop.jaxlie.to_se3(ours)
-    near(back.as_matrix(), theirs.as_matrix(), 16 * u)
-    np.testing.assert_array_equal(back.translation(), theirs.translation())
-    near(orders.from_linear_first(js.SpatialVelocity, theirs.log()).to_array(), V.to_array(), 1024 * u)
+
+    def both(V):
+        theirs = jaxlie.SE3.exp(orders.to_linear_first(V))
+        ours = interop.jaxlie.from_se3(theirs)
+        back, log = interop.jaxlie.to_se3(ours), orders.from_linear_first(js.SpatialVelocity, theirs.log())
+        translations = back.translation(), theirs.translation()
+        matrices = theirs.as_matrix(), ours.to_matrix(), js.RigidTransform.exp(V).to_matrix(), back.as_matrix()
+        return matrices, translations, (log.to_array(), V.to_array())
+
+    (theirs, ours, own, back), translations, logarithms = interpreted(both)(V)
+    near(ours, theirs, 16 * u)
+    near(own, theirs, 256 * u)
+    near(back, theirs, 16 * u)
+    np.testing.assert_array_equal(*translations)
+    near(*logarithms, 1024 * u)
 
 
 @every_dtype
 def test_adjoint_is_the_motion_matrix(dtype, u):
-    X = js.RigidTransform.exp(twists(dtype))
-    theirs = interop.jaxlie.to_se3(X).adjoint()
-    near(X.to_motion_matrix(), orders.matrix_from_linear_first(theirs), 64 * u)
-    near(orders.matrix_to_linear_first(X.to_motion_matrix()), theirs, 64 * u)
+
+    def both(V):
+        X = js.RigidTransform.exp(V)
+        theirs, ours = interop.jaxlie.to_se3(X).adjoint(), X.to_motion_matrix()
+        return (ours, orders.matrix_from_linear_first(theirs)), (orders.matrix_to_linear_first(ours), theirs)
+
+    for ours, theirs in interpreted(both)(twists(dtype)):
+        near(ours, theirs, 64 * u)
 
 
 def test_under_jit_and_vmap():
