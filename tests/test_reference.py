@@ -32,9 +32,10 @@ def test_every_public_name_has_one_entry():
 
 @pytest.fixture(scope="module")
 def shared():
-    with np.printoptions(), compiled_soon():
+    with np.printoptions():
         scope = {}
-        exec(pages.shared(TEXT), scope)
+        with compiled_soon():
+            exec(pages.shared(TEXT), scope)
         yield scope
 
 
