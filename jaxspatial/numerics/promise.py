@@ -14,7 +14,6 @@ the record. A precision that promises anything else than those there are is a li
 import inspect
 import math
 import re
-import textwrap
 from collections.abc import Callable
 from fractions import Fraction
 from typing import Any, NamedTuple, TypeVar
@@ -183,10 +182,21 @@ def promises(**bounds: Promise | Normwise | OfSum) -> Callable[[_Function], _Fun
         paragraph = re.search(r"^Error: .*(?:\n[ \t]+.*)*", doc, re.M)
         if paragraph is None:
             raise ValueError(f"promises: expected a paragraph `Error:` in the docstring of {target.__name__}")
-        text = " ".join(paragraph[0].format_map(bounds).split())
-        text = textwrap.fill(text, 116, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)
+        text = _filled(paragraph[0].format_map(bounds).split())
         target.__doc__ = doc[: paragraph.start()] + text + doc[paragraph.end() :]
         target.promises = bounds
         return function
 
     return attach
+
+
+def _filled(words: list[str]) -> str:
+    """Lines of up to 116 characters, indented but for the first. `textwrap`, for all functions, is a fiftieth of an
+    import."""
+    lines = [words[0]]
+    for word in words[1:]:
+        if len(lines[-1]) + 1 + len(word) > 116:
+            lines.append(f"    {word}")
+        else:
+            lines[-1] += f" {word}"
+    return "\n".join(lines)
