@@ -38,7 +38,7 @@ def _finished(run):
 
 def _on_eight_devices(tmp_path, sizes):
     needs("orbax.checkpoint")
-    program = f"from tests.helpers.pages import run_page; run_page('scale.md', **{sizes})"
+    program = f"from tests.helpers.pages import run_page; run_page('scale.md', precision=None, **{sizes})"
     out = _finished(_run("-W", "error::jaxspatial.NarrowingWarning", "-c", program, folder=tmp_path))
     assert out.strip().endswith(" 8")
 

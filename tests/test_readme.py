@@ -20,6 +20,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.mechanism.joints import BUILT_IN
 from tests.helpers.interpreted import interpreted
+from tests.helpers.marks import slow
 from tests.helpers.optional import needs
 from tests.helpers.pages import examples, run
 from tests.interop import test_ros
@@ -93,13 +94,18 @@ OWN_TESTS += [f"coming_from_{name}.md" for name in OF_OTHERS]
 SIMULATORS = PAGES["simulators.md"].split("\n## ")
 
 
+# What they tell is bits and digits.
+OF_DIGITS = ["precision.md", "layouts.md", "arrays.md"]
+
+
 @pytest.mark.parametrize("name", [name for name, text in PAGES.items() if examples(text) and name not in OWN_TESTS])
-def test_pages_run(name):
+@pytest.mark.parametrize("as_read", [False, slow(True)], ids=["soon", "as read"])
+def test_pages_run(name, as_read):
     blocks = examples(PAGES[name])
     for module in OPTIONAL:
         if re.search(rf"^(import|from) {re.escape(module)}\b", "\n".join(blocks), re.M):
             needs(module)
-    run(blocks)
+    run(blocks, None if name in OF_DIGITS else "fast", as_read)
 
 
 # Brax reads attributes that MJX has moved, and says that it is no longer developed.

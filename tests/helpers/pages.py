@@ -1,11 +1,13 @@
-"""Runs the code of a page from top to bottom, as a reader does."""
+"""Runs the code of a page from top to bottom, as a reader does; sooner, where that is not asked for."""
 
 import ast
+import contextlib
 import pathlib
 import re
 
 import jax
 
+import jaxspatial as js
 from tests.helpers.soon import compiled_soon
 
 FOLDER = pathlib.Path(__file__).parent.parent.parent / "notebooks"
@@ -16,12 +18,19 @@ def examples(text):
     return re.findall(r"```python\n(.*?)```", text, re.S)
 
 
-def run(blocks, **numbers):
+def run(blocks, precision="fast", as_read=False, **numbers):
     """All names after the blocks have run one after the other, under the promotion rules that users have.
 
-    Numbers replace what names are assigned at the top level of a block: sizes, so that a test takes seconds."""
+    Numbers replace what names are assigned at the top level of a block: sizes, so that a test takes seconds. precision:
+    what a page computes in where it says nothing, None for the one of readers; programs of "fast" compile soonest. As a
+    page is read, compiled as users do: with neither."""
     scope, replaced = {}, set()
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"), compiled_soon():
+    soon = contextlib.ExitStack()
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"), soon:
+        if not as_read:
+            soon.enter_context(compiled_soon())
+        if precision and not as_read:
+            soon.enter_context(js.default_precision(precision))
         for block in blocks:
             tree = ast.parse(block)
             for line in tree.body:
