@@ -10,6 +10,7 @@ This list is what is promised; everything else may change.
 """
 
 import sys as _sys
+from typing import TYPE_CHECKING as _TYPE_CHECKING
 
 # `python -m jaxspatial` imports this before it runs, and answers `--help` or refuses a wrong option without the seconds
 # that JAX takes to import: it has no use for these names. Until Python has found what to run, argv begins with "-m".
@@ -115,9 +116,13 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.spatial import central_axis as central_axis
     from jaxspatial.spatial import wrench_from_point_forces as wrench_from_point_forces
 
-    # does it hold here
-    from jaxspatial.measure import self_check as self_check
+    # which version
+    from importlib.metadata import version as _version
 
+    __version__ = _version("jaxspatial")
+
+# What a program that computes has no use for is imported when it is first asked for.
+if _TYPE_CHECKING:
     # random mechanisms, for tests
     from jaxspatial.mechanism import testing as testing
 
@@ -125,7 +130,25 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial import interop as interop
     from jaxspatial import measure as measure
 
-    # which version
-    from importlib.metadata import version as _version
+    # does it hold here
+    from jaxspatial.measure import self_check as self_check
 
-    __version__ = _version("jaxspatial")
+_LATER = {
+    "testing": "jaxspatial.mechanism.testing",
+    "interop": "jaxspatial.interop",
+    "measure": "jaxspatial.measure",
+    "self_check": "jaxspatial.measure",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    module = import_module(_LATER[name])
+    return getattr(module, name, module)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LATER})

@@ -81,10 +81,23 @@ def test_runtime_needs_only_what_is_installed(path):
 
 
 def test_public_names_exist_and_are_documented():
-    exported = [name for name in vars(jaxspatial) if not name.startswith("_") and name not in (*LAYERS, *ON_TOP)]
+    exported = [name for name in dir(jaxspatial) if not name.startswith("_") and name not in (*LAYERS, *ON_TOP)]
     assert {"SpatialForce", "SpatialVelocity", "shift", "dot", "cross", "Precision"} <= set(exported)
     for name in exported:
         assert getattr(jaxspatial, name).__doc__, name
+
+
+def test_what_no_program_needs_is_imported_when_it_is_asked_for():
+    source = """
+import sys, jaxspatial
+later = ("jaxspatial.interop", "jaxspatial.measure", "jaxspatial.mechanism.testing")
+assert not [name for name in sys.modules if name.startswith(later)]
+assert jaxspatial.self_check is jaxspatial.measure.self_check and jaxspatial.interop.ros and jaxspatial.testing
+assert {"interop", "measure", "self_check", "shift", "testing"} <= set(dir(jaxspatial))
+"""
+    subprocess.run([sys.executable, "-c", source], check=True)
+    with pytest.raises(AttributeError, match="module 'jaxspatial' has no attribute 'missing'"):
+        jaxspatial.missing
 
 
 def test_import_touches_no_global_configuration():

@@ -246,7 +246,7 @@ def test_coming_from_drake(row):
 
 
 def test_every_public_name_is_in_the_reference():
-    for name in js.__dict__:
+    for name in dir(js):
         if not name.startswith("_") and name not in (*LAYERS, "Precision", "CentralAxis"):
             assert re.search(rf"\b{name}\b", PAGES["reference.md"]), name
 

@@ -26,7 +26,7 @@ INNER = {"numerics", "rotation", "spatial", "inertia", "mechanism", "engine", "d
 
 
 def test_every_public_name_has_one_entry():
-    public = {name for name in vars(js) if not name.startswith("_")} - INNER | {*OPTIONAL}
+    public = {name for name in dir(js) if not name.startswith("_")} - INNER | {*OPTIONAL}
     assert INNER < set(LAYERS)
     assert public == set(ENTRIES) and len(ENTRIES) == len(pages.entries(TEXT))
 
