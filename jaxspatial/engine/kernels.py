@@ -3,7 +3,8 @@
 XLA CPU makes a kernel of every result of a graph, and each computes again what the results share. A variadic reduction
 is one kernel with as many results as operands, whatever its body computes. So a call of elementwise operations becomes
 a reduction over an axis of two equal items, whose body looks at the item and not at what was reduced before: the
-compiler moves it out of the loop over the two, and vectorises over the states.
+compiler moves it out of the loop over the two, and vectorises over the states. A call with one result becomes a map,
+which writes this result alone, where a reduction would write as many arrays as it reads.
 
 Numbers that are known, and differ only from row to row of a loop or from chain to chain, are tables in the body. As
 operands each would be a result, too, over all states.
@@ -18,7 +19,7 @@ called: 0.13 us for each. So what leaves no trace in a result is left out.
 
 import collections
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -26,12 +27,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.core import ShapedArray, Tracer
-from jax.extend.core import ClosedJaxpr, Literal, Primitive
+from jax.extend.core import ClosedJaxpr, Literal, Primitive, jaxpr_as_fun
+from jax.extend.mlir.dialects import stablehlo
 from jax.interpreters import mlir
 from jax.interpreters import partial_eval as pe
 
 from jaxspatial.numerics.errorfree.barrier import hidden_zero, is_no_reassociation, joined, minus_zero
-from jaxspatial.numerics.errorfree.primitives import CALL, STEP, lower_fun, not_inlined
+from jaxspatial.numerics.errorfree.primitives import CALL, STEP, compiled, lower_fun, not_inlined
 
 # A kernel of more operations is compiled as the calls that it consists of: thousands would compile for minutes.
 # Known numbers in more rows are operands.
@@ -301,26 +303,60 @@ def _keeps_places(eqn: Any) -> bool:
 
 def _one_kernel(trace: ClosedJaxpr, arguments: Sequence[Any], shape: Shape) -> list[jax.Array]:
     """The results of a trace, all of this shape."""
-    operands = _Operands([cast(Any, a).dtype for a in trace.out_avals], shape)
     tables = [x for x in arguments if isinstance(x, Table) and x.size > 1]
     rows = max((len(x.numbers) for x in tables), default=1)
-    hidden = operands.add(_hidden(arguments, tables, shape))
-    places = [None if isinstance(x, Table) else operands.add(x) for x in arguments]
+    arrays = [_hidden(arguments, tables, shape), *(jnp.asarray(x) for x in arguments if not isinstance(x, Table))]
+    kinds = [cast(Any, a).dtype for a in trace.out_avals]
+
+    def computed(hidden: jax.Array, *items: jax.Array) -> list[jax.Array]:
+        """The results, of one number of every array."""
+        index, zero, left = hidden & np.uint32(2**31 - 1), hidden >> np.uint32(31), iter(items)
+        each = [_looked_up(x, rows, shape, index) if isinstance(x, Table) else next(left) for x in arguments]
+        results = _Scalars(zero).results(trace.jaxpr, trace.consts, each)
+        return [lax.convert_element_type(y, d) for y, d in zip(results, kinds, strict=True)]
+
+    return (_mapped if len(kinds) == 1 else _reduced)(computed, arrays, kinds, shape)
+
+
+def _mapped(computed: Callable[..., list[jax.Array]], arrays: Sequence[jax.Array], kinds: Any, shape: Shape) -> Any:
+    whole = [lax.broadcast_in_dim(x, shape, range(len(shape) - x.ndim, len(shape))) for x in arrays]
+    return [_map_p.bind(*whole, trace=jax.make_jaxpr(computed)(*(jax.ShapeDtypeStruct((), x.dtype) for x in whole)))]
+
+
+_map_p: Any = Primitive("jaxspatial_map")
+_map_p.def_impl(lambda *arrays, trace: compiled(_map_p, trace=trace)(*arrays))
+
+
+@_map_p.def_abstract_eval
+def _(*arrays: ShapedArray, trace: ClosedJaxpr) -> ShapedArray:
+    return ShapedArray(arrays[0].shape, cast(Any, trace.out_avals[0]).dtype)
+
+
+def _lowered_map(context: Any, *arrays: Any, trace: ClosedJaxpr) -> Any:
+    """As the operation `map`, which JAX does not use."""
+    (whole,), result = context.avals_out, cast(Any, trace.out_avals[0])
+    types = [mlir.aval_to_ir_type(context.module_context, a) for a in (whole, *trace.in_avals)]
+    operation = stablehlo.MapOp(types[0], arrays, range(whole.ndim))
+    body = operation.computation.blocks.append(*types[1:])
+    with mlir.ir.InsertionPoint(body):
+        inner = context.replace(avals_in=trace.in_avals, avals_out=[result])
+        stablehlo.return_(lower_fun(jaxpr_as_fun(trace), multiple_results=True)(inner, *body.arguments))
+    return operation.results
+
+
+mlir.register_lowering(_map_p, _lowered_map)
+
+
+def _reduced(computed: Callable[..., list[jax.Array]], arrays: Sequence[jax.Array], kinds: Any, shape: Shape) -> Any:
+    operands = _Operands(kinds, shape)
+    places = [operands.add(x) for x in arrays]
 
     def body(_: Any, items: Sequence[jax.Array]) -> tuple[jax.Array, ...]:
-        index, zero = items[hidden] & np.uint32(2**31 - 1), items[hidden] >> np.uint32(31)
-        each = [
-            items[k] if k is not None else _looked_up(x, rows, shape, index)
-            for x, k in zip(arguments, places, strict=True)
-        ]
-        results = _Scalars(zero).results(trace.jaxpr, trace.consts, each)
-        typed = [lax.convert_element_type(y, d) for y, d in zip(results, operands.kinds, strict=False)]
-        return *typed, *items[len(typed) :]
+        return *computed(*(items[k] for k in places)), *items[len(kinds) :]
 
     whole, start = operands.arrays, [lax.full((), 0, d) for d in operands.kinds]
     # A simplification of results without use is wrong where operands differ in dtype: behind the barrier all have one.
-    results = lax.optimization_barrier(lax.reduce(tuple(whole), tuple(start), body, (0,)))
-    return list(results)[: len(trace.jaxpr.outvars)]
+    return lax.optimization_barrier(lax.reduce(tuple(whole), tuple(start), body, (0,)))[: len(kinds)]
 
 
 class _Operands:
@@ -330,9 +366,8 @@ class _Operands:
         self.kinds, self.two = list(kinds), (2, *shape)
         self.items: list[jax.Array | None] = [None] * len(kinds)
 
-    def add(self, x: Any) -> int:
+    def add(self, x: jax.Array) -> int:
         """The place of an operand: that of a result of its kind, if one is left."""
-        x = jnp.asarray(x)
         free = (k for k, y in enumerate(self.items) if y is None and self.kinds[k] == x.dtype)
         k = next(free, len(self.items))
         if k == len(self.items):
