@@ -212,11 +212,40 @@ def _is_table_of_rows(x: Any) -> bool:
 
 
 def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool, rows_per_turn: int) -> list[Any]:
-    """A call as kernels, one for all results of one shape; or, if it is none, with kernels for the calls in it."""
-    inner = _inner(eqn)
+    """A call as kernels, with the sums in it, and what is made of them, behind these."""
+    inner, is_apart = _inner(eqn), eqn.params["name"] == CALL
     inputs = [
         x if hasattr(x, "shape") else np.asarray(x, v.aval.dtype) for x, v in zip(inputs, eqn.invars, strict=True)
     ]
+    first, last = _before_and_after_sums(inner)
+    results = _run_as_kernels(first, inputs, is_apart, of_pieces, rows_per_turn)
+    return results if last is None else _evaluated(last.jaxpr, last.consts, results, rows_per_turn)
+
+
+def _before_and_after_sums(inner: ClosedJaxpr) -> tuple[ClosedJaxpr, ClosedJaxpr | None]:
+    """A trace in two parts: what comes before its sums, and the rest, of the results of the first. None: no sums."""
+    early, late, depend = list[Any](), list[Any](), set[Any]()
+    for eqn in inner.jaxpr.eqns:
+        variables = {x for x in eqn.invars if not isinstance(x, Literal)}
+        if eqn.primitive.name == "reduce_sum" or variables & depend:
+            late.append(eqn)
+            depend.update(eqn.outvars)
+        else:
+            early.append(eqn)
+    if not late:
+        return inner, None
+    read = [*(x for eqn in late for x in eqn.invars), *inner.jaxpr.outvars]
+    between = list(dict.fromkeys(x for x in read if not isinstance(x, Literal) and x not in depend))
+    unnamed = inner.jaxpr.debug_info.with_unknown_names()
+    first = inner.jaxpr.replace(eqns=early, outvars=between, debug_info=unnamed)
+    last = inner.jaxpr.replace(eqns=late, invars=between, constvars=[], debug_info=unnamed)
+    return ClosedJaxpr(first, inner.consts), ClosedJaxpr(last, [])
+
+
+def _run_as_kernels(
+    inner: ClosedJaxpr, inputs: Sequence[Any], is_apart: bool, of_pieces: bool, rows_per_turn: int
+) -> list[Any]:
+    """A trace as kernels, one for all results of one shape; or, if it is none, with kernels for the calls in it."""
     kernels = _kernels(inner, inputs)
     arrays = [None if isinstance(x, Table) else jnp.asarray(x) for x in inputs]
     data = [x for x in arrays if x is not None]
@@ -232,7 +261,7 @@ def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool, rows_per_turn: int
         return [results[k] for k in range(len(results))]
 
     # A concatenation inside a kernel, where each number asks which piece it is of, would not be vectorised.
-    is_apart = of_pieces if kernels else eqn.params["name"] == CALL
+    is_apart = of_pieces if kernels else is_apart
     return not_inlined(call, *data) if is_apart and data else call(*data)
 
 

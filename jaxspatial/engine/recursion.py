@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.core import Tracer
 
 from jaxspatial.engine import stacking
 from jaxspatial.engine.state import MechanismState
@@ -144,9 +145,25 @@ def _run(step: Step, bundle: Bundle, n: int, numbers, start, boundaries: Boundar
     """
     if bundle.length > 1:
         return _loop(step, numbers, start, boundaries, (bundle.width, n))
-    result, last = noinline(step)(stacking.mapped(lambda word: word[0], numbers), start)
+    of_one = stacking.mapped(lambda word: word[0], numbers)
+    result, last = noinline(_for_each_state(step, (of_one, start), (bundle.width, n)))(of_one, start)
     last = stacking.mapped(lambda word: jnp.broadcast_to(word, (bundle.width, n)), last)
     return stacking.mapped(lambda word: word[None], result), last, None
+
+
+def _for_each_state(step: Step, arguments: Any, shape: tuple[int, int]) -> Step:
+    """The step (W, B), which first repeats the numbers that all states share, but for known ones.
+
+    A pull-back ends where the step began: with one sum over the states for each of these numbers, wherever the step
+    uses it, and all that comes before is computed number by number.
+    """
+    shared = [isinstance(x, Tracer) and x.shape[-1] == 1 < shape[-1] for x in data_of(arguments)]
+
+    def of_each(*arguments: Any) -> tuple[Any, Any]:
+        data = zip(data_of(arguments), shared, strict=True)
+        return step(*with_data(arguments, [jnp.broadcast_to(x, shape) if yes else x for x, yes in data]))
+
+    return of_each
 
 
 def _loop(step: Step, numbers, start, boundaries: Boundaries, shape: tuple[int, int]) -> tuple[Any, Any, Any]:
@@ -192,6 +209,7 @@ class _Loop:
         rows = (boundaries.at, boundaries.put, boundaries.get)
         # Unsigned, no index is asked whether it counts from the end.
         inputs = data_of(self.numbers), [jnp.asarray(x, np.uint32) for x in rows] if n_rows else None
+        self.step = _for_each_state(self.step, (self.numbers, self.states), self.shape)
         # A pull-back recomputes the steps, which is faster than reading stored intermediates.
         again = jax.checkpoint(self._row, prevent_cse=False)
         (last, last_memory), stacked = lax.scan(again, start, inputs, reverse=boundaries.is_reverse)

@@ -83,6 +83,27 @@ def test_results_of_several_shapes_have_a_kernel_each():
     assert [x.shape for x in found] == [(1, N), (3, N), (1, N), (3, N)] and reductions(text) == 2
 
 
+def test_one_result_is_a_map_which_writes_nothing_else():
+    def one(a, b, c):
+        return ((a * b - c * a) / (1 + b * b),)
+
+    found, expected, text = compared(noinline(one), *arrays((2, N), (1, N), (2, 1)))
+    same(found, expected)
+    assert len(re.findall(r"stablehlo\.map\b", text)) == 1 and reductions(text) == 0
+
+
+def test_sums_at_the_end_of_a_call_are_behind_its_kernel():
+    def with_sums(a, b, c):
+        x, y, z = step(a, b, c)
+        total, least = (number(v.value.sum(1, keepdims=True)) for v in (x, y))
+        return x * z, total * least, total
+
+    found, expected, text = compared(noinline(with_sums), *arrays((2, N), (2, N), (2, N)))
+    same(found, expected)
+    # The kernel, for the product of two results and for what is added up; two sums, and nothing else.
+    assert reductions(text) == 3
+
+
 def test_more_operations_than_a_kernel_holds_are_the_calls_they_consist_of(monkeypatch):
     monkeypatch.setattr(kernels, "MOST_OPERATIONS", 30)
     found, expected, text = compared(noinline(inner), *arrays((2, N), (2, N), (2, N)))
@@ -178,6 +199,14 @@ def test_recursions_are_a_kernel_for_each_step(is_written_out):
     # Angles are pieces of several arrays: their cosines and sines are a call of their own.
     assert len(set(re.findall(r"(\S+) = \(.* call\(", text))) <= 1
     assert text.count(" while(") == (1 if is_written_out else 3)
+
+
+@pytest.mark.parametrize("function", [js.inverse_dynamics, js.forward_dynamics])
+def test_a_pullback_adds_up_each_number_of_a_robot_once(function):
+    """And not wherever it is used, some 270 times in these loops of one step, which would leave no kernel whole."""
+    mech, x = arm(), np.ones((4, 6), np.float32)
+    pulled = jax.grad(lambda mech, *of: function(mech, *of).sum(), allow_int=True)
+    assert reductions(jax.jit(pulled).lower(mech, x, x, x).as_text()) <= 90
 
 
 def test_kernels_are_for_loops_and_for_many_states():
