@@ -161,7 +161,8 @@ def _for_each_state(step: Step, arguments: Any, shape: tuple[int, int]) -> Step:
 
     def of_each(*arguments: Any) -> tuple[Any, Any]:
         data = zip(data_of(arguments), shared, strict=True)
-        return step(*with_data(arguments, [jnp.broadcast_to(x, shape) if yes else x for x, yes in data]))
+        every = [jnp.broadcast_to(x, (*x.shape[:-2], *shape)) if yes else x for x, yes in data]
+        return step(*with_data(arguments, every))
 
     return of_each
 
