@@ -18,6 +18,7 @@ called: 0.13 us for each. So what leaves no trace in a result is left out.
 """
 
 import collections
+import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, cast
@@ -212,7 +213,7 @@ def _is_table_of_rows(x: Any) -> bool:
 
 
 def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool, rows_per_turn: int) -> list[Any]:
-    """A call as kernels, with the sums in it, and what is made of them, behind these."""
+    """A call as kernels. Its sums, and what is computed from them, come after the kernels."""
     inner, is_apart = _inner(eqn), eqn.params["name"] == CALL
     inputs = [
         x if hasattr(x, "shape") else np.asarray(x, v.aval.dtype) for x, v in zip(inputs, eqn.invars, strict=True)
@@ -362,8 +363,12 @@ def _(*arrays: ShapedArray, trace: ClosedJaxpr) -> ShapedArray:
 
 
 def _lowered_map(context: Any, *arrays: Any, trace: ClosedJaxpr) -> Any:
-    """As the operation `map`, which JAX does not use."""
+    """As the operation `map`, which JAX does not use; over several devices as a reduction, as the compiler would gather
+    the operands of a map on each."""
     (whole,), result = context.avals_out, cast(Any, trace.out_avals[0])
+    if (getattr(context.module_context.axis_context, "num_devices", 1) or 1) > 1:
+        reduced = functools.partial(_reduced, jaxpr_as_fun(trace), kinds=[result.dtype], shape=whole.shape)
+        return lower_fun(lambda *arrays: reduced(arrays), multiple_results=True)(context, *arrays)
     types = [mlir.aval_to_ir_type(context.module_context, a) for a in (whole, *trace.in_avals)]
     operation = stablehlo.MapOp(types[0], arrays, range(whole.ndim))
     body = operation.computation.blocks.append(*types[1:])

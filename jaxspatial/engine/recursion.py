@@ -210,7 +210,6 @@ class _Loop:
         rows = (boundaries.at, boundaries.put, boundaries.get)
         # Unsigned, no index is asked whether it counts from the end.
         inputs = data_of(self.numbers), [jnp.asarray(x, np.uint32) for x in rows] if n_rows else None
-        self.step = _for_each_state(self.step, (self.numbers, self.states), self.shape)
         # A pull-back recomputes the steps, which is faster than reading stored intermediates.
         again = jax.checkpoint(self._row, prevent_cse=False)
         (last, last_memory), stacked = lax.scan(again, start, inputs, reverse=boundaries.is_reverse)
@@ -232,7 +231,8 @@ class _Loop:
 
     def _row(self, carry: tuple[Any, Any], inputs: tuple[Any, Any]) -> tuple[Any, Any]:
         (state, memory), (data, rows) = carry, inputs
-        self.result, new = as_step(self.step)(with_data(self.numbers, data), self._state(state))
+        step = as_step(_for_each_state(self.step, (self.numbers, self.states), self.shape))
+        self.result, new = step(with_data(self.numbers, data), self._state(state))
         state = self._data(new, self.shape)
         if rows:
             at, put, get = rows
