@@ -97,7 +97,7 @@ assert {"interop", "measure", "self_check", "shift", "testing"} <= set(dir(jaxsp
 """
     subprocess.run([sys.executable, "-c", source], check=True)
     with pytest.raises(AttributeError, match="module 'jaxspatial' has no attribute 'missing'"):
-        jaxspatial.missing
+        _ = jaxspatial.missing
 
 
 def test_import_touches_no_global_configuration():

@@ -3,8 +3,8 @@
 XLA CPU makes a kernel of every result of a graph, and each computes again what the results share. A variadic reduction
 is one kernel with as many results as operands, whatever its body computes. So a call of elementwise operations becomes
 a reduction over an axis of two equal items, whose body looks at the item and not at what was reduced before: the
-compiler moves it out of the loop over the two, and vectorises over the states. A call with one result becomes a map,
-which writes this result alone, where a reduction would write as many arrays as it reads.
+compiler moves it out of the loop over the two, and vectorises over the states. A reduction writes as many arrays as it
+reads. So a call with one result becomes a map, which writes this result alone.
 
 Numbers that are known, and differ only from row to row of a loop or from chain to chain, are tables in the body. As
 operands each would be a result, too, over all states.
@@ -18,7 +18,6 @@ called: 0.13 us for each. So what leaves no trace in a result is left out.
 """
 
 import collections
-import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, cast
@@ -34,7 +33,7 @@ from jax.interpreters import mlir
 from jax.interpreters import partial_eval as pe
 
 from jaxspatial.numerics.errorfree.barrier import hidden_zero, is_no_reassociation, joined, minus_zero
-from jaxspatial.numerics.errorfree.primitives import CALL, STEP, compiled, lower_fun, not_inlined
+from jaxspatial.numerics.errorfree.primitives import CALL, STEP, compiled, lower_fun, n_devices, not_inlined
 
 # A kernel of more operations is compiled as the calls that it consists of: thousands would compile for minutes.
 # Known numbers in more rows are operands.
@@ -214,17 +213,17 @@ def _is_table_of_rows(x: Any) -> bool:
 
 def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool, rows_per_turn: int) -> list[Any]:
     """A call as kernels. Its sums, and what is computed from them, come after the kernels."""
-    inner, is_apart = _inner(eqn), eqn.params["name"] == CALL
+    inner, is_call = _inner(eqn), eqn.params["name"] == CALL
     inputs = [
         x if hasattr(x, "shape") else np.asarray(x, v.aval.dtype) for x, v in zip(inputs, eqn.invars, strict=True)
     ]
     first, last = _before_and_after_sums(inner)
-    results = _run_as_kernels(first, inputs, is_apart, of_pieces, rows_per_turn)
+    results = _run_as_kernels(first, inputs, is_call, of_pieces, rows_per_turn)
     return results if last is None else _evaluated(last.jaxpr, last.consts, results, rows_per_turn)
 
 
 def _before_and_after_sums(inner: ClosedJaxpr) -> tuple[ClosedJaxpr, ClosedJaxpr | None]:
-    """A trace in two parts: what comes before its sums, and the rest, of the results of the first. None: no sums."""
+    """A trace in two parts. The second begins with the sums and takes the results of the first; None without sums."""
     early, late, depend = list[Any](), list[Any](), set[Any]()
     for eqn in inner.jaxpr.eqns:
         variables = {x for x in eqn.invars if not isinstance(x, Literal)}
@@ -244,7 +243,7 @@ def _before_and_after_sums(inner: ClosedJaxpr) -> tuple[ClosedJaxpr, ClosedJaxpr
 
 
 def _run_as_kernels(
-    inner: ClosedJaxpr, inputs: Sequence[Any], is_apart: bool, of_pieces: bool, rows_per_turn: int
+    inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, of_pieces: bool, rows_per_turn: int
 ) -> list[Any]:
     """A trace as kernels, one for all results of one shape; or, if it is none, with kernels for the calls in it."""
     kernels = _kernels(inner, inputs)
@@ -262,7 +261,7 @@ def _run_as_kernels(
         return [results[k] for k in range(len(results))]
 
     # A concatenation inside a kernel, where each number asks which piece it is of, would not be vectorised.
-    is_apart = of_pieces if kernels else is_apart
+    is_apart = of_pieces if kernels else is_call
     return not_inlined(call, *data) if is_apart and data else call(*data)
 
 
@@ -348,9 +347,13 @@ def _one_kernel(trace: ClosedJaxpr, arguments: Sequence[Any], shape: Shape) -> l
     return (_mapped if len(kinds) == 1 else _reduced)(computed, arrays, kinds, shape)
 
 
-def _mapped(computed: Callable[..., list[jax.Array]], arrays: Sequence[jax.Array], kinds: Any, shape: Shape) -> Any:
+def _mapped(
+    computed: Callable[..., list[jax.Array]], arrays: Sequence[jax.Array], kinds: Sequence[np.dtype], shape: Shape
+) -> list[jax.Array]:
+    """The one result, as a map."""
     whole = [lax.broadcast_in_dim(x, shape, range(len(shape) - x.ndim, len(shape))) for x in arrays]
-    return [_map_p.bind(*whole, trace=jax.make_jaxpr(computed)(*(jax.ShapeDtypeStruct((), x.dtype) for x in whole)))]
+    trace = jax.make_jaxpr(computed)(*(jax.ShapeDtypeStruct((), x.dtype) for x in whole))
+    return [_map_p.bind(*whole, trace=trace)]
 
 
 _map_p: Any = Primitive("jaxspatial_map")
@@ -363,12 +366,17 @@ def _(*arrays: ShapedArray, trace: ClosedJaxpr) -> ShapedArray:
 
 
 def _lowered_map(context: Any, *arrays: Any, trace: ClosedJaxpr) -> Any:
-    """As the operation `map`, which JAX does not use; over several devices as a reduction, as the compiler would gather
-    the operands of a map on each."""
+    """Lowers to `map` of StableHLO, which JAX does not use.
+
+    Over several devices it lowers to a reduction: of a map the compiler would gather the operands on each device.
+    """
     (whole,), result = context.avals_out, cast(Any, trace.out_avals[0])
-    if (getattr(context.module_context.axis_context, "num_devices", 1) or 1) > 1:
-        reduced = functools.partial(_reduced, jaxpr_as_fun(trace), kinds=[result.dtype], shape=whole.shape)
-        return lower_fun(lambda *arrays: reduced(arrays), multiple_results=True)(context, *arrays)
+
+    def reduced(*arrays: jax.Array) -> list[jax.Array]:
+        return _reduced(jaxpr_as_fun(trace), arrays, [result.dtype], whole.shape)
+
+    if n_devices(context) > 1:
+        return lower_fun(reduced, multiple_results=True)(context, *arrays)
     types = [mlir.aval_to_ir_type(context.module_context, a) for a in (whole, *trace.in_avals)]
     operation = stablehlo.MapOp(types[0], arrays, range(whole.ndim))
     body = operation.computation.blocks.append(*types[1:])
@@ -381,7 +389,10 @@ def _lowered_map(context: Any, *arrays: Any, trace: ClosedJaxpr) -> Any:
 mlir.register_lowering(_map_p, _lowered_map)
 
 
-def _reduced(computed: Callable[..., list[jax.Array]], arrays: Sequence[jax.Array], kinds: Any, shape: Shape) -> Any:
+def _reduced(
+    computed: Callable[..., list[jax.Array]], arrays: Sequence[jax.Array], kinds: Sequence[np.dtype], shape: Shape
+) -> list[jax.Array]:
+    """The results, as a reduction."""
     operands = _Operands(kinds, shape)
     places = [operands.add(x) for x in arrays]
 

@@ -21,7 +21,7 @@ from jax.interpreters import partial_eval as pe
 
 from jaxspatial.engine import kernels
 from jaxspatial.numerics import check
-from jaxspatial.numerics.errorfree.primitives import compiled, is_zero, lower_fun, unsharded
+from jaxspatial.numerics.errorfree.primitives import compiled, is_zero, lower_fun, n_devices, unsharded
 
 T = TypeVar("T")
 Aval = jax.ShapeDtypeStruct
@@ -344,7 +344,7 @@ def _aval(x: jax.Array, size: int | None = None) -> Aval:
 def _lowering(in_blocks: bool) -> Callable[..., Any]:
     def rule(context, *arrays, program: Program, n_batch: int, in_loop: bool):
         # Not within a `shard_map`, where arrays are those of one device already.
-        way = Way(in_blocks, in_loop, getattr(context.module_context.axis_context, "num_devices", 1) or 1)
+        way = Way(in_blocks, in_loop, n_devices(context))
         lower = lower_fun(functools.partial(run, program, n_batch, way), multiple_results=True)
         return unsharded(lower, context, *arrays)
 

@@ -152,10 +152,10 @@ def _run(step: Step, bundle: Bundle, n: int, numbers, start, boundaries: Boundar
 
 
 def _for_each_state(step: Step, arguments: Any, shape: tuple[int, int]) -> Step:
-    """The step (W, B), which first repeats the numbers that all states share, but for known ones.
+    """The step, which first repeats for each state (W, B) the numbers that all share. Known numbers stay as they are.
 
-    A pull-back ends where the step began: with one sum over the states for each of these numbers, wherever the step
-    uses it, and all that comes before is computed number by number.
+    A pull-back then sums each of these numbers once, at its end, however often the step uses it. All that comes before
+    is computed number by number.
     """
     shared = [isinstance(x, Tracer) and x.shape[-1] == 1 < shape[-1] for x in data_of(arguments)]
 

@@ -134,6 +134,11 @@ def rule(function: Callable[..., Sequence[Array]]) -> Callable[..., Any]:
     return functools.partial(unsharded, lower_fun(function, multiple_results=True))
 
 
+def n_devices(context: Any) -> int:
+    """Over how many devices the compiler may split what is lowered."""
+    return getattr(context.module_context.axis_context, "num_devices", 1) or 1
+
+
 def unsharded(lower: Rule, context: Any, *arrays: Any, **parameters: Any) -> Any:
     """What `lower`, a `lower_fun`, lowers its function to, traced without shardings and manual axes in the types: the
     arithmetic is elementwise, for the compiler to split. (With them, every constant and index made on the way would
