@@ -49,7 +49,7 @@ _ELEMENTWISE = {
     "shift_right_logical", "sign", "sqrt", "square", "stop_gradient", "sub", "xor", "jaxspatial_quotient",
 }  # fmt: skip
 # How many operations of the processor each is.
-_SIZES = dict.fromkeys(_ELEMENTWISE | {"jaxspatial_product", "jaxspatial_barrier"}, 1) | {"jaxspatial_quotient": 8}
+_SIZES = dict.fromkeys(_ELEMENTWISE | {"jaxspatial_product", "jaxspatial_barrier"}, 1) | {"jaxspatial_quotient": 3}
 _CALLS = {"jit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2", "checkpoint"}
 
 
@@ -76,10 +76,22 @@ class Table(NamedTuple):
         return numbers[0] if self.row is None else lax.dynamic_index_in_dim(numbers, self.row, keepdims=False)
 
 
+class Way(NamedTuple):
+    """rows_per_turn: of loops over rows. zero: a hidden one.
+
+    There is one zero for all kernels, in front of all loops. XLA has an option to compile small loops as one function
+    (`xla_cpu_small_while_loop_byte_threshold`), but not loops that ask for the index of the replica.
+    """
+
+    rows_per_turn: int
+    zero: jax.Array
+
+
 def run(closed: ClosedJaxpr, rows_per_turn: int, *arrays: jax.Array) -> list[jax.Array]:
     """The results of a trace. rows_per_turn: of its loops over rows."""
     with jax.enable_x64(True):
-        return [_array(x) for x in _evaluated(closed.jaxpr, closed.consts, arrays, rows_per_turn)]
+        way = Way(rows_per_turn, hidden_zero(arrays[0]))
+        return [_array(x) for x in _evaluated(closed.jaxpr, closed.consts, arrays, way)]
 
 
 def _array(x: Any) -> jax.Array:
@@ -100,7 +112,7 @@ def _whole(x: Any) -> Any:
 # -- a trace, operation by operation ----------------------------------------------------------------------------------
 
 
-def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], rows_per_turn: int) -> list[Any]:
+def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], way: Way) -> list[Any]:
     """The results, where a Table may stand for a known number, and a Pieced for an array."""
     values = {v: _known(c) for v, c in zip(jaxpr.constvars, consts, strict=True)}
     values |= dict(zip(jaxpr.invars, arguments, strict=True))
@@ -109,14 +121,16 @@ def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], rows
         name = eqn.primitive.name
         of_pieces = any(isinstance(x, Pieced) for x in inputs)
         if name == "jit" and eqn.params["name"] in (CALL, STEP):
-            results = _called(eqn, list(map(_whole, inputs)), of_pieces, rows_per_turn)
+            results = _called(eqn, list(map(_whole, inputs)), of_pieces, way)
         elif name in _CALLS:
             inner = _inner(eqn)
-            results = _evaluated(inner.jaxpr, inner.consts, inputs, rows_per_turn)
+            results = _evaluated(inner.jaxpr, inner.consts, inputs, way)
         elif name == "scan":
-            results = _scanned(eqn, list(map(_whole, inputs)), rows_per_turn)
+            results = _scanned(eqn, list(map(_whole, inputs)), way)
+        elif name == "jaxspatial_barrier":
+            results = [joined(_array(inputs[0]), way.zero)]
         elif name == "while":
-            results = _repeated(eqn, list(map(_array, inputs)), rows_per_turn)
+            results = _repeated(eqn, list(map(_array, inputs)), way)
         else:
             results = _moved(eqn, list(map(_whole, inputs))) or _bound(eqn, map(_array, inputs))
             if name == "concatenate" or of_pieces:
@@ -157,7 +171,7 @@ def _moved(eqn: Any, inputs: Sequence[Any]) -> list[Any] | None:
     return [Table(x.numbers.reshape((-1, *shape)), x.row) if isinstance(x, Table) else _known(np.reshape(x, shape))]
 
 
-def _scanned(eqn: Any, inputs: Sequence[Any], rows_per_turn: int) -> list[Any]:
+def _scanned(eqn: Any, inputs: Sequence[Any], way: Way) -> list[Any]:
     """A loop over rows, with kernels for the calls in it, and known numbers of its rows as Tables."""
     n_consts, n_carry, length = (eqn.params[k] for k in ("num_consts", "num_carry", "length"))
     n, body = n_consts + n_carry, eqn.params["jaxpr"]
@@ -168,22 +182,22 @@ def _scanned(eqn: Any, inputs: Sequence[Any], rows_per_turn: int) -> list[Any]:
     def row(carry: list[jax.Array], of_row: tuple[list[jax.Array], jax.Array]) -> tuple[list[Any], list[Any]]:
         left, index = iter(of_row[0]), of_row[1]
         each = (Table(np.asarray(inputs[k]), index) if k in tables else next(left) for k in range(n, len(inputs)))
-        results = list(map(_array, _evaluated(body.jaxpr, body.consts, [*consts, *carry, *each], rows_per_turn)))
+        results = list(map(_array, _evaluated(body.jaxpr, body.consts, [*consts, *carry, *each], way)))
         return results[:n_carry], results[n_carry:]
 
-    xs, unroll = (rows, lax.iota(np.uint32, length)), rows_per_turn if _is_of_kernels(body.jaxpr) else 1
+    xs, unroll = (rows, lax.iota(np.uint32, length)), way.rows_per_turn if _is_of_kernels(body.jaxpr) else 1
     carry, stacked = lax.scan(row, carry, xs, reverse=eqn.params["reverse"], unroll=unroll)
     return [*carry, *stacked]
 
 
-def _repeated(eqn: Any, inputs: Sequence[Any], rows_per_turn: int) -> list[Any]:
+def _repeated(eqn: Any, inputs: Sequence[Any], way: Way) -> list[Any]:
     """A loop until a condition, with kernels for the calls in it."""
     n_of_cond, n_of_body = eqn.params["cond_nconsts"], eqn.params["body_nconsts"]
     of_cond, of_body = inputs[:n_of_cond], inputs[n_of_cond : n_of_cond + n_of_body]
 
     def run_of(name: str, consts: Sequence[Any], carry: Sequence[Any]) -> list[Any]:
         inner = eqn.params[name]
-        return list(map(_array, _evaluated(inner.jaxpr, inner.consts, [*consts, *carry], rows_per_turn)))
+        return list(map(_array, _evaluated(inner.jaxpr, inner.consts, [*consts, *carry], way)))
 
     return lax.while_loop(
         lambda carry: run_of("cond_jaxpr", of_cond, carry)[0],
@@ -211,15 +225,15 @@ def _is_table_of_rows(x: Any) -> bool:
 # -- calls ------------------------------------------------------------------------------------------------------------
 
 
-def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool, rows_per_turn: int) -> list[Any]:
+def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool, way: Way) -> list[Any]:
     """A call as kernels. Its sums, and what is computed from them, come after the kernels."""
     inner, is_call = _inner(eqn), eqn.params["name"] == CALL
     inputs = [
         x if hasattr(x, "shape") else np.asarray(x, v.aval.dtype) for x, v in zip(inputs, eqn.invars, strict=True)
     ]
     first, last = _before_and_after_sums(inner)
-    results = _run_as_kernels(first, inputs, is_call, of_pieces, rows_per_turn)
-    return results if last is None else _evaluated(last.jaxpr, last.consts, results, rows_per_turn)
+    results = _run_as_kernels(first, inputs, is_call, of_pieces, way)
+    return results if last is None else _evaluated(last.jaxpr, last.consts, results, way)
 
 
 def _before_and_after_sums(inner: ClosedJaxpr) -> tuple[ClosedJaxpr, ClosedJaxpr | None]:
@@ -242,27 +256,25 @@ def _before_and_after_sums(inner: ClosedJaxpr) -> tuple[ClosedJaxpr, ClosedJaxpr
     return ClosedJaxpr(first, inner.consts), ClosedJaxpr(last, [])
 
 
-def _run_as_kernels(
-    inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, of_pieces: bool, rows_per_turn: int
-) -> list[Any]:
+def _run_as_kernels(inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, of_pieces: bool, way: Way) -> list[Any]:
     """A trace as kernels, one for all results of one shape; or, if it is none, with kernels for the calls in it."""
     kernels = _kernels(inner, inputs)
     arrays = [None if isinstance(x, Table) else jnp.asarray(x) for x in inputs]
     data = [x for x in arrays if x is not None]
 
-    def call(*data: jax.Array) -> list[jax.Array]:
+    def call(zero: jax.Array, *data: jax.Array) -> list[jax.Array]:
         left = iter(data)
         each = [x if y is None else next(left) for x, y in zip(inputs, arrays, strict=True)]
         if kernels is None:
-            return [_array(x) for x in _evaluated(inner.jaxpr, inner.consts, each, rows_per_turn)]
+            return [_array(x) for x in _evaluated(inner.jaxpr, inner.consts, each, way._replace(zero=zero))]
         results: dict[int, jax.Array] = {}
         for kernel in kernels:
-            results |= kernel.run([x for x, yes in zip(each, kernel.reads, strict=True) if yes])
+            results |= kernel.run(zero, [x for x, yes in zip(each, kernel.reads, strict=True) if yes])
         return [results[k] for k in range(len(results))]
 
     # A concatenation inside a kernel, where each number asks which piece it is of, would not be vectorised.
     is_apart = of_pieces if kernels else is_call
-    return not_inlined(call, *data) if is_apart and data else call(*data)
+    return not_inlined(call, way.zero, *data) if is_apart and data else call(way.zero, *data)
 
 
 class Kernel(NamedTuple):
@@ -273,8 +285,8 @@ class Kernel(NamedTuple):
     places: tuple[int, ...]
     reads: tuple[bool, ...]
 
-    def run(self, arguments: Sequence[Any]) -> dict[int, jax.Array]:
-        return dict(zip(self.places, _one_kernel(self.trace, arguments, self.shape), strict=True))
+    def run(self, zero: jax.Array, arguments: Sequence[Any]) -> dict[int, jax.Array]:
+        return dict(zip(self.places, _one_kernel(self.trace, zero, arguments, self.shape), strict=True))
 
 
 def _kernels(inner: ClosedJaxpr, arguments: Sequence[Any]) -> list[Kernel] | None:
@@ -330,11 +342,11 @@ def _keeps_places(eqn: Any) -> bool:
 # -- one kernel -------------------------------------------------------------------------------------------------------
 
 
-def _one_kernel(trace: ClosedJaxpr, arguments: Sequence[Any], shape: Shape) -> list[jax.Array]:
-    """The results of a trace, all of this shape."""
+def _one_kernel(trace: ClosedJaxpr, zero: jax.Array, arguments: Sequence[Any], shape: Shape) -> list[jax.Array]:
+    """The results of a trace, all of this shape. zero: a hidden one."""
     tables = [x for x in arguments if isinstance(x, Table) and x.size > 1]
     rows = max((len(x.numbers) for x in tables), default=1)
-    arrays = [_hidden(arguments, tables, shape), *(jnp.asarray(x) for x in arguments if not isinstance(x, Table))]
+    arrays = [_hidden(zero, tables, shape), *(jnp.asarray(x) for x in arguments if not isinstance(x, Table))]
     kinds = [cast(Any, a).dtype for a in trace.out_avals]
 
     def computed(hidden: jax.Array, *items: jax.Array) -> list[jax.Array]:
@@ -427,9 +439,9 @@ class _Operands:
         return [lax.full(self.two, 0, d) if x is None else x for x, d in zip(self.items, self.kinds, strict=True)]
 
 
-def _hidden(arguments: Sequence[Any], tables: Sequence[Table], shape: Shape) -> jax.Array:
-    """A zero that the compiler cannot foresee, in the first bit, and where to look in tables, in the others."""
-    zero = hidden_zero(next(x for x in arguments if isinstance(x, jax.Array))) << np.uint32(31)
+def _hidden(zero: jax.Array, tables: Sequence[Table], shape: Shape) -> jax.Array:
+    """A hidden zero in the first bit, and where to look in tables, in the others."""
+    zero = zero << np.uint32(31)
     if not tables:
         return zero
     row = next((x.row for x in tables if x.row is not None), np.uint32(0))
@@ -522,16 +534,19 @@ class _Scalars:
 
     def _computed(self, eqn: Any, inputs: Sequence[Any], params: dict[str, Any]) -> list[Any]:
         if eqn.primitive.name == "jaxspatial_product":
-            product = lax.mul(*inputs)
-            return [product + self._minus_zero(product.dtype)]
+            return [self._rounded(lax.mul(*inputs))]
+        if eqn.primitive.name == "jaxspatial_quotient":
+            # Of a divisor that is known, or a root or quotient itself, the compiler would make a factor.
+            return [self._rounded(lax.div(inputs[0], joined(jnp.asarray(inputs[1]), self.zero)))]
         if eqn.primitive.name == "jaxspatial_barrier":
             return [joined(inputs[0], self.zero)]
         return [eqn.primitive.bind(*inputs, **params)]
 
-    def _minus_zero(self, dtype: np.dtype) -> jax.Array:
-        if dtype not in self.minus_zeros:
-            self.minus_zeros[dtype] = minus_zero(self.zero, dtype)
-        return self.minus_zeros[dtype]
+    def _rounded(self, x: jax.Array) -> jax.Array:
+        """x plus -0, of which the compiler knows nothing: no part of the operations that follow."""
+        if x.dtype not in self.minus_zeros:
+            self.minus_zeros[x.dtype] = minus_zero(self.zero, x.dtype)
+        return x + self.minus_zeros[x.dtype]
 
 
 def _identity(x: Any) -> Any:

@@ -19,7 +19,18 @@ from jaxspatial.engine.state import JointState, MechanismState, across
 from jaxspatial.mechanism.topology import Chains
 from jaxspatial.numerics import numbers
 from jaxspatial.numerics.linear import Pose, Vector
-from jaxspatial.numerics.numbers import Number, Numbers, as_data, data_of, high, mapped, noinline, where, with_data
+from jaxspatial.numerics.numbers import (
+    Mask,
+    Number,
+    Numbers,
+    as_data,
+    data_of,
+    high,
+    mapped,
+    noinline,
+    where,
+    with_data,
+)
 from jaxspatial.spatial.algebra import composed
 
 Entry = Callable[[Any, Any], Numbers]
@@ -180,30 +191,36 @@ def solved(M: Number, b: Number) -> Number:
     [Golub and Van Loan 2013, 4.1: Gauss and Jordan]
     """
     n, *shape = numbers.shape_of(b)
-    start = as_data(M), as_data(b)
+    # The right side is one more column: a turn of the loop is one kernel then, that reads and writes one array.
+    parts = stacking.spread(M, (n, n, *shape)), stacking.spread(_lifted(b, 1), (n, 1, *shape))
+    start = as_data(mapped(lambda *words: jnp.concatenate(words, 1), *parts))
+    last = jnp.arange(n + 1).reshape((1, -1, *[1] * len(shape))) == n
 
-    def eliminated(k: jax.Array, data: list[Any]) -> list[Any]:
-        left, right = with_data(start, data)
-        row, of_row = (_row(x, k) for x in (left, right))
-        pivot = _row(row, k)
-        is_none = high(pivot) <= 0
-        scale = where(is_none, 0.0, 1 / where(is_none, 1.0, pivot))
-        here = (np.arange(n, dtype=np.int32) == k).reshape((n, *[1] * len(shape)))
-        column = _row(left, k, 1)
-        factor = where(here, scale * 0.0, column * _lifted(scale))
-        rest = left - mapped(lambda w: w[:, None], factor) * _lifted(row)
-        right = where(here, where(is_none, 0.0, right), right - factor * _lifted(of_row))
-        return data_of((as_data(rest), as_data(right)))
+    def turn(k: jax.Array, data: list[Any]) -> list[Any]:
+        whole = with_data(start, data)
+        row = _row(whole, k)
+        here = (jnp.arange(n, dtype=np.int32) == k).reshape((n, 1, *[1] * len(shape)))
+        pivot = _lifted(_lifted(_row(row, k), 0), 0)
+        return data_of(as_data(_eliminated(whole, _lifted(row, 0), _lifted(_row(whole, k, 1), 1), pivot, here, last)))
 
-    left, right = with_data(start, lax.fori_loop(0, n, eliminated, data_of(start)))
-    diagonal = stacking.concatenated([mapped(lambda w, k=k: w[k, k][None], left) for k in range(n)])
+    whole = with_data(start, lax.fori_loop(0, n, turn, data_of(start)))
+    diagonal = stacking.concatenated([mapped(lambda w, k=k: w[k, k][None], whole) for k in range(n)])
     is_none = high(diagonal) <= 0
-    return where(is_none, 0.0, right / where(is_none, 1.0, diagonal))
+    return where(is_none, 0.0, mapped(lambda w: w[:, n], whole) / where(is_none, 1.0, diagonal))
+
+
+@noinline
+def _eliminated(whole: Number, row: Number, column: Number, pivot: Number, here: Mask, last: Mask) -> Number:
+    """The rows and columns of all equations without the unknown of one row, which stands `here`. last: of columns."""
+    is_none = high(pivot) <= 0
+    scale = where(is_none, 0.0, 1 / where(is_none, 1.0, pivot))
+    factor = where(here, scale * 0.0, column * scale)
+    return where(here & last, where(is_none, 0.0, whole), whole - factor * row)
 
 
 def _row(x: Number, k: Any, axis: int = 0) -> Number:
     return mapped(lambda w: lax.dynamic_index_in_dim(w, k, axis, keepdims=False), x)
 
 
-def _lifted(x: Number) -> Number:
-    return mapped(lambda w: w[None], x)
+def _lifted(x: Number, axis: int) -> Number:
+    return mapped(lambda w: jnp.expand_dims(w, axis), x)
