@@ -696,7 +696,8 @@ def test_compiled_it_is_the_same(name):
         return js.convex_step(mech, q, v, tau, 5e-3, **call)
 
     expected, found = interpreted(own)(*x), jax.jit(jax.vmap(own))(*x)
-    assert (abs(expected.contact_forces.f).max((0, 2)) > 1).all()
+    pushes = abs(expected.contact_forces.f).max((0, 2)) > 1
+    assert pushes.sum() >= 4 if name == "tree" else pushes.all()
     np.testing.assert_array_equal(found.q, expected.q)
     np.testing.assert_array_equal(found.v, expected.v)
     np.testing.assert_array_equal(found.iterations, expected.iterations)
