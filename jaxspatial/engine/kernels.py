@@ -18,6 +18,7 @@ called: 0.13 us for each. So what leaves no trace in a result is left out.
 """
 
 import collections
+import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, cast
@@ -33,7 +34,7 @@ from jax.interpreters import mlir
 from jax.interpreters import partial_eval as pe
 
 from jaxspatial.numerics.errorfree.barrier import hidden_zero, is_no_reassociation, joined, minus_zero
-from jaxspatial.numerics.errorfree.primitives import CALL, STEP, compiled, lower_fun, n_devices, not_inlined
+from jaxspatial.numerics.errorfree.primitives import CALL, STEP, apart, compiled, lower_fun, n_devices, not_inlined
 
 # A kernel of more operations is compiled as the calls that it consists of: thousands would compile for minutes.
 # Known numbers in more rows are operands.
@@ -105,34 +106,46 @@ class Pieced(NamedTuple):
     array: jax.Array
 
 
+class Stack:
+    """Rows that are stored one by one. `array`: all of them, as a concatenation."""
+
+    def __init__(self, rows: Sequence[jax.Array]):
+        self.rows, self.shape = rows, (len(rows), *rows[0].shape)
+
+    @functools.cached_property
+    def array(self) -> jax.Array:
+        return jnp.stack(self.rows)
+
+
 def _whole(x: Any) -> Any:
-    return x.array if isinstance(x, Pieced) else x
+    return x.array if isinstance(x, (Pieced, Stack)) else x
 
 
 # -- a trace, operation by operation ----------------------------------------------------------------------------------
 
 
 def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], way: Way) -> list[Any]:
-    """The results, where a Table may stand for a known number, and a Pieced for an array."""
+    """The results, where a Table may stand for a known number, and a Pieced or a Stack for an array."""
     values = {v: _known(c) for v, c in zip(jaxpr.constvars, consts, strict=True)}
     values |= dict(zip(jaxpr.invars, arguments, strict=True))
     for eqn in jaxpr.eqns:
         inputs = [x.val if isinstance(x, Literal) else values[x] for x in eqn.invars]
         name = eqn.primitive.name
-        of_pieces = any(isinstance(x, Pieced) for x in inputs)
+        of_pieces = any(isinstance(x, (Pieced, Stack)) for x in inputs)
         if name == "jit" and eqn.params["name"] in (CALL, STEP):
             results = _called(eqn, list(map(_whole, inputs)), of_pieces, way)
         elif name in _CALLS:
             inner = _inner(eqn)
             results = _evaluated(inner.jaxpr, inner.consts, inputs, way)
         elif name == "scan":
-            results = _scanned(eqn, list(map(_whole, inputs)), way)
-        elif name == "jaxspatial_barrier":
-            results = [joined(_array(inputs[0]), way.zero)]
+            results = _scanned(eqn, [x if isinstance(x, Stack) else _whole(x) for x in inputs], way)
         elif name == "while":
             results = _repeated(eqn, list(map(_array, inputs)), way)
         else:
-            results = _moved(eqn, list(map(_whole, inputs))) or _bound(eqn, map(_array, inputs))
+            if name == "jaxspatial_barrier":
+                results = [joined(_array(inputs[0]), way.zero)]
+            else:
+                results = _moved(eqn, list(map(_whole, inputs))) or _bound(eqn, map(_array, inputs))
             if name == "concatenate" or of_pieces:
                 results = list(map(Pieced, results))
         values |= dict(zip(eqn.outvars, results, strict=True))
@@ -172,22 +185,68 @@ def _moved(eqn: Any, inputs: Sequence[Any]) -> list[Any] | None:
 
 
 def _scanned(eqn: Any, inputs: Sequence[Any], way: Way) -> list[Any]:
-    """A loop over rows, with kernels for the calls in it, and known numbers of its rows as Tables."""
-    n_consts, n_carry, length = (eqn.params[k] for k in ("num_consts", "num_carry", "length"))
-    n, body = n_consts + n_carry, eqn.params["jaxpr"]
-    tables = {k for k, x in enumerate(inputs) if k >= n and _is_table_of_rows(x)}
-    consts, carry = list(map(_array, inputs[:n_consts])), list(map(_array, inputs[n_consts:n]))
-    rows = [_array(x) for k, x in enumerate(inputs) if k >= n and k not in tables]
+    """A loop over rows, with kernels for the calls in it, and known numbers of its rows as Tables.
 
-    def row(carry: list[jax.Array], of_row: tuple[list[jax.Array], jax.Array]) -> tuple[list[Any], list[Any]]:
-        left, index = iter(of_row[0]), of_row[1]
+    Several rows per turn are calls of one function, which gets the index of its row as an operand: equal kernels are
+    compiled once. So the indices are hidden where the compiler could know them.
+    """
+    n_consts, n_carry, length = (eqn.params[k] for k in ("num_consts", "num_carry", "length"))
+    n, body, is_reverse = n_consts + n_carry, eqn.params["jaxpr"], eqn.params["reverse"]
+    consts, carry = list(map(_array, inputs[:n_consts])), list(map(_array, inputs[n_consts:n]))
+    tables = {k for k, x in enumerate(inputs) if k >= n and _is_table_of_rows(x)}
+    rows = [x for k, x in enumerate(inputs) if k >= n and k not in tables]
+
+    def row(zero: jax.Array, index: jax.Array, consts: Any, carry: Any, of_row: Any) -> tuple[list[Any], list[Any]]:
+        left = iter(of_row)
         each = (Table(np.asarray(inputs[k]), index) if k in tables else next(left) for k in range(n, len(inputs)))
-        results = list(map(_array, _evaluated(body.jaxpr, body.consts, [*consts, *carry, *each], way)))
+        arguments = [*consts, *carry, *each]
+        results = list(map(_array, _evaluated(body.jaxpr, body.consts, arguments, way._replace(zero=zero))))
         return results[:n_carry], results[n_carry:]
 
-    xs, unroll = (rows, lax.iota(np.uint32, length)), way.rows_per_turn if _is_of_kernels(body.jaxpr) else 1
-    carry, stacked = lax.scan(row, carry, xs, reverse=eqn.params["reverse"], unroll=unroll)
-    return [*carry, *stacked]
+    per_turn = way.rows_per_turn if _is_of_kernels(body.jaxpr) else 1
+    if per_turn == 1:
+        xs = list(map(_array, rows)), lax.iota(np.uint32, length)
+        carry, stacked = lax.scan(
+            lambda carry, x: row(way.zero, x[1], consts, carry, x[0]), carry, xs, reverse=is_reverse
+        )
+        return [*carry, *stacked]
+    is_unrolled = length < 2 * per_turn
+    rows = [x if is_unrolled and isinstance(x, Stack) else _array(x) for x in rows]
+
+    @apart
+    def one(zero: jax.Array, index: jax.Array, consts: Any, carry: Any, of_row: Any) -> tuple[list[Any], list[Any]]:
+        own = [x if isinstance(y, Stack) else _row(x, index) for x, y in zip(of_row, rows, strict=True)]
+        return row(zero, index, consts, carry, own)
+
+    def index_of(k: Any) -> Any:
+        return np.uint32(length - 1) - k if is_reverse else k
+
+    if is_unrolled:
+        stacked: list[Any] = [None] * length
+        for k in map(index_of, range(length)):
+            of_row = [x.rows[k] if isinstance(x, Stack) else x for x in rows]
+            carry, stacked[k] = one(way.zero, way.zero + np.uint32(k), consts, carry, of_row)
+        return [*carry, *map(Stack, zip(*stacked, strict=True))]
+
+    def turn(state: Any, first: jax.Array, count: int = per_turn) -> tuple[Any, None]:
+        carry, stacked = state
+        for k in range(count):
+            index = index_of(first + np.uint32(k))
+            carry, results = one(way.zero, index, consts, carry, rows)
+            stacked = [lax.dynamic_update_index_in_dim(x, y, index, 0) for x, y in zip(stacked, results, strict=True)]
+        return (carry, stacked), None
+
+    avals = [cast(Any, v.aval) for v in body.jaxpr.outvars[n_carry:]]
+    state = carry, [lax.full((length, *a.shape), 0, a.dtype) for a in avals]
+    n_turns, left = divmod(length, per_turn)
+    state, _ = lax.scan(turn, state, lax.iota(np.uint32, n_turns) * np.uint32(per_turn))
+    state, _ = turn(state, way.zero + np.uint32(n_turns * per_turn), left)
+    return [*state[0], *state[1]]
+
+
+def _row(x: jax.Array, index: jax.Array) -> jax.Array:
+    start = (index, *[np.uint32(0)] * (x.ndim - 1))
+    return lax.squeeze(lax.dynamic_slice(x, start, (1, *x.shape[1:])), (0,))
 
 
 def _repeated(eqn: Any, inputs: Sequence[Any], way: Way) -> list[Any]:
@@ -218,7 +277,7 @@ def _is_of_kernels(jaxpr: Any) -> bool:
 
 
 def _is_table_of_rows(x: Any) -> bool:
-    is_known = not isinstance(x, (Tracer, Table))
+    is_known = not isinstance(x, (Tracer, Table, Stack))
     return is_known and np.ndim(x) == 3 and np.shape(x)[-1] == 1 and np.size(x) <= MOST_ROWS
 
 

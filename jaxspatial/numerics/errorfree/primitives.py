@@ -104,21 +104,31 @@ def _batched(arguments: Sequence[Array], axes: Sequence[int | None]) -> Iterator
 
 def not_inlined(function: Callable[..., Any], *arguments: Any) -> Any:
     """function(*arguments), as a call that the compiler does not inline."""
-    with set_xla_metadata(inlineable="false"):
-        return _called(CALL, function, *arguments)
+    return apart(function)(*arguments)
+
+
+def apart(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function, whose calls the compiler does not inline. All calls with arguments of one kind have one trace."""
+    call = _named(CALL, function)
+
+    def called(*arguments: Any) -> Any:
+        with set_xla_metadata(inlineable="false"):
+            return call(*arguments)
+
+    return called
 
 
 def named_step(function: Callable[..., Any], *arguments: Any) -> Any:
     """function(*arguments), as a part of a trace that is known by its name."""
-    return _called(STEP, function, *arguments)
+    return _named(STEP, function)(*arguments)
 
 
-def _called(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
+def _named(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
     def call(*arguments: Any) -> Any:
         return function(*arguments)
 
     call.__name__ = name
-    return cast(Any, jax.jit(call))(*arguments)
+    return cast(Any, jax.jit(call))
 
 
 def is_zero(tangent: object) -> bool:
