@@ -15,8 +15,8 @@ _ARGUMENTS = {
     "tau": "(*batch, nv) generalized forces of the joints: N m, N.",
     "dt": "the time, s: a number or (*batch,).",
     "external_forces": """AppliedForces, or by name of a frame (bodies are frames, welded links too) a SpatialForce
-    (*batch,) about the origin of the frame, in world axes. They act on the bodies that carry the frames, see
-    `Mechanism.frame_body`.""",
+    (*batch,) about the origin of the frame, in world axes; or a list of such, which add up. They act on the bodies that
+    carry the frames, see `Mechanism.frame_body`.""",
     "frames": "a name of `mechanism.frame_names`, or several, in the order of the results.",
     "loops": "LoopClosures, such as `mechanism.loops`; none at all leave the tree.",
     "compliance": "of friction and limits; None takes the default, see `Compliance`.",
@@ -71,7 +71,9 @@ def _raises(parameters) -> str:
     reasons += ["loops are no LoopClosures"] if "loops" in parameters else []
     reasons += ["contacts are no PointContacts"] if "contacts" in parameters else []
     reasons += (
-        ["forces are neither a dict of SpatialForces nor AppliedForces"] if "external_forces" in parameters else []
+        ["forces are neither a dict of SpatialForces nor AppliedForces, nor a list of these"]
+        if "external_forces" in parameters
+        else []
     )
     errors = [f"TypeError: {', '.join(reasons[:-1])}, or {reasons[-1]}.", "ValueError: shapes do not fit."]
     if {"frames", "external_forces", "loops", "contacts"} & {*parameters}:

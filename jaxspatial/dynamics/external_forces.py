@@ -42,8 +42,9 @@ def applied_wrenches(
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 2.5 (wrenches).
     """
     sums = _applied_wrenches(precision, mechanism, q, external_forces, operation="applied_wrenches")
-    frames = external_forces.frames if isinstance(external_forces, AppliedForces) else external_forces or {}
-    carriers = {mechanism.frame_body(name) for name in frames}
+    sources: Any = external_forces if isinstance(external_forces, list | tuple) else [external_forces]
+    frames = [name for x in sources for name in (x.frames if isinstance(x, AppliedForces) else x or {})]
+    carriers = set(map(mechanism.frame_body, frames))
     names = [name for name in (WORLD, *mechanism.body_names) if name in carriers]
     return {name: SpatialForce(*F) for name, F in zip(names, sums, strict=True)}
 

@@ -45,8 +45,9 @@ BODIES = (*GEOMETRY, "inertias")
 DYNAMICS = (*BODIES, "armature", "gravity")
 FRAMES = ("child_placements", "frame_placements")
 
-# What callers pass: SpatialForces by name of a frame, or AppliedForces, see `inverse_dynamics`.
-ExternalForces = dict[str, SpatialForce] | AppliedForces | None
+# What callers pass: SpatialForces by name of a frame, or AppliedForces, or several of these in a list, which add up.
+_OneSource = dict[str, SpatialForce] | AppliedForces | None
+ExternalForces = _OneSource | Sequence[_OneSource]
 Frames = int | tuple[int, ...] | None  # by number, None for all bodies
 Static = tuple[tuple[str, Any], ...]  # arguments that are no arrays, by name
 
@@ -158,20 +159,29 @@ def _arrays(operation: str, mechanism: Mechanism, arguments: dict[str, Any]) -> 
 
 def _external(operation: str, mechanism: Mechanism, forces: Any) -> tuple[dict[str, Any], Wrenches]:
     """(external forces by their names in messages, the same as Wrenches in the order of frames)."""
-    what = f"{operation}: external_forces"
     if isinstance(forces, tuple) and all(isinstance(x, WrenchesOnFrames) for x in forces):
         return {}, forces  # checked before
+    if isinstance(forces, list | tuple):
+        parts = [_of_one_source(f"external_forces[{i}]", operation, mechanism, x) for i, x in enumerate(forces)]
+        named = dict(item for names, _ in parts for item in names.items())
+        return named, tuple(x for _, wrenches in parts for x in wrenches)
+    return _of_one_source("external_forces", operation, mechanism, forces)
+
+
+def _of_one_source(argument: str, operation: str, mechanism: Mechanism, forces: Any) -> tuple[dict[str, Any], Wrenches]:
+    """`_external` of what is no list, and has this name in messages."""
+    what = f"{operation}: {argument}"
     if isinstance(forces, AppliedForces):
         F = check.narrowed(forces)
         frames = tuple(_frame_number(f"{what}: frames", mechanism, name) for name in F.frames)
         if not frames:
-            return {"external_forces": F}, ()
+            return {argument: F}, ()
         n, batch = len(frames), F.wrenches.batch_shape
         tau, f, points = (_array_or_none(x, batch, n) for x in (*F.wrenches.vectors, F.points))
         on_frames = WrenchesOnFrames(frames, F.axes == "world", tau, f, points)
-        return {"external_forces": F}, (on_frames,)
+        return {argument: F}, (on_frames,)
     if not isinstance(forces, dict | None):
-        expected = "SpatialForces in a dict by name of a frame, or AppliedForces"
+        expected = "SpatialForces in a dict by name of a frame, AppliedForces, or a list of these"
         raise TypeError(f"{what}: expected {expected}, got {type(forces).__name__}")
     by_name = cast(dict[str, Any], forces or {})
     numbers = {name: _frame_number(what, mechanism, name) for name in by_name}
@@ -183,7 +193,7 @@ def _external(operation: str, mechanism: Mechanism, forces: Any) -> tuple[dict[s
     for name, F in sorted(by_name.items(), key=lambda item: numbers[item[0]]):
         tau, f = (_array_or_none(x, F.batch_shape) for x in F.vectors)
         wrenches.append(WrenchesOnFrames((numbers[name],), True, tau, f, None))
-    return {f"external_forces[{name!r}]": F for name, F in by_name.items()}, tuple(wrenches)
+    return {f"{argument}[{name!r}]": F for name, F in by_name.items()}, tuple(wrenches)
 
 
 def _array_or_none(x: Any, batch_shape: tuple[int, ...], n: int | None = None) -> Any:

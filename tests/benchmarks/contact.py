@@ -38,7 +38,8 @@ from jaxspatial import measure  # noqa: E402
 from tests.helpers import pinocchio_models as models  # noqa: E402
 
 CONVEX, PLAIN, WITHOUT, MJX = "convex_step", "semi_implicit_step", "convex_step without contacts", "mjx.step"
-ONE, GRADIENT, ROLLOUT = "convex_step, one state", "gradient of 60 steps, one state", "60 steps, one state"
+ONE, CALL = "convex_step, one state, 500 steps a call", "convex_step, one state, a call"
+GRADIENT, ROLLOUT = "gradient of 60 steps, one state", "60 steps, one state"
 DT = np.float32(5e-3)
 STIFFNESS, RELAXATION_TIME, FRICTION = np.float32(2e4), np.float32(0.01), np.float32(0.7)
 # What is for pictures, contact and motors.
@@ -204,7 +205,8 @@ def cases(name, n, steps):
         PLAIN: (lambda q, v: rolled(plain, q, v), (q, v)),
         WITHOUT: (lambda q, v: rolled(without, q, v), (q, v)),
         MJX: (jax.vmap(mjx_rolled), (qpos, qvel)),
-        ONE: (lambda q, v: rolled(convex, q, v), (q[0], v[0])),
+        ONE: (lambda q, v: rolled(convex, q, v, 500), (q[0], v[0])),
+        CALL: (lambda q, v: rolled(convex, q, v, 1), (q[0], v[0])),
         ROLLOUT: (height, (gain, q[0], v[0])),
         GRADIENT: (jax.grad(height), (gain, q[0], v[0])),
     }
@@ -239,7 +241,7 @@ def check_standing(what, heights, before):
 
 def per_step(case, n, steps):
     """How many steps of a state a call takes."""
-    return {ONE: steps, ROLLOUT: 60, GRADIENT: 60}.get(case, n * steps)
+    return {ONE: 500, CALL: 1, ROLLOUT: 60, GRADIENT: 60}.get(case, n * steps)
 
 
 def values(found, n, steps):

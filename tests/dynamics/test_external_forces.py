@@ -76,6 +76,25 @@ def test_sums_on_bodies_are_the_same_forces(axes):
     assert js.applied_wrenches(arm(), q, None) == {} == js.applied_wrenches(arm(), q, {})
 
 
+def test_several_sources_in_a_list_add_up():
+    """As generalized forces, as sums on bodies, and in a step, whatever frames and axes each has."""
+    (q, v, a), more = state(), forces(frames=("lower", "tip"))
+    parts = [forces("frame"), more, None, {"tip": js.SpatialForce(*(x[0] for x in more.wrenches.vectors))}]
+    of = interpreted(lambda *x: js.bias_forces(arm(), q, v, *x))
+    alone = of(None)
+    found, expected = of(parts) - alone, sum(of(x) - alone for x in parts)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * abs(expected).max())
+    np.testing.assert_array_equal(of(tuple(parts)), of(parts))
+    np.testing.assert_array_equal(of([]), alone)
+    sums, each = js.applied_wrenches(arm(), q, parts), [js.applied_wrenches(arm(), q, x) for x in parts]
+    assert list(sums) == ["world", "upper", "lower"]
+    for name, F in sums.items():
+        whole = sum(np.asarray(x[name].to_array()) for x in each if name in x)
+        np.testing.assert_allclose(F.to_array(), whole, rtol=0, atol=1e-13 * abs(whole).max())
+    steps = [js.semi_implicit_step(arm(), q, v, a, 1e-3, x)[1] for x in (parts, sums)]
+    np.testing.assert_allclose(*steps, rtol=0, atol=1e-13)
+
+
 @AXES
 def test_closed_form_derivatives(axes):
     """One derivative at a time goes through the recursion, not through the closed form."""
@@ -186,8 +205,15 @@ def test_errors_say_what_is_expected():
             js.AppliedForces(*arguments)
     for forces, error, message in [
         (js.AppliedForces(["tip", "tipp"], F), KeyError, "bias_forces: external_forces: frames: .*did you mean 'tip'"),
-        ([F], TypeError, "SpatialForces in a dict by name of a frame, or AppliedForces, got list"),
-        ((F,), TypeError, "SpatialForces in a dict by name of a frame, or AppliedForces, got tuple"),
+        (F, TypeError, "external_forces: expected SpatialForces in a dict by name of a frame, .*got SpatialForce"),
+        (
+            [{}, F],
+            TypeError,
+            r"external_forces\[1\]: expected SpatialForces in a dict .*or a list of these, got Spatial",
+        ),
+        ([[F]], TypeError, r"external_forces\[0\]: expected .*, got list"),
+        ([None, {"tipp": F}], KeyError, r"external_forces\[1\]: .*did you mean 'tip'"),
+        ([{"tip": F}, {"tip": F.astype(np.float32)}], TypeError, r"external_forces\[1\]\['tip'\]"),
         ({"tip": 1.0}, TypeError, r"external_forces\['tip'\]: expected a SpatialForce, got float"),
     ]:
         with pytest.raises(error, match=message):

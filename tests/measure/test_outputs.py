@@ -227,11 +227,16 @@ def test_an_interrupt_that_python_drops_comes_again(capfd):
         gc.callbacks.remove(callback)
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt), interrupts_heard():
-        gc.callbacks.append(callback)
-        gc.collect(0)  # the youngest: after other tests there are millions of older objects
-        for _ in range(500):
-            time.sleep(0.01)
+    # Another test may have left a handler of its own, or none.
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt), interrupts_heard():
+            gc.callbacks.append(callback)
+            gc.collect(0)  # the youngest: after other tests there are millions of older objects
+            for _ in range(500):
+                time.sleep(0.01)
+    finally:
+        signal.signal(signal.SIGINT, handler)
     assert not capfd.readouterr().err
 
 
