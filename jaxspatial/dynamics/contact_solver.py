@@ -78,7 +78,6 @@ FIELDS = (*DYNAMICS, *FRAMES, "damping", "friction_loss", "lower", "upper")
 class ContactProgram(Algorithm):
     """A program in small blocks: each iterates until its slowest state has converged."""
 
-    always_as_kernels = True
     rows_per_turn = 1
 
     @property

@@ -40,7 +40,7 @@ class Program:
 
     # The number of states in a block, on CPUs.
     block = LARGEST_BLOCK
-    # Whether its operations run often in one call, or would be slow to compile without kernels.
+    # Whether it would be slow to compile without kernels.
     always_as_kernels = False
     # Rows per turn of its loops over bodies, as kernels: with two, what one writes the next reads where it is, and not
     # a copy, but the step is compiled twice. Steps of derivatives are so long that copies cost nothing beside them.
