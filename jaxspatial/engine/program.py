@@ -43,7 +43,7 @@ class Program:
     # Whether it would be slow to compile without kernels.
     always_as_kernels = False
     # Rows per turn of its loops over bodies, as kernels: with two, what one writes the next reads where it is, and not
-    # a copy, but the step is compiled twice. Steps of derivatives are so long that copies cost nothing beside them.
+    # a copy. Steps of derivatives are so long that copies cost nothing beside them.
     rows_per_turn = 2
     # Whether it computes in 64 bits, whatever the dtype of the caller. Its derivatives are then traced in 64 bits too,
     # and so are programs that take 64-bit numbers from it.
