@@ -279,7 +279,7 @@ def values(found, n, steps):
 
 def lines(found, n, steps):
     yield f"{n} states, float32, rollouts of {steps} steps of {DT * 1e3:.0f} ms: medians of us per state and step (10 %"
-    yield "to 90 % of all rounds), and seconds to trace and to compile. A call of one step is one of a hundred in a row."
+    yield "to 90 % of all rounds), and seconds to trace and to compile. A call of one step is one of 100 in a row."
     yield f"{measure.machine()}, mujoco {version('mujoco')}, mujoco-mjx {version('mujoco-mjx')}"
     for name, (seconds, compiling) in found.items():
         yield f"\n| {name} | us | 10 % | 90 % | trace, s | compile, s |"

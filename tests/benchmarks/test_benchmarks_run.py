@@ -64,7 +64,7 @@ def test_contact():
     options = ["--n", "8", "--steps", "4", "--rounds", "2", "--robots", "go1"]
     run = subprocess.run([sys.executable, HERE / "contact.py", *options], capture_output=True, text=True, timeout=900)
     assert run.returncode in (0, 1) and "Traceback" not in run.stderr, run.stderr
-    for case in ("convex_step", "semi_implicit_step", "mjx.step", "convex_step, one state"):
+    for case in ("convex_step", "semi_implicit_step", "mjx.step", "convex_step, one state, a call"):
         assert f"\n| {case} | " in run.stdout
     assert run.stdout.count("at most") == 5 and "the program of semi_implicit_step" in run.stdout
 
