@@ -197,7 +197,7 @@ def test_errors_name_what_came():
         (
             (mech, q, v, a, [1]),
             TypeError,
-            "expected SpatialForces in a dict by name of a frame, or AppliedForces, got list",
+            r"external_forces\[0\]: expected SpatialForces in a dict by name of a frame, .*, got int",
         ),
     ):
         with pytest.raises(error, match=message):
