@@ -14,9 +14,9 @@ _ARGUMENTS = {
     "vdot": "(*batch, nv) generalized accelerations: rad/s^2, m/s^2.",
     "tau": "(*batch, nv) generalized forces of the joints: N m, N.",
     "dt": "the time, s: a number or (*batch,).",
-    "external_forces": """AppliedForces, or by name of a frame (bodies are frames, welded links too) a SpatialForce
-    (*batch,) about the origin of the frame, in world axes; or a list of such, which add up. They act on the bodies that
-    carry the frames, see `Mechanism.frame_body`.""",
+    "external_forces": """AppliedForces, or a dict from names of frames (bodies are frames, welded links too) to
+    SpatialForces (*batch,) about the origins of the frames, in world axes. A list of several sources adds up. They
+    act on the bodies that carry the frames, see `Mechanism.frame_body`.""",
     "frames": "a name of `mechanism.frame_names`, or several, in the order of the results.",
     "loops": "LoopClosures, such as `mechanism.loops`; none at all leave the tree.",
     "compliance": "of friction and limits; None takes the default, see `Compliance`.",

@@ -9,9 +9,9 @@ import jax
 from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.kinematics import poses
 from jaxspatial.engine import stacking
-from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, ExternalForces, Wrenches, WrenchesOnFrames, algorithm
+from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, ExternalForces, Wrenches, WrenchesOnFrames, algorithm, checked
 from jaxspatial.engine.state import MechanismState
-from jaxspatial.mechanism import AppliedForces, Mechanism
+from jaxspatial.mechanism import Mechanism
 from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.mechanism.topology import Bundle
 from jaxspatial.numerics.linear import Matrix, Pose, Vector, Wrench, cross
@@ -41,11 +41,10 @@ def applied_wrenches(
 
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 2.5 (wrenches).
     """
-    sums = _applied_wrenches(precision, mechanism, q, external_forces, operation="applied_wrenches")
-    sources: Any = external_forces if isinstance(external_forces, list | tuple) else [external_forces]
-    frames = [name for x in sources for name in (x.frames if isinstance(x, AppliedForces) else x or {})]
-    carriers = set(map(mechanism.frame_body, frames))
-    names = [name for name in (WORLD, *mechanism.body_names) if name in carriers]
+    q, forces = checked("applied_wrenches", mechanism, q=q, external_forces=external_forces)
+    sums = _applied_wrenches(precision, mechanism, q, forces)
+    carriers = {body for group in forces for body in mechanism.topology.bodies_of(group.frames)}
+    names = [WORLD if body < 0 else mechanism.body_names[body] for body in sorted(carriers)]
     return {name: SpatialForce(*F) for name, F in zip(names, sums, strict=True)}
 
 

@@ -20,7 +20,7 @@ called: 0.13 us for each. So what leaves no trace in a result is left out.
 import collections
 import functools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -47,7 +47,7 @@ _ELEMENTWISE = {
     "abs", "add", "add_any", "and", "bitcast_convert_type", "ceil", "clamp", "convert_element_type", "div", "eq",
     "floor", "ge", "gt", "integer_pow", "is_finite", "le", "lt", "max", "min", "mul", "ne", "neg", "not", "or",
     "reduce_precision", "rem", "round", "rsqrt", "select_n", "shift_left", "shift_right_arithmetic",
-    "shift_right_logical", "sign", "sqrt", "square", "stop_gradient", "sub", "xor", "jaxspatial_quotient",
+    "shift_right_logical", "sign", "sqrt", "square", "stop_gradient", "sub", "xor",
 }  # fmt: skip
 # How many operations of the processor each is.
 _SIZES = dict.fromkeys(_ELEMENTWISE | {"jaxspatial_product", "jaxspatial_barrier"}, 1) | {"jaxspatial_quotient": 3}
@@ -74,14 +74,14 @@ class Table(NamedTuple):
 
     def array(self) -> jax.Array:
         numbers = jnp.asarray(self.numbers)
-        return numbers[0] if self.row is None else lax.dynamic_index_in_dim(numbers, self.row, keepdims=False)
+        return numbers[0] if self.row is None else _row(numbers, self.row)
 
 
-class Way(NamedTuple):
-    """rows_per_turn: of loops over rows. zero: a hidden one.
+class Common(NamedTuple):
+    """What all kernels of a program share. rows_per_turn: of loops over rows. zero: a hidden one.
 
-    There is one zero for all kernels, in front of all loops. XLA has an option to compile small loops as one function
-    (`xla_cpu_small_while_loop_byte_threshold`), but not loops that ask for the index of the replica.
+    The zero is made once, in front of all loops. XLA can compile small loops as one function, by an option
+    (`xla_cpu_small_while_loop_byte_threshold`), but not loops in which the index of the replica is asked for.
     """
 
     rows_per_turn: int
@@ -91,8 +91,8 @@ class Way(NamedTuple):
 def run(closed: ClosedJaxpr, rows_per_turn: int, *arrays: jax.Array) -> list[jax.Array]:
     """The results of a trace. rows_per_turn: of its loops over rows."""
     with jax.enable_x64(True):
-        way = Way(rows_per_turn, hidden_zero(arrays[0]))
-        return [_array(x) for x in _evaluated(closed.jaxpr, closed.consts, arrays, way)]
+        common = Common(rows_per_turn, hidden_zero(arrays[0]))
+        return [_array(x) for x in _evaluated(closed.jaxpr, closed.consts, arrays, common)]
 
 
 def _array(x: Any) -> jax.Array:
@@ -110,7 +110,7 @@ class Stack:
     """Rows that are stored one by one. `array`: all of them, as a concatenation."""
 
     def __init__(self, rows: Sequence[jax.Array]):
-        self.rows, self.shape = rows, (len(rows), *rows[0].shape)
+        self.rows = rows
 
     @functools.cached_property
     def array(self) -> jax.Array:
@@ -124,7 +124,7 @@ def _whole(x: Any) -> Any:
 # -- a trace, operation by operation ----------------------------------------------------------------------------------
 
 
-def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], way: Way) -> list[Any]:
+def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], common: Common) -> list[Any]:
     """The results, where a Table may stand for a known number, and a Pieced or a Stack for an array."""
     values = {v: _known(c) for v, c in zip(jaxpr.constvars, consts, strict=True)}
     values |= dict(zip(jaxpr.invars, arguments, strict=True))
@@ -133,26 +133,25 @@ def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], way:
         name = eqn.primitive.name
         of_pieces = any(isinstance(x, (Pieced, Stack)) for x in inputs)
         if name == "jit" and eqn.params["name"] in (CALL, STEP):
-            results = _called(eqn, list(map(_whole, inputs)), of_pieces, way)
+            results = _called(eqn, list(map(_whole, inputs)), of_pieces, common)
         elif name in _CALLS:
             inner = _inner(eqn)
-            results = _evaluated(inner.jaxpr, inner.consts, inputs, way)
+            results = _evaluated(inner.jaxpr, inner.consts, inputs, common)
         elif name == "scan":
-            results = _scanned(eqn, [x if isinstance(x, Stack) else _whole(x) for x in inputs], way)
+            results = _scanned(eqn, inputs, common)
         elif name == "while":
-            results = _repeated(eqn, list(map(_array, inputs)), way)
+            results = _repeated(eqn, list(map(_array, inputs)), common)
         else:
-            if name == "jaxspatial_barrier":
-                results = [joined(_array(inputs[0]), way.zero)]
-            else:
-                results = _moved(eqn, list(map(_whole, inputs))) or _bound(eqn, map(_array, inputs))
+            results = _moved(eqn, list(map(_whole, inputs))) or _bound(eqn, list(map(_array, inputs)), common)
             if name == "concatenate" or of_pieces:
                 results = list(map(Pieced, results))
         values |= dict(zip(eqn.outvars, results, strict=True))
     return [x.val if isinstance(x, Literal) else values[x] for x in jaxpr.outvars]
 
 
-def _bound(eqn: Any, inputs: Iterable[Any]) -> list[Any]:
+def _bound(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
+    if eqn.primitive.name == "jaxspatial_barrier":
+        return [joined(inputs[0], common.zero)]
     results = eqn.primitive.bind(*inputs, **eqn.params)
     return list(results) if eqn.primitive.multiple_results else [results]
 
@@ -184,7 +183,7 @@ def _moved(eqn: Any, inputs: Sequence[Any]) -> list[Any] | None:
     return [Table(x.numbers.reshape((-1, *shape)), x.row) if isinstance(x, Table) else _known(np.reshape(x, shape))]
 
 
-def _scanned(eqn: Any, inputs: Sequence[Any], way: Way) -> list[Any]:
+def _scanned(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
     """A loop over rows, with kernels for the calls in it, and known numbers of its rows as Tables.
 
     Several rows per turn are calls of one function, which gets the index of its row as an operand: equal kernels are
@@ -192,6 +191,7 @@ def _scanned(eqn: Any, inputs: Sequence[Any], way: Way) -> list[Any]:
     """
     n_consts, n_carry, length = (eqn.params[k] for k in ("num_consts", "num_carry", "length"))
     n, body, is_reverse = n_consts + n_carry, eqn.params["jaxpr"], eqn.params["reverse"]
+    inputs = [x if isinstance(x, Stack) else _whole(x) for x in inputs]
     consts, carry = list(map(_array, inputs[:n_consts])), list(map(_array, inputs[n_consts:n]))
     tables = {k for k, x in enumerate(inputs) if k >= n and _is_table_of_rows(x)}
     rows = [x for k, x in enumerate(inputs) if k >= n and k not in tables]
@@ -200,14 +200,14 @@ def _scanned(eqn: Any, inputs: Sequence[Any], way: Way) -> list[Any]:
         left = iter(of_row)
         each = (Table(np.asarray(inputs[k]), index) if k in tables else next(left) for k in range(n, len(inputs)))
         arguments = [*consts, *carry, *each]
-        results = list(map(_array, _evaluated(body.jaxpr, body.consts, arguments, way._replace(zero=zero))))
+        results = list(map(_array, _evaluated(body.jaxpr, body.consts, arguments, common._replace(zero=zero))))
         return results[:n_carry], results[n_carry:]
 
-    per_turn = way.rows_per_turn if _is_of_kernels(body.jaxpr) else 1
+    per_turn = common.rows_per_turn if _is_of_kernels(body.jaxpr) else 1
     if per_turn == 1:
         xs = list(map(_array, rows)), lax.iota(np.uint32, length)
         carry, stacked = lax.scan(
-            lambda carry, x: row(way.zero, x[1], consts, carry, x[0]), carry, xs, reverse=is_reverse
+            lambda carry, x: row(common.zero, x[1], consts, carry, x[0]), carry, xs, reverse=is_reverse
         )
         return [*carry, *stacked]
     is_unrolled = length < 2 * per_turn
@@ -225,14 +225,14 @@ def _scanned(eqn: Any, inputs: Sequence[Any], way: Way) -> list[Any]:
         stacked: list[Any] = [None] * length
         for k in map(index_of, range(length)):
             of_row = [x.rows[k] if isinstance(x, Stack) else x for x in rows]
-            carry, stacked[k] = one(way.zero, way.zero + np.uint32(k), consts, carry, of_row)
+            carry, stacked[k] = one(common.zero, common.zero + np.uint32(k), consts, carry, of_row)
         return [*carry, *map(Stack, zip(*stacked, strict=True))]
 
     def turn(state: Any, first: jax.Array, count: int = per_turn) -> tuple[Any, None]:
         carry, stacked = state
         for k in range(count):
             index = index_of(first + np.uint32(k))
-            carry, results = one(way.zero, index, consts, carry, rows)
+            carry, results = one(common.zero, index, consts, carry, rows)
             stacked = [lax.dynamic_update_index_in_dim(x, y, index, 0) for x, y in zip(stacked, results, strict=True)]
         return (carry, stacked), None
 
@@ -240,23 +240,24 @@ def _scanned(eqn: Any, inputs: Sequence[Any], way: Way) -> list[Any]:
     state = carry, [lax.full((length, *a.shape), 0, a.dtype) for a in avals]
     n_turns, left = divmod(length, per_turn)
     state, _ = lax.scan(turn, state, lax.iota(np.uint32, n_turns) * np.uint32(per_turn))
-    state, _ = turn(state, way.zero + np.uint32(n_turns * per_turn), left)
+    state, _ = turn(state, common.zero + np.uint32(n_turns * per_turn), left)
     return [*state[0], *state[1]]
 
 
 def _row(x: jax.Array, index: jax.Array) -> jax.Array:
+    """x[index]. `lax.dynamic_index_in_dim` is a call of its own, which a kernel in a call would not take in."""
     start = (index, *[np.uint32(0)] * (x.ndim - 1))
     return lax.squeeze(lax.dynamic_slice(x, start, (1, *x.shape[1:])), (0,))
 
 
-def _repeated(eqn: Any, inputs: Sequence[Any], way: Way) -> list[Any]:
+def _repeated(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
     """A loop until a condition, with kernels for the calls in it."""
     n_of_cond, n_of_body = eqn.params["cond_nconsts"], eqn.params["body_nconsts"]
     of_cond, of_body = inputs[:n_of_cond], inputs[n_of_cond : n_of_cond + n_of_body]
 
     def run_of(name: str, consts: Sequence[Any], carry: Sequence[Any]) -> list[Any]:
         inner = eqn.params[name]
-        return list(map(_array, _evaluated(inner.jaxpr, inner.consts, [*consts, *carry], way)))
+        return list(map(_array, _evaluated(inner.jaxpr, inner.consts, [*consts, *carry], common)))
 
     return lax.while_loop(
         lambda carry: run_of("cond_jaxpr", of_cond, carry)[0],
@@ -284,15 +285,15 @@ def _is_table_of_rows(x: Any) -> bool:
 # -- calls ------------------------------------------------------------------------------------------------------------
 
 
-def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool, way: Way) -> list[Any]:
+def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool, common: Common) -> list[Any]:
     """A call as kernels. Its sums, and what is computed from them, come after the kernels."""
     inner, is_call = _inner(eqn), eqn.params["name"] == CALL
     inputs = [
         x if hasattr(x, "shape") else np.asarray(x, v.aval.dtype) for x, v in zip(inputs, eqn.invars, strict=True)
     ]
     first, last = _before_and_after_sums(inner)
-    results = _run_as_kernels(first, inputs, is_call, of_pieces, way)
-    return results if last is None else _evaluated(last.jaxpr, last.consts, results, way)
+    results = _run_as_kernels(first, inputs, is_call, of_pieces, common)
+    return results if last is None else _evaluated(last.jaxpr, last.consts, results, common)
 
 
 def _before_and_after_sums(inner: ClosedJaxpr) -> tuple[ClosedJaxpr, ClosedJaxpr | None]:
@@ -315,7 +316,9 @@ def _before_and_after_sums(inner: ClosedJaxpr) -> tuple[ClosedJaxpr, ClosedJaxpr
     return ClosedJaxpr(first, inner.consts), ClosedJaxpr(last, [])
 
 
-def _run_as_kernels(inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, of_pieces: bool, way: Way) -> list[Any]:
+def _run_as_kernels(
+    inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, of_pieces: bool, common: Common
+) -> list[Any]:
     """A trace as kernels, one for all results of one shape; or, if it is none, with kernels for the calls in it."""
     kernels = _kernels(inner, inputs)
     arrays = [None if isinstance(x, Table) else jnp.asarray(x) for x in inputs]
@@ -325,7 +328,7 @@ def _run_as_kernels(inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, of
         left = iter(data)
         each = [x if y is None else next(left) for x, y in zip(inputs, arrays, strict=True)]
         if kernels is None:
-            return [_array(x) for x in _evaluated(inner.jaxpr, inner.consts, each, way._replace(zero=zero))]
+            return [_array(x) for x in _evaluated(inner.jaxpr, inner.consts, each, common._replace(zero=zero))]
         results: dict[int, jax.Array] = {}
         for kernel in kernels:
             results |= kernel.run(zero, [x for x, yes in zip(each, kernel.reads, strict=True) if yes])
@@ -333,7 +336,7 @@ def _run_as_kernels(inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, of
 
     # A concatenation inside a kernel, where each number asks which piece it is of, would not be vectorised.
     is_apart = of_pieces if kernels else is_call
-    return not_inlined(call, way.zero, *data) if is_apart and data else call(way.zero, *data)
+    return not_inlined(call, common.zero, *data) if is_apart and data else call(common.zero, *data)
 
 
 class Kernel(NamedTuple):

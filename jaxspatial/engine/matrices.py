@@ -192,16 +192,15 @@ def solved(M: Number, b: Number) -> Number:
     """
     n, *shape = numbers.shape_of(b)
     # The right side is one more column: a turn of the loop is one kernel then, that reads and writes one array.
-    parts = stacking.spread(M, (n, n, *shape)), stacking.spread(_lifted(b, 1), (n, 1, *shape))
+    parts = stacking.spread(M, (n, n, *shape)), stacking.spread(mapped(lambda w: w[:, None], b), (n, 1, *shape))
     start = as_data(mapped(lambda *words: jnp.concatenate(words, 1), *parts))
     last = jnp.arange(n + 1).reshape((1, -1, *[1] * len(shape))) == n
 
     def turn(k: jax.Array, data: list[Any]) -> list[Any]:
         whole = with_data(start, data)
-        row = _row(whole, k)
+        row, column = (_slice(whole, k, axis) for axis in (0, 1))
         here = (jnp.arange(n, dtype=np.int32) == k).reshape((n, 1, *[1] * len(shape)))
-        pivot = _lifted(_lifted(_row(row, k), 0), 0)
-        return data_of(as_data(_eliminated(whole, _lifted(row, 0), _lifted(_row(whole, k, 1), 1), pivot, here, last)))
+        return data_of(as_data(_eliminated(whole, row, column, _slice(row, k, 1), here, last)))
 
     whole = with_data(start, lax.fori_loop(0, n, turn, data_of(start)))
     diagonal = stacking.concatenated([mapped(lambda w, k=k: w[k, k][None], whole) for k in range(n)])
@@ -211,16 +210,13 @@ def solved(M: Number, b: Number) -> Number:
 
 @noinline
 def _eliminated(whole: Number, row: Number, column: Number, pivot: Number, here: Mask, last: Mask) -> Number:
-    """The rows and columns of all equations without the unknown of one row, which stands `here`. last: of columns."""
+    """The equations after elimination of one unknown, with the equation that stands `here`. last: of the columns, the
+    right side."""
     is_none = high(pivot) <= 0
     scale = where(is_none, 0.0, 1 / where(is_none, 1.0, pivot))
     factor = where(here, scale * 0.0, column * scale)
     return where(here & last, where(is_none, 0.0, whole), whole - factor * row)
 
 
-def _row(x: Number, k: Any, axis: int = 0) -> Number:
-    return mapped(lambda w: lax.dynamic_index_in_dim(w, k, axis, keepdims=False), x)
-
-
-def _lifted(x: Number, axis: int) -> Number:
-    return mapped(lambda w: jnp.expand_dims(w, axis), x)
+def _slice(x: Number, k: Any, axis: int) -> Number:
+    return mapped(lambda w: lax.dynamic_slice_in_dim(w, k, 1, axis), x)

@@ -223,7 +223,8 @@ def cases(name, n, steps):
         traced = time.perf_counter()
         program = lowered.compile()
         seconds[case] = traced - began, time.perf_counter() - traced
-        compiled[case] = functools.partial(repeated if case == CALL else called, program, arguments)
+        compiled[case] = functools.partial(repeated, program) if case == CALL else program
+        compiled[case] = functools.partial(compiled[case], *arguments)
         if case in (CONVEX, MJX, ONE):
             after = np.asarray(compiled[case]()[0])
             check_standing(f"{name}, {case}", after[..., 2 if case == MJX else 6], np.asarray(q[:, 6]))
@@ -235,15 +236,11 @@ def cases(name, n, steps):
     return compiled, seconds
 
 
-def called(program, arguments):
-    return program(*arguments)
-
-
-def repeated(program, arguments):
-    """A hundred steps, each a call: what a single one takes after other programs says how cold they left the caches."""
+def repeated(program, *state):
+    """Calls a step a hundred times. The first call after other programs finds cold caches."""
     for _ in range(100):
-        arguments = jax.block_until_ready(program(*arguments))
-    return arguments
+        state = jax.block_until_ready(program(*state))
+    return state
 
 
 def check_standing(what, heights, before):
