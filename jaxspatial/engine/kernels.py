@@ -223,9 +223,11 @@ def _scanned(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
 
     if is_unrolled:
         stacked: list[Any] = [None] * length
+        # Not the hidden zero itself: a kernel that gets one array twice is another kernel.
+        first = common.zero << np.uint32(1)
         for k in map(index_of, range(length)):
             of_row = [x.rows[k] if isinstance(x, Stack) else x for x in rows]
-            carry, stacked[k] = one(common.zero, common.zero + np.uint32(k), consts, carry, of_row)
+            carry, stacked[k] = one(common.zero, first + np.uint32(k), consts, carry, of_row)
         return [*carry, *map(Stack, zip(*stacked, strict=True))]
 
     def turn(state: Any, first: jax.Array, count: int = per_turn) -> tuple[Any, None]:
