@@ -523,16 +523,21 @@ def _times_L(loops: Loops, s: Number) -> Number:
 # -- Newton's method --------------------------------------------------------------------------------------------------
 
 
+class Scalars(NamedTuple):
+    """Of an Iterate: over_free: y* . A x. lacking: r. residual: g^T H^-1 g, or more. Numbers (1, B)."""
+
+    over_free: Number
+    lacking: Number
+    residual: Number
+
+
 class Iterate(NamedTuple):
-    """x: (nv, B), and the Motions of bodies that have these velocities. v: velocities of points and joints. over_free:
-    y* . A x. lacking: r. Numbers (1, B)."""
+    """x: (nv, B), and the Motions of bodies that have these velocities. v: velocities of points and joints."""
 
     x: Number
     motions: list[Motion]
     v: Vectors
-    over_free: Number
-    lacking: Number
-    residual: Number
+    numbers: Scalars
 
 
 class Free(NamedTuple):
@@ -577,7 +582,7 @@ def solve(
         for b in state.bundles
     ]
     nothing = as_data(zero, shape)
-    start = Iterate(x, at_rest, v, nothing, as_data(state.known(1.0), shape), nothing)
+    start = Iterate(x, at_rest, v, Scalars(nothing, as_data(state.known(1.0), shape), nothing))
     is_touched = _is_touched(scene, state.n)
     count = jnp.zeros(shape, np.int32)
 
@@ -593,11 +598,11 @@ def solve(
 
     data, _, count, _ = lax.while_loop(is_going, iterate, (data_of(start), ~is_touched, count, np.int32(0)))
     last: Iterate = with_data(start, data)
-    found = problem.turned(state, scene.bodies, (1 - last.lacking) * free + last.x, to_world=False)
+    found = problem.turned(state, scene.bodies, (1 - last.numbers.lacking) * free + last.x, to_world=False)
     y = where(is_touched, found, state.numbers(change[:, None])[0])
     reference = high(scale)
     # Rounding may leave a square below zero.
-    residual = jnp.sqrt(jnp.maximum(high(last.residual), 0) / jnp.where(reference <= 0, 1, reference))
+    residual = jnp.sqrt(jnp.maximum(high(last.numbers.residual), 0) / jnp.where(reference <= 0, 1, reference))
     return high(y), residual, count
 
 
@@ -722,11 +727,10 @@ def _energy(M: Inertia, V: Motion, resistance: Numbers, x: Numbers) -> Number:
     return total
 
 
-class Along(NamedTuple):
-    """A direction d. v: its velocities at points and joints. slope: the derivative of |v - v*|^2_A / 2 along it.
-    curvature: d . A d. decrement: d . H d. rounding: the size of rounding errors of the decrement."""
+class Slopes(NamedTuple):
+    """Along a direction d. slope: the derivative of |v - v*|^2_A / 2. curvature: d . A d. decrement: d . H d. rounding:
+    the size of rounding errors of the decrement. Numbers (1, B)."""
 
-    v: Vectors
     slope: Number
     curvature: Number
     decrement: Number
@@ -748,38 +752,73 @@ def _iterated(
     held: contacts that stick in the first iteration, whose step is not searched.
     """
     impulse, G = laws(scene, at.v, held & is_first)
-    right = combined(lambda a, g: a - at.lacking * g, impulse, times_G(scene, G, free.v))
+    right = combined(lambda a, g: a - at.numbers.lacking * g, impulse, times_G(scene, G, free.v))
     momenta = _momenta(state, scene, at.motions, at.x)
     e, motions, left = solved(state, scene, G, right, jax.tree.map(operator.neg, momenta, is_leaf=is_number))
     v_e = velocities_at(state, scene, motions, e)
-    v_d = combined(lambda a, b: a + at.lacking * b, v_e, free.v)
+    v_d = combined(lambda a, b: a + at.numbers.lacking * b, v_e, free.v)
     G_d = times_G(scene, G, v_d)
-    # y* . A e, by the equation of d, and d . A x.
-    free_e = inner(impulse, free.v) - inner(free.v, G_d) - at.over_free
-    along_free = at.lacking * free.energy + free_e
-    of_d = _power(state, momenta, motions, e) + at.lacking * at.over_free
-    decrement = at.lacking * along_free + inner(impulse, v_d) - of_d
-    curvature = decrement - inner(v_d, G_d)
-    slope = of_d - at.lacking * along_free
-    noise = inner(combined(abs, impulse), combined(abs, v_d)) + abs(slope) + abs(curvature)
-    # Below what rounding errors make of it, no direction goes down.
-    rounding = NOISE * check.eps(state.dtype) * noise
-    is_small = ~(high(decrement) > high(where(high(rounding) > high(smallest), rounding, smallest)))
-    is_near = high(decrement) < high(NEAR**2 * smallest)
-    is_small = is_small | (is_near & (high(decrement) > high(STALLED * at.residual)) & (high(at.residual) > 0))
-    # The first decrement is of another problem.
-    is_small = is_small & ~is_first
-    along = Along(v_d, slope, curvature, decrement, rounding)
-    length = _searched(state, scene, at.v, along, is_small | is_done | is_first)
+    noise = inner(combined(abs, impulse), combined(abs, v_d))
+    sums = Sums(
+        inner(impulse, free.v), inner(free.v, G_d), inner(impulse, v_d), inner(v_d, G_d),
+        _power(state, momenta, motions, e), noise,
+    )  # fmt: skip
+    slopes, free_e, is_small = _slopes_and_size(at.numbers, free.energy, sums, smallest, is_first)
+    length = _searched(state, scene, at.v, v_d, slopes, is_small | is_done | is_first)
     x, moving, v = jax.tree.map(
         lambda a, b: a + length * b, (at.x, at.motions, at.v), (e, motions, v_d), is_leaf=is_number
     )
     linear = left._replace(points=combined(lambda a, b: a - b, impulse, G_d).points)
-    bound = where(high(length) == 1, _bound(scene, v, linear), np.inf)
+    bound = _bound(scene, v, linear)
+    numbers, is_settled = _next_numbers(at.numbers, length, free_e, slopes.decrement, bound, smallest, is_first)
+    return Iterate(x, moving, v, numbers), is_small | is_settled
+
+
+class Sums(NamedTuple):
+    """Sums over contacts, joints and closures, of velocities and impulses at an Iterate: (1, B).
+
+    power: d . A x. noise: the sum of the sizes of the terms of impulse_d.
+    """
+
+    impulse_free: Number
+    free_G_d: Number
+    impulse_d: Number
+    d_G_d: Number
+    power: Number
+    noise: Number
+
+
+@noinline
+def _slopes_and_size(
+    at: Scalars, free_energy: Number, sums: Sums, smallest: Number, is_first: jax.Array
+) -> tuple[Slopes, Number, jax.Array]:
+    """(the Slopes, y* . A e, whether the gradient is small)."""
+    # y* . A e, by the equation of d, and d . A x.
+    free_e = sums.impulse_free - sums.free_G_d - at.over_free
+    along_free = at.lacking * free_energy + free_e
+    of_d = sums.power + at.lacking * at.over_free
+    decrement = at.lacking * along_free + sums.impulse_d - of_d
+    curvature = decrement - sums.d_G_d
+    slope = of_d - at.lacking * along_free
+    noise = sums.noise + abs(slope) + abs(curvature)
+    # Below what rounding errors make of it, no direction goes down.
+    rounding = NOISE * check.eps(high(noise).dtype) * noise
+    is_small = ~(high(decrement) > high(where(high(rounding) > high(smallest), rounding, smallest)))
+    is_near = high(decrement) < high(NEAR**2 * smallest)
+    is_small = is_small | (is_near & (high(decrement) > high(STALLED * at.residual)) & (high(at.residual) > 0))
+    # The first decrement is of another problem.
+    return Slopes(slope, curvature, decrement, rounding), free_e, is_small & ~is_first
+
+
+@noinline
+def _next_numbers(
+    at: Scalars, length: Number, free_e: Number, decrement: Number, bound: Number, smallest: Number, is_first: jax.Array
+) -> tuple[Scalars, jax.Array]:
+    """(those of the next Iterate, whether its gradient is small). bound: see `_bound`."""
+    bound = where(high(length) == 1, bound, np.inf)
     is_settled = high(bound) <= high(smallest)
     residual = where(is_settled, bound, where(is_first, 0.0, decrement))
-    over_free = at.over_free + length * free_e
-    return Iterate(x, moving, v, over_free, (1 - length) * at.lacking, residual), is_small | is_settled
+    return Scalars(at.over_free + length * free_e, (1 - length) * at.lacking, residual), is_settled
 
 
 def _momenta(state: MechanismState, scene: Scene, motions: list[Motion], x: Number) -> list[Force]:
@@ -847,48 +886,62 @@ def _bound_of_rows(G: Number, x: Number) -> Number:
     return where(is_stiff | (high(x) == 0), x * x / where(is_stiff, G, 1.0), np.inf)
 
 
-def _searched(state: MechanismState, scene: Scene, v: Vectors, along: Along, is_good: jax.Array) -> Number:
+def _searched(state: MechanismState, scene: Scene, v: Vectors, v_d: Vectors, along: Slopes, is_good: jax.Array) -> Number:
     """The length (1, B) of a step at which the derivative of the cost along it is small, by safeguarded Newton.
 
-    is_good: states for which a whole step is taken.
+    v_d: the velocities of the direction at points and joints. is_good: states for which a whole step is taken.
     """
     shape = 1, state.n
     goal = SLOPE * abs(along.decrement) + along.rounding
-
-    def at(length: Number) -> tuple[Number, Number]:
-        f, rate = _slopes(scene, v, along.v, length)
-        return along.slope + length * along.curvature - f, along.curvature + rate
-
     # The first length is 1, whose derivative is not known before the loop: it is evaluated in one place.
     low, one, up, unknown = (as_data(state.known(x), shape) for x in (0.0, 1.0, LONGEST, np.inf))
-    start = low, up, one, where(is_good, 0.0, unknown), one
+    start = Search(low, up, one, where(is_good, 0.0, unknown), one)
 
     def trial(carry: Any) -> Any:
         data, k = carry
-        *before, f, rate = with_data(start, data)
-        after = _next_length(*before, f, rate, goal)
-        is_over = is_good | ~(high(abs(f)) > high(goal))
-        low, up, new = (where(is_over | (k == 0), x, y) for x, y in zip(before, after, strict=True))
-        f, rate = at(new)
-        return data_of((low, up, new, where(is_over, 0.0, f), rate)), k + 1
+        (low, up, length), is_over = _next_length(with_data(start, data), goal, is_good, k == 0)
+        f, rate = _derivative(along, length, *_slopes(scene, v, v_d, length), is_over)
+        return data_of(Search(low, up, length, f, rate)), k + 1
 
     def is_going(carry: Any) -> jax.Array:
         data, k = carry
-        f = with_data(start, data)[3]
+        f = with_data(start, data).f
         return (k <= MOST_TRIALS) & (high(abs(f)) > high(goal)).any()
 
     data, _ = lax.while_loop(is_going, trial, (data_of(start), np.int32(0)))
-    return with_data(start, data)[2]
+    return with_data(start, data).length
+
+
+class Search(NamedTuple):
+    """The ends of the interval that holds the length, and a length with the first two derivatives of the cost, of which
+    f is 0 where the search is over. Numbers (1, B)."""
+
+    low: Number
+    up: Number
+    length: Number
+    f: Number
+    rate: Number
 
 
 @noinline
-def _next_length(low: Number, up: Number, length: Number, f: Number, rate: Number, goal: Number):
-    """(the ends of the interval that holds the length, the next length to try)."""
-    is_short = high(f) < 0
-    low, up = where(is_short, length, low), where(is_short, up, length)
-    step = length - f / where(high(rate) > 0, rate, 1.0)
+def _next_length(at: Search, goal: Number, is_good: jax.Array, is_first: jax.Array) -> tuple[Numbers, jax.Array]:
+    """((low, up, the next length to try), whether the search is over and they stay as they are)."""
+    is_short = high(at.f) < 0
+    low, up = where(is_short, at.length, at.low), where(is_short, at.up, at.length)
+    step = at.length - at.f / where(high(at.rate) > 0, at.rate, 1.0)
     is_inside = (high(step) > high(low)) & (high(step) < high(up))
-    return low, up, where(is_inside, step, (low + up) * 0.5)
+    after = low, up, where(is_inside, step, (low + up) * 0.5)
+    is_over = is_good | ~(high(abs(at.f)) > high(goal))
+    return tuple(where(is_over | is_first, x, y) for x, y in zip(at[:3], after, strict=True)), is_over
+
+
+@noinline
+def _derivative(
+    along: Slopes, length: Number, f: Number, rate: Number, is_over: jax.Array
+) -> tuple[Number, Number]:
+    """The first two derivatives of the cost. f, rate: of its terms, see `_slopes`."""
+    f = along.slope + length * along.curvature - f
+    return where(is_over, 0.0, f), along.curvature + rate
 
 
 def _slopes(scene: Scene, v: Vectors, v_d: Vectors, length: Number) -> tuple[Number, Number]:

@@ -43,6 +43,10 @@ Shape = tuple[int, ...]
 
 # What keeps the place of each number, and operations number by number.
 _MOVES = {"broadcast_in_dim", "reshape", "squeeze", "copy"}
+# What takes a part of an array.
+_TAKES = {
+    "slice", "squeeze", "reshape", "broadcast_in_dim", "transpose", "jaxspatial_barrier", "jaxspatial_unstack"
+}  # fmt: skip
 _ELEMENTWISE = {
     "abs", "add", "add_any", "and", "bitcast_convert_type", "ceil", "clamp", "convert_element_type", "div", "eq",
     "floor", "ge", "gt", "integer_pow", "is_finite", "le", "lt", "max", "min", "mul", "ne", "neg", "not", "or",
@@ -100,10 +104,30 @@ def _array(x: Any) -> jax.Array:
     return x.array() if isinstance(x, Table) else x
 
 
-class Pieced(NamedTuple):
-    """An array that is a concatenation, or was made of one outside of kernels: the compiler may not have stored it."""
+class Moved(NamedTuple):
+    """An array, and how it was taken from another one, `before`, by an operation that moves numbers; None if not so.
+
+    operation: an equation of the trace, and which of its results. A call that is not inlined gets the other one, and takes its part inside: no copy is made, and no kernel for it.
+    of_pieces: whether it is a concatenation, or was made of one outside of kernels: the compiler may not have stored
+    it.
+    """
 
     array: jax.Array
+    before: Any = None
+    operation: Any = None
+    of_pieces: bool = False
+
+    @property
+    def source(self) -> tuple[jax.Array, list[Any]]:
+        """(the array that it is taken from, the operations), as far back as states are the last axis."""
+        found, operations = (self.array, list[Any]()), list[Any]()
+        x: Any = self
+        while isinstance(x, Moved) and x.operation is not None:
+            operations.insert(0, x.operation)
+            x = x.before
+            if (array := _whole(x)).shape[-1:] == self.array.shape[-1:]:
+                found = array, list(operations)
+        return found
 
 
 class Stack:
@@ -118,22 +142,21 @@ class Stack:
 
 
 def _whole(x: Any) -> Any:
-    return x.array if isinstance(x, (Pieced, Stack)) else x
+    return x.array if isinstance(x, (Moved, Stack)) else x
 
 
 # -- a trace, operation by operation ----------------------------------------------------------------------------------
 
 
 def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], common: Common) -> list[Any]:
-    """The results, where a Table may stand for a known number, and a Pieced or a Stack for an array."""
+    """The results, where a Table may stand for a known number, and a Moved or a Stack for an array."""
     values = {v: _known(c) for v, c in zip(jaxpr.constvars, consts, strict=True)}
     values |= dict(zip(jaxpr.invars, arguments, strict=True))
     for eqn in jaxpr.eqns:
         inputs = [x.val if isinstance(x, Literal) else values[x] for x in eqn.invars]
         name = eqn.primitive.name
-        of_pieces = any(isinstance(x, (Pieced, Stack)) for x in inputs)
         if name == "jit" and eqn.params["name"] in (CALL, STEP):
-            results = _called(eqn, list(map(_whole, inputs)), of_pieces, common)
+            results = _called(eqn, inputs, common)
         elif name in _CALLS:
             inner = _inner(eqn)
             results = _evaluated(inner.jaxpr, inner.consts, inputs, common)
@@ -143,10 +166,22 @@ def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], comm
             results = _repeated(eqn, list(map(_array, inputs)), common)
         else:
             results = _moved(eqn, list(map(_whole, inputs))) or _bound(eqn, list(map(_array, inputs)), common)
-            if name == "concatenate" or of_pieces:
-                results = list(map(Pieced, results))
+            results = [_after(eqn, k, inputs, y) for k, y in enumerate(results)]
         values |= dict(zip(eqn.outvars, results, strict=True))
     return [x.val if isinstance(x, Literal) else values[x] for x in jaxpr.outvars]
+
+
+def _after(eqn: Any, k: int, inputs: Sequence[Any], result: Any) -> Any:
+    """Result k of an operation, as a Moved where it only moves numbers, or is made of pieces."""
+    of_pieces = eqn.primitive.name == "concatenate" or any(map(_is_of_pieces, inputs))
+    is_taken = eqn.primitive.name in _TAKES and isinstance(result, Tracer) and result.size <= np.size(_whole(inputs[0]))
+    if is_taken:
+        return Moved(result, inputs[0], (eqn, k), of_pieces)
+    return Moved(result, of_pieces=True) if of_pieces else result
+
+
+def _is_of_pieces(x: Any) -> bool:
+    return isinstance(x, Stack) or (isinstance(x, Moved) and x.of_pieces)
 
 
 def _bound(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
@@ -287,14 +322,15 @@ def _is_table_of_rows(x: Any) -> bool:
 # -- calls ------------------------------------------------------------------------------------------------------------
 
 
-def _called(eqn: Any, inputs: Sequence[Any], of_pieces: bool, common: Common) -> list[Any]:
+def _called(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
     """A call as kernels. Its sums, and what is computed from them, come after the kernels."""
     inner, is_call = _inner(eqn), eqn.params["name"] == CALL
     inputs = [
-        x if hasattr(x, "shape") else np.asarray(x, v.aval.dtype) for x, v in zip(inputs, eqn.invars, strict=True)
+        x if hasattr(x, "shape") else x if isinstance(x, (Moved, Stack)) else np.asarray(x, v.aval.dtype)
+        for x, v in zip(inputs, eqn.invars, strict=True)
     ]
     first, last = _before_and_after_sums(inner)
-    results = _run_as_kernels(first, inputs, is_call, of_pieces, common)
+    results = _run_as_kernels(first, inputs, is_call, common)
     return results if last is None else _evaluated(last.jaxpr, last.consts, results, common)
 
 
@@ -318,27 +354,35 @@ def _before_and_after_sums(inner: ClosedJaxpr) -> tuple[ClosedJaxpr, ClosedJaxpr
     return ClosedJaxpr(first, inner.consts), ClosedJaxpr(last, [])
 
 
-def _run_as_kernels(
-    inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, of_pieces: bool, common: Common
-) -> list[Any]:
+def _run_as_kernels(inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, common: Common) -> list[Any]:
     """A trace as kernels, one for all results of one shape; or, if it is none, with kernels for the calls in it."""
-    kernels = _kernels(inner, inputs)
-    arrays = [None if isinstance(x, Table) else jnp.asarray(x) for x in inputs]
-    data = [x for x in arrays if x is not None]
+    kernels = _kernels(inner, list(map(_whole, inputs)))
+    # A concatenation inside a kernel, where each number asks which piece it is of, would not be vectorised.
+    is_apart = any(map(_is_of_pieces, inputs)) if kernels else is_call
+    if not is_apart:
+        inputs = list(map(_whole, inputs))
+    taken = [x.source if isinstance(x, Moved) else (_whole(x), []) for x in inputs]
+    sources = {id(x): x for x, _ in taken if not isinstance(x, Table)}
 
-    def call(zero: jax.Array, *data: jax.Array) -> list[jax.Array]:
-        left = iter(data)
-        each = [x if y is None else next(left) for x, y in zip(inputs, arrays, strict=True)]
+    def call(zero: jax.Array, *arrays: jax.Array) -> list[jax.Array]:
+        of_source = dict(zip(sources, arrays, strict=True))
+        common_ = common._replace(zero=zero)
+        each = [_after_all(operations, of_source.get(id(x), x), common_) for x, operations in taken]
         if kernels is None:
-            return [_array(x) for x in _evaluated(inner.jaxpr, inner.consts, each, common._replace(zero=zero))]
+            return [_array(x) for x in _evaluated(inner.jaxpr, inner.consts, each, common_)]
         results: dict[int, jax.Array] = {}
         for kernel in kernels:
             results |= kernel.run(zero, [x for x, yes in zip(each, kernel.reads, strict=True) if yes])
         return [results[k] for k in range(len(results))]
 
-    # A concatenation inside a kernel, where each number asks which piece it is of, would not be vectorised.
-    is_apart = of_pieces if kernels else is_call
+    data = list(map(jnp.asarray, sources.values()))
     return not_inlined(call, common.zero, *data) if is_apart and data else call(common.zero, *data)
+
+
+def _after_all(operations: Sequence[Any], x: Any, common: Common) -> Any:
+    for eqn, k in operations:
+        x = _bound(eqn, [x], common)[k]
+    return x
 
 
 class Kernel(NamedTuple):

@@ -6,6 +6,7 @@ loop stay known: a planar arm has no components out of its plane. Where one grou
 holds the states of the bodies where chains meet. A bundle of single bodies needs no loop.
 """
 
+import collections
 import functools
 import itertools
 import operator
@@ -37,7 +38,8 @@ def outward(state: MechanismState, step: Step, root: Any, numbers: Sequence[Any]
     for bundle, of_bundle in zip(state.bundles, numbers, strict=True):
         first = bundle.groups[0]
         start = [ends[i] for i in bundle.by_column(first, first.parents)]
-        boundaries = _boundaries(state, bundle, ends, start[0], _replaced, is_reverse=False)
+        end_of = collections.defaultdict(lambda default=start[0]: default, ends).__getitem__
+        boundaries = _boundaries(state, bundle, end_of, start[0], _replaced, is_reverse=False)
         result, last, memory = _run(step, bundle, state.n, of_bundle, _side_by_side(start, state.n), boundaries)
         ends |= {i: _chain(memory, k) for i, k in boundaries.rows.items() if i not in ends}
         ends |= {i: _chain(last, c) for c, i in enumerate(bundle.groups[-1].ends)}
@@ -53,17 +55,27 @@ def inward(
     step(numbers of a body, joined states of its children) -> (its result, its state). at_tips: the state that bodies
     without children receive. join: combines the states of two children; by default their sum.
     """
-    arrived, results, join = dict[int, Any](), list[Any](), join or _sum
+    of_children, results = collections.defaultdict[int, list[Any]](list), list[Any]()
+
+    def join_all(*states: Any) -> Any:
+        return functools.reduce(join or _sum, states)
+
+    def arrived(i: int) -> Any:
+        states = of_children.pop(i, [at_tips])
+        return states[0] if len(states) == 1 else noinline(join_all)(*states)
+
     for bundle, of_bundle in zip(reversed(state.bundles), reversed(numbers), strict=True):
         first, last = bundle.groups[0], bundle.groups[-1]
-        start = [arrived.pop(i, at_tips) for i in bundle.by_column(last, last.ends)]
-        boundaries = _boundaries(state, bundle, arrived, at_tips, join, is_reverse=True)
-        result, passed, memory = _run(step, bundle, state.n, of_bundle, _side_by_side(start, state.n), boundaries)
-        arrived |= {i: _chain(memory, k) for i, k in boundaries.rows.items() if i not in bundle.ends}
+        start = list(map(arrived, last.ends))
+        boundaries = _boundaries(state, bundle, arrived, at_tips, join_all, is_reverse=True)
+        start = _side_by_side(bundle.by_column(last, start), state.n)
+        result, passed, memory = _run(step, bundle, state.n, of_bundle, start, boundaries)
+        for i, k in boundaries.rows.items():
+            if i not in bundle.ends:
+                of_children[i].append(_chain(memory, k))
         for c, parent in enumerate(first.parents):
             if parent >= 0:
-                x = _chain(passed, c)
-                arrived[parent] = noinline(join)(arrived[parent], x) if parent in arrived else x
+                of_children[parent].append(_chain(passed, c))
         results.append(result)
     return results[::-1]
 
@@ -109,13 +121,13 @@ class Boundaries(NamedTuple):
 
 
 def _boundaries(
-    state: MechanismState, bundle: Bundle, states: dict[int, Any], default, join: Join, is_reverse: bool
+    state: MechanismState, bundle: Bundle, state_of: Callable[[int], Any], default, join: Join, is_reverse: bool
 ) -> Boundaries:
-    """The Boundaries of a loop outward, or in reverse. states: those of the bodies where groups may meet."""
+    """The Boundaries of a loop outward, or in reverse. state_of: that of a body where groups may meet."""
     meet = [i for g in bundle.groups[1:] for i in g.parents]
     meet += [i for g in bundle.groups[:-1] for i in g.ends if state.topology.children[i]]
     rows = {i: k + 2 for k, i in enumerate(dict.fromkeys(meet))}
-    memory = _side_by_side([default, default, *(states.get(i, default) for i in rows)], state.n) if rows else None
+    memory = _side_by_side([default, default, *map(state_of, rows)], state.n) if rows else None
     at, put, get = (np.zeros(shape, int) for shape in ((bundle.length,), *[bundle.bodies.shape] * 2))
     for row, end, begin in _meetings(bundle, is_reverse):
         at[row] = 1

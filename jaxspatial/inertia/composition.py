@@ -1,4 +1,4 @@
-"""Rigid bodies put together and taken unstack, over numbers, about one point in one frame; and sums over a batch.
+"""Rigid bodies put together and taken apart, over numbers, about one point in one frame; and sums over a batch.
 
 In the reduced-mass form I1 + I2 + m1 m2 / m (|d|^2 1 - d d^T), d the distance of the centres of mass, only terms that
 are positive semidefinite are added: nothing cancels, however far from the origin. [Featherstone 2008, 2.13]
