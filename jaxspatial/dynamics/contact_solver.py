@@ -606,7 +606,7 @@ def solve(
     return high(y), residual, count
 
 
-@algorithm(*FIELDS, program_class=ContactProgram, result_shape=velocity_shape)
+@algorithm(*FIELDS, program_class=ContactProgram, result_shapes=velocity_shape)
 def solve_at(
     state: MechanismState,
     still: Array,
@@ -645,7 +645,7 @@ def _at(
     return scene, laws(scene, velocities_at(state, scene, motions, after))
 
 
-@algorithm(*FIELDS, program_class=ContactProgram, result_shape=velocity_shape)
+@algorithm(*FIELDS, program_class=ContactProgram, result_shapes=velocity_shape)
 def imbalance(
     state: MechanismState,
     v: Array,
@@ -681,7 +681,13 @@ def _in_axes(R: Matrix, impulse: Wrench, dt: Number) -> Wrench:
     return Wrench(*(R.T @ (x / dt) for x in impulse))
 
 
-@algorithm(*FIELDS, program_class=ContactProgram)
+def _shapes_of_impulses(_: Any, static: dict[str, Any]) -> list[tuple[int]]:
+    places: Where = static["places"]
+    of_contacts, of_closures = 3 * len(places.frames), sum(c.n_turning + c.n_moving for c in places.closures)
+    return [(n,) for n in (of_contacts, of_closures) if n]
+
+
+@algorithm(*FIELDS, program_class=ContactProgram, result_shapes=_shapes_of_impulses)
 def impulses(
     state: MechanismState,
     still: Array,
@@ -692,11 +698,13 @@ def impulses(
     *,
     places: Where,
 ):
-    """The impulses of contacts (3 n, B), and of rows of closures (k, B), at the velocities `still` + y."""
+    """The impulses of contacts (3 n, B), and of rows of closures (k, B), at the velocities `still` + y: one array, or
+    a tuple of both."""
     _, (impulse, _) = _at(state, still, change, y, time, terms, places)
     points: Any = impulse.points
     found = [] if points is None else [jnp.stack([state.rounded(x) for x in points], 1).reshape((-1, state.n))]
-    return tuple(found if impulse.loops is None else [*found, state.rounded(impulse.loops)])
+    found += [] if impulse.loops is None else [state.rounded(impulse.loops)]
+    return found[0] if len(found) == 1 else tuple(found)
 
 
 def _is_touched(scene: Scene, n: int) -> jax.Array:
@@ -886,7 +894,9 @@ def _bound_of_rows(G: Number, x: Number) -> Number:
     return where(is_stiff | (high(x) == 0), x * x / where(is_stiff, G, 1.0), np.inf)
 
 
-def _searched(state: MechanismState, scene: Scene, v: Vectors, v_d: Vectors, along: Slopes, is_good: jax.Array) -> Number:
+def _searched(
+    state: MechanismState, scene: Scene, v: Vectors, v_d: Vectors, along: Slopes, is_good: jax.Array
+) -> Number:
     """The length (1, B) of a step at which the derivative of the cost along it is small, by safeguarded Newton.
 
     v_d: the velocities of the direction at points and joints. is_good: states for which a whole step is taken.
@@ -936,9 +946,7 @@ def _next_length(at: Search, goal: Number, is_good: jax.Array, is_first: jax.Arr
 
 
 @noinline
-def _derivative(
-    along: Slopes, length: Number, f: Number, rate: Number, is_over: jax.Array
-) -> tuple[Number, Number]:
+def _derivative(along: Slopes, length: Number, f: Number, rate: Number, is_over: jax.Array) -> tuple[Number, Number]:
     """The first two derivatives of the cost. f, rate: of its terms, see `_slopes`."""
     f = along.slope + length * along.curvature - f
     return where(is_over, 0.0, f), along.curvature + rate

@@ -107,9 +107,9 @@ def _array(x: Any) -> jax.Array:
 class Moved(NamedTuple):
     """An array, and how it was taken from another one, `before`, by an operation that moves numbers; None if not so.
 
-    operation: an equation of the trace, and which of its results. A call that is not inlined gets the other one, and takes its part inside: no copy is made, and no kernel for it.
-    of_pieces: whether it is a concatenation, or was made of one outside of kernels: the compiler may not have stored
-    it.
+    A call that is not inlined gets the other one, and takes its part inside: no copy is made, and no kernel for it.
+    operation: an equation of the trace, and which of its results. of_pieces: whether the array is a concatenation, or
+    was made of one outside of kernels: the compiler may not have stored it.
     """
 
     array: jax.Array
@@ -654,7 +654,7 @@ class _Scalars:
         """x plus -0, of which the compiler knows nothing: no part of the operations that follow."""
         if x.dtype not in self.minus_zeros:
             self.minus_zeros[x.dtype] = minus_zero(self.zero, x.dtype)
-        return x + self.minus_zeros[x.dtype]
+        return lax.add(x, self.minus_zeros[x.dtype])
 
 
 def _identity(x: Any) -> Any:
