@@ -43,7 +43,7 @@ Shape = tuple[int, ...]
 
 # What keeps the place of each number, and operations number by number.
 _MOVES = {"broadcast_in_dim", "reshape", "squeeze", "copy"}
-# What takes a part of an array.
+# What takes a part of an array, or the whole of it.
 _TAKES = {
     "slice", "squeeze", "reshape", "broadcast_in_dim", "transpose", "jaxspatial_barrier", "jaxspatial_unstack"
 }  # fmt: skip
@@ -356,6 +356,8 @@ def _before_and_after_sums(inner: ClosedJaxpr) -> tuple[ClosedJaxpr, ClosedJaxpr
 
 def _run_as_kernels(inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, common: Common) -> list[Any]:
     """A trace as kernels, one for all results of one shape; or, if it is none, with kernels for the calls in it."""
+    if all(eqn.primitive.name in _TAKES for eqn in inner.jaxpr.eqns):
+        return _evaluated(inner.jaxpr, inner.consts, inputs, common)
     kernels = _kernels(inner, list(map(_whole, inputs)))
     # A concatenation inside a kernel, where each number asks which piece it is of, would not be vectorised.
     is_apart = any(map(_is_of_pieces, inputs)) if kernels else is_call
@@ -519,7 +521,7 @@ def _reduced(
     def body(_: Any, items: Sequence[jax.Array]) -> tuple[jax.Array, ...]:
         return *computed(*(items[k] for k in places)), *items[len(kinds) :]
 
-    whole, start = operands.arrays, [lax.full((), 0, d) for d in operands.kinds]
+    whole, start = operands.arrays, [d.type(0) for d in operands.kinds]
     # A simplification of results without use is wrong where operands differ in dtype: behind the barrier all have one.
     return lax.optimization_barrier(lax.reduce(tuple(whole), tuple(start), body, (0,)))[: len(kinds)]
 
