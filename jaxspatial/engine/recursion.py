@@ -90,7 +90,7 @@ def _sum(a, b):
 
 def _chain(tree, c: int):
     """The numbers (1, B) of one chain, or of one row of a memory."""
-    return stacking.mapped(lambda word: word[c : c + 1], tree)
+    return stacking.mapped(lambda word: lax.slice_in_dim(word, c, c + 1), tree)
 
 
 def _side_by_side(trees: Sequence[Any], n: int):
@@ -157,10 +157,10 @@ def _run(step: Step, bundle: Bundle, n: int, numbers, start, boundaries: Boundar
     """
     if bundle.length > 1:
         return _loop(step, numbers, start, boundaries, (bundle.width, n))
-    of_one = stacking.mapped(lambda word: word[0], numbers)
+    of_one = stacking.mapped(lambda word: lax.squeeze(word, (0,)), numbers)
     result, last = noinline(_for_each_state(step, (of_one, start), (bundle.width, n)))(of_one, start)
     last = stacking.mapped(lambda word: jnp.broadcast_to(word, (bundle.width, n)), last)
-    return stacking.mapped(lambda word: word[None], result), last, None
+    return stacking.mapped(lambda word: lax.expand_dims(word, (0,)), result), last, None
 
 
 def _for_each_state(step: Step, arguments: Any, shape: tuple[int, int]) -> Step:
