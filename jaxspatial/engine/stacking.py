@@ -31,7 +31,8 @@ def rows(array: Array, places: np.ndarray) -> Array:
 def _sliced(array: jax.Array, places: np.ndarray) -> jax.Array:
     flat = np.ravel(places)
     ends = [0, *(np.flatnonzero(np.diff(flat) != 1) + 1).tolist(), flat.size]
-    pieces = [lax.slice_in_dim(array, flat[a], flat[a] + b - a) for a, b in zip(ends[:-1], ends[1:], strict=True) if b > a]
+    runs = [(flat[a], flat[a] + b - a) for a, b in itertools.pairwise(ends) if b > a]
+    pieces = [lax.slice_in_dim(array, first, last) for first, last in runs]
     taken = pieces[0] if len(pieces) == 1 else jnp.concatenate(pieces) if pieces else array[:0]
     return taken.reshape((*np.shape(places), *array.shape[1:]))
 
@@ -115,6 +116,7 @@ def pairwise_sum(x: Number) -> Number:
     def halves(x: Number) -> list[Number]:
         n = numbers.shape_of(x)[0]
         ends = [0, n // 2, n // 2 * 2, n] if n > 1 else []
-        return [numbers.mapped(lambda w, a=a, b=b: lax.slice_in_dim(w, a, b), x) for a, b in itertools.pairwise(ends) if b > a]
+        runs = [(a, b) for a, b in itertools.pairwise(ends) if b > a]
+        return [numbers.mapped(lambda w, a=a, b=b: lax.slice_in_dim(w, a, b), x) for a, b in runs]
 
     return numbers.mapped(lambda word: word[0], pairwise(operator.add, x, halves, concatenated))

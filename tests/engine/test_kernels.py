@@ -215,6 +215,56 @@ def test_linear_equations_are_a_kernel_for_each_unknown():
     assert text.count("stablehlo.while") == len(re.findall(r"stablehlo\.map\b", text)) == 1
 
 
+def compiled(closed, *arrays):
+    return jax.jit(functools.partial(kernels.run, closed, 2)).lower(*arrays).compile().as_text()
+
+
+def test_a_call_takes_its_parts_of_an_array_inside():
+    """Outside, each part would be a copy, and a kernel to compile."""
+
+    def function(*pieces):
+        x = jnp.concatenate([p.value for p in pieces])
+        return step(*(number(jnp.swapaxes(x[k : k + 2].reshape((2, 1, N)), 0, 1)[0]) for k in range(3)))
+
+    both = arrays((2, N), (2, N))
+    found, expected, _ = compared(function, *both)
+    same(found, expected)
+    text = compiled(jax.make_jaxpr(lambda *x: [y.value for y in function(*map(number, x))])(*both), *both)
+    (call,) = re.findall(r" call\((.*?)\)", text)
+    assert call.count("%") == 2  # the whole array, and what no compiler foresees
+
+
+def star(n_arms):
+    """A floating body with so many arms of three links."""
+    one = np.float32(1)
+    bodies = [js.Body("base", js.SpatialInertia.solid_box(np.ones(3, np.float32), mass=one))]
+    joints = [js.Joint("root", "free", "world", "base")]
+    for arm_ in range(n_arms):
+        for k, parent in enumerate(["base", f"{arm_}0", f"{arm_}1"]):
+            bodies.append(js.Body(f"{arm_}{k}", bodies[0].inertia))
+            joints.append(js.Joint(f"joint {arm_}{k}", "revolute", parent, f"{arm_}{k}", axis=(0, 0, 1)))
+    return js.Mechanism.build(bodies, joints)
+
+
+def of_many_states(mech):
+    q, v = np.tile(mech.neutral(), (1000, 1)).astype(np.float32), np.ones((1000, mech.nv), np.float32)
+    return jax.jit(functools.partial(js.forward_dynamics, mech)).lower(q, v, v)
+
+
+def test_arms_of_a_body_are_joined_in_one_call():
+    two, five = (reductions(of_many_states(star(n)).as_text()) for n in (2, 5))
+    assert two == five
+
+
+def test_the_first_row_of_a_short_chain_is_the_kernel_of_the_others():
+    """XLA compiles one kernel for calls of one function, but not for one that passes the same array twice: the hidden
+    zero, and the index 0 made of it."""
+    calls = re.findall(
+        r"jaxspatial_call\S* = .*? call\((%[\w.-]+), (%[\w.-]+)", of_many_states(star(2)).compile().as_text()
+    )
+    assert len(calls) > 6 and all(zero != index for zero, index in calls)
+
+
 @pytest.mark.parametrize("function", [js.inverse_dynamics, js.forward_dynamics])
 def test_a_pullback_adds_up_each_number_of_a_robot_once(function):
     """Sums wherever a number is used, 267 for this arm, would leave no kernel whole."""
