@@ -91,7 +91,16 @@ FOLDERS = {
         ),
     ),
     "dynamics": Folder(
-        1, ("dynamics/test_steps.py", "dynamics/test_loads.py", "dynamics/test_laws.py", "dynamics/test_jacobians.py")
+        1,
+        (
+            "dynamics/test_steps.py",
+            "dynamics/test_loads.py",
+            "dynamics/test_laws.py",
+            "dynamics/test_jacobians.py",
+            "dynamics/test_convex_step.py",
+            "dynamics/test_contact_forces.py",
+            "dynamics/test_closed_loops.py",
+        ),
     ),
 }
 # What is run last, of whatever folder.
