@@ -41,7 +41,7 @@ from jaxspatial.dynamics.newton_euler import forces_of
 from jaxspatial.dynamics.passive import is_nothing
 from jaxspatial.engine import matrices, recursion, stacking
 from jaxspatial.engine.algorithm import DYNAMICS, FRAMES, Algorithm, Wrenches, algorithm, velocity_shape
-from jaxspatial.engine.stacking import Array
+from jaxspatial.engine.stacking import Array, Shape
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.inertia import articulated
 from jaxspatial.inertia.articulated import Articulated
@@ -537,7 +537,7 @@ class Iterate(NamedTuple):
     x: Number
     motions: list[Motion]
     v: Vectors
-    numbers: Scalars
+    scalars: Scalars
 
 
 class Free(NamedTuple):
@@ -598,15 +598,15 @@ def solve(
 
     data, _, count, _ = lax.while_loop(is_going, iterate, (data_of(start), ~is_touched, count, np.int32(0)))
     last: Iterate = with_data(start, data)
-    found = problem.turned(state, scene.bodies, (1 - last.numbers.lacking) * free + last.x, to_world=False)
+    found = problem.turned(state, scene.bodies, (1 - last.scalars.lacking) * free + last.x, to_world=False)
     y = where(is_touched, found, state.numbers(change[:, None])[0])
     reference = high(scale)
     # Rounding may leave a square below zero.
-    residual = jnp.sqrt(jnp.maximum(high(last.numbers.residual), 0) / jnp.where(reference <= 0, 1, reference))
+    residual = jnp.sqrt(jnp.maximum(high(last.scalars.residual), 0) / jnp.where(reference <= 0, 1, reference))
     return high(y), residual, count
 
 
-@algorithm(*FIELDS, program_class=ContactProgram, result_shapes=velocity_shape)
+@algorithm(*FIELDS, program_class=ContactProgram, result_shape=velocity_shape)
 def solve_at(
     state: MechanismState,
     still: Array,
@@ -645,7 +645,7 @@ def _at(
     return scene, laws(scene, velocities_at(state, scene, motions, after))
 
 
-@algorithm(*FIELDS, program_class=ContactProgram, result_shapes=velocity_shape)
+@algorithm(*FIELDS, program_class=ContactProgram, result_shape=velocity_shape)
 def imbalance(
     state: MechanismState,
     v: Array,
@@ -681,13 +681,14 @@ def _in_axes(R: Matrix, impulse: Wrench, dt: Number) -> Wrench:
     return Wrench(*(R.T @ (x / dt) for x in impulse))
 
 
-def _shapes_of_impulses(_: Any, static: dict[str, Any]) -> list[tuple[int]]:
+def _shapes_of_impulses(_: Any, static: dict[str, Any]) -> list[Shape]:
+    """Those of the results of `impulses`."""
     places: Where = static["places"]
     of_contacts, of_closures = 3 * len(places.frames), sum(c.n_turning + c.n_moving for c in places.closures)
     return [(n,) for n in (of_contacts, of_closures) if n]
 
 
-@algorithm(*FIELDS, program_class=ContactProgram, result_shapes=_shapes_of_impulses)
+@algorithm(*FIELDS, program_class=ContactProgram, result_shape=_shapes_of_impulses)
 def impulses(
     state: MechanismState,
     still: Array,
@@ -698,13 +699,11 @@ def impulses(
     *,
     places: Where,
 ):
-    """The impulses of contacts (3 n, B), and of rows of closures (k, B), at the velocities `still` + y: one array, or
-    a tuple of both."""
+    """The impulses of contacts (3 n, B), and of rows of closures (k, B), at the velocities `still` + y."""
     _, (impulse, _) = _at(state, still, change, y, time, terms, places)
     points: Any = impulse.points
     found = [] if points is None else [jnp.stack([state.rounded(x) for x in points], 1).reshape((-1, state.n))]
-    found += [] if impulse.loops is None else [state.rounded(impulse.loops)]
-    return found[0] if len(found) == 1 else tuple(found)
+    return tuple(found if impulse.loops is None else [*found, state.rounded(impulse.loops)])
 
 
 def _is_touched(scene: Scene, n: int) -> jax.Array:
@@ -745,6 +744,20 @@ class Slopes(NamedTuple):
     rounding: Number
 
 
+class Sums(NamedTuple):
+    """Sums over contacts, joints and closures, of velocities and impulses at an Iterate: (1, B).
+
+    power: d . A x. noise: the sum of the sizes of the terms of impulse_d.
+    """
+
+    impulse_free: Number
+    free_G_d: Number
+    impulse_d: Number
+    d_G_d: Number
+    power: Number
+    noise: Number
+
+
 def _iterated(
     state: MechanismState,
     scene: Scene,
@@ -760,40 +773,29 @@ def _iterated(
     held: contacts that stick in the first iteration, whose step is not searched.
     """
     impulse, G = laws(scene, at.v, held & is_first)
-    right = combined(lambda a, g: a - at.numbers.lacking * g, impulse, times_G(scene, G, free.v))
+    right = combined(lambda a, g: a - at.scalars.lacking * g, impulse, times_G(scene, G, free.v))
     momenta = _momenta(state, scene, at.motions, at.x)
     e, motions, left = solved(state, scene, G, right, jax.tree.map(operator.neg, momenta, is_leaf=is_number))
     v_e = velocities_at(state, scene, motions, e)
-    v_d = combined(lambda a, b: a + at.numbers.lacking * b, v_e, free.v)
+    v_d = combined(lambda a, b: a + at.scalars.lacking * b, v_e, free.v)
     G_d = times_G(scene, G, v_d)
-    noise = inner(combined(abs, impulse), combined(abs, v_d))
     sums = Sums(
-        inner(impulse, free.v), inner(free.v, G_d), inner(impulse, v_d), inner(v_d, G_d),
-        _power(state, momenta, motions, e), noise,
-    )  # fmt: skip
-    slopes, free_e, is_small = _slopes_and_size(at.numbers, free.energy, sums, smallest, is_first)
+        impulse_free=inner(impulse, free.v),
+        free_G_d=inner(free.v, G_d),
+        impulse_d=inner(impulse, v_d),
+        d_G_d=inner(v_d, G_d),
+        power=_power(state, momenta, motions, e),
+        noise=inner(combined(abs, impulse), combined(abs, v_d)),
+    )
+    slopes, free_e, is_small = _slopes_and_size(at.scalars, free.energy, sums, smallest, is_first)
     length = _searched(state, scene, at.v, v_d, slopes, is_small | is_done | is_first)
     x, moving, v = jax.tree.map(
         lambda a, b: a + length * b, (at.x, at.motions, at.v), (e, motions, v_d), is_leaf=is_number
     )
     linear = left._replace(points=combined(lambda a, b: a - b, impulse, G_d).points)
     bound = _bound(scene, v, linear)
-    numbers, is_settled = _next_numbers(at.numbers, length, free_e, slopes.decrement, bound, smallest, is_first)
-    return Iterate(x, moving, v, numbers), is_small | is_settled
-
-
-class Sums(NamedTuple):
-    """Sums over contacts, joints and closures, of velocities and impulses at an Iterate: (1, B).
-
-    power: d . A x. noise: the sum of the sizes of the terms of impulse_d.
-    """
-
-    impulse_free: Number
-    free_G_d: Number
-    impulse_d: Number
-    d_G_d: Number
-    power: Number
-    noise: Number
+    scalars, is_settled = _next_scalars(at.scalars, length, free_e, slopes.decrement, bound, smallest, is_first)
+    return Iterate(x, moving, v, scalars), is_small | is_settled
 
 
 @noinline
@@ -819,7 +821,7 @@ def _slopes_and_size(
 
 
 @noinline
-def _next_numbers(
+def _next_scalars(
     at: Scalars, length: Number, free_e: Number, decrement: Number, bound: Number, smallest: Number, is_first: jax.Array
 ) -> tuple[Scalars, jax.Array]:
     """(those of the next Iterate, whether its gradient is small). bound: see `_bound`."""
@@ -894,6 +896,17 @@ def _bound_of_rows(G: Number, x: Number) -> Number:
     return where(is_stiff | (high(x) == 0), x * x / where(is_stiff, G, 1.0), np.inf)
 
 
+class Search(NamedTuple):
+    """low, up: the ends of the interval that holds the length. f, rate: the first two derivatives of the cost at the
+    length; f is 0 where the search is over. Numbers (1, B)."""
+
+    low: Number
+    up: Number
+    length: Number
+    f: Number
+    rate: Number
+
+
 def _searched(
     state: MechanismState, scene: Scene, v: Vectors, v_d: Vectors, along: Slopes, is_good: jax.Array
 ) -> Number:
@@ -920,17 +933,6 @@ def _searched(
 
     data, _ = lax.while_loop(is_going, trial, (data_of(start), np.int32(0)))
     return with_data(start, data).length
-
-
-class Search(NamedTuple):
-    """The ends of the interval that holds the length, and a length with the first two derivatives of the cost, of which
-    f is 0 where the search is over. Numbers (1, B)."""
-
-    low: Number
-    up: Number
-    length: Number
-    f: Number
-    rate: Number
 
 
 @noinline

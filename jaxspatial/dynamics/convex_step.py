@@ -374,7 +374,7 @@ class _Problem(NamedTuple):
     ) -> tuple[SpatialForce | None, SpatialForce | None]:
         """The forces of contacts and the wrenches of closures, for a change y of the velocities."""
         state = self.q, self.still, self.change, y, self.h
-        found = jax.tree.leaves(contact_solver.impulses(precision, self.mechanism, *state, self.terms, places=places))
+        found = contact_solver.impulses(precision, self.mechanism, *state, self.terms, places=places)
         of_contacts = wrenches = None
         if places.frames:
             f = _over(found[0], self.h).reshape((*found[0].shape[:-1], len(places.frames), 3))

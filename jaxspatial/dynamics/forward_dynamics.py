@@ -157,7 +157,7 @@ def minus(a: jax.Array | None):
     return None if a is None else -a
 
 
-@algorithm(*DYNAMICS, *FRAMES, program_class=ForwardDynamics, result_shapes=velocity_shape)
+@algorithm(*DYNAMICS, *FRAMES, program_class=ForwardDynamics, result_shape=velocity_shape)
 def _forward_dynamics(state: MechanismState, v: Array, tau: Array, external_forces: Wrenches):
     return accelerations(state, v, tau, external_forces)[0]
 
@@ -169,7 +169,7 @@ def _with_factors(state: MechanismState, v: Array, tau: Array, external_forces: 
     return vdot, *state.words(factors)
 
 
-@algorithm(*DYNAMICS, *FRAMES, program_class=Solve, result_shapes=velocity_shape)
+@algorithm(*DYNAMICS, *FRAMES, program_class=Solve, result_shape=velocity_shape)
 def _solve(state: MechanismState, *factors_and_force: Array):
     *factors, force = factors_and_force
     return solution(state, state.of_words(factors, _form(state)), force)
@@ -184,7 +184,7 @@ def _form(state: MechanismState) -> list[Any]:
     return [zero if has_floating_roots(b) else [(U, zero)] * b.kind.nv for b in state.bundles]
 
 
-@algorithm(*DYNAMICS, *FRAMES, result_shapes=velocity_shape)
+@algorithm(*DYNAMICS, *FRAMES, result_shape=velocity_shape)
 def _mass_times(state: MechanismState, a: Array):
     """M a, by inverse dynamics at rest and without gravity."""
     return state.by_velocity(forces_of(state, None, a, loads(state, ()), state.zero_vector))

@@ -130,7 +130,7 @@ class InverseDynamics(Algorithm):
         return tuple(i is not None and self.known[i] is None and moving[self.place(i)] for i in leaves)
 
 
-@algorithm(*DYNAMICS, *FRAMES, program_class=InverseDynamics, result_shapes=velocity_shape)
+@algorithm(*DYNAMICS, *FRAMES, program_class=InverseDynamics, result_shape=velocity_shape)
 def inverse_dynamics_of(state: MechanismState, v: Array | None, vdot: Array | None, external_forces: Wrenches):
     return state.by_velocity(forces_of(state, v, vdot, loads(state, external_forces), state.minus_gravity))
 

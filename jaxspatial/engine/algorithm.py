@@ -74,7 +74,7 @@ def algorithm(
     *reads: str,
     program_class: "type[Algorithm] | None" = None,
     entries: Callable[[Topology], int] | None = None,
-    result_shapes: Callable[[Topology, dict[str, Any]], list[Shape]] | None = None,
+    result_shape: Callable[[Topology, dict[str, Any]], Shape | list[Shape]] | None = None,
     at: str = "q",
 ) -> Any:
     """Turns `formula(state, *arrays, **static)` into a function of (precision, mechanism, q, *arrays, **static).
@@ -86,8 +86,8 @@ def algorithm(
         reads: the fields of a Mechanism that the formula uses.
         program_class: the subclass of Algorithm to use, for special rules of differentiation or batching.
         entries: a function of the Topology: how many numbers the results have, where these are matrices.
-        result_shapes: a function of the Topology and of the static arguments: the shapes of the results without their
-            batch, where these are one array, or a tuple of arrays. No trace is then needed to know them.
+        result_shape: a function of the Topology and of the static arguments: the shape of the result without its batch,
+            where it is a single array; a list of shapes for a tuple of arrays. No trace is then needed to know it.
         at: the name of the argument q in messages.
 
     Returns:
@@ -95,7 +95,7 @@ def algorithm(
     """
 
     def decorated(formula):
-        formula.entries, formula.result_shapes = entries, result_shapes
+        formula.entries, formula.result_shape = entries, result_shape
         formula.program_class = program_class or Algorithm
         names, name = [at, *list(inspect.signature(formula).parameters)[1:]], formula.__name__.lstrip("_")
 
@@ -293,9 +293,10 @@ class Algorithm(Differentiable):
         return MechanismState(self.topology, fields, q, n, self.precision, self.dtype), others
 
     def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
-        if self.formula.result_shapes is not None:
-            shapes = self.formula.result_shapes(self.topology, dict(self.static))
-            self.out_tree = jax.tree.structure(0 if len(shapes) == 1 else (0,) * len(shapes))
+        if self.formula.result_shape is not None:
+            shape = self.formula.result_shape(self.topology, dict(self.static))
+            shapes = shape if isinstance(shape, list) else [shape]
+            self.out_tree = jax.tree.structure((0,) * len(shapes) if isinstance(shape, list) else 0)
             return [(shape, self.dtype) for shape in shapes]
 
         def outputs() -> list[Result]:
@@ -494,6 +495,6 @@ def over_batch(function: Callable[..., Any], *arguments: Any) -> Any:
     return of_leaves(*check.broadcast_batch(batch, *leaves))
 
 
-def velocity_shape(topology: Topology, _: dict[str, Any]) -> list[Shape]:
-    """That of a result with one number per velocity."""
-    return [(topology.nv,)]
+def velocity_shape(topology: Topology, _: dict[str, Any]) -> Shape:
+    """The shape (nv,) of a result with one number per velocity."""
+    return (topology.nv,)

@@ -105,11 +105,11 @@ def _array(x: Any) -> jax.Array:
 
 
 class Moved(NamedTuple):
-    """An array, and how it was taken from another one, `before`, by an operation that moves numbers; None if not so.
+    """An array that may have been taken from another one, `before`, by an operation that moves numbers.
 
     A call that is not inlined gets the other one, and takes its part inside: no copy is made, and no kernel for it.
-    operation: an equation of the trace, and which of its results. of_pieces: whether the array is a concatenation, or
-    was made of one outside of kernels: the compiler may not have stored it.
+    operation: an equation of the trace, and which of its results; None if there was none. of_pieces: whether the array
+    is a concatenation, or was made of one outside of kernels: the compiler may not have stored it.
     """
 
     array: jax.Array
@@ -165,13 +165,13 @@ def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], comm
         elif name == "while":
             results = _repeated(eqn, list(map(_array, inputs)), common)
         else:
-            results = _moved(eqn, list(map(_whole, inputs))) or _bound(eqn, list(map(_array, inputs)), common)
-            results = [_after(eqn, k, inputs, y) for k, y in enumerate(results)]
+            results = _known_moved(eqn, list(map(_whole, inputs))) or _bound(eqn, list(map(_array, inputs)), common)
+            results = [_result(eqn, k, inputs, y) for k, y in enumerate(results)]
         values |= dict(zip(eqn.outvars, results, strict=True))
     return [x.val if isinstance(x, Literal) else values[x] for x in jaxpr.outvars]
 
 
-def _after(eqn: Any, k: int, inputs: Sequence[Any], result: Any) -> Any:
+def _result(eqn: Any, k: int, inputs: Sequence[Any], result: Any) -> Any:
     """Result k of an operation, as a Moved where it only moves numbers, or is made of pieces."""
     of_pieces = eqn.primitive.name == "concatenate" or any(map(_is_of_pieces, inputs))
     is_taken = eqn.primitive.name in _TAKES and isinstance(result, Tracer) and result.size <= np.size(_whole(inputs[0]))
@@ -207,7 +207,7 @@ def _is_of_chains(shape: Shape) -> bool:
     return len(shape) == 2 and shape[1] == 1 and shape[0] <= MOST_ROWS
 
 
-def _moved(eqn: Any, inputs: Sequence[Any]) -> list[Any] | None:
+def _known_moved(eqn: Any, inputs: Sequence[Any]) -> list[Any] | None:
     """The result of an operation that only moves a known number of each chain, as a Table; else None."""
     shape = eqn.outvars[0].aval.shape
     if eqn.primitive.name not in ("squeeze", "reshape", "broadcast_in_dim") or not _is_of_chains(shape):
@@ -326,7 +326,7 @@ def _called(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
     """A call as kernels. Its sums, and what is computed from them, come after the kernels."""
     inner, is_call = _inner(eqn), eqn.params["name"] == CALL
     inputs = [
-        x if hasattr(x, "shape") else x if isinstance(x, (Moved, Stack)) else np.asarray(x, v.aval.dtype)
+        x if isinstance(x, (Moved, Stack)) or hasattr(x, "shape") else np.asarray(x, v.aval.dtype)
         for x, v in zip(inputs, eqn.invars, strict=True)
     ]
     first, last = _before_and_after_sums(inner)
@@ -355,7 +355,10 @@ def _before_and_after_sums(inner: ClosedJaxpr) -> tuple[ClosedJaxpr, ClosedJaxpr
 
 
 def _run_as_kernels(inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, common: Common) -> list[Any]:
-    """A trace as kernels, one for all results of one shape; or, if it is none, with kernels for the calls in it."""
+    """A trace as kernels, one for all results of one shape; or, if it is none, with kernels for the calls in it.
+
+    What only moves numbers is no kernel.
+    """
     if all(eqn.primitive.name in _TAKES for eqn in inner.jaxpr.eqns):
         return _evaluated(inner.jaxpr, inner.consts, inputs, common)
     kernels = _kernels(inner, list(map(_whole, inputs)))
@@ -368,10 +371,10 @@ def _run_as_kernels(inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, co
 
     def call(zero: jax.Array, *arrays: jax.Array) -> list[jax.Array]:
         of_source = dict(zip(sources, arrays, strict=True))
-        common_ = common._replace(zero=zero)
-        each = [_after_all(operations, of_source.get(id(x), x), common_) for x, operations in taken]
+        inside = common._replace(zero=zero)
+        each = [_taken(of_source.get(id(x), x), operations, inside) for x, operations in taken]
         if kernels is None:
-            return [_array(x) for x in _evaluated(inner.jaxpr, inner.consts, each, common_)]
+            return [_array(x) for x in _evaluated(inner.jaxpr, inner.consts, each, inside)]
         results: dict[int, jax.Array] = {}
         for kernel in kernels:
             results |= kernel.run(zero, [x for x, yes in zip(each, kernel.reads, strict=True) if yes])
@@ -381,7 +384,8 @@ def _run_as_kernels(inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, co
     return not_inlined(call, common.zero, *data) if is_apart and data else call(common.zero, *data)
 
 
-def _after_all(operations: Sequence[Any], x: Any, common: Common) -> Any:
+def _taken(x: Any, operations: Sequence[Any], common: Common) -> Any:
+    """x after the operations of a Moved."""
     for eqn, k in operations:
         x = _bound(eqn, [x], common)[k]
     return x

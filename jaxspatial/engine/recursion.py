@@ -38,8 +38,7 @@ def outward(state: MechanismState, step: Step, root: Any, numbers: Sequence[Any]
     for bundle, of_bundle in zip(state.bundles, numbers, strict=True):
         first = bundle.groups[0]
         start = [ends[i] for i in bundle.by_column(first, first.parents)]
-        end_of = collections.defaultdict(lambda default=start[0]: default, ends).__getitem__
-        boundaries = _boundaries(state, bundle, end_of, start[0], _replaced, is_reverse=False)
+        boundaries = _boundaries(state, bundle, ends.get, start[0], _replaced, is_reverse=False)
         result, last, memory = _run(step, bundle, state.n, of_bundle, _side_by_side(start, state.n), boundaries)
         ends |= {i: _chain(memory, k) for i, k in boundaries.rows.items() if i not in ends}
         ends |= {i: _chain(last, c) for c, i in enumerate(bundle.groups[-1].ends)}
@@ -55,19 +54,16 @@ def inward(
     step(numbers of a body, joined states of its children) -> (its result, its state). at_tips: the state that bodies
     without children receive. join: combines the states of two children; by default their sum.
     """
-    of_children, results = collections.defaultdict[int, list[Any]](list), list[Any]()
+    of_children, results, join = collections.defaultdict[int, list[Any]](list), list[Any](), join or _sum
 
-    def join_all(*states: Any) -> Any:
-        return functools.reduce(join or _sum, states)
-
-    def arrived(i: int) -> Any:
-        states = of_children.pop(i, [at_tips])
-        return states[0] if len(states) == 1 else noinline(join_all)(*states)
+    def joined(i: int, default: Any) -> Any:
+        states = of_children.pop(i, [default])
+        return states[0] if len(states) == 1 else noinline(lambda *x: functools.reduce(join, x))(*states)
 
     for bundle, of_bundle in zip(reversed(state.bundles), reversed(numbers), strict=True):
         first, last = bundle.groups[0], bundle.groups[-1]
-        start = list(map(arrived, last.ends))
-        boundaries = _boundaries(state, bundle, arrived, at_tips, join_all, is_reverse=True)
+        start = [joined(i, at_tips) for i in last.ends]
+        boundaries = _boundaries(state, bundle, joined, at_tips, join, is_reverse=True)
         start = _side_by_side(bundle.by_column(last, start), state.n)
         result, passed, memory = _run(step, bundle, state.n, of_bundle, start, boundaries)
         for i, k in boundaries.rows.items():
@@ -121,13 +117,14 @@ class Boundaries(NamedTuple):
 
 
 def _boundaries(
-    state: MechanismState, bundle: Bundle, state_of: Callable[[int], Any], default, join: Join, is_reverse: bool
+    state: MechanismState, bundle: Bundle, state_of: Callable[[int, Any], Any], default, join: Join, is_reverse: bool
 ) -> Boundaries:
-    """The Boundaries of a loop outward, or in reverse. state_of: that of a body where groups may meet."""
+    """The Boundaries of a loop outward, or in reverse. state_of(i, default): that of a body where groups may
+    meet."""
     meet = [i for g in bundle.groups[1:] for i in g.parents]
     meet += [i for g in bundle.groups[:-1] for i in g.ends if state.topology.children[i]]
     rows = {i: k + 2 for k, i in enumerate(dict.fromkeys(meet))}
-    memory = _side_by_side([default, default, *map(state_of, rows)], state.n) if rows else None
+    memory = _side_by_side([default, default, *(state_of(i, default) for i in rows)], state.n) if rows else None
     at, put, get = (np.zeros(shape, int) for shape in ((bundle.length,), *[bundle.bodies.shape] * 2))
     for row, end, begin in _meetings(bundle, is_reverse):
         at[row] = 1

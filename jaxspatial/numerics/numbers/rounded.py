@@ -23,7 +23,7 @@ from jaxspatial.numerics.precision import Precision
 # In "fast" the compiler may make one fma of a product and the addition that follows: error <= u |a b|, or none.
 _PRODUCT = {Precision.FAST: lax.mul, Precision.REPRODUCIBLE: product}
 
-# What the operators do to arrays of one shape and dtype, without asking: JAX traces it in a third of the time.
+# What the operators do to arrays of one shape and dtype, without asking: JAX traces it in half of the time.
 _OF_ARRAYS = {operator.add: lax.add, operator.sub: lax.sub}
 # Operands that are not arrays of JAX: numbers known while tracing, and what stands for an array.
 # Its stub knows no operators.
