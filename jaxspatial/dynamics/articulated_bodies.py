@@ -3,6 +3,8 @@
 [Featherstone 2008, table 7.1]
 """
 
+import functools
+import operator
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -53,7 +55,7 @@ class Elimination(NamedTuple):
 class FloatingElimination(NamedTuple):
     """The equation of a floating root: matrix vdot = u - P A. P is without armature, and None where A is zero."""
 
-    matrix: Number
+    matrix: Articulated
     P: Articulated | None
     u: Wrench
 
@@ -83,7 +85,7 @@ def accelerations(state: MechanismState, v: Array, tau: Array, forces: Wrenches)
     eliminated = recursion.inward(state, _eliminate, nothing, list(zip(bodies, biases, floating, strict=True)))
     both = [(link, bias.c, e) for (link, _), bias, e in zip(bodies, biases, eliminated, strict=True)]
     vdot = recursion.outward(state, _accelerate, Motion(zero, gravity), both)
-    factors = [e.matrix if f else [x[:2] for x in e] for e, f in zip(eliminated, floating, strict=True)]
+    factors = [_packed(e.matrix) if f else [x[:2] for x in e] for e, f in zip(eliminated, floating, strict=True)]
     return state.by_velocity(vdot), factors
 
 
@@ -112,7 +114,7 @@ def _bias_to_parent(body: tuple[Link, Any], Z: Wrench) -> tuple[Any, Wrench]:
     """([Elimination of each velocity], the bias force about the parent's origin), from the children's bias force Z."""
     link, factors = body
     if is_number(factors):
-        return FloatingElimination(factors, None, _wrench(link.tau) - Z), Z
+        return FloatingElimination(_unpacked(factors), None, _wrench(link.tau) - Z), Z
     eliminated = list[Elimination]()
     for s, (U, D), tau in zip(link.joint.subspace, factors, link.tau, strict=True):
         u = tau - algebra.power(Z, s)
@@ -159,7 +161,7 @@ def _eliminate(
     rest = _with_children(link.inertia, bias, children)
     if is_floating:
         u = _wrench(link.tau) - rest.Z
-        return FloatingElimination(_matrix(rest.P, link.armature), rest.P, u), rest
+        return FloatingElimination(_with_armature(rest.P, link.armature), rest.P, u), rest
     eliminated: list[Elimination] = []
     for s, tau, armature in zip(link.joint.subspace, link.tau, link.armature, strict=True):
         rest, elimination = without_velocity(rest, s, tau, armature)
@@ -167,11 +169,26 @@ def _eliminate(
     return eliminated, _to_parent(link.X_PB, rest)
 
 
-def _matrix(P: Articulated, armature: Numbers) -> Number:
-    """P with armature on its diagonal, as one number (6, 6, ...)."""
-    entries = [x + armature[i] if i == k else x for i, row in enumerate(articulated.rows(P)) for k, x in enumerate(row)]
-    shape = np.broadcast_shapes((1, 1), *(shape_of(x) for x in entries))
-    return stacking.mapped(lambda w: w.reshape((6, 6, *shape)), stacking.stacked(entries, shape, 0))
+@noinline
+def _with_armature(P: Articulated, armature: Numbers) -> Articulated:
+    """P with armature on its diagonal."""
+    J, M = (
+        Symmetric(xx + a, xy, yy + b, xz, yz, zz + c)
+        for (xx, xy, yy, xz, yz, zz), (a, b, c) in zip((P.J, P.M), (armature[:3], armature[3:]), strict=True)
+    )
+    return Articulated(J, P.F, M)
+
+
+def _packed(P: Articulated) -> Number:
+    """P, of numbers (L, W, B), as one number (L, 21, W, B), for other programs."""
+    entries = jax.tree.leaves(P, is_leaf=is_number)
+    return stacking.stacked(entries, np.broadcast_shapes((1, 1, 1), *(shape_of(x) for x in entries)), 1)
+
+
+def _unpacked(entries: Number) -> Articulated:
+    """P of one body, from entries (21, W, B)."""
+    each = [stacking.mapped(lambda w, k=k: w[k], entries) for k in range(shape_of(entries)[0])]
+    return Articulated(Symmetric(*each[:6]), Matrix.of_entries(each[6:15]), Symmetric(*each[15:]))
 
 
 @noinline
@@ -267,11 +284,45 @@ def with_velocities(A: Motion, S: Sequence[Motion], eliminated: Sequence[Elimina
 def _floating(eliminated: FloatingElimination, A: Motion) -> Numbers:
     """The six accelerations of a floating root."""
     matrix, P, u = eliminated
-    u = u if P is None else u - articulated.apply(P, A)
-    six = (*u.tau, *u.f)
-    shape = np.broadcast_shapes(shape_of(matrix)[2:], *(shape_of(x) for x in six))
-    x = matrices.solved(matrix, stacking.stacked(six, shape, 0))
-    return tuple(stacking.mapped(lambda w, k=k: w[k], x) for k in range(6))
+    return _solved(matrix, u if P is None else u - articulated.apply(P, A))
+
+
+@noinline
+def _solved(matrix: Articulated, u: Wrench) -> Numbers:
+    """x with matrix x = u, by L D L^T; 0 where a pivot is not positive. [Golub and Van Loan 2013, 4.1.2]"""
+    lower, right = [row[: i + 1] for i, row in enumerate(articulated.rows(matrix))], (*u.tau, *u.f)
+    columns, x = list[Numbers](), list[Number]()
+    while lower:
+        first, column, lower, right = _without_first(lower, right)
+        x.append(first)
+        columns.append(column)
+    return _back_substituted(columns, x)
+
+
+@noinline
+def _without_first(lower: list[Numbers], right: Numbers) -> tuple[Number, Numbers, list[Numbers], Numbers]:
+    """Eliminates the first unknown: (the first number of D^-1 L^-1 u, the first column of L, and the equations that
+    are left, as the lower triangle of their matrix, row by row, and their right side)."""
+    (pivot,), *others = lower
+    is_none = high(pivot) <= 0
+    divisor = where(is_none, 1.0, pivot)
+    scale = where(is_none, 0.0, 1 / divisor)
+    column = tuple(row[0] * scale for row in others)
+    below: list[Numbers] = [
+        tuple(x - factor * other[0] for x, other in zip(row[1:], others, strict=False))
+        for factor, row in zip(column, others, strict=True)
+    ]
+    left = tuple(y - factor * right[0] for y, factor in zip(right[1:], column, strict=True))
+    return where(is_none, 0.0, right[0] / divisor), column, below, left
+
+
+@noinline
+def _back_substituted(columns: list[Numbers], y: Numbers) -> Numbers:
+    """L^-T y. columns: of L, below its diagonal of ones."""
+    x = list[Number]()
+    for first, column in zip(reversed(y), reversed(columns), strict=True):
+        x.insert(0, functools.reduce(operator.sub, map(operator.mul, column, x), first))
+    return tuple(x)
 
 
 @noinline

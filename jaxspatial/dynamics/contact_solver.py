@@ -20,7 +20,8 @@ search from v0 would stop at the kink of each foot.
 
 import functools
 import operator
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -63,6 +64,7 @@ from jaxspatial.numerics.numbers import (
 )
 from jaxspatial.spatial import algebra
 
+T = TypeVar("T")
 # How small, in the norm of H^-1, the gradient is beside the momenta, where Newton's method stops.
 TOLERANCES = {4: 2e-6, 8: 1e-10}
 MOST_ITERATIONS, MOST_TRIALS = 60, 20
@@ -145,59 +147,77 @@ def in_world(state: MechanismState, bodies: list[Body], *vectors: Array) -> list
     return [problem.turned(state, bodies, state.numbers(x[:, None])[0], to_world=True) for x in vectors]
 
 
-def laws(scene: Scene, v: Vectors, *held: Mask) -> tuple[Vectors, Any]:
-    """(impulses, G) at velocities v: G is a Law for contacts, numbers for joints and closures. held: see `law`."""
-    impulses, G = list[Any](), list[Any]()
-    functions, more = (_law, _joint_law, _loop_law), (held, (), ())
-    all_terms = scene.contacts, scene.joints, scene.loops
-    for law, terms, x, others in zip(functions, all_terms, v, more, strict=True):
-        impulse, own = (None, None) if terms is None else law(terms, x, *others)
-        impulses.append(impulse)
-        G.append(own)
-    return Vectors(*impulses), tuple(G)
+class Kind(NamedTuple):
+    """How terms of one kind act. A velocity, and an impulse, is a vector (n, B) of contacts, else a number (n, B).
+
+    law(terms, v) -> (impulse, G) at the velocity v. times_G(terms, G, v) -> G v. product(impulse, v) -> impulse . v.
+    bound(terms, G, x) -> at least x . G^-1 x, infinite where x has a part in which G is zero.
+    """
+
+    law: Callable[..., tuple[Any, Any]]
+    times_G: Callable[[Any, Any, Any], Any]
+    product: Callable[[Any, Any], Number]
+    bound: Callable[[Any, Any, Any], Number]
 
 
-@noinline
-def _law(contacts: Contacts, v: Vector, *held: Mask) -> tuple[Vector, Law]:
+def _law_of_contacts(contacts: Contacts, v: Vector, *held: Mask) -> tuple[Vector, Law]:
     of_law = problem.law(contacts, v, *held)
     return of_law.impulse, of_law
 
 
-_joint_law, _loop_law = noinline(problem.joint_law), noinline(problem.loop_law)
+def _bound_of_contacts(contacts: Contacts, of_law: Law, x: Vector) -> Number:
+    along = dot(contacts.normal, x)
+    across = x - along * contacts.normal
+    # Where contacts slide, an impulse has no part along one direction: G is zero there.
+    sticks = (high(of_law.mixed) == 0) & (high(of_law.across) > 0)
+    square = along * along * contacts.R_n + dot(across, across) * contacts.R_t
+    return where(sticks | (high(dot(x, x)) == 0), square, np.inf)
 
 
-def times_G(scene: Scene, G: Any, v: Vectors) -> Vectors:
-    of_contacts, *of_rows = G
-    points = None if scene.contacts is None else _times_G(scene.contacts, of_contacts, v.points)
-    return Vectors(points, *(None if g is None else g * x for g, x in zip(of_rows, v[1:], strict=True)))
+def _times_G_of_rows(_: Joints | Loops, G: Number, v: Number) -> Number:
+    return G * v
 
 
-_times_G = noinline(problem.times_G)
+def _bound_of_rows(_: Joints | Loops, G: Number, x: Number) -> Number:
+    is_stiff = high(G) > 0
+    return where(is_stiff | (high(x) == 0), x * x / where(is_stiff, G, 1.0), np.inf)
 
 
-def inner(a: Vectors, b: Vectors) -> Number:
-    """The sum of a . b, (1, B)."""
-    parts = [] if a.points is None else [_dot(a.points, b.points)]
-    parts += [x * y for x, y in zip(a[1:], b[1:], strict=True) if x is not None and y is not None]
-    return _total(parts)
+# In the order of `Vectors`.
+KINDS = (
+    Kind(_law_of_contacts, problem.times_G, dot, _bound_of_contacts),
+    Kind(problem.joint_law, _times_G_of_rows, operator.mul, _bound_of_rows),
+    Kind(problem.loop_law, _times_G_of_rows, operator.mul, _bound_of_rows),
+)
 
 
-def _total(parts: list[Number]) -> Number:
+def of_each(scene: Scene, function: Callable[..., Any], *numbers: Sequence[Any]) -> list[Any]:
+    """[function(kind, terms, *their numbers)] of contacts, joints and closures, each in one call; None without them.
+
+    numbers: of each kind, such as Vectors.
+    """
+    all_terms = scene.contacts, scene.joints, scene.loops
+    return [
+        None if terms is None else noinline(functools.partial(function, kind))(terms, *own)
+        for kind, terms, *own in zip(KINDS, all_terms, *numbers, strict=True)
+    ]
+
+
+def laws(scene: Scene, v: Vectors) -> tuple[Vectors, Any]:
+    """(impulses, G) at velocities v: G is a Law for contacts, numbers for joints and closures."""
+    impulses, G = _by_result(of_each(scene, lambda kind, terms, x: kind.law(terms, x), v), 2)
+    return Vectors(*impulses), G
+
+
+def _by_result(of_kinds: list[Any], count: int) -> list[tuple[Any, ...]]:
+    """For each of several results those of all kinds, from those of each kind, or None."""
+    return list(zip(*(x or (None,) * count for x in of_kinds), strict=True))
+
+
+def _total(parts: Iterable[Number | None]) -> Number:
     """The sum of all numbers (rows, B), (1, B)."""
-    total = functools.reduce(operator.add, map(stacking.pairwise_sum, parts))
-    return stacking.mapped(lambda w: w[None], total)
-
-
-_dot = noinline(dot)
-
-
-def combined(function: Any, *vectors: Vectors) -> Vectors:
-    """A function of numbers, applied to those of Vectors, part by part."""
-    points, *rest = zip(*vectors, strict=True)
-    return Vectors(
-        None if points[0] is None else Vector(*(function(*x) for x in zip(*points, strict=True))),
-        *(None if x[0] is None else function(*x) for x in rest),
-    )
+    rows = (stacking.pairwise_sum(x) for x in parts if x is not None)
+    return stacking.mapped(lambda w: w[None], functools.reduce(operator.add, rows))
 
 
 # -- passes over the tree ---------------------------------------------------------------------------------------------
@@ -590,8 +610,7 @@ def solve(
         data, is_done, count, k = carry
         at: Iterate = with_data(start, data)
         new, is_small = _iterated(state, scene, at, without, scale * tolerance, is_done, held, k == 0)
-        kept = [jnp.where(is_done, x, y) for x, y in zip(data, data_of(new), strict=True)]
-        return kept, is_done | is_small, count + (~is_done).astype(np.int32), k + 1
+        return data_of(new), is_done | is_small, count + (~is_done).astype(np.int32), k + 1
 
     def is_going(carry: Any) -> jax.Array:
         return (carry[3] < MOST_ITERATIONS) & ~carry[1].all()
@@ -620,7 +639,7 @@ def solve_at(
 ):
     """H^-1 times a force, with H at the velocities `still` + y."""
     scene, (impulse, G) = _at(state, still, change, y, time, terms, places)
-    nothing = combined(lambda x: 0.0 * x, impulse)
+    nothing = jax.tree.map(lambda x: 0.0 * x, impulse, is_leaf=is_number)
     (right,) = in_world(state, scene.bodies, force)
     at_rest = Wrench(state.zero_vector, state.zero_vector)
     forces = [Force(at_rest, x) for x in _by_bundle(state, scene, right)]
@@ -744,18 +763,22 @@ class Slopes(NamedTuple):
     rounding: Number
 
 
-class Sums(NamedTuple):
-    """Sums over contacts, joints and closures, of velocities and impulses at an Iterate: (1, B).
-
-    power: d . A x. noise: the sum of the sizes of the terms of impulse_d.
-    """
+class Products(NamedTuple):
+    """Of terms: impulses at an Iterate times velocities y* and d, and times G d. noise: the size of impulse_d. Numbers
+    (n, B), or their sums (1, B)."""
 
     impulse_free: Number
     free_G_d: Number
     impulse_d: Number
     d_G_d: Number
-    power: Number
     noise: Number
+
+
+class Sums(NamedTuple):
+    """Products, summed over contacts, joints and closures. power: d . A x. Numbers (1, B)."""
+
+    products: Products
+    power: Number
 
 
 def _iterated(
@@ -768,34 +791,71 @@ def _iterated(
     held: Mask,
     is_first: jax.Array,
 ) -> tuple[Iterate, jax.Array]:
-    """(the next Iterate, whether the gradient of this one was small, or that of the next is).
+    """(the next Iterate, whether the gradient of this one was small, or that of the next is). What is done stays.
 
     held: contacts that stick in the first iteration, whose step is not searched.
     """
-    impulse, G = laws(scene, at.v, held & is_first)
-    right = combined(lambda a, g: a - at.scalars.lacking * g, impulse, times_G(scene, G, free.v))
+    lacking = (at.scalars.lacking,) * 3
+    pushed = of_each(scene, _pushed, at.v, free.v, lacking, [(held & is_first,), (), ()])
+    impulse, G, right = _by_result(pushed, 3)
     momenta = _momenta(state, scene, at.motions, at.x)
-    e, motions, left = solved(state, scene, G, right, jax.tree.map(operator.neg, momenta, is_leaf=is_number))
+    forces = jax.tree.map(operator.neg, momenta, is_leaf=is_number)
+    e, motions, left = solved(state, scene, G, Vectors(*right), forces)
     v_e = velocities_at(state, scene, motions, e)
-    v_d = combined(lambda a, b: a + at.scalars.lacking * b, v_e, free.v)
-    G_d = times_G(scene, G, v_d)
-    sums = Sums(
-        impulse_free=inner(impulse, free.v),
-        free_G_d=inner(free.v, G_d),
-        impulse_d=inner(impulse, v_d),
-        d_G_d=inner(v_d, G_d),
-        power=_power(state, momenta, motions, e),
-        noise=inner(combined(abs, impulse), combined(abs, v_d)),
-    )
+    v_d, linear, products = _by_result(of_each(scene, _along, G, impulse, v_e, free.v, lacking), 3)
+    of_products = (_total(x) for x in _by_result(list(products), len(Products._fields)))
+    sums = Sums(Products(*of_products), _power(state, momenta, motions, e))
     slopes, free_e, is_small = _slopes_and_size(at.scalars, free.energy, sums, smallest, is_first)
-    length = _searched(state, scene, at.v, v_d, slopes, is_small | is_done | is_first)
-    x, moving, v = jax.tree.map(
-        lambda a, b: a + length * b, (at.x, at.motions, at.v), (e, motions, v_d), is_leaf=is_number
+    length = _searched(state, scene, at.v, Vectors(*v_d), slopes, is_small | is_done | is_first)
+    steps = [(length, is_done)] * 3
+    v, bounds = _by_result(of_each(scene, _after, at.v, v_d, steps, (linear[0], left.joints, left.loops)), 2)
+    x, moving = noinline(_moved)((at.x, at.motions), (e, motions), length, is_done)
+    scalars, is_settled = _next_scalars(
+        at.scalars, length, free_e, slopes.decrement, _total(bounds), smallest, is_first, is_done
     )
-    linear = left._replace(points=combined(lambda a, b: a - b, impulse, G_d).points)
-    bound = _bound(scene, v, linear)
-    scalars, is_settled = _next_scalars(at.scalars, length, free_e, slopes.decrement, bound, smallest, is_first)
-    return Iterate(x, moving, v, scalars), is_small | is_settled
+    return Iterate(x, moving, Vectors(*v), scalars), is_small | is_settled
+
+
+def _moved(at: T, along: T, length: Number, is_done: jax.Array) -> T:
+    """Numbers after a step along others; where it is done, those before."""
+    return jax.tree.map(lambda x, d: where(is_done, x, x + length * d), at, along, is_leaf=is_number)
+
+
+def _pushed(
+    kind: Kind, terms: Any, v: Any, v_free: Any, lacking: Number, held: tuple[Mask, ...]
+) -> tuple[Any, Any, Any]:
+    """(impulse, G, the impulse of the right side of a direction). held: see `law`."""
+    impulse, G = kind.law(terms, v, *held)
+    return impulse, G, impulse - lacking * kind.times_G(terms, G, v_free)
+
+
+def _along(
+    kind: Kind, terms: Any, G: Any, impulse: Any, v_e: Any, v_free: Any, lacking: Number
+) -> tuple[Any, Any, Products]:
+    """(the velocity along a direction, the impulse at the end of the direction if it were linear, Products)."""
+    v_d = v_e + lacking * v_free
+    G_d = kind.times_G(terms, G, v_d)
+    sizes = (jax.tree.map(abs, x, is_leaf=is_number) for x in (impulse, v_d))
+    products = Products(
+        impulse_free=kind.product(impulse, v_free),
+        free_G_d=kind.product(v_free, G_d),
+        impulse_d=kind.product(impulse, v_d),
+        d_G_d=kind.product(v_d, G_d),
+        noise=kind.product(*sizes),
+    )
+    return v_d, impulse - G_d, products
+
+
+def _after(kind: Kind, terms: Any, v: Any, v_d: Any, step: tuple[Number, jax.Array], linear: Any) -> tuple[Any, Number]:
+    """(the velocity after a step, see `_moved`, and what is at least the term's share of g^T H^-1 g there).
+
+    linear: the impulse phi that the step took, by G. The gradient is J^T x, with x = phi - gamma. As H is at least
+    J^T G J, g^T H^-1 g is at most the sum of x_i^T G_i^-1 x_i, where no x_i has a part in which G_i is zero. And x is
+    zero, but for rounding errors, where laws are linear: where contacts stick, or do nothing, as before the step. So no
+    pass over the tree is needed there; elsewhere the bound is infinite.
+    """
+    impulse, G = kind.law(terms, v + step[0] * v_d)
+    return _moved(v, v_d, *step), kind.bound(terms, G, linear - impulse)
 
 
 @noinline
@@ -804,13 +864,14 @@ def _slopes_and_size(
 ) -> tuple[Slopes, Number, jax.Array]:
     """(the Slopes, y* . A e, whether the gradient is small)."""
     # y* . A e, by the equation of d, and d . A x.
-    free_e = sums.impulse_free - sums.free_G_d - at.over_free
+    of_terms = sums.products
+    free_e = of_terms.impulse_free - of_terms.free_G_d - at.over_free
     along_free = at.lacking * free_energy + free_e
     of_d = sums.power + at.lacking * at.over_free
-    decrement = at.lacking * along_free + sums.impulse_d - of_d
-    curvature = decrement - sums.d_G_d
+    decrement = at.lacking * along_free + of_terms.impulse_d - of_d
+    curvature = decrement - of_terms.d_G_d
     slope = of_d - at.lacking * along_free
-    noise = sums.noise + abs(slope) + abs(curvature)
+    noise = of_terms.noise + abs(slope) + abs(curvature)
     # Below what rounding errors make of it, no direction goes down.
     rounding = NOISE * check.eps(high(noise).dtype) * noise
     is_small = ~(high(decrement) > high(where(high(rounding) > high(smallest), rounding, smallest)))
@@ -822,13 +883,21 @@ def _slopes_and_size(
 
 @noinline
 def _next_scalars(
-    at: Scalars, length: Number, free_e: Number, decrement: Number, bound: Number, smallest: Number, is_first: jax.Array
+    at: Scalars,
+    length: Number,
+    free_e: Number,
+    decrement: Number,
+    bound: Number,
+    smallest: Number,
+    is_first: jax.Array,
+    is_done: jax.Array,
 ) -> tuple[Scalars, jax.Array]:
-    """(those of the next Iterate, whether its gradient is small). bound: see `_bound`."""
+    """(those of the next Iterate, whether its gradient is small). bound: see `_after`."""
     bound = where(high(length) == 1, bound, np.inf)
     is_settled = high(bound) <= high(smallest)
     residual = where(is_settled, bound, where(is_first, 0.0, decrement))
-    return Scalars(at.over_free + length * free_e, (1 - length) * at.lacking, residual), is_settled
+    after = Scalars(at.over_free + length * free_e, (1 - length) * at.lacking, residual)
+    return Scalars(*(where(is_done, x, y) for x, y in zip(at, after, strict=True))), is_settled
 
 
 def _momenta(state: MechanismState, scene: Scene, motions: list[Motion], x: Number) -> list[Force]:
@@ -861,39 +930,12 @@ def _pushes(scene: Scene, *velocities: Vectors) -> Mask:
     """Contacts that push at any of the velocities; none beside closures, which throw bodies far where they are open."""
     if scene.contacts is None or scene.loops is not None:
         return jnp.zeros((1, 1), bool)
-    masks = [high(_law(scene.contacts, v.points)[1].normal) > 0 for v in velocities]
-    return functools.reduce(operator.or_, masks)
-
-
-def _bound(scene: Scene, v: Vectors, linear: Vectors) -> Number:
-    """At least g^T H^-1 g after a whole step to velocities v, without a pass over the tree; infinite where that takes
-    one.
-
-    linear: the impulses phi that the step took, by G. The gradient is J^T x, with x = phi - gamma. As H is at least
-    J^T G J, g^T H^-1 g is at most the sum of x_i^T G_i^-1 x_i, where no x_i has a part in which G_i is zero. And x is
-    zero, but for rounding errors, where laws are linear: where contacts stick, or do nothing, as before the step.
-    """
-    impulse, G = laws(scene, v)
-    x = combined(lambda a, b: a - b, linear, impulse)
-    parts = [] if scene.contacts is None else [_bound_of_contacts(scene.contacts, G[0], x.points)]
-    parts += [_bound_of_rows(g, y) for g, y in zip(G[1:], x[1:], strict=True) if y is not None]
-    return _total(parts)
+    return _push_at_any(scene.contacts, *(v.points for v in velocities))
 
 
 @noinline
-def _bound_of_contacts(contacts: Contacts, of_law: Law, x: Vector) -> Number:
-    along = dot(contacts.normal, x)
-    across = x - along * contacts.normal
-    # Where contacts slide, an impulse has no part along one direction: G is zero there.
-    sticks = (high(of_law.mixed) == 0) & (high(of_law.across) > 0)
-    square = along * along * contacts.R_n + dot(across, across) * contacts.R_t
-    return where(sticks | (high(dot(x, x)) == 0), square, np.inf)
-
-
-@noinline
-def _bound_of_rows(G: Number, x: Number) -> Number:
-    is_stiff = high(G) > 0
-    return where(is_stiff | (high(x) == 0), x * x / where(is_stiff, G, 1.0), np.inf)
+def _push_at_any(contacts: Contacts, *velocities: Vector) -> Mask:
+    return functools.reduce(operator.or_, (high(problem.law(contacts, v).normal) > 0 for v in velocities))
 
 
 class Search(NamedTuple):
@@ -956,25 +998,10 @@ def _derivative(along: Slopes, length: Number, f: Number, rate: Number, is_over:
 
 def _slopes(scene: Scene, v: Vectors, v_d: Vectors, length: Number) -> tuple[Number, Number]:
     """(d . impulses, d . G d) at v + length d, summed over all terms."""
-    terms, functions = (scene.contacts, scene.joints, scene.loops), (_at_contacts, _at_joints, _at_loops)
-    parts = [f(x, *at, length) for f, x, *at in zip(functions, terms, v, v_d, strict=True) if x is not None]
-    f, rate = (_total(list(x)) for x in zip(*parts, strict=True))
-    return f, rate
+    f, rate = _by_result(of_each(scene, _slope, v, v_d, (length,) * 3), 2)
+    return _total(f), _total(rate)
 
 
-@noinline
-def _at_contacts(contacts: Contacts, v: Vector, d: Vector, length: Number) -> tuple[Number, Number]:
-    of_law = problem.law(contacts, v + length * d)
-    return dot(of_law.impulse, d), dot(problem.times_G(contacts, of_law, d), d)
-
-
-@noinline
-def _at_joints(joints: Joints, v: Number, d: Number, length: Number) -> tuple[Number, Number]:
-    impulse, G = problem.joint_law(joints, v + length * d)
-    return impulse * d, G * d * d
-
-
-@noinline
-def _at_loops(loops: Loops, v: Number, d: Number, length: Number) -> tuple[Number, Number]:
-    impulse, G = problem.loop_law(loops, v + length * d)
-    return impulse * d, G * d * d
+def _slope(kind: Kind, terms: Any, v: Any, d: Any, length: Number) -> tuple[Number, Number]:
+    impulse, G = kind.law(terms, v + length * d)
+    return kind.product(impulse, d), kind.product(kind.times_G(terms, G, d), d)

@@ -357,9 +357,9 @@ def _before_and_after_sums(inner: ClosedJaxpr) -> tuple[ClosedJaxpr, ClosedJaxpr
 def _run_as_kernels(inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, common: Common) -> list[Any]:
     """A trace as kernels, one for all results of one shape; or, if it is none, with kernels for the calls in it.
 
-    What only moves numbers is no kernel.
+    What only takes parts of arrays is no kernel.
     """
-    if all(eqn.primitive.name in _TAKES for eqn in inner.jaxpr.eqns):
+    if all(eqn.primitive.name in _TAKES and not _repeats(eqn) for eqn in inner.jaxpr.eqns):
         return _evaluated(inner.jaxpr, inner.consts, inputs, common)
     kernels = _kernels(inner, list(map(_whole, inputs)))
     # A concatenation inside a kernel, where each number asks which piece it is of, would not be vectorised.
@@ -382,6 +382,11 @@ def _run_as_kernels(inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, co
 
     data = list(map(jnp.asarray, sources.values()))
     return not_inlined(call, common.zero, *data) if is_apart and data else call(common.zero, *data)
+
+
+def _repeats(eqn: Any) -> bool:
+    """Whether the result has each number several times: one kernel writes all such results of a call."""
+    return eqn.outvars[0].aval.size > eqn.invars[0].aval.size
 
 
 def _taken(x: Any, operations: Sequence[Any], common: Common) -> Any:

@@ -22,7 +22,7 @@ from jax.core import Tracer
 from jaxspatial.engine import stacking
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism.topology import Bundle
-from jaxspatial.numerics.numbers import as_data, as_step, data_of, is_number, noinline, with_data
+from jaxspatial.numerics.numbers import as_data, as_step, data_of, is_constant, is_number, noinline, with_data
 
 # step(numbers of a body, state) -> (its result, its state), as trees of numbers.
 Step = Callable[[Any, Any], tuple[Any, Any]]
@@ -226,7 +226,13 @@ class _Loop:
         return results, self._state(last), self._state(last_memory) if n_rows else None
 
     def _spread(self, states: list[Any], shape: tuple[int, int]) -> list[Any]:
-        return [x if k else as_data(stacking.spread(x, shape)) for x, k in zip(states, self.is_known, strict=True)]
+        """Numbers of the state over all chains. Those that vary are repeated in one call, which is one kernel."""
+
+        def over_all(*numbers: Any) -> list[Any]:
+            return [x if is_constant(x) else stacking.spread(x, shape) for x in numbers]
+
+        both = zip(noinline(over_all)(*states), self.is_known, strict=True)
+        return [x if known else as_data(stacking.spread(x, shape)) for x, known in both]
 
     def _state(self, data):
         return jax.tree.unflatten(self.structure, with_data(self.states, data))

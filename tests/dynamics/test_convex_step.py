@@ -968,8 +968,11 @@ def test_hostile_numbers_in_float32(kind, n):
     found = in_chunks(given.step, given.states)
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(found))
     residual, is_out = found.residual, found.iterations == 60
-    assert np.mean(residual < 2e-6) > 0.4 and np.mean(residual < 2e-4) > (0.98 if kind == "contacts" else 0.85)
-    assert residual[~is_out].max() < 0.05 and np.mean(is_out) < (0.01 if kind == "contacts" else 0.15)
+    assert np.mean(residual < 2e-6) > 0.4 and residual[~is_out].max() < 0.05
+    # Shares of 20 000 states, and what a sample of n may have above.
+    share_above, share_out = {"contacts": (0.014, 0.0085), "joints": (0.12, 0.12)}[kind]
+    assert np.sum(~(residual < 2e-4)) <= n * share_above + 3 * np.sqrt(n * share_above)
+    assert np.sum(is_out) <= n * share_out + 3 * np.sqrt(n * share_out)
 
 
 @pytest.mark.parametrize(("kind", "n"), [("contacts", 4), slow("contacts", 2000), slow("joints", 2000)])
