@@ -31,12 +31,12 @@ def picked(axis: int, lanes: Sequence[Array | None]) -> Array:
     """The lanes, None for 0, as one array with a new axis: `stacked`, in the program of a primitive."""
     like = next(x for x in lanes if x is not None)
     shape = (*like.shape[:axis], len(lanes), *like.shape[axis:])
-    index = np.arange(len(lanes)).reshape((-1, *[1] * (len(shape) - axis - 1)))
+    index = lax.broadcasted_iota(np.int32, shape, axis)
     full = (jnp.zeros_like(like) if x is None else x for x in lanes)
     wide = [jnp.broadcast_to(lax.expand_dims(x, [axis]), shape) for x in full]
     result = wide[-1]
     for k in reversed(range(len(wide) - 1)):
-        result = lax.select(jnp.broadcast_to(index == k, shape), wide[k], result)
+        result = lax.select(index == k, wide[k], result)
     return result
 
 
