@@ -31,7 +31,19 @@ from jaxspatial.inertia.articulated import Articulated
 from jaxspatial.mechanism.topology import Bundle, Topology
 from jaxspatial.numerics import check
 from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Symmetric, Vector, Wrench, congruence, cross, dot
-from jaxspatial.numerics.numbers import Mask, Number, Numbers, constant, high, is_constant, is_number, noinline, where
+from jaxspatial.numerics.numbers import (
+    Mask,
+    Number,
+    Numbers,
+    constant,
+    data_of,
+    high,
+    is_constant,
+    is_number,
+    noinline,
+    where,
+    with_data,
+)
 from jaxspatial.spatial import algebra
 
 T = TypeVar("T")
@@ -211,8 +223,10 @@ def _velocity(body: Any, parent: tuple[Motion, ...]) -> tuple[Any, Any]:
 def of_bundle(state: MechanismState, k: int, x: Number) -> Numbers:
     """The numbers of bundle k among numbers (nv, B)."""
     b = state.bundles[k]
-    starts = np.array(state.topology.v_starts)[b.bodies]
-    return tuple(stacking.mapped(lambda w, i=i: stacking.rows(w, starts + i), x) for i in range(b.kind.nv))
+    places = np.array(state.topology.v_starts)[b.bodies][..., None] + np.arange(b.kind.nv)
+    # It is pulled back as one stack; rows that are taken one by one, as many arrays of zeros but for one row.
+    words = (jnp.unstack(stacking.rows(w, places), axis=2) for w in data_of(x))
+    return (x,) * b.kind.nv if is_constant(x) else tuple(with_data(x, each) for each in zip(*words, strict=True))
 
 
 # -- the diagonal of A, and of the Delassus operator ------------------------------------------------------------------

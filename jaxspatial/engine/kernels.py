@@ -45,7 +45,8 @@ Shape = tuple[int, ...]
 _MOVES = {"broadcast_in_dim", "reshape", "squeeze", "copy"}
 # What takes a part of an array, or the whole of it.
 _TAKES = {
-    "slice", "squeeze", "reshape", "broadcast_in_dim", "transpose", "jaxspatial_barrier", "jaxspatial_unstack"
+    "slice", "squeeze", "unstack", "reshape", "broadcast_in_dim", "transpose", "jaxspatial_barrier",
+    "jaxspatial_unstack",
 }  # fmt: skip
 _ELEMENTWISE = {
     "abs", "add", "add_any", "and", "bitcast_convert_type", "ceil", "clamp", "convert_element_type", "div", "eq",
