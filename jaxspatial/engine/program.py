@@ -5,10 +5,12 @@ whichever axes a caller maps it: (L, W, B), L joints along a chain, W chains, B 
 fit the cache runs in blocks that do.
 """
 
+import contextlib
 import functools
+import gc
 import itertools
 import math
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -119,7 +121,7 @@ class Traced:
         def flat(*arrays: jax.Array) -> list[jax.Array]:
             return list(program.evaluate(*arrays))
 
-        with jax.enable_x64(in_64_bits):
+        with jax.enable_x64(in_64_bits), _without_collection():
             closed = jax.make_jaxpr(flat)(*avals)
         jaxpr, _ = pe.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
         self.closed = ClosedJaxpr(jaxpr, closed.consts)
@@ -130,6 +132,19 @@ class Traced:
         if rows_per_turn is None:
             return jaxpr_as_fun(self.closed)(*arrays)
         return kernels.run(self.closed, rows_per_turn, *arrays)
+
+
+@contextlib.contextmanager
+def _without_collection() -> Iterator[None]:
+    """No search for garbage meanwhile: nearly all of the many objects of a trace stay, and to look at them again and
+    again is a fifth of its time."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
 
 
 # -- the primitive ----------------------------------------------------------------------------------------------------
@@ -346,7 +361,8 @@ def _lowering(in_blocks: bool) -> Callable[..., Any]:
         # Not within a `shard_map`, where arrays are those of one device already.
         way = Way(in_blocks, in_loop, n_devices(context))
         lower = lower_fun(functools.partial(run, program, n_batch, way), multiple_results=True)
-        return unsharded(lower, context, *arrays)
+        with _without_collection():
+            return unsharded(lower, context, *arrays)
 
     return rule
 

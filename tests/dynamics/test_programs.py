@@ -172,6 +172,30 @@ def test_jit_switched_off():
     np.testing.assert_array_equal(found, js.inverse_dynamics(robot(), Q, Q, Q))
 
 
+@pytest.mark.parametrize("was_enabled", [True, False])
+def test_garbage_is_collected_again_after_a_trace(was_enabled, monkeypatch):
+    """Not while programs are traced and lowered; afterwards as before, also where a trace fails."""
+    seen, evaluate = [], Algorithm.evaluate
+
+    def evaluated(self, *arrays):
+        seen.append(gc.isenabled())
+        if len(seen) > 1:
+            raise ZeroDivisionError
+        return evaluate(self, *arrays)
+
+    monkeypatch.setattr(Algorithm, "evaluate", evaluated)
+    gc.enable() if was_enabled else gc.disable()
+    try:
+        js.gravity_forces(robot(2), Q)
+        assert gc.isenabled() == was_enabled
+        with pytest.raises(ZeroDivisionError):
+            js.gravity_forces(robot(3), Q)
+        assert gc.isenabled() == was_enabled
+    finally:
+        gc.enable()
+    assert seen == [False, False]
+
+
 def _stepped(mech, q, tau, v, precision):
     return js.symplectic_step(mech, q, v, tau, np.float32(0.01), iterations=1, precision=precision)[1]
 
