@@ -191,14 +191,17 @@ KINDS = (
 )
 
 
-def of_each(scene: Scene, function: Callable[..., Any], *numbers: Sequence[Any]) -> list[Any]:
-    """[function(kind, terms, *their numbers)] of contacts, joints and closures, each in one call; None without them.
+def of_each(
+    scene: Scene, function: Callable[..., Any], *numbers: Sequence[Any], shared: Sequence[Any] = ()
+) -> list[Any]:
+    """[function(kind, terms, *their numbers, *shared)] of contacts, joints and closures, each in one call; None without
+    them.
 
-    numbers: of each kind, such as Vectors.
+    numbers: of each kind, such as Vectors. shared: by all.
     """
     all_terms = scene.contacts, scene.joints, scene.loops
     return [
-        None if terms is None else noinline(functools.partial(function, kind))(terms, *own)
+        None if terms is None else noinline(functools.partial(function, kind))(terms, *own, *shared)
         for kind, terms, *own in zip(KINDS, all_terms, *numbers, strict=True)
     ]
 
@@ -795,20 +798,20 @@ def _iterated(
 
     held: contacts that stick in the first iteration, whose step is not searched.
     """
-    lacking = (at.scalars.lacking,) * 3
-    pushed = of_each(scene, _pushed, at.v, free.v, lacking, [(held & is_first,), (), ()])
+    lacking = at.scalars.lacking
+    pushed = of_each(scene, _pushed, at.v, free.v, [(held & is_first,), (), ()], shared=[lacking])
     impulse, G, right = _by_result(pushed, 3)
     momenta = _momenta(state, scene, at.motions, at.x)
     forces = jax.tree.map(operator.neg, momenta, is_leaf=is_number)
     e, motions, left = solved(state, scene, G, Vectors(*right), forces)
     v_e = velocities_at(state, scene, motions, e)
-    v_d, linear, products = _by_result(of_each(scene, _along, G, impulse, v_e, free.v, lacking), 3)
+    v_d, linear, products = _by_result(of_each(scene, _along, G, impulse, v_e, free.v, shared=[lacking]), 3)
     of_products = (_total(x) for x in _by_result(list(products), len(Products._fields)))
     sums = Sums(Products(*of_products), _power(state, momenta, motions, e))
     slopes, free_e, is_small = _slopes_and_size(at.scalars, free.energy, sums, smallest, is_first)
     length = _searched(state, scene, at.v, Vectors(*v_d), slopes, is_small | is_done | is_first)
-    steps = [(length, is_done)] * 3
-    v, bounds = _by_result(of_each(scene, _after, at.v, v_d, steps, (linear[0], left.joints, left.loops)), 2)
+    linear = linear[0], left.joints, left.loops
+    v, bounds = _by_result(of_each(scene, _after, at.v, v_d, linear, shared=[length, is_done]), 2)
     x, moving = noinline(_moved)((at.x, at.motions), (e, motions), length, is_done)
     scalars, is_settled = _next_scalars(
         at.scalars, length, free_e, slopes.decrement, _total(bounds), smallest, is_first, is_done
@@ -822,7 +825,7 @@ def _moved(at: T, along: T, length: Number, is_done: jax.Array) -> T:
 
 
 def _pushed(
-    kind: Kind, terms: Any, v: Any, v_free: Any, lacking: Number, held: tuple[Mask, ...]
+    kind: Kind, terms: Any, v: Any, v_free: Any, held: tuple[Mask, ...], lacking: Number
 ) -> tuple[Any, Any, Any]:
     """(impulse, G, the impulse of the right side of a direction). held: see `law`."""
     impulse, G = kind.law(terms, v, *held)
@@ -846,7 +849,9 @@ def _along(
     return v_d, impulse - G_d, products
 
 
-def _after(kind: Kind, terms: Any, v: Any, v_d: Any, step: tuple[Number, jax.Array], linear: Any) -> tuple[Any, Number]:
+def _after(
+    kind: Kind, terms: Any, v: Any, v_d: Any, linear: Any, length: Number, is_done: jax.Array
+) -> tuple[Any, Number]:
     """(the velocity after a step, see `_moved`, and what is at least the term's share of g^T H^-1 g there).
 
     linear: the impulse phi that the step took, by G. The gradient is J^T x, with x = phi - gamma. As H is at least
@@ -854,8 +859,8 @@ def _after(kind: Kind, terms: Any, v: Any, v_d: Any, step: tuple[Number, jax.Arr
     zero, but for rounding errors, where laws are linear: where contacts stick, or do nothing, as before the step. So no
     pass over the tree is needed there; elsewhere the bound is infinite.
     """
-    impulse, G = kind.law(terms, v + step[0] * v_d)
-    return _moved(v, v_d, *step), kind.bound(terms, G, linear - impulse)
+    impulse, G = kind.law(terms, v + length * v_d)
+    return _moved(v, v_d, length, is_done), kind.bound(terms, G, linear - impulse)
 
 
 @noinline
@@ -998,7 +1003,7 @@ def _derivative(along: Slopes, length: Number, f: Number, rate: Number, is_over:
 
 def _slopes(scene: Scene, v: Vectors, v_d: Vectors, length: Number) -> tuple[Number, Number]:
     """(d . impulses, d . G d) at v + length d, summed over all terms."""
-    f, rate = _by_result(of_each(scene, _slope, v, v_d, (length,) * 3), 2)
+    f, rate = _by_result(of_each(scene, _slope, v, v_d, shared=[length]), 2)
     return _total(f), _total(rate)
 
 
