@@ -25,6 +25,43 @@ def _x64():
         yield
 
 
+@pytest.mark.parametrize("is_data", [False, True])
+@pytest.mark.parametrize("mass", [2.0, 0.0])
+def test_a_floating_body_without_rotational_inertia(mass, is_data):
+    """Nothing follows a torque on it, nor, without mass, a force: accelerations are 0, with their sign, and so are
+    derivatives."""
+    point = js.SpatialInertia(mass, np.zeros(3), np.zeros(6))
+    joint = js.Joint("root", "free", "world", "point")
+    mech = js.Mechanism.build([js.Body("point", point)], [joint], dtype=np.float64)
+    mech = mech.replace(gravity=np.zeros(3))
+    mech = mech.as_data() if is_data else mech
+    q, tau = np.eye(7)[0], np.arange(1.0, 7.0)
+
+    def follows(tau):
+        return js.forward_dynamics(mech, q, np.zeros(6), tau)
+
+    inverse = np.diag([0.0] * 3 + [0.5 if mass else 0.0] * 3)
+    found = follows(tau)
+    np.testing.assert_array_equal(found, inverse @ tau)
+    assert not np.signbit(found).any()
+    np.testing.assert_array_equal(jax.jacfwd(follows)(tau), inverse)
+    np.testing.assert_array_equal(jax.jacrev(follows)(tau), inverse)
+
+
+def test_armature_of_a_floating_root():
+    """One number for each of its six velocities, on the diagonal of the mass matrix."""
+    rng = np.random.default_rng(8)
+    root = js.Joint("root", "free", "world", "base")
+    mech = js.Mechanism.build([js.Body("base", body(rng))], [root], dtype=np.float64)
+    armature, q, tau = rng.uniform(1, 2, 6), np.array([0.6, 0, 0.8, 0, 1, 2, 3.0]), rng.standard_normal(6)
+    heavier = mech.replace(armature=armature)
+    M = np.asarray(js.mass_matrix(mech, q)) + np.diag(armature)
+    found = js.forward_dynamics(heavier, q, np.zeros(6), tau)
+    gravity = js.gravity_forces(mech, q)
+    assert abs(M @ found + gravity - tau).max() <= 64 * 2.0**-53 * abs(M).max() * abs(found).max()
+    np.testing.assert_allclose(js.mass_matrix(heavier, q), M, rtol=1e-15)
+
+
 def chain(n, dtype=np.float64, seed=0):
     return js.testing.random_mechanism(seed, n, ["revolute"], is_chain=True, dtype=np.float64).astype(dtype)
 
