@@ -193,28 +193,30 @@ KINDS = (
 
 def of_each(
     scene: Scene, function: Callable[..., Any], *numbers: Sequence[Any], shared: Sequence[Any] = ()
-) -> list[Any]:
-    """[function(kind, terms, *their numbers, *shared)] of contacts, joints and closures, each in one call; None without
-    them.
+) -> list[tuple[Any, ...]]:
+    """Calls function(kind, terms, *their numbers, *shared) for contacts, joints and closures: each of its results, for
+    all three, with None for terms that are not there.
 
     numbers: of each kind, such as Vectors. shared: by all.
     """
     all_terms = scene.contacts, scene.joints, scene.loops
-    return [
+    return _by_result(
         None if terms is None else noinline(functools.partial(function, kind))(terms, *own, *shared)
         for kind, terms, *own in zip(KINDS, all_terms, *numbers, strict=True)
-    ]
+    )
+
+
+def _by_result(of_kinds: Iterable[Any]) -> list[tuple[Any, ...]]:
+    """For each of several results those of all kinds, from those of each kind, or None."""
+    of_kinds = list(of_kinds)
+    count = next(len(x) for x in of_kinds if x is not None)
+    return list(zip(*((None,) * count if x is None else x for x in of_kinds), strict=True))
 
 
 def laws(scene: Scene, v: Vectors) -> tuple[Vectors, Any]:
     """(impulses, G) at velocities v: G is a Law for contacts, numbers for joints and closures."""
-    impulses, G = _by_result(of_each(scene, lambda kind, terms, x: kind.law(terms, x), v), 2)
+    impulses, G = of_each(scene, lambda kind, terms, x: kind.law(terms, x), v)
     return Vectors(*impulses), G
-
-
-def _by_result(of_kinds: list[Any], count: int) -> list[tuple[Any, ...]]:
-    """For each of several results those of all kinds, from those of each kind, or None."""
-    return list(zip(*(x or (None,) * count for x in of_kinds), strict=True))
 
 
 def _total(parts: Iterable[Number | None]) -> Number:
@@ -767,21 +769,16 @@ class Slopes(NamedTuple):
 
 
 class Products(NamedTuple):
-    """Of terms: impulses at an Iterate times velocities y* and d, and times G d. noise: the size of impulse_d. Numbers
-    (n, B), or their sums (1, B)."""
+    """Products of impulses at an Iterate, and of G d, with the velocities y* (`free`) and d.
+
+    noise: impulse_d, of the sizes of its factors. Numbers (n, B) of n terms, or their sums (1, B).
+    """
 
     impulse_free: Number
     free_G_d: Number
     impulse_d: Number
     d_G_d: Number
     noise: Number
-
-
-class Sums(NamedTuple):
-    """Products, summed over contacts, joints and closures. power: d . A x. Numbers (1, B)."""
-
-    products: Products
-    power: Number
 
 
 def _iterated(
@@ -799,19 +796,18 @@ def _iterated(
     held: contacts that stick in the first iteration, whose step is not searched.
     """
     lacking = at.scalars.lacking
-    pushed = of_each(scene, _pushed, at.v, free.v, [(held & is_first,), (), ()], shared=[lacking])
-    impulse, G, right = _by_result(pushed, 3)
+    all_held = (held & is_first,), (), ()
+    impulse, G, right = of_each(scene, _pushed, at.v, free.v, all_held, shared=[lacking])
     momenta = _momenta(state, scene, at.motions, at.x)
     forces = jax.tree.map(operator.neg, momenta, is_leaf=is_number)
     e, motions, left = solved(state, scene, G, Vectors(*right), forces)
     v_e = velocities_at(state, scene, motions, e)
-    v_d, linear, products = _by_result(of_each(scene, _along, G, impulse, v_e, free.v, shared=[lacking]), 3)
-    of_products = (_total(x) for x in _by_result(list(products), len(Products._fields)))
-    sums = Sums(Products(*of_products), _power(state, momenta, motions, e))
-    slopes, free_e, is_small = _slopes_and_size(at.scalars, free.energy, sums, smallest, is_first)
+    v_d, linear, products = of_each(scene, _along, G, impulse, v_e, free.v, shared=[lacking])
+    sums, power = Products(*map(_total, _by_result(products))), _power(state, momenta, motions, e)
+    slopes, free_e, is_small = _slopes_and_size(at.scalars, free.energy, sums, power, smallest, is_first)
     length = _searched(state, scene, at.v, Vectors(*v_d), slopes, is_small | is_done | is_first)
     linear = linear[0], left.joints, left.loops
-    v, bounds = _by_result(of_each(scene, _after, at.v, v_d, linear, shared=[length, is_done]), 2)
+    v, bounds = of_each(scene, _after, at.v, v_d, linear, shared=[length, is_done])
     x, moving = noinline(_moved)((at.x, at.motions), (e, motions), length, is_done)
     scalars, is_settled = _next_scalars(
         at.scalars, length, free_e, slopes.decrement, _total(bounds), smallest, is_first, is_done
@@ -859,24 +855,24 @@ def _after(
     zero, but for rounding errors, where laws are linear: where contacts stick, or do nothing, as before the step. So no
     pass over the tree is needed there; elsewhere the bound is infinite.
     """
-    impulse, G = kind.law(terms, v + length * v_d)
-    return _moved(v, v_d, length, is_done), kind.bound(terms, G, linear - impulse)
+    v = _moved(v, v_d, length, is_done)
+    impulse, G = kind.law(terms, v)
+    return v, kind.bound(terms, G, linear - impulse)
 
 
 @noinline
 def _slopes_and_size(
-    at: Scalars, free_energy: Number, sums: Sums, smallest: Number, is_first: jax.Array
+    at: Scalars, free_energy: Number, sums: Products, power: Number, smallest: Number, is_first: jax.Array
 ) -> tuple[Slopes, Number, jax.Array]:
-    """(the Slopes, y* . A e, whether the gradient is small)."""
+    """(the Slopes, y* . A e, whether the gradient is small). sums: over all terms. power: d . A x."""
     # y* . A e, by the equation of d, and d . A x.
-    of_terms = sums.products
-    free_e = of_terms.impulse_free - of_terms.free_G_d - at.over_free
+    free_e = sums.impulse_free - sums.free_G_d - at.over_free
     along_free = at.lacking * free_energy + free_e
-    of_d = sums.power + at.lacking * at.over_free
-    decrement = at.lacking * along_free + of_terms.impulse_d - of_d
-    curvature = decrement - of_terms.d_G_d
+    of_d = power + at.lacking * at.over_free
+    decrement = at.lacking * along_free + sums.impulse_d - of_d
+    curvature = decrement - sums.d_G_d
     slope = of_d - at.lacking * along_free
-    noise = of_terms.noise + abs(slope) + abs(curvature)
+    noise = sums.noise + abs(slope) + abs(curvature)
     # Below what rounding errors make of it, no direction goes down.
     rounding = NOISE * check.eps(high(noise).dtype) * noise
     is_small = ~(high(decrement) > high(where(high(rounding) > high(smallest), rounding, smallest)))
@@ -1003,7 +999,7 @@ def _derivative(along: Slopes, length: Number, f: Number, rate: Number, is_over:
 
 def _slopes(scene: Scene, v: Vectors, v_d: Vectors, length: Number) -> tuple[Number, Number]:
     """(d . impulses, d . G d) at v + length d, summed over all terms."""
-    f, rate = _by_result(of_each(scene, _slope, v, v_d, shared=[length]), 2)
+    f, rate = of_each(scene, _slope, v, v_d, shared=[length])
     return _total(f), _total(rate)
 
 

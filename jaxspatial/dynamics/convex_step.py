@@ -51,9 +51,9 @@ class ConvexStep(NamedTuple):
         last, relative to the momenta sqrt(v^T A v + y^T A y), with g the gradient and H the Hessian of the cost, and y
         the change of v without contact. It is at most 2e-6 in float32 and 1e-10 in float64, or 100 times that where
         rounding errors stop it sooner, unless the iterations were not enough; 0 where nothing acts. Masses or
-        stiffnesses that lie six decades apart are too much for the digits of float32: there one or two states in a
-        hundred, and with limits beside them one in eight, end above 2e-4: at a few percent at most, or after all
-        iterations, or, where numbers overflow, at inf.
+        stiffnesses that lie six decades apart are too much for the digits of float32. Of such states one or two in a
+        hundred end above 2e-4, and one in eight if there are limits, too. Most of these have used all iterations. The
+        others end at a few percent at most, or at inf where numbers overflow.
     iterations: (*batch,) of Newton's method, at most 60; 0 where nothing acts.
     """
 

@@ -136,8 +136,8 @@ class Traced:
 
 @contextlib.contextmanager
 def _without_collection() -> Iterator[None]:
-    """No search for garbage meanwhile: nearly all of the many objects of a trace stay, and to look at them again and
-    again is a fifth of its time."""
+    """Python's garbage collector is off meanwhile. Tracing makes many objects, nearly all of which stay, and to search
+    them again and again takes a fifth of its time."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:

@@ -28,8 +28,7 @@ def _x64():
 @pytest.mark.parametrize("is_data", [False, True])
 @pytest.mark.parametrize("mass", [2.0, 0.0])
 def test_a_floating_body_without_rotational_inertia(mass, is_data):
-    """Nothing follows a torque on it, nor, without mass, a force: accelerations are 0, with their sign, and so are
-    derivatives."""
+    """A torque does not accelerate it, and without mass a force does not either: these accelerations are exactly +0."""
     point = js.SpatialInertia(mass, np.zeros(3), np.zeros(6))
     joint = js.Joint("root", "free", "world", "point")
     mech = js.Mechanism.build([js.Body("point", point)], [joint], dtype=np.float64)

@@ -14,6 +14,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.engine import algorithm
 from jaxspatial.engine.algorithm import Algorithm, ManyProgramsWarning
+from jaxspatial.engine.program import Traced
 from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
 
@@ -183,7 +184,13 @@ def test_garbage_is_collected_again_after_a_trace(was_enabled, monkeypatch):
             raise ZeroDivisionError
         return evaluate(self, *arrays)
 
+    def lowered(self, *arguments):
+        seen.append(gc.isenabled())
+        return call(self, *arguments)
+
+    call = Traced.__call__
     monkeypatch.setattr(Algorithm, "evaluate", evaluated)
+    monkeypatch.setattr(Traced, "__call__", lowered)
     gc.enable() if was_enabled else gc.disable()
     try:
         js.gravity_forces(robot(2), Q)
@@ -193,7 +200,7 @@ def test_garbage_is_collected_again_after_a_trace(was_enabled, monkeypatch):
         assert gc.isenabled() == was_enabled
     finally:
         gc.enable()
-    assert seen == [False, False]
+    assert seen == [False] * 3
 
 
 def _stepped(mech, q, tau, v, precision):

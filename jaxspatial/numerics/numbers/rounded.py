@@ -63,9 +63,9 @@ def add(a: Any, b: Any, precision: Precision) -> Any:
 
 
 def subtract(a: Any, b: Any, precision: Precision) -> Any:
-    if isinstance(b, np.generic) and b == 0:
+    if is_known(b, 0):
         return a
-    return -b if isinstance(a, np.generic) and a == 0 else rounded_sum(operator.sub, a, b, precision)
+    return -b if is_known(a, 0) else rounded_sum(operator.sub, a, b, precision)
 
 
 def rounded_sum(operation: Callable[..., Any], a: Any, b: Any, precision: Precision) -> Any:
