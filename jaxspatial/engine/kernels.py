@@ -55,7 +55,8 @@ _ELEMENTWISE = {
     "shift_right_logical", "sign", "sqrt", "square", "stop_gradient", "sub", "xor",
 }  # fmt: skip
 # How many operations of the processor each is.
-_SIZES = dict.fromkeys(_ELEMENTWISE | {"jaxspatial_product", "jaxspatial_barrier"}, 1) | {"jaxspatial_quotient": 3}
+_OWN = {"jaxspatial_product", "jaxspatial_root", "jaxspatial_kept", "jaxspatial_barrier"}
+_SIZES = dict.fromkeys(_ELEMENTWISE | _OWN, 1) | {"jaxspatial_quotient": 3}
 _CALLS = {"jit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2", "checkpoint"}
 
 
@@ -658,6 +659,8 @@ class _Scalars:
         if eqn.primitive.name == "jaxspatial_quotient":
             # Of a divisor that is known, or a root or quotient itself, the compiler would make a factor.
             return [self._rounded(lax.div(inputs[0], joined(jnp.asarray(inputs[1]), self.zero)))]
+        if eqn.primitive.name == "jaxspatial_root":
+            return [lax.sqrt(*inputs)]
         if eqn.primitive.name == "jaxspatial_barrier":
             return [joined(inputs[0], self.zero)]
         return [eqn.primitive.bind(*inputs, **params)]

@@ -157,8 +157,8 @@ def torques(robot, hold, q, v, gain):
     return jnp.concatenate([zero, gain * (hold - q) - np.float32(robot.damping) * v], -1)
 
 
-def cases(name, n, steps):
-    """case -> call, each a rollout of n states over so many steps; and of one state."""
+def calls(name, n, steps):
+    """case -> (function, arguments), each a rollout of n states over so many steps; and of one state."""
     mech, robot = mechanism(name), ROBOTS[name]
     q, v, hold = start(name, mech, n)
     hold, gain = jnp.asarray(hold), np.float32(robot.gain)
@@ -203,7 +203,7 @@ def cases(name, n, steps):
         return rolled(convex, q, v, 60, gain)[0][6]
 
     qpos, qvel = js.interop.mujoco.to_qpos(mech, q), js.interop.mujoco.to_qvel(mech, q, v)
-    calls = {
+    return {
         CONVEX: (lambda q, v: rolled(convex, q, v), (q, v)),
         PLAIN: (lambda q, v: rolled(plain, q, v), (q, v)),
         WITHOUT: (lambda q, v: rolled(without, q, v), (q, v)),
@@ -213,8 +213,13 @@ def cases(name, n, steps):
         ROLLOUT: (height, (gain, q[0], v[0])),
         GRADIENT: (jax.grad(height), (gain, q[0], v[0])),
     }
-    compiled, seconds, programs = {}, {}, {}
-    for case, (function, arguments) in calls.items():
+
+
+def cases(name, n, steps):
+    """(case -> compiled call, case -> seconds to trace and to compile), after a look at the results."""
+    compiled, seconds, programs, found = {}, {}, {}, calls(name, n, steps)
+    before = np.asarray(found[CONVEX][1][0][:, 6])
+    for case, (function, arguments) in found.items():
         began = time.perf_counter()
         lowered = jax.jit(function).lower(*arguments)
         traced = time.perf_counter()
@@ -227,7 +232,7 @@ def cases(name, n, steps):
         compiled[case] = functools.partial(compiled[case], *arguments)
         if case in (CONVEX, MJX, ONE):
             after = np.asarray(compiled[case]()[0])
-            check_standing(f"{name}, {case}", after[..., 2 if case == MJX else 6], np.asarray(q[:, 6]))
+            check_standing(f"{name}, {case}", after[..., 2 if case == MJX else 6], before)
         elif not all(np.isfinite(x).all() for x in jax.tree.leaves(compiled[case]())):
             raise AssertionError(f"{name}, {case}: not all numbers are finite")
     # No clock tells so much.
@@ -300,8 +305,8 @@ def main(arguments=None):
     options = parser.parse_args(arguments)
     found = {}
     for name in options.robots:
-        calls, compiling = cases(name, options.n, options.steps)
-        found[name] = measure.interleaved(calls, options.rounds), compiling
+        compiled, compiling = cases(name, options.n, options.steps)
+        found[name] = measure.interleaved(compiled, options.rounds), compiling
     table = "\n".join(lines(found, options.n, options.steps))
     print(table)
     if options.write:

@@ -127,6 +127,8 @@ OF_NUMBERS = {
     "shift_left": np.left_shift,
     "shift_right_logical": np.right_shift,
     "stop_gradient": np.asarray,
+    "jaxspatial_root": np.sqrt,
+    "jaxspatial_kept": np.asarray,
     "jaxspatial_barrier": np.asarray,
     "jaxspatial_barrier_or_nan": np.asarray,
     # The zero that no compiler foresees.

@@ -257,7 +257,7 @@ def test_what_is_known_stays_known_while_tracing():
     assert found["capsule"].batch_shape == (4,)
     program = jax.make_jaxpr(lambda r: SpatialInertia.solid_cylinder(r, 1.0, mass=1.0).central)(0.5)
     oblique = jax.make_jaxpr(lambda r: SpatialInertia.solid_cylinder(r, 1.0, (1, 2, 3), mass=1.0).central)(0.5)
-    assert str(program).count("jaxspatial_") < 10 < str(oblique).count("jaxspatial_")
+    assert str(program).count("jaxspatial_") < 12 < str(oblique).count("jaxspatial_")
 
 
 def test_derivatives():

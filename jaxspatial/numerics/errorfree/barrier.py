@@ -133,19 +133,21 @@ def no_fma(x: Array) -> Array:
 def no_reassociation(x: Array) -> Array:
     """x, a sum: for XLA's algebraic simplifier not a sum any more.
 
-    It would make x + (c1 + c2) of `(x + c1) + c2`, and x of `(x + c) - c`, for constants c. A rounding to the format
-    that x has already stops that, and is removed before any code is made of it: it costs nothing.
+    It would make x + (c1 + c2) of `(x + c1) + c2`, and x of `(x + c) - c`, for constants c. On CPUs a rounding to the
+    format that x has already stops that, and is removed before any code is made of it: it costs nothing. On GPUs that
+    rounding is removed first, so `no_fma` stops it.
     """
-    info = finfo(x.dtype)
-    return lax.reduce_precision(x, exponent_bits=info.nexp, mantissa_bits=info.nmant)
+    return _kept_p.bind(x)
 
 
 def is_no_reassociation(eqn: Any) -> bool:
     """Whether an operation of a trace is `no_reassociation`."""
-    if eqn.primitive.name != "reduce_precision":
-        return False
-    info = finfo(eqn.invars[0].aval.dtype)
-    return (eqn.params["exponent_bits"], eqn.params["mantissa_bits"]) == (info.nexp, info.nmant)
+    return eqn.primitive is _kept_p
+
+
+def _to_its_own_format(context: Any, x: Any) -> Sequence[Any]:
+    info = finfo(context.avals_out[0].dtype)
+    return [stablehlo.reduce_precision(x, mlir.i32_attr(info.nexp), mlir.i32_attr(info.nmant))]
 
 
 def _identity(name: str, lower: Callable[[Array], Array]):
@@ -164,6 +166,8 @@ def _identity(name: str, lower: Callable[[Array], Array]):
 
 _barrier_p = _identity("barrier", opaque)
 _barrier_or_nan_p = _identity("barrier_or_nan", opaque_or_nan)
+_kept_p = _identity("kept", no_fma)
+mlir.register_lowering(_kept_p, _to_its_own_format, platform="cpu")
 
 
 # -- products and quotients rounded on their own -----------------------------------------------------------------------
@@ -182,6 +186,11 @@ def quotient(a: Any, b: Any) -> jax.Array:
     return _quotient_p.bind(*same_sharding(a, b))
 
 
+def root(x: Array) -> jax.Array:
+    """fl(sqrt(x)): error <= u sqrt(x), bitwise NumPy's."""
+    return _root_p.bind(x)
+
+
 def _rounded_product(a: Array, b: Array):
     return no_fma(lax.mul(a, b))
 
@@ -196,6 +205,21 @@ def _rounded_quotient(a: Array, b: Array):
     finite = lax.le(lax.abs(a), lax.full_like(a, finfo(a.dtype).max))
     divisor = lax.select(finite, b, lax.mul(b, lax.full_like(b, 0.5)))
     return no_fma(lax.div(a, no_fma(divisor)))
+
+
+def _rounded_from_wide(function: Callable[..., Array]):
+    """The lowering on GPUs, where XLA divides and takes roots in float32 to 2 ulp: computed in float64, then rounded.
+
+    The second rounding changes nothing, as float64 has more than twice the digits of float32 and two more. [Figueroa
+    1995] LLVM knows this, too, and would go back to float32, were it not for the barrier in `function`.
+    """
+
+    def lowered(*operands: Array):
+        with jax.enable_x64(True):
+            wide = [lax.convert_element_type(x, np.float64) for x in operands]
+            return lax.convert_element_type(function(*wide), operands[0].dtype)
+
+    return lower_fun(lowered, multiple_results=False)
 
 
 def _product_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
@@ -216,6 +240,12 @@ def _quotient_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Ar
     of_dividend = [] if is_zero(da) else [quotient(da, b)]
     of_divisor = [] if is_zero(db) else [lax.neg(quotient(product(result, db), b))]
     return result, _sum(result, of_dividend + of_divisor)
+
+
+def _root_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
+    """dx / (2 sqrt(x)), the quotient rounded on its own: `lax.sqrt` has one that depends on the program around it."""
+    (dx,), result = tangents, root(*primals)
+    return result, no_tangent(result) if is_zero(dx) else quotient(dx, lax.add(result, result))
 
 
 def _sum(result: Array, terms: Sequence[Array]):
@@ -239,3 +269,6 @@ def _lowered(function: Callable[..., Array]):
 
 _product_p = elementwise("product", lax.mul_p, _lowered(_rounded_product), _product_jvp, _product_transpose)
 _quotient_p = elementwise("quotient", lax.div_p, _lowered(_rounded_quotient), _quotient_jvp, _quotient_transpose)
+_root_p = elementwise("root", lax.sqrt_p, _lowered(lax.sqrt), _root_jvp)
+mlir.register_lowering(_quotient_p, _rounded_from_wide(_rounded_quotient), platform="gpu")
+mlir.register_lowering(_root_p, _rounded_from_wide(lambda x: no_fma(lax.sqrt(x))), platform="gpu")

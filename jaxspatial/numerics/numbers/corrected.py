@@ -28,7 +28,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxspatial.numerics import check
-from jaxspatial.numerics.errorfree.barrier import barrier, quotient
+from jaxspatial.numerics.errorfree.barrier import barrier, quotient, root
 from jaxspatial.numerics.errorfree.transforms import two_product, two_sum
 from jaxspatial.numerics.numbers import pairs
 from jaxspatial.numerics.numbers.rounded import Compared, is_known, quietly
@@ -217,7 +217,7 @@ def _divide(x: pairs.Operand, y: pairs.Operand):
 def _square_root(x: pairs.Operand):
     """sqrt(x). Error <= 5 u^2 sqrt(x)."""
     a, c = _normalised(*_limbs(x))
-    r = lax.sqrt(a)
+    r = root(a)
     p, error = two_product(r, r)
     return r, _finite(quotient(pairs.total(barrier((a - p) - error), c), r + r))
 

@@ -36,7 +36,7 @@ from jax.custom_derivatives import SymbolicZero, zero_from_primal  # pyright: ig
 from jax.typing import DTypeLike
 
 from jaxspatial.numerics.check import TUPLE, finfo
-from jaxspatial.numerics.errorfree.barrier import barrier, product, quotient
+from jaxspatial.numerics.errorfree.barrier import barrier, product, quotient, root
 from jaxspatial.numerics.errorfree.transforms import fast_two_sum, two_product, two_sum
 
 # -- derivatives: those of the sum hi + lo, accurate to a few u --------------------------------------------------------
@@ -198,7 +198,7 @@ def square_root(x: Pair):
 
     Without a fused multiply-add: hi - r^2 is a floating-point number, computed as (hi - p) - error without rounding.
     """
-    r = lax.sqrt(x[0])
+    r = root(x[0])
     p, error = two_product(r, r)
     rest = barrier((x[0] - p) - error) + x[1]
     return _finished(r, r, quotient(rest, r + r))

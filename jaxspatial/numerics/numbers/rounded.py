@@ -17,7 +17,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxspatial.numerics import check
-from jaxspatial.numerics.errorfree.barrier import no_reassociation, product, quotient
+from jaxspatial.numerics.errorfree.barrier import no_reassociation, product, quotient, root
 from jaxspatial.numerics.precision import Precision
 
 # In "fast" the compiler may make one fma of a product and the addition that follows: error <= u |a b|, or none.
@@ -218,19 +218,10 @@ class Rounded(Compared):
         return comparison(*broadcast(self.operand, other.operand))
 
     def sqrt(self) -> "Rounded":
-        return Rounded(self.precision, np.sqrt(self.value) if is_known(self.value) else _root(self.operand))
+        operand: Any = self.operand
+        return Rounded(self.precision, np.sqrt(self.value) if is_known(self.value) else root(operand))
 
 
 jax.tree_util.register_dataclass(Rounded, data_fields=("operand",), meta_fields=("precision",))
 
 
-@jax.custom_jvp
-def _root(x: Array) -> Array:
-    return lax.sqrt(x)
-
-
-@_root.defjvp  # pyright: ignore[reportFunctionMemberAccess]
-def _root_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-    """dx / (2 sqrt(x)), the quotient rounded on its own: `lax.sqrt` has one that depends on the program around it."""
-    root = _root(*primals)
-    return root, quotient(*tangents, root + root)
