@@ -34,7 +34,17 @@ from jax.interpreters import mlir
 from jax.interpreters import partial_eval as pe
 
 from jaxspatial.numerics.errorfree.barrier import hidden_zero, is_no_reassociation, joined, minus_zero
-from jaxspatial.numerics.errorfree.primitives import CALL, STEP, apart, compiled, lower_fun, n_devices, not_inlined
+from jaxspatial.numerics.errorfree.primitives import (
+    CALL,
+    CALLS,
+    STEP,
+    apart,
+    called,
+    compiled,
+    lower_fun,
+    n_devices,
+    not_inlined,
+)
 
 # A kernel of more operations is compiled as the calls that it consists of: thousands would compile for minutes.
 # Known numbers in more rows are operands.
@@ -57,7 +67,6 @@ _ELEMENTWISE = {
 # How many operations of the processor each is.
 _OWN = {"jaxspatial_product", "jaxspatial_root", "jaxspatial_kept", "jaxspatial_barrier"}
 _SIZES = dict.fromkeys(_ELEMENTWISE | _OWN, 1) | {"jaxspatial_quotient": 3}
-_CALLS = {"jit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2", "checkpoint"}
 
 
 class Table(NamedTuple):
@@ -159,8 +168,8 @@ def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], comm
         name = eqn.primitive.name
         if name == "jit" and eqn.params["name"] in (CALL, STEP):
             results = _called(eqn, inputs, common)
-        elif name in _CALLS:
-            inner = _inner(eqn)
+        elif name in CALLS:
+            inner = called(eqn)
             results = _evaluated(inner.jaxpr, inner.consts, inputs, common)
         elif name == "scan":
             results = _scanned(eqn, inputs, common)
@@ -191,12 +200,6 @@ def _bound(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
         return [joined(inputs[0], common.zero)]
     results = eqn.primitive.bind(*inputs, **eqn.params)
     return list(results) if eqn.primitive.multiple_results else [results]
-
-
-def _inner(eqn: Any) -> ClosedJaxpr:
-    """The trace that a call runs."""
-    inner = next(eqn.params[k] for k in ("jaxpr", "call_jaxpr") if k in eqn.params)
-    return inner if isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, ())
 
 
 def _known(x: Any) -> Any:
@@ -309,9 +312,9 @@ def _is_of_kernels(jaxpr: Any) -> bool:
     """Whether the steps of a loop are kernels: others would compute again, for the second row, what the two share."""
     for eqn in jaxpr.eqns:
         if eqn.primitive.name == "jit" and eqn.params["name"] == STEP:
-            if _kernels(_inner(eqn), [v.aval for v in eqn.invars]) is None:
+            if _kernels(called(eqn), [v.aval for v in eqn.invars]) is None:
                 return False
-        elif eqn.primitive.name in _CALLS and not _is_of_kernels(_inner(eqn).jaxpr):
+        elif eqn.primitive.name in CALLS and not _is_of_kernels(called(eqn).jaxpr):
             return False
     return True
 
@@ -326,7 +329,7 @@ def _is_table_of_rows(x: Any) -> bool:
 
 def _called(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
     """A call as kernels. Its sums, and what is computed from them, come after the kernels."""
-    inner, is_call = _inner(eqn), eqn.params["name"] == CALL
+    inner, is_call = called(eqn), eqn.params["name"] == CALL
     inputs = [
         x if isinstance(x, (Moved, Stack)) or hasattr(x, "shape") else np.asarray(x, v.aval.dtype)
         for x, v in zip(inputs, eqn.invars, strict=True)
@@ -441,8 +444,8 @@ def _count(jaxpr: Any, shape: Shape) -> int:
     count = 0
     for eqn in jaxpr.eqns:
         name = eqn.primitive.name
-        if name in _CALLS:
-            more = _count(_inner(eqn).jaxpr, shape)
+        if name in CALLS:
+            more = _count(called(eqn).jaxpr, shape)
         else:
             more = 0 if name in _MOVES and _keeps_places(eqn) else _SIZES.get(name, -1)
         if more < 0 or not all(_fits(v.aval.shape, shape) for v in eqn.outvars):
@@ -633,8 +636,8 @@ class _Scalars:
         sums: set[Any] = set()
         for eqn in jaxpr.eqns:
             name, inputs = eqn.primitive.name, [read(x) for x in eqn.invars]
-            if name in _CALLS:
-                inner = _inner(eqn)
+            if name in CALLS:
+                inner = called(eqn)
                 results = self.results(inner.jaxpr, inner.consts, inputs)
             elif name in _MOVES or (is_no_reassociation(eqn) and eqn.invars[0] in sums):
                 results = inputs[:1]

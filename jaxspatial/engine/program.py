@@ -23,7 +23,14 @@ from jax.interpreters import partial_eval as pe
 
 from jaxspatial.engine import kernels
 from jaxspatial.numerics import check
-from jaxspatial.numerics.errorfree.primitives import compiled, is_zero, lower_fun, n_devices, unsharded
+from jaxspatial.numerics.errorfree.primitives import (
+    compiled,
+    is_zero,
+    lower_fun,
+    n_devices,
+    unsharded,
+    without_calls,
+)
 
 T = TypeVar("T")
 Aval = jax.ShapeDtypeStruct
@@ -127,11 +134,16 @@ class Traced:
         self.closed = ClosedJaxpr(jaxpr, closed.consts)
         self.out_avals = closed.out_avals
 
-    def __call__(self, rows_per_turn: int | None, *arrays: jax.Array) -> list[jax.Array]:
-        """rows_per_turn: of loops as kernels; None without kernels."""
-        if rows_per_turn is None:
-            return jaxpr_as_fun(self.closed)(*arrays)
+    def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
+        return jaxpr_as_fun(self.closed)(*arrays)
+
+    def as_kernels(self, rows_per_turn: int, *arrays: jax.Array) -> list[jax.Array]:
+        """As is best on CPUs. rows_per_turn: of loops over bodies."""
         return kernels.run(self.closed, rows_per_turn, *arrays)
+
+    def without_calls(self, *arrays: jax.Array) -> list[jax.Array]:
+        """As is best on GPUs."""
+        return without_calls(self.closed, *arrays)
 
 
 @contextlib.contextmanager
@@ -234,8 +246,8 @@ def zeros(aval: Aval) -> jax.Array:
 
 
 class Way(NamedTuple):
-    """How a program runs. in_blocks: in blocks, with kernels, as is best on CPUs. in_loop: as part of a loop.
-    n_devices: over how many devices the compiler may split the batch."""
+    """How a program runs. in_blocks: in blocks, with kernels, as is best on CPUs; else at once, without calls. in_loop:
+    as part of a loop. n_devices: over how many devices the compiler may split the batch."""
 
     in_blocks: bool
     in_loop: bool = False
@@ -306,12 +318,15 @@ def _in_blocks(program: Program, way: Way, n: int, arrays: Sequence[jax.Array]) 
     varies = [x.shape[0] > 1 for x in arrays]
     avals = [_aval(x, n_parts * size if yes else None) for x, yes in zip(arrays, varies, strict=True)]
     one = program.traced(avals)
+    if not way.in_blocks:
+        return one.without_calls(*arrays)
     if size == n_each:
         # With kernels a call of the program takes longer, by a buffer for each of their operations, and each turn of
         # a loop is several times as fast. The bits are the same.
-        as_kernels = way.in_blocks and (way.in_loop or program.always_as_kernels)
+        if not (way.in_loop or program.always_as_kernels):
+            return one(*arrays)
         # Of one state copies cost nothing.
-        return one((program.rows_per_turn if size > 1 else 1) if as_kernels else None, *arrays)
+        return one.as_kernels(program.rows_per_turn if size > 1 else 1, *arrays)
     # The first block holds what is left over, and states of the second, which computes them again.
     n_blocks = -(-n_each // size)
     first = n_each - (n_blocks - 1) * size
@@ -336,7 +351,9 @@ def _in_blocks(program: Program, way: Way, n: int, arrays: Sequence[jax.Array]) 
 
     def body(results: list[jax.Array], start: jax.Array) -> tuple[list[jax.Array], None]:
         each = zip(parts, varies, masked, strict=True)
-        new = one(program.rows_per_turn, *(block(x, start, is_masked) if yes else x for x, yes, is_masked in each))
+        new = one.as_kernels(
+            program.rows_per_turn, *(block(x, start, is_masked) if yes else x for x, yes, is_masked in each)
+        )
         return [
             old + y if yes else lax.dynamic_update_slice_in_dim(old, split(y), start, axis)
             for old, y, yes in zip(results, new, adds, strict=True)

@@ -140,6 +140,12 @@ def no_reassociation(x: Array) -> Array:
     return _kept_p.bind(x)
 
 
+def widened(x: Array, dtype: DTypeLike = np.float64) -> Array:
+    """x in a wider dtype, as it was rounded. Where x is a conversion from that dtype itself, XLA would leave out both
+    on GPUs (`xla_allow_excess_precision`)."""
+    return lax.convert_element_type(no_reassociation(x), dtype)
+
+
 def is_no_reassociation(eqn: Any) -> bool:
     """Whether an operation of a trace is `no_reassociation`."""
     return eqn.primitive is _kept_p
@@ -207,19 +213,22 @@ def _rounded_quotient(a: Array, b: Array):
     return no_fma(lax.div(a, no_fma(divisor)))
 
 
-def _rounded_from_wide(function: Callable[..., Array]):
-    """The lowering on GPUs, where XLA divides and takes roots in float32 to 2 ulp: computed in float64, then rounded.
+def _in_float64(function: Callable[..., Array]) -> Callable[..., Array]:
+    """A quotient or a root on GPUs, where XLA has them to 2 ulp in float32: computed in float64, and rounded again.
 
-    The second rounding changes nothing, as float64 has more than twice the digits of float32 and two more. [Figueroa
+    The second rounding changes nothing, for float64 has more than twice the digits of float32, and two more. [Figueroa
     1995] LLVM knows this, too, and would go back to float32, were it not for the barrier in `function`.
     """
 
-    def lowered(*operands: Array):
+    def rounded_twice(*operands: Array) -> Array:
         with jax.enable_x64(True):
-            wide = [lax.convert_element_type(x, np.float64) for x in operands]
-            return lax.convert_element_type(function(*wide), operands[0].dtype)
+            return lax.convert_element_type(function(*map(widened, operands)), operands[0].dtype)
 
-    return lower_fun(lowered, multiple_results=False)
+    return rounded_twice
+
+
+def _rounded_root(x: Array):
+    return no_fma(lax.sqrt(x))
 
 
 def _product_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
@@ -270,5 +279,5 @@ def _lowered(function: Callable[..., Array]):
 _product_p = elementwise("product", lax.mul_p, _lowered(_rounded_product), _product_jvp, _product_transpose)
 _quotient_p = elementwise("quotient", lax.div_p, _lowered(_rounded_quotient), _quotient_jvp, _quotient_transpose)
 _root_p = elementwise("root", lax.sqrt_p, _lowered(lax.sqrt), _root_jvp)
-mlir.register_lowering(_quotient_p, _rounded_from_wide(_rounded_quotient), platform="gpu")
-mlir.register_lowering(_root_p, _rounded_from_wide(lambda x: no_fma(lax.sqrt(x))), platform="gpu")
+mlir.register_lowering(_quotient_p, _lowered(_in_float64(_rounded_quotient)), platform="gpu")
+mlir.register_lowering(_root_p, _lowered(_in_float64(_rounded_root)), platform="gpu")

@@ -9,12 +9,13 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.core import ShapedArray
 from jax.experimental.xla_metadata import set_xla_metadata  # pyright: ignore[reportUnknownVariableType]: no stub
-from jax.extend.core import Primitive
+from jax.extend.core import ClosedJaxpr, Literal, Primitive
 from jax.interpreters import ad, batching, mlir
 
 Rule = Callable[..., Any]
 # The names in traces of calls that are not inlined, and of others that may be one kernel.
 CALL, STEP = "jaxspatial_call", "jaxspatial_step"
+CALLS = {"jit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2", "checkpoint"}
 lower_fun = cast(Rule, mlir.lower_fun)
 _NO_MESH = jax.sharding.AbstractMesh((), ())
 
@@ -116,6 +117,44 @@ def apart(function: Callable[..., Any]) -> Callable[..., Any]:
             return call(*arguments)
 
     return called
+
+
+def without_calls(closed: ClosedJaxpr, *arrays: Any) -> list[Any]:
+    """The results of a trace, with every call in it inlined.
+
+    XLA fuses nothing in a call that it does not inline, on GPUs: each of its operations would be a kernel.
+    """
+    with jax.enable_x64(True):
+        return _inlined(closed, arrays)
+
+
+def _inlined(closed: ClosedJaxpr, arrays: Sequence[Any]) -> list[Any]:
+    values = dict(zip(closed.jaxpr.constvars, closed.consts, strict=True))
+    values |= dict(zip(closed.jaxpr.invars, arrays, strict=True))
+    for eqn in closed.jaxpr.eqns:
+        inputs = [x.val if isinstance(x, Literal) else values[x] for x in eqn.invars]
+        if eqn.primitive.name in CALLS:
+            results = _inlined(called(eqn), inputs)
+        else:
+            results = eqn.primitive.bind(*inputs, **{k: _inlined_within(x) for k, x in eqn.params.items()})
+            results = results if eqn.primitive.multiple_results else [results]
+        values |= dict(zip(eqn.outvars, results, strict=True))
+    return [x.val if isinstance(x, Literal) else values[x] for x in closed.jaxpr.outvars]
+
+
+def _inlined_within(parameter: Any) -> Any:
+    """A parameter of an operation: where that is the body of a loop, or all branches, without calls."""
+    if isinstance(parameter, tuple):
+        return tuple(map(_inlined_within, parameter))
+    if not isinstance(parameter, ClosedJaxpr):
+        return parameter
+    return jax.make_jaxpr(lambda *arrays: _inlined(parameter, arrays))(*parameter.in_avals)
+
+
+def called(eqn: Any) -> ClosedJaxpr:
+    """The trace that a call runs."""
+    inner = next(eqn.params[k] for k in ("jaxpr", "call_jaxpr") if k in eqn.params)
+    return inner if isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, ())
 
 
 def named_step(function: Callable[..., Any], *arguments: Any) -> Any:

@@ -223,5 +223,3 @@ class Rounded(Compared):
 
 
 jax.tree_util.register_dataclass(Rounded, data_fields=("operand",), meta_fields=("precision",))
-
-

@@ -13,6 +13,8 @@ import jax
 from jax import Array, lax
 from jax.typing import DTypeLike
 
+from jaxspatial.numerics.errorfree.barrier import widened
+
 State = Any
 Terms = Sequence[tuple[int, Sequence[jax.Array]]]  # (1 or -1, factors) of each
 Limbs = Sequence[jax.Array]
@@ -88,7 +90,7 @@ def _round(state: Limbs, dtype: DTypeLike) -> Array:
 def _pair(state: Limbs, dtype: DTypeLike) -> tuple[Array, Array]:
     """(hi, lo) of dtype with the sum of both as near as two of them get."""
     hi = _round(state, dtype)
-    return hi, lax.convert_element_type(state[0] - lax.convert_element_type(hi, state[0].dtype), dtype)
+    return hi, lax.convert_element_type(state[0] - widened(hi, state[0].dtype), dtype)
 
 
 WIDE = Accumulator(

@@ -18,6 +18,7 @@ import numpy as np
 from jax import Array, lax
 from jax.typing import DTypeLike
 
+from jaxspatial.numerics.errorfree.barrier import widened
 from jaxspatial.numerics.errorfree.transforms import fast_two_sum, two_sum, unguarded
 from jaxspatial.numerics.sums.accumulator import Accumulator, Limbs, OverBatch, Terms
 from jaxspatial.numerics.sums.compensated import parts, parts_of_narrow, sum_like, vec_sum
@@ -117,7 +118,7 @@ def pair(state: Limbs, dtype: DTypeLike) -> tuple[Array, Array]:
     finite = lax.is_finite(hi)
     hi, lo = lax.select(finite, hi, state[0]), lax.select(finite, lo, lax.full_like(lo, 0))
     high = lax.convert_element_type(hi, dtype)
-    return high, lax.convert_element_type((hi - lax.convert_element_type(high, hi.dtype)) + lo, dtype)
+    return high, lax.convert_element_type((hi - widened(high, hi.dtype)) + lo, dtype)
 
 
 def _over_batch(state: Limbs, _) -> OverBatch:

@@ -16,7 +16,15 @@ from jax import Array, lax
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from jaxspatial.numerics.errorfree.primitives import common_spec, compiled, is_zero, no_tangent, rule, same_sharding
+from jaxspatial.numerics.errorfree.primitives import (
+    common_spec,
+    compiled,
+    is_zero,
+    no_tangent,
+    rule,
+    same_sharding,
+    without_calls,
+)
 from jaxspatial.numerics.numbers.polynomial import Term
 from jaxspatial.numerics.sums.evaluation import Plan, Sum, evaluate
 
@@ -144,6 +152,10 @@ def _batched_plan(plan: Plan, place: int, size: int, leading: bool) -> Plan:
     return plan._replace(sums=sums, batch=batch, leading=leading)
 
 
+def _evaluate_without_calls(*arrays: Array, plan: Plan) -> list[Array]:
+    return without_calls(jax.make_jaxpr(functools.partial(evaluate, plan=plan))(*arrays), *arrays)
+
+
 @functools.cache
 def _compiled(plan: Plan) -> Callable[..., list[Array]]:
     return compiled(_sums_p, plan=plan)
@@ -157,7 +169,8 @@ _sums_p: Any = Primitive("jaxspatial_sums")
 _sums_p.multiple_results = True
 _sums_p.def_abstract_eval(_abstract)
 _sums_p.def_impl(_call)
-mlir.register_lowering(_sums_p, rule(evaluate))
+mlir.register_lowering(_sums_p, rule(_evaluate_without_calls))
+mlir.register_lowering(_sums_p, rule(evaluate), platform="cpu")
 ad.primitive_jvps[_sums_p] = _jvp
 ad.primitive_transposes[_sums_p] = _transpose
 batching.primitive_batchers[_sums_p] = _batch

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxspatial.numerics import check, linear
-from jaxspatial.numerics.errorfree.barrier import quotient
+from jaxspatial.numerics.errorfree.barrier import quotient, widened
 from jaxspatial.numerics.linear import Summed
 from jaxspatial.numerics.numbers import components
 from jaxspatial.numerics.numbers.components import Components
@@ -169,8 +169,7 @@ def _divided(plan: Plan, arrays: Sequence[Any], x: Any) -> Any:
 
 def _divided_wide(plan: Plan, arrays: Sequence[Any], parts: Sequence[Any], dtype: np.dtype[Any]) -> Array:
     with jax.enable_x64(True):
-        wide = [lax.convert_element_type(a, np.float64) for a in arrays]
-        above, below = _bound(plan, wide, parts)
+        above, below = _bound(plan, list(map(widened, arrays)), parts)
         return lax.convert_element_type(quotient(above, jnp.broadcast_to(below, above.shape)), dtype)
 
 
