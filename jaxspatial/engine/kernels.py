@@ -229,8 +229,9 @@ def _scanned(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
     Several rows per turn are calls of one function, which gets the index of its row as an operand: equal kernels are
     compiled once. So the indices are hidden where the compiler could know them.
     """
-    n_consts, n_carry, length = (eqn.params[k] for k in ("num_consts", "num_carry", "length"))
-    n, body, is_reverse = n_consts + n_carry, eqn.params["jaxpr"], eqn.params["reverse"]
+    n_consts, n_carry = _constants_and_carried(eqn)
+    length, is_reverse, body = (eqn.params[k] for k in ("length", "reverse", "jaxpr"))
+    n = n_consts + n_carry
     inputs = [x if isinstance(x, Stack) else _whole(x) for x in inputs]
     consts, carry = list(map(_array, inputs[:n_consts])), list(map(_array, inputs[n_consts:n]))
     tables = {k for k, x in enumerate(inputs) if k >= n and _is_table_of_rows(x)}
@@ -284,6 +285,14 @@ def _scanned(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
     state, _ = lax.scan(turn, state, lax.iota(np.uint32, n_turns) * np.uint32(per_turn))
     state, _ = turn(state, common.zero + np.uint32(n_turns * per_turn), left)
     return [*state[0], *state[1]]
+
+
+def _constants_and_carried(eqn: Any) -> tuple[int, int]:
+    """How many arguments of a loop are constants, and how many are carried from turn to turn."""
+    if "ft_in" in eqn.params:  # From JAX 0.11 on: (constants, what is carried, what is sliced).
+        consts, carried, _ = eqn.params["ft_in"].unpack()
+        return len(consts), len(carried)
+    return eqn.params["num_consts"], eqn.params["num_carry"]
 
 
 def _row(x: jax.Array, index: jax.Array) -> jax.Array:
