@@ -2,6 +2,7 @@
 
 import functools
 import re
+import types
 
 import jax
 import jax.numpy as jnp
@@ -324,3 +325,16 @@ def test_a_state_has_the_same_bits_alone_and_in_a_loop(function):
     many = jax.jit(functools.partial(function, mech))(*np.tile(states, (1, 200, 1)))
     same(list(in_loop), alone)
     same(list(many[:5]), alone)
+
+
+def test_loops_are_read_as_every_version_of_jax_describes_them():
+    """By numbers, and from JAX 0.11 on by trees of what is constant, carried and sliced."""
+    eqn = next(e for e in jax.make_jaxpr(a_loop)(*arrays((3, N), (2, N))).eqns if e.primitive.name == "scan")
+    later = types.SimpleNamespace(unpack=lambda: ((None,), (None, None), (None,)))
+    assert kernels._constants_and_carried(eqn) == (1, 2)
+    assert kernels._constants_and_carried(types.SimpleNamespace(params={"ft_in": later})) == (1, 2)
+
+
+def a_loop(constant, rows):
+    start = constant[0], constant[1]
+    return lax.scan(lambda carry, row: ((carry[0] + constant[2], carry[1] * row), row), start, rows)
