@@ -50,6 +50,8 @@ from jaxspatial.numerics.errorfree.primitives import (
 # Known numbers in more rows are operands.
 MOST_OPERATIONS, MOST_ROWS = 1000, 256
 Shape = tuple[int, ...]
+# Whether XLA makes one function of a loop, and for how many states that is slower.
+_HAS_LOOPS_AS_FUNCTIONS, MANY = jax.__version_info__ >= (0, 11), 32
 
 # What keeps the place of each number, and operations number by number.
 _MOVES = {"broadcast_in_dim", "reshape", "squeeze", "copy"}
@@ -93,7 +95,8 @@ class Table(NamedTuple):
 
 
 class Common(NamedTuple):
-    """What all kernels of a program share. rows_per_turn: of loops over rows. zero: a hidden one.
+    """What all kernels of a program share. rows_per_turn: of loops over rows. zero: a hidden one. has_pinned_loops:
+    whether loops are kept from becoming functions, see `_in_its_loop`.
 
     The zero is made once, in front of all loops. XLA can compile small loops as one function, by an option
     (`xla_cpu_small_while_loop_byte_threshold`), but not loops in which the index of the replica is asked for.
@@ -101,12 +104,15 @@ class Common(NamedTuple):
 
     rows_per_turn: int
     zero: jax.Array
+    has_pinned_loops: bool = False
 
 
 def run(closed: ClosedJaxpr, rows_per_turn: int, *arrays: jax.Array) -> list[jax.Array]:
     """The results of a trace. rows_per_turn: of its loops over rows."""
     with jax.enable_x64(True):
-        common = Common(rows_per_turn, hidden_zero(arrays[0]))
+        n = max(x.shape[0] for x in arrays)
+        common = Common(rows_per_turn, hidden_zero(arrays[0]), _HAS_LOOPS_AS_FUNCTIONS and n >= MANY)
+        common = common._replace(zero=_in_its_loop(common, *arrays))
         return [_array(x) for x in _evaluated(closed.jaxpr, closed.consts, arrays, common)]
 
 
@@ -248,7 +254,10 @@ def _scanned(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
     if per_turn == 1:
         xs = list(map(_array, rows)), lax.iota(np.uint32, length)
         carry, stacked = lax.scan(
-            lambda carry, x: row(common.zero, x[1], consts, carry, x[0]), carry, xs, reverse=is_reverse
+            lambda carry, x: row(_in_its_loop(common, x[1]), x[1], consts, carry, x[0]),
+            carry,
+            xs,
+            reverse=is_reverse,
         )
         return [*carry, *stacked]
     is_unrolled = length < 2 * per_turn
@@ -272,10 +281,10 @@ def _scanned(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
         return [*carry, *map(Stack, zip(*stacked, strict=True))]
 
     def turn(state: Any, first: jax.Array, count: int = per_turn) -> tuple[Any, None]:
-        carry, stacked = state
+        (carry, stacked), zero = state, _in_its_loop(common, first)
         for k in range(count):
             index = index_of(first + np.uint32(k))
-            carry, results = one(common.zero, index, consts, carry, rows)
+            carry, results = one(zero, index, consts, carry, rows)
             stacked = [lax.dynamic_update_index_in_dim(x, y, index, 0) for x, y in zip(stacked, results, strict=True)]
         return (carry, stacked), None
 
@@ -285,6 +294,27 @@ def _scanned(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
     state, _ = lax.scan(turn, state, lax.iota(np.uint32, n_turns) * np.uint32(per_turn))
     state, _ = turn(state, common.zero + np.uint32(n_turns * per_turn), left)
     return [*state[0], *state[1]]
+
+
+def _in_its_loop(common: Common, *arrays: jax.Array) -> jax.Array:
+    """The hidden zero, which the compiler finds out anew in every turn of a loop.
+
+    arrays: some of them differ from turn to turn. From JAX 0.11 on XLA makes one function of a loop, in which no kernel
+    is vectorised: for many states that is three times as slow. It does not where something is sorted.
+    """
+    if not common.has_pinned_loops:
+        return common.zero
+    bits = _bits_of_one(arrays)
+    pair = lax.concatenate([bits, bits >> np.uint32(1)], 0)
+    return common.zero | lax.squeeze(lax.slice(lax.sort(pair), (0,), (1,)) >> np.uint32(31), (0,))
+
+
+def _bits_of_one(arrays: Sequence[jax.Array]) -> jax.Array:
+    """Bits (1,), uint32, of one number of the first array over several states, or of the first array."""
+    x = next((x for x in arrays if x.shape[:1] not in ((), (1,))), arrays[0])
+    x = lax.reshape(lax.slice(x, (0,) * x.ndim, (1,) * x.ndim), (1,))
+    integer = np.dtype(f"uint{8 * x.dtype.itemsize}")
+    return lax.convert_element_type(lax.bitcast_convert_type(x, integer) >> integer.type(1), np.uint32)
 
 
 def _constants_and_carried(eqn: Any) -> tuple[int, int]:
@@ -307,8 +337,8 @@ def _repeated(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
     of_cond, of_body = inputs[:n_of_cond], inputs[n_of_cond : n_of_cond + n_of_body]
 
     def run_of(name: str, consts: Sequence[Any], carry: Sequence[Any]) -> list[Any]:
-        inner = eqn.params[name]
-        return list(map(_array, _evaluated(inner.jaxpr, inner.consts, [*consts, *carry], common)))
+        inner, own = eqn.params[name], common._replace(zero=_in_its_loop(common, *carry))
+        return list(map(_array, _evaluated(inner.jaxpr, inner.consts, [*consts, *carry], own)))
 
     return lax.while_loop(
         lambda carry: run_of("cond_jaxpr", of_cond, carry)[0],

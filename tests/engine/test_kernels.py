@@ -327,6 +327,38 @@ def test_a_state_has_the_same_bits_alone_and_in_a_loop(function):
     same(list(many[:5]), alone)
 
 
+@pytest.mark.parametrize("is_new", [False, True])
+def test_loops_over_many_states_stay_loops(is_new, monkeypatch):
+    """With JAX 0.11 and later something is sorted in each. The bits are the same, in loops over rows and until."""
+    monkeypatch.setattr(kernels, "_HAS_LOOPS_AS_FUNCTIONS", is_new)
+    for n, has_sort in ((kernels.MANY, is_new), (kernels.MANY - 1, False)):
+        for function, shapes in ((repeated, ((n, 2), (n, 2))), (looped, ((n, 2), (n, 2), (n, 5, 2)))):
+            given = arrays(*shapes)
+            program = jax.jit(functools.partial(kernels.run, jax.make_jaxpr(function)(*given), 2))
+            assert ("stablehlo.sort" in program.lower(*given).as_text()) == has_sort
+            same(list(map(np.asarray, program(*given))), list(map(np.asarray, jax.jit(function)(*given))))
+
+
+def repeated(a, b):
+    """A call, until a sum is large enough. Of states by rows, which kernels have last."""
+
+    def turn(carry):
+        count, x, y = carry
+        return count + 1, step(number(x), number(y), number(x))[0].value * 0.1, y
+
+    return list(lax.while_loop(lambda carry: carry[0].sum() < 99, turn, (jnp.zeros(len(a), a.dtype), a.T, b.T)))
+
+
+def looped(a, b, rows):
+    """A call for each row."""
+
+    def turn(carry, row):
+        x, y, _ = step(*map(number, carry), number(row))
+        return (x.value * 0.1, y.value * 0.1), x.value
+
+    return jax.tree.leaves(lax.scan(turn, (a.T, b.T), jnp.moveaxis(rows, 0, -1)))
+
+
 def test_loops_are_read_as_every_version_of_jax_describes_them():
     """By numbers, and from JAX 0.11 on by trees of what is constant, carried and sliced."""
     eqn = next(e for e in jax.make_jaxpr(a_loop)(*arrays((3, N), (2, N))).eqns if e.primitive.name == "scan")
