@@ -104,15 +104,15 @@ class Common(NamedTuple):
 
     rows_per_turn: int
     zero: jax.Array
-    has_pinned_loops: bool = False
+    has_pinned_loops: bool
 
 
 def run(closed: ClosedJaxpr, rows_per_turn: int, *arrays: jax.Array) -> list[jax.Array]:
     """The results of a trace. rows_per_turn: of its loops over rows."""
     with jax.enable_x64(True):
-        n = max(x.shape[0] for x in arrays)
+        n = max((x.shape[0] for x in arrays if x.ndim), default=1)
         common = Common(rows_per_turn, hidden_zero(arrays[0]), _HAS_LOOPS_AS_FUNCTIONS and n >= MANY)
-        common = common._replace(zero=_in_its_loop(common, *arrays))
+        common = common._replace(zero=_in_its_loop(common, *(x for x in arrays if x.shape[:1] == (n,))))
         return [_array(x) for x in _evaluated(closed.jaxpr, closed.consts, arrays, common)]
 
 
@@ -299,22 +299,17 @@ def _scanned(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
 def _in_its_loop(common: Common, *arrays: jax.Array) -> jax.Array:
     """The hidden zero, which the compiler finds out anew in every turn of a loop.
 
-    arrays: some of them differ from turn to turn. From JAX 0.11 on XLA makes one function of a loop, in which no kernel
-    is vectorised: for many states that is three times as slow. It does not where something is sorted.
+    arrays: the largest of them differs from turn to turn. From JAX 0.11 on XLA makes one function of a loop, in which
+    no kernel is vectorised: for many states that is three times as slow. It does not where something is sorted.
     """
     if not common.has_pinned_loops:
         return common.zero
-    bits = _bits_of_one(arrays)
-    pair = lax.concatenate([bits, bits >> np.uint32(1)], 0)
-    return common.zero | lax.squeeze(lax.slice(lax.sort(pair), (0,), (1,)) >> np.uint32(31), (0,))
-
-
-def _bits_of_one(arrays: Sequence[jax.Array]) -> jax.Array:
-    """Bits (1,), uint32, of one number of the first array over several states, or of the first array."""
-    x = next((x for x in arrays if x.shape[:1] not in ((), (1,))), arrays[0])
+    x = max((x for x in arrays if x.dtype != bool), key=lambda x: x.size)
     x = lax.reshape(lax.slice(x, (0,) * x.ndim, (1,) * x.ndim), (1,))
     integer = np.dtype(f"uint{8 * x.dtype.itemsize}")
-    return lax.convert_element_type(lax.bitcast_convert_type(x, integer) >> integer.type(1), np.uint32)
+    bits = lax.convert_element_type(lax.bitcast_convert_type(x, integer), np.uint32) >> np.uint32(1)
+    pair = lax.concatenate([bits, bits >> np.uint32(1)], 0)
+    return common.zero | lax.squeeze(lax.slice(lax.sort(pair), (0,), (1,)) >> np.uint32(31), (0,))
 
 
 def _constants_and_carried(eqn: Any) -> tuple[int, int]:

@@ -57,13 +57,14 @@ def test_programs_without_calls_have_the_bits_of_those_with_them(name, monkeypat
 
 
 def test_a_trace_without_calls_is_the_trace():
-    """Calls in calls, in the bodies of loops and in branches."""
+    """Calls in calls, in the bodies of loops, in branches, in what a solver is given; and where axes have names."""
     call = primitives.apart(lambda x: primitives.apart(lambda y: y * y + 1)(x) - x)
 
     def function(x):
         x, found = jax.lax.scan(lambda x, k: (call(x) * k, x), x, np.arange(3, dtype=np.float32))
         x = jax.lax.while_loop(lambda x: x.sum() < 1e3, lambda x: call(x) + 2, x)
-        return jax.lax.cond(x[0] > 0, call, jnp.sin, x), found
+        x = jax.lax.custom_linear_solve(lambda x: call(x) - call(0 * x) - x * x + 3 * x, x, lambda _, b: call(b))
+        return jax.lax.cond(x[0] > 0, call, jnp.sin, x)[jnp.asarray([2, 0, 1])], found
 
     x = jnp.asarray([0.5, -2.0, 3.0], jnp.float32)
     closed = jax.make_jaxpr(function)(x)

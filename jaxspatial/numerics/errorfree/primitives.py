@@ -145,7 +145,8 @@ def _inlined(closed: ClosedJaxpr, arrays: Sequence[Any]) -> list[Any]:
 def _inlined_within(parameter: Any) -> Any:
     """A parameter of an operation: where that is the body of a loop, or all branches, without calls."""
     if isinstance(parameter, tuple):
-        return tuple(map(_inlined_within, parameter))
+        items = tuple(map(_inlined_within, parameter))
+        return type(parameter)(*items) if hasattr(parameter, "_fields") else items
     if not isinstance(parameter, ClosedJaxpr):
         return parameter
     return jax.make_jaxpr(lambda *arrays: _inlined(parameter, arrays))(*parameter.in_avals)
