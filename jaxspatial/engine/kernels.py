@@ -98,8 +98,9 @@ class Common(NamedTuple):
     """What all kernels of a program share. rows_per_turn: of loops over rows. zero: a hidden one. has_pinned_loops:
     whether loops are kept from becoming functions, see `_in_its_loop`.
 
-    The zero is made once, in front of all loops. XLA can compile small loops as one function, by an option
-    (`xla_cpu_small_while_loop_byte_threshold`), but not loops in which the index of the replica is asked for.
+    The zero is made once, in front of all loops that are not kept from becoming functions. Before JAX 0.11 XLA compiles
+    small loops as one function, by an option (`xla_cpu_small_while_loop_byte_threshold`), but not loops in which the
+    index of the replica is asked for.
     """
 
     rows_per_turn: int

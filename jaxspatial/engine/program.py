@@ -23,14 +23,7 @@ from jax.interpreters import partial_eval as pe
 
 from jaxspatial.engine import kernels
 from jaxspatial.numerics import check
-from jaxspatial.numerics.errorfree.primitives import (
-    compiled,
-    is_zero,
-    lower_fun,
-    n_devices,
-    unsharded,
-    without_calls,
-)
+from jaxspatial.numerics.errorfree.primitives import compiled, is_zero, lower_fun, n_devices, unsharded, without_calls
 
 T = TypeVar("T")
 Aval = jax.ShapeDtypeStruct

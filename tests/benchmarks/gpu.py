@@ -139,7 +139,7 @@ class Table:
         self.add(f"\n{what}: {value:.3g}, {asked}: {'holds' if holds else 'DOES NOT HOLD'}.")
 
 
-def timed(table, calls, of_each, title, rounds, other=None):
+def timed(table, calls, of_each, title, rounds):
     """Adds rows of medians; case -> seconds."""
     programs, compiling = compiled(calls)
     seconds = measure.interleaved(programs, rounds)
@@ -162,10 +162,6 @@ def of_wrenches(table, options):
     equal = {case: share for case, (share, _) in beside_the_cpu(wrenches(COMPARED)).items() if case in PRECISIONS[1:]}
     least = min(equal.values())
     table.claim("Share of numbers with the bits of the CPU, in all precisions but fast", least, "1", least == 1)
-
-
-def of_robot(table, name, n, rounds):
-    timed(table, dynamics(name, n), n, f"{name}, {n} states", rounds)
 
 
 def robot_beside_the_cpu(table, name):
@@ -210,7 +206,7 @@ def main(arguments=None):
     of_wrenches(table, options)
     for n in options.states:
         for name in ARMS:
-            of_robot(table, name, n, options.rounds)
+            timed(table, dynamics(name, n), n, f"{name}, {n} states", options.rounds)
             if n == options.states[0]:
                 robot_beside_the_cpu(table, name)
         on_the_ground(table, n, options.steps, options.rounds)
