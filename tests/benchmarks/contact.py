@@ -157,9 +157,12 @@ def torques(robot, hold, q, v, gain):
     return jnp.concatenate([zero, gain * (hold - q) - np.float32(robot.damping) * v], -1)
 
 
-def calls(name, n, steps):
-    """case -> (function, arguments), each a rollout of n states over so many steps; and of one state."""
-    mech, robot = mechanism(name), ROBOTS[name]
+def calls(name, n, steps, mech=None):
+    """case -> (function, arguments), each a rollout of n states over so many steps; and of one state.
+
+    mech: another form of `mechanism(name)`.
+    """
+    mech, robot = mechanism(name) if mech is None else mech, ROBOTS[name]
     q, v, hold = start(name, mech, n)
     hold, gain = jnp.asarray(hold), np.float32(robot.gain)
     contacts = js.PointContacts(
@@ -215,19 +218,22 @@ def calls(name, n, steps):
     }
 
 
+def made(function, arguments):
+    """(what JAX lowers, what XLA compiles, seconds to trace and to compile)."""
+    began = time.perf_counter()
+    lowered = jax.jit(function).lower(*arguments)
+    traced = time.perf_counter()
+    program = lowered.compile()
+    return lowered, program, (traced - began, time.perf_counter() - traced)
+
+
 def cases(name, n, steps):
     """(case -> compiled call, case -> seconds to trace and to compile), after a look at the results."""
     compiled, seconds, programs, found = {}, {}, {}, calls(name, n, steps)
     before = np.asarray(found[CONVEX][1][0][:, 6])
     for case, (function, arguments) in found.items():
-        began = time.perf_counter()
-        lowered = jax.jit(function).lower(*arguments)
-        traced = time.perf_counter()
+        lowered, program, seconds[case] = made(function, arguments)
         programs[case] = lowered.as_text()
-        began += time.perf_counter() - traced
-        traced = time.perf_counter()
-        program = lowered.compile()
-        seconds[case] = traced - began, time.perf_counter() - traced
         compiled[case] = functools.partial(repeated, program) if case == CALL else program
         compiled[case] = functools.partial(compiled[case], *arguments)
         if case in (CONVEX, MJX, ONE):
