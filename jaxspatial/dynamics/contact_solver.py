@@ -81,6 +81,7 @@ class ContactProgram(Algorithm):
     """A program in small blocks: each iterates until its slowest state has converged."""
 
     rows_per_turn = 1
+    has_large_derivatives = True
 
     @property
     def block(self) -> int:

@@ -64,6 +64,14 @@ class Derived(Differentiable):
         return self.program.is_wide
 
     @property
+    def is_large(self):
+        return self.has_large_derivatives
+
+    @property
+    def has_large_derivatives(self):
+        return self.program.has_large_derivatives
+
+    @property
     def block(self):
         return min(self.program.block, 512)
 

@@ -108,12 +108,18 @@ class Common(NamedTuple):
     has_pinned_loops: bool
 
 
-def run(closed: ClosedJaxpr, rows_per_turn: int, *arrays: jax.Array) -> list[jax.Array]:
-    """The results of a trace. rows_per_turn: of its loops over rows."""
+def run(closed: ClosedJaxpr, rows_per_turn: int, is_large: bool, *arrays: jax.Array) -> list[jax.Array]:
+    """The results of a trace. rows_per_turn: of its loops over rows.
+
+    is_large: the loop that the program is in is kept from becoming a function, even of one state. It runs longer by a
+    fifth then; but LLVM's time grows faster than a function does.
+    """
     with jax.enable_x64(True):
         n = max((x.shape[0] for x in arrays if x.ndim), default=1)
-        common = Common(rows_per_turn, hidden_zero(arrays[0]), _HAS_LOOPS_AS_FUNCTIONS and n >= MANY)
-        common = common._replace(zero=_in_its_loop(common, *(x for x in arrays if x.shape[:1] == (n,))))
+        is_many = n >= MANY
+        common = Common(rows_per_turn, hidden_zero(arrays[0]), _HAS_LOOPS_AS_FUNCTIONS and (is_many or is_large))
+        zero = _in_its_loop(common, *(x for x in arrays if x.shape[:1] == (n,)))
+        common = common._replace(zero=zero, has_pinned_loops=common.has_pinned_loops and is_many)
         return [_array(x) for x in _evaluated(closed.jaxpr, closed.consts, arrays, common)]
 
 

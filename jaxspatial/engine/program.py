@@ -44,6 +44,8 @@ class Program:
     block = LARGEST_BLOCK
     # Whether it would be slow to compile without kernels.
     always_as_kernels = False
+    # Whether it would be slow to compile as one function with the loop that it is in; whether its derivatives would.
+    is_large, has_large_derivatives = False, False
     # Rows per turn of its loops over bodies, as kernels: with two, what one writes the next reads where it is, and not
     # a copy. Steps of derivatives are so long that copies cost nothing beside them.
     rows_per_turn = 2
@@ -130,9 +132,9 @@ class Traced:
     def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
         return jaxpr_as_fun(self.closed)(*arrays)
 
-    def as_kernels(self, rows_per_turn: int, *arrays: jax.Array) -> list[jax.Array]:
-        """As is best on CPUs. rows_per_turn: of loops over bodies."""
-        return kernels.run(self.closed, rows_per_turn, *arrays)
+    def as_kernels(self, rows_per_turn: int, is_large: bool, *arrays: jax.Array) -> list[jax.Array]:
+        """As is best on CPUs: see `kernels.run`."""
+        return kernels.run(self.closed, rows_per_turn, is_large, *arrays)
 
     def without_calls(self, *arrays: jax.Array) -> list[jax.Array]:
         """As is best on GPUs."""
@@ -319,7 +321,7 @@ def _in_blocks(program: Program, way: Way, n: int, arrays: Sequence[jax.Array]) 
         if not (way.in_loop or program.always_as_kernels):
             return one(*arrays)
         # Of one state copies cost nothing.
-        return one.as_kernels(program.rows_per_turn if size > 1 else 1, *arrays)
+        return one.as_kernels(program.rows_per_turn if size > 1 else 1, program.is_large, *arrays)
     # The first block holds what is left over, and states of the second, which computes them again.
     n_blocks = -(-n_each // size)
     first = n_each - (n_blocks - 1) * size
@@ -345,7 +347,9 @@ def _in_blocks(program: Program, way: Way, n: int, arrays: Sequence[jax.Array]) 
     def body(results: list[jax.Array], start: jax.Array) -> tuple[list[jax.Array], None]:
         each = zip(parts, varies, masked, strict=True)
         new = one.as_kernels(
-            program.rows_per_turn, *(block(x, start, is_masked) if yes else x for x, yes, is_masked in each)
+            program.rows_per_turn,
+            program.is_large,
+            *(block(x, start, is_masked) if yes else x for x, yes, is_masked in each),
         )
         return [
             old + y if yes else lax.dynamic_update_slice_in_dim(old, split(y), start, axis)
