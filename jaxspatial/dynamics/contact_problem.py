@@ -223,7 +223,7 @@ def _velocity(body: Any, parent: tuple[Motion, ...]) -> tuple[Any, Any]:
 def of_bundle(state: MechanismState, k: int, x: Number) -> Numbers:
     """The numbers of bundle k among numbers (nv, B)."""
     b = state.bundles[k]
-    places = np.array(state.topology.v_starts)[b.bodies][..., None] + np.arange(b.kind.nv)
+    places = b.places(state.topology.v_starts, b.kind.nv)
     # It is pulled back as one stack; rows that are taken one by one, as many arrays of zeros but for one row.
     words = (jnp.unstack(stacking.rows(w, places), axis=2) for w in data_of(x))
     return (x,) * b.kind.nv if is_constant(x) else tuple(with_data(x, each) for each in zip(*words, strict=True))

@@ -161,7 +161,7 @@ class MechanismState:
     def _of_joints(self, bundle: Bundle, array: Array, starts, size: int, has_offset: bool) -> Numbers:
         if not size:
             return ()
-        x = self.numbers(stacking.rows(array, np.array(starts)[bundle.bodies][..., None] + np.arange(size)))
+        x = self.numbers(stacking.rows(array, bundle.places(starts, size)))
         if not self.topology.has_mimics_in(bundle):
             return x
         multiplier, offset = self._of_bodies(bundle, self.fields["mimics"])
@@ -179,8 +179,7 @@ class MechanismState:
     def _has_unit_lengths(self, bundle: Bundle, q: Array) -> bool:
         if not isinstance(q, np.ndarray):
             return False
-        starts = np.array(self.topology.q_starts)[bundle.bodies]
-        on_sphere = q[starts[..., None] + np.arange(bundle.kind.sphere[0])].astype(np.float64)
+        on_sphere = q[bundle.places(self.topology.q_starts, bundle.kind.sphere[0])].astype(np.float64)
         with np.errstate(over="ignore"):
             return bool((abs((on_sphere**2).sum(-1) - 1) <= 2 * check.eps(self.dtype)).all())
 
@@ -232,7 +231,7 @@ class MechanismState:
         t, n = self.topology, bundle.kind.nv
         if not n:
             return ()
-        x = stacking.rows(self.fields["armature"], np.array(t.v_starts)[bundle.bodies][..., None] + np.arange(n))
+        x = stacking.rows(self.fields["armature"], bundle.places(t.v_starts, n))
         if t.has_mimics_in(bundle):
             is_independent = ~np.vectorize(t.is_mimic)(bundle.bodies)
             x = x * is_independent.reshape((*is_independent.shape, 1, *[1] * (x.ndim - 3))).astype(x.dtype)

@@ -79,6 +79,10 @@ class Bundle:
         """The numbers of the bodies (length, width), padding included."""
         return np.concatenate([group.bodies[:, self._columns(group)] for group in self.groups])
 
+    def places(self, starts: Sequence[int], n: int):
+        """Where the n numbers of each of its bodies are, (length, width, n), if those of body i begin at starts[i]."""
+        return np.array(starts)[self.bodies][..., None] + np.arange(n)
+
     def _columns(self, group: Chains):
         """Which chain of a group is in each column of the bundle."""
         return [*range(group.width), *[0] * (self.width - group.width)]
