@@ -94,31 +94,40 @@ class Table(NamedTuple):
         return numbers[0] if self.row is None else _row(numbers, self.row)
 
 
+class Loops(NamedTuple):
+    """How the loops of a program run.
+
+    rows_per_turn: of those over rows. is_large: the loop that the program is in is kept from becoming a function, even
+    of one state. It runs longer by a fifth then; but LLVM's time grows faster than a function does. is_split: over
+    several devices, so that a single number of the states would have to go from one device to the others.
+    """
+
+    rows_per_turn: int
+    is_large: bool = False
+    is_split: bool = False
+
+
 class Common(NamedTuple):
-    """What all kernels of a program share. rows_per_turn: of loops over rows. zero: a hidden one. has_pinned_loops:
-    whether loops are kept from becoming functions, see `_in_its_loop`.
+    """What all kernels of a program share. zero: a hidden one. has_pinned_loops: whether loops are kept from becoming
+    functions, see `_in_its_loop`.
 
     The zero is made once, in front of all loops that are not kept from becoming functions. Before JAX 0.11 XLA compiles
     small loops as one function, by an option (`xla_cpu_small_while_loop_byte_threshold`), but not loops in which the
     index of the replica is asked for.
     """
 
-    rows_per_turn: int
+    loops: Loops
     zero: jax.Array
     has_pinned_loops: bool
 
 
-def run(closed: ClosedJaxpr, rows_per_turn: int, is_large: bool, *arrays: jax.Array) -> list[jax.Array]:
-    """The results of a trace. rows_per_turn: of its loops over rows.
-
-    is_large: the loop that the program is in is kept from becoming a function, even of one state. It runs longer by a
-    fifth then; but LLVM's time grows faster than a function does.
-    """
+def run(closed: ClosedJaxpr, loops: Loops, *arrays: jax.Array) -> list[jax.Array]:
+    """The results of a trace."""
     with jax.enable_x64(True):
         n = max((x.shape[0] for x in arrays if x.ndim), default=1)
         is_many = n >= MANY
-        common = Common(rows_per_turn, hidden_zero(arrays[0]), _HAS_LOOPS_AS_FUNCTIONS and (is_many or is_large))
-        zero = _in_its_loop(common, *(x for x in arrays if x.shape[:1] == (n,)))
+        common = Common(loops, hidden_zero(arrays[0]), _HAS_LOOPS_AS_FUNCTIONS and (is_many or loops.is_large))
+        zero = _in_its_loop(common, *(x for x in arrays if x.shape[:1] == (n,)), are_states=True)
         common = common._replace(zero=zero, has_pinned_loops=common.has_pinned_loops and is_many)
         return [_array(x) for x in _evaluated(closed.jaxpr, closed.consts, arrays, common)]
 
@@ -257,7 +266,7 @@ def _scanned(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
         results = list(map(_array, _evaluated(body.jaxpr, body.consts, arguments, common._replace(zero=zero))))
         return results[:n_carry], results[n_carry:]
 
-    per_turn = common.rows_per_turn if _is_of_kernels(body.jaxpr) else 1
+    per_turn = common.loops.rows_per_turn if _is_of_kernels(body.jaxpr) else 1
     if per_turn == 1:
         xs = list(map(_array, rows)), lax.iota(np.uint32, length)
         carry, stacked = lax.scan(
@@ -303,13 +312,14 @@ def _scanned(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
     return [*state[0], *state[1]]
 
 
-def _in_its_loop(common: Common, *arrays: jax.Array) -> jax.Array:
+def _in_its_loop(common: Common, *arrays: jax.Array, are_states: bool = False) -> jax.Array:
     """The hidden zero, which the compiler finds out anew in every turn of a loop.
 
-    arrays: the largest of them differs from turn to turn. From JAX 0.11 on XLA makes one function of a loop, in which
-    no kernel is vectorised: for many states that is three times as slow. It does not where something is sorted.
+    arrays: the largest of them differs from turn to turn. are_states: whether they are split where states are. From
+    JAX 0.11 on XLA makes one function of a loop, in which no kernel is vectorised: for many states that is three times
+    as slow. It does not where something is sorted.
     """
-    if not common.has_pinned_loops:
+    if not common.has_pinned_loops or (are_states and common.loops.is_split):
         return common.zero
     x = max((x for x in arrays if x.dtype != bool), key=lambda x: x.size)
     x = lax.reshape(lax.slice(x, (0,) * x.ndim, (1,) * x.ndim), (1,))
@@ -339,7 +349,7 @@ def _repeated(eqn: Any, inputs: Sequence[Any], common: Common) -> list[Any]:
     of_cond, of_body = inputs[:n_of_cond], inputs[n_of_cond : n_of_cond + n_of_body]
 
     def run_of(name: str, consts: Sequence[Any], carry: Sequence[Any]) -> list[Any]:
-        inner, own = eqn.params[name], common._replace(zero=_in_its_loop(common, *carry))
+        inner, own = eqn.params[name], common._replace(zero=_in_its_loop(common, *carry, are_states=True))
         return list(map(_array, _evaluated(inner.jaxpr, inner.consts, [*consts, *carry], own)))
 
     return lax.while_loop(

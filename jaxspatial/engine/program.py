@@ -132,9 +132,9 @@ class Traced:
     def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
         return jaxpr_as_fun(self.closed)(*arrays)
 
-    def as_kernels(self, rows_per_turn: int, is_large: bool, *arrays: jax.Array) -> list[jax.Array]:
-        """As is best on CPUs: see `kernels.run`."""
-        return kernels.run(self.closed, rows_per_turn, is_large, *arrays)
+    def as_kernels(self, loops: kernels.Loops, *arrays: jax.Array) -> list[jax.Array]:
+        """As is best on CPUs."""
+        return kernels.run(self.closed, loops, *arrays)
 
     def without_calls(self, *arrays: jax.Array) -> list[jax.Array]:
         """As is best on GPUs."""
@@ -315,13 +315,14 @@ def _in_blocks(program: Program, way: Way, n: int, arrays: Sequence[jax.Array]) 
     one = program.traced(avals)
     if not way.in_blocks:
         return one.without_calls(*arrays)
+    loops = kernels.Loops(program.rows_per_turn, program.is_large, is_split=way.n_devices > 1)
     if size == n_each:
         # With kernels a call of the program takes longer, by a buffer for each of their operations, and each turn of
         # a loop is several times as fast. The bits are the same.
         if not (way.in_loop or program.always_as_kernels):
             return one(*arrays)
         # Of one state copies cost nothing.
-        return one.as_kernels(program.rows_per_turn if size > 1 else 1, program.is_large, *arrays)
+        return one.as_kernels(loops if size > 1 else loops._replace(rows_per_turn=1), *arrays)
     # The first block holds what is left over, and states of the second, which computes them again.
     n_blocks = -(-n_each // size)
     first = n_each - (n_blocks - 1) * size
@@ -346,11 +347,7 @@ def _in_blocks(program: Program, way: Way, n: int, arrays: Sequence[jax.Array]) 
 
     def body(results: list[jax.Array], start: jax.Array) -> tuple[list[jax.Array], None]:
         each = zip(parts, varies, masked, strict=True)
-        new = one.as_kernels(
-            program.rows_per_turn,
-            program.is_large,
-            *(block(x, start, is_masked) if yes else x for x, yes, is_masked in each),
-        )
+        new = one.as_kernels(loops, *(block(x, start, is_masked) if yes else x for x, yes, is_masked in each))
         return [
             old + y if yes else lax.dynamic_update_slice_in_dim(old, split(y), start, axis)
             for old, y, yes in zip(results, new, adds, strict=True)

@@ -43,14 +43,14 @@ def traced(function, *arrays):
 
 def compiled(function, *arrays):
     """The text of the program with kernels."""
-    program = functools.partial(kernels.run, traced(function, *arrays), 2, False)
+    program = functools.partial(kernels.run, traced(function, *arrays), kernels.Loops(2))
     return jax.jit(program).lower(*arrays).compile().as_text()
 
 
 def compared(function, *arrays):
     """The results with kernels, and of the plain trace, both compiled; and the text of the first."""
     closed = traced(function, *arrays)
-    program = jax.jit(functools.partial(kernels.run, closed, 2, False))
+    program = jax.jit(functools.partial(kernels.run, closed, kernels.Loops(2)))
     text = program.lower(*arrays).as_text()
     plain = jax.jit(jax.extend.core.jaxpr_as_fun(closed))
     return list(map(np.asarray, program(*arrays))), list(map(np.asarray, plain(*arrays))), text
@@ -192,7 +192,7 @@ def test_64_bits_in_a_program_of_32():
         closed = jax.make_jaxpr(lambda *x: [y.value for y in step(*map(number, x))])(*doubles)
         expected = list(map(np.asarray, jax.jit(jax.extend.core.jaxpr_as_fun(closed))(*doubles)))
     with jax.enable_x64(False):
-        found = list(map(np.asarray, jax.jit(functools.partial(kernels.run, closed, 2, False))(*doubles)))
+        found = list(map(np.asarray, jax.jit(functools.partial(kernels.run, closed, kernels.Loops(2)))(*doubles)))
     same(found, expected)
 
 
@@ -328,21 +328,24 @@ def test_a_state_has_the_same_bits_alone_and_in_a_loop(function):
 
 
 @pytest.mark.parametrize("n", [kernels.MANY, kernels.MANY - 1])
-@pytest.mark.parametrize("is_large", [False, True])
+@pytest.mark.parametrize(
+    "loops", [kernels.Loops(2, large, split) for large in (False, True) for split in (False, True)]
+)
 @pytest.mark.parametrize("is_new", [False, True])
-def test_loops_stay_loops(is_new, is_large, n, monkeypatch):
+def test_loops_stay_loops(is_new, loops, n, monkeypatch):
     """With JAX 0.11 and later something is sorted in each of many states; of few in the caller's, in a large program.
 
-    The bits are the same, in loops over rows and until.
+    No number of one state is, if they are split over devices. The bits are the same, in loops over rows and until.
     """
     monkeypatch.setattr(kernels, "_HAS_LOOPS_AS_FUNCTIONS", is_new)
     is_many = n == kernels.MANY
-    for function, shapes in ((repeated, ((n, 2), (n, 2))), (looped, ((n, 2), (n, 2), (n, 5, 2)))):
+    # The loop over rows has two parts: pairs of rows, and the row that is left.
+    for function, shapes, of_rows in ((repeated, ((n, 2), (n, 2)), 0), (looped, ((n, 2), (n, 2), (n, 5, 2)), 2)):
         given = arrays(*shapes)
-        program = jax.jit(functools.partial(kernels.run, jax.make_jaxpr(function)(*given), 2, is_large))
-        # Of two parts: the condition and the body, or the loop over pairs of rows and the row that is left.
-        expected = is_new * (3 if is_many else int(is_large))
-        assert program.lower(*given).as_text().count("stablehlo.sort") == expected
+        program = jax.jit(functools.partial(kernels.run, jax.make_jaxpr(function)(*given), loops))
+        of_states = (is_many or loops.is_large) + is_many * (not of_rows)
+        expected = is_new * (is_many * of_rows + (not loops.is_split) * of_states)
+        assert program.lower(*given).compile().as_text().count(" sort(") == expected
         same(list(map(np.asarray, program(*given))), list(map(np.asarray, jax.jit(function)(*given))))
 
 
