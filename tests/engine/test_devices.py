@@ -13,6 +13,7 @@ from jax.sharding import AxisType
 from jax.sharding import PartitionSpec as P
 
 import jaxspatial as js
+from jaxspatial.engine import kernels
 from jaxspatial.engine.program import LARGEST_BLOCK
 from tests.helpers.marks import slow
 
@@ -65,13 +66,18 @@ CONTACT_CASES = (
 )
 
 
-@pytest.mark.parametrize("cases", ["CASES", slow("MORE_CASES"), slow("CONTACT_CASES")])
-def test_states_stay_on_their_device(cases):
+@pytest.mark.parametrize(
+    ("cases", "pins_loops"),
+    [("CASES", False), ("CASES", True), *(slow(x, pins) for x in ("MORE_CASES", "CONTACT_CASES") for pins in (0, 1))],
+)
+def test_states_stay_on_their_device(cases, pins_loops):
+    """pins_loops: also with an older JAX, loops are kept from becoming functions as they are from JAX 0.11 on."""
     flags = f"--xla_force_host_platform_device_count={N_DEVICES}"
     environment = {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run(
-        [sys.executable, __file__, cases], env=environment, capture_output=True, text=True, check=False
-    )
+        [sys.executable, __file__, cases, *["pinned"] * pins_loops],
+        env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["True"] * len(globals()[cases])
 
@@ -97,5 +103,6 @@ def _check(function, is_data, n_each, axis_type, is_map):
 
 
 if __name__ == "__main__":
+    kernels._HAS_LOOPS_AS_FUNCTIONS |= "pinned" in sys.argv
     for case in globals()[sys.argv[1]]:
         _check(*case)
