@@ -58,6 +58,7 @@ FOLDERS = {
             "spatial/test_errors.py",
             "inertia/test_newton_euler.py",
             "spatial/test_quantities.py",
+            "spatial/test_left_out.py",
         ),
     ),
     "inertia": Folder(
