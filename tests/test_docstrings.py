@@ -59,6 +59,8 @@ def faults(function):
         found.append("no Returns")
     if not re.search(r"^Error: .", doc, re.M):
         found.append("no Error")
+    if re.search(r"{\w", doc):
+        found.append("a bound is not filled in")
     return found
 
 

@@ -143,6 +143,22 @@ EQUIVALENT: dict[tuple[str, str], str] = {
         "rotation/quaternion.py",
         "length = where(is_zero, 2.0, total).sqrt()",
     ): "equivalent: what is divided by it is 0",
+    (
+        "dynamics/articulated_bodies.py",
+        "x = where(is_none, 0.0, (u - dot((*U.tau, *U.f), (*A.w, *A.v))) / where(is_none, 2.0, D))",
+    ): "equivalent: what is divided by it is not used",
+    (
+        "dynamics/forward_dynamics.py",
+        "return bind(solve, [*primals[: source.place(source.n_fields + 1)], *factors, force], n_batch)[ -1]",
+    ): "equivalent: there is one result",
+    (
+        "engine/state.py",
+        "flat = np.array([min(j, L - 1) * W + min(c, W + 1) for j, c in places])",
+    ): "equivalent: of one chain there is one row, and an index past the end is the last one",
+    (
+        "numerics/linear.py",
+        "return [result[i] for i in range(len(lists[ -1]))]",
+    ): "equivalent: all lists are as long",
 }
 
 

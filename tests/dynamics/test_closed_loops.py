@@ -409,6 +409,14 @@ def test_drift_and_stabilisation():
     assert free > 0.3 * start and held < 0.02 * start
 
 
+def test_the_distance_of_points_that_coincide():
+    """It changes in no direction more than in another: its derivative is 0."""
+    mech = js.add_frames(two_bodies(), [js.Frame(name, "body2", placed((1, 2, 3))) for name in ("one", "other")])
+    q, loops = state(mech)[0], [closure("distance", "one", "other")]
+    np.testing.assert_array_equal(error(mech, q, loops), [-0.8])
+    np.testing.assert_array_equal(rows(mech, q, loops), np.zeros((1, mech.nv)))
+
+
 # -- refusals ---------------------------------------------------------------------------------------------------------
 
 REFUSED = {

@@ -109,6 +109,10 @@ def test_from_one_vector(axis, dtype, precision):
     assert np.isnan(of_vector(0 * u).entries).all()
 
 
+def test_one_vector_is_the_third_axis_unless_another_is_named():
+    np.testing.assert_array_equal(js.Rotation.from_one_vector([0.0, 3.0, 0.0]).to_matrix()[:, 2], [0, 1, 0])
+
+
 @cases
 @pytest.mark.parametrize("axes", [(2, 0), slow((0, 2)), slow((1, 2))])
 def test_from_two_vectors(axes, dtype, precision):

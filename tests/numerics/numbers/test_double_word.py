@@ -696,6 +696,13 @@ def test_gradients_are_exact_where_they_are_numbers(dtype):
         assert slopes(x, y, 0 * x) == (y, y, x, one / y, 1, -1, -1, math.inf, math.inf)
 
 
+def test_gradients_of_quotients_with_infinities():
+    """d(a / b) = (da - (a / b) db) / b, and no derivative of an error of rounding, which is NaN here."""
+    gradient = jax.jit(jax.grad(through_double_words(operator.truediv), (0, 1)))
+    assert gradient(np.float32(math.inf), np.float32(2)) == (0.5, -math.inf)
+    assert gradient(np.float32(2), np.float32(math.inf)) == (0, 0)
+
+
 def test_both_words_reach_the_high_word_of_a_result_and_nothing_comes_from_its_low_word():
     x, y = (to_double_word(jnp.float32(v)) / 3 for v in (2, 5))
     for f, expected in ((operator.add, 1), (operator.mul, y.hi), (operator.truediv, 1 / y.hi)):
