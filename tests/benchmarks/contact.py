@@ -18,7 +18,6 @@ import argparse  # noqa: E402
 import functools  # noqa: E402
 import pathlib  # noqa: E402
 import sys  # noqa: E402
-import time  # noqa: E402
 import warnings  # noqa: E402
 from importlib.metadata import version  # noqa: E402
 from typing import NamedTuple  # noqa: E402
@@ -27,6 +26,7 @@ import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import mujoco  # noqa: E402
 import numpy as np  # noqa: E402
+from dynamics_compiling import made  # noqa: E402
 from lxml import etree  # noqa: E402
 from mujoco import mjx  # noqa: E402
 
@@ -216,15 +216,6 @@ def calls(name, n, steps, mech=None):
         ROLLOUT: (height, (gain, q[0], v[0])),
         GRADIENT: (jax.grad(height), (gain, q[0], v[0])),
     }
-
-
-def made(function, arguments):
-    """(what JAX lowers, what XLA compiles, seconds to trace and to compile)."""
-    began = time.perf_counter()
-    lowered = jax.jit(function).lower(*arguments)
-    traced = time.perf_counter()
-    program = lowered.compile()
-    return lowered, program, (traced - began, time.perf_counter() - traced)
 
 
 def cases(name, n, steps):

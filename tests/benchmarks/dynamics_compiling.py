@@ -17,13 +17,18 @@ def cold(make, arrays):
     make: makes the program, anew: what is traced of known numbers lives as long as the mechanism that has them.
     """
     _forget()
-    jitted = jax.jit(make())
+    _, compiled, found = made(make(), arrays)
+    return lambda: compiled(*arrays), found
+
+
+def made(function, arrays):
+    """(what JAX lowers, what XLA compiles, Compiling), whatever is in the caches."""
+    jitted = jax.jit(function)
     start = time.perf_counter()
     lowered = jitted.lower(*arrays)
     between = time.perf_counter()
     compiled = lowered.compile()
-    found = Compiling(between - start, time.perf_counter() - between)
-    return lambda: compiled(*arrays), found
+    return lowered, compiled, Compiling(between - start, time.perf_counter() - between)
 
 
 def watched(mech):
