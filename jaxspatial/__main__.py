@@ -12,8 +12,7 @@ from collections.abc import Iterable
 
 # Exit statuses beside 0, and 1 where a promise does not hold; the last as shells have it, 128 and the signal.
 _IMPOSSIBLE, _INTERRUPTED = 2, 130
-# Seconds until a dropped interrupt comes again: by then the callback is over, and what heard of it, on a busy machine
-# too.
+# Seconds until a dropped interrupt comes again: by then the callback and the hook have returned, on a busy machine too.
 _PAUSE = 0.2
 
 

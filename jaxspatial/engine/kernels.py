@@ -97,9 +97,10 @@ class Table(NamedTuple):
 class Loops(NamedTuple):
     """How the loops of a program run.
 
-    rows_per_turn: of those over rows. is_large: the loop that the program is in is kept from becoming a function, even
-    of one state. It runs longer by a fifth then; but LLVM's time grows faster than a function does. is_split: over
-    several devices, so that a single number of the states would have to go from one device to the others.
+    rows_per_turn: how many rows a turn of a loop over rows takes. is_large: the loop around the program is kept from
+    becoming a function, even with one state. It then runs a quarter longer, and compiles much sooner, because LLVM's
+    time grows faster than the size of a function. is_split: the states are on several devices. No single number of
+    theirs is read then, for one device would have to send it to the others.
     """
 
     rows_per_turn: int

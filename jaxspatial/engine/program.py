@@ -44,7 +44,7 @@ class Program:
     block = LARGEST_BLOCK
     # Whether it would be slow to compile without kernels.
     always_as_kernels = False
-    # Whether it would be slow to compile as one function with the loop that it is in; whether its derivatives would.
+    # Whether XLA takes long to compile one function of it and of the loop around it; whether so for its derivatives.
     is_large, has_large_derivatives = False, False
     # Rows per turn of its loops over bodies, as kernels: with two, what one writes the next reads where it is, and not
     # a copy. Steps of derivatives are so long that copies cost nothing beside them.
