@@ -79,10 +79,41 @@ def test_a_call_is_one_kernel_with_the_same_bits(function, shapes):
     assert reductions(text) == 1
 
 
-def test_a_program_of_several_calls_has_a_kernel_for_each():
-    found, expected, text = compared(inner, *arrays((2, N), (2, N), (2, N)))
+@pytest.mark.parametrize("is_of_few", [False, True])
+def test_calls_that_read_each_other_are_one_kernel_of_few_states(is_of_few, monkeypatch):
+    @noinline
+    def other(a, b, c):
+        return a - b * c, b - c * a, c - a * b
+
+    # Here the first axis has 2 items. Programs begin with their states.
+    monkeypatch.setattr(kernels, "MOST_MERGED", 2 if is_of_few else 1)
+    found, expected, text = compared(lambda *x: other(*step(*x)), *arrays(*[(2, N)] * 3))
+    same(found, expected)
+    assert reductions(text) == (1 if is_of_few else 2)
+
+
+def test_calls_that_do_not_read_each_other_have_a_kernel_each():
+    found, expected, text = compared(lambda a, b, c: (*step(a, b, c), *step(c, a, b)), *arrays(*[(2, N)] * 3))
     same(found, expected)
     assert reductions(text) == 2
+
+
+def test_what_lies_between_two_calls_keeps_them_apart():
+    """The third call reads the first one's result, and what a sum made of it. The fourth reads only the third."""
+
+    def summed(x):
+        return number(x.value.sum(1, keepdims=True) / N)
+
+    def function(a, b, c):
+        x, y, z = step(a, b, c)
+        total = summed(x)
+        u, v, w = step(y, z, c)
+        return *step(*step(x, y, total)), *step(u, v, summed(w))
+
+    found, expected, text = compared(function, *arrays(*[(2, N)] * 3))
+    same(found, expected)
+    # Three pairs of kernels: the first and the second call, the third and the fourth, and the last alone; two sums.
+    assert reductions(text) == 3 + 2
 
 
 def test_results_of_several_shapes_have_a_kernel_each():
