@@ -36,7 +36,7 @@ from jax.extend.mlir.dialects import stablehlo
 from jax.interpreters import mlir
 from jax.interpreters import partial_eval as pe
 
-from jaxspatial.numerics.errorfree.barrier import hidden_zero, is_no_reassociation, joined, minus_zero
+from jaxspatial.numerics.errorfree.barrier import hidden_zero, is_no_reassociation, joined, minus_zero, no_reassociation
 from jaxspatial.numerics.errorfree.primitives import (
     CALL,
     CALLS,
@@ -73,7 +73,9 @@ _ELEMENTWISE = {
 }  # fmt: skip
 # How many operations of the processor each is.
 _OWN = {"jaxspatial_product", "jaxspatial_root", "jaxspatial_kept", "jaxspatial_barrier"}
-_SIZES = dict.fromkeys(_ELEMENTWISE | _OWN, 1) | {"jaxspatial_quotient": 3}
+# The sums of `barrier`.
+_SUMS = {"jaxspatial_sum": lax.add, "jaxspatial_difference": lax.sub}
+_SIZES = dict.fromkeys(_ELEMENTWISE | _OWN, 1) | dict.fromkeys(_SUMS, 2) | {"jaxspatial_quotient": 3}
 
 
 class Table(NamedTuple):
@@ -788,7 +790,7 @@ class _Scalars:
                 results = inputs[:1]
             else:
                 results = self._once(eqn, inputs)
-                if name in ("add", "sub") and all(isinstance(x, Tracer) for x in inputs):
+                if name in ("add", "sub", *_SUMS) and all(isinstance(x, Tracer) for x in inputs):
                     sums.update(eqn.outvars)
             values |= dict(zip(eqn.outvars, results, strict=True))
         return [read(x) for x in jaxpr.outvars]
@@ -804,6 +806,10 @@ class _Scalars:
     def _computed(self, eqn: Any, inputs: Sequence[Any], params: dict[str, Any]) -> list[Any]:
         if eqn.primitive.name == "jaxspatial_product":
             return [self._rounded(lax.mul(*inputs))]
+        if eqn.primitive.name in _SUMS:
+            result = _SUMS[eqn.primitive.name](*inputs)
+            are_unknown = all(isinstance(x, Tracer) for x in inputs)
+            return [result if are_unknown else no_reassociation(result)]
         if eqn.primitive.name == "jaxspatial_quotient":
             # Of a divisor that is known, or a root or quotient itself, the compiler would make a factor.
             return [self._rounded(lax.div(inputs[0], joined(jnp.asarray(inputs[1]), self.zero)))]

@@ -101,6 +101,8 @@ OF_NUMBERS = {
     "add_any": np.add,
     "sub": np.subtract,
     "mul": np.multiply,
+    "jaxspatial_sum": np.add,
+    "jaxspatial_difference": np.subtract,
     "jaxspatial_product": np.multiply,
     "div": _divide,
     "jaxspatial_quotient": np.divide,

@@ -258,7 +258,7 @@ def test_what_is_known_stays_known_while_tracing():
     assert found["capsule"].batch_shape == (4,)
     program = jax.make_jaxpr(lambda r: SpatialInertia.solid_cylinder(r, 1.0, mass=1.0).central)(0.5)
     oblique = jax.make_jaxpr(lambda r: SpatialInertia.solid_cylinder(r, 1.0, (1, 2, 3), mass=1.0).central)(0.5)
-    few, many = (len(re.findall("jaxspatial_(?!kept)", str(x))) for x in (program, oblique))
+    few, many = (len(re.findall("jaxspatial_(?!kept|sum|difference)", str(x))) for x in (program, oblique))
     assert few < 10 < many
 
 

@@ -176,6 +176,44 @@ _kept_p = _identity("kept", no_fma)
 mlir.register_lowering(_kept_p, _to_its_own_format, platform="cpu")
 
 
+# -- sums that are not rearranged --------------------------------------------------------------------------------------
+# One operation of a trace each: as two they would make traces a fifth longer.
+
+
+def total(a: Array, b: Array) -> Array:
+    """`no_reassociation(a + b)`, of arrays of one shape and dtype."""
+    return _sum_p.bind(*((a, b) if jax.typeof(a) == jax.typeof(b) else same_sharding(a, b)))
+
+
+def difference(a: Array, b: Array) -> Array:
+    """`no_reassociation(a - b)`, of arrays of one shape and dtype."""
+    return _difference_p.bind(*((a, b) if jax.typeof(a) == jax.typeof(b) else same_sharding(a, b)))
+
+
+def _held(name: str, operation: Callable[[Array, Array], Array], like: Any, signed: Callable[[Array], Array]) -> Any:
+    """The primitive of an operation a + signed(b)."""
+
+    def lowered(a: Array, b: Array) -> Array:
+        return no_reassociation(operation(a, b))
+
+    def jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
+        result, (da, db) = primitive.bind(*primals), tangents
+        if is_zero(da):
+            return result, no_tangent(result) if is_zero(db) else signed(db)
+        return result, da if is_zero(db) else primitive.bind(*same_sharding(da, db))
+
+    def transpose(cotangent, a, b) -> list[Any]:
+        wanted = [ad.is_undefined_primal(x) and not is_zero(cotangent) for x in (a, b)]
+        return [cotangent if wanted[0] else None, signed(cotangent) if wanted[1] else None]
+
+    primitive = elementwise(name, like, lower_fun(lowered, multiple_results=False), jvp, transpose)
+    return primitive
+
+
+_sum_p = _held("sum", lax.add, lax.add_p, lambda x: x)
+_difference_p = _held("difference", lax.sub, lax.sub_p, lax.neg)
+
+
 # -- products and quotients rounded on their own -----------------------------------------------------------------------
 # They are primitives, because derivatives need them too: with a guard around the product alone, the tangent
 # `da * b + a * db` would become an fma, and a pull-back could not be guarded at all (a select is not linear). Both

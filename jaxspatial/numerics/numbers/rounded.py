@@ -17,7 +17,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxspatial.numerics import check
-from jaxspatial.numerics.errorfree.barrier import no_reassociation, product, quotient, root
+from jaxspatial.numerics.errorfree.barrier import difference, product, quotient, root, total
 from jaxspatial.numerics.precision import Precision
 
 # In "fast" the compiler may make one fma of a product and the addition that follows: error <= u |a b|, or none.
@@ -25,6 +25,7 @@ _PRODUCT = {Precision.FAST: lax.mul, Precision.REPRODUCIBLE: product}
 
 # What the operators do to arrays of one shape and dtype, without asking: JAX traces it in half of the time.
 _OF_ARRAYS = {operator.add: lax.add, operator.sub: lax.sub}
+_HELD_OF_ARRAYS = {operator.add: total, operator.sub: difference}
 # Operands that are not arrays of JAX: numbers known while tracing, and what stands for an array.
 # Its stub knows no operators.
 _KNOWN: type[Any] = np.generic
@@ -73,11 +74,11 @@ def rounded_sum(operation: Callable[..., Any], a: Any, b: Any, precision: Precis
 
     In "fast" a compiler may rearrange them: holding on to every sum makes programs a quarter longer.
     """
-    if isinstance(a, Array) and isinstance(b, Array) and a.shape == b.shape and a.dtype == b.dtype:
-        result = _OF_ARRAYS[operation](a, b)
-    else:
-        result = quietly(operation, *broadcast(a, b))
-    return result if precision is Precision.FAST or not isinstance(result, Array) else no_reassociation(result)
+    if not (isinstance(a, Array) and isinstance(b, Array) and a.shape == b.shape):
+        a, b = broadcast(a, b)
+    if isinstance(a, Array) and isinstance(b, Array):
+        return (_OF_ARRAYS if precision is Precision.FAST else _HELD_OF_ARRAYS)[operation](a, b)
+    return quietly(operation, a, b)
 
 
 def multiply(a: Any, b: Any, precision: Precision) -> Any:

@@ -1,5 +1,7 @@
 """Numbers that a caller computes stay apart from ours; and what a compiler is allowed to break says so."""
 
+import operator
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +11,7 @@ from jax import lax
 import jaxspatial as js
 from jaxspatial.measure.error import rationals
 from jaxspatial.numerics.errorfree import transforms
-from jaxspatial.numerics.errorfree.barrier import barrier, barrier_or_nan, product
+from jaxspatial.numerics.errorfree.barrier import barrier, barrier_or_nan, difference, product, total
 from tests.helpers.marks import slow_but
 
 N = 50
@@ -43,6 +45,44 @@ def test_products_with_two_constants_are_not_rearranged(dtype):
         scaled = jax.jit(lambda x: (js.SpatialForce(*[jnp.stack([x * c] * 3, -1)] * 2) * constant).tau)(x)
     np.testing.assert_array_equal(found, (x * c) * d)
     np.testing.assert_array_equal(scaled, np.stack([(x * c) * d] * 3, -1))
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("held, plain", [(total, operator.add), (difference, operator.sub)])
+def test_sums_with_constants_are_not_rearranged(held, plain, dtype):
+    """XLA makes x + (c + d) of (x + c) + d for constants, also in a batch, and in a derivative along such numbers."""
+    x, (c, d) = numbers(1, dtype)[0], np.array([1e5, -1e5], dtype)
+
+    def twice(operation):
+        return lambda x: operation(operation(x, jnp.full_like(x, c)), jnp.full_like(x, d))
+
+    def along(x):
+        return jax.jvp(held, (x, x), (held(x, jnp.full_like(x, c)), jnp.full_like(x, d)))[1]
+
+    with jax.enable_x64(True):
+        found = [jax.jit(f)(x) for f in (twice(held), jax.vmap(twice(held)), along)]
+        rearranged = jax.jit(twice(plain))(x)
+    for y in found:
+        np.testing.assert_array_equal(y, plain(plain(x, c), d))
+    assert (np.asarray(rearranged) != np.asarray(found[0])).any()
+
+
+@pytest.mark.parametrize("held, sign", [(total, 1), (difference, -1)])
+@pytest.mark.parametrize("which", [(0,), (1,), (0, 1)])
+def test_derivatives_of_sums_are_their_terms(held, sign, which):
+    a, b, da, db = jnp.asarray(numbers(4, "float32"))
+
+    def function(*moving):
+        rest = iter(moving)
+        return held(*(next(rest) if k in which else x for k, x in enumerate((a, b))))
+
+    primals, tangents = ([x[k] for k in which] for x in ((a, b), (da, db)))
+    signed = {0: da, 1: sign * db}
+    _, rate = jax.jvp(function, primals, tangents)
+    np.testing.assert_array_equal(rate, sum(signed[k] for k in which))
+    for found, k in zip(jax.vjp(function, *primals)[1](da), which, strict=True):
+        np.testing.assert_array_equal(found, da if k == 0 else sign * da)
+    assert (jax.grad(lambda x: function(*[x] * len(which)).sum())(a) == sum((1, sign)[k] for k in which)).all()
 
 
 # -- options of one program -------------------------------------------------------------------------------------------
