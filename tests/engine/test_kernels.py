@@ -92,6 +92,27 @@ def test_calls_that_read_each_other_are_one_kernel_of_few_states(is_of_few, monk
     assert reductions(text) == (1 if is_of_few else 2)
 
 
+def test_merged_calls_write_what_is_read_alone():
+    found, expected, text = compared(lambda *x: step(*step(*x))[:1], *arrays(*[(2, N)] * 3))
+    same(found, expected)
+    assert len(re.findall(r"stablehlo\.map\b", text)) == 1 and reductions(text) == 0
+
+
+def test_merged_calls_have_no_more_operations_than_a_kernel_holds(monkeypatch):
+    three = arrays(*[(2, N)] * 3)
+    (call,) = traced(step, *three).eqns
+    size = kernels._count(call.params["jaxpr"].jaxpr, (2, N))
+
+    def others(a, b, c):
+        return a - b * c, b - c * a, c - a * b
+
+    for most, n_kernels in ((size, 2), (2 * size, 1)):
+        monkeypatch.setattr(kernels, "MOST_OPERATIONS", most)
+        found, expected, text = compared(lambda *x: noinline(others)(*step(*x)), *three)
+        same(found, expected)
+        assert reductions(text) == n_kernels
+
+
 def test_calls_that_do_not_read_each_other_have_a_kernel_each():
     found, expected, text = compared(lambda a, b, c: (*step(a, b, c), *step(c, a, b)), *arrays(*[(2, N)] * 3))
     same(found, expected)
@@ -114,6 +135,42 @@ def test_what_lies_between_two_calls_keeps_them_apart():
     same(found, expected)
     # Three pairs of kernels: the first and the second call, the third and the fourth, and the last alone; two sums.
     assert reductions(text) == 3 + 2
+
+
+def test_units_that_wait_for_each_other_are_not_merged():
+    """The second call of one pair reads a sum of the first of the other, and so would the other pair."""
+
+    def summed(x):
+        return number(x.value.sum(1, keepdims=True) / N)
+
+    def function(a, b, c):
+        first, other = step(a, b, c), step(b, c, a)
+        total = summed(first[0])
+        second = step(first[0], first[1], summed(other[0]))
+        return *second, *step(other[0], other[1], total)
+
+    found, expected, text = compared(function, *arrays(*[(2, N)] * 3))
+    same(found, expected)
+    # One pair is merged; two sums.
+    assert reductions(text) == 3 + 2
+
+
+def test_calls_that_are_no_kernels_are_not_merged():
+    @noinline
+    def with_a_sum(a, b, c):
+        return a - number(b.value.sum(1, keepdims=True) + b.value), b - c * a, c - a * b
+
+    @noinline
+    def of_more_axes(a, b, c):
+        x = number(lax.squeeze(c.value, (0,)))
+        return a - b * x, b - x * a, x - a * b
+
+    def function(a, b, c):
+        x, y, z = step(a, b, a)
+        return *with_a_sum(x, y, z), *of_more_axes(x, y, c)
+
+    found, expected, _ = compared(function, *arrays((2, N), (2, N), (1, 2, N)))
+    same(found, expected)
 
 
 def test_results_of_several_shapes_have_a_kernel_each():
