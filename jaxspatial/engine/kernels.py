@@ -21,7 +21,6 @@ called: 0.13 us for each. So what leaves no trace in a result is left out.
 
 import collections
 import functools
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, cast
@@ -31,7 +30,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.core import ShapedArray, Tracer
-from jax.extend.core import ClosedJaxpr, Literal, Primitive, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Primitive, jaxpr_as_fun
 from jax.extend.mlir.dialects import stablehlo
 from jax.interpreters import mlir
 from jax.interpreters import partial_eval as pe
@@ -73,7 +72,7 @@ _ELEMENTWISE = {
 }  # fmt: skip
 # How many operations of the processor each is.
 _OWN = {"jaxspatial_product", "jaxspatial_root", "jaxspatial_kept", "jaxspatial_barrier"}
-# The sums of `barrier`.
+# Sums that no compiler rearranges, see `barrier`. Each counts as a sum and what holds it.
 _SUMS = {"jaxspatial_sum": lax.add, "jaxspatial_difference": lax.sub}
 _SIZES = dict.fromkeys(_ELEMENTWISE | _OWN, 1) | dict.fromkeys(_SUMS, 2) | {"jaxspatial_quotient": 3}
 
@@ -198,10 +197,9 @@ def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], comm
     known = {v for v, x in values.items() if isinstance(x, Table)}
     for eqn in _with_merged_calls(jaxpr, known) if common.merges_calls else jaxpr.eqns:
         inputs = [x.val if isinstance(x, Literal) else values[x] for x in eqn.invars]
-        name = None if isinstance(eqn, Merged) else eqn.primitive.name
-        if isinstance(eqn, Merged):
-            results = _run_as_kernels(eqn.trace, inputs, True, common)
-        elif name == "jit" and eqn.params["name"] in (CALL, STEP):
+        if isinstance(eqn, Jaxpr):
+            results = _run_as_kernels(ClosedJaxpr(eqn, []), inputs, True, common)
+        elif (name := eqn.primitive.name) == "jit" and eqn.params["name"] in (CALL, STEP):
             results = _called(eqn, inputs, common)
         elif name in CALLS:
             inner = called(eqn)
@@ -530,14 +528,6 @@ def _keeps_places(eqn: Any) -> bool:
 # -- merged calls -----------------------------------------------------------------------------------------------------
 
 
-class Merged(NamedTuple):
-    """Several calls that are one kernel."""
-
-    invars: list[Any]
-    outvars: list[Any]
-    trace: ClosedJaxpr
-
-
 class Unit:
     """Equations of a trace that run together: one, or calls that are merged.
 
@@ -551,11 +541,11 @@ class Unit:
 
 
 def _with_merged_calls(jaxpr: Any, known: set[Any]) -> Sequence[Any]:
-    """The equations of a trace, where calls of one shape that read results of each other are merged.
+    """The equations of a trace, where one trace stands for calls of one shape that read results of each other.
 
     Kernels of their own would write arrays for each other. Each array costs time when a kernel starts and when it is
-    compiled. Of hundreds of states that is little, and longer kernels take up to 4 % longer. known: the variables that
-    are Tables.
+    compiled. With hundreds of states that is little, and merged kernels were up to 4 % slower. known: the variables
+    that are Tables.
     """
     units, unit_of, known = list[Unit](), dict[Any, Unit](), set(known)
     for eqn in jaxpr.eqns:
@@ -564,12 +554,13 @@ def _with_merged_calls(jaxpr: Any, known: set[Any]) -> Sequence[Any]:
             known.update(eqn.outvars)
         shape, size = (None, 0) if read <= known else _shape_and_size(eqn)
         before = dict.fromkeys(unit_of[x] for x in read if x in unit_of)
-        # A call that also reads what others make of the results of a unit comes after these, and so after the unit.
-        fits = (
-            u.shape == shape is not None and u.size + size <= MOST_OPERATIONS and not any(u in w.above for w in before)
-            for u in before
+        # No call joins a unit if it also reads what others make of the unit's results: they must run in between.
+        joinable = (
+            u
+            for u in (before if shape is not None else ())
+            if u.shape == shape and u.size + size <= MOST_OPERATIONS and not any(u in w.above for w in before)
         )
-        unit = next(itertools.compress(before, fits), None)
+        unit = next(joinable, None)
         if unit is None:
             units.append(unit := Unit(shape))
         unit.eqns.append(eqn)
@@ -599,15 +590,15 @@ def _shape_and_size(eqn: Any) -> tuple[Shape | None, int]:
     return (shape, size) if size >= 0 else (None, 0)
 
 
-def _merged(jaxpr: Any, eqns: list[Any]) -> Merged:
+def _merged(jaxpr: Any, eqns: list[Any]) -> Any:
+    """These calls of a trace as one. Its results are what others read of theirs."""
     own, made = set(map(id, eqns)), {v for e in eqns for v in e.outvars}
     read = [x for e in jaxpr.eqns if id(e) not in own for x in e.invars]
     wanted = {x for x in [*read, *jaxpr.outvars] if not isinstance(x, Literal)}
     invars = dict.fromkeys(x for e in eqns for x in e.invars if not isinstance(x, Literal) and x not in made)
     outvars = [v for e in eqns for v in e.outvars if v in wanted]
     unnamed = jaxpr.debug_info.with_unknown_names()
-    trace = jaxpr.replace(eqns=eqns, invars=[*invars], outvars=outvars, constvars=[], debug_info=unnamed)
-    return Merged([*invars], outvars, ClosedJaxpr(trace, []))
+    return jaxpr.replace(eqns=eqns, invars=[*invars], outvars=outvars, constvars=[], debug_info=unnamed)
 
 
 # -- one kernel -------------------------------------------------------------------------------------------------------

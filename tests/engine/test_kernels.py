@@ -31,6 +31,15 @@ def step(a, b, c):
     return x + y, y * c - x, where(a.value > 0, x * y, -y)
 
 
+@noinline
+def differences(a, b, c):
+    return a - b * c, b - c * a, c - a * b
+
+
+def summed(x):
+    return number(x.value.sum(1, keepdims=True) / N)
+
+
 def inner(a, b, c):
     """A call in a call."""
     x, y, z = step(a, b, c)
@@ -81,13 +90,9 @@ def test_a_call_is_one_kernel_with_the_same_bits(function, shapes):
 
 @pytest.mark.parametrize("is_of_few", [False, True])
 def test_calls_that_read_each_other_are_one_kernel_of_few_states(is_of_few, monkeypatch):
-    @noinline
-    def other(a, b, c):
-        return a - b * c, b - c * a, c - a * b
-
     # Here the first axis has 2 items. Programs begin with their states.
     monkeypatch.setattr(kernels, "MOST_MERGED", 2 if is_of_few else 1)
-    found, expected, text = compared(lambda *x: other(*step(*x)), *arrays(*[(2, N)] * 3))
+    found, expected, text = compared(lambda *x: differences(*step(*x)), *arrays(*[(2, N)] * 3))
     same(found, expected)
     assert reductions(text) == (1 if is_of_few else 2)
 
@@ -102,13 +107,9 @@ def test_merged_calls_have_no_more_operations_than_a_kernel_holds(monkeypatch):
     three = arrays(*[(2, N)] * 3)
     (call,) = traced(step, *three).eqns
     size = kernels._count(call.params["jaxpr"].jaxpr, (2, N))
-
-    def others(a, b, c):
-        return a - b * c, b - c * a, c - a * b
-
     for most, n_kernels in ((size, 2), (2 * size, 1)):
         monkeypatch.setattr(kernels, "MOST_OPERATIONS", most)
-        found, expected, text = compared(lambda *x: noinline(others)(*step(*x)), *three)
+        found, expected, text = compared(lambda *x: differences(*step(*x)), *three)
         same(found, expected)
         assert reductions(text) == n_kernels
 
@@ -122,9 +123,6 @@ def test_calls_that_do_not_read_each_other_have_a_kernel_each():
 def test_what_lies_between_two_calls_keeps_them_apart():
     """The third call reads the first one's result, and what a sum made of it. The fourth reads only the third."""
 
-    def summed(x):
-        return number(x.value.sum(1, keepdims=True) / N)
-
     def function(a, b, c):
         x, y, z = step(a, b, c)
         total = summed(x)
@@ -133,15 +131,12 @@ def test_what_lies_between_two_calls_keeps_them_apart():
 
     found, expected, text = compared(function, *arrays(*[(2, N)] * 3))
     same(found, expected)
-    # Three pairs of kernels: the first and the second call, the third and the fourth, and the last alone; two sums.
+    # Three kernels: of the first and the second call, of the third and the fourth, and of the last. And two sums.
     assert reductions(text) == 3 + 2
 
 
 def test_units_that_wait_for_each_other_are_not_merged():
     """The second call of one pair reads a sum of the first of the other, and so would the other pair."""
-
-    def summed(x):
-        return number(x.value.sum(1, keepdims=True) / N)
 
     def function(a, b, c):
         first, other = step(a, b, c), step(b, c, a)
@@ -151,7 +146,7 @@ def test_units_that_wait_for_each_other_are_not_merged():
 
     found, expected, text = compared(function, *arrays(*[(2, N)] * 3))
     same(found, expected)
-    # One pair is merged; two sums.
+    # Three kernels: of the pair that is merged, and of each other call. And two sums.
     assert reductions(text) == 3 + 2
 
 

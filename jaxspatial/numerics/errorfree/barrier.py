@@ -177,21 +177,21 @@ mlir.register_lowering(_kept_p, _to_its_own_format, platform="cpu")
 
 
 # -- sums that are not rearranged --------------------------------------------------------------------------------------
-# One operation of a trace each: as two they would make traces a fifth longer.
+# Each is one operation of a trace. As two, the sum and what holds it, they would make traces a fifth longer.
 
 
 def total(a: Array, b: Array) -> Array:
     """`no_reassociation(a + b)`, of arrays of one shape and dtype."""
-    return _sum_p.bind(*((a, b) if jax.typeof(a) == jax.typeof(b) else same_sharding(a, b)))
+    return _sum_p.bind(*same_sharding(a, b))
 
 
 def difference(a: Array, b: Array) -> Array:
     """`no_reassociation(a - b)`, of arrays of one shape and dtype."""
-    return _difference_p.bind(*((a, b) if jax.typeof(a) == jax.typeof(b) else same_sharding(a, b)))
+    return _difference_p.bind(*same_sharding(a, b))
 
 
 def _held(name: str, operation: Callable[[Array, Array], Array], like: Any, signed: Callable[[Array], Array]) -> Any:
-    """The primitive of an operation a + signed(b)."""
+    """The primitive of an operation, which is a + signed(b), whose result no compiler rearranges."""
 
     def lowered(a: Array, b: Array) -> Array:
         return no_reassociation(operation(a, b))
