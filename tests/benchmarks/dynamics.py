@@ -1,7 +1,7 @@
 """Dynamics of robots next to Pinocchio and MuJoCo in C++, frax and MuJoCo MJX: in one process, on one core, in turns.
 
     python tests/benchmarks/dynamics.py [--write] [--robots panda g1] [--dtypes float32] [--rows "mass matrix" step]
-    python tests/benchmarks/dynamics.py --against COMMIT [--robots ...] [--dtypes ...] [--rows ...] [--batch N]
+    python tests/benchmarks/dynamics.py --against COMMIT [--write] [--robots ...] [--dtypes ...] [--rows ...]
 
 Prints what each algorithm costs to trace, to compile and to run, and every claim of `dynamics_claims.py`; exit status 1
 with the list of those that are not met. `--write` renews the table and the picture beside this file. Needs
@@ -10,7 +10,7 @@ jaxspatial[benchmarks] and g++, which takes minutes for Pinocchio's headers, onc
 Every run is compared with the ratios to Pinocchio of the last good one, in `dynamics_ratios.json`: a row that fell by
 more than a tenth is told, with both numbers, and makes the exit status 1. `--write` renews that file too, where nothing
 fell; with `--accept`, whatever fell. That something is as fast as before is claimed by `--against COMMIT`, which runs
-two commits in turns and needs no g++: see `dynamics_against.py`.
+two commits in turns and needs no g++: see `two_commits.py`. There `--write` adds them to the table, as a section.
 """
 
 import os
@@ -33,6 +33,7 @@ import dynamics_rows as rows  # noqa: E402
 import dynamics_shapes as shapes  # noqa: E402
 import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
+import two_commits  # noqa: E402
 from dynamics_claims import (  # noqa: E402
     FEW,
     FORWARD,
@@ -55,6 +56,7 @@ from dynamics_claims import (  # noqa: E402
 from jaxspatial.measure import timing  # noqa: E402
 
 HERE = pathlib.Path(__file__).parent
+TABLE = HERE / "dynamics.md"
 CACHE = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "jaxspatial" / "benchmarks"
 DTYPES = ("float32", "float64")
 PRECISIONS = {OURS: None, rows.FAST: "fast", rows.AS_DATA: None, rows.WRITTEN_OUT: None}
@@ -176,17 +178,15 @@ def _options(arguments):
     parser.add_argument("--limit", type=float, default=25.0, help="seconds after which no round begins")
     parser.add_argument("--mjx-budget", type=float, default=30.0, help="seconds that a gradient of MJX may compile")
     parser.add_argument("--folder", type=pathlib.Path, default=CACHE, help="keep the compiled libraries here")
-    parser.add_argument("--write", action="store_true", help="write dynamics.md and dynamics.png beside this file")
+    parser.add_argument("--write", action="store_true", help="write dynamics.md beside this file, and dynamics.png")
     parser.add_argument("--accept", action="store_true", help="with --write: keep ratios to Pinocchio that fell")
     parser.add_argument("--against", metavar="COMMIT", help="run this tree and a commit in turns, without peers")
     options = parser.parse_args(arguments)
     asked = all(getattr(options, name) == list(known) for name, known in choices.items())
-    if options.write and not (asked and (options.batch, options.large) == (MANY, LARGE)):
+    if options.write and not options.against and not (asked and (options.batch, options.large) == (MANY, LARGE)):
         parser.error("--write is for all rows, robots, dtypes, peers and parts, at the batches of the claims")
-    if options.accept and not options.write:
-        parser.error("--accept is for --write")
-    if options.against and options.write:
-        parser.error("--against writes nothing")
+    if options.accept and (options.against or not options.write):
+        parser.error("--accept is for --write, without --against")
     return options
 
 
@@ -203,7 +203,11 @@ def _measured(options, libraries, left_out):
 def main(arguments=None):
     options, left_out, start = _options(arguments), [], time.perf_counter()
     if options.against:
-        return against.main(options, timing.machine())
+        told, status = against.compared(options, timing.machine())
+        print(f"\n{told}\n")
+        if options.write:
+            TABLE.write_text(two_commits.with_section(TABLE.read_text(), told))
+        return status
     libraries = peers.built(options.dtypes, options.folder, CORES) if "robots" in options.parts else {}
     built = time.perf_counter()
     compiling.prepare()
@@ -219,8 +223,9 @@ def main(arguments=None):
     falls = guard.fallen(kept.ratios if kept else {}, found)
     print("\n".join([*guard.lines(kept, found, falls), ""]))
     if options.write:
-        now = guard.Kept(guard.this_commit(), datetime.date.today().isoformat(), machine, found)  # before files change
-        (HERE / "dynamics.md").write_text(f"# Dynamics of robots\n\n![times](dynamics.png)\n\n{table}\n")
+        # The commit before files change.
+        now = guard.Kept(two_commits.this_commit(), datetime.date.today().isoformat(), machine, found)
+        TABLE.write_text(f"# Dynamics of robots\n\n![times](dynamics.png)\n\n{table}\n")
         report.picture(results, HERE / "dynamics.png")
         if guard.is_to_be_kept(kept, falls, options.accept):
             guard.PLACE.write_text(guard.to_json(now))

@@ -21,8 +21,6 @@ from importlib.metadata import version
 
 # JAX would take most of the memory of the GPU at once.
 os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
-# The benchmark of contact pins its process to one core when it is imported; GPUs are compiled for by all of them.
-CORES = os.sched_getaffinity(0)
 
 import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
@@ -31,14 +29,12 @@ import numpy as np  # noqa: E402
 HERE = pathlib.Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1])]
 
-import contact  # noqa: E402
+import contact_rows as contact  # noqa: E402
 from dynamics_compiling import made  # noqa: E402
 
 import jaxspatial as js  # noqa: E402
 from jaxspatial import measure  # noqa: E402
 from tests.helpers import pinocchio_models as models  # noqa: E402
-
-os.sched_setaffinity(0, CORES)
 
 WRENCHES, STATES, COMPARED = 2**22, (4096, 65536), 512
 ON_THE_GROUND, WRITTEN_OUT = "solo12", f"{contact.CONVEX}, written out"
@@ -96,7 +92,7 @@ def compiled(calls, all_at_once):
     """
     if all_at_once:
         lowered = {case: jax.jit(function).lower(*arguments) for case, (function, arguments) in calls.items()}
-        with ThreadPoolExecutor(len(CORES)) as threads:
+        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
             programs = dict(zip(lowered, threads.map(lambda x: x.compile(), lowered.values()), strict=True))
         seconds = dict.fromkeys(calls, "|")
     else:

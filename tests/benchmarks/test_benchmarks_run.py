@@ -70,6 +70,21 @@ def test_contact():
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(not (HERE.parents[1] / ".git").exists() or not shutil.which("git"), reason="needs the repository")
+def test_contact_against_a_commit():
+    """The last one, on few states: every row is compiled and timed in both trees, and results are compared."""
+    for name in ("pinocchio", "mujoco.mjx"):
+        pytest.importorskip(name)
+    options = ["--against", "HEAD", "--n", "8", "--steps", "4", "--rounds", "3", "--robots", "go1"]
+    run = subprocess.run([sys.executable, HERE / "contact.py", *options], capture_output=True, text=True, timeout=1800)
+    assert run.returncode in (0, 1) and "Traceback" not in run.stderr, run.stderr
+    for case in ("convex_step", "60 steps, one state", "gradient of 60 steps, one state"):
+        (told,) = (line for line in run.stdout.splitlines() if line.startswith(f"| go1, float32 | {case} | "))
+        assert told.count(" | ") == 8
+    assert "of 6 rows are slower" in run.stdout and "Left out" not in run.stdout
+
+
+@pytest.mark.slow
 def test_precisions():
     command = [sys.executable, HERE / "precisions.py", "--n", "640", "--rounds", "2", "--sample", "20"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=600)

@@ -1,4 +1,4 @@
-"""Ratios that are kept, what fell below them, and two commits next to each other: of numbers that are known."""
+"""Ratios that are kept, and what fell below them: of numbers that are known."""
 
 import pathlib
 
@@ -9,7 +9,7 @@ import pytest
 with pytest.MonkeyPatch.context() as patch:
     patch.syspath_prepend(str(pathlib.Path(__file__).parent))
     import dynamics_guard as guard
-    from dynamics_claims import FORWARD, INVERSE, MANY, OURS, PINOCCHIO, Case, Compiling, Results
+    from dynamics_claims import FORWARD, INVERSE, MANY, OURS, PINOCCHIO, Case, Results
 
 ROW = guard.Row("g1", "float32", INVERSE, MANY)
 OTHER = ROW._replace(dtype="float64", algorithm=FORWARD, batch=64)
@@ -52,28 +52,3 @@ def test_what_is_kept_is_read_back(tmp_path):
 def test_what_is_kept_beside_the_benchmark_is_read():
     kept = guard.read()
     assert kept is None or all(x > 0 for x in kept.ratios.values())
-
-
-# -- two commits ------------------------------------------------------------------------------------------------------
-
-
-def test_results_are_compared_by_their_bits():
-    x = np.array([1.0, -4.0, np.nan])
-    assert guard.difference([x, x], [x.copy(), x.copy()]) == "same bits"
-    assert guard.difference([x, x], [x, x + np.array([0.0, 0.04, 0.0])]) == "1e-02"
-    assert guard.difference([np.zeros(2)], [-np.zeros(2)]) == "0e+00"
-    assert guard.difference([x], [np.ones(3)]) == "inf"
-    for other in ([x[:2]], [x.astype(np.float32)], [x, x]):
-        assert guard.difference([x], other) == "of other shapes"
-
-
-@pytest.mark.parametrize("now, is_slower", [(1.09, False), (1.11, True), (0.5, False), (np.nan, True)])
-def test_a_row_is_slower_by_the_median_of_the_ratios_within_a_round(now, is_slower):
-    before = np.array([1.0, 10.0, 100.0]) * 1e-6
-    both = Compiling(1.0, 1.0), Compiling(0.5, 0.5)
-    found = guard.Compared("g1, float32", INVERSE, *both, before, before * now, "same bits")
-    assert found.is_slower == is_slower
-    text = "\n".join(guard.lines_of_compared([found], ["a row: no such function"], ["two trees"]))
-    assert f"| g1, float32 | {INVERSE} | 2.00 | 1.00 | 0.50 | 10 (2.8-82) | " in text and "two trees" in text
-    assert ("**SLOWER** | same bits |" in text) == is_slower and f"\n{int(is_slower)} of 1 rows are slower" in text
-    assert "- Left out: a row: no such function." in text
