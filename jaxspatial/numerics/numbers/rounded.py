@@ -20,12 +20,13 @@ from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.barrier import difference, product, quotient, root, total
 from jaxspatial.numerics.precision import Precision
 
-# In "fast" the compiler may make one fma of a product and the addition that follows: error <= u |a b|, or none.
-_PRODUCT = {Precision.FAST: lax.mul, Precision.REPRODUCIBLE: product}
-
-# What the operators do to arrays of one shape and dtype, without asking: JAX traces it in half of the time.
-_OF_ARRAYS = {operator.add: lax.add, operator.sub: lax.sub}
-_HELD_OF_ARRAYS = {operator.add: total, operator.sub: difference}
+# What operators do to arrays of one shape and dtype, without asking: JAX traces it in half of the time. In "fast" the
+# compiler may rearrange sums, which are not held as programs would be a quarter longer, and make one fma of a product
+# and the addition that follows: error <= u |a b|, or none.
+_OF_ARRAYS = {
+    Precision.FAST: {operator.add: lax.add, operator.sub: lax.sub, operator.mul: lax.mul},
+    Precision.REPRODUCIBLE: {operator.add: total, operator.sub: difference, operator.mul: product},
+}
 # Operands that are not arrays of JAX: numbers known while tracing, and what stands for an array.
 # Its stub knows no operators.
 _KNOWN: type[Any] = np.generic
@@ -70,14 +71,11 @@ def subtract(a: Any, b: Any, precision: Precision) -> Any:
 
 
 def rounded_sum(operation: Callable[..., Any], a: Any, b: Any, precision: Precision) -> Any:
-    """fl(a + b) or fl(a - b), also next to another sum with constants.
-
-    In "fast" a compiler may rearrange them: holding on to every sum makes programs a quarter longer.
-    """
+    """fl(a + b) or fl(a - b), also next to another sum with constants."""
     if not (isinstance(a, Array) and isinstance(b, Array) and a.shape == b.shape):
         a, b = broadcast(a, b)
     if isinstance(a, Array) and isinstance(b, Array):
-        return (_OF_ARRAYS if precision is Precision.FAST else _HELD_OF_ARRAYS)[operation](a, b)
+        return _OF_ARRAYS[precision.of_one_limb][operation](a, b)
     return quietly(operation, a, b)
 
 
@@ -90,7 +88,7 @@ def multiply(a: Any, b: Any, precision: Precision) -> Any:
         a, b = broadcast(a, b)
         if isinstance(a, _NO_ARRAYS) or isinstance(b, _NO_ARRAYS):
             return quietly(operator.mul, a, b)
-    return _PRODUCT[precision](a, b) if a.shape == b.shape else _PRODUCT[precision](*broadcast(a, b))
+    return _OF_ARRAYS[precision][operator.mul](*((a, b) if a.shape == b.shape else broadcast(a, b)))
 
 
 def divide(a: Any, b: Any, _: Precision) -> Any:

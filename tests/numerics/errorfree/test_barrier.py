@@ -50,7 +50,7 @@ def test_products_with_two_constants_are_not_rearranged(dtype):
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("held, plain", [(total, operator.add), (difference, operator.sub)])
 def test_sums_with_constants_are_not_rearranged(held, plain, dtype):
-    """XLA makes x + (c + d) of (x + c) + d for constants (with JAX 0.10), also in a batch, and in a derivative."""
+    """XLA makes x + (c + d) of (x + c) + d for constants (with JAX 0.10), also in a batch, a loop, and a derivative."""
     x, (c, d) = numbers(1, dtype)[0], np.array([1e5, -1e5], dtype)
 
     def twice(operation):
@@ -59,8 +59,11 @@ def test_sums_with_constants_are_not_rearranged(held, plain, dtype):
     def along(x):
         return jax.jvp(held, (x, x), (held(x, jnp.full_like(x, c)), jnp.full_like(x, d)))[1]
 
+    def row_by_row(x):
+        return jax.lax.scan(lambda _, y: (None, twice(held)(y)), None, x)[1]
+
     with jax.enable_x64(True):
-        found = [jax.jit(f)(x) for f in (twice(held), jax.vmap(twice(held)), along)]
+        found = [jax.jit(f)(x) for f in (twice(held), jax.vmap(twice(held)), row_by_row, along)]
     for y in found:
         np.testing.assert_array_equal(y, plain(plain(x, c), d))
 
