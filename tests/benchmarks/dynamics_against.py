@@ -27,7 +27,8 @@ def compared(options, machine):
             for dtype in options.dtypes:
                 begin = robot, dtype, str(states)
                 found += sides.compared(f"{robot}, {dtype}", begin, options.rows, counts, options, left_out)
-    report = "\n".join(two_commits.lines(found, left_out, [sides.about, machine], "state"))
+    about = [sides.about, f"Batches of {options.batch} states.", machine]
+    report = "\n".join(two_commits.lines(found, left_out, about, "state"))
     return report, int(not found or any(x.is_slower for x in found))
 
 
