@@ -194,11 +194,10 @@ def _evaluated(jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Any], comm
     """The results, where a Table may stand for a known number, and a Moved or a Stack for an array."""
     values = {v: _known(c) for v, c in zip(jaxpr.constvars, consts, strict=True)}
     values |= dict(zip(jaxpr.invars, arguments, strict=True))
-    known = {v for v, x in values.items() if isinstance(x, Table)}
-    for eqn in _with_merged_calls(jaxpr, known) if common.merges_calls else jaxpr.eqns:
+    for eqn in _with_merged_calls(jaxpr, values) if common.merges_calls else jaxpr.eqns:
         inputs = [x.val if isinstance(x, Literal) else values[x] for x in eqn.invars]
         if isinstance(eqn, Jaxpr):
-            results = _run_as_kernels(ClosedJaxpr(eqn, []), inputs, True, common)
+            results = _run_as_kernels(ClosedJaxpr(eqn, []), inputs, is_call=True, common=common)
         elif (name := eqn.primitive.name) == "jit" and eqn.params["name"] in (CALL, STEP):
             results = _called(eqn, inputs, common)
         elif name in CALLS:
@@ -540,14 +539,15 @@ class Unit:
         self.eqns, self.above = list[Any](), set["Unit"]()
 
 
-def _with_merged_calls(jaxpr: Any, known: set[Any]) -> Sequence[Any]:
+def _with_merged_calls(jaxpr: Any, values: dict[Any, Any]) -> Sequence[Any]:
     """The equations of a trace, where one trace stands for calls of one shape that read results of each other.
 
     Kernels of their own would write arrays for each other. Each array costs time when a kernel starts and when it is
-    compiled. With hundreds of states that is little, and merged kernels were up to 4 % slower. known: the variables
-    that are Tables.
+    compiled. With hundreds of states that is little, and merged kernels were up to 4 % slower. values: of constants and
+    arguments.
     """
-    units, unit_of, known = list[Unit](), dict[Any, Unit](), set(known)
+    units, unit_of = list[Unit](), dict[Any, Unit]()
+    known = {v for v, x in values.items() if isinstance(x, Table)}
     for eqn in jaxpr.eqns:
         read = dict.fromkeys(x for x in eqn.invars if not isinstance(x, Literal)).keys()
         if read <= known and eqn.primitive.name in _TAKES:

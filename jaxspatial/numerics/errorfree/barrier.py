@@ -222,7 +222,7 @@ _difference_p = _held("difference", lax.sub, lax.sub_p, lax.neg)
 
 def product(a: Any, b: Any) -> jax.Array:
     """fl(a * b), never part of an fma: error <= u |a b|, bitwise NumPy's."""
-    return _product_p.bind(*((a, b) if jax.typeof(a) == jax.typeof(b) else same_sharding(a, b)))
+    return _product_p.bind(*same_sharding(a, b))
 
 
 def quotient(a: Any, b: Any) -> jax.Array:

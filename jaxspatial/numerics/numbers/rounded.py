@@ -21,8 +21,8 @@ from jaxspatial.numerics.errorfree.barrier import difference, product, quotient,
 from jaxspatial.numerics.precision import Precision
 
 # What operators do to arrays of one shape and dtype, without asking: JAX traces it in half of the time. In "fast" the
-# compiler may rearrange sums, which are not held as programs would be a quarter longer, and make one fma of a product
-# and the addition that follows: error <= u |a b|, or none.
+# compiler may make one fma of a product and the addition that follows: error <= u |a b|, or none. It may also rearrange
+# sums there, as holding on to every sum makes programs a quarter longer.
 _OF_ARRAYS = {
     Precision.FAST: {operator.add: lax.add, operator.sub: lax.sub, operator.mul: lax.mul},
     Precision.REPRODUCIBLE: {operator.add: total, operator.sub: difference, operator.mul: product},
