@@ -13,32 +13,27 @@ import two_commits
 ROWS = rows.CONVEX, rows.PLAIN, rows.ONE, rows.CALL, rows.ROLLOUT, rows.GRADIENT
 
 
-def compared(options, machine):
-    """(the report, the exit status: 1 where a row is slower by more than a tenth, or none could be compared)."""
-    left_out, found = [], []
+def main(options, machine, table):
+    """The exit status, see `two_commits.main`."""
     # A call of one step is a single one here: the benchmark of two commits repeats short calls itself.
     counts = {row: 1 if row == rows.CALL else rows.per_step(row, options.n, options.steps) for row in ROWS}
-    with two_commits.sides(__file__, options.against) as sides:
+
+    def compare(sides, left_out):
         for name in options.robots:
             begin = name, options.n, options.steps
-            found += sides.compared(f"{name}, float32", begin, ROWS, counts, options, left_out)
-    about = [sides.about, f"{options.n} states, rollouts of {options.steps} steps.", machine]
-    report = "\n".join(two_commits.lines(found, left_out, about, "state and step"))
-    return report, int(not found or any(x.is_slower for x in found))
+            yield from sides.compared(f"{name}, float32", begin, ROWS, counts, options, left_out)
+
+    about = f"{options.n} states, rollouts of {options.steps} steps.", machine
+    return two_commits.main(__file__, compare, options, about, "state and step", table)
 
 
 class _Programs(two_commits.Programs):
     """Compiled rows of a robot."""
 
-    def begin(self, name, n, steps):
-        """The coordinates, which have to be alike for states to mean the same; or why there is no such mechanism."""
-        self.about, self.calls = (name, n, steps), {}
-        try:
-            mech = rows.mechanism(name)
-        except Exception as error:
-            return two_commits.reason(error)
-        self.arguments = {row: arguments for row, (_, arguments) in rows.calls(*self.about, mech).items()}
-        return [mech.nq, mech.nv, list(mech.joint_names)]
+    def mechanism(self, *about):
+        self.about, mech = about, rows.mechanism(about[0])
+        self.arguments = {row: arguments for row, (_, arguments) in rows.calls(*about, mech).items()}
+        return mech
 
     def cold(self, row):
         return compiling.cold(lambda: self._function(row), self.arguments[row])

@@ -89,10 +89,9 @@ def model(name):
 
 @functools.cache
 def on_mjx(name):
-    """(MJX's model, its data), made once, and not while something is traced."""
-    with jax.ensure_compile_time_eval():
-        made = mjx.put_model(model(name))
-        return made, mjx.make_data(made)
+    """(MJX's model, its data)."""
+    made = mjx.put_model(model(name))
+    return made, mjx.make_data(made)
 
 
 def start(name, mech, n, seed=0):
@@ -145,9 +144,9 @@ def calls(name, n, steps, mech=None):
     def plain(q, v, tau):
         return js.semi_implicit_step(mech, q, v, tau, DT)
 
-    def mjx_rolled(qpos, qvel):
-        on_device, data = on_mjx(name)
+    on_device, data = on_mjx(name)
 
+    def mjx_rolled(qpos, qvel):
         def one(state, _):
             # A floating base has six rates in MuJoCo, too; its hinges have our order.
             tau = torques(robot, hold, state.qpos[7:], state.qvel[6:], gain)
@@ -170,20 +169,6 @@ def calls(name, n, steps, mech=None):
         ROLLOUT: (height, (gain, q[0], v[0])),
         GRADIENT: (jax.grad(height), (gain, q[0], v[0])),
     }
-
-
-def repeated(program, *state):
-    """Calls a step a hundred times. The first call after other programs finds cold caches."""
-    for _ in range(100):
-        state = jax.block_until_ready(program(*state))
-    return state
-
-
-def check_standing(what, heights, before):
-    """Raises unless all trunks are at a height at which robots stand: a NaN costs no iterations."""
-    stand = (heights > 0.6 * before.min()) & (heights < 1.1 * before.max())
-    if not stand.all():
-        raise AssertionError(f"{what}: {np.count_nonzero(~stand)} of {stand.size} do not stand after the rollout")
 
 
 def per_step(case, n, steps):

@@ -203,11 +203,7 @@ def _measured(options, libraries, left_out):
 def main(arguments=None):
     options, left_out, start = _options(arguments), [], time.perf_counter()
     if options.against:
-        told, status = against.compared(options, timing.machine())
-        print(f"\n{told}\n")
-        if options.write:
-            TABLE.write_text(two_commits.with_section(TABLE.read_text(), told))
-        return status
+        return against.main(options, timing.machine(), TABLE)
     libraries = peers.built(options.dtypes, options.folder, CORES) if "robots" in options.parts else {}
     built = time.perf_counter()
     compiling.prepare()

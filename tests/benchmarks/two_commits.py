@@ -34,14 +34,14 @@ TITLE = "## Beside an earlier commit"
 def this_commit():
     """That of this tree, with "-dirty" where it has changes; "unknown" outside of a repository."""
     try:
-        return _git("describe", "--always", "--dirty", "--exclude=*")
+        return _git("describe", "--always", "--dirty", "--exclude=*", stderr=subprocess.DEVNULL)
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
 
 
-def _git(*arguments):
+def _git(*arguments, stderr=None):
     command = ["git", "-C", str(HERE), *arguments]
-    return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
+    return subprocess.run(command, stdout=subprocess.PIPE, stderr=stderr, text=True, check=True).stdout.strip()
 
 
 # -- what was found ---------------------------------------------------------------------------------------------------
@@ -112,6 +112,25 @@ def with_section(table, told):
 
 
 # -- the process that asks --------------------------------------------------------------------------------------------
+
+
+def main(script, compare, options, about, per, table):
+    """Compares this tree with `options.against` and prints the report; with `options.write` it is added to the table.
+
+    script: of the processes. compare: a function from Sides, and a list for what is left out, to Compared by Compared.
+    about, per: see `lines`.
+
+    Returns:
+        The exit status: 1 where a row is slower by more than a tenth, or none could be compared.
+    """
+    left_out = []
+    with sides(script, options.against) as both:
+        found = list(compare(both, left_out))
+    told = "\n".join(lines(found, left_out, [both.about, *about], per))
+    print(f"\n{told}\n")
+    if options.write:
+        table.write_text(with_section(table.read_text(), told))
+    return int(not found or any(x.is_slower for x in found))
 
 
 class Sides(NamedTuple):
@@ -211,10 +230,20 @@ def arrays(path):
 
 
 class Programs:
-    """Compiled rows. A benchmark's own have `begin`, too, whose reply has to be alike on both sides."""
+    """Compiled rows of a mechanism. A benchmark's own know which mechanism, and how its rows are compiled."""
 
-    def __init__(self):
+    def mechanism(self, *about):
+        """That which rows are about from now on."""
+        raise NotImplementedError
+
+    def begin(self, *about):
+        """The coordinates, which have to be alike for states to mean the same; or why there is no such mechanism."""
         self.calls = {}
+        try:
+            mech = self.mechanism(*about)
+        except Exception as error:
+            return _reason(error)
+        return [mech.nq, mech.nv, list(mech.joint_names)]
 
     def cold(self, row):
         """(a function without arguments, Compiling)."""
@@ -226,7 +255,7 @@ class Programs:
             call, found = self.cold(row)
             np.savez(results, *map(np.asarray, jax.tree.leaves(call())))
         except Exception as error:
-            return {"cannot": reason(error)}
+            return {"cannot": _reason(error)}
         self.calls[row] = call, *compiling.repeated(call)
         return found._asdict()
 
@@ -239,7 +268,7 @@ class Programs:
         return (time.perf_counter() - start) / count
 
 
-def reason(error):
+def _reason(error):
     return f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
 
 
