@@ -97,6 +97,42 @@ def test_calls_that_read_each_other_are_one_kernel_of_few_states(is_of_few, monk
     assert reductions(text) == (1 if is_of_few else 2)
 
 
+@pytest.mark.parametrize("is_of_few", [False, True])
+def test_calls_in_a_loop_are_merged_too(is_of_few, monkeypatch):
+    """In a loop over rows, some of them known, and that loop in a loop of the caller."""
+    monkeypatch.setattr(kernels, "MOST_MERGED", 2 if is_of_few else 1)
+    start = arrays(*[(2, N)] * 3)
+    known, given = np.linspace(0.5, 2, 10).reshape(5, 2, 1).astype(np.float32), arrays((5, 2, N), seed=1)[0]
+
+    @noinline
+    def last(a, b, c, k, x):
+        # Bounded, however many rows there are.
+        return tuple(y / (1 + y * y) for y in (a * k - b * c, b - c * a + x, c * k - a * b))
+
+    def rows(*carry):
+        def row(carry, of_row):
+            k, x = map(number, of_row)
+            a, b, c = last(*step(*map(number, carry)), k, x)
+            return [y.value for y in (a, b, c)], a.value
+
+        carry, stacked = lax.scan(row, [x.value for x in carry], (jnp.asarray(known), given))
+        return *map(number, carry), number(stacked)
+
+    closed = traced(rows, *start)
+
+    def in_a_loop(program):
+        def turn(carry, _):
+            *carry, stacked = program(*carry)
+            return carry, stacked
+
+        return jax.jit(lambda *x: jax.tree.leaves(lax.scan(turn, list(x), length=3)))
+
+    found = in_a_loop(functools.partial(kernels.run, closed, kernels.Loops(2)))
+    expected = in_a_loop(jax.extend.core.jaxpr_as_fun(closed))
+    assert reductions(found.lower(*start).as_text()) == (1 if is_of_few else 2)
+    same(map(np.asarray, found(*start)), map(np.asarray, expected(*start)))
+
+
 def test_merged_calls_write_what_is_read_alone():
     found, expected, text = compared(lambda *x: step(*step(*x))[:1], *arrays(*[(2, N)] * 3))
     same(found, expected)
