@@ -437,8 +437,8 @@ def _run_as_kernels(inner: ClosedJaxpr, inputs: Sequence[Any], is_call: bool, co
 
     def call(zero: jax.Array, *arrays: jax.Array) -> list[jax.Array]:
         of_source = dict(zip(sources, arrays, strict=True))
-        inside = common._replace(zero=zero)
-        each = [_taken(of_source.get(id(x), x), operations, inside) for x, operations in taken]
+        inside, known = common._replace(zero=zero), dict[Any, list[Any]]()
+        each = [_taken(of_source.get(id(x), x), operations, inside, known) for x, operations in taken]
         if kernels is None:
             return [_array(x) for x in _evaluated(inner.jaxpr, inner.consts, each, inside)]
         results: dict[int, jax.Array] = {}
@@ -455,10 +455,13 @@ def _repeats(eqn: Any) -> bool:
     return eqn.outvars[0].aval.size > eqn.invars[0].aval.size
 
 
-def _taken(x: Any, operations: Sequence[Any], common: Common) -> Any:
-    """x after the operations of a Moved."""
+def _taken(x: Any, operations: Sequence[Any], common: Common, known: dict[Any, list[Any]]) -> Any:
+    """x after the operations of a Moved. known: the results of operations, for others that begin with the same ones."""
     for eqn, k in operations:
-        x = _bound(eqn, [x], common)[k]
+        key = id(x), id(eqn)
+        if key not in known:
+            known[key] = _bound(eqn, [x], common)
+        x = known[key][k]
     return x
 
 
