@@ -242,11 +242,15 @@ def _rounded_product(a: Array, b: Array):
 def _rounded_quotient(a: Array, b: Array):
     """XLA multiplies by the reciprocal of a divisor that is one number for many; not if it depends on the dividend.
 
-    Infinities and NaN, for which the other divisor is taken, divide by half of b as they do by b. Of quotients of
-    quotients it makes products, `a / (b c)` of `(a / b) / c`, that may overflow, and of `1 / sqrt(x)` a reciprocal
-    root: not of what `no_fma` returns.
+    Infinities and NaN, for which the other divisor is taken, divide by half of b as they do by b. The dividend may be
+    one number for many, too: so it is compared with the largest number plus an index, which is that number or infinity.
+    Of quotients of quotients XLA makes products, `a / (b c)` of `(a / b) / c`, that may overflow, and of `1 / sqrt(x)`
+    a reciprocal root: not of what `no_fma` returns.
     """
-    finite = lax.le(lax.abs(a), lax.full_like(a, finfo(a.dtype).max))
+    largest = lax.full_like(a, finfo(a.dtype).max)
+    if a.ndim:
+        largest = lax.add(largest, lax.broadcasted_iota(a.dtype, a.shape, int(np.argmax(a.shape))))
+    finite = lax.le(lax.abs(a), largest)
     divisor = lax.select(finite, b, lax.mul(b, lax.full_like(b, 0.5)))
     return no_fma(lax.div(a, no_fma(divisor)))
 

@@ -11,7 +11,7 @@ from jax import lax
 import jaxspatial as js
 from jaxspatial.measure.error import rationals
 from jaxspatial.numerics.errorfree import transforms
-from jaxspatial.numerics.errorfree.barrier import barrier, barrier_or_nan, difference, product, total
+from jaxspatial.numerics.errorfree.barrier import barrier, barrier_or_nan, difference, product, quotient, total
 from tests.helpers.marks import slow_but
 
 N = 50
@@ -45,6 +45,38 @@ def test_products_with_two_constants_are_not_rearranged(dtype):
         scaled = jax.jit(lambda x: (js.SpatialForce(*[jnp.stack([x * c] * 3, -1)] * 2) * constant).tau)(x)
     np.testing.assert_array_equal(found, (x * c) * d)
     np.testing.assert_array_equal(scaled, np.stack([(x * c) * d] * 3, -1))
+
+
+@pytest.mark.parametrize(
+    ("shape", "dtype"),
+    [((N,), d) for d in ("float16", "float64")] + [(s, "float32") for s in [(), (1,), (N,), (N, 1), (1, N), (2, N)]],
+)
+def test_one_number_for_many_over_another_is_a_quotient(shape, dtype):
+    """XLA multiplies by the reciprocal of what is one number for many, here of constants and of what is broadcast."""
+    a, b = np.random.default_rng(0).uniform(1, 2, (2, 8)).astype(dtype)
+    expected = [np.full(shape, x / y) for x, y in zip(a, b, strict=True)]
+    assert not np.array_equal(a * (1 / b), a / b)
+
+    def divided(x, y):
+        return quotient(*(barrier(jnp.broadcast_to(z, shape)) for z in (x, y)))
+
+    def of_constants():
+        return [divided(jnp.asarray(x), jnp.asarray(y)) for x, y in zip(a, b, strict=True)]
+
+    def in_a_loop(a, b):
+        return list(lax.scan(lambda _, xy: (None, divided(*xy)), None, (a, b))[1])
+
+    with jax.enable_x64(True):
+        programs = [
+            of_constants(),
+            jax.jit(of_constants)(),
+            jax.jit(lambda a, b: list(map(divided, a, b)))(a, b),
+            jax.jit(lambda a, b: list(jax.vmap(divided)(a, b)))(a, b),
+            jax.jit(in_a_loop)(a, b),
+        ]
+    for found in programs:
+        for x, y in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(x, y, strict=True)
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
