@@ -205,8 +205,9 @@ class Program:
         self.values += values
 
     def _draw_own(self):
-        """One of the caller's: a product, a sum, a product or sum with a constant, reversed, negative."""
-        kind = str(self.rng.choice(["times", "times", "plus", "times constant", "constant", "reversed", "negative"]))
+        """One of the caller's: a product, a sum, a product or sum with a constant, reversed, one for all, negative."""
+        kinds = ["times", "times", "plus", "times constant", "constant", "reversed", "one for all", "negative"]
+        kind = str(self.rng.choice(kinds))
         if kind == "times":
             i, j = self._place(), self._place()
             a, b = self.values[i], self.values[j]
@@ -229,6 +230,12 @@ class Program:
         if kind == "reversed" and self.size:
             i = self._place()
             return self._add(lambda x: [x[i][..., ::-1]], self.values[i]._replace(bits=self.values[i].bits[..., ::-1]))
+        if kind == "one for all" and self.size:
+            i = self._place()
+            first = np.broadcast_to(self.values[i].bits[..., :1], self.values[i].bits.shape)
+            return self._add(
+                lambda x: [jnp.broadcast_to(x[i][..., :1], x[i].shape)], self.values[i]._replace(bits=first)
+            )
         i = self._place()
         return self._add(lambda x: [-x[i]], self.values[i]._replace(bits=-self.values[i].bits))
 
