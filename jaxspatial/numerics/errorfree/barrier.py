@@ -249,7 +249,9 @@ def _rounded_quotient(a: Array, b: Array):
     """
     largest = lax.full_like(a, finfo(a.dtype).max)
     if a.ndim:
-        largest = lax.add(largest, lax.broadcasted_iota(a.dtype, a.shape, int(np.argmax(a.shape))))
+        # Also in float64 in a program without 64-bit types, as in `no_fma`.
+        with jax.enable_x64(True):
+            largest = lax.add(largest, lax.broadcasted_iota(a.dtype, a.shape, int(np.argmax(a.shape))))
     finite = lax.le(lax.abs(a), largest)
     divisor = lax.select(finite, b, lax.mul(b, lax.full_like(b, 0.5)))
     return no_fma(lax.div(a, no_fma(divisor)))

@@ -80,6 +80,23 @@ def test_one_number_for_many_over_another_is_a_quotient(shape, dtype):
             np.testing.assert_array_equal(x, y, strict=True)
 
 
+def test_quotients_in_64_bits_of_a_program_of_32():
+    """The second rounding changes nothing: float64 has more than twice the digits."""
+    a, b = numbers(2, "float32")
+
+    def divided(a, b):
+        with jax.enable_x64(True):
+            a, b = (lax.convert_element_type(x, np.float64) for x in (a, b))
+        with jax.enable_x64(False):
+            wide = quotient(a, b)
+        with jax.enable_x64(True):
+            return lax.convert_element_type(wide, np.float32)
+
+    with jax.enable_x64(False):
+        found = jax.jit(divided)(a, b)
+    np.testing.assert_array_equal(found, a / b, strict=True)
+
+
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("held, plain", [(total, operator.add), (difference, operator.sub)])
 def test_sums_with_constants_are_not_rearranged(held, plain, dtype):
