@@ -233,9 +233,9 @@ class Program:
         if kind == "one for all" and self.size:
             i = self._place()
             first = np.broadcast_to(self.values[i].bits[..., :1], self.values[i].bits.shape)
-            return self._add(
-                lambda x: [jnp.broadcast_to(x[i][..., :1], x[i].shape)], self.values[i]._replace(bits=first)
-            )
+            # XLA combines it with constants: x (c y) of (x c) y.
+            value = self.values[i]._replace(bits=first, has_constant=True)
+            return self._add(lambda x: [jnp.broadcast_to(x[i][..., :1], x[i].shape)], value)
         i = self._place()
         return self._add(lambda x: [-x[i]], self.values[i]._replace(bits=-self.values[i].bits))
 
