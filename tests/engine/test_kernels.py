@@ -13,6 +13,7 @@ from jax import lax
 import jaxspatial as js
 from jaxspatial.engine import kernels, matrices
 from jaxspatial.numerics.numbers import Rounded, noinline, where
+from jaxspatial.numerics.numbers.layout import unstack
 from jaxspatial.numerics.precision import Precision
 from tests.helpers.marks import slow
 
@@ -356,6 +357,18 @@ def test_a_call_takes_its_parts_of_an_array_inside():
     same(found, expected)
     (call,) = re.findall(r" call\((.*?)\)", compiled(function, *both))
     assert call.count("%") == 2  # the whole array, and what no compiler foresees
+
+
+def test_a_call_takes_an_array_apart_once():
+    """Three arguments are parts of one array, which is turned round before it is taken apart."""
+
+    def function(*pieces):
+        x = jnp.concatenate([p.value for p in pieces]).reshape((2, 3, 1))
+        return step(*map(number, unstack(jnp.swapaxes(x, 1, 2))))
+
+    found, expected, text = compared(function, *arrays((3, 1), (3, 1)))
+    same(found, expected)
+    assert text.count("stablehlo.transpose") == 1
 
 
 def star(n_arms):

@@ -242,10 +242,12 @@ def _rounded_product(a: Array, b: Array):
 def _rounded_quotient(a: Array, b: Array):
     """XLA multiplies by the reciprocal of a divisor that is one number for many; not if it depends on the dividend.
 
-    Infinities and NaN, for which the other divisor is taken, divide by half of b as they do by b. The dividend may be
-    one number for many, too: so it is compared with the largest number plus an index, which is that number or infinity.
-    Of quotients of quotients XLA makes products, `a / (b c)` of `(a / b) / c`, that may overflow, and of `1 / sqrt(x)`
-    a reciprocal root: not of what `no_fma` returns.
+    Infinities and NaN, for which the other divisor is taken, divide by half of b as they do by b. Where the dividend is
+    one number for many, too, an index makes the difference. Added to the largest number it gives that number or
+    infinity, and either will do as the limit.
+
+    XLA makes `a / (b c)`, which may overflow, of `(a / b) / c`, and a reciprocal root of `1 / sqrt(x)`: not where
+    `no_fma` stands in between.
     """
     largest = lax.full_like(a, finfo(a.dtype).max)
     if a.ndim:

@@ -81,7 +81,7 @@ def test_one_number_for_many_over_another_is_a_quotient(shape, dtype):
 
 
 def test_quotients_in_64_bits_of_a_program_of_32():
-    """The second rounding changes nothing: float64 has more than twice the digits."""
+    """Rounded to float32 they are its quotients, because float64 has more than twice the digits."""
     a, b = numbers(2, "float32")
 
     def divided(a, b):
