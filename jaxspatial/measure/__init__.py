@@ -1,4 +1,4 @@
-"""Layer 7: accuracy and speed, measured on this machine and on the user's own numbers; `python -m jaxspatial`.
+"""Layer 8: accuracy and speed, measured on this machine and on the user's own numbers; `python -m jaxspatial`.
 
     from jaxspatial import measure
 

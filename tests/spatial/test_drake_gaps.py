@@ -2,7 +2,7 @@
 
 NaN and infinities in every slot, zero offsets, batches of every shape with an offset per column, that shifts add up and
 that power stays the same within a bound, and derivatives. The numbers of Drake's tests are in test_drake_properties.py,
-the error bounds in laws/. Left out until the types exist: what re-expression and inertia have to do with a shift.
+the error bounds in laws/. What rotations and inertias have to do with a shift is in inertia/test_inertia.py.
 """
 
 import jax

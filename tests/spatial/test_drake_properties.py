@@ -4,8 +4,8 @@ Drake computes both sides of an assertion with the same instructions and gets th
 the bits of the same formula in NumPy, so that equality is asked for here too, eager, compiled and in a batch, in
 float32 and float64; beside it stand Drake's hand-checked numbers, which are integers and come out exact.
 
-Left out until the types exist: re-expression by a rotation, composition with a moving frame, inertia. What Drake leaves
-out (NaN, infinities, batches, bounds) is in test_drake_gaps.py.
+Re-expression by a rotation is in rotation/, inertia in inertia/. Composition with a moving frame is an operation of the
+table that laws/ runs over. What Drake leaves out (NaN, infinities, batches, bounds) is in test_drake_gaps.py.
 """
 
 import copy
