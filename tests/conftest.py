@@ -1,10 +1,12 @@
 """Every test runs under JAX's strictest rules, and knows how to ask for 64 bits."""
 
+import datetime
 import gc
 import os
 import pathlib
 import shutil
 import tempfile
+import zlib
 
 import chex
 import jax
@@ -49,13 +51,47 @@ LONGEST = (
 )
 
 
-def pytest_collection_modifyitems(items):
+def pytest_addoption(parser):
+    parser.addoption(
+        "--third",
+        choices=["1", "2", "3", "auto"],
+        help="of the slow tests, run only one third, the same on every machine; auto: today's (UTC), which is printed",
+    )
+
+
+def pytest_report_header(config):
+    third = config.option.third
+    return third and f"third of the slow tests: {third}, again with: pytest -m slow --third {third}"
+
+
+def pytest_collection_modifyitems(config, items):
     places = {HERE / name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: places.get(item.path, len(places)))
+    if third := config.option.third:
+        kept, left = [], []
+        for item in items:
+            (left if item.get_closest_marker("slow") and third_of(item.nodeid) != third else kept).append(item)
+        items[:] = kept
+        config.hook.pytest_deselected(items=left)
+
+
+def third_of(nodeid):
+    """The third of the slow tests that a test is in. A draw: it needs no list of tests, nor of how long each takes."""
+    return "123"[zlib.crc32(nodeid.encode()) % 3]
+
+
+def third_of_day(date):
+    """Three days on end have three thirds."""
+    return "123"[date.toordinal() % 3]
 
 
 def pytest_configure(config):
-    """Makes the cache of this run, unless there is one that outlives it; workers find it in their environment."""
+    """Makes the cache of this run, unless there is one that outlives it; workers find it in their environment.
+
+    Workers are told which third it is, too: after midnight they would draw another.
+    """
+    if config.option.third == "auto":
+        config.option.third = third_of_day(datetime.datetime.now(datetime.UTC).date())
     if CACHE not in os.environ:
         config.own_cache = os.environ[CACHE] = tempfile.mkdtemp(prefix="jaxspatial-tests-")
         os.environ |= {SHORTEST: "0", SMALLEST: "-1"}
