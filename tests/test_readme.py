@@ -198,6 +198,20 @@ def test_layers_are_those_there_are():
     assert [row[0].strip("`") for row in rows][: len(LAYERS)] == LAYERS
 
 
+def test_folders_of_tests_are_those_there_are():
+    (told,) = re.findall(r"^`tests/` has the same folders, and also (.*?)\.\s", PAGES["contributing.md"], re.M | re.S)
+    folders = {path.parent.name for path in (ROOT / "tests").glob("*/__init__.py")}
+    assert {*re.findall(r"`(\w+)/`", told)} == folders - {*LAYERS} and {*LAYERS} <= folders
+
+
+def test_every_benchmark_is_listed():
+    scripts = (ROOT / "tests" / "benchmarks").glob("*.py")
+    told = "".join(row[0] for row in _table(PAGES["contributing.md"], "Where things are"))
+    assert all(
+        f"`{path.name}" in told for path in scripts if f"python tests/benchmarks/{path.name}" in path.read_text()
+    )
+
+
 def test_extras_exist():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     for text in (README, *PAGES.values()):
