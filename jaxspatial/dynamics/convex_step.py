@@ -404,4 +404,4 @@ def _valued(x: jax.Array, value: jax.Array) -> jax.Array:
 
 @_valued.defjvp
 def _(primals: Any, tangents: Any) -> Any:
-    return primals[1], tangents[0]
+    return _valued(*primals), tangents[0]
