@@ -104,9 +104,9 @@ def constraint_jacobian(
     """The Jacobian of loop closures: J v is the velocity that they hold at zero.
 
     Rows are those of `constraint_error`: of angular velocities, then of the velocity of the origin of B, for an
-    observer on A and in the axes of A. At closed configurations J v is the rate of `constraint_error`, for "universal",
-    "ball" and "distance" at all others too. J^T l is the generalized force of closures with the multipliers l, torques
-    and forces on B along the axes of A.
+    observer on A and in the axes of A. A "distance" between origins that coincide is along z of A. At closed
+    configurations J v is the rate of `constraint_error`, for "universal", "ball" and "distance" at all others too.
+    J^T l is the generalized force of closures with the multipliers l, torques and forces on B along the axes of A.
 
     Returns:
         J (*batch, rows, nv).
@@ -288,8 +288,8 @@ class _Placed(NamedTuple):
             across = jnp.stack([-R[1, 0], R[0, 0], *jnp.zeros(4, R.dtype)])  # z of A x x of B
             return jnp.concatenate([across[None], twist[3:]])
         if self.kind == "distance":
-            length = _length(p)
-            along = p / jnp.where(length == 0, 1, length)
+            length, z = _length(p), np.array([0, 0, 1], R.dtype)
+            along = jnp.where(_is_zero(p), z, p / jnp.where(length == 0, 1, length))
             return jnp.concatenate([jnp.zeros(3, R.dtype), along])[None]
         return {"weld": twist, "hinge": twist[np.array([0, 1, 3, 4, 5])], "ball": twist[3:]}[self.kind]
 
@@ -313,10 +313,13 @@ class _Placed(NamedTuple):
 
 
 def _length(p: jax.Array) -> jax.Array:
-    """|p|, with derivative 0 where it is 0."""
-    squared = jnp.sum(p * p)
-    is_zero = squared == 0
-    return jnp.where(is_zero, 0, jnp.sqrt(jnp.where(is_zero, 1, squared)))
+    """|p|; at 0 with the derivative along z, the direction that stands for that of p there."""
+    is_zero = _is_zero(p)
+    return jnp.where(is_zero, p[2], jnp.sqrt(jnp.where(is_zero, 1, jnp.sum(p * p))))
+
+
+def _is_zero(p: jax.Array) -> jax.Array:
+    return jnp.sum(p * p) == 0
 
 
 def _skew(x: jax.Array) -> jax.Array:

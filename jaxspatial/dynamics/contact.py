@@ -4,6 +4,7 @@
 regularized friction; Drake, Multibody, compliant point contact]
 """
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -18,16 +19,16 @@ from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm, checked
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.mechanism import AppliedForces, HalfSpace, Mechanism, PointContacts
-from jaxspatial.mechanism.contacts import above_plane, units
+from jaxspatial.mechanism.contacts import above_plane
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
-from jaxspatial.numerics.linear import Motion, Pose, Vector, cross, dot, norm
+from jaxspatial.numerics.linear import Motion, Pose, Vector, cross, dot, norm, unit
 from jaxspatial.numerics.numbers import Number, Numbers, noinline, where
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce
 from jaxspatial.spatial.algebra import composed
 
-# The ground: from the position (3,) of a point in world axes to its signed distance.
+# The ground: from the position (3,) of a point in world axes to a number that is zero on its surface.
 Ground = Callable[[jax.Array], Any]
 
 
@@ -178,7 +179,7 @@ def checked_ground(operation: str, ground: Any, q: Any) -> Ground:
         ground = check.narrowed(ground)
         check.require_same_dtype(q=q, ground=ground)
     elif not callable(ground):
-        expected = "a HalfSpace, or a function from a point (3,) to its signed distance"
+        expected = "a HalfSpace, or a function from a point (3,) to a number, above zero outside"
         check.refuse(f"{operation}: ground", expected, ground)
     return ground
 
@@ -201,13 +202,19 @@ def normals_and_distances(
         x = jnp.asarray(ground(point))
         if x.shape or x.dtype != dtype:
             raise ValueError(
-                f"{operation}: ground: expected a signed distance, {dtype}[], of a point {dtype}[3], "
-                f"got {check.in_short(x)}"
+                f"{operation}: ground: expected a number, {dtype}[], of a point {dtype}[3], got {check.in_short(x)}"
             )
         return x
 
-    distances, gradients = jax.vmap(jax.value_and_grad(distance))(p.reshape((-1, 3)))
-    return units(precision, gradients.reshape(p.shape)), distances.reshape(p.shape[:-1])
+    values, gradients = jax.vmap(jax.value_and_grad(distance))(p.reshape((-1, 3)))
+    return tuple(_to_first_order(precision, gradients.reshape(p.shape), values.reshape(p.shape[:-1])[..., None]))
+
+
+@formula
+def _to_first_order(gradient: Vector, value: Numbers) -> list[Any]:
+    """The normal of a ground function, and the distance along it, f / |grad f|; NaN without a normal."""
+    length = norm(gradient)
+    return [unit(gradient), value[0] / where((length > 0) & (length < math.inf), length, math.nan)]
 
 
 @formula

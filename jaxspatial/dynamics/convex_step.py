@@ -31,6 +31,7 @@ from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.barrier import quotient
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Vector, norm, unit
+from jaxspatial.numerics.numbers import high, where
 from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.quantity import exported
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
@@ -113,10 +114,10 @@ def convex_step(
     Args:
         dt: the time, s: a number or (*batch,).
         contacts: PointContacts on frames of moving bodies; None for none.
-        ground: HalfSpace, or a function from a point (3,) in world axes to its signed distance; None for z = 0.
         pairs: (a, b): two PointContacts, of which sphere i of one touches sphere i of the other, on another body; None
             for none. Both surfaces give way: stiffnesses act in series, relaxation times add up, and friction is
-            2 mu mu' / (mu + mu'). Spheres with one centre have no normal: NaN.
+            2 mu mu' / (mu + mu'). Of spheres with one centre that of b is pushed along z of the world, and derivatives are
+            those of a plane with this normal.
         loops: LoopClosures, such as `mechanism.loops`.
 
     Returns:
@@ -290,8 +291,13 @@ def _between(
 
 
 @formula
-def _direction(v: Vector) -> list[Any]:
-    return [unit(v), norm(v)]
+def _direction(p: Vector) -> list[Any]:
+    """(the direction of p, its length): at 0 the direction z, with the derivatives of a plane across it."""
+    # Compilers flush subnormal numbers to zero, and 1 / |p| is to stay finite.
+    x, y, z = (abs(high(c)) < np.finfo(high(c).dtype).tiny for c in p)
+    is_zero = x & y & z
+    apart = Vector(where(is_zero, 0.0, p.x), where(is_zero, 0.0, p.y), where(is_zero, 1.0, p.z))
+    return [unit(apart), where(is_zero, p.z, norm(apart))]
 
 
 def _harmonic_mean(a: Any, b: Any) -> Any:

@@ -410,11 +410,24 @@ def test_drift_and_stabilisation():
 
 
 def test_the_distance_of_points_that_coincide():
-    """It changes in no direction more than in another: its derivative is 0."""
-    mech = js.add_frames(two_bodies(), [js.Frame(name, "body2", placed((1, 2, 3))) for name in ("one", "other")])
-    q, loops = state(mech)[0], [closure("distance", "one", "other")]
-    np.testing.assert_array_equal(error(mech, q, loops), [-0.8])
-    np.testing.assert_array_equal(rows(mech, q, loops), np.zeros((1, mech.nv)))
+    """It is along z of A, in which direction it is closed: of a free body, and by the convex step too."""
+    M = js.SpatialInertia.solid_sphere(np.float64(0.1), mass=np.float64(1))
+    mech = js.Mechanism.build([js.Body("b", M)], [js.Joint("j", "free", "world", "b")], dtype=np.float64)
+    mech = js.add_frames(mech, [js.Frame("A", "world", placed((1, 2, 3), (0.5, -0.3, 0.2)))])
+    q, v = np.float64([1, 0, 0, 0, 1, 2, 3]), np.zeros(6)
+    loops, z = [closure("distance", "A", "b")], js.Rotation.exp(np.float64((0.5, -0.3, 0.2))).to_matrix()[:, 2]
+
+    def found(q, v):
+        step = js.convex_step(mech.replace(gravity=np.zeros(3)), q, v, v, 1e-2, loops=loops)
+        by_q = jax.jacfwd(lambda q: js.constraint_error(mech, q, loops))(q)
+        close = js.close_loops(mech, q, loops)
+        return js.constraint_error(mech, q, loops), js.constraint_jacobian(mech, q, loops), by_q, close, step.v
+
+    error, J, by_q, (closed, residual), after = interpreted(found)(q, v)
+    np.testing.assert_array_equal(error, [-0.8])
+    for x in (J[0, 3:], by_q[0, 4:], (closed[4:] - q[4:]) / 0.8, after[3:] / (0.8 / 1e-2)):
+        np.testing.assert_allclose(x, z, rtol=0, atol=1e-3)
+    assert residual < 1e-12
 
 
 # -- refusals ---------------------------------------------------------------------------------------------------------

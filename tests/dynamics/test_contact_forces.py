@@ -133,7 +133,8 @@ def curved(p):
 
 def test_any_ground():
     x = state(3)
-    np.testing.assert_allclose(of(*x, ground=lambda p: plane()(p)), of(*x), rtol=0, atol=1e-10)
+    for slope in (lambda p: plane()(p), lambda p: p @ NORMAL - OFFSET * np.linalg.norm(NORMAL)):
+        np.testing.assert_allclose(of(*x, ground=slope), of(*x), rtol=0, atol=1e-10)
 
     def on(ground, **changes):
         return js.contact_forces(mechanism(), *x, contacts(**changes), ground).wrenches
@@ -148,6 +149,23 @@ def test_any_ground():
     assert abs(F.f).max() > 100
     np.testing.assert_allclose(np.cross(arm, F.f), 0 * arm, rtol=0, atol=1e-10)
     np.testing.assert_allclose(F.tau, 0 * arm, rtol=0, atol=1e-10)
+
+
+def test_the_derivative_on_a_ground_function_of_any_slope():
+    """By coordinates, as differences: the distance f / |grad f| and the normal turn with the point."""
+    (q, v), rng = (np.repeat(x[:1], 3, 0) for x in states()), np.random.default_rng(5)
+    along, h = rng.standard_normal(q.shape[1]), np.array([0, 1e-6, -1e-6])
+
+    def height(p):
+        return 3 * (p[2] - jnp.sin(2 * p[0]) - 0.5 * p[1] ** 2 - 0.5)
+
+    def of_q(q, v):
+        return jax.jvp(lambda q: forces(q, v, ground=height), (q,), (along,))
+
+    values, tangents = interpreted(jax.vmap(of_q))(q + h[:, None] * along, v)
+    assert (values[0] != 0).any(-1).sum() >= 2
+    difference = (values[1] - values[2]) / 2e-6
+    np.testing.assert_allclose(tangents[0], difference, rtol=0, atol=1e-6 * abs(difference).max())
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-2, 0.0])
@@ -199,6 +217,22 @@ def test_what_is_no_number_is_none_in_the_result():
     assert np.isnan(found).any((1, 2)).all()
 
 
+@pytest.mark.parametrize("of_zero", [lambda x: 0 * x, jnp.sqrt, lambda x: jnp.sqrt(x * x)])
+def test_a_ground_without_a_normal_is_none_in_the_result(of_zero):
+    """A gradient that is zero, infinite or NaN where the value is finite; other contacts have their forces."""
+    q, v = (x[0] for x in state(1))
+    expected = of(q, v, ground=lambda p: p[2] - 1)
+
+    def ground(p):
+        x = jnp.where(p[2] < 0, p[2], 0)
+        return jnp.where(p[2] < 0, -1 + of_zero(x - jax.lax.stop_gradient(x)), p[2] - 1)
+
+    found = of(q, v, ground=ground)
+    is_none = np.isnan(found).all(-1)
+    assert is_none.any() and not is_none.all()
+    np.testing.assert_array_equal(found[~is_none], expected[~is_none])
+
+
 def test_a_batch_of_contacts_and_of_grounds():
     q, v = (x[0] for x in state(1))
     friction = np.linspace(0.0, 1.0, 4)
@@ -242,7 +276,7 @@ def test_no_contacts():
     [
         ({"contacts": None}, TypeError, "contact_forces: contacts: expected PointContacts, got NoneType"),
         ({"ground": 3}, TypeError, "contact_forces: ground: expected a HalfSpace, or a function .*, got int"),
-        ({"ground": lambda p: p}, ValueError, r"ground: expected a signed distance, float64\[\], .* got float64\[3\]"),
+        ({"ground": lambda p: p}, ValueError, r"ground: expected a number, float64\[\], .* got float64\[3\]"),
         ({"ground": js.HalfSpace().astype(np.float32)}, TypeError, "q and ground: expected one dtype"),
         ({"stiction_speed": 0.0}, ValueError, "stiction_speed: expected numbers above 0, got 0.0"),
         ({"dissipation": np.zeros(3)}, ValueError, r"dissipation: expected a number, or shape \(\*batch, 5\)"),

@@ -145,6 +145,80 @@ def test_a_curved_ground():
     assert n_inside > 5
 
 
+class Terrain(NamedTuple):
+    """A height over waves on a slope, times a factor: a function of a point."""
+
+    factor: np.ndarray
+    slope: np.ndarray
+    waves: np.ndarray
+
+    def __call__(self, p):
+        return self.factor * (p[2] - self.slope * p[0] - self.waves * (jnp.sin(2 * p[0]) + p[1] ** 2))
+
+
+def test_a_ground_function_of_any_slope():
+    """f / |grad f| is the distance. Of planes forces and their derivatives are those of HalfSpaces; of waves the step
+    is the oracle's, and derivatives by coordinates are differences."""
+    q, v = np.array([[0.3, 0.2, 0.41], [0.1, -0.5, 0.2], [-0.4, 0.3, -0.25]]), np.full((3, 3), [0.5, 0.2, -1.0])
+    contacts, tau, dt, h = (
+        spheres(["c"], np.zeros((1, 3)), 0.25, np.float64(STIFF), TAU_D, 0.5),
+        np.zeros(3),
+        5e-3,
+        1e-6,
+    )
+    along = np.array([0.3, -0.5, 0.8])
+
+    def of(q, v, ground):
+        def step(q):
+            found = js.convex_step(slider(), q, v, tau, dt, contacts=contacts, ground=ground)
+            return found.v, found.contact_forces.f
+
+        return jax.jvp(step, (q,), (along,))
+
+    plane, waves = js.HalfSpace(np.tile([-1.0, 0, 1], (3, 1)), np.zeros(3)), (2.0, 0.2, 0.6)
+    terrains = np.array([(1, 1, 0), (30, 1, 0), (1e-3, 1, 0), waves, waves, waves], float)
+    at = np.tile(q, (6, 1, 1)) + np.array([0, 0, 0, 0, h, -h])[:, None, None] * along
+    given = at.reshape((18, 3)), np.tile(v, (6, 1)), Terrain(*np.repeat(terrains, 3, 0).T)
+    found = jax.tree.map(lambda x: x.reshape((6, 3, *x.shape[1:])), interpreted(jax.vmap(of))(*given))
+    expected = interpreted(jax.vmap(of))(q, v, plane)
+    assert (abs(expected[0][1]).max((1, 2)) > 1).all()
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        for own in a[:3]:
+            np.testing.assert_allclose(own, b, rtol=0, atol=1e-10 * abs(b).max())
+
+    (after, f), (slope, _) = found
+    own = oracle.steps_of(slider(), q, v, np.zeros((3, 3)), np.full(3, dt), contacts, Terrain(*np.array(waves)))
+    np.testing.assert_allclose(after[3], [x.v for x in own], rtol=0, atol=ALLOWED)
+    np.testing.assert_allclose(f[3], [x.forces for x in own], rtol=0, atol=1e-6 * abs(f[3]).max())
+    assert (abs(f[3]).max((1, 2)) > 1).all()
+    np.testing.assert_allclose(slope[3], (after[4] - after[5]) / (2 * h), rtol=0, atol=1e-6 * abs(slope[3]).max())
+
+
+def box_function(p, finite):
+    """The distance from a box of 1 m, as it is mostly written; finite: with a gradient inside."""
+    outside = jnp.maximum(abs(p) - 0.5, 0.0)
+    square = (outside**2).sum()
+    is_inside = (square == 0) & finite
+    length = jnp.where(is_inside, 0.0, jnp.sqrt(jnp.where(is_inside, 1.0, square)))
+    return length + jnp.minimum((abs(p) - 0.5).max(), 0.0)
+
+
+@pytest.mark.parametrize(
+    "ground", [lambda p: box_function(p, False), lambda p: 0 * p[2] - 0.1, lambda p: p[2] * np.inf]
+)
+def test_a_ground_without_a_normal_is_none_in_the_result(ground):
+    """Where the gradient is zero or not finite, of values on either side; a state beside it keeps its bits."""
+    q, v = np.array([[0, 0.1, 0.3], [0, 0, 0.6]]), np.zeros((2, 3))
+    contacts = spheres(["c"], np.zeros((1, 3)), 0.2, np.float64(STIFF), TAU_D, 0.5)
+    found = interpreted(lambda q, v: js.convex_step(slider(), q, v, v, 5e-3, contacts=contacts, ground=ground))(q, v)
+    assert np.isnan(found.v[0]).any() and np.isnan(found.contact_forces.f[0]).all() and np.isnan(found.residual[0])
+    whole = functools.partial(box_function, finite=True)
+    expected = interpreted(lambda q, v: js.convex_step(slider(), q, v, v, 5e-3, contacts=contacts, ground=whole))(q, v)
+    assert np.isfinite(expected.v).all() and (expected.contact_forces.f[:, 0, 2] > 1).all()
+    if np.isfinite(found.v[1]).all():
+        np.testing.assert_array_equal(found.v[1], expected.v[1])
+
+
 def test_external_forces_are_generalized_forces():
     """F at a frame, or J^T F, of the same states; and neither."""
     scene, (q, v, tau) = tree(), many("tree", 6)
@@ -512,6 +586,31 @@ def test_a_stack_carries_its_weight():
     np.testing.assert_allclose(found.v, 0, rtol=0, atol=1e-10)
     expected = weights[:, None] * [0, 0, 1]
     np.testing.assert_allclose(found.contact_forces.f, expected, rtol=0, atol=1e-8 * weights[0])
+
+
+def test_spheres_with_one_centre_are_pushed_along_z():
+    """As on a plane with this normal, derivatives too. Centres that are apart at all have their own normal."""
+    mech, n, zero = free_spheres(1.0, 3.0), 4, np.zeros(12)
+    q, v = np.zeros((n, 14)), np.zeros((n, 12))
+    q[:, [0, 7]] = 1
+    q[:, 4:7] = q[:, 11:] = 0.3, -0.2, 0.5
+    q[1:3, 11:] = 0
+    q[1:3, 4:7] = [[0, 5e-324, 0], [1e-200, 0, 0]]
+    q[3, 13] += 1e-9
+    v[:, 9:] = 0.1, 0.2, -0.3
+    pair = tuple(spheres([name], None, 0.1, STIFF, TAU_D, 0.5) for name in ("s0", "s1"))
+
+    def step(q, v):
+        return js.convex_step(mech, q, v, zero, 5e-3, pairs=pair).v
+
+    after, by_q = interpreted(jax.vmap(lambda q, v: (step(q, v), jax.jacrev(step)(q, v))))(q, v)
+    assert np.isfinite(after).all() and np.isfinite(by_q).all()
+    # Impulses along and across z: the sphere of b goes up.
+    assert (after[[0, 3], 11] > 0.3).all() and after[2, 9] < -0.3
+    np.testing.assert_allclose(after[[0, 1]], after[[3, 3]], rtol=0, atol=1e-6)
+    # By z of the other's centre as where they are apart; by x and y they do not turn the normal.
+    np.testing.assert_allclose(by_q[0, :, [6, 13]], by_q[3, :, [6, 13]], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(by_q[0][:, [4, 5, 11, 12]], 0, rtol=0, atol=1e-9)
 
 
 def test_a_pair_of_free_bodies_keeps_its_momentum():

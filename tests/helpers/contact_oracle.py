@@ -14,6 +14,7 @@ Irrotational contact fields]
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 import jaxspatial as js
@@ -267,7 +268,8 @@ def _numbers(mech, frames, ground):
     def numbers(q, v, positions):
         X = js.forward_kinematics(mech, q, frames)
         centers = jax.vmap(lambda X, p: X @ p)(X, positions)
-        distances, normals = jax.vmap(jax.vmap(jax.value_and_grad(ground)))(centers)
+        values, normals = jax.vmap(jax.vmap(jax.value_and_grad(ground)))(centers)
+        distances = values / jnp.sqrt((normals**2).sum(-1))
         dynamics = js.mass_matrix(mech, q), js.bias_forces(mech, q, v), js.passive_forces(without, q, v)
         return Numbers(*dynamics, X.translation, js.jacobian(mech, q, frames), centers, distances, normals)
 
