@@ -116,8 +116,8 @@ def convex_step(
         contacts: PointContacts on frames of moving bodies; None for none.
         pairs: (a, b): two PointContacts, of which sphere i of one touches sphere i of the other, on another body; None
             for none. Both surfaces give way: stiffnesses act in series, relaxation times add up, and friction is
-            2 mu mu' / (mu + mu'). Of spheres with one centre that of b is pushed along z of the world, and derivatives are
-            those of a plane with this normal.
+            2 mu mu' / (mu + mu'). Of spheres with one centre that of b is pushed along z of the world, with the
+            derivatives of a plane across z.
         loops: LoopClosures, such as `mechanism.loops`.
 
     Returns:
