@@ -1,5 +1,6 @@
 """The centre of mass of a mechanism, and momentum about it."""
 
+import math
 from collections.abc import Sequence
 
 import jax
@@ -94,22 +95,27 @@ def _center_of_mass(state: MechanismState):
 
 def _center(state: MechanismState, placed: list[Pose]) -> Vector:
     mass, moment = moments(state, placed)
-    return moment / mass
+    return Vector(*_over_mass(state, mass, moment))
+
+
+def _over_mass(state: MechanismState, mass: Number, sums: Numbers) -> Numbers:
+    """Sums over bodies divided by their mass; NaN without bodies, as where they have no mass."""
+    return tuple(x / mass if state.bundles else state.known(math.nan) for x in sums)
 
 
 def moments(state: MechanismState, placed: list[Pose]) -> tuple[Number, Vector]:
     """(the mass, the sum of m p_WC) of all bodies. placed: X_WJ of every bundle."""
     of_bundles = [_moment(state.inertia(b), X) for b, X in zip(state.bundles, placed, strict=True)]
-    return _mass(state), Vector(*_sum_over_bodies(state, of_bundles))
+    return _mass(state), Vector(*_sum_over_bodies(state, of_bundles, 3))
 
 
 def _mass(state: MechanismState) -> Number:
     return state.sum_over_bodies([state.inertia(b).mass for b in state.bundles])
 
 
-def _sum_over_bodies(state: MechanismState, of_bundles: Sequence[Numbers]) -> Numbers:
-    """The sum over all bodies of a vector for every bundle."""
-    return tuple(map(state.sum_over_bodies, zip(*of_bundles, strict=True)))
+def _sum_over_bodies(state: MechanismState, of_bundles: Sequence[Numbers], k: int) -> Numbers:
+    """The sum over all bodies of k numbers for every bundle."""
+    return tuple(state.sum_over_bodies([x[i] for x in of_bundles]) for i in range(k))
 
 
 @noinline
@@ -121,8 +127,7 @@ def _moment(M: Inertia, X_WJ: Pose) -> Vector:
 def _center_of_mass_velocity(state: MechanismState, v: Array):
     both = zip(poses(state), velocities(state, v), state.bundles, strict=True)
     momenta = [_linear_momentum_of_bundle(state.inertia(b), X, V) for X, V, b in both]
-    mass = _mass(state)
-    return tuple(x / mass for x in _sum_over_bodies(state, momenta))
+    return _over_mass(state, _mass(state), _sum_over_bodies(state, momenta, 3))
 
 
 def _linear_momentum(M: Inertia, X_WJ: Pose, V: Motion) -> Vector:
@@ -138,8 +143,10 @@ def _centroidal_momentum(state: MechanismState, v: Array):
     placed = poses(state)
     both = zip(placed, velocities(state, v), state.bundles, strict=True)
     center = _center(state, placed)
+    if not state.bundles:
+        return center, state.zero_vector
     momenta = [_momentum(state.inertia(b), X, V, center) for X, V, b in both]
-    h_and_l = _sum_over_bodies(state, [(*L.tau, *L.f) for L in momenta])
+    h_and_l = _sum_over_bodies(state, [(*L.tau, *L.f) for L in momenta], 6)
     return h_and_l[:3], h_and_l[3:]
 
 
@@ -158,13 +165,13 @@ def _center_of_mass_jacobian(state: MechanismState):
     """Its columns: the linear momentum of a composite body at a unit velocity, divided by the mass."""
     mass = _mass(state)
     columns = _of_unit_velocities(state, about_center=False)
-    return state.matrix_by_velocity([tuple(L.f / mass for L in of_joint) for of_joint in columns])
+    return state.matrix_by_velocity([tuple(L.f / mass for L in of_joint) for of_joint in columns], 3)
 
 
 @algorithm(*BODIES)
 def _centroidal_momentum_matrix(state: MechanismState):
     columns = _of_unit_velocities(state, about_center=True)
-    return state.matrix_by_velocity([tuple((*L.tau, *L.f) for L in of_joint) for of_joint in columns])
+    return state.matrix_by_velocity([tuple((*L.tau, *L.f) for L in of_joint) for of_joint in columns], 6)
 
 
 def _of_unit_velocities(state: MechanismState, about_center: bool) -> list[tuple[Wrench, ...]]:

@@ -419,8 +419,9 @@ def _constrained(loops: _Loops, q: Any, v: Any, tau: Any, k: Any, forces: Any) -
     def of_tree(tau: Any) -> jax.Array:
         return forward_dynamics(loops.mechanism, q, v, tau, forces, precision=loops.precision)
 
-    if not loops.closures:
-        return ConstrainedDynamics(of_tree(tau), SpatialForce.zero(0, q.dtype))
+    if not loops.closures or not loops.mechanism.nv:
+        # Without velocities nothing moves whatever the wrenches are.
+        return ConstrainedDynamics(of_tree(tau), SpatialForce.zero(len(loops.closures), q.dtype))
     # The derivative by tau is M^-1, with the factors that vdot is computed with.
     vdot, times_inverse = jax.linearize(of_tree, tau)
     placed = loops.placed(q)
@@ -490,9 +491,10 @@ def _closed(loops: _Loops, q: Any, iterations: int) -> ClosedConfiguration:
     mechanism, precision = loops.mechanism, loops.precision
     # A step of length 0 normalises quaternions.
     at_rest = np.zeros(mechanism.nv, q.dtype)
-    if not loops.closures:
+    if not loops.closures or not mechanism.nv:
         q = integrate(mechanism, q, at_rest, precision=precision)
-        return ClosedConfiguration(q, jnp.zeros((), q.dtype))
+        left = jnp.abs(_errors(loops.placed(q), q.dtype))
+        return ClosedConfiguration(q, jnp.max(left) if loops.closures else jnp.zeros((), q.dtype))
     mechanism, start, distances = fixed((mechanism, q, loops.distances))
     held = loops._replace(mechanism=mechanism, distances=distances)
 

@@ -202,6 +202,8 @@ def factored(M: jax.Array):
 
 def _factor(M: jax.Array) -> jax.Array:
     """L of M, by Cholesky from the last velocity to the first, without fill-in."""
+    if not M.shape[-1]:
+        return M
     backward = cast(jax.Array, jnp.linalg.cholesky(jnp.flip(_wide(M), (-2, -1))))
     return jnp.flip(backward, (-2, -1)).swapaxes(-1, -2)
 

@@ -140,7 +140,7 @@ def random_configuration(
         for i, k in enumerate(jax.random.split(key, len(t)))
         if not t.is_mimic(i)
     ]
-    return jnp.concatenate(parts, -1)
+    return jnp.concatenate(parts, -1) if parts else jnp.zeros((*batch_shape, 0), dtype)
 
 
 @algorithm(*JOINTS)

@@ -66,7 +66,7 @@ def _matrices(state: MechanismState, v: Array | None, vdot: Array | None, extern
     subspaces = [stacking.stacked_trees(link.joint.subspace) for link in links]
     sides = list(map(_in_world_axes, subspaces, links, motions, composites, placed))
     rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, sides, strict=True)] for side in (0, 1))
-    return _assembled(state, links, matrices.matrices(state, _entries, rows, columns))
+    return _assembled(state, links, matrices.matrices(state, _entries, rows, columns, count=5))
 
 
 # -- composite bodies -------------------------------------------------------------------------------------------------
@@ -261,17 +261,18 @@ def _motion_rates(s: Motion, V: Motion, A: Motion, carried: Motion) -> tuple[Mot
 
 def _assembled(state: MechanismState, links: list[Link], entries: Numbers) -> tuple[Number, Number, Number]:
     """(dtau_dq, dtau_dv, M), as numbers (nv, nv, B)."""
-    is_behind = jnp.asarray(np.array(_is_behind(state.topology))[:, :, None])
+    is_behind = jnp.asarray(_is_behind(state.topology)[:, :, None])
     both = zip(entries[2:4], entries[:2], strict=True)
     by_q, by_v = (numbers.where(is_behind, x, matrices.transposed(y)) for x, y in both)
     by_q, by_v = (matrices.by_velocity(state, matrices.by_velocity(state, x, 0), 1) for x in (by_q, by_v))
     return by_q, by_v, with_armature(state, links, matrices.symmetric_of(entries[4]))
 
 
-def _is_behind(t: Topology) -> list[list[bool]]:
+def _is_behind(t: Topology) -> np.ndarray:
     """(nv, nv): whether the column's velocity comes after the row's, in a later joint or in the same sequential one."""
     joints = [(i, k) for i in range(len(t)) for k in range(t.kind(i).nv)]
-    return [[i > j or (i == j and t.kind(i).is_sequential and k > m) for i, k in joints] for j, m in joints]
+    rows = [[i > j or (i == j and t.kind(i).is_sequential and k > m) for i, k in joints] for j, m in joints]
+    return np.array(rows, bool).reshape((len(joints), len(joints)))
 
 
 def _by_coordinates(state: MechanismState, matrix: Number) -> Number:
@@ -282,6 +283,8 @@ def _by_coordinates(state: MechanismState, matrix: Number) -> Number:
         by_velocity = [_columns(matrix, np.array(t.v_starts)[bodies] + k) for k in range(joints.kind.nv)]
         columns += by_velocity if joints.velocities_are_rates else _along_rates(joints.dq_dt_of_units(), by_velocity)
         places += [np.array(t.q_starts)[bodies] + c for c in range(joints.kind.nq)]
+    if not columns:
+        return state.zeros(t.nv, t.nq)
     order = np.argsort(np.concatenate(places))
     return matrices.transposed(stacking.mapped(lambda w: stacking.rows(w, order), stacking.concatenated(columns)))
 

@@ -141,7 +141,7 @@ def _joint_reactions(state: MechanismState, v: Array, vdot: Array, external_forc
     through = wrenches_through_joints(state, v, vdot, body_loads, state.minus_gravity)
     placed = zip(map(state.child_placement, state.bundles), through, strict=True)
     about_bodies = [_about_body(X_JB, F) for X_JB, F in placed]
-    return tuple(state.by_body([F[k] for F in about_bodies]) for k in (0, 1))
+    return tuple(state.by_body([F[k] for F in about_bodies], 3) for k in (0, 1))
 
 
 _about_body = noinline(algebra.inverse_acted_wrench)

@@ -79,7 +79,7 @@ def _jacobian(state: MechanismState, *, frames: int | tuple[int, ...]):
         for b, joint, X in zip(state.bundles, state.joints, placed, strict=True):
             arm = p_WF - X.p
             columns.append(tuple(of_carriers(state, b, frame, _six(_velocity_at(X.R, s, arm))) for s in joint.subspace))
-        return state.matrix_by_velocity(columns)
+        return state.matrix_by_velocity(columns, 6)
 
     return _stacked(frames, of_frame)
 
@@ -117,7 +117,7 @@ def _jacobian_rate(state: MechanismState, v: Array, *, frames: int | tuple[int, 
             )
             for b, link, (X_WJ, V_WJ_J) in zip(state.bundles, state.links(v), moving, strict=True)
         ]
-        return state.matrix_by_velocity(columns)
+        return state.matrix_by_velocity(columns, 6)
 
     return _stacked(frames, of_frame)
 

@@ -127,7 +127,8 @@ def _of_frames(
     if frames is None:
         placed = zip(map(state.child_placement, state.bundles), both, strict=True)
         of_bundles = [function(X_WJ, X_JF, x) for X_JF, (X_WJ, x) in placed]
-        return tuple(state.by_body([x[k] for x in of_bundles]) for k in (0, 1))
+        sizes = map(len, function(state.world, state.world, at_world))
+        return tuple(state.by_body([x[k] for x in of_bundles], size) for k, size in enumerate(sizes))
     named = (frames,) if isinstance(frames, int) else frames
     X_WJ, x = state.of_bodies(state.topology.bodies_of(named), both, (state.world, at_world))
     of_frames = [state.by_row(y, len(named)) for y in function(X_WJ, state.frame_placements(named), x)]

@@ -88,5 +88,7 @@ def forward_dynamics_derivatives(
     """
     vdot = forward_dynamics(mechanism, q, v, tau, external_forces, precision=precision)
     dq, dv, M = inverse_dynamics_derivatives(mechanism, q, v, vdot, external_forces, precision=precision)
+    if not M.shape[-1]:
+        return ForwardDynamicsDerivatives(dq, dv, M)
     inverse = factored(M).inverse()
     return ForwardDynamicsDerivatives(-(inverse @ dq), -(inverse @ dv), inverse)

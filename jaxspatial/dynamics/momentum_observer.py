@@ -200,8 +200,7 @@ def momentum_and_beta(state: MechanismState, v: Array) -> tuple[jax.Array, jax.A
     bodies = recursion.outward(state, _body, start, links)
     nothing = _Subtree(*[Wrench(state.zero_vector, state.zero_vector)] * 2)
     both = recursion.inward(state, _at_joint, nothing, list(zip(links, bodies, strict=True)))
-    p, beta = zip(*both, strict=True)
-    return state.by_velocity(p), state.by_velocity(beta)
+    return state.by_velocity([p for p, _ in both]), state.by_velocity([beta for _, beta in both])
 
 
 def _body(link: Link, parent: _Base) -> tuple[tuple[Motion, _Subtree], _Base]:

@@ -79,9 +79,18 @@ def semi_implicit_step(
     q, v, tau, h, forces = checked(
         "semi_implicit_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces
     )
+    if not mechanism.nv:
+        return at_rest(q, v, tau, h, forces)
     c = damping_coefficients(mechanism, v, compliance, precision)
     after = stepped_velocities(mechanism, (q, v, tau), h, c, forces, compliance, precision).v
     return moved(mechanism, q, after, dt, precision)
+
+
+def at_rest(q: Checked, *others: Checked) -> tuple[jax.Array, jax.Array]:
+    """(q, v) without any coordinates and velocities, over the common batch."""
+    batch = np.broadcast_shapes(*(x.shape[:-1] for x in jax.tree.leaves((q, others))))
+    nothing = jnp.zeros((*batch, 0), q.dtype)
+    return nothing, nothing
 
 
 class SteppedVelocities(NamedTuple):
@@ -183,6 +192,8 @@ def symplectic_step(
         Lie group variational integrators for the full body problem.
     """
     *at, h, forces = checked("symplectic_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
+    if not mechanism.nv:
+        return at_rest(*at, h, forces)
     batch = np.broadcast_shapes(*(x.shape[:-1] for x in at), h.shape[:-1])
     q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (*at, h))
     springs = passive_forces_or_none(mechanism, q, v, compliance, precision, with_resistance=False)
@@ -284,6 +295,8 @@ def rk4_step(
     Source: Hairer, Norsett, Wanner 1993, Solving ordinary differential equations I, II.1.
     """
     q, v, tau, h, external = checked("rk4_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
+    if not mechanism.nv:
+        return at_rest(q, v, tau, h, external)
 
     def rate(q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
         passive = passive_forces_or_none(mechanism, q, v, compliance, precision)

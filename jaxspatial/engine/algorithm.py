@@ -310,6 +310,18 @@ class Algorithm(Differentiable):
         # Known only now that the program has been traced.
         return jax.tree.unflatten(self.out_tree, leaves)
 
+    def constants(self, data: Sequence[Aval], n_batch: int) -> Any:
+        """The results, with n_batch axes of size 1, where no number of the data is part of them."""
+
+        def computed() -> list[np.ndarray]:
+            with jax.ensure_compile_time_eval():
+                arrays = [jnp.zeros((1, *x.shape), x.dtype) for x in data]
+                return [np.asarray(y[0]) for y in self.traced([jax.typeof(x) for x in arrays])(*arrays)]
+
+        key = tuple((x.shape, np.dtype(x.dtype).name) for x in data)
+        results = self.cached(("constants", key), computed)
+        return jax.tree.unflatten(self.out_tree, [y.reshape((*[1] * n_batch, *y.shape)) for y in results])
+
     # -- programs of other algorithms ---------------------------------------------------------------------------------
 
     @property
@@ -443,19 +455,37 @@ def _run(
     leaves, tree = jax.tree.flatten((fields, arrays))
     n_fields = tree.children()[0].num_leaves
     tracing = any(isinstance(x, Tracer) for x in leaves)
+    batch = np.broadcast_shapes((), *[x.shape[:-1] for x in leaves[n_fields:]])
+    is_rigid = not len(mechanism.topology)
+    if is_rigid:
+        # Without joints nothing varies with q and v, whose batch the results get at the end.
+        leaves = [_empty(x, i < n_fields) if 0 in x.shape else x for i, x in enumerate(leaves)]
     cache = _program_cache(mechanism, reads, tree.children()[0], leaves[:n_fields])
     known = (
         *cache.known,
-        *[x if tracing and isinstance(x, np.ndarray) and x.ndim == 1 else None for x in leaves[n_fields:]],
+        *[
+            x if isinstance(x, np.ndarray) and x.ndim == 1 and (tracing or is_rigid and not x.size) else None
+            for x in leaves[n_fields:]
+        ],
     )
     compiled = cache.program(formula, precision, tree, known, static, np.dtype(arrays[0].dtype))
-    n_batch = len(np.broadcast_shapes((), *[x.shape[:-1] for x in leaves[n_fields:]]))
+    n_batch = len(batch)
     is_data = [k is None for k in known]
     data = [_with_batch_axes(x, i < n_fields, n_batch) for i, x in enumerate(leaves) if is_data[i]]
+    if is_rigid:
+        items = [jax.ShapeDtypeStruct(x.shape[n_batch:], x.dtype) for x in data]
+        is_constant = not data or all(0 in shape for shape, _ in compiled.outputs(items, [1] * len(items)))
+        results = compiled.constants(items, n_batch) if is_constant else compiled(data, n_batch)
+        return jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape[n_batch:])), results)
     if tracing:
         return compiled(data, n_batch)
     _warn_of_many_programs(cache, (formula, tree, static, compiled.dtype))
     return cache.call(compiled)(n_batch, data)
+
+
+def _empty(x: Any, is_field: bool) -> np.ndarray:
+    """An array without numbers, of one state, as a constant."""
+    return np.zeros(x.shape if is_field else x.shape[-1:], x.dtype)
 
 
 def _with_batch_axes(x, is_field: bool, n_batch: int):

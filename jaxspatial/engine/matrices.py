@@ -40,8 +40,8 @@ ChainPairs = list[tuple[int, int]]
 Sides = Sequence[tuple[int, Any]]
 
 
-def matrices(state: MechanismState, entry: Entry, rows: Sides, columns: Sides) -> Numbers:
-    """Assembles matrices (rows, columns, B), one for each number of the tuple `entry(row, column)`.
+def matrices(state: MechanismState, entry: Entry, rows: Sides, columns: Sides, count: int = 1) -> Numbers:
+    """Assembles matrices (rows, columns, B), one for each of the `count` numbers of the tuple `entry(row, column)`.
 
     Entries are 0 where the joint of the row does not carry the body of the column.
 
@@ -60,7 +60,7 @@ def matrices(state: MechanismState, entry: Entry, rows: Sides, columns: Sides) -
                 block = _block(entry, rows[a], column, pairs, shape)
                 block = [_upper(x, chains[a].length) for x in block] if a == b else block
                 whole = _with_block(state, whole or _zeros(state, block, starts), block, starts, a, b, pairs)
-    return whole
+    return whole or [state.zeros(int(starts[0][-1]), int(starts[1][-1]))] * count
 
 
 def _place(state: MechanismState, group: Chains) -> tuple[int, int, int]:

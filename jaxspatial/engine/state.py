@@ -127,6 +127,10 @@ class MechanismState:
         """A number that is known while tracing."""
         return self.numbers(np.array([number]))[0]
 
+    def zeros(self, *shape: int) -> Number:
+        """A number (*shape, B) that is zero, as data."""
+        return stacking.spread(self.known(0.0), (*shape, self.n))
+
     @property
     def zero_vector(self) -> Vector:
         return Vector(*[self.known(0.0)] * 3)
@@ -292,8 +296,10 @@ class MechanismState:
             pieces.append(at_world if k < 0 else stacking.mapped(lambda w, at=at: _rows_at(w, at), results[k]))
         return pieces[0] if len(pieces) == 1 else stacking.concatenated_trees(pieces, self.n, counts)
 
-    def by_body(self, results: Sequence[Numbers]) -> jax.Array:
+    def by_body(self, results: Sequence[Numbers], k: int) -> jax.Array:
         """Results by body, (n, k, B), from a tuple of k numbers for every bundle."""
+        if not self.bundles:
+            return self.rounded(self.zeros(0, k))
         pieces = [self._rows(b, parts, 3) for b, parts in zip(self.bundles, results, strict=True)]
         places = np.concatenate([b.own_bodies for b in self.bundles])
         return self.rounded(
@@ -306,6 +312,8 @@ class MechanismState:
 
     def sum_over_bodies(self, results: Sequence[Number]) -> Number:
         """The sum over all bodies, (B,), of a number for every bundle."""
+        if not self.bundles:
+            return self.known(0.0)
         rows = [self._rows(b, (x,), 2) for b, x in zip(self.bundles, results, strict=True)]
         return stacking.pairwise_sum(stacking.concatenated(rows))
 
@@ -340,12 +348,11 @@ class MechanismState:
         gathered = self._gathered(results, bundles or self.bundles, self.topology.q_starts)
         return self.rounded(self._independent_rows(*gathered))
 
-    def matrix_by_velocity(self, results: Sequence[Sequence[Numbers]]) -> jax.Array:
+    def matrix_by_velocity(self, results: Sequence[Sequence[Numbers]], k: int) -> jax.Array:
         """A matrix (k, nv, B), from its columns: a tuple of k numbers per velocity, in a tuple for each bundle.
 
         Columns of joints that recursions do not compute are zero.
         """
-        k = next((len(parts[0]) for parts in results if parts), 6)
         rows = ([tuple(column[i] for column in parts) for parts in results] for i in range(k))
         return jnp.stack([self.by_all_velocities(row) for row in rows])
 
@@ -374,6 +381,8 @@ class MechanismState:
                 pieces.append(self._rows(b, parts, 2))
                 places.append(np.array(starts)[b.own_bodies][:, None] + np.arange(len(parts)))
                 bodies.append(np.broadcast_to(b.own_bodies[:, None], places[-1].shape))
+        if not pieces:
+            return self.zeros(0), np.zeros(0, int), np.zeros(0, int)
         places, bodies = (np.concatenate([x.ravel() for x in y]) for y in (places, bodies))
         return stacking.concatenated(pieces), places, bodies
 
