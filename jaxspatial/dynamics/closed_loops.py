@@ -148,7 +148,8 @@ def constrained_forward_dynamics(
     unique then, the multipliers are not, and of the wrenches these are one choice of many. Closures that contradict one
     another are met in the mean.
 
-    A closure is not met where it would have to accelerate a body without mass or armature.
+    Velocities without inertia have the acceleration 0, as in `forward_dynamics`: a closure is not met where it would
+    have to accelerate a body without mass or armature.
 
     Derivatives, by all arguments, are those of the equations, which the same factors solve; also where closures are
     redundant. There are none in singular configurations, such as a four-bar linkage that is folded flat: there rows

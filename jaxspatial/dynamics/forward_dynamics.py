@@ -46,9 +46,12 @@ def forward_dynamics(
     With mimics the system is solved with the mass matrix, in the same precision. Derivatives, of any order and with
     respect to all numbers of the mechanism, are those of inverse dynamics times M^-1.
 
+    A velocity without inertia moves neither mass nor armature: its acceleration is 0, whatever the forces, and all
+    others are those of a mechanism whose joint is locked there. Of a file without inertias all accelerations are 0, and
+    nothing says so: `mass_matrix_factor` is NaN then.
+
     Returns:
-        vdot (*batch, nv), over the common batch: rad/s^2, m/s^2. It is 0 along velocities without inertia, of bodies
-        that have neither mass nor armature.
+        vdot (*batch, nv), over the common batch: rad/s^2, m/s^2; 0 along velocities without inertia.
 
     Error: Let n be the number of links in the longest chain, c the condition number of the mass matrix, r the largest
         number of the result, and mag that number with every term replaced by its absolute value. The error of every

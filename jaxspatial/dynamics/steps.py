@@ -67,6 +67,8 @@ def semi_implicit_step(
     dt limit_damping below the inertia. Where the mass matrix depends on q the step is not symplectic, and energy drifts
     in proportion to dt and the time: see `symplectic_step`.
 
+    A velocity without inertia, of what has neither mass, armature nor damping, stays as it is, see `forward_dynamics`.
+
     Returns:
         (q (*batch, nq), v (*batch, nv)) after the time dt, over the common batch; quaternions of unit length.
 
@@ -175,7 +177,8 @@ def symplectic_step(
     dt T(q, v) - dt V(q), stationary, with the energy of springs in V. Without damping, friction, and forces that vary
     or dissipate, the errors of energy and momenta stay bounded in proportion to dt, over any number of steps.
     `passive_forces` act as in `semi_implicit_step`. v is the velocity of the screw motion that led to q, so the linear
-    velocity of a spinning body has the direction of half a step earlier.
+    velocity of a spinning body has the direction of half a step earlier. Where a velocity has neither inertia nor
+    damping the step is NaN.
 
     Args:
         dt: the time, s: a number or (*batch,). The same at every step.
@@ -284,7 +287,8 @@ def rk4_step(
     normalised at the end. The linear velocities of "free" and "planar" joints are along axes that turn with w: the step
     is stable for dt |w| below 2.8, and a spinning body keeps its speed to (dt |w|)^6 / 144 per step. `passive_forces`
     are explicit: stable for dt below 2.8 inertia / c, with c the sum of damping and friction_loss / friction_speed. A
-    step in which friction or a limit sets in is of first order.
+    step in which friction or a limit sets in is of first order. A velocity without inertia stays as it is, see
+    `forward_dynamics`.
 
     Returns:
         (q (*batch, nq), v (*batch, nv)) after the time dt, over the common batch; quaternions of unit length.

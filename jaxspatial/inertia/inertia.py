@@ -843,7 +843,8 @@ class SpatialInertia(Additive):
 
         Returns:
             (*batch,): 1/3 for a ball, 0 for a plate, a rod and a point, negative where the triangle inequality of the
-            principal moments does not hold; -1 for a negative mass, NaN where a number is not finite.
+            principal moments does not hold; -1 for a negative mass and for moments without mass, NaN where a number is
+            not finite.
 
         Error: at most {bound.plain}.
         Source: Wensing, Kim and Slotine 2018.
@@ -854,7 +855,8 @@ class SpatialInertia(Additive):
     def is_physically_valid(self, tolerance: float | None = None, *, precision: PrecisionName = None) -> jax.Array:
         """Whether a body can have this inertia: all finite, mass >= 0, `validity_slack` >= -tolerance.
 
-        The answer does not depend on the point P.
+        Nothing at all is valid: mass 0 and central 0. Mass 0 with moments is not: what has no mass has no moments. The
+        answer does not depend on the point P.
 
         Args:
             tolerance: relative, as the slack is; 16 eps by default, for what rounding takes from a plate.
@@ -872,7 +874,8 @@ class SpatialInertia(Additive):
         """The nearest inertia that a body can have, of mass and second moments about the centre of mass no less than 0.
 
         The matrix of second moments is the nearest such one in the Frobenius norm. Mass, or central, that are valid
-        with this tolerance stay bit for bit, and so do those that are not finite; com always.
+        with this tolerance stay bit for bit, and so do those that are not finite; com always. Where moments are left
+        and the mass is not above 0, it becomes the smallest normal number of the dtype.
 
         Args:
             tolerance: relative, of the slack; 16 eps by default.

@@ -155,8 +155,10 @@ def log_cholesky(M: Inertia) -> Numbers:
 
 @formula
 def slack(M: Inertia, moments: Vector) -> Number:
-    """The smallest s_i over the sum of all |s_i|; -1 for a negative mass, NaN where a number is not finite."""
-    result = where(high(M.mass) < 0, -1.0, _relative(moments))
+    """The smallest s_i over the sum of all |s_i|; -1 for a negative mass and for moments without mass, NaN where a
+    number is not finite."""
+    mass = high(M.mass)
+    result = where((mass < 0) | ((mass == 0) & _any(M.central)), -1.0, _relative(moments))
     return where(_all_finite(M.mass, *M.com, *M.central), result, float("nan"))
 
 
@@ -178,17 +180,23 @@ def _all_finite(*numbers: Number) -> Mask:
     return functools.reduce(lambda a, b: a & b, [abs(high(x)) <= largest for x in numbers])
 
 
+def _any(numbers: Numbers) -> Mask:
+    """Whether any of them is not 0."""
+    return functools.reduce(operator.or_, [high(x) != 0 for x in numbers])
+
+
 @formula
 def nearest_valid(M: Inertia, moments: Vector, axes: Matrix, tolerance: float) -> list[Any]:
     """[mass, central] without the part of Sigma that has negative eigenvalues: central + tr(N) 1 - N, with
-    N = Q diag(max(-s, 0)) Q^T."""
+    N = Q diag(max(-s, 0)) Q^T. The mass of moments without any is the smallest normal number."""
     scaled, e = linear.scaled(moments)
     missing = [times_power_of_two(where(high(s) < 0, -s, 0.0), e) for s in _second_moments(scaled)]
     weighted = Matrix(*(Vector(*(x * s for x, s in zip(row, missing, strict=True))) for row in axes))
     added = Symmetric.of_matrix(weighted @ axes.T).trace_minus()
     is_kept = ~_all_finite(*M.central) | (high(_relative(moments)) >= -tolerance)
     clamped = Symmetric(*(where(is_kept, x, x + y) for x, y in zip(M.central, added, strict=True)))
-    return [where(high(M.mass) < 0, 0.0, M.mass), clamped]
+    least = where(_any(clamped) & _all_finite(*clamped), float(jnp.finfo(M.mass.dtype).tiny), constant(M.mass, 0))
+    return [where(high(M.mass) <= 0, least, M.mass), clamped]
 
 
 # -- equivalent shapes ------------------------------------------------------------------------------------------------

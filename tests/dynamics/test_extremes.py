@@ -47,6 +47,21 @@ def test_a_floating_body_without_rotational_inertia(mass, is_data):
     np.testing.assert_array_equal(jax.jacrev(follows)(tau), inverse)
 
 
+def test_a_joint_without_inertia_is_as_if_locked():
+    """Forces of its own do nothing, the others move as with the joint locked; steps leave its velocity as it is."""
+    rng = np.random.default_rng(3)
+    joints = [js.Joint("a", "revolute", "world", "arm", axis=(1, 0, 0)), js.Joint("b", "revolute", "arm", "hand")]
+    mech = js.Mechanism.build([js.Body("arm", body(rng)), js.Body("hand")], joints, dtype=np.float64)
+    q, v, tau = np.array([0.3, 0.2]), np.array([0.5, 1.0]), np.array([1.0, 7.0])
+    vdot = js.forward_dynamics(mech, q, v, tau)
+    locked = js.forward_dynamics(js.lock_joints(mech, {"b": 0.2}), q[:1], v[:1], tau[:1])
+    np.testing.assert_allclose(vdot, [locked[0], 0.0], rtol=1e-14)
+    assert np.isnan(js.mass_matrix_factor(mech, q).L).any()
+    for step in (js.semi_implicit_step, js.rk4_step):
+        assert step(mech, q, v, tau, 0.01)[1][1] == v[1]
+    assert np.isnan(js.symplectic_step(mech, q, v, tau, 0.01)[1]).any()
+
+
 def test_armature_of_a_floating_root():
     """One number for each of its six velocities, on the diagonal of the mass matrix."""
     rng = np.random.default_rng(8)

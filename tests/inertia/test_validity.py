@@ -272,7 +272,7 @@ def test_slack_is_invariant():
 
 # Drake's own examples, with its tolerances where they are relative.
 VALID = {
-    "zero mass": (0.0, (0.0, 0, 0), np.eye(3)),
+    "nothing": (0.0, (0.0, 0, 0), np.zeros((3, 3))),
     "zero mass, com": (0.0, (1.0, 2, 3), np.zeros((3, 3))),
     "rod far away": (10.0, (1e4, 2e4, 3e4), np.diag([0.0, 20.8, 20.8])),
     "tiny plate far away": (1.0, (10.0, 20, 30), np.diag([0.01, 0.01, 0.02]) / np.pi),
@@ -299,6 +299,9 @@ INVALID = {
     "one product": (1.0, (0.0, 0, 0), [2.0, -0.8, 2, 0, -0.8, 2]),
     "Laplacian": (1.0, (0.0, 0, 0), [2.0, -1, 2, 0, -1, 2]),
     "beyond 64 eps": (1.0, (0.0, 0, 0), np.diag([2.0, 4, 6 + 64 * EPS * 6])),
+    # For Drake these are valid, but what has no mass has no moments.
+    "zero mass": (0.0, (0.0, 0, 0), np.eye(3)),
+    "zero mass, a product": (0.0, (0.0, 0, 0), [0.0, 1e-300, 0, 0, 0, 0]),
 }
 
 
@@ -343,7 +346,8 @@ def test_nearest_valid(dtype):
     was_valid = is_physically_valid(js.SpatialInertia(np.abs(M.mass), M.com, M.central))
     assert 0 < was_valid.sum() < 100
     np.testing.assert_array_equal(np.asarray(N.central)[was_valid], np.asarray(M.central)[was_valid])
-    np.testing.assert_array_equal(N.mass, np.maximum(M.mass, 0))
+    # None of them loses all its moments.
+    np.testing.assert_array_equal(N.mass, np.where(M.mass > 0, M.mass, np.finfo(dtype).tiny))
     six = np.asarray(M.central, np.float64)
     sigma = np.trace(matrix(six), axis1=1, axis2=2)[:, None, None] / 2 * np.eye(3) - matrix(six)
     eigenvalues, q = np.linalg.eigh(sigma)
@@ -352,6 +356,15 @@ def test_nearest_valid(dtype):
     size = np.abs(np.linalg.eigvalsh(matrix(six))).max(-1)[:, None, None]
     u = float(unit_roundoff(dtype))
     assert (np.abs(matrix(np.asarray(N.central, np.float64)) - expected) <= NEAREST_VALID.u * u * size).all()
+
+
+@pytest.mark.parametrize("mass", [0.0, -2.0])
+def test_nearest_of_moments_without_mass(mass):
+    """It has the least mass that there is, unless no moments are left."""
+    for moments, expected in ((np.eye(3), np.finfo(np.float64).tiny), (np.zeros((3, 3)), 0.0), (-np.eye(3), 0.0)):
+        N = nearest_valid(body(moments, mass=mass))
+        assert N.mass == expected and is_physically_valid(N) and validity_slack(N) >= 0
+        np.testing.assert_array_equal(N.central[[0, 2, 5]], np.maximum(np.diag(moments), 0))
 
 
 def test_nearest_of_what_is_not_finite_stays():

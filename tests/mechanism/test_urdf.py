@@ -401,6 +401,15 @@ def test_inertias_of_what_is_welded_count_with_all_that_is():
     assert [x.split()[0] for x in found] == ["fore", "tool"]
 
 
+def test_moments_without_mass_are_listed():
+    """Of a link that is welded to others they are moments of what has mass."""
+    massless = f'<inertial><mass value="0"/>{_of_moments(1, 1, 1)}</inertial>'
+    of = {name: (f'<link name="{name}">{INERTIAL}', f'<link name="{name}">{massless}') for name in ("fore", "tool")}
+    assert not warned(js.Mechanism.from_urdf, changed(ARM, of["tool"])).doubtful
+    (found,) = warned(js.Mechanism.from_urdf, changed(ARM, *of.values())).doubtful.values()
+    assert [x.split(": ")[1] for x in found] == ["mass 0 kg with moments up to 1 kg m2"] * 2
+
+
 def test_an_inertia_that_is_welded_to_the_world_is_none():
     """The base; it is one where it floats."""
     text = changed(ARM, ('<link name="base">', f'<link name="base">{IMPROPER}'))

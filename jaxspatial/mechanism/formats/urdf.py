@@ -206,7 +206,8 @@ class _File(ModelText):
         if 0 < float(mass.get("value")) < self.smallest:
             expected = f"expected at least {self.smallest:.3g} in this dtype"
             self.refuse_element(mass, f"value: {expected}, got {mass.get('value')!r}")
-        if why := _broken_rule([float(moments.get(name)) for name in ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")]):
+        six = [float(moments.get(name)) for name in ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")]
+        if why := _broken_rule(float(mass.get("value")), six):
             self.impossible[link.get("name")] = f"{link.get('name')} in line {moments.sourceline}: {why}"
 
     def _check_joint(self, element: Element):
@@ -371,12 +372,16 @@ def _pose(element: Element):
 def _is_impossible(mechanism: Any, link: str):
     """Whether the moving body that a link is part of has such an inertia."""
     body = dict(mechanism.topology.frames)[link]
-    return body >= 0 and _broken_rule(mechanism.inertias.central[body]) is not None
+    M = mechanism.inertias
+    return body >= 0 and _broken_rule(M.mass[body], M.central[body]) is not None
 
 
-def _broken_rule(central: Sequence[float]) -> str | None:
-    """Which rule of principal moments an inertia (xx, xy, yy, xz, yz, zz) breaks, and by how much; None for none."""
-    largest = max(map(abs, central)) or 1.0
+def _broken_rule(mass: float, central: Sequence[float]) -> str | None:
+    """Which rule an inertia with moments (xx, xy, yy, xz, yz, zz) breaks, and by how much; None for none."""
+    largest = max(map(abs, central))
+    if largest and not mass:
+        return f"mass 0 kg with moments up to {largest:.6g} kg m2"
+    largest = largest or 1.0
     xx, xy, yy, xz, yz, zz = (float(x) / largest for x in central)
     a, b, c = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])).tolist()
     tolerance = _DIGITS * (abs(a) + abs(b) + abs(c))
