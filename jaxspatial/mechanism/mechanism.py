@@ -273,7 +273,7 @@ class Mechanism:
             if name == "loops":
                 changes[name] = checked_loops(new, self.topology, "Mechanism.replace: loops")
             else:
-                _check_replaced(name, getattr(self, name, None), new)
+                changes[name] = _replacement(name, getattr(self, name, None), new)
         return _read_only(self._as_tree(**changes))
 
     def astype(self, dtype: DTypeLike | None) -> "Mechanism":
@@ -328,7 +328,8 @@ class Mechanism:
         return Mechanism(**{field.name: getattr(self, field.name) for field in dataclasses.fields(self)} | changes)
 
 
-def _check_replaced(name: str, old, new):
+def _replacement(name: str, old, new):
+    """The new numbers of a field, checked; integers of NumPy as floats."""
     if old is None or name == "topology":
         fields = [field.name for field in dataclasses.fields(Mechanism) if field.name != "topology"]
         near = check.did_you_mean(name, fields)
@@ -338,10 +339,14 @@ def _check_replaced(name: str, old, new):
         types = [type(x).__name__ for x in (old, new)]
         expected, came = types if types[0] != types[1] else structures
         raise TypeError(f"Mechanism.replace: {name}: expected {expected}, got {came}")
-    for a, b in zip(jax.tree.leaves(old), jax.tree.leaves(new), strict=True):
+
+    def checked(a, b):
         if np.shape(a) != np.shape(b):
             raise ValueError(f"Mechanism.replace: {name}: expected shape {np.shape(a)}, got {np.shape(b)}")
-        check.as_float_array(b, f"Mechanism.replace: {name}", check.floating_dtype(a), held=True)
+        array = check.as_float_array(b, f"Mechanism.replace: {name}", check.floating_dtype(a), held=True)
+        return array if isinstance(b, np.ndarray) else b
+
+    return jax.tree.map(checked, old, new)
 
 
 def _as_numpy(x):

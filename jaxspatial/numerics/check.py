@@ -98,10 +98,10 @@ def did_you_mean(name: object, names: Iterable[str]) -> str:
 
 
 def as_float_array(x: Any, name: str, dtype: DTypeLike | None = None, *, held: bool = False) -> jax.Array:
-    """x as an array of floating point. Python numbers, and lists of them, get the dtype `dtype`.
+    """x as an array of floating point. Python numbers, lists of them, and NumPy's integers get the dtype `dtype`.
 
     NumPy stays NumPy (known while tracing): with `held` in its own dtype, else in the one JAX computes in, see
-    `narrowed`. Arrays of integers are refused: whether 1 means 1.0f or 1.0 is the caller's to say.
+    `narrowed`. JAX's arrays of integers are refused: where they come from, a dtype was meant.
     """
     # To all who compute, what stands for an array and those of NumPy are arrays, which no stub says.
     if isinstance(x, StandIn):
@@ -139,7 +139,10 @@ def _advice(x: Any, array: Any, dtype: DTypeLike | None) -> str:
 
 def _as_array(x: Any, name: str, dtype: DTypeLike | None) -> Any:
     if isinstance(x, ARRAYS) and not isinstance(x, float):
-        return np.asarray(x) if isinstance(x, SCALAR) else x
+        array: Any = np.asarray(x) if isinstance(x, SCALAR) else x
+        # Integers say no more than those of a list.
+        is_integer = isinstance(array, NUMPY) and array.dtype.kind in "iu"
+        return array.astype(jax.dtypes.canonicalize_dtype(float) if dtype is None else dtype) if is_integer else array
     leaves = jax.tree.leaves(x)
     try:
         if any(isinstance(leaf, jax.Array) for leaf in leaves):
@@ -154,11 +157,11 @@ def _as_array(x: Any, name: str, dtype: DTypeLike | None) -> Any:
 
 
 def _has_no_dtype(x: Any, leaves: list[Any], array: np.ndarray) -> bool:
-    """True for Python numbers, and lists of them and of NumPy's scalars of floating point."""
+    """True for Python numbers, and lists of them and of NumPy's scalars; for lists of NumPy's arrays of integers."""
+    if array.dtype.kind in "iu":
+        return not any(isinstance(leaf, (bool, np.bool_)) for leaf in leaves)
     is_plain = isinstance(x, (int, float, list, tuple)) and not isinstance(x, np.generic)
-    if not is_plain or any(np.ndim(leaf) for leaf in leaves):
-        return False
-    return array.dtype.kind == "f" or all(type(leaf) is int for leaf in leaves)
+    return is_plain and array.dtype.kind == "f" and not any(np.ndim(leaf) for leaf in leaves)
 
 
 def narrowed(tree: _Tree) -> _Tree:
@@ -215,13 +218,22 @@ def _shown(x: object) -> str:
 
 
 def as_vectors(
-    x: Any, name: str, dtype: DTypeLike | None = None, size: int = 3, many: Sequence[str] = (), *, held: bool = False
+    x: Any,
+    name: str,
+    dtype: DTypeLike | None = None,
+    size: int = 3,
+    many: Sequence[str] = (),
+    *,
+    held: bool = False,
+    otherwise: str = "",
 ) -> jax.Array:
-    """x as an array of shape (*batch, size), or (*batch, n, size) with n named in `many`; see `as_float_array`."""
+    """x as an array of shape (*batch, size), or (*batch, n, size) with n named in `many`; see `as_float_array`.
+
+    otherwise: the end of the message about another shape: what takes arrays of that one."""
     array = as_float_array(x, name, dtype, held=True)
     if array.shape[-1:] != (size,) or array.ndim <= len(many):
         shape = ", ".join(("*batch", *many, str(size)))
-        raise ValueError(f"{name}: expected shape ({shape}), got {array.shape}")
+        raise ValueError(f"{name}: expected shape ({shape}), got {array.shape}{otherwise}")
     return array if held or isinstance(array, jax.Array) else narrowed(array)
 
 
@@ -258,7 +270,10 @@ def refuse(operation: str, expected: str, x: object) -> NoReturn:
 
 def require_kind(x: object, kind: type, name: str, place: str = "") -> None:
     if not isinstance(x, kind):
-        refuse(name, f"a {kind.__name__}{place}", x)
+        # What `to_matrix` gives of an object, `from_matrix` takes.
+        maker = getattr(kind, "_as_array", "").replace("to_", "from_")
+        way_out = f"; of an array make one with {kind.__name__}.{maker}" if maker and isinstance(x, ARRAYS) else ""
+        raise TypeError(f"{name}: expected a {kind.__name__}{place}, got {type(x).__name__}{way_out}")
 
 
 def require_same_dtype(**arrays: Any) -> None:

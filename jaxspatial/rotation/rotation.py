@@ -65,6 +65,9 @@ def _interpolated(R: Matrix, S: Matrix, t: Numbers) -> Matrix:
     return R @ exponential.rotation(t[0] * exponential.rotation_vector(R.T @ S))
 
 
+_MAKERS = "; of matrices make one with Rotation.from_matrix, of quaternions with Rotation.from_quaternion"
+
+
 @tree
 class Rotation(Quantity):
     """R_AB: re-expresses in frame A what is expressed in frame B.
@@ -93,7 +96,7 @@ class Rotation(Quantity):
     def __post_init__(self) -> None:
         """Checks what a caller passes; marks of a tree of axes or specs pass."""
         if not check.is_tree_mark(self.entries):
-            entries = check.as_vectors(self.entries, "Rotation: entries", size=9, held=True)
+            entries = check.as_vectors(self.entries, "Rotation: entries", size=9, held=True, otherwise=_MAKERS)
             object.__setattr__(self, "entries", check.owned(entries))
 
     def __repr__(self) -> str:
@@ -267,7 +270,7 @@ class Rotation(Quantity):
     @classmethod
     @promises(bound=FROM_ROLL_PITCH_YAW)
     def from_roll_pitch_yaw(cls, rpy: ArrayLike, *, precision: PrecisionName = None) -> Self:
-        """Rz(yaw) Ry(pitch) Rx(roll).
+        """Rz(yaw) Ry(pitch) Rx(roll), as the rpy of a URDF; also `from_rpy`.
 
         Args:
             rpy: (*batch, 3) angles, rad: roll, pitch, yaw.
@@ -284,6 +287,9 @@ class Rotation(Quantity):
         """
         rpy = check.as_vectors(rpy, "Rotation.from_roll_pitch_yaw: rpy")
         return cls(_from_roll_pitch_yaw(precision, rpy))
+
+    # As URDF and other libraries name it.
+    from_rpy = from_roll_pitch_yaw
 
     @classmethod
     @promises(bound=FROM_ONE_VECTOR)
@@ -421,7 +427,7 @@ class Rotation(Quantity):
 
     @promises(roll=TO_ROLL, rotation=TO_ROLL_PITCH_YAW)
     def to_roll_pitch_yaw(self, *, precision: PrecisionName = None) -> jax.Array:
-        """The angles with R = Rz(yaw) Ry(pitch) Rx(roll).
+        """The angles with R = Rz(yaw) Ry(pitch) Rx(roll); also `to_rpy`.
 
         Args:
             precision: name of a precision; None takes the default.
@@ -434,6 +440,8 @@ class Rotation(Quantity):
         Source: Mitiguy, in Drake's RollPitchYaw.
         """
         return _to_roll_pitch_yaw(precision, self.entries)
+
+    to_rpy = to_roll_pitch_yaw
 
     # -- operations ---------------------------------------------------------------------------------------------------
 

@@ -85,8 +85,9 @@ class SpatialVector(Additive):
         if not parts:
             raise TypeError(f"{kind}: expected {', '.join(names)} or both, got neither; zero is {kind}.zero()")
         if not all(map(check.is_tree_mark, parts.values())):
+            maker = f"; of six numbers make one with {kind}.from_array"
             for name, x in parts.items():
-                parts[name] = check.owned(check.as_vectors(x, name, held=True))
+                parts[name] = check.owned(check.as_vectors(x, name, held=True, otherwise=maker))
             parts = check.same_dtype(**parts)
             arrays = list(parts.values())
             if arrays[0].shape != arrays[-1].shape:

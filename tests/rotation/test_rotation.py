@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from tests.helpers.interpreted import interpreted
+
+EPS = float(np.finfo(np.float32).eps)
 
 
 def _rotations(count, dtype=np.float32):
@@ -72,7 +75,7 @@ def test_errors_name_what_came():
     F = js.SpatialForce(np.ones(3, np.float32), np.ones(3, np.float32))
     with pytest.raises(ValueError, match=r"Rotation.from_matrix: m: expected shape .*, got \(4, 3\)"):
         js.Rotation.from_matrix(np.ones((4, 3), np.float32))
-    with pytest.raises(TypeError, match="rotate: expected a Rotation first, got ndarray"):
+    with pytest.raises(TypeError, match="rotate: expected a Rotation first, got ndarray; .* with Rotation.from_matrix"):
         js.rotate(np.eye(3, dtype=np.float32), F)
     with pytest.raises(TypeError, match="rotate: expected one of the four spatial vectors as second, got ndarray"):
         js.rotate(R, np.ones(3, np.float32))
@@ -80,3 +83,45 @@ def test_errors_name_what_came():
         R @ np.ones(3, np.float16)
     with pytest.raises(ValueError, match="Rotation @ v: v: expected shape"):
         R @ np.ones(4, np.float32)
+
+
+@pytest.mark.parametrize(
+    ("call", "way_out"),
+    [
+        (lambda: js.Rotation(np.eye(3)), "Rotation.from_matrix"),
+        (lambda: js.Rotation(jnp.ones((2, 3, 3))), "Rotation.from_matrix"),
+        (lambda: js.Rotation([1.0, 0, 0, 0]), "Rotation.from_quaternion"),
+        (lambda: js.RigidTransform(np.eye(3), np.zeros(3)), "Rotation.from_matrix"),
+        (lambda: js.act(np.eye(4), js.SpatialForce.zero()), "RigidTransform.from_matrix"),
+        (lambda: js.SpatialForce(np.zeros(6)), "SpatialForce.from_array"),
+        (lambda: js.SpatialVelocity(np.zeros(6), np.zeros(6)), "SpatialVelocity.from_array"),
+        (lambda: js.RigidTransform.exp(np.zeros(6)), "SpatialVelocity.from_array"),
+    ],
+    ids=range(8),
+)
+def test_arrays_in_place_of_objects_are_told_what_takes_them(call, way_out):
+    with pytest.raises((TypeError, ValueError), match=f"got .*with {way_out}"):
+        call()
+    maker = getattr(getattr(js, way_out.split(".")[0]), way_out.split(".")[1])
+    assert callable(maker)
+
+
+def test_rpy_is_that_of_a_urdf():
+    """Roll, pitch, yaw about the fixed axes x, y, z in turn: Rz(yaw) Ry(pitch) Rx(roll), as a file's rpy is read."""
+    rpy = np.float32([0.3, -0.5, 2.0])
+    R = interpreted(js.Rotation.from_rpy)(rpy)
+    about_z, about_y, about_x = (
+        getattr(js.Rotation, f"about_{axis}")(rpy[k]) for k, axis in ((2, "z"), (1, "y"), (0, "x"))
+    )
+    np.testing.assert_allclose(R.to_matrix(), (about_z @ about_y @ about_x).to_matrix(), rtol=0, atol=4 * EPS)
+    np.testing.assert_allclose(interpreted(js.Rotation.to_rpy)(R), rpy, rtol=0, atol=16 * EPS)
+    assert (
+        js.Rotation.from_rpy.__func__ is js.Rotation.from_roll_pitch_yaw.__func__
+    )  # whose bounds and derivatives hold
+    assert js.Rotation.to_rpy is js.Rotation.to_roll_pitch_yaw
+    pytest.importorskip("lxml")
+    arm = f"""<robot name="arm"><link name="a"/><link name="b"/>
+      <joint name="j" type="continuous"><parent link="a"/><child link="b"/>
+      <origin rpy="{" ".join(map(str, rpy))}"/></joint></robot>"""
+    read = js.Mechanism.from_urdf(arm, dtype=np.float32)
+    np.testing.assert_allclose(R.entries, read.placements.rotation.entries[0], rtol=0, atol=4 * EPS)

@@ -166,8 +166,24 @@ def test_python_integers_in_lists_are_numbers(x64):
     assert js.gravity_forces(mechanism, [0, 1]).dtype == default
 
 
+@pytest.mark.parametrize("integers", [np.array([3, 1, 2]), np.uint8([3, 1, 2]), [*np.int32([3, 1, 2])]], ids=repr)
+def test_integers_of_numpy_are_taken_as_a_list_is(integers, x64):
+    """In the dtype of the arrays beside them, or else in JAX's default."""
+    given = [3, 1, 2]
+    for dtype in (None, np.float16):
+        F = js.SpatialForce(f=[1.0, 2.0, 4.0]).astype(dtype)
+        found, expected = (js.shift(F, x) for x in (integers, given))
+        assert found.dtype == expected.dtype == F.dtype and (found == expected).all()
+    found, expected = (js.SpatialForce(x, x) for x in (integers, given))
+    assert found.dtype == expected.dtype and (found == expected).all()
+    whole = np.eye(3, dtype=int)
+    assert (js.Rotation.from_matrix(whole) == js.Rotation.identity()).all()
+    assert (js.SpatialForce(given) * np.int64(2) == js.SpatialForce([6, 2, 4])).all()
+    assert js.SpatialInertia(np.int64(2), np.arange(3), whole).dtype == (np.float64 if x64 else np.float32)
+
+
 def test_advice_can_be_followed():
-    for x, dtype in ((np.arange(3), None), (jnp.arange(3), np.float16)):
+    for x, dtype in ((jnp.arange(3), None), (jnp.arange(3), np.float16)):
         with pytest.raises(TypeError, match=r"convert with \.astype\('float") as error:
             js.shift(js.SpatialForce.zero(dtype=dtype), x)
         advised = str(error.value).rpartition(".astype('")[2].rstrip("')")

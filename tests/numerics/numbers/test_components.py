@@ -406,7 +406,11 @@ FLOATS = "float16, bfloat16, float32 or float64"
 BATCHES = "expected batch shapes that broadcast, got component 0: (2,), component 1: (3,)"
 REFUSED = {
     "none": (lambda: C(), ValueError, "Components: expected at least one component, got none"),
-    "integer": (lambda: C(F32, np.int32(0)), TypeError, f"Components: component 1: expected floating point ({FLOATS})"),
+    "integer": (
+        lambda: C(F32, jnp.int32(0)),
+        TypeError,
+        f"Components: component 1: expected floating point ({FLOATS})",
+    ),
     "string": (lambda: C("x"), TypeError, f"Components: component 0: expected an array of floating point ({FLOATS})"),
     "nested": (lambda: C(C(0.0)), TypeError, "component 0: expected an array (*batch,), a DoubleWord or a float, got"),
     "dtypes": (lambda: C(F32, F16), TypeError, "component 0 and component 1: expected one dtype, got component 0: f"),
