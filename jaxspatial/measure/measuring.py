@@ -231,6 +231,9 @@ def _show(console, result: Result, plan: Plan, given):
         else:
             report.print_trade(console, result, given.full)
     written = [f"{what}: {path}" for what, path in plan.outputs.items()]
+    written += [left for left in (plan.file.left_behind() if plan.file else "",) if left]
     broken = [f"does not hold here: {what}" for what in result.broken]
     for text in (*written, *broken):
-        console.print(text, style="bold red" if text in broken else None) if console else print(text, file=sys.stderr)
+        style = "bold red" if text in broken else None
+        # Names of files and columns may have brackets, which are no marks of style.
+        console.print(text, style=style, markup=False) if console else print(text, file=sys.stderr)

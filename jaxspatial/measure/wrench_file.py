@@ -18,7 +18,7 @@ import shutil
 import sys
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, BinaryIO, NamedTuple
 
 import jax
@@ -36,6 +36,9 @@ _AXES = {3: "xyz", 4: "wxyz"}
 _SEPARATORS = (",", ";", "\t")
 # Rows that are read, moved and written at once: enough for speed, and as text some 60 MB.
 _BLOCK = 65_536
+# How a file that calls its numbers otherwise is moved.
+_NAMED = "shift ... --columns tau=Mx,My,Mz f=Fx,Fy,Fz"
+_NAMED_VELOCITIES = "shift ... --columns w=Wx,Wy,Wz v=Vx,Vy,Vz"
 # How far the norm of a quaternion may be from 1: it is normalised, but what is further off is no quaternion.
 _ROUNDED = 1e-3
 
@@ -130,6 +133,16 @@ class WrenchLog:
         """Whether the motion is known."""
         return "w" in self._present
 
+    def left_behind(self, used: Iterable[str] = ()) -> str:
+        """Says which numbers stay as they were, where the motion is not known and they may be velocities: three or
+        more in a row. used: names of those that say how the wrenches move."""
+        names = {*used, *itertools.chain(*map(self._content.named, self._present))}
+        left = [] if self.moves else self._content.left(names)
+        if sum(width for _, width in left) < 3:
+            return ""
+        names = ", ".join(name for name, _ in left)
+        return f"as they were: {names}; if velocities are among them, name them: {_NAMED_VELOCITIES}"
+
     def blocks(self, rows: int) -> Iterator[Block]:
         """All of the file, so many rows at once."""
         return (Block(self._content, read, self._present) for read in self._content.rows(rows))
@@ -166,7 +179,8 @@ class WrenchLog:
         if missing:
             wanted = "; ".join(f"{PARTS[part]} as {self._content.expected(part)}" for part in missing)
             found = ", ".join(self._content.names) or "nothing"
-            raise WrenchFileError(f"{self.path}: expected {wanted}; found {found}")
+            way_out = f"; if they have other names, {_NAMED}" if self._content.names and not columns else ""
+            raise WrenchFileError(f"{self.path}: expected {wanted}; found {found}{way_out}")
 
 
 class WrenchFile(WrenchLog):
@@ -207,6 +221,9 @@ def convert(given: argparse.Namespace):
     done = {"offset": "shifted", "rotation": "rotated", "pose": "moved by their pose"}
     what = " and ".join(word for name, word in done.items() if getattr(given, name) is not None)
     print(f"{n:,} wrenches{' and velocities' if log.moves else ''} {what}: {given.output}")
+    entries = itertools.chain(given.offset or (), given.rotation or (), given.pose or ())
+    if left := log.left_behind(entry for entry in entries if isinstance(entry, str)):
+        print(left)
     return 0
 
 
@@ -377,6 +394,20 @@ class Npz:
             raise _no_column(self, name)
         if shape[0] != self._length:
             raise WrenchFileError(f"{self.path}: {name}: expected {self._length} numbers, got {shape[0]}")
+
+    def left(self, names):
+        """(array or column of one, how many numbers in a row) of those beside some names with a row for each wrench."""
+        used: dict[str, set[int]] = {}
+        for base, index in map(self._find, names):
+            entries = range(math.prod(self.arrays[base].shape[1:])) if index is ... else [index[1]]
+            used.setdefault(base, set()).update(entries)
+        found: list[tuple[str, int]] = []
+        for base, (shape, dtype, _) in self.arrays.items():
+            if shape[:1] == (self._length,) and np.issubdtype(dtype, np.floating):
+                width = math.prod(shape[1:])
+                rest = [(f"{base}_{i}", 1) for i in range(width) if i not in used.get(base, ())]
+                found += rest if base in used else [(base, width)]
+        return found
 
     def place(self, part, row, column):
         names = self.named(part)
@@ -559,6 +590,10 @@ class Csv:
     def check_column(self, name):
         if self.names.count(name) != 1:
             raise _no_column(self, name)
+
+    def left(self, names):
+        """(column, 1) of those beside some names, as of `Npz`."""
+        return [(name, 1) for name in self.names if name not in names]
 
     def place(self, part, row, column):
         return f"row {row + 1}, column {self.named(part)[column]}"

@@ -101,6 +101,52 @@ def test_arrays_by_name(wrenches):
     assert out["unit"] == "N"
 
 
+@pytest.mark.parametrize("ending", ["csv", "npz"])
+def test_other_names_are_asked_for(ending, wrenches, capsys):
+    """The message names the option that takes them, and with it the command does its work."""
+    names = "Mx,My,Mz", "Fx,Fy,Fz"
+    both = dict(zip(",".join(names).split(","), _table(wrenches)[:, :6].T, strict=True))
+    path = _write(both, np.stack([*both.values()], axis=1)) if ending == "csv" else "mine.npz"
+    if ending == "npz":
+        np.savez(path, **both)
+    assert main(["shift", path, *OFFSET]) == 2
+    message = capsys.readouterr().err
+    assert re.search(r"expected torque as .*; found Mx, .*; if they have other names, shift .* --columns tau=", message)
+    option = [f"{part}={x}" for part, x in zip(("tau", "f"), names, strict=True)]
+    assert message.rstrip().endswith(" ".join(["--columns", *option]))
+    assert main(["shift", path, *OFFSET, "--columns", *option]) == 0
+
+
+def test_velocities_that_stay_behind_are_mentioned(wrenches, capsys):
+    """Of other names, they are not moved: the command says which they may be, and moves them once they are named."""
+    names = ["wx", "wy", "wz", "vx", "vy", "vz"]
+    columns = [*COLUMNS[:6], *names, "t", "x", "y", "z"]
+    _write(columns, np.c_[_table(wrenches), np.arange(40.0), np.tile(P, (40, 1))])
+    said = "as they were: wx, wy, wz, vx, vy, vz, t; if velocities are among them, name them: shift ... --columns w="
+    assert main(["shift", "mine.csv", "--offset", "x", "y", "z"]) == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert first == "40 wrenches shifted: mine_shifted.csv" and second.startswith(said)
+    named = ["--columns", "w=wx,wy,wz", "v=vx,vy,vz"]
+    assert main(["shift", "mine.csv", "--offset", "x", "y", "z", *named, "--overwrite"]) == 0
+    assert capsys.readouterr().out == "40 wrenches and velocities shifted: mine_shifted.csv\n"
+    moved_v = _read(w=("wx", "wy", "wz"), v=("vx", "vy", "vz"))["v"]
+    np.testing.assert_array_equal(moved_v, wrenches.v + np.cross(wrenches.w, P))
+
+
+def test_arrays_that_stay_behind_are_mentioned(wrenches, capsys):
+    """Arrays of a row for each wrench, and columns of one that holds wrenches too."""
+    twist = np.c_[wrenches.w, wrenches.v]
+    np.savez("mine.npz", tau=wrenches.tau, f=wrenches.f, twist=twist, t=np.arange(40.0), mass=np.ones((3, 3)))
+    assert main(["shift", "mine.npz", *OFFSET]) == 0
+    assert "as they were: twist, t; if" in capsys.readouterr().out
+    np.savez("all.npz", all=np.c_[_table(wrenches)[:, :6], twist], name="x")
+    assert main(["shift", "all.npz", *OFFSET, "--columns", "tau=all_0,all_1,all_2", "f=all_3,all_4,all_5"]) == 0
+    assert "as they were: all_6, all_7, all_8, all_9, all_10, all_11; if" in capsys.readouterr().out
+    np.savez("few.npz", tau=wrenches.tau, f=wrenches.f, t=np.arange(40.0))
+    assert main(["shift", "few.npz", *OFFSET]) == 0
+    assert capsys.readouterr().out == "40 wrenches shifted: few_shifted.npz\n"
+
+
 def test_rotation(wrenches):
     _write(COLUMNS, _table(wrenches))
     assert main(["shift", "mine.csv", "--rotation", *THIRD]) == 0
@@ -189,7 +235,7 @@ BAD = {
     "not a unit, in a row": (["--rotation", "tau_x", "0", "0", "0"], "one of norm 2 in row 1"),
     "another format": ([*OFFSET, "--output", "x.npz"], "--output: expected a name ending in .csv"),
     "unknown part": ([*OFFSET, "--columns", "torque=x,y,z"], "--columns: expected tau, f, w, v with one name or three"),
-    "absent": ([*OFFSET, "--columns", "f=Fx,Fy,Fz"], "force as columns Fx, Fy, Fz; found tau_x"),
+    "absent": ([*OFFSET, "--columns", "f=Fx,Fy,Fz"], "force as columns Fx, Fy, Fz; found tau_x.*far$"),
     "absent motion": ([*OFFSET, "--columns", "w=a,b,c", "v=d,e,f"], "angular velocity as columns a, b, c"),
     "no number": (["--offset", "0", "0", "nan"], "expected a finite number, got nan"),
 }

@@ -161,8 +161,11 @@ def test_csv_keeps_its_other_columns(tmp_path, wrenches, quick):
 def test_no_motion_is_invented(tmp_path, wrenches, capsys):
     """Of a file without w and v there is no power, and only what needs neither is measured."""
     path = _write_csv(tmp_path / "mine.csv", wrenches, COLUMNS[:6])
+    path.write_text(path.read_text().replace("\n", ",1,2,3\n").replace("f_z,1,2,3", "f_z,v[x],v[y],v[z]"))
     assert main([str(path), *OFFSET, "--largest", "1000", "--dtype", "float32", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    said = capsys.readouterr()
+    assert "as they were: v[x], v[y], v[z]; if velocities are among them" in said.err.replace("\n", " ")
+    found = json.loads(said.out)
     assert found["power"] == {} and {row["operation"] for row in found["rows"]} == {"shift_force"}
     assert "gives no motion" in found["about"] and found["rows"][0]["absolute"][0]["unit"] == "N m"
     assert main([str(path), *OFFSET, *SMALL, "--operation", "dot", "--overwrite"]) == 2
