@@ -39,7 +39,7 @@ from jaxspatial.spatial.operations import rotate, shift
 from jaxspatial.spatial.vectors import require_no_w
 
 # f = m (a + alpha x c), and tau = I alpha + c x f; twice the kinetic energy.
-FORCE, TORQUE, ENERGY = Promise(5, 64), Promise(8, 64), Promise(12, 128)
+FORCE, TORQUE, ENERGY = Promise(5, 16), Promise(8, 64), Promise(12, 128)
 # The moments about another point than the centre of mass.
 ABOUT = Promise(5, 16)
 # Central inertias: of two bodies, of moments about another point, of a matrix root; com and mass have less.

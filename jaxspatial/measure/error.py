@@ -31,18 +31,39 @@ class Sized:
     def __neg__(self):
         return Sized(-self.value, self.mag)
 
-    def __add__(self, other: "Sized"):
+    def __add__(self, other: "Sized | float"):
+        other = _number(other)
         return Sized(self.value + other.value, self.mag + other.mag)
 
-    def __sub__(self, other: "Sized"):
+    def __sub__(self, other: "Sized | float"):
+        other = _number(other)
         return Sized(self.value - other.value, self.mag + other.mag)
 
-    def __mul__(self, other: "Sized"):
+    def __mul__(self, other: "Sized | float"):
+        other = _number(other)
         return Sized(self.value * other.value, self.mag * other.mag)
 
-    def __truediv__(self, other: "Sized"):
+    def __truediv__(self, other: "Sized | float"):
+        other = _number(other)
         size = abs(other.value)
         return Sized(self.value / other.value, self.mag / size, other.mag / size)
+
+    def __radd__(self, other: float):
+        return _number(other) + self
+
+    def __rsub__(self, other: float):
+        return _number(other) - self
+
+    def __rmul__(self, other: float):
+        return _number(other) * self
+
+    def __rtruediv__(self, other: float):
+        return _number(other) / self
+
+
+def _number(x: "Sized | float"):
+    """A constant of a formula is a number like others."""
+    return x if isinstance(x, Sized) else Sized(Fraction(float(x)))
 
 
 def sized(x: ArrayLike) -> np.ndarray:

@@ -31,6 +31,11 @@ def interpreted(function):
     return call
 
 
+def over(closed, numbers):
+    """The results of a closed jaxpr over arrays of numbers of any kind, which know + - * / and no comparisons."""
+    return _evaluated(closed, numbers)
+
+
 def evaluated(precision, function):
     """As `interpreted`; compiled in "fast", of which the compiler has a say."""
     return (jax.jit if precision == "fast" else interpreted)(function)
@@ -78,8 +83,8 @@ def _planned(jaxpr):
 def _result(primitive, arrays, parameters):
     if primitive.name in OF_NUMBERS:
         return OF_NUMBERS[primitive.name](*arrays)
-    if primitive.name in _OF_ARRAYS:
-        return _OF_ARRAYS[primitive.name](*arrays, **parameters)
+    if primitive.name in OF_ARRAYS:
+        return OF_ARRAYS[primitive.name](*arrays, **parameters)
     # What has no line below is a program of its own, as outside of `jax.jit`.
     return primitive.bind(*map(jnp.asarray, arrays), **parameters)
 
@@ -263,7 +268,7 @@ def _call(*arrays, jaxpr=None, call_jaxpr=None, **_):
     return _evaluated(inner if hasattr(inner, "consts") else jax.extend.core.ClosedJaxpr(inner, ()), arrays)
 
 
-_OF_ARRAYS = {
+OF_ARRAYS = {
     "broadcast_in_dim": _broadcast_in_dim,
     "iota": _iota,
     "reshape": lambda x, *, new_sizes, **_: x.reshape(new_sizes),
@@ -278,7 +283,7 @@ _OF_ARRAYS = {
     "dynamic_slice": _dynamic_slice,
     "dynamic_update_slice": _dynamic_update_slice,
     "pad": _pad,
-    "convert_element_type": lambda x, *, new_dtype, **_: x.astype(new_dtype),
+    "convert_element_type": lambda x, *, new_dtype, **_: x if x.dtype == object else x.astype(new_dtype),
     "bitcast_convert_type": lambda x, *, new_dtype: x.view(new_dtype),
     "reduce_precision": _reduce_precision,
     "jaxspatial_unstack": lambda x, *, axis: list(np.moveaxis(x, axis, 0)),

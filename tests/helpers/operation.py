@@ -1,5 +1,6 @@
 """What tests know of an operation, and whether a result keeps its bound."""
 
+import functools
 from collections.abc import Callable
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -12,7 +13,7 @@ from jaxspatial.measure import error
 from jaxspatial.measure.error import attribute, rationals, sized
 from jaxspatial.numerics.promise import EXACT
 from tests.helpers.arguments import KINDS
-from tests.helpers.interpreted import interpreted
+from tests.helpers.interpreted import interpreted, over
 
 
 class Operation(NamedTuple):
@@ -23,8 +24,10 @@ class Operation(NamedTuple):
     function: Callable
     # Over the arrays that the arguments consist of, see `formulas`. None: what takes roots, angles or decisions.
     formula: Any = None
-    # Of the formula, per array of the result.
+    # Per array of the result, of what is a `Promise`: sums of products, and quotients of two.
     bounds: tuple | None = None
+    # Else of numbers that are rounded once each: in "faithful" the promise is that of "compensated".
+    is_of_sums: bool = True
     # The operation that runs the same formula, of other types: what is told of that one need not be told again.
     twin: str | None = None
     takes_precision: bool = True
@@ -87,8 +90,19 @@ class Operation(NamedTuple):
         return [x if x.dtype == bool else x.astype(jnp.bfloat16) for x in wide]
 
     def sized(self, *inputs):
-        """The result of the formula, exactly: arrays of `Sized`."""
-        return [np.asarray(x) for x in self.formula(*map(sized, jax.tree.leaves(inputs)))]
+        """The result of the formula, or else of what is computed number by number, exactly: arrays of `Sized`."""
+        return self.over([sized(x) for x in jax.tree.leaves(inputs)])
+
+    def over(self, numbers):
+        """The arrays of the result over arrays of numbers that know + - * /, of a batch with one axis."""
+        if self.formula:
+            return [np.asarray(x) for x in self.formula(*numbers)]
+        return over(_traced(self, len(numbers[0])), numbers)
+
+
+@functools.cache
+def _traced(operation, n):
+    return jax.make_jaxpr(operation.on_arrays("reproducible"))(*operation.arrays((n,), "float32"))
 
 
 def violations(bound, precision, computed, exact, flushed=0):

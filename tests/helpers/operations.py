@@ -11,10 +11,13 @@ import numpy as np
 
 import jaxspatial as js
 from jaxspatial.inertia import joint_projection
+from jaxspatial.inertia.articulated import ACT as ARTICULATED_ACT
+from jaxspatial.inertia.articulated import ROTATED as ARTICULATED_ROTATED
 from jaxspatial.inertia.articulated import SHIFT as ARTICULATED_SHIFT
 from jaxspatial.inertia.articulated import TIMES as ARTICULATED_TIMES
 from jaxspatial.inertia.inertia import ABOUT, ENERGY, FORCE, TORQUE
-from jaxspatial.inertia.regressors import NEWTON_EULER_REGRESSOR
+from jaxspatial.inertia.newton_euler import NEWTON_EULER
+from jaxspatial.inertia.regressors import ENERGY_REGRESSOR, NEWTON_EULER_REGRESSOR
 from jaxspatial.measure.operation import OPERATIONS as MEASURED
 from jaxspatial.numerics.promise import EXACT, OfSum, Promise
 from jaxspatial.rotation.rotation import ROTATED, composed
@@ -36,6 +39,7 @@ def of_sum(n: int, each: int = 0) -> Promise:
 DTYPES = ("float16", "bfloat16", "float32", "float64")
 SUMMED, PLAIN_SUM = of_sum(N_POINTS, each=2), of_sum(N_POINTS)
 ROUNDED_ONCE = Promise(u=1)
+_ACTED = (ARTICULATED_ACT, ARTICULATED_ACT, ARTICULATED_ROTATED)
 # Indices of 32 bits: those of 64, first used while 64-bit types are off, fail op by op once they are on (jax 0.10).
 _TRIANGLES = np.array(
     [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]], np.int32
@@ -147,6 +151,8 @@ OPERATIONS = {
                   (ABOUT,), twin="to_matrix"),
         Operation("newton_euler_regressor", "A vector", js.regressors.newton_euler_regressor, naive.regressor,
                   (NEWTON_EULER_REGRESSOR,), is_long=True),
+        Operation("kinetic_energy_regressor", "V", js.regressors.kinetic_energy_regressor,
+                  bounds=(ENERGY_REGRESSOR,)),
         Operation("inverse_transform", "X", js.RigidTransform.inverse, naive.inverse, (EXACT, ROTATED)),
         Operation("to_articulated", "M", js.ArticulatedInertia.from_spatial_inertia, naive.articulated,
                   (ABOUT, CROSS_ONE, EXACT), twin="to_matrix"),
@@ -246,14 +252,16 @@ OPERATIONS = {
         _plain("point_mass", "vector positive", lambda com, mass: js.SpatialInertia.point_mass(com, mass=mass)),
         Operation("triangle_mesh", "octahedron positive", _mesh),
         # articulated inertia and the motion of one body
-        Operation("rotate_articulated", "R P", js.rotate, twin="act_articulated"),
-        Operation("act_articulated", "X P", js.act),
-        Operation("act_inverse_articulated", "X P", js.act_inverse),
+        Operation("rotate_articulated", "R P", js.rotate, bounds=(ARTICULATED_ROTATED,) * 3, is_of_sums=False,
+                  twin="act_articulated"),
+        Operation("act_articulated", "X P", js.act, bounds=_ACTED, is_of_sums=False),
+        Operation("act_inverse_articulated", "X P", js.act_inverse, bounds=_ACTED, is_of_sums=False),
         Operation("project_out", "P V positive", js.ArticulatedInertia.project_out),
         Operation("project_out_two", "P V V positive", _without_two),
         _plain("is_valid_articulated", "doubtful_P", lambda P: P.is_physically_valid(2.0**-7),
                differentiable=False, is_mask=True),
-        Operation("newton_euler", "M A vector", js.newton_euler),
+        Operation("newton_euler", "M A vector", js.newton_euler, bounds=(NEWTON_EULER, NEWTON_EULER),
+                  is_of_sums=False),
         Operation("bregman_divergence", "M M", js.bregman_divergence),
     )
 }  # fmt: skip
@@ -266,6 +274,9 @@ SUMS = [name for name in NAIVE if OPERATIONS[name].bounds]
 # One operation of each formula: the others run the same one on other types.
 DISTINCT = [name for name, operation in OPERATIONS.items() if not operation.twin]
 DISTINCT_SUMS = [name for name in SUMS if name in DISTINCT]
+# Operations whose bounds are those of numbers, with a formula or without.
+BOUNDED = [name for name, operation in OPERATIONS.items() if operation.bounds]
+DISTINCT_BOUNDED = [name for name in BOUNDED if name in DISTINCT]
 # One operation of each kind of sum of products.
 REPRESENTATIVES = (
     "shift_force",

@@ -16,6 +16,7 @@ from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
 from tests.helpers.operations import (
     DISTINCT,
+    DISTINCT_BOUNDED,
     DISTINCT_SUMS,
     DTYPES,
     NAIVE,
@@ -56,14 +57,16 @@ class Case(NamedTuple):
 # -- error bounds, see `test_error_bounds` ----------------------------------------------------------------------------
 
 BOUNDS_OP_BY_OP = Choice(
-    [
-        *itertools.starmap(Case, itertools.product(DISTINCT_SUMS, ["float32"], ["reproducible", "compensated"])),
-        *(Case(name, "float32", "faithful") for name in DISTINCT_SUMS if not OPERATIONS[name].is_long),
-    ],
-    by_default=lambda case: case.precision != "reproducible",
-    why="Op by op nothing is compiled: all formulas run in float32, where other dtypes are made the same way; bits of "
-    "reproducible are those of the naive formulas, see `test_transformations`. That sums are rounded once as a whole "
-    "shows in faithful: there, terms rounded one by one break the bound where nearly all cancels.",
+    list(itertools.starmap(Case, itertools.product(DISTINCT_BOUNDED, ["float32", "float64"], Precision))),
+    by_default=lambda case: (
+        case.dtype == "float32"
+        and (case.precision != "faithful" or not OPERATIONS[case.name].is_long)
+        or case.dtype == "float64"
+        and case.precision == "compensated"
+    ),
+    why="Op by op nothing is compiled, and all precisions are cheap but for long sums in faithful. In float64 errors "
+    "are summed beside in compensated, and what the bound has in u^2 shows where nearly all cancels; in faithful sums "
+    "are rounded once as a whole, which shows in float32, too: there, terms rounded one by one break the bound.",
 )
 
 # These two are compiled in every dtype and precision, and in the surroundings of `bound_surroundings`.

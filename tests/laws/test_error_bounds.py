@@ -31,7 +31,7 @@ usual = pytest.mark.parametrize(
 
 @cases.BOUNDS_OP_BY_OP.parametrize
 def test_bound_of_the_docstring_op_by_op(name, dtype, precision):
-    case = hostile.case(name, dtype)
+    case = hostile.case_of_few(name, dtype)
     case.check(precision, case.operation.op_by_op(*case.arrays, precision=precision), "op by op")
 
 
