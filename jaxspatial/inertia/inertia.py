@@ -45,8 +45,8 @@ ABOUT = Promise(5, 16)
 # Central inertias: of two bodies, of moments about another point, of a matrix root; com and mass have less.
 COMBINED, FROM_MOMENTS, FROM_ROOT = Promise(10, 128), Promise(6, 64, mag="|I_P| + m |c|^2"), Promise(24, 64)
 COMBINED_COM, ROOT_MASS = Normwise(6, "(m1 |c1| + m2 |c2|) / m", u2=128), Normwise(8, "m")
-# Of n bodies, L = ceil(log2 n).
-SUM_MASS, SUM_COM, SUM_CENTRAL = OfSum(of="m"), OfSum(4, of="sum m_i |c_i| / m", u2=64), OfSum(10, u2=64)
+# Of n bodies, L = ceil(log2 n). The mass that com is divided by has the error of a sum, too.
+SUM_MASS, SUM_COM, SUM_CENTRAL = OfSum(of="m"), OfSum(2, 2, of="sum m_i |c_i| / m", u2=16), OfSum(10, u2=16)
 # Of the largest moment.
 MOMENTS, AXES = Normwise(8, "times the largest"), Normwise(32, "times the largest moment", rounded=32)
 ORTHONORMAL = Normwise(16, "of the identity", rounded=2)
@@ -751,7 +751,7 @@ class SpatialInertia(Additive):
 
         Error: with L = ceil(log2 n), of mass at most {mass.plain}, of com {com.plain}, of central {central.plain},
             mag = sum (|I_i| + m_i |d_i|^2) with |d_i|^2 <= |c_i|^2 + |com|^2; in "compensated" and "faithful" u |r| +
-            64 (4 + L) u^2 mag. Of double words com and central are good to 64 (4 + L) u^2 mag.
+            32 (1 + L) u^2 mag. Of double words com and central are good to 32 (1 + L) u^2 mag.
         """
         place = check.batch_axis(axis, self.batch_shape, "SpatialInertia.sum")
         if not self.batch_shape[place]:

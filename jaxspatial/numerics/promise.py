@@ -157,8 +157,8 @@ class OfSum(NamedTuple):
     @property
     def precise(self) -> str:
         """The bound in "compensated" and "faithful"."""
-        rounds = f"({self.each} + L)" if self.each else "L"
-        return f"u |r| + {self.u2:g} {rounds} u^2 {self.of}"
+        rounds = "L" if self.rounds == 1 else f"{self.rounds} L"
+        return f"u |r| + {self.u2:g} {f'({self.each} + {rounds})' if self.each else rounds} u^2 {self.of}"
 
     def __str__(self) -> str:
         return f'at most {self.plain} in "fast" and "reproducible", {self.precise} in the other two'
