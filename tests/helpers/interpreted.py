@@ -210,13 +210,14 @@ def _reduce_precision(x, *, exponent_bits, mantissa_bits):
 
 def _sums(*arrays, plan):
     avals = tuple(jax.ShapeDtypeStruct(x.shape, x.dtype) for x in arrays)
-    return _evaluated(_traced_sums(plan, avals, bool(jax.config.jax_enable_x64)), arrays)
+    return _evaluated(_traced_sums(plan, avals), arrays)
 
 
 @functools.lru_cache(maxsize=1024)
-def _traced_sums(plan, avals, _):
-    """Traced once for all turns of a loop."""
-    return jax.make_jaxpr(functools.partial(sums.evaluate, plan=plan))(*avals)
+def _traced_sums(plan, avals):
+    """Traced once for all turns of a loop. Also of arrays in float64 in a program without 64-bit types."""
+    with jax.enable_x64(True):
+        return jax.make_jaxpr(functools.partial(sums.evaluate, plan=plan))(*avals)
 
 
 def _program(*arrays, program, n_batch, in_loop):
