@@ -150,7 +150,9 @@ def is_nan(x: Number) -> Mask:
 
 def bodies_in_world(state: MechanismState, dt: Number) -> list[Body]:
     """The Body of every bundle. dt: (1, B)."""
-    links = state.links(tau=state.fields["damping"])
+    links = [
+        x._replace(tau=state.own(b, state.fields["damping"])) for x, b in zip(state.links(), state.bundles, strict=True)
+    ]
     frames = [(link.placement, link.joint, b.is_on_world) for link, b in zip(links, state.bundles, strict=True)]
     placed = recursion.outward(state, _placed, state.world.R, frames)
     dt = stacking.mapped(lambda w: w[None], dt)
@@ -190,7 +192,7 @@ def turned(state: MechanismState, bodies: list[Body], x: Number, to_world: bool)
     """Velocities (nv, B) with those of floating roots in world axes, from those along the axes of bodies; or back."""
     if not any(body.turns for body in bodies):
         return x
-    of_bundles = [of_bundle(state, k, x) for k in range(len(bodies))]
+    of_bundles = [own_of_bundle(state, k, x) for k in range(len(bodies))]
     return state.numbers_by_velocity(
         [_turned(b.R if to_world else b.R.T, y) if b.turns else y for b, y in zip(bodies, of_bundles, strict=True)]
     )
@@ -221,8 +223,26 @@ def _velocity(body: Any, parent: tuple[Motion, ...]) -> tuple[Any, Any]:
 
 
 def of_bundle(state: MechanismState, k: int, x: Number) -> Numbers:
-    """The numbers of bundle k among numbers (nv, B)."""
+    """The velocities of bundle k among generalized velocities (nv, B)."""
     b = state.bundles[k]
+    rates = _rows_of_bundle(state, b, x)
+    if not state.topology.has_mimics_in(b):
+        return rates
+    multiplier, _ = state.mimics(b)
+    return tuple(multiplier * y for y in rates)
+
+
+def own_of_bundle(state: MechanismState, k: int, x: Number) -> Numbers:
+    """The numbers of bundle k among numbers (nv, B), zeros for mimics."""
+    t, b = state.topology, state.bundles[k]
+    numbers = _rows_of_bundle(state, b, x)
+    if not t.has_mimics_in(b):
+        return numbers
+    is_own = jnp.asarray(~np.vectorize(t.is_mimic)(b.bodies)[:, :, None])
+    return tuple(where(is_own, y, 0.0) for y in numbers)
+
+
+def _rows_of_bundle(state: MechanismState, b: Bundle, x: Number) -> Numbers:
     places = b.places(state.topology.v_starts, b.kind.nv)
     # It is pulled back as one stack; rows that are taken one by one, as many arrays of zeros but for one row.
     words = (jnp.unstack(stacking.rows(w, places), axis=2) for w in data_of(x))
@@ -271,17 +291,126 @@ def _mobility(body: Any, parent: Articulated) -> tuple[Articulated, Articulated]
     return whole, whole
 
 
+# -- mimics -----------------------------------------------------------------------------------------------------------
+
+
+class Units(NamedTuple):
+    """How bodies move at each unit of the generalized velocities, and A: what mechanisms with mimics have in place of
+    recursions, as a generalized velocity moves bodies in several places.
+
+    state: of nv times as many states: velocity after velocity, each in all states. x: (nv, nv B), these velocities.
+    motions: of every bundle. A: (nv, nv, B). diagonal: of A, (nv, B).
+    """
+
+    state: MechanismState
+    x: Number
+    motions: list[Motion]
+    A: Number
+    diagonal: Number
+
+
+def units_of(state: MechanismState, bodies: list[Body]) -> Units:
+    n, nv = state.n, state.topology.nv
+    wide, repeated = state.of_size(n * nv), tiled(bodies, n, nv)
+    wide.fields = {**state.fields, "mimics": tiled(state.fields["mimics"], n, nv)}
+    (x,) = wide.numbers(jnp.repeat(jnp.eye(nv, dtype=state.dtype), n, axis=1)[:, None])
+    motions = [V for (V,) in velocities(wide, repeated, [x])]
+    momenta = [
+        momentum(body.inertia, V, body.resistance, of_bundle(wide, k, x))
+        for k, (body, V) in enumerate(zip(repeated, motions, strict=True))
+    ]
+    A = stacking.mapped(lambda w: w.reshape((nv, nv, n)), generalized(wide, repeated, momenta))
+    diagonal = stacking.concatenated([stacking.mapped(lambda w, i=i: w[i, i][None], A) for i in range(nv)])
+    return Units(wide, x, motions, A, diagonal)
+
+
+def tiled(tree: T, n: int, k: int) -> T:
+    """Numbers of n states as those of k times n: of all states, again and again."""
+
+    def repeated(w: jax.Array) -> jax.Array:
+        return jnp.tile(w, (*[1] * (w.ndim - 1), k)) if w.shape[-1] == n > 1 else w
+
+    return stacking.mapped(repeated, tree)
+
+
+class Force(NamedTuple):
+    """Forces on the bodies of a bundle, about their origins in world axes, and on the velocities of their joints."""
+
+    on_bodies: Wrench
+    on_joints: Numbers
+
+
+@noinline
+def momentum(M: Inertia, V: Motion, resistance: Numbers, x: Numbers) -> Force:
+    return Force(algebra.apply_inertia(M, V), tuple(a * rate for a, rate in zip(resistance, x, strict=True)))
+
+
+def generalized(state: MechanismState, bodies: list[Body], forces: list[Force]) -> Number:
+    """The generalized forces (nv, B) of forces on the bodies of every bundle."""
+    nothing = Wrench(state.zero_vector, state.zero_vector)
+    links = [(body.S, body.r, F) for body, F in zip(bodies, forces, strict=True)]
+    return state.numbers_by_velocity(recursion.inward(state, _at_joint, nothing, links))
+
+
+def _at_joint(link: Any, children: Wrench) -> tuple[Numbers, Wrench]:
+    """(the forces at a joint, the wrench on its body and all that hang on it, about the parent's origin)."""
+    S, r, (on_body, on_joint) = link
+    F = on_body + children
+    return tuple(algebra.power(F, s) + f for s, f in zip(S, on_joint, strict=True)), algebra.shifted_wrench(F, -r)
+
+
+def _mobility_of_units(
+    units: Units, n: int, ends: Ends, arm_b: Vector, arm_a: Vector
+) -> tuple[Articulated, Articulated]:
+    """`relative_mobility`, without the coupling of turning and moving: sums over all generalized velocities."""
+    state, m, nv = units.state, len(ends.b), units.state.topology.nv
+    at_rest = Motion(state.zero_vector, state.zero_vector)
+
+    def by_velocity(bodies: list[int], arm: Vector) -> Motion:
+        V = algebra.shifted_motion(state.of_bodies(bodies, units.motions, at_rest), tiled(arm, n, nv))
+        each = jax.tree.map(lambda x: stacking.spread(x, (m, state.n)), V, is_leaf=is_number)
+        return stacking.mapped(lambda w: jnp.moveaxis(w.reshape((m, nv, n)), 1, 0), each)
+
+    def total(V: Motion) -> Articulated:
+        sums = jax.tree.map(stacking.pairwise_sum, _squares(V, D), is_leaf=is_number)
+        return Articulated(sums[0], articulated.none(state.known(0.0)).F, sums[1])
+
+    D = stacking.mapped(lambda w: w[:, None], units.diagonal)
+    V_b, V_a = by_velocity(ends.b, arm_b), by_velocity(ends.a, arm_a)
+    return total(V_b - V_a), total(V_b) + total(V_a)
+
+
+@noinline
+def _squares(V: Motion, D: Number) -> tuple[Symmetric, Symmetric]:
+    """(v v^T / D, w w^T / D); 0 where D is not positive."""
+    is_none = high(D) <= 0
+    scale = where(is_none, 0.0, 1 / where(is_none, 1.0, D))
+
+    def square(v: Vector) -> Symmetric:
+        x, y, z = v
+        return Symmetric(*(a * (scale * b) for a, b in ((x, x), (x, y), (y, y), (x, z), (y, z), (z, z))))
+
+    return square(V.v), square(V.w)
+
+
 # -- between bodies ---------------------------------------------------------------------------------------------------
 
 
 def relative_mobility(
-    state: MechanismState, bodies: list[Body], mobility: list[Articulated], ends: Ends, arm_b: Vector, arm_a: Vector
+    state: MechanismState,
+    bodies: list[Body],
+    mobility: list[Articulated] | Units,
+    ends: Ends,
+    arm_b: Vector,
+    arm_a: Vector,
 ) -> tuple[Articulated, Articulated]:
     """J D^-1 J^T of the motion of bodies b for observers on bodies a, about points: numbers (n, B); and the same as if
     they moved on their own.
 
     arm_b, arm_a: the points, from the origins of b and a. What carries both bodies moves neither for the other.
     """
+    if isinstance(mobility, Units):
+        return _mobility_of_units(mobility, state.n, ends, arm_b, arm_a)
     nothing = articulated.none(state.known(0.0))
     whole = _shifted(state.of_bodies(ends.b, mobility, nothing), arm_b)
     if not len(ends.between_bodies):
@@ -329,7 +458,7 @@ class Contacts(NamedTuple):
 def contacts_of(
     state: MechanismState,
     bodies: list[Body],
-    mobility: list[Articulated],
+    mobility: list[Articulated] | Units,
     at: Where,
     touching: Touching,
     dt: Number,
@@ -546,7 +675,7 @@ def rows_of_joints(topology: Topology, fields: Mapping[str, Any]) -> np.ndarray:
     Limits act on joints of one coordinate, whose rate is their velocity.
     """
     rows = list[int]()
-    for i in range(len(topology)):
+    for i in (i for i in range(len(topology)) if not topology.is_mimic(i)):
         own = topology.v_slice(i)
         if _has_limits(topology, fields, i) or not _is_known(fields["friction_loss"], own, 0):
             rows += range(own.start, own.stop)
@@ -567,7 +696,8 @@ def _is_known(x: Array, places: slice, number: float) -> bool:
 def joints_of(state: MechanismState, rows: np.ndarray, diagonal: Number, fastest: Number, dt: Number) -> Joints:
     """The Joints of these velocities. diagonal: of A, fastest: the larger of |v| and |v*|, both (nv, B). dt: (1, B)."""
     t, fields = state.topology, state.fields
-    body = {v: i for i in range(len(t)) for v in range(t.v_slice(i).start, t.v_slice(i).stop)}
+    own = (i for i in range(len(t)) if not t.is_mimic(i))
+    body = {v: i for i in own for v in range(t.v_slice(i).start, t.v_slice(i).stop)}
     has_limits = np.array([_has_limits(t, fields, body[v]) for v in rows])
     q_rows = np.array([t.q_starts[body[v]] for v in rows])
     q, lower, upper, friction = (
@@ -627,7 +757,7 @@ class Loops(NamedTuple):
 def loops_of(
     state: MechanismState,
     bodies: list[Body],
-    mobility: list[Articulated],
+    mobility: list[Articulated] | Units,
     closures: tuple[Closure, ...],
     closing: Closing,
     dt: Number,

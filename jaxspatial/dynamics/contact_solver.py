@@ -36,7 +36,19 @@ from jaxspatial.dynamics.articulated_bodies import (
     with_velocities,
     without_velocity,
 )
-from jaxspatial.dynamics.contact_problem import Body, Closing, Contacts, Ends, Joints, Law, Loops, Touching, Where
+from jaxspatial.dynamics.contact_problem import (
+    Body,
+    Closing,
+    Contacts,
+    Ends,
+    Force,
+    Joints,
+    Law,
+    Loops,
+    Touching,
+    Units,
+    Where,
+)
 from jaxspatial.dynamics.external_forces import loads
 from jaxspatial.dynamics.newton_euler import forces_of
 from jaxspatial.dynamics.passive import is_nothing
@@ -58,7 +70,9 @@ from jaxspatial.numerics.numbers import (
     high,
     is_constant,
     is_number,
+    mapped,
     noinline,
+    shape_of,
     where,
     with_data,
 )
@@ -103,7 +117,7 @@ class Terms(NamedTuple):
 
 class Scene(NamedTuple):
     """What the solver reads: bodies, and the contacts, joints and closures that are there, with the bodies that these
-    are between, and the velocities of the joints. dt: (1, B)."""
+    are between, and the velocities of the joints. coupled: of mechanisms with mimics. dt: (1, B)."""
 
     dt: Number
     bodies: list[Body]
@@ -113,6 +127,7 @@ class Scene(NamedTuple):
     rows: np.ndarray
     loops: Loops | None
     loop_ends: Ends
+    coupled: "Coupled | None"
 
 
 class Vectors(NamedTuple):
@@ -124,13 +139,23 @@ class Vectors(NamedTuple):
     loops: Number | None
 
 
+class Coupled(NamedTuple):
+    """A (nv, nv, B), and J: the Vectors at each unit of the generalized velocities, of numbers (rows, nv, B)."""
+
+    A: Number
+    J: Vectors
+
+
 def scene_of(state: MechanismState, still: Array, change: Array, time: Array, terms: Terms, at: Where) -> Scene:
     dt = state.numbers(time[:, None])[0]
     bodies = problem.bodies_in_world(state, dt)
-    diagonal = problem.diagonals(state, bodies)
-    contacts = joints = loops = None
+    contacts = joints = loops = units = None
     contact_ends = loop_ends = Ends([], [])
-    mobility = problem.mobilities(state, bodies, diagonal) if any(x is not None for x in terms) else []
+    if state.topology.has_mimics:
+        mobility = units = problem.units_of(state, bodies)
+    else:
+        diagonal = problem.diagonals(state, bodies)
+        mobility = problem.mobilities(state, bodies, diagonal) if any(x is not None for x in terms) else []
     if terms.touching is not None:
         contacts, contact_ends = problem.contacts_of(state, bodies, mobility, at, terms.touching, dt)
     if terms.closing is not None:
@@ -139,8 +164,10 @@ def scene_of(state: MechanismState, still: Array, change: Array, time: Array, te
     if len(rows):
         before, y = in_world(state, bodies, still, change)
         fastest = where(high(abs(before)) > high(abs(before + y)), abs(before), abs(before + y))
-        joints = problem.joints_of(state, rows, state.numbers_by_velocity(diagonal), fastest, dt)
-    return Scene(dt, bodies, contacts, contact_ends, joints, rows, loops, loop_ends)
+        of_A = state.numbers_by_velocity(diagonal) if units is None else units.diagonal
+        joints = problem.joints_of(state, rows, of_A, fastest, dt)
+    scene = Scene(dt, bodies, contacts, contact_ends, joints, rows, loops, loop_ends, None)
+    return scene if units is None else scene._replace(coupled=_coupled(state.n, scene, units))
 
 
 def in_world(state: MechanismState, bodies: list[Body], *vectors: Array) -> list[Number]:
@@ -292,15 +319,10 @@ class Solution(NamedTuple):
     left: Vectors
 
 
-class Force(NamedTuple):
-    """Forces on the bodies of a bundle, about their origins in world axes, and on the velocities of their joints."""
-
-    on_bodies: Wrench
-    on_joints: Numbers
-
-
 def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, forces: list[Force]) -> Solution:
     """The Solution of the equations of one direction. forces: on every bundle."""
+    if scene.coupled is not None:
+        return _solved_as_one(state, scene, scene.coupled, G, impulse, forces)
     of_contacts, of_joints, _ = G
     zero = state.zero_vector
     nothing = ArticulatedBody(articulated.none(zero[0]), Wrench(zero, zero))
@@ -340,7 +362,7 @@ def _by_bundle(state: MechanismState, scene: Scene, x: Number | None) -> list[Nu
     """The numbers (nv, B) of the joints of every bundle, known zeros for None."""
     if x is None:
         return [(state.known(0.0),) * len(body.S) for body in scene.bodies]
-    return [problem.of_bundle(state, k, x) for k in range(len(scene.bodies))]
+    return [problem.own_of_bundle(state, k, x) for k in range(len(scene.bodies))]
 
 
 @noinline
@@ -382,6 +404,76 @@ def _accelerate(link: Any, parent: Motion) -> tuple[Any, Motion]:
         A = after
     x, left = zip(*reversed(found), strict=True) if found else ((), ())
     return (x, A, left), A
+
+
+# -- mechanisms with mimics -------------------------------------------------------------------------------------------
+
+
+def _coupled(n: int, scene: Scene, units: Units) -> Coupled:
+    """The Coupled of a scene, of n states."""
+    state, nv = units.state, units.state.topology.nv
+    contacts, loops = problem.tiled((scene.contacts, scene.loops), n, nv)
+    J = velocities_at(state, scene._replace(contacts=contacts, loops=loops), units.motions, units.x)
+
+    def by_velocity(rows: Any, m: int) -> Any:
+        each = jax.tree.map(lambda x: stacking.spread(x, (m, n * nv)), rows, is_leaf=is_number)
+        return stacking.mapped(lambda w: w.reshape((m, nv, n)), each)
+
+    counts = len(scene.contact_ends.b), len(scene.rows), len(scene.loop_ends.b)
+    return Coupled(units.A, Vectors(*map(by_velocity, J, counts)))
+
+
+def _solved_as_one(
+    state: MechanismState, scene: Scene, coupled: Coupled, G: Any, impulse: Vectors, forces: list[Force]
+) -> Solution:
+    """`solved` by elimination: of x, and of what is left of the impulses of joints and closures, y.
+
+        (A + J_c^T G_c J_c) x - J^T y = J_c^T impulse_c + forces        G J x + y = impulse
+
+    with J_c of contacts, and J of joints and closures. y is no difference of large numbers.
+    """
+    (A, J), nv = coupled, state.topology.nv
+    H, right = A, problem.generalized(state, scene.bodies, forces)
+    if scene.contacts is not None:
+        at = stacking.mapped(lambda w: w[:, None], (scene.contacts, G[0], impulse.points))
+        terms, shape = _on_velocities(*at, J.points), (len(scene.contact_ends.b), nv, nv, state.n)
+        stiff, pushed = (stacking.spread(x, shape[:k] + shape[-1:]) for x, k in zip(terms, (3, 2), strict=True))
+        H, right = H + stacking.pairwise_sum(stiff), right + stacking.pairwise_sum(pushed)
+    kinds = [k for k in (1, 2) if J[k] is not None]
+    if kinds:
+        counts = [shape_of(J[k])[0] for k in kinds]
+        of_rows = (
+            [stacking.spread(x[k], (m, state.n)) for k, m in zip(kinds, counts, strict=True)] for x in (G, impulse)
+        )
+        stiffness, given = map(stacking.concatenated, of_rows)
+        H = _with_rows(H, stacking.concatenated([J[k] for k in kinds]), stiffness)
+        right = stacking.concatenated([right, given])
+    found, left = matrices.solved(H, right), list[Number | None]([None] * 3)
+    first = nv
+    for k in kinds:
+        last = first + shape_of(J[k])[0]
+        left[k], first = stacking.mapped(lambda w, a=first, b=last: w[a:b], found), last
+    x = stacking.mapped(lambda w: w[:nv], found)
+    return Solution(x, [V for (V,) in problem.velocities(state, scene.bodies, [x])], Vectors(*left))
+
+
+@noinline
+def _on_velocities(contacts: Contacts, of_law: Law, impulse: Vector, J: Vector) -> tuple[Number, Number]:
+    """(J^T G J (n, nv, nv, B), J^T impulse (n, nv, B)) of each of n contacts. J: (n, nv, B)."""
+    GJ = problem.times_G(contacts, of_law, J)
+    rows, columns = stacking.mapped(lambda w: w[:, :, None], J), stacking.mapped(lambda w: w[:, None], GJ)
+    return dot(rows, columns), dot(J, impulse)
+
+
+@noinline
+def _with_rows(H: Number, J: Number, G: Number) -> Number:
+    """[[H, -J^T], [G J, 1]], of J (rows, nv, B)."""
+    m, n = shape_of(J)[0], shape_of(J)[2]
+    own = jnp.broadcast_to(np.eye(m, dtype=bool)[:, :, None], (m, m, n))
+    across = -stacking.mapped(lambda w: jnp.swapaxes(w, 0, 1), J)
+    below, one = stacking.mapped(lambda w: w[:, None], G) * J, stacking.spread(constant(J, 1), (m, m, n))
+    pairs = [(H, across), (below, where(own, one, 0.0))]
+    return stacking.concatenated([mapped(lambda *words: jnp.concatenate(words, 1), *pair) for pair in pairs])
 
 
 # -- the complement of terms between two bodies -----------------------------------------------------------------------
@@ -905,14 +997,9 @@ def _next_scalars(
 def _momenta(state: MechanismState, scene: Scene, motions: list[Motion], x: Number) -> list[Force]:
     """A x, of velocities x (nv, B) at which the bodies of every bundle have Motions."""
     return [
-        _momentum(body.inertia, V, body.resistance, problem.of_bundle(state, k, x))
+        problem.momentum(body.inertia, V, body.resistance, problem.of_bundle(state, k, x))
         for k, (body, V) in enumerate(zip(scene.bodies, motions, strict=True))
     ]
-
-
-@noinline
-def _momentum(M: Inertia, V: Motion, resistance: Numbers, x: Numbers) -> Force:
-    return Force(algebra.apply_inertia(M, V), tuple(a * rate for a, rate in zip(resistance, x, strict=True)))
 
 
 def _power(state: MechanismState, forces: list[Force], motions: list[Motion], x: Number) -> Number:

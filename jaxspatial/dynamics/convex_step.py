@@ -1,7 +1,7 @@
 """A step in time with contact, friction, limits and closed loops: one convex problem, solved by articulated bodies."""
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +25,7 @@ from jaxspatial.dynamics.steps import (
 )
 from jaxspatial.engine.algorithm import ExternalForces, checked
 from jaxspatial.engine.derivatives import fixed
-from jaxspatial.mechanism import LoopClosure, Mechanism, PointContacts
+from jaxspatial.mechanism import HalfSpace, LoopClosure, Mechanism, PointContacts
 from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.barrier import quotient
@@ -36,6 +36,8 @@ from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.quantity import exported
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce
+
+T = TypeVar("T")
 
 
 @exported
@@ -123,14 +125,12 @@ def convex_step(
     Returns:
         ConvexStep over the common batch.
 
-    Raises:
-        NotImplementedError: any of these act on a mechanism with mimics.
-
     Error: of v at most {bound.plain} and dt times that of `forward_dynamics`, and what the residual says: the distance
         from the optimum, in the norm of A, is about residual^2 of sqrt(v^T A v + y^T A y), see `ConvexStep`. The
         iteration has the precision of the dtype: what touches is rounded as in "reproducible" in every precision. Where
         impulses work against one another, such as those of a closure and a limit, momenta have in addition errors of
-        10^4 u of the largest impulse, which the residual does not show.
+        10^4 u of the largest impulse, which the residual does not show. If anything may act, float16 and bfloat16 are
+        computed by way of float32, and rounded once; a function for the ground sees points of 16 bits.
     Source: Castro, Permenter, Han 2022, An unconstrained convex formulation of compliant contact; Featherstone 2008,
         table 7.1; Drake 1.51, SapDriver, whose numbers these are.
     """
@@ -156,10 +156,8 @@ def _step(
         # Known zeros leave no operation behind.
         residual, iterations = cast(Any, (np.zeros(batch, q.dtype), np.zeros(batch, np.int32)))
         return ConvexStep(after[0], after[1], None, None, residual, iterations)
-    if mechanism.topology.has_mimics:
-        raise NotImplementedError(
-            "convex_step: mechanism: contacts, limits, friction and loops of mechanisms with mimics"
-        )
+    if q.dtype.itemsize == 2:
+        return _by_way_of_float32(mechanism, state, h, forces, given, precision)
     c = None if is_nothing(mechanism.damping) else jnp.asarray(mechanism.damping, q.dtype)
     free, turning, vdot, tau = stepped_velocities(mechanism, (q, v, tau), h, c, forces, None, precision)
     still = without_accelerations(precision, v, h, turning)
@@ -175,6 +173,22 @@ def _step(
     pushed = (None, None) if given.is_nothing else problem.forces_at(narrow, places, y)
     next_q, next_v = moved(mechanism, q, after, dt, precision)
     return ConvexStep(next_q, next_v, *pushed, residual, iterations)
+
+
+def _by_way_of_float32(
+    mechanism: Mechanism, state: Sequence[Any], h: Any, forces: Any, given: "_Given", precision: PrecisionName
+) -> ConvexStep:
+    """`_step` of 16 bits. A function for the ground sees points of 16 bits, and returns them."""
+    narrow, wide, ground = state[0].dtype, np.dtype(np.float32), given.ground
+    mechanism, state, h, forces, given = _with_dtype((mechanism, state, h, forces, given), narrow, wide)
+    if not isinstance(ground, HalfSpace):
+        given = given._replace(ground=lambda p: jnp.asarray(ground(p.astype(narrow))).astype(wide))
+    return _with_dtype(_step(mechanism, state, h, h[..., 0], forces, given, precision), wide, narrow)
+
+
+def _with_dtype(tree: T, old: np.dtype, new: np.dtype) -> T:
+    """The tree with its arrays of one dtype rounded to another. NumPy stays NumPy."""
+    return jax.tree.map(lambda x: x.astype(new) if getattr(x, "dtype", None) == old else x, tree)
 
 
 # -- contacts and closures --------------------------------------------------------------------------------------------

@@ -168,8 +168,12 @@ class MechanismState:
         x = self.numbers(stacking.rows(array, bundle.places(starts, size)))
         if not self.topology.has_mimics_in(bundle):
             return x
-        multiplier, offset = self._of_bodies(bundle, self.fields["mimics"])
+        multiplier, offset = self.mimics(bundle)
         return tuple(multiplier * c + offset if has_offset else multiplier * c for c in x)
+
+    def mimics(self, bundle: Bundle) -> Numbers:
+        """(multiplier, offset) of the coordinates of a bundle: 1 and 0 for those that follow no others."""
+        return self._of_bodies(bundle, self.fields["mimics"])
 
     def configuration(self, bundle: Bundle, q: Array) -> Numbers:
         """The numbers of a bundle in q, with quaternions normalised: NaN for length 0.
@@ -232,10 +236,14 @@ class MechanismState:
 
     def armature(self, bundle: Bundle) -> Numbers:
         """The armature of a bundle. Mimics have zeros: `mechanism.assembly` adds theirs to the joint they follow."""
+        return self.own(bundle, self.fields["armature"])
+
+    def own(self, bundle: Bundle, array: Array) -> Numbers:
+        """The numbers of a bundle in an array over velocities, zeros for mimics."""
         t, n = self.topology, bundle.kind.nv
         if not n:
             return ()
-        x = stacking.rows(self.fields["armature"], bundle.places(t.v_starts, n))
+        x = stacking.rows(array, bundle.places(t.v_starts, n))
         if t.has_mimics_in(bundle):
             is_independent = ~np.vectorize(t.is_mimic)(bundle.bodies)
             x = x * is_independent.reshape((*is_independent.shape, 1, *[1] * (x.ndim - 3))).astype(x.dtype)

@@ -247,15 +247,94 @@ def test_every_precision_has_the_optimum(precision):
     assert found.residual.max() < 1e-8
 
 
-def test_mimics_are_refused():
-    bodies = [js.Body(x, js.SpatialInertia.solid_sphere(np.float64(0.1), mass=np.float64(1))) for x in "ab"]
+@functools.cache
+def with_mimics(floats):
+    """(a mechanism, six states, its contacts, a pair, a closure): a joint that the next one follows, and a slide that
+    one on another branch follows. With limits, dry friction, damping and armature."""
+    rng, names = np.random.default_rng(0), "abcde"
+
+    def placed():
+        return js.RigidTransform(js.Rotation.exp(rng.standard_normal(3) / 2), 0.3 * rng.standard_normal(3))
+
+    ball = js.SpatialInertia.solid_ellipsoid(np.array([0.1, 0.05, 0.2]), mass=np.float64(1))
+    bodies = [js.Body(x, ball.shift(0.1 * rng.standard_normal(3))) for x in names]
+    limits, resistance = {"lower": -0.2, "upper": 0.3}, {"damping": 0.1, "armature": 0.02}
     joints = [
-        js.Joint("j", "revolute", "world", "a", axis=(0, 1, 0)),
-        js.Joint("k", "revolute", "a", "b", axis=(0, 1, 0), mimic=("j", 2.0)),
+        js.Joint("root", *("free" if floats else "fixed", "world", "a")),
+        js.Joint("j", "revolute", "a", "b", placed(), axis=(0, 1, 0), **limits, **resistance),
+        js.Joint("k", "revolute", "b", "c", placed(), axis=(0, 0.6, 0.8), mimic=("j", -1.5, 0.1), **resistance),
+        js.Joint("s", "prismatic", "c", "d", placed(), axis=(1, 0, 0), friction_loss=0.5),
+        js.Joint("t", "prismatic", "a", "e", placed(), axis=(0, 0, 1), mimic=("s", 0.7)),
     ]
-    mech, one = js.Mechanism.build(bodies, joints, dtype=np.float64), np.ones(1)
-    with pytest.raises(NotImplementedError, match="convex_step: .*of mechanisms with mimics"):
-        js.convex_step(mech, one, one, one, 5e-3, contacts=on("a"))
+    mech, n = js.Mechanism.build(bodies, joints, dtype=np.float64), 6
+    q, (v, tau) = rng.standard_normal((n, mech.nq)), rng.standard_normal((2, n, mech.nv))
+    if floats:
+        q[:, :4] /= np.linalg.norm(q[:, :4], axis=1, keepdims=True)
+        q[:, 4:7] *= 0.1
+    q[:, -2:] = [0.25, 0.05] + 0.02 * q[:, -2:]
+    names = tuple(names if floats else names[1:])
+    contacts = spheres(names, 0.2 * rng.standard_normal((len(names), 3)), 0.05 if floats else 0.6, 1e4, 0.01, 0.5)
+    pair = tuple(spheres([x], 0.1 * rng.standard_normal((1, 3)), 0.5, 1e4, 0.01, 0.5) for x in "ce")
+    return mech, (q, v, tau), contacts, pair, [js.LoopClosure("d", "e", "distance", 0.6)]
+
+
+@pytest.mark.parametrize("floats", [False, slow(True)])
+def test_mimics(floats):
+    """As the oracle, whose mass matrix and Jacobians are of the joints that are followed."""
+    mech, x, contacts, pair, loops = with_mimics(floats)
+    terms, dt = {"pairs": pair, "loops": loops}, 5e-3
+    found = interpreted(lambda *x: js.convex_step(mech, *x, dt, contacts=contacts, **terms))(*x)
+    expected = oracle.steps_of(mech, *x, dt, contacts, **terms)
+    for i, own in enumerate(expected):
+        after = oracle.in_world(mech, found.q[i]) @ found.v[i]
+        np.testing.assert_allclose(after, own.v, rtol=0, atol=ALLOWED * abs(own.v).max(), err_msg=f"{i}")
+        allowed = 1e-6 * max(abs(own.forces).max(), 1)
+        np.testing.assert_allclose(found.contact_forces.f[i], own.forces, rtol=0, atol=allowed, err_msg=f"{i}")
+    assert found.residual.max() < 1e-6 and found.iterations.max() < 30
+    assert np.mean([len(own.result.impulses) for own in expected]) > 3
+
+
+def test_a_mimic_that_stands_still_is_welded():
+    """Of a multiplier 0: the step of the mechanism in which it is fixed, of which other programs are made."""
+    rod = js.SpatialInertia.solid_ellipsoid(np.array([0.1, 0.05, 0.3]), mass=np.float64(1)).shift(np.array([0, 0, 0.3]))
+    below = js.RigidTransform(js.Rotation.identity(), np.array([0, 0.1, -0.6]))
+    first = js.Joint("j", "revolute", "world", "a", axis=(0, 1, 0), friction_loss=0.1, upper=0.31)
+    second = {"axis": (1, 0, 0), "parent": "a", "child": "b", "placement": below}
+    kinds = js.Joint("k", "revolute", mimic=("j", 0.0), **second), js.Joint("k", "fixed", **second)
+    contacts = spheres(["a", "b"], np.array([[0, 0, -0.6], [0.1, 0, -0.2]]), 0.7, 1e3, 0.01, 0.5)
+    x = np.array([[0.3], [-0.5]]), np.array([[2.0], [-1.0]]), np.zeros((2, 1))
+    found, expected = (
+        interpreted(lambda *x, mech=mech: js.convex_step(mech, *x, 5e-3, contacts=contacts)[1:])(*x)
+        for mech in (js.Mechanism.build(map(js.Body, "ab", (rod, rod)), [first, k], dtype=np.float64) for k in kinds)
+    )
+    assert (expected[1].f[:, :, 2] > 1).all(0).any()
+    np.testing.assert_allclose(found[0], expected[0], rtol=0, atol=ALLOWED)
+    np.testing.assert_allclose(found[1].f, expected[1].f, rtol=0, atol=1e-6 * abs(expected[1].f).max())
+
+
+def test_derivatives_with_mimics():
+    """By q, v, tau, multipliers and offsets, against differences; forward and reverse agree."""
+    mech, x, contacts, pair, loops = with_mimics(False)
+    rng, h, n = np.random.default_rng(1), 1e-6, mech.nv
+    terms = {"contacts": contacts, "pairs": pair, "loops": loops}
+    at = *(y[0] for y in x), mech.mimics
+    along = [*(rng.standard_normal(n) for _ in range(3)), rng.standard_normal(mech.mimics.shape)]
+
+    def after(q, v, tau, mimics):
+        return js.convex_step(mech.replace(mimics=mimics), q, v, tau, 5e-3, **terms).v
+
+    c, near = rng.standard_normal(n), [jax.tree.map(lambda y, d, s=s: y + s * d, at, tuple(along)) for s in (0, h, -h)]
+
+    def derivatives(*y):
+        value, tangent = jax.jvp(after, y, tuple(along))
+        return value, tangent, jax.vjp(after, *y)[1](c)
+
+    found = interpreted(jax.vmap(derivatives))(*(np.stack(y) for y in zip(*near, strict=True)))
+    (_, ahead, behind), tangent, pulled = found[0], found[1][0], [y[0] for y in found[2]]
+    difference = (ahead - behind) / (2 * h)
+    np.testing.assert_allclose(tangent, difference, rtol=0, atol=1e-5 * abs(difference).max())
+    inner = sum(np.vdot(a, b) for a, b in zip(pulled, along, strict=True))
+    assert abs(inner - c @ tangent) <= 1e-7 * np.linalg.norm(c) * np.linalg.norm(tangent)
 
 
 LOOPS = {
@@ -767,6 +846,22 @@ def test_limits_pairs_and_closures_add_no_energy(name):
 # -- transformations --------------------------------------------------------------------------------------------------
 
 
+def two_bodies():
+    """(a mechanism, six states, terms of all kinds): dry friction, a limit, a sphere on the ground, a pair, a loop."""
+    rod = js.SpatialInertia.solid_ellipsoid(np.array([0.1, 0.05, 0.3]), mass=np.float64(1)).shift(np.array([0, 0, 0.3]))
+    aside = js.RigidTransform(js.Rotation.identity(), np.array([0.3, 0, 0]))
+    joints = [
+        js.Joint("j", "revolute", "world", "a", axis=(0, 1, 0), friction_loss=0.2),
+        js.Joint("k", "revolute", "world", "b", aside, axis=(0, 1, 0), upper=0.2),
+    ]
+    mech = js.Mechanism.build([js.Body(x, rod) for x in "ab"], joints, dtype=np.float64)
+    rng = np.random.default_rng(4)
+    x = np.array([-0.3, 0.2]) + 1e-3 * rng.standard_normal((6, 2)), *rng.standard_normal((2, 6, 2))
+    pair = tuple(spheres([x], np.array([[0, 0.05, -0.3]]), 0.1, np.float64(2e3), 0.01, 0.5) for x in "ab")
+    below = spheres(["a"], np.array([[0, 0, -0.2]]), 0.3, np.float64(1e3), 0.01, 0.5)
+    return mech, x, {"contacts": below, "pairs": pair, "loops": [js.LoopClosure("a", "b", "ball")]}
+
+
 @pytest.mark.parametrize("name", ["two bodies", slow("tree")])
 def test_compiled_it_is_the_same(name):
     """As evaluated operation by operation, which is how other tests here do it: bit by bit, but for the forces."""
@@ -774,22 +869,7 @@ def test_compiled_it_is_the_same(name):
         mech, x = tree().mechanism, many("tree", 6)
         call = {"contacts": tree().contacts, "pairs": pairs(), "loops": LOOPS["ball"]}
     else:
-        # Terms of all kinds, one of each: dry friction, a limit, a sphere on the ground, a pair and a closure.
-        rod = js.SpatialInertia.solid_ellipsoid(np.array([0.1, 0.05, 0.3]), mass=np.float64(1))
-        rod = rod.shift(np.array([0, 0, 0.3]))
-        aside = js.RigidTransform(js.Rotation.identity(), np.array([0.3, 0, 0]))
-        joints = [
-            js.Joint("j", "revolute", "world", "a", axis=(0, 1, 0), friction_loss=0.2),
-            js.Joint("k", "revolute", "world", "b", aside, axis=(0, 1, 0), upper=0.2),
-        ]
-        mech, rng = (
-            js.Mechanism.build([js.Body(x, rod) for x in "ab"], joints, dtype=np.float64),
-            np.random.default_rng(4),
-        )
-        x = np.array([-0.3, 0.2]) + 1e-3 * rng.standard_normal((6, 2)), *rng.standard_normal((2, 6, 2))
-        pair = tuple(spheres([x], np.array([[0, 0.05, -0.3]]), 0.1, np.float64(2e3), 0.01, 0.5) for x in "ab")
-        below = spheres(["a"], np.array([[0, 0, -0.2]]), 0.3, np.float64(1e3), 0.01, 0.5)
-        call = {"contacts": below, "pairs": pair, "loops": [js.LoopClosure("a", "b", "ball")]}
+        mech, x, call = two_bodies()
 
     def own(q, v, tau):
         return js.convex_step(mech, q, v, tau, 5e-3, **call)
@@ -872,6 +952,38 @@ def test_float32():
     error = abs(np.asarray(found.v, float) - np.asarray(expected.v)).max(1) / abs(np.asarray(expected.v)).max(1)
     assert np.median(error) < 1e-5 and np.quantile(error, 0.9) < 1e-4 and error.max() < 1e-2
     assert found.iterations.max() < 40
+
+
+@pytest.mark.parametrize("dtype", ["float16", "bfloat16"])
+def test_16_bits(dtype):
+    """Their own dtype throughout, and what float32 makes of the same numbers, rounded once, with terms of all kinds; by
+    hand, on the ground, whose function sees the dtype, and in the air."""
+    u = float(jnp.finfo(dtype).eps) / 2
+    narrow = jax.tree.map(lambda x: jnp.asarray(x).astype(dtype), two_bodies())
+    wide = jax.tree.map(lambda x: x.astype(np.float32), narrow)
+
+    def step(given):
+        mech, x, terms = given
+        return js.convex_step(mech, *x, jnp.asarray(2.0**-7, x[0].dtype), **terms)
+
+    found, expected = interpreted(step)(narrow), interpreted(step)(wide)
+    assert {y.dtype.name for y in jax.tree.leaves(found)} == {dtype, "int32"}
+    assert (found.iterations > 0).all() and (abs(found.contact_forces.f.astype(float)).max((0, 2)) > 1).all()
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        with np.errstate(over="ignore"):
+            np.testing.assert_array_equal(a, b.astype(a.dtype))
+
+    mass, q = slider().astype(dtype), jnp.zeros((2, 3), dtype).at[:, 2].set(jnp.asarray([-0.002, 1.0], dtype))
+    still, dt, contacts = jnp.zeros((2, 3), dtype), jnp.asarray(0.01, dtype), touching(0.5).astype(dtype)
+
+    def on(ground):
+        return interpreted(
+            lambda q: js.convex_step(mass, q, still, still, dt, contacts=contacts, ground=ground).contact_forces.f
+        )(q)[:, 0].astype(float)
+
+    f = (STIFF * 0.002 - STIFF * (0.01 + TAU_D) * -G * 0.01) / (1 + 0.01 * STIFF * (0.01 + TAU_D) / MASS)
+    for ground in (None, lambda p: p[2] * jnp.asarray(3, dtype)):
+        np.testing.assert_allclose(on(ground), [[0, 0, f], [0, 0, 0]], rtol=0, atol=16 * u * f)
 
 
 def test_what_sticks_takes_one_iteration():
