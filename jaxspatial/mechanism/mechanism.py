@@ -6,7 +6,7 @@ import json
 import operator
 import pathlib
 import weakref
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, cast
 
 import jax
@@ -15,6 +15,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxspatial.inertia import SpatialInertia
+from jaxspatial.mechanism import named
 from jaxspatial.mechanism.assembly import assembled, registered_parameters
 from jaxspatial.mechanism.loops import LoopClosure, checked_loops
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint, known
@@ -240,6 +241,80 @@ class Mechanism:
         """Makes the coordinates (nq,) at zero: 0, and 1 0 0 0 for quaternions."""
         t = self.topology
         return np.array([x for i in range(len(t)) if not t.is_mimic(i) for x in t.kind(i).neutral], self.dtype)
+
+    # -- coordinates by name ------------------------------------------------------------------------------------------
+
+    def configuration(self, positions: Mapping[str, Any]) -> jax.Array:
+        """Makes q of coordinates by names of joints; those that are not named are neutral.
+
+            q = mech.configuration({"root_joint": X_WB, "elbow": 0.3})
+
+        Nothing has to know the order of q, which is depth first and not that of a file.
+
+        Args:
+            positions: by name of a joint: a number or (*batch,) of one with one coordinate, rad or m; (*batch, k) of
+                one with k. Of a "free" joint a RigidTransform, the pose across it, which of a floating base is X_WB, or
+                7 numbers; of a "ball" joint a Rotation, or 4 numbers. Python numbers take the dtype of arrays beside
+                them, and else that of the mechanism.
+
+        Returns:
+            q (*batch, nq), over the common batch; NumPy, known while tracing, where all of them are NumPy numbers.
+
+        Raises:
+            KeyError: there is no such joint; lists those there are.
+            TypeError: a value has another type, or dtypes differ.
+            ValueError: a joint is a mimic, or shapes do not fit.
+        """
+        return named.joined(self.topology, named.POSITIONS, positions, self.dtype)
+
+    def joint_positions(self, q: ArrayLike) -> dict[str, Any]:
+        """Takes q apart by names of joints: the inverse of `configuration`.
+
+        Args:
+            q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+
+        Returns:
+            By name of a joint that is no mimic, in the order of `joint_names`: (*batch,) of one with one coordinate,
+            (*batch, k) of one with k; a RigidTransform of a "free" joint, a Rotation of a "ball" joint.
+
+        Raises:
+            TypeError: q is not of floating point.
+            ValueError: the shape does not fit.
+        """
+        return named.taken_apart(self.topology, named.POSITIONS, q, "Mechanism.joint_positions: q")
+
+    def velocities(self, velocities: Mapping[str, Any]) -> jax.Array:
+        """Makes v of velocities by names of joints; those that are not named are zero.
+
+            v = mech.velocities({"elbow": 0.5})
+
+        Accelerations and forces of joints are in the same order: `mech.velocities({"elbow": 12.0})` is a tau, too.
+
+        Args:
+            velocities: by name of a joint: a number or (*batch,) of one with one velocity, rad/s or m/s; (*batch, k)
+                of one with k. Of a "free" joint a SpatialVelocity in the axes of the body, or 6 numbers.
+
+        Returns:
+            v (*batch, nv), over the common batch; NumPy where all of them are NumPy numbers.
+
+        Raises:
+            as `configuration`.
+        """
+        return named.joined(self.topology, named.VELOCITIES, velocities, self.dtype)
+
+    def joint_velocities(self, v: ArrayLike) -> dict[str, Any]:
+        """Takes v apart by names of joints: the inverse of `velocities`.
+
+        Args:
+            v: (*batch, nv) generalized velocities: rad/s, m/s.
+
+        Returns:
+            By name of a joint that is no mimic: (*batch,) or (*batch, k); a SpatialVelocity of a "free" joint.
+
+        Raises:
+            as `joint_positions`.
+        """
+        return named.taken_apart(self.topology, named.VELOCITIES, v, "Mechanism.joint_velocities: v")
 
     def __repr__(self):
         """The tree: one line per body, with its joint."""
