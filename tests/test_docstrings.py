@@ -2,11 +2,14 @@
 
 import inspect
 import re
+import typing
 
+import numpy as np
 import pytest
 
 import jaxspatial as js
 from jaxspatial.dynamics.composite_bodies import MassMatrixFactor
+from jaxspatial.engine.algorithm import ExternalForces
 from jaxspatial.numerics import quantity
 
 
@@ -105,6 +108,21 @@ def test_signatures_are_annotated(name):
     assert signature.return_annotation is not inspect.Signature.empty
     own = [p for p in signature.parameters.values() if p.name not in ("self", "cls")]
     assert all(p.annotation is not inspect.Parameter.empty for p in own)
+
+
+@pytest.mark.parametrize("name", sorted(FUNCTIONS) + sorted(METHODS))
+def test_signatures_name_unions(name):
+    """What `help` opens with: arrays are ArrayLike there, and no list of all that is one."""
+    shown = str(inspect.signature((FUNCTIONS | METHODS)[name]))
+    assert not re.search("StandIn|SupportsDType", shown) and shown.count("SpatialForce") <= 2
+
+
+def test_a_named_union_keeps_its_members():
+    from jaxspatial.numerics import types
+
+    for alias, member in ((types.ArrayLike, np.ndarray), (ExternalForces, js.AppliedForces)):
+        union = getattr(alias, "__value__", None) or alias.__bound__
+        assert member in typing.get_args(union) and repr(alias).lstrip("~") in ("ArrayLike", "ExternalForces")
 
 
 def test_no_riddles():

@@ -15,7 +15,7 @@ import inspect
 import warnings
 import weakref
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -36,6 +36,7 @@ from jaxspatial.numerics.formula import from_outside
 from jaxspatial.numerics.numbers import components
 from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.quantity import tree_of
+from jaxspatial.numerics.types import named
 from jaxspatial.spatial import SpatialForce
 
 # The fields of a mechanism that algorithms read, by subject.
@@ -48,6 +49,8 @@ FRAMES = ("child_placements", "frame_placements")
 # What callers pass: SpatialForces by name of a frame, or AppliedForces, or several of these in a list, which add up.
 _OneSource = dict[str, SpatialForce] | AppliedForces | None
 ExternalForces = _OneSource | Sequence[_OneSource]
+if not TYPE_CHECKING:
+    ExternalForces = named("ExternalForces", ExternalForces)
 Frames = int | tuple[int, ...] | None  # by number, None for all bodies
 Static = tuple[tuple[str, Any], ...]  # arguments that are no arrays, by name
 

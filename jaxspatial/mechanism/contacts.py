@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable
+from dataclasses import KW_ONLY
 from typing import TYPE_CHECKING, Any, Self, cast
 
 import jax
@@ -51,9 +52,10 @@ class PointContacts:
     frames: tuple[str, ...]
     positions: jax.Array | None = None
     radius: jax.Array = 0.0  # pyright: ignore[reportAssignmentType]
-    stiffness: jax.Array = None  # pyright: ignore[reportAssignmentType]
-    relaxation_time: jax.Array = None  # pyright: ignore[reportAssignmentType]
-    friction: jax.Array = None  # pyright: ignore[reportAssignmentType]
+    _: KW_ONLY
+    stiffness: jax.Array
+    relaxation_time: jax.Array
+    friction: jax.Array
 
     if TYPE_CHECKING:
 

@@ -1,5 +1,8 @@
 """Spheres that touch, and the ground: what is accepted, what is refused, and what they stay in JAX's hands."""
 
+import dataclasses
+import inspect
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -43,7 +46,8 @@ def test_numbers_are_learned_and_batched():
         ({"stiffness": 0.0}, ValueError, "PointContacts: stiffness: expected numbers above 0, got 0.0"),
         ({"stiffness": None}, TypeError, r"PointContacts: stiffness: expected a number, \(2,\)"),
         ({"radius": 1}, None, ""),
-        ({"radius": np.ones(2, int)}, TypeError, "PointContacts: radius: expected floating point"),
+        ({"radius": np.ones(2, int)}, None, ""),
+        ({"radius": jnp.ones(2, int)}, TypeError, "PointContacts: radius: expected floating point"),
         (
             {"radius": np.zeros((3, 2)), "friction": np.zeros((4, 2))},
             ValueError,
@@ -63,6 +67,23 @@ def test_what_is_refused(changes, error, message):
         return
     with pytest.raises(error, match=message):
         js.PointContacts(**arguments)
+
+
+def test_numbers_without_a_default_are_required():
+    """The signature says so, and a call without them; JAX rebuilds contacts without any check."""
+    parameters = inspect.signature(js.PointContacts).parameters
+    required = [name for name, x in parameters.items() if x.default is x.empty]
+    assert required == ["frames", "stiffness", "relaxation_time", "friction"]
+    assert [name for name, x in parameters.items() if x.kind is x.KEYWORD_ONLY] == required[1:]
+    with pytest.raises(TypeError, match="'stiffness', 'relaxation_time', and 'friction'"):
+        js.PointContacts(["a"])
+    with pytest.raises(TypeError, match="'friction'"):
+        js.PointContacts(["a"], stiffness=1.0, relaxation_time=0.0)
+    contacts = js.PointContacts(["a"], **NUMBERS)
+    leaves, structure = jax.tree.flatten(contacts)
+    assert jax.tree.unflatten(structure, ["any"] * len(leaves)).friction == "any"
+    changed = dataclasses.replace(contacts, friction=0.25)
+    assert changed.friction == 0.25 and changed.stiffness == contacts.stiffness
 
 
 def test_a_plane_gives_signed_distances():

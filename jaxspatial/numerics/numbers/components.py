@@ -15,7 +15,6 @@ import jax
 import jax.export
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import DTypeLike
 
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.barrier import barrier
@@ -23,6 +22,7 @@ from jaxspatial.numerics.numbers.double_word import DoubleWord, to_double_word
 from jaxspatial.numerics.numbers.layout import stack
 from jaxspatial.numerics.numbers.rounded import Rounded, is_known, quietly, uniform
 from jaxspatial.numerics.precision import Precision
+from jaxspatial.numerics.types import DTypeLike
 
 _INTEGERS: tuple[type, ...] = int, np.integer
 

@@ -15,11 +15,11 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.typing import DTypeLike
 
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.barrier import barrier_or_nan
 from jaxspatial.numerics.numbers import pairs
+from jaxspatial.numerics.types import DTypeLike
 
 _Operation = Callable[[Any, Any], Any]
 
