@@ -294,39 +294,50 @@ def test_mimics(floats):
     assert np.mean([len(own.result.impulses) for own in expected]) > 3
 
 
-def test_a_mimic_that_stands_still_is_welded():
-    """Of a multiplier 0: the step of the mechanism in which it is fixed, of which other programs are made."""
+def pendulum(second):
+    """A double one on the world: its second joint, and contacts of both links."""
     rod = js.SpatialInertia.solid_ellipsoid(np.array([0.1, 0.05, 0.3]), mass=np.float64(1)).shift(np.array([0, 0, 0.3]))
     below = js.RigidTransform(js.Rotation.identity(), np.array([0, 0.1, -0.6]))
     first = js.Joint("j", "revolute", "world", "a", axis=(0, 1, 0), friction_loss=0.1, upper=0.31)
-    second = {"axis": (1, 0, 0), "parent": "a", "child": "b", "placement": below}
-    kinds = js.Joint("k", "revolute", mimic=("j", 0.0), **second), js.Joint("k", "fixed", **second)
+    joints = [first, js.Joint("k", parent="a", child="b", placement=below, axis=(1, 0, 0), **second)]
     contacts = spheres(["a", "b"], np.array([[0, 0, -0.6], [0.1, 0, -0.2]]), 0.7, 1e3, 0.01, 0.5)
+    return js.Mechanism.build([js.Body("a", rod), js.Body("b", rod)], joints, dtype=np.float64), contacts
+
+
+def test_a_mimic_that_stands_still_is_welded():
+    """Of a multiplier 0: the step of the mechanism in which it is fixed, of which other programs are made."""
     x = np.array([[0.3], [-0.5]]), np.array([[2.0], [-1.0]]), np.zeros((2, 1))
-    found, expected = (
-        interpreted(lambda *x, mech=mech: js.convex_step(mech, *x, 5e-3, contacts=contacts)[1:])(*x)
-        for mech in (js.Mechanism.build(map(js.Body, "ab", (rod, rod)), [first, k], dtype=np.float64) for k in kinds)
-    )
+
+    def step(second):
+        mech, contacts = pendulum(second)
+        return interpreted(lambda *x: js.convex_step(mech, *x, 5e-3, contacts=contacts)[1:])(*x)
+
+    found, expected = map(step, ({"kind": "revolute", "mimic": ("j", 0.0)}, {"kind": "fixed"}))
     assert (expected[1].f[:, :, 2] > 1).all(0).any()
     np.testing.assert_allclose(found[0], expected[0], rtol=0, atol=ALLOWED)
     np.testing.assert_allclose(found[1].f, expected[1].f, rtol=0, atol=1e-6 * abs(expected[1].f).max())
 
 
-def test_derivatives_with_mimics():
+@pytest.mark.parametrize("between", [False, slow(True)])
+def test_derivatives_with_mimics(between):
     """By q, v, tau, multipliers and offsets, against differences; forward and reverse agree."""
-    mech, x, contacts, pair, loops = with_mimics(False)
+    if between:
+        mech, x, contacts, pair, loops = with_mimics(False)
+        terms, at = {"contacts": contacts, "pairs": pair, "loops": loops}, [y[0] for y in x]
+    else:
+        mech, contacts = pendulum({"kind": "revolute", "mimic": ("j", 0.7)})
+        terms, at = {"contacts": contacts}, [np.array([0.2]), np.array([1.0]), np.array([0.5])]
     rng, h, n = np.random.default_rng(1), 1e-6, mech.nv
-    terms = {"contacts": contacts, "pairs": pair, "loops": loops}
-    at = *(y[0] for y in x), mech.mimics
-    along = [*(rng.standard_normal(n) for _ in range(3)), rng.standard_normal(mech.mimics.shape)]
+    at = *at, mech.mimics
+    along = tuple(rng.standard_normal(y.shape) for y in at)
 
     def after(q, v, tau, mimics):
         return js.convex_step(mech.replace(mimics=mimics), q, v, tau, 5e-3, **terms).v
 
-    c, near = rng.standard_normal(n), [jax.tree.map(lambda y, d, s=s: y + s * d, at, tuple(along)) for s in (0, h, -h)]
+    c, near = rng.standard_normal(n), [jax.tree.map(lambda y, d, s=s: y + s * d, at, along) for s in (0, h, -h)]
 
     def derivatives(*y):
-        value, tangent = jax.jvp(after, y, tuple(along))
+        value, tangent = jax.jvp(after, y, along)
         return value, tangent, jax.vjp(after, *y)[1](c)
 
     found = interpreted(jax.vmap(derivatives))(*(np.stack(y) for y in zip(*near, strict=True)))
@@ -954,7 +965,7 @@ def test_float32():
     assert found.iterations.max() < 40
 
 
-@pytest.mark.parametrize("dtype", ["float16", "bfloat16"])
+@pytest.mark.parametrize("dtype", ["float16", slow("bfloat16")])
 def test_16_bits(dtype):
     """Their own dtype throughout, and what float32 makes of the same numbers, rounded once, with terms of all kinds; by
     hand, on the ground, whose function sees the dtype, and in the air."""
