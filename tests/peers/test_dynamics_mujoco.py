@@ -14,6 +14,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.interop import mujoco as states
+from tests.helpers import contact_oracle as oracle
 from tests.helpers import marks
 from tests.helpers.interpreted import interpreted
 
@@ -171,6 +172,37 @@ def test_armature_of_mimics():
     )
     T = T.T
     error("mimics", "mass", M, T.T @ whole_mass_matrix(model, data) @ T)
+
+
+def test_contact_of_mimics():
+    """`convex_step` at the optimum of the convex problem that MuJoCo's mass matrix, bias and Jacobians make, along the
+    coordinates that mimics leave."""
+    model, mech, q, v, tau = case("mimics")
+    frames, p, dt, k, tau_d, mu = ("b1", "b2", "b3"), np.full((3, 3), [0.1, -0.2, 0.3]), 5e-3, 1e4, 0.01, 0.5
+    heights = interpreted(lambda q: (js.forward_kinematics(mech, q, frames) @ p)[..., 2])(q)
+    offset, law = np.sort(heights)[:, 1], {"stiffness": k, "relaxation_time": tau_d, "friction": mu}
+
+    def step(q, v, tau, offset):
+        ground, contacts = js.HalfSpace(offset=offset), js.PointContacts(frames, p, 0.02, **law)
+        return js.convex_step(mech, q, v, tau, dt, contacts=contacts, ground=ground)
+
+    found = interpreted(step)(q, v, tau, offset)
+    for i in range(N):
+        data, T = mujoco.MjData(model), ours("mimics")["to_qvel"][i]
+        data.qpos[:], data.qvel[:] = ours("mimics")["qpos"][i], ours("mimics")["qvel"][i]
+        mujoco.mj_forward(model, data)
+        M, spheres = T.T @ whole_mass_matrix(model, data) @ T, []
+        for name, centre in zip(frames, p, strict=True):
+            body, J = data.body(name), np.zeros((3, model.nv))
+            centre = body.xpos + body.xmat.reshape(3, 3) @ centre
+            distance = centre[2] - offset[i]
+            mujoco.mj_jac(model, data, J, None, centre - [0, 0, distance], model.body(name).id)
+            spheres.append(oracle.Contact(J @ T, distance - 0.02, k, tau_d, mu))
+        free = np.asarray(v[i] + dt * np.linalg.solve(M, tau[i] - T.T @ data.qfrc_bias))
+        problem = oracle.Problem(M, free, oracle.terms_of(M, free, np.asarray(v[i]), dt, spheres))
+        after = problem.optimum(np.asarray(v[i])).v
+        assert len(problem.terms) == 2 and abs(after - free).max() > 1e-3
+        np.testing.assert_allclose(found.v[i], after, rtol=0, atol=1e-8 * abs(after).max())
 
 
 SPRUNG = """<mujoco><compiler angle="radian"/><worldbody>
