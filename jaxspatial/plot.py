@@ -12,7 +12,7 @@ extra `plot`.
 """
 
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -21,6 +21,7 @@ import numpy as np
 from jaxspatial.dynamics.kinematics import forward_kinematics
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism import HalfSpace, Mechanism
+from jaxspatial.mechanism.surface import surface
 from jaxspatial.numerics import check
 from jaxspatial.numerics.types import ArrayLike
 from jaxspatial.spatial import RigidTransform, SpatialForce, central_axis
@@ -44,6 +45,8 @@ XYZ = "#d1495b", "#3a7d44", "#00798c"
 _PLANE, _SOLID, _BODY, _JOINT, _ARROW, _FRAME = range(1, 7)
 # Lengths as shares of the size of the scene: the axes of a frame, the longest arrow, the largest arc, the shortest.
 _TRIAD, _LONGEST, _WIDEST, _LEAST = 0.1, 0.3, 0.09, 0.01
+# The edge of the ground, as a share too; its squares along it, and the cells of a ground function.
+_GROUND, _SQUARES, _CELLS = 1.3, 6, 24
 # An arc has a gap, so that one sees which way it turns.
 _TURN = np.linspace(0.0, np.deg2rad(290.0), 60)
 
@@ -101,7 +104,7 @@ def mechanism(
     ax: Axes3D | None = None,
     *,
     frames: Sequence[str] | None = None,
-    ground: HalfSpace | None = None,
+    ground: HalfSpace | Callable[[jax.Array], Any] | None = None,
     color: str = BODY,
 ) -> Axes3D:
     """Draws a robot: its bodies as lines between the origins of its joints, its joints as dots.
@@ -116,7 +119,8 @@ def mechanism(
         frames: names of `mech.frame_names`. Each is drawn with a line from the joint of its body, three axes and its
             name, in this order. None draws a line to the tip of each body without children: the frame that is farthest
             from the joint, or else the centre of mass.
-        ground: HalfSpace, drawn as a part of its plane; None for none.
+        ground: HalfSpace, drawn as a part of its plane, or a function from a point (3,) to its signed distance, drawn
+            in a cube about the point of it next to the robot; None for none.
         color: of the bodies.
 
     Returns:
@@ -125,7 +129,7 @@ def mechanism(
     Raises:
         KeyError: there is no such frame; lists those there are.
         TypeError: an argument has another type.
-        ValueError: mech or q is a batch, or q has another size.
+        ValueError: mech, q or the ground is a batch, q has another size, or a ground function has no zero near by.
     """
     ax, X_WJ = _axes("plot.mechanism", ax), _joints("plot.mechanism", mech, q)
     if frames is not None and (isinstance(frames, str) or not all(isinstance(name, str) for name in frames)):
@@ -146,9 +150,13 @@ def mechanism(
     size = _size(ax)
     for k in numbers:
         _triad(ax, X_WF.R[k], X_WF.p[k], _TRIAD * size, mech.frame_names[k])
-    if ground is not None:
-        check.require_kind(ground, HalfSpace, "plot.mechanism: ground")
+    if isinstance(ground, HalfSpace):
         _plane(ax, ground, X_WJ.p.mean(0), size)
+    elif callable(ground):
+        dtype = jax.dtypes.canonicalize_dtype(np.asarray(q).dtype)
+        _surface(ax, surface("plot.mechanism", ground, X_WJ.p.mean(0), _GROUND * size, _CELLS, dtype))
+    elif ground is not None:
+        check.refuse("plot.mechanism: ground", "a HalfSpace, or a function from a point to its distance", ground)
     return _fit(ax)
 
 
@@ -464,19 +472,33 @@ def _triad(ax: Axes3D, R: np.ndarray, p: np.ndarray, length: float, name: str) -
 
 def _plane(ax: Axes3D, ground: HalfSpace, centre: np.ndarray, size: float) -> None:
     """A checkered square of the plane, under the robot."""
+    if ground.batch_shape:
+        raise ValueError(f"plot.mechanism: ground: expected one plane, got a batch {ground.batch_shape}")
     normal = _numbers(ground.normal)
-    if normal.shape != (3,):
-        raise ValueError(f"plot.mechanism: ground: expected one plane, got a batch {normal.shape[:-1]}")
     normal = normal / np.linalg.norm(normal)
     u, v = _across(normal)
     middle = centre - (normal @ centre - float(ground.offset)) * normal
-    cells, edge = 6, 1.3 * size / 6
-    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) - cells / 2
-    squares = [(corners + (i, j)) * edge for i in range(cells) for j in range(cells)]
+    edge = _GROUND * size / _SQUARES
+    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) - _SQUARES / 2
+    squares = [(corners + (i, j)) * edge for i in range(_SQUARES) for j in range(_SQUARES)]
     squares = middle + np.stack(squares) @ np.stack([u, v])
-    shades = [(*to_rgb(GROUND), 0.22 if (k + k // cells) % 2 else 0.1) for k in range(cells**2)]
-    ax.add_collection3d(Poly3DCollection(squares, facecolors=shades, zorder=_PLANE, gid="ground"))
-    _include(ax, squares)
+    _checkered(ax, squares, np.array([(k + k // _SQUARES) % 2 for k in range(_SQUARES**2)]))
+
+
+def _surface(ax: Axes3D, triangles: np.ndarray) -> None:
+    """Triangles with the squares of a checkered plane below them; shaded by how steep they are."""
+    low, edge = triangles.min((0, 1)), np.ptp(triangles[..., :2], axis=(0, 1)).max() / _SQUARES
+    across = ((triangles.mean(1) - low)[:, :2] / edge).astype(int).sum(1) % 2
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    steep = 1 - abs(normals[:, 2]) / np.linalg.norm(normals, axis=-1)
+    _checkered(ax, triangles, across, 0.35 * steep)
+
+
+def _checkered(ax: Axes3D, polygons: np.ndarray, is_dark: np.ndarray, darker: Any = 0.0) -> None:
+    opacity = 0.1 + 0.12 * is_dark + darker
+    shades = np.column_stack([np.tile(to_rgb(GROUND), (len(polygons), 1)), np.broadcast_to(opacity, len(polygons))])
+    ax.add_collection3d(Poly3DCollection(polygons, facecolors=shades, linewidths=0, zorder=_PLANE, gid="ground"))
+    _include(ax, polygons)
 
 
 def _across(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,14 +13,19 @@ import io
 import pathlib
 import threading
 import time
-from collections.abc import Sequence
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 
 from jaxspatial.dynamics.kinematics import forward_kinematics
+from jaxspatial.engine.algorithm import ExternalForces
 from jaxspatial.mechanism import AppliedForces, HalfSpace, Mechanism
+from jaxspatial.mechanism.surface import surface
 from jaxspatial.numerics import check
+from jaxspatial.numerics.numbers.components import as_array
 from jaxspatial.numerics.types import ArrayLike
 from jaxspatial.spatial import SpatialForce, act_inverse
 
@@ -32,10 +37,14 @@ except ImportError as error:
         "jaxspatial.viewer: needs the package viser[urdf]: from a clone, pip install '.[view]'"
     ) from error
 
-FORCE, TORQUE, BODY = (224, 82, 31), (166, 74, 201), (123, 135, 148)
+FORCE, TORQUE, BODY, GROUND = (224, 82, 31), (166, 74, 201), (123, 135, 148), (138, 148, 160)
 # As shares of the size of the scene: the axes of a frame, the longest arrow, the heads of arrows and their radius.
 _TRIAD, _LONGEST, _HEAD, _THICK = 0.08, 0.35, 0.04, 0.006
+# The edge of the ground as a share too, and of its cells.
+_GROUND, _CELL = 6.0, 0.25
 _FRAMES_PER_SECOND = 30.0
+
+Ground = HalfSpace | Callable[[jax.Array], Any]
 
 
 def show(
@@ -44,9 +53,9 @@ def show(
     *,
     dt: float = 1 / 30,
     shapes: str | pathlib.Path | None = None,
-    forces: dict[str, SpatialForce] | AppliedForces | None = None,
+    forces: ExternalForces = None,
     frames: Sequence[str] = (),
-    ground: HalfSpace | None = None,
+    ground: Ground | None = None,
     host: str = "127.0.0.1",
     port: int = 8080,
 ) -> "Scene":
@@ -61,10 +70,13 @@ def show(
         q: (nq,) or (n, nq) coordinates of n states: rad, m, quaternions.
         dt: time from one state to the next, s.
         shapes: path of the URDF file whose visual meshes are shown; None shows the ellipsoids of inertias.
-        forces: wrenches shown as arrows, as `external_forces` have them: SpatialForces by name of a frame, or
-            AppliedForces, one for all states or (n,) of them: N m, N. Forces orange, torques purple along their axes.
+        forces: wrenches shown as arrows, as `external_forces` have them: SpatialForces by name of a frame,
+            AppliedForces, or a list of these, which act together. Each is one for all states, or (n,) of them: N m, N.
+            Forces orange, torques purple along their axes. Of steps in a loop stack the forces:
+            `jax.tree.map(lambda *x: np.stack(x), *forces)`.
         frames: names of `mech.frame_names`, shown as three axes with their names.
-        ground: HalfSpace, shown as a grid; None for none.
+        ground: HalfSpace, shown as a grid, or a function from a point (3,) to its signed distance, shown where it is
+            zero in a cube about the motion; None for none.
         host: address to listen at; "0.0.0.0" lets other machines in.
         port: the first to try.
 
@@ -75,7 +87,7 @@ def show(
         FileNotFoundError: there is no such file of shapes.
         KeyError: there is no such frame, or the file has a link that is no frame of the mechanism.
         TypeError: an argument has another type.
-        ValueError: shapes of arrays do not fit.
+        ValueError: shapes of arrays do not fit, the shapes are no URDF, or a ground function has no zero near by.
     """
     scene = Scene(mech, q, dt, shapes, forces, frames, ground, host, port)
     scene.add_player()
@@ -89,9 +101,9 @@ def record(
     *,
     dt: float = 1 / 30,
     shapes: str | pathlib.Path | None = None,
-    forces: dict[str, SpatialForce] | AppliedForces | None = None,
+    forces: ExternalForces = None,
     frames: Sequence[str] = (),
-    ground: HalfSpace | None = None,
+    ground: Ground | None = None,
 ) -> pathlib.Path:
     """Writes what `show` shows to one file that needs no server: a page that plays it, at 30 frames a second.
 
@@ -138,9 +150,9 @@ class Scene:
         q: ArrayLike,
         dt: float,
         shapes: str | pathlib.Path | None,
-        forces: dict[str, SpatialForce] | AppliedForces | None,
+        forces: ExternalForces,
         frames: Sequence[str],
-        ground: HalfSpace | None,
+        ground: Ground | None,
         host: str,
         port: int,
     ):
@@ -148,14 +160,20 @@ class Scene:
         states = np.atleast_2d(np.asarray(q))
         if states.ndim != 2 or states.shape[1] != mech.nq or not len(states):
             raise ValueError(f"viewer: q: expected shape ({mech.nq},) or (n, {mech.nq}), got {np.shape(q)}")
-        if ground is not None:
-            check.require_kind(ground, HalfSpace, "viewer: ground")
+        if ground is not None and not callable(ground):
+            check.refuse(
+                "viewer: ground", "a HalfSpace, or a function from a point (3,) to its signed distance", ground
+            )
+        if isinstance(ground, HalfSpace) and ground.batch_shape:
+            raise ValueError(f"viewer: ground: expected one plane, got a batch {ground.batch_shape}")
         self.n, self.dt = len(states), float(dt)
         meshes = {} if shapes is None else _meshes(mech, pathlib.Path(shapes))
         names = list(dict.fromkeys([*(mech.body_names if shapes is None else meshes), *frames]))
         self._wxyz, self._p = _poses(mech, states, names)
-        arrows = _arrows(mech, states, forces) if forces else []
+        arrows = _arrows(mech, states, forces)
         size = float(np.ptp(self._p[0], axis=0).max(initial=0.2))
+        is_plane = isinstance(ground, HalfSpace)
+        land = None if ground is None or is_plane else _land(ground, self._p, size, states.dtype)
 
         self.server: Any = viser.ViserServer(host=host, port=port, verbose=False)
         add = self.server.scene
@@ -173,8 +191,12 @@ class Scene:
         if shapes is None:
             _add_ellipsoids(add, mech)
         self._arrows = [_Arrows(add, *given, size) for given in arrows]
-        if ground is not None:
-            _add_ground(add, ground, size)
+        if isinstance(ground, HalfSpace):
+            _add_plane(add, ground, size)
+        elif land is not None:
+            faces = np.arange(land.size // 3).reshape(-1, 3)
+            look: Any = {"color": GROUND, "flat_shading": True, "side": "double", "opacity": 0.8}
+            add.add_mesh_simple("/ground", land.reshape(-1, 3).astype(np.float32), faces, **look)
         self.server.initial_camera.position = self._p[0].mean(0) + size * np.array([0.8, -1.2, 0.4])
         self.server.initial_camera.look_at = self._p[0].mean(0)
         self.draw(0)
@@ -225,7 +247,17 @@ def _meshes(mech: Mechanism, path: pathlib.Path) -> dict[str, list[Any]]:
     float, or have joints that are locked."""
     if not path.is_file():
         raise FileNotFoundError(f"viewer: shapes: there is no file {path}")
-    urdf = yourdfpy.URDF.load(str(path), filename_handler=lambda fname: _found(fname, path.parent))
+    try:
+        tag = ElementTree.parse(path).getroot().tag
+    except ElementTree.ParseError as error:
+        raise ValueError(f"viewer: shapes: {path}: expected a URDF, got malformed XML: {error}") from None
+    if tag != "robot":
+        way_out = "; without shapes, the ellipsoids of inertias are shown" if tag == "mujoco" else ""
+        raise ValueError(f"viewer: shapes: {path}: expected a URDF, <robot>, got <{tag}>{way_out}")
+    try:
+        urdf = yourdfpy.URDF.load(str(path), filename_handler=lambda fname: _found(fname, path.parent))
+    except KeyError as error:
+        raise ValueError(f"viewer: shapes: {path}: an element lacks the attribute {error}") from error
     meshes: dict[str, list[Any]] = {}
     for name, mesh in urdf.scene.geometry.items():
         link = urdf.scene.graph.transforms.parents[name]
@@ -268,10 +300,19 @@ def _poses(mech: Mechanism, q: np.ndarray, names: Sequence[str]) -> tuple[np.nda
     return np.asarray(X_WF.rotation.to_quaternion(precision="fast")), np.asarray(X_WF.translation)
 
 
-def _add_ground(add: Any, ground: HalfSpace, size: float) -> None:
+def _add_plane(add: Any, ground: HalfSpace, size: float) -> None:
     normal = np.asarray(ground.normal) / np.linalg.norm(ground.normal)
     place: Any = {"wxyz": _from_z(normal), "position": normal * float(ground.offset)}
-    add.add_grid("/ground", width=6 * size, height=6 * size, cell_size=size / 4, section_size=size, **place)
+    edge = _GROUND * size
+    add.add_grid("/ground", width=edge, height=edge, cell_size=_CELL * size, section_size=size, **place)
+
+
+def _land(ground: Callable[[jax.Array], Any], p: np.ndarray, size: float, dtype: Any) -> np.ndarray:
+    """The triangles (n, 3, 3) of a ground function about all places p (n, k, 3), of at most 80 cells along an edge."""
+    low, high = p.min((0, 1)), p.max((0, 1))
+    edge = max(_GROUND * size, 1.5 * float((high - low).max()))
+    cells = min(int(np.ceil(edge / (_CELL * size))), 80)
+    return surface("viewer", ground, (low + high) / 2, edge, cells, jax.dtypes.canonicalize_dtype(dtype))
 
 
 # -- arrows -----------------------------------------------------------------------------------------------------------
@@ -279,27 +320,63 @@ def _add_ground(add: Any, ground: HalfSpace, size: float) -> None:
 
 def _arrows(mech: Mechanism, q: np.ndarray, forces: Any) -> list[tuple[str, np.ndarray, np.ndarray, Any]]:
     """(name, points (n, m, 3), vectors (n, m, 3), colour) of the forces and of the torques, in world axes."""
-    if isinstance(forces, AppliedForces):
-        names, tau, f, points = forces.frames, forces.wrenches.tau, forces.wrenches.f, forces.points
-        is_along_frame = forces.axes == "frame"
-    elif isinstance(forces, dict) and all(isinstance(F, SpatialForce) for F in forces.values()):
-        names, points, is_along_frame = tuple(forces), None, False
-        tau, f = ([np.asarray(getattr(F, part)) for F in forces.values()] for part in ("tau", "f"))
-        tau, f = (np.stack(np.broadcast_arrays(*parts), axis=-2) for parts in (tau, f))
-    else:
-        raise TypeError(f"viewer: forces: expected AppliedForces, or SpatialForces by name, got {forces!r}")
+    sources = {"forces": forces}
+    if isinstance(forces, list | tuple):
+        sources = {f"forces[{i}]": x for i, x in enumerate(forces)}
+        _refuse_one_each(forces, len(q))
+    applied = [x for name, source in sources.items() for x in _applied(f"viewer: {name}", source)]
+    names = [name for _, x in applied for name in x.frames]
+    if not names:
+        return []
     X_WF = forward_kinematics(mech, q, names, precision="fast")
     R, p = np.asarray(X_WF.rotation.to_matrix()), np.asarray(X_WF.translation)
-    if points is not None:
-        p = p + np.einsum("nmij,nmj->nmi", R, np.broadcast_to(np.asarray(points), p.shape))
-    arrows = []
-    for name, x, color in (("forces", np.asarray(f), FORCE), ("torques", np.asarray(tau), TORQUE)):
-        if x.shape not in (p.shape[1:], p.shape):
-            raise ValueError(f"viewer: forces: expected one for all states or ({len(q)},), got {x.shape[:-2]}")
-        if x.any():
-            x = np.broadcast_to(x, p.shape)
-            arrows.append((name, p, np.einsum("nmij,nmj->nmi", R, x) if is_along_frame else x, color))
-    return arrows
+    ends = np.cumsum([len(x.frames) for _, x in applied])[:-1]
+    frames = zip(applied, np.split(R, ends, axis=1), np.split(p, ends, axis=1), strict=True)
+    p, tau, f = (np.concatenate(x, axis=1) for x in zip(*(_placed(*x, *at) for x, *at in frames), strict=True))
+    kinds = ("forces", f, FORCE), ("torques", tau, TORQUE)
+    return [(name, p, x, color) for name, x, color in kinds if (np.isfinite(x) & (x != 0)).any()]
+
+
+def _refuse_one_each(forces: Sequence[Any], n: int) -> None:
+    """A list adds up. As many as there are states, on the same frames, are rather meant to be one for each."""
+    frames = [
+        tuple(x.frames if isinstance(x, AppliedForces) else x) for x in forces if isinstance(x, AppliedForces | dict)
+    ]
+    batched = any(getattr(x, "batch_shape", ()) for x in forces)
+    if len(frames) == n > 1 and len(set(frames)) == 1 and frames[0] and not batched:
+        raise ValueError(
+            f"viewer: forces: a list acts together, as in `external_forces`, got {n} on the same frames in {n} states; "
+            "for one in each state: jax.tree.map(lambda *x: np.stack(x), *forces); for all of them in every state: "
+            "AppliedForces, in whose frames a name may come several times"
+        )
+
+
+def _applied(what: str, source: Any) -> list[tuple[str, AppliedForces]]:
+    """What is no list, as AppliedForces under their names in messages."""
+    if isinstance(source, AppliedForces):
+        return [(what, source)] if source.frames else []
+    if not isinstance(source, dict | None):
+        expected = "SpatialForces in a dict by name of a frame, AppliedForces, or a list of these"
+        check.refuse(what, expected, source)
+    found: list[tuple[str, AppliedForces]] = []
+    for name, F in (source or {}).items():
+        check.require_kind(F, SpatialForce, f"{what}[{name!r}]")
+        tau, f = (np.asarray(as_array(x, F.batch_shape))[..., None, :] for x in F.vectors)
+        found.append((f"{what}[{name!r}]", AppliedForces([name], SpatialForce(tau, f))))
+    return found
+
+
+def _placed(what: str, forces: AppliedForces, R: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The points, the torques and the forces (n, m, 3), in world axes; of frames with these axes and origins."""
+    n = len(p)
+    if forces.batch_shape not in ((), (n,)):
+        raise ValueError(f"{what}: expected one for all states or ({n},), got {forces.batch_shape}")
+    if forces.points is not None:
+        p = p + np.einsum("nmij,nmj->nmi", R, np.broadcast_to(np.asarray(forces.points), p.shape))
+    wrenches = forces.wrenches
+    parts = (np.broadcast_to(np.asarray(as_array(x, wrenches.batch_shape)), p.shape) for x in wrenches.vectors)
+    tau, f = (np.einsum("nmij,nmj->nmi", R, x) if forces.axes == "frame" else x for x in parts)
+    return p, tau, f
 
 
 class _Arrows:
@@ -307,7 +384,7 @@ class _Arrows:
 
     def __init__(self, add: Any, name: str, points: Any, vectors: Any, color: Any, size: float):
         lengths = np.linalg.norm(vectors, axis=-1)
-        scale = _LONGEST * size / lengths.max()
+        scale = _LONGEST * size / lengths.max(where=np.isfinite(lengths), initial=0)
         self.ends = np.stack([points, points + scale * vectors], axis=-2)
         # Shorter than their heads, they would seem to point from elsewhere.
         self.are_seen = scale * lengths > _HEAD * size

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -104,6 +105,31 @@ def test_nothing_ties_a_free_body_to_the_world():
     assert not named(ax, "ball") and named(ax, "joints")[0].tolist() == [pytest.approx([0.5, 0.2, 1])]
     low, high = ax.get_zlim()
     assert low <= 0.1 <= high  # the plane, for a normal of any length
+
+
+COLLECTION = plot.Poly3DCollection
+GROUNDS = {
+    "slope": lambda p: 2 * p[2] - p[0] + 0.3,
+    "ball": lambda p: 0.5 - jnp.linalg.norm(p),
+    "box": lambda p: jnp.linalg.norm(jnp.maximum(abs(p) - jnp.array([0.3, 0.3, 0.05], p.dtype), 0)) - 0.01,
+}
+
+
+@pytest.mark.parametrize("name", GROUNDS)
+def test_a_ground_function_is_drawn_where_it_is_zero(name, monkeypatch):
+    """As contacts take it: of any slope, round, with edges; what is drawn is inside the axes."""
+    mech, ground = arm(), GROUNDS[name]
+    given = []
+    monkeypatch.setattr(plot, "Poly3DCollection", lambda x, **look: given.append(x) or COLLECTION(x, **look))
+    ax = plot.mechanism(mech, Q, ground=ground)
+    assert [x.get_gid() for x in ax.collections] == ["ground"]
+    vertices = np.concatenate(given).reshape(-1, 3)
+    steps = np.ptp(vertices, axis=0).max() / 24
+    distances = [float(ground(jnp.asarray(p, FLOAT))) for p in vertices[::7]]
+    assert len(vertices) > 1000 and np.ptp(vertices, axis=0)[:2].min() > 0.5
+    np.testing.assert_allclose(distances, 0, atol=1e-6 if name == "slope" else 0.5 * steps)
+    for values, limits in zip(vertices.T, (ax.get_xlim(), ax.get_ylim(), ax.get_zlim()), strict=True):
+        assert limits[0] <= values.min() and values.max() <= limits[1]
 
 
 def test_frames():
@@ -267,7 +293,10 @@ MESSAGES = [
     (lambda: plot.mechanism(MECH, np.zeros(4, FLOAT)), ValueError, r"q: expected shape \(3,\), got \(4,\)$"),
     (lambda: plot.mechanism(MECH, Q, frames=["gripp"]), KeyError, "did you mean 'grip'"),
     (lambda: plot.mechanism(MECH, Q, frames="grip"), TypeError, "frames: expected a sequence of names"),
-    (lambda: plot.mechanism(MECH, Q, ground=0.0), TypeError, "ground: expected a HalfSpace"),
+    (lambda: plot.mechanism(MECH, Q, ground=0.0), TypeError, "ground: expected a HalfSpace, or a function"),
+    (lambda: plot.mechanism(MECH, Q, ground=js.HalfSpace(offset=np.zeros(2))), ValueError, r"one plane, .* \(2,\)"),
+    (lambda: plot.mechanism(MECH, Q, ground=lambda p: p), ValueError, "ground: expected a signed distance, float32"),
+    (lambda: plot.mechanism(MECH, Q, ground=lambda p: p[0] ** 2 + 1), ValueError, "a distance that is 0 near the rob"),
     (lambda: plot.mechanism(MECH, Q, pyplot.figure().add_subplot()), TypeError, "projection='3d', got Axes"),
     (lambda: plot.mechanism(jax.tree.map(lambda x: np.stack([x, x]), MECH), Q), ValueError, "mechanism, got a batch"),
     (lambda: plot.torques(MECH, Q, np.zeros(2, FLOAT)), ValueError, r"tau: expected shape \(3,\), got \(2,\)"),

@@ -7,6 +7,7 @@ import sys
 import time
 import urllib.request
 
+import jax
 import numpy as np
 import pytest
 
@@ -197,6 +198,63 @@ def test_forces_by_name_and_contact_forces(scenes, robot):
     assert np.any(pressed.wrenches.f) and scenes(mech, q, forces=pressed, ground=ground)._arrows
 
 
+def seen(scene, i=0):
+    """Pairs (start, direction and length) of the arrows of forces at state i, those that are hidden too."""
+    (arrows,) = scene._arrows
+    return arrows.ends[i, :, 0], np.diff(arrows.ends[i], axis=1)[:, 0]
+
+
+@pytest.mark.parametrize("way", ["AppliedForces", "points", "dict", "list", "batch", "loop"])
+def test_forces_are_those_that_dynamics_take(way, scenes, robot):
+    """Pure forces, whose torques are left out; several sources in a list; steps of a loop, stacked."""
+    mech, _ = robot
+    q, n = trajectory(3), 3
+    up, aside = FLOAT([0, 0, 2]), FLOAT([1, 0, 0])
+    X = js.forward_kinematics(mech, q, ["tip", "upper"])
+    starts = np.asarray(X.translation)
+    both = js.SpatialForce(f=np.stack([up, aside]))
+    forces = {
+        "AppliedForces": js.AppliedForces(["tip", "upper"], both),
+        "points": js.AppliedForces(["tip", "upper"], both, np.zeros((n, 2, 3), FLOAT)),
+        "dict": {"tip": js.SpatialForce(f=up), "upper": js.SpatialForce(f=np.tile(aside, (n, 1)))},
+        "list": [None, {"tip": js.SpatialForce(f=up)}, js.AppliedForces(["upper"], js.SpatialForce(f=aside[None]))],
+        "batch": js.AppliedForces(["tip", "upper"], js.SpatialForce(f=np.tile(both.f, (n, 1, 1)))),
+        "loop": jax.tree.map(lambda *x: np.stack(x), *[js.AppliedForces(["tip", "upper"], both)] * n),
+    }[way]
+    tau = np.zeros((n, mech.nv), FLOAT)
+    assert np.isfinite(js.forward_dynamics(mech, q, tau, tau, forces)).all()
+    shown = scenes(mech, q, forces=forces)
+    for i in range(n):
+        points, arrows = seen(shown, i)
+        np.testing.assert_allclose(points, starts[i], atol=1e-6)
+        np.testing.assert_allclose(arrows / np.linalg.norm(arrows[0]), [[0, 0, 1], [0.5, 0, 0]], atol=1e-5)
+
+
+def test_a_state_that_is_not_finite_hides_its_arrows_alone(scenes, robot):
+    f = np.ones((3, 1, 3), FLOAT)
+    f[1] = np.nan
+    shown = scenes(robot[0], trajectory(3), forces=js.AppliedForces(["tip"], js.SpatialForce(f=f)))
+    (arrows,) = shown._arrows
+    assert arrows.are_seen.ravel().tolist() == [True, False, True]
+    assert np.isfinite(arrows.ends[[0, 2]]).all() and not scenes(robot[0], trajectory(3), forces=[{}, None])._arrows
+
+
+def test_a_ground_function_is_shown_where_it_is_zero(scenes, robot):
+    """Of any slope; a HalfSpace as a grid."""
+    mech, _ = robot
+    q = trajectory(4)
+    feet = js.PointContacts(["tip"], stiffness=1e3, relaxation_time=0.01, friction=0.5)
+    ground = lambda p: 2 * p[2] - p[0] - 0.2  # noqa: E731
+    js.contact_forces(mech, q, 0 * q, feet, ground)
+    shown = scenes(mech, q, ground=ground)
+    mesh = shown.server.scene._handle_from_node_name["/ground"]
+    x, _, z = np.asarray(mesh.vertices, float).T
+    np.testing.assert_allclose(2 * z - x - 0.2, 0, atol=1e-5)
+    assert len(mesh.faces) > 100 and np.ptp(x) > 1
+    places = np.asarray(js.forward_kinematics(mech, q).translation)[..., 0]
+    assert x.min() < places.min() and places.max() < x.max()
+
+
 def test_a_slider_moves_the_robot_and_play_moves_the_slider(scenes, robot):
     mech, path = robot
     q = trajectory()
@@ -246,12 +304,33 @@ def test_what_is_shown_is_served(robot):
         ({"q": np.zeros((2, 2, 2), FLOAT)}, ValueError, r"q: expected shape \(2,\) or \(n, 2\), got \(2, 2, 2\)"),
         ({"shapes": "nowhere.urdf"}, FileNotFoundError, "there is no file nowhere.urdf"),
         ({"frames": ["tips"]}, KeyError, "did you mean 'tip'"),
-        ({"forces": [1]}, TypeError, "forces: expected AppliedForces, or SpatialForces by name"),
+        ({"forces": [1]}, TypeError, r"forces\[0\]: expected SpatialForces in a dict .*, AppliedForces, or a list"),
+        ({"forces": {"tip": np.ones(6)}}, TypeError, r"forces\['tip'\]: expected a SpatialForce, got ndarray"),
+        ({"forces": {"tips": js.SpatialForce(f=np.ones(3, FLOAT))}}, KeyError, "did you mean 'tip'"),
+        ({"forces": [{"tip": js.SpatialForce(f=np.ones(3, FLOAT))}] * 5}, ValueError, r"act.* together.*np.stack\(x\)"),
         ({"forces": {"tip": js.SpatialForce(f=np.ones((7, 3), FLOAT))}}, ValueError, r"one for all states or \(5,\)"),
-        ({"ground": 0.0}, TypeError, "ground: expected a HalfSpace"),
+        ({"ground": 0.0}, TypeError, "ground: expected a HalfSpace, or a function"),
+        ({"ground": js.HalfSpace(offset=np.zeros(5, FLOAT))}, ValueError, r"ground: expected one plane, got .*\(5,\)"),
+        ({"ground": lambda p: p}, ValueError, r"ground: expected a signed distance, .* got float32\[3\]"),
+        ({"ground": lambda p: p[2] * 0 + 1}, ValueError, "ground: expected a distance that is 0 near the robot"),
         ({"path": "arm.mp4"}, ValueError, "path: expected one that ends in .html or .viser"),
     ],
-    ids=["mech", "q", "shapes", "frames", "forces", "states", "ground", "path"],
+    ids=[
+        "mech",
+        "q",
+        "shapes",
+        "frames",
+        "forces",
+        "wrench",
+        "frame of a force",
+        "one each",
+        "states",
+        "ground",
+        "grounds",
+        "distance",
+        "no ground",
+        "path",
+    ],
 )
 def test_messages(change, error, message, robot, tmp_path):
     given = {"mech": robot[0], "q": trajectory(5), "path": tmp_path / "x.viser"} | change
@@ -264,6 +343,22 @@ def test_links_of_another_robot_are_named(robot):
     path.write_text(path.read_text().replace('"lower"', '"under"'))
     with pytest.raises(KeyError, match="a link of the file: expected one of .*got 'under'"):
         viewer._meshes(mech, path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<mujoco><worldbody/></mujoco>", "expected a URDF, <robot>, got <mujoco>; without shapes"),
+        ("<sdf/>", "expected a URDF, <robot>, got <sdf>$"),
+        ("joints: 3", "expected a URDF, got malformed XML"),
+        ("<robot/>", "an element lacks the attribute 'name'"),
+    ],
+)
+def test_shapes_of_another_format_are_refused(text, message, robot):
+    mech, path = robot
+    path.write_text(text)
+    with pytest.raises(ValueError, match=f"viewer: shapes: .*arm.urdf: {message}"):
+        viewer.record(mech, trajectory(2), path.with_suffix(".viser"), shapes=path)
 
 
 def test_only_who_looks_needs_viser():
