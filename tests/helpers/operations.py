@@ -19,7 +19,7 @@ from jaxspatial.inertia.inertia import ABOUT, ENERGY, FORCE, TORQUE
 from jaxspatial.inertia.newton_euler import NEWTON_EULER
 from jaxspatial.inertia.regressors import ENERGY_REGRESSOR, NEWTON_EULER_REGRESSOR
 from jaxspatial.measure.operation import OPERATIONS as MEASURED
-from jaxspatial.numerics.promise import EXACT, OfSum, Promise
+from jaxspatial.numerics.promise import EXACT, Promise
 from jaxspatial.rotation.rotation import ROTATED, composed
 from jaxspatial.spatial.operations import ACT, ACT_ACCELERATION, CROSS_ONE, ROTATED_INERTIA, SHIFT
 from jaxspatial.spatial.transform import POINT, transformed
@@ -30,14 +30,14 @@ from tests.helpers.arguments import N_POINTS
 from tests.helpers.operation import Operation
 
 
-def of_sum(n: int, each: int = 0) -> Promise:
-    """Of n items, by halving; each: the factor of one of them, 2 for a cross product."""
-    rounds = OfSum(each).factor(n)
+def of_sum(n: int, function) -> Promise:
+    """Of n items, by halving: what the docstring of the function says of n."""
+    rounds = function.promises["bound"].factor(n)
     return Promise(u=rounds, u2=2 * rounds**2, u3=n**2)
 
 
 DTYPES = ("float16", "bfloat16", "float32", "float64")
-SUMMED, PLAIN_SUM = of_sum(N_POINTS, each=2), of_sum(N_POINTS)
+SUMMED, PLAIN_SUM = of_sum(N_POINTS, js.wrench_from_point_forces), of_sum(N_POINTS, js.SpatialForce.sum)
 ROUNDED_ONCE = Promise(u=1)
 _ACTED = (ARTICULATED_ACT, ARTICULATED_ACT, ARTICULATED_ROTATED)
 # Indices of 32 bits: those of 64, first used while 64-bit types are off, fail op by op once they are on (jax 0.10).

@@ -20,7 +20,7 @@ from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow, slow_but
 
 TYPES = list(itertools.product(["float32", "float64"], js.Precision))
-USUAL = [("float32", "reproducible"), ("float64", "reproducible")]
+USUAL = [("float32", "reproducible"), ("float32", "compensated"), ("float64", "reproducible")]
 types = pytest.mark.parametrize(("dtype", "precision"), slow_but(USUAL, TYPES))
 
 

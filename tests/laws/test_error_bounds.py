@@ -165,7 +165,7 @@ def test_wrench_from_point_forces(n, dtype, precision):
         context = (lambda g: g) if n == 1 else lambda g: jax.jit(jax.vmap(g))
         F = context(lambda p, f: js.wrench_from_point_forces(p, f, precision=precision))(points, forces)
         for computed, exactly in zip((F.tau, F.f), expected, strict=True):
-            assert not violations(of_sum(n, each=2), precision, computed, exactly).any()
+            assert not violations(of_sum(n, js.wrench_from_point_forces), precision, computed, exactly).any()
 
 
 @pytest.mark.parametrize("dtype", DTYPES)

@@ -176,7 +176,7 @@ def _moments_beyond(rng, n, items):
 def _check_sums(computed, terms):
     """Faithful sums (n, 3) of terms (n, items, 3), `Sized`."""
     exact = terms.sum(-2)
-    assert not violations(of_sum(terms.shape[1], each=2), "faithful", computed, exact).any()
+    assert not violations(of_sum(terms.shape[1], js.wrench_from_point_forces), "faithful", computed, exact).any()
 
 
 def _sums(precision, how="jit vmap"):

@@ -22,11 +22,12 @@ from tests.helpers.rotation_cases import allowed, of_dtype, wide_dtypes
 CASES = [
     ("bfloat16", "reproducible"),
     ("float32", "reproducible"),
+    ("float32", "compensated"),
     ("float32", "faithful"),
     ("float64", "fast"),
     ("float64", "compensated"),
 ]
-USUAL = [("float32", "reproducible")]
+USUAL = [("float32", "reproducible"), ("float32", "compensated")]
 cases = pytest.mark.parametrize(("dtype", "precision"), slow_but(USUAL, CASES))
 
 
