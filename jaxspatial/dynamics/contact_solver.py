@@ -2,7 +2,8 @@
 
 H = A + sum J_i^T G_i J_i is the mass matrix of the same mechanism with the inertia X^T diag(0, G) X added to each body
 in contact, and with G added to the armature of joints at limits: a direction is one pass of the articulated-body
-algorithm. Neither H nor any Jacobian is ever formed.
+algorithm. Neither H nor any Jacobian is ever formed. A mimic couples joints of different bodies, which no pass over the
+tree eliminates: for mechanisms with mimics A and the Jacobians are formed once, and H in each iteration.
 
 With y = v - v0 the change of the velocities, y* = v* - v0 that without contact, and y = (1 - r) y* + x, the gradient is
 

@@ -108,7 +108,8 @@ def convex_step(
     Loop closures are as stiff as the time step allows, too: each is an impulse (v_c - v_i) / R, with v_c the velocity
     that closes it within this step, and R a share of 2.5e-4 of what an impulse moves. Start with closed loops, see
     `close_loops`. Closures may be redundant. They, and contacts between two bodies, cost a system of as many unknowns
-    as they have rows, 3 for a contact.
+    as they have rows, 3 for a contact. With mimics each iteration solves one system of all velocities and of the rows
+    of limits, dry friction and closures.
 
     Derivatives of any order are those of the optimum, by the implicit function theorem: with the same solver, through
     sticking, sliding and flight. Where a contact begins to touch, stick or slide, they are those of one side.
