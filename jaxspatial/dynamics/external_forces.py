@@ -91,11 +91,28 @@ def loads(state: MechanismState, forces: Wrenches, of_load: OfLoad | None = None
     on_bodies: list[tuple[list[int], Load]] = []
     placed = poses(state) if any(group.in_world for group in forces) else []
     for group in forces:
-        bodies, X_JQ, F = state.topology.bodies_of(group.frames), _placed(state, group), _given(state, group)
-        F = _about_joint(state.of_bodies(bodies, placed, state.world), X_JQ, F) if group.in_world else _acted(X_JQ, F)
+        bodies, (X_JQ, F) = state.topology.bodies_of(group.frames), _about_joints(state, group, placed)
         on_bodies.append((bodies, (F.tau, F.f, of_load(F.tau, F.f, X_JQ.p, group.in_world))))
     summed = _sums(on_bodies)
     return [_of_bundle(state, bundle, summed, nothing) for bundle in state.bundles]
+
+
+def _about_joints(state: MechanismState, group: WrenchesOnFrames, placed: list[Pose]) -> tuple[Pose, Wrench]:
+    """(X_JQ of the points, the wrenches about Jo in the axes of J), for each frame of a group."""
+    X_JQ, F = _placed(state, group), _given(state, group)
+    if not group.in_world:
+        return X_JQ, _acted(X_JQ, F)
+    X_WJ = state.of_bodies(state.topology.bodies_of(group.frames), placed, state.world)
+    return X_JQ, _about_joint(X_WJ, X_JQ, F)
+
+
+def loads_on_frames(state: MechanismState, forces: Wrenches, placed: list[Pose]) -> list[tuple[int, Wrench]]:
+    """[(frame, its external wrench about Jo of the body that carries it, in the axes of J)], one for each wrench."""
+    found = list[tuple[int, Wrench]]()
+    for group in forces:
+        _, F = _about_joints(state, group, placed)
+        found += [(frame, _row(F, i) if len(group.frames) > 1 else F) for i, frame in enumerate(group.frames)]
+    return found
 
 
 def _placed(state: MechanismState, group: WrenchesOnFrames) -> Pose:

@@ -1,13 +1,18 @@
 """Inverse dynamics: the generalized forces for given accelerations."""
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 
 from jaxspatial.dynamics.derivatives import jacobians
 from jaxspatial.dynamics.docstrings import documented
-from jaxspatial.dynamics.external_forces import loads
-from jaxspatial.dynamics.newton_euler import forces_of, wrenches_through_joints
+from jaxspatial.dynamics.external_forces import loads, loads_on_frames
+from jaxspatial.dynamics.kinematics import BodyMotion, forward_kinematics, motion_step, poses, world_motion
+from jaxspatial.dynamics.newton_euler import forces_of, wrench_of, wrenches_through_joints
+from jaxspatial.engine import recursion
 from jaxspatial.engine.algorithm import (
     BODIES,
     DYNAMICS,
@@ -16,11 +21,15 @@ from jaxspatial.engine.algorithm import (
     ExternalForces,
     Wrenches,
     algorithm,
+    checked_mechanism,
     velocity_shape,
 )
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
-from jaxspatial.mechanism import Mechanism
+from jaxspatial.mechanism import AppliedForces, LoopClosure, Mechanism
+from jaxspatial.mechanism.loops import checked_loops
+from jaxspatial.numerics import check
+from jaxspatial.numerics.linear import Inertia, Pose, Wrench
 from jaxspatial.numerics.numbers import noinline
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce, algebra
@@ -92,6 +101,9 @@ def joint_reactions(
     vdot: ArrayLike,
     external_forces: ExternalForces = None,
     *,
+    joints: str | Sequence[str] | None = None,
+    loops: Iterable[LoopClosure] = (),
+    loop_wrenches: SpatialForce | None = None,
     precision: PrecisionName = None,
 ) -> SpatialForce:
     """The wrench through every joint: what its parent exerts on each body.
@@ -100,19 +112,103 @@ def joint_reactions(
 
     It holds the body against gravity, external forces, its own motion and all that hangs on it. Its part along the
     joint is the force of the joint: S . F + armature vdot = `inverse_dynamics`, in "reproducible" bit by bit where the
-    joint is at the origin of its body. The bearing takes the rest. The wrench through a weld is that of `newton_euler`
-    for what is behind it.
+    joint is at the origin of its body. The bearing takes the rest.
+
+    Fixed joints have reactions, too, which are computed where `joints` names them: js.joint_reactions(mech, q, v, vdot,
+    joints="wrist"), also those to the world, and of mechanisms that have no others. All that is welded behind the joint
+    has the inertia `mechanism.weld_inertias`.
+
+    Closed loops push and pull on the tree, with wrenches that q, v and vdot do not tell. Give those of
+    `constrained_forward_dynamics`, or of `convex_step`, with its vdot:
+
+        vdot, wrenches = js.constrained_forward_dynamics(mech, q, v, tau, mech.loops)
+        js.joint_reactions(mech, q, v, vdot, loops=mech.loops, loop_wrenches=wrenches)
+
+    Where closures are redundant these wrenches are one choice of many, and so are the reactions.
+
+    Args:
+        joints: the name of a joint, or several, in the order of the results: of `mechanism.joint_names`, or of fixed
+            ones, `mechanism.weld_names`. The name of a body stands for the joint that holds it. None takes
+            `mechanism.joint_names`.
+        loops: LoopClosures whose wrenches act beside the joints; none at all leave the tree.
+        loop_wrenches: SpatialForce (*batch, number of closures), of each closure on the body of its frame B, about the
+            origin of B, in world axes: N m, N.
 
     Returns:
-        F_Bo_B (*batch, n), in the order of `mechanism.body_names`: the wrench on each body by its parent, about the
-        origin of the body, in its axes; N m, N. Others have the same wrench on the child about other points: Drake's
-        `reaction_forces` about the origin of the joint's frame on the child, in the axes of that frame; Pinocchio's
-        `data.f` about the joint, in its axes; MuJoCo's `cfrc_int` about `subtree_com` of the root, in world axes.
+        F_Bo_B (*batch, n), in the order of `mechanism.body_names`, or of `joints`; (*batch,) of the one joint that is
+        named: the wrench on each body by its parent, about the origin of the body, in its axes; N m, N. Others have the
+        same wrench on the child about other points: Drake's `reaction_forces` about the origin of the joint's frame on
+        the child, in the axes of that frame; Pinocchio's `data.f` about the joint, in its axes; MuJoCo's `cfrc_int`
+        about `subtree_com` of the root, in world axes.
 
     Source: Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators; Featherstone 2008, table
         5.1.
     """
-    return SpatialForce(*_joint_reactions(precision, mechanism, q, v, vdot, external_forces))
+    mechanism = checked_mechanism("joint_reactions", mechanism)
+    forces = _with_loops(precision, mechanism, q, external_forces, loops, loop_wrenches)
+    if joints is None:
+        return SpatialForce(*_joint_reactions(precision, mechanism, q, v, vdot, forces))
+    wanted = [_place(mechanism, name) for name in ([joints] if isinstance(joints, str) else joints)]
+    if not wanted:
+        raise ValueError("joint_reactions: joints: expected at least one name, got none")
+    found = dict[tuple[bool, int], tuple[jax.Array, jax.Array]]()
+    for of_welds in sorted({is_weld for is_weld, _ in wanted}):
+        places = sorted({k for is_weld, k in wanted if is_weld == of_welds})
+        if of_welds:
+            t = mechanism.topology
+            behind = tuple((k, t.welds[k][1], *t.behind(k)) for k in places)
+            tau, f = _weld_reactions(
+                precision, mechanism, q, v, vdot, forces, welds=behind, operation="joint_reactions"
+            )
+        else:
+            tau, f = (x[..., np.array(places), :] for x in _joint_reactions(precision, mechanism, q, v, vdot, forces))
+        found |= {(of_welds, k): (tau[..., i, :], f[..., i, :]) for i, k in enumerate(places)}
+    of_each = [found[place] for place in wanted]
+    if isinstance(joints, str):
+        return SpatialForce(*of_each[0])
+    return SpatialForce(*(jnp.stack(parts, -2) for parts in zip(*of_each, strict=True)))
+
+
+def _place(mechanism: Mechanism, name: str) -> tuple[bool, int]:
+    """(whether a joint is a fixed one, its number), by its name or that of the body that it holds."""
+    t, welds = mechanism.topology, mechanism.weld_names
+    if name in mechanism.joint_names:
+        return False, mechanism.joint_names.index(name)
+    if name in welds:
+        return True, welds.index(name)
+    held = [t.frames[frame][0] for _, frame in t.welds]
+    places = {x: (False, i) for i, x in enumerate(mechanism.body_names)} | {x: (True, k) for k, x in enumerate(held)}
+    if name not in places:
+        t.index((*mechanism.joint_names, *welds, *places), name, "joint_reactions: joints")
+    return places[name]
+
+
+def _with_loops(
+    precision: PrecisionName,
+    mechanism: Mechanism,
+    q: ArrayLike,
+    forces: ExternalForces,
+    loops: Iterable[LoopClosure],
+    wrenches: SpatialForce | None,
+) -> ExternalForces:
+    """The external forces, and the wrenches of closures on both of their frames."""
+    closures = checked_loops(loops, mechanism.topology, "joint_reactions: loops")
+    if wrenches is None or not closures:
+        if closures or wrenches is not None:
+            expected = "loops and their wrenches, of `constrained_forward_dynamics` or `convex_step`"
+            raise ValueError(f"joint_reactions: expected {expected}, got {'no wrenches' if closures else 'no loops'}")
+        return forces
+    if not isinstance(wrenches, SpatialForce):
+        check.refuse("joint_reactions: loop_wrenches", "a SpatialForce", wrenches)
+    if wrenches.batch_shape[-1:] != (len(closures),):
+        expected = f"shape (*batch, {len(closures)})"
+        raise ValueError(f"joint_reactions: loop_wrenches: expected {expected}, got {wrenches.batch_shape}")
+    of_A, of_B = ([getattr(loop, name) for loop in closures] for name in ("frame_a", "frame_b"))
+    X_WA, X_WB = (forward_kinematics(mechanism, q, frames, precision=precision) for frames in (of_A, of_B))
+    # On A the opposite acts at the origin of B.
+    on_A = AppliedForces(of_A, -wrenches, X_WA.inverse() @ X_WB.translation)
+    sources: Any = forces if isinstance(forces, list | tuple) else [forces]
+    return [*sources, AppliedForces(of_B, wrenches), on_A]
 
 
 class InverseDynamics(Algorithm):
@@ -120,7 +216,8 @@ class InverseDynamics(Algorithm):
 
     def jacobians(self, moving: tuple[bool, ...], n_columns: int) -> Any:
         wanted = self._moves_with(moving)
-        if n_columns < self.topology.nv or sum(wanted) < sum(moving):
+        # The closed form knows no derivatives of S by coordinates.
+        if n_columns < self.topology.nv or sum(wanted) < sum(moving) or self.topology.has_subspaces_of_q:
             return None
         return self.program_of(jacobians, wanted=wanted)
 
@@ -144,4 +241,38 @@ def _joint_reactions(state: MechanismState, v: Array, vdot: Array, external_forc
     return tuple(state.by_body([F[k] for F in about_bodies], 3) for k in (0, 1))
 
 
+# (the number of a fixed joint, the frame that it holds, the frames behind it, the joints that hang on these)
+Weld = tuple[int, int, tuple[int, ...], tuple[int, ...]]
+
+
+@algorithm(*BODIES, "gravity", "weld_inertias", *FRAMES)
+def _weld_reactions(
+    state: MechanismState, v: Array, vdot: Array, external_forces: Wrenches, *, welds: tuple[Weld, ...]
+) -> tuple[jax.Array, jax.Array]:
+    """(tau, f) (n, 3, B) through fixed joints: what is welded behind one, and the joints that hang on it."""
+    placed = poses(state) if any(group.in_world for group in external_forces) else []
+    links, at_frames = state.links(v, vdot), loads_on_frames(state, external_forces, placed)
+    motions = recursion.outward(state, motion_step, world_motion(state), links)
+    through = wrenches_through_joints(state, v, vdot, loads(state, external_forces), state.minus_gravity)
+    about_parents = [_about_parent(link.X_PB, F) for link, F in zip(links, through, strict=True)]
+    found = list[Wrench]()
+    for k, frame, frames, joints in welds:
+        X_JC = state.frame_placements((frame,))
+        motion = state.of_bodies(state.topology.bodies_of([frame]), motions, world_motion(state))
+        F = _net_wrench(X_JC, state.weld_inertia(k), motion)
+        for i in joints:
+            F = F + state.of_bodies([i], about_parents, F)
+        for _, load in (x for x in at_frames if x[0] in frames):
+            F = F - load
+        found.append(_about_body(X_JC, F))
+    return tuple(jnp.concatenate([state.by_row(F[part], 1) for F in found]) for part in (0, 1))
+
+
+@noinline
+def _net_wrench(X_JC: Pose, M_C: Inertia, motion: BodyMotion) -> Wrench:
+    """The net wrench about Jo on what is welded to J, of an inertia about Co in C."""
+    return wrench_of(algebra.acted_inertia(X_JC, M_C), motion)
+
+
+_about_parent = noinline(algebra.acted_wrench)
 _about_body = noinline(algebra.inverse_acted_wrench)

@@ -1,14 +1,17 @@
 """Derivatives of inverse and forward dynamics with respect to configuration, velocities, accelerations and forces."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 
 from jaxspatial.dynamics.composite_bodies import factored
+from jaxspatial.dynamics.configuration import integrate
 from jaxspatial.dynamics.derivatives import derivatives
 from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
-from jaxspatial.engine.algorithm import ExternalForces
+from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics
+from jaxspatial.engine.algorithm import ExternalForces, checked, checked_mechanism
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics.quantity import exported
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
@@ -55,9 +58,35 @@ def inverse_dynamics_derivatives(
         algebra.
     """
     operation = "inverse_dynamics_derivatives"
+    if checked_mechanism(operation, mechanism).topology.has_subspaces_of_q:
+        arguments = checked(operation, mechanism, q=q, v=v, vdot=vdot, external_forces=external_forces)
+        return _column_by_column(mechanism, *arguments, precision)
     return InverseDynamicsDerivatives(
         *derivatives(precision, mechanism, q, v, vdot, external_forces, operation=operation)
     )
+
+
+def _column_by_column(
+    mechanism: Mechanism, q: Any, v: Any, vdot: Any, forces: Any, precision: PrecisionName
+) -> InverseDynamicsDerivatives:
+    """The derivatives of `inverse_dynamics` as JAX takes them: where S depends on q there is no closed form."""
+
+    def torques(step: Any, v: Any, vdot: Any) -> jax.Array:
+        moved = integrate(mechanism, q, step, precision=precision)
+        return inverse_dynamics(mechanism, moved, v, vdot, forces, precision=precision)
+
+    at = jnp.zeros_like(v), v, vdot
+
+    def matrix(k: int) -> jax.Array:
+        def column(unit: jax.Array) -> jax.Array:
+            def along(x: Any) -> jax.Array:
+                return torques(*at[:k], x, *at[k + 1 :])
+
+            return jax.jvp(along, (jnp.asarray(at[k]),), (jnp.broadcast_to(unit, at[k].shape),))[1]
+
+        return jax.vmap(column, out_axes=-1)(jnp.eye(mechanism.nv, dtype=q.dtype))
+
+    return InverseDynamicsDerivatives(*map(matrix, range(3)))
 
 
 @documented

@@ -35,7 +35,7 @@ def aligned(topology: Topology, fields: dict[str, Any]) -> tuple[dict[str, Any],
 def _parts(name: str, x):
     if name in ("placements", "child_placements", "frame_placements"):
         return x.rotation.entries, x.translation
-    if name == "inertias":
+    if name in ("inertias", "weld_inertias"):
         return x.mass[:, None], x.com, x.central
     return x[:, None] if name == "pitches" else x
 

@@ -45,11 +45,16 @@ class JointState(NamedTuple):
     @property
     def subspace(self) -> tuple[Motion, ...]:
         """The columns of S."""
-        return self.kind.motion_subspace(self.cos_sin)
+        return self.kind.motion_subspace(*self._where)
 
     def subspace_rate(self, v: Numbers) -> tuple[Motion, ...]:
         """The columns of dS/dt."""
-        return self.kind.motion_subspace_rate(self.cos_sin, v)
+        return self.kind.motion_subspace_rate(*self._where, v)
+
+    @property
+    def _where(self) -> tuple[Any, ...]:
+        """What S depends on."""
+        return (self.q, self.cos_sin) if self.kind.subspace_needs_q else (self.cos_sin,)
 
 
 @noinline
@@ -231,7 +236,15 @@ class MechanismState:
         return np.where(is_dust, 0, entries).astype(entries.dtype)
 
     def inertia(self, bundle: Bundle) -> Inertia:
-        (mass,), com, central = (self._of_bodies(bundle, x) for x in self.fields["inertias"])
+        return self._inertia("inertias", bundle.bodies)
+
+    def weld_inertia(self, weld: int) -> Inertia:
+        """The inertia of what is welded behind a fixed joint, in the axes of the frame that it holds, as numbers
+        (1, B)."""
+        return self._inertia("weld_inertias", np.array([weld]))
+
+    def _inertia(self, field: str, places: np.ndarray) -> Inertia:
+        (mass,), com, central = (self.numbers(stacking.rows(x, places)) for x in self.fields[field])
         return Inertia(mass, Vector(*com), Symmetric(*central))
 
     def armature(self, bundle: Bundle) -> Numbers:

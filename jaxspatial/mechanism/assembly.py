@@ -87,7 +87,8 @@ class _Tree:
         self.moving, self.parents = list[Joint](), list[int]()
         self.placements, self.masses = list[RigidTransform](), list[list[SpatialInertia]]()
         self.places = dict[str, tuple[int, RigidTransform]]()
-        self.held = dict[str, list[Joint]]()
+        self.held, self.carried_by = dict[str, list[Joint]](), {WORLD: WORLD}
+        self.welds = list[tuple[Joint, RigidTransform]]()
         for joint in reversed(joints):
             self.held.setdefault(joint.parent, []).append(joint)
         pending = self._place(WORLD, -1, identity())
@@ -97,16 +98,19 @@ class _Tree:
     def _place(self, name: str, carrier: int, X: RigidTransform):
         """Adds a body to its carrier; returns the joints that hang on it, the first one last."""
         self.places[name] = carrier, X
-        if carrier >= 0 and (M := self.inertias[name]) is not None:
-            M = jax.tree.map(known, M)
-            self.masses[carrier].append(M if is_identity(X) else jax.tree.map(known, act(X, M)))
+        if carrier >= 0:
+            self.masses[carrier] += [_acted(X, M) for M in self._own(name)]
         return self.held.get(name, [])
 
     def _attach(self, joint: Joint):
         carrier, X = self.places[joint.parent]
-        placement, child = composed(X, or_identity(joint, "placement")), or_identity(joint, "child_placement")
+        own, child = or_identity(joint, "placement"), or_identity(joint, "child_placement")
+        placement = composed(X, own)
         if joint.kind == "fixed":
+            self.carried_by[joint.child] = joint.parent
+            self.welds.append((joint, composed(own, child)))
             return joint.child, carrier, composed(placement, child)
+        self.carried_by[joint.child] = joint.child
         self.moving.append(joint)
         self.parents.append(carrier)
         self.placements.append(placement)
@@ -119,8 +123,10 @@ class _Tree:
             raise ValueError(f"Frame {frame.name!r}: body: there is no body {frame.body!r}{near}")
         carrier, X = self.places[frame.body]
         self.places[frame.name] = carrier, composed(X, or_identity(frame, "placement"))
+        self.carried_by[frame.name] = frame.body
 
     def topology(self):
+        number = {name: i for i, name in enumerate(self.places)}
         return Topology(
             body_names=tuple(joint.child for joint in self.moving),
             joint_names=tuple(joint.name for joint in self.moving),
@@ -128,7 +134,22 @@ class _Tree:
             parents=tuple(self.parents),
             followed=tuple(map(self._followed, range(len(self.moving)))),
             frames=tuple((name, carrier) for name, (carrier, _) in self.places.items()),
+            welds=tuple((joint.name, number[joint.child]) for joint, _ in self.welds),
+            carried_by=tuple(number[self.carried_by[name]] for name in self.places),
+            hung_on=tuple(number[joint.parent] for joint in self.moving),
         )
+
+    def _welded(self) -> list[list[SpatialInertia]]:
+        """For each weld the inertias of all bodies that are welded behind it, about the origin of its own."""
+        found = {joint.child: self._own(joint.child) for joint, _ in self.welds}
+        for joint, X in reversed(self.welds):
+            if joint.parent in found:
+                found[joint.parent] += [_acted(X, M) for M in found[joint.child]]
+        return [found[joint.child] for joint, _ in self.welds]
+
+    def _own(self, name: str) -> list[SpatialInertia]:
+        M = self.inertias[name]
+        return [] if M is None else [jax.tree.map(known, M)]
 
     def _followed(self, i: int):
         joint = self.moving[i]
@@ -152,6 +173,7 @@ class _Tree:
             "parameters": {p.name: self._parameter(p) for p in registered_parameters(j.kind for j in self.moving)},
             "mimics": _rows([mimic[1:] if (mimic := joint.follows) else (1.0, 0.0) for joint in self.moving], 2),
             "inertias": _inertias(self.masses),
+            "weld_inertias": _inertias(self._welded()),
             "frame_placements": _stacked([X for _, X in self.places.values()]),
             **{name: _with_mimics(leaders, mimics, name, power) for name, power in _POWERS.items()},
             **{name: _joined(numbers(joint, name, size) for joint in leaders) for name, size in _LIMITS.items()},
@@ -204,6 +226,10 @@ def _rows(values: Sequence[Any], n: int):
 def _stacked(transforms: Sequence[RigidTransform]):
     entries = _rows([X.rotation.entries for X in transforms], 9)
     return RigidTransform(Rotation(entries), _rows([X.translation for X in transforms], 3))
+
+
+def _acted(X: RigidTransform, M: SpatialInertia) -> SpatialInertia:
+    return M if is_identity(X) else jax.tree.map(known, act(X, M))
 
 
 def _inertias(masses: list[list[SpatialInertia]]):

@@ -51,7 +51,7 @@ def add_frames(mechanism: Mechanism, frames: Iterable[Frame]) -> Mechanism:
     """
     _require_known(mechanism)
     t, places = mechanism.topology, mechanism.frame_placements
-    named, new = list(t.frames), list[RigidTransform]()
+    named, new, carried_by = list(t.frames), list[RigidTransform](), list(t.carried_by)
     with in_double():
         poses = [_item(jax.tree.map(lambda x: x.astype(np.float64), places), i) for i in range(len(named))]
         for frame in frames:
@@ -62,10 +62,11 @@ def add_frames(mechanism: Mechanism, frames: Iterable[Frame]) -> Mechanism:
                 raise ValueError(f"add_frames: frames: there is a frame {frame.name!r} already")
             i = t.index(names, frame.body, f"add_frames: Frame {frame.name!r}: body")
             named.append((frame.name, named[i][1]))
+            carried_by.append(i)
             poses.append(composed(poses[i], or_identity(frame, "placement")))
             new.append(poses[-1])
     placements = jax.tree.map(lambda old, *x: np.stack([*old, *x]).astype(old.dtype), places, *new)
-    topology = dataclasses.replace(t, frames=tuple(named))
+    topology = dataclasses.replace(t, frames=tuple(named), carried_by=tuple(carried_by))
     return dataclasses.replace(mechanism, topology=topology, frame_placements=placements).as_known()
 
 
@@ -73,7 +74,8 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mec
     """Locks joints at given coordinates: their bodies merge with those that carry them.
 
     Locked joints leave no operation in programs. Locked bodies stay as frames, and loops as they are. A mimic is locked
-    with the joint that it follows.
+    with the joint that it follows. `joint_reactions` at a locked joint go by its name; the bodies of joints that were
+    fixed before are frames like others, without reactions of their own.
 
     Args:
         mechanism: with known numbers.

@@ -50,6 +50,9 @@ class Mechanism:
         spring_references: (nq,) coordinates at which the springs are at rest.
         frame_placements: RigidTransform (k,) of all named frames on their J, or in the world.
         gravity: (3,) acceleration of free fall in the world, m/s2.
+        weld_inertias: SpatialInertia (number of fixed joints,), of all bodies that are welded behind each fixed joint,
+            about the origin of the body that it holds, in its axes. `joint_reactions` at fixed joints alone takes them:
+            they are part of `inertias`, too, of what moves.
         loops: LoopClosures that hold frames together beside the joints. Of all functions those act on them that take
             `loops`: `constrained_forward_dynamics(mech, q, v, tau, mech.loops)`. All others see the tree alone.
 
@@ -81,6 +84,7 @@ class Mechanism:
     spring_references: jax.Array
     frame_placements: RigidTransform
     gravity: jax.Array
+    weld_inertias: SpatialInertia
     loops: tuple[LoopClosure, ...] = ()
 
     # -- construction -------------------------------------------------------------------------------------------------
@@ -208,6 +212,11 @@ class Mechanism:
     def frame_names(self) -> tuple[str, ...]:
         """The names of all frames: the world, all bodies with the welded ones, and the frames given by name."""
         return tuple(name for name, _ in self.topology.frames)
+
+    @property
+    def weld_names(self) -> tuple[str, ...]:
+        """The names of the fixed joints, which `joint_reactions` takes; "" of the weld that a URDF's base stands on."""
+        return tuple(name for name, _ in self.topology.welds)
 
     @property
     def dtype(self) -> np.dtype:

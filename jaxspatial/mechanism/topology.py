@@ -127,6 +127,9 @@ class Topology:
     followed: for each joint the one whose coordinate it follows; itself where it has coordinates of its own.
     frames: (name, body) of all frames. is_written_out: whether recursions compute body after body, without loops along
     chains; see `Mechanism.written_out`. computed: the bodies that recursions compute, None for all; see `carrying`.
+
+    welds: (name of a fixed joint, the frame that it holds). carried_by: for each frame the one that it is a part of, or
+    is welded to; itself for the world and for moving bodies. hung_on: for each joint the frame that it hangs on.
     """
 
     body_names: tuple[str, ...]
@@ -137,6 +140,9 @@ class Topology:
     frames: tuple[tuple[str, int], ...] = ()
     is_written_out: bool = False
     computed: tuple[int, ...] | None = None
+    welds: tuple[tuple[str, int], ...] = ()
+    carried_by: tuple[int, ...] = ()
+    hung_on: tuple[int, ...] = ()
 
     def __hash__(self):
         return self._hash
@@ -219,6 +225,11 @@ class Topology:
     def turns_axes(self):
         """Whether the linear velocities of any joint are along axes that the joint itself turns."""
         return any(self.kind(i).turns_its_axes for i in range(len(self)))
+
+    @functools.cached_property
+    def has_subspaces_of_q(self):
+        """Whether the motion subspace of any joint depends on coordinates that are no angles."""
+        return any(self.kind(i).subspace_needs_q for i in range(len(self)))
 
     def ancestors(self, i: int):
         """Body i and those it hangs on, towards the world."""
@@ -318,9 +329,21 @@ class Topology:
     @functools.cached_property
     def skeleton(self):
         """The topology without names: mechanisms of one structure share their programs."""
-        return dataclasses.replace(
-            self, body_names=(), joint_names=(), frames=tuple(("", body) for _, body in self.frames)
-        )
+        frames = tuple(("", body) for _, body in self.frames)
+        nothing = dict.fromkeys(("body_names", "joint_names", "welds", "carried_by", "hung_on"), ())
+        return dataclasses.replace(self, frames=frames, **nothing)
+
+    def behind(self, weld: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """(the frames that a weld holds, the moving joints that hang on them)."""
+        child = self.welds[weld][1]
+
+        def is_behind(frame: int) -> bool:
+            while frame != child and frame != self.carried_by[frame]:
+                frame = self.carried_by[frame]
+            return frame == child
+
+        frames, joints = range(len(self.frames)), enumerate(self.hung_on)
+        return tuple(filter(is_behind, frames)), tuple(i for i, frame in joints if is_behind(frame))
 
     def index(self, names: tuple[str, ...], name: str, what: str):
         """The index of a name; raises KeyError that lists the names there are and the nearest."""

@@ -30,8 +30,8 @@ ALLOWED = 1e-12
 N_POINTS = 5
 
 
-def forces_at_points(mech, rng):
-    bodies = [name for name in mech.body_names if "/" not in name]
+def forces_at_points(mech, rng, bodies=None):
+    bodies = bodies or [name for name in mech.body_names if "/" not in name]
     names = [bodies[i] for i in rng.integers(0, len(bodies), N_POINTS)]
     tau, f, p = rng.standard_normal((3, N_POINTS, 3))
     return js.AppliedForces(names, js.SpatialForce(jnp.asarray(tau), jnp.asarray(10 * f)), jnp.asarray(p))
@@ -39,11 +39,13 @@ def forces_at_points(mech, rng):
 
 @pytest.mark.parametrize(("name", "floating"), [("panda", False), ("solo12", True), ("talos_reduced", True)])
 def test_as_drakes_reaction_forces(name, floating):
-    """Of the output port: tau and forces go in, accelerations and reactions come out."""
+    """Of the output port: tau and forces go in, accelerations and reactions come out. Welds have them, too, and what is
+    welded is pushed as well."""
     r = Robot(name, floating)
     mech, rng = r.mech, np.random.default_rng(0)
+    welded = [mech.frame_names[frame] for _, frame in mech.topology.welds]
     with jax.enable_x64(True):
-        F = forces_at_points(mech, rng)
+        F = forces_at_points(mech, rng, [*mech.body_names, *welded])
         q, v = r.q[0], r.v[0]
         T, T_rate_v = r.set(0)
         tau = np.linalg.solve(T.T, rng.standard_normal(mech.nv))
@@ -63,11 +65,13 @@ def test_as_drakes_reaction_forces(name, floating):
         # The port has them in the order of joints.
         of_child = {joint.child_body().index(): k for k, joint in enumerate(joints)}
         expected = []
-        for body in r.bodies:
+        assert welded
+        for body in [*r.bodies, *map(plant.GetBodyByName, welded)]:
             k = of_child[body.index()]
             assert joints[k].frame_on_child().GetFixedPoseInBodyFrame().IsExactlyEqualTo(RigidTransform())
             expected.append(reactions[k].get_coeffs())
-        found = interpreted(lambda *x: js.joint_reactions(mech, *x).to_array())(q, v, vdot, F)
+        names = [*mech.joint_names, *welded]
+        found = interpreted(lambda *x: js.joint_reactions(mech, *x, joints=names).to_array())(q, v, vdot, F)
     expected = np.array(expected)
     assert abs(np.asarray(found) - expected).max() <= ALLOWED * abs(expected).max()
 

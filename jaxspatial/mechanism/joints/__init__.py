@@ -53,13 +53,16 @@ def register(kind: type[JointKind]) -> type[JointKind]:
 
     Raises:
         TypeError: it is no subclass of `JointKind`.
-        ValueError: another kind has the name, by which programs are cached; `neutral` has not nq coordinates; a
-            parameter has the name of a different one of another kind, or of an attribute of `JointKind`.
+        ValueError: another kind has the name, by which programs are cached; `neutral` has not nq coordinates; S depends
+            on q and has no rate; a parameter has the name of a different one of another kind, or of an attribute of
+            `JointKind`.
     """
     if not (isinstance(kind, type) and issubclass(kind, JointKind)):
         raise TypeError(f"register: expected a subclass of JointKind, got {kind!r}")
     if KINDS.get(kind.name, kind) is not kind:
         raise ValueError(f"register: name: there is another kind {kind.name!r}")
+    if kind.subspace_needs_q and kind.motion_subspace_rate is JointKind.motion_subspace_rate:
+        raise ValueError(f"register: {kind.name}: motion_subspace_rate: expected the rates of an S that depends on q")
     if len(kind.neutral) != kind.nq:
         raise ValueError(f"register: {kind.name}: neutral: expected {kind.nq} coordinates, got {len(kind.neutral)}")
     known = {p.name: p for other in KINDS.values() for p in other.parameters} | {p.name: p for p in OF_EVERY_JOINT}

@@ -62,7 +62,9 @@ class JointKind:
     """Base of all kinds of joints. To add one, subclass it and fill in its attributes and methods.
 
     The methods here serve joints whose coordinates are plain numbers with the velocities as their derivatives: these
-    need only `transform` and `motion_subspace`.
+    need only `transform` and `motion_subspace`. Where S varies in the child's axes they need `motion_subspace_rate`,
+    too. Where it depends on coordinates that are no angles, as that of a cam which slides by a q^2 / 2, set
+    `subspace_needs_q`: both methods get q first then.
 
     name: the value of `Joint.kind`
     nq, nv: the numbers of coordinates and of generalized velocities
@@ -77,6 +79,9 @@ class JointKind:
     is_unconstrained: whether it has six velocities and S is the identity: a floating root is solved all at once
     is_sequential: whether it moves as joints with one velocity each, in series
     rates_need_angles: whether `rates` needs `cos_sin`
+    subspace_needs_q: whether `motion_subspace`, `motion_subspace_rate` and `constraint_subspace` take q before their
+        other arguments: of S that depends on coordinates which are no angles. Whole Jacobians of inverse dynamics are
+        then computed column by column, and not in closed form
     turns_its_axes: whether linear velocities are along axes that the joint itself turns: then it overrides `transport`
         and `advance`
     """
@@ -93,6 +98,7 @@ class JointKind:
     is_unconstrained: bool = False
     is_sequential: bool = True
     rates_need_angles: bool = False
+    subspace_needs_q: bool = False
     turns_its_axes: bool = False
 
     # Numbers of a joint; the parameters where its kind has them.
@@ -121,7 +127,9 @@ class JointKind:
         raise NotImplementedError
 
     def motion_subspace(self, cos_sin: CosSin) -> tuple[Motion, ...]:
-        """The columns of S: the nv motions (w_PB_B, v_PBo_B) per unit velocity, in the child's axes."""
+        """The columns of S: the nv motions (w_PB_B, v_PBo_B) per unit velocity, in the child's axes.
+
+        With `subspace_needs_q` it is `motion_subspace(self, q, cos_sin)`, and so are the next two."""
         raise NotImplementedError
 
     def motion_subspace_rate(self, cos_sin: CosSin, v: Numbers) -> tuple[Motion, ...]:
