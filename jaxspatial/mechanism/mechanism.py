@@ -49,10 +49,10 @@ class Mechanism:
         lower, upper: (nq,) limits of the coordinates.
         spring_references: (nq,) coordinates at which the springs are at rest.
         frame_placements: RigidTransform (k,) of all named frames on their J, or in the world.
+        weld_inertias: SpatialInertia (number of fixed joints,), of all that is welded behind each fixed joint,
+            about the origin of the body that it holds, in its axes. Only `joint_reactions` at fixed joints takes
+            them: of what moves they are part of `inertias`, too.
         gravity: (3,) acceleration of free fall in the world, m/s2.
-        weld_inertias: SpatialInertia (number of fixed joints,), of all bodies that are welded behind each fixed joint,
-            about the origin of the body that it holds, in its axes. `joint_reactions` at fixed joints alone takes them:
-            they are part of `inertias`, too, of what moves.
         loops: LoopClosures that hold frames together beside the joints. Of all functions those act on them that take
             `loops`: `constrained_forward_dynamics(mech, q, v, tau, mech.loops)`. All others see the tree alone.
 
@@ -83,8 +83,8 @@ class Mechanism:
     upper: jax.Array
     spring_references: jax.Array
     frame_placements: RigidTransform
-    gravity: jax.Array
     weld_inertias: SpatialInertia
+    gravity: jax.Array
     loops: tuple[LoopClosure, ...] = ()
 
     # -- construction -------------------------------------------------------------------------------------------------
