@@ -295,7 +295,7 @@ class SpatialVector(Additive):
         Error: that of one rounded difference.
         """
         a, b = matched(self, other, "comparison")
-        differences = (quietly(operator.sub, x, y) for x, y in zip(a.vectors, b.vectors, strict=True))
+        differences = (_skipping_zero(operator.sub, x, y) for x, y in zip(a.vectors, b.vectors, strict=True))
         rotational, translational = (from_double_word(abs(as_array(d, a.batch_shape))) for d in differences)
         return _largest(rotational), _largest(translational)
 

@@ -177,9 +177,9 @@ def test_momentum_about_the_centre_of_mass(tree):
     np.testing.assert_allclose(M.mass.sum() * v_WC, L[:, 3:], atol=256 * 2.0**-53 * size, rtol=0)
     if tree == "free":  # the frames of bodies are those of their joints
         X, V = js.forward_kinematics(mech, q), js.body_velocities(mech, q, v)
-        arm = js.rotate(X.rotation, np.broadcast_to(M.com, (N, *M.com.shape)))
+        arm = np.asarray(X.rotation @ np.broadcast_to(M.com, (N, *M.com.shape)))
         at_com = js.shift(V, arm)
-        l = np.asarray(M.mass)[:, None] * at_com.v  # noqa: E741
+        l = np.asarray(M.mass)[:, None] * np.asarray(at_com.v)  # noqa: E741
         R = np.asarray(X.rotation.to_matrix())
         spin = np.einsum("bnij,njk,bnlk,bnl->bni", R, central(M), R, V.w)
         p = np.asarray(X.translation) + arm - np.asarray(js.center_of_mass(mech, q))[:, None]
