@@ -262,11 +262,11 @@ def _require_bound(precision, dtype, found, exact, u, bound):
 def test_apply_refuses_other_kinds():
     F = js.SpatialForce(np.ones(3, np.float32), np.ones(3, np.float32))
     with pytest.raises(TypeError, match="expected a SpatialAcceleration or SpatialVelocity, got SpatialForce"):
-        body() @ F
+        _ = body() @ F
     with pytest.raises(TypeError, match="kinetic_energy: expected a SpatialVelocity, got SpatialForce"):
         body().kinetic_energy(F)
     with pytest.raises(TypeError, match="expected one dtype"):
-        body() @ motion(js.SpatialVelocity, (), "float16")
+        _ = body() @ motion(js.SpatialVelocity, (), "float16")
     with pytest.raises(TypeError, match="w is for a SpatialAcceleration"):
         js.shift(body(), np.ones(3, np.float32), np.ones(3, np.float32))
 

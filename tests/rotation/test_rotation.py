@@ -80,9 +80,9 @@ def test_errors_name_what_came():
     with pytest.raises(TypeError, match="rotate: expected one of the four spatial vectors as second, got ndarray"):
         js.rotate(R, np.ones(3, np.float32))
     with pytest.raises(TypeError, match="Rotation and v: expected one dtype, got Rotation: float32, v: float16"):
-        R @ np.ones(3, np.float16)
+        _ = R @ np.ones(3, np.float16)
     with pytest.raises(ValueError, match="Rotation @ v: v: expected shape"):
-        R @ np.ones(4, np.float32)
+        _ = R @ np.ones(4, np.float32)
 
 
 @pytest.mark.parametrize(
