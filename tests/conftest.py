@@ -6,6 +6,7 @@ import os
 import pathlib
 import shutil
 import tempfile
+import time
 import zlib
 
 import chex
@@ -57,6 +58,7 @@ def pytest_addoption(parser):
         choices=["1", "2", "3", "auto"],
         help="of the slow tests, run only one third, the same on every machine; auto: today's (UTC), which is printed",
     )
+    parser.addoption("--minutes", type=float, help="skip tests that would begin after so many minutes")
 
 
 def pytest_report_header(config):
@@ -75,6 +77,12 @@ def pytest_collection_modifyitems(config, items):
         config.hook.pytest_deselected(items=left)
 
 
+def pytest_runtest_setup(item):
+    minutes = item.config.option.minutes
+    if minutes and time.monotonic() - item.config.start > 60 * minutes:
+        pytest.skip(f"{minutes:g} minutes are over")
+
+
 def third_of(nodeid):
     """The third of the slow tests that a test is in. A draw: it needs no list of tests, nor of how long each takes."""
     return "123"[zlib.crc32(nodeid.encode()) % 3]
@@ -90,6 +98,7 @@ def pytest_configure(config):
 
     Workers are told which third it is, too: after midnight they would draw another.
     """
+    config.start = time.monotonic()
     if config.option.third == "auto":
         config.option.third = third_of_day(datetime.datetime.now(datetime.UTC).date())
     if CACHE not in os.environ:

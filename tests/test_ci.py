@@ -6,11 +6,14 @@ import pathlib
 import re
 import subprocess
 import sys
+import time
 import tomllib
+import types
 
+import pytest
 from packaging.requirements import Requirement
 
-from tests.conftest import third_of_day
+from tests.conftest import pytest_runtest_setup, third_of_day
 
 ROOT = pathlib.Path(__file__).parent.parent
 CI, NIGHTLY, HOOKS = (
@@ -57,9 +60,17 @@ def test_three_days_have_three_thirds():
 def test_ci_runs_the_slow_tests():
     """A third after the tests of the default run, and at night each."""
     commands = (ROOT / ".ci" / "run").read_text().splitlines()
-    assert commands[-1].endswith("-m pytest -m slow --third auto")
+    assert "-m pytest -m slow --third auto --minutes" in commands[-1]
     assert "schedule:" in NIGHTLY and "third: [1, 2, 3]" in NIGHTLY
     assert "-m pytest -m slow --third ${{ matrix.third }}" in NIGHTLY
+
+
+def test_what_begins_too_late_is_skipped():
+    config = types.SimpleNamespace(option=types.SimpleNamespace(minutes=2.0), start=time.monotonic() - 115)
+    pytest_runtest_setup(types.SimpleNamespace(config=config))
+    config.start -= 10
+    with pytest.raises(pytest.skip.Exception, match="2 minutes are over"):
+        pytest_runtest_setup(types.SimpleNamespace(config=config))
 
 
 def test_the_hook_has_the_oldest_ruff_that_is_accepted():
