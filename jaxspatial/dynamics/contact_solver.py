@@ -22,7 +22,7 @@ search from v0 would stop at the kink of each foot.
 import functools
 import operator
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -154,6 +154,7 @@ def scene_of(state: MechanismState, still: Array, change: Array, time: Array, te
     contact_ends = loop_ends = Ends([], [])
     if state.topology.has_mimics:
         mobility = units = problem.units_of(state, bodies)
+        diagonal = units.diagonal
     else:
         diagonal = problem.diagonals(state, bodies)
         mobility = problem.mobilities(state, bodies, diagonal) if any(x is not None for x in terms) else []
@@ -165,7 +166,7 @@ def scene_of(state: MechanismState, still: Array, change: Array, time: Array, te
     if len(rows):
         before, y = in_world(state, bodies, still, change)
         fastest = where(high(abs(before)) > high(abs(before + y)), abs(before), abs(before + y))
-        of_A = state.numbers_by_velocity(diagonal) if units is None else units.diagonal
+        of_A: Any = diagonal if units is not None else state.numbers_by_velocity(cast(Any, diagonal))
         joints = problem.joints_of(state, rows, of_A, fastest, dt)
     scene = Scene(dt, bodies, contacts, contact_ends, joints, rows, loops, loop_ends, None)
     return scene if units is None else scene._replace(coupled=_coupled(state.n, scene, units))
@@ -440,19 +441,20 @@ def _solved_as_one(
         terms, shape = _on_velocities(*at, J.points), (len(scene.contact_ends.b), nv, nv, state.n)
         stiff, pushed = (stacking.spread(x, shape[:k] + shape[-1:]) for x, k in zip(terms, (3, 2), strict=True))
         H, right = H + stacking.pairwise_sum(stiff), right + stacking.pairwise_sum(pushed)
-    kinds = [k for k in (1, 2) if J[k] is not None]
+    by_kind: Sequence[Any] = J
+    kinds = [k for k in (1, 2) if by_kind[k] is not None]
     if kinds:
-        counts = [shape_of(J[k])[0] for k in kinds]
+        counts = [shape_of(by_kind[k])[0] for k in kinds]
         of_rows = (
             [stacking.spread(x[k], (m, state.n)) for k, m in zip(kinds, counts, strict=True)] for x in (G, impulse)
         )
         stiffness, given = map(stacking.concatenated, of_rows)
-        H = _with_rows(H, stacking.concatenated([J[k] for k in kinds]), stiffness)
+        H = _with_rows(H, stacking.concatenated([by_kind[k] for k in kinds]), stiffness)
         right = stacking.concatenated([right, given])
-    found, left = matrices.solved(H, right), list[Number | None]([None] * 3)
+    found, left = matrices.solved(H, right), list[Any]([None] * 3)
     first = nv
     for k in kinds:
-        last = first + shape_of(J[k])[0]
+        last = first + shape_of(by_kind[k])[0]
         left[k], first = stacking.mapped(lambda w, a=first, b=last: w[a:b], found), last
     x = stacking.mapped(lambda w: w[:nv], found)
     return Solution(x, [V for (V,) in problem.velocities(state, scene.bodies, [x])], Vectors(*left))
