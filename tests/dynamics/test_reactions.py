@@ -54,6 +54,11 @@ with jax.enable_x64(True):
 NAMES = [f"to {name}" for name in WELDS]
 
 
+def reactions(mech, *arguments, **options):
+    """In NumPy."""
+    return interpreted(lambda *x: js.joint_reactions(mech, *x, **options).to_array())(*arguments)
+
+
 def state(*batch):
     rng = np.random.default_rng(1)
     tau, f = rng.standard_normal((2, *batch, 3, 3))
@@ -75,7 +80,7 @@ def test_as_through_joints_at_rest():
     for x, y in zip(wide, q_v_vdot, strict=True):
         for k, name in enumerate(MECH.joint_names):
             x[:, moving.joint_velocity_indices(name)[0]] = y[:, k]
-    expected = interpreted(lambda *x: js.joint_reactions(moving, *x, joints=NAMES).to_array())(*wide, F)
+    expected = reactions(moving, *wide, F, joints=NAMES)
     assert abs(expected).max() > 10 and found.shape == (2, len(WELDS), 6)
     np.testing.assert_allclose(found, expected, rtol=0, atol=ALLOWED * abs(expected).max())
 
@@ -83,10 +88,10 @@ def test_as_through_joints_at_rest():
 def test_names_and_order():
     arguments = state()
     names = ["to finger", "to hand", "stand", "to arm"]
-    F = js.joint_reactions(MECH, *arguments, joints=names).to_array()
-    np.testing.assert_array_equal(F[1::2], js.joint_reactions(MECH, *arguments).to_array()[::-1])
+    F = reactions(MECH, *arguments, joints=names)
+    np.testing.assert_array_equal(F[1::2], reactions(MECH, *arguments)[::-1])
     for i, name in ((0, "finger"), (2, "to stand")):
-        one = js.joint_reactions(MECH, *arguments, joints=name).to_array()
+        one = reactions(MECH, *arguments, joints=name)
         assert one.shape == (6,)
         np.testing.assert_array_equal(F[i], one)
     # In depth-first order, as all joints.
@@ -143,9 +148,9 @@ def test_locked_joints_have_reactions():
     q, v, vdot, F = (x[:1] if isinstance(x, np.ndarray) else x for x in state())
     locked = js.lock_joints(MECH, {"to hand": 0.3})
     assert locked.weld_names == ("to hand",)
-    found = js.joint_reactions(locked, q, v, vdot, F, joints=["to hand", "to arm"]).to_array()
+    found = reactions(locked, q, v, vdot, F, joints=["to hand", "to arm"])
     wide = [np.append(x, y) for x, y in ((q, 0.3), (v, 0.0), (vdot, 0.0))]
-    expected = js.joint_reactions(MECH, *wide, F, joints=["to hand", "to arm"]).to_array()
+    expected = reactions(MECH, *wide, F, joints=["to hand", "to arm"])
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * abs(expected).max())
 
 
@@ -154,10 +159,13 @@ def test_frames_that_are_added_to_what_is_welded():
     X = pose(np.random.default_rng(5))
     mech = js.add_frames(MECH, [js.Frame("tip", "lens", X)])
     F = js.SpatialForce(np.array([1.0, 2, 3]), np.array([4.0, 5, 6]))
-    found = js.joint_reactions(mech, q, v, vdot, {"tip": F}, joints="to camera")
-    X_CT, X_WC = (js.forward_kinematics(mech, q, name) for name in ("tip", "camera"))
-    by_hand = js.act_inverse(X_WC, js.act(js.RigidTransform(js.Rotation.identity(), X_CT.translation), F))
-    np.testing.assert_allclose(found.to_array(), -by_hand.to_array(), atol=1e-12)
+    found = reactions(mech, q, v, vdot, {"tip": F}, joints="to camera")
+    X_WT, X_WC = (
+        interpreted(lambda q, name=name: js.forward_kinematics(mech, q, name))(q) for name in ("tip", "camera")
+    )
+    arm, R = X_WT.translation - X_WC.translation, X_WC.rotation.entries.reshape(3, 3)
+    by_hand = np.concatenate([R.T @ (F.tau + np.cross(arm, F.f)), R.T @ F.f])
+    np.testing.assert_allclose(found, -by_hand, atol=1e-12)
 
 
 # -- closed loops -----------------------------------------------------------------------------------------------------
@@ -197,28 +205,33 @@ def linkage(rod_hangs_on):
 def test_wherever_a_loop_is_cut_its_joints_bear_the_same():
     """Cut at the rocker, then at the crank: what one takes for a joint the other takes for a closure."""
     cut_at_rocker, cut_at_crank = linkage("crank"), linkage("rocker")
-    q, residual = js.close_loops(cut_at_rocker, cut_at_rocker.configuration({"a": 0.3, "c": 0.2}), cut_at_rocker.loops)
+    start = cut_at_rocker.configuration({"a": 0.3, "c": 0.2})
+    q, residual = jax.jit(lambda q: js.close_loops(cut_at_rocker, q, cut_at_rocker.loops))(start)
     assert residual < 1e-12
-    turn = js.forward_kinematics(cut_at_rocker, q, ["crank", "rocker", "rod"]).rotation
-    R_rocker, R_rod = (js.Rotation(turn.entries[k]) for k in (1, 2))
+    turn = interpreted(lambda q: js.forward_kinematics(cut_at_rocker, q, ["rocker", "rod"]).rotation)(q)
+    R_rocker, R_rod = (js.Rotation(turn.entries[k]) for k in (0, 1))
     of_both = cut_at_rocker.joint_positions(q)
     other_q = cut_at_crank.configuration({"a": of_both["a"], "c": of_both["c"], "pin": R_rocker.inverse() @ R_rod})
-    assert abs(js.constraint_error(cut_at_crank, other_q, cut_at_crank.loops)).max() < 1e-12
+    error = interpreted(lambda q: js.constraint_error(cut_at_crank, q, cut_at_crank.loops))(other_q)
+    assert abs(error).max() < 1e-12
     push = {"rod": js.SpatialForce(jnp.array([1.0, 2, 3]), jnp.array([3.0, -20, 10]))}
     torques = {"a": 40.0, "c": -25.0}
     names = ["a", "c", "feet", "screw"]
     results = []
     for mech, x in ((cut_at_rocker, q), (cut_at_crank, other_q)):
         rest, tau = np.zeros(mech.nv), mech.velocities(torques)
-        vdot, wrenches = js.constrained_forward_dynamics(mech, x, rest, tau, mech.loops, push)
-        F = js.joint_reactions(
-            mech, x, rest, vdot, push, joints=[*names, "pin"], loops=mech.loops, loop_wrenches=wrenches
-        ).to_array()
+
+        def solved(q, tau, mech=mech, rest=rest):
+            vdot, wrenches = js.constrained_forward_dynamics(mech, q, rest, tau, mech.loops, push)
+            closed = {"loops": mech.loops, "loop_wrenches": wrenches}
+            return wrenches, js.joint_reactions(mech, q, rest, vdot, push, joints=[*names, "pin"], **closed).to_array()
+
+        wrenches, F = jax.jit(solved)(x, tau)
         # With the wrenches of the closure the joints need exactly the torques that drive them.
         for i, name in enumerate(("a", "c")):
             axis = np.asarray(mech.axes[mech.joint_names.index(name)])
             np.testing.assert_allclose(F[i, :3] @ axis, torques[name], rtol=1e-8)
-        R = np.asarray(js.forward_kinematics(mech, x, "rod").rotation.to_matrix())
+        R = interpreted(lambda q, mech=mech: js.forward_kinematics(mech, q, "rod").rotation.to_matrix())(x)
         results.append((F[:4], R @ F[4, 3:], np.asarray(wrenches.f[0])))
     (one, pin, closure), (other, other_pin, other_closure) = results
     assert abs(pin).max() > 5 and abs(closure).max() > 5
