@@ -32,7 +32,7 @@ from jaxspatial.dynamics.kinematics import body_accelerations, body_velocities, 
 from jaxspatial.engine.algorithm import ExternalForces, checked, over_batch
 from jaxspatial.engine.derivatives import fixed
 from jaxspatial.mechanism import LoopClosure, Mechanism
-from jaxspatial.mechanism.loops import checked_loops
+from jaxspatial.mechanism.loops import ROWS, checked_loops
 from jaxspatial.numerics import check
 from jaxspatial.numerics.quantity import exported
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
@@ -80,7 +80,8 @@ def constraint_error(
     Rows come closure by closure, for each first of orientations, then of positions, from frame A to frame B and in the
     axes of A. "weld": the rotation vector of R_AB, rad, and p_AB. "hinge": x and y of the rotation vector that takes z
     of A to z of B, rad, and p_AB. "universal": the sine of the angle about -z of A x x of B by which x of B leaves the
-    plane across z of A, and p_AB. "ball": p_AB. "distance": |p_AB| less the distance.
+    plane across z of A, and p_AB. "ball": p_AB. "distance": |p_AB| less the distance. Rows between frames of the same
+    body, or of the world, are constant: what is open there can never close.
 
     Returns:
         (*batch, rows): rad, m.
@@ -106,7 +107,8 @@ def constraint_jacobian(
     Rows are those of `constraint_error`: of angular velocities, then of the velocity of the origin of B, for an
     observer on A and in the axes of A. A "distance" between origins that coincide is along z of A. At closed
     configurations J v is the rate of `constraint_error`, for "universal", "ball" and "distance" at all others too.
-    J^T l is the generalized force of closures with the multipliers l, torques and forces on B along the axes of A.
+    J^T l is the generalized force of closures with the multipliers l, torques and forces on B along the axes of A. Rows
+    of a closure between frames of the same body, or of the world, are zero.
 
     Returns:
         J (*batch, rows, nv).
@@ -149,7 +151,9 @@ def constrained_forward_dynamics(
     another are met in the mean.
 
     Velocities without inertia have the acceleration 0, as in `forward_dynamics`: a closure is not met where it would
-    have to accelerate a body without mass or armature.
+    have to accelerate a body without mass or armature. One between frames of the same body, or of the world, asks for
+    nothing: its wrench is zero. An open one can never close, and is refused where its numbers are known while tracing;
+    `constraint_error` tells of others.
 
     Derivatives, by all arguments, are those of the equations, which the same factors solve; also where closures are
     redundant. There are none in singular configurations, such as a four-bar linkage that is folded flat: there rows
@@ -163,6 +167,10 @@ def constrained_forward_dynamics(
     Returns:
         ConstrainedDynamics: vdot (*batch, nv): rad/s^2, m/s^2; loop_wrenches (*batch, number of closures): N m, N.
 
+    Raises:
+        ValueError: a closure between frames of the same body, or of the world, is open, by numbers that are known while
+            tracing.
+
     Error: in every precision n u c of the largest acceleration of the tree and of the largest number of M^-1 J^T l,
         with c the condition number of the mass matrix and n the number of links in the longest chain and of rows, while
         the eigenvalues of J M^-1 J^T, its rows scaled to a diagonal of ones, are 0 or above 1e-7 in float64 and 1e-3 in
@@ -174,9 +182,9 @@ def constrained_forward_dynamics(
     q, v, tau, forces, closures, distances = _checked(
         operation, mechanism, loops, q=q, v=v, tau=tau, external_forces=external_forces
     )
-    k = None
+    dtype, k = cast(Any, q).dtype, None
+    require_closable(operation, mechanism, closures, distances, dtype)
     if stabilization is not None:
-        dtype = cast(Any, q).dtype
         k = check.as_float_array(stabilization, f"{operation}: stabilization", dtype)[..., None]
 
     def constrained(q: Any, v: Any, tau: Any, k: Any, distances: Any, forces: Any) -> ConstrainedDynamics:
@@ -208,6 +216,10 @@ def close_loops(
     Args:
         iterations: how many at most; their number is fixed, and each is a few kernels. From 0.1 rad 5 are enough.
 
+    Raises:
+        ValueError: a closure between frames of the same body, or of the world, is open, by numbers that are known while
+            tracing. The residual tells of others.
+
     Returns:
         ClosedConfiguration: q (*batch, nq), quaternions of unit length; residual (*batch,): rad or m.
 
@@ -216,6 +228,7 @@ def close_loops(
         assumption.
     """
     q, closures, distances = _checked("close_loops", mechanism, loops, q=q)
+    require_closable("close_loops", mechanism, closures, distances, q.dtype)
 
     def closed(q: Any, distances: Any) -> ClosedConfiguration:
         return _closed(_Loops(mechanism, closures, distances, precision), q, iterations)
@@ -240,6 +253,35 @@ def checked_closures(
     return closures, [None if loop.distance is None else _distance(operation, loop, dtype) for loop in closures]
 
 
+def are_of_one_body(mechanism: Mechanism, loop: LoopClosure) -> bool:
+    """Whether nothing moves the frames of a closure against each other: both are of one body, or of the world."""
+    return mechanism.frame_body(loop.frame_a) == mechanism.frame_body(loop.frame_b)
+
+
+def require_closable(
+    operation: str, mechanism: Mechanism, closures: Sequence[LoopClosure], distances: Sequence[Any], dtype: np.dtype
+) -> None:
+    """Refuses closures of frames of one body that are open, where these numbers are known."""
+    for loop, distance in zip(closures, distances, strict=True):
+        known = mechanism.frame_placements, distance
+        if not are_of_one_body(mechanism, loop) or not all(isinstance(x, np.ndarray) for x in jax.tree.leaves(known)):
+            continue
+        with jax.ensure_compile_time_eval():
+            places = [mechanism.frame_names.index(name) for name in (loop.frame_a, loop.frame_b)]
+            X_A, X_B = (jax.tree.map(lambda x, i=i: x[i].astype(dtype), known[0]) for i in places)
+            R_A, R_B = X_A.rotation.to_matrix(), X_B.rotation.to_matrix()
+            p = X_B.translation - X_A.translation
+            X_AB = _Pose(_times(R_A.T, R_B), _times(p, R_A))
+            placed = _Placed(loop.kind, None, True, R_A, X_A.translation, p, X_AB)
+            error = placed.error if distance is None else _length(p) - distance
+            gap = float(jnp.max(jnp.abs(error)))
+        if gap > _shift(dtype):
+            raise ValueError(
+                f"{operation}: loops: expected closures that can close, got {loop!r} between frames of one body, "
+                f"{mechanism.frame_body(loop.frame_a)!r}, which stays open by {gap:.3g} (rad, m)"
+            )
+
+
 def _distance(operation: str, loop: LoopClosure, dtype: np.dtype) -> Any:
     distance: Any = loop.distance
     if isinstance(distance, np.ndarray):
@@ -260,11 +302,13 @@ class _Pose(NamedTuple):
 
 
 class _Placed(NamedTuple):
-    """A closure at one configuration: where its frames are."""
+    """A closure at one configuration: where its frames are. is_still: they are of one body."""
 
     kind: str
     distance: jax.Array | None
+    is_still: bool
     R_WA: jax.Array
+    p_WA: jax.Array
     p_AB_W: jax.Array
     X_AB: _Pose
 
@@ -299,6 +343,14 @@ class _Placed(NamedTuple):
         """N of a twist in world axes."""
         N = self.rows(self.X_AB)
         return jnp.concatenate([_times(N[:, :3], self.R_WA.T), _times(N[:, 3:], self.R_WA.T)], -1)
+
+    @property
+    def sizes(self) -> jax.Array:
+        """(rows,), of what `error` is a difference of: 1 rad, or coordinates of the origins in the world."""
+        p_WB = self.p_WA + self.p_AB_W
+        reach = lax.stop_gradient(jnp.max(jnp.abs(self.p_WA)) + jnp.max(jnp.abs(p_WB)))
+        n_moving = min(ROWS[self.kind], 3)
+        return jnp.concatenate([jnp.ones(ROWS[self.kind] - n_moving, reach.dtype), jnp.full(n_moving, reach)])
 
     def bias(self, V_A: jax.Array, V_B: jax.Array, A_A: jax.Array, A_B: jax.Array) -> jax.Array:
         """d/dt (N V), from velocities and accelerations (6,) of the two origins in world axes."""
@@ -365,7 +417,8 @@ class _Loops(NamedTuple):
         for x, distance, R_WA, R_WB, p_WA, p_WB in zip(self.closures, self.distances, *of_A, *of_B, strict=True):
             p_AB_W = p_WB - p_WA
             X_AB = _Pose(_times(R_WA.T, R_WB), _times(p_AB_W, R_WA))
-            placed.append(_Placed(x.kind, distance, R_WA, p_AB_W, X_AB))
+            is_still = are_of_one_body(self.mechanism, x)
+            placed.append(_Placed(x.kind, distance, is_still, R_WA, p_WA, p_AB_W, X_AB))
         return placed
 
     def rows(self, q: Any, placed: Sequence[_Placed]) -> "_Rows":
@@ -373,6 +426,10 @@ class _Loops(NamedTuple):
         if placed:
             J_WF = jacobian(self.mechanism, q, self.frames, precision=self.precision)
             for x, J_A, J_B in zip(placed, *_halves(J_WF), strict=True):
+                if x.is_still:
+                    zeros = jnp.zeros((ROWS[x.kind], self.mechanism.nv), q.dtype)
+                    rows.append(_Rows(zeros, zeros[:, 0]))
+                    continue
                 # The twists of B for an observer on A are J_B - J_A + turned.
                 turned = _times(_skew(x.p_AB_W), J_A[:3])
                 turned = jnp.concatenate([jnp.zeros_like(turned), turned])
@@ -385,7 +442,9 @@ class _Loops(NamedTuple):
         V = body_velocities(self.mechanism, q, v, self.frames, precision=self.precision)
         A = body_accelerations(self.mechanism, q, v, jnp.zeros_like(v), self.frames, precision=self.precision)
         each = zip(placed, *_halves(V.to_array()), *_halves(A.to_array()), strict=True)
-        return jnp.concatenate([x.bias(*motions) for x, *motions in each])
+        return jnp.concatenate(
+            [jnp.zeros(ROWS[x.kind], q.dtype) if x.is_still else x.bias(*motions) for x, *motions in each]
+        )
 
 
 def _halves(x: jax.Array) -> list[jax.Array]:
@@ -406,7 +465,8 @@ def closing_of(
         placed = _Loops(mechanism, closures, distances, precision).placed(q)
         N = jnp.concatenate([x.in_world for x in placed])
         p_AB_W = jnp.concatenate([x.p_AB_W for x in placed])
-        return Closing(N[:, :3].reshape(-1), N[:, 3:].reshape(-1), _errors(placed, q.dtype), p_AB_W)
+        sizes = jnp.concatenate([x.sizes for x in placed])
+        return Closing(N[:, :3].reshape(-1), N[:, 3:].reshape(-1), _errors(placed, q.dtype), sizes, p_AB_W)
 
     return over_batch(of_state, q, distances)
 

@@ -87,12 +87,14 @@ class Closing(NamedTuple):
     """The k rows of loop closures in a step, as arrays: what closures hold at zero, see `closed_loops`.
 
     turning, moving (*batch, 3 k): N of the twist of frame B for an observer on A, about the origin of B in world axes.
-    errors (*batch, k): rad, m. p_AB_W (*batch, 3 n): of n closures.
+    errors (*batch, k): rad, m. sizes (*batch, k): of what errors are differences of, 1 rad or coordinates of the
+    origins in the world, m. p_AB_W (*batch, 3 n): of n closures.
     """
 
     turning: Array
     moving: Array
     errors: Array
+    sizes: Array
     p_AB_W: Array
 
 
@@ -746,12 +748,17 @@ def joint_law(joints: Joints, v: Number) -> tuple[Number, Number]:
 
 class Loops(NamedTuple):
     """k rows of loop closures, as numbers (k, B). on_b, on_a: the wrenches on bodies b and a of a unit impulse, about
-    their origins. free: the velocity at which there is no impulse. R: how much an impulse changes the velocity."""
+    their origins. free: the velocity at which there is no impulse. R: how much an impulse changes the velocity.
+
+    noise, loss: rounding errors of `free` in eps, and those of its difference from a velocity, in eps of that: these
+    come from R and from momenta."""
 
     on_b: Wrench
     on_a: Wrench
     free: Number
     R: Number
+    noise: Number
+    loss: Number
 
 
 def loops_of(
@@ -777,18 +784,22 @@ def loops_of(
         lambda x: stacking.rows(jnp.broadcast_to(x, (len(closures), state.n)), of_row), (arm_b, arm_a)
     )
     N = Wrench(state.vectors(closing.turning), state.vectors(closing.moving))
-    on_b, on_a, free, R = _loops(N, *both, _scalars(state, closing.errors), *w, dt)
-    return Loops(on_b, on_a, free, R), Ends([ends.b[k] for k in of_row], [ends.a[k] for k in of_row])
+    numbers = (_scalars(state, x) for x in (closing.errors, closing.sizes))
+    return _loops(N, *both, *numbers, *w, dt), Ends([ends.b[k] for k in of_row], [ends.a[k] for k in of_row])
 
 
 @noinline
-def _loops(N: Wrench, arm_b: Vector, arm_a: Vector, error: Number, w: Number, apart: Number, dt: Number):
+def _loops(
+    N: Wrench, arm_b: Vector, arm_a: Vector, error: Number, size: Number, w: Number, apart: Number, dt: Number
+) -> Loops:
     on_b, on_a = (algebra.shifted_wrench(N, -arm) for arm in (arm_b, arm_a))
     # Where the two cannot move against each other, w is made of rounding errors, and nothing closes an error.
     least = MOBILE * check.eps(high(w).dtype) * apart
     moves = ~(high(w) <= high(least)) | is_nan(error)
-    R = NEAR_RIGID_LIMIT * where(moves, w, where(high(apart) > 0, least, 1.0))
-    return on_b, -on_a, where(moves, -error, 0.0) / dt, R
+    whole = where(moves, w, where(high(apart) > 0, least, 1.0))
+    # A momentum is as large as the impulse, and changes velocities by w of it.
+    noise, loss = where(moves, size, 0.0) / dt, where(moves, apart / whole + NEAR_RIGID_LIMIT**-0.5, 0.0)
+    return Loops(on_b, -on_a, where(moves, -error, 0.0) / dt, NEAR_RIGID_LIMIT * whole, noise, loss)
 
 
 def along_rows(loops: Loops, V_b: Motion, V_a: Motion) -> Number:
@@ -799,3 +810,11 @@ def along_rows(loops: Loops, V_b: Motion, V_a: Motion) -> Number:
 def loop_law(loops: Loops, v: Number) -> tuple[Number, Number]:
     """(the impulses of closures at velocities v (k, B), their G)."""
     return (loops.free - v) / loops.R, 1 / loops.R
+
+
+@noinline
+def rounding_of_loops(loops: Loops, v: Number) -> Number:
+    """What rounding errors of closures are in g^T H^-1 g at velocities v (k, B), at most, in eps^2: H is at least
+    J^T R^-1 J."""
+    x = loops.noise + loops.loss * abs(loops.free - v)
+    return x * x / loops.R

@@ -87,8 +87,11 @@ MOST_ITERATIONS, MOST_TRIALS = 60, 20
 SLOPE, LONGEST = 0.1, 1.5
 # Rounding errors of a derivative along a direction, in eps of the sum of the sizes of its terms.
 NOISE = 8
-# So near the tolerance, in multiples of it, a square that is more than this share of the last is of rounding errors.
-NEAR, STALLED = 100, 0.25
+# Rounding errors of velocities, and of what a closure has to close, in eps of their sizes.
+OF_VELOCITIES, OF_CLOSURES = 0.25, 4.0
+# So near the tolerance, or what rounding errors of velocities make, in multiples of these, a square that is more than
+# this share of the last is of rounding errors.
+NEAR, NOISY, STALLED = 100, 10, 0.25
 FIELDS = (*DYNAMICS, *FRAMES, "damping", "friction_loss", "lower", "upper")
 
 
@@ -181,13 +184,15 @@ class Kind(NamedTuple):
     """How terms of one kind act. A velocity, and an impulse, is a vector (n, B) of contacts, else a number (n, B).
 
     law(terms, v) -> (impulse, G) at the velocity v. times_G(terms, G, v) -> G v. product(impulse, v) -> impulse . v.
-    bound(terms, G, x) -> at least x . G^-1 x, infinite where x has a part in which G is zero.
+    bound(terms, G, x) -> at least x . G^-1 x, infinite where x has a part in which G is zero. size(terms, v) -> of what
+    the law at v takes differences of, velocities without sign.
     """
 
     law: Callable[..., tuple[Any, Any]]
     times_G: Callable[[Any, Any, Any], Any]
     product: Callable[[Any, Any], Number]
     bound: Callable[[Any, Any, Any], Number]
+    size: Callable[[Any, Any], Any]
 
 
 def _law_of_contacts(contacts: Contacts, v: Vector, *held: Mask) -> tuple[Vector, Law]:
@@ -204,6 +209,19 @@ def _bound_of_contacts(contacts: Contacts, of_law: Law, x: Vector) -> Number:
     return where(sticks | (high(dot(x, x)) == 0), square, np.inf)
 
 
+def _size_of_contacts(contacts: Contacts, v: Vector) -> Vector:
+    free = abs(contacts.free)
+    return Vector(*(abs(x) + free * abs(n) for x, n in zip(v, contacts.normal, strict=True)))
+
+
+def _size_of_joints(joints: Joints, v: Number) -> Number:
+    return abs(v) + abs(joints.lower) + abs(joints.upper)
+
+
+def _size_of_loops(loops: Loops, v: Number) -> Number:
+    return abs(v) + abs(loops.free)
+
+
 def _times_G_of_rows(_: Joints | Loops, G: Number, v: Number) -> Number:
     return G * v
 
@@ -215,9 +233,9 @@ def _bound_of_rows(_: Joints | Loops, G: Number, x: Number) -> Number:
 
 # In the order of `Vectors`.
 KINDS = (
-    Kind(_law_of_contacts, problem.times_G, dot, _bound_of_contacts),
-    Kind(problem.joint_law, _times_G_of_rows, operator.mul, _bound_of_rows),
-    Kind(problem.loop_law, _times_G_of_rows, operator.mul, _bound_of_rows),
+    Kind(_law_of_contacts, problem.times_G, dot, _bound_of_contacts, _size_of_contacts),
+    Kind(problem.joint_law, _times_G_of_rows, operator.mul, _bound_of_rows, _size_of_joints),
+    Kind(problem.loop_law, _times_G_of_rows, operator.mul, _bound_of_rows, _size_of_loops),
 )
 
 
@@ -321,10 +339,21 @@ class Solution(NamedTuple):
     left: Vectors
 
 
-def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, forces: list[Force]) -> Solution:
-    """The Solution of the equations of one direction. forces: on every bundle."""
+def solved(
+    state: MechanismState,
+    scene: Scene,
+    G: Any,
+    impulse: Vectors,
+    forces: list[Force],
+    on_bodies: Number | None = None,
+) -> Solution:
+    """The Solution of the equations of one direction. forces: on every bundle.
+
+    on_bodies: impulses of closures that are added to those forces, where these balance them: the impulses of `impulse`
+    are balanced by G x.
+    """
     if scene.coupled is not None:
-        return _solved_as_one(state, scene, scene.coupled, G, impulse, forces)
+        return _solved_as_one(state, scene, scene.coupled, G, impulse, forces, on_bodies)
     of_contacts, of_joints, _ = G
     zero = state.zero_vector
     nothing = ArticulatedBody(articulated.none(zero[0]), Wrench(zero, zero))
@@ -332,7 +361,7 @@ def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, forces
     if scene.contacts is not None:
         on_one = [b if a < 0 else -1 for b, a in zip(*scene.contact_ends, strict=True)]
         stiff = problem.on_bundles(state, on_one, _contact_inertia(scene.contacts, of_contacts), nothing.P)
-    pushed = wrenches(state, scene, impulse._replace(loops=None))
+    pushed = wrenches(state, scene, impulse._replace(loops=on_bodies))
     numbers = (_by_bundle(state, scene, _whole(state, scene, x)) for x in (impulse.joints, of_joints))
     touched = [ArticulatedBody(P, -(F + more.on_bodies)) for P, F, more in zip(stiff, pushed, forces, strict=True)]
     links = list(zip(scene.bodies, touched, [x.on_joints for x in forces], *numbers, strict=True))
@@ -344,6 +373,8 @@ def solved(state: MechanismState, scene: Scene, G: Any, impulse: Vectors, forces
     left = None
     if scene.joints is not None:
         left = stacking.mapped(lambda w: stacking.rows(w, scene.rows), state.numbers_by_velocity(of_joints))
+    if on_bodies is not None and of_loops is not None:
+        of_loops = of_loops + on_bodies
     return Solution(state.numbers_by_velocity(x), motions, Vectors(None, left, of_loops))
 
 
@@ -426,16 +457,28 @@ def _coupled(n: int, scene: Scene, units: Units) -> Coupled:
 
 
 def _solved_as_one(
-    state: MechanismState, scene: Scene, coupled: Coupled, G: Any, impulse: Vectors, forces: list[Force]
+    state: MechanismState,
+    scene: Scene,
+    coupled: Coupled,
+    G: Any,
+    impulse: Vectors,
+    forces: list[Force],
+    on_bodies: Number | None,
 ) -> Solution:
     """`solved` by elimination: of x, and of what is left of the impulses of joints and closures, y.
 
-        (A + J_c^T G_c J_c) x - J^T y = J_c^T impulse_c + forces        G J x + y = impulse
+        (A + J_c^T G_c J_c) x - J^T y = J_c^T impulse_c + J^T on_bodies + forces        G J x + y = impulse
 
-    with J_c of contacts, and J of joints and closures. y is no difference of large numbers.
+    with J_c of contacts, and J of joints and closures. y is no difference of large numbers. Of closures
+    y + on_bodies is left.
     """
     (A, J), nv = coupled, state.topology.nv
     H, right = A, problem.generalized(state, scene.bodies, forces)
+    if on_bodies is not None and J.loops is not None:
+        m = shape_of(J.loops)[0]
+        on_bodies = stacking.spread(on_bodies, (m, state.n))
+        on_velocities = stacking.mapped(lambda w: w[:, None], on_bodies) * J.loops
+        right = right + stacking.pairwise_sum(stacking.spread(on_velocities, (m, nv, state.n)))
     if scene.contacts is not None:
         at = stacking.mapped(lambda w: w[:, None], (scene.contacts, G[0], impulse.points))
         terms, shape = _on_velocities(*at, J.points), (len(scene.contact_ends.b), nv, nv, state.n)
@@ -456,6 +499,8 @@ def _solved_as_one(
     for k in kinds:
         last = first + shape_of(by_kind[k])[0]
         left[k], first = stacking.mapped(lambda w, a=first, b=last: w[a:b], found), last
+    if on_bodies is not None:
+        left[2] = left[2] + on_bodies
     x = stacking.mapped(lambda w: w[:nv], found)
     return Solution(x, [V for (V,) in problem.velocities(state, scene.bodies, [x])], Vectors(*left))
 
@@ -544,8 +589,12 @@ def _with_complement(
         lacking = lacking + stacking.mapped(lambda w: problem.with_zero_rows(w, places), given)
     s = matrices.solved(M, lacking)
     shares = [stacking.mapped(lambda w, i=i: w[i], s) for i in range(k)]
-    of_bundles = [[stacking.mapped(lambda w, i=i: column(w, i), y) for i in range(k)] for y in Y]
-    found = [_plus(x, shares, y) for x, y in zip(found, of_bundles, strict=True)]
+    of_joints, of_columns = ([(x, left) for x, _, left in y] for y in (found, Y))
+    of_bundles = [[stacking.mapped(lambda w, i=i: column(w, i), y) for i in range(k)] for y in of_columns]
+    summed = [_plus(x, shares, y) for x, y in zip(of_joints, of_bundles, strict=True)]
+    # Columns may cancel one another: sums of their motions would have other rounding errors than those of their rates.
+    moving = problem.velocities(state, scene.bodies, [state.numbers_by_velocity([x for x, _ in summed])])
+    found = [(x, V, left) for (x, left), (V,) in zip(summed, moving, strict=True)]
     if scene.loops is None:
         return found, None
     return found, _times_L(scene.loops, stacking.mapped(lambda w: w[n_contacts:], s))
@@ -645,11 +694,13 @@ def _times_L(loops: Loops, s: Number) -> Number:
 
 
 class Scalars(NamedTuple):
-    """Of an Iterate: over_free: y* . A x. lacking: r. residual: g^T H^-1 g, or more. Numbers (1, B)."""
+    """Of an Iterate: over_free: y* . A x. lacking: r. residual: g^T H^-1 g before the last step, or a bound of it after
+    that. noise: what rounding errors of velocities make of it. Numbers (1, B)."""
 
     over_free: Number
     lacking: Number
     residual: Number
+    noise: Number
 
 
 class Iterate(NamedTuple):
@@ -703,7 +754,7 @@ def solve(
         for b in state.bundles
     ]
     nothing = as_data(zero, shape)
-    start = Iterate(x, at_rest, v, Scalars(nothing, as_data(state.known(1.0), shape), nothing))
+    start = Iterate(x, at_rest, v, Scalars(nothing, as_data(state.known(1.0), shape), nothing, nothing))
     is_touched = _is_touched(scene, state.n)
     count = jnp.zeros(shape, np.int32)
 
@@ -720,9 +771,11 @@ def solve(
     last: Iterate = with_data(start, data)
     found = problem.turned(state, scene.bodies, (1 - last.scalars.lacking) * free + last.x, to_world=False)
     y = where(is_touched, found, state.numbers(change[:, None])[0])
-    reference = high(scale)
-    # Rounding may leave a square below zero.
-    residual = jnp.sqrt(jnp.maximum(high(last.scalars.residual), 0) / jnp.where(reference <= 0, 1, reference))
+    left, reference = last.scalars.residual + last.scalars.noise, high(scale)
+    if scene.loops is not None and last.v.loops is not None:
+        eps = OF_CLOSURES * check.eps(state.dtype)
+        left = left + eps * eps * _total([problem.rounding_of_loops(scene.loops, last.v.loops)])
+    residual = jnp.sqrt(high(left) / jnp.where(reference <= 0, 1, reference))
     return high(y), residual, count
 
 
@@ -896,19 +949,32 @@ def _iterated(
     impulse, G, right = of_each(scene, _pushed, at.v, free.v, all_held, shared=[lacking])
     momenta = _momenta(state, scene, at.motions, at.x)
     forces = jax.tree.map(operator.neg, momenta, is_leaf=is_number)
-    e, motions, left = solved(state, scene, G, Vectors(*right), forces)
+    right, on_bodies = _applied(Vectors(*right), is_first)
+    e, motions, left = solved(state, scene, G, right, forces, on_bodies)
     v_e = velocities_at(state, scene, motions, e)
     v_d, linear, products = of_each(scene, _along, G, impulse, v_e, free.v, shared=[lacking])
-    sums, power = Products(*map(_total, _by_result(products))), _power(state, momenta, motions, e)
-    slopes, free_e, is_small = _slopes_and_size(at.scalars, free.energy, sums, power, smallest, is_first)
+    sums, energy = Products(*map(_total, _by_result(products))), _twice_energy(state, scene, motions, e)
+    slopes, free_e, is_small = _slopes_and_size(at.scalars, free.energy, sums, energy, smallest, is_first)
     length = _searched(state, scene, at.v, Vectors(*v_d), slopes, is_small | is_done | is_first)
     linear = linear[0], left.joints, left.loops
-    v, bounds = of_each(scene, _after, at.v, v_d, linear, shared=[length, is_done])
+    v, bounds, noise = of_each(scene, _after, at.v, v_d, linear, shared=[length, is_done])
     x, moving = noinline(_moved)((at.x, at.motions), (e, motions), length, is_done)
     scalars, is_settled = _next_scalars(
-        at.scalars, length, free_e, slopes.decrement, _total(bounds), smallest, is_first, is_done
+        at.scalars, length, free_e, slopes.decrement, _total(bounds), _total(noise), smallest, is_first, is_done
     )
     return Iterate(x, moving, Vectors(*v), scalars), is_small | is_settled
+
+
+def _applied(impulse: Vectors, is_first: jax.Array) -> tuple[Vectors, Number | None]:
+    """(impulses, of closures those that G x balances, the impulses of closures that act on bodies), see `solved`.
+
+    In the first direction what closes a loop is balanced by G x. Later the momenta A x balance what is left: of a
+    closure that cannot close, or works against a limit, that is large.
+    """
+    if impulse.loops is None:
+        return impulse, None
+    zero = constant(impulse.loops, 0)
+    return impulse._replace(loops=where(is_first, impulse.loops, zero)), where(is_first, zero, impulse.loops)
 
 
 def _moved(at: T, along: T, length: Number, is_done: jax.Array) -> T:
@@ -943,8 +1009,9 @@ def _along(
 
 def _after(
     kind: Kind, terms: Any, v: Any, v_d: Any, linear: Any, length: Number, is_done: jax.Array
-) -> tuple[Any, Number]:
-    """(the velocity after a step, see `_moved`, and what is at least the term's share of g^T H^-1 g there).
+) -> tuple[Any, Number, Number]:
+    """(the velocity after a step, see `_moved`, what is at least the term's share of g^T H^-1 g there, and what errors
+    of rounding the velocity make of that).
 
     linear: the impulse phi that the step took, by G. The gradient is J^T x, with x = phi - gamma. As H is at least
     J^T G J, g^T H^-1 g is at most the sum of x_i^T G_i^-1 x_i, where no x_i has a part in which G_i is zero. And x is
@@ -953,26 +1020,29 @@ def _after(
     """
     v = _moved(v, v_d, length, is_done)
     impulse, G = kind.law(terms, v)
-    return v, kind.bound(terms, G, linear - impulse)
+    rounding = check.eps(high(length).dtype) * OF_VELOCITIES * kind.size(terms, v)
+    return v, kind.bound(terms, G, linear - impulse), kind.product(rounding, kind.times_G(terms, G, rounding))
 
 
 @noinline
 def _slopes_and_size(
-    at: Scalars, free_energy: Number, sums: Products, power: Number, smallest: Number, is_first: jax.Array
+    at: Scalars, free_energy: Number, sums: Products, energy: Number, smallest: Number, is_first: jax.Array
 ) -> tuple[Slopes, Number, jax.Array]:
-    """(the Slopes, y* . A e, whether the gradient is small). sums: over all terms. power: d . A x."""
-    # y* . A e, by the equation of d, and d . A x.
+    """(the Slopes, y* . A e, whether the gradient is small). sums: over all terms. energy: e . A e.
+
+    The decrement is d . H d, a sum of squares: d . g is the same, but a difference of products of impulses, of which
+    rounding may leave anything, also what is below zero.
+    """
+    # y* . A e, by the equation of d.
     free_e = sums.impulse_free - sums.free_G_d - at.over_free
-    along_free = at.lacking * free_energy + free_e
-    of_d = power + at.lacking * at.over_free
-    decrement = at.lacking * along_free + sums.impulse_d - of_d
-    curvature = decrement - sums.d_G_d
-    slope = of_d - at.lacking * along_free
+    curvature = energy + at.lacking * (2 * free_e + at.lacking * free_energy)
+    decrement = curvature + sums.d_G_d
+    slope = sums.impulse_d - decrement
     noise = sums.noise + abs(slope) + abs(curvature)
     # Below what rounding errors make of it, no direction goes down.
     rounding = NOISE * check.eps(high(noise).dtype) * noise
     is_small = ~(high(decrement) > high(where(high(rounding) > high(smallest), rounding, smallest)))
-    is_near = high(decrement) < high(NEAR**2 * smallest)
+    is_near = (high(decrement) < high(NEAR**2 * smallest)) | (high(decrement) < high(NOISY**2 * at.noise))
     is_small = is_small | (is_near & (high(decrement) > high(STALLED * at.residual)) & (high(at.residual) > 0))
     # The first decrement is of another problem.
     return Slopes(slope, curvature, decrement, rounding), free_e, is_small & ~is_first
@@ -985,6 +1055,7 @@ def _next_scalars(
     free_e: Number,
     decrement: Number,
     bound: Number,
+    noise: Number,
     smallest: Number,
     is_first: jax.Array,
     is_done: jax.Array,
@@ -993,7 +1064,7 @@ def _next_scalars(
     bound = where(high(length) == 1, bound, np.inf)
     is_settled = high(bound) <= high(smallest)
     residual = where(is_settled, bound, where(is_first, 0.0, decrement))
-    after = Scalars(at.over_free + length * free_e, (1 - length) * at.lacking, residual)
+    after = Scalars(at.over_free + length * free_e, (1 - length) * at.lacking, residual, noise)
     return Scalars(*(where(is_done, x, y) for x, y in zip(at, after, strict=True))), is_settled
 
 
@@ -1003,19 +1074,6 @@ def _momenta(state: MechanismState, scene: Scene, motions: list[Motion], x: Numb
         problem.momentum(body.inertia, V, body.resistance, problem.of_bundle(state, k, x))
         for k, (body, V) in enumerate(zip(scene.bodies, motions, strict=True))
     ]
-
-
-def _power(state: MechanismState, forces: list[Force], motions: list[Motion], x: Number) -> Number:
-    """The power (1, B) of forces at velocities x (nv, B), at which bodies have Motions."""
-    parts = [
-        _power_of(F, V, problem.of_bundle(state, k, x)) for k, (F, V) in enumerate(zip(forces, motions, strict=True))
-    ]
-    return stacking.mapped(lambda w: w[None], state.sum_over_bodies(parts))
-
-
-@noinline
-def _power_of(F: Force, V: Motion, x: Numbers) -> Number:
-    return functools.reduce(operator.add, map(operator.mul, F.on_joints, x), algebra.power(F.on_bodies, V))
 
 
 def _pushes(scene: Scene, *velocities: Vectors) -> Mask:

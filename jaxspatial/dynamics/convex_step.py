@@ -1,5 +1,6 @@
 """A step in time with contact, friction, limits and closed loops: one convex problem, solved by articulated bodies."""
 
+import itertools
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, TypeVar, cast
 
@@ -9,7 +10,7 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.dynamics import contact_solver
-from jaxspatial.dynamics.closed_loops import checked_closures, closing_of
+from jaxspatial.dynamics.closed_loops import are_of_one_body, checked_closures, closing_of, require_closable
 from jaxspatial.dynamics.contact import Ground, checked_contacts, checked_ground, normals_and_distances
 from jaxspatial.dynamics.contact_problem import Centres, Closure, Touching, Where, rows_of_joints
 from jaxspatial.dynamics.contact_solver import Terms
@@ -50,13 +51,19 @@ class ConvexStep(NamedTuple):
         on the bodies of b.
     loop_wrenches: SpatialForce (*batch, number of closures), of each closure on the body of its frame B, about the
         origin of B, in world axes: impulse over dt, N m and N; None without closures.
-    residual: (*batch,) the decrement sqrt(g^T H^-1 g) at the start of the last iteration, or a bound of it after the
-        last, relative to the momenta sqrt(v^T A v + y^T A y), with g the gradient and H the Hessian of the cost, and y
-        the change of v without contact. It is at most 2e-6 in float32 and 1e-10 in float64, or 100 times that where
-        rounding errors stop it sooner, unless the iterations were not enough; 0 where nothing acts. Masses or
-        stiffnesses that lie six decades apart are too much for the digits of float32. Of such states one or two in a
-        hundred end above 2e-4, and one in eight if there are limits, too. Most of these have used all iterations. The
-        others end at a few percent at most, or at inf where numbers overflow.
+    residual: (*batch,) how far v is from the optimum: the decrement sqrt(g^T H^-1 g), with g the gradient and H the
+        Hessian of the cost, relative to the momenta sqrt(v^T A v + y^T A y), with y the change of v without contact.
+        It is that at the start of the last iteration, or a bound of it after the last, and in addition what rounding
+        errors make of it: of velocities, and of what closures have to close, such as 4 eps of the coordinates of
+        their frames in the world over dt. Of numbers that closures amplify it is an estimate on the safe side, most
+        often 3 to 100 times too large. Without closures it is at most 2e-6 in float32 and 1e-10 in float64, or 100
+        times that where rounding errors stop it sooner, unless the iterations were not enough; 0 where nothing acts.
+        Of 19 random mechanisms in float64 the true decrement, evaluated from v by dense matrices, was at most the
+        residual or 1e-10. In float32 it was up to 8 times the residual: of the rounding of depths, masses and
+        velocities without contact the residual does not know. Masses or stiffnesses that lie six decades apart are too
+        much for the digits of float32. Of such states one or two in a hundred end above 2e-4, and one in eight if there
+        are limits, too. Most of these have used all iterations. The others end at a few percent at most, or at inf
+        where numbers overflow.
     iterations: (*batch,) of Newton's method, at most 60; 0 where nothing acts.
     """
 
@@ -107,7 +114,9 @@ def convex_step(
 
     Loop closures are as stiff as the time step allows, too: each is an impulse (v_c - v_i) / R, with v_c the velocity
     that closes it within this step, and R a share of 2.5e-4 of what an impulse moves. Start with closed loops, see
-    `close_loops`. Closures may be redundant. They, and contacts between two bodies, cost a system of as many unknowns
+    `close_loops`. Closures may be redundant. One between frames of the same body, or of the world, asks for nothing,
+    and its wrench is zero; open ones, which can never close, are refused where their numbers are known while tracing,
+    and `constraint_error` tells of others. Closures, and contacts between two bodies, cost a system of as many unknowns
     as they have rows, 3 for a contact. With mimics each iteration solves one system of all velocities and of the rows
     of limits, dry friction and closures.
 
@@ -126,12 +135,17 @@ def convex_step(
     Returns:
         ConvexStep over the common batch.
 
+    Raises:
+        ValueError: a closure between frames of the same body, or of the world, is open, by numbers that are known while
+            tracing.
+
     Error: of v at most {bound.plain} and dt times that of `forward_dynamics`, and what the residual says: the distance
         from the optimum, in the norm of A, is about residual^2 of sqrt(v^T A v + y^T A y), see `ConvexStep`. The
         iteration has the precision of the dtype: what touches is rounded as in "reproducible" in every precision. Where
         impulses work against one another, such as those of a closure and a limit, momenta have in addition errors of
-        10^4 u of the largest impulse, which the residual does not show. If anything may act, float16 and bfloat16 are
-        computed by way of float32, and rounded once; a function for the ground sees points of 16 bits.
+        10^4 u of the largest impulse. Of those of closures the residual has an estimate, of others it has not. If
+        anything may act, float16 and bfloat16 are computed by way of float32, and rounded once; a function for the
+        ground sees points of 16 bits.
     Source: Castro, Permenter, Han 2022, An unconstrained convex formulation of compliant contact; Featherstone 2008,
         table 7.1; Drake 1.51, SapDriver, whose numbers these are.
     """
@@ -156,7 +170,7 @@ def _step(
         after = semi_implicit_step(mechanism, q, v, tau, dt, forces, precision=precision)
         # Known zeros leave no operation behind.
         residual, iterations = cast(Any, (np.zeros(batch, q.dtype), np.zeros(batch, np.int32)))
-        return ConvexStep(after[0], after[1], None, None, residual, iterations)
+        return ConvexStep(after[0], after[1], None, given.wrenches(None, batch, q.dtype), residual, iterations)
     if q.dtype.itemsize == 2:
         return _by_way_of_float32(mechanism, state, h, forces, given, precision)
     c = None if is_nothing(mechanism.damping) else jnp.asarray(mechanism.damping, q.dtype)
@@ -173,7 +187,8 @@ def _step(
     after = _valued(still + y, lax.stop_gradient(jnp.where(acts, still + y, free)))
     pushed = (None, None) if given.is_nothing else problem.forces_at(narrow, places, y)
     next_q, next_v = moved(mechanism, q, after, dt, precision)
-    return ConvexStep(next_q, next_v, *pushed, residual, iterations)
+    wrenches = given.wrenches(pushed[1], batch, q.dtype)
+    return ConvexStep(next_q, next_v, pushed[0], wrenches, residual, iterations)
 
 
 def _by_way_of_float32(
@@ -196,13 +211,17 @@ def _with_dtype(tree: T, old: np.dtype, new: np.dtype) -> T:
 
 
 class _Given(NamedTuple):
-    """What a caller passes, checked, and None or empty where there is nothing. distances: of closures, (*batch, 1)."""
+    """What a caller passes, checked, and None or empty where there is nothing.
+
+    closures: those that something can move. are_moved: of all closures, which these are. distances: (*batch, 1).
+    """
 
     contacts: PointContacts | None
     ground: Ground
     pairs: tuple[PointContacts, PointContacts] | None
     closures: tuple[LoopClosure, ...]
     distances: Sequence[Any]
+    are_moved: np.ndarray
 
     @property
     def is_nothing(self) -> bool:
@@ -212,6 +231,15 @@ class _Given(NamedTuple):
     def batch_shape(self) -> tuple[int, ...]:
         of_contacts = [x.batch_shape for x in (self.contacts, *(self.pairs or ())) if x is not None]
         return np.broadcast_shapes(*of_contacts, *(d.shape[:-1] for d in self.distances if d is not None))
+
+    def wrenches(self, of_moved: SpatialForce | None, batch: tuple[int, ...], dtype: np.dtype) -> SpatialForce | None:
+        """Those of all closures: zero where nothing moves; None without closures."""
+        if self.are_moved.all():
+            return of_moved
+        zero = jnp.zeros((*batch, len(self.are_moved), 3), dtype)
+        if of_moved is None:
+            return SpatialForce(zero, zero)
+        return SpatialForce(*(zero.at[..., self.are_moved, :].set(x) for x in (of_moved.tau, of_moved.f)))
 
     def places(self, mechanism: Mechanism) -> Where:
         """Frames, by number. Spheres on the ground come first, then those that touch others."""
@@ -250,7 +278,11 @@ def _checked_terms(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pai
                 raise ValueError(f"{what}: pairs: expected frames of two bodies, got {one!r} and {other!r}, of one")
         pairs = tuple(pairs) if a else None
     closures, distances = checked_closures(what, mechanism, loops, q.dtype)
-    return _Given(contacts if contacts is not None and contacts.frames else None, ground, pairs, closures, distances)
+    require_closable(what, mechanism, closures, distances, q.dtype)
+    are_moved = np.array([not are_of_one_body(mechanism, x) for x in closures], bool)
+    closures, distances = (tuple(itertools.compress(x, are_moved)) for x in (closures, distances))
+    contacts = contacts if contacts is not None and contacts.frames else None
+    return _Given(contacts, ground, pairs, closures, distances, are_moved)
 
 
 def _checked_contacts(mechanism: Mechanism, q: Any, contacts: Any, name: str) -> PointContacts:

@@ -430,6 +430,87 @@ def test_the_distance_of_points_that_coincide():
     assert residual < 1e-12
 
 
+# -- between parts that do not move -----------------------------------------------------------------------------------
+
+
+@functools.cache
+def hanging():
+    """Two pendulums, one below the other, and a body that is welded to the second."""
+    rod = js.SpatialInertia.solid_ellipsoid(np.float64([0.1, 0.05, 0.3]), mass=np.float64(1)).shift(
+        np.float64([0, 0, 1])
+    )
+    joints = [
+        js.Joint("j", "revolute", "world", "a", axis=(0, 1, 0)),
+        js.Joint("k", "revolute", "a", "b", placed([0, 0, -1]), axis=(0, 1, 0)),
+        js.Joint("w", "fixed", "b", "c", placed([0.2, 0, 0])),
+    ]
+    frames = [("on b", "b", [0.2, 0, 0]), ("on a", "a", [0.3, 0, 0.4]), ("aside", "world", [0.1, 0, 0])]
+    frames = [js.Frame(name, on, placed(p)) for name, on, p in frames]
+    return js.Mechanism.build([js.Body(x, rod) for x in "abc"], joints, frames, dtype=np.float64)
+
+
+# The frames of closures that are closed, whatever moves: of the world twice, of one body, of two bodies welded.
+STILL = [("world", "world"), ("aside", "aside"), ("a", "a"), ("c", "on b")]
+OPEN = [("world", "aside", "ball", 0.1), ("a", "on a", "weld", 0.4), ("c", "b", "ball", 0.2)]
+
+
+def stepped(mech, q, v, tau, loops):
+    return interpreted(lambda *x: js.convex_step(mech, *x, 1e-2, loops=loops))(q, v, tau)
+
+
+def test_closures_between_parts_that_do_not_move_do_nothing():
+    """All of them at once, alone and beside one that acts."""
+    mech, n = hanging(), len(STILL)
+    q, v, tau = np.float64([0.3, 0.2]), np.float64([1, -2]), np.float64([0.5, 0.1])
+    still = [closure(kind, *frames) for frames, kind in zip(STILL, ("weld", "hinge", "universal", "ball"), strict=True)]
+    still.append(js.LoopClosure("a", "on a", "distance", 0.5))
+    n_rows = sum(x.rows for x in still)
+    np.testing.assert_allclose(error(mech, q, still), np.zeros(n_rows), rtol=0, atol=4 * U)
+    np.testing.assert_array_equal(rows(mech, q, still), np.zeros((n_rows, mech.nv)))
+    closed = interpreted(lambda q: js.close_loops(mech, q, still))(q)
+    np.testing.assert_allclose(closed.q, q, rtol=0, atol=4 * U)
+
+    acting = closure("distance", "world", "c")
+    for more in ([], [acting]):
+        # What acts is last but one.
+        both, acts = [*still[:-1], *more, still[-1]], np.arange(n + 1 + len(more)) == (n if more else -1)
+        for found, expected in (
+            (dynamics(mech, q, v, tau, both), dynamics(mech, q, v, tau, more)),
+            (stepped(mech, q, v, tau, both), stepped(mech, q, v, tau, more)),
+        ):
+            np.testing.assert_allclose(found[0], expected[0], rtol=1e-12)
+            wrenches = found.loop_wrenches.to_array()
+            np.testing.assert_array_equal(wrenches[~acts], np.zeros((n + 1, 6)))
+            if more:
+                np.testing.assert_allclose(wrenches[acts], expected.loop_wrenches.to_array(), rtol=1e-9, atol=1e-9)
+                assert abs(wrenches).max() > 1
+
+
+@pytest.mark.parametrize(("a", "b", "kind", "gap"), OPEN)
+def test_what_can_never_close_is_refused(a, b, kind, gap):
+    """Where its numbers are known. Else errors tell, and nothing else changes."""
+    mech, loops = hanging(), [js.LoopClosure(a, b, kind)]
+    q, v, tau = np.float64([0.3, 0.2]), np.float64([1, -2]), np.float64([0.5, 0.1])
+    calls = {
+        "convex_step": lambda mech: js.convex_step(mech, q, v, tau, 1e-2, loops=loops).v,
+        "constrained_forward_dynamics": lambda mech: js.constrained_forward_dynamics(mech, q, v, tau, loops).vdot,
+        "close_loops": lambda mech: js.close_loops(mech, q, loops).residual,
+    }
+    for name, call in calls.items():
+        message = f"{name}: loops: expected closures that can close, got .*{a!r}, {b!r}.* stays open by {gap}"
+        with pytest.raises(ValueError, match=message):
+            call(mech)
+        with pytest.raises(ValueError, match=message):
+            jax.eval_shape(lambda _, call=call: call(mech), q)
+    np.testing.assert_allclose(abs(error(mech, q, loops)).max(), gap, rtol=1e-12)
+    found = interpreted(lambda mech: [call(mech) for call in calls.values()])(mech)
+    plain = interpreted(
+        lambda: (js.semi_implicit_step(mech, q, v, tau, 1e-2)[1], js.forward_dynamics(mech, q, v, tau))
+    )()
+    for a, b in zip(found, (*plain, gap), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12)
+
+
 # -- refusals ---------------------------------------------------------------------------------------------------------
 
 REFUSED = {

@@ -14,6 +14,7 @@ from tests.helpers import contact_scenes as scenes
 from tests.helpers.counting import asked_for
 from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow, slow_but
+from tests.helpers.random_scenes import random_scene
 
 G = 9.81
 # Of velocities in float64, relative to the largest of them and of what gravity adds: the solver's tolerance.
@@ -1212,6 +1213,28 @@ def test_gradients_of_hostile_numbers_are_finite(kind, n):
     found = in_chunks(jax.vmap(jax.grad(total, tuple(range(len(given.states))))), given.states)
     is_finite = [np.isfinite(x).reshape((n, -1)).all(1) for x in found]
     assert np.all(is_finite), [np.flatnonzero(~x) for x in is_finite]
+
+
+# What the residual may leave out: the tolerance of the solver, and of float32 the rounding of depths and masses.
+LEFT_OUT = {"float64": (1.0, 1e-10), "float32": (8.0, 4e-6)}
+# A weld and a universal joint that cannot close; spheres and limits that are far behind.
+TOLD = [(0, "float64"), (6, "float32")]
+
+
+@pytest.mark.parametrize(
+    ("seed", "dtype"), slow_but(TOLD, [(seed, dtype) for seed in range(30) for dtype in ("float64", "float32")])
+)
+def test_the_residual_is_that_of_what_is_returned(seed, dtype):
+    """Of random mechanisms, against sqrt(g^T H^-1 g) by dense matrices in float64; they end before 60 iterations."""
+    scene = random_scene(seed)
+    found = scene.step(dtype)
+    decrements = scene.decrements(found, dtype)
+    times, more = LEFT_OUT[dtype]
+    assert (decrements <= times * found.residual + more).all(), (decrements, found.residual)
+    if (seed, dtype) in TOLD or dtype == "float64":
+        assert found.iterations.max() < 20
+    # It is the optimum, and not only said that it is not.
+    assert decrements.max() < 1e-8 or dtype == "float32"
 
 
 # -- derivatives ------------------------------------------------------------------------------------------------------

@@ -289,7 +289,7 @@ def problems_of(mech, q, v, tau, dt, contacts, ground=on_plane, pairs=None, loop
     with jax.enable_x64(True):
         found = _numbers(mech, contacts.frames, ground)(q, v, np.broadcast_to(positions, (m, n, 3)))
         between = [_between(mech, x, pairs) if pairs else ([], []) for x in q]
-        closures = [[_held(mech, x, loop) for loop in loops] for x in q]
+        closures = list(zip(*(_held(mech, q, loop) for loop in loops), strict=True)) if loops else [()] * m
     each = zip(map(Numbers._make, zip(*found, strict=True)), q, v, tau, np.broadcast_to(dt, m), of_spheres, strict=True)
     return [_problem_of(mech, *x, *y) for x, y in zip(each, zip(between, closures, strict=True), strict=True)]
 
@@ -318,11 +318,14 @@ def _between(mech, q, pairs):
 
 
 def _held(mech, q, loop):
-    """J is of all six rows, of which it holds some."""
+    """(J, errors, J of all six rows, of which it holds some) of each of several q."""
     weld = [js.LoopClosure(loop.frame_a, loop.frame_b, "weld")]
-    six = np.asarray(js.constraint_jacobian(mech, q, weld))
-    J, errors = (np.asarray(f(mech, q, [loop])) for f in (js.constraint_jacobian, js.constraint_error))
-    return Held(J, errors, six)
+
+    def rows(q):
+        of_loop = (f(mech, q, [loop]) for f in (js.constraint_jacobian, js.constraint_error))
+        return *of_loop, js.constraint_jacobian(mech, q, weld)
+
+    return list(zip(*interpreted(rows)(q), strict=True))
 
 
 def _problem_of(mech, found, q, v, tau, dt, of_spheres, between=((), ()), closures=()):
@@ -355,10 +358,11 @@ def _problem_of(mech, found, q, v, tau, dt, of_spheres, between=((), ()), closur
     held = []
     for J, errors, six in closures:
         of_blocks = [np.linalg.norm((x / np.diag(A)) @ x.T) / 3 for x in (six[:3] @ T.T, six[3:] @ T.T)]
-        if not min(of_blocks) > 1e-20:
-            raise ValueError("closures that nothing can move")
         n_moving = min(len(J), 3)
-        held.append(Held(J @ T.T, errors, np.repeat(of_blocks, [len(J) - n_moving, n_moving])))
+        size = np.repeat(of_blocks, [len(J) - n_moving, n_moving])
+        # What nothing can move is not closed.
+        moves = size > 1e-20
+        held.append(Held(J[moves] @ T.T, errors[moves], size[moves]))
     problem = Problem(A, free, terms_of(A, free, still, dt, spheres, limits, dry, held))
     return Own(problem, still, inside, np.array(axes))
 
