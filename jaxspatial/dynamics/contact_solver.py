@@ -484,7 +484,7 @@ def _solved_as_one(
         terms, shape = _on_velocities(*at, J.points), (len(scene.contact_ends.b), nv, nv, state.n)
         stiff, pushed = (stacking.spread(x, shape[:k] + shape[-1:]) for x, k in zip(terms, (3, 2), strict=True))
         H, right = H + stacking.pairwise_sum(stiff), right + stacking.pairwise_sum(pushed)
-    by_kind: Sequence[Any] = J
+    by_kind = cast(Any, J)
     kinds = [k for k in (1, 2) if by_kind[k] is not None]
     if kinds:
         counts = [shape_of(by_kind[k])[0] for k in kinds]
