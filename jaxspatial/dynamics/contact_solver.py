@@ -489,7 +489,8 @@ def _solved_as_one(
     if kinds:
         counts = [shape_of(by_kind[k])[0] for k in kinds]
         of_rows = (
-            [stacking.spread(x[k], (m, state.n)) for k, m in zip(kinds, counts, strict=True)] for x in (G, impulse)
+            [stacking.spread(x[k], (m, state.n)) for k, m in zip(kinds, counts, strict=True)]
+            for x in (G, cast(Any, impulse))
         )
         stiffness, given = map(stacking.concatenated, of_rows)
         H = _with_rows(H, stacking.concatenated([by_kind[k] for k in kinds]), stiffness)
