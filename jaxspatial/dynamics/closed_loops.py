@@ -228,7 +228,7 @@ def close_loops(
         assumption.
     """
     q, closures, distances = _checked("close_loops", mechanism, loops, q=q)
-    require_closable("close_loops", mechanism, closures, distances, q.dtype)
+    require_closable("close_loops", mechanism, closures, distances, cast(Any, q).dtype)
 
     def closed(q: Any, distances: Any) -> ClosedConfiguration:
         return _closed(_Loops(mechanism, closures, distances, precision), q, iterations)
