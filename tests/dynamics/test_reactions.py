@@ -202,6 +202,7 @@ def linkage(rod_hangs_on):
     return js.Mechanism.build(bodies, joints, frames, dtype=np.float64, loops=[loop])
 
 
+@pytest.mark.slow
 def test_wherever_a_loop_is_cut_its_joints_bear_the_same():
     """Cut at the rocker, then at the crank: what one takes for a joint the other takes for a closure."""
     cut_at_rocker, cut_at_crank = linkage("crank"), linkage("rocker")
