@@ -131,10 +131,12 @@ def _check_constants(whole, precision, constant, places):
 
 
 @usual
-@pytest.mark.parametrize("name", ["shift_force", slow("shift_velocity"), "dot_force_velocity", "from_origin"])
+@pytest.mark.parametrize(
+    "name", ["shift_force", slow("shift_velocity"), slow("dot_force_velocity"), slow("from_origin")]
+)
 def test_bound_when_all_terms_cancel(name, precision, dtype):
     """The torque is fl(p x f), the velocity orthogonal to fl, the inertia fl(that of a point): what is left is rounding
-    errors only."""
+    errors only. Op by op `test_bound_of_the_docstring_op_by_op` has such inputs of all operations."""
     rng = np.random.default_rng(3)
     x, y, z = (rng.standard_normal((200, 3)).astype(dtype) for _ in range(3))
     squares = [(a * a).sum(-1, keepdims=True) for a in (x, y)]
