@@ -1401,3 +1401,62 @@ def test_what_friction_learns():
     expected, (_, of_first) = derivatives(by_hand)(0.3)
     np.testing.assert_allclose((value, first), expected, rtol=1e-6)
     np.testing.assert_allclose(second, of_first, rtol=1e-5)
+
+
+@pytest.mark.parametrize("root", ["planar", slow("free")])
+def test_second_derivatives_where_axes_turn(root):
+    """Along v, of a body whose axes turn and a link with dry friction: those of forward mode are differences."""
+    M = js.SpatialInertia(np.float64(2), np.array([0.1, 0.2, -0.3]), np.diag([0.1, 0.2, 0.25]))
+    out = js.RigidTransform(js.Rotation.exp(np.array([0.3, 0.2, 0])), np.array([0.2, 0, 0.1]))
+    joints = [
+        js.Joint("i", root, "world", "a", out),
+        js.Joint("j", "revolute", "a", "b", out, axis=(1, 0, 0), friction_loss=0.3),
+    ]
+    mech = js.Mechanism.build([js.Body(x, M) for x in "ab"], joints, dtype=np.float64)
+    rng, h = np.random.default_rng(0), 1e-4
+    q = js.integrate(mech, mech.neutral(), rng.standard_normal(mech.nv))
+    v, d = rng.standard_normal((2, mech.nv)) * [[3], [1]]
+
+    def first(t):
+        return jax.jvp(lambda t: js.convex_step(mech, q, v + t * d, np.zeros(mech.nv), 5e-3)[:2], (t,), (1.0,))[1]
+
+    one, two = interpreted(jax.vmap(lambda t: jax.jvp(first, (t,), (1.0,))))(np.array([0.0, h, -h]))
+    for a, b in zip(one, two, strict=True):
+        np.testing.assert_allclose(b[0], (a[1] - a[2]) / (2 * h), rtol=0, atol=1e-7 * abs(b).max())
+        assert abs(b[0]).max() > 1e-6
+
+
+@pytest.mark.slow
+def test_what_a_stiffness_learns():
+    """Of a ball that bounces for 160 steps, between a quarter and eight times the true stiffness: both laws have the
+    derivatives of their steps, after each of them. Whole paths tell on which side the truth is, last heights often not.
+    """
+    start, rate, n = np.array([0.5, 0.53, 0.56, 0.6]), 1e-6, 61
+    sphere = js.SpatialInertia.solid_sphere(np.float64(0.05), mass=np.float64(1))
+    up = js.Joint("height", "prismatic", "world", "ball", axis=(0, 0, 1))
+    ball = js.Mechanism.build([js.Body("ball", sphere)], [up], dtype=np.float64)
+    side = np.linspace(np.log(0.25), np.log(8), n)
+    numbers = 1e3 * np.exp(np.concatenate([side, side + rate, side - rate, [0]]))
+
+    def point(k, relaxation_time):
+        return js.PointContacts(["ball"], stiffness=k, relaxation_time=relaxation_time, friction=0.0)
+
+    def convex(q, v, k):
+        return js.convex_step(ball, q, v, np.zeros(1), 5e-3, contacts=point(k, 1e-3))[:2]
+
+    def explicit(q, v, k):
+        forces = js.contact_forces(ball, q, v, point(k, 0.0), dissipation=0.1)
+        return js.semi_implicit_step(ball, q, v, np.zeros(1), 5e-3, forces)
+
+    for step, (of_path, of_end) in ((convex, (1.0, 0.9)), (explicit, (0.97, 0.8))):
+
+        def path(k, h, step=step):
+            return jax.lax.scan(lambda s, _: (step(*s, k), s[0][0]), (h[None], jnp.zeros(1)), None, 160)[1]
+
+        both = jax.vmap(lambda k, h, path=path: jax.jvp(lambda k: path(k, h), (k,), (k,)), (None, 0))
+        z, slopes = jax.jit(jax.vmap(both, (0, None)))(numbers, start)
+        difference = (z[n : 2 * n] - z[2 * n : 3 * n]) / (2 * rate)
+        np.testing.assert_allclose(slopes[:n], difference, rtol=0, atol=1e-6 * abs(difference).max())
+        rates = (z[:n] - z[-1:]) * slopes[:n]
+        shares = [np.mean(np.sign(x.sum((1, 2))) == np.sign(side)) for x in (rates, rates[..., -1:])]
+        assert shares[0] >= of_path and shares[1] < of_end, shares
