@@ -1,6 +1,7 @@
 """Programs that take and return any public type are exported, written to bytes, read and called again."""
 
 import enum
+import functools
 import inspect
 
 import chex
@@ -11,7 +12,11 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.dynamics import closed_loops, composite_bodies, linearization
+from jaxspatial.numerics.sums.pairwise import pairwise_sum
 from jaxspatial.spatial import wrench
+from tests.helpers import marks
+from tests.helpers.algorithms import ALGORITHMS, mechanism, state
+from tests.helpers.operations import OPERATIONS
 
 
 def _ones(*shape):
@@ -100,3 +105,132 @@ def test_descriptions_are_no_trees():
             name, lambda: js.Body("b")
         )()
         assert jax.tree.leaves(x) == [x]
+
+
+# -- symbolic batches -------------------------------------------------------------------------------------------------
+
+ARM = js.testing.random_mechanism(0, 2, ["revolute", "prismatic"], is_chain=True, dtype=np.float32)
+
+
+def _symbolic(arrays, names="b"):
+    """Their shapes with symbols for the leading axes."""
+    sizes = jax.export.symbolic_shape(names)
+    return [jax.ShapeDtypeStruct((*sizes, *np.shape(x)[len(sizes) :]), x.dtype) for x in arrays]
+
+
+def _of_operation(name, precision=None):
+    operation = OPERATIONS[name]
+    return operation.on_arrays(precision), lambda batch: operation.arrays(batch, np.float32)
+
+
+def _of_states(function, mech=ARM):
+    def arrays(batch):
+        rng = np.random.default_rng(0)
+        return [rng.standard_normal((*batch, n)).astype(np.float32) for n in (mech.nq, mech.nv, mech.nv)]
+
+    return functools.partial(function, mech), arrays
+
+
+def _pulled():
+    """The cotangent of an offset that all share."""
+
+    def pulled(tau, f, p):
+        def energy(p):
+            return js.shift(js.SpatialForce(tau, f), p, precision="compensated").tau.sum()
+
+        return jax.grad(energy)(p[0])
+
+    return pulled, _of_operation("shift_force")[1]
+
+
+SYMBOLIC = {
+    "shift": _of_operation("shift_force"),
+    "shift of numbers that all share": (
+        lambda tau, f: jax.tree.leaves(js.shift(js.SpatialForce(tau, f), np.ones(3, np.float32))),
+        lambda batch: _of_operation("shift_force")[1](batch)[:2],
+    ),
+    "axis of a wrench, compensated": _of_operation("central_axis", "compensated"),
+    "quotient": _of_operation("divide"),
+    "shape with a known center": _of_operation("solid_box"),
+    "cotangent of what all share": _pulled(),
+    "inverse dynamics": _of_states(js.inverse_dynamics),
+    "pull-back of inverse dynamics": _of_states(
+        lambda mech, *x: jax.vjp(functools.partial(js.inverse_dynamics, mech), *x)[1](x[2])
+    ),
+    "step": _of_states(lambda mech, *x: js.semi_implicit_step(mech, *x, 0.01)),
+}
+
+
+# Others compile for seconds.
+QUICK = [
+    name for name in SYMBOLIC if name not in ("axis of a wrench, compensated", "pull-back of inverse dynamics", "step")
+]
+
+
+@pytest.mark.parametrize("name", marks.slow_but(QUICK, SYMBOLIC))
+def test_a_symbolic_batch(name):
+    """The exported program has the bits of the call for every size."""
+    function, arrays = SYMBOLIC[name]
+    blob = jax.export.export(jax.jit(function))(*_symbolic(arrays((2,)))).serialize()
+    exported = jax.export.deserialize(blob)
+    for n in (1, 5):
+        chex.assert_trees_all_equal(exported.call(*arrays((n,))), jax.jit(function)(*arrays((n,))))
+
+
+def test_two_symbols():
+    function, arrays = _of_operation("shift_velocity")
+    exported = jax.export.export(jax.jit(function))(*_symbolic(arrays((2, 3)), "a, b"))
+    chex.assert_trees_all_equal(exported.call(*arrays((3, 1))), jax.jit(function)(*arrays((3, 1))))
+
+
+@pytest.mark.parametrize("n", [1, 7, 33])
+def test_sums_over_a_symbol_are_halved_alike(n):
+    """Of any number of terms, in the order that a sum of so many has."""
+    x = np.random.default_rng(0).standard_normal((2, n)).astype(np.float32) * 2.0 ** np.arange(n, dtype=np.float32)
+    exported = jax.export.export(jax.jit(pairwise_sum))(*_symbolic([x], "a, n"))
+    np.testing.assert_array_equal(exported.call(x), pairwise_sum(x))
+
+
+@pytest.mark.parametrize("name", [name for name in OPERATIONS if not OPERATIONS[name].twin])
+def test_every_operation_is_traced_over_a_symbol(name):
+    function, arrays = _of_operation(name)
+    given = _symbolic(arrays((2,)))
+    found, like = jax.eval_shape(function, *given), jax.eval_shape(function, *arrays((2,)))
+    size = given[0].shape[0]
+    assert [x.shape for x in found] == [tuple(size if k == 0 else n for k, n in enumerate(x.shape)) for x in like]
+
+
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_every_algorithm_is_traced_over_a_symbol(name):
+    function = functools.partial(ALGORITHMS[name], mechanism())
+    given = _symbolic(state((2,)))
+    found, like = jax.eval_shape(function, *given), jax.eval_shape(function, *state((2,)))
+    for x, y in zip(*map(jax.tree.leaves, (found, like)), strict=True):
+        assert x.shape == (given[0].shape[0], *y.shape[1:])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_every_algorithm_is_exported_over_a_symbol(name):
+    function = functools.partial(ALGORITHMS[name], mechanism())
+    exported = jax.export.export(jax.jit(function))(*_symbolic(state((2,))))
+    for n in (1, 3):
+        chex.assert_trees_all_equal(exported.call(*state((n,))), jax.jit(function)(*state((n,))))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["reproducible", "compensated"])
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_every_operation_is_exported_over_a_symbol(name, precision):
+    function, arrays = _of_operation(name, precision)
+    exported = jax.export.export(jax.jit(function))(*_symbolic(arrays((2,))))
+    chex.assert_trees_all_equal(exported.call(*arrays((3,))), jax.jit(function)(*arrays((3,))))
+
+
+def test_every_public_function_of_a_mechanism_is_in_the_table():
+    of_mechanisms = {
+        name
+        for name, x in vars(js).items()
+        if inspect.isfunction(x) and "mechanism" in inspect.signature(x).parameters and "dynamics" in x.__module__
+    }
+    assert of_mechanisms - {"random_configuration"} <= set(ALGORITHMS)

@@ -22,6 +22,7 @@ from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.inertia import articulated
 from jaxspatial.inertia.articulated import Articulated
 from jaxspatial.mechanism.topology import Bundle
+from jaxspatial.numerics import check
 from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Symmetric, Vector, Wrench, cross, dot
 from jaxspatial.numerics.numbers import (
     Number,
@@ -182,7 +183,7 @@ def _with_armature(P: Articulated, armature: Numbers) -> Articulated:
 def _packed(P: Articulated) -> Number:
     """P, of numbers (L, W, B), as one number (L, 21, W, B), for other programs."""
     entries = jax.tree.leaves(P, is_leaf=is_number)
-    return stacking.stacked(entries, np.broadcast_shapes((1, 1, 1), *(shape_of(x) for x in entries)), 1)
+    return stacking.stacked(entries, check.broadcast_shapes((1, 1, 1), *(shape_of(x) for x in entries)), 1)
 
 
 def _unpacked(entries: Number) -> Articulated:

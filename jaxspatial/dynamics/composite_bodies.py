@@ -210,7 +210,9 @@ def _factor(M: jax.Array) -> jax.Array:
 
 def _solved(L: jax.Array, tau: jax.Array) -> jax.Array:
     b, solve = _wide(tau)[..., None], jax.lax.linalg.triangular_solve
-    lower, b = (jnp.broadcast_to(x, (*np.broadcast_shapes(L.shape[:-2], b.shape[:-2]), *x.shape[-2:])) for x in (L, b))
+    lower, b = (
+        jnp.broadcast_to(x, (*check.broadcast_shapes(L.shape[:-2], b.shape[:-2]), *x.shape[-2:])) for x in (L, b)
+    )
     half = solve(lower, b, left_side=True, lower=True, transpose_a=True)
     return solve(lower, half, left_side=True, lower=True)[..., 0].astype(tau.dtype)
 

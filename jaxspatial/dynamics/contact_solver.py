@@ -557,7 +557,7 @@ def _with_complement(
     wide, own = state.of_size(n * k), np.eye(k, dtype=bool)[:, :, None]
 
     def tiled(w: jax.Array) -> jax.Array:
-        return jnp.tile(w, (*[1] * (w.ndim - 1), k)) if w.shape[-1] == n > 1 else w
+        return jnp.tile(w, (*[1] * (w.ndim - 1), k)) if w.shape[-1] == n != 1 else w
 
     def apart(w: jax.Array) -> jax.Array:
         """Row i in column i, zero elsewhere."""

@@ -165,11 +165,12 @@ def _step(
 ) -> ConvexStep:
     """`convex_step` of checked arguments. state: q, v and tau; h: dt as (*batch, 1)."""
     q, v, tau = state
-    batch = np.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), given.batch_shape)
+    batch = check.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), given.batch_shape)
     if given.is_nothing and not len(rows_of_joints(mechanism.topology, vars(mechanism))):
         after = semi_implicit_step(mechanism, q, v, tau, dt, forces, precision=precision)
         # Known zeros leave no operation behind.
-        residual, iterations = cast(Any, (np.zeros(batch, q.dtype), np.zeros(batch, np.int32)))
+        zeros = check.numpy_for(batch).zeros
+        residual, iterations = cast(Any, (zeros(batch, q.dtype), zeros(batch, np.int32)))
         return ConvexStep(after[0], after[1], None, given.wrenches(None, batch, q.dtype), residual, iterations)
     if q.dtype.itemsize == 2:
         return _by_way_of_float32(mechanism, state, h, forces, given, precision)
@@ -230,7 +231,7 @@ class _Given(NamedTuple):
     @property
     def batch_shape(self) -> tuple[int, ...]:
         of_contacts = [x.batch_shape for x in (self.contacts, *(self.pairs or ())) if x is not None]
-        return np.broadcast_shapes(*of_contacts, *(d.shape[:-1] for d in self.distances if d is not None))
+        return check.broadcast_shapes(*of_contacts, *(d.shape[:-1] for d in self.distances if d is not None))
 
     def wrenches(self, of_moved: SpatialForce | None, batch: tuple[int, ...], dtype: np.dtype) -> SpatialForce | None:
         """Those of all closures: zero where nothing moves; None without closures."""
@@ -369,7 +370,7 @@ def _side_by_side(parts: list[_Part], dtype: np.dtype) -> Touching:
     def joined(arrays: Sequence[Any], is_vector: bool) -> Any:
         if len(arrays) > 1:
             k = 2 if is_vector else 1
-            batch = np.broadcast_shapes(*(x.shape[:-k] for x in arrays))
+            batch = check.broadcast_shapes(*(x.shape[:-k] for x in arrays))
             arrays = [jnp.concatenate([jnp.broadcast_to(x, (*batch, *x.shape[-k:])) for x in arrays], -k)]
         x = arrays[0]
         return x.reshape((*x.shape[:-2], -1)) if is_vector else x

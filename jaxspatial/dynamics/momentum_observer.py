@@ -149,7 +149,7 @@ def _per_velocity(mechanism: Mechanism, x: ArrayLike, name: str, dtype: np.dtype
 
 def _share(dt: Array, gain: Array) -> Array:
     """1 - exp(-gain dt), known while tracing where both are."""
-    dt, gain = check.broadcast_batch(np.broadcast_shapes(dt.shape[:-1], gain.shape[:-1]), dt, gain)
+    dt, gain = check.broadcast_batch(check.broadcast_shapes(dt.shape[:-1], gain.shape[:-1]), dt, gain)
     x = -dt * gain
     return -(np if isinstance(x, np.ndarray) else jnp).expm1(x)
 

@@ -81,7 +81,7 @@ def passive_forces(
     """
     position, velocity = checked("passive_forces", mechanism, q=q, v=v)
     forces = passive_forces_or_none(mechanism, position, velocity, compliance, precision)
-    batch = np.broadcast_shapes(position.shape[:-1], velocity.shape[:-1])
+    batch = check.broadcast_shapes(position.shape[:-1], velocity.shape[:-1])
     return jnp.zeros((*batch, mechanism.nv), position.dtype) if forces is None else forces
 
 

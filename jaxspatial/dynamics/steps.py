@@ -18,6 +18,7 @@ from jaxspatial.dynamics.passive import Compliance, damping_coefficients, passiv
 from jaxspatial.engine.algorithm import ExternalForces, checked, over_batch
 from jaxspatial.engine.derivatives import pullback
 from jaxspatial.mechanism import Mechanism
+from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.numbers import Number, doubled
 from jaxspatial.numerics.promise import Normwise
@@ -90,7 +91,7 @@ def semi_implicit_step(
 
 def at_rest(q: Checked, *others: Checked) -> tuple[jax.Array, jax.Array]:
     """(q, v) without any coordinates and velocities, over the common batch."""
-    batch = np.broadcast_shapes(*(x.shape[:-1] for x in jax.tree.leaves((q, others))))
+    batch = check.broadcast_shapes(*(x.shape[:-1] for x in jax.tree.leaves((q, others))))
     nothing = jnp.zeros((*batch, 0), q.dtype)
     return nothing, nothing
 
@@ -197,7 +198,7 @@ def symplectic_step(
     *at, h, forces = checked("symplectic_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
     if not mechanism.nv:
         return at_rest(*at, h, forces)
-    batch = np.broadcast_shapes(*(x.shape[:-1] for x in at), h.shape[:-1])
+    batch = check.broadcast_shapes(*(x.shape[:-1] for x in at), h.shape[:-1])
     q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (*at, h))
     springs = passive_forces_or_none(mechanism, q, v, compliance, precision, with_resistance=False)
     tau = tau if springs is None else plus(precision, tau, springs)

@@ -284,7 +284,7 @@ class Algorithm(Differentiable):
         return min(max(program.NUMBERS // max(self.formula.entries(self.topology), 1), program.SMALLEST_BLOCK), largest)
 
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
-        state, others = self.state_of(arrays, max((x.shape[0] for x in arrays), default=1))
+        state, others = self.state_of(arrays, program.n_states(arrays))
         results = self.formula(state, *others, **dict(self.static))
         leaves, self.out_tree = jax.tree.flatten(jax.tree.map(state.rounded, results, is_leaf=_is_result))
         return [jnp.moveaxis(y, -1, 0) for y in leaves]
@@ -458,7 +458,7 @@ def _run(
     leaves, tree = jax.tree.flatten((fields, arrays))
     n_fields = tree.children()[0].num_leaves
     tracing = any(isinstance(x, Tracer) for x in leaves)
-    batch = np.broadcast_shapes((), *[x.shape[:-1] for x in leaves[n_fields:]])
+    batch = check.broadcast_shapes((), *[x.shape[:-1] for x in leaves[n_fields:]])
     is_rigid = not len(mechanism.topology)
     if is_rigid:
         # Without joints nothing varies with q and v, whose batch the results get at the end.
@@ -518,7 +518,7 @@ def _warn_of_many_programs(cache: ProgramCache, key) -> None:
 def over_batch(function: Callable[..., Any], *arguments: Any) -> Any:
     """The function of one state, over the common batch of its arguments: trees of arrays (*batch, n)."""
     leaves, tree = jax.tree.flatten(arguments)
-    batch = np.broadcast_shapes(*(x.shape[:-1] for x in leaves))
+    batch = check.broadcast_shapes(*(x.shape[:-1] for x in leaves))
 
     def of_leaves(*leaves: Any) -> Any:
         return function(*jax.tree.unflatten(tree, leaves))

@@ -14,7 +14,8 @@ import numpy as np
 from jax import lax
 from jax.interpreters import ad
 
-from jaxspatial.engine.program import Aval, Program, Result, batch_axis_first, bind, over_batch_of, zeros
+from jaxspatial.engine.program import Aval, Program, Result, batch_axis_first, bind, n_states, over_batch_of, zeros
+from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.primitives import is_zero
 
 T = TypeVar("T")
@@ -162,7 +163,7 @@ class Pullback(Derived):
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
         arguments, cotangents = self._split(arrays)
         run = self._of_chosen(arguments)
-        n = max((x.shape[0] for x in arrays), default=1)
+        n = n_states(arrays)
 
         def over_all(*chosen: jax.Array):
             # A result that is itself the cotangent of a shared argument is shared by all states.
@@ -210,7 +211,7 @@ def _with_pullback(function: Callable[..., Any], *at):
 
 def times_columns(matrix: jax.Array, columns: jax.Array):
     """A matrix (*batch, n, m) times k columns (k, *batch, m): (k, *batch, n). Exact for unit vectors."""
-    shape = np.broadcast_shapes(matrix.shape[:-2], columns.shape[1:-1])
+    shape = check.broadcast_shapes(matrix.shape[:-2], columns.shape[1:-1])
     wide = np.dtype(np.float32) if matrix.dtype.itemsize == 2 else matrix.dtype
     products = jnp.einsum(
         "...ij,k...j->k...i", matrix, columns, precision="highest", preferred_element_type=wide, optimize=False
@@ -219,7 +220,7 @@ def times_columns(matrix: jax.Array, columns: jax.Array):
 
 
 def _concatenated(columns: Sequence[jax.Array]):
-    shape = np.broadcast_shapes(*(x.shape[:-1] for x in columns))
+    shape = check.broadcast_shapes(*(x.shape[:-1] for x in columns))
     return jnp.concatenate([jnp.broadcast_to(x, (*shape, x.shape[-1])) for x in columns], -1)
 
 
@@ -230,11 +231,11 @@ def _placed(linear: Sequence[bool], of_linear: Iterable[Any]) -> list[Any]:
 
 
 def _broadcast(x: jax.Array, t: jax.Array):
-    shape = np.broadcast_shapes(x.shape, t.shape)
+    shape = check.broadcast_shapes(x.shape, t.shape)
     return jnp.broadcast_to(x, shape), jnp.broadcast_to(t, shape)
 
 
 def _over(x: jax.Array, aval: Aval, n_batch: int):
     """x broadcast to the batch of its tangent."""
-    shape = np.broadcast_shapes(x.shape[:n_batch], aval.shape[:n_batch])
+    shape = check.broadcast_shapes(x.shape[:n_batch], aval.shape[:n_batch])
     return jnp.broadcast_to(x, (*shape, *x.shape[n_batch:]))

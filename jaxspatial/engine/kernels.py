@@ -613,11 +613,13 @@ def _one_kernel(trace: ClosedJaxpr, zero: jax.Array, arguments: Sequence[Any], s
     rows = max((len(x.numbers) for x in tables), default=1)
     arrays = [_hidden(zero, tables, shape), *(jnp.asarray(x) for x in arguments if not isinstance(x, Table))]
     kinds = [cast(Any, a).dtype for a in trace.out_avals]
+    # The reduction keeps `computed`, which must not keep what the caller has traced.
+    looked_up = [x._replace(row=None) if isinstance(x, Table) else None for x in arguments]
 
     def computed(hidden: jax.Array, *items: jax.Array) -> list[jax.Array]:
         """The results, of one number of every array."""
         index, zero, left = hidden & np.uint32(2**31 - 1), hidden >> np.uint32(31), iter(items)
-        each = [_looked_up(x, rows, shape, index) if isinstance(x, Table) else next(left) for x in arguments]
+        each = [next(left) if x is None else _looked_up(x, rows, shape, index) for x in looked_up]
         results = _Scalars(zero).results(trace.jaxpr, trace.consts, each)
         return [lax.convert_element_type(y, d) for y, d in zip(results, kinds, strict=True)]
 

@@ -64,8 +64,13 @@ class Program:
         return self._derived[key]
 
     def traced(self, avals: Sequence[Aval]) -> "Traced":
-        """The trace of the program, made once for the same shapes."""
+        """The trace of the program, made once for the same shapes.
+
+        Symbols of `jax.export` are of one export, and not even compared with those of another.
+        """
         in_64_bits = self.is_wide or bool(check.config.jax_enable_x64)
+        if not all(check.is_sized(a.shape) for a in avals):
+            return Traced(self, avals, in_64_bits)
         key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), in_64_bits
         return self.cached(key, lambda: Traced(self, avals, in_64_bits))
 
@@ -179,10 +184,11 @@ def _is_in_loop(x: Any) -> bool:
 
 
 def _abstract(*avals, program: Program, n_batch: int, in_loop: bool) -> list[Any]:
-    batch = np.broadcast_shapes(*(a.shape[:n_batch] for a in avals))
+    batch = check.broadcast_shapes(*(a.shape[:n_batch] for a in avals))
     items = [jax.ShapeDtypeStruct(a.shape[n_batch:], a.dtype) for a in avals]
-    size = block_size(math.prod(batch), program.block)
-    sizes = [size if math.prod(a.shape[:n_batch]) > 1 else 1 for a in avals]
+    # Of symbols of `jax.export`, which stand for any size, results have the shapes that they have of a block.
+    size = block_size(math.prod(batch), program.block) if check.is_sized(batch) else program.block
+    sizes = [size if _varies(a.shape[:n_batch]) else 1 for a in avals]
     specs = [a.sharding.spec for a in avals]
     common = [next((s[k] for s in specs if s[k] is not None), None) for k in range(n_batch)]
     # Numbers of a robot may be of no mesh.
@@ -251,8 +257,8 @@ class Way(NamedTuple):
 
 def run(program: Program, n_batch: int, way: Way, *arrays: jax.Array) -> list[jax.Array]:
     """Runs a program on arrays with n_batch axes in front, flattened to one axis of states."""
-    batch = np.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
-    columns = program.columns(arrays, n_batch) if way.in_blocks else []
+    batch = check.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
+    columns = program.columns(arrays, n_batch) if way.in_blocks and check.is_sized(batch) else []
     if columns:
         return [_over_columns(program.over_columns(), columns, n_batch, way, arrays)]
     flat = [with_one_axis(x, n_batch, batch) for x in arrays]
@@ -272,10 +278,15 @@ def _over_columns(program: Program, axes: list[int], n_batch: int, way: Way, arr
     return jnp.transpose(y, (*np.argsort([*states, *axes]), n_batch))
 
 
+def _varies(batch: tuple[int, ...]) -> bool:
+    """Whether an array over such a batch may have several states; a symbol of `jax.export` stands for any number."""
+    return not check.is_sized(batch) or math.prod(batch) > 1
+
+
 def with_one_axis(x: jax.Array, n_batch: int, batch: tuple[int, ...]) -> jax.Array:
     """An array (*batch, ...) as (B, ...), or as (1, ...) where no axis of the batch varies."""
     shape = x.shape[:n_batch]
-    if math.prod(shape) > 1 and shape != batch:
+    if _varies(shape) and shape != batch:
         x, shape = jnp.broadcast_to(x, (*batch, *x.shape[n_batch:])), batch
     return x.reshape((math.prod(shape), *x.shape[n_batch:]))
 
@@ -305,7 +316,18 @@ def block_size(n: int, block: int) -> int:
     return min((lines + 1 - lines % 2) * LINE, n)
 
 
+def n_states(arrays: Sequence[jax.Array]) -> int:
+    """The number of states of arrays (B, ...), or (1, ...) where all states share one."""
+    sizes = tuple(x.shape[0] for x in arrays)
+    symbols = (n for n in sizes if not check.is_sized((n,)))
+    return next(symbols, None) or max(sizes, default=1)
+
+
 def _in_blocks(program: Program, way: Way, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
+    if not check.is_sized((n,)):
+        # A symbol of `jax.export`, which stands for any number: neither blocks nor kernels.
+        one = program.traced(list(map(_aval, arrays)))
+        return one(*arrays) if way.in_blocks else one.without_calls(*arrays)
     # Each device has a part of the states, and takes its blocks from there: blocks of the whole would be gathered.
     n_parts = math.gcd(n, way.n_devices)
     n_each = n // n_parts

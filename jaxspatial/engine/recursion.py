@@ -22,7 +22,16 @@ from jax.core import Tracer
 from jaxspatial.engine import stacking
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism.topology import Bundle
-from jaxspatial.numerics.numbers import as_data, as_step, data_of, is_constant, is_number, noinline, with_data
+from jaxspatial.numerics.numbers import (
+    as_data,
+    as_step,
+    data_of,
+    is_constant,
+    is_number,
+    noinline,
+    with_data,
+    without_data,
+)
 
 # step(numbers of a body, state) -> (its result, its state), as trees of numbers.
 Step = Callable[[Any, Any], tuple[Any, Any]]
@@ -166,7 +175,7 @@ def _for_each_state(step: Step, arguments: Any, shape: tuple[int, int]) -> Step:
     A pull-back then sums each of these numbers once, at its end, however often the step uses it. All that comes before
     is computed number by number.
     """
-    shared = [isinstance(x, Tracer) and x.shape[-1] == 1 < shape[-1] for x in data_of(arguments)]
+    shared = [isinstance(x, Tracer) and x.shape[-1] == 1 != shape[-1] for x in data_of(arguments)]
 
     def of_each(*arguments: Any) -> tuple[Any, Any]:
         data = zip(data_of(arguments), shared, strict=True)
@@ -247,12 +256,13 @@ class _Loop:
     def _row(self, carry: tuple[Any, Any], inputs: tuple[Any, Any]) -> tuple[Any, Any]:
         (state, memory), (data, rows) = carry, inputs
         step = as_step(_for_each_state(self.step, (self.numbers, self.states), self.shape))
-        self.result, new = step(with_data(self.numbers, data), self._state(state))
+        result, new = step(with_data(self.numbers, data), self._state(state))
+        self.result = without_data(result)
         state = self._data(new, self.shape)
         if rows:
             at, put, get = rows
             memory, state = lax.cond(at > 0, self._cross, _unchanged, memory, state, put, get)
-        return (state, memory), data_of(self.result)
+        return (state, memory), data_of(result)
 
     def _cross(self, memory, state, put: jax.Array, get: jax.Array) -> tuple[Any, Any]:
         """(the memory, the state of the chains that begin), at a boundary."""

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.numerics import numbers
+from jaxspatial.numerics import check, numbers
 from jaxspatial.numerics.numbers import Number, Numbers, is_constant, is_number, where
 from jaxspatial.numerics.sums.pairwise import pairwise
 
@@ -83,7 +83,7 @@ def _combined(trees: Sequence[Any], combine: Callable[[Numbers], Number]):
 
 
 def _common_shape(xs: Numbers) -> Shape:
-    return np.broadcast_shapes((1, 1, 1), *(numbers.shape_of(x) for x in xs))
+    return check.broadcast_shapes((1, 1, 1), *(numbers.shape_of(x) for x in xs))
 
 
 def in_one_call(function: Callable[[Number], Numbers], parts: Numbers) -> list[Numbers]:

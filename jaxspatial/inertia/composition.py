@@ -13,8 +13,8 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
+from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Inertia, Symmetric, Vector
 from jaxspatial.numerics.numbers import Number, Numbers, Rounded, constant, high, noinline_pairs, where
@@ -78,7 +78,7 @@ def composite(precision: Precision, mass: Any, com: Any, central: Any) -> list[j
 @formula
 def _composite(M: Inertia) -> Inertia:
     """An error of the common centre of mass counts in the central inertia by its square only."""
-    shape = np.broadcast_shapes(*(jnp.shape(high(x)) for x in (M.mass, *M.com, *M.central)))
+    shape = check.broadcast_shapes(*(jnp.shape(high(x)) for x in (M.mass, *M.com, *M.central)))
     (whole,) = summed((M.mass,), shape[-1])
     total = _spread(whole, shape)
     is_massless = high(total) == 0
@@ -116,7 +116,7 @@ def summed(numbers: Numbers, size: int) -> Numbers:
 
 def _of_rounded(values: Sequence[jax.Array], size: int) -> list[jax.Array]:
     """All of them in one array: one chain of additions."""
-    shape = np.broadcast_shapes((size,), *(x.shape for x in values))
+    shape = check.broadcast_shapes((size,), *(x.shape for x in values))
     sums = pairwise_sum(jnp.stack([jnp.broadcast_to(x, shape) for x in values]))
     return [x[..., None] for x in unstack(jnp.moveaxis(sums, 0, -1))]
 

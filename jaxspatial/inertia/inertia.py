@@ -193,7 +193,7 @@ class SpatialInertia(Additive):
         check.require_same_dtype(com=c, mass=m)
         batch = check.common_batch_shape(com=c.shape[:-1], mass=m.shape)
         m, c = check.broadcast_batch(batch, expanded(m), c)
-        return cls(m.reshape(batch), c, np.zeros((*batch, 6), c.dtype))
+        return cls(m.reshape(batch), c, check.numpy_for(batch).zeros((*batch, 6), c.dtype))
 
     @classmethod
     @shapes.constructor
@@ -598,7 +598,7 @@ class SpatialInertia(Additive):
     def _placed(self, function: Callable[..., list[jax.Array]], precision: PrecisionName, *pose: jax.Array) -> Self:
         """The same mass, with com and central from a formula of (*pose, com, central)."""
         M = check.narrowed(self)
-        batch = np.broadcast_shapes(M.batch_shape, *(x.shape[:-1] for x in pose))
+        batch = check.broadcast_shapes(M.batch_shape, *(x.shape[:-1] for x in pose))
         return M._moved(batch, *function(precision, *pose, M.com, M.central))
 
     def _moved(self, batch_shape: tuple[int, ...], com: jax.Array, central: jax.Array) -> Self:

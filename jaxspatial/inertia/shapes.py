@@ -144,7 +144,7 @@ def computed(
     if "axis" in arrays:
         arrays["axis"] = known(_direction, None, arrays["axis"])
     m, *com, central = known(shape, precision, *arrays.values(), **static)
-    return m.reshape(batch), com[0] if com else np.zeros((*batch, 3), central.dtype), central
+    return m.reshape(batch), com[0] if com else check.numpy_for(batch).zeros((*batch, 3), central.dtype), central
 
 
 def known(shape: Callable[..., Any], precision: PrecisionName, *arrays: jax.Array, **static: Any) -> Any:

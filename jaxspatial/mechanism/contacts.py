@@ -94,7 +94,7 @@ class PointContacts:
     def batch_shape(self) -> tuple[int, ...]:
         """The batch shape, without the axis over contacts."""
         arrays = {name: x for name, x in vars(self).items() if name != "frames" and x is not None}
-        return np.broadcast_shapes(*(_batch_shape(name, x) for name, x in arrays.items()))
+        return check.broadcast_shapes(*(_batch_shape(name, x) for name, x in arrays.items()))
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -197,7 +197,7 @@ class HalfSpace:
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """The batch shape."""
-        return np.broadcast_shapes(self.normal.shape[:-1], self.offset.shape)
+        return check.broadcast_shapes(self.normal.shape[:-1], self.offset.shape)
 
     @property
     def dtype(self) -> np.dtype[Any]:

@@ -86,7 +86,7 @@ class AppliedForces:
     def batch_shape(self) -> tuple[int, ...]:
         """The batch shape, without the axis over frames."""
         batch = self.wrenches.batch_shape[:-1]
-        return batch if self.points is None else np.broadcast_shapes(batch, self.points.shape[:-2])
+        return batch if self.points is None else check.broadcast_shapes(batch, self.points.shape[:-2])
 
     @property
     def dtype(self) -> np.dtype[Any]:

@@ -300,13 +300,31 @@ def same_dtype(**arrays: Any) -> dict[str, Any]:
     return {name: narrowed(a) for name, a in arrays.items()}
 
 
+def is_sized(shape: _Shape) -> bool:
+    """Whether all sizes are numbers, and none a symbol of `jax.export`, which stands for any."""
+    return all(isinstance(n, (int, np.integer)) for n in shape)
+
+
+def numpy_for(shape: _Shape) -> Any:
+    """NumPy, to make a known array of this shape; `jax.numpy` where sizes are symbols, which NumPy cannot have."""
+    return np if is_sized(shape) else jnp
+
+
+def broadcast_shapes(*shapes: _Shape) -> _Shape:
+    """The shape that all broadcast to. Sizes may be symbols of `jax.export`."""
+    try:
+        return np.broadcast_shapes(*shapes)
+    except TypeError:
+        return jnp.broadcast_shapes(*shapes)
+
+
 def common_batch_shape(**batch_shapes: _Shape) -> _Shape:
     """The shape that all batch shapes broadcast to."""
     first, *others = batch_shapes.values()
     if others.count(first) == len(others):
         return first
     try:
-        return np.broadcast_shapes(first, *others)
+        return broadcast_shapes(first, *others)
     except ValueError:
         came = ", ".join(f"{name}: {shape}" for name, shape in batch_shapes.items())
         raise ValueError(
@@ -323,7 +341,8 @@ def broadcast_batch(batch_shape: _Shape, *arrays: Any) -> tuple[Any, ...]:
 def _broadcast(array: Any, batch_shape: _Shape) -> Any:
     if isinstance(array, StandIn):
         return array.over_batch(batch_shape)
-    return (np if isinstance(array, NUMPY) else jnp).broadcast_to(array, (*batch_shape, array.shape[-1]))
+    library = numpy_for(batch_shape) if isinstance(array, NUMPY) else jnp
+    return library.broadcast_to(array, (*batch_shape, array.shape[-1]))
 
 
 def batch_axis(axis: int, batch_shape: _Shape, operation: str) -> int:

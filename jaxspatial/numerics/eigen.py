@@ -132,7 +132,7 @@ def _jacobi(six: Symmetric) -> tuple[Sequence[Number], Matrix]:
     """(the diagonal, the rotation), in a loop over sweeps: fused into one another, rotations would be computed again
     for every component of the result."""
     start = [*six, *_identity(six.xx).entries]
-    shape = np.broadcast_shapes(*map(shape_of, start))
+    shape = check.broadcast_shapes(*map(shape_of, start))
     sweeps = _SWEEPS_OF_DOUBLE_WORDS if isinstance(six.xx, DoubleWord) else _SWEEPS[six.xx.dtype]
     result = repeated(_swept, sweeps, [as_data(x, shape) for x in start])
     return (result[0], result[2], result[5]), Matrix.of_entries(result[6:])

@@ -169,7 +169,7 @@ def _run_over(
     is_pair: bool = False,
 ):
     """Broadcasts the arrays, converts each to a vector by `numbers`, calls the function, and rounds its results."""
-    batch = np.broadcast_shapes(*[a.shape[:-1] for a in arrays])
+    batch = check.broadcast_shapes(*[a.shape[:-1] for a in arrays])
     are_components = Components in map(type, arrays)
     vectors = list(map(numbers, check.broadcast_batch(batch, *arrays)))
     result = function([v.numbers if isinstance(v, Stacked) and v.size == 9 else v for v in vectors])
@@ -397,7 +397,8 @@ class _Results(NamedTuple):
                 return components.of(parts)
             return jax.tree.map(lambda *limbs: stack(limbs, self.batch), *parts)
         number = self._number(x)
-        return np.broadcast_to(number, self.batch) if self.batch and is_known(number) else number
+        is_whole = not self.batch or not is_known(number)
+        return number if is_whole else check.numpy_for(self.batch).broadcast_to(number, self.batch)
 
     def _number(self, x: Any) -> Any:
         if not is_number(x):

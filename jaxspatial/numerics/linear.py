@@ -34,7 +34,7 @@ def each(operation: Callable[..., Number], *lists: Sequence[Any]) -> list[Any]:
     if DoubleWord not in map(type, itertools.chain(*lists)) or len(lists[0]) == 1:
         return list(map(operation, *lists))
     pairs = [x for x in itertools.chain(*lists) if isinstance(x, DoubleWord)]
-    shape = np.broadcast_shapes(*(x.shape for x in pairs))
+    shape = check.broadcast_shapes(*(x.shape for x in pairs))
     result: Any = noinline_pairs(operation)(*(_stacked(numbers, pairs[0], shape) for numbers in lists))
     return [result[i] for i in range(len(lists[0]))]
 

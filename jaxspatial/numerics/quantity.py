@@ -242,7 +242,7 @@ class Additive(Quantity):
     @classmethod
     def _filled(cls, value: float, batch_shape: BatchShape, dtype: DTypeLike | None) -> typing.Self:
         batch, dtype = (batch_shape,) if isinstance(batch_shape, int) else batch_shape, check.as_dtype(dtype)
-        arrays = [np.full((*batch, *item), value, dtype) for item in cls._items]
+        arrays = [check.numpy_for(batch).full((*batch, *item), value, dtype) for item in cls._items]
         return cls(*arrays)
 
 
@@ -343,7 +343,9 @@ def _require_in_range(x, index: tuple[Any, ...]) -> None:
     if any(isinstance(i, jax.Array) for i in index):
         return
     try:
-        np.broadcast_to(np.False_, x.batch_shape)[index]
+        # An axis whose size is a symbol of `jax.export` may be long.
+        sizes = [n if check.is_sized((n,)) else 2**20 for n in x.batch_shape]
+        np.broadcast_to(np.False_, sizes)[index]
     except IndexError as error:
         kind = type(x).__name__
         raise IndexError(f"{kind}.at_batch: expected an index of a batch of shape {x.batch_shape}: {error}") from None

@@ -121,7 +121,8 @@ class Rotation(Quantity):
         Error: none, it is exact.
         """
         shape = (batch_shape,) if isinstance(batch_shape, int) else batch_shape
-        return cls(np.broadcast_to(np.eye(3, dtype=check.as_dtype(dtype)).ravel(), (*shape, 9)))
+        entries = np.eye(3, dtype=check.as_dtype(dtype)).ravel()
+        return cls(check.numpy_for(shape).broadcast_to(entries, (*shape, 9)))
 
     @classmethod
     def from_matrix(cls, m: ArrayLike) -> Self:

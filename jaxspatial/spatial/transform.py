@@ -4,7 +4,6 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Self, overload
 
 import jax
-import numpy as np
 
 from jaxspatial.numerics import check
 from jaxspatial.numerics.check import expanded, matrices, require_kind
@@ -117,7 +116,7 @@ class RigidTransform(Quantity):
             TypeError: the dtype is not floating point.
         """
         R = Rotation.identity(batch_shape, dtype)
-        return cls(R, np.zeros((*R.batch_shape, 3), R.dtype))
+        return cls(R, check.numpy_for(R.batch_shape).zeros((*R.batch_shape, 3), R.dtype))
 
     @classmethod
     def from_matrix(cls, m: ArrayLike) -> Self:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 
 from jaxspatial.numerics import check
 from jaxspatial.numerics.check import require_kind
+from jaxspatial.numerics.errorfree.primitives import choice
 from jaxspatial.numerics.errorfree.scaling import exponent, times_power_of_two
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Summed, Wrench, cross, dot
@@ -78,7 +79,7 @@ def central_axis(F_P_E: SpatialForce, *, precision: PrecisionName = None) -> Cen
 
     The direction of the axis is that of f; about any of its points the wrench is (pitch f, f). A couple (f = 0) has no
     axis: its pitch is infinite, with a sign that means nothing, and its point and all derivatives are NaN. For a zero
-    wrench all are NaN. Both parts are scaled by powers of two first, so that nothing over- or underflows before the
+    wrench all are NaN; under `jax_debug_nans` both raise JAX's FloatingPointError. Both parts are scaled by powers of two first, so that nothing over- or underflows before the
     result does.
 
     Args:
@@ -125,8 +126,9 @@ def _is_zero(components: Sequence[jax.Array]) -> jax.Array:
 def _infinite_where(condition: jax.Array, x):
     """x, or infinity where the condition holds; a double word takes it in its first word."""
     words, structure = jax.tree.flatten(x)
-    fill = [jnp.inf] + [0.0] * (len(words) - 1)
-    filled = [jnp.where(condition, jnp.full_like(w, v), w) for w, v in zip(words, fill, strict=True)]
+    infinite = choice(jnp.inf, words[0].shape, words[0].dtype)
+    fill = [infinite, *map(jnp.zeros_like, words[1:])]
+    filled = [jnp.where(condition, v, w) for w, v in zip(words, fill, strict=True)]
     return jax.tree.unflatten(structure, filled)
 
 
@@ -153,7 +155,7 @@ def center_of_pressure(
 
     Returns:
         p_PC (*batch, 3), m, in E, over the common batch. Where the normal force is zero, components are infinite or
-            NaN.
+            NaN, and `jax_debug_nans` raises JAX's FloatingPointError.
 
     Raises:
         TypeError: F_P_E is no SpatialForce, or dtypes differ.

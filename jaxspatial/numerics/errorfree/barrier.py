@@ -17,8 +17,8 @@ from jax.extend.mlir.dialects import stablehlo
 from jax.interpreters import ad, mlir
 from jax.typing import DTypeLike
 
-from jaxspatial.numerics.check import finfo
-from jaxspatial.numerics.errorfree.primitives import elementwise, is_zero, lower_fun, no_tangent, same_sharding
+from jaxspatial.numerics.check import finfo, is_sized
+from jaxspatial.numerics.errorfree.primitives import choice, elementwise, is_zero, lower_fun, no_tangent, same_sharding
 
 
 def barrier(x: Any) -> Any:
@@ -92,7 +92,7 @@ def opaque_or_nan(x: Array) -> Array:
         part = total - one
         error = (one - (total - part)) + (small - part)
         is_right = lax.eq(_bits(error), _bits(small))
-        nan = _bits(lax.full((), np.nan, x.dtype))
+        nan = _bits(choice(np.nan, (), x.dtype))
         return joined(x, lax.select(is_right, _zero(x), nan))
 
 
@@ -253,7 +253,10 @@ def _rounded_quotient(a: Array, b: Array):
     if a.ndim:
         # Also in float64 in a program without 64-bit types, as in `no_fma`.
         with jax.enable_x64(True):
-            largest = lax.add(largest, lax.broadcasted_iota(a.dtype, a.shape, int(np.argmax(a.shape))))
+            # Sizes may be symbols of `jax.export`, of which any may be the largest.
+            axes = [int(np.argmax(a.shape))] if is_sized(a.shape) else range(a.ndim)
+            for axis in axes:
+                largest = lax.add(largest, lax.broadcasted_iota(a.dtype, a.shape, axis))
     finite = lax.le(lax.abs(a), largest)
     divisor = lax.select(finite, b, lax.mul(b, lax.full_like(b, 0.5)))
     return no_fma(lax.div(a, no_fma(divisor)))

@@ -55,6 +55,10 @@ def compiled(primitive: Any, **parameters: Any) -> Callable[..., Any]:
     def bound(*arrays: Array):
         return primitive.bind(*arrays, **parameters)
 
+    # Where `jax_debug_nans` finds a NaN, JAX runs a function again, operation by operation. That this one is an
+    # operation it knows from a mark of its own: without it the search would not end.
+    vars(bound).update(_apply_primitive=True)
+    bound.__qualname__ = primitive.name
     program = cast(Callable[..., Any], jax.jit(bound))
 
     def call(*arrays: Array):
@@ -169,6 +173,13 @@ def _named(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
 
     call.__name__ = name
     return cast(Any, jax.jit(call))
+
+
+def choice(number: float, shape: tuple[int, ...], dtype: Any) -> Array:
+    """An infinity or NaN over a shape, for a select. Before it is selected, JAX's options `jax_debug_nans` and
+    `jax_debug_infs` are not to find it."""
+    with jax.debug_nans(False), jax.debug_infs(False):
+        return lax.full(shape, number, dtype)
 
 
 def is_zero(tangent: object) -> bool:

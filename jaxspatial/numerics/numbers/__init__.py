@@ -22,7 +22,8 @@ from jaxspatial.numerics.numbers.number import high as high, is_constant as is_c
 from jaxspatial.numerics.numbers.number import is_number as is_number, mapped as mapped
 from jaxspatial.numerics.numbers.number import nearest_integer as nearest_integer, noinline as noinline
 from jaxspatial.numerics.numbers.number import noinline_pairs as noinline_pairs, repeated as repeated
-from jaxspatial.numerics.numbers.number import shape_of as shape_of, with_data as with_data
+from jaxspatial.numerics.numbers.number import shape_of as shape_of
 from jaxspatial.numerics.numbers.number import times_power_of_two as times_power_of_two, where as where
+from jaxspatial.numerics.numbers.number import with_data as with_data, without_data as without_data
 from jaxspatial.numerics.numbers.number import Mask as Mask, Number as Number, Numbers as Numbers
 from jaxspatial.numerics.numbers.rounded import Rounded as Rounded

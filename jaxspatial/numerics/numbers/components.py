@@ -162,7 +162,7 @@ class Components(check.StandIn):
 
         Error: none, it is exact.
         """
-        batch = np.broadcast_shapes(self.shape[:-1], batch_shape)
+        batch = check.broadcast_shapes(self.shape[:-1], batch_shape)
         parts = self.components
         parts = to_double_word(parts) if any(isinstance(c, DoubleWord) for c in parts) else parts
         return jax.tree.map(lambda *limbs: stack(limbs, batch), *parts, is_leaf=is_known)
@@ -225,7 +225,7 @@ class Components(check.StandIn):
         if not isinstance(which, int):
             return self.of([parts[i] for i in np.arange(len(parts))[which]])
         shape = next((c.shape for c in parts if not is_known(c)), ())
-        return np.broadcast_to(parts[which], shape) if is_known(parts[which]) else parts[which]
+        return check.numpy_for(shape).broadcast_to(parts[which], shape) if is_known(parts[which]) else parts[which]
 
     def __len__(self) -> int:
         return self.shape[0]

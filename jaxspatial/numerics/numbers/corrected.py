@@ -123,7 +123,7 @@ class Corrected(Compared):
     def _combined(self, other: "Corrected", exact: Callable[[Any, Any], Any], of_limbs: Callable[..., Any]):
         if self.is_known and other.is_known:
             return _known(exact, self, other)
-        shape = np.broadcast_shapes(np.shape(self.value), np.shape(other.value))
+        shape = check.broadcast_shapes(np.shape(self.value), np.shape(other.value))
         return Corrected(*of_limbs(_operand(self, shape), _operand(other, shape)))
 
     # -- decisions -----------------------------------------------------------------------------------------------------

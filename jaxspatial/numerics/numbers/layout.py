@@ -58,7 +58,7 @@ def _number_if_uniform(column: np.ndarray):
 def stack(components: Sequence[Any], batch_shape: tuple[int, ...] = ()) -> Any:
     """(*batch, n) of n components. Stacked along a leading axis: 2 to 3 times faster on XLA CPU than along the last."""
     if all(map(is_known, components)):
-        return np.broadcast_to(np.stack(components), (*batch_shape, len(components)))
+        return check.numpy_for(batch_shape).broadcast_to(np.stack(components), (*batch_shape, len(components)))
     full = [jnp.full(batch_shape, c) if is_known(c) else jnp.broadcast_to(c, batch_shape) for c in components]
     return jnp.moveaxis(jnp.stack(full), 0, -1)
 
@@ -88,7 +88,7 @@ def whole(operation: Callable[..., Any], x: Any, others: Any, precision: Precisi
     others = others if isinstance(others, (check.LIST, check.TUPLE)) else unstack(others)
     if isinstance(x, check.NUMPY) or any(map(is_known, others)):
         each = [operation(a, c, precision) for a, c in zip(unstack(x), others, strict=True)]
-        return stack(each, np.broadcast_shapes(x.shape[:-1], *(c.shape for c in others)))
+        return stack(each, check.broadcast_shapes(x.shape[:-1], *(c.shape for c in others)))
     return operation(x, stack(others, x.shape[:-1]), precision)
 
 

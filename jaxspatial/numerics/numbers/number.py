@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree import scaling
-from jaxspatial.numerics.errorfree.primitives import named_step, not_inlined
+from jaxspatial.numerics.errorfree.primitives import choice, named_step, not_inlined
 from jaxspatial.numerics.numbers.corrected import Corrected
 from jaxspatial.numerics.numbers.double_word import DoubleWord
 from jaxspatial.numerics.numbers.polynomial import Polynomial
@@ -104,8 +105,14 @@ def where(condition: Mask | bool, a: Number | float, b: Number | float) -> Numbe
 def _selected(condition: Array, a: Any, b: Any) -> Any:
     if is_known(a, 0) and is_known(b, 0):
         return a
-    shape = np.broadcast_shapes(condition.shape, np.shape(a), np.shape(b))
-    return lax.select(*(jnp.broadcast_to(jnp.asarray(x), shape) for x in (condition, a, b)))
+    shape = check.broadcast_shapes(condition.shape, np.shape(a), np.shape(b))
+    return lax.select(*(_over(x, shape) for x in (condition, a, b)))
+
+
+def _over(x: Any, shape: tuple[int, ...]) -> Array:
+    if is_known(x) and not np.isfinite(x):
+        return choice(x, shape, x.dtype)
+    return jnp.broadcast_to(jnp.asarray(x), shape)
 
 
 def high(x: Number) -> jax.Array:
@@ -195,15 +202,15 @@ def _over_data(function: Callable[..., T], call: Callable[..., Any]) -> Callable
         data = data_of(arguments)
         if not data:
             return function(*arguments)
-        result: Any = None
+        given, found = without_data(arguments), list[Any]()
 
         def on_data(data: list[Any]) -> list[Any]:
-            nonlocal result
-            result = function(*with_data(arguments, data))
+            result = function(*with_data(given, data))
+            found[:] = [without_data(result)]
             return data_of(result)
 
         results = call(on_data, data)
-        return with_data(result, results)
+        return with_data(found[0], results)
 
     return wrapped
 
@@ -223,11 +230,20 @@ def data_of(tree: Any) -> list[jax.Array]:
     return [x for x in jax.tree.leaves(tree) if isinstance(x, jax.Array)]
 
 
+_DATA: Any = object()
+
+
+def without_data(tree: T) -> T:
+    """The tree with marks in place of the data: what a function may keep that JAX traces, and outlive the trace."""
+    return jax.tree.map(lambda x: _DATA if isinstance(x, jax.Array) else x, tree)
+
+
 def with_data(tree: T, data: Iterable[Any]) -> T:
-    """The tree, with other data in place of that which `data_of` finds."""
+    """The tree, with other data in place of that which `data_of` finds, or of its marks."""
     leaves, structure = jax.tree.flatten(tree)
     rest = iter(data)
-    return jax.tree.unflatten(structure, [next(rest) if isinstance(x, jax.Array) else x for x in leaves])
+    is_data = [x is _DATA or isinstance(x, jax.Array) for x in leaves]
+    return jax.tree.unflatten(structure, [next(rest) if yes else x for x, yes in zip(leaves, is_data, strict=True)])
 
 
 def as_data(x: Number, shape: tuple[int, ...] | None = None) -> Number:

@@ -116,7 +116,7 @@ def broadcast(a: Any, b: Any) -> tuple[Any, Any]:
         return (jnp.full_like(b, a), b) if is_known_a else (a, jnp.full_like(a, b))
     if a.shape == b.shape:
         return a, b
-    shape = np.broadcast_shapes(a.shape, b.shape)
+    shape = check.broadcast_shapes(a.shape, b.shape)
     return jnp.broadcast_to(a, shape), jnp.broadcast_to(b, shape)
 
 

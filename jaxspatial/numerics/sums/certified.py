@@ -19,6 +19,7 @@ from jax import Array, lax
 from jax.typing import DTypeLike
 
 from jaxspatial.numerics.errorfree.barrier import widened
+from jaxspatial.numerics.errorfree.primitives import choice
 from jaxspatial.numerics.errorfree.transforms import fast_two_sum, two_sum, unguarded
 from jaxspatial.numerics.sums.accumulator import Accumulator, Limbs, OverBatch, Terms
 from jaxspatial.numerics.sums.compensated import parts, parts_of_narrow, sum_like, vec_sum
@@ -61,7 +62,7 @@ def _or_nan(x: Array, r: Array, state: Limbs) -> Array:
     """x where r is certain, an exact 0 too, but no NaN or infinity."""
     largest = np.finfo(r.dtype).max
     is_certain = (state[3] <= lax.abs(r) * _ENOUGH) & (lax.abs(r) <= largest)
-    return lax.select(is_certain, x, lax.full_like(x, math.nan))
+    return lax.select(is_certain, x, choice(math.nan, x.shape, x.dtype))
 
 
 # -- sums of many numbers, without their size: (s, c, d) ---------------------------------------------------------------
@@ -123,7 +124,7 @@ def pair(state: Limbs, dtype: DTypeLike) -> tuple[Array, Array]:
 
 def _over_batch(state: Limbs, _) -> OverBatch:
     """With NaN in place of an infinity: what overflowed on the way is to be computed again."""
-    return over_batch(state[2::-1], lambda x: lax.select(lax.is_finite(x), x, lax.full_like(x, math.nan)))
+    return over_batch(state[2::-1], lambda x: lax.select(lax.is_finite(x), x, choice(math.nan, x.shape, x.dtype)))
 
 
 CERTIFIED = Accumulator(total=_total, plus=_plus, round=_round, pair=_pair, over_batch=_over_batch)

@@ -17,6 +17,7 @@ from jax import Array, lax
 from jax.typing import DTypeLike
 
 from jaxspatial.numerics import check
+from jaxspatial.numerics.errorfree.primitives import choice
 from jaxspatial.numerics.errorfree.transforms import two_sum
 from jaxspatial.numerics.sums.accumulator import Terms, Trial
 from jaxspatial.numerics.sums.compensated import signed_product, vec_sum
@@ -75,7 +76,7 @@ def _round(state: State, dtype: DTypeLike) -> Array:
     r = state.s if state.c is None else state.s + state.c
     unit = check.eps(dtype) / check.eps(r.dtype)
     is_certain = (state.size <= lax.abs(r) * (unit * _ENOUGH)) & (lax.abs(r) <= np.finfo(r.dtype).max)
-    return lax.convert_element_type(lax.select(is_certain, r, lax.full_like(r, math.nan)), dtype)
+    return lax.convert_element_type(lax.select(is_certain, r, choice(math.nan, r.shape, r.dtype)), dtype)
 
 
 ESTIMATED = Trial(total=_total, plus=_plus, round=_round)

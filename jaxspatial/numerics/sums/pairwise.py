@@ -9,7 +9,10 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import jax
+import numpy as np
 from jax import Array, lax
+
+from jaxspatial.numerics.check import is_sized
 
 T = TypeVar("T")
 
@@ -50,11 +53,34 @@ def by_halving(
     Each of the first half is added to one of the second, of as many as a power of two.
     """
 
+    if not is_sized(limbs[0].shape[axis : axis + 1]):
+        return _by_halving_of_any_size(merge, limbs, axis, neutral)
+
     def halves(limbs: Sequence[Array]) -> list[Any]:
         n = limbs[0].shape[axis]
         return [*zip(*(lax.split(x, (n // 2, n // 2), axis) for x in limbs), strict=True)] if n > 1 else []
 
     return tuple(pairwise(merge, [_padded(x, axis, neutral) for x in limbs], halves))
+
+
+def _by_halving_of_any_size(
+    merge: Callable[[Any, Any], Any], limbs: Sequence[Array], axis: int, neutral: float
+) -> tuple[Any, ...]:
+    """`by_halving` where the size is a symbol of `jax.export`: the same additions, and some of the neutral element.
+
+    In every round all items are added to those a step further on, of which only the first half counts.
+    """
+    n = limbs[0].shape[axis]
+    nothing = [lax.full_like(x, neutral) for x in limbs]
+
+    def one_round(limbs: Sequence[Array], step: Array) -> tuple[Sequence[Array], None]:
+        both = (lax.concatenate(pair, axis) for pair in zip(limbs, nothing, strict=True))
+        further = [lax.dynamic_slice_in_dim(x, step, n, axis) for x in both]
+        return list(merge(limbs, further)), None
+
+    # Steps behind the last item are taken for n, where there is nothing.
+    steps = np.array([2**k for k in reversed(range(31))], np.int32)
+    return tuple(lax.slice_in_dim(x, 0, 1, axis=axis) for x in lax.scan(one_round, list(limbs), steps)[0])
 
 
 def _padded(x: Array, axis: int, neutral: float) -> Array:
@@ -71,5 +97,5 @@ def _padded(x: Array, axis: int, neutral: float) -> Array:
 def pairwise_sum(x: jax.Array) -> jax.Array:
     """The sum of x (*batch, n) over its last axis."""
     # -0 is the neutral element: -0 + x is x, also for x = -0.
-    (result,) = by_halving(lambda a, b: (a[0] + b[0],), (x,), x.ndim - 1, -0.0 if x.shape[-1] else 0.0)
+    (result,) = by_halving(lambda a, b: (a[0] + b[0],), (x,), x.ndim - 1, 0.0 if x.shape[-1] == 0 else -0.0)
     return lax.squeeze(result, [result.ndim - 1])

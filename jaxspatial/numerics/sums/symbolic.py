@@ -33,7 +33,7 @@ def run_symbolically(formula: Callable[..., Any], precision: Precision, arrays: 
     arrays = tuple(map(components.as_components, arrays)) if are_components else arrays
     data = _Data(np.dtype(arrays[0].dtype))
     vectors = [linear.by_size(data.vector(a)) for a in arrays]
-    batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+    batch = check.broadcast_shapes(*(a.shape[:-1] for a in arrays))
     plan = Plan((), batch, str(precision), is_pair=any(map(components.has_pairs, arrays)))
     passed = {id(s): a for s, a in zip(vectors, arrays, strict=True) if plan.is_pair or isinstance(a, check.NUMPY)}
     results: Any = formula(vectors)
@@ -189,7 +189,7 @@ def _sum(plan: Plan, x: Any) -> Sum:
 def _shaped(plan: Plan, x: Any, s: Sum, result: Any, dtype: np.dtype[Any]) -> Any:
     """Without the axes that a scalar, or a sum over items, does not have."""
     if result is None:
-        result = [np.zeros(plan.shape(s), dtype)] * (1 + plan.is_pair)
+        result = [check.numpy_for(plan.batch).zeros(plan.shape(s), dtype)] * (1 + plan.is_pair)
     if s.reduced:
         result = [a[..., 0, :] for a in result]
     if _is_number(x):
