@@ -79,8 +79,8 @@ def central_axis(F_P_E: SpatialForce, *, precision: PrecisionName = None) -> Cen
 
     The direction of the axis is that of f; about any of its points the wrench is (pitch f, f). A couple (f = 0) has no
     axis: its pitch is infinite, with a sign that means nothing, and its point and all derivatives are NaN. For a zero
-    wrench all are NaN; under `jax_debug_nans` both raise JAX's FloatingPointError. Both parts are scaled by powers of two first, so that nothing over- or underflows before the
-    result does.
+    wrench all are NaN; under `jax_debug_nans` both raise JAX's FloatingPointError. Both parts are scaled by powers of
+    two first, so that nothing over- or underflows before the result does.
 
     Args:
         F_P_E: SpatialForce (*batch,) about P, expressed in frame E.
