@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
@@ -79,7 +80,7 @@ def _by_halving_of_any_size(
         return list(merge(limbs, further)), None
 
     # Steps behind the last item are taken for n, where there is nothing.
-    steps = np.array([2**k for k in reversed(range(31))], np.int32)
+    steps = jnp.asarray(np.array([2**k for k in reversed(range(31))], np.int32))
     return tuple(lax.slice_in_dim(x, 0, 1, axis=axis) for x in lax.scan(one_round, list(limbs), steps)[0])
 
 
