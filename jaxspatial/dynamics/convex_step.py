@@ -458,4 +458,5 @@ def _valued(x: jax.Array, value: jax.Array) -> jax.Array:
 
 @_valued.defjvp
 def _(primals: Any, tangents: Any) -> Any:
+    # Not the number itself, which is a constant: its derivatives of the next order would be lost.
     return _valued(*primals), tangents[0]

@@ -1403,7 +1403,8 @@ def test_what_friction_learns():
     np.testing.assert_allclose(second, of_first, rtol=1e-5)
 
 
-@pytest.mark.parametrize("root", ["planar", slow("free")])
+@pytest.mark.slow
+@pytest.mark.parametrize("root", ["planar", "free"])
 def test_second_derivatives_where_axes_turn(root):
     """Along v, of a body whose axes turn and a link with dry friction: those of forward mode are differences."""
     M = js.SpatialInertia(np.float64(2), np.array([0.1, 0.2, -0.3]), np.diag([0.1, 0.2, 0.25]))
