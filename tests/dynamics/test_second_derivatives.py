@@ -162,7 +162,8 @@ def test_second_derivatives_of_the_convex_step(kind):
             one, two = first[part][:, i], second[part][:, i]
             difference, size = (one[1] - one[2]) / (20 * STEP), abs(two).max() + 1e-2 * abs(one).max()
             np.testing.assert_allclose(two[0], difference, rtol=0, atol=near * size + 1e-12, err_msg=f"{part} {name}")
-    assert abs(second["v"][0]).max() > 1e-3 and abs(second["q"][0]).max() > 1e-6
+        # The last is by all at once: it is far larger than what it may be off by.
+        assert abs(two[0]).max() > 100 * near * size, part
 
 
 WAYS = {
