@@ -101,7 +101,10 @@ class SpatialInertia(Additive):
 
     Moving P leaves mass and central as they are, so that no distance takes digits from them. Python floats take the
     dtype of the arrays beside them, batch shapes broadcast. Bodies without mass are inertias too. Values are not
-    checked: see `is_physically_valid`.
+    checked: see `is_physically_valid`. Only the bodies of uniform density below refuse known numbers with which mass or
+    moments overflow. Of finite numbers so large that m |c|^2 overflows in the dtype, mass, com and central are kept,
+    and moments about P are infinite; what another constructor would take from infinite moments is not finite, which
+    `is_physically_valid` finds. `Mechanism.build` and the readers of files refuse such bodies.
 
     In the error bounds below u is the unit roundoff, r the exact component, and mag the sum of the absolute values of
     its terms, multiplied out; for bounds, edges and derivatives of sums of products see
@@ -333,6 +336,7 @@ class SpatialInertia(Additive):
         check.common_batch_shape(vertices=corners.shape[:-2], **{kind: amount.shape})
         arrays = amount.reshape((*amount.shape, 1, 1)), corners, shapes.middle_of(corners)
         results = shapes.known(shapes.triangle_mesh, precision, *arrays, by=kind, size=corners.shape[-2])
+        shapes.require_finite("triangle_mesh", arrays, *results, nan=True)
         m, com, central = (x[..., 0, :] for x in results)
         return cls(m.reshape(m.shape[:-1]), com, central)
 

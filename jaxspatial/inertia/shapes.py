@@ -8,7 +8,7 @@ the result does.
 import inspect
 import math
 import operator
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from typing import Any, TypedDict, TypeVar, Unpack
 
 import jax
@@ -48,7 +48,8 @@ class Options(TypedDict, total=False):
     Raises:
         TypeError: both or neither of mass and density are passed, or dtypes differ.
         ValueError: a NumPy or Python number is negative, a length 0 that may not be, an inner radius above the outer
-            one; or shapes do not fit. The values of JAX arrays are *unchecked*.
+            one; mass or moments overflow where all arguments are such numbers; or shapes do not fit. The values of JAX
+            arrays are *unchecked*: what overflows is infinite or NaN.
 
     Error: mag the sum of the absolute values of an entry's terms: of mass at most {mass.plain}, of central
         {central.plain} in "fast" and "reproducible", {central.precise} in the other two, while nothing over- or
@@ -141,10 +142,25 @@ def computed(
     """(mass, com, central) that a formula gives; com is a known zero where the formula has none."""
     check.require_same_dtype(**arrays)
     batch = check.common_batch_shape(**{name: x.shape[:-1] for name, x in arrays.items()})
+    has_no_axis = False
     if "axis" in arrays:
+        has_no_axis = isinstance(arrays["axis"], np.ndarray) and not arrays["axis"].any(-1).all()
         arrays["axis"] = known(_direction, None, arrays["axis"])
     m, *com, central = known(shape, precision, *arrays.values(), **static)
+    require_finite(shape.__name__, arrays.values(), m, central, nan=has_no_axis)
     return m.reshape(batch), com[0] if com else check.numpy_for(batch).zeros((*batch, 3), central.dtype), central
+
+
+def require_finite(name: str, arguments: Iterable[Any], *results: Any, nan: bool = False) -> None:
+    """Raises ValueError where finite arguments make a mass or moments that overflow, if all are known.
+
+    nan: whether results may be NaN by definition, as those of a mesh that encloses no volume.
+    """
+    if all(isinstance(x, np.ndarray) for x in results) and all(np.isfinite(x).all() for x in arguments):
+        if any((np.isinf(x) if nan else ~np.isfinite(x)).any() for x in results):
+            dtype = results[-1].dtype
+            largest = f"{float(check.finfo(dtype).max):.3g} in {dtype}"
+            raise ValueError(f"{name}: expected mass and moments with terms of at most {largest}, got larger ones")
 
 
 def known(shape: Callable[..., Any], precision: PrecisionName, *arrays: jax.Array, **static: Any) -> Any:

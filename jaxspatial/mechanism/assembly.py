@@ -1,6 +1,7 @@
 """Builds the arrays of a mechanism from its parts: puts the tree in order and merges welded bodies."""
 
 import functools
+import math
 import operator
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -20,6 +21,19 @@ from jaxspatial.spatial import RigidTransform, act
 # Fields to which a mimic adds what it has, and the power of its multiplier, as of a gear ratio, that they go with.
 _POWERS = {"armature": 2, "damping": 2, "friction_loss": 1, "stiffness": 2}
 _LIMITS = {"effort_limit": "nv", "velocity_limit": "nv", "lower": "nq", "upper": "nq"}
+
+
+class BeyondNumbers(ValueError):
+    """A body has inertia, or carries so much, that the algorithms cannot take it in a dtype. Readers add its line.
+
+    Attributes:
+        body: its name.
+        reason: the argument, what was expected and what came.
+    """
+
+    def __init__(self, body: str, reason: str):
+        super().__init__(f"Body {body!r}: {reason}")
+        self.body, self.reason = body, reason
 
 
 def assembled(
@@ -237,6 +251,56 @@ def _inertias(masses: list[list[SpatialInertia]]):
     sums = [jax.tree.map(known, functools.reduce(operator.add, parts)) if parts else nothing for parts in masses]
     mass, com, central = [M.mass for M in sums], [M.com for M in sums], [M.central for M in sums]
     return SpatialInertia(_rows(mass, 1)[:, 0], _rows(com, 3), _rows(central, 6))
+
+
+# -- what the algorithms make of inertias, and a dtype must hold ------------------------------------------------------
+
+
+def require_in_range(topology: Topology, arrays: dict[str, Any], dtype: np.dtype):
+    """Raises BeyondNumbers where masses, moments or weights of the assembled arrays, in float64, overflow in a dtype.
+
+    Of what a joint carries, these are bounds over all angles: the distance of a body from the joint is at most the
+    length of the way there, from joint to joint. Displacements of joints are not in it.
+    """
+    largest, names = float(check.finfo(dtype).max), [name for name, _ in topology.frames]
+    for i, (_, number) in enumerate(topology.welds):
+        _require_own(names[number], _sums(arrays["weld_inertias"], i), largest, dtype)
+    gravity = math.hypot(*arrays["gravity"].tolist())
+    own = [_sums(arrays["inertias"], i) for i in range(len(topology))]
+    for name, sums in zip(topology.body_names, own, strict=True):
+        _require_own(name, sums, largest, dtype)
+    all_of_them = 0.0
+    for i in reversed(range(len(topology))):
+        mass, first, second = own[i]
+        weight = gravity * max(mass, first)
+        for what, x in ("moments (kg m2)", second), ("weight (N, N m)", weight):
+            if not x <= largest:
+                expected = f"{what} of at most {largest:.3g} in {dtype}, with what it carries"
+                raise BeyondNumbers(topology.body_names[i], f"inertia: expected {expected}, got {x:.3g}")
+        parent, d = topology.parents[i], math.hypot(*arrays["placements"].translation[i].tolist())
+        if parent >= 0:
+            m, f, s = own[parent]
+            own[parent] = m + mass, f + first + d * mass, s + second + 2 * (d * first) + d * mass * d
+        else:
+            all_of_them += mass
+    if not max(1.0, gravity) * all_of_them <= largest:
+        heaviest = topology.body_names[int(arrays["inertias"].mass.argmax())]
+        expected = f"a mass and a weight of all bodies of at most {largest:.3g} in {dtype}"
+        came = f"{all_of_them:.3g} kg and {gravity * all_of_them:.3g} N"
+        raise BeyondNumbers(heaviest, f"inertia: expected {expected}, got {came}")
+
+
+def _sums(M: SpatialInertia, i: int) -> tuple[float, float, float]:
+    """(mass, mass times distance, moments) of body i about the origin of its joint."""
+    mass, c = float(M.mass[i]), math.hypot(*M.com[i].tolist())
+    return mass, mass * c, float(abs(M.central[i]).max()) + mass * c * c
+
+
+def _require_own(name: str, sums: tuple[float, float, float], largest: float, dtype: np.dtype):
+    if not max(map(abs, sums)) <= largest or any(map(math.isnan, sums)):
+        mass, _, moments = sums
+        expected = f"mass and moments about its origin, with what is welded to it, of at most {largest:.3g} in {dtype}"
+        raise BeyondNumbers(name, f"inertia: expected {expected}, got {mass:.3g} kg, {moments:.3g} kg m2")
 
 
 # -- known poses, exact where frames coincide -------------------------------------------------------------------------

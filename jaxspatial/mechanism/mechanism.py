@@ -16,7 +16,7 @@ from jax.core import Tracer
 
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism import named
-from jaxspatial.mechanism.assembly import assembled, registered_parameters
+from jaxspatial.mechanism.assembly import assembled, registered_parameters, require_in_range
 from jaxspatial.mechanism.loops import LoopClosure, checked_loops
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint, known
 from jaxspatial.mechanism.topology import Topology
@@ -104,6 +104,11 @@ class Mechanism:
         Bodies held by "fixed" joints merge with those that carry them, and stay as frames. Coordinates are in
         depth-first order, children in the order of `joints`. All numbers are known while tracing.
 
+        Inertias must be finite, and so must, in the dtype, be what the algorithms make of them at any angles: moments
+        of each body about its joint, and of all that the joint carries, stretched out; their weights; the mass of all.
+        What overflows by large displacements of joints, by velocities, or by numbers that are put in place with
+        `replace` and `astype`, is infinite or NaN in results.
+
         Args:
             bodies: at most one of each name.
             joints: each body is the child of one joint; a body that floats has a "free" one.
@@ -118,10 +123,12 @@ class Mechanism:
         Raises:
             KeyError: a closure names no frame; lists those there are.
             TypeError: a part has another type, or numbers are traced: put these in with `replace`.
-            ValueError: a name is missing or comes twice, nothing holds a body against the world, a shape does not fit.
+            ValueError: a name is missing or comes twice, nothing holds a body against the world, a shape does not fit;
+                an inertia is not finite, or masses, moments or weights overflow in the dtype.
         """
         topology, arrays = assembled(list(bodies), list(joints), list(frames))
         arrays["gravity"] = check.as_vectors(known(gravity), "Mechanism.build: gravity", held=True)
+        require_in_range(topology, arrays, check.as_dtype(dtype))
         arrays["loops"] = jax.tree.map(known, checked_loops(loops, topology, "Mechanism.build: loops"))
         return cls(topology=topology, **arrays).astype(dtype)
 
@@ -361,7 +368,10 @@ class Mechanism:
         return _read_only(self._as_tree(**changes))
 
     def astype(self, dtype: DTypeLike | None) -> "Mechanism":
-        """Converts all arrays to a dtype, JAX's default for None. Known numbers stay known."""
+        """Converts all arrays to a dtype, JAX's default for None. Known numbers stay known.
+
+        Nothing is checked as in `build`: what the dtype does not hold becomes infinite.
+        """
         dtype = check.as_dtype(dtype)
         return _read_only(jax.tree.map(operator.methodcaller("astype", dtype), self._as_tree()))
 

@@ -342,6 +342,51 @@ def test_other_arguments_that_are_refused():
     assert float(jax.jit(lambda r: SpatialInertia.solid_sphere(r, mass=-1.0 * r).mass)(-2.0)) == 2.0
 
 
+_BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * 20.0 - 10
+_SIDES = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4)]
+_SIDES = np.array([*_SIDES, (1, 5, 7), (1, 7, 3)])
+# The largest length is 10, along x where it has a direction.
+OVERFLOWING = {
+    "solid_box": ([[1.0, 10.0, 1.0]], "mass"),
+    "solid_cube": ([10.0], "mass"),
+    "solid_sphere": ([10.0], "mass"),
+    "hollow_sphere": ([10.0], "density"),
+    "solid_ellipsoid": ([[1.0, 2.0, 10.0]], "density"),
+    "solid_cylinder": ([10.0, 10.0], "mass"),
+    "solid_cylinder_about_end": ([1.0, 10.0, [1.0, 2.0, 0.0]], "mass"),
+    "hollow_cylinder": ([1.0, 10.0, 1.0], "mass"),
+    "solid_capsule": ([10.0, 0.0], "density"),
+    "solid_cone": ([1.0, 10.0], "mass"),
+    "thin_rod": ([10.0], "mass"),
+    "solid_tetrahedron": (np.eye(4, 3)[None] * 10, "mass"),
+    "triangle_mesh": ([_BOX, _SIDES], "mass"),
+}
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("name", OVERFLOWING)
+def test_known_numbers_with_which_moments_overflow_are_refused(name, dtype):
+    """Amounts of half the largest number, which the dtype has. Of NaN, and of arrays of JAX, nothing is said."""
+    given, kind = OVERFLOWING[name]
+    given = [np.asarray(x, None if x is _SIDES else dtype) for x in given]
+    amount = np.asarray(jnp.finfo(dtype).max / 2, dtype)
+    with jax.enable_x64(dtype == "float64"):
+        make = getattr(SpatialInertia, name)
+        with pytest.raises(ValueError, match=f"^{name}: expected mass and moments with terms of at most .* in {dtype}"):
+            make(*given, **{kind: amount})
+        assert np.isfinite(make(*given, **{kind: amount / 10**8}).central).all()
+        assert not np.isfinite(make(*given, **{kind: amount * np.nan}).central).all()
+
+
+def test_moments_of_data_overflow_in_silence():
+    M = interpreted(lambda m: SpatialInertia.solid_sphere(10.0, mass=m))(np.float32(3e38))
+    assert np.isinf(M.central[0]) and not interpreted(SpatialInertia.is_physically_valid)(M)
+    M = SpatialInertia(np.float32(3e38), np.float32([10, 0, 0]), np.eye(3, dtype=np.float32))
+    assert np.isfinite(M.central).all() and np.isinf(interpreted(SpatialInertia.inertia_about_origin)(M)).any()
+    M = interpreted(SpatialInertia.from_origin)(*M._parts)
+    assert not interpreted(SpatialInertia.is_physically_valid)(M)
+
+
 def test_axis_of_no_length_gives_nan_and_of_any_other_none():
     axes = np.float32([[0, 0, 0], [1e-30, 0, 2e-30], [0, 3e30, 1e30]])
     M = interpreted(lambda axes: SpatialInertia.thin_rod(jnp.ones(3), axes, mass=jnp.ones(3)))(axes)

@@ -353,6 +353,58 @@ def test_refused(arguments, error, message):
         js.Mechanism.build(*arguments)
 
 
+def heavy(mass, com=(0.0, 0.0, 0.0), central=(1.0, 0, 1, 0, 0, 1)):
+    return js.SpatialInertia(*(np.asarray(x, np.float64) for x in (mass, com, central)))
+
+
+def _two(one, other, distance=0.0, gravity=0.0, kind="revolute", base="world"):
+    """Bodies a and b: b on a, or on the world, at a distance."""
+    placement = js.RigidTransform(js.Rotation.identity(dtype=np.float64), np.array([0.0, distance, 0.0]))
+    joints = [revolute("j", "world", "a"), js.Joint("k", kind, base, "b", placement)]
+    return [js.Body("a", one), js.Body("b", other)], joints, (), (0.0, 0.0, -gravity)
+
+
+# {what overflows in float64: the parts, the body that is named, what is said}; numbers a thousand times smaller do not.
+OVERFLOWING = {
+    "moments": (lambda x: _two(heavy(1.5 * x, (0.0, 3.0, 0.0)), heavy(1.0)), "a", "mass and moments about its origin"),
+    "central": (lambda x: _two(heavy(x / 4, (0, 2, 0), np.eye(3) * x), heavy(1.0)), "a", "mass and moments about"),
+    "far away": (lambda x: _two(heavy(1.0), heavy(1.5e-9 * x, (0, 0, 1e5))), "b", "mass and moments about its origin"),
+    "welded": (lambda x: _two(heavy(x), heavy(x), kind="fixed", base="a"), "a", "with what is welded to it"),
+    "welded to the world": (lambda x: _two(heavy(1.0), heavy(1.5 * x, (0, 4, 0)), kind="fixed"), "b", "mass and mom"),
+    "carried": (lambda x: _two(heavy(1.0), heavy(1.5 * x, (0, 0.5, 0)), 1.0, base="a"), "a", r"moments \(.* carries"),
+    "weight": (lambda x: _two(heavy(1.0), heavy(0.2 * x), 0.0, 9.81), "b", "weight"),
+    "weight of all": (lambda x: _two(heavy(0.1 * x), heavy(0.11 * x), 0.0, 9.81), "b", "weight of all"),
+    "mass of all": (lambda x: _two(heavy(x), heavy(x)), "a", "mass and a weight of all"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("parts", "body", "message"), OVERFLOWING.values(), ids=OVERFLOWING)
+def test_bodies_that_overflow_in_the_dtype_are_refused(float64, parts, body, message):
+    for dtype, largest in ("float64", 1e308), ("float32", 2e38):
+        with pytest.raises(ValueError, match=f"^Body '{body}': inertia: expected .*{message}.*, got"):
+            js.Mechanism.build(*parts(largest), dtype=dtype)
+        mech = js.Mechanism.build(*parts(largest / 1000), dtype=dtype)
+        assert all(np.isfinite(x).all() for x in jax.tree.leaves((mech.inertias, mech.weld_inertias)))
+    M = interpreted(lambda q: (js.mass_matrix(mech, q), js.gravity_forces(mech, q)))(mech.neutral())
+    assert all(np.isfinite(x).all() for x in M)
+
+
+def test_bodies_a_thousand_times_lighter_than_what_overflows_fall_as_others(float64):
+    parts = [_two(heavy(m, (0.1, 0.2, 0.3), np.eye(3) * m), heavy(m), 1.0, 9.81, base="a") for m in (1.0, 1e305)]
+    fall = interpreted(lambda mech, q: js.forward_dynamics(mech, q, 0 * q, 0 * q))
+    one, other = (fall(js.Mechanism.build(*x), np.array([0.3, -0.4])) for x in parts)
+    np.testing.assert_allclose(one, other, rtol=1e-13)
+
+
+@pytest.mark.parametrize("field", range(3))
+def test_inertias_that_are_not_finite_are_refused(float64, field):
+    for x in (np.nan, np.inf):
+        three = [1.0, np.zeros(3), np.eye(3)]
+        three[field] = three[field] * 0 + x
+        with pytest.raises(ValueError, match="^Body 'b': inertia: expected mass and moments"):
+            js.Mechanism.build(*_two(heavy(1.0), heavy(*three)))
+
+
 def test_unknown_kinds_are_refused():
     with pytest.raises(ValueError, match="Joint 'j': kind: expected one of 'fixed', 'revolute', .*got 'hinge'"):
         js.Joint("j", "hinge", "world", "a")

@@ -5,6 +5,7 @@ between joints is soft in MuJoCo, and a mimic here: compared is what follows fro
 """
 
 import functools
+import re
 
 import jax
 import jax.numpy as jnp
@@ -26,7 +27,10 @@ FLOATING = [(-1, ["free"]), (0, ["hinge"]), (0, ["slide", "ball"])]
 MIMIC = [(-1, ["slide"]), (0, ["hinge"]), (1, ["slide"]), (0, ["hinge"])]
 FOLLOWS = '<equality><joint joint1="j2" joint2="j3" polycoef=".3 -1.5"/><joint joint1="j1" joint2="j3"/></equality>'
 MODELS = {"fixed": (FIXED, "", True), "floating": (FLOATING, "", True), "mimics": (MIMIC, FOLLOWS, False)}
-models = pytest.mark.parametrize("name", MODELS)
+# The same as "fixed", without the attribute axis: MuJoCo's default then, or that of the file's classes, is the axis.
+CLASSES = '<default><joint axis="1 2 2"/><default class="c"><joint type="slide" axis="-1 0 2"/></default></default>'
+CUT = {"no axes": "", "axes of classes": CLASSES}
+models = pytest.mark.parametrize("name", [*MODELS, *CUT])
 
 
 @pytest.fixture(autouse=True)
@@ -62,6 +66,14 @@ def text(bodies, rest, has_armature, seed=7):
     return f"<mujoco>{options}<worldbody>{roots}</worldbody>{rest}</mujoco>"
 
 
+def source_of(name):
+    if name not in CUT:
+        return text(*MODELS[name])
+    cut = re.sub(' axis="[^"]*"', "", text(*MODELS["fixed"]))
+    in_classes = cut.replace('type="slide"', 'class="c"').replace("<worldbody>", CUT[name] + "<worldbody>")
+    return in_classes if CUT[name] else cut
+
+
 def both(source):
     """MuJoCo's model, and ours: the constraints are for us alone."""
     ours = js.Mechanism.from_mjcf(source.replace('equality="disable"', ""), dtype=np.float64)
@@ -72,7 +84,7 @@ def both(source):
 def case(name):
     """(the model, our mechanism, q, v, vdot), N states."""
     with jax.enable_x64(True):
-        model, mech = both(text(*MODELS[name]))
+        model, mech = both(source_of(name))
         q = js.random_configuration(mech, jax.random.key(1), N, np.float64)
     v, a = np.random.default_rng(2).standard_normal((2, N, mech.nv))
     return model, mech, q, jnp.asarray(v), jnp.asarray(a)
@@ -162,6 +174,21 @@ def test_mass_matrix(name):
     error(name, "mass", ours(name)["mass"], np.einsum("bik,bij,bjl->bkl", T, theirs(name)["mass"], T))
 
 
+@pytest.mark.parametrize("com", [0.0, 0.1])
+def test_slides_of_one_body_along_the_same_axis(com):
+    """They are coupled by m. MuJoCo leaves that out of a body that has its centre of mass at its origin."""
+    slides = '<joint type="slide"/><joint type="slide" axis="1 0 0"/><joint type="slide"/>'
+    body = f'<body>{slides}<inertial pos="{com} 0 0" mass="2" diaginertia="1 1 1"/></body>'
+    model, mech = both(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    np.testing.assert_array_equal(mech.axes, np.eye(3)[[2, 0, 2]])
+    exact = np.array([[2.0, 0, 2], [0, 2, 0], [2, 0, 2]])
+    np.testing.assert_array_equal(interpreted(lambda q: js.mass_matrix(mech, q))(np.zeros(3)), exact)
+    data = mujoco.MjData(model)
+    mujoco.mj_fwdPosition(model, data)
+    assert (model.body_simple[1] == 2) == (com == 0)
+    np.testing.assert_array_equal(whole_mass_matrix(model, data), exact if com else np.diag(np.diag(exact)))
+
+
 def test_armature_of_mimics():
     model, mech = both(text(MIMIC, FOLLOWS, True))
     data, q = mujoco.MjData(model), np.array([0.25, 0.5])
@@ -230,7 +257,7 @@ def test_springs_and_damping():
     )
 
 
-@pytest.mark.parametrize("name", ["fixed", "floating"])
+@pytest.mark.parametrize("name", ["fixed", "floating", *CUT])
 def test_accelerations(name):
     _, mech, q, v, _ = case(name)
     found = states.from_qacc(mech, q, v, jnp.asarray(theirs(name)["accelerations"]))

@@ -14,6 +14,11 @@ Everything else that changes the motion and that a mechanism cannot represent is
 not finite or beyond the dtype. Messages have the line of the element, or of what holds it where it is in an attached
 model.
 
+What a joint does not say has MuJoCo's default, or that of its class: without an axis it is along z. The mass matrix of
+several slides of one body along the same direction is singular. MuJoCo takes it for diagonal (`body_simple`) where the
+body hangs on the world and carries nothing, its joints are along the axes of its frame, and its centre of mass is at
+its origin: results then differ.
+
 Coordinates of hinges, slides and balls are MuJoCo's: zero is where `ref` is zero. A free joint has its quaternion
 first, and its linear velocity in the body's axes; a mimic has no coordinate. `interop.mujoco` converts.
 """

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jaxspatial.inertia import SpatialInertia
+from jaxspatial.mechanism.assembly import BeyondNumbers
 from jaxspatial.numerics.numbers.rounded import in_double
 from jaxspatial.numerics.types import DTypeLike
 from jaxspatial.spatial import RigidTransform
@@ -161,9 +162,12 @@ def with_moments(mass: float, X_BI: RigidTransform, moments: npt.ArrayLike):
 
 def built(build: Callable[..., Made], refuse: Refuse, *parts: Any) -> Made:
     """build(*parts), refused where numbers together are beyond the dtype. Limits may be infinite."""
-    with np.errstate(over="ignore"):
-        mechanism: Any = build(*parts)
-    of_bodies = dict.fromkeys(("placements", "child_placements", "axes", "mimics", "inertias"), "body")
+    try:
+        with np.errstate(over="ignore"):
+            mechanism: Any = build(*parts)
+    except BeyondNumbers as error:
+        refuse("body", error.body, error.reason)
+    of_bodies = dict.fromkeys(("placements", "child_placements", "axes", "mimics"), "body")
     for field, what in {**of_bodies, "frame_placements": "frame"}.items():
         for leaf in jax.tree.leaves(getattr(mechanism, field)):
             bad = ~np.isfinite(leaf).all(tuple(range(1, leaf.ndim)))
