@@ -114,7 +114,7 @@ REFUSED = [
     ({KINDS["free"]: 1.0}, ValueError, "a RigidTransform, or shape .*7.* for a 'free' joint, got shape "),
     ({KINDS["revolute"]: js.RigidTransform.identity()}, TypeError, "a number or .*batch.* got RigidTransform"),
     ({KINDS["ball"]: js.RigidTransform.identity()}, TypeError, "a Rotation, or shape .*4.* got RigidTransform"),
-    ({KINDS["revolute"]: np.arange(3)}, TypeError, "expected floating point"),
+    ({KINDS["revolute"]: np.ones(3, bool)}, TypeError, "expected floating point"),
     ({KINDS["revolute"]: "up"}, TypeError, "expected an array of floating point"),
     ([0.1], TypeError, "expected a mapping from names of joints, got list"),
     (
