@@ -13,7 +13,7 @@ import io
 import pathlib
 import threading
 import time
-import xml.etree.ElementTree as ElementTree
+import xml.etree.ElementTree
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -248,8 +248,8 @@ def _meshes(mech: Mechanism, path: pathlib.Path) -> dict[str, list[Any]]:
     if not path.is_file():
         raise FileNotFoundError(f"viewer: shapes: there is no file {path}")
     try:
-        tag = ElementTree.parse(path).getroot().tag
-    except ElementTree.ParseError as error:
+        tag = xml.etree.ElementTree.parse(path).getroot().tag
+    except xml.etree.ElementTree.ParseError as error:
         raise ValueError(f"viewer: shapes: {path}: expected a URDF, got malformed XML: {error}") from None
     if tag != "robot":
         way_out = "; without shapes, the ellipsoids of inertias are shown" if tag == "mujoco" else ""
