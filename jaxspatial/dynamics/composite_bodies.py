@@ -27,8 +27,9 @@ from jaxspatial.spatial import algebra
 Placed = tuple[Vector, Vector, Vector]
 
 # Error bounds of the factor and its solutions; nv is the size of M.
-FACTOR, SOLVED = Normwise(2, "|M|", per="nv (nv + 1)"), Normwise(4, "cond(M)", per="nv (nv + 1)")
-LOG_DETERMINANT = Normwise(1, "(2 sum |log L_ii| + 4 nv (nv + 1) cond(M))", per="nv")
+FACTOR = Normwise(2, "|M|", per="nv (nv + 1)", rounded=2)
+SOLVED = Normwise(4, "cond(M)", per="nv (nv + 1)", rounded=4)
+LOG_DETERMINANT = Normwise(1, "(2 sum |log L_ii| + 4 nv (nv + 1) cond(M))", per="nv", rounded=1)
 
 
 @documented

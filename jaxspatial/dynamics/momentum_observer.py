@@ -25,7 +25,7 @@ from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import algebra
 
 # Error bounds of p and beta, for n links in the longest chain, and of what an update does with them.
-MOMENTUM, UPDATE = Normwise(4, "mag", per="n", u2=32), Normwise(8, "s")
+MOMENTUM, UPDATE = Normwise(4, "mag", per="n", u2=32), Normwise(8, "s", rounded=8)
 
 
 @tree

@@ -37,7 +37,7 @@ class Compliance(NamedTuple):
 
 
 PASSIVE = Normwise(8, "times the sum of the sizes of the four terms", rounded=1, u2=64)
-PASSIVE_TURNS = Normwise(8, "stiffness")
+PASSIVE_TURNS = Normwise(8, "stiffness", rounded=8)
 
 
 @documented(bound=PASSIVE, turns=PASSIVE_TURNS)

@@ -28,11 +28,12 @@ Checked = Any  # an array that `checked` returned in place of an ArrayLike
 At = tuple[Checked, Checked, Checked, Checked]  # q, v, tau, and `transport` or None
 
 # Error bounds of velocities: in general, of linear ones whose axes turn, and what turning beyond half a turn adds.
-SEMI_IMPLICIT, RK4 = (Normwise(u, "(|v| + dt |vdot|)") for u in (2, 4))
-STRAIGHT_AHEAD = Normwise(8, "(|v| + dt |vdot| + dt |w| |v|)")
-TURNS = Normwise(1, "|w dt| of that", rounded=0)
-RK4_COORDINATES = Normwise(4, "(|q| + dt |dq/dt|)")
-SYMPLECTIC = Normwise(8, "c (|v| + dt |vdot|)", per="n")
+# In every precision.
+SEMI_IMPLICIT, RK4 = (Normwise(u, "(|v| + dt |vdot|)", rounded=u) for u in (2, 4))
+STRAIGHT_AHEAD = Normwise(8, "(|v| + dt |vdot| + dt |w| |v|)", rounded=8)
+TURNS = Normwise(1, "|w dt| of that", rounded=1)
+RK4_COORDINATES = Normwise(4, "(|q| + dt |dq/dt|)", rounded=4)
+SYMPLECTIC = Normwise(8, "c (|v| + dt |vdot|)", per="n", rounded=8)
 
 
 @documented(bound=SEMI_IMPLICIT, linear=STRAIGHT_AHEAD, turns=TURNS)

@@ -54,7 +54,7 @@ ELLIPSOID = Normwise(64, "times the largest", rounded=64)
 NEAREST_VALID = Normwise(32, "times its largest principal moment", rounded=32)
 LENGTH, SLACK = Normwise(8, ""), Normwise(32, "", rounded=32)
 # c the condition of the second moments.
-ALPHA, LOG_CHOLESKY, THERE_AND_BACK = Normwise(4, "|alpha|"), Normwise(32, "(c + |d|)"), Normwise(64, "c")
+ALPHA, LOG_CHOLESKY, THERE_AND_BACK = Normwise(4, "|alpha|"), Normwise(32, "(c + |d|)"), Normwise(64, "c", rounded=64)
 LOG_CHOLESKY_OFF_DIAGONAL = Normwise(32, "c sqrt(tr(Sigma) / m)")
 
 # Of eps: what rounding an inertia tensor, and finding its moments, can take from a body as flat or thin as can be.
@@ -525,9 +525,9 @@ class SpatialInertia(Additive):
             (*batch, 10) alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3.
 
         Error: of alpha {alpha.plain}; all others grow with c = tr(Sigma) / (smallest eigenvalue of Sigma), Sigma the
-            second moments about the centre of mass: of the d at most {d.plain}, of the s {s.plain}, so that the way
-            there and back costs {back.plain} relative to central; in "compensated" and "faithful" u |r| and u^2 of
-            that. Derivatives grow in the same way.
+            second moments about the centre of mass: of the d at most {d.plain}, of the s {s.plain}; in "compensated"
+            and "faithful" {alpha.rounded} u |r| and u^2 of that. The way there and back costs {back.plain} relative to
+            central, in every precision. Derivatives grow in the same way.
         """
         return parameters.log_cholesky(precision, self._grouped)
 
@@ -831,7 +831,7 @@ class SpatialInertia(Additive):
         Returns:
             (*batch,), m.
 
-        Error: at most {bound.plain}.
+        Error: {bound}.
         Source: Drake, CalcMinimumPhysicalLength.
         """
         return parameters.minimum_length(precision, expanded(self.mass), self.central)

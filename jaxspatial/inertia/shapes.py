@@ -29,7 +29,7 @@ from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
 MASS, CENTRAL = Promise(12, 64), Promise(20, 64)
 # Of tetrahedra by density: of a determinant.
-DETERMINANT, TETRAHEDRON_COM = Normwise(12, "size", u2=64), Normwise(4, "|vertices|")
+DETERMINANT, TETRAHEDRON_COM = Normwise(12, "size", u2=64), Normwise(4, "|vertices|", rounded=4)
 # Of m triangles, L = ceil(log2 m).
 MESH_VOLUME, MESH_COM = OfSum(12, of="S", u2=8), OfSum(12, of="r S / V", u2=8)
 MESH_CENTRAL = OfSum(24, 2, "mass r^2 S / V", u2=8)

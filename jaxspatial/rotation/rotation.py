@@ -35,11 +35,12 @@ ROTATED = Promise(3, 4)
 SINE = normwise(2, "for angles")
 FROM_QUATERNION, FROM_AXIS_ANGLE, FROM_ROLL_PITCH_YAW = normwise(6), normwise(8), normwise(8)
 TO_QUATERNION, TO_AXIS, TO_ANGLE = normwise(4), normwise(6, "of the axis"), normwise(8, "of the angle")
-TO_ROLL_PITCH_YAW, TO_ROLL = normwise(24), normwise(24, "/ cos(pitch)")
+# Of the rotation that three angles make: rounding these alone turns by up to 2 u, 1 u and 2 u.
+TO_ROLL_PITCH_YAW, TO_ROLL = normwise(24)._replace(rounded=5), normwise(24, "/ cos(pitch)")
 FROM_ONE_VECTOR, FROM_TWO_VECTORS, BETWEEN, NEAREST = normwise(6), normwise(8), normwise(8), normwise(12)
 EXP, LOG, JACOBIAN, JACOBIAN_INVERSE = normwise(6), normwise(6), normwise(6), normwise(6)
 # What exp adds beyond half a turn, and interpolation for each time that the whole way is covered.
-TURNS, EACH_WAY = Normwise(2, "|w|", rounded=0), normwise(16, "|t|")
+TURNS, EACH_WAY = Normwise(2, "|w|", rounded=0), normwise(16, "|t|")._replace(rounded=0)
 INTERPOLATED = normwise(24)
 
 # -- formulas over arrays, a rotation as its matrix -------------------------------------------------------------------

@@ -305,7 +305,9 @@ def test_bound_of_an_update(precision):
             )
             exactly = r0 + b * ((p1 - p0) / h - t + (b0 + b1) / 2 - r0)
             s = abs(r0) + b * (abs(p0) + abs(p1)) / h + b * (abs(t) + abs(b0) + abs(b1))
-            assert abs(mp.mpf(float(end.residual[i])) - exactly) <= momentum_observer.UPDATE.u * 2.0**-24 * s
+            assert abs(mp.mpf(float(end.residual[i])) - exactly) <= momentum_observer.UPDATE.allowed(
+                precision, 2.0**-24, s
+            )
 
 
 def test_errors_name_the_argument():

@@ -70,7 +70,7 @@ def parts(kind, of_rates):
 
 
 def limits(kind, q, q1, v, step):
-    """(of integrate, of difference, of rates): what -> bound in u, in "fast" and "reproducible"."""
+    """(of integrate, of difference, of rates): what -> the records of its bound, each with its size."""
     norm, turning = exact.norm, kind in ("ball", "free")
     place = slice(4, 7) if kind == "free" else slice(0, 2)
     linear = slice(3, 6) if kind == "free" else slice(0, 2)
@@ -81,22 +81,29 @@ def limits(kind, q, q1, v, step):
     between = norm(q[place]) + norm(q1[place])
     return (
         {
-            "number": configuration.INTEGRATED.u * (abs(q[-1]) + abs(step[-1])),
-            "turn": configuration.INTEGRATED_TURN.u + configuration.TURNS.u * far,
-            "position": configuration.INTEGRATED_POSITION.u * (norm(q[place]) + norm(step[linear]))
-            + configuration.TURNS_OF_POSITION.u * far * norm(step[linear]),
+            "number": [(configuration.INTEGRATED, abs(q[-1]) + abs(step[-1]))],
+            "turn": [(configuration.INTEGRATED_TURN, 1), (configuration.TURNS, far)],
+            "position": [
+                (configuration.INTEGRATED_POSITION, norm(q[place]) + norm(step[linear])),
+                (configuration.TURNS_OF_POSITION, far * norm(step[linear])),
+            ],
         },
         {
-            "number": angle.u * (abs(q[-1]) + abs(q1[-1])),
-            "turn": configuration.DIFFERENCE_TURN.u,
-            "position": configuration.DIFFERENCE_POSITION.u * between * (1 + apart),
+            "number": [(angle, abs(q[-1]) + abs(q1[-1]))],
+            "turn": [(configuration.DIFFERENCE_TURN, 1)],
+            "position": [(configuration.DIFFERENCE_POSITION, between * (1 + apart))],
         },
         {
-            "number": 0,
-            "turn": configuration.QUATERNION_RATE.u * norm(v[:3]) * norm(q[:4]),
-            "position": configuration.POSITION_RATE.u * norm(v[linear]),
+            "number": [],
+            "turn": [(configuration.QUATERNION_RATE, norm(v[:3]) * norm(q[:4]))],
+            "position": [(configuration.POSITION_RATE, norm(v[linear]))],
         },
     )
+
+
+def _in_units(records, precision, r=None):
+    """In u, of a result of the size r."""
+    return sum(bound.allowed(precision, 1, size, r) for bound, size in records)
 
 
 @pytest.mark.parametrize(("kind", "precision"), cases(KINDS, "continuous"))
@@ -108,8 +115,7 @@ def test_configurations(kind, precision):
         wanted = exact.integrated(kind, q, step), exact.differed(kind, q, q1), exact.rates(kind, q, v)
         for k, (array, numbers) in enumerate(zip(found, wanted, strict=True)):
             for place, what in parts(kind, of_rates=k == 1):
-                limit = limits(kind, q, q1, v, step)[k][what]
-                limit = limit if precision in ("fast", "reproducible") else 1.01 * exact.norm(numbers[place])
+                limit = _in_units(limits(kind, q, q1, v, step)[k][what], precision, exact.norm(numbers[place]))
                 error = _apart(exact.numbers(array[i][place]), numbers[place], k == 0 and what == "turn")
                 assert error <= limit * U, (
                     ("integrate", "difference", "rates")[k],
@@ -134,7 +140,10 @@ def test_interpolation(precision):
         rates = exact.differed("free", a, b)
         step = [s * x for x in rates]
         wanted = exact.integrated("free", a, step)
-        one, two, _ = limits("free", a, b, rates, step)
+        one, two = (
+            {what: _in_units(x, "reproducible") for what, x in each.items()}
+            for each in limits("free", a, b, rates, step)[:2]
+        )
         scale = 1 if precision == "fast" or precision == "reproducible" else mp.mpf(1) / 2
         error = _apart(exact.numbers(found[i][:4]), wanted[:4], True)
         assert error <= scale * (one["turn"] + s * two["turn"]) * U
@@ -199,11 +208,11 @@ def test_steps(name, precision):
         of_q, of_v, of_vdot = (max(map(abs, x)) for x in (exact.numbers(state()[0]), v_exact, vdot))
         of_dynamics = forward_dynamics.FORWARD_DYNAMICS.allowed(precision, 1, N * c * of_vdot, of_vdot)
         if name == "symplectic":
-            limit = steps.SYMPLECTIC.u * N * c * (of_v + h * of_vdot)
+            limit = steps.SYMPLECTIC.allowed(precision, 1, N * c * (of_v + h * of_vdot))
             assert h > 1e-4 or limit < of_q / h / 10
         else:
             own = steps.SEMI_IMPLICIT if name == "semi_implicit" else steps.RK4
-            limit = own.u * (of_v + h * of_vdot) + h * of_dynamics * 1.1
+            limit = own.allowed(precision, 1, of_v + h * of_vdot) + h * of_dynamics * 1.1
         assert _largest(v, v_exact) <= limit * U, float(_largest(v, v_exact) / U)
         own = (steps.RK4_COORDINATES if name == "rk4" else configuration.INTEGRATED).u * (of_q + h * of_v)
         assert _largest(q, q_exact) <= (own + h * limit) * U, float(_largest(q, q_exact) / U)
@@ -242,7 +251,8 @@ def test_steps_of_what_floats(kind, precision):
         of_dynamics = forward_dynamics.FORWARD_DYNAMICS.allowed(precision, U, vdot, vdot) / U
         far = max(h * w - mp.pi, 0) and h * w
         size = exact.norm(rates[linear]) + h * vdot
-        limit = (steps.STRAIGHT_AHEAD.u + steps.TURNS.u * far) * size + h * of_dynamics
+        own = steps.STRAIGHT_AHEAD.allowed(precision, 1, size) + steps.TURNS.allowed(precision, 1, far * size)
+        limit = own + h * of_dynamics
         error = exact.norm([b - c for b, c in zip(exact.numbers(found[1][i][linear]), v_exact[linear], strict=True)])
         assert error <= limit * U, ("v", float(error / U / size), float(limit / size))
         moved = (

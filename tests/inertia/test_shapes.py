@@ -226,11 +226,11 @@ def test_tetrahedron(dtype):
             )(vertices)
             errors = [abs(rationals(M.central[:, n]) - central[:, i, j]) for n, (i, j) in enumerate(six)]
             assert (np.max(errors, axis=0) <= (k + Fraction(1, 100)) * u * moment).all()
-            assert (
-                abs(rationals(M.com) - v.mean(-2)).max(-1) <= int(TETRAHEDRON_COM.u) * u * abs(v).max((-1, -2))
-            ).all()
+            of_com = abs(rationals(M.com) - v.mean(-2)).max(-1)
+            assert (of_com <= TETRAHEDRON_COM.allowed("reproducible", u, abs(v).max((-1, -2)))).all()
             size = abs(edges[:, 0, :, None, None] * edges[:, 1, None, :, None] * edges[:, 2, None, None, :])
-            assert (abs(rationals(D.mass) - 2 * volume) <= int(DETERMINANT.u) * u * size.sum((-1, -2, -3)) / 3).all()
+            of_mass = abs(rationals(D.mass) - 2 * volume)
+            assert (of_mass <= DETERMINANT.allowed(precision, u, size.sum((-1, -2, -3)) / 3, 2 * volume)).all()
 
 
 def test_point_mass():

@@ -3,6 +3,8 @@
 In NumPy (`interpreted`); `test_inertia.test_transformations` and `test_masks_work_everywhere` hold compiled programs.
 """
 
+import functools
+
 import chex
 import jax
 import jax.numpy as jnp
@@ -431,8 +433,12 @@ def test_minimum_length():
     np.testing.assert_allclose(minimum_length(body(np.diag([0.0, 180**2, 180**2]) * 7, 7.0)), 360, rtol=2 * EPS)
     M = random_inertia((20,), seed=3, spread=2.0)
     m, _, i = exactly(M)
-    expected = np.sqrt(2 * (i[:, [0, 2, 5]].sum(-1) / m).astype(float))
-    np.testing.assert_allclose(minimum_length(M), expected, rtol=LENGTH.u * EPS / 2)
+    squares = 2 * i[:, [0, 2, 5]].sum(-1) / m
+    for precision in ("reproducible", "compensated"):
+        found = interpreted(functools.partial(js.SpatialInertia.minimum_length, precision=precision))(M)
+        for x, square in zip(found, squares, strict=True):
+            exact = mpmath.sqrt(mpmath.mpf(square.numerator) / square.denominator)
+            assert abs(float(x) - exact) <= LENGTH.allowed(precision, EPS / 2, exact)
 
 
 @pytest.mark.parametrize("dtype", ["float16", "float32", "float64"])

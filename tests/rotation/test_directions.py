@@ -273,6 +273,21 @@ def test_interpolation(dtype):
     assert np.abs(twice.translation.astype(float) - q).max() <= 40 * eps * sizes.max()
 
 
+@pytest.mark.parametrize("precision", ["reproducible", "compensated"])
+def test_bound_of_interpolation(precision):
+    """Of two matrices as they are, up to a hundred times the way; rounded once in "compensated"."""
+    rng, u = np.random.default_rng(8), 2.0**-24
+    w, t = rng.standard_normal((2, 24, 3)), of_dtype(np.resize([1e-3, 1, -1, 3, 30, 100], 24), "float32")
+    ends = [js.Rotation(of_dtype(x.entries, "float32")) for x in map(interpreted(js.Rotation.exp), w)]
+    found = evaluated(precision, lambda *x: js.Rotation.interpolate(*x, precision=precision))(*ends, t)
+    for x, y, k, ours in zip(*(R.entries.astype(float) for R in ends), t.astype(float), found.entries, strict=True):
+        R = x.reshape(3, 3)
+        q, *n = exact.proportional_to_quaternion(R.T @ y.reshape(3, 3))
+        turn = exact.exp([k * 2 * mp.atan2(exact.length(n), q) / exact.length(n) * c for c in n])
+        error = np.linalg.norm(exact.differences(ours, [mp.matrix(R.tolist()) * turn])) / np.sqrt(3)
+        assert error <= bounds.INTERPOLATED.allowed(precision, u, 1) + bounds.EACH_WAY.allowed(precision, u, abs(k))
+
+
 @pytest.mark.parametrize("name", ["exp", slow("left_jacobian"), slow("left_jacobian_inverse")])
 def test_decisions_of_angles_agree_with_themselves(name):
     """In "fast" too, at the switches: a batch of angles within rounding of |w|^2 = 10 and 1."""

@@ -312,7 +312,7 @@ def exact_jacobians(dtype) -> Any:
 JACOBIAN_ANGLES = (0, 1e-30, 1e-8, 1e-4, 0.1, 0.5, 0.999, 1.001, 1.5, 2.0, 2.5, 3.0, 3.1, 3.1415)
 
 
-@pytest.mark.parametrize(("dtype", "precision"), slow_but(USUAL[:1], CASES[2:]))
+@wide_cases
 def test_left_jacobians(dtype, precision):
     w, v = motions(dtype, JACOBIAN_ANGLES)
     V, (J, inverse) = js.SpatialVelocity(w, v), exact_jacobians(dtype)
