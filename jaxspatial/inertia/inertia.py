@@ -46,7 +46,8 @@ ABOUT = Promise(5, 16)
 COMBINED, FROM_MOMENTS, FROM_ROOT = Promise(10, 128), Promise(6, 64, mag="|I_P| + m |c|^2"), Promise(24, 64)
 COMBINED_COM, ROOT_MASS = Normwise(6, "(m1 |c1| + m2 |c2|) / m", u2=128), Normwise(8, "m")
 # Of n bodies, L = ceil(log2 n). The mass that com is divided by has the error of a sum, too.
-SUM_MASS, SUM_COM, SUM_CENTRAL = OfSum(of="m"), OfSum(2, 2, of="sum m_i |c_i| / m", u2=16), OfSum(10, u2=16)
+# Central: of d 1 u, of m (|d|^2 1 - d d^T) 5 u, and one sum more; an error of com counts by its square.
+SUM_MASS, SUM_COM, SUM_CENTRAL = OfSum(of="m"), OfSum(2, 2, of="sum m_i |c_i| / m", u2=16), OfSum(6, u2=16)
 # Of the largest moment.
 MOMENTS, AXES = Normwise(8, "times the largest"), Normwise(32, "times the largest moment", rounded=32)
 ORTHONORMAL = Normwise(16, "of the identity", rounded=2)

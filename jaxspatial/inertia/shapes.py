@@ -30,9 +30,11 @@ from jaxspatial.numerics.types import ArrayLike, PrecisionName
 MASS, CENTRAL = Promise(12, 64), Promise(20, 64)
 # Of tetrahedra by density: of a determinant.
 DETERMINANT, TETRAHEDRON_COM = Normwise(12, "size", u2=64), Normwise(4, "|vertices|", rounded=4)
-# Of m triangles, L = ceil(log2 m).
-MESH_VOLUME, MESH_COM = OfSum(12, of="S", u2=8), OfSum(12, of="r S / V", u2=8)
-MESH_CENTRAL = OfSum(24, 2, "mass r^2 S / V", u2=8)
+# Of m triangles, L = ceil(log2 m). Counted: of d, 6 V of a tetrahedron, (8 2 / sqrt(3) + L) u of |a| |b - a| |c - a|,
+# as the permanent of three unit vectors is at most 2 / sqrt(3); so of V (1.9 + L / 6) u S, of com (3.4 + 0.3 L) u r S /
+# V, where com is no farther than r and S / V at least 6; and of central (13.6 + 1.02 L) u mass r^2 S / V.
+MESH_VOLUME, MESH_COM = OfSum(2, of="S", u2=8), OfSum(4, of="r S / V", u2=8)
+MESH_CENTRAL = OfSum(15, of="mass r^2 S / V", u2=8)
 
 # -- what all constructors have in common -----------------------------------------------------------------------------
 

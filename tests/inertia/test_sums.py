@@ -108,11 +108,31 @@ def test_masses_that_are_lost_one_after_another(precision):
     for k in range(10):  # What is added to the first in round k: so many bodies, of 0.99 u together.
         mass[n >> k + 1 :: n >> k] = 0.99 * float(u) / (1 << k)
     com[:, 0] = np.where(mass < 1, 1.03, 1)
-    M = js.SpatialInertia(mass, com, np.zeros((n, 6), "float32"))
+    # Of central, too, next to which masses are small.
+    M = js.SpatialInertia(mass, com, np.float32([1024, 0, 1024, 0, 0, 1024]) * mass[:, None])
     found = interpreted(lambda M: M.sum(precision=precision))(M)
-    exact_mass, exact_com, _, com_mag, _ = exact_sum(*exactly(M))
+    exact_mass, exact_com, central, com_mag, central_mag = exact_sum(*exactly(M))
     _require(found.mass, exact_mass, exact_mass, u, SUM_MASS.factor(n), 0, precision)
-    _require(found.com, exact_com, com_mag, u, SUM_COM.factor(n), SUM_COM.u2 * SUM_COM.factor(n), precision)
+    squared = SUM_COM.u2 * SUM_COM.factor(n)
+    _require(found.com, exact_com, com_mag, u, SUM_COM.factor(n), squared, precision)
+    _require(found.central, central, central_mag, u, SUM_CENTRAL.factor(n), squared, precision)
+
+
+def test_the_sum_of_two():
+    """Two whose com takes 3.3 of the 4 u, found among millions; and pairs about a common com that is 0, of which
+    central takes what a body does."""
+    u, few = unit_roundoff("float32"), np.zeros((1, 2, 6), "float32")
+    com = np.float32([[[0.5078696, 0, 0], [0.5779062, 0, 0]]])
+    hostile = js.SpatialInertia(np.float32([[1.2809731, 1.2591081]]), com, few)
+    one = random_inertia((1000,), "float32", 5)
+    pairs = js.SpatialInertia(
+        np.stack([one.mass] * 2, 1), np.stack([one.com, -one.com], 1), np.float32(1e-3) * np.stack([one.central] * 2, 1)
+    )
+    for M in (hostile, pairs):
+        found = interpreted(lambda M: M.sum(axis=1))(M)
+        _, com, central, com_mag, central_mag = exact_sum(*exactly(M))
+        _require(found.com, com, com_mag, u, SUM_COM.factor(2), 0, "reproducible")
+        _require(found.central, central, central_mag, u, SUM_CENTRAL.factor(2), 0, "reproducible")
 
 
 def test_one_by_one_is_nearly_as_good():
