@@ -23,7 +23,7 @@ RATE = Parameter("rate_of_lead", default=0.7)
 class Cam(JointKind):
     """Slides along the axis by rate q^2 / 2, m."""
 
-    name, nq, nv, subspace_needs_q = "cam", 1, 1, True
+    name, nq, nv, subspace_needs_q = "cam_follower", 1, 1, True
     parameters, is_about_one_axis = (AXIS, RATE), True
 
     def transform(self, q, cos_sin):
@@ -69,7 +69,7 @@ def _x64():
 
 
 # (kind, the body that each hangs on): a chain of two spirals makes a loop over rows.
-TREE = [("cam", -1), ("spiral", 0), ("spiral", 1), ("prismatic", 0)]
+TREE = [("cam_follower", -1), ("spiral", 0), ("spiral", 1), ("prismatic", 0)]
 N = len(TREE)
 
 
@@ -84,7 +84,7 @@ def mechanism():
             bodies.append(js.Body(f"b{i}", M))
             X = js.RigidTransform(js.Rotation.exp(rng.standard_normal(3)), rng.standard_normal(3))
             axis = (1.0, 0, 0) if i == 0 else rng.standard_normal(3)
-            more = {"parameters": {"rate_of_lead": rng.uniform(0.5, 1)}} if kind in ("cam", "spiral") else {}
+            more = {"parameters": {"rate_of_lead": rng.uniform(0.5, 1)}} if kind in ("cam_follower", "spiral") else {}
             made.append(js.Joint(f"j{i}", kind, f"b{on}" if on >= 0 else "world", f"b{i}", X, axis=axis, **more))
         return js.Mechanism.build(bodies, made, dtype=np.float64)
 

@@ -8,6 +8,7 @@ import re
 import jax
 
 import jaxspatial as js
+from jaxspatial.mechanism.joints import KINDS
 from tests.helpers.soon import compiled_soon
 
 FOLDER = pathlib.Path(__file__).parent.parent.parent / "notebooks"
@@ -23,8 +24,8 @@ def run(blocks, precision="fast", as_read=False, **numbers):
 
     Numbers replace what names are assigned at the top level of a block: sizes, so that a test takes seconds. precision:
     what a page computes in where it says nothing, None for the one of readers; programs of "fast" compile soonest. As a
-    page is read, compiled as users do: with neither."""
-    scope, replaced = {}, set()
+    page is read, compiled as users do: with neither. Kinds of joints that a page registers are forgotten after it."""
+    scope, replaced, known = {}, set(), [*KINDS]
     soon = contextlib.ExitStack()
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"), soon:
         if not as_read:
@@ -39,6 +40,8 @@ def run(blocks, precision="fast", as_read=False, **numbers):
                         line.value = ast.copy_location(ast.Constant(numbers[target.id]), line.value)
                         replaced.add(target.id)
             exec(compile(tree, "page", "exec"), scope)
+    for name in KINDS.keys() - known:
+        del KINDS[name]
     assert replaced == numbers.keys(), f"assigned nowhere: {numbers.keys() - replaced}"
     return scope
 
