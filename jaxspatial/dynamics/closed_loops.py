@@ -428,7 +428,7 @@ class _Loops(NamedTuple):
             for x, J_A, J_B in zip(placed, *_halves(J_WF), strict=True):
                 if x.is_still:
                     zeros = jnp.zeros((ROWS[x.kind], self.mechanism.nv), q.dtype)
-                    rows.append(_Rows(zeros, zeros[:, 0]))
+                    rows.append(_Rows(zeros, jnp.zeros(zeros.shape[:1], zeros.dtype)))
                     continue
                 # The twists of B for an observer on A are J_B - J_A + turned.
                 turned = _times(_skew(x.p_AB_W), J_A[:3])

@@ -58,12 +58,12 @@ class ConvexStep(NamedTuple):
         their frames in the world over dt. Of numbers that closures amplify it is an estimate on the safe side, most
         often 3 to 100 times too large. Without closures it is at most 2e-6 in float32 and 1e-10 in float64, or 100
         times that where rounding errors stop it sooner, unless the iterations were not enough; 0 where nothing acts.
-        Of 19 random mechanisms in float64 the true decrement, evaluated from v by dense matrices, was at most the
-        residual or 1e-10. In float32 it was up to 8 times the residual: of the rounding of depths, masses and
-        velocities without contact the residual does not know. Masses or stiffnesses that lie six decades apart are too
-        much for the digits of float32. Of such states one or two in a hundred end above 2e-4, and one in eight if there
-        are limits, too. Most of these have used all iterations. The others end at a few percent at most, or at inf
-        where numbers overflow.
+        Of random mechanisms in float64 the true decrement, evaluated from v by dense matrices, was at most the residual
+        or 1e-10. In float32 it was up to 8 times the residual, where that is below 1: of the rounding of depths, masses
+        and velocities without contact the residual does not know. Above 1 a step is nowhere near the optimum. Masses or
+        stiffnesses that lie six decades apart are too much for the digits of float32. Of such states one or two in a
+        hundred end above 2e-4, and one in five if there are limits, too, whose rounding errors count. Half of these
+        have used all iterations. The others end at a few percent at most, or at inf where numbers overflow.
     iterations: (*batch,) of Newton's method, at most 60; 0 where nothing acts.
     """
 

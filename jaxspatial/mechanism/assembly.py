@@ -187,7 +187,8 @@ class _Tree:
             "parameters": {p.name: self._parameter(p) for p in registered_parameters(j.kind for j in self.moving)},
             "mimics": _rows([mimic[1:] if (mimic := joint.follows) else (1.0, 0.0) for joint in self.moving], 2),
             "inertias": _inertias(self.masses),
-            "weld_inertias": _inertias(self._welded()),
+            # No arrays of size zero, which checkpoints refuse.
+            "weld_inertias": _inertias(self._welded()) if self.welds else None,
             "frame_placements": _stacked([X for _, X in self.places.values()]),
             **{name: _with_mimics(leaders, mimics, name, power) for name, power in _POWERS.items()},
             **{name: _joined(numbers(joint, name, size) for joint in leaders) for name, size in _LIMITS.items()},

@@ -83,7 +83,7 @@ class Mechanism:
     upper: jax.Array
     spring_references: jax.Array
     frame_placements: RigidTransform
-    weld_inertias: SpatialInertia
+    weld_inertias: SpatialInertia | None
     gravity: jax.Array
     loops: tuple[LoopClosure, ...] = ()
 

@@ -325,8 +325,9 @@ def table(name, field):
 
 # The fields that only some kinds of joints read, and the mechanism that has them; all others are in every mechanism.
 OF_KINDS = {"second_axes": "two axes", "pitches": "two axes", "parameters": "sliding", "mimics": "mimic"}
-# Limits of what motors can do are there for others, and loops for callers to pass.
-READ_BY_NONE = "effort_limit", "velocity_limit", "loops"
+# Limits of what motors can do are there for others, and loops for callers to pass. Inertias behind welds are read by
+# reactions at these alone, see `test_reactions`.
+READ_BY_NONE = "effort_limit", "velocity_limit", "loops", "weld_inertias"
 # What takes longest to trace: these, and second derivatives, are drawn for the smallest mechanism; and of these no
 # second derivatives.
 LONG = (

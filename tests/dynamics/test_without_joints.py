@@ -32,6 +32,9 @@ FORCES = {"vice": js.SpatialForce(jnp.ones(3), jnp.ones(3))}
 # What has to do with forces, contacts and closures on frames of the world computes as with all others.
 COMPUTED = {js.applied_wrenches, js.close_loops, js.constraint_error, js.constraint_jacobian, js.contact_forces}
 
+# Closures between frames of the world that are open are refused by what closes them.
+CLOSURES = {f: ("world", "tip") for f in (js.constraint_error, js.constraint_jacobian)}
+
 # {function: the arrays of its result for one state}
 RESULTS = {
     js.center_of_mass: [NAN],
@@ -39,7 +42,7 @@ RESULTS = {
     js.center_of_mass_velocity: [NAN],
     js.centroidal_momentum: [NAN, np.zeros(3)],
     js.centroidal_momentum_matrix: [np.zeros((6, 0))],
-    js.close_loops: [np.zeros(0), np.array(4.0)],
+    js.close_loops: [np.zeros(0), np.array(0.0)],
     js.constrained_forward_dynamics: [np.zeros(0), np.zeros((1, 3)), np.zeros((1, 3))],
     js.constraint_error: [X_WF],
     js.constraint_jacobian: [np.zeros((3, 0))],
@@ -80,7 +83,8 @@ STATE = "q", "q0", "q1", "v", "vdot", "tau"
 def _called(f, mech, arrays):
     """The leaves of the results, with forces where a function takes them."""
     given = {"frames": "tip", "external_forces": FORCES, "dt": np.float32(0.1), "t": np.float32(0.5)}
-    given |= {"loops": [js.LoopClosure("world", "tip", "ball")], "key": jax.random.key(0)}
+    given |= {"loops": [js.LoopClosure(*CLOSURES.get(f, ("tip", "tip")), "ball")], "key": jax.random.key(0)}
+    given |= {"loop_wrenches": js.SpatialForce.zero(1, dtype=np.float32)}
     law = {"stiffness": 1.0, "relaxation_time": 0.0, "friction": 0.5}
     if f is not js.convex_step:
         given["contacts"] = js.PointContacts(["vice"], radius=np.float32(0.5), **law)
