@@ -552,6 +552,8 @@ def _static_from_bytes(data: bytes):
     parameters = {p.name: 0 for p in registered_parameters(topology.kinds)}
     closures = tuple(LoopClosure(a, b, kind, 1.0 if kind == "distance" else None) for a, b, kind in loops)
     like = dataclasses.replace(Mechanism.build([], []), topology=topology, parameters=parameters, loops=closures)
+    if topology.welds:
+        like = dataclasses.replace(like, weld_inertias=like.inertias)
     return jax.tree.unflatten(jax.tree.structure(like), leaves).as_static()
 
 
