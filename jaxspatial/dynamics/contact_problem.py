@@ -330,7 +330,7 @@ def tiled(tree: T, n: int, k: int) -> T:
     """Numbers of n states as those of k times n: of all states, again and again."""
 
     def repeated(w: jax.Array) -> jax.Array:
-        return jnp.tile(w, (*[1] * (w.ndim - 1), k)) if w.shape[-1] == n > 1 else w
+        return jnp.tile(w, (*[1] * (w.ndim - 1), k)) if w.shape[-1] == n != 1 else w
 
     return stacking.mapped(repeated, tree)
 

@@ -556,9 +556,6 @@ def _with_complement(
     n, k = state.n, len(ends.b)
     wide, own = state.of_size(n * k), np.eye(k, dtype=bool)[:, :, None]
 
-    def tiled(w: jax.Array) -> jax.Array:
-        return jnp.tile(w, (*[1] * (w.ndim - 1), k)) if w.shape[-1] == n != 1 else w
-
     def apart(w: jax.Array) -> jax.Array:
         """Row i in column i, zero elsewhere."""
         return jnp.where(own, jnp.broadcast_to(w, (k, n))[:, None], 0).reshape((k, k * n))
@@ -574,12 +571,11 @@ def _with_complement(
     rows = stacking.concatenated_trees(list(stacking.mapped(apart, columns)), wide.n, [k, k])
     forces = problem.on_bundles(wide, ends.b + ends.a, rows, nothing)
     factors = [(b.S, b.r, [x.whole[:2] for x in e]) for b, e in zip(scene.bodies, eliminated, strict=True)]
-    factors = stacking.mapped(tiled, factors)
+    factors, stiffer = problem.tiled((factors, _by_bundle(state, scene, _whole(state, scene, G[1]))), n, k)
     returned = recursion.inward(wide, _to_parent, nothing, list(zip(factors, forces, strict=True)))
-    stiffer = _by_bundle(state, scene, _whole(state, scene, G[1]))
-    both = [(S, r, e, g) for (S, r, _), e, g in zip(factors, returned, stacking.mapped(tiled, stiffer), strict=True)]
+    both = [(S, r, e, g) for (S, r, _), e, g in zip(factors, returned, stiffer, strict=True)]
     Y = recursion.outward(wide, _follow, _at_rest(wide), both)
-    through = rates(wide, stacking.mapped(tiled, columns), Y)
+    through = rates(wide, problem.tiled(columns, n, k), Y)
     M = stacking.mapped(lambda w: jnp.broadcast_to(w, (k, k * n)).reshape((k, k, n)), through)
     M = where(jnp.broadcast_to(own, (k, k, n)), M + 1.0, M)
     lacking = stacking.spread(-rates(state, columns, found), (k, n))
