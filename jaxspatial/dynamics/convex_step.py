@@ -53,11 +53,11 @@ class ConvexStep(NamedTuple):
         origin of B, in world axes: impulse over dt, N m and N; None without closures.
     residual: (*batch,) how far v is from the optimum: the decrement sqrt(g^T H^-1 g), with g the gradient and H the
         Hessian of the cost, relative to the momenta sqrt(v^T A v + y^T A y), with y the change of v without contact.
-        It is that at the start of the last iteration, or a bound of it after the last, and in addition what rounding
-        errors make of it: of velocities, and of what closures have to close, such as 4 eps of the coordinates of
-        their frames in the world over dt. Of numbers that closures amplify it is an estimate on the safe side, most
-        often 3 to 100 times too large. Without closures it is at most 2e-6 in float32 and 1e-10 in float64, or 100
-        times that where rounding errors stop it sooner, unless the iterations were not enough; 0 where nothing acts.
+        It is taken at the start of the last iteration, or bounded after it. To that an estimate of rounding errors is
+        added: those of velocities, and those of closures, 4 eps of the coordinates of their frames in the world over
+        dt. Where closures amplify them the estimate is on the safe side, most often 3 to 100 times too large. Without
+        closures the residual is at most 2e-6 in float32 and 1e-10 in float64, or 100 times that where rounding errors
+        stop the iteration sooner, unless the iterations were not enough; 0 where nothing acts.
         Of random mechanisms in float64 the true decrement, evaluated from v by dense matrices, was at most the residual
         or 1e-10. In float32 it was up to 8 times the residual, where that is below 1: of the rounding of depths, masses
         and velocities without contact the residual does not know. Above 1 a step is nowhere near the optimum. Masses or
