@@ -1,0 +1,812 @@
+"""Programs as graphs: operations on single numbers of one state, in static single assignment, with loops.
+
+A graph is made from the trace of a program for one state. An array of the trace becomes an array of nodes, so that what
+only moves numbers (slices, transposes, concatenations) leaves nothing behind. Nodes have no effects: an operation that
+is found again is one node, one of constants is a constant, and one whose operands a loop does not change stands in
+front of the loop. What a compiler makes of a graph is in `llvm_ir`; `run` evaluates it with NumPy.
+"""
+
+import itertools
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from jax.extend.core import ClosedJaxpr, Literal
+
+from jaxspatial.numerics.errorfree.primitives import CALLS, called
+
+Nodes = np.ndarray  # of the numbers of nodes, of dtype int64
+BOOL = np.dtype(bool)
+# A loop of so many operations, over all its turns, is unrolled: see `_Builder._scan`.
+MOST_UNROLLED = 6000
+
+
+class NotSupportedError(Exception):
+    """A trace has an operation that no graph has: the program takes XLA's way."""
+
+
+class Loop:
+    """A loop of a graph. Nodes of its region are computed in every turn.
+
+    length: the number of turns; None for a loop that goes on while `condition` is true. is_reverse: whether the rows are
+    taken from the last one on. carried: (parameter, its first value, its new value) of each number that turns pass on.
+    rows: by parameter, the nodes that it is in each turn, by row. stacked: nodes of the body whose values in all turns
+    are results.
+    """
+
+    def __init__(self, region: int, length: int | None, is_reverse: bool = False):
+        self.region, self.length, self.is_reverse = region, length, is_reverse
+        self.carried: list[tuple[int, int, int]] = []
+        self.rows: dict[int, tuple[int, ...]] = {}
+        self.stacked: list[int] = []
+        self.condition = -1
+
+
+class Graph:
+    """Nodes by number: what they compute, of which nodes, in which dtype and region.
+
+    operations: names. A "load" has (argument, place) in `details`, a "constant" its value, a "carried" or "row" the
+    number of its loop. A "last" is what a loop leaves of a carried number, and a "stacked" what a node of the body was
+    in one turn: their details are (loop, which, row). A "convert" or "bitcast" has another dtype than its operand.
+    regions: 0 is the program, others are the bodies of loops. parents: of each region, the one around it.
+    results: for each result of the program its nodes.
+    """
+
+    def __init__(self):
+        self.operations, self.operands, self.dtypes = list[str](), list[tuple[int, ...]](), list[np.dtype]()
+        self.regions, self.details = list[int](), dict[int, Any]()
+        self.constants: dict[int, Any] = {}
+        self.parents, self.depths = [-1], [0]
+        self.loops: list[Loop] = []
+        self.results: list[Nodes] = []
+        self._known: dict[Any, int] = {}
+
+    def __len__(self) -> int:
+        return len(self.operations)
+
+    # -- nodes --------------------------------------------------------------------------------------------------------
+
+    def constant(self, x: Any, dtype: np.dtype) -> int:
+        x = np.asarray(x, dtype)[()]
+        key = dtype.char, x.tobytes()
+        node = self._known.get(key)
+        if node is None:
+            node = self._known[key] = self._added("constant", (), dtype, 0)
+            self.constants[node] = x
+        return node
+
+    def load(self, argument: int, place: int, dtype: np.dtype) -> int:
+        key = "load", argument, place
+        if key not in self._known:
+            self._known[key] = self._added("load", (), dtype, 0)
+            self.details[self._known[key]] = argument, place
+        return self._known[key]
+
+    def operation(self, name: str, operands: tuple[int, ...], dtype: np.dtype) -> int:
+        """The node of an operation, which may be known already, or be a constant."""
+        key = (name, *operands) if name not in ("convert", "bitcast") else (name, *operands, dtype.char)
+        node = self._known.get(key)
+        if node is None:
+            node = self._known[key] = self._made(name, operands, dtype)
+        return node
+
+    def _made(self, name: str, operands: tuple[int, ...], dtype: np.dtype) -> int:
+        constants = self.constants
+        if all(x in constants for x in operands):
+            with np.errstate(all="ignore"):
+                return self.constant(EVALUATE[name](dtype, *(constants[x] for x in operands)), dtype)
+        simpler = _SIMPLER.get(name)
+        if simpler is not None and (node := simpler(self, *operands)) is not None:
+            return node
+        depths, regions = self.depths, self.regions
+        region = max((regions[x] for x in operands), key=depths.__getitem__)
+        return self._added(name, operands, dtype, region)
+
+    def _added(self, name: str, operands: tuple[int, ...], dtype: np.dtype, region: int) -> int:
+        self.operations.append(name)
+        self.operands.append(operands)
+        self.dtypes.append(dtype)
+        self.regions.append(region)
+        return len(self.operations) - 1
+
+    # -- loops --------------------------------------------------------------------------------------------------------
+
+    def begun(self, around: int, length: int | None, is_reverse: bool = False) -> Loop:
+        """A new loop, in the region `around`."""
+        self.parents.append(around)
+        self.depths.append(self.depths[around] + 1)
+        self.loops.append(Loop(len(self.parents) - 1, length, is_reverse))
+        return self.loops[-1]
+
+    def parameter(self, loop: Loop, name: str, dtype: np.dtype) -> int:
+        node = self._added(name, (), dtype, loop.region)
+        self.details[node] = self.loops.index(loop)
+        return node
+
+    def result(self, loop: Loop, name: str, which: int, row: int, dtype: np.dtype) -> int:
+        node = self._added(name, (), dtype, self.parents[loop.region])
+        self.details[node] = self.loops.index(loop), which, row
+        return node
+
+    def is_inside(self, node: int, region: int) -> bool:
+        """Whether a node is computed in a region, or in one inside of it."""
+        r = self.regions[node]
+        while self.depths[r] > self.depths[region]:
+            r = self.parents[r]
+        return r == region
+
+
+# -- operations --------------------------------------------------------------------------------------------------------
+
+
+def _divided(d: np.dtype, a: Any, b: Any) -> Any:
+    return a / b if d.kind == "f" else a // b
+
+
+def _product_error(d: np.dtype, a: Any, b: Any, p: Any) -> Any:
+    """a b - p of p = fl(a b), by Dekker's splitting of the digits; exact while it is no subnormal number. [Dekker 1971]"""
+    if d == np.float32:
+        return np.asarray(np.float64(a) * np.float64(b) - np.float64(p)).astype(d)
+    half, upper = np.uint64(1 << 26), np.uint64(0xFFFFFFFFF8000000)
+    a_hi, b_hi = (((np.asarray(x).view(np.uint64) + half) & upper).view(np.float64) for x in (a, b))
+    a_lo, b_lo = a - a_hi, b - b_hi
+    return ((a_hi * b_hi - p) + a_hi * b_lo + a_lo * b_hi) + a_lo * b_lo
+
+
+# What each operation computes, of NumPy scalars or arrays; d is the dtype of the result.
+EVALUATE: dict[str, Callable[..., Any]] = {
+    "add": lambda d, a, b: a + b,
+    "sub": lambda d, a, b: a - b,
+    "mul": lambda d, a, b: a * b,
+    "div": _divided,
+    "rem": lambda d, a, b: np.fmod(a, b),
+    "product_error": _product_error,
+    "neg": lambda d, a: -a,
+    "abs": lambda d, a: np.abs(a),
+    "sqrt": lambda d, a: np.sqrt(a),
+    "round": lambda d, a: np.round(a),
+    "floor": lambda d, a: np.floor(a),
+    "ceil": lambda d, a: np.ceil(a),
+    "max": lambda d, a, b: np.maximum(a, b),
+    "min": lambda d, a, b: np.minimum(a, b),
+    "lt": lambda d, a, b: a < b,
+    "le": lambda d, a, b: a <= b,
+    "gt": lambda d, a, b: a > b,
+    "ge": lambda d, a, b: a >= b,
+    "eq": lambda d, a, b: a == b,
+    "ne": lambda d, a, b: a != b,
+    "and": lambda d, a, b: a & b,
+    "or": lambda d, a, b: a | b,
+    "xor": lambda d, a, b: a ^ b,
+    "not": lambda d, a: ~a,
+    "shl": lambda d, a, b: a << b,
+    "shr": lambda d, a, b: a >> b,
+    "select": lambda d, c, t, f: np.where(c, t, f),
+    "convert": lambda d, a: np.asarray(a).astype(d),
+    "bitcast": lambda d, a: np.asarray(a).view(d),
+}
+COMPARISONS = {"lt", "le", "gt", "ge", "eq", "ne"}
+
+
+def _select(g: Graph, condition: int, yes: int, no: int) -> int | None:
+    if condition in g.constants:
+        return yes if g.constants[condition] else no
+    return yes if yes == no else None
+
+
+def _both(g: Graph, a: int, b: int) -> int | None:
+    return _with_mask(g, a, b, True)
+
+
+def _either(g: Graph, a: int, b: int) -> int | None:
+    return _with_mask(g, a, b, False)
+
+
+def _with_mask(g: Graph, a: int, b: int, neutral: bool) -> int | None:
+    """a and b, or a or b, of masks of which one is known. neutral: the mask that changes nothing."""
+    if g.dtypes[a] != BOOL:
+        return None
+    if a == b:
+        return a
+    for x, y in ((a, b), (b, a)):
+        if x in g.constants:
+            return y if bool(g.constants[x]) == neutral else x
+    return None
+
+
+def _negated(g: Graph, a: int) -> int | None:
+    return g.operands[a][0] if g.operations[a] == "neg" else None
+
+
+def _product(g: Graph, a: int, b: int) -> int | None:
+    """1 x = x. A product with -1 or 0 stays: it has other bits where x is NaN or infinite."""
+    for x, y in ((a, b), (b, a)):
+        if x in g.constants and g.constants[x] == 1:
+            return y
+    return None
+
+
+def _quotient(g: Graph, a: int, b: int) -> int | None:
+    return a if b in g.constants and g.constants[b] == 1 else None
+
+
+_SIMPLER: dict[str, Callable[..., int | None]] = {
+    "select": _select,
+    "and": _both,
+    "or": _either,
+    "neg": _negated,
+    "mul": _product,
+    "div": _quotient,
+}
+# Operations number by number, by the name of the primitive.
+_OWN_NAMES = {"select", "convert", "bitcast", "round", "shl", "shr", "product_error"}
+_ELEMENTWISE = {name: name for name in EVALUATE if name not in _OWN_NAMES}
+_ELEMENTWISE |= {
+    "add_any": "add",
+    "jaxspatial_root": "sqrt",
+    "jaxspatial_product": "mul",
+    "jaxspatial_sum": "add",
+    "jaxspatial_difference": "sub",
+    "jaxspatial_quotient": "div",
+    "shift_left": "shl",
+    "shift_right_logical": "shr",
+}
+# What keeps XLA from rewriting arithmetic, or says where arrays are: our compiler rewrites nothing.
+_UNCHANGED = {
+    "jaxspatial_barrier",
+    "jaxspatial_barrier_or_nan",
+    "jaxspatial_kept",
+    "stop_gradient",
+    "copy",
+    "copy_p",
+    "optimization_barrier",
+    "sharding_constraint",
+    "pvary",
+    "reshard",
+}
+_REDUCTIONS = {
+    "reduce_sum": "add",
+    "reduce_or": "or",
+    "reduce_and": "and",
+    "reduce_max": "max",
+    "reduce_min": "min",
+    "reduce_prod": "mul",
+}
+# A primitive of the library, or one that stands for a trace: a function of (equation) -> the trace, or None.
+Expand = Callable[[Any], ClosedJaxpr | None]
+
+
+def graph_of(closed: ClosedJaxpr, expand: Expand = lambda _: None) -> Graph:
+    """The graph of a trace for one state. expand: the traces of primitives that stand for one.
+
+    Raises:
+        NotSupportedError: the trace has an operation that graphs do not have.
+    """
+    builder = _Builder(expand)
+    arguments: list[Nodes] = []
+    for i, v in enumerate(closed.jaxpr.invars):
+        aval, dtype = cast(Any, v.aval), np.dtype(cast(Any, v.aval).dtype)
+        _require_supported(dtype)
+        nodes = [builder.graph.load(i, j, dtype) for j in range(int(np.prod(aval.shape)))]
+        arguments.append(np.array(nodes, np.int64).reshape(aval.shape))
+    builder.graph.results = [np.asarray(x) for x in builder.run(closed, arguments)]
+    return builder.graph
+
+
+def _require_supported(dtype: np.dtype) -> None:
+    if dtype.kind == "f" and dtype.itemsize in (4, 8) or dtype.kind in "iub":
+        return
+    raise NotSupportedError(f"numbers of dtype {dtype}")
+
+
+class _Builder:
+    """Reads a trace, operation by operation, with arrays of nodes in place of arrays."""
+
+    def __init__(self, expand: Expand):
+        self.graph, self.expand, self.region = Graph(), expand, 0
+
+    def run(self, closed: Any, arguments: Sequence[Nodes]) -> list[Nodes]:
+        jaxpr, values = closed.jaxpr, dict[Any, Nodes]()
+        values.update(zip(jaxpr.constvars, map(self.lifted, closed.consts), strict=True))
+        values.update(zip(jaxpr.invars, arguments, strict=True))
+
+        def read(x: Any) -> Nodes:
+            return self.lifted(np.asarray(x.val, x.aval.dtype)) if isinstance(x, Literal) else values[x]
+
+        for eqn in jaxpr.eqns:
+            results = self.equation(eqn, [read(x) for x in eqn.invars])
+            values.update(zip(eqn.outvars, results, strict=True))
+        return [read(x) for x in jaxpr.outvars]
+
+    def lifted(self, x: Any) -> Nodes:
+        x = np.asarray(x)
+        _require_supported(x.dtype)
+        flat = x.ravel()
+        return np.array([self.graph.constant(c, x.dtype) for c in flat], np.int64).reshape(x.shape)
+
+    def each(self, name: str, dtype: np.dtype, *arrays: Nodes) -> Nodes:
+        """An operation of each number of arrays that broadcast."""
+        if any(a.shape != arrays[0].shape for a in arrays):
+            arrays = tuple(np.broadcast_arrays(*arrays))
+        known, graph, found = self.graph._known, self.graph, []
+        suffix = (dtype.char,) if name in ("convert", "bitcast") else ()
+        for operands in zip(*(a.ravel().tolist() for a in arrays), strict=True):
+            node = known.get((name, *operands, *suffix))
+            found.append(graph.operation(name, operands, dtype) if node is None else node)
+        return np.array(found, np.int64).reshape(arrays[0].shape)
+
+    def equation(self, eqn: Any, x: list[Nodes]) -> list[Nodes]:
+        name = eqn.primitive.name
+        if (operation := _ELEMENTWISE.get(name)) is not None:
+            dtype = np.dtype(eqn.outvars[0].aval.dtype)
+            _require_supported(dtype)
+            return [self.each(operation, dtype, *x)]
+        if name in _UNCHANGED:
+            return x
+        if name in CALLS or name in ("pjit", "core_call", "custom_jvp_call", "custom_vjp_call", "checkpoint"):
+            return self.run(called(eqn), x)
+        method = getattr(self, f"_{name}", None)
+        if method is not None:
+            return method(eqn, *x)
+        if (closed := self.expand(eqn)) is not None:
+            return self.run(closed, x)
+        if name in _REDUCTIONS:
+            return [self._reduced(_REDUCTIONS[name], eqn, x[0])]
+        raise NotSupportedError(f"operation {name}")
+
+    # -- number by number ---------------------------------------------------------------------------------------------
+
+    def _select_n(self, eqn: Any, which: Nodes, *cases: Nodes) -> list[Nodes]:
+        dtype = np.dtype(eqn.outvars[0].aval.dtype)
+        if len(cases) != 2 or eqn.invars[0].aval.dtype != bool:
+            raise NotSupportedError(f"a selection of {len(cases)} cases")
+        return [self.each("select", dtype, which, cases[1], cases[0])]
+
+    def _round(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        if int(eqn.params["rounding_method"]) != 1:
+            raise NotSupportedError("rounding of halves away from zero")
+        return [self.each("round", np.dtype(eqn.outvars[0].aval.dtype), x)]
+
+    def _convert_element_type(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        dtype = np.dtype(eqn.outvars[0].aval.dtype)
+        _require_supported(dtype)
+        return [x if dtype == eqn.invars[0].aval.dtype else self.each("convert", dtype, x)]
+
+    def _bitcast_convert_type(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        dtype = np.dtype(eqn.outvars[0].aval.dtype)
+        if dtype.itemsize != eqn.invars[0].aval.dtype.itemsize:
+            raise NotSupportedError("bits of numbers of another size")
+        return [self.each("bitcast", dtype, x)]
+
+    def _square(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        return [self.each("mul", np.dtype(eqn.outvars[0].aval.dtype), x, x)]
+
+    def _integer_pow(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        if eqn.params["y"] != 2:
+            raise NotSupportedError(f"the power {eqn.params['y']}")
+        return self._square(eqn, x)
+
+    def _is_finite(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        dtype = np.dtype(eqn.invars[0].aval.dtype)
+        infinity = self.lifted(np.full((), np.inf, dtype))
+        return [self.each("lt", BOOL, self.each("abs", dtype, x), infinity)]
+
+    def _sign(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        dtype = np.dtype(eqn.outvars[0].aval.dtype)
+        zero, one, minus = (self.lifted(np.full((), c, dtype)) for c in (0, 1, -1))
+        negative = self.each("select", dtype, self.each("lt", BOOL, x, zero), minus, x)
+        return [self.each("select", dtype, self.each("gt", BOOL, x, zero), one, negative)]
+
+    def _clamp(self, eqn: Any, low: Nodes, x: Nodes, high: Nodes) -> list[Nodes]:
+        dtype = np.dtype(eqn.outvars[0].aval.dtype)
+        return [self.each("min", dtype, self.each("max", dtype, low, x), high)]
+
+    def _reduce_precision(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        """Rounds to fewer digits, half to even, in the bits of the numbers."""
+        dtype = np.dtype(eqn.outvars[0].aval.dtype)
+        info, digits = np.finfo(dtype), eqn.params["mantissa_bits"]
+        if eqn.params["exponent_bits"] != info.nexp:
+            raise NotSupportedError("exponents of fewer bits")
+        cleared = info.nmant - digits
+        if cleared == 0:
+            return [x]
+        integer = np.dtype(f"uint{info.bits}")
+
+        def of(value: int) -> Nodes:
+            return self.lifted(np.full((), value, integer))
+
+        bits = self.each("bitcast", integer, x)
+        odd = self.each("and", integer, self.each("shr", integer, bits, of(cleared)), of(1))
+        added = self.each("add", integer, odd, of((1 << (cleared - 1)) - 1))
+        rounded = self.each("add", integer, bits, added)
+        kept = self.each("and", integer, rounded, of((1 << info.bits) - (1 << cleared)))
+        is_number = self.each("eq", BOOL, x, x)
+        return [self.each("select", dtype, is_number, self.each("bitcast", dtype, kept), x)]
+
+    def _jaxspatial_two_product(self, eqn: Any, a: Nodes, b: Nodes) -> list[Nodes]:
+        dtype = np.dtype(eqn.outvars[0].aval.dtype)
+        p = self.each("mul", dtype, a, b)
+        return [p, self.each("product_error", dtype, a, b, p)]
+
+    # -- what moves numbers -------------------------------------------------------------------------------------------
+
+    def _broadcast_in_dim(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        shape = [1] * len(eqn.params["shape"])
+        for k, axis in enumerate(eqn.params["broadcast_dimensions"]):
+            shape[axis] = x.shape[k]
+        return [np.broadcast_to(x.reshape(shape), eqn.params["shape"])]
+
+    def _reshape(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        return [x.reshape(eqn.outvars[0].aval.shape)]
+
+    _squeeze = _expand_dims = _reshape
+
+    def _transpose(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        return [x.transpose(eqn.params["permutation"])]
+
+    def _rev(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        return [np.flip(x, eqn.params["dimensions"])]
+
+    def _slice(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        p = eqn.params
+        steps = p["strides"] or [1] * x.ndim
+        return [x[tuple(map(slice, p["start_indices"], p["limit_indices"], steps))]]
+
+    def _concatenate(self, eqn: Any, *x: Nodes) -> list[Nodes]:
+        return [np.concatenate(x, axis=eqn.params["dimension"])]
+
+    def _stack(self, eqn: Any, *x: Nodes) -> list[Nodes]:
+        return [np.stack(x, axis=eqn.params["axis"])]
+
+    _jaxspatial_stack = _stack
+
+    def _unstack(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        axis = eqn.params["axis"]
+        return [np.take(x, k, axis) for k in range(x.shape[axis])]
+
+    _jaxspatial_unstack = _unstack
+
+    def _split(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        return list(np.split(x, np.cumsum(eqn.params["sizes"])[:-1], axis=eqn.params["axis"]))
+
+    def _pad(self, eqn: Any, x: Nodes, value: Nodes) -> list[Nodes]:
+        config = eqn.params["padding_config"]
+        if any(low < 0 or high < 0 for low, high, _ in config):
+            raise NotSupportedError("negative padding")
+        y = np.full(eqn.outvars[0].aval.shape, value[()], np.int64)
+        places = (
+            slice(low, low + (n - 1) * (inner + 1) + 1 if n else low, inner + 1)
+            for (low, _, inner), n in zip(config, x.shape, strict=True)
+        )
+        y[tuple(places)] = x
+        return [y]
+
+    def _iota(self, eqn: Any, *_: Nodes) -> list[Nodes]:
+        shape, axis = eqn.params["shape"], eqn.params["dimension"]
+        row = np.arange(shape[axis], dtype=eqn.params["dtype"])
+        return [np.broadcast_to(self.lifted(row).reshape([-1 if k == axis else 1 for k in range(len(shape))]), shape)]
+
+    def _empty(self, eqn: Any, *_: Nodes) -> list[Nodes]:
+        aval = eqn.outvars[0].aval
+        return [self.lifted(np.zeros(aval.shape, aval.dtype))]
+
+    _empty2 = _empty
+
+    def _dynamic_slice(self, eqn: Any, x: Nodes, *starts: Nodes) -> list[Nodes]:
+        sizes = eqn.params["slice_sizes"]
+        at = self._places(x, sizes, starts)
+        if at is not None:
+            return [x[at]]
+        options, axis = self._options(x, sizes, starts)
+        dtype = np.dtype(eqn.outvars[0].aval.dtype)
+        return [self._chosen(dtype, starts[axis], [x[at] for at in options])]
+
+    def _dynamic_update_slice(self, eqn: Any, x: Nodes, new: Nodes, *starts: Nodes) -> list[Nodes]:
+        at = self._places(x, new.shape, starts)
+        if at is not None:
+            y = x.copy()
+            y[at] = new
+            return [y]
+        options, axis = self._options(x, new.shape, starts)
+        dtype, y = np.dtype(eqn.outvars[0].aval.dtype), x.copy()
+        for k, place in enumerate(options):
+            is_here = self._is_at(starts[axis], k, len(options))
+            y[place] = self.each("select", dtype, is_here, new, x[place])
+        return [y]
+
+    def _places(self, x: Nodes, sizes: Sequence[int], starts: Sequence[Nodes]) -> tuple[slice, ...] | None:
+        """Where a slice begins and ends, if that is known; it is moved to lie in the array, as XLA does."""
+        constants = self.graph.constants
+        found = [constants.get(int(i[()])) for i in starts]
+        if any(i is None for i in found):
+            return None
+        firsts = [max(0, min(int(cast(Any, i)), n - size)) for i, n, size in zip(found, x.shape, sizes, strict=True)]
+        return tuple(slice(i, i + size) for i, size in zip(firsts, sizes, strict=True))
+
+    def _options(
+        self, x: Nodes, sizes: Sequence[int], starts: Sequence[Nodes]
+    ) -> tuple[list[tuple[slice, ...]], int]:
+        """(the places that a slice may have, the axis along which its start is not known)."""
+        unknown = [k for k, i in enumerate(starts) if int(i[()]) not in self.graph.constants]
+        if len(unknown) != 1:
+            raise NotSupportedError("a slice whose place is unknown along several axes")
+        axis = unknown[0]
+        zero = self.lifted(np.zeros((), np.int32))
+        firsts = [zero if k == axis else i for k, i in enumerate(starts)]
+        at = cast(tuple[slice, ...], self._places(x, sizes, firsts))
+        n = x.shape[axis] - sizes[axis] + 1
+        return [(*at[:axis], slice(k, k + sizes[axis]), *at[axis + 1 :]) for k in range(n)], axis
+
+    def _chosen(self, dtype: np.dtype, index: Nodes, options: Sequence[Nodes]) -> Nodes:
+        chosen = options[-1]
+        for k in range(len(options) - 2, -1, -1):
+            chosen = self.each("select", dtype, self._is_at(index, k, len(options)), options[k], chosen)
+        return chosen
+
+    def _is_at(self, index: Nodes, k: int, n: int) -> Nodes:
+        """Whether an index, moved into 0 ... n - 1, is k."""
+        dtype = self.graph.dtypes[int(index[()])]
+        name = "le" if k == 0 and n > 1 else "ge" if k == n - 1 else "eq"
+        return self.each(name, BOOL, index, self.lifted(np.full((), k, dtype)))
+
+    def _reduced(self, operation: str, eqn: Any, x: Nodes) -> Nodes:
+        dtype, axes = np.dtype(eqn.outvars[0].aval.dtype), eqn.params["axes"]
+        y = np.moveaxis(x, axes, range(len(axes))).reshape((-1, *eqn.outvars[0].aval.shape))
+        if not len(y):
+            raise NotSupportedError("a reduction of nothing")
+        total = y[0]
+        for row in y[1:]:
+            total = self.each(operation, dtype, total, row)
+        return np.asarray(total)
+
+    # -- branches and loops -------------------------------------------------------------------------------------------
+
+    def _cond(self, eqn: Any, index: Nodes, *x: Nodes) -> list[Nodes]:
+        branches, node = eqn.params["branches"], int(index[()])
+        if node in self.graph.constants:
+            k = int(self.graph.constants[node])
+            return self.run(branches[max(0, min(k, len(branches) - 1))], x)
+        results = [self.run(branch, x) for branch in branches]
+        if self.graph.dtypes[node] == BOOL:
+            both = zip(*results, strict=True)
+            return [self.each("select", self._dtype(yes), index, yes, no) for no, yes in both]
+        return [self._chosen(self._dtype(options[0]), index, options) for options in zip(*results, strict=True)]
+
+    def _dtype(self, x: Nodes) -> np.dtype:
+        return self.graph.dtypes[int(x.flat[0])] if x.size else BOOL
+
+    def _while(self, eqn: Any, *x: Nodes) -> list[Nodes]:
+        p = eqn.params
+        n_condition, n_body = p["cond_nconsts"], p["body_nconsts"]
+        of_condition, of_body = x[:n_condition], x[n_condition : n_condition + n_body]
+
+        def turn(loop: Loop, carry: Sequence[Nodes], _: Sequence[Nodes]) -> tuple[list[Nodes], list[Nodes]]:
+            (condition,) = self.run(p["cond_jaxpr"], [*of_condition, *carry])
+            loop.condition = int(condition.ravel()[0])
+            return self.run(p["body_jaxpr"], [*of_body, *carry]), []
+
+        return self._looped(turn, None, list(x[n_condition + n_body :]), [])[0]
+
+    def _scan(self, eqn: Any, *x: Nodes) -> list[Nodes]:
+        """Runs of rows in which known integers are the same are loops: where a boundary is, is such an integer."""
+        p = eqn.params
+        n_consts, n_carry, length = p["num_consts"], p["num_carry"], p["length"]
+        consts, carry, rows = x[:n_consts], list(x[n_consts : n_consts + n_carry]), x[n_consts + n_carry :]
+
+        def turn(_: Any, carry: Sequence[Nodes], row: Sequence[Nodes]) -> tuple[list[Nodes], list[Nodes]]:
+            results = self.run(p["jaxpr"], [*consts, *carry, *row])
+            return results[:n_carry], results[n_carry:]
+
+        count, pieces = len(p["jaxpr"].jaxpr.outvars) - n_carry, list[list[Nodes]]()
+        runs = self._runs(rows, length)
+        if p["reverse"]:
+            runs = runs[::-1]
+        size = _size(p["jaxpr"].jaxpr)
+        for first, last in runs:
+            n = last - first
+            if n > 2 and n * size > MOST_UNROLLED:
+                carry, stacked = self._looped(turn, n, carry, [y[first:last] for y in rows], p["reverse"])
+            else:
+                each: list[list[Nodes]] = []
+                for k in range(first, last)[:: -1 if p["reverse"] else 1]:
+                    carry, row = turn(None, carry, [y[k] for y in rows])
+                    each.append(row)
+                if p["reverse"]:
+                    each.reverse()
+                stacked = [np.stack([row[i] for row in each]) for i in range(count)]
+            pieces.append(stacked)
+        if p["reverse"]:
+            pieces.reverse()
+        if not pieces:
+            return [*carry, *(self.lifted(np.zeros(v.aval.shape, v.aval.dtype)) for v in eqn.outvars[n_carry:])]
+        return [*carry, *(np.concatenate([piece[i] for piece in pieces]) for i in range(count))]
+
+    def _runs(self, rows: Sequence[Nodes], length: int) -> list[tuple[int, int]]:
+        """(first, last) of rows that follow each other and have the same known integers."""
+        constants, dtypes = self.graph.constants, self.graph.dtypes
+        known = [
+            y.reshape((length, -1))
+            for y in rows
+            if y.size and dtypes[int(y.flat[0])].kind in "iub" and all(n in constants for n in y.ravel().tolist())
+        ]
+        # An index that counts rows is another one in each of them; it selects nothing but places in arrays.
+        found, first = list[tuple[int, int]](), 0
+        for k in range(1, length + 1):
+            if k == length or any((y[k] != y[first]).any() for y in known):
+                found.append((first, k))
+                first = k
+        return found
+
+    def _looped(
+        self,
+        turn: Callable[[Any, Sequence[Nodes], Sequence[Nodes]], tuple[list[Nodes], list[Nodes]]],
+        length: int | None,
+        carry: list[Nodes],
+        rows: Sequence[Nodes],
+        is_reverse: bool = False,
+    ) -> tuple[list[Nodes], list[Nodes]]:
+        """(what a loop leaves of its carry, what its turns stack). turn(loop, carry, row) -> (carry, stacked).
+
+        What no turn changes is no parameter of the loop. It is found out by a first trial.
+        """
+        graph, flat = self.graph, _flat(carry)
+        fixed = [False] * len(flat)
+        while True:
+            loop = graph.begun(self.region, length, is_reverse)
+            outer, self.region = self.region, loop.region
+            parameters = [
+                x if is_fixed else graph.parameter(loop, "carried", graph.dtypes[x])
+                for x, is_fixed in zip(flat, fixed, strict=True)
+            ]
+            of_rows = [self._of_row(loop, y) for y in rows]
+            new_carry, stacked = turn(loop, _unflat(parameters, carry), of_rows)
+            self.region, new = outer, _flat(new_carry)
+            again = [y in (x, p) for x, p, y in zip(flat, parameters, new, strict=True)]
+            if again == fixed:
+                break
+            fixed = again
+        moving = [k for k, is_fixed in enumerate(fixed) if not is_fixed]
+        loop.carried = [(parameters[k], flat[k], new[k]) for k in moving]
+        last = list(flat)
+        for which, k in enumerate(moving):
+            last[k] = graph.result(loop, "last", which, 0, graph.dtypes[flat[k]])
+        return _unflat(last, carry), [self._stacked(loop, y) for y in stacked]
+
+    def _of_row(self, loop: Loop, rows: Nodes) -> Nodes:
+        """The parameters that stand for one row: those that are the same in all rows stay what they are."""
+        graph, n = self.graph, len(rows)
+        columns = rows.reshape((n, -1)).T.tolist()
+        known: dict[tuple[int, ...], int] = {nodes: p for p, nodes in loop.rows.items()}
+        found: list[int] = []
+        for column in map(tuple, columns):
+            if column.count(column[0]) == n:
+                found.append(column[0])
+                continue
+            if column not in known:
+                known[column] = graph.parameter(loop, "row", graph.dtypes[column[0]])
+                loop.rows[known[column]] = column
+            found.append(known[column])
+        return np.array(found, np.int64).reshape(rows.shape[1:])
+
+    def _stacked(self, loop: Loop, x: Nodes) -> Nodes:
+        graph, n = self.graph, cast(int, loop.length)
+        columns: list[list[int]] = []
+        for node in x.ravel().tolist():
+            if not graph.is_inside(node, loop.region):
+                columns.append([node] * n)
+                continue
+            if node in loop.stacked:
+                which = loop.stacked.index(node)
+            else:
+                which = len(loop.stacked)
+                loop.stacked.append(node)
+            columns.append([self._stacked_row(loop, which, k) for k in range(n)])
+        return np.array(columns, np.int64).reshape((-1, n)).T.reshape((n, *x.shape))
+
+    def _stacked_row(self, loop: Loop, which: int, row: int) -> int:
+        key = "stacked", loop.region, which, row
+        known = self.graph._known
+        if key not in known:
+            dtype = self.graph.dtypes[loop.stacked[which]]
+            known[key] = self.graph.result(loop, "stacked", which, row, dtype)
+        return known[key]
+
+
+def _flat(arrays: Iterable[Nodes]) -> list[int]:
+    return [node for x in arrays for node in x.ravel().tolist()]
+
+
+def _unflat(nodes: Sequence[int], like: Sequence[Nodes]) -> list[Nodes]:
+    ends = list(itertools.accumulate((x.size for x in like), initial=0))
+    both = zip(itertools.pairwise(ends), like, strict=True)
+    return [np.array(nodes[a:b], np.int64).reshape(x.shape) for (a, b), x in both]
+
+
+def _size(jaxpr: Any) -> int:
+    """About how many operations a trace has, number by number."""
+    size = 0
+    for eqn in jaxpr.eqns:
+        name = eqn.primitive.name
+        if name in _ELEMENTWISE or name == "select_n":
+            size += int(np.prod(eqn.outvars[0].aval.shape))
+        elif name in CALLS:
+            size += _size(called(eqn).jaxpr)
+        elif name == "scan":
+            size += eqn.params["length"] * _size(eqn.params["jaxpr"].jaxpr)
+        elif name == "cond":
+            size += sum(_size(branch.jaxpr) for branch in eqn.params["branches"])
+    return size
+
+
+# -- evaluation with NumPy ---------------------------------------------------------------------------------------------
+
+
+class _Values(NamedTuple):
+    graph: Graph
+    arguments: Sequence[np.ndarray]
+    known: dict[int, Any]
+
+
+def run(graph: Graph, *arguments: np.ndarray) -> list[np.ndarray]:
+    """The results (B, n) of a graph, of arrays (B, n), or (1, n) where all states share one; by NumPy.
+
+    Slow, and right by inspection: what compilers make of graphs is compared with it.
+    """
+    size = max((len(x) for x in arguments), default=1)
+    values = _Values(graph, [np.broadcast_to(x.reshape((len(x), -1)), (size, x[0].size)) for x in arguments], {})
+    with np.errstate(all="ignore"):
+        found = [[_value(values, n) for n in x.ravel().tolist()] for x in graph.results]
+    return [np.stack([np.broadcast_to(x, (size,)) for x in row], 1) for row in found]
+
+
+def _value(values: _Values, node: int) -> Any:
+    """The value of a node: an array (B,), or a scalar. Its operands come first, without recursion."""
+    graph, known, waiting = values.graph, values.known, [node]
+    while waiting:
+        n = waiting[-1]
+        if n in known:
+            waiting.pop()
+            continue
+        missing = [x for x in graph.operands[n] if x not in known]
+        if missing:
+            waiting += missing
+            continue
+        known[n] = _evaluated(values, n)
+        waiting.pop()
+    return known[node]
+
+
+def _evaluated(values: _Values, node: int) -> Any:
+    graph, name = values.graph, values.graph.operations[node]
+    if name == "constant":
+        return graph.constants[node]
+    if name == "load":
+        argument, place = graph.details[node]
+        return values.arguments[argument][:, place]
+    if name in ("last", "stacked"):
+        loop, which, row = graph.details[node]
+        return _results_of_loop(values, graph.loops[loop])[name][which if name == "last" else (which, row)]
+    return EVALUATE[name](graph.dtypes[node], *(values.known[x] for x in graph.operands[node]))
+
+
+def _results_of_loop(values: _Values, loop: Loop) -> dict[str, dict[Any, Any]]:
+    graph, known = values.graph, values.known
+    key = -1 - loop.region
+    if key in known:
+        return known[key]
+    carry = [_value(values, first) for _, first, _ in loop.carried]
+    rows = {p: [_value(values, n) for n in nodes] for p, nodes in loop.rows.items()}
+    stacked: dict[Any, Any] = {}
+    turns = itertools.count() if loop.length is None else range(loop.length)[:: -1 if loop.is_reverse else 1]
+    for k in turns:
+        inner = values._replace(known={n: x for n, x in known.items() if n < 0 or not graph.is_inside(n, loop.region)})
+        inner.known.update(zip((p for p, _, _ in loop.carried), carry, strict=True))
+        inner.known.update({p: x[k] for p, x in rows.items()})
+        goes_on = True if loop.length is not None else _value(inner, loop.condition)
+        if not np.any(goes_on):
+            break
+        new = [_value(inner, y) for _, _, y in loop.carried]
+        carry = [np.where(goes_on, y, x) if loop.length is None else y for x, y in zip(carry, new, strict=True)]
+        stacked |= {(i, k): _value(inner, y) for i, y in enumerate(loop.stacked)}
+    known[key] = {"last": dict(enumerate(carry)), "stacked": stacked}
+    return known[key]
