@@ -48,7 +48,7 @@ def mass_matrix(mechanism: Mechanism, q: ArrayLike, *, precision: PrecisionName 
     return _mass_matrix(precision, mechanism, q)
 
 
-@algorithm(*BODIES, "armature", entries=lambda t: t.nv**2, result_shape=lambda t, _: (t.nv, t.nv))
+@algorithm(*BODIES, "armature", result_shape=lambda t, _: (t.nv, t.nv))
 def _mass_matrix(state: MechanismState):
     return state.rounded(matrix_of(state))
 

@@ -95,23 +95,6 @@ NEAR, NOISY, STALLED = 100, 10, 0.25
 FIELDS = (*DYNAMICS, *FRAMES, "damping", "friction_loss", "lower", "upper")
 
 
-class ContactProgram(Algorithm):
-    """A program in small blocks: each iterates until its slowest state has converged."""
-
-    rows_per_turn = 1
-    has_large_derivatives = True
-
-    @property
-    def block(self) -> int:
-        return 80
-
-
-class Solver(ContactProgram):
-    """A ContactProgram that passes over the tree again and again."""
-
-    rows_per_turn = 2
-
-
 class Terms(NamedTuple):
     """What programs read of contacts and closures, None where there are none; their places are a `Where`."""
 
@@ -716,7 +699,7 @@ class Free(NamedTuple):
     energy: Number
 
 
-@algorithm(*FIELDS, program_class=Solver)
+@algorithm(*FIELDS)
 def solve(
     state: MechanismState,
     still: Array,
@@ -776,7 +759,7 @@ def solve(
     return high(y), residual, count
 
 
-@algorithm(*FIELDS, program_class=ContactProgram, result_shape=velocity_shape)
+@algorithm(*FIELDS, result_shape=velocity_shape)
 def solve_at(
     state: MechanismState,
     still: Array,
@@ -815,7 +798,7 @@ def _at(
     return scene, laws(scene, velocities_at(state, scene, motions, after))
 
 
-@algorithm(*FIELDS, program_class=ContactProgram, result_shape=velocity_shape)
+@algorithm(*FIELDS, result_shape=velocity_shape)
 def imbalance(
     state: MechanismState,
     v: Array,
@@ -858,7 +841,7 @@ def _shapes_of_impulses(_: Any, static: dict[str, Any]) -> list[Shape]:
     return [(n,) for n in (of_contacts, of_closures) if n]
 
 
-@algorithm(*FIELDS, program_class=ContactProgram, result_shape=_shapes_of_impulses)
+@algorithm(*FIELDS, result_shape=_shapes_of_impulses)
 def impulses(
     state: MechanismState,
     still: Array,

@@ -33,13 +33,13 @@ JointRates = tuple[Motion, Motion, Motion, Motion]
 FromRoot = tuple[Matrix, Vector, Vector]
 
 
-@algorithm(*DYNAMICS, *FRAMES, entries=lambda t: 5 * t.nv**2)
+@algorithm(*DYNAMICS, *FRAMES)
 def derivatives(state: MechanismState, v: Array | None, vdot: Array | None, external_forces: Wrenches):
     """(dtau_dq, dtau_dv, M), (nv, nv) each; dtau_dq is with respect to steps of `integrate`."""
     return tuple(map(state.rounded, _matrices(state, v, vdot, external_forces)))
 
 
-@algorithm(*DYNAMICS, *FRAMES, entries=lambda t: 5 * t.nv**2)
+@algorithm(*DYNAMICS, *FRAMES)
 def jacobians(
     state: MechanismState,
     v: Array | None,

@@ -61,6 +61,9 @@ def forward_dynamics(
     return _forward_dynamics(precision, mechanism, q, v, tau, external_forces)
 
 
+# States of which a factorisation is shared by several columns.
+MANY = 64
+
 # -- programs ---------------------------------------------------------------------------------------------------------
 #
 # vdot = FD(q, v, tau) means ID(q, v, vdot) = tau: the derivatives of FD are those of ID at vdot, times M^-1.
@@ -85,8 +88,6 @@ class ForwardDynamics(Algorithm):
 
 class WithFactors(ForwardDynamics):
     """The program of `_with_factors`, for derivatives of derivatives."""
-
-    rows_per_turn = 1
 
     def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
         _, *factors = bind(self, primals, n_batch)
@@ -121,7 +122,7 @@ class Solve(Algorithm):
         *at, force = arrays
         n_states = max(math.prod(x.shape[:n_batch]) for x in at)
         shared = (k for k in range(n_batch) if all(x.shape[k] == 1 for x in at) and force.shape[k] > 1)
-        return list(shared) if n_states >= program.SMALLEST_BLOCK else []
+        return list(shared) if n_states >= MANY else []
 
     def over_columns(self):
         return self.cached("over columns", lambda: OverColumns(self))
@@ -135,7 +136,7 @@ class OverColumns(program.Program):
     """A program whose last argument, and result, has an axis of columns behind the states."""
 
     def __init__(self, program: Algorithm):
-        self.program, self.block, self.is_wide = program, program.block, program.is_wide
+        self.program, self.is_wide = program, program.is_wide
 
     def evaluate(self, *arrays: jax.Array):
         *at, columns = arrays
@@ -165,7 +166,7 @@ def _forward_dynamics(state: MechanismState, v: Array, tau: Array, external_forc
     return accelerations(state, v, tau, external_forces)[0]
 
 
-@algorithm(*DYNAMICS, *FRAMES, program_class=WithFactors, entries=lambda t: 8 * t.nv)
+@algorithm(*DYNAMICS, *FRAMES, program_class=WithFactors)
 def _with_factors(state: MechanismState, v: Array, tau: Array, external_forces: Wrenches) -> tuple[jax.Array, ...]:
     """vdot, and the unrounded limbs of the factors of the mass matrix."""
     vdot, factors = accelerations(state, v, tau, external_forces)

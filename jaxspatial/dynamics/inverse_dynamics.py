@@ -232,7 +232,7 @@ def inverse_dynamics_of(state: MechanismState, v: Array | None, vdot: Array | No
     return state.by_velocity(forces_of(state, v, vdot, loads(state, external_forces), state.minus_gravity))
 
 
-@algorithm(*BODIES, "gravity", *FRAMES, entries=lambda t: 6 * len(t))
+@algorithm(*BODIES, "gravity", *FRAMES)
 def _joint_reactions(state: MechanismState, v: Array, vdot: Array, external_forces: Wrenches):
     body_loads = loads(state, external_forces)
     through = wrenches_through_joints(state, v, vdot, body_loads, state.minus_gravity)

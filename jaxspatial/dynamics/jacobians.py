@@ -68,7 +68,7 @@ def _stacked(frames: int | tuple[int, ...], function: Callable[[int], jax.Array]
     return function(frames) if isinstance(frames, int) else jnp.stack([function(frame) for frame in frames])
 
 
-@algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
+@algorithm(*GEOMETRY, *FRAMES)
 def _jacobian(state: MechanismState, *, frames: int | tuple[int, ...]):
     state = carrying(state, frames)
     placed = poses(state)
@@ -100,7 +100,7 @@ def _velocity_at(R: Matrix, s: Motion, arm: Vector) -> Motion:
     return Motion(w, v + cross(w, arm))
 
 
-@algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 6 * t.nv)
+@algorithm(*GEOMETRY, *FRAMES)
 def _jacobian_rate(state: MechanismState, v: Array, *, frames: int | tuple[int, ...]):
     state = carrying(state, frames)
     moving = list(zip(poses(state), velocities(state, v), strict=True))

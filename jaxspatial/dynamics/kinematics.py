@@ -135,7 +135,7 @@ def _of_frames(
     return tuple(y[0] if isinstance(frames, int) else y for y in of_frames)
 
 
-@algorithm(*GEOMETRY, *FRAMES, entries=lambda t: 12 * len(t))
+@algorithm(*GEOMETRY, *FRAMES)
 def _forward_kinematics(state: MechanismState, *, frames: Frames):
     state = carrying(state, frames)
     return _of_frames(state, frames, _pose_in_world, [()] * len(state.bundles), ())

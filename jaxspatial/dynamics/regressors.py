@@ -38,7 +38,7 @@ def joint_torque_regressor(
     return _regressor(precision, mechanism, q, v, vdot)
 
 
-@algorithm(*GEOMETRY, "gravity", entries=lambda t: 10 * t.nv * len(t))
+@algorithm(*GEOMETRY, "gravity")
 def _regressor(state: MechanismState, v: Array, vdot: Array):
     links, placed = state.links(v, vdot), matrices.poses_from_root(state)
     motions = recursion.outward(state, motion_step, world_motion(state), links)

@@ -76,7 +76,6 @@ Wrenches = tuple[WrenchesOnFrames, ...]
 def algorithm(
     *reads: str,
     program_class: "type[Algorithm] | None" = None,
-    entries: Callable[[Topology], int] | None = None,
     result_shape: Callable[[Topology, dict[str, Any]], Shape | list[Shape]] | None = None,
     at: str = "q",
 ) -> Any:
@@ -88,7 +87,6 @@ def algorithm(
     Args:
         reads: the fields of a Mechanism that the formula uses.
         program_class: the subclass of Algorithm to use, for special rules of differentiation or batching.
-        entries: a function of the Topology: how many numbers the results have, where these are matrices.
         result_shape: a function of the Topology and of the static arguments: the shape of the result without its batch,
             where it is a single array; a list of shapes for a tuple of arrays. No trace is then needed to know it.
         at: the name of the argument q in messages.
@@ -98,7 +96,7 @@ def algorithm(
     """
 
     def decorated(formula):
-        formula.entries, formula.result_shape = entries, result_shape
+        formula.result_shape = result_shape
         formula.program_class = program_class or Algorithm
         names, name = [at, *list(inspect.signature(formula).parameters)[1:]], formula.__name__.lstrip("_")
 
@@ -270,18 +268,6 @@ class Algorithm(Differentiable):
 
     def from_outside(self, x: jax.Array) -> jax.Array:
         return barrier_or_nan(x) if self.is_wide else from_outside(x, self.precision)
-
-    @property
-    def block(self) -> int:
-        """States per block: fewer where each has many results, or wide numbers."""
-        # The processor's cache holds half as many numbers of 64 bits. Those of two limbs are no kernels: of many small
-        # operations the number matters more than the cache.
-        most = program.WRITTEN_OUT_BLOCK if self.topology.is_written_out else program.LARGEST_BLOCK
-        n_bytes = max(self.dtype.itemsize, 4) * (2 if self.is_wide else 1)
-        largest = {4: most, 8: most // 2, 16: most}[n_bytes]
-        if self.formula.entries is None:
-            return largest
-        return min(max(program.NUMBERS // max(self.formula.entries(self.topology), 1), program.SMALLEST_BLOCK), largest)
 
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
         state, others = self.state_of(arrays, program.n_states(arrays))

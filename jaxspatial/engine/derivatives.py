@@ -54,9 +54,6 @@ class Differentiable(Program):
 class Derived(Differentiable):
     """The derivative of another program with respect to the arguments marked in `moving`."""
 
-    always_as_kernels = True
-    rows_per_turn = 1
-
     def __init__(self, program: Differentiable, moving: Moving):
         self.program, self.moving = program, moving
 
@@ -64,24 +61,8 @@ class Derived(Differentiable):
     def is_wide(self):
         return self.program.is_wide
 
-    @property
-    def is_large(self):
-        return self.has_large_derivatives
-
-    @property
-    def has_large_derivatives(self):
-        return self.program.has_large_derivatives
-
-    @property
-    def block(self):
-        return min(self.program.block, 512)
-
     def from_outside(self, x: jax.Array) -> jax.Array:
         return self.program.from_outside(x)
-
-    def takes_cotangent(self, i: int):
-        n = len(self.moving)
-        return self.program.takes_cotangent(i if i < n else self.places[i - n])
 
     def needs_all_states(self, i: int):
         return i < len(self.moving) and self.program.needs_all_states(i)
@@ -188,9 +169,6 @@ class Pullback(Derived):
 
     def primal_of(self, i: int) -> int | None:
         return self.places[i]
-
-    def takes_cotangent(self, i: int):
-        return i >= len(self.moving) or self.program.takes_cotangent(i)
 
     def needs_all_states(self, i: int):
         return i < len(self.moving) and (self.moving[i] or self.program.needs_all_states(i))

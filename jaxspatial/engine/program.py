@@ -1,8 +1,9 @@
 """Programs over batches, and the primitive that runs them: what `vmap`, `jvp` and transposition do is decided here.
 
 An algorithm is one primitive. Its formula sees a single axis of states, innermost in memory, however often and along
-whichever axes a caller maps it: (L, W, B), L joints along a chain, W chains, B states. On CPUs a batch that does not
-fit the cache runs in blocks that do.
+whichever axes a caller maps it: (L, W, B), L joints along a chain, W chains, B states. On CPUs it is traced for one
+state, and the trace becomes machine code for several states side by side: see `graph`, `llvm_ir` and `cpu`. Elsewhere,
+and where a trace has what a graph has not, XLA compiles the trace as it is.
 """
 
 import contextlib
@@ -21,34 +22,19 @@ from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 from jax.interpreters import partial_eval as pe
 
-from jaxspatial.engine import kernels
+from jaxspatial.engine import cpu, graph, llvm_ir
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.primitives import compiled, is_zero, lower_fun, n_devices, unsharded, without_calls
+from jaxspatial.numerics.sums.primitive import trace_of_sums
 
 T = TypeVar("T")
 Aval = jax.ShapeDtypeStruct
 Result = tuple[tuple[int, ...], Any]  # shape and dtype
 
-# Bounds on the states of a block, long enough for loops and short enough for the cache, and on its numbers of results.
-LARGEST_BLOCK, SMALLEST_BLOCK, NUMBERS = 496, 64, 2**18
-# Without loops there is less to begin anew in each block.
-WRITTEN_OUT_BLOCK = 304
-# Numbers of float32 in a line of the cache.
-LINE = 16
-
 
 class Program:
     """What the primitive runs. A subclass implements `evaluate` and `outputs`."""
 
-    # The number of states in a block, on CPUs.
-    block = LARGEST_BLOCK
-    # Whether it would be slow to compile without kernels.
-    always_as_kernels = False
-    # Whether XLA takes long to compile one function of it and of the loop around it; whether so for its derivatives.
-    is_large, has_large_derivatives = False, False
-    # Rows per turn of its loops over bodies, as kernels: with two, what one writes the next reads where it is, and not
-    # a copy. Steps of derivatives are so long that copies cost nothing beside them.
-    rows_per_turn = 2
     # Whether it computes in 64 bits, whatever the dtype of the caller. Its derivatives are then traced in 64 bits too,
     # and so are programs that take 64-bit numbers from it.
     is_wide = False
@@ -90,10 +76,6 @@ class Program:
     def primal_of(self, i: int) -> int | None:
         """The argument whose cotangent result i is, and whose batch it has; None for results over all states."""
         return None
-
-    def takes_cotangent(self, i: int) -> bool:
-        """Whether argument i is a cotangent, which is 0 for states that pad a block."""
-        return False
 
     def needs_all_states(self, i: int) -> bool:
         """Whether argument i must be repeated for every state, because its cotangents must not be summed."""
@@ -137,12 +119,8 @@ class Traced:
     def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
         return jaxpr_as_fun(self.closed)(*arrays)
 
-    def as_kernels(self, loops: kernels.Loops, *arrays: jax.Array) -> list[jax.Array]:
-        """As is best on CPUs."""
-        return kernels.run(self.closed, loops, *arrays)
-
     def without_calls(self, *arrays: jax.Array) -> list[jax.Array]:
-        """As is best on GPUs."""
+        """As XLA compiles it best."""
         return without_calls(self.closed, *arrays)
 
 
@@ -165,30 +143,14 @@ def _without_collection() -> Iterator[None]:
 def bind(program: Program, arrays: Sequence[Any], n_batch: int) -> list[Any]:
     """The results (*batch, ...) of arrays that have n_batch axes in front, of size 1 where they do not vary."""
     arrays = [c if not is_zero(c) else zeros(c.aval) for c in arrays]
-    in_loop = any(map(_is_in_loop, arrays))
-    return list(_program_p.bind(*arrays, program=program, n_batch=n_batch, in_loop=in_loop))
+    return list(_program_p.bind(*arrays, program=program, n_batch=n_batch))
 
 
-def _is_in_loop(x: Any) -> bool:
-    """Whether an array is traced for the body of a loop of JAX, as far as its trace tells.
-
-    Speed alone depends on the answer, see `_in_blocks`; a version of JAX that does not tell is taken to say no.
-    """
-    trace = getattr(x, "_trace", None)
-    while trace is not None:
-        information = getattr(getattr(trace, "frame", None), "debug_info", None)
-        if str(getattr(information, "traced_for", "")).startswith(("scan", "while", "fori")):
-            return True
-        trace = getattr(trace, "parent_trace", None)
-    return False
-
-
-def _abstract(*avals, program: Program, n_batch: int, in_loop: bool) -> list[Any]:
+def _abstract(*avals, program: Program, n_batch: int) -> list[Any]:
     batch = check.broadcast_shapes(*(a.shape[:n_batch] for a in avals))
     items = [jax.ShapeDtypeStruct(a.shape[n_batch:], a.dtype) for a in avals]
-    # Of symbols of `jax.export`, which stand for any size, results have the shapes that they have of a block.
-    size = block_size(math.prod(batch), program.block) if check.is_sized(batch) else program.block
-    sizes = [size if _varies(a.shape[:n_batch]) else 1 for a in avals]
+    # Shapes depend on how many states there are as far as this is one, or more.
+    sizes = [2 if _varies(a.shape[:n_batch]) else 1 for a in avals]
     specs = [a.sharding.spec for a in avals]
     common = [next((s[k] for s in specs if s[k] is not None), None) for k in range(n_batch)]
     # Numbers of a robot may be of no mesh.
@@ -209,15 +171,15 @@ def _abstract(*avals, program: Program, n_batch: int, in_loop: bool) -> list[Any
     return results
 
 
-def _jvp(primals: Sequence[Any], tangents: Sequence[Any], *, program: Program, n_batch: int, in_loop: bool):
+def _jvp(primals: Sequence[Any], tangents: Sequence[Any], *, program: Program, n_batch: int):
     return program.jvp(list(primals), list(tangents), n_batch)
 
 
-def _transpose(cotangents: Sequence[Any], *arguments, program: Program, n_batch: int, in_loop: bool):
+def _transpose(cotangents: Sequence[Any], *arguments, program: Program, n_batch: int):
     return program.transposed(list(cotangents), list(arguments), n_batch)
 
 
-def _batch(arrays: Sequence[Any], axes: Sequence[int | None], *, program: Program, n_batch: int, in_loop: bool):
+def _batch(arrays: Sequence[Any], axes: Sequence[int | None], *, program: Program, n_batch: int):
     """Batches along a new axis in front of the others."""
     size = next(x.shape[axis] for x, axis in zip(arrays, axes, strict=True) if axis is not None)
     results = program.batched(arrays, axes, size, n_batch)
@@ -246,34 +208,38 @@ def zeros(aval: Aval) -> jax.Array:
 # -- running a program ------------------------------------------------------------------------------------------------
 
 
-class Way(NamedTuple):
-    """How a program runs. in_blocks: in blocks, with kernels, as is best on CPUs; else at once, without calls. in_loop:
-    as part of a loop. n_devices: over how many devices the compiler may split the batch."""
+class Native(NamedTuple):
+    """How machine code of our own is called. n_devices: over how many devices the compiler may split the batch. hold:
+    keeps the code for as long as the program of XLA that calls it."""
 
-    in_blocks: bool
-    in_loop: bool = False
-    n_devices: int = 1
+    n_devices: int
+    hold: Callable[[cpu.Compiled], Any]
 
 
-def run(program: Program, n_batch: int, way: Way, *arrays: jax.Array) -> list[jax.Array]:
-    """Runs a program on arrays with n_batch axes in front, flattened to one axis of states."""
+def run(program: Program, n_batch: int, native: Native | None, *arrays: jax.Array) -> list[jax.Array]:
+    """Runs a program on arrays with n_batch axes in front, flattened to one axis of states. native: None for XLA's way.
+    """
     batch = check.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
-    columns = program.columns(arrays, n_batch) if way.in_blocks and check.is_sized(batch) else []
+    columns = program.columns(arrays, n_batch) if native and check.is_sized(batch) else []
     if columns:
-        return [_over_columns(program.over_columns(), columns, n_batch, way, arrays)]
+        return [_over_columns(program.over_columns(), columns, n_batch, native, arrays)]
     flat = [with_one_axis(x, n_batch, batch) for x in arrays]
-    results = _in_blocks(program, way, math.prod(batch), flat)
+    results = _natively(program, native, math.prod(batch), flat) if native else None
+    if results is None:
+        results = program.traced(list(map(_aval, flat))).without_calls(*flat)
     return [with_batch(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(results)]
 
 
-def _over_columns(program: Program, axes: list[int], n_batch: int, way: Way, arrays: Sequence[jax.Array]) -> jax.Array:
+def _over_columns(
+    program: Program, axes: list[int], n_batch: int, native: Native | None, arrays: Sequence[jax.Array]
+) -> jax.Array:
     """Runs a program with these axes of the batch, its columns, as one axis behind the states."""
     *others, last = arrays
     states = [k for k in range(n_batch) if k not in axes]
     shape, sizes = last.shape[:n_batch], [last.shape[k] for k in axes]
     last = jnp.transpose(last, (*states, *axes, n_batch))
     last = last.reshape((*(shape[k] for k in states), math.prod(sizes), -1))
-    (y,) = run(program, len(states), way, *(x.reshape(np.delete(x.shape, axes)) for x in others), last)
+    (y,) = run(program, len(states), native, *(x.reshape(np.delete(x.shape, axes)) for x in others), last)
     y = y.reshape((*y.shape[: len(states)], *sizes, -1))
     return jnp.transpose(y, (*np.argsort([*states, *axes]), n_batch))
 
@@ -305,17 +271,6 @@ def with_batch(
     return whole.sum(over, keepdims=True) if over else whole
 
 
-def block_size(n: int, block: int) -> int:
-    """The size of blocks for n states: about `block`, as even as possible.
-
-    An odd number of lines of the cache, of float32: arrays as long as a power of two would all lie in its same sets.
-    """
-    if n <= block:
-        return n
-    lines = -(-n // (-(-n // block) * LINE))
-    return min((lines + 1 - lines % 2) * LINE, n)
-
-
 def n_states(arrays: Sequence[jax.Array]) -> int:
     """The number of states of arrays (B, ...), or (1, ...) where all states share one."""
     sizes = tuple(x.shape[0] for x in arrays)
@@ -323,77 +278,95 @@ def n_states(arrays: Sequence[jax.Array]) -> int:
     return next(symbols, None) or max(sizes, default=1)
 
 
-def _in_blocks(program: Program, way: Way, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
-    if not check.is_sized((n,)):
-        # A symbol of `jax.export`, which stands for any number: neither blocks nor kernels.
-        one = program.traced(list(map(_aval, arrays)))
-        return one(*arrays) if way.in_blocks else one.without_calls(*arrays)
-    # Each device has a part of the states, and takes its blocks from there: blocks of the whole would be gathered.
-    n_parts = math.gcd(n, way.n_devices)
-    n_each = n // n_parts
-    size = block_size(n_each, program.block) if way.in_blocks else n_each
-    varies = [x.shape[0] > 1 for x in arrays]
-    avals = [_aval(x, n_parts * size if yes else None) for x, yes in zip(arrays, varies, strict=True)]
-    one = program.traced(avals)
-    if not way.in_blocks:
-        return one.without_calls(*arrays)
-    loops = kernels.Loops(program.rows_per_turn, program.is_large, is_split=way.n_devices > 1)
-    if size == n_each:
-        # With kernels a call of the program takes longer, by a buffer for each of their operations, and each turn of
-        # a loop is several times as fast. The bits are the same.
-        if not (way.in_loop or program.always_as_kernels):
-            return one(*arrays)
-        # Of one state copies cost nothing.
-        return one.as_kernels(loops if size > 1 else loops._replace(rows_per_turn=1), *arrays)
-    # The first block holds what is left over, and states of the second, which computes them again.
-    n_blocks = -(-n_each // size)
-    first = n_each - (n_blocks - 1) * size
-    starts = np.array([0, *(first + size * np.arange(n_blocks - 1))], np.int32)
-    adds = [(k := program.primal_of(i)) is not None and not varies[k] for i in range(len(one.out_avals))]
-    masked = [yes and any(adds) and first < size and program.takes_cotangent(i) for i, yes in enumerate(varies)]
+# -- machine code ------------------------------------------------------------------------------------------------------
 
-    axis = int(n_parts > 1)
 
-    def split(x: jax.Array) -> jax.Array:
-        return x.reshape((n_parts, -1, *x.shape[1:])) if axis else x
+def _natively(
+    program: Program, native: Native, n: int, arrays: Sequence[jax.Array]
+) -> list[jax.Array] | None:
+    """The results for arrays (n, ...), or (1, ...) where all states share one, by machine code; None if there is none.
 
-    def joined(x: jax.Array) -> jax.Array:
-        return x.reshape((-1, *x.shape[2:])) if axis else x
+    A result that is the cotangent of what all states share is summed over them.
+    """
+    if not check.is_sized((n,)) or n == 0:
+        return None
+    is_shared = tuple(x.shape[0] != n for x in arrays)
+    code = _code(program, [_aval(x, 1) for x in arrays], is_shared, is_alone=n == 1)
+    if code is None:
+        return None
+    native.hold(cpu.compiled(code.code))
+    flat = [x.reshape((x.shape[0], -1)) for x in arrays]
+    results = cpu.call(code.code, flat, n, n_devices=native.n_devices)
+    return [y.reshape((y.shape[0], *shape)) for y, shape in zip(results, code.shapes, strict=True)]
 
-    def block(x: jax.Array, start: jax.Array, is_masked: bool) -> jax.Array:
-        x = lax.dynamic_slice_in_dim(x, start, size, axis)
-        if is_masked:
-            row = lax.broadcasted_iota(np.int32, x.shape, axis)
-            x = lax.select((row < first) | (start > 0), x, lax.full_like(x, 0))
-        return joined(x)
 
-    def body(results: list[jax.Array], start: jax.Array) -> tuple[list[jax.Array], None]:
-        each = zip(parts, varies, masked, strict=True)
-        new = one.as_kernels(loops, *(block(x, start, is_masked) if yes else x for x, yes, is_masked in each))
-        return [
-            old + y if yes else lax.dynamic_update_slice_in_dim(old, split(y), start, axis)
-            for old, y, yes in zip(results, new, adds, strict=True)
-        ], None
+class _Code(NamedTuple):
+    """The code of a program, and the shapes of its results at one state."""
 
-    parts = [split(x) if yes else x for x, yes in zip(arrays, varies, strict=True)]
-    both = list(zip(one.out_avals, adds, strict=True))
-    begin = [
-        lax.full(a.shape, 0, a.dtype) if yes else split(lax.full((n, *a.shape[1:]), 0, a.dtype)) for a, yes in both
-    ]
-    results = lax.scan(body, begin, jnp.asarray(starts))[0]
-    return [y if yes else joined(y) for y, (_, yes) in zip(results, both, strict=True)]
+    code: cpu.Code
+    shapes: list[tuple[int, ...]]
+
+
+def _code(program: Program, avals: Sequence[Aval], is_shared: tuple[bool, ...], is_alone: bool) -> _Code | None:
+    """The code of a program of one state, or of several side by side; None if its trace has what graphs have not."""
+
+    def made() -> _Code | None:
+        with _without_collection():
+            traced = program.traced(avals)
+            try:
+                whole = graph.graph_of(traced.closed, _expanded)
+            except graph.NotSupportedError:
+                return None
+            width = 1 if is_alone else _width(whole.dtypes)
+            written = llvm_ir.written(whole, width, is_shared)
+        each = zip(avals, is_shared, strict=True)
+        arguments = tuple(cpu.Argument(math.prod(a.shape), np.dtype(a.dtype), shared) for a, shared in each)
+        results: list[cpu.Result] = []
+        for i, a in enumerate(traced.out_avals):
+            primal = program.primal_of(i)
+            is_summed = primal is not None and is_shared[primal]
+            results.append(cpu.Result(math.prod(a.shape), np.dtype(a.dtype), is_summed))
+        code = cpu.Code(written.text, width, arguments, tuple(results), written.frame_bytes, written.n_operations)
+        return _Code(code, [a.shape[1:] for a in traced.out_avals])
+
+    key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), is_shared, is_alone
+    in_64_bits = bool(check.config.jax_enable_x64)
+    return program.cached(("code", key, in_64_bits), made)
+
+
+def _width(dtypes: Sequence[np.dtype]) -> int:
+    """How many states fill a register of the processor, with the widest numbers of a graph."""
+    features = cpu.host().features
+    n_bytes = 64 if "+avx512f" in features else 32 if "+avx," in features else 16
+    return max(n_bytes // max((d.itemsize for d in dtypes if d.kind == "f"), default=4), 4)
+
+
+def _expanded(eqn: Any) -> ClosedJaxpr | None:
+    """The trace that a primitive of the library stands for."""
+    if eqn.primitive is _program_p:
+        program, n_batch = eqn.params["program"], eqn.params["n_batch"]
+        avals = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
+        with jax.enable_x64(True):
+            return jax.make_jaxpr(functools.partial(run, program, n_batch, None))(*avals)
+    return trace_of_sums(eqn)
 
 
 def _aval(x: jax.Array, size: int | None = None) -> Aval:
-    """That of an array, or of a block of so many of its states."""
+    """That of an array, or of so many of its states."""
     return jax.ShapeDtypeStruct(x.shape if size is None else (size, *x.shape[1:]), x.dtype)
 
 
-def _lowering(in_blocks: bool) -> Callable[..., Any]:
-    def rule(context, *arrays, program: Program, n_batch: int, in_loop: bool):
-        # Not within a `shard_map`, where arrays are those of one device already.
-        way = Way(in_blocks, in_loop, n_devices(context))
-        lower = lower_fun(functools.partial(run, program, n_batch, way), multiple_results=True)
+# -- lowering ----------------------------------------------------------------------------------------------------------
+
+
+def _lowering(is_for_cpus: bool) -> Callable[..., Any]:
+    def rule(context, *arrays, program: Program, n_batch: int):
+        module = context.module_context
+        is_exported = module.lowering_parameters.for_export
+        native = None
+        if is_for_cpus and not is_exported and cpu.is_available():
+            native = Native(n_devices(context), module.add_keepalive)
+        lower = lower_fun(functools.partial(run, program, n_batch, native), multiple_results=True)
         with _without_collection():
             return unsharded(lower, context, *arrays)
 
@@ -401,21 +374,21 @@ def _lowering(in_blocks: bool) -> Callable[..., Any]:
 
 
 @functools.lru_cache(maxsize=64)
-def _compiled(program: Program, n_batch: int, in_loop: bool) -> Callable[..., list[jax.Array]]:
-    return compiled(_program_p, program=program, n_batch=n_batch, in_loop=in_loop)
+def _compiled(program: Program, n_batch: int) -> Callable[..., list[jax.Array]]:
+    return compiled(_program_p, program=program, n_batch=n_batch)
 
 
-def _run_alone(*arrays: jax.Array, program: Program, n_batch: int, in_loop: bool) -> list[jax.Array]:
+def _run_alone(*arrays: jax.Array, program: Program, n_batch: int) -> list[jax.Array]:
     """The results outside of any transformation."""
-    return _compiled(program, n_batch, in_loop)(*arrays)
+    return _compiled(program, n_batch)(*arrays)
 
 
 _program_p: Any = Primitive("jaxspatial_program")
 _program_p.multiple_results = True
 _program_p.def_abstract_eval(_abstract)
 _program_p.def_impl(_run_alone)
-mlir.register_lowering(_program_p, _lowering(False))
-mlir.register_lowering(_program_p, _lowering(True), platform="cpu")
+mlir.register_lowering(_program_p, _lowering(is_for_cpus=False))
+mlir.register_lowering(_program_p, _lowering(is_for_cpus=True), platform="cpu")
 ad.primitive_jvps[_program_p] = _jvp
 ad.primitive_transposes[_program_p] = _transpose
 batching.primitive_batchers[_program_p] = _batch

@@ -220,14 +220,9 @@ def _traced_sums(plan, avals):
         return jax.make_jaxpr(functools.partial(sums.evaluate, plan=plan))(*avals)
 
 
-def _program(*arrays, program, n_batch, in_loop):
-    """As `run` does it in one block: what a program was traced to is evaluated, and not traced into another."""
+def _program(*arrays, program, n_batch):
+    """As XLA's way has it: what a program was traced to is evaluated, and not traced into another."""
     batch = np.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
-    if program.columns(arrays, n_batch) or math.prod(batch) > program.block:
-        return _evaluated(
-            jax.make_jaxpr(functools.partial(programs.run, program, n_batch, programs.Way(True, in_loop)))(*arrays),
-            arrays,
-        )
     varies = [math.prod(x.shape[:n_batch]) > 1 for x in arrays]
     over = [np.broadcast_to(x, (*batch, *x.shape[n_batch:])) if y else x for x, y in zip(arrays, varies, strict=True)]
     flat = [programs.with_one_axis(x, n_batch, batch) for x in over]

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.extend.core import Primitive
+from jax.extend.core import ClosedJaxpr, Primitive
 from jax.interpreters import ad, batching, mlir
 
 from jaxspatial.numerics.errorfree.primitives import (
@@ -154,6 +154,15 @@ def _batched_plan(plan: Plan, place: int, size: int, leading: bool) -> Plan:
 
 def _evaluate_without_calls(*arrays: Array, plan: Plan) -> list[Array]:
     return without_calls(jax.make_jaxpr(functools.partial(evaluate, plan=plan))(*arrays), *arrays)
+
+
+def trace_of_sums(eqn: Any) -> ClosedJaxpr | None:
+    """What an operation of a trace computes, if it is one of sums of products; else None."""
+    if eqn.primitive is not _sums_p:
+        return None
+    avals = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
+    with jax.enable_x64(True):
+        return jax.make_jaxpr(functools.partial(evaluate, **eqn.params))(*avals)
 
 
 @functools.cache
