@@ -75,19 +75,19 @@ class ForwardDynamics(Algorithm):
     The derivative uses the factors of the mass matrix that vdot was computed with.
     """
 
-    def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
-        # Set here, as the program itself may never be run.
-        self.out_tree = jax.tree.structure(0)
+    has_rule = True
+
+    def rule(self, primals: list[Any], tangents: list[Any], n_batch: int) -> list[Any]:
         tau = self.n_fields + 2
         vdot, *factors = bind(self.program_of(_with_factors), primals, n_batch)
         at, moving = self.with_leaf(primals, tau, vdot), self.with_leaf(tangents, tau, None)
         (tau_dot,) = self.program_of(inverse_dynamics_of, at=tau).tangents(at, moving, n_batch)
         force = plus(self.tangent_of_leaf(tangents, tau), minus(tau_dot))
-        return [vdot], [_solved(self, primals, factors, force, n_batch)]
+        return [_solved(self, primals, factors, force, n_batch)]
 
 
-class WithFactors(ForwardDynamics):
-    """The program of `_with_factors`, for derivatives of derivatives."""
+class WithFactors(Algorithm):
+    """The program of `_with_factors`, for derivatives of derivatives. Its factors are constants of these."""
 
     def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
         _, *factors = bind(self, primals, n_batch)

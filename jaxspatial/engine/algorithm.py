@@ -281,18 +281,14 @@ class Algorithm(Differentiable):
         fields, (q, *others) = jax.tree.unflatten(self.tree, [next(data) if x is None else x for x in self.known])
         return MechanismState(self.topology, fields, q, n, self.precision, self.dtype), others
 
-    def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
+    def outputs(self, avals: Sequence[Aval]) -> list[Result]:
         if self.formula.result_shape is not None:
             shape = self.formula.result_shape(self.topology, dict(self.static))
             shapes = shape if isinstance(shape, list) else [shape]
             self.out_tree = jax.tree.structure((0,) * len(shapes) if isinstance(shape, list) else 0)
             return [(shape, self.dtype) for shape in shapes]
-
-        def outputs() -> list[Result]:
-            batched = [jax.ShapeDtypeStruct((n, *a.shape), a.dtype) for a, n in zip(avals, sizes, strict=True)]
-            return [(y.shape[1:], y.dtype) for y in self.traced(batched).out_avals]
-
-        return self.cached(("outputs", *((a.shape, np.dtype(a.dtype).name) for a in avals)), outputs)
+        of_one_state = [jax.ShapeDtypeStruct((1, *a.shape), a.dtype) for a in avals]
+        return [(y.shape[1:], y.dtype) for y in self.traced(of_one_state).out_avals]
 
     def __call__(self, data: Sequence[jax.Array], n_batch: int) -> Any:
         leaves = program.bind(self, data, n_batch)
@@ -463,7 +459,7 @@ def _run(
     data = [_with_batch_axes(x, i < n_fields, n_batch) for i, x in enumerate(leaves) if is_data[i]]
     if is_rigid:
         items = [jax.ShapeDtypeStruct(x.shape[n_batch:], x.dtype) for x in data]
-        is_constant = not data or all(0 in shape for shape, _ in compiled.outputs(items, [1] * len(items)))
+        is_constant = not data or all(0 in shape for shape, _ in compiled.outputs(items))
         results = compiled.constants(items, n_batch) if is_constant else compiled(data, n_batch)
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape[n_batch:])), results)
     if tracing:

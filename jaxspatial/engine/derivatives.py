@@ -16,7 +16,7 @@ from jax.interpreters import ad
 
 from jaxspatial.engine.program import Aval, Program, Result, batch_axis_first, bind, n_states, over_batch_of, zeros
 from jaxspatial.numerics import check
-from jaxspatial.numerics.errorfree.primitives import is_zero
+from jaxspatial.numerics.errorfree.primitives import is_zero, no_tangent
 
 T = TypeVar("T")
 Moving = tuple[bool, ...]
@@ -37,6 +37,13 @@ class Differentiable(Program):
         None if there is none, or if n_columns tangents or cotangents at one state are too few for it to pay.
         """
         return None
+
+    # Whether `rule` says what tangents are; if not, they are those of the formula.
+    has_rule = False
+
+    def rule(self, primals: list[Any], tangents: list[Any], n_batch: int) -> list[Any]:
+        """The tangents of the results, made of other programs. Tangents that are zero are known to be."""
+        raise NotImplementedError
 
     def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
         """(results, their tangents)."""
@@ -89,8 +96,29 @@ class Derived(Differentiable):
         both = zip(others, axes[len(at) :], strict=True)
         return bind(jacobians, at, n_batch), [batch_axis_first(x, axis, size, False) for x, axis in both]
 
+    def _rule_at_one_state(
+        self, run: Callable[..., Any], arrays: Sequence[jax.Array], axes: Sequence[int | None], n_batch: int
+    ) -> list[jax.Array] | None:
+        """`run`, over mapped tangents or cotangents, if only these are mapped: the programs that the rule is made of
+        share what does not depend on them."""
+        at, others = self._split(arrays)
+        if any(axis is not None for axis in axes[: len(at)]):
+            return None
+        return jax.vmap(run(at, n_batch), axes[len(at) :])(*others)
+
     def _chosen(self, arguments: Sequence[Any]) -> list[Any]:
         return [x for x, yes in zip(arguments, self.moving, strict=True) if yes]
+
+    def _ruled(self, arguments: Sequence[Any], n_batch: int) -> Callable[..., list[Any]]:
+        """The tangents of the results, by the program's own rule, as a function of those of the arguments that move."""
+
+        def run(*tangents: Any) -> list[Any]:
+            rest, at = iter(tangents), list(arguments)
+            every = [next(rest) if yes else no_tangent(x) for x, yes in zip(at, self.moving, strict=True)]
+            found = self.program.rule(at, every, n_batch)
+            return [zeros(t.aval) if is_zero(t) else t for t in found]
+
+        return run
 
     def _of_chosen(self, arguments: Sequence[Any]) -> Callable[..., list[jax.Array]]:
         """The program as a function of the arguments that move."""
@@ -108,18 +136,21 @@ class Tangent(Derived):
 
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
         arguments, tangents = self._split(arrays)
+        if self.program.has_rule:
+            return self._ruled(arguments, 1)(*tangents)
         both = [_broadcast(x, t) for x, t in zip(self._chosen(arguments), tangents, strict=True)]
         at, along = zip(*both, strict=True)
         return jax.jvp(self._of_chosen(arguments), at, along)[1]
 
-    def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
-        n = len(self.moving)
-        return self.program.outputs(avals[:n], sizes[:n])
+    def outputs(self, avals: Sequence[Aval]) -> list[Result]:
+        return self.program.outputs(avals[: len(self.moving)])
 
     def primal_of(self, i: int):
         return self.program.primal_of(i)
 
     def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int):
+        if self.program.has_rule:
+            return self._rule_at_one_state(self._ruled, arrays, axes, n_batch)
         at_one_state = self._at_one_state(arrays, axes, size, n_batch)
         if at_one_state is None:
             return None
@@ -143,6 +174,8 @@ class Pullback(Derived):
 
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
         arguments, cotangents = self._split(arrays)
+        if self.program.has_rule:
+            return self._pulled_back(arguments, 1)(*map(self.from_outside, cotangents))
         run = self._of_chosen(arguments)
         n = n_states(arrays)
 
@@ -155,10 +188,18 @@ class Pullback(Derived):
         cotangents = map(self.from_outside, cotangents)
         return list(back([jnp.broadcast_to(c, y.shape) for c, y in zip(cotangents, results, strict=True)]))
 
-    def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
+    def _pulled_back(self, arguments: Sequence[Any], n_batch: int) -> Callable[..., list[Any]]:
+        """The cotangents of the arguments that move, by the program's own rule, as a function of those of results."""
+        chosen = [jax.ShapeDtypeStruct(x.shape, x.dtype) for x in self._chosen(arguments)]
+        transposed = jax.linear_transpose(self._ruled(arguments, n_batch), *chosen)
+        return lambda *cotangents: list(transposed(list(cotangents)))
+
+    def outputs(self, avals: Sequence[Aval]) -> list[Result]:
         return [(a.shape, a.dtype) for a in self._chosen(avals[: len(self.moving)])]
 
     def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int):
+        if self.program.has_rule:
+            return self._rule_at_one_state(self._pulled_back, arrays, axes, n_batch)
         at_one_state = self._at_one_state(arrays, axes, size, n_batch)
         if at_one_state is None:
             return None

@@ -68,9 +68,8 @@ class Program:
         """An argument as an operand: behind a barrier where bits are promised, or rounding errors computed."""
         raise NotImplementedError
 
-    def outputs(self, avals: Sequence[Aval], sizes: Sequence[int]) -> list[Result]:
-        """Shapes, without the batch, and dtypes of the results. avals: arguments without the batch; sizes: how many
-        states each has."""
+    def outputs(self, avals: Sequence[Aval]) -> list[Result]:
+        """Shapes and dtypes of the results, from those of the arguments, all without the batch."""
         raise NotImplementedError
 
     def primal_of(self, i: int) -> int | None:
@@ -149,15 +148,13 @@ def bind(program: Program, arrays: Sequence[Any], n_batch: int) -> list[Any]:
 def _abstract(*avals, program: Program, n_batch: int) -> list[Any]:
     batch = check.broadcast_shapes(*(a.shape[:n_batch] for a in avals))
     items = [jax.ShapeDtypeStruct(a.shape[n_batch:], a.dtype) for a in avals]
-    # Shapes depend on how many states there are as far as this is one, or more.
-    sizes = [2 if _varies(a.shape[:n_batch]) else 1 for a in avals]
     specs = [a.sharding.spec for a in avals]
     common = [next((s[k] for s in specs if s[k] is not None), None) for k in range(n_batch)]
     # Numbers of a robot may be of no mesh.
     meshed = next((a for a in avals if not a.sharding.mesh.empty), avals[0])
     varying = frozenset[Any]().union(*(a.mat.varying for a in avals))
     results: list[Any] = []
-    for i, (shape, dtype) in enumerate(program.outputs(items, sizes)):
+    for i, (shape, dtype) in enumerate(program.outputs(items)):
         primal = program.primal_of(i)
         if primal is not None:
             results.append(avals[primal].update(weak_type=False))
