@@ -25,6 +25,7 @@ from jaxspatial.dynamics.steps import (
     without_accelerations,
 )
 from jaxspatial.engine.algorithm import ExternalForces, checked
+from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import fixed
 from jaxspatial.mechanism import HalfSpace, LoopClosure, Mechanism, PointContacts
 from jaxspatial.mechanism.parts import WORLD
@@ -174,6 +175,23 @@ def _step(
         return ConvexStep(after[0], after[1], None, given.wrenches(None, batch, q.dtype), residual, iterations)
     if q.dtype.itemsize == 2:
         return _by_way_of_float32(mechanism, state, h, forces, given, precision)
+    if given.batch_shape or not isinstance(given.ground, HalfSpace):
+        # A caller's function may read arrays of the caller's: it is part of the caller's program.
+        return _solved_step(mechanism, (*state, h, forces), given, precision)
+    return _as_one_program(resolve(precision), (mechanism, given), q, v, tau, h, forces)
+
+
+@composite
+def _as_one_program(precision: Precision, scene: tuple[Mechanism, "_Given"], *at: Any) -> ConvexStep:
+    return _solved_step(scene[0], at, scene[1], precision)
+
+
+def _solved_step(
+    mechanism: Mechanism, at: Sequence[Any], given: "_Given", precision: PrecisionName
+) -> ConvexStep:
+    """`_step` where something may act. at: q, v, tau, h and the external forces."""
+    q, v, tau, h, forces = at
+    batch = check.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), given.batch_shape)
     c = None if is_nothing(mechanism.damping) else jnp.asarray(mechanism.damping, q.dtype)
     free, turning, vdot, tau = stepped_velocities(mechanism, (q, v, tau), h, c, forces, None, precision)
     still = without_accelerations(precision, v, h, turning)
@@ -187,7 +205,7 @@ def _step(
     acts = jnp.broadcast_to((iterations > 0)[..., None], y.shape)
     after = _valued(still + y, lax.stop_gradient(jnp.where(acts, still + y, free)))
     pushed = (None, None) if given.is_nothing else problem.forces_at(narrow, places, y)
-    next_q, next_v = moved(mechanism, q, after, dt, precision)
+    next_q, next_v = moved(mechanism, q, after, h[..., 0], precision)
     wrenches = given.wrenches(pushed[1], batch, q.dtype)
     return ConvexStep(next_q, next_v, pushed[0], wrenches, residual, iterations)
 
@@ -406,23 +424,49 @@ class _Problem(NamedTuple):
 
     def solved(self, precision: Precision, places: Where) -> tuple[jax.Array, jax.Array, jax.Array]:
         """(the change of velocities, the residual, the iterations); derivatives by the implicit function theorem."""
-        at = fixed(self)
-        y, residual, iterations = contact_solver.solve(
+
+        def at(data: Sequence[Any]) -> "_Problem":
+            # A field that is known stays the object it is: with a mechanism live the programs that were made for it.
+            rest = iter(data)
+            return _Problem(*(jax.tree.map(lambda y: next(rest) if _is_data(y) else y, x) if _has_data(x) else x for x in self))
+
+        # A function of the numbers that are not known alone: what JAX calls with them, it makes data of.
+        @jax.custom_jvp
+        def optimum(*data: Any) -> tuple[jax.Array, jax.Array, jax.Array]:
+            return at(data)._iterated(precision, places)
+
+        @optimum.defjvp
+        def _(primals: Any, tangents: Any) -> Any:
+            y, *others = optimum(*primals)
+            _, force = jax.jvp(lambda *data: at(data)._imbalance(precision, places, y), primals, tangents)
+            change = at(primals)._times_inverse(precision, places, y, -force)
+            return (y, *others), (change, *map(_no_tangent, others))
+
+        y, residual, iterations = optimum(*filter(_is_data, jax.tree.leaves(self)))
+        return y, residual[..., 0], iterations[..., 0]
+
+    def _iterated(self, precision: Precision, places: Where) -> tuple[jax.Array, jax.Array, jax.Array]:
+        at = _Problem(*(fixed(x) if _has_data(x) else x for x in self))
+        return contact_solver.solve(
             precision, at.mechanism, at.q, at.still, at.change, at.h, at.terms, places=places
         )
 
-        def imbalance(y: jax.Array) -> jax.Array:
-            state = self.q, self.v, self.still, self.change, y, _over(y, self.h), self.tau, self.h
-            return contact_solver.imbalance(precision, self.mechanism, *state, self.terms, self.forces, places=places)
+    def _imbalance(self, precision: Precision, places: Where, y: jax.Array) -> jax.Array:
+        state = self.q, self.v, self.still, self.change, y, _over(y, self.h), self.tau, self.h
+        return contact_solver.imbalance(precision, self.mechanism, *state, self.terms, self.forces, places=places)
+
+    def _times_inverse(self, precision: Precision, places: Where, y: jax.Array, force: jax.Array) -> jax.Array:
+        """H^-1 times a force, with H the derivative of the imbalance by y: with the factors of the iteration."""
+        at = _Problem(*(fixed(x) if _has_data(x) else x for x in self))
+
+        def times_H(x: jax.Array) -> jax.Array:
+            return jax.jvp(lambda y: self._imbalance(precision, places, y), (y,), (x,))[1]
 
         def inverse(_: Any, force: jax.Array) -> jax.Array:
-            state = at.q, at.still, at.change, y, at.h, at.terms
+            state = at.q, at.still, at.change, lax.stop_gradient(y), at.h, at.terms
             return contact_solver.solve_at(precision, at.mechanism, *state, force, places=places)
 
-        def tangent(times_H: Any, force: jax.Array) -> jax.Array:
-            return lax.custom_linear_solve(times_H, force, inverse, symmetric=True)
-
-        return lax.custom_root(imbalance, y, lambda _, y: y, tangent), residual[..., 0], iterations[..., 0]
+        return lax.custom_linear_solve(times_H, force, inverse, symmetric=True)
 
     def forces_at(
         self, precision: Precision, places: Where, y: jax.Array
@@ -460,3 +504,16 @@ def _valued(x: jax.Array, value: jax.Array) -> jax.Array:
 def _(primals: Any, tangents: Any) -> Any:
     # Not the number itself, which is a constant: its derivatives of the next order would be lost.
     return _valued(*primals), tangents[0]
+
+
+def _is_data(x: Any) -> bool:
+    return not isinstance(x, np.ndarray)
+
+
+def _has_data(tree: Any) -> bool:
+    return any(map(_is_data, jax.tree.leaves(tree)))
+
+
+def _no_tangent(x: jax.Array) -> Any:
+    """The tangent zero, as `jax.custom_jvp` wants it: of integers it has no numbers."""
+    return np.zeros(x.shape, jax.dtypes.float0) if jnp.issubdtype(x.dtype, jnp.integer) else jnp.zeros_like(x)

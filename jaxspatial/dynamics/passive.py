@@ -94,7 +94,7 @@ def passive_forces_or_none(
     with_resistance: bool = True,
 ) -> jax.Array | None:
     """`passive_forces`, or None if there are none. with_resistance=False leaves out damping and friction."""
-    compliance = _checked_compliance(mechanism, q, compliance)
+    compliance = checked_compliance(mechanism, q, compliance)
     names = ("stiffness", "damping", "friction_loss") if with_resistance else ("stiffness",)
     acts = [not is_nothing(getattr(mechanism, name)) for name in names]
     acts.append(
@@ -112,7 +112,7 @@ def damping_coefficients(
 
     (nv,) for damping alone, (*batch, nv) with friction, whose coefficient depends on v.
     """
-    friction_speed = _checked_compliance(mechanism, v, compliance).friction_speed
+    friction_speed = checked_compliance(mechanism, v, compliance).friction_speed
     damping, friction = (
         None if is_nothing(x) else jnp.asarray(x, v.dtype) for x in (mechanism.damping, mechanism.friction_loss)
     )
@@ -136,7 +136,7 @@ def _is_unlimited(joints: JointsOfKind):
     return all(_is_infinite(joints.rows(x, over_velocities=False)) for x in limits)
 
 
-def _checked_compliance(mechanism: Mechanism, like: Array, compliance: object):
+def checked_compliance(mechanism: Mechanism, like: Array, compliance: object):
     """The Compliance, checked, as arrays (nv,); limit_stiffness and limit_damping are None if limits do not act."""
     compliance = Compliance() if compliance is None else compliance
     if not isinstance(compliance, Compliance):
@@ -151,7 +151,7 @@ def _checked_compliance(mechanism: Mechanism, like: Array, compliance: object):
 
 def _per_velocity(mechanism: Mechanism, like: Array, name: str, x) -> Array:
     dtype = np.dtype(like.dtype)
-    array = cast(Array, check.as_float_array(x, f"compliance: {name}", dtype))
+    array = cast(Array, check.as_float_array(0.0 if x is None else x, f"compliance: {name}", dtype))
     check.require_same_dtype(state=like, **{name: array}) if not isinstance(array, np.ndarray) else None
     if array.shape not in ((), (mechanism.nv,)):
         raise ValueError(f"compliance: {name}: expected a number or shape ({mechanism.nv},), got {array.shape}")

@@ -14,17 +14,25 @@ from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.energy import kinetic_energy
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.inverse_dynamics import bias_forces
-from jaxspatial.dynamics.passive import Compliance, damping_coefficients, passive_forces_or_none
+from jaxspatial.dynamics.passive import (
+    Compliance,
+    checked_compliance,
+    damping_coefficients,
+    passive_forces_or_none,
+)
 from jaxspatial.engine.algorithm import ExternalForces, checked, over_batch
+from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import pullback
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.numbers import Number, doubled
+from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.promise import Normwise
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
 Checked = Any  # an array that `checked` returned in place of an ArrayLike
+Scene = tuple[Mechanism, Compliance | None]
 At = tuple[Checked, Checked, Checked, Checked]  # q, v, tau, and `transport` or None
 
 # Error bounds of velocities: in general, of linear ones whose axes turn, and what turning beyond half a turn adds.
@@ -85,9 +93,18 @@ def semi_implicit_step(
     )
     if not mechanism.nv:
         return at_rest(q, v, tau, h, forces)
+    compliance = None if compliance is None else checked_compliance(mechanism, v, compliance)
+    return _semi_implicit(resolve(precision), (mechanism, compliance), q, v, tau, h, forces)
+
+
+@composite
+def _semi_implicit(
+    precision: Precision, scene: Scene, q: Checked, v: Checked, tau: Checked, h: jax.Array, forces: Checked
+) -> tuple[jax.Array, jax.Array]:
+    mechanism, compliance = scene
     c = damping_coefficients(mechanism, v, compliance, precision)
     after = stepped_velocities(mechanism, (q, v, tau), h, c, forces, compliance, precision).v
-    return moved(mechanism, q, after, dt, precision)
+    return moved(mechanism, q, after, h[..., 0], precision)
 
 
 def at_rest(q: Checked, *others: Checked) -> tuple[jax.Array, jax.Array]:
@@ -199,8 +216,24 @@ def symplectic_step(
     *at, h, forces = checked("symplectic_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
     if not mechanism.nv:
         return at_rest(*at, h, forces)
-    batch = check.broadcast_shapes(*(x.shape[:-1] for x in at), h.shape[:-1])
-    q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (*at, h))
+    compliance = None if compliance is None else checked_compliance(mechanism, at[1], compliance)
+    return _symplectic(resolve(precision), (mechanism, compliance), *at, h, forces, iterations=iterations)
+
+
+@composite
+def _symplectic(
+    precision: Precision,
+    scene: Scene,
+    q: Checked,
+    v: Checked,
+    tau: Checked,
+    h: jax.Array,
+    forces: Checked,
+    *,
+    iterations: int,
+) -> tuple[jax.Array, jax.Array]:
+    mechanism, compliance = scene
+    q, v, tau, h = map(jnp.asarray, (q, v, tau, h))
     springs = passive_forces_or_none(mechanism, q, v, compliance, precision, with_resistance=False)
     tau = tau if springs is None else plus(precision, tau, springs)
     damping = damping_coefficients(mechanism, v, compliance, precision)
@@ -303,6 +336,16 @@ def rk4_step(
     q, v, tau, h, external = checked("rk4_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
     if not mechanism.nv:
         return at_rest(q, v, tau, h, external)
+
+    compliance = None if compliance is None else checked_compliance(mechanism, v, compliance)
+    return _rk4(resolve(precision), (mechanism, compliance), q, v, tau, h, external)
+
+
+@composite
+def _rk4(
+    precision: Precision, scene: Scene, q: Checked, v: Checked, tau: Checked, h: jax.Array, external: Checked
+) -> tuple[jax.Array, jax.Array]:
+    mechanism, compliance = scene
 
     def rate(q: jax.Array, v: jax.Array) -> tuple[jax.Array, jax.Array]:
         passive = passive_forces_or_none(mechanism, q, v, compliance, precision)

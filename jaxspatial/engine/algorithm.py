@@ -388,7 +388,7 @@ class ProgramCache:
         self, formula: Any, precision: Precision, tree: Any, known: tuple[Any, ...], static: Static, dtype: np.dtype
     ) -> Algorithm:
         """The program of an algorithm. known: the constants among all leaves of the tree."""
-        of_arrays = tuple(map(_contents, known[len(self.known) :]))
+        of_arrays = tuple(map(contents, known[len(self.known) :]))
         key = formula, precision, tree, of_arrays, static, dtype
         if key not in self.programs:
             self.programs[key] = formula.program_class(formula, precision, self, tree, known, static, dtype)
@@ -401,7 +401,7 @@ class ProgramCache:
         return self.calls[program]
 
 
-def _contents(x: np.ndarray | None):
+def contents(x: np.ndarray | None):
     """A hashable copy of a constant."""
     return None if x is None else (x.dtype.str, x.shape, x.tobytes())
 
@@ -410,15 +410,15 @@ def _contents(x: np.ndarray | None):
 _CACHES: weakref.WeakValueDictionary[Any, ProgramCache] = weakref.WeakValueDictionary()
 _WITHOUT_CONSTANTS: dict[Any, ProgramCache] = {}
 # The caches of each mechanism by the fields that are read, found without comparing numbers.
-_BY_MECHANISM: weakref.WeakKeyDictionary[Mechanism, dict[tuple[str, ...], ProgramCache]] = weakref.WeakKeyDictionary()
+_BY_MECHANISM: weakref.WeakKeyDictionary[Mechanism, dict[tuple[Any, ...], ProgramCache]] = weakref.WeakKeyDictionary()
 
 
-def _program_cache(mechanism: Mechanism, reads: tuple[str, ...], tree, leaves: Sequence[Any]) -> ProgramCache:
+def program_cache(mechanism: Mechanism, reads: tuple[Any, ...], tree, leaves: Sequence[Any]) -> ProgramCache:
     of_mechanism = _BY_MECHANISM.setdefault(mechanism, {})
     if reads in of_mechanism:
         return of_mechanism[reads]
     known = tuple(x if isinstance(x, np.ndarray) else None for x in leaves)
-    key = mechanism.topology.skeleton, tree, tuple(map(_contents, known))
+    key = mechanism.topology.skeleton, tree, tuple(map(contents, known))
     cache = _CACHES.setdefault(key, ProgramCache(mechanism.topology.skeleton, known))
     if not any(x is not None for x in known):
         _WITHOUT_CONSTANTS[key] = cache
@@ -445,7 +445,7 @@ def _run(
     if is_rigid:
         # Without joints nothing varies with q and v, whose batch the results get at the end.
         leaves = [_empty(x, i < n_fields) if 0 in x.shape else x for i, x in enumerate(leaves)]
-    cache = _program_cache(mechanism, reads, tree.children()[0], leaves[:n_fields])
+    cache = program_cache(mechanism, reads, tree.children()[0], leaves[:n_fields])
     known = (
         *cache.known,
         *[
@@ -456,7 +456,7 @@ def _run(
     compiled = cache.program(formula, precision, tree, known, static, np.dtype(arrays[0].dtype))
     n_batch = len(batch)
     is_data = [k is None for k in known]
-    data = [_with_batch_axes(x, i < n_fields, n_batch) for i, x in enumerate(leaves) if is_data[i]]
+    data = [with_batch_axes(x, i < n_fields, n_batch) for i, x in enumerate(leaves) if is_data[i]]
     if is_rigid:
         items = [jax.ShapeDtypeStruct(x.shape[n_batch:], x.dtype) for x in data]
         is_constant = not data or all(0 in shape for shape, _ in compiled.outputs(items))
@@ -473,7 +473,7 @@ def _empty(x: Any, is_field: bool) -> np.ndarray:
     return np.zeros(x.shape if is_field else x.shape[-1:], x.dtype)
 
 
-def _with_batch_axes(x, is_field: bool, n_batch: int):
+def with_batch_axes(x, is_field: bool, n_batch: int):
     """The array with n_batch axes in front, those that it lacks of size 1."""
     shape = (1,) * n_batch + x.shape if is_field else (1,) * (n_batch - x.ndim + 1) + x.shape
     return x.reshape(shape) if shape != x.shape else x

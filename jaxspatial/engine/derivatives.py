@@ -5,6 +5,7 @@ order.
 """
 
 import functools
+import itertools
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar, cast
 
@@ -14,7 +15,18 @@ import numpy as np
 from jax import lax
 from jax.interpreters import ad
 
-from jaxspatial.engine.program import Aval, Program, Result, batch_axis_first, bind, n_states, over_batch_of, zeros
+from jaxspatial.engine.program import (
+    Aval,
+    Program,
+    Result,
+    Traced,
+    batch_axis_first,
+    bind,
+    leave_out_unread,
+    n_states,
+    over_batch_of,
+    zeros,
+)
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.primitives import is_zero, no_tangent
 
@@ -28,8 +40,10 @@ class Differentiable(Program):
     def tangent(self, moving: Moving):
         return self.cached(("tangent", moving), lambda: Tangent(self, moving))
 
-    def pullback(self, moving: Moving):
-        return self.cached(("pullback", moving), lambda: Pullback(self, moving))
+    def pullback(self, moving: Moving, given: Moving | None = None):
+        """given: whether the cotangent of each result that has one is not known to be zero; None for all."""
+        given = None if given is None or all(given) else given
+        return self.cached(("pullback", moving, given), lambda: Pullback(self, moving, given))
 
     def jacobians(self, moving: Moving, n_columns: int) -> "Differentiable | None":
         """The program of the Jacobians of the one result with respect to the arguments that move.
@@ -49,7 +63,9 @@ class Differentiable(Program):
         """(results, their tangents)."""
         moving = tuple(not is_zero(t) for t in tangents)
         of_moving = [t for t in tangents if not is_zero(t)]
-        return bind(self, primals, n_batch), bind(self.tangent(moving), [*primals, *of_moving], n_batch)
+        results = bind(self, primals, n_batch)
+        rest = iter(bind(self.tangent(moving), [*primals, *of_moving], n_batch))
+        return results, [next(rest) if is_differentiable(y) else no_tangent(y) for y in results]
 
     def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
         """The cotangents of the linear arguments, None for the others."""
@@ -121,12 +137,13 @@ class Derived(Differentiable):
         return run
 
     def _of_chosen(self, arguments: Sequence[Any]) -> Callable[..., list[jax.Array]]:
-        """The program as a function of the arguments that move."""
+        """The results that have derivatives, as a function of the arguments that move."""
 
         def run(*chosen: jax.Array):
             rest = iter(chosen)
             both = zip(arguments, self.moving, strict=True)
-            return self.program.evaluate(*(next(rest) if yes else x for x, yes in both))
+            results = self.program.evaluate(*(next(rest) if yes else x for x, yes in both))
+            return [y for y in results if is_differentiable(y)]
 
         return run
 
@@ -143,7 +160,8 @@ class Tangent(Derived):
         return jax.jvp(self._of_chosen(arguments), at, along)[1]
 
     def outputs(self, avals: Sequence[Aval]) -> list[Result]:
-        return self.program.outputs(avals[: len(self.moving)])
+        results = self.program.outputs(avals[: len(self.moving)])
+        return [(shape, dtype) for shape, dtype in results if jnp.issubdtype(dtype, jnp.floating)]
 
     def primal_of(self, i: int):
         return self.program.primal_of(i)
@@ -165,12 +183,31 @@ class Tangent(Derived):
             _over(x, tangents[self.places.index(i)].aval, n_batch) if yes else x
             for i, (x, yes) in enumerate(zip(at, moving, strict=True))
         ]
-        of_linear = bind(self.program.pullback(moving), [*at, *cotangents], n_batch)
+        given = tuple(not is_zero(c) for c in cotangents)
+        if not any(given):
+            return [None] * len(arguments)
+        chosen = [c for c, yes in zip(cotangents, given, strict=True) if yes]
+        of_linear = bind(self.program.pullback(moving, given), [*at, *chosen], n_batch)
         return [*[None] * len(at), *_placed(linear, of_linear)]
 
 
 class Pullback(Derived):
-    """(arguments, cotangents of the results) -> the cotangents of the arguments that move."""
+    """(arguments, cotangents of the results) -> the cotangents of the arguments that move.
+
+    given: the results whose cotangents are given, None for all; those of others are zero.
+    """
+
+    def __init__(self, program: Differentiable, moving: Moving, given: Moving | None):
+        super().__init__(program, moving)
+        self.given = given
+
+    def _of_chosen(self, arguments: Sequence[Any]) -> Callable[..., list[jax.Array]]:
+        run = super()._of_chosen(arguments)
+        return lambda *chosen: self._given(run(*chosen))
+
+    def _given(self, results: Sequence[Any]) -> list[Any]:
+        """Those whose cotangents are given."""
+        return list(results if self.given is None else itertools.compress(results, self.given))
 
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
         arguments, cotangents = self._split(arrays)
@@ -181,7 +218,9 @@ class Pullback(Derived):
 
         def over_all(*chosen: jax.Array):
             # A result that is itself the cotangent of a shared argument is shared by all states.
-            primals = ((self.program.primal_of(i), y) for i, y in enumerate(run(*chosen)))
+            results = run(*chosen)
+            places = self._given(range(len(results) if self.given is None else len(self.given)))
+            primals = ((self.program.primal_of(i), y) for i, y in zip(places, results, strict=True))
             return [jnp.broadcast_to(y, (n, *y.shape[1:])) if primal is None else y for primal, y in primals]
 
         results, back = _with_pullback(over_all, *self._chosen(arguments))
@@ -191,7 +230,8 @@ class Pullback(Derived):
     def _pulled_back(self, arguments: Sequence[Any], n_batch: int) -> Callable[..., list[Any]]:
         """The cotangents of the arguments that move, by the program's own rule, as a function of those of results."""
         chosen = [jax.ShapeDtypeStruct(x.shape, x.dtype) for x in self._chosen(arguments)]
-        transposed = jax.linear_transpose(self._ruled(arguments, n_batch), *chosen)
+        run = self._ruled(arguments, n_batch)
+        transposed = jax.linear_transpose(lambda *tangents: self._given(run(*tangents)), *chosen)
         return lambda *cotangents: list(transposed(list(cotangents)))
 
     def outputs(self, avals: Sequence[Aval]) -> list[Result]:
@@ -213,6 +253,67 @@ class Pullback(Derived):
 
     def needs_all_states(self, i: int):
         return i < len(self.moving) and (self.moving[i] or self.program.needs_all_states(i))
+
+
+class Selection(Differentiable):
+    """A program that leaves out the results which nobody reads. wanted: whether each result is read."""
+
+    def __init__(self, program: Differentiable, wanted: Moving):
+        self.program, self.wanted, self.is_wide = program, wanted, program.is_wide
+
+    def _chosen(self, results: Sequence[T]) -> list[T]:
+        return list(itertools.compress(results, self.wanted))
+
+    def traced(self, avals: Sequence[Aval]) -> Traced:
+        """The trace of the whole program, without what is dead now."""
+        return self.program.traced(avals).selected(self.wanted)
+
+    def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
+        return self._chosen(self.program.evaluate(*arrays))
+
+    def from_outside(self, x: jax.Array) -> jax.Array:
+        return self.program.from_outside(x)
+
+    def outputs(self, avals: Sequence[Aval]) -> list[Result]:
+        return self._chosen(self.program.outputs(avals))
+
+    def primal_of(self, i: int) -> int | None:
+        return self.program.primal_of(self._chosen(range(len(self.wanted)))[i])
+
+    def needs_all_states(self, i: int) -> bool:
+        return self.program.needs_all_states(i)
+
+    def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int) -> Any:
+        results = self.program.batched(arrays, axes, size, n_batch)
+        return None if results is None else self._chosen(results)
+
+    def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
+        results, rates = self.program.jvp(primals, tangents, n_batch)
+        return self._chosen(results), self._chosen(rates)
+
+    def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
+        rest = iter(cotangents)
+        return self.program.transposed([next(rest) if yes else ad.Zero(None) for yes in self.wanted], arguments, n_batch)
+
+
+def _without_unread(wanted: list[bool], eqn: Any) -> tuple[list[bool], Any]:
+    """Leaves out what nobody reads of a program: JAX asks for it where it takes dead code out of a trace."""
+    whole = eqn.params["program"]
+    if not any(wanted):
+        return [False] * len(eqn.invars), None
+    if all(wanted) or getattr(whole, "has_rule", False):
+        return [True] * len(eqn.invars), eqn
+    selected = whole.cached(("selection", *wanted), lambda: Selection(whole, tuple(wanted)))
+    outvars = list(itertools.compress(eqn.outvars, wanted))
+    return [True] * len(eqn.invars), eqn.replace(outvars=outvars, params={**eqn.params, "program": selected})
+
+
+leave_out_unread(_without_unread)
+
+
+def is_differentiable(x: Any) -> bool:
+    """Whether an array has derivatives, which integers have not."""
+    return bool(jnp.issubdtype(x.dtype, jnp.floating))
 
 
 def fixed(tree: T) -> T:

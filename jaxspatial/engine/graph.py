@@ -572,6 +572,12 @@ class _Builder:
             return [self.each("select", self._dtype(yes), index, yes, no) for no, yes in both]
         return [self._chosen(self._dtype(options[0]), index, options) for options in zip(*results, strict=True)]
 
+    def _custom_linear_solve(self, eqn: Any, *x: Nodes) -> list[Nodes]:
+        """The solution by the caller's function; the others are for derivatives."""
+        lengths, solve = eqn.params["const_lengths"], eqn.params["jaxprs"].solve
+        first = lengths.matvec + lengths.vecmat
+        return self.run(solve, [*x[first : first + lengths.solve], *x[sum(lengths) :]])
+
     def _dtype(self, x: Nodes) -> np.dtype:
         return self.graph.dtypes[int(x.flat[0])] if x.size else BOOL
 

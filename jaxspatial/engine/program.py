@@ -118,6 +118,14 @@ class Traced:
     def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
         return jaxpr_as_fun(self.closed)(*arrays)
 
+    def selected(self, wanted: Sequence[bool]) -> "Traced":
+        """The trace of these results alone."""
+        jaxpr, _ = pe.dce_jaxpr(self.closed.jaxpr, list(wanted), instantiate=True)
+        selection = object.__new__(Traced)
+        selection.closed = ClosedJaxpr(jaxpr, self.closed.consts)
+        selection.out_avals = list(itertools.compress(self.out_avals, wanted))
+        return selection
+
     def without_calls(self, *arrays: jax.Array) -> list[jax.Array]:
         """As XLA compiles it best."""
         return without_calls(self.closed, *arrays)
@@ -343,7 +351,9 @@ def _expanded(eqn: Any) -> ClosedJaxpr | None:
     if eqn.primitive is _program_p:
         program, n_batch = eqn.params["program"], eqn.params["n_batch"]
         avals = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
-        with jax.enable_x64(True):
+        # As it is traced elsewhere, so that it need not be traced again.
+        is_wide = program.is_wide or any(np.dtype(a.dtype).itemsize == 8 for a in avals)
+        with jax.enable_x64(is_wide or bool(check.config.jax_enable_x64)):
             return jax.make_jaxpr(functools.partial(run, program, n_batch, None))(*avals)
     return trace_of_sums(eqn)
 
@@ -389,3 +399,8 @@ mlir.register_lowering(_program_p, _lowering(is_for_cpus=True), platform="cpu")
 ad.primitive_jvps[_program_p] = _jvp
 ad.primitive_transposes[_program_p] = _transpose
 batching.primitive_batchers[_program_p] = _batch
+
+
+def leave_out_unread(rule: Callable[[list[bool], Any], tuple[list[bool], Any]]) -> None:
+    """Says how results that nobody reads are left out of a program in a trace."""
+    pe.dce_rules[_program_p] = rule
