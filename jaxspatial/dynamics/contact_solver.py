@@ -54,7 +54,7 @@ from jaxspatial.dynamics.external_forces import loads
 from jaxspatial.dynamics.newton_euler import forces_of
 from jaxspatial.dynamics.passive import is_nothing
 from jaxspatial.engine import matrices, recursion, stacking
-from jaxspatial.engine.algorithm import DYNAMICS, FRAMES, Algorithm, Wrenches, algorithm, velocity_shape
+from jaxspatial.engine.algorithm import DYNAMICS, FRAMES, Wrenches, algorithm, velocity_shape
 from jaxspatial.engine.stacking import Array, Shape
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.inertia import articulated

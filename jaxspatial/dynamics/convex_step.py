@@ -1,7 +1,7 @@
 """A step in time with contact, friction, limits and closed loops: one convex problem, solved by articulated bodies."""
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, TypeVar, cast
 
 import jax
@@ -26,7 +26,6 @@ from jaxspatial.dynamics.steps import (
 )
 from jaxspatial.engine.algorithm import ExternalForces, checked
 from jaxspatial.engine.composite import composite
-from jaxspatial.engine.derivatives import fixed
 from jaxspatial.mechanism import HalfSpace, LoopClosure, Mechanism, PointContacts
 from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.numerics import check
@@ -186,9 +185,7 @@ def _as_one_program(precision: Precision, scene: tuple[Mechanism, "_Given"], *at
     return _solved_step(scene[0], at, scene[1], precision)
 
 
-def _solved_step(
-    mechanism: Mechanism, at: Sequence[Any], given: "_Given", precision: PrecisionName
-) -> ConvexStep:
+def _solved_step(mechanism: Mechanism, at: Sequence[Any], given: "_Given", precision: PrecisionName) -> ConvexStep:
     """`_step` where something may act. at: q, v, tau, h and the external forces."""
     q, v, tau, h, forces = at
     batch = check.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), given.batch_shape)
@@ -426,9 +423,8 @@ class _Problem(NamedTuple):
         """(the change of velocities, the residual, the iterations); derivatives by the implicit function theorem."""
 
         def at(data: Sequence[Any]) -> "_Problem":
-            # A field that is known stays the object it is: with a mechanism live the programs that were made for it.
             rest = iter(data)
-            return _Problem(*(jax.tree.map(lambda y: next(rest) if _is_data(y) else y, x) if _has_data(x) else x for x in self))
+            return self._with_data(lambda _: next(rest))
 
         # A function of the numbers that are not known alone: what JAX calls with them, it makes data of.
         @jax.custom_jvp
@@ -445,11 +441,21 @@ class _Problem(NamedTuple):
         y, residual, iterations = optimum(*filter(_is_data, jax.tree.leaves(self)))
         return y, residual[..., 0], iterations[..., 0]
 
+    def _with_data(self, function: Callable[[Any], Any]) -> "_Problem":
+        """With function(x) in place of each array x that is not known.
+
+        A field that is known stays the object it is: with a mechanism live the programs that were made for it.
+        """
+
+        def replaced(tree: Any) -> Any:
+            data = list(filter(_is_data, jax.tree.leaves(tree)))
+            return jax.tree.map(lambda x: function(x) if _is_data(x) else x, tree) if data else tree
+
+        return _Problem(*map(replaced, self))
+
     def _iterated(self, precision: Precision, places: Where) -> tuple[jax.Array, jax.Array, jax.Array]:
-        at = _Problem(*(fixed(x) if _has_data(x) else x for x in self))
-        return contact_solver.solve(
-            precision, at.mechanism, at.q, at.still, at.change, at.h, at.terms, places=places
-        )
+        at = self._with_data(lax.stop_gradient)
+        return contact_solver.solve(precision, at.mechanism, at.q, at.still, at.change, at.h, at.terms, places=places)
 
     def _imbalance(self, precision: Precision, places: Where, y: jax.Array) -> jax.Array:
         state = self.q, self.v, self.still, self.change, y, _over(y, self.h), self.tau, self.h
@@ -457,7 +463,7 @@ class _Problem(NamedTuple):
 
     def _times_inverse(self, precision: Precision, places: Where, y: jax.Array, force: jax.Array) -> jax.Array:
         """H^-1 times a force, with H the derivative of the imbalance by y: with the factors of the iteration."""
-        at = _Problem(*(fixed(x) if _has_data(x) else x for x in self))
+        at = self._with_data(lax.stop_gradient)
 
         def times_H(x: jax.Array) -> jax.Array:
             return jax.jvp(lambda y: self._imbalance(precision, places, y), (y,), (x,))[1]
@@ -508,10 +514,6 @@ def _(primals: Any, tangents: Any) -> Any:
 
 def _is_data(x: Any) -> bool:
     return not isinstance(x, np.ndarray)
-
-
-def _has_data(tree: Any) -> bool:
-    return any(map(_is_data, jax.tree.leaves(tree)))
 
 
 def _no_tangent(x: jax.Array) -> Any:

@@ -136,7 +136,7 @@ def _is_unlimited(joints: JointsOfKind):
     return all(_is_infinite(joints.rows(x, over_velocities=False)) for x in limits)
 
 
-def checked_compliance(mechanism: Mechanism, like: Array, compliance: object):
+def checked_compliance(mechanism: Mechanism, like: Any, compliance: object):
     """The Compliance, checked, as arrays (nv,); limit_stiffness and limit_damping are None if limits do not act."""
     compliance = Compliance() if compliance is None else compliance
     if not isinstance(compliance, Compliance):

@@ -456,7 +456,7 @@ def _run(
     compiled = cache.program(formula, precision, tree, known, static, np.dtype(arrays[0].dtype))
     n_batch = len(batch)
     is_data = [k is None for k in known]
-    data = [with_batch_axes(x, i < n_fields, n_batch) for i, x in enumerate(leaves) if is_data[i]]
+    data: list[Any] = [with_batch_axes(x, i < n_fields, n_batch) for i, x in enumerate(leaves) if is_data[i]]
     if is_rigid:
         items = [jax.ShapeDtypeStruct(x.shape[n_batch:], x.dtype) for x in data]
         is_constant = not data or all(0 in shape for shape, _ in compiled.outputs(items))

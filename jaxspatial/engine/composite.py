@@ -5,7 +5,7 @@ Between programs of their own, arrays over all states would be written to memory
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -18,10 +18,12 @@ from jaxspatial.numerics.precision import Precision
 
 
 class Composite(Algorithm):
-    """The program of a function of (precision, scene, *arrays), of one state. Its tree is that of ((scene,), arrays)."""
+    """The program of a function of (precision, scene, *arrays). Its tree is that of ((scene,), arrays)."""
 
-    # The programs that it calls compute in 64 bits where they need it.
-    is_wide = False
+    @property
+    def is_wide(self) -> bool:
+        """The programs that it calls compute in 64 bits where they need it."""
+        return False
 
     @functools.cached_property
     def _known_scene(self) -> Any:
@@ -69,6 +71,6 @@ def composite(function: Callable[..., Any]) -> Callable[..., Any]:
         dtype = np.dtype(leaves[n].dtype)
         made = cache.program(function, precision, tree, known, tuple(sorted(static.items())), dtype)
         data = [with_batch_axes(x, i < n, len(batch)) for i, x in enumerate(leaves) if known[i] is None]
-        return made(data, len(batch)) if tracing else cache.call(made)(len(batch), data)
+        return made(cast(Any, data), len(batch)) if tracing else cache.call(made)(len(batch), data)
 
     return call

@@ -293,7 +293,9 @@ class Selection(Differentiable):
 
     def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
         rest = iter(cotangents)
-        return self.program.transposed([next(rest) if yes else ad.Zero(None) for yes in self.wanted], arguments, n_batch)
+        return self.program.transposed(
+            [next(rest) if yes else ad.Zero(cast(Any, None)) for yes in self.wanted], arguments, n_batch
+        )
 
 
 def _without_unread(wanted: list[bool], eqn: Any) -> tuple[list[bool], Any]:

@@ -222,7 +222,9 @@ class Native(NamedTuple):
 
 
 def run(program: Program, n_batch: int, native: Native | None, *arrays: jax.Array) -> list[jax.Array]:
-    """Runs a program on arrays with n_batch axes in front, flattened to one axis of states. native: None for XLA's way.
+    """Runs a program on arrays with n_batch axes in front, flattened to one axis of states.
+
+    native: None for XLA's way.
     """
     batch = check.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
     columns = program.columns(arrays, n_batch) if native and check.is_sized(batch) else []
@@ -286,9 +288,7 @@ def n_states(arrays: Sequence[jax.Array]) -> int:
 # -- machine code ------------------------------------------------------------------------------------------------------
 
 
-def _natively(
-    program: Program, native: Native, n: int, arrays: Sequence[jax.Array]
-) -> list[jax.Array] | None:
+def _natively(program: Program, native: Native, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array] | None:
     """The results for arrays (n, ...), or (1, ...) where all states share one, by machine code; None if there is none.
 
     A result that is the cotangent of what all states share is summed over them.
