@@ -107,6 +107,11 @@ class Target(NamedTuple):
     cpu: str
     features: str
 
+    @property
+    def has_fma(self) -> bool:
+        """Whether it multiplies and adds in one step, rounded once."""
+        return architecture() != "x86_64" or "+fma" in self.features.split(",")
+
 
 class Compiled:
     """Machine code, which lives at least as long as this object, and the name by which XLA calls it."""

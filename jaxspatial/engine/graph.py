@@ -6,6 +6,7 @@ is found again is one node, one of constants is a constant, and one whose operan
 front of the loop. What a compiler makes of a graph is in `llvm_ir`; `run` evaluates it with NumPy.
 """
 
+import functools
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, cast
@@ -28,9 +29,9 @@ class NotSupportedError(Exception):
 class Loop:
     """A loop of a graph. Nodes of its region are computed in every turn.
 
-    length: the number of turns; None for a loop that goes on while `condition` is true. is_reverse: whether the rows are
-    taken from the last one on. carried: (parameter, its first value, its new value) of each number that turns pass on.
-    rows: by parameter, the nodes that it is in each turn, by row. stacked: nodes of the body whose values in all turns
+    length: the number of turns; None for a loop that goes on while `condition` is true. is_reverse: whether the rows
+    are taken from the last one on. carried: of each number that turns pass on (parameter, its first value, its new
+    value). rows: by parameter, the nodes that it is in each turn, by row. stacked: nodes of the body whose values in all turns
     are results.
     """
 
@@ -139,18 +140,61 @@ class Graph:
 # -- operations --------------------------------------------------------------------------------------------------------
 
 
-def _divided(d: np.dtype, a: Any, b: Any) -> Any:
-    return a / b if d.kind == "f" else a // b
+def _quotient_of(d: np.dtype, a: Any, b: Any) -> Any:
+    """As XLA has it: integers towards zero, and with all bits set over 0."""
+    if d.kind == "f":
+        return a / b
+    return np.where(b == 0, ~d.type(0), (a - np.fmod(a, b)) // b)
+
+
+def _remainder(d: np.dtype, a: Any, b: Any) -> Any:
+    return np.fmod(a, b) if d.kind == "f" else np.where(b == 0, a, np.fmod(a, b))
+
+
+def _larger(d: np.dtype, a: Any, b: Any) -> Any:
+    """NaN where one is, and 0 is more than -0."""
+    return np.where((a == b) & np.signbit(a), b, np.maximum(a, b)) if d.kind == "f" else np.maximum(a, b)
+
+
+def _smaller(d: np.dtype, a: Any, b: Any) -> Any:
+    return np.where((a == b) & np.signbit(b), b, np.minimum(a, b)) if d.kind == "f" else np.minimum(a, b)
 
 
 def _product_error(d: np.dtype, a: Any, b: Any, p: Any) -> Any:
-    """a b - p of p = fl(a b), by Dekker's splitting of the digits; exact while it is no subnormal number. [Dekker 1971]"""
+    """a b - p of p = fl(a b), rounded once as a fused multiply-add does it.
+
+    Of float64 by Dekker's splitting, of numbers between 1/2 and 1. [Dekker 1971]
+    """
     if d == np.float32:
         return np.asarray(np.float64(a) * np.float64(b) - np.float64(p)).astype(d)
+    (a, a_exponent), (b, b_exponent) = np.frexp(np.float64(a)), np.frexp(np.float64(b))
+    exponent, product = a_exponent + b_exponent, a * b
     half, upper = np.uint64(1 << 26), np.uint64(0xFFFFFFFFF8000000)
-    a_hi, b_hi = (((np.asarray(x).view(np.uint64) + half) & upper).view(np.float64) for x in (a, b))
+    a_hi, b_hi = (((x.view(np.uint64) + half) & upper).view(np.float64) for x in (a, b))
     a_lo, b_lo = a - a_hi, b - b_hi
-    return ((a_hi * b_hi - p) + a_hi * b_lo + a_lo * b_hi) + a_lo * b_lo
+    error = ((a_hi * b_hi - product) + a_hi * b_lo + a_lo * b_hi) + a_lo * b_lo
+    usual = np.isfinite(a) & np.isfinite(b)
+    return np.ldexp((product - np.ldexp(p, -exponent)) + np.where(usual, error, 0), exponent)
+
+
+def _shifted(to: Callable[[Any, Any], Any], is_logical: bool, d: np.dtype, a: Any, b: Any) -> Any:
+    """By as many bits as a number has, or more, all are shifted out. Those that come in are 0, or repeat the sign."""
+    bits, unsigned = 8 * d.itemsize, np.dtype(f"u{d.itemsize}")
+    is_far = np.asarray(b).view(unsigned) >= bits
+    a = np.asarray(a).view(unsigned if is_logical else f"i{d.itemsize}")
+    shifted = to(a, np.where(is_far, bits - 1, b).astype(a.dtype)).view(d)
+    return np.where(is_far, d.type(0), shifted) if is_logical else shifted
+
+
+def _converted(d: np.dtype, a: Any) -> Any:
+    """Of numbers that an integer does not hold the nearest one, and 0 of NaN."""
+    a = np.asarray(a)
+    if a.dtype.kind != "f" or d.kind not in "iu":
+        return a.astype(d)
+    info = np.iinfo(d)
+    low, high = a.dtype.type(info.min), a.dtype.type(info.max)
+    inside = np.where((a > low) & (a < high), a, 0).astype(d)
+    return np.select([a <= low, a >= high], [d.type(info.min), d.type(info.max)], inside)
 
 
 # What each operation computes, of NumPy scalars or arrays; d is the dtype of the result.
@@ -158,17 +202,17 @@ EVALUATE: dict[str, Callable[..., Any]] = {
     "add": lambda d, a, b: a + b,
     "sub": lambda d, a, b: a - b,
     "mul": lambda d, a, b: a * b,
-    "div": _divided,
-    "rem": lambda d, a, b: np.fmod(a, b),
+    "div": _quotient_of,
+    "rem": _remainder,
     "product_error": _product_error,
     "neg": lambda d, a: -a,
     "abs": lambda d, a: np.abs(a),
     "sqrt": lambda d, a: np.sqrt(a),
-    "round": lambda d, a: np.round(a),
+    "round": lambda d, a: np.rint(a),
     "floor": lambda d, a: np.floor(a),
     "ceil": lambda d, a: np.ceil(a),
-    "max": lambda d, a, b: np.maximum(a, b),
-    "min": lambda d, a, b: np.minimum(a, b),
+    "max": _larger,
+    "min": _smaller,
     "lt": lambda d, a, b: a < b,
     "le": lambda d, a, b: a <= b,
     "gt": lambda d, a, b: a > b,
@@ -179,10 +223,11 @@ EVALUATE: dict[str, Callable[..., Any]] = {
     "or": lambda d, a, b: a | b,
     "xor": lambda d, a, b: a ^ b,
     "not": lambda d, a: ~a,
-    "shl": lambda d, a, b: a << b,
-    "shr": lambda d, a, b: a >> b,
+    "shl": functools.partial(_shifted, np.left_shift, True),
+    "shr": functools.partial(_shifted, np.right_shift, True),
+    "sar": functools.partial(_shifted, np.right_shift, False),
     "select": lambda d, c, t, f: np.where(c, t, f),
-    "convert": lambda d, a: np.asarray(a).astype(d),
+    "convert": _converted,
     "bitcast": lambda d, a: np.asarray(a).view(d),
 }
 COMPARISONS = {"lt", "le", "gt", "ge", "eq", "ne"}
@@ -239,7 +284,7 @@ _SIMPLER: dict[str, Callable[..., int | None]] = {
     "div": _quotient,
 }
 # Operations number by number, by the name of the primitive.
-_OWN_NAMES = {"select", "convert", "bitcast", "round", "shl", "shr", "product_error"}
+_OWN_NAMES = {"select", "convert", "bitcast", "round", "shl", "shr", "sar", "product_error"}
 _ELEMENTWISE = {name: name for name in EVALUATE if name not in _OWN_NAMES}
 _ELEMENTWISE |= {
     "add_any": "add",
@@ -250,6 +295,7 @@ _ELEMENTWISE |= {
     "jaxspatial_quotient": "div",
     "shift_left": "shl",
     "shift_right_logical": "shr",
+    "shift_right_arithmetic": "sar",
 }
 # What keeps XLA from rewriting arithmetic, or says where arrays are: our compiler rewrites nothing.
 _UNCHANGED = {
@@ -311,7 +357,7 @@ class _Builder:
         values.update(zip(jaxpr.invars, arguments, strict=True))
 
         def read(x: Any) -> Nodes:
-            return self.lifted(np.asarray(x.val, x.aval.dtype)) if isinstance(x, Literal) else values[x]
+            return self.lifted(np.asarray(x.val, cast(Any, x.aval).dtype)) if isinstance(x, Literal) else values[x]
 
         for eqn in jaxpr.eqns:
             results = self.equation(eqn, [read(x) for x in eqn.invars])
@@ -393,9 +439,13 @@ class _Builder:
 
     def _sign(self, eqn: Any, x: Nodes) -> list[Nodes]:
         dtype = np.dtype(eqn.outvars[0].aval.dtype)
-        zero, one, minus = (self.lifted(np.full((), c, dtype)) for c in (0, 1, -1))
-        negative = self.each("select", dtype, self.each("lt", BOOL, x, zero), minus, x)
-        return [self.each("select", dtype, self.each("gt", BOOL, x, zero), one, negative)]
+        zero, one = (self.lifted(np.full((), c, dtype)) for c in (0, 1))
+        # Twice a zero or NaN is the same; twice a subnormal number is 0 where these are flushed, as in XLA.
+        rest = self.each("add", dtype, x, x) if dtype.kind == "f" else x
+        if dtype.kind != "u":
+            minus = self.lifted(np.full((), -1, dtype))
+            rest = self.each("select", dtype, self.each("lt", BOOL, x, zero), minus, rest)
+        return [self.each("select", dtype, self.each("gt", BOOL, x, zero), one, rest)]
 
     def _clamp(self, eqn: Any, low: Nodes, x: Nodes, high: Nodes) -> list[Nodes]:
         dtype = np.dtype(eqn.outvars[0].aval.dtype)
@@ -511,23 +561,23 @@ class _Builder:
         dtype, y = np.dtype(eqn.outvars[0].aval.dtype), x.copy()
         for k, place in enumerate(options):
             is_here = self._is_at(starts[axis], k, len(options))
-            y[place] = self.each("select", dtype, is_here, new, x[place])
+            y[place] = self.each("select", dtype, is_here, new, y[place])
         return [y]
 
     def _places(self, x: Nodes, sizes: Sequence[int], starts: Sequence[Nodes]) -> tuple[slice, ...] | None:
         """Where a slice begins and ends, if that is known; it is moved to lie in the array, as XLA does."""
         constants = self.graph.constants
-        found = [constants.get(int(i[()])) for i in starts]
+        both = zip(starts, x.shape, sizes, strict=True)
+        found = [0 if n == size else constants.get(int(i[()])) for i, n, size in both]
         if any(i is None for i in found):
             return None
         firsts = [max(0, min(int(cast(Any, i)), n - size)) for i, n, size in zip(found, x.shape, sizes, strict=True)]
         return tuple(slice(i, i + size) for i, size in zip(firsts, sizes, strict=True))
 
-    def _options(
-        self, x: Nodes, sizes: Sequence[int], starts: Sequence[Nodes]
-    ) -> tuple[list[tuple[slice, ...]], int]:
+    def _options(self, x: Nodes, sizes: Sequence[int], starts: Sequence[Nodes]) -> tuple[list[tuple[slice, ...]], int]:
         """(the places that a slice may have, the axis along which its start is not known)."""
-        unknown = [k for k, i in enumerate(starts) if int(i[()]) not in self.graph.constants]
+        both = enumerate(zip(starts, x.shape, sizes, strict=True))
+        unknown = [k for k, (i, n, size) in both if n > size and int(i[()]) not in self.graph.constants]
         if len(unknown) != 1:
             raise NotSupportedError("a slice whose place is unknown along several axes")
         axis = unknown[0]
@@ -554,8 +604,10 @@ class _Builder:
         y = np.moveaxis(x, axes, range(len(axes))).reshape((-1, *eqn.outvars[0].aval.shape))
         if not len(y):
             raise NotSupportedError("a reduction of nothing")
-        total = y[0]
-        for row in y[1:]:
+        # XLA begins with 0, which tells from -0.
+        begins = operation == "add" and dtype.kind == "f" and len(y) > 1
+        total, *rows = [self.lifted(np.zeros((), dtype)), *y] if begins else y
+        for row in rows:
             total = self.each(operation, dtype, total, row)
         return np.asarray(total)
 
@@ -762,7 +814,7 @@ def run(graph: Graph, *arguments: np.ndarray) -> list[np.ndarray]:
     values = _Values(graph, [np.broadcast_to(x.reshape((len(x), -1)), (size, x[0].size)) for x in arguments], {})
     with np.errstate(all="ignore"):
         found = [[_value(values, n) for n in x.ravel().tolist()] for x in graph.results]
-    return [np.stack([np.broadcast_to(x, (size,)) for x in row], 1) for row in found]
+    return [np.stack([np.broadcast_to(x, (size,)) for x in row], 1) if row else np.empty((size, 0)) for row in found]
 
 
 def _value(values: _Values, node: int) -> Any:

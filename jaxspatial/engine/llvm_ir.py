@@ -44,9 +44,13 @@ class Written(NamedTuple):
     n_operations: int
 
 
-def written(graph: Graph, width: int, is_shared: Sequence[bool]) -> Written:
-    """The IR of a graph for `width` states. is_shared: whether all states share an argument."""
-    return _Writer(graph, width, is_shared).written()
+def written(graph: Graph, width: int, is_shared: Sequence[bool], has_fma: bool = True) -> Written:
+    """The IR of a graph for `width` states.
+
+    is_shared: whether all states share an argument. has_fma: whether the processor multiplies and adds in one step;
+    without, the error of a product has the same bits, and takes more steps.
+    """
+    return _Writer(graph, width, is_shared, has_fma).written()
 
 
 # -- which operations are needed, and in which order -------------------------------------------------------------------
@@ -243,8 +247,9 @@ class _Function:
 
 
 class _Writer:
-    def __init__(self, graph: Graph, width: int, is_shared: Sequence[bool]):
+    def __init__(self, graph: Graph, width: int, is_shared: Sequence[bool], has_fma: bool):
         self.g, self.width, self.is_shared, self.order = graph, width, is_shared, _Order(graph)
+        self.has_fma = has_fma
         self.declared, self.globals = set[str](), dict[str, str]()
         self.pieces: list[list[Item]] = []
         self.bodies: dict[int, _Body] = {}
@@ -326,10 +331,10 @@ class _Writer:
 
     def _bytes(self, node: int) -> int:
         dtype = self.g.dtypes[node]
-        return max(self.width // 8, 1) if dtype == bool else self.width * dtype.itemsize
+        return max(self.width // 8, 1) if dtype.kind == "b" else self.width * dtype.itemsize
 
     def _allocate(self) -> int:
-        """Gives places in the frame to what is read in another piece, and to what loops carry: the size of the frame."""
+        """Gives places in the frame to what another piece reads, and to what loops carry: the size of the frame."""
         begin, end, clock = dict[Any, int](), dict[Any, int](), 0
         size_of: dict[Any, int] = {}
 
@@ -444,7 +449,7 @@ class _Writer:
         if names == {"load"}:
             places = [g.details[n] for n in nodes]
             steps = {b[1] - a[1] for a, b in zip(places, places[1:], strict=False)}
-            if len({k for k, _ in places}) == 1 and len(steps) == 1 and g.dtypes[parameter] != bool:
+            if len({k for k, _ in places}) == 1 and len(steps) == 1 and g.dtypes[parameter].kind != "b":
                 return "load", places[0], steps.pop()
         if names == {"stacked"}:
             places = [g.details[n] for n in nodes]
@@ -483,7 +488,7 @@ class _Writer:
         f.add(f"store {self.type(dtype)} {value}, ptr {pointer}, align {self._alignment(dtype)}")
 
     def _alignment(self, dtype: np.dtype) -> int:
-        n = max(self.width // 8, 1) if dtype == bool else self.width * dtype.itemsize
+        n = max(self.width // 8, 1) if dtype.kind == "b" else self.width * dtype.itemsize
         return min(64, n)
 
     def offset(self, f: _Function, pointer: str, n_bytes: int | str) -> str:
@@ -539,14 +544,14 @@ class _Writer:
     def _read_outside(self, f: _Function, pointer: str, place: int | str, dtype: np.dtype, is_shared: bool) -> str:
         """A number outside of the frame, where masks are bytes."""
         at = self.offset(f, pointer, place)
-        inside = np.dtype(np.uint8) if dtype == bool else dtype
+        inside = np.dtype(np.uint8) if dtype.kind == "b" else dtype
         if is_shared:
             one = f.new()
             f.add(f"{one} = load {self.scalar(inside)}, ptr {at}")
             value = self.spread(f, one, inside)
         else:
             value = self.loaded(f, at, inside)
-        if dtype != bool:
+        if dtype.kind != "b":
             return value
         mask = f.new()
         f.add(f"{mask} = icmp ne {self.type(inside)} {value}, {self.literal(0, inside)}")
@@ -581,7 +586,7 @@ class _Writer:
         return self.loaded(f, self.offset(f, self.offset(f, "%frame", place), scaled), dtype)
 
     def _read_constant(self, f: _Function, index: str, values: Sequence[Any], dtype: np.dtype) -> str:
-        inside = np.dtype(np.uint8) if dtype == bool else dtype
+        inside = np.dtype(np.uint8) if dtype.kind == "b" else dtype
         t = self.scalar(inside)
         items = ", ".join(f"{t} {_literal(x, inside)}" for x in values)
         content = f"[{len(values)} x {t}] [{items}]"
@@ -631,8 +636,8 @@ class _Writer:
     def _stored_results(self, f: _Function, node: int, places: Iterable[tuple[int, int]]) -> None:
         """Results are stored as soon as they are known."""
         dtype, value = self.g.dtypes[node], self.read(f, node)
-        inside = np.dtype(np.uint8) if dtype == bool else dtype
-        if dtype == bool:
+        inside = np.dtype(np.uint8) if dtype.kind == "b" else dtype
+        if dtype.kind == "b":
             mask, value = value, f.new()
             f.add(f"{value} = zext {self.type(dtype)} {mask} to {self.type(inside)}")
         for k, j in places:
@@ -662,8 +667,8 @@ class _Writer:
         if loop.length is None:
             active = any_active = self.read(f, loop.condition)
             if self.width > 1:
-                any_active = f.new()
-                self.call(f, any_active, f"llvm.vector.reduce.or.v{self.width}i1", "i1", (self.type(np.dtype(bool)), active))
+                any_active, name = f.new(), f"llvm.vector.reduce.or.v{self.width}i1"
+                self.call(f, any_active, name, "i1", (self.type(np.dtype(bool)), active))
             f.add(f"br i1 {any_active}, label %{body}, label %{end}")
             f.lines.append(f"{body}:")
         self._write_part(f, p, rest)
@@ -723,14 +728,14 @@ class _Writer:
         name, dtype, of = g.operations[node], g.dtypes[node], [g.dtypes[x] for x in g.operands[node]]
         args, t = [self.read(f, x) for x in g.operands[node]], self.type(dtype)
         types, r = [self.type(d) for d in of], f.new()
-        if name in ("add", "sub", "mul", "div", "rem"):
+        if name in ("div", "rem") and dtype.kind != "f":
+            self._divided(f, r, name, g.operands[node], args, dtype)
+        elif name in ("add", "sub", "mul", "div", "rem"):
             f.add(f"{r} = {_arithmetic(name, dtype)} {t} {args[0]}, {args[1]}")
         elif name == "neg":
             f.add(f"{r} = fneg {t} {args[0]}" if dtype.kind == "f" else f"{r} = sub {t} zeroinitializer, {args[0]}")
         elif name == "product_error":
-            minus = f.new()
-            f.add(f"{minus} = fneg {t} {args[2]}")
-            self.call(f, r, f"llvm.fma.{self.suffix(dtype)}", t, (t, args[0]), (t, args[1]), (t, minus))
+            self._product_error(f, r, args, dtype)
         elif name == "abs" and dtype.kind != "f":
             self.call(f, r, f"llvm.abs.{self.suffix(dtype)}", t, (t, args[0]), ("i1", "false"))
         elif name in _INTRINSICS:
@@ -743,7 +748,7 @@ class _Writer:
         elif name in ("and", "or", "xor"):
             f.add(f"{r} = {name} {t} {args[0]}, {args[1]}")
         elif name == "not":
-            f.add(f"{r} = xor {t} {args[0]}, {self.literal(True if dtype == bool else -1, dtype)}")
+            f.add(f"{r} = xor {t} {args[0]}, {self.literal(True if dtype.kind == 'b' else -1, dtype)}")
         elif name == "select":
             f.add(f"{r} = select {types[0]} {args[0]}, {t} {args[1]}, {t} {args[2]}")
         elif name == "convert":
@@ -751,12 +756,103 @@ class _Writer:
         elif name == "bitcast":
             f.add(f"{r} = bitcast {types[0]} {args[0]} to {t}")
         else:
-            f.add(f"{r} = {'shl' if name == 'shl' else 'lshr'} {t} {args[0]}, {args[1]}")
+            self._shifted(f, r, name, g.operands[node][1], args, dtype)
         return r
+
+    def _shifted(self, f: _Function, r: str, name: str, by: int, args: Sequence[str], dtype: np.dtype) -> None:
+        """LLVM does not say what a shift by as many bits as a number has, or more, is."""
+        t, mask, bits = self.type(dtype), self.type(np.dtype(bool)), 8 * dtype.itemsize
+        instruction, a, b = {"shl": "shl", "shr": "lshr", "sar": "ashr"}[name], args[0], args[1]
+        known = self.g.constants.get(by)
+        if known is not None and 0 <= known < bits:
+            f.add(f"{r} = {instruction} {t} {a}, {b}")
+            return
+        is_near, near, shifted = f.new(), f.new(), f.new()
+        f.add(f"{is_near} = icmp ult {t} {b}, {self.literal(bits, dtype)}")
+        f.add(f"{near} = select {mask} {is_near}, {t} {b}, {t} {self.literal(bits - 1, dtype)}")
+        if name == "sar":
+            f.add(f"{r} = {instruction} {t} {a}, {near}")
+            return
+        f.add(f"{shifted} = {instruction} {t} {a}, {near}")
+        f.add(f"{r} = select {mask} {is_near}, {t} {shifted}, {t} zeroinitializer")
+
+    def _divided(
+        self, f: _Function, r: str, name: str, of: tuple[int, ...], args: Sequence[str], dtype: np.dtype
+    ) -> None:
+        """Integers. Processors stop at a division by 0, and at that of the smallest number by -1: here by 1."""
+        t, mask, (a, b) = self.type(dtype), self.type(np.dtype(bool)), args
+        instruction = f"{'s' if dtype.kind == 'i' else 'u'}{name}"
+        known = self.g.constants.get(of[1])
+        if known is not None and known > 0:
+            f.add(f"{r} = {instruction} {t} {a}, {b}")
+            return
+        is_zero, is_bad, divisor, result = f.new(), f.new(), f.new(), f.new()
+        f.add(f"{is_zero} = icmp eq {t} {b}, zeroinitializer")
+        if dtype.kind == "i":
+            is_minus, is_least, overflows = f.new(), f.new(), f.new()
+            f.add(f"{is_minus} = icmp eq {t} {b}, {self.literal(-1, dtype)}")
+            f.add(f"{is_least} = icmp eq {t} {a}, {self.literal(np.iinfo(dtype).min, dtype)}")
+            f.add(f"{overflows} = and {mask} {is_minus}, {is_least}")
+            f.add(f"{is_bad} = or {mask} {overflows}, {is_zero}")
+        else:
+            is_bad = is_zero
+        f.add(f"{divisor} = select {mask} {is_bad}, {t} {self.literal(1, dtype)}, {t} {b}")
+        f.add(f"{result} = {instruction} {t} {a}, {divisor}")
+        of_zero = a if name == "rem" else self.literal(-1, dtype)
+        f.add(f"{r} = select {mask} {is_zero}, {t} {of_zero}, {t} {result}")
+
+    def _product_error(self, f: _Function, r: str, args: Sequence[str], dtype: np.dtype) -> None:
+        """a b - p: by a fused multiply-add; or in float64, which holds products of float32; or after Dekker [1971].
+
+        The third loses digits below tiny / eps, where the other two do not. See `transforms.split`.
+        """
+        t, (a, b, p) = self.type(dtype), args
+
+        def of(instruction: str, x: str, y: str, kind: str = t) -> str:
+            register = f.new()
+            f.add(f"{register} = {instruction} {kind} {x}, {y}")
+            return register
+
+        def cast(instruction: str, x: str, source: str, to: str) -> str:
+            register = f.new()
+            f.add(f"{register} = {instruction} {source} {x} to {to}")
+            return register
+
+        if self.has_fma:
+            minus = f.new()
+            f.add(f"{minus} = fneg {t} {p}")
+            self.call(f, r, f"llvm.fma.{self.suffix(dtype)}", t, (t, a), (t, b), (t, minus))
+            return
+        wide = self.type(np.dtype(np.float64))
+        if dtype == np.float32:
+            a, b, p = (cast("fpext", x, t, wide) for x in (a, b, p))
+            error = of("fsub", of("fmul", a, b, wide), p, wide)
+            f.add(f"{r} = fptrunc {wide} {error} to {t}")
+            return
+        mask, integer = self.type(np.dtype(bool)), np.dtype(np.uint64)
+        bits, info, half = self.type(integer), np.finfo(np.float64), self.literal(1 << 26, np.dtype(np.uint64))
+
+        def split(x: str) -> tuple[str, str]:
+            size, added, kept = f.new(), f.new(), f.new()
+            self.call(f, size, f"llvm.fabs.{self.suffix(dtype)}", t, (t, x))
+            is_usual = of("fcmp olt", size, self.literal((2 - 2.0**-26) * 2.0**1023, dtype))
+            has_low_half = of("fcmp oge", size, self.literal(info.tiny / info.eps, dtype))
+            f.add(f"{added} = select {mask} {is_usual}, {bits} {half}, {bits} zeroinitializer")
+            rounded = of("add", cast("bitcast", x, t, bits), added, bits)
+            upper = of("and", rounded, self.literal((1 << 64) - (1 << 27), integer), bits)
+            upper = cast("bitcast", upper, bits, t)
+            f.add(f"{kept} = select {mask} {has_low_half}, {t} {upper}, {t} {x}")
+            return kept, of("fsub", x, kept)
+
+        (a_hi, a_lo), (b_hi, b_lo) = split(a), split(b)
+        e = of("fsub", of("fmul", a_hi, b_hi), p)
+        for x, y in ((a_hi, b_lo), (a_lo, b_hi)):
+            e = of("fadd", e, of("fmul", x, y))
+        f.add(f"{r} = fadd {t} {e}, {of('fmul', a_lo, b_lo)}")
 
     def _converted(self, f: _Function, r: str, of: np.dtype, x: str, to: np.dtype) -> None:
         kinds, source, t = of.kind + to.kind, self.type(of), self.type(to)
-        if to == bool:
+        if to.kind == "b":
             f.add(f"{r} = {'fcmp une' if of.kind == 'f' else 'icmp ne'} {source} {x}, zeroinitializer")
         elif kinds in ("fi", "fu"):
             # What does not fit is cut off, and NaN is 0, as in XLA.
@@ -770,7 +866,7 @@ def _literal(x: Any, dtype: np.dtype) -> str:
     if dtype.kind == "f":
         with np.errstate(all="ignore"):
             return f"0x{struct.unpack('<Q', struct.pack('<d', float(x)))[0]:016X}"
-    return ("true" if x else "false") if dtype == bool else str(int(x))
+    return ("true" if x else "false") if dtype.kind == "b" else str(int(x))
 
 
 def _arithmetic(name: str, dtype: np.dtype) -> str:
@@ -796,4 +892,3 @@ def _conversion(kinds: str, of: np.dtype, to: np.dtype) -> str:
     if kinds[0] == "b" or to.itemsize > of.itemsize:
         return "sext" if kinds[0] == "i" else "zext"
     return "trunc" if to.itemsize < of.itemsize else "bitcast"
-

@@ -323,7 +323,7 @@ def _code(program: Program, avals: Sequence[Aval], is_shared: tuple[bool, ...], 
             except graph.NotSupportedError:
                 return None
             width = 1 if is_alone else _width(whole.dtypes)
-            written = llvm_ir.written(whole, width, is_shared)
+            written = llvm_ir.written(whole, width, is_shared, cpu.host().has_fma)
         each = zip(avals, is_shared, strict=True)
         arguments = tuple(cpu.Argument(math.prod(a.shape), np.dtype(a.dtype), shared) for a, shared in each)
         results: list[cpu.Result] = []

@@ -1,0 +1,281 @@
+"""Graphs of traces: what they compute, by NumPy, is what XLA computes; nothing is computed twice or for nobody."""
+
+import functools
+from fractions import Fraction
+from unittest import mock
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+
+from jaxspatial.engine import cpu, graph, llvm_ir, program
+from jaxspatial.numerics.errorfree import barrier, transforms
+from tests.helpers import graphs
+from tests.helpers.graphs import assert_same_bits, graph_of, with_numpy, with_xla
+
+F32, F64, I32, U32, I64, BOOL = np.float32, np.float64, np.int32, np.uint32, np.int64, np.bool_
+ALL = 10**9  # operations to unroll at most
+
+
+@pytest.fixture(autouse=True)
+def in_64_bits():
+    with jax.enable_x64(True):
+        yield
+
+
+def counted(g):
+    """How often each operation is needed for results."""
+    names = [g.operations[n] for nodes in llvm_ir._Order(g).members.values() for n in nodes]
+    return {name: names.count(name) for name in sorted(set(names))}
+
+
+def of_state(f, *shapes, dtype=F32):
+    return graph_of(f, *(np.zeros((1, *shape), dtype) for shape in shapes))
+
+
+# -- operations --------------------------------------------------------------------------------------------------------
+
+
+def is_small(x, factor=1):
+    """Whether XLA takes a number, which is not 0, for 0."""
+    if x.dtype.kind != "f":
+        return np.zeros(x.shape, bool)
+    return (x != 0) & (np.abs(x) < factor * np.finfo(x.dtype).tiny)
+
+
+def flushed(results):
+    return [np.where(is_small(y), np.copysign(y.dtype.type(0), y), y) if y.dtype.kind == "f" else y for y in results]
+
+
+@pytest.mark.parametrize("dtype", [F32, F64, I32, U32, I64, BOOL])
+def test_operations_have_the_bits_of_xla(dtype):
+    """Of numbers none of whose operations has a subnormal error: these are in `test_llvm_ir`."""
+    x, y = graphs.pairs(dtype)
+    factor = 2 / np.finfo(dtype).eps if x.dtype.kind == "f" else 1
+    at = ~(is_small(x, factor) | is_small(y, factor))
+    arrays, f = (x[at], y[at]), graphs.all_operations(dtype)
+    assert_same_bits(flushed(with_numpy(graph_of(f, *arrays), arrays)), flushed(with_xla(f, arrays)))
+
+
+@pytest.mark.parametrize("dtype", [F32, F64])
+def test_operations_of_constants_are_constants(dtype):
+    arrays, f = graphs.pairs(dtype, 40), graphs.all_operations(dtype)
+    expected = with_numpy(graph_of(f, *arrays), arrays)
+    g = of_state(lambda _: f(*map(jnp.asarray, arrays)), ())
+    assert counted(g) == {}
+    assert_same_bits([y.T for y in with_numpy(g, [np.zeros(1, F32)])], expected)
+
+
+@pytest.mark.parametrize("dtype", [F32, F64])
+def test_the_error_of_a_product_is_exact(dtype):
+    rng = np.random.default_rng(0)
+    reach = 40 if dtype == F32 else 300
+    a, b = (rng.standard_normal((2, 500)) * 2.0 ** rng.integers(-reach, reach, (2, 500))).astype(dtype)
+    p, e = with_numpy(graph_of(transforms.two_product, a, b), (a, b))
+    each = zip(a.tolist(), b.tolist(), p[:, 0].tolist(), e[:, 0].tolist(), strict=True)
+    assert all(Fraction(x) * Fraction(y) == Fraction(s) + Fraction(t) for x, y, s, t in each)
+    assert np.count_nonzero(e) > 400
+
+
+def test_what_moves_numbers_leaves_nothing_behind():
+    x = np.arange(1, 31, dtype=F32).reshape((5, 2, 3))
+    found = graphs.moves()
+    g = graph_of(lambda x: [f(x) for f in found.values()], x)
+    assert counted(g) == {}
+    assert_same_bits(with_numpy(g, [x]), with_xla(lambda x: [f(x) for f in found.values()], [x]))
+
+
+def test_reductions():
+    x = np.random.default_rng(0).uniform(-2, 2, (20, 2, 3)).astype(F32)
+    x[0], x[1, 0], x[2, 0, 0] = -0.0, 0, np.nan
+
+    def f(x):
+        return [reduce(x) for reduce in graphs.reductions().values()]
+
+    results, expected = with_numpy(graph_of(f, x), [x]), with_xla(f, [x])
+    assert_same_bits(results, expected)
+
+
+# -- loops and branches ------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def loops_of_xla():
+    """What XLA makes of all functions with loops: one program."""
+    with jax.enable_x64(True):
+        results = with_xla(lambda *x: [jax.tree.leaves(f(*x)) for f in graphs.loops().values()], graphs.of_loops(F32))
+    found = iter(results)
+    x, y = graphs.of_loops(F32)
+    sizes = [len(jax.tree.leaves(jax.eval_shape(f, x[0], y[0]))) for f in graphs.loops().values()]
+    return {name: [next(found) for _ in range(n)] for name, n in zip(graphs.loops(), sizes, strict=True)}
+
+
+@pytest.mark.parametrize("most_unrolled", [0, ALL])
+@pytest.mark.parametrize("name", graphs.loops())
+def test_loops_have_the_bits_of_xla(name, most_unrolled):
+    arrays = graphs.of_loops(F32)
+    with mock.patch.object(graph, "MOST_UNROLLED", most_unrolled):
+        g = graph_of(graphs.loops()[name], *arrays)
+    assert_same_bits(with_numpy(g, arrays), loops_of_xla()[name])
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_functions_have_the_bits_of_xla(seed):
+    f, arrays = graphs.random_function(seed)
+    with mock.patch.object(graph, "MOST_UNROLLED", ALL * (seed % 2)):
+        assert_same_bits(with_numpy(graph_of(f, *arrays), arrays), with_xla(f, arrays))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 300))
+def test_more_random_functions_have_the_bits_of_xla(seed):
+    test_random_functions_have_the_bits_of_xla(seed)
+
+
+def test_a_loop_is_kept_where_it_is_long():
+    def f(x, y):
+        return lax.scan(lambda c, row: (barrier.total(c, row), None), y, x)[0]
+
+    long, short = graph.MOST_UNROLLED + 1, 10
+    g = of_state(f, (long, 1), (1,))
+    assert len(g.loops) == 1 and counted(g) == {"add": 1}
+    g = of_state(f, (short, 1), (1,))
+    assert len(g.loops) == 0 and counted(g) == {"add": short}
+
+
+def test_known_integers_split_a_loop():
+    at = np.array([0, 0, 0, 5, 0, 0, 0, 0], I32)
+
+    def f(x, y):
+        def turn(c, row):
+            picked = lax.cond(row[1] > 0, lambda: lax.dynamic_slice(y, (row[1],), (1,)), lambda: row[0])
+            return barrier.total(c, picked), None
+
+        return lax.scan(turn, y[:1], (x, jnp.asarray(at)))[0]
+
+    with mock.patch.object(graph, "MOST_UNROLLED", 0):
+        g = of_state(f, (8, 1), (9,))
+    # Three rows, one with a slice whose place is known, and four: no selection is left.
+    assert [loop.length for loop in g.loops] == [3, 4] and counted(g) == {"add": 3}
+
+
+def test_what_a_loop_does_not_change_is_in_front_of_it():
+    def f(x, y):
+        def turn(c, row):
+            fixed, c = c
+            once = barrier.product(fixed, y) / barrier.total(y, fixed)
+            return (fixed, barrier.total(c, barrier.product(row, once))), once
+
+        return lax.scan(turn, (y, y), x)
+
+    with mock.patch.object(graph, "MOST_UNROLLED", 0):
+        g = of_state(f, (6, 1), (1,))
+    order = llvm_ir._Order(g)
+    inside = [g.operations[n] for n in order.members[g.loops[-1].region]]
+    assert sorted(inside) == ["add", "mul"]
+    assert sorted(g.operations[n] for n in order.members[0]) == ["add", "div", "mul"]
+    # What is stacked in each turn is one number, which is not stacked.
+    assert order.live_loops == {len(g.loops) - 1} and not g.loops[-1].stacked
+
+
+# -- nothing twice, nothing for nobody ---------------------------------------------------------------------------------
+
+
+def test_what_is_found_again_is_one_node():
+    g = of_state(lambda x, y: [(x + y) * (x + y), jax.jit(lambda a: a + y)(x), jnp.stack([x + y, y])], (2,), (2,))
+    assert counted(g) == {"add": 2, "mul": 2}
+
+
+def test_conversions_to_different_types_are_different_nodes():
+    g = of_state(lambda x: [x.astype(I32), x.astype(U32), x.astype(I32), x.view(I32), x.view(U32)], ())
+    assert counted(g) == {"bitcast": 2, "convert": 2}
+
+
+def test_constants_fold():
+    c = np.array([1.0, 2.0, 0.5], F32)
+    g = of_state(lambda x: barrier.product(x, barrier.product(jnp.asarray(c), jnp.asarray(2 - c))), (3,))
+    # 1 (2 - 1) = 1, 2 (2 - 2) = 0 and 0.5 (2 - 0.5) = 0.75: a product with 0 stays, as x may be infinite.
+    assert counted(g) == {"mul": 2}
+
+
+def test_simple_operations_leave_nothing_behind():
+    def f(x, m):
+        yes = jnp.full(m.shape, True)
+        return [
+            lax.select(m, x, x), lax.select(yes, x, -x), lax.neg(lax.neg(x)), x * jnp.ones_like(x),
+            x / jnp.ones_like(x), m & yes, m | yes, m & m, m | ~yes, lax.stop_gradient(x), barrier.barrier(x), x.astype(F32),
+        ]  # fmt: skip
+
+    g = graph_of(f, np.zeros((1, 2), F32), np.zeros((1, 2), bool))
+    assert counted(g) == {}
+
+
+def test_zeros_that_have_a_sign_stay():
+    assert counted(of_state(lambda x: [x + 0, x - 0, 0 - x, x * 0], ())) == {"add": 1, "mul": 1, "sub": 2}
+
+
+def test_what_nobody_reads_is_not_computed():
+    def f(x, y):
+        _ = y * y
+        last, (rows, squares) = lax.scan(lambda c, r: (c + r, (c * r, c - r)), y, x)
+        return last, squares[1]
+
+    with mock.patch.object(graph, "MOST_UNROLLED", 0):
+        g = of_state(f, (7, 1), (1,))
+    assert counted(g) == {"add": 1, "sub": 1}
+
+
+# -- what graphs do not have -------------------------------------------------------------------------------------------
+
+NOT_SUPPORTED = {
+    "sine": lambda x: jnp.sin(x),
+    "dot": lambda x: x @ x,
+    "cumsum": lambda x: jnp.cumsum(x),
+    "gather": lambda x: x[(x * 3).astype(I32)],
+    "scatter": lambda x: x.at[(x[0] * 3).astype(I32)].set(1),
+    "sort": lambda x: jnp.sort(x),
+    "half precision": lambda x: x.astype(np.float16),
+    "complex": lambda x: lax.complex(x, x),
+    "cube": lambda x: x**3,
+    "halves away from zero": lambda x: lax.round(x, lax.RoundingMethod.AWAY_FROM_ZERO),
+    "fewer exponents": lambda x: lax.reduce_precision(x, 5, 10),
+    "bits of another size": lambda x: lax.bitcast_convert_type(x, np.uint8),
+    "several cases": lambda x: lax.select_n((x * 3).astype(I32), x, x, x),
+    "reduction of nothing": lambda x: jnp.sum(x[:0]),
+    "negative padding": lambda x: lax.pad(x, F32(0), ((-1, 0, 0),)),
+    "unknown place": lambda x: lax.dynamic_slice(
+        jnp.stack([x, x]), (x[0].astype(I32), x[1].astype(I32)), (1, 1)
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NOT_SUPPORTED)
+def test_what_is_not_supported_is_said(name):
+    with pytest.raises(graph.NotSupportedError):
+        of_state(NOT_SUPPORTED[name], (3,))
+
+
+class Custom(program.Program):
+    """A program of one function of numbers of each state."""
+
+    def __init__(self, f):
+        self.f = f
+
+    def evaluate(self, *arrays):
+        return [self.f(*arrays)]
+
+    def outputs(self, avals, sizes):
+        return [(avals[0].shape, avals[0].dtype)]
+
+
+@pytest.mark.parametrize("f, is_native", [(lambda x: barrier.product(x, x), True), (jnp.sin, False)])
+def test_a_program_without_a_graph_takes_the_way_of_xla(f, is_native):
+    if not cpu.is_available():
+        pytest.skip("LLVM is not here")
+    x = jnp.linspace(0, 1, 40, dtype=F32).reshape((20, 2))
+    custom = Custom(f)
+    lowered = jax.jit(lambda x: program.bind(custom, [x], 1)).lower(x)
+    assert ("jaxspatial_" in lowered.as_text().split("custom_call")[-1]) == is_native
+    np.testing.assert_allclose(lowered.compile()(x)[0], f(x), rtol=1e-6)

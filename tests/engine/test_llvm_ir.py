@@ -1,0 +1,196 @@
+"""The IR of graphs: for any number of states side by side, in pieces of any length, it has the bits of the graph."""
+
+import functools
+from unittest import mock
+
+import jax
+import numpy as np
+import pytest
+from jax import lax
+
+from jaxspatial.engine import cpu, graph, llvm_ir
+from jaxspatial.numerics.errorfree import barrier, transforms
+from tests.helpers import graphs
+from tests.helpers.graphs import assert_same_bits, by_itself, code_of, graph_of, in_handler, with_numpy, with_xla
+
+llvm = pytest.importorskip("llvmlite.binding")
+
+F32, F64, I32, U32, I64, BOOL = np.float32, np.float64, np.int32, np.uint32, np.int64, np.bool_
+ALL = 10**9  # operations to unroll at most
+is_x86 = pytest.mark.skipif(not llvm.get_process_triple().startswith(("x86_64", "amd64")), reason="of x86")
+OLD = {
+    "no vectors of 64 bytes": cpu.Target("x86-64-v3", ""),
+    "no multiply-add": cpu.Target("x86-64", ""),
+}
+
+
+@pytest.fixture(autouse=True)
+def in_64_bits():
+    with jax.enable_x64(True):
+        yield
+
+
+@functools.cache
+def of_operations(dtype):
+    """(the graph of all operations, arguments, the results)."""
+    with jax.enable_x64(True):
+        arrays = graphs.pairs(dtype)
+        g = graph_of(graphs.all_operations(dtype), *arrays)
+        return g, arrays, with_numpy(g, arrays)
+
+
+@pytest.mark.parametrize("width", [1, 4, 8, 16])
+@pytest.mark.parametrize("dtype", [F32, F64, I32, U32, I64, BOOL])
+def test_operations_have_the_bits_of_the_graph(dtype, width):
+    g, arrays, expected = of_operations(dtype)
+    assert_same_bits(by_itself(code_of(g, width, arrays), arrays), expected)
+
+
+@is_x86
+@pytest.mark.parametrize("target", OLD.values(), ids=OLD)
+@pytest.mark.parametrize("dtype", [F32, F64, I32])
+def test_old_processors_have_the_same_bits(dtype, target):
+    g, arrays, expected = of_operations(dtype)
+    code = code_of(g, 4, arrays, target)
+    assert_same_bits(by_itself(code, arrays, target), expected)
+
+
+@pytest.mark.parametrize("dtype", [F32, F64, I32, U32, I64, BOOL])
+def test_operations_have_the_bits_of_xla_where_subnormal_numbers_are_flushed(dtype):
+    g, arrays, _ = of_operations(dtype)
+    expected = with_xla(graphs.all_operations(dtype), arrays)
+    assert_same_bits(in_handler(code_of(g, 16, arrays), arrays), expected)
+
+
+@pytest.mark.parametrize("has_fma", [True, False])
+@pytest.mark.parametrize("width", [1, 8])
+@pytest.mark.parametrize("dtype", [F32, F64])
+def test_the_error_of_a_product_needs_no_multiply_add(dtype, width, has_fma):
+    rng = np.random.default_rng(0)
+    reach = 60 if dtype == F32 else 500
+    a, b = (rng.standard_normal((2, 997)) * 2.0 ** rng.integers(-reach, reach, (2, 997))).astype(dtype)
+    info = np.finfo(dtype)
+    near = [info.max, info.max * (1 - info.eps), (1 - 2.0**-26) * info.max, 1 + info.eps]
+    a[:4], b[:4] = near, [1 - info.eps, -0.75, 0.5, 1 + info.eps]
+    g = graph_of(transforms.two_product, a, b)
+    written = llvm_ir.written(g, width, [False, False], has_fma)
+    assert ("llvm.fma" in written.text) == has_fma
+    sizes = (cpu.Argument(1, a.dtype),) * 2, (cpu.Result(1, a.dtype),) * 2
+    code = cpu.Code(written.text, width, *sizes, written.frame_bytes)
+    p, e = by_itself(code, (a, b))
+    expected = with_numpy(g, (a, b))
+    # Where the error is subnormal, or a number is so small that its lower half would be, digits are lost.
+    usual = np.isfinite(p[:, 0]) & (np.abs(p[:, 0]) > info.tiny / info.eps)
+    usual &= np.minimum(np.abs(a), np.abs(b)) > info.tiny / info.eps
+    assert usual.sum() > 500
+    assert_same_bits([p, e[usual]], [expected[0], expected[1][usual]])
+
+
+@pytest.mark.parametrize("width", [1, 16])
+def test_arguments_that_all_states_share(width):
+    rng = np.random.default_rng(0)
+    x, y = rng.standard_normal((21, 6, 3)).astype(F32), rng.standard_normal((1, 3)).astype(F32)
+    mask = np.array([[True, False, True]])
+
+    def f(x, y, mask):
+        def turn(c, row):
+            return lax.select(mask, barrier.product(c, row), c), (row, mask)
+
+        return lax.scan(turn, y, x), lax.scan(turn, y, x * y[0]), lax.scan(lambda c, r: (c - r, r), x[0, 0], y)
+
+    with mock.patch.object(graph, "MOST_UNROLLED", 0):
+        g = graph_of(f, x, y, mask)
+    assert_same_bits(by_itself(code_of(g, width, (x, y, mask)), (x, y, mask)), with_numpy(g, (x, y, mask)))
+
+
+# -- loops and pieces --------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def of_loops(most_unrolled, dtype):
+    """(the graph of all functions with loops, arguments, the results)."""
+    with jax.enable_x64(True), mock.patch.object(graph, "MOST_UNROLLED", most_unrolled):
+        arrays = graphs.of_loops(dtype)
+        g = graph_of(lambda *x: [f(*x) for f in graphs.loops().values()], *arrays)
+        return g, arrays, with_numpy(g, arrays)
+
+
+CASES = [
+    (0, 1500, 1, F32), (0, 1500, 16, F32), (0, 50, 1, F64), (0, 50, 8, F64), (0, 5, 4, F32), (0, 5, 16, F32),
+    (ALL, 1500, 16, F32), (ALL, 50, 1, F32), (ALL, 5, 8, F64),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("most_unrolled, longest, width, dtype", CASES)
+def test_loops_have_the_bits_of_the_graph(most_unrolled, longest, width, dtype):
+    g, arrays, expected = of_loops(most_unrolled, dtype)
+    with mock.patch.object(llvm_ir, "LONGEST", longest):
+        code = code_of(g, width, arrays)
+    assert_same_bits(by_itself(code, arrays), expected)
+
+
+def test_loops_kept_and_unrolled_have_the_same_bits():
+    assert_same_bits(of_loops(0, np.float32)[2], of_loops(ALL, np.float32)[2])
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_random_functions_have_the_bits_of_the_graph(seed):
+    f, arrays = graphs.random_function(seed)
+    with mock.patch.object(graph, "MOST_UNROLLED", [0, ALL][seed % 2]):
+        g = graph_of(f, *arrays)
+    with mock.patch.object(llvm_ir, "LONGEST", [5, 20, 1500][seed % 3]):
+        code = code_of(g, [1, 4, 8, 16][seed // 2 % 4], arrays)
+    assert_same_bits(by_itself(code, arrays), with_numpy(g, arrays))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 400))
+def test_more_random_functions_have_the_bits_of_the_graph(seed):
+    test_random_functions_have_the_bits_of_the_graph(seed)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_random_functions_in_the_handler_have_the_bits_of_xla(seed):
+    f, arrays = graphs.random_function(1000 + seed)
+    g = graph_of(f, *arrays)
+    assert_same_bits(in_handler(code_of(g, 16, arrays), arrays), with_xla(f, arrays))
+
+
+# -- the text ----------------------------------------------------------------------------------------------------------
+
+
+def chain(n):
+    """A chain of n sums, of which none is needed much later than it is made."""
+
+    def f(x):
+        for k in range(n):
+            x = barrier.total(barrier.product(x, x), x) if k % 2 else barrier.difference(x, barrier.product(x, x))
+        return x
+
+    return graph_of(f, np.zeros((1, 1), F32))
+
+
+def test_a_long_graph_is_several_functions_which_use_memory_again():
+    with mock.patch.object(llvm_ir, "LONGEST", 20):
+        few, many = (llvm_ir.written(chain(n), 16, [False]) for n in (50, 200))
+    assert (few.n_operations, many.n_operations) == (100, 400)
+    assert few.text.count("define internal") == 5 and many.text.count("define internal") == 20
+    assert few.frame_bytes == many.frame_bytes <= 4 * 64
+
+
+def test_the_text_of_a_graph_is_the_same_each_time():
+    f, arrays = graphs.random_function(3)
+    first, second = (llvm_ir.written(graph_of(f, *arrays), 8, [False] * 3).text for _ in range(2))
+    assert first == second
+
+
+def test_nothing_may_be_contracted_or_assumed():
+    g, _, _ = of_operations(F32)
+    words = set(llvm_ir.written(g, 16, [False, False]).text.split())
+    assert not words & {"fast", "contract", "reassoc", "nnan", "ninf", "nsz", "arcp", "afn", "nsw", "nuw", "exact"}
+
+
+def test_a_graph_without_operations():
+    x = np.arange(12, dtype=F32).reshape((4, 3))
+    g = graph_of(lambda x: (x[::-1], np.float64(2), x[:0]), x)
+    assert_same_bits(by_itself(code_of(g, 4, [x]), [x]), with_numpy(g, [x]))
