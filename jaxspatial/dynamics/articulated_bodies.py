@@ -31,7 +31,6 @@ from jaxspatial.numerics.numbers import (
     high,
     is_constant,
     is_number,
-    noinline,
     shape_of,
     where,
 )
@@ -140,7 +139,6 @@ def _velocity_bias(body: tuple[Link, Load], w_P: Vector) -> tuple[VelocityBias, 
     return VelocityBias(motion.w, Motion(motion.alpha, motion.a), Z), motion.w
 
 
-@noinline
 def _gyroscopic(M: Inertia, w: Vector) -> Wrench:
     """The gyroscopic wrench about the origin: tau = w x J w, f = w (w . m c) - m c |w|^2."""
     J, moment = articulated.of_body(M).J, M.mass * M.com
@@ -170,7 +168,6 @@ def _eliminate(
     return eliminated, _to_parent(link.X_PB, rest)
 
 
-@noinline
 def _with_armature(P: Articulated, armature: Numbers) -> Articulated:
     """P with armature on its diagonal."""
     J, M = (
@@ -192,14 +189,12 @@ def _unpacked(entries: Number) -> Articulated:
     return Articulated(Symmetric(*each[:6]), Matrix.of_entries(each[6:15]), Symmetric(*each[15:]))
 
 
-@noinline
 def _with_children(M: Inertia, bias: VelocityBias, children: ArticulatedBody) -> ArticulatedBody:
     """The articulated body of a body and its children. Its Z includes P c, so that it is a function of A'."""
     P, Z = _combined(M, bias.Z, children)
     return ArticulatedBody(P, Z + articulated.apply(P, bias.c))
 
 
-@noinline
 def _combined(M: Inertia, Z: Wrench, children: ArticulatedBody) -> ArticulatedBody:
     return ArticulatedBody(articulated.of_body(M) + children.P, Z + children.Z)
 
@@ -215,7 +210,7 @@ def without_velocity(
     U, D = articulated.U_and_D(P, s, armature)
     UDinv = articulated.UDinv_of(U, D)
     u = tau - algebra.power(Z, s)
-    Z = _bias_through_joint(Z, u, UDinv)
+    Z = bias_through_joint(Z, u, UDinv)
     P = articulated.rank_one_downdate(P, U, UDinv)
     k = _free_axis(s, armature)
     return ArticulatedBody(P if k is None else _with_zero_row(P, k, constant(tau, 0)), Z), Elimination(U, D, u)
@@ -224,9 +219,6 @@ def without_velocity(
 def bias_through_joint(Z: Wrench, u: Number, UDinv: Wrench) -> Wrench:
     """Z + U D^-1 u."""
     return Z + u * UDinv
-
-
-_bias_through_joint = noinline(bias_through_joint)
 
 
 def _free_axis(s: Motion, armature: Number) -> int | None:
@@ -249,11 +241,8 @@ def _at(numbers: Numbers, places: Sequence[int], number: Number) -> Numbers:
 
 
 def _to_parent(X_PB: Pose, body: ArticulatedBody) -> ArticulatedBody:
-    P = _shifted(articulated.reexpressed(body.P, X_PB.R), -X_PB.p)
+    P = articulated.shifted(articulated.reexpressed(body.P, X_PB.R), -X_PB.p)
     return ArticulatedBody(P, algebra.acted_wrench(X_PB, body.Z))
-
-
-_shifted = noinline(articulated.shifted)
 
 
 # -- outward: accelerations -------------------------------------------------------------------------------------------
@@ -288,7 +277,6 @@ def _floating(eliminated: FloatingElimination, A: Motion) -> Numbers:
     return _solved(matrix, u if P is None else u - articulated.apply(P, A))
 
 
-@noinline
 def _solved(matrix: Articulated, u: Wrench) -> Numbers:
     """x with matrix x = u, by L D L^T; 0 where a pivot is not positive. [Golub and Van Loan 2013, 4.1.2]"""
     lower, right = [row[: i + 1] for i, row in enumerate(articulated.rows(matrix))], (*u.tau, *u.f)
@@ -300,7 +288,6 @@ def _solved(matrix: Articulated, u: Wrench) -> Numbers:
     return _back_substituted(columns, x)
 
 
-@noinline
 def _without_first(lower: list[Numbers], right: Numbers) -> tuple[Number, Numbers, list[Numbers], Numbers]:
     """Eliminates the first unknown: (the first number of D^-1 L^-1 u, the first column of L, and the equations that
     are left, as the lower triangle of their matrix, row by row, and their right side)."""
@@ -317,7 +304,6 @@ def _without_first(lower: list[Numbers], right: Numbers) -> tuple[Number, Number
     return where(is_none, 0.0, right[0] / divisor), column, below, left
 
 
-@noinline
 def _back_substituted(columns: list[Numbers], y: Numbers) -> Numbers:
     """L^-T y. columns: of L, below its diagonal of ones."""
     x = list[Number]()
@@ -326,7 +312,6 @@ def _back_substituted(columns: list[Numbers], y: Numbers) -> Numbers:
     return tuple(x)
 
 
-@noinline
 def _parent_acceleration(X_PB: Pose, A: Motion) -> Motion:
     """The acceleration of the parent at the joint, in the child's axes."""
     return Motion(X_PB.R.T @ A.w, X_PB.R.T @ (A.v + cross(A.w, X_PB.p)))

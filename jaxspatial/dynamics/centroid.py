@@ -13,7 +13,7 @@ from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import JointState, MechanismState
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics.linear import Inertia, Motion, Pose, Vector, Wrench, cross
-from jaxspatial.numerics.numbers import Number, Numbers, noinline
+from jaxspatial.numerics.numbers import Number, Numbers
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialMomentum
 from jaxspatial.spatial.algebra import acted_wrench, apply_inertia
@@ -118,7 +118,6 @@ def _sum_over_bodies(state: MechanismState, of_bundles: Sequence[Numbers], k: in
     return tuple(state.sum_over_bodies([x[i] for x in of_bundles]) for i in range(k))
 
 
-@noinline
 def _moment(M: Inertia, X_WJ: Pose) -> Vector:
     return M.mass * (X_WJ.p + X_WJ.R @ M.com)
 
@@ -126,15 +125,12 @@ def _moment(M: Inertia, X_WJ: Pose) -> Vector:
 @algorithm(*BODIES)
 def _center_of_mass_velocity(state: MechanismState, v: Array):
     both = zip(poses(state), velocities(state, v), state.bundles, strict=True)
-    momenta = [_linear_momentum_of_bundle(state.inertia(b), X, V) for X, V, b in both]
+    momenta = [_linear_momentum(state.inertia(b), X, V) for X, V, b in both]
     return _over_mass(state, _mass(state), _sum_over_bodies(state, momenta, 3))
 
 
 def _linear_momentum(M: Inertia, X_WJ: Pose, V: Motion) -> Vector:
     return X_WJ.R @ (M.mass * (V.v + cross(V.w, M.com)))
-
-
-_linear_momentum_of_bundle = noinline(_linear_momentum)
 
 
 @algorithm(*BODIES)
@@ -150,7 +146,6 @@ def _centroidal_momentum(state: MechanismState, v: Array):
     return h_and_l[:3], h_and_l[3:]
 
 
-@noinline
 def _momentum(M: Inertia, X_WJ: Pose, V: Motion, p_WC: Vector) -> Wrench:
     l = _linear_momentum(M, X_WJ, V)  # noqa: E741
     arm = X_WJ.p - p_WC + X_WJ.R @ M.com
@@ -189,6 +184,5 @@ def _of_joint(joint: JointState, composite: Inertia, X_WJ: Pose, center: Vector 
     return tuple(_about(composite, s, X_CJ) for s in joint.subspace)
 
 
-@noinline
 def _about(composite: Inertia, s: Motion, X_CJ: Pose) -> Wrench:
     return acted_wrench(X_CJ, apply_inertia(composite, s))

@@ -16,8 +16,8 @@ from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.inertia.composition import joined
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics import check
-from jaxspatial.numerics.linear import Inertia, Motion, Pose, Vector, Wrench, congruence, cross
-from jaxspatial.numerics.numbers import Number, is_constant, noinline, shape_of, where
+from jaxspatial.numerics.linear import Inertia, Motion, Pose, Vector, Wrench, cross
+from jaxspatial.numerics.numbers import Number, is_constant, shape_of, where
 from jaxspatial.numerics.promise import Normwise, promises
 from jaxspatial.numerics.quantity import tree
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
@@ -65,7 +65,6 @@ def matrix_of(state: MechanismState) -> Number:
     return with_armature(state, links, matrices.symmetric_of(upper))
 
 
-@noinline
 def _sides(S: Motion, composite: Inertia, X: Pose) -> tuple[Placed, Placed]:
     """(the motion subspace S of a joint, the momenta I S of its composite body), in world axes from the root."""
     return in_world_axes(X, S), in_world_axes(X, algebra.apply_inertia(composite, S))
@@ -104,20 +103,12 @@ def composites(state: MechanismState) -> list[Inertia]:
 def _composite(link: Link, children: Inertia) -> tuple[Inertia, Inertia]:
     """The composite inertia of a body and its children: (about J, about the parent's origin in its axes)."""
     inertia = combined(link.inertia, children)
-    return inertia, inertia_to_parent(link.X_PB, inertia)
+    return inertia, algebra.acted_inertia(link.X_PB, inertia)
 
 
 def combined(a: Inertia, b: Inertia) -> Inertia:
     """The inertia of two bodies as one."""
     return joined(a, b, 0.5)
-
-
-def inertia_to_parent(X_PB: Pose, M: Inertia) -> Inertia:
-    """`algebra.acted_inertia`, with the rotation of the central inertia not inlined."""
-    return Inertia(M.mass, X_PB.p + X_PB.R @ M.com, _congruence(X_PB.R, M.central))
-
-
-_congruence = noinline(congruence)
 
 
 # -- factors ----------------------------------------------------------------------------------------------------------

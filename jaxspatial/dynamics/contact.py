@@ -23,7 +23,7 @@ from jaxspatial.mechanism.contacts import above_plane
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Motion, Pose, Vector, cross, dot, norm, unit
-from jaxspatial.numerics.numbers import Number, Numbers, noinline, where
+from jaxspatial.numerics.numbers import Number, Numbers, where
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce
 from jaxspatial.spatial.algebra import composed
@@ -244,7 +244,6 @@ def _pose_and_velocity(link: Link, parent: tuple[Pose, Motion]):
     return motion, motion
 
 
-@noinline
 def _in_world(X_WJ: Pose, V: Motion, X_JF: Pose, p_FS: Vector) -> tuple[Vector, Vector, Vector]:
     """p_WS, w and v_S of a point at S in a frame, from V_WJ_J of the body that carries the frame."""
     p_JS = X_JF.p + X_JF.R @ p_FS

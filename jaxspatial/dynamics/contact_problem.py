@@ -40,7 +40,6 @@ from jaxspatial.numerics.numbers import (
     high,
     is_constant,
     is_number,
-    noinline,
     where,
     with_data,
 )
@@ -182,7 +181,6 @@ def _body(state: MechanismState, bundle: Bundle, placed: Any, link: Link, dt: Nu
     return Body(R, r, S, inertia, resistance, turns)
 
 
-@noinline
 def _in_world(R: Matrix, link: Link, dt: Number) -> tuple[tuple[Motion, ...], Inertia, Numbers]:
     S = tuple(Motion(R @ s.w, R @ s.v) for s in link.joint.subspace)
     M = link.inertia
@@ -200,7 +198,6 @@ def turned(state: MechanismState, bodies: list[Body], x: Number, to_world: bool)
     )
 
 
-@noinline
 def _turned(R: Matrix, six: Numbers) -> Numbers:
     return (*(R @ Vector(*six[:3])), *(R @ Vector(*six[3:])))
 
@@ -267,7 +264,6 @@ def _composite(body: tuple[Inertia, Vector], children: Inertia) -> tuple[Inertia
     return M, Inertia(M.mass, M.com + body[1], M.central)
 
 
-@noinline
 def _diagonal(S: Sequence[Motion], resistance: Numbers, M: Inertia) -> Numbers:
     return tuple(algebra.power(algebra.apply_inertia(M, s), s) + a for s, a in zip(S, resistance, strict=True))
 
@@ -342,7 +338,6 @@ class Force(NamedTuple):
     on_joints: Numbers
 
 
-@noinline
 def momentum(M: Inertia, V: Motion, resistance: Numbers, x: Numbers) -> Force:
     return Force(algebra.apply_inertia(M, V), tuple(a * rate for a, rate in zip(resistance, x, strict=True)))
 
@@ -382,7 +377,6 @@ def _mobility_of_units(
     return total(V_b - V_a), total(V_b) + total(V_a)
 
 
-@noinline
 def _squares(V: Motion, D: Number) -> tuple[Symmetric, Symmetric]:
     """(v v^T / D, w w^T / D); 0 where D is not positive."""
     is_none = high(D) <= 0
@@ -414,7 +408,7 @@ def relative_mobility(
     if isinstance(mobility, Units):
         return _mobility_of_units(mobility, state.n, ends, arm_b, arm_a)
     nothing = articulated.none(state.known(0.0))
-    whole = _shifted(state.of_bodies(ends.b, mobility, nothing), arm_b)
+    whole = articulated.shifted(state.of_bodies(ends.b, mobility, nothing), arm_b)
     if not len(ends.between_bodies):
         return whole, whole
     t = state.topology
@@ -424,15 +418,11 @@ def relative_mobility(
         common.append(t.parents[behind[-1]] if behind else b)
         arms = [state.of_bodies([i], [body.r for body in bodies], state.zero_vector) for i in behind]
         from_common.append(functools.reduce(operator.add, arms, state.zero_vector))
-    whole = whole + _shifted(state.of_bodies(ends.a, mobility, nothing), arm_a)
+    whole = whole + articulated.shifted(state.of_bodies(ends.a, mobility, nothing), arm_a)
     arm = arm_b + stacking.concatenated_trees(from_common, state.n)
-    return whole - 2.0 * _shifted(state.of_bodies(common, mobility, nothing), arm), whole
+    return whole - 2.0 * articulated.shifted(state.of_bodies(common, mobility, nothing), arm), whole
 
 
-_shifted = noinline(articulated.shifted)
-
-
-@noinline
 def _size(S: Symmetric) -> Number:
     """The Frobenius norm over 3."""
     xx, xy, yy, xz, yz, zz = S
@@ -534,7 +524,6 @@ def _on_bundle(state: MechanismState, bundle: Bundle, bodies: list[int], sums: T
     return _in_rows([jnp.asarray((places == k).all(1)[:, None, None]) for k in kinds], rows)
 
 
-@noinline
 def _in_rows(masks: Sequence[jax.Array], rows: Sequence[T]) -> T:
     """The numbers (L, W, B) that are those of `rows` (1, W, B) where their masks hold, and zero elsewhere."""
 
@@ -561,12 +550,10 @@ def _scalars(state: MechanismState, array: Array) -> Number:
     return state.numbers(array[:, None])[0]
 
 
-@noinline
 def _arm(R: Matrix, X_JF: Pose, centre: Vector, offset: Vector) -> Vector:
     return R @ (X_JF.p + X_JF.R @ centre) + offset
 
 
-@noinline
 def _regularisation(w: Number, distance: Number, stiffness: Number, relaxation_time: Number, dt: Number):
     """(the free velocity along the normal, R_n, R_t)."""
     memory = dt + relaxation_time
@@ -788,7 +775,6 @@ def loops_of(
     return _loops(N, *both, *numbers, *w, dt), Ends([ends.b[k] for k in of_row], [ends.a[k] for k in of_row])
 
 
-@noinline
 def _loops(
     N: Wrench, arm_b: Vector, arm_a: Vector, error: Number, size: Number, w: Number, apart: Number, dt: Number
 ) -> Loops:
@@ -812,7 +798,6 @@ def loop_law(loops: Loops, v: Number) -> tuple[Number, Number]:
     return (loops.free - v) / loops.R, 1 / loops.R
 
 
-@noinline
 def rounding_of_loops(loops: Loops, v: Number) -> Number:
     """What rounding errors of closures are in g^T H^-1 g at velocities v (k, B), at most, in eps^2: H is at least
     J^T R^-1 J."""

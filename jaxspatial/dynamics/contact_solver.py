@@ -72,7 +72,6 @@ from jaxspatial.numerics.numbers import (
     is_constant,
     is_number,
     mapped,
-    noinline,
     shape_of,
     where,
     with_data,
@@ -232,7 +231,7 @@ def of_each(
     """
     all_terms = scene.contacts, scene.joints, scene.loops
     return _by_result(
-        None if terms is None else noinline(functools.partial(function, kind))(terms, *own, *shared)
+        None if terms is None else function(kind, terms, *own, *shared)
         for kind, terms, *own in zip(KINDS, all_terms, *numbers, strict=True)
     )
 
@@ -263,21 +262,20 @@ def velocities_at(state: MechanismState, scene: Scene, motions: list[Motion], x:
     """The velocities of contact points, joints and closures, from those of bodies and generalized ones (nv, B)."""
     points = loops = None
     if scene.contacts is not None:
-        points = _at_points(scene.contacts, *(state.of_bodies(x, motions, _at_rest(state)) for x in scene.contact_ends))
+        at_ends = (state.of_bodies(x, motions, _at_rest(state)) for x in scene.contact_ends)
+        points = problem.at_points(scene.contacts, *at_ends)
     if scene.loops is not None:
-        loops = _along_rows(scene.loops, *(state.of_bodies(x, motions, _at_rest(state)) for x in scene.loop_ends))
+        at_ends = (state.of_bodies(x, motions, _at_rest(state)) for x in scene.loop_ends)
+        loops = problem.along_rows(scene.loops, *at_ends)
     joints = None if scene.joints is None else stacking.mapped(lambda w: stacking.rows(w, scene.rows), x)
     return Vectors(points, joints, loops)
-
-
-_at_points, _along_rows = noinline(problem.at_points), noinline(problem.along_rows)
 
 
 def wrenches(state: MechanismState, scene: Scene, impulse: Vectors) -> list[Wrench]:
     """The wrenches of impulses on the bodies of every bundle, about their origins, in world axes."""
     bodies, parts, counts = list[int](), list[Wrench](), list[int]()
     if scene.contacts is not None:
-        on_b, on_a = _on_both(scene.contacts, impulse.points)
+        on_b, on_a = _on_both_bodies(scene.contacts, impulse.points)
         parts.append(on_b)
         bodies, between = scene.contact_ends.b, scene.contact_ends.between_bodies
         counts.append(len(bodies))
@@ -301,10 +299,6 @@ def _on_both_bodies(contacts: Contacts, impulse: Vector) -> tuple[Wrench, Wrench
     return Wrench(cross(contacts.arm, impulse), impulse), Wrench(-cross(contacts.arm_a, impulse), -impulse)
 
 
-_on_both = noinline(_on_both_bodies)
-
-
-@noinline
 def _on_loops(loops: Loops, impulse: Number) -> tuple[Wrench, Wrench]:
     return impulse * loops.on_b, impulse * loops.on_a
 
@@ -381,7 +375,6 @@ def _by_bundle(state: MechanismState, scene: Scene, x: Number | None) -> list[Nu
     return [problem.own_of_bundle(state, k, x) for k in range(len(scene.bodies))]
 
 
-@noinline
 def _contact_inertia(contacts: Contacts, of_law: Law) -> Articulated:
     """The inertia G of a contact about the origin of its body."""
     G = problem.matrix_G(contacts, of_law)
@@ -489,7 +482,6 @@ def _solved_as_one(
     return Solution(x, [V for (V,) in problem.velocities(state, scene.bodies, [x])], Vectors(*left))
 
 
-@noinline
 def _on_velocities(contacts: Contacts, of_law: Law, impulse: Vector, J: Vector) -> tuple[Number, Number]:
     """(J^T G J (n, nv, nv, B), J^T impulse (n, nv, B)) of each of n contacts. J: (n, nv, B)."""
     GJ = problem.times_G(contacts, of_law, J)
@@ -497,7 +489,6 @@ def _on_velocities(contacts: Contacts, of_law: Law, impulse: Vector, J: Vector) 
     return dot(rows, columns), dot(J, impulse)
 
 
-@noinline
 def _with_rows(H: Number, J: Number, G: Number) -> Number:
     """[[H, -J^T], [G J, 1]], of J (rows, nv, B)."""
     m, n = shape_of(J)[0], shape_of(J)[2]
@@ -604,7 +595,6 @@ def _rows(w: Any, places: np.ndarray) -> Any:
     return w if w.shape[0] == 1 else stacking.rows(w, places)
 
 
-@noinline
 def _columns_of_contacts(contacts: Contacts, of_law: Law) -> list[Columns]:
     """The columns of L, for each contact, by Cholesky's method; a pivot that is zero leaves a column of zeros."""
     xx, xy, yy, xz, yz, zz = problem.matrix_G(contacts, of_law)
@@ -623,7 +613,6 @@ def _columns_of_contacts(contacts: Contacts, of_law: Law) -> list[Columns]:
     return [Columns(*_on_both_bodies(contacts, x)) for x in columns]
 
 
-@noinline
 def _columns_of_loops(loops: Loops) -> Columns:
     scale = (1 / loops.R).sqrt()
     return Columns(scale * loops.on_b, scale * loops.on_a)
@@ -647,12 +636,10 @@ def _to_parent(body: Any, children: Wrench) -> tuple[list[Elimination], Wrench]:
     return eliminated, algebra.shifted_wrench(Z, -r)
 
 
-@noinline
 def _rates(columns: Columns, V_b: Motion, V_a: Motion) -> Number:
     return algebra.power(columns.on_b, V_b) + algebra.power(columns.on_a, V_a)
 
 
-@noinline
 def _plus(x: Any, shares: list[Number], columns: list[Any]) -> Any:
     """x and the sum of columns, times their shares."""
     for share, column in zip(shares, columns, strict=True):
@@ -660,12 +647,10 @@ def _plus(x: Any, shares: list[Number], columns: list[Any]) -> Any:
     return x
 
 
-@noinline
 def _over_L(loops: Loops, impulse: Number) -> Number:
     return impulse * loops.R.sqrt()
 
 
-@noinline
 def _times_L(loops: Loops, s: Number) -> Number:
     return s / loops.R.sqrt()
 
@@ -828,7 +813,6 @@ def imbalance(
     return high(lacking if on_joints is None else lacking - on_joints)
 
 
-@noinline
 def _in_axes(R: Matrix, impulse: Wrench, dt: Number) -> Wrench:
     """The wrench of an impulse in world axes, in the axes of a body."""
     return Wrench(*(R.T @ (x / dt) for x in impulse))
@@ -879,7 +863,6 @@ def _twice_energy(state: MechanismState, scene: Scene, motions: list[Motion], x:
     return stacking.mapped(lambda w: w[None], state.sum_over_bodies(parts))
 
 
-@noinline
 def _energy(M: Inertia, V: Motion, resistance: Numbers, x: Numbers) -> Number:
     total = algebra.twice_energy(M, V)
     for a, rate in zip(resistance, x, strict=True):
@@ -938,7 +921,7 @@ def _iterated(
     length = _searched(state, scene, at.v, Vectors(*v_d), slopes, is_small | is_done | is_first)
     linear = linear[0], left.joints, left.loops
     v, bounds, noise = of_each(scene, _after, at.v, v_d, linear, shared=[length, is_done])
-    x, moving = noinline(_moved)((at.x, at.motions), (e, motions), length, is_done)
+    x, moving = _moved((at.x, at.motions), (e, motions), length, is_done)
     scalars, is_settled = _next_scalars(
         at.scalars, length, free_e, slopes.decrement, _total(bounds), _total(noise), smallest, is_first, is_done
     )
@@ -1004,7 +987,6 @@ def _after(
     return v, kind.bound(terms, G, linear - impulse), kind.product(rounding, kind.times_G(terms, G, rounding))
 
 
-@noinline
 def _slopes_and_size(
     at: Scalars, free_energy: Number, sums: Products, energy: Number, smallest: Number, is_first: jax.Array
 ) -> tuple[Slopes, Number, jax.Array]:
@@ -1028,7 +1010,6 @@ def _slopes_and_size(
     return Slopes(slope, curvature, decrement, rounding), free_e, is_small & ~is_first
 
 
-@noinline
 def _next_scalars(
     at: Scalars,
     length: Number,
@@ -1063,7 +1044,6 @@ def _pushes(scene: Scene, *velocities: Vectors) -> Mask:
     return _push_at_any(scene.contacts, *(v.points for v in velocities))
 
 
-@noinline
 def _push_at_any(contacts: Contacts, *velocities: Vector) -> Mask:
     return functools.reduce(operator.or_, (high(problem.law(contacts, v).normal) > 0 for v in velocities))
 
@@ -1107,7 +1087,6 @@ def _searched(
     return with_data(start, data).length
 
 
-@noinline
 def _next_length(at: Search, goal: Number, is_good: jax.Array, is_first: jax.Array) -> tuple[Numbers, jax.Array]:
     """((low, up, the next length to try), whether the search is over and they stay as they are)."""
     is_short = high(at.f) < 0
@@ -1119,7 +1098,6 @@ def _next_length(at: Search, goal: Number, is_good: jax.Array, is_first: jax.Arr
     return tuple(where(is_over | is_first, x, y) for x, y in zip(at[:3], after, strict=True)), is_over
 
 
-@noinline
 def _derivative(along: Slopes, length: Number, f: Number, rate: Number, is_over: jax.Array) -> tuple[Number, Number]:
     """The first two derivatives of the cost. f, rate: of its terms, see `_slopes`."""
     f = along.slope + length * along.curvature - f

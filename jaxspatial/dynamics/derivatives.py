@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.dynamics.composite_bodies import combined, inertia_to_parent, with_armature
+from jaxspatial.dynamics.composite_bodies import combined, with_armature
 from jaxspatial.dynamics.external_forces import Load, loads
 from jaxspatial.dynamics.kinematics import BodyMotion, motion_step, subspace_times, world_motion
 from jaxspatial.dynamics.newton_euler import wrench_of
@@ -24,8 +24,16 @@ from jaxspatial.inertia.articulated import of_body
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import numbers
 from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Vector, Wrench, cross, dot, each, skew
-from jaxspatial.numerics.numbers import Number, Numbers, doubled, noinline
-from jaxspatial.spatial.algebra import acted_wrench, apply_inertia, cross_force, cross_motion, double_cross, power
+from jaxspatial.numerics.numbers import Number, Numbers, doubled
+from jaxspatial.spatial.algebra import (
+    acted_inertia,
+    acted_wrench,
+    apply_inertia,
+    cross_force,
+    cross_motion,
+    double_cross,
+    power,
+)
 
 # (S, Psi', S', Psi''), see `_motion_rates`.
 JointRates = tuple[Motion, Motion, Motion, Motion]
@@ -62,7 +70,6 @@ def _matrices(state: MechanismState, v: Array | None, vdot: Array | None, extern
     bodies = [(*x, b.is_on_world) for *x, b in zip(links, motions, state.bundles, strict=True)]
     world = state.world
     placed = recursion.outward(state, _from_root, (world.R, world.p, state.zero_vector), bodies)
-    # Stacked outside of the call, which is one kernel without it.
     subspaces = [stacking.stacked_trees(link.joint.subspace) for link in links]
     sides = list(map(_in_world_axes, subspaces, links, motions, composites, placed))
     rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, sides, strict=True)] for side in (0, 1))
@@ -161,11 +168,10 @@ def _to_parent(link: Link, motion: BodyMotion, body: CompositeBody) -> Composite
     X = _sandwich(R, body.X) - Matrix(*map(_twice, shift))
     load = R @ body.load
     load_rate = _sandwich(R, body.load_rate) - double_cross(X_PB.p, load)
-    inertia, wrench = inertia_to_parent(X_PB, body.inertia), acted_wrench(X_PB, body.wrench)
+    inertia, wrench = acted_inertia(X_PB, body.inertia), acted_wrench(X_PB, body.wrench)
     return CompositeBody(inertia, wrench, X, p, load_rate, load)
 
 
-@noinline
 def _sandwich(R: Matrix, m: Matrix) -> Matrix:
     return R @ (m @ R.T)
 
@@ -185,7 +191,6 @@ def _combined(a: CompositeBody, b: CompositeBody) -> CompositeBody:
 #     M_ij = S . u               u = I S_i          t = rotational part of 2 B^T S_i, l that of loads
 
 
-@noinline
 def _in_world_axes(S: Motion, link: Link, motion: BodyMotion, body: CompositeBody, placed: FromRoot) -> tuple[Any, Any]:
     """(the motions of a joint for rows, its wrenches for columns), stacked over its velocities, in world axes.
 

@@ -10,7 +10,7 @@ from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics.linear import Inertia, Motion, dot
-from jaxspatial.numerics.numbers import Number, Numbers, doubled, noinline
+from jaxspatial.numerics.numbers import Number, Numbers, doubled
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial.algebra import twice_energy
 
@@ -48,7 +48,6 @@ def _kinetic_energy(state: MechanismState, v: Array):
     return doubled(state.sum_over_bodies(of_bodies), -1)
 
 
-@noinline
 def _twice_energy(inertia: Inertia, V: Motion, armature: Numbers, v: Numbers) -> Number:
     """m |v_C|^2 + w . I w, and of the rotor."""
     return twice_energy(inertia, V) + dot([i * x for i, x in zip(armature, v, strict=True)], v)

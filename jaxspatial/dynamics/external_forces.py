@@ -15,7 +15,7 @@ from jaxspatial.mechanism import Mechanism
 from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.mechanism.topology import Bundle
 from jaxspatial.numerics.linear import Matrix, Pose, Vector, Wrench, cross
-from jaxspatial.numerics.numbers import is_number, noinline
+from jaxspatial.numerics.numbers import is_number
 from jaxspatial.numerics.sums.pairwise import of_neighbours
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce, algebra
@@ -64,13 +64,11 @@ def _applied_wrenches(state: MechanismState, external_forces: Wrenches) -> list[
     return [summed[body] for body in sorted(summed)]
 
 
-@noinline
 def _turned(R_WJ: Matrix, R_JF: Matrix, F: Wrench) -> Wrench:
     """A wrench in the axes of F, in those of the world."""
     return Wrench(R_WJ @ (R_JF @ F.tau), R_WJ @ (R_JF @ F.f))
 
 
-@noinline
 def _about_origin(R_WJ: Matrix, p_BQ_J: Vector, F: Wrench) -> Wrench:
     """A wrench about Q in world axes, as one about Bo."""
     return Wrench(F.tau + cross(R_WJ @ p_BQ_J, F.f), F.f)
@@ -101,7 +99,7 @@ def _about_joints(state: MechanismState, group: WrenchesOnFrames, placed: list[P
     """(X_JQ of the points, the wrenches about Jo in the axes of J), for each frame of a group."""
     X_JQ, F = _placed(state, group), _given(state, group)
     if not group.in_world:
-        return X_JQ, _acted(X_JQ, F)
+        return X_JQ, algebra.acted_wrench(X_JQ, F)
     X_WJ = state.of_bodies(state.topology.bodies_of(group.frames), placed, state.world)
     return X_JQ, _about_joint(X_WJ, X_JQ, F)
 
@@ -125,20 +123,15 @@ def _given(state: MechanismState, group: WrenchesOnFrames) -> Wrench:
     return Wrench(state.vectors(group.tau), state.vectors(group.f))
 
 
-@noinline
 def _moved(X_JF: Pose, p_FQ: Vector) -> Pose:
     """X_JQ of a frame with the axes of F at Q."""
     return Pose(X_JF.R, X_JF.p + X_JF.R @ p_FQ)
 
 
-@noinline
 def _about_joint(X_WJ: Pose, X_JQ: Pose, F: Wrench) -> Wrench:
     """A wrench about Q in world axes, as one about Jo in the axes of J."""
     f = X_WJ.R.T @ F.f
     return Wrench(X_WJ.R.T @ F.tau + cross(X_JQ.p, f), f)
-
-
-_acted = noinline(algebra.acted_wrench)
 
 
 def _sums(on_bodies: list[tuple[list[int], T]]) -> dict[int, T]:

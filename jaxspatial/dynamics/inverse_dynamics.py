@@ -30,7 +30,6 @@ from jaxspatial.mechanism import AppliedForces, LoopClosure, Mechanism
 from jaxspatial.mechanism.loops import checked_loops
 from jaxspatial.numerics import check
 from jaxspatial.numerics.linear import Inertia, Pose, Wrench
-from jaxspatial.numerics.numbers import noinline
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce, algebra
 
@@ -237,7 +236,7 @@ def _joint_reactions(state: MechanismState, v: Array, vdot: Array, external_forc
     body_loads = loads(state, external_forces)
     through = wrenches_through_joints(state, v, vdot, body_loads, state.minus_gravity)
     placed = zip(map(state.child_placement, state.bundles), through, strict=True)
-    about_bodies = [_about_body(X_JB, F) for X_JB, F in placed]
+    about_bodies = [algebra.inverse_acted_wrench(X_JB, F) for X_JB, F in placed]
     return tuple(state.by_body([F[k] for F in about_bodies], 3) for k in (0, 1))
 
 
@@ -254,7 +253,7 @@ def _weld_reactions(
     links, at_frames = state.links(v, vdot), loads_on_frames(state, external_forces, placed)
     motions = recursion.outward(state, motion_step, world_motion(state), links)
     through = wrenches_through_joints(state, v, vdot, loads(state, external_forces), state.minus_gravity)
-    about_parents = [_about_parent(link.X_PB, F) for link, F in zip(links, through, strict=True)]
+    about_parents = [algebra.acted_wrench(link.X_PB, F) for link, F in zip(links, through, strict=True)]
     found = list[Wrench]()
     for k, frame, frames, joints in welds:
         X_JC = state.frame_placements((frame,))
@@ -264,15 +263,10 @@ def _weld_reactions(
             F = F + state.of_bodies([i], about_parents, F)
         for _, load in (x for x in at_frames if x[0] in frames):
             F = F - load
-        found.append(_about_body(X_JC, F))
+        found.append(algebra.inverse_acted_wrench(X_JC, F))
     return tuple(jnp.concatenate([state.by_row(F[part], 1) for F in found]) for part in (0, 1))
 
 
-@noinline
 def _net_wrench(X_JC: Pose, M_C: Inertia, motion: BodyMotion) -> Wrench:
     """The net wrench about Jo on what is welded to J, of an inertia about Co in C."""
     return wrench_of(algebra.acted_inertia(X_JC, M_C), motion)
-
-
-_about_parent = noinline(algebra.acted_wrench)
-_about_body = noinline(algebra.inverse_acted_wrench)

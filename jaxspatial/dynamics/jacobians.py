@@ -12,7 +12,7 @@ from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics.linear import Matrix, Motion, Pose, Vector, cross
-from jaxspatial.numerics.numbers import Numbers, noinline
+from jaxspatial.numerics.numbers import Numbers
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial.algebra import composed
 
@@ -93,7 +93,6 @@ def _six(V: Motion) -> Numbers:
     return *V.w, *V.v
 
 
-@noinline
 def _velocity_at(R: Matrix, s: Motion, arm: Vector) -> Motion:
     """A motion of J in its own axes, as the velocity in world axes of the point at an arm from J."""
     w, v = R @ s.w, R @ s.v
@@ -122,7 +121,6 @@ def _jacobian_rate(state: MechanismState, v: Array, *, frames: int | tuple[int, 
     return _stacked(frames, of_frame)
 
 
-@noinline
 def _velocity_rate_at(X_WJ: Pose, V_WJ_J: Motion, s: Motion, rate: Motion, p_WF: Vector, v_WF: Vector) -> Motion:
     """d/dt of (R k, R l + R k x r), for a motion s = (k, l) with rate ds/dt in J, and the arm r from J to F."""
     turning, R = V_WJ_J.w, X_WJ.R

@@ -16,7 +16,7 @@ from jaxspatial.engine.state import JointState, Link, MechanismState, across
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.mechanism.topology import Bundle
 from jaxspatial.numerics.linear import Matrix, Motion, Pose, Vector, Wrench, cross, dot
-from jaxspatial.numerics.numbers import Numbers, noinline, noinline_pairs, where
+from jaxspatial.numerics.numbers import Numbers, where
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialVelocity
@@ -203,7 +203,6 @@ def _forces_of_wrench(state: MechanismState, frame: int, F_F_W: Wrench) -> jax.A
     return state.by_all_velocities(forces)
 
 
-@noinline
 def _forces_at_joint(X: Pose, S: Sequence[Motion], p_F: Vector, F: Wrench) -> Numbers:
     """S . F of each velocity, for a wrench about p_F in the axes of the world."""
     about_J = Wrench(X.R.T @ (F.tau + cross(p_F - X.p, F.f)), X.R.T @ F.f)
@@ -260,7 +259,7 @@ def body_motion(link: Link, parent: BodyMotion) -> BodyMotion:
     R_BP = X_PB.R.T
     S, bias = link.joint.subspace, subspace_times(link.joint.subspace_rate(link.v), link.v)
     (w_r, v_r), (dw, dv) = subspace_times(S, link.v), subspace_times(S, link.vdot)
-    w_P, a_P = _turned(R_BP, parent.w), _acceleration_at(parent, X_PB.p)
+    w_P, a_P = R_BP @ parent.w, acceleration_at(parent, X_PB.p)
     alpha = R_BP @ parent.alpha + cross(w_P, w_r) + dw + bias.w
     coriolis = cross(w_P + w_P + w_r, v_r)
     return BodyMotion(w_P + w_r, alpha, R_BP @ a_P + coriolis + dv + bias.v)
@@ -289,13 +288,7 @@ def angular_acceleration_tensor(w: Vector, alpha: Vector) -> Matrix:
 
 def acceleration_at(motion: BodyMotion, p: Vector) -> Vector:
     """The classical acceleration a + E p of the point of a body at p from its origin."""
-    return motion.a + tensor(motion.w, motion.alpha) @ p
-
-
-# Several components of a result need these: calls of their own are computed once, where fused code repeats them.
-tensor = noinline(angular_acceleration_tensor)
-_turned = noinline(Matrix.__matmul__)
-_acceleration_at = noinline_pairs(acceleration_at)
+    return motion.a + angular_acceleration_tensor(motion.w, motion.alpha) @ p
 
 
 @algorithm(*GEOMETRY, *FRAMES)

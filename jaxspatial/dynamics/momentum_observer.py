@@ -18,7 +18,7 @@ from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Motion, Vector, Wrench, cross
-from jaxspatial.numerics.numbers import Number, halved, noinline
+from jaxspatial.numerics.numbers import Number, halved
 from jaxspatial.numerics.promise import Normwise, promises
 from jaxspatial.numerics.quantity import tree
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
@@ -206,10 +206,10 @@ def momentum_and_beta(state: MechanismState, v: Array) -> tuple[jax.Array, jax.A
 def _body(link: Link, parent: _Base) -> tuple[tuple[Motion, _Subtree], _Base]:
     """((V, momentum and weight of a body), what its children start from)."""
     V, _ = velocity_step(link, parent.V)
-    gravity = _turned(link, parent.gravity)
+    gravity = link.X_PB.R.T @ parent.gravity
     f = link.inertia.mass * gravity
     weight = Wrench(cross(link.inertia.com, f), f)
-    return (V, _Subtree(_momentum(link.inertia, V), weight)), _Base(V, gravity)
+    return (V, _Subtree(algebra.apply_inertia(link.inertia, V), weight)), _Base(V, gravity)
 
 
 def _at_joint(body: tuple[Link, tuple[Motion, _Subtree]], of_children: _Subtree) -> tuple[tuple, _Subtree]:
@@ -218,16 +218,7 @@ def _at_joint(body: tuple[Link, tuple[Motion, _Subtree]], of_children: _Subtree)
     of_rotors = [i * x for i, x in zip(link.armature, link.v, strict=True)]
     S, rates = link.joint.subspace, link.joint.subspace_rate(link.v)
     p = tuple(algebra.power(H, s) + x for s, x in zip(S, of_rotors, strict=True))
-    loss = W + _rate_in_body(V, H)
+    loss = W + algebra.cross_force(V, H)
     beta = tuple(algebra.power(loss, s) - algebra.power(H, rate) for s, rate in zip(S, rates, strict=True))
     X = link.X_PB
     return (p, beta), _Subtree(algebra.acted_wrench(X, H), algebra.acted_wrench(X, W))
-
-
-# Several components of a result need these: calls of their own are computed once, where fused code repeats them.
-@noinline
-def _turned(link: Link, gravity: Vector) -> Vector:
-    return link.X_PB.R.T @ gravity
-
-
-_momentum, _rate_in_body = noinline(algebra.apply_inertia), noinline(algebra.cross_force)

@@ -6,13 +6,13 @@
 from typing import Any
 
 from jaxspatial.dynamics.external_forces import Load
-from jaxspatial.dynamics.kinematics import BodyMotion, body_motion, tensor
+from jaxspatial.dynamics.kinematics import BodyMotion, angular_acceleration_tensor, body_motion
 from jaxspatial.engine import recursion
 from jaxspatial.engine.recursion import Step
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import Link, MechanismState
-from jaxspatial.numerics.linear import Inertia, Matrix, Symmetric, Vector, Wrench
-from jaxspatial.numerics.numbers import Numbers, noinline
+from jaxspatial.numerics.linear import Inertia, Vector, Wrench
+from jaxspatial.numerics.numbers import Numbers
 from jaxspatial.spatial import algebra
 
 
@@ -69,15 +69,7 @@ def wrench_of(inertia: Inertia, motion: BodyMotion) -> Wrench:
 
     f = m (a + E c)    tau = I alpha + w x I w + c x f        E = [alpha]x + [w]x [w]x
     """
-    f = _force(inertia, motion.a, tensor(motion.w, motion.alpha))
-    h = _times(inertia.central, motion.w)
+    E = angular_acceleration_tensor(motion.w, motion.alpha)
+    f = inertia.mass * (motion.a + E @ inertia.com)
+    h = inertia.central @ motion.w
     return Wrench(algebra.euler_torque(inertia, motion.alpha, motion.w, h, f), f)
-
-
-# Several components of a result need these: calls of their own are computed once, where fused code repeats them.
-@noinline
-def _force(inertia: Inertia, a: Vector, E: Matrix) -> Vector:
-    return inertia.mass * (a + E @ inertia.com)
-
-
-_times = noinline(Symmetric.__matmul__)

@@ -4,7 +4,7 @@ import jax
 
 from jaxspatial.dynamics.composite_bodies import Placed, generalized_force, in_world_axes
 from jaxspatial.dynamics.docstrings import documented
-from jaxspatial.dynamics.kinematics import BodyMotion, motion_step, tensor, world_motion
+from jaxspatial.dynamics.kinematics import BodyMotion, angular_acceleration_tensor, motion_step, world_motion
 from jaxspatial.engine import matrices, recursion, stacking
 from jaxspatial.engine.algorithm import GEOMETRY, algorithm
 from jaxspatial.engine.stacking import Array
@@ -14,7 +14,7 @@ from jaxspatial.inertia.regressors import momentum_regressor as momentum_regress
 from jaxspatial.inertia.regressors import newton_euler_regressor as newton_euler_regressor
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics.linear import Pose, Symmetric, Vector, Wrench, cross
-from jaxspatial.numerics.numbers import constant, noinline
+from jaxspatial.numerics.numbers import constant
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
 
@@ -43,21 +43,17 @@ def _regressor(state: MechanismState, v: Array, vdot: Array):
     links, placed = state.links(v, vdot), matrices.poses_from_root(state)
     motions = recursion.outward(state, motion_step, world_motion(state), links)
     subspaces = ((link.joint.subspace, X) for link, X in zip(links, placed, strict=True))
-    rows = [(len(S), _placed(X, stacking.stacked_trees(S))) for S, X in subspaces]
+    rows = [(len(S), in_world_axes(X, stacking.stacked_trees(S))) for S, X in subspaces]
     columns = [(10, _columns(*x)) for x in zip(placed, motions, strict=True)]
     (Y,) = matrices.matrices(state, lambda row, column: (generalized_force(row, column),), rows, columns)
     return state.in_callers_axes(state.rounded(matrices.by_velocity(state, Y, 0)))
 
 
-_placed = noinline(in_world_axes)
-
-
 def _columns(X: Pose, motion: BodyMotion) -> Placed:
     """The wrenches of unit parameters of a body, stacked."""
-    return stacking.stacked_trees([_placed(X, wrench) for wrench in _of_parameters(motion)])
+    return stacking.stacked_trees([in_world_axes(X, wrench) for wrench in _of_parameters(motion)])
 
 
-@noinline
 def _of_parameters(motion: BodyMotion) -> list[Wrench]:
     """The wrench about Jo for each unit parameter: the mass, the first moments m c, and the entries of the inertia J.
 
@@ -66,7 +62,7 @@ def _of_parameters(motion: BodyMotion) -> list[Wrench]:
     zero, one = (constant(motion.w[0], x) for x in (0, 1))
     no_vector = Vector(zero, zero, zero)
     units = [Symmetric(*(one if i == k else zero for i in range(6))) for k in range(6)]
-    E = tensor(motion.w, motion.alpha).T
+    E = angular_acceleration_tensor(motion.w, motion.alpha).T
     of_arms = [Wrench(cross(unit[:3], motion.a), column) for unit, column in zip(units, E, strict=False)]
     of_inertia = [Wrench(_torque(unit, motion), no_vector) for unit in units]
     return [Wrench(no_vector, motion.a), *of_arms, *of_inertia]

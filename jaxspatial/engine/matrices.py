@@ -27,7 +27,6 @@ from jaxspatial.numerics.numbers import (
     data_of,
     high,
     mapped,
-    noinline,
     where,
     with_data,
 )
@@ -96,7 +95,7 @@ def _block(entry: Entry, row: Any, column: Any, pairs: ChainPairs, shape: tuple[
     """The entries (rows, columns, pairs, B) of pairs (chain of the column, chain of the row)."""
     of_columns, of_rows = zip(*pairs, strict=True)
     row = stacking.mapped(lambda w: _picked(w, of_rows)[:, None], row)
-    entries = noinline(entry)(row, stacking.mapped(lambda w: _picked(w, of_columns)[None], column))
+    entries = entry(row, stacking.mapped(lambda w: _picked(w, of_columns)[None], column))
     return [stacking.spread(x, shape) for x in entries]
 
 
@@ -191,7 +190,7 @@ def solved(M: Number, b: Number) -> Number:
     [Golub and Van Loan 2013, 4.1: Gauss and Jordan]
     """
     n, *shape = numbers.shape_of(b)
-    # The right side is one more column: a turn of the loop is one kernel then, that reads and writes one array.
+    # The right side is one more column.
     parts = stacking.spread(M, (n, n, *shape)), stacking.spread(mapped(lambda w: w[:, None], b), (n, 1, *shape))
     start = as_data(mapped(lambda *words: jnp.concatenate(words, 1), *parts))
     last = jnp.arange(n + 1).reshape((1, -1, *[1] * len(shape))) == n
@@ -208,7 +207,6 @@ def solved(M: Number, b: Number) -> Number:
     return where(is_none, 0.0, mapped(lambda w: w[:, n], whole) / where(is_none, 1.0, diagonal))
 
 
-@noinline
 def _eliminated(whole: Number, row: Number, column: Number, pivot: Number, here: Mask, last: Mask) -> Number:
     """The equations after elimination of one unknown, with the equation that stands `here`. last: of the columns, the
     right side."""

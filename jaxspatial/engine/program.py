@@ -24,7 +24,7 @@ from jax.interpreters import partial_eval as pe
 
 from jaxspatial.engine import cpu, graph, llvm_ir
 from jaxspatial.numerics import check
-from jaxspatial.numerics.errorfree.primitives import compiled, is_zero, lower_fun, n_devices, unsharded, without_calls
+from jaxspatial.numerics.errorfree.primitives import compiled, inlined_calls, is_zero, lower_fun, n_devices, unsharded
 from jaxspatial.numerics.sums.primitive import trace_of_sums
 
 T = TypeVar("T")
@@ -109,14 +109,15 @@ class Traced:
         def flat(*arrays: jax.Array) -> list[jax.Array]:
             return list(program.evaluate(*arrays))
 
-        with jax.enable_x64(in_64_bits), _without_collection():
+        with jax.enable_x64(in_64_bits), inlined_calls(), _without_collection():
             closed = jax.make_jaxpr(flat)(*avals)
         jaxpr, _ = pe.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
         self.closed = ClosedJaxpr(jaxpr, closed.consts)
         self.out_avals = closed.out_avals
 
     def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
-        return jaxpr_as_fun(self.closed)(*arrays)
+        with jax.enable_x64(True):
+            return jaxpr_as_fun(self.closed)(*arrays)
 
     def selected(self, wanted: Sequence[bool]) -> "Traced":
         """The trace of these results alone."""
@@ -125,10 +126,6 @@ class Traced:
         selection.closed = ClosedJaxpr(jaxpr, self.closed.consts)
         selection.out_avals = list(itertools.compress(self.out_avals, wanted))
         return selection
-
-    def without_calls(self, *arrays: jax.Array) -> list[jax.Array]:
-        """As XLA compiles it best."""
-        return without_calls(self.closed, *arrays)
 
 
 @contextlib.contextmanager
@@ -233,7 +230,7 @@ def run(program: Program, n_batch: int, native: Native | None, *arrays: jax.Arra
     flat = [with_one_axis(x, n_batch, batch) for x in arrays]
     results = _natively(program, native, math.prod(batch), flat) if native else None
     if results is None:
-        results = program.traced(list(map(_aval, flat))).without_calls(*flat)
+        results = program.traced(list(map(_aval, flat)))(*flat)
     return [with_batch(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(results)]
 
 

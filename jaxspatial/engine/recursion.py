@@ -24,11 +24,8 @@ from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism.topology import Bundle
 from jaxspatial.numerics.numbers import (
     as_data,
-    as_step,
     data_of,
-    is_constant,
     is_number,
-    noinline,
     with_data,
     without_data,
 )
@@ -67,7 +64,7 @@ def inward(
 
     def joined(i: int, default: Any) -> Any:
         states = of_children.pop(i, [default])
-        return states[0] if len(states) == 1 else noinline(lambda *x: functools.reduce(join, x))(*states)
+        return states[0] if len(states) == 1 else functools.reduce(join, states)
 
     for bundle, of_bundle in zip(reversed(state.bundles), reversed(numbers), strict=True):
         first, last = bundle.groups[0], bundle.groups[-1]
@@ -164,7 +161,7 @@ def _run(step: Step, bundle: Bundle, n: int, numbers, start, boundaries: Boundar
     if bundle.length > 1:
         return _loop(step, numbers, start, boundaries, (bundle.width, n))
     of_one = stacking.mapped(lambda word: lax.squeeze(word, (0,)), numbers)
-    result, last = noinline(_for_each_state(step, (of_one, start), (bundle.width, n)))(of_one, start)
+    result, last = _for_each_state(step, (of_one, start), (bundle.width, n))(of_one, start)
     last = stacking.mapped(lambda word: jnp.broadcast_to(word, (bundle.width, n)), last)
     return stacking.mapped(lambda word: lax.expand_dims(word, (0,)), result), last, None
 
@@ -235,12 +232,8 @@ class _Loop:
         return results, self._state(last), self._state(last_memory) if n_rows else None
 
     def _spread(self, states: list[Any], shape: tuple[int, int]) -> list[Any]:
-        """Numbers of the state over all chains. Those that vary are repeated in one call, which is one kernel."""
-
-        def over_all(*numbers: Any) -> list[Any]:
-            return [x if is_constant(x) else stacking.spread(x, shape) for x in numbers]
-
-        both = zip(noinline(over_all)(*states), self.is_known, strict=True)
+        """Numbers of the state over all chains."""
+        both = zip(states, self.is_known, strict=True)
         return [x if known else as_data(stacking.spread(x, shape)) for x, known in both]
 
     def _state(self, data):
@@ -255,7 +248,7 @@ class _Loop:
 
     def _row(self, carry: tuple[Any, Any], inputs: tuple[Any, Any]) -> tuple[Any, Any]:
         (state, memory), (data, rows) = carry, inputs
-        step = as_step(_for_each_state(self.step, (self.numbers, self.states), self.shape))
+        step = _for_each_state(self.step, (self.numbers, self.states), self.shape)
         result, new = step(with_data(self.numbers, data), self._state(state))
         self.result = without_data(result)
         state = self._data(new, self.shape)
@@ -268,7 +261,7 @@ class _Loop:
         """(the memory, the state of the chains that begin), at a boundary."""
         for c in range(self.shape[0]):
             both = (self._state(x) for x in (_row_of(memory, put[c]), _row_of(state, c)))
-            new = self._data(noinline(self.boundaries.join)(*both), (1, self.shape[1]))
+            new = self._data(self.boundaries.join(*both), (1, self.shape[1]))
             update = functools.partial(lax.dynamic_update_slice_in_dim, start_index=put[c], axis=0)
             memory = jax.tree.map(update, memory, new)
         begin = [_row_of(memory, get[c]) for c in range(self.shape[0])]

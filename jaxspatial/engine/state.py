@@ -23,7 +23,7 @@ from jaxspatial.numerics import check, linear, numbers
 from jaxspatial.numerics.formula import as_array, of_terms
 from jaxspatial.numerics.functions import cosine_sine
 from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Symmetric, Vector
-from jaxspatial.numerics.numbers import Number, Numbers, noinline
+from jaxspatial.numerics.numbers import Number, Numbers
 from jaxspatial.numerics.precision import Precision
 from jaxspatial.numerics.types import DTypeLike
 from jaxspatial.spatial.algebra import composed
@@ -57,7 +57,6 @@ class JointState(NamedTuple):
         return (self.q, self.cos_sin) if self.kind.subspace_needs_q else (self.cos_sin,)
 
 
-@noinline
 def across(placement: Pose, joint: JointState) -> Pose:
     """X_PB, the pose of a body in its parent, across the joint."""
     return composed(placement, joint.transform)
@@ -187,7 +186,7 @@ class MechanismState:
         see `quaternion.to_matrix`.
         """
         x, n = self.coordinates(bundle, q), bundle.kind.sphere[0]
-        return x if not n or self._has_unit_lengths(bundle, q) else (*_unit(x[:n]), *x[n:])
+        return x if not n or self._has_unit_lengths(bundle, q) else (*linear.unit(x[:n]), *x[n:])
 
     def _has_unit_lengths(self, bundle: Bundle, q: Array) -> bool:
         if not isinstance(q, np.ndarray):
@@ -456,9 +455,6 @@ def is_vector(x: object) -> bool:
     return type(x) in (tuple, Vector)
 
 
-_unit = noinline(linear.unit)
-
-
 class JointsOfKind:
     """All joints of one kind that are no mimics, in a state."""
 
@@ -487,7 +483,7 @@ class JointsOfKind:
     def apply(self, method: str, *others: Any) -> Any:
         """Calls a method of the joint kind with the coordinates and other arguments, such as velocities and a time."""
         q = self.configuration(self.state.q)
-        return noinline(getattr(self.kind, method))(self.joint, q, *others)
+        return getattr(self.kind, method)(self.joint, q, *others)
 
     def cos_sin(self, q: Numbers) -> CosSin:
         """The cosines and sines of its angles, if the rates of its coordinates need them."""

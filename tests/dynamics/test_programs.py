@@ -1,5 +1,6 @@
 """Which programs there are: one for a structure where numbers are data, one for what is read where they are known."""
 
+import functools
 import gc
 import os
 import subprocess
@@ -12,9 +13,8 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.engine import algorithm
+from jaxspatial.engine import algorithm, graph
 from jaxspatial.engine.algorithm import Algorithm, ManyProgramsWarning
-from jaxspatial.engine.program import Traced
 from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
 
@@ -175,7 +175,7 @@ def test_jit_switched_off():
 
 @pytest.mark.parametrize("was_enabled", [True, False])
 def test_garbage_is_collected_again_after_a_trace(was_enabled, monkeypatch):
-    """Not while programs are traced and lowered; afterwards as before, also where a trace fails."""
+    """Not while programs are traced, and made graphs of; afterwards as before, also where a trace fails."""
     seen, evaluate = [], Algorithm.evaluate
 
     def evaluated(self, *arrays):
@@ -184,13 +184,13 @@ def test_garbage_is_collected_again_after_a_trace(was_enabled, monkeypatch):
             raise ZeroDivisionError
         return evaluate(self, *arrays)
 
-    def lowered(self, *arguments):
+    def made(*arguments):
         seen.append(gc.isenabled())
-        return call(self, *arguments)
+        return graph_of(*arguments)
 
-    call = Traced.__call__
+    graph_of = graph.graph_of
     monkeypatch.setattr(Algorithm, "evaluate", evaluated)
-    monkeypatch.setattr(Traced, "__call__", lowered)
+    monkeypatch.setattr(graph, "graph_of", made)
     gc.enable() if was_enabled else gc.disable()
     try:
         js.gravity_forces(robot(2), Q)
@@ -201,6 +201,23 @@ def test_garbage_is_collected_again_after_a_trace(was_enabled, monkeypatch):
     finally:
         gc.enable()
     assert seen == [False] * 3
+
+
+def same(found, expected):
+    for x, y in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(np.asarray(x).view(np.uint8), np.asarray(y).view(np.uint8))
+
+
+@pytest.mark.parametrize("function", [js.inverse_dynamics, js.forward_dynamics])
+def test_a_state_has_the_same_bits_alone_in_a_loop_and_in_a_batch(function):
+    mech = js.testing.random_mechanism(3, 6, ["revolute"], is_chain=True, dtype=np.float32)
+    states = np.random.default_rng(0).standard_normal((3, 5, 6)).astype(np.float32)
+    with js.default_precision("reproducible"):
+        alone = [function(mech, *x) for x in states.swapaxes(0, 1)]
+        in_loop = jax.jit(lambda *x: jax.lax.map(lambda state: function(mech, *state), x))(*states)
+        many = jax.jit(functools.partial(function, mech))(*np.tile(states, (1, 200, 1)))
+    same(in_loop, alone)
+    same(many[:5], alone)
 
 
 def _stepped(mech, q, tau, v, precision):

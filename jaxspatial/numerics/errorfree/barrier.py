@@ -71,13 +71,6 @@ def joined(x: Array, mask: Array) -> Array:
     return _of_bits(lax.bitwise_or(bits, lax.broadcast(mask, bits.shape)), x.dtype)
 
 
-def minus_zero(zero: Array, dtype: DTypeLike) -> Array:
-    """-0 of which the compiler knows nothing, of a hidden zero (uint32)."""
-    integer = _integer(dtype)
-    sign = integer.type(1 << (finfo(dtype).bits - 1))
-    return _of_bits(lax.bitwise_or(lax.convert_element_type(zero, integer), sign), dtype)
-
-
 def opaque_or_nan(x: Array) -> Array:
     """`opaque`, with the program's own proof that a sum has an error: NaN where a compiler takes it for 0.
 
@@ -144,11 +137,6 @@ def widened(x: Array, dtype: DTypeLike = np.float64) -> Array:
     """x in a wider dtype, as it was rounded. Where x is a conversion from that dtype itself, XLA would leave out both
     on GPUs (`xla_allow_excess_precision`)."""
     return lax.convert_element_type(no_reassociation(x), dtype)
-
-
-def is_no_reassociation(eqn: Any) -> bool:
-    """Whether an operation of a trace is `no_reassociation`."""
-    return eqn.primitive is _kept_p
 
 
 def _to_its_own_format(context: Any, x: Any) -> Sequence[Any]:

@@ -1,6 +1,8 @@
 """How primitives are made: elementwise ones, of arrays of one shape; compiled, lowered, and with shardings."""
 
+import contextlib
 import functools
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, cast
 
@@ -9,12 +11,11 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.core import ShapedArray
 from jax.experimental.xla_metadata import set_xla_metadata  # pyright: ignore[reportUnknownVariableType]: no stub
-from jax.extend.core import ClosedJaxpr, Literal, Primitive
+from jax.extend.core import ClosedJaxpr, Primitive
 from jax.interpreters import ad, batching, mlir
 
 Rule = Callable[..., Any]
-# The names in traces of calls that are not inlined, and of others that may be one kernel.
-CALL, STEP = "jaxspatial_call", "jaxspatial_step"
+# Operations of a trace that call another trace.
 CALLS = {"jit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2", "checkpoint"}
 lower_fun = cast(Rule, mlir.lower_fun)
 _NO_MESH = jax.sharding.AbstractMesh((), ())
@@ -107,72 +108,40 @@ def _batched(arguments: Sequence[Array], axes: Sequence[int | None]) -> Iterator
         yield lax.broadcast(x, (size,)) if axis is None else jnp.moveaxis(x, axis, 0)
 
 
+class _Calls(threading.local):
+    are_inlined = False
+
+
+_calls = _Calls()
+
+
+@contextlib.contextmanager
+def inlined_calls() -> Iterator[None]:
+    """What is traced meanwhile has no call of `not_inlined`. Programs that become machine code of our own need none,
+    and on GPUs XLA fuses nothing in a call: each of its operations would be a kernel."""
+    before, _calls.are_inlined = _calls.are_inlined, True
+    try:
+        yield
+    finally:
+        _calls.are_inlined = before
+
+
 def not_inlined(function: Callable[..., Any], *arguments: Any) -> Any:
-    """function(*arguments), as a call that the compiler does not inline."""
-    return apart(function)(*arguments)
+    """function(*arguments), as a call that the compiler does not inline, unless `inlined_calls`."""
+    if _calls.are_inlined:
+        return function(*arguments)
 
+    def jaxspatial_call(*arguments: Any) -> Any:
+        return function(*arguments)
 
-def apart(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function, whose calls the compiler does not inline. All calls with arguments of one kind have one trace."""
-    call = _named(CALL, function)
-
-    def called(*arguments: Any) -> Any:
-        with set_xla_metadata(inlineable="false"):
-            return call(*arguments)
-
-    return called
-
-
-def without_calls(closed: ClosedJaxpr, *arrays: Any) -> list[Any]:
-    """The results of a trace, with every call in it inlined.
-
-    XLA fuses nothing in a call that it does not inline, on GPUs: each of its operations would be a kernel.
-    """
-    with jax.enable_x64(True):
-        return _inlined(closed, arrays)
-
-
-def _inlined(closed: ClosedJaxpr, arrays: Sequence[Any]) -> list[Any]:
-    values = dict(zip(closed.jaxpr.constvars, closed.consts, strict=True))
-    values |= dict(zip(closed.jaxpr.invars, arrays, strict=True))
-    for eqn in closed.jaxpr.eqns:
-        inputs = [x.val if isinstance(x, Literal) else values[x] for x in eqn.invars]
-        if eqn.primitive.name in CALLS:
-            results = _inlined(called(eqn), inputs)
-        else:
-            results = eqn.primitive.bind(*inputs, **{k: _inlined_within(x) for k, x in eqn.params.items()})
-            results = results if eqn.primitive.multiple_results else [results]
-        values |= dict(zip(eqn.outvars, results, strict=True))
-    return [x.val if isinstance(x, Literal) else values[x] for x in closed.jaxpr.outvars]
-
-
-def _inlined_within(parameter: Any) -> Any:
-    """A parameter of an operation: where that is the body of a loop, or all branches, without calls."""
-    if isinstance(parameter, tuple):
-        items = tuple(map(_inlined_within, parameter))
-        return type(parameter)(*items) if hasattr(parameter, "_fields") else items
-    if not isinstance(parameter, ClosedJaxpr):
-        return parameter
-    return jax.make_jaxpr(lambda *arrays: _inlined(parameter, arrays))(*parameter.in_avals)
+    with set_xla_metadata(inlineable="false"):
+        return cast(Any, jax.jit(jaxspatial_call))(*arguments)
 
 
 def called(eqn: Any) -> ClosedJaxpr:
     """The trace that a call runs."""
     inner = next(eqn.params[k] for k in ("jaxpr", "call_jaxpr") if k in eqn.params)
     return inner if isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, ())
-
-
-def named_step(function: Callable[..., Any], *arguments: Any) -> Any:
-    """function(*arguments), as a part of a trace that is known by its name."""
-    return _named(STEP, function)(*arguments)
-
-
-def _named(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-    def call(*arguments: Any) -> Any:
-        return function(*arguments)
-
-    call.__name__ = name
-    return cast(Any, jax.jit(call))
 
 
 def choice(number: float, shape: tuple[int, ...], dtype: Any) -> Array:

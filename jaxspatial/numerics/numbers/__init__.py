@@ -14,7 +14,7 @@ Comparisons, roots and selections are for the first three alone.
 """
 
 from jaxspatial.numerics.numbers.corrected import Corrected as Corrected
-from jaxspatial.numerics.numbers.number import as_data as as_data, as_step as as_step
+from jaxspatial.numerics.numbers.number import as_data as as_data
 from jaxspatial.numerics.numbers.number import constant as constant, data_of as data_of
 from jaxspatial.numerics.numbers.number import doubled as doubled
 from jaxspatial.numerics.numbers.number import frozen as frozen, halved as halved

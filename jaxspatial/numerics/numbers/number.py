@@ -13,7 +13,7 @@ from jax import Array, lax
 
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree import scaling
-from jaxspatial.numerics.errorfree.primitives import choice, named_step, not_inlined
+from jaxspatial.numerics.errorfree.primitives import choice, not_inlined
 from jaxspatial.numerics.numbers.corrected import Corrected
 from jaxspatial.numerics.numbers.double_word import DoubleWord
 from jaxspatial.numerics.numbers.polynomial import Polynomial
@@ -183,19 +183,6 @@ def noinline(function: Callable[..., T]) -> Callable[..., T]:
     For what many entries of a result are made of: it would be computed again for each of them. What is known while
     tracing stays so on both sides of the call.
     """
-    return _over_data(function, not_inlined)
-
-
-def as_step(function: Callable[..., T]) -> Callable[..., T]:
-    """A function of trees of numbers, the step of a loop, becomes a part of the trace that is known by its name.
-
-    A compiler may inline it; where programs run as kernels, see `engine.kernels`, it is one of them.
-    """
-    return _over_data(function, named_step)
-
-
-def _over_data(function: Callable[..., T], call: Callable[..., Any]) -> Callable[..., T]:
-    """A function of trees of numbers, called by `call` on the arrays in them."""
 
     @functools.wraps(function)
     def wrapped(*arguments: Any) -> Any:
@@ -209,7 +196,7 @@ def _over_data(function: Callable[..., T], call: Callable[..., Any]) -> Callable
             found[:] = [without_data(result)]
             return data_of(result)
 
-        results = call(on_data, data)
+        results = not_inlined(on_data, data)
         return with_data(found[0], results)
 
     return wrapped

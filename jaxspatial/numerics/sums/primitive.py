@@ -19,11 +19,11 @@ from jax.interpreters import ad, batching, mlir
 from jaxspatial.numerics.errorfree.primitives import (
     common_spec,
     compiled,
+    inlined_calls,
     is_zero,
     no_tangent,
     rule,
     same_sharding,
-    without_calls,
 )
 from jaxspatial.numerics.numbers.polynomial import Term
 from jaxspatial.numerics.sums.evaluation import Plan, Sum, evaluate
@@ -153,7 +153,8 @@ def _batched_plan(plan: Plan, place: int, size: int, leading: bool) -> Plan:
 
 
 def _evaluate_without_calls(*arrays: Array, plan: Plan) -> list[Array]:
-    return without_calls(jax.make_jaxpr(functools.partial(evaluate, plan=plan))(*arrays), *arrays)
+    with inlined_calls():
+        return evaluate(*arrays, plan=plan)
 
 
 def trace_of_sums(eqn: Any) -> ClosedJaxpr | None:
@@ -161,7 +162,7 @@ def trace_of_sums(eqn: Any) -> ClosedJaxpr | None:
     if eqn.primitive is not _sums_p:
         return None
     avals = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
-    with jax.enable_x64(True):
+    with jax.enable_x64(True), inlined_calls():
         return jax.make_jaxpr(functools.partial(evaluate, **eqn.params))(*avals)
 
 
