@@ -1,7 +1,8 @@
 """What a scene does not have leaves no operation behind: multiplications that algorithms ask for, counted.
 
-A planar arm next to a general one, both of 6 revolute joints, at most 0.35; whatever is absent, exactly the operations
-of the scene without it. (`pytest -s` prints the table.)
+They are counted twice: operations on arrays, which XLA is asked for, and on single numbers, which our own machine code
+does. A planar arm next to a general one, both of 6 revolute joints, at most 0.35, or 0.4; whatever is absent, exactly the
+operations of the scene without it. (`pytest -s` prints the table.)
 """
 
 import functools
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from tests.helpers.counting import asked_for, flops
+from tests.helpers.counting import asked_for, done, flops
 from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow_but
 
@@ -68,33 +69,45 @@ def arm(is_planar=False, is_point=False, gravity=(0.0, -9.81, 0.0), n=N):
     return js.Mechanism.build(bodies, joints, gravity=gravity)
 
 
-def counted(mech, name, **more):
+@pytest.fixture(params=[asked_for, done], ids=["on arrays", "on numbers"])
+def count(request):
+    return request.param
+
+
+@pytest.fixture
+def counted(count):
+    return functools.partial(_of_scene, count)
+
+
+def _of_scene(count, mech, name, **more):
     """Equal mechanisms are counted once."""
-    return _counted(mech, name, **more) if more else _counted_once(mech.as_static(), name)
+    return _counted(count, mech, name, **more) if more else _counted_once(count, mech.as_static(), name)
 
 
 @functools.cache
-def _counted_once(static, name):
-    return _counted(static.as_known(), name)
+def _counted_once(count, static, name):
+    return _counted(count, static.as_known(), name)
 
 
-def _counted(mech, name, **more):
+def _counted(count, mech, name, **more):
     function, n = ALGORITHMS[name]
     state = tuple(x[: mech.nv] for x in STATE[:n])
-    return asked_for(functools.partial(function, mech, precision="fast", **more), *state)
+    return count(functools.partial(function, mech, precision="fast", **more), *state)
 
 
 @algorithms
-def test_a_planar_arm(name):
+def test_a_planar_arm(name, counted, count):
     general, planar = (counted(arm(is_planar=is_planar), name) for is_planar in (False, True))
     print(f"{name}: {general['multiply']} -> {planar['multiply']} multiplications, {flops(general)} -> {flops(planar)}")
-    assert planar["multiply"] <= 0.35 * general["multiply"]
-    assert flops(planar) <= 0.35 * flops(general)
-    if name == "forward dynamics":  # as the pages say
+    # Both have the sines and cosines of 6 angles: one each of arrays, six of numbers.
+    most = 0.35 if count is asked_for else 0.4
+    assert planar["multiply"] <= most * general["multiply"]
+    assert flops(planar) <= most * flops(general)
+    if name == "forward dynamics" and count is asked_for:  # as the pages say
         assert (planar["multiply"], general["multiply"]) == (89, 682)
 
 
-def test_quarter_turns_written_with_few_digits():
+def test_quarter_turns_written_with_few_digits(counted):
     """In float32 they cost what quarter turns cost; in float64 they are what the file says."""
     counts = []
     for cosine in (4.9e-12, 0.0):
@@ -105,7 +118,7 @@ def test_quarter_turns_written_with_few_digits():
     assert counts[0] == counts[1]
 
 
-def test_without_gravity():
+def test_without_gravity(counted):
     weightless = arm(gravity=(0.0, 0.0, 0.0))
     assert not counted(weightless, "gravity forces")
     assert not counted(arm(is_planar=True, gravity=(0.0, 0.0, -9.81)), "gravity forces")  # all of it in the axes
@@ -113,14 +126,14 @@ def test_without_gravity():
         assert counted(weightless, name)["multiply"] < counted(arm(), name)["multiply"]
 
 
-def test_at_rest_is_less_than_in_motion():
+def test_at_rest_is_less_than_in_motion(counted):
     """Gravity forces are inverse dynamics at rest, bias forces those without acceleration."""
     counts = [counted(arm(), name)["multiply"] for name in ("gravity forces", "bias forces", "inverse dynamics")]
     assert counts[0] < 0.7 * counts[1] < counts[1] < counts[2]
 
 
 @algorithms
-def test_without_external_forces(name):
+def test_without_external_forces(name, counted):
     if name in ("inverse dynamics", "forward dynamics", "bias forces"):
         assert counted(arm(), name, external_forces={}) == counted(arm(), name)
         load = {"link2": js.SpatialForce(np.ones(3, np.float32), np.ones(3, np.float32))}
@@ -128,7 +141,7 @@ def test_without_external_forces(name):
 
 
 @most_algorithms
-def test_welded_bodies(name):
+def test_welded_bodies(name, counted):
     """A body welded to another costs nothing: what is left is an arm with one joint less."""
     rng = np.random.default_rng(0)
     bodies = [body(rng, f"link{i}") for i in range(3)]
@@ -142,7 +155,7 @@ def test_welded_bodies(name):
 
 
 @most_algorithms
-def test_locked_joints(name):
+def test_locked_joints(name, counted):
     """The operations of the scene built without them."""
     locked = js.lock_joints(arm(), {f"joint{i}": 0.3 for i in (2, 3, 4, 5)})
     assert counted(locked, name) == counted(arm(n=2), name)
@@ -153,7 +166,7 @@ def test_locked_joints(name):
 
 
 @algorithms
-def test_point_masses(name):
+def test_point_masses(name, counted):
     """Articulated bodies have inertias about their joints, in which a moment of inertia costs nothing to begin with;
     composite ones are no points, and have additions less."""
     point, general = (counted(arm(is_point=x), name) for x in (True, False))
@@ -162,10 +175,10 @@ def test_point_masses(name):
 
 
 @most_algorithms
-def test_numbers_passed_as_arguments_stay_general(name):
+def test_numbers_passed_as_arguments_stay_general(name, counted, count):
     """And cost at most a third more than known ones of which nothing is special."""
     function, n = ALGORITHMS[name]
-    general = asked_for(lambda mech, *x: function(mech, *x, precision="fast"), arm().as_data(), *STATE[:n])
+    general = count(lambda mech, *x: function(mech, *x, precision="fast"), arm().as_data(), *STATE[:n])
     assert counted(arm(), name)["multiply"] <= general["multiply"] <= 4 / 3 * counted(arm(), name)["multiply"]
 
 
@@ -194,12 +207,12 @@ OF_FRAMES = {
 
 @pytest.mark.parametrize("frame", ["finger0_2", "arm1", "world"])
 @pytest.mark.parametrize("name", OF_FRAMES)
-def test_bodies_that_do_not_carry_a_frame_are_not_computed(name, frame):
+def test_bodies_that_do_not_carry_a_frame_are_not_computed(name, frame, count):
     """One finger of four costs what it costs alone; columns of the others are zero."""
     alone, four = hand(1), hand(4)
     q = jnp.asarray(np.random.default_rng(1).standard_normal(four.nv).astype(np.float32))
     function = OF_FRAMES[name]
-    costs = [asked_for(lambda q, v, m=m: function(m, q, v, frame), q[: m.nv], q[: m.nv]) for m in (alone, four)]
+    costs = [count(lambda q, v, m=m: function(m, q, v, frame), q[: m.nv], q[: m.nv]) for m in (alone, four)]
     assert costs[0] == costs[1]
     of = lambda mech, q: interpreted(lambda q: function(mech, q, q, frame))(q)  # noqa: E731
     ours, expected = of(four, q), of(alone, q[: alone.nv])
