@@ -9,7 +9,7 @@ import pytest
 
 import jaxspatial as js
 from tests.dynamics.test_loads import arm, pose, state
-from tests.helpers.counting import asked_for
+from tests.helpers.counting import asked_for, done
 from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
 
@@ -157,23 +157,30 @@ def test_in_steps(name):
 # -- what they cost ---------------------------------------------------------------------------------------------------
 
 
-def counted(F, *arguments):
-    q, v, _ = state()
-    run = functools.partial(js.bias_forces, arm(), precision="fast")
-    return asked_for(lambda q, v, *x: run(q, v, F(*x)), q, v, *arguments)
+@pytest.fixture(params=[asked_for, done], ids=["on arrays", "on numbers"])
+def count(request):
+    return request.param
 
 
-def test_origins_in_world_axes_cost_what_a_dict_costs():
+@pytest.fixture
+def counted(count):
+    (q, v, _), run = state(), functools.partial(js.bias_forces, arm(), precision="fast")
+    return lambda F, *arguments: count(lambda q, v, *x: run(q, v, F(*x)), q, v, *arguments)
+
+
+def test_origins_in_world_axes_cost_what_a_dict_costs(counted, count):
     frames = "upper", "tip", "elbow"
     x = jnp.ones((3, 3)), jnp.ones((3, 3))
     stacked = counted(lambda tau, f: js.AppliedForces(frames, js.SpatialForce(tau, f)), *x)
     by_name = counted(lambda tau, f: {name: js.SpatialForce(tau[i], f[i]) for i, name in enumerate(frames)}, *x)
-    assert stacked["multiply"] <= by_name["multiply"] and stacked["add"] <= by_name["add"]
+    # A frame at the origin of its body is not told apart among several.
+    most = 1 if count is asked_for else 1.05
+    assert all(stacked[x] <= most * by_name[x] for x in ("multiply", "add"))
     one = counted(lambda tau, f: js.AppliedForces(["tip"], js.SpatialForce(tau[:1], f[:1])), *x)
     assert one == counted(lambda tau, f: {"tip": js.SpatialForce(tau[0], f[0])}, *x)
 
 
-def test_what_is_absent_leaves_nothing_behind():
+def test_what_is_absent_leaves_nothing_behind(counted):
     nothing, f = counted(lambda: None), jnp.ones((1, 3))
     assert counted(lambda: js.AppliedForces([], js.SpatialForce.zero((0,)))) == nothing
     assert counted(lambda: js.AppliedForces(["tip"], js.SpatialForce(np.zeros((1, 3)), np.zeros((1, 3))))) == nothing

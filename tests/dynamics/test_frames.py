@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from tests.helpers.counting import asked_for, flops
+from tests.helpers.counting import asked_for, done, flops
 from tests.helpers.interpreted import interpreted
 
 OF_FRAMES = {
@@ -79,14 +79,15 @@ def test_gradients_of_one_are_those_among_several(name):
     assert np.any(np.asarray(one) != 0)
 
 
+@pytest.mark.parametrize("count", [asked_for, done], ids=["on arrays", "on numbers"])
 @pytest.mark.parametrize("name", ["jacobian", "jacobian_rate"])
-def test_one_recursion_for_several(name):
+def test_one_recursion_for_several(name, count):
     """Poses and velocities are found once: a frame more asks for its own columns alone."""
     mech = js.testing.random_mechanism(1, 6, ["ball"])
     x = jnp.asarray(mech.neutral()), jnp.ones(mech.nv), jnp.ones(mech.nv)
     of, last = functools.partial(OF_FRAMES[name], mech), mech.body_names[-2:]
-    one, both = (flops(asked_for(functools.partial(of, frames=frames), *x)) for frames in (last[0], last))
-    poses = flops(asked_for(lambda q: js.forward_kinematics(mech, q, last[0]), x[0]))
+    one, both = (flops(count(functools.partial(of, frames=frames), *x)) for frames in (last[0], last))
+    poses = flops(count(lambda q: js.forward_kinematics(mech, q, last[0]), x[0]))
     assert both <= 2 * one - poses / 2
 
 

@@ -1,8 +1,8 @@
 """What a scene does not have leaves no operation behind: multiplications that algorithms ask for, counted.
 
 They are counted twice: operations on arrays, which XLA is asked for, and on single numbers, which our own machine code
-does. A planar arm next to a general one, both of 6 revolute joints, at most 0.35, or 0.4; whatever is absent, exactly the
-operations of the scene without it. (`pytest -s` prints the table.)
+does. A planar arm next to a general one, both of 6 revolute joints, at most 0.35, or 0.4; whatever is absent, exactly
+the operations of the scene without it. (`pytest -s` prints the table.)
 """
 
 import functools

@@ -29,9 +29,12 @@ def compiled(function, *arguments):
     return _counted(r"= \S+ (\w+)\(", jax.jit(function).lower(*arguments).compile().as_text())
 
 
-def done(function, *arguments):
-    """How often a program does each operation on single numbers, on CPUs and for one state; a loop as often as it turns,
-    if that is known, and once otherwise."""
+def done(function, *arguments, in_all_turns=True):
+    """How often a program does each operation on single numbers, on CPUs and for one state.
+
+    What a loop does counts as often as the loop turns, or once if that is not known or is not asked for: as often as it
+    stands in the machine code.
+    """
     g = graph.graph_of(jax.make_jaxpr(function)(*arguments), program._expanded)
     found, live = collections.Counter(), set()
     waiting = [int(node) for nodes in g.results for node in nodes.ravel()]
@@ -42,7 +45,7 @@ def done(function, *arguments):
         live.add(node)
         waiting += [*g.operands[node], *_needed(g, node)]
         if name := OF_GRAPHS.get(g.operations[node]):
-            found[name] += _turns(g, g.regions[node])
+            found[name] += _turns(g, g.regions[node]) if in_all_turns else 1
     return found
 
 
