@@ -217,8 +217,9 @@ class Pullback(Derived):
         n = n_states(arrays)
 
         def over_all(*chosen: jax.Array):
-            # A result that is itself the cotangent of a shared argument is shared by all states.
-            results = run(*chosen)
+            # What all states share is repeated first, so that its cotangents are added up once, at the end. A result
+            # that is itself the cotangent of a shared argument is shared by all states.
+            results = run(*(jnp.broadcast_to(x, (n, *x.shape[1:])) for x in chosen))
             places = self._given(range(len(results) if self.given is None else len(self.given)))
             primals = ((self.program.primal_of(i), y) for i, y in zip(places, results, strict=True))
             return [jnp.broadcast_to(y, (n, *y.shape[1:])) if primal is None else y for primal, y in primals]

@@ -17,7 +17,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.core import Tracer
 
 from jaxspatial.engine import stacking
 from jaxspatial.engine.state import MechanismState
@@ -161,25 +160,9 @@ def _run(step: Step, bundle: Bundle, n: int, numbers, start, boundaries: Boundar
     if bundle.length > 1:
         return _loop(step, numbers, start, boundaries, (bundle.width, n))
     of_one = stacking.mapped(lambda word: lax.squeeze(word, (0,)), numbers)
-    result, last = _for_each_state(step, (of_one, start), (bundle.width, n))(of_one, start)
+    result, last = step(of_one, start)
     last = stacking.mapped(lambda word: jnp.broadcast_to(word, (bundle.width, n)), last)
     return stacking.mapped(lambda word: lax.expand_dims(word, (0,)), result), last, None
-
-
-def _for_each_state(step: Step, arguments: Any, shape: tuple[int, int]) -> Step:
-    """The step, which first repeats for each state (W, B) the numbers that all share. Known numbers stay as they are.
-
-    A pull-back then sums each of these numbers once, at its end, however often the step uses it. All that comes before
-    is computed number by number.
-    """
-    shared = [isinstance(x, Tracer) and x.shape[-1] == 1 != shape[-1] for x in data_of(arguments)]
-
-    def of_each(*arguments: Any) -> tuple[Any, Any]:
-        data = zip(data_of(arguments), shared, strict=True)
-        every = [jnp.broadcast_to(x, (*x.shape[:-2], *shape)) if yes else x for x, yes in data]
-        return step(*with_data(arguments, every))
-
-    return of_each
 
 
 def _loop(step: Step, numbers, start, boundaries: Boundaries, shape: tuple[int, int]) -> tuple[Any, Any, Any]:
@@ -248,8 +231,7 @@ class _Loop:
 
     def _row(self, carry: tuple[Any, Any], inputs: tuple[Any, Any]) -> tuple[Any, Any]:
         (state, memory), (data, rows) = carry, inputs
-        step = _for_each_state(self.step, (self.numbers, self.states), self.shape)
-        result, new = step(with_data(self.numbers, data), self._state(state))
+        result, new = self.step(with_data(self.numbers, data), self._state(state))
         self.result = without_data(result)
         state = self._data(new, self.shape)
         if rows:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.engine import algorithm, graph
+from jaxspatial.engine import algorithm, cpu, graph
 from jaxspatial.engine.algorithm import Algorithm, ManyProgramsWarning
 from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
@@ -218,6 +218,16 @@ def test_a_state_has_the_same_bits_alone_in_a_loop_and_in_a_batch(function):
         many = jax.jit(functools.partial(function, mech))(*np.tile(states, (1, 200, 1)))
     same(in_loop, alone)
     same(many[:5], alone)
+
+
+@pytest.mark.parametrize("function", [js.inverse_dynamics, js.forward_dynamics])
+def test_a_pullback_adds_up_each_number_of_a_robot_once(function, monkeypatch):
+    """Also where XLA compiles it: not wherever the number is used, which for this arm is in 267 places."""
+    monkeypatch.setattr(cpu, "is_available", lambda: False)
+    mech = js.testing.random_mechanism(3, 6, ["revolute"], is_chain=True, dtype=np.float32)
+    x = np.ones((4, 6), np.float32)
+    pulled = jax.grad(lambda mech, *of: function(mech, *of).sum(), allow_int=True)
+    assert jax.jit(pulled).lower(mech, x, x, x).as_text().count("stablehlo.reduce(") <= 20
 
 
 def _stepped(mech, q, tau, v, precision):
