@@ -130,8 +130,7 @@ def _rebuilt(mechanism: Mechanism, bodies: list[Body], joints: list[Joint], fram
     """A mechanism of these parts, with what else there is to a mechanism."""
     names = {WORLD, *(part.name for part in (*bodies, *frames))}
     loops = [loop for loop in mechanism.loops if {loop.frame_a, loop.frame_b} <= names]
-    new = Mechanism.build(bodies, joints, frames, mechanism.gravity, mechanism.dtype, loops)
-    return new.written_out() if mechanism.topology.is_written_out else new
+    return Mechanism.build(bodies, joints, frames, mechanism.gravity, mechanism.dtype, loops)
 
 
 def parts(mechanism: Mechanism) -> tuple[list[Body], list[Joint], list[Frame]]:

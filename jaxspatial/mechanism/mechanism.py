@@ -387,21 +387,6 @@ class Mechanism:
         """
         return _read_only(jax.tree.map(_as_numpy, self._as_tree()))
 
-    def written_out(self, yes: bool = True) -> "Mechanism":
-        """Chooses programs that compute body after body, instead of loops along chains of equal joints.
-
-        What is known of each body then folds by itself. On CPUs a robot of many joints runs up to twice as fast, and
-        takes two to three times as long to compile; for a single arm it makes little difference. Results have the same
-        bits, but for energies and others that are sums over all bodies, and for some gradients: sums in another order.
-
-        Args:
-            yes: False for loops, which is how mechanisms are built.
-
-        Returns:
-            The mechanism, with the same numbers as leaves.
-        """
-        return self._as_tree(topology=dataclasses.replace(self.topology, is_written_out=bool(yes)))
-
     def as_static(self) -> "StaticMechanism":
         """Makes a StaticMechanism, without leaves: for a field of a learner's module, or an argument of a jitted
         function that is to fold.

@@ -125,8 +125,8 @@ class Topology:
     """Names, kinds and connections: joint i carries body i. Parents have lower numbers than children, the world is -1.
 
     followed: for each joint the one whose coordinate it follows; itself where it has coordinates of its own.
-    frames: (name, body) of all frames. is_written_out: whether recursions compute body after body, without loops along
-    chains; see `Mechanism.written_out`. computed: the bodies that recursions compute, None for all; see `carrying`.
+    frames: (name, body) of all frames. computed: the bodies that recursions compute, None for all; see
+    `carrying`.
 
     welds: (name of a fixed joint, the frame that it holds). carried_by: for each frame the one that it is a part of, or
     is welded to; itself for the world and for moving bodies. hung_on: for each joint the frame that it hangs on.
@@ -138,7 +138,6 @@ class Topology:
     parents: tuple[int, ...]
     followed: tuple[int, ...]
     frames: tuple[tuple[str, int], ...] = ()
-    is_written_out: bool = False
     computed: tuple[int, ...] | None = None
     welds: tuple[tuple[str, int], ...] = ()
     carried_by: tuple[int, ...] = ()
@@ -255,7 +254,7 @@ class Topology:
         bundles, place = list[Bundle](), {-1: -1}
         for group in self.chains:
             last = max(place[parent] for parent in group.parents)
-            for k in () if self.is_written_out else range(max(last, 0), len(bundles)):
+            for k in range(max(last, 0), len(bundles)):
                 if bundles[k].has_room_for(group):
                     bundles[k] = Bundle((*bundles[k].groups, group))
                     break
@@ -295,7 +294,7 @@ class Topology:
     def _continues(self, i: int):
         """Whether body i continues the chain of the one before: its only child, by a joint of the same kind. A body on
         the world is a chain of its own: most of what it computes with is known."""
-        if self.is_written_out or i == 0:
+        if i == 0:
             return False
         is_only = self.parents[i] == i - 1 and len(self.children[i - 1]) == 1 and self.parents[i - 1] >= 0
         return is_only and self.kind(i).moves_as == self.kind(i - 1).moves_as

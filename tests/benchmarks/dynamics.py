@@ -59,7 +59,7 @@ HERE = pathlib.Path(__file__).parent
 TABLE = HERE / "dynamics.md"
 CACHE = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "jaxspatial" / "benchmarks"
 DTYPES = ("float32", "float64")
-PRECISIONS = {OURS: None, rows.FAST: "fast", rows.AS_DATA: None, rows.WRITTEN_OUT: None}
+PRECISIONS = {OURS: None, rows.FAST: "fast", rows.AS_DATA: None}
 # The gradient of a step of MJX takes three to five times as long to compile as the step.
 MJX_GRADIENT = 4.0
 
@@ -136,8 +136,6 @@ class Robot:
         mech = rows.mechanism(self.robot)
         if case.who == rows.AS_DATA:
             mech = mech.astype(self.dtype).as_data()
-        elif case.who == rows.WRITTEN_OUT:
-            mech = mech.written_out()
         return rows.program(compiling.watched(mech), self.robot.tip, case.algorithm, PRECISIONS[case.who])
 
     def _takes_too_long(self, case):

@@ -40,9 +40,9 @@ from dynamics_peers import DT, pulled_back
 import jaxspatial as js
 
 # How we are run: with known numbers folded in the default precision, which is what is claimed; in "fast"; and as one
-# program for all numbers of such a robot; and without loops, see `Mechanism.written_out`.
-FAST, AS_DATA, WRITTEN_OUT = f"{OURS}, fast", f"{OURS}, numbers as data", f"{OURS}, written out"
-PROGRAMS = (OURS, FAST, AS_DATA, WRITTEN_OUT)
+# program for all numbers of such a robot.
+FAST, AS_DATA = f"{OURS}, fast", f"{OURS}, numbers as data"
+PROGRAMS = (OURS, FAST, AS_DATA)
 
 
 def mechanism(robot):

@@ -37,7 +37,7 @@ from jaxspatial import measure  # noqa: E402
 from tests.helpers import pinocchio_models as models  # noqa: E402
 
 WRENCHES, STATES, COMPARED = 2**22, (4096, 65536), 512
-ON_THE_GROUND, WRITTEN_OUT = "solo12", f"{contact.CONVEX}, written out"
+ON_THE_GROUND = "solo12"
 ARMS = {"panda": False, "g1_29dof_rev_1_0": True}
 PRECISIONS = ("fast", "reproducible", "compensated", "faithful")
 COPY = "a copy"
@@ -71,18 +71,14 @@ def dynamics(name, n):
     def gradient(q, v, a):
         return jax.grad(lambda *x: js.forward_dynamics(mech, *x).sum(), (0, 1, 2))(q, v, a)
 
-    written_out = mech.written_out()
-    found = {
+    return {
         "forward_kinematics": (lambda q, v, a: js.forward_kinematics(mech, q), (q, v, a)),
         "inverse_dynamics": (lambda q, v, a: js.inverse_dynamics(mech, q, v, a), (q, v, a)),
         "forward_dynamics": (lambda q, v, a: js.forward_dynamics(mech, q, v, a), (q, v, a)),
         "mass_matrix": (lambda q, v, a: js.mass_matrix(mech, q), (q, v, a)),
         "semi_implicit_step": (lambda q, v, a: js.semi_implicit_step(mech, q, v, a, np.float32(1e-3)), (q, v, a)),
         "gradient of forward_dynamics": (gradient, (q, v, a)),
-        "forward_dynamics, written out": (lambda q, v, a: js.forward_dynamics(written_out, q, v, a), (q, v, a)),
     }
-    # A humanoid, written out, compiles for minutes.
-    return {case: x for case, x in found.items() if "written out" not in case or mech.nv < 10}
 
 
 def compiled(calls, all_at_once):
@@ -180,13 +176,11 @@ def robot_beside_the_cpu(table, name):
 
 def on_the_ground(table, n, steps, rounds, all_at_once):
     calls = contact.calls(ON_THE_GROUND, n, steps)
-    written_out = contact.calls(ON_THE_GROUND, n, steps, contact.mechanism(ON_THE_GROUND).written_out())
     calls = {case: calls[case] for case in (contact.CONVEX, contact.PLAIN, contact.MJX)}
-    calls[WRITTEN_OUT] = written_out[contact.CONVEX]
     title = f"{ON_THE_GROUND}, {n} states, {steps} steps"
     seconds = timed(table, calls, n * steps, title, rounds, all_at_once)
-    value = float(np.median(seconds[contact.MJX] / seconds[WRITTEN_OUT]))
-    table.claim(f"{title}, mjx.step over {WRITTEN_OUT}", value, "at least 1", value >= 1)
+    value = float(np.median(seconds[contact.MJX] / seconds[contact.CONVEX]))
+    table.claim(f"{title}, mjx.step over {contact.CONVEX}", value, "at least 1", value >= 1)
 
 
 def main(arguments=None):

@@ -39,7 +39,6 @@ KEPT = {
     "known again": lambda m: m.as_static().as_known(),
     "pickled": lambda m: pickle.loads(pickle.dumps(m)),
     "pickled static": lambda m: pickle.loads(pickle.dumps(m.as_static())),
-    "written out": js.Mechanism.written_out,
     "astype": lambda m: m.astype(np.float16).astype(np.float32).replace(loops=m.loops),
     "add_frames": lambda m: js.add_frames(m, [js.Frame("more", "b")]),
     "lock_joints": lambda m: js.lock_joints(m, {"k": 0.5}),
