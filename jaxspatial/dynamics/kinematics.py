@@ -172,11 +172,11 @@ def subspace_times(S: Sequence[Motion], v: Numbers) -> Motion:
 class BodyVelocities(Algorithm):
     """The program of `_body_velocities`. The pull-back of one frame to v is J^T F, without a recursion inward."""
 
-    def pullback(self, moving: Moving) -> Pullback:
-        moves = [i for i, yes in enumerate(moving) if yes]
-        if isinstance(dict(self.static)["frames"], int) and moves == [self.place(self.n_fields + 1)]:
-            return self.cached(("J^T F", moving), lambda: JacobianTransposed(self, moving))
-        return super().pullback(moving)
+    def pullback(self, moving: Moving, given: Moving | None = None) -> Pullback:
+        moves, is_whole = [i for i, yes in enumerate(moving) if yes], given is None or all(given)
+        if is_whole and isinstance(dict(self.static)["frames"], int) and moves == [self.place(self.n_fields + 1)]:
+            return self.cached(("J^T F", moving), lambda: JacobianTransposed(self, moving, None))
+        return super().pullback(moving, given)
 
 
 class JacobianTransposed(Pullback):
