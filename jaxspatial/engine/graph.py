@@ -31,8 +31,8 @@ class Loop:
 
     length: the number of turns; None for a loop that goes on while `condition` is true. is_reverse: whether the rows
     are taken from the last one on. carried: of each number that turns pass on (parameter, its first value, its new
-    value). rows: by parameter, the nodes that it is in each turn, by row. stacked: nodes of the body whose values in all turns
-    are results.
+    value). rows: by parameter, the nodes that it is in each turn, by row. stacked: nodes of the body whose values in
+    all turns are results.
     """
 
     def __init__(self, region: int, length: int | None, is_reverse: bool = False):
@@ -92,15 +92,21 @@ class Graph:
         return node
 
     def _made(self, name: str, operands: tuple[int, ...], dtype: np.dtype) -> int:
-        constants = self.constants
-        if all(x in constants for x in operands):
+        constants, depths, regions = self.constants, self.depths, self.regions
+        for x in operands:
+            if x not in constants:
+                break
+        else:
             with np.errstate(all="ignore"):
-                return self.constant(EVALUATE[name](dtype, *(constants[x] for x in operands)), dtype)
+                return self.constant(EVALUATE[name](dtype, *[constants[x] for x in operands]), dtype)
         simpler = _SIMPLER.get(name)
         if simpler is not None and (node := simpler(self, *operands)) is not None:
             return node
-        depths, regions = self.depths, self.regions
-        region = max((regions[x] for x in operands), key=depths.__getitem__)
+        region = 0
+        for x in operands:
+            r = regions[x]
+            if depths[r] > depths[region]:
+                region = r
         return self._added(name, operands, dtype, region)
 
     def _added(self, name: str, operands: tuple[int, ...], dtype: np.dtype, region: int) -> int:
@@ -265,10 +271,10 @@ def _negated(g: Graph, a: int) -> int | None:
 
 def _product(g: Graph, a: int, b: int) -> int | None:
     """1 x = x. A product with -1 or 0 stays: it has other bits where x is NaN or infinite."""
-    for x, y in ((a, b), (b, a)):
-        if x in g.constants and g.constants[x] == 1:
-            return y
-    return None
+    constants = g.constants
+    if a in constants and constants[a] == 1:
+        return b
+    return a if b in constants and constants[b] == 1 else None
 
 
 def _quotient(g: Graph, a: int, b: int) -> int | None:
@@ -340,7 +346,7 @@ def graph_of(closed: ClosedJaxpr, expand: Expand = lambda _: None) -> Graph:
 
 
 def _require_supported(dtype: np.dtype) -> None:
-    if dtype.kind == "f" and dtype.itemsize in (4, 8) or dtype.kind in "iub":
+    if dtype.char in "fd" or dtype.kind in "iub":
         return
     raise NotSupportedError(f"numbers of dtype {dtype}")
 
@@ -350,19 +356,21 @@ class _Builder:
 
     def __init__(self, expand: Expand):
         self.graph, self.expand, self.region = Graph(), expand, 0
+        self._singles: dict[tuple[int, tuple[int, ...]], Nodes] = {}
 
     def run(self, closed: Any, arguments: Sequence[Nodes]) -> list[Nodes]:
         jaxpr, values = closed.jaxpr, dict[Any, Nodes]()
         values.update(zip(jaxpr.constvars, map(self.lifted, closed.consts), strict=True))
         values.update(zip(jaxpr.invars, arguments, strict=True))
-
-        def read(x: Any) -> Nodes:
-            return self.lifted(np.asarray(x.val, cast(Any, x.aval).dtype)) if isinstance(x, Literal) else values[x]
-
+        literal = self.literal
         for eqn in jaxpr.eqns:
-            results = self.equation(eqn, [read(x) for x in eqn.invars])
-            values.update(zip(eqn.outvars, results, strict=True))
-        return [read(x) for x in jaxpr.outvars]
+            operands = [literal(x) if type(x) is Literal else values[x] for x in eqn.invars]
+            for v, result in zip(eqn.outvars, self.equation(eqn, operands), strict=True):
+                values[v] = result
+        return [literal(x) if type(x) is Literal else values[x] for x in jaxpr.outvars]
+
+    def literal(self, x: Any) -> Nodes:
+        return self.lifted(np.asarray(x.val, x.aval.dtype))
 
     def lifted(self, x: Any) -> Nodes:
         x = np.asarray(x)
@@ -372,19 +380,34 @@ class _Builder:
 
     def each(self, name: str, dtype: np.dtype, *arrays: Nodes) -> Nodes:
         """An operation of each number of arrays that broadcast."""
-        if any(a.shape != arrays[0].shape for a in arrays):
-            arrays = tuple(np.broadcast_arrays(*arrays))
-        known, graph, found = self.graph._known, self.graph, []
+        shape = arrays[0].shape
+        for a in arrays:
+            if a.shape != shape:
+                arrays = tuple(np.broadcast_arrays(*arrays))
+                shape = arrays[0].shape
+                break
         suffix = (dtype.char,) if name in ("convert", "bitcast") else ()
-        for operands in zip(*(a.ravel().tolist() for a in arrays), strict=True):
+        known, graph = self.graph._known, self.graph
+        if arrays[0].size == 1:
+            # Most are single numbers, of which one array each is kept.
+            operands = tuple([a.item() for a in arrays])
+            node = known.get((name, *operands, *suffix))
+            if node is None:
+                node = graph.operation(name, operands, dtype)
+            single = self._singles.get((node, shape))
+            if single is None:
+                single = self._singles[node, shape] = np.array(node, np.int64).reshape(shape)
+            return single
+        found: list[int] = []
+        for operands in zip(*[a.ravel().tolist() for a in arrays], strict=True):
             node = known.get((name, *operands, *suffix))
             found.append(graph.operation(name, operands, dtype) if node is None else node)
-        return np.array(found, np.int64).reshape(arrays[0].shape)
+        return np.array(found, np.int64).reshape(shape)
 
     def equation(self, eqn: Any, x: list[Nodes]) -> list[Nodes]:
         name = eqn.primitive.name
         if (operation := _ELEMENTWISE.get(name)) is not None:
-            dtype = np.dtype(eqn.outvars[0].aval.dtype)
+            dtype = eqn.outvars[0].aval.dtype
             _require_supported(dtype)
             return [self.each(operation, dtype, *x)]
         if name in _UNCHANGED:

@@ -11,7 +11,7 @@ Nothing is contracted, rearranged or assumed: results have the bits of the graph
 
 import collections
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,20 +19,19 @@ import numpy as np
 from jaxspatial.engine.graph import COMPARISONS, Graph, Loop
 
 LONGEST = 1500
-_TYPES = {"f4": "float", "f8": "double", "b1": "i1"}
+_TYPES = {"f": "float", "d": "double", "?": "i1"}
 _SUFFIXES = {"float": "f32", "double": "f64"}
 _INTRINSICS = {"abs": "fabs", "sqrt": "sqrt", "round": "rint", "floor": "floor", "ceil": "ceil"}
 _ORDERED = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge", "eq": "oeq", "ne": "une"}
+_SHIFTS = {"shl": "shl", "shr": "lshr", "sar": "ashr"}
+# Of integers they are more than one instruction, unless the second operand is known.
+_GUARDED = {"div", "rem", *_SHIFTS}
 # What is read where it lies, as often as it is used: nodes that are no operations.
 _PLACES = {"constant", "load", "carried", "row", "last", "stacked"}
+_OF_LOOPS = {"row", "last", "stacked"}
 # An operation, or the number of a loop as (loop,).
 Item = Any
-
-
-class Piece(NamedTuple):
-    """Items that follow each other in one function."""
-
-    items: list[Item]
+Table = tuple[str, Any, int]
 
 
 class Written(NamedTuple):
@@ -68,6 +67,10 @@ class _Order:
         self.live = set[int]()
         self.live_loops = set[int]()
         self._find()
+        self.items: list[Item | None] = [
+            (graph.details[node][0],) if name in ("last", "stacked") else None if name in _PLACES else node
+            for node, name in enumerate(graph.operations)
+        ]
         self.members = collections.defaultdict[int, list[int]](list)
         for node in sorted(self.live):
             if graph.operations[node] not in _PLACES:
@@ -144,44 +147,27 @@ class _Order:
             found.update(dict.fromkeys(x for x in reads if not g.is_inside(x, region)))
         return list(found)
 
-    def item(self, node: int, region: int) -> Item | None:
-        """The item of a region that a node comes from, if there is one."""
-        g = self.graph
-        if g.regions[node] != region:
-            return None
-        name = g.operations[node]
-        if name in ("last", "stacked"):
-            return (g.details[node][0],)
-        return None if name in _PLACES else node
-
-    def reads(self, item: Item) -> Iterable[int]:
-        return self.outside[item[0]] if isinstance(item, tuple) else self.graph.operands[item]
-
     def scheduled(self, region: int, roots: Sequence[int], done: set[Item]) -> list[Item]:
         """The items of a region that these nodes need, but those that are done."""
-        order: list[Item] = []
-        for root in roots:
-            first = self.item(root, region)
-            if first is None or first in done:
-                continue
-            done.add(first)
-            stack = [(first, iter(self.reads(first)))]
-            while stack:
-                item, rest = stack[-1]
-                for node in rest:
-                    needed = self.item(node, region)
-                    if needed is not None and needed not in done:
-                        done.add(needed)
-                        stack.append((needed, iter(self.reads(needed))))
-                        break
-                else:
-                    order.append(item)
-                    stack.pop()
+        items, regions, operands, order = self.items, self.graph.regions, self.graph.operands, list[Item]()
+        # Each item that waits, and what it reads and has not been looked at.
+        stack: list[tuple[Item, Iterator[int]]] = [(None, iter(roots))]
+        while stack:
+            waiting, rest = stack[-1]
+            for node in rest:
+                item = items[node]
+                if item is not None and regions[node] == region and item not in done:
+                    done.add(item)
+                    stack.append((item, iter(self.outside[item[0]] if type(item) is tuple else operands[item])))
+                    break
+            else:
+                stack.pop()
+                if waiting is not None:
+                    order.append(waiting)
         return order
 
-    def size(self, item: Item) -> int:
-        if not isinstance(item, tuple):
-            return 1
+    def size(self, item: tuple[int]) -> int:
+        """About how many instructions a loop has."""
         return 4 + sum(len(self.members[self.graph.loops[j].region]) for j in (item[0], *self.inner[item[0]]))
 
 
@@ -223,7 +209,7 @@ class _Function:
         self.name, self.lines, self.entry = name, list[str](), list[str]()
         self.registers = dict[int, str]()
         self.pointers = dict[str, str]()
-        self.count, self.block = 0, "body"
+        self.count = 0
 
     def new(self) -> str:
         self.count += 1
@@ -251,12 +237,15 @@ class _Writer:
         self.g, self.width, self.is_shared, self.order = graph, width, is_shared, _Order(graph)
         self.has_fma = has_fma
         self.declared, self.globals = set[str](), dict[str, str]()
+        self.types, self.literals = dict[str, str](), dict[int, str]()
+        self.templates: dict[tuple[str, str, str, bool], str] = {}
+        self.schedules: dict[int, tuple[list[Item], list[Item]]] = {}
         self.pieces: list[list[Item]] = []
         self.bodies: dict[int, _Body] = {}
         self.home, self.readers = dict[int, int](), collections.defaultdict[int, set[int]](set)
         self.slots: dict[int, int] = {}
         self.indices: dict[int, int] = {}
-        self.tables: dict[Any, tuple[str, Any, int]] = {}
+        self.tables: dict[Any, Table] = {}
         self.at = collections.defaultdict[int, list[tuple[int, int]]](list)
         for k, nodes in enumerate(graph.results):
             for j, node in enumerate(nodes.ravel().tolist()):
@@ -276,8 +265,8 @@ class _Writer:
             current, size = [], 0
 
         for item in items:
-            n = self.order.size(item)
-            if isinstance(item, tuple) and n > LONGEST:
+            n = self.order.size(item) if type(item) is tuple else 1
+            if n > LONGEST:
                 close()
                 found.append(self._planned_loop(item[0]))
                 continue
@@ -290,9 +279,11 @@ class _Writer:
 
     def _scheduled_body(self, k: int) -> tuple[list[Item], list[Item]]:
         """(the items in front of the condition of a loop, those after it)."""
-        loop, done = self.g.loops[k], set[Item]()
-        condition = [] if loop.length is not None else self.order.scheduled(loop.region, [loop.condition], done)
-        return condition, self.order.scheduled(loop.region, self.order.ends(k), done)
+        if k not in self.schedules:
+            loop, done = self.g.loops[k], set[Item]()
+            condition = [] if loop.length is not None else self.order.scheduled(loop.region, [loop.condition], done)
+            self.schedules[k] = condition, self.order.scheduled(loop.region, self.order.ends(k), done)
+        return self.schedules[k]
 
     def _planned_loop(self, k: int) -> int:
         self.pieces.append([(k,)])
@@ -310,22 +301,21 @@ class _Writer:
                 self.readers[node].add(self.home[node])
 
     def _note_items(self, p: int, items: Iterable[Item]) -> None:
+        home, readers, operands = self.home, self.readers, self.g.operands
         for item in items:
-            if not isinstance(item, tuple):
-                self.home[item] = p
-                self._note_reads(p, self.g.operands[item])
-                continue
-            k = item[0]
-            loop = self.g.loops[k]
-            ends = self.order.ends(k) + ([loop.condition] if loop.length is None else [])
-            self._note_reads(p, [*self.order.starts(k), *ends])
-            if k not in self.bodies:
-                for part in self._scheduled_body(k):
-                    self._note_items(p, part)
-
-    def _note_reads(self, p: int, nodes: Iterable[int]) -> None:
-        for node in nodes:
-            self.readers[node].add(p)
+            if type(item) is not tuple:
+                home[item] = p
+                reads: Iterable[int] = operands[item]
+            else:
+                k = item[0]
+                loop = self.g.loops[k]
+                reads = [*self.order.starts(k), *self.order.ends(k)]
+                reads += [loop.condition] if loop.length is None else []
+                if k not in self.bodies:
+                    for part in self._scheduled_body(k):
+                        self._note_items(p, part)
+            for node in reads:
+                readers[node].add(p)
 
     # -- places -------------------------------------------------------------------------------------------------------
 
@@ -338,13 +328,15 @@ class _Writer:
         begin, end, clock = dict[Any, int](), dict[Any, int](), 0
         size_of: dict[Any, int] = {}
 
+        operations, operands, readers = self.g.operations, self.g.operands, self.readers
+
         def touch(key: Any, n_bytes: int) -> None:
             begin.setdefault(key, clock)
             end[key] = max(end.get(key, 0), clock)
             size_of[key] = n_bytes
 
         def read(node: int) -> None:
-            name = self.g.operations[node]
+            name = operations[node]
             if name == "last":
                 k, which, _ = self.g.details[node]
                 node = self.g.loops[k].carried[which][0]
@@ -365,12 +357,13 @@ class _Writer:
             nonlocal clock
             for item in items:
                 clock += 1
-                if isinstance(item, tuple):
+                if type(item) is tuple:
                     loop_at(item[0], p)
                     continue
-                for x in self.g.operands[item]:
-                    read(x)
-                if self.readers[item] - {p}:
+                for x in operands[item]:
+                    if x in begin or operations[x] in _OF_LOOPS:
+                        read(x)
+                if len(readers[item]) > 1 or p not in readers[item]:
                     touch(item, self._bytes(item))
 
         def loop_at(k: int, p: int) -> None:
@@ -437,7 +430,7 @@ class _Writer:
     def _length_of(self, key: Any) -> int | None:
         return self.g.loops[key[1] if key[0] == "stacked" else self.g.details[key[1]]].length
 
-    def _found_table(self, parameter: int, loop: Loop) -> tuple[str, Any, int] | None:
+    def _found_table(self, parameter: int, loop: Loop) -> Table | None:
         """Where the rows of a parameter lie already: in an argument, among what another loop stacked, or constants.
 
         (array, first, stride): of an argument its number and bytes; of a stacked table the same in rows.
@@ -461,10 +454,14 @@ class _Writer:
     # -- types and numbers --------------------------------------------------------------------------------------------
 
     def scalar(self, dtype: np.dtype) -> str:
-        return _TYPES.get(dtype.str[1:], f"i{8 * dtype.itemsize}")
+        return _TYPES.get(dtype.char) or f"i{8 * dtype.itemsize}"
 
     def type(self, dtype: np.dtype) -> str:
-        return self.scalar(dtype) if self.width == 1 else f"<{self.width} x {self.scalar(dtype)}>"
+        t = self.types.get(dtype.char)
+        if t is None:
+            t = self.scalar(dtype)
+            t = self.types[dtype.char] = t if self.width == 1 else f"<{self.width} x {t}>"
+        return t
 
     def suffix(self, dtype: np.dtype) -> str:
         t = self.scalar(dtype)
@@ -474,10 +471,6 @@ class _Writer:
     def literal(self, x: Any, dtype: np.dtype) -> str:
         t, value = self.scalar(dtype), _literal(x, dtype)
         return value if self.width == 1 else f"splat ({t} {value})"
-
-    def call(self, f: _Function, register: str, name: str, t: str, *operands: tuple[str, str]) -> None:
-        self.declared.add(f"declare {t} @{name}({', '.join(kind for kind, _ in operands)})")
-        f.add(f"{register} = call {t} @{name}({', '.join(f'{kind} {x}' for kind, x in operands)})")
 
     def loaded(self, f: _Function, pointer: str, dtype: np.dtype) -> str:
         register = f.new()
@@ -513,7 +506,9 @@ class _Writer:
     def read(self, f: _Function, node: int) -> str:
         g = self.g
         if node in g.constants:
-            return self.literal(g.constants[node], g.dtypes[node])
+            if node not in self.literals:
+                self.literals[node] = self.literal(g.constants[node], g.dtypes[node])
+            return self.literals[node]
         if node not in f.registers:
             f.registers[node] = self._read_anew(f, node)
         return f.registers[node]
@@ -522,7 +517,9 @@ class _Writer:
         g, dtype = self.g, self.g.dtypes[node]
         name = g.operations[node]
         if name == "load":
-            return self._read_argument(f, *g.details[node], dtype)
+            k, place = g.details[node]
+            pointer = f.pointer("arguments", k)
+            return self._read_outside(f, pointer, place * self._stride(k, dtype), dtype, self.is_shared[k])
         if name == "row":
             return self._read_row(f, node, g.loops[g.details[node]])
         if name == "stacked":
@@ -533,10 +530,6 @@ class _Writer:
             k, which, _ = g.details[node]
             node = g.loops[k].carried[which][0]
         return self.loaded(f, self.offset(f, "%frame", self.slots[node]), dtype)
-
-    def _read_argument(self, f: _Function, k: int, place: int, dtype: np.dtype) -> str:
-        pointer = f.pointer("arguments", k)
-        return self._read_outside(f, pointer, place * self._stride(k, dtype), dtype, self.is_shared[k])
 
     def _stride(self, k: int, dtype: np.dtype) -> int:
         return dtype.itemsize * (1 if self.is_shared[k] else self.width)
@@ -566,7 +559,7 @@ class _Writer:
     def _read_row(self, f: _Function, node: int, loop: Loop) -> str:
         g, dtype = self.g, self.g.dtypes[node]
         index = self._index(f, g.details[node])
-        kind, first, step = self._found_table(node, loop) or ("own", 0, 1)
+        kind, first, step = self._found_table(node, loop) or ("own", (), 1)
         if kind == "constant":
             return self._read_constant(f, index, [g.constants[n] for n in first], dtype)
         scaled = f.new()
@@ -618,20 +611,24 @@ class _Writer:
 
     def _piece(self, p: int) -> _Function:
         f = _Function(f"piece{p}")
-        for item in self.pieces[p]:
-            self._write(f, p, item)
+        self._write(f, p, self.pieces[p])
         return f
 
-    def _write(self, f: _Function, p: int, item: Item) -> None:
-        if isinstance(item, tuple):
-            self._write_loop(f, p, item[0])
-            return
-        f.registers[item] = self._operation(f, item)
-        if item in self.slots:
-            pointer = self.offset(f, "%frame", self.slots[item])
-            self.stored(f, f.registers[item], pointer, self.g.dtypes[item])
-        if item in self.at:
-            self._stored_results(f, item, self.at[item])
+    def _write(self, f: _Function, p: int, items: Iterable[Item]) -> None:
+        operands, dtypes, lines, slots, at = self.g.operands, self.g.dtypes, f.lines, self.slots, self.at
+        read, template_of = self.read, self._template_of
+        for item in items:
+            if type(item) is tuple:
+                self._write_loop(f, p, item[0])
+                continue
+            registers = f.registers
+            values = [registers[x] if x in registers else read(f, x) for x in operands[item]]
+            register = registers[item] = f"%n{item}"
+            lines.append(template_of(item).format(register, *values))
+            if item in slots:
+                self.stored(f, register, self.offset(f, "%frame", slots[item]), dtypes[item])
+            if item in at:
+                self._stored_results(f, item, at[item])
 
     def _stored_results(self, f: _Function, node: int, places: Iterable[tuple[int, int]]) -> None:
         """Results are stored as soon as they are known."""
@@ -661,17 +658,17 @@ class _Writer:
         head, body, end = (f"{name}{f.count}" for name in ("head", "turn", "end"))
         f.add(f"br label %{head}")
         f.lines.append(f"{head}:")
-        outside, condition, rest = dict(f.registers), *self._parts(k)
-        self._write_part(f, p, condition)
+        outside = dict(f.registers)
+        self._write_part(f, p, k, 0)
         active = ""
         if loop.length is None:
             active = any_active = self.read(f, loop.condition)
             if self.width > 1:
-                any_active, name = f.new(), f"llvm.vector.reduce.or.v{self.width}i1"
-                self.call(f, any_active, name, "i1", (self.type(np.dtype(bool)), active))
+                any_active, mask = f.new(), self.type(np.dtype(bool))
+                f.add(f"{any_active} = {self._call(f'llvm.vector.reduce.or.v{self.width}i1', 'i1', (mask, active))}")
             f.add(f"br i1 {any_active}, label %{body}, label %{end}")
             f.lines.append(f"{body}:")
-        self._write_part(f, p, rest)
+        self._write_part(f, p, k, 1)
         for i in order.stacked_of(k):
             _, place, stride = self.tables["stacked", k, i]
             row, scaled = self._index(f, k), f.new()
@@ -690,19 +687,13 @@ class _Writer:
         f.lines.append(f"{end}:")
         f.registers = outside
 
-    def _parts(self, k: int) -> tuple[Any, Any]:
-        if k in self.bodies:
-            return self.bodies[k].condition, self.bodies[k].rest
-        condition, rest = self._scheduled_body(k)
-        return Piece(condition), Piece(rest)
-
-    def _write_part(self, f: _Function, p: int, part: Any) -> None:
-        if isinstance(part, Piece):
-            for item in part.items:
-                self._write(f, p, item)
-        else:
-            for q in part:
-                self._called(f, q)
+    def _write_part(self, f: _Function, p: int, k: int, part: int) -> None:
+        """What is in front of the condition of a loop, 0, or after it, 1."""
+        if k not in self.bodies:
+            self._write(f, p, self._scheduled_body(k)[part])
+            return
+        for q in self.bodies[k].rest if part else self.bodies[k].condition:
+            self._called(f, q)
 
     def _store_carried(self, f: _Function, pairs: Sequence[tuple[int, int]], active: str = "") -> None:
         """Stores new values of what a loop carries. All are read before the first is stored.
@@ -723,143 +714,146 @@ class _Writer:
 
     # -- operations ---------------------------------------------------------------------------------------------------
 
-    def _operation(self, f: _Function, node: int) -> str:
+    def _template_of(self, node: int) -> str:
+        """The instructions of an operation, with {0} in place of its register, and {1}, {2}, {3} of its operands."""
         g = self.g
-        name, dtype, of = g.operations[node], g.dtypes[node], [g.dtypes[x] for x in g.operands[node]]
-        args, t = [self.read(f, x) for x in g.operands[node]], self.type(dtype)
-        types, r = [self.type(d) for d in of], f.new()
-        if name in ("div", "rem") and dtype.kind != "f":
-            self._divided(f, r, name, g.operands[node], args, dtype)
-        elif name in ("add", "sub", "mul", "div", "rem"):
-            f.add(f"{r} = {_arithmetic(name, dtype)} {t} {args[0]}, {args[1]}")
+        operands = g.operands[node]
+        name, dtype, of = g.operations[node], g.dtypes[node], g.dtypes[operands[0]]
+        is_usual = name in _GUARDED and self._is_usual(name, dtype, operands[1])
+        key = name, dtype.char, of.char, is_usual
+        template = self.templates.get(key)
+        if template is None:
+            lines = self._instructions(name, dtype, of, is_usual)
+            template = self.templates[key] = "\n".join("  " + line for line in lines)
+        return template
+
+    def _is_usual(self, name: str, dtype: np.dtype, operand: int) -> bool:
+        """Whether every processor shifts by this number, or divides by it, as XLA does."""
+        known = self.g.constants.get(operand)
+        if dtype.kind == "f":
+            return True
+        return known is not None and (known > 0 if name in ("div", "rem") else 0 <= known < 8 * dtype.itemsize)
+
+    def _instructions(self, name: str, dtype: np.dtype, of: np.dtype, is_usual: bool) -> list[str]:
+        """of: the dtype of the first operand."""
+        t, source = self.type(dtype), self.type(of)
+        if name in _GUARDED and not is_usual:
+            return self._divided(name, dtype) if name in ("div", "rem") else self._shifted(name, dtype)
+        if name == "product_error":
+            return self._product_error(dtype)
+        if name in ("add", "sub", "mul", "div", "rem", "and", "or", "xor", *_SHIFTS):
+            text = f"{_instruction(name, dtype)} {t} {{1}}, {{2}}"
+        elif name in COMPARISONS:
+            text = f"{_comparison(name, of)} {source} {{1}}, {{2}}"
+        elif name == "select":
+            text = f"select {source} {{1}}, {t} {{2}}, {t} {{3}}"
         elif name == "neg":
-            f.add(f"{r} = fneg {t} {args[0]}" if dtype.kind == "f" else f"{r} = sub {t} zeroinitializer, {args[0]}")
-        elif name == "product_error":
-            self._product_error(f, r, args, dtype)
+            text = f"fneg {t} {{1}}" if dtype.kind == "f" else f"sub {t} zeroinitializer, {{1}}"
+        elif name == "not":
+            text = f"xor {t} {{1}}, {self.literal(True if dtype.kind == 'b' else -1, dtype)}"
         elif name == "abs" and dtype.kind != "f":
-            self.call(f, r, f"llvm.abs.{self.suffix(dtype)}", t, (t, args[0]), ("i1", "false"))
+            text = self._call(f"llvm.abs.{self.suffix(dtype)}", t, (t, "{1}"), ("i1", "false"))
         elif name in _INTRINSICS:
-            self.call(f, r, f"llvm.{_INTRINSICS[name]}.{self.suffix(dtype)}", t, (t, args[0]))
+            text = self._call(f"llvm.{_INTRINSICS[name]}.{self.suffix(dtype)}", t, (t, "{1}"))
         elif name in ("max", "min"):
             full = {"f": f"{name}imum", "i": f"s{name}", "u": f"u{name}", "b": f"u{name}"}[dtype.kind]
-            self.call(f, r, f"llvm.{full}.{self.suffix(dtype)}", t, (t, args[0]), (t, args[1]))
-        elif name in COMPARISONS:
-            f.add(f"{r} = {_comparison(name, of[0])} {types[0]} {args[0]}, {args[1]}")
-        elif name in ("and", "or", "xor"):
-            f.add(f"{r} = {name} {t} {args[0]}, {args[1]}")
-        elif name == "not":
-            f.add(f"{r} = xor {t} {args[0]}, {self.literal(True if dtype.kind == 'b' else -1, dtype)}")
-        elif name == "select":
-            f.add(f"{r} = select {types[0]} {args[0]}, {t} {args[1]}, {t} {args[2]}")
-        elif name == "convert":
-            self._converted(f, r, of[0], args[0], dtype)
+            text = self._call(f"llvm.{full}.{self.suffix(dtype)}", t, (t, "{1}"), (t, "{2}"))
         elif name == "bitcast":
-            f.add(f"{r} = bitcast {types[0]} {args[0]} to {t}")
+            text = f"bitcast {source} {{1}} to {t}"
         else:
-            self._shifted(f, r, name, g.operands[node][1], args, dtype)
-        return r
+            text = self._converted(of, dtype)
+        return [f"{{0}} = {text}"]
 
-    def _shifted(self, f: _Function, r: str, name: str, by: int, args: Sequence[str], dtype: np.dtype) -> None:
+    def _call(self, name: str, t: str, *operands: tuple[str, str]) -> str:
+        self.declared.add(f"declare {t} @{name}({', '.join(kind for kind, _ in operands)})")
+        return f"call {t} @{name}({', '.join(f'{kind} {x}' for kind, x in operands)})"
+
+    def _converted(self, of: np.dtype, to: np.dtype) -> str:
+        source, t = self.type(of), self.type(to)
+        if to.kind == "b":
+            return f"{'fcmp une' if of.kind == 'f' else 'icmp ne'} {source} {{1}}, zeroinitializer"
+        if of.kind == "f" and to.kind in "iu":
+            # What does not fit is cut off, and NaN is 0, as in XLA.
+            name = f"llvm.fpto{'s' if to.kind == 'i' else 'u'}i.sat.{self.suffix(to)}.{self.suffix(of)}"
+            return self._call(name, t, (source, "{1}"))
+        return f"{_conversion(of, to)} {source} {{1}} to {t}"
+
+    def _shifted(self, name: str, dtype: np.dtype) -> list[str]:
         """LLVM does not say what a shift by as many bits as a number has, or more, is."""
         t, mask, bits = self.type(dtype), self.type(np.dtype(bool)), 8 * dtype.itemsize
-        instruction, a, b = {"shl": "shl", "shr": "lshr", "sar": "ashr"}[name], args[0], args[1]
-        known = self.g.constants.get(by)
-        if known is not None and 0 <= known < bits:
-            f.add(f"{r} = {instruction} {t} {a}, {b}")
-            return
-        is_near, near, shifted = f.new(), f.new(), f.new()
-        f.add(f"{is_near} = icmp ult {t} {b}, {self.literal(bits, dtype)}")
-        f.add(f"{near} = select {mask} {is_near}, {t} {b}, {t} {self.literal(bits - 1, dtype)}")
+        result = f"{_SHIFTS[name]} {t} {{1}}, {{0}}.near"
+        lines = [
+            f"{{0}}.is_near = icmp ult {t} {{2}}, {self.literal(bits, dtype)}",
+            f"{{0}}.near = select {mask} {{0}}.is_near, {t} {{2}}, {t} {self.literal(bits - 1, dtype)}",
+        ]
         if name == "sar":
-            f.add(f"{r} = {instruction} {t} {a}, {near}")
-            return
-        f.add(f"{shifted} = {instruction} {t} {a}, {near}")
-        f.add(f"{r} = select {mask} {is_near}, {t} {shifted}, {t} zeroinitializer")
+            return [*lines, f"{{0}} = {result}"]
+        chosen = f"{{0}} = select {mask} {{0}}.is_near, {t} {{0}}.result, {t} zeroinitializer"
+        return [*lines, f"{{0}}.result = {result}", chosen]
 
-    def _divided(
-        self, f: _Function, r: str, name: str, of: tuple[int, ...], args: Sequence[str], dtype: np.dtype
-    ) -> None:
+    def _divided(self, name: str, dtype: np.dtype) -> list[str]:
         """Integers. Processors stop at a division by 0, and at that of the smallest number by -1: here by 1."""
-        t, mask, (a, b) = self.type(dtype), self.type(np.dtype(bool)), args
-        instruction = f"{'s' if dtype.kind == 'i' else 'u'}{name}"
-        known = self.g.constants.get(of[1])
-        if known is not None and known > 0:
-            f.add(f"{r} = {instruction} {t} {a}, {b}")
-            return
-        is_zero, is_bad, divisor, result = f.new(), f.new(), f.new(), f.new()
-        f.add(f"{is_zero} = icmp eq {t} {b}, zeroinitializer")
+        t, mask = self.type(dtype), self.type(np.dtype(bool))
+        lines, is_bad = [f"{{0}}.is_zero = icmp eq {t} {{2}}, zeroinitializer"], "{0}.is_zero"
         if dtype.kind == "i":
-            is_minus, is_least, overflows = f.new(), f.new(), f.new()
-            f.add(f"{is_minus} = icmp eq {t} {b}, {self.literal(-1, dtype)}")
-            f.add(f"{is_least} = icmp eq {t} {a}, {self.literal(np.iinfo(dtype).min, dtype)}")
-            f.add(f"{overflows} = and {mask} {is_minus}, {is_least}")
-            f.add(f"{is_bad} = or {mask} {overflows}, {is_zero}")
-        else:
-            is_bad = is_zero
-        f.add(f"{divisor} = select {mask} {is_bad}, {t} {self.literal(1, dtype)}, {t} {b}")
-        f.add(f"{result} = {instruction} {t} {a}, {divisor}")
-        of_zero = a if name == "rem" else self.literal(-1, dtype)
-        f.add(f"{r} = select {mask} {is_zero}, {t} {of_zero}, {t} {result}")
+            is_bad = "{0}.is_bad"
+            lines += [
+                f"{{0}}.is_minus = icmp eq {t} {{2}}, {self.literal(-1, dtype)}",
+                f"{{0}}.is_least = icmp eq {t} {{1}}, {self.literal(np.iinfo(dtype).min, dtype)}",
+                f"{{0}}.overflows = and {mask} {{0}}.is_minus, {{0}}.is_least",
+                f"{is_bad} = or {mask} {{0}}.is_zero, {{0}}.overflows",
+            ]
+        of_zero = "{1}" if name == "rem" else self.literal(-1, dtype)
+        return lines + [
+            f"{{0}}.divisor = select {mask} {is_bad}, {t} {self.literal(1, dtype)}, {t} {{2}}",
+            f"{{0}}.result = {_instruction(name, dtype)} {t} {{1}}, {{0}}.divisor",
+            f"{{0}} = select {mask} {{0}}.is_zero, {t} {of_zero}, {t} {{0}}.result",
+        ]
 
-    def _product_error(self, f: _Function, r: str, args: Sequence[str], dtype: np.dtype) -> None:
+    def _product_error(self, dtype: np.dtype) -> list[str]:
         """a b - p: by a fused multiply-add; or in float64, which holds products of float32; or after Dekker [1971].
 
         The third loses digits below tiny / eps, where the other two do not. See `transforms.split`.
         """
-        t, (a, b, p) = self.type(dtype), args
-
-        def of(instruction: str, x: str, y: str, kind: str = t) -> str:
-            register = f.new()
-            f.add(f"{register} = {instruction} {kind} {x}, {y}")
-            return register
-
-        def cast(instruction: str, x: str, source: str, to: str) -> str:
-            register = f.new()
-            f.add(f"{register} = {instruction} {source} {x} to {to}")
-            return register
-
+        t = self.type(dtype)
         if self.has_fma:
-            minus = f.new()
-            f.add(f"{minus} = fneg {t} {p}")
-            self.call(f, r, f"llvm.fma.{self.suffix(dtype)}", t, (t, a), (t, b), (t, minus))
-            return
+            fused = self._call(f"llvm.fma.{self.suffix(dtype)}", t, (t, "{1}"), (t, "{2}"), (t, "{0}.minus"))
+            return [f"{{0}}.minus = fneg {t} {{3}}", f"{{0}} = {fused}"]
         wide = self.type(np.dtype(np.float64))
         if dtype == np.float32:
-            a, b, p = (cast("fpext", x, t, wide) for x in (a, b, p))
-            error = of("fsub", of("fmul", a, b, wide), p, wide)
-            f.add(f"{r} = fptrunc {wide} {error} to {t}")
-            return
-        mask, integer = self.type(np.dtype(bool)), np.dtype(np.uint64)
-        bits, info, half = self.type(integer), np.finfo(np.float64), self.literal(1 << 26, np.dtype(np.uint64))
-
-        def split(x: str) -> tuple[str, str]:
-            size, added, kept = f.new(), f.new(), f.new()
-            self.call(f, size, f"llvm.fabs.{self.suffix(dtype)}", t, (t, x))
-            is_usual = of("fcmp olt", size, self.literal((2 - 2.0**-26) * 2.0**1023, dtype))
-            has_low_half = of("fcmp oge", size, self.literal(info.tiny / info.eps, dtype))
-            f.add(f"{added} = select {mask} {is_usual}, {bits} {half}, {bits} zeroinitializer")
-            rounded = of("add", cast("bitcast", x, t, bits), added, bits)
-            upper = of("and", rounded, self.literal((1 << 64) - (1 << 27), integer), bits)
-            upper = cast("bitcast", upper, bits, t)
-            f.add(f"{kept} = select {mask} {has_low_half}, {t} {upper}, {t} {x}")
-            return kept, of("fsub", x, kept)
-
-        (a_hi, a_lo), (b_hi, b_lo) = split(a), split(b)
-        e = of("fsub", of("fmul", a_hi, b_hi), p)
-        for x, y in ((a_hi, b_lo), (a_lo, b_hi)):
-            e = of("fadd", e, of("fmul", x, y))
-        f.add(f"{r} = fadd {t} {e}, {of('fmul', a_lo, b_lo)}")
-
-    def _converted(self, f: _Function, r: str, of: np.dtype, x: str, to: np.dtype) -> None:
-        kinds, source, t = of.kind + to.kind, self.type(of), self.type(to)
-        if to.kind == "b":
-            f.add(f"{r} = {'fcmp une' if of.kind == 'f' else 'icmp ne'} {source} {x}, zeroinitializer")
-        elif kinds in ("fi", "fu"):
-            # What does not fit is cut off, and NaN is 0, as in XLA.
-            name = f"llvm.fpto{'s' if to.kind == 'i' else 'u'}i.sat.{self.suffix(to)}.{self.suffix(of)}"
-            self.call(f, r, name, t, (source, x))
-        else:
-            f.add(f"{r} = {_conversion(kinds, of, to)} {source} {x} to {t}")
+            return [
+                *(f"{{0}}.{name} = fpext {t} {{{k + 1}}} to {wide}" for k, name in enumerate("abp")),
+                f"{{0}}.ab = fmul {wide} {{0}}.a, {{0}}.b",
+                f"{{0}}.error = fsub {wide} {{0}}.ab, {{0}}.p",
+                f"{{0}} = fptrunc {wide} {{0}}.error to {t}",
+            ]
+        integer, info = np.dtype(np.uint64), np.finfo(np.float64)
+        bits, mask, half = self.type(integer), self.type(np.dtype(bool)), self.literal(1 << 26, integer)
+        lines: list[str] = []
+        for x, operand in (("{0}.a", "{1}"), ("{0}.b", "{2}")):
+            size = self._call(f"llvm.fabs.{self.suffix(dtype)}", t, (t, operand))
+            lines += [
+                f"{x}_size = {size}",
+                f"{x}_is_usual = fcmp olt {t} {x}_size, {self.literal((2 - 2.0**-26) * 2.0**1023, dtype)}",
+                f"{x}_has_low = fcmp oge {t} {x}_size, {self.literal(info.tiny / info.eps, dtype)}",
+                f"{x}_half = select {mask} {x}_is_usual, {bits} {half}, {bits} zeroinitializer",
+                f"{x}_bits = bitcast {t} {operand} to {bits}",
+                f"{x}_rounded = add {bits} {x}_bits, {x}_half",
+                f"{x}_upper = and {bits} {x}_rounded, {self.literal((1 << 64) - (1 << 27), integer)}",
+                f"{x}_number = bitcast {bits} {x}_upper to {t}",
+                f"{x}_high = select {mask} {x}_has_low, {t} {x}_number, {t} {operand}",
+                f"{x}_low = fsub {t} {operand}, {x}_high",
+            ]
+        return lines + [
+            f"{{0}}.p1 = fmul {t} {{0}}.a_high, {{0}}.b_high",
+            f"{{0}}.p2 = fmul {t} {{0}}.a_high, {{0}}.b_low",
+            f"{{0}}.p3 = fmul {t} {{0}}.a_low, {{0}}.b_high",
+            f"{{0}}.p4 = fmul {t} {{0}}.a_low, {{0}}.b_low",
+            f"{{0}}.e1 = fsub {t} {{0}}.p1, {{3}}",
+            f"{{0}}.e2 = fadd {t} {{0}}.e1, {{0}}.p2",
+            f"{{0}}.e3 = fadd {t} {{0}}.e2, {{0}}.p3",
+            f"{{0}} = fadd {t} {{0}}.e3, {{0}}.p4",
+        ]
 
 
 def _literal(x: Any, dtype: np.dtype) -> str:
@@ -869,12 +863,12 @@ def _literal(x: Any, dtype: np.dtype) -> str:
     return ("true" if x else "false") if dtype.kind == "b" else str(int(x))
 
 
-def _arithmetic(name: str, dtype: np.dtype) -> str:
+def _instruction(name: str, dtype: np.dtype) -> str:
+    if name in _SHIFTS or name in ("and", "or", "xor"):
+        return _SHIFTS.get(name, name)
     if dtype.kind == "f":
         return f"f{name}"
-    if name in ("div", "rem"):
-        return f"{'s' if dtype.kind == 'i' else 'u'}{name}"
-    return name
+    return f"{'s' if dtype.kind == 'i' else 'u'}{name}" if name in ("div", "rem") else name
 
 
 def _comparison(name: str, of: np.dtype) -> str:
@@ -883,12 +877,12 @@ def _comparison(name: str, of: np.dtype) -> str:
     return f"icmp {'' if name in ('eq', 'ne') else 's' if of.kind == 'i' else 'u'}{name}"
 
 
-def _conversion(kinds: str, of: np.dtype, to: np.dtype) -> str:
-    """The instruction for a conversion, by the kinds of both dtypes."""
-    if kinds == "ff":
+def _conversion(of: np.dtype, to: np.dtype) -> str:
+    """The instruction for a conversion that loses nothing but digits."""
+    if of.kind == to.kind == "f":
         return "fpext" if to.itemsize > of.itemsize else "fptrunc"
-    if kinds[1] == "f":
-        return "sitofp" if kinds[0] == "i" else "uitofp"
-    if kinds[0] == "b" or to.itemsize > of.itemsize:
-        return "sext" if kinds[0] == "i" else "zext"
+    if to.kind == "f":
+        return "sitofp" if of.kind == "i" else "uitofp"
+    if of.kind == "b" or to.itemsize > of.itemsize:
+        return "sext" if of.kind == "i" else "zext"
     return "trunc" if to.itemsize < of.itemsize else "bitcast"

@@ -205,7 +205,8 @@ def test_simple_operations_leave_nothing_behind():
         yes = jnp.full(m.shape, True)
         return [
             lax.select(m, x, x), lax.select(yes, x, -x), lax.neg(lax.neg(x)), x * jnp.ones_like(x),
-            x / jnp.ones_like(x), m & yes, m | yes, m & m, m | ~yes, lax.stop_gradient(x), barrier.barrier(x), x.astype(F32),
+            x / jnp.ones_like(x), m & yes, m | yes, m & m, m | ~yes, lax.stop_gradient(x), barrier.barrier(x),
+            x.astype(F32),
         ]  # fmt: skip
 
     g = graph_of(f, np.zeros((1, 2), F32), np.zeros((1, 2), bool))
