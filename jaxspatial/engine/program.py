@@ -224,6 +224,8 @@ def run(program: Program, n_batch: int, native: Native | None, *arrays: jax.Arra
     native: None for XLA's way.
     """
     batch = check.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
+    if check.is_sized(batch) and math.prod(batch) == 0:
+        return _of_no_states(program, n_batch, batch, arrays)
     columns = program.columns(arrays, n_batch) if native and check.is_sized(batch) else []
     if columns:
         return [_over_columns(program.over_columns(), columns, n_batch, native, arrays)]
@@ -232,6 +234,18 @@ def run(program: Program, n_batch: int, native: Native | None, *arrays: jax.Arra
     if results is None:
         results = program.traced(list(map(_aval, flat)))(*flat)
     return [with_batch(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(results)]
+
+
+def _of_no_states(
+    program: Program, n_batch: int, batch: tuple[int, ...], arrays: Sequence[jax.Array]
+) -> list[jax.Array]:
+    """Results without numbers, and cotangents that are sums of nothing."""
+    items, results = [jax.ShapeDtypeStruct(x.shape[n_batch:], x.dtype) for x in arrays], list[jax.Array]()
+    for i, (shape, dtype) in enumerate(program.outputs(items, [1] * len(items))):
+        primal = program.primal_of(i)
+        with jax.enable_x64(True):
+            results.append(lax.full((*batch, *shape) if primal is None else arrays[primal].shape, 0, dtype))
+    return results
 
 
 def _over_columns(
@@ -290,7 +304,7 @@ def _natively(program: Program, native: Native, n: int, arrays: Sequence[jax.Arr
 
     A result that is the cotangent of what all states share is summed over them.
     """
-    if not check.is_sized((n,)) or n == 0:
+    if not check.is_sized((n,)):
         return None
     is_shared = tuple(x.shape[0] != n for x in arrays)
     code = _code(program, [_aval(x, 1) for x in arrays], is_shared, is_alone=n == 1)
