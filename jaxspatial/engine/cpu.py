@@ -33,7 +33,7 @@ from jax.interpreters import mlir
 
 try:
     importlib.import_module("llvmlite.binding")
-except (ImportError, OSError):  # It is optional, and does without where it is broken: see `is_available`.
+except (ImportError, OSError):  # XLA does without: see `is_available`.
     IS_INSTALLED = False
 else:
     IS_INSTALLED = True
@@ -994,11 +994,10 @@ define void @block(ptr noalias %arguments, ptr noalias %results, ptr noalias %fr
 @functools.cache
 def is_available() -> bool:
     """Whether code can be compiled and called here: llvmlite is installed, and a known result comes out right."""
-    if not IS_INSTALLED:
-        return False
     numbers = (Argument(1, np.dtype(np.float32)),), (Result(1, np.dtype(np.float32)),)
     code = Code(_PROBE, 4, *numbers)
     try:
+        importlib.import_module("llvmlite.binding")
         held = compiled(code)
         x = np.arange(1, 8, dtype=np.float32)[:, None]
         device = jax.local_devices(backend="cpu")[0]
