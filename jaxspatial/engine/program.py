@@ -241,7 +241,7 @@ def _of_no_states(
 ) -> list[jax.Array]:
     """Results without numbers, and cotangents that are sums of nothing."""
     items, results = [jax.ShapeDtypeStruct(x.shape[n_batch:], x.dtype) for x in arrays], list[jax.Array]()
-    for i, (shape, dtype) in enumerate(program.outputs(items, [1] * len(items))):
+    for i, (shape, dtype) in enumerate(program.outputs(items)):
         primal = program.primal_of(i)
         with jax.enable_x64(True):
             results.append(lax.full((*batch, *shape) if primal is None else arrays[primal].shape, 0, dtype))
