@@ -8,6 +8,7 @@ front of the loop. What a compiler makes of a graph is in `llvm_ir`; `run` evalu
 
 import functools
 import itertools
+import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, cast
 
@@ -414,7 +415,7 @@ class _Builder:
             return x
         if name in CALLS or name in ("pjit", "core_call", "custom_jvp_call", "custom_vjp_call", "checkpoint"):
             return self.run(called(eqn), x)
-        method = getattr(self, f"_{name}", None)
+        method = getattr(self, f"_{name.replace('-', '_')}", None)
         if method is not None:
             return method(eqn, *x)
         if (closed := self.expand(eqn)) is not None:
@@ -587,6 +588,48 @@ class _Builder:
             y[place] = self.each("select", dtype, is_here, new, y[place])
         return [y]
 
+    def _gather(self, eqn: Any, x: Nodes, indices: Nodes) -> list[Nodes]:
+        d = eqn.params["dimension_numbers"]
+        axes = _Axes(d.collapsed_slice_dims, d.start_index_map, d.operand_batching_dims, d.start_indices_batching_dims)
+        places = self._windows(x.shape, eqn.params["slice_sizes"], indices, axes)
+        n_batch = indices.ndim - 1
+        y = x.ravel()[places]
+        return [np.moveaxis(y, range(n_batch, y.ndim), d.offset_dims)]
+
+    def _scatter_add(self, eqn: Any, x: Nodes, indices: Nodes, new: Nodes) -> list[Nodes]:
+        d, dtype = eqn.params["dimension_numbers"], np.dtype(eqn.outvars[0].aval.dtype)
+        axes = _Axes(
+            d.inserted_window_dims,
+            d.scatter_dims_to_operand_dims,
+            d.operand_batching_dims,
+            d.scatter_indices_batching_dims,
+        )
+        window = iter(new.shape[k] for k in d.update_window_dims)
+        one = {*axes.dropped, *axes.batching}
+        places = self._windows(x.shape, [1 if k in one else next(window) for k in range(x.ndim)], indices, axes)
+        moved = np.moveaxis(new, d.update_window_dims, range(indices.ndim - 1, new.ndim))
+        flat = x.ravel().copy()
+        for place, node in zip(places.ravel().tolist(), moved.ravel().tolist(), strict=True):
+            flat[place] = self.graph.operation("add", (int(flat[place]), node), dtype)
+        return [flat.reshape(x.shape)]
+
+    def _windows(self, shape: tuple[int, ...], sizes: Sequence[int], indices: Nodes, axes: "_Axes") -> np.ndarray:
+        """The places in a flat array of windows of such sizes: (*batch of the indices, *axes that windows keep)."""
+        constants, n = self.graph.constants, len(shape)
+        if any(i not in constants for i in indices.ravel().tolist()):
+            raise NotSupportedError("a gather or scatter whose indices are not known")
+        known = np.array([int(constants[i]) for i in indices.ravel().tolist()], np.int64).reshape(indices.shape)
+        starts = np.zeros((*known.shape[:-1], n), np.int64)
+        starts[..., list(axes.of_indices)] = known
+        for axis, of_batch in zip(axes.batching, axes.of_batching, strict=True):
+            starts[..., axis] = np.indices(known.shape[:-1])[of_batch]
+        if (starts < 0).any() or (starts + sizes > shape).any():
+            raise NotSupportedError("a gather or scatter outside of an array")
+        inside = np.moveaxis(np.indices(sizes), 0, -1)
+        places = starts.reshape((*starts.shape[:-1], *[1] * n, n)) + inside
+        flat = np.asarray(np.ravel_multi_index(tuple(np.moveaxis(places, -1, 0)), shape))
+        return flat.squeeze(tuple(known.ndim - 1 + k for k in (*axes.dropped, *axes.batching)))
+
     def _places(self, x: Nodes, sizes: Sequence[int], starts: Sequence[Nodes]) -> tuple[slice, ...] | None:
         """Where a slice begins and ends, if that is known; it is moved to lie in the array, as XLA does."""
         constants = self.graph.constants
@@ -622,9 +665,31 @@ class _Builder:
         name = "le" if k == 0 and n > 1 else "ge" if k == n - 1 else "eq"
         return self.each(name, BOOL, index, self.lifted(np.full((), k, dtype)))
 
+    def _dot_general(self, eqn: Any, x: Nodes, y: Nodes) -> list[Nodes]:
+        """Products of functions that callers pass. The order of their terms is nobody's promise."""
+        dtypes = {np.dtype(v.aval.dtype) for v in (*eqn.invars, *eqn.outvars)}
+        if len(dtypes) > 1:
+            raise NotSupportedError("a product of numbers of several dtypes")
+        (summed, batches), shape, dtype = eqn.params["dimension_numbers"], eqn.outvars[0].aval.shape, dtypes.pop()
+
+        def in_front(x: Nodes, which: int) -> Nodes:
+            """With the axes of batches first, then those of terms, then one."""
+            axes = (*batches[which], *summed[which])
+            sizes = [x.shape[k] for k in axes]
+            moved, n = np.moveaxis(x, axes, range(len(axes))), len(batches[which])
+            return moved.reshape((math.prod(sizes[:n]), math.prod(sizes[n:]), -1))
+
+        x, y = in_front(x, 0), in_front(y, 1)
+        terms = self.each("mul", dtype, x[:, :, :, None], y[:, :, None, :])
+        return [self._total("add", dtype, np.moveaxis(terms, 1, 0)).reshape(shape)]
+
     def _reduced(self, operation: str, eqn: Any, x: Nodes) -> Nodes:
         dtype, axes = np.dtype(eqn.outvars[0].aval.dtype), eqn.params["axes"]
         y = np.moveaxis(x, axes, range(len(axes))).reshape((-1, *eqn.outvars[0].aval.shape))
+        return self._total(operation, dtype, y)
+
+    def _total(self, operation: str, dtype: np.dtype, y: Nodes) -> Nodes:
+        """The rows of an array together."""
         if not len(y):
             raise NotSupportedError("a reduction of nothing")
         # XLA begins with 0, which tells from -0.
@@ -791,6 +856,16 @@ class _Builder:
             dtype = self.graph.dtypes[loop.stacked[which]]
             known[key] = self.graph.result(loop, "stacked", which, row, dtype)
         return known[key]
+
+
+class _Axes(NamedTuple):
+    """Of an array that is gathered from, or scattered to: axes that windows do not keep, axes that indices are of, and
+    axes that are batches, with those of the indices that these go with."""
+
+    dropped: Sequence[int]
+    of_indices: Sequence[int]
+    batching: Sequence[int]
+    of_batching: Sequence[int]
 
 
 def _flat(arrays: Iterable[Nodes]) -> list[int]:

@@ -378,13 +378,16 @@ def moves():
         "constants": lambda x: (jnp.arange(3, dtype=np.int32), jnp.zeros((0, 3), np.float32), np.float32(2)),
         "known branch": lambda x: lax.cond(jnp.bool_(True), lambda x: x[0], lambda x: x[1], x),
         "known case": lambda x: lax.switch(jnp.int32(7), [lambda x: x, lambda x: x[::-1]], x),
+        "gather": lambda x: (x[:, np.array([2, 0])], x[np.array([1, 0, 1])], x[np.array([1, 0]), :, None]),
+        "gather from rows": lambda x: x[np.arange(2)[:, None], np.array([[2, 0], [1, 1]])],
+        "gather from batches": lambda x: jax.vmap(lambda row, at: row[at])(x, np.array([[2, 0], [1, 1]])),
         "nothing": lambda x: (),
         "the same twice": lambda x: (x, x, x[1], x[1, 2]),
     }
 
 
 def reductions():
-    """Reductions of a matrix (2, 3), in the order of its rows where that matters."""
+    """Reductions of a matrix (2, 3), and products of it, in the order of its rows where that matters."""
     return {
         "sum": lambda x: jnp.sum((x * 8).astype(np.int32), axis=0),
         "product": lambda x: jnp.prod((x * 8).astype(np.int32), axis=1),
@@ -394,6 +397,13 @@ def reductions():
         "any": lambda x: jnp.any(x > 1, axis=1),
         "sum of one": lambda x: jnp.sum(x[:1], axis=0),
         "sum of two": lambda x: jnp.sum(x, axis=0),
+        "scatter": lambda x: x.at[:, np.array([2, 0, 2])].add(x),
+        "scatter to rows": lambda x: x.at[np.array([1, 1])].add(x),
+        "scatter to batches": lambda x: jax.vmap(lambda row, at: row.at[at].add(row[:2]))(
+            x, np.array([[2, 0], [1, 1]])
+        ),
+        "dot": lambda x: lax.dot((x * 8).astype(np.int32), (x * 8).astype(np.int32).T),
+        "dots": lambda x: jnp.einsum("ij,ik->ij", (x * 8).astype(np.int32), (x * 4).astype(np.int32)),
         "bits": lambda x: lax.reduce_and(lax.bitcast_convert_type(x, np.uint32), (0,)),
     }
 
