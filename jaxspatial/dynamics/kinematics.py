@@ -173,9 +173,9 @@ class BodyVelocities(Algorithm):
     """The program of `_body_velocities`. The pull-back of one frame to v is J^T F, without a recursion inward."""
 
     def pullback(self, moving: Moving, given: Moving | None = None) -> Pullback:
-        moves, is_whole = [i for i, yes in enumerate(moving) if yes], given is None or all(given)
-        if is_whole and isinstance(dict(self.static)["frames"], int) and moves == [self.place(self.n_fields + 1)]:
-            return self.cached(("J^T F", moving), lambda: JacobianTransposed(self, moving, None))
+        moves = [i for i, yes in enumerate(moving) if yes]
+        if isinstance(dict(self.static)["frames"], int) and moves == [self.place(self.n_fields + 1)]:
+            return self.cached(("J^T F", moving, given), lambda: JacobianTransposed(self, moving, given))
         return super().pullback(moving, given)
 
 
@@ -187,7 +187,8 @@ class JacobianTransposed(Pullback):
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
         arguments, cotangents = self._split(arrays)
         state, _ = self.program.state_of(arguments, max(x.shape[0] for x in arrays))
-        F = Wrench(*(Vector(*state.numbers(jnp.moveaxis(self.from_outside(x), 0, -1)[None])) for x in cotangents))
+        rest = (Vector(*state.numbers(jnp.moveaxis(self.from_outside(x), 0, -1)[None])) for x in cotangents)
+        F = Wrench(*(next(rest) if yes else state.zero_vector for yes in self.given or (True, True)))
         return [jnp.moveaxis(_forces_of_wrench(state, dict(self.program.static)["frames"], F), -1, 0)]
 
 

@@ -71,7 +71,11 @@ class Differentiable(Program):
         """The cotangents of the linear arguments, None for the others."""
         linear = tuple(ad.is_undefined_primal(x) for x in arguments)
         at = [zeros(x.aval) if is_linear else x for x, is_linear in zip(arguments, linear, strict=True)]
-        return _placed(linear, bind(self.pullback(linear), [*at, *cotangents], n_batch))
+        given = tuple(not is_zero(c) for c in cotangents)
+        if not any(given):
+            return [None] * len(arguments)
+        chosen = itertools.compress(cotangents, given)
+        return _placed(linear, bind(self.pullback(linear, given), [*at, *chosen], n_batch))
 
 
 class Derived(Differentiable):

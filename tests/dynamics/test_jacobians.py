@@ -217,3 +217,28 @@ def test_derivatives_of_a_pulled_back_wrench():
     wanted = squares(functools.partial(with_matrix, mech, frame))
     for x, y in zip(found, wanted, strict=True):
         assert abs(x - y).max() <= 1e-13 * abs(y).max()
+
+
+@pytest.mark.parametrize("part", [0, 1])
+def test_a_torque_or_a_force_alone_is_pulled_back(part):
+    """What reads only the angular, or only the linear velocity."""
+    mech, (q, v, F) = tree(), wrench_state(np.float64)
+    frame, F = mech.body_names[-1], F[:, 3 * part : 3 * part + 3]
+
+    def pulled(q, v, F):
+        return jax.vjp(lambda v: jax.tree.leaves(js.body_velocities(mech, q, v, frame))[part], v)[1](F)[0]
+
+    whole = np.zeros((N, 6))
+    whole[:, 3 * part : 3 * part + 3] = F
+    found, wanted = interpreted(pulled)(q, v, F), np.asarray(with_matrix(mech, frame, q, whole))
+    assert abs(found - wanted).max() <= 1e-14 * abs(wanted).max()
+
+
+def test_a_cotangent_of_which_others_are_not_read_is_transposed():
+    """JAX leaves them out of a trace before it transposes it."""
+    q, v, a = (x[0] for x in state())
+    of_q = jax.jit(lambda tau: jax.vjp(lambda q, v: inverse(q, v, a), q, v)[1](tau)[0])
+    dq = jnp.ones(mechanism().nq)
+    found = interpreted(lambda dq: jax.linear_transpose(of_q, jnp.ones(mechanism().nv))(dq)[0])(dq)
+    wanted = interpreted(lambda dq: jax.jvp(lambda q: inverse(q, v, a), (q,), (dq,))[1])(dq)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-14 * abs(np.asarray(wanted)).max())
