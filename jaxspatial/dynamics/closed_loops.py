@@ -214,7 +214,7 @@ def close_loops(
     already, else as if the result had been the start. Second derivatives are not those of a projection.
 
     Args:
-        iterations: how many at most; their number is fixed, and each is a few kernels. From 0.1 rad 5 are enough.
+        iterations: how many at most; their number is fixed. From 0.1 rad 5 are enough.
 
     Raises:
         ValueError: a closure between frames of the same body, or of the world, is open, by numbers that are known while

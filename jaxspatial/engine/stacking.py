@@ -86,23 +86,6 @@ def _common_shape(xs: Numbers) -> Shape:
     return check.broadcast_shapes((1, 1, 1), *(numbers.shape_of(x) for x in xs))
 
 
-def in_one_call(function: Callable[[Number], Numbers], parts: Numbers) -> list[Numbers]:
-    """[function(x) for x in parts], evaluated once, on all numbers concatenated."""
-    shapes = [numbers.shape_of(x) for x in parts]
-    size = max(shape[-1] for shape in shapes)
-    flat = [
-        numbers.mapped(lambda w, s=s: jnp.broadcast_to(w, (*s[:-1], size)).reshape((-1, size)), x)
-        for x, s in zip(parts, shapes, strict=True)
-    ]
-    results = function(concatenated(flat))
-    counts = [int(np.prod(s[:-1])) for s in shapes]
-    ends = itertools.accumulate(counts)
-    return [
-        mapped(lambda w, s=s, n=n, e=e: w[e - n : e].reshape((*s[:-1], size)), results)
-        for s, n, e in zip(shapes, counts, ends, strict=True)
-    ]
-
-
 def added_at(x: Number, row: int, y: Number) -> Number:
     """x with y added to one of its rows."""
     shape = numbers.shape_of(x)

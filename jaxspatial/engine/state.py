@@ -8,7 +8,7 @@ and frames, inertias and placements with them; this is exact, see `alignment`.
 import copy
 import functools
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -278,19 +278,12 @@ class MechanismState:
 
     @functools.cached_property
     def joints(self) -> list[JointState]:
-        """The JointState of every bundle, with the cosines and sines of all angles computed in one call."""
+        """The JointState of every bundle."""
         q = [self.configuration(b, self.q) for b in self.bundles]
-        cos_sin = self._cos_sin([x[k] for x, b in zip(q, self.bundles, strict=True) for k in b.kind.angles])
         return [
-            JointState(self.joint(b), x, {k: next(cos_sin) for k in b.kind.angles})
+            JointState(self.joint(b), x, {k: cosine_sine(x[k]) for k in b.kind.angles})
             for b, x in zip(self.bundles, q, strict=True)
         ]
-
-    def _cos_sin(self, angles: Numbers) -> Iterator[Any]:
-        """(cosine, sine) of each angle, all data in one call: XLA CPU does not vectorise formulas around them."""
-        data = [x for x in angles if not numbers.is_constant(x)]
-        of_data = iter(stacking.in_one_call(cosine_sine, data) if data else ())
-        return (cosine_sine(x) if numbers.is_constant(x) else next(of_data) for x in angles)
 
     # -- results ------------------------------------------------------------------------------------------------------
 
