@@ -54,8 +54,6 @@ SMOOTHED = 1e-14
 LIMIT_STIFFNESS, LIMIT_WINDOW = 1e12, 2.0
 # Two bodies with less mobility against each other than this, in eps of that of each, do not move.
 MOBILE = 1e3
-# Rows of a bundle that differ in what touches them, up to which numbers are put in their rows by one kernel.
-MOST_KINDS = 3
 
 
 class Centres(NamedTuple):
@@ -510,30 +508,10 @@ def _summed(x: Number, places: np.ndarray, shape: tuple[int, int]) -> Number:
 def _on_bundle(state: MechanismState, bundle: Bundle, bodies: list[int], sums: T, nothing: T) -> T:
     none = len(bodies)
     places = np.array([bodies.index(i) if i in bodies else none for i in bundle.bodies.ravel().tolist()])
-    places = places.reshape(bundle.bodies.shape)
-    is_touched = (places < none).any(1)
-    if not is_touched.any():
+    if (places == none).all():
         return nothing
-    # Most often one body of each chain touches, such as the feet of a robot: the same numbers in one row, zeros in
-    # others.
-    kinds = np.unique(places[is_touched], axis=0)
-    if len(places) == 1 or len(kinds) > MOST_KINDS:
-        shape = *places.shape, -1
-        return stacking.mapped(lambda w: with_zero_rows(w, places.ravel()).reshape(shape), sums)
-    rows = [stacking.mapped(lambda w, k=k: with_zero_rows(w, k)[None], sums) for k in kinds]
-    return _in_rows([jnp.asarray((places == k).all(1)[:, None, None]) for k in kinds], rows)
-
-
-def _in_rows(masks: Sequence[jax.Array], rows: Sequence[T]) -> T:
-    """The numbers (L, W, B) that are those of `rows` (1, W, B) where their masks hold, and zero elsewhere."""
-
-    def chosen(*numbers: Number) -> Number:
-        result = constant(numbers[0], 0)
-        for mask, x in zip(masks, numbers, strict=True):
-            result = where(mask, x, result)
-        return result
-
-    return jax.tree.map(chosen, *rows, is_leaf=is_number)
+    shape = *bundle.bodies.shape, -1
+    return stacking.mapped(lambda w: with_zero_rows(w, places).reshape(shape), sums)
 
 
 def with_zero_rows(x: jax.Array, places: np.ndarray) -> jax.Array:
