@@ -274,7 +274,7 @@ def velocities_at(state: MechanismState, scene: Scene, motions: list[Motion], x:
 def wrenches(state: MechanismState, scene: Scene, impulse: Vectors) -> list[Wrench]:
     """The wrenches of impulses on the bodies of every bundle, about their origins, in world axes."""
     bodies, parts, counts = list[int](), list[Wrench](), list[int]()
-    if scene.contacts is not None:
+    if scene.contacts is not None and impulse.points is not None:
         on_b, on_a = _on_both_bodies(scene.contacts, impulse.points)
         parts.append(on_b)
         bodies, between = scene.contact_ends.b, scene.contact_ends.between_bodies
@@ -455,7 +455,7 @@ def _solved_as_one(
         on_bodies = stacking.spread(on_bodies, (m, state.n))
         on_velocities = stacking.mapped(lambda w: w[:, None], on_bodies) * J.loops
         right = right + stacking.pairwise_sum(stacking.spread(on_velocities, (m, nv, state.n)))
-    if scene.contacts is not None:
+    if scene.contacts is not None and impulse.points is not None and J.points is not None:
         at = stacking.mapped(lambda w: w[:, None], (scene.contacts, G[0], impulse.points))
         terms, shape = _on_velocities(*at, J.points), (len(scene.contact_ends.b), nv, nv, state.n)
         stiff, pushed = (stacking.spread(x, shape[:k] + shape[-1:]) for x, k in zip(terms, (3, 2), strict=True))
@@ -554,7 +554,7 @@ def _with_complement(
     M = where(jnp.broadcast_to(own, (k, k, n)), M + 1.0, M)
     lacking = stacking.spread(-rates(state, columns, found), (k, n))
     n_contacts = k - len(scene.loop_ends.b)
-    if scene.loops is not None:
+    if scene.loops is not None and impulse is not None:
         given = _over_L(scene.loops, impulse)
         places = np.array([k] * n_contacts + list(range(k - n_contacts)))
         lacking = lacking + stacking.mapped(lambda w: problem.with_zero_rows(w, places), given)
@@ -1041,7 +1041,7 @@ def _pushes(scene: Scene, *velocities: Vectors) -> Mask:
     """Contacts that push at any of the velocities; none beside closures, which throw bodies far where they are open."""
     if scene.contacts is None or scene.loops is not None:
         return jnp.zeros((1, 1), bool)
-    return _push_at_any(scene.contacts, *(v.points for v in velocities))
+    return _push_at_any(scene.contacts, *(v.points for v in velocities if v.points is not None))
 
 
 def _push_at_any(contacts: Contacts, *velocities: Vector) -> Mask:

@@ -264,7 +264,8 @@ def _weld_reactions(
         for _, load in (x for x in at_frames if x[0] in frames):
             F = F - load
         found.append(algebra.inverse_acted_wrench(X_JC, F))
-    return tuple(jnp.concatenate([state.by_row(F[part], 1) for F in found]) for part in (0, 1))
+    tau, f = (jnp.concatenate([state.by_row(F[part], 1) for F in found]) for part in (0, 1))
+    return tau, f
 
 
 def _net_wrench(X_JC: Pose, M_C: Inertia, motion: BodyMotion) -> Wrench:
