@@ -250,9 +250,9 @@ BATCHES = 1, 2, 3, 15, 16, 17, 63, 64, 4096
 @pytest.mark.parametrize("batches", [BATCHES, slow((65_536, 1_000_003))])
 def test_batches_of_any_size(batches):
     x = states(max(batches))
-    expected = run("numpy", _inverse, *x)
-    if len(batches) > 2:
-        same(run("xla", _inverse, *x), expected)
+    expected = run("xla", _inverse, *x)
+    if batches is BATCHES:  # NumPy would need gigabytes for others.
+        same(run("numpy", _inverse, *x), expected)
     for n in batches:
         same(run("native", _inverse, *(y[:n] for y in x)), expected[:n])
 
