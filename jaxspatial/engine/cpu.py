@@ -1,9 +1,19 @@
 """Code for one block of states, compiled by LLVM and called from JAX on CPUs over a batch of any size.
 
-The code computes `width` states side by side. Around it, this module writes a handler of XLA's typed foreign function
-interface (version 0.3): it reads rows of the batch into columns, calls the code, writes its columns back as rows, adds
-up what is summed over states, and shares the batch out among the threads of XLA. Every number has the same bits
-however many threads there are.
+`llvm_ir` writes code that computes `width` states side by side. This module makes it a function that XLA calls by its
+typed foreign function interface, version 0.3. In the order of the file:
+
+1. `Code` is what to compile, with its `Argument`s and `Result`s; `Compiled` is machine code; `Target` a processor.
+2. Small functions write LLVM IR: addresses, loops, transposes in registers.
+3. `Runtime` has what all handlers share and no code may take with it when it is freed: holds on code, other threads.
+4. `Handler` writes the functions around one code. XLA calls `handler`. It makes a job, and asks other threads to help.
+   A `worker` takes chunks of the job until none is left. A `chunk` reads rows of the batch into columns, calls the code
+   block by block, and writes its columns back as rows, or adds them up.
+5. `compiled` compiles both parts, or finds them in memory or on disk, and makes them known to XLA.
+6. `call` is the call, while JAX traces; on several devices each makes it for its own states.
+7. `is_available` tries all of this once in each process.
+
+Every number has the same bits however many threads there are.
 """
 
 from __future__ import annotations
@@ -20,7 +30,7 @@ import tempfile
 import threading
 import warnings
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -298,6 +308,19 @@ class Module:
             b.call(self.external("llvm.aarch64.set.fpcr", VOID, [I64]), [b.load(of, typ=I64)])
 
 
+def once(write: Callable[..., None]) -> Callable[..., Any]:
+    """A method that returns the function that `write(self, name, *options)` defines, and calls it at the first use."""
+
+    @functools.wraps(write)
+    def function(self: Module, *options: Any) -> Any:
+        name = "_".join((write.__name__, *map(str, options)))
+        if name not in self.functions:
+            write(self, name, *options)
+        return self.functions[name]
+
+    return function
+
+
 class Runtime(Module):
     """Functions that all handlers share, and that stay in memory.
 
@@ -312,13 +335,8 @@ class Runtime(Module):
         super().__init__("runtime")
         # XLA's number of the type of a hold on code.
         self.hold_type = self.variable("hold_type")
-        self.answer()
-        self.hold()
-        self.let_go()
-        self.release()
-        self.task()
-        self.help()
-        self.wait()
+        for write in (self.answer, self.hold, self.let_go, self.release, self.task, self.help, self.wait):
+            write()
 
     def answer(self) -> None:
         """Answers XLA's question for the version of the interface, which comes with a frame of its own: (call frame).
@@ -349,18 +367,18 @@ class Runtime(Module):
         asks = ir.FunctionType(PTR, [PTR]).as_pointer()
         b.ret(b.call(field(b, field(b, frame, API), API_SET_STATE, asks), [request]))
 
+    def let_go(self) -> None:
+        """Counts one holder of code less: (where their number is)."""
+        b, (holders,) = self.begin(self.LET_GO, VOID, PTR, is_internal=False)
+        b.atomic_rmw("sub", holders, integer(1), "release")
+        b.ret_void()
+
     def release(self) -> None:
         """Gives up a reference to a job: (job). The last to do so frees it."""
         b, (job,) = self.begin(self.RELEASE, VOID, PTR, is_internal=False)
         before = b.atomic_rmw("sub", at(b, job, REFERENCES), integer(1), "acq_rel")
         with b.if_then(b.icmp_signed("==", before, integer(1))):
             b.call(self.external("free", VOID, [PTR]), [job])
-        b.ret_void()
-
-    def let_go(self) -> None:
-        """Counts one holder of code less: (where their number is)."""
-        b, (holders,) = self.begin(self.LET_GO, VOID, PTR, is_internal=False)
-        b.atomic_rmw("sub", holders, integer(1), "release")
         b.ret_void()
 
     def task(self) -> None:
@@ -462,15 +480,13 @@ class Handler(Module):
 
     # ------------------------------------------------------------------------------- rows to columns and back
 
-    def turned(self, n_bytes: int, size: int, is_read: bool) -> ir.Function:
+    @once
+    def turned(self, name: str, n_bytes: int, size: int, is_read: bool) -> None:
         """Copies `width` rows of the batch to columns, or columns to rows: (rows, columns).
 
         A group of columns at a time. Where the number of columns is no multiple of it, the last group overlaps the one
         before, so that nothing outside the rows is touched.
         """
-        name = f"{'columns_of' if is_read else 'rows_of'}_{size}x{n_bytes}"
-        if name in self.functions:
-            return self.functions[name]
         width = self.code.width
         group = min(REGISTER // n_bytes, width, 1 << (size.bit_length() - 1))
         part = ir.VectorType(ir.IntType(8 * n_bytes), group)
@@ -503,24 +519,20 @@ class Handler(Module):
                         half = b.shuffle_vector(vector, vector, lanes(range(i, i + group)))
                         b.store(half, place(i + k), align=n_bytes)
         b.ret_void()
-        return self.functions[name]
 
-    def padded(self) -> ir.Function:
+    @once
+    def padded(self, name: str) -> None:
         """Copies the rows at the end of a batch, and the last of them again for each that is missing.
 
         (rows, number of rows, bytes of a row, where to). The code then sees no numbers that are not of the batch, which
         could keep a loop from ending.
         """
-        name = "padded"
-        if name in self.functions:
-            return self.functions[name]
         b, (rows, n, row_bytes, to) = self.begin(name, VOID, PTR, I64, I64, PTR)
         self.copy(b, to, rows, b.mul(n, row_bytes))
         last = at(b, rows, b.mul(b.sub(n, integer(1)), row_bytes))
         with loop(b, n, self.code.width) as i:
             self.copy(b, at(b, to, b.mul(i, row_bytes)), last, row_bytes)
         b.ret_void()
-        return self.functions[name]
 
     def read(self, b: Builder, x: Argument, rows: Value, n: Value, scratch: Value, to: int) -> None:
         """Reads n rows, at most `width`, into columns."""
@@ -550,14 +562,12 @@ class Handler(Module):
 
     # ------------------------------------------------------------------------------------------------- sums
 
-    def accumulated(self, dtype: np.dtype) -> ir.Function:
+    @once
+    def accumulated(self, name: str, dtype: np.dtype) -> None:
         """Adds columns of a block to sums, lane by lane: (sums, columns, size, number of states in the block).
 
         Lanes past the end of the batch are chosen away: what they hold may be infinite.
         """
-        name = f"accumulated_{dtype}"
-        if name in self.functions:
-            return self.functions[name]
         width, kind = self.code.width, ir.VectorType(kind_of(dtype), self.code.width)
         b, (sums, columns, size, n) = self.begin(name, VOID, PTR, PTR, I64, I64)
         n = b.insert_element(ir.Constant(ir.VectorType(I64, width), ir.Undefined), n, integer(0))
@@ -570,13 +580,10 @@ class Handler(Module):
             place = at(b, sums, place)
             b.store(plus(b, b.load(place, align=dtype.itemsize, typ=kind), value, dtype), place, align=dtype.itemsize)
         b.ret_void()
-        return self.functions[name]
 
-    def folded(self, dtype: np.dtype) -> ir.Function:
+    @once
+    def folded(self, name: str, dtype: np.dtype) -> None:
         """Adds up the lanes of sums, pairwise: (sums, size, row of results)."""
-        name = f"folded_{dtype}"
-        if name in self.functions:
-            return self.functions[name]
         width, kind = self.code.width, kind_of(dtype)
         b, (sums, size, row) = self.begin(name, VOID, PTR, I64, PTR)
         with loop(b, 0, size) as j:
@@ -586,13 +593,10 @@ class Handler(Module):
                 terms = [plus(b, x, y, dtype) for x, y in zip(terms[::2], terms[1::2], strict=True)]
             b.store(terms[0], at(b, row, b.mul(j, integer(dtype.itemsize))))
         b.ret_void()
-        return self.functions[name]
 
-    def total(self, dtype: np.dtype) -> ir.Function:
+    @once
+    def total(self, name: str, dtype: np.dtype) -> None:
         """Adds up rows of sums, pairwise: (rows, number of rows, size, the result). It overwrites the rows."""
-        name = f"total_{dtype}"
-        if name in self.functions:
-            return self.functions[name]
         kind = kind_of(dtype)
         b, (rows, n, size, result) = self.begin(name, VOID, PTR, I64, I64, PTR)
         before = b.block
@@ -616,7 +620,6 @@ class Handler(Module):
         b.position_at_end(end)
         self.copy(b, result, rows, b.mul(size, integer(dtype.itemsize)))
         b.ret_void()
-        return self.functions[name]
 
     # ------------------------------------------------------------------------------------------------ chunks
 
@@ -624,10 +627,11 @@ class Handler(Module):
         """Where a job keeps the address of an argument, or, counted on, of a result."""
         return BUFFERS + 8 * i
 
-    def chunk(self) -> ir.Function:
+    @once
+    def chunk(self, name: str) -> None:
         """Computes the states of one chunk: (job, number of the chunk, memory of the thread)."""
         code, width, place = self.code, self.code.width, self.scratch
-        b, (job, chunk, scratch) = self.begin("chunk", VOID, PTR, I64, PTR)
+        b, (job, chunk, scratch) = self.begin(name, VOID, PTR, I64, PTR)
         n = field(b, job, N_STATES, I64)
         first = b.mul(chunk, integer(CHUNK))
         last = smallest(b, b.add(first, integer(CHUNK)), n)
@@ -661,12 +665,12 @@ class Handler(Module):
             if sums is not None:
                 b.call(self.folded(x.dtype), [at(b, scratch, sums), integer(x.size), at(b, row, to)])
         b.ret_void()
-        return self.functions["chunk"]
 
-    def worker(self) -> ir.Function:
+    @once
+    def worker(self, name: str) -> None:
         """Takes chunks of a job until none is left: (job)."""
         code, place, chunk = self.code, self.scratch, self.chunk()
-        b, (job,) = self.begin("worker", VOID, PTR)
+        b, (job,) = self.begin(name, VOID, PTR)
         is_large = place.size > LARGEST_ON_STACK
         if is_large:
             memory = b.call(self.external("malloc", PTR, [I64]), [integer(place.size + LINE)])
@@ -695,7 +699,6 @@ class Handler(Module):
         if is_large:
             b.call(self.external("free", VOID, [PTR]), [memory])
         b.ret_void()
-        return self.functions["worker"]
 
     # ------------------------------------------------------------------------------------------------ the call
 
