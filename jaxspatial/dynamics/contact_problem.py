@@ -744,13 +744,14 @@ def loops_of(
     # Of each row the closure, and whether it holds a position.
     of_row = np.array([k for k, c in enumerate(closures) for _ in range(c.n_turning + c.n_moving)])
     moves = np.array([i >= c.n_turning for c in closures for i in range(c.n_turning + c.n_moving)])
-    w = stacking.mapped(lambda x: stacking.rows(x, of_row + len(closures) * moves), sizes)
-    both = stacking.mapped(
+    w, alone = stacking.mapped(lambda x: stacking.rows(x, of_row + len(closures) * moves), sizes)
+    arm_b, arm_a = stacking.mapped(
         lambda x: stacking.rows(jnp.broadcast_to(x, (len(closures), state.n)), of_row), (arm_b, arm_a)
     )
     N = Wrench(state.vectors(closing.turning), state.vectors(closing.moving))
-    numbers = (_scalars(state, x) for x in (closing.errors, closing.sizes))
-    return _loops(N, *both, *numbers, *w, dt), Ends([ends.b[k] for k in of_row], [ends.a[k] for k in of_row])
+    error, size = (_scalars(state, x) for x in (closing.errors, closing.sizes))
+    loops = _loops(N, arm_b, arm_a, error, size, w, alone, dt)
+    return loops, Ends([ends.b[k] for k in of_row], [ends.a[k] for k in of_row])
 
 
 def _loops(
