@@ -245,7 +245,8 @@ class _Given(NamedTuple):
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
-        of_contacts = [x.batch_shape for x in (self.contacts, *(self.pairs or ())) if x is not None]
+        ground = self.ground if isinstance(self.ground, HalfSpace) else None
+        of_contacts = [x.batch_shape for x in (self.contacts, ground, *(self.pairs or ())) if x is not None]
         return check.broadcast_shapes(*of_contacts, *(d.shape[:-1] for d in self.distances if d is not None))
 
     def wrenches(self, of_moved: SpatialForce | None, batch: tuple[int, ...], dtype: np.dtype) -> SpatialForce | None:
