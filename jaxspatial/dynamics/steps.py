@@ -216,24 +216,9 @@ def symplectic_step(
     *at, h, forces = checked("symplectic_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
     if not mechanism.nv:
         return at_rest(*at, h, forces)
-    compliance = None if compliance is None else checked_compliance(mechanism, at[1], compliance)
-    return _symplectic(resolve(precision), (mechanism, compliance), *at, h, forces, iterations=iterations)
-
-
-@composite
-def _symplectic(
-    precision: Precision,
-    scene: Scene,
-    q: Checked,
-    v: Checked,
-    tau: Checked,
-    h: jax.Array,
-    forces: Checked,
-    *,
-    iterations: int,
-) -> tuple[jax.Array, jax.Array]:
-    mechanism, compliance = scene
-    q, v, tau, h = map(jnp.asarray, (q, v, tau, h))
+    batch = check.broadcast_shapes(*(x.shape[:-1] for x in at), h.shape[:-1])
+    q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (*at, h))
+    # Several programs, for graphs have no factorisation of a matrix.
     springs = passive_forces_or_none(mechanism, q, v, compliance, precision, with_resistance=False)
     tau = tau if springs is None else plus(precision, tau, springs)
     damping = damping_coefficients(mechanism, v, compliance, precision)
