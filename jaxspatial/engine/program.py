@@ -18,18 +18,28 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, Literal, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 from jax.interpreters import partial_eval as pe
 
 from jaxspatial.engine import cpu, graph, llvm_ir
 from jaxspatial.numerics import check
-from jaxspatial.numerics.errorfree.primitives import compiled, inlined_calls, is_zero, lower_fun, n_devices, unsharded
+from jaxspatial.numerics.errorfree.primitives import (
+    compiled,
+    inlined_calls,
+    is_zero,
+    lower_fun,
+    n_devices,
+    not_inlined,
+    unsharded,
+)
 from jaxspatial.numerics.sums.primitive import trace_of_sums
 
 T = TypeVar("T")
 Aval = jax.ShapeDtypeStruct
 Result = tuple[tuple[int, ...], Any]  # shape and dtype
+# Of how many operations a part of a trace is that XLA compiles by itself, for CPUs.
+PART = 400
 
 
 class Program:
@@ -119,6 +129,11 @@ class Traced:
         with jax.enable_x64(True):
             return jaxpr_as_fun(self.closed)(*arrays)
 
+    def in_parts(self, *arrays: jax.Array) -> list[jax.Array]:
+        """The same, as XLA compiles it soonest for CPUs: see `_in_parts`."""
+        with jax.enable_x64(True):
+            return _in_parts(self.closed, arrays)
+
     def selected(self, wanted: Sequence[bool]) -> "Traced":
         """The trace of these results alone."""
         jaxpr, _ = pe.dce_jaxpr(self.closed.jaxpr, list(wanted), instantiate=True)
@@ -126,6 +141,44 @@ class Traced:
         selection.closed = ClosedJaxpr(jaxpr, self.closed.consts)
         selection.out_avals = list(itertools.compress(self.out_avals, wanted))
         return selection
+
+
+def _in_parts(closed: ClosedJaxpr, arrays: Sequence[Any]) -> list[Any]:
+    """The results of a trace, PART operations at a time, as calls that the compiler does not inline.
+
+    XLA makes a kernel of every result for CPUs, and each computes again what results share: in one long function that
+    is nearly all there is before them, and compiles for minutes.
+    """
+    jaxpr, values = closed.jaxpr, dict[Any, Any]()
+    values.update(zip(jaxpr.constvars, closed.consts, strict=True))
+    values.update(zip(jaxpr.invars, arrays, strict=True))
+    parts = [jaxpr.eqns[k : k + PART] for k in range(0, len(jaxpr.eqns), PART)]
+    # From the end: what is read behind each part.
+    read, behind = set(jaxpr.outvars), list[set[Any]]()
+    for part in reversed(parts):
+        behind.insert(0, set(read))
+        read |= {x for eqn in part for x in eqn.invars if not isinstance(x, Literal)}
+    for part, wanted in zip(parts, behind, strict=True):
+        made = {v for eqn in part for v in eqn.outvars}
+        inputs = dict.fromkeys(x for eqn in part for x in eqn.invars if not isinstance(x, Literal) and x not in made)
+        outputs = [v for eqn in part for v in eqn.outvars if v in wanted]
+        unnamed = jaxpr.debug_info.with_unknown_names()
+        own = jaxpr.replace(eqns=part, invars=[*inputs], outvars=outputs, constvars=[], debug_info=unnamed)
+        run = jaxpr_as_fun(ClosedJaxpr(own.replace(eqns=[_with_parts(eqn) for eqn in part]), []))
+        found = not_inlined(run, *(values[x] for x in inputs)) if len(parts) > 1 else run(*(values[x] for x in inputs))
+        values.update(zip(outputs, found, strict=True))
+    return [x.val if isinstance(x, Literal) else values[x] for x in jaxpr.outvars]
+
+
+def _with_parts(eqn: Any) -> Any:
+    """A loop whose body is in parts, if it is long; other operations as they are."""
+    bodies = {k: x for k, x in eqn.params.items() if isinstance(x, ClosedJaxpr) and len(x.jaxpr.eqns) > PART}
+    if eqn.primitive.name not in ("scan", "while") or not bodies:
+        return eqn
+    parted = {
+        k: jax.make_jaxpr(lambda *arrays, body=x: _in_parts(body, arrays))(*x.in_avals) for k, x in bodies.items()
+    }
+    return eqn.replace(params={**eqn.params, **parted})
 
 
 @contextlib.contextmanager
@@ -218,10 +271,12 @@ class Native(NamedTuple):
     hold: Callable[[cpu.Compiled], Any]
 
 
-def run(program: Program, n_batch: int, native: Native | None, *arrays: jax.Array) -> list[jax.Array]:
+def run(
+    program: Program, n_batch: int, native: Native | None, *arrays: jax.Array, in_parts: bool = False
+) -> list[jax.Array]:
     """Runs a program on arrays with n_batch axes in front, flattened to one axis of states.
 
-    native: None for XLA's way.
+    native: None for XLA's way. in_parts: whether XLA compiles it for CPUs, see `_in_parts`.
     """
     batch = check.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
     if check.is_sized(batch) and math.prod(batch) == 0:
@@ -232,7 +287,8 @@ def run(program: Program, n_batch: int, native: Native | None, *arrays: jax.Arra
     flat = [with_one_axis(x, n_batch, batch) for x in arrays]
     results = _natively(program, native, math.prod(batch), flat) if native else None
     if results is None:
-        results = program.traced(list(map(_aval, flat)))(*flat)
+        traced = program.traced(list(map(_aval, flat)))
+        results = traced.in_parts(*flat) if in_parts else traced(*flat)
     return [with_batch(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(results)]
 
 
@@ -384,7 +440,7 @@ def _lowering(is_for_cpus: bool) -> Callable[..., Any]:
         native = None
         if is_for_cpus and not is_exported and cpu.is_available():
             native = Native(n_devices(context), module.add_keepalive)
-        lower = lower_fun(functools.partial(run, program, n_batch, native), multiple_results=True)
+        lower = lower_fun(functools.partial(run, program, n_batch, native, in_parts=is_for_cpus), multiple_results=True)
         with _without_collection():
             return unsharded(lower, context, *arrays)
 
