@@ -742,7 +742,7 @@ class _Builder:
     def _scan(self, eqn: Any, *x: Nodes) -> list[Nodes]:
         """Runs of rows in which known integers are the same are loops: where a boundary is, is such an integer."""
         p = eqn.params
-        n_consts, n_carry, length = p["num_consts"], p["num_carry"], p["length"]
+        (n_consts, n_carry), length = _constants_and_carried(eqn), p["length"]
         consts, carry, rows = x[:n_consts], list(x[n_consts : n_consts + n_carry]), x[n_consts + n_carry :]
 
         def turn(_: Any, carry: Sequence[Nodes], row: Sequence[Nodes]) -> tuple[list[Nodes], list[Nodes]]:
@@ -872,6 +872,14 @@ class _Axes(NamedTuple):
     of_indices: Sequence[int]
     batching: Sequence[int]
     of_batching: Sequence[int]
+
+
+def _constants_and_carried(eqn: Any) -> tuple[int, int]:
+    """How many arguments of a loop over rows are constants, and how many are carried from turn to turn."""
+    if "ft_in" in eqn.params:  # From JAX 0.11 on: (constants, what is carried, what is sliced).
+        consts, carried, _ = eqn.params["ft_in"].unpack()
+        return len(consts), len(carried)
+    return eqn.params["num_consts"], eqn.params["num_carry"]
 
 
 def _flat(arrays: Iterable[Nodes]) -> list[int]:

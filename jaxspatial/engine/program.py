@@ -469,5 +469,8 @@ batching.primitive_batchers[_program_p] = _batch
 
 
 def leave_out_unread(rule: Callable[[list[bool], Any], tuple[list[bool], Any]]) -> None:
-    """Says how results that nobody reads are left out of a program in a trace."""
-    pe.dce_rules[_program_p] = rule
+    """Says how results that nobody reads are left out of a program in a trace.
+
+    JAX 0.12 hands on more: which references the operation may look at.
+    """
+    pe.dce_rules[_program_p] = lambda wanted, *others: rule(wanted, others[-1])
