@@ -190,6 +190,21 @@ def test_nothing_may_be_contracted_or_assumed():
     assert not words & {"fast", "contract", "reassoc", "nnan", "ninf", "nsz", "arcp", "afn", "nsw", "nuw", "exact"}
 
 
+@pytest.mark.parametrize("width", [1, 4])
+@pytest.mark.parametrize("triple", ["aarch64-linux-gnu", "arm64-apple-macosx"])
+def test_code_for_arm_has_every_operation_and_no_other(triple, width):
+    """Compiled here, and read: a product and a sum that follow each other stay two instructions."""
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    machine = llvm.Target.from_triple(triple).create_target_machine(opt=2)
+    module = llvm.parse_assembly(llvm_ir.written(chain(100), width, [False]).text)
+    lines = [line.split() for line in machine.emit_assembly(module).splitlines()]
+    names = [words[0].partition(".")[0] for words in lines if words and words[0].startswith("f")]
+    counts = {name: names.count(name) for name in set(names)}
+    assert counts["fmul"] == 100 and counts["fadd"] == counts["fsub"] == 50
+    assert not set(counts) & {"fmadd", "fmsub", "fnmadd", "fnmsub", "fmla", "fmls"}
+
+
 def test_a_graph_without_operations():
     x = np.arange(12, dtype=F32).reshape((4, 3))
     g = graph_of(lambda x: (x[::-1], np.float64(2), x[:0]), x)
