@@ -14,7 +14,7 @@ LAYERS = ["numerics", "rotation", "spatial", "inertia", "mechanism", "engine", "
 # Modules above all layers: nothing imports them but users do, by their names, with an extra of each.
 ON_TOP = ["plot", "viewer"]
 
-FLOORS = ["check", "precision", "types", "errorfree", "numbers", "linear", "sums"]
+FLOORS = ["jax_internals", "check", "precision", "types", "errorfree", "numbers", "linear", "sums"]
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -109,3 +109,16 @@ assert {"interop", "measure", "self_check", "shift", "testing"} <= set(dir(jaxsp
 def test_import_touches_no_global_configuration():
     source = "import jax; before = dict(jax.config.values); import jaxspatial; assert before == dict(jax.config.values)"
     subprocess.run([sys.executable, "-c", source], check=True)
+
+
+def test_what_may_change_of_jax_is_imported_in_one_file():
+    """Public names of `jax.core` are no such part. Interfaces to other libraries stand above the layers."""
+    unstable = ("jax._src", "jax.extend", "jax.interpreters", "jax.experimental")
+    found = set()
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [node.module] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if any(name and name.startswith(unstable) for name in names):
+                found.add(path.relative_to(PACKAGE).as_posix())
+    assert found == {"numerics/jax_internals.py"}

@@ -36,10 +36,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import ShapedArray
-from jax.extend.core import Primitive
-from jax.extend.mlir import ir as mlir_ir
-from jax.interpreters import mlir
+
+from jaxspatial.numerics.jax_internals import Primitive, ShapedArray, mlir
+from jaxspatial.numerics.jax_internals import ir as mlir_ir
 
 try:
     importlib.import_module("llvmlite.binding")

@@ -13,7 +13,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.interpreters import ad
 
 from jaxspatial.engine.program import (
     Aval,
@@ -29,6 +28,7 @@ from jaxspatial.engine.program import (
 )
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.primitives import is_zero, no_tangent
+from jaxspatial.numerics.jax_internals import ad
 
 T = TypeVar("T")
 Moving = tuple[bool, ...]

@@ -13,9 +13,9 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from jax.extend.core import ClosedJaxpr, Literal
 
 from jaxspatial.numerics.errorfree.primitives import CALLS, called
+from jaxspatial.numerics.jax_internals import ClosedJaxpr, Literal
 
 Nodes = np.ndarray  # of the numbers of nodes, of dtype int64
 BOOL = np.dtype(bool)

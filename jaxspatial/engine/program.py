@@ -18,9 +18,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.extend.core import ClosedJaxpr, Literal, Primitive, jaxpr_as_fun
-from jax.interpreters import ad, batching, mlir
-from jax.interpreters import partial_eval as pe
 
 from jaxspatial.engine import cpu, graph, llvm_ir
 from jaxspatial.numerics import check
@@ -32,6 +29,16 @@ from jaxspatial.numerics.errorfree.primitives import (
     n_devices,
     not_inlined,
     unsharded,
+)
+from jaxspatial.numerics.jax_internals import (
+    ClosedJaxpr,
+    Literal,
+    Primitive,
+    ad,
+    batching,
+    jaxpr_as_fun,
+    mlir,
+    partial_eval,
 )
 from jaxspatial.numerics.sums.primitive import trace_of_sums
 
@@ -121,7 +128,7 @@ class Traced:
 
         with jax.enable_x64(in_64_bits), inlined_calls(), _without_collection():
             closed = jax.make_jaxpr(flat)(*avals)
-        jaxpr, _ = pe.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
+        jaxpr, _ = partial_eval.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
         self.closed = ClosedJaxpr(jaxpr, closed.consts)
         self.out_avals = closed.out_avals
 
@@ -136,7 +143,7 @@ class Traced:
 
     def selected(self, wanted: Sequence[bool]) -> "Traced":
         """The trace of these results alone."""
-        jaxpr, _ = pe.dce_jaxpr(self.closed.jaxpr, list(wanted), instantiate=True)
+        jaxpr, _ = partial_eval.dce_jaxpr(self.closed.jaxpr, list(wanted), instantiate=True)
         selection = object.__new__(Traced)
         selection.closed = ClosedJaxpr(jaxpr, self.closed.consts)
         selection.out_avals = list(itertools.compress(self.out_avals, wanted))
@@ -473,4 +480,4 @@ def leave_out_unread(rule: Callable[[list[bool], Any], tuple[list[bool], Any]]) 
 
     JAX 0.12 hands on more: which references the operation may look at.
     """
-    pe.dce_rules[_program_p] = lambda wanted, *others: rule(wanted, others[-1])
+    partial_eval.dce_rules[_program_p] = lambda wanted, *others: rule(wanted, others[-1])

@@ -11,14 +11,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.core import ShapedArray
-from jax.extend.core import Primitive
-from jax.extend.mlir.dialects import stablehlo
-from jax.interpreters import ad, mlir
 from jax.typing import DTypeLike
 
 from jaxspatial.numerics.check import finfo, is_sized
 from jaxspatial.numerics.errorfree.primitives import choice, elementwise, is_zero, lower_fun, no_tangent, same_sharding
+from jaxspatial.numerics.jax_internals import Primitive, ShapedArray, ad, mlir, stablehlo
 
 
 def barrier(x: Any) -> Any:

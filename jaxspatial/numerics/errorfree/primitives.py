@@ -9,10 +9,8 @@ from typing import Any, cast
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
-from jax.core import ShapedArray
-from jax.experimental.xla_metadata import set_xla_metadata  # pyright: ignore[reportUnknownVariableType]: no stub
-from jax.extend.core import ClosedJaxpr, Primitive
-from jax.interpreters import ad, batching, mlir
+
+from jaxspatial.numerics.jax_internals import ClosedJaxpr, Primitive, ShapedArray, ad, batching, mlir, set_xla_metadata
 
 Rule = Callable[..., Any]
 # Operations of a trace that call another trace.

@@ -13,11 +13,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching, mlir
 
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.primitives import Rule, compiled, is_zero, no_tangent, rule, same_sharding
+from jaxspatial.numerics.jax_internals import Primitive, ad, batching, mlir
 from jaxspatial.numerics.numbers.rounded import is_known, uniform
 from jaxspatial.numerics.precision import Precision
 

@@ -13,8 +13,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.extend.core import ClosedJaxpr, Primitive
-from jax.interpreters import ad, batching, mlir
 
 from jaxspatial.numerics.errorfree.primitives import (
     common_spec,
@@ -25,6 +23,7 @@ from jaxspatial.numerics.errorfree.primitives import (
     rule,
     same_sharding,
 )
+from jaxspatial.numerics.jax_internals import ClosedJaxpr, Primitive, ad, batching, mlir
 from jaxspatial.numerics.numbers.polynomial import Term
 from jaxspatial.numerics.sums.evaluation import Plan, Sum, evaluate
 
