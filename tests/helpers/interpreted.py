@@ -231,6 +231,24 @@ def _program(*arrays, program, n_batch):
     return [programs.with_batch(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(found)]
 
 
+def _dot_general(x, y, *, dimension_numbers, **_):
+    """The terms of each number one after the other, as in graphs of programs."""
+
+    def in_front(x, summed, batches):
+        moved = np.moveaxis(x, (*batches, *summed), range(len(batches) + len(summed)))
+        sizes, n = moved.shape, len(batches)
+        last = len(batches) + len(summed)
+        return moved.reshape((math.prod(sizes[:n]), math.prod(sizes[n:last]), -1)), sizes[:n], sizes[last:]
+
+    (of_x, of_y), (batches_x, batches_y) = dimension_numbers
+    (x, batch, rows), (y, _, columns) = in_front(x, of_x, batches_x), in_front(y, of_y, batches_y)
+    terms = x[:, :, :, None] * y[:, :, None, :]
+    total = np.zeros(terms[:, 0].shape, terms.dtype)
+    for k in range(terms.shape[1]):
+        total = total + terms[:, k]
+    return total.reshape((*batch, *rows, *columns))
+
+
 def _scan(*arrays, jaxpr, length, reverse, num_consts=0, num_carry=0, ft_in=None, **_):
     if ft_in is not None:  # JAX 0.12: (constants, what is carried, what is sliced).
         num_consts, num_carry, _ = map(len, ft_in.unpack())
@@ -287,6 +305,7 @@ OF_ARRAYS = {
     "jaxspatial_sums": _sums,
     "jaxspatial_program": _program,
     "scan": _scan,
+    "dot_general": _dot_general,
     "custom_linear_solve": _linear_solve,
     "while": _while,
     "cond": lambda which, *arrays, branches, **_: _evaluated(branches[int(which)], arrays),
