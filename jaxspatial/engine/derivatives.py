@@ -71,11 +71,14 @@ class Differentiable(Program):
         """The cotangents of the linear arguments, None for the others."""
         linear = tuple(ad.is_undefined_primal(x) for x in arguments)
         at = [zeros(x.aval) if is_linear else x for x, is_linear in zip(arguments, linear, strict=True)]
+        return _placed(linear, self.pulled_back(linear, at, cotangents, n_batch))
+
+    def pulled_back(self, moving: Moving, at: list[Any], cotangents: list[Any], n_batch: int) -> list[Any]:
+        """The cotangents of the arguments that move, None if those of all results are known to be zero."""
         given = tuple(not is_zero(c) for c in cotangents)
         if not any(given):
-            return [None] * len(arguments)
-        chosen = itertools.compress(cotangents, given)
-        return _placed(linear, bind(self.pullback(linear, given), [*at, *chosen], n_batch))
+            return [None] * sum(moving)
+        return bind(self.pullback(moving, given), [*at, *itertools.compress(cotangents, given)], n_batch)
 
 
 class Derived(Differentiable):
@@ -187,11 +190,7 @@ class Tangent(Derived):
             _over(x, tangents[self.places.index(i)].aval, n_batch) if yes else x
             for i, (x, yes) in enumerate(zip(at, moving, strict=True))
         ]
-        given = tuple(not is_zero(c) for c in cotangents)
-        if not any(given):
-            return [None] * len(arguments)
-        chosen = [c for c, yes in zip(cotangents, given, strict=True) if yes]
-        of_linear = bind(self.program.pullback(moving, given), [*at, *chosen], n_batch)
+        of_linear = self.program.pulled_back(moving, at, cotangents, n_batch)
         return [*[None] * len(at), *_placed(linear, of_linear)]
 
 
