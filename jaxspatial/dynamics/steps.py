@@ -93,8 +93,7 @@ def semi_implicit_step(
     )
     if not mechanism.nv:
         return at_rest(q, v, tau, h, forces)
-    compliance = None if compliance is None else checked_compliance(mechanism, v, compliance)
-    return _semi_implicit(resolve(precision), (mechanism, compliance), q, v, tau, h, forces)
+    return _semi_implicit(resolve(precision), _scene(mechanism, v, compliance), q, v, tau, h, forces)
 
 
 @composite
@@ -105,6 +104,11 @@ def _semi_implicit(
     c = damping_coefficients(mechanism, v, compliance, precision)
     after = stepped_velocities(mechanism, (q, v, tau), h, c, forces, compliance, precision).v
     return moved(mechanism, q, after, h[..., 0], precision)
+
+
+def _scene(mechanism: Mechanism, v: Checked, compliance: Compliance | None) -> Scene:
+    """What a step is one program for."""
+    return mechanism, None if compliance is None else checked_compliance(mechanism, v, compliance)
 
 
 def at_rest(q: Checked, *others: Checked) -> tuple[jax.Array, jax.Array]:
@@ -321,9 +325,7 @@ def rk4_step(
     q, v, tau, h, external = checked("rk4_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
     if not mechanism.nv:
         return at_rest(q, v, tau, h, external)
-
-    compliance = None if compliance is None else checked_compliance(mechanism, v, compliance)
-    return _rk4(resolve(precision), (mechanism, compliance), q, v, tau, h, external)
+    return _rk4(resolve(precision), _scene(mechanism, v, compliance), q, v, tau, h, external)
 
 
 @composite

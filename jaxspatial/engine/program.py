@@ -172,7 +172,8 @@ def _in_parts(closed: ClosedJaxpr, arrays: Sequence[Any]) -> list[Any]:
         unnamed = jaxpr.debug_info.with_unknown_names()
         own = jaxpr.replace(eqns=part, invars=[*inputs], outvars=outputs, constvars=[], debug_info=unnamed)
         run = jaxpr_as_fun(ClosedJaxpr(own.replace(eqns=[_with_parts(eqn) for eqn in part]), []))
-        found = not_inlined(run, *(values[x] for x in inputs)) if len(parts) > 1 else run(*(values[x] for x in inputs))
+        read_here = [values[x] for x in inputs]
+        found = not_inlined(run, *read_here) if len(parts) > 1 else run(*read_here)
         values.update(zip(outputs, found, strict=True))
     return [x.val if isinstance(x, Literal) else values[x] for x in jaxpr.outvars]
 
