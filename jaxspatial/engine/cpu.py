@@ -37,6 +37,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxspatial.engine import llvm_ir
+from jaxspatial.engine.graph import Graph
 from jaxspatial.numerics.jax_internals import Primitive, ShapedArray, mlir
 from jaxspatial.numerics.jax_internals import ir as mlir_ir
 
@@ -108,6 +110,25 @@ class Code(NamedTuple):
     results: tuple[Result, ...]
     frame_bytes: int = 0
     cost: int = 0  # number of operations of a state, by which threads are shared out; zero keeps to one thread
+
+
+def least_alike(n: int) -> int:
+    """The least number of states whose code that of n states is, too."""
+    return min(n, 2)
+
+
+def code_of(graph: Graph, arguments: Sequence[Argument], results: Sequence[Result], n: int) -> Code:
+    """The code of a graph for one state, or for several side by side."""
+    width = 1 if n == 1 else _width(graph.dtypes)
+    written = llvm_ir.written(graph, width, [x.is_shared for x in arguments], host().has_fma)
+    return Code(written.text, width, tuple(arguments), tuple(results), written.frame_bytes, written.n_operations)
+
+
+def _width(dtypes: Sequence[np.dtype]) -> int:
+    """How many states fill a register of the processor, with the widest numbers of a graph."""
+    features = host().features
+    n_bytes = 64 if "+avx512f" in features else 32 if "+avx," in features else 16
+    return max(n_bytes // max((d.itemsize for d in dtypes if d.kind == "f"), default=4), 4)
 
 
 class Target(NamedTuple):

@@ -335,13 +335,15 @@ _REDUCTIONS = {
 Expand = Callable[[Any], ClosedJaxpr | None]
 
 
-def graph_of(closed: ClosedJaxpr, expand: Expand = lambda _: None) -> Graph:
+def graph_of(closed: ClosedJaxpr, expand: Expand = lambda _: None, most_unrolled: int | None = None) -> Graph:
     """The graph of a trace for one state. expand: the traces of primitives that stand for one.
+
+    most_unrolled: how many nodes a graph has at most with loops unrolled, MOST_UNROLLED unless given.
 
     Raises:
         NotSupportedError: the trace has an operation that graphs do not have.
     """
-    builder = _Builder(expand)
+    builder = _Builder(expand, MOST_UNROLLED if most_unrolled is None else most_unrolled)
     arguments: list[Nodes] = []
     for i, v in enumerate(closed.jaxpr.invars):
         aval, dtype = cast(Any, v.aval), np.dtype(cast(Any, v.aval).dtype)
@@ -361,8 +363,8 @@ def _require_supported(dtype: np.dtype) -> None:
 class _Builder:
     """Reads a trace, operation by operation, with arrays of nodes in place of arrays."""
 
-    def __init__(self, expand: Expand):
-        self.graph, self.expand, self.region = Graph(), expand, 0
+    def __init__(self, expand: Expand, most_unrolled: int):
+        self.graph, self.expand, self.region, self.most_unrolled = Graph(), expand, 0, most_unrolled
         self._singles: dict[tuple[int, tuple[int, ...]], Nodes] = {}
 
     def run(self, closed: Any, arguments: Sequence[Nodes]) -> list[Nodes]:
@@ -756,7 +758,7 @@ class _Builder:
         size = _size(p["jaxpr"].jaxpr)
         for first, last in runs:
             n = last - first
-            if n > 2 and len(self.graph) + n * size > MOST_UNROLLED:
+            if n > 2 and len(self.graph) + n * size > self.most_unrolled:
                 carry, stacked = self._looped(turn, n, carry, [y[first:last] for y in rows], p["reverse"])
             else:
                 each: list[list[Nodes]] = []

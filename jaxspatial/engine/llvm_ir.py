@@ -34,7 +34,7 @@ _PLACES = {"constant", "load", "carried", "row", "last", "stacked"}
 _OF_LOOPS = {"row", "last", "stacked"}
 # An operation, or the number of a loop as (loop,).
 Item = Any
-Table = tuple[str, Any, int]
+Table = tuple[str, Any, int]  # what, where, and bytes or numbers from row to row
 
 
 class Written(NamedTuple):
@@ -52,7 +52,7 @@ def written(graph: Graph, width: int, is_shared: Sequence[bool], has_fma: bool =
     is_shared: whether all states share an argument. has_fma: whether the processor multiplies and adds in one step;
     without, the error of a product has the same bits, and takes more steps.
     """
-    return _Writer(graph, width, is_shared, has_fma).written()
+    return Writer(graph, width, is_shared, has_fma).written()
 
 
 # -- which operations are needed, and in which order -------------------------------------------------------------------
@@ -64,7 +64,8 @@ class _Order:
     members: by region its operations, and its loops. outside: by loop, the nodes that it reads and does not make.
     """
 
-    def __init__(self, graph: Graph):
+    def __init__(self, graph: Graph, n_registers: int = N_REGISTERS):
+        self.n_registers = n_registers
         self.graph, self.roots = graph, [int(n) for x in graph.results for n in x.ravel()]
         self.carried = {p: (k, c) for k, loop in enumerate(graph.loops) for c, (p, _, _) in enumerate(loop.carried)}
         self.live = set[int]()
@@ -162,7 +163,23 @@ class _Order:
         Panda takes 18 ns for a state instead of 21, the gradient of its forward dynamics 114 instead of 133; depth
         first the mass matrix of a G1 takes 430 instead of 620.
         """
-        items, regions, operands, order = self.items, self.graph.regions, self.graph.operands, list[Item]()
+        order = self._depth_first(region, roots, done)
+        # In the order of the trace, a node is behind those that it reads, results of a loop behind all that it needs.
+        as_traced = sorted(order, key=lambda item: self.first[item] if type(item) is tuple else item)
+        if self.n_registers > N_REGISTERS:
+            backward = self._depth_first(region, roots[::-1], done)
+            orders = [as_traced, self._few_live(order, roots), self._few_live(backward, roots)]
+            order = min(orders, key=self._excess)
+        elif self._reloads(as_traced) <= 1.1 * self._reloads(order):
+            order = as_traced
+        done.update(order)
+        return order
+
+    def _reads(self, item: Item) -> Iterable[int]:
+        return self.outside[item[0]] if type(item) is tuple else self.graph.operands[item]
+
+    def _depth_first(self, region: int, roots: Sequence[int], done: set[Item]) -> list[Item]:
+        items, regions, order, done = self.items, self.graph.regions, list[Item](), set(done)
         # Each item that waits, and what it reads and has not been looked at.
         stack: list[tuple[Item, Iterator[int]]] = [(None, iter(roots))]
         while stack:
@@ -171,25 +188,66 @@ class _Order:
                 item = items[node]
                 if item is not None and regions[node] == region and item not in done:
                     done.add(item)
-                    stack.append((item, iter(self.outside[item[0]] if type(item) is tuple else operands[item])))
+                    stack.append((item, iter(self._reads(item))))
                     break
             else:
                 stack.pop()
                 if waiting is not None:
                     order.append(waiting)
-        # In the order of the trace, a node is behind those that it reads, results of a loop behind all that it needs.
-        as_traced = sorted(order, key=lambda item: self.first[item] if type(item) is tuple else item)
-        return as_traced if self._reloads(as_traced) <= 1.1 * self._reloads(order) else order
+        return order
+
+    def _few_live(self, order: Sequence[Item], roots: Sequence[int]) -> list[Item]:
+        """An order in which what ends the life of another number, or is a result, comes as soon as it can."""
+        position = {item: k for k, item in enumerate(order)}
+        reads = [[position[x] for x in {self.items[n] for n in self._reads(i)} if x in position] for i in order]
+        reads = [sorted(x) for x in reads]
+        readers: list[list[int]] = [[] for _ in order]
+        for k, read in enumerate(reads):
+            for x in read:
+                readers[x].append(k)
+        n_left, n_missing = [len(x) for x in readers], [len(x) for x in reads]
+        are_results = {position[self.items[r]] for r in roots if self.items[r] in position}
+        is_done, found = [False] * len(order), list[Item]()
+        for k in range(len(order)):
+            waiting = [k]
+            while waiting:
+                item = waiting.pop()
+                if is_done[item]:
+                    continue
+                is_done[item] = True
+                found.append(order[item])
+                for x in reads[item]:
+                    n_left[x] -= 1
+                for x in readers[item]:
+                    n_missing[x] -= 1
+                for x in (item, *reads[item]):
+                    for reader in readers[x]:
+                        if not is_done[reader] and not n_missing[reader]:
+                            if reader in are_results or any(n_left[y] == 1 for y in reads[reader]):
+                                waiting.append(reader)
+        return found
+
+    def _excess(self, order: Sequence[Item]) -> tuple[int, int]:
+        """By how many numbers an order has more that are read later than there are registers: in sum, and the most."""
+        own, last = set(order), dict[Item, int]()
+        for k, item in enumerate(order):
+            last.update((read, k) for n in self._reads(item) if (read := self.items[n]) in own)
+        ends, live, excess, most = collections.Counter(last.values()), 0, 0, 0
+        for k, item in enumerate(order):
+            live += item in last
+            most, excess = max(most, live), excess + max(live - self.n_registers, 0)
+            live -= ends[k]
+        return excess, most
 
     def _reloads(self, order: Sequence[Item]) -> int:
         """How often an item reads what no register holds any more, because so many other items lie in between."""
-        items, operands, last, count = self.items, self.graph.operands, dict[Item, int](), 0
+        items, last, count = self.items, dict[Item, int](), 0
         for k, item in enumerate(order):
             last[item] = k
-            for node in self.outside[item[0]] if type(item) is tuple else operands[item]:
+            for node in self._reads(item):
                 read = items[node]
                 if read in last:
-                    count += k - last[read] > N_REGISTERS
+                    count += k - last[read] > self.n_registers
                     last[read] = k
         return count
 
@@ -229,11 +287,15 @@ class _Frame:
         self.free[max(n_bytes, 1)].append(place)
 
 
-class _Function:
-    """The text of one function. registers: of nodes that it has made or read."""
+class Function:
+    """The text of one function. registers: of nodes that it has made or read.
 
-    def __init__(self, name: str):
-        self.name, self.lines, self.entry = name, list[str](), list[str]()
+    Pointers are texts with their types, like "ptr %frame".
+    """
+
+    def __init__(self, name: str, parameters: Sequence[str]):
+        self.name, self.parameters = name, parameters
+        self.lines, self.entry = list[str](), list[str]()
         self.registers = dict[int, str]()
         self.pointers = dict[str, str]()
         self.count = 0
@@ -249,19 +311,26 @@ class _Function:
         """Of argument or result k, read once at the entry."""
         key = f"{array}{k}"
         if key not in self.pointers:
-            self.pointers[key] = f"%{key}"
+            self.pointers[key] = f"ptr %{key}"
             self.entry.append(f"  %at.{key} = getelementptr ptr, ptr %{array}, i64 {k}")
             self.entry.append(f"  %{key} = load ptr, ptr %at.{key}")
         return self.pointers[key]
 
     def text(self, linkage: str) -> str:
-        head = f"define {linkage}void @{self.name}(ptr noalias %arguments, ptr noalias %results, ptr noalias %frame) {{"
+        head = f"define {linkage}void @{self.name}({', '.join(self.parameters)}) {{"
         return "\n".join([head, "entry:", *self.entry, "  br label %body", "body:", *self.lines, "  ret void", "}"])
 
 
-class _Writer:
-    def __init__(self, graph: Graph, width: int, is_shared: Sequence[bool], has_fma: bool):
-        self.g, self.width, self.is_shared, self.order = graph, width, is_shared, _Order(graph)
+class Writer:
+    """Writes a graph. A subclass says what functions are given, and where arguments and results are."""
+
+    parameters: Sequence[str] = ("ptr noalias %arguments", "ptr noalias %results", "ptr noalias %frame")
+    frame = "ptr %frame"
+
+    def __init__(
+        self, graph: Graph, width: int, is_shared: Sequence[bool], has_fma: bool, n_registers: int = N_REGISTERS
+    ):
+        self.g, self.width, self.is_shared, self.order = graph, width, is_shared, _Order(graph, n_registers)
         self.has_fma = has_fma
         self.declared, self.globals = set[str](), dict[str, str]()
         self.types, self.literals = dict[str, str](), dict[int, str]()
@@ -272,7 +341,7 @@ class _Writer:
         self.home, self.readers = dict[int, int](), collections.defaultdict[int, set[int]](set)
         self.slots: dict[int, int] = {}
         self.indices: dict[int, int] = {}
-        self.tables: dict[Any, Table] = {}
+        self.tables: dict[Any, tuple[int, int]] = {}  # places in the frame, and bytes from row to row
         self.at = collections.defaultdict[int, list[tuple[int, int]]](list)
         for k, nodes in enumerate(graph.results):
             for j, node in enumerate(nodes.ravel().tolist()):
@@ -319,7 +388,7 @@ class _Writer:
         self.bodies[k] = _Body(own, self._planned(condition), self._planned(rest))
         return own
 
-    def _note_homes(self) -> None:
+    def note_homes(self) -> None:
         """Which piece makes each node, and which others read it."""
         for p, items in enumerate(self.pieces):
             self._note_items(p, items)
@@ -346,7 +415,7 @@ class _Writer:
 
     # -- places -------------------------------------------------------------------------------------------------------
 
-    def _bytes(self, node: int) -> int:
+    def bytes(self, node: int) -> int:
         dtype = self.g.dtypes[node]
         return max(self.width // 8, 1) if dtype.kind == "b" else self.width * dtype.itemsize
 
@@ -391,7 +460,7 @@ class _Writer:
                     if x in begin or operations[x] in _OF_LOOPS:
                         read(x)
                 if len(readers[item]) > 1 or p not in readers[item]:
-                    touch(item, self._bytes(item))
+                    touch(item, self.bytes(item))
 
         def loop_at(k: int, p: int) -> None:
             nonlocal clock
@@ -401,17 +470,17 @@ class _Writer:
             for node in self.order.starts(k):
                 read(node)
             for parameter, _, _ in self.order.carried_of(loop):
-                touch(parameter, self._bytes(parameter))
+                touch(parameter, self.bytes(parameter))
                 own.append(parameter)
             for i in self.order.stacked_of(k):
                 key = "stacked", k, i
-                touch(key, self._bytes(loop.stacked[i]) * int(loop.length or 0))
+                touch(key, self.bytes(loop.stacked[i]) * int(loop.length or 0))
                 own.append(key)
             for parameter in self.order.rows_of(loop):
                 table = self._found_table(parameter, loop)
                 if table is None:
                     key = "rows", parameter
-                    touch(key, self._bytes(parameter) * int(loop.length or 0))
+                    touch(key, self.bytes(parameter) * int(loop.length or 0))
                     own.append(key)
                 elif table[0] == "stacked":
                     own.append(("stacked", *table[1][:2]))
@@ -451,7 +520,7 @@ class _Writer:
             elif key[0] == "index":
                 self.indices[key[1]] = place
             else:
-                self.tables[key] = "%frame", place, size_of[key] // max(int(self._length_of(key) or 1), 1)
+                self.tables[key] = place, size_of[key] // max(int(self._length_of(key) or 1), 1)
         return frame.size
 
     def _length_of(self, key: Any) -> int | None:
@@ -478,6 +547,12 @@ class _Writer:
                 return "stacked", places[0], 1
         return None
 
+    def argument(self, f: Function, k: int) -> str:
+        return f.pointer("arguments", k)
+
+    def result(self, f: Function, k: int) -> str:
+        return f.pointer("results", k)
+
     # -- types and numbers --------------------------------------------------------------------------------------------
 
     def scalar(self, dtype: np.dtype) -> str:
@@ -499,26 +574,26 @@ class _Writer:
         t, value = self.scalar(dtype), _literal(x, dtype)
         return value if self.width == 1 else f"splat ({t} {value})"
 
-    def loaded(self, f: _Function, pointer: str, dtype: np.dtype) -> str:
+    def loaded(self, f: Function, pointer: str, dtype: np.dtype) -> str:
         register = f.new()
-        f.add(f"{register} = load {self.type(dtype)}, ptr {pointer}, align {self._alignment(dtype)}")
+        f.add(f"{register} = load {self.type(dtype)}, {pointer}, align {self._alignment(dtype)}")
         return register
 
-    def stored(self, f: _Function, value: str, pointer: str, dtype: np.dtype) -> None:
-        f.add(f"store {self.type(dtype)} {value}, ptr {pointer}, align {self._alignment(dtype)}")
+    def stored(self, f: Function, value: str, pointer: str, dtype: np.dtype) -> None:
+        f.add(f"store {self.type(dtype)} {value}, {pointer}, align {self._alignment(dtype)}")
 
     def _alignment(self, dtype: np.dtype) -> int:
         n = max(self.width // 8, 1) if dtype.kind == "b" else self.width * dtype.itemsize
         return min(64, n)
 
-    def offset(self, f: _Function, pointer: str, n_bytes: int | str) -> str:
+    def offset(self, f: Function, pointer: str, n_bytes: int | str) -> str:
         if n_bytes == 0:
             return pointer
         register = f.new()
-        f.add(f"{register} = getelementptr i8, ptr {pointer}, i64 {n_bytes}")
-        return register
+        f.add(f"{register} = getelementptr i8, {pointer}, i64 {n_bytes}")
+        return f"{pointer.rpartition(' ')[0]} {register}"
 
-    def spread(self, f: _Function, value: str, dtype: np.dtype) -> str:
+    def spread(self, f: Function, value: str, dtype: np.dtype) -> str:
         """A vector of W times one number."""
         if self.width == 1:
             return value
@@ -530,7 +605,7 @@ class _Writer:
 
     # -- reading nodes ------------------------------------------------------------------------------------------------
 
-    def read(self, f: _Function, node: int) -> str:
+    def read(self, f: Function, node: int) -> str:
         g = self.g
         if node in g.constants:
             if node not in self.literals:
@@ -540,34 +615,34 @@ class _Writer:
             f.registers[node] = self._read_anew(f, node)
         return f.registers[node]
 
-    def _read_anew(self, f: _Function, node: int) -> str:
+    def _read_anew(self, f: Function, node: int) -> str:
         g, dtype = self.g, self.g.dtypes[node]
         name = g.operations[node]
         if name == "load":
             k, place = g.details[node]
-            pointer = f.pointer("arguments", k)
+            pointer = self.argument(f, k)
             return self._read_outside(f, pointer, place * self._stride(k, dtype), dtype, self.is_shared[k])
         if name == "row":
             return self._read_row(f, node, g.loops[g.details[node]])
         if name == "stacked":
             k, which, row = g.details[node]
-            _, place, stride = self.tables["stacked", k, which]
-            return self.loaded(f, self.offset(f, "%frame", place + row * stride), dtype)
+            place, stride = self.tables["stacked", k, which]
+            return self.loaded(f, self.offset(f, self.frame, place + row * stride), dtype)
         if name == "last":
             k, which, _ = g.details[node]
             node = g.loops[k].carried[which][0]
-        return self.loaded(f, self.offset(f, "%frame", self.slots[node]), dtype)
+        return self.loaded(f, self.offset(f, self.frame, self.slots[node]), dtype)
 
     def _stride(self, k: int, dtype: np.dtype) -> int:
         return dtype.itemsize * (1 if self.is_shared[k] else self.width)
 
-    def _read_outside(self, f: _Function, pointer: str, place: int | str, dtype: np.dtype, is_shared: bool) -> str:
-        """A number outside of the frame, where masks are bytes."""
+    def _read_outside(self, f: Function, pointer: str, place: int | str, dtype: np.dtype, is_shared: bool) -> str:
+        """A number that is outside of the frame."""
         at = self.offset(f, pointer, place)
         inside = np.dtype(np.uint8) if dtype.kind == "b" else dtype
         if is_shared:
             one = f.new()
-            f.add(f"{one} = load {self.scalar(inside)}, ptr {at}")
+            f.add(f"{one} = load {self.scalar(inside)}, {at}")
             value = self.spread(f, one, inside)
         else:
             value = self.loaded(f, at, inside)
@@ -577,13 +652,13 @@ class _Writer:
         f.add(f"{mask} = icmp ne {self.type(inside)} {value}, {self.literal(0, inside)}")
         return mask
 
-    def _index(self, f: _Function, k: int) -> str:
+    def _index(self, f: Function, k: int) -> str:
         """The row that the turn of loop k is for."""
         register = f.new()
-        f.add(f"{register} = load i64, ptr {self.offset(f, '%frame', self.indices[k])}")
+        f.add(f"{register} = load i64, {self.offset(f, self.frame, self.indices[k])}")
         return register
 
-    def _read_row(self, f: _Function, node: int, loop: Loop) -> str:
+    def _read_row(self, f: Function, node: int, loop: Loop) -> str:
         g, dtype = self.g, self.g.dtypes[node]
         index = self._index(f, g.details[node])
         kind, first, step = self._found_table(node, loop) or ("own", (), 1)
@@ -594,18 +669,18 @@ class _Writer:
             k, place = first
             stride = self._stride(k, dtype)
             f.add(f"{scaled} = mul i64 {index}, {step * stride}")
-            base = self.offset(f, f.pointer("arguments", k), place * stride)
+            base = self.offset(f, self.argument(f, k), place * stride)
             return self._read_outside(f, base, scaled, dtype, self.is_shared[k])
         if kind == "stacked":
             k, which, row = first
-            _, place, stride = self.tables["stacked", k, which]
+            place, stride = self.tables["stacked", k, which]
             place += row * stride
         else:
-            _, place, stride = self.tables["rows", node]
+            place, stride = self.tables["rows", node]
         f.add(f"{scaled} = mul i64 {index}, {stride}")
-        return self.loaded(f, self.offset(f, self.offset(f, "%frame", place), scaled), dtype)
+        return self.loaded(f, self.offset(f, self.offset(f, self.frame, place), scaled), dtype)
 
-    def _read_constant(self, f: _Function, index: str, values: Sequence[Any], dtype: np.dtype) -> str:
+    def _read_constant(self, f: Function, index: str, values: Sequence[Any], dtype: np.dtype) -> str:
         inside = np.dtype(np.uint8) if dtype.kind == "b" else dtype
         t = self.scalar(inside)
         items = ", ".join(f"{t} {_literal(x, inside)}" for x in values)
@@ -613,35 +688,43 @@ class _Writer:
         name = self.globals.setdefault(content, f"@table{len(self.globals)}")
         at = f.new()
         f.add(f"{at} = getelementptr {t}, ptr {name}, i64 {index}")
-        return self._read_outside(f, at, 0, dtype, is_shared=True)
+        return self._read_outside(f, f"ptr {at}", 0, dtype, is_shared=True)
 
     # -- writing ------------------------------------------------------------------------------------------------------
 
-    def written(self) -> Written:
+    def planned(self) -> int:
+        """Plans pieces and places: the size of the frame."""
         self.top = self._planned(self.order.scheduled(0, self.order.roots, set()))
-        self._note_homes()
-        size = self._allocate()
-        functions = [self._piece(p) for p in range(len(self.pieces))]
-        block = _Function("block")
+        self.note_homes()
+        return self._allocate()
+
+    def written(self) -> Written:
+        size = self.planned()
+        functions = [self.piece(p) for p in range(len(self.pieces))]
+        block = Function("block", self.parameters)
         for p in self.top:
-            self._called(block, p)
+            self.called(block, p)
         for node, places in self.at.items():
             if node not in self.home:
-                self._stored_results(block, node, places)
+                self.stored_results(block, node, places)
+        return Written(self.joined(functions, block.text("")), size, sum(map(len, self.order.members.values())))
+
+    def joined(self, functions: Iterable[Function], last: str) -> str:
+        """The text of the module."""
         tables = [f"{name} = internal constant {content}" for content, name in self.globals.items()]
         texts = [f.text("internal ") for f in functions]
-        text = "\n".join([*tables, *texts, block.text(""), *sorted(self.declared), ""])
-        return Written(text, size, sum(map(len, self.order.members.values())))
+        return "\n".join([*tables, *texts, last, *sorted(self.declared), ""])
 
-    def _called(self, f: _Function, p: int) -> None:
-        f.add(f"call void @piece{p}(ptr %arguments, ptr %results, ptr %frame)")
+    def called(self, f: Function, p: int) -> None:
+        names = (x.replace("noalias ", "") for x in self.parameters)
+        f.add(f"call void @piece{p}({', '.join(names)})")
 
-    def _piece(self, p: int) -> _Function:
-        f = _Function(f"piece{p}")
-        self._write(f, p, self.pieces[p])
+    def piece(self, p: int) -> Function:
+        f = Function(f"piece{p}", self.parameters)
+        self.write(f, p, self.pieces[p])
         return f
 
-    def _write(self, f: _Function, p: int, items: Iterable[Item]) -> None:
+    def write(self, f: Function, p: int, items: Iterable[Item]) -> None:
         operands, dtypes, lines, slots, at = self.g.operands, self.g.dtypes, f.lines, self.slots, self.at
         read, template_of = self.read, self._template_of
         for item in items:
@@ -653,34 +736,39 @@ class _Writer:
             register = registers[item] = f"%n{item}"
             lines.append(template_of(item).format(register, *values))
             if item in slots:
-                self.stored(f, register, self.offset(f, "%frame", slots[item]), dtypes[item])
+                self.stored(f, register, self.offset(f, self.frame, slots[item]), dtypes[item])
             if item in at:
-                self._stored_results(f, item, at[item])
+                self.stored_results(f, item, at[item])
 
-    def _stored_results(self, f: _Function, node: int, places: Iterable[tuple[int, int]]) -> None:
+    def stored_results(self, f: Function, node: int, places: Iterable[tuple[int, int]]) -> None:
         """Results are stored as soon as they are known."""
-        dtype, value = self.g.dtypes[node], self.read(f, node)
-        inside = np.dtype(np.uint8) if dtype.kind == "b" else dtype
-        if dtype.kind == "b":
-            mask, value = value, f.new()
-            f.add(f"{value} = zext {self.type(dtype)} {mask} to {self.type(inside)}")
+        value, dtype = self.read_for_outside(f, node)
         for k, j in places:
-            pointer = self.offset(f, f.pointer("results", k), j * self.width * inside.itemsize)
-            self.stored(f, value, pointer, inside)
+            pointer = self.offset(f, self.result(f, k), j * self.width * dtype.itemsize)
+            self.stored(f, value, pointer, dtype)
 
-    def _write_loop(self, f: _Function, p: int, k: int) -> None:
+    def read_for_outside(self, f: Function, node: int) -> tuple[str, np.dtype]:
+        """A number as it is outside of the frame, where masks are bytes."""
+        value, dtype = self.read(f, node), self.g.dtypes[node]
+        if dtype.kind != "b":
+            return value, dtype
+        mask, value, byte = value, f.new(), np.dtype(np.uint8)
+        f.add(f"{value} = zext {self.type(dtype)} {mask} to {self.type(byte)}")
+        return value, byte
+
+    def _write_loop(self, f: Function, p: int, k: int) -> None:
         g, loop, order = self.g, self.g.loops[k], self.order
         carried = order.carried_of(loop)
         for parameter in order.rows_of(loop):
             if ("rows", parameter) in self.tables:
-                _, place, stride = self.tables["rows", parameter]
+                place, stride = self.tables["rows", parameter]
                 for row, node in enumerate(loop.rows[parameter]):
-                    pointer = self.offset(f, "%frame", place + row * stride)
+                    pointer = self.offset(f, self.frame, place + row * stride)
                     self.stored(f, self.read(f, node), pointer, g.dtypes[parameter])
         self._store_carried(f, [(c[0], c[1]) for c in carried])
-        index = self.offset(f, "%frame", self.indices[k])
+        index = self.offset(f, self.frame, self.indices[k])
         first, last, step = (int(loop.length or 0) - 1, 0, -1) if loop.is_reverse else (0, int(loop.length or 0) - 1, 1)
-        f.add(f"store i64 {first}, ptr {index}")
+        f.add(f"store i64 {first}, {index}")
         f.count += 1
         head, body, end = (f"{name}{f.count}" for name in ("head", "turn", "end"))
         f.add(f"br label %{head}")
@@ -692,15 +780,15 @@ class _Writer:
             active = any_active = self.read(f, loop.condition)
             if self.width > 1:
                 any_active, mask = f.new(), self.type(np.dtype(bool))
-                f.add(f"{any_active} = {self._call(f'llvm.vector.reduce.or.v{self.width}i1', 'i1', (mask, active))}")
+                f.add(f"{any_active} = {self.call(f'llvm.vector.reduce.or.v{self.width}i1', 'i1', (mask, active))}")
             f.add(f"br i1 {any_active}, label %{body}, label %{end}")
             f.lines.append(f"{body}:")
         self._write_part(f, p, k, 1)
         for i in order.stacked_of(k):
-            _, place, stride = self.tables["stacked", k, i]
+            place, stride = self.tables["stacked", k, i]
             row, scaled = self._index(f, k), f.new()
             f.add(f"{scaled} = mul i64 {row}, {stride}")
-            pointer = self.offset(f, self.offset(f, "%frame", place), scaled)
+            pointer = self.offset(f, self.offset(f, self.frame, place), scaled)
             self.stored(f, self.read(f, loop.stacked[i]), pointer, g.dtypes[loop.stacked[i]])
         self._store_carried(f, [(c[0], c[2]) for c in carried], active)
         if loop.length is None:
@@ -709,20 +797,20 @@ class _Writer:
             row, following, is_last = self._index(f, k), f.new(), f.new()
             f.add(f"{is_last} = icmp eq i64 {row}, {last}")
             f.add(f"{following} = add i64 {row}, {step}")
-            f.add(f"store i64 {following}, ptr {index}")
+            f.add(f"store i64 {following}, {index}")
             f.add(f"br i1 {is_last}, label %{end}, label %{head}")
         f.lines.append(f"{end}:")
         f.registers = outside
 
-    def _write_part(self, f: _Function, p: int, k: int, part: int) -> None:
+    def _write_part(self, f: Function, p: int, k: int, part: int) -> None:
         """What is in front of the condition of a loop, 0, or after it, 1."""
         if k not in self.bodies:
-            self._write(f, p, self._scheduled_body(k)[part])
+            self.write(f, p, self._scheduled_body(k)[part])
             return
         for q in self.bodies[k].rest if part else self.bodies[k].condition:
-            self._called(f, q)
+            self.called(f, q)
 
-    def _store_carried(self, f: _Function, pairs: Sequence[tuple[int, int]], active: str = "") -> None:
+    def _store_carried(self, f: Function, pairs: Sequence[tuple[int, int]], active: str = "") -> None:
         """Stores new values of what a loop carries. All are read before the first is stored.
 
         active: of lanes that go on; others keep what they have.
@@ -736,7 +824,7 @@ class _Writer:
                 value = chosen
             values.append(value)
         for (parameter, _), value in zip(pairs, values, strict=True):
-            pointer = self.offset(f, "%frame", self.slots[parameter])
+            pointer = self.offset(f, self.frame, self.slots[parameter])
             self.stored(f, value, pointer, self.g.dtypes[parameter])
 
     # -- operations ---------------------------------------------------------------------------------------------------
@@ -779,19 +867,19 @@ class _Writer:
         elif name == "not":
             text = f"xor {t} {{1}}, {self.literal(True if dtype.kind == 'b' else -1, dtype)}"
         elif name == "abs" and dtype.kind != "f":
-            text = self._call(f"llvm.abs.{self.suffix(dtype)}", t, (t, "{1}"), ("i1", "false"))
+            text = self.call(f"llvm.abs.{self.suffix(dtype)}", t, (t, "{1}"), ("i1", "false"))
         elif name in _INTRINSICS:
-            text = self._call(f"llvm.{_INTRINSICS[name]}.{self.suffix(dtype)}", t, (t, "{1}"))
+            text = self.call(f"llvm.{_INTRINSICS[name]}.{self.suffix(dtype)}", t, (t, "{1}"))
         elif name in ("max", "min"):
             full = {"f": f"{name}imum", "i": f"s{name}", "u": f"u{name}", "b": f"u{name}"}[dtype.kind]
-            text = self._call(f"llvm.{full}.{self.suffix(dtype)}", t, (t, "{1}"), (t, "{2}"))
+            text = self.call(f"llvm.{full}.{self.suffix(dtype)}", t, (t, "{1}"), (t, "{2}"))
         elif name == "bitcast":
             text = f"bitcast {source} {{1}} to {t}"
         else:
             text = self._converted(of, dtype)
         return [f"{{0}} = {text}"]
 
-    def _call(self, name: str, t: str, *operands: tuple[str, str]) -> str:
+    def call(self, name: str, t: str, *operands: tuple[str, str]) -> str:
         self.declared.add(f"declare {t} @{name}({', '.join(kind for kind, _ in operands)})")
         return f"call {t} @{name}({', '.join(f'{kind} {x}' for kind, x in operands)})"
 
@@ -802,7 +890,7 @@ class _Writer:
         if of.kind == "f" and to.kind in "iu":
             # What does not fit is cut off, and NaN is 0, as in XLA.
             name = f"llvm.fpto{'s' if to.kind == 'i' else 'u'}i.sat.{self.suffix(to)}.{self.suffix(of)}"
-            return self._call(name, t, (source, "{1}"))
+            return self.call(name, t, (source, "{1}"))
         return f"{_conversion(of, to)} {source} {{1}} to {t}"
 
     def _shifted(self, name: str, dtype: np.dtype) -> list[str]:
@@ -844,7 +932,7 @@ class _Writer:
         """
         t = self.type(dtype)
         if self.has_fma:
-            fused = self._call(f"llvm.fma.{self.suffix(dtype)}", t, (t, "{1}"), (t, "{2}"), (t, "{0}.minus"))
+            fused = self.call(f"llvm.fma.{self.suffix(dtype)}", t, (t, "{1}"), (t, "{2}"), (t, "{0}.minus"))
             return [f"{{0}}.minus = fneg {t} {{3}}", f"{{0}} = {fused}"]
         wide = self.type(np.dtype(np.float64))
         if dtype == np.float32:
@@ -858,7 +946,7 @@ class _Writer:
         bits, mask, half = self.type(integer), self.type(np.dtype(bool)), self.literal(1 << 26, integer)
         lines: list[str] = []
         for x, operand in (("{0}.a", "{1}"), ("{0}.b", "{2}")):
-            size = self._call(f"llvm.fabs.{self.suffix(dtype)}", t, (t, operand))
+            size = self.call(f"llvm.fabs.{self.suffix(dtype)}", t, (t, operand))
             lines += [
                 f"{x}_size = {size}",
                 f"{x}_is_usual = fcmp olt {t} {x}_size, {self.literal((2 - 2.0**-26) * 2.0**1023, dtype)}",

@@ -1,9 +1,9 @@
 """Programs over batches, and the primitive that runs them: what `vmap`, `jvp` and transposition do is decided here.
 
 An algorithm is one primitive. Its formula sees a single axis of states, innermost in memory, however often and along
-whichever axes a caller maps it: (L, W, B), L joints along a chain, W chains, B states. On CPUs it is traced for one
-state, and the trace becomes machine code for several states side by side: see `graph`, `llvm_ir` and `cpu`. Elsewhere,
-and where a trace has what a graph has not, XLA compiles the trace as it is.
+whichever axes a caller maps it: (L, W, B), L joints along a chain, W chains, B states. On CPUs and NVIDIA GPUs it is
+traced for one state, and the trace becomes machine code for several states side by side: see `graph`, `llvm_ir`, `cpu`
+and `cuda`. Elsewhere, and where a trace has what a graph has not, XLA compiles the trace as it is.
 """
 
 import contextlib
@@ -12,6 +12,7 @@ import gc
 import itertools
 import math
 from collections.abc import Callable, Hashable, Iterator, Sequence
+from types import ModuleType
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -19,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.engine import cpu, graph, llvm_ir
+from jaxspatial.engine import cpu, cuda, graph
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.primitives import (
     compiled,
@@ -272,11 +273,12 @@ def zeros(aval: Aval) -> jax.Array:
 
 
 class Native(NamedTuple):
-    """How machine code of our own is called. n_devices: over how many devices the compiler may split the batch. hold:
-    keeps the code for as long as the program of XLA that calls it."""
+    """How machine code of our own is called: by `cpu`, or by `cuda`. n_devices: over how many devices the compiler may
+    split the batch. hold: keeps the code for as long as the program of XLA that calls it."""
 
+    machine: ModuleType
     n_devices: int
-    hold: Callable[[cpu.Compiled], Any]
+    hold: Callable[[Any], Any]
 
 
 def run(
@@ -289,7 +291,8 @@ def run(
     batch = check.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
     if check.is_sized(batch) and math.prod(batch) == 0:
         return _of_no_states(program, n_batch, batch, arrays)
-    columns = program.columns(arrays, n_batch) if native and check.is_sized(batch) else []
+    is_on_cpu = native is not None and native.machine is cpu
+    columns = program.columns(arrays, n_batch) if is_on_cpu and check.is_sized(batch) else []
     if columns:
         return [_over_columns(program.over_columns(), columns, n_batch, native, arrays)]
     flat = [with_one_axis(x, n_batch, batch) for x in arrays]
@@ -371,24 +374,26 @@ def _natively(program: Program, native: Native, n: int, arrays: Sequence[jax.Arr
     if not check.is_sized((n,)):
         return None
     is_shared = tuple(x.shape[0] != n for x in arrays)
-    code = _code(program, [_aval(x, 1) for x in arrays], is_shared, is_alone=n == 1)
+    code = _code(program, native.machine, [_aval(x, 1) for x in arrays], is_shared, native.machine.least_alike(n))
     if code is None:
         return None
-    native.hold(cpu.compiled(code.code))
+    native.hold(native.machine.compiled(code.code))
     flat = [x.reshape((x.shape[0], -1)) for x in arrays]
-    results = cpu.call(code.code, flat, n, n_devices=native.n_devices)
+    results = native.machine.call(code.code, flat, n, n_devices=native.n_devices)
     return [y.reshape((y.shape[0], *shape)) for y, shape in zip(results, code.shapes, strict=True)]
 
 
 class _Code(NamedTuple):
     """The code of a program, and the shapes of its results at one state."""
 
-    code: cpu.Code
+    code: Any
     shapes: list[tuple[int, ...]]
 
 
-def _code(program: Program, avals: Sequence[Aval], is_shared: tuple[bool, ...], is_alone: bool) -> _Code | None:
-    """The code of a program of one state, or of several side by side; None if its trace has what graphs have not."""
+def _code(
+    program: Program, machine: ModuleType, avals: Sequence[Aval], is_shared: tuple[bool, ...], n: int
+) -> _Code | None:
+    """The code of a program for n states; None if its trace has what graphs have not."""
 
     def made() -> _Code | None:
         with _without_collection():
@@ -397,28 +402,19 @@ def _code(program: Program, avals: Sequence[Aval], is_shared: tuple[bool, ...], 
                 whole = graph.graph_of(traced.closed, _expanded)
             except graph.NotSupportedError:
                 return None
-            width = 1 if is_alone else _width(whole.dtypes)
-            written = llvm_ir.written(whole, width, is_shared, cpu.host().has_fma)
-        each = zip(avals, is_shared, strict=True)
-        arguments = tuple(cpu.Argument(math.prod(a.shape), np.dtype(a.dtype), shared) for a, shared in each)
-        results: list[cpu.Result] = []
-        for i, a in enumerate(traced.out_avals):
-            primal = program.primal_of(i)
-            is_summed = primal is not None and is_shared[primal]
-            results.append(cpu.Result(math.prod(a.shape), np.dtype(a.dtype), is_summed))
-        code = cpu.Code(written.text, width, arguments, tuple(results), written.frame_bytes, written.n_operations)
+            each = zip(avals, is_shared, strict=True)
+            arguments = [cpu.Argument(math.prod(a.shape), np.dtype(a.dtype), shared) for a, shared in each]
+            results: list[cpu.Result] = []
+            for i, a in enumerate(traced.out_avals):
+                primal = program.primal_of(i)
+                is_summed = primal is not None and is_shared[primal]
+                results.append(cpu.Result(math.prod(a.shape), np.dtype(a.dtype), is_summed))
+            code = machine.code_of(whole, arguments, results, n)
         return _Code(code, [a.shape[1:] for a in traced.out_avals])
 
-    key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), is_shared, is_alone
+    key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), is_shared, n
     in_64_bits = bool(check.config.jax_enable_x64)
-    return program.cached(("code", key, in_64_bits), made)
-
-
-def _width(dtypes: Sequence[np.dtype]) -> int:
-    """How many states fill a register of the processor, with the widest numbers of a graph."""
-    features = cpu.host().features
-    n_bytes = 64 if "+avx512f" in features else 32 if "+avx," in features else 16
-    return max(n_bytes // max((d.itemsize for d in dtypes if d.kind == "f"), default=4), 4)
+    return program.cached(("code", machine.__name__, key, in_64_bits), made)
 
 
 def _expanded(eqn: Any) -> ClosedJaxpr | None:
@@ -441,14 +437,15 @@ def _aval(x: jax.Array, size: int | None = None) -> Aval:
 # -- lowering ----------------------------------------------------------------------------------------------------------
 
 
-def _lowering(is_for_cpus: bool) -> Callable[..., Any]:
+def _lowering(machine: ModuleType | None) -> Callable[..., Any]:
     def rule(context, *arrays, program: Program, n_batch: int):
         module = context.module_context
         is_exported = module.lowering_parameters.for_export
         native = None
-        if is_for_cpus and not is_exported and cpu.is_available():
-            native = Native(n_devices(context), module.add_keepalive)
-        lower = lower_fun(functools.partial(run, program, n_batch, native, in_parts=is_for_cpus), multiple_results=True)
+        if machine and not is_exported and machine.is_available():
+            native = Native(machine, n_devices(context), module.add_keepalive)
+        in_parts = machine is cpu
+        lower = lower_fun(functools.partial(run, program, n_batch, native, in_parts=in_parts), multiple_results=True)
         with _without_collection():
             return unsharded(lower, context, *arrays)
 
@@ -469,8 +466,9 @@ _program_p: Any = Primitive("jaxspatial_program")
 _program_p.multiple_results = True
 _program_p.def_abstract_eval(_abstract)
 _program_p.def_impl(_run_alone)
-mlir.register_lowering(_program_p, _lowering(is_for_cpus=False))
-mlir.register_lowering(_program_p, _lowering(is_for_cpus=True), platform="cpu")
+mlir.register_lowering(_program_p, _lowering(None))
+mlir.register_lowering(_program_p, _lowering(cpu), platform="cpu")
+mlir.register_lowering(_program_p, _lowering(cuda), platform="cuda")
 ad.primitive_jvps[_program_p] = _jvp
 ad.primitive_transposes[_program_p] = _transpose
 batching.primitive_batchers[_program_p] = _batch

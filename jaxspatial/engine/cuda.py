@@ -1,0 +1,449 @@
+"""A graph as a kernel for NVIDIA GPUs, one state per thread, and its call from JAX.
+
+LLVM writes the kernel as PTX, the assembly language of these GPUs, from the IR that `llvm_ir` writes for one state. It
+travels as text within the program of JAX, and the driver compiles it for the GPU at hand. A warp, 32 threads, is a
+block. It copies rows of the batch to shared memory, so that neighbours in memory are read by neighbouring threads;
+each thread computes its state from there; and results go back the same way.
+
+Every number has the bits that the CPU's machine code gives it.
+"""
+
+import contextlib
+import functools
+import importlib
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jaxspatial.engine import cpu, llvm_ir
+from jaxspatial.engine.graph import Graph
+
+WARP = 32
+# Bytes of shared memory that a block may take without asking for more.
+MOST_SHARED = 48 * 1024
+# Bytes of a state's row in shared memory: with more, too few warps fit a multiprocessor.
+LONGEST_ROW = 1024
+# Numbers of a result above which it is written by columns at the end, instead of from the row.
+LONGEST_RESULT = 64
+# How many loads of a copy are under way before the first number is stored.
+AT_ONCE = 16
+REGISTERS = 200
+# Stands for the number of states in the text of a kernel. No program has this number.
+N_STATES = 0x5AFE5AFE5AFE
+CAPABILITIES = (70, 75, 80, 86, 89, 90, 100)
+TRIPLE = "nvptx64-nvidia-cuda"
+ROWS, FRAME = "ptr addrspace(3) %rows", "ptr addrspace(5) %frame"
+
+
+class Code(NamedTuple):
+    """A kernel for batches of at least 32 states, or for so many of fewer.
+
+    text: its LLVM IR. tails: for how many states, where below 32.
+    """
+
+    text: str
+    arguments: tuple[cpu.Argument, ...]
+    results: tuple[cpu.Result, ...]
+
+
+def least_alike(n: int) -> int:
+    """The least number of states whose code that of n states is, too."""
+    return min(n, WARP)
+
+
+def code_of(graph: Graph, arguments: Sequence[cpu.Argument], results: Sequence[cpu.Result], n: int) -> Code:
+    """The code of a graph for n states."""
+    writer = _ThreadWriter(graph, arguments, results, min(n, WARP))
+    return Code(writer.kernel(), tuple(arguments), tuple(results))
+
+
+# -- the kernel --------------------------------------------------------------------------------------------------------
+
+
+class _ThreadWriter(llvm_ir.Writer):
+    """Writes a kernel, in which each thread computes the state of its row.
+
+    n_rows: the states of a warp: 32, or all states of a smaller batch. offsets: by argument, and by result counted on,
+    where it begins in a row of shared memory; not there for what is read or written without.
+    """
+
+    frame = FRAME
+
+    def __init__(self, graph: Graph, arguments: Sequence[cpu.Argument], results: Sequence[cpu.Result], n_rows: int):
+        super().__init__(graph, 1, [x.is_shared for x in arguments], has_fma=True, n_registers=REGISTERS)
+        self.arguments, self.results, self.n_rows = arguments, results, n_rows
+        self.offsets: dict[int, int] = {}
+        size, n = 0, len(arguments)
+        for i, x in enumerate((*arguments, *results)):
+            end = -(-size // x.dtype.itemsize) * x.dtype.itemsize + x.size * x.dtype.itemsize
+            is_large = i >= n and x.size > LONGEST_RESULT
+            if not (i < n and x.is_shared) and not is_large and end <= LONGEST_ROW and x.size:
+                self.offsets[i], size = end - x.size * x.dtype.itemsize, end
+        self.row_bytes = _odd(size, max((x.dtype.itemsize for x in (*arguments, *results)), default=4))
+        tile = max((x.dtype.itemsize for i, x in enumerate(results, n) if i not in self.offsets and x.size), default=0)
+        self.tile, self.tile_bytes = WARP * self.row_bytes, (WARP + 1) * tile
+        self.shared_bytes = self.tile + WARP * self.tile_bytes
+        self.outside = [i for i in range(n) if i not in self.offsets and arguments[i].size]
+        self.parameters = ["ptr addrspace(3) noalias %rows", "ptr addrspace(5) noalias %frame", "i64 %state"]
+        self.parameters += [f"ptr addrspace(1) noalias %a{i}" for i in self.outside]
+        large = [i for i, x in enumerate(results, n) if i not in self.offsets and x.size]
+        self.parameters += [f"ptr addrspace(1) noalias %g{i}" for i in large]
+        # Of large results, which nodes a part of 32 columns waits for. Sums are made at the end.
+        self.tiles: dict[tuple[int, int], set[llvm_ir.Item]] = {}
+        for i in large:
+            nodes = graph.results[i - n].ravel().tolist()
+            for first in range(0, len(nodes), WARP):
+                items = {self.order.items[x] for x in nodes[first : first + WARP]}
+                self.tiles[i, first] = items - {None} | ({None} if results[i - n].is_summed else set())
+        self.tiles_of: dict[llvm_ir.Item, list[tuple[int, int]]] = {}
+        for tile, items in self.tiles.items():
+            for item in items:
+                self.tiles_of.setdefault(item, []).append(tile)
+
+    def argument(self, f: llvm_ir.Function, k: int) -> str:
+        return self.offset(f, ROWS, self.offsets[k]) if k in self.offsets else f"ptr addrspace(1) %a{k}"
+
+    def result(self, f: llvm_ir.Function, k: int) -> str:
+        return self.offset(f, ROWS, self.offsets[len(self.arguments) + k])
+
+    def stored_results(self, f: llvm_ir.Function, node: int, places: Any) -> None:
+        n = len(self.arguments)
+        if inside := [(k, j) for k, j in places if n + k in self.offsets]:
+            super().stored_results(f, node, inside)
+
+    def note_homes(self) -> None:
+        """A part of a large result is written where the last of its numbers is known."""
+        super().note_homes()
+        place = {item: p for p, items in enumerate(self.pieces) for item in items}
+        end = 0 if len(self.pieces) == 1 else len(self.pieces)
+        for (i, first), items in self.tiles.items():
+            p = max((place.get(x, end) for x in items), default=end)
+            for node in self.g.results[i - len(self.arguments)].ravel()[first : first + WARP].tolist():
+                self.readers[node].add(p)
+
+    def write(self, f: llvm_ir.Function, p: int, items: Iterable[llvm_ir.Item]) -> None:
+        for item in items:
+            super().write(f, p, [item])
+            for tile in self.tiles_of.get(item, ()):
+                self.tiles[tile].discard(item)
+                if not self.tiles[tile]:
+                    del self.tiles[tile]
+                    self._write_tile(f, *tile)
+
+    def piece(self, p: int) -> llvm_ir.Function:
+        f = super().piece(p)
+        f.entry += self._lanes()
+        return f
+
+    def _lanes(self) -> list[str]:
+        """Which thread of the warp this is, and which row it computes: those without a state repeat the last one."""
+        lane = self.call("llvm.nvvm.read.ptx.sreg.tid.x", "i32")
+        n = self.n_rows - 1
+        return [
+            f"  %lane = {lane}",
+            f"  %is_less = icmp ult i32 %lane, {n}",
+            f"  %row = select i1 %is_less, i32 %lane, i32 {n}",
+            "  %own = zext i32 %row to i64",
+        ]
+
+    def kernel(self) -> str:
+        frame_bytes = self.planned()
+        n, n_rows = len(self.arguments), self.n_rows
+        names = [f"%g{i}" for i in range(n + len(self.results))]
+        f = llvm_ir.Function("kernel", [f"ptr addrspace(1) noalias {name}" for name in names])
+        f.entry += self._lanes()
+        f.add(f"%block = {self.call('llvm.nvvm.read.ptx.sreg.ctaid.x', 'i32')}")
+        f.add("%warp = zext i32 %block to i64")
+        if n_rows < WARP:
+            f.add("%state = add i64 0, 0")
+        else:
+            # The last warp begins earlier, so that it is full, and computes some states once more.
+            f.add(f"%wanted = mul i64 %warp, {WARP}")
+            f.add("%n = load i64, ptr addrspace(4) @n_states")
+            f.add(f"%last = sub i64 %n, {WARP}")
+            f.add("%is_last = icmp ugt i64 %wanted, %last")
+            f.add("%state = select i1 %is_last, i64 %last, i64 %wanted")
+            f.add("%again64 = sub i64 %wanted, %state")
+            f.add("%again = trunc i64 %again64 to i32")
+        f.add(f"%places = mul i64 %own, {self.row_bytes}")
+        f.add("%rows = getelementptr i8, ptr addrspace(3) @shared, i64 %places")
+        f.add("%own_state = add i64 %state, %own")
+        for i, x in enumerate(self.arguments):
+            if i in self.offsets:
+                self._copied(f, i, x, ("ptr addrspace(3) @shared", self.row_bytes, self.offsets[i]), range(x.size))
+        for i in self.outside:
+            x = self.arguments[i]
+            state = "0" if x.is_shared else "%own_state"
+            f.add(f"%at{i} = mul i64 {state}, {x.size * x.dtype.itemsize}")
+            f.add(f"%a{i} = getelementptr i8, ptr addrspace(1) %g{i}, i64 %at{i}")
+        f.entry.append(f"  %memory = alloca [{max(frame_bytes, 1)} x i8], align 16")
+        f.entry.append("  %frame = addrspacecast ptr %memory to ptr addrspace(5)")
+        self._synchronised(f)
+        if len(self.pieces) == 1 and not self.bodies:
+            functions = list[llvm_ir.Function]()
+            self.write(f, 0, self.pieces[0])
+        else:
+            functions = [self.piece(p) for p in range(len(self.pieces))]
+            for p in self.top:
+                self.called(f, p)
+        for node, places in self.at.items():
+            if node not in self.home:
+                self.stored_results(f, node, places)
+        self._synchronised(f)
+        for tile in self.tiles:
+            self._write_tile(f, *tile)
+        for i, x in enumerate(self.results, n):
+            if i in self.offsets:
+                rows = "ptr addrspace(3) @shared", self.row_bytes, self.offsets[i]
+                self._written_back(f, i, x, rows, range(x.size))
+        shared = f"@shared = internal addrspace(3) global [{self.shared_bytes} x i8] undef, align 16"
+        shared += f"\n@n_states = addrspace(4) externally_initialized constant i64 {N_STATES}"
+        text = f.text("ptx_kernel ")
+        text = text.replace(") {", f') "nvvm.maxntid"="{WARP}" {{', 1)
+        return f"{shared}\n{self.joined(functions, text)}"
+
+    def _write_tile(self, f: llvm_ir.Function, i: int, first: int) -> None:
+        """Writes up to 32 columns of a large result."""
+        x = self.results[i - len(self.arguments)]
+        nodes = self.g.results[i - len(self.arguments)].ravel()[first : first + WARP].tolist()
+        own, pointer = f.new(), "ptr addrspace(3) @shared"
+        f.add(f"{own} = mul i64 %own, {self.tile_bytes}")
+        for j, node in enumerate(nodes):
+            value, dtype = self.read_for_outside(f, node)
+            place = self.offset(f, self.offset(f, pointer, own), self.tile + j * dtype.itemsize)
+            self.stored(f, value, place, dtype)
+        self._synchronised(f)
+        tile = pointer, self.tile_bytes, self.tile - first * x.dtype.itemsize
+        self._written_back(f, i, x, tile, range(first, first + len(nodes)))
+        self._synchronised(f)
+
+    def _synchronised(self, f: llvm_ir.Function) -> None:
+        """Threads of the warp see what others wrote to shared memory."""
+        f.add(self.call("llvm.nvvm.bar.warp.sync", "void", ("i32", "-1")))
+
+    # -- copies between rows of the batch and shared memory -----------------------------------------------------------
+
+    def _lane(self, f: llvm_ir.Function, i: int, x: Any, shared: tuple[str, int, int], first: int, width: int):
+        """(where a lane begins in global memory, and in shared memory) to copy `width` columns of several rows."""
+        size, item = x.size, x.dtype.itemsize
+        pointer, row_bytes, offset = shared
+        row, column, place, of_state, at, inside = (f.new() for _ in range(6))
+        f.add(f"{row} = udiv i32 %lane, {width}")
+        f.add(f"{column} = and i32 %lane, {width - 1}")
+        wide_row, wide_column = f.new(), f.new()
+        f.add(f"{wide_row} = zext i32 {row} to i64")
+        f.add(f"{wide_column} = zext i32 {column} to i64")
+        f.add(f"{place} = add i64 %state, {wide_row}")
+        f.add(f"{of_state} = mul i64 {place}, {size * item}")
+        f.add(f"{at} = mul i64 {wide_column}, {item}")
+        f.add(f"{inside} = mul i64 {wide_row}, {row_bytes}")
+        there = self.offset(f, self.offset(f, f"ptr addrspace(1) %g{i}", of_state), at)
+        here = self.offset(f, self.offset(f, pointer, inside), at)
+        return row, column, self.offset(f, there, first * item), self.offset(f, here, offset + first * item)
+
+    @contextlib.contextmanager
+    def _where(self, f: llvm_ir.Function, conditions: Sequence[str]) -> Iterator[None]:
+        """What follows is done by threads for which these hold."""
+        if not conditions:
+            yield
+            return
+        condition = conditions[0]
+        for other in conditions[1:]:
+            both = f.new()
+            f.add(f"{both} = and i1 {condition}, {other}")
+            condition = both
+        f.count += 1
+        name = f"where{f.count}"
+        f.add(f"br i1 {condition}, label %{name}, label %{name}.end")
+        f.lines.append(f"{name}:")
+        yield
+        f.add(f"br label %{name}.end")
+        f.lines.append(f"{name}.end:")
+
+    def _copied(
+        self, f: llvm_ir.Function, i: int, x: Any, shared: tuple[str, int, int], columns: range, is_read: bool = True
+    ) -> None:
+        """Copies columns of an argument to shared memory, or of a result from there.
+
+        As many lanes as a power of two has side by side, and as many rows at once as there are lanes for.
+        """
+        t, item = f"i{8 * x.dtype.itemsize}", x.dtype.itemsize
+        for first, width, wanted in _parts(columns):
+            row, column, there, here = self._lane(f, i, x, shared, first, width)
+            of, to = (there, here) if is_read else (here, there)
+            steps = (x.size * item, shared[1]) if is_read else (shared[1], x.size * item)
+            rows = WARP // width
+            whole, rest = divmod(self.n_rows, rows)
+            inside = list[str]()
+            if wanted < width:
+                inside.append(f.new())
+                f.add(f"{inside[0]} = icmp ult i32 {column}, {wanted}")
+
+            def moved(turns: Sequence[int]) -> None:
+                values = list[str]()
+                for turn in turns:
+                    pointer = self.offset(f, of, turn * rows * steps[0])  # noqa: B023
+                    values.append(f.new())
+                    f.add(f"{values[-1]} = load {t}, {pointer}, align {item}")
+                for turn, value in zip(turns, values, strict=True):
+                    pointer = self.offset(f, to, turn * rows * steps[1])  # noqa: B023
+                    f.add(f"store {t} {value}, {pointer}, align {item}")
+
+            with self._where(f, inside):
+                for k in range(0, whole, AT_ONCE):
+                    moved(range(k, min(k + AT_ONCE, whole)))
+            if rest:
+                inside.append(f.new())
+                f.add(f"{inside[-1]} = icmp ult i32 {row}, {rest}")
+                with self._where(f, inside):
+                    moved([whole])
+
+    def _written_back(
+        self, f: llvm_ir.Function, i: int, x: cpu.Result, shared: tuple[str, int, int], columns: range
+    ) -> None:
+        if x.is_summed:
+            self._summed(f, i, x, shared, columns)
+        else:
+            self._copied(f, i, x, shared, columns, is_read=False)
+
+    def _summed(self, f: llvm_ir.Function, i: int, x: cpu.Result, shared: tuple[str, int, int], columns: range) -> None:
+        """Writes sums over the states of the warp, of which each lane makes one."""
+        pointer, row_bytes, offset = shared
+        t, item = self.scalar(x.dtype), x.dtype.itemsize
+        plus = "fadd" if x.dtype.kind == "f" else "add"
+        for first in range(columns.start, columns.stop, WARP):
+            n = min(WARP, columns.stop - first)
+            is_one, lane, at = f.new(), f.new(), f.new()
+            f.add(f"{is_one} = icmp ult i32 %lane, {n}")
+            with self._where(f, [is_one]):
+                f.add(f"{lane} = zext i32 %lane to i64")
+                f.add(f"{at} = mul i64 {lane}, {item}")
+                here = self.offset(f, self.offset(f, pointer, at), offset + first * item)
+                terms = list[str]()
+                for row in range(self.n_rows):
+                    value = f.new()
+                    f.add(f"{value} = load {t}, {self.offset(f, here, row * row_bytes)}, align {item}")
+                    if self.n_rows == WARP and row < WARP - 1:
+                        is_new, chosen = f.new(), f.new()
+                        f.add(f"{is_new} = icmp ule i32 %again, {row}")
+                        f.add(f"{chosen} = select i1 {is_new}, {t} {value}, {t} zeroinitializer")
+                        value = chosen
+                    terms.append(value)
+                while len(terms) > 1:
+                    sums = list[str]()
+                    for a, b in zip(terms[::2], terms[1::2], strict=False):
+                        sums.append(f.new())
+                        f.add(f"{sums[-1]} = {plus} {t} {a}, {b}")
+                    terms = sums + ([terms[-1]] if len(terms) % 2 else [])
+                of_warp = f.new()
+                f.add(f"{of_warp} = mul i64 %warp, {x.size * item}")
+                there = self.offset(f, self.offset(f, f"ptr addrspace(1) %g{i}", of_warp), at)
+                f.add(f"store {t} {terms[0]}, {self.offset(f, there, first * item)}, align {item}")
+
+
+def _odd(n_bytes: int, item: int) -> int:
+    """The least length of rows of which 32 begin in different banks of shared memory."""
+    item = max(item, 4)
+    n = -(-n_bytes // item)
+    return item * (n + 1 - n % 2)
+
+
+def _parts(columns: range) -> Iterator[tuple[int, int, int]]:
+    """(first column, lanes, columns of them) of parts of columns: powers of two of lanes, of which few are idle."""
+    first = columns.start
+    while first < columns.stop:
+        n = min(columns.stop - first, WARP)
+        above = 1 << (n - 1).bit_length()
+        width = above if 4 * n > 3 * above else above // 2
+        yield first, width, min(n, width)
+        first += min(n, width)
+
+
+# -- compiling and calling ---------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def _capability() -> int:
+    """The least compute capability of the GPUs here, 90 for 9.0."""
+    return min(int(x.compute_capability.replace(".", "")) for x in jax.local_devices(backend="cuda"))
+
+
+@functools.cache
+def _machine(capability: int) -> Any:
+    llvm = importlib.import_module("llvmlite.binding")
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    known = max(x for x in CAPABILITIES if x <= capability)
+    return llvm.Target.from_triple(TRIPLE).create_target_machine(cpu=f"sm_{known}", opt=2)
+
+
+def compiled(code: Code, capability: int | None = None) -> str:
+    """The kernel as PTX, for the number of states that `N_STATES` stands for."""
+    if code not in _COMPILED:
+        llvm = importlib.import_module("llvmlite.binding")
+        machine = _machine(capability or _capability())
+        module = llvm.parse_assembly(f'target triple = "{TRIPLE}"\n{code.text}')
+        module.verify()
+        _COMPILED[code] = machine.emit_assembly(module)
+    return _COMPILED[code]
+
+
+_COMPILED: dict[Code, str] = {}
+
+
+def call(code: Code, arrays: Sequence[jax.Array], n: int, n_devices: int = 1) -> list[jax.Array]:
+    """Calls code over n states, while JAX traces: arrays (n, size), or (1, size) if all states share them.
+
+    Args:
+        code: what to compute.
+        arrays: its arguments.
+        n: the number of states.
+        n_devices: for how many devices XLA compiles one program.
+
+    Returns:
+        Arrays (n, size), or (1, size) where results are summed over states.
+    """
+    n_warps = -(-n // WARP)
+    shapes = [jax.ShapeDtypeStruct((n_warps if x.is_summed else n, x.size), x.dtype) for x in code.results]
+    text = compiled(code).replace(str(N_STATES), str(n))
+    kernel: dict[str, Any] = {
+        "name": "kernel", "kernel_type": "ptx", "kernel_data": text,
+        **{f"grid_{x}": np.int32(k) for x, k in zip("xyz", (n_warps, 1, 1), strict=True)},
+        **{f"block_{x}": np.int32(k) for x, k in zip("xyz", (WARP, 1, 1), strict=True)},
+        "shared_mem_bytes": np.int32(0),
+        "output_indices": tuple(np.int32(len(arrays) + k) for k in range(len(shapes))),
+    }  # fmt: skip
+    results = jax.ffi.ffi_call("__gpu$xla.gpu.ptx", shapes)(*arrays, **kernel)
+    return [
+        y.sum(0, keepdims=True, dtype=x.dtype) if x.is_summed and n_warps > 1 else y
+        for x, y in zip(code.results, results, strict=True)
+    ]
+
+
+@functools.cache
+def is_available() -> bool:
+    """Whether kernels can be compiled and called here: llvmlite is installed, and a known result comes out right."""
+    try:
+        device = jax.local_devices(backend="cuda")[0]
+        x = np.arange(1, 41, dtype=np.float32)[:, None]
+        # Whatever the caller forbids, or is in the middle of.
+        with jax.ensure_compile_time_eval(), jax.default_device(device), jax.transfer_guard("allow"):
+            (y,) = jax.jit(lambda x: call(_probe(), [x], len(x)))(x)
+        if np.array_equal(np.asarray(y), x * x):
+            return True
+        reason = f"{x.ravel()} squared is {np.asarray(y).ravel()}"
+    except Exception as error:  # Whatever goes wrong, JAX can compute the same without.
+        reason = str(error)
+    warnings.warn(f"jaxspatial writes no kernels of its own on this GPU: {reason}", stacklevel=2)
+    return False
+
+
+def _probe() -> Code:
+    """The code of x^2."""
+    graph, number = Graph(), np.dtype(np.float32)
+    x = graph.load(0, 0, number)
+    graph.results = [np.array([graph.operation("mul", (x, x), number)])]
+    return code_of(graph, [cpu.Argument(1, number)], [cpu.Result(1, number)], WARP)
