@@ -28,9 +28,16 @@ MOST_SHARED = 48 * 1024
 LONGEST_ROW = 1024
 # Numbers of a result above which it is written by columns at the end, instead of from the row.
 LONGEST_RESULT = 64
+# Bytes of a row of a large result that are written together. Such parts begin and end within 32 bytes, the least that
+# memory takes: the longer they are, the fewer of these are written twice.
+TILE = 512
+# Warps of a block, where there are enough of them for all multiprocessors.
+WARPS, MANY_WARPS = 4, 4096
+# Above so many operations, a program is several functions, whose time to compile grows in proportion.
+MOST_OPERATIONS = 30_000
 # How many loads of a copy are under way before the first number is stored.
 AT_ONCE = 16
-REGISTERS = 200
+REGISTERS = 220
 # Stands for the number of states in the text of a kernel. No program has this number.
 N_STATES = 0x5AFE5AFE5AFE
 CAPABILITIES = (70, 75, 80, 86, 89, 90, 100)
@@ -41,10 +48,11 @@ ROWS, FRAME = "ptr addrspace(3) %rows", "ptr addrspace(5) %frame"
 class Code(NamedTuple):
     """A kernel for batches of at least 32 states, or for so many of fewer.
 
-    text: its LLVM IR. tails: for how many states, where below 32.
+    text: its LLVM IR. warps: of a block at most.
     """
 
     text: str
+    warps: int
     arguments: tuple[cpu.Argument, ...]
     results: tuple[cpu.Result, ...]
 
@@ -57,7 +65,7 @@ def least_alike(n: int) -> int:
 def code_of(graph: Graph, arguments: Sequence[cpu.Argument], results: Sequence[cpu.Result], n: int) -> Code:
     """The code of a graph for n states."""
     writer = _ThreadWriter(graph, arguments, results, min(n, WARP))
-    return Code(writer.kernel(), tuple(arguments), tuple(results))
+    return Code(writer.kernel(), writer.warps, tuple(arguments), tuple(results))
 
 
 # -- the kernel --------------------------------------------------------------------------------------------------------
@@ -75,29 +83,36 @@ class _ThreadWriter(llvm_ir.Writer):
     def __init__(self, graph: Graph, arguments: Sequence[cpu.Argument], results: Sequence[cpu.Result], n_rows: int):
         super().__init__(graph, 1, [x.is_shared for x in arguments], has_fma=True, n_registers=REGISTERS)
         self.arguments, self.results, self.n_rows = arguments, results, n_rows
+        self.longest, n = MOST_OPERATIONS, len(arguments)
+        # Results are first: arguments can be read where they are.
+        rows = [(i, x) for i, x in enumerate(results, n) if x.size <= LONGEST_RESULT]
+        large = [(i, x) for i, x in enumerate(results, n) if x.size > LONGEST_RESULT]
         self.offsets: dict[int, int] = {}
-        size, n = 0, len(arguments)
-        for i, x in enumerate((*arguments, *results)):
-            end = -(-size // x.dtype.itemsize) * x.dtype.itemsize + x.size * x.dtype.itemsize
-            is_large = i >= n and x.size > LONGEST_RESULT
-            if not (i < n and x.is_shared) and not is_large and end <= LONGEST_ROW and x.size:
-                self.offsets[i], size = end - x.size * x.dtype.itemsize, end
+        size = 0
+        for i, x in (*rows, *enumerate(arguments)):
+            item = x.dtype.itemsize
+            first = -(-size // item) * item
+            is_shared = isinstance(x, cpu.Argument) and x.is_shared
+            if x.size and not is_shared and first + x.size * item <= LONGEST_ROW:
+                self.offsets[i], size = first, first + x.size * item
+        large += [(i, x) for i, x in rows if x.size and i not in self.offsets]
         self.row_bytes = _odd(size, max((x.dtype.itemsize for x in (*arguments, *results)), default=4))
-        tile = max((x.dtype.itemsize for i, x in enumerate(results, n) if i not in self.offsets and x.size), default=0)
-        self.tile, self.tile_bytes = WARP * self.row_bytes, (WARP + 1) * tile
-        self.shared_bytes = self.tile + WARP * self.tile_bytes
+        self.columns = {i: TILE // x.dtype.itemsize for i, x in large}
+        longest = max((min(self.columns[i], x.size) * x.dtype.itemsize for i, x in large), default=0)
+        item = max((x.dtype.itemsize for _, x in large), default=0)
+        self.tile, self.tile_bytes = WARP * self.row_bytes, _odd(longest, item) if large else 0
+        self.shared_bytes = -(-(self.tile + WARP * self.tile_bytes) // 16) * 16
+        self.warps = max(1, min(WARPS, MOST_SHARED // max(self.shared_bytes, 1)))
         self.outside = [i for i in range(n) if i not in self.offsets and arguments[i].size]
         self.parameters = ["ptr addrspace(3) noalias %rows", "ptr addrspace(5) noalias %frame", "i64 %state"]
         self.parameters += [f"ptr addrspace(1) noalias %a{i}" for i in self.outside]
-        large = [i for i, x in enumerate(results, n) if i not in self.offsets and x.size]
-        self.parameters += [f"ptr addrspace(1) noalias %g{i}" for i in large]
-        # Of large results, which nodes a part of 32 columns waits for. Sums are made at the end.
+        self.parameters += [f"ptr addrspace(1) noalias %g{i}" for i, _ in large]
+        # Of large results, which nodes a part of its columns waits for. Sums are made at the end.
         self.tiles: dict[tuple[int, int], set[llvm_ir.Item]] = {}
-        for i in large:
-            nodes = graph.results[i - n].ravel().tolist()
-            for first in range(0, len(nodes), WARP):
-                items = {self.order.items[x] for x in nodes[first : first + WARP]}
-                self.tiles[i, first] = items - {None} | ({None} if results[i - n].is_summed else set())
+        for i, x in large:
+            for first in range(0, x.size, self.columns[i]):
+                items = {self.order.items[node] for node in self._nodes_of(i, first)}
+                self.tiles[i, first] = items - {None} | ({None} if x.is_summed else set())
         self.tiles_of: dict[llvm_ir.Item, list[tuple[int, int]]] = {}
         for tile, items in self.tiles.items():
             for item in items:
@@ -114,6 +129,10 @@ class _ThreadWriter(llvm_ir.Writer):
         if inside := [(k, j) for k, j in places if n + k in self.offsets]:
             super().stored_results(f, node, inside)
 
+    def _nodes_of(self, i: int, first: int) -> list[int]:
+        """The nodes of a part of a large result."""
+        return self.g.results[i - len(self.arguments)].ravel()[first : first + self.columns[i]].tolist()
+
     def note_homes(self) -> None:
         """A part of a large result is written where the last of its numbers is known."""
         super().note_homes()
@@ -121,7 +140,7 @@ class _ThreadWriter(llvm_ir.Writer):
         end = 0 if len(self.pieces) == 1 else len(self.pieces)
         for (i, first), items in self.tiles.items():
             p = max((place.get(x, end) for x in items), default=end)
-            for node in self.g.results[i - len(self.arguments)].ravel()[first : first + WARP].tolist():
+            for node in self._nodes_of(i, first):
                 self.readers[node].add(p)
 
     def write(self, f: llvm_ir.Function, p: int, items: Iterable[llvm_ir.Item]) -> None:
@@ -133,6 +152,17 @@ class _ThreadWriter(llvm_ir.Writer):
                     del self.tiles[tile]
                     self._write_tile(f, *tile)
 
+    def read_again(self, f: llvm_ir.Function, node: int) -> str:
+        """Unknown to LLVM, which would else find that the operation was done before."""
+        value, dtype = self.read(f, node), self.g.dtypes[node]
+        if node in self.g.constants or node in self.g.copies or dtype.kind == "b":
+            return value
+        letter = {"f": "f", "d": "d"}.get(dtype.char) or ("r" if dtype.itemsize == 4 else "l")
+        hidden, t = f.new(), self.type(dtype)
+        move, kinds = f"mov.b{8 * dtype.itemsize} $0, $1;", f"={letter},{letter}"
+        f.add(f'{hidden} = call {t} asm sideeffect "{move}", "{kinds}"({t} {value})')
+        return hidden
+
     def piece(self, p: int) -> llvm_ir.Function:
         f = super().piece(p)
         f.entry += self._lanes()
@@ -143,7 +173,12 @@ class _ThreadWriter(llvm_ir.Writer):
         lane = self.call("llvm.nvvm.read.ptx.sreg.tid.x", "i32")
         n = self.n_rows - 1
         return [
-            f"  %lane = {lane}",
+            f"  %thread = {lane}",
+            "  %lane = and i32 %thread, 31",
+            "  %part = lshr i32 %thread, 5",
+            f"  %part.place = mul i32 %part, {self.shared_bytes}",
+            "  %part.place64 = zext i32 %part.place to i64",
+            "  %shared = getelementptr i8, ptr addrspace(3) @shared, i64 %part.place64",
             f"  %is_less = icmp ult i32 %lane, {n}",
             f"  %row = select i1 %is_less, i32 %lane, i32 {n}",
             "  %own = zext i32 %row to i64",
@@ -156,24 +191,31 @@ class _ThreadWriter(llvm_ir.Writer):
         f = llvm_ir.Function("kernel", [f"ptr addrspace(1) noalias {name}" for name in names])
         f.entry += self._lanes()
         f.add(f"%block = {self.call('llvm.nvvm.read.ptx.sreg.ctaid.x', 'i32')}")
-        f.add("%warp = zext i32 %block to i64")
+        f.add(f"%threads = {self.call('llvm.nvvm.read.ptx.sreg.ntid.x', 'i32')}")
+        f.add("%warps = lshr i32 %threads, 5")
+        f.add("%before = mul i32 %block, %warps")
+        f.add("%warp32 = add i32 %before, %part")
+        f.add("%warp = zext i32 %warp32 to i64")
         if n_rows < WARP:
             f.add("%state = add i64 0, 0")
         else:
             # The last warp begins earlier, so that it is full, and computes some states once more.
             f.add(f"%wanted = mul i64 %warp, {WARP}")
             f.add("%n = load i64, ptr addrspace(4) @n_states")
+            f.add("%is_outside = icmp uge i64 %wanted, %n")
+            f.add("br i1 %is_outside, label %outside, label %inside")
+            f.lines += ["outside:", "  ret void", "inside:"]
             f.add(f"%last = sub i64 %n, {WARP}")
             f.add("%is_last = icmp ugt i64 %wanted, %last")
             f.add("%state = select i1 %is_last, i64 %last, i64 %wanted")
             f.add("%again64 = sub i64 %wanted, %state")
             f.add("%again = trunc i64 %again64 to i32")
         f.add(f"%places = mul i64 %own, {self.row_bytes}")
-        f.add("%rows = getelementptr i8, ptr addrspace(3) @shared, i64 %places")
+        f.add("%rows = getelementptr i8, ptr addrspace(3) %shared, i64 %places")
         f.add("%own_state = add i64 %state, %own")
         for i, x in enumerate(self.arguments):
             if i in self.offsets:
-                self._copied(f, i, x, ("ptr addrspace(3) @shared", self.row_bytes, self.offsets[i]), range(x.size))
+                self._copied(f, i, x, ("ptr addrspace(3) %shared", self.row_bytes, self.offsets[i]), range(x.size))
         for i in self.outside:
             x = self.arguments[i]
             state = "0" if x.is_shared else "%own_state"
@@ -197,19 +239,19 @@ class _ThreadWriter(llvm_ir.Writer):
             self._write_tile(f, *tile)
         for i, x in enumerate(self.results, n):
             if i in self.offsets:
-                rows = "ptr addrspace(3) @shared", self.row_bytes, self.offsets[i]
+                rows = "ptr addrspace(3) %shared", self.row_bytes, self.offsets[i]
                 self._written_back(f, i, x, rows, range(x.size))
-        shared = f"@shared = internal addrspace(3) global [{self.shared_bytes} x i8] undef, align 16"
+        shared = f"@shared = internal addrspace(3) global [{self.warps * self.shared_bytes} x i8] undef, align 16"
         shared += f"\n@n_states = addrspace(4) externally_initialized constant i64 {N_STATES}"
         text = f.text("ptx_kernel ")
-        text = text.replace(") {", f') "nvvm.maxntid"="{WARP}" {{', 1)
+        text = text.replace(") {", f') "nvvm.maxntid"="{self.warps * WARP}" {{', 1)
         return f"{shared}\n{self.joined(functions, text)}"
 
     def _write_tile(self, f: llvm_ir.Function, i: int, first: int) -> None:
-        """Writes up to 32 columns of a large result."""
+        """Writes columns of a large result."""
         x = self.results[i - len(self.arguments)]
-        nodes = self.g.results[i - len(self.arguments)].ravel()[first : first + WARP].tolist()
-        own, pointer = f.new(), "ptr addrspace(3) @shared"
+        nodes = self._nodes_of(i, first)
+        own, pointer = f.new(), "ptr addrspace(3) %shared"
         f.add(f"{own} = mul i64 %own, {self.tile_bytes}")
         for j, node in enumerate(nodes):
             value, dtype = self.read_for_outside(f, node)
@@ -409,10 +451,11 @@ def call(code: Code, arrays: Sequence[jax.Array], n: int, n_devices: int = 1) ->
     n_warps = -(-n // WARP)
     shapes = [jax.ShapeDtypeStruct((n_warps if x.is_summed else n, x.size), x.dtype) for x in code.results]
     text = compiled(code).replace(str(N_STATES), str(n))
+    warps = code.warps if n_warps >= MANY_WARPS else 1
     kernel: dict[str, Any] = {
         "name": "kernel", "kernel_type": "ptx", "kernel_data": text,
-        **{f"grid_{x}": np.int32(k) for x, k in zip("xyz", (n_warps, 1, 1), strict=True)},
-        **{f"block_{x}": np.int32(k) for x, k in zip("xyz", (WARP, 1, 1), strict=True)},
+        **{f"grid_{x}": np.int32(k) for x, k in zip("xyz", (-(-n_warps // warps), 1, 1), strict=True)},
+        **{f"block_{x}": np.int32(k) for x, k in zip("xyz", (warps * WARP, 1, 1), strict=True)},
         "shared_mem_bytes": np.int32(0),
         "output_indices": tuple(np.int32(len(arrays) + k) for k in range(len(shapes))),
     }  # fmt: skip

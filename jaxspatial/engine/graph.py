@@ -57,7 +57,7 @@ class Graph:
     number of its loop. A "last" is what a loop leaves of a carried number, and a "stacked" what a node of the body was
     in one turn: their details are (loop, which, row). A "convert" or "bitcast" has another dtype than its operand.
     regions: 0 is the program, others are the bodies of loops. parents: of each region, the one around it.
-    results: for each result of the program its nodes.
+    results: for each result of the program its nodes. copies: nodes that do again what others do.
     """
 
     def __init__(self):
@@ -67,6 +67,7 @@ class Graph:
         self.parents, self.depths = [-1], [0]
         self.loops: list[Loop] = []
         self.results: list[Nodes] = []
+        self.copies = set[int]()
         self._known: dict[Any, int] = {}
 
     def __len__(self) -> int:
@@ -122,6 +123,11 @@ class Graph:
         self.dtypes.append(dtype)
         self.regions.append(region)
         return len(self.operations) - 1
+
+    def copied(self, node: int, operands: tuple[int, ...]) -> int:
+        """A node that does once more what another one does."""
+        self.copies.add(len(self))
+        return self._added(self.operations[node], operands, self.dtypes[node], self.regions[node])
 
     # -- loops --------------------------------------------------------------------------------------------------------
 

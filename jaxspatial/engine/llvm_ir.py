@@ -16,7 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxspatial.engine import registers
 from jaxspatial.engine.graph import COMPARISONS, Graph, Loop
+from jaxspatial.engine.registers import Item
 
 # With 16 states side by side: of 500, 1500, 3000 and 8000, a G1's forward dynamics takes 0.5, 0.5, 0.6 and 0.8 s to
 # compile, and 460, 450, 440 and 470 ns for a state; what fits one piece is up to a tenth faster.
@@ -32,8 +34,6 @@ _GUARDED = {"div", "rem", *_SHIFTS}
 # What is read where it lies, as often as it is used: nodes that are no operations.
 _PLACES = {"constant", "load", "carried", "row", "last", "stacked"}
 _OF_LOOPS = {"row", "last", "stacked"}
-# An operation, or the number of a loop as (loop,).
-Item = Any
 Table = tuple[str, Any, int]  # what, where, and bytes or numbers from row to row
 
 
@@ -168,8 +168,10 @@ class _Order:
         as_traced = sorted(order, key=lambda item: self.first[item] if type(item) is tuple else item)
         if self.n_registers > N_REGISTERS:
             backward = self._depth_first(region, roots[::-1], done)
-            orders = [as_traced, self._few_live(order, roots), self._few_live(backward, roots)]
-            order = min(orders, key=self._excess)
+            ordered = [registers.Order(self.graph, x, self.items, self._reads) for x in (as_traced, order, backward)]
+            ordered = [ordered[0], *(x.with_few_waiting(roots) for x in ordered[1:])]
+            best = min(ordered, key=lambda x: x.excess(self.n_registers))
+            order = best.computed_again(self.n_registers).items if region == 0 else best.items
         elif self._reloads(as_traced) <= 1.1 * self._reloads(order):
             order = as_traced
         done.update(order)
@@ -195,49 +197,6 @@ class _Order:
                 if waiting is not None:
                     order.append(waiting)
         return order
-
-    def _few_live(self, order: Sequence[Item], roots: Sequence[int]) -> list[Item]:
-        """An order in which what ends the life of another number, or is a result, comes as soon as it can."""
-        position = {item: k for k, item in enumerate(order)}
-        reads = [[position[x] for x in {self.items[n] for n in self._reads(i)} if x in position] for i in order]
-        reads = [sorted(x) for x in reads]
-        readers: list[list[int]] = [[] for _ in order]
-        for k, read in enumerate(reads):
-            for x in read:
-                readers[x].append(k)
-        n_left, n_missing = [len(x) for x in readers], [len(x) for x in reads]
-        are_results = {position[self.items[r]] for r in roots if self.items[r] in position}
-        is_done, found = [False] * len(order), list[Item]()
-        for k in range(len(order)):
-            waiting = [k]
-            while waiting:
-                item = waiting.pop()
-                if is_done[item]:
-                    continue
-                is_done[item] = True
-                found.append(order[item])
-                for x in reads[item]:
-                    n_left[x] -= 1
-                for x in readers[item]:
-                    n_missing[x] -= 1
-                for x in (item, *reads[item]):
-                    for reader in readers[x]:
-                        if not is_done[reader] and not n_missing[reader]:
-                            if reader in are_results or any(n_left[y] == 1 for y in reads[reader]):
-                                waiting.append(reader)
-        return found
-
-    def _excess(self, order: Sequence[Item]) -> tuple[int, int]:
-        """By how many numbers an order has more that are read later than there are registers: in sum, and the most."""
-        own, last = set(order), dict[Item, int]()
-        for k, item in enumerate(order):
-            last.update((read, k) for n in self._reads(item) if (read := self.items[n]) in own)
-        ends, live, excess, most = collections.Counter(last.values()), 0, 0, 0
-        for k, item in enumerate(order):
-            live += item in last
-            most, excess = max(most, live), excess + max(live - self.n_registers, 0)
-            live -= ends[k]
-        return excess, most
 
     def _reloads(self, order: Sequence[Item]) -> int:
         """How often an item reads what no register holds any more, because so many other items lie in between."""
@@ -331,7 +290,7 @@ class Writer:
         self, graph: Graph, width: int, is_shared: Sequence[bool], has_fma: bool, n_registers: int = N_REGISTERS
     ):
         self.g, self.width, self.is_shared, self.order = graph, width, is_shared, _Order(graph, n_registers)
-        self.has_fma = has_fma
+        self.has_fma, self.longest = has_fma, LONGEST
         self.declared, self.globals = set[str](), dict[str, str]()
         self.types, self.literals = dict[str, str](), dict[int, str]()
         self.templates: dict[tuple[str, str, str, bool], str] = {}
@@ -362,11 +321,11 @@ class Writer:
 
         for item in items:
             n = self.order.size(item) if type(item) is tuple else 1
-            if n > LONGEST:
+            if n > self.longest:
                 close()
                 found.append(self._planned_loop(item[0]))
                 continue
-            if size + n > LONGEST:
+            if size + n > self.longest:
                 close()
             current.append(item)
             size += n
@@ -615,6 +574,10 @@ class Writer:
             f.registers[node] = self._read_anew(f, node)
         return f.registers[node]
 
+    def read_again(self, f: Function, node: int) -> str:
+        """For an operation that is done again."""
+        return self.read(f, node)
+
     def _read_anew(self, f: Function, node: int) -> str:
         g, dtype = self.g, self.g.dtypes[node]
         name = g.operations[node]
@@ -726,13 +689,16 @@ class Writer:
 
     def write(self, f: Function, p: int, items: Iterable[Item]) -> None:
         operands, dtypes, lines, slots, at = self.g.operands, self.g.dtypes, f.lines, self.slots, self.at
-        read, template_of = self.read, self._template_of
+        read, template_of, copies = self.read, self._template_of, self.g.copies
         for item in items:
             if type(item) is tuple:
-                self._write_loop(f, p, item[0])
+                self.write_loop(f, p, item[0])
                 continue
             registers = f.registers
-            values = [registers[x] if x in registers else read(f, x) for x in operands[item]]
+            if item in copies:
+                values = [self.read_again(f, x) for x in operands[item]]
+            else:
+                values = [registers[x] if x in registers else read(f, x) for x in operands[item]]
             register = registers[item] = f"%n{item}"
             lines.append(template_of(item).format(register, *values))
             if item in slots:
@@ -756,7 +722,7 @@ class Writer:
         f.add(f"{value} = zext {self.type(dtype)} {mask} to {self.type(byte)}")
         return value, byte
 
-    def _write_loop(self, f: Function, p: int, k: int) -> None:
+    def write_loop(self, f: Function, p: int, k: int) -> None:
         g, loop, order = self.g, self.g.loops[k], self.order
         carried = order.carried_of(loop)
         for parameter in order.rows_of(loop):

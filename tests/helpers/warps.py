@@ -16,7 +16,13 @@ def by_warps(code, arrays, n):
     text = text.replace("%frame = addrspacecast ptr %memory to ptr", "%frame = getelementptr i8, ptr %memory, i64 0")
     text = text.replace("ptx_kernel ", "").replace("externally_initialized constant", "constant")
     text = text.replace(str(cuda.N_STATES), str(n))
-    for name, function in (("read.ptx.sreg.tid.x", "lane"), ("read.ptx.sreg.ctaid.x", "block"), ("bar.warp.sync", "wait")):
+    text = text.replace("call i32 @llvm.nvvm.read.ptx.sreg.ntid.x()", "add i32 32, 0")
+    text = re.sub(r'call (\w+) asm sideeffect "mov[^(]*\(\w+ ([^)]*)\)', r"bitcast \1 \2 to \1", text)
+    for name, function in (
+        ("read.ptx.sreg.tid.x", "lane"),
+        ("read.ptx.sreg.ctaid.x", "block"),
+        ("bar.warp.sync", "wait"),
+    ):
         text = text.replace(f"@llvm.nvvm.{name}", f"@{function}")
     for name, kind in (("lane", "i32"), ("block", "i32"), ("wait", "void")):
         operand, given = ("i32 %0", "i32 %0") if name == "wait" else ("", "")
@@ -40,7 +46,9 @@ def by_warps(code, arrays, n):
     n_warps = -(-n // cuda.WARP)
     given = [np.ascontiguousarray(x).reshape((len(x), -1)) for x in arrays]
     # Behind each result are bytes that a kernel must not touch.
-    results = [np.full((n_warps if x.is_summed else n) * x.size * x.dtype.itemsize + 64, 0xA5, np.uint8) for x in code.results]
+    results = [
+        np.full((n_warps if x.is_summed else n) * x.size * x.dtype.itemsize + 64, 0xA5, np.uint8) for x in code.results
+    ]
     kernel = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * (len(given) + len(results)))(
         engine.get_function_address("kernel")
     )
