@@ -119,16 +119,21 @@ def least_alike(n: int) -> int:
 
 def code_of(graph: Graph, arguments: Sequence[Argument], results: Sequence[Result], n: int) -> Code:
     """The code of a graph for one state, or for several side by side."""
-    width = 1 if n == 1 else _width(graph.dtypes)
+    width = 1 if n == 1 else width_of(graph)
     written = llvm_ir.written(graph, width, [x.is_shared for x in arguments], host().has_fma)
     return Code(written.text, width, tuple(arguments), tuple(results), written.frame_bytes, written.n_operations)
 
 
-def _width(dtypes: Sequence[np.dtype]) -> int:
-    """How many states fill a register of the processor, with the widest numbers of a graph."""
+def width_of(graph: Graph) -> int:
+    """How many states fill a register of the processor, with the widest numbers that a graph computes with.
+
+    Constants are not looked at: numbers of a mechanism may be in float64, and become float32 while the graph is made.
+    """
     features = host().features
     n_bytes = 64 if "+avx512f" in features else 32 if "+avx," in features else 16
-    return max(n_bytes // max((d.itemsize for d in dtypes if d.kind == "f"), default=4), 4)
+    each = enumerate(graph.dtypes)
+    sizes = {d.itemsize for node, d in each if d.kind == "f" and node not in graph.constants}
+    return max(n_bytes // max(sizes, default=4), 4)
 
 
 class Target(NamedTuple):

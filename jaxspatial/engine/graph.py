@@ -196,6 +196,30 @@ def _product_error(d: np.dtype, a: Any, b: Any, p: Any) -> Any:
     return np.ldexp((product - np.ldexp(p, -exponent)) + np.where(usual, error, 0), exponent)
 
 
+def _fused(d: np.dtype, a: Any, b: Any, c: Any) -> Any:
+    """a b + c rounded once, while the error of a b is a normal number. [Boldo, Melquiond 2008, Emulation of FMA and
+    correctly rounded sums: proved algorithms using rounding to odd, Fig. 5]"""
+    if d == np.float32:  # Whose products float64 holds.
+        return _rounded_to_odd(np.float64(a) * np.float64(b), np.float64(c)).astype(d)
+    p = a * b
+    high, low = _two_sum(c, _product_error(d, a, b, p))
+    total, rest = _two_sum(p, high)
+    return np.where(np.isfinite(p), total + _rounded_to_odd(low, rest), p + c)
+
+
+def _two_sum(a: Any, b: Any) -> tuple[Any, Any]:
+    s = a + b
+    part = s - a
+    return s, (a - (s - part)) + (b - part)
+
+
+def _rounded_to_odd(a: Any, b: Any) -> Any:
+    """a + b of float64, and if that is not a number of the format the one of both neighbours whose last bit is set."""
+    s, error = _two_sum(a, b)
+    is_even = np.asarray(s).view(np.uint64) & np.uint64(1) == 0
+    return np.where((error != 0) & is_even & np.isfinite(s), np.nextafter(s, np.copysign(np.inf, error)), s)
+
+
 def _shifted(to: Callable[[Any, Any], Any], is_logical: bool, d: np.dtype, a: Any, b: Any) -> Any:
     """By as many bits as a number has, or more, all are shifted out. Those that come in are 0, or repeat the sign."""
     bits, unsigned = 8 * d.itemsize, np.dtype(f"u{d.itemsize}")
@@ -224,6 +248,7 @@ EVALUATE: dict[str, Callable[..., Any]] = {
     "div": _quotient_of,
     "rem": _remainder,
     "product_error": _product_error,
+    "fma": _fused,
     "neg": lambda d, a: -a,
     "abs": lambda d, a: np.abs(a),
     "sqrt": lambda d, a: np.sqrt(a),
@@ -303,7 +328,7 @@ _SIMPLER: dict[str, Callable[..., int | None]] = {
     "div": _quotient,
 }
 # Operations number by number, by the name of the primitive.
-_OWN_NAMES = {"select", "convert", "bitcast", "round", "shl", "shr", "sar", "product_error"}
+_OWN_NAMES = {"select", "convert", "bitcast", "round", "shl", "shr", "sar", "product_error", "fma"}
 _ELEMENTWISE = {name: name for name in EVALUATE if name not in _OWN_NAMES}
 _ELEMENTWISE |= {
     "add_any": "add",
@@ -316,6 +341,9 @@ _ELEMENTWISE |= {
     "shift_right_logical": "shr",
     "shift_right_arithmetic": "sar",
 }
+# Sums and products that a compiler may make one operation of, where bits are not promised. Those of the library's own
+# primitives are rounded one by one.
+_FUSED = {"mul", "add", "sub", "add_any"}
 # What keeps XLA from rewriting arithmetic, or says where arrays are: our compiler rewrites nothing.
 _UNCHANGED = {
     "jaxspatial_barrier",
@@ -337,19 +365,28 @@ _REDUCTIONS = {
     "reduce_min": "min",
     "reduce_prod": "mul",
 }
-# A primitive of the library, or one that stands for a trace: a function of (equation) -> the trace, or None.
-Expand = Callable[[Any], ClosedJaxpr | None]
+# A primitive of the library that stands for a trace: a function of (equation) -> (the trace, `may_fuse`), or None.
+Expand = Callable[[Any], tuple[ClosedJaxpr, bool] | None]
 
 
-def graph_of(closed: ClosedJaxpr, expand: Expand = lambda _: None, most_unrolled: int | None = None) -> Graph:
-    """The graph of a trace for one state. expand: the traces of primitives that stand for one.
+def graph_of(
+    closed: ClosedJaxpr,
+    expand: Expand = lambda _: None,
+    *,
+    most_unrolled: int | None = None,
+    may_fuse: bool = False,
+) -> Graph:
+    """The graph of a trace for one state.
+
+    expand: the traces of primitives that stand for one. may_fuse: whether `a * b + c` may be rounded once, except in
+    traces that `expand` says other of.
 
     most_unrolled: how many nodes a graph has at most with loops unrolled, MOST_UNROLLED unless given.
 
     Raises:
         NotSupportedError: the trace has an operation that graphs do not have.
     """
-    builder = _Builder(expand, MOST_UNROLLED if most_unrolled is None else most_unrolled)
+    builder = _Builder(expand, MOST_UNROLLED if most_unrolled is None else most_unrolled, may_fuse)
     arguments: list[Nodes] = []
     for i, v in enumerate(closed.jaxpr.invars):
         aval, dtype = cast(Any, v.aval), np.dtype(cast(Any, v.aval).dtype)
@@ -369,8 +406,11 @@ def _require_supported(dtype: np.dtype) -> None:
 class _Builder:
     """Reads a trace, operation by operation, with arrays of nodes in place of arrays."""
 
-    def __init__(self, expand: Expand, most_unrolled: int):
-        self.graph, self.expand, self.region, self.most_unrolled = Graph(), expand, 0, most_unrolled
+    def __init__(self, expand: Expand, most_unrolled: int, may_fuse: bool):
+        self.graph, self.expand, self.region = Graph(), expand, 0
+        self.most_unrolled, self.may_fuse = most_unrolled, may_fuse
+        # Products that may become part of a sum.
+        self._loose = set[int]()
         self._singles: dict[tuple[int, tuple[int, ...]], Nodes] = {}
 
     def run(self, closed: Any, arguments: Sequence[Nodes]) -> list[Nodes]:
@@ -424,6 +464,8 @@ class _Builder:
         if (operation := _ELEMENTWISE.get(name)) is not None:
             dtype = eqn.outvars[0].aval.dtype
             _require_supported(dtype)
+            if self.may_fuse and name in _FUSED:
+                return [self._fused(operation, dtype, *x)]
             return [self.each(operation, dtype, *x)]
         if name in _UNCHANGED:
             return x
@@ -432,13 +474,38 @@ class _Builder:
         method = getattr(self, f"_{name.replace('-', '_')}", None)
         if method is not None:
             return method(eqn, *x)
-        if (closed := self.expand(eqn)) is not None:
-            return self.run(closed, x)
+        if (expanded := self.expand(eqn)) is not None:
+            closed, may_fuse = expanded
+            before, self.may_fuse = self.may_fuse, may_fuse
+            results = self.run(closed, x)
+            self.may_fuse = before
+            return results
         if name in _REDUCTIONS:
             return [self._reduced(_REDUCTIONS[name], eqn, x[0])]
         raise NotSupportedError(f"operation {name}")
 
     # -- number by number ---------------------------------------------------------------------------------------------
+
+    def _fused(self, operation: str, dtype: np.dtype, a: Nodes, b: Nodes) -> Nodes:
+        """A product, or a sum or difference of which a product becomes part: one operation in place of two."""
+        graph, first_new = self.graph, len(self.graph)
+        if operation == "mul":
+            product = self.each("mul", dtype, a, b)
+            self._loose.update(n for n in product.ravel().tolist() if n >= first_new and graph.operations[n] == "mul")
+            return product
+        a, b = np.broadcast_arrays(a, b)
+        found: list[int] = []
+        for x, y in zip(a.ravel().tolist(), b.ravel().tolist(), strict=True):
+            if y in self._loose:
+                factor, other = graph.operands[y]
+                factor = graph.operation("neg", (factor,), dtype) if operation == "sub" else factor
+                found.append(graph.operation("fma", (factor, other, x), dtype))
+            elif x in self._loose:
+                y = graph.operation("neg", (y,), dtype) if operation == "sub" else y
+                found.append(graph.operation("fma", (*graph.operands[x], y), dtype))
+            else:
+                found.append(graph.operation(operation, (x, y), dtype))
+        return np.array(found, np.int64).reshape(a.shape)
 
     def _select_n(self, eqn: Any, which: Nodes, *cases: Nodes) -> list[Nodes]:
         dtype = np.dtype(eqn.outvars[0].aval.dtype)

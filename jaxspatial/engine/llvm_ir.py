@@ -822,6 +822,11 @@ class Writer:
             return self._divided(name, dtype) if name in ("div", "rem") else self._shifted(name, dtype)
         if name == "product_error":
             return self._product_error(dtype)
+        if name == "fma" and not self.has_fma:
+            # The bits are nobody's promise, and to round once would take some 20 instructions.
+            return [f"{{0}}.product = fmul {t} {{1}}, {{2}}", f"{{0}} = fadd {t} {{0}}.product, {{3}}"]
+        if name == "fma":
+            return [f"{{0}} = {self.call(f'llvm.fma.{self.suffix(dtype)}', t, (t, '{1}'), (t, '{2}'), (t, '{3}'))}"]
         if name in ("add", "sub", "mul", "div", "rem", "and", "or", "xor", *_SHIFTS):
             text = f"{_instruction(name, dtype)} {t} {{1}}, {{2}}"
         elif name in COMPARISONS:

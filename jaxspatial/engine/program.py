@@ -399,7 +399,7 @@ def _code(
         with _without_collection():
             traced = program.traced(avals)
             try:
-                whole = graph.graph_of(traced.closed, _expanded)
+                whole = graph.graph_of(traced.closed, _expanded, may_fuse=program.is_wide)
             except graph.NotSupportedError:
                 return None
             each = zip(avals, is_shared, strict=True)
@@ -417,16 +417,20 @@ def _code(
     return program.cached(("code", machine.__name__, key, in_64_bits), made)
 
 
-def _expanded(eqn: Any) -> ClosedJaxpr | None:
-    """The trace that a primitive of the library stands for."""
+def _expanded(eqn: Any) -> tuple[ClosedJaxpr, bool] | None:
+    """The trace that a primitive of the library stands for, and whether its sums may be fused with products.
+
+    Those that compute in 64 bits promise errors and no bits.
+    """
     if eqn.primitive is _program_p:
         program, n_batch = eqn.params["program"], eqn.params["n_batch"]
         avals = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
         # As it is traced elsewhere, so that it need not be traced again.
         is_wide = program.is_wide or any(np.dtype(a.dtype).itemsize == 8 for a in avals)
         with jax.enable_x64(is_wide or bool(check.config.jax_enable_x64)):
-            return jax.make_jaxpr(functools.partial(run, program, n_batch, None))(*avals)
-    return trace_of_sums(eqn)
+            return jax.make_jaxpr(functools.partial(run, program, n_batch, None))(*avals), program.is_wide
+    closed = trace_of_sums(eqn)
+    return None if closed is None else (closed, False)
 
 
 def _aval(x: jax.Array, size: int | None = None) -> Aval:

@@ -79,6 +79,49 @@ def test_the_error_of_a_product_is_exact(dtype):
     assert np.count_nonzero(e) > 400
 
 
+@pytest.mark.parametrize("dtype", [F32, F64])
+def test_what_is_fused_is_rounded_once(dtype):
+    arrays = graphs.factors(dtype)
+    results = with_numpy(graph_of(graphs.fused, *arrays, may_fuse=True), arrays)
+    a, b, c = (list(map(Fraction, x.tolist())) for x in arrays)
+    signs = (1, 1), (1, 1), (1, -1), (-1, 1)
+    for y, (of_product, of_other) in zip(results, signs, strict=True):
+        exact = [of_product * p * q + of_other * r for p, q, r in zip(a, b, c, strict=True)]
+        near = [[np.nextafter(v, x) for x in (dtype(-np.inf), v, dtype(np.inf))] for v in y[:, 0]]
+        errors = [[abs(Fraction(float(x)) - e) for x in three] for three, e in zip(near, exact, strict=True)]
+        assert all(three[1] == min(three) for three in errors)
+    assert (results[0][:, 0] != arrays[0] * arrays[1] + arrays[2]).sum() > 100
+
+
+def test_only_what_promises_no_bits_is_fused():
+    x = np.ones((1, 3), F32)
+    assert counted(graph_of(graphs.fused, x, x, x)) == {"add": 6, "mul": 3, "sub": 6}
+    # One product is not computed, the other sign is part of the instruction.
+    assert counted(graph_of(graphs.fused, x, x, x, may_fuse=True)) == {"fma": 9, "neg": 6}
+
+
+def test_what_is_rounded_by_itself_is_not_fused():
+    """Primitives of the library, products that are read as they are, and what else a product by 1 is."""
+
+    def f(a, b, c):
+        p, e = transforms.two_product(a, c)
+        alone = barrier.product(a, b)
+        return alone + c, 1 * alone + b, barrier.total(a * c, b), barrier.difference(b, a * c), p + b, e
+
+    x = np.ones((1,), F32)
+    assert "fma" not in counted(graph_of(f, x, x, x, may_fuse=True))
+
+
+def test_a_part_of_a_trace_is_fused_by_itself():
+    """What a program may do, others that it calls, or that call it, need not."""
+    x = jnp.ones(())
+    outer = jax.make_jaxpr(lambda a, b: lax.erf_inv(a) + a * b)(x, x)
+    inner = jax.make_jaxpr(lambda a: a * a + a)(x)
+    for may_fuse in (False, True):
+        g = graph.graph_of(outer, lambda _, inner_may=not may_fuse: (inner, inner_may), may_fuse=may_fuse)
+        assert counted(g) == {"add": 1, "fma": 1, "mul": 1}
+
+
 def test_what_moves_numbers_leaves_nothing_behind():
     x = np.arange(1, 31, dtype=F32).reshape((5, 2, 3))
     found = graphs.moves()

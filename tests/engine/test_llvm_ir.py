@@ -86,6 +86,25 @@ def test_the_error_of_a_product_needs_no_multiply_add(dtype, width, has_fma):
     assert_same_bits([p, e[usual]], [expected[0], expected[1][usual]])
 
 
+@pytest.mark.parametrize("width", [1, 8])
+@pytest.mark.parametrize("dtype", [F32, F64])
+def test_what_is_fused_is_one_instruction(dtype, width):
+    arrays = graphs.factors(dtype)
+    g = graph_of(graphs.fused, *arrays, may_fuse=True)
+    code = code_of(g, width, arrays)
+    # a b + c is there once, and the piece is called, too.
+    assert code.text.count("call") == 3 + 1 and "fmul" not in code.text
+    assert_same_bits(by_itself(code, arrays), with_numpy(g, arrays))
+
+
+@is_x86
+@pytest.mark.parametrize("dtype", [F32, F64])
+def test_nothing_is_fused_where_the_processor_does_not(dtype):
+    arrays, target = graphs.factors(dtype), OLD["no multiply-add"]
+    code = code_of(graph_of(graphs.fused, *arrays, may_fuse=True), 4, arrays, target)
+    assert_same_bits(by_itself(code, arrays, target), with_numpy(graph_of(graphs.fused, *arrays), arrays))
+
+
 @pytest.mark.parametrize("width", [1, 16])
 def test_arguments_that_all_states_share(width):
     rng = np.random.default_rng(0)

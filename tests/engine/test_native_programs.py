@@ -45,11 +45,11 @@ def _by_numpy(made, native, n, arrays):
     """Stands in for `program._natively`: each state of the graph by NumPy, and sums in the order of machine code."""
     avals = [program._aval(x, 1) for x in arrays]
     traced = made.traced(avals)
-    whole = graph.graph_of(traced.closed, program._expanded)
+    whole = graph.graph_of(traced.closed, program._expanded, may_fuse=made.is_wide)
     is_shared = [x.shape[0] != n for x in arrays]
     primals = [made.primal_of(i) for i in range(len(traced.out_avals))]
     is_summed = [p is not None and is_shared[p] for p in primals]
-    width = 1 if n == 1 else program._width(whole.dtypes)
+    width = 1 if n == 1 else cpu.width_of(whole)
 
     def results(*numbers):
         found = graph.run(whole, *map(np.asarray, numbers))

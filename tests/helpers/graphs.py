@@ -14,10 +14,28 @@ from jaxspatial.numerics.errorfree import barrier, transforms
 LINE = 64
 
 
-def graph_of(f, *arrays):
+def graph_of(f, *arrays, may_fuse=False):
     """The graph of a function of one state, for arrays (n, ...) over states."""
     state = [jax.ShapeDtypeStruct(x.shape[1:], x.dtype) for x in arrays]
-    return graph.graph_of(jax.make_jaxpr(lambda *x: jax.tree.leaves(f(*x)))(*state))
+    return graph.graph_of(jax.make_jaxpr(lambda *x: jax.tree.leaves(f(*x)))(*state), may_fuse=may_fuse)
+
+
+def fused(a, b, c):
+    """What may be fused: products that are added, and that are subtracted, on either side."""
+    return a * b + c, c + a * b, a * b - c, c - a * b
+
+
+def factors(dtype):
+    """(a, b, c) of which a b + c cancels, entirely or in part, or is one of both alone, or lies half way between two
+    numbers, which rounding twice gets wrong."""
+    rng = np.random.default_rng(0)
+    reach = 30 if dtype == np.float32 else 200
+    a, b = (rng.standard_normal((2, 1200)) * 2.0 ** rng.integers(-reach, reach, (2, 1200))).astype(dtype)
+    near = a * b * rng.choice([1, -1], 1200) * 2.0 ** rng.integers(-60, 60, 1200)
+    c = np.where(rng.random(1200) < 0.3, -(a * b), near).astype(dtype)
+    eps = np.finfo(dtype).eps
+    a[:4], b[:4], c[:4] = 1 + eps, [1, 1 + eps / 2, 1 + eps, 1 + eps], [eps / 2, eps / 4, 2 / eps, eps**2 / 8]
+    return a, b, c
 
 
 def with_numpy(g, arrays):
