@@ -11,5 +11,9 @@ From a call of `forward_dynamics(mechanism, q, v, tau)` to its result:
 4. `recursion` goes outward and inward over the tree, one loop for each bundle of chains. `matrices` assembles matrices
    over pairs of joints. `stacking` has operations on numbers that are arrays over bodies and states.
 
+`sums` has nothing to do with mechanisms: sums of products of many items, in twice the digits, become machine code too.
+
 The mechanics is in the layer above, `dynamics`.
 """
+
+from jaxspatial.engine import sums as sums

@@ -64,6 +64,10 @@ WORTH_A_THREAD = 100_000
 # Above so many bytes, what a thread needs is allocated on the heap.
 LARGEST_ON_STACK = 1 << 16
 LINE = 64
+FEW_COLUMNS = 4  # that are made of all rows of a block at once
+# In bytes, where memory is asked for. Of a shift in float64, which computes for as long as memory takes, a million items
+# take 6.0 ns each with it, and 8.6 without; mass matrices of a Panda, 65,536 states, 55 and 105 ns.
+AHEAD = 4096
 REGISTER = 16  # bytes of the parts of a register within which numbers are interleaved at no extra cost
 SPINS = 256  # how often a thread looks for the end of others' work before it lets the system run another
 
@@ -513,12 +517,17 @@ class Handler(Module):
         before, so that nothing outside the rows is touched.
         """
         width = self.code.width
-        group = min(REGISTER // n_bytes, width, 1 << (size.bit_length() - 1))
-        part = ir.VectorType(ir.IntType(8 * n_bytes), group)
-        whole = ir.VectorType(ir.IntType(8 * n_bytes), width)
         b, (rows, columns) = self.begin(name, VOID, PTR, PTR)
         for argument in (rows, columns):
             argument.add_attribute("noalias")
+        self.ask_for(b, rows, n_bytes * size * width, is_read)
+        if size <= FEW_COLUMNS:
+            self.turn_few(b, rows, columns, n_bytes, size, is_read)
+            b.ret_void()
+            return
+        group = min(REGISTER // n_bytes, width, 1 << (size.bit_length() - 1))
+        part = ir.VectorType(ir.IntType(8 * n_bytes), group)
+        whole = ir.VectorType(ir.IntType(8 * n_bytes), width)
         with loop(b, 0, size, group) as column:
             column = smallest(b, column, integer(size - group))
             row = at(b, rows, b.mul(column, integer(n_bytes)))
@@ -544,6 +553,42 @@ class Handler(Module):
                         half = b.shuffle_vector(vector, vector, lanes(range(i, i + group)))
                         b.store(half, place(i + k), align=n_bytes)
         b.ret_void()
+
+    def ask_for(self, b: Builder, rows: Value, n_bytes: int, is_read: bool) -> None:
+        """Asks for memory a little behind the rows of a block, which is read or written soon.
+
+        Of a block that is larger than that distance each row is a stream, which the processor sees by itself.
+        """
+        if n_bytes > AHEAD:
+            return
+        ask = self.external("llvm.prefetch.p0", VOID, [PTR, I32, I32, I32])
+        options = [ir.Constant(I32, x) for x in (int(not is_read), 3, 1)]  # into the first cache, as data
+        with loop(b, AHEAD, AHEAD + n_bytes, LINE) as place:
+            b.call(ask, [at(b, rows, place), *options])
+
+    def turn_few(self, b: Builder, rows: Value, columns: Value, n_bytes: int, size: int, is_read: bool) -> None:
+        """`turned` of so few columns that each is made of all rows at once, which are `size` vectors in memory."""
+        width = self.code.width
+        whole = ir.VectorType(ir.IntType(8 * n_bytes), width)
+        (of, of_align), (to, to_align) = (rows, n_bytes), (columns, min(LINE, n_bytes * width))
+        if not is_read:
+            (of, of_align), (to, to_align) = (to, to_align), (of, of_align)
+        given = [b.load(at(b, of, k * n_bytes * width), align=of_align, typ=whole) for k in range(size)]
+        for j in range(size):
+            # Where each number of vector j is: of which vector, and there in which lane.
+            if is_read:
+                places = [divmod(i * size + j, width) for i in range(width)]
+            else:
+                places = [divmod(i, size)[::-1] for i in range(j * width, (j + 1) * width)]
+            vector = given[0]
+            for k in range(1, size):
+                # Lanes that later vectors fill may hold anything.
+                chosen = [
+                    width + lane if source == k else i if k > 1 or source else lane
+                    for i, (source, lane) in enumerate(places)
+                ]
+                vector = b.shuffle_vector(vector, given[k], lanes(chosen))
+            b.store(vector, at(b, to, j * n_bytes * width), align=to_align)
 
     @once
     def padded(self, name: str) -> None:

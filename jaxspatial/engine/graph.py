@@ -294,12 +294,20 @@ def _either(g: Graph, a: int, b: int) -> int | None:
 def _with_mask(g: Graph, a: int, b: int, neutral: bool) -> int | None:
     """a and b, or a or b, of masks of which one is known. neutral: the mask that changes nothing."""
     if g.dtypes[a] != BOOL:
-        return None
+        return _without_zero(g, a, b) if not neutral else None
     if a == b:
         return a
     for x, y in ((a, b), (b, a)):
         if x in g.constants:
             return y if bool(g.constants[x]) == neutral else x
+    return None
+
+
+def _without_zero(g: Graph, a: int, b: int) -> int | None:
+    """The bits of an integer and those of 0."""
+    for x, y in ((a, b), (b, a)):
+        if x in g.constants and not g.constants[x]:
+            return y
     return None
 
 
@@ -527,7 +535,13 @@ class _Builder:
         dtype = np.dtype(eqn.outvars[0].aval.dtype)
         if dtype.itemsize != eqn.invars[0].aval.dtype.itemsize:
             raise NotSupportedError("bits of numbers of another size")
-        return [self.each("bitcast", dtype, x)]
+        g = self.graph
+
+        def taken_for(node: int) -> int:
+            (of,) = g.operands[node] if g.operations[node] == "bitcast" else (-1,)
+            return of if of >= 0 and g.dtypes[of] == dtype else g.operation("bitcast", (node,), dtype)
+
+        return [np.array([taken_for(n) for n in x.ravel().tolist()], np.int64).reshape(x.shape)]
 
     def _square(self, eqn: Any, x: Nodes) -> list[Nodes]:
         return [self.each("mul", np.dtype(eqn.outvars[0].aval.dtype), x, x)]
@@ -577,6 +591,10 @@ class _Builder:
         kept = self.each("and", integer, rounded, of((1 << info.bits) - (1 << cleared)))
         is_number = self.each("eq", BOOL, x, x)
         return [self.each("select", dtype, is_number, self.each("bitcast", dtype, kept), x)]
+
+    def _jaxspatial_replica(self, eqn: Any, _: Nodes) -> list[Nodes]:
+        """A zero that no compiler knows, but this one."""
+        return [self.lifted(np.zeros((), eqn.outvars[0].aval.dtype))]
 
     def _jaxspatial_two_product(self, eqn: Any, a: Nodes, b: Nodes) -> list[Nodes]:
         dtype = np.dtype(eqn.outvars[0].aval.dtype)

@@ -57,6 +57,11 @@ class Program:
     # and so are programs that take 64-bit numbers from it.
     is_wide = False
 
+    @property
+    def may_fuse(self) -> bool:
+        """Whether `a * b + c` may be rounded once: where it promises errors, and no bits."""
+        return self.is_wide
+
     @functools.cached_property
     def _derived(self) -> dict[Hashable, Any]:
         return {}
@@ -399,7 +404,7 @@ def _code(
         with _without_collection():
             traced = program.traced(avals)
             try:
-                whole = graph.graph_of(traced.closed, _expanded, may_fuse=program.is_wide)
+                whole = graph.graph_of(traced.closed, _expanded, may_fuse=program.may_fuse)
             except graph.NotSupportedError:
                 return None
             each = zip(avals, is_shared, strict=True)
@@ -428,7 +433,7 @@ def _expanded(eqn: Any) -> tuple[ClosedJaxpr, bool] | None:
         # As it is traced elsewhere, so that it need not be traced again.
         is_wide = program.is_wide or any(np.dtype(a.dtype).itemsize == 8 for a in avals)
         with jax.enable_x64(is_wide or bool(check.config.jax_enable_x64)):
-            return jax.make_jaxpr(functools.partial(run, program, n_batch, None))(*avals), program.is_wide
+            return jax.make_jaxpr(functools.partial(run, program, n_batch, None))(*avals), program.may_fuse
     closed = trace_of_sums(eqn)
     return None if closed is None else (closed, False)
 

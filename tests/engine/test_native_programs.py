@@ -20,7 +20,7 @@ from jax import lax
 from jax.sharding import PartitionSpec as P
 
 import jaxspatial as js
-from jaxspatial.engine import cpu, graph, program
+from jaxspatial.engine import cpu, graph, llvm_ir, program
 from tests.engine.test_cpu import in_order
 from tests.helpers import exact_dynamics
 from tests.helpers.marks import slow
@@ -45,7 +45,7 @@ def _by_numpy(made, native, n, arrays):
     """Stands in for `program._natively`: each state of the graph by NumPy, and sums in the order of machine code."""
     avals = [program._aval(x, 1) for x in arrays]
     traced = made.traced(avals)
-    whole = graph.graph_of(traced.closed, program._expanded, may_fuse=made.is_wide)
+    whole = graph.graph_of(traced.closed, program._expanded, may_fuse=made.may_fuse)
     is_shared = [x.shape[0] != n for x in arrays]
     primals = [made.primal_of(i) for i in range(len(traced.out_avals))]
     is_summed = [p is not None and is_shared[p] for p in primals]
@@ -327,6 +327,17 @@ def test_64_bit_types(dtype):
             found.append(compared(lambda *x: js.inverse_dynamics(arm, *x), *x, ways=["numpy"]))
     same(found[0], found[-1])
     assert found[0].dtype == dtype
+
+
+def test_constants_do_not_decide_how_many_states_fill_a_register():
+    """Numbers of a mechanism in float64, of which nothing is computed as they are."""
+    widths, written = [], llvm_ir.written
+    with pytest.MonkeyPatch.context() as patch, jax.enable_x64(True):
+        patch.setattr(llvm_ir, "written", lambda g, width, *more: widths.append(width) or written(g, width, *more))
+        for dtype in (F, np.float64):
+            tree, x = js.testing.random_mechanism(5, 2, ["revolute"], dtype=dtype), np.ones((2, 2), F)
+            jax.jit(lambda x, tree=tree: js.inverse_dynamics(tree, x, x, x)).lower(x)
+    assert len(widths) == 2 and widths[0] == widths[1]
 
 
 @pytest.mark.parametrize("dtype", [jnp.bfloat16, slow(jnp.float16)])

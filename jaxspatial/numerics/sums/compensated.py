@@ -16,7 +16,7 @@ from jax import Array, lax
 from jax.typing import DTypeLike
 
 from jaxspatial.numerics.errorfree.barrier import opaque
-from jaxspatial.numerics.errorfree.transforms import fast_two_sum, product_error, two_sum, unguarded
+from jaxspatial.numerics.errorfree.transforms import fast_two_sum, product_error, two_product, two_sum, unguarded
 from jaxspatial.numerics.sums.accumulator import Accumulator, Limbs, OverBatch, Terms
 from jaxspatial.numerics.sums.pairwise import of_neighbours
 
@@ -35,9 +35,8 @@ def signed_product(sign: int, factors: Sequence[Array]) -> tuple[Array, Array | 
     first, *others = factors
     p, e = first if others else opaque(first), None
     for x in others:
-        q = opaque(p * x)
-        r = product_error(p, x, q)
-        p, e = q, r if e is None else r + e * x
+        p, r = two_product(p, x)
+        e = r if e is None else r + e * x
     # The sign last: a factor that many terms share is made opaque, or split, once.
     return (p, e) if sign > 0 else (-p, None if e is None else -e)
 

@@ -250,6 +250,11 @@ def _without(terms: Sequence[Term], taken: Iterable[Term]) -> list[Term]:
     return rest
 
 
+def is_simple(plan: Plan, s: Sum, arrays: Sequence[Array]) -> bool:
+    """True where a Sum takes no error-free transform: it passes an array on, or has products that are rounded once."""
+    return _same_as(plan, s, arrays) is not None or _is_single(plan, s)
+
+
 def _is_single(plan: Plan, s: Sum) -> bool:
     """True where no component is more than one product of two: rounded once as it is, in every precision."""
     return not (plan.is_pair or s.reduced or s.shares) and all(

@@ -52,7 +52,7 @@ def _bind(plan: Plan, arrays: Sequence[Array]) -> list[Array]:
 
     sums = [s._replace(components=tuple(tuple(map(relabelled, terms)) for terms in s.components)) for s in plan.sums]
     arrays = same_sharding(*(arrays[j] for j in used), components=plan.axis)
-    return _sums_p.bind(*arrays, plan=plan._replace(sums=tuple(sums)))
+    return sums_p.bind(*arrays, plan=plan._replace(sums=tuple(sums)))
 
 
 def _abstract(*arrays, plan: Plan) -> list[Any]:
@@ -70,7 +70,7 @@ def _abstract(*arrays, plan: Plan) -> list[Any]:
 
 
 def _jvp(primals: Sequence[Array], tangents: Sequence[Any], *, plan: Plan) -> tuple[list[Array], list[Any]]:
-    results = _sums_p.bind(*primals, plan=plan)
+    results = sums_p.bind(*primals, plan=plan)
     n = len(primals)
     moving = {j: n + j for j, t in enumerate(tangents) if not is_zero(t)}
     sums = [s._replace(components=tuple(_differential(terms, moving) for terms in s.components)) for s in plan.sums]
@@ -141,7 +141,7 @@ def _batch(arrays: Sequence[Array], axes: Sequence[int | None], *, plan: Plan) -
         for x, axis in zip(arrays, axes, strict=True)
     ]
     batched = _batched_plan(plan, at - first, size, leading)
-    results = _sums_p.bind(*same_sharding(*moved, components=batched.axis), plan=batched)
+    results = sums_p.bind(*same_sharding(*moved, components=batched.axis), plan=batched)
     return results, [at] * len(results)
 
 
@@ -158,7 +158,7 @@ def _evaluate_without_calls(*arrays: Array, plan: Plan) -> list[Array]:
 
 def trace_of_sums(eqn: Any) -> ClosedJaxpr | None:
     """What an operation of a trace computes, if it is one of sums of products; else None."""
-    if eqn.primitive is not _sums_p:
+    if eqn.primitive is not sums_p:
         return None
     avals = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
     with jax.enable_x64(True), inlined_calls():
@@ -167,19 +167,20 @@ def trace_of_sums(eqn: Any) -> ClosedJaxpr | None:
 
 @functools.cache
 def _compiled(plan: Plan) -> Callable[..., list[Array]]:
-    return compiled(_sums_p, plan=plan)
+    return compiled(sums_p, plan=plan)
 
 
 def _call(*arrays: Array, plan: Plan) -> list[Array]:
     return _compiled(plan)(*arrays)
 
 
-_sums_p: Any = Primitive("jaxspatial_sums")
-_sums_p.multiple_results = True
-_sums_p.def_abstract_eval(_abstract)
-_sums_p.def_impl(_call)
-mlir.register_lowering(_sums_p, rule(_evaluate_without_calls))
-mlir.register_lowering(_sums_p, rule(evaluate), platform="cpu")
-ad.primitive_jvps[_sums_p] = _jvp
-ad.primitive_transposes[_sums_p] = _transpose
-batching.primitive_batchers[_sums_p] = _batch
+sums_p: Any = Primitive("jaxspatial_sums")
+sums_p.multiple_results = True
+sums_p.def_abstract_eval(_abstract)
+sums_p.def_impl(_call)
+mlir.register_lowering(sums_p, rule(_evaluate_without_calls))
+lower_for_cpus = rule(evaluate)
+mlir.register_lowering(sums_p, lower_for_cpus, platform="cpu")
+ad.primitive_jvps[sums_p] = _jvp
+ad.primitive_transposes[sums_p] = _transpose
+batching.primitive_batchers[sums_p] = _batch

@@ -1,0 +1,74 @@
+"""Sums of products in twice the digits, of float64 and over many items, as machine code on CPUs.
+
+XLA has no fused multiply-add to ask for. It splits every factor to find the error of a product, which takes ten times
+as many operations. The bits are the same, but where a factor is below tiny / eps: see `transforms.split`.
+"""
+
+import functools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxspatial.engine import cpu, program
+from jaxspatial.engine.program import Aval, Native, Program, Result
+from jaxspatial.numerics import check
+from jaxspatial.numerics.errorfree.primitives import lower_fun, n_devices, unsharded
+from jaxspatial.numerics.jax_internals import mlir
+from jaxspatial.numerics.sums.evaluation import Plan, evaluate, is_simple
+from jaxspatial.numerics.sums.primitive import lower_for_cpus, sums_p
+
+# A call of machine code takes 0.3 us. In a loop, ns for an item of a shift and a power: of 32 items 14 and 16, 9 and 13
+# as part of XLA's program; of 128 items 5 and 5, 9 and 14; of 1024 items 4 and 4, 7 and 11.
+FEWEST = 128
+
+
+class Sums(Program):
+    """The results of a plan for one item. Its bits are those of XLA's way, which rounds each operation by itself."""
+
+    is_wide, may_fuse = True, False
+
+    def __init__(self, plan: Plan):
+        self.plan = plan
+
+    def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
+        return evaluate(*arrays, plan=self.plan)
+
+    def outputs(self, avals: Sequence[Aval]) -> list[Result]:
+        limbs = range(1 + self.plan.is_pair)
+        return [((len(s.components),), np.dtype(np.float64)) for s in self.plan.sums for _ in limbs]
+
+
+_program_of = functools.lru_cache(maxsize=256)(Sums)
+
+
+def _is_for_machine_code(plan: Plan, avals: Sequence[Any]) -> bool:
+    is_double = plan.precision == "compensated" and avals[0].dtype == np.float64
+    is_of_items = not plan.leading and not any(s.reduced for s in plan.sums)
+    return is_double and is_of_items and check.is_sized(plan.batch) and math.prod(plan.batch) >= FEWEST
+
+
+def _lower(context: Any, *arrays: Any, plan: Plan) -> Any:
+    module = context.module_context
+    is_possible = _is_for_machine_code(plan, context.avals_in) and not module.lowering_parameters.for_export
+    if not (is_possible and cpu.is_available()):
+        return lower_for_cpus(context, *arrays, plan=plan)
+    native = Native(cpu, n_devices(context), module.add_keepalive)
+    return unsharded(lower_fun(functools.partial(_run, plan, native), multiple_results=True), context, *arrays)
+
+
+def _run(plan: Plan, native: Native, *arrays: jax.Array) -> list[jax.Array]:
+    """The results, each by a call of its own: XLA leaves out those that nobody reads."""
+    results = list[jax.Array]()
+    for s in plan.sums:
+        alone = plan._replace(sums=(s,))
+        if is_simple(plan, s, arrays):
+            results += evaluate(*arrays, plan=alone)
+        else:
+            results += program.run(_program_of(alone._replace(batch=(1,))), len(plan.batch), native, *arrays)
+    return results
+
+
+mlir.register_lowering(sums_p, _lower, platform="cpu")
