@@ -7,8 +7,8 @@ typed foreign function interface, version 0.3. In the order of the file:
 2. Small functions write LLVM IR: addresses, loops, transposes in registers.
 3. `Runtime` has what all handlers share and no code may take with it when it is freed: holds on code, other threads.
 4. `Handler` writes the functions around one code. XLA calls `handler`. It makes a job, and asks other threads to help.
-   A `worker` takes chunks of the job until none is left. A `chunk` reads rows of the batch into columns, calls the code
-   block by block, and writes its columns back as rows, or adds them up.
+   A `worker` takes runs of chunks of the job until none is left. A `chunk` reads rows of the batch into columns, calls
+   the code block by block, and writes its columns back as rows, or adds them up.
 5. `compiled` compiles both parts, or finds them in memory or on disk, and makes them known to XLA.
 6. `call` is the call, while JAX traces; on several devices each makes it for its own states.
 7. `is_available` tries all of this once in each process.
@@ -59,13 +59,16 @@ Builder = Value = Any  # of llvmlite, which does not say what its methods take a
 
 # What a thread takes at a time, and what is summed by itself, in states. Sums depend on it; threads do not matter.
 CHUNK = 128
+# In how many runs of neighbouring chunks a thread takes its share of a job. The last run is what others wait for; but
+# with runs of one chunk, memory that a thread has asked for would be what another one takes.
+RUNS = 32
 # Operations on vectors that take about 20 us: another thread is asked to help for each of them after the first.
 WORTH_A_THREAD = 100_000
 # Above so many bytes, what a thread needs is allocated on the heap.
 LARGEST_ON_STACK = 1 << 16
 LINE = 64
 FEW_COLUMNS = 4  # that are made of all rows of a block at once
-# In bytes, where memory is asked for. Of a shift in float64, which computes for as long as memory takes, a million items
+# In bytes, where memory is asked for. Of a shift in float64, which computes as long as memory takes, a million items
 # take 6.0 ns each with it, and 8.6 without; mass matrices of a Panda, 65,536 states, 55 and 105 ns.
 AHEAD = 4096
 REGISTER = 16  # bytes of the parts of a register within which numbers are interleaved at no extra cost
@@ -82,7 +85,7 @@ MAJOR, MINOR = 0, 3
 # Bytes from the start of a job, which the threads of one call share, to its fields. Threads write to the first three,
 # which have lines of the cache of their own.
 NEXT, DONE, REFERENCES = 0, 64, 128
-N_CHUNKS, N_STATES, SUMS, MODE, WORKER, HOLDERS, BUFFERS = range(192, 192 + 7 * 8, 8)
+N_CHUNKS, N_STATES, RUN, SUMS, MODE, WORKER, HOLDERS, BUFFERS = range(192, 192 + 8 * 8, 8)
 
 
 class Argument(NamedTuple):
@@ -440,6 +443,10 @@ class Runtime(Module):
             self.destroyed(b, api, error, request)
             b.store(integer(0), n_threads)
         n = smallest(b, wanted, b.sub(b.load(n_threads, typ=I64), integer(1)))
+        with b.if_then(b.icmp_signed(">", n, integer(0))):
+            runs = b.mul(b.add(n, integer(1)), integer(RUNS))
+            run = b.sdiv(b.add(field(b, job, N_CHUNKS, I64), b.sub(runs, integer(1))), runs)
+            b.store(run, at(b, job, RUN))
         with loop(b, 0, n):
             counts = at(b, job, REFERENCES), field(b, job, HOLDERS)
             for count in counts:
@@ -738,7 +745,7 @@ class Handler(Module):
 
     @once
     def worker(self, name: str) -> None:
-        """Takes chunks of a job until none is left: (job)."""
+        """Takes runs of chunks of a job until none is left: (job)."""
         code, place, chunk = self.code, self.scratch, self.chunk()
         b, (job,) = self.begin(name, VOID, PTR)
         is_large = place.size > LARGEST_ON_STACK
@@ -756,14 +763,17 @@ class Handler(Module):
                 b.store(at(b, scratch, own), at(b, scratch, table))
             elif isinstance(x, Argument) and x.is_shared:
                 b.store(field(b, job, self.buffer(i)), at(b, scratch, table))
+        run, n_chunks = field(b, job, RUN, I64), field(b, job, N_CHUNKS, I64)
         head, body, end = (b.append_basic_block(f"take.{name}") for name in ("head", "body", "end"))
         b.branch(head)
         b.position_at_end(head)
-        taken = b.atomic_rmw("add", at(b, job, NEXT), integer(1), "monotonic")
-        b.cbranch(b.icmp_signed("<", taken, field(b, job, N_CHUNKS, I64)), body, end)
+        first = b.atomic_rmw("add", at(b, job, NEXT), run, "monotonic")
+        b.cbranch(b.icmp_signed("<", first, n_chunks), body, end)
         b.position_at_end(body)
-        b.call(chunk, [job, taken, scratch])
-        b.atomic_rmw("add", at(b, job, DONE), integer(1), "release")
+        last = smallest(b, b.add(first, run), n_chunks)
+        with loop(b, first, last) as k:
+            b.call(chunk, [job, k, scratch])
+        b.atomic_rmw("add", at(b, job, DONE), b.sub(last, first), "release")
         b.branch(head)
         b.position_at_end(end)
         if is_large:
@@ -800,7 +810,7 @@ class Handler(Module):
         job = b.call(self.external("malloc", PTR, [I64]), [integer(BUFFERS + 8 * len(buffers))])
         for value, place in ((0, NEXT), (0, DONE), (1, REFERENCES), (n_chunks, N_CHUNKS), (n, N_STATES)):
             b.store(integer(value), at(b, job, place))
-        for value, place in ((worker, WORKER), (self.holders, HOLDERS)):
+        for value, place in ((n_chunks, RUN), (worker, WORKER), (self.holders, HOLDERS)):
             b.store(value, at(b, job, place))
         self.get_mode(b, at(b, job, MODE))
         for i, buffer in enumerate(buffers):

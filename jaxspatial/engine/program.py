@@ -285,6 +285,14 @@ class Native(NamedTuple):
     n_devices: int
     hold: Callable[[Any], Any]
 
+    @classmethod
+    def of(cls, context: Any, machine: ModuleType) -> "Native | None":
+        """In a lowering rule: None where machine code cannot be called, or is not to be, as in what is exported."""
+        module = context.module_context
+        if module.lowering_parameters.for_export or not machine.is_available():
+            return None
+        return cls(machine, n_devices(context), module.add_keepalive)
+
 
 def run(
     program: Program, n_batch: int, native: Native | None, *arrays: jax.Array, in_parts: bool = False
@@ -448,12 +456,7 @@ def _aval(x: jax.Array, size: int | None = None) -> Aval:
 
 def _lowering(machine: ModuleType | None) -> Callable[..., Any]:
     def rule(context, *arrays, program: Program, n_batch: int):
-        module = context.module_context
-        is_exported = module.lowering_parameters.for_export
-        native = None
-        if machine and not is_exported and machine.is_available():
-            native = Native(machine, n_devices(context), module.add_keepalive)
-        in_parts = machine is cpu
+        native, in_parts = Native.of(context, machine) if machine else None, machine is cpu
         lower = lower_fun(functools.partial(run, program, n_batch, native, in_parts=in_parts), multiple_results=True)
         with _without_collection():
             return unsharded(lower, context, *arrays)

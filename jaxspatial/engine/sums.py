@@ -15,7 +15,7 @@ import numpy as np
 from jaxspatial.engine import cpu, program
 from jaxspatial.engine.program import Aval, Native, Program, Result
 from jaxspatial.numerics import check
-from jaxspatial.numerics.errorfree.primitives import lower_fun, n_devices, unsharded
+from jaxspatial.numerics.errorfree.primitives import lower_fun, unsharded
 from jaxspatial.numerics.jax_internals import mlir
 from jaxspatial.numerics.sums.evaluation import Plan, evaluate, is_simple
 from jaxspatial.numerics.sums.primitive import lower_for_cpus, sums_p
@@ -28,7 +28,11 @@ FEWEST = 128
 class Sums(Program):
     """The results of a plan for one item. Its bits are those of XLA's way, which rounds each operation by itself."""
 
-    is_wide, may_fuse = True, False
+    is_wide = True
+
+    @property
+    def may_fuse(self) -> bool:
+        return False
 
     def __init__(self, plan: Plan):
         self.plan = plan
@@ -51,11 +55,9 @@ def _is_for_machine_code(plan: Plan, avals: Sequence[Any]) -> bool:
 
 
 def _lower(context: Any, *arrays: Any, plan: Plan) -> Any:
-    module = context.module_context
-    is_possible = _is_for_machine_code(plan, context.avals_in) and not module.lowering_parameters.for_export
-    if not (is_possible and cpu.is_available()):
+    native = Native.of(context, cpu) if _is_for_machine_code(plan, context.avals_in) else None
+    if native is None:
         return lower_for_cpus(context, *arrays, plan=plan)
-    native = Native(cpu, n_devices(context), module.add_keepalive)
     return unsharded(lower_fun(functools.partial(_run, plan, native), multiple_results=True), context, *arrays)
 
 

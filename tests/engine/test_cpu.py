@@ -9,6 +9,7 @@ import os
 import pathlib
 import subprocess
 import sys
+import threading
 import weakref
 
 import jax
@@ -399,11 +400,11 @@ def test_another_process_finds_both_caches():
 
 
 class Pool:
-    """Stands in for XLA: a call frame in memory, and threads that begin when the test wants."""
+    """Stands in for XLA: a call frame in memory, and threads that begin when the test wants, or at once."""
 
-    def __init__(self, arrays, results, n_threads, is_refused=False):
+    def __init__(self, arrays, results, n_threads, is_refused=False, at_once=False):
         self.tasks, self.errors, self.kept = [], 0, []
-        self.n_threads, self.is_refused = n_threads, is_refused
+        self.n_threads, self.is_refused, self.at_once = n_threads, is_refused, at_once
         api = (ctypes.c_void_p * 24)()
         for place, function in ((64, self.destroy), (136, self.schedule), (144, self.count)):
             function = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.POINTER(ctypes.c_void_p))(function)
@@ -433,6 +434,10 @@ class Pool:
         if self.is_refused:
             return 1
         self.tasks.append((ctypes.CFUNCTYPE(None, ctypes.c_void_p)(request[3]), request[4]))
+        if self.at_once:
+            task, job = self.tasks[-1]
+            self.tasks[-1] = threading.Thread(target=task, args=(job,))
+            self.tasks[-1].start()
 
     def count(self, request):
         ctypes.c_int64.from_address(request[3]).value = self.n_threads
@@ -441,9 +446,9 @@ class Pool:
         assert not ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)(held.address)(ctypes.addressof(self.frame))
 
 
-def by_hand(n_threads, **options):
-    x, y = numbers((5000, 3), F32), numbers((5000, 3), F32, 1)
-    results = np.zeros((1, 3), np.float32), np.zeros((5000, 3), np.float32)
+def by_hand(n_threads, n=5000, **options):
+    x, y = numbers((n, 3), F32), numbers((n, 3), F32, 1)
+    results = np.zeros((1, 3), np.float32), np.zeros((n, 3), np.float32)
     code = summed(16, cost=100_000)
     held = cpu.compiled(code)
     pool = Pool((x, y), results, n_threads, **options)
@@ -464,6 +469,16 @@ def test_tasks_that_begin_when_all_is_done():
     for k, (task, job) in enumerate(pool.tasks):
         task(job)
         assert holders(held) == 2 - k
+
+
+@pytest.mark.parametrize("n_threads", [2, 3])
+def test_threads_that_take_several_chunks_at_a_time(n_threads):
+    n = cpu.RUNS * n_threads * 3 * cpu.CHUNK - 1
+    for _ in range(5):
+        pool, held = by_hand(n_threads, n, at_once=True)
+        for thread in pool.tasks:
+            thread.join()
+        assert len(pool.tasks) == n_threads - 1 and holders(held) == 0
 
 
 def test_no_thread_is_asked_for_little_work_or_where_there_is_one():
