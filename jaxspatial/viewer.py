@@ -361,8 +361,8 @@ def _applied(what: str, source: Any) -> list[tuple[str, AppliedForces]]:
     found: list[tuple[str, AppliedForces]] = []
     for name, F in (source or {}).items():
         check.require_kind(F, SpatialForce, f"{what}[{name!r}]")
-        tau, f = (np.asarray(as_array(x, F.batch_shape))[..., None, :] for x in F.vectors)
-        found.append((f"{what}[{name!r}]", AppliedForces([name], SpatialForce(tau, f))))
+        vectors: list[Any] = [np.asarray(as_array(x, F.batch_shape))[..., None, :] for x in F.vectors]
+        found.append((f"{what}[{name!r}]", AppliedForces([name], SpatialForce(*vectors))))
     return found
 
 

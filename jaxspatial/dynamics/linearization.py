@@ -59,8 +59,8 @@ def inverse_dynamics_derivatives(
     """
     operation = "inverse_dynamics_derivatives"
     if checked_mechanism(operation, mechanism).topology.has_subspaces_of_q:
-        arguments = checked(operation, mechanism, q=q, v=v, vdot=vdot, external_forces=external_forces)
-        return _column_by_column(mechanism, *arguments, precision)
+        q, v, vdot, forces = checked(operation, mechanism, q=q, v=v, vdot=vdot, external_forces=external_forces)
+        return _column_by_column(mechanism, q, v, vdot, forces, precision)
     return InverseDynamicsDerivatives(
         *derivatives(precision, mechanism, q, v, vdot, external_forces, operation=operation)
     )
@@ -80,7 +80,7 @@ def _column_by_column(
     def matrix(k: int) -> jax.Array:
         def column(unit: jax.Array) -> jax.Array:
             def along(x: Any) -> jax.Array:
-                return torques(*at[:k], x, *at[k + 1 :])
+                return torques(*[x if i == k else y for i, y in enumerate(at)])
 
             return jax.jvp(along, (jnp.asarray(at[k]),), (jnp.broadcast_to(unit, at[k].shape),))[1]
 

@@ -49,7 +49,7 @@ class JointState(NamedTuple):
 
     def subspace_rate(self, v: Numbers) -> tuple[Motion, ...]:
         """The columns of dS/dt."""
-        return self.kind.motion_subspace_rate(*self._where, v)
+        return self.kind.motion_subspace_rate(*[*self._where, v])
 
     @property
     def _where(self) -> tuple[Any, ...]:

@@ -300,12 +300,12 @@ def same_dtype(**arrays: Any) -> dict[str, Any]:
     return {name: narrowed(a) for name, a in arrays.items()}
 
 
-def is_sized(shape: _Shape) -> bool:
+def is_sized(shape: Sequence[int]) -> bool:
     """Whether all sizes are numbers, and none a symbol of `jax.export`, which stands for any."""
     return all(isinstance(n, (int, np.integer)) for n in shape)
 
 
-def numpy_for(shape: _Shape) -> Any:
+def numpy_for(shape: Sequence[int]) -> Any:
     """NumPy, to make a known array of this shape; `jax.numpy` where sizes are symbols, which NumPy cannot have."""
     return np if is_sized(shape) else jnp
 
