@@ -175,6 +175,70 @@ def test_random_functions_in_the_handler_have_the_bits_of_xla(seed):
     assert_same_bits(in_handler(code_of(g, 16, arrays), arrays), with_xla(f, arrays))
 
 
+# -- planted faults ----------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def examples():
+    """By operation a graph with it, arguments, and the results."""
+    found = {}
+    with jax.enable_x64(True):
+        of_factors = [(f, graphs.factors(F64), f is graphs.fused) for f in (graphs.fused, transforms.two_product)]
+        more = [
+            (graph_of(f, *x[:n], may_fuse=fused), x[:n]) for (f, x, fused), n in zip(of_factors, (3, 2), strict=True)
+        ]
+        given = [of_operations(d) for d in (F32, F64, I32, U32, I64, BOOL)] + [
+            (g, x, with_numpy(g, x)) for g, x in more
+        ]
+        for g, arrays, results in given:
+            for nodes in llvm_ir._Order(g).members.values():
+                for name in map(g.operations.__getitem__, nodes):
+                    found.setdefault(name, (g, arrays, results))
+    return found
+
+
+def test_every_operation_has_an_example():
+    assert set(examples()) == set(graph.EVALUATE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", graph.EVALUATE)
+def test_an_operation_that_does_nothing_is_seen(name):
+    """In the code it has the value of its first operand, or 0, where that is of another type."""
+    g, arrays, expected = examples()[name]
+    written = llvm_ir.Writer._instructions
+
+    def faulty(self, operation, dtype, of, is_usual):
+        if operation != name:
+            return written(self, operation, dtype, of, is_usual)
+        x = "{1}" if dtype == of else "zeroinitializer"
+        return [f"{{0}} = select i1 true, {self.type(dtype)} {x}, {self.type(dtype)} {x}"]
+
+    with mock.patch.object(llvm_ir.Writer, "_instructions", faulty):
+        found = by_itself(code_of(g, 8, arrays), arrays)
+    with pytest.raises(AssertionError):
+        assert_same_bits(found, expected)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(set(graph.EVALUATE) - {"product_error", "fma"}))
+def test_an_operation_of_the_graph_that_does_nothing_is_seen(name):
+    """By XLA. Of products and sums rounded once, exact numbers are the reference, see `test_graph`."""
+    dtype = next(d for d in (F32, F64, I32, U32, I64, BOOL) if of_operations(d)[0] is examples()[name][0])
+    _, arrays, _ = of_operations(dtype)
+    f = graphs.all_operations(dtype)
+    expected = with_xla(f, arrays)
+
+    def differ():
+        return [(x != y) & ((x == x) | (y == y)) for x, y in zip(with_numpy(g, arrays), expected, strict=True)]
+
+    g = graph_of(f, *arrays)
+    before = differ()
+    fault = lambda d, a, *_: a if np.asarray(a).dtype == d else np.zeros(np.shape(a), d)  # noqa: E731
+    with mock.patch.dict(graph.EVALUATE, {name: fault}):
+        assert any((y & ~x).any() for x, y in zip(before, differ(), strict=True))
+
+
 # -- the text ----------------------------------------------------------------------------------------------------------
 
 
