@@ -113,11 +113,19 @@ def broadcast(a: Any, b: Any) -> tuple[Any, Any]:
     if (is_known_a and is_known_b) or isinstance(a, check.StandIn) or isinstance(b, check.StandIn):
         return a, b
     if is_known_a or is_known_b:
-        return (jnp.full_like(b, a), b) if is_known_a else (a, jnp.full_like(a, b))
+        return (_filled(b, a), b) if is_known_a else (a, _filled(a, b))
     if a.shape == b.shape:
         return a, b
     shape = check.broadcast_shapes(a.shape, b.shape)
     return jnp.broadcast_to(a, shape), jnp.broadcast_to(b, shape)
+
+
+def _filled(like: Array, number: Any) -> Array:
+    """An array like another of one number. `jnp.full_like` asks so much that it took a third of tracing."""
+    kind = jax.typeof(like)
+    if not (like.shape and kind.sharding.mesh.empty) or kind.mat.varying:
+        return jnp.full_like(like, number)
+    return lax.broadcast_in_dim(kind.dtype.type(number), like.shape, ())
 
 
 # -- numbers -----------------------------------------------------------------------------------------------------------
