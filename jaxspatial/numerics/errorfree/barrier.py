@@ -14,7 +14,15 @@ from jax import Array, lax
 from jax.typing import DTypeLike
 
 from jaxspatial.numerics.check import finfo, is_sized
-from jaxspatial.numerics.errorfree.primitives import choice, elementwise, is_zero, lower_fun, no_tangent, same_sharding
+from jaxspatial.numerics.errorfree.primitives import (
+    choice,
+    elementwise,
+    is_zero,
+    lower_fun,
+    no_tangent,
+    over_one_shape,
+    same_sharding,
+)
 from jaxspatial.numerics.jax_internals import Primitive, ShapedArray, ad, mlir, stablehlo
 
 
@@ -166,26 +174,30 @@ mlir.register_lowering(_kept_p, _to_its_own_format, platform="cpu")
 
 
 def total(a: Array, b: Array) -> Array:
-    """`no_reassociation(a + b)`, of arrays of one shape and dtype."""
-    return _sum_p.bind(*same_sharding(a, b))
+    """`no_reassociation(a + b)`, of arrays of one shape and dtype, or of one and a number."""
+    return _bound(_sum_p, a, b)
 
 
 def difference(a: Array, b: Array) -> Array:
-    """`no_reassociation(a - b)`, of arrays of one shape and dtype."""
-    return _difference_p.bind(*same_sharding(a, b))
+    """`no_reassociation(a - b)`, of arrays of one shape and dtype, or of one and a number."""
+    return _bound(_difference_p, a, b)
+
+
+def _bound(primitive: Any, a: Any, b: Any) -> Array:
+    return primitive.bind(*(same_sharding(a, b) if a.shape == b.shape else (a, b)))
 
 
 def _held(name: str, operation: Callable[[Array, Array], Array], like: Any, signed: Callable[[Array], Array]) -> Any:
     """The primitive of an operation, which is a + signed(b), whose result no compiler rearranges."""
 
     def lowered(a: Array, b: Array) -> Array:
-        return no_reassociation(operation(a, b))
+        return no_reassociation(operation(*over_one_shape(a, b)))
 
     def jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
         result, (da, db) = primitive.bind(*primals), tangents
         if is_zero(da):
             return result, no_tangent(result) if is_zero(db) else signed(db)
-        return result, da if is_zero(db) else primitive.bind(*same_sharding(da, db))
+        return result, da if is_zero(db) else _bound(primitive, da, db)
 
     def transpose(cotangent, a, b) -> list[Any]:
         wanted = [ad.is_undefined_primal(x) and not is_zero(cotangent) for x in (a, b)]
@@ -206,8 +218,8 @@ _difference_p = _held("difference", lax.sub, lax.sub_p, lax.neg)
 
 
 def product(a: Any, b: Any) -> jax.Array:
-    """fl(a * b), never part of an fma: error <= u |a b|, bitwise NumPy's."""
-    return _product_p.bind(*same_sharding(a, b))
+    """fl(a * b), never part of an fma: error <= u |a b|, bitwise NumPy's. One of both may be a number."""
+    return _bound(_product_p, a, b)
 
 
 def quotient(a: Any, b: Any) -> jax.Array:
@@ -221,7 +233,7 @@ def root(x: Array) -> jax.Array:
 
 
 def _rounded_product(a: Array, b: Array):
-    return no_fma(lax.mul(a, b))
+    return no_fma(lax.mul(*over_one_shape(a, b)))
 
 
 def _rounded_quotient(a: Array, b: Array):

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
 
 from jaxspatial.numerics.jax_internals import ClosedJaxpr, Primitive, ShapedArray, ad, batching, mlir, set_xla_metadata
@@ -24,6 +25,7 @@ def elementwise(
 ) -> Any:
     """A primitive with the shapes, shardings and complaints of the lax primitive `like` for the first two arguments.
 
+    One of these may be a number without a shape: it stands for as many as the other has, see `over_one_shape`.
     n_results: how many arrays a list of results has; None for one array.
     """
     primitive = Primitive(f"jaxspatial_{name}")
@@ -33,7 +35,10 @@ def elementwise(
         return result if n_results is None else [result] * n_results
 
     def abstract(*arrays):
-        return each(like.abstract_eval(*arrays[:2])[0])
+        first = arrays[:2]
+        shaped = [a for a in first if a.shape]
+        is_with_number = len(shaped) == 1 < len(first) and first[0].dtype == first[1].dtype
+        return each(like.abstract_eval(*(shaped * 2 if is_with_number else first))[0])
 
     def batch(args: Sequence[Array], axes: Sequence[int | None]):
         return primitive.bind(*same_sharding(*_batched(args, axes))), each(0)
@@ -102,8 +107,18 @@ def common_spec(specs: Iterable[Any]) -> list[Any]:
 def _batched(arguments: Sequence[Array], axes: Sequence[int | None]) -> Iterator[Array]:
     """The arguments with the batch axis first; one without it repeated, so that its cotangents are summed."""
     size = next(x.shape[axis] for x, axis in zip(arguments, axes, strict=True) if axis is not None)
-    for x, axis in zip(arguments, axes, strict=True):
-        yield lax.broadcast(x, (size,)) if axis is None else jnp.moveaxis(x, axis, 0)
+    items = [x.shape if axis is None else np.delete(x.shape, axis) for x, axis in zip(arguments, axes, strict=True)]
+    shape = max(items, key=len)
+    for x, axis, item in zip(arguments, axes, items, strict=True):
+        y = lax.broadcast(x, (size,)) if axis is None else jnp.moveaxis(x, axis, 0)
+        # A number beside arrays: of each item another one.
+        yield y if len(item) == len(shape) else lax.broadcast_in_dim(y, (size, *shape), (0,))
+
+
+def over_one_shape(*arrays: Array) -> Sequence[Array]:
+    """The arrays, a number without a shape repeated for those of the others."""
+    shape = max((x.shape for x in arrays), key=len)
+    return [x if x.shape == shape or x.shape else lax.broadcast(x, shape) for x in arrays]
 
 
 class _Calls(threading.local):

@@ -67,28 +67,29 @@ def add(a: Any, b: Any, precision: Precision) -> Any:
 def subtract(a: Any, b: Any, precision: Precision) -> Any:
     if is_known(b, 0):
         return a
-    return -b if is_known(a, 0) else rounded_sum(operator.sub, a, b, precision)
+    return _negative(b) if is_known(a, 0) else rounded_sum(operator.sub, a, b, precision)
 
 
 def rounded_sum(operation: Callable[..., Any], a: Any, b: Any, precision: Precision) -> Any:
     """fl(a + b) or fl(a - b), also next to another sum with constants."""
-    if not (isinstance(a, Array) and isinstance(b, Array) and a.shape == b.shape):
-        a, b = broadcast(a, b)
+    precision = precision.of_one_limb
     if isinstance(a, Array) and isinstance(b, Array):
-        return _OF_ARRAYS[precision.of_one_limb][operation](a, b)
-    return quietly(operation, a, b)
+        return _OF_ARRAYS[precision][operation](*((a, b) if a.shape == b.shape else broadcast(a, b)))
+    return _with_known(operation, a, b, precision)
 
 
 def multiply(a: Any, b: Any, precision: Precision) -> Any:
     if isinstance(a, _NO_ARRAYS) or isinstance(b, _NO_ARRAYS):
         if isinstance(a, _KNOWN) and a in _UNITS:
-            return a * a if a == 0 else b if a == 1 else -b
+            return a * a if a == 0 else b if a == 1 else _negative(b)
         if isinstance(b, _KNOWN) and b in _UNITS:
-            return b * b if b == 0 else a if b == 1 else -a
-        a, b = broadcast(a, b)
-        if isinstance(a, _NO_ARRAYS) or isinstance(b, _NO_ARRAYS):
-            return quietly(operator.mul, a, b)
+            return b * b if b == 0 else a if b == 1 else _negative(a)
+        return _with_known(operator.mul, a, b, precision)
     return _OF_ARRAYS[precision][operator.mul](*((a, b) if a.shape == b.shape else broadcast(a, b)))
+
+
+def _negative(a: Any) -> Any:
+    return lax.neg(a) if isinstance(a, Array) else -a
 
 
 def divide(a: Any, b: Any, _: Precision) -> Any:
@@ -99,6 +100,19 @@ def divide(a: Any, b: Any, _: Precision) -> Any:
     if isinstance(a, _NO_ARRAYS) or isinstance(b, _NO_ARRAYS):
         return quietly(check.truediv, a, b)
     return quotient(a, b)
+
+
+def _with_known(operation: Callable[..., Any], a: Any, b: Any, precision: Precision) -> Any:
+    """The operation where a number is known while tracing, or something stands for an array."""
+    is_known_a, is_known_b = isinstance(a, np.generic), isinstance(b, np.generic)
+    if not (is_known_a and isinstance(b, Array) or is_known_b and isinstance(a, Array)):
+        return quietly(operation, *broadcast(a, b))
+    if precision is Precision.FAST:
+        a, b = broadcast(a, b)
+    else:
+        # A number as it is: repeated for all that the array has, it would be one more operation to trace.
+        a, b = (b.dtype.type(a), b) if is_known_a else (a, a.dtype.type(b))
+    return _OF_ARRAYS[precision][operation](a, b)
 
 
 def quietly(operation: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
@@ -214,8 +228,7 @@ class Rounded(Compared):
         return self.constant(other) / self
 
     def __neg__(self) -> "Rounded":
-        operand: Any = self.operand
-        return Rounded(self.precision, -operand)
+        return Rounded(self.precision, _negative(self.operand))
 
     def __abs__(self) -> "Rounded":
         return Rounded(self.precision, abs(self.value))
