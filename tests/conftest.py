@@ -77,6 +77,16 @@ def pytest_collection_modifyitems(config, items):
         config.hook.pytest_deselected(items=left)
 
 
+def pytest_collection_finish():
+    _out_of_sight()
+
+
+def _out_of_sight():
+    """What is there now stays: Python's collector need not look through millions of objects again and again."""
+    gc.collect()
+    gc.freeze()
+
+
 def pytest_runtest_setup(item):
     minutes = item.config.option.minutes
     if minutes and time.monotonic() - item.config.start > 60 * minutes:
@@ -135,3 +145,4 @@ def forget_programs():
     """Thousands of compiled programs would take gigabytes."""
     yield
     jax.clear_caches()
+    _out_of_sight()

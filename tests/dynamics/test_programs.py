@@ -32,7 +32,6 @@ def _nothing_called_before(monkeypatch):
     monkeypatch.setattr(algorithm, "_CACHES", weakref.WeakValueDictionary())
     with js.default_precision("fast"):
         yield
-    gc.unfreeze()
 
 
 def programs():
