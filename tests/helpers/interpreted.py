@@ -13,8 +13,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Literal
+from jax.extend.core import Literal, jaxprs_in_params
 
+from jaxspatial.engine import graph
 from jaxspatial.engine import program as programs
 from jaxspatial.numerics.sums import primitive as sums
 
@@ -221,14 +222,82 @@ def _traced_sums(plan, avals):
 
 
 def _program(*arrays, program, n_batch):
-    """As XLA's way has it: what a program was traced to is evaluated, and not traced into another."""
+    """What one state needs is traced, as for machine code: several states are the nodes of its graph, over arrays.
+
+    Traced for several states, as XLA's way has it, where there is no such graph.
+    """
     batch = np.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
     varies = [math.prod(x.shape[:n_batch]) > 1 for x in arrays]
     over = [np.broadcast_to(x, (*batch, *x.shape[n_batch:])) if y else x for x, y in zip(arrays, varies, strict=True)]
     flat = [programs.with_one_axis(x, n_batch, batch) for x in over]
-    traced = program.traced([jax.ShapeDtypeStruct(x.shape, x.dtype) for x in flat])
-    found = _evaluated(traced.closed, flat)
+    found = _of_graph(program, flat, math.prod(batch))
+    if found is None:
+        traced = program.traced([jax.ShapeDtypeStruct(x.shape, x.dtype) for x in flat])
+        found = _evaluated(traced.closed, flat)
     return [programs.with_batch(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(found)]
+
+
+def _of_graph(program, arrays, n):
+    """The results of n states by the graph of one; None where it has none, or a loop."""
+    if n < 2 or any(x.dtype == object for x in arrays):
+        return None
+    avals = [jax.ShapeDtypeStruct((1, *x.shape[1:]), x.dtype) for x in arrays]
+    key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), bool(jax.config.values["jax_enable_x64"])
+    made, of_one = program.cached(("of one state", key), lambda: _nodes(program.traced(avals)))
+    if made is None:
+        return None
+    places, known = [x.reshape((len(x), -1)).T for x in arrays], dict(made.graph.constants)
+    for node in made.live:
+        name = made.graph.operations[node]
+        if name == "load":
+            argument, place = made.graph.details[node]
+            known[node] = places[argument][place]
+        elif node not in known:
+            operands = [known[x] for x in made.graph.operands[node]]
+            known[node] = graph.EVALUATE[name](made.graph.dtypes[node], *operands)
+    results = []
+    for i, (nodes, a) in enumerate(zip(made.graph.results, of_one, strict=True)):
+        y, primal = np.empty((nodes.size, n), a.dtype), program.primal_of(i)
+        for row, node in zip(y, nodes.ravel().tolist(), strict=True):
+            row[:] = known[node]
+        y = y.T
+        if primal is not None and len(arrays[primal]) != n:
+            y = y.sum(0, keepdims=True, dtype=y.dtype)
+        results.append(y.reshape((len(y), *a.shape[1:])))
+    return results
+
+
+class _Nodes(NamedTuple):
+    """A graph without loops, and what its results need of it: operands come before what is made of them."""
+
+    graph: graph.Graph
+    live: list
+
+
+def _has_while(jaxpr):
+    return any(
+        equation.primitive.name == "while" or any(map(_has_while, jaxprs_in_params(equation.params)))
+        for equation in jaxpr.eqns
+    )
+
+
+def _nodes(traced):
+    """(the _Nodes of a trace, its results for one state); None for nodes if there are none."""
+    if _has_while(traced.closed.jaxpr):
+        return None, traced.out_avals
+    try:
+        made = graph.graph_of(traced.closed, programs._expanded)
+    except graph.NotSupportedError:
+        return None, traced.out_avals
+    live, waiting = set(), [node for x in made.results for node in x.ravel().tolist()]
+    while waiting:
+        node = waiting.pop()
+        if node not in live:
+            live.add(node)
+            waiting += made.operands[node]
+    in_loops = {"carried", "row", "last", "stacked"}
+    has_loop = any(made.operations[node] in in_loops for node in live)
+    return None if has_loop else _Nodes(made, sorted(live)), traced.out_avals
 
 
 def _dot_general(x, y, *, dimension_numbers, **_):
