@@ -102,6 +102,7 @@ class _Tree:
         self.placements, self.masses = list[RigidTransform](), list[list[SpatialInertia]]()
         self.places = dict[str, tuple[int, RigidTransform]]()
         self.held, self.carried_by = dict[str, list[Joint]](), {WORLD: WORLD}
+        self.mimics = _resolved(joints)
         self.welds = list[tuple[Joint, RigidTransform]]()
         for joint in reversed(joints):
             self.held.setdefault(joint.parent, []).append(joint)
@@ -166,26 +167,19 @@ class _Tree:
         return [] if M is None else [jax.tree.map(known, M)]
 
     def _followed(self, i: int):
-        joint = self.moving[i]
-        if not (mimic := joint.follows):
-            return i
-        names = [other.name for other in self.moving]
-        leader = self.moving[names.index(mimic.joint)] if mimic.joint in names else None
-        if leader is None or leader.follows or any(KINDS[x.kind].nq != 1 for x in (joint, leader)):
-            near = check.did_you_mean(mimic.joint, names) if leader is None else ""
-            expected = "the name of a joint with one coordinate of its own"
-            raise ValueError(f"Joint {joint.name!r}: mimic: expected {expected}, got {mimic.joint!r}{near}")
-        return names.index(mimic.joint)
+        mimic = self.mimics.get(self.moving[i].name)
+        return i if mimic is None else [joint.name for joint in self.moving].index(mimic.joint)
 
     def arrays(self) -> dict[str, Any]:
-        leaders = [joint for joint in self.moving if not joint.follows]
-        mimics = [(joint, joint.follows) for joint in self.moving if joint.follows]
+        leaders = [joint for joint in self.moving if joint.name not in self.mimics]
+        mimics = [(joint, self.mimics[joint.name]) for joint in self.moving if joint.name in self.mimics]
+        alone = Mimic("")
         return {
             "placements": _stacked(self.placements),
             "child_placements": _stacked([or_identity(joint, "child_placement") for joint in self.moving]),
             **{p.field: self._parameter(p) for p in OF_EVERY_JOINT if p.field},
             "parameters": {p.name: self._parameter(p) for p in registered_parameters(j.kind for j in self.moving)},
-            "mimics": _rows([mimic[1:] if (mimic := joint.follows) else (1.0, 0.0) for joint in self.moving], 2),
+            "mimics": _rows([self.mimics.get(joint.name, alone)[1:] for joint in self.moving], 2),
             "inertias": _inertias(self.masses),
             # No arrays of size zero, which checkpoints refuse.
             "weld_inertias": _inertias(self._welded()) if self.welds else None,
@@ -199,6 +193,30 @@ class _Tree:
         """(n, size) of all joints, (n,) of the pitch."""
         values = _rows([parameter(joint, p) for joint in self.moving], p.size)
         return values[:, 0] if p.field and p.size == 1 else values
+
+
+def _resolved(joints: Iterable[Joint]) -> dict[str, Mimic]:
+    """{name of a joint that follows: the joint with a coordinate of its own that it follows, along a chain of mimics}.
+
+    Of q = a (b r + c) + d the multiplier is a b, the offset a c + d.
+    """
+    of = {joint.name: joint for joint in joints if joint.kind != "fixed"}
+    found = dict[str, Mimic]()
+    for joint in of.values():
+        if (mimic := joint.follows) is None:
+            continue
+        leader, a, b = mimic
+        passed = [joint.name]
+        while leader in of and leader not in passed and (further := of[leader].follows):
+            passed.append(leader)
+            leader, a, b = further.joint, a * further.multiplier, a * further.offset + b
+        if leader not in of or leader in passed or any(KINDS[x.kind].nq != 1 for x in (joint, of[leader])):
+            near = check.did_you_mean(leader, of) if leader not in of else ""
+            came = f"{mimic.joint!r}, which follows {leader!r}" if len(passed) > 1 else repr(leader)
+            expected = "the name of a joint with one coordinate of its own, or of one that follows such a joint"
+            raise ValueError(f"Joint {joint.name!r}: mimic: expected {expected}, got {came}{near}")
+        found[joint.name] = Mimic(leader, a, b)
+    return found
 
 
 # -- arrays -----------------------------------------------------------------------------------------------------------

@@ -140,6 +140,7 @@ class Mechanism:
         *,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
         dtype: DTypeLike | None = None,
+        strict: bool = False,
     ) -> "Mechanism":
         """Reads a file in the Unified Robot Description Format; see `jaxspatial.mechanism.formats.urdf`.
 
@@ -148,6 +149,8 @@ class Mechanism:
             floating_base: whether a "free" joint named "root_joint" holds the root link; else it is welded.
             gravity: (3,) acceleration of free fall in the world, m/s2.
             dtype: of all numbers; JAX's default for None.
+            strict: whether to refuse what the format does not allow. Else words that it does not know are left out and
+                listed, and what is doubtful is taken as most readers take it, and listed.
 
         Returns:
             The mechanism, with NumPy numbers.
@@ -158,11 +161,12 @@ class Mechanism:
             ImportError: lxml is missing.
 
         Warns:
-            ModelFileWarning: names what was left out, and inertias that no rigid body has.
+            ModelFileWarning: names coordinates along which nothing has inertia, inertias that no rigid body has, other
+                doubts, and unknown words that were left out. Nothing is said of pictures, contact and control.
         """
         from jaxspatial.mechanism.formats import urdf
 
-        return urdf.read(cls.build, path_or_text, floating_base, gravity, dtype)
+        return urdf.read(cls.build, path_or_text, floating_base, gravity, dtype, strict)
 
     @classmethod
     def from_mjcf(cls, path_or_text: str | pathlib.Path, *, dtype: DTypeLike | None = None) -> "Mechanism":

@@ -77,7 +77,8 @@ class Joint:
         effort_limit: the largest force of the motor, N m or N; per velocity. No function applies it.
         velocity_limit: rad/s or m/s; per velocity.
         lower, upper: limits of the coordinates, rad or m; per coordinate.
-        mimic: (joint, multiplier, offset) where the coordinate follows that of another joint.
+        mimic: (joint, multiplier, offset) where the coordinate follows that of another joint, which may follow one
+            itself.
         parameters: values of the parameters that a registered kind declares, by name.
 
     Raises:

@@ -90,10 +90,10 @@ def shown(x: Any, n: int) -> str:
     return f"[{'; '.join(', '.join(numbers[i : i + n]) for i in range(0, len(numbers), n))}]"
 
 
-def did_you_mean(name: object, names: Iterable[str]) -> str:
+def did_you_mean(name: object, names: Iterable[str], nearness: float = 0.6) -> str:
     """The end of a message about an unknown name: the nearest of the known ones, where one is near."""
     by_small = {known.lower(): known for known in names}
-    near = difflib.get_close_matches(name.lower(), by_small, n=1) if isinstance(name, str) else []
+    near = difflib.get_close_matches(name.lower(), by_small, 1, nearness) if isinstance(name, str) else []
     return f"; did you mean {by_small[near[0]]!r}?" if near else ""
 
 

@@ -143,6 +143,14 @@ def test_mimic():
     assert mech.nq == 3
 
 
+def test_chains_of_mimics_multiply():
+    """elbow = 1/4 + 2 (slide - 1/2), slide - 1/2 = 1 + 3 shoulder."""
+    chain = MIMIC.replace("<equality>", '<equality><joint joint1="slide" joint2="shoulder" polycoef="1 3"/>')
+    mech = read(ARM, (END, chain))
+    assert (mech.nq, mech.nv) == (1, 1)
+    np.testing.assert_array_equal(mech.mimics, [[1, 0], [3, 1.5], [6, 2.25]])
+
+
 def test_rotors_of_actuators():
     """Armature and damping of what drives a joint, at its side of the gears."""
     motors = '<motor joint="elbow" gear="3" armature="2" damping="1"/><position joint="slide" kp="9"/>'
@@ -321,9 +329,9 @@ REFUSED = {
     "polynomial": (_equality('<joint joint1="elbow" joint2="slide" polycoef="0 1 2"/>'), "line 18: <joint .*polycoef"),
     "held joint": (_equality('<joint name="h" joint1="elbow"/>'), "line 18: <joint name=\"h\">: joint2: .*'elbow'"),
     "two masters": (_equality('<joint joint1="elbow" joint2="slide"/>' * 2), "line 18: <joint .*joint1: 'elbow'"),
-    "chain": (
-        _equality('<joint joint1="elbow" joint2="slide"/><joint joint1="slide" joint2="shoulder"/>'),
-        "line 18: .*'elbow' follows a joint that follows",
+    "ring": (
+        _equality('<joint joint1="elbow" joint2="slide"/><joint joint1="slide" joint2="elbow"/>'),
+        "line 18: .*'slide' follow each other in a ring; leave out one",
     ),
     "spring": (_tendon('name="t" stiffness="3"'), 'line 18: <fixed name="t">: stiffness: there are no tendons'),
     "dashpot": (_tendon('name="t" damping="3"'), "line 18: <fixed .*damping"),
@@ -454,26 +462,24 @@ CONTROL = """<tendon><fixed name="rope"><joint joint="elbow" coef="1"/></fixed><
 
 
 def test_what_is_left_out_is_listed_once():
+    """Beside what may change the motion, of which the warning speaks."""
     options = ('gravity="0 1 -9.81"/>', 'gravity="0 1 -9.81" timestep="1e-3"><flag contact="disable"/></option>')
-    asymmetric = ('actuatorfrcrange="-3 3"', 'actuatorfrcrange="-3 2" solreflimit=".1 1" margin="1"')
+    asymmetric = ('actuatorfrcrange="-3 3"', 'actuatorfrcrange="-3 2" solreflimit=".1 1" margin="1" range="0 1"')
+    follows = ('<joint name="e"', '<joint joint1="elbow" joint2="slide"/><joint name="e"')
     with pytest.warns(ModelFileWarning) as found:
-        js.Mechanism.from_mjcf(changed(ARM, (END, CONTROL), options, asymmetric))
+        js.Mechanism.from_mjcf(changed(ARM, (END, CONTROL), options, asymmetric, follows))
     assert len(found) == 1 and found[0].filename == __file__
+    assert str(found[0].message) == "from_mjcf: left out: range of a mimic (1)"
     assert found[0].message.left_out == {
+        "range of a mimic": ("elbow",),
         "geom": ("geom_0",), "exclude": ("x",), "actuator": ("m", "actuator_1"), "sensor": ("s",), "keyframe": ("k",),
         "tendon": ("rope",), "constraint that is not active": ("e",), "option": ("timestep", "contact switched off"),
         "margin": ("elbow",), "solreflimit": ("elbow",), "side of actuatorfrcrange that is nearer to 0": ("elbow",),
     }  # fmt: skip
 
 
-def test_limits_of_mimics_are_listed():
-    with pytest.warns(ModelFileWarning) as found:
-        read(ARM, (END, MIMIC), (ELBOW, f'{ELBOW} range="-1 1"'))
-    assert found[0].message.left_out["range of a mimic"] == ("elbow",)
-
-
-def test_nothing_is_said_of_a_file_that_has_nothing_else(recwarn):
-    read(ARM, ('<geom type="plane" size="1 1 1"/>', ""))
+def test_nothing_is_said_of_shapes_and_control(recwarn):
+    read(ARM, (END, CONTROL))
     assert not recwarn
 
 

@@ -4,6 +4,7 @@ import importlib.metadata
 import pathlib
 import re
 
+import jax
 import numpy as np
 import pytest
 
@@ -144,7 +145,8 @@ def test_a_fixed_joint_follows_nothing():
 
 
 @pytest.mark.parametrize(
-    ("kind", "ours", "nq"), [("prismatic", "prismatic", 1), ("floating", "free", 7), ("planar", "planar", 3)]
+    ("kind", "ours", "nq"),
+    [("prismatic", "prismatic", 1), ("floating", "free", 7), ("planar", "planar", 3), ("spherical", "ball", 4)],
 )
 def test_other_joints(kind, ours, nq):
     mech = read(ARM, ('type="continuous"><', f'type="{kind}"><axis xyz="0 0 1"/><'))
@@ -172,7 +174,6 @@ _WORLD = '<link name="world"/>' + _LOOP.replace('"base"', '"world"')
 REFUSED = {
     "malformed": (("</robot>", "</robo"), "malformed XML: .*line 1[89]"),
     "other format": (('<robot name="arm">', "<mujoco>"), "malformed XML"),
-    "no name of the robot": ((' name="arm"', ""), "line 1: <robot>: name: expected one"),
     "unknown type": (('"continuous"', '"screw"'), "line 15: <joint name=\"elbow\">: type: expected one of .*'screw'"),
     "no type": ((' type="continuous"', ""), 'line 15: <joint name="elbow">: type: expected one of .*None'),
     "misspelt kind": (('"continuous"', '"continous"'), "line 15: .*got 'continous'; did you mean 'continuous'[?]$"),
@@ -198,20 +199,16 @@ REFUSED = {
     "held twice": (("</robot>", _LOOP.replace('"base"', '"tool"') + "</robot>"), "line 18: .*'tool' hangs on 'grip'"),
     "two roots": ((ELBOW, ""), "line 1: <robot>: expected one link .*'base', 'fore'"),
     "world held": (("</robot>", _WORLD + "</robot>"), "line 18: .*child: the world hangs on nothing"),
-    "no limits": (('<limit lower="-1" upper="2" effort="3" velocity="4"/>', ""), "line 11: .*limit: .*continuous"),
-    "limits reversed": (('lower="-1"', 'lower="7"'), "line 11: .*limit: expected lower <= upper"),
     "no axis": (('<axis xyz="0 0 2"/>', '<axis xyz="0 0 0"/>'), "line 11: .*axis: expected .*not all zero"),
     "short axis": (('xyz="0 0 2"', 'xyz="0 2"'), "line 12: <axis>: xyz: expected 3 numbers, got '0 2'"),
     "not a number": (('xyz="0 0 1"', 'xyz="0 0 x"'), "line 16: <origin>: xyz: expected 3 numbers, got '0 0 x'"),
     "nan": (('rpy="0 0 1.5707963267948966"', 'rpy="0 0 nan"'), "line 12: <origin>: rpy: expected 3 numbers"),
-    "plane across x": (('"continuous"', '"planar"'), r"line 15: .*a planar joint is normal to z .*\[1.0, 0"),
     "mimic of nothing": ((MIMIC[0], MIMIC[1].replace("shoulder", "x")), "line 15: .*mimic: there is no joint 'x'"),
     "mimic of itself": ((MIMIC[0], MIMIC[1].replace("shoulder", "elbow")), "line 15: .*mimic: expected .*'elbow'"),
     "mimic of a weld": ((MIMIC[0], MIMIC[1].replace("shoulder", "grip")), "line 15: .*mimic: expected .*'grip'"),
     "negative mass": (('value="2"', 'value="-2"'), "line 5: <mass>: value: expected a number >= 0, got '-2'"),
     "negative damping": (('damping=".5"', 'damping="-.5"'), "line 13: <dynamics>: damping: expected a number >= 0"),
     "negative friction": (('friction=".25"', 'friction="-1"'), "line 13: <dynamics>: friction: expected a number >= 0"),
-    "negative effort": (('effort="3"', 'effort="-3"'), "line 13: <limit>: effort: expected a number >= 0, got '-3'"),
     "heavier than float32": (('value="2"', 'value="1e39"'), "line 5: <mass>: value: expected at most 3.4e.38 in this"),
     "lighter than float32": (('value="2"', 'value="1e-39"'), "line 5: <mass>: value: expected at least 1.18e-38"),
     "infinite mass": (('value="2"', 'value="inf"'), "line 5: <mass>: value: expected 1 number, got 'inf'"),
@@ -227,30 +224,11 @@ REFUSED = {
     "wide digits": (('xyz="0 0 1"', 'xyz="0 0 \uff11"'), "line 16: <origin>: xyz: expected 3 numbers"),
     "hexadecimal": (('value="2"', 'value="0x2"'), "line 5: <mass>: value: expected 1 number, got '0x2'"),
     "empty number": (('value="2"', 'value=""'), "line 5: <mass>: value: expected 1 number, got ''"),
-    "misspelt inertial": (
-        (INERTIAL, INERTIAL.replace("inertial", "Inertial")), "line 5: <Inertial>: .*part of a link, .* inertial"
-    ),
-    "text for xacro": (('name="tool">', 'name="tool"><xacro:x/>'), "malformed XML: Namespace prefix xacro .* line 9"),
-    "declared xacro": (
-        ('<robot name="arm">', '<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:macro/>'),
-        "line 1: <.http://ros.org/wiki/xacro.macro>: .*run it first",
-    ),
-    "misspelt mass": (('<mass value="2"/>', '<Mass value="2"/>'), "line 5: <Mass>: .*part of a inertial"),
-    "misspelt xyz": (('origin xyz="0 0 1"', 'origin xzy="0 0 1"'), "line 16: <origin>: xzy: .*one of rpy, xyz"),
-    "misspelt axis": (('<axis xyz=', '<axis xyz_='), "line 12: <axis>: xyz_: there is no such attribute"),
-    "misspelt type": (('type="continuous"', 'typ="continuous"'), "line 15: <joint>: typ: there is no such attribute"),
-    "unknown attribute": (('<child link="fore"/>', '<child link="fore" at="1"/>'), "line 15: <child>: at: .*of link"),
-    "attribute of inertial": (("<inertial>", '<inertial mass="2">'), "line 5: <inertial>: mass: .*expected none"),
-    "part of a mass": (('<mass value="2"/>', '<mass value="2"><x/></mass>'), "line 5: <x>: .*expected nothing"),
-    "text": (('<mass value="2"/>', '<mass value="2"/>3'), "line 5: <inertial>: expected no text, got '3'"),
-    "two inertials": ((INERTIAL, INERTIAL * 2), "line 6: <inertial>: <inertial> comes twice"),
     "two origins": (('<origin xyz="0 0 1"/>', '<origin xyz="0 0 1"/><origin/>'), "line 16: <origin>: .*comes twice"),
     "two masses": (('<mass value="2"/>', '<mass value="2"/><mass value="3"/>'), "line 5: <mass>: <mass> comes twice"),
     "two limits": (('<limit', '<limit/><limit'), "line 13: <limit>: <limit> comes twice"),
-    "no mass": (('<mass value="2"/>', ""), 'line 5: <link name="upper">: inertial: expected mass and inertia'),
     "no value": (('value="2"', ""), "line 5: <mass>: value: expected 1 number"),
     "no moment": (('iyy="5"', ""), "line 6: <inertia>: iyy: expected 1 number"),
-    "no product": (('ixz=".2"', ""), "line 6: <inertia>: ixz: expected 1 number"),
     "no numbers": (
         ('<inertia ixx="4" iyy="5" izz="6" ixy=".1" ixz=".2" iyz=".3"/>', "<inertia/>"),
         "line 6: <inertia>: ixx: expected 1 number",
@@ -264,8 +242,34 @@ REFUSED = {
         (MIMIC[0], MIMIC[1].replace("-2", "1e20") + '<dynamics damping="9"/>'),
         'line 11: <joint name="shoulder">: damping: with what .* beyond the numbers of float32',
     ),
-    "spring": ((MIMIC[0], MIMIC[0] + "<spring/>"), "line 15: <spring>: there is no counterpart"),
-    "closed loop": (("</robot>", "<loop_joint/></robot>"), "line 18: <loop_joint>: there is no counterpart"),
+    "two inertials": (
+        (INERTIAL, INERTIAL + INERTIAL.replace('"2"', '"3"')), "line 6: <inertial>: <inertial> comes twice; take one"
+    ),
+    "text for xacro": (('name="tool">', 'name="tool"><xacro:x/>'), "line 9: <xacro:x>: .*run it first"),
+    "declared xacro": (
+        ('<robot name="arm">', '<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:macro/>'),
+        "line 1: <xacro:macro>: .*run it first",
+    ),
+    "number for xacro": (('xyz="0 0 1"', 'xyz="0 0 $(arg z)"'), "line 16: <origin>: xyz: .*xacro: run it first"),
+    "misspelt axis": (('<axis xyz=', '<axis xyz_='), "line 12: <axis>: xyz: expected 3 numbers"),
+    "misspelt type": (('type="continuous"', 'typ="continuous"'), "line 15: <joint .*: type: expected one of .*None"),
+    "spring": ((MIMIC[0], MIMIC[0] + "<spring/>"), "line 15: <spring>: this changes how the robot moves, .*take it"),
+    "closed loop": (("</robot>", "<loop_joint/></robot>"), "line 18: <loop_joint>: this changes how the robot moves"),
+    "cable": (("</robot>", "<cable/></robot>"), "line 18: <cable>: this changes how the robot moves"),
+    "force": (("</robot>", "<force_element/></robot>"), "line 18: <force_element>: this changes how"),
+    "joint of a vendor": (("</robot>", "<drake:joint/></robot>"), "line 18: <drake:joint>: this changes how"),
+    "mimics in a ring": (
+        (('type="revolute">', 'type="revolute"><mimic joint="elbow"/>'), MIMIC),
+        "line 1[15]: .*mimic: expected a joint of its own .*, got '(shoulder|elbow)', '(shoulder|elbow)' in a ring",
+    ),
+    "chain to a weld": (
+        (('type="revolute">', 'type="revolute"><mimic joint="grip"/>'), MIMIC),
+        "line 1[15]: .*mimic: expected two joints of one coordinate, .*'grip'",
+    ),
+    "two orientations": (
+        ('xyz="0 0 1"', 'xyz="0 0 1" rpy="0 0 0" quat_xyzw="0 0 0 1"'), "line 16: <origin>: .* got both; take one"
+    ),
+    "no orientation": (('xyz="0 0 1"', 'quat_xyzw="0 0 0 0"'), "line 16: <origin>: quat_xyzw: expected a length"),
 }  # fmt: skip
 
 
@@ -278,8 +282,169 @@ def test_sums_beyond_the_dtype_are_refused():
 @pytest.mark.parametrize(("change", "message"), REFUSED.values(), ids=REFUSED)
 def test_refused(change, message):
     with pytest.raises(ValueError, match="^from_urdf: ") as error:
-        read(ARM, change)
+        read(ARM, *(change if isinstance(change[0], tuple) else [change]))
     assert re.search(message, str(error.value)), str(error.value)
+    assert re.search(r"\bline \d+\b", str(error.value))
+
+
+# What is read though the format does not allow it: (change, the message where it is refused, doubts, unknown words).
+FOUND = {
+    "no name of the robot": ((' name="arm"', ""), "line 1: <robot>: name: expected one", {}, {}),
+    "version of XML": (("<robot", '<?xml version="0.0"?><robot'), "malformed XML: Unsupported version", {}, {}),
+    "comment": (("<!-- two", "<!-- -- two"), "malformed XML: Double hyphen", {}, {}),
+    "namespace": (("<robot", '<robot xmlns="http://a.b"'), "line 1: <robot>: expected <robot>", {}, {}),
+    "prefix": (
+        ("<transmission", "<drake:collision_filter_group/><transmission"), "malformed XML: Namespace prefix drake",
+        {}, {"<drake:collision_filter_group>": ("line 17",)},
+    ),
+    "prefix of an attribute": (
+        ('velocity="4"', 'velocity="4" drake:acceleration="5"'), "malformed XML: Namespace prefix drake",
+        {}, {"drake:acceleration of <limit>": ("shoulder",)},
+    ),
+    "declared prefix": (
+        ('<robot name="arm">', '<robot name="arm" xmlns:d="http://a.b"><d:collision_filter_group/>'),
+        "line 1: <d:collision_filter_group>: there is no counterpart", {}, {"<d:collision_filter_group>": ("line 1",)},
+    ),
+    "words of vendors": (
+        ('<child link="fore"/>', '<child link="fore"/><joint_properties/><traits/>'),
+        "line 15: <joint_properties>: there is no counterpart", {},
+        {"<joint_properties>": ("elbow",), "<traits>": ("elbow",)},
+    ),
+    "stray inertial": (
+        ("</robot>", f"{INERTIAL}</robot>"), "line 18: <inertial>: there is no counterpart", {},
+        {"<inertial>": ("line 18",)},
+    ),
+    "rpy of an axis": (
+        ('<axis xyz="0 0 2"', '<axis xyz="0 0 2" rpy="0 0 0"'), "line 12: <axis>: rpy: there is no such attribute",
+        {}, {"rpy of <axis>": ("shoulder",)},
+    ),
+    "unknown attribute": (
+        ('<child link="fore"/>', '<child link="fore" at="1"/>'), "line 15: <child>: at: .*expected one of link",
+        {}, {"at of <child>": ("elbow",)},
+    ),
+    "attribute of inertial": (
+        ("<inertial>", '<inertial mass="2">'), "line 5: <inertial>: mass: .*expected none",
+        {}, {"mass of <inertial>": ("upper",)},
+    ),
+    "part of a mass": (
+        ('<mass value="2"/>', '<mass value="2"><x/></mass>'), "line 5: <x>: .*expected nothing", {}, {"<x>": ("upper",)}
+    ),
+    "text": (
+        ('<mass value="2"/>', '<mass value="2"/>3'), "line 5: <inertial>: expected no text, got '3'; take it out",
+        {}, {"text": ("upper",)},
+    ),
+    "misspelt xyz": (
+        ('origin xyz="0 0 1"', 'origin xzy="0 0 1"'), "line 16: <origin>: xzy: .*one of quat_xyzw, rpy, xyz",
+        {"xzy of <origin> is not read; did you mean 'xyz'?": ("grip",)}, {"xzy of <origin>": ("grip",)},
+    ),
+    "misspelt inertial": (
+        (INERTIAL, INERTIAL.replace("inertial", "Inertial")), "line 5: <Inertial>: .*part of a link, .* inertial",
+        {"<Inertial> is not read; did you mean 'inertial'?": ("upper",)}, {"<Inertial>": ("upper",)},
+    ),
+    "misspelt mass": (
+        ('<mass value="2"/>', '<Mass value="2"/>'), "line 5: <Mass>: .*part of a inertial",
+        {"mass 0 with moments": ("upper in line 6: mass 0 kg with moments up to 6 kg m2",),
+         "<Mass> is not read; did you mean 'mass'?": ("upper",),
+         "<inertial> without mass, taken as 0": ("upper",)}, {"<Mass>": ("upper",)},
+    ),
+    "no mass": (
+        ('<mass value="2"/>', ""), 'line 5: <link name="upper">: inertial: expected mass and inertia',
+        {"mass 0 with moments": ("upper in line 6: mass 0 kg with moments up to 6 kg m2",),
+         "<inertial> without mass, taken as 0": ("upper",)}, {},
+    ),
+    "mass alone": (
+        (INERTIAL, '<inertial><mass value="2"/></inertial>'), 'line 5: <link name="upper">: inertial: expected mass',
+        {"<inertial> without inertia, taken as 0": ("upper",)}, {},
+    ),
+    "nothing": (
+        (INERTIAL, "<inertial/>"), 'line 5: <link name="upper">: inertial: expected mass and inertia',
+        {"<inertial> without mass and inertia, taken as 0": ("upper",)}, {},
+    ),
+    "no product": (
+        ('ixz=".2"', ""), "line 6: <inertia>: ixz: expected 1 number", {"no ixz of <inertia>": ("upper",)}, {}
+    ),
+    "no limits": (
+        ('<limit lower="-1" upper="2" effort="3" velocity="4"/>', ""), "line 11: .*limit: .*continuous",
+        {"revolute joint without <limit>, taken as unlimited": ("shoulder",)}, {},
+    ),
+    "limits reversed": (
+        ('lower="-1"', 'lower="7"'), "line 11: .*limit: expected lower <= upper, got 7.0 and 2.0",
+        {"lower limit above the upper one, taken as unlimited": ("shoulder",)}, {},
+    ),
+    "negative effort": (
+        ('effort="3"', 'effort="-1"'), "line 13: <limit>: effort: expected a number >= 0, got '-1'",
+        {"effort below 0, taken as none": ("shoulder",)}, {},
+    ),
+    "axis that comes twice": (
+        ('<axis xyz="0 0 2"/>', '<axis xyz="0 0 2"/><axis xyz="0 0 2"/>'), "line 12: <axis>: <axis> comes twice", {}, {}
+    ),
+    "useless axis": (
+        ('<origin xyz="0 0 1"/>', '<origin xyz="0 0 1"/><axis xzy="0 0 1"/>'), "line 16: <axis>: xzy: .*no such", {}, {}
+    ),
+    "world that nobody declares": (
+        ("</robot>", '<joint name="w" type="fixed"><parent link="world"/><child link="base"/></joint></robot>'),
+        "line 18: .*parent: there is no link 'world'", {}, {},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "message", "doubtful", "unknown"), FOUND.values(), ids=FOUND)
+def test_what_files_have_is_read_and_refused_where_strict(change, message, doubtful, unknown, recwarn):
+    mech = read(ARM, change)
+    said = [x.message for x in recwarn if x.category is ModelFileWarning]
+    assert [(x.doubtful, x.unknown) for x in said] == ([(doubtful, unknown)] if doubtful or unknown else [])
+    assert all(list(x.doubtful) == list(doubtful) and x.unknown.items() <= x.left_out.items() for x in said)
+    assert (mech.joint_names, mech.nv) == (("shoulder", "elbow"), 2)
+    with pytest.raises(ValueError, match="^from_urdf: ") as error:
+        read(ARM, change, strict=True)
+    assert re.search(message, str(error.value)), str(error.value)
+
+
+def test_what_is_read_so_has_these_numbers():
+    mech = read(ARM, *(FOUND[what][0] for what in ("limits reversed", "negative effort", "no product")))
+    np.testing.assert_array_equal([mech.lower[0], mech.upper[0], mech.effort_limit[0]], [-np.inf, np.inf, np.inf])
+    np.testing.assert_array_equal(mech.inertias.central[0], np.float32([4, 0.1, 5, 0, 0.3, 6]))
+    mech = read(ARM, FOUND["mass alone"][0])
+    np.testing.assert_array_equal([mech.inertias.mass[0], *mech.inertias.central[0]], [2, 0, 0, 0, 0, 0, 0])
+    mech = read(ARM, FOUND["world that nobody declares"][0])
+    assert dict(mech.topology.frames) == {"world": -1, "base": -1, "upper": 0, "fore": 1, "tool": 1}
+
+
+def test_newer_versions_of_the_format(recwarn):
+    """1.1 has limits of rates, 1.2 has quaternions; of any length here, as what is computed with them is normalised."""
+    changes = (
+        ('<robot name="arm">', '<robot name="arm" version="1.2">'),
+        ('rpy="0 0 1.5707963267948966"', 'quat_xyzw="0 0 3 3"'),
+        ('velocity="4"', 'velocity="4" acceleration="5" deceleration="6" jerk="7"'),
+    )
+    np.testing.assert_array_equal(read(ARM, *changes).placements.rotation.entries, read().placements.rotation.entries)
+    assert not [x for x in recwarn if x.category is ModelFileWarning]
+
+
+def test_chains_of_mimics_multiply():
+    """tip = 3 elbow + 1, elbow = -2 shoulder + 1/2."""
+    tip = '<mimic joint="elbow" multiplier="3" offset="1"/>'
+    changes = MIMIC, ('name="grip" type="fixed">', f'name="grip" type="revolute"><limit/>{tip}')
+    mech = read(ARM, *changes)
+    assert (mech.nq, mech.nv) == (1, 1)
+    np.testing.assert_array_equal(mech.mimics, [[1, 0], [-2, 0.5], [-6, 2.5]])
+    np.testing.assert_array_equal(mech.joint_position_indices("grip"), [0])
+
+
+@pytest.mark.parametrize("axis", ["1 0 0", "0 1 0", "0 0 1", "-1 0 0", "0 -2 0", "0 0 -1", "1 2 3", "1e-9 0 -1"])
+def test_planar_joints_move_across_their_axis(axis, x64):
+    """The turn is about the axis, and x and y are across it, right-handed. Without an axis it is x."""
+    changed = read(ARM, ('type="continuous"><', f'type="planar"><axis xyz="{axis}"/><'), dtype=np.float64)
+    n = np.array(axis.split(), float)
+    n /= np.linalg.norm(n)
+    X_PJ = changed.placements.rotation.entries[1].reshape(3, 3)
+    np.testing.assert_allclose(X_PJ[:, 2], n, rtol=0, atol=4e-16)
+    np.testing.assert_allclose(X_PJ.T @ X_PJ, np.eye(3), rtol=0, atol=1e-15)
+    assert np.linalg.det(X_PJ) > 0
+    # At zero the body is where it is without a joint.
+    np.testing.assert_allclose(changed.child_placements.rotation.entries[1].reshape(3, 3), X_PJ.T, rtol=0, atol=0)
+    without = read(ARM, ('type="continuous"', 'type="planar"')).placements.rotation.entries[1]
+    np.testing.assert_array_equal(without, [0, 0, 1, 0, 1, 0, -1, 0, 0])
 
 
 SOURCES = {
@@ -301,7 +466,9 @@ def test_what_comes_before_the_text_does_no_harm(tmp_path):
     expected, path = repr(read()), tmp_path / "arm.urdf"
     declared = '<?xml version="1.0" encoding="latin-1"?>'
     path.write_text("\ufeff" + ARM, encoding="utf-8")
-    for source in ("\ufeff" + ARM, path, f"\n {declared}{ARM}", "\ufeff\n\n" + ARM):
+    other = tmp_path / "other.urdf"
+    other.write_text(f"\n\n {declared.replace('latin-1', 'iso-8859-1')}{ARM}\0", encoding="latin-1")
+    for source in ("\ufeff" + ARM, path, other, f"\n {declared}{ARM}", "\ufeff\n\n" + ARM):
         assert repr(js.Mechanism.from_urdf(source)) == expected
     assert read(declared + ARM, ('"elbow"', '"ellb\xf6gen"')).joint_names[1] == "ellb\xf6gen"
     with pytest.raises(ValueError, match="line 6: <link>: name: expected one"):
@@ -332,15 +499,66 @@ def warned(function, *arguments):
     return found[0].message
 
 
+def doubts(text):
+    """Of a text that has something else to be warned of."""
+    return warned(js.Mechanism.from_urdf, changed(text, ("</robot>", "<traits/></robot>"))).doubtful
+
+
 def test_what_is_left_out_is_listed_once():
     fixed = ('<origin xyz="0 0 1"/>', '<origin xyz="0 0 1"/><axis xyz="0 0 1"/>')
     current = ('velocity="4"', 'velocity="4" current="9"')
-    message = warned(js.Mechanism.from_urdf, changed(ARM, fixed, current))
+    message = warned(js.Mechanism.from_urdf, changed(ARM, fixed, current, ("</robot>", "<traits/></robot>")))
     assert message.left_out == {
-        "<material>": ("grey",), "<transmission>": ("drive",), "<visual>": ("base",),
+        "<material>": ("grey",), "<transmission>": ("drive",), "<visual>": ("base",), "<traits>": ("line 18",),
         "current of <limit>": ("shoulder",), "<axis> of a fixed joint": ("grip",),
     }  # fmt: skip
-    assert re.match(r"from_urdf: left out, .*: <material> \(1: grey\); .*<visual> \(1: base\)", str(message))
+    assert str(message) == "from_urdf: left out: <traits> (1)"
+
+
+def test_nothing_is_said_of_shapes(recwarn):
+    """Nor of other things that nobody looks for in a mechanism."""
+    more = '<gazebo reference="base"/><ros2_control name="c"/><sensor name="s"/></robot>'
+    shape = "<visual/><collision><geometry/></collision></link>"
+    read(ARM, ("</robot>", more), ("</link>", shape), ('<child link="fore"/>', '<child link="fore"/><calibration/>'))
+    assert not [x for x in recwarn if x.category is ModelFileWarning]
+
+
+WITHOUT = "no inertia along coordinates, so that no torque accelerates them"
+NO_MASS = ((INERTIAL, ""),) * 3
+ROD = '<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="0" ixy="0" ixz="0" iyz="0"/></inertial>'
+POINT = '<inertial><origin xyz="0 0 1"/><mass value="2"/></inertial>'
+# What the links are made of, and the joints that nothing resists.
+COORDINATES = {
+    "no mass at all": (NO_MASS, ("shoulder", "elbow")),
+    "mass behind": ((*NO_MASS[:2],), ()),
+    "nothing at the end": ((NO_MASS[0], NO_MASS[1], (INERTIAL, "")), ("shoulder", "elbow")),
+    "rod along the axis": (((INERTIAL, ROD), (INERTIAL, ""), (INERTIAL, "")), ("shoulder", "elbow")),
+    "rod across the axis": (((INERTIAL, ""), (INERTIAL, ROD), (INERTIAL, "")), ()),
+    "point on the axis": (((INERTIAL, POINT), (INERTIAL, ""), (INERTIAL, "")), ("shoulder", "elbow")),
+    "point beside the axis": (((INERTIAL, ""), (INERTIAL, POINT), (INERTIAL, "")), ()),
+    "slide with moments alone": (
+        ((INERTIAL, ""), (INERTIAL, POINT.replace('"2"', '"0"')), (INERTIAL, ""), ('"continuous"', '"prismatic"')),
+        ("shoulder", "elbow"),
+    ),
+    "free point": (((INERTIAL, ""), (INERTIAL, POINT), (INERTIAL, ""), ('"continuous"', '"floating"')), ("elbow",)),
+    "follower": ((*NO_MASS[:2], (INERTIAL, ""), MIMIC), ("shoulder",)),
+    "follower with mass": (((INERTIAL, ""), MIMIC), ()),
+}
+
+
+@pytest.mark.parametrize(("changes", "names"), COORDINATES.values(), ids=COORDINATES)
+def test_coordinates_that_nothing_resists_are_said_first(changes, names):
+    """Those of which M has a zero on its diagonal, at any coordinates."""
+    text = changed(ARM, *changes, ("</robot>", "<traits/></robot>"))
+    message = warned(js.Mechanism.from_urdf, text)
+    assert message.doubtful.get(WITHOUT, ()) == names
+    if names:
+        assert str(message).startswith(f"from_urdf: {WITHOUT} ({len(names)}: {', '.join(names)})")
+    mech = js.Mechanism.from_urdf(text)
+    M = np.asarray(js.mass_matrix(mech, js.random_configuration(mech, jax.random.key(0))))
+    zero = {mech.joint_names[i] for i in range(len(mech.joint_names)) if not mech.topology.is_mimic(i)
+            if not (np.diag(M)[mech.topology.v_slice(i)] > 1e-6).all()}  # fmt: skip
+    assert zero == set(names)
 
 
 def test_every_robot_of_a_collection_is_read():
@@ -385,7 +603,7 @@ IMPOSSIBLE = {
 def test_inertias_of_no_body_are_listed_with_the_rule_they_break(moments, why):
     """Of a plate the third moment is the sum of the others: what rounding makes of it is none of those."""
     text = changed(ARM, (INERTIAL.partition("\n  ")[2].partition("</")[0], _of_moments(*moments)))
-    message = warned(js.Mechanism.from_urdf, text)
+    message = warned(js.Mechanism.from_urdf, changed(text, ("</robot>", "<traits/></robot>")))
     assert message.doubtful == ({"inertia that no rigid body has": (f"upper in line 6: {why}",)} if why else {})
     assert (f"upper in line 6: {why}" in str(message)) is (why is not None)
 
@@ -396,8 +614,8 @@ IMPROPER = f'<inertial><mass value=".1"/>{_of_moments(1, 1, 3)}</inertial>'
 def test_inertias_of_what_is_welded_count_with_all_that_is():
     """That of the tool alone is of no body, that of the forearm with it is; with two such it is not."""
     of = {name: (f'<link name="{name}">{INERTIAL}', f'<link name="{name}">{IMPROPER}') for name in ("fore", "tool")}
-    assert not warned(js.Mechanism.from_urdf, changed(ARM, of["tool"])).doubtful
-    (found,) = warned(js.Mechanism.from_urdf, changed(ARM, *of.values())).doubtful.values()
+    assert not doubts(changed(ARM, of["tool"]))
+    (found,) = doubts(changed(ARM, *of.values())).values()
     assert [x.split()[0] for x in found] == ["fore", "tool"]
 
 
@@ -405,15 +623,15 @@ def test_moments_without_mass_are_listed():
     """Of a link that is welded to others they are moments of what has mass."""
     massless = f'<inertial><mass value="0"/>{_of_moments(1, 1, 1)}</inertial>'
     of = {name: (f'<link name="{name}">{INERTIAL}', f'<link name="{name}">{massless}') for name in ("fore", "tool")}
-    assert not warned(js.Mechanism.from_urdf, changed(ARM, of["tool"])).doubtful
-    (found,) = warned(js.Mechanism.from_urdf, changed(ARM, *of.values())).doubtful.values()
+    assert not doubts(changed(ARM, of["tool"]))
+    (found,) = doubts(changed(ARM, *of.values())).values()
     assert [x.split(": ")[1] for x in found] == ["mass 0 kg with moments up to 1 kg m2"] * 2
 
 
 def test_an_inertia_that_is_welded_to_the_world_is_none():
     """The base; it is one where it floats."""
     text = changed(ARM, ('<link name="base">', f'<link name="base">{IMPROPER}'))
-    assert not warned(js.Mechanism.from_urdf, text).doubtful
+    assert not doubts(text)
     assert list(warned(lambda: js.Mechanism.from_urdf(text, floating_base=True)).doubtful)
 
 

@@ -194,3 +194,23 @@ def test_all_algorithms(name, floating_base):
     assert {what: x.shape for what, x in found.items()} == {what: x.shape for what, x in expected.items()}
     errors = {what: float(abs(np.asarray(found[what]) - x).max() / abs(x).max()) for what, x in expected.items()}
     assert not {what: error for what, error in errors.items() if not error <= ALLOWED}, errors
+
+
+@pytest.mark.parametrize("axis", ["1 0 0", "0 1 0", "0 0 1", "-1 0 0", "0 0 -1", "1 2 3", "-1 2 -3"])
+def test_planar_joints_move_across_any_axis(axis):
+    """Their coordinates are Drake's."""
+    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    link = f'<link name="b"><inertial><mass value="1"/>{inertia}</inertial></link>'
+    origin = '<origin xyz=".1 .2 .3" rpy=".4 .5 .6"/>'
+    joint = f'<parent link="world"/><child link="b"/>{origin}<axis xyz="{axis}"/>'
+    source = f'<robot name="r">{link}<joint name="j" type="planar">{joint}</joint></robot>'
+    plant, mech = MultibodyPlant(0.0), models.read(source, False)
+    Parser(plant).AddModelsFromString(source, "urdf")
+    plant.Finalize()
+    context, q = plant.CreateDefaultContext(), np.array([0.5, -0.7, 0.9])
+    plant.SetPositions(context, q)
+    expected = plant.GetBodyByName("b").EvalPoseInWorld(context)
+    with jax.enable_x64(True):
+        X = interpreted(lambda q: js.forward_kinematics(mech, q, "b"))(q)
+    np.testing.assert_allclose(X.translation, expected.translation(), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(X.rotation.entries.reshape(3, 3), expected.rotation().matrix(), rtol=0, atol=2e-15)

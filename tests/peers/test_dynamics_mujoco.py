@@ -26,7 +26,13 @@ FIXED = [(-1, ["hinge"]), (0, ["slide", "hinge"]), (1, []), (2, ["hinge"])]
 FLOATING = [(-1, ["free"]), (0, ["hinge"]), (0, ["slide", "ball"])]
 MIMIC = [(-1, ["slide"]), (0, ["hinge"]), (1, ["slide"]), (0, ["hinge"])]
 FOLLOWS = '<equality><joint joint1="j2" joint2="j3" polycoef=".3 -1.5"/><joint joint1="j1" joint2="j3"/></equality>'
-MODELS = {"fixed": (FIXED, "", True), "floating": (FLOATING, "", True), "mimics": (MIMIC, FOLLOWS, False)}
+CHAIN = FOLLOWS.replace('joint2="j3"/>', 'joint2="j2" polycoef="-.2 .7"/>')
+MODELS = {
+    "fixed": (FIXED, "", True),
+    "floating": (FLOATING, "", True),
+    "mimics": (MIMIC, FOLLOWS, False),
+    "chain": (MIMIC, CHAIN, False),
+}
 # The same as "fixed", without the attribute axis: MuJoCo's default then, or that of the file's classes, is the axis.
 CLASSES = '<default><joint axis="1 2 2"/><default class="c"><joint type="slide" axis="-1 0 2"/></default></default>'
 CUT = {"no axes": "", "axes of classes": CLASSES}

@@ -9,7 +9,7 @@ most first degree makes a mimic, as if it were rigid. The equality constraints `
 numbers of the mechanism, see `passive_forces`.
 
 What serves pictures, contact or control (geoms but for their mass, cameras, sensors, keyframes, actuators but for
-armature and damping, options of MuJoCo's solver, mocap) is no part of a mechanism: one `ModelFileWarning` lists it.
+armature and damping, options of MuJoCo's solver, mocap) is no part of a mechanism, and is left out.
 Everything else that changes the motion and that a mechanism cannot represent is refused, and so are numbers that are
 not finite or beyond the dtype. Messages have the line of the element, or of what holds it where it is in an attached
 model.
@@ -448,11 +448,16 @@ def _mimics(file: _File) -> dict[int, Mimic]:
                 file.refuse("eq", i, f"joint1: {file.name('joint', j)!r} follows another joint already")
             mimics[j] = mimic
     for j, (i, leader, _, _) in mimics.items():
-        if leader in mimics:
-            file.refuse("eq", i, f"{file.name('joint', j)!r} follows a joint that follows another itself")
+        passed = [j]
+        while leader in mimics and leader not in passed:
+            passed.append(leader)
+            leader = mimics[leader][1]
+        if leader in passed:
+            ring = ", ".join(repr(file.name("joint", k)) for k in passed[passed.index(leader) :])
+            file.refuse("eq", i, f"{ring} follow each other in a ring; leave out one of the constraints")
     for j in mimics:
         if file.is_limited(j):
-            file.leave_out("range of a mimic", file.name("joint", j))
+            file.miss("range of a mimic", file.name("joint", j))
     return {j: Mimic(file.name("joint", leader), a, b) for j, (_, leader, a, b) in mimics.items()}
 
 

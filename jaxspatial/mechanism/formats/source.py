@@ -1,5 +1,6 @@
-"""What readers of model files share: the text with its lines, the warning, strict numbers, and their last check."""
+"""What readers of model files share: the text with its lines, the warning, numbers, and the last checks."""
 
+import codecs
 import importlib
 import io
 import pathlib
@@ -17,6 +18,7 @@ from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.assembly import BeyondNumbers
 from jaxspatial.numerics.numbers.rounded import in_double
 from jaxspatial.numerics.types import DTypeLike
+from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
 
 Element = Any  # of lxml, which declares no types
@@ -28,6 +30,13 @@ _BYTE_ORDER_MARK = "\ufeff"
 _FORMATS = {"robot": ("a URDF", "from_urdf"), "mujoco": ("an MJCF", "from_mjcf")}
 # How many names of each kind a warning shows.
 _SHOWN = 4
+# What is said before all else.
+NO_INERTIA = "no inertia along coordinates, so that no torque accelerates them"
+MASSLESS, IMPOSSIBLE = "mass 0 with moments", "inertia that no rigid body has"
+FIRST_DOUBTS = NO_INERTIA, MASSLESS, IMPOSSIBLE
+# Errors of XML that leave no doubt what is meant: prefixes that nobody declares, a version that there is not, "--" in a
+# comment.
+_HARMLESS = {"NS_ERR_UNDEFINED_NAMESPACE", "ERR_UNKNOWN_VERSION", "ERR_VERSION_MISSING", "ERR_HYPHEN_IN_COMMENT"}
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 # Entries of a rotation so near to 0 or 1 come from rounding quarter turns.
 _ROUNDING = 8 * np.finfo(float).eps
@@ -36,36 +45,53 @@ _OF_JOINTS = {"armature": "v", "damping": "v", "friction_loss": "v", "stiffness"
 
 
 class ModelFileWarning(UserWarning):
-    """Lists what of a model file is left out of the mechanism, and what no rigid body can have.
+    """Says what of a model file may move otherwise than its author meant: doubts first, then words that are left out.
 
     Silence it with `warnings.simplefilter("ignore", jaxspatial.interop.ModelFileWarning)`.
 
     Attributes:
-        left_out: what was left out, names or lines by kind.
-        doubtful: the same for what was taken as it is.
+        doubtful: what was taken as it is: names or lines by kind. First of all "no inertia along coordinates".
+        unknown: what was left out that changes the motion, or may: words that the reader does not know, by kind.
+        left_out: all that was left out, what serves pictures, contact or control too, by kind.
     """
 
-    def __init__(self, operation: str, left_out: Mapping[str, Iterable[str]], doubtful: Mapping[str, Iterable[str]]):
-        self.left_out = {kind: tuple(names) for kind, names in left_out.items()}
-        self.doubtful = {kind: tuple(names) for kind, names in doubtful.items()}
-        parts = ("left out, for it is no part of a mechanism", self.left_out), ("taken as it is", self.doubtful)
-        texts = (f"{head}: {'; '.join(_counted(*item) for item in lists.items())}" for head, lists in parts if lists)
-        super().__init__(f"{operation}: {'. '.join(texts)}")
+    def __init__(
+        self,
+        operation: str,
+        doubtful: Mapping[str, Iterable[str]],
+        unknown: Mapping[str, Iterable[str]],
+        left_out: Mapping[str, Iterable[str]],
+    ):
+        lists = ({kind: tuple(names) for kind, names in x.items()} for x in (doubtful, unknown, left_out))
+        self.doubtful, self.unknown, self.left_out = lists
+        texts = [_counted(*item) for item in self.doubtful.items()]
+        if self.unknown:
+            kinds = tuple(f"{kind} ({len(names)})" for kind, names in self.unknown.items())
+            texts.append(f"left out: {_some(kinds)}")
+        super().__init__(f"{operation}: {'; '.join(texts)}")
 
 
 def _counted(kind: str, names: tuple[str, ...]):
-    some = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
-    return f"{kind} ({len(names)}: {some})"
+    return f"{kind} ({len(names)}: {_some(names)})"
+
+
+def _some(names: tuple[str, ...]):
+    return ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
 
 
 class ModelText:
-    """The text of a model file: its elements with their lines, and what the reader's one warning lists."""
+    """The text of a model file: its elements with their lines, and what the reader's one warning says.
 
-    def __init__(self, operation: str, path_or_text: object, dtype: DTypeLike | None):
-        self.operation = operation
-        self.left_out, self.doubtful = dict[str, list[str]](), dict[str, list[str]]()
+    strict: whether words that the reader does not know, and what XML and the format do not allow, are refused.
+    """
+
+    def __init__(self, operation: str, path_or_text: object, dtype: DTypeLike | None, strict: bool = False):
+        self.operation, self.strict = operation, strict
+        self.doubtful, self.unknown, self.quiet = (dict[str, list[str]]() for _ in range(3))
         self.source, self.path = _file_source(operation, path_or_text)
         self.root = self._parsed()
+        if not strict:
+            _without_default_namespace(self.root)
         tag, expected = self.root.tag, {reader: tag for tag, (_, reader) in _FORMATS.items()}[operation]
         if tag != expected:
             hint = "; this is {}: read it with Mechanism.{}".format(*_FORMATS[tag]) if tag in _FORMATS else ""
@@ -76,32 +102,61 @@ class ModelText:
     def _parsed(self) -> Element:
         """The root element. Text is UTF-8 here, whatever encoding it declares."""
         etree = needed(self.operation, "lxml.etree")
-        parser = etree.XMLParser(encoding="utf-8" if self.path is None else None)
-        try:
-            return etree.parse(io.BytesIO(self.source), parser).getroot()
-        except etree.XMLSyntaxError as error:
-            raise ValueError(f"{self.operation}: malformed XML: {error}") from None
+        # The parser goes on after errors: what it makes of the text counts where it found none but harmless ones.
+        parser = etree.XMLParser(encoding="utf-8" if self.path is None else None, recover=True)
+        root = etree.parse(io.BytesIO(self.source), parser).getroot()
+        harmless = () if self.strict else _HARMLESS
+        errors = [e for e in parser.error_log if e.type_name not in harmless and e.level_name != "WARNING"]
+        if errors or root is None:
+            # Of text that has no element at all, the parser says nothing.
+            what = "{0.message}, line {0.line}, column {0.column}".format(errors[0]) if errors else "no element, line 1"
+            raise ValueError(f"{self.operation}: malformed XML: {what}; mend the file there")
+        return root
 
     def line(self, element: Element) -> str:
         """The line of an element, with its file where that is an included one."""
         return f"line {element.sourceline}" + (f" of {element.base}" if element.base else "")
 
     def refuse_element(self, element: Element, reason: str) -> NoReturn:
-        raise ValueError(f"{self.operation}: {self.line(element)}: <{element.tag}>: {reason}")
+        raise ValueError(f"{self.operation}: {self.line(element)}: <{word_of(element)}>: {reason}")
 
     def refuse_named(self, place: str, tag: str, name: str, reason: str) -> NoReturn:
         raise ValueError(f'{self.operation}: {place}: <{tag} name="{name}">: {reason}')
 
     def leave_out(self, kind: str, name: str):
-        self.left_out.setdefault(kind, []).append(name)
+        """What is no part of a mechanism: pictures, contact, control. Nobody is warned of it."""
+        self.quiet.setdefault(kind, []).append(name)
+
+    def miss(self, kind: str, name: str):
+        """What is left out though it changes the motion, or may."""
+        self.unknown.setdefault(kind, []).append(name)
 
     def doubt(self, kind: str, name: str):
         self.doubtful.setdefault(kind, []).append(name)
 
     def warn(self):
         """Warns the caller of `Mechanism.from_...`, which called `read`, which called this."""
-        if self.left_out or self.doubtful:
-            warnings.warn(ModelFileWarning(self.operation, self.left_out, self.doubtful), stacklevel=4)
+        if self.doubtful or self.unknown:
+            first = [kind for kind in FIRST_DOUBTS if kind in self.doubtful]
+            doubtful = {kind: self.doubtful[kind] for kind in dict.fromkeys([*first, *self.doubtful])}
+            left_out = {**self.unknown, **self.quiet}
+            warnings.warn(ModelFileWarning(self.operation, doubtful, self.unknown, left_out), stacklevel=4)
+
+
+def word_of(element: Element, name: str | None = None) -> str:
+    """The tag of an element, or the name of an attribute of it, as it is written: with the prefix of its namespace."""
+    uri, _, local = (element.tag if name is None else name).removeprefix("{").rpartition("}")
+    prefixes = {uri: prefix for prefix, uri in element.nsmap.items() if prefix}
+    return f"{prefixes[uri]}:{local}" if uri in prefixes else local
+
+
+def _without_default_namespace(root: Element):
+    """Takes the namespace off what is in that of the root and has no prefix: the words of the format."""
+    uri = root.nsmap.get(None)
+    if uri:
+        for element in root.iter("*"):
+            if element.prefix is None:
+                element.tag = element.tag.removeprefix(f"{{{uri}}}")
 
 
 def _file_source(operation: str, path_or_text: object) -> tuple[bytes, pathlib.Path | None]:
@@ -109,7 +164,7 @@ def _file_source(operation: str, path_or_text: object) -> tuple[bytes, pathlib.P
     if isinstance(path_or_text, str):
         text = path_or_text.removeprefix(_BYTE_ORDER_MARK)
         if text.lstrip().startswith("<"):
-            return _with_declaration_first(text).encode(), None
+            return _with_declaration_first(text.encode()), None
         if not text.strip():
             raise ValueError(f"{operation}: path_or_text: expected a path or text, got {text!r}")
         if "\n" in text or "\0" in text:
@@ -117,14 +172,16 @@ def _file_source(operation: str, path_or_text: object) -> tuple[bytes, pathlib.P
             raise ValueError(f"{operation}: path_or_text: expected a path, or text that begins with '<', got {shown!r}")
     elif not isinstance(path_or_text, pathlib.Path):
         raise TypeError(f"{operation}: path_or_text: expected a path or text, got {type(path_or_text).__name__}")
-    return pathlib.Path(path_or_text).read_bytes(), pathlib.Path(path_or_text)
+    return _with_declaration_first(pathlib.Path(path_or_text).read_bytes()), pathlib.Path(path_or_text)
 
 
-def _with_declaration_first(text: str):
-    """Moves blanks before <?xml ...?> behind it, where they are no error and lines keep their numbers."""
-    rest = text.lstrip()
-    blanks = text[: len(text) - len(rest)]
-    end = rest.find("?>") + 2 if blanks and rest.startswith("<?xml") else 0
+def _with_declaration_first(text: bytes):
+    """Moves blanks before <?xml ...?> behind it, where they are no error and lines keep their numbers. What C++ writes
+    behind the text, the zero at the end of a string, is no part of it."""
+    text = text.rstrip(b"\0") if text.endswith(b">\0") or text.endswith(b"\n\0") else text
+    rest = text.removeprefix(codecs.BOM_UTF8).lstrip()
+    blanks = text[: len(text) - len(rest)].removeprefix(codecs.BOM_UTF8)
+    end = rest.find(b"?>") + 2 if blanks and rest.startswith(b"<?xml") else 0
     return rest[:end] + blanks + rest[end:] if end > 1 else text
 
 
@@ -181,3 +238,85 @@ def built(build: Callable[..., Made], refuse: Refuse, *parts: Any) -> Made:
                 reason = f"{field}: with what drives it and follows it beyond the numbers of {mechanism.dtype}"
                 refuse("joint", name, reason)
     return mechanism
+
+
+# -- coordinates without inertia --------------------------------------------------------------------------------------
+
+# What is smaller than this share of what masses could make at their distances is rounding.
+_LEAST = 1e-12
+
+
+def doubt_inertias(file: ModelText, mechanism: Any):
+    """Lists the joints along which nothing has inertia: no torque accelerates them."""
+    t = mechanism.topology
+    weightless = set(_weightless(mechanism))
+    for i in weightless:
+        # The coordinate of a joint moves those that follow it, too.
+        moved = {k for k in range(len(t)) if t.followed[k] == i and (k == i or mechanism.mimics[k, 0] != 0)}
+        if not t.is_mimic(i) and moved <= weightless:
+            file.doubt(NO_INERTIA, t.joint_names[i])
+
+
+def _weightless(mechanism: Any) -> list[int]:
+    """The joints with a velocity along which what they carry has no inertia, at coordinates that were drawn."""
+    t, M = mechanism.topology, mechanism.inertias
+    n, mass = len(t), np.asarray(M.mass, float)
+    central = np.asarray(M.central, float)[:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(n, 3, 3)
+    largest = abs(central).max((1, 2), initial=0.0)
+    smallest = np.linalg.eigvalsh(central)[:, :1].min(1, initial=np.inf)
+    # A solid body has inertia along everything that moves it.
+    is_solid = (mass > 0) & (smallest > _LEAST * largest)
+    carried: list[list[int]] = [[] for _ in range(n)]
+    for i in range(n):
+        for k in t.ancestors(i):
+            carried[k].append(i)
+    suspects = [i for i in range(n) if not is_solid[carried[i]].any() and not _is_driven(mechanism, i)]
+    if not suspects:
+        return []
+    axes, R, p, C, c = _drawn_poses(mechanism, central)
+    found: list[int] = []
+    for i in suspects:
+        behind = carried[i]
+        d = c[behind] - p[i]
+        size = (mass[behind] * (d * d).sum(1) + largest[behind]).sum()
+        turns, slides = _motions(t.kinds[i], axes[i], R[i])
+        rotary = [(mass[behind] * (np.cross(w, d) ** 2).sum(1)).sum() + w @ C[behind].sum(0) @ w for w in turns]
+        if any(x <= _LEAST * size for x in rotary) or (len(slides) and not mass[behind].any()):
+            found.append(i)
+    return found
+
+
+def _is_driven(mechanism: Any, i: int) -> bool:
+    """Whether rotors give every velocity of a joint inertia."""
+    return bool((np.asarray(mechanism.armature)[mechanism.topology.v_slice(i)] > 0).all())
+
+
+def _drawn_poses(mechanism: Any, central: np.ndarray):
+    """(axes, axes of bodies, origins, central moments, centres of mass) in the world, at random coordinates."""
+    t, rng, n = mechanism.topology, np.random.default_rng(0), len(mechanism.topology)
+    placed = np.asarray(mechanism.placements.rotation.entries, float).reshape(n, 3, 3)
+    at = np.asarray(mechanism.placements.translation, float)
+    axes, R, p = np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3))
+    for i, parent in enumerate(t.parents):
+        Q, r = (np.eye(3), np.zeros(3)) if parent < 0 else (R[parent], p[parent])
+        R[i], p[i] = Q @ placed[i], r + Q @ at[i]
+        axes[i] = R[i] @ np.asarray(mechanism.axes[i], float)
+        turns, slides = _motions(t.kinds[i], axes[i], R[i])
+        p[i] += rng.uniform(-1, 1, len(slides)) @ slides
+        w = rng.uniform(-1, 1, len(turns)) @ turns
+        with in_double():
+            R[i] = np.asarray(Rotation.exp(w).entries).reshape(3, 3) @ R[i]
+    c = p + np.einsum("nij,nj->ni", R, np.asarray(mechanism.inertias.com, float))
+    return axes, R, p, R @ central @ R.swapaxes(1, 2), c
+
+
+def _motions(kind: str, axis: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The directions (k, 3) in the world that a joint of a file turns about, and those that it slides along."""
+    nothing, x_y_z = np.zeros((0, 3)), R.T
+    if kind in ("revolute", "continuous"):
+        return axis[None], nothing
+    if kind == "prismatic":
+        return nothing, axis[None]
+    if kind == "planar":
+        return x_y_z[2:], x_y_z[:2]
+    return x_y_z, x_y_z if kind == "free" else nothing

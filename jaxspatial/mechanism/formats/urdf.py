@@ -1,9 +1,27 @@
-"""Mechanisms from the Unified Robot Description Format (wiki.ros.org/urdf/XML).
+"""Mechanisms from the Unified Robot Description Format (wiki.ros.org/urdf/XML), versions 1.0 to 1.2.
 
 Links and joints become bodies and joints of the same name. What serves pictures, contact or control (visual, collision,
-transmission, gazebo, calibration, safety_controller ...) is no part of a mechanism: one `ModelFileWarning` lists it.
-Everything else is refused, with its line: unknown elements and attributes (a misspelt one would change the robot), what
-comes twice, numbers that are not finite or beyond the dtype, joints and inertias that a mechanism cannot represent.
+transmission, gazebo, calibration, safety_controller ...) is no part of a mechanism, and is left out.
+
+Files in circulation have more than the format allows. What follows is read, unless `strict=True` refuses it:
+
+- Elements and attributes that the format does not know are left out; one `ModelFileWarning` lists them, and asks about
+  those that are nearly words of the format. What means motion (`loop_joint`, `cable`, `force_element`, `drake:joint`
+  ...) is refused by its name.
+- XML with an unknown version, blanks before its declaration, a default namespace, or prefixes that nobody declares; a
+  robot without a name; a link "world" that only joints name: it is the world.
+- An inertia without products, moments or mass has zeros for them. A revolute joint without limits, or with a lower one
+  above the upper one, has none; so has effort or velocity below zero. The warning lists them as doubtful.
+
+The warning begins with coordinates along which nothing has inertia: any torque accelerates nothing there.
+
+Everything else is refused, with its line: what comes twice, numbers that are not finite or beyond the dtype, joints
+that a mechanism cannot represent.
+
+What a joint does not say has the format's default: the axis is x. Limits that are left out are infinite here, and 0 in
+Pinocchio. A "spherical" joint is a ball. A "planar" joint moves across its axis: x and y are where the shortest turn
+from z to the axis takes them, as in Drake. (Pinocchio takes every axis for z.) Of a mimic of a mimic multipliers
+multiply.
 
 Inertias that no rigid body has (a third moment larger than the other two together: a dozen of the robots in circulation
 have such) are taken as they are. The warning lists their links, with the rule that is broken and by how much, unless
@@ -16,7 +34,19 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from jaxspatial.mechanism.formats.source import Element, Made, ModelText, built, numbers_of, rotation_of, with_moments
+from jaxspatial.mechanism.formats.source import (
+    IMPOSSIBLE,
+    MASSLESS,
+    Element,
+    Made,
+    ModelText,
+    built,
+    doubt_inertias,
+    numbers_of,
+    rotation_of,
+    with_moments,
+    word_of,
+)
 from jaxspatial.mechanism.parts import WORLD, Body, Joint
 from jaxspatial.numerics import check
 from jaxspatial.numerics.numbers.rounded import in_double
@@ -27,9 +57,15 @@ from jaxspatial.spatial import RigidTransform
 _ROOT = "root_joint"
 _SCALAR = "revolute", "continuous", "prismatic"
 # {type of a joint: kind of ours}
-_KINDS = {"floating": "free"} | {kind: kind for kind in (*_SCALAR, "fixed", "planar")}
+_KINDS = {"floating": "free", "spherical": "ball"} | {kind: kind for kind in (*_SCALAR, "fixed", "planar")}
 # What joints of a type have no use for.
-_USELESS = {"fixed": {"axis", "limit", "dynamics", "mimic"}, "floating": {"axis"}}
+_USELESS = {"fixed": {"axis", "limit", "dynamics", "mimic"}, "floating": {"axis"}, "spherical": {"axis"}}
+# Words of vendors that make a mechanism another one, whatever prefix they have; and these of the format with one.
+_MOVING = {
+    "loop_joint", "cable", "spring", "force_element", "linear_spring_damper", "linear_bushing_rpy", "ball_constraint",
+    "deformable", "reduced_deformable",
+}  # fmt: skip
+_MOVING_WITH_PREFIX = {"joint", "link", "inertial", "mimic"}
 
 
 class _Schema(NamedTuple):
@@ -38,6 +74,7 @@ class _Schema(NamedTuple):
     attributes: Set[str] = frozenset()
     numbers: Mapping[str, int] = {}  # attributes that are so many numbers each
     required: Sequence[str] = ()  # of these
+    usual: Sequence[str] = ()  # of these: required by the format, and 0 where files do without
     not_negative: Sequence[str] = ()
     parts: Set[str] = frozenset()
     left_out: Set[str] = frozenset()  # parts
@@ -54,7 +91,7 @@ _SCHEMAS = {
     ),
     "inertial": _Schema(parts={"origin", "mass", "inertia"}, left_out=_LEFT_OUT),
     "mass": _Schema(numbers={"value": 1}, required=["value"], not_negative=["value"]),
-    "inertia": _Schema(numbers=_MOMENTS, required=[*_MOMENTS]),
+    "inertia": _Schema(numbers=_MOMENTS, required=["ixx", "iyy", "izz"], usual=["ixy", "ixz", "iyz"]),
     "joint": _Schema(
         {"name", "type"},
         parts={"origin", "parent", "child", "axis", "limit", "dynamics", "mimic"},
@@ -63,12 +100,12 @@ _SCHEMAS = {
     ),
     "parent": _Schema({"link"}),
     "child": _Schema({"link"}),
-    "origin": _Schema(numbers={"xyz": 3, "rpy": 3}),
+    "origin": _Schema(numbers={"xyz": 3, "rpy": 3, "quat_xyzw": 4}),
     "axis": _Schema(numbers={"xyz": 3}, required=["xyz"]),
     "limit": _Schema(
         numbers={"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
         not_negative=["effort", "velocity"],
-        left_out_attributes={"current", "command_effort", "gear_velocity"},
+        left_out_attributes={"acceleration", "deceleration", "jerk", "current", "command_effort", "gear_velocity"},
     ),
     "dynamics": _Schema(
         numbers={"damping": 1, "friction": 1},
@@ -78,6 +115,10 @@ _SCHEMAS = {
     "mimic": _Schema({"joint"}, numbers={"multiplier": 1, "offset": 1}),
 }
 _UNLIMITED = {"inf": np.inf, "+inf": np.inf, "-inf": -np.inf}
+# How near an unknown word has to be to one of the format (1 where they are the same) for it to be taken for a slip.
+_NEARLY = 0.65
+# Shorter quaternions than this have no direction that digits can tell.
+_SHORTEST = 1e-100
 # By how much of their sum the digits of a file may make the largest moment larger than the other two together.
 _DIGITS = 1e-4
 
@@ -88,13 +129,14 @@ def read(
     floating_base: bool = False,
     gravity: ArrayLike = (0.0, 0.0, -9.81),
     dtype: DTypeLike | None = None,
+    strict: bool = False,
 ) -> Made:
     """Reads a URDF for `Mechanism.from_urdf`: the same arguments and errors, and `Mechanism.build`.
 
     The root link is welded to the world, or held by a "free" joint named "root_joint"; a root link named "world" is
     the world.
     """
-    file = _File(path_or_text, dtype)
+    file = _File(path_or_text, dtype, strict)
     file.check(file.root)
     links, joints = file.root.findall("link"), file.root.findall("joint")
     _check_tree(file, links, joints)
@@ -110,9 +152,10 @@ def read(
         # A weld has no name: no joint of a file can have the same.
         parts.insert(0, Joint(_ROOT, "free", WORLD, root) if floating_base else Joint("", "fixed", WORLD, root))
     mechanism = built(build, file.refuse_part, bodies, parts, (), gravity, dtype)
-    for link, why in file.impossible.items():
+    doubt_inertias(file, mechanism)
+    for link, (kind, why) in file.impossible.items():
         if _is_impossible(mechanism, link):
-            file.doubt("inertia that no rigid body has", why)
+            file.doubt(kind, why)
     file.warn()
     return mechanism
 
@@ -121,11 +164,11 @@ def read(
 
 
 class _File(ModelText):
-    """The text of a URDF. `impossible`: {link: where its inertia is that no rigid body has, and why not}."""
+    """The text of a URDF. `impossible`: {link: (what its inertia is that no rigid body has, where it is and why)}."""
 
-    def __init__(self, path_or_text: object, dtype: DTypeLike | None):
-        super().__init__("from_urdf", path_or_text, dtype)
-        self.impossible: dict[str, str] = {}
+    def __init__(self, path_or_text: object, dtype: DTypeLike | None, strict: bool):
+        super().__init__("from_urdf", path_or_text, dtype, strict)
+        self.impossible: dict[str, tuple[str, str]] = {}
 
     def refuse(self, element: Element, reason: str) -> NoReturn:
         """Refuses a link or a joint."""
@@ -137,94 +180,162 @@ class _File(ModelText):
         element = next((e for e in self.root.iterchildren(tag) if e.get("name") == name), self.root)
         self.refuse_named(self.line(element), tag, name, reason)
 
-    def skip(self, kind: str, element: Element):
-        """Lists an element that is left out by its own name, by that of its link or joint, or by its line."""
+    def place(self, element: Element) -> str:
+        """Its own name, that of its link or joint, or its line."""
         names = (e.get("name") for e in (element, *element.iterancestors("link", "joint")))
-        self.leave_out(kind, next(filter(None, names), f"line {element.sourceline}"))
+        return next(filter(None, names), f"line {element.sourceline}")
+
+    def take_as(self, element: Element, kind: str, reason: str):
+        """What the format does not allow, and files have: doubtful, refused where `strict`."""
+        if self.strict:
+            self.refuse_element(element, reason)
+        self.doubt(kind, self.place(element))
 
     def check(self, element: Element):
         """Checks an element and all that is in it; removes what is left out."""
         schema = _SCHEMAS[element.tag]
-        if element.tag in ("robot", "link", "joint") and not element.get("name"):
+        needs_name = element.tag in ("link", "joint") or (self.strict and element.tag == "robot")
+        if needs_name and not element.get("name"):
             self.refuse_element(element, "name: expected one")
-        known = schema.attributes | schema.numbers.keys()
-        for name in element.attrib:
-            if name in schema.left_out_attributes:
-                self.skip(f"{name} of <{element.tag}>", element)
-            elif name not in known:
-                expected = f"expected one of {', '.join(sorted(known))}" if known else "expected none"
-                self.refuse_element(element, f"{name}: there is no such attribute, {expected}")
-        for name in schema.numbers:
-            if element.get(name) is not None:
-                self._check_numbers(element, name, schema)
+        self._check_attributes(element, schema)
         for name in schema.required:
             if element.get(name) is None:
                 self.refuse_element(element, f"{name}: expected {_counted(schema.numbers[name])}")
+        for name in schema.usual:
+            if element.get(name) is None:
+                self.take_as(element, f"no {name} of <{element.tag}>", f"{name}: expected 1 number")
         texts = [element.text, *(part.tail for part in element)]
         if stray := " ".join(text.strip() for text in texts if text).strip():
-            self.refuse_element(element, f"expected no text, got {stray[:40]!r}")
+            if self.strict:
+                self.refuse_element(element, f"expected no text, got {stray[:40]!r}; take it out")
+            self.miss("text", self.place(element))
         self._check_parts(element, schema)
         for part in element.iterchildren("*"):
             self.check(part)
+        if element.tag == "origin" and element.get("quat_xyzw") is not None:
+            self._check_quaternion(element)
         if element.tag == "inertial":
             self._check_inertial(element)
         if element.tag == "joint":
             self._check_joint(element)
+
+    def _check_attributes(self, element: Element, schema: _Schema):
+        known = schema.attributes | schema.numbers.keys()
+        for name in element.attrib:
+            if name in schema.left_out_attributes:
+                self.leave_out(f"{name} of <{element.tag}>", self.place(element))
+            elif name not in known:
+                word = word_of(element, name)
+                if self.strict:
+                    expected = f"expected one of {', '.join(sorted(known))}" if known else "expected none"
+                    self.refuse_element(element, f"{word}: there is no such attribute, {expected}")
+                self._miss_word(element, f"{word} of <{element.tag}>", name, known - {*element.attrib})
+        for name in schema.numbers:
+            if element.get(name) is not None:
+                self._check_numbers(element, name, schema)
+
+    def _miss_word(self, element: Element, kind: str, name: str, missing: Set[str]):
+        """Leaves out a word. It is doubtful where it is nearly one that is not there."""
+        near = check.did_you_mean(name, missing, _NEARLY)
+        if near:
+            self.doubt(f"{kind} is not read{near}", self.place(element))
+        self.miss(kind, self.place(element))
 
     def _check_numbers(self, element: Element, name: str, schema: _Schema):
         text, n, is_limit = element.get(name), schema.numbers[name], element.tag == "limit"
         is_unlimited = is_limit and text.strip() in _UNLIMITED
         values = [_UNLIMITED[text.strip()]] if is_unlimited else numbers_of(text)
         if values is None or len(values) != n:
-            self.refuse_element(element, f"{name}: expected {_counted(n)}, got {text!r}")
+            hint = "; this is a text for the tool xacro: run it first" if "$" in text else ""
+            self.refuse_element(element, f"{name}: expected {_counted(n)}, got {text!r}{hint}")
         largest = np.finfo(float).max if is_limit else self.largest
         if not is_unlimited and max(map(abs, values)) > largest:
             self.refuse_element(element, f"{name}: expected at most {self.largest:.3g} in this dtype, got {text!r}")
         if name in schema.not_negative and values[0] < 0:
-            self.refuse_element(element, f"{name}: expected a number >= 0, got {text!r}")
+            reason = f"{name}: expected a number >= 0, got {text!r}"
+            if not is_limit:
+                self.refuse_element(element, reason)
+            self.take_as(element, f"{name} below 0, taken as none", reason)
+            del element.attrib[name]
 
     def _check_parts(self, element: Element, schema: _Schema):
-        seen = set[Any]()
+        seen, useless = dict[Any, Element](), _USELESS.get(element.get("type"), ()) if element.tag == "joint" else ()
         for part in list(element.iterchildren("*")):
-            if part.tag in schema.left_out:
-                self.skip(f"<{part.tag}>", part)
+            word = word_of(part)
+            if word in schema.left_out or (word in useless and not self.strict):
+                of = f" of a {element.get('type')} joint" if word in useless else ""
+                self.leave_out(f"<{word}>{of}", self.place(part))
                 element.remove(part)
                 continue
-            if part.tag not in schema.parts:
-                self.refuse_element(part, _no_counterpart(part, element, schema.parts))
+            if word not in schema.parts:
+                self._leave_out_part(element, part, word, schema.parts)
+                continue
             is_one_of_many = part.tag in ("link", "joint")
             key = (part.tag, part.get("name")) if is_one_of_many else part.tag
             if key in seen:
+                if not self.strict and not is_one_of_many and _is_same(part, seen[key]):
+                    element.remove(part)
+                    continue
                 what = f"name: {part.get('name')!r}" if is_one_of_many else f"<{part.tag}>"
-                self.refuse_element(part, f"{what} comes twice")
-            seen.add(key)
+                self.refuse_element(part, f"{what} comes twice; take one of them out")
+            seen[key] = part
+
+    def _leave_out_part(self, element: Element, part: Element, word: str, known: Set[str]):
+        """A part that the format does not know: left out, or refused."""
+        local, has_prefix = word.rpartition(":")[2], ":" in word
+        if self.strict or "xacro" in part.tag:
+            self.refuse_element(part, _no_counterpart(part, element, known))
+        if local in _MOVING or (has_prefix and local in _MOVING_WITH_PREFIX):
+            reason = "this changes how the robot moves, and is no part of the format; take it out, or make the robot by"
+            self.refuse_element(part, f"{reason} Mechanism.build, with loops where it has such")
+        self._miss_word(part, f"<{word}>", local, known - {"link", "joint"} - {p.tag for p in element})
+        # What stands behind an element is its tail, which lxml takes out with it: it was checked before.
+        element.remove(part)
+
+    def _check_quaternion(self, element: Element):
+        if element.get("rpy") is not None:
+            self.refuse_element(element, "expected rpy or quat_xyzw, got both; take one of them out")
+        length = np.linalg.norm([float(word) for word in element.get("quat_xyzw").split()])
+        if not _SHORTEST < length < np.inf:
+            self.refuse_element(element, f"quat_xyzw: expected a length of about 1, got {element.get('quat_xyzw')!r}")
 
     def _check_inertial(self, element: Element):
         link, mass, moments = element.getparent(), element.find("mass"), element.find("inertia")
         if mass is None or moments is None:
-            self.refuse(link, "inertial: expected mass and inertia")
-        if 0 < float(mass.get("value")) < self.smallest:
+            if self.strict:
+                self.refuse(link, "inertial: expected mass and inertia")
+            lacks = [what for what, x in (("mass", mass), ("inertia", moments)) if x is None]
+            self.doubt(f"<inertial> without {' and '.join(lacks)}, taken as 0", self.place(element))
+        value = 0.0 if mass is None else float(mass.get("value"))
+        if mass is not None and 0 < value < self.smallest:
             expected = f"expected at least {self.smallest:.3g} in this dtype"
             self.refuse_element(mass, f"value: {expected}, got {mass.get('value')!r}")
-        six = [float(moments.get(name)) for name in ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")]
-        if why := _broken_rule(float(mass.get("value")), six):
-            self.impossible[link.get("name")] = f"{link.get('name')} in line {moments.sourceline}: {why}"
+        if moments is None:
+            return
+        six = [float(moments.get(name, 0.0)) for name in ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")]
+        if why := _broken_rule(value, six):
+            where = f"{link.get('name')} in line {moments.sourceline}: {why}"
+            self.impossible[link.get("name")] = IMPOSSIBLE if value else MASSLESS, where
 
     def _check_joint(self, element: Element):
         for side in ("parent", "child"):
             if element.find(side) is None or not element.find(side).get("link"):
                 self.refuse(element, f"{side}: expected a link")
         kind, limit = element.get("type"), element.find("limit")
-        for part in element.iterchildren(*_USELESS.get(kind, ("none",))):
-            self.skip(f"<{part.tag}> of a {kind} joint", part)
         if limit is not None and element.find("mimic") is not None and kind != "fixed":
-            self.skip("<limit> of a mimic", limit)
+            self.miss("<limit> of a mimic", self.place(limit))
         elif (
             limit is not None
-            and kind in ("continuous", "floating", "planar")
+            and kind in ("continuous", "floating", "planar", "spherical")
             and (limit.get("lower") or limit.get("upper"))
         ):
-            self.skip(f"lower and upper limit of a {kind} joint", limit)
+            self.miss(f"lower and upper limit of a {kind} joint", self.place(limit))
+
+
+def _is_same(a: Element, b: Element) -> bool:
+    """Whether two elements say the same."""
+    is_same = a.tag == b.tag and dict(a.attrib) == dict(b.attrib) and len(a) == len(b)
+    return is_same and all(map(_is_same, a, b))
 
 
 def _no_counterpart(part: Element, element: Element, known: Set[str]):
@@ -248,20 +359,24 @@ def _end(joint: Element, side: str) -> str:
 
 def _check_tree(file: _File, links: list[Element], joints: list[Element]):
     names = {link.get("name") for link in links}
+    parents = names if file.strict else names | {WORLD}
     held = dict[str, Element]()
     for joint in joints:
         if joint.get("type") not in _KINDS:
             kind, near = joint.get("type"), check.did_you_mean(joint.get("type"), _KINDS)
             file.refuse(joint, f"type: expected one of {', '.join(_KINDS)}, got {kind!r}{near}")
-        for side in ("parent", "child"):
+        for side, there in (("parent", parents), ("child", names - {WORLD})):
             name = _end(joint, side)
-            if name not in names or (side, name) == ("child", WORLD):
+            if name not in there:
                 near = check.did_you_mean(name, names)
-                reason = "the world hangs on nothing" if name in names else f"there is no link {name!r}{near}"
+                is_held = (side, name) == ("child", WORLD)
+                reason = "the world hangs on nothing" if is_held else f"there is no link {name!r}{near}"
                 file.refuse(joint, f"{side}: {reason}")
         child = _end(joint, "child")
         if child in held:
-            file.refuse(joint, f"child: {child!r} hangs on {held[child].get('name')!r} already: a loop")
+            file.refuse(
+                joint, f"child: {child!r} hangs on {held[child].get('name')!r} already: a loop; see LoopClosure"
+            )
         held[child] = joint
     safe = set[str]()
     for link in held:
@@ -269,7 +384,7 @@ def _check_tree(file: _File, links: list[Element], joints: list[Element]):
         while link in held and link not in safe:
             if link in way:
                 loop = ", ".join(map(repr, way[way.index(link) :]))
-                file.refuse(held[link], f"child: {loop} hold each other: a loop")
+                file.refuse(held[link], f"child: {loop} hold each other: a loop; see LoopClosure")
             way.append(link)
             link = _end(held[link], "parent")
         safe.update(way)
@@ -277,24 +392,36 @@ def _check_tree(file: _File, links: list[Element], joints: list[Element]):
 
 def _check_mimics(file: _File, joints: list[Element]):
     """Both joints have one coordinate. A fixed joint has none: its mimic, like its axis and limits, says nothing."""
-    names = {joint.get("name") for joint in joints}
-    leaders = {j.get("name") for j in joints if j.find("mimic") is None and j.get("type") in _SCALAR}
-    for joint in joints:
-        if (mimic := joint.find("mimic")) is None:
+    of = {joint.get("name"): joint for joint in joints}
+    followed = {n: j.find("mimic").get("joint") for n, j in of.items() if j.find("mimic") is not None}
+    for name, leader in followed.items():
+        joint = of[name]
+        if leader not in of:
+            file.refuse(joint, f"mimic: there is no joint {leader!r}{check.did_you_mean(leader, of)}")
+        if joint.get("type") == "fixed":
             continue
-        name, kind = mimic.get("joint"), joint.get("type")
-        if name not in names:
-            file.refuse(joint, f"mimic: there is no joint {name!r}{check.did_you_mean(name, names)}")
-        if kind != "fixed" and not (kind in _SCALAR and name in leaders):
-            file.refuse(joint, f"mimic: expected two joints of one coordinate, the second its own, got {name!r}")
+        passed = [name]
+        while of[leader].get("type") in _SCALAR and leader in followed and leader not in passed:
+            passed.append(leader)
+            leader = followed[leader]
+            if leader not in of:
+                break  # It is refused at the joint that follows it.
+        if leader in of and not (joint.get("type") in _SCALAR and of[leader].get("type") in _SCALAR):
+            file.refuse(joint, f"mimic: expected two joints of one coordinate, the second its own, got {leader!r}")
+        if leader in passed:
+            ring = ", ".join(map(repr, passed[passed.index(leader) :]))
+            file.refuse(joint, f"mimic: expected a joint of its own coordinate at the end, got {ring} in a ring")
 
 
 def _root(file: _File, links: list[Element], joints: list[Element]) -> str:
     children = {_end(joint, "child") for joint in joints}
-    roots = [link.get("name") for link in links if link.get("name") not in children]
+    names = dict.fromkeys(link.get("name") for link in links)
+    if any(_end(joint, "parent") == WORLD for joint in joints):
+        names[WORLD] = None
+    roots = [name for name in names if name not in children]
     if len(roots) != 1:
-        names = ", ".join(map(repr, roots)) or "no link at all"
-        file.refuse_element(file.root, f"expected one link that is no joint's child, got {names}")
+        came = ", ".join(map(repr, roots)) or "no link at all"
+        file.refuse_element(file.root, f"expected one link that is no joint's child, got {came}")
     return roots[0]
 
 
@@ -304,41 +431,63 @@ def _root(file: _File, links: list[Element], joints: list[Element]) -> str:
 def _body(link: Element):
     if (inertial := link.find("inertial")) is None:
         return Body(link.get("name"))
-    xx, xy, xz, yy, yz, zz = (_number(inertial, "inertia", "i" + axes) for axes in ("xx", "xy", "xz", "yy", "yz", "zz"))
+    axes = "xx", "xy", "xz", "yy", "yz", "zz"
+    xx, xy, xz, yy, yz, zz = (_number(inertial, "inertia", "i" + pair, 0.0) for pair in axes)
     moments = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
-    return Body(link.get("name"), with_moments(_number(inertial, "mass", "value"), _pose(inertial), moments))
+    return Body(link.get("name"), with_moments(_number(inertial, "mass", "value", 0.0), _pose(inertial), moments))
 
 
 def _joint(file: _File, joint: Element):
     kind, mimic = _KINDS[joint.get("type")], joint.find("mimic")
-    axis = np.array(_numbers(joint, "axis", "xyz") or [1.0, 0.0, 0.0])
-    if kind == "planar" and not (axis[2] > 0 and not axis[:2].any()):
-        file.refuse(joint, f"axis: a planar joint is normal to z here, got {axis.tolist()}")
+    axis, X_PJ, X_JB = np.array(_numbers(joint, "axis", "xyz") or [1.0, 0.0, 0.0]), _pose(joint), None
+    if kind in (*_SCALAR, "planar") and not axis.any():
+        file.refuse(joint, "axis: expected three numbers, not all zero")
+    if kind == "planar":
+        R = _turn_from_z(axis)
+        if not np.array_equal(R, np.eye(3)):
+            with in_double():
+                X_PJ = X_PJ @ RigidTransform(Rotation(R.ravel()), np.zeros(3))
+                X_JB = RigidTransform(Rotation(R.T.ravel()), np.zeros(3))
     if kind not in _SCALAR:
         axis = np.array([0.0, 0.0, 1.0])
-    if not axis.any():
-        file.refuse(joint, "axis: expected three numbers, not all zero")
     numbers: dict[str, Any] = _limits(file, joint, kind)
     numbers["damping"] = _number(joint, "dynamics", "damping", 0.0)
     numbers["friction_loss"] = _number(joint, "dynamics", "friction", 0.0)
     if mimic is not None and kind != "fixed":
         multiplier, offset = _number(joint, "mimic", "multiplier", 1.0), _number(joint, "mimic", "offset", 0.0)
         numbers["mimic"] = mimic.get("joint"), multiplier, offset
-    return Joint(
-        joint.get("name"), kind, _end(joint, "parent"), _end(joint, "child"), _pose(joint), axis=axis, **numbers
-    )
+    return Joint(joint.get("name"), kind, _end(joint, "parent"), _end(joint, "child"), X_PJ, X_JB, axis, **numbers)
+
+
+def _turn_from_z(axis: np.ndarray):
+    """(3, 3) the shortest turn that takes z to an axis; half a turn about x to -z."""
+    x, y, z = axis / 2.0 ** np.floor(np.log2(abs(axis).max()))
+    x, y, z = np.array([x, y, z]) / np.sqrt(x * x + y * y + z * z)
+    across = x * x + y * y
+    if z < 0 and not across:
+        return np.diag([1.0, -1.0, -1.0])
+    # 1 / (1 + z), without cancellation.
+    s = 1 / (1 + z) if z >= 0 else (1 - z) / across
+    return rotation_of([1 - x * x * s, -x * y * s, x, -x * y * s, 1 - y * y * s, y, -x, -y, z])
 
 
 def _limits(file: _File, joint: Element, kind: str):
-    if kind == "revolute" and joint.find("limit") is None:
-        file.refuse(joint, "limit: a revolute joint needs one; without, it is continuous")
+    limit = joint.find("limit")
+    if kind == "revolute" and limit is None:
+        reason = "limit: a revolute joint needs one; without, it is continuous"
+        if file.strict:
+            file.refuse(joint, reason)
+        file.doubt("revolute joint without <limit>, taken as unlimited", joint.get("name"))
     names = {"effort": "effort_limit", "velocity": "velocity_limit"}
     names |= {"lower": "lower", "upper": "upper"} if kind in ("revolute", "prismatic") else {}
     limits = {field: _number(joint, "limit", name) for name, field in names.items()}
     limits = {field: x for field, x in limits.items() if x is not None}
     lower, upper = limits.get("lower", -np.inf), limits.get("upper", np.inf)
     if not (lower <= upper and lower < np.inf and upper > -np.inf):
-        file.refuse(joint, "limit: expected lower <= upper")
+        if file.strict or not np.isfinite([lower, upper]).all():
+            file.refuse(joint, f"limit: expected lower <= upper, got {lower} and {upper}")
+        file.doubt("lower limit above the upper one, taken as unlimited", joint.get("name"))
+        del limits["lower"], limits["upper"]
     return limits
 
 
@@ -353,8 +502,13 @@ def _number(element: Element, tag: str, name: str, default: Any = None):
 
 
 def _pose(element: Element):
-    """The pose that an <origin> gives by xyz, m, and rpy, angles about the fixed axes x, y, z in turn, rad."""
+    """The pose that an <origin> gives by xyz, m, and rpy, angles about the fixed axes x, y, z in turn, rad, or by a
+    quaternion of any length."""
     xyz, rpy = (_numbers(element, "origin", name) or [0.0] * 3 for name in ("xyz", "rpy"))
+    if xyzw := _numbers(element, "origin", "quat_xyzw"):
+        with in_double():
+            R = Rotation.from_quaternion(np.roll(np.array(xyzw) / np.linalg.norm(xyzw), 1))
+            return RigidTransform(Rotation(rotation_of(R.entries).ravel()), np.add(xyz, 0.0))
     (cx, cy, cz), (sx, sy, sz) = np.cos(rpy), np.sin(rpy)
     rows = [
         [cy * cz, sy * (sx * cz) - cx * sz, sy * (cx * cz) + sx * sz],
