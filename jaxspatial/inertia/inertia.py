@@ -318,8 +318,13 @@ class SpatialInertia(Additive):
 
         Args:
             vertices: (*batch, n, 3) positions p_PV, m.
-            triangles: (m, 3) integers, m >= 1, the vertices of each, counterclockwise seen from outside. *unchecked*
-                requirement: every edge belongs to two triangles, which run along it in opposite directions.
+            triangles: (m, 3) integers, m >= 1, the vertices of each, counterclockwise seen from outside. Every edge
+                belongs to two triangles, which run along it in opposite directions: a requirement that is *unchecked*
+                where triangles are data. Known vertices at the same place are taken for one.
+
+        Raises:
+            TypeError: triangles are no integers, or dtypes differ.
+            ValueError: shapes do not fit, or known triangles leave an edge open.
 
         Error: let L be ceil(log2 m), V the volume, S the sum over triangles of |a| |b - a| |c - a|, where a, b and c
             are the vertices seen from that middle, and r the largest distance of a vertex from it. In "fast" and

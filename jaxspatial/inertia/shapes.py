@@ -334,6 +334,8 @@ _PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 def corners_of(vertices: jax.Array, triangles: Any) -> jax.Array:
     """(*batch, m, 9): the three vertices of each of m triangles."""
     indices = _as_indices(triangles, vertices.shape[-2])
+    if isinstance(indices, np.ndarray):
+        _require_closed(vertices, indices)
     x = vertices[..., indices, :]
     return x.reshape((*x.shape[:-3], indices.shape[0], 9))
 
@@ -348,6 +350,32 @@ def _as_indices(triangles, n: int):
         came = f"{triangles.min()} to {triangles.max()}"
         raise ValueError(f"triangle_mesh: triangles: expected indices from 0 to {n - 1}, got {came}")
     return triangles
+
+
+def _require_closed(vertices: jax.Array, triangles: np.ndarray) -> None:
+    """Every edge belongs to as many triangles that run along it one way as the other. Known vertices at one place are
+    one, as those of files that list three for each triangle."""
+    edge = _lone_edge(triangles)
+    if edge is not None and isinstance(vertices, np.ndarray):
+        # Zeros are positive: those of both signs are one place.
+        places = np.moveaxis(vertices, -2, 0).reshape(vertices.shape[-2], -1) + 0.0
+        _, firsts, of_place = np.unique(places, return_index=True, return_inverse=True, axis=0)
+        edge = _lone_edge(firsts[of_place.reshape(-1)][triangles])
+    if edge is not None:
+        expected = "expected a closed surface: along every edge two triangles, in opposite directions"
+        raise ValueError(f"triangle_mesh: triangles: {expected}; none runs from vertex {edge[1]} to {edge[0]}")
+
+
+def _lone_edge(triangles: np.ndarray) -> tuple[int, int] | None:
+    """An edge that triangles run along more often one way than back; None where there is none."""
+    start, end = triangles.astype(np.int64)[:, [0, 1, 2, 1, 2, 0]].reshape(-1, 2, 3).swapaxes(0, 1).reshape(2, -1)
+    n = int(triangles.max()) + 1
+    (there, some), (back, others) = (np.unique(x, return_counts=True) for x in (start * n + end, end * n + start))
+    for x, count in zip(there.tolist(), some.tolist(), strict=True):
+        k = int(np.searchsorted(back, x))
+        if k == len(back) or back[k] != x or others[k] < count:
+            return divmod(x, n)
+    return None
 
 
 def middle_of(corners: jax.Array) -> jax.Array:

@@ -129,11 +129,12 @@ def test_bound_of_the_docstring(dtype, precision):
 
 
 def test_bound_of_one_triangle():
-    """Of the tetrahedron that it makes with its middle, the origin: nothing is summed over triangles."""
+    """Of the tetrahedron that it makes with its middle, the origin: nothing is summed over triangles. Known, it is
+    refused, as it encloses nothing."""
     rng = np.random.default_rng(8)
     some = np.stack([np.full((300, 3), -1.0), np.full((300, 3), 1.0), rng.uniform(-1, 1, (300, 3))], 1)
     corners, face = rng.permuted(some, axis=1).astype(np.float32), np.array([[0, 1, 2]])
-    M = of_mesh(corners, face, density=2.0)
+    M = of_mesh(corners, jnp.asarray(face), density=2.0)
     for i in np.flatnonzero(M.mass > 0.1):
         check(corners[i], face, "reproducible", M=jax.tree.map(lambda x, i=i: x[i], M))
 
@@ -244,6 +245,10 @@ BAD = {
     "none": (ValueError, r"expected shape \(m, 3\) with m >= 1, got \(0, 3\)", np.zeros((0, 3), int)),
     "floats": (TypeError, "expected integers, got float64", np.zeros((4, 3))),
     "range": (ValueError, "expected indices from 0 to 7, got 0 to 8", BOX + 1 - (BOX == 0)),
+    "open": (ValueError, "expected a closed surface: .*; none runs from vertex [013] to [013]$", BOX[1:]),
+    "a triangle that is turned over": (ValueError, "expected a closed surface", np.vstack([BOX[:-1], BOX[-1:, ::-1]])),
+    "a triangle twice": (ValueError, "expected a closed surface", np.vstack([BOX, BOX[:1]])),
+    "three faces of a tetrahedron": (ValueError, "expected a closed", np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2]])),
 }
 
 
@@ -251,6 +256,20 @@ BAD = {
 def test_triangles_that_are_refused(kind, message, faces):
     with pytest.raises(kind, match="triangle_mesh: triangles: " + message):
         SpatialInertia.triangle_mesh(CORNERS.astype(np.float32), faces, mass=1.0)
+
+
+def test_vertices_at_one_place_are_one_where_they_are_known():
+    """Files for printers list three vertices for each triangle. Where these are data, nobody can tell."""
+    corners = CORNERS.astype(np.float32)
+    apart, count = corners[BOX].reshape(-1, 3), np.arange(36).reshape(12, 3)
+    known = SpatialInertia.triangle_mesh(apart, count, mass=1.0)
+    chex.assert_trees_all_close(known, SpatialInertia.triangle_mesh(corners, BOX, mass=1.0), rtol=1e-6, atol=1e-7)
+    with pytest.raises(ValueError, match="expected a closed surface"):
+        of_mesh(apart, count, mass=1.0)
+    flat = np.float32([[0, 0, 0], [1, 0, 0], [-0.0, 1, 0], [0, 0, 1], [0, -0.0, 0]])
+    SpatialInertia.triangle_mesh(flat, np.array([[0, 2, 1], [4, 1, 3], [0, 3, 2], [1, 2, 3]]), mass=1.0)
+    # A triangle that is but an edge closes itself.
+    SpatialInertia.triangle_mesh(corners, np.vstack([BOX, [[0, 0, 5]]]), mass=1.0)
 
 
 # -- sums -------------------------------------------------------------------------------------------------------------
