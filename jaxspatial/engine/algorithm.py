@@ -118,6 +118,8 @@ def algorithm(
 def checked_mechanism(operation: str, mechanism: object) -> Mechanism:
     if not isinstance(mechanism, Mechanism):
         raise TypeError(f"{operation}: expected a Mechanism first, got {type(mechanism).__name__}")
+    if mechanism.misshapen:
+        raise ValueError(f"{operation}: mechanism: {mechanism.misshapen}")
     return mechanism
 
 

@@ -406,9 +406,54 @@ class Mechanism:
         """The first number that is not known, or None. Cached: every call of an algorithm asks for its dtype."""
         return next((x for x in jax.tree.leaves(self) if not isinstance(x, np.ndarray)), None)
 
+    @functools.cached_property
+    def misshapen(self) -> str:
+        """What is wrong with the shape of a field, "" for nothing. Cached: every call of an algorithm asks. JAX
+        rebuilds mechanisms with any leaves, so nobody has checked them before."""
+        for name, expected in _shapes(self.topology, self.parameters).items():
+            for x, shape in zip(jax.tree.leaves(getattr(self, name)), expected, strict=False):
+                if np.shape(x) != shape:
+                    return _unexpected_shape(name, shape, np.shape(x))
+        return ""
+
     def _as_tree(self, **changes) -> "Mechanism":
         """A Mechanism with leaves, of these numbers and others."""
         return Mechanism(**{field.name: getattr(self, field.name) for field in dataclasses.fields(self)} | changes)
+
+
+def _shapes(t: Topology, parameters: dict[str, Any]) -> dict[str, list[tuple[int, ...]]]:
+    """{field: the shapes of its leaves}, of the numbers of a mechanism."""
+    n, frames, welds = len(t), len(t.frames), len(t.welds)
+
+    def poses(k: int):
+        return [(k, 9), (k, 3)]
+
+    def inertias(k: int):
+        return [(k,), (k, 3), (k, 6)]
+
+    per_velocity = "armature", "damping", "friction_loss", "stiffness", "effort_limit", "velocity_limit"
+    return {
+        "placements": poses(n),
+        "child_placements": poses(n),
+        **dict.fromkeys(("axes", "second_axes"), [(n, 3)]),
+        "pitches": [(n,)],
+        "parameters": [(n, *np.shape(parameters[name])[-1:]) for name in sorted(parameters)],
+        "mimics": [(n, 2)],
+        "inertias": inertias(n),
+        **dict.fromkeys(per_velocity, [(t.nv,)]),
+        **dict.fromkeys(("lower", "upper", "spring_references"), [(t.nq,)]),
+        "frame_placements": poses(frames),
+        "weld_inertias": inertias(welds) if welds else [],
+        "gravity": [(3,)],
+    }
+
+
+def _unexpected_shape(name: str, expected: tuple[int, ...], came: tuple[int, ...]) -> str:
+    hint = ""
+    if len(came) > len(expected) and came[len(came) - len(expected) :] == expected:
+        each = f"jax.vmap(lambda x, q: f(mech.as_data().replace({name}=x), q))"
+        hint = f"; a batch of mechanisms is mapped over the field: {each}"
+    return f"{name}: expected shape {expected}, got {came}{hint}"
 
 
 def _replacement(name: str, old, new):
@@ -425,7 +470,7 @@ def _replacement(name: str, old, new):
 
     def checked(a, b):
         if np.shape(a) != np.shape(b):
-            raise ValueError(f"Mechanism.replace: {name}: expected shape {np.shape(a)}, got {np.shape(b)}")
+            raise ValueError(f"Mechanism.replace: {_unexpected_shape(name, np.shape(a), np.shape(b))}")
         array = check.as_float_array(b, f"Mechanism.replace: {name}", check.floating_dtype(a), held=True)
         return array if isinstance(b, np.ndarray) else b
 

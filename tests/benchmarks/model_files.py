@@ -162,8 +162,9 @@ def cleaned(data):
     parser = etree.XMLParser(recover=True, remove_comments=True, remove_pis=True)
     root = etree.fromstring(data.lstrip(), parser)
     for element in list(root.iter("*")):
-        element.tag = element.tag.rpartition("}")[2]
-        parent = element.getparent()
+        parent, local = element.getparent(), element.tag.rpartition("}")[2]
+        if ":" not in local and (parent is None or element.prefix == root.prefix):
+            element.tag = local
         is_ours = parent is None or (element.tag in _OF_URDF and (parent.tag != "robot" or element.tag != "inertial"))
         if not is_ours:
             parent.remove(element)
@@ -267,8 +268,8 @@ def _with_mujoco(file, mech):
         return {}
     q = js.random_configuration(mech, jax.random.key(0), N, np.float64)
     v = jnp.asarray(np.random.default_rng(0).standard_normal((N, mech.nv)))
-    named = [model.body(i).name for i in range(1, model.nbody)]
-    frames = tuple(name for name in mech.frame_names[1:] if name in named)
+    ids = {model.body(i).name or f"body_{i}": i for i in range(1, model.nbody)}
+    frames = tuple(ids)
     rubbing = mech.replace(friction_loss=0 * mech.friction_loss)
 
     def all_of_them(q, v):
@@ -297,8 +298,8 @@ def _with_mujoco(file, mech):
         found["mass"].append(M)
         found["bias"].append(T.T @ data.qfrc_bias - M @ ours["still"][k])
         found["passive"].append(T.T @ (data.qfrc_spring + data.qfrc_damper + data.qfrc_gravcomp))
-        found["positions"].append([data.body(name).xpos.copy() for name in frames])
-        found["rotations"].append([data.body(name).xmat.reshape(3, 3).copy() for name in frames])
+        found["positions"].append(data.xpos[1:].copy())
+        found["rotations"].append(data.xmat[1:].reshape(-1, 3, 3).copy())
     return _worst({what: (ours[what], np.array(x)) for what, x in found.items()})
 
 

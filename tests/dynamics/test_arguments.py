@@ -1,7 +1,9 @@
 """What algorithms say of arguments that are none: integers of JAX, and names that nothing has."""
 
+import dataclasses
 import inspect
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -115,3 +117,24 @@ def test_a_name_that_nothing_has_is_told_which_is_near(name, call):
 def test_what_is_no_name_is_near_nothing():
     with pytest.raises(KeyError, match="got 3"):
         js.jacobian(MECH, Q, [3])
+
+
+FIELDS = [field.name for field in dataclasses.fields(MECH) if jax.tree.leaves(getattr(MECH, field.name))]
+
+
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_a_field_that_is_batched_is_refused(name):
+    """Not broadcast against states: known numbers of gravity and mimics gave the results of the first, silently."""
+    for field in ["gravity", "mimics"] if name != "inverse_dynamics" else [x for x in FIELDS if x != "topology"]:
+        batched = jax.tree.map(lambda x: np.stack([x] * 2), getattr(MECH, field))
+        both = dataclasses.replace(MECH, **{field: batched})
+        for mech in (both, both.as_data()):
+            with pytest.raises(ValueError, match=f": mechanism: {field}: expected shape .*; a batch of mechanisms"):
+                ALGORITHMS[name](**_arguments(ALGORITHMS[name], np.float32, mechanism=mech))
+
+
+def test_a_field_is_mapped_over_as_the_message_says():
+    x, q = np.stack([MECH.gravity, -MECH.gravity]), np.float32([0.5, 0.25])
+    found = jax.vmap(lambda x, q: js.gravity_forces(MECH.as_data().replace(gravity=x), q), (0, None))(x, q)
+    np.testing.assert_array_equal(found[0], -found[1])
+    assert found[0].any()

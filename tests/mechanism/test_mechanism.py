@@ -447,6 +447,12 @@ def test_replace():
         ({"topology": 3}, TypeError, "Mechanism.replace: expected one of .* got 'topology'"),
         ({"gravity": np.zeros(2)}, ValueError, r"Mechanism.replace: gravity: expected shape \(3,\), got \(2,\)"),
         ({"inertias": np.zeros(3)}, TypeError, "Mechanism.replace: inertias: expected SpatialInertia, got ndarray"),
+        (
+            {"damping": np.zeros((5, 4))},
+            ValueError,
+            r"Mechanism.replace: damping: expected shape \(4,\), got \(5, 4\); a batch of mechanisms is mapped over "
+            r"the field: jax.vmap\(lambda x, q: f\(mech.as_data\(\).replace\(damping=x\), q\)\)$",
+        ),
     ],
 )
 def test_replace_refuses(changes, error, message):
