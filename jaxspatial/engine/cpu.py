@@ -119,6 +119,9 @@ class Code(NamedTuple):
     cost: int = 0  # number of operations of a state, by which threads are shared out; zero keeps to one thread
 
 
+MOST_UNROLLED = None  # as graphs have it
+
+
 def least_alike(n: int) -> int:
     """The least number of states whose code that of n states is, too."""
     return min(n, 2)
@@ -862,17 +865,17 @@ def _object(texts: Sequence[str], target: Target) -> bytes:
     return _machine(target).emit_object(module)
 
 
-def _cached(name: str, texts: Sequence[str], target: Target) -> bytes:
-    """Machine code, from JAX's cache on disk where there is one."""
+def kept(name: str, make: Callable[[], bytes]) -> bytes:
+    """What is compiled under a name, from JAX's cache on disk where there is one."""
     folder = jax.config.values["jax_compilation_cache_dir"]
     if not folder or "://" in folder or not jax.config.values["jax_enable_compilation_cache"]:
-        return _object(texts, target)
-    path = pathlib.Path(folder) / "jaxspatial" / f"{name}.o"
+        return make()
+    path = pathlib.Path(folder) / "jaxspatial" / name
     with contextlib.suppress(OSError):
         digest, content = (data := path.read_bytes())[:32], data[32:]
         if hashlib.sha256(content).digest() == digest:
             return content
-    content = _object(texts, target)
+    content = make()
     # Other processes see the whole file or none. A cache that cannot be written to is none.
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -880,6 +883,11 @@ def _cached(name: str, texts: Sequence[str], target: Target) -> bytes:
             file.write(hashlib.sha256(content).digest() + content)
         os.replace(file.name, path)
     return content
+
+
+def _cached(name: str, texts: Sequence[str], target: Target) -> bytes:
+    """Machine code of several modules together."""
+    return kept(f"{name}.o", lambda: _object(texts, target))
 
 
 def _loaded(content: bytes, target: Target) -> Any:

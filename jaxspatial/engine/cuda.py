@@ -10,16 +10,21 @@ Every number has the bits that the CPU's machine code gives it.
 
 import contextlib
 import functools
+import hashlib
 import importlib
+import math
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jax import lax
+from jax.sharding import NamedSharding, PartitionSpec
 
 from jaxspatial.engine import cpu, llvm_ir
 from jaxspatial.engine.graph import Graph
+from jaxspatial.numerics.jax_internals import custom_partitioning
 
 WARP = 32
 # Bytes of shared memory that a block may take without asking for more.
@@ -33,6 +38,9 @@ LONGEST_RESULT = 64
 TILE = 512
 # Warps of a block, where there are enough of them for all multiprocessors.
 WARPS, MANY_WARPS = 4, 4096
+# Loops are kept where graphs have more nodes without: long code does not fit the cache of instructions, and the driver
+# takes long for it.
+MOST_UNROLLED = 10_000
 # Above so many operations, a program is several functions, whose time to compile grows in proportion.
 MOST_OPERATIONS = 30_000
 # How many loads of a copy are under way before the first number is stored.
@@ -422,18 +430,18 @@ def _machine(capability: int) -> Any:
     return llvm.Target.from_triple(TRIPLE).create_target_machine(cpu=f"sm_{known}", opt=2)
 
 
+@functools.lru_cache(maxsize=256)
 def compiled(code: Code, capability: int | None = None) -> str:
-    """The kernel as PTX, for the number of states that `N_STATES` stands for."""
-    if code not in _COMPILED:
-        llvm = importlib.import_module("llvmlite.binding")
-        machine = _machine(capability or _capability())
+    """The kernel as PTX, in which `N_STATES` stands for the number of states."""
+    llvm, capability = importlib.import_module("llvmlite.binding"), capability or _capability()
+
+    def made() -> bytes:
         module = llvm.parse_assembly(f'target triple = "{TRIPLE}"\n{code.text}')
         module.verify()
-        _COMPILED[code] = machine.emit_assembly(module)
-    return _COMPILED[code]
+        return _machine(capability).emit_assembly(module).encode()
 
-
-_COMPILED: dict[Code, str] = {}
+    identity = "\0".join((code.text, str(llvm.llvm_version_info), str(capability)))
+    return cpu.kept(f"{hashlib.sha256(identity.encode()).hexdigest()[:32]}.ptx", made).decode()
 
 
 def call(code: Code, arrays: Sequence[jax.Array], n: int, n_devices: int = 1) -> list[jax.Array]:
@@ -443,22 +451,28 @@ def call(code: Code, arrays: Sequence[jax.Array], n: int, n_devices: int = 1) ->
         code: what to compute.
         arrays: its arguments.
         n: the number of states.
-        n_devices: for how many devices XLA compiles one program.
+        n_devices: for how many devices XLA compiles one program. It then splits the states as its inputs are split.
 
     Returns:
         Arrays (n, size), or (1, size) where results are summed over states.
     """
+    return _split(code, arrays, n) if n_devices > 1 and n % n_devices == 0 else _called(code, arrays, n)
+
+
+def _called(code: Code, arrays: Sequence[jax.Array], n: int) -> list[jax.Array]:
+    """The call on one device."""
     n_warps = -(-n // WARP)
     shapes = [jax.ShapeDtypeStruct((n_warps if x.is_summed else n, x.size), x.dtype) for x in code.results]
-    text = compiled(code).replace(str(N_STATES), str(n))
     warps = code.warps if n_warps >= MANY_WARPS else 1
     kernel: dict[str, Any] = {
-        "name": "kernel", "kernel_type": "ptx", "kernel_data": text,
-        **{f"grid_{x}": np.int32(k) for x, k in zip("xyz", (-(-n_warps // warps), 1, 1), strict=True)},
-        **{f"block_{x}": np.int32(k) for x, k in zip("xyz", (warps * WARP, 1, 1), strict=True)},
+        "name": "kernel",
+        "kernel_type": "ptx",
+        "kernel_data": compiled(code).replace(str(N_STATES), str(n)),
+        **_along_axes("grid", -(-n_warps // warps)),
+        **_along_axes("block", warps * WARP),
         "shared_mem_bytes": np.int32(0),
         "output_indices": tuple(np.int32(len(arrays) + k) for k in range(len(shapes))),
-    }  # fmt: skip
+    }
     results = jax.ffi.ffi_call("__gpu$xla.gpu.ptx", shapes)(*arrays, **kernel)
     return [
         y.sum(0, keepdims=True, dtype=x.dtype) if x.is_summed and n_warps > 1 else y
@@ -466,11 +480,59 @@ def call(code: Code, arrays: Sequence[jax.Array], n: int, n_devices: int = 1) ->
     ]
 
 
+def _along_axes(name: str, n: int) -> dict[str, np.int32]:
+    return {f"{name}_{axis}": np.int32(k) for axis, k in zip("xyz", (n, 1, 1), strict=True)}
+
+
+def _split(code: Code, arrays: Sequence[jax.Array], n: int) -> list[jax.Array]:
+    """The call, which each device makes for its states, an equal number of them; sums are added up over devices."""
+
+    def whole(*arrays: jax.Array) -> tuple[jax.Array, ...]:
+        return tuple(_called(code, arrays, n))
+
+    def placed(mesh: Any, arguments: Sequence[Any]) -> tuple[Any, list[Any], list[Any]]:
+        """(the axes of the mesh that states are split over, shardings of arguments, of results)."""
+        specs = [x.sharding.spec for x, own in zip(arguments, code.arguments, strict=True) if not own.is_shared]
+        axis = next((spec[0] for spec in specs if len(spec) and spec[0] is not None), None)
+        split, same = (NamedSharding(mesh, PartitionSpec(a, None)) for a in (axis, None))
+        return (
+            axis,
+            [same if x.is_shared else split for x in code.arguments],
+            [same if x.is_summed else split for x in code.results],
+        )
+
+    def partition(mesh: Any, arguments: Sequence[Any], _: Any) -> tuple[Any, ...]:
+        axis, of_arguments, of_results = placed(mesh, arguments)
+        axes = (axis,) if isinstance(axis, str) else axis or ()
+        n_own = n // math.prod(mesh.shape[a] for a in axes)
+
+        def own(*arrays: jax.Array) -> tuple[jax.Array, ...]:
+            results = zip(code.results, _called(code, arrays, n_own), strict=True)
+            return tuple(lax.psum(y, axes) if x.is_summed and axes else y for x, y in results)
+
+        return mesh, own, tuple(of_results), tuple(of_arguments)
+
+    def inferred(mesh: Any, arguments: Sequence[Any], _: Any) -> tuple[Any, ...]:
+        return tuple(placed(mesh, arguments)[2])
+
+    names = iter(f"k{i}" for i in range(2 * (len(arrays) + len(code.results))))
+    rules = [f"{next(names) if x.is_shared else 'n'} {next(names)}" for x in code.arguments]
+    results = [f"{next(names) if x.is_summed else 'n'} {next(names)}" for x in code.results]
+    rule = f"{', '.join(rules)} -> {', '.join(results)}"
+    others = tuple(dict.fromkeys(x for x in rule.replace(",", "").split() if x[0] == "k"))
+    call = custom_partitioning(whole)
+    call.def_partition(partition, inferred, sharding_rule=rule, need_replication_factors=others)
+    return list(call(*arrays))
+
+
 @functools.cache
 def is_available() -> bool:
     """Whether kernels can be compiled and called here: llvmlite is installed, and a known result comes out right."""
     try:
         device = jax.local_devices(backend="cuda")[0]
+    except RuntimeError:  # There is no GPU: a program is lowered for another machine.
+        return False
+    try:
         x = np.arange(1, 41, dtype=np.float32)[:, None]
         # Whatever the caller forbids, or is in the middle of.
         with jax.ensure_compile_time_eval(), jax.default_device(device), jax.transfer_guard("allow"):

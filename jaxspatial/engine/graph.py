@@ -386,10 +386,9 @@ def graph_of(
 ) -> Graph:
     """The graph of a trace for one state.
 
-    expand: the traces of primitives that stand for one. may_fuse: whether `a * b + c` may be rounded once, except in
-    traces that `expand` says other of.
-
-    most_unrolled: how many nodes a graph has at most with loops unrolled, MOST_UNROLLED unless given.
+    expand: the traces of primitives that stand for one. most_unrolled: how many nodes a graph has at most with loops
+    unrolled, MOST_UNROLLED unless given. may_fuse: whether `a * b + c` may be rounded once, except in traces that
+    `expand` says other of.
 
     Raises:
         NotSupportedError: the trace has an operation that graphs do not have.

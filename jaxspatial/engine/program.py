@@ -412,7 +412,7 @@ def _code(
         with _without_collection():
             traced = program.traced(avals)
             try:
-                whole = graph.graph_of(traced.closed, _expanded, may_fuse=program.may_fuse)
+                whole = graph.graph_of(traced.closed, _expanded, most_unrolled=machine.MOST_UNROLLED, may_fuse=program.may_fuse)
             except graph.NotSupportedError:
                 return None
             each = zip(avals, is_shared, strict=True)

@@ -18,7 +18,7 @@ Item = Any
 MOST_AGAIN = (4, 16, 64, 128)
 # Numbers that are used again after so few operations wait.
 SOON = 40
-ROUNDS = 40
+# Operations that are never done again.
 DEAR = {"div", "rem", "sqrt"}
 
 
@@ -32,19 +32,28 @@ class Order:
         self, graph: Graph, items: Sequence[Item], item_of: list[Item | None], reads: Callable[[Item], Iterable[int]]
     ):
         self.graph, self.items, self.item_of, self.reads = graph, list(items), item_of, reads
+        self._reads_of: dict[Item, list[Item]] = {}
+
+    def _read(self, item: Item) -> list[Item]:
+        """The items that one reads."""
+        found = self._reads_of.get(item)
+        if found is None:
+            found = list(dict.fromkeys(x for node in self.reads(item) if (x := self.item_of[node]) is not None))
+            self._reads_of[item] = found
+        return found
 
     def uses(self) -> dict[Item, list[int]]:
         """By item of this order, where it is read."""
         found: dict[Item, list[int]] = {item: [] for item in self.items}
         for k, item in enumerate(self.items):
-            for x in dict.fromkeys(self.item_of[node] for node in self.reads(item)):
+            for x in self._read(item):
                 if x in found:
                     found[x].append(k)
         return found
 
-    def waiting(self) -> list[int]:
+    def waiting(self, uses: dict[Item, list[int]]) -> list[int]:
         """How many numbers wait, or are made, at each item."""
-        uses, counts, n = self.uses(), list[int](), 0
+        counts, n = list[int](), 0
         ends = collections.Counter(places[-1] for places in uses.values() if places)
         for k, item in enumerate(self.items):
             n += bool(uses[item])
@@ -54,16 +63,13 @@ class Order:
 
     def excess(self, n_registers: int) -> tuple[int, int]:
         """By how many numbers more wait than there are registers: in sum, and the most that wait."""
-        counts = self.waiting()
+        counts = self.waiting(self.uses())
         return sum(max(n - n_registers, 0) for n in counts), max(counts, default=0)
 
     def with_few_waiting(self, roots: Sequence[int]) -> "Order":
         """What ends the wait of another number, or is a result, comes as soon as it can."""
         position = {item: k for k, item in enumerate(self.items)}
-        reads = [
-            sorted({position[x] for node in self.reads(item) if (x := self.item_of[node]) in position})
-            for item in self.items
-        ]
+        reads = [sorted(position[x] for x in self._read(item) if x in position) for item in self.items]
         readers: list[list[int]] = [[] for _ in self.items]
         for k, read in enumerate(reads):
             for x in read:
@@ -95,26 +101,25 @@ class Order:
 
         The graph gets nodes for what is done again, and the others read these.
         """
-        order, excess = self, self.excess(n_registers)
-        for _ in range(ROUNDS):
-            if not excess[0]:
+        excess = self.excess(n_registers)[0]
+        while excess:
+            self._compute_again(n_registers)
+            before, excess = excess, self.excess(n_registers)[0]
+            if excess > 0.99 * before:
                 break
-            order._compute_again(n_registers)
-            before, excess = excess, order.excess(n_registers)
-            if excess[0] > 0.99 * before[0]:
-                break
-        return order
+        return self
 
     def _compute_again(self, n_registers: int) -> None:
         """Computes again, after the place where most numbers wait, some that wait there."""
-        counts, uses = self.waiting(), self.uses()
+        uses = self.uses()
+        counts = self.waiting(uses)
         at = max(range(len(counts)), key=counts.__getitem__)
         held = [x for x in self.items[: at + 1] if uses[x] and uses[x][-1] > at]
         late = {x for x in held if type(x) is not tuple and next(k for k in uses[x] if k > at) > at + SOON}
         # What a loop reads stays.
         for k in range(at + 1, len(self.items)):
             if type(self.items[k]) is tuple:
-                late.difference_update(self.item_of[node] for node in self.reads(self.items[k]))
+                late.difference_update(self._read(self.items[k]))
         chosen = again = set[int]()
         for most in MOST_AGAIN:
             chosen, again = self._chosen(held, late, most)
@@ -180,6 +185,7 @@ class Order:
         for item in self.items[at + 1 :]:
             if type(item) is not tuple and any(x in chosen for x in graph.operands[item]):
                 graph.operands[item] = tuple(copied(x) if x in chosen else x for x in graph.operands[item])
+                self._reads_of.pop(item, None)
             rest.append(item)
         self.items = list(itertools.chain(self.items[: at + 1], rest))
         self._leave_out_unread()
@@ -191,5 +197,5 @@ class Order:
             item = stack.pop()
             if item not in needed:
                 needed.add(item)
-                stack += [x for node in self.reads(item) if (x := self.item_of[node]) is not None]
+                stack += self._read(item)
         self.items = [x for x in self.items if x in needed]

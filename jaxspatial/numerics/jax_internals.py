@@ -4,6 +4,7 @@ What reads traces, `engine.graph`, depends in addition on the names and paramete
 """
 
 from jax.core import ShapedArray as ShapedArray
+from jax.experimental.custom_partitioning import custom_partitioning as custom_partitioning
 from jax.experimental.xla_metadata import set_xla_metadata as set_xla_metadata  # pyright: ignore: it has no stub
 from jax.extend.core import ClosedJaxpr as ClosedJaxpr
 from jax.extend.core import Literal as Literal
