@@ -373,22 +373,23 @@ _REDUCTIONS = {
     "reduce_min": "min",
     "reduce_prod": "mul",
 }
-# A primitive of the library that stands for a trace: a function of (equation) -> (the trace, `may_fuse`), or None.
-Expand = Callable[[Any], tuple[ClosedJaxpr, bool] | None]
+# The results of a trace, of nodes in place of its arguments, and whether `a * b + c` may be rounded once in it.
+Run = Callable[[Any, Sequence[Nodes], bool], list[Nodes]]
+# Of a primitive that stands for a trace: a function of (equation, Run, nodes) -> its results; None of any other.
+Expand = Callable[[Any, Run, list[Nodes]], list[Nodes] | None]
 
 
 def graph_of(
     closed: ClosedJaxpr,
-    expand: Expand = lambda _: None,
+    expand: Expand = lambda *_: None,
     *,
     most_unrolled: int | None = None,
     may_fuse: bool = False,
 ) -> Graph:
     """The graph of a trace for one state.
 
-    expand: the traces of primitives that stand for one. most_unrolled: how many nodes a graph has at most with loops
-    unrolled, MOST_UNROLLED unless given. may_fuse: whether `a * b + c` may be rounded once, except in traces that
-    `expand` says other of.
+    expand: runs primitives that stand for a trace. most_unrolled: how many nodes a graph has at most with loops
+    unrolled, MOST_UNROLLED unless given. may_fuse: whether `a * b + c` may be rounded once.
 
     Raises:
         NotSupportedError: the trace has an operation that graphs do not have.
@@ -430,6 +431,13 @@ class _Builder:
             for v, result in zip(eqn.outvars, self.equation(eqn, operands), strict=True):
                 values[v] = result
         return [literal(x) if type(x) is Literal else values[x] for x in jaxpr.outvars]
+
+    def run_within(self, closed: Any, arguments: Sequence[Nodes], may_fuse: bool) -> list[Nodes]:
+        """Runs a trace that a primitive stands for."""
+        before, self.may_fuse = self.may_fuse, may_fuse
+        results = self.run(closed, arguments)
+        self.may_fuse = before
+        return results
 
     def literal(self, x: Any) -> Nodes:
         return self.lifted(np.asarray(x.val, x.aval.dtype))
@@ -481,11 +489,7 @@ class _Builder:
         method = getattr(self, f"_{name.replace('-', '_')}", None)
         if method is not None:
             return method(eqn, *x)
-        if (expanded := self.expand(eqn)) is not None:
-            closed, may_fuse = expanded
-            before, self.may_fuse = self.may_fuse, may_fuse
-            results = self.run(closed, x)
-            self.may_fuse = before
+        if (results := self.expand(eqn, self.run_within, x)) is not None:
             return results
         if name in _REDUCTIONS:
             return [self._reduced(_REDUCTIONS[name], eqn, x[0])]

@@ -412,7 +412,8 @@ def _code(
         with _without_collection():
             traced = program.traced(avals)
             try:
-                whole = graph.graph_of(traced.closed, _expanded, most_unrolled=machine.MOST_UNROLLED, may_fuse=program.may_fuse)
+                how = {"most_unrolled": machine.MOST_UNROLLED, "may_fuse": program.may_fuse}
+                whole = graph.graph_of(traced.closed, _expanded, **how)
             except graph.NotSupportedError:
                 return None
             each = zip(avals, is_shared, strict=True)
@@ -430,20 +431,27 @@ def _code(
     return program.cached(("code", machine.__name__, key, in_64_bits), made)
 
 
-def _expanded(eqn: Any) -> tuple[ClosedJaxpr, bool] | None:
-    """The trace that a primitive of the library stands for, and whether its sums may be fused with products.
+def _expanded(eqn: Any, run_trace: graph.Run, nodes: list[graph.Nodes]) -> list[graph.Nodes] | None:
+    """The results of a primitive of the library that stands for a trace, as nodes of a graph.
 
-    Those that compute in 64 bits promise errors and no bits.
+    Programs that promise errors and no bits say that sums may be fused with products.
     """
-    if eqn.primitive is _program_p:
-        program, n_batch = eqn.params["program"], eqn.params["n_batch"]
-        avals = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
-        # As it is traced elsewhere, so that it need not be traced again.
-        is_wide = program.is_wide or any(np.dtype(a.dtype).itemsize == 8 for a in avals)
-        with jax.enable_x64(is_wide or bool(check.config.jax_enable_x64)):
-            return jax.make_jaxpr(functools.partial(run, program, n_batch, None))(*avals), program.may_fuse
-    closed = trace_of_sums(eqn)
-    return None if closed is None else (closed, False)
+    if eqn.primitive is not _program_p:
+        closed = trace_of_sums(eqn)
+        return None if closed is None else run_trace(closed, nodes, False)
+    program, n_batch = eqn.params["program"], eqn.params["n_batch"]
+    avals = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
+    # As it is traced elsewhere, so that it need not be traced again.
+    is_wide = program.is_wide or any(np.dtype(a.dtype).itemsize == 8 for a in avals)
+    with jax.enable_x64(is_wide or bool(check.config.jax_enable_x64)):
+        if math.prod(check.broadcast_shapes(*(a.shape[:n_batch] for a in avals))) != 1:
+            closed = jax.make_jaxpr(functools.partial(run, program, n_batch, None))(*avals)
+            return run_trace(closed, nodes, program.may_fuse)
+        # Of one state: its own trace as it is.
+        flat = [x.reshape((1, *x.shape[n_batch:])) for x in nodes]
+        traced = program.traced([jax.ShapeDtypeStruct(x.shape, a.dtype) for x, a in zip(flat, avals, strict=True)])
+    found = run_trace(traced.closed, flat, program.may_fuse)
+    return [y.reshape(v.aval.shape) for y, v in zip(found, eqn.outvars, strict=True)]
 
 
 def _aval(x: jax.Array, size: int | None = None) -> Aval:

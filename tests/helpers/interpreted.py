@@ -5,7 +5,9 @@ takes to compile them; in "reproducible" compiled programs give the same bits, w
 and `laws.test_transformations` hold.
 """
 
+import collections
 import functools
+import itertools
 import math
 import weakref
 from typing import NamedTuple
@@ -13,9 +15,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Literal, jaxprs_in_params
+from jax.extend.core import Literal
 
-from jaxspatial.engine import graph
+from jaxspatial.engine import graph, llvm_ir
 from jaxspatial.engine import program as programs
 from jaxspatial.numerics.sums import primitive as sums
 
@@ -238,27 +240,20 @@ def _program(*arrays, program, n_batch):
 
 
 def _of_graph(program, arrays, n):
-    """The results of n states by the graph of one; None where it has none, or a loop."""
+    """The results of n states by the graph of one; None where there is none."""
     if n < 2 or any(x.dtype == object for x in arrays):
         return None
     avals = [jax.ShapeDtypeStruct((1, *x.shape[1:]), x.dtype) for x in arrays]
     key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), bool(jax.config.values["jax_enable_x64"])
-    made, of_one = program.cached(("of one state", key), lambda: _nodes(program.traced(avals)))
-    if made is None:
+    nodes, of_one = program.cached(("of one state", key), lambda: _nodes(program.traced(avals)))
+    if nodes is None:
         return None
-    places, known = [x.reshape((len(x), -1)).T for x in arrays], dict(made.graph.constants)
-    for node in made.live:
-        name = made.graph.operations[node]
-        if name == "load":
-            argument, place = made.graph.details[node]
-            known[node] = places[argument][place]
-        elif node not in known:
-            operands = [known[x] for x in made.graph.operands[node]]
-            known[node] = graph.EVALUATE[name](made.graph.dtypes[node], *operands)
+    places, known = [x.reshape((len(x), -1)).T for x in arrays], dict(nodes.graph.constants)
+    _evaluate_region(nodes, 0, places, known)
     results = []
-    for i, (nodes, a) in enumerate(zip(made.graph.results, of_one, strict=True)):
-        y, primal = np.empty((nodes.size, n), a.dtype), program.primal_of(i)
-        for row, node in zip(y, nodes.ravel().tolist(), strict=True):
+    for i, (found, a) in enumerate(zip(nodes.graph.results, of_one, strict=True)):
+        y, primal = np.empty((found.size, n), a.dtype), program.primal_of(i)
+        for row, node in zip(y, found.ravel().tolist(), strict=True):
             row[:] = known[node]
         y = y.T
         if primal is not None and len(arrays[primal]) != n:
@@ -268,36 +263,64 @@ def _of_graph(program, arrays, n):
 
 
 class _Nodes(NamedTuple):
-    """A graph without loops, and what its results need of it: operands come before what is made of them."""
+    """A graph, the nodes that its results need, and those of each region: operands before what is made of them."""
 
     graph: graph.Graph
-    live: list
-
-
-def _has_while(jaxpr):
-    return any(
-        equation.primitive.name == "while" or any(map(_has_while, jaxprs_in_params(equation.params)))
-        for equation in jaxpr.eqns
-    )
+    live: set
+    of_region: dict
 
 
 def _nodes(traced):
     """(the _Nodes of a trace, its results for one state); None for nodes if there are none."""
-    if _has_while(traced.closed.jaxpr):
-        return None, traced.out_avals
     try:
         made = graph.graph_of(traced.closed, programs._expanded)
     except graph.NotSupportedError:
         return None, traced.out_avals
-    live, waiting = set(), [node for x in made.results for node in x.ravel().tolist()]
-    while waiting:
-        node = waiting.pop()
-        if node not in live:
-            live.add(node)
-            waiting += made.operands[node]
-    in_loops = {"carried", "row", "last", "stacked"}
-    has_loop = any(made.operations[node] in in_loops for node in live)
-    return None if has_loop else _Nodes(made, sorted(live)), traced.out_avals
+    of_region, live = collections.defaultdict(list), llvm_ir._Order(made).live
+    for node in sorted(live):
+        if made.operations[node] not in ("constant", "carried", "row"):
+            of_region[made.regions[node]].append(node)
+    return _Nodes(made, live, of_region), traced.out_avals
+
+
+def _evaluate_region(nodes, region, places, known):
+    """Adds the values of the nodes of a region. places: by argument the numbers (places, states)."""
+    g = nodes.graph
+    for node in nodes.of_region[region]:
+        name = g.operations[node]
+        if name == "load":
+            argument, place = g.details[node]
+            known[node] = places[argument][place]
+        elif name in ("last", "stacked"):
+            k, which, row = g.details[node]
+            if ("loop", k) not in known:
+                known["loop", k] = _evaluate_loop(nodes, g.loops[k], places, known)
+            known[node] = known["loop", k][name, which, row]
+        else:
+            known[node] = graph.EVALUATE[name](g.dtypes[node], *[known[x] for x in g.operands[node]])
+
+
+def _evaluate_loop(nodes, loop, places, known):
+    """What a loop leaves: by ("last", which, 0) and ("stacked", which, row)."""
+    turns = itertools.count() if loop.length is None else range(loop.length)[:: -1 if loop.is_reverse else 1]
+    inner = [k for k, other in enumerate(nodes.graph.loops) if nodes.graph.parents[other.region] == loop.region]
+    carried = {i: c for i, c in enumerate(loop.carried) if c[0] in nodes.live}
+    last, stacked = {i: known[first] for i, (_, first, _) in carried.items()}, {}
+    for k in turns:
+        known.update((p, last[i]) for i, (p, _, _) in carried.items())
+        known.update((p, known[rows[k]]) for p, rows in loop.rows.items() if p in nodes.live)
+        for j in inner:
+            known.pop(("loop", j), None)
+        _evaluate_region(nodes, loop.region, places, known)
+        new = {i: known[y] for i, (_, _, y) in carried.items()}
+        if loop.length is None:
+            goes_on = known[loop.condition]
+            if not np.any(goes_on):
+                break
+            new = {i: np.where(goes_on, y, last[i]) for i, y in new.items()}
+        last = new
+        stacked |= {("stacked", i, k): known[y] for i, y in enumerate(loop.stacked) if y in nodes.live}
+    return stacked | {("last", i, 0): x for i, x in last.items()}
 
 
 def _dot_general(x, y, *, dimension_numbers, **_):

@@ -160,9 +160,14 @@ def trace_of_sums(eqn: Any) -> ClosedJaxpr | None:
     """What an operation of a trace computes, if it is one of sums of products; else None."""
     if eqn.primitive is not sums_p:
         return None
-    avals = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
+    return _traced(tuple((v.aval.shape, v.aval.dtype) for v in eqn.invars), eqn.params["plan"])
+
+
+@functools.lru_cache(maxsize=256)
+def _traced(arrays: tuple[Any, ...], plan: Plan) -> ClosedJaxpr:
+    """One trace for all sums of one plan: a program has hundreds of a few plans."""
     with jax.enable_x64(True), inlined_calls():
-        return jax.make_jaxpr(functools.partial(evaluate, **eqn.params))(*avals)
+        return jax.make_jaxpr(functools.partial(evaluate, plan=plan))(*(jax.ShapeDtypeStruct(*a) for a in arrays))
 
 
 @functools.cache
