@@ -519,8 +519,8 @@ def with_zero_rows(x: jax.Array, places: np.ndarray) -> jax.Array:
     pieces = list[Any]()
     for is_zero, run in itertools.groupby(places.tolist(), lambda k: k >= len(x)):
         rows = list(run)
-        zeros = lax.full((len(rows), *x.shape[1:]), 0, x.dtype)
-        pieces.append(zeros if is_zero else stacking.rows(x, np.array(rows)))
+        shape = len(rows), *x.shape[1:]
+        pieces.append(lax.full(shape, 0, x.dtype) if is_zero else stacking.rows(x, np.array(rows)))
     return pieces[0] if len(pieces) == 1 else jnp.concatenate(pieces)
 
 

@@ -8,6 +8,7 @@ roundoff.
 import functools
 import itertools
 import math
+import operator
 from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 from typing import Any
@@ -170,9 +171,15 @@ def cosine_sine(angle: Number) -> tuple[Number, Number]:
 def _quarter_turned(turned: Number, c: Number, s: Number) -> tuple[Number, Number]:
     k = Rounded(Precision.FAST, high(turned))  # Of integers all this is exact.
     quarter = high(k - 4 * nearest_integer(k * 0.25))  # -2, -1, 0, 1 or 2
-    half = abs(quarter) == 2
-    cos, sin = where(abs(quarter) == 1, s, c), where(abs(quarter) == 1, c, s)
-    return where((quarter == 1) | half, -cos, cos), where((quarter == -1) | half, -sin, sin)
+    size = abs(quarter)
+    half, is_odd = _equal(size, 2), _equal(size, 1)
+    cos, sin = where(is_odd, s, c), where(is_odd, c, s)
+    either = lax.bitwise_or if isinstance(half, Array) else operator.or_
+    return where(either(_equal(quarter, 1), half), -cos, cos), where(either(_equal(quarter, -1), half), -sin, sin)
+
+
+def _equal(x: Any, number: int) -> Any:
+    return lax.eq(x, x.dtype.type(number)) if isinstance(x, Array) else x == number
 
 
 @noinline_pairs

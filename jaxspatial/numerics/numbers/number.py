@@ -112,7 +112,9 @@ def _selected(condition: Array, a: Any, b: Any) -> Any:
 def _over(x: Any, shape: tuple[int, ...]) -> Array:
     if is_known(x) and not np.isfinite(x):
         return choice(x, shape, x.dtype)
-    return jnp.broadcast_to(jnp.asarray(x), shape)
+    if isinstance(x, Array) and x.shape == shape:
+        return x
+    return lax.broadcast_in_dim(x, shape, ()) if is_known(x) and shape else jnp.broadcast_to(jnp.asarray(x), shape)
 
 
 def high(x: Number) -> jax.Array:

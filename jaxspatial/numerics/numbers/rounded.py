@@ -27,6 +27,7 @@ _OF_ARRAYS = {
     Precision.FAST: {operator.add: lax.add, operator.sub: lax.sub, operator.mul: lax.mul},
     Precision.REPRODUCIBLE: {operator.add: total, operator.sub: difference, operator.mul: product},
 }
+_COMPARISONS = {operator.lt: lax.lt, operator.le: lax.le, operator.gt: lax.gt, operator.ge: lax.ge}
 # Operands that are not arrays of JAX: numbers known while tracing, and what stands for an array.
 # Its stub knows no operators.
 _KNOWN: type[Any] = np.generic
@@ -104,15 +105,18 @@ def divide(a: Any, b: Any, _: Precision) -> Any:
 
 def _with_known(operation: Callable[..., Any], a: Any, b: Any, precision: Precision) -> Any:
     """The operation where a number is known while tracing, or something stands for an array."""
-    is_known_a, is_known_b = isinstance(a, np.generic), isinstance(b, np.generic)
-    if not (is_known_a and isinstance(b, Array) or is_known_b and isinstance(a, Array)):
-        return quietly(operation, *broadcast(a, b))
-    if precision is Precision.FAST:
-        a, b = broadcast(a, b)
-    else:
-        # A number as it is: repeated for all that the array has, it would be one more operation to trace.
-        a, b = (b.dtype.type(a), b) if is_known_a else (a, a.dtype.type(b))
-    return _OF_ARRAYS[precision][operation](a, b)
+    if _is_known_beside_array(a, b):
+        return _OF_ARRAYS[precision][operation](*_of_one_dtype(a, b))
+    return quietly(operation, *broadcast(a, b))
+
+
+def _is_known_beside_array(a: Any, b: Any) -> bool:
+    return isinstance(b, Array) if isinstance(a, np.generic) else isinstance(b, np.generic) and isinstance(a, Array)
+
+
+def _of_one_dtype(a: Any, b: Any) -> tuple[Any, Any]:
+    """An array, and a known number as it is: repeated for all of the array, it would be one more operation to trace."""
+    return (b.dtype.type(a), b) if isinstance(a, np.generic) else (a, a.dtype.type(b))
 
 
 def quietly(operation: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
@@ -231,11 +235,16 @@ class Rounded(Compared):
         return Rounded(self.precision, _negative(self.operand))
 
     def __abs__(self) -> "Rounded":
-        return Rounded(self.precision, abs(self.value))
+        return Rounded(self.precision, lax.abs(self.value) if isinstance(self.value, Array) else abs(self.value))
 
     def compared(self, comparison: Callable[[Any, Any], Any], other: "Rounded | float") -> Any:
         other = other if isinstance(other, Rounded) else self.constant(other)
-        return comparison(*broadcast(self.operand, other.operand))
+        a, b = self.operand, other.operand
+        if _is_known_beside_array(a, b):
+            return _COMPARISONS[comparison](*_of_one_dtype(a, b))
+        a, b = broadcast(a, b)
+        of_arrays = isinstance(a, Array) and isinstance(b, Array)
+        return _COMPARISONS[comparison](a, b) if of_arrays else comparison(a, b)
 
     def sqrt(self) -> "Rounded":
         operand: Any = self.operand
