@@ -220,27 +220,26 @@ def symplectic_step(
     *at, h, forces = checked("symplectic_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
     if not mechanism.nv:
         return at_rest(*at, h, forces)
-    batch = check.broadcast_shapes(*(x.shape[:-1] for x in at), h.shape[:-1])
-    q, v, tau, h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (*at, h))
-    # Several programs, for graphs have no factorisation of a matrix.
+    return _variational(resolve(precision), _scene(mechanism, at[1], compliance), *at, h, forces, iterations=iterations)
+
+
+@composite
+def _variational(
+    precision: Precision,
+    scene: Scene,
+    q: Checked,
+    v: Checked,
+    tau: Checked,
+    h: jax.Array,
+    external_forces: Checked,
+    *,
+    iterations: int,
+) -> tuple[jax.Array, jax.Array]:
+    mechanism, compliance = scene
+    q, v, tau = map(jnp.asarray, (q, v, tau))
     springs = passive_forces_or_none(mechanism, q, v, compliance, precision, with_resistance=False)
     tau = tau if springs is None else plus(precision, tau, springs)
     damping = damping_coefficients(mechanism, v, compliance, precision)
-    return _variational_step(mechanism, q, v, tau, h, damping, forces, iterations, precision)
-
-
-def _variational_step(
-    mechanism: Mechanism,
-    q: jax.Array,
-    v: jax.Array,
-    tau,
-    h: jax.Array,
-    damping: jax.Array | None,
-    external_forces: Checked,
-    iterations: int,
-    precision: PrecisionName,
-) -> tuple[jax.Array, jax.Array]:
-    """(q, v) after the time h (*batch, 1), under forces tau and -damping v; damping None for none."""
     derivatives, dt = _action_derivatives(mechanism, precision), h[..., 0]
     damping = None if damping is None else h * jnp.broadcast_to(damping, v.shape)
     before = integrate(mechanism, q, v, -dt, precision=precision)

@@ -785,6 +785,38 @@ class _Builder:
         terms = self.each("mul", dtype, x[:, :, :, None], y[:, :, None, :])
         return [self._total("add", dtype, np.moveaxis(terms, 1, 0)).reshape(shape)]
 
+    def _cholesky(self, eqn: Any, x: Nodes) -> list[Nodes]:
+        """L of L L^T, column by column; NaN from the first pivot on that is not positive. [Golub, Van Loan 2013, 4.2.5]
+
+        Rounded in another order than by the library that XLA calls.
+        """
+        dtype, n = np.dtype(eqn.outvars[0].aval.dtype), x.shape[-1]
+        zero, nan = (self.lifted(np.full((), c, dtype)) for c in (0, np.nan))
+        L = np.broadcast_to(zero, x.shape).copy()
+        for j in range(n):
+            column = x[..., j:, j]
+            for k in range(j):
+                product = self.each("mul", dtype, L[..., j:, k], L[..., j, k, None])
+                column = self.each("sub", dtype, column, product)
+            pivot = self.each("sqrt", dtype, column[..., :1])
+            pivot = self.each("select", dtype, self.each("lt", BOOL, zero, column[..., :1]), pivot, nan)
+            L[..., j:, j] = np.concatenate([pivot, self.each("div", dtype, column[..., 1:], pivot)], -1)
+        return [L]
+
+    def _triangular_solve(self, eqn: Any, a: Nodes, b: Nodes) -> list[Nodes]:
+        """The solution of a x = b, or of x a = b, by substitution, row by row."""
+        p, dtype, n = eqn.params, np.dtype(eqn.outvars[0].aval.dtype), a.shape[-1]
+        is_transposed = p["transpose_a"] != (not p["left_side"])
+        a, x = a.swapaxes(-1, -2) if is_transposed else a, (b if p["left_side"] else b.swapaxes(-1, -2)).copy()
+        order = range(n) if p["lower"] != is_transposed else range(n)[::-1]
+        for i, row in enumerate(order):
+            for k in order[:i]:
+                product = self.each("mul", dtype, a[..., row, k, None], x[..., k, :])
+                x[..., row, :] = self.each("sub", dtype, x[..., row, :], product)
+            if not p["unit_diagonal"]:
+                x[..., row, :] = self.each("div", dtype, x[..., row, :], a[..., row, row, None])
+        return [x if p["left_side"] else x.swapaxes(-1, -2)]
+
     def _reduced(self, operation: str, eqn: Any, x: Nodes) -> Nodes:
         dtype, axes = np.dtype(eqn.outvars[0].aval.dtype), eqn.params["axes"]
         y = np.moveaxis(x, axes, range(len(axes))).reshape((-1, *eqn.outvars[0].aval.shape))

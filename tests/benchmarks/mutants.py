@@ -85,6 +85,7 @@ FOLDERS = {
     "engine": Folder(
         1,
         (
+            "engine/test_native_programs.py",
             "dynamics/test_programs.py",
             "dynamics/test_frames.py",
             "dynamics/test_loads.py",

@@ -323,3 +323,38 @@ def test_a_program_without_a_graph_takes_the_way_of_xla(f, is_native):
     lowered = jax.jit(lambda x: program.bind(custom, [x], 1)).lower(x)
     assert ("jaxspatial_" in lowered.as_text().split("custom_call")[-1]) == is_native
     np.testing.assert_allclose(lowered.compile()(x)[0], f(x), rtol=1e-6)
+
+
+# -- factors of matrices -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_factors_are_those_of_numpy(n):
+    rng = np.random.default_rng(n)
+    A = rng.standard_normal((20, 2, n, n))
+    A = A @ A.swapaxes(-1, -2) + np.eye(n)
+    (L,) = with_numpy(graph_of(jnp.linalg.cholesky, A), [A])
+    np.testing.assert_allclose(L.reshape(A.shape), np.linalg.cholesky(A), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("is_lower", [True, False])
+@pytest.mark.parametrize("is_transposed", [True, False])
+@pytest.mark.parametrize("is_left", [True, False])
+@pytest.mark.parametrize("is_unit", [True, False])
+def test_triangular_systems_are_solved(is_lower, is_transposed, is_left, is_unit):
+    rng = np.random.default_rng(0)
+    a, b = rng.standard_normal((7, 3, 3)) + 4 * np.eye(3), rng.standard_normal((7, 3, 2))
+    b = b if is_left else b.swapaxes(-1, -2)
+    options = dict(left_side=is_left, lower=is_lower, transpose_a=is_transposed, unit_diagonal=is_unit)
+    (x,) = with_numpy(graph_of(lambda a, b: lax.linalg.triangular_solve(a, b, **options), a, b), [a, b])
+    x, whole = x.reshape(b.shape), np.tril(a) if is_lower else np.triu(a)
+    whole = np.where(np.eye(3, dtype=bool), 1, whole) if is_unit else whole
+    whole = whole.swapaxes(-1, -2) if is_transposed else whole
+    np.testing.assert_allclose(whole @ x if is_left else x @ whole, b, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("pivot", [0.0, -1.0, np.nan])
+def test_a_matrix_that_is_not_positive_has_no_factor(pivot):
+    A = np.diag([1, pivot, 1])[None]
+    (L,) = with_numpy(graph_of(jnp.linalg.cholesky, A), [A])
+    assert np.isnan(L.reshape((3, 3))[1, 1])

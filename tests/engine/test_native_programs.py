@@ -329,6 +329,17 @@ def test_64_bit_types(dtype):
     assert found[0].dtype == dtype
 
 
+def test_a_symplectic_step_is_one_program():
+    """It factors its mass matrix, and is not compared with XLA, for which a library does that, in another order."""
+
+    def step(*x):
+        return js.symplectic_step(ARM, *x, DT, iterations=1)
+
+    x = states(5)
+    assert jax.jit(step).lower(*x).compile().as_text().count('custom_call_target="jaxspatial') == 1
+    compared(step, *x, ways=["numpy"])
+
+
 def test_constants_do_not_decide_how_many_states_fill_a_register():
     """Numbers of a mechanism in float64, of which nothing is computed as they are."""
     widths, written = [], llvm_ir.written
