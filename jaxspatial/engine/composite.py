@@ -42,7 +42,8 @@ class Composite(Algorithm):
 
         if program.n_states(arrays) == 1:
             return [y[None] for y in of_one(*(x[0] for x in arrays))]
-        axes = [0 if x.shape[0] > 1 else None for x in arrays]
+        # A symbol of `jax.export`, which stands for any size, is not compared in size.
+        axes = [None if x.shape[0] == 1 else 0 for x in arrays]
         of_each = jax.vmap(of_one, axes)
         return of_each(*(x if axis == 0 else x[0] for x, axis in zip(arrays, axes, strict=True)))
 
