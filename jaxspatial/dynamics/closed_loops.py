@@ -30,7 +30,7 @@ from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.jacobians import jacobian
 from jaxspatial.dynamics.kinematics import body_accelerations, body_velocities, forward_kinematics
 from jaxspatial.engine.algorithm import ExternalForces, checked, over_batch
-from jaxspatial.engine.derivatives import fixed
+from jaxspatial.engine.derivatives import fixed, valued
 from jaxspatial.mechanism import LoopClosure, Mechanism
 from jaxspatial.mechanism.loops import ROWS, checked_loops
 from jaxspatial.numerics import check
@@ -211,7 +211,7 @@ def close_loops(
 
     The derivative by q is the projection of motions onto those that keep loops closed, and that by numbers of the
     mechanism the smallest motion that closes them again (the implicit function theorem): exact where q is closed
-    already, else as if the result had been the start. Second derivatives are not those of a projection.
+    already, else as if the result had been the start. So are second derivatives; of higher ones there is no promise.
 
     Args:
         iterations: how many at most; their number is fixed. From 0.1 rad 5 are enough.
@@ -344,14 +344,6 @@ class _Placed(NamedTuple):
         N = self.rows(self.X_AB)
         return jnp.concatenate([_times(N[:, :3], self.R_WA.T), _times(N[:, 3:], self.R_WA.T)], -1)
 
-    @property
-    def sizes(self) -> jax.Array:
-        """(rows,), of what `error` is a difference of: 1 rad, or coordinates of the origins in the world."""
-        p_WB = self.p_WA + self.p_AB_W
-        reach = lax.stop_gradient(jnp.max(jnp.abs(self.p_WA)) + jnp.max(jnp.abs(p_WB)))
-        n_moving = min(ROWS[self.kind], 3)
-        return jnp.concatenate([jnp.ones(ROWS[self.kind] - n_moving, reach.dtype), jnp.full(n_moving, reach)])
-
     def bias(self, V_A: jax.Array, V_B: jax.Array, A_A: jax.Array, A_B: jax.Array) -> jax.Array:
         """d/dt (N V), from velocities and accelerations (6,) of the two origins in world axes."""
         (w_A, v_A), (w_B, v_B), (alpha_A, a_A), (alpha_B, a_B) = (jnp.split(x, 2) for x in (V_A, V_B, A_A, A_B))
@@ -465,8 +457,7 @@ def closing_of(
         placed = _Loops(mechanism, closures, distances, precision).placed(q)
         N = jnp.concatenate([x.in_world for x in placed])
         p_AB_W = jnp.concatenate([x.p_AB_W for x in placed])
-        sizes = jnp.concatenate([x.sizes for x in placed])
-        return Closing(N[:, :3].reshape(-1), N[:, 3:].reshape(-1), _errors(placed, q.dtype), sizes, p_AB_W)
+        return Closing(N[:, :3].reshape(-1), N[:, 3:].reshape(-1), _errors(placed, q.dtype), p_AB_W)
 
     return over_batch(of_state, q, distances)
 
@@ -569,12 +560,16 @@ def _closed(loops: _Loops, q: Any, iterations: int) -> ClosedConfiguration:
         return integrate(mechanism, q, -step, precision=precision)
 
     end = lax.fori_loop(0, iterations, nearer, integrate(mechanism, start, at_rest, precision=precision))
-    # Derivatives are those of one more step, in which the start and the error vary, and nothing else.
+    # One more step, undamped, in which the start and all numbers vary. What it leaves is of second order in their
+    # changes, and of the step after it the second order is that of a step along constant rows.
     moved = integrate(mechanism, q, difference(mechanism, start, end, precision=precision), precision=precision)
-    at_end = fixed(moved)
-    rows = held.rows(at_end, held.placed(at_end))
-    solve = _proximal(_times(rows.J, rows.J.T), rows)
-    step = _times(solve(_errors(loops.placed(moved), moved.dtype)), rows.J)
-    closed = integrate(mechanism, moved, -step, precision=precision)
+    placed = loops.placed(moved)
+    rows = loops.rows(moved, placed)
+    multipliers = _multipliers(_times(rows.J, rows.J.T), _errors(placed, moved.dtype), rows)
+    closed = integrate(loops.mechanism, moved, -_times(multipliers, rows.J), precision=precision)
+    J, squares = fixed(rows)
+    solve = _proximal(_times(J, J.T), _Rows(J, squares))
+    left = _times(solve(_errors(loops.placed(closed), closed.dtype)), J)
+    closed = valued(integrate(loops.mechanism, closed, -left, precision=precision), fixed(closed))
     residual = _errors(held.placed(fixed(closed)), closed.dtype)
     return ClosedConfiguration(closed, jnp.max(jnp.abs(residual)))

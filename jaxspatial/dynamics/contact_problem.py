@@ -84,14 +84,12 @@ class Closing(NamedTuple):
     """The k rows of loop closures in a step, as arrays: what closures hold at zero, see `closed_loops`.
 
     turning, moving (*batch, 3 k): N of the twist of frame B for an observer on A, about the origin of B in world axes.
-    errors (*batch, k): rad, m. sizes (*batch, k): of what errors are differences of, 1 rad or coordinates of the
-    origins in the world, m. p_AB_W (*batch, 3 n): of n closures.
+    errors (*batch, k): rad, m. p_AB_W (*batch, 3 n): of n closures.
     """
 
     turning: Array
     moving: Array
     errors: Array
-    sizes: Array
     p_AB_W: Array
 
 
@@ -421,6 +419,30 @@ def relative_mobility(
     return whole - 2.0 * articulated.shifted(state.of_bodies(common, mobility, nothing), arm), whole
 
 
+def _reach(state: MechanismState, bodies: list[Body], ends: Ends, arm: Vector, arm_a: Vector, normal: Vector) -> Number:
+    """The size of what distances between points along normals are sums of: positions of roots along the normal, and all
+    of the arms behind them, which the bodies have turned."""
+    roots = [(body.r, b.is_on_world) for body, b in zip(bodies, state.bundles, strict=True)]
+    reaches = recursion.outward(state, _reached, (state.zero_vector, state.known(0.0)), roots)
+    total = state.known(0.0)
+    for of_ends, own in ((ends.b, arm), (ends.a, arm_a)):
+        root, arms = state.of_bodies(of_ends, reaches, (state.zero_vector, state.known(0.0)))
+        total = total + abs(dot(root, normal)) + arms + _length_of(own)
+    return total
+
+
+def _reached(body: Any, parent: tuple[Vector, Number]) -> tuple[Any, Any]:
+    r, is_root = body
+    root, arms = parent
+    reach = (r, arms) if is_root else (root, arms + _length_of(r))
+    return reach, reach
+
+
+def _length_of(r: Vector) -> Number:
+    x, y, z = map(abs, r)
+    return x + y + z
+
+
 def _size(S: Symmetric) -> Number:
     """The Frobenius norm over 3."""
     xx, xy, yy, xz, yz, zz = S
@@ -433,7 +455,7 @@ def _size(S: Symmetric) -> Number:
 class Contacts(NamedTuple):
     """n contacts, as numbers (n, B). arm, arm_a: from the origins of bodies b and a to C. free: the velocity along the
     normal at which there is no impulse. R_n, R_t: how much an impulse changes velocities along the normal and the
-    tangents."""
+    tangents. noise: rounding errors of `free`, in eps: those of positions along the chain of bodies."""
 
     arm: Vector
     arm_a: Vector
@@ -443,6 +465,7 @@ class Contacts(NamedTuple):
     R_n: Number
     R_t: Number
     friction: Number
+    noise: Number
 
 
 def contacts_of(
@@ -473,7 +496,8 @@ def contacts_of(
     is_inside = ~(high(distance) > 0) & (high(w) != 0)
     for x in (stiffness, dt + relaxation_time, friction):
         is_inside = is_inside if is_constant(x) else is_inside | is_nan(x)
-    return Contacts(arm, arm_a, normal, is_inside, free, R_n, R_t, friction), ends
+    noise = _reach(state, bodies, ends, arm, arm_a, normal) / (dt + relaxation_time)
+    return Contacts(arm, arm_a, normal, is_inside, free, R_n, R_t, friction, noise), ends
 
 
 def _arms(state: MechanismState, bodies: list[Body], frames: tuple[int, ...], centres: Centres) -> Vector:
@@ -597,6 +621,11 @@ def times_G(contacts: Contacts, of_law: Law, v: Vector) -> Vector:
         + (of_law.mixed * v_n + of_law.along * v_t) * t
         + of_law.across * v
     )
+
+
+def rounding_of_contacts(contacts: Contacts, of_law: Law) -> Number:
+    """What rounding errors of `free` are in g^T H^-1 g, in eps^2."""
+    return contacts.noise * contacts.noise * of_law.normal
 
 
 def matrix_G(contacts: Contacts, of_law: Law) -> Symmetric:
@@ -749,9 +778,11 @@ def loops_of(
         lambda x: stacking.rows(jnp.broadcast_to(x, (len(closures), state.n)), of_row), (arm_b, arm_a)
     )
     N = Wrench(state.vectors(closing.turning), state.vectors(closing.moving))
-    error, size = (_scalars(state, x) for x in (closing.errors, closing.sizes))
-    loops = _loops(N, arm_b, arm_a, error, size, w, alone, dt)
-    return loops, Ends([ends.b[k] for k in of_row], [ends.a[k] for k in of_row])
+    ends = Ends([ends.b[k] for k in of_row], [ends.a[k] for k in of_row])
+    # An angle is of 1 rad.
+    size = where(jnp.asarray(moves[:, None]), _reach(state, bodies, ends, arm_b, arm_a, N.f), 1.0)
+    loops = _loops(N, arm_b, arm_a, _scalars(state, closing.errors), size, w, alone, dt)
+    return loops, ends
 
 
 def _loops(

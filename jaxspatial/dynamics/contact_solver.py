@@ -86,8 +86,9 @@ MOST_ITERATIONS, MOST_TRIALS = 60, 20
 SLOPE, LONGEST = 0.1, 1.5
 # Rounding errors of a derivative along a direction, in eps of the sum of the sizes of its terms.
 NOISE = 8
-# Rounding errors of velocities, and of what a closure has to close, in eps of their sizes.
-OF_VELOCITIES, OF_CLOSURES = 0.25, 4.0
+# Rounding errors of velocities, of depths and of what closures close, in eps of the sizes of what they are sums of; and
+# those of momenta.
+OF_VELOCITIES, OF_DEPTHS, OF_CLOSURES, OF_MOMENTA = 0.25, 0.125, 1.0, 4.0
 # So near the tolerance, or what rounding errors of velocities make, in multiples of these, a square that is more than
 # this share of the last is of rounding errors.
 NEAR, NOISY, STALLED = 100, 10, 0.25
@@ -694,7 +695,7 @@ def solve(
     *,
     places: Where,
 ):
-    """(y, residual, iterations): the change of the velocities from `still`, that without contact being `change`.
+    """(y, iterations): the change of the velocities from `still`, that without contact being `change`.
 
     Where nothing touches there are no iterations, and y is `change`.
     """
@@ -736,12 +737,7 @@ def solve(
     last: Iterate = with_data(start, data)
     found = problem.turned(state, scene.bodies, (1 - last.scalars.lacking) * free + last.x, to_world=False)
     y = where(is_touched, found, state.numbers(change[:, None])[0])
-    left, reference = last.scalars.residual + last.scalars.noise, high(scale)
-    if scene.loops is not None and last.v.loops is not None:
-        eps = OF_CLOSURES * check.eps(state.dtype)
-        left = left + eps * eps * _total([problem.rounding_of_loops(scene.loops, last.v.loops)])
-    residual = jnp.sqrt(high(left) / jnp.where(reference <= 0, 1, reference))
-    return high(y), residual, count
+    return high(y), count
 
 
 @algorithm(*FIELDS, result_shape=velocity_shape)
@@ -757,13 +753,21 @@ def solve_at(
     places: Where,
 ):
     """H^-1 times a force, with H at the velocities `still` + y."""
-    scene, (impulse, G) = _at(state, still, change, y, time, terms, places)
+    scene, _, (impulse, G) = _at(state, still, change, y, time, terms, places)
     nothing = jax.tree.map(lambda x: 0.0 * x, impulse, is_leaf=is_number)
-    (right,) = in_world(state, scene.bodies, force)
+    x, _ = _times_inverse(state, scene, G, nothing, state.numbers(force[:, None])[0])
+    return high(problem.turned(state, scene.bodies, x, to_world=False))
+
+
+def _times_inverse(
+    state: MechanismState, scene: Scene, G: Any, nothing: Vectors, force: Number
+) -> tuple[Number, list[Motion]]:
+    """H^-1 times a force (nv, B), in world axes; and the Motions of bodies that have these velocities."""
+    right = problem.turned(state, scene.bodies, force, to_world=True)
     at_rest = Wrench(state.zero_vector, state.zero_vector)
     forces = [Force(at_rest, x) for x in _by_bundle(state, scene, right)]
-    solution = solved(state, scene, G, nothing, forces).x
-    return high(problem.turned(state, scene.bodies, solution, to_world=False))
+    solution = solved(state, scene, G, nothing, forces)
+    return solution.x, solution.motions
 
 
 def _at(
@@ -774,13 +778,65 @@ def _at(
     time: Array,
     terms: Terms,
     places: Where,
-) -> tuple[Scene, Any]:
-    """(the Scene, `laws` at the velocities `still` + y)."""
+) -> tuple[Scene, Vectors, Any]:
+    """(the Scene, the velocities of its terms when those of joints are `still` + y, `laws` there)."""
     scene = scene_of(state, still, change, time, terms, places)
     before, y_in_world = in_world(state, scene.bodies, still, y)
     after = before + y_in_world
     motions = [V for (V,) in problem.velocities(state, scene.bodies, [after])]
-    return scene, laws(scene, velocities_at(state, scene, motions, after))
+    v = velocities_at(state, scene, motions, after)
+    return scene, v, laws(scene, v)
+
+
+@algorithm(*FIELDS, result_shape=lambda *_: (1,))
+def residual(
+    state: MechanismState,
+    v: Array,
+    still: Array,
+    change: Array,
+    y: Array,
+    vdot: Array,
+    tau: Array,
+    time: Array,
+    terms: Terms,
+    external_forces: Wrenches,
+    *,
+    places: Where,
+):
+    """sqrt(g^T H^-1 g) at y = dt vdot, with g the `imbalance` and what rounding errors make of it, relative to the
+    momenta, (1, B). 0 where nothing touches."""
+    scene, at_terms, (impulse, G) = _at(state, still, change, y, time, terms, places)
+    is_touched = _is_touched(scene, state.n)
+    g = _lacking(state, scene, impulse, (v, still, y, vdot, tau), external_forces)
+    nothing = jax.tree.map(lambda x: 0.0 * x, impulse, is_leaf=is_number)
+    d, motions = _times_inverse(state, scene, G, nothing, g)
+    squares, noise = of_each(scene, _square, at_terms, velocities_at(state, scene, motions, d), G)
+    parts = [_total(squares), _total(noise), *_roundings(scene, at_terms, G)]
+    left = functools.reduce(operator.add, parts, _twice_energy(state, scene, motions, d))
+    fields = in_world(state, scene.bodies, still, change)
+    both = problem.velocities(state, scene.bodies, fields)
+    energies = (_twice_energy(state, scene, [V[k] for V in both], x) for k, x in enumerate(fields))
+    scale, least = high(functools.reduce(operator.add, energies)), (OF_MOMENTA * check.eps(state.dtype)) ** 2
+    share = jnp.where(is_touched, high(left), 0) / jnp.where(scale <= 0, 1, scale)
+    return jnp.sqrt(share + jnp.where(is_touched, least, 0))
+
+
+def _square(kind: Kind, terms: Any, v: Any, v_d: Any, G: Any) -> tuple[Number, Number]:
+    """(d . G d of the velocity along d, `_noise`)."""
+    return kind.product(v_d, kind.times_G(terms, G, v_d)), _noise(kind, terms, v, G)
+
+
+def _roundings(scene: Scene, v: Vectors, G: Any) -> list[Number]:
+    """What rounding errors of depths, and of what closures close, make of g^T H^-1 g, (1, B) each."""
+    squares, parts = list[tuple[float, Number]](), list[Number]()
+    if scene.contacts is not None:
+        squares.append((OF_DEPTHS, problem.rounding_of_contacts(scene.contacts, G[0])))
+    if scene.loops is not None and v.loops is not None:
+        squares.append((OF_CLOSURES, problem.rounding_of_loops(scene.loops, v.loops)))
+    for errors, square in squares:
+        total = _total([square])
+        parts.append((errors * check.eps(high(total).dtype)) ** 2 * total)
+    return parts
 
 
 @algorithm(*FIELDS, result_shape=velocity_shape)
@@ -799,7 +855,15 @@ def imbalance(
     places: Where,
 ):
     """The gradient of the cost at y = dt vdot: by Newton and Euler, with the impulses of contacts as forces."""
-    scene, (impulse, _) = _at(state, still, change, y, time, terms, places)
+    scene, _, (impulse, _) = _at(state, still, change, y, time, terms, places)
+    return high(_lacking(state, scene, impulse, (v, still, y, vdot, tau), external_forces))
+
+
+def _lacking(
+    state: MechanismState, scene: Scene, impulse: Vectors, at: Sequence[Array], external_forces: Wrenches
+) -> Number:
+    """`imbalance` (nv, B). at: v, still, y, vdot, tau."""
+    v, still, y, vdot, tau = at
     body_loads = loads(state, external_forces)
     pushed = wrenches(state, scene, impulse)
     pushed = [_in_axes(body.R, F, scene.dt) for body, F in zip(scene.bodies, pushed, strict=True)]
@@ -810,7 +874,7 @@ def imbalance(
         before, change_, c = (state.numbers(x[:, None])[0] for x in (still, y, state.fields["damping"]))
         lacking = lacking + scene.dt * (c * (before + change_))
     on_joints = _whole(state, scene, impulse.joints)
-    return high(lacking if on_joints is None else lacking - on_joints)
+    return lacking if on_joints is None else lacking - on_joints
 
 
 def _in_axes(R: Matrix, impulse: Wrench, dt: Number) -> Wrench:
@@ -837,7 +901,7 @@ def impulses(
     places: Where,
 ):
     """The impulses of contacts (3 n, B), and of rows of closures (k, B), at the velocities `still` + y."""
-    _, (impulse, _) = _at(state, still, change, y, time, terms, places)
+    _, _, (impulse, _) = _at(state, still, change, y, time, terms, places)
     points: Any = impulse.points
     found = [] if points is None else [jnp.stack([state.rounded(x) for x in points], 1).reshape((-1, state.n))]
     return tuple(found if impulse.loops is None else [*found, state.rounded(impulse.loops)])
@@ -983,8 +1047,14 @@ def _after(
     """
     v = _moved(v, v_d, length, is_done)
     impulse, G = kind.law(terms, v)
-    rounding = check.eps(high(length).dtype) * OF_VELOCITIES * kind.size(terms, v)
-    return v, kind.bound(terms, G, linear - impulse), kind.product(rounding, kind.times_G(terms, G, rounding))
+    return v, kind.bound(terms, G, linear - impulse), _noise(kind, terms, v, G)
+
+
+def _noise(kind: Kind, terms: Any, v: Any, G: Any) -> Number:
+    """What rounding errors of velocities make of g^T H^-1 g."""
+    size = kind.size(terms, v)
+    rounding = check.eps(high(kind.product(size, size)).dtype) * OF_VELOCITIES * size
+    return kind.product(rounding, kind.times_G(terms, G, rounding))
 
 
 def _slopes_and_size(

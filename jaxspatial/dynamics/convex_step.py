@@ -26,6 +26,7 @@ from jaxspatial.dynamics.steps import (
 )
 from jaxspatial.engine.algorithm import ExternalForces, checked
 from jaxspatial.engine.composite import composite
+from jaxspatial.engine.derivatives import valued
 from jaxspatial.mechanism import HalfSpace, LoopClosure, Mechanism, PointContacts
 from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.numerics import check
@@ -53,17 +54,16 @@ class ConvexStep(NamedTuple):
         origin of B, in world axes: impulse over dt, N m and N; None without closures.
     residual: (*batch,) how far v is from the optimum: the decrement sqrt(g^T H^-1 g), with g the gradient and H the
         Hessian of the cost, relative to the momenta sqrt(v^T A v + y^T A y), with y the change of v without contact.
-        It is taken at the start of the last iteration, or bounded after it. To that an estimate of rounding errors is
-        added: those of velocities, and those of closures, 4 eps of the coordinates of their frames in the world over
-        dt. Where closures amplify them the estimate is on the safe side, most often 3 to 100 times too large. Without
-        closures the residual is at most 2e-6 in float32 and 1e-10 in float64, or 100 times that where rounding errors
-        stop the iteration sooner, unless the iterations were not enough; 0 where nothing acts.
-        Of random mechanisms in float64 the true decrement, evaluated from v by dense matrices, was at most the residual
-        or 1e-10. In float32 it was up to 8 times the residual, where that is below 1: of the rounding of depths, masses
-        and velocities without contact the residual does not know. Above 1 a step is nowhere near the optimum. Masses or
-        stiffnesses that lie six decades apart are too much for the digits of float32. Of such states one or two in a
-        hundred end above 2e-4, and one in five if there are limits, too, whose rounding errors count. Half of these
-        have used all iterations. The others end at a few percent at most, or at inf where numbers overflow.
+        Both are evaluated anew at the v that is returned, g by Newton and Euler from tau, the external forces and the
+        impulses. Added is what rounding errors make of it: eps / 4 of velocities, eps / 8 of the positions along the
+        chain of bodies that carries a contact, eps of those of a closure, and 4 eps of the momenta. 0 where nothing
+        acts. It costs about an iteration; in a jitted function that does not return it, nothing.
+        Of random mechanisms with contacts, limits, dry friction and closures, in float32 and in float64, the true
+        decrement, by dense matrices in float64, was at most twice the residual, if that is below 1. Above 1 a step is
+        nowhere near the optimum. Masses or stiffnesses that lie six decades apart are too much for the digits of
+        float32. Of such states the residual is above 2e-4 in one of five, and in one of three if there are limits, too.
+        For one in five of them the true decrement is more than twice the residual: whether a contact touches is a
+        matter of rounding, for example.
     iterations: (*batch,) of Newton's method, at most 60; 0 where nothing acts.
     """
 
@@ -200,7 +200,7 @@ def _solved_step(mechanism: Mechanism, at: Sequence[Any], given: "_Given", preci
     narrow, places = resolve(precision).of_one_limb, given.places(mechanism)
     y, residual, iterations = problem.solved(narrow, places)
     acts = jnp.broadcast_to((iterations > 0)[..., None], y.shape)
-    after = _valued(still + y, lax.stop_gradient(jnp.where(acts, still + y, free)))
+    after = valued(still + y, lax.stop_gradient(jnp.where(acts, still + y, free)))
     pushed = (None, None) if given.is_nothing else problem.forces_at(narrow, places, y)
     next_q, next_v = moved(mechanism, q, after, h[..., 0], precision)
     wrenches = given.wrenches(pushed[1], batch, q.dtype)
@@ -429,18 +429,18 @@ class _Problem(NamedTuple):
 
         # A function of the numbers that are not known alone: what JAX calls with them, it makes data of.
         @jax.custom_jvp
-        def optimum(*data: Any) -> tuple[jax.Array, jax.Array, jax.Array]:
+        def optimum(*data: Any) -> tuple[jax.Array, jax.Array]:
             return at(data)._iterated(precision, places)
 
         @optimum.defjvp
         def _(primals: Any, tangents: Any) -> Any:
-            y, *others = optimum(*primals)
+            y, iterations = optimum(*primals)
             _, force = jax.jvp(lambda *data: at(data)._imbalance(precision, places, y), primals, tangents)
             change = at(primals)._times_inverse(precision, places, y, -force)
-            return (y, *others), (change, *map(_no_tangent, others))
+            return (y, iterations), (change, np.zeros(iterations.shape, jax.dtypes.float0))
 
-        y, residual, iterations = optimum(*filter(_is_data, jax.tree.leaves(self)))
-        return y, residual[..., 0], iterations[..., 0]
+        y, iterations = optimum(*filter(_is_data, jax.tree.leaves(self)))
+        return y, self._residual(precision, places, y)[..., 0], iterations[..., 0]
 
     def _with_data(self, function: Callable[[Any], Any]) -> "_Problem":
         """With function(x) in place of each array x that is not known.
@@ -454,13 +454,21 @@ class _Problem(NamedTuple):
 
         return _Problem(*map(replaced, self))
 
-    def _iterated(self, precision: Precision, places: Where) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def _iterated(self, precision: Precision, places: Where) -> tuple[jax.Array, jax.Array]:
         at = self._with_data(lax.stop_gradient)
         return contact_solver.solve(precision, at.mechanism, at.q, at.still, at.change, at.h, at.terms, places=places)
 
+    def _residual(self, precision: Precision, places: Where, y: jax.Array) -> jax.Array:
+        at = self._with_data(lax.stop_gradient)
+        return contact_solver.residual(precision, *at._moving(lax.stop_gradient(y)), places=places)
+
     def _imbalance(self, precision: Precision, places: Where, y: jax.Array) -> jax.Array:
+        return contact_solver.imbalance(precision, *self._moving(y), places=places)
+
+    def _moving(self, y: jax.Array) -> tuple[Any, ...]:
+        """What programs take that compare forces, for a change y of the velocities."""
         state = self.q, self.v, self.still, self.change, y, _over(y, self.h), self.tau, self.h
-        return contact_solver.imbalance(precision, self.mechanism, *state, self.terms, self.forces, places=places)
+        return self.mechanism, *state, self.terms, self.forces
 
     def _times_inverse(self, precision: Precision, places: Where, y: jax.Array, force: jax.Array) -> jax.Array:
         """H^-1 times a force, with H the derivative of the imbalance by y: with the factors of the iteration."""
@@ -501,22 +509,5 @@ def _over(x: jax.Array, h: jax.Array) -> jax.Array:
     return quotient(x, jnp.broadcast_to(h, x.shape))
 
 
-@jax.custom_jvp
-def _valued(x: jax.Array, value: jax.Array) -> jax.Array:
-    """`value`, with the derivative of x."""
-    return value
-
-
-@_valued.defjvp
-def _(primals: Any, tangents: Any) -> Any:
-    # Not the number itself, which is a constant: its derivatives of the next order would be lost.
-    return _valued(*primals), tangents[0]
-
-
 def _is_data(x: Any) -> bool:
     return not isinstance(x, np.ndarray)
-
-
-def _no_tangent(x: jax.Array) -> Any:
-    """The tangent zero, as `jax.custom_jvp` wants it: of integers it has no numbers."""
-    return np.zeros(x.shape, jax.dtypes.float0) if jnp.issubdtype(x.dtype, jnp.integer) else jnp.zeros_like(x)

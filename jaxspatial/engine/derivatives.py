@@ -327,6 +327,18 @@ def fixed(tree: T) -> T:
     return jax.tree.map(lambda x: lax.stop_gradient(x) if isinstance(x, jax.Array) else x, tree)
 
 
+@jax.custom_jvp
+def valued(x: jax.Array, value: jax.Array) -> jax.Array:
+    """`value`, with the derivatives of x."""
+    return value
+
+
+@valued.defjvp
+def _(primals: Any, tangents: Any) -> Any:
+    # Not the number itself, which is a constant: its derivatives of the next order would be lost.
+    return valued(*primals), tangents[0]
+
+
 def pullback(function: Callable[..., Any], *at: Any):
     return _with_pullback(function, *at)[1]
 

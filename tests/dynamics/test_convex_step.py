@@ -2,6 +2,7 @@
 
 import functools
 from typing import NamedTuple
+from unittest import mock
 
 import jax
 import jax.numpy as jnp
@@ -9,12 +10,13 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.dynamics import contact_solver
 from tests.helpers import contact_oracle as oracle
 from tests.helpers import contact_scenes as scenes
-from tests.helpers.counting import asked_for, done
+from tests.helpers.counting import asked_for, done, flops
 from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow, slow_but
-from tests.helpers.random_scenes import random_scene
+from tests.helpers.random_scenes import BUILT, built_scene, decrement, random_scene
 
 G = 9.81
 # Of velocities in float64, relative to the largest of them and of what gravity adds: the solver's tolerance.
@@ -1189,18 +1191,30 @@ def test_hostile_numbers(kind, n, unsolved):
 
 @pytest.mark.parametrize(("kind", "n"), [("contacts", 32), slow("contacts", 2000), slow("joints", 2000)])
 def test_hostile_numbers_in_float32(kind, n):
-    """Finite, and the residual is as `ConvexStep` has it. Forces are off by a rounding of depths times stiffness: of
-    these the residual knows nothing."""
+    """Finite, and the residual is as `ConvexStep` has it."""
     given = hostile(kind, n).astype(np.dtype(np.float32))
     found = in_chunks(given.step, given.states)
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(found))
     residual, is_out = found.residual, found.iterations == 60
-    # Shares of many states, and what a sample of n may have above. The residual counts rounding errors of velocities
-    # against stiff limits.
-    share_below, share_above, share_out = {"contacts": (0.4, 0.014, 0.0085), "joints": (0.3, 0.19, 0.12)}[kind]
-    assert np.mean(residual < 2e-6) > share_below and residual[~is_out].max() < 0.05
+    # Shares of many states, and what a sample of n may have above.
+    share_below, share_above, share_out = {"contacts": (0.37, 0.22, 0.0085), "joints": (0.2, 0.37, 0.12)}[kind]
+    assert np.sum(residual < 1e-5) >= n * share_below - 3 * np.sqrt(n * share_below * (1 - share_below))
     assert np.sum(~(residual < 2e-4)) <= n * share_above + 3 * np.sqrt(n * share_above)
     assert np.sum(is_out) <= n * share_out + 3 * np.sqrt(n * share_out)
+
+
+@pytest.mark.parametrize(("kind", "n"), [("contacts", 32), slow("contacts", 99), slow("joints", 99)])
+def test_the_residual_of_hostile_numbers_in_float32(kind, n):
+    """Most often it is the decrement in float64, of the same numbers; of a depth that is one of rounding it is not."""
+    given = hostile(kind, n).astype(np.dtype(np.float32))
+    found, wide = in_chunks(given.step, given.states), given.astype(np.dtype(np.float64))
+    q, v, tau, dt, k, tau_d, mu = wide.states
+    contacts, ratios = spheres(("a", "b", "c") * 2, wide.positions, float(np.float32(0.05)), k, tau_d, mu), []
+    problems = oracle.problems_of(wide.mechanism, q, v, tau, dt, contacts, **wide.terms)
+    for own, after_q, after_v, residual in zip(problems, found.q, found.v, found.residual, strict=True):
+        if own.problem.terms:
+            ratios.append(decrement(wide.mechanism, own, after_q, after_v) / residual)
+    assert np.quantile(ratios, 0.8) < 2 and 0.5 < np.median(ratios) < 1.5, np.sort(ratios)
 
 
 @pytest.mark.parametrize(("kind", "n"), [("contacts", 4), slow("contacts", 2000), slow("joints", 2000)])
@@ -1217,29 +1231,65 @@ def test_gradients_of_hostile_numbers_are_finite(kind, n):
     assert np.all(is_finite), [np.flatnonzero(~x) for x in is_finite]
 
 
-# What the residual may leave out: the tolerance of the solver, and of float32 the rounding of depths and masses.
-LEFT_OUT = {"float64": (1.0, 1e-10), "float32": (8.0, 4e-6)}
-# A weld and a universal joint that cannot close; spheres and limits that are far behind.
-TOLD = [(0, "float64"), (6, "float32")]
+# A weld and a universal joint that cannot close; a ball joint near the origin of the world, between long arms; a weld
+# across a hinge.
+TOLD = [(0, "float64"), (4, "float32"), ("leg", "float32")]
 
 
 @pytest.mark.parametrize(
-    ("seed", "dtype"), slow_but(TOLD, [(seed, dtype) for seed in range(30) for dtype in ("float64", "float32")])
+    ("scene", "dtype"),
+    slow_but(TOLD, [(x, dtype) for x in [*range(40), *BUILT] for dtype in ("float64", "float32")]),
 )
-def test_the_residual_is_that_of_what_is_returned(seed, dtype):
-    """Of random mechanisms, against sqrt(g^T H^-1 g) by dense matrices in float64; they end before 60 iterations.
-
-    A residual above 1 says that the step is nowhere near the optimum, and not how far it is."""
-    scene = random_scene(seed)
-    found = scene.step(dtype)
-    decrements = scene.decrements(found, dtype)
-    times, more = LEFT_OUT[dtype]
-    is_told = (decrements <= times * found.residual + more) | (np.asarray(found.residual) > 1)
-    assert is_told.all(), (decrements, found.residual)
-    if (seed, dtype) in TOLD or dtype == "float64":
+def test_the_residual_is_that_of_what_is_returned(scene, dtype):
+    """Of mechanisms with contacts, limits, friction and closures, against sqrt(g^T H^-1 g) by dense matrices in
+    float64, of the same numbers. A residual above 1 says that the step is nowhere near the optimum, and not how far."""
+    given = built_scene(scene) if scene in BUILT else random_scene(scene)
+    found = given.step(dtype)
+    decrements, residual = given.decrements(found, dtype), np.asarray(found.residual)
+    assert ((decrements <= 2 * residual) | (residual > 1)).all(), (decrements, residual)
+    if (scene, dtype) in TOLD or dtype == "float64":
         assert found.iterations.max() < 20
     # It is the optimum, and not only said that it is not.
     assert decrements.max() < 1e-7 or dtype == "float32"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("opening", [1e-5, 1e-4, 1e-3, 1e-2])
+def test_a_weld_across_a_hinge_of_a_leg_in_float32(opening):
+    """Its velocities are those of float64, but for what the residual says."""
+    given = built_scene("leg", 4, opening)
+    narrow = given.astype("float32")
+    wide = narrow.astype("float64")
+    found, expected = narrow.step("float32"), wide.step("float64")
+    assert expected.residual.max() < 1e-2 * found.residual.min()
+    M, y = interpreted(
+        lambda q, v, tau: (
+            js.mass_matrix(wide.mechanism, q),
+            wide.dt * js.forward_dynamics(wide.mechanism, q, v, tau),
+        )
+    )(*wide.states)
+    (v, difference), shares = (wide.states[1], found.v - np.asarray(expected.v)), []
+    for A, *vectors in zip(M, v, y, difference, strict=True):
+        of_v, of_y, off = (x @ A @ x for x in vectors)
+        shares.append(np.sqrt(off / (of_v + of_y)))
+    assert (shares <= 2 * found.residual).all() and found.residual.max() < 0.1, (shares, found.residual)
+
+
+def test_what_the_residual_costs():
+    """About two thirds of an iteration; nothing where nobody asks for it."""
+    mech, contacts, (q, v, tau) = tree().mechanism, tree().contacts, (x[0] for x in many("tree", 1))
+
+    def count(wanted):
+        def step(*x):
+            found = js.convex_step(mech, *x, 1e-3, contacts=contacts)
+            return tuple(getattr(found, name) for name in wanted)
+
+        return flops(done(step, q, v, tau, in_all_turns=False))
+
+    alone = count(["q", "v"])
+    with mock.patch.object(contact_solver, "residual", lambda *x, places: x[-3]):
+        assert alone == count(["q", "v"])
+    assert 0.1 * alone < count(["q", "v", "residual"]) - alone < 0.4 * alone
 
 
 # -- derivatives ------------------------------------------------------------------------------------------------------

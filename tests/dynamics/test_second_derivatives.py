@@ -166,6 +166,59 @@ def test_second_derivatives_of_the_convex_step(kind):
         assert abs(two[0]).max() > 100 * near * size, part
 
 
+# -- closed loops -----------------------------------------------------------------------------------------------------
+
+
+# Kinds of joints, and how the last body is held by the world: a planar chain, by more rows than it needs; one whose
+# axes turn.
+LINKAGES = {"planar": (["revolute"] * 3, "ball"), "turning": (["ball", "revolute"], "distance")}
+
+
+def chain(kinds):
+    """Bodies b0, b1 ... one behind the other, and a frame "tip" on the last."""
+    M = js.SpatialInertia(np.float64(2), np.zeros(3), np.diag([0.1, 0.2, 0.25]))
+    out = js.RigidTransform(js.Rotation.exp(np.array([0.0, 0.3, 0])), np.array([0.4, 0.0, 0.1]))
+    axes = [{} if kind == "ball" else {"axis": (0, 1, 0)} for kind in kinds]
+    parents = ["world", *(f"b{i}" for i in range(len(kinds)))]
+    joints = [js.Joint(f"j{i}", x, parents[i], f"b{i}", out, **axes[i]) for i, x in enumerate(kinds)]
+    frames = [js.Frame("tip", parents[-1], out)]
+    return js.Mechanism.build([js.Body(x, M) for x in parents[1:]], joints, frames, dtype=np.float64)
+
+
+@pytest.mark.parametrize(
+    ("name", "ways"), [("planar", []), slow("planar", ["jvp of vjp", "vjp of jvp", "vjp of vjp"]), slow("turning", [])]
+)
+def test_second_derivatives_of_close_loops(name, ways):
+    """By q, lengths of links and distances, where loops are closed: against second differences of what closes them."""
+    (kinds, kind), rng = LINKAGES[name], np.random.default_rng(7)
+    mech = chain(kinds)
+
+    def closed(x):
+        X = mech.placements
+        longer = X.translation + jnp.outer(x["lengths"], np.array([1.0, 0, 0]))
+        own = mech.replace(placements=js.RigidTransform(X.rotation, longer))
+        loop = js.LoopClosure("world", "tip", kind, *([x["distance"]] if kind == "distance" else []))
+        return js.close_loops(own, js.integrate(own, x["q"], x["change"]), [loop]).q
+
+    start = js.integrate(mech, mech.neutral(), 0.5 * rng.standard_normal(mech.nv))
+    x = {"change": np.zeros(mech.nv), "distance": np.float64(0.7), "lengths": np.zeros(len(kinds)), "q": start}
+    x["q"] = interpreted(closed)(x)
+    d = {k: 0.3 * rng.standard_normal(np.shape(y)) for k, y in x.items()} | {"q": np.zeros(mech.nq)}
+    weights = np.arange(1.0, mech.nq + 1)
+
+    def in_all_ways(x, d):
+        products = (WAYS[way](lambda x: closed(x) @ weights, x, d) for way in ways)
+        return along(closed)(x, d, 0.0)[1], [sum(jnp.vdot(y[k], d[k]) for k in d) for y in products]
+
+    second, twice = interpreted(in_all_ways)(x, d)
+    h = 1e-3
+    values = interpreted(jax.vmap(closed))(jax.tree.map(lambda y, b: np.stack([y - h * b, y, y + h * b]), x, d))
+    difference = (values[0] - 2 * values[1] + values[2]) / h**2
+    assert abs(second).max() > 0.05
+    np.testing.assert_allclose(second, difference, rtol=0, atol=1e-4 * abs(second).max())
+    np.testing.assert_allclose(twice, len(ways) * [second @ weights], rtol=1e-7)
+
+
 WAYS = {
     "jvp of vjp": lambda f, x, d: jax.jvp(jax.grad(f), (x,), (d,))[1],
     "vjp of jvp": lambda f, x, d: jax.grad(lambda x: jax.jvp(f, (x,), (d,))[1])(x),

@@ -38,11 +38,12 @@ class RandomScene(NamedTuple):
         own = self.astype(dtype).astype("float64")
         q, v, tau = own.states
         problems = oracle.problems_of(own.mechanism, q, v, tau, own.dt, **own.terms)
-        return np.array([_decrement(own, x, *y) for x, *y in zip(problems, found.q, found.v, strict=True)])
+        return np.array([decrement(own.mechanism, x, *y) for x, *y in zip(problems, found.q, found.v, strict=True)])
 
 
-def _decrement(scene, own, q, v):
-    after = oracle.in_world(scene.mechanism, q) @ np.asarray(v, float)
+def decrement(mech, own, q, v):
+    """sqrt(g^T H^-1 g), relative to the momenta, of an `oracle.Own` at the q and v after a step."""
+    after = oracle.in_world(mech, q) @ np.asarray(v, float)
     problem, y = own.problem, own.problem.free - own.v
     if not problem.terms:
         return 0.0
@@ -65,14 +66,71 @@ def random_scene(seed, n=2, opening=1e-2):
         joints.append(js.Joint(f"j{i}", kind, parent, name, _pose(rng, kind), **_of_joint(rng, kind)))
     mech = js.Mechanism.build(bodies, joints, dtype=np.float64)
     frames = [js.Frame(f"f{i}", names[rng.integers(n_bodies)], _pose(rng, "")) for i in range(4)]
-    mech = js.add_frames(mech, frames)
+    return _touching(rng, js.add_frames(mech, frames), names, n, opening)
+
+
+# (parent, kind, axis) of bodies b0, b1 ..., and closures between them, or frames f0, f1 ... on the last and the first.
+BUILT = {
+    # A universal joint between links of a tree with six contacts.
+    "universal": (
+        [
+            ("world", "free", None),
+            ("b0", "revolute", (0, 1, 0.3)),
+            ("b0", "revolute", (1, 0.2, 0)),
+            ("b1", "ball", None),
+        ],
+        [("b2", "f0", "universal")],
+        6,
+    ),
+    # A weld to the world, and a ball on two bodies.
+    "weld and ball": (
+        [("world", "free", None), ("b0", "revolute", (0, 1, 0)), ("b1", "revolute", (1, 0, 0)), ("b0", "ball", None)],
+        [("world", "f1", "weld"), ("b2", "f0", "ball")],
+        3,
+    ),
+    # A leg with a weld across its knee.
+    "leg": ([("world", "free", None), ("b0", "revolute", (0, 1, 0)), ("b1", "revolute", (0, 1, 0))], [], 1),
+}
+
+
+def built_scene(name, n=2, opening=1e-2):
+    """One of BUILT, open by some `opening`, with random numbers."""
+    rng, (links, closures, n_spheres) = np.random.default_rng(1), BUILT[name]
+    names = [f"b{i}" for i in range(len(links))]
+    M = js.SpatialInertia.solid_ellipsoid(np.array([0.1, 0.2, 0.15]), mass=np.float64(2))
+    out = js.RigidTransform(js.Rotation.exp(np.array([0.1, 0.2, -0.1])), np.array([0.3, 0.05, -0.2]))
+    joints = [
+        js.Joint(
+            f"j{i}",
+            kind,
+            parent,
+            f"b{i}",
+            None if parent == "world" else out,
+            **({} if axis is None else {"axis": axis}),
+        )
+        for i, (parent, kind, axis) in enumerate(links)
+    ]
+    mech = js.Mechanism.build([js.Body(x, M) for x in names], joints, dtype=np.float64)
+    mech = js.add_frames(mech, [js.Frame("f0", names[-1], _pose(rng, "")), js.Frame("f1", "b0", _pose(rng, ""))])
+    loops = [js.LoopClosure(*x) for x in closures]
+    if name == "leg":
+        # Where the knee is straight.
+        X = interpreted(lambda q: js.forward_kinematics(mech, q, ["b1", "b2"]))(mech.neutral())
+        X_AB = X.at_batch(0).inverse() @ X.at_batch(1)
+        mech = js.add_frames(mech, [js.Frame("knee", "b1", jax.tree.map(np.asarray, X_AB))])
+        loops = [js.LoopClosure("knee", "b2", "weld")]
+    return _touching(rng, mech, names, n, opening, loops, n_spheres)
+
+
+def _touching(rng, mech, names, n, opening, loops=None, n_spheres=None):
+    """The RandomScene of a mechanism in states near where closures are closed, with spheres on its bodies."""
     moved = interpreted(lambda q, v: js.integrate(mech, q, v))
     q = moved(np.repeat(np.asarray(mech.neutral())[None], n, 0), 0.7 * rng.standard_normal((n, mech.nv)))
     v, tau = rng.standard_normal((n, mech.nv)) * 10 ** rng.uniform(-1, 0.5), rng.standard_normal((n, mech.nv))
-    n_spheres = int(rng.integers(1, 7))
-    on = tuple(names[rng.integers(n_bodies)] for _ in range(n_spheres))
+    n_spheres = int(rng.integers(1, 7)) if n_spheres is None else n_spheres
+    on = tuple(names[rng.integers(len(names))] for _ in range(n_spheres))
     p = rng.uniform(-0.2, 0.2, (n_spheres, 3))
-    loops = _closures(rng, mech, names)
+    loops = _closures(rng, mech, names) if loops is None else loops
     if loops:
         shut = interpreted(lambda q: js.close_loops(mech, q, loops))(q)
         q = np.where((shut.residual < 1e-9)[:, None], shut.q, q)
