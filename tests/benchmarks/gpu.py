@@ -222,10 +222,8 @@ def of_robots(table, options):
     with jax.enable_x64(True):
         n = min(MANY["panda"], options.most)
         wide = compiled(lowered({"float64": dynamics("panda", n, np.float64)["forward_dynamics"]}))
-        seconds = timed(
-            table,
-            {**wide, "float32": of_kernels["panda", n, "forward_dynamics"]}, n, "panda, forward_dynamics", options.rounds,
-        )  # fmt: skip
+        both = {**wide, "float32": of_kernels["panda", n, "forward_dynamics"]}
+        seconds = timed(table, both, n, "panda, forward_dynamics", options.rounds)
     value = float(np.median(seconds["float64"] / seconds["float32"]))
     table.claim("panda, forward_dynamics, float64 over float32", value, "at most 2.5", value <= 2.5)
     loops = {f"panda, {x}": (looped(f), a) for x, (f, a) in dynamics("panda", FEW).items() if "dynamics" == x[-8:]}

@@ -118,7 +118,7 @@ def test_a_part_of_a_trace_is_fused_by_itself():
     outer = jax.make_jaxpr(lambda a, b: lax.erf_inv(a) + a * b)(x, x)
     inner = jax.make_jaxpr(lambda a: a * a + a)(x)
     for may_fuse in (False, True):
-        g = graph.graph_of(outer, lambda _, inner_may=not may_fuse: (inner, inner_may), may_fuse=may_fuse)
+        g = graph.graph_of(outer, lambda _, run, x, may=not may_fuse: run(inner, x, may), may_fuse=may_fuse)
         assert counted(g) == {"add": 1, "fma": 1, "mul": 1}
 
 
