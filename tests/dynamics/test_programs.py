@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.engine import algorithm, cpu, graph
+from jaxspatial.engine import algorithm, cpu, graph, program
 from jaxspatial.engine.algorithm import Algorithm, ManyProgramsWarning
 from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
@@ -72,6 +72,17 @@ def test_a_second_robot_of_the_same_structure_is_not_traced_again():
     before = programs()
     js.inverse_dynamics(second, Q, Q, Q)
     assert len(programs()) == len(before)
+
+
+@pytest.mark.parametrize("precision", ["reproducible", "compensated"])
+def test_a_graph_takes_programs_within_as_they_are_traced(precision, monkeypatch):
+    """And sums of one plan: to trace what they are made of again took longer than all else."""
+    mech = robot()
+    closed = jax.make_jaxpr(lambda q, v: js.rk4_step(mech, q, v, v, Q[0], precision=precision))(Q, Q)
+    first = graph.graph_of(closed, program._expanded)
+    monkeypatch.setattr(jax, "make_jaxpr", None)
+    again = graph.graph_of(closed, program._expanded)
+    assert len(again) == len(first) > 100
 
 
 def test_the_fourth_program_of_a_structure_is_told():

@@ -1,5 +1,6 @@
 """Numbers that a caller computes stay apart from ours; and what a compiler is allowed to break says so."""
 
+import functools
 import operator
 
 import jax
@@ -149,6 +150,35 @@ def cancelling():
 
 def shifted(precision):
     return lambda tau, f, p: js.shift(js.SpatialForce(tau, f), p, precision=precision).tau
+
+
+@pytest.mark.parametrize("held, plain", [(total, operator.add), (difference, operator.sub), (product, operator.mul)])
+@pytest.mark.parametrize("is_first", [True, False])
+def test_a_number_stands_for_as_many_as_the_array_has(held, plain, is_first):
+    """In every surrounding, and as a batch of numbers, one for each item."""
+    x, numbers = np.float32([[0.3, -1.7, 2.9], [0.1, 5.5, -0.7]]), np.float32([2.5, -0.3])
+
+    def both(operation):
+        return lambda x, n: operation(n, x) if is_first else operation(x, n)
+
+    f, expected = both(held), both(plain)
+    for n in numbers:
+        for way in (
+            lambda f: f,
+            jax.jit,
+            jax.vmap,
+            lambda f: jax.vmap(f, 1, 1),
+            lambda f: jax.jit(jax.vmap(jax.vmap(f))),
+        ):
+            np.testing.assert_array_equal(way(lambda x, n=n: f(x, n))(x), expected(x, n))
+        one = functools.partial(f, n=n)
+        slope = np.broadcast_to(jax.jvp(functools.partial(expected, n=n), (x,), (np.ones_like(x),))[1], x.shape)
+        np.testing.assert_array_equal(jax.jit(lambda x, one=one: jax.jvp(one, (x,), (jnp.ones_like(x),))[1])(x), slope)
+        np.testing.assert_array_equal(jax.grad(lambda x, one=one: one(x).sum())(x), slope)
+    np.testing.assert_array_equal(jax.vmap(f)(x, numbers), expected(x, numbers[:, None]))
+    np.testing.assert_array_equal(jax.vmap(f, (1, None), 1)(x, numbers[0]), expected(x, numbers[0]))
+    with pytest.raises(TypeError):
+        f(x, np.float64(2) if jax.config.jax_enable_x64 else np.float16(2))
 
 
 @pytest.mark.parametrize("precision", ["compensated", "faithful"])

@@ -60,6 +60,17 @@ def test_known_numbers_fold():
     assert multiply(two, two, P) == 4 and type(multiply(two, two, P)) is np.float32
 
 
+@pytest.mark.parametrize("precision", [Precision.FAST, P])
+@pytest.mark.parametrize("operation", [add, subtract, multiply, lambda a, b, p: Rounded(p, a) < Rounded(p, b)])
+def test_a_known_number_beside_an_array_is_one_operation(operation, precision):
+    """It is not repeated first: that would be one more to trace, and take longer than the operation."""
+    x, n = np.float32([[0.3], [-1.7], [2.9]]), np.float32(2.5)
+    for pair in (lambda x: (x, n), lambda x: (n, x)):
+        traced = jax.jit(lambda x, pair=pair: operation(*pair(x), precision))
+        assert len(traced.trace(x).jaxpr.eqns) == 1
+        np.testing.assert_array_equal(traced(x), operation(*pair(x), precision))
+
+
 def test_cross_with_an_axis_is_two_products():
     axis = Argument(P, np.float32([0, 0, 2]))
     assert _operations(lambda x: [c.value for c in linear.cross(axis, Argument(P, x))], X) == [
