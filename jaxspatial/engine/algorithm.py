@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, cast
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jax.core import Tracer
 
 from jaxspatial.engine import program
@@ -275,11 +276,11 @@ class Algorithm(Differentiable):
         state, others = self.state_of(arrays, program.n_states(arrays))
         results = self.formula(state, *others, **dict(self.static))
         leaves, self.out_tree = jax.tree.flatten(jax.tree.map(state.rounded, results, is_leaf=_is_result))
-        return [jnp.moveaxis(y, -1, 0) for y in leaves]
+        return [lax.transpose(y, (y.ndim - 1, *range(y.ndim - 1))) for y in leaves]
 
     def state_of(self, arrays: Sequence[jax.Array], n: int) -> tuple[MechanismState, list[Any]]:
         """(the MechanismState of n states, the arrays after q), of the data of this program."""
-        data = (jnp.moveaxis(self.from_outside(x), 0, -1) for x in arrays)
+        data = (lax.transpose(self.from_outside(x), (*range(1, x.ndim), 0)) for x in arrays)
         fields, (q, *others) = jax.tree.unflatten(self.tree, [next(data) if x is None else x for x in self.known])
         return MechanismState(self.topology, fields, q, n, self.precision, self.dtype), others
 

@@ -24,7 +24,8 @@ def rows(array: Array, places: np.ndarray) -> Array:
     if isinstance(array, np.ndarray):
         return array[places]
     if np.ndim(places) > 1:
-        return jnp.swapaxes(_sliced(array, np.swapaxes(places, 0, 1)), 0, 1)
+        turned = _sliced(array, np.swapaxes(places, 0, 1))
+        return lax.transpose(turned, (1, 0, *range(2, turned.ndim)))
     return _sliced(array, places)
 
 
@@ -34,7 +35,8 @@ def _sliced(array: jax.Array, places: np.ndarray) -> jax.Array:
     runs = [(flat[a], flat[a] + b - a) for a, b in itertools.pairwise(ends) if b > a]
     pieces = [lax.slice_in_dim(array, first, last) for first, last in runs]
     taken = pieces[0] if len(pieces) == 1 else jnp.concatenate(pieces) if pieces else array[:0]
-    return taken.reshape((*np.shape(places), *array.shape[1:]))
+    shape = *np.shape(places), *array.shape[1:]
+    return taken if taken.shape == shape else taken.reshape(shape)
 
 
 def mapped(function: Callable[[Any], Any], tree: T) -> T:

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from jaxspatial.engine import alignment, stacking
 from jaxspatial.engine.stacking import Array
@@ -118,7 +119,11 @@ class MechanismState:
 
     def numbers(self, array: Array) -> Numbers:
         """The k numbers of a NumPy array (..., k), or of data (..., k, B)."""
-        array = array[..., None, :] if isinstance(array, np.ndarray) else jnp.moveaxis(array, -2, -1)
+        if isinstance(array, np.ndarray):
+            array = array[..., None, :]
+        else:
+            n = array.ndim
+            array = lax.transpose(array, (*range(n - 2), n - 1, n - 2))
         return of_terms(array, self.precision, self.dtype)
 
     def vectors(self, array: Array | None) -> Vector:
