@@ -161,7 +161,8 @@ class _Order:
 
         Depth first, or as they were traced. Neither is always better: in the order of the trace inverse dynamics of a
         Panda takes 18 ns for a state instead of 21, the gradient of its forward dynamics 114 instead of 133; depth
-        first the mass matrix of a G1 takes 430 instead of 620.
+        first the mass matrix of a G1 takes 430 instead of 620, and forward dynamics of a Panda in float64 for float32,
+        with products part of sums, 87 instead of 117, though it reads only a tenth fewer.
         """
         order = self._depth_first(region, roots, done)
         # In the order of the trace, a node is behind those that it reads, results of a loop behind all that it needs.
@@ -172,7 +173,7 @@ class _Order:
             ordered = [ordered[0], *(x.with_few_waiting(roots) for x in ordered[1:])]
             best = min(ordered, key=lambda x: x.excess(self.n_registers))
             order = best.computed_again(self.n_registers).items if region == 0 else best.items
-        elif self._reloads(as_traced) <= 1.1 * self._reloads(order):
+        elif self._reloads(as_traced) <= 1.05 * self._reloads(order):
             order = as_traced
         done.update(order)
         return order

@@ -194,9 +194,9 @@ def test_garbage_is_collected_again_after_a_trace(was_enabled, monkeypatch):
             raise ZeroDivisionError
         return evaluate(self, *arrays)
 
-    def made(*arguments):
+    def made(*arguments, **options):
         seen.append(gc.isenabled())
-        return graph_of(*arguments)
+        return graph_of(*arguments, **options)
 
     graph_of = graph.graph_of
     monkeypatch.setattr(Algorithm, "evaluate", evaluated)
