@@ -1,12 +1,16 @@
 """Sums of products of float64 in twice the digits are machine code over many items, with the bits of XLA's way."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.sharding import PartitionSpec as P
 
 import jaxspatial as js
 from jaxspatial.engine import cpu, sums
+from tests.engine.test_native_programs import python
 
 if not cpu.is_available():
     pytest.skip("sums take XLA's way here", allow_module_level=True)
@@ -112,6 +116,30 @@ def test_what_stays_with_xla():
         assert calls(shifted, *arrays) == 0
     exported = jax.export.export(jax.jit(lambda *x: shifted(*x)))(*arrays)
     assert "custom_call" not in exported.mlir_module()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["Auto", "Explicit"])
+def test_items_that_are_split_over_devices_stay_where_they_are(kind):
+    program = f"from tests.engine.test_sums import on_devices; on_devices({kind!r})"
+    python("-c", program, XLA_FLAGS="--xla_force_host_platform_device_count=4")
+
+
+def on_devices(kind):
+    with jax.enable_x64(True), js.default_precision("compensated"):
+        mesh = jax.make_mesh((4,), ("items",), axis_types=(getattr(jax.sharding.AxisType, kind),))
+        a, b, c, d = vectors(4 * (N + 3))
+        expected = shifted(a, b, c, d), power(a, b, c, d), shifted(a, b, c[7], d)
+        with jax.set_mesh(mesh):
+            a, b, c, d = (jax.device_put(x, jax.NamedSharding(mesh, P("items"))) for x in (a, b, c, d))
+            shared = jax.device_put(vectors(4 * (N + 3))[2, 7], jax.NamedSharding(mesh, P()))
+            compiled = jax.jit(lambda a, b, c, d, p: (shifted(a, b, c, d), power(a, b, c, d), shifted(a, b, p, d)))
+            compiled = compiled.lower(a, b, c, d, shared).compile()
+            text = compiled.as_text()
+            assert text.count('custom_call_target="jaxspatial') == 3 and not re.search("all-|collective", text)
+            found = compiled(a, b, c, d, shared)
+        assert_same(found, expected)
+        assert all(not x.sharding.is_fully_replicated for x in jax.tree.leaves(found))
 
 
 def test_gradients():
