@@ -64,6 +64,7 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.mechanism import Mechanism as Mechanism
     from jaxspatial.mechanism import PointContacts as PointContacts
     from jaxspatial.mechanism import StaticMechanism as StaticMechanism
+    from jaxspatial.mechanism import Tendon as Tendon
     from jaxspatial.mechanism import add_frames as add_frames
     from jaxspatial.mechanism import lock_joints as lock_joints
     from jaxspatial.mechanism import subtree as subtree

@@ -66,6 +66,7 @@ EXAMPLES = {
     "SpatialMomentum": lambda: js.SpatialMomentum(_ones(2, 3), _ones(2, 3)),
     "SpatialVelocity": lambda: js.SpatialVelocity(_ones(2, 3), _ones(2, 3)),
     "StaticMechanism": lambda: js.testing.random_mechanism(0, n=2, dtype=np.float32).as_static(),
+    "Tendon": lambda: js.Tendon("line", ["a", "b"], _ones(2), _ones(), _ones(), _ones(2), _ones(), -_ones(), _ones()),
 }
 # Descriptions that a mechanism is built of, with names in them: nothing that a program takes.
 DESCRIPTIONS = {"Body", "Frame", "Joint"}

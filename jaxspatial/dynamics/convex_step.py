@@ -101,7 +101,7 @@ def convex_step(
 
     What is not contact acts as in `semi_implicit_step`, without its regularised friction; where nothing touches, the
     result has its bits, and without contacts, limits and dry friction it is that step. Limits act on joints of one
-    coordinate. Limits and dry friction are as hard as the time step allows: a joint at rest under less than its
+    coordinate; those of tendons, and of the angle of "ball" joints, do not act here. Limits and dry friction are as hard as the time step allows: a joint at rest under less than its
     friction creeps by at most 1e-3 of the velocity that its impulse would cause alone.
 
     How hard contacts are is a share of w, the size of the operator J D^-1 J^T of their points, with D the diagonal of

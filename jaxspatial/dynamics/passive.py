@@ -2,6 +2,7 @@
 
 import functools
 import operator
+from collections.abc import Sequence
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -9,13 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.dynamics.docstrings import documented
+from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics_of
+from jaxspatial.engine import stacking
 from jaxspatial.engine.algorithm import JOINTS, algorithm, checked
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import JointsOfKind, MechanismState
-from jaxspatial.mechanism import Mechanism
-from jaxspatial.mechanism.joints import CosSin
+from jaxspatial.mechanism import Mechanism, Tendon
+from jaxspatial.mechanism.joints import Ball, CosSin
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.linear import Vector, dot
 from jaxspatial.numerics.numbers import Number, Numbers, where
 from jaxspatial.numerics.promise import Normwise
 from jaxspatial.numerics.quantity import exported
@@ -29,6 +33,8 @@ class Compliance(NamedTuple):
     friction_speed: speed, rad/s or m/s, > 0, at which regularised friction has 1 / sqrt(2) of its full size
     limit_stiffness: N m/rad or N/m, times the depth beyond a limit; zero leaves limits out
     limit_damping: N m s/rad or N s/m, times the speed beyond a limit
+
+    Limits of tendons have the numbers of the first joint of each, those of "ball" joints of the first velocity of each.
     """
 
     friction_speed: Any = 1e-3
@@ -49,17 +55,19 @@ def passive_forces(
     *,
     precision: PrecisionName = None,
 ) -> jax.Array:
-    """The generalized forces of springs, damping, friction and limits, which add to tau.
+    """The generalized forces of springs, damping, friction, limits, tendons and lifts, which add to tau.
 
         tau = -stiffness (q - spring_references) - damping v - friction_loss v / sqrt(v^2 + friction_speed^2) + N
+
+    Those of tendons, see `Tendon`, and those that hold the `lifts` of bodies against gravity come on top.
 
     N is the force of a limit, back into the range: limit_stiffness x + limit_damping dx/dt at the depth x beyond it, or
     zero if that is negative, as limits push and never pull. Friction is regularised: it is zero at rest, and a joint
     creeps under any load below friction_loss, for small loads at about the same fraction of friction_speed.
 
     Args:
-        mechanism: Mechanism, with `stiffness`, `spring_references`, `damping`, `friction_loss`, `lower`, `upper`.
-            Known zeros, and limits known to be infinite, cost no operation.
+        mechanism: Mechanism, with `stiffness`, `spring_references`, `damping`, `friction_loss`, `lower`, `upper`,
+            `tendons`, `lifts`. Known zeros, limits known to be infinite, and what there is not cost no operation.
         q: (*batch, nq) coordinates.
         v: (*batch, nv) generalized velocities. Batch shapes broadcast.
         compliance: Compliance; None takes the default, in which limits do not act.
@@ -69,14 +77,16 @@ def passive_forces(
         sum(stiffness d^2) / 2. The deflection d is the difference of coordinates, the short way round for "continuous"
         joints and the angle of "planar" ones; for positions in "planar" and "free" joints, along the axes of the
         parent; for orientations, the rotation vector from the reference. With one stiffness for all axes these are
-        MuJoCo's springs. Limits of quaternions do not act.
+        MuJoCo's springs. The limit of a "ball" is one of the angle of its rotation, about whose axis it pushes; those
+        of other quaternions do not act.
 
     Raises:
         TypeError: dtypes differ, or the first argument is no Mechanism.
         ValueError: shapes do not fit, or a friction speed that is not above zero.
 
     Error: {bound}; for "ball", "free" and "planar" of the terms of the whole joint. An angle brought within half a turn
-        adds {turns.plain}, more for many turns.
+        adds {turns.plain}, more for many turns. The length of a tendon over k joints has an error of ceil(log2 k) + 2 u
+        of the sum of the sizes of its terms; lifts have the error of `gravity_forces`.
     Source: springs and damping MuJoCo, Computation, passive forces; the Jacobian of rotation vectors Barfoot 2017, 7.1.
     """
     position, velocity = checked("passive_forces", mechanism, q=q, v=v)
@@ -97,12 +107,25 @@ def passive_forces_or_none(
     compliance = checked_compliance(mechanism, q, compliance)
     names = ("stiffness", "damping", "friction_loss") if with_resistance else ("stiffness",)
     acts = [not is_nothing(getattr(mechanism, name)) for name in names]
-    acts.append(
-        compliance.limit_stiffness is not None and not all(map(_is_infinite, (mechanism.lower, mechanism.upper)))
-    )
-    if not any(acts):
-        return None
-    return _forces(precision, mechanism, q, v, compliance, with_resistance=with_resistance)
+    limits = (x for x in (mechanism.lower, mechanism.upper, mechanism.turn_limits) if x is not None)
+    acts.append(compliance.limit_stiffness is not None and not all(map(_is_infinite, limits)))
+    forces = _forces(precision, mechanism, q, v, compliance, with_resistance=with_resistance) if any(acts) else None
+    if rows := _rows_of_tendons(mechanism, np.dtype(q.dtype), compliance):
+        places, numbers = zip(*rows, strict=True)
+        forces = _plus(precision, forces, _tendon_forces(precision, mechanism, q, v, numbers, places=places))
+    if mechanism.lifts is not None and not (is_nothing(mechanism.lifts.mass) or is_nothing(mechanism.gravity)):
+        held = inverse_dynamics_of(precision, mechanism.lifted, q, None, None, None, operation="passive_forces")
+        forces = _plus(precision, forces, held)
+    return forces
+
+
+def _plus(precision: PrecisionName, a: jax.Array | None, b: jax.Array) -> jax.Array:
+    return b if a is None else _sum(precision, a, b)
+
+
+@formula(by_number=True)
+def _sum(a: Number, b: Number):
+    return a + b
 
 
 def damping_coefficients(
@@ -173,7 +196,7 @@ def _hypotenuse(x: Number, s: Number):
     return longer * (1 + t * t).sqrt()
 
 
-_FIELDS = ("stiffness", "spring_references", "damping", "friction_loss", "lower", "upper")
+_FIELDS = ("stiffness", "spring_references", "damping", "friction_loss", "lower", "upper", "turn_limits")
 
 
 @algorithm(*JOINTS, *_FIELDS)
@@ -209,24 +232,27 @@ def _positional(joints: JointsOfKind, v: Array, compliance: Compliance) -> list[
     kind, zero = joints.kind, joints.state.known(0.0)
     has_spring = not is_nothing(joints.rows(joints.state.fields["stiffness"]))
     has_limits = compliance.limit_stiffness is not None and not _is_unlimited(joints)
-    if not kind.nv or not (has_spring or has_limits):
+    turn_limits = _turn_limits(joints) if compliance.limit_stiffness is not None else None
+    if not kind.nv or not (has_spring or has_limits or turn_limits is not None):
         return []
     q = joints.configuration(joints.state.q)
     on_sphere, n_turns = kind.sphere
     torques, forces = [zero] * n_turns, [zero] * (kind.nq - on_sphere)
     if on_sphere and has_spring:
         torques = _of_sphere_spring(joints, q)
+    if turn_limits is not None:
+        torques = _plus_each(torques, _of_turn_limit(joints, q, v, compliance, turn_limits))
     if forces:
         cos_sin = joints.cos_sin(q)
         if has_spring:
-            forces = _plus(forces, _of_springs(joints, q))
+            forces = _plus_each(forces, _of_springs(joints, q))
         if has_limits:
-            forces = _plus(forces, _of_limits(joints, q, cos_sin, v, compliance))
+            forces = _plus_each(forces, _of_limits(joints, q, cos_sin, v, compliance))
         forces = joints.joint.generalized_forces(q, cos_sin, forces)
     return [[*torques, *forces]]
 
 
-def _plus(a: Numbers, b: Numbers):
+def _plus_each(a: Numbers, b: Numbers):
     return [x + y for x, y in zip(a, b, strict=True)]
 
 
@@ -235,6 +261,29 @@ def _of_sphere_spring(joints: JointsOfKind, q: Numbers):
     fields = joints.state.fields
     reference, stiffness = joints.coordinates(fields["spring_references"]), joints.velocities(fields["stiffness"])
     return joints.joint.sphere_spring(q, reference, stiffness)
+
+
+def _turn_limits(joints: JointsOfKind) -> Number | None:
+    """The largest angles of ball joints; None for none."""
+    limits = joints.state.fields["turn_limits"]
+    bodies = joints.bundle.bodies
+    if joints.kind.name != Ball.name or limits is None or _is_infinite(stacking.rows(limits, bodies)):
+        return None
+    return joints.state.numbers(stacking.rows(limits[:, None], bodies))[0]
+
+
+def _of_turn_limit(joints: JointsOfKind, q: Numbers, v: Array, compliance: Compliance, largest: Number) -> Numbers:
+    """The torque of the limit of the angle of a ball joint, back along the axis of its rotation."""
+    k, c = (joints.velocities(x)[0] for x in (compliance.limit_stiffness, compliance.limit_damping))
+    turn = cast(Ball, joints.joint).turn(q)
+    squared = dot(turn, turn)
+    is_beyond = squared > largest * largest
+    # Within the limit there is no torque, and no axis at zero.
+    angle = where(is_beyond, squared, 1.0).sqrt()
+    axis = Vector(*(x / angle for x in turn))
+    speed = dot(axis, joints.velocities(v))
+    force = _one_sided_force(where(is_beyond, angle - largest, 0.0), speed, k, c)
+    return tuple(where(is_beyond, -force * x, 0.0) for x in axis)
 
 
 def _of_springs(joints: JointsOfKind, q: Numbers):
@@ -267,3 +316,105 @@ def _one_sided_force(depth: Number, speed: Number, stiffness: Number, damping: N
     is_beyond = depth > 0
     force = stiffness * where(is_beyond, depth, 0.0) + damping * where(is_beyond, speed, 0.0)
     return where(force > 0, force, 0.0)
+
+
+# -- tendons ----------------------------------------------------------------------------------------------------------
+
+
+class _Row(NamedTuple):
+    """The numbers of a tendon over k coordinates, as arrays: coefficients (k,), rest and limits (2,), others (1,)."""
+
+    coefficients: Array
+    offset: Array
+    stiffness: Array
+    rest: Array
+    damping: Array
+    limits: Array
+    limit_stiffness: Array
+    limit_damping: Array
+
+
+_Places = tuple[tuple[int, int], ...]  # of each coordinate of a tendon in q, and in v
+
+
+def _rows_of_tendons(mechanism: Mechanism, dtype: np.dtype, compliance: Compliance) -> list[tuple[_Places, _Row]]:
+    """The tendons that may exert a force."""
+    rows = list[tuple[_Places, _Row]]()
+    for tendon in mechanism.tendons:
+        limits = _one_array([tendon.lower, tendon.upper], dtype)
+        has_limits = compliance.limit_stiffness is not None and not _is_infinite(limits)
+        spring, damping = (_one_array([x], dtype) for x in (tendon.stiffness, tendon.damping))
+        if is_nothing(spring) and is_nothing(damping) and not has_limits:
+            continue
+        places, coefficients, offset = _over_coordinates(mechanism, tendon)
+        i = places[0][1]
+        both: Any = (compliance.limit_stiffness, compliance.limit_damping)
+        softness = [x[i : i + 1] for x in (both if has_limits else (np.zeros(i + 1, dtype),) * 2)]
+        numbers = _one_array(coefficients, dtype), _one_array([offset], dtype)
+        if not has_limits:
+            limits = np.array([-np.inf, np.inf], dtype)
+        rows.append((places, _Row(*numbers, spring, _one_array(list(tendon.rest), dtype), damping, limits, *softness)))
+    return rows
+
+
+def _over_coordinates(mechanism: Mechanism, tendon: Tendon) -> tuple[_Places, list[Any], Any]:
+    """(places, coefficients, offset): a mimic counts with the joint that it follows."""
+    t, c, offset = mechanism.topology, dict[int, Any](), tendon.offset
+    for name, x in zip(tendon.joints, tendon.coefficients, strict=True):
+        i = t.joint_names.index(name)
+        multiplier, shift = mechanism.mimics[i] if t.is_mimic(i) else (1.0, 0.0)
+        leader = t.followed[i]
+        if t.is_mimic(i):
+            offset, x = offset + x * shift, x * multiplier
+        c[leader] = c[leader] + x if leader in c else x
+    return tuple((t.q_starts[i], t.v_starts[i]) for i in c), list(c.values()), offset
+
+
+def _one_array(numbers: Sequence[Any], dtype: np.dtype) -> Array:
+    """(k,) NumPy where all of them are known."""
+    is_known = all(isinstance(x, np.ndarray | np.generic | float) for x in numbers)
+    return (np if is_known else jnp).stack([(np if is_known else jnp).asarray(x, dtype) for x in numbers])
+
+
+@algorithm(*JOINTS)
+def _tendon_forces(state: MechanismState, v: Array, rows: tuple[_Row, ...], *, places: tuple[_Places, ...]):
+    forces = dict[int, list[Number]]()
+    for row, coordinates in zip(rows, places, strict=True):
+        c = [_number(state, row.coefficients, k) for k in range(len(coordinates))]
+        q = [_number(state, state.q, i) for i, _ in coordinates]
+        rates = [_number(state, v, i) for _, i in coordinates]
+        tension = _tension(state, row, _weighted(c, q) + _number(state, row.offset, 0), _weighted(c, rates))
+        for (_, i), factor in zip(coordinates, c, strict=True):
+            forces.setdefault(i, []).append(factor * tension)
+    nothing = state.known(0.0)
+    sums = [functools.reduce(operator.add, forces[i]) if i in forces else nothing for i in range(state.topology.nv)]
+    return stacking.stacked(tuple(sums), (state.n,), 0)
+
+
+def _tension(state: MechanismState, row: _Row, length: Number, rate: Number) -> Number:
+    force = state.known(0.0)
+    if not is_nothing(row.stiffness):
+        shortest, longest = (_number(state, row.rest, k) for k in (0, 1))
+        stretch = length - shortest
+        if not (isinstance(row.rest, np.ndarray) and row.rest[0] == row.rest[1]):
+            stretch = where(length > longest, length - longest, where(length < shortest, stretch, 0.0))
+        force = force - _number(state, row.stiffness, 0) * stretch
+    if not is_nothing(row.damping):
+        force = force - _number(state, row.damping, 0) * rate
+    if not _is_infinite(row.limits):
+        k, c = (_number(state, x, 0) for x in (row.limit_stiffness, row.limit_damping))
+        force = force + _of_limit(length, rate, k, c, *(_number(state, row.limits, i) for i in (0, 1)))
+    return force
+
+
+def _number(state: MechanismState, array: Array, i: int) -> Number:
+    """Number i of an array (k,), or of data (k, B)."""
+    return state.numbers(array[i : i + 1])[0]
+
+
+def _weighted(c: list[Number], x: list[Number]) -> Number:
+    """The sum of c x, by halving."""
+    terms = [a * b for a, b in zip(c, x, strict=True)]
+    while len(terms) > 1:
+        terms = [*map(operator.add, terms[::2], terms[1::2]), *terms[len(terms) // 2 * 2 :]]
+    return terms[0]

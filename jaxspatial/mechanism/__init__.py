@@ -12,3 +12,4 @@ from jaxspatial.mechanism.mechanism import StaticMechanism as StaticMechanism
 from jaxspatial.mechanism.parts import Body as Body
 from jaxspatial.mechanism.parts import Frame as Frame
 from jaxspatial.mechanism.parts import Joint as Joint
+from jaxspatial.mechanism.tendons import Tendon as Tendon

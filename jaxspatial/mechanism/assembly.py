@@ -1,5 +1,6 @@
 """Builds the arrays of a mechanism from its parts: puts the tree in order and merges welded bodies."""
 
+import dataclasses
 import functools
 import math
 import operator
@@ -66,8 +67,9 @@ def _check_names(bodies: Sequence[Body], joints: Sequence[Joint], frames: Sequen
                 raise TypeError(f"Mechanism.build: {what}: expected {kind.__name__}s, got {type(part).__name__}")
         _check_unique(what, [part.name for part in parts])
     for body in bodies:
-        if body.inertia is not None:
-            _check_single(body, "inertia", SpatialInertia)
+        for field in ("inertia", "lift"):
+            if getattr(body, field) is not None:
+                _check_single(body, field, SpatialInertia)
     _check_unique("bodies and frames", [WORLD, *(b.name for b in bodies), *(f.name for f in frames)])
     _check_unique("joints: children", [joint.child for joint in joints])
     names = {body.name for body in bodies}
@@ -98,6 +100,7 @@ class _Tree:
 
     def __init__(self, bodies: Sequence[Body], joints: Sequence[Joint]):
         self.inertias = {body.name: body.inertia for body in bodies}
+        self.lifts = {body.name: body.lift for body in bodies if body.lift is not None}
         self.moving, self.parents = list[Joint](), list[int]()
         self.placements, self.masses = list[RigidTransform](), list[list[SpatialInertia]]()
         self.places = dict[str, tuple[int, RigidTransform]]()
@@ -154,6 +157,15 @@ class _Tree:
             hung_on=tuple(number[joint.parent] for joint in self.moving),
         )
 
+    def _lifted(self) -> list[list[SpatialInertia]]:
+        """What gravity does not pull at, of each moving body, without moments."""
+        found = [list[SpatialInertia]() for _ in self.moving]
+        for name, lift in self.lifts.items():
+            carrier, X = self.places[name]
+            if carrier >= 0:
+                found[carrier].append(_acted(X, dataclasses.replace(jax.tree.map(known, lift), central=np.zeros(6))))
+        return found
+
     def _welded(self) -> list[list[SpatialInertia]]:
         """For each weld the inertias of all bodies that are welded behind it, about the origin of its own."""
         found = {joint.child: self._own(joint.child) for joint, _ in self.welds}
@@ -183,6 +195,8 @@ class _Tree:
             "inertias": _inertias(self.masses),
             # No arrays of size zero, which checkpoints refuse.
             "weld_inertias": _inertias(self._welded()) if self.welds else None,
+            "lifts": _inertias(self._lifted()) if self.lifts else None,
+            "turn_limits": _turn_limits(self.moving),
             "frame_placements": _stacked([X for _, X in self.places.values()]),
             **{name: _with_mimics(leaders, mimics, name, power) for name, power in _POWERS.items()},
             **{name: _joined(numbers(joint, name, size) for joint in leaders) for name, size in _LIMITS.items()},
@@ -246,6 +260,11 @@ def _rest(joint: Joint, mimics: _Mimics):
     stiffness = numbers(joint, "stiffness", "nv")[0] if springs else 0.0
     total = stiffness + sum(k for k, _ in springs)
     return rest if not total else sum((k * x for k, x in springs), stiffness * rest) / total
+
+
+def _turn_limits(joints: Sequence[Joint]) -> np.ndarray | None:
+    limits = np.array([joint.turn_limit for joint in joints], np.float64)
+    return limits if np.isfinite(limits).any() else None
 
 
 def _joined(arrays: Iterable[np.ndarray]):

@@ -1,6 +1,7 @@
 """Makes mechanisms of others: adds frames, locks joints, takes out subtrees."""
 
 import dataclasses
+import math
 import operator
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -9,10 +10,12 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.assembly import composed, is_identity, or_identity
 from jaxspatial.mechanism.joints import JointKind, Parameter
 from jaxspatial.mechanism.mechanism import Mechanism
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
+from jaxspatial.mechanism.tendons import Tendon
 from jaxspatial.numerics import check
 from jaxspatial.numerics.linear import unit
 from jaxspatial.numerics.numbers import Rounded, high
@@ -92,11 +95,14 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mec
     Error: a few u of float64, rounded once to the dtype, where numbers change; others stay as they are.
     """
     bodies, joints, frames = parts(mechanism)
+    locked = dict[str, float]()
     for name, q in positions.items():
         i = mechanism.topology.index(mechanism.joint_names, name, "lock_joints: positions")
         for k, x in _with_followers(mechanism, i, q):
             joints[k] = _locked(mechanism, joints, k, x)
-    return _rebuilt(mechanism, bodies, joints, frames)
+            if np.size(x) == 1:
+                locked[joints[k].name] = float(np.ravel(x)[0])
+    return _rebuilt(mechanism, bodies, joints, frames, locked)
 
 
 def subtree(mechanism: Mechanism, body: str) -> Mechanism:
@@ -126,11 +132,29 @@ def subtree(mechanism: Mechanism, body: str) -> Mechanism:
     return _rebuilt(mechanism, bodies, joints, frames)
 
 
-def _rebuilt(mechanism: Mechanism, bodies: list[Body], joints: list[Joint], frames: list[Frame]) -> Mechanism:
+def _rebuilt(
+    mechanism: Mechanism,
+    bodies: list[Body],
+    joints: list[Joint],
+    frames: list[Frame],
+    locked: Mapping[str, float] | None = None,
+) -> Mechanism:
     """A mechanism of these parts, with what else there is to a mechanism."""
     names = {WORLD, *(part.name for part in (*bodies, *frames))}
     loops = [loop for loop in mechanism.loops if {loop.frame_a, loop.frame_b} <= names]
-    return Mechanism.build(bodies, joints, frames, mechanism.gravity, mechanism.dtype, loops)
+    own = {joint.name for joint in joints}
+    tendons = [_over(tendon, locked or {}) for tendon in mechanism.tendons if own.issuperset(tendon.joints)]
+    return Mechanism.build(bodies, joints, frames, mechanism.gravity, mechanism.dtype, loops, tendons)
+
+
+def _over(tendon: Tendon, locked: Mapping[str, float]) -> Tendon:
+    """The tendon over the joints that are not locked at known coordinates."""
+    if not locked.keys() & set(tendon.joints):
+        return tendon
+    c = dict(zip(tendon.joints, np.asarray(tendon.coefficients, np.float64).tolist(), strict=True))
+    offset = float(tendon.offset) + sum(x * locked[name] for name, x in c.items() if name in locked)
+    left = [name for name in tendon.joints if name not in locked]
+    return dataclasses.replace(tendon, joints=left, coefficients=np.array([c[x] for x in left]), offset=offset)
 
 
 def parts(mechanism: Mechanism) -> tuple[list[Body], list[Joint], list[Frame]]:
@@ -156,9 +180,14 @@ def _item(tree, i: int):
 
 
 def _body(mechanism: Mechanism, i: int):
-    """The body with its inertia about its own frame."""
-    M, X_JB = jax.tree.map(np.asarray, _item(mechanism.inertias, i)), _item(mechanism.child_placements, i)
-    return Body(mechanism.body_names[i], M if is_identity(X_JB) else act_inverse(X_JB, M))
+    """The body with its inertias about its own frame."""
+    X_JB = _item(mechanism.child_placements, i)
+
+    def own(inertias: SpatialInertia | None) -> SpatialInertia | None:
+        M = jax.tree.map(np.asarray, _item(inertias, i)) if inertias is not None else None
+        return M if M is None or is_identity(X_JB) else act_inverse(X_JB, M)
+
+    return Body(mechanism.body_names[i], own(mechanism.inertias), own(mechanism.lifts))
 
 
 def _joint(mechanism: Mechanism, i: int):
@@ -179,6 +208,7 @@ def _joint(mechanism: Mechanism, i: int):
         pitch=float(mechanism.pitches[i]),
         parameters={p.name: mechanism.parameters[p.name][i] for p in t.kind(i).parameters if p.field is None},
         mimic=(t.joint_names[t.followed[i]], *mechanism.mimics[i].tolist()) if t.is_mimic(i) else None,
+        turn_limit=math.inf if mechanism.turn_limits is None else float(mechanism.turn_limits[i]),
         **fields,
     )
 

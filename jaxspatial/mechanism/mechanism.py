@@ -19,6 +19,7 @@ from jaxspatial.mechanism import named
 from jaxspatial.mechanism.assembly import assembled, registered_parameters, require_in_range
 from jaxspatial.mechanism.loops import LoopClosure, checked_loops
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint, known
+from jaxspatial.mechanism.tendons import Tendon, checked_tendons
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check
 from jaxspatial.numerics.quantity import tree_of
@@ -55,6 +56,9 @@ class Mechanism:
         gravity: (3,) acceleration of free fall in the world, m/s2.
         loops: LoopClosures that hold frames together beside the joints. Of all functions those act on them that take
             `loops`: `constrained_forward_dynamics(mech, q, v, tau, mech.loops)`. All others see the tree alone.
+        lifts: SpatialInertia (n,), as `inertias`, of what is held against gravity, see `Body`; None for none.
+        turn_limits: (n,) largest angles of the rotations of "ball" joints; None where none has any.
+        tendons: Tendons over joints. `passive_forces` and the steps act on them.
 
     Known numbers are converted to the dtype of q; data must have it. NumPy numbers are leaves as well: libraries that
     train, cast or save all leaves of a tree take them for parameters. The result of `as_static` has no leaves.
@@ -86,6 +90,9 @@ class Mechanism:
     weld_inertias: SpatialInertia | None
     gravity: jax.Array
     loops: tuple[LoopClosure, ...] = ()
+    lifts: SpatialInertia | None = None
+    turn_limits: jax.Array | None = None
+    tendons: tuple[Tendon, ...] = ()
 
     # -- construction -------------------------------------------------------------------------------------------------
 
@@ -98,6 +105,7 @@ class Mechanism:
         gravity: ArrayLike = (0.0, 0.0, -9.81),
         dtype: DTypeLike | None = None,
         loops: Iterable[LoopClosure] = (),
+        tendons: Iterable[Tendon] = (),
     ) -> "Mechanism":
         """Builds a mechanism of bodies and the joints that hold them.
 
@@ -116,12 +124,13 @@ class Mechanism:
             gravity: (3,) acceleration of free fall in the world, m/s2.
             dtype: of all numbers; JAX's default for None.
             loops: closures between frames, bodies among them, or the world.
+            tendons: Tendons over joints of one coordinate.
 
         Returns:
             The mechanism, with NumPy numbers.
 
         Raises:
-            KeyError: a closure names no frame; lists those there are.
+            KeyError: a closure names no frame, or a tendon no joint; lists those there are.
             TypeError: a part has another type, or numbers are traced: put these in with `replace`.
             ValueError: a name is missing or comes twice, nothing holds a body against the world, a shape does not fit;
                 an inertia is not finite, or masses, moments or weights overflow in the dtype.
@@ -130,6 +139,7 @@ class Mechanism:
         arrays["gravity"] = check.as_vectors(known(gravity), "Mechanism.build: gravity", held=True)
         require_in_range(topology, arrays, check.as_dtype(dtype))
         arrays["loops"] = jax.tree.map(known, checked_loops(loops, topology, "Mechanism.build: loops"))
+        arrays["tendons"] = jax.tree.map(known, checked_tendons(tendons, topology, "Mechanism.build: tendons"))
         return cls(topology=topology, **arrays).astype(dtype)
 
     @classmethod
@@ -169,28 +179,38 @@ class Mechanism:
         return urdf.read(cls.build, path_or_text, floating_base, gravity, dtype, strict)
 
     @classmethod
-    def from_mjcf(cls, path_or_text: str | pathlib.Path, *, dtype: DTypeLike | None = None) -> "Mechanism":
+    def from_mjcf(
+        cls,
+        path_or_text: Any,
+        *,
+        assets: Mapping[str, bytes] | None = None,
+        dtype: DTypeLike | None = None,
+        strict: bool = False,
+    ) -> "Mechanism":
         """Reads a file in MuJoCo's format; see `jaxspatial.mechanism.formats.mjcf`.
 
         Args:
-            path_or_text: a path, or the text itself, which begins with "<".
+            path_or_text: a path; the text itself, which begins with "<"; a mujoco.MjSpec, or a mujoco.MjModel.
+            assets: files that the text names, such as meshes, by their names; of a path those that are not beside it.
             dtype: of all numbers; JAX's default for None.
+            strict: whether to refuse what changes the motion and is left out else: drag, limits of tendons along ropes.
 
         Returns:
             The mechanism with the file's gravity, with NumPy numbers.
 
         Raises:
+            TypeError: path_or_text is something else.
             ValueError: MuJoCo does not compile it, or it has what a mechanism cannot represent; with line, element and
-                reason.
+                reason. An MjModel has no lines.
             FileNotFoundError: there is no such file.
             ImportError: mujoco or lxml is missing.
 
         Warns:
-            ModelFileWarning: names what was left out.
+            ModelFileWarning: names what was left out that changes the motion.
         """
         from jaxspatial.mechanism.formats import mjcf
 
-        return mjcf.read(cls.build, path_or_text, dtype)
+        return mjcf.read(cls.build, path_or_text, assets, dtype, strict)
 
     # -- names and places ---------------------------------------------------------------------------------------------
 
@@ -351,7 +371,7 @@ class Mechanism:
     # -- other numbers ------------------------------------------------------------------------------------------------
 
     def replace(self, **changes: Any) -> "Mechanism":
-        """Replaces arrays: `mech.replace(gravity=...)`, `mech.replace(inertias=...)`; and loops by any others.
+        """Replaces arrays: `mech.replace(gravity=...)`, `mech.replace(inertias=...)`; loops and tendons by any others.
 
         Args:
             **changes: fields by name, numbers known or traced.
@@ -360,13 +380,14 @@ class Mechanism:
             The mechanism with these.
 
         Raises:
-            KeyError: a closure of a loop names no frame; lists those there are.
+            KeyError: a closure of a loop names no frame, or a tendon no joint; lists those there are.
             TypeError: there is no such field, or it holds another type.
             ValueError: the shape is not that of the field.
         """
         for name, new in changes.items():
-            if name == "loops":
-                changes[name] = checked_loops(new, self.topology, "Mechanism.replace: loops")
+            if name in ("loops", "tendons"):
+                checked = checked_loops if name == "loops" else checked_tendons
+                changes[name] = checked(new, self.topology, f"Mechanism.replace: {name}")
             else:
                 changes[name] = _replacement(name, getattr(self, name, None), new)
         return _read_only(self._as_tree(**changes))
@@ -416,6 +437,11 @@ class Mechanism:
                     return _unexpected_shape(name, shape, np.shape(x))
         return ""
 
+    @functools.cached_property
+    def lifted(self) -> "Mechanism":
+        """The mechanism with what is held against gravity in place of its inertias. Cached, with its programs."""
+        return self._as_tree(inertias=self.lifts)
+
     def _as_tree(self, **changes) -> "Mechanism":
         """A Mechanism with leaves, of these numbers and others."""
         return Mechanism(**{field.name: getattr(self, field.name) for field in dataclasses.fields(self)} | changes)
@@ -445,6 +471,8 @@ def _shapes(t: Topology, parameters: dict[str, Any]) -> dict[str, list[tuple[int
         "frame_placements": poses(frames),
         "weld_inertias": inertias(welds) if welds else [],
         "gravity": [(3,)],
+        "lifts": inertias(n),
+        "turn_limits": [(n,)],
     }
 
 
@@ -531,10 +559,12 @@ class StaticMechanism(Mechanism, ByContents):
 
     @functools.cached_property
     def contents(self) -> tuple[Any, ...]:
-        """(topology, closures of loops by names, the arrays as bytes): what decides equality and hash."""
-        leaves, loops = jax.tree.leaves(self._as_tree()), self.loops
-        named = tuple((x.frame_a, x.frame_b, x.kind) for x in loops)
-        return self.topology, named, tuple((x.dtype.name, x.shape, x.tobytes()) for x in leaves)
+        """(topology, what else there is and its names, the arrays as bytes): what decides equality and hash."""
+        leaves = jax.tree.leaves(self._as_tree())
+        loops = tuple((x.frame_a, x.frame_b, x.kind) for x in self.loops)
+        tendons = tuple((x.name, x.joints) for x in self.tendons)
+        arrays = tuple((x.dtype.name, x.shape, x.tobytes()) for x in leaves)
+        return self.topology, (loops, tendons, self.lifts is not None, self.turn_limits is not None), arrays
 
     def __reduce__(self):
         return Mechanism.as_static, (self.as_known(),)
@@ -574,20 +604,27 @@ def _as_tuples(x):
 
 
 def _static_to_bytes(static: StaticMechanism):
-    topology, loops, arrays = static.contents
+    topology, others, arrays = static.contents
     as_text = [(name, shape, x.hex()) for name, shape, x in arrays]
-    return json.dumps([dataclasses.astuple(topology), loops, as_text]).encode()
+    return json.dumps([dataclasses.astuple(topology), others, as_text]).encode()
 
 
 def _static_from_bytes(data: bytes):
-    fields, loops, arrays = json.loads(data)
+    fields, (loops, tendons, has_lifts, has_turn_limits), arrays = json.loads(data)
     topology = _topology(fields)
     leaves = [np.frombuffer(bytes.fromhex(x), np.dtype(name)).reshape(shape) for name, shape, x in arrays]
     parameters = {p.name: 0 for p in registered_parameters(topology.kinds)}
     closures = tuple(LoopClosure(a, b, kind, 1.0 if kind == "distance" else None) for a, b, kind in loops)
-    like = dataclasses.replace(Mechanism.build([], []), topology=topology, parameters=parameters, loops=closures)
+    lines = tuple(Tendon(name, joints, [0.0] * len(joints)) for name, joints in tendons)
+    like = dataclasses.replace(
+        Mechanism.build([], []), topology=topology, parameters=parameters, loops=closures, tendons=lines
+    )
     if topology.welds:
         like = dataclasses.replace(like, weld_inertias=like.inertias)
+    if has_lifts:
+        like = dataclasses.replace(like, lifts=like.inertias)
+    if has_turn_limits:
+        like = dataclasses.replace(like, turn_limits=like.pitches)
     return jax.tree.unflatten(jax.tree.structure(like), leaves).as_static()
 
 

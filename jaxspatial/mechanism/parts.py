@@ -25,10 +25,13 @@ class Body:
     Args:
         name: unique among bodies and frames.
         inertia: M_BBo_B, a single SpatialInertia about the body's origin; None for a body without mass.
+        lift: the part of the inertia that something holds against gravity, as a balloon does; its moments do not count.
+            The force that holds it is one of the `passive_forces`. None for none.
     """
 
     name: str
     inertia: SpatialInertia | None = None
+    lift: SpatialInertia | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -80,9 +83,10 @@ class Joint:
         mimic: (joint, multiplier, offset) where the coordinate follows that of another joint, which may follow one
             itself.
         parameters: values of the parameters that a registered kind declares, by name.
+        turn_limit: of "ball", the largest angle of its rotation, rad.
 
     Raises:
-        ValueError: there is no such kind, or the kind has no such parameter. `Mechanism.build` checks the rest.
+        ValueError: there is no such kind, or it has no such parameter or limit. `Mechanism.build` checks the rest.
     """
 
     name: str
@@ -105,6 +109,7 @@ class Joint:
     upper: Any = math.inf
     mimic: tuple[Any, ...] | None = None
     parameters: Mapping[str, Any] = dataclasses.field(default_factory=dict[str, Any])
+    turn_limit: float = math.inf
 
     @property
     def follows(self) -> Mimic | None:
@@ -115,6 +120,8 @@ class Joint:
         if self.kind not in KINDS:
             known, near = ", ".join(map(repr, KINDS)), check.did_you_mean(self.kind, KINDS)
             raise ValueError(f"Joint {self.name!r}: kind: expected one of {known}, got {self.kind!r}{near}")
+        if self.turn_limit != math.inf and self.kind != "ball":
+            raise ValueError(f"Joint {self.name!r}: turn_limit: expected none for {self.kind!r}, got {self.turn_limit}")
         names = [p.name for p in KINDS[self.kind].parameters if p.field is None]
         for name in self.parameters:
             if name not in names:

@@ -6,6 +6,7 @@ The numbers of motions are compared with MuJoCo's in `peers/test_dynamics_mujoco
 import pathlib
 import re
 
+import jax
 import mujoco
 import numpy as np
 import pytest
@@ -210,8 +211,13 @@ def test_what_does_not_move_it_is_left_out():
 _CONNECT = "<connect name='c' body1='tool' anchor='0 0 0'/>"
 
 
-def _equality(element):
-    return END, f"<equality>{element}</equality></mujoco>"
+def _equality(element, more=""):
+    return END, f"<equality>{element}</equality>{more}</mujoco>"
+
+
+def _rope(attributes):
+    sites = '<site site="upper"/><site site="tip"/>'
+    return END, f'<tendon><spatial name="r" {attributes}>{sites}</spatial></tendon></mujoco>'
 
 
 def _tendon(attributes):
@@ -224,6 +230,7 @@ def _motor(attributes, n=1):
 
 
 _BALL = '<joint name="elbow" type="ball" range="0 1"/><joint name="x" type="slide"'
+_PAIR = '<tendon><fixed name="t"><joint joint="elbow" coef="2"/><joint joint="slide" coef="-3"/></fixed></tendon>'
 _ROD = '<tendon><fixed name="t"><joint joint="elbow" coef="1"/></fixed></tendon>'
 REFUSED = {
     "malformed": ((END, "</mujo"), "malformed XML: .* line 19"),
@@ -317,10 +324,6 @@ REFUSED = {
         (END, '<worldbody>\n<body><joint damping="-1"/><geom size="1"/></body></worldbody></mujoco>'),
         'line 19: <joint name="joint_3">: damping: .*>= 0',
     ),
-    "gravcomp": (('name="fore"', 'name="fore" gravcomp="1"'), 'line 10: <body name="fore">: gravcomp'),
-    "air": (('-9.81"', '-9.81" density="1.2"'), "line 3: <option>: density"),
-    "oil": (('-9.81"', '-9.81" viscosity="1.2"'), "line 3: <option>: viscosity"),
-    "limited ball": ((ELBOW, _BALL), 'line 12: <joint name="elbow">: range: a ball joint'),
     "huge anchor": (_equality(_CONNECT.replace("anchor='0", "anchor='1e39")), 'line 18: <connect name="c">: anchor'),
     "frame of a loop": (
         ("</worldbody>", f'<site name="c/a"/></worldbody><equality>{_CONNECT}</equality>'),
@@ -333,10 +336,22 @@ REFUSED = {
         _equality('<joint joint1="elbow" joint2="slide"/><joint joint1="slide" joint2="elbow"/>'),
         "line 18: .*'slide' follow each other in a ring; leave out one",
     ),
-    "spring": (_tendon('name="t" stiffness="3"'), 'line 18: <fixed name="t">: stiffness: there are no tendons'),
-    "dashpot": (_tendon('name="t" damping="3"'), "line 18: <fixed .*damping"),
-    "rope": (_tendon('name="t" range="-1 1"'), "line 18: <fixed .*limited"),
-    "rubbing rope": (_tendon('frictionloss="2"'), 'line 18: <fixed name="tendon_0">: frictionloss'),
+    "bent spring": (_tendon('stiffness="3 1"'), 'line 18: <fixed name="tendon_0">: stiffness: expected one number'),
+    "heavy tendon": (_tendon('name="t" armature="3"'), 'line 18: <fixed name="t">: armature: expected none .*leave it'),
+    "infinite spring": (_tendon('stiffness="1e39"'), "line 18: <fixed .*stiffness: .*3.4e.38"),
+    "negative spring of a tendon": (_tendon('stiffness="-1"'), "line 18: <fixed .*stiffness: .*>= 0"),
+    "elastic rope": (
+        _rope('stiffness="3"'),
+        'line 18: <spatial name="r">: stiffness: expected none of a rope here, .*leave it out',
+    ),
+    "held tendon": (
+        _equality('<tendon tendon1="t"/>', _ROD),
+        "line 18: <tendon .*: tendon1: expected a fixed tendon over two joints",
+    ),
+    "two tendons": (
+        _equality('<tendon tendon1="t" tendon2="s"/>', _PAIR + _PAIR.replace('"t"', '"s"')),
+        "line 18: <tendon .*: tendon2: expected one",
+    ),
     "rotor": (
         (END, f'{_ROD}<actuator><motor name="m" tendon="t" armature="1"/></actuator></mujoco>'),
         'line 18: <motor name="m">: armature',
@@ -350,6 +365,96 @@ def test_refused(change, message):
         read(ARM, change)
     assert re.search(message, str(error.value)), str(error.value)
     assert re.search(r"\bline \d+\b", str(error.value))
+
+
+# What is left out though it changes the motion: (change, how the warning lists it, the message where it is refused).
+MISSED = {
+    "air": (('-9.81"', '-9.81" density="1.2"'), {"drag": ("density of the medium",)}, "line 3: <option>: density"),
+    "oil": (('-9.81"', '-9.81" viscosity="1"'), {"drag": ("viscosity of the medium",)}, "line 3: <option>: viscosity"),
+    "rope": (_rope('range="0 1"'), {"range of a tendon along a rope": ("r",)}, 'line 18: <spatial name="r">: range'),
+    "rubbing tendon": (
+        _tendon('frictionloss="2"'), {"frictionloss of a tendon": ("tendon_0",)}, "line 18: <fixed .*frictionloss"
+    ),
+    "free joint that rubs": (
+        ("</worldbody>", '<body><joint name="f" type="free" frictionloss="1"/><geom size="1"/></body></worldbody>'),
+        {"frictionloss of a free joint": ("f",)}, 'line 17: <joint name="f">: frictionloss',
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "unknown", "message"), MISSED.values(), ids=MISSED)
+def test_what_is_left_out_and_changes_the_motion_is_listed(change, unknown, message):
+    with pytest.warns(ModelFileWarning) as found:
+        read(ARM, change)
+    assert found[0].message.unknown == unknown
+    with pytest.raises(ValueError, match=f"^from_mjcf: {message}"):
+        read(ARM, change, strict=True)
+
+
+def test_tendons_and_balls():
+    changes = (ELBOW, _BALL), _tendon('name="t" range="-1 2" stiffness="3" damping="4" springlength="1"')
+    changes = changes[0], (END, changes[1][1].replace("elbow", "x").replace("</fixed>", _SECOND))
+    mech = read(ARM, *changes)
+    (tendon,) = mech.tendons
+    assert (tendon.name, tendon.joints) == ("t", ("x", "slide"))
+    numbers = tendon.stiffness, tendon.damping, tendon.lower, tendon.upper, *tendon.rest, *tendon.coefficients
+    np.testing.assert_array_equal(numbers, [3, 4, -1, 2, 1, 1, 1, -2])
+    assert mech.turn_limits[mech.joint_names.index("elbow")] == 1
+    assert read(ARM, _tendon("")).tendons == ()
+
+
+_SECOND = '<joint joint="slide" coef="-2"/></fixed>'
+
+
+def test_an_equality_of_a_tendon_over_two_joints_is_a_mimic():
+    """2 elbow - 3 slide = -3/2 + 1/4, of ref = 1/2 of the slide."""
+    mech = read(ARM, _equality('<tendon tendon1="t" polycoef=".25"/>', _PAIR))
+    assert (mech.nq, mech.tendons) == (2, ())
+    np.testing.assert_array_equal(mech.mimics, [[1, 0], [1, 0], [1.5, -0.625]])
+
+
+def test_gravity_that_is_compensated():
+    mech = read(ARM, ('name="fore"', 'name="fore" gravcomp=".5"'), ('name="tool"', 'name="tool" gravcomp="1"'))
+    np.testing.assert_array_equal(mech.lifts.mass, [0, 0, 3])
+    # About the elbow, a metre below: of 1 kg at (1, 2, 4) and of 2 kg at (0, 0, 2).
+    np.testing.assert_allclose(mech.lifts.com[2], np.float32([1, 2, 8]) / 3, rtol=2e-7)
+    assert not mech.lifts.central.any() or abs(mech.lifts.central[:2]).max() == 0
+    np.testing.assert_array_equal(mech.inertias.mass, read().inertias.mass)
+    assert read().lifts is None
+
+
+MESH = (
+    '<mujoco><asset><mesh name="a" file="a.obj"/></asset><worldbody><body name="b"><freejoint/>BODY</body></worldbody>'
+)
+MESH = MESH.replace("BODY", '<geom type="mesh" mesh="a"/>') + "</mujoco>"
+ASSETS = {"a.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"}
+
+
+def test_meshes_in_a_dict_models_and_specs(tmp_path):
+    mech = js.Mechanism.from_mjcf(MESH, assets=ASSETS)
+    np.testing.assert_allclose(mech.inertias.mass, 1000 / 6, rtol=1e-6)
+    sources = [mujoco.MjModel.from_xml_string(MESH, ASSETS), mujoco.MjSpec.from_string(MESH, assets=ASSETS)]
+    for other in map(js.Mechanism.from_mjcf, sources):
+        assert all(np.array_equal(x, y) for x, y in zip(jax.tree.leaves(mech), jax.tree.leaves(other), strict=True))
+    (tmp_path / "part.xml").write_text(MESH)
+    path = tmp_path / "whole.xml"
+    path.write_text('<mujoco><include file="part.xml"/></mujoco>')
+    assert js.Mechanism.from_mjcf(path, assets=ASSETS).body_names == ("b",)
+    with pytest.raises(ValueError, match=r"^from_mjcf: line 1: MuJoCo says .*a.obj.*; mend the model$"):
+        js.Mechanism.from_mjcf(MESH)
+    with pytest.raises(TypeError, match="^from_mjcf: path_or_text: expected a path or text, got dict"):
+        js.Mechanism.from_mjcf(ASSETS)
+
+
+def test_models_and_specs_have_no_lines_of_a_file():
+    spec = mujoco.MjSpec.from_string(alone('<joint name="j"/><geom size="1"/>'))
+    spec.joint("j").damping = [-1.0, 0, 0]
+    with pytest.raises(ValueError, match=r'^from_mjcf: line \d+ of MjSpec.to_xml\(\): <joint name="j">: damping: '):
+        js.Mechanism.from_mjcf(spec)
+    with pytest.raises(
+        ValueError, match='^from_mjcf: line 1 of no text: an MjModel has none: .*<joint name="j">: damping'
+    ):
+        js.Mechanism.from_mjcf(spec.compile())
 
 
 def test_names_that_are_made_for_others():
@@ -370,7 +475,7 @@ PART = """<mujoco>
 @pytest.mark.parametrize(
     ("part", "message"),
     [
-        (PART, "line 2 of part.xml: <option>: density: there is no drag"),
+        (PART.replace("density", "gravity").replace('"1"', '"1e40 0 0"'), "line 2 of part.xml: <option>: gravity: "),
         (PART.replace(' density="1"', ""), 'line 4 of part.xml: <joint name="joint_3">: damping: .*>= 0'),
         (PART.replace("-1", "nan"), "line 4 of part.xml: <joint>: damping: expected finite"),
         (PART.replace(' density="1"', "").replace("-1", "1e39"), "line 4 of part.xml: <joint .*>: damping: .*3.4e.38"),
@@ -389,7 +494,7 @@ ATTACHED = {
         ('<body><joint damping="-1"/>', '<body name="more"><joint damping="-1"/>'),
         '<joint name="joint_1">: damping',
     ),
-    "body": (('<body><joint damping="-1"/>', '<body name="more" gravcomp="1">'), '<body name="pmore">: gravcomp'),
+    "body": (('<body><joint damping="-1"/>', '<body name="more" pos="1e40 0 0">'), '<body name="pmore">: pos'),
 }
 
 
@@ -407,10 +512,9 @@ def test_what_is_attached_has_the_line_of_what_holds_it(tmp_path, change, messag
         js.Mechanism.from_mjcf(path)
 
 
-@pytest.mark.parametrize("attribute", ["armature", "frictionloss"])
-def test_a_free_joint_has_neither(attribute):
-    text = alone(f'<joint name="f" type="free" {attribute}="1"/><geom size="1"/>')
-    with pytest.raises(ValueError, match=f'line 1: <joint name="f">: {attribute}'):
+def test_a_free_joint_has_no_armature():
+    text = alone('<joint name="f" type="free" armature="1"/><geom size="1"/>')
+    with pytest.raises(ValueError, match='line 1: <joint name="f">: armature: .*leave it out'):
         js.Mechanism.from_mjcf(text)
 
 

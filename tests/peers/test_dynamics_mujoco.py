@@ -263,6 +263,103 @@ def test_springs_and_damping():
     )
 
 
+HAND = """<mujoco><compiler angle="radian"/><option timestep="0.002" gravity="1 2 -9"/><worldbody>
+  <body name="a" gravcomp=".7" pos="0 0 1" quat=".8 0 .6 0"><joint name="j0" axis="0 1 0" ref=".1"/>
+    <inertial pos=".1 .2 .3" mass="2" diaginertia=".1 .12 .15"/>
+    <body name="b" pos=".3 0 .1"><joint name="j1" axis="1 2 0" damping=".3"/>
+      <inertial pos="0 .1 .1" mass="1" diaginertia=".02 .03 .02"/>
+      <body name="welded" gravcomp="1" pos=".1 0 0"><inertial pos=".1 0 0" mass=".5" diaginertia=".1 .1 .1"/></body>
+      <body name="c" gravcomp="1.2" pos="0 .2 .1" quat=".6 .8 0 0"><joint name="j2" type="slide" axis="0 1 1"/>
+        <inertial pos=".1 .1 0" mass=".7" diaginertia=".02 .03 .02"/>
+        <body name="d" pos="0 .1 .1"><joint name="ball" type="ball" range="0 .4" damping=".2"/>
+          <inertial pos=".1 0 .05" mass=".5" diaginertia=".01 .02 .015"/></body></body></body></body>
+</worldbody><tendon>
+  <fixed name="band" stiffness="30" damping="2" springlength=".1 .4"><joint joint="j0" coef="1"/>
+    <joint joint="j1" coef="-2"/><joint joint="j2" coef=".5"/></fixed>
+  <fixed name="spring" stiffness="7"><joint joint="j1" coef="1"/><joint joint="j2" coef="3"/></fixed>
+  <fixed name="stop" range="-.2 .3"><joint joint="j0" coef="1.5"/><joint joint="j2" coef="-1"/></fixed>
+</tendon></mujoco>"""
+# A tendon over a joint that follows another, by a chain.
+FOLLOWING = '<joint joint1="j2" joint2="j1" polycoef=".1 .5"/><joint joint1="j1" joint2="j0" polycoef="-.2 .7"/>'
+TIED = HAND.replace("</mujoco>", f"<equality>{FOLLOWING}</equality></mujoco>").replace(' range="-.2 .3"', "")
+HELD = TIED.replace("<equality>", '<option><flag equality="disable"/></option><equality>')
+
+
+def state_of(model, mech, k):
+    q = js.random_configuration(mech, jax.random.key(k), (), np.float64)
+    v = jnp.asarray(np.random.default_rng(k).standard_normal(mech.nv))
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = states.to_qpos(mech, q), states.to_qvel(mech, q, v)
+    mujoco.mj_forward(model, data)
+    return q, v, data
+
+
+def rates_of(mech, q):
+    """MuJoCo's rates of our unit velocities."""
+    return np.asarray(jax.vmap(lambda v: states.to_qvel(mech, q, v), out_axes=1)(jnp.eye(mech.nv)))
+
+
+@pytest.mark.parametrize("source", [HAND, TIED], ids=["hand", "followers"])
+def test_tendons_and_lifts(source):
+    """Springs with a range of rest, damping, and gravity that is compensated, of welded bodies and by more than all."""
+    mech = js.Mechanism.from_mjcf(source, dtype=np.float64)
+    model = mujoco.MjModel.from_xml_string(HAND if source is HAND else HELD)
+    assert [x.name for x in mech.tendons] == ["band", "spring", *["stop"] * (source is HAND)]
+    passive, lengths = interpreted(lambda q, v: js.passive_forces(mech, q, v)), set()
+    for k in range(12):
+        q, v, data = state_of(model, mech, k)
+        expected = rates_of(mech, q).T @ (data.qfrc_spring + data.qfrc_damper + data.qfrc_gravcomp)
+        np.testing.assert_allclose(passive(q, v), expected, rtol=0, atol=1e-13 * abs(expected).max())
+        lengths.add(np.sign(data.ten_length[0] - 0.1) + np.sign(data.ten_length[0] - 0.4))
+    assert {-2, 2} <= lengths
+
+
+def test_limits_of_tendons_and_balls():
+    """Depths and directions are those of MuJoCo's constraints, which are soft otherwise."""
+    mech = js.Mechanism.from_mjcf(HAND, dtype=np.float64)
+    model, k, c, seen = mujoco.MjModel.from_xml_string(HAND), 50.0, 3.0, set()
+    of_tendon = mech.velocities({"j0": 1.0})  # its first joint
+    soft = js.Compliance(limit_stiffness=k * (1 + of_tendon), limit_damping=c / (1 + of_tendon))
+    forces = interpreted(lambda q, v: (js.passive_forces(mech, q, v, soft), js.passive_forces(mech, q, v)))
+    kinds = [int(x) for x in (mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON, mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT)]
+    for i in range(20):
+        q, v, data = state_of(model, mech, i)
+        J, expected = data.efc_J.reshape(data.nefc, model.nv), np.zeros(mech.nv)
+        for row, depth, kind in zip(J, -data.efc_pos, data.efc_type, strict=True):
+            stiffness, damping = (2 * k, c / 2) if int(kind) == kinds[0] else (k, c)
+            push = max(0.0, stiffness * depth - damping * (row @ data.qvel))
+            expected += push * row
+            seen.add((int(kind), push > 0))
+        found, without = forces(q, v)
+        np.testing.assert_allclose(found - without, expected, rtol=0, atol=1e-11)
+    assert {(kind, True) for kind in kinds} <= seen
+
+
+@pytest.mark.parametrize("source", [HAND, TIED], ids=["hand", "followers"])
+def test_many_steps_with_tendons_and_lifts(source):
+    """500 of mj_step, by Euler's method: damping of tendons is explicit there, too. For followers MuJoCo has soft
+    constraints: its mass matrix and forces are taken along our coordinates."""
+    mech = js.Mechanism.from_mjcf(source, dtype=np.float64)
+    free = HAND.replace(' range="-.2 .3"', "").replace(' range="0 .4"', "") if source is HAND else HELD
+    model = mujoco.MjModel.from_xml_string(free)
+    q, v, data = state_of(model, mech, 3)
+    q = q.at[: mech.nq - 4].multiply(0.2)
+    Q, V = stepped(mech, q, v, 0.002, 500)
+    Qs, Vs = np.asarray(states.to_qpos(mech, Q)), np.asarray(states.to_qvel(mech, Q, V))
+    if source is HAND:
+        assert compared_steps(model, Qs, Vs) <= 1e-9
+        return
+    worst, damping = 0.0, np.diag(mech.damping)
+    for k in range(500):
+        data.qpos[:], data.qvel[:] = Qs[k], Vs[k]
+        mujoco.mj_forward(model, data)
+        T = rates_of(mech, Q[k])
+        M, push = T.T @ whole_mass_matrix(model, data) @ T, T.T @ (data.qfrc_passive - data.qfrc_bias)
+        after = np.asarray(V[k]) + 0.002 * np.linalg.solve(M + 0.002 * damping, push)
+        worst = max(worst, abs(after - np.asarray(V[k + 1])).max())
+    assert worst <= 1e-9
+
+
 @pytest.mark.parametrize("name", ["fixed", "floating", *CUT])
 def test_accelerations(name):
     _, mech, q, v, _ = case(name)

@@ -3,16 +3,18 @@
 The package mujoco compiles the files. Bodies, joints and sites become bodies, joints and frames of the same name,
 "body_<id>", "joint_<id>" and "site_<id>" where they have none; a site with the name of a body is "<body>/<site>". Of
 several joints on one body, each but the last carries a body without mass, "<body>/<joint>". A joint constraint of at
-most first degree makes a mimic, as if it were rigid. The equality constraints `connect` and `weld` become the
-`loops` of the mechanism, of kinds "ball" and "weld", as if they were rigid; between bodies they hold frames
-"<constraint>/a" on the first body and "<constraint>/b" on the second. Springs, damping and friction of joints are
-numbers of the mechanism, see `passive_forces`.
+most first degree makes a mimic, as if it were rigid, and so does an equality of a fixed tendon over two joints. The
+equality constraints `connect` and `weld` become the `loops` of the mechanism, of kinds "ball" and "weld", as if they
+were rigid; between bodies they hold frames "<constraint>/a" on the first body and "<constraint>/b" on the second. Fixed
+tendons with springs, damping or limits become the `tendons` of the mechanism, and bodies with `gravcomp` have lifts.
+Springs, damping and friction of joints are numbers of the mechanism, see `passive_forces`.
 
 What serves pictures, contact or control (geoms but for their mass, cameras, sensors, keyframes, actuators but for
-armature and damping, options of MuJoCo's solver, mocap) is no part of a mechanism, and is left out.
-Everything else that changes the motion and that a mechanism cannot represent is refused, and so are numbers that are
-not finite or beyond the dtype. Messages have the line of the element, or of what holds it where it is in an attached
-model.
+armature and damping, options of MuJoCo's solver, mocap) is no part of a mechanism, and is left out. Drag of the medium,
+limits of ropes (spatial tendons), and friction of tendons and of free joints are left out, too; one `ModelFileWarning`
+lists them, and `strict=True` refuses them. Everything else that changes the motion and that a mechanism cannot
+represent is refused, and so are numbers that are not finite or beyond the dtype. Messages have the line of the element,
+or of what holds it where it is in an attached model.
 
 What a joint does not say has MuJoCo's default, or that of its class: without an axis it is along z. The mass matrix of
 several slides of one body along the same direction is singular. MuJoCo takes it for diagonal (`body_simple`) where the
@@ -24,32 +26,51 @@ first, and its linear velocity in the body's axes; a mimic has no coordinate. `i
 """
 
 import collections
+import functools
 import importlib
 import io
 import pathlib
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NoReturn
 
 import numpy as np
 
-from jaxspatial.mechanism.formats.source import Element, Made, ModelText, built, needed, rotation_of, with_moments
+from jaxspatial.inertia import SpatialInertia
+from jaxspatial.mechanism.formats.source import (
+    Element,
+    Made,
+    ModelText,
+    built,
+    doubt_inertias,
+    needed,
+    rotation_of,
+    with_moments,
+)
 from jaxspatial.mechanism.loops import Kind, LoopClosure
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint, Mimic
+from jaxspatial.mechanism.tendons import Tendon
 from jaxspatial.numerics.numbers.rounded import in_double
 from jaxspatial.numerics.types import DTypeLike
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
 
 
-def read(build: Callable[..., Made], path_or_text: str | pathlib.Path, dtype: DTypeLike | None = None) -> Made:
+def read(
+    build: Callable[..., Made],
+    path_or_text: Any,
+    assets: Mapping[str, bytes] | None = None,
+    dtype: DTypeLike | None = None,
+    strict: bool = False,
+) -> Made:
     """Reads an MJCF for `Mechanism.from_mjcf`: the same arguments and errors, and `Mechanism.build`."""
-    file = _File(path_or_text, dtype)
+    file = _File(path_or_text, assets, dtype, strict)
     _check(file)
     _leave_out(file)
     with in_double():
         *parts, loops = _parts(file)
-    mechanism = built(build, file.refuse_part, *parts, file.gravity, dtype, loops)
+    mechanism = built(build, file.refuse_part, *parts, file.gravity, dtype, loops, _tendons(file))
+    doubt_inertias(file, mechanism)
     file.warn()
     return mechanism
 
@@ -79,20 +100,40 @@ _RANGES = {"range", "actuatorfrcrange"}
 
 
 class _File(ModelText):
-    def __init__(self, path_or_text: str | pathlib.Path, dtype: DTypeLike | None):
+    def __init__(self, source: Any, assets: Mapping[str, bytes] | None, dtype: DTypeLike | None, strict: bool):
         mujoco = self.mujoco = needed("from_mjcf", "mujoco")
-        super().__init__("from_mjcf", path_or_text, dtype)
+        self.assets, text = dict(assets or {}), source
+        self.model: Any = None
+        self.of_text = ""
+        if isinstance(source, mujoco.MjSpec):
+            # A copy: compiling adds what elements get by default.
+            spec = source.copy()
+            self.model, text = self._compiled(spec.compile), spec.to_xml()
+            self.of_text = " of MjSpec.to_xml()"
+        elif isinstance(source, mujoco.MjModel):
+            self.model, text, self.of_text = source, "<mujoco/>", " of no text: an MjModel has none"
+        super().__init__("from_mjcf", text, dtype, strict)
         self._include(self.root, {self.path and self.path.resolve()})
         self._check_finite()
-        try:
+        if self.model is None:
             # By its path, so that MuJoCo finds included files.
-            text, path = mujoco.MjModel.from_xml_string, mujoco.MjModel.from_xml_path
-            self.model = text(self.source.decode()) if self.path is None else path(str(self.path))
-        except ValueError as error:
-            raise ValueError(f"from_mjcf: {self._with_line(' '.join(str(error).split()))}") from None
+            by_text, by_path = mujoco.MjModel.from_xml_string, mujoco.MjModel.from_xml_path
+            read, given = (by_text, self.source.decode()) if self.path is None else (by_path, str(self.path))
+            self.model = self._compiled(functools.partial(read, given, self.assets))
         bits = mujoco.mjtDisableBit.__members__
         flags = self.model.opt.disableflags
         self.disabled = {name for name, bit in bits.items() if "DSBL" in name and flags & int(bit)}
+
+    def _compiled(self, compile: Callable[[], Any]) -> Any:
+        try:
+            return compile()
+        except ValueError as error:
+            message = " ".join(str(error).split())
+            said = self._with_line(message) if hasattr(self, "root") else f"MuJoCo says {message}"
+            raise ValueError(f"from_mjcf: {said}; mend the model") from None
+
+    def line(self, element: Element) -> str:
+        return super().line(element) + self.of_text
 
     def _include(self, element: Element, files: set[pathlib.Path | None]):
         """Puts the elements of included files in place, as MuJoCo does; leaves what cannot be read for it to refuse."""
@@ -104,7 +145,7 @@ class _File(ModelText):
             if path in files:
                 continue
             try:
-                root = etree.parse(io.BytesIO(path.read_bytes())).getroot()
+                root = etree.parse(io.BytesIO(self.assets.get(name) or path.read_bytes())).getroot()
             except (OSError, etree.XMLSyntaxError):
                 continue
             self._include(root, {*files, path})
@@ -239,6 +280,7 @@ _NUMBERS = {
     "joint": {"pos": "jnt_pos", "axis": "jnt_axis", "stiffness": "jnt_stiffness",
               "actuatorfrcrange": "jnt_actfrcrange"},
     "site": {"pos": "site_pos", "quat": "site_quat"},
+    "tendon": {"stiffness": "tendon_stiffness", "damping": "tendon_damping", "springlength": "tendon_lengthspring"},
     "actuator": {"gear": "actuator_gear", "armature": "actuator_armature", "damping": "actuator_damping"},
 }  # fmt: skip
 _OF_VELOCITIES = {"armature": "dof_armature", "damping": "dof_damping", "frictionloss": "dof_frictionloss"}
@@ -250,15 +292,15 @@ def _check(file: _File):
     m = file.model
     for name in ("density", "viscosity"):
         if getattr(m.opt, name) != 0:
-            file.refuse_element(file.option(name), f"{name}: there is no drag here, expected 0")
+            if file.strict:
+                file.refuse_element(file.option(name), f"{name}: there is no drag here, expected 0")
+            file.miss("drag", f"{name} of the medium")
     if not (abs(file.gravity) <= file.largest).all():
         file.refuse_element(file.option("gravity"), f"gravity: {_finite(file)}, got {file.gravity.tolist()}")
     if m.nflex:
         file.refuse_element([file.root, *file.root.iter("flex", "flexcomp")][-1], "bodies are rigid here")
     _check_numbers(file)
     for i in range(m.nbody):
-        if m.body_gravcomp[i] != 0 and file.gravity.any():
-            file.refuse("body", i, "gravcomp: gravity pulls on every body here")
         if m.body_plugin[i] >= 0:
             file.refuse("body", i, "plugin: what it does to the motion is not known")
     _check_joints(file)
@@ -309,22 +351,55 @@ def _check_joints(file: _File):
             file.refuse("joint", j, "springyield: springs stay elastic here")
         if file.has("DAMPER", "PASSIVE") and file.numbers("dof_dampingpoly")[dofs].any():
             file.refuse("joint", j, "damping: expected one number, forces are linear in the rate here")
-        if file.kind(j) == "ball" and file.is_limited(j):
-            file.refuse("joint", j, "range: a ball joint has no limits here")
         if file.kind(j) == "free" and m.dof_armature[dofs].any():
-            file.refuse("joint", j, "armature: a free joint turns nothing; add mass and inertia to its body")
+            file.refuse(
+                "joint", j, "armature: a free joint turns nothing; leave it out, or add mass and inertia to its body"
+            )
         if file.kind(j) == "free" and m.dof_frictionloss[dofs].any():
-            file.refuse("joint", j, "frictionloss: that of a free joint is in the world's axes")
+            if file.strict:
+                file.refuse("joint", j, "frictionloss: that of a free joint is in the world's axes; leave it out")
+            file.miss("frictionloss of a free joint", file.name("joint", j))
+
+
+# What a tendon does: {name in files: the switches of MuJoCo that it needs}.
+_OF_TENDONS = {
+    "stiffness": ("SPRING", "PASSIVE"),
+    "damping": ("DAMPER", "PASSIVE"),
+    "limited": ("LIMIT", "CONSTRAINT"),
+    "frictionloss": ("FRICTIONLOSS", "CONSTRAINT"),
+    "armature": (),
+    "stiffnesspoly": ("SPRING", "PASSIVE"),
+    "dampingpoly": ("DAMPER", "PASSIVE"),
+}
 
 
 def _check_tendons(file: _File):
-    forces = {"stiffness": ("SPRING", "PASSIVE"), "damping": ("DAMPER", "PASSIVE")}
-    forces |= {"stiffnesspoly": forces["stiffness"], "dampingpoly": forces["damping"]}
-    forces |= {"frictionloss": ("FRICTIONLOSS", "CONSTRAINT"), "limited": ("LIMIT", "CONSTRAINT"), "armature": ()}
+    """Fixed tendons have linear springs, damping and limits here; ropes from place to place do nothing."""
     for i in range(file.model.ntendon):
-        for name, flags in forces.items():
-            if file.has(*flags) and file.numbers(f"tendon_{name}")[i].any():
-                file.refuse("tendon", i, f"{name.removesuffix('poly')}: there are no tendons here")
+        does = [name for name, flags in _OF_TENDONS.items() if file.has(*flags) and _of_tendon(file, name, i).any()]
+        for name in does:
+            short = name.removesuffix("poly")
+            if name in ("stiffness", "damping", "limited") and _is_fixed(file, i):
+                continue
+            if name == "limited" and not file.strict:
+                file.miss("range of a tendon along a rope", file.name("tendon", i))
+                continue
+            if name == "frictionloss" and not file.strict:
+                file.miss("frictionloss of a tendon", file.name("tendon", i))
+                continue
+            kinds = "one number: springs and damping are linear" if name != short else "none of a rope"
+            expected = kinds if short in ("stiffness", "damping") else "none"
+            short = "range" if short == "limited" else short
+            file.refuse("tendon", i, f"{short}: expected {expected} here, tendons are linear forms; leave it out")
+
+
+def _of_tendon(file: _File, name: str, i: int) -> np.ndarray:
+    return file.numbers(f"tendon_{name}")[i]
+
+
+def _is_fixed(file: _File, i: int) -> bool:
+    m = file.model
+    return int(m.wrap_type[m.tendon_adr[i]]) == int(file.mujoco.mjtWrap.mjWRAP_JOINT)
 
 
 # -- what is no part of a mechanism is listed -------------------------------------------------------------------------
@@ -442,8 +517,8 @@ def _mimics(file: _File) -> dict[int, Mimic]:
     m, mimics = file.model, dict[int, tuple[int, int, float, float]]()  # {joint: (equation, leader, a, b)}
     for i in _equalities(file):
         if m.eq_type[i] not in _closures(file):
-            j = m.eq_obj1id[i]
-            mimic = _mimic(file, i)
+            is_of_tendon = m.eq_type[i] == int(file.mujoco.mjtEq.mjEQ_TENDON)
+            j, mimic = _held_tendon(file, i) if is_of_tendon else (m.eq_obj1id[i], _mimic(file, i))
             if j in mimics:
                 file.refuse("eq", i, f"joint1: {file.name('joint', j)!r} follows another joint already")
             mimics[j] = mimic
@@ -476,12 +551,55 @@ def _mimic(file: _File, i: int):
     return i, leader, a1, a0 + _reference(file, j) - a1 * _reference(file, leader)
 
 
+def _held_tendon(file: _File, i: int):
+    """(joint, its mimic) of the equation L = L0 + a0 of a tendon over two joints, c1 q1 + c2 q2 = L0 + a0."""
+    m = file.model
+    tendon, a0 = int(m.eq_obj1id[i]), float(m.eq_data[i, 0])
+    if m.eq_obj2id[i] >= 0:
+        file.refuse("eq", i, "tendon2: expected one tendon, over two joints; leave the constraint out")
+    joints, c = _coordinates_of(file, tendon)
+    if not _is_fixed(file, tendon) or len(joints) != 2 or not c.all():
+        expected = "expected a fixed tendon over two joints, which makes one a mimic of the other"
+        file.refuse("eq", i, f"tendon1: {expected}; leave the constraint out, or make it of joints")
+    (j, leader), (c1, c2) = joints, c.tolist()
+    return j, (i, leader, -c2 / c1, (float(m.tendon_length0[tendon]) + a0) / c1)
+
+
+def _coordinates_of(file: _File, i: int) -> tuple[list[int], np.ndarray]:
+    """(joints, coefficients) of a fixed tendon. One that comes twice has the sum."""
+    m = file.model
+    places = range(m.tendon_adr[i], m.tendon_adr[i] + m.tendon_num[i])
+    c = dict[int, float]()
+    for k in places:
+        c[int(m.wrap_objid[k])] = c.get(int(m.wrap_objid[k]), 0.0) + float(m.wrap_prm[k])
+    return list(c), np.array([*c.values()])
+
+
+def _tendons(file: _File) -> list[Tendon]:
+    """The fixed tendons that do something."""
+    m, found = file.model, list[Tendon]()
+    for i in filter(functools.partial(_is_fixed, file), range(m.ntendon)):
+        stiffness, damping, limited = (
+            _of_tendon(file, name, i) * file.has(*_OF_TENDONS[name]) for name in ("stiffness", "damping", "limited")
+        )
+        if stiffness.any() or damping.any() or limited.any():
+            joints, c = _coordinates_of(file, i)
+            lower, upper = m.tendon_range[i].tolist() if limited.any() else (-np.inf, np.inf)
+            numbers = {"stiffness": float(stiffness[0]), "damping": float(damping[0]), "rest": m.tendon_lengthspring[i]}
+            names = [file.name("joint", j) for j in joints]
+            found.append(Tendon(file.name("tendon", i), names, c, lower=lower, upper=upper, **numbers))
+    return found
+
+
 def _body(file: _File, i: int):
     m, name = file.model, file.name("body", i)
     if not (m.body_mass[i] > 0 or m.body_inertia[i].any()):
         return Body(name)
     X_BI = _pose(m.body_ipos[i], m.body_iquat[i])
-    return Body(name, with_moments(m.body_mass[i], X_BI, np.diag(m.body_inertia[i])))
+    lift = None
+    if share := float(m.body_gravcomp[i]):
+        lift = SpatialInertia(np.float64(share * m.body_mass[i]), X_BI.translation, np.zeros((3, 3)))
+    return Body(name, with_moments(m.body_mass[i], X_BI, np.diag(m.body_inertia[i])), lift)
 
 
 def _joints(file: _File, i: int, rotors: dict[str, np.ndarray], mimics: dict[int, Mimic]):
@@ -506,14 +624,15 @@ def _numbers(file: _File, j: int, rotors: dict[str, np.ndarray]):
     numbers: dict[str, Any] = {
         "armature": m.dof_armature[dofs] + rotors["armature"][j],
         "damping": (m.dof_damping[dofs] + rotors["damping"][j]) * file.has("DAMPER", "PASSIVE"),
-        "friction_loss": m.dof_frictionloss[dofs] * file.has("FRICTIONLOSS", "CONSTRAINT"),
+        "friction_loss": m.dof_frictionloss[dofs] * (kind != "free" and file.has("FRICTIONLOSS", "CONSTRAINT")),
         "stiffness": m.jnt_stiffness[j] * file.has("SPRING", "PASSIVE"),
         "spring_reference": np.roll(rest, 4) if kind == "free" else rest,  # the quaternion first
     }
     if kind in ("revolute", "prismatic"):
         numbers["axis"] = m.jnt_axis[j]
     if file.is_limited(j):
-        numbers["lower"], numbers["upper"] = m.jnt_range[j].tolist()
+        lower, upper = m.jnt_range[j].tolist()
+        numbers |= {"turn_limit": max(lower, upper)} if kind == "ball" else {"lower": lower, "upper": upper}
     if m.jnt_actfrclimited[j]:
         numbers["effort_limit"] = float(abs(m.jnt_actfrcrange[j]).max())
     return numbers

@@ -46,6 +46,11 @@ class Ball(JointKind):
         pulls = Vector(*(-k * x for k, x in zip(stiffness[:3], d, strict=True)))
         return exponential.left_jacobian_inverse(d) @ pulls
 
+    def turn(self, q: Numbers) -> Vector:
+        """The rotation vector of the joint, the short way round."""
+        identity = tuple(constant(q[0], x) for x in (1, 0, 0, 0))
+        return Vector(*Ball.difference(self, identity, q[:4]))
+
 
 class Free(Ball):
     """Holds nothing: q = (quaternion wxyz, p_PoBo_P), v = V_PB_B in the child's axes, angular first."""

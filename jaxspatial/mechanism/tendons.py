@@ -1,0 +1,111 @@
+"""Tendons: linear forms of coordinates with a spring, damping and limits."""
+
+import json
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.export
+import numpy as np
+
+from jaxspatial.mechanism.topology import Topology
+from jaxspatial.numerics import check
+from jaxspatial.numerics.quantity import tree_of
+from jaxspatial.numerics.types import ArrayLike
+
+
+@tree_of("name", "joints")
+class Tendon:
+    """A tendon over joints of one coordinate: its length L is a linear form of these.
+
+        L = coefficients . q + offset        tau = coefficients (-stiffness (L - rest) - damping dL/dt + N)
+
+        js.Tendon("finger", ["knuckle", "tip"], [1.0, -1.0], stiffness=0.5, upper=0.1)
+
+    `passive_forces` and the steps apply the spring and damping, and N, the force of a limit, where `Compliance` gives
+    limits of tendons a stiffness.
+
+    Args:
+        name: for messages; static.
+        joints: names of joints of one coordinate; static. Those of mimics count with the joint that they follow.
+        coefficients: (k,) one for each joint, m/rad or 1.
+        offset: L where the coordinates are zero, m.
+        stiffness: N/m.
+        rest: (2,) the shortest and the longest length at which the spring is at rest, or one number for both, m.
+        damping: N s/m. The steps take it explicitly: they are stable for dt damping below the inertia along L.
+        lower, upper: limits of L, m.
+
+    Raises:
+        TypeError: names are no text, or numbers are none of floating point.
+        ValueError: the numbers of names and of coefficients differ.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    coefficients: jax.Array
+    offset: jax.Array = 0.0  # type: ignore[assignment]  # a number becomes an array
+    stiffness: jax.Array = 0.0  # type: ignore[assignment]
+    rest: jax.Array = 0.0  # type: ignore[assignment]
+    damping: jax.Array = 0.0  # type: ignore[assignment]
+    lower: jax.Array = -np.inf  # type: ignore[assignment]
+    upper: jax.Array = np.inf  # type: ignore[assignment]
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            name: str,
+            joints: Iterable[str],
+            coefficients: ArrayLike,
+            offset: ArrayLike = 0.0,
+            stiffness: ArrayLike = 0.0,
+            rest: ArrayLike = 0.0,
+            damping: ArrayLike = 0.0,
+            lower: ArrayLike = -np.inf,
+            upper: ArrayLike = np.inf,
+        ): ...
+
+    def __post_init__(self) -> None:
+        joints = tuple(self.joints) if isinstance(self.joints, Iterable) and not isinstance(self.joints, str) else None
+        if joints is None or not all(isinstance(name, str) for name in joints):
+            raise TypeError(f"Tendon: joints: expected a sequence of names, got {self.joints!r}")
+        object.__setattr__(self, "joints", joints)
+        for field, size in self._sizes.items():
+            x = getattr(self, field)
+            if check.is_tree_mark(x):
+                continue
+            array = check.owned(check.as_float_array(x, f"Tendon: {field}", np.float64, held=True))
+            array = np.repeat(array, 2) if field == "rest" and array.ndim == 0 else array
+            if array.shape != size:
+                raise ValueError(f"Tendon {self.name!r}: {field}: expected shape {size}, got {array.shape}")
+            object.__setattr__(self, field, array)
+
+    @property
+    def _sizes(self) -> dict[str, tuple[int, ...]]:
+        scalars = dict.fromkeys(("offset", "stiffness", "damping", "lower", "upper"), ())
+        return {"coefficients": (len(self.joints),), "rest": (2,), **scalars}
+
+    def __repr__(self) -> str:
+        return f"Tendon({self.name!r}, {list(self.joints)}, {check.in_short(self.coefficients)})"
+
+
+jax.export.register_pytree_node_serialization(
+    Tendon,
+    serialized_name="jaxspatial.Tendon",
+    serialize_auxdata=lambda structure: json.dumps(structure).encode(),
+    deserialize_auxdata=lambda data: ((parts := json.loads(data))[0], tuple(parts[1])),
+)
+
+
+def checked_tendons(tendons: Any, topology: Topology, what: str) -> tuple[Tendon, ...]:
+    """A sequence of tendons over joints of one coordinate, as a tuple."""
+    found = tuple(tendons) if isinstance(tendons, Iterable) else None
+    if found is None or not all(isinstance(x, Tendon) for x in found):
+        raise TypeError(f"{what}: expected a sequence of Tendons, got {tendons!r}")
+    for tendon in found:
+        for name in tendon.joints:
+            kind = topology.kind(topology.index(topology.joint_names, name, f"{what}: Tendon {tendon.name!r}: joints"))
+            if kind.nq != 1 or kind.nv != 1:
+                expected = "expected joints of one coordinate"
+                raise ValueError(f"{what}: Tendon {tendon.name!r}: joints: {expected}, got {name!r}, a {kind.name!r}")
+    return found
