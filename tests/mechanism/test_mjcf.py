@@ -72,6 +72,14 @@ def test_tree():
     assert dict(mech.topology.frames) == frames
 
 
+def test_fixed_cameras_are_frames():
+    """Under their own names, or that of their body before it where it is taken."""
+    cameras = '<camera name="eye" pos="0 0 2"/><camera name="fore"/><camera name="follows" mode="trackcom"/><camera/>'
+    mech = read(ARM, ('<site name="tip"/>', f'<site name="tip"/>{cameras}'))
+    assert mech.frame_names[-4:] == ("tip", "eye", "tool/fore", "cam_3")
+    np.testing.assert_array_equal(mech.frame_placements.translation[-3], [0, 0, 4])
+
+
 def test_numbers(x64):
     mech = read()
     assert mech.dtype == (np.float64 if x64 else np.float32)

@@ -1,7 +1,8 @@
 """Mechanisms from MuJoCo's format (mujoco.readthedocs.io, XML reference).
 
-The package mujoco compiles the files. Bodies, joints and sites become bodies, joints and frames of the same name,
-"body_<id>", "joint_<id>" and "site_<id>" where they have none; a site with the name of a body is "<body>/<site>". Of
+The package mujoco compiles the files. Bodies, joints, sites and fixed cameras become bodies, joints and frames of the
+same name, "body_<id>", "joint_<id>", "site_<id>" and "cam_<id>" where they have none; a site or a camera with a name
+that is taken is "<body>/<name>". A camera looks along -z. Of
 several joints on one body, each but the last carries a body without mass, "<body>/<joint>". A joint constraint of at
 most first degree makes a mimic, as if it were rigid, and so does an equality of a fixed tendon over two joints. The
 equality constraints `connect` and `weld` become the `loops` of the mechanism, of kinds "ball" and "weld", as if they
@@ -9,7 +10,7 @@ were rigid; between bodies they hold frames "<constraint>/a" on the first body a
 tendons with springs, damping or limits become the `tendons` of the mechanism, and bodies with `gravcomp` have lifts.
 Springs, damping and friction of joints are numbers of the mechanism, see `passive_forces`.
 
-What serves pictures, contact or control (geoms but for their mass, cameras, sensors, keyframes, actuators but for
+What serves pictures, contact or control (geoms but for their mass, sensors, keyframes, actuators but for
 armature and damping, options of MuJoCo's solver, mocap) is no part of a mechanism, and is left out. Drag of the medium,
 limits of ropes (spatial tendons), and friction of tendons and of free joints are left out, too; one `ModelFileWarning`
 lists them, and `strict=True` refuses them. Everything else that changes the motion and that a mechanism cannot
@@ -84,6 +85,7 @@ _ELEMENTS = {
     "body": ("worldbody", ("body",), "body_parentid"),
     "joint": ("worldbody", ("joint", "freejoint"), "jnt_bodyid"),
     "site": ("worldbody", ("site",), "site_bodyid"),
+    "cam": ("worldbody", ("camera",), "cam_bodyid"),
     "eq": ("equality", (), "eq_type"),
     "tendon": ("tendon", (), "tendon_num"),
     "actuator": ("actuator", (), "actuator_trntype"),
@@ -238,7 +240,7 @@ class _File(ModelText):
 
     def _around(self, what: str, i: int) -> Element:
         """What holds an element that is not in the text, as one of an attached model: a body, or the section."""
-        if what in ("body", "joint", "site") and (what, i) != ("body", 0):
+        if what in ("body", "joint", "site", "cam") and (what, i) != ("body", 0):
             carrier = int(self._array(what)[i])
             element = self._element("body", carrier)
             return self._around("body", carrier) if element is None else element
@@ -280,6 +282,7 @@ _NUMBERS = {
     "joint": {"pos": "jnt_pos", "axis": "jnt_axis", "stiffness": "jnt_stiffness",
               "actuatorfrcrange": "jnt_actfrcrange"},
     "site": {"pos": "site_pos", "quat": "site_quat"},
+    "cam": {"pos": "cam_pos", "quat": "cam_quat"},
     "tendon": {"stiffness": "tendon_stiffness", "damping": "tendon_damping", "springlength": "tendon_lengthspring"},
     "actuator": {"gear": "actuator_gear", "armature": "actuator_armature", "damping": "actuator_damping"},
 }  # fmt: skip
@@ -406,11 +409,11 @@ def _is_fixed(file: _File, i: int) -> bool:
 
 # {element: how many the model has}
 _LEFT_OUT = {
-    "geom": "ngeom", "cam": "ncam", "light": "nlight", "skin": "nskin", "mesh": "nmesh", "tex": "ntex", "mat": "nmat",
+    "geom": "ngeom", "light": "nlight", "skin": "nskin", "mesh": "nmesh", "tex": "ntex", "mat": "nmat",
     "hfield": "nhfield", "pair": "npair", "exclude": "nexclude", "actuator": "nu", "sensor": "nsensor", "key": "nkey",
     "tendon": "ntendon", "numeric": "nnumeric", "tuple": "ntuple", "plugin": "nplugin",
 }  # fmt: skip
-_TAGS = {"cam": "camera", "tex": "texture", "mat": "material", "key": "keyframe"}
+_TAGS = {"tex": "texture", "mat": "material", "key": "keyframe"}
 # Options and switches that a mechanism has, or that are refused.
 _OPTIONS = {"gravity", "density", "viscosity", "disableflags", "o_margin", "o_solref", "o_solimp", "o_friction"}
 _SWITCHES = {"CONSTRAINT", "EQUALITY", "FRICTIONLOSS", "LIMIT", "SPRING", "DAMPER", "GRAVITY", "PASSIVE"}
@@ -663,6 +666,13 @@ def _frames(file: _File):
     m = file.model
     for i in range(m.nsite):
         yield Frame(_site(file, i), file.name("body", m.site_bodyid[i]), _pose(m.site_pos[i], m.site_quat[i]))
+    taken = {file.name(what, i) for what, n in (("body", m.nbody), ("site", m.nsite)) for i in range(n)}
+    for i in range(m.ncam):
+        name, body = file.name("cam", i), file.name("body", m.cam_bodyid[i])
+        if m.cam_mode[i] == int(file.mujoco.mjtCamLight.mjCAMLIGHT_FIXED):
+            yield Frame(f"{body}/{name}" if name in taken else name, body, _pose(m.cam_pos[i], m.cam_quat[i]))
+        else:
+            file.leave_out("camera that turns by itself", name)
 
 
 def _loops(file: _File) -> tuple[list[LoopClosure], list[Frame]]:
