@@ -137,6 +137,11 @@ def arm():
     return js.testing.random_mechanism(0, 7, ["revolute"], is_chain=True, dtype=F32)
 
 
+def contacts():
+    tip = arm().body_names[-1]
+    return js.PointContacts((tip,), stiffness=F32(1e4), relaxation_time=F32(0.01), friction=F32(0.7), radius=F32(0.1))
+
+
 def states(mech, n=40):
     rng = np.random.default_rng(1)
     q = np.asarray(js.random_configuration(mech, jax.random.key(0), n, F32))
@@ -149,9 +154,11 @@ PROGRAMS = {
     "mass matrix": lambda q, v, a: js.mass_matrix(arm(), q),
     "a step": lambda q, v, a: js.semi_implicit_step(arm(), q, v, a, F32(1e-3)),
     "gradient": lambda q, v, a: jax.grad(lambda *x: js.forward_dynamics(arm(), *x).sum(), (0, 1, 2))(q, v, a),
+    "a step with contact": lambda q, v, a: js.convex_step(arm(), q, v, a, F32(1e-3), contacts=contacts())[:2],
 }
-# Bytes of registers that are written to memory because there are too few. ptxas 13.5 says 0, and for the gradient 24.
-SPILLED = {"gradient": 64}
+EACH = [pytest.param(name, marks=[pytest.mark.slow] if "contact" in name else []) for name in PROGRAMS]
+# Bytes of registers that are written to memory because there are too few. ptxas 13.5 says 0, for these 24 and 60.
+SPILLED = {"gradient": 64, "a step with contact": 128}
 
 
 @functools.cache
@@ -166,7 +173,7 @@ def kernel(name):
     return g, cuda.code_of(g, arguments, results, 1000)
 
 
-@pytest.mark.parametrize("name", PROGRAMS)
+@pytest.mark.parametrize("name", EACH)
 def test_programs_have_the_bits_of_the_cpu(name):
     x = states(arm())
     with jax.enable_x64(False):
@@ -183,7 +190,7 @@ def ptxas():
     return pytest.skip("ptxas is not installed")
 
 
-@pytest.mark.parametrize("name", PROGRAMS)
+@pytest.mark.parametrize("name", EACH)
 def test_registers_suffice(name, tmp_path):
     """The assembler takes every program, in which nothing, or little, is written to memory for lack of registers."""
     text = cuda.compiled(kernel(name)[1], 90).replace(str(cuda.N_STATES), "1000")
