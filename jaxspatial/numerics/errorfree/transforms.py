@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
@@ -103,8 +104,10 @@ def product_error(a: Array, b: Array, p: Array) -> Array:
 
 
 def _two_product(a: Array, b: Array) -> list[Array]:
-    p = opaque(a * b)
-    return [p, product_error(a, b, p)]
+    # Also in a program without 64-bit types, which it is lowered as a part of: see `no_fma`.
+    with jax.enable_x64(True):
+        p = opaque(a * b)
+        return [p, product_error(a, b, p)]
 
 
 def _two_product_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[list[Array], list[Any]]:
