@@ -64,12 +64,14 @@ def _lower(context: Any, *arrays: Any, plan: Plan) -> Any:
 def _run(plan: Plan, native: Native, *arrays: jax.Array) -> list[jax.Array]:
     """The results, each by a call of its own: XLA leaves out those that nobody reads."""
     results = list[jax.Array]()
-    for s in plan.sums:
-        alone = plan._replace(sums=(s,))
-        if is_simple(plan, s, arrays):
-            results += evaluate(*arrays, plan=alone)
-        else:
-            results += program.run(_program_of(alone._replace(batch=(1,))), len(plan.batch), native, *arrays)
+    # Also in a program without 64-bit types, which computes some numbers in float64.
+    with jax.enable_x64(True):
+        for s in plan.sums:
+            alone = plan._replace(sums=(s,))
+            if is_simple(plan, s, arrays):
+                results += evaluate(*arrays, plan=alone)
+            else:
+                results += program.run(_program_of(alone._replace(batch=(1,))), len(plan.batch), native, *arrays)
     return results
 
 

@@ -99,6 +99,18 @@ def test_an_offset_that_all_items_share():
     assert_same(shifted(a, b, c, d), by_xla(shifted, a, b, c, d))
 
 
+def test_a_program_without_64_bit_types():
+    """It divides in double words of float64, and returns float32."""
+
+    def axis(a, b):
+        return js.central_axis(js.SpatialForce(a, b))
+
+    arrays = np.random.default_rng(0).standard_normal((2, N, 3)).astype(np.float32)
+    with jax.enable_x64(False):
+        assert calls(axis, *arrays) > 0
+        assert_same(jax.jit(axis)(*arrays), by_xla(axis, *arrays))
+
+
 def test_what_nobody_reads_is_not_computed():
     arrays = vectors(N)
     assert calls(lambda *x: crossed(*x).tau, *arrays) == 1
