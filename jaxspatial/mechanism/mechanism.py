@@ -88,11 +88,11 @@ class Mechanism:
     spring_references: jax.Array
     frame_placements: RigidTransform
     weld_inertias: SpatialInertia | None
+    lifts: SpatialInertia | None
+    turn_limits: jax.Array | None
+    tendons: tuple[Tendon, ...]
     gravity: jax.Array
     loops: tuple[LoopClosure, ...] = ()
-    lifts: SpatialInertia | None = None
-    turn_limits: jax.Array | None = None
-    tendons: tuple[Tendon, ...] = ()
 
     # -- construction -------------------------------------------------------------------------------------------------
 
