@@ -1,9 +1,9 @@
 """A graph as a kernel for NVIDIA GPUs, one state per thread, and its call from JAX.
 
 LLVM writes the kernel as PTX, the assembly language of these GPUs, from the IR that `llvm_ir` writes for one state. It
-travels as text within the program of JAX, and the driver compiles it for the GPU at hand. A warp, 32 threads, is a
-block. It copies rows of the batch to shared memory, so that neighbours in memory are read by neighbouring threads;
-each thread computes its state from there; and results go back the same way.
+travels as text within the program of JAX, and the driver compiles it for the GPU at hand. The 32 threads of a warp copy
+rows of the batch to shared memory, so that neighbours in memory are read by neighbouring threads; each thread computes
+its state from there; and results go back the same way.
 
 Every number has the bits that the CPU's machine code gives it.
 """
@@ -29,8 +29,8 @@ from jaxspatial.numerics.jax_internals import custom_partitioning
 WARP = 32
 # Bytes of shared memory that a block may take without asking for more.
 MOST_SHARED = 48 * 1024
-# Bytes of a state's row in shared memory: with more, too few warps fit a multiprocessor.
-LONGEST_ROW = 1024
+# Bytes of a state's row in shared memory. What does not fit is read where it is.
+LONGEST_ROW = 960
 # Numbers of a result above which it is written by columns at the end, instead of from the row.
 LONGEST_RESULT = 64
 # Bytes of a row of a large result that are written together. Such parts begin and end within 32 bytes, the least that
@@ -45,9 +45,11 @@ MOST_UNROLLED = 10_000
 MOST_OPERATIONS = 30_000
 # How many loads of a copy are under way before the first number is stored.
 AT_ONCE = 16
+# Of the 255 registers of a thread, those for numbers that wait. The assembler needs the others.
 REGISTERS = 220
 # Stands for the number of states in the text of a kernel. No program has this number.
 N_STATES = 0x5AFE5AFE5AFE
+# Of GPUs that LLVM has names for. A later one runs the code of an earlier one.
 CAPABILITIES = (70, 75, 80, 86, 89, 90, 100)
 TRIPLE = "nvptx64-nvidia-cuda"
 ROWS, FRAME = "ptr addrspace(3) %rows", "ptr addrspace(5) %frame"

@@ -693,7 +693,7 @@ class Writer:
         read, template_of, copies = self.read, self._template_of, self.g.copies
         for item in items:
             if type(item) is tuple:
-                self.write_loop(f, p, item[0])
+                self._write_loop(f, p, item[0])
                 continue
             registers = f.registers
             if item in copies:
@@ -723,7 +723,7 @@ class Writer:
         f.add(f"{value} = zext {self.type(dtype)} {mask} to {self.type(byte)}")
         return value, byte
 
-    def write_loop(self, f: Function, p: int, k: int) -> None:
+    def _write_loop(self, f: Function, p: int, k: int) -> None:
         g, loop, order = self.g, self.g.loops[k], self.order
         carried = order.carried_of(loop)
         for parameter in order.rows_of(loop):

@@ -79,6 +79,21 @@ def test_what_fits_no_row_of_shared_memory(n, longest_row, tile, monkeypatch):
         assert_same_bits(by_warps(code_of(g, arrays, n), arrays, n), with_numpy(g, arrays), longest)
 
 
+@pytest.mark.parametrize("dtype", [F32, F64])
+def test_shared_memory_suffices(dtype):
+    """Whatever the sizes of arguments and results."""
+    dtype = np.dtype(dtype)
+    for size in (1, 50, 119, 120, 239, 240, 241, 1000):
+        for many in (1, 64, 65, 500):
+            g = graph.Graph()
+            loads = [g.load(0, j, dtype) for j in range(size)]
+            g.results = [np.resize(loads, many), np.array(loads[:1])]
+            text = cuda.code_of(
+                g, [cpu.Argument(size, dtype)], [cpu.Result(many, dtype), cpu.Result(1, dtype)], 40
+            ).text
+            assert int(re.search(r"@shared = .*?\[(\d+) x i8\]", text)[1]) <= cuda.MOST_SHARED
+
+
 @pytest.mark.parametrize("n, warps", [(100, 2), (130, 4), (64, 4)])
 def test_several_warps_are_a_block(n, warps, monkeypatch):
     monkeypatch.setattr(cuda, "WARPS", warps)
