@@ -22,7 +22,7 @@ from tests.helpers import pinocchio_models as models  # noqa: E402
 FAST = [("panda", False, "float64"), ("double_pendulum_continuous", True, "float32")]
 LARGE = [("anymal_b_simple-anymal", True), ("g1_29dof_rev_1_0", True), ("icub", True), ("talos_full_v2", False)]
 # What `from_urdf` refuses, and why; and a root link "world", which cannot float.
-REFUSED = {"alex_psyonic_hands": "mimic: there is no joint 'index_q1'", "ur3": "<robot>: name: expected one"}
+REFUSED = {"alex_psyonic_hands": "mimic: there is no joint 'index_q1'", "ur3": "got no link at all"}
 FIXED_TO_WORLD = 'the root link is "world", which cannot float'
 
 
