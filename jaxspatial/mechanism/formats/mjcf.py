@@ -598,7 +598,9 @@ def _body(file: _File, i: int):
     m, name = file.model, file.name("body", i)
     if not (m.body_mass[i] > 0 or m.body_inertia[i].any()):
         return Body(name)
-    X_BI = _pose(m.body_ipos[i], m.body_iquat[i])
+    # MuJoCo computes as if frames that nearly coincide did.
+    is_same = m.body_sameframe[i] == int(file.mujoco.mjtSameFrame.mjSAMEFRAME_BODY)
+    X_BI = _pose(np.zeros(3), np.array([1.0, 0, 0, 0])) if is_same else _pose(m.body_ipos[i], m.body_iquat[i])
     lift = None
     if share := float(m.body_gravcomp[i]):
         lift = SpatialInertia(np.float64(share * m.body_mass[i]), X_BI.translation, np.zeros((3, 3)))
