@@ -309,7 +309,8 @@ HEAD = """# Model files of public packages
 
 Written by `tests/benchmarks/model_files.py`, which says what is compared, and how. Of every source: its files, those
 that the peer reads ({peers}; of URDF once words that are no part of the format are cut), those that load here, those of
-which both can be compared, and the largest relative error of these.
+which both can be compared, and the largest relative error of these. Where files were only loaded (`--loads`) the peer
+was not asked.
 """
 
 
@@ -320,7 +321,8 @@ def report(rows, before):
         if _is_installed(package)
     )
     yield HEAD.format(peers=peers)
-    earlier = {(row["source"], row["file"]): row for row in before}
+    known = {(row["source"], row["file"]) for row in rows}
+    earlier = {key: row for row in before if (key := (row["source"], row["file"])) in known}
     yield "| source | format | files | peer reads | loaded before | load | compared | largest error |\n|" + "---|" * 8
     groups = collections.defaultdict(list)
     for row in rows:
@@ -328,19 +330,19 @@ def report(rows, before):
         groups[row["format"], "all"].append(row)
     for (of, source), group in sorted(groups.items(), key=lambda x: (x[0][0], x[0][1] == "all", x[0][1])):
         old = [earlier.get((row["source"], row["file"])) for row in group]
-        compared = [row["error"] for row in group if "error" in row]
+        compared, asked = [row["error"] for row in group if "error" in row], [row for row in group if "peer" in row]
         counts = (
             len(group),
-            sum(row["peer"] == "loads" for row in group),
+            sum(row["peer"] == "loads" for row in asked) if asked else "",
             sum(row["ours"] == "loads" for row in old if row) if before else "",
             sum(row["ours"] == "loads" for row in group),
-            len(compared),
-            f"{max(compared, default=0.0):.1e}",
+            len(compared) if asked else "",
+            f"{max(compared):.1e}" if compared else "",
         )
         yield f"| {source} | {of} | " + " | ".join(map(str, counts)) + " |"
-    for title, which in (("Causes before", before), ("Causes", rows)):
+    for title, which in (("Causes before", list(earlier.values())), ("Causes", rows)):
         if which:
-            yield f"\n## {title}\n\nOf files that do not load here: how many, and whether the peer reads them.\n"
+            yield f"\n## {title}\n\nOf files that do not load here: how many, and how many of these the peer reads.\n"
             yield "| format | message | files | of which the peer reads |\n|---|---|---|---|"
             yield from _causes(which)
     if wrong := [row for row in rows if not row.get("error", 0.0) <= ALLOWED]:
@@ -352,7 +354,7 @@ def _causes(rows):
     found = collections.defaultdict(list)
     for row in rows:
         if row["ours"] != "loads":
-            found[row["format"], _cause(row["ours"])].append(row["peer"] == "loads")
+            found[row["format"], _cause(row["ours"])].append(row.get("peer") == "loads")
     for (of, cause), reads in sorted(found.items(), key=lambda x: (x[0][0], -len(x[1]))):
         yield f"| {of} | {cause.replace('|', '/')} | {len(reads)} | {sum(reads)} |"
 
