@@ -204,3 +204,24 @@ def test_gpu():
         assert f"\n| {case} | " in run.stdout
     for told in ("in all precisions but fast: 1, 1: holds", "largest difference from the CPU, in u: 0, "):
         assert told in run.stdout
+
+
+@pytest.mark.slow
+def test_model_files(tmp_path):
+    """Of a folder: one file of each format that loads and is compared, one that does not."""
+    pytest.importorskip("pinocchio")
+    body = '<inertial pos=".1 0 0" mass="1" diaginertia="1 1 1"/>'
+    (tmp_path / "a.xml").write_text(f"<mujoco><worldbody><body><joint/>{body}</body></worldbody></mujoco>")
+    mass = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    joint = '<joint name="j" type="continuous"><parent link="world"/><child link="l"/></joint>'
+    (tmp_path / "b.urdf").write_text(
+        f'<robot><link name="l"><inertial>{mass}</inertial></link><traits/>{joint}</robot>'
+    )
+    (tmp_path / "c.urdf").write_text('<robot><link name="l"/><loop_joint/></robot>')
+    rows = tmp_path / "rows.jsonl"
+    command = [sys.executable, HERE / "model_files.py", f"here={tmp_path}", "--rows", rows]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert run.returncode == 0, run.stderr
+    assert "| here | MJCF | 1 | 1 |  | 1 | 1 | " in run.stdout
+    assert "| URDF | <loop_joint>: this changes how the robot moves" in run.stdout
+    assert len(rows.read_text().splitlines()) == 3
