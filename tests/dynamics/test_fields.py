@@ -63,6 +63,8 @@ MECHANISMS = {
     "mimic": ["revolute on -1", "revolute on 0 as 0"],
     "two axes": ["universal on -1", "helical on 0"],
     "sliding": ["geared on -1", "cylindrical on 0"],
+    # With a tendon over the two joints, bodies that something lifts, and a ball whose angle is limited.
+    "held": ["ball on -1", "revolute on 0", "revolute on 1"],
 }
 
 
@@ -71,10 +73,14 @@ def mechanism(name):
     """Each body with an inertia, a spring, a frame of its own, and each joint with all that it may have."""
     rng = np.random.default_rng(0)
     parts = [text.split() for text in MECHANISMS[name]]
-    bodies = [js.Body(f"body{i}", inertia(rng)) for i in range(len(parts))]
+    is_held, tendons = name == "held", []
+    bodies = [js.Body(f"body{i}", inertia(rng), lift=inertia(rng) if is_held else None) for i in range(len(parts))]
     own = [joint(rng, i, *words) for i, words in enumerate(parts)]
+    if is_held:
+        own[0] = dataclasses.replace(own[0], turn_limit=0.1)
+        tendons = [js.Tendon("rope", ["joint1", "joint2"], [1.0, -0.7], 0.1, 2.0, 0.3, 0.4, upper=-0.2)]
     frames = [js.Frame(f"tool{i}", f"body{i}", pose(rng)) for i in range(len(parts))]
-    mech = js.Mechanism.build(bodies, own, frames, rng.standard_normal(3), np.float64)
+    mech = js.Mechanism.build(bodies, own, frames, rng.standard_normal(3), np.float64, tendons=tendons)
     far = {"lower": np.full(mech.nq, 0.3), "upper": np.full(mech.nq, -0.2)}
     return mech.replace(**far)
 
@@ -125,6 +131,7 @@ FREE_OF_GRAVITY = *BODIES, "armature"
 OF_BODIES, OF_FRAMES = (*GEOMETRY, "child_placements"), (*GEOMETRY, "frame_placements")
 LOADED = *DYNAMICS, "frame_placements"
 HELD = (js.LoopClosure("world", TOOL, "distance", 0.7),)
+HOLDING = "lifts", "turn_limits", "tendons"
 PASSIVE = "stiffness", "spring_references", "damping", "friction_loss", "lower", "upper"
 STEPS = *DYNAMICS, *PASSIVE
 
@@ -178,7 +185,7 @@ ALGORITHMS = {
     "joint_torque_regressor": (js.regressors.joint_torque_regressor, (*GEOMETRY, "gravity")),
     "inverse_dynamics_derivatives": (lambda m, q, v, a: js.inverse_dynamics_derivatives(m, q, v, a, loads(q)), LOADED),
     "forward_dynamics_derivatives": (lambda m, q, v, a: js.forward_dynamics_derivatives(m, q, v, a), DYNAMICS),
-    "passive_forces": (lambda m, q, v, a: js.passive_forces(m, q, v, SOFT), (*JOINTS, *PASSIVE)),
+    "passive_forces": (lambda m, q, v, a: js.passive_forces(m, q, v, SOFT), (*JOINTS, *PASSIVE, *HOLDING)),
     "configuration_rates": (lambda m, q, v, a: js.configuration_rates(m, q, v), JOINTS),
     "integrate": (lambda m, q, v, a: js.integrate(m, q, v, DT), JOINTS),
     "difference": (lambda m, q, v, a: js.difference(m, q, moved(m, q, v)), JOINTS),
@@ -325,6 +332,7 @@ def table(name, field):
 
 # The fields that only some kinds of joints read, and the mechanism that has them; all others are in every mechanism.
 OF_KINDS = {"second_axes": "two axes", "pitches": "two axes", "parameters": "sliding", "mimics": "mimic"}
+OF_KINDS |= dict.fromkeys(HOLDING, "held")
 # Limits of what motors can do are there for others, and loops for callers to pass. Inertias behind welds are read by
 # reactions at these alone, see `test_reactions`.
 READ_BY_NONE = "effort_limit", "velocity_limit", "loops", "weld_inertias"
@@ -370,8 +378,13 @@ FOUND = [
     ("single", "inertias", "kinetic_energy", "hessian", "states by leading axes"),
     ("mimic", "mimics", "mass_matrix", "jacfwd", "one state"),
 ]
+HELD_BY = [
+    ("held", "lifts", "passive_forces", "jacfwd", "one state"),
+    ("held", "turn_limits", "passive_forces", "jacrev", "states by vmap"),
+    ("held", "tendons", "passive_forces", "hessian", "both by vmap"),
+]
 # By default every algorithm once, with every field, every derivative and every way among them.
-DRAWN = [*FOUND, *covering([(name, 3 if name == "passive_forces" else 1) for name in ALGORITHMS])]
+DRAWN = [*FOUND, *HELD_BY, *covering([(name, 3 if name == "passive_forces" else 1) for name in ALGORITHMS])]
 OTHERS = [case for case in dict.fromkeys(whole()) if case not in DRAWN]
 
 

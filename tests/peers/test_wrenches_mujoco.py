@@ -48,8 +48,9 @@ def robot(name):
 
 
 def frames(mech):
-    """All that have a body in MuJoCo: the welded ones, and some twice."""
+    """All that have a body in MuJoCo, which a camera has not: the welded ones, and some twice."""
     names = [name for name in mech.frame_names if name != "world" and "/" not in mech.frame_body(name)]
+    names = [name for name in names if not name.startswith("cam_")]
     return *names, names[-1], names[0]
 
 

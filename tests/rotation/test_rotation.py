@@ -120,7 +120,9 @@ def test_rpy_is_that_of_a_urdf():
     )  # whose bounds and derivatives hold
     assert js.Rotation.to_rpy is js.Rotation.to_roll_pitch_yaw
     pytest.importorskip("lxml")
-    arm = f"""<robot name="arm"><link name="a"/><link name="b"/>
+    moments = 'ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"'
+    arm = f"""<robot name="arm"><link name="a"/>
+      <link name="b"><inertial><mass value="1"/><inertia {moments}/></inertial></link>
       <joint name="j" type="continuous"><parent link="a"/><child link="b"/>
       <origin rpy="{" ".join(map(str, rpy))}"/></joint></robot>"""
     read = js.Mechanism.from_urdf(arm, dtype=np.float32)
