@@ -904,7 +904,7 @@ def _runtime() -> tuple[Any, Any]:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     texts = [str(Runtime().module)]
-    engine = _loaded(_cached(_name(texts, host()), texts, host()), host())
+    engine = _loaded(_cached(name_of(texts, host()), texts, host()), host())
     for name in (Runtime.ANSWER, Runtime.HOLD, Runtime.HELP, Runtime.WAIT, Runtime.RELEASE):
         llvm.add_symbol(name, engine.get_function_address(name))
     information = (ctypes.c_int64 * 3)(24, 0, engine.get_function_address(Runtime.LET_GO))
@@ -920,8 +920,8 @@ def _runtime() -> tuple[Any, Any]:
     return engine, information
 
 
-def _name(texts: Sequence[str], target: Target) -> str:
-    """A name of machine code that is another for any other code, in all processes."""
+def name_of(texts: Sequence[str], target: Target) -> str:
+    """A name of what is compiled that is another for any other code, in all processes."""
     identity = "\0".join((*texts, str(llvm.llvm_version_info), llvm.get_process_triple(), *target))
     return f"jaxspatial_{hashlib.sha256(identity.encode()).hexdigest()[:32]}"
 
@@ -966,7 +966,7 @@ def compiled(code: Code, target: Target | None = None) -> Compiled:
             return found
         _free()
         texts = code.text, str(Handler(code).module)
-        name = _name(texts, target)
+        name = name_of(texts, target)
         engine = _loaded(_cached(name, texts, target), target)
         # XLA keeps names for ever. Code that was freed, and is needed again, is elsewhere in memory.
         times = _TIMES_REGISTERED[name] = _TIMES_REGISTERED.get(name, 0) + 1

@@ -10,8 +10,6 @@ Every number has the bits that the CPU's machine code gives it.
 
 import contextlib
 import functools
-import hashlib
-import importlib
 import math
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
@@ -423,27 +421,21 @@ def _capability() -> int:
     return min(int(x.compute_capability.replace(".", "")) for x in jax.local_devices(backend="cuda"))
 
 
-@functools.cache
-def _machine(capability: int) -> Any:
-    llvm = importlib.import_module("llvmlite.binding")
-    llvm.initialize_all_targets()
-    llvm.initialize_all_asmprinters()
-    known = max(x for x in CAPABILITIES if x <= capability)
-    return llvm.Target.from_triple(TRIPLE).create_target_machine(cpu=f"sm_{known}", opt=2)
-
-
 @functools.lru_cache(maxsize=256)
 def compiled(code: Code, capability: int | None = None) -> str:
     """The kernel as PTX, in which `N_STATES` stands for the number of states."""
-    llvm, capability = importlib.import_module("llvmlite.binding"), capability or _capability()
+    capability = capability or _capability()
+    target = cpu.Target(f"sm_{max(x for x in CAPABILITIES if x <= capability)}", "")
 
     def made() -> bytes:
-        module = llvm.parse_assembly(f'target triple = "{TRIPLE}"\n{code.text}')
+        cpu.llvm.initialize_all_targets()
+        cpu.llvm.initialize_all_asmprinters()
+        module = cpu.llvm.parse_assembly(f'target triple = "{TRIPLE}"\n{code.text}')
         module.verify()
-        return _machine(capability).emit_assembly(module).encode()
+        machine = cpu.llvm.Target.from_triple(TRIPLE).create_target_machine(cpu=target.cpu, opt=2)
+        return machine.emit_assembly(module).encode()
 
-    identity = "\0".join((code.text, str(llvm.llvm_version_info), str(capability)))
-    return cpu.kept(f"{hashlib.sha256(identity.encode()).hexdigest()[:32]}.ptx", made).decode()
+    return cpu.kept(f"{cpu.name_of([code.text], target)}.ptx", made).decode()
 
 
 def call(code: Code, arrays: Sequence[jax.Array], n: int, n_devices: int = 1) -> list[jax.Array]:

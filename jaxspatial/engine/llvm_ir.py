@@ -172,7 +172,9 @@ class _Order:
             ordered = [registers.Order(self.graph, x, self.items, self._reads) for x in (as_traced, order, backward)]
             ordered = [ordered[0], *(x.with_few_waiting(roots) for x in ordered[1:])]
             best = min(ordered, key=lambda x: x.excess(self.n_registers))
-            order = best.computed_again(self.n_registers).items if region == 0 else best.items
+            if region == 0:
+                best.compute_again(self.n_registers)
+            order = best.items
         elif self._reloads(as_traced) <= 1.05 * self._reloads(order):
             order = as_traced
         done.update(order)
@@ -375,7 +377,7 @@ class Writer:
 
     # -- places -------------------------------------------------------------------------------------------------------
 
-    def bytes(self, node: int) -> int:
+    def _bytes(self, node: int) -> int:
         dtype = self.g.dtypes[node]
         return max(self.width // 8, 1) if dtype.kind == "b" else self.width * dtype.itemsize
 
@@ -420,7 +422,7 @@ class Writer:
                     if x in begin or operations[x] in _OF_LOOPS:
                         read(x)
                 if len(readers[item]) > 1 or p not in readers[item]:
-                    touch(item, self.bytes(item))
+                    touch(item, self._bytes(item))
 
         def loop_at(k: int, p: int) -> None:
             nonlocal clock
@@ -430,17 +432,17 @@ class Writer:
             for node in self.order.starts(k):
                 read(node)
             for parameter, _, _ in self.order.carried_of(loop):
-                touch(parameter, self.bytes(parameter))
+                touch(parameter, self._bytes(parameter))
                 own.append(parameter)
             for i in self.order.stacked_of(k):
                 key = "stacked", k, i
-                touch(key, self.bytes(loop.stacked[i]) * int(loop.length or 0))
+                touch(key, self._bytes(loop.stacked[i]) * int(loop.length or 0))
                 own.append(key)
             for parameter in self.order.rows_of(loop):
                 table = self._found_table(parameter, loop)
                 if table is None:
                     key = "rows", parameter
-                    touch(key, self.bytes(parameter) * int(loop.length or 0))
+                    touch(key, self._bytes(parameter) * int(loop.length or 0))
                     own.append(key)
                 elif table[0] == "stacked":
                     own.append(("stacked", *table[1][:2]))

@@ -6,7 +6,6 @@ wait, and numbers that wait long are computed again from others, where that is c
 """
 
 import collections
-import itertools
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -96,20 +95,19 @@ class Order:
                             ready.append(reader)
         return Order(self.graph, found, self.item_of, self.reads)
 
-    def computed_again(self, n_registers: int) -> "Order":
-        """With operations done again, until no more numbers wait than there are registers, or nothing helps.
+    def compute_again(self, n_registers: int) -> None:
+        """Does operations again, until no more numbers wait than there are registers, or nothing helps.
 
         The graph gets nodes for what is done again, and the others read these.
         """
         excess = self.excess(n_registers)[0]
         while excess:
-            self._compute_again(n_registers)
+            self._compute_at_the_most(n_registers)
             before, excess = excess, self.excess(n_registers)[0]
             if excess > 0.99 * before:
                 break
-        return self
 
-    def _compute_again(self, n_registers: int) -> None:
+    def _compute_at_the_most(self, n_registers: int) -> None:
         """Computes again, after the place where most numbers wait, some that wait there."""
         uses = self.uses()
         counts = self.waiting(uses)
@@ -187,7 +185,7 @@ class Order:
                 graph.operands[item] = tuple(copied(x) if x in chosen else x for x in graph.operands[item])
                 self._reads_of.pop(item, None)
             rest.append(item)
-        self.items = list(itertools.chain(self.items[: at + 1], rest))
+        self.items = [*self.items[: at + 1], *rest]
         self._leave_out_unread()
 
     def _leave_out_unread(self) -> None:

@@ -5,7 +5,6 @@ import ctypes
 import gc
 import importlib.util
 import mmap
-import os
 import pathlib
 import subprocess
 import sys
@@ -19,6 +18,7 @@ import pytest
 
 from jaxspatial.engine import cpu
 from jaxspatial.engine.cpu import Argument, Code, Result
+from tests.helpers.processes import python
 
 llvm = pytest.importorskip("llvmlite.binding")
 
@@ -590,7 +590,4 @@ print("done")
 
 
 def test_states_split_over_devices():
-    flags = "--xla_force_host_platform_device_count=4"
-    environment = {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
-    done = subprocess.run([sys.executable, "-c", DEVICES], env=environment, capture_output=True, text=True, check=False)
-    assert done.stdout.strip() == "done", done.stderr
+    assert python("-c", DEVICES, n_devices=4).stdout.strip() == "done"

@@ -2,11 +2,9 @@
 
 import functools
 import importlib.util
-import os
 import pathlib
 import re
 import subprocess
-import sys
 import warnings
 from unittest import mock
 
@@ -20,6 +18,7 @@ from jaxspatial.engine import cpu, cuda, graph, program
 from jaxspatial.numerics.errorfree import transforms
 from tests.helpers import graphs
 from tests.helpers.graphs import assert_same_bits, graph_of, with_numpy
+from tests.helpers.processes import python
 from tests.helpers.warps import by_warps
 
 pytest.importorskip("llvmlite.binding")
@@ -261,7 +260,7 @@ def test_kernels_are_kept_on_disk():
     cuda.compiled.cache_clear()
     text = cuda.compiled(code, 90)
     cuda.compiled.cache_clear()
-    with mock.patch.object(cuda, "_machine", None):
+    with mock.patch.object(cpu.llvm, "parse_assembly", None):
         assert cuda.compiled(code, 90) == text
 
 
@@ -323,7 +322,4 @@ print("done")
 
 
 def test_each_device_computes_its_states():
-    flags = "--xla_force_host_platform_device_count=4"
-    environment = {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
-    done = subprocess.run([sys.executable, "-c", DEVICES], env=environment, capture_output=True, text=True, check=False)
-    assert done.stdout.strip() == "done", done.stderr
+    assert python("-c", DEVICES, n_devices=4).stdout.strip() == "done"

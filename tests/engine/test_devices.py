@@ -1,9 +1,7 @@
 """Batches of states that are split over devices: nothing is sent between them, and the bits are those of one device."""
 
 import functools
-import os
 import re
-import subprocess
 import sys
 
 import jax
@@ -14,6 +12,7 @@ from jax.sharding import PartitionSpec as P
 
 import jaxspatial as js
 from tests.helpers.marks import slow
+from tests.helpers.processes import python
 
 COLLECTIVES = "all-reduce|all-gather|all-to-all|reduce-scatter|collective"
 N_DEVICES = 4
@@ -65,12 +64,7 @@ CONTACT_CASES = (
 
 @pytest.mark.parametrize("cases", ["CASES", *map(slow, ("MORE_CASES", "CONTACT_CASES"))])
 def test_states_stay_on_their_device(cases):
-    flags = f"--xla_force_host_platform_device_count={N_DEVICES}"
-    environment = {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run(
-        [sys.executable, __file__, cases], env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
+    done = python(__file__, cases, n_devices=N_DEVICES)
     assert done.stdout.split() == ["True"] * len(globals()[cases])
 
 

@@ -6,8 +6,6 @@ import functools
 import gc
 import os
 import re
-import subprocess
-import sys
 import threading
 import weakref
 
@@ -24,6 +22,7 @@ from jaxspatial.engine import cpu, graph, llvm_ir, program
 from tests.engine.test_cpu import in_order
 from tests.helpers import exact_dynamics
 from tests.helpers.marks import slow
+from tests.helpers.processes import python
 
 if not cpu.is_available():
     pytest.skip("programs take XLA's way here", allow_module_level=True)
@@ -433,16 +432,6 @@ def test_code_is_freed_with_its_mechanism(monkeypatch, n):
 # -- other processes ---------------------------------------------------------------------------------------------------
 
 
-def python(*arguments, **environment):
-    """What another process writes to its standard error."""
-    environment = {**os.environ, "JAX_PLATFORMS": "cpu", "PYTHONPATH": os.pathsep.join(sys.path), **environment}
-    done = subprocess.run(
-        [sys.executable, *arguments], env=environment, capture_output=True, text=True, check=False, timeout=300
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stderr
-
-
 def in_another_process(name, *arguments, **environment):
     """Runs a function of this file there."""
     return python("-c", f"from tests.engine import test_native_programs as t; t.{name}{arguments!r}", **environment)
@@ -496,7 +485,7 @@ def test_without_llvmlite(tmp_path):
     """One warning, and XLA's way."""
     x, y = tmp_path / "x.npy", tmp_path / "y.npy"
     np.save(x, states(9))
-    assert python("-c", SCRIPT + WITHOUT_LLVMLITE, x, y).count("jaxspatial does not compile programs") == 1
+    assert python("-c", SCRIPT + WITHOUT_LLVMLITE, x, y).stderr.count("jaxspatial does not compile programs") == 1
     same(np.load(y), run("numpy", _inverse, *states(9)))
 
 
@@ -516,7 +505,7 @@ def test_forked_processes(tmp_path):
 )
 def test_devices(function, kind):
     """Machine code on each of four devices, for its own states. `test_devices` has more functions."""
-    in_another_process("_on_devices", function, kind, XLA_FLAGS="--xla_force_host_platform_device_count=4")
+    in_another_process("_on_devices", function, kind, n_devices=4)
 
 
 def _on_devices(function, kind):

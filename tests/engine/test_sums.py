@@ -10,7 +10,7 @@ from jax.sharding import PartitionSpec as P
 
 import jaxspatial as js
 from jaxspatial.engine import cpu, sums
-from tests.engine.test_native_programs import python
+from tests.helpers.processes import python
 
 if not cpu.is_available():
     pytest.skip("sums take XLA's way here", allow_module_level=True)
@@ -134,7 +134,7 @@ def test_what_stays_with_xla():
 @pytest.mark.parametrize("kind", ["Auto", "Explicit"])
 def test_items_that_are_split_over_devices_stay_where_they_are(kind):
     program = f"from tests.engine.test_sums import on_devices; on_devices({kind!r})"
-    python("-c", program, XLA_FLAGS="--xla_force_host_platform_device_count=4")
+    python("-c", program, n_devices=4)
 
 
 def on_devices(kind):

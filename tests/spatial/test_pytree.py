@@ -7,10 +7,8 @@ donated, and are split over devices without communication. What is known while t
 import copy
 import dataclasses
 import json
-import os
 import pickle
 import re
-import subprocess
 import sys
 import traceback
 
@@ -27,6 +25,7 @@ from jax.sharding import PartitionSpec as P
 import jaxspatial as js
 from tests.helpers.marks import slow_but
 from tests.helpers.operations import NAIVE, OPERATIONS
+from tests.helpers.processes import python
 
 KINDS = [js.SpatialForce, js.SpatialMomentum, js.SpatialVelocity, js.SpatialAcceleration]
 # All kinds are made of one class; that of accelerations takes one argument more.
@@ -393,12 +392,7 @@ BY_DEFAULT = [
 def four_devices(request):
     """What came of the selected laws in a process with four devices: empty, or a traceback."""
     laws = [item.callspec.params["law"] for item in request.session.items if "four_devices" in item.fixturenames]
-    flags = "--xla_force_host_platform_device_count=4"
-    environment = {**os.environ, "XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu", "PYTHONPATH": os.pathsep.join(sys.path)}
-    command = [sys.executable, __file__, *laws]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    return json.loads(python(__file__, *laws, n_devices=4).stdout)
 
 
 @pytest.mark.parametrize("law", slow_but(BY_DEFAULT, LAWS))
