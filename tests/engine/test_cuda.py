@@ -198,7 +198,7 @@ def test_programs_have_the_bits_of_the_cpu(name):
 def ptxas():
     """The assembler, of the package `nvidia-cuda-nvcc`."""
     package = importlib.util.find_spec("nvidia")
-    for folder in package.submodule_search_locations if package else ():
+    for folder in (package and package.submodule_search_locations) or ():
         for path in pathlib.Path(folder).glob("*/bin/ptxas*"):
             return path
     return pytest.skip("ptxas is not installed")
