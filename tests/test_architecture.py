@@ -14,7 +14,7 @@ LAYERS = ["numerics", "rotation", "spatial", "inertia", "mechanism", "engine", "
 # Modules above all layers: nothing imports them but users do, by their names, with an extra of each.
 ON_TOP = ["plot", "viewer"]
 
-FLOORS = ["jax_internals", "check", "precision", "types", "errorfree", "numbers", "linear", "sums"]
+FLOORS = ["jax_internals", "check", "precision", "types", "errorfree", "numbers", "linear", "elimination", "sums"]
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 

@@ -3,8 +3,6 @@
 [Featherstone 2008, table 7.1]
 """
 
-import functools
-import operator
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -22,8 +20,8 @@ from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.inertia import articulated
 from jaxspatial.inertia.articulated import Articulated
 from jaxspatial.mechanism.topology import Bundle
-from jaxspatial.numerics import check
-from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Symmetric, Vector, Wrench, cross, dot
+from jaxspatial.numerics import check, elimination
+from jaxspatial.numerics.linear import Matrix, Motion, Symmetric, Vector, Wrench, cross, dot
 from jaxspatial.numerics.numbers import (
     Number,
     Numbers,
@@ -115,12 +113,20 @@ def _bias_to_parent(body: tuple[Link, Any], Z: Wrench) -> tuple[Any, Wrench]:
     link, factors = body
     if is_number(factors):
         return FloatingElimination(_unpacked(factors), None, _wrench(link.tau) - Z), Z
+    eliminated, Z = bias_beyond_joint(Z, link.joint.subspace, factors, link.tau)
+    return eliminated, algebra.acted_wrench(link.X_PB, Z)
+
+
+def bias_beyond_joint(
+    Z: Wrench, S: Sequence[Motion], factors: Sequence[tuple[Wrench, Number]], tau: Numbers
+) -> tuple[list[Elimination], Wrench]:
+    """([Elimination of each velocity], the bias force across the joint), from the factors (U, D) of each velocity."""
     eliminated = list[Elimination]()
-    for s, (U, D), tau in zip(link.joint.subspace, factors, link.tau, strict=True):
-        u = tau - algebra.power(Z, s)
+    for s, (U, D), force in zip(S, factors, tau, strict=True):
+        u = force - algebra.power(Z, s)
         Z = bias_through_joint(Z, u, articulated.UDinv_of(U, D))
         eliminated.append(Elimination(U, D, u))
-    return eliminated, algebra.acted_wrench(link.X_PB, Z)
+    return eliminated, Z
 
 
 def _wrench(six: Numbers) -> Wrench:
@@ -135,15 +141,11 @@ def _velocity_bias(body: tuple[Link, Load], w_P: Vector) -> tuple[VelocityBias, 
     link, (tau, f, _) = body
     zero = Vector(*[constant(w_P[0], 0)] * 3)
     motion = body_motion(link, BodyMotion(w_P, zero, zero))
-    Z = _gyroscopic(link.inertia, motion.w) - Wrench(tau, f)
-    return VelocityBias(motion.w, Motion(motion.alpha, motion.a), Z), motion.w
-
-
-def _gyroscopic(M: Inertia, w: Vector) -> Wrench:
-    """The gyroscopic wrench about the origin: tau = w x J w, f = w (w . m c) - m c |w|^2."""
+    # The gyroscopic wrench about the origin: tau = w x J w, f = w (w . m c) - m c |w|^2.
+    w, M = motion.w, link.inertia
     J, moment = articulated.of_body(M).J, M.mass * M.com
-    f = dot(w, moment) * w - dot(w, w) * moment
-    return Wrench(cross(w, J @ w), f)
+    gyroscopic = Wrench(cross(w, J @ w), dot(w, moment) * w - dot(w, w) * moment)
+    return VelocityBias(w, Motion(motion.alpha, motion.a), gyroscopic - Wrench(tau, f)), w
 
 
 # -- inward: articulated inertias -------------------------------------------------------------------------------------
@@ -154,10 +156,11 @@ def _eliminate(
 ) -> tuple[Any, ArticulatedBody]:
     """([Elimination of each velocity], the articulated body about the parent's origin).
 
-    P A' + Z is the wrench across the joint, with A' the acceleration of the parent at the joint.
+    P A' + Z is the wrench across the joint, with A' the acceleration of the parent at the joint: Z includes P c.
     """
     (link, _), bias, is_floating = body
-    rest = _with_children(link.inertia, bias, children)
+    P = articulated.of_body(link.inertia) + children.P
+    rest = ArticulatedBody(P, bias.Z + children.Z + articulated.apply(P, bias.c))
     if is_floating:
         u = _wrench(link.tau) - rest.Z
         return FloatingElimination(_with_armature(rest.P, link.armature), rest.P, u), rest
@@ -165,7 +168,8 @@ def _eliminate(
     for s, tau, armature in zip(link.joint.subspace, link.tau, link.armature, strict=True):
         rest, elimination = without_velocity(rest, s, tau, armature)
         eliminated.append(elimination)
-    return eliminated, _to_parent(link.X_PB, rest)
+    P = articulated.shifted(articulated.reexpressed(rest.P, link.X_PB.R), -link.X_PB.p)
+    return eliminated, ArticulatedBody(P, algebra.acted_wrench(link.X_PB, rest.Z))
 
 
 def _with_armature(P: Articulated, armature: Numbers) -> Articulated:
@@ -189,16 +193,6 @@ def _unpacked(entries: Number) -> Articulated:
     return Articulated(Symmetric(*each[:6]), Matrix.of_entries(each[6:15]), Symmetric(*each[15:]))
 
 
-def _with_children(M: Inertia, bias: VelocityBias, children: ArticulatedBody) -> ArticulatedBody:
-    """The articulated body of a body and its children. Its Z includes P c, so that it is a function of A'."""
-    P, Z = _combined(M, bias.Z, children)
-    return ArticulatedBody(P, Z + articulated.apply(P, bias.c))
-
-
-def _combined(M: Inertia, Z: Wrench, children: ArticulatedBody) -> ArticulatedBody:
-    return ArticulatedBody(articulated.of_body(M) + children.P, Z + children.Z)
-
-
 def without_velocity(
     body: ArticulatedBody, s: Motion, tau: Number, armature: Number
 ) -> tuple[ArticulatedBody, Elimination]:
@@ -211,9 +205,8 @@ def without_velocity(
     UDinv = articulated.UDinv_of(U, D)
     u = tau - algebra.power(Z, s)
     Z = bias_through_joint(Z, u, UDinv)
-    P = articulated.rank_one_downdate(P, U, UDinv)
-    k = _free_axis(s, armature)
-    return ArticulatedBody(P if k is None else _with_zero_row(P, k, constant(tau, 0)), Z), Elimination(U, D, u)
+    P = _with_known_zeros(articulated.rank_one_downdate(P, U, UDinv), s, armature)
+    return ArticulatedBody(P, Z), Elimination(U, D, u)
 
 
 def bias_through_joint(Z: Wrench, u: Number, UDinv: Wrench) -> Wrench:
@@ -221,28 +214,22 @@ def bias_through_joint(Z: Wrench, u: Number, UDinv: Wrench) -> Wrench:
     return Z + u * UDinv
 
 
-def _free_axis(s: Motion, armature: Number) -> int | None:
-    """The index of the axis of the frame that a motion without armature is known to be along; else None."""
+def _with_known_zeros(P: Articulated, s: Motion, armature: Number) -> Articulated:
+    """P with known zeros in the row and column of s, if that is known to be along an axis and without armature."""
     *known, resisting = (abs(float(x.value)) if is_constant(x) else np.nan for x in (*s.w, *s.v, armature))
-    return known.index(1) if resisting == 0 and sorted(known) == [0, 0, 0, 0, 0, 1] else None
+    if resisting != 0 or sorted(known) != [0, 0, 0, 0, 0, 1]:
+        return P
 
+    def zeroed(numbers: Numbers, places: Sequence[int]) -> Numbers:
+        return [constant(armature, 0) if i in places else x for i, x in enumerate(numbers)]
 
-def _with_zero_row(P: Articulated, k: int, zero: Number) -> Articulated:
-    """P with known zeros in row and column k."""
-    i, is_turn = k % 3, k < 3
-    six = {0: (0, 1, 3), 1: (1, 2, 4), 2: (3, 4, 5)}[i]
-    nine = [3 * i + j for j in range(3)] if is_turn else [3 * j + i for j in range(3)]
-    J, M = (Symmetric(*_at(x, six, zero)) if turns == is_turn else x for x, turns in ((P.J, True), (P.M, False)))
-    return Articulated(J, Matrix.of_entries(_at(P.F.entries, nine, zero)), M)
-
-
-def _at(numbers: Numbers, places: Sequence[int], number: Number) -> Numbers:
-    return tuple(number if i in places else x for i, x in enumerate(numbers))
-
-
-def _to_parent(X_PB: Pose, body: ArticulatedBody) -> ArticulatedBody:
-    P = articulated.shifted(articulated.reexpressed(body.P, X_PB.R), -X_PB.p)
-    return ArticulatedBody(P, algebra.acted_wrench(X_PB, body.Z))
+    k = known.index(1)
+    i, of_symmetric = k % 3, ((0, 1, 3), (1, 2, 4), (3, 4, 5))[k % 3]
+    if k < 3:
+        F = Matrix.of_entries(zeroed(P.F.entries, range(3 * i, 3 * i + 3)))
+        return Articulated(Symmetric(*zeroed(P.J, of_symmetric)), F, P.M)
+    F = Matrix.of_entries(zeroed(P.F.entries, range(i, 9, 3)))
+    return Articulated(P.J, F, Symmetric(*zeroed(P.M, of_symmetric)))
 
 
 # -- outward: accelerations -------------------------------------------------------------------------------------------
@@ -251,11 +238,15 @@ def _to_parent(X_PB: Pose, body: ArticulatedBody) -> ArticulatedBody:
 def _accelerate(body: tuple[Link, Motion, Any], parent: Motion) -> tuple[Numbers, Motion]:
     """(vdot, the acceleration (alpha, a)) of a body."""
     link, c, eliminated = body
-    A = _parent_acceleration(link.X_PB, parent)
+    R_BP = link.X_PB.R.T
+    # That of the parent at the joint, in the child's axes.
+    A = Motion(R_BP @ parent.w, R_BP @ (parent.v + cross(parent.w, link.X_PB.p)))
     if isinstance(eliminated, FloatingElimination):
-        six = _floating(eliminated, A)
-        w, v = Vector(*six[:3]), Vector(*six[3:])
-        return six, A + Motion(w, v) + c
+        matrix, P, u = eliminated
+        right = u if P is None else u - articulated.apply(P, A)
+        lower = [row[: i + 1] for i, row in enumerate(articulated.rows(matrix))]
+        six = elimination.solution(lower, (*right.tau, *right.f))
+        return six, A + Motion(Vector(*six[:3]), Vector(*six[3:])) + c
     vdot, A = with_velocities(A, link.joint.subspace, eliminated)
     return vdot, A + c
 
@@ -269,49 +260,3 @@ def with_velocities(A: Motion, S: Sequence[Motion], eliminated: Sequence[Elimina
         A = A + x * s
         found.append(x)
     return tuple(reversed(found)), A
-
-
-def _floating(eliminated: FloatingElimination, A: Motion) -> Numbers:
-    """The six accelerations of a floating root."""
-    matrix, P, u = eliminated
-    return _solved(matrix, u if P is None else u - articulated.apply(P, A))
-
-
-def _solved(matrix: Articulated, u: Wrench) -> Numbers:
-    """x with matrix x = u, by L D L^T; 0 where a pivot is not positive. [Golub and Van Loan 2013, 4.1.2]"""
-    lower, right = [row[: i + 1] for i, row in enumerate(articulated.rows(matrix))], (*u.tau, *u.f)
-    columns, x = list[Numbers](), list[Number]()
-    while lower:
-        first, column, lower, right = _without_first(lower, right)
-        x.append(first)
-        columns.append(column)
-    return _back_substituted(columns, x)
-
-
-def _without_first(lower: list[Numbers], right: Numbers) -> tuple[Number, Numbers, list[Numbers], Numbers]:
-    """Eliminates the first unknown: (the first number of D^-1 L^-1 u, the first column of L, and the equations that
-    are left, as the lower triangle of their matrix, row by row, and their right side)."""
-    (pivot,), *others = lower
-    is_none = high(pivot) <= 0
-    divisor = where(is_none, 1.0, pivot)
-    scale = where(is_none, 0.0, 1 / divisor)
-    column = tuple(row[0] * scale for row in others)
-    below: list[Numbers] = [
-        tuple(x - factor * other[0] for x, other in zip(row[1:], others, strict=False))
-        for factor, row in zip(column, others, strict=True)
-    ]
-    left = tuple(y - factor * right[0] for y, factor in zip(right[1:], column, strict=True))
-    return where(is_none, 0.0, right[0] / divisor), column, below, left
-
-
-def _back_substituted(columns: list[Numbers], y: Numbers) -> Numbers:
-    """L^-T y. columns: of L, below its diagonal of ones."""
-    x = list[Number]()
-    for first, column in zip(reversed(y), reversed(columns), strict=True):
-        x.insert(0, functools.reduce(operator.sub, map(operator.mul, column, x), first))
-    return tuple(x)
-
-
-def _parent_acceleration(X_PB: Pose, A: Motion) -> Motion:
-    """The acceleration of the parent at the joint, in the child's axes."""
-    return Motion(X_PB.R.T @ A.w, X_PB.R.T @ (A.v + cross(A.w, X_PB.p)))

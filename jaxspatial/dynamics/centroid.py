@@ -10,7 +10,7 @@ from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.engine.algorithm import BODIES, algorithm
 from jaxspatial.engine.stacking import Array
-from jaxspatial.engine.state import JointState, MechanismState
+from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics.linear import Inertia, Motion, Pose, Vector, Wrench, cross
 from jaxspatial.numerics.numbers import Number, Numbers
@@ -105,7 +105,8 @@ def _over_mass(state: MechanismState, mass: Number, sums: Numbers) -> Numbers:
 
 def moments(state: MechanismState, placed: list[Pose]) -> tuple[Number, Vector]:
     """(the mass, the sum of m p_WC) of all bodies. placed: X_WJ of every bundle."""
-    of_bundles = [_moment(state.inertia(b), X) for b, X in zip(state.bundles, placed, strict=True)]
+    inertias = map(state.inertia, state.bundles)
+    of_bundles = [M.mass * (X.p + X.R @ M.com) for M, X in zip(inertias, placed, strict=True)]
     return _mass(state), Vector(*_sum_over_bodies(state, of_bundles, 3))
 
 
@@ -116,10 +117,6 @@ def _mass(state: MechanismState) -> Number:
 def _sum_over_bodies(state: MechanismState, of_bundles: Sequence[Numbers], k: int) -> Numbers:
     """The sum over all bodies of k numbers for every bundle."""
     return tuple(state.sum_over_bodies([x[i] for x in of_bundles]) for i in range(k))
-
-
-def _moment(M: Inertia, X_WJ: Pose) -> Vector:
-    return M.mass * (X_WJ.p + X_WJ.R @ M.com)
 
 
 @algorithm(*BODIES)
@@ -137,19 +134,17 @@ def _linear_momentum(M: Inertia, X_WJ: Pose, V: Motion) -> Vector:
 def _centroidal_momentum(state: MechanismState, v: Array):
     """About a point that moves with the centre of mass: the velocity of each body is taken relative to it."""
     placed = poses(state)
-    both = zip(placed, velocities(state, v), state.bundles, strict=True)
     center = _center(state, placed)
     if not state.bundles:
         return center, state.zero_vector
-    momenta = [_momentum(state.inertia(b), X, V, center) for X, V, b in both]
-    h_and_l = _sum_over_bodies(state, [(*L.tau, *L.f) for L in momenta], 6)
+    momenta = list[Numbers]()
+    for X, V, b in zip(placed, velocities(state, v), state.bundles, strict=True):
+        M = state.inertia(b)
+        linear = _linear_momentum(M, X, V)
+        arm = X.p - center + X.R @ M.com
+        momenta.append((*(X.R @ (M.central @ V.w) + cross(arm, linear)), *linear))
+    h_and_l = _sum_over_bodies(state, momenta, 6)
     return h_and_l[:3], h_and_l[3:]
-
-
-def _momentum(M: Inertia, X_WJ: Pose, V: Motion, p_WC: Vector) -> Wrench:
-    l = _linear_momentum(M, X_WJ, V)  # noqa: E741
-    arm = X_WJ.p - p_WC + X_WJ.R @ M.com
-    return Wrench(X_WJ.R @ (M.central @ V.w) + cross(arm, l), l)
 
 
 # -- matrices ---------------------------------------------------------------------------------------------------------
@@ -176,13 +171,8 @@ def _of_unit_velocities(state: MechanismState, about_center: bool) -> list[tuple
     """
     placed = poses(state)
     center = _center(state, placed) if about_center else None
-    return [_of_joint(*numbers, center) for numbers in zip(state.joints, composites(state), placed, strict=True)]
-
-
-def _of_joint(joint: JointState, composite: Inertia, X_WJ: Pose, center: Vector | None) -> tuple[Wrench, ...]:
-    X_CJ = Pose(X_WJ.R, X_WJ.p - (X_WJ.p if center is None else center))
-    return tuple(_about(composite, s, X_CJ) for s in joint.subspace)
-
-
-def _about(composite: Inertia, s: Motion, X_CJ: Pose) -> Wrench:
-    return acted_wrench(X_CJ, apply_inertia(composite, s))
+    momenta = list[tuple[Wrench, ...]]()
+    for joint, composite, X_WJ in zip(state.joints, composites(state), placed, strict=True):
+        X_CJ = Pose(X_WJ.R, X_WJ.p - (X_WJ.p if center is None else center))
+        momenta.append(tuple(acted_wrench(X_CJ, apply_inertia(composite, s)) for s in joint.subspace))
+    return momenta

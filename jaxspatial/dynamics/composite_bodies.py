@@ -56,18 +56,13 @@ def _mass_matrix(state: MechanismState):
 def matrix_of(state: MechanismState) -> Number:
     """M as numbers (nv, nv, B)."""
     links, placed = state.links(), matrices.poses_from_root(state)
-    sides = [
-        _sides(stacking.stacked_trees(link.joint.subspace), composite, X)
-        for link, composite, X in zip(links, composites(state), placed, strict=True)
-    ]
-    rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, sides, strict=True)] for side in (0, 1))
+    rows, columns = list[tuple[int, Placed]](), list[tuple[int, Placed]]()
+    for link, composite, X in zip(links, composites(state), placed, strict=True):
+        S = stacking.stacked_trees(link.joint.subspace)
+        rows.append((len(link.joint.subspace), in_world_axes(X, S)))
+        columns.append((len(link.joint.subspace), in_world_axes(X, algebra.apply_inertia(composite, S))))
     (upper,) = matrices.matrices(state, lambda row, column: (generalized_force(row, column),), rows, columns)
     return with_armature(state, links, matrices.symmetric_of(upper))
-
-
-def _sides(S: Motion, composite: Inertia, X: Pose) -> tuple[Placed, Placed]:
-    """(the motion subspace S of a joint, the momenta I S of its composite body), in world axes from the root."""
-    return in_world_axes(X, S), in_world_axes(X, algebra.apply_inertia(composite, S))
 
 
 def in_world_axes(X: Pose, vector: Motion | Wrench) -> Placed:
@@ -143,7 +138,11 @@ class MassMatrixFactor:
         Source: Higham 2002, Accuracy and stability of numerical algorithms, theorem 10.4.
         """
         tau = check.as_vectors(tau, "MassMatrixFactor.solve: tau", self.L.dtype, self.L.shape[-1])
-        return _solved(_wide(self.L), tau)
+        L, b, solve = _wide(self.L), _wide(tau)[..., None], jax.lax.linalg.triangular_solve
+        batch = check.broadcast_shapes(L.shape[:-2], b.shape[:-2])
+        L, b = (jnp.broadcast_to(x, (*batch, *x.shape[-2:])) for x in (L, b))
+        half = solve(L, b, left_side=True, lower=True, transpose_a=True)
+        return solve(L, half, left_side=True, lower=True)[..., 0].astype(tau.dtype)
 
     def inverse(self) -> jax.Array:
         """The inverse M^-1.
@@ -188,25 +187,12 @@ def mass_matrix_factor(mechanism: Mechanism, q: ArrayLike, *, precision: Precisi
     return factored(mass_matrix(mechanism, q, precision=precision))
 
 
-def factored(M: jax.Array):
-    return MassMatrixFactor(_factor(M).astype(M.dtype))
-
-
-def _factor(M: jax.Array) -> jax.Array:
-    """L of M, by Cholesky from the last velocity to the first, without fill-in."""
+def factored(M: jax.Array) -> MassMatrixFactor:
+    """The factor of M, by Cholesky from the last velocity to the first, without fill-in."""
     if not M.shape[-1]:
-        return M
+        return MassMatrixFactor(M)
     backward = cast(jax.Array, jnp.linalg.cholesky(jnp.flip(_wide(M), (-2, -1))))
-    return jnp.flip(backward, (-2, -1)).swapaxes(-1, -2)
-
-
-def _solved(L: jax.Array, tau: jax.Array) -> jax.Array:
-    b, solve = _wide(tau)[..., None], jax.lax.linalg.triangular_solve
-    lower, b = (
-        jnp.broadcast_to(x, (*check.broadcast_shapes(L.shape[:-2], b.shape[:-2]), *x.shape[-2:])) for x in (L, b)
-    )
-    half = solve(lower, b, left_side=True, lower=True, transpose_a=True)
-    return solve(lower, half, left_side=True, lower=True)[..., 0].astype(tau.dtype)
+    return MassMatrixFactor(jnp.flip(backward, (-2, -1)).swapaxes(-1, -2).astype(M.dtype))
 
 
 def _wide(x) -> jax.Array:

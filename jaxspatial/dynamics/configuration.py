@@ -134,12 +134,11 @@ def random_configuration(
     """
     dtype = np.dtype(dtype or checked_mechanism("random_configuration", mechanism).dtype)
     batch_shape = (batch_shape,) if isinstance(batch_shape, int) else tuple(batch_shape)
-    t = mechanism.topology
-    parts = [
-        _random(mechanism, i, k, batch_shape, dtype)
-        for i, k in enumerate(jax.random.split(key, len(t)))
-        if not t.is_mimic(i)
-    ]
+    t, parts = mechanism.topology, list[jax.Array]()
+    for i, k in enumerate(jax.random.split(key, len(t))):
+        if not t.is_mimic(i):
+            lower, upper = (jnp.asarray(x[t.q_slice(i)], dtype) for x in (mechanism.lower, mechanism.upper))
+            parts.append(t.kind(i).random(k, lower, upper, batch_shape))
     return jnp.concatenate(parts, -1) if parts else jnp.zeros((*batch_shape, 0), dtype)
 
 
@@ -181,9 +180,3 @@ def _configuration_rates(state: MechanismState, v: Array):
 def _difference(state: MechanismState, q1: Array):
     steps = [joints.apply("difference", joints.configuration(q1)) for joints in state.independent_joints]
     return state.by_velocity(steps, state.topology.joints_by_kind)
-
-
-def _random(mechanism: Mechanism, i: int, key: Key, batch_shape: tuple[int, ...], dtype: DTypeLike) -> jax.Array:
-    kind, places = mechanism.topology.kind(i), mechanism.topology.q_slice(i)
-    lower, upper = (jnp.asarray(x[places], dtype) for x in (mechanism.lower, mechanism.upper))
-    return kind.random(key, lower, upper, batch_shape)

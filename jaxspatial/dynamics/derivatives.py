@@ -21,7 +21,6 @@ from jaxspatial.engine.algorithm import DYNAMICS, FRAMES, Wrenches, algorithm
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.inertia.articulated import of_body
-from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import numbers
 from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Vector, Wrench, cross, dot, each, skew
 from jaxspatial.numerics.numbers import Number, Numbers, doubled
@@ -132,7 +131,16 @@ def _composite_step(
 ) -> tuple[CompositeBody, CompositeBody]:
     link, motion, load = body
     composite = _combined(_of_body(link.inertia, motion, load), children)
-    return composite, _to_parent(link, motion, composite)
+    # The same about the parent's origin in its axes, for the observer that moves with it.
+    (R, p_PJ), m = link.X_PB, composite.inertia.mass
+    d = _velocity_seen(link, motion, link.X_PB)
+    p = R @ composite.p + m * d
+    shift = double_cross(R @ (m * composite.inertia.com), d) + double_cross(p_PJ, p)
+    X = R @ (composite.X @ R.T) - Matrix(*map(_twice, shift))
+    load_P = R @ composite.load
+    load_rate = R @ (composite.load_rate @ R.T) - double_cross(p_PJ, load_P)
+    inertia, wrench = acted_inertia(link.X_PB, composite.inertia), acted_wrench(link.X_PB, composite.wrench)
+    return composite, CompositeBody(inertia, wrench, X, p, load_rate, load_P)
 
 
 def _of_body(inertia: Inertia, motion: BodyMotion, load: Load) -> CompositeBody:
@@ -159,23 +167,6 @@ def _velocity_seen(link: Link, motion: BodyMotion, X_PB: Pose) -> Vector:
     return cross(X_PB.R @ (motion.w - w_r), X_PB.p) + X_PB.R @ v_r
 
 
-def _to_parent(link: Link, motion: BodyMotion, body: CompositeBody) -> CompositeBody:
-    X_PB = link.X_PB
-    d = _velocity_seen(link, motion, X_PB)
-    R, m = X_PB.R, body.inertia.mass
-    p = R @ body.p + m * d
-    shift = double_cross(R @ (m * body.inertia.com), d) + double_cross(X_PB.p, p)
-    X = _sandwich(R, body.X) - Matrix(*map(_twice, shift))
-    load = R @ body.load
-    load_rate = _sandwich(R, body.load_rate) - double_cross(X_PB.p, load)
-    inertia, wrench = acted_inertia(X_PB, body.inertia), acted_wrench(X_PB, body.wrench)
-    return CompositeBody(inertia, wrench, X, p, load_rate, load)
-
-
-def _sandwich(R: Matrix, m: Matrix) -> Matrix:
-    return R @ (m @ R.T)
-
-
 def _combined(a: CompositeBody, b: CompositeBody) -> CompositeBody:
     sums = a.wrench + b.wrench, a.X + b.X, a.p + b.p, a.load_rate + b.load_rate, a.load + b.load
     return CompositeBody(combined(a.inertia, b.inertia), *sums)
@@ -194,22 +185,18 @@ def _combined(a: CompositeBody, b: CompositeBody) -> CompositeBody:
 def _in_world_axes(S: Motion, link: Link, motion: BodyMotion, body: CompositeBody, placed: FromRoot) -> tuple[Any, Any]:
     """(the motions of a joint for rows, its wrenches for columns), stacked over its velocities, in world axes.
 
-    S: the stacked motion subspace.
+    S: the stacked motion subspace. The columns are (u, t, a, b, l), with u, a and b wrenches, as eight vectors.
     """
     R, *where = placed
     S, first, carried, second = _rates(S, link, motion)
-    rows = [Motion(R @ x.w, R @ x.v) for x in (S, first, first + carried, second)]
-    return (*rows, *where), (*(R @ x for x in _column(body, S, first, carried, second)), *where)
-
-
-def _column(body: CompositeBody, S: Motion, first: Motion, carried: Motion, second: Motion) -> tuple[Vector, ...]:
-    """(u, t, a, b, l), with u, a and b wrenches, as eight vectors."""
     t = body.X.T @ S.w + _twice(cross(body.p, S.v))
     loaded = body.load_rate.T @ S.w + cross(body.load, S.v)
     a = _coriolis(body, first.w) + apply_inertia(body.inertia, second) + cross_force(S, body.wrench)
     a = a + Wrench(body.load_rate @ S.w, cross(S.w, body.load))
     b = _coriolis(body, S.w) + apply_inertia(body.inertia, first + carried)
-    return *apply_inertia(body.inertia, S), t, *a, *b, loaded
+    row = [Motion(R @ x.w, R @ x.v) for x in (S, first, first + carried, second)]
+    column = *apply_inertia(body.inertia, S), t, *a, *b, loaded
+    return (*row, *where), (*(R @ x for x in column), *where)
 
 
 def _coriolis(body: CompositeBody, y: Vector) -> Wrench:
@@ -266,37 +253,31 @@ def _motion_rates(s: Motion, V: Motion, A: Motion, carried: Motion) -> tuple[Mot
 
 def _assembled(state: MechanismState, links: list[Link], entries: Numbers) -> tuple[Number, Number, Number]:
     """(dtau_dq, dtau_dv, M), as numbers (nv, nv, B)."""
-    is_behind = jnp.asarray(_is_behind(state.topology)[:, :, None])
+    t = state.topology
+    joints = [(i, k) for i in range(len(t)) for k in range(t.kind(i).nv)]
+    # Whether the column's velocity comes after the row's, in a later joint or in the same sequential one.
+    behind = [[i > j or (i == j and t.kind(i).is_sequential and k > m) for i, k in joints] for j, m in joints]
+    is_behind = jnp.asarray(np.array(behind, bool).reshape((len(joints), len(joints), 1)))
     both = zip(entries[2:4], entries[:2], strict=True)
     by_q, by_v = (numbers.where(is_behind, x, matrices.transposed(y)) for x, y in both)
     by_q, by_v = (matrices.by_velocity(state, matrices.by_velocity(state, x, 0), 1) for x in (by_q, by_v))
     return by_q, by_v, with_armature(state, links, matrices.symmetric_of(entries[4]))
 
 
-def _is_behind(t: Topology) -> np.ndarray:
-    """(nv, nv): whether the column's velocity comes after the row's, in a later joint or in the same sequential one."""
-    joints = [(i, k) for i in range(len(t)) for k in range(t.kind(i).nv)]
-    rows = [[i > j or (i == j and t.kind(i).is_sequential and k > m) for i, k in joints] for j, m in joints]
-    return np.array(rows, bool).reshape((len(joints), len(joints)))
-
-
 def _by_coordinates(state: MechanismState, matrix: Number) -> Number:
     """A matrix (nv, nv, B) with columns by velocity, converted to columns by coordinate."""
     t, columns, places = state.topology, list[Number](), list[np.ndarray]()
+    rows_by_velocity = matrices.transposed(matrix)
     for joints in state.independent_joints:
         bodies = joints.bundle.own_bodies
-        by_velocity = [_columns(matrix, np.array(t.v_starts)[bodies] + k) for k in range(joints.kind.nv)]
+        of_bodies = [np.array(t.v_starts)[bodies] + k for k in range(joints.kind.nv)]
+        by_velocity = [stacking.mapped(lambda w, v=v: stacking.rows(w, v), rows_by_velocity) for v in of_bodies]
         columns += by_velocity if joints.velocities_are_rates else _along_rates(joints.dq_dt_of_units(), by_velocity)
         places += [np.array(t.q_starts)[bodies] + c for c in range(joints.kind.nq)]
     if not columns:
         return state.zeros(t.nv, t.nq)
     order = np.argsort(np.concatenate(places))
     return matrices.transposed(stacking.mapped(lambda w: stacking.rows(w, order), stacking.concatenated(columns)))
-
-
-def _columns(matrix: Number, which: np.ndarray) -> Number:
-    """Some columns of a matrix (n, m, B), as rows (len(which), n, B)."""
-    return stacking.mapped(lambda w: stacking.rows(jnp.swapaxes(w, 0, 1), which), matrix)
 
 
 def _along_rates(G: list[Numbers], by_velocity: list[Number]) -> list[Number]:

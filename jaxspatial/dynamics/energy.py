@@ -9,8 +9,8 @@ from jaxspatial.engine.algorithm import BODIES, algorithm
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import Mechanism
-from jaxspatial.numerics.linear import Inertia, Motion, dot
-from jaxspatial.numerics.numbers import Number, Numbers, doubled
+from jaxspatial.numerics.linear import dot
+from jaxspatial.numerics.numbers import Number, doubled
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial.algebra import twice_energy
 
@@ -41,16 +41,11 @@ def potential_energy(mechanism: Mechanism, q: ArrayLike, *, precision: Precision
 
 @algorithm(*BODIES, "armature")
 def _kinetic_energy(state: MechanismState, v: Array):
-    of_bodies = [
-        _twice_energy(link.inertia, V, link.armature, link.v)
-        for link, V in zip(state.links(v), velocities(state, v), strict=True)
-    ]
+    of_bodies = list[Number]()
+    for link, V in zip(state.links(v), velocities(state, v), strict=True):
+        of_rotors = dot([i * x for i, x in zip(link.armature, link.v, strict=True)], link.v)
+        of_bodies.append(twice_energy(link.inertia, V) + of_rotors)
     return doubled(state.sum_over_bodies(of_bodies), -1)
-
-
-def _twice_energy(inertia: Inertia, V: Motion, armature: Numbers, v: Numbers) -> Number:
-    """m |v_C|^2 + w . I w, and of the rotor."""
-    return twice_energy(inertia, V) + dot([i * x for i, x in zip(armature, v, strict=True)], v)
 
 
 @algorithm(*BODIES, "gravity")

@@ -14,7 +14,7 @@ from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.mechanism.topology import Bundle
-from jaxspatial.numerics.linear import Matrix, Pose, Vector, Wrench, cross
+from jaxspatial.numerics.linear import Pose, Vector, Wrench, cross
 from jaxspatial.numerics.numbers import is_number
 from jaxspatial.numerics.sums.pairwise import of_neighbours
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
@@ -57,21 +57,12 @@ def _applied_wrenches(state: MechanismState, external_forces: Wrenches) -> list[
         bodies, F = state.topology.bodies_of(group.frames), _given(state, group)
         X_WJ, X_JQ = state.of_bodies(bodies, placed, state.world), _placed(state, group)
         X_JB = state.of_bodies(bodies, list(map(state.child_placement, state.bundles)), state.world)
+        R_WJ, p_BQ_J = X_WJ.R, X_JQ.p - X_JB.p
         if not group.in_world:
-            F = _turned(X_WJ.R, X_JQ.R, F)
-        on_bodies.append((bodies, _about_origin(X_WJ.R, X_JQ.p - X_JB.p, F)))
+            F = Wrench(R_WJ @ (X_JQ.R @ F.tau), R_WJ @ (X_JQ.R @ F.f))
+        on_bodies.append((bodies, Wrench(F.tau + cross(R_WJ @ p_BQ_J, F.f), F.f)))
     summed = _sums(on_bodies)
     return [summed[body] for body in sorted(summed)]
-
-
-def _turned(R_WJ: Matrix, R_JF: Matrix, F: Wrench) -> Wrench:
-    """A wrench in the axes of F, in those of the world."""
-    return Wrench(R_WJ @ (R_JF @ F.tau), R_WJ @ (R_JF @ F.f))
-
-
-def _about_origin(R_WJ: Matrix, p_BQ_J: Vector, F: Wrench) -> Wrench:
-    """A wrench about Q in world axes, as one about Bo."""
-    return Wrench(F.tau + cross(R_WJ @ p_BQ_J, F.f), F.f)
 
 
 # -- about joints -----------------------------------------------------------------------------------------------------
@@ -100,8 +91,9 @@ def _about_joints(state: MechanismState, group: WrenchesOnFrames, placed: list[P
     X_JQ, F = _placed(state, group), _given(state, group)
     if not group.in_world:
         return X_JQ, algebra.acted_wrench(X_JQ, F)
-    X_WJ = state.of_bodies(state.topology.bodies_of(group.frames), placed, state.world)
-    return X_JQ, _about_joint(X_WJ, X_JQ, F)
+    R_WJ = state.of_bodies(state.topology.bodies_of(group.frames), placed, state.world).R
+    f = R_WJ.T @ F.f
+    return X_JQ, Wrench(R_WJ.T @ F.tau + cross(X_JQ.p, f), f)
 
 
 def loads_on_frames(state: MechanismState, forces: Wrenches, placed: list[Pose]) -> list[tuple[int, Wrench]]:
@@ -116,40 +108,29 @@ def loads_on_frames(state: MechanismState, forces: Wrenches, placed: list[Pose])
 def _placed(state: MechanismState, group: WrenchesOnFrames) -> Pose:
     """X_JQ of the frames, moved to their points."""
     X_JF = state.frame_placements(group.frames)
-    return X_JF if group.points is None else _moved(X_JF, state.vectors(group.points))
+    return X_JF if group.points is None else Pose(X_JF.R, X_JF.p + X_JF.R @ state.vectors(group.points))
 
 
 def _given(state: MechanismState, group: WrenchesOnFrames) -> Wrench:
     return Wrench(state.vectors(group.tau), state.vectors(group.f))
 
 
-def _moved(X_JF: Pose, p_FQ: Vector) -> Pose:
-    """X_JQ of a frame with the axes of F at Q."""
-    return Pose(X_JF.R, X_JF.p + X_JF.R @ p_FQ)
-
-
-def _about_joint(X_WJ: Pose, X_JQ: Pose, F: Wrench) -> Wrench:
-    """A wrench about Q in world axes, as one about Jo in the axes of J."""
-    f = X_WJ.R.T @ F.f
-    return Wrench(X_WJ.R.T @ F.tau + cross(X_JQ.p, f), f)
-
-
 def _sums(on_bodies: list[tuple[list[int], T]]) -> dict[int, T]:
     """The sum on each body of trees of numbers (n, B), a row for each of n bodies, which may come several times."""
+
+    def added(a: T, b: T) -> T:
+        return jax.tree.map(operator.add, a, b, is_leaf=is_number)
+
     by_body: dict[int, list[T]] = {}
     for bodies, tree in on_bodies:
         for i, body in enumerate(bodies):
             by_body.setdefault(body, []).append(_row(tree, i) if len(bodies) > 1 else tree)
-    return {body: of_neighbours(_added, trees) for body, trees in by_body.items()}
+    return {body: of_neighbours(added, trees) for body, trees in by_body.items()}
 
 
 def _row(tree: T, i: int) -> T:
     """Row i of numbers (n, B); a number that is the same for all has one row."""
     return stacking.mapped(lambda word: word[min(i, word.shape[0] - 1)][None], tree)
-
-
-def _added(a: T, b: T) -> T:
-    return jax.tree.map(operator.add, a, b, is_leaf=is_number)
 
 
 def _of_bundle(state: MechanismState, bundle: Bundle, on_bodies: dict[int, Load], nothing: Load) -> Load:

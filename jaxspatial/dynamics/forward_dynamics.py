@@ -83,7 +83,10 @@ class ForwardDynamics(Algorithm):
         at, moving = self.with_leaf(primals, tau, vdot), self.with_leaf(tangents, tau, None)
         (tau_dot,) = self.program_of(inverse_dynamics_of, at=tau).tangents(at, moving, n_batch)
         force = plus(self.tangent_of_leaf(tangents, tau), minus(tau_dot))
-        return [_solved(self, primals, factors, force, n_batch)]
+        if force is None:
+            return [no_tangent(primals[-1])]
+        solve = self.program_of(_solve, arrays=2 + len(factors))
+        return bind(solve, [*primals[: self.place(self.n_fields + 1)], *factors, force], n_batch)
 
 
 class WithFactors(Algorithm):
@@ -144,14 +147,6 @@ class OverColumns(program.Program):
         return [jnp.moveaxis(x, 0, 1)]
 
 
-def _solved(source: Algorithm, primals: list[Any], factors: list[jax.Array], force: jax.Array | None, n_batch: int):
-    """M^-1 times the tangent of a force, None for zero, with the fields, q and factors of a program."""
-    if force is None:
-        return no_tangent(primals[-1])
-    solve = source.program_of(_solve, arrays=2 + len(factors))
-    return bind(solve, [*primals[: source.place(source.n_fields + 1)], *factors, force], n_batch)[0]
-
-
 def plus(a: jax.Array | None, b: jax.Array | None):
     """The sum of two tangents; None stands for zero."""
     return a if b is None else b if a is None else a + b
@@ -176,16 +171,12 @@ def _with_factors(state: MechanismState, v: Array, tau: Array, external_forces: 
 @algorithm(*DYNAMICS, *FRAMES, program_class=Solve, result_shape=velocity_shape)
 def _solve(state: MechanismState, *factors_and_force: Array):
     *factors, force = factors_and_force
-    return solution(state, state.of_words(factors, _form(state)), force)
-
-
-def _form(state: MechanismState) -> list[Any]:
-    """The structure of the factors that `accelerations` returns."""
-    zero = state.known(0.0)
+    # In the structure of the factors that `accelerations` returns.
+    zero, U = state.known(0.0), Wrench(state.zero_vector, state.zero_vector)
+    form: list[Any] = [zero if has_floating_roots(b) else [(U, zero)] * b.kind.nv for b in state.bundles]
     if state.topology.has_mimics:
-        return [zero, *[()] * (len(state.bundles) - 1)]
-    U = Wrench(state.zero_vector, state.zero_vector)
-    return [zero if has_floating_roots(b) else [(U, zero)] * b.kind.nv for b in state.bundles]
+        form = [zero, *[()] * (len(state.bundles) - 1)]
+    return solution(state, state.of_words(factors, form), force)
 
 
 @algorithm(*DYNAMICS, *FRAMES, result_shape=velocity_shape)

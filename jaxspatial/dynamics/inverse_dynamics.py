@@ -10,7 +10,7 @@ import numpy as np
 from jaxspatial.dynamics.derivatives import jacobians
 from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.external_forces import loads, loads_on_frames
-from jaxspatial.dynamics.kinematics import BodyMotion, forward_kinematics, motion_step, poses, world_motion
+from jaxspatial.dynamics.kinematics import forward_kinematics, motion_step, poses, world_motion
 from jaxspatial.dynamics.newton_euler import forces_of, wrench_of, wrenches_through_joints
 from jaxspatial.engine import recursion
 from jaxspatial.engine.algorithm import (
@@ -29,7 +29,7 @@ from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import AppliedForces, LoopClosure, Mechanism
 from jaxspatial.mechanism.loops import checked_loops
 from jaxspatial.numerics import check
-from jaxspatial.numerics.linear import Inertia, Pose, Wrench
+from jaxspatial.numerics.linear import Wrench
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce, algebra
 
@@ -214,16 +214,13 @@ class InverseDynamics(Algorithm):
     """The program of `inverse_dynamics_of`; nv or more (co)tangents at one state use closed-form Jacobians."""
 
     def jacobians(self, moving: tuple[bool, ...], n_columns: int) -> Any:
-        wanted = self._moves_with(moving)
+        # Whether q, v and vdot are among the arguments that move.
+        leaves = jax.tree.unflatten(self.tree, range(self.tree.num_leaves))[1][:3]
+        wanted = tuple(i is not None and self.known[i] is None and moving[self.place(i)] for i in leaves)
         # The closed form knows no derivatives of S by coordinates.
         if n_columns < self.topology.nv or sum(wanted) < sum(moving) or self.topology.has_subspaces_of_q:
             return None
         return self.program_of(jacobians, wanted=wanted)
-
-    def _moves_with(self, moving: tuple[bool, ...]) -> tuple[bool, ...]:
-        """Whether q, v and vdot are among the arguments that move."""
-        leaves = jax.tree.unflatten(self.tree, range(self.tree.num_leaves))[1][:3]
-        return tuple(i is not None and self.known[i] is None and moving[self.place(i)] for i in leaves)
 
 
 @algorithm(*DYNAMICS, *FRAMES, program_class=InverseDynamics, result_shape=velocity_shape)
@@ -258,7 +255,7 @@ def _weld_reactions(
     for k, frame, frames, joints in welds:
         X_JC = state.frame_placements((frame,))
         motion = state.of_bodies(state.topology.bodies_of([frame]), motions, world_motion(state))
-        F = _net_wrench(X_JC, state.weld_inertia(k), motion)
+        F = wrench_of(algebra.acted_inertia(X_JC, state.weld_inertia(k)), motion)
         for i in joints:
             F = F + state.of_bodies([i], about_parents, F)
         for _, load in (x for x in at_frames if x[0] in frames):
@@ -266,8 +263,3 @@ def _weld_reactions(
         found.append(algebra.inverse_acted_wrench(X_JC, F))
     tau, f = (jnp.concatenate([state.by_row(F[part], 1) for F in found]) for part in (0, 1))
     return tau, f
-
-
-def _net_wrench(X_JC: Pose, M_C: Inertia, motion: BodyMotion) -> Wrench:
-    """The net wrench about Jo on what is welded to J, of an inertia about Co in C."""
-    return wrench_of(algebra.acted_inertia(X_JC, M_C), motion)

@@ -11,7 +11,7 @@ from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import Mechanism
-from jaxspatial.numerics.linear import Matrix, Motion, Pose, Vector, cross
+from jaxspatial.numerics.linear import Motion, Pose, cross
 from jaxspatial.numerics.numbers import Numbers
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial.algebra import composed
@@ -77,8 +77,11 @@ def _jacobian(state: MechanismState, *, frames: int | tuple[int, ...]):
         p_WF = _origin(state, frame, placed).p
         columns: list[tuple[Numbers, ...]] = []
         for b, joint, X in zip(state.bundles, state.joints, placed, strict=True):
-            arm = p_WF - X.p
-            columns.append(tuple(of_carriers(state, b, frame, _six(_velocity_at(X.R, s, arm))) for s in joint.subspace))
+            arm, of_joint = p_WF - X.p, list[Numbers]()
+            for s in joint.subspace:
+                w, v = X.R @ s.w, X.R @ s.v
+                of_joint.append(of_carriers(state, b, frame, (*w, *(v + cross(w, arm)))))
+            columns.append(tuple(of_joint))
         return state.matrix_by_velocity(columns, 6)
 
     return _stacked(frames, of_frame)
@@ -87,16 +90,6 @@ def _jacobian(state: MechanismState, *, frames: int | tuple[int, ...]):
 def _origin(state: MechanismState, frame: int, placed: list[Pose]) -> Pose:
     """X_WF of one frame."""
     return composed(at_carrier(state, frame, placed, state.world), state.frame_placements((frame,)))
-
-
-def _six(V: Motion) -> Numbers:
-    return *V.w, *V.v
-
-
-def _velocity_at(R: Matrix, s: Motion, arm: Vector) -> Motion:
-    """A motion of J in its own axes, as the velocity in world axes of the point at an arm from J."""
-    w, v = R @ s.w, R @ s.v
-    return Motion(w, v + cross(w, arm))
 
 
 @algorithm(*GEOMETRY, *FRAMES)
@@ -109,22 +102,14 @@ def _jacobian_rate(state: MechanismState, v: Array, *, frames: int | tuple[int, 
         X, V = at_carrier(state, frame, moving, (state.world, at_rest))
         v_WF = velocity_in_world(X, state.frame_placements((frame,)), V).v
         p_WF = _origin(state, frame, [x for x, _ in moving]).p
-        columns = [
-            tuple(
-                of_carriers(state, b, frame, _six(_velocity_rate_at(X_WJ, V_WJ_J, s, rate, p_WF, v_WF)))
-                for s, rate in zip(link.joint.subspace, link.joint.subspace_rate(link.v), strict=True)
-            )
-            for b, link, (X_WJ, V_WJ_J) in zip(state.bundles, state.links(v), moving, strict=True)
-        ]
+        columns: list[tuple[Numbers, ...]] = []
+        for b, link, ((R, p_WJ), V_J) in zip(state.bundles, state.links(v), moving, strict=True):
+            arm, v_arm, of_joint = p_WF - p_WJ, v_WF - R @ V_J.v, list[Numbers]()
+            for s, rate in zip(link.joint.subspace, link.joint.subspace_rate(link.v), strict=True):
+                # d/dt of (R k, R l + R k x r), for a motion s = (k, l) with rate ds/dt in J, and the arm r from J to F.
+                dk, dl = (R @ (cross(V_J.w, x) + dx) for x, dx in zip(s, rate, strict=True))
+                of_joint.append(of_carriers(state, b, frame, (*dk, *(dl + cross(dk, arm) + cross(R @ s.w, v_arm)))))
+            columns.append(tuple(of_joint))
         return state.matrix_by_velocity(columns, 6)
 
     return _stacked(frames, of_frame)
-
-
-def _velocity_rate_at(X_WJ: Pose, V_WJ_J: Motion, s: Motion, rate: Motion, p_WF: Vector, v_WF: Vector) -> Motion:
-    """d/dt of (R k, R l + R k x r), for a motion s = (k, l) with rate ds/dt in J, and the arm r from J to F."""
-    turning, R = V_WJ_J.w, X_WJ.R
-    dk, dl = (cross(turning, x) + dx for x, dx in zip(s, rate, strict=True))
-    k, dk, dl, v_WJ = R @ s.w, R @ dk, R @ dl, R @ V_WJ_J.v
-    tangential = cross(dk, p_WF - X_WJ.p)
-    return Motion(dk, dl + tangential + cross(k, v_WF - v_WJ))

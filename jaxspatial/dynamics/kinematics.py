@@ -197,17 +197,11 @@ def _forces_of_wrench(state: MechanismState, frame: int, F_F_W: Wrench) -> jax.A
     state = carrying(state, frame)
     placed = matrices.poses_from_root(state)
     p_F = composed(at_carrier(state, frame, placed, state.world), state.frame_placements((frame,))).p
-    forces = [
-        of_carriers(state, b, frame, _forces_at_joint(X, joint.subspace, p_F, F_F_W))
-        for b, joint, X in zip(state.bundles, state.joints, placed, strict=True)
-    ]
+    forces, (tau, f) = list[Numbers](), F_F_W
+    for b, joint, X in zip(state.bundles, state.joints, placed, strict=True):
+        about_J = Wrench(X.R.T @ (tau + cross(p_F - X.p, f)), X.R.T @ f)
+        forces.append(of_carriers(state, b, frame, tuple(power(about_J, s) for s in joint.subspace)))
     return state.by_all_velocities(forces)
-
-
-def _forces_at_joint(X: Pose, S: Sequence[Motion], p_F: Vector, F: Wrench) -> Numbers:
-    """S . F of each velocity, for a wrench about p_F in the axes of the world."""
-    about_J = Wrench(X.R.T @ (F.tau + cross(p_F - X.p, F.f)), X.R.T @ F.f)
-    return tuple(power(about_J, s) for s in S)
 
 
 def of_carriers(state: MechanismState, bundle: Bundle, frame: int, numbers: Numbers) -> Numbers:

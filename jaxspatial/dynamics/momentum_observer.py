@@ -132,7 +132,9 @@ class MomentumObserver:
         q, v, tau, h = checked(name, mechanism, q=q, v=v, tau=tau, dt=dt)
         rate = _per_velocity(mechanism, gain, f"{name}: gain", self.residual.dtype)
         check.require_same_dtype(observer=self.residual, q=q, gain=rate)
-        b = _share(h, rate)
+        time, rate = check.broadcast_batch(check.broadcast_shapes(h.shape[:-1], rate.shape[:-1]), h, rate)
+        x = -time * rate
+        b = -(np if isinstance(x, np.ndarray) else jnp).expm1(x)  # 1 - exp(-gain dt)
         p, beta = momentum_and_beta(precision, mechanism, q, v, operation=name)
         residual = _updated(precision, self.residual, self.momentum, p, self.beta, beta, tau, h, b)
         return MomentumObserver(residual, *(jnp.broadcast_to(x, residual.shape) for x in (p, beta)))
@@ -145,13 +147,6 @@ def _per_velocity(mechanism: Mechanism, x: ArrayLike, name: str, dtype: np.dtype
         raise ValueError(f"{name}: expected a number or shape (*batch, {mechanism.nv}), got {array.shape}")
     known = isinstance(array, np.ndarray)
     return array if array.ndim else (np if known else jnp).broadcast_to(array, (mechanism.nv,))
-
-
-def _share(dt: Array, gain: Array) -> Array:
-    """1 - exp(-gain dt), known while tracing where both are."""
-    dt, gain = check.broadcast_batch(check.broadcast_shapes(dt.shape[:-1], gain.shape[:-1]), dt, gain)
-    x = -dt * gain
-    return -(np if isinstance(x, np.ndarray) else jnp).expm1(x)
 
 
 @formula(by_number=True)

@@ -16,7 +16,7 @@ from jaxspatial.engine.algorithm import JOINTS, algorithm, checked
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import JointsOfKind, MechanismState
 from jaxspatial.mechanism import Mechanism, Tendon
-from jaxspatial.mechanism.joints import Ball, CosSin
+from jaxspatial.mechanism.joints import Ball
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Vector, dot
@@ -112,15 +112,12 @@ def passive_forces_or_none(
     forces = _forces(precision, mechanism, q, v, compliance, with_resistance=with_resistance) if any(acts) else None
     if rows := _rows_of_tendons(mechanism, np.dtype(q.dtype), compliance):
         places, numbers = zip(*rows, strict=True)
-        forces = _plus(precision, forces, _tendon_forces(precision, mechanism, q, v, numbers, places=places))
+        of_tendons = _tendon_forces(precision, mechanism, q, v, numbers, places=places)
+        forces = of_tendons if forces is None else _sum(precision, forces, of_tendons)
     if mechanism.lifts is not None and not (is_nothing(mechanism.lifts.mass) or is_nothing(mechanism.gravity)):
-        held = inverse_dynamics_of(precision, mechanism.lifted, q, None, None, None, operation="passive_forces")
-        forces = _plus(precision, forces, held)
+        of_lifts = inverse_dynamics_of(precision, mechanism.lifted, q, None, None, None, operation="passive_forces")
+        forces = of_lifts if forces is None else _sum(precision, forces, of_lifts)
     return forces
-
-
-def _plus(precision: PrecisionName, a: jax.Array | None, b: jax.Array) -> jax.Array:
-    return b if a is None else _sum(precision, a, b)
 
 
 @formula(by_number=True)
@@ -152,11 +149,6 @@ def is_nothing(x: Array):
 
 def _is_infinite(x: Array):
     return isinstance(x, np.ndarray) and np.isinf(x).all()
-
-
-def _is_unlimited(joints: JointsOfKind):
-    limits = (joints.state.fields[name] for name in ("lower", "upper"))
-    return all(_is_infinite(joints.rows(x, over_velocities=False)) for x in limits)
 
 
 def checked_compliance(mechanism: Mechanism, like: Any, compliance: object):
@@ -207,69 +199,57 @@ def _forces(state: MechanismState, v: Array, compliance: Compliance, *, with_res
 
 def _of_joints(joints: JointsOfKind, v: Array, compliance: Compliance, with_resistance: bool) -> Numbers:
     """The force of each velocity. `mechanism.assembly` adds parameters of mimics to the joint that they follow."""
-    terms = _positional(joints, v, compliance)
-    terms += _resisting(joints, v, compliance) if with_resistance else []
+    terms, velocities = _positional(joints, v, compliance), joints.velocities(v)
+    damping, friction = (joints.state.fields[name] for name in ("damping", "friction_loss"))
+    if with_resistance and not is_nothing(joints.rows(damping)):
+        terms.append([-d * x for d, x in zip(joints.velocities(damping), velocities, strict=True)])
+    if with_resistance and not is_nothing(joints.rows(friction)):
+        both = zip(joints.velocities(friction), velocities, strict=True)
+        speeds = joints.velocities(compliance.friction_speed)
+        terms.append([-f * (x / _hypotenuse(x, s)) for (f, x), s in zip(both, speeds, strict=True)])
     if not terms:
         return (joints.state.known(0.0),) * joints.kind.nv
     return tuple(functools.reduce(operator.add, x) for x in zip(*terms, strict=True))
 
 
-def _resisting(joints: JointsOfKind, v: Array, compliance: Compliance) -> list[Numbers]:
-    """The forces of damping and of friction, those that act."""
-    damping, friction = (joints.state.fields[name] for name in ("damping", "friction_loss"))
-    velocities, terms = joints.velocities(v), list[Numbers]()
-    if not is_nothing(joints.rows(damping)):
-        terms.append([-d * x for d, x in zip(joints.velocities(damping), velocities, strict=True)])
-    if not is_nothing(joints.rows(friction)):
-        both = zip(joints.velocities(friction), velocities, strict=True)
-        speeds = joints.velocities(compliance.friction_speed)
-        terms.append([-f * (x / _hypotenuse(x, s)) for (f, x), s in zip(both, speeds, strict=True)])
-    return terms
-
-
 def _positional(joints: JointsOfKind, v: Array, compliance: Compliance) -> list[Numbers]:
     """The forces of springs and limits, if they act: computed for coordinates, then converted to velocities."""
-    kind, zero = joints.kind, joints.state.known(0.0)
-    has_spring = not is_nothing(joints.rows(joints.state.fields["stiffness"]))
-    has_limits = compliance.limit_stiffness is not None and not _is_unlimited(joints)
-    turn_limits = _turn_limits(joints) if compliance.limit_stiffness is not None else None
-    if not kind.nv or not (has_spring or has_limits or turn_limits is not None):
+    kind, fields, zero = joints.kind, joints.state.fields, joints.state.known(0.0)
+    has_spring = not is_nothing(joints.rows(fields["stiffness"]))
+    limits, largest, softness = list[Array](), None, list[Array]()
+    if compliance.limit_stiffness is not None:
+        limits, softness = [fields["lower"], fields["upper"]], [compliance.limit_stiffness, compliance.limit_damping]
+        if kind.name == Ball.name and (turn_limits := fields["turn_limits"]) is not None:
+            largest = stacking.rows(turn_limits[:, None], joints.bundle.bodies)
+    has_limits = not all(_is_infinite(joints.rows(x, over_velocities=False)) for x in limits)
+    largest = None if largest is None or _is_infinite(largest) else largest
+    if not kind.nv or not (has_spring or has_limits or largest is not None):
         return []
-    q = joints.configuration(joints.state.q)
-    on_sphere, n_turns = kind.sphere
+    q, (on_sphere, n_turns) = joints.configuration(joints.state.q), kind.sphere
     torques, forces = [zero] * n_turns, [zero] * (kind.nq - on_sphere)
+    reference, stiffness = (), ()
+    if has_spring:
+        reference, stiffness = joints.coordinates(fields["spring_references"]), joints.velocities(fields["stiffness"])
     if on_sphere and has_spring:
-        torques = _of_sphere_spring(joints, q)
-    if turn_limits is not None:
-        torques = _plus_each(torques, _of_turn_limit(joints, q, v, compliance, turn_limits))
+        torques = joints.joint.sphere_spring(q, reference, stiffness)
+    if largest is not None:
+        (angle,) = joints.state.numbers(largest)
+        torques = map(operator.add, torques, _of_turn_limit(joints, q, v, compliance, angle))
     if forces:
         cos_sin = joints.cos_sin(q)
         if has_spring:
-            forces = _plus_each(forces, _of_springs(joints, q))
+            deflection = joints.joint.deflection(reference[on_sphere:], q[on_sphere:])
+            forces = [x + -k * d for x, k, d in zip(forces, stiffness[n_turns:], deflection, strict=True)]
         if has_limits:
-            forces = _plus_each(forces, _of_limits(joints, q, cos_sin, v, compliance))
+            speeds = joints.joint.rates(q, cos_sin, joints.velocities(v))[on_sphere:]
+            numbers = (
+                *(joints.velocities(x)[n_turns:] for x in softness),
+                *(joints.coordinates(x)[on_sphere:] for x in limits),
+            )
+            each = zip(q[on_sphere:], speeds, *numbers, strict=True)
+            forces = list(map(operator.add, forces, (_of_limit(*x) for x in each)))
         forces = joints.joint.generalized_forces(q, cos_sin, forces)
     return [[*torques, *forces]]
-
-
-def _plus_each(a: Numbers, b: Numbers):
-    return [x + y for x, y in zip(a, b, strict=True)]
-
-
-def _of_sphere_spring(joints: JointsOfKind, q: Numbers):
-    """The torques of springs on orientations."""
-    fields = joints.state.fields
-    reference, stiffness = joints.coordinates(fields["spring_references"]), joints.velocities(fields["stiffness"])
-    return joints.joint.sphere_spring(q, reference, stiffness)
-
-
-def _turn_limits(joints: JointsOfKind) -> Number | None:
-    """The largest angles of ball joints; None for none."""
-    limits = joints.state.fields["turn_limits"]
-    bodies = joints.bundle.bodies
-    if joints.kind.name != Ball.name or limits is None or _is_infinite(stacking.rows(limits, bodies)):
-        return None
-    return joints.state.numbers(stacking.rows(limits[:, None], bodies))[0]
 
 
 def _of_turn_limit(joints: JointsOfKind, q: Numbers, v: Array, compliance: Compliance, largest: Number) -> Numbers:
@@ -286,26 +266,8 @@ def _of_turn_limit(joints: JointsOfKind, q: Numbers, v: Array, compliance: Compl
     return tuple(where(is_beyond, -force * x, 0.0) for x in axis)
 
 
-def _of_springs(joints: JointsOfKind, q: Numbers):
-    """The forces of springs on coordinates other than quaternions."""
-    fields, (start, first_velocity) = joints.state.fields, joints.kind.sphere
-    reference, stiffness = (
-        joints.coordinates(fields["spring_references"]),
-        joints.velocities(fields["stiffness"])[first_velocity:],
-    )
-    deflection = joints.joint.deflection(reference[start:], q[start:])
-    return [-k * d for k, d in zip(stiffness, deflection, strict=True)]
-
-
-def _of_limits(joints: JointsOfKind, q: Numbers, cos_sin: CosSin, v: Array, compliance: Compliance):
-    fields, (start, first_velocity) = joints.state.fields, joints.kind.sphere
-    speeds = joints.joint.rates(q, cos_sin, joints.velocities(v))[start:]
-    softness = [joints.velocities(x)[first_velocity:] for x in (compliance.limit_stiffness, compliance.limit_damping)]
-    limits = [joints.coordinates(fields[name])[start:] for name in ("lower", "upper")]
-    return [_of_limit(*x) for x in zip(q[start:], speeds, *softness, *limits, strict=True)]
-
-
 def _of_limit(q: Number, speed: Number, stiffness: Number, damping: Number, lower: Number, upper: Number):
+    """The force of two limits."""
     return _one_sided_force(lower - q, -speed, stiffness, damping) - _one_sided_force(
         q - upper, speed, stiffness, damping
     )

@@ -2,7 +2,7 @@
 
 import jax
 
-from jaxspatial.dynamics.composite_bodies import Placed, generalized_force, in_world_axes
+from jaxspatial.dynamics.composite_bodies import generalized_force, in_world_axes
 from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.kinematics import BodyMotion, angular_acceleration_tensor, motion_step, world_motion
 from jaxspatial.engine import matrices, recursion, stacking
@@ -13,7 +13,7 @@ from jaxspatial.inertia.regressors import kinetic_energy_regressor as kinetic_en
 from jaxspatial.inertia.regressors import momentum_regressor as momentum_regressor
 from jaxspatial.inertia.regressors import newton_euler_regressor as newton_euler_regressor
 from jaxspatial.mechanism import Mechanism
-from jaxspatial.numerics.linear import Pose, Symmetric, Vector, Wrench, cross
+from jaxspatial.numerics.linear import Symmetric, Vector, Wrench, cross
 from jaxspatial.numerics.numbers import constant
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
@@ -44,14 +44,12 @@ def _regressor(state: MechanismState, v: Array, vdot: Array):
     motions = recursion.outward(state, motion_step, world_motion(state), links)
     subspaces = ((link.joint.subspace, X) for link, X in zip(links, placed, strict=True))
     rows = [(len(S), in_world_axes(X, stacking.stacked_trees(S))) for S, X in subspaces]
-    columns = [(10, _columns(*x)) for x in zip(placed, motions, strict=True)]
+    columns = [
+        (10, stacking.stacked_trees([in_world_axes(X, wrench) for wrench in _of_parameters(motion)]))
+        for X, motion in zip(placed, motions, strict=True)
+    ]
     (Y,) = matrices.matrices(state, lambda row, column: (generalized_force(row, column),), rows, columns)
     return state.in_callers_axes(state.rounded(matrices.by_velocity(state, Y, 0)))
-
-
-def _columns(X: Pose, motion: BodyMotion) -> Placed:
-    """The wrenches of unit parameters of a body, stacked."""
-    return stacking.stacked_trees([in_world_axes(X, wrench) for wrench in _of_parameters(motion)])
 
 
 def _of_parameters(motion: BodyMotion) -> list[Wrench]:
@@ -64,9 +62,5 @@ def _of_parameters(motion: BodyMotion) -> list[Wrench]:
     units = [Symmetric(*(one if i == k else zero for i in range(6))) for k in range(6)]
     E = angular_acceleration_tensor(motion.w, motion.alpha).T
     of_arms = [Wrench(cross(unit[:3], motion.a), column) for unit, column in zip(units, E, strict=False)]
-    of_inertia = [Wrench(_torque(unit, motion), no_vector) for unit in units]
+    of_inertia = [Wrench(J @ motion.alpha + cross(motion.w, J @ motion.w), no_vector) for J in units]
     return [Wrench(no_vector, motion.a), *of_arms, *of_inertia]
-
-
-def _torque(J: Symmetric, motion: BodyMotion) -> Vector:
-    return J @ motion.alpha + cross(motion.w, J @ motion.w)

@@ -243,9 +243,14 @@ def _variational(
     derivatives, dt = _action_derivatives(mechanism, precision), h[..., 0]
     damping = None if damping is None else h * jnp.broadcast_to(damping, v.shape)
     before = integrate(mechanism, q, v, -dt, precision=precision)
-    momentum = derivatives(before, q, v, dt)[1] + h * (tau - _static(mechanism, q, external_forces, precision))
+    at_rest = np.zeros(mechanism.nv, q.dtype)
+    static = bias_forces(mechanism, q, at_rest, external_forces, precision=precision)  # g(q) - J^T F
+    momentum = derivatives(before, q, v, dt)[1] + h * (tau - static)
     M = mass_matrix(mechanism, q, precision=precision)
-    factor = factored(M if damping is None else M + _diagonal(damping))
+    if damping is not None:
+        on_diagonal = jnp.broadcast_to(jnp.eye(mechanism.nv, dtype=bool), M.shape)
+        M = M + jnp.where(on_diagonal, jnp.broadcast_to(damping[..., None], M.shape), 0)
+    factor = factored(M)
 
     def nearer(_: jax.Array, v: jax.Array) -> jax.Array:
         left = momentum + derivatives(q, integrate(mechanism, q, v, dt, precision=precision), v, dt)[0]
@@ -253,12 +258,6 @@ def _variational(
 
     v = jax.lax.fori_loop(0, iterations, nearer, v)
     return integrate(mechanism, q, v, dt, precision=precision), v
-
-
-def _diagonal(x: jax.Array):
-    """The diagonal matrices (*batch, n, n) of vectors (*batch, n)."""
-    is_diagonal = jnp.broadcast_to(jnp.eye(x.shape[-1], dtype=bool), (*x.shape, x.shape[-1]))
-    return jnp.where(is_diagonal, jnp.broadcast_to(x[..., None], is_diagonal.shape), 0)
 
 
 def _action_derivatives(mechanism: Mechanism, precision: PrecisionName) -> Callable[..., list[jax.Array]]:
@@ -274,22 +273,13 @@ def _action_derivatives(mechanism: Mechanism, precision: PrecisionName) -> Calla
         of_q, momentum = jax.grad(energy, (0, 1))(q, v)
         of_motions = pullback(functools.partial(difference, mechanism, precision=precision), q, next_q)
         by_q, by_next_q = of_motions(momentum)
-        both = (q, dt[..., None] * of_q + by_q), (next_q, by_next_q)
-        return [_by_velocity(mechanism, x, by_x, precision) for x, by_x in both]
+        by_velocity = list[jax.Array]()
+        for x, by_x in ((q, dt[..., None] * of_q + by_q), (next_q, by_next_q)):
+            rates = functools.partial(configuration_rates, mechanism, x, precision=precision)
+            by_velocity += pullback(rates, jnp.zeros((*x.shape[:-1], mechanism.nv), x.dtype))(by_x)
+        return by_velocity
 
     return derivatives
-
-
-def _by_velocity(mechanism: Mechanism, q: jax.Array, gradient: jax.Array, precision: PrecisionName) -> jax.Array:
-    """A gradient by coordinates, converted to one by velocities."""
-    rates = functools.partial(configuration_rates, mechanism, q, precision=precision)
-    return pullback(rates, jnp.zeros((*q.shape[:-1], mechanism.nv), q.dtype))(gradient)[0]
-
-
-def _static(mechanism: Mechanism, q: jax.Array, external_forces: Checked, precision: PrecisionName) -> jax.Array:
-    """The static forces g(q) - J^T F."""
-    nothing = np.zeros(mechanism.nv, q.dtype)
-    return bias_forces(mechanism, q, nothing, external_forces, precision=precision)
 
 
 @documented(bound=RK4, coordinates=RK4_COORDINATES)
@@ -339,20 +329,14 @@ def _rk4(
         vdot = forward_dynamics(mechanism, q, v, forces, external, precision=precision)
         return configuration_rates(mechanism, q, v, precision=precision), vdot
 
-    q, v = _runge_kutta(precision, rate, (q, v), h)
+    k = [rate(q, v)]
+    for share in (0.5, 0.5, 1.0):
+        ahead = (euler(precision, a, h * h.dtype.type(share), b) for a, b in zip((q, v), k[-1], strict=True))
+        k.append(rate(*ahead))
+    q, v = (_rk4_mean(precision, a, h, *rates) for a, *rates in zip((q, v), *k, strict=True))
     # A step of length zero normalises quaternions.
     zero = np.zeros(mechanism.nv, q.dtype)
     return integrate(mechanism, q, zero, precision=precision), v
-
-
-def _runge_kutta(
-    precision: PrecisionName, rate: Callable[..., tuple[jax.Array, jax.Array]], x: tuple[Checked, Checked], h: jax.Array
-) -> tuple[jax.Array, ...]:
-    k = [rate(*x)]
-    for share in (0.5, 0.5, 1.0):
-        ahead = (euler(precision, a, h * h.dtype.type(share), b) for a, b in zip(x, k[-1], strict=True))
-        k.append(rate(*ahead))
-    return tuple(_rk4_mean(precision, a, h, *rates) for a, *rates in zip(x, *k, strict=True))
 
 
 @formula(by_number=True)

@@ -1,5 +1,6 @@
 """Articulated-body inertia: the inertia of a body with others that hang on it by joints, and seen through a joint."""
 
+import functools
 import operator
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Self
@@ -11,7 +12,7 @@ import numpy as np
 from jaxspatial.inertia import parameters
 from jaxspatial.inertia.composition import steiner
 from jaxspatial.inertia.inertia import ABOUT, SpatialInertia, as_entries
-from jaxspatial.numerics import check, linear
+from jaxspatial.numerics import check, elimination, linear
 from jaxspatial.numerics.check import as_matrices, expanded, refuse, require_kind
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import (
@@ -503,19 +504,10 @@ def _is_valid(J: Symmetric, F: Matrix, M: Symmetric, tolerance: float) -> Mask:
     """Whether all pivots of P + tolerance 1 are positive, P in units in which J and M are of size 1."""
     size_J, size_M = _size(J), _size(M)
     root = size_J.sqrt() * size_M.sqrt()
-    remaining = rows(Articulated(J / size_J, Matrix(*(row / root for row in F)), M / size_M))
-    is_valid = high(remaining[0][0]) + tolerance > 0
-    for k in range(6):
-        pivot = remaining[k][k] + tolerance
-        is_valid = is_valid & (high(pivot) > 0)
-        remaining = [_eliminated(row, remaining[k], k, pivot) if i > k else row for i, row in enumerate(remaining)]
-    return is_valid
-
-
-def _eliminated(row: Numbers, by: Numbers, k: int, pivot: Number) -> Numbers:
-    """The row less so much of another that its k-th entry is 0."""
-    factor = row[k] / pivot
-    return [x if i <= k else x - factor * y for i, (x, y) in enumerate(zip(row, by, strict=True))]
+    matrix = rows(Articulated(J / size_J, Matrix(*(row / root for row in F)), M / size_M))
+    lower = [[*row[:i], row[i] + tolerance] for i, row in enumerate(matrix)]
+    positive = [~is_none & (high(divisor) > 0) for is_none, divisor, _ in elimination.pivots(lower)]
+    return functools.reduce(operator.and_, positive)
 
 
 def _size(S: Symmetric) -> Number:

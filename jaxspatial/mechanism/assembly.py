@@ -145,12 +145,13 @@ class _Tree:
 
     def topology(self):
         number = {name: i for i, name in enumerate(self.places)}
+        moving = {joint.name: i for i, joint in enumerate(self.moving)}
         return Topology(
             body_names=tuple(joint.child for joint in self.moving),
             joint_names=tuple(joint.name for joint in self.moving),
             kinds=tuple(joint.kind for joint in self.moving),
             parents=tuple(self.parents),
-            followed=tuple(map(self._followed, range(len(self.moving)))),
+            followed=tuple(moving[self.mimics[x].joint if x in self.mimics else x] for x in moving),
             frames=tuple((name, carrier) for name, (carrier, _) in self.places.items()),
             welds=tuple((joint.name, number[joint.child]) for joint, _ in self.welds),
             carried_by=tuple(number[self.carried_by[name]] for name in self.places),
@@ -178,14 +179,10 @@ class _Tree:
         M = self.inertias[name]
         return [] if M is None else [jax.tree.map(known, M)]
 
-    def _followed(self, i: int):
-        mimic = self.mimics.get(self.moving[i].name)
-        return i if mimic is None else [joint.name for joint in self.moving].index(mimic.joint)
-
     def arrays(self) -> dict[str, Any]:
         leaders = [joint for joint in self.moving if joint.name not in self.mimics]
         mimics = [(joint, self.mimics[joint.name]) for joint in self.moving if joint.name in self.mimics]
-        alone = Mimic("")
+        alone, turn_limits = Mimic(""), np.array([joint.turn_limit for joint in self.moving], np.float64)
         return {
             "placements": _stacked(self.placements),
             "child_placements": _stacked([or_identity(joint, "child_placement") for joint in self.moving]),
@@ -196,7 +193,7 @@ class _Tree:
             # No arrays of size zero, which checkpoints refuse.
             "weld_inertias": _inertias(self._welded()) if self.welds else None,
             "lifts": _inertias(self._lifted()) if self.lifts else None,
-            "turn_limits": _turn_limits(self.moving),
+            "turn_limits": turn_limits if np.isfinite(turn_limits).any() else None,
             "frame_placements": _stacked([X for _, X in self.places.values()]),
             **{name: _with_mimics(leaders, mimics, name, power) for name, power in _POWERS.items()},
             **{name: _joined(numbers(joint, name, size) for joint in leaders) for name, size in _LIMITS.items()},
@@ -260,11 +257,6 @@ def _rest(joint: Joint, mimics: _Mimics):
     stiffness = numbers(joint, "stiffness", "nv")[0] if springs else 0.0
     total = stiffness + sum(k for k, _ in springs)
     return rest if not total else sum((k * x for k, x in springs), stiffness * rest) / total
-
-
-def _turn_limits(joints: Sequence[Joint]) -> np.ndarray | None:
-    limits = np.array([joint.turn_limit for joint in joints], np.float64)
-    return limits if np.isfinite(limits).any() else None
 
 
 def _joined(arrays: Iterable[np.ndarray]):

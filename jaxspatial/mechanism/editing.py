@@ -167,7 +167,12 @@ def parts(mechanism: Mechanism) -> tuple[list[Body], list[Joint], list[Frame]]:
     with in_double():
         n = len(mechanism.topology)
         mechanism = jax.tree.map(operator.methodcaller("astype", np.float64), mechanism.as_known())
-        return [_body(mechanism, i) for i in range(n)], [_joint(mechanism, i) for i in range(n)], _frames(mechanism)
+        bodies, joints = [_body(mechanism, i) for i in range(n)], [_joint(mechanism, i) for i in range(n)]
+        frames, names = list[Frame](), {WORLD, *mechanism.body_names}
+        for k, (name, i) in enumerate(mechanism.topology.frames):
+            if name not in names:
+                frames.append(Frame(name, *_on_body(mechanism, i, _item(mechanism.frame_placements, k))))
+        return bodies, joints, frames
 
 
 def _require_known(mechanism: Mechanism) -> None:
@@ -222,12 +227,6 @@ def _on_body(mechanism: Mechanism, i: int, X_JF: RigidTransform):
     return mechanism.body_names[i], composed(X_BJ, X_JF)
 
 
-def _frames(mechanism: Mechanism):
-    bodies, places = {WORLD, *mechanism.body_names}, enumerate(mechanism.topology.frames)
-    frames = [(name, i, _item(mechanism.frame_placements, k)) for k, (name, i) in places if name not in bodies]
-    return [Frame(name, *_on_body(mechanism, i, X_JF)) for name, i, X_JF in frames]
-
-
 def _with_followers(mechanism: Mechanism, i: int, q) -> list[tuple[int, Any]]:
     """[(joint, its coordinates)] of a joint and its mimics."""
     t = mechanism.topology
@@ -250,18 +249,17 @@ def _locked(mechanism: Mechanism, joints: list[Joint], i: int, q: npt.ArrayLike)
 
 def _transform(kind: type[JointKind], joint: Joint, q: np.ndarray):
     """X_PB of a joint at known coordinates."""
-    cos_sin = {k: (_number(np.cos(q[k])), _number(np.sin(q[k]))) for k in kind.angles}
-    coordinates, n = tuple(map(_number, q)), kind.sphere[0]
+
+    def number(x: float):
+        return Rounded(DEFAULT, np.float64(x))
+
+    def of_joint(p: Parameter):
+        value = np.ravel(getattr(joint, p.name) if p.field else joint.parameters[p.name]).tolist()
+        return tuple(map(number, value)) if p.size > 1 else number(value[0])
+
+    cos_sin = {k: (number(np.cos(q[k])), number(np.sin(q[k]))) for k in kind.angles}
+    coordinates, n = tuple(map(number, q)), kind.sphere[0]
     coordinates = (*unit(coordinates[:n]), *coordinates[n:]) if n else coordinates
-    rows, p = kind(lambda p: _parameter(joint, p), _number(0.0)).transform(coordinates, cos_sin)
+    rows, p = kind(of_joint, number(0.0)).transform(coordinates, cos_sin)
     entries = np.array([float(high(x)) for row in rows for x in row])
     return RigidTransform(Rotation(entries), np.array([float(high(x)) for x in p]))
-
-
-def _parameter(joint: Joint, p: Parameter):
-    value = tuple(map(_number, np.ravel(getattr(joint, p.name) if p.field else joint.parameters[p.name]).tolist()))
-    return value if p.size > 1 else value[0]
-
-
-def _number(x: float):
-    return Rounded(DEFAULT, np.float64(x))

@@ -7,7 +7,7 @@ import operator
 import pathlib
 import weakref
 from collections.abc import Iterable, Mapping
-from typing import Any, cast
+from typing import Any
 
 import jax
 import jax.export
@@ -410,7 +410,11 @@ class Mechanism:
         Raises:
             TypeError: numbers are traced.
         """
-        return _read_only(jax.tree.map(_as_numpy, self._as_tree()))
+        leaves = jax.tree.leaves(self._as_tree())
+        if traced := [x for x in leaves if isinstance(x, Tracer)]:
+            came = type(traced[0]).__name__
+            raise TypeError(f"Mechanism.as_known: expected numbers (NumPy or JAX arrays), got {came}, traced")
+        return _read_only(jax.tree.map(np.asarray, self._as_tree()))
 
     def as_static(self) -> "StaticMechanism":
         """Makes a StaticMechanism, without leaves: for a field of a learner's module, or an argument of a jitted
@@ -450,28 +454,20 @@ class Mechanism:
 def _shapes(t: Topology, parameters: dict[str, Any]) -> dict[str, list[tuple[int, ...]]]:
     """{field: the shapes of its leaves}, of the numbers of a mechanism."""
     n, frames, welds = len(t), len(t.frames), len(t.welds)
-
-    def poses(k: int):
-        return [(k, 9), (k, 3)]
-
-    def inertias(k: int):
-        return [(k,), (k, 3), (k, 6)]
-
+    inertias: list[tuple[int, ...]] = [(n,), (n, 3), (n, 6)]
     per_velocity = "armature", "damping", "friction_loss", "stiffness", "effort_limit", "velocity_limit"
     return {
-        "placements": poses(n),
-        "child_placements": poses(n),
+        **dict.fromkeys(("placements", "child_placements"), [(n, 9), (n, 3)]),
         **dict.fromkeys(("axes", "second_axes"), [(n, 3)]),
         "pitches": [(n,)],
         "parameters": [(n, *np.shape(parameters[name])[-1:]) for name in sorted(parameters)],
         "mimics": [(n, 2)],
-        "inertias": inertias(n),
+        **dict.fromkeys(("inertias", "lifts"), inertias),
         **dict.fromkeys(per_velocity, [(t.nv,)]),
         **dict.fromkeys(("lower", "upper", "spring_references"), [(t.nq,)]),
-        "frame_placements": poses(frames),
-        "weld_inertias": inertias(welds) if welds else [],
+        "frame_placements": [(frames, 9), (frames, 3)],
+        "weld_inertias": [(welds,), (welds, 3), (welds, 6)] if welds else [],
         "gravity": [(3,)],
-        "lifts": inertias(n),
         "turn_limits": [(n,)],
     }
 
@@ -505,21 +501,15 @@ def _replacement(name: str, old, new):
     return jax.tree.map(checked, old, new)
 
 
-def _as_numpy(x):
-    if isinstance(x, Tracer):
-        came = x.__class__.__name__
-        raise TypeError(f"Mechanism.as_known: expected numbers (NumPy or JAX arrays), got {came}, traced")
-    return np.asarray(x)
-
-
 def _read_only(mechanism: Mechanism) -> Mechanism:
     """Copies NumPy arrays that others may write to. Programs are compiled for the values, and looked up by the
     mechanism."""
-    return jax.tree.map(lambda x: _frozen(x) if isinstance(x, np.ndarray) and _is_open(x) else x, mechanism)
 
+    def read_only(x: Any) -> Any:
+        is_open = isinstance(x, np.ndarray) and (x.base is not None or x.flags.writeable)
+        return _frozen(x) if is_open else x
 
-def _is_open(x: np.ndarray):
-    return x.base is not None or x.flags.writeable
+    return jax.tree.map(read_only, mechanism)
 
 
 def _frozen(x):
@@ -587,20 +577,11 @@ jax.tree_util.register_static(StaticMechanism)
 # They hold the tree as JSON, and of a StaticMechanism its arrays too.
 
 
-def _to_bytes(structure: tuple[Topology]):
-    return json.dumps(dataclasses.astuple(structure[0])).encode()
+def _topology(fields: list[Any]) -> Topology:
+    def as_tuples(x: Any) -> Any:
+        return tuple(map(as_tuples, x)) if isinstance(x, list) else x
 
-
-def _from_bytes(data: bytes):
-    return (_topology(json.loads(data)),)
-
-
-def _topology(fields: list[Any]):
-    return Topology(*cast(Any, map(_as_tuples, fields)))
-
-
-def _as_tuples(x):
-    return tuple(map(_as_tuples, x)) if isinstance(x, list) else x
+    return Topology(*map(as_tuples, fields))
 
 
 def _static_to_bytes(static: StaticMechanism):
@@ -629,7 +610,10 @@ def _static_from_bytes(data: bytes):
 
 
 jax.export.register_pytree_node_serialization(
-    Mechanism, serialized_name="jaxspatial.Mechanism", serialize_auxdata=_to_bytes, deserialize_auxdata=_from_bytes
+    Mechanism,
+    serialized_name="jaxspatial.Mechanism",
+    serialize_auxdata=lambda structure: json.dumps(dataclasses.astuple(structure[0])).encode(),
+    deserialize_auxdata=lambda data: (_topology(json.loads(data)),),
 )
 jax.export.register_pytree_node_serialization(
     StaticMechanism,

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.mechanism.joints import AXIS, BUILT_IN, SECOND_AXIS, JointKind, kind_named
+from jaxspatial.mechanism.joints import AXIS, BUILT_IN, SECOND_AXIS, kind_named
 from jaxspatial.mechanism.mechanism import Mechanism
 from jaxspatial.mechanism.parts import WORLD, Body, Joint
 from jaxspatial.numerics.numbers.rounded import in_double
@@ -41,32 +41,35 @@ def random_mechanism(
     rng = np.random.default_rng(seed)
     kinds = list(kinds or [kind.name for kind in BUILT_IN if kind.nv])
     with in_double():
-        bodies = [Body(f"body{i}", _inertia(rng)) for i in range(n)]
+        bodies = list[Body]()
+        for i in range(n):
+            a = rng.standard_normal((3, 3))
+            mass, com = np.float64(rng.uniform(0.5, 2.0)), rng.standard_normal(3) * 0.3
+            bodies.append(Body(f"body{i}", SpatialInertia(mass, com, a @ a.T * 0.05 + np.eye(3) * 0.1)))
         joints = [_joint(rng, i, kinds[i % len(kinds)], is_chain) for i in range(n)]
         return Mechanism.build(bodies, joints, dtype=np.float64).astype(dtype or np.float64)
 
 
 def _joint(rng: np.random.Generator, i: int, kind: str, is_chain: bool):
     on = i - 1 if is_chain else int(rng.integers(-1, i))
+    placement, axis, second_axis = _pose(rng), _axis(rng, i), _axis(rng, i + 1)
+    # The parameters besides the axes: those of registered kinds, and fields of a joint.
+    others = [p for p in kind_named(kind).parameters if p not in (AXIS, SECOND_AXIS)]
+    values = {p: rng.standard_normal(p.size) for p in others}
+    fields: dict[str, Any] = {p.name: x.item() for p, x in values.items() if p.field}
     return Joint(
         f"joint{i}",
         kind,
         WORLD if on < 0 else f"body{on}",
         f"body{i}",
-        placement=_pose(rng),
-        axis=_axis(rng, i),
-        second_axis=_axis(rng, i + 1),
-        **_other_parameters(rng, kind_named(kind)),
+        placement=placement,
+        axis=axis,
+        second_axis=second_axis,
+        parameters={p.name: x for p, x in values.items() if not p.field},
+        **fields,
         armature=rng.uniform(0, 0.1) if i % 4 == 0 else 0.0,
         damping=rng.uniform(0, 1),
     )
-
-
-def _other_parameters(rng: np.random.Generator, kind: type[JointKind]) -> dict[str, Any]:
-    """The parameters of a joint besides its axes."""
-    values = {p: rng.standard_normal(p.size) for p in kind.parameters if p not in (AXIS, SECOND_AXIS)}
-    registered = {p.name: x for p, x in values.items() if not p.field}
-    return {"parameters": registered, **{p.name: x.item() for p, x in values.items() if p.field}}
 
 
 def _axis(rng: np.random.Generator, i: int):
@@ -77,10 +80,3 @@ def _pose(rng: np.random.Generator):
     q = rng.standard_normal(4)
     R = Rotation.from_quaternion(q / np.linalg.norm(q)) if rng.random() < 0.7 else Rotation.identity(dtype=np.float64)
     return RigidTransform(R, rng.standard_normal(3))
-
-
-def _inertia(rng: np.random.Generator):
-    a = rng.standard_normal((3, 3))
-    return SpatialInertia(
-        np.float64(rng.uniform(0.5, 2.0)), rng.standard_normal(3) * 0.3, a @ a.T * 0.05 + np.eye(3) * 0.1
-    )

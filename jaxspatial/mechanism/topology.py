@@ -106,18 +106,16 @@ class Bundle:
         """The numbers of the bodies, column by column, without padding."""
         return self.bodies.T.ravel()[self.own_rows]
 
-    @property
-    def cost(self):
-        """A row costs what its chains do, and as much as one more chain by itself."""
-        return self.length * (self.width + 1)
-
     def has_room_for(self, group: Chains):
         """Whether a batch of chains is computed as its next rows at little more cost than in a loop of its own. Chains
         on the world are not: most of what they compute with is known."""
         if group.kind.moves_as != self.kind.moves_as or self.is_on_world:
             return False
-        separate = sum(Bundle((g,)).cost for g in (*self.groups, group))
-        return Bundle((*self.groups, group)).cost <= _MOST * separate
+        groups = *self.groups, group
+        lengths, widths = [g.length for g in groups], [g.width for g in groups]
+        # A row costs what its chains do, and as much as one more chain by itself.
+        separate = sum(length * (width + 1) for length, width in zip(lengths, widths, strict=True))
+        return sum(lengths) * (max(widths) + 1) <= _MOST * separate
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,12 +171,12 @@ class Topology:
     @functools.cached_property
     def q_starts(self):
         """For each joint the index of its first coordinate, that of the followed joint for a mimic; then nq."""
-        return self._starts([kind.nq for kind in map(self.kind, range(len(self)))])
+        return self._starts([self.kind(i).nq for i in range(len(self))])
 
     @functools.cached_property
     def v_starts(self):
         """The same for generalized velocities; then nv."""
-        return self._starts([kind.nv for kind in map(self.kind, range(len(self)))])
+        return self._starts([self.kind(i).nv for i in range(len(self))])
 
     def _starts(self, sizes: list[int]):
         starts = [0, *itertools.accumulate(0 if self.is_mimic(i) else size for i, size in enumerate(sizes))]
@@ -240,7 +238,10 @@ class Topology:
     def chains(self):
         """All bodies as batches of chains, parents first. Chains of one batch are as many chains from the world."""
         batches, depth = dict[tuple[int, str, int], list[int]](), {-1: -1}
-        for start, stop in self._runs():
+        runs = list[tuple[int, int]]()  # (start, stop)
+        for i in self._computed:
+            runs.append((runs.pop()[0] if self._continues(i) else i, i + 1))
+        for start, stop in runs:
             depth[stop - 1] = depth[self.parents[start]] + 1
             batches.setdefault((depth[stop - 1], self.kind(start).moves_as, stop - start), []).append(start)
         return tuple(
@@ -283,13 +284,6 @@ class Topology:
             Bundle((Chains(KINDS[kind], 1, tuple(of_kind), tuple(self.parents[i] for i in of_kind)),))
             for kind, of_kind in joints.items()
         )
-
-    def _runs(self):
-        """(start, stop) of all chains."""
-        runs = list[tuple[int, int]]()
-        for i in self._computed:
-            runs.append((runs.pop()[0] if self._continues(i) else i, i + 1))
-        return runs
 
     def _continues(self, i: int):
         """Whether body i continues the chain of the one before: its only child, by a joint of the same kind. A body on
