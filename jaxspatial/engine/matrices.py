@@ -5,7 +5,6 @@ positions from the root that carries both, so nothing is propagated from body to
 bodies of two bundles are one operation.
 """
 
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -20,7 +19,6 @@ from jaxspatial.mechanism.topology import Chains
 from jaxspatial.numerics import check, numbers
 from jaxspatial.numerics.linear import Pose, Vector
 from jaxspatial.numerics.numbers import (
-    Mask,
     Number,
     Numbers,
     as_data,
@@ -33,8 +31,6 @@ from jaxspatial.numerics.numbers import (
 from jaxspatial.spatial.algebra import composed
 
 Entry = Callable[[Any, Any], Numbers]
-# (chain of the column, chain of the row that carries it).
-ChainPairs = list[tuple[int, int]]
 # For every bundle (k, tree of numbers), see `matrices`.
 Sides = Sequence[tuple[int, Any]]
 
@@ -47,56 +43,46 @@ def matrices(state: MechanismState, entry: Entry, rows: Sides, columns: Sides, c
     rows, columns: for every bundle (k, a tree of numbers (k, L, W, B)); k is the number of velocities of its joint, or
     of columns per body. Numbers that are the same for all k may lack the first axis.
     """
-    chains = state.topology.chains
-    sizes = [[_count(state, y, group) * group.length for group in chains] for y in (rows, columns)]
-    starts = [_starts(state, y) for y in (rows, columns)]
-    rows, columns = ([_of_chains(state, y, group) for group in chains] for y in (rows, columns))
+    t = state.topology
+    # The first row of each body, and at the end the number of rows.
+    starts = [np.cumsum([0, *(y[t.places[i][0]][0] for i in range(len(t)))]) for y in (rows, columns)]
+    of_rows, of_columns = ([_of_chains(state, y, group) for group in t.chains] for y in (rows, columns))
     whole: Numbers = ()
-    for b, column in enumerate(columns):
-        for a, pairs in state.topology.carriers(b).items():
-            if rows[a] is not None and column is not None:
-                shape = sizes[0][a], sizes[1][b], len(pairs), state.n
-                block = _block(entry, rows[a], column, pairs, shape)
-                block = [_upper(x, chains[a].length) for x in block] if a == b else block
-                whole = _with_block(state, whole or _zeros(state, block, starts), block, starts, a, b, pairs)
+    for b, (n_columns, column) in enumerate(of_columns):
+        for a, pairs in t.carriers(b).items():
+            n_rows, row = of_rows[a]
+            if not (n_rows and n_columns):
+                continue
+            chains_b, chains_a = zip(*pairs, strict=True)
+            on_a = stacking.mapped(lambda w, chains=chains_a: _picked(w, chains)[:, None], row)
+            on_b = stacking.mapped(lambda w, chains=chains_b: _picked(w, chains)[None], column)
+            block = [stacking.spread(x, (n_rows, n_columns, len(pairs), state.n)) for x in entry(on_a, on_b)]
+            block = [_upper(x, t.chains[a].length) for x in block] if a == b else block
+            full = *(int(x[-1]) for x in starts), state.n
+            whole = whole or [mapped(lambda w: jnp.zeros(full, w.dtype), x) for x in block]  # noqa: B023
+            for k, (c, r) in enumerate(pairs):
+                place = int(starts[0][t.chains[a].starts[r]]), int(starts[1][t.chains[b].starts[c]]), 0
+
+                def put(whole: jax.Array, block: jax.Array, k: int = k, place: tuple[int, ...] = place) -> jax.Array:
+                    return lax.dynamic_update_slice(whole, block[:, :, k], place)
+
+                whole = [mapped(put, x, y) for x, y in zip(whole, block, strict=True)]
     return whole or [state.zeros(int(starts[0][-1]), int(starts[1][-1]))] * count
 
 
-def _place(state: MechanismState, group: Chains) -> tuple[int, int, int]:
-    return state.topology.places[group.starts[0]]
-
-
-def _count(state: MechanismState, trees: Sides, group: Chains) -> int:
-    return trees[_place(state, group)[0]][0]
-
-
-def _starts(state: MechanismState, trees: Sides) -> np.ndarray:
-    """The first row of each body, and at the end the number of rows."""
-    t = state.topology
-    return np.cumsum([0, *(trees[t.places[i][0]][0] for i in range(len(t)))])
-
-
-def _of_chains(state: MechanismState, trees: Sides, group: Chains) -> Any:
-    """The numbers (rows, W, B) of one group of chains; None if it has no rows."""
-    b, first, _ = _place(state, group)
+def _of_chains(state: MechanismState, trees: Sides, group: Chains) -> tuple[int, Any]:
+    """(the number of rows of one chain, the numbers (rows, W, B) of all chains of a group)."""
+    b, first, _ = state.topology.places[group.starts[0]]
     k, tree = trees[b]
-    return stacking.mapped(functools.partial(_flat, group, k, first), tree) if k else None
 
+    def flat(word: jax.Array) -> jax.Array:
+        """The rows of all bodies of a chain as one axis: (L k, W, B)."""
+        if word.ndim >= 3:
+            word = word[..., first : first + group.length, : group.width, :]
+        full = jnp.broadcast_to(word, (k, group.length, *check.broadcast_shapes(word.shape[-2:], (1, 1))))
+        return jnp.moveaxis(full, 0, 1).reshape((-1, *full.shape[2:]))
 
-def _flat(group: Chains, k: int, first: int, word: jax.Array) -> jax.Array:
-    """The rows of all bodies of a chain as one axis: (L k, W, B)."""
-    if word.ndim >= 3:
-        word = word[..., first : first + group.length, : group.width, :]
-    full = jnp.broadcast_to(word, (k, group.length, *check.broadcast_shapes(word.shape[-2:], (1, 1))))
-    return jnp.moveaxis(full, 0, 1).reshape((-1, *full.shape[2:]))
-
-
-def _block(entry: Entry, row: Any, column: Any, pairs: ChainPairs, shape: tuple[int, ...]) -> list[Number]:
-    """The entries (rows, columns, pairs, B) of pairs (chain of the column, chain of the row)."""
-    of_columns, of_rows = zip(*pairs, strict=True)
-    row = stacking.mapped(lambda w: _picked(w, of_rows)[:, None], row)
-    entries = entry(row, stacking.mapped(lambda w: _picked(w, of_columns)[None], column))
-    return [stacking.spread(x, shape) for x in entries]
+    return k * group.length, stacking.mapped(flat, tree) if k else None
 
 
 def _picked(w: jax.Array, chains: tuple[int, ...]) -> jax.Array:
@@ -111,27 +97,6 @@ def _upper(x: Number, length: int) -> Number:
     n, m = numbers.shape_of(x)[:2]
     is_behind = np.arange(m)[None, :] // (m // length) >= np.arange(n)[:, None] // (n // length)
     return where(jnp.asarray(is_behind[:, :, None, None]), x, 0.0)
-
-
-def _zeros(state: MechanismState, block: list[Number], starts: list[np.ndarray]) -> list[Number]:
-    shape = int(starts[0][-1]), int(starts[1][-1]), state.n
-    return [mapped(lambda w: jnp.zeros(shape, w.dtype), x) for x in block]
-
-
-def _with_block(
-    state: MechanismState, whole: Numbers, block: Numbers, starts: list[np.ndarray], a: int, b: int, pairs: ChainPairs
-) -> Numbers:
-    """The matrices with the block of one pair of chain groups filled in."""
-    of_rows, of_columns = (state.topology.chains[k].starts for k in (a, b))
-    for k, (c, r) in enumerate(pairs):
-        place = int(starts[0][of_rows[r]]), int(starts[1][of_columns[c]]), 0
-        put = functools.partial(_put, k=k, place=place)
-        whole = [mapped(put, x, y) for x, y in zip(whole, block, strict=True)]
-    return whole
-
-
-def _put(whole: jax.Array, block: jax.Array, k: int, place: tuple[int, int, int]) -> jax.Array:
-    return lax.dynamic_update_slice(whole, block[:, :, k], place)
 
 
 def by_velocity(state: MechanismState, x: Number, axis: int) -> Number:
@@ -164,15 +129,15 @@ def transposed(x: Number) -> Number:
 
 def poses_from_root(state: MechanismState) -> list[Pose]:
     """The Pose of every bundle: in the axes of the world, with positions from the root that carries it."""
+
+    def step(link: tuple[Pose, JointState, bool], parent: Pose) -> tuple[Pose, Pose]:
+        placement, joint, is_root = link
+        X = composed(parent, across(placement, joint))
+        X = Pose(X.R, zero_at_root(is_root, X.p))
+        return X, X
+
     links = [(state.placement(b), joint, b.is_on_world) for b, joint in zip(state.bundles, state.joints, strict=True)]
-    return recursion.outward(state, _from_root, state.world, links)
-
-
-def _from_root(link: tuple[Pose, JointState, bool], parent: Pose) -> tuple[Pose, Pose]:
-    placement, joint, is_root = link
-    X = composed(parent, across(placement, joint))
-    X = Pose(X.R, zero_at_root(is_root, X.p))
-    return X, X
+    return recursion.outward(state, step, state.world, links)
 
 
 def zero_at_root(is_root: bool, v: Vector) -> Vector:
@@ -190,30 +155,27 @@ def solved(M: Number, b: Number) -> Number:
     [Golub and Van Loan 2013, 4.1: Gauss and Jordan]
     """
     n, *shape = numbers.shape_of(b)
-    # The right side is one more column.
+    # The right side is one more column, the last.
     parts = stacking.spread(M, (n, n, *shape)), stacking.spread(mapped(lambda w: w[:, None], b), (n, 1, *shape))
     start = as_data(mapped(lambda *words: jnp.concatenate(words, 1), *parts))
     last = jnp.arange(n + 1).reshape((1, -1, *[1] * len(shape))) == n
 
     def turn(k: jax.Array, data: list[Any]) -> list[Any]:
+        """Eliminates one unknown; its own equation stays."""
         whole = with_data(start, data)
         row, column = (_slice(whole, k, axis) for axis in (0, 1))
         here = (jnp.arange(n, dtype=np.int32) == k).reshape((n, 1, *[1] * len(shape)))
-        return data_of(as_data(_eliminated(whole, row, column, _slice(row, k, 1), here, last)))
+        pivot = _slice(row, k, 1)
+        is_none = high(pivot) <= 0
+        scale = where(is_none, 0.0, 1 / where(is_none, 1.0, pivot))
+        factor = where(here, scale * 0.0, column * scale)
+        after = where(here & last, where(is_none, 0.0, whole), whole - factor * row)
+        return data_of(as_data(after))
 
     whole = with_data(start, lax.fori_loop(0, n, turn, data_of(start)))
     diagonal = stacking.concatenated([mapped(lambda w, k=k: w[k, k][None], whole) for k in range(n)])
     is_none = high(diagonal) <= 0
     return where(is_none, 0.0, mapped(lambda w: w[:, n], whole) / where(is_none, 1.0, diagonal))
-
-
-def _eliminated(whole: Number, row: Number, column: Number, pivot: Number, here: Mask, last: Mask) -> Number:
-    """The equations after elimination of one unknown, with the equation that stands `here`. last: of the columns, the
-    right side."""
-    is_none = high(pivot) <= 0
-    scale = where(is_none, 0.0, 1 / where(is_none, 1.0, pivot))
-    factor = where(here, scale * 0.0, column * scale)
-    return where(here & last, where(is_none, 0.0, whole), whole - factor * row)
 
 
 def _slice(x: Number, k: Any, axis: int) -> Number:

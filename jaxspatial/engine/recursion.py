@@ -10,7 +10,7 @@ import collections
 import functools
 import itertools
 import operator
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -43,7 +43,7 @@ def outward(state: MechanismState, step: Step, root: Any, numbers: Sequence[Any]
     for bundle, of_bundle in zip(state.bundles, numbers, strict=True):
         first = bundle.groups[0]
         start = [ends[i] for i in bundle.by_column(first, first.parents)]
-        boundaries = _boundaries(state, bundle, ends.get, start[0], _replaced, is_reverse=False)
+        boundaries = _boundaries(state, bundle, ends.get, start[0], lambda _, new: new, is_reverse=False)
         result, last, memory = _run(step, bundle, state.n, of_bundle, _side_by_side(start, state.n), boundaries)
         ends |= {i: _chain(memory, k) for i, k in boundaries.rows.items() if i not in ends}
         ends |= {i: _chain(last, c) for c, i in enumerate(bundle.groups[-1].ends)}
@@ -59,7 +59,8 @@ def inward(
     step(numbers of a body, joined states of its children) -> (its result, its state). at_tips: the state that bodies
     without children receive. join: combines the states of two children; by default their sum.
     """
-    of_children, results, join = collections.defaultdict[int, list[Any]](list), list[Any](), join or _sum
+    of_children, results = collections.defaultdict[int, list[Any]](list), list[Any]()
+    join = join or (lambda a, b: jax.tree.map(operator.add, a, b, is_leaf=is_number))
 
     def joined(i: int, default: Any) -> Any:
         states = of_children.pop(i, [default])
@@ -79,14 +80,6 @@ def inward(
                 of_children[parent].append(_chain(passed, c))
         results.append(result)
     return results[::-1]
-
-
-def _replaced(_, new):
-    return new
-
-
-def _sum(a, b):
-    return jax.tree.map(operator.add, a, b, is_leaf=is_number)
 
 
 def _chain(tree, c: int):
@@ -131,22 +124,18 @@ def _boundaries(
     rows = {i: k + 2 for k, i in enumerate(dict.fromkeys(meet))}
     memory = _side_by_side([default, default, *(state_of(i, default) for i in rows)], state.n) if rows else None
     at, put, get = (np.zeros(shape, int) for shape in ((bundle.length,), *[bundle.bodies.shape] * 2))
-    for row, end, begin in _meetings(bundle, is_reverse):
-        at[row] = 1
-        padding = [1] * (bundle.width - len(end))
-        put[row], get[row] = [rows.get(i, 1) for i in end] + padding, [rows.get(i, 0) for i in begin]
-    return Boundaries(memory, rows, at, put, get, join, is_reverse)
-
-
-def _meetings(bundle: Bundle, is_reverse: bool) -> Iterator[tuple[int, Sequence[int], Sequence[int]]]:
-    """At each boundary: (the last row of a group, the bodies whose rows its chains write, those that the next read)."""
     first = 0
     for a, b in itertools.pairwise(bundle.groups):
         first += a.length
+        # The last row of a group, the bodies whose rows its chains write, and those that the next chains read.
         if is_reverse:
-            yield first, b.parents, bundle.by_column(a, a.ends)
+            row, end, begin = first, b.parents, bundle.by_column(a, a.ends)
         else:
-            yield first - 1, a.ends, bundle.by_column(b, b.parents)
+            row, end, begin = first - 1, a.ends, bundle.by_column(b, b.parents)
+        padding = [1] * (bundle.width - len(end))
+        at[row], put[row] = 1, [rows.get(i, 1) for i in end] + padding
+        get[row] = [rows.get(i, 0) for i in begin]
+    return Boundaries(memory, rows, at, put, get, join, is_reverse)
 
 
 # -- the loop ---------------------------------------------------------------------------------------------------------
@@ -236,7 +225,7 @@ class _Loop:
         state = self._data(new, self.shape)
         if rows:
             at, put, get = rows
-            memory, state = lax.cond(at > 0, self._cross, _unchanged, memory, state, put, get)
+            memory, state = lax.cond(at > 0, self._cross, lambda *x: x[:2], memory, state, put, get)
         return (state, memory), data_of(result)
 
     def _cross(self, memory, state, put: jax.Array, get: jax.Array) -> tuple[Any, Any]:
@@ -248,10 +237,6 @@ class _Loop:
             memory = jax.tree.map(update, memory, new)
         begin = [_row_of(memory, get[c]) for c in range(self.shape[0])]
         return memory, jax.tree.map(lambda *words: jnp.concatenate(words), *begin)
-
-
-def _unchanged(memory, state, *_) -> tuple[Any, Any]:
-    return memory, state
 
 
 def _row_of(data, k):

@@ -227,17 +227,12 @@ class MechanismState:
 
     def _pose(self, transforms: tuple[Array, Array], places: np.ndarray) -> Pose:
         entries, p = (stacking.rows(x, places) for x in transforms)
-        return Pose(Matrix.of_entries(self.numbers(self._without_dust(entries))), Vector(*self.numbers(p)))
-
-    def _without_dust(self, entries: Array) -> Array:
-        """Rotation entries with known ones below 2^-12 u set to zero, which changes no result in any precision.
-
-        Files write pi/2 with few digits, which leaves 5e-12 where a quarter turn has zeros.
-        """
-        if not isinstance(entries, np.ndarray):
-            return entries
-        is_dust = abs(entries) < check.eps(self.dtype) * 2.0**-13
-        return np.where(is_dust, 0, entries).astype(entries.dtype)
+        if isinstance(entries, np.ndarray):
+            # Files write pi/2 with few digits, which leaves 5e-12 where a quarter turn has zeros. Without what is below
+            # 2^-12 u no result changes, in any precision.
+            is_dust = abs(entries) < check.eps(self.dtype) * 2.0**-13
+            entries = np.where(is_dust, 0, entries).astype(entries.dtype)
+        return Pose(Matrix.of_entries(self.numbers(entries)), Vector(*self.numbers(p)))
 
     def inertia(self, bundle: Bundle) -> Inertia:
         return self._inertia("inertias", bundle.bodies)
@@ -310,8 +305,15 @@ class MechanismState:
         pieces, counts = list[Any](), list[int]()
         for k, run in itertools.groupby(places, lambda place: place[0]):
             at = [place[1:] for place in run]
+
+            def rows_at(word: jax.Array, at: list[tuple[int, int]] = at) -> Array:
+                """The rows (n, B) at (row, chain) of an array (L, W, B), of size 1 where all rows or chains agree."""
+                L, W = word.shape[:2]
+                flat = np.array([min(j, L - 1) * W + min(c, W - 1) for j, c in at])
+                return stacking.rows(word.reshape((L * W, -1)), flat[:1] if (flat == flat[0]).all() else flat)
+
             counts.append(len(at))
-            pieces.append(at_world if k < 0 else stacking.mapped(lambda w, at=at: _rows_at(w, at), results[k]))
+            pieces.append(at_world if k < 0 else stacking.mapped(rows_at, results[k]))
         return pieces[0] if len(pieces) == 1 else stacking.concatenated_trees(pieces, self.n, counts)
 
     def by_body(self, results: Sequence[Numbers], k: int) -> jax.Array:
@@ -439,13 +441,6 @@ class MechanismState:
         """The inverse of `words`: numbers made of these arrays, in trees of the structure of `form`."""
         like, rest = self.known(0.0), iter(words)
         return jax.tree.map(lambda _: like.with_limbs(next(rest) for _ in like.limbs), form, is_leaf=numbers.is_number)
-
-
-def _rows_at(word: jax.Array, places: Sequence[tuple[int, int]]) -> Array:
-    """The rows (n, B) at (row, chain) of an array (L, W, B), of size 1 where all rows or chains have the same."""
-    L, W = word.shape[:2]
-    flat = np.array([min(j, L - 1) * W + min(c, W - 1) for j, c in places])
-    return stacking.rows(word.reshape((L * W, -1)), flat[:1] if (flat == flat[0]).all() else flat)
 
 
 def is_vector(x: object) -> bool:
