@@ -1,5 +1,6 @@
-"""The form of public docstrings: Args with every parameter, Returns, then the error bound and the source."""
+"""The form of public docstrings: Args with every parameter, Returns, then the error bound, the source, an example."""
 
+import doctest
 import inspect
 import re
 import typing
@@ -11,6 +12,8 @@ import jaxspatial as js
 from jaxspatial.dynamics.composite_bodies import MassMatrixFactor
 from jaxspatial.engine.algorithm import ExternalForces
 from jaxspatial.numerics import quantity
+from tests.helpers.soon import compiled_soon
+from tests.test_reference import TEXT, pages
 
 
 def _public(module):
@@ -67,6 +70,41 @@ def faults(function):
     return found
 
 
+# Layers whose public docstrings end with an example: all others are to follow.
+WITH_EXAMPLES = ("spatial",)
+EXAMPLES = FUNCTIONS | METHODS | {cls.__name__: cls for cls in CLASSES}
+
+
+@pytest.fixture(scope="module")
+def names():
+    """What examples need not define: the names that the page of all public names begins with, such as `arm`."""
+    with np.printoptions():
+        scope = {}
+        exec(pages.shared(TEXT), scope)
+        yield scope
+
+
+@pytest.mark.parametrize("name", sorted(EXAMPLES))
+def test_an_example_prints_what_it_says(name, names):
+    """Two to five lines, after all else. A method that says of which other it is has none."""
+    x = EXAMPLES[name]
+    doc = inspect.cleandoc(x.__doc__ or "")
+    examples = doctest.DocTestParser().get_examples(doc)
+    if not examples and (x.__module__.split(".")[1] not in WITH_EXAMPLES or not doc or _is_of_another(doc)):
+        return
+    assert "\nExample:\n    >>> " in doc and not re.search(r"^\w", doc.partition("\nExample:\n")[2], re.M)
+    assert sum(len(f"{e.source}{e.want}".splitlines()) for e in examples) in range(2, 8) and examples[-1].want
+    said = []
+    with compiled_soon():
+        test = doctest.DocTest(examples, dict(names), name, None, None, None)
+        doctest.DocTestRunner(verbose=False).run(test, out=said.append)
+    assert not said, "".join(said)
+
+
+def _is_of_another(doc):
+    return re.search(r"(as|see|of) `\w+", doc.splitlines()[0]) or "Exact" in doc.splitlines()[0]
+
+
 def test_a_precision_is_given_by_name():
     """But to what takes nothing else."""
     kinds = {name: inspect.signature(f).parameters.get("precision") for name, f in {**FUNCTIONS, **METHODS}.items()}
@@ -97,7 +135,7 @@ def test_algorithms_tell_their_source_and_what_they_raise(name):
 def test_methods(name):
     """What is told of another method is not told again, and what has no parameters has no section of them."""
     doc = inspect.getdoc(METHODS[name]) or ""
-    if re.search(r"(as|see|of) `\w+", doc.splitlines()[0]) or "Exact" in doc.splitlines()[0]:
+    if _is_of_another(doc):
         return
     assert not faults(METHODS[name])
 

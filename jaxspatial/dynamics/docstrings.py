@@ -1,22 +1,22 @@
-"""The common sections of the docstrings of algorithms: arguments, exceptions, and the error bound."""
+"""The common sections of docstrings that are not written out yet: arguments, exceptions, and the error bound."""
 
 import inspect
 import re
 import textwrap
 from typing import Any
 
+from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.numerics.promise import Normwise, promises
 
 _ARGUMENTS = {
-    "mechanism": "the mechanism. Its NumPy numbers are constants of the program, traced ones are its data.",
+    "mechanism": "the mechanism, see `Mechanism`.",
     "q": "(*batch, nq) coordinates: rad, m, quaternions (read normalised).",
     "v": "(*batch, nv) generalized velocities: rad/s, m/s.",
     "vdot": "(*batch, nv) generalized accelerations: rad/s^2, m/s^2.",
     "tau": "(*batch, nv) generalized forces of the joints: N m, N.",
     "dt": "the time, s: a number or (*batch,).",
-    "external_forces": """AppliedForces, or a dict from names of frames (bodies are frames, welded links too) to
-    SpatialForces (*batch,) about the origins of the frames, in world axes. A list of several sources adds up. They
-    act on the bodies that carry the frames, see `Mechanism.frame_body`.""",
+    "external_forces": """AppliedForces; a dict from frames to SpatialForces (*batch,) about their origins, in world axes; or
+    a list of several of these, which add up. See `AppliedForces`.""",
     "frames": "a name of `mechanism.frame_names`, or several, in the order of the results.",
     "loops": "LoopClosures, such as `mechanism.loops`; none at all leave the tree.",
     "compliance": "of friction and limits; None takes the default, see `Compliance`.",
@@ -30,10 +30,7 @@ _ARGUMENTS = {
 }
 _SECTIONS = ("Args", "Returns", "Raises", "Error", "Source")
 
-# The error bound of algorithms, relative to the largest number of a result.
-ALGORITHM = Normwise(4, "mag", per="n", u2=32)
-_ERROR = """Let n be the number of links in the longest chain, r the largest number of the result, and mag that number
-    with every term replaced by its absolute value. The error of every number is {bound}."""
+_ERROR = """of every number {bound}; n, r and mag as in `jaxspatial.dynamics.bounds`."""
 
 
 def documented(function: Any = None, **bounds: Normwise) -> Any:
@@ -56,8 +53,13 @@ def documented(function: Any = None, **bounds: Normwise) -> Any:
     for name in (name for name in _SECTIONS if name in sections):
         gap = "" if name == "Source" else "\n"
         parts.append(f"{gap}{name}:{sections[name]}")
-    function.__doc__ = "\n".join(parts)
+    function.__doc__ = "\n".join(parts).replace("Error: " + sections["Error"].lstrip(), _error(sections, bounds))
     return promises(**bounds)(function) if bounds else function
+
+
+def _error(sections: dict[str, str], bounds: dict[str, Normwise]) -> str:
+    words = f"Error: {sections['Error']}".format_map(bounds).split()
+    return textwrap.fill(" ".join(words), 116, subsequent_indent="    ", break_on_hyphens=False)
 
 
 def _arguments(parameters, special: str) -> list[str]:

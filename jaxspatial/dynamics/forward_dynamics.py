@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxspatial.dynamics.articulated_bodies import accelerations, has_floating_roots, solution
-from jaxspatial.dynamics.docstrings import ALGORITHM, documented
+from jaxspatial.dynamics.bounds import ALGORITHM
+from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.external_forces import loads
 from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics_of
 from jaxspatial.dynamics.newton_euler import forces_of

@@ -71,7 +71,8 @@ class MomentumObserver:
             ValueError: shapes do not fit.
 
         Error: let n be the number of links in the longest chain, r the largest number of the momentum, or of beta, and
-            mag that number with every term replaced by its absolute value. The error of every number is {momentum}.
+            mag that number with every term replaced by its absolute value. The error of every number is
+            at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two.
         Source: as of `update`.
         """
         p, beta = momentum_and_beta(precision, mechanism, q, v, operation="MomentumObserver.start")
@@ -121,7 +122,7 @@ class MomentumObserver:
             TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
             ValueError: shapes do not fit.
 
-        Error: of rounding, in every number of the residual and in every precision: at most {bound.plain}, with
+        Error: of rounding, in every number of the residual and in every precision: at most 8 u s, with
             s = |r_(k-1)| + b (|p_k| + |p_(k-1)|) / dt + b (|tau| + |beta_k| + |beta_(k-1)|), in addition to b / dt
             times the errors of both p, b times that of beta, and that of r_(k-1).
         Source: De Luca, Mattone 2005, Sensorless robot collision detection and hybrid force/motion control; De Luca,

@@ -46,7 +46,8 @@ def bregman_divergence(M: SpatialInertia, M_prior: SpatialInertia, *, precision:
         ValueError: batch shapes do not fit.
 
     Error: relative to D, however small it is, with c = tr(Sigma) / (smallest eigenvalue of Sigma), Sigma the second
-        moments about the centre of mass, c0 that of M_prior: {bound}.
+        moments about the centre of mass, c0 that of M_prior: at most 4 u (c + c0) D in "fast" and "reproducible", 1.01
+        u |r| + 64 u^2 (c + c0) D in the other two.
     Source: Lee, Wensing, Park 2020, Geometric robot dynamic identification: a convex programming approach, equation 19.
     """
     for x in (M, M_prior):

@@ -40,7 +40,8 @@ def newton_euler_regressor(
         TypeError: an argument is of another kind, or dtypes differ.
         ValueError: shapes do not fit.
 
-    Error: per entry, mag the sum of the absolute values of its terms: {bound}; what is 0 is so exactly.
+    Error: per entry, mag the sum of the absolute values of its terms: at most 2 u mag in "fast" and "reproducible", u
+        |r| + 4 u^2 mag in "compensated", 1 ulp of r in "faithful"; what is 0 is so exactly.
     Source: Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and links, equation
         10.
     """
@@ -85,7 +86,8 @@ def kinetic_energy_regressor(V_WP_E: SpatialVelocity, *, precision: PrecisionNam
     Raises:
         TypeError: the first argument is no SpatialVelocity.
 
-    Error: per entry, mag the sum of the absolute values of its terms: {bound}.
+    Error: per entry, mag the sum of the absolute values of its terms: at most 3 u mag in "fast" and "reproducible", u
+        |r| + 8 u^2 mag in "compensated", 1 ulp of r in "faithful".
     """
     require_kind(V_WP_E, SpatialVelocity, "kinetic_energy_regressor")
     return _of_energy(precision, Motion(*V_WP_E.vectors))

@@ -1,15 +1,14 @@
-"""Bodies of uniform density: what the constructors of `SpatialInertia` check, say in their docstrings, and compute.
+"""Bodies of uniform density: what the constructors of `SpatialInertia` check and compute.
 
 A formula gives [(mass,), com, central], or without the com [(mass,), central], of a mass or density (amount,), lengths
 and a direction. Squares are multiplied into the mass one factor at a time, so that nothing over- or underflows before
 the result does.
 """
 
-import inspect
 import math
 import operator
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
-from typing import Any, TypedDict, TypeVar, Unpack
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -24,7 +23,7 @@ from jaxspatial.numerics.functions import pi
 from jaxspatial.numerics.linear import Matrix, Symmetric, Vector, cross, dot, total
 from jaxspatial.numerics.numbers import Number, Numbers, constant, high, noinline_pairs, where
 from jaxspatial.numerics.numbers.double_word import from_double_word
-from jaxspatial.numerics.promise import Normwise, OfSum, Promise, promises
+from jaxspatial.numerics.promise import Normwise, OfSum, Promise
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
 MASS, CENTRAL = Promise(12, 64), Promise(20, 64)
@@ -38,45 +37,6 @@ MESH_CENTRAL = OfSum(15, of="mass r^2 S / V", u2=8)
 
 # -- what all constructors have in common -----------------------------------------------------------------------------
 
-_Function = TypeVar("_Function", bound=Callable[..., Any])
-
-
-class Options(TypedDict, total=False):
-    """
-    Returns:
-        The inertia over the common batch, about the centre of mass, which is the origin P unless said otherwise. Mass
-        and central inertia are NumPy arrays where all arguments are NumPy arrays or Python numbers.
-
-    Raises:
-        TypeError: both or neither of mass and density are passed, or dtypes differ.
-        ValueError: a NumPy or Python number is negative, a length 0 that may not be, an inner radius above the outer
-            one; mass or moments overflow where all arguments are such numbers; or shapes do not fit. The values of JAX
-            arrays are *unchecked*: what overflows is infinite or NaN.
-
-    Error: mag the sum of the absolute values of an entry's terms: of mass at most {mass.plain}, of central
-        {central.plain} in "fast" and "reproducible", {central.precise} in the other two, while nothing over- or
-        underflows. Derivatives are exact to a few u.
-    Source: Drake, UnitInertia; Mirtich 1996.
-    """
-
-    mass: ArrayLike | None
-    density: ArrayLike | None
-    precision: PrecisionName
-
-
-def constructor(function: _Function) -> _Function:
-    """Decorator that completes docstring and signature of a constructor by what all have in common: see `Options`."""
-    *parameters, _ = inspect.signature(function).parameters.values()
-    summary, _, own_error = inspect.cleandoc(function.__doc__ or "").partition("\n\nError: ")
-    common, _, error = inspect.cleandoc(Options.__doc__ or "").partition("\n\nError: ")
-    function.__doc__ = f"{summary}\n\n{common}\n\nError: {own_error or error}"
-    options = [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
-        for name, kind in Options.__annotations__.items()
-    ]
-    function.__signature__ = inspect.signature(function).replace(parameters=[*parameters, *options])
-    return function if own_error else promises(mass=MASS, central=CENTRAL)(function)
-
 
 def parts(
     shape: Callable[..., Any],
@@ -84,11 +44,13 @@ def parts(
     axis: ArrayLike | None = None,
     may_be_zero: Container[str] = (),
     n: int = 1,
-    **options: Unpack[Options],
+    mass: ArrayLike | None = None,
+    density: ArrayLike | None = None,
+    precision: PrecisionName = None,
 ) -> tuple[Any, Any, Any]:
     """(mass, com, central) that a formula gives for lengths, or vectors of n lengths, and an axis."""
     name = shape.__name__
-    kind, amount, precision = single_amount(name, **options)
+    kind, amount = single_amount(name, mass, density)
     dtype = dtype_of(*lengths.values(), amount, axis)
     arrays = {kind: expanded(number(amount, f"{name}: {kind}", dtype, may_be_zero=True))}
     for key, x in lengths.items():
@@ -100,14 +62,12 @@ def parts(
     return computed(shape, precision, arrays, by=kind)
 
 
-def single_amount(
-    name: str, mass: ArrayLike | None = None, density: ArrayLike | None = None, precision: PrecisionName = None
-) -> tuple[str, Any, PrecisionName]:
-    """("mass", mass) or ("density", density), of which exactly one is passed, and the precision."""
+def single_amount(name: str, mass: ArrayLike | None, density: ArrayLike | None) -> tuple[str, Any]:
+    """("mass", mass) or ("density", density), of which exactly one is passed."""
     if (mass is None) == (density is None):
         came = "neither" if mass is None else "both"
         raise TypeError(f"{name}: expected either mass or density, got {came}")
-    return ("density", density, precision) if mass is None else ("mass", mass, precision)
+    return ("density", density) if mass is None else ("mass", mass)
 
 
 def dtype_of(*values: Any) -> np.dtype | None:

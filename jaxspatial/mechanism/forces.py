@@ -26,6 +26,10 @@ class AppliedForces:
     Wrench i acts at point i of frame i, on the body that carries the frame. Any number of wrenches may act on one
     frame.
 
+    In place of it an algorithm takes a dict from names of frames (bodies are frames, welded links too) to SpatialForces
+    (*batch,) about the origins of the frames, in world axes; and a list of several sources, which add up. They act on
+    the bodies that carry the frames, see `Mechanism.frame_body`.
+
     Args:
         frames: names of frames, n of them; static. A name may come several times.
         wrenches: SpatialForce (*batch, n), each about its point: N m, N. A part that is left out, and NumPy zeros in a

@@ -75,11 +75,18 @@ def shift(X_P_E: _Kind, p_PQ_E: ArrayLike, w: ArrayLike | None = None, *, precis
         TypeError: X is of another kind, dtypes differ or are not floating point, w is missing or not wanted.
         ValueError: shapes do not fit.
 
-    Error: per component, u the unit roundoff, r the exact value, mag the sum of the absolute values of its terms:
-        {bound}; of an acceleration, mag = |a| + |alpha| |p| + |w| |w| |p|, multiplied out: {acceleration}; while
-        nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed (XLA CPU). NaN and infinities
-        propagate as in the formula. For the edges, and for derivatives, see `jaxspatial.spatial.operations`.
+    Error: per component, u the unit roundoff, r the exact value, mag the sum of the absolute values of its terms: at
+        most 3 u mag in "fast" and "reproducible", u |r| + 4 u^2 mag in "compensated", 1 ulp of r in "faithful"; of an
+        acceleration, mag = |a| + |alpha| |p| + |w| |w| |p|, multiplied out: at most 7 u mag in "fast" and
+        "reproducible", u |r| + 32 u^2 mag in "compensated", 1 ulp of r in "faithful"; while nothing over- or
+        underflows; plus a few finfo.tiny where subnormals are flushed (XLA CPU). NaN and infinities propagate as in the
+        formula. For the edges, and for derivatives, see `jaxspatial.spatial.operations`.
     Source: Jain 2010, Robot and Multibody Dynamics, 1.4 and 1.5; Featherstone 2008, 2.11.
+
+    Example:
+        >>> F = js.SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0])
+        >>> js.shift(F, [2.0, 0.0, 0.0])
+        SpatialForce(tau=[0.0, 0.0, -1.0], f=[1.0, 2.0, 0.0])
     """
     if not isinstance(X_P_E, Additive):
         refuse("shift", "a SpatialForce, SpatialMomentum, SpatialVelocity or SpatialAcceleration", X_P_E)
@@ -107,10 +114,17 @@ def dot(F_P_E: SpatialVector, V_P_E: SpatialVector, *, precision: PrecisionName 
         TypeError: the two are another pair of kinds, or dtypes differ.
         ValueError: batch shapes do not broadcast.
 
-    Error: mag the sum of the absolute values of the six products: {bound} (summed as written: each part from the left,
-        then both), while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed. For the
-        edges, and for derivatives, see `jaxspatial.spatial.operations`.
+    Error: mag the sum of the absolute values of the six products: at most 4 u mag in "fast" and "reproducible", u |r| +
+        8 u^2 mag in "compensated", 1 ulp of r in "faithful" (summed as written: each part from the left, then both),
+        while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed. For the edges, and for
+        derivatives, see `jaxspatial.spatial.operations`.
     Source: Jain 2010, Robot and Multibody Dynamics, 1.5.
+
+    Example:
+        >>> F = js.SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0])
+        >>> V = js.SpatialVelocity(w=[0.0, 0.0, 1.0], v=[0.5, 0.0, 0.0])
+        >>> print(js.dot(F, V))
+        3.5
     """
     if not isinstance(F_P_E, SpatialVector):
         refuse("dot", "a SpatialForce or SpatialMomentum and a SpatialVelocity", F_P_E)
@@ -138,10 +152,18 @@ def cross(V_P_E: SpatialVelocity, X_P_E: _Vector, *, precision: PrecisionName = 
         TypeError: the arguments are of other kinds, or dtypes differ.
         ValueError: batch shapes do not broadcast.
 
-    Error: per component, mag the sum of the absolute values of the terms: of the part that is a single product {one};
-        of the sum of two {two}, while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed.
-        For the edges, and for derivatives, see `jaxspatial.spatial.operations`.
+    Error: per component, mag the sum of the absolute values of the terms: of the part that is a single product at most
+        2 u mag in "fast" and "reproducible", u |r| + 4 u^2 mag in "compensated", 1 ulp of r in "faithful"; of the sum
+        of two at most 3 u mag in "fast" and "reproducible", u |r| + 4 u^2 mag in "compensated", 1 ulp of r in
+        "faithful", while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed. For the
+        edges, and for derivatives, see `jaxspatial.spatial.operations`.
     Source: Featherstone 2008, Rigid Body Dynamics Algorithms, 2.9, equations 2.31 and 2.32.
+
+    Example:
+        >>> V = js.SpatialVelocity(w=[0.0, 0.0, 1.0], v=[0.5, 0.0, 0.0])
+        >>> L = js.SpatialMomentum(h=[0.0, 0.0, 0.1], l=[2.0, 0.0, 0.0])
+        >>> js.cross(V, L)
+        SpatialMomentum(h=[0.0, 0.0, 0.0], l=[0.0, 2.0, 0.0])
     """
     require_kind(V_P_E, SpatialVelocity, "cross", " first")
     if not isinstance(X_P_E, SpatialVector):
@@ -168,9 +190,17 @@ def rotate(R_AE: Rotation, X_P_E: _Kind, *, precision: PrecisionName = None) -> 
         TypeError: the arguments are of other kinds, or dtypes differ.
         ValueError: batch shapes do not broadcast.
 
-    Error: per component, mag the sum of the absolute values of its three products: {bound}; of the nine of a central
-        inertia {inertia}, while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed.
+    Error: per component, mag the sum of the absolute values of its three products: at most 3 u mag in "fast" and
+        "reproducible", u |r| + 4 u^2 mag in "compensated", 1 ulp of r in "faithful"; of the nine of a central inertia
+        at most 6 u mag in "fast" and "reproducible", u |r| + 32 u^2 mag in "compensated", 1 ulp of r in "faithful",
+        while nothing over- or underflows; plus a few finfo.tiny where subnormals are flushed.
     Source: Featherstone 2008, 2.8.
+
+    Example:
+        >>> F = js.SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0])
+        >>> R_AE = js.Rotation.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        >>> js.rotate(R_AE, F)
+        SpatialForce(tau=[0.0, 0.0, 3.0], f=[-2.0, 1.0, 0.0])
     """
     require_kind(R_AE, Rotation, "rotate", " first")
     if not isinstance(X_P_E, Additive):
@@ -203,10 +233,17 @@ def act(X_AB: RigidTransform, X_Bo_B: _Kind, w: ArrayLike | None = None, *, prec
         TypeError: the arguments are of other kinds, dtypes differ, w is missing or not wanted.
         ValueError: shapes do not fit.
 
-    Error: per component, mag the sum of the absolute values of its terms, multiplied out: {bound}; of an acceleration
-        {acceleration}; while nothing over- or underflows. For the edges, and for derivatives, see
-        `jaxspatial.spatial.operations`.
+    Error: per component, mag the sum of the absolute values of its terms, multiplied out: at most 8 u mag in "fast" and
+        "reproducible", u |r| + 32 u^2 mag in "compensated", 1 ulp of r in "faithful"; of an acceleration at most 14 u
+        mag in "fast" and "reproducible", u |r| + 128 u^2 mag in "compensated", 1 ulp of r in "faithful"; while nothing
+        over- or underflows. For the edges, and for derivatives, see `jaxspatial.spatial.operations`.
     Source: Featherstone 2008, 2.8; Jain 2010, 1.5.
+
+    Example:
+        >>> X_AB = js.RigidTransform(js.Rotation.identity(), [2.0, 0.0, 0.0])
+        >>> F_Bo_B = js.SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0])
+        >>> js.act(X_AB, F_Bo_B)
+        SpatialForce(tau=[0.0, 0.0, 7.0], f=[1.0, 2.0, 0.0])
     """
     _require_to_act("act", X_AB, X_Bo_B)
     return X_Bo_B._act(X_AB, w, precision)
@@ -239,6 +276,12 @@ def act_inverse(
 
     Error: as of `act`.
     Source: as of `act`.
+
+    Example:
+        >>> X_AB = js.RigidTransform(js.Rotation.identity(), [2.0, 0.0, 0.0])
+        >>> F_Ao_A = js.SpatialForce(tau=[0.0, 0.0, 7.0], f=[1.0, 2.0, 0.0])
+        >>> js.act_inverse(X_AB, F_Ao_A)
+        SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0])
     """
     _require_to_act("act_inverse", X_AB, X_Ao_A)
     return X_Ao_A._act_inverse(X_AB, w, precision)

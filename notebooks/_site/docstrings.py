@@ -6,7 +6,7 @@ Docstrings are plain text: what is indented is an equation or code, and `*`, `|`
 import re
 from collections.abc import Callable, Iterable
 
-SECTIONS = ("Args", "Returns", "Raises", "Error", "Source")
+SECTIONS = ("Args", "Returns", "Raises", "Error", "Source", "Example")
 Link = Callable[[str], str | None]
 
 
@@ -20,6 +20,8 @@ def to_rst(lines: Iterable[str], link: Link) -> list[str]:
 
 
 def _field(title: str, body: str, link: Link) -> list[str]:
+    if title == "Example":
+        return ["", ".. code-block:: pycon", "", *body.strip("\n").splitlines()]
     if title in ("Args", "Raises"):
         role = "param" if title == "Args" else "raises"
         entries = re.findall(r"^    ([\w.]+(?:, [\w.]+)*): ((?:.*\n?)(?:     +.*\n?|\n)*)", body, re.M)

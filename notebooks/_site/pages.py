@@ -24,7 +24,10 @@ RESULTS = {
 }
 # What stands behind public names and is told of in their docstrings.
 BEHIND = {
-    "error_bounds": ("Error bounds", ["jaxspatial.spatial.operations", "jaxspatial.numerics.promise"]),
+    "error_bounds": (
+        "Error bounds",
+        ["jaxspatial.spatial.operations", "jaxspatial.dynamics.bounds", "jaxspatial.numerics.promise"],
+    ),
 }
 # Shows what the page on drawing records.
 RECORDING = """

@@ -1,6 +1,6 @@
 """The error bounds of the docstrings, against 60 digits: chains of n revolute joints, bodies of very different masses.
 
-Of the largest number of each result, where terms cancel too: see `dynamics.docstrings`. For forward dynamics times the
+Of the largest number of each result, where terms cancel too: see `dynamics.bounds`. For forward dynamics times the
 condition of the mass matrix.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.dynamics.docstrings import ALGORITHM
+from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.dynamics.forward_dynamics import FORWARD_DYNAMICS
 from tests.helpers import exact_dynamics as exact
 from tests.helpers.interpreted import interpreted

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.dynamics.docstrings import ALGORITHM
+from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.numerics.precision import Precision
 from tests.helpers.interpreted import evaluated
 from tests.helpers.marks import slow_but

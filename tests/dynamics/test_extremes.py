@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.dynamics.docstrings import ALGORITHM
+from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.mechanism import editing
 from tests.helpers import exact_dynamics as exact
 from tests.helpers import tangents
