@@ -71,8 +71,10 @@ def faults(function):
 
 
 # Layers whose public docstrings end with an example: all others are to follow.
-WITH_EXAMPLES = ("spatial",)
-EXAMPLES = FUNCTIONS | METHODS | {cls.__name__: cls for cls in CLASSES}
+WITH_EXAMPLES = ("numerics", "rotation", "spatial", "inertia")
+# What several classes inherit, once.
+EXAMPLES = {id(x): (name, x) for name, x in [*FUNCTIONS.items(), *METHODS.items(), *((c.__name__, c) for c in CLASSES)]}
+EXAMPLES = dict(EXAMPLES.values())
 
 
 @pytest.fixture(scope="module")

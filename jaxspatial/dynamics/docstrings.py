@@ -15,8 +15,8 @@ _ARGUMENTS = {
     "vdot": "(*batch, nv) generalized accelerations: rad/s^2, m/s^2.",
     "tau": "(*batch, nv) generalized forces of the joints: N m, N.",
     "dt": "the time, s: a number or (*batch,).",
-    "external_forces": """AppliedForces; a dict from frames to SpatialForces (*batch,) about their origins, in world axes; or
-    a list of several of these, which add up. See `AppliedForces`.""",
+    "external_forces": """AppliedForces; a dict from frames to SpatialForces (*batch,) about their origins, in world
+    axes; or a list of several of these, which add up. See `AppliedForces`.""",
     "frames": "a name of `mechanism.frame_names`, or several, in the order of the results.",
     "loops": "LoopClosures, such as `mechanism.loops`; none at all leave the tree.",
     "compliance": "of friction and limits; None takes the default, see `Compliance`.",

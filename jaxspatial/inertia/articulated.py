@@ -75,6 +75,12 @@ class ArticulatedInertia(Additive):
     Raises TypeError for dtypes that differ, ValueError for shapes.
 
     Source: Featherstone 2008, Rigid Body Dynamics Algorithms, 7.1; Jain 2010, 6.1; Drake, ArticulatedBodyInertia.
+
+    Example:
+        >>> rod = js.SpatialInertia.thin_rod(1.0, mass=2.0)
+        >>> P = js.ArticulatedInertia.from_spatial_inertia(rod)
+        >>> print((P + rod).translational)
+        [4. 0. 4. 0. 0. 4.]
     """
 
     rotational: jax.Array
@@ -112,6 +118,11 @@ class ArticulatedInertia(Additive):
 
         Error: per entry, mag the sum of the absolute values of its terms: at most 5 u mag in "fast" and "reproducible",
             u |r| + 16 u^2 mag in "compensated", 1 ulp of r in "faithful".
+
+        Example:
+            >>> rod = js.SpatialInertia.thin_rod(1.0, mass=2.0)
+            >>> print(js.ArticulatedInertia.from_spatial_inertia(rod).translational)
+            [2. 0. 2. 0. 0. 2.]
         """
         require_kind(M_BP_E, SpatialInertia, "from_spatial_inertia")
         m, com, central = M_BP_E.vectors
@@ -131,6 +142,11 @@ class ArticulatedInertia(Additive):
         Raises:
             TypeError: m is not of floating point.
             ValueError: the shape does not fit.
+
+        Example:
+            >>> P = js.ArticulatedInertia.from_matrix(np.eye(6, dtype=np.float32))
+            >>> print(P.rotational, P.translational)
+            [1. 0. 1. 0. 0. 1.] [1. 0. 1. 0. 0. 1.]
         """
         entries = as_matrices(m, "ArticulatedInertia.from_matrix: m", 6)[..., _OF_MATRIX]
         return cls(entries[..., :6], entries[..., 6:15], entries[..., 15:])
@@ -138,7 +154,13 @@ class ArticulatedInertia(Additive):
     # -- parts --------------------------------------------------------------------------------------------------------
 
     def to_matrix(self) -> jax.Array:
-        """The matrix (*batch, 6, 6) [[J, F], [F^T, M]]: symmetric, rotational on top. Exact."""
+        """The matrix (*batch, 6, 6) [[J, F], [F^T, M]]: symmetric, rotational on top. Exact.
+
+        Example:
+            >>> P = js.ArticulatedInertia.from_matrix(np.eye(6, dtype=np.float32))
+            >>> print(P.to_matrix()[3])
+            [0. 0. 0. 1. 0. 0.]
+        """
         parts = to_double_word(self.vectors) if any(isinstance(x, DoubleWord) for x in self.vectors) else self.vectors
         joined = jax.tree.map(lambda *words: jnp.concatenate(words, axis=-1), *parts)
         return joined[..., _TO_MATRIX].reshape((*self.batch_shape, 6, 6))
@@ -156,6 +178,11 @@ class ArticulatedInertia(Additive):
             (*batch,) of bool.
 
         Error: that of the eigenvalues is what the tolerance is for.
+
+        Example:
+            >>> P = js.ArticulatedInertia.from_matrix(np.diag(np.float32([1, 1, 1, 2, 2, -2])))
+            >>> print(P.is_physically_valid())
+            False
         """
         P = check.narrowed(self)
         tolerance = 64 * check.eps(P.dtype) if tolerance is None else float(tolerance)
@@ -206,6 +233,11 @@ class ArticulatedInertia(Additive):
 
         Error: per component, mag the sum of the absolute values of its six products: at most 4 u mag in "fast" and
             "reproducible", u |r| + 8 u^2 mag in "compensated", 1 ulp of r in "faithful".
+
+        Example:
+            >>> P = js.ArticulatedInertia.from_matrix(np.diag(np.float32([1, 1, 1, 2, 2, 2])))
+            >>> P.times(js.SpatialAcceleration(alpha=[0.0, 0.0, 3.0], a=[1.0, 0.0, 0.0]))
+            SpatialForce(tau=[0.0, 0.0, 3.0], f=[2.0, 0.0, 0.0])
         """
         require_kind(A_P_E, SpatialAcceleration, "ArticulatedInertia.times")
         require_compatible(ArticulatedInertia=self, SpatialAcceleration=A_P_E)
@@ -235,6 +267,11 @@ class ArticulatedInertia(Additive):
         Error: M_Q is exact. Per entry of the others, mag the sum of the absolute values of its terms, multiplied out:
             at most 8 u mag in "fast" and "reproducible", u |r| + 32 u^2 mag in "compensated", 1 ulp of r in "faithful".
         Source: Drake, ArticulatedBodyInertia::Shift; Jain 2010, 6.3.
+
+        Example:
+            >>> P = js.ArticulatedInertia.from_matrix(np.diag(np.float32([1, 1, 1, 2, 2, 2])))
+            >>> print(P.shift([0.0, 0.0, 1.0]).rotational)
+            [3. 0. 3. 0. 0. 1.]
         """
         return shift(self, p_PQ_E, precision=precision)
 
@@ -255,6 +292,11 @@ class ArticulatedInertia(Additive):
 
         Error: per entry, mag the sum of the absolute values of its nine terms: at most 6 u mag in "fast" and
             "reproducible", u |r| + 64 u^2 mag in the other two.
+
+        Example:
+            >>> P = js.ArticulatedInertia.from_matrix(np.diag(np.float32([1, 2, 3, 2, 2, 2])))
+            >>> print(P.rotate(js.Rotation.about_x(np.pi / 2)).to_matrix().diagonal())
+            [1. 3. 2. 2. 2. 2.]
         """
         return rotate(R_AE, self, precision=precision)
 
@@ -327,6 +369,12 @@ def joint_projection(
         The ratio mag_D / D is 1 for a joint along one axis of the frame. It is large for a body that is light about an
         oblique axis, such as a thin rod about its own.
     Source: Featherstone 2008, 7.2, equations 7.43 and 7.44; Jain 2010, 6.3.
+
+    Example:
+        >>> P = js.ArticulatedInertia.from_matrix(np.diag(np.float32([1, 2, 3, 2, 2, 2])))
+        >>> hinge = js.SpatialVelocity(w=[0.0, 0.0, 1.0])
+        >>> print(js.inertia.joint_projection(P, hinge).inertia.to_matrix().diagonal())
+        [1. 2. 0. 2. 2. 2.]
     """
     motions = _motions(P_P_E, S_P_E)
     armatures = _armatures(P_P_E, armature, len(motions))

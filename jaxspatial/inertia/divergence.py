@@ -49,6 +49,11 @@ def bregman_divergence(M: SpatialInertia, M_prior: SpatialInertia, *, precision:
         moments about the centre of mass, c0 that of M_prior: at most 4 u (c + c0) D in "fast" and "reproducible", 1.01
         u |r| + 64 u^2 (c + c0) D in the other two.
     Source: Lee, Wensing, Park 2020, Geometric robot dynamic identification: a convex programming approach, equation 19.
+
+    Example:
+        >>> M, prior = (js.SpatialInertia.solid_sphere(1.0, mass=m) for m in (2.0, 1.0))
+        >>> print(js.bregman_divergence(M, prior), js.bregman_divergence(prior, prior))
+        1.2274115 0.0
     """
     for x in (M, M_prior):
         require_kind(x, SpatialInertia, "bregman_divergence")

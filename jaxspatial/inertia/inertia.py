@@ -85,6 +85,14 @@ class SpatialInertia(Additive):
     its terms, multiplied out; for bounds, edges and derivatives of sums of products see
     `jaxspatial.spatial.operations`. Formulas with quotients and roots are evaluated in float64 for "compensated" and
     "faithful", or for float64 in double words, and rounded once; float16 and bfloat16 otherwise in float32.
+
+    Example:
+        >>> M = js.SpatialInertia(mass=2.0, com=[0.0, 0.0, 0.5], central=[0.1, 0.0, 0.1, 0.0, 0.0, 0.2])
+        >>> V = js.SpatialVelocity(w=[0.0, 2.0, 0.0], v=[0.0, 0.0, 0.0])
+        >>> M @ V
+        SpatialMomentum(h=[0.0, 1.2, 0.0], l=[2.0, 0.0, 0.0])
+        >>> print(js.shift(M, [0.0, 0.0, 0.5]).com, M.kinetic_energy(V))
+        [0. 0. 0.] 1.2
     """
 
     mass: jax.Array
@@ -135,6 +143,10 @@ class SpatialInertia(Additive):
             "fast" and "reproducible", u |r| + 64 u^2 mag in the other two, while nothing over- or underflows.
             Derivatives are exact to a few u.
         Source: Drake, UnitInertia; Mirtich 1996.
+
+        Example:
+            >>> print(js.SpatialInertia.solid_box([1.0, 2.0, 3.0], mass=12.0).central)
+            [13.  0. 10.  0.  0.  5.]
         """
         return cls(
             *shapes.parts(shapes.solid_box, {"size": size}, n=3, mass=mass, density=density, precision=precision)
@@ -169,6 +181,10 @@ class SpatialInertia(Additive):
             "fast" and "reproducible", u |r| + 64 u^2 mag in the other two, while nothing over- or underflows.
             Derivatives are exact to a few u.
         Source: Drake, UnitInertia; Mirtich 1996.
+
+        Example:
+            >>> print(js.SpatialInertia.solid_cube(1.0, density=6.0).central)
+            [1. 0. 1. 0. 0. 1.]
         """
         return cls(*shapes.parts(shapes.solid_cube, {"size": size}, mass=mass, density=density, precision=precision))
 
@@ -201,6 +217,10 @@ class SpatialInertia(Additive):
             "fast" and "reproducible", u |r| + 64 u^2 mag in the other two, while nothing over- or underflows.
             Derivatives are exact to a few u.
         Source: Drake, UnitInertia; Mirtich 1996.
+
+        Example:
+            >>> print(js.SpatialInertia.solid_sphere(1.0, mass=5.0).central)
+            [2. 0. 2. 0. 0. 2.]
         """
         return cls(
             *shapes.parts(shapes.solid_sphere, {"radius": radius}, mass=mass, density=density, precision=precision)
@@ -235,6 +255,10 @@ class SpatialInertia(Additive):
             "fast" and "reproducible", u |r| + 64 u^2 mag in the other two, while nothing over- or underflows.
             Derivatives are exact to a few u.
         Source: Drake, UnitInertia; Mirtich 1996.
+
+        Example:
+            >>> print(js.SpatialInertia.hollow_sphere(1.0, mass=3.0).central)
+            [2. 0. 2. 0. 0. 2.]
         """
         return cls(
             *shapes.parts(shapes.hollow_sphere, {"radius": radius}, mass=mass, density=density, precision=precision)
@@ -269,6 +293,10 @@ class SpatialInertia(Additive):
             "fast" and "reproducible", u |r| + 64 u^2 mag in the other two, while nothing over- or underflows.
             Derivatives are exact to a few u.
         Source: Drake, UnitInertia; Mirtich 1996.
+
+        Example:
+            >>> print(js.SpatialInertia.solid_ellipsoid([1.0, 2.0, 3.0], mass=5.0).central)
+            [13.  0. 10.  0.  0.  5.]
         """
         return cls(
             *shapes.parts(
@@ -292,6 +320,10 @@ class SpatialInertia(Additive):
             ValueError: a known mass is negative, or shapes do not fit.
 
         Error: none, it is exact.
+
+        Example:
+            >>> js.SpatialInertia.point_mass([0.0, 0.0, 0.5], mass=2.0)
+            SpatialInertia(mass=2.0, com=[0.0, 0.0, 0.5], central=[0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
         """
         dtype = shapes.dtype_of(com, mass)
         c = check.as_vectors(com, "point_mass: com", dtype, held=True)
@@ -334,6 +366,10 @@ class SpatialInertia(Additive):
             "fast" and "reproducible", u |r| + 64 u^2 mag in the other two, while nothing over- or underflows.
             Derivatives are exact to a few u.
         Source: Drake, UnitInertia; Mirtich 1996.
+
+        Example:
+            >>> print(js.SpatialInertia.solid_cylinder(1.0, 3.0, mass=4.0).central_matrix().diagonal())
+            [4. 4. 2.]
         """
         return cls(
             *shapes.parts(
@@ -379,6 +415,10 @@ class SpatialInertia(Additive):
             "fast" and "reproducible", u |r| + 64 u^2 mag in the other two, while nothing over- or underflows.
             Derivatives are exact to a few u.
         Source: Drake, UnitInertia; Mirtich 1996.
+
+        Example:
+            >>> print(js.SpatialInertia.solid_cylinder_about_end(1.0, 3.0, mass=4.0).com)
+            [0.  0.  1.5]
         """
         lengths = {"radius": radius, "length": length}
         return cls(
@@ -422,6 +462,10 @@ class SpatialInertia(Additive):
             "fast" and "reproducible", u |r| + 64 u^2 mag in the other two, while nothing over- or underflows.
             Derivatives are exact to a few u.
         Source: Drake, UnitInertia; Mirtich 1996.
+
+        Example:
+            >>> print(js.SpatialInertia.hollow_cylinder(1.0, 1.0, 3.0, mass=4.0).central_matrix().diagonal())
+            [5. 5. 4.]
         """
         lengths = {"inner_radius": inner_radius, "outer_radius": outer_radius, "length": length}
         return cls(
@@ -469,6 +513,10 @@ class SpatialInertia(Additive):
             "fast" and "reproducible", u |r| + 64 u^2 mag in the other two, while nothing over- or underflows.
             Derivatives are exact to a few u.
         Source: Drake, UnitInertia; Mirtich 1996.
+
+        Example:
+            >>> print(js.SpatialInertia.solid_capsule(1.0, 3.0, density=1.0).mass)
+            13.613568
         """
         lengths = {"radius": radius, "length": length}
         return cls(
@@ -516,6 +564,10 @@ class SpatialInertia(Additive):
             "fast" and "reproducible", u |r| + 64 u^2 mag in the other two, while nothing over- or underflows.
             Derivatives are exact to a few u.
         Source: Drake, UnitInertia; Mirtich 1996.
+
+        Example:
+            >>> print(js.SpatialInertia.solid_cone(1.0, 3.0, mass=10.0).central_matrix().diagonal())
+            [4.875 4.875 3.   ]
         """
         return cls(
             *shapes.parts(
@@ -550,6 +602,10 @@ class SpatialInertia(Additive):
 
         Error: none of mass, of central at most 20 u mag in "fast" and "reproducible", u |r| + 64 u^2 mag in the other
             two, while nothing over- or underflows.
+
+        Example:
+            >>> print(js.SpatialInertia.thin_rod(3.0, mass=4.0).central_matrix().diagonal())
+            [3. 3. 0.]
         """
         return cls(*shapes.parts(shapes.thin_rod, {"length": length}, axis, mass=mass, precision=precision))
 
@@ -584,6 +640,11 @@ class SpatialInertia(Additive):
             By density mass and central have that of a determinant besides, whose size is the sum of the absolute values
             of its six products over its value: at most 12 u size, in the other two 1.01 u |r| + 64 u^2 size. Error of
             com at most 4 u |vertices|.
+
+        Example:
+            >>> M = js.SpatialInertia.solid_tetrahedron([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], density=6.0)
+            >>> print(M.mass, M.com)
+            1.0 [0.25 0.25 0.25]
         """
         kind, amount = shapes.single_amount("solid_tetrahedron", mass, density)
         dtype = shapes.dtype_of(vertices, amount)
@@ -633,6 +694,13 @@ class SpatialInertia(Additive):
             L) u mass r^2 S / V of an entry of the central inertia. In the other two it is 8 times these with u^2 in
             place of u, plus 1.01 u of the result. For a body as thick as wide S / V is about 10.
         Source: Mirtich 1996, Fast and accurate computation of polyhedral mass properties; Eberly 2002.
+
+        Example:
+            >>> vertices = jnp.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+            >>> triangles = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+            >>> M = js.SpatialInertia.triangle_mesh(vertices, triangles, density=6.0)
+            >>> print(M.mass, M.com)
+            1.0 [0.25 0.25 0.25]
         """
         kind, amount = shapes.single_amount("triangle_mesh", mass, density)
         dtype = shapes.dtype_of(vertices, amount)
@@ -676,6 +744,11 @@ class SpatialInertia(Additive):
 
         Error: per entry, mag = |I_P| + m |c|^2: at most 5 u mag in "fast" and "reproducible", u |r| + 16 u^2 mag in
             "compensated", 1 ulp of r in "faithful".
+
+        Example:
+            >>> M = js.SpatialInertia.from_origin(2.0, [0.0, 0.0, 0.5], [0.6, 0.0, 0.6, 0.0, 0.0, 0.2])
+            >>> print(M.central)
+            [0.1 0.  0.1 0.  0.  0.2]
         """
         m, c, six = _checked("SpatialInertia.from_origin", mass, com, about_origin, "about_origin")
         body = Inertia._make([expanded(m), c, six])
@@ -721,6 +794,12 @@ class SpatialInertia(Additive):
 
         Error: of com u |c|, of central at most 6 u mag, mag = |I_P| + m |c|^2; in "compensated" and "faithful" u |r| +
             64 u^2 mag.
+
+        Example:
+            >>> pi10 = jnp.array([2.0, 0.0, 0.0, 1.0, 0.6, 0.0, 0.6, 0.0, 0.0, 0.2])
+            >>> M = js.SpatialInertia.from_dynamic_parameters(pi10)
+            >>> print(M.mass, M.com, M.central)
+            2.0 [0.  0.  0.5] [0.1 0.  0.1 0.  0.  0.2]
         """
         ten = check.as_vectors(pi10, "SpatialInertia.from_dynamic_parameters: pi10", size=10)
         return cls(ten[..., 0], *parameters.from_dynamic_parameters(precision, ten))
@@ -741,6 +820,11 @@ class SpatialInertia(Additive):
             ValueError: the shape does not fit.
 
         Error: as of `from_dynamic_parameters`, with the same cancellation, mag = |Sigma|.
+
+        Example:
+            >>> M = js.SpatialInertia.from_pseudo_inertia(jnp.diag(jnp.array([1.0, 1.0, 1.0, 2.0])))
+            >>> print(M.mass, M.central_matrix().diagonal())
+            2.0 [2. 2. 2.]
         """
         entries = as_matrices(J, "SpatialInertia.from_pseudo_inertia: J", 4)
         return cls(entries[..., 15], *parameters.from_pseudo_inertia(precision, entries))
@@ -768,6 +852,11 @@ class SpatialInertia(Additive):
 
         Error: of mass at most 8 u m, of central 24 u mag; in "compensated" and "faithful" u |r| + 64 u^2 mag.
         Source: Rucker and Wensing 2022, Smooth parameterization of rigid-body inertia, equations 11 and 12.
+
+        Example:
+            >>> M = js.SpatialInertia.from_log_cholesky(jnp.zeros(10))
+            >>> print(M.mass, M.com, M.central_matrix().diagonal())
+            1.0 [0. 0. 0.] [2. 2. 2.]
         """
         theta10 = check.as_vectors(theta10, "SpatialInertia.from_log_cholesky: theta10", size=10)
         return cls(*parameters.from_log_cholesky(precision, theta10))
@@ -781,6 +870,12 @@ class SpatialInertia(Additive):
             (*batch, 3, 3), kg m2.
 
         Error: none, it is exact.
+
+        Example:
+            >>> print(js.SpatialInertia.solid_box([1.0, 2.0, 3.0], mass=12.0).central_matrix())
+            [[13.  0.  0.]
+             [ 0. 10.  0.]
+             [ 0.  0.  5.]]
         """
         return eigen.matrix_of_six(self.central)
 
@@ -797,6 +892,13 @@ class SpatialInertia(Additive):
         Error: per entry at most 5 u mag in "fast" and "reproducible", u |r| + 16 u^2 mag in "compensated", 1 ulp of r
             in "faithful".
         Source: Huygens 1673, Steiner 1840.
+
+        Example:
+            >>> M = js.SpatialInertia(2.0, [0.0, 0.0, 0.5], [0.1, 0.0, 0.1, 0.0, 0.0, 0.2])
+            >>> print(M.inertia_about_origin())
+            [[0.6 0.  0. ]
+             [0.  0.6 0. ]
+             [0.  0.  0.2]]
         """
         return eigen.matrix_of_six(parameters.about_origin(precision, self._grouped))
 
@@ -810,6 +912,11 @@ class SpatialInertia(Additive):
             (*batch, 6, 6), rotational on top.
 
         Error: as of `inertia_about_origin`.
+
+        Example:
+            >>> M = js.SpatialInertia(2.0, [0.0, 0.0, 0.5], [0.1, 0.0, 0.1, 0.0, 0.0, 0.2])
+            >>> print(M.to_matrix()[0])
+            [ 0.6  0.   0.   0.  -1.   0. ]
         """
         entries = parameters.six_by_six(precision, self._grouped)
         return entries.reshape((*entries.shape[:-1], 6, 6))
@@ -824,6 +931,11 @@ class SpatialInertia(Additive):
             (*batch, 10), kg, kg m, kg m2.
 
         Error: as of `inertia_about_origin`.
+
+        Example:
+            >>> M = js.SpatialInertia(2.0, [0.0, 0.0, 0.5], [0.1, 0.0, 0.1, 0.0, 0.0, 0.2])
+            >>> print(M.to_dynamic_parameters())
+            [2.  0.  0.  1.  0.6 0.  0.6 0.  0.  0.2]
         """
         return parameters.dynamic_parameters(precision, self._grouped)
 
@@ -837,6 +949,12 @@ class SpatialInertia(Additive):
             (*batch, 4, 4).
 
         Error: as of `inertia_about_origin`, mag of Sigma = tr(I) / 2 1 - I.
+
+        Example:
+            >>> M = js.SpatialInertia(2.0, [0.0, 0.0, 0.5], [2.0, 0.0, 2.0, 0.0, 0.0, 2.0])
+            >>> print(M.to_pseudo_inertia()[2:, 2:])
+            [[1.5 1. ]
+             [1.  2. ]]
         """
         return parameters.pseudo_inertia(precision, self._grouped)
 
@@ -857,6 +975,11 @@ class SpatialInertia(Additive):
             second moments about the centre of mass: of the d at most 32 u (c + |d|), of the s 32 u c sqrt(tr(Sigma) /
             m); in "compensated" and "faithful" 1.01 u |r| and u^2 of that. The way there and back costs 64 u c relative
             to central, in every precision. Derivatives grow in the same way.
+
+        Example:
+            >>> M = js.SpatialInertia(1.0, [0.0, 0.0, 0.5], [2.0, 0.0, 2.0, 0.0, 0.0, 2.0])
+            >>> print(M.to_log_cholesky()[-3:])
+            [0.  0.  0.5]
         """
         return parameters.log_cholesky(precision, self._grouped)
 
@@ -969,6 +1092,12 @@ class SpatialInertia(Additive):
             "compensated", 1 ulp of r in "faithful"; of tau and h at most 8 u mag in "fast" and "reproducible", u |r| +
             64 u^2 mag in "compensated", 1 ulp of r in "faithful".
         Source: Jain 2010, 2.1; Drake, SpatialInertia::operator*.
+
+        Example:
+            >>> M = js.SpatialInertia.point_mass([0.0, 0.0, 0.5], mass=2.0)
+            >>> A = js.SpatialAcceleration(alpha=[0.0, 0.0, 0.0], a=[3.0, 0.0, 0.0])
+            >>> M.apply(A)
+            SpatialForce(tau=[0.0, 3.0, 0.0], f=[6.0, 0.0, 0.0])
         """
         kind = _RESULTS.get(type(motion_P_E))
         if kind is None:
@@ -995,6 +1124,12 @@ class SpatialInertia(Additive):
         Error: at most 12 u mag in "fast" and "reproducible", u |r| + 128 u^2 mag in "compensated", 1 ulp of r in
             "faithful".
         Source: Jain 2010, 2.1.
+
+        Example:
+            >>> M = js.SpatialInertia.solid_sphere(1.0, mass=5.0)
+            >>> V = js.SpatialVelocity(w=[0.0, 0.0, 1.0], v=[2.0, 0.0, 0.0])
+            >>> print(M.kinetic_energy(V))
+            11.0
         """
         require_kind(V_MBp_E, SpatialVelocity, "kinetic_energy")
         require_compatible(SpatialInertia=self, SpatialVelocity=V_MBp_E)
@@ -1039,6 +1174,12 @@ class SpatialInertia(Additive):
         Error: of mass u m, of com at most 6 u (m1 |c1| + m2 |c2|) / m, of central 10 u mag; in "compensated" and
             "faithful" u |r| + 128 u^2 mag. Derivatives are exact to a few u.
         Source: Featherstone 2008, 2.13.
+
+        Example:
+            >>> rod = js.SpatialInertia.thin_rod(1.0, mass=2.0)
+            >>> both = rod.combine(js.SpatialInertia.point_mass([0.0, 0.0, 0.5], mass=2.0))
+            >>> print(both.mass, both.com)
+            4.0 [0.   0.   0.25]
         """
         return self._with(composition.combined, "+", other, precision)
 
@@ -1060,6 +1201,12 @@ class SpatialInertia(Additive):
             ValueError: batch shapes do not broadcast.
 
         Error: as of `combine`, with mag of the differences, com's over the mass that is left.
+
+        Example:
+            >>> rod = js.SpatialInertia.thin_rod(1.0, mass=2.0)
+            >>> ball = js.SpatialInertia.point_mass([0.0, 0.0, 0.5], mass=2.0)
+            >>> print((rod + ball).remove(ball).mass)
+            2.0
         """
         return self._with(composition.removed, "-", other, precision)
 
@@ -1094,6 +1241,11 @@ class SpatialInertia(Additive):
             (6 + L) u mag, mag = sum (|I_i| + m_i |d_i|^2) with |d_i|^2 <= |c_i|^2 + |com|^2. In "compensated" and
             "faithful" of com u |r| + 16 (2 + 2 L) u^2 sum m_i |c_i| / m, of central u |r| + 16 (6 + L) u^2 mag; of
             double words the same without u |r|.
+
+        Example:
+            >>> rod = js.SpatialInertia.thin_rod(1.0, mass=2.0)
+            >>> print(js.stack([rod, rod, rod]).sum().mass)
+            6.0
         """
         place = check.batch_axis(axis, self.batch_shape, "SpatialInertia.sum")
         if not self.batch_shape[place]:
@@ -1113,6 +1265,10 @@ class SpatialInertia(Additive):
             (*batch, 3), ascending, kg m2.
 
         Error: as of `principal_moments_and_axes`.
+
+        Example:
+            >>> print(js.SpatialInertia.solid_box([3.0, 2.0, 1.0], mass=12.0).principal_moments())
+            [ 5. 10. 13.]
         """
         return self.principal_moments_and_axes(precision=precision)[0]
 
@@ -1135,6 +1291,12 @@ class SpatialInertia(Additive):
         Error: of the moments at most 8 u times the largest, of the axes 32 u times the largest moment over the distance
             to the next; R R^T is within 16 u of the identity, 2 u in "compensated" and "faithful".
         Source: Jacobi 1846.
+
+        Example:
+            >>> M = js.SpatialInertia.solid_box([3.0, 2.0, 1.0], mass=12.0)
+            >>> moments, R = M.principal_moments_and_axes()
+            >>> print(moments)
+            [ 5. 10. 13.]
         """
         moments, axes = eigen.decomposition(resolve(precision), check.narrowed(self.central))
         return moments, Rotation(axes)
@@ -1155,6 +1317,12 @@ class SpatialInertia(Additive):
 
         Error: of a_i^2 at most 64 u times the largest: a rod may have 1e-8 (float32: 1e-3) of its length as its
             thickness.
+
+        Example:
+            >>> M = js.SpatialInertia.solid_ellipsoid([3.0, 2.0, 1.0], mass=2.0)
+            >>> semi_axes, R = M.equivalent_ellipsoid()
+            >>> print(semi_axes)
+            [3. 2. 1.]
         """
         return self._equivalent(Fraction(1, 5), precision)
 
@@ -1187,6 +1355,11 @@ class SpatialInertia(Additive):
 
         Error: at most 8 u in "fast" and "reproducible", 1.01 u |r| in the other two.
         Source: Drake, CalcMinimumPhysicalLength.
+
+        Example:
+            >>> M = js.SpatialInertia.solid_sphere(1.0, mass=5.0)
+            >>> print(M.minimum_length())
+            1.5491934
         """
         return parameters.minimum_length(precision, expanded(self.mass), self.central)
 
@@ -1209,6 +1382,11 @@ class SpatialInertia(Additive):
 
         Error: at most 32 u.
         Source: Wensing, Kim and Slotine 2018.
+
+        Example:
+            >>> M = js.SpatialInertia(1.0, [0.0, 0.0, 0.0], [1.0, 0.0, 1.0, 0.0, 0.0, 5.0])
+            >>> print(M.validity_slack() < 0)
+            True
         """
         M = Inertia(*check.narrowed_each(self.vectors))
         return parameters.slack(precision, M, eigen.decomposition(resolve(precision), M.central)[0])
@@ -1227,6 +1405,12 @@ class SpatialInertia(Additive):
             (*batch,) of bool.
 
         Error: of the slack, as of `validity_slack`.
+
+        Example:
+            >>> flat = [1.0, 0.0, 1.0, 0.0, 0.0, 2.0]
+            >>> M = js.SpatialInertia([1.0, 1.0], np.zeros((2, 3), np.float32), [flat, [1.0, 0.0, 1.0, 0.0, 0.0, 5.0]])
+            >>> print(M.is_physically_valid())
+            [ True False]
         """
         tolerance = _TOLERANCE * check.eps(check.narrowed(self).dtype) if tolerance is None else tolerance
         return self.validity_slack(precision=precision) >= -tolerance
@@ -1247,6 +1431,11 @@ class SpatialInertia(Additive):
             The inertia, over the same batch.
 
         Error: of central at most 32 u times its largest principal moment.
+
+        Example:
+            >>> M = js.SpatialInertia(1.0, [0.0, 0.0, 0.0], [1.0, 0.0, 1.0, 0.0, 0.0, 5.0])
+            >>> print(M.is_physically_valid(), M.nearest_valid().is_physically_valid())
+            False True
         """
         M = check.narrowed(self)
         tolerance = float(_TOLERANCE * check.eps(M.dtype) if tolerance is None else tolerance)

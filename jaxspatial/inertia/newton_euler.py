@@ -45,6 +45,12 @@ def newton_euler(
     Error: per component, mag the sum of the absolute values of the terms, multiplied out: at most 12 u mag in "fast"
         and "reproducible", u |r| + 48 u^2 mag in the other two, while nothing over- or underflows.
     Source: Newton 1687; Euler 1776; Featherstone 2008, 2.14.
+
+    Example:
+        >>> M = js.SpatialInertia.point_mass([1.0, 0.0, 0.0], mass=2.0)
+        >>> A = js.SpatialAcceleration(alpha=[0.0, 0.0, 0.0], a=[0.0, 0.0, 0.0])
+        >>> print(js.newton_euler(M, A, [0.0, 0.0, 3.0]).f)
+        [-18.   0.   0.]
     """
     require_kind(M_BP_E, SpatialInertia, "newton_euler", " first")
     w = angular_velocity(A_WP_E, w, "newton_euler")

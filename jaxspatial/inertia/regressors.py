@@ -65,6 +65,11 @@ def momentum_regressor(V_WP_E: SpatialVelocity, *, precision: PrecisionName = No
         TypeError: the first argument is no SpatialVelocity.
 
     Error: none, every entry is 0 or a component of V with a sign.
+
+    Example:
+        >>> V = js.SpatialVelocity(w=[0.0, 0.0, 1.0], v=[2.0, 0.0, 0.0])
+        >>> print(js.regressors.momentum_regressor(V)[3])
+        [ 2.  0. -1.  0.  0.  0.  0.  0.  0.  0.]
     """
     require_kind(V_WP_E, SpatialVelocity, "momentum_regressor")
     return _as_matrix(_of_momentum(precision, Motion(*V_WP_E.vectors)))
@@ -88,6 +93,11 @@ def kinetic_energy_regressor(V_WP_E: SpatialVelocity, *, precision: PrecisionNam
 
     Error: per entry, mag the sum of the absolute values of its terms: at most 3 u mag in "fast" and "reproducible", u
         |r| + 8 u^2 mag in "compensated", 1 ulp of r in "faithful".
+
+    Example:
+        >>> V = js.SpatialVelocity(w=[0.0, 0.0, 1.0], v=[2.0, 0.0, 0.0])
+        >>> print(js.regressors.kinetic_energy_regressor(V))
+        [ 2.   0.  -2.   0.   0.   0.   0.   0.   0.   0.5]
     """
     require_kind(V_WP_E, SpatialVelocity, "kinetic_energy_regressor")
     return _of_energy(precision, Motion(*V_WP_E.vectors))

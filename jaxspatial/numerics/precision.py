@@ -72,6 +72,12 @@ def default_precision(precision: Precision | str) -> contextlib.AbstractContextM
         ValueError: the name is that of no precision.
 
     Error: none, nothing is computed.
+
+    Example:
+        >>> F = js.SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0])
+        >>> with js.default_precision("compensated"):
+        ...     print(js.shift(F, [2.0, 0.0, 0.0]).tau)
+        [ 0.  0. -1.]
     """
     return _default(resolve(precision))
 

@@ -89,6 +89,11 @@ class Quantity:
 
     `==` and `!=` compare numbers, one answer per item of the batch: True where all components are equal, never with
     NaN. What rounding leaves different is for `is_approx` and its like. Hashes are those of the object.
+
+    Example:
+        >>> F = js.SpatialForce.from_array(np.eye(6, dtype=np.float32)[:2])
+        >>> print(F.batch_shape, F.dtype, F == F.at_batch(0))
+        (2,) float32 [ True False]
     """
 
     # NumPy and JAX arrays on the left of an operator leave it to us.
@@ -126,6 +131,11 @@ class Quantity:
             The same kind, over the batch of the arrays.
 
         Error: none, it is exact.
+
+        Example:
+            >>> F = js.SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0])
+            >>> F.with_vectors(-x for x in F.vectors)
+            SpatialForce(tau=[-0.0, -0.0, -3.0], f=[-1.0, -2.0, -0.0])
         """
         return rebuilt(type(self), self.__match_args__, vectors)
 
@@ -143,6 +153,11 @@ class Quantity:
             TypeError: the dtype is not floating point.
 
         Error: each number is rounded once.
+
+        Example:
+            >>> F = js.SpatialForce(tau=np.zeros(3), f=np.ones(3))
+            >>> print(F.dtype, F.astype("float32").dtype)
+            float64 float32
         """
         converted = operator.methodcaller("astype", check.as_dtype(dtype))
         with np.errstate(all="ignore"):
@@ -161,6 +176,11 @@ class Quantity:
             IndexError: it is known to be out of range; traced integers are clamped, as in JAX.
 
         Error: none, it is exact.
+
+        Example:
+            >>> F = js.SpatialForce.from_array([[0.0, 0.0, 3.0, 1.0, 2.0, 0.0], [0.0, 0.0, 0.0, 5.0, 0.0, 0.0]])
+            >>> F.at_batch(1)
+            SpatialForce(tau=[0.0, 0.0, 0.0], f=[5.0, 0.0, 0.0])
         """
         index = tuple(map(_narrow_index, index if isinstance(index, check.TUPLE) else (index,)))
         _require_in_range(self, index)
@@ -218,6 +238,10 @@ class Additive(Quantity):
             TypeError: the dtype is not floating point.
 
         Error: none, it is exact.
+
+        Example:
+            >>> js.SpatialForce.zero()
+            SpatialForce(tau=[0.0, 0.0, 0.0], f=[0.0, 0.0, 0.0])
         """
         return cls._filled(0, batch_shape, dtype)
 
@@ -236,6 +260,10 @@ class Additive(Quantity):
             TypeError: the dtype is not floating point.
 
         Error: none, nothing is computed.
+
+        Example:
+            >>> js.SpatialForce.nan()
+            SpatialForce(tau=[nan, nan, nan], f=[nan, nan, nan])
         """
         return cls._filled(np.nan, batch_shape, dtype)
 
@@ -282,6 +310,12 @@ def stack(quantities: Iterable[_Kind], axis: int = 0) -> _Kind:
         ValueError: batch shapes differ, there is no such axis, or there is nothing to stack.
 
     Error: none, it is exact.
+
+    Example:
+        >>> F = js.SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0])
+        >>> many = js.stack([F, 2.0 * F])
+        >>> print(many.batch_shape, many.at_batch(1) == 2.0 * F)
+        (2,) True
     """
     arguments = {f"quantities[{i}]": x for i, x in enumerate(quantities)}
     _require_one_kind(arguments)

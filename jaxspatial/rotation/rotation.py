@@ -86,6 +86,13 @@ class Rotation(Quantity):
     count as 0 in all precisions, in arguments too: 8 finfo.tiny are added to errors, also to those of `log` and
     `to_quaternion` of the smallest angles. The direction of a vector (`between`, `from_two_vectors`, ...) keeps its
     digits down to a length of finfo.tiny / eps; scale up shorter vectors.
+
+    Example:
+        >>> R_AB = js.Rotation.about_z(np.pi / 2)
+        >>> print(R_AB @ [1.0, 2.0, 0.0])
+        [-2.  1.  0.]
+        >>> print(R_AB.log(), R_AB.to_quaternion())
+        [0.     0.     1.5708] [0.7071 0.     0.     0.7071]
     """
 
     entries: jax.Array
@@ -120,6 +127,11 @@ class Rotation(Quantity):
             TypeError: the dtype is not floating point.
 
         Error: none, it is exact.
+
+        Example:
+            >>> R_AB = js.Rotation.identity()
+            >>> print(R_AB @ [1.0, 2.0, 3.0])
+            [1. 2. 3.]
         """
         shape = (batch_shape,) if isinstance(batch_shape, int) else batch_shape
         entries = np.eye(3, dtype=check.as_dtype(dtype)).ravel()
@@ -142,6 +154,11 @@ class Rotation(Quantity):
                 unfinished matrices, not drift: `nearest` removes that.
 
         Error: none, it is exact.
+
+        Example:
+            >>> R_AB = js.Rotation.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+            >>> print(R_AB @ [1.0, 2.0, 0.0])
+            [-2.  1.  0.]
         """
         entries = check.as_matrices(m, "Rotation.from_matrix: m")
         _require_rotations(entries, "Rotation.from_matrix: m")
@@ -166,6 +183,11 @@ class Rotation(Quantity):
         Error: at most 12 u normwise for matrices near a rotation; times 2 / (s2 + s3) in general, of singular values s1
             = 1 >= s2 >= s3.
         Source: Higham 1986, Computing the polar decomposition.
+
+        Example:
+            >>> R_AB = js.Rotation.nearest([[0.0, -2.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 2.0]])
+            >>> print(R_AB @ [1.0, 2.0, 3.0])
+            [-2.  1.  3.]
         """
         return cls(_nearest(precision, check.as_matrices(m, "Rotation.nearest: m")))
 
@@ -186,6 +208,11 @@ class Rotation(Quantity):
             ValueError: the shape does not fit.
 
         Error: at most 6 u normwise.
+
+        Example:
+            >>> R_AB = js.Rotation.from_quaternion([1.0, 0.0, 0.0, 1.0])
+            >>> print(R_AB @ [1.0, 2.0, 3.0])
+            [-2.  1.  3.]
         """
         q = check.as_vectors(wxyz, "Rotation.from_quaternion: wxyz", size=4)
         return cls(_from_quaternion(precision, q))
@@ -208,6 +235,11 @@ class Rotation(Quantity):
 
         Error: at most 6 u normwise for |w| <= pi; beyond, 2 u |w| more in "fast" and "reproducible".
         Source: Rodrigues 1840.
+
+        Example:
+            >>> R_AB = js.Rotation.exp([0.0, 0.0, np.pi / 2])
+            >>> print(R_AB @ [1.0, 2.0, 3.0])
+            [-2.  1.  3.]
         """
         return cls(_exp(precision, check.as_vectors(w, "Rotation.exp: w")))
 
@@ -227,6 +259,11 @@ class Rotation(Quantity):
             TypeError: the angle is not of floating point.
 
         Error: of sine and cosine at most 2 u for angles up to 2048 (float64: 2^26), times |angle| beyond.
+
+        Example:
+            >>> R_AB = js.Rotation.about_x(np.pi / 2)
+            >>> print(R_AB @ [1.0, 2.0, 3.0])
+            [ 1. -3.  2.]
         """
         return cls._about_coordinate_axis(0, angle, precision)
 
@@ -263,6 +300,11 @@ class Rotation(Quantity):
             ValueError: shapes do not fit.
 
         Error: at most 8 u normwise.
+
+        Example:
+            >>> R_AB = js.Rotation.from_axis_angle([0.0, 0.0, 5.0], np.pi / 2)
+            >>> print(R_AB @ [1.0, 2.0, 3.0])
+            [-2.  1.  3.]
         """
         axis = check.as_vectors(axis, "Rotation.from_axis_angle: axis")
         angle = expanded(check.as_float_array(angle, "Rotation.from_axis_angle: angle", axis.dtype))
@@ -286,6 +328,11 @@ class Rotation(Quantity):
             ValueError: the shape does not fit.
 
         Error: at most 8 u normwise.
+
+        Example:
+            >>> R_AB = js.Rotation.from_roll_pitch_yaw([0.1, 0.2, 0.3])
+            >>> print(R_AB.to_roll_pitch_yaw())
+            [0.1 0.2 0.3]
         """
         rpy = check.as_vectors(rpy, "Rotation.from_roll_pitch_yaw: rpy")
         return cls(_from_roll_pitch_yaw(precision, rpy))
@@ -314,6 +361,11 @@ class Rotation(Quantity):
             ValueError: the shape does not fit, or there is no such axis.
 
         Error: at most 6 u normwise.
+
+        Example:
+            >>> R_AB = js.Rotation.from_one_vector([3.0, 0.0, 4.0])
+            >>> print(R_AB @ [0.0, 0.0, 1.0])
+            [0.6 0.  0.8]
         """
         u = check.as_vectors(u, "Rotation.from_one_vector: u")
         return cls(_from_one_vector(precision, u, axis=_axis(axis, "Rotation.from_one_vector")))
@@ -340,6 +392,11 @@ class Rotation(Quantity):
             ValueError: shapes do not fit, or the axes are not two.
 
         Error: at most 8 u normwise over the sine of the angle between u and v.
+
+        Example:
+            >>> R_AB = js.Rotation.from_two_vectors([0.0, 0.0, 2.0], [0.0, 1.0, 1.0])
+            >>> print(R_AB @ [1.0, 2.0, 3.0])
+            [-2.  1.  3.]
         """
         u = check.as_vectors(u, "Rotation.from_two_vectors: u")
         v = check.as_vectors(v, "Rotation.from_two_vectors: v", u.dtype)
@@ -368,6 +425,11 @@ class Rotation(Quantity):
             ValueError: shapes do not fit.
 
         Error: at most 8 u normwise times 2 / |a/|a| + b/|b||, which is 1 unless they are nearly opposite.
+
+        Example:
+            >>> R = js.Rotation.between([1.0, 0.0, 0.0], [0.0, 3.0, 0.0])
+            >>> print(R @ [1.0, 2.0, 3.0])
+            [-2.  1.  3.]
         """
         a = check.as_vectors(a, "Rotation.between: a")
         b = check.as_vectors(b, "Rotation.between: b", a.dtype)
@@ -392,6 +454,10 @@ class Rotation(Quantity):
 
         Error: at most 4 u normwise.
         Source: Shepperd 1978, Quaternion from rotation matrix.
+
+        Example:
+            >>> print(js.Rotation.about_z(np.pi / 2).to_quaternion())
+            [0.7071 0.     0.     0.7071]
         """
         return _to_quaternion(precision, self.entries)
 
@@ -408,6 +474,10 @@ class Rotation(Quantity):
             (*batch, 3), rad, of length at most pi, with derivatives of all orders at the identity.
 
         Error: at most 6 u normwise, also of a vector of 1e-30, down to the smallest numbers (see `Rotation`).
+
+        Example:
+            >>> print(js.Rotation.about_z(np.pi / 2).log())
+            [0.     0.     1.5708]
         """
         return _log(precision, self.entries)
 
@@ -423,6 +493,11 @@ class Rotation(Quantity):
             derivatives are 0.
 
         Error: at most 6 u of the axis, in its 2-norm, and 8 u of the angle.
+
+        Example:
+            >>> axis, angle = js.Rotation.about_z(0.5).to_axis_angle()
+            >>> print(axis, angle)
+            [0. 0. 1.] 0.5
         """
         axis, angle = _to_axis_angle(precision, self.entries)
         return axis, angle
@@ -440,6 +515,10 @@ class Rotation(Quantity):
         Error: at most 24 u / cos(pitch) of roll and yaw, which near |pitch| = pi / 2 have a meaning only together; of
             the rotation that they make at most 24 u normwise.
         Source: Mitiguy, in Drake's RollPitchYaw.
+
+        Example:
+            >>> print(js.Rotation.about_z(0.5).to_roll_pitch_yaw())
+            [0.  0.  0.5]
         """
         return _to_roll_pitch_yaw(precision, self.entries)
 
@@ -487,6 +566,11 @@ class Rotation(Quantity):
             ValueError: batch shapes do not broadcast.
 
         Error: at most 24 u normwise and 16 u |t|.
+
+        Example:
+            >>> R, S = js.Rotation.identity(), js.Rotation.about_z(0.5)
+            >>> print(R.interpolate(S, 0.2).log())
+            [0.  0.  0.1]
         """
         t = expanded(check.as_float_array(t, "Rotation.interpolate: t", self.dtype))
         require_compatible(start=self, end=other, t=t)
@@ -510,6 +594,11 @@ class Rotation(Quantity):
 
         Error: at most 6 u normwise for |w| <= pi.
         Source: Barfoot 2017, State estimation for robotics, 7.1.3.
+
+        Example:
+            >>> J = js.Rotation.left_jacobian([0.0, 0.0, np.pi])
+            >>> print(J[1] @ jnp.array([1.0, 0.0, 2.0]))
+            0.6366196
         """
         return matrices(_left_jacobian(precision, check.as_vectors(w, "Rotation.left_jacobian: w")), 3)
 

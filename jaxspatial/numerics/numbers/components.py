@@ -59,6 +59,11 @@ class Components(check.StandIn):
 
     Operators: + - * / with arrays (*batch, n) or (*batch, 1), numbers and Components, each result rounded once.
     Raises TypeError for dtypes that differ or integers, ValueError for batches that do not broadcast.
+
+    Example:
+        >>> f = js.Components(1.0, jnp.array(2.0), 0.0)
+        >>> js.SpatialForce(f=f).shift(js.Components(2.0, 0.0, 0.0)).tau
+        Components(0.0, 0.0, Array(-4.0))
     """
 
     structure: _Structure
@@ -97,6 +102,10 @@ class Components(check.StandIn):
             ValueError: it has not as many components as `known` entries.
 
         Error: none, it is exact.
+
+        Example:
+            >>> js.Components.from_array(jnp.array([1.0, 2.0, 3.0]), (None, None, 0.0))
+            Components(Array(1.0), Array(2.0), 0.0)
         """
         x = check.as_vectors(x, "Components.from_array: x", size=len(known))
         return cls(*(x[..., i] if number is None else number for i, number in enumerate(known)), dtype=x.dtype)
@@ -112,6 +121,10 @@ class Components(check.StandIn):
             Components of these.
 
         Error: none, it is exact.
+
+        Example:
+            >>> js.Components.of([np.float32(0.0), jnp.array(2.0)])
+            Components(0.0, Array(2.0))
         """
         x = object.__new__(cls)
         x._fill(components)
@@ -128,6 +141,10 @@ class Components(check.StandIn):
             Its n components, (*batch,) each.
 
         Error: none, it is exact.
+
+        Example:
+            >>> js.Components.of_array(np.float32([0.0, 1.0, 0.5]))
+            Components(0.0, 1.0, Array(0.5))
         """
         columns = [x[..., i] for i in range(x.shape[-1])]
         return cls.of([_known_if_unit(c) for c in columns] if isinstance(x, np.ndarray) else columns)
@@ -161,6 +178,10 @@ class Components(check.StandIn):
             ValueError: the batch shapes do not broadcast.
 
         Error: none, it is exact.
+
+        Example:
+            >>> print(js.Components(1.0, jnp.array(2.0), 0.0).to_array())
+            [1. 2. 0.]
         """
         batch = check.broadcast_shapes(self.shape[:-1], batch_shape)
         parts = self.components
@@ -180,6 +201,11 @@ class Components(check.StandIn):
             The Components over it.
 
         Error: none, it is exact.
+
+        Example:
+            >>> x = js.Components(jnp.array(2.0), 0.0)
+            >>> print(x.over_batch((4,)).shape)
+            (4, 2)
         """
         return _rebuild(self.structure, (_over(c, batch_shape, self.dtype) for c in self.data))
 
@@ -193,6 +219,10 @@ class Components(check.StandIn):
             The Components in it.
 
         Error: each number is rounded once, a double word as `DoubleWord.astype` does it.
+
+        Example:
+            >>> print(js.Components(1.0, jnp.array(2.0)).astype("float16").dtype)
+            float16
         """
         return self.of([c.astype(dtype) for c in self.components])
 
@@ -209,6 +239,11 @@ class Components(check.StandIn):
             TypeError: the sizes do not fit.
 
         Error: none, it is exact.
+
+        Example:
+            >>> x = js.Components(jnp.ones((2, 3)), 0.0)
+            >>> print(x.reshape((6, 2)).shape)
+            (6, 2)
         """
         new: Any = shape[0] if len(shape) == 1 and isinstance(shape[0], (check.TUPLE, check.LIST)) else shape
         if new[-1] != self.shape[-1]:
@@ -360,6 +395,11 @@ def from_components(x: Any) -> Any:
         The same tree, with an array (*batch, n), or a DoubleWord, in place of each Components.
 
     Error: none, it is exact.
+
+    Example:
+        >>> F = js.SpatialForce(f=[1.0, 2.0, 0.0])
+        >>> js.from_components(F)
+        SpatialForce(tau=[0.0, 0.0, 0.0], f=[1.0, 2.0, 0.0])
     """
     return jax.tree.map(functools.partial(as_array, batch_shape=()), x, is_leaf=is_components)
 

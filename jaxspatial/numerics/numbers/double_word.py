@@ -42,6 +42,11 @@ class DoubleWord(check.StandIn):
     Comparisons are exact, and false with NaN (!= true). A pytree with leaves hi and lo. Derivatives are those of
     hi + lo, accurate to a few u; a gradient with respect to a double word holds the same number twice, in hi and in lo:
     take either, not their sum.
+
+    Example:
+        >>> x = js.to_double_word(jnp.float32(1.0)) + 2.0**-40
+        >>> print(x.hi, x.lo == 2.0**-40)
+        1.0 True
     """
 
     hi: Any
@@ -107,6 +112,10 @@ class DoubleWord(check.StandIn):
             TypeError: the dtype is not floating point, or off.
 
         Error: none into a wider dtype, else at most u^2 |x|, u of the new one.
+
+        Example:
+            >>> print(js.to_double_word(jnp.float32(1.0)).astype("float16").dtype)
+            float16
         """
         return of_limbs(pairs.convert(self.limbs, known_dtype(dtype)))
 
@@ -123,6 +132,10 @@ class DoubleWord(check.StandIn):
             TypeError: the sizes do not fit.
 
         Error: none, it is exact.
+
+        Example:
+            >>> print(js.to_double_word(jnp.ones((2, 3))).reshape((6,)).shape)
+            (6,)
         """
         return of_limbs(limb.reshape(*shape) for limb in self.limbs)
 
@@ -155,6 +168,11 @@ class DoubleWord(check.StandIn):
 
         Error: as `DoubleWord` states it.
         Source: Lefevre et al. 2023, Accurate calculation of Euclidean norms using double-word arithmetic, SQRTDWtoDW.
+
+        Example:
+            >>> root = js.to_double_word(jnp.float32(2.0)).sqrt()
+            >>> print(abs(float(root.hi) + float(root.lo) - 2.0**0.5) < 1e-13)
+            True
         """
         return of_limbs(pairs.square_root(self.limbs))
 
@@ -294,6 +312,12 @@ def to_double_word(x: Any, dtype: DTypeLike | None = None) -> Any:
 
     Error: none, it is exact, but of an array that is split: float64 in two float32 keeps 48 of 53 bits, error <=
         u^2 |x| = 2^-48 |x| while lo is no subnormal (|x| > 1e-30).
+
+    Example:
+        >>> F = js.to_double_word(js.SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0]))
+        >>> p = js.to_double_word(jnp.array([2.0, 0.0, 0.0]))
+        >>> print(F.shift(p).tau.hi)
+        [ 0.  0. -1.]
     """
     dtype = None if dtype is None else known_dtype(dtype)
     return jax.tree.map(functools.partial(_as_double_word, dtype=dtype), x, is_leaf=_is_double_word)
@@ -327,6 +351,11 @@ def from_double_word(x: Any, dtype: DTypeLike | None = None) -> Any:
         ValueError: the dtype does not hold that of the limbs.
 
     Error: at most u |hi + lo|, u the unit roundoff of the dtype.
+
+    Example:
+        >>> x = js.to_double_word(jnp.float32(1.0)) + 2.0**-20
+        >>> print(js.from_double_word(x))
+        1.000001
     """
     dtype = None if dtype is None else known_dtype(dtype)
     return jax.tree.map(functools.partial(_as_array, dtype=dtype), x, is_leaf=_is_double_word)
