@@ -4,8 +4,10 @@ Those with numbers of their own to check have tests of their own, `test_page_*.p
 
 import re
 
+import numpy as np
 import pytest
 
+from tests.helpers import figures
 from tests.helpers.marks import slow
 from tests.helpers.notebooks import FOLDER, executed
 from tests.helpers.optional import needs
@@ -47,6 +49,30 @@ def test_pictures_are_shown(name):
     assert not any(output.output_type == "error" for cell in cells for output in cell.get("outputs", ()))
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_numbers_of_pictures_are_looked_at(name):
+    """`executed` looks at what `plt.show` shows: no picture comes another way."""
+    cells = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4).cells
+    for cell in cells:
+        pictures = sum("image/png" in output.get("data", {}) for output in cell.get("outputs", ()))
+        assert pictures == cell.source.count("plt.show()")
+
+
+def test_a_figure_without_numbers_is_found():
+    pyplot = needs("matplotlib.pyplot")
+    for bad in ([0.0] * 3, [2.0] * 3, [np.nan] * 3):
+        for draw in ("plot", "bar", "barh"):
+            figure, ax = pyplot.subplots()
+            ax.axhline(1.0)
+            getattr(ax, draw)(range(3), bad)
+            with pytest.raises(AssertionError, match="nowhere finite|all numbers are equal"):
+                figures.require_numbers(figure)
+            ax.clear()
+            getattr(ax, draw)(range(3), [0.0, 0.0, 1.0])
+            figures.require_numbers(figure)
+            pyplot.close(figure)
+
+
 # What a notebook begins with by default: what it computes in, where it says nothing, compiles soonest, and a self-check
 # is of one dtype.
 FAST = "import jaxspatial as js\njs.default_precision('fast').__enter__()"
@@ -60,6 +86,6 @@ SMALL = {
 @pytest.mark.parametrize("name", [name for name in NAMES if name < "04"])
 @pytest.mark.parametrize("compiled_soon", [True, slow(False)], ids=lambda x: "soon" if x else "as a reader does")
 def test_it_runs(name, compiled_soon):
-    notebook = executed(name, compiled_soon, first=SMALL.get(name) if compiled_soon else None)
+    notebook = executed(name, compiled_soon, first=SMALL.get(name, "") if compiled_soon else "")
     if name == "02_speed_and_accuracy":
         assert "All promises hold here." in str(notebook.cells)

@@ -5,6 +5,7 @@
     value, mag = measure.evaluate(lambda x, y: (x * y).sum(-1), x, y)    # exact, and the sizes of its terms
     measure.in_ulps(computed, value), measure.in_u_of(computed, value, mag)
     measure.recommend(function, *arguments, tolerance=1e-6)              # which precision it needs
+    measure.count_operations(function, *arguments)                        # multiplications and the like, at one state
     measure.interleaved({"ours": ours, "theirs": theirs})                # seconds per call, fairly
 
 The other files of this folder are the command: `options` is what it accepts, `measuring` what it does.
@@ -25,6 +26,9 @@ if not _IS_FOR_THE_COMMAND:  # which answers without JAX what it can
     # how long it takes, and which precision it needs
     from jaxspatial.measure.timing import Recommendation as Recommendation, recommend as recommend
     from jaxspatial.measure.timing import interleaved as interleaved, machine as machine
+
+    # how many operations it asks for
+    from jaxspatial.measure.counting import count_operations as count_operations
 
     # does it hold here
     from jaxspatial.measure.checks import Finding as Finding, Report as Report, self_check as self_check

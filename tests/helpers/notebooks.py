@@ -11,23 +11,22 @@ from tests.helpers import soon
 from tests.helpers.optional import needs
 
 FOLDER = pathlib.Path(__file__).parent.parent.parent / "notebooks"
+WATCHED = f"import sys\nsys.path.append({str(FOLDER.parent)!r})\nfrom tests.helpers import figures\nfigures.watch()"
 
 
-def executed(name, compiled_soon=True, first=None, **parameters):
+def executed(name, compiled_soon=True, first="", **parameters):
     """The notebook with its outputs; parameters replace numbers of its cell that is tagged "parameters". first: code
-    that runs before."""
+    that runs before. A figure without numbers that differ is an error."""
     papermill = needs("papermill")
     with warnings.catch_warnings(), mock.patch.dict(os.environ, soon.environment() if compiled_soon else {}):
         warnings.simplefilter("ignore")
         source = papermill.iorw.load_notebook_node(str(FOLDER / f"{name}.ipynb"))
         known = {p.name for p in papermill.inspection._infer_parameters(source)}
         assert parameters.keys() <= known, f"no parameters of {name}: {parameters.keys() - known}"
-        path = FOLDER / f"{name}.ipynb"
         with tempfile.TemporaryDirectory() as folder:
-            if first:
-                source.cells.insert(0, needs("nbformat").v4.new_code_cell(first))
-                path = pathlib.Path(folder) / path.name
-                papermill.iorw.write_ipynb(source, str(path))
+            source.cells.insert(0, needs("nbformat").v4.new_code_cell(f"{WATCHED}\n{first}"))
+            path = pathlib.Path(folder) / f"{name}.ipynb"
+            papermill.iorw.write_ipynb(source, str(path))
             return papermill.execute_notebook(path, None, parameters, cwd=FOLDER, progress_bar=False, log_output=False)
 
 
