@@ -22,7 +22,8 @@ import numpy as np
 
 from jaxspatial.dynamics.kinematics import forward_kinematics
 from jaxspatial.engine.algorithm import ExternalForces
-from jaxspatial.mechanism import AppliedForces, HalfSpace, Mechanism
+from jaxspatial.mechanism import AppliedForces, HalfSpace, Mechanism, PointContacts
+from jaxspatial.mechanism.formats.shapes import path_of_mesh
 from jaxspatial.mechanism.surface import surface
 from jaxspatial.numerics import check
 from jaxspatial.numerics.numbers.components import as_array
@@ -38,8 +39,9 @@ except ImportError as error:
     ) from error
 
 FORCE, TORQUE, BODY, GROUND = (224, 82, 31), (166, 74, 201), (123, 135, 148), (138, 148, 160)
-# As shares of the size of the scene: the axes of a frame, the longest arrow, the heads of arrows and their radius.
-_TRIAD, _LONGEST, _HEAD, _THICK = 0.08, 0.35, 0.04, 0.006
+# As shares of the size of the scene: the axes of a frame, the longest arrow, the heads of arrows and their radius,
+# and that of a point of contact.
+_TRIAD, _LONGEST, _HEAD, _THICK, _POINT = 0.08, 0.35, 0.04, 0.006, 0.01
 # The edge of the ground as a share too, and of its cells.
 _GROUND, _CELL = 6.0, 0.25
 _FRAMES_PER_SECOND = 30.0
@@ -56,6 +58,7 @@ def show(
     forces: ExternalForces = None,
     frames: Sequence[str] = (),
     ground: Ground | None = None,
+    contacts: PointContacts | None = None,
     host: str = "127.0.0.1",
     port: int = 8080,
 ) -> "Scene":
@@ -77,6 +80,7 @@ def show(
         frames: names of `mech.frame_names`, shown as three axes with their names.
         ground: HalfSpace, shown as a grid, or a function from a point (3,) to its signed distance, shown where it is
             zero in a cube about the motion; None for none.
+        contacts: PointContacts, one for all states, whose spheres are shown; points are as small ones.
         host: address to listen at; "0.0.0.0" lets other machines in.
         port: the first to try.
 
@@ -89,7 +93,7 @@ def show(
         TypeError: an argument has another type.
         ValueError: shapes of arrays do not fit, the shapes are no URDF, or a ground function has no zero near by.
     """
-    scene = Scene(mech, q, dt, shapes, forces, frames, ground, host, port)
+    scene = Scene(mech, q, dt, shapes, forces, frames, ground, contacts, host, port)
     scene.add_player()
     return scene
 
@@ -104,11 +108,12 @@ def record(
     forces: ExternalForces = None,
     frames: Sequence[str] = (),
     ground: Ground | None = None,
+    contacts: PointContacts | None = None,
 ) -> pathlib.Path:
     """Writes what `show` shows to one file that needs no server: a page that plays it, at 30 frames a second.
 
     Args:
-        mech, q, dt, shapes, forces, frames, ground: as of `show`.
+        mech, q, dt, shapes, forces, frames, ground, contacts: as of `show`.
         path: where to write; ".html" makes a page with all it needs, some MB; ".viser" the recording alone, for a
             client of viser that is there already.
 
@@ -122,7 +127,7 @@ def record(
     if path.suffix not in (".html", ".viser"):
         raise ValueError(f"viewer.record: path: expected one that ends in .html or .viser, got {path}")
     with contextlib.redirect_stdout(io.StringIO()):  # it has an address, for a while
-        scene = Scene(mech, q, dt, shapes, forces, frames, ground, "127.0.0.1", 8080)
+        scene = Scene(mech, q, dt, shapes, forces, frames, ground, contacts, "127.0.0.1", 8080)
     try:
         recording = scene.server.get_scene_serializer()
         for i in scene.times() if scene.n > 1 else ():
@@ -153,6 +158,7 @@ class Scene:
         forces: ExternalForces,
         frames: Sequence[str],
         ground: Ground | None,
+        contacts: PointContacts | None,
         host: str,
         port: int,
     ):
@@ -166,9 +172,14 @@ class Scene:
             )
         if isinstance(ground, HalfSpace) and ground.batch_shape:
             raise ValueError(f"viewer: ground: expected one plane, got a batch {ground.batch_shape}")
+        if contacts is not None:
+            check.require_kind(contacts, PointContacts, "viewer: contacts")
+        if contacts is not None and contacts.batch_shape:
+            raise ValueError(f"viewer: contacts: expected one for all states, got a batch {contacts.batch_shape}")
+        touching = () if contacts is None else contacts.frames
         self.n, self.dt = len(states), float(dt)
         meshes = {} if shapes is None else _meshes(mech, pathlib.Path(shapes))
-        names = list(dict.fromkeys([*(mech.body_names if shapes is None else meshes), *frames]))
+        names = list(dict.fromkeys([*(mech.body_names if shapes is None else meshes), *frames, *touching]))
         self._wxyz, self._p = _poses(mech, states, names)
         arrows = _arrows(mech, states, forces)
         size = float(np.ptp(self._p[0], axis=0).max(initial=0.2))
@@ -190,6 +201,8 @@ class Scene:
                 add.add_label(f"/robot/{_node(name)}/name", name)
         if shapes is None:
             _add_ellipsoids(add, mech)
+        if contacts is not None:
+            _add_spheres(add, contacts, size)
         self._arrows = [_Arrows(add, *given, size) for given in arrows]
         if isinstance(ground, HalfSpace):
             _add_plane(add, ground, size)
@@ -255,7 +268,9 @@ def _meshes(mech: Mechanism, path: pathlib.Path) -> dict[str, list[Any]]:
         way_out = "; without shapes, the ellipsoids of inertias are shown" if tag == "mujoco" else ""
         raise ValueError(f"viewer: shapes: {path}: expected a URDF, <robot>, got <{tag}>{way_out}")
     try:
-        urdf = yourdfpy.URDF.load(str(path), filename_handler=lambda fname: _found(fname, path.parent))
+        urdf = yourdfpy.URDF.load(
+            str(path), filename_handler=lambda fname: str(path_of_mesh(fname, path.parent) or fname)
+        )
     except KeyError as error:
         raise ValueError(f"viewer: shapes: {path}: an element lacks the attribute {error}") from error
     meshes: dict[str, list[Any]] = {}
@@ -265,14 +280,6 @@ def _meshes(mech: Mechanism, path: pathlib.Path) -> dict[str, list[Any]]:
         # Scales and reflections are part of it.
         meshes.setdefault(link, []).append(mesh.copy().apply_transform(urdf.get_transform(name, link)))
     return meshes
-
-
-def _found(name: str, folder: pathlib.Path) -> str:
-    """The path of a mesh: what follows "package://" is looked for in all folders above the file."""
-    parts = pathlib.PurePosixPath(name.partition("://")[2] or name).parts
-    tails = [pathlib.Path(*parts[k:]) for k in range(len(parts))]
-    found = (up / tail for tail in tails for up in (folder, *folder.resolve().parents) if (up / tail).is_file())
-    return str(next(found, name))
 
 
 def _add_ellipsoids(add: Any, mech: Mechanism) -> None:
@@ -287,6 +294,15 @@ def _add_ellipsoids(add: Any, mech: Mechanism) -> None:
             add.add_icosphere(
                 f"/robot/{_node(name)}/shape", color=BODY, scale=scale, opacity=0.7, wxyz=wxyz, position=com
             )
+
+
+def _add_spheres(add: Any, contacts: PointContacts, size: float) -> None:
+    """The spheres of contacts, on their frames."""
+    n = len(contacts.frames)
+    p = np.zeros((n, 3)) if contacts.positions is None else np.asarray(contacts.positions)
+    radius = np.maximum(np.broadcast_to(np.asarray(contacts.radius), n), _POINT * size)
+    for k, (name, at, r) in enumerate(zip(contacts.frames, p, radius.tolist(), strict=True)):
+        add.add_icosphere(f"/robot/{_node(name)}/contact {k}", radius=r, color=FORCE, position=at, opacity=0.8)
 
 
 def _node(name: str) -> str:

@@ -20,6 +20,7 @@ zstandard = pytest.importorskip("zstandard")
 from jaxspatial import viewer  # noqa: E402
 
 FLOAT = np.float32
+LAW = {"stiffness": 1e3, "relaxation_time": 0.01, "friction": 0.5}
 BROWSER = pathlib.Path("/usr/bin/chromium")
 # Nothing of it is ours to mend.
 pytestmark = [
@@ -127,7 +128,8 @@ def test_shapes_are_those_of_the_file_in_the_axes_of_their_links(robot):
 
 
 def scene(mech, q, **options):
-    given = {"dt": 0.1, "shapes": None, "forces": None, "frames": (), "ground": None} | options
+    nothing = dict.fromkeys(("shapes", "forces", "ground", "contacts"))
+    given = {"dt": 0.1, "frames": (), **nothing} | options
     return viewer.Scene(mech, q, **given, host="127.0.0.1", port=8090)
 
 
@@ -255,6 +257,16 @@ def test_a_ground_function_is_shown_where_it_is_zero(scenes, robot):
     assert x.min() < places.min() and places.max() < x.max()
 
 
+def test_contacts_are_spheres_on_their_frames(scenes, robot):
+    """In their place on the frame, points as spheres that can be seen."""
+    feet = js.PointContacts(["tip", "lower"], FLOAT([[0, 0, 0.1], [1, 2, 3]]), FLOAT([0.25, 0]), **LAW)
+    shown = scenes(robot[0], trajectory(2), contacts=feet)
+    handles = shown.server.scene._handle_from_node_name
+    one, other = (handles[f"/robot/{name}"] for name in ("tip/contact 0", "lower/contact 1"))
+    np.testing.assert_allclose([one.position, other.position], feet.positions, atol=1e-7)
+    assert one.radius == 0.25 and 0 < other.radius < 0.05
+
+
 def test_a_slider_moves_the_robot_and_play_moves_the_slider(scenes, robot):
     mech, path = robot
     q = trajectory()
@@ -313,6 +325,9 @@ def test_what_is_shown_is_served(robot):
         ({"ground": js.HalfSpace(offset=np.zeros(5, FLOAT))}, ValueError, r"ground: expected one plane, got .*\(5,\)"),
         ({"ground": lambda p: p}, ValueError, r"ground: expected a signed distance, .* got float32\[3\]"),
         ({"ground": lambda p: p[2] * 0 + 1}, ValueError, "ground: expected a distance that is 0 near the robot"),
+        ({"contacts": ["tip"]}, TypeError, "viewer: contacts: expected a PointContacts, got list"),
+        ({"contacts": js.PointContacts(["tips"], **LAW)}, KeyError, "did you mean 'tip'"),
+        ({"contacts": js.PointContacts(["tip"], np.zeros((5, 1, 3)), **LAW)}, ValueError, r"one for .*a batch \(5,\)"),
         ({"path": "arm.mp4"}, ValueError, "path: expected one that ends in .html or .viser"),
     ],
     ids=[
@@ -329,6 +344,9 @@ def test_what_is_shown_is_served(robot):
         "grounds",
         "distance",
         "no ground",
+        "contacts",
+        "frame of a contact",
+        "many contacts",
         "path",
     ],
 )

@@ -1,7 +1,8 @@
 """Contact of a mechanism: which points of it touch, how stiff and rough they are, and the ground under them."""
 
 import json
-from collections.abc import Iterable
+import pathlib
+from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY
 from typing import TYPE_CHECKING, Any, Self, cast
 
@@ -16,6 +17,9 @@ from jaxspatial.numerics.linear import Vector, dot, unit
 from jaxspatial.numerics.numbers import Numbers
 from jaxspatial.numerics.quantity import tree, tree_of
 from jaxspatial.numerics.types import ArrayLike, DTypeLike, PrecisionName
+
+if TYPE_CHECKING:
+    from jaxspatial.mechanism.mechanism import Mechanism
 
 _PARAMETERS = ("radius", "stiffness", "relaxation_time", "friction")
 
@@ -89,6 +93,113 @@ class PointContacts:
         check.common_batch_shape(**{name: _batch_shape(name, x) for name, x in arrays.items()})
         for name, x in arrays.items():
             object.__setattr__(self, name, check.owned(x))
+
+    @classmethod
+    def from_urdf(
+        cls,
+        mech: "Mechanism",
+        path_or_text: str | pathlib.Path,
+        *,
+        stiffness: ArrayLike,
+        relaxation_time: ArrayLike,
+        friction: ArrayLike,
+        bodies: Iterable[str] | None = None,
+        geoms: Iterable[str] | None = None,
+        rim: int = 8,
+        corners: int = 16,
+    ) -> Self:
+        """Makes spheres of the collision shapes of a URDF; see `jaxspatial.mechanism.formats.shapes`.
+
+            feet = js.PointContacts.from_urdf(
+                mech, "dog.urdf", bodies=["FL_FOOT", "FR_FOOT"], stiffness=2e4, relaxation_time=0.01, friction=0.8
+            )
+
+        A sphere gives one, a capsule two, a box its eight corners, a cylinder points on its rims, a mesh corners of its
+        convex hull. They are in the axes of the file's links.
+
+        Args:
+            mech: the mechanism that was read from the file, or a part of it.
+            path_or_text: a path, or the text itself; its meshes are looked for beside it and in folders above.
+            stiffness, relaxation_time, friction: as of `PointContacts`; the format has no such numbers.
+            bodies: links whose shapes to take.
+            geoms: names of more shapes; one without a name is "<link>_<number>", counted from 0 on its link. With
+                neither, all shapes on links that move are taken.
+            rim: the number of points on each rim of a cylinder.
+            corners: the largest number of points of a mesh.
+
+        Returns:
+            The contacts, with NumPy numbers in the dtype of the mechanism, in the order of the file.
+
+        Raises:
+            FileNotFoundError: there is no such file, or no such mesh.
+            ImportError: lxml is missing, or for meshes trimesh, or pycollada for those of Collada.
+            KeyError: the mechanism has no such frame, or the file no such shape; lists those there are.
+            ValueError: a shape is malformed or unknown, with its line; or there is none to take.
+
+        Error: a few u of the size of a link in the positions.
+        """
+        from jaxspatial.mechanism.formats import shapes, urdf
+
+        operation = "PointContacts.from_urdf"
+        taken = shapes.chosen(operation, urdf.read_shapes(path_or_text), mech.topology, bodies, geoms)
+        frames, p, radius, _ = shapes.spheres(operation, taken, rim, corners, mech.dtype)
+        law = {"stiffness": stiffness, "relaxation_time": relaxation_time, "friction": friction}
+        return cls(frames, p, radius, **law)
+
+    @classmethod
+    def from_mjcf(
+        cls,
+        mech: "Mechanism",
+        path_or_text: Any,
+        *,
+        stiffness: ArrayLike,
+        relaxation_time: ArrayLike,
+        friction: ArrayLike | None = None,
+        bodies: Iterable[str] | None = None,
+        geoms: Iterable[str] | None = None,
+        rim: int = 8,
+        corners: int = 16,
+        assets: Mapping[str, bytes] | None = None,
+    ) -> Self:
+        """Makes spheres of the geoms of an MJCF that may touch; see `jaxspatial.mechanism.formats.shapes`.
+
+            points = js.PointContacts.from_mjcf(mech, "scene.xml", stiffness=2e4, relaxation_time=0.01)
+
+        As `from_urdf`; an ellipsoid gives the six ends of its axes. The ground of the file, geoms that are welded to
+        the world, makes no spheres.
+
+        Args:
+            mech: the mechanism that was read from the file, or a part of it.
+            path_or_text: a path; the text itself; a mujoco.MjSpec, or a mujoco.MjModel.
+            stiffness, relaxation_time: as of `PointContacts`; MuJoCo's contacts have another law.
+            friction: None takes the sliding friction of each geom. MuJoCo takes the larger one of two surfaces: pass
+                that of the ground where it is larger.
+            bodies: bodies whose geoms to take: those that may touch the ground of the file by `contype`,
+                `conaffinity`, <pair> and <exclude>, or in a file without ground, that may touch anything.
+            geoms: names of more geoms, taken whatever their masks are. With neither, all on bodies that move are taken
+                that may touch.
+            rim: the number of points on each rim of a cylinder.
+            corners: the largest number of points of a mesh.
+            assets: files that the text names, by their names.
+
+        Returns:
+            The contacts, with NumPy numbers in the dtype of the mechanism, in the order of the file.
+
+        Raises:
+            FileNotFoundError: there is no such file.
+            ImportError: mujoco or lxml is missing.
+            KeyError: the mechanism has no such frame, or the file no such geom; lists those there are.
+            ValueError: MuJoCo does not compile the file, or there is no geom to take.
+
+        Error: a few u of the size of a body in the positions.
+        """
+        from jaxspatial.mechanism.formats import mjcf, shapes
+
+        operation = "PointContacts.from_mjcf"
+        taken = shapes.chosen(operation, mjcf.read_shapes(path_or_text, assets), mech.topology, bodies, geoms)
+        frames, p, radius, own = shapes.spheres(operation, taken, rim, corners, mech.dtype)
+        law = {"stiffness": stiffness, "relaxation_time": relaxation_time}
+        return cls(frames, p, radius, **law, friction=own if friction is None else friction)
 
     @property
     def batch_shape(self) -> tuple[int, ...]:

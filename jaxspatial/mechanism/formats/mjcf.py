@@ -38,6 +38,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from jaxspatial.inertia import SpatialInertia
+from jaxspatial.mechanism.formats.shapes import Shape
 from jaxspatial.mechanism.formats.source import (
     Element,
     Made,
@@ -74,6 +75,18 @@ def read(
     doubt_inertias(file, mechanism)
     file.warn()
     return mechanism
+
+
+def read_shapes(path_or_text: Any, assets: Mapping[str, bytes] | None = None) -> list[Shape]:
+    """The geoms of an MJCF for `PointContacts.from_mjcf`, but those that are welded to the world: these are ground.
+
+    Two geoms touch where contype of one and conaffinity of the other share a bit, unless an <exclude> names their
+    bodies, or where a <pair> names them. In a file with ground a geom may touch that touches some of it; in one
+    without, every geom that could touch another.
+    """
+    file = _File(path_or_text, assets, None, False)
+    with in_double():
+        return [_shape(file, i) for i in range(file.model.ngeom) if not _is_ground(file, i)]
 
 
 # -- the compiled model, and where in the text its elements are -------------------------------------------------------
@@ -271,6 +284,55 @@ def _children(element: Element, tags: tuple[str, ...]) -> Iterator[Element]:
             yield part
         elif part.tag in ("frame", "replicate"):
             yield from [*_children(part, tags)] * int(part.get("count", 1))
+
+
+# -- the shapes that touch --------------------------------------------------------------------------------------------
+
+
+def _is_ground(file: _File, i: int) -> bool:
+    return not file.model.body_weldid[file.model.geom_bodyid[i]]
+
+
+def _shape(file: _File, i: int) -> Shape:
+    m, type = file.model, file.mujoco.mjtGeom(int(file.model.geom_type[i]))
+    a, b, c = m.geom_size[i].tolist()
+    kinds = {
+        "mjGEOM_SPHERE": ("sphere", a),
+        "mjGEOM_CAPSULE": ("capsule", a, 2 * b),
+        "mjGEOM_BOX": ("box", 2 * a, 2 * b, 2 * c),
+        "mjGEOM_CYLINDER": ("cylinder", a, 2 * b),
+        "mjGEOM_ELLIPSOID": ("ellipsoid", a, b, c),
+        "mjGEOM_MESH": ("mesh",),
+        "mjGEOM_SDF": ("mesh",),
+    }
+    kind, *size = kinds[type.name]
+    pose, body = _pose(m.geom_pos[i], m.geom_quat[i]), file.name("body", m.geom_bodyid[i])
+    vertices = functools.partial(_vertices, file, int(m.geom_dataid[i])) if kind == "mesh" else None
+    friction = float(m.geom_friction[i, 0])
+    return Shape(file.name("geom", i), body, pose, kind, tuple(size), vertices, friction, _may_touch(file, i))
+
+
+def _vertices(file: _File, mesh: int) -> np.ndarray:
+    start, n = file.model.mesh_vertadr[mesh], file.model.mesh_vertnum[mesh]
+    return np.array(file.model.mesh_vert[start : start + n], np.float64)
+
+
+def _may_touch(file: _File, i: int) -> bool:
+    m = file.model
+    pairs = [{int(a), int(b)} for a, b in zip(m.pair_geom1, m.pair_geom2, strict=True)]
+    ground = [k for k in range(m.ngeom) if _is_ground(file, k)]
+    if not ground:
+        return bool(m.geom_contype[i] | m.geom_conaffinity[i]) or any(i in pair for pair in pairs)
+    return any({i, k} in pairs or (_share_bits(m, i, k) and not _are_excluded(m, i, k)) for k in ground)
+
+
+def _share_bits(m: Any, i: int, k: int) -> bool:
+    return bool((m.geom_contype[i] & m.geom_conaffinity[k]) | (m.geom_contype[k] & m.geom_conaffinity[i]))
+
+
+def _are_excluded(m: Any, i: int, k: int) -> bool:
+    a, b = sorted((int(m.geom_bodyid[i]), int(m.geom_bodyid[k])))
+    return (a << 16) + b in m.exclude_signature
 
 
 # -- what changes the motion and cannot be represented is refused -----------------------------------------------------

@@ -185,12 +185,12 @@ def _with_declaration_first(text: bytes):
     return rest[:end] + blanks + rest[end:] if end > 1 else text
 
 
-def needed(operation: str, module: str):
-    """Imports a module of an optional package."""
+def needed(operation: str, module: str, package: str = ""):
+    """Imports a module of an optional package; named, where the package has another name."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        package = module.split(".")[0]
+        package = package or module.split(".")[0]
         raise ImportError(f"{operation}: needs the package {package}: from a clone, pip install '.[models]'") from error
 
 

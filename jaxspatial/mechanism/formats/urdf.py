@@ -34,6 +34,7 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
+from jaxspatial.mechanism.formats.shapes import Shape, mesh_file
 from jaxspatial.mechanism.formats.source import (
     IMPOSSIBLE,
     MASSLESS,
@@ -158,6 +159,14 @@ def read(
             file.doubt(kind, why)
     file.warn()
     return mechanism
+
+
+def read_shapes(path_or_text: str | pathlib.Path) -> list[Shape]:
+    """The collision shapes of a URDF for `PointContacts.from_urdf`. Those without a name are "<link>_<number>"."""
+    file = _File(path_or_text, None, False)
+    folder = pathlib.Path() if file.path is None else file.path.parent
+    links = file.root.findall("link")
+    return [_shape(file, *item, folder) for link in links for item in enumerate(link.findall("collision"))]
 
 
 # -- the text, element by element -------------------------------------------------------------------------------------
@@ -518,6 +527,49 @@ def _pose(element: Element):
     with in_double():
         # Zeros are positive.
         return RigidTransform(Rotation(rotation_of(np.add(rows, 0.0)).ravel()), np.add(xyz, 0.0))
+
+
+# -- the shapes that touch --------------------------------------------------------------------------------------------
+
+# {shape: its sizes}, m. Boxes have three edges; meshes have scales, and their file.
+_SIZES = {
+    "sphere": ("radius",),
+    "capsule": ("radius", "length"),
+    "cylinder": ("radius", "length"),
+    "ellipsoid": ("a", "b", "c"),
+    "box": ("size",),
+    "mesh": (),
+}
+
+
+def _shape(file: _File, number: int, collision: Element, folder: pathlib.Path) -> Shape:
+    link = collision.getparent().get("name")
+    for origin in collision.findall("origin"):
+        file.check(origin)
+    parts = [part for geometry in collision.findall("geometry") for part in geometry.iterchildren("*")]
+    kind = word_of(parts[0]).rpartition(":")[2] if len(parts) == 1 else ""
+    if kind not in _SIZES:
+        came = ", ".join(f"<{word_of(part)}>" for part in parts) or "none"
+        expected = f"expected a <geometry> with one of {', '.join(_SIZES)}, got {came}"
+        file.refuse_element(collision, f"{expected}; leave it out of the file")
+    part = parts[0]
+    size = [x for name in _SIZES[kind] for x in _sizes(file, part, name, 3 if name == "size" else 1)]
+    vertices = None
+    if kind == "mesh":
+        name, scale = part.get("filename"), _sizes(file, part, "scale", 3) if part.get("scale") else 1.0
+        if not name:
+            file.refuse_element(part, "filename: expected one")
+        where = f"{file.line(part)}: <mesh>"
+        vertices = lambda: mesh_file(file.operation, name, folder, where) * np.array(scale)  # noqa: E731
+    return Shape(collision.get("name") or f"{link}_{number}", link, _pose(collision), kind, tuple(size), vertices)
+
+
+def _sizes(file: _File, part: Element, name: str, n: int) -> list[float]:
+    """The numbers of a size, above 0, or of a scale, not 0: a mesh may be mirrored."""
+    values = numbers_of(part.get(name, ""))
+    if values is None or len(values) != n or not all(x > 0 or (name == "scale" and x < 0) for x in values):
+        file.refuse_element(part, f"{name}: expected {_counted(n)} above 0, got {part.get(name)!r}")
+    return values
 
 
 # -- inertias of no rigid body ----------------------------------------------------------------------------------------
