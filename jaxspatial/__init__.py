@@ -75,18 +75,18 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.dynamics.centroid import center_of_mass_velocity as center_of_mass_velocity
     from jaxspatial.dynamics.centroid import centroidal_momentum as centroidal_momentum
     from jaxspatial.dynamics.centroid import centroidal_momentum_matrix as centroidal_momentum_matrix
-    from jaxspatial.dynamics.closed_loops import close_loops as close_loops
-    from jaxspatial.dynamics.closed_loops import constrained_forward_dynamics as constrained_forward_dynamics
-    from jaxspatial.dynamics.closed_loops import constraint_error as constraint_error
-    from jaxspatial.dynamics.closed_loops import constraint_jacobian as constraint_jacobian
+    from jaxspatial.contact.closed_loops import close_loops as close_loops
+    from jaxspatial.contact.closed_loops import constrained_forward_dynamics as constrained_forward_dynamics
+    from jaxspatial.contact.closed_loops import constraint_error as constraint_error
+    from jaxspatial.contact.closed_loops import constraint_jacobian as constraint_jacobian
     from jaxspatial.dynamics.configuration import configuration_rates as configuration_rates
     from jaxspatial.dynamics.configuration import difference as difference
     from jaxspatial.dynamics.configuration import integrate as integrate
     from jaxspatial.dynamics.configuration import interpolate as interpolate
     from jaxspatial.dynamics.configuration import random_configuration as random_configuration
-    from jaxspatial.dynamics.contact import contact_forces as contact_forces
-    from jaxspatial.dynamics.convex_step import ConvexStep as ConvexStep
-    from jaxspatial.dynamics.convex_step import convex_step as convex_step
+    from jaxspatial.contact.explicit import contact_forces as contact_forces
+    from jaxspatial.contact.step import ConvexStep as ConvexStep
+    from jaxspatial.contact.step import convex_step as convex_step
     from jaxspatial.dynamics.energy import kinetic_energy as kinetic_energy
     from jaxspatial.dynamics.energy import potential_energy as potential_energy
     from jaxspatial.dynamics.external_forces import applied_wrenches as applied_wrenches

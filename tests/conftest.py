@@ -32,12 +32,12 @@ SHORTEST, SMALLEST = "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "JAX_PERSISTE
 HERE = pathlib.Path(__file__).parent
 LONGEST = (
     "test_readme.py",
-    "dynamics/test_convex_step.py",
+    "contact/test_convex_step.py",
     "test_notebooks.py",
     "test_page_learning.py",
     "test_page_inside_simulators.py",
     "test_page_simulator.py",
-    "dynamics/test_closed_loops.py",
+    "contact/test_closed_loops.py",
     "dynamics/test_laws.py",
     "laws/test_error_bounds.py",
     "measure/test_trade_command.py",

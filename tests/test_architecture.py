@@ -10,7 +10,18 @@ import pytest
 import jaxspatial
 
 PACKAGE = pathlib.Path(jaxspatial.__file__).parent
-LAYERS = ["numerics", "rotation", "spatial", "inertia", "mechanism", "engine", "dynamics", "interop", "measure"]
+LAYERS = [
+    "numerics",
+    "rotation",
+    "spatial",
+    "inertia",
+    "mechanism",
+    "engine",
+    "dynamics",
+    "contact",
+    "interop",
+    "measure",
+]
 # Modules above all layers: nothing imports them but users do, by their names, with an extra of each.
 ON_TOP = ["plot", "viewer"]
 

@@ -36,7 +36,9 @@ ELSEWHERE = _public(js.regressors) | {"random_mechanism": js.testing.random_mech
 FUNCTIONS = (
     _public(js) | INERTIA | {name: f for name, f in ELSEWHERE.items() if name.endswith(("regressor", "mechanism"))}
 )
-ALGORITHMS = [name for name, f in FUNCTIONS.items() if f.__module__.startswith("jaxspatial.dynamics")]
+ALGORITHMS = [
+    name for name, f in FUNCTIONS.items() if f.__module__.startswith(("jaxspatial.dynamics", "jaxspatial.contact"))
+]
 VECTORS = js.Rotation, js.RigidTransform, js.SpatialVelocity, js.SpatialAcceleration
 NUMBERS = js.Components, js.DoubleWord
 OF_DYNAMICS = MassMatrixFactor, js.MomentumObserver

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.dynamics import closed_loops, composite_bodies, linearization
+from jaxspatial.contact import closed_loops
+from jaxspatial.dynamics import composite_bodies, linearization
 from jaxspatial.numerics.sums.pairwise import pairwise_sum
 from jaxspatial.spatial import wrench
 from tests.helpers import marks
@@ -271,6 +272,8 @@ def test_every_public_function_of_a_mechanism_is_in_the_table():
     of_mechanisms = {
         name
         for name, x in vars(js).items()
-        if inspect.isfunction(x) and "mechanism" in inspect.signature(x).parameters and "dynamics" in x.__module__
+        if inspect.isfunction(x)
+        and "mechanism" in inspect.signature(x).parameters
+        and x.__module__.startswith(("jaxspatial.dynamics.", "jaxspatial.contact."))
     }
     assert of_mechanisms - {"random_configuration"} <= set(ALGORITHMS)

@@ -22,7 +22,7 @@ ENTRIES = {entry.name: entry.example for entry in pages.entries(TEXT)}
 # Layers that are no names of their own.
 # Imported by name: they need the extras `plot` and `view`.
 OPTIONAL = {"plot": "matplotlib", "viewer": "viser"}
-INNER = {"numerics", "rotation", "spatial", "inertia", "mechanism", "engine", "dynamics"}
+INNER = {"numerics", "rotation", "spatial", "inertia", "mechanism", "engine", "dynamics", "contact"}
 
 
 def test_every_public_name_has_one_entry():

@@ -102,7 +102,7 @@ HELD = {
         "dynamics.steps.RK4_COORDINATES.u": 16,
     },
     ("dynamics.test_step_bounds.test_steps", "semi_implicit", "reproducible"): {
-        "dynamics.convex_step.SEMI_IMPLICIT.u": math.inf,
+        "dynamics.steps.SEMI_IMPLICIT.u": math.inf,
     },
     ("dynamics.test_step_bounds.test_steps", "symplectic", "reproducible"): {
         "dynamics.steps.SYMPLECTIC.u": math.inf,
@@ -360,7 +360,7 @@ NOT_HELD = {
         "dynamics.composite_bodies.FACTOR.rounded",
         "dynamics.composite_bodies.SOLVED.rounded",
         "dynamics.composite_bodies.LOG_DETERMINANT.rounded",
-        "dynamics.convex_step.SEMI_IMPLICIT.rounded",
+        "dynamics.steps.SEMI_IMPLICIT.rounded",
         "dynamics.momentum_observer.UPDATE.rounded",
         "dynamics.passive.PASSIVE_TURNS.rounded",
         "dynamics.steps.RK4.rounded",

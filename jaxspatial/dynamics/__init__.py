@@ -14,9 +14,6 @@ Each file is one subject, with its public functions and the formulas over a `Mec
     configuration         steps on the manifold of configurations
     passive               springs, damping, friction, limits
     steps                 steps in time
-    contact               where spheres touch the ground; the explicit law of forces
-    contact_problem       a step with contact as a convex problem, solved in contact_solver; convex_step
-    closed_loops          loops of bodies, closed by constraints
     momentum_observer     external generalized forces from measured states
     regressors            forces as linear functions of inertial parameters
 """

@@ -16,8 +16,8 @@ ROOT = FOLDER.parent
 # Types that only results are of stand on the page of the function that makes them.
 RESULTS = {
     "central_axis": ["jaxspatial.spatial.wrench.CentralAxis"],
-    "close_loops": ["jaxspatial.dynamics.closed_loops.ClosedConfiguration"],
-    "constrained_forward_dynamics": ["jaxspatial.dynamics.closed_loops.ConstrainedDynamics"],
+    "close_loops": ["jaxspatial.contact.closed_loops.ClosedConfiguration"],
+    "constrained_forward_dynamics": ["jaxspatial.contact.closed_loops.ConstrainedDynamics"],
     "forward_dynamics_derivatives": ["jaxspatial.dynamics.linearization.ForwardDynamicsDerivatives"],
     "inverse_dynamics_derivatives": ["jaxspatial.dynamics.linearization.InverseDynamicsDerivatives"],
     "mass_matrix_factor": ["jaxspatial.dynamics.composite_bodies.MassMatrixFactor"],

@@ -99,11 +99,9 @@ FOLDERS = {
             "dynamics/test_loads.py",
             "dynamics/test_laws.py",
             "dynamics/test_jacobians.py",
-            "dynamics/test_convex_step.py",
-            "dynamics/test_contact_forces.py",
-            "dynamics/test_closed_loops.py",
         ),
     ),
+    "contact": Folder(1, ("contact/test_convex_step.py", "contact/test_explicit.py", "contact/test_closed_loops.py")),
 }
 # What is run last, of whatever folder.
 OF_ALL = (

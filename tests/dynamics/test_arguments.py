@@ -13,7 +13,9 @@ import jaxspatial as js
 ALGORITHMS = {
     name: f
     for name, f in vars(js).items()
-    if inspect.isfunction(f) and f.__module__.startswith("jaxspatial.dynamics") and name != "random_configuration"
+    if inspect.isfunction(f)
+    and f.__module__.startswith(("jaxspatial.dynamics", "jaxspatial.contact"))
+    and name != "random_configuration"
 }
 NUMBERS = "q", "q0", "q1", "v", "vdot", "tau", "dt", "t"
 MECH = js.testing.random_mechanism(0, 2, ["revolute", "prismatic"], dtype=np.float32)

@@ -100,7 +100,9 @@ def _arrays(f, *batch):
 
 def test_the_table_has_all_functions():
     functions = {
-        f for f in vars(js).values() if inspect.isfunction(f) and f.__module__.startswith("jaxspatial.dynamics")
+        f
+        for f in vars(js).values()
+        if inspect.isfunction(f) and f.__module__.startswith(("jaxspatial.dynamics", "jaxspatial.contact"))
     }
     assert functions < {*RESULTS}
 

@@ -15,7 +15,7 @@ dynamic equations]
 """
 
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -23,20 +23,23 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxspatial.contact.closures import (
+    Loops,
+    RowsOfLoops,
+    checked_closures,
+    errors_of,
+    require_closable,
+    times,
+)
 from jaxspatial.dynamics.configuration import difference, integrate
-from jaxspatial.dynamics.contact_problem import Closing
 from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
-from jaxspatial.dynamics.jacobians import jacobian
-from jaxspatial.dynamics.kinematics import body_accelerations, body_velocities, forward_kinematics
 from jaxspatial.engine.algorithm import ExternalForces, checked, over_batch
 from jaxspatial.engine.derivatives import fixed, valued
 from jaxspatial.mechanism import LoopClosure, Mechanism
-from jaxspatial.mechanism.loops import ROWS, checked_loops
 from jaxspatial.numerics import check
 from jaxspatial.numerics.quantity import exported
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
-from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import SpatialForce
 
 # Of the proximal iterations: how many. Each reduces the error along an eigenvector of G, with its rows scaled to a
@@ -93,7 +96,7 @@ def constraint_error(
     q, closures, distances = _checked("constraint_error", mechanism, loops, q=q)
 
     def error(q: Any, distances: Any) -> jax.Array:
-        return _errors(_Loops(mechanism, closures, distances, precision).placed(q), q.dtype)
+        return errors_of(Loops(mechanism, closures, distances, precision).placed(q), q.dtype)
 
     return over_batch(error, q, distances)
 
@@ -120,7 +123,7 @@ def constraint_jacobian(
     q, closures, distances = _checked("constraint_jacobian", mechanism, loops, q=q)
 
     def rows(q: Any, distances: Any) -> jax.Array:
-        of_state = _Loops(mechanism, closures, distances, precision)
+        of_state = Loops(mechanism, closures, distances, precision)
         return of_state.rows(q, of_state.placed(q)).J
 
     return over_batch(rows, q, distances)
@@ -188,7 +191,7 @@ def constrained_forward_dynamics(
         k = check.as_float_array(stabilization, f"{operation}: stabilization", dtype)[..., None]
 
     def constrained(q: Any, v: Any, tau: Any, k: Any, distances: Any, forces: Any) -> ConstrainedDynamics:
-        return _constrained(_Loops(mechanism, closures, distances, precision), q, v, tau, k, forces)
+        return _constrained(Loops(mechanism, closures, distances, precision), q, v, tau, k, forces)
 
     return over_batch(constrained, q, v, tau, k, distances, forces)
 
@@ -231,7 +234,7 @@ def close_loops(
     require_closable("close_loops", mechanism, closures, distances, cast(Any, q).dtype)
 
     def closed(q: Any, distances: Any) -> ClosedConfiguration:
-        return _closed(_Loops(mechanism, closures, distances, precision), q, iterations)
+        return _closed(Loops(mechanism, closures, distances, precision), q, iterations)
 
     return over_batch(closed, q, distances)
 
@@ -245,227 +248,10 @@ def _checked(operation: str, mechanism: Mechanism, loops: Any, **arguments: Any)
     return *found, *checked_closures(operation, mechanism, loops, found[0].dtype)
 
 
-def checked_closures(
-    operation: str, mechanism: Mechanism, loops: Any, dtype: np.dtype
-) -> tuple[tuple[LoopClosure, ...], list[Any]]:
-    """The closures, and their distances (*batch, 1) or None."""
-    closures = checked_loops(loops, mechanism.topology, f"{operation}: loops")
-    return closures, [None if loop.distance is None else _distance(operation, loop, dtype) for loop in closures]
-
-
-def are_of_one_body(mechanism: Mechanism, loop: LoopClosure) -> bool:
-    """Whether nothing moves the frames of a closure against each other: both are of one body, or of the world."""
-    return mechanism.frame_body(loop.frame_a) == mechanism.frame_body(loop.frame_b)
-
-
-def require_closable(
-    operation: str, mechanism: Mechanism, closures: Sequence[LoopClosure], distances: Sequence[Any], dtype: np.dtype
-) -> None:
-    """Refuses closures of frames of one body that are open, where these numbers are known."""
-    for loop, distance in zip(closures, distances, strict=True):
-        known = mechanism.frame_placements, distance
-        if not are_of_one_body(mechanism, loop) or not all(isinstance(x, np.ndarray) for x in jax.tree.leaves(known)):
-            continue
-        with jax.ensure_compile_time_eval():
-            places = [mechanism.frame_names.index(name) for name in (loop.frame_a, loop.frame_b)]
-            X_A, X_B = (jax.tree.map(lambda x, i=i: x[i].astype(dtype), known[0]) for i in places)
-            R_A, R_B = X_A.rotation.to_matrix(), X_B.rotation.to_matrix()
-            p = X_B.translation - X_A.translation
-            X_AB = _Pose(_times(R_A.T, R_B), _times(p, R_A))
-            placed = _Placed(loop.kind, None, True, R_A, X_A.translation, p, X_AB)
-            error = placed.error if distance is None else _length(p) - distance
-            gap = float(jnp.max(jnp.abs(error)))
-        if gap > _shift(dtype):
-            raise ValueError(
-                f"{operation}: loops: expected closures that can close, got {loop!r} between frames of one body, "
-                f"{mechanism.frame_body(loop.frame_a)!r}, which stays open by {gap:.3g} (rad, m)"
-            )
-
-
-def _distance(operation: str, loop: LoopClosure, dtype: np.dtype) -> Any:
-    distance: Any = loop.distance
-    if isinstance(distance, np.ndarray):
-        return distance.astype(dtype)[..., None]
-    distance = check.as_float_array(distance, f"{operation}: loops: distance", dtype)
-    check.require_same_dtype(q=np.zeros(0, dtype), distance=distance)
-    return distance[..., None]
-
-
-# -- one closure ------------------------------------------------------------------------------------------------------
-
-
-class _Pose(NamedTuple):
-    """X_AB by its matrix R (3, 3) and position p (3,), or a derivative of it."""
-
-    R: jax.Array
-    p: jax.Array
-
-
-class _Placed(NamedTuple):
-    """A closure at one configuration: where its frames are. is_still: they are of one body."""
-
-    kind: str
-    distance: jax.Array | None
-    is_still: bool
-    R_WA: jax.Array
-    p_WA: jax.Array
-    p_AB_W: jax.Array
-    X_AB: _Pose
-
-    @property
-    def error(self) -> jax.Array:
-        """(rows,), see `constraint_error`."""
-        R, p = self.X_AB
-        if self.distance is not None:
-            return _length(p)[None] - self.distance
-        if self.kind == "weld":
-            return jnp.concatenate([Rotation(R.reshape(9)).log(), p])
-        if self.kind == "hinge":
-            z = np.array([0, 0, 1], R.dtype)
-            return jnp.concatenate([Rotation.between(z, R[:, 2]).log()[:2], p])
-        return jnp.concatenate([-R[2:, 0], p]) if self.kind == "universal" else p
-
-    def rows(self, X_AB: _Pose) -> jax.Array:
-        """N (rows, 6), of a twist in the axes of A: at closed configurations the derivative of the error."""
-        R, p = X_AB
-        twist = jnp.eye(6, dtype=R.dtype)
-        if self.kind == "universal":
-            across = jnp.stack([-R[1, 0], R[0, 0], *jnp.zeros(4, R.dtype)])  # z of A x x of B
-            return jnp.concatenate([across[None], twist[3:]])
-        if self.kind == "distance":
-            length, z = _length(p), np.array([0, 0, 1], R.dtype)
-            along = jnp.where(_is_zero(p), z, p / jnp.where(length == 0, 1, length))
-            return jnp.concatenate([jnp.zeros(3, R.dtype), along])[None]
-        return {"weld": twist, "hinge": twist[np.array([0, 1, 3, 4, 5])], "ball": twist[3:]}[self.kind]
-
-    @property
-    def in_world(self) -> jax.Array:
-        """N of a twist in world axes."""
-        N = self.rows(self.X_AB)
-        return jnp.concatenate([_times(N[:, :3], self.R_WA.T), _times(N[:, 3:], self.R_WA.T)], -1)
-
-    def bias(self, V_A: jax.Array, V_B: jax.Array, A_A: jax.Array, A_B: jax.Array) -> jax.Array:
-        """d/dt (N V), from velocities and accelerations (6,) of the two origins in world axes."""
-        (w_A, v_A), (w_B, v_B), (alpha_A, a_A), (alpha_B, a_B) = (jnp.split(x, 2) for x in (V_A, V_B, A_A, A_B))
-        p, cross = self.p_AB_W, jnp.cross
-        w, v = w_B - w_A, v_B - v_A - cross(w_A, p)
-        alpha = alpha_B - alpha_A - cross(w_A, w_B)
-        a = a_B - a_A - cross(alpha_A, p) - cross(w_A, cross(w_A, p) + 2 * v)
-        w, v, alpha, a = (_times(x, self.R_WA) for x in (w, v, alpha, a))
-        rates = _Pose(_times(_skew(w), self.X_AB.R), v)
-        N, of_N = jax.jvp(self.rows, (self.X_AB,), (rates,))
-        return _times(N, jnp.concatenate([alpha, a])) + _times(of_N, jnp.concatenate([w, v]))
-
-
-def _length(p: jax.Array) -> jax.Array:
-    """|p|; at 0 with the derivative along z, the direction that stands for that of p there."""
-    is_zero = _is_zero(p)
-    return jnp.where(is_zero, p[2], jnp.sqrt(jnp.where(is_zero, 1, jnp.sum(p * p))))
-
-
-def _is_zero(p: jax.Array) -> jax.Array:
-    return jnp.sum(p * p) == 0
-
-
-def _skew(x: jax.Array) -> jax.Array:
-    """[x]x."""
-    i, j, k = x
-    zero = jnp.zeros_like(i)
-    return jnp.stack([zero, -k, j, k, zero, -i, -j, i, zero]).reshape(3, 3)
-
-
-_times = functools.partial(jnp.matmul, precision=lax.Precision.HIGHEST)
-
-
-# -- all of them ------------------------------------------------------------------------------------------------------
-
-
-class _Rows(NamedTuple):
-    """J (rows, nv), and the squares of the norms of rows (rows,) that it would have if no terms cancelled."""
-
-    J: jax.Array
-    squares: jax.Array
-
-
-class _Loops(NamedTuple):
-    """The closures of a mechanism, for one state."""
-
-    mechanism: Mechanism
-    closures: tuple[LoopClosure, ...]
-    distances: Sequence[Any]
-    precision: PrecisionName
-
-    @property
-    def frames(self) -> list[str]:
-        """Frames A of all closures, then frames B."""
-        return [x.frame_a for x in self.closures] + [x.frame_b for x in self.closures]
-
-    def placed(self, q: Any) -> list[_Placed]:
-        if not self.closures:
-            return []
-        X_WF = forward_kinematics(self.mechanism, q, self.frames, precision=self.precision)
-        of_A, of_B = _halves(X_WF.rotation.to_matrix()), _halves(X_WF.translation)
-        placed: list[_Placed] = []
-        for x, distance, R_WA, R_WB, p_WA, p_WB in zip(self.closures, self.distances, *of_A, *of_B, strict=True):
-            p_AB_W = p_WB - p_WA
-            X_AB = _Pose(_times(R_WA.T, R_WB), _times(p_AB_W, R_WA))
-            is_still = are_of_one_body(self.mechanism, x)
-            placed.append(_Placed(x.kind, distance, is_still, R_WA, p_WA, p_AB_W, X_AB))
-        return placed
-
-    def rows(self, q: Any, placed: Sequence[_Placed]) -> "_Rows":
-        rows = [_Rows(jnp.zeros((0, self.mechanism.nv), q.dtype), jnp.zeros(0, q.dtype))]
-        if placed:
-            J_WF = jacobian(self.mechanism, q, self.frames, precision=self.precision)
-            for x, J_A, J_B in zip(placed, *_halves(J_WF), strict=True):
-                if x.is_still:
-                    zeros = jnp.zeros((ROWS[x.kind], self.mechanism.nv), q.dtype)
-                    rows.append(_Rows(zeros, jnp.zeros(zeros.shape[:1], zeros.dtype)))
-                    continue
-                # The twists of B for an observer on A are J_B - J_A + turned.
-                turned = _times(_skew(x.p_AB_W), J_A[:3])
-                turned = jnp.concatenate([jnp.zeros_like(turned), turned])
-                terms = _times(jnp.abs(x.in_world), jnp.abs(J_A) + jnp.abs(J_B) + jnp.abs(turned))
-                rows.append(_Rows(_times(x.in_world, J_B - J_A + turned), jnp.sum(terms * terms, -1)))
-        return _Rows(*(jnp.concatenate(parts) for parts in zip(*rows, strict=True)))
-
-    def biases(self, q: Any, v: Any, placed: Sequence[_Placed]) -> jax.Array:
-        """dJ/dt v (rows,)."""
-        V = body_velocities(self.mechanism, q, v, self.frames, precision=self.precision)
-        A = body_accelerations(self.mechanism, q, v, jnp.zeros_like(v), self.frames, precision=self.precision)
-        each = zip(placed, *_halves(V.to_array()), *_halves(A.to_array()), strict=True)
-        return jnp.concatenate(
-            [jnp.zeros(ROWS[x.kind], q.dtype) if x.is_still else x.bias(*motions) for x, *motions in each]
-        )
-
-
-def _halves(x: jax.Array) -> list[jax.Array]:
-    """(those of frames A, those of frames B)."""
-    return jnp.split(x, 2)
-
-
-def _errors(placed: Sequence[_Placed], dtype: np.dtype) -> jax.Array:
-    return jnp.concatenate([jnp.zeros(0, dtype), *(x.error for x in placed)])
-
-
-def closing_of(
-    mechanism: Mechanism, q: Any, closures: tuple[LoopClosure, ...], distances: Sequence[Any], precision: PrecisionName
-) -> Closing:
-    """The rows of all closures as the solver of contacts takes them."""
-
-    def of_state(q: Any, distances: Any) -> Closing:
-        placed = _Loops(mechanism, closures, distances, precision).placed(q)
-        N = jnp.concatenate([x.in_world for x in placed])
-        p_AB_W = jnp.concatenate([x.p_AB_W for x in placed])
-        return Closing(N[:, :3].reshape(-1), N[:, 3:].reshape(-1), _errors(placed, q.dtype), p_AB_W)
-
-    return over_batch(of_state, q, distances)
-
-
 # -- dynamics ---------------------------------------------------------------------------------------------------------
 
 
-def _constrained(loops: _Loops, q: Any, v: Any, tau: Any, k: Any, forces: Any) -> ConstrainedDynamics:
+def _constrained(loops: Loops, q: Any, v: Any, tau: Any, k: Any, forces: Any) -> ConstrainedDynamics:
     """`constrained_forward_dynamics` of one state."""
 
     def of_tree(tau: Any) -> jax.Array:
@@ -481,21 +267,21 @@ def _constrained(loops: _Loops, q: Any, v: Any, tau: Any, k: Any, forces: Any) -
     Y = jax.vmap(times_inverse)(J)
     due = -loops.biases(q, v, placed)
     if k is not None:
-        due -= 2 * k * _times(J, v) + k * k * _errors(placed, vdot.dtype)
-    multipliers = _multipliers(_times(J, Y.T), due - _times(J, vdot), _Rows(J, squares))
+        due -= 2 * k * times(J, v) + k * k * errors_of(placed, vdot.dtype)
+    multipliers = _multipliers(times(J, Y.T), due - times(J, vdot), RowsOfLoops(J, squares))
     of_each = jnp.split(multipliers, np.cumsum([x.rows for x in loops.closures])[:-1].tolist())
-    F = jnp.stack([_times(own, x.in_world) for own, x in zip(of_each, placed, strict=True)])
-    return ConstrainedDynamics(vdot + _times(multipliers, Y), SpatialForce(F[:, :3], F[:, 3:]))
+    F = jnp.stack([times(own, x.in_world) for own, x in zip(of_each, placed, strict=True)])
+    return ConstrainedDynamics(vdot + times(multipliers, Y), SpatialForce(F[:, :3], F[:, 3:]))
 
 
-def _multipliers(G: jax.Array, b: jax.Array, rows: _Rows) -> jax.Array:
+def _multipliers(G: jax.Array, b: jax.Array, rows: RowsOfLoops) -> jax.Array:
     """A solution x of G x = b. JAX differentiates it by its equation, and not by how it is solved."""
     solve = _proximal(*fixed((G, rows)))
-    found = lax.custom_linear_solve(functools.partial(_times, G), b, lambda _, b: solve(b), symmetric=True)
+    found = lax.custom_linear_solve(functools.partial(times, G), b, lambda _, b: solve(b), symmetric=True)
     return cast(jax.Array, found)
 
 
-def _proximal(G: jax.Array, rows: _Rows) -> Callable[[jax.Array], jax.Array]:
+def _proximal(G: jax.Array, rows: RowsOfLoops) -> Callable[[jax.Array], jax.Array]:
     """The solver of G x = b for symmetric positive semidefinite G by proximal iterations; in the mean where there is no
     solution."""
     scale, A = _equilibrated(G, rows)
@@ -504,13 +290,13 @@ def _proximal(G: jax.Array, rows: _Rows) -> Callable[[jax.Array], jax.Array]:
     def solve(b: jax.Array) -> jax.Array:
         b, x = scale * b, jnp.zeros_like(b)
         for _ in range(_ITERATIONS):
-            x += _times(inverse, b - _times(A, x))
+            x += times(inverse, b - times(A, x))
         return scale * x
 
     return solve
 
 
-def _equilibrated(G: jax.Array, rows: _Rows) -> tuple[jax.Array, jax.Array]:
+def _equilibrated(G: jax.Array, rows: RowsOfLoops) -> tuple[jax.Array, jax.Array]:
     """(s, s G s), with a diagonal of ones: rows may be of radians and of metres.
 
     Rows that are zero stay so, up to rounding: across the plane of a planar loop nothing moves, and what is left of
@@ -528,7 +314,7 @@ def _inverse(A: jax.Array, shift: jax.Array | float) -> jax.Array:
     eye = jnp.eye(len(A), dtype=A.dtype if A.dtype.itemsize > 2 else np.float32)
     lower = cast(jax.Array, jnp.linalg.cholesky(A.astype(eye.dtype) + eye * jnp.asarray(shift, eye.dtype)))
     half = lax.linalg.triangular_solve(lower, eye, left_side=True, lower=True)
-    return _times(half.T, half).astype(A.dtype)
+    return times(half.T, half).astype(A.dtype)
 
 
 def _shift(dtype: Any) -> float:
@@ -538,14 +324,14 @@ def _shift(dtype: Any) -> float:
 # -- configurations ---------------------------------------------------------------------------------------------------
 
 
-def _closed(loops: _Loops, q: Any, iterations: int) -> ClosedConfiguration:
+def _closed(loops: Loops, q: Any, iterations: int) -> ClosedConfiguration:
     """`close_loops` of one state."""
     mechanism, precision = loops.mechanism, loops.precision
     # A step of length 0 normalises quaternions.
     at_rest = np.zeros(mechanism.nv, q.dtype)
     if not loops.closures or not mechanism.nv:
         q = integrate(mechanism, q, at_rest, precision=precision)
-        left = jnp.abs(_errors(loops.placed(q), q.dtype))
+        left = jnp.abs(errors_of(loops.placed(q), q.dtype))
         return ClosedConfiguration(q, jnp.max(left) if loops.closures else jnp.zeros((), q.dtype))
     mechanism, start, distances = fixed((mechanism, q, loops.distances))
     held = loops._replace(mechanism=mechanism, distances=distances)
@@ -553,10 +339,10 @@ def _closed(loops: _Loops, q: Any, iterations: int) -> ClosedConfiguration:
     def nearer(_: Any, q: Any) -> jax.Array:
         placed = held.placed(q)
         rows = held.rows(q, placed)
-        scale, A = _equilibrated(_times(rows.J, rows.J.T), rows)
-        error = scale * _errors(placed, q.dtype)
+        scale, A = _equilibrated(times(rows.J, rows.J.T), rows)
+        error = scale * errors_of(placed, q.dtype)
         damping = _shift(A.dtype) + _DAMPING * jnp.sum(error * error)
-        step = _times(scale * _times(_inverse(A, damping), error), rows.J)
+        step = times(scale * times(_inverse(A, damping), error), rows.J)
         return integrate(mechanism, q, -step, precision=precision)
 
     end = lax.fori_loop(0, iterations, nearer, integrate(mechanism, start, at_rest, precision=precision))
@@ -565,11 +351,11 @@ def _closed(loops: _Loops, q: Any, iterations: int) -> ClosedConfiguration:
     moved = integrate(mechanism, q, difference(mechanism, start, end, precision=precision), precision=precision)
     placed = loops.placed(moved)
     rows = loops.rows(moved, placed)
-    multipliers = _multipliers(_times(rows.J, rows.J.T), _errors(placed, moved.dtype), rows)
-    closed = integrate(loops.mechanism, moved, -_times(multipliers, rows.J), precision=precision)
+    multipliers = _multipliers(times(rows.J, rows.J.T), errors_of(placed, moved.dtype), rows)
+    closed = integrate(loops.mechanism, moved, -times(multipliers, rows.J), precision=precision)
     J, squares = fixed(rows)
-    solve = _proximal(_times(J, J.T), _Rows(J, squares))
-    left = _times(solve(_errors(loops.placed(closed), closed.dtype)), J)
+    solve = _proximal(times(J, J.T), RowsOfLoops(J, squares))
+    left = times(solve(errors_of(loops.placed(closed), closed.dtype)), J)
     closed = valued(integrate(loops.mechanism, closed, -left, precision=precision), fixed(closed))
-    residual = _errors(held.placed(fixed(closed)), closed.dtype)
+    residual = errors_of(held.placed(fixed(closed)), closed.dtype)
     return ClosedConfiguration(closed, jnp.max(jnp.abs(residual)))

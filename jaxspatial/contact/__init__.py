@@ -1,0 +1,13 @@
+"""Layer 7: contact, friction, limits and closed loops.
+
+explicit        where spheres touch the ground; the explicit law of forces
+term            what a term of the convex step is
+points          spheres in contact
+joints          limits and dry friction of joints
+closures        loop closures
+world           a mechanism in world axes: its bodies, and passes over its tree
+hessian         directions, by articulated bodies with the stiffness of terms
+newton          Newton's method for any terms
+step            convex_step
+closed_loops    the errors and Jacobians of loop closures, and the motion of linkages that they close
+"""

@@ -1,0 +1,128 @@
+"""Limits and dry friction of joints, as a term of the convex step."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxspatial.contact.term import NEAR_RIGID_LIMIT, STICKING, Rows, StepData, TermData
+from jaxspatial.contact.world import World, scalars
+from jaxspatial.engine import stacking
+from jaxspatial.engine.stacking import Array
+from jaxspatial.mechanism.topology import Topology
+from jaxspatial.numerics.linear import Motion
+from jaxspatial.numerics.numbers import Mask, Number, constant, high, where
+from jaxspatial.numerics.quantity import tree_of
+
+# Drake's numbers: the stiffness of limits, and how many steps ahead they are seen.
+LIMIT_STIFFNESS, LIMIT_WINDOW = 1e12, 2.0
+
+
+def limited_rows(topology: Topology, fields: Mapping[str, Any]) -> np.ndarray:
+    """The velocities (m,) on which limits or dry friction may act. fields: numbers of the mechanism, by name.
+
+    Limits act on joints of one coordinate, whose rate is their velocity.
+    """
+    rows = list[int]()
+    for i in (i for i in range(len(topology)) if not topology.is_mimic(i)):
+        own = topology.v_slice(i)
+        if _has_limits(topology, fields, i) or not _is_known(fields["friction_loss"], own, 0):
+            rows += range(own.start, own.stop)
+    return np.array(rows, int)
+
+
+def _has_limits(topology: Topology, fields: Mapping[str, Any], i: int) -> bool:
+    kind, places = topology.kind(i), topology.q_slice(i)
+    is_simple = kind.nq == kind.nv == 1 and not kind.rates_need_angles
+    unlimited = (_is_known(fields[k], places, x) for k, x in (("lower", -np.inf), ("upper", np.inf)))
+    return is_simple and not all(unlimited)
+
+
+def _is_known(x: Array, places: slice, number: float) -> bool:
+    return isinstance(x, np.ndarray) and bool((x[places] == number).all())
+
+
+@tree_of()
+class JointData(TermData):
+    """Limits and dry friction of joints: all of it stands in the fields of the mechanism."""
+
+    def at(self, world: World, step: StepData) -> "Joints":
+        """The Joints of all states."""
+        state, dt = world.state, world.dt
+        t, fields, rows = state.topology, state.fields, limited_rows(state.topology, state.fields)
+        body = {v: i for i in range(len(t)) if not t.is_mimic(i) for v in range(t.v_slice(i).start, t.v_slice(i).stop)}
+        has_limits = np.array([_has_limits(t, fields, body[v]) for v in rows])
+        q_rows = np.array([t.q_starts[body[v]] for v in rows])
+        q, lower, upper = (
+            scalars(state, stacking.rows(x, q_rows)) for x in (state.q, fields["lower"], fields["upper"])
+        )
+        friction = scalars(state, stacking.rows(fields["friction_loss"], rows))
+        still, change = world.numbers(step.still, step.change)
+        free = still + change
+        fastest = where(high(abs(still)) > high(abs(free)), abs(still), abs(free))
+        w, fastest = (stacking.mapped(lambda x: stacking.rows(x, rows), y) for y in (1 / world.diagonal, fastest))
+        compliant, rigid = 1 / (2 * LIMIT_STIFFNESS * (dt * dt)), NEAR_RIGID_LIMIT * w
+        R = where(high(rigid) > high(compliant), rigid, compliant)
+        window = LIMIT_WINDOW * dt * fastest
+        below, above = q - lower, upper - q
+        # NaN is near, and becomes the impulse.
+        near = [~(high(gap) >= high(window)) & has_limits[:, None] for gap in (below, above)]
+        return Joints(
+            tuple(rows.tolist()),
+            lower=where(near[0], below, 0.0) / (2 * dt),
+            upper=where(near[1], above, 0.0) / (2 * dt),
+            near_lower=near[0],
+            near_upper=near[1],
+            friction=friction * dt,
+            R=R,
+            R_f=STICKING * w,
+        )
+
+
+@tree_of("velocity_rows")
+class Joints(Rows):
+    """m velocities with limits or dry friction, as numbers (m, B).
+
+    lower, upper: how fast, at most, a joint may approach a limit. near_lower, near_upper: whether a limit is near, and
+    may act. friction: the largest impulse of dry friction, a known zero without. R, R_f: how much an impulse of a
+    limit, and of friction, changes the velocity.
+    """
+
+    velocity_rows: tuple[int, ...]
+    lower: Number
+    upper: Number
+    near_lower: Mask
+    near_upper: Mask
+    friction: Number
+    R: Number
+    R_f: Number
+
+    @property
+    def count(self) -> int:
+        return len(self.velocity_rows)
+
+    def law(self, u: Number, held: Mask | None = None) -> tuple[Number, Number]:
+        zero = constant(u, 0)
+        down, up = (-self.lower - u) / self.R, (u - self.upper) / self.R
+        is_down, is_up = self.near_lower & ~(high(down) <= 0), self.near_upper & ~(high(up) <= 0)
+        stuck, largest = -u / self.R_f, self.friction
+        is_stuck = high(abs(stuck)) < high(largest)
+        slipping = where(high(stuck) > 0, largest, -largest)
+        impulse = where(is_down, down, zero) - where(is_up, up, zero) + where(is_stuck, stuck, slipping)
+        return impulse, where(is_down | is_up, 1 / self.R, zero) + where(is_stuck, 1 / self.R_f, zero)
+
+    def size(self, u: Number) -> Number:
+        return abs(u) + abs(self.lower) + abs(self.upper)
+
+    def acts(self) -> jax.Array:
+        return self.near_lower | self.near_upper | ~(high(self.friction) <= 0)
+
+    def rows(self) -> np.ndarray:
+        return np.array(self.velocity_rows)
+
+    def velocities(self, world: World, motions: list[Motion], v: Number) -> Number:
+        return stacking.mapped(lambda w: stacking.rows(w, self.rows()), v)
+
+    def on_joints(self, world: World, impulse: Number) -> Number:
+        return world.at_velocities(impulse, self.rows())

@@ -1,0 +1,369 @@
+"""Spheres in contact, with the ground or with other spheres, as a term of the convex step.
+
+[Castro, Permenter, Han 2022, An unconstrained convex formulation of compliant contact; Drake 1.51, SapDriver]
+"""
+
+import functools
+import operator
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.contact.explicit import Ground, normals_and_distances
+from jaxspatial.contact.term import NEAR_RIGID, STICKING, Columns, OnBodies, StepData, Term, TermData
+from jaxspatial.contact.world import Ends, World, is_nan, mean_size, scalars, with_zero_rows
+from jaxspatial.dynamics.kinematics import forward_kinematics
+from jaxspatial.engine import stacking
+from jaxspatial.engine.stacking import Array
+from jaxspatial.engine.state import MechanismState
+from jaxspatial.inertia import articulated
+from jaxspatial.mechanism import Mechanism, PointContacts
+from jaxspatial.numerics import check
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.linear import Motion, Symmetric, Vector, Wrench, cross, dot, norm, unit
+from jaxspatial.numerics.numbers import Mask, Number, constant, high, is_constant, where
+from jaxspatial.numerics.quantity import tree_of
+from jaxspatial.numerics.types import PrecisionName
+from jaxspatial.spatial import SpatialForce
+
+# The impulse by which friction is smoothed, as Drake's.
+SMOOTHED = 1e-14
+
+
+# -- arrays -----------------------------------------------------------------------------------------------------------
+
+
+@tree_of("frames")
+class Centres:
+    """Centres of n spheres on frames, by number, as arrays (*batch, 3 n). positions: in the frames; None for the
+    origins. offsets: from the centres to the contact points C, in world axes."""
+
+    frames: tuple[int, ...]
+    positions: Array | None
+    offsets: Array
+
+
+@tree_of()
+class ContactData(TermData):
+    """The contacts of a step, as arrays (*batch, n) or (*batch, 3 n): n spheres on frames.
+
+    others: of the spheres that the last of them touch; all but these touch the ground. normals: out of the ground or of
+    the other sphere, in world axes. distances: between the surfaces, negative inside.
+    """
+
+    centres: Centres
+    others: Centres | None
+    normals: Array
+    distances: Array
+    stiffness: Array
+    relaxation_time: Array
+    friction: Array
+
+    @property
+    def size(self) -> int:
+        return 3 * len(self.centres.frames)
+
+    def wrenches(self, forces: jax.Array) -> SpatialForce:
+        """(*batch, n) on the bodies of the spheres, about the contact points."""
+        f = forces.reshape((*forces.shape[:-1], -1, 3))
+        return SpatialForce(jnp.zeros_like(f), f)
+
+    def at(self, world: World, step: StepData) -> "Contacts":
+        """The Contacts of all states."""
+        state, dt, centres, others = world.state, world.dt, self.centres, self.others
+        on_ground = [-1] * len(centres.frames)
+        arm, arm_a = world.arms(centres.frames, centres.positions, centres.offsets), state.zero_vector
+        if others is not None:
+            n, n_ground = len(centres.frames), len(centres.frames) - len(others.frames)
+            on_ground[n_ground:] = state.topology.bodies_of(others.frames)
+            own = world.arms(others.frames, others.positions, others.offsets)
+            places = np.array([n] * n_ground + list(range(n - n_ground)))
+            arm_a = stacking.mapped(lambda w: with_zero_rows(jnp.broadcast_to(w, (n - n_ground, state.n)), places), own)
+        ends = Ends(tuple(state.topology.bodies_of(centres.frames)), tuple(on_ground))
+        distance, stiffness, relaxation_time, friction = (
+            scalars(state, x) for x in (self.distances, self.stiffness, self.relaxation_time, self.friction)
+        )
+        w = mean_size(world.relative_mobility(ends, arm, arm_a)[0].J)
+        memory = dt + relaxation_time
+        compliant, rigid = 1 / (dt * stiffness * memory), NEAR_RIGID * w
+        R_n = where(high(rigid) > high(compliant), rigid, compliant)
+        normal = state.vectors(self.normals)
+        # What cannot move has no law: its R_t is zero. NaN, of any number, is not outside.
+        is_inside = ~(high(distance) > 0) & (high(w) != 0)
+        for x in (stiffness, memory, friction):
+            is_inside = is_inside if is_constant(x) else is_inside | is_nan(x)
+        noise = world.reach(ends, arm, arm_a, normal) / memory
+        free = -distance / memory
+        return Contacts(ends, arm, arm_a, normal, is_inside, free, R_n, STICKING * w, friction, noise)
+
+
+def contact_data(
+    mechanism: Mechanism,
+    q: jax.Array,
+    contacts: PointContacts | None,
+    ground: Ground,
+    pairs: tuple[PointContacts, PointContacts] | None,
+    precision: PrecisionName,
+) -> ContactData | None:
+    """The ContactData of spheres on the ground, and behind them of spheres that touch others; None without any."""
+    parts = list[ContactData]()
+    if contacts is not None:
+        p_WS = _centres(mechanism, q, contacts, precision)
+        normal, s = normals_and_distances("convex_step", ground, p_WS, precision)
+        law = (_each(x, contacts) for x in (contacts.stiffness, contacts.relaxation_time, contacts.friction))
+        centres = _on_frames(mechanism, contacts, -s[..., None] * normal)
+        parts.append(ContactData(centres, None, _flat(normal), s - jnp.broadcast_to(contacts.radius, s.shape), *law))
+    if pairs is not None:
+        # C is midway between the surfaces.
+        others, spheres = pairs
+        p_AB = _centres(mechanism, q, spheres, precision) - _centres(mechanism, q, others, precision)
+        normal, length = _direction(precision, p_AB)
+        r_A, r_B = (jnp.broadcast_to(x.radius, length.shape) for x in pairs)
+        distance = length - r_A - r_B
+        stiffness, friction = (
+            _harmonic_mean(*(_each(getattr(x, name), x) for x in pairs)) for name in ("stiffness", "friction")
+        )
+        parts.append(
+            ContactData(
+                _on_frames(mechanism, spheres, -(r_B + distance / 2)[..., None] * normal),
+                _on_frames(mechanism, others, (r_A + distance / 2)[..., None] * normal),
+                _flat(normal),
+                distance,
+                stiffness / 2,
+                _each(others.relaxation_time, others) + _each(spheres.relaxation_time, others),
+                friction,
+            )
+        )
+    if len(parts) < 2:
+        return parts[0] if parts else None
+    positions = [x.centres.positions for x in parts]
+    if any(x is not None for x in positions):
+        sizes = (3 * len(x.centres.frames) for x in parts)
+        positions = [np.zeros(n, q.dtype) if x is None else x for x, n in zip(positions, sizes, strict=True)]
+    centres = Centres(
+        parts[0].centres.frames + parts[1].centres.frames,
+        None if positions[0] is None else _joined(positions),
+        _joined([x.centres.offsets for x in parts]),
+    )
+    names = "normals", "distances", "stiffness", "relaxation_time", "friction"
+    return ContactData(centres, parts[1].others, *(_joined([getattr(x, name) for x in parts]) for name in names))
+
+
+def _joined(arrays: Sequence[Any]) -> jax.Array:
+    batch = check.broadcast_shapes(*(x.shape[:-1] for x in arrays))
+    return jnp.concatenate([jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in arrays], -1)
+
+
+def _on_frames(mechanism: Mechanism, contacts: PointContacts, offsets: jax.Array) -> Centres:
+    positions = contacts.positions
+    frames = tuple(map(mechanism.frame_names.index, contacts.frames))
+    return Centres(frames, None if positions is None else _flat(positions), _flat(offsets))
+
+
+def _flat(vectors: Any) -> Any:
+    """(*batch, 3 n) of (*batch, n, 3)."""
+    return vectors.reshape((*vectors.shape[:-2], -1))
+
+
+def _centres(mechanism: Mechanism, q: jax.Array, contacts: PointContacts, precision: PrecisionName) -> jax.Array:
+    """p_WS (*batch, n, 3)."""
+    X_WF = forward_kinematics(mechanism, q, contacts.frames, precision=precision)
+    return X_WF.translation if contacts.positions is None else X_WF @ contacts.positions
+
+
+def _each(x: Any, contacts: PointContacts) -> Any:
+    return (np if isinstance(x, np.ndarray) else jnp).broadcast_to(x, (*x.shape[:-1], len(contacts.frames)))
+
+
+def _harmonic_mean(a: Any, b: Any) -> Any:
+    """2 a b / (a + b), 0 where both are."""
+    total = a + b
+    return 2 * a * (b / jnp.where(total == 0, 1, total))
+
+
+@formula
+def _direction(p: Vector) -> list[Any]:
+    """(the direction of p, its length): at 0 the direction z, with the derivatives of a plane across it."""
+    # Compilers flush subnormal numbers to zero, and 1 / |p| is to stay finite.
+    x, y, z = (abs(high(c)) < np.finfo(high(c).dtype).tiny for c in p)
+    is_zero = x & y & z
+    apart = Vector(where(is_zero, 0.0, p.x), where(is_zero, 0.0, p.y), where(is_zero, 1.0, p.z))
+    return [unit(apart), where(is_zero, p.z, norm(apart))]
+
+
+# -- the term ---------------------------------------------------------------------------------------------------------
+
+
+class Law(NamedTuple):
+    """G = normal n n^T + mixed (n t^T + t n^T) + across (1 - n n^T) + along t t^T of contacts."""
+
+    t: Vector
+    normal: Number
+    mixed: Number
+    across: Number
+    along: Number
+
+
+@tree_of("ends")
+class Contacts(Term):
+    """n contacts, as numbers (n, B). Their velocities and impulses are Vectors in world axes: of the points of bodies b
+    at C, for observers on bodies a.
+
+    arm, arm_a: from the origins of bodies b and a to C. free: the velocity along the normal at which there is no
+    impulse. R_n, R_t: how much an impulse changes velocities along the normal and the tangents. noise: rounding errors
+    of `free`, in eps: those of positions along the chain of bodies.
+    """
+
+    ends: Ends
+    arm: Vector
+    arm_a: Vector
+    normal: Vector
+    is_touching: Mask
+    free: Number
+    R_n: Number
+    R_t: Number
+    friction: Number
+    noise: Number
+
+    rounding_share = 0.125
+
+    @property
+    def count(self) -> int:
+        return len(self.ends.b)
+
+    # -- the law ------------------------------------------------------------------------------------------------------
+
+    def law(self, u: Vector, held: Mask | None = None) -> tuple[Vector, Law]:
+        """Projection on the cone of friction in the norm of R.
+
+        y = (free n - u) / R sticks where |y_t| <= mu y_n, with impulse y. Else it slides, or there is no impulse.
+        [Castro, Permenter, Han 2022, 3.2]
+
+        held: contacts that stick wherever y is.
+        """
+        n, mu, R_n, R_t = self.normal, self.friction, self.R_n, self.R_t
+        along_normal = dot(n, u)
+        y_n, y_t = (self.free - along_normal) / R_n, (along_normal * n - u) / R_t
+        length = (dot(y_t, y_t) + SMOOTHED).sqrt()
+        t = y_t / length
+        steep = mu * R_t / R_n
+        share = 1 / (1 + mu * steep)
+        sliding = (y_n + steep * length) * share
+        sticks = self.is_touching & (high(length) <= high(mu * y_n))
+        sticks = sticks if held is None else sticks | held
+        # NaN slides, and becomes the impulse.
+        slides = self.is_touching & ~sticks & ~(high(y_n + steep * length) <= 0)
+        zero = constant(y_n, 0)
+
+        def chosen(stick: Number, slide: Number) -> Number:
+            return where(sticks, stick, where(slides, slide, zero))
+
+        normal_impulse, size = chosen(y_n, sliding), chosen(length, mu * sliding)
+        turning = mu * sliding / (length * R_t)
+        return normal_impulse * n + size * t, Law(
+            t,
+            normal=chosen(1 / R_n, share / R_n),
+            mixed=chosen(zero, mu * share / R_n),
+            across=chosen(1 / R_t, turning),
+            along=chosen(zero, mu * steep * share / R_t - turning),
+        )
+
+    def times_G(self, G: Law, u: Vector) -> Vector:
+        n, t = self.normal, G.t
+        u_n, u_t = dot(n, u), dot(t, u)
+        return ((G.normal - G.across) * u_n + G.mixed * u_t) * n + (G.mixed * u_n + G.along * u_t) * t + G.across * u
+
+    def product(self, impulse: Vector, u: Vector) -> Number:
+        return dot(impulse, u)
+
+    def bound(self, G: Law, x: Vector) -> Number:
+        along = dot(self.normal, x)
+        across = x - along * self.normal
+        # Where contacts slide, an impulse has no part along one direction: G is zero there.
+        sticks = (high(G.mixed) == 0) & (high(G.across) > 0)
+        square = along * along * self.R_n + dot(across, across) * self.R_t
+        return where(sticks | (high(dot(x, x)) == 0), square, np.inf)
+
+    def size(self, u: Vector) -> Vector:
+        free = abs(self.free)
+        return Vector(*(abs(x) + free * abs(n) for x, n in zip(u, self.normal, strict=True)))
+
+    def acts(self) -> jax.Array:
+        return self.is_touching
+
+    def held(self, *velocities: Vector) -> Mask:
+        """Those that push at any of the velocities."""
+        return functools.reduce(operator.or_, (high(self.law(u)[1].normal) > 0 for u in velocities))
+
+    def rounding(self, G: Law, u: Vector) -> Number:
+        """Errors of `free`."""
+        return self.noise * self.noise * G.normal
+
+    # -- the mechanism ------------------------------------------------------------------------------------------------
+
+    def velocities(self, world: World, motions: list[Motion], v: Number) -> Vector:
+        V_b, V_a = (world.of_bodies(bodies, motions) for bodies in self.ends)
+        return V_b.v + cross(V_b.w, self.arm) - (V_a.v + cross(V_a.w, self.arm_a))
+
+    def on_bodies(self, impulse: Vector) -> list[OnBodies]:
+        between = self.ends.between_bodies
+        on_b, on_a = self._on_both(impulse)
+        if not len(between):
+            return [OnBodies(self.ends.b, on_b)]
+        on_a = stacking.mapped(lambda w: stacking.rows(w, between), on_a)
+        return [OnBodies(self.ends.b, on_b), OnBodies(tuple(self.ends.a[i] for i in between), on_a)]
+
+    def _on_both(self, impulse: Vector) -> tuple[Wrench, Wrench]:
+        """The wrenches of an impulse on bodies b and a, about their origins."""
+        return Wrench(cross(self.arm, impulse), impulse), Wrench(-cross(self.arm_a, impulse), -impulse)
+
+    def inertia(self, G: Law) -> list[OnBodies]:
+        """The inertia G at C of contacts with the ground."""
+        matrix = self._matrix(G)
+        on_one = tuple(b if a < 0 else -1 for b, a in zip(*self.ends, strict=True))
+        at_C = articulated.none(constant(matrix[0], 0))._replace(M=matrix)
+        return [OnBodies(on_one, articulated.shifted(at_C, -self.arm))]
+
+    def columns(self, world: World, G: Law) -> list[Columns]:
+        """Three for each contact between two bodies, by Cholesky's method; a pivot that is zero leaves a column of
+        zeros."""
+        between = self.ends.between_bodies
+        if not len(between):
+            return []
+        # Of size 1 where all contacts have the same number.
+        own, G = stacking.mapped(lambda w: w if w.shape[0] == 1 else stacking.rows(w, between), (self, G))
+        xx, xy, yy, xz, yz, zz = own._matrix(G)
+        zero, size = constant(xx, 0), xx + yy + zz
+
+        def column(pivot: Number, *below: Number) -> list[Number]:
+            # Rounding may leave one that is zero at either side of it.
+            is_none = ~(high(pivot) > high(8 * check.eps(high(size).dtype) * size))
+            root = where(is_none, 1.0, pivot).sqrt()
+            return [where(is_none, zero, x / root) for x in (pivot, *below)]
+
+        a, b, c = column(xx, xy, xz)
+        d, e = column(yy - b * b, yz - b * c)
+        (f,) = column(zz - c * c - e * e)
+        end_b, end_a = (tuple(bodies[i] for i in between) for bodies in self.ends)
+        vectors = Vector(a, b, c), Vector(zero, d, e), Vector(zero, zero, f)
+        return [Columns(end_b, end_a, *own._on_both(x)) for x in vectors]
+
+    def _matrix(self, G: Law) -> Symmetric:
+        """G as a matrix."""
+        n, t = self.normal, G.t
+        a, k = G.normal - G.across, G.across
+
+        def entry(i: int, j: int) -> Number:
+            x = a * (n[i] * n[j]) + G.mixed * (n[i] * t[j] + t[i] * n[j]) + G.along * (t[i] * t[j])
+            return x + k if i == j else x
+
+        return Symmetric(entry(0, 0), entry(0, 1), entry(1, 1), entry(0, 2), entry(1, 2), entry(2, 2))
+
+    # -- results ------------------------------------------------------------------------------------------------------
+
+    def results(self, state: MechanismState, impulse: Vector) -> list[jax.Array]:
+        """Vectors (3 n, B)."""
+        return [jnp.stack([state.rounded(x) for x in impulse], 1).reshape((-1, state.n))]

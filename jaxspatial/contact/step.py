@@ -1,0 +1,383 @@
+"""A step in time with contact, friction, limits and closed loops: one convex problem, solved by articulated bodies.
+
+`_Given.terms` is the list of what acts, a TermData of each: a term of a new kind has its entry there.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple, TypeVar, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxspatial.contact import newton
+from jaxspatial.contact.closures import are_of_one_body, checked_closures, closure_data, require_closable
+from jaxspatial.contact.explicit import Ground, checked_contacts, checked_ground
+from jaxspatial.contact.joints import JointData, limited_rows
+from jaxspatial.contact.points import contact_data
+from jaxspatial.contact.term import StepData, TermData
+from jaxspatial.dynamics import steps
+from jaxspatial.dynamics.docstrings import documented
+from jaxspatial.dynamics.passive import is_nothing
+from jaxspatial.engine.algorithm import ExternalForces, checked
+from jaxspatial.engine.composite import composite
+from jaxspatial.engine.derivatives import valued
+from jaxspatial.engine.stacking import Array
+from jaxspatial.mechanism import HalfSpace, LoopClosure, Mechanism, PointContacts
+from jaxspatial.mechanism.parts import WORLD
+from jaxspatial.numerics import check
+from jaxspatial.numerics.errorfree.barrier import quotient
+from jaxspatial.numerics.precision import Precision, resolve
+from jaxspatial.numerics.quantity import exported
+from jaxspatial.numerics.types import ArrayLike, PrecisionName
+from jaxspatial.spatial import SpatialForce
+
+T = TypeVar("T")
+
+
+@exported
+class ConvexStep(NamedTuple):
+    """The state after a `convex_step`, and how it was found.
+
+    q: (*batch, nq), quaternions of unit length. v: (*batch, nv).
+    contact_forces: SpatialForce (*batch, n), on the body of each contact, about the contact point C, in world axes:
+        impulse over dt, N; None without contacts. Those of `contacts` come first, then those of `pairs` (a, b),
+        on the bodies of b.
+    loop_wrenches: SpatialForce (*batch, number of closures), of each closure on the body of its frame B, about the
+        origin of B, in world axes: impulse over dt, N m and N; None without closures.
+    residual: (*batch,) how far v is from the optimum: the decrement sqrt(g^T H^-1 g), with g the gradient and H the
+        Hessian of the cost, relative to the momenta sqrt(v^T A v + y^T A y), with y the change of v without contact.
+        Both are evaluated anew at the v that is returned, g by Newton and Euler from tau, the external forces and the
+        impulses. Added is what rounding errors make of it: eps / 4 of velocities, eps / 8 of the positions along the
+        chain of bodies that carries a contact, eps of those of a closure, and 4 eps of the momenta. 0 where nothing
+        acts. It costs about an iteration; in a jitted function that does not return it, nothing.
+        Of random mechanisms with contacts, limits, dry friction and closures, in float32 and in float64, the true
+        decrement, by dense matrices in float64, was at most twice the residual, if that is below 1. Above 1 a step is
+        nowhere near the optimum. Masses or stiffnesses that lie six decades apart are too much for the digits of
+        float32. Of such states the residual is above 2e-4 in one of five, and in one of three if there are limits, too.
+        For one in five of them the true decrement is more than twice the residual: whether a contact touches is a
+        matter of rounding, for example.
+    iterations: (*batch,) of Newton's method, at most 60; 0 where nothing acts.
+    """
+
+    q: jax.Array
+    v: jax.Array
+    contact_forces: SpatialForce | None
+    loop_wrenches: SpatialForce | None
+    residual: jax.Array
+    iterations: jax.Array
+
+
+@documented(bound=steps.SEMI_IMPLICIT)
+def convex_step(
+    mechanism: Mechanism,
+    q: ArrayLike,
+    v: ArrayLike,
+    tau: ArrayLike,
+    dt: ArrayLike,
+    external_forces: ExternalForces = None,
+    *,
+    contacts: PointContacts | None = None,
+    ground: Ground | None = None,
+    pairs: tuple[PointContacts, PointContacts] | None = None,
+    loops: Iterable[LoopClosure] = (),
+    precision: PrecisionName = None,
+) -> ConvexStep:
+    """A step of semi-implicit Euler with contact, dry friction, limits of joints and closed loops, as a convex problem.
+
+        v' = argmin |v' - v*|^2_A / 2 + sum l_i(J_i v')        q' = integrate(q, v', dt)
+
+    A is the mass matrix with implicit damping, v* the velocities of `semi_implicit_step` without contact. Each contact
+    inside the ground, each limit nearby and each dry friction adds a convex term l_i, whose derivative is its impulse.
+    Contact i pushes along the normal with k (x' - tau_d v_n'), never below zero: a spring and a damper at the depth x'
+    and the velocity v_n' after the step. Its friction is inside the cone |f_t| <= mu f_n.
+
+    What is not contact acts as in `semi_implicit_step`, without its regularised friction; where nothing touches, the
+    result has its bits, and without contacts, limits and dry friction it is that step. Limits act on joints of one
+    coordinate; those of tendons, and of the angles of "ball" joints, do not act here. Limits and dry friction are as
+    hard as the time step allows: a joint at rest under less than its friction creeps by at most 1e-3 of the velocity
+    that its impulse would cause alone.
+
+    How hard contacts are is a share of w, the size of the operator J D^-1 J^T of their points, with D the diagonal of
+    A. It depends on the axes of velocities: those of a floating root are taken along the axes of the world, as in
+    Drake, or along those of its body if the root has damping or armature.
+
+    Friction that slides lifts a body by dt' mu |v_t|, with dt' = dt + tau_d, if that is more than its depth: an
+    artefact of convexity. Contacts that are found outside of the ground do nothing in this step, however fast they
+    approach.
+
+    Loop closures are as stiff as the time step allows, too: each is an impulse (v_c - v_i) / R, with v_c the velocity
+    that closes it within this step, and R a share of 2.5e-4 of what an impulse moves. Start with closed loops, see
+    `close_loops`. Closures may be redundant. One between frames of the same body, or of the world, asks for nothing,
+    and its wrench is zero; open ones, which can never close, are refused where their numbers are known while tracing,
+    and `constraint_error` tells of others. Closures, and contacts between two bodies, cost a system of as many unknowns
+    as they have rows, 3 for a contact. With mimics each iteration solves one system of all velocities and of the rows
+    of limits, dry friction and closures.
+
+    Derivatives of any order are those of the optimum, by the implicit function theorem: with the same solver, through
+    sticking, sliding and flight. Where a contact begins to touch, stick or slide, they are those of one side.
+
+    Args:
+        dt: the time, s: a number or (*batch,).
+        contacts: PointContacts on frames of moving bodies; None for none.
+        pairs: (a, b): two PointContacts, of which sphere i of one touches sphere i of the other, on another body; None
+            for none. Both surfaces give way: stiffnesses act in series, relaxation times add up, and friction is
+            2 mu mu' / (mu + mu'). Of spheres with one centre that of b is pushed along z of the world, with the
+            derivatives of a plane across z.
+        loops: LoopClosures, such as `mechanism.loops`.
+
+    Returns:
+        ConvexStep over the common batch.
+
+    Raises:
+        ValueError: a closure between frames of the same body, or of the world, is open, by numbers that are known while
+            tracing.
+
+    Error: of v at most {bound.plain} and dt times that of `forward_dynamics`, and what the residual says: the distance
+        from the optimum, in the norm of A, is about residual^2 of sqrt(v^T A v + y^T A y), see `ConvexStep`. The
+        iteration has the precision of the dtype: what touches is rounded as in "reproducible" in every precision. Where
+        impulses work against one another, such as those of a closure and a limit, momenta have in addition errors of
+        10^4 u of the largest impulse. Of those of closures the residual has an estimate, of others it has not. If
+        anything may act, float16 and bfloat16 are computed by way of float32, and rounded once; a function for the
+        ground sees points of 16 bits.
+    Source: Castro, Permenter, Han 2022, An unconstrained convex formulation of compliant contact; Featherstone 2008,
+        table 7.1; Drake 1.51, SapDriver, whose numbers these are.
+    """
+    *state, h, forces = checked("convex_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
+    given = _checked(mechanism, state[0], contacts, ground, pairs, loops)
+    return _step(mechanism, state, h, dt, forces, given, precision)
+
+
+class _Given(NamedTuple):
+    """What a caller passes, checked, and None or empty where there is nothing. distances: (*batch, 1) of closures."""
+
+    contacts: PointContacts | None
+    ground: Ground
+    pairs: tuple[PointContacts, PointContacts] | None
+    closures: tuple[LoopClosure, ...]
+    distances: Sequence[Any]
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        ground = self.ground if isinstance(self.ground, HalfSpace) else None
+        of_contacts = [x.batch_shape for x in (self.contacts, ground, *(self.pairs or ())) if x is not None]
+        return check.broadcast_shapes(*of_contacts, *(d.shape[:-1] for d in self.distances if d is not None))
+
+    def moved(self, mechanism: Mechanism) -> list[int]:
+        """The closures that something can move."""
+        return [k for k, x in enumerate(self.closures) if not are_of_one_body(mechanism, x)]
+
+    def terms(self, mechanism: Mechanism, q: jax.Array, precision: PrecisionName) -> dict[str, TermData]:
+        """The terms that may act, by name. Rounding errors depend on their order."""
+        found, moved = dict[str, TermData](), self.moved(mechanism)
+        if (contacts := contact_data(mechanism, q, *self[:3], precision)) is not None:
+            found["contacts"] = contacts
+        if len(limited_rows(mechanism.topology, vars(mechanism))):
+            found["joints"] = JointData()
+        if moved:
+            closures, distances = (tuple(x[k] for k in moved) for x in (self.closures, self.distances))
+            found["closures"] = closure_data(mechanism, q, closures, distances, precision)
+        return found
+
+    def wrenches(
+        self, mechanism: Mechanism, of_moved: SpatialForce | None, batch: tuple[int, ...], dtype: np.dtype
+    ) -> SpatialForce | None:
+        """Those of all closures: zero where nothing moves; None without closures."""
+        moved, n = self.moved(mechanism), len(self.closures)
+        if len(moved) == n:
+            return of_moved
+        zero = jnp.zeros((*batch, n, 3), dtype)
+        if of_moved is None:
+            return SpatialForce(zero, zero)
+        return SpatialForce(*(zero.at[..., np.array(moved), :].set(x) for x in (of_moved.tau, of_moved.f)))
+
+
+def _checked(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pairs: Any, loops: Any) -> _Given:
+    what = "convex_step"
+    ground = checked_ground(what, ground, q)
+    if contacts is not None:
+        contacts = _checked_contacts(mechanism, q, contacts, "contacts")
+    if pairs is not None:
+        if not isinstance(pairs, tuple) or len(pairs) != 2:
+            check.refuse(f"{what}: pairs", "(a, b), two PointContacts", pairs)
+        pairs = [_checked_contacts(mechanism, q, x, "pairs") for x in pairs]
+        a, b = (x.frames for x in pairs)
+        if len(a) != len(b):
+            raise ValueError(f"{what}: pairs: expected as many of one as of the other, got {len(a)} and {len(b)}")
+        for one, other in zip(a, b, strict=True):
+            if mechanism.frame_body(one) == mechanism.frame_body(other):
+                raise ValueError(f"{what}: pairs: expected frames of two bodies, got {one!r} and {other!r}, of one")
+        pairs = tuple(pairs) if a else None
+    closures, distances = checked_closures(what, mechanism, loops, q.dtype)
+    require_closable(what, mechanism, closures, distances, q.dtype)
+    return _Given(contacts if contacts is not None and contacts.frames else None, ground, pairs, closures, distances)
+
+
+def _checked_contacts(mechanism: Mechanism, q: Any, contacts: Any, name: str) -> PointContacts:
+    contacts = checked_contacts("convex_step", contacts, name)
+    for frame in contacts.frames:
+        if mechanism.frame_body(frame) == WORLD:
+            raise ValueError(f"convex_step: {name}: expected frames of moving bodies, got {frame!r}, of the world")
+    check.require_same_dtype(q=q, **{name: contacts})
+    return contacts
+
+
+def _step(
+    mechanism: Mechanism,
+    state: Sequence[Any],
+    h: Any,
+    dt: ArrayLike,
+    forces: Any,
+    given: _Given,
+    precision: PrecisionName,
+) -> ConvexStep:
+    """`convex_step` of checked arguments. state: q, v and tau; h: dt as (*batch, 1)."""
+    q, v, tau = state
+    is_free = given.contacts is None and given.pairs is None and not given.moved(mechanism)
+    if is_free and not len(limited_rows(mechanism.topology, vars(mechanism))):
+        batch = check.broadcast_shapes(
+            *(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), given.batch_shape
+        )
+        after = steps.semi_implicit_step(mechanism, q, v, tau, dt, forces, precision=precision)
+        # Known zeros leave no operation behind.
+        zeros = check.numpy_for(batch).zeros
+        residual, iterations = cast(Any, (zeros(batch, q.dtype), zeros(batch, np.int32)))
+        wrenches = given.wrenches(mechanism, None, batch, q.dtype)
+        return ConvexStep(after[0], after[1], None, wrenches, residual, iterations)
+    if q.dtype.itemsize == 2:
+        return _by_way_of_float32(mechanism, state, h, forces, given, precision)
+    if given.batch_shape or not isinstance(given.ground, HalfSpace):
+        # A caller's function may read arrays of the caller's: it is part of the caller's program.
+        return _solved_step(mechanism, (*state, h, forces), given, precision)
+    return _as_one_program(resolve(precision), (mechanism, given), q, v, tau, h, forces)
+
+
+@composite
+def _as_one_program(precision: Precision, scene: tuple[Mechanism, _Given], *at: Any) -> ConvexStep:
+    return _solved_step(scene[0], at, scene[1], precision)
+
+
+def _solved_step(mechanism: Mechanism, at: Sequence[Any], given: _Given, precision: PrecisionName) -> ConvexStep:
+    """`_step` where something may act. at: q, v, tau, h and the external forces."""
+    q, v, tau, h, forces = at
+    batch = check.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), given.batch_shape)
+    c = None if is_nothing(mechanism.damping) else jnp.asarray(mechanism.damping, q.dtype)
+    free, turning, vdot, tau = steps.stepped_velocities(mechanism, (q, v, tau), h, c, forces, None, precision)
+    still = steps.without_accelerations(precision, v, h, turning)
+
+    free, still, vdot, wide_h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (free, still, vdot, h))
+    terms = given.terms(mechanism, q, precision)
+    step = StepData(still, lax.stop_gradient(wide_h * vdot), wide_h, tuple(terms.values()))
+    problem = _Problem(mechanism, q, step, v, tau, forces)
+    # The iteration has numbers of one limb.
+    narrow = resolve(precision).of_one_limb
+    y, residual, iterations = problem.solved(narrow)
+    acts = jnp.broadcast_to((iterations > 0)[..., None], y.shape)
+    after = valued(still + y, lax.stop_gradient(jnp.where(acts, still + y, free)))
+    pushed = dict(zip(terms, problem.wrenches(narrow, y), strict=True))
+    next_q, next_v = steps.moved(mechanism, q, after, h[..., 0], precision)
+    wrenches = given.wrenches(mechanism, pushed.get("closures"), batch, q.dtype)
+    return ConvexStep(next_q, next_v, pushed.get("contacts"), wrenches, residual, iterations)
+
+
+def _by_way_of_float32(
+    mechanism: Mechanism, state: Sequence[Any], h: Any, forces: Any, given: _Given, precision: PrecisionName
+) -> ConvexStep:
+    """`_step` of 16 bits. A function for the ground sees points of 16 bits, and returns them."""
+    narrow, wide, ground = state[0].dtype, np.dtype(np.float32), given.ground
+    mechanism, state, h, forces, given = _with_dtype((mechanism, state, h, forces, given), narrow, wide)
+    if not isinstance(ground, HalfSpace):
+        given = given._replace(ground=lambda p: jnp.asarray(ground(p.astype(narrow))).astype(wide))
+    return _with_dtype(_step(mechanism, state, h, h[..., 0], forces, given, precision), wide, narrow)
+
+
+def _with_dtype(tree: T, old: np.dtype, new: np.dtype) -> T:
+    """The tree with its arrays of one dtype rounded to another. NumPy stays NumPy."""
+    return jax.tree.map(lambda x: x.astype(new) if getattr(x, "dtype", None) == old else x, tree)
+
+
+class _Problem(NamedTuple):
+    """What the programs of `newton` take."""
+
+    mechanism: Mechanism
+    q: jax.Array
+    step: StepData
+    v: jax.Array
+    tau: jax.Array
+    forces: Any
+
+    def solved(self, precision: Precision) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """(the change of velocities, the residual, the iterations); derivatives by the implicit function theorem."""
+
+        def at(data: Sequence[Any]) -> "_Problem":
+            rest = iter(data)
+            return self._with_data(lambda _: next(rest))
+
+        # A function of the numbers that are not known alone: what JAX calls with them, it makes data of.
+        @jax.custom_jvp
+        def optimum(*data: Any) -> tuple[jax.Array, jax.Array]:
+            own = at(data)._with_data(lax.stop_gradient)
+            return newton.solve(precision, own.mechanism, own.q, own.step)
+
+        @optimum.defjvp
+        def _(primals: Any, tangents: Any) -> Any:
+            y, iterations = optimum(*primals)
+            _, force = jax.jvp(lambda *data: at(data)._imbalance(precision, y), primals, tangents)
+            change = at(primals)._times_inverse(precision, y, -force)
+            return (y, iterations), (change, np.zeros(iterations.shape, jax.dtypes.float0))
+
+        y, iterations = optimum(*filter(_is_data, jax.tree.leaves(self)))
+        fixed = self._with_data(lax.stop_gradient)
+        residual = newton.residual(precision, *fixed._moving(lax.stop_gradient(y)))
+        return y, residual[..., 0], iterations[..., 0]
+
+    def _with_data(self, function: Callable[[Any], Any]) -> "_Problem":
+        """With function(x) in place of each array x that is not known.
+
+        A field that is known stays the object it is: with a mechanism live the programs that were made for it.
+        """
+
+        def replaced(tree: Any) -> Any:
+            data = list(filter(_is_data, jax.tree.leaves(tree)))
+            return jax.tree.map(lambda x: function(x) if _is_data(x) else x, tree) if data else tree
+
+        return _Problem(*map(replaced, self))
+
+    def _moving(self, y: jax.Array) -> tuple[Any, ...]:
+        """What programs take that compare forces, for a change y of the velocities."""
+        at = newton.Motions(self.v, _over(y, self.step.time), self.tau, self.forces)
+        return self.mechanism, self.q, self.step, y, at
+
+    def _imbalance(self, precision: Precision, y: jax.Array) -> jax.Array:
+        return newton.imbalance(precision, *self._moving(y))
+
+    def _times_inverse(self, precision: Precision, y: jax.Array, force: jax.Array) -> jax.Array:
+        """H^-1 times a force, with H the derivative of the imbalance by y: with the factors of the iteration."""
+        at = self._with_data(lax.stop_gradient)
+
+        def times_H(x: jax.Array) -> jax.Array:
+            return jax.jvp(lambda y: self._imbalance(precision, y), (y,), (x,))[1]
+
+        def inverse(_: Any, force: jax.Array) -> jax.Array:
+            return newton.solve_at(precision, at.mechanism, at.q, at.step, lax.stop_gradient(y), force)
+
+        return lax.custom_linear_solve(times_H, force, inverse, symmetric=True)
+
+    def wrenches(self, precision: Precision, y: jax.Array) -> list[SpatialForce | None]:
+        """What the step returns of each term, for a change y of the velocities; None of those of which it has none."""
+        terms = self.step.terms
+        sizes = tuple(x.size for x in terms if x.size)
+        if not sizes:
+            return [None] * len(terms)
+        found = iter(newton.impulses(precision, self.mechanism, self.q, self.step, y, sizes=sizes))
+        return [x.wrenches(_over(next(found), self.step.time)) if x.size else None for x in terms]
+
+
+def _over(x: jax.Array, h: Array) -> jax.Array:
+    """x / h, each rounded on its own."""
+    return quotient(x, jnp.broadcast_to(h, x.shape))
+
+
+def _is_data(x: Any) -> bool:
+    return not isinstance(x, np.ndarray)

@@ -1,0 +1,201 @@
+"""What a term of the convex step is: a law of impulses, and where these act on a mechanism.
+
+    v+ = argmin |v - v*|^2_A / 2 + sum l_i(J_i v)
+
+A Term is one family of the l_i, such as all contacts. It stands for m impulses gamma = -dl/du at the velocities
+u = J v, and for their derivative G = -dgamma/du, which is never negative. `newton` solves the problem for a tuple of
+Terms, of which it knows what this file says and nothing else.
+
+Contact data has three forms. What a caller passes are public objects, such as `PointContacts`. A TermData has the
+arrays that programs read, at one configuration. A Term has the numbers of all states inside of a program.
+"""
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.engine.stacking import Array
+from jaxspatial.engine.state import MechanismState
+from jaxspatial.numerics.linear import Motion, Wrench
+from jaxspatial.numerics.numbers import Mask, Number, high, where
+from jaxspatial.spatial import SpatialForce
+
+if TYPE_CHECKING:
+    from jaxspatial.contact.world import World
+
+# Drake's numbers: how much softer than rigid terms are in the near-rigid regime, in units of the Delassus operator
+# J D^-1 J^T, with D the diagonal of A: contacts along the normal, what sticks, and limits and closures.
+NEAR_RIGID, STICKING, NEAR_RIGID_LIMIT = 1.0 / (4 * np.pi**2), 1e-3, 0.1**2 / (4 * np.pi**2)
+
+
+class StepData(NamedTuple):
+    """What programs read of a step, as arrays. still (*batch, nv): the velocities at its start, along axes that do not
+    turn. change (*batch, nv): by which they change without contact. time (*batch, 1): dt. terms: a TermData of each."""
+
+    still: Array
+    change: Array
+    time: Array
+    terms: tuple["TermData", ...]
+
+
+class TermData:
+    """The arrays (*batch, k) of a term. Subclasses are pytrees, in which the numbers of frames are static."""
+
+    @property
+    def size(self) -> int:
+        """How many numbers of impulses the step returns; 0 for a term that is no part of its result."""
+        return 0
+
+    def at(self, world: "World", step: StepData) -> "Term":
+        """The Term in all states of a program."""
+        raise NotImplementedError
+
+    def wrenches(self, forces: jax.Array) -> SpatialForce:
+        """What the step returns: of impulses over dt (*batch, size)."""
+        raise NotImplementedError
+
+
+class OnBodies(NamedTuple):
+    """Wrenches (n, B), or other trees of numbers, of n bodies, about their origins in world axes; -1 is the world."""
+
+    bodies: tuple[int, ...]
+    numbers: Any
+
+
+class Columns(NamedTuple):
+    """k rows of L^T J, with G = L L^T: the wrenches (k, B) that they put on bodies b and a, about the origins of these
+    in world axes, and the forces (k, nv, B) on generalized velocities, None for none."""
+
+    b: tuple[int, ...]
+    a: tuple[int, ...]
+    on_b: Wrench
+    on_a: Wrench
+    on_joints: Number | None = None
+
+
+class Term:
+    """m impulses on a mechanism. Subclasses are pytrees of numbers (m, B).
+
+    A velocity u, and an impulse, is a tree of numbers (m, B): one number for each, or a Vector. G is what `times_G`
+    takes.
+
+    J^T G J is added to A, and how depends on where a term acts. On one body it is an inertia, see `inertia`. On the
+    velocity of one joint it is an armature, see `rows`. Between bodies or joints it is a system of equations that is
+    solved beside the tree, see `columns`. A subclass writes those of the three that it needs.
+
+    has_rest: whether Newton's method finds impulse - G J x, for a direction x, other than as a difference of large
+    numbers: of terms that are very stiff. See `Rows`.
+    throws: whether impulses may throw bodies far in the first direction, beside which no contact is taken to stick.
+    rounding_share: rounding errors, in eps, of what the law is given, see `rounding`.
+    """
+
+    has_rest = throws = False
+    rounding_share = 0.0
+
+    @property
+    def count(self) -> int:
+        """m."""
+        raise NotImplementedError
+
+    # -- the law ------------------------------------------------------------------------------------------------------
+
+    def law(self, u: Any, held: Mask | None = None) -> tuple[Any, Any]:
+        """(the impulses at velocities u, G there). held: impulses whose law is taken for linear, wherever u is."""
+        raise NotImplementedError
+
+    def times_G(self, G: Any, u: Any) -> Any:
+        """G u."""
+        raise NotImplementedError
+
+    def product(self, impulse: Any, u: Any) -> Number:
+        """impulse . u of each, (m, B)."""
+        raise NotImplementedError
+
+    def bound(self, G: Any, x: Any) -> Number:
+        """At least x . G^-1 x of impulses x; infinite where x has a part in which G is zero."""
+        raise NotImplementedError
+
+    def size(self, u: Any) -> Any:
+        """Of what the law at u takes differences of: velocities without sign."""
+        raise NotImplementedError
+
+    def acts(self) -> jax.Array:
+        """Which impulses may be other than zero, (m, B) or (1, 1)."""
+        raise NotImplementedError
+
+    def held(self, *velocities: Any) -> Mask:
+        """Which laws the first direction takes for linear, from velocities at the start and without contact."""
+        return jnp.zeros((1, 1), bool)
+
+    def rounding(self, G: Any, u: Any) -> Number:
+        """What errors of 1, in what the law is given, are in g^T H^-1 g. For a `rounding_share` above 0."""
+        raise NotImplementedError
+
+    # -- the mechanism ------------------------------------------------------------------------------------------------
+
+    def velocities(self, world: "World", motions: list[Motion], v: Number) -> Any:
+        """J v, of generalized velocities v (nv, B), at which the bodies of every bundle have these motions."""
+        raise NotImplementedError
+
+    def on_bodies(self, impulse: Any) -> list[OnBodies]:
+        """The wrenches of J^T impulse."""
+        return []
+
+    def on_joints(self, world: "World", impulse: Any) -> Number | None:
+        """The generalized forces (nv, B) of J^T impulse beside these wrenches."""
+        return None
+
+    def inertia(self, G: Any) -> list[OnBodies]:
+        """J^T G J of what acts on single bodies, as Articulated inertias."""
+        return []
+
+    def rows(self) -> np.ndarray | None:
+        """The velocities (m,), by number, that J takes, each for one impulse: G adds to their armature. No two terms
+        may have rows of one velocity. None for a term that acts in another way."""
+        return None
+
+    def columns(self, world: "World", G: Any) -> list[Columns]:
+        """L^T J of what acts between bodies; of a term that has_rest, those of all impulses in their order."""
+        return []
+
+    def over_L(self, impulse: Any) -> Number:
+        """L^-1 impulse, of a term that has_rest and columns."""
+        raise NotImplementedError
+
+    def times_L(self, s: Number) -> Number:
+        """L s."""
+        raise NotImplementedError
+
+    # -- results ------------------------------------------------------------------------------------------------------
+
+    def results(self, state: MechanismState, impulse: Any) -> list[jax.Array]:
+        """The impulses as arrays (k, B), of a term whose impulses are part of what the step returns."""
+        return []
+
+
+class Rows(Term):
+    """A Term whose velocities and impulses are numbers (m, B), each on a row of J of its own: G is diagonal.
+
+    R: how much an impulse changes its velocity, 1 / G where G is not zero.
+    """
+
+    has_rest = True
+    R: Number
+
+    def times_G(self, G: Number, u: Number) -> Number:
+        return G * u
+
+    def product(self, impulse: Number, u: Number) -> Number:
+        return impulse * u
+
+    def bound(self, G: Number, x: Number) -> Number:
+        is_stiff = high(G) > 0
+        return where(is_stiff | (high(x) == 0), x * x / where(is_stiff, G, 1.0), np.inf)
+
+    def over_L(self, impulse: Number) -> Number:
+        return impulse * self.R.sqrt()
+
+    def times_L(self, s: Number) -> Number:
+        return s / self.R.sqrt()
