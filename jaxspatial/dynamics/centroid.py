@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import jax
 
+from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.dynamics.composite_bodies import composites
-from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.kinematics import poses, velocities
 from jaxspatial.engine.algorithm import BODIES, algorithm
 from jaxspatial.engine.stacking import Array
@@ -14,50 +14,98 @@ from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics.linear import Inertia, Motion, Pose, Vector, Wrench, cross
 from jaxspatial.numerics.numbers import Number, Numbers
+from jaxspatial.numerics.promise import promises
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialMomentum
 from jaxspatial.spatial.algebra import acted_wrench, apply_inertia
 
 
-@documented
+@promises(bound=ALGORITHM)
 def center_of_mass(mechanism: Mechanism, q: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
     """The centre of mass of all bodies that move.
+
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        precision: name of a precision; None takes the default.
 
     Returns:
         p_WC_W (*batch, 3), m; NaN where the bodies have no mass.
 
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: its definition, sum of m p over sum of m.
+
+    Example:
+        >>> print(js.center_of_mass(arm, jnp.zeros(2)))
+        [-0.  0. -1.]
     """
     return _center_of_mass(precision, mechanism, q)
 
 
-@documented
+@promises(bound=ALGORITHM)
 def center_of_mass_velocity(
     mechanism: Mechanism, q: ArrayLike, v: ArrayLike, *, precision: PrecisionName = None
 ) -> jax.Array:
     """The time derivative of `center_of_mass`.
 
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        v: (*batch, nv) generalized velocities: rad/s, m/s.
+        precision: name of a precision; None takes the default.
+
     Returns:
         v_WC_W (*batch, 3), m/s; NaN where the bodies have no mass.
 
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: its definition, sum of m v over sum of m.
+
+    Example:
+        >>> print(js.center_of_mass_velocity(arm, jnp.zeros(2), v))
+        [-1.125  0.     0.   ]
     """
     return _center_of_mass_velocity(precision, mechanism, q, v)
 
 
-@documented
+@promises(bound=ALGORITHM)
 def center_of_mass_jacobian(mechanism: Mechanism, q: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
     """The Jacobian of the centre of mass: v_WC_W = J v.
+
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        precision: name of a precision; None takes the default.
 
     Returns:
         J (*batch, 3, nv); NaN where the bodies have no mass.
 
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: Orin, Goswami, Lee 2013, Centroidal dynamics of a humanoid robot.
+
+    Example:
+        >>> J = js.center_of_mass_jacobian(arm, jnp.zeros(2))
+        >>> print(J @ v)
+        [-1.125  0.     0.   ]
     """
     return _center_of_mass_jacobian(precision, mechanism, q)
 
 
-@documented
+@promises(bound=ALGORITHM)
 def centroidal_momentum(
     mechanism: Mechanism, q: ArrayLike, v: ArrayLike, *, precision: PrecisionName = None
 ) -> SpatialMomentum:
@@ -65,22 +113,54 @@ def centroidal_momentum(
 
     Without external forces and gravity it does not change. That of rotors (armature) is not part of it.
 
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        v: (*batch, nv) generalized velocities: rad/s, m/s.
+        precision: name of a precision; None takes the default.
+
     Returns:
         L_WC_W (*batch,), in world axes: N m s, N s; NaN where the bodies have no mass.
 
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: Orin, Goswami, Lee 2013, Centroidal dynamics of a humanoid robot.
+
+    Example:
+        >>> js.centroidal_momentum(arm, jnp.zeros(2), v)
+        SpatialMomentum(h=[-0.0, 1.6666667, -0.0], l=[-4.5, 0.0, 0.0])
     """
     return SpatialMomentum(*_centroidal_momentum(precision, mechanism, q, v))
 
 
-@documented
+@promises(bound=ALGORITHM)
 def centroidal_momentum_matrix(mechanism: Mechanism, q: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
     """The matrix A of `centroidal_momentum` = A v.
+
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        precision: name of a precision; None takes the default.
 
     Returns:
         A (*batch, 6, nv), rotational rows on top; NaN where the bodies have no mass.
 
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: Orin, Goswami, Lee 2013, Centroidal dynamics of a humanoid robot, equation 25.
+
+    Example:
+        >>> A = js.centroidal_momentum_matrix(arm, jnp.zeros(2))
+        >>> print(A @ v)
+        [ 0.      1.6667  0.     -4.5     0.      0.    ]
     """
     return _centroidal_momentum_matrix(precision, mechanism, q)
 

@@ -4,12 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.engine.algorithm import JOINTS, algorithm, checked_mechanism
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import Mechanism
-from jaxspatial.numerics.promise import Normwise
+from jaxspatial.numerics.promise import Normwise, promises
 from jaxspatial.numerics.types import ArrayLike, BatchShape, DTypeLike, Key, PrecisionName
 
 # Error bounds of scalar coordinates, of quaternions, and of positions in "planar" and "free" joints.
@@ -22,7 +21,7 @@ DIFFERENCE_TURN, DIFFERENCE_POSITION = Normwise(12, "of a rotation vector"), Nor
 QUATERNION_RATE, POSITION_RATE = Normwise(2, "|w|"), Normwise(6, "|v|")
 
 
-@documented(number=INTEGRATED, turn=INTEGRATED_TURN, position=INTEGRATED_POSITION, turns=TURNS, moved=TURNS_OF_POSITION)
+@promises(number=INTEGRATED, turn=INTEGRATED_TURN, position=INTEGRATED_POSITION, turns=TURNS, moved=TURNS_OF_POSITION)
 def integrate(
     mechanism: Mechanism, q: ArrayLike, v: ArrayLike, dt: ArrayLike = 1.0, *, precision: PrecisionName = None
 ) -> jax.Array:
@@ -31,19 +30,34 @@ def integrate(
     Each joint follows its exponential: a screw motion, if it both turns and moves. The inverse of `difference`. The
     bodies of `semi_implicit_step` move along straight lines instead.
 
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        v: (*batch, nv) generalized velocities: rad/s, m/s.
+        dt: the time, s: a number or (*batch,).
+        precision: name of a precision; None takes the default.
+
     Returns:
         q (*batch, nq), over the common batch; quaternions of unit length, of either sign.
 
-    Error: in "fast" and "reproducible" at most {number.plain} of each coordinate that is a number; {turn.plain}, in its
-        2-norm, and {turns.plain} more beyond half a turn; {position.plain} of positions in "planar" and "free" joints,
-        in their 2-norms, and {moved.plain} more beyond half a turn. In the other two 1.01 u of each of these (number,
-        quaternion, position), relative to it.
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: in "fast" and "reproducible" at most 2 u (|q| + |v dt|) of each coordinate that is a number; 8 u of a
+        quaternion, in its 2-norm, and u |w dt| more beyond half a turn; 8 u (|p| + |v dt|) of positions in "planar" and
+        "free" joints, in their 2-norms, and u |w dt| |v dt| more beyond half a turn. In the other two 1.01 u of each of
+        these (number, quaternion, position), relative to it.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 2.36.
+
+    Example:
+        >>> print(js.integrate(arm, q, v, 0.1))
+        [ 0.6  -0.15]
     """
     return _integrate(precision, mechanism, q, v, dt)
 
 
-@documented(number=DIFFERENCE, angle=SHORTEST, turn=DIFFERENCE_TURN, position=DIFFERENCE_POSITION)
+@promises(number=DIFFERENCE, angle=SHORTEST, turn=DIFFERENCE_TURN, position=DIFFERENCE_POSITION)
 def difference(mechanism: Mechanism, q0: ArrayLike, q1: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
     """The velocity that leads from one configuration to another in unit time, the short way round.
 
@@ -51,44 +65,63 @@ def difference(mechanism: Mechanism, q0: ArrayLike, q1: ArrayLike, *, precision:
     `Rotation.log`.
 
     Args:
+        mechanism: the mechanism, see `Mechanism`.
         q0: (*batch, nq) coordinates at the start: rad, m, quaternions (read normalised).
         q1: (*batch, nq) coordinates at the end.
+        precision: name of a precision; None takes the default.
 
     Returns:
         v (*batch, nv), over the common batch: rad/s, m/s.
 
-    Error: in "fast" and "reproducible" at most {number.plain} of each coordinate that is a number; {angle.plain} of the
-        angle of "continuous" and "planar" joints; {turn.plain}, rad, in its 2-norm; {position.plain} of positions in
-        "planar" and "free" joints. In the other two 1.01 u of each of these (number, rotation vector, position),
-        relative to it, while orientations are not opposite.
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: in "fast" and "reproducible" at most 2 u (|q0| + |q1|) of each coordinate that is a number; 4 u (|q0| + |q1|)
+        of the angle of "continuous" and "planar" joints; 12 u of a rotation vector, rad, in its 2-norm; 8 u (|p0| +
+        |p1|) (1 + |w|) of positions in "planar" and "free" joints. In the other two 1.01 u of each of these (number,
+        rotation vector, position), relative to it, while orientations are not opposite.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 2.36.
+
+    Example:
+        >>> print(js.difference(arm, q, js.integrate(arm, q, v, 0.1)))
+        [0.1  0.05]
     """
     return _difference(precision, mechanism, q0, q1)
 
 
-@documented
 def interpolate(
     mechanism: Mechanism, q0: ArrayLike, q1: ArrayLike, t: ArrayLike, *, precision: PrecisionName = None
 ) -> jax.Array:
     """The configuration on the way from q0 to q1 at constant velocity: `integrate(q0, difference(q0, q1), t)`.
 
     Args:
+        mechanism: the mechanism, see `Mechanism`.
         q0: (*batch, nq) coordinates at t = 0: rad, m, quaternions (read normalised).
         q1: (*batch, nq) coordinates at t = 1.
         t: a number or (*batch,), any number.
+        precision: name of a precision; None takes the default.
 
     Returns:
         q (*batch, nq), over the common batch; quaternions of unit length, of either sign.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
 
     Error: at most that of `integrate` and |t| times that of `difference`; in "compensated" and "faithful" too the
         velocity between the two is rounded to the dtype.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 2.36 (the screw motion between
         two poses).
+
+    Example:
+        >>> print(js.interpolate(arm, jnp.zeros(2), q, 0.5))
+        [ 0.25 -0.1 ]
     """
     return integrate(mechanism, q0, difference(mechanism, q0, q1, precision=precision), t, precision=precision)
 
 
-@documented(quaternion=QUATERNION_RATE, position=POSITION_RATE)
+@promises(quaternion=QUATERNION_RATE, position=POSITION_RATE)
 def configuration_rates(
     mechanism: Mechanism, q: ArrayLike, v: ArrayLike, *, precision: PrecisionName = None
 ) -> jax.Array:
@@ -98,26 +131,37 @@ def configuration_rates(
     length turns equally fast.
 
     Args:
+        mechanism: the mechanism, see `Mechanism`.
         q: (*batch, nq) coordinates: rad, m, quaternions of any length.
+        v: (*batch, nv) generalized velocities: rad/s, m/s.
+        precision: name of a precision; None takes the default.
 
     Returns:
         dq/dt (*batch, nq), over the common batch: rad/s, m/s, 1/s of quaternions.
 
-    Error: none of coordinates that are numbers; in "fast" and "reproducible" at most {quaternion.plain} of a unit
-        quaternion's and {position.plain} of a position's in "planar" and "free" joints, in 2-norms. In the other two
-        1.01 u of each of these, relative to it.
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: none of coordinates that are numbers; in "fast" and "reproducible" at most 2 u |w| of a unit quaternion's and
+        6 u |v| of a position's in "planar" and "free" joints, in 2-norms. In the other two 1.01 u of each of these,
+        relative to it.
     Source: of quaternions, Shuster 1993, A survey of attitude representations.
+
+    Example:
+        >>> print(js.configuration_rates(arm, q, v))  # v itself, but for quaternions
+        [1.  0.5]
     """
     return _configuration_rates(precision, mechanism, q, v)
 
 
-@documented
 def random_configuration(
     mechanism: Mechanism, key: Key, batch_shape: BatchShape = (), dtype: DTypeLike | None = None
 ) -> jax.Array:
     """A random configuration.
 
     Args:
+        mechanism: the mechanism, see `Mechanism`.
         key: of `jax.random`.
         batch_shape: an integer or a tuple.
         dtype: of floating point; None takes that of the mechanism.
@@ -131,6 +175,10 @@ def random_configuration(
 
     Error: none, it is random.
     Source: of orientations, Muller 1959, A note on a method for generating points uniformly on n-dimensional spheres.
+
+    Example:
+        >>> js.random_configuration(arm, jax.random.key(0), (1000,)).shape
+        (1000, 2)
     """
     dtype = np.dtype(dtype or checked_mechanism("random_configuration", mechanism).dtype)
     batch_shape = (batch_shape,) if isinstance(batch_shape, int) else tuple(batch_shape)

@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 import jax
 
-from jaxspatial.dynamics.docstrings import documented
+from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.dynamics.kinematics import poses
 from jaxspatial.engine import stacking
 from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, ExternalForces, Wrenches, WrenchesOnFrames, algorithm, checked
@@ -16,6 +16,7 @@ from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.mechanism.topology import Bundle
 from jaxspatial.numerics.linear import Pose, Vector, Wrench, cross
 from jaxspatial.numerics.numbers import is_number
+from jaxspatial.numerics.promise import promises
 from jaxspatial.numerics.sums.pairwise import of_neighbours
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce, algebra
@@ -26,7 +27,7 @@ Load = tuple[Vector, Vector, Any]
 OfLoad = Callable[[Vector, Vector, Vector, bool], Any]
 
 
-@documented
+@promises(bound=ALGORITHM)
 def applied_wrenches(
     mechanism: Mechanism, q: ArrayLike, external_forces: ExternalForces, *, precision: PrecisionName = None
 ) -> dict[str, SpatialForce]:
@@ -35,11 +36,31 @@ def applied_wrenches(
     All functions that take external forces take this dict in place of them. It is what simulators ask for, see
     `interop.mujoco.to_xfrc_applied`.
 
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        external_forces: AppliedForces; a dict from frames to SpatialForces (*batch,) about their origins, in world
+            axes; or a list of several of these, which add up. See `AppliedForces`.
+        precision: name of a precision; None takes the default.
+
     Returns:
         By name of a body on which forces act, in the order of `mechanism.body_names`: the sum of all of them, a
         SpatialForce (*batch,) about the body's origin, in world axes. Forces on frames of the world are under "world".
 
+    Raises:
+        TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or forces are neither a
+            dict of SpatialForces nor AppliedForces, nor a list of these.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 2.5 (wrenches).
+
+    Example:
+        >>> push = js.AppliedForces(["hand"] * 2, js.SpatialForce(f=jnp.array([[5.0, 0.0, 0.0], [1.0, 0.0, 0.0]])))
+        >>> js.applied_wrenches(arm, jnp.zeros(2), push)["lower"]
+        SpatialForce(tau=[0.0, -6.0, -0.0], f=[6.0, 0.0, 0.0])
     """
     q, forces = checked("applied_wrenches", mechanism, q=q, external_forces=external_forces)
     sums = _applied_wrenches(precision, mechanism, q, forces)

@@ -11,7 +11,6 @@ from jax import lax
 
 from jaxspatial.dynamics.articulated_bodies import accelerations, has_floating_roots, solution
 from jaxspatial.dynamics.bounds import ALGORITHM
-from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.external_forces import loads
 from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics_of
 from jaxspatial.dynamics.newton_euler import forces_of
@@ -24,13 +23,14 @@ from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics.errorfree.primitives import is_zero, no_tangent
 from jaxspatial.numerics.linear import Wrench
+from jaxspatial.numerics.promise import promises
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
 # c is the condition number of the mass matrix.
 FORWARD_DYNAMICS = ALGORITHM._replace(of="c mag")
 
 
-@documented(bound=FORWARD_DYNAMICS)
+@promises(bound=FORWARD_DYNAMICS)
 def forward_dynamics(
     mechanism: Mechanism,
     q: ArrayLike,
@@ -51,13 +51,33 @@ def forward_dynamics(
     others are those of a mechanism whose joint is locked there. Of a file without inertias all accelerations are 0, and
     nothing says so: `mass_matrix_factor` is NaN then.
 
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        v: (*batch, nv) generalized velocities: rad/s, m/s.
+        tau: (*batch, nv) generalized forces of the joints: N m, N.
+        external_forces: AppliedForces; a dict from frames to SpatialForces (*batch,) about their origins, in world
+            axes; or a list of several of these, which add up. See `AppliedForces`.
+        precision: name of a precision; None takes the default.
+
     Returns:
         vdot (*batch, nv), over the common batch: rad/s^2, m/s^2; 0 along velocities without inertia.
 
-    Error: Let n be the number of links in the longest chain, c the condition number of the mass matrix, r the largest
-        number of the result, and mag that number with every term replaced by its absolute value. The error of every
-        number is {bound}. Derivatives are rounded to the dtype of q on the way: n u c in every precision.
+    Raises:
+        TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or forces are neither a
+            dict of SpatialForces nor AppliedForces, nor a list of these.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of every number at most 4 n u c mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 c mag in the other
+        two; c is the condition number of the mass matrix, n, r and mag are as in `jaxspatial.dynamics.bounds`.
+        Derivatives are rounded to the dtype of q on the way: n u c in every precision.
     Source: Featherstone 2008, table 7.1.
+
+    Example:
+        >>> vdot = js.forward_dynamics(arm, q, v, tau)
+        >>> print(vdot, js.inverse_dynamics(arm, q, v, vdot))
+        [-4.5085 10.0859] [10.  2.]
     """
     return _forward_dynamics(precision, mechanism, q, v, tau, external_forces)
 

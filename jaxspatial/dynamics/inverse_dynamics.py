@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.dynamics.derivatives import jacobians
-from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.external_forces import loads, loads_on_frames
 from jaxspatial.dynamics.kinematics import forward_kinematics, motion_step, poses, world_motion
 from jaxspatial.dynamics.newton_euler import forces_of, wrench_of, wrenches_through_joints
@@ -30,11 +30,12 @@ from jaxspatial.mechanism import AppliedForces, LoopClosure, Mechanism
 from jaxspatial.mechanism.loops import checked_loops
 from jaxspatial.numerics import check
 from jaxspatial.numerics.linear import Wrench
+from jaxspatial.numerics.promise import promises
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce, algebra
 
 
-@documented
+@promises(bound=ALGORITHM)
 def inverse_dynamics(
     mechanism: Mechanism,
     q: ArrayLike,
@@ -52,16 +53,37 @@ def inverse_dynamics(
     (`jax.jacfwd`, `jax.jacrev`: at least nv tangents or cotangents at one state) are computed in closed form, as by
     `inverse_dynamics_derivatives`: with its error, and not bitwise as single derivatives are.
 
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        v: (*batch, nv) generalized velocities: rad/s, m/s.
+        vdot: (*batch, nv) generalized accelerations: rad/s^2, m/s^2.
+        external_forces: AppliedForces; a dict from frames to SpatialForces (*batch,) about their origins, in world
+            axes; or a list of several of these, which add up. See `AppliedForces`.
+        precision: name of a precision; None takes the default.
+
     Returns:
         tau (*batch, nv), over the common batch: N m, N.
 
+    Raises:
+        TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or forces are neither a
+            dict of SpatialForces nor AppliedForces, nor a list of these.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators; Featherstone 2008, table
         5.1.
+
+    Example:
+        >>> print(js.inverse_dynamics(arm, q, v, vdot=jnp.array([1.0, 0.0])))
+        [22.5504  4.3471]
     """
     return inverse_dynamics_of(precision, mechanism, q, v, vdot, external_forces, operation="inverse_dynamics")
 
 
-@documented
+@promises(bound=ALGORITHM)
 def bias_forces(
     mechanism: Mechanism,
     q: ArrayLike,
@@ -72,27 +94,62 @@ def bias_forces(
 ) -> jax.Array:
     """The bias forces C(q, v) v + g(q) - J^T F: `inverse_dynamics` without the terms in vdot.
 
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        v: (*batch, nv) generalized velocities: rad/s, m/s.
+        external_forces: AppliedForces; a dict from frames to SpatialForces (*batch,) about their origins, in world
+            axes; or a list of several of these, which add up. See `AppliedForces`.
+        precision: name of a precision; None takes the default.
+
     Returns:
         (*batch, nv), over the common batch: N m, N.
 
+    Raises:
+        TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or forces are neither a
+            dict of SpatialForces nor AppliedForces, nor a list of these.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: as of `inverse_dynamics`.
+
+    Example:
+        >>> print(js.bias_forces(arm, q, v) - js.gravity_forces(arm, q))  # centrifugal and Coriolis forces
+        [ 0.2483 -0.1987]
     """
     return inverse_dynamics_of(precision, mechanism, q, v, None, external_forces, operation="bias_forces")
 
 
-@documented
+@promises(bound=ALGORITHM)
 def gravity_forces(mechanism: Mechanism, q: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
     """The generalized forces g(q) that hold a mechanism at rest against gravity.
+
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        precision: name of a precision; None takes the default.
 
     Returns:
         (*batch, nv): N m, N.
 
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: as of `inverse_dynamics`.
+
+    Example:
+        >>> print(js.gravity_forces(arm, q))
+        [17.0086  2.8991]
     """
     return inverse_dynamics_of(precision, mechanism, q, None, None, None, operation="gravity_forces")
 
 
-@documented
+@promises(bound=ALGORITHM)
 def joint_reactions(
     mechanism: Mechanism,
     q: ArrayLike,
@@ -126,12 +183,19 @@ def joint_reactions(
     Where closures are redundant these wrenches are one choice of many, and so are the reactions.
 
     Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        v: (*batch, nv) generalized velocities: rad/s, m/s.
+        vdot: (*batch, nv) generalized accelerations: rad/s^2, m/s^2.
+        external_forces: AppliedForces; a dict from frames to SpatialForces (*batch,) about their origins, in world
+            axes; or a list of several of these, which add up. See `AppliedForces`.
         joints: the name of a joint, or several, in the order of the results: of `mechanism.joint_names`, or of fixed
             ones, `mechanism.weld_names`. The name of a body stands for the joint that holds it. None takes
             `mechanism.joint_names`.
         loops: LoopClosures whose wrenches act beside the joints; none at all leave the tree.
         loop_wrenches: SpatialForce (*batch, number of closures), of each closure on the body of its frame B, about the
             origin of B, in world axes: N m, N.
+        precision: name of a precision; None takes the default.
 
     Returns:
         F_Bo_B (*batch, n), in the order of `mechanism.body_names`, or of `joints`; (*batch,) of the one joint that is
@@ -140,8 +204,22 @@ def joint_reactions(
         the child, in the axes of that frame; Pinocchio's `data.f` about the joint, in its axes; MuJoCo's `cfrc_int`
         about `subtree_com` of the root, in world axes.
 
+    Raises:
+        TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, loops are no
+            LoopClosures, or forces are neither a dict of SpatialForces nor AppliedForces, nor a list of these.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators; Featherstone 2008, table
         5.1.
+
+    Example:
+        >>> through = js.joint_reactions(arm, jnp.zeros(2), 0 * v, 0 * v)
+        >>> print(through.f)  # the shoulder carries both rods, the elbow one
+        [[ 0.    0.   39.24]
+         [-0.    0.   19.62]]
     """
     mechanism = checked_mechanism("joint_reactions", mechanism)
     forces = _with_loops(precision, mechanism, q, external_forces, loops, loop_wrenches)

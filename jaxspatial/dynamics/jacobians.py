@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import jax
 import jax.numpy as jnp
 
-from jaxspatial.dynamics.docstrings import documented
+from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.dynamics.kinematics import at_carrier, carrying, of_carriers, poses, velocities, velocity_in_world
 from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm
 from jaxspatial.engine.stacking import Array
@@ -13,11 +13,12 @@ from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics.linear import Motion, Pose, cross
 from jaxspatial.numerics.numbers import Numbers
+from jaxspatial.numerics.promise import promises
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial.algebra import composed
 
 
-@documented
+@promises(bound=ALGORITHM)
 def jacobian(
     mechanism: Mechanism, q: ArrayLike, frames: str | Sequence[str], *, precision: PrecisionName = None
 ) -> jax.Array:
@@ -26,17 +27,35 @@ def jacobian(
     Without the matrix J v is `body_velocities` of the frame, and J^T F its pull-back, by `jax.vjp` with respect to v:
     in about the same time for an arm, in less for a humanoid.
 
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        frames: a name of `mechanism.frame_names`, or several, in the order of the results.
+        precision: name of a precision; None takes the default.
+
     Returns:
         J (*batch, 6, nv) of the one frame that is named, (*batch, n, 6, nv) of several; rotational rows on top, in
         world axes.
 
+    Raises:
+        TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 3.4.
+
+    Example:
+        >>> J = js.jacobian(arm, q, "hand")
+        >>> print(J @ v)  # as `body_velocities`
+        [ 0.      1.5     0.     -2.3106  0.      0.9227]
     """
     _require_names("jacobian", frames)
     return _jacobian(precision, mechanism, q, frames=frames)
 
 
-@documented
+@promises(bound=ALGORITHM)
 def jacobian_rate(
     mechanism: Mechanism,
     q: ArrayLike,
@@ -47,11 +66,29 @@ def jacobian_rate(
 ) -> jax.Array:
     """The time derivative of `jacobian` along v: A_WF_W = J vdot + dJ/dt v.
 
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        v: (*batch, nv) generalized velocities: rad/s, m/s.
+        frames: a name of `mechanism.frame_names`, or several, in the order of the results.
+        precision: name of a precision; None takes the default.
+
     Returns:
         dJ/dt (*batch, 6, nv) of the one frame that is named, (*batch, n, 6, nv) of several; rotational rows on top, in
         world axes.
 
+    Raises:
+        TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: the derivative of that of `jacobian`.
+
+    Example:
+        >>> print(js.jacobian_rate(arm, q, v, "hand") @ v)  # as `body_accelerations` without vdot
+        [0.     0.     0.     1.1443 0.     3.0271]
     """
     _require_names("jacobian_rate", frames)
     return _jacobian_rate(precision, mechanism, q, v, frames=frames)

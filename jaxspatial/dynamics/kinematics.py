@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.dynamics.docstrings import documented
+from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.engine import matrices, recursion, stacking
 from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, Algorithm, Frames, algorithm
 from jaxspatial.engine.derivatives import Moving, Pullback
@@ -17,6 +17,7 @@ from jaxspatial.mechanism import Mechanism
 from jaxspatial.mechanism.topology import Bundle
 from jaxspatial.numerics.linear import Matrix, Motion, Pose, Vector, Wrench, cross, dot
 from jaxspatial.numerics.numbers import Numbers, where
+from jaxspatial.numerics.promise import promises
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialVelocity
@@ -25,26 +26,40 @@ from jaxspatial.spatial.algebra import composed, power
 T = TypeVar("T")
 
 
-@documented
+@promises(bound=ALGORITHM)
 def forward_kinematics(
     mechanism: Mechanism, q: ArrayLike, frames: str | Sequence[str] | None = None, *, precision: PrecisionName = None
 ) -> RigidTransform:
     """The poses of frames: X_WF.
 
     Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         frames: a name of `mechanism.frame_names`, or several, in the order of the results; None takes
             `mechanism.body_names`.
+        precision: name of a precision; None takes the default.
 
     Returns:
         X_WF (*batch,), the pose in the world of the one frame that is named, (*batch, n) of several; translations in m.
 
+    Raises:
+        TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: Murray, Li, Sastry 1994, A mathematical introduction to robotic manipulation, 3.2.
+
+    Example:
+        >>> print(js.forward_kinematics(arm, q, "hand").translation)
+        [-0.7749  0.     -1.8329]
     """
     entries, p = _forward_kinematics(precision, mechanism, q, frames=frames)
     return RigidTransform(Rotation(entries), p)
 
 
-@documented
+@promises(bound=ALGORITHM)
 def body_velocities(
     mechanism: Mechanism,
     q: ArrayLike,
@@ -56,18 +71,33 @@ def body_velocities(
     """The velocities of the origins of frames: V_WF_W.
 
     Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        v: (*batch, nv) generalized velocities: rad/s, m/s.
         frames: a name of `mechanism.frame_names`, or several, in the order of the results; None takes
             `mechanism.body_names`.
+        precision: name of a precision; None takes the default.
 
     Returns:
         V_WF_W (*batch,) of the one frame that is named, (*batch, n) of several, in world axes: rad/s, m/s.
 
+    Raises:
+        TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: Featherstone 2008, 4.4 (velocities from body to body).
+
+    Example:
+        >>> js.body_velocities(arm, q, v, "hand")
+        SpatialVelocity(w=[0.0, 1.5, 0.0], v=[-2.3105874, 0.0, 0.9227059])
     """
     return SpatialVelocity(*_body_velocities(precision, mechanism, q, v, frames=frames))
 
 
-@documented
+@promises(bound=ALGORITHM)
 def body_accelerations(
     mechanism: Mechanism,
     q: ArrayLike,
@@ -80,14 +110,30 @@ def body_accelerations(
     """The accelerations of the origins of frames, without gravity: the time derivative of `body_velocities`.
 
     Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        v: (*batch, nv) generalized velocities: rad/s, m/s.
+        vdot: (*batch, nv) generalized accelerations: rad/s^2, m/s^2.
         frames: a name of `mechanism.frame_names`, or several, in the order of the results; None takes
             `mechanism.body_names`.
+        precision: name of a precision; None takes the default.
 
     Returns:
         A_WF_W (*batch,) of the one frame that is named, (*batch, n) of several, in world axes: rad/s^2, m/s^2, the
         classical acceleration of the origin.
 
+    Raises:
+        TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: Luh, Walker, Paul 1980, On-line computational scheme for mechanical manipulators.
+
+    Example:
+        >>> js.body_accelerations(arm, q, v, jnp.zeros(2), "hand")
+        SpatialAcceleration(alpha=[0.0, 0.0, 0.0], a=[1.144346, 0.0, 3.0270896])
     """
     return SpatialAcceleration(*_body_accelerations(precision, mechanism, q, v, vdot, frames=frames))
 

@@ -2,8 +2,8 @@
 
 import jax
 
+from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.dynamics.composite_bodies import generalized_force, in_world_axes
-from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.kinematics import BodyMotion, angular_acceleration_tensor, motion_step, world_motion
 from jaxspatial.engine import matrices, recursion, stacking
 from jaxspatial.engine.algorithm import GEOMETRY, algorithm
@@ -15,10 +15,11 @@ from jaxspatial.inertia.regressors import newton_euler_regressor as newton_euler
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics.linear import Symmetric, Vector, Wrench, cross
 from jaxspatial.numerics.numbers import constant
+from jaxspatial.numerics.promise import promises
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
 
-@documented
+@promises(bound=ALGORITHM)
 def joint_torque_regressor(
     mechanism: Mechanism, q: ArrayLike, v: ArrayLike, vdot: ArrayLike, *, precision: PrecisionName = None
 ) -> jax.Array:
@@ -29,11 +30,30 @@ def joint_torque_regressor(
     pi = `mechanism.inertias.to_dynamic_parameters().ravel()` has ten parameters for each of the n bodies, in the order
     of `mechanism.body_names`, about the origin of the body's joint frame, in its axes.
 
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        v: (*batch, nv) generalized velocities: rad/s, m/s.
+        vdot: (*batch, nv) generalized accelerations: rad/s^2, m/s^2.
+        precision: name of a precision; None takes the default.
+
     Returns:
         Y (*batch, nv, 10 n), zero wherever a joint does not carry a body.
 
+    Raises:
+        TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.
+        ValueError: shapes do not fit.
+
+    Error: of every number at most 4 n u mag in "fast" and "reproducible", 1.01 u |r| + 32 n u^2 mag in the other two;
+        n, r and mag as in `jaxspatial.dynamics.bounds`.
     Source: Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and links; Khalil,
         Dombre 2002, 12.2.
+
+    Example:
+        >>> Y = js.regressors.joint_torque_regressor(arm, q, v, jnp.zeros(2))
+        >>> pi = arm.inertias.to_dynamic_parameters().ravel()
+        >>> print(Y.shape, Y @ pi)  # as `inverse_dynamics`
+        (2, 20) [17.2569  2.7004]
     """
     return _regressor(precision, mechanism, q, v, vdot)
 

@@ -51,6 +51,11 @@ def add_frames(mechanism: Mechanism, frames: Iterable[Frame]) -> Mechanism:
         ValueError: a frame has the name of another.
 
     Error: a few u of float64, rounded once to the dtype, where two poses multiply; else the pose, rounded once.
+
+    Example:
+        >>> with_tool = js.add_frames(arm, [js.Frame("tool", "hand")])
+        >>> with_tool.frame_names
+        ('world', 'upper', 'lower', 'hand', 'tool')
     """
     _require_known(mechanism)
     t, places = mechanism.topology, mechanism.frame_placements
@@ -93,6 +98,11 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mec
         TypeError: numbers of the mechanism are data, or traced.
 
     Error: a few u of float64, rounded once to the dtype, where numbers change; others stay as they are.
+
+    Example:
+        >>> stiff = js.lock_joints(arm, {"elbow": 0.0})
+        >>> print(stiff.joint_names, js.mass_matrix(stiff, jnp.zeros(1)))
+        ('shoulder',) [[5.3333]]
     """
     bodies, joints, frames = parts(mechanism)
     locked = dict[str, float]()
@@ -121,6 +131,10 @@ def subtree(mechanism: Mechanism, body: str) -> Mechanism:
         TypeError: numbers of the mechanism are data, or traced.
 
     Error: a few u of float64, rounded once to the dtype, where numbers change; others stay as they are.
+
+    Example:
+        >>> js.subtree(arm, "lower").body_names
+        ('lower',)
     """
     t = mechanism.topology
     root = t.index(mechanism.body_names, body, "subtree: body")
@@ -162,6 +176,12 @@ def parts(mechanism: Mechanism) -> tuple[list[Body], list[Joint], list[Frame]]:
 
     Raises:
         TypeError: numbers of the mechanism are data, or traced.
+
+    Example:
+        >>> from jaxspatial.mechanism.editing import parts
+        >>> bodies, joints, frames = parts(arm)
+        >>> bodies[0].name, joints[0].kind, frames[0].name
+        ('upper', 'revolute', 'hand')
     """
     _require_known(mechanism)
     with in_double():

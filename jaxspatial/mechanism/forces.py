@@ -44,6 +44,11 @@ class AppliedForces:
         ValueError: the numbers of names, wrenches and points differ, or there are no such axes.
 
     Error: k wrenches on one body add ceil(log2 k) u mag to the error of algorithms: they are summed in pairs.
+
+    Example:
+        >>> push = js.AppliedForces(["hand"], js.SpatialForce(f=jnp.array([[5.0, 0.0, 0.0]])))  # world axes
+        >>> print(js.inverse_dynamics(arm, q, 0 * v, 0 * v, push) - js.gravity_forces(arm, q))
+        [9.1646 4.7767]
     """
 
     frames: tuple[str, ...]

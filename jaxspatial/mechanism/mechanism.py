@@ -66,6 +66,12 @@ class Mechanism:
     A frame is a named place on a body or on the world. Every body is a frame, and so is every body welded to another.
     `frame_body(name)` names the body that carries a frame, `frame_placements` has its pose on the joint of that body,
     and `forward_kinematics(mech, q, name)` is its pose in the world.
+
+    Example:
+        >>> arm
+        Mechanism(nq=2, nv=2, 2 bodies, float32)
+          upper  <- shoulder: revolute
+            lower  <- elbow: revolute
     """
 
     topology: Topology
@@ -134,6 +140,12 @@ class Mechanism:
             TypeError: a part has another type, or numbers are traced: put these in with `replace`.
             ValueError: a name is missing or comes twice, nothing holds a body against the world, a shape does not fit;
                 an inertia is not finite, or masses, moments or weights overflow in the dtype.
+
+        Example:
+            >>> pole = js.Joint("hinge", "revolute", "world", "pole", axis=(0, 1, 0))
+            >>> js.Mechanism.build([js.Body("pole", rod)], [pole])
+            Mechanism(nq=1, nv=1, 1 bodies, float32)
+              pole  <- hinge: revolute
         """
         topology, arrays = assembled(list(bodies), list(joints), list(frames))
         arrays["gravity"] = check.as_vectors(known(gravity), "Mechanism.build: gravity", held=True)
@@ -259,6 +271,10 @@ class Mechanism:
 
         Raises:
             KeyError: there is no such frame; lists those there are.
+
+        Example:
+            >>> arm.frame_body("hand")
+            'lower'
         """
         body = self.topology.frames[self.topology.index(self.frame_names, name, "Mechanism.frame_body: name")][1]
         return WORLD if body < 0 else self.body_names[body]
@@ -270,15 +286,29 @@ class Mechanism:
 
         Raises:
             KeyError: there is no such joint; lists those there are.
+
+        Example:
+            >>> arm.joint_position_indices("elbow")
+            array([1])
         """
         return np.arange(self.nq)[self.topology.q_slice(self.topology.index(self.joint_names, name, "joint"))]
 
     def joint_velocity_indices(self, name: str) -> np.ndarray:
-        """Returns the places of a joint's velocities in v: integers (k,). Raises as `joint_position_indices`."""
+        """Returns the places of a joint's velocities in v: integers (k,). Raises as `joint_position_indices`.
+
+        Example:
+            >>> arm.joint_velocity_indices("elbow")
+            array([1])
+        """
         return np.arange(self.nv)[self.topology.v_slice(self.topology.index(self.joint_names, name, "joint"))]
 
     def neutral(self) -> np.ndarray:
-        """Makes the coordinates (nq,) at zero: 0, and 1 0 0 0 for quaternions."""
+        """Makes the coordinates (nq,) at zero: 0, and 1 0 0 0 for quaternions.
+
+        Example:
+            >>> print(arm.neutral())
+            [0. 0.]
+        """
         t = self.topology
         return np.array([x for i in range(len(t)) if not t.is_mimic(i) for x in t.kind(i).neutral], self.dtype)
 
@@ -304,6 +334,10 @@ class Mechanism:
             KeyError: there is no such joint; lists those there are.
             TypeError: a value has another type, or dtypes differ.
             ValueError: a joint is a mimic, or shapes do not fit.
+
+        Example:
+            >>> print(arm.configuration({"elbow": 0.5}))
+            [0.  0.5]
         """
         return named.joined(self.topology, named.POSITIONS, positions, self.dtype)
 
@@ -320,6 +354,10 @@ class Mechanism:
         Raises:
             TypeError: q is not of floating point.
             ValueError: the shape does not fit.
+
+        Example:
+            >>> arm.joint_positions(np.float32([0.1, 0.5]))["elbow"]
+            array(0.5, dtype=float32)
         """
         return named.taken_apart(self.topology, named.POSITIONS, q, "Mechanism.joint_positions: q")
 
@@ -339,6 +377,10 @@ class Mechanism:
 
         Raises:
             as `configuration`.
+
+        Example:
+            >>> print(arm.velocities({"elbow": 0.5}))
+            [0.  0.5]
         """
         return named.joined(self.topology, named.VELOCITIES, velocities, self.dtype)
 
@@ -353,6 +395,10 @@ class Mechanism:
 
         Raises:
             as `joint_positions`.
+
+        Example:
+            >>> arm.joint_velocities(np.float32([0.1, 0.5]))["elbow"]
+            array(0.5, dtype=float32)
         """
         return named.taken_apart(self.topology, named.VELOCITIES, v, "Mechanism.joint_velocities: v")
 
@@ -383,6 +429,11 @@ class Mechanism:
             KeyError: a closure of a loop names no frame, or a tendon no joint; lists those there are.
             TypeError: there is no such field, or it holds another type.
             ValueError: the shape is not that of the field.
+
+        Example:
+            >>> light = arm.replace(gravity=np.float32([0.0, 0.0, -1.62]))  # on the Moon
+            >>> print(js.gravity_forces(light, q) / js.gravity_forces(arm, q))
+            [0.1651 0.1651]
         """
         for name, new in changes.items():
             if name in ("loops", "tendons"):
@@ -396,12 +447,22 @@ class Mechanism:
         """Converts all arrays to a dtype, JAX's default for None. Known numbers stay known.
 
         Nothing is checked as in `build`: what the dtype does not hold becomes infinite.
+
+        Example:
+            >>> arm.astype(np.float64).dtype
+            dtype('float64')
         """
         dtype = check.as_dtype(dtype)
         return _read_only(jax.tree.map(operator.methodcaller("astype", dtype), self._as_tree()))
 
     def as_data(self) -> "Mechanism":
-        """Makes all numbers arrays of JAX: one compiled program serves all values."""
+        """Makes all numbers arrays of JAX: one compiled program serves all values.
+
+        Example:
+            >>> held = jax.jit(lambda mechanism: js.gravity_forces(mechanism, q))
+            >>> print(held(arm.as_data()))  # one program for all masses and lengths
+            [17.0086  2.8991]
+        """
         return jax.tree.map(jax.numpy.asarray, check.narrowed(self._as_tree()))
 
     def as_known(self) -> "Mechanism":
@@ -422,6 +483,11 @@ class Mechanism:
 
         Raises:
             TypeError: numbers are traced.
+
+        Example:
+            >>> static = arm.as_static()
+            >>> jax.tree.leaves(static), static == arm.as_static()
+            ([], True)
         """
         static = StaticMechanism(**vars(jax.tree.map(_frozen, self.as_known())))
         return _STATIC.setdefault(static.contents, static)
@@ -545,6 +611,11 @@ class StaticMechanism(Mechanism, ByContents):
     a Mechanism. Its numbers fold also where it is an argument of a jitted function, which need not be named static:
     each value has a program. Gradients, optimizers, casts and checkpoints pass it by. `replace`, `as_data` and
     `as_known` give a Mechanism with leaves. Two are equal when tree, names, dtypes and all bits of the numbers are.
+
+    Example:
+        >>> static = arm.as_static()
+        >>> hash(static) == hash(arm.as_static()), jax.tree.leaves(static)
+        (True, [])
     """
 
     @functools.cached_property

@@ -27,6 +27,10 @@ class Body:
         inertia: M_BBo_B, a single SpatialInertia about the body's origin; None for a body without mass.
         lift: the part of the inertia that something holds against gravity, as a balloon does; its moments do not count.
             The force that holds it is one of the `passive_forces`. None for none.
+
+    Example:
+        >>> js.Body("upper", rod).inertia.mass
+        array(2., dtype=float32)
     """
 
     name: str
@@ -42,6 +46,11 @@ class Frame:
         name: unique among bodies and frames.
         body: the body, or "world".
         placement: X_BF, a single RigidTransform; None where it is the body's own.
+
+    Example:
+        >>> tool = js.Frame("tool", "lower", below)
+        >>> print(js.forward_kinematics(js.add_frames(arm, [tool]), jnp.zeros(2), "tool").translation[2])
+        -2.0
     """
 
     name: str
@@ -87,6 +96,11 @@ class Joint:
 
     Raises:
         ValueError: there is no such kind, or it has no such parameter or limit. `Mechanism.build` checks the rest.
+
+    Example:
+        >>> axle = js.Joint("axle", "continuous", "world", "wheel", axis=(1, 0, 0))
+        >>> js.Mechanism.build([js.Body("wheel", rod)], [axle]).joint_names
+        ('axle',)
     """
 
     name: str

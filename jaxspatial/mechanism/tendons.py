@@ -38,6 +38,11 @@ class Tendon:
     Raises:
         TypeError: names are no text, or numbers are none of floating point.
         ValueError: the numbers of names and of coefficients differ.
+
+    Example:
+        >>> band = js.Tendon("band", ["shoulder", "elbow"], [0.25, -0.5], stiffness=8.0)
+        >>> print(js.passive_forces(arm.replace(tendons=[band]), jnp.array([1.0, 0.25]), jnp.zeros(2)))
+        [-0.25  0.5 ]
     """
 
     name: str

@@ -37,6 +37,11 @@ def random_mechanism(
         KeyError: there is no such kind; lists those there are.
 
     Error: computed in float64, rounded once to the dtype.
+
+    Example:
+        >>> robot = js.testing.random_mechanism(0, n=4, kinds=["revolute"], dtype=np.float32)
+        >>> robot.nv, robot.dtype
+        (4, dtype('float32'))
     """
     rng = np.random.default_rng(seed)
     kinds = list(kinds or [kind.name for kind in BUILT_IN if kind.nv])

@@ -56,6 +56,11 @@ def register(kind: type[JointKind]) -> type[JointKind]:
         ValueError: another kind has the name, by which programs are cached; `neutral` has not nq coordinates; S depends
             on q and has no rate; a parameter has the name of a different one of another kind, or of an attribute of
             `JointKind`.
+
+    Example:
+        >>> from jaxspatial.mechanism.joints import Revolute, register
+        >>> register(Revolute).name  # a kind of your own instead; that there is it already changes nothing
+        'revolute'
     """
     if not (isinstance(kind, type) and issubclass(kind, JointKind)):
         raise TypeError(f"register: expected a subclass of JointKind, got {kind!r}")
