@@ -1,4 +1,4 @@
-"""Layer 6: the dynamics of mechanisms, as in the textbooks.
+"""The dynamics of mechanisms, as in the textbooks.
 
 Each file is one subject, with its public functions and the formulas over a `MechanismState` that they run.
 `jaxspatial.engine` turns a formula into a program.

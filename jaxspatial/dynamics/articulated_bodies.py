@@ -245,7 +245,7 @@ def _accelerate(body: tuple[Link, Motion, Any], parent: Motion) -> tuple[Numbers
         matrix, P, u = eliminated
         right = u if P is None else u - articulated.apply(P, A)
         lower = [row[: i + 1] for i, row in enumerate(articulated.rows(matrix))]
-        six = elimination.solution(lower, (*right.tau, *right.f))
+        six = elimination.solve(lower, (*right.tau, *right.f))
         return six, A + Motion(Vector(*six[:3]), Vector(*six[3:])) + c
     vdot, A = with_velocities(A, link.joint.subspace, eliminated)
     return vdot, A + c

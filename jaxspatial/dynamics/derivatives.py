@@ -66,7 +66,7 @@ def _matrices(state: MechanismState, v: Array | None, vdot: Array | None, extern
     links = state.links(v, vdot)
     motions = recursion.outward(state, motion_step, world_motion(state), links)
     composites = _composites(state, links, motions, body_loads)
-    bodies = [(*x, b.is_on_world) for *x, b in zip(links, motions, state.bundles, strict=True)]
+    bodies = [(link, motion, b.is_on_world) for link, motion, b in zip(links, motions, state.bundles, strict=True)]
     world = state.world
     placed = recursion.outward(state, _from_root, (world.R, world.p, state.zero_vector), bodies)
     subspaces = [stacking.stacked_trees(link.joint.subspace) for link in links]
@@ -102,7 +102,7 @@ def _composites(
     zero = state.zero_vector
     zeros = Matrix(zero, zero, zero)
     nothing = CompositeBody(state.zero_inertia, Wrench(zero, zero), zeros, zero, zeros, zero)
-    return recursion.inward(state, _composite_step, nothing, bodies, join=_combined)
+    return recursion.inward(state, _composite_step, nothing, bodies, join=_as_one)
 
 
 def _turning(tau: Vector, f: Vector, r: Vector, in_world: bool) -> tuple[Matrix, Vector]:
@@ -130,7 +130,7 @@ def _composite_step(
     body: tuple[Link, BodyMotion, Load], children: CompositeBody
 ) -> tuple[CompositeBody, CompositeBody]:
     link, motion, load = body
-    composite = _combined(_of_body(link.inertia, motion, load), children)
+    composite = _as_one(_of_body(link.inertia, motion, load), children)
     # The same about the parent's origin in its axes, for the observer that moves with it.
     (R, p_PJ), m = link.X_PB, composite.inertia.mass
     d = _velocity_seen(link, motion, link.X_PB)
@@ -167,7 +167,7 @@ def _velocity_seen(link: Link, motion: BodyMotion, X_PB: Pose) -> Vector:
     return cross(X_PB.R @ (motion.w - w_r), X_PB.p) + X_PB.R @ v_r
 
 
-def _combined(a: CompositeBody, b: CompositeBody) -> CompositeBody:
+def _as_one(a: CompositeBody, b: CompositeBody) -> CompositeBody:
     sums = a.wrench + b.wrench, a.X + b.X, a.p + b.p, a.load_rate + b.load_rate, a.load + b.load
     return CompositeBody(combined(a.inertia, b.inertia), *sums)
 

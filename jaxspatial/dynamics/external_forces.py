@@ -75,7 +75,7 @@ def _applied_wrenches(state: MechanismState, external_forces: Wrenches) -> list[
     placed = poses(state)
     on_bodies: list[tuple[list[int], Wrench]] = []
     for group in external_forces:
-        bodies, F = state.topology.bodies_of(group.frames), _given(state, group)
+        bodies, F = state.topology.bodies_of(group.frames), _wrenches_of(state, group)
         X_WJ, X_JQ = state.of_bodies(bodies, placed, state.world), _placed(state, group)
         X_JB = state.of_bodies(bodies, list(map(state.child_placement, state.bundles)), state.world)
         R_WJ, p_BQ_J = X_WJ.R, X_JQ.p - X_JB.p
@@ -109,7 +109,7 @@ def loads(state: MechanismState, forces: Wrenches, of_load: OfLoad | None = None
 
 def _about_joints(state: MechanismState, group: WrenchesOnFrames, placed: list[Pose]) -> tuple[Pose, Wrench]:
     """(X_JQ of the points, the wrenches about Jo in the axes of J), for each frame of a group."""
-    X_JQ, F = _placed(state, group), _given(state, group)
+    X_JQ, F = _placed(state, group), _wrenches_of(state, group)
     if not group.in_world:
         return X_JQ, algebra.acted_wrench(X_JQ, F)
     R_WJ = state.of_bodies(state.topology.bodies_of(group.frames), placed, state.world).R
@@ -132,7 +132,7 @@ def _placed(state: MechanismState, group: WrenchesOnFrames) -> Pose:
     return X_JF if group.points is None else Pose(X_JF.R, X_JF.p + X_JF.R @ state.vectors(group.points))
 
 
-def _given(state: MechanismState, group: WrenchesOnFrames) -> Wrench:
+def _wrenches_of(state: MechanismState, group: WrenchesOnFrames) -> Wrench:
     return Wrench(state.vectors(group.tau), state.vectors(group.f))
 
 

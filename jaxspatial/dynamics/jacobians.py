@@ -100,7 +100,7 @@ def _require_names(operation: str, frames: object) -> None:
         raise TypeError(f"{operation}: frames: expected the name of a frame, or a sequence of names, got None")
 
 
-def _stacked(frames: int | tuple[int, ...], function: Callable[[int], jax.Array]) -> jax.Array:
+def _for_each(frames: int | tuple[int, ...], function: Callable[[int], jax.Array]) -> jax.Array:
     """The matrix of one frame, or those of several."""
     return function(frames) if isinstance(frames, int) else jnp.stack([function(frame) for frame in frames])
 
@@ -121,7 +121,7 @@ def _jacobian(state: MechanismState, *, frames: int | tuple[int, ...]):
             columns.append(tuple(of_joint))
         return state.matrix_by_velocity(columns, 6)
 
-    return _stacked(frames, of_frame)
+    return _for_each(frames, of_frame)
 
 
 def _origin(state: MechanismState, frame: int, placed: list[Pose]) -> Pose:
@@ -149,4 +149,4 @@ def _jacobian_rate(state: MechanismState, v: Array, *, frames: int | tuple[int, 
             columns.append(tuple(of_joint))
         return state.matrix_by_velocity(columns, 6)
 
-    return _stacked(frames, of_frame)
+    return _for_each(frames, of_frame)

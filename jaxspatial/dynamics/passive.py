@@ -213,9 +213,9 @@ def _of_joints(joints: JointsOfKind, v: Array, compliance: Compliance, with_resi
     """The force of each velocity. `mechanism.assembly` adds parameters of mimics to the joint that they follow."""
     terms, velocities = _positional(joints, v, compliance), joints.velocities(v)
     damping, friction = (joints.state.fields[name] for name in ("damping", "friction_loss"))
-    if with_resistance and not is_nothing(joints.rows(damping)):
+    if with_resistance and not is_nothing(joints.part_of(damping)):
         terms.append([-d * x for d, x in zip(joints.velocities(damping), velocities, strict=True)])
-    if with_resistance and not is_nothing(joints.rows(friction)):
+    if with_resistance and not is_nothing(joints.part_of(friction)):
         both = zip(joints.velocities(friction), velocities, strict=True)
         speeds = joints.velocities(compliance.friction_speed)
         terms.append([-f * (x / _hypotenuse(x, s)) for (f, x), s in zip(both, speeds, strict=True)])
@@ -227,13 +227,13 @@ def _of_joints(joints: JointsOfKind, v: Array, compliance: Compliance, with_resi
 def _positional(joints: JointsOfKind, v: Array, compliance: Compliance) -> list[Numbers]:
     """The forces of springs and limits, if they act: computed for coordinates, then converted to velocities."""
     kind, fields, zero = joints.kind, joints.state.fields, joints.state.known(0.0)
-    has_spring = not is_nothing(joints.rows(fields["stiffness"]))
+    has_spring = not is_nothing(joints.part_of(fields["stiffness"]))
     limits, largest, softness = list[Array](), None, list[Array]()
     if compliance.limit_stiffness is not None:
         limits, softness = [fields["lower"], fields["upper"]], [compliance.limit_stiffness, compliance.limit_damping]
         if kind.name == Ball.name and (turn_limits := fields["turn_limits"]) is not None:
             largest = stacking.rows(turn_limits[:, None], joints.bundle.bodies)
-    has_limits = not all(_is_infinite(joints.rows(x, over_velocities=False)) for x in limits)
+    has_limits = not all(_is_infinite(joints.part_of(x, over_velocities=False)) for x in limits)
     largest = None if largest is None or _is_infinite(largest) else largest
     if not kind.nv or not (has_spring or has_limits or largest is not None):
         return []

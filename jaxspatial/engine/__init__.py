@@ -1,4 +1,4 @@
-"""Layer 5: turns a formula over a mechanism into a program.
+"""Turns a formula over a mechanism into a program.
 
 From a call of `forward_dynamics(mechanism, q, v, tau)` to its result:
 

@@ -206,9 +206,9 @@ class Pullback(Derived):
 
     def _of_chosen(self, arguments: Sequence[Any]) -> Callable[..., list[jax.Array]]:
         run = super()._of_chosen(arguments)
-        return lambda *chosen: self._given(run(*chosen))
+        return lambda *chosen: self._with_cotangents(run(*chosen))
 
-    def _given(self, results: Sequence[Any]) -> list[Any]:
+    def _with_cotangents(self, results: Sequence[Any]) -> list[Any]:
         """Those whose cotangents are given."""
         return list(results if self.given is None else itertools.compress(results, self.given))
 
@@ -223,7 +223,7 @@ class Pullback(Derived):
             # What all states share is repeated first, so that its cotangents are added up once, at the end. A result
             # that is itself the cotangent of a shared argument is shared by all states.
             results = run(*(jnp.broadcast_to(x, (n, *x.shape[1:])) for x in chosen))
-            places = self._given(range(len(results) if self.given is None else len(self.given)))
+            places = self._with_cotangents(range(len(results) if self.given is None else len(self.given)))
             primals = ((self.program.primal_of(i), y) for i, y in zip(places, results, strict=True))
             return [jnp.broadcast_to(y, (n, *y.shape[1:])) if primal is None else y for primal, y in primals]
 
@@ -235,7 +235,7 @@ class Pullback(Derived):
         """The cotangents of the arguments that move, by the program's own rule, as a function of those of results."""
         chosen = [jax.ShapeDtypeStruct(x.shape, x.dtype) for x in self._chosen(arguments)]
         run = self._ruled(arguments, n_batch)
-        transposed = jax.linear_transpose(lambda *tangents: self._given(run(*tangents)), *chosen)
+        transposed = jax.linear_transpose(lambda *tangents: self._with_cotangents(run(*tangents)), *chosen)
         return lambda *cotangents: list(transposed(list(cotangents)))
 
     def outputs(self, avals: Sequence[Aval]) -> list[Result]:

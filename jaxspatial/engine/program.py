@@ -46,7 +46,7 @@ from jaxspatial.numerics.sums.primitive import trace_of_sums
 T = TypeVar("T")
 Aval = jax.ShapeDtypeStruct
 Result = tuple[tuple[int, ...], Any]  # shape and dtype
-# Of how many operations a part of a trace is that XLA compiles by itself, for CPUs.
+# XLA compiles a long trace for CPUs in parts of this many operations.
 PART = 400
 
 

@@ -11,7 +11,7 @@ import functools
 import itertools
 import operator
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -29,17 +29,21 @@ from jaxspatial.numerics.numbers import (
     without_data,
 )
 
-# step(numbers of a body, state) -> (its result, its state), as trees of numbers.
-Step = Callable[[Any, Any], tuple[Any, Any]]
-Join = Callable[[Any, Any], Any]
+T = TypeVar("T")
+# Trees of numbers: those of a body, the state that bodies pass on, the result for a body.
+B = TypeVar("B")
+S = TypeVar("S")
+R = TypeVar("R")
+Step = Callable[[B, S], tuple[R, S]]
+Join = Callable[[S, S], S]
 
 
-def outward(state: MechanismState, step: Step, root: Any, numbers: Sequence[Any]) -> list[Any]:
+def outward(state: MechanismState, step: Step[B, S, R], root: S, numbers: Sequence[B]) -> list[R]:
     """Computes body after body from the base to the tips: the results for every bundle.
 
     step(numbers of a body, state of its parent) -> (its result, its state). root: the state of the world.
     """
-    results, ends = list[Any](), {-1: stacking.mapped(lambda word: word.reshape((1, -1)), root)}
+    results, ends = list[R](), {-1: stacking.mapped(lambda word: word.reshape((1, -1)), root)}
     for bundle, of_bundle in zip(state.bundles, numbers, strict=True):
         first = bundle.groups[0]
         start = [ends[i] for i in bundle.by_column(first, first.parents)]
@@ -52,24 +56,24 @@ def outward(state: MechanismState, step: Step, root: Any, numbers: Sequence[Any]
 
 
 def inward(
-    state: MechanismState, step: Step, at_tips: Any, numbers: Sequence[Any], join: Join | None = None
-) -> list[Any]:
+    state: MechanismState, step: Step[B, S, R], at_tips: S, numbers: Sequence[B], join: Join[S] | None = None
+) -> list[R]:
     """Computes body after body from the tips to the base: the results for every bundle.
 
     step(numbers of a body, joined states of its children) -> (its result, its state). at_tips: the state that bodies
     without children receive. join: combines the states of two children; by default their sum.
     """
-    of_children, results = collections.defaultdict[int, list[Any]](list), list[Any]()
+    of_children, results = collections.defaultdict[int, list[S]](list), list[R]()
     join = join or (lambda a, b: jax.tree.map(operator.add, a, b, is_leaf=is_number))
 
-    def joined(i: int, default: Any) -> Any:
+    def from_children(i: int, default: S) -> S:
         states = of_children.pop(i, [default])
         return states[0] if len(states) == 1 else functools.reduce(join, states)
 
     for bundle, of_bundle in zip(reversed(state.bundles), reversed(numbers), strict=True):
         first, last = bundle.groups[0], bundle.groups[-1]
-        start = [joined(i, at_tips) for i in last.ends]
-        boundaries = _boundaries(state, bundle, joined, at_tips, join, is_reverse=True)
+        start = [from_children(i, at_tips) for i in last.ends]
+        boundaries = _boundaries(state, bundle, from_children, at_tips, join, is_reverse=True)
         start = _side_by_side(bundle.by_column(last, start), state.n)
         result, passed, memory = _run(step, bundle, state.n, of_bundle, start, boundaries)
         for i, k in boundaries.rows.items():
@@ -82,12 +86,12 @@ def inward(
     return results[::-1]
 
 
-def _chain(tree, c: int):
+def _chain(tree: T, c: int) -> T:
     """The numbers (1, B) of one chain, or of one row of a memory."""
     return stacking.mapped(lambda word: lax.slice_in_dim(word, c, c + 1), tree)
 
 
-def _side_by_side(trees: Sequence[Any], n: int):
+def _side_by_side(trees: Sequence[T], n: int) -> T:
     """The states of several chains as one tree (W, B), or as the single one that all share."""
     same = all(tree is trees[0] for tree in trees)
     return trees[0] if same else stacking.concatenated_trees(trees, n)
@@ -96,33 +100,44 @@ def _side_by_side(trees: Sequence[Any], n: int):
 # -- boundaries between groups ----------------------------------------------------------------------------------------
 
 
-class Boundaries(NamedTuple):
+class Boundaries(NamedTuple, Generic[S]):
     """Where groups of a bundle end and others begin.
 
-    memory: the states (rows, B) of the bodies where chains meet. rows: the row of each of these bodies; row 0 holds the
-    state of tips, row 1 is scratch. at (length,): 1 for rows of the bundle that a boundary follows. put, get (length,
-    width): the rows of the memory that ending chains write and beginning chains read. join(old, new): combines the
-    states written to one row.
+    Chains that end write their states to a memory, and chains that begin read theirs from it.
+
+    memory: (rows, B), one state for each body where chains meet. Row 0 has the state of tips, row 1 is scratch. Nothing
+        reads it if there are none.
+    rows: the row of each of these bodies.
+    at: (length,), 1 at rows of the bundle which a boundary follows.
+    put: (length, width), the row of the memory that each chain writes at such a boundary.
+    get: (length, width), the row that the next chain of the column reads.
+    join: a function of (old, new), which combines the states that are written to one row.
+    is_reverse: whether the loop goes from the last row to the first.
     """
 
-    memory: Any
+    memory: S
     rows: dict[int, int]
     at: np.ndarray
     put: np.ndarray
     get: np.ndarray
-    join: Join
+    join: Join[S]
     is_reverse: bool
 
 
 def _boundaries(
-    state: MechanismState, bundle: Bundle, state_of: Callable[[int, Any], Any], default, join: Join, is_reverse: bool
-) -> Boundaries:
+    state: MechanismState,
+    bundle: Bundle,
+    state_of: Callable[[int, S], S],
+    default: S,
+    join: Join[S],
+    is_reverse: bool,
+) -> Boundaries[S]:
     """The Boundaries of a loop outward, or in reverse. state_of(i, default): that of a body where groups may
     meet."""
     meet = [i for g in bundle.groups[1:] for i in g.parents]
     meet += [i for g in bundle.groups[:-1] for i in g.ends if state.topology.children[i]]
     rows = {i: k + 2 for k, i in enumerate(dict.fromkeys(meet))}
-    memory = _side_by_side([default, default, *(state_of(i, default) for i in rows)], state.n) if rows else None
+    memory = _side_by_side([default, default, *(state_of(i, default) for i in rows)], state.n) if rows else default
     at, put, get = (np.zeros(shape, int) for shape in ((bundle.length,), *[bundle.bodies.shape] * 2))
     first = 0
     for a, b in itertools.pairwise(bundle.groups):
@@ -141,7 +156,9 @@ def _boundaries(
 # -- the loop ---------------------------------------------------------------------------------------------------------
 
 
-def _run(step: Step, bundle: Bundle, n: int, numbers, start, boundaries: Boundaries) -> tuple[Any, Any, Any]:
+def _run(
+    step: Step[B, S, R], bundle: Bundle, n: int, numbers: B, start: S, boundaries: Boundaries[S]
+) -> tuple[R, S, S]:
     """Runs a bundle: (the results stacked along it, the last state, the memory).
 
     numbers: (L, W, B), start: (W, B), of size 1 along axes where one serves all.
@@ -151,10 +168,12 @@ def _run(step: Step, bundle: Bundle, n: int, numbers, start, boundaries: Boundar
     of_one = stacking.mapped(lambda word: lax.squeeze(word, (0,)), numbers)
     result, last = step(of_one, start)
     last = stacking.mapped(lambda word: jnp.broadcast_to(word, (bundle.width, n)), last)
-    return stacking.mapped(lambda word: lax.expand_dims(word, (0,)), result), last, None
+    return stacking.mapped(lambda word: lax.expand_dims(word, (0,)), result), last, boundaries.memory
 
 
-def _loop(step: Step, numbers, start, boundaries: Boundaries, shape: tuple[int, int]) -> tuple[Any, Any, Any]:
+def _loop(
+    step: Step[B, S, R], numbers: B, start: S, boundaries: Boundaries[S], shape: tuple[int, int]
+) -> tuple[R, S, S]:
     """Loops over the rows of a bundle.
 
     A known number of the state stays known unless a step changes it. The loop is then traced again with this number as
@@ -171,15 +190,15 @@ def _loop(step: Step, numbers, start, boundaries: Boundaries, shape: tuple[int, 
         is_known = [k and not c for k, c in zip(is_known, trial.changed, strict=True)]
 
 
-class _Loop:
+class _Loop(Generic[B, S, R]):
     """One trace of a loop. is_known: the numbers of the state to keep known; changed: those that a step changed."""
 
     def __init__(
         self,
-        step: Step,
+        step: Step[B, S, R],
         structure: Any,
-        numbers: Any,
-        boundaries: Boundaries,
+        numbers: B,
+        boundaries: Boundaries[S],
         shape: tuple[int, int],
         is_known: list[bool],
     ):
@@ -201,7 +220,7 @@ class _Loop:
         again = jax.checkpoint(self._row, prevent_cse=False)
         (last, last_memory), stacked = lax.scan(again, start, inputs, reverse=boundaries.is_reverse)
         results = with_data(self.result, stacked)
-        return results, self._state(last), self._state(last_memory) if n_rows else None
+        return results, self._state(last), self._state(last_memory) if n_rows else boundaries.memory
 
     def _spread(self, states: list[Any], shape: tuple[int, int]) -> list[Any]:
         """Numbers of the state over all chains."""

@@ -63,7 +63,7 @@ def stacked(parts: Numbers, shape: Shape, axis: int) -> Number:
 
 def stacked_trees(trees: Sequence[T]) -> T:
     """Stacks k trees of numbers to one of numbers (k, ...). Known equal numbers stay known, a single tree unchanged."""
-    return trees[0] if len(trees) == 1 else _combined(trees, lambda xs: stacked(xs, _common_shape(xs), 0))
+    return trees[0] if len(trees) == 1 else _leafwise(trees, lambda xs: stacked(xs, _common_shape(xs), 0))
 
 
 def concatenated(parts: Numbers) -> Number:
@@ -77,10 +77,10 @@ def concatenated_trees(trees: Sequence[T], n: int, counts: Sequence[int] | None 
     counts: the k of each tree, 1 for None. A tree has one row where all its rows are the same.
     """
     k = counts or [1] * len(trees)
-    return _combined(trees, lambda xs: concatenated([spread(x, (i, n)) for x, i in zip(xs, k, strict=True)]))
+    return _leafwise(trees, lambda xs: concatenated([spread(x, (i, n)) for x, i in zip(xs, k, strict=True)]))
 
 
-def _combined(trees: Sequence[Any], combine: Callable[[Numbers], Number]):
+def _leafwise(trees: Sequence[Any], combine: Callable[[Numbers], Number]):
     return jax.tree.map(lambda *xs: xs[0] if all_equal(xs) else combine(xs), *trees, is_leaf=is_number)
 
 

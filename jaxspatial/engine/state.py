@@ -320,7 +320,7 @@ class MechanismState:
         """Results by body, (n, k, B), from a tuple of k numbers for every bundle."""
         if not self.bundles:
             return self.rounded(self.zeros(0, k))
-        pieces = [self._rows(b, parts, 3) for b, parts in zip(self.bundles, results, strict=True)]
+        pieces = [self._of_own_bodies(b, parts, 3) for b, parts in zip(self.bundles, results, strict=True)]
         places = np.concatenate([b.own_bodies for b in self.bundles])
         return self.rounded(
             stacking.mapped(lambda w: stacking.rows(w, np.argsort(places)), stacking.concatenated(pieces))
@@ -334,7 +334,7 @@ class MechanismState:
         """The sum over all bodies, (B,), of a number for every bundle."""
         if not self.bundles:
             return self.known(0.0)
-        rows = [self._rows(b, (x,), 2) for b, x in zip(self.bundles, results, strict=True)]
+        rows = [self._of_own_bodies(b, (x,), 2) for b, x in zip(self.bundles, results, strict=True)]
         return stacking.pairwise_sum(stacking.concatenated(rows))
 
     def by_velocity(self, results: Sequence[Numbers], bundles: Sequence[Bundle] | None = None) -> jax.Array:
@@ -382,7 +382,7 @@ class MechanismState:
         zeros = [(self.known(0.0),) * b.kind.nv for b in others]
         return self.by_velocity([*results, *zeros], (*self.bundles, *others))
 
-    def _rows(self, bundle: Bundle, parts: Numbers, rank: int) -> Number:
+    def _of_own_bodies(self, bundle: Bundle, parts: Numbers, rank: int) -> Number:
         """The numbers of a bundle, chain after chain: (rows, B) for rank 2, (bodies, k, B) for rank 3."""
         count = bundle.length * bundle.width
         whole = stacking.stacked(parts, (bundle.length, bundle.width, self.n), 2)
@@ -398,7 +398,7 @@ class MechanismState:
         pieces, places, bodies = list[Number](), list[np.ndarray](), list[np.ndarray]()
         for b, parts in zip(bundles, results, strict=True):
             if parts:
-                pieces.append(self._rows(b, parts, 2))
+                pieces.append(self._of_own_bodies(b, parts, 2))
                 places.append(np.array(starts)[b.own_bodies][:, None] + np.arange(len(parts)))
                 bodies.append(np.broadcast_to(b.own_bodies[:, None], places[-1].shape))
         if not pieces:
@@ -463,7 +463,7 @@ class JointsOfKind:
     def velocities(self, array: Array) -> Numbers:
         return self.state.velocities(self.bundle, array)
 
-    def rows(self, array: Array, over_velocities: bool = True) -> Array:
+    def part_of(self, array: Array, over_velocities: bool = True) -> Array:
         """The rows of these joints in an array over velocities, or over coordinates."""
         t = self.state.topology
         slices = ((t.v_slice if over_velocities else t.q_slice)(i) for i in self.bundle.own_bodies)

@@ -1,4 +1,4 @@
-"""Layer 3: inertia of rigid and articulated bodies, and the equations of motion of one."""
+"""Inertia of rigid and articulated bodies, and the equations of motion of one."""
 
 from jaxspatial.inertia import regressors as regressors
 from jaxspatial.inertia.articulated import ArticulatedInertia as ArticulatedInertia

@@ -1,4 +1,4 @@
-"""Layer 8: states and arrays to and from other libraries, one function per convention, named for it.
+"""States and arrays to and from other libraries, one function per convention, named for it.
 
     from jaxspatial import interop
     F_Bo_B = interop.pinocchio.from_force(data.f[1])

@@ -341,7 +341,7 @@ def to_qpos(mechanism: Mechanism, q: ArrayLike) -> jax.Array:
         q: (*batch, nq) our coordinates.
     """
     joints, state = _arguments("mujoco.to_qpos", mechanism, q=q)
-    return _stacked(state.q, [j.rolled(j.followed(state.q[..., j.q], with_offset=True), 4) for j in joints])
+    return _side_by_side(state.q, [j.rolled(j.followed(state.q[..., j.q], with_offset=True), 4) for j in joints])
 
 
 def from_qpos(mechanism: Mechanism, qpos: ArrayLike) -> jax.Array:
@@ -352,7 +352,7 @@ def from_qpos(mechanism: Mechanism, qpos: ArrayLike) -> jax.Array:
         qpos: (*batch, model.nq).
     """
     joints, state = _arguments("mujoco.from_qpos", mechanism, qpos=qpos)
-    return _stacked(state.qpos, [j.rolled(state.qpos[..., j.qpos], 3) for j in joints if not j.is_mimic])
+    return _side_by_side(state.qpos, [j.rolled(state.qpos[..., j.qpos], 3) for j in joints if not j.is_mimic])
 
 
 def to_qvel(mechanism: Mechanism, q: ArrayLike, v: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
@@ -367,7 +367,7 @@ def to_qvel(mechanism: Mechanism, q: ArrayLike, v: ArrayLike, *, precision: Prec
     Error: of a free joint as of `rotate`; else exact but for mimics.
     """
     joints, state = _arguments("mujoco.to_qvel", mechanism, q=q, v=v)
-    return _stacked(state.q, [j.in_world(state.q, j.followed(state.v[..., j.v]), precision) for j in joints])
+    return _side_by_side(state.q, [j.in_world(state.q, j.followed(state.v[..., j.v]), precision) for j in joints])
 
 
 def from_qvel(mechanism: Mechanism, q: ArrayLike, qvel: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
@@ -382,7 +382,9 @@ def from_qvel(mechanism: Mechanism, q: ArrayLike, qvel: ArrayLike, *, precision:
     Error: of a free joint as of `rotate`; else exact.
     """
     joints, state = _arguments("mujoco.from_qvel", mechanism, q=q, qvel=qvel)
-    return _stacked(state.q, [j.in_body(state.q, state.qvel[..., j.qvel], precision) for j in joints if not j.is_mimic])
+    return _side_by_side(
+        state.q, [j.in_body(state.q, state.qvel[..., j.qvel], precision) for j in joints if not j.is_mimic]
+    )
 
 
 def to_qacc(
@@ -409,7 +411,7 @@ def to_qacc(
             V = SpatialVelocity.from_array(state.v[..., joint.v])
             a = SpatialAcceleration.from_featherstone(a, V, precision=precision).to_array()
         parts.append(joint.in_world(state.q, a, precision))
-    return _stacked(state.q, parts)
+    return _side_by_side(state.q, parts)
 
 
 def from_qacc(
@@ -434,7 +436,7 @@ def from_qacc(
             V = SpatialVelocity.from_array(state.v[..., joint.v])
             a = SpatialAcceleration.from_array(a).to_featherstone(V, precision=precision)
         parts.append(a)
-    return _stacked(state.q, parts)
+    return _side_by_side(state.q, parts)
 
 
 def to_qfrc(mechanism: Mechanism, q: ArrayLike, tau: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
@@ -450,7 +452,9 @@ def to_qfrc(mechanism: Mechanism, q: ArrayLike, tau: ArrayLike, *, precision: Pr
     """
     joints, state = _arguments("mujoco.to_qfrc", mechanism, q=q, tau=tau)
     parts = ((j, state.tau[..., j.v]) for j in joints)
-    return _stacked(state.q, [0 * part if j.is_mimic else j.in_world(state.q, part, precision) for j, part in parts])
+    return _side_by_side(
+        state.q, [0 * part if j.is_mimic else j.in_world(state.q, part, precision) for j, part in parts]
+    )
 
 
 def from_qfrc(mechanism: Mechanism, q: ArrayLike, qfrc: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
@@ -470,7 +474,7 @@ def from_qfrc(mechanism: Mechanism, q: ArrayLike, qfrc: ArrayLike, *, precision:
     by_start = {j.v.start: j.in_body(state.q, state.qfrc[..., j.qvel], precision) for j in joints if not j.is_mimic}
     for joint in (j for j in joints if j.is_mimic):
         by_start[joint.v.start] = by_start[joint.v.start] + joint.followed(state.qfrc[..., joint.qvel])
-    return _stacked(state.q, [by_start[start] for start in sorted(by_start)])
+    return _side_by_side(state.q, [by_start[start] for start in sorted(by_start)])
 
 
 class _Joint:
@@ -529,6 +533,6 @@ def _arguments(operation: str, mechanism: Mechanism, **arrays: ArrayLike) -> tup
     return joints, SimpleNamespace(**dict(zip(checked, check.broadcast_batch(batch, *checked.values()), strict=True)))
 
 
-def _stacked(like: jax.Array, parts: list[jax.Array]) -> jax.Array:
+def _side_by_side(like: jax.Array, parts: list[jax.Array]) -> jax.Array:
     """The parts side by side; of no joints an array without numbers."""
     return jnp.concatenate([like[..., :0], *parts], -1)

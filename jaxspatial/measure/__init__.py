@@ -1,4 +1,4 @@
-"""Layer 9: accuracy and speed, measured on this machine and on the user's own numbers; `python -m jaxspatial`.
+"""Accuracy and speed, measured on this machine and on the user's own numbers; `python -m jaxspatial`.
 
     from jaxspatial import measure
 

@@ -1,4 +1,4 @@
-"""Layer 4: joints, bodies, and the tree they make: `Mechanism`."""
+"""Joints, bodies, and the tree they make: `Mechanism`."""
 
 from jaxspatial.mechanism.contacts import HalfSpace as HalfSpace
 from jaxspatial.mechanism.contacts import PointContacts as PointContacts

@@ -184,25 +184,25 @@ class _Tree:
         mimics = [(joint, self.mimics[joint.name]) for joint in self.moving if joint.name in self.mimics]
         alone, turn_limits = Mimic(""), np.array([joint.turn_limit for joint in self.moving], np.float64)
         return {
-            "placements": _stacked(self.placements),
-            "child_placements": _stacked([or_identity(joint, "child_placement") for joint in self.moving]),
+            "placements": _stacked_poses(self.placements),
+            "child_placements": _stacked_poses([or_identity(joint, "child_placement") for joint in self.moving]),
             **{p.field: self._parameter(p) for p in OF_EVERY_JOINT if p.field},
             "parameters": {p.name: self._parameter(p) for p in registered_parameters(j.kind for j in self.moving)},
-            "mimics": _rows([self.mimics.get(joint.name, alone)[1:] for joint in self.moving], 2),
+            "mimics": _matrix([self.mimics.get(joint.name, alone)[1:] for joint in self.moving], 2),
             "inertias": _inertias(self.masses),
             # No arrays of size zero, which checkpoints refuse.
             "weld_inertias": _inertias(self._welded()) if self.welds else None,
             "lifts": _inertias(self._lifted()) if self.lifts else None,
             "turn_limits": turn_limits if np.isfinite(turn_limits).any() else None,
-            "frame_placements": _stacked([X for _, X in self.places.values()]),
+            "frame_placements": _stacked_poses([X for _, X in self.places.values()]),
             **{name: _with_mimics(leaders, mimics, name, power) for name, power in _POWERS.items()},
-            **{name: _joined(numbers(joint, name, size) for joint in leaders) for name, size in _LIMITS.items()},
-            "spring_references": _joined(_rest(joint, mimics) for joint in leaders),
+            **{name: _concatenated(numbers(joint, name, size) for joint in leaders) for name, size in _LIMITS.items()},
+            "spring_references": _concatenated(_rest(joint, mimics) for joint in leaders),
         }
 
     def _parameter(self, p: Parameter):
         """(n, size) of all joints, (n,) of the pitch."""
-        values = _rows([parameter(joint, p) for joint in self.moving], p.size)
+        values = _matrix([parameter(joint, p) for joint in self.moving], p.size)
         return values[:, 0] if p.field and p.size == 1 else values
 
 
@@ -240,7 +240,7 @@ def _with_mimics(leaders: list[Joint], mimics: _Mimics, name: str, power: int):
     totals = {joint.name: numbers(joint, name, "nv") for joint in leaders}
     for joint, (leader, multiplier, _) in mimics:
         totals[leader] = totals[leader] + abs(multiplier) ** power * numbers(joint, name, "nv")
-    return _joined(totals.values())
+    return _concatenated(totals.values())
 
 
 def _rest(joint: Joint, mimics: _Mimics):
@@ -259,17 +259,17 @@ def _rest(joint: Joint, mimics: _Mimics):
     return rest if not total else sum((k * x for k, x in springs), stiffness * rest) / total
 
 
-def _joined(arrays: Iterable[np.ndarray]):
+def _concatenated(arrays: Iterable[np.ndarray]):
     return np.concatenate([np.zeros(0), *arrays])
 
 
-def _rows(values: Sequence[Any], n: int):
+def _matrix(values: Sequence[Any], n: int):
     return np.array(values, np.float64).reshape(len(values), n)
 
 
-def _stacked(transforms: Sequence[RigidTransform]):
-    entries = _rows([X.rotation.entries for X in transforms], 9)
-    return RigidTransform(Rotation(entries), _rows([X.translation for X in transforms], 3))
+def _stacked_poses(transforms: Sequence[RigidTransform]):
+    entries = _matrix([X.rotation.entries for X in transforms], 9)
+    return RigidTransform(Rotation(entries), _matrix([X.translation for X in transforms], 3))
 
 
 def _acted(X: RigidTransform, M: SpatialInertia) -> SpatialInertia:
@@ -280,7 +280,7 @@ def _inertias(masses: list[list[SpatialInertia]]):
     nothing = SpatialInertia.zero(dtype=np.float64)
     sums = [jax.tree.map(known, functools.reduce(operator.add, parts)) if parts else nothing for parts in masses]
     mass, com, central = [M.mass for M in sums], [M.com for M in sums], [M.central for M in sums]
-    return SpatialInertia(_rows(mass, 1)[:, 0], _rows(com, 3), _rows(central, 6))
+    return SpatialInertia(_matrix(mass, 1)[:, 0], _matrix(com, 3), _matrix(central, 6))
 
 
 # -- what the algorithms make of inertias, and a dtype must hold ------------------------------------------------------

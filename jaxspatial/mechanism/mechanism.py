@@ -339,7 +339,7 @@ class Mechanism:
             >>> print(arm.configuration({"elbow": 0.5}))
             [0.  0.5]
         """
-        return named.joined(self.topology, named.POSITIONS, positions, self.dtype)
+        return named.of_all_joints(self.topology, named.POSITIONS, positions, self.dtype)
 
     def joint_positions(self, q: ArrayLike) -> dict[str, Any]:
         """Takes q apart by names of joints: the inverse of `configuration`.
@@ -359,7 +359,7 @@ class Mechanism:
             >>> arm.joint_positions(np.float32([0.1, 0.5]))["elbow"]
             array(0.5, dtype=float32)
         """
-        return named.taken_apart(self.topology, named.POSITIONS, q, "Mechanism.joint_positions: q")
+        return named.by_joint(self.topology, named.POSITIONS, q, "Mechanism.joint_positions: q")
 
     def velocities(self, velocities: Mapping[str, Any]) -> jax.Array:
         """Makes v of velocities by names of joints; those that are not named are zero.
@@ -382,7 +382,7 @@ class Mechanism:
             >>> print(arm.velocities({"elbow": 0.5}))
             [0.  0.5]
         """
-        return named.joined(self.topology, named.VELOCITIES, velocities, self.dtype)
+        return named.of_all_joints(self.topology, named.VELOCITIES, velocities, self.dtype)
 
     def joint_velocities(self, v: ArrayLike) -> dict[str, Any]:
         """Takes v apart by names of joints: the inverse of `velocities`.
@@ -400,7 +400,7 @@ class Mechanism:
             >>> arm.joint_velocities(np.float32([0.1, 0.5]))["elbow"]
             array(0.5, dtype=float32)
         """
-        return named.taken_apart(self.topology, named.VELOCITIES, v, "Mechanism.joint_velocities: v")
+        return named.by_joint(self.topology, named.VELOCITIES, v, "Mechanism.joint_velocities: v")
 
     def __repr__(self):
         """The tree: one line per body, with its joint."""

@@ -34,7 +34,7 @@ POSITIONS = Form("Mechanism.configuration: positions", "nq", "q_starts", {"free"
 VELOCITIES = Form("Mechanism.velocities: velocities", "nv", "v_starts", {"free": SpatialVelocity})
 
 
-def joined(t: Topology, form: Form, values: Mapping[str, Any], dtype: DTypeLike) -> Any:
+def of_all_joints(t: Topology, form: Form, values: Mapping[str, Any], dtype: DTypeLike) -> Any:
     """The numbers (*batch, n) of all joints; NumPy where all values are."""
     if not isinstance(values, Mapping):
         check.refuse(form.what, "a mapping from names of joints", values)
@@ -57,8 +57,8 @@ def joined(t: Topology, form: Form, values: Mapping[str, Any], dtype: DTypeLike)
     return concatenate(check.broadcast_batch(batch, *own), -1)
 
 
-def taken_apart(t: Topology, form: Form, x: Any, what: str) -> dict[str, Any]:
-    """{name of a joint: its numbers}, as `joined` takes them."""
+def by_joint(t: Topology, form: Form, x: Any, what: str) -> dict[str, Any]:
+    """{name of a joint: its numbers}, as `of_all_joints` takes them."""
     x = check.as_vectors(x, what, size=getattr(t, form.starts)[-1])
     parts = dict[str, Any]()
     for i in (i for i in range(len(t)) if not t.is_mimic(i)):

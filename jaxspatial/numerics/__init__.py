@@ -1,4 +1,4 @@
-"""Layer 0: how numbers are added and multiplied. Every formula of the library goes through here.
+"""How numbers are added and multiplied. Every formula of the library goes through here.
 
 The way from a formula to the bits:
 

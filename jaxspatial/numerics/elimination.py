@@ -36,7 +36,7 @@ def pivots(lower: Sequence[Numbers]) -> list[Pivot]:
     return steps
 
 
-def solution(lower: Sequence[Numbers], right: Sequence[Number]) -> Numbers:
+def solve(lower: Sequence[Numbers], right: Sequence[Number]) -> Numbers:
     """x with A x = right, from the rows of the lower triangle of A; 0 where a pivot is not positive."""
     steps, x = pivots(lower), list[Number]()
     for is_none, divisor, column in steps:

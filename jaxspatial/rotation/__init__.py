@@ -1,3 +1,3 @@
-"""Layer 1: rotations."""
+"""Rotations."""
 
 from jaxspatial.rotation.rotation import Rotation as Rotation

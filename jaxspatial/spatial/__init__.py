@@ -1,4 +1,4 @@
-"""Layer 2: spatial vectors, and the operations in which they meet."""
+"""Spatial vectors, and the operations in which they meet."""
 
 from jaxspatial.spatial.operations import act as act, act_inverse as act_inverse, cross as cross, dot as dot
 from jaxspatial.spatial.operations import rotate as rotate, shift as shift
