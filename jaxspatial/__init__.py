@@ -55,6 +55,7 @@ if not _IS_FOR_THE_COMMAND:
     from jaxspatial.inertia import newton_euler as newton_euler
 
     # mechanisms
+    from jaxspatial.mechanism import Actuators as Actuators
     from jaxspatial.mechanism import AppliedForces as AppliedForces
     from jaxspatial.mechanism import Body as Body
     from jaxspatial.mechanism import Frame as Frame

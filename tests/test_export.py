@@ -34,6 +34,7 @@ def _derivatives(kind):
 
 # One of each type whose objects are data.
 EXAMPLES = {
+    "Actuators": lambda: js.Actuators(["x", "y"], ["a", ("b", "c")], _ones(3), gain=_ones(2), damping=_ones(4, 2)),
     "AppliedForces": lambda: js.AppliedForces(
         ["left", "right"], js.SpatialForce(_ones(4, 2, 3), _ones(4, 2, 3)), _ones(2, 3), "frame"
     ),

@@ -14,8 +14,9 @@ Read: MuJoCo's engine_core_smooth.c, mujoco 4.0, mjx 3.17.
 """
 
 import itertools
+from collections.abc import Mapping
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -353,6 +354,45 @@ def from_qpos(mechanism: Mechanism, qpos: ArrayLike) -> jax.Array:
     """
     joints, state = _arguments("mujoco.from_qpos", mechanism, qpos=qpos)
     return _side_by_side(state.qpos, [j.rolled(state.qpos[..., j.qpos], 3) for j in joints if not j.is_mimic])
+
+
+class KeyFrame(NamedTuple):
+    """A state that a file names. q: (nq,), v: (nv,), ctrl: one number for each of `Actuators.from_mjcf`."""
+
+    q: np.ndarray
+    v: np.ndarray
+    ctrl: np.ndarray
+
+
+def key_frames(
+    mechanism: Mechanism, path_or_text: Any, *, assets: Mapping[str, bytes] | None = None
+) -> dict[str, KeyFrame]:
+    """Reads the key frames of an MJCF, `<key>`, by their names; one without a name is "key_<id>".
+
+        q, v, ctrl = js.interop.mujoco.key_frames(mech, "dog.xml")["home"]
+
+    Args:
+        mechanism: that of the file.
+        path_or_text: a path; the text itself; a mujoco.MjSpec, or a mujoco.MjModel.
+        assets: files that the text names, by their names.
+
+    Returns:
+        {name: KeyFrame}, NumPy in the dtype of the mechanism.
+
+    Raises:
+        ValueError: MuJoCo does not compile the file, or the mechanism has other joints.
+
+    Error: of q none, of v that of `from_qvel`.
+    """
+    from jaxspatial.mechanism.formats import mjcf
+
+    found = dict[str, KeyFrame]()
+    with jax.ensure_compile_time_eval():  # of known numbers, also while somebody traces
+        for part in mjcf.read_key_frames(path_or_text, assets):
+            qpos, qvel, ctrl = (x.astype(mechanism.dtype) for x in part[1:])
+            q = from_qpos(mechanism, qpos)
+            found[part.name] = KeyFrame(np.asarray(q), np.asarray(from_qvel(mechanism, q, qvel)), ctrl)
+    return found
 
 
 def to_qvel(mechanism: Mechanism, q: ArrayLike, v: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:

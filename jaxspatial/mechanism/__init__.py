@@ -1,5 +1,6 @@
 """Joints, bodies, and the tree they make: `Mechanism`."""
 
+from jaxspatial.mechanism.actuators import Actuators as Actuators
 from jaxspatial.mechanism.contacts import HalfSpace as HalfSpace
 from jaxspatial.mechanism.contacts import PointContacts as PointContacts
 from jaxspatial.mechanism.editing import add_frames as add_frames

@@ -33,7 +33,7 @@ import io
 import pathlib
 import re
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -87,6 +87,43 @@ def read_shapes(path_or_text: Any, assets: Mapping[str, bytes] | None = None) ->
     file = _File(path_or_text, assets, None, False)
     with in_double():
         return [_shape(file, i) for i in range(file.model.ngeom) if not _is_ground(file, i)]
+
+
+class ActuatorPart(NamedTuple):
+    """An actuator of a file. numbers: those of `Actuators`, by name."""
+
+    name: str
+    joints: list[str]
+    gears: list[float]
+    numbers: dict[str, float]
+
+
+def read_actuators(path_or_text: Any, assets: Mapping[str, bytes] | None = None) -> list[ActuatorPart]:
+    """The actuators of an MJCF for `Actuators.from_mjcf`, those that are plain; a warning lists the others."""
+    file = _File(path_or_text, assets, None, False)
+    found = [_actuator(file, i) for i in _plain_actuators(file)]
+    for i in set(range(len(file.model.actuator_trntype))).difference(_plain_actuators(file)):
+        file.miss(f"actuator with {_not_plain(file, i)}", file.name("actuator", i))
+    _miss_limits_of_sums(file)
+    file.warn()
+    return found
+
+
+class KeyFramePart(NamedTuple):
+    """A key frame of a file, in MuJoCo's coordinates. ctrl: of the actuators of `read_actuators`."""
+
+    name: str
+    qpos: np.ndarray
+    qvel: np.ndarray
+    ctrl: np.ndarray
+
+
+def read_key_frames(path_or_text: Any, assets: Mapping[str, bytes] | None = None) -> list[KeyFramePart]:
+    """The key frames of an MJCF for `interop.mujoco.key_frames`."""
+    file = _File(path_or_text, assets, None, False)
+    m, plain = file.model, [_ctrl_place(file, i) for i in _plain_actuators(file)]
+    parts = (m.key_qpos, m.key_qvel, m.key_ctrl[:, plain])
+    return [KeyFramePart(m.key(k).name or f"key_{k}", *(np.array(x[k]) for x in parts)) for k in range(m.nkey)]
 
 
 # -- the compiled model, and where in the text its elements are -------------------------------------------------------
@@ -333,6 +370,87 @@ def _share_bits(m: Any, i: int, k: int) -> bool:
 def _are_excluded(m: Any, i: int, k: int) -> bool:
     a, b = sorted((int(m.geom_bodyid[i]), int(m.geom_bodyid[k])))
     return (a << 16) + b in m.exclude_signature
+
+
+# -- actuators --------------------------------------------------------------------------------------------------------
+
+
+def _plain_actuators(file: _File) -> list[int]:
+    return [i for i in range(len(file.model.actuator_trntype)) if not _not_plain(file, i)]
+
+
+def _not_plain(file: _File, i: int) -> str:
+    """What of an actuator is not that of `Actuators`; "" for nothing."""
+    m, mujoco = file.model, file.mujoco
+    gain, bias = m.actuator_gainprm[i], m.actuator_biasprm[i]
+    gains, biases = (
+        (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtGain.mjGAIN_AFFINE),
+        (
+            mujoco.mjtBias.mjBIAS_NONE,
+            mujoco.mjtBias.mjBIAS_AFFINE,
+        ),
+    )
+    if not file.has("ACTUATION") or (m.opt.disableactuator >> int(m.actuator_group[i])) & 1:
+        return "a group that is switched off"
+    if m.actuator_dyntype[i] != int(mujoco.mjtDyn.mjDYN_NONE):
+        return "activation"
+    if file.numbers("actuator_delay")[i].any():
+        return "a delay"
+    if m.actuator_gaintype[i] not in map(int, gains) or m.actuator_biastype[i] not in map(int, biases):
+        return "gains of its own kind"
+    if m.actuator_gaintype[i] == int(gains[1]) and gain[1:3].any():
+        return "gains that depend on the state"
+    if not np.isfinite([*gain[:1], *bias[:3]]).all():
+        return "gains that are not finite"
+    return "" if _pulled(file, i) else "no hinge or slide, nor a tendon over such, to pull at"
+
+
+def _pulled(file: _File, i: int) -> tuple[list[int], np.ndarray] | None:
+    """(joints, coefficients) of the length of an actuator, without its gear; None where it is no linear form."""
+    m, kinds, target = file.model, file.mujoco.mjtTrn, int(file.model.actuator_trnid[i, 0])
+    type = m.actuator_trntype[i]
+    if type == int(kinds.mjTRN_TENDON) and _is_fixed(file, target):
+        return _coordinates_of(file, target)
+    is_joint = type in (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT))
+    return ([target], np.ones(1)) if is_joint and file.kind(target) in ("revolute", "prismatic") else None
+
+
+def _actuator(file: _File, i: int) -> ActuatorPart:
+    m, bias = file.model, file.model.actuator_biasprm[i]
+    joints, c = _pulled(file, i) or ([], np.zeros(0))
+    is_affine = m.actuator_biastype[i] == int(file.mujoco.mjtBias.mjBIAS_AFFINE)
+    b, k, d = (bias[:3] * is_affine).tolist()
+    numbers = {"gain": float(m.actuator_gainprm[i, 0]), "bias": b, "stiffness": -k, "damping": -d}
+    limits = {
+        ("lower", "upper"): (m.actuator_forcelimited[i], m.actuator_forcerange[i]),
+        ("ctrl_lower", "ctrl_upper"): (
+            m.actuator_ctrllimited[i] and file.has("CLAMPCTRL"),
+            m.actuator_ctrlrange[i],
+        ),
+    }
+    for names, (is_limited, pair) in limits.items():
+        numbers |= dict(zip(names, pair.tolist() if is_limited else (-np.inf, np.inf), strict=True))
+    gears = (c * m.actuator_gear[i, 0]).tolist()
+    return ActuatorPart(file.name("actuator", i), [file.name("joint", j) for j in joints], gears, numbers)
+
+
+def _ctrl_place(file: _File, i: int) -> int:
+    """Where the ctrl of an actuator is in those of the model."""
+    places = file.numbers("actuator_ctrladr")[i]
+    return int(places[0]) if len(places) else i
+
+
+def _miss_limits_of_sums(file: _File):
+    """Lists limits of the forces of several actuators together that `effort_limit` does not have."""
+    m = file.model
+    for j in range(m.njnt):
+        if m.jnt_actfrclimited[j] and m.jnt_actfrcrange[j].sum() != 0:
+            file.miss("side of actuatorfrcrange that is nearer to 0", file.name("joint", j))
+        if m.jnt_actgravcomp[j]:
+            file.miss("actuatorgravcomp", file.name("joint", j))
+    for i in range(m.ntendon):
+        if file.numbers("tendon_actfrclimited")[i].any():
+            file.miss("actuatorfrcrange of a tendon", file.name("tendon", i))
 
 
 # -- what changes the motion and cannot be represented is refused -----------------------------------------------------
