@@ -40,7 +40,8 @@ def test_names_tell_the_version(built):
 
 def test_the_wheel_holds_the_package_alone(built):
     files = set(zipfile.ZipFile(built[".whl"]).namelist())
-    sources = {str(p.relative_to(ROOT)) for p in (ROOT / "jaxspatial").rglob("*.py")} | {"jaxspatial/py.typed"}
+    sources = {str(p.relative_to(ROOT)) for p in (ROOT / "jaxspatial").rglob("*.py")}
+    sources |= {"jaxspatial/py.typed", "jaxspatial/command/quadruped.urdf"}
     assert {name for name in files if ".dist-info/" not in name} == sources
     assert any(name.endswith("LICENSE") for name in files)
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.__main__ import main
+from jaxspatial.command.main import main
 from tests.helpers import soon
 from tests.helpers.optional import needs
 from tests.helpers.pages import FOLDER
@@ -86,7 +86,7 @@ def test_its_commands(tmp_path, monkeypatch, capsys):
     names = [f"{part}_{axis}" for part in ("tau", "f", "p") for axis in "xyz"] + ["q_w", "q_x", "q_y", "q_z"]
     table = np.c_[tau, f, p, np.tile([0.5, 0.5, 0.5, 0.5], (20, 1))]
     np.savetxt("log.csv", table, delimiter=",", header=",".join(names), comments="")
-    for line in re.findall(r"^python -m jaxspatial (.*)$", PAGE, re.M):
+    for line in re.findall(r"^jaxspatial (.*)$", PAGE, re.M):
         assert main(shlex.split(line)) == 0
     assert capsys.readouterr().out.count("20 wrenches") == 2
     np.testing.assert_array_equal(np.load("log_shifted.npz")["tau"], tau - np.cross([0.3, 0.0, -0.1], f))
@@ -104,6 +104,6 @@ def test_the_benchmark_runs():
 
 
 def test_the_page_says_how_long_a_block_is():
-    source = pathlib.Path(js.__file__).parent / "measure" / "wrench_file.py"
+    source = pathlib.Path(js.__file__).parent / "command" / "wrench_file.py"
     (rows,) = re.findall(r"^_BLOCK = (\S+)$", source.read_text(), re.M)
-    assert f"reads {rows.replace('_', ' ')} rows of a file" in " ".join(PAGE.split())
+    assert f"reads {rows.replace('_', ' ')} rows of a table" in " ".join(PAGE.split())

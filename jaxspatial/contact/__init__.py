@@ -1,4 +1,4 @@
-"""Layer 7: contact, friction, limits and closed loops.
+"""Contact, friction, limits and closed loops.
 
 explicit        where spheres touch the ground; the explicit law of forces
 term            what a term of the convex step is

@@ -22,7 +22,8 @@ import numpy as np  # noqa: E402
 from jax import lax  # noqa: E402
 
 import jaxspatial as js  # noqa: E402
-from jaxspatial.measure import algorithms, error, inputs, timing  # noqa: E402
+from jaxspatial.command import algorithms  # noqa: E402
+from jaxspatial.measure import error, inputs, timing  # noqa: E402
 from jaxspatial.numerics.errorfree.barrier import barrier, barrier_or_nan  # noqa: E402
 
 HERE = pathlib.Path(__file__).parent

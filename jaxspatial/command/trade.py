@@ -15,14 +15,15 @@ from numpy.typing import ArrayLike
 from jaxspatial.measure import error, timing
 from jaxspatial.measure.inputs import CONDITIONED
 from jaxspatial.measure.operation import OPERATIONS, Operation, Wrenches
-from jaxspatial.measure.options import DTYPES, LARGEST
 from jaxspatial.measure.timing import Advance
 from jaxspatial.numerics import check
 from jaxspatial.numerics.precision import DEFAULT, Precision
 from jaxspatial.spatial import SpatialForce, SpatialVelocity, dot, shift
 from jaxspatial.spatial.operations import DOT, SHIFT
 
-IN_CACHE = 2_000
+DTYPES = "float16", "bfloat16", "float32", "float64"
+# Numbers of wrenches: that stay in the cache, and to stream unless told otherwise.
+IN_CACHE, LARGEST = 2_000, 1_000_000
 # The other dtypes are there to hold data, not to compute with: one size is enough.
 STREAMED = ("float32", "float64")
 _STEPS = 100

@@ -9,10 +9,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullLocator
 
-from jaxspatial.measure import trade
-from jaxspatial.measure.algorithms import ALGORITHMS
+from jaxspatial.command import quadruped, trade
+from jaxspatial.command.algorithms import ALGORITHMS
+from jaxspatial.command.first_look import CROSS, GRADIENTS, MEMORY, STATES, WRENCHES, Look
+from jaxspatial.command.result import Result, readable
+from jaxspatial.dynamics.kinematics import forward_kinematics
+from jaxspatial.measure import timing
 from jaxspatial.measure.operation import OPERATIONS
-from jaxspatial.measure.result import Result, readable
 from jaxspatial.numerics.precision import Precision
 
 # Formats by the endings of their names.
@@ -53,35 +56,45 @@ def draw(result: Result, file, ending: str = "png"):
     figure.savefig(file, dpi=130, format=ending)
 
 
-def draw_first_look(result: Result, file, ending: str = "png"):
-    """What precisions cost, and what applications lose: two panels."""
-    figure = Figure(figsize=(13, 4.75), layout="constrained")
-    times, losses = figure.subplots(1, 2)
-    _draw_times(times, result)
-    _draw_losses(losses, result.losses)
-    figure.suptitle(f"{result.about}\n{result.machine}", fontsize=_SMALL)
+def draw_first_look(look: Look, file, ending: str = "png"):
+    """A wrench beside its bounds, the robot that is pushed, and what a precision costs and buys."""
+    figure = Figure(figsize=(16, 5), layout="constrained")
+    places: Any = figure.add_gridspec(1, 3, width_ratios=(1, 1, 1.3))
+    _draw_wrenches(figure.add_subplot(places[0]), look)
+    _draw_robot(figure, places[1], look)
+    _draw_losses(figure.add_subplot(places[2]), look.losses)
+    figure.suptitle(timing.machine(), fontsize=_SMALL)
     figure.savefig(file, dpi=130, format=ending)
 
 
-def _draw_times(axes, result):
-    """A bar for each precision, as long as its time over that of fast; the time itself beside it."""
-    shift = {row.case.precision: (trade.nanoseconds(row.in_cache), "ns") for row in result.rows}
-    arm = {row.case.precision: (trade.nanoseconds(row.seconds) / 1e3, "µs") for row in result.algorithms}
-    places, names = [], []
-    for title, times in (("a wrench moved\nto another point", shift), ("torques of an arm\nof seven joints", arm)):
-        start = places[-1] + 2 if places else 0
-        for i, (precision, (time, unit)) in enumerate(times.items()):
-            share = time / times["fast"][0]
-            axes.barh(start + i, share, color=_COLOURS[precision], height=0.8)
-            axes.text(share, start + i, f" {precision}, {readable(time)} {unit}", va="center", fontsize=_SMALL)
-            places.append(start + i)
-        names.append(((start + places[-1]) / 2, title))
-    axes.set_yticks([at for at, _ in names], [title for _, title in names])
+def _draw_wrenches(axes, look: Look):
+    """A bar for each, as long as its nanoseconds."""
+    colours = {**_COLOURS, CROSS: _LIGHT, MEMORY: _LIGHT}
+    names = [name if name in (CROSS, MEMORY) else f"js.shift\n{name}" for name in look.wrenches]
+    for i, (name, x) in enumerate(look.wrenches.items()):
+        axes.barh(i, x, color=colours[name], height=0.8)
+        axes.text(x, i, f" {readable(x)}", va="center", fontsize=_SMALL)
+    axes.set_yticks(range(len(names)), names, fontsize=_SMALL)
+    axes.set(title=f"{WRENCHES:,} wrenches moved, float32", xlabel="ns each")
     axes.invert_yaxis()
-    axes.set(title="What a precision costs", xlabel="time over that of fast")
-    axes.margins(x=0.35)
-    axes.set_xlim(left=0)
+    axes.margins(x=0.15)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def _draw_robot(figure, place, look: Look):
+    """The quadruped at the end of a push."""
+    from jaxspatial import plot
+
+    push = (0.1, 0.2, (0.0, quadruped.PUSH, 0.0))
+    mech, q, (feet, trunk) = quadruped.pushed(0.2, [push])
+    ax: Any = figure.add_subplot(place, projection="3d", computed_zorder=False)
+    plot.mechanism(mech, q[-1], ax, ground=quadruped.GROUND)
+    plot.wrench(trunk["trunk"].at_batch(-1), q[-1, 4:7], ax, axis=False, name="push")
+    points = forward_kinematics(mech, q[-1], feet.frames).translation
+    plot.wrench(feet.wrenches.at_batch(-1), points, ax, axis=False)
+    ax.set_axis_off()
+    title = f"{look.steps:,.0f} steps a second, batch {STATES}\n{look.gradients:,.0f} gradients, batch {GRADIENTS}"
+    ax.set_title(f"A quadruped, pushed\n{title}")
 
 
 def _places(result, dtypes):

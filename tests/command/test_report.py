@@ -8,11 +8,12 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from jaxspatial.measure import algorithms, picture, report, trade
-from jaxspatial.measure.algorithms import Evaluated, Loss
+import jaxspatial as js
+from jaxspatial.command import algorithms, first_look, picture, quadruped, report, trade
+from jaxspatial.command.algorithms import Evaluated, Loss
+from jaxspatial.command.result import Result
+from jaxspatial.command.trade import Curve, Point
 from jaxspatial.measure.operation import OPERATIONS
-from jaxspatial.measure.result import Result
-from jaxspatial.measure.trade import Curve, Point
 from jaxspatial.numerics.precision import OF_ALGORITHMS, Precision
 
 SCREEN = (80, 24)
@@ -136,3 +137,34 @@ def test_curves_of_one_dtype_are_labelled_alone(result, tmp_path):
     picture.draw(result._replace(curves=curves), tmp_path / "x.svg", "svg")
     text = (tmp_path / "x.svg").read_text()
     assert "float64: no digit" not in text and "float32: no digit" in text
+
+
+@pytest.fixture
+def look():
+    """A first look with numbers as wide as they come, and names as long as they are."""
+    times = dict.fromkeys((*first_look.PRECISIONS, first_look.CROSS, first_look.MEMORY), 21.0)
+    errors = dict.fromkeys(first_look.PRECISIONS, 3.21e-17)
+    losses = [Loss(a.name, a.unit, 1.25e3, errors, a.states) for a in algorithms.FIRST_LOOK]
+    return first_look.Look(times, dict.fromkeys(first_look.PRECISIONS, 1.25), 1_250_000.0, 1250.0, 2.5, losses)
+
+
+def test_the_first_look_is_a_page_with_batch_and_unit_in_every_row(look, capsys):
+    report.print_first_look(Console(width=SCREEN[0]), look)
+    lines = capsys.readouterr().out.rstrip().splitlines()
+    assert len(lines) < 40 and max(map(len, lines)) <= SCREEN[0]
+    batches = re.findall("batch ([0-9,]+)", "\n".join(lines))
+    assert batches == ["1,000,000", "4096", "256", "1,000,000", "4096", "200", "200", "8", "64"]
+    for words in ("ns each", "1,250,000", "2.50 mm", "of 1250 N m,", "of 1250 m/s²,", "of 1250 m,", "--full", "demo"):
+        assert any(words in line for line in lines), words
+
+
+def test_the_first_look_is_a_picture(look, tmp_path, monkeypatch):
+    """With a robot that is pushed, its contact forces, and what applications lose."""
+    mech, (q, _) = quadruped.mechanism(), quadruped.standing()
+    feet = js.AppliedForces(quadruped.FEET.frames, js.SpatialForce(f=np.tile(np.float32([0, 0, 30]), (1, 4, 1))))
+    push = {"trunk": js.SpatialForce(f=np.float32([[0, 60, 0]]))}
+    monkeypatch.setattr(quadruped, "pushed", lambda *_: (mech, q[None], [feet, push]))
+    picture.draw_first_look(look, tmp_path / "x.svg", "svg")
+    text = (tmp_path / "x.svg").read_text()
+    for words in ("1,250,000 steps a second, batch 4096", "js.shift", "of 1250 m/s²", "What an application"):
+        assert words in text, words

@@ -9,15 +9,17 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
+from jaxspatial.command.trade import STREAMED, Case
 from jaxspatial.dynamics.configuration import random_configuration
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics
 from jaxspatial.dynamics.kinematics import forward_kinematics
+from jaxspatial.dynamics.steps import semi_implicit_step
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.measure import error, timing
 from jaxspatial.measure.timing import Advance, compiled, reference
-from jaxspatial.measure.trade import STREAMED, Case
 from jaxspatial.mechanism import Body, Frame, Joint, Mechanism
 from jaxspatial.numerics.precision import DEFAULT, OF_ALGORITHMS, OF_REFERENCES
 from jaxspatial.rotation import Rotation
@@ -197,6 +199,13 @@ def _at(position, rotation=_UPRIGHT):
     return RigidTransform(Rotation.from_matrix(rotation), np.array(position, np.float64))
 
 
+@_built
+def satellite():
+    """A box of 4 kg that floats, without gravity."""
+    box = SpatialInertia.solid_box(np.array([0.3, 0.2, 0.1]), mass=np.float64(4.0))
+    return [Body("satellite", box)], [Joint("floating", "free", "world", "satellite")]
+
+
 # -- applications ------------------------------------------------------------------------------------------------------
 
 # What applications are measured in, in how many states, and the links of the long chain.
@@ -205,12 +214,13 @@ _SAMPLE, _LONG = 200, 100
 
 
 class Application(NamedTuple):
-    """program() is the function of one item; arguments(rng, n) are n items of float32."""
+    """program() is the function of one item; arguments(rng, n) are n items of float32, `states` unless told."""
 
     name: str
     unit: str
     program: Callable[[], Callable[..., jax.Array]]
     arguments: Callable[[np.random.Generator, int], list[np.ndarray]]
+    states: int = _SAMPLE
 
 
 class Loss(NamedTuple):
@@ -220,6 +230,7 @@ class Loss(NamedTuple):
     unit: str
     size: float
     errors: dict[str, float]
+    states: int = _SAMPLE
 
 
 def application_steps():
@@ -227,12 +238,14 @@ def application_steps():
     return len(APPLICATIONS) * (len(OF_ALGORITHMS) + 1)
 
 
-def losses(advance: Advance = lambda: None, states: int = _SAMPLE):
-    """The Loss of each application, against float64, whose own error is smaller by 2^29."""
-    return [_loss(application, states, advance) for application in APPLICATIONS]
+def losses(advance: Advance = lambda: None, states: int | None = None):
+    """The Loss of each application."""
+    return [loss(application, advance, states) for application in APPLICATIONS]
 
 
-def _loss(application, n, advance):
+def loss(application: Application, advance: Advance = lambda: None, states: int | None = None) -> Loss:
+    """Of one application, against float64, whose own error is smaller by 2^29."""
+    n = application.states if states is None else states
     arguments = application.arguments(np.random.default_rng(0), n)
     function = jax.vmap(application.program())
     (expected,) = reference(function, arguments, DEFAULT)
@@ -242,7 +255,7 @@ def _loss(application, n, advance):
         computed = np.asarray(compiled(function, precision, arguments)(), np.float64)
         errors[str(precision)] = float(abs(computed - expected).max())
         advance()
-    return Loss(application.name, application.unit, float(abs(expected).max()), errors)
+    return Loss(application.name, application.unit, float(abs(expected).max()), errors, n)
 
 
 def _moving(rng, n):
@@ -255,10 +268,10 @@ def _left_alone(rng, n):
     return [*rng.uniform(-0.5, 0.5, (2, n, 2)).astype(np.float32), np.zeros((n, 2), np.float32)]
 
 
-def _levers(rng, n):
-    """Wrenches that read nearly the same a kilometre away, where torques of about 1 N m are left."""
-    f = rng.normal(0.0, 1000.0, (n, 3)).astype(np.float32)
-    p = (1000 * _unit(rng.standard_normal((n, 3)))).astype(np.float32)
+def _levers(rng, n, newton=1000.0, away=1000.0):
+    """Wrenches known far away from a point, where torques of about 1 N m are left."""
+    f = rng.normal(0.0, newton, (n, 3)).astype(np.float32)
+    p = (away * _unit(rng.standard_normal((n, 3)))).astype(np.float32)
     rest = _unit(rng.standard_normal((n, 3)))
     return [(rest + np.cross(p.astype(np.float64), f.astype(np.float64))).astype(np.float32), f, p]
 
@@ -286,6 +299,43 @@ def _acceleration(mass, load, coordinate):
     return lambda q, v, tau: forward_dynamics(mech.astype(q.dtype), q, v, tau)[coordinate]
 
 
+def _tumbling(rng, n):
+    """q, v of a satellite that tumbles at 1 rad/s and drifts at 0.3 m/s."""
+    w, v = _unit(rng.standard_normal((n, 3))), 0.3 * _unit(rng.standard_normal((n, 3)))
+    return [np.tile(np.eye(7, dtype=np.float32)[0], (n, 1)), np.concatenate([w, v], axis=1).astype(np.float32)]
+
+
+def _swinging(rng, n):
+    """q, v of a pendulum of two links that hangs."""
+    q = rng.uniform(-0.5, 0.5, (n, 2)) + [np.pi, 0]
+    return [q.astype(np.float32), rng.uniform(-0.5, 0.5, (n, 2)).astype(np.float32)]
+
+
+def _after(mech, q, v, steps, dt):
+    """q after so many steps without forces of joints."""
+    mech, tau = mech.astype(q.dtype), jnp.zeros(mech.nv, q.dtype)
+
+    def step(state, _):
+        return semi_implicit_step(mech, *state, tau, np.asarray(dt, q.dtype)), None
+
+    return lax.scan(step, (q, v), None, steps)[0][0]
+
+
+def _ten_minutes():
+    mech = satellite().replace(gravity=np.zeros(3, np.float32))
+    return lambda q, v: _after(mech, q, v, 150_000, 4e-3)[4:]
+
+
+def _gradient():
+    mech = chain(2, 0.3, 0.5)
+
+    def tip(v, q):
+        q = _after(mech, q, v, 500, 2e-3)
+        return forward_kinematics(mech.astype(q.dtype), q, frames="tip").translation[0]
+
+    return lambda q, v: jax.grad(tip)(v, q)
+
+
 _LIGHT_LOAD, _LIGHT_TROLLEY = (functools.partial(_acceleration, *x) for x in ((1e3, 1e-2, 1), (1e-2, 1e3, 0)))
 APPLICATIONS = (
     Application("end of a chain of 100 links, 10 m", "m", _tip, _moving),
@@ -293,4 +343,14 @@ APPLICATIONS = (
     Application("torque of a force of 1 kN, moved by 1 km", "N m", _far_torque, _levers),
     Application("10 g hanging on 1 t: the light body", "rad/s²", _LIGHT_LOAD, _left_alone),
     Application("1 t hanging on 10 g: the light body", "m/s²", _LIGHT_TROLLEY, _left_alone),
+)
+
+# What the first look shows: where a precision decides, and where it does not.
+FIRST_LOOK = (
+    Application(
+        "a torque, of a force 5 km away", "N m", _far_torque, functools.partial(_levers, newton=300.0, away=5e3)
+    ),
+    APPLICATIONS[-1],
+    Application("a satellite after ten minutes", "m", _ten_minutes, _tumbling, 8),
+    Application("a gradient through 500 steps", "m s", _gradient, _swinging, 64),
 )

@@ -1,63 +1,54 @@
-"""What the command accepts: options of the main job and of its subcommands, and files that are there or may be written.
-
-Nothing here needs JAX or NumPy, which take seconds to import: what is measured is named without importing it.
-"""
+"""What the command accepts: the options of its jobs."""
 
 import argparse
-import itertools
 import math
-import os
 import pathlib
 import re
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn, TypeVar
 
+from jaxspatial.command import files
+from jaxspatial.command.algorithms import ALGORITHMS
+from jaxspatial.command.trade import DTYPES, LARGEST
+from jaxspatial.measure.operation import OPERATIONS
+from jaxspatial.numerics.precision import Precision
+
 PARTS = {"tau": "torque", "f": "force", "w": "angular velocity", "v": "velocity"}
-OPERATIONS = "shift_force", "shift_velocity", "shift_acceleration", "cross_motion", "cross_force", "dot"
-ALGORITHMS = "inverse_dynamics", "forward_dynamics"
-DTYPES = "float16", "bfloat16", "float32", "float64"
-PRECISIONS = "fast", "reproducible", "compensated", "faithful"
-# Numbers of wrenches to stream: the least, and the default.
-SMALLEST, LARGEST = 1_000, 1_000_000
+# The least number of wrenches to stream.
+SMALLEST = 1_000
 # What the formats of wrenches end in.
 ENDINGS = ".npz", ".csv", ".tsv"
-
-
-class WrenchFileError(ValueError):
-    """A file that does not hold wrenches, or a wish that cannot be met; the message says where and why."""
-
-
-class OutputError(OSError):
-    """A file that cannot be written; the message says which and why, and nothing of it is there."""
 
 
 # -- the options -------------------------------------------------------------------------------------------------------
 
 N = TypeVar("N", int, float)
-_PROG = "python -m jaxspatial"
+_PROG = "jaxspatial"
 _XYZ, _WXYZ = ("X", "Y", "Z"), ("W", "X", "Y", "Z")
 _SUBCOMMANDS = """\
+without any of these: a first look, in a minute
+
 subcommands, each with its own --help:
   trade        what is done without a subcommand: measure
-  shift FILE   only convert: wrenches about another point, in other axes
+  shift FILE   wrenches of a file about another point, in other axes
   self-check   as --self-check
+  demo         a quadruped that is pushed, in a browser
 
 as in
-  python -m jaxspatial mine.csv --offset 0.3 0 -0.1
+  jaxspatial mine.csv --offset 0.3 0 -0.1
 """
 _FILES = """\
 The first line of a .csv has the names of columns; numbers have a decimal point:
   tau_x,tau_y,tau_z,f_x,f_y,f_z
   0.5,0,-1.25,10,0,3
-A line of comments before:           tail -n +2 mine.csv > new.csv
-Decimal commas between semicolons:   tr , . < mine.csv > new.csv
+Without torques, forces act at the point themselves. In a .npz, p_x is a column of an array p (n, 3).
 """
 _SHIFTING = """\
 as in
   shift mine.csv --offset 0.3 0 -0.1      the same for all rows
   shift mine.csv --offset p_x p_y p_z     columns of the file: each row has its own
 
-columns: tau_x tau_y tau_z f_x f_y f_z and, if known, w_x ... v_z, or named: --columns tau=Mx,My,Mz f=Fx,Fy,Fz
+columns: f_x f_y f_z and, if known, tau_x ... v_z, or named: --columns tau=Mx,My,Mz f=Fx,Fy,Fz
 (or f=force for force_x, force_y, force_z). In a .npz they are arrays tau, f (n, 3), and a name may be that of an array
 (n,), or of a column of one: p_x of p (n, 3), q_w of q (n, 4), a_0 of a (n, k).
 """
@@ -103,8 +94,8 @@ def measuring():
         "file",
         nargs="?",
         type=pathlib.Path,
-        help=".npz with arrays tau, f and, if known, w, v of shape (n, 3), or .csv with columns tau_x, tau_y, tau_z, "
-        "f_x, ...; the shifted wrenches are written beside it. What needs a motion is only measured where the file has "
+        help=".npz with arrays f and, if known, tau, w, v of shape (n, 3), or .csv with columns tau_x, tau_y, tau_z, "
+        "f_x, ... What needs a motion is only measured where the file has "
         "it. Without: a million wrenches on a rotating body",
     )
     parser.add_argument("--offset", nargs=3, type=_metres, metavar=_XYZ, help="from P to Q, metres (p_PQ_E)")
@@ -128,7 +119,7 @@ def measuring():
         action="store_true",
         help="everything measured as one JSON object on standard output, progress on standard error; a picture only "
         "with --picture. Keys: about, machine, versions, offset, sizes, power, rows, conditions, algorithms, "
-        "applications, broken, holds, explained in jaxspatial/measure/result.py",
+        "applications, broken, holds, explained in jaxspatial/command/result.py",
     )
     what = "only ask whether the promises of the library hold on this backend and with these flags, in seconds"
     parser.add_argument("--self-check", action="store_true", help=what)
@@ -156,7 +147,7 @@ def shifting():
     parser.add_argument("--columns", nargs="+", action=_Columns, metavar="PART=NAMES", help="what the file calls them")
     parser.add_argument("--output", type=pathlib.Path, help="where to write; without: FILE_shifted, beside it")
     _add_overwrite(parser)
-    parser.add_argument("--precision", choices=PRECISIONS, help="of the arithmetic")
+    parser.add_argument("--precision", choices=tuple(map(str, Precision)), help="of the arithmetic")
     return parser
 
 
@@ -165,6 +156,16 @@ def checking():
     description = "Whether the promises of the library hold here."
     parser = _Parser(has_columns=False, prog=f"{_PROG} self-check", description=description)
     parser.add_argument("--json", action="store_true", help="as one JSON object: holds, surroundings, findings")
+    return parser
+
+
+def showing():
+    """The parser of `demo`."""
+    description = "A quadruped that is pushed, in a browser: a slider, a box to let it play, and the forces as arrows."
+    parser = _Parser(has_columns=False, prog=f"{_PROG} demo", description=description)
+    parser.add_argument("--record", type=pathlib.Path, metavar="FILE", help="write a page that needs no server, .html")
+    parser.add_argument("--port", type=int, default=8080, help="the first to try")
+    _add_overwrite(parser)
     return parser
 
 
@@ -230,12 +231,12 @@ def to_measure(arguments: Sequence[str]):
     """The options of the main job, with files that are there."""
     options = measuring().parse_args(arguments)
     if options.file is not None:
-        existing(options.file, ENDINGS)
+        files.existing(options.file, ENDINGS)
         if options.offset is None:
             what = "the position of the new point from the old, with a file"
-            raise WrenchFileError(f"--offset: expected X Y Z, {what}, {example('offset', has_columns=False)}")
+            raise files.WrenchFileError(f"--offset: expected X Y Z, {what}, {example('offset', has_columns=False)}")
     if options.robot is not None:
-        existing(options.robot)
+        files.existing(options.robot)
     return options
 
 
@@ -248,52 +249,21 @@ def is_first_look(given: argparse.Namespace):
 def to_shift(arguments: Sequence[str]):
     """The options of `shift`, with a file that is there, one motion, and a place for the result."""
     options = shifting().parse_args(arguments)
-    existing(options.file, ENDINGS)
+    files.existing(options.file, ENDINGS)
     if options.offset is options.rotation is options.pose is None:
         wanted = "--offset X Y Z, --rotation W X Y Z or --pose W X Y Z PX PY PZ"
-        raise WrenchFileError(f"expected {wanted}, {example('offset')}")
+        raise files.WrenchFileError(f"expected {wanted}, {example('offset')}")
     if options.pose is not None and not (options.offset is options.rotation is None):
-        raise WrenchFileError("--pose: is a rotation and a position; expected no --offset or --rotation beside it")
+        raise files.WrenchFileError(
+            "--pose: is a rotation and a position; expected no --offset or --rotation beside it"
+        )
     options.output = options.output or shifted_path(options.file)
     if options.output.suffix.lower() != options.file.suffix.lower():
-        raise WrenchFileError(f"--output: expected a name ending in {options.file.suffix}, as {options.file} has")
-    writable(options.output, options.overwrite)
+        raise files.WrenchFileError(f"--output: expected a name ending in {options.file.suffix}, as {options.file} has")
+    files.writable(options.output, options.overwrite)
     return options
-
-
-def existing(path: pathlib.Path, endings: tuple[str, ...] = ()):
-    """path, if a file of one of these formats is there; raises `WrenchFileError` otherwise."""
-    if path.is_dir():
-        raise WrenchFileError(f"{path}: expected a file, got a folder")
-    ending = path.suffix.lower()
-    if endings and ending not in endings:
-        names = f"{', '.join(endings[:-1])} or {endings[-1]}"
-        raise WrenchFileError(f"{path}: expected a file ending in {names}, got {ending or 'no ending'}")
-    if not path.is_file():
-        raise WrenchFileError(f"{path}: no such file")
-    return path
-
-
-def writable(path: pathlib.Path, overwrite: bool = False):
-    """path, if a file may be written there; raises `OutputError` otherwise."""
-    path = pathlib.Path(path)
-    if not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
-        raise OutputError(f"{path.parent}: expected a folder to write to")
-    if path.is_dir():
-        raise OutputError(f"{path}: a folder is in the way")
-    if path.exists() and not path.is_file():
-        raise OutputError(f"{path}: expected a place for a file, got a device")
-    if path.exists() and not overwrite:
-        raise OutputError(f"{path}: exists already, and is only replaced with --overwrite")
-    return path
 
 
 def shifted_path(path: pathlib.Path):
     """Where the shifted wrenches of a file go by default: beside it."""
     return path.with_name(f"{path.stem}_shifted{path.suffix}")
-
-
-def free(path: pathlib.Path):
-    """path, or where it is taken the same with a number: a name by default."""
-    names = (path.with_stem(f"{path.stem}_{i}") for i in itertools.count(2))
-    return next(p for p in itertools.chain([path], names) if not os.path.lexists(p))

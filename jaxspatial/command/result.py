@@ -33,8 +33,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxspatial.measure.algorithms import Evaluated, Loss
-from jaxspatial.measure.trade import POWER_BOUND, Curve, Power, Row
+from jaxspatial.command.algorithms import Evaluated, Loss
+from jaxspatial.command.trade import POWER_BOUND, Curve, Power, Row
 
 
 class Result(NamedTuple):

@@ -15,10 +15,10 @@ import time
 import numpy as np
 import pytest
 
-from jaxspatial.__main__ import interrupts_heard, main
-from jaxspatial.measure import measuring, options, trade
+from jaxspatial.command import files, measuring, picture, trade
+from jaxspatial.command.files import staged
+from jaxspatial.command.main import interrupts_heard, main
 from jaxspatial.measure.operation import rotating_body
-from jaxspatial.measure.wrench_file import staged
 
 OFFSET = ["--offset", "0.1", "-0.2", "0.3"]
 SMALL = ["--largest", "1000", "--operation", "shift_force", "--dtype", "float32"]
@@ -43,7 +43,7 @@ def quick(monkeypatch):
     """The main job without the measuring, which other tests wait for."""
     monkeypatch.setattr(trade, "measure", lambda *_: [])
     monkeypatch.setattr(trade, "curves", lambda *_: [])
-    monkeypatch.setattr(measuring, "_draw", lambda plan, result, file, path: file.write(b"x" * 100_000))
+    monkeypatch.setattr(picture, "draw", lambda result, file, ending: file.write(b"x" * 100_000))
     monkeypatch.setattr(measuring, "_show", lambda *_: None)
 
 
@@ -80,16 +80,15 @@ def test_permissions_are_those_of_any_new_file(mask, mode, path, quick):
     with _umask(mask):
         assert main([str(path), *OFFSET, *SMALL]) == 0
     written = [p for p in pathlib.Path().iterdir() if p != path]
-    assert {p.name for p in written} == {f"mine_shifted{path.suffix}", "mine_trade.png"}
+    assert {p.name for p in written} == {"mine_trade.png"}
     assert {stat.S_IMODE(p.stat().st_mode) for p in written} == {mode}
 
 
-@pytest.mark.parametrize("job", [["shift"], []])
-def test_nothing_is_overwritten_unasked(job, path, quick, capsys):
+def test_nothing_is_overwritten_unasked(path, capsys):
     target = pathlib.Path(f"mine_shifted{path.suffix}")
     target.write_text("precious")
-    assert "exists already, and is only replaced with --overwrite" in _failed([*job, path, *OFFSET], capsys)
-    assert main([*job, str(path), *OFFSET, "--overwrite"]) == 0
+    assert "exists already, and is only replaced with --overwrite" in _failed(["shift", path, *OFFSET], capsys)
+    assert main(["shift", str(path), *OFFSET, "--overwrite"]) == 0
     assert target.stat().st_size > 1000
 
 
@@ -108,42 +107,25 @@ def test_a_full_disk(job, path, quick, capsys):
         assert "File too large" in _failed([*job, path, *OFFSET], capsys)
 
 
-def test_a_second_file_that_fails_takes_the_first_with_it(path, quick, capsys, monkeypatch):
-    monkeypatch.setattr(measuring, "_draw", lambda plan, result, file, path: file.write(b"a picture"))
-    with _no_file_larger_than(1000):
-        assert f"mine_shifted{path.suffix}: not written" in _failed([path, *OFFSET, *SMALL], capsys)
-
-
 def test_a_folder_in_the_way(path, quick, capsys):
     pathlib.Path(f"mine_shifted{path.suffix}").mkdir()
-    for job in (["shift", path, *OFFSET], [path, *OFFSET], [*SMALL, "--picture", "."]):
+    for job in (["shift", path, *OFFSET], [*SMALL, "--picture", "."]):
         for overwrite in ([], ["--overwrite"]):
             error = _failed([*job, *overwrite], capsys)
             assert "a folder is in the way" in error or "--picture" in error
 
 
 def test_no_device_is_replaced():
-    with pytest.raises(options.OutputError, match="got a device"):
-        options.writable("/dev/null", overwrite=True)
+    with pytest.raises(files.OutputError, match="got a device"):
+        files.writable("/dev/null", overwrite=True)
 
 
 def test_a_file_that_appears_meanwhile_stays(tmp_path):
     target = tmp_path / "x"
-    with pytest.raises(options.OutputError, match="exists"), staged(target) as file:
+    with pytest.raises(files.OutputError, match="exists"), staged(target) as file:
         file.write(b"new")
         target.write_text("precious")
     assert target.read_text() == "precious" and os.listdir(tmp_path) == ["x"]
-
-
-def test_where_there_are_no_hard_links(tmp_path, monkeypatch):
-    monkeypatch.setattr(os, "link", lambda *_: (_ for _ in ()).throw(PermissionError(1, "not permitted")))
-    target = tmp_path / "x"
-    with staged(target) as file:
-        file.write(b"new")
-    assert target.read_bytes() == b"new" and os.listdir(tmp_path) == ["x"]
-    with pytest.raises(options.OutputError, match="exists"), staged(tmp_path / "y") as file:
-        (tmp_path / "y").write_text("precious")
-    assert (tmp_path / "y").read_text() == "precious" and len(os.listdir(tmp_path)) == 2
 
 
 def test_a_link_stays_a_link(tmp_path):
@@ -161,11 +143,14 @@ def _of(scale, dtype):
 
 # name: (arrays, message, whether only measuring refuses them)
 HARD = {
-    "big-endian": (_of(1, ">f8"), "tau: expected float16, float32 or float64 in the byte order.*got >f8", False),
-    "long double": (_of(1, np.longdouble), "tau: expected float16, float32 or float64.*got float128", False),
+    "long double": (_of(1, np.longdouble), "tau: expected float16, float32, float64 numbers, got float128", False),
     "1e155": (_of(1e155, float), "too large for float32; --dtype float64 measures only float64", True),
-    "float16 overflows": (_of(4e4, np.float16), "about the new point, tau.0, .., is too large for float16", False),
-    "float64 overflows": (_of(1.1e308, float), "too large for float", False),
+    "float16 overflows": (
+        _of(4e4, np.float16),
+        "torque about .* too large, got -?inf in row .*, column tau_., in float16",
+        False,
+    ),
+    "float64 overflows": (_of(1.1e308, float), "too large", False),
 }
 
 
@@ -177,6 +162,8 @@ def test_numbers_that_cannot_be_done(job, case, tmp_path, quick, capsys, monkeyp
     if arrays["tau"].dtype == np.float64 and case == "long double":
         pytest.skip("long double is double here")
     np.savez("mine.npz", **arrays)
+    if job == "trade" and arrays["tau"].dtype == np.float16:
+        pytest.skip("measured in wider dtypes")
     if job == "shift" and measuring_only:
         assert main([job, "mine.npz", "--offset", "3", "2", "1"]) == 0
         assert all(np.isfinite(x).all() for x in np.load("mine_shifted.npz").values())

@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxspatial.measure import error, timing, trade
+from jaxspatial.command import trade
+from jaxspatial.measure import error, timing
 from jaxspatial.measure.operation import OPERATIONS, Wrenches, rotating_body
 from jaxspatial.numerics.precision import Precision
 from tests.helpers.marks import slow_but

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.measure import algorithms
-from jaxspatial.measure.algorithms import ALGORITHMS, Case
+from jaxspatial.command import algorithms
+from jaxspatial.command.algorithms import ALGORITHMS, Case
 from jaxspatial.measure.error import rationals
 from jaxspatial.numerics.precision import OF_ALGORITHMS
 from tests.helpers.interpreted import interpreted
@@ -81,7 +81,7 @@ def test_applications(names, monkeypatch):
 def test_what_is_lost_far_off():
     """By exact rationals."""
     far = next(one for one in algorithms.APPLICATIONS if "1 km" in one.name)
-    found = algorithms._loss(far, 20, lambda: None)
+    found = algorithms.loss(far, lambda: None, 20)
     tau, f, p = far.arguments(np.random.default_rng(0), 20)
     exact = rationals(tau) - np.cross(rationals(p), rationals(f))
     plain = (tau - np.cross(p, f)).astype(np.float32)

@@ -8,10 +8,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from jaxspatial.measure.algorithms import ALGORITHMS, Evaluated
+from jaxspatial.command.algorithms import ALGORITHMS, Evaluated
+from jaxspatial.command.first_look import CROSS, GRADIENTS, MEMORY, PRECISIONS, STATES, STEPS, WRENCHES, Look
+from jaxspatial.command.result import Result, readable
+from jaxspatial.command.trade import POWER_BOUND, STREAMED, Power, Row, nanoseconds
 from jaxspatial.measure.checks import Report
-from jaxspatial.measure.result import Result, readable
-from jaxspatial.measure.trade import POWER_BOUND, STREAMED, Power, Row, nanoseconds
 from jaxspatial.numerics.precision import OF_ALGORITHMS, Precision
 
 _STYLES = {True: "green", False: "bold red", None: "dim"}
@@ -73,43 +74,48 @@ def _print_lines(wide, title, head, lines, notes):
 
 # -- the first look: for who has never seen an ulp ---------------------------------------------------------------------
 
-_FIRST_TITLE = "What accuracy costs on this machine, and what it buys"
 _FIRST_NOTES = """\
-fast          when only time counts
+fast          when only time counts; the compiler may fuse a product with a sum
 reproducible  the default: the same digits in every program, batch and run
 compensated   as if computed with twice the digits, then rounded once
-faithful      the nearest number but for one, however much cancels; whole algorithms
-              are computed as in compensated
+What a state in float32 loses from step to step, as in the last two rows,
+no precision gives back: take float64 there.
 
-Everything else that can be measured here, in numbers: --full
+Another precision: js.shift(F, p, precision="compensated"). A robot to look at:
+jaxspatial demo. All operations, dtypes and errors, in minutes: jaxspatial --full
 """
+_ONE, _THREE = "  {:<66} {:>11}", "  {:<39} {:>11} {:>12} {:>11}"
 
 
-def print_first_look(console: Console, result: Result):
-    """Times and errors in words, a column for each precision."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title=_FIRST_TITLE, title_justify="left")
-    table.add_column("", min_width=30)
-    for precision in Precision:
-        table.add_column(str(precision), justify="right")
-    shifts = {row.case.precision: f"{readable(nanoseconds(row.in_cache))} ns" for row in result.rows}
-    torques = {row.case.precision: f"{readable(nanoseconds(row.seconds) / 1e3)} µs" for row in result.algorithms}
-    table.add_row(Text("time", "bold"))
-    _add_words(table, "a wrench moved to another point", shifts)
-    _add_words(table, "the torques of an arm of seven joints", torques)
-    table.add_row("the same digits every time", "no", *["yes"] * (len(Precision) - 1))
-    table.add_row(Text("off by at most in float32, in the unit of the result", "bold"))
-    for loss in result.losses:
-        errors = {precision: readable(error) for precision, error in loss.errors.items()}
-        _add_words(table, f"{loss.name} ({readable(loss.size)} {loss.unit})", errors)
+def print_first_look(console: Console, look: Look):
+    """A page: numbers with their batch and unit, and what accuracy costs and buys in three precisions."""
+    n, shifts = f"{WRENCHES:,}", [look.wrenches[precision] for precision in PRECISIONS]
+    lines = [
+        Text(f"Wrenches moved to another point, float32, batch {n}, ns each", "bold"),
+        _ONE.format("js.shift(F, p)", readable(look.wrenches["reproducible"])),
+        _ONE.format(CROSS, readable(look.wrenches[CROSS])),
+        _ONE.format(f"{MEMORY}: as fast as memory is", readable(look.wrenches[MEMORY])),
+        "",
+        Text("A quadruped of 12 joints on four feet, float32", "bold"),
+        _ONE.format(f"steps of 5 ms, in a second, batch {STATES}", f"{look.steps:,.0f}"),
+        _ONE.format(
+            f"gradients of a push through {STEPS} steps, in a second, batch {GRADIENTS}", f"{look.gradients:,.0f}"
+        ),
+        _ONE.format("a push of 1 N more moves its trunk farther, in 0.3 s, by", f"{look.response:.2f} mm"),
+        "",
+        Text("What accuracy costs", "bold"),
+        _THREE.format("", *PRECISIONS),
+        _THREE.format(f"a wrench moved, batch {n}, ns", *map(readable, shifts)),
+        _THREE.format(f"torques of a 7-joint arm, batch {STATES}, µs", *map(readable, look.torques.values())),
+        "",
+        Text("and where it decides: off by at most, float32, in the unit of the result", "bold"),
+    ]
+    for loss in look.losses:
+        lines.append(_THREE.format(loss.name, *map(readable, loss.errors.values())))
+        lines.append(f"    of {readable(loss.size)} {loss.unit}, batch {loss.states}")
     wide = _as_wide(console)
-    wide.print(table)
-    wide.print(_FIRST_NOTES, highlight=False)
-
-
-def _add_words(table: Table, text: str, cells: dict[str, str]):
-    """What is measured in the precisions of algorithms alone is the same in the last two."""
-    *_, last = cells.values()
-    table.add_row(text, *(cells.get(str(precision), last) for precision in Precision))
+    for line in (*lines, "", _FIRST_NOTES):
+        wide.print(line, highlight=False, soft_wrap=True)
 
 
 # -- a screen ---------------------------------------------------------------------------------------------------------

@@ -1,0 +1,36 @@
+"""The demo: a quadruped that is pushed, in a browser or as a recording."""
+
+import argparse
+import webbrowser
+
+from jaxspatial.command import quadruped
+from jaxspatial.command.files import OutputError, WrenchFileError, writable
+
+_SECONDS = 4.0
+# From, to, s, and the force on the trunk, N.
+_PUSHES = ((0.5, 0.65, (0.0, 120.0, 0.0)), (1.6, 1.75, (-150.0, 0.0, 0.0)), (2.7, 2.8, (0.0, -90.0, 120.0)))
+
+
+def run(given: argparse.Namespace) -> int:
+    """Shows it until it is interrupted, or writes it to a file; returns the exit status."""
+    try:
+        from jaxspatial import viewer
+    except ImportError as error:
+        raise WrenchFileError(f"demo: {error}") from error
+    if given.record is not None:
+        if given.record.suffix not in (".html", ".viser"):
+            raise OutputError(f"--record: expected a name ending in .html or .viser, got {given.record}")
+        writable(given.record, given.overwrite)
+    print(f"A quadruped of 12 joints, pushed three times in {_SECONDS:g} s; compiling its steps takes seconds ...")
+    mech, q, forces = quadruped.pushed(_SECONDS, _PUSHES)
+    scene = {"dt": float(quadruped.DT), "shapes": quadruped.FILE, "forces": forces, "ground": quadruped.GROUND}
+    if given.record is not None:
+        viewer.record(mech, q, given.record, **scene)
+        print(f"recording: {given.record}")
+        return 0
+    shown = viewer.show(mech, q, port=given.port, **scene)
+    address = f"http://localhost:{shown.server.get_port()}"
+    print(f"{address}: check the box `play`. Ctrl-C ends it.")
+    webbrowser.open(address)
+    shown.server.sleep_forever()
+    return 0

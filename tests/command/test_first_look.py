@@ -1,0 +1,56 @@
+"""What the first look measures, and the quadruped that it is about."""
+
+import numpy as np
+import pytest
+
+from jaxspatial.command import algorithms, first_look, quadruped
+from tests.helpers.soon import compiled_soon
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _soon():
+    with compiled_soon():
+        yield
+
+
+@pytest.fixture(scope="module")
+def motion():
+    """0.6 s, pushed to the left from 0.2 to 0.4 s."""
+    return quadruped.pushed(0.6, [(0.2, 0.4, (0.0, 40.0, 0.0))])
+
+
+def test_it_stands_until_it_is_pushed_and_stays_on_its_feet(motion):
+    mech, q, (feet, trunk) = motion
+    assert q.shape == (120, 19) and mech.nv == 18
+    weight = 9.81 * float(np.sum(mech.inertias.mass))
+    pushed = np.arange(120) // 40 == 1
+    np.testing.assert_array_equal(np.asarray(trunk["trunk"].f)[:, 1], np.where(pushed, 40, 0))
+    assert abs(q[39, 5]) < 1e-3 < 1e-2 < q[79, 5] and (q[:, 6] > 0.2).all()
+    standing = np.asarray(feet.wrenches.f)[30:40].sum(1).mean(0)
+    np.testing.assert_allclose(standing, [0, 0, weight], atol=0.15 * weight)
+
+
+def test_shapes_are_on_its_links(motion):
+    """The file can be shown: primitives, no meshes elsewhere."""
+    assert "<mesh" not in quadruped.FILE.read_text() and set(quadruped.FEET.frames) <= set(motion[0].frame_names)
+
+
+@pytest.mark.parametrize("k", [0, 1])
+def test_where_precision_decides(k):
+    """A hundred times the accuracy and more."""
+    found = algorithms.loss(algorithms.FIRST_LOOK[k], states=20)
+    fast, reproducible, compensated = found.errors.values()
+    assert fast >= reproducible / 3 > 1e2 * compensated > 0
+
+
+# By default the two tests above, which do without minutes of simulated time and the gradient of a quadruped.
+@pytest.mark.slow
+def test_all_that_it_measures():
+    heard = []
+    look = first_look.measure(lambda: heard.append(1), wrenches=1000, states=8, gradients=4, steps=24)
+    assert len(heard) == 5 + len(first_look.PRECISIONS) + len(algorithms.FIRST_LOOK)
+    assert set(look.wrenches) == {*first_look.PRECISIONS, first_look.CROSS, first_look.MEMORY}
+    assert min(*look.wrenches.values(), *look.torques.values(), look.steps, look.gradients) > 0
+    assert 0.01 < look.response < 10
+    for loss in look.losses[2:]:  # what is rounded from step to step, no precision gives back
+        assert loss.errors["compensated"] > loss.errors["reproducible"] / 10 > 0
