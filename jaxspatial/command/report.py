@@ -81,8 +81,8 @@ compensated   as if computed with twice the digits, then rounded once
 What a state in float32 loses from step to step, as in the last two rows,
 no precision gives back: take float64 there.
 
-Another precision: js.shift(F, p, precision="compensated"). A robot to look at:
-jaxspatial demo. All operations, dtypes and errors, in minutes: jaxspatial --full
+Another precision: js.shift(F, p, precision="compensated"). The robot:
+jaxspatial demo. All operations, dtypes and errors, in minutes: --full
 """
 _ONE, _THREE = "  {:<66} {:>11}", "  {:<39} {:>11} {:>12} {:>11}"
 
