@@ -90,6 +90,7 @@ from jaxspatial.dynamics.forward_dynamics import forward_dynamics as forward_dyn
 from jaxspatial.dynamics.inverse_dynamics import bias_forces as bias_forces
 from jaxspatial.dynamics.inverse_dynamics import gravity_forces as gravity_forces
 from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics as inverse_dynamics
+from jaxspatial.dynamics.inverse_kinematics import inverse_kinematics as inverse_kinematics
 from jaxspatial.dynamics.inverse_dynamics import joint_reactions as joint_reactions
 from jaxspatial.dynamics.jacobians import jacobian as jacobian
 from jaxspatial.dynamics.jacobians import jacobian_rate as jacobian_rate

@@ -10,6 +10,7 @@ Each file is one subject, with its public functions and the formulas over a `Mec
     articulated_bodies    accelerations for given forces, in forward_dynamics
     derivatives           derivatives of inverse dynamics in closed form, in linearization
     jacobians             Jacobians of frames and their time derivatives
+    inverse_kinematics    configurations that put frames at targets
     centroid, energy      centre of mass, momentum, kinetic and potential energy
     configuration         steps on the manifold of configurations
     passive               springs, damping, friction, limits

@@ -19,6 +19,7 @@ RESULTS = {
     "close_loops": ["jaxspatial.contact.closed_loops.ClosedConfiguration"],
     "constrained_forward_dynamics": ["jaxspatial.contact.closed_loops.ConstrainedDynamics"],
     "forward_dynamics_derivatives": ["jaxspatial.dynamics.linearization.ForwardDynamicsDerivatives"],
+    "inverse_kinematics": ["jaxspatial.dynamics.inverse_kinematics.InverseKinematics"],
     "inverse_dynamics_derivatives": ["jaxspatial.dynamics.linearization.InverseDynamicsDerivatives"],
     "mass_matrix_factor": ["jaxspatial.dynamics.composite_bodies.MassMatrixFactor"],
 }
