@@ -33,7 +33,8 @@ def test_a_formula_has_one_home(formula, function, file, link):
 def test_every_way_to_extend_has_code():
     sections = re.split(r"^## ", PAGE, flags=re.M)[1:]
     assert [s.split("\n")[0] for s in sections] == [
-        "Where a formula is", "A new operation", "A new joint", "A new algorithm", "A new precision", "A new converter"
+        "Where a formula is", "A new operation", "A new joint", "A new algorithm", "A new contact term",
+        "A new precision", "A new converter",
     ]  # fmt: skip
     assert all("```python\n" in s and "assert" in s for s in sections[1:])
 

@@ -1,7 +1,7 @@
 """Limits and dry friction of joints, as a term of the convex step."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import jax
 import numpy as np
@@ -10,6 +10,7 @@ from jaxspatial.contact.term import NEAR_RIGID_LIMIT, STICKING, Rows, StepData, 
 from jaxspatial.contact.world import World, scalars
 from jaxspatial.engine import stacking
 from jaxspatial.engine.stacking import Array
+from jaxspatial.mechanism import Mechanism
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics.linear import Motion
 from jaxspatial.numerics.numbers import Mask, Number, constant, high, where
@@ -62,40 +63,63 @@ class JointData(TermData):
         free = still + change
         fastest = where(high(abs(still)) > high(abs(free)), abs(still), abs(free))
         w, fastest = (stacking.mapped(lambda x: stacking.rows(x, rows), y) for y in (1 / world.diagonal, fastest))
+        limit = Limit.of(q - lower, upper - q, w, fastest, dt, has_limits[:, None])
+        return Joints(tuple(rows.tolist()), limit, friction * dt, STICKING * w)
+
+
+def joint_data(mechanism: Mechanism, _: Any) -> JointData | None:
+    """The JointData of a mechanism in which limits or dry friction may act; None for another."""
+    return JointData() if len(limited_rows(mechanism.topology, vars(mechanism))) else None
+
+
+class Limit(NamedTuple):
+    """How m numbers are held between limits, as numbers (m, B). lower, upper: how fast, at most, a number may approach
+    a limit. near_lower, near_upper: whether a limit is near, and may act. R: how much an impulse changes the velocity.
+    """
+
+    lower: Number
+    upper: Number
+    near_lower: Mask
+    near_upper: Mask
+    R: Number
+
+    @classmethod
+    def of(cls, below: Number, above: Number, w: Number, fastest: Number, dt: Number, may_act: Any = True) -> Self:
+        """From the distances to the lower and the upper limit, the size w of the Delassus operator, and velocities."""
         compliant, rigid = 1 / (2 * LIMIT_STIFFNESS * (dt * dt)), NEAR_RIGID_LIMIT * w
         R = where(high(rigid) > high(compliant), rigid, compliant)
         window = LIMIT_WINDOW * dt * fastest
-        below, above = q - lower, upper - q
         # NaN is near, and becomes the impulse.
-        near = [~(high(gap) >= high(window)) & has_limits[:, None] for gap in (below, above)]
-        return Joints(
-            tuple(rows.tolist()),
-            lower=where(near[0], below, 0.0) / (2 * dt),
-            upper=where(near[1], above, 0.0) / (2 * dt),
-            near_lower=near[0],
-            near_upper=near[1],
-            friction=friction * dt,
-            R=R,
-            R_f=STICKING * w,
-        )
+        near_lower, near_upper = (~(high(gap) >= high(window)) & may_act for gap in (below, above))
+        lower, upper = (where(near, gap, 0.0) / (2 * dt) for near, gap in ((near_lower, below), (near_upper, above)))
+        return cls(lower, upper, near_lower, near_upper, R)
+
+    @property
+    def acts(self) -> jax.Array:
+        return self.near_lower | self.near_upper
+
+    def law(self, u: Number) -> tuple[Number, Number]:
+        """(the impulses at velocities u, G there)."""
+        zero = constant(u, 0)
+        down, up = (-self.lower - u) / self.R, (u - self.upper) / self.R
+        is_down, is_up = self.near_lower & ~(high(down) <= 0), self.near_upper & ~(high(up) <= 0)
+        return where(is_down, down, zero) - where(is_up, up, zero), where(is_down | is_up, 1 / self.R, zero)
+
+    def size(self, u: Number) -> Number:
+        return abs(u) + abs(self.lower) + abs(self.upper)
 
 
 @tree_of("velocity_rows")
 class Joints(Rows):
     """m velocities with limits or dry friction, as numbers (m, B).
 
-    lower, upper: how fast, at most, a joint may approach a limit. near_lower, near_upper: whether a limit is near, and
-    may act. friction: the largest impulse of dry friction, a known zero without. R, R_f: how much an impulse of a
-    limit, and of friction, changes the velocity.
+    friction: the largest impulse of dry friction, a known zero without. R_f: how much an impulse of friction changes
+    the velocity.
     """
 
     velocity_rows: tuple[int, ...]
-    lower: Number
-    upper: Number
-    near_lower: Mask
-    near_upper: Mask
+    limit: Limit
     friction: Number
-    R: Number
     R_f: Number
 
     @property
@@ -103,20 +127,17 @@ class Joints(Rows):
         return len(self.velocity_rows)
 
     def law(self, u: Number, held: Mask | None = None) -> tuple[Number, Number]:
-        zero = constant(u, 0)
-        down, up = (-self.lower - u) / self.R, (u - self.upper) / self.R
-        is_down, is_up = self.near_lower & ~(high(down) <= 0), self.near_upper & ~(high(up) <= 0)
+        impulse, G = self.limit.law(u)
         stuck, largest = -u / self.R_f, self.friction
         is_stuck = high(abs(stuck)) < high(largest)
         slipping = where(high(stuck) > 0, largest, -largest)
-        impulse = where(is_down, down, zero) - where(is_up, up, zero) + where(is_stuck, stuck, slipping)
-        return impulse, where(is_down | is_up, 1 / self.R, zero) + where(is_stuck, 1 / self.R_f, zero)
+        return impulse + where(is_stuck, stuck, slipping), G + where(is_stuck, 1 / self.R_f, constant(u, 0))
 
     def size(self, u: Number) -> Number:
-        return abs(u) + abs(self.lower) + abs(self.upper)
+        return self.limit.size(u)
 
     def acts(self) -> jax.Array:
-        return self.near_lower | self.near_upper | ~(high(self.friction) <= 0)
+        return self.limit.acts | ~(high(self.friction) <= 0)
 
     def rows(self) -> np.ndarray:
         return np.array(self.velocity_rows)

@@ -51,7 +51,7 @@ OF_VELOCITIES, OF_MOMENTA = 0.25, 4.0
 # So near the tolerance, or what rounding errors of velocities make, in multiples of these, a square that is more than
 # this share of the last is of rounding errors.
 NEAR, NOISY, STALLED = 100, 10, 0.25
-FIELDS = (*DYNAMICS, *FRAMES, "damping", "friction_loss", "lower", "upper")
+FIELDS = (*DYNAMICS, *FRAMES, "damping", "friction_loss", "lower", "upper", "turn_limits")
 
 
 def _of_each(function: Callable[..., tuple[Any, ...]], terms: Sequence[Term], *numbers: ByTerm, **shared: Any):

@@ -1,6 +1,6 @@
 """A step in time with contact, friction, limits and closed loops: one convex problem, solved by articulated bodies.
 
-`_Given.terms` is the list of what acts, a TermData of each: a term of a new kind has its entry there.
+What acts is a tuple of terms: contacts, what stands in the mechanism (`OF_MECHANISM`), and closures.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -14,8 +14,9 @@ from jax import lax
 from jaxspatial.contact import newton
 from jaxspatial.contact.closures import are_of_one_body, checked_closures, closure_data, require_closable
 from jaxspatial.contact.explicit import Ground, checked_contacts, checked_ground
-from jaxspatial.contact.joints import JointData, limited_rows
+from jaxspatial.contact.joints import joint_data
 from jaxspatial.contact.points import contact_data
+from jaxspatial.contact.tendons import ball_data, tendon_data
 from jaxspatial.contact.term import StepData, TermData
 from jaxspatial.dynamics import steps
 from jaxspatial.dynamics.docstrings import documented
@@ -95,9 +96,9 @@ def convex_step(
 
     What is not contact acts as in `semi_implicit_step`, without its regularised friction; where nothing touches, the
     result has its bits, and without contacts, limits and dry friction it is that step. Limits act on joints of one
-    coordinate; those of tendons, and of the angles of "ball" joints, do not act here. Limits and dry friction are as
-    hard as the time step allows: a joint at rest under less than its friction creeps by at most 1e-3 of the velocity
-    that its impulse would cause alone.
+    coordinate, on the lengths of tendons, and on the angles of "ball" joints. Limits and dry friction are as hard as
+    the time step allows: a joint at rest under less than its friction creeps by at most 1e-3 of the velocity that its
+    impulse would cause alone.
 
     How hard contacts are is a share of w, the size of the operator J D^-1 J^T of their points, with D the diagonal of
     A. It depends on the axes of velocities: those of a floating root are taken along the axes of the world, as in
@@ -111,9 +112,9 @@ def convex_step(
     that closes it within this step, and R a share of 2.5e-4 of what an impulse moves. Start with closed loops, see
     `close_loops`. Closures may be redundant. One between frames of the same body, or of the world, asks for nothing,
     and its wrench is zero; open ones, which can never close, are refused where their numbers are known while tracing,
-    and `constraint_error` tells of others. Closures, and contacts between two bodies, cost a system of as many unknowns
-    as they have rows, 3 for a contact. With mimics each iteration solves one system of all velocities and of the rows
-    of limits, dry friction and closures.
+    and `constraint_error` tells of others. Closures, contacts between two bodies, and limits of tendons
+    and of balls cost a system of as many unknowns as they have rows, 3 for a contact. With mimics each iteration solves
+    one system of all velocities and of the rows of limits, dry friction and closures.
 
     Derivatives of any order are those of the optimum, by the implicit function theorem: with the same solver, through
     sticking, sliding and flight. Where a contact begins to touch, stick or slide, they are those of one side.
@@ -169,12 +170,11 @@ class _Given(NamedTuple):
         return [k for k, x in enumerate(self.closures) if not are_of_one_body(mechanism, x)]
 
     def terms(self, mechanism: Mechanism, q: jax.Array, precision: PrecisionName) -> dict[str, TermData]:
-        """The terms that may act, by name. Rounding errors depend on their order."""
+        """The terms that may act, by name."""
         found, moved = dict[str, TermData](), self.moved(mechanism)
         if (contacts := contact_data(mechanism, q, *self[:3], precision)) is not None:
             found["contacts"] = contacts
-        if len(limited_rows(mechanism.topology, vars(mechanism))):
-            found["joints"] = JointData()
+        found |= _of_mechanism(mechanism, q.dtype)
         if moved:
             closures, distances = (tuple(x[k] for k in moved) for x in (self.closures, self.distances))
             found["closures"] = closure_data(mechanism, q, closures, distances, precision)
@@ -191,6 +191,20 @@ class _Given(NamedTuple):
         if of_moved is None:
             return SpatialForce(zero, zero)
         return SpatialForce(*(zero.at[..., np.array(moved), :].set(x) for x in (of_moved.tau, of_moved.f)))
+
+
+# The terms that stand in a mechanism, by name: functions of the mechanism and of a dtype, None where nothing acts. A
+# new entry is read by the next program that is made. Rounding errors depend on the order.
+OF_MECHANISM: dict[str, Callable[[Mechanism, Any], TermData | None]] = {
+    "joints": joint_data,
+    "tendons": tendon_data,
+    "balls": ball_data,
+}
+
+
+def _of_mechanism(mechanism: Mechanism, dtype: Any) -> dict[str, TermData]:
+    found = ((name, data(mechanism, dtype)) for name, data in OF_MECHANISM.items())
+    return {name: x for name, x in found if x is not None}
 
 
 def _checked(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pairs: Any, loops: Any) -> _Given:
@@ -235,7 +249,7 @@ def _step(
     """`convex_step` of checked arguments. state: q, v and tau; h: dt as (*batch, 1)."""
     q, v, tau = state
     is_free = given.contacts is None and given.pairs is None and not given.moved(mechanism)
-    if is_free and not len(limited_rows(mechanism.topology, vars(mechanism))):
+    if is_free and not _of_mechanism(mechanism, q.dtype):
         batch = check.broadcast_shapes(
             *(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), given.batch_shape
         )

@@ -178,7 +178,7 @@ class Term:
 class Rows(Term):
     """A Term whose velocities and impulses are numbers (m, B), each on a row of J of its own: G is diagonal.
 
-    R: how much an impulse changes its velocity, 1 / G where G is not zero.
+    One that has columns declares R, how much an impulse changes its velocity: 1 / G where G is not zero.
     """
 
     has_rest = True

@@ -315,23 +315,23 @@ def _rows_of_tendons(mechanism: Mechanism, dtype: np.dtype, compliance: Complian
     """The tendons that may exert a force."""
     rows = list[tuple[_Places, _Row]]()
     for tendon in mechanism.tendons:
-        limits = _one_array([tendon.lower, tendon.upper], dtype)
+        limits = one_array([tendon.lower, tendon.upper], dtype)
         has_limits = compliance.limit_stiffness is not None and not _is_infinite(limits)
-        spring, damping = (_one_array([x], dtype) for x in (tendon.stiffness, tendon.damping))
+        spring, damping = (one_array([x], dtype) for x in (tendon.stiffness, tendon.damping))
         if is_nothing(spring) and is_nothing(damping) and not has_limits:
             continue
-        places, coefficients, offset = _over_coordinates(mechanism, tendon)
+        places, coefficients, offset = over_coordinates(mechanism, tendon)
         i = places[0][1]
         both: Any = (compliance.limit_stiffness, compliance.limit_damping)
         softness = [x[i : i + 1] for x in (both if has_limits else (np.zeros(i + 1, dtype),) * 2)]
-        numbers = _one_array(coefficients, dtype), _one_array([offset], dtype)
+        numbers = one_array(coefficients, dtype), one_array([offset], dtype)
         if not has_limits:
             limits = np.array([-np.inf, np.inf], dtype)
-        rows.append((places, _Row(*numbers, spring, _one_array(list(tendon.rest), dtype), damping, limits, *softness)))
+        rows.append((places, _Row(*numbers, spring, one_array(list(tendon.rest), dtype), damping, limits, *softness)))
     return rows
 
 
-def _over_coordinates(mechanism: Mechanism, tendon: Tendon) -> tuple[_Places, list[Any], Any]:
+def over_coordinates(mechanism: Mechanism, tendon: Tendon) -> tuple[_Places, list[Any], Any]:
     """(places, coefficients, offset): a mimic counts with the joint that it follows."""
     t, c, offset = mechanism.topology, dict[int, Any](), tendon.offset
     for name, x in zip(tendon.joints, tendon.coefficients, strict=True):
@@ -344,7 +344,7 @@ def _over_coordinates(mechanism: Mechanism, tendon: Tendon) -> tuple[_Places, li
     return tuple((t.q_starts[i], t.v_starts[i]) for i in c), list(c.values()), offset
 
 
-def _one_array(numbers: Sequence[Any], dtype: np.dtype) -> Array:
+def one_array(numbers: Sequence[Any], dtype: np.dtype) -> Array:
     """(k,) NumPy where all of them are known."""
     is_known = all(isinstance(x, np.ndarray | np.generic | float) for x in numbers)
     return (np if is_known else jnp).stack([(np if is_known else jnp).asarray(x, dtype) for x in numbers])

@@ -23,7 +23,7 @@ class Tendon:
         js.Tendon("finger", ["knuckle", "tip"], [1.0, -1.0], stiffness=0.5, upper=0.1)
 
     `passive_forces` and the steps apply the spring and damping, and N, the force of a limit, where `Compliance` gives
-    limits of tendons a stiffness.
+    limits of tendons a stiffness. `convex_step` holds the limits as stiffly as its time step allows.
 
     Args:
         name: for messages; static.

@@ -35,7 +35,7 @@ class Contact(NamedTuple):
 
 
 class Limit(NamedTuple):
-    """J (1, nv): the rate of the gap."""
+    """Of a joint, a tendon or the angle of a ball. J (1, nv): the rate of the gap."""
 
     J: np.ndarray
     gap: float
@@ -143,8 +143,7 @@ def of_closure(x, A, dt):
 
 def terms_of(A, free, v, dt, contacts=(), limits=(), dry=(), closures=()):
     """The terms that are in the problem: spheres inside, limits so near that they may be reached."""
-    fastest = WINDOW * dt * np.maximum(abs(v), abs(free))
-    near = [x for x in limits if x.gap < fastest[np.flatnonzero(x.J[0])[0]]]
+    near = [x for x in limits if x.gap < WINDOW * dt * max(abs(x.J[0] @ v), abs(x.J[0] @ free))]
     inside = [c for c in contacts if c.distance <= 0]
     groups = (of_contact, inside), (of_limit, near), (of_dry_friction, dry), (of_closure, closures)
     return [function(x, A, dt) for function, group in groups for x in group]
@@ -351,7 +350,7 @@ def _problem_of(mech, found, q, v, tau, dt, of_spheres, between=((), ()), closur
         if len(own_q) == len(own_v) == 1:
             row, x = np.eye(len(v))[own_v], q[own_q[0]]
             limits += [Limit(row, x - mech.lower[own_q[0]]), Limit(-row, mech.upper[own_q[0]] - x)]
-    limits = [x for x in limits if np.isfinite(x.gap)]
+    limits = [x for x in [*limits, *_of_tendons(mech, q), *_of_balls(mech, q)] if np.isfinite(x.gap)]
     spheres += [c._replace(J=c.J @ T.T) for c in between[0]]
     axes += between[1]
     inside = [i for i, c in enumerate(spheres) if c.distance <= 0]
@@ -365,6 +364,28 @@ def _problem_of(mech, found, q, v, tau, dt, of_spheres, between=((), ()), closur
         held.append(Held(J[moves] @ T.T, errors[moves], size[moves]))
     problem = Problem(A, free, terms_of(A, free, still, dt, spheres, limits, dry, held))
     return Own(problem, still, inside, np.array(axes))
+
+
+def _of_tendons(mech, q):
+    """The Limits of all tendons: of joints that are no mimics, whose Jacobians are those of the joints they follow."""
+    for tendon in mech.tendons:
+        length, row = float(tendon.offset), np.zeros((1, mech.nv))
+        for name, c in zip(tendon.joints, np.asarray(tendon.coefficients, float), strict=True):
+            (i,), (k,) = mech.joint_position_indices(name), mech.joint_velocity_indices(name)
+            length, row[0, k] = length + c * q[i], row[0, k] + c
+        yield from (Limit(row, length - float(tendon.lower)), Limit(-row, float(tendon.upper) - length))
+
+
+def _of_balls(mech, q):
+    """The Limits of the angles of balls: the rotation is about the vector part of the quaternion."""
+    limits = np.full(len(mech.joint_names), np.inf) if mech.turn_limits is None else np.asarray(mech.turn_limits)
+    for name, largest in zip(mech.joint_names, limits, strict=True):
+        own_q, own_v = mech.joint_position_indices(name), mech.joint_velocity_indices(name)
+        if len(own_v) == 3 and len(own_q) == 4:
+            w, *xyz = np.asarray(q, float)[own_q] * np.sign(q[own_q[0]])
+            size, row = np.linalg.norm(xyz), np.zeros((1, mech.nv))
+            row[0, own_v] = -np.array(xyz) / size
+            yield Limit(row, largest - 2 * np.arctan2(size, w))
 
 
 class Step(NamedTuple):
