@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -66,7 +66,13 @@ class VelocityBias(NamedTuple):
     Z: Wrench
 
 
-def accelerations(state: MechanismState, v: Array, tau: Array, forces: Wrenches) -> tuple[jax.Array, list[Any]]:
+# What is eliminated of a bundle, and the factors of its part of the mass matrix: (U, D) of each velocity, or P of
+# floating roots as one number. With mimics the first is the whole matrix.
+Eliminated = FloatingElimination | list[Elimination]
+Factors = Number | list[tuple[Wrench, Number]]
+
+
+def accelerations(state: MechanismState, v: Array, tau: Array, forces: Wrenches) -> tuple[jax.Array, Sequence[Factors]]:
     """(vdot, the factors of the mass matrix), by articulated bodies.
 
     With mimics, which couple joints of different bodies, by the mass matrix.
@@ -74,7 +80,7 @@ def accelerations(state: MechanismState, v: Array, tau: Array, forces: Wrenches)
     body_loads, gravity, links = loads(state, forces), state.minus_gravity, state.links(v, tau=tau)
     if state.topology.has_mimics:
         M, bias = matrix_of(state), state.numbers_by_velocity(forces_of(state, v, None, body_loads, gravity))
-        return _by_matrix(state, M, links, bias), [M, *[()] * (len(state.bundles) - 1)]
+        return _by_matrix(state, M, links, bias), [M, *[[]] * (len(state.bundles) - 1)]
     bodies = list(zip(links, body_loads, strict=True))
     zero = state.zero_vector
     biases = recursion.outward(state, _velocity_bias, zero, bodies)
@@ -83,7 +89,7 @@ def accelerations(state: MechanismState, v: Array, tau: Array, forces: Wrenches)
     eliminated = recursion.inward(state, _eliminate, nothing, list(zip(bodies, biases, floating, strict=True)))
     both = [(link, bias.c, e) for (link, _), bias, e in zip(bodies, biases, eliminated, strict=True)]
     vdot = recursion.outward(state, _accelerate, Motion(zero, gravity), both)
-    factors = [_packed(e.matrix) if f else [x[:2] for x in e] for e, f in zip(eliminated, floating, strict=True)]
+    factors = [_packed(e.matrix) if isinstance(e, FloatingElimination) else [(x.U, x.D) for x in e] for e in eliminated]
     return state.by_velocity(vdot), factors
 
 
@@ -97,10 +103,10 @@ def has_floating_roots(bundle: Bundle) -> bool:
     return bundle.kind.is_unconstrained and bundle.is_on_world
 
 
-def solution(state: MechanismState, factors: list[Any], force: Array) -> jax.Array:
+def solution(state: MechanismState, factors: Sequence[Factors], force: Array) -> jax.Array:
     """M^-1 times a force, from the factors that `accelerations` returns."""
     zero, links = state.zero_vector, state.links(tau=force)
-    if state.topology.has_mimics:
+    if state.topology.has_mimics and not isinstance(factors[0], list):
         return _by_matrix(state, factors[0], links)
     left = recursion.inward(state, _bias_to_parent, Wrench(zero, zero), list(zip(links, factors, strict=True)))
     at_rest = Motion(zero, zero)
@@ -108,10 +114,10 @@ def solution(state: MechanismState, factors: list[Any], force: Array) -> jax.Arr
     return state.by_velocity(recursion.outward(state, _accelerate, at_rest, both))
 
 
-def _bias_to_parent(body: tuple[Link, Any], Z: Wrench) -> tuple[Any, Wrench]:
+def _bias_to_parent(body: tuple[Link, Factors], Z: Wrench) -> tuple[Eliminated, Wrench]:
     """([Elimination of each velocity], the bias force about the parent's origin), from the children's bias force Z."""
     link, factors = body
-    if is_number(factors):
+    if not isinstance(factors, list):
         return FloatingElimination(_unpacked(factors), None, _wrench(link.tau) - Z), Z
     eliminated, Z = bias_beyond_joint(Z, link.joint.subspace, factors, link.tau)
     return eliminated, algebra.acted_wrench(link.X_PB, Z)
@@ -153,7 +159,7 @@ def _velocity_bias(body: tuple[Link, Load], w_P: Vector) -> tuple[VelocityBias, 
 
 def _eliminate(
     body: tuple[tuple[Link, Load], VelocityBias, bool], children: ArticulatedBody
-) -> tuple[Any, ArticulatedBody]:
+) -> tuple[Eliminated, ArticulatedBody]:
     """([Elimination of each velocity], the articulated body about the parent's origin).
 
     P A' + Z is the wrench across the joint, with A' the acceleration of the parent at the joint: Z includes P c.
@@ -168,8 +174,9 @@ def _eliminate(
     for s, tau, armature in zip(link.joint.subspace, link.tau, link.armature, strict=True):
         rest, elimination = without_velocity(rest, s, tau, armature)
         eliminated.append(elimination)
-    P = articulated.shifted(articulated.reexpressed(rest.P, link.X_PB.R), -link.X_PB.p)
-    return eliminated, ArticulatedBody(P, algebra.acted_wrench(link.X_PB, rest.Z))
+    X_PB = link.X_PB
+    P = articulated.shifted(articulated.reexpressed(rest.P, X_PB.R), -X_PB.p)
+    return eliminated, ArticulatedBody(P, algebra.acted_wrench(X_PB, rest.Z))
 
 
 def _with_armature(P: Articulated, armature: Numbers) -> Articulated:
@@ -235,12 +242,13 @@ def _with_known_zeros(P: Articulated, s: Motion, armature: Number) -> Articulate
 # -- outward: accelerations -------------------------------------------------------------------------------------------
 
 
-def _accelerate(body: tuple[Link, Motion, Any], parent: Motion) -> tuple[Numbers, Motion]:
+def _accelerate(body: tuple[Link, Motion, Eliminated], parent: Motion) -> tuple[Numbers, Motion]:
     """(vdot, the acceleration (alpha, a)) of a body."""
     link, c, eliminated = body
-    R_BP = link.X_PB.R.T
+    X_PB = link.X_PB
+    R_BP = X_PB.R.T
     # That of the parent at the joint, in the child's axes.
-    A = Motion(R_BP @ parent.w, R_BP @ (parent.v + cross(parent.w, link.X_PB.p)))
+    A = Motion(R_BP @ parent.w, R_BP @ (parent.v + cross(parent.w, X_PB.p)))
     if isinstance(eliminated, FloatingElimination):
         matrix, P, u = eliminated
         right = u if P is None else u - articulated.apply(P, A)

@@ -7,8 +7,9 @@ Efficient analytical derivatives of rigid-body dynamics using spatial vector alg
 """
 
 import operator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -38,6 +39,8 @@ from jaxspatial.spatial.algebra import (
 JointRates = tuple[Motion, Motion, Motion, Motion]
 # (R, p, v) of a body, see `_from_root`.
 FromRoot = tuple[Matrix, Vector, Vector]
+# Four motions of a row, and eight vectors of a column, then p and v of their bodies.
+Sides = tuple[tuple[Motion | Vector, ...], tuple[Vector, ...]]
 
 
 @algorithm(*DYNAMICS, *FRAMES)
@@ -54,7 +57,7 @@ def jacobians(
     external_forces: Wrenches,
     *,
     wanted: tuple[bool, ...],
-) -> list[Any]:
+) -> list[jax.Array]:
     """The wanted ones of dtau_dq (nv, nq), which is by coordinates as in JAX, dtau_dv and dtau_dvdot."""
     dq, dv, M = _matrices(state, v, vdot, external_forces)
     all_three = (_by_coordinates(state, dq) if wanted[0] else None), dv, M
@@ -132,14 +135,15 @@ def _composite_step(
     link, motion, load = body
     composite = _as_one(_of_body(link.inertia, motion, load), children)
     # The same about the parent's origin in its axes, for the observer that moves with it.
-    (R, p_PJ), m = link.X_PB, composite.inertia.mass
-    d = _velocity_seen(link, motion, link.X_PB)
+    X_PB = link.X_PB
+    d = _velocity_seen(link, motion, X_PB)
+    (R, p_PJ), m = X_PB, composite.inertia.mass
     p = R @ composite.p + m * d
     shift = double_cross(R @ (m * composite.inertia.com), d) + double_cross(p_PJ, p)
     X = R @ (composite.X @ R.T) - Matrix(*map(_twice, shift))
     load_P = R @ composite.load
     load_rate = R @ (composite.load_rate @ R.T) - double_cross(p_PJ, load_P)
-    inertia, wrench = acted_inertia(link.X_PB, composite.inertia), acted_wrench(link.X_PB, composite.wrench)
+    inertia, wrench = acted_inertia(X_PB, composite.inertia), acted_wrench(X_PB, composite.wrench)
     return composite, CompositeBody(inertia, wrench, X, p, load_rate, load_P)
 
 
@@ -182,19 +186,19 @@ def _as_one(a: CompositeBody, b: CompositeBody) -> CompositeBody:
 #     M_ij = S . u               u = I S_i          t = rotational part of 2 B^T S_i, l that of loads
 
 
-def _in_world_axes(S: Motion, link: Link, motion: BodyMotion, body: CompositeBody, placed: FromRoot) -> tuple[Any, Any]:
+def _in_world_axes(S: Motion, link: Link, motion: BodyMotion, body: CompositeBody, placed: FromRoot) -> Sides:
     """(the motions of a joint for rows, its wrenches for columns), stacked over its velocities, in world axes.
 
     S: the stacked motion subspace. The columns are (u, t, a, b, l), with u, a and b wrenches, as eight vectors.
     """
     R, *where = placed
     S, first, carried, second = _rates(S, link, motion)
+    row = [Motion(R @ x.w, R @ x.v) for x in (S, first, first + carried, second)]
     t = body.X.T @ S.w + _twice(cross(body.p, S.v))
     loaded = body.load_rate.T @ S.w + cross(body.load, S.v)
     a = _coriolis(body, first.w) + apply_inertia(body.inertia, second) + cross_force(S, body.wrench)
     a = a + Wrench(body.load_rate @ S.w, cross(S.w, body.load))
     b = _coriolis(body, S.w) + apply_inertia(body.inertia, first + carried)
-    row = [Motion(R @ x.w, R @ x.v) for x in (S, first, first + carried, second)]
     column = *apply_inertia(body.inertia, S), t, *a, *b, loaded
     return (*row, *where), (*(R @ x for x in column), *where)
 

@@ -196,7 +196,7 @@ def _solve(state: MechanismState, *factors_and_force: Array):
     zero, U = state.known(0.0), Wrench(state.zero_vector, state.zero_vector)
     form: list[Any] = [zero if has_floating_roots(b) else [(U, zero)] * b.kind.nv for b in state.bundles]
     if state.topology.has_mimics:
-        form = [zero, *[()] * (len(state.bundles) - 1)]
+        form = [zero, *[[]] * (len(state.bundles) - 1)]
     return solution(state, state.of_words(factors, form), force)
 
 

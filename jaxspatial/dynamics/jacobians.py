@@ -141,11 +141,14 @@ def _jacobian_rate(state: MechanismState, v: Array, *, frames: int | tuple[int, 
         p_WF = _origin(state, frame, [x for x, _ in moving]).p
         columns: list[tuple[Numbers, ...]] = []
         for b, link, ((R, p_WJ), V_J) in zip(state.bundles, state.links(v), moving, strict=True):
-            arm, v_arm, of_joint = p_WF - p_WJ, v_WF - R @ V_J.v, list[Numbers]()
+            of_joint = list[Numbers]()
             for s, rate in zip(link.joint.subspace, link.joint.subspace_rate(link.v), strict=True):
                 # d/dt of (R k, R l + R k x r), for a motion s = (k, l) with rate ds/dt in J, and the arm r from J to F.
-                dk, dl = (R @ (cross(V_J.w, x) + dx) for x, dx in zip(s, rate, strict=True))
-                of_joint.append(of_carriers(state, b, frame, (*dk, *(dl + cross(dk, arm) + cross(R @ s.w, v_arm)))))
+                dk, dl = (cross(V_J.w, x) + dx for x, dx in zip(s, rate, strict=True))
+                k, dk, dl, v_WJ = R @ s.w, R @ dk, R @ dl, R @ V_J.v
+                tangential = cross(dk, p_WF - p_WJ)
+                linear = dl + tangential + cross(k, v_WF - v_WJ)
+                of_joint.append(of_carriers(state, b, frame, (*dk, *linear)))
             columns.append(tuple(of_joint))
         return state.matrix_by_velocity(columns, 6)
 

@@ -1,6 +1,6 @@
 """Derivatives of inverse and forward dynamics with respect to configuration, velocities, accelerations and forces."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -103,12 +103,10 @@ def inverse_dynamics_derivatives(
     )
 
 
-def _column_by_column(
-    mechanism: Mechanism, q: Any, v: Any, vdot: Any, forces: Any, precision: PrecisionName
-) -> InverseDynamicsDerivatives:
+def _column_by_column(mechanism: Mechanism, q, v, vdot, forces, precision: PrecisionName) -> InverseDynamicsDerivatives:
     """The derivatives of `inverse_dynamics` as JAX takes them: where S depends on q there is no closed form."""
 
-    def torques(step: Any, v: Any, vdot: Any) -> jax.Array:
+    def torques(step, v, vdot) -> jax.Array:
         moved = integrate(mechanism, q, step, precision=precision)
         return inverse_dynamics(mechanism, moved, v, vdot, forces, precision=precision)
 
@@ -116,7 +114,7 @@ def _column_by_column(
 
     def matrix(k: int) -> jax.Array:
         def column(unit: jax.Array) -> jax.Array:
-            def along(x: Any) -> jax.Array:
+            def along(x) -> jax.Array:
                 return torques(*[x if i == k else y for i, y in enumerate(at)])
 
             return jax.jvp(along, (jnp.asarray(at[k]),), (jnp.broadcast_to(unit, at[k].shape),))[1]

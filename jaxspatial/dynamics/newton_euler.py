@@ -3,12 +3,10 @@
 [Luh, Walker, Paul 1980; Featherstone 2008, table 5.1]
 """
 
-from typing import Any
-
 from jaxspatial.dynamics.external_forces import Load
 from jaxspatial.dynamics.kinematics import BodyMotion, angular_acceleration_tensor, body_motion
 from jaxspatial.engine import recursion
-from jaxspatial.engine.recursion import Step
+from jaxspatial.engine.recursion import R, Step
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.numerics.linear import Inertia, Vector, Wrench
@@ -31,8 +29,13 @@ def wrenches_through_joints(
 
 
 def _inward(
-    state: MechanismState, v: Array | None, vdot: Array | None, body_loads: list[Load], gravity: Vector, step: Step
-) -> list[Any]:
+    state: MechanismState,
+    v: Array | None,
+    vdot: Array | None,
+    body_loads: list[Load],
+    gravity: Vector,
+    step: Step[tuple[Link, Wrench], Wrench, R],
+) -> list[R]:
     """Net wrenches outward, then the inward step from (a body, its net wrench) and the sum of its children's."""
     links = list(zip(state.links(v, vdot), body_loads, strict=True))
     world = BodyMotion(state.zero_vector, state.zero_vector, gravity)

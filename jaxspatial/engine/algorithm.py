@@ -124,7 +124,7 @@ def checked_mechanism(operation: str, mechanism: object) -> Mechanism:
     return mechanism
 
 
-def checked(operation: str, mechanism: object, **arguments: Any) -> tuple[Any, ...]:
+def checked(operation: str, mechanism: object, **arguments) -> tuple[Any, ...]:
     """Checks and converts the arguments of an algorithm, by their names.
 
     q, q0 and q1 become arrays (*batch, nq), v, vdot and tau (*batch, nv), a time dt (*batch, 1), with a common dtype
@@ -161,7 +161,7 @@ def _arrays(operation: str, mechanism: Mechanism, arguments: dict[str, Any]) -> 
     return arrays
 
 
-def _external(operation: str, mechanism: Mechanism, forces: Any) -> tuple[dict[str, Any], Wrenches]:
+def _external(operation: str, mechanism: Mechanism, forces) -> tuple[dict[str, Any], Wrenches]:
     """(external forces by their names in messages, the same as Wrenches in the order of frames)."""
     if isinstance(forces, tuple) and all(isinstance(x, WrenchesOnFrames) for x in forces):
         return {}, forces  # checked before
@@ -172,7 +172,7 @@ def _external(operation: str, mechanism: Mechanism, forces: Any) -> tuple[dict[s
     return _of_one_source("external_forces", operation, mechanism, forces)
 
 
-def _of_one_source(argument: str, operation: str, mechanism: Mechanism, forces: Any) -> tuple[dict[str, Any], Wrenches]:
+def _of_one_source(argument: str, operation: str, mechanism: Mechanism, forces) -> tuple[dict[str, Any], Wrenches]:
     """`_external` of what is no list, and has this name in messages."""
     what = f"{operation}: {argument}"
     if isinstance(forces, AppliedForces):
@@ -200,7 +200,7 @@ def _of_one_source(argument: str, operation: str, mechanism: Mechanism, forces: 
     return {f"{argument}[{name!r}]": F for name, F in by_name.items()}, tuple(wrenches)
 
 
-def _array_or_none(x: Any, batch_shape: tuple[int, ...], n: int | None = None) -> Any:
+def _array_or_none(x, batch_shape: tuple[int, ...], n: int | None = None) -> Any:
     """The array (*batch, 3); of n frames the last axis of the batch becomes part of the rows: (*batch, 3 n).
 
     None for Components that are known to be zero, so that no operation on them is left.
@@ -252,10 +252,10 @@ class Algorithm(Differentiable):
 
     def __init__(
         self,
-        formula: Any,
+        formula,
         precision: Precision,
         cache: "ProgramCache",
-        tree: Any,
+        tree,
         known: tuple[np.ndarray | None, ...],
         static: Static,
         dtype: np.dtype,
@@ -316,7 +316,7 @@ class Algorithm(Differentiable):
     def n_fields(self) -> int:
         return self.tree.children()[0].num_leaves
 
-    def program_of(self, call: Any, at: int | None = None, arrays: int | None = None, **more: Any) -> "Algorithm":
+    def program_of(self, call, at: int | None = None, arrays: int | None = None, **more) -> "Algorithm":
         """The program of another algorithm, with the same fields and arrays.
 
         Args:
@@ -349,7 +349,7 @@ class Algorithm(Differentiable):
         tangent = None if self.known[leaf] is not None else tangents[self.place(leaf)]
         return None if tangent is None or is_zero(tangent) else tangent
 
-    def with_leaf(self, data: Sequence[Any], leaf: int, x: Any) -> list[Any]:
+    def with_leaf(self, data: Sequence[Any], leaf: int, x) -> list[Any]:
         """The data with x in place of a leaf, which may be a constant of this program."""
         place = self.place(leaf)
         return [*data[:place], x, *data[place + (self.known[leaf] is None) :]]
@@ -388,7 +388,7 @@ class ProgramCache:
         self.called: set[Any] = set()
 
     def program(
-        self, formula: Any, precision: Precision, tree: Any, known: tuple[Any, ...], static: Static, dtype: np.dtype
+        self, formula, precision: Precision, tree, known: tuple[Any, ...], static: Static, dtype: np.dtype
     ) -> Algorithm:
         """The program of an algorithm. known: the constants among all leaves of the tree."""
         of_arrays = tuple(map(contents, known[len(self.known) :]))
@@ -471,7 +471,7 @@ def _run(
     return cache.call(compiled)(n_batch, data)
 
 
-def _empty(x: Any, is_field: bool) -> np.ndarray:
+def _empty(x, is_field: bool) -> np.ndarray:
     """An array without numbers, of one state, as a constant."""
     return np.zeros(x.shape if is_field else x.shape[-1:], x.dtype)
 
@@ -500,12 +500,12 @@ def _warn_of_many_programs(cache: ProgramCache, key) -> None:
         )
 
 
-def over_batch(function: Callable[..., Any], *arguments: Any) -> Any:
+def over_batch(function: Callable[..., Any], *arguments) -> Any:
     """The function of one state, over the common batch of its arguments: trees of arrays (*batch, n)."""
     leaves, tree = jax.tree.flatten(arguments)
     batch = check.broadcast_shapes(*(x.shape[:-1] for x in leaves))
 
-    def of_leaves(*leaves: Any) -> Any:
+    def of_leaves(*leaves) -> Any:
         return function(*jax.tree.unflatten(tree, leaves))
 
     for _ in batch:

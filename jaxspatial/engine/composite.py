@@ -58,7 +58,7 @@ def composite(function: Callable[..., Any]) -> Callable[..., Any]:
     vars(function).update(program_class=Composite, result_shape=None)
 
     @functools.wraps(function)
-    def call(precision: Precision, scene: tuple[Any, ...], *arrays: Any, **static: Any) -> Any:
+    def call(precision: Precision, scene: tuple[Any, ...], *arrays, **static) -> Any:
         leaves, tree = jax.tree.flatten(((scene,), arrays))
         of_scene = tree.children()[0]
         n = of_scene.num_leaves

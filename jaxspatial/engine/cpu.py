@@ -161,7 +161,7 @@ class Target(NamedTuple):
 class Compiled:
     """Machine code, which lives at least as long as this object, and the name by which XLA calls it."""
 
-    def __init__(self, name: str, engine: Any):
+    def __init__(self, name: str, engine):
         self.name, self.engine = name, engine
 
     @property
@@ -347,7 +347,7 @@ def once(write: Callable[..., None]) -> Callable[..., Any]:
     """A method that returns the function that `write(self, name, *options)` defines, and calls it at the first use."""
 
     @functools.wraps(write)
-    def function(self: Module, *options: Any) -> Any:
+    def function(self: Module, *options) -> Any:
         name = "_".join((write.__name__, *map(str, options)))
         if name not in self.functions:
             write(self, name, *options)
@@ -931,7 +931,7 @@ def _capsule(address: int) -> Any:
     return jax.ffi.pycapsule(ctypes.CFUNCTYPE(None)(address))
 
 
-def _free(engine: Any = None) -> None:
+def _free(engine=None) -> None:
     """Frees machine code once no executable and no task holds it any more: now, or when other code comes or goes.
 
     Python may call this anywhere, so that it waits for no other thread.
@@ -947,7 +947,7 @@ def _free(engine: Any = None) -> None:
             _LOCK.release()
 
 
-def _number(engine: Any, name: str) -> ctypes.c_int64:
+def _number(engine, name: str) -> ctypes.c_int64:
     """A variable of machine code."""
     return ctypes.c_int64.from_address(engine.get_global_value_address(name))
 
@@ -1048,7 +1048,7 @@ def _factor(k: int) -> str:
 
 def _lower_split(
     context: mlir.LoweringRuleContext,
-    *arrays: Any,
+    *arrays,
     name: str,
     sizes: tuple[int, ...],
     avals: tuple[ShapedArray, ...],

@@ -132,7 +132,7 @@ class _ThreadWriter(llvm_ir.Writer):
     def result(self, f: llvm_ir.Function, k: int) -> str:
         return self.offset(f, ROWS, self.offsets[len(self.arguments) + k])
 
-    def stored_results(self, f: llvm_ir.Function, node: int, places: Any) -> None:
+    def stored_results(self, f: llvm_ir.Function, node: int, places) -> None:
         n = len(self.arguments)
         if inside := [(k, j) for k, j in places if n + k in self.offsets]:
             super().stored_results(f, node, inside)
@@ -276,7 +276,7 @@ class _ThreadWriter(llvm_ir.Writer):
 
     # -- copies between rows of the batch and shared memory -----------------------------------------------------------
 
-    def _lane(self, f: llvm_ir.Function, i: int, x: Any, shared: tuple[str, int, int], first: int, width: int):
+    def _lane(self, f: llvm_ir.Function, i: int, x, shared: tuple[str, int, int], first: int, width: int):
         """(where a lane begins in global memory, and in shared memory) to copy `width` columns of several rows."""
         size, item = x.size, x.dtype.itemsize
         pointer, row_bytes, offset = shared
@@ -314,7 +314,7 @@ class _ThreadWriter(llvm_ir.Writer):
         f.lines.append(f"{name}.end:")
 
     def _copied(
-        self, f: llvm_ir.Function, i: int, x: Any, shared: tuple[str, int, int], columns: range, is_read: bool = True
+        self, f: llvm_ir.Function, i: int, x, shared: tuple[str, int, int], columns: range, is_read: bool = True
     ) -> None:
         """Copies columns of an argument to shared memory, or of a result from there.
 
@@ -484,7 +484,7 @@ def _split(code: Code, arrays: Sequence[jax.Array], n: int) -> list[jax.Array]:
     def whole(*arrays: jax.Array) -> tuple[jax.Array, ...]:
         return tuple(_called(code, arrays, n))
 
-    def placed(mesh: Any, arguments: Sequence[Any]) -> tuple[Any, list[Any], list[Any]]:
+    def placed(mesh, arguments: Sequence[Any]) -> tuple[Any, list[Any], list[Any]]:
         """(the axes of the mesh that states are split over, shardings of arguments, of results)."""
         specs = [x.sharding.spec for x, own in zip(arguments, code.arguments, strict=True) if not own.is_shared]
         axis = next((spec[0] for spec in specs if len(spec) and spec[0] is not None), None)
@@ -495,7 +495,7 @@ def _split(code: Code, arrays: Sequence[jax.Array], n: int) -> list[jax.Array]:
             [same if x.is_summed else split for x in code.results],
         )
 
-    def partition(mesh: Any, arguments: Sequence[Any], _: Any) -> tuple[Any, ...]:
+    def partition(mesh, arguments: Sequence[Any], _) -> tuple[Any, ...]:
         axis, of_arguments, of_results = placed(mesh, arguments)
         axes = (axis,) if isinstance(axis, str) else axis or ()
         n_own = n // math.prod(mesh.shape[a] for a in axes)
@@ -506,7 +506,7 @@ def _split(code: Code, arrays: Sequence[jax.Array], n: int) -> list[jax.Array]:
 
         return mesh, own, tuple(of_results), tuple(of_arguments)
 
-    def inferred(mesh: Any, arguments: Sequence[Any], _: Any) -> tuple[Any, ...]:
+    def inferred(mesh, arguments: Sequence[Any], _) -> tuple[Any, ...]:
         return tuple(placed(mesh, arguments)[2])
 
     names = iter(f"k{i}" for i in range(2 * (len(arrays) + len(code.results))))

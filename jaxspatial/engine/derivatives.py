@@ -135,7 +135,7 @@ class Derived(Differentiable):
     def _ruled(self, arguments: Sequence[Any], n_batch: int) -> Callable[..., list[Any]]:
         """The tangents of the results, by the program's own rule, as a function of those of the arguments that move."""
 
-        def run(*tangents: Any) -> list[Any]:
+        def run(*tangents) -> list[Any]:
             rest, at = iter(tangents), list(arguments)
             every = [next(rest) if yes else no_tangent(x) for x, yes in zip(at, self.moving, strict=True)]
             found = self.program.rule(at, every, n_batch)
@@ -302,7 +302,7 @@ class Selection(Differentiable):
         )
 
 
-def _without_unread(wanted: list[bool], eqn: Any) -> tuple[list[bool], Any]:
+def _without_unread(wanted: list[bool], eqn) -> tuple[list[bool], Any]:
     """Leaves out what nobody reads of a program: JAX asks for it where it takes dead code out of a trace."""
     whole = eqn.params["program"]
     if not any(wanted):
@@ -317,7 +317,7 @@ def _without_unread(wanted: list[bool], eqn: Any) -> tuple[list[bool], Any]:
 leave_out_unread(_without_unread)
 
 
-def is_differentiable(x: Any) -> bool:
+def is_differentiable(x) -> bool:
     """Whether an array has derivatives, which integers have not."""
     return bool(jnp.issubdtype(x.dtype, jnp.floating))
 
@@ -334,12 +334,12 @@ def valued(x: jax.Array, value: jax.Array) -> jax.Array:
 
 
 @valued.defjvp
-def _(primals: Any, tangents: Any) -> Any:
+def _(primals, tangents) -> Any:
     # Not the number itself, which is a constant: its derivatives of the next order would be lost.
     return valued(*primals), tangents[0]
 
 
-def pullback(function: Callable[..., Any], *at: Any):
+def pullback(function: Callable[..., Any], *at):
     return _with_pullback(function, *at)[1]
 
 

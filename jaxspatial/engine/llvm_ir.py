@@ -388,7 +388,7 @@ class Writer:
 
         operations, operands, readers = self.g.operations, self.g.operands, self.readers
 
-        def touch(key: Any, n_bytes: int) -> None:
+        def touch(key, n_bytes: int) -> None:
             begin.setdefault(key, clock)
             end[key] = max(end.get(key, 0), clock)
             size_of[key] = n_bytes
@@ -485,7 +485,7 @@ class Writer:
                 self.tables[key] = place, size_of[key] // max(int(self._length_of(key) or 1), 1)
         return frame.size
 
-    def _length_of(self, key: Any) -> int | None:
+    def _length_of(self, key) -> int | None:
         return self.g.loops[key[1] if key[0] == "stacked" else self.g.details[key[1]]].length
 
     def _found_table(self, parameter: int, loop: Loop) -> Table | None:
@@ -532,7 +532,7 @@ class Writer:
         t = _SUFFIXES.get(t, t)
         return t if self.width == 1 else f"v{self.width}{t}"
 
-    def literal(self, x: Any, dtype: np.dtype) -> str:
+    def literal(self, x, dtype: np.dtype) -> str:
         t, value = self.scalar(dtype), _literal(x, dtype)
         return value if self.width == 1 else f"splat ({t} {value})"
 
@@ -945,7 +945,7 @@ class Writer:
         ]
 
 
-def _literal(x: Any, dtype: np.dtype) -> str:
+def _literal(x, dtype: np.dtype) -> str:
     if dtype.kind == "f":
         with np.errstate(all="ignore"):
             return f"0x{struct.unpack('<Q', struct.pack('<d', float(x)))[0]:016X}"

@@ -178,5 +178,5 @@ def solved(M: Number, b: Number) -> Number:
     return where(is_none, 0.0, mapped(lambda w: w[:, n], whole) / where(is_none, 1.0, diagonal))
 
 
-def _slice(x: Number, k: Any, axis: int) -> Number:
+def _slice(x: Number, k, axis: int) -> Number:
     return mapped(lambda w: lax.dynamic_slice_in_dim(w, k, 1, axis), x)

@@ -196,7 +196,7 @@ class _Loop(Generic[B, S, R]):
     def __init__(
         self,
         step: Step[B, S, R],
-        structure: Any,
+        structure,
         numbers: B,
         boundaries: Boundaries[S],
         shape: tuple[int, int],

@@ -287,7 +287,7 @@ class MechanismState:
 
     # -- results ------------------------------------------------------------------------------------------------------
 
-    def rounded(self, x: Any) -> Any:
+    def rounded(self, x) -> Any:
         """Rounds a number, or a tuple of numbers, to an array (..., B) of the dtype of q. Arrays pass unchanged."""
         if numbers.is_number(x):
             array = jnp.asarray(as_array(x, self.dtype))
@@ -437,7 +437,7 @@ class MechanismState:
                 full.append(numbers.as_data(stacking.spread(x, over)))
         return numbers.data_of(full)
 
-    def of_words(self, words: Iterable[Array], form: Any) -> Any:
+    def of_words(self, words: Iterable[Array], form) -> Any:
         """The inverse of `words`: numbers made of these arrays, in trees of the structure of `form`."""
         like, rest = self.known(0.0), iter(words)
         return jax.tree.map(lambda _: like.with_limbs(next(rest) for _ in like.limbs), form, is_leaf=numbers.is_number)
@@ -473,7 +473,7 @@ class JointsOfKind:
     def joint(self) -> JointKind:
         return self.state.joint(self.bundle)
 
-    def apply(self, method: str, *others: Any) -> Any:
+    def apply(self, method: str, *others) -> Any:
         """Calls a method of the joint kind with the coordinates and other arguments, such as velocities and a time."""
         q = self.configuration(self.state.q)
         return getattr(self.kind, method)(self.joint, q, *others)

@@ -54,7 +54,7 @@ def _is_for_machine_code(plan: Plan, avals: Sequence[Any]) -> bool:
     return is_double and is_of_items and check.is_sized(plan.batch) and math.prod(plan.batch) >= FEWEST
 
 
-def _lower(context: Any, *arrays: Any, plan: Plan) -> Any:
+def _lower(context, *arrays, plan: Plan) -> Any:
     native = Native.of(context, cpu) if _is_for_machine_code(plan, context.avals_in) else None
     if native is None:
         return lower_for_cpus(context, *arrays, plan=plan)

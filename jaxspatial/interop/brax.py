@@ -204,7 +204,7 @@ def to_tau(sys: Any, state: Any, wrenches: Mapping[str, SpatialForce], *, precis
     return total
 
 
-def _moves(sys: Any, link: int) -> np.ndarray:
+def _moves(sys, link: int) -> np.ndarray:
     """(qd_size,) whether a joint coordinate moves a link: it is one of the link, or of a link that carries it."""
     carriers = set[int]()
     while link >= 0:

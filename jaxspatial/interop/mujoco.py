@@ -211,7 +211,7 @@ def from_xfrc_applied(model: Any, xfrc_applied: ArrayLike) -> AppliedForces:
     return bodies.from_rows(_body_names(model)[1:], six[..., 1:, :], model.body_ipos[..., 1:, :])
 
 
-def _body_names(model: Any) -> tuple[str, ...]:
+def _body_names(model) -> tuple[str, ...]:
     """Of all bodies; mjx.Model has no accessors by index. Where there is no name: as `Mechanism.from_mjcf` has it."""
     starts = np.asarray(model.name_bodyadr).tolist()
     found = [model.names[start : model.names.index(b"\0", start)].decode() for start in starts]

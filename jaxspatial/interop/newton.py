@@ -85,7 +85,7 @@ def from_body_f(model: Any, body_f: Any) -> AppliedForces:
     return bodies.from_rows(_names(labels), x, centers)
 
 
-def _bodies(operation: str, model: Any) -> tuple[list[str], np.ndarray]:
+def _bodies(operation: str, model) -> tuple[list[str], np.ndarray]:
     """(labels of the bodies of a world, (n, 3) or (worlds, n, 3) their centres of mass from their origins)."""
     worlds, labels = max(model.world_count, 1), list(model.body_label)
     n = len(labels) // worlds
@@ -99,6 +99,6 @@ def _names(labels: list[str]) -> tuple[str, ...]:
     return tuple(label.rpartition("/")[2] for label in labels)
 
 
-def _array(x: Any) -> Any:
+def _array(x) -> Any:
     """The numbers of an array of Warp; other arrays as they are."""
     return x.numpy() if hasattr(x, "numpy") else x

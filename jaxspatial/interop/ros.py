@@ -35,5 +35,5 @@ def to_wrench(F_Fo_F: SpatialForce) -> Any:
     return Wrench(force=force, torque=torque)
 
 
-def _xyz(v: Any) -> tuple[float, float, float]:
+def _xyz(v) -> tuple[float, float, float]:
     return v.x, v.y, v.z

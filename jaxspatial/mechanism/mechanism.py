@@ -571,7 +571,7 @@ def _read_only(mechanism: Mechanism) -> Mechanism:
     """Copies NumPy arrays that others may write to. Programs are compiled for the values, and looked up by the
     mechanism."""
 
-    def read_only(x: Any) -> Any:
+    def read_only(x) -> Any:
         is_open = isinstance(x, np.ndarray) and (x.base is not None or x.flags.writeable)
         return _frozen(x) if is_open else x
 
@@ -649,7 +649,7 @@ jax.tree_util.register_static(StaticMechanism)
 
 
 def _topology(fields: list[Any]) -> Topology:
-    def as_tuples(x: Any) -> Any:
+    def as_tuples(x) -> Any:
         return tuple(map(as_tuples, x)) if isinstance(x, list) else x
 
     return Topology(*map(as_tuples, fields))

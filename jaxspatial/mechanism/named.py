@@ -68,13 +68,13 @@ def by_joint(t: Topology, form: Form, x: Any, what: str) -> dict[str, Any]:
     return parts
 
 
-def _leaves(x: Any) -> list[Any]:
+def _leaves(x) -> list[Any]:
     if isinstance(x, RigidTransform):
         return [x.translation]
     return [x.entries] if isinstance(x, Rotation) else [x.v] if isinstance(x, SpatialVelocity) else [x]
 
 
-def _numbers(t: Topology, form: Form, i: int, x: Any, name: str, dtype: np.dtype) -> Any:
+def _numbers(t: Topology, form: Form, i: int, x, name: str, dtype: np.dtype) -> Any:
     """The numbers (*batch, k) of one joint."""
     kind, n = t.kinds[i], getattr(t.kind(i), form.size)
     if isinstance(x, RigidTransform | Rotation | SpatialVelocity):
@@ -94,7 +94,7 @@ def _described(form: Form, kind: str, n: int) -> str:
     return f"a {form.types[kind].__name__}, or {array}" if kind in form.types else array
 
 
-def _array(x: Any) -> Any:
+def _array(x) -> Any:
     if isinstance(x, SpatialVelocity):
         return x.to_array()
     if isinstance(x, Rotation):
@@ -103,7 +103,7 @@ def _array(x: Any) -> Any:
     return jnp.concatenate(both, -1)
 
 
-def _value(kind: type | None, x: Any) -> Any:
+def _value(kind: type | None, x) -> Any:
     if kind is SpatialVelocity:
         return SpatialVelocity(x[..., :3], x[..., 3:])
     if kind is Rotation:

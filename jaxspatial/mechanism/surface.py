@@ -61,7 +61,7 @@ def surface(
     return found
 
 
-def _on_ground(value_and_gradient: Any, p: np.ndarray) -> np.ndarray:
+def _on_ground(value_and_gradient, p: np.ndarray) -> np.ndarray:
     """A point of the ground, found from another along gradients by Newton's method, or the last one that was finite."""
     for _ in range(30):
         d, gradient = map(np.asarray, value_and_gradient(p))
