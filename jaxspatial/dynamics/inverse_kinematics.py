@@ -18,7 +18,6 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.dynamics.configuration import integrate, random_configuration
-from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.jacobians import jacobian
 from jaxspatial.dynamics.kinematics import forward_kinematics
 from jaxspatial.engine.algorithm import checked, over_batch
@@ -51,7 +50,6 @@ class InverseKinematics(NamedTuple):
     iterations: jax.Array
 
 
-@documented
 def inverse_kinematics(
     mechanism: Mechanism,
     q: ArrayLike,
@@ -79,8 +77,10 @@ def inverse_kinematics(
     derivatives, nor of the first where a target was not reached.
 
     Args:
+        mechanism: the mechanism, see `Mechanism`.
         q: (*batch, nq) coordinates to start from: rad, m, quaternions (read normalised). Those beyond their limits
             start at them.
+        frames: a name of `mechanism.frame_names`, or several, in the order of the results.
         targets: X_WT (*batch,) of the one frame that is named, (*batch, n) of several; or positions p_WT (*batch, 3) or
             (*batch, n, 3), in world axes, m, where orientations do not matter.
         key: of `jax.random`, for further starts.
@@ -88,6 +88,7 @@ def inverse_kinematics(
         iterations: how many steps from each, at most.
         angle: the largest rotation from a frame to its target that counts as solved, rad.
         distance: the largest distance that counts as solved, m.
+        precision: name of a precision; None takes the default.
 
     Returns:
         InverseKinematics: q (*batch, nq), error, is_solved and iterations (*batch,), over the common batch.
@@ -101,6 +102,12 @@ def inverse_kinematics(
         Limits hold exactly; of "ball" joints `turn_limits` do not count.
     Source: Fan, Yuan 2005, On the quadratic convergence of the Levenberg-Marquardt method without nonsingularity
         assumption.
+
+    Example:
+        >>> p_WT = jnp.array([-0.6, 0.0, -1.2])
+        >>> found = js.inverse_kinematics(arm, q, "hand", p_WT)
+        >>> print(found.is_solved, js.forward_kinematics(arm, found.q, "hand").translation.round(2))
+        True [-0.6  0.  -1.2]
     """
     start: Any = checked("inverse_kinematics", mechanism, q=q, frames=frames)[0]
     for name, x in (("starts", starts), ("iterations", iterations), ("angle", angle), ("distance", distance)):
