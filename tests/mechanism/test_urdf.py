@@ -224,9 +224,6 @@ REFUSED = {
     "wide digits": (('xyz="0 0 1"', 'xyz="0 0 \uff11"'), "line 16: <origin>: xyz: expected 3 numbers"),
     "hexadecimal": (('value="2"', 'value="0x2"'), "line 5: <mass>: value: expected 1 number, got '0x2'"),
     "empty number": (('value="2"', 'value=""'), "line 5: <mass>: value: expected 1 number, got ''"),
-    "two origins": (('<origin xyz="0 0 1"/>', '<origin xyz="0 0 1"/><origin/>'), "line 16: <origin>: .*comes twice"),
-    "two masses": (('<mass value="2"/>', '<mass value="2"/><mass value="3"/>'), "line 5: <mass>: <mass> comes twice"),
-    "two limits": (('<limit', '<limit/><limit'), "line 13: <limit>: <limit> comes twice"),
     "no value": (('value="2"', ""), "line 5: <mass>: value: expected 1 number"),
     "no moment": (('iyy="5"', ""), "line 6: <inertia>: iyy: expected 1 number"),
     "no numbers": (
@@ -242,10 +239,9 @@ REFUSED = {
         (MIMIC[0], MIMIC[1].replace("-2", "1e20") + '<dynamics damping="9"/>'),
         'line 11: <joint name="shoulder">: damping: with what .* beyond the numbers of float32',
     ),
-    "two inertials": (
-        (INERTIAL, INERTIAL + INERTIAL.replace('"2"', '"3"')), "line 6: <inertial>: <inertial> comes twice; take one"
+    "text for xacro": (
+        ('name="tool">', 'name="tool"><xacro:x/><xacro:include filename="x"/>'), "line 9: <xacro:x>: .*run it first"
     ),
-    "text for xacro": (('name="tool">', 'name="tool"><xacro:x/>'), "line 9: <xacro:x>: .*run it first"),
     "declared xacro": (
         ('<robot name="arm">', '<robot name="arm" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:macro/>'),
         "line 1: <xacro:macro>: .*run it first",
@@ -378,6 +374,22 @@ FOUND = {
     "axis that comes twice": (
         ('<axis xyz="0 0 2"/>', '<axis xyz="0 0 2"/><axis xyz="0 0 2"/>'), "line 12: <axis>: <axis> comes twice", {}, {}
     ),
+    "two inertials": (
+        (INERTIAL, INERTIAL + INERTIAL.replace('"2"', '"3"')), "line 6: <inertial>: <inertial> comes twice; take one",
+        {"<inertial> comes twice, the first is taken": ("upper",)}, {},
+    ),
+    "two masses": (
+        ('<mass value="2"/>', '<mass value="2"/><mass value="3"/>'), "line 5: <mass>: <mass> comes twice",
+        {"<mass> comes twice, the first is taken": ("upper",)}, {},
+    ),
+    "two limits": (
+        ('effort="3" velocity="4"/>', 'effort="3" velocity="4"/><limit/>'), "line 13: <limit>: <limit> comes twice",
+        {"<limit> comes twice, the first is taken": ("shoulder",)}, {},
+    ),
+    "call of a macro": (
+        ('name="tool">', 'name="tool"><xacro:x/>'), "malformed XML: Namespace prefix xacro",
+        {"macro that xacro did not know": ("xacro:x in line 9",)}, {"<xacro:x>": ("tool",)},
+    ),
     "useless axis": (
         ('<origin xyz="0 0 1"/>', '<origin xyz="0 0 1"/><axis xzy="0 0 1"/>'), "line 16: <axis>: xzy: .*no such", {}, {}
     ),
@@ -406,6 +418,9 @@ def test_what_is_read_so_has_these_numbers():
     np.testing.assert_array_equal(mech.inertias.central[0], np.float32([4, 0.1, 5, 0, 0.3, 6]))
     mech = read(ARM, FOUND["mass alone"][0])
     np.testing.assert_array_equal([mech.inertias.mass[0], *mech.inertias.central[0]], [2, 0, 0, 0, 0, 0, 0])
+    for what in ("two inertials", "two masses", "two limits"):
+        assert repr(read(ARM, FOUND[what][0])) == repr(read())
+        np.testing.assert_array_equal(read(ARM, FOUND[what][0]).inertias.mass, read().inertias.mass)
     mech = read(ARM, FOUND["world that nobody declares"][0])
     assert dict(mech.topology.frames) == {"world": -1, "base": -1, "upper": 0, "fore": 1, "tool": 1}
 

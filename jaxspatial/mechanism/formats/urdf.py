@@ -10,13 +10,15 @@ Files in circulation have more than the format allows. What follows is read, unl
   ...) is refused by its name.
 - XML with an unknown version, blanks before its declaration, a default namespace, or prefixes that nobody declares; a
   robot without a name; a link "world" that only joints name: it is the world.
+- Of a part that comes twice the first is taken. What is left of calls of macros, in a file that xacro has made, is left
+  out. The warning lists both as doubtful.
 - An inertia without products, moments or mass has zeros for them. A revolute joint without limits, or with a lower one
   above the upper one, has none; so has effort or velocity below zero. The warning lists them as doubtful.
 
 The warning begins with coordinates along which nothing has inertia: any torque accelerates nothing there.
 
-Everything else is refused, with its line: what comes twice, numbers that are not finite or beyond the dtype, joints
-that a mechanism cannot represent.
+Everything else is refused, with its line: names that come twice, numbers that are not finite or beyond the dtype,
+joints that a mechanism cannot represent.
 
 What a joint does not say has the format's default: the axis is x. Limits that are left out are infinite here, and 0 in
 Pinocchio. A "spherical" joint is a ball. A "planar" joint moves across its axis: x and y are where the shortest turn
@@ -28,6 +30,7 @@ have such) are taken as they are. The warning lists their links, with the rule t
 the link is welded to others with which it makes a possible body.
 """
 
+import functools
 import pathlib
 from collections.abc import Callable, Mapping, Sequence, Set
 from typing import Any, NamedTuple, NoReturn
@@ -66,6 +69,8 @@ _MOVING = {
     "loop_joint", "cable", "spring", "force_element", "linear_spring_damper", "linear_bushing_rpy", "ball_constraint",
     "deformable", "reduced_deformable",
 }  # fmt: skip
+# Statements of xacro; other words with its prefix are calls of macros.
+_OF_XACRO = {"macro", "include", "property", "arg", "if", "unless", "call", "element", "attribute", "insert_block"}
 _MOVING_WITH_PREFIX = {"joint", "link", "inertial", "mimic"}
 
 
@@ -179,6 +184,13 @@ class _File(ModelText):
         super().__init__("from_urdf", path_or_text, dtype, strict)
         self.impossible: dict[str, tuple[str, str]] = {}
 
+    @functools.cached_property
+    def is_for_xacro(self) -> bool:
+        """Whether the text has statements of the tool xacro. What it has made has none; of macros that it did not know,
+        earlier versions left the calls in place."""
+        words = (word_of(element) for element in self.root.iter("*"))
+        return any(word.partition(":")[2] in _OF_XACRO for word in words if word.startswith("xacro:"))
+
     def refuse(self, element: Element, reason: str) -> NoReturn:
         """Refuses a link or a joint."""
         self.refuse_named(self.line(element), element.tag, element.get("name"), reason)
@@ -282,18 +294,23 @@ class _File(ModelText):
             is_one_of_many = part.tag in ("link", "joint")
             key = (part.tag, part.get("name")) if is_one_of_many else part.tag
             if key in seen:
-                if not self.strict and not is_one_of_many and _is_same(part, seen[key]):
-                    element.remove(part)
-                    continue
-                what = f"name: {part.get('name')!r}" if is_one_of_many else f"<{part.tag}>"
-                self.refuse_element(part, f"{what} comes twice; take one of them out")
+                if self.strict or is_one_of_many:
+                    what = f"name: {part.get('name')!r}" if is_one_of_many else f"<{part.tag}>"
+                    self.refuse_element(part, f"{what} comes twice; take one of them out")
+                if not _is_same(part, seen[key]):
+                    self.doubt(f"<{part.tag}> comes twice, the first is taken", self.place(part))
+                element.remove(part)
+                continue
             seen[key] = part
 
     def _leave_out_part(self, element: Element, part: Element, word: str, known: Set[str]):
         """A part that the format does not know: left out, or refused."""
         local, has_prefix = word.rpartition(":")[2], ":" in word
-        if self.strict or "xacro" in part.tag:
+        is_of_xacro = "xacro" in part.tag
+        if self.strict or (is_of_xacro and self.is_for_xacro):
             self.refuse_element(part, _no_counterpart(part, element, known))
+        if is_of_xacro:
+            self.doubt("macro that xacro did not know", f"{word} in line {part.sourceline}")
         if local in _MOVING or (has_prefix and local in _MOVING_WITH_PREFIX):
             reason = "this changes how the robot moves, and is no part of the format; take it out, or make the robot by"
             self.refuse_element(part, f"{reason} Mechanism.build, with loops where it has such")
