@@ -54,7 +54,6 @@ from jaxspatial.mechanism import Actuators as Actuators
 from jaxspatial.mechanism import AppliedForces as AppliedForces
 from jaxspatial.mechanism import Body as Body
 from jaxspatial.mechanism import Frame as Frame
-from jaxspatial.mechanism import HalfSpace as HalfSpace
 from jaxspatial.mechanism import Joint as Joint
 from jaxspatial.mechanism import LoopClosure as LoopClosure
 from jaxspatial.mechanism import Mechanism as Mechanism
@@ -64,6 +63,16 @@ from jaxspatial.mechanism import Tendon as Tendon
 from jaxspatial.mechanism import add_frames as add_frames
 from jaxspatial.mechanism import lock_joints as lock_joints
 from jaxspatial.mechanism import subtree as subtree
+
+# shapes
+from jaxspatial.mechanism import Box as Box
+from jaxspatial.mechanism import Capsule as Capsule
+from jaxspatial.mechanism import Cylinder as Cylinder
+from jaxspatial.mechanism import HalfSpace as HalfSpace
+from jaxspatial.mechanism import HeightField as HeightField
+from jaxspatial.mechanism import Sphere as Sphere
+from jaxspatial.mechanism import Stairs as Stairs
+from jaxspatial.mechanism import Union as Union
 
 # dynamics
 from jaxspatial.dynamics.centroid import center_of_mass as center_of_mass

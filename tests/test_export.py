@@ -39,15 +39,19 @@ EXAMPLES = {
         ["left", "right"], js.SpatialForce(_ones(4, 2, 3), _ones(4, 2, 3)), _ones(2, 3), "frame"
     ),
     "ArticulatedInertia": lambda: js.ArticulatedInertia.from_spatial_inertia(_inertia()),
+    "Box": lambda: js.Box(_ones(2, 3), js.RigidTransform(js.Rotation(_ones(2, 9)), _ones(2, 3))),
+    "Capsule": lambda: js.Capsule(_ones(2), _ones(2)),
     "CentralAxis": lambda: js.central_axis(js.SpatialForce(_ones(2, 3), _ones(2, 3))),
     "ConvexStep": lambda: js.ConvexStep(
         _ones(2), _ones(2), *(js.SpatialForce(_ones(n, 3), _ones(n, 3)) for n in (1, 2)), _ones(), _ones()
     ),
     "Compliance": lambda: js.Compliance(*(_ones(2) * i for i in (1, 2, 3))),
     "Components": lambda: js.Components(_ones(2), 0.0, 1.0),
+    "Cylinder": lambda: js.Cylinder(_ones(2), _ones(2)),
     "DoubleWord": lambda: js.to_double_word(_ones(2, 3)),
     "ForwardDynamicsDerivatives": lambda: _derivatives(linearization.ForwardDynamicsDerivatives),
     "HalfSpace": lambda: js.HalfSpace(_ones(2, 3), _ones(2)),
+    "HeightField": lambda: js.HeightField(_ones(4, 2, 3), _ones(2)),
     "InverseDynamicsDerivatives": lambda: _derivatives(linearization.InverseDynamicsDerivatives),
     "ClosedConfiguration": lambda: closed_loops.ClosedConfiguration(_ones(2, 3), _ones(2)),
     "ConstrainedDynamics": lambda: closed_loops.ConstrainedDynamics(
@@ -67,7 +71,10 @@ EXAMPLES = {
     "SpatialInertia": _inertia,
     "SpatialMomentum": lambda: js.SpatialMomentum(_ones(2, 3), _ones(2, 3)),
     "SpatialVelocity": lambda: js.SpatialVelocity(_ones(2, 3), _ones(2, 3)),
+    "Sphere": lambda: js.Sphere(_ones(2)),
+    "Stairs": lambda: js.Stairs(3, _ones(2), _ones(2)),
     "StaticMechanism": lambda: js.testing.random_mechanism(0, n=2, dtype=np.float32).as_static(),
+    "Union": lambda: js.Union([js.Sphere(_ones(2)), js.HalfSpace(_ones(3), _ones())]),
     "Tendon": lambda: js.Tendon("line", ["a", "b"], _ones(2), _ones(), _ones(), _ones(2), _ones(), -_ones(), _ones()),
 }
 # Descriptions that a mechanism is built of, with names in them: nothing that a program takes.

@@ -19,7 +19,7 @@ from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm, checked
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.mechanism import AppliedForces, HalfSpace, Mechanism, PointContacts
-from jaxspatial.mechanism.contacts import above_plane
+from jaxspatial.mechanism.shapes import Shape
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Motion, Pose, Vector, cross, dot, norm, unit
@@ -175,7 +175,7 @@ def checked_ground(operation: str, ground: Any, q: Any) -> Ground:
     """The ground, as JAX computes with it; z = 0 for None."""
     if ground is None:
         return HalfSpace(np.array([0, 0, 1], q.dtype), np.zeros((), q.dtype))
-    if isinstance(ground, HalfSpace):
+    if isinstance(ground, Shape):
         ground = check.narrowed(ground)
         check.require_same_dtype(q=q, ground=ground)
     elif not callable(ground):
@@ -189,14 +189,12 @@ def normals_and_distances(
 ) -> tuple[jax.Array, jax.Array]:
     """The normals (*batch, n, 3) of the ground and the signed distances (*batch, n) of points (*batch, n, 3).
 
-    ground: as `checked_ground` returns it. A HalfSpace may be a batch, of which each has n points.
+    ground: as `checked_ground` returns it. A shape may be a batch, of which each has n points.
     """
     dtype = np.dtype(p.dtype)
-    if isinstance(ground, HalfSpace):
+    if isinstance(ground, Shape):
         check.common_batch_shape(q=p.shape[:-2], ground=ground.batch_shape)
-        normal, offset = (x[..., None, :] for x in (ground.normal, check.expanded(ground.offset)))
-        normals, distances = above_plane(precision, p, normal, offset)
-        return jnp.broadcast_to(normals, (*distances.shape, 3)), distances
+        return ground.of_many_points().normals_and_distances(precision, p)
 
     def distance(point: jax.Array) -> jax.Array:
         x = jnp.asarray(ground(point))

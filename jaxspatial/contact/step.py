@@ -25,8 +25,9 @@ from jaxspatial.engine.algorithm import ExternalForces, checked
 from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import valued
 from jaxspatial.engine.stacking import Array
-from jaxspatial.mechanism import HalfSpace, LoopClosure, Mechanism, PointContacts
+from jaxspatial.mechanism import LoopClosure, Mechanism, PointContacts
 from jaxspatial.mechanism.parts import WORLD
+from jaxspatial.mechanism.shapes import Shape
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.barrier import quotient
 from jaxspatial.numerics.precision import Precision, resolve
@@ -161,7 +162,7 @@ class _Given(NamedTuple):
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
-        ground = self.ground if isinstance(self.ground, HalfSpace) else None
+        ground = self.ground if isinstance(self.ground, Shape) else None
         of_contacts = [x.batch_shape for x in (self.contacts, ground, *(self.pairs or ())) if x is not None]
         return check.broadcast_shapes(*of_contacts, *(d.shape[:-1] for d in self.distances if d is not None))
 
@@ -261,7 +262,7 @@ def _step(
         return ConvexStep(after[0], after[1], None, wrenches, residual, iterations)
     if q.dtype.itemsize == 2:
         return _by_way_of_float32(mechanism, state, h, forces, given, precision)
-    if given.batch_shape or not isinstance(given.ground, HalfSpace):
+    if given.batch_shape or not isinstance(given.ground, Shape):
         # A caller's function may read arrays of the caller's: it is part of the caller's program.
         return _solved_step(mechanism, (*state, h, forces), given, precision)
     return _as_one_program(resolve(precision), (mechanism, given), q, v, tau, h, forces)
@@ -301,7 +302,7 @@ def _by_way_of_float32(
     """`_step` of 16 bits. A function for the ground sees points of 16 bits, and returns them."""
     narrow, wide, ground = state[0].dtype, np.dtype(np.float32), given.ground
     mechanism, state, h, forces, given = _with_dtype((mechanism, state, h, forces, given), narrow, wide)
-    if not isinstance(ground, HalfSpace):
+    if not isinstance(ground, Shape):
         given = given._replace(ground=lambda p: jnp.asarray(ground(p.astype(narrow))).astype(wide))
     return _with_dtype(_step(mechanism, state, h, h[..., 0], forces, given, precision), wide, narrow)
 

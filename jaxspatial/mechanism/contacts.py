@@ -1,4 +1,4 @@
-"""Contact of a mechanism: which points of it touch, how stiff and rough they are, and the ground under them."""
+"""Contact of a mechanism: which points of it touch, and how stiff and rough they are."""
 
 import json
 import pathlib
@@ -12,11 +12,8 @@ import numpy as np
 
 from jaxspatial.mechanism.forces import names_of_frames
 from jaxspatial.numerics import check
-from jaxspatial.numerics.formula import formula
-from jaxspatial.numerics.linear import Vector, dot, unit
-from jaxspatial.numerics.numbers import Numbers
-from jaxspatial.numerics.quantity import tree, tree_of
-from jaxspatial.numerics.types import ArrayLike, DTypeLike, PrecisionName
+from jaxspatial.numerics.quantity import tree_of
+from jaxspatial.numerics.types import ArrayLike, DTypeLike
 
 if TYPE_CHECKING:
     from jaxspatial.mechanism.mechanism import Mechanism
@@ -243,91 +240,6 @@ def _batch_shape(name: str, x: Any) -> tuple[int, ...]:
 
 def _shown(x: Any) -> str:
     return check.shown(x, 0)
-
-
-def above_plane(precision: PrecisionName, p: Any, normal: Any, offset: Any) -> tuple[Any, Any]:
-    """The normal of unit length of a plane, (*batch, 3), and the signed distance (*batch,) of points (*batch, 3).
-
-    offset: (*batch, 1). The normal is of the plane's own batch.
-    """
-    # In a formula of its own: of a quotient with one divisor for a whole batch compilers make a product.
-    n = units(precision, normal)
-    return n, _distance(precision, n, p, offset)
-
-
-@formula
-def units(v: Vector) -> Vector:
-    """v / |v|."""
-    return unit(v)
-
-
-@formula
-def _distance(n: Vector, p: Vector, offset: Numbers) -> Any:
-    return dot(n, p) - offset[0]
-
-
-@tree
-class HalfSpace:
-    """The ground under a plane: a function from a point to its signed distance, m.
-
-        ground = js.HalfSpace([0.0, -0.5, 1.0])     # a slope
-        ground(p_WP)                                # above zero outside, below zero inside
-
-    Args:
-        normal: (3,) or (*batch, 3), out of the ground, in world axes; of any length above zero.
-        offset: distance of the plane from the origin of the world along the normal, m: a number or (*batch,).
-
-    Raises:
-        TypeError: dtypes differ.
-        ValueError: shapes do not fit, or a normal known while tracing is zero.
-
-    Error: none, nothing is computed; of a distance 8 u (|p| + |offset|).
-    """
-
-    normal: jax.Array = (0.0, 0.0, 1.0)  # pyright: ignore[reportAssignmentType]
-    offset: jax.Array = 0.0  # pyright: ignore[reportAssignmentType]
-
-    if TYPE_CHECKING:
-
-        def __init__(self, normal: ArrayLike = (0.0, 0.0, 1.0), offset: ArrayLike = 0.0): ...
-
-    def __post_init__(self) -> None:
-        """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
-        if all(map(check.is_tree_mark, (self.normal, self.offset))):
-            return
-        dtype = check.floating_dtype(self.normal, self.offset)
-        normal = check.as_vectors(self.normal, "HalfSpace: normal", dtype, held=True)
-        offset = check.as_float_array(self.offset, "HalfSpace: offset", dtype, held=True)
-        check.require_same_dtype(normal=normal, offset=offset)
-        check.common_batch_shape(normal=normal.shape[:-1], offset=offset.shape)
-        if isinstance(normal, np.ndarray) and not normal.any(-1).all():
-            raise ValueError(f"HalfSpace: normal: expected a vector of a length above 0, got {self.normal}")
-        object.__setattr__(self, "normal", check.owned(normal))
-        object.__setattr__(self, "offset", check.owned(offset))
-
-    @property
-    def batch_shape(self) -> tuple[int, ...]:
-        """The batch shape."""
-        return check.broadcast_shapes(self.normal.shape[:-1], self.offset.shape)
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """The dtype of the numbers."""
-        return np.dtype(self.normal.dtype)
-
-    def astype(self, dtype: DTypeLike | None) -> Self:
-        """The same with all numbers rounded to another dtype. NumPy stays NumPy."""
-        return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
-
-    def __call__(self, point: ArrayLike) -> jax.Array:
-        """The signed distance (*batch,) of points (*batch, 3) in world axes; batch shapes broadcast."""
-        p = check.as_vectors(point, "HalfSpace: point", self.dtype)
-        check.require_same_dtype(ground=self, point=p)
-        check.common_batch_shape(ground=self.batch_shape, point=p.shape[:-1])
-        return above_plane(None, p, self.normal, check.expanded(self.offset))[1]
-
-    def __repr__(self) -> str:
-        return f"HalfSpace({check.shown(self.normal, 3)}, {check.shown(self.offset, 0)})"
 
 
 jax.export.register_pytree_node_serialization(

@@ -1,0 +1,595 @@
+"""Shapes: signed distances of points and the normals of surfaces, for the ground and for what bodies touch."""
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import jax
+import jax.export
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.numerics import check
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.linear import Pose, Vector, dot, norm, scaled, unit
+from jaxspatial.numerics.numbers import Number, Numbers, constant, halved, high, times_power_of_two, where
+from jaxspatial.numerics.quantity import rebuilt, tree, tree_of
+from jaxspatial.numerics.types import ArrayLike, DTypeLike, PrecisionName
+from jaxspatial.spatial import RigidTransform
+
+# -- distances, over numbers ------------------------------------------------------------------------------------------
+#
+# Each is of a point in the axes of the shape, about its centre: (the normal, the signed distance).
+
+
+def direction(v: Vector, axis: int = 2) -> tuple[Vector, Number]:
+    """(the direction of v, its length): at 0 that of an axis, with the derivatives of a plane across it."""
+    return _direction(v, Vector(*(constant(v.x, int(i == axis)) for i in range(3))), v[axis])
+
+
+def _direction(v: Vector, normal: Vector, distance: Number) -> tuple[Vector, Number]:
+    """(the direction of v, its length): at 0 that of a plane."""
+    # Compilers flush subnormal numbers to zero, and 1 / |v| is to stay finite.
+    x, y, z = (abs(high(c)) < np.finfo(high(c).dtype).tiny for c in v)
+    is_zero = x & y & z
+    apart = Vector(*(where(is_zero, n, c) for n, c in zip(normal, v, strict=True)))
+    return unit(apart), where(is_zero, distance, norm(apart))
+
+
+def _sphere(p: Vector, radius: Numbers) -> tuple[Vector, Number]:
+    n, length = direction(p)
+    return n, length - radius[0]
+
+
+def _capsule(p: Vector, radius: Numbers, length: Numbers) -> tuple[Vector, Number]:
+    half = halved(length[0])
+    along = where(p.z > half, half, where(p.z < -half, -half, p.z))
+    n, distance = direction(Vector(p.x, p.y, p.z - along), axis=0)
+    return n, distance - radius[0]
+
+
+def _box(p: Vector, size: Vector) -> tuple[Vector, Number]:
+    normal, distance = _of_slabs(p, [halved(x) for x in size])
+    return Vector(*normal), distance
+
+
+def _cylinder(p: Vector, radius: Numbers, length: Numbers) -> tuple[Vector, Number]:
+    """As of a box, in the plane through the axis and the point."""
+    across, rho = direction(Vector(p.x, p.y, constant(p.x, 0)), axis=0)
+    (n_r, n_z), distance = _of_slabs([rho, p.z], [radius[0], halved(length[0])])
+    return Vector(across.x * n_r, across.y * n_r, n_z), distance
+
+
+def _of_slabs(p: Sequence[Number], halves: Sequence[Number]) -> tuple[list[Number], Number]:
+    """Of where slabs about coordinates, of these halves of thickness, intersect: outside the distance from the nearest
+    point, inside that from the nearest plane, the first of several."""
+    gaps = [where(x < 0, -x, x) - half for x, half in zip(p, halves, strict=True)]
+    zero = constant(p[0], 0)
+    # NaN is outside.
+    beyond = [where(gap <= 0, 0.0, gap) for gap in gaps]
+    n, outside = direction(Vector(*beyond, *[zero] * (3 - len(p))))
+    is_inside, inside, is_nearest = gaps[0] <= 0, gaps[0], list[Any]([True])
+    for gap in gaps[1:]:
+        is_inside = is_inside & (gap <= 0)
+        is_nearer = gap > inside
+        is_nearest = [*(x & ~is_nearer for x in is_nearest), is_nearer]
+        inside = where(is_nearer, gap, inside)
+    normal = [where(is_inside, where(own, 1.0, zero), x) for own, x in zip(is_nearest, n, strict=False)]
+    return [where(x < 0, -y, y) for x, y in zip(p, normal, strict=True)], where(is_inside, inside, outside)
+
+
+@formula
+def _stairs(p: Vector, X: Pose, run: Numbers, rise: Numbers, *, steps: int) -> list[Any]:
+    """The normal of a staircase and the distance of a point: from outside from the nearest of the quarters of a plane
+    that its steps fill, from inside from the nearest of those that air fills above its steps."""
+    at = local(p, X)
+    # Squares neither over- nor underflow.
+    (x, z, run_, rise_), e = scaled((at.x, at.z, run[0], rise[0]))
+    zero, one = constant(x, 0), constant(x, 1)
+    # The ground in front goes on for ever, as does that behind the last step.
+    ahead, above = _nearest([(zero, z), *(((k - 1) * run_ - x, z - k * rise_) for k in range(1, steps + 1))])
+    behind, below = _nearest([*((x - k * run_, k * rise_ - z) for k in range(steps)), (zero, steps * rise_ - z)])
+    n, outside = direction(Vector(_positive(ahead), zero, _positive(above)))
+    # On the surface: whether on a riser, and not on a tread.
+    is_on_riser = below < 0
+    plane = Vector(where(is_on_riser, one, zero), zero, where(is_on_riser, zero, one))
+    behind, below = _positive(behind), _positive(below)
+    m, inside = _direction(Vector(behind, zero, below), plane, where(is_on_riser, behind, below))
+    # NaN is outside.
+    is_inside = outside <= 0
+    normal = Vector(where(is_inside, -m.x, -n.x), zero, where(is_inside, m.z, n.z))
+    return [X.R @ normal, times_power_of_two(where(is_inside, -inside, outside), e)]
+
+
+def _nearest(quarters: Sequence[tuple[Number, Number]]) -> tuple[Number, Number]:
+    """Of quarters of a plane, so far in front and so far below, the nearest one, the last of several."""
+    least, found = None, quarters[0]
+    for x, z in quarters:
+        ahead, below = _positive(x), _positive(z)
+        square = ahead * ahead + below * below
+        # NaN wins.
+        is_nearer = True if least is None else ~(square > least)
+        least = square if least is None else where(is_nearer, square, least)
+        found = where(is_nearer, x, found[0]), where(is_nearer, z, found[1])
+    return found
+
+
+def _positive(x: Number) -> Number:
+    """x, or 0 where it is below."""
+    return where(x < 0, 0.0, x)
+
+
+def placed(function: Callable[..., tuple[Vector, Number]]) -> Callable[..., Any]:
+    """As a formula of (points in the world, the pose of the shape, its numbers): normals and distances."""
+
+    def in_world(p: Vector, X: Pose, *numbers: Any) -> list[Any]:
+        n, distance = function(local(p, X), *numbers)
+        return [X.R @ n, distance]
+
+    in_world.__name__ = function.__name__
+    return formula(in_world)
+
+
+def local(p: Vector, X: Pose) -> Vector:
+    """p_SP_S, of a point at p_WP_W and a shape at X_WS."""
+    return X.R.T @ (p - X.p)
+
+
+# -- shapes -----------------------------------------------------------------------------------------------------------
+
+
+class Shape:
+    """Base of the shapes, each of which is a function from a point to its signed distance, m.
+
+    Above zero outside, below zero inside. A shape is a pytree: its numbers can be differentiated, and batched.
+    """
+
+    # How many axes each of the numbers has that is not of the batch.
+    _axes: ClassVar[dict[str, int]] = {}
+    # The lengths of those that are vectors, where it is not 3.
+    _lengths: ClassVar[dict[str, int]] = {}
+    _formula: ClassVar[Callable[..., Any]]
+
+    if TYPE_CHECKING:
+        placement: RigidTransform | None
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """The batch shape."""
+        return check.broadcast_shapes(*_batch_shapes(self).values())
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The dtype of the numbers."""
+        return np.dtype(getattr(self, next(iter(self._axes))).dtype)
+
+    def astype(self, dtype: DTypeLike | None) -> Self:
+        """The same with all numbers rounded to another dtype. NumPy stays NumPy."""
+        return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
+
+    def __call__(self, point: ArrayLike) -> jax.Array:
+        """The signed distance (*batch,) of points (*batch, 3) in world axes; batch shapes broadcast."""
+        return self._checked(point)[1]
+
+    def normal_at(self, point: ArrayLike) -> jax.Array:
+        """The normal (*batch, 3) of unit length out of the shape, at points (*batch, 3); batch shapes broadcast."""
+        return self._checked(point)[0]
+
+    def _checked(self, point: ArrayLike) -> tuple[jax.Array, jax.Array]:
+        what = type(self).__name__
+        p = check.as_vectors(point, f"{what}: point", self.dtype)
+        check.require_same_dtype(**{what: self, "point": p})
+        check.common_batch_shape(**{what: self.batch_shape, "point": p.shape[:-1]})
+        return check.narrowed(self).normals_and_distances(None, p)
+
+    def normals_and_distances(self, precision: PrecisionName, p: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """The normals (*batch, 3) of the surface, and the signed distances (*batch,), of points (*batch, 3)."""
+        numbers = (check.expanded(getattr(self, k)) if n == 0 else getattr(self, k) for k, n in self._axes.items())
+        return tuple(type(self)._formula(precision, p, self.pose, *numbers))
+
+    @property
+    def pose(self) -> Pose:
+        """X_WS as arrays."""
+        return pose_of(self.placement, self.dtype)
+
+    def of_many_points(self) -> Self:
+        """The same with one more axis behind those of the batch, over points of each item."""
+        parts = {k: _with_axis(getattr(self, k), n) for k, n in self._axes.items()}
+        return _changed(self, **parts, placement=_placement_of_many(self.placement))
+
+    def __repr__(self) -> str:
+        parts = [f"{k}={check.shown(getattr(self, k), (0, 3, 3)[n])}" for k, n in self._axes.items()]
+        parts += [] if self.placement is None else [f"placement={self.placement!r}"]
+        return f"{type(self).__name__}({', '.join(parts)})"
+
+
+def pose_of(placement: RigidTransform | None, dtype: Any) -> Pose:
+    """A placement as arrays; known numbers for None."""
+    if placement is None:
+        return Pose(np.eye(3, dtype=dtype).ravel(), np.zeros(3, dtype))  # pyright: ignore[reportArgumentType]
+    return Pose(placement.rotation.entries, placement.translation)  # pyright: ignore[reportArgumentType]
+
+
+def _placement_of_many(placement: RigidTransform | None) -> RigidTransform | None:
+    return None if placement is None else jax.tree.map(lambda x: _with_axis(x, 1), placement)
+
+
+def _with_axis(x: Any, n: int) -> Any:
+    """With an axis of one before the last n."""
+    return x.reshape((*x.shape[: x.ndim - n], 1, *x.shape[x.ndim - n :]))
+
+
+def _changed(shape: Any, **parts: Any) -> Any:
+    return rebuilt(type(shape), vars(shape), (parts.get(k, x) for k, x in vars(shape).items()))
+
+
+def _batch_shapes(shape: Any) -> dict[str, tuple[int, ...]]:
+    shapes = {k: getattr(shape, k).shape for k in shape._axes}
+    shapes = {k: s[: len(s) - shape._axes[k]] for k, s in shapes.items()}
+    return shapes if shape.placement is None else {**shapes, "placement": shape.placement.batch_shape}
+
+
+def check_shape(shape: Any, least: dict[str, float] | None = None) -> None:
+    """Checks the numbers that a caller passes, and keeps them as arrays; marks of a tree of axes or specs pass.
+
+    least: below which numbers are refused that are known while tracing; 0 where nothing is said.
+    """
+    what, placement = type(shape).__name__, shape.placement
+    given = {k: getattr(shape, k) for k in shape._axes}
+    # A whole number is an axis where an array belongs, and a size where a number does.
+    if all(x is None or (check.is_tree_mark(x) and (any(shape._axes.values()) or not isinstance(x, int)))
+           for x in given.values()):  # fmt: skip
+        return
+    dtype = check.floating_dtype(*given.values(), *jax.tree.leaves(placement))
+    arrays = {}
+    for name, x in given.items():
+        if x is None:
+            raise TypeError(f"{what}: {name}: expected numbers, got None")
+        if shape._axes[name] == 1:
+            array = check.as_vectors(x, f"{what}: {name}", dtype, shape._lengths.get(name, 3), held=True)
+        else:
+            array = check.as_float_array(x, f"{what}: {name}", dtype, held=True)
+        lowest = (least or {}).get(name, 0)
+        # NaN passes, and gives NaN.
+        if isinstance(array, np.ndarray) and (array < lowest).any():
+            raise ValueError(f"{what}: {name}: expected numbers of at least {lowest:g}, got {x}")
+        arrays[name] = check.owned(array)
+    if placement is not None:
+        check.require_kind(placement, RigidTransform, f"{what}: placement")
+    check.require_same_dtype(**arrays, **({} if placement is None else {"placement": placement}))
+    for name, x in arrays.items():
+        object.__setattr__(shape, name, x)
+    check.common_batch_shape(**_batch_shapes(shape))
+
+
+_ERROR = """\
+    Error: of a distance at most 16 u (|p| + |p_WS| + size), with p_WS the translation of the placement, in "fast" and
+        "reproducible"; in "compensated" and "faithful" u of the distance and 256 u^2 of the same. The default precision
+        counts. A normal is exact for a point that is as far away as that."""
+
+
+def shape(cls: Any) -> Any:
+    """Class decorator of the shapes that say no more of their errors than all."""
+    cls.__doc__ = f"{cls.__doc__.rstrip()}\n\n{_ERROR}\n    "
+    return cls
+
+
+@shape
+@tree
+class Sphere(Shape):
+    """A ball.
+
+        js.Sphere(0.1)(jnp.array([0.0, 0.0, 0.5]))     # 0.4
+
+    At the centre the normal is z of the shape, with the derivatives of a plane across it.
+
+    Args:
+        radius: m: a number or (*batch,); 0 for a point.
+        placement: RigidTransform X_WS of the centre in the world, or in the frame of whoever asks; None for the
+            origin.
+
+    Raises:
+        TypeError: dtypes differ, or the placement is no RigidTransform.
+        ValueError: shapes do not fit, or a number known while tracing is negative.
+    """
+
+    radius: jax.Array
+    placement: RigidTransform | None = None
+
+    _axes = {"radius": 0}
+    _formula = placed(_sphere)
+
+    if TYPE_CHECKING:
+
+        def __init__(self, radius: ArrayLike, placement: RigidTransform | None = None): ...
+
+    def __post_init__(self) -> None:
+        check_shape(self)
+
+
+@shape
+@tree
+class Capsule(Shape):
+    """All that is within a radius of a straight line, along z.
+
+    On the line the normal is x of the shape, with the derivatives of a plane across it.
+
+    Args:
+        radius: m: a number or (*batch,).
+        length: of the line, without the round ends, m: as the radius.
+        placement: RigidTransform X_WS of the middle; None for the origin.
+
+    Raises:
+        TypeError: dtypes differ, or the placement is no RigidTransform.
+        ValueError: shapes do not fit, or a number known while tracing is negative.
+    """
+
+    radius: jax.Array
+    length: jax.Array
+    placement: RigidTransform | None = None
+
+    _axes = {"radius": 0, "length": 0}
+    _formula = placed(_capsule)
+
+    if TYPE_CHECKING:
+
+        def __init__(self, radius: ArrayLike, length: ArrayLike, placement: RigidTransform | None = None): ...
+
+    def __post_init__(self) -> None:
+        check_shape(self)
+
+
+@shape
+@tree
+class Box(Shape):
+    """A box. Its sizes may be infinite: a wall, or a bar without ends.
+
+    Inside the normal is that of the nearest face, the first of x, y, z where several are as near, and of the side of
+    larger coordinates in the middle. Outside it points from the nearest point of the box. On edges, corners and in the
+    middle derivatives are those of the face whose normal it is.
+
+    Args:
+        size: (3,) or (*batch, 3), edge lengths along x, y, z, m.
+        placement: RigidTransform X_WS of the centre; None for the origin.
+
+    Raises:
+        TypeError: dtypes differ, or the placement is no RigidTransform.
+        ValueError: shapes do not fit, or a number known while tracing is negative.
+    """
+
+    size: jax.Array
+    placement: RigidTransform | None = None
+
+    _axes = {"size": 1}
+    _formula = placed(_box)
+
+    if TYPE_CHECKING:
+
+        def __init__(self, size: ArrayLike, placement: RigidTransform | None = None): ...
+
+    def __post_init__(self) -> None:
+        check_shape(self)
+
+
+@shape
+@tree
+class Cylinder(Shape):
+    """A cylinder along z.
+
+    Inside the normal is that of the mantle, or of an end if that is nearer; on the axis that of the mantle is x of the
+    shape. Kinks are as those of a `Box`.
+
+    Args:
+        radius: m: a number or (*batch,).
+        length: along z, m: as the radius.
+        placement: RigidTransform X_WS of the centre; None for the origin.
+
+    Raises:
+        TypeError: dtypes differ, or the placement is no RigidTransform.
+        ValueError: shapes do not fit, or a number known while tracing is negative.
+    """
+
+    radius: jax.Array
+    length: jax.Array
+    placement: RigidTransform | None = None
+
+    _axes = {"radius": 0, "length": 0}
+    _formula = placed(_cylinder)
+
+    if TYPE_CHECKING:
+
+        def __init__(self, radius: ArrayLike, length: ArrayLike, placement: RigidTransform | None = None): ...
+
+    def __post_init__(self) -> None:
+        check_shape(self)
+
+
+@tree_of("steps")
+class Stairs(Shape):
+    """Stairs up along x, as wide as the world: flat ground up to the origin, steps, and flat ground behind them.
+
+        ground = js.Stairs(8, run=0.3, rise=0.15)      # the first tread is 0.15 m above z = 0, from x = 0 to 0.3
+
+    The distance is that of the whole staircase, also inside: a foot that is deeper below the tread than behind the
+    riser is pushed back. On an edge the normal is that of the tread; of two steps as near it is that of the higher one.
+
+    Args:
+        steps: how many; static, at least 1.
+        run: the depth of each along x, m: a number or (*batch,).
+        rise: the height of each, m: as the run.
+        placement: RigidTransform X_WS of the foot of the first riser; None for the origin. A turn about z makes them go
+            up another way, and one of half a turn, down.
+
+    Raises:
+        TypeError: dtypes differ, or the placement is no RigidTransform.
+        ValueError: shapes do not fit, there are no steps, or a number known while tracing is negative.
+
+    Error: as of a Box, with steps (run + rise) for its size.
+    """
+
+    steps: int
+    run: jax.Array
+    rise: jax.Array
+    placement: RigidTransform | None = None
+
+    _axes = {"run": 0, "rise": 0}
+    if TYPE_CHECKING:
+
+        def __init__(self, steps: int, run: ArrayLike, rise: ArrayLike, placement: RigidTransform | None = None): ...
+
+    def __post_init__(self) -> None:
+        if isinstance(self.steps, bool) or not isinstance(self.steps, (int, np.integer)) or self.steps < 1:
+            raise ValueError(f"Stairs: steps: expected a whole number of at least 1, got {self.steps!r}")
+        object.__setattr__(self, "steps", int(self.steps))
+        check_shape(self)
+
+    def normals_and_distances(self, precision: PrecisionName, p: jax.Array) -> tuple[jax.Array, jax.Array]:
+        lengths = check.expanded(self.run), check.expanded(self.rise)
+        return tuple(_stairs(precision, p, self.pose, *lengths, steps=self.steps))
+
+    def __repr__(self) -> str:
+        return f"Stairs({self.steps}, {super().__repr__().partition('(')[2]}"
+
+
+@tree
+class Union(Shape):
+    """Several shapes as one: its distance is the least of theirs, its normal that of the nearest, of the first of some
+    that are as near.
+
+        ground = js.Union([js.HalfSpace(), js.Box([0.4, 0.4, 0.2], js.RigidTransform(R, p))])
+
+    Outside distances are exact where those of the parts are. Inside, where parts overlap, the depth is that in the
+    deepest of them, and the surface may be farther.
+
+    Args:
+        shapes: such as there are, a HeightField or a Union too. Their batch shapes broadcast.
+
+    Raises:
+        TypeError: one is no shape, or dtypes differ.
+        ValueError: there are none, or batch shapes do not broadcast.
+
+    Error: that of the parts.
+    """
+
+    shapes: tuple[Shape, ...]
+
+    if TYPE_CHECKING:
+
+        def __init__(self, shapes: Iterable[Shape]): ...
+
+    def __post_init__(self) -> None:
+        shapes = tuple(self.shapes) if isinstance(self.shapes, Iterable) else (self.shapes,)
+        if shapes and all(map(check.is_tree_mark, jax.tree.leaves(shapes, is_leaf=lambda x: x is None))):
+            return
+        if not shapes:
+            raise ValueError("Union: shapes: expected at least one, got none")
+        for i, x in enumerate(shapes):
+            if not isinstance(x, Shape):
+                check.refuse(f"Union: shapes[{i}]", "a shape, such as js.Box", x)
+        check.require_same_dtype(**{f"shapes[{i}]": x for i, x in enumerate(shapes)})
+        check.common_batch_shape(**{f"shapes[{i}]": x.batch_shape for i, x in enumerate(shapes)})
+        object.__setattr__(self, "shapes", shapes)
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """The batch shape."""
+        return check.broadcast_shapes(*(x.batch_shape for x in self.shapes))
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The dtype of the numbers."""
+        return self.shapes[0].dtype
+
+    def normals_and_distances(self, precision: PrecisionName, p: jax.Array) -> tuple[jax.Array, jax.Array]:
+        normal, distance = self.shapes[0].normals_and_distances(precision, p)
+        for x in self.shapes[1:]:
+            n, d = x.normals_and_distances(precision, p)
+            # NaN wins.
+            is_nearer = ~(d >= distance)
+            normal, distance = jnp.where(is_nearer[..., None], n, normal), jnp.where(is_nearer, d, distance)
+        return normal, distance
+
+    def of_many_points(self) -> Self:
+        return _changed(self, shapes=tuple(x.of_many_points() for x in self.shapes))
+
+    def __repr__(self) -> str:
+        return f"Union({list(self.shapes)})"
+
+
+def above_plane(precision: PrecisionName, p: Any, normal: Any, offset: Any) -> tuple[Any, Any]:
+    """The normal of unit length of a plane, (*batch, 3), and the signed distance (*batch,) of points (*batch, 3).
+
+    offset: (*batch, 1). The normal is of the plane's own batch.
+    """
+    # In a formula of its own: of a quotient with one divisor for a whole batch compilers make a product.
+    n = units(precision, normal)
+    return n, _distance(precision, n, p, offset)
+
+
+@formula
+def units(v: Vector) -> Vector:
+    """v / |v|."""
+    return unit(v)
+
+
+@formula
+def _distance(n: Vector, p: Vector, offset: Numbers) -> Any:
+    return dot(n, p) - offset[0]
+
+
+@tree
+class HalfSpace(Shape):
+    """The ground under a plane: a function from a point to its signed distance, m.
+
+        ground = js.HalfSpace([0.0, -0.5, 1.0])     # a slope
+        ground(p_WP)                                # above zero outside, below zero inside
+
+    Args:
+        normal: (3,) or (*batch, 3), out of the ground, in world axes; of any length above zero.
+        offset: distance of the plane from the origin of the world along the normal, m: a number or (*batch,).
+
+    Raises:
+        TypeError: dtypes differ.
+        ValueError: shapes do not fit, or a normal known while tracing is zero.
+
+    Error: none, nothing is computed; of a distance 8 u (|p| + |offset|).
+    """
+
+    normal: jax.Array = (0.0, 0.0, 1.0)  # pyright: ignore[reportAssignmentType]
+    offset: jax.Array = 0.0  # pyright: ignore[reportAssignmentType]
+
+    _axes = {"normal": 1, "offset": 0}
+    placement = None
+
+    if TYPE_CHECKING:
+
+        def __init__(self, normal: ArrayLike = (0.0, 0.0, 1.0), offset: ArrayLike = 0.0): ...
+
+    def __post_init__(self) -> None:
+        """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
+        if all(map(check.is_tree_mark, (self.normal, self.offset))):
+            return
+        dtype = check.floating_dtype(self.normal, self.offset)
+        normal = check.as_vectors(self.normal, "HalfSpace: normal", dtype, held=True)
+        offset = check.as_float_array(self.offset, "HalfSpace: offset", dtype, held=True)
+        check.require_same_dtype(normal=normal, offset=offset)
+        check.common_batch_shape(normal=normal.shape[:-1], offset=offset.shape)
+        if isinstance(normal, np.ndarray) and not normal.any(-1).all():
+            raise ValueError(f"HalfSpace: normal: expected a vector of a length above 0, got {self.normal}")
+        object.__setattr__(self, "normal", check.owned(normal))
+        object.__setattr__(self, "offset", check.owned(offset))
+
+    def normals_and_distances(self, precision: PrecisionName, p: jax.Array) -> tuple[jax.Array, jax.Array]:
+        normals, distances = above_plane(precision, p, self.normal, check.expanded(self.offset))
+        return jnp.broadcast_to(normals, (*distances.shape, 3)), distances
+
+    def __repr__(self) -> str:
+        return f"HalfSpace({check.shown(self.normal, 3)}, {check.shown(self.offset, 0)})"
+
+
+jax.export.register_pytree_node_serialization(
+    Stairs,
+    serialized_name="jaxspatial.Stairs",
+    serialize_auxdata=lambda structure: json.dumps(structure).encode(),
+    deserialize_auxdata=lambda data: tuple(json.loads(data)),
+)
