@@ -5,12 +5,14 @@
     ax = plot.mechanism(mech, q)
     plot.torques(mech, q, js.gravity_forces(mech, q), ax)
     plot.wrench(F_T_W, p_WT, ax)
+    plot.scale_bars(ax)
 
 Every function draws in the axes that it is given, or in new ones, and returns them. Positions are in metres, in world
 axes. Colours can be read on white and on black. A function draws one state: of a batch, pass one item. It needs the
 extra `plot`.
 """
 
+import pathlib
 import weakref
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -18,9 +20,11 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from jaxspatial._drawing import BODY, FORCE, GROUND, INERTIA, JOINT, TORQUE, XYZ, meshes, spheres, wrenches
 from jaxspatial.dynamics.kinematics import forward_kinematics
+from jaxspatial.engine.algorithm import ExternalForces
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.mechanism import HalfSpace, Mechanism
+from jaxspatial.mechanism import HalfSpace, Mechanism, PointContacts
 from jaxspatial.mechanism.surface import surface
 from jaxspatial.numerics import check
 from jaxspatial.numerics.types import ArrayLike
@@ -37,16 +41,19 @@ try:
 except ImportError as error:
     raise ImportError("jaxspatial.plot: needs the package matplotlib: from a clone, pip install '.[plot]'") from error
 
-BODY, JOINT, GROUND = "#7b8794", "#2f7fc1", "#8a94a0"
-FORCE, TORQUE, INERTIA = "#e0521f", "#a64ac9", "#00798c"
-XYZ = "#d1495b", "#3a7d44", "#00798c"
+__all__ = ["Arrow", "Scales", "axes", "forces", "frame", "inertia", "mechanism", "scale_bars", "scales", "torques"]
+__all__ += ["wrench"]
 
 # From the back to the front, in axes of our own: there the order of drawing is this one.
 _PLANE, _SOLID, _BODY, _JOINT, _ARROW, _FRAME = range(1, 7)
 # Lengths as shares of the size of the scene: the axes of a frame, the longest arrow, the largest arc, the shortest.
 _TRIAD, _LONGEST, _WIDEST, _LEAST = 0.1, 0.3, 0.09, 0.01
+# How much of its place a box takes, so that the labels around it are inside, too.
+_ZOOM = 0.85
 # The edge of the ground, as a share too; its squares along it, and the cells of a ground function.
 _GROUND, _SQUARES, _CELLS = 1.3, 6, 24
+# To the light.
+_LIGHT = np.array([0.35, -0.45, 0.82])
 # An arc has a gap, so that one sees which way it turns.
 _TURN = np.linspace(0.0, np.deg2rad(290.0), 60)
 
@@ -84,7 +91,7 @@ def axes(figure: Figure | None = None, place: tuple[int, int, int] = (1, 1, 1)) 
     style: Any = {"projection": "3d", "computed_zorder": False}
     with pyplot.rc_context({"grid.color": f"{GROUND}60", "grid.linewidth": 0.6}):
         if figure is None:
-            ax: Any = pyplot.figure(figsize=(6.5, 6)).add_axes((0.02, 0.06, 0.88, 0.94), **style)
+            ax: Any = pyplot.figure(figsize=(6.5, 6)).add_axes((-0.06, 0.05, 1, 1), **style)
         else:
             ax = figure.add_subplot(*place, **style)
     ax.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
@@ -92,8 +99,8 @@ def axes(figure: Figure | None = None, place: tuple[int, int, int] = (1, 1, 1)) 
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         axis.set_pane_color((0, 0, 0, 0))
         axis.line.set_color(GROUND)
+        axis.labelpad = 8
     ax.tick_params(labelsize="small")
-    ax.zaxis.labelpad = 8
     _OWN.add(ax)
     return ax
 
@@ -105,9 +112,11 @@ def mechanism(
     *,
     frames: Sequence[str] | None = None,
     ground: HalfSpace | Callable[[jax.Array], Any] | None = None,
+    shapes: str | pathlib.Path | None = None,
+    contacts: PointContacts | None = None,
     color: str = BODY,
 ) -> Axes3D:
-    """Draws a robot: its bodies as lines between the origins of its joints, its joints as dots.
+    """Draws a robot: its bodies as lines between the origins of its joints, its joints as dots; or its shapes.
 
     A line leads from each joint to the joints of the next bodies, and from the origin of the world to the joints that
     stand on it, "free" ones excepted.
@@ -121,12 +130,17 @@ def mechanism(
             from the joint, or else the centre of mass.
         ground: HalfSpace, drawn as a part of its plane, or a function from a point (3,) to its signed distance, drawn
             in a cube about the point of it next to the robot; None for none.
+        shapes: path of the URDF file whose visual meshes are drawn in place of lines and dots, in the colours of the
+            file; 100 000 triangles take some seconds. It needs the extra `view`. None draws lines and dots.
+        contacts: PointContacts, whose centres are drawn as rings; None for none.
         color: of the bodies.
 
     Returns:
-        The axes. Each line has the name of the body or frame at its end, `line.get_gid()`; the dots are "joints".
+        The axes. Each line has the name of the body or frame at its end, `line.get_gid()`; the dots are "joints", the
+        meshes "shapes", the rings "contacts".
 
     Raises:
+        FileNotFoundError: there is no such file of shapes.
         KeyError: there is no such frame; lists those there are.
         TypeError: an argument has another type.
         ValueError: mech, q or the ground is a batch, q has another size, or a ground function has no zero near by.
@@ -135,18 +149,20 @@ def mechanism(
     if frames is not None and (isinstance(frames, str) or not all(isinstance(name, str) for name in frames)):
         raise TypeError(f"plot.mechanism: frames: expected a sequence of names, got {frames!r}")
     X_WF = _frames(mech, X_WJ)
-    for i, parent in enumerate(mech.parents):
-        if parent >= 0 or mech.topology.kinds[i] != "free":
-            _line(ax, X_WJ.p[parent] if parent >= 0 else np.zeros(3), X_WJ.p[i], color, mech.body_names[i])
-    if frames is None:
-        for i, children in enumerate(mech.topology.children):
-            if not children:
-                _line(ax, X_WJ.p[i], _tip(mech, i, X_WJ, X_WF), color, f"{mech.body_names[i]} tip")
+    if shapes is not None:
+        _solids(ax, mech, q, meshes("plot.mechanism", mech, shapes))
+    else:
+        _sticks(ax, mech, X_WJ, X_WF, color, has_tips=frames is None)
     numbers = [mech.topology.index(mech.frame_names, name, "plot.mechanism: frames") for name in frames or ()]
     for k in numbers:
         name, body = mech.topology.frames[k]
         _line(ax, X_WJ.p[body] if body >= 0 else np.zeros(3), X_WF.p[k], color, name)
-    ax.plot(*X_WJ.p.T, linestyle="", marker="o", markersize=6, color=JOINT, zorder=_JOINT, gid="joints")
+    if contacts is not None:
+        names, centres, _ = spheres("plot.mechanism", contacts)
+        X_WC = _state_poses(mech, q, names)
+        p = X_WC.p + np.einsum("nij,nj->ni", X_WC.R, centres)
+        look: Any = {"markerfacecolor": "none", "markeredgewidth": 2, "color": FORCE, "zorder": _ARROW}
+        ax.plot(*p.T, linestyle="", marker="o", markersize=8, gid="contacts", **look)
     size = _size(ax)
     for k in numbers:
         _triad(ax, X_WF.R[k], X_WF.p[k], _TRIAD * size, mech.frame_names[k])
@@ -268,6 +284,38 @@ def wrench(
     return _fit(ax)
 
 
+def forces(
+    mech: Mechanism, q: ArrayLike, given: ExternalForces, ax: Axes3D | None = None, *, scale: Scales | None = None
+) -> Axes3D:
+    """Draws external forces where they act, such as those of contacts.
+
+        plot.forces(mech, q, js.AppliedForces(feet.frames, step.contact_forces), ax)
+
+    Args:
+        mech: the mechanism.
+        q: (nq,) coordinates: rad, m, quaternions.
+        given: wrenches as `external_forces` have them: SpatialForces by name of a frame, AppliedForces, or a list of
+            these, of one state: N m, N.
+        ax: 3-D axes; None makes new ones.
+        scale: as of `wrench`.
+
+    Returns:
+        The axes, with the lines and arrows that `wrench` draws.
+
+    Raises:
+        KeyError: there is no such frame.
+        TypeError: an argument has another type.
+        ValueError: an argument is a batch, has another size, or is not finite.
+    """
+    ax = _axes("plot.forces", ax)
+    check.require_kind(mech, Mechanism, "plot.forces", " first")
+    state = _one("plot.forces: q", "q", q, mech.nq).astype(jax.dtypes.canonicalize_dtype(np.asarray(q).dtype))
+    placed = wrenches("plot.forces", mech, state[None], given)
+    if placed is None:
+        return _fit(ax)
+    return _draw_wrenches("plot.forces", ax, placed.tau[0], placed.f[0], placed.p[0], scale)
+
+
 def scales(ax: Axes3D) -> Scales:
     """Tells how large the arrows in some axes are: `f"1 m of arrow is {1 / plot.scales(ax).force:.0f} N"`.
 
@@ -282,6 +330,29 @@ def scales(ax: Axes3D) -> Scales:
     """
     _require_axes("plot.scales", ax)
     return _WRENCHES[ax].scale if ax in _WRENCHES else Scales()
+
+
+def scale_bars(ax: Axes3D) -> Axes3D:
+    """Adds an arrow and an arc of round numbers beside the scene, from which all others can be read.
+
+    They stay what they say when more is drawn: they are drawn anew with all arrows.
+
+    Args:
+        ax: 3-D axes in which `wrench`, `torques` or `forces` has drawn.
+
+    Returns:
+        The axes, with an arrow named "force bar", an arc, and texts such as "20 N" and "5 N m".
+
+    Raises:
+        TypeError: the axes are not 3-D.
+        ValueError: no wrench was drawn in them.
+    """
+    _require_axes("plot.scale_bars", ax)
+    if ax not in _WRENCHES or not _WRENCHES[ax].wrenches:
+        raise ValueError("plot.scale_bars: ax: expected axes with wrenches, got some without: draw these first")
+    _WRENCHES[ax].has_bars = True
+    _WRENCHES[ax].draw(ax)
+    return _fit(ax)
 
 
 def inertia(
@@ -385,6 +456,13 @@ def _joints(operation: str, mech: Any, q: Any) -> _Poses:
     return _Poses(R_WJ, X_WB.p - np.einsum("nij,nj->ni", R_WJ, X_JB.p))
 
 
+def _state_poses(mech: Mechanism, q: Any, names: Sequence[str]) -> _Poses:
+    """X_WF of named frames in one state."""
+    x = np.asarray(q)
+    x = x.astype(jax.dtypes.canonicalize_dtype(x.dtype))
+    return _poses(forward_kinematics(mech, x, list(names), precision="fast"))
+
+
 def _frames(mech: Mechanism, X_WJ: _Poses) -> _Poses:
     """X_WF of all frames."""
     X_JF, bodies = _poses(mech.frame_placements), [body for _, body in mech.topology.frames]
@@ -432,6 +510,9 @@ def _size(ax: Axes3D) -> float:
 def _fit(ax: Axes3D) -> Axes3D:
     ax.set_aspect("equal")
     if ax in _OWN:
+        # The labels of the axes stand outside of the box.
+        box: Any = ax
+        box.set_box_aspect(ax.get_box_aspect(), zoom=_ZOOM)
         low, high = MaxNLocator(4).tick_values(0, _size(ax))[:2]
         for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
             axis.set_major_locator(MultipleLocator(high - low))
@@ -461,6 +542,38 @@ def _text(ax: Axes3D, p: np.ndarray, text: str, color: str | None = None, ha: st
     x, y, z = p
     look: Any = {"color": color or pyplot.rcParams["text.color"], "fontsize": "small", "zorder": _FRAME}
     return [ax.text(x, y, z, f"  {text}" if ha == "left" else text, ha=ha, va="center", **look)]
+
+
+def _sticks(ax: Axes3D, mech: Mechanism, X_WJ: _Poses, X_WF: _Poses, color: str, has_tips: bool) -> None:
+    """Lines between joints, and to the tips of bodies without children; dots on joints."""
+    for i, parent in enumerate(mech.parents):
+        if parent >= 0 or mech.topology.kinds[i] != "free":
+            _line(ax, X_WJ.p[parent] if parent >= 0 else np.zeros(3), X_WJ.p[i], color, mech.body_names[i])
+    if has_tips:
+        for i, children in enumerate(mech.topology.children):
+            if not children:
+                _line(ax, X_WJ.p[i], _tip(mech, i, X_WJ, X_WF), color, f"{mech.body_names[i]} tip")
+    ax.plot(*X_WJ.p.T, linestyle="", marker="o", markersize=6, color=JOINT, zorder=_JOINT, gid="joints")
+
+
+def _solids(ax: Axes3D, mech: Mechanism, q: ArrayLike, found: dict[str, list[Any]]) -> None:
+    """Meshes by link as triangles, lighter where they face up and left; all in one, so that what is nearer covers."""
+    links = [(k, mesh) for k, several in enumerate(found.values()) for mesh in several]
+    if not links:
+        return
+    X_WL = _state_poses(mech, q, list(found))
+    triangles, colors = [], []
+    for k, mesh in links:
+        corners = np.asarray(mesh.triangles, float) @ X_WL.R[k].T + X_WL.p[k]
+        normals = np.asarray(mesh.face_normals, float) @ X_WL.R[k].T
+        color = np.asarray(mesh.visual.main_color if hasattr(mesh.visual, "main_color") else
+                           mesh.visual.material.main_color, float)[:3] / 255  # fmt: skip
+        shade = 0.55 + 0.45 * np.clip(normals @ _LIGHT, 0, 1)
+        triangles.append(corners)
+        colors.append(np.clip(shade[:, None] * (0.15 + 0.85 * color), 0, 1))
+    look: Any = {"facecolors": np.concatenate(colors), "edgecolors": "none", "linewidths": 0, "antialiased": False}
+    ax.add_collection3d(Poly3DCollection(np.concatenate(triangles), zorder=_BODY, gid="shapes", **look))
+    _include(ax, np.concatenate(triangles))
 
 
 def _triad(ax: Axes3D, R: np.ndarray, p: np.ndarray, length: float, name: str) -> None:
@@ -520,6 +633,7 @@ class _Wrenches:
         self.given, self.scale = Scales(), Scales()
         self.wrenches: list[tuple[np.ndarray, np.ndarray, np.ndarray, str]] = []  # tau, f, the point, a name
         self.artists: list[Any] = []
+        self.has_bars = False
 
     @property
     def size(self) -> float:
@@ -547,6 +661,27 @@ class _Wrenches:
                 self.artists += _arc(ax, torque / radius, p, radius)
                 above = p + radius * _across(torque / radius)[0]
                 self.artists += [] if is_seen else _text(ax, above, name, TORQUE)
+        if self.has_bars:
+            self.draw_bars(ax)
+
+    def draw_bars(self, ax: Axes3D) -> None:
+        """An arrow up and an arc about its foot, at the corner of the scene that is on the left of the picture."""
+        corner, up = np.min([*self.scene, *(p for *_, p, _ in self.wrenches)], axis=0), np.eye(3)[2]
+        if self.scale.force:
+            number = _round_below(0.7 * _LONGEST * self.size / self.scale.force)
+            tip = corner + self.scale.force * number * up
+            self.artists += [_arrow(ax, corner, tip, FORCE, "force bar"), *_text(ax, tip, f"{number:g} N", FORCE)]
+        if self.scale.torque:
+            number = _round_below(_WIDEST * self.size / self.scale.torque)
+            radius = self.scale.torque * number
+            beside = corner + [1.8 * radius, -1.8 * radius, 0]
+            self.artists += [*_arc(ax, up, corner, radius), *_text(ax, beside, f"{number:g} N m", TORQUE, ha="center")]
+
+
+def _round_below(x: float) -> float:
+    """The largest of 1, 2, 5, 10, ... that is not above x."""
+    power = 10.0 ** np.floor(np.log10(x))
+    return float(max(k for k in (1, 2, 5) if k * power <= x * (1 + 1e-12)) * power)
 
 
 _WRENCHES: "weakref.WeakKeyDictionary[Axes3D, _Wrenches]" = weakref.WeakKeyDictionary()

@@ -13,40 +13,43 @@ import io
 import pathlib
 import threading
 import time
-import xml.etree.ElementTree
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 import numpy as np
 
+from jaxspatial import _drawing
+from jaxspatial._drawing import meshes, spheres, wrenches
 from jaxspatial.dynamics.kinematics import forward_kinematics
 from jaxspatial.engine.algorithm import ExternalForces
-from jaxspatial.mechanism import AppliedForces, HalfSpace, Mechanism, PointContacts
-from jaxspatial.mechanism.formats.shapes import path_of_mesh
+from jaxspatial.mechanism import HalfSpace, Mechanism, PointContacts
 from jaxspatial.mechanism.surface import surface
 from jaxspatial.numerics import check
-from jaxspatial.numerics.numbers.components import as_array
 from jaxspatial.numerics.types import ArrayLike
-from jaxspatial.spatial import SpatialForce, act_inverse
+from jaxspatial.spatial import act_inverse
 
 try:
     import viser
-    import yourdfpy
+    import yourdfpy  # which `_drawing.meshes` needs  # noqa: F401
 except ImportError as error:
     raise ImportError(
         "jaxspatial.viewer: needs the package viser[urdf]: from a clone, pip install '.[view]'"
     ) from error
 
-FORCE, TORQUE, BODY, GROUND = (224, 82, 31), (166, 74, 201), (123, 135, 148), (138, 148, 160)
+__all__ = ["Scene", "record", "show"]
+
+FORCE, TORQUE, BODY, GROUND = (
+    tuple(bytes.fromhex(color[1:])) for color in (_drawing.FORCE, _drawing.TORQUE, _drawing.BODY, _drawing.GROUND)
+)
+Ground = HalfSpace | Callable[[jax.Array], Any]
+
 # As shares of the size of the scene: the axes of a frame, the longest arrow, the heads of arrows and their radius,
 # and that of a point of contact.
 _TRIAD, _LONGEST, _HEAD, _THICK, _POINT = 0.08, 0.35, 0.04, 0.006, 0.01
 # The edge of the ground as a share too, and of its cells.
 _GROUND, _CELL = 6.0, 0.25
 _FRAMES_PER_SECOND = 30.0
-
-Ground = HalfSpace | Callable[[jax.Array], Any]
 
 
 def show(
@@ -172,14 +175,12 @@ class Scene:
             )
         if isinstance(ground, HalfSpace) and ground.batch_shape:
             raise ValueError(f"viewer: ground: expected one plane, got a batch {ground.batch_shape}")
-        if contacts is not None:
-            check.require_kind(contacts, PointContacts, "viewer: contacts")
-        if contacts is not None and contacts.batch_shape:
-            raise ValueError(f"viewer: contacts: expected one for all states, got a batch {contacts.batch_shape}")
-        touching = () if contacts is None else contacts.frames
+        touching, centres, radii = (
+            ((), np.zeros((0, 3)), np.zeros(0)) if contacts is None else spheres("viewer", contacts)
+        )
         self.n, self.dt = len(states), float(dt)
-        meshes = {} if shapes is None else _meshes(mech, pathlib.Path(shapes))
-        names = list(dict.fromkeys([*(mech.body_names if shapes is None else meshes), *frames, *touching]))
+        found = {} if shapes is None else meshes("viewer", mech, shapes)
+        names = list(dict.fromkeys([*(mech.body_names if shapes is None else found), *frames, *touching]))
         self._wxyz, self._p = _poses(mech, states, names)
         arrows = _arrows(mech, states, forces)
         size = float(np.ptp(self._p[0], axis=0).max(initial=0.2))
@@ -195,14 +196,13 @@ class Scene:
             length = _TRIAD * size
             look: Any = {"show_axes": is_named, "axes_length": length, "axes_radius": 0.05 * length}
             self._nodes.append(add.add_frame(f"/robot/{_node(name)}", **look))
-            for k, mesh in enumerate(meshes.get(name, ())):
+            for k, mesh in enumerate(found.get(name, ())):
                 add.add_mesh_trimesh(f"/robot/{_node(name)}/shape {k}", mesh)
             if is_named:
                 add.add_label(f"/robot/{_node(name)}/name", name)
         if shapes is None:
             _add_ellipsoids(add, mech)
-        if contacts is not None:
-            _add_spheres(add, contacts, size)
+        _add_spheres(add, touching, centres, radii, size)
         self._arrows = [_Arrows(add, *given, size) for given in arrows]
         if isinstance(ground, HalfSpace):
             _add_plane(add, ground, size)
@@ -253,35 +253,6 @@ class Scene:
 # -- shapes -----------------------------------------------------------------------------------------------------------
 
 
-def _meshes(mech: Mechanism, path: pathlib.Path) -> dict[str, list[Any]]:
-    """The visual meshes of a URDF by link, in the axes of the link.
-
-    viser's own ViserUrdf computes poses itself, of the joints of the file: here they come from the mechanism, which may
-    float, or have joints that are locked."""
-    if not path.is_file():
-        raise FileNotFoundError(f"viewer: shapes: there is no file {path}")
-    try:
-        tag = xml.etree.ElementTree.parse(path).getroot().tag
-    except xml.etree.ElementTree.ParseError as error:
-        raise ValueError(f"viewer: shapes: {path}: expected a URDF, got malformed XML: {error}") from None
-    if tag != "robot":
-        way_out = "; without shapes, the ellipsoids of inertias are shown" if tag == "mujoco" else ""
-        raise ValueError(f"viewer: shapes: {path}: expected a URDF, <robot>, got <{tag}>{way_out}")
-    try:
-        urdf = yourdfpy.URDF.load(
-            str(path), filename_handler=lambda fname: str(path_of_mesh(fname, path.parent) or fname)
-        )
-    except KeyError as error:
-        raise ValueError(f"viewer: shapes: {path}: an element lacks the attribute {error}") from error
-    meshes: dict[str, list[Any]] = {}
-    for name, mesh in urdf.scene.geometry.items():
-        link = urdf.scene.graph.transforms.parents[name]
-        mech.topology.index(mech.frame_names, link, "viewer: shapes: a link of the file")
-        # Scales and reflections are part of it.
-        meshes.setdefault(link, []).append(mesh.copy().apply_transform(urdf.get_transform(name, link)))
-    return meshes
-
-
 def _add_ellipsoids(add: Any, mech: Mechanism) -> None:
     """The solid ellipsoid of each inertia, on its body."""
     M = act_inverse(mech.child_placements, mech.inertias, precision="fast")  # M_BBo_B
@@ -296,13 +267,11 @@ def _add_ellipsoids(add: Any, mech: Mechanism) -> None:
             )
 
 
-def _add_spheres(add: Any, contacts: PointContacts, size: float) -> None:
+def _add_spheres(add: Any, frames: Sequence[str], centres: np.ndarray, radii: np.ndarray, size: float) -> None:
     """The spheres of contacts, on their frames."""
-    n = len(contacts.frames)
-    p = np.zeros((n, 3)) if contacts.positions is None else np.asarray(contacts.positions)
-    radius = np.maximum(np.broadcast_to(np.asarray(contacts.radius), n), _POINT * size)
-    for k, (name, at, r) in enumerate(zip(contacts.frames, p, radius.tolist(), strict=True)):
-        add.add_icosphere(f"/robot/{_node(name)}/contact {k}", radius=r, color=FORCE, position=at, opacity=0.8)
+    for k, (name, at, r) in enumerate(zip(frames, centres, radii.tolist(), strict=True)):
+        radius = max(r, _POINT * size)
+        add.add_icosphere(f"/robot/{_node(name)}/contact {k}", radius=radius, color=FORCE, position=at, opacity=0.8)
 
 
 def _node(name: str) -> str:
@@ -334,65 +303,11 @@ def _land(ground: Callable[[jax.Array], Any], p: np.ndarray, size: float, dtype:
 # -- arrows -----------------------------------------------------------------------------------------------------------
 
 
-def _arrows(mech: Mechanism, q: np.ndarray, forces: Any) -> list[tuple[str, np.ndarray, np.ndarray, Any]]:
+def _arrows(mech: Mechanism, q: np.ndarray, forces: ExternalForces) -> list[tuple[str, np.ndarray, np.ndarray, Any]]:
     """(name, points (n, m, 3), vectors (n, m, 3), colour) of the forces and of the torques, in world axes."""
-    sources = {"forces": forces}
-    if isinstance(forces, list | tuple):
-        sources = {f"forces[{i}]": x for i, x in enumerate(forces)}
-        _refuse_one_each(forces, len(q))
-    applied = [x for name, source in sources.items() for x in _applied(f"viewer: {name}", source)]
-    names = [name for _, x in applied for name in x.frames]
-    if not names:
-        return []
-    X_WF = forward_kinematics(mech, q, names, precision="fast")
-    R, p = np.asarray(X_WF.rotation.to_matrix()), np.asarray(X_WF.translation)
-    ends = np.cumsum([len(x.frames) for _, x in applied])[:-1]
-    frames = zip(applied, np.split(R, ends, axis=1), np.split(p, ends, axis=1), strict=True)
-    p, tau, f = (np.concatenate(x, axis=1) for x in zip(*(_placed(*x, *at) for x, *at in frames), strict=True))
-    kinds = ("forces", f, FORCE), ("torques", tau, TORQUE)
-    return [(name, p, x, color) for name, x, color in kinds if (np.isfinite(x) & (x != 0)).any()]
-
-
-def _refuse_one_each(forces: Sequence[Any], n: int) -> None:
-    """A list adds up. As many as there are states, on the same frames, are rather meant to be one for each."""
-    frames = [
-        tuple(x.frames if isinstance(x, AppliedForces) else x) for x in forces if isinstance(x, AppliedForces | dict)
-    ]
-    batched = any(getattr(x, "batch_shape", ()) for x in forces)
-    if len(frames) == n > 1 and len(set(frames)) == 1 and frames[0] and not batched:
-        raise ValueError(
-            f"viewer: forces: a list acts together, as in `external_forces`, got {n} on the same frames in {n} states; "
-            "for one in each state: jax.tree.map(lambda *x: np.stack(x), *forces); for all of them in every state: "
-            "AppliedForces, in whose frames a name may come several times"
-        )
-
-
-def _applied(what: str, source: Any) -> list[tuple[str, AppliedForces]]:
-    """What is no list, as AppliedForces under their names in messages."""
-    if isinstance(source, AppliedForces):
-        return [(what, source)] if source.frames else []
-    if not isinstance(source, dict | None):
-        expected = "SpatialForces in a dict by name of a frame, AppliedForces, or a list of these"
-        check.refuse(what, expected, source)
-    found: list[tuple[str, AppliedForces]] = []
-    for name, F in (source or {}).items():
-        check.require_kind(F, SpatialForce, f"{what}[{name!r}]")
-        vectors: list[Any] = [np.asarray(as_array(x, F.batch_shape))[..., None, :] for x in F.vectors]
-        found.append((f"{what}[{name!r}]", AppliedForces([name], SpatialForce(*vectors))))
-    return found
-
-
-def _placed(what: str, forces: AppliedForces, R: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The points, the torques and the forces (n, m, 3), in world axes; of frames with these axes and origins."""
-    n = len(p)
-    if forces.batch_shape not in ((), (n,)):
-        raise ValueError(f"{what}: expected one for all states or ({n},), got {forces.batch_shape}")
-    if forces.points is not None:
-        p = p + np.einsum("nmij,nmj->nmi", R, np.broadcast_to(np.asarray(forces.points), p.shape))
-    wrenches = forces.wrenches
-    parts = (np.broadcast_to(np.asarray(as_array(x, wrenches.batch_shape)), p.shape) for x in wrenches.vectors)
-    tau, f = (np.einsum("nmij,nmj->nmi", R, x) if forces.axes == "frame" else x for x in parts)
-    return p, tau, f
+    placed = wrenches("viewer", mech, q, forces)
+    kinds = () if placed is None else (("forces", placed.f, FORCE), ("torques", placed.tau, TORQUE))
+    return [(name, placed.p, x, color) for name, x, color in kinds if placed and (np.isfinite(x) & (x != 0)).any()]
 
 
 class _Arrows:

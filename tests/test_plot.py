@@ -18,6 +18,7 @@ from jaxspatial import plot  # noqa: E402
 
 FLOAT = np.float32
 DRAWING = [plot.axes, plot.mechanism, plot.torques, plot.frame, plot.wrench, plot.inertia, plot.scales]
+DRAWING += [plot.forces, plot.scale_bars]
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -340,3 +341,98 @@ else:
     raise AssertionError
 """
     subprocess.run([sys.executable, "-c", source], check=True)
+
+
+# -- forces, contacts, shapes and scale bars ---------------------------------------------------------------------------
+
+
+def test_forces_are_those_of_dynamics():
+    """From a dict, from AppliedForces in axes of frames and at points, and from both in a list."""
+    mech = arm()
+    up, along = js.SpatialForce(f=FLOAT([0, 0, 4])), js.SpatialForce(f=FLOAT([[2, 0, 0]]))
+    there = js.AppliedForces(["grip"], along, points=FLOAT([[0.1, 0, 0]]), axes="frame")
+    X_WG = js.forward_kinematics(mech, Q, "grip")
+    start = np.asarray(X_WG @ FLOAT([0.1, 0, 0]))
+    ax = plot.forces(mech, Q, [{"table": up}, there], plot.mechanism(mech, Q))
+    scale = plot.scales(ax).force
+    first, second = named(ax, "force")
+    np.testing.assert_allclose(first, [[0, 0, 0.2], [0, 0, 0.2 + 4 * scale]], atol=1e-6)
+    turned = np.asarray(X_WG.rotation @ FLOAT([2 * scale, 0, 0]))
+    np.testing.assert_allclose(second, [start, start + turned], atol=1e-6)
+    assert not named(plot.forces(mech, Q, None), "force")
+
+
+def test_contacts_are_rings_about_their_centres():
+    mech = arm()
+    offsets = FLOAT([[0, 0, 0], [0, 0.1, 0]])
+    touching = {"stiffness": FLOAT(1e4), "relaxation_time": FLOAT(0.01), "friction": FLOAT(0.5)}
+    ax = plot.mechanism(mech, Q, contacts=js.PointContacts(["hand", "grip"], offsets, **touching))
+    X = js.forward_kinematics(mech, Q, ["hand", "grip"])
+    expected = [np.asarray(X.at_batch(k) @ offsets[k]) for k in range(2)]
+    np.testing.assert_allclose(named(ax, "contacts"), [expected], atol=1e-6)
+    with pytest.raises(ValueError, match="plot.mechanism: contacts: expected one for all states"):
+        plot.mechanism(mech, Q, contacts=js.PointContacts(["hand"], offsets[:, None], **touching))
+
+
+_BOX = """<robot name="box"><link name="base"/><link name="box">
+<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+<visual><origin xyz="0 0 0.25"/><geometry><box size="0.1 0.2 0.5"/></geometry></visual></link>
+<joint name="hinge" type="continuous"><parent link="base"/><child link="box"/><axis xyz="0 1 0"/>
+<origin xyz="0 0 1"/></joint></robot>"""
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_shapes_take_the_place_of_lines(tmp_path, monkeypatch):
+    pytest.importorskip("yourdfpy")
+    drawn, collection = [], plot.Poly3DCollection  # which has no public way to its triangles
+    monkeypatch.setattr(plot, "Poly3DCollection", lambda x, **look: drawn.append(x) or collection(x, **look))
+    (tmp_path / "box.urdf").write_text(_BOX)
+    mech = js.Mechanism.from_urdf(_BOX, dtype=FLOAT)
+    ax = plot.mechanism(mech, FLOAT([np.pi / 2]), shapes=tmp_path / "box.urdf")  # z of the link along x
+    (solid,) = (found for found in ax.collections if found.get_gid() == "shapes")
+    np.testing.assert_allclose(drawn[0].min((0, 1)), [0, -0.1, 0.95], atol=1e-6)
+    np.testing.assert_allclose(drawn[0].max((0, 1)), [0.5, 0.1, 1.05], atol=1e-6)
+    assert not named(ax, "joints") and len(solid.get_facecolor()) == 12
+    with pytest.raises(FileNotFoundError, match="plot.mechanism: shapes: there is no file"):
+        plot.mechanism(mech, FLOAT([0]), shapes=tmp_path / "none.urdf")
+
+
+def test_scale_bars_have_round_numbers_and_the_scale_of_all_arrows():
+    ax = plot.mechanism(arm(), Q)
+    with pytest.raises(ValueError, match="plot.scale_bars: ax: expected axes with wrenches"):
+        plot.scale_bars(ax)
+    plot.wrench(js.SpatialForce(FLOAT([0, 0, 7]), FLOAT([0, 0, 70])), FLOAT([0, 0, 0]), ax)
+    plot.scale_bars(ax)
+    for largest, force in ((70, 20.0), (7000, 2000.0)):
+        if largest == 7000:  # the bars follow
+            plot.wrench(js.SpatialForce(f=FLOAT([0, 0, largest])), FLOAT([0, 0, 0]), ax)
+        ((start, end),) = named(ax, "force bar")
+        assert np.linalg.norm(end - start) == pytest.approx(force * plot.scales(ax).force, rel=1e-6)
+        assert f"{force:g} N" in {text.get_text().strip() for text in ax.texts}
+    assert "5 N m" in {text.get_text().strip() for text in ax.texts}
+
+
+@pytest.mark.parametrize("ground", [None, js.HalfSpace(FLOAT([0, 0, 1]), FLOAT(0))])
+def test_labels_are_not_cut(ground):
+    """Those of axes and ticks are in the figure."""
+    ax = plot.mechanism(arm(), Q, ground=ground)
+    ax.figure.canvas.draw()
+    width, height = ax.figure.bbox.size
+    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+        low, high = axis.get_view_interval()
+        seen = [tick.label1 for tick in axis.get_major_ticks() if low < tick.get_loc() < high]
+        assert seen
+        for text in (axis.label, *seen):
+            box = text.get_window_extent()
+            assert box.x0 >= 0 and box.y0 >= 0 and box.x1 <= width and box.y1 <= height, text
+
+
+@pytest.mark.parametrize("module", ["plot", "viewer"])
+def test_public_names_are_listed(module):
+    """And no more: what is imported is not."""
+    if module == "viewer":
+        pytest.importorskip("viser")
+    found = __import__(f"jaxspatial.{module}", fromlist=["__all__"])
+    assert set(found.__all__) >= ({"mechanism", "wrench", "forces"} if module == "plot" else {"show", "record"})
+    for name in found.__all__:
+        assert getattr(found, name).__module__ == found.__name__, name

@@ -44,7 +44,7 @@ def test_its_torques_hold_the_load():
     from tests.helpers import robot_picture
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(robot_picture.viewer, "_meshes", lambda *_: {})
+        patch.setattr(robot_picture.viewer, "meshes", lambda *_: {})
         mech, q, _, F_T_W, tau = robot_picture.scene()
     J = np.asarray(js.jacobian(mech, q, robot_picture.T))
     expected = np.asarray(js.gravity_forces(mech, q)) - J.T @ np.asarray(F_T_W.to_array())

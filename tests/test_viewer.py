@@ -18,6 +18,7 @@ pytest.importorskip("viser")
 msgspec = pytest.importorskip("msgspec")
 zstandard = pytest.importorskip("zstandard")
 from jaxspatial import viewer  # noqa: E402
+from jaxspatial._drawing import meshes  # noqa: E402
 
 FLOAT = np.float32
 LAW = {"stiffness": 1e3, "relaxation_time": 0.01, "friction": 0.5}
@@ -120,7 +121,7 @@ def test_a_recording_has_the_poses_of_all_times(robot, tmp_path):
 
 def test_shapes_are_those_of_the_file_in_the_axes_of_their_links(robot):
     mech, path = robot
-    shapes = viewer._meshes(mech, path)
+    shapes = meshes("viewer", mech, path)
     assert list(shapes) == ["upper", "lower"]
     (box,), (mesh,) = shapes.values()
     np.testing.assert_allclose(box.bounds, [[-0.05, -0.1, 0], [0.05, 0.1, 0.5]], atol=1e-7)
@@ -360,7 +361,7 @@ def test_links_of_another_robot_are_named(robot):
     mech, path = robot
     path.write_text(path.read_text().replace('"lower"', '"under"'))
     with pytest.raises(KeyError, match="a link of the file: expected one of .*got 'under'"):
-        viewer._meshes(mech, path)
+        meshes("viewer", mech, path)
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def scene():
     box = trimesh.creation.box(SIZE, trimesh.transformations.translation_matrix(LOAD))
     box.unmerge_vertices()  # edges are sharp
     box.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.SimpleMaterial(diffuse=BOX))
-    return mech, q, {**viewer._meshes(mech, path), T: [box]}, F_T_W, np.asarray(tau)
+    return mech, q, {**viewer.meshes("viewer", mech, path), T: [box]}, F_T_W, np.asarray(tau)
 
 
 def drawn(dpi=DPI):
