@@ -21,11 +21,11 @@ _ARGUMENTS = {
     "loops": "LoopClosures, such as `mechanism.loops`; none at all leave the tree.",
     "compliance": "of friction and limits; None takes the default, see `Compliance`.",
     "contacts": "PointContacts: spheres on frames, how stiff and how rough they are.",
-    "ground": """HalfSpace, HeightField or another shape, whose normals and distances count; or a function f from a point
-    (3,) in world axes to a number (): zero on the surface of the ground, above zero outside. Its gradient is the direction out of the ground, and the distance is f / |grad f|: a
-    height z - h(x, y) does. That is exact for planes of any slope and for signed distances, and else to first order.
-    Where the gradient is zero or not finite there is no normal, and the result is NaN, outside of the ground too. None
-    is the plane z = 0.""",
+    "ground": """HalfSpace, HeightField or another shape, whose normals and distances count; or a function f from a
+    point (3,) in world axes to a number (): zero on the surface of the ground, above zero outside. Its gradient is the
+    direction out of the ground, and the distance is f / |grad f|: a height z - h(x, y) does. That is exact for planes
+    of any slope and for signed distances, and else to first order. Where the gradient is zero or not finite there is no
+    normal, and the result is NaN, outside of the ground too. None is the plane z = 0.""",
     "precision": "name of a precision; None takes the default.",
 }
 _SECTIONS = ("Args", "Returns", "Raises", "Error", "Source")
