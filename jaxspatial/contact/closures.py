@@ -145,7 +145,7 @@ class Placed(NamedTuple):
         alpha = alpha_B - alpha_A - cross(w_A, w_B)
         a = a_B - a_A - cross(alpha_A, p) - cross(w_A, cross(w_A, p) + 2 * v)
         w, v, alpha, a = (times(x, self.R_WA) for x in (w, v, alpha, a))
-        rates = PoseOfB(times(_skew(w), self.X_AB.R), v)
+        rates = PoseOfB(jnp.cross(w[:, None], self.X_AB.R, axis=0), v)
         N, of_N = jax.jvp(self.rows, (self.X_AB,), (rates,))
         return times(N, jnp.concatenate([alpha, a])) + times(of_N, jnp.concatenate([w, v]))
 
@@ -158,13 +158,6 @@ def _length(p: jax.Array) -> jax.Array:
 
 def _is_zero(p: jax.Array) -> jax.Array:
     return jnp.sum(p * p) == 0
-
-
-def _skew(x: jax.Array) -> jax.Array:
-    """[x]x."""
-    i, j, k = x
-    zero = jnp.zeros_like(i)
-    return jnp.stack([zero, -k, j, k, zero, -i, -j, i, zero]).reshape(3, 3)
 
 
 times = functools.partial(jnp.matmul, precision=lax.Precision.HIGHEST)
@@ -197,7 +190,7 @@ class Loops(NamedTuple):
         if not self.closures:
             return []
         X_WF = forward_kinematics(self.mechanism, q, self.frames, precision=self.precision)
-        of_A, of_B = _halves(X_WF.rotation.to_matrix()), _halves(X_WF.translation)
+        of_A, of_B = jnp.split(X_WF.rotation.to_matrix(), 2), jnp.split(X_WF.translation, 2)
         placed: list[Placed] = []
         for x, distance, R_WA, R_WB, p_WA, p_WB in zip(self.closures, self.distances, *of_A, *of_B, strict=True):
             p_AB_W = p_WB - p_WA
@@ -210,13 +203,13 @@ class Loops(NamedTuple):
         rows = [RowsOfLoops(jnp.zeros((0, self.mechanism.nv), q.dtype), jnp.zeros(0, q.dtype))]
         if placed:
             J_WF = jacobian(self.mechanism, q, self.frames, precision=self.precision)
-            for x, J_A, J_B in zip(placed, *_halves(J_WF), strict=True):
+            for x, J_A, J_B in zip(placed, *jnp.split(J_WF, 2), strict=True):
                 if x.is_still:
                     zeros = jnp.zeros((ROWS[x.kind], self.mechanism.nv), q.dtype)
                     rows.append(RowsOfLoops(zeros, jnp.zeros(zeros.shape[:1], zeros.dtype)))
                     continue
                 # The twists of B for an observer on A are J_B - J_A + turned.
-                turned = times(_skew(x.p_AB_W), J_A[:3])
+                turned = jnp.cross(x.p_AB_W[:, None], J_A[:3], axis=0)
                 turned = jnp.concatenate([jnp.zeros_like(turned), turned])
                 terms = times(jnp.abs(x.in_world), jnp.abs(J_A) + jnp.abs(J_B) + jnp.abs(turned))
                 rows.append(RowsOfLoops(times(x.in_world, J_B - J_A + turned), jnp.sum(terms * terms, -1)))
@@ -226,15 +219,10 @@ class Loops(NamedTuple):
         """dJ/dt v (rows,)."""
         V = body_velocities(self.mechanism, q, v, self.frames, precision=self.precision)
         A = body_accelerations(self.mechanism, q, v, jnp.zeros_like(v), self.frames, precision=self.precision)
-        each = zip(placed, *_halves(V.to_array()), *_halves(A.to_array()), strict=True)
+        each = zip(placed, *jnp.split(V.to_array(), 2), *jnp.split(A.to_array(), 2), strict=True)
         return jnp.concatenate(
             [jnp.zeros(ROWS[x.kind], q.dtype) if x.is_still else x.bias(*motions) for x, *motions in each]
         )
-
-
-def _halves(x: jax.Array) -> list[jax.Array]:
-    """(those of frames A, those of frames B)."""
-    return jnp.split(x, 2)
 
 
 def errors_of(placed: Sequence[Placed], dtype: np.dtype) -> jax.Array:

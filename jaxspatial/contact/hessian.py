@@ -120,7 +120,7 @@ def solved(scene: Scene, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: l
     found, rest = _with_complement(scene, G, balanced, applied, eliminated, found)
     x, motions, at_joints = ([y[k] for y in found] for k in range(3))
     for k, term in enumerate(terms):
-        if (rows := term.rows()) is not None:
+        if (rows := term.joint_velocities()) is not None:
             by_velocity = world.state.numbers_by_velocity(at_joints)
             rest[k] = stacking.mapped(lambda w, rows=rows: stacking.rows(w, rows), by_velocity)
     return Solution(world.state.numbers_by_velocity(x), motions, rest)
@@ -128,7 +128,7 @@ def solved(scene: Scene, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: l
 
 def _at_joints(scene: Scene, numbers: ByTerm) -> Number | None:
     """Numbers (nv, B) of terms on single velocities; None without such terms."""
-    both = [(term.rows(), x) for term, x in zip(scene.terms, numbers, strict=True)]
+    both = [(term.joint_velocities(), x) for term, x in zip(scene.terms, numbers, strict=True)]
     found = [scene.world.at_velocities(x, rows) for rows, x in both if rows is not None]
     return functools.reduce(operator.add, found) if found else None
 

@@ -109,22 +109,22 @@ class Limit(NamedTuple):
         return abs(u) + abs(self.lower) + abs(self.upper)
 
 
-@tree_of("velocity_rows")
+@tree_of("places")
 class Joints(Rows):
-    """m velocities with limits or dry friction, as numbers (m, B).
+    """m velocities with limits or dry friction, as numbers (m, B). places: the numbers of the velocities.
 
     friction: the largest impulse of dry friction, a known zero without. R_f: how much an impulse of friction changes
     the velocity.
     """
 
-    velocity_rows: tuple[int, ...]
+    places: tuple[int, ...]
     limit: Limit
     friction: Number
     R_f: Number
 
     @property
     def count(self) -> int:
-        return len(self.velocity_rows)
+        return len(self.places)
 
     def law(self, u: Number, held: Mask | None = None) -> tuple[Number, Number]:
         impulse, G = self.limit.law(u)
@@ -139,11 +139,11 @@ class Joints(Rows):
     def acts(self) -> jax.Array:
         return self.limit.acts | ~(high(self.friction) <= 0)
 
-    def rows(self) -> np.ndarray:
-        return np.array(self.velocity_rows)
+    def joint_velocities(self) -> np.ndarray:
+        return np.array(self.places)
 
     def velocities(self, world: World, motions: list[Motion], v: Number) -> Number:
-        return stacking.mapped(lambda w: stacking.rows(w, self.rows()), v)
+        return stacking.mapped(lambda w: stacking.rows(w, np.array(self.places)), v)
 
     def on_joints(self, world: World, impulse: Number) -> Number:
-        return world.at_velocities(impulse, self.rows())
+        return world.at_velocities(impulse, np.array(self.places))

@@ -193,7 +193,7 @@ def _shared(terms: Sequence[Term], impulses: ByTerm, is_first: jax.Array | None 
     for k, (term, impulse) in enumerate(zip(terms, impulses, strict=True)):
         if not term.has_rest:
             balanced[k], applied[k] = None, impulse
-        elif term.rows() is None and is_first is not None:
+        elif term.joint_velocities() is None and is_first is not None:
             zero = constant(impulse, 0)
             balanced[k], applied[k] = where(is_first, impulse, zero), where(is_first, zero, impulse)
     return balanced, applied

@@ -123,18 +123,20 @@ def contact_data(
         normal, length = _direction(precision, p_AB)
         r_A, r_B = (jnp.broadcast_to(x.radius, length.shape) for x in pairs)
         distance = length - r_A - r_B
-        stiffness, friction = (
-            _harmonic_mean(*(_each(getattr(x, name), x) for x in pairs)) for name in ("stiffness", "friction")
-        )
+        means = list[Any]()
+        for name in ("stiffness", "friction"):
+            a, b = (_each(getattr(x, name), x) for x in pairs)
+            # The harmonic mean 2 a b / (a + b), 0 where both are.
+            means.append(2 * a * (b / jnp.where(a + b == 0, 1, a + b)))
         parts.append(
             ContactData(
                 _on_frames(mechanism, spheres, -(r_B + distance / 2)[..., None] * normal),
                 _on_frames(mechanism, others, (r_A + distance / 2)[..., None] * normal),
                 _flat(normal),
                 distance,
-                stiffness / 2,
+                means[0] / 2,
                 _each(others.relaxation_time, others) + _each(spheres.relaxation_time, others),
-                friction,
+                means[1],
             )
         )
     if len(parts) < 2:
@@ -176,12 +178,6 @@ def _centres(mechanism: Mechanism, q: jax.Array, contacts: PointContacts, precis
 
 def _each(x: Any, contacts: PointContacts) -> Any:
     return (np if isinstance(x, np.ndarray) else jnp).broadcast_to(x, (*x.shape[:-1], len(contacts.frames)))
-
-
-def _harmonic_mean(a: Any, b: Any) -> Any:
-    """2 a b / (a + b), 0 where both are."""
-    total = a + b
-    return 2 * a * (b / jnp.where(total == 0, 1, total))
 
 
 @formula

@@ -112,7 +112,8 @@ def _limits(
     u, free = (_form(places, c, v) for v in (still, still + change))
     fastest = where(high(abs(u)) > high(abs(free)), abs(u), abs(free))
     w = _form(places, tuple(x * x for x in c), 1 / world.diagonal)
-    return LimitsOfForms(places, c, Limit.of(below, above, w, fastest, world.dt))
+    limit = Limit.of(below, above, w, fastest, world.dt)
+    return LimitsOfForms(places, c, limit, limit.R)
 
 
 def _form(places: Places, c: tuple[Number, ...], v: Number) -> Number:
@@ -128,10 +129,7 @@ class LimitsOfForms(Rows):
     places: Places
     c: tuple[Number, ...]
     limit: Limit
-
-    @property
-    def R(self) -> Number:
-        return self.limit.R
+    R: Number
 
     @property
     def count(self) -> int:

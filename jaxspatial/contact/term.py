@@ -82,8 +82,8 @@ class Term:
     takes.
 
     J^T G J is added to A, and how depends on where a term acts. On one body it is an inertia, see `inertia`. On the
-    velocity of one joint it is an armature, see `rows`. Between bodies or joints it is a system of equations that is
-    solved beside the tree, see `columns`. A subclass writes those of the three that it needs.
+    velocity of one joint it is an armature, see `joint_velocities`. Between bodies or joints it is a system of
+    equations that is solved beside the tree, see `columns`. A subclass writes those of the three that it needs.
 
     has_rest: whether Newton's method finds impulse - G J x, for a direction x, other than as a difference of large
     numbers: of terms that are very stiff. See `Rows`.
@@ -151,9 +151,9 @@ class Term:
         """J^T G J of what acts on single bodies, as Articulated inertias."""
         return []
 
-    def rows(self) -> np.ndarray | None:
-        """The velocities (m,), by number, that J takes, each for one impulse: G adds to their armature. No two terms
-        may have rows of one velocity. None for a term that acts in another way."""
+    def joint_velocities(self) -> np.ndarray | None:
+        """The numbers (m,) of the velocities on which the impulses act, each on one: G adds to its armature. No two
+        terms may act on one velocity in this way. None for a term that acts in another."""
         return None
 
     def columns(self, world: "World", G: Any) -> list[Columns]:
