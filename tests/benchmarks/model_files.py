@@ -266,6 +266,9 @@ def _with_mujoco(file, mech):
     model = mujoco.MjModel.from_xml_path(str(file))
     if mech is None or not mech.nv:
         return {}
+    # Springs and damping of ropes are left out here, and listed.
+    is_rope = [model.wrap_type[i] != int(mujoco.mjtWrap.mjWRAP_JOINT) for i in model.tendon_adr]
+    model.tendon_stiffness[is_rope] = model.tendon_damping[is_rope] = 0
     q = js.random_configuration(mech, jax.random.key(0), N, np.float64)
     v = jnp.asarray(np.random.default_rng(0).standard_normal((N, mech.nv)))
     ids = {model.body(i).name or f"body_{i}": i for i in range(1, model.nbody)}

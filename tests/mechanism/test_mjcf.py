@@ -13,6 +13,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.interop import ModelFileWarning
+from jaxspatial.interop import mujoco as states
 from tests.helpers.optional import needs
 from tests.helpers.tracing import assert_known_while_tracing
 
@@ -348,13 +349,18 @@ REFUSED = {
     "heavy tendon": (_tendon('name="t" armature="3"'), 'line 18: <fixed name="t">: armature: expected none .*leave it'),
     "infinite spring": (_tendon('stiffness="1e39"'), "line 18: <fixed .*stiffness: .*3.4e.38"),
     "negative spring of a tendon": (_tendon('stiffness="-1"'), "line 18: <fixed .*stiffness: .*>= 0"),
-    "elastic rope": (
-        _rope('stiffness="3"'),
-        'line 18: <spatial name="r">: stiffness: expected none of a rope here, .*leave it out',
-    ),
+    "heavy rope": (_rope('armature="3"'), 'line 18: <spatial name="r">: armature: expected none here, .*leave it out'),
     "held tendon": (
         _equality('<tendon tendon1="t"/>', _ROD),
         "line 18: <tendon .*: tendon1: expected a fixed tendon over two joints",
+    ),
+    "three joints": (
+        _equality(
+            '<tendon tendon1="t"/>',
+            '<tendon><fixed name="t"><joint joint="elbow" coef="1"/><joint joint="slide" coef="1"/>'
+            '<joint joint="shoulder" coef="2"/></fixed></tendon>',
+        ),
+        "line 18: <tendon .*: tendon1: .*got 't' over 'elbow', 'slide', 'shoulder'; .*give the tendon stiffness",
     ),
     "two tendons": (
         _equality('<tendon tendon1="t" tendon2="s"/>', _PAIR + _PAIR.replace('"t"', '"s"')),
@@ -380,6 +386,11 @@ MISSED = {
     "air": (('-9.81"', '-9.81" density="1.2"'), {"drag": ("density of the medium",)}, "line 3: <option>: density"),
     "oil": (('-9.81"', '-9.81" viscosity="1"'), {"drag": ("viscosity of the medium",)}, "line 3: <option>: viscosity"),
     "rope": (_rope('range="0 1"'), {"range of a tendon along a rope": ("r",)}, 'line 18: <spatial name="r">: range'),
+    "elastic rope": (
+        _rope('stiffness="3" damping="1"'),
+        {"stiffness of a tendon along a rope": ("r",), "damping of a tendon along a rope": ("r",)},
+        'line 18: <spatial name="r">: stiffness: expected none of a rope here',
+    ),
     "rubbing tendon": (
         _tendon('frictionloss="2"'), {"frictionloss of a tendon": ("tendon_0",)}, "line 18: <fixed .*frictionloss"
     ),
@@ -520,10 +531,23 @@ def test_what_is_attached_has_the_line_of_what_holds_it(tmp_path, change, messag
         js.Mechanism.from_mjcf(path)
 
 
-def test_a_free_joint_has_no_armature():
-    text = alone('<joint name="f" type="free" armature="1"/><geom size="1"/>')
-    with pytest.raises(ValueError, match='line 1: <joint name="f">: armature: .*leave it out'):
+def test_a_free_joint_has_no_armature_but_a_body_in_its_place():
+    """With the body that the message names, the accelerations are MuJoCo's with armature, also while it turns."""
+    text = alone('<joint name="f" type="free" armature=".75"/><geom type="box" size=".1 .2 .3" pos=".1 0 .2"/>')
+    with pytest.raises(ValueError, match='line 1: <joint name="f">: armature: expected 0 on a free joint') as error:
         js.Mechanism.from_mjcf(text)
+    ball = str(error.value).partition("moves the same: ")[2]
+    mech = js.Mechanism.from_mjcf(
+        text.replace(' armature=".75"', "").replace("</body>", f"{ball}</body>"), dtype=np.float64
+    )
+    model, rng = mujoco.MjModel.from_xml_string(text), np.random.default_rng(0)
+    data = mujoco.MjData(model)
+    with jax.enable_x64(True):
+        q, v = rng.standard_normal(7), rng.standard_normal(6)
+        data.qpos[:], data.qvel[:] = states.to_qpos(mech, q), states.to_qvel(mech, q, v)
+        mujoco.mj_forward(model, data)
+        vdot = js.forward_dynamics(mech, q, v, js.passive_forces(mech, q, v))
+        np.testing.assert_allclose(states.to_qacc(mech, q, v, vdot), data.qacc, rtol=1e-10, atol=1e-10)
 
 
 @pytest.mark.parametrize("package", ["mujoco", "lxml"])

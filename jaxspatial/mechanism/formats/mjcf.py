@@ -12,10 +12,10 @@ Springs, damping and friction of joints are numbers of the mechanism, see `passi
 
 What serves pictures, contact or control (geoms but for their mass, sensors, keyframes, actuators but for
 armature and damping, options of MuJoCo's solver, mocap) is no part of a mechanism, and is left out. Drag of the medium,
-limits of ropes (spatial tendons), and friction of tendons and of free joints are left out, too; one `ModelFileWarning`
-lists them, and `strict=True` refuses them. Everything else that changes the motion and that a mechanism cannot
-represent is refused, and so are numbers that are not finite or beyond the dtype. Messages have the line of the element,
-or of what holds it where it is in an attached model.
+springs, damping and limits of ropes (spatial tendons), and friction of tendons and of free joints are left out, too;
+one `ModelFileWarning` lists them, and `strict=True` refuses them. Everything else that changes the motion and that a
+mechanism cannot represent is refused, and so are numbers that are not finite or beyond the dtype. Messages have the
+line of the element, or of what holds it where it is in an attached model.
 
 What a joint does not say has MuJoCo's default, or that of its class: without an axis it is along z. The mass matrix of
 several slides of one body along the same direction is singular. MuJoCo takes it for diagonal (`body_simple`) where the
@@ -534,10 +534,12 @@ def _check_joints(file: _File):
             file.refuse("joint", j, "springyield: springs stay elastic here")
         if file.has("DAMPER", "PASSIVE") and file.numbers("dof_dampingpoly")[dofs].any():
             file.refuse("joint", j, "damping: expected one number, forces are linear in the rate here")
-        if file.kind(j) == "free" and m.dof_armature[dofs].any():
-            file.refuse(
-                "joint", j, "armature: a free joint turns nothing; leave it out, or add mass and inertia to its body"
-            )
+        if file.kind(j) == "free" and (a := m.dof_armature[dofs].max()):
+            # MuJoCo's acts on rates of the velocity in world axes: the inertia of a ball at the origin, without weight.
+            inertia = f'pos="0 0 0" mass="{a:.6g}" diaginertia="{a:.6g} {a:.6g} {a:.6g}"'
+            ball = f'<body gravcomp="1"><inertial {inertia}/></body>'
+            reason = "expected 0 on a free joint; set it to 0 there, or put this into its body, which moves the same"
+            file.refuse("joint", j, f"armature: {reason}: {ball}")
         if file.kind(j) == "free" and m.dof_frictionloss[dofs].any():
             if file.strict:
                 file.refuse("joint", j, "frictionloss: that of a free joint is in the world's axes; leave it out")
@@ -564,11 +566,10 @@ def _check_tendons(file: _File):
             short = name.removesuffix("poly")
             if name in ("stiffness", "damping", "limited") and _is_fixed(file, i):
                 continue
-            if name == "limited" and not file.strict:
-                file.miss("range of a tendon along a rope", file.name("tendon", i))
-                continue
-            if name == "frictionloss" and not file.strict:
-                file.miss("frictionloss of a tendon", file.name("tendon", i))
+            is_left_out = name == "frictionloss" or (not _is_fixed(file, i) and name != "armature")
+            if is_left_out and not file.strict:
+                of = "a tendon" if name == "frictionloss" else "a tendon along a rope"
+                file.miss(f"{'range' if short == 'limited' else short} of {of}", file.name("tendon", i))
                 continue
             kinds = "one number: springs and damping are linear" if name != short else "none of a rope"
             expected = kinds if short in ("stiffness", "damping") else "none"
@@ -743,9 +744,19 @@ def _held_tendon(file: _File, i: int):
     joints, c = _coordinates_of(file, tendon)
     if not _is_fixed(file, tendon) or len(joints) != 2 or not c.all():
         expected = "expected a fixed tendon over two joints, which makes one a mimic of the other"
-        file.refuse("eq", i, f"tendon1: {expected}; leave the constraint out, or make it of joints")
+        way_out = "leave the constraint out, and give the tendon stiffness and damping in its place"
+        file.refuse("eq", i, f"tendon1: {expected}, got {_shown_tendon(file, tendon)}; {way_out}")
     (j, leader), (c1, c2) = joints, c.tolist()
     return j, (i, leader, -c2 / c1, (float(m.tendon_length0[tendon]) + a0) / c1)
+
+
+def _shown_tendon(file: _File, i: int) -> str:
+    """What a tendon is over, for messages."""
+    if not _is_fixed(file, i):
+        return f"{file.name('tendon', i)!r} along a rope"
+    return (
+        f"{file.name('tendon', i)!r} over {', '.join(repr(file.name('joint', j)) for j in _coordinates_of(file, i)[0])}"
+    )
 
 
 def _coordinates_of(file: _File, i: int) -> tuple[list[int], np.ndarray]:
