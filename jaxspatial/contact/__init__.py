@@ -4,6 +4,7 @@ explicit        where spheres touch the ground; the explicit law of forces
 term            what a term of the convex step is
 points          spheres in contact
 joints          limits and dry friction of joints
+tendons         limits of tendons and of the angles of balls
 closures        loop closures
 world           a mechanism in world axes: its bodies, and passes over its tree
 hessian         directions, by articulated bodies with the stiffness of terms

@@ -74,7 +74,10 @@ def contact_forces(
     at = contact_geometry(what, mechanism, q, v, contacts, ground, precision)
     dtype, n = np.dtype(at.depth.dtype), len(contacts.frames)
     given = {"dissipation": dissipation, "stiction_speed": stiction_speed}
-    own = {name: _per_contact(f"{what}: {name}", x, n, dtype) for name, x in given.items()}
+    own = {name: check.as_float_array(x, f"{what}: {name}", dtype) for name, x in given.items()}
+    for name, x in own.items():
+        if x.shape[-1:] not in ((), (n,)):
+            raise ValueError(f"{what}: {name}: expected a number, or shape (*batch, {n}), got {x.shape}")
     check.require_same_dtype(contacts=at.depth, **own)
     if isinstance(own["stiction_speed"], np.ndarray) and (own["stiction_speed"] <= 0).any():
         raise ValueError(f"{what}: stiction_speed: expected numbers above 0, got {stiction_speed}")
@@ -83,13 +86,6 @@ def contact_forces(
     tau, f = _forces(precision, at.normals, at.velocities, at.offsets, *map(check.expanded, numbers))
     points = contacts.positions
     return AppliedForces(contacts.frames, SpatialForce(tau, f), None if points is None else check.narrowed(points))
-
-
-def _per_contact(name: str, x: Any, n: int, dtype: np.dtype) -> Any:
-    array = check.as_float_array(x, name, dtype)
-    if array.shape[-1:] not in ((), (n,)):
-        raise ValueError(f"{name}: expected a number, or shape (*batch, {n}), got {array.shape}")
-    return array
 
 
 @formula
@@ -231,8 +227,9 @@ def _point_motions(state: MechanismState, v: Array, points: Array | None, *, fra
     at_rest = Motion(state.zero_vector, state.zero_vector)
     moving = recursion.outward(state, _pose_and_velocity, (state.world, at_rest), state.links(v))
     X_WJ, V_J = state.of_bodies(state.topology.bodies_of(frames), moving, (state.world, at_rest))
-    motions = _in_world(X_WJ, V_J, state.frame_placements(frames), state.vectors(points))
-    shape = len(frames), state.n
+    X_JF, shape = state.frame_placements(frames), (len(frames), state.n)
+    p_JS = X_JF.p + X_JF.R @ state.vectors(points)
+    motions = X_WJ.p + X_WJ.R @ p_JS, X_WJ.R @ V_J.w, X_WJ.R @ (V_J.v + cross(V_J.w, p_JS))
     return tuple(jnp.stack([jnp.broadcast_to(state.rounded(c), shape) for c in x], 1) for x in motions)
 
 
@@ -240,9 +237,3 @@ def _pose_and_velocity(link: Link, parent: tuple[Pose, Motion]):
     X_WP, V_P = parent
     motion = composed(X_WP, link.X_PB), velocity_step(link, V_P)[0]
     return motion, motion
-
-
-def _in_world(X_WJ: Pose, V: Motion, X_JF: Pose, p_FS: Vector) -> tuple[Vector, Vector, Vector]:
-    """p_WS, w and v_S of a point at S in a frame, from V_WJ_J of the body that carries the frame."""
-    p_JS = X_JF.p + X_JF.R @ p_FS
-    return X_WJ.p + X_WJ.R @ p_JS, X_WJ.R @ V.w, X_WJ.R @ (V.v + cross(V.w, p_JS))

@@ -446,11 +446,10 @@ def scalars(state: MechanismState, array: Array) -> Number:
 
 def tiled(tree: T, n: int, k: int) -> T:
     """Numbers of n states as those of k times n: of all states, again and again."""
-
-    def repeated(w: jax.Array) -> jax.Array:
-        return jnp.tile(w, (*[1] * (w.ndim - 1), k)) if w.shape[-1] == n != 1 else w
-
-    return stacking.mapped(repeated, tree)
+    return stacking.mapped(
+        lambda w: jnp.tile(w, (*[1] * (w.ndim - 1), k)) if w.shape[-1] == n != 1 else w,
+        tree,
+    )
 
 
 def with_zero_rows(x: jax.Array, places: np.ndarray) -> jax.Array:
