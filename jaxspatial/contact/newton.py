@@ -179,11 +179,13 @@ def _times_inverse(scene: Scene, impulses: ByTerm, G: ByTerm, force: Number) -> 
     right = world.turned(force, to_world=True)
     forces = [Force(world.no_wrench, x) for x in world.by_bundle(right)]
     nothing = jax.tree.map(lambda x: constant(x, 0), impulses, is_leaf=is_number)
-    solution = solved(scene, G, *_shared(scene.terms, nothing), forces)
+    solution = solved(scene, G, *_balanced_and_applied(scene.terms, nothing), forces)
     return solution.x, solution.motions
 
 
-def _shared(terms: Sequence[Term], impulses: ByTerm, is_first: jax.Array | None = None) -> tuple[ByTerm, ByTerm]:
+def _balanced_and_applied(
+    terms: Sequence[Term], impulses: ByTerm, is_first: jax.Array | None = None
+) -> tuple[ByTerm, ByTerm]:
     """(the impulses that G x balances, those that forces balance), see `solved`.
 
     In the first direction, and for None, what closes a loop is balanced by G x. Later the momenta A x balance what is
@@ -199,7 +201,7 @@ def _shared(terms: Sequence[Term], impulses: ByTerm, is_first: jax.Array | None 
     return balanced, applied
 
 
-class Motions(NamedTuple):
+class Balance(NamedTuple):
     """What Newton and Euler compare, as arrays: velocities and accelerations of joints, and the forces there."""
 
     v: Array
@@ -209,14 +211,14 @@ class Motions(NamedTuple):
 
 
 @algorithm(*FIELDS, result_shape=velocity_shape)
-def imbalance(state: MechanismState, step: StepData, y: Array, at: Motions):
+def imbalance(state: MechanismState, step: StepData, y: Array, at: Balance):
     """The gradient of the cost at y = dt vdot: by Newton and Euler, with the impulses of terms as forces."""
     scene = scene_of(state, step)
     _, impulses, _ = _laws_at(scene, step, y)
     return high(_lacking(scene, impulses, step.still, y, at))
 
 
-def _lacking(scene: Scene, impulses: ByTerm, still: Array, y: Array, at: Motions) -> Number:
+def _lacking(scene: Scene, impulses: ByTerm, still: Array, y: Array, at: Balance) -> Number:
     """`imbalance` (nv, B)."""
     world, state, dt = scene.world, scene.world.state, scene.world.dt
     body_loads = list[Any]()
@@ -235,7 +237,7 @@ def _lacking(scene: Scene, impulses: ByTerm, still: Array, y: Array, at: Motions
 
 
 @algorithm(*FIELDS, result_shape=lambda *_: (1,))
-def residual(state: MechanismState, step: StepData, y: Array, at: Motions):
+def residual(state: MechanismState, step: StepData, y: Array, at: Balance):
     """sqrt(g^T H^-1 g) at y = dt vdot, with g the `imbalance` and what rounding errors make of it, relative to the
     momenta, (1, B). 0 where nothing touches."""
     scene = scene_of(state, step)
@@ -346,7 +348,7 @@ def _iterated(problem: Problem, at: Iterate, is_done: jax.Array, is_first: jax.A
 
     impulse, G, right = _of_each(pushed, terms, at.u, free.u, problem.held)
     forces = jax.tree.map(operator.neg, world.momenta(at.motions, at.x), is_leaf=is_number)
-    e, motions, rest = solved(scene, G, *_shared(terms, right, is_first), forces)
+    e, motions, rest = solved(scene, G, *_balanced_and_applied(terms, right, is_first), forces)
     u_d, linear, products = _of_each(along, terms, G, impulse, _velocities(scene, motions, e), free.u)
     sums, energy = Products(*map(_total, zip(*products, strict=True))), world.twice_energy(motions, e)
     slopes, free_e, is_small = _slopes_and_size(at.scalars, free.energy, sums, energy, smallest, is_first)

@@ -361,7 +361,7 @@ class _Problem(NamedTuple):
 
     def _moving(self, y: jax.Array) -> tuple[Any, ...]:
         """What programs take that compare forces, for a change y of the velocities."""
-        at = newton.Motions(self.v, _over(y, self.step.time), self.tau, self.forces)
+        at = newton.Balance(self.v, _over(y, self.step.time), self.tau, self.forces)
         return self.mechanism, self.q, self.step, y, at
 
     def _imbalance(self, precision: Precision, y: jax.Array) -> jax.Array:
