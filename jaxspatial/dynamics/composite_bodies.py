@@ -13,7 +13,7 @@ from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.engine import matrices, recursion, stacking
 from jaxspatial.engine.algorithm import BODIES, algorithm
 from jaxspatial.engine.state import Link, MechanismState
-from jaxspatial.inertia.composition import joined
+from jaxspatial.inertia.composition import sum_of_two
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics import check
 from jaxspatial.numerics.linear import Inertia, Motion, Pose, Vector, Wrench, cross
@@ -119,7 +119,7 @@ def _composite(link: Link, children: Inertia) -> tuple[Inertia, Inertia]:
 
 def combined(a: Inertia, b: Inertia) -> Inertia:
     """The inertia of two bodies as one."""
-    return joined(a, b, 0.5)
+    return sum_of_two(a, b, 0.5)
 
 
 # -- factors ----------------------------------------------------------------------------------------------------------

@@ -43,7 +43,7 @@ from jaxspatial.spatial import (
     rotate,
     shift,
 )
-from jaxspatial.spatial.vectors import combined, offset, require_no_w
+from jaxspatial.spatial.vectors import offset, part_by_part, require_no_w
 
 TIMES, SHIFT, ROTATED, ACT = Promise(4, 8), Promise(8, 32), Promise(6, 64), Promise(16, 128)
 # What is left of an articulated inertia beyond a joint: per mag_D / D.
@@ -192,22 +192,22 @@ class ArticulatedInertia(Additive):
 
     def __add__(self, other: Any) -> Any:
         """Entry by entry, for bodies welded together, about the same point in the same frame: error <= u |x + y|."""
-        return self._combined(operator.add, other)
+        return self._with(operator.add, other)
 
     def __sub__(self, other: Any) -> Any:
         """Entry by entry: the inertia without a body that was welded to it."""
-        return self._combined(operator.sub, other)
+        return self._with(operator.sub, other)
 
     def __radd__(self, other: Any) -> Any:
         """0 + P is P, for Python's `sum`; SpatialInertia + P."""
         return self if isinstance(other, int) and other == 0 else self.__add__(other)
 
-    def _combined(self, operation: Callable[..., Any], other):
+    def _with(self, operation: Callable[..., Any], other):
         if isinstance(other, SpatialInertia):
             other = ArticulatedInertia.from_spatial_inertia(other)
         if not isinstance(other, ArticulatedInertia):
             return NotImplemented
-        return combined(operation, self, other)
+        return part_by_part(operation, self, other)
 
     def __matmul__(self, A_P_E: Any) -> Any:
         """P @ A: see `times`."""

@@ -29,18 +29,18 @@ from jaxspatial.spatial import algebra
 
 
 @formula
-def combined(a: Inertia, b: Inertia) -> Inertia:
+def with_body(a: Inertia, b: Inertia) -> Inertia:
     """Two bodies as one; without mass, com is the mean of both."""
-    return joined(a, b, 0.5)
+    return sum_of_two(a, b, 0.5)
 
 
 @formula
-def removed(a: Inertia, b: Inertia) -> Inertia:
+def without_body(a: Inertia, b: Inertia) -> Inertia:
     """What is left of the first body without the second; without mass, com stays."""
-    return joined(a, Inertia(-b.mass, b.com, -b.central), 0.0)
+    return sum_of_two(a, Inertia(-b.mass, b.com, -b.central), 0.0)
 
 
-def joined(a: Inertia, b: Inertia, share: float) -> Inertia:
+def sum_of_two(a: Inertia, b: Inertia, share: float) -> Inertia:
     """Two bodies as one, with the centre of mass computed from that of the heavier body: exact where both coincide.
 
     share: of the way from a to b at which the centre of mass is where neither body has mass.
@@ -79,15 +79,15 @@ def composite(precision: Precision, mass: Any, com: Any, central: Any) -> list[j
 def _composite(M: Inertia) -> Inertia:
     """An error of the common centre of mass counts in the central inertia by its square only."""
     shape = check.broadcast_shapes(*(jnp.shape(high(x)) for x in (M.mass, *M.com, *M.central)))
-    (whole,) = summed((M.mass,), shape[-1])
-    total = _spread(whole, shape)
-    is_massless = high(total) == 0
+    (mass,) = sums_over_items((M.mass,), shape[-1])
+    divisor = _spread(mass, shape)
+    is_massless = high(divisor) == 0
     mean = 1 / constant(M.mass, shape[-1])
-    share = where(is_massless, mean, M.mass / where(is_massless, 1.0, total))
-    center = summed(share * M.com, shape[-1])
+    share = where(is_massless, mean, M.mass / where(is_massless, 1.0, divisor))
+    center = sums_over_items(share * M.com, shape[-1])
     d = Vector(*(c - _spread(x, shape) for c, x in zip(M.com, center, strict=True)))
     central = [x + y for x, y in zip(M.central, steiner(M.mass, d), strict=True)]
-    return Inertia(whole, Vector(*center), Symmetric(*summed(central, shape[-1])))
+    return Inertia(mass, Vector(*center), Symmetric(*sums_over_items(central, shape[-1])))
 
 
 def _spread(x: Number, shape: Sequence[int]) -> Number:
@@ -100,7 +100,7 @@ def _spread(x: Number, shape: Sequence[int]) -> Number:
 # -- sums over the last axis of a batch, in one fixed order ------------------------------------------------------------
 
 
-def summed(numbers: Numbers, size: int) -> Numbers:
+def sums_over_items(numbers: Numbers, size: int) -> Numbers:
     """The sum of each of a tuple of numbers over the last axis of the batch, which is left with size 1.
 
     size: of that axis, at least 1. By halving, always in the same order. The error is at most ceil(log2 size) u mag
@@ -108,28 +108,22 @@ def summed(numbers: Numbers, size: int) -> Numbers:
     """
     rounded = [x for x in numbers if isinstance(x, Rounded)]
     if not rounded:
-        return _of_double_words(numbers)
+        return _sums_of_double_words(numbers)
     data = [x.value for x in rounded if not is_known(x.value, 0)]
-    sums = iter(_of_rounded(data, size) if data else ())
-    return tuple(x if is_known(x.value, 0) else Rounded(x.precision, next(sums)) for x in rounded)
-
-
-def _of_rounded(values: Sequence[jax.Array], size: int) -> list[jax.Array]:
-    """All of them in one array: one chain of additions."""
-    shape = check.broadcast_shapes((size,), *(x.shape for x in values))
-    sums = pairwise_sum(jnp.stack([jnp.broadcast_to(x, shape) for x in values]))
-    return [x[..., None] for x in unstack(jnp.moveaxis(sums, 0, -1))]
+    if not data:
+        return tuple(rounded)
+    # All of them in one array: one chain of additions.
+    shape = check.broadcast_shapes((size,), *(x.shape for x in data))
+    sums = pairwise_sum(jnp.stack([jnp.broadcast_to(x, shape) for x in data]))
+    each = iter(unstack(jnp.moveaxis(sums, 0, -1)))
+    return tuple(x if is_known(x.value, 0) else Rounded(x.precision, next(each)[..., None]) for x in rounded)
 
 
 @noinline_pairs
-def _of_double_words(numbers: Numbers) -> Numbers:
+def _sums_of_double_words(numbers: Numbers) -> Numbers:
     words = [jnp.stack([getattr(x, word) for x in numbers]) for word in ("hi", "lo")]
-    sums = DoubleWord(*by_halving(_added, words, words[0].ndim - 1))
-    return tuple(sums[i] for i in range(len(numbers)))
-
-
-def _added(a, b) -> tuple[jax.Array, ...]:
-    return tuple(jax.tree.leaves(DoubleWord(*a) + DoubleWord(*b)))
+    sums = by_halving(lambda a, b: (DoubleWord(*a) + DoubleWord(*b)).limbs, words, words[0].ndim - 1)
+    return tuple(DoubleWord(*sums)[i] for i in range(len(numbers)))
 
 
 def first(x: Number) -> Number:

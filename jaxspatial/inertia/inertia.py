@@ -16,7 +16,7 @@ from jaxspatial.inertia import composition, parameters, shapes
 from jaxspatial.numerics import check, eigen
 from jaxspatial.numerics.check import as_matrices, expanded, owned, require_kind, shown
 from jaxspatial.numerics.formula import formula
-from jaxspatial.numerics.linear import Inertia, Motion, Symmetric, Vector, congruence
+from jaxspatial.numerics.linear import Inertia, Motion, Pose, Symmetric, Vector, congruence
 from jaxspatial.numerics.numbers import Number, halved
 from jaxspatial.numerics.numbers.double_word import DoubleWord
 from jaxspatial.numerics.precision import resolve
@@ -148,9 +148,7 @@ class SpatialInertia(Additive):
             >>> print(js.SpatialInertia.solid_box([1.0, 2.0, 3.0], mass=12.0).central)
             [13.  0. 10.  0.  0.  5.]
         """
-        return cls(
-            *shapes.parts(shapes.solid_box, {"size": size}, n=3, mass=mass, density=density, precision=precision)
-        )
+        return cls(*shapes.parts(shapes.solid_box, mass, density, precision, {"size": size}, n=3))
 
     @classmethod
     @promises(mass=shapes.MASS, central=shapes.CENTRAL)
@@ -186,7 +184,7 @@ class SpatialInertia(Additive):
             >>> print(js.SpatialInertia.solid_cube(1.0, density=6.0).central)
             [1. 0. 1. 0. 0. 1.]
         """
-        return cls(*shapes.parts(shapes.solid_cube, {"size": size}, mass=mass, density=density, precision=precision))
+        return cls(*shapes.parts(shapes.solid_cube, mass, density, precision, {"size": size}))
 
     @classmethod
     @promises(mass=shapes.MASS, central=shapes.CENTRAL)
@@ -222,9 +220,7 @@ class SpatialInertia(Additive):
             >>> print(js.SpatialInertia.solid_sphere(1.0, mass=5.0).central)
             [2. 0. 2. 0. 0. 2.]
         """
-        return cls(
-            *shapes.parts(shapes.solid_sphere, {"radius": radius}, mass=mass, density=density, precision=precision)
-        )
+        return cls(*shapes.parts(shapes.solid_sphere, mass, density, precision, {"radius": radius}))
 
     @classmethod
     @promises(mass=shapes.MASS, central=shapes.CENTRAL)
@@ -260,9 +256,7 @@ class SpatialInertia(Additive):
             >>> print(js.SpatialInertia.hollow_sphere(1.0, mass=3.0).central)
             [2. 0. 2. 0. 0. 2.]
         """
-        return cls(
-            *shapes.parts(shapes.hollow_sphere, {"radius": radius}, mass=mass, density=density, precision=precision)
-        )
+        return cls(*shapes.parts(shapes.hollow_sphere, mass, density, precision, {"radius": radius}))
 
     @classmethod
     @promises(mass=shapes.MASS, central=shapes.CENTRAL)
@@ -298,11 +292,7 @@ class SpatialInertia(Additive):
             >>> print(js.SpatialInertia.solid_ellipsoid([1.0, 2.0, 3.0], mass=5.0).central)
             [13.  0. 10.  0.  0.  5.]
         """
-        return cls(
-            *shapes.parts(
-                shapes.solid_ellipsoid, {"semi_axes": semi_axes}, n=3, mass=mass, density=density, precision=precision
-            )
-        )
+        return cls(*shapes.parts(shapes.solid_ellipsoid, mass, density, precision, {"semi_axes": semi_axes}, n=3))
 
     @classmethod
     def point_mass(cls, com: ArrayLike, *, mass: ArrayLike) -> Self:
@@ -372,14 +362,7 @@ class SpatialInertia(Additive):
             [4. 4. 2.]
         """
         return cls(
-            *shapes.parts(
-                shapes.solid_cylinder,
-                {"radius": radius, "length": length},
-                axis,
-                mass=mass,
-                density=density,
-                precision=precision,
-            )
+            *shapes.parts(shapes.solid_cylinder, mass, density, precision, {"radius": radius, "length": length}, axis)
         )
 
     @classmethod
@@ -421,11 +404,7 @@ class SpatialInertia(Additive):
             [0.  0.  1.5]
         """
         lengths = {"radius": radius, "length": length}
-        return cls(
-            *shapes.parts(
-                shapes.solid_cylinder_about_end, lengths, axis, mass=mass, density=density, precision=precision
-            )
-        )
+        return cls(*shapes.parts(shapes.solid_cylinder_about_end, mass, density, precision, lengths, axis))
 
     @classmethod
     @promises(mass=shapes.MASS, central=shapes.CENTRAL)
@@ -468,17 +447,7 @@ class SpatialInertia(Additive):
             [5. 5. 4.]
         """
         lengths = {"inner_radius": inner_radius, "outer_radius": outer_radius, "length": length}
-        return cls(
-            *shapes.parts(
-                shapes.hollow_cylinder,
-                lengths,
-                axis,
-                ("inner_radius",),
-                mass=mass,
-                density=density,
-                precision=precision,
-            )
-        )
+        return cls(*shapes.parts(shapes.hollow_cylinder, mass, density, precision, lengths, axis, ("inner_radius")))
 
     @classmethod
     @promises(mass=shapes.MASS, central=shapes.CENTRAL)
@@ -519,17 +488,7 @@ class SpatialInertia(Additive):
             13.613568
         """
         lengths = {"radius": radius, "length": length}
-        return cls(
-            *shapes.parts(
-                shapes.solid_capsule,
-                lengths,
-                axis,
-                may_be_zero=lengths,
-                mass=mass,
-                density=density,
-                precision=precision,
-            )
-        )
+        return cls(*shapes.parts(shapes.solid_capsule, mass, density, precision, lengths, axis, may_be_zero=lengths))
 
     @classmethod
     @promises(mass=shapes.MASS, central=shapes.CENTRAL)
@@ -570,14 +529,7 @@ class SpatialInertia(Additive):
             [4.875 4.875 3.   ]
         """
         return cls(
-            *shapes.parts(
-                shapes.solid_cone,
-                {"radius": radius, "height": height},
-                axis,
-                mass=mass,
-                density=density,
-                precision=precision,
-            )
+            *shapes.parts(shapes.solid_cone, mass, density, precision, {"radius": radius, "height": height}, axis)
         )
 
     @classmethod
@@ -607,7 +559,7 @@ class SpatialInertia(Additive):
             >>> print(js.SpatialInertia.thin_rod(3.0, mass=4.0).central_matrix().diagonal())
             [3. 3. 0.]
         """
-        return cls(*shapes.parts(shapes.thin_rod, {"length": length}, axis, mass=mass, precision=precision))
+        return cls(*shapes.parts(shapes.thin_rod, mass, None, precision, {"length": length}, axis))
 
     @classmethod
     @promises(central=shapes.CENTRAL, determinant=shapes.DETERMINANT, com=shapes.TETRAHEDRON_COM)
@@ -1181,7 +1133,7 @@ class SpatialInertia(Additive):
             >>> print(both.mass, both.com)
             4.0 [0.   0.   0.25]
         """
-        return self._with(composition.combined, "+", other, precision)
+        return self._with(composition.with_body, "+", other, precision)
 
     def remove(self, other: Self, *, precision: PrecisionName = None) -> Self:
         """The inertia of what is left of this body without a part of it, about the same point in the same frame.
@@ -1208,7 +1160,7 @@ class SpatialInertia(Additive):
             >>> print((rod + ball).remove(ball).mass)
             2.0
         """
-        return self._with(composition.removed, "-", other, precision)
+        return self._with(composition.without_body, "-", other, precision)
 
     def _with(self, operation: Callable[..., Any], sign: str, other, precision: PrecisionName) -> Self:
         if not isinstance(other, type(self)):
@@ -1474,12 +1426,12 @@ def _rotated(R, com: Vector, central: Symmetric) -> list[Any]:
 
 @formula(of_sums=True, layout=(None, 3))
 def _acted(R, p: Vector, com: Vector, central: Symmetric) -> list[Any]:
-    return [p + R @ com, congruence(R, central)]
+    return list(algebra.acted_inertia(Pose(R, p), Inertia(com[0], com, central))[1:])
 
 
 @formula(of_sums=True, layout=(2, 3))
 def _acted_inverse(R, p: Vector, com: Vector, central: Symmetric) -> list[Any]:
-    return [R.T @ (com - p), congruence(R.T, central)]
+    return list(algebra.inverse_acted_inertia(Pose(R, p), Inertia(com[0], com, central))[1:])
 
 
 # -- arrays of a caller -----------------------------------------------------------------------------------------------

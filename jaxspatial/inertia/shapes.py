@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.inertia.composition import first, summed
+from jaxspatial.inertia.composition import first, sums_over_items
 from jaxspatial.numerics import check, linear
 from jaxspatial.numerics.check import expanded
 from jaxspatial.numerics.formula import formula
@@ -40,13 +40,13 @@ MESH_CENTRAL = OfSum(15, of="mass r^2 S / V", u2=8)
 
 def parts(
     shape: Callable[..., Any],
+    mass: ArrayLike | None,
+    density: ArrayLike | None,
+    precision: PrecisionName,
     lengths: Mapping[str, Any],
     axis: ArrayLike | None = None,
     may_be_zero: Container[str] = (),
     n: int = 1,
-    mass: ArrayLike | None = None,
-    density: ArrayLike | None = None,
-    precision: PrecisionName = None,
 ) -> tuple[Any, Any, Any]:
     """(mass, com, central) that a formula gives for lengths, or vectors of n lengths, and an axis."""
     name = shape.__name__
@@ -54,9 +54,14 @@ def parts(
     dtype = dtype_of(*lengths.values(), amount, axis)
     arrays = {kind: expanded(number(amount, f"{name}: {kind}", dtype, may_be_zero=True))}
     for key, x in lengths.items():
-        arrays[key] = _lengths(x, f"{name}: {key}", dtype, n, key in may_be_zero)
-    if "inner_radius" in arrays:
-        _require_order(name, arrays["inner_radius"], arrays["outer_radius"])
+        if n == 1:
+            arrays[key] = expanded(number(x, f"{name}: {key}", dtype, key in may_be_zero))
+        else:
+            arrays[key] = check.as_vectors(x, f"{name}: {key}", dtype, size=n, held=True)
+            _require_positive(arrays[key], f"{name}: {key}", key in may_be_zero)
+    inner, outer = arrays.get("inner_radius"), arrays.get("outer_radius")
+    if isinstance(inner, np.ndarray) and isinstance(outer, np.ndarray) and (inner > outer).any():
+        raise ValueError(f"{name}: inner_radius: expected at most outer_radius {outer[..., 0]}, got {inner[..., 0]}")
     if axis is not None:
         arrays["axis"] = check.as_vectors(axis, f"{name}: axis", dtype)
     return computed(shape, precision, arrays, by=kind)
@@ -76,26 +81,16 @@ def dtype_of(*values: Any) -> np.dtype | None:
 
 
 def number(x: ArrayLike, name: str, dtype: np.dtype | None, may_be_zero: bool = False) -> jax.Array:
-    return _positive(check.as_float_array(x, name, dtype, held=True), name, may_be_zero)
+    array = check.as_float_array(x, name, dtype, held=True)
+    _require_positive(array, name, may_be_zero)
+    return array
 
 
-def _lengths(x, name: str, dtype: np.dtype | None, n: int, may_be_zero: bool) -> jax.Array:
-    if n == 1:
-        return expanded(number(x, name, dtype, may_be_zero))
-    return _positive(check.as_vectors(x, name, dtype, size=n, held=True), name, may_be_zero)
-
-
-def _positive(x: jax.Array, name: str, may_be_zero: bool) -> jax.Array:
+def _require_positive(x: jax.Array, name: str, may_be_zero: bool) -> None:
     """Raises ValueError for known numbers that are negative, or 0; arrays of JAX, which may be traced, pass."""
     if isinstance(x, np.ndarray) and ((x < 0).any() or (not may_be_zero and (x == 0).any())):
         expected = "no negative number" if may_be_zero else "a positive number"
         raise ValueError(f"{name}: expected {expected}, got {x}")
-    return x
-
-
-def _require_order(name: str, inner: jax.Array, outer: jax.Array) -> None:
-    if isinstance(inner, np.ndarray) and isinstance(outer, np.ndarray) and (inner > outer).any():
-        raise ValueError(f"{name}: inner_radius: expected at most outer_radius {outer[..., 0]}, got {inner[..., 0]}")
 
 
 def computed(
@@ -293,14 +288,7 @@ _PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 def corners_of(vertices: jax.Array, triangles: Any) -> jax.Array:
     """(*batch, m, 9): the three vertices of each of m triangles."""
-    indices = _as_indices(triangles, vertices.shape[-2])
-    if isinstance(indices, np.ndarray):
-        _require_closed(vertices, indices)
-    x = vertices[..., indices, :]
-    return x.reshape((*x.shape[:-3], indices.shape[0], 9))
-
-
-def _as_indices(triangles, n: int):
+    n = vertices.shape[-2]
     triangles = triangles if isinstance(triangles, check.ARRAYS) else np.asarray(triangles)
     if triangles.ndim != 2 or triangles.shape[1] != 3 or not triangles.shape[0]:
         raise ValueError(f"triangle_mesh: triangles: expected shape (m, 3) with m >= 1, got {triangles.shape}")
@@ -309,7 +297,10 @@ def _as_indices(triangles, n: int):
     if isinstance(triangles, np.ndarray) and (triangles.min() < 0 or triangles.max() >= n):
         came = f"{triangles.min()} to {triangles.max()}"
         raise ValueError(f"triangle_mesh: triangles: expected indices from 0 to {n - 1}, got {came}")
-    return triangles
+    if isinstance(triangles, np.ndarray):
+        _require_closed(vertices, triangles)
+    x = vertices[..., triangles, :]
+    return x.reshape((*x.shape[:-3], triangles.shape[0], 9))
 
 
 def _require_closed(vertices: jax.Array, triangles: np.ndarray) -> None:
@@ -353,7 +344,7 @@ def middle_of(corners: jax.Array) -> jax.Array:
 @formula
 def triangle_mesh(amount: Numbers, corners: Matrix, middle: Vector, by: str, size: int) -> list[Any]:
     """Of a mass or density (amount,) and triangles, `size` of them along the last axis."""
-    d, *moments = summed(_moments(corners, middle), size)
+    d, *moments = sums_over_items(_moments(corners, middle), size)
     d = where(high(d) > 0, d, math.nan)
     m = first(amount[0]) if by == "mass" else first(amount[0]) * (d / 6)
     arm, squares = Vector(*moments[:3]), Symmetric(*moments[3:])

@@ -33,7 +33,7 @@ from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.rotation import Rotation
 from jaxspatial.rotation.rotation import rotated
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialForce, SpatialVelocity, act, rotate
-from jaxspatial.spatial.vectors import SpatialVector, joined
+from jaxspatial.spatial.vectors import SpatialVector, concatenated
 
 # [xx, yy, zz, xy, xz, yz, m c, m] in ours, [m, m c, xx, xy, yy, xz, yz, zz], and back. Of int32: JAX 0.10 caches what
 # it makes of an array of int64, and fails when 64-bit types are switched on later.
@@ -252,7 +252,7 @@ def to_free_joint(x_Bo_W: SpatialVector, R_WB: Rotation, *, precision: Precision
 
     Error: as of `rotate`.
     """
-    return joined(x_Bo_W.translational, rotated(R_WB.inverse(), x_Bo_W.rotational, precision=precision))
+    return concatenated(x_Bo_W.translational, rotated(R_WB.inverse(), x_Bo_W.rotational, precision=precision))
 
 
 # -- inertias of bodies ------------------------------------------------------------------------------------------------
@@ -543,13 +543,13 @@ class _Joint:
         """Of a free joint [linear in world axes; angular in body axes] of [angular; linear], both in body axes."""
         if not self.is_free:
             return x
-        return joined(rotated(self._R_WB(q, precision), x[..., 3:], precision=precision), x[..., :3])
+        return concatenated(rotated(self._R_WB(q, precision), x[..., 3:], precision=precision), x[..., :3])
 
     def in_body(self, q: jax.Array, x: jax.Array, precision: PrecisionName) -> jax.Array:
         """Back of `in_world`."""
         if not self.is_free:
             return x
-        return joined(x[..., 3:], rotated(self._R_WB(q, precision).inverse(), x[..., :3], precision=precision))
+        return concatenated(x[..., 3:], rotated(self._R_WB(q, precision).inverse(), x[..., :3], precision=precision))
 
     def _R_WB(self, q: jax.Array, precision: PrecisionName) -> Rotation:
         return Rotation.from_quaternion(q[..., self.q][..., :4], precision=precision)

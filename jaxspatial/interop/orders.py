@@ -15,7 +15,7 @@ from jaxspatial.numerics import check
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
-from jaxspatial.spatial.vectors import SpatialVector, joined
+from jaxspatial.spatial.vectors import SpatialVector, concatenated
 
 K = TypeVar("K", bound=SpatialVector)
 
@@ -40,7 +40,7 @@ def from_linear_first(kind: type[K], x6: ArrayLike) -> K:
 
 def to_linear_first(x: SpatialVector) -> jax.Array:
     """Stacks a spatial vector of any kind as (*batch, 6) with the linear part first: [v; w], [f; tau] and the like."""
-    return joined(x.translational, x.rotational)
+    return concatenated(x.translational, x.rotational)
 
 
 def matrix_from_linear_first(m: ArrayLike) -> jax.Array:
@@ -115,7 +115,7 @@ def pose_to_xyz_xyzw(X_AB: RigidTransform, *, precision: PrecisionName = None) -
 
     Error: as of `Rotation.to_quaternion`.
     """
-    return joined(X_AB.translation, quaternion_to_xyzw(X_AB.rotation.to_quaternion(precision=precision)))
+    return concatenated(X_AB.translation, quaternion_to_xyzw(X_AB.rotation.to_quaternion(precision=precision)))
 
 
 def pose_from_xyz_wxyz(x7: ArrayLike, *, precision: PrecisionName = None) -> RigidTransform:
@@ -132,7 +132,7 @@ def pose_to_xyz_wxyz(X_AB: RigidTransform, *, precision: PrecisionName = None) -
 
     Error: as of `Rotation.to_quaternion`.
     """
-    return joined(X_AB.translation, X_AB.rotation.to_quaternion(precision=precision))
+    return concatenated(X_AB.translation, X_AB.rotation.to_quaternion(precision=precision))
 
 
 def pose_from_wxyz_xyz(x7: ArrayLike, *, precision: PrecisionName = None) -> RigidTransform:
@@ -149,7 +149,7 @@ def pose_to_wxyz_xyz(X_AB: RigidTransform, *, precision: PrecisionName = None) -
 
     Error: as of `Rotation.to_quaternion`.
     """
-    return joined(X_AB.rotation.to_quaternion(precision=precision), X_AB.translation)
+    return concatenated(X_AB.rotation.to_quaternion(precision=precision), X_AB.translation)
 
 
 def _pose(xyz: jax.Array, wxyz: jax.Array, precision: PrecisionName) -> RigidTransform:

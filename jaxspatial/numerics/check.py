@@ -108,7 +108,11 @@ def as_float_array(x: Any, name: str, dtype: DTypeLike | None = None, *, held: b
         return x  # pyright: ignore[reportReturnType]
     array: Any = x if isinstance(x, jax.Array) else _as_array(x, name, dtype)
     if not _is_floating(array.dtype):
-        raise TypeError(f"{name}: expected floating point ({_FLOATS}), got {array.dtype}{_advice(x, array, dtype)}")
+        advice = ""
+        if np.dtype(array.dtype).kind in "iubf":
+            meant = np.dtype(jax.dtypes.canonicalize_dtype(float) if dtype is None else dtype).name
+            advice = f"; convert with .astype({meant!r})" if isinstance(x, ARRAYS) else "; write 1.0 for 1"
+        raise TypeError(f"{name}: expected floating point ({_FLOATS}), got {array.dtype}{advice}")
     if isinstance(array, NUMPY):
         if held:
             return array
@@ -130,13 +134,6 @@ def _is_floating(dtype: DTypeLike) -> bool:
     return jnp.issubdtype(dtype, jnp.floating) and np.dtype(dtype).itemsize <= 8
 
 
-def _advice(x: Any, array: Any, dtype: DTypeLike | None) -> str:
-    if np.dtype(array.dtype).kind not in "iubf":
-        return ""
-    meant = np.dtype(jax.dtypes.canonicalize_dtype(float) if dtype is None else dtype).name
-    return f"; convert with .astype({meant!r})" if isinstance(x, ARRAYS) else "; write 1.0 for 1"
-
-
 def _as_array(x: Any, name: str, dtype: DTypeLike | None) -> Any:
     if isinstance(x, ARRAYS) and not isinstance(x, float):
         array: Any = np.asarray(x) if isinstance(x, SCALAR) else x
@@ -152,16 +149,13 @@ def _as_array(x: Any, name: str, dtype: DTypeLike | None) -> Any:
         raise TypeError(f"{name}: expected an array of floating point ({_FLOATS}), got {_shown(x)}") from error
     if array.dtype.kind not in "fiub":
         raise TypeError(f"{name}: expected an array of floating point ({_FLOATS}), got {_shown(x)}")
-    dtype = jax.dtypes.canonicalize_dtype(float) if dtype is None else dtype
-    return array.astype(dtype) if _has_no_dtype(x, leaves, array) else array
-
-
-def _has_no_dtype(x: Any, leaves: list[Any], array: np.ndarray) -> bool:
-    """True for Python numbers, and lists of them and of NumPy's scalars; for lists of NumPy's arrays of integers."""
+    # Python numbers have no dtype, nor have lists of them or of NumPy scalars, or of NumPy arrays of integers.
     if array.dtype.kind in "iu":
-        return not any(isinstance(leaf, (bool, np.bool_)) for leaf in leaves)
-    is_plain = isinstance(x, (int, float, list, tuple)) and not isinstance(x, np.generic)
-    return is_plain and array.dtype.kind == "f" and not any(np.ndim(leaf) for leaf in leaves)
+        has_dtype = any(isinstance(leaf, (bool, np.bool_)) for leaf in leaves)
+    else:
+        is_plain = isinstance(x, (int, float, list, tuple)) and not isinstance(x, np.generic)
+        has_dtype = not is_plain or array.dtype.kind != "f" or any(np.ndim(leaf) for leaf in leaves)
+    return array if has_dtype else array.astype(jax.dtypes.canonicalize_dtype(float) if dtype is None else dtype)
 
 
 def narrowed(tree: _Tree) -> _Tree:
@@ -281,15 +275,13 @@ def require_same_dtype(**arrays: Any) -> None:
     global flag."""
     if len(set(map(_dtype_of, arrays.values()))) == 1:
         return
-    dtypes = {name: np.dtype(_computed_in(a)).name for name, a in arrays.items()}
+    dtypes: dict[str, str] = {}
+    for name, x in arrays.items():
+        is_numpy = all(isinstance(leaf, np.ndarray) for leaf in jax.tree.leaves(x))
+        dtypes[name] = np.dtype(jax.dtypes.canonicalize_dtype(x.dtype) if is_numpy else x.dtype).name
     if len(set(dtypes.values())) > 1:
         came = ", ".join(f"{name}: {dtype}" for name, dtype in dtypes.items())
         raise TypeError(f"{' and '.join(dtypes)}: expected one dtype, got {came}; convert with .astype")
-
-
-def _computed_in(x: Any) -> DTypeLike:
-    is_numpy = all(isinstance(leaf, np.ndarray) for leaf in jax.tree.leaves(x))
-    return jax.dtypes.canonicalize_dtype(x.dtype) if is_numpy else x.dtype
 
 
 def same_dtype(**arrays: Any) -> dict[str, Any]:

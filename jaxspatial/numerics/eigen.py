@@ -4,6 +4,7 @@ The six are [xx, xy, yy, xz, yz, zz]: Pinocchio's order, the lower triangle row 
 """
 
 import functools
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -67,26 +68,21 @@ def decomposition(precision: Precision, six: jax.Array) -> tuple[jax.Array, jax.
 @decomposition.defjvp
 def _decomposition_jvp(precision: Precision, primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
     results = decomposition(precision, *primals)
-    tangents = _tangents(Precision.REPRODUCIBLE, *from_double_word((*results, *tangents)))
-    return results, tuple(map(_tangent_like, results, tangents))
-
-
-def _tangent_like(x, tangent):
-    """The tangent of a double word lies in its leading limb."""
-    return of_limbs((tangent, jnp.zeros_like(tangent))) if isinstance(x, DoubleWord) else tangent
+    moved = _tangents(Precision.REPRODUCIBLE, *from_double_word((*results, *tangents)))
+    if isinstance(results[0], DoubleWord):
+        # The tangent of a double word lies in its leading limb.
+        moved = [of_limbs((x, jnp.zeros_like(x))) for x in moved]
+    return results, tuple(moved)
 
 
 @formula
 def _tangents(moments: Vector, Q: Matrix, d_six: Symmetric) -> list[Any]:
-    turned = Q.T @ (d_six @ Q)
-    spin = [_spin(moments, turned, i, j) for i in range(3) for j in range(3)]
+    turned, spin = Q.T @ (d_six @ Q), list[Number]()
+    for i, j in itertools.product(range(3), repeat=2):
+        gap = moments[j] - moments[i]
+        is_none = high(gap) == 0
+        spin.append(turned[i][j] * where(is_none, 0.0, 1 / where(is_none, 1.0, gap)))
     return [Vector(*(turned[i][i] for i in range(3))), Q @ Matrix.of_entries(spin)]
-
-
-def _spin(moments: Vector, turned: Matrix, i: int, j: int) -> Number:
-    gap = moments[j] - moments[i]
-    is_none = high(gap) == 0
-    return turned[i][j] * where(is_none, 0.0, 1 / where(is_none, 1.0, gap))
 
 
 @formula
@@ -134,16 +130,16 @@ def _jacobi(six: Symmetric) -> tuple[Sequence[Number], Matrix]:
     start = [*six, *_identity(six.xx).entries]
     shape = check.broadcast_shapes(*map(shape_of, start))
     sweeps = _SWEEPS_OF_DOUBLE_WORDS if isinstance(six.xx, DoubleWord) else _SWEEPS[six.xx.dtype]
-    result = repeated(_swept, sweeps, [as_data(x, shape) for x in start])
+
+    def sweep(numbers: Sequence[Number]) -> Sequence[Number]:
+        """One rotation in each of the three planes."""
+        a, columns = Symmetric(*numbers[:6]).matrix, Matrix.of_entries(numbers[6:]).T
+        for i, j in ((0, 1), (0, 2), (1, 2)):
+            a, columns = _rotated(a, columns, i, j)
+        return *Symmetric.of_matrix(a), *columns.T.entries
+
+    result = repeated(sweep, sweeps, [as_data(x, shape) for x in start])
     return (result[0], result[2], result[5]), Matrix.of_entries(result[6:])
-
-
-def _swept(numbers: Sequence[Number]) -> Sequence[Number]:
-    """One rotation in each of the three planes."""
-    a, columns = Symmetric(*numbers[:6]).matrix, Matrix.of_entries(numbers[6:]).T
-    for i, j in ((0, 1), (0, 2), (1, 2)):
-        a, columns = _rotated(a, columns, i, j)
-    return *Symmetric.of_matrix(a), *columns.T.entries
 
 
 def _rotated(a: Matrix, columns: Matrix, i: int, j: int) -> tuple[Matrix, Matrix]:

@@ -55,16 +55,16 @@ def formula(
         fast, reproducible      in the inputs' dtype; float16 and bfloat16 in float32
         compensated, faithful   in float64 for narrower dtypes, in double words for float64
 
-    and rounded once at the end. If an argument is a double word, so are the results, in every precision. If one is
-    Components, so are all results with an axis of components, known where the structure of the arguments makes them so;
-    if all Components among the arguments are zero, only the results that are zero are Components.
+    and rounded once at the end. If an argument is a double word, so are the results, in every precision. If an argument
+    is Components, so is every result with an axis of components, and it knows what the structure of the arguments says
+    about its numbers. If all Components among the arguments are zeros, results are arrays, and only zeros Components.
 
     layout: for each result, the index of the array whose memory layout it gets, None for any. XLA CPU writes a result
     transposed unless an addition ties it to an array, and then copies it in a second pass: see `layout.whole`.
 
-    by_number: True where each number of a result depends on those in the same place: the function receives numbers
-    instead of vectors, each of which stands for a whole array (*batch, n). Of the coordinates of a mechanism there may
-    be many, and each would be a kernel of its own.
+    by_number: True where number i of a result depends on number i of each argument alone. The function then receives
+    one number per argument, which stands for the whole array (*batch, n). It is for the coordinates of a mechanism:
+    there may be many of them, and as components of a vector each would be a kernel of its own.
 
     Outside of any transformation a call is one compiled program, bitwise the same as inside a larger jit; it compiles
     once per precision, shapes and dtypes. While tracing, NumPy arrays are constants of the formula, and operations that
@@ -141,7 +141,7 @@ def _run_with_zeros(
     def noted(vectors: Any) -> Any:
         results = call(vectors)
         several: list[Any] = results if isinstance(results, check.LIST) else [results]
-        is_vector[:] = [isinstance(x, (Stacked, check.TUPLE)) and not isinstance(x, Quotient) for x in several]
+        is_vector[:] = [isinstance(x, (ArrayVector, check.TUPLE)) and not isinstance(x, Quotient) for x in several]
         return results
 
     results = run(noted, precision, [components.as_array(a, ()) for a in arrays])
@@ -172,7 +172,7 @@ def _run_over(
     batch = check.broadcast_shapes(*[a.shape[:-1] for a in arrays])
     are_components = Components in map(type, arrays)
     vectors = list(map(numbers, check.broadcast_batch(batch, *arrays)))
-    result = function([v.numbers if isinstance(v, Stacked) and v.size == 9 else v for v in vectors])
+    result = function([v.numbers if isinstance(v, ArrayVector) and v.size == 9 else v for v in vectors])
     results = _Results(batch, np.dtype(arrays[0].dtype), is_pair, are_components)
     if not isinstance(result, check.LIST):
         return results.rounded(_laid_out(result, vectors, layout[0] if layout else None))
@@ -183,7 +183,7 @@ def _run_over(
 
 def _laid_out(x: Any, vectors: Sequence[Any], k: int | None) -> Any:
     """A result in the memory layout of argument k."""
-    if k is None or isinstance(x, Stacked) or not isinstance(vectors[k], Stacked):
+    if k is None or isinstance(x, ArrayVector) or not isinstance(vectors[k], ArrayVector):
         return x
     return vectors[k].laid_out(x.entries if isinstance(x, Matrix) else x)
 
@@ -224,7 +224,7 @@ def _of_components(precision: Precision, array: Any) -> Any:
 # -- arrays as vectors of numbers --------------------------------------------------------------------------------------
 
 
-class Stacked(Sequence[Any]):
+class ArrayVector(Sequence[Any]):
     """A vector of numbers that is also an array (*batch, n); each form is made when it is first used.
 
     `+` and `-` with it on the left are one operation on whole arrays, unless some numbers are known.
@@ -264,11 +264,11 @@ class Stacked(Sequence[Any]):
             raise AttributeError(name)
         return getattr(self.numbers, name)
 
-    def __add__(self, other: Sequence[Any]) -> "Stacked":
-        return self._combined(add, other)
+    def __add__(self, other: Sequence[Any]) -> "ArrayVector":
+        return self._as_whole(add, other)
 
-    def __sub__(self, other: Sequence[Any]) -> "Stacked":
-        return self._combined(subtract, other)
+    def __sub__(self, other: Sequence[Any]) -> "ArrayVector":
+        return self._as_whole(subtract, other)
 
     def __neg__(self) -> Any:
         return -self.numbers
@@ -288,25 +288,25 @@ class Stacked(Sequence[Any]):
     def __rmatmul__(self, other: Any) -> Any:
         return other @ self.numbers
 
-    def _combined(self, operation: Callable[..., Any], vector: Sequence[Any]) -> "Stacked":
+    def _as_whole(self, operation: Callable[..., Any], vector: Sequence[Any]) -> "ArrayVector":
         """`add` or `subtract` of this and a vector."""
 
         def array() -> Any:
-            others = vector.operand if isinstance(vector, Stacked) else [x.operand for x in vector]
+            others = vector.operand if isinstance(vector, ArrayVector) else [x.operand for x in vector]
             return whole(operation, self.operand, others, self.precision)
 
         def values() -> list[Any]:
             return [operation(a.operand, b.operand, self.precision) for a, b in zip(self, vector, strict=True)]
 
-        return Stacked(self.precision, len(self), array, values)
+        return ArrayVector(self.precision, len(self), array, values)
 
-    def laid_out(self, vector: Sequence[Any]) -> "Stacked":
+    def laid_out(self, vector: Sequence[Any]) -> "ArrayVector":
         """A vector as an array in the layout of this one."""
         values = [x.value for x in vector]
-        return Stacked(self.precision, len(values), lambda: stack_like(self.array, values), lambda: values)
+        return ArrayVector(self.precision, len(values), lambda: stack_like(self.array, values), lambda: values)
 
 
-class Argument(Stacked):
+class Argument(ArrayVector):
     """The numbers of an argument (*batch, n): its value is the array itself, its operand the array behind a barrier."""
 
     def __init__(self, precision: Precision, array: Any):
@@ -331,7 +331,7 @@ def from_outside(x: Any, precision: Precision) -> Any:
 
 
 # As trees they flatten to their numbers, and unflatten to plain tuples.
-for _kind in (Stacked, Argument):
+for _kind in (ArrayVector, Argument):
     jax.tree_util.register_pytree_node(_kind, lambda v: (tuple(v), None), lambda _, numbers: cast(Any, numbers))
 
 
@@ -388,7 +388,7 @@ class _Results(NamedTuple):
         """A number, vector, matrix, mask or `Summed`, as an array."""
         if isinstance(x, Summed):
             return self._summed(x.vector)
-        if isinstance(x, Stacked):
+        if isinstance(x, ArrayVector):
             return x.array
         if isinstance(x, check.TUPLE):
             x = x.entries if isinstance(x, Matrix) else x

@@ -208,14 +208,11 @@ def _arc_tangent(u: Fraction) -> tuple[Fraction, ...]:
     for k in range(count):
         for j, c in enumerate(odd):
             result[j] += 2 * (-1) ** k * power * c // (2 * k + 1)
-        below, odd, power = odd, _next_odd(below, odd), power * p // one * p // one
+        # T_n+2 = (4 a^2 - 2) T_n - T_n-2.
+        terms = zip([0, *odd], [*odd, 0], [*below, 0, 0], strict=False)
+        below, odd = odd, [4 * shifted - 2 * same - lower for shifted, same, lower in terms]
+        power = power * p // one * p // one
     return tuple(Fraction(c, one) for c in result)
-
-
-def _next_odd(below: list[int], odd: list[int]) -> list[int]:
-    """T_n+2 = (4 a^2 - 2) T_n - T_n-2."""
-    terms = zip([0, *odd], [*odd, 0], [*below, 0, 0], strict=False)
-    return [4 * shifted - 2 * same - lower for shifted, same, lower in terms]
 
 
 def pi(like: Number) -> Number:

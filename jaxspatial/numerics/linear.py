@@ -35,13 +35,13 @@ def each(operation: Callable[..., Number], *lists: Sequence[Any]) -> list[Any]:
         return list(map(operation, *lists))
     pairs = [x for x in itertools.chain(*lists) if isinstance(x, DoubleWord)]
     shape = check.broadcast_shapes(*(x.shape for x in pairs))
-    result: Any = noinline_pairs(operation)(*(_stacked(numbers, pairs[0], shape) for numbers in lists))
+
+    def stack(*limbs: Any) -> jax.Array:
+        return jnp.stack([jnp.broadcast_to(y, shape) for y in limbs])
+
+    both = [[x if isinstance(x, DoubleWord) else constant(pairs[0], x) for x in numbers] for numbers in lists]
+    result: Any = noinline_pairs(operation)(*(jax.tree.map(stack, *numbers) for numbers in both))
     return [result[i] for i in range(len(lists[0]))]
-
-
-def _stacked(numbers, like: Number, shape: tuple[int, ...]):
-    pairs = (x if isinstance(x, DoubleWord) else constant(like, x) for x in numbers)
-    return jax.tree.map(lambda *limbs: jnp.stack([jnp.broadcast_to(y, shape) for y in limbs]), *pairs)
 
 
 class Entrywise:
@@ -288,29 +288,24 @@ def square(v: Sequence[Number]) -> tuple[Number, Number | None]:
 
 def scaled(v: Sequence[Number]) -> tuple[Any, Any]:
     """(v 2^-e, e), with the largest component between 1/2 and 1, so that squares neither over- nor underflow."""
-    e = _exponent([high(x) for x in v])
+    values = [high(x) for x in v]
+    if all(map(is_known, values)):
+        largest = float(max(abs(x) for x in values))
+        e = np.int32(math.frexp(largest)[1] if math.isfinite(largest) else 0)
+    else:
+        e = scaling.exponent(values)
     return by_size([times_power_of_two(x, -e) for x in v]), e
-
-
-def _exponent(values: Sequence[Any]):
-    if not all(map(is_known, values)):
-        return scaling.exponent(values)
-    largest = float(max(abs(x) for x in values))
-    return np.int32(math.frexp(largest)[1] if math.isfinite(largest) else 0)
-
-
-def _rescaled(v: Sequence[Number]) -> Sequence[Number]:
-    """v times some power of two that keeps squares in range: `scaled`, for callers that do not need the exponent."""
-    if isinstance(v[0], DoubleWord) or all(map(is_constant, v)):
-        return scaled(v)[0]
-    s = scaling.reciprocal([high(x) for x in v])
-    return [x.with_limbs(w if is_known(w, 0) else w * s for w in x.limbs) for x in v]
 
 
 @noinline_pairs
 def unit(v: Sequence[Number]) -> Any:
     """v / |v|: NaN for zero, and where a component is infinite or NaN."""
-    v = _rescaled(v)
+    if isinstance(v[0], DoubleWord) or all(map(is_constant, v)):
+        v = scaled(v)[0]
+    else:
+        # Some power of two that keeps squares in range; which one, nobody asks.
+        s = scaling.reciprocal([high(x) for x in v])
+        v = [x.with_limbs(w if is_known(w, 0) else w * s for w in x.limbs) for x in v]
     length = dot(v, v).sqrt()
     length = where(high(length) < math.inf, length, math.nan)
     return by_size(each(check.truediv, v, (length,) * len(v)))

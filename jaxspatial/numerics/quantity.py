@@ -201,7 +201,8 @@ class Quantity:
             return not any(numeric) and _fields(self) == _fields(other)
         a, b = matched(self, other, "==")
         parts = ([as_array(v, x.batch_shape) for v in x.vectors] for x in (a, b))
-        return functools.reduce(check.and_, map(_all_equal, *parts))
+        equal = (x == y for x, y in zip(*parts, strict=True))
+        return functools.reduce(check.and_, [mask[..., i] for mask in equal for i in range(mask.shape[-1])])
 
     def __ne__(self, other: Any) -> Any:
         equal = self == other
@@ -323,7 +324,7 @@ def stack(quantities: Iterable[_Kind], axis: int = 0) -> _Kind:
     batch = items[0].batch_shape
     place = check.batch_axis(axis, (*batch, len(items)), "stack")
     columns = zip(*(x.vectors for x in items), strict=True)
-    return items[0].with_vectors([_stacked(vectors, batch, place) for vectors in columns])
+    return items[0].with_vectors([_stack_of_vectors(vectors, batch, place) for vectors in columns])
 
 
 def _require_one_kind(arguments: dict[str, Any]) -> None:
@@ -343,20 +344,19 @@ def _require_equal(arguments: dict[str, Any], expected: str, error: type[Excepti
             raise error(f"stack: expected {expected}, got {first[0]}: {first[1]}, {name}: {other}")
 
 
-def _stacked(vectors: Sequence[Any], batch: tuple[int, ...], place: int):
+def _stack_of_vectors(vectors: Sequence[Any], batch: tuple[int, ...], place: int):
     """What is known of Components stays so where it is the same in all."""
     forms: set[Any] = {jax.tree.structure(x) for x in vectors}
     if len(forms) > 1:
         vectors = [as_array(x, batch) for x in vectors]
         is_pair = any(isinstance(x, DoubleWord) for x in vectors)
         vectors = to_double_word(vectors) if is_pair else vectors
-    return jax.tree.map(lambda *limbs: _stacked_limbs(limbs, place), *vectors)
 
+    def stacked_limbs(*limbs: Any) -> Any:
+        is_numpy = all(isinstance(limb, np.ndarray) for limb in limbs)
+        return np.stack(limbs, place) if is_numpy else jnp.stack([jnp.asarray(limb) for limb in limbs], place)
 
-def _stacked_limbs(limbs: Sequence[Any], place: int):
-    if all(isinstance(limb, np.ndarray) for limb in limbs):
-        return np.stack(limbs, place)
-    return jnp.stack([jnp.asarray(limb) for limb in limbs], place)
+    return jax.tree.map(stacked_limbs, *vectors)
 
 
 def moved_to_last(vectors: Iterable[Any], place: int, batch_shape: tuple[int, ...]) -> list[Any]:
@@ -383,11 +383,6 @@ def _require_in_range(x, index: tuple[Any, ...]) -> None:
     except IndexError as error:
         kind = type(x).__name__
         raise IndexError(f"{kind}.at_batch: expected an index of a batch of shape {x.batch_shape}: {error}") from None
-
-
-def _all_equal(x, y):
-    equal = x == y
-    return functools.reduce(check.and_, [equal[..., i] for i in range(equal.shape[-1])])
 
 
 def _not_comparable(x, other: object):

@@ -2,7 +2,6 @@
 
 import math
 import operator
-from collections.abc import Sequence
 
 from jaxspatial.numerics.functions import angle_ratio, cosine_sine, pi
 from jaxspatial.numerics.linear import Matrix, Vector, cross, dot, each, norm, scaled, unit
@@ -41,22 +40,16 @@ def proportional(m: Matrix) -> Numbers:
     [Shepperd 1978]
     """
     (a, b, c), (d, e, f), (g, h, i) = m
-    plus, minus, total, rest = 1 + a, 1 - a, e + i, e - i
-    p, q, bd, cg, fh = each(operator.add, (plus, minus, b, c, f), (total, rest, d, g, h))
-    r, s, hf, gc, db = each(operator.sub, (plus, minus, h, c, d), (total, rest, f, g, b))
+    plus, minus, ei_sum, ei_difference = 1 + a, 1 - a, e + i, e - i
+    p, q, bd, cg, fh = each(operator.add, (plus, minus, b, c, f), (ei_sum, ei_difference, d, g, h))
+    r, s, hf, gc, db = each(operator.sub, (plus, minus, h, c, d), (ei_sum, ei_difference, f, g, b))
     rows = (p, hf, gc, db), (hf, r, bd, cg), (gc, bd, q, fh), (db, cg, fh, s)
-    largest = rows[0]
+    largest, diagonal = rows[0], rows[0][0]
     for k in (1, 2, 3):
-        is_larger = high(rows[k][k]) > high(_largest_diagonal(rows[:k]))
+        is_larger = high(rows[k][k]) > high(diagonal)
         largest = tuple(where(is_larger, x, y) for x, y in zip(rows[k], largest, strict=True))
+        diagonal = where(is_larger, rows[k][k], diagonal)
     return with_positive_real_part(tuple(doubled(x, -2) for x in largest))
-
-
-def _largest_diagonal(rows: Sequence[Numbers]) -> Number:
-    largest = rows[0][0]
-    for i, row in enumerate(rows[1:], 1):
-        largest = where(high(row[i]) > high(largest), row[i], largest)
-    return largest
 
 
 def with_positive_real_part(q: Numbers) -> Numbers:
@@ -105,9 +98,9 @@ def angle_of(s: Number, c: Number) -> Number:
     is_negative = high(s) < 0
     (s, c), _ = scaled((s, c))
     squared = s * s
-    total = squared + c * c
-    is_zero, is_behind = high(total) == 0, high(c) < 0
-    length = where(is_zero, 1.0, total).sqrt()
+    length_squared = squared + c * c
+    is_zero, is_behind = high(length_squared) == 0, high(c) < 0
+    length = where(is_zero, 1.0, length_squared).sqrt()
     ahead = angle_ratio(squared, where(is_behind, -c, c), length) * s
     return where(is_behind, where(is_negative, -pi(s), pi(s)) - ahead, ahead)
 
@@ -128,14 +121,10 @@ def roll_pitch_yaw(q: Numbers) -> Vector:
     w, x, y, z = q
     half_sum, half_difference = angle_of(z + x, w - y), angle_of(z - x, w + y)
     roll, yaw = half_sum - half_difference, half_sum + half_difference
-    pitch = _pitch(w + y, z - x, w - y, z + x)
+    # 2 atan(above / below) - pi / 2, with above^2 = 1 + sin(pitch), below^2 = 1 - sin(pitch).
+    above, below = norm((w + y, z - x)), norm((w - y, z + x))
+    pitch = 2 * angle_of(above - below, above + below)
     return Vector(_wrapped(roll), pitch, _wrapped(yaw))
-
-
-def _pitch(a: Number, b: Number, c: Number, d: Number) -> Number:
-    """2 atan(|(a, b)| / |(c, d)|) - pi / 2, with a^2 + b^2 = 1 + sin(pitch), c^2 + d^2 = 1 - sin(pitch)."""
-    above, below = norm((a, b)), norm((c, d))
-    return 2 * angle_of(above - below, above + below)
 
 
 def _wrapped(angle: Number) -> Number:

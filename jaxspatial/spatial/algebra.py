@@ -76,6 +76,11 @@ def acted_inertia(X: Pose, M: Inertia) -> Inertia:
     return Inertia(M.mass, X.p + X.R @ M.com, congruence(X.R, M.central))
 
 
+def inverse_acted_inertia(X: Pose, M: Inertia) -> Inertia:
+    """An inertia about Ao in A, as one about Bo in B: the mass m at R^T (c - p), with the central inertia R^T I R."""
+    return Inertia(M.mass, X.R.T @ (M.com - X.p), congruence(X.R.T, M.central))
+
+
 # -- where motion meets motion and force ------------------------------------------------------------------------------
 
 

@@ -147,7 +147,7 @@ class SpatialVector(Additive):
             >>> print(F.to_array())
             [0. 0. 3. 1. 2. 0.]
         """
-        return joined(*self.vectors)
+        return concatenated(*self.vectors)
 
     @property
     def size(self) -> int:
@@ -175,11 +175,11 @@ class SpatialVector(Additive):
 
     def __add__(self, other: Any) -> Self:
         """The sum of two vectors about the same point in the same frame: error <= u |x_i + y_i| per component."""
-        return self._combined(operator.add, other)
+        return self._with(operator.add, other)
 
     def __sub__(self, other: Any) -> Self:
         """The difference of two about the same point in the same frame: error <= u |x_i - y_i| per component."""
-        return self._combined(operator.sub, other)
+        return self._with(operator.sub, other)
 
     def __radd__(self, other: Any) -> Self:
         """0 + x is x, for Python's `sum`; nothing else adds to a spatial vector."""
@@ -207,10 +207,8 @@ class SpatialVector(Additive):
         """Divided by a number, or by one number per vector of the batch: error <= u |x_i / s| per component."""
         return self._scaled(quotient, scalar)
 
-    def _combined(self, operation: Any, other: Any) -> Any:
-        if not isinstance(other, SpatialVector):
-            return NotImplemented
-        return combined(operation, self, other)
+    def _with(self, operation: Any, other: Any) -> Any:
+        return part_by_part(operation, self, other) if isinstance(other, SpatialVector) else NotImplemented
 
     def _scaled(self, operation: Any, scalar: Any) -> Any:
         if isinstance(scalar, SpatialVector):
@@ -219,7 +217,7 @@ class SpatialVector(Additive):
         batch = check.common_batch_shape(**{type(self).__name__: x.batch_shape, "scalar": s.shape})
         parts = check.broadcast_batch(batch, *x.vectors)
         factor = s if is_known(s) else check.broadcast_batch(batch, check.expanded(s))[0]
-        return self.with_vectors(_scaled_part(operation, part, factor) for part in parts)
+        return self.with_vectors(_times(operation, part, factor) for part in parts)
 
     def _scalar(self, scalar: Any) -> Any:
         """The checked factor: a NumPy number for a Python number, or an array with one number per vector."""
@@ -625,7 +623,7 @@ class SpatialAcceleration(SpatialVector):
         """
         require_kind(V_MP_E, SpatialVelocity, "to_featherstone: V_MP_E")
         require_compatible(A_MP_E=self, V_MP_E=V_MP_E)
-        return joined(*_to_featherstone(precision, Motion(*self.vectors), Motion(*V_MP_E.vectors)))
+        return concatenated(*_to_featherstone(precision, Motion(*self.vectors), Motion(*V_MP_E.vectors)))
 
     @classmethod
     def from_featherstone(cls, x6: ArrayLike, V_MP_E: SpatialVelocity, *, precision: PrecisionName = None) -> Self:
@@ -718,7 +716,7 @@ def _require_one_batch(kind: str, arrays: dict[str, Any]) -> None:
 # -- parts as arrays --------------------------------------------------------------------------------------------------
 
 
-def joined(*parts: Any) -> Any:
+def concatenated(*parts: Any) -> Any:
     """The two parts as one array (*batch, 6), a NumPy array where JAX would narrow it."""
     arrays = [as_array(part, check.batch_shape(*parts)) for part in parts]
     if all(map(check.is_only_held, arrays)):
@@ -732,7 +730,7 @@ def _zero_like(x: Any, other: Any) -> Any:
     return zero(3, dtype) if isinstance(x, Components) and is_zero(x) and dtype not in (None, x.dtype) else x
 
 
-def _scaled_part(operation: Callable[..., Any], part: Any, s: Any) -> Any:
+def _times(operation: Callable[..., Any], part: Any, s: Any) -> Any:
     """operation(part, s), `product` or `quotient`, for s (*batch, 1) or a number.
 
     Double words and Components have operators for it.
@@ -744,8 +742,8 @@ def _scaled_part(operation: Callable[..., Any], part: Any, s: Any) -> Any:
     return operation(barrier(x), barrier(jnp.broadcast_to(factor, x.shape)))
 
 
-def combined(operation: Callable[..., Any], x: _Kind, y: _Kind) -> _Kind:
-    """x + y or x - y, of one kind, part by part."""
+def part_by_part(operation: Callable[..., Any], x: _Kind, y: _Kind) -> _Kind:
+    """x + y or x - y, of one kind."""
     a, b = matched(x, y, operation.__name__)
     return a.with_vectors(_skipping_zero(operation, *parts) for parts in zip(a.vectors, b.vectors, strict=True))
 

@@ -14,7 +14,7 @@ import pytest
 
 import jaxspatial as js
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.inertia.composition import summed
+from jaxspatial.inertia.composition import sums_over_items
 from jaxspatial.inertia.shapes import MESH_CENTRAL, MESH_COM, MESH_VOLUME
 from jaxspatial.measure.error import rationals, unit_roundoff
 from jaxspatial.numerics.formula import formula
@@ -277,7 +277,7 @@ def test_vertices_at_one_place_are_one_where_they_are_known():
 
 @formula
 def _summed(x, size):
-    return [summed(x, size)]
+    return [sums_over_items(x, size)]
 
 
 @pytest.mark.parametrize(
@@ -301,7 +301,7 @@ def test_a_known_zero_stays_known_in_a_sum():
 
     @formula
     def both(known, data, size):
-        sums = summed((*known, *data), size)
+        sums = sums_over_items((*known, *data), size)
         found.extend(isinstance(x.value, np.generic) for x in sums)
         return [sums]
 

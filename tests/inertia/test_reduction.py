@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from jaxspatial.inertia.composition import first, summed
+from jaxspatial.inertia.composition import first, sums_over_items
 from jaxspatial.measure.error import rationals
 from jaxspatial.numerics.numbers import Rounded
 from jaxspatial.numerics.numbers.double_word import DoubleWord
@@ -21,7 +21,7 @@ def test_double_words(shape):
     """Error <= 3 ceil(log2 n) u^2 mag, of each of several."""
     hi = np.random.default_rng(0).standard_normal((2, *shape)).astype(np.float32)
     lo = (hi * np.float32(2.0**-26)).astype(np.float32)
-    for k, found in enumerate(summed(tuple(DoubleWord(h, x) for h, x in zip(hi, lo, strict=True)), shape[-1])):
+    for k, found in enumerate(sums_over_items(tuple(DoubleWord(h, x) for h, x in zip(hi, lo, strict=True)), shape[-1])):
         assert found.hi.shape == (*shape[:-1], 1) and found.hi.dtype == np.float32
         exact = rationals(hi[k]) + rationals(lo[k])
         error = abs(rationals(found.hi) + rationals(found.lo) - exact.sum(-1, keepdims=True))
@@ -35,7 +35,7 @@ def test_numbers(shape):
     x = np.random.default_rng(1).standard_normal((2, *shape)).astype(np.float32)
     zero = Rounded(Precision.REPRODUCIBLE, np.float32(0))
     first, second = (Rounded(Precision.REPRODUCIBLE, a) for a in x)
-    a, nothing, b = summed((first, zero, second), shape[-1])
+    a, nothing, b = sums_over_items((first, zero, second), shape[-1])
     assert nothing is zero
     for y, found in zip(x, (a, b), strict=True):
         error = abs(rationals(found.value) - rationals(y).sum(-1, keepdims=True))

@@ -41,8 +41,8 @@ def barrier_or_nan(x: Any) -> Any:
     return _barrier_or_nan_p.bind(x) if isinstance(x, Array) else x
 
 
-# The index of the replica, of which there are fewer than 2^31: not known before a program runs. Of an argument that it
-# does not look at, so that it is part of the program which that is part of, whatever JAX evaluates while tracing.
+# The index of the replica that runs a program: below 2^31, and unknown to the compiler. Its argument is not looked at.
+# It ties the index to the program that computes the argument, where JAX would otherwise evaluate it while tracing.
 _replica_p: Any = Primitive("jaxspatial_replica")
 
 
@@ -61,7 +61,7 @@ def opaque(x: Array) -> Array:
     is folded where an operand is a constant.
     """
     with jax.enable_x64(True):
-        return joined(x, hidden_zero(x))
+        return with_bits(x, hidden_zero(x))
 
 
 def hidden_zero(x: Array) -> Array:
@@ -69,8 +69,8 @@ def hidden_zero(x: Array) -> Array:
     return lax.shift_right_logical(_replica_p.bind(x), np.uint32(31))
 
 
-def joined(x: Array, mask: Array) -> Array:
-    """The bits of x or those of an integer: of a hidden zero, x, of which the compiler knows nothing."""
+def with_bits(x: Array, mask: Array) -> Array:
+    """x with the bits that an integer has set in addition: of a hidden zero, x, of which the compiler knows nothing."""
     bits = _bits(x)
     mask = lax.convert_element_type(mask, bits.dtype)
     return _of_bits(lax.bitwise_or(bits, lax.broadcast(mask, bits.shape)), x.dtype)
@@ -91,7 +91,7 @@ def opaque_or_nan(x: Array) -> Array:
         error = (one - (total - part)) + (small - part)
         is_right = lax.eq(_bits(error), _bits(small))
         nan = _bits(choice(np.nan, (), x.dtype))
-        return joined(x, lax.select(is_right, _zero(x), nan))
+        return with_bits(x, lax.select(is_right, _zero(x), nan))
 
 
 def _zero(x: Array) -> Array:
@@ -187,7 +187,9 @@ def _bound(primitive: Any, a: Any, b: Any) -> Array:
     return primitive.bind(*(same_sharding(a, b) if a.shape == b.shape else (a, b)))
 
 
-def _held(name: str, operation: Callable[[Array, Array], Array], like: Any, signed: Callable[[Array], Array]) -> Any:
+def _fixed_sum(
+    name: str, operation: Callable[[Array, Array], Array], like: Any, signed: Callable[[Array], Array]
+) -> Any:
     """The primitive of an operation, which is a + signed(b), whose result no compiler rearranges."""
 
     def lowered(a: Array, b: Array) -> Array:
@@ -207,8 +209,8 @@ def _held(name: str, operation: Callable[[Array, Array], Array], like: Any, sign
     return primitive
 
 
-_sum_p = _held("sum", lax.add, lax.add_p, lambda x: x)
-_difference_p = _held("difference", lax.sub, lax.sub_p, lax.neg)
+_sum_p = _fixed_sum("sum", lax.add, lax.add_p, lambda x: x)
+_difference_p = _fixed_sum("difference", lax.sub, lax.sub_p, lax.neg)
 
 
 # -- products and quotients rounded on their own -----------------------------------------------------------------------
@@ -232,16 +234,12 @@ def root(x: Array) -> jax.Array:
     return _root_p.bind(x)
 
 
-def _rounded_product(a: Array, b: Array):
-    return no_fma(lax.mul(*over_one_shape(a, b)))
-
-
 def _rounded_quotient(a: Array, b: Array):
     """XLA multiplies by the reciprocal of a divisor that is one number for many; not if it depends on the dividend.
 
-    Infinities and NaN, for which the other divisor is taken, divide by half of b as they do by b. Where the dividend is
-    one number for many, too, an index makes the difference. Added to the largest number it gives that number or
-    infinity, and either will do as the limit.
+    So the divisor is b where the dividend is finite, and b / 2 where it is infinite or NaN: the quotient of these is
+    the same. If the dividend is one number for many, too, the test alone is one number as well. Then an index is added
+    to the largest number that it compares with. The sum is the largest number or infinity: the test means the same.
 
     XLA makes `a / (b c)`, which may overflow, of `(a / b) / c`, and a reciprocal root of `1 / sqrt(x)`: not where
     `no_fma` stands in between.
@@ -322,7 +320,13 @@ def _lowered(function: Callable[..., Array]):
     return lower_fun(function, multiple_results=False)
 
 
-_product_p = elementwise("product", lax.mul_p, _lowered(_rounded_product), _product_jvp, _product_transpose)
+_product_p = elementwise(
+    "product",
+    lax.mul_p,
+    _lowered(lambda a, b: no_fma(lax.mul(*over_one_shape(a, b)))),
+    _product_jvp,
+    _product_transpose,
+)
 _quotient_p = elementwise("quotient", lax.div_p, _lowered(_rounded_quotient), _quotient_jvp, _quotient_transpose)
 _root_p = elementwise("root", lax.sqrt_p, _lowered(lax.sqrt), _root_jvp)
 mlir.register_lowering(_quotient_p, _lowered(_in_float64(_rounded_quotient)), platform="gpu")

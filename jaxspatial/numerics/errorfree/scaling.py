@@ -6,7 +6,6 @@ from collections.abc import Iterable
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
-from jax.typing import DTypeLike
 
 from jaxspatial.numerics.check import finfo
 
@@ -51,13 +50,9 @@ def _biased_exponent(x: jax.Array) -> jax.Array:
 def times_power_of_two(x: jax.Array, e: jax.Array) -> jax.Array:
     """x 2^e, rounded once where it underflows. In three steps, because 2^e alone may lie outside of the format."""
     first, second = e // 3, (e - e // 3) // 2
+    info = finfo(x.dtype)
     for part in (first, second, e - first - second):
-        x = x * _power_of_two(part, x.dtype)
+        # 2^part, put together from its bits: XLA's exp2 is not exact at integers.
+        bits = (part + (info.maxexp - 1)).astype(f"uint{info.bits}")
+        x = x * lax.bitcast_convert_type(bits << lax.full_like(bits, info.nmant), x.dtype)
     return x
-
-
-def _power_of_two(e: Array, dtype: DTypeLike) -> Array:
-    """2^e exactly, put together from its bits: XLA's exp2 is not exact at integers."""
-    info = finfo(dtype)
-    bits = (e + (info.maxexp - 1)).astype(f"uint{info.bits}")
-    return lax.bitcast_convert_type(bits << lax.full_like(bits, info.nmant), dtype)

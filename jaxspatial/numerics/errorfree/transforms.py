@@ -64,18 +64,15 @@ def split(x: Array) -> tuple[Array, Array]:
     bits = lax.bitcast_convert_type(x, jnp.dtype(f"uint{info.bits}"))
     half, mask = (bits.dtype.type(n) for n in (1 << (cleared - 1), (1 << info.bits) - (1 << cleared)))
     size = lax.abs(x)
-    is_usual = lax.lt(size, lax.full_like(x, _first_that_rounds_up(info)))
+    # The smallest number whose upper half, rounded, is the power of two that the format does not hold.
+    n = (info.nmant + 1) // 2
+    limit = math.ldexp(1 - 2.0 ** -(n + 1), info.maxexp) if info.maxexp < 1024 else (2 - 2.0**-n) * 2.0**1023
+    is_usual = lax.lt(size, lax.full_like(x, limit))
     added = lax.select(is_usual, lax.full_like(bits, half), lax.full_like(bits, 0))
     rounded = (bits + added) & lax.full_like(bits, mask)
     has_low_half = lax.ge(size, lax.full_like(x, info.tiny / info.eps))
     hi = lax.select(has_low_half, lax.bitcast_convert_type(rounded, x.dtype), x)
     return hi, x - hi
-
-
-def _first_that_rounds_up(info) -> float:
-    """The smallest number whose upper half of digits, rounded, is the power of two that the format does not hold."""
-    bits = (info.nmant + 1) // 2
-    return math.ldexp(1 - 2.0 ** -(bits + 1), info.maxexp) if info.maxexp < 1024 else (2 - 2.0**-bits) * 2.0**1023
 
 
 def two_product(a: Array, b: Array) -> tuple[Array, Array]:

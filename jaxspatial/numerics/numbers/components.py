@@ -147,7 +147,11 @@ class Components(check.StandIn):
             Components(0.0, 1.0, Array(0.5))
         """
         columns = [x[..., i] for i in range(x.shape[-1])]
-        return cls.of([_known_if_unit(c) for c in columns] if isinstance(x, np.ndarray) else columns)
+        if not isinstance(x, np.ndarray):
+            return cls.of(columns)
+        numbers = map(uniform, columns)
+        units = [None if c is None or c not in (0, 1, -1) else x.dtype.type(c) for c in numbers]
+        return cls.of([jnp.asarray(c) if unit is None else unit for c, unit in zip(columns, units, strict=True)])
 
     # -- as an array ---------------------------------------------------------------------------------------------------
 
@@ -278,34 +282,34 @@ class Components(check.StandIn):
         return self.of([abs(c) for c in self.components])
 
     def __add__(self, other: Any) -> Self:
-        return self._combined(operator.add, other)
+        return self._by_component(operator.add, other)
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> Self:
-        return self._combined(operator.sub, other)
+        return self._by_component(operator.sub, other)
 
     def __rsub__(self, other: Any) -> Self:
-        return self._combined(operator.sub, other, is_reflected=True)
+        return self._by_component(operator.sub, other, is_reflected=True)
 
     def __mul__(self, other: Any) -> Self:
-        return self._combined(operator.mul, other)
+        return self._by_component(operator.mul, other)
 
     __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Self:
-        return self._combined(check.truediv, other)
+        return self._by_component(check.truediv, other)
 
     def __rtruediv__(self, other: Any) -> Self:
-        return self._combined(check.truediv, other, is_reflected=True)
+        return self._by_component(check.truediv, other, is_reflected=True)
 
-    def _combined(self, operation: Callable[..., Any], other: Any, is_reflected: bool = False) -> Any:
+    def _by_component(self, operation: Callable[..., Any], other: Any, is_reflected: bool = False) -> Any:
         other = self._beside(other)
         if other is NotImplemented:
             return NotImplemented
         a, b = (other, self) if is_reflected else (self, other)
         batch = check.common_batch_shape(left=a.shape[:-1], right=b.shape[:-1])
-        return _compiled(operation, *check.broadcast_batch(batch, a, b))
+        return _by_component(operation, *check.broadcast_batch(batch, a, b))
 
     def _beside(self, other: Any) -> Any:
         """What stands beside this one in an operation, with as many components; NotImplemented."""
@@ -316,15 +320,13 @@ class Components(check.StandIn):
             return NotImplemented
         array: Any = check.as_float_array(other, "Components: other")
         check.require_same_dtype(Components=self, other=array)
-        parts = [array[()]] if isinstance(other, np.generic) else self._parts(array)
-        return self.of(parts * n if len(parts) == 1 else parts)
-
-    def _parts(self, array: Any) -> Any:
-        """The components of an array (*batch, n), (*batch, 1) or ()."""
-        n, array = self.shape[-1], array if array.ndim else array.reshape((1,))
+        if isinstance(other, np.generic):
+            return self.of([array[()]] * n)
+        array = array if array.ndim else array.reshape((1,))
         if array.shape[-1] not in (1, n):
             raise ValueError(f"Components: other: expected shape (*batch, {n}) or (*batch, 1), got {array.shape}")
-        return (array if is_components(array) else self.of_array(array)).components
+        parts = (array if is_components(array) else self.of_array(array)).components
+        return self.of(parts * n if len(parts) == 1 else parts)
 
     def __repr__(self) -> str:
         data = map(_shown, self.data)
@@ -439,17 +441,10 @@ def has_pairs(x: Any) -> bool:
     return isinstance(x, DoubleWord) or (is_components(x) and any(isinstance(c, DoubleWord) for c in x.data))
 
 
-def _known_if_unit(column: np.ndarray) -> Any:
-    number = uniform(column)
-    return column.dtype.type(number) if number is not None and number in (0, 1, -1) else jnp.asarray(column)
-
-
-def _combined(operation: Callable[..., Any], a: Any, b: Any) -> Any:
+@functools.partial(jax.jit, static_argnums=0, inline=True)
+def _by_component(operation: Callable[..., Any], a: Any, b: Any) -> Any:
     numbers = ([Rounded(Precision.REPRODUCIBLE, c, barrier(c)) for c in x.components] for x in (a, b))
     return a.of([x.value for x in map(operation, *numbers)])
-
-
-_compiled: Callable[..., Any] = jax.jit(_combined, static_argnums=0, inline=True)
 
 
 # -- single components: known numbers and data, brought to one dtype and one batch -------------------------------------
@@ -507,20 +502,16 @@ def _split_index(index: Any, ndim: int, has_batch: bool) -> tuple[tuple[Any, ...
     if not has_batch and len(index) > 2 and index[0] is Ellipsis and index[-1] is not None:
         index = index[-1:]
     indices = [i for i in index if i is not Ellipsis]
-    if len(indices) > ndim or any(i is None or _is_mask(i) for i in indices):
+    are_masks = [isinstance(i, bool) or (isinstance(i, check.ARRAYS) and i.dtype == np.bool_) for i in indices]
+    if len(indices) > ndim or any(i is None for i in indices) or any(are_masks):
         return (), None
     before = next((k for k, i in enumerate(index) if i is Ellipsis), len(index))
+    batch: list[Any]
+    last: Any
     *batch, last = *index[:before], *[slice(None)] * (ndim - len(indices)), *index[before + 1 :]
-    return tuple(batch), _which(last, is_alone=all(isinstance(i, (int, slice)) for i in batch))
-
-
-def _is_mask(i: Any) -> bool:
-    return isinstance(i, bool) or (isinstance(i, check.ARRAYS) and i.dtype == np.bool_)
-
-
-def _which(i: Any, is_alone: bool) -> Any:
-    """The index of components as an int, a slice or a list; None for traced ones, and lists beside arrays."""
-    if isinstance(i, _INTEGERS):
-        return int(i)
-    is_list = is_alone and isinstance(i, (check.LIST, check.NUMPY)) and np.ndim(i) == 1
-    return i if isinstance(i, slice) else np.asarray(i) if is_list else None
+    # An int, a slice or a list; not traced ones, nor lists beside arrays.
+    if isinstance(last, _INTEGERS):
+        return tuple(batch), int(last)
+    is_alone = all(isinstance(i, (int, slice)) for i in batch)
+    is_list = is_alone and isinstance(last, (check.LIST, check.NUMPY)) and np.ndim(last) == 1
+    return tuple(batch), last if isinstance(last, slice) else np.asarray(last) if is_list else None

@@ -85,7 +85,7 @@ class Corrected(Compared):
         other = self._of(other)
         if self._is(0):
             return other
-        return self if other._is(0) else self._combined(other, operator.add, _add)
+        return self if other._is(0) else self._with(other, operator.add, _add)
 
     __radd__ = __add__
 
@@ -106,13 +106,13 @@ class Corrected(Compared):
                 return x
             if one.is_known and _is_power_of_two(one):
                 return Corrected(*(quietly(operator.mul, limb, one.value) for limb in x.limbs))
-        return self._combined(other, operator.mul, _multiply)
+        return self._with(other, operator.mul, _multiply)
 
     __rmul__ = __mul__
 
     def __truediv__(self, other: "Corrected | float"):
         other = self._of(other)
-        return self if other._is(1) or self._is(0) else self._combined(other, check.truediv, _divide)
+        return self if other._is(1) or self._is(0) else self._with(other, check.truediv, _divide)
 
     def __rtruediv__(self, other: "Corrected | float"):
         return self._of(other) / self
@@ -120,7 +120,7 @@ class Corrected(Compared):
     def sqrt(self):
         return Corrected(*_square_root(_operand(self, self.value.shape)))
 
-    def _combined(self, other: "Corrected", exact: Callable[[Any, Any], Any], of_limbs: Callable[..., Any]):
+    def _with(self, other: "Corrected", exact: Callable[[Any, Any], Any], of_limbs: Callable[..., Any]):
         if self.is_known and other.is_known:
             return _known(exact, self, other)
         shape = check.broadcast_shapes(np.shape(self.value), np.shape(other.value))

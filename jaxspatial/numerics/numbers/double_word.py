@@ -177,28 +177,28 @@ class DoubleWord(check.StandIn):
         return of_limbs(pairs.square_root(self.limbs))
 
     def __add__(self, other: Any) -> "DoubleWord":
-        return self._combined(other, pairs.add, pairs.add_limb)
+        return self._with(other, pairs.add, pairs.add_limb)
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> "DoubleWord":
-        return self._combined(other, pairs.subtract, pairs.subtract_limb)
+        return self._with(other, pairs.subtract, pairs.subtract_limb)
 
     def __rsub__(self, other: Any) -> "DoubleWord":
         return (-self).__add__(other)
 
     def __mul__(self, other: Any) -> "DoubleWord":
-        return self._combined(other, pairs.multiply, pairs.multiply_limb)
+        return self._with(other, pairs.multiply, pairs.multiply_limb)
 
     __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> "DoubleWord":
-        return self._combined(other, pairs.divide, pairs.divide_limb)
+        return self._with(other, pairs.divide, pairs.divide_limb)
 
     def __rtruediv__(self, other: Any) -> "DoubleWord":
-        return self._combined(other, lambda x, y: pairs.divide(y, x), lambda x, b: pairs.divide(with_zero(b), x))
+        return self._with(other, lambda x, y: pairs.divide(y, x), lambda x, b: pairs.divide(with_zero(b), x))
 
-    def _combined(self, other, on_pairs: _Operation, on_limb: _Operation):
+    def _with(self, other, on_pairs: _Operation, on_limb: _Operation):
         result = self._beside(other, lambda x, y: (on_pairs if isinstance(y, tuple) else on_limb)(x, y))
         return result if result is NotImplemented else of_limbs(result)
 

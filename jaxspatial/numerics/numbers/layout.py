@@ -45,13 +45,9 @@ def picked(axis: int, lanes: Sequence[Array | None]) -> Array:
 def unstack(x: Any) -> tuple[Any, ...]:
     """The components of x (*batch, n), each (*batch,); of a NumPy array, numbers where one is the same throughout."""
     if isinstance(x, check.NUMPY):
-        return tuple([_number_if_uniform(x[..., i]) for i in range(x.shape[-1])])
+        numbers = [uniform(x[..., i]) for i in range(x.shape[-1])]
+        return tuple([jnp.asarray(x[..., i]) if c is None else c for i, c in enumerate(numbers)])
     return tuple(_unstack_p.bind(x, axis=x.ndim - 1))
-
-
-def _number_if_uniform(column: np.ndarray):
-    number = uniform(column)
-    return jnp.asarray(column) if number is None else number
 
 
 def stack(components: Sequence[Any], batch_shape: tuple[int, ...] = ()) -> Any:
@@ -116,14 +112,6 @@ def _abstract_stack(*lanes, axis: int) -> list[Any]:
     return [_like(x, _with(x.shape, axis, len(lanes)), _with(x.sharding.spec, axis, None))]
 
 
-def _lowered_unstack(x: Array, *, axis: int) -> list[Array]:
-    return [lax.index_in_dim(x, k, axis, keepdims=False) for k in range(x.shape[axis])]
-
-
-def _lowered_stack(*lanes: Array, axis: int, **_) -> list[Array]:
-    return [picked(axis, lanes)]
-
-
 def _batch_unstack(arguments: Sequence[Array], axes: Sequence[int], *, axis: int) -> tuple[list[Array], list[int]]:
     (x,), (at,) = arguments, axes
     whole = axis + (at <= axis)
@@ -185,5 +173,13 @@ def _moved(primitive, primals: Sequence[Array], tangents: Sequence[Any], *, axis
     return results, primitive.bind(*same_sharding(*map(_instantiated, tangents)), axis=axis)
 
 
-_unstack_p = _linear("unstack", _abstract_unstack, _lowered_unstack, _transposed_unstack, _batch_unstack)
-_stack_p = _linear("stack", _abstract_stack, _lowered_stack, _transposed_stack, _batch_stack)
+_unstack_p = _linear(
+    "unstack",
+    _abstract_unstack,
+    lambda x, *, axis: [lax.index_in_dim(x, k, axis, keepdims=False) for k in range(x.shape[axis])],
+    _transposed_unstack,
+    _batch_unstack,
+)
+_stack_p = _linear(
+    "stack", _abstract_stack, lambda *lanes, axis: [picked(axis, lanes)], _transposed_stack, _batch_stack
+)

@@ -99,14 +99,12 @@ def where(condition: Mask | bool, a: Number | float, b: Number | float) -> Numbe
     first, second = a if is_number(a) else constant(like, a), b if is_number(b) else constant(like, b)
     if isinstance(condition, (bool, np.bool_)):
         return first if condition else second
-    return like.with_limbs([_selected(condition, *both) for both in zip(first.limbs, second.limbs, strict=True)])
-
-
-def _selected(condition: Array, a: Any, b: Any) -> Any:
-    if is_known(a, 0) and is_known(b, 0):
-        return a
-    shape = check.broadcast_shapes(condition.shape, np.shape(a), np.shape(b))
-    return lax.select(*(_over(x, shape) for x in (condition, a, b)))
+    limbs: list[Any] = []
+    for x, y in zip(first.limbs, second.limbs, strict=True):
+        shape = check.broadcast_shapes(condition.shape, np.shape(x), np.shape(y))
+        are_zero = is_known(x, 0) and is_known(y, 0)
+        limbs.append(x if are_zero else lax.select(*(_over(z, shape) for z in (condition, x, y))))
+    return like.with_limbs(limbs)
 
 
 def _over(x: Any, shape: tuple[int, ...]) -> Array:
@@ -142,13 +140,13 @@ def frozen(x: Number) -> Number:
 
 def times_power_of_two(x: Number, e: Any) -> Number:
     """x 2^e for integers e (*batch,), exactly but for underflow."""
-    return x.with_limbs(_limb_times_power_of_two(limb, e) for limb in x.limbs)
 
+    def times(limb: Any) -> Any:
+        if is_known(limb) and isinstance(e, np.integer):
+            return quietly(np.ldexp, limb, e)
+        return limb if is_known(limb, 0) else scaling.times_power_of_two(jnp.asarray(limb), e)
 
-def _limb_times_power_of_two(limb: Any, e: Any) -> Any:
-    if is_known(limb) and isinstance(e, np.integer):
-        return quietly(np.ldexp, limb, e)
-    return limb if is_known(limb, 0) else scaling.times_power_of_two(jnp.asarray(limb), e)
+    return x.with_limbs(map(times, x.limbs))
 
 
 def doubled(x: Number, times: int = 1) -> Number:

@@ -172,7 +172,7 @@ class Compared:
 def _operator(operation: Callable[[Any, Any, Precision], Any]) -> Callable[["Rounded", Any], Any]:
     """The operator of Rounded for an operation on operands. An operand that comes back as it went in is its number."""
 
-    def combined(self: "Rounded", other: Any) -> Any:
+    def with_other(self: "Rounded", other: Any) -> Any:
         if not isinstance(other, Rounded):
             if isinstance(other, Sequence):
                 return NotImplemented  # A vector, which knows its multiples itself.
@@ -182,7 +182,7 @@ def _operator(operation: Callable[[Any, Any, Precision], Any]) -> Callable[["Rou
             return self
         return other if result is other.operand else Rounded(self.precision, result)
 
-    return combined
+    return with_other
 
 
 class Rounded(Compared):

@@ -134,7 +134,11 @@ def _by_trials(plan: Plan, trials: Sequence[Trial], arrays: Sequence[Array]) -> 
     for trial in others:
 
         def again(state, trial: Trial = trial):
-            results = _completed(plan, state[0], _evaluated(plan, trial, arrays))
+            # Where the results have a NaN, the others: the result of an item does not depend on its batch.
+            results, others = state[0], _evaluated(plan, trial, arrays)
+            width = 1 + plan.is_pair
+            missing = [jnp.isnan(results[i - i % width]) for i in range(len(results))]
+            results = [lax.select(m, y, x) for m, x, y in zip(missing, results, others, strict=True)]
             return results, np.zeros((), bool), _is_missing(results)
 
         results, _, is_missing = lax.while_loop(lambda state: state[1], again, (results, is_missing, is_missing))
@@ -143,13 +147,6 @@ def _by_trials(plan: Plan, trials: Sequence[Trial], arrays: Sequence[Array]) -> 
 
 def _is_missing(results: Sequence[Array]) -> Array:
     return functools.reduce(lax.bitwise_or, (jnp.any(jnp.isnan(r)) for r in results))
-
-
-def _completed(plan: Plan, results: Sequence[Array], others: Sequence[Array]) -> list[Array]:
-    """The results, the others in place of NaN: the result of an item does not depend on its batch."""
-    width = 1 + plan.is_pair
-    missing = [jnp.isnan(results[i - i % width]) for i in range(len(results))]
-    return [lax.select(m, y, x) for m, x, y in zip(missing, results, others, strict=True)]
 
 
 def _evaluated(plan: Plan, accumulator, arrays: Sequence[Array]) -> list[Array]:

@@ -43,7 +43,9 @@ class State(NamedTuple):
 
 def _total(terms: Terms) -> State:
     """The state of the sum of terms (sign, factors), products of two of which may overflow."""
-    is_long, scalable = _is_long(terms, 1), _scalable(terms)
+    is_long = _is_long(terms, 1)
+    # Terms of so many factors may overflow. Of two numbers no sum does but that of all; of three one may on the way.
+    scalable = {2, 1} if sum(len(factors) == 1 for _, factors in terms) > 2 else {2}
     terms = _grouped(terms) if is_long else terms
     can = [len(factors) in scalable for _, factors in terms]
     products = [parts(sign, factors) for sign, factors in terms]
@@ -72,12 +74,6 @@ def _plain(products: Sequence[Sequence[Array]], is_long: bool) -> Array:
     if is_long:
         return functools.reduce(operator.add, (jnp.sum(p[0], 0) for p in products))
     return of_neighbours(operator.add, [p[0] for p in products])
-
-
-def _scalable(terms: Terms) -> set[int]:
-    """Terms of how many factors are looked at for being large. Of two numbers no sum overflows but that of all; of
-    three one may on the way."""
-    return {2, 1} if sum(len(factors) == 1 for _, factors in terms) > 2 else {2}
 
 
 def _is_large(p: Array) -> Array:
@@ -109,17 +105,13 @@ def _expansion(products: Sequence[Sequence[Array]], is_long: bool) -> tuple[Arra
     pairs = [p[i : i + 2] for p in products for i in range(0, len(p), 2)]
     expansion, *others = (tuple(reversed(pair)) for pair in pairs)
     for pair in others:
-        expansion = _merged(expansion, pair)
+        # The expansion of the sum of two. [Shewchuk 1997, theorem 12]
+        lowest: list[Array] = []
+        for x in pair:
+            smallest, *expansion = _grown(expansion, x)
+            lowest.append(smallest)
+        expansion = (*lowest, *expansion)
     return expansion
-
-
-def _merged(expansion: Sequence[Array], pair: Sequence[Array]) -> tuple[Array, ...]:
-    """The expansion of the sum of two. [Shewchuk 1997, theorem 12]"""
-    lowest: tuple[Array, ...] = ()
-    for x in pair:
-        smallest, *expansion = _grown(expansion, x)
-        lowest = (*lowest, smallest)
-    return (*lowest, *expansion)
 
 
 def _grown(expansion: Sequence[Array], x: Array) -> tuple[Array, ...]:
@@ -172,18 +164,10 @@ def _sum(expansion: Sequence[Array]) -> Array:
 def _plus(state: State, sign: int, x: Array) -> State:
     scaled = x if state.unit is None else (x * state.unit) * state.unit
     plain = state.plain - x if sign < 0 else state.plain + x
-    return State(_grown_by(state.expansion, sign, scaled), plain, state.unit)
-
-
-def _times_power_of_two(state: State, share: float) -> State:
-    return State(*multiplied(state[:2], share), unit=state.unit)
-
-
-def _grown_by(expansion: Sequence[Array], sign: int, x: Array) -> tuple[Array, ...]:
-    """The first sum has x second, which may be a constant."""
-    first, *others = expansion
-    s, error = (two_difference if sign < 0 else two_sum)(first, x)
-    return (error, *_grown(tuple(others), s))
+    # The first sum has x second, which may be a constant.
+    first, *others = state.expansion
+    s, error = (two_difference if sign < 0 else two_sum)(first, scaled)
+    return State((error, *_grown(others, s)), plain, state.unit)
 
 
 def _pair(state: State, dtype: DTypeLike) -> tuple[Array, Array]:
@@ -216,15 +200,11 @@ def _in_one_unit(state: State, axes: Sequence[int]) -> tuple[list[Array], Array 
     lost = jnp.isnan(functools.reduce(operator.add, state.expansion))
     if state.unit is None:
         return [*_where(~lost, others), lax.select(lost, state.plain, largest)], None
-    unit = _unit_of_all(_is_large(largest) | (state.unit != 1), axes, state.unit.dtype)
+    any_scaled = jnp.any(_is_large(largest) | (state.unit != 1), axes, keepdims=True)
+    unit = lax.select(any_scaled, *(lax.full(any_scaled.shape, x, state.unit.dtype) for x in (_SCALE, 1.0)))
     change = lax.select(state.unit == unit, lax.full_like(state.unit, 1), jnp.broadcast_to(unit, state.unit.shape))
     scaled = [(x * change) * change for x in (*others, largest)]
     return [*_where(~lost, scaled[:-1]), lax.select(lost, (state.plain * unit) * unit, scaled[-1])], unit
-
-
-def _unit_of_all(is_scaled: Array, axes: Sequence[int], dtype: DTypeLike) -> Array:
-    any_scaled = jnp.any(is_scaled, axes, keepdims=True)
-    return lax.select(any_scaled, *(lax.full(any_scaled.shape, x, dtype) for x in (_SCALE, 1.0)))
 
 
 def _round(state: State, dtype: DTypeLike) -> Array:
@@ -250,6 +230,6 @@ FAITHFUL = Accumulator(
     pair=_pair,
     over_batch=_over_batch,
     padded=_padded,
-    times_power_of_two=_times_power_of_two,
+    times_power_of_two=lambda state, share: State(*multiplied(state[:2], share), unit=state.unit),
 )
 FAITHFUL_OF_NARROW = dataclasses.replace(FAITHFUL, total=_total_of_narrow)

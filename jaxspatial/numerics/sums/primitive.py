@@ -46,11 +46,10 @@ def _bind(plan: Plan, arrays: Sequence[Array]) -> list[Array]:
     """All Sums of the plan, with the arrays that they use."""
     used = sorted({j for s in plan.sums for terms in s.components for t in terms for j, _ in t.factors})
     places = {j: i for i, j in enumerate(used)}
-
-    def relabelled(t: Term) -> Term:
-        return Term(t.sign, tuple((places[j], k) for j, k in t.factors))
-
-    sums = [s._replace(components=tuple(tuple(map(relabelled, terms)) for terms in s.components)) for s in plan.sums]
+    sums: list[Sum] = []
+    for s in plan.sums:
+        components = [[Term(sign, tuple((places[j], k) for j, k in f)) for sign, f in terms] for terms in s.components]
+        sums.append(s._replace(components=tuple(map(tuple, components))))
     arrays = same_sharding(*(arrays[j] for j in used), components=plan.axis)
     return sums_p.bind(*arrays, plan=plan._replace(sums=tuple(sums)))
 
@@ -140,20 +139,12 @@ def _batch(arrays: Sequence[Array], axes: Sequence[int | None], *, plan: Plan) -
         lax.expand_dims(x, [at]) if axis is None else jnp.moveaxis(x, axis, at)
         for x, axis in zip(arrays, axes, strict=True)
     ]
-    batched = _batched_plan(plan, at - first, size, leading)
-    results = sums_p.bind(*same_sharding(*moved, components=batched.axis), plan=batched)
-    return results, [at] * len(results)
-
-
-def _batched_plan(plan: Plan, place: int, size: int, leading: bool) -> Plan:
+    place = at - first
     sums = tuple(s._replace(reduced=tuple(i + (i >= place) for i in s.reduced)) for s in plan.sums)
     batch = (*plan.batch[:place], size, *plan.batch[place:])
-    return plan._replace(sums=sums, batch=batch, leading=leading)
-
-
-def _evaluate_without_calls(*arrays: Array, plan: Plan) -> list[Array]:
-    with inlined_calls():
-        return evaluate(*arrays, plan=plan)
+    batched = plan._replace(sums=sums, batch=batch, leading=leading)
+    results = sums_p.bind(*same_sharding(*moved, components=batched.axis), plan=batched)
+    return results, [at] * len(results)
 
 
 def trace_of_sums(eqn: Any) -> ClosedJaxpr | None:
@@ -183,7 +174,8 @@ sums_p: Any = Primitive("jaxspatial_sums")
 sums_p.multiple_results = True
 sums_p.def_abstract_eval(_abstract)
 sums_p.def_impl(_call)
-mlir.register_lowering(sums_p, rule(_evaluate_without_calls))
+# Without calls, but on CPUs: see `inlined_calls`.
+mlir.register_lowering(sums_p, rule(inlined_calls()(evaluate)))
 lower_for_cpus = rule(evaluate)
 mlir.register_lowering(sums_p, lower_for_cpus, platform="cpu")
 ad.primitive_jvps[sums_p] = _jvp

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array, lax
+from jax import lax
 
 from jaxspatial.numerics import check, linear
 from jaxspatial.numerics.errorfree.barrier import quotient, widened
@@ -40,7 +40,7 @@ def run_symbolically(formula: Callable[..., Any], precision: Precision, arrays: 
     several: list[Any] = results if isinstance(results, check.LIST) else [results]
     evaluated = _evaluated_unstacked if are_components else _evaluated
     computed = iter(evaluated(plan, data, [x for x in several if id(x) not in passed]))
-    values = [_passed_on(passed[id(x)], batch) if id(x) in passed else next(computed) for x in several]
+    values = [check.broadcast_batch(batch, passed[id(x)])[0] if id(x) in passed else next(computed) for x in several]
     return values if isinstance(results, list) else values[0]
 
 
@@ -77,11 +77,6 @@ class _Data:
         if number is None or not np.isfinite(number):
             raise _IsData
         return Fraction(float(number))
-
-
-def _passed_on(array: Any, batch: tuple[int, ...]) -> Any:
-    """An argument returned as it came."""
-    return check.broadcast_batch(batch, array)[0]
 
 
 def _evaluated(plan: Plan, data: _Data, results: Sequence[Any]) -> list[Any]:
@@ -121,14 +116,12 @@ def _evaluated_unstacked(plan: Plan, data: _Data, results: Sequence[Any]) -> lis
         if number is None
     ]
     computed = (x[..., 0] for x in (_evaluated(plan, data, wanted) if wanted else ()))
-    parts = [[next(computed) if number is None else number for number in numbers] for numbers in known]
-    return [_of_parts(plan, x, c) for x, c in zip(results, parts, strict=True)]
-
-
-def _of_parts(plan: Plan, x: Any, parts: Sequence[Any]) -> Any:
-    if not _is_number(x):
-        return components.of(parts)
-    return jnp.broadcast_to(parts[0], plan.batch) if is_known(parts[0]) else parts[0]
+    found: list[Any] = []
+    for x, numbers in zip(results, known, strict=True):
+        parts = [next(computed) if number is None else number for number in numbers]
+        number = jnp.broadcast_to(parts[0], plan.batch) if is_known(parts[0]) else parts[0]
+        found.append(number if _is_number(x) else components.of(parts))
+    return found
 
 
 def _known(data: _Data, x: Any, c: Any) -> Any:
@@ -163,14 +156,10 @@ def _divided(plan: Plan, arrays: Sequence[Any], x: Any) -> Any:
         above, below = _bound(plan._replace(is_pair=True), arrays, parts)
         divided = above / below if plan.is_pair else from_double_word(above / below)
     else:
-        divided = _divided_wide(plan, arrays, parts, dtype)
+        with jax.enable_x64(True):
+            above, below = _bound(plan, list(map(widened, arrays)), parts)
+            divided = lax.convert_element_type(quotient(above, jnp.broadcast_to(below, above.shape)), dtype)
     return divided[..., 0] if _is_number(x) else divided
-
-
-def _divided_wide(plan: Plan, arrays: Sequence[Any], parts: Sequence[Any], dtype: np.dtype[Any]) -> Array:
-    with jax.enable_x64(True):
-        above, below = _bound(plan, list(map(widened, arrays)), parts)
-        return lax.convert_element_type(quotient(above, jnp.broadcast_to(below, above.shape)), dtype)
 
 
 def _bound(plan: Plan, arrays: Sequence[Any], results: Sequence[Any]) -> list[Any]:
