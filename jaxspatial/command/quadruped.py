@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.dynamics.convex_step import ConvexStep, convex_step
+from jaxspatial.contact.step import ConvexStep, convex_step
 from jaxspatial.mechanism import AppliedForces, HalfSpace, Mechanism, PointContacts
 from jaxspatial.spatial import SpatialForce
 

@@ -32,7 +32,6 @@ from jaxspatial.contact.closures import (
     times,
 )
 from jaxspatial.dynamics.configuration import difference, integrate
-from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.engine.algorithm import ExternalForces, checked, over_batch
 from jaxspatial.engine.derivatives import fixed, valued
@@ -74,7 +73,6 @@ class ClosedConfiguration(NamedTuple):
     residual: jax.Array
 
 
-@documented
 def constraint_error(
     mechanism: Mechanism, q: ArrayLike, loops: Iterable[LoopClosure], *, precision: PrecisionName = None
 ) -> jax.Array:
@@ -86,8 +84,20 @@ def constraint_error(
     plane across z of A, and p_AB. "ball": p_AB. "distance": |p_AB| less the distance. Rows between frames of the same
     body, or of the world, are constant: what is open there can never close.
 
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        loops: LoopClosures, such as `mechanism.loops`; none at all leave the tree.
+        precision: name of a precision; None takes the default.
+
     Returns:
         (*batch, rows): rad, m.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or loops are no
+            LoopClosures.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
 
     Error: in every precision 8 u of 1 rad and of the largest coordinate of an origin in the world, in addition to the
         errors of `forward_kinematics`.
@@ -101,7 +111,6 @@ def constraint_error(
     return over_batch(error, q, distances)
 
 
-@documented
 def constraint_jacobian(
     mechanism: Mechanism, q: ArrayLike, loops: Iterable[LoopClosure], *, precision: PrecisionName = None
 ) -> jax.Array:
@@ -113,11 +122,23 @@ def constraint_jacobian(
     J^T l is the generalized force of closures with the multipliers l, torques and forces on B along the axes of A. Rows
     of a closure between frames of the same body, or of the world, are zero.
 
+    Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        loops: LoopClosures, such as `mechanism.loops`; none at all leave the tree.
+        precision: name of a precision; None takes the default.
+
     Returns:
         J (*batch, rows, nv).
 
-    Error: in every precision 8 u of the largest number of `jacobian` of the frames, in addition to its errors and
-        those of `forward_kinematics`.
+    Raises:
+        TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or loops are no
+            LoopClosures.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
+
+    Error: in every precision 8 u of the largest number of `jacobian` of the frames, in addition to its errors and those
+        of `forward_kinematics`.
     Source: Featherstone 2008, 8.2 (loop constraints).
     """
     q, closures, distances = _checked("constraint_jacobian", mechanism, loops, q=q)
@@ -129,7 +150,6 @@ def constraint_jacobian(
     return over_batch(rows, q, distances)
 
 
-@documented
 def constrained_forward_dynamics(
     mechanism: Mechanism,
     q: ArrayLike,
@@ -164,8 +184,16 @@ def constrained_forward_dynamics(
     there derivatives by what takes a planar loop out of its plane.
 
     Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        v: (*batch, nv) generalized velocities: rad/s, m/s.
+        tau: (*batch, nv) generalized forces of the joints: N m, N.
+        loops: LoopClosures, such as `mechanism.loops`; none at all leave the tree.
+        external_forces: AppliedForces; a dict from frames to SpatialForces (*batch,) about their origins, in world
+            axes; or a list of several of these, which add up. See `AppliedForces`.
         stabilization: a rate k, 1/s, a number or (*batch,), after Baumgarte: errors e then decay as
             d^2e/dt^2 = -2 k de/dt - k^2 e. An explicit integrator wants k dt well below 1. None for none.
+        precision: name of a precision; None takes the default.
 
     Returns:
         ConstrainedDynamics: vdot (*batch, nv): rad/s^2, m/s^2; loop_wrenches (*batch, number of closures): N m, N.
@@ -196,7 +224,6 @@ def constrained_forward_dynamics(
     return over_batch(constrained, q, v, tau, k, distances, forces)
 
 
-@documented
 def close_loops(
     mechanism: Mechanism,
     q: ArrayLike,
@@ -217,14 +244,18 @@ def close_loops(
     already, else as if the result had been the start. So are second derivatives; of higher ones there is no promise.
 
     Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        loops: LoopClosures, such as `mechanism.loops`; none at all leave the tree.
         iterations: how many at most; their number is fixed. From 0.1 rad 5 are enough.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        ClosedConfiguration: q (*batch, nq), quaternions of unit length; residual (*batch,): rad or m.
 
     Raises:
         ValueError: a closure between frames of the same body, or of the world, is open, by numbers that are known while
             tracing. The residual tells of others.
-
-    Returns:
-        ClosedConfiguration: q (*batch, nq), quaternions of unit length; residual (*batch,): rad or m.
 
     Error: the residual, which is as small as the error of `constraint_error` where iterations have converged.
     Source: Fan, Yuan 2005, On the quadratic convergence of the Levenberg-Marquardt method without nonsingularity

@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.kinematics import velocity_step
 from jaxspatial.engine import recursion
 from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm, checked
@@ -32,7 +31,6 @@ from jaxspatial.spatial.algebra import composed
 Ground = Callable[[jax.Array], Any]
 
 
-@documented
 def contact_forces(
     mechanism: Mechanism,
     q: ArrayLike,
@@ -59,11 +57,21 @@ def contact_forces(
     for its friction, with m the mass that a sphere moves. Friction is zero at rest: all creeps on a slope.
 
     Args:
-        dissipation: d, s/m: a number, (n,) or (*batch, n), of n contacts.
-        stiction_speed: v_s, m/s, above zero: the speed from which friction has its full size; as `dissipation`.
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        v: (*batch, nv) generalized velocities: rad/s, m/s.
+        contacts: PointContacts: spheres on frames, how stiff and how rough they are.
+        ground: HalfSpace, HeightField, another shape or a function, see `convex_step`; None is the plane z = 0.
+        precision: name of a precision; None takes the default.
 
     Returns:
         AppliedForces (*batch,) on the frames of the contacts, at the centres of the spheres, in world axes.
+
+    Raises:
+        TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or contacts are no
+            PointContacts.
+        ValueError: shapes do not fit.
+        KeyError: there is no such frame.
 
     Error: of centres and velocities that of `forward_kinematics` and `body_velocities`, of forces that of depth times k
         and 64 u of the force; depth is a difference of positions.

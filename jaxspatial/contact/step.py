@@ -19,7 +19,6 @@ from jaxspatial.contact.points import contact_data
 from jaxspatial.contact.tendons import ball_data, tendon_data
 from jaxspatial.contact.term import StepData, TermData
 from jaxspatial.dynamics import steps
-from jaxspatial.dynamics.docstrings import documented
 from jaxspatial.dynamics.passive import is_nothing
 from jaxspatial.engine.algorithm import ExternalForces, checked
 from jaxspatial.engine.composite import composite
@@ -31,6 +30,7 @@ from jaxspatial.mechanism.shapes import Shape
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.barrier import quotient
 from jaxspatial.numerics.precision import Precision, resolve
+from jaxspatial.numerics.promise import promises
 from jaxspatial.numerics.quantity import exported
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce
@@ -71,7 +71,7 @@ class ConvexStep(NamedTuple):
     iterations: jax.Array
 
 
-@documented(bound=steps.SEMI_IMPLICIT)
+@promises(bound=steps.SEMI_IMPLICIT)
 def convex_step(
     mechanism: Mechanism,
     q: ArrayLike,
@@ -121,13 +121,25 @@ def convex_step(
     sticking, sliding and flight. Where a contact begins to touch, stick or slide, they are those of one side.
 
     Args:
+        mechanism: the mechanism, see `Mechanism`.
+        q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
+        v: (*batch, nv) generalized velocities: rad/s, m/s.
+        tau: (*batch, nv) generalized forces of the joints: N m, N.
         dt: the time, s: a number or (*batch,).
+        external_forces: AppliedForces; a dict from frames to SpatialForces (*batch,) about their origins, in world
+            axes; or a list of several of these, which add up. See `AppliedForces`.
         contacts: PointContacts on frames of moving bodies; None for none.
+        ground: HalfSpace, HeightField or another shape, whose normals and distances count; or a function f from a point
+            (3,) in world axes to a number (): zero on the surface of the ground, above zero outside. Its gradient is
+            the direction out of the ground, and the distance is f / |grad f|: a height z - h(x, y) does. That is exact
+            for planes of any slope and for signed distances, and else to first order. Where the gradient is zero or not
+            finite there is no normal, and the result is NaN, outside of the ground too. None is the plane z = 0.
         pairs: (a, b): two PointContacts, of which sphere i of one touches sphere i of the other, on another body; None
             for none. Both surfaces give way: stiffnesses act in series, relaxation times add up, and friction is
             2 mu mu' / (mu + mu'). Of spheres with one centre that of b is pushed along z of the world, with the
             derivatives of a plane across z.
         loops: LoopClosures, such as `mechanism.loops`.
+        precision: name of a precision; None takes the default.
 
     Returns:
         ConvexStep over the common batch.
@@ -136,11 +148,11 @@ def convex_step(
         ValueError: a closure between frames of the same body, or of the world, is open, by numbers that are known while
             tracing.
 
-    Error: of v at most {bound.plain} and dt times that of `forward_dynamics`, and what the residual says: the distance
-        from the optimum, in the norm of A, is about residual^2 of sqrt(v^T A v + y^T A y), see `ConvexStep`. The
-        iteration has the precision of the dtype: what touches is rounded as in "reproducible" in every precision. Where
-        impulses work against one another, such as those of a closure and a limit, momenta have in addition errors of
-        10^4 u of the largest impulse. Of those of closures the residual has an estimate, of others it has not. If
+    Error: of v at most 2 u (|v| + dt |vdot|) and dt times that of `forward_dynamics`, and what the residual says: the
+        distance from the optimum, in the norm of A, is about residual^2 of sqrt(v^T A v + y^T A y), see `ConvexStep`.
+        The iteration has the precision of the dtype: what touches is rounded as in "reproducible" in every precision.
+        Where impulses work against one another, such as those of a closure and a limit, momenta have in addition errors
+        of 10^4 u of the largest impulse. Of those of closures the residual has an estimate, of others it has not. If
         anything may act, float16 and bfloat16 are computed by way of float32, and rounded once; a function for the
         ground sees points of 16 bits.
     Source: Castro, Permenter, Han 2022, An unconstrained convex formulation of compliant contact; Featherstone 2008,
