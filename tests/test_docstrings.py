@@ -73,11 +73,18 @@ def faults(function):
 
 
 # Layers whose public docstrings end with an example: all others are to follow, and so are contact and closed loops.
-WITH_EXAMPLES = ("numerics", "rotation", "spatial", "inertia", "mechanism", "dynamics")
+WITH_EXAMPLES = ("numerics", "rotation", "spatial", "inertia", "mechanism", "dynamics", "interop")
 TO_FOLLOW = ("contact", "closed_loops", "convex_step", "loops", "contacts")
 PARTS = js.Mechanism, js.StaticMechanism, js.Body, js.Joint, js.Frame, js.AppliedForces, js.Tendon
 OF_PARTS = {name: f for cls in PARTS for name, f in _methods(cls).items()}
-_ALL = FUNCTIONS | METHODS | OF_PARTS | {cls.__name__: cls for cls in (*CLASSES, *PARTS, js.Compliance)}
+# Of converters those that need no other library.
+CONVERTERS = {
+    f"{module}.{name}": f
+    for module in ("orders", "mujoco")
+    for name, f in _public(getattr(js.interop, module)).items()
+    if f.__module__.endswith(f"interop.{module}") and not re.search("xfrc|key_frames", name)
+}
+_ALL = FUNCTIONS | METHODS | OF_PARTS | CONVERTERS | {cls.__name__: cls for cls in (*CLASSES, *PARTS, js.Compliance)}
 # What several classes inherit, once. What reads files has examples in its place.
 EXAMPLES = dict({id(x): (name, x) for name, x in _ALL.items()}.values())
 EXAMPLES = {name: x for name, x in EXAMPLES.items() if not re.search(r"\.(from_(urdf|mjcf)|as_known)$", name)}

@@ -62,6 +62,11 @@ def from_cacc(
         A_WC_W (*batch,) of the body's point at C, classical.
 
     Error: as of `SpatialAcceleration.from_featherstone`.
+
+    Example:
+        >>> cacc, cvel, gravity = np.float32([0, 0, 0, 0, 0, 9.81]), np.zeros(6, np.float32), np.float32([0, 0, -9.81])
+        >>> js.interop.mujoco.from_cacc(cacc, cvel, gravity)  # of a body at rest
+        SpatialAcceleration(alpha=[0.0, 0.0, 0.0], a=[0.0, 0.0, 0.0])
     """
     spatial = from_object_acceleration(cacc, gravity).to_array()
     return SpatialAcceleration.from_featherstone(spatial, SpatialVelocity.from_array(cvel), precision=precision)
@@ -82,6 +87,11 @@ def to_cacc(
         (*batch, 6) [alpha; a], rad/s2, m/s2.
 
     Error: as of `SpatialAcceleration.to_featherstone`.
+
+    Example:
+        >>> A, V = js.SpatialAcceleration.zero(dtype=np.float32), js.SpatialVelocity.zero(dtype=np.float32)
+        >>> print(js.interop.mujoco.to_cacc(A, V, np.float32([0, 0, -9.81])))
+        [0.   0.   0.   0.   0.   9.81]
     """
     spatial = A_WC_W.to_featherstone(V_WC_W, precision=precision)
     return to_object_acceleration(SpatialAcceleration.from_array(spatial), gravity)
@@ -98,6 +108,10 @@ def from_object_acceleration(x6: ArrayLike, gravity: ArrayLike) -> SpatialAccele
         A_WP_W (*batch,) of the object's origin P, classical.
 
     Error: a sum, rounded once.
+
+    Example:
+        >>> js.interop.mujoco.from_object_acceleration(np.float32([0, 0, 0, 0, 0, 9.81]), np.float32([0, 0, -9.81]))
+        SpatialAcceleration(alpha=[0.0, 0.0, 0.0], a=[0.0, 0.0, 0.0])
     """
     A_WP_W = SpatialAcceleration.from_array(x6)
     return A_WP_W + _of_gravity(gravity, A_WP_W)
@@ -111,6 +125,11 @@ def to_object_acceleration(A_WP_W: SpatialAcceleration, gravity: ArrayLike) -> j
         gravity: (3,) of mjOption, m/s2.
 
     Error: a difference, rounded once.
+
+    Example:
+        >>> A = js.SpatialAcceleration.zero(dtype=np.float32)
+        >>> print(js.interop.mujoco.to_object_acceleration(A, np.float32([0, 0, -9.81])))
+        [ 0.    0.    0.   -0.   -0.    9.81]
     """
     return (A_WP_W - _of_gravity(gravity, A_WP_W)).to_array()
 
@@ -134,6 +153,11 @@ def from_contact_force(force: ArrayLike, frame: ArrayLike, *, precision: Precisi
         first acts -F.
 
     Error: as of `rotate`.
+
+    Example:
+        >>> frame = np.float32([[0, 0, 1], [1, 0, 0], [0, 1, 0]])  # the normal is z
+        >>> js.interop.mujoco.from_contact_force(np.float32([5, 0, 0, 0, 0, 0]), frame).f
+        Array([0., 0., 5.], dtype=float32)
     """
     return rotate(_rotation(frame).inverse(), orders.from_linear_first(SpatialForce, force), precision=precision)
 
@@ -142,6 +166,11 @@ def to_contact_force(F_P_W: SpatialForce, frame: ArrayLike, *, precision: Precis
     """Makes what mj_contactForce gives, (*batch, 6) [f; tau] along the axes of the contact: see `from_contact_force`.
 
     Error: as of `rotate`.
+
+    Example:
+        >>> frame = np.float32([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
+        >>> print(js.interop.mujoco.to_contact_force(js.SpatialForce(f=[0.0, 0.0, 5.0]), frame))
+        [5. 0. 0. 0. 0. 0.]
     """
     return orders.to_linear_first(rotate(_rotation(frame), F_P_W, precision=precision))
 
@@ -234,6 +263,11 @@ def from_free_joint(kind: type[K], x6: ArrayLike, R_WB: Rotation, *, precision: 
         V_WBo_W, A_WBo_W (classical) or F_Bo_W (*batch,), of or about the body's origin, in world axes.
 
     Error: as of `rotate`.
+
+    Example:
+        >>> turned = js.Rotation.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        >>> js.interop.mujoco.from_free_joint(js.SpatialVelocity, np.float32([1, 2, 3, 4, 5, 6]), turned)
+        SpatialVelocity(w=[-5.0, 4.0, 6.0], v=[1.0, 2.0, 3.0])
     """
     x = orders.from_linear_first(kind, x6)
     return kind(rotated(R_WB, x.rotational, precision=precision), x.translational)
@@ -251,6 +285,11 @@ def to_free_joint(x_Bo_W: SpatialVector, R_WB: Rotation, *, precision: Precision
         (*batch, 6) [v in world axes; w in body axes], [a; alpha] or [f; tau].
 
     Error: as of `rotate`.
+
+    Example:
+        >>> turned = js.Rotation.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        >>> print(js.interop.mujoco.to_free_joint(V, turned))
+        [0.5 0.  0.  0.  0.  1. ]
     """
     return concatenated(x_Bo_W.translational, rotated(R_WB.inverse(), x_Bo_W.rotational, precision=precision))
 
@@ -269,6 +308,11 @@ def from_cinert(cinert: ArrayLike, *, precision: PrecisionName = None) -> Spatia
         M_BC_W (*batch,), about C in the world's axes.
 
     Error: as of `SpatialInertia.from_dynamic_parameters`, which says what cancels.
+
+    Example:
+        >>> ten = np.float32([0.5, 0.4, 0.3, 0, 0, 0, 0, 0, 0, 2.0])
+        >>> js.interop.mujoco.from_cinert(ten).mass
+        array(2., dtype=float32)
     """
     ten = check.as_vectors(cinert, "mujoco.from_cinert: cinert", size=10)
     return SpatialInertia.from_dynamic_parameters(ten[..., _FROM_CINERT], precision=precision)
@@ -278,6 +322,10 @@ def to_cinert(M_BC_W: SpatialInertia, *, precision: PrecisionName = None) -> jax
     """Makes mjData.cinert or crb, (*batch, 10) [xx, yy, zz, xy, xz, yz, m c, m], of an inertia about C in world axes.
 
     Error: as of `SpatialInertia.to_dynamic_parameters`.
+
+    Example:
+        >>> print(js.interop.mujoco.to_cinert(rod)[-2:])  # of 2 kg, 0.5 m below its end
+        [-1.  2.]
     """
     return M_BC_W.to_dynamic_parameters(precision=precision)[..., _TO_CINERT]
 
@@ -303,6 +351,12 @@ def from_body_inertia(
         M_BBo_B (*batch,), about the body's origin in its axes.
 
     Error: as of `act` of an inertia.
+
+    Example:
+        >>> moments, ipos, iquat = np.float32([3, 2, 1]), np.float32([0, 0, 1]), np.float32([1, 0, 0, 0])
+        >>> M_BBo_B = js.interop.mujoco.from_body_inertia(np.float32(2.0), moments, ipos, iquat)
+        >>> print(M_BBo_B.com, M_BBo_B.central)
+        [0. 0. 1.] [3. 0. 2. 0. 0. 1.]
     """
     X_BI = RigidTransform(Rotation.from_quaternion(body_iquat, precision=precision), body_ipos)
     moments = check.as_vectors(body_inertia, "mujoco.from_body_inertia: body_inertia", X_BI.dtype)
@@ -325,6 +379,12 @@ def to_body_inertia(
         The four arrays, as `from_body_inertia` takes them.
 
     Error: as of `SpatialInertia.principal_moments_and_axes`.
+
+    Example:
+        >>> box = js.SpatialInertia.solid_box([1.0, 2.0, 3.0], mass=6.0)
+        >>> mass, moments, ipos, iquat = js.interop.mujoco.to_body_inertia(box)
+        >>> print(mass, moments, ipos)
+        6.0 [6.5 5.  2.5] [0. 0. 0.]
     """
     moments, R_BA = M_BBo_B.principal_moments_and_axes(precision=precision)
     R_BI = R_BA @ Rotation.from_matrix(_REVERSED.astype(R_BA.dtype))
@@ -340,6 +400,10 @@ def to_qpos(mechanism: Mechanism, q: ArrayLike) -> jax.Array:
     Args:
         mechanism: with joints that MuJoCo has, in its order.
         q: (*batch, nq) our coordinates.
+
+    Example:
+        >>> print(js.interop.mujoco.to_qpos(arm, q))  # of hinges it is q
+        [ 0.5 -0.2]
     """
     joints, state = _arguments("mujoco.to_qpos", mechanism, q=q)
     return _side_by_side(state.q, [j.rolled(j.followed(state.q[..., j.q], with_offset=True), 4) for j in joints])
@@ -351,6 +415,10 @@ def from_qpos(mechanism: Mechanism, qpos: ArrayLike) -> jax.Array:
     Args:
         mechanism: with joints that MuJoCo has, in its order.
         qpos: (*batch, model.nq).
+
+    Example:
+        >>> print(js.interop.mujoco.from_qpos(arm, np.float32([0.5, -0.2])))
+        [ 0.5 -0.2]
     """
     joints, state = _arguments("mujoco.from_qpos", mechanism, qpos=qpos)
     return _side_by_side(state.qpos, [j.rolled(state.qpos[..., j.qpos], 3) for j in joints if not j.is_mimic])
@@ -405,6 +473,10 @@ def to_qvel(mechanism: Mechanism, q: ArrayLike, v: ArrayLike, *, precision: Prec
         precision: name of a precision; None takes the default.
 
     Error: of a free joint as of `rotate`; else exact but for mimics.
+
+    Example:
+        >>> print(js.interop.mujoco.to_qvel(arm, q, v))
+        [1.  0.5]
     """
     joints, state = _arguments("mujoco.to_qvel", mechanism, q=q, v=v)
     return _side_by_side(state.q, [j.in_world(state.q, j.followed(state.v[..., j.v]), precision) for j in joints])
@@ -420,6 +492,10 @@ def from_qvel(mechanism: Mechanism, q: ArrayLike, qvel: ArrayLike, *, precision:
         precision: name of a precision; None takes the default.
 
     Error: of a free joint as of `rotate`; else exact.
+
+    Example:
+        >>> print(js.interop.mujoco.from_qvel(arm, q, np.float32([1.0, 0.5])))
+        [1.  0.5]
     """
     joints, state = _arguments("mujoco.from_qvel", mechanism, q=q, qvel=qvel)
     return _side_by_side(
@@ -442,6 +518,10 @@ def to_qacc(
         precision: name of a precision; None takes the default.
 
     Error: of a free joint as of `SpatialAcceleration.from_featherstone` and `rotate`; else exact but for mimics.
+
+    Example:
+        >>> print(js.interop.mujoco.to_qacc(arm, q, v, jnp.array([3.0, 1.0])))
+        [3. 1.]
     """
     joints, state = _arguments("mujoco.to_qacc", mechanism, q=q, v=v, vdot=vdot)
     parts: list[jax.Array] = []
@@ -467,6 +547,10 @@ def from_qacc(
         precision: name of a precision; None takes the default.
 
     Error: of a free joint as of `rotate` and `SpatialAcceleration.to_featherstone`; else exact.
+
+    Example:
+        >>> print(js.interop.mujoco.from_qacc(arm, q, v, np.float32([3.0, 1.0])))
+        [3. 1.]
     """
     joints, state = _arguments("mujoco.from_qacc", mechanism, q=q, v=v, qacc=qacc)
     parts: list[jax.Array] = []
@@ -489,6 +573,10 @@ def to_qfrc(mechanism: Mechanism, q: ArrayLike, tau: ArrayLike, *, precision: Pr
         precision: name of a precision; None takes the default.
 
     Error: of a free joint as of `rotate`; else exact.
+
+    Example:
+        >>> print(js.interop.mujoco.to_qfrc(arm, q, tau))
+        [10.  2.]
     """
     joints, state = _arguments("mujoco.to_qfrc", mechanism, q=q, tau=tau)
     parts = ((j, state.tau[..., j.v]) for j in joints)
@@ -509,6 +597,10 @@ def from_qfrc(mechanism: Mechanism, q: ArrayLike, qfrc: ArrayLike, *, precision:
         precision: name of a precision; None takes the default.
 
     Error: of a free joint as of `rotate`; else exact but for mimics.
+
+    Example:
+        >>> print(js.interop.mujoco.from_qfrc(arm, q, np.float32([10.0, 2.0])))
+        [10.  2.]
     """
     joints, state = _arguments("mujoco.from_qfrc", mechanism, q=q, qfrc=qfrc)
     by_start = {j.v.start: j.in_body(state.q, state.qfrc[..., j.qvel], precision) for j in joints if not j.is_mimic}
