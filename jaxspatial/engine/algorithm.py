@@ -447,7 +447,9 @@ def _run(
     is_rigid = not len(mechanism.topology)
     if is_rigid:
         # Without joints nothing varies with q and v, whose batch the results get at the end.
-        leaves = [_empty(x, i < n_fields) if 0 in x.shape else x for i, x in enumerate(leaves)]
+        for i, x in enumerate(leaves):
+            if 0 in x.shape:  # An array without numbers, of one state, is a constant.
+                leaves[i] = np.zeros(x.shape if i < n_fields else x.shape[-1:], x.dtype)
     cache = program_cache(mechanism, reads, tree.children()[0], leaves[:n_fields])
     known = (
         *cache.known,
@@ -469,11 +471,6 @@ def _run(
         return compiled(data, n_batch)
     _warn_of_many_programs(cache, (formula, tree, static, compiled.dtype))
     return cache.call(compiled)(n_batch, data)
-
-
-def _empty(x, is_field: bool) -> np.ndarray:
-    """An array without numbers, of one state, as a constant."""
-    return np.zeros(x.shape if is_field else x.shape[-1:], x.dtype)
 
 
 def with_batch_axes(x, is_field: bool, n_batch: int):

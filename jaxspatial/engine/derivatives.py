@@ -162,9 +162,12 @@ class Tangent(Derived):
         arguments, tangents = self._split(arrays)
         if self.program.has_rule:
             return self._ruled(arguments, 1)(*tangents)
-        both = [_broadcast(x, t) for x, t in zip(self._chosen(arguments), tangents, strict=True)]
-        at, along = zip(*both, strict=True)
-        return jax.jvp(self._of_chosen(arguments), at, along)[1]
+        at, along = list[jax.Array](), list[jax.Array]()
+        for x, t in zip(self._chosen(arguments), tangents, strict=True):
+            shape = check.broadcast_shapes(x.shape, t.shape)
+            at.append(jnp.broadcast_to(x, shape))
+            along.append(jnp.broadcast_to(t, shape))
+        return jax.jvp(self._of_chosen(arguments), tuple(at), tuple(along))[1]
 
     def outputs(self, avals: Sequence[Aval]) -> list[Result]:
         results = self.program.outputs(avals[: len(self.moving)])
@@ -180,16 +183,19 @@ class Tangent(Derived):
         if at_one_state is None:
             return None
         matrices, tangents = at_one_state
-        return [times_columns(jnp.concatenate(matrices, -1), _concatenated(tangents))]
+        batch = check.broadcast_shapes(*(x.shape[:-1] for x in tangents))
+        columns = jnp.concatenate([jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in tangents], -1)
+        return [times_columns(jnp.concatenate(matrices, -1), columns)]
 
     def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
         at, tangents = self._split(arguments)
         linear = [ad.is_undefined_primal(t) for t in tangents]
         moving = tuple(i in [p for p, yes in zip(self.places, linear, strict=True) if yes] for i in range(len(at)))
-        at = [
-            _over(x, tangents[self.places.index(i)].aval, n_batch) if yes else x
-            for i, (x, yes) in enumerate(zip(at, moving, strict=True))
-        ]
+        for i in itertools.compress(range(len(at)), moving):
+            # Over the batch of its tangent.
+            x, of_tangent = at[i], tangents[self.places.index(i)].aval.shape
+            shape = check.broadcast_shapes(x.shape[:n_batch], of_tangent[:n_batch])
+            at[i] = jnp.broadcast_to(x, (*shape, *x.shape[n_batch:]))
         of_linear = self.program.pulled_back(moving, at, cotangents, n_batch)
         return [*[None] * len(at), *_placed(linear, of_linear)]
 
@@ -357,23 +363,7 @@ def times_columns(matrix: jax.Array, columns: jax.Array):
     return jnp.broadcast_to(products, (columns.shape[0], *shape, matrix.shape[-2])).astype(matrix.dtype)
 
 
-def _concatenated(columns: Sequence[jax.Array]):
-    shape = check.broadcast_shapes(*(x.shape[:-1] for x in columns))
-    return jnp.concatenate([jnp.broadcast_to(x, (*shape, x.shape[-1])) for x in columns], -1)
-
-
 def _placed(linear: Sequence[bool], of_linear: Iterable[Any]) -> list[Any]:
     """The cotangents of linear arguments in the places of these, None elsewhere."""
     rest = iter(of_linear)
     return [next(rest) if yes else None for yes in linear]
-
-
-def _broadcast(x: jax.Array, t: jax.Array):
-    shape = check.broadcast_shapes(x.shape, t.shape)
-    return jnp.broadcast_to(x, shape), jnp.broadcast_to(t, shape)
-
-
-def _over(x: jax.Array, aval: Aval, n_batch: int):
-    """x broadcast to the batch of its tangent."""
-    shape = check.broadcast_shapes(x.shape[:n_batch], aval.shape[:n_batch])
-    return jnp.broadcast_to(x, (*shape, *x.shape[n_batch:]))

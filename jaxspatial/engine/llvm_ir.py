@@ -482,11 +482,9 @@ class Writer:
             elif key[0] == "index":
                 self.indices[key[1]] = place
             else:
-                self.tables[key] = place, size_of[key] // max(int(self._length_of(key) or 1), 1)
+                length = self.g.loops[key[1] if key[0] == "stacked" else self.g.details[key[1]]].length
+                self.tables[key] = place, size_of[key] // max(int(length or 1), 1)
         return frame.size
-
-    def _length_of(self, key) -> int | None:
-        return self.g.loops[key[1] if key[0] == "stacked" else self.g.details[key[1]]].length
 
     def _found_table(self, parameter: int, loop: Loop) -> Table | None:
         """Where the rows of a parameter lie already: in an argument, among what another loop stacked, or constants.
@@ -833,7 +831,9 @@ class Writer:
         if name in ("add", "sub", "mul", "div", "rem", "and", "or", "xor", *_SHIFTS):
             text = f"{_instruction(name, dtype)} {t} {{1}}, {{2}}"
         elif name in COMPARISONS:
-            text = f"{_comparison(name, of)} {source} {{1}}, {{2}}"
+            sign = "" if name in ("eq", "ne") else "s" if of.kind == "i" else "u"
+            instruction = f"fcmp {_ORDERED[name]}" if of.kind == "f" else f"icmp {sign}{name}"
+            text = f"{instruction} {source} {{1}}, {{2}}"
         elif name == "select":
             text = f"select {source} {{1}}, {t} {{2}}, {t} {{3}}"
         elif name == "neg":
@@ -958,12 +958,6 @@ def _instruction(name: str, dtype: np.dtype) -> str:
     if dtype.kind == "f":
         return f"f{name}"
     return f"{'s' if dtype.kind == 'i' else 'u'}{name}" if name in ("div", "rem") else name
-
-
-def _comparison(name: str, of: np.dtype) -> str:
-    if of.kind == "f":
-        return f"fcmp {_ORDERED[name]}"
-    return f"icmp {'' if name in ('eq', 'ne') else 's' if of.kind == 'i' else 'u'}{name}"
 
 
 def _conversion(of: np.dtype, to: np.dtype) -> str:

@@ -48,14 +48,11 @@ class Sums(Program):
 _program_of = functools.lru_cache(maxsize=256)(Sums)
 
 
-def _is_for_machine_code(plan: Plan, avals: Sequence[Any]) -> bool:
-    is_double = plan.precision == "compensated" and avals[0].dtype == np.float64
-    is_of_items = not plan.leading and not any(s.reduced for s in plan.sums)
-    return is_double and is_of_items and check.is_sized(plan.batch) and math.prod(plan.batch) >= FEWEST
-
-
 def _lower(context, *arrays, plan: Plan) -> Any:
-    native = Native.of(context, cpu) if _is_for_machine_code(plan, context.avals_in) else None
+    is_double = plan.precision == "compensated" and context.avals_in[0].dtype == np.float64
+    is_of_items = not plan.leading and not any(s.reduced for s in plan.sums)
+    are_many = check.is_sized(plan.batch) and math.prod(plan.batch) >= FEWEST
+    native = Native.of(context, cpu) if is_double and is_of_items and are_many else None
     if native is None:
         return lower_for_cpus(context, *arrays, plan=plan)
     return unsharded(lower_fun(functools.partial(_run, plan, native), multiple_results=True), context, *arrays)
