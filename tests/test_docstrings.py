@@ -72,9 +72,8 @@ def faults(function):
     return found
 
 
-# Layers whose public docstrings end with an example: all others are to follow, and so are contact and closed loops.
+# Layers whose public docstrings end with an example: all others are to follow.
 WITH_EXAMPLES = ("numerics", "rotation", "spatial", "inertia", "mechanism", "dynamics", "interop")
-TO_FOLLOW = ("contact", "closed_loops", "convex_step", "loops", "contacts")
 PARTS = js.Mechanism, js.StaticMechanism, js.Body, js.Joint, js.Frame, js.AppliedForces, js.Tendon
 OF_PARTS = {name: f for cls in PARTS for name, f in _methods(cls).items()}
 # Of converters those that need no other library.
@@ -105,9 +104,7 @@ def test_an_example_prints_what_it_says(name, names):
     x = EXAMPLES[name]
     doc = inspect.cleandoc(x.__doc__ or "")
     examples = doctest.DocTestParser().get_examples(doc)
-    _, layer, *file = x.__module__.split(".")
-    is_to_follow = layer not in WITH_EXAMPLES or {*TO_FOLLOW} & {*file}
-    if not examples and (is_to_follow or not doc or _is_of_another(doc)):
+    if not examples and (x.__module__.split(".")[1] not in WITH_EXAMPLES or not doc or _is_of_another(doc)):
         return
     assert "\nExample:\n    >>> " in doc and not re.search(r"^\w", doc.partition("\nExample:\n")[2], re.M)
     assert sum(len(f"{e.source}{e.want}".splitlines()) for e in examples) in range(2, 8) and examples[-1].want
